@@ -1,0 +1,126 @@
+//! What every source of animated triangles gives: a fixed topology, and positions per time.
+
+use std::ops::Range;
+
+use glam::Vec3;
+
+/// The part of an animated mesh that never changes.
+#[derive(Clone, Debug, Default)]
+pub struct Topology {
+    /// Vertex numbers of each triangle, each below `vertex_count`.
+    pub triangles: Vec<[u32; 3]>,
+    /// Number of vertices, and so of the positions of every pose.
+    pub vertex_count: usize,
+    /// For each triangle, whether any of its vertices can ever move.
+    pub moves: Vec<bool>,
+    /// The parts, in order; their triangle ranges cover `triangles` without gap or overlap.
+    pub parts: Vec<Part>,
+    /// Materials, named by [`Part::material`]; never empty.
+    pub materials: Vec<Material>,
+}
+
+/// A run of triangles that share a material and a kind of motion.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// Name from the file or the simulation; for messages, not unique.
+    pub name: String,
+    /// The part's triangles, a range of [`Topology::triangles`].
+    pub triangles: Range<u32>,
+    /// The part's vertices: no other part uses them.
+    pub vertices: Range<u32>,
+    /// How the part can move.
+    pub motion: Motion,
+    /// Index into [`Topology::materials`].
+    pub material: u32,
+}
+
+/// The kinds of motion that a part calls for; all `false` for a part that stands still.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Motion {
+    /// Whole part moved by an animated node transform.
+    pub rigid: bool,
+    /// Linear blend skinning.
+    pub skin: bool,
+    /// Morph targets.
+    pub morph: bool,
+    /// Positions interpolated between key frames (of a sequence or of a cached simulation).
+    pub key_frames: bool,
+}
+
+impl Motion {
+    /// No motion at all.
+    pub const STILL: Self = Self { rigid: false, skin: false, morph: false, key_frames: false };
+
+    /// Whether the part never moves.
+    #[must_use]
+    pub fn is_still(self) -> bool {
+        self == Self::STILL
+    }
+}
+
+/// Surface colour of a part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Material {
+    /// Linear diffuse colour (red, green, blue), each 0 to 1.
+    pub base_color: [f32; 3],
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self { base_color: [0.8; 3] }
+    }
+}
+
+/// A pinhole view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// Position of the eye.
+    pub eye: Vec3,
+    /// Point looked at, the centre of the image.
+    pub target: Vec3,
+    /// Direction that is up in the image; need not be perpendicular to the line of sight.
+    pub up: Vec3,
+    /// Full vertical opening angle in radians.
+    pub fov_y: f32,
+}
+
+/// A point light that casts hard shadows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Light {
+    /// Position.
+    pub position: Vec3,
+    /// Linear colour; 1 lights a facing white surface fully, whatever its distance.
+    pub color: [f32; 3],
+}
+
+/// A triangle mesh of fixed topology whose vertices move.
+pub trait Animation: Send + Sync {
+    /// Triangles, parts and materials.
+    fn topology(&self) -> &Topology;
+
+    /// Length in seconds of one loop; 0 if nothing moves.
+    fn duration(&self) -> f64;
+
+    /// Positions of all vertices at time 0.
+    ///
+    /// Still vertices have these positions at all times.
+    fn rest(&self) -> Vec<Vec3>;
+
+    /// Moves `positions`, which came from [`rest`](Self::rest), to `time` (seconds; clamped to 0 ..= duration).
+    ///
+    /// The result depends on `time` only, never on earlier calls. Vertices of still parts are not written.
+    ///
+    /// # Panics
+    /// If `positions` is not as long as `topology().vertex_count`.
+    fn pose(&self, time: f64, positions: &mut [Vec3]);
+
+    /// The view the source suggests at `time`, if any.
+    fn view(&self, _time: f64) -> Option<View> {
+        None
+    }
+
+    /// The light the source brings at `time`, if any.
+    fn light(&self, _time: f64) -> Option<Light> {
+        None
+    }
+}
