@@ -1,0 +1,20 @@
+//! Stamps the crate with a hash of its sources, so that key frames cached by other code are never reused.
+
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::path::PathBuf;
+use std::{env, fs};
+
+fn main() {
+    let mut files: Vec<PathBuf> = fs::read_dir("src")
+        .expect("the crate has a src folder")
+        .map(|e| e.expect("readable src").path())
+        .collect();
+    files.sort();
+    let mut hasher = DefaultHasher::new();
+    for file in files {
+        fs::read(file).expect("readable source").hash(&mut hasher);
+    }
+    env::var("CARGO_PKG_VERSION").expect("set by cargo").hash(&mut hasher);
+    println!("cargo::rerun-if-changed=src");
+    println!("cargo::rustc-env=SCENES_SOURCE_HASH={:016x}", hasher.finish());
+}

@@ -1,0 +1,249 @@
+//! `n-body`: balls under mutual gravity that collide with one another, with still pillars, and with the walls.
+
+use anim::{Light, Motion, View};
+use glam::{DVec3, Quat, Vec3};
+
+use crate::cache::{Record, recorded};
+use crate::rigid::{self, Placement, RigidBodies};
+use crate::shape::{Assembly, sphere, turned};
+use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneInfo, SceneOptions};
+
+const BALLS: usize = 300;
+const FRAMES: usize = 100;
+const SUBSTEPS: usize = 32;
+const SECONDS: f64 = 4.0;
+/// Corners of the box that the balls are kept in.
+const BOX: [DVec3; 2] = [DVec3::new(-5.3, 0.0, -5.3), DVec3::new(5.3, 10.0, 5.3)];
+/// Product of the gravitational constant and the mean mass, in units of length^3 per loop^2.
+const GRAVITY: f64 = 30.0;
+/// Length below which gravity fades, about a ball's diameter.
+const SOFTENING: f64 = 0.5;
+/// Standard deviation of each component of the first velocities, in units of length per loop.
+const FIRST_SPEED: f64 = 26.0;
+/// Foot, radius, and height of each pillar.
+const PILLARS: [(f64, f64, f64, f64); 5] = [
+    (0.0, 0.0, 2.5, 3.0),
+    (-3.0, -3.0, 1.5, 6.0),
+    (-3.0, 3.0, 0.75, 3.0),
+    (3.0, -3.0, 1.0, 7.0),
+    (3.0, 3.0, 0.5, 5.0),
+];
+
+pub(crate) const INFO: SceneInfo = SceneInfo {
+    name: "n-body",
+    about: "300 balls under mutual gravity collide among five still pillars",
+    triangles: BALLS * 480 + PILLARS.len() * 496,
+    frames: FRAMES,
+    effects: Effects {
+        motion: MotionEffects { gravity: true, contact: true, rigid: true, ..MotionEffects::NONE },
+        light: LightEffects::SHADOWS,
+    },
+};
+
+struct Ball {
+    radius: f64,
+    mass: f64,
+    position: DVec3,
+    velocity: DVec3,
+}
+
+pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
+    let (keys, substeps) = (options.key_frames.unwrap_or(FRAMES), options.substeps.unwrap_or(SUBSTEPS));
+    let mut notes = Vec::new();
+    let parameters = format!("n-body seed {} keys {keys} substeps {substeps}", options.seed);
+    let record = recorded(&parameters, options, &mut notes, || simulate(keys, substeps, options));
+    let radii = &record.floats[0];
+
+    let mut assembly = Assembly::default();
+    let colors = [[0.85, 0.3, 0.2], [0.9, 0.7, 0.25], [0.25, 0.5, 0.8], [0.35, 0.7, 0.4], [0.85, 0.85, 0.8]]
+        .map(|color| assembly.material(color));
+    let stone = assembly.material([0.55, 0.55, 0.6]);
+    let moving = Motion { rigid: true, ..Motion::STILL };
+    let mut body = Vec::new();
+    for (i, &radius) in radii.iter().enumerate() {
+        assembly.part("ball", &sphere(radius, 16, 16), moving, colors[i % colors.len()]);
+        body.resize(assembly.positions.len(), i as u32);
+    }
+    for (x, z, radius, height) in PILLARS {
+        let mut pillar = turned(&pillar_profile(radius as f32, height as f32), 16);
+        for p in &mut pillar.positions {
+            *p += Vec3::new(x as f32, 0.0, z as f32);
+        }
+        assembly.part("pillar", &pillar, Motion::STILL, stone);
+    }
+    let Record { mut floats, measures, .. } = record;
+    let keys = floats.pop().unwrap_or_default();
+    Scene {
+        name: INFO.name.to_owned(),
+        about: INFO.about,
+        key_bytes: size_of_val(&keys[..]),
+        animation: Box::new(RigidBodies {
+            topology: assembly.topology,
+            local: assembly.positions,
+            body,
+            bodies: BALLS,
+            keys,
+            seconds: SECONDS,
+        }),
+        view: View {
+            eye: Vec3::new(7.0, 10.5, 18.0),
+            target: Vec3::new(0.0, 4.4, 0.0),
+            up: Vec3::Y,
+            fov_y: 40_f32.to_radians(),
+        },
+        light: Light { position: Vec3::new(10.0, 22.0, 16.0), color: [1.0; 3] },
+        effects: INFO.effects,
+        frames: FRAMES,
+        measures,
+        notes,
+    }
+}
+
+/// A pillar with a domed top: 14 rings and a closed foot, 496 triangles when turned in 16 steps.
+fn pillar_profile(radius: f32, height: f32) -> Vec<(f32, f32)> {
+    let straight = height - radius;
+    let dome = (0..=8).map(|i| {
+        let angle = std::f32::consts::FRAC_PI_2 * i as f32 / 8.0;
+        (radius * angle.sin(), straight + radius * angle.cos())
+    });
+    let shaft = (1..=8).map(|i| (radius, straight * (1.0 - i as f32 / 8.0)));
+    dome.chain(shaft).chain([(0.0, 0.0)]).collect()
+}
+
+fn first_balls(seed: u64) -> Vec<Ball> {
+    let mut random = fastrand::Rng::with_seed(seed);
+    let mut between = |low: f64, high: f64| low + (high - low) * random.f64();
+    let mut balls: Vec<Ball> = Vec::with_capacity(BALLS);
+    while balls.len() < BALLS {
+        let radius = between(0.225, 0.375);
+        let [low, high] = BOX;
+        let position = DVec3::new(
+            between(low.x + radius, high.x - radius),
+            between(low.y + radius, high.y - radius),
+            between(low.z + radius, high.z - radius),
+        );
+        // The sum of three uniform numbers is close enough to normal.
+        let mut normal = || FIRST_SPEED * (between(-1.0, 1.0) + between(-1.0, 1.0) + between(-1.0, 1.0));
+        let velocity = DVec3::new(normal(), normal(), normal());
+        let ball = Ball { radius, mass: (radius / 0.3).powi(3), position, velocity };
+        let free = balls.iter().all(|b| b.position.distance(position) > b.radius + radius)
+            && PILLARS
+                .iter()
+                .all(|&p| (ball.position - nearest_on_axis(p, position)).length() > p.2 + radius);
+        if free {
+            balls.push(ball);
+        }
+    }
+    balls
+}
+
+/// The point of a pillar's axis nearest to a point: a pillar is all within its radius of its axis.
+fn nearest_on_axis((x, z, radius, height): (f64, f64, f64, f64), point: DVec3) -> DVec3 {
+    DVec3::new(x, point.y.min(height - radius), z)
+}
+
+/// Kick, drift, kick (Verlet 1967): symplectic, so that the energy error stays bounded.
+fn simulate(keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record {
+    let mut balls = first_balls(options.seed);
+    let dt = 1.0 / ((keys - 1) * substeps) as f64;
+    let mut force = vec![DVec3::ZERO; BALLS];
+    let first_potential = gravity(&balls, &mut force);
+    let first = first_potential + kinetic(&balls);
+    let scale = kinetic(&balls) + first_potential.abs();
+    let mut placed = Vec::new();
+    let mut drift = 0.0_f64;
+    for frame in 0..keys {
+        if let Some(progress) = options.progress {
+            progress(frame as f32 / (keys - 1) as f32);
+        }
+        for ball in &balls {
+            // Frictionless balls never begin to spin.
+            let position = ball.position.as_vec3();
+            rigid::record(&mut placed, &Placement { position, rotation: Quat::IDENTITY });
+        }
+        if frame + 1 == keys {
+            break;
+        }
+        let mut potential = 0.0;
+        for _ in 0..substeps {
+            for (ball, f) in balls.iter_mut().zip(&force) {
+                ball.velocity += *f * (0.5 * dt / ball.mass);
+                ball.position += ball.velocity * dt;
+            }
+            potential = gravity(&balls, &mut force);
+            for (ball, f) in balls.iter_mut().zip(&force) {
+                ball.velocity += *f * (0.5 * dt / ball.mass);
+            }
+            collide(&mut balls);
+        }
+        drift = drift.max(((potential + kinetic(&balls) - first) / scale).abs());
+    }
+    let radii = balls.iter().map(|b| b.radius as f32).collect();
+    let measures = vec![Measure { name: "energy drift".to_owned(), value: drift }];
+    Record { floats: vec![radii, placed], ints: Vec::new(), measures }
+}
+
+fn kinetic(balls: &[Ball]) -> f64 {
+    balls.iter().map(|b| 0.5 * b.mass * b.velocity.length_squared()).sum()
+}
+
+/// Sets the forces of softened mutual gravity (Plummer 1911) and gives the potential energy.
+fn gravity(balls: &[Ball], force: &mut [DVec3]) -> f64 {
+    force.fill(DVec3::ZERO);
+    let mut potential = 0.0;
+    for i in 0..balls.len() {
+        for j in 0..i {
+            let apart = balls[j].position - balls[i].position;
+            let inverse = (apart.length_squared() + SOFTENING * SOFTENING).sqrt().recip();
+            let strength = GRAVITY * balls[i].mass * balls[j].mass * inverse;
+            let f = apart * (strength * inverse * inverse);
+            force[i] += f;
+            force[j] -= f;
+            potential -= strength;
+        }
+    }
+    potential
+}
+
+/// Elastic, frictionless collisions: whatever touches and approaches has its normal velocity reversed.
+///
+/// Only velocities change, and kinetic energy is kept exactly.
+fn collide(balls: &mut [Ball]) {
+    for i in 0..balls.len() {
+        let (before, rest) = balls.split_at_mut(i);
+        let a = &mut rest[0];
+        for b in before {
+            let apart = b.position - a.position;
+            let distance = apart.length();
+            if distance < a.radius + b.radius && distance > 0.0 {
+                let normal = apart / distance;
+                let approach = (a.velocity - b.velocity).dot(normal);
+                if approach > 0.0 {
+                    let impulse = 2.0 * approach * a.mass * b.mass / (a.mass + b.mass);
+                    a.velocity -= normal * (impulse / a.mass);
+                    b.velocity += normal * (impulse / b.mass);
+                }
+            }
+        }
+        for &pillar in &PILLARS {
+            let apart = a.position - nearest_on_axis(pillar, a.position);
+            let distance = apart.length();
+            if distance < pillar.2 + a.radius && distance > 0.0 {
+                reflect(&mut a.velocity, apart / distance);
+            }
+        }
+        let [low, high] = BOX;
+        for normal in DVec3::AXES {
+            if (a.position - low).dot(normal) < a.radius {
+                reflect(&mut a.velocity, normal);
+            } else if (high - a.position).dot(normal) < a.radius {
+                reflect(&mut a.velocity, -normal);
+            }
+        }
+    }
+}
+
+/// Turns the part of a velocity that goes against the normal.
+fn reflect(velocity: &mut DVec3, normal: DVec3) {
+    *velocity -= normal * (2.0 * velocity.dot(normal).min(0.0));
+}

@@ -1,0 +1,98 @@
+//! Playback of rigid bodies: triangles fixed to bodies, bodies placed by key frames.
+//!
+//! Key frames hold one transform per body instead of one position per vertex, which is far smaller
+//! and keeps every body's shape at all times, between key frames too.
+
+use anim::{Animation, Topology};
+use glam::{Quat, Vec3};
+use rayon::prelude::*;
+
+/// Where a body is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Placement {
+    pub(crate) position: Vec3,
+    pub(crate) rotation: Quat,
+}
+
+impl Placement {
+    /// Straight between positions, along the shorter arc between rotations.
+    fn blend(self, to: Self, s: f32) -> Self {
+        Self { position: self.position.lerp(to.position, s), rotation: self.rotation.lerp(to.rotation, s) }
+    }
+}
+
+/// Number of floats of a [`Placement`] in a record.
+const WORDS: usize = 7;
+
+/// Appends a placement to a recorded array.
+pub(crate) fn record(out: &mut Vec<f32>, placement: &Placement) {
+    out.extend(placement.position.to_array());
+    out.extend(placement.rotation.to_array());
+}
+
+/// Vertices numbered per body, bodies placed per key frame.
+pub(crate) struct RigidBodies {
+    pub(crate) topology: Topology,
+    /// Positions relative to the body's placement; of still vertices, in the world.
+    pub(crate) local: Vec<Vec3>,
+    /// Body of each vertex that moves; the still vertices come after them.
+    pub(crate) body: Vec<u32>,
+    pub(crate) bodies: usize,
+    /// Recorded placements, `bodies` for each key frame.
+    pub(crate) keys: Vec<f32>,
+    pub(crate) seconds: f64,
+}
+
+impl RigidBodies {
+    fn key_count(&self) -> usize {
+        self.keys.len() / (WORDS * self.bodies)
+    }
+
+    fn key(&self, frame: usize, body: usize) -> Placement {
+        let at = (frame * self.bodies + body) * WORDS;
+        let k = &self.keys[at..at + WORDS];
+        Placement { position: Vec3::from_slice(&k[..3]), rotation: Quat::from_slice(&k[3..]) }
+    }
+}
+
+impl Animation for RigidBodies {
+    fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
+    fn duration(&self) -> f64 {
+        self.seconds
+    }
+
+    fn rest(&self) -> Vec<Vec3> {
+        let mut positions = self.local.clone();
+        self.pose(0.0, &mut positions);
+        positions
+    }
+
+    fn pose(&self, time: f64, positions: &mut [Vec3]) {
+        assert_eq!(positions.len(), self.topology.vertex_count, "one position per vertex");
+        let (frame, s) = key_at(time / self.seconds, self.key_count());
+        let next = (frame + 1).min(self.key_count() - 1);
+        let placed: Vec<Placement> =
+            (0..self.bodies).map(|b| self.key(frame, b).blend(self.key(next, b), s)).collect();
+        let moving = self.body.len();
+        (&mut positions[..moving], &self.local[..moving], &self.body)
+            .into_par_iter()
+            .with_min_len(8192)
+            .for_each(|(p, &local, &body)| {
+                let at = &placed[body as usize];
+                *p = at.position + at.rotation * local;
+            });
+    }
+}
+
+/// The key frame at or before a fraction of the loop, and the fraction of the way to the next.
+///
+/// Fractions outside of 0 to 1 are clamped, NaN is 0.
+pub(crate) fn key_at(fraction: f64, keys: usize) -> (usize, f32) {
+    let fraction = if fraction > 0.0 { fraction.min(1.0) } else { 0.0 };
+    let at = fraction * (keys - 1) as f64;
+    let frame = (at as usize).min(keys.saturating_sub(2));
+    (frame, (at - frame as f64) as f32)
+}

@@ -1,0 +1,150 @@
+//! The registry: names of scenes, their options, and how a name or a path becomes a [`Scene`].
+
+use std::path::PathBuf;
+
+use anim::{Animation, Light, View};
+
+use crate::{Effects, n_body};
+
+/// An animation with what is needed to show it.
+pub struct Scene {
+    /// The scene's name, or the path it was loaded from.
+    pub name: String,
+    /// One line on what is seen.
+    pub about: &'static str,
+    /// The triangles and their motion.
+    pub animation: Box<dyn Animation>,
+    /// The view to use where `animation.view(time)` is `None`.
+    pub view: View,
+    /// The light to use where `animation.light(time)` is `None`.
+    pub light: Light,
+    /// What the scene calls for.
+    pub effects: Effects,
+    /// Number of frames that sample one loop well, evenly spaced over the animation's duration.
+    pub frames: usize,
+    /// How well the simulation kept what it should keep; empty where nothing is simulated.
+    pub measures: Vec<Measure>,
+    /// Bytes of key frames held in memory, still geometry and topology not counted.
+    pub key_bytes: usize,
+    /// Remarks for the user, one line each, such as that the light is a default.
+    pub notes: Vec<String>,
+}
+
+/// An error of a simulation against a quantity that it should keep.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measure {
+    /// What is measured, such as "energy drift".
+    pub name: String,
+    /// The measured value, a fraction of the exact quantity unless the name says otherwise.
+    pub value: f64,
+}
+
+/// What the registry knows of a scene without making it.
+#[derive(Clone, Copy, Debug)]
+pub struct SceneInfo {
+    /// The name [`load`] takes.
+    pub name: &'static str,
+    /// One line on what is seen.
+    pub about: &'static str,
+    /// Number of triangles with default options.
+    pub triangles: usize,
+    /// Number of frames in one loop.
+    pub frames: usize,
+    /// What the scene calls for.
+    pub effects: Effects,
+}
+
+/// How a scene is made. The same options give the same scene, bit for bit.
+#[derive(Clone, Default)]
+pub struct SceneOptions<'a> {
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Folder for key frames of simulations, made if it does not exist; `None` simulates every time.
+    pub cache_dir: Option<PathBuf>,
+    /// Simulation steps per key frame, at least 1; more is more accurate. `None` is the scene's default.
+    pub substeps: Option<usize>,
+    /// Key frames per loop, at least 2. `None` is the scene's default.
+    pub key_frames: Option<usize>,
+    /// Of a scene that blends between shapes: the shape to start from, modulo their number.
+    pub start_shape: usize,
+    /// Fraction of the triangles of cloth and statues to make, above 0 and at most 1. `None` is all.
+    pub detail: Option<f32>,
+    /// Called with the fraction done, 0 to 1, while a scene is simulated.
+    pub progress: Option<&'a (dyn Fn(f32) + Sync)>,
+}
+
+/// Why a scene could not be loaded.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SceneError {
+    /// Neither a known name nor an existing path.
+    #[error("no scene or file named \"{name}\"; the scenes are {known}")]
+    Unknown {
+        /// What was asked for.
+        name: String,
+        /// The known names, separated by commas.
+        known: String,
+    },
+    /// An option outside of its range.
+    #[error("{option} is {value} but must be {range}")]
+    Option {
+        /// Name of the option.
+        option: &'static str,
+        /// Its value.
+        value: String,
+        /// What it may be.
+        range: &'static str,
+    },
+    /// A clip was asked for from a scene that has none.
+    #[error("scene {scene} has no clips, so none named \"{clip}\"; leave the clip out")]
+    NoClips {
+        /// Name of the scene.
+        scene: &'static str,
+        /// What was asked for.
+        clip: String,
+    },
+}
+
+static SCENES: &[SceneInfo] = &[n_body::INFO];
+
+/// The scenes made by this crate.
+#[must_use]
+pub fn list() -> &'static [SceneInfo] {
+    SCENES
+}
+
+/// Makes the scene of a known name, or loads the file or folder of key frames at a path.
+///
+/// `clip` picks one of a file's animations by name. A simulated scene takes up to two minutes when it
+/// is not in the cache. Failing to write the cache is a note in [`Scene::notes`], not an error.
+///
+/// # Errors
+/// If the name is neither a scene's nor a path that exists, an option is out of range, or the file
+/// cannot be loaded.
+pub fn load(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
+    check(options)?;
+    let Some(info) = SCENES.iter().find(|info| info.name == name_or_path) else {
+        let known = SCENES.iter().map(|info| info.name).collect::<Vec<_>>().join(", ");
+        return Err(SceneError::Unknown { name: name_or_path.to_owned(), known });
+    };
+    if let Some(clip) = clip {
+        return Err(SceneError::NoClips { scene: info.name, clip: clip.to_owned() });
+    }
+    Ok(n_body::scene(options))
+}
+
+fn check(options: &SceneOptions<'_>) -> Result<(), SceneError> {
+    let fail = |option, value: String, range| Err(SceneError::Option { option, value, range });
+    match options {
+        SceneOptions { substeps: Some(n), .. } if !(1..=100_000).contains(n) => {
+            fail("substeps", n.to_string(), "between 1 and 100000")
+        }
+        SceneOptions { key_frames: Some(n), .. } if !(2..=10_000).contains(n) => {
+            fail("key_frames", n.to_string(), "between 2 and 10000")
+        }
+        SceneOptions { detail: Some(x), .. } if !(*x > 0.0 && *x <= 1.0) => {
+            fail("detail", x.to_string(), "above 0 and at most 1")
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,81 @@
+//! Triangle meshes made part by part: spheres and pillars, and how parts become a topology.
+
+use anim::{Material, Motion, Part, Topology};
+use glam::Vec3;
+
+/// Positions and the triangles between them.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Mesh {
+    pub(crate) positions: Vec<Vec3>,
+    pub(crate) triangles: Vec<[u32; 3]>,
+}
+
+/// Collects parts into one topology with positions.
+#[derive(Default)]
+pub(crate) struct Assembly {
+    pub(crate) topology: Topology,
+    pub(crate) positions: Vec<Vec3>,
+}
+
+impl Assembly {
+    /// Adds a material and gives its number.
+    pub(crate) fn material(&mut self, base_color: [f32; 3]) -> u32 {
+        self.topology.materials.push(Material { base_color });
+        self.topology.materials.len() as u32 - 1
+    }
+
+    /// Adds a part of its own vertices.
+    pub(crate) fn part(&mut self, name: &str, mesh: &Mesh, motion: Motion, material: u32) {
+        let t = &mut self.topology;
+        let (first, first_triangle) = (t.vertex_count as u32, t.triangles.len() as u32);
+        t.triangles.extend(mesh.triangles.iter().map(|tri| tri.map(|v| v + first)));
+        t.moves.resize(t.triangles.len(), !motion.is_still());
+        t.vertex_count += mesh.positions.len();
+        t.parts.push(Part {
+            name: name.to_owned(),
+            triangles: first_triangle..t.triangles.len() as u32,
+            vertices: first..t.vertex_count as u32,
+            motion,
+            material,
+        });
+        self.positions.extend(&mesh.positions);
+    }
+}
+
+/// A sphere about the origin with `2 * around * (down - 1)` triangles, poles on the y axis.
+pub(crate) fn sphere(radius: f32, around: usize, down: usize) -> Mesh {
+    let profile: Vec<(f32, f32)> = (0..=down)
+        .map(|i| {
+            let angle = std::f32::consts::PI * i as f32 / down as f32;
+            (radius * angle.sin(), radius * angle.cos())
+        })
+        .collect();
+    turned(&profile, around)
+}
+
+/// The surface of revolution about the y axis of a profile of (distance from the axis, height), top first.
+///
+/// The first and the last point of the profile are taken to lie on the axis.
+pub(crate) fn turned(profile: &[(f32, f32)], around: usize) -> Mesh {
+    let mut mesh = Mesh::default();
+    let (first, last) = (profile[0], profile[profile.len() - 1]);
+    mesh.positions.push(Vec3::new(0.0, first.1, 0.0));
+    for &(distance, y) in &profile[1..profile.len() - 1] {
+        for j in 0..around {
+            let (sin, cos) = (std::f32::consts::TAU * j as f32 / around as f32).sin_cos();
+            mesh.positions.push(Vec3::new(distance * cos, y, -distance * sin));
+        }
+    }
+    mesh.positions.push(Vec3::new(0.0, last.1, 0.0));
+    let rings = profile.len() - 2;
+    let (bottom, at) = (1 + rings * around, |i: usize, j: usize| (1 + i * around + j % around) as u32);
+    for j in 0..around {
+        mesh.triangles.push([0, at(0, j), at(0, j + 1)]);
+        for i in 1..rings {
+            mesh.triangles.push([at(i - 1, j), at(i, j), at(i, j + 1)]);
+            mesh.triangles.push([at(i - 1, j), at(i, j + 1), at(i - 1, j + 1)]);
+        }
+        mesh.triangles.push([at(rings - 1, j), bottom as u32, at(rings - 1, j + 1)]);
+    }
+    mesh
+}
