@@ -1,1 +1,38 @@
-//! x
+//! A bounding volume hierarchy (BVH) meant for geometry that moves.
+//!
+//! The tree is binary, its nodes 32 bytes, siblings adjacent ([`Bvh`], [`Node`]). This crate holds what every
+//! user of such a tree needs: boxes ([`Aabb`]), the surface area heuristic ([`sah_cost`]), the six tree
+//! rotations of Kensler 2008 ([`rotation`]), validation ([`Bvh::validate`]), statistics ([`stats`]) and
+//! queries through closures ([`Bvh::overlaps`], [`Bvh::cast_ray`]). Trees are made by the crate `bvh-build`
+//! and kept good by `bvh-update`.
+//!
+//! Primitives are numbered from 0 and known by their boxes only ([`Primitives`]). Coordinates are `f32`;
+//! any axis convention will do. Primitives with a NaN or an infinite coordinate are *dropped*: they stay in
+//! their leaf with an empty box, are never found, and come back when they are finite again.
+//!
+//! Throughout, a node is `N`, its children `L` and `R`, its grandchildren `LL LR RL RR`.
+
+mod aabb;
+mod bvh;
+mod cost;
+mod node;
+mod prefetch;
+mod primitives;
+mod query;
+mod ray;
+pub mod rotation;
+mod stats;
+mod validate;
+
+pub use aabb::Aabb;
+pub use bvh::{Bvh, MAX_HEIGHT, MAX_PRIMITIVES, Malformed};
+pub use cost::{COST_INTERSECT, COST_TRAVERSE, sah_cost};
+pub use glam;
+pub use glam::Vec3;
+pub use node::{MAX_LEAF_SIZE, Node};
+pub use prefetch::prefetch;
+pub use primitives::{InOrder, Primitives, Triangles};
+pub use ray::Ray;
+pub use rotation::Rotation;
+pub use stats::{Stats, stats};
+pub use validate::Invalid;

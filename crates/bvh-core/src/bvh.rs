@@ -1,0 +1,421 @@
+//! The tree: an arena of node pairs and an order of primitives.
+
+use thiserror::Error;
+
+use crate::Node;
+
+/// Greatest height of a tree: no leaf is more edges than this below the root.
+///
+/// Builders and updates keep to it, so a traversal stack of this many entries never overflows.
+pub const MAX_HEIGHT: u32 = 96;
+
+/// Greatest number of primitives of a tree.
+pub const MAX_PRIMITIVES: usize = 1 << 29;
+
+/// Siblings, side by side in one cache line.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct Pair([Node; 2]);
+
+const _: () = assert!(size_of::<Pair>() == 64 && align_of::<Pair>() == 64);
+
+/// A bounding volume hierarchy over primitives that are known by number.
+///
+/// Node 0 is the root and node 1 is unused; every other pair `2k, 2k + 1` holds the children of one inner
+/// node, or is unused. A leaf covers a run of *slots*; slot `s` holds primitive number `order()[s]`. A tree
+/// without primitives is a root with an empty leaf.
+///
+/// A tree is plain data: its clone behaves as the original would. Its structure is valid at all times: every
+/// pair has one parent, every slot is in one leaf, every primitive in one slot, and the height is at most
+/// [`MAX_HEIGHT`]. Whether the boxes fit primitives that may have moved since is another matter; see
+/// [`validate`](Self::validate).
+#[derive(Clone)]
+pub struct Bvh {
+    pairs: Vec<Pair>,
+    order: Vec<u32>,
+    in_order: bool,
+}
+
+/// Why nodes and an order do not make a tree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum Malformed {
+    /// No nodes, or an odd number of them.
+    #[error("{0} nodes given; a tree has a positive, even number (node 1 is unused)")]
+    NodeCount(usize),
+    /// Too many primitives.
+    #[error("{0} primitives given; at most {MAX_PRIMITIVES} fit")]
+    TooManyPrimitives(usize),
+    /// An inner node whose children are no pair of the arena, or the root's own.
+    #[error("node {node} has its children at {child}; expected an even number above 0 and in the arena")]
+    ChildOutOfRange {
+        /// The inner node.
+        node: usize,
+        /// Where it says its children are.
+        child: usize,
+    },
+    /// A pair with two parents.
+    #[error("node {0} is the child of more than one node")]
+    SharedChild(usize),
+    /// A leaf whose slots are out of range or overlap another leaf's.
+    #[error("leaf {0} covers slots that do not exist or belong to another leaf")]
+    LeafSlots(usize),
+    /// Slots in no leaf.
+    #[error("{0} slots are in no leaf")]
+    UncoveredSlots(usize),
+    /// An order that is no permutation.
+    #[error("slot {0} holds a primitive that is out of range or in another slot too")]
+    Order(usize),
+    /// Higher than allowed.
+    #[error("the tree is {0} high; at most {MAX_HEIGHT} is allowed")]
+    TooHigh(u32),
+}
+
+impl Bvh {
+    /// A tree of the given nodes over `order.len()` primitives; see [`Bvh`] for the layout.
+    ///
+    /// Boxes are taken as they are. Heights and moving bits are computed here, the latter from the leaves'.
+    /// O(n) time and temporary memory.
+    ///
+    /// # Errors
+    /// If the structure is not that of a tree.
+    pub fn new(nodes: &[Node], order: Vec<u32>) -> Result<Self, Malformed> {
+        if nodes.is_empty() || !nodes.len().is_multiple_of(2) {
+            return Err(Malformed::NodeCount(nodes.len()));
+        }
+        let pairs = nodes.chunks_exact(2).map(|p| Pair([p[0], p[1]])).collect();
+        Self::from_pairs(pairs, order)
+    }
+
+    /// A tree that `fill` writes into `nodes` fresh node slots (rounded up to even); it gets all of them, each
+    /// [`Node::NOTHING`], and says how many it used.
+    ///
+    /// `recycled` gives its memory, if it is of use: a rebuild every frame then allocates nothing.
+    ///
+    /// # Errors
+    /// If what was written is not the structure of a tree.
+    pub fn build(
+        nodes: usize,
+        recycled: Option<Self>,
+        fill: impl FnOnce(&mut [Node], &mut Vec<u32>) -> usize,
+    ) -> Result<Self, Malformed> {
+        let (mut pairs, mut order) = recycled.map_or_else(Default::default, |b| (b.pairs, b.order));
+        pairs.clear();
+        order.clear();
+        pairs.resize(nodes.div_ceil(2), Pair([Node::NOTHING; 2]));
+        let used = fill(bytemuck::cast_slice_mut(&mut pairs), &mut order);
+        pairs.truncate(used.div_ceil(2));
+        Self::from_pairs(pairs, order)
+    }
+
+    fn from_pairs(pairs: Vec<Pair>, order: Vec<u32>) -> Result<Self, Malformed> {
+        let mut bvh = Self { pairs, order, in_order: false };
+        bvh.check_order()?;
+        let inner = bvh.check_structure()?;
+        let nodes = bvh.raw_nodes_mut();
+        for &n in inner.iter().rev() {
+            let first = nodes[n as usize].first();
+            let (l, r) = (nodes[first], nodes[first + 1]);
+            nodes[n as usize].set_height_and_moves(&l, &r);
+            if nodes[n as usize].height() > MAX_HEIGHT {
+                return Err(Malformed::TooHigh(nodes[n as usize].height()));
+            }
+        }
+        bvh.in_order = bvh.order.iter().enumerate().all(|(s, &p)| s == p as usize);
+        Ok(bvh)
+    }
+
+    fn check_order(&self) -> Result<(), Malformed> {
+        let n = self.order.len();
+        if n > MAX_PRIMITIVES {
+            return Err(Malformed::TooManyPrimitives(n));
+        }
+        let mut seen = vec![false; n];
+        for (s, &p) in self.order.iter().enumerate() {
+            if p as usize >= n || std::mem::replace(&mut seen[p as usize], true) {
+                return Err(Malformed::Order(s));
+            }
+        }
+        Ok(())
+    }
+
+    /// Walks the structure; gives the inner nodes, parents before children.
+    fn check_structure(&self) -> Result<Vec<u32>, Malformed> {
+        let nodes = self.nodes();
+        if nodes.is_empty() {
+            return Err(Malformed::NodeCount(0));
+        }
+        let mut covered = vec![false; self.order.len()];
+        let mut reached = vec![false; self.pairs.len()];
+        let mut inner = Vec::with_capacity(self.pairs.len());
+        let mut todo = vec![0u32];
+        while let Some(n) = todo.pop() {
+            let (n, node) = (n as usize, &nodes[n as usize]);
+            if node.is_leaf() {
+                let slots = covered.get_mut(node.first()..node.first() + node.count());
+                for slot in slots.ok_or(Malformed::LeafSlots(n))? {
+                    if std::mem::replace(slot, true) {
+                        return Err(Malformed::LeafSlots(n));
+                    }
+                }
+                continue;
+            }
+            let child = node.first();
+            if child == 0 || !child.is_multiple_of(2) || child >= nodes.len() {
+                return Err(Malformed::ChildOutOfRange { node: n, child });
+            }
+            if std::mem::replace(&mut reached[child / 2], true) {
+                return Err(Malformed::SharedChild(child));
+            }
+            inner.push(n as u32);
+            // The left child last, so that it is walked first: memory order, if built depth first.
+            todo.extend([child as u32 + 1, child as u32]);
+        }
+        match covered.iter().filter(|&&c| !c).count() {
+            0 => Ok(inner),
+            n => Err(Malformed::UncoveredSlots(n)),
+        }
+    }
+
+    /// All node slots; see [`Bvh`] for what is where.
+    #[must_use]
+    #[inline]
+    pub fn nodes(&self) -> &[Node] {
+        bytemuck::cast_slice(&self.pairs)
+    }
+
+    fn raw_nodes_mut(&mut self) -> &mut [Node] {
+        bytemuck::cast_slice_mut(&mut self.pairs)
+    }
+
+    /// All node slots, for an update, and the order of the primitives beside them.
+    ///
+    /// # Safety
+    /// When the borrow ends the structure must be valid as [`Bvh`] says, with heights and moving bits right:
+    /// updates that share the arena between threads rely on it.
+    #[must_use]
+    #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
+    pub unsafe fn nodes_mut(&mut self) -> (&mut [Node], &[u32]) {
+        (bytemuck::cast_slice_mut(&mut self.pairs), &self.order)
+    }
+
+    /// The root.
+    #[must_use]
+    #[inline]
+    pub fn root(&self) -> &Node {
+        &self.pairs[0].0[0]
+    }
+
+    /// Left and right child of an inner node of this tree; `None` for a leaf.
+    #[must_use]
+    #[inline]
+    pub fn children(&self, node: &Node) -> Option<&[Node; 2]> {
+        (!node.is_leaf()).then(|| &self.pairs[node.first() / 2].0)
+    }
+
+    /// Numbers of the primitives in a leaf of this tree; empty for an inner node.
+    #[must_use]
+    #[inline]
+    pub fn primitives(&self, leaf: &Node) -> &[u32] {
+        if leaf.is_leaf() { &self.order[leaf.first()..leaf.first() + leaf.count()] } else { &[] }
+    }
+
+    /// For each slot, the number of the primitive in it: a permutation.
+    #[must_use]
+    #[inline]
+    pub fn order(&self) -> &[u32] {
+        &self.order
+    }
+
+    /// Number of primitives.
+    #[must_use]
+    #[inline]
+    pub fn len(&self) -> usize {
+        self.order.len()
+    }
+
+    /// Whether there are no primitives.
+    #[must_use]
+    #[inline]
+    pub fn is_empty(&self) -> bool {
+        self.order.is_empty()
+    }
+
+    /// Height of the tree: edges from the root to the deepest leaf.
+    #[must_use]
+    #[inline]
+    pub fn height(&self) -> u32 {
+        self.root().height()
+    }
+
+    /// Whether slot `s` holds primitive `s` for every `s`, so that updates skip the look-up.
+    #[must_use]
+    #[inline]
+    pub fn is_in_order(&self) -> bool {
+        self.in_order
+    }
+
+    /// Renumbers the primitives in the order of the leaves and gives the new order: what was primitive
+    /// `order[s]` is primitive `s` from now on.
+    ///
+    /// The caller rearranges its data in the same way and keeps the returned map for its own numbers. Updates
+    /// then stream through that data instead of jumping about in it.
+    pub fn renumber(&mut self) -> Vec<u32> {
+        self.in_order = true;
+        let identity = (0..self.order.len() as u32).collect();
+        std::mem::replace(&mut self.order, identity)
+    }
+
+    /// Says which primitives may ever move, by number; at first all of them do.
+    ///
+    /// Updates do not visit subtrees without a moving primitive. O(n).
+    pub fn set_moving(&mut self, moves: impl Fn(usize) -> bool) {
+        let mut inner = Vec::new();
+        let mut leaves = Vec::new();
+        self.visit(|n, node, _| if node.is_leaf() { leaves.push(n) } else { inner.push(n) });
+        for n in leaves {
+            let any = self.primitives(&self.nodes()[n]).iter().any(|&p| moves(p as usize));
+            self.raw_nodes_mut()[n].set_moves(any);
+        }
+        for &n in inner.iter().rev() {
+            let any = self.children(&self.nodes()[n]).is_some_and(|c| c.iter().any(Node::moves));
+            self.raw_nodes_mut()[n].set_moves(any);
+        }
+    }
+
+    /// Calls `f` with the number, the node and the depth of every node, parents first, left before right.
+    pub fn visit(&self, mut f: impl FnMut(usize, &Node, u32)) {
+        let nodes = self.nodes();
+        let mut todo = vec![(0, 0)];
+        while let Some((n, depth)) = todo.pop() {
+            let node = &nodes[n];
+            f(n, node, depth);
+            if !node.is_leaf() {
+                todo.extend([(node.first() + 1, depth + 1), (node.first(), depth + 1)]);
+            }
+        }
+    }
+
+    /// A number that depends on every bit of the tree's nodes and order (64-bit FNV-1a over 32-bit words): equal
+    /// trees have equal hashes on every machine.
+    #[must_use]
+    pub fn hash(&self) -> u64 {
+        let words: &[u32] = bytemuck::cast_slice(&self.pairs);
+        words
+            .iter()
+            .chain(&self.order)
+            .fold(0xcbf2_9ce4_8422_2325, |h, &w| (h ^ u64::from(w)).wrapping_mul(0x100_0000_01b3))
+    }
+}
+
+impl Default for Bvh {
+    /// The empty tree.
+    fn default() -> Self {
+        Self { pairs: vec![Pair([Node::NOTHING; 2])], order: Vec::new(), in_order: true }
+    }
+}
+
+impl std::fmt::Debug for Bvh {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Bvh")
+            .field("primitives", &self.len())
+            .field("nodes", &self.nodes().len())
+            .field("height", &self.height())
+            .field("aabb", &self.root().aabb())
+            .finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Aabb, Vec3};
+
+    const BOX: Aabb = Aabb::new(Vec3::ZERO, Vec3::ONE);
+
+    /// Root over an inner node (children at 4) and a leaf.
+    fn three() -> [Node; 6] {
+        [
+            Node::inner(BOX, 2),
+            Node::NOTHING,
+            Node::inner(BOX, 4),
+            Node::leaf(BOX, 2, 1),
+            Node::leaf(BOX, 0, 1),
+            Node::leaf(BOX, 1, 1),
+        ]
+    }
+
+    #[test]
+    fn a_valid_tree_is_taken_and_its_heights_computed() {
+        let bvh = Bvh::new(&three(), vec![2, 0, 1]).expect("valid");
+        assert_eq!((bvh.height(), bvh.nodes()[2].height(), bvh.nodes()[3].height()), (2, 1, 0));
+        assert_eq!(bvh.primitives(&bvh.nodes()[4]), [2]);
+        assert!(!bvh.is_in_order());
+        assert!(bvh.primitives(bvh.root()).is_empty());
+        assert_eq!(bvh.nodes().as_ptr().addr() % 64, 0);
+    }
+
+    #[test]
+    fn malformed_trees_are_refused_with_the_reason() {
+        let with = |i: usize, node| {
+            let mut nodes = three();
+            nodes[i] = node;
+            Bvh::new(&nodes, vec![0, 1, 2]).map(|_| ()).expect_err("malformed")
+        };
+        assert_eq!(with(2, Node::inner(BOX, 2)), Malformed::SharedChild(2));
+        assert_eq!(with(2, Node::inner(BOX, 0)), Malformed::ChildOutOfRange { node: 2, child: 0 });
+        assert_eq!(with(2, Node::inner(BOX, 6)), Malformed::ChildOutOfRange { node: 2, child: 6 });
+        assert_eq!(with(3, Node::leaf(BOX, 0, 1)), Malformed::LeafSlots(3));
+        assert_eq!(with(3, Node::leaf(BOX, 2, 9)), Malformed::LeafSlots(3));
+        assert_eq!(with(3, Node::leaf(BOX, 2, 0)), Malformed::UncoveredSlots(1));
+        assert_eq!(Bvh::new(&three(), vec![0, 1, 1]).unwrap_err(), Malformed::Order(2));
+        assert_eq!(Bvh::new(&three(), vec![0, 1, 3]).unwrap_err(), Malformed::Order(2));
+        assert_eq!(Bvh::new(&three()[..5], vec![]).unwrap_err(), Malformed::NodeCount(5));
+        assert_eq!(Bvh::new(&[], vec![]).unwrap_err(), Malformed::NodeCount(0));
+    }
+
+    #[test]
+    fn a_chain_beyond_the_bound_is_refused() {
+        let chain = |height: usize| {
+            let mut nodes = vec![Node::inner(BOX, 2), Node::NOTHING];
+            for i in 1..=height {
+                let deeper = Node::inner(BOX, 2 * i as u32 + 2);
+                let last = Node::leaf(BOX, height as u32, 1);
+                nodes.push(Node::leaf(BOX, i as u32 - 1, 1));
+                nodes.push(if i < height { deeper } else { last });
+            }
+            Bvh::new(&nodes, (0..=height as u32).collect())
+        };
+        assert_eq!(chain(MAX_HEIGHT as usize).map(|b| b.height()), Ok(MAX_HEIGHT));
+        assert_eq!(chain(97).map(|b| b.height()), Err(Malformed::TooHigh(97)));
+    }
+
+    #[test]
+    fn moving_bits_follow_the_primitives() {
+        let mut bvh = Bvh::new(&three(), vec![2, 0, 1]).expect("valid");
+        assert!(bvh.root().moves());
+        bvh.set_moving(|p| p == 1);
+        let moves = |n: usize| bvh.nodes()[n].moves();
+        assert!(moves(0) && !moves(2) && moves(3) && !moves(4) && !moves(5));
+        bvh.set_moving(|_| false);
+        assert!(!bvh.root().moves());
+    }
+
+    #[test]
+    fn renumbering_keeps_the_leaves_and_tells_the_old_numbers() {
+        let mut bvh = Bvh::new(&three(), vec![2, 0, 1]).expect("valid");
+        assert_eq!(bvh.renumber(), [2, 0, 1]);
+        assert!(bvh.is_in_order());
+        assert_eq!(bvh.order(), [0, 1, 2]);
+    }
+
+    #[test]
+    fn the_hash_sees_every_node_and_the_order() {
+        let a = Bvh::new(&three(), vec![0, 1, 2]).expect("valid");
+        let b = Bvh::new(&three(), vec![0, 2, 1]).expect("valid");
+        let mut c = a.clone();
+        assert_eq!(a.hash(), c.hash());
+        c.set_moving(|p| p == 0);
+        assert!(a.hash() != b.hash() && a.hash() != c.hash());
+    }
+}

@@ -1,0 +1,142 @@
+//! One node: 32 bytes, two to a cache line.
+
+use glam::Vec3;
+
+use crate::Aabb;
+
+/// Largest number of primitives in one leaf.
+pub const MAX_LEAF_SIZE: u32 = (1 << 24) - 1;
+
+const LEAF: u32 = 1 << 31;
+const MOVES: u32 = 1 << 30;
+const INDEX: u32 = MOVES - 1;
+const HEIGHT: u32 = 0xff;
+
+/// A node of a [`Bvh`](crate::Bvh), inner or leaf, with its box.
+///
+/// ```text
+/// byte  0  min   3 x f32
+///      12  link  bit 31     leaf
+///                bit 30     a primitive below may move
+///                bits 0-29  inner: number of the left child node (even; the right child follows it)
+///                           leaf:  first slot in the tree's order of primitives
+///      16  max   3 x f32
+///      28  aux   bits 8-31  leaf: number of primitives; inner: unused, 0
+///                bits 0-7   height: 0 for a leaf, else 1 + the greater height of the children
+/// ```
+///
+/// Everything a rotation must carry along with a node is in these 32 bytes, so swapping two slots of the
+/// arena moves whole subtrees.
+#[repr(C, align(32))]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Node {
+    min: Vec3,
+    link: u32,
+    max: Vec3,
+    aux: u32,
+}
+
+const _: () = assert!(size_of::<Node>() == 32 && align_of::<Node>() == 32);
+
+impl Node {
+    /// A leaf without primitives: the root of an empty tree, and what fills unused slots.
+    pub const NOTHING: Self = Self { min: Vec3::INFINITY, link: LEAF, max: Vec3::NEG_INFINITY, aux: 0 };
+
+    /// A leaf over the slots `first .. first + count` of the tree's order, counted as moving.
+    ///
+    /// # Panics
+    /// In debug builds, if `first` exceeds 30 bits or `count` exceeds [`MAX_LEAF_SIZE`].
+    #[must_use]
+    #[inline]
+    pub fn leaf(aabb: Aabb, first: u32, count: u32) -> Self {
+        debug_assert!(first <= INDEX && count <= MAX_LEAF_SIZE, "leaf {first} + {count} out of range");
+        Self { min: aabb.min, link: LEAF | MOVES | first & INDEX, max: aabb.max, aux: count << 8 }
+    }
+
+    /// An inner node over the child nodes `left` and `left + 1`, counted as moving, of height 1 until it is
+    /// set.
+    ///
+    /// # Panics
+    /// In debug builds, if `left` is odd or exceeds 30 bits.
+    #[must_use]
+    #[inline]
+    pub fn inner(aabb: Aabb, left: u32) -> Self {
+        debug_assert!(left <= INDEX && left.is_multiple_of(2), "child pair {left} out of range");
+        Self { min: aabb.min, link: MOVES | left & INDEX, max: aabb.max, aux: 1 }
+    }
+
+    /// The node's box.
+    #[must_use]
+    #[inline]
+    pub fn aabb(&self) -> Aabb {
+        Aabb { min: self.min, max: self.max }
+    }
+
+    /// Replaces the box.
+    #[inline]
+    pub fn set_aabb(&mut self, aabb: Aabb) {
+        // Whole-node store: a store of part of a node, followed by a wider load, stalls the pipeline.
+        *self = Self { min: aabb.min, link: self.link, max: aabb.max, aux: self.aux };
+    }
+
+    /// Whether this is a leaf.
+    #[must_use]
+    #[inline]
+    pub fn is_leaf(&self) -> bool {
+        self.link & LEAF != 0
+    }
+
+    /// Whether any primitive at or below this node may move (see [`Bvh::set_moving`](crate::Bvh::set_moving)).
+    #[must_use]
+    #[inline]
+    pub fn moves(&self) -> bool {
+        self.link & MOVES != 0
+    }
+
+    #[inline]
+    pub(crate) fn set_moves(&mut self, moves: bool) {
+        self.link = self.link & !MOVES | if moves { MOVES } else { 0 };
+    }
+
+    /// Inner: number of the left child node; the right one follows it. Leaf: first slot in the tree's order.
+    #[must_use]
+    #[inline]
+    pub fn first(&self) -> usize {
+        (self.link & INDEX) as usize
+    }
+
+    /// Number of primitives of a leaf; 0 for an inner node.
+    #[must_use]
+    #[inline]
+    pub fn count(&self) -> usize {
+        (self.aux >> 8) as usize
+    }
+
+    /// Number of edges on the longest way down to a leaf.
+    #[must_use]
+    #[inline]
+    pub fn height(&self) -> u32 {
+        self.aux & HEIGHT
+    }
+
+    #[inline]
+    pub(crate) fn set_height_and_moves(&mut self, l: &Self, r: &Self) {
+        let aabb = self.aabb();
+        self.refit(l, r);
+        self.set_aabb(aabb);
+    }
+
+    /// Makes this inner node the parent of `l` and `r` as far as box, height and motion go.
+    #[inline]
+    pub fn refit(&mut self, l: &Self, r: &Self) {
+        let aabb = l.aabb().union(r.aabb());
+        let height = 1 + l.height().max(r.height());
+        let moves = (l.link | r.link) & MOVES;
+        *self = Self {
+            min: aabb.min,
+            link: self.link & !MOVES | moves,
+            max: aabb.max,
+            aux: self.aux & !HEIGHT | height,
+        };
+    }
+}

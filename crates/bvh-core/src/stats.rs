@@ -1,0 +1,55 @@
+//! Figures that describe a tree.
+
+use crate::{Bvh, sah_cost};
+
+/// Figures of one tree.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Stats {
+    /// Primitives, dropped ones included.
+    pub primitives: usize,
+    /// Primitives in leaves whose box is empty: not finite, or of a leaf without any finite one.
+    pub dropped: usize,
+    /// Inner nodes.
+    pub inner: usize,
+    /// Leaves.
+    pub leaves: usize,
+    /// Most primitives in one leaf.
+    pub largest_leaf: usize,
+    /// Edges from the root to the deepest leaf.
+    pub height: u32,
+    /// Mean depth of the leaves.
+    pub mean_leaf_depth: f64,
+    /// Inner nodes with at least one grandchild, where a rotation is possible (Kopta et al. 2012, section 3:
+    /// about a quarter of all nodes).
+    pub candidates: usize,
+    /// SAH cost; see [`sah_cost`].
+    pub sah_cost: f64,
+    /// Bytes of nodes and order.
+    pub bytes: usize,
+}
+
+/// Computes the figures of a tree; O(n).
+#[must_use]
+pub fn stats(bvh: &Bvh) -> Stats {
+    let mut s = Stats {
+        primitives: bvh.len(),
+        height: bvh.height(),
+        sah_cost: sah_cost(bvh),
+        bytes: size_of_val(bvh.nodes()) + size_of_val(bvh.order()),
+        ..Stats::default()
+    };
+    let mut depths = 0u64;
+    bvh.visit(|_, node, depth| {
+        if node.is_leaf() {
+            s.leaves += 1;
+            s.largest_leaf = s.largest_leaf.max(node.count());
+            s.dropped += if node.aabb().is_empty() { node.count() } else { 0 };
+            depths += u64::from(depth);
+        } else {
+            s.inner += 1;
+            s.candidates += usize::from(node.height() > 1);
+        }
+    });
+    s.mean_leaf_depth = depths as f64 / s.leaves as f64;
+    s
+}
