@@ -34,6 +34,17 @@ pub struct Bvh {
     pairs: Vec<Pair>,
     order: Vec<u32>,
     in_order: bool,
+    still_area: f64,
+}
+
+/// The parts of a tree that an update writes and reads, from [`Bvh::parts_mut`].
+pub struct Parts<'a> {
+    /// All node slots.
+    pub nodes: &'a mut [Node],
+    /// For each slot, the number of the primitive in it.
+    pub order: &'a [u32],
+    /// Sum of half area times [`Node::weight`] over all nodes that do not move.
+    pub still_area: &'a mut f64,
 }
 
 /// Why nodes and an order do not make a tree.
@@ -109,7 +120,7 @@ impl Bvh {
     }
 
     fn from_pairs(pairs: Vec<Pair>, order: Vec<u32>) -> Result<Self, Malformed> {
-        let mut bvh = Self { pairs, order, in_order: false };
+        let mut bvh = Self { pairs, order, in_order: false, still_area: 0.0 };
         bvh.check_order()?;
         let inner = bvh.check_structure()?;
         let nodes = bvh.raw_nodes_mut();
@@ -122,6 +133,7 @@ impl Bvh {
             }
         }
         bvh.in_order = bvh.order.iter().enumerate().all(|(s, &p)| s == p as usize);
+        bvh.sum_still_area();
         Ok(bvh)
     }
 
@@ -188,15 +200,19 @@ impl Bvh {
         bytemuck::cast_slice_mut(&mut self.pairs)
     }
 
-    /// All node slots, for an update, and the order of the primitives beside them.
+    /// What an update needs to change nodes in place.
     ///
     /// # Safety
     /// When the borrow ends the structure must be valid as [`Bvh`] says, with heights and moving bits right:
     /// updates that share the arena between threads rely on it.
     #[must_use]
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
-    pub unsafe fn nodes_mut(&mut self) -> (&mut [Node], &[u32]) {
-        (bytemuck::cast_slice_mut(&mut self.pairs), &self.order)
+    pub unsafe fn parts_mut(&mut self) -> Parts<'_> {
+        Parts {
+            nodes: bytemuck::cast_slice_mut(&mut self.pairs),
+            order: &self.order,
+            still_area: &mut self.still_area,
+        }
     }
 
     /// The root.
@@ -281,6 +297,20 @@ impl Bvh {
             let any = self.children(&self.nodes()[n]).is_some_and(|c| c.iter().any(Node::moves));
             self.raw_nodes_mut()[n].set_moves(any);
         }
+        self.sum_still_area();
+    }
+
+    fn sum_still_area(&mut self) {
+        let still = |n: &&Node| !n.moves() && n.weight() > 0.0;
+        let mut sum = 0.0;
+        if !self.root().moves() || self.nodes().iter().any(|n| still(&n)) {
+            self.visit(|_, n, _| {
+                if still(&n) {
+                    sum += n.aabb().half_area_f64() * n.weight();
+                }
+            });
+        }
+        self.still_area = sum;
     }
 
     /// Calls `f` with the number, the node and the depth of every node, parents first, left before right.
@@ -311,7 +341,7 @@ impl Bvh {
 impl Default for Bvh {
     /// The empty tree.
     fn default() -> Self {
-        Self { pairs: vec![Pair([Node::NOTHING; 2])], order: Vec::new(), in_order: true }
+        Self { pairs: vec![Pair([Node::NOTHING; 2])], order: Vec::new(), in_order: true, still_area: 0.0 }
     }
 }
 

@@ -18,17 +18,10 @@ pub const COST_INTERSECT: f64 = 1.0;
 /// with `A` the half area, computed and summed in double precision. 0 if the root has no area. O(n).
 #[must_use]
 pub fn sah_cost(bvh: &Bvh) -> f64 {
-    let (mut inner, mut leaves) = (0.0, 0.0);
-    bvh.visit(|_, node, _| {
-        let area = node.aabb().half_area_f64();
-        if node.is_leaf() {
-            leaves += area * node.count() as f64;
-        } else {
-            inner += area;
-        }
-    });
+    let mut sum = 0.0;
+    bvh.visit(|_, node, _| sum += node.aabb().half_area_f64() * node.weight());
     let root = bvh.root().aabb().half_area_f64();
-    if root > 0.0 { (COST_TRAVERSE * inner + COST_INTERSECT * leaves) / root } else { 0.0 }
+    if root > 0.0 { sum / root } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::Aabb;
+use crate::{Aabb, COST_INTERSECT, COST_TRAVERSE};
 
 /// Largest number of primitives in one leaf.
 pub const MAX_LEAF_SIZE: u32 = (1 << 24) - 1;
@@ -110,6 +110,13 @@ impl Node {
     #[inline]
     pub fn count(&self) -> usize {
         (self.aux >> 8) as usize
+    }
+
+    /// What the node's half area counts in the SAH cost: see [`sah_cost`](crate::sah_cost).
+    #[must_use]
+    #[inline]
+    pub fn weight(&self) -> f64 {
+        if self.is_leaf() { COST_INTERSECT * self.count() as f64 } else { COST_TRAVERSE }
     }
 
     /// Number of edges on the longest way down to a leaf.
