@@ -9,7 +9,10 @@
 #![forbid(unsafe_code)]
 
 mod cache;
+mod cloth;
+mod cloth_ball;
 mod effects;
+mod key_frames;
 mod n_body;
 mod rigid;
 mod scene;

@@ -1,5 +1,7 @@
 //! `n-body`: balls under mutual gravity that collide with one another, with still pillars, and with the walls.
 
+use std::f32::consts::FRAC_PI_2;
+
 use anim::{Light, Motion, View};
 use glam::{DVec3, Quat, Vec3};
 
@@ -65,7 +67,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
         body.resize(assembly.positions.len(), i as u32);
     }
     for (x, z, radius, height) in PILLARS {
-        let mut pillar = turned(&pillar_profile(radius as f32, height as f32), 16);
+        let mut pillar = turned(&pillar_profile(radius as f32, height as f32), 31);
         for p in &mut pillar.positions {
             *p += Vec3::new(x as f32, 0.0, z as f32);
         }
@@ -99,14 +101,14 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
     }
 }
 
-/// A pillar with a domed top: 14 rings and a closed foot, 496 triangles when turned in 16 steps.
+/// A pillar with a domed top and a closed foot, 496 triangles when turned in 31 steps.
 fn pillar_profile(radius: f32, height: f32) -> Vec<(f32, f32)> {
     let straight = height - radius;
-    let dome = (0..=8).map(|i| {
-        let angle = std::f32::consts::FRAC_PI_2 * i as f32 / 8.0;
-        (radius * angle.sin(), straight + radius * angle.cos())
+    let dome = (0..=5).map(|i| {
+        let (sin, cos) = libm::sincosf(FRAC_PI_2 * i as f32 / 5.0);
+        (radius * sin, straight + radius * cos)
     });
-    let shaft = (1..=8).map(|i| (radius, straight * (1.0 - i as f32 / 8.0)));
+    let shaft = (1..=3).map(|i| (radius, straight * (1.0 - i as f32 / 3.0)));
     dome.chain(shaft).chain([(0.0, 0.0)]).collect()
 }
 

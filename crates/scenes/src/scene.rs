@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anim::{Animation, Light, View};
 
-use crate::{Effects, n_body};
+use crate::{Effects, cloth_ball, n_body};
 
 /// An animation with what is needed to show it.
 pub struct Scene {
@@ -105,7 +105,9 @@ pub enum SceneError {
     },
 }
 
-static SCENES: &[SceneInfo] = &[n_body::INFO];
+static SCENES: &[SceneInfo] = &[cloth_ball::INFO, n_body::INFO];
+/// Makes the scene of the same place in [`SCENES`].
+const MAKERS: [fn(&SceneOptions<'_>) -> Scene; 2] = [cloth_ball::scene, n_body::scene];
 
 /// The scenes made by this crate.
 #[must_use]
@@ -123,14 +125,14 @@ pub fn list() -> &'static [SceneInfo] {
 /// cannot be loaded.
 pub fn load(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     check(options)?;
-    let Some(info) = SCENES.iter().find(|info| info.name == name_or_path) else {
+    let Some((info, make)) = SCENES.iter().zip(MAKERS).find(|(info, _)| info.name == name_or_path) else {
         let known = SCENES.iter().map(|info| info.name).collect::<Vec<_>>().join(", ");
         return Err(SceneError::Unknown { name: name_or_path.to_owned(), known });
     };
     if let Some(clip) = clip {
         return Err(SceneError::NoClips { scene: info.name, clip: clip.to_owned() });
     }
-    Ok(n_body::scene(options))
+    Ok(make(options))
 }
 
 fn check(options: &SceneOptions<'_>) -> Result<(), SceneError> {

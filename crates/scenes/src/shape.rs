@@ -1,5 +1,7 @@
 //! Triangle meshes made part by part: spheres and pillars, and how parts become a topology.
 
+use std::f32::consts::{PI, TAU};
+
 use anim::{Material, Motion, Part, Topology};
 use glam::Vec3;
 
@@ -46,8 +48,8 @@ impl Assembly {
 pub(crate) fn sphere(radius: f32, around: usize, down: usize) -> Mesh {
     let profile: Vec<(f32, f32)> = (0..=down)
         .map(|i| {
-            let angle = std::f32::consts::PI * i as f32 / down as f32;
-            (radius * angle.sin(), radius * angle.cos())
+            let (sin, cos) = libm::sincosf(PI * i as f32 / down as f32);
+            (radius * sin, radius * cos)
         })
         .collect();
     turned(&profile, around)
@@ -62,7 +64,7 @@ pub(crate) fn turned(profile: &[(f32, f32)], around: usize) -> Mesh {
     mesh.positions.push(Vec3::new(0.0, first.1, 0.0));
     for &(distance, y) in &profile[1..profile.len() - 1] {
         for j in 0..around {
-            let (sin, cos) = (std::f32::consts::TAU * j as f32 / around as f32).sin_cos();
+            let (sin, cos) = libm::sincosf(TAU * j as f32 / around as f32);
             mesh.positions.push(Vec3::new(distance * cos, y, -distance * sin));
         }
     }

@@ -1,0 +1,258 @@
+//! A square cloth by extended position-based dynamics with small steps, one iteration each (Macklin et al. 2019,
+//! "Small Steps in Physics Simulation"), with contact against whatever the scene is made of, and against itself.
+//!
+//! All parallel work is over fixed strips of rows or over single particles that read a snapshot, so that
+//! the result does not depend on the number of threads.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// What the cloth is made of. Compliances are in length over force, for particles of mass 1.
+pub(crate) struct Fabric {
+    pub(crate) stretch: f32,
+    pub(crate) shear: f32,
+    pub(crate) bend: f32,
+    /// Fraction of the velocity lost per second.
+    pub(crate) drag: f32,
+    pub(crate) gravity: f32,
+    /// Distance that folds keep from one another; below the rest spacing.
+    pub(crate) thickness: f32,
+}
+
+/// Particles in a square grid, row after row.
+pub(crate) struct Cloth {
+    pub(crate) side: usize,
+    pub(crate) spacing: f32,
+    pub(crate) positions: Vec<Vec3>,
+    fabric: Fabric,
+    before: Vec<Vec3>,
+    velocities: Vec<Vec3>,
+    neighbours: Neighbours,
+}
+
+impl Cloth {
+    /// A cloth at rest, flat or nearly so. `positions` are `side * side`, `spacing` apart where flat.
+    pub(crate) fn new(side: usize, spacing: f32, positions: Vec<Vec3>, fabric: Fabric) -> Self {
+        Self {
+            side,
+            spacing,
+            before: positions.clone(),
+            velocities: vec![Vec3::ZERO; positions.len()],
+            neighbours: Neighbours::default(),
+            positions,
+            fabric,
+        }
+    }
+
+    /// Advances by `steps` steps of `dt` seconds.
+    ///
+    /// `contact(step, before, now)` gives where a particle that moved from `before` to `now` in that step is to go.
+    pub(crate) fn advance(
+        &mut self,
+        steps: usize,
+        dt: f32,
+        contact: impl Fn(usize, Vec3, Vec3) -> Vec3 + Sync,
+    ) {
+        /// Steps between searches for folds that come close.
+        const SEARCH: usize = 4;
+        // In one step no particle crosses a fold, and until the next search none comes from beyond its reach.
+        let top_speed = 0.2 * self.fabric.thickness / dt;
+        let reach = self.fabric.thickness * (1.0 + 0.4 * SEARCH as f32 * 0.5);
+        for step in 0..steps {
+            if step % SEARCH == 0 {
+                self.neighbours.search(&self.positions, self.side, reach);
+            }
+            let Fabric { gravity, drag, .. } = self.fabric;
+            (&mut self.positions, &mut self.before, &mut self.velocities)
+                .into_par_iter()
+                .with_min_len(4096)
+                .for_each(|(x, before, v)| {
+                    *v = (*v + Vec3::NEG_Y * (gravity * dt)).clamp_length_max(top_speed) * (1.0 - drag * dt);
+                    *before = *x;
+                    *x += *v * dt;
+                });
+            self.hold_together(dt);
+            self.keep_folds_apart();
+            let before = &self.before;
+            (&mut self.positions, before, &mut self.velocities).into_par_iter().with_min_len(4096).for_each(
+                |(x, &before, v)| {
+                    *x = contact(step, before, *x);
+                    *v = (*x - before) / dt;
+                },
+            );
+        }
+    }
+
+    /// One sweep over all distance constraints.
+    ///
+    /// A row owns the constraints to itself and to the next two rows. Strips of four rows serve the two
+    /// rows they begin with; then strips that begin two rows later serve the others.
+    fn hold_together(&mut self, dt: f32) {
+        let side = self.side;
+        let (one, two) = (self.spacing, 2.0 * self.spacing);
+        let diagonal = self.spacing * std::f32::consts::SQRT_2;
+        let [stretch, shear, bend] =
+            [self.fabric.stretch, self.fabric.shear, self.fabric.bend].map(|c| c / (dt * dt));
+        for first in [0, 2] {
+            self.positions[first * side..].par_chunks_mut(4 * side).for_each(|strip| {
+                let rows = strip.len() / side;
+                for row in 0..rows.min(2) {
+                    let (below, below2) = (row + 1 < rows, row + 2 < rows);
+                    for i in row * side..(row + 1) * side {
+                        let right = (row + 1) * side - i - 1;
+                        if right > 0 {
+                            hold(strip, i, i + 1, one, stretch);
+                        }
+                        if below {
+                            hold(strip, i, i + side, one, stretch);
+                        }
+                        if below && right > 0 {
+                            hold(strip, i, i + side + 1, diagonal, shear);
+                            hold(strip, i + 1, i + side, diagonal, shear);
+                        }
+                        if right > 1 {
+                            hold(strip, i, i + 2, two, bend);
+                        }
+                        if below2 {
+                            hold(strip, i, i + 2 * side, two, bend);
+                        }
+                    }
+                }
+            });
+        }
+    }
+
+    /// Moves particles of folds that are too close apart, all at once, and slows them relative to each other.
+    fn keep_folds_apart(&mut self) {
+        const FRICTION: f32 = 0.1;
+        let (thickness, side) = (self.fabric.thickness, self.side);
+        let (now, before, neighbours) = (&self.positions, &self.before, &self.neighbours);
+        let moves: Vec<Vec3> = (0..now.len())
+            .into_par_iter()
+            .with_min_len(1024)
+            .map(|i| {
+                let mut sum = Vec3::ZERO;
+                let mut count = 0.0_f32;
+                for &j in neighbours.of(i) {
+                    let j = j as usize;
+                    let apart = now[i] - now[j];
+                    let squared = apart.length_squared();
+                    if squared < thickness * thickness && squared > 0.0 {
+                        let distance = squared.sqrt();
+                        let slip = (now[i] - before[i]) - (now[j] - before[j]);
+                        sum += apart * (0.5 * (thickness - distance) / distance) - slip * (0.5 * FRICTION);
+                        count += 1.0;
+                    }
+                }
+                // Each pair alone would be resolved fully; their mean is stable where many act.
+                if count > 0.0 { sum / count.max(1.0) } else { sum }
+            })
+            .collect();
+        debug_assert_eq!(moves.len(), side * side);
+        for (x, m) in self.positions.iter_mut().zip(moves) {
+            *x += m;
+        }
+    }
+
+    /// Root of the mean square of the strain of the edges along rows and columns, and the greatest strain.
+    pub(crate) fn strain(&self) -> (f64, f64) {
+        let (mut sum, mut most, mut count) = (0.0, 0.0_f64, 0);
+        for i in 0..self.positions.len() {
+            let right = (i + 1) % self.side != 0;
+            let below = i + self.side < self.positions.len();
+            for j in [right.then_some(i + 1), below.then_some(i + self.side)].into_iter().flatten() {
+                let strain = f64::from(self.positions[i].distance(self.positions[j]) / self.spacing - 1.0);
+                sum += strain * strain;
+                most = most.max(strain);
+                count += 1;
+            }
+        }
+        ((sum / f64::from(count)).sqrt(), most)
+    }
+}
+
+/// Moves two particles of equal mass towards `rest` apart; `give` is the compliance over the step squared.
+fn hold(x: &mut [Vec3], i: usize, j: usize, rest: f32, give: f32) {
+    let apart = x[j] - x[i];
+    let length = apart.length();
+    if length > 0.0 {
+        let m = apart * ((length - rest) / (length * (2.0 + give)));
+        x[i] += m;
+        x[j] -= m;
+    }
+}
+
+/// For each particle, those of other folds that are near.
+#[derive(Default)]
+struct Neighbours {
+    start: Vec<u32>,
+    of: Vec<u32>,
+}
+
+impl Neighbours {
+    fn of(&self, i: usize) -> &[u32] {
+        &self.of[self.start[i] as usize..self.start[i + 1] as usize]
+    }
+
+    /// Finds all pairs within `reach`, leaving out those within two grid steps of each other.
+    ///
+    /// Particles are sorted by the hash of their cell of a grid (Teschner et al. 2003).
+    fn search(&mut self, positions: &[Vec3], side: usize, reach: f32) {
+        let buckets = positions.len().next_power_of_two();
+        let cell = |p: Vec3| (p / reach).floor().as_ivec3();
+        let hash = |c: glam::IVec3| {
+            let mixed = (c.x.wrapping_mul(73_856_093))
+                ^ (c.y.wrapping_mul(19_349_663))
+                ^ (c.z.wrapping_mul(83_492_791));
+            mixed as u32 as usize & (buckets - 1)
+        };
+        let mut first = vec![0_u32; buckets + 1];
+        for &p in positions {
+            first[hash(cell(p)) + 1] += 1;
+        }
+        for b in 0..buckets {
+            first[b + 1] += first[b];
+        }
+        let mut next = first.clone();
+        let mut sorted = vec![0_u32; positions.len()];
+        for (i, &p) in positions.iter().enumerate() {
+            let slot = &mut next[hash(cell(p))];
+            sorted[*slot as usize] = i as u32;
+            *slot += 1;
+        }
+        let lists: Vec<Vec<u32>> = (0..positions.len())
+            .into_par_iter()
+            .with_min_len(512)
+            .map(|i| {
+                let (p, row, column) = (positions[i], i / side, i % side);
+                let mut near = Vec::new();
+                let mut seen = [usize::MAX; 27];
+                for (k, bucket) in around(cell(p)).map(hash).enumerate() {
+                    if seen.contains(&bucket) {
+                        continue;
+                    }
+                    seen[k] = bucket;
+                    for &j in &sorted[first[bucket] as usize..first[bucket + 1] as usize] {
+                        let (r, c) = (j as usize / side, j as usize % side);
+                        let adjacent = r.abs_diff(row) <= 2 && c.abs_diff(column) <= 2;
+                        if !adjacent && positions[j as usize].distance_squared(p) < reach * reach {
+                            near.push(j);
+                        }
+                    }
+                }
+                near
+            })
+            .collect();
+        self.start.clear();
+        self.of.clear();
+        self.start.push(0);
+        for list in lists {
+            self.of.extend(list);
+            self.start.push(self.of.len() as u32);
+        }
+    }
+}
+
+fn around(cell: glam::IVec3) -> impl Iterator<Item = glam::IVec3> {
+    (0..27).map(move |k| cell + glam::IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1))
+}
