@@ -1,0 +1,126 @@
+//! Why a file could not be loaded: the file, the place in it, what was found and what was expected.
+
+use std::path::{Path, PathBuf};
+
+/// Why something could not be loaded. Every message is one line.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LoadError {
+    /// The file or directory could not be read.
+    #[error("{}: cannot be read: {source}", file.display())]
+    Io {
+        /// What was to be read.
+        file: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The kind of file is not one that can be loaded.
+    #[error(
+        "{}: {found}; supported are .glb and .gltf (glTF 2.0), .obj, .ply, and a directory of .obj or .ply key frames",
+        file.display()
+    )]
+    Unsupported {
+        /// What was to be loaded.
+        file: PathBuf,
+        /// What it is instead.
+        found: String,
+    },
+    /// The file says something that cannot be.
+    #[error("{}: {place}: found {found}, expected {expected}", file.display())]
+    Invalid {
+        /// The file.
+        file: PathBuf,
+        /// Where in the file, by the names and numbers the file uses.
+        place: String,
+        /// What stands there.
+        found: String,
+        /// What would be right.
+        expected: String,
+    },
+    /// The clip asked for is not in the file.
+    #[error("{}: no clip {wanted:?}; {}", file.display(), list_clips(clips))]
+    UnknownClip {
+        /// The file.
+        file: PathBuf,
+        /// The name or number asked for.
+        wanted: String,
+        /// Names of the clips there are, in order.
+        clips: Vec<String>,
+    },
+    /// Two key frames of a sequence are not the same mesh.
+    #[error(
+        "{}: {difference} as in {}; the key frames of a sequence must have the same vertices and faces",
+        file.display(),
+        first.display()
+    )]
+    TopologyMismatch {
+        /// The key frame that differs.
+        file: PathBuf,
+        /// The first key frame of the sequence.
+        first: PathBuf,
+        /// What differs: what `file` has, then what `first` has.
+        difference: String,
+    },
+}
+
+fn list_clips(clips: &[String]) -> String {
+    if clips.is_empty() {
+        return "there are no clips to choose from".into();
+    }
+    let listed: Vec<String> = clips.iter().enumerate().map(|(i, name)| format!("{i} {name:?}")).collect();
+    format!("there are: {}", listed.join(", "))
+}
+
+/// An error inside a file, before the file's name is known.
+#[derive(Debug)]
+pub(crate) struct Problem {
+    place: String,
+    found: String,
+    expected: String,
+}
+
+impl Problem {
+    pub(crate) fn new(
+        place: impl Into<String>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Self {
+        Self { place: place.into(), found: found.into(), expected: expected.into() }
+    }
+
+    /// The message of a parsing library in place of what was found.
+    pub(crate) fn from_parser(place: &str, message: &dyn std::fmt::Display, expected: &str) -> Self {
+        Self::new(place, one_line(&message.to_string()), expected)
+    }
+
+    pub(crate) fn in_file(self, file: &Path) -> LoadError {
+        let Self { place, found, expected } = self;
+        LoadError::Invalid { file: file.to_owned(), place, found, expected }
+    }
+}
+
+/// Parsers quote what they choke on, line breaks, binary and all.
+fn one_line(message: &str) -> String {
+    const LONGEST: usize = 200;
+    let mut line = String::new();
+    for word in message.split(|c: char| c.is_whitespace() || c.is_control()).filter(|word| !word.is_empty()) {
+        if !line.is_empty() {
+            line.push(' ');
+        }
+        line.extend(word.chars().take(LONGEST));
+        if line.len() > LONGEST {
+            line.push_str(" ...");
+            break;
+        }
+    }
+    line
+}
+
+/// Reads a whole regular file. (Anything else, such as a device, may never end.)
+pub(crate) fn read_file(file: &Path) -> Result<Vec<u8>, LoadError> {
+    let io = |source| LoadError::Io { file: file.to_owned(), source };
+    if !std::fs::metadata(file).map_err(io)?.is_file() {
+        return Err(LoadError::Unsupported { file: file.to_owned(), found: "not a regular file".into() });
+    }
+    std::fs::read(file).map_err(io)
+}

@@ -1,0 +1,547 @@
+//! glTF 2.0 playback: one clip of a .gltf or .glb file, its nodes, skins and morph targets evaluated on demand.
+//!
+//! Sections are those of the [glTF 2.0 specification](https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html).
+//! Read are triangles (lists, strips, fans), base colours, transforms, skins (3.7.3.3), morph targets (3.7.2.2),
+//! clips (3.11), sparse and quantised accessors (3.6.2), the first perspective camera and the first light.
+//! Images, normals and texture coordinates are not.
+
+mod accessor;
+mod nodes;
+mod primitive;
+mod source;
+#[cfg(test)]
+mod tests;
+mod track;
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use ::gltf::json::accessor::Type;
+use ::gltf::json::{Index, Mesh, Root};
+use glam::{Affine3A, Vec3};
+
+use self::accessor::{Accessors, Budget};
+use self::nodes::{Channels, Nodes, affine, node_name, target_count};
+use self::primitive::Geometry;
+use self::track::Track;
+use crate::error::{LoadError, Problem, read_file};
+use crate::{Animation, Light, Material, Motion, Part, Topology, View};
+
+/// A clip of a glTF file, ready to be posed at any time.
+///
+/// A primitive is a [`Part`], once for each node that shows its mesh. Parts that nothing in the clip moves are
+/// transformed once, when loading.
+pub struct GltfAnimation {
+    topology: Topology,
+    rest: Vec<Vec3>,
+    duration: f64,
+    nodes: Nodes,
+    skins: Vec<Skin>,
+    weights: Vec<Weights>,
+    moving: Vec<Instance>,
+    camera: Option<Camera>,
+    light: Option<LightSource>,
+    clips: Vec<String>,
+    ignored_primitives: usize,
+}
+
+/// A primitive placed in the scene.
+struct Instance {
+    geometry: Arc<Geometry>,
+    /// Where its vertices begin.
+    first_vertex: usize,
+    node: usize,
+    /// What takes the vertices to the scene instead of `node`, whose transform then does not count (3.7.3.3).
+    skin: Option<usize>,
+    /// Index into the weights of its node, if it has morph targets.
+    weights: Option<usize>,
+}
+
+struct Skin {
+    joints: Vec<usize>,
+    inverse_bind: Vec<Affine3A>,
+}
+
+/// Morph target weights of a node.
+struct Weights {
+    fixed: Vec<f32>,
+    track: Option<Track>,
+}
+
+struct Camera {
+    node: usize,
+    fov_y: f32,
+}
+
+struct LightSource {
+    node: usize,
+    color: [f32; 3],
+    /// For a directional light, from where in the scene and how far to stand back.
+    directional: Option<(Vec3, f32)>,
+}
+
+/// Loads a clip of the glTF 2.0 file `file` (.gltf or .glb), with the buffers it names beside it.
+///
+/// `clip` is the name or else the number of a clip, counted from 0; without it the first is taken. A file
+/// without clips stands still. Memory stays below a fixed multiple of the size of the input (plus 256 MiB).
+///
+/// # Errors
+/// If a file cannot be read, is not valid where it matters here, needs an extension that is not supported, has
+/// no triangles, or does not have the clip.
+pub fn load_gltf(file: &Path, clip: Option<&str>) -> Result<GltfAnimation, LoadError> {
+    parse_gltf(file, &read_file(file)?, clip)
+}
+
+/// As [`load_gltf`], from the `bytes` of the file; `file` names them in errors, and buffers are sought beside it.
+///
+/// # Errors
+/// As [`load_gltf`].
+pub fn parse_gltf(file: &Path, bytes: &[u8], clip: Option<&str>) -> Result<GltfAnimation, LoadError> {
+    let (root, buffers) = source::open(file, bytes)?;
+    let size = buffers.iter().fold(bytes.len(), |size, buffer| size.saturating_add(buffer.len()));
+    let clips: Vec<String> =
+        root.animations.iter().map(|clip| clip.name.clone().unwrap_or_default()).collect();
+    let chosen = match clip {
+        None => None,
+        Some(wanted) => {
+            let by_number = || wanted.parse().ok().filter(|&number: &usize| number < clips.len());
+            let Some(found) = clips.iter().position(|name| name == wanted).or_else(by_number) else {
+                return Err(LoadError::UnknownClip {
+                    file: file.to_owned(),
+                    wanted: wanted.to_owned(),
+                    clips,
+                });
+            };
+            Some(found)
+        }
+    };
+    let accessors = Accessors { root: &root, buffers: &buffers, budget: Budget::for_input(size as u64) };
+    GltfAnimation::build(&accessors, chosen.unwrap_or(0), clips).map_err(|problem| problem.in_file(file))
+}
+
+impl GltfAnimation {
+    /// Names of all clips in the file, in order; empty where a clip has none.
+    #[must_use]
+    pub fn clips(&self) -> &[String] {
+        &self.clips
+    }
+
+    /// Number of primitives in the scene that were left out because they are points or lines.
+    #[must_use]
+    pub fn ignored_primitives(&self) -> usize {
+        self.ignored_primitives
+    }
+
+    fn build(accessors: &Accessors<'_>, clip: usize, clips: Vec<String>) -> Result<Self, Problem> {
+        let root = accessors.root;
+        let mut channels = Channels::read(root.animations.get(clip), accessors)?;
+        let nodes = Nodes::read(root, &mut channels)?;
+        let skins =
+            (0..root.skins.len()).map(|skin| Skin::read(skin, accessors)).collect::<Result<Vec<_>, _>>()?;
+        let scene = scene_nodes(root)?;
+
+        let mut animation = Self {
+            topology: Topology { materials: materials(root), ..Topology::default() },
+            rest: Vec::new(),
+            duration: 0.0,
+            nodes,
+            skins,
+            weights: Vec::new(),
+            moving: Vec::new(),
+            camera: None,
+            light: None,
+            clips,
+            ignored_primitives: 0,
+        };
+        let mut still = Vec::new();
+        let mut decoded = HashMap::new();
+        for &node in &scene {
+            animation.add_mesh(node, &mut channels, accessors, &mut decoded, &mut still)?;
+        }
+        if animation.topology.triangles.is_empty() {
+            let found = format!("{} nodes without triangles", scene.len());
+            return Err(Problem::new("scene", found, "at least one triangle"));
+        }
+
+        let mut rest = vec![Vec3::ZERO; animation.topology.vertex_count];
+        animation.write(&still, 0.0, &mut rest);
+        animation.write(&animation.moving, 0.0, &mut rest);
+        animation.rest = rest;
+        animation.camera = camera(root, &scene);
+        animation.light = light(root, &scene, &animation.rest)?;
+        let seen_from = [animation.camera.as_ref().map(|c| c.node), animation.light.as_ref().map(|l| l.node)];
+        let any_moves = seen_from.into_iter().flatten().any(|node| animation.nodes.moves[node]);
+        if any_moves || !animation.moving.is_empty() {
+            animation.duration = channels.end;
+        }
+        Ok(animation)
+    }
+
+    /// Adds the mesh that `node` shows, if any: a part for each primitive with triangles.
+    fn add_mesh(
+        &mut self,
+        node: usize,
+        channels: &mut Channels,
+        accessors: &Accessors<'_>,
+        decoded: &mut HashMap<(usize, usize), Option<Arc<Geometry>>>,
+        still: &mut Vec<Instance>,
+    ) -> Result<(), Problem> {
+        let root = accessors.root;
+        let place = node_name(root, node);
+        let missing = |what: &str, number: usize, count: usize| {
+            Problem::new(&*place, format!("no {what} {number}"), format!("a number below {count}"))
+        };
+        let Some(mesh_number) = root.nodes[node].mesh.map(|mesh| mesh.value()) else { return Ok(()) };
+        let mesh =
+            root.meshes.get(mesh_number).ok_or_else(|| missing("mesh", mesh_number, root.meshes.len()))?;
+        let skin = root.nodes[node].skin.map(|skin| skin.value());
+        if let Some(skin) = skin
+            && skin >= self.skins.len()
+        {
+            return Err(missing("skin", skin, self.skins.len()));
+        }
+        let weights = Weights::read(node, mesh, channels, accessors)?;
+        let weights_vary = weights.as_ref().is_some_and(|weights| weights.track.is_some());
+        let weights = weights.map(|weights| {
+            self.weights.push(weights);
+            self.weights.len() - 1
+        });
+
+        for (number, primitive) in mesh.primitives.iter().enumerate() {
+            let place = format!(
+                "mesh {mesh_number} {:?}, primitive {number}",
+                mesh.name.as_deref().unwrap_or_default()
+            );
+            let geometry = match decoded.get(&(mesh_number, number)) {
+                Some(known) => known.clone(),
+                None => {
+                    let geometry = Geometry::read(primitive, accessors, &place)?.map(Arc::new);
+                    decoded.entry((mesh_number, number)).or_insert(geometry).clone()
+                }
+            };
+            let Some(geometry) = geometry else {
+                self.ignored_primitives += 1;
+                continue;
+            };
+            let skin = skin.filter(|_| geometry.influences.is_some());
+            if let (Some(skin), Some(influences)) = (skin, &geometry.influences) {
+                let (highest, joints) = (influences.highest_joint(), self.skins[skin].joints.len());
+                if highest >= joints {
+                    let expected = format!("a joint below the {joints} of skin {skin}");
+                    return Err(Problem::new(place, format!("joint {highest}"), expected));
+                }
+            }
+            let material = match primitive.material.map(|material| material.value()) {
+                // The last material is the one for primitives without.
+                None => self.topology.materials.len() - 1,
+                Some(number) if number < root.materials.len() => number,
+                Some(number) => {
+                    let expected = format!("a number below {}", root.materials.len());
+                    return Err(Problem::new(place, format!("no material {number}"), expected));
+                }
+            };
+            let name = root.nodes[node].name.as_ref().or(mesh.name.as_ref());
+            let name = name.cloned().unwrap_or_else(|| format!("node {node}"));
+
+            let first_vertex = self.topology.vertex_count;
+            let instance = Instance { geometry: Arc::clone(&geometry), first_vertex, node, skin, weights };
+            let vertex_moves = self.moving_vertices(&instance, weights_vary);
+            let motion = Motion {
+                rigid: skin.is_none() && self.nodes.moves[node],
+                skin: skin.is_some_and(|skin| self.skins[skin].moves(&self.nodes)),
+                morph: weights_vary && geometry.targets.iter().any(|target| !target.is_empty()),
+                key_frames: false,
+            };
+            // What no vertex notices is no motion.
+            let motion = if vertex_moves.contains(&true) { motion } else { Motion::STILL };
+
+            let bytes =
+                geometry.positions.len() * 2 * size_of::<Vec3>() + geometry.triangles.len() * 13 + name.len();
+            accessors.budget.spend(bytes as u64, &place)?;
+            let topology = &mut self.topology;
+            let begin = (topology.triangles.len() as u32, topology.vertex_count as u32);
+            topology.vertex_count += geometry.positions.len();
+            for corners in &geometry.triangles {
+                topology.moves.push(corners.iter().any(|&corner| vertex_moves[corner as usize]));
+                topology.triangles.push(corners.map(|corner| corner.wrapping_add(begin.1)));
+            }
+            if topology.vertex_count.max(topology.triangles.len()) > u32::MAX as usize {
+                return Err(Problem::new(
+                    place,
+                    "too many vertices or triangles in all",
+                    "as many as 32 bits can number",
+                ));
+            }
+            let end = (topology.triangles.len() as u32, topology.vertex_count as u32);
+            let (triangles, vertices) = (begin.0..end.0, begin.1..end.1);
+            topology.parts.push(Part { name, triangles, vertices, motion, material: material as u32 });
+            if motion.is_still() { still.push(instance) } else { self.moving.push(instance) }
+        }
+        Ok(())
+    }
+
+    /// For each vertex of `instance`, whether anything in the clip moves it.
+    fn moving_vertices(&self, instance: &Instance, weights_vary: bool) -> Vec<bool> {
+        let geometry = &*instance.geometry;
+        let mut moves: Vec<bool> = match (instance.skin, &geometry.influences) {
+            (Some(skin), Some(influences)) => {
+                let joints = &self.skins[skin].joints;
+                let moves = |&(joint, _): &(u16, f32)| self.nodes.moves[joints[usize::from(joint)]];
+                (0..geometry.positions.len()).map(|vertex| influences.of(vertex).iter().any(moves)).collect()
+            }
+            _ => vec![self.nodes.moves[instance.node]; geometry.positions.len()],
+        };
+        if weights_vary {
+            for &(vertex, _) in geometry.targets.iter().flatten() {
+                moves[vertex as usize] = true;
+            }
+        }
+        moves
+    }
+
+    /// Writes the positions of `instances` at `time`.
+    fn write(&self, instances: &[Instance], time: f64, positions: &mut [Vec3]) {
+        let globals = self.nodes.globals(time);
+        let mut joint_matrices: Vec<Option<Vec<Affine3A>>> = vec![None; self.skins.len()];
+        let mut weights = Vec::new();
+        for instance in instances {
+            let geometry = &*instance.geometry;
+            let positions = &mut positions[instance.first_vertex..][..geometry.positions.len()];
+            positions.copy_from_slice(&geometry.positions);
+            if let Some(of_node) = instance.weights {
+                self.weights[of_node].at(time, &mut weights);
+                for (target, &weight) in
+                    geometry.targets.iter().zip(&weights).filter(|&(_, &weight)| weight != 0.0)
+                {
+                    for &(vertex, delta) in target {
+                        positions[vertex as usize] += weight * delta;
+                    }
+                }
+            }
+            match (instance.skin, &geometry.influences) {
+                (Some(skin), Some(influences)) => {
+                    let matrices =
+                        joint_matrices[skin].get_or_insert_with(|| self.skins[skin].matrices(&globals));
+                    influences.skin(matrices, positions);
+                }
+                _ => {
+                    let to_scene = &globals[instance.node];
+                    positions
+                        .iter_mut()
+                        .for_each(|position| *position = to_scene.transform_point3(*position));
+                }
+            }
+        }
+    }
+
+    fn clamp(&self, time: f64) -> f64 {
+        // In this order a time that is not a number becomes 0.
+        time.max(0.0).min(self.duration)
+    }
+}
+
+impl Animation for GltfAnimation {
+    fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
+    fn duration(&self) -> f64 {
+        self.duration
+    }
+
+    fn rest(&self) -> Vec<Vec3> {
+        self.rest.clone()
+    }
+
+    fn pose(&self, time: f64, positions: &mut [Vec3]) {
+        assert_eq!(positions.len(), self.topology.vertex_count, "positions are those of another animation");
+        if !self.moving.is_empty() {
+            self.write(&self.moving, self.clamp(time), positions);
+        }
+    }
+
+    /// The first perspective camera of the scene; it looks along its negative z axis.
+    fn view(&self, time: f64) -> Option<View> {
+        let camera = self.camera.as_ref()?;
+        let to_scene = self.nodes.global(camera.node, self.clamp(time));
+        let eye = Vec3::from(to_scene.translation);
+        let forward = to_scene.transform_vector3(Vec3::NEG_Z).try_normalize()?;
+        let up = to_scene.transform_vector3(Vec3::Y).try_normalize()?;
+        // Far enough for the sum to keep the direction, wherever the eye is.
+        let target = eye + forward * eye.length().max(1.0);
+        Some(View { eye, target, up, fov_y: camera.fov_y })
+    }
+
+    /// The first light of the scene, with its colour but not its intensity, which would need an exposure.
+    ///
+    /// A directional light is put so far away, against its direction, that its rays are all but parallel.
+    fn light(&self, time: f64) -> Option<Light> {
+        let light = self.light.as_ref()?;
+        let to_scene = self.nodes.global(light.node, self.clamp(time));
+        let position = match light.directional {
+            None => Vec3::from(to_scene.translation),
+            Some((center, distance)) => {
+                center + to_scene.transform_vector3(Vec3::Z).try_normalize()? * distance
+            }
+        };
+        Some(Light { position, color: light.color })
+    }
+}
+
+impl Skin {
+    fn read(number: usize, accessors: &Accessors<'_>) -> Result<Self, Problem> {
+        let (skin, nodes) = (&accessors.root.skins[number], &accessors.root.nodes);
+        let place = format!("skin {number} {:?}", skin.name.as_deref().unwrap_or_default());
+        let joints: Vec<usize> = skin.joints.iter().map(Index::value).collect();
+        if let Some(joint) = joints.iter().find(|&&joint| joint >= nodes.len()) {
+            let expected = format!("a joint below the number of nodes, {}", nodes.len());
+            return Err(Problem::new(place, format!("joint node {joint}"), expected));
+        }
+        let inverse_bind = match skin.inverse_bind_matrices {
+            None => vec![Affine3A::IDENTITY; joints.len()],
+            Some(matrices) => {
+                let matrices =
+                    accessors.floats::<16>(matrices, Type::Mat4, &format!("{place}, inverseBindMatrices"))?;
+                if matrices.len() < joints.len() {
+                    let expected = format!("{}, one for each joint", joints.len());
+                    return Err(Problem::new(
+                        place,
+                        format!("{} inverse bind matrices", matrices.len()),
+                        expected,
+                    ));
+                }
+                matrices[..joints.len()].iter().map(affine).collect()
+            }
+        };
+        Ok(Self { joints, inverse_bind })
+    }
+
+    fn moves(&self, nodes: &Nodes) -> bool {
+        self.joints.iter().any(|&joint| nodes.moves[joint])
+    }
+
+    /// From the bind pose to the scene, for each joint.
+    fn matrices(&self, globals: &[Affine3A]) -> Vec<Affine3A> {
+        self.joints
+            .iter()
+            .zip(&self.inverse_bind)
+            .map(|(&joint, inverse_bind)| globals[joint] * *inverse_bind)
+            .collect()
+    }
+}
+
+impl Weights {
+    /// Weights of the mesh at `node`, from its channel, else from the node, else from the mesh, else 0.
+    fn read(
+        node: usize,
+        mesh: &Mesh,
+        channels: &mut Channels,
+        accessors: &Accessors<'_>,
+    ) -> Result<Option<Self>, Problem> {
+        let count = target_count(accessors.root, node);
+        if count == 0 {
+            return Ok(None);
+        }
+        accessors.budget.spend((count * size_of::<f32>()) as u64, "morph target weights")?;
+        let given = accessors.root.nodes[node].weights.as_ref().or(mesh.weights.as_ref());
+        let mut fixed = given.cloned().unwrap_or_else(|| vec![0.0; count]);
+        if fixed.len() != count {
+            let expected = format!("{count}, one for each morph target");
+            return Err(Problem::new(
+                node_name(accessors.root, node),
+                format!("{} weights", fixed.len()),
+                expected,
+            ));
+        }
+        let mut track = channels.weights[node].take();
+        if let Some(constant) = track.take_if(|track| track.is_constant()) {
+            constant.sample(0.0, &mut fixed);
+        }
+        Ok(Some(Self { fixed, track }))
+    }
+
+    fn at(&self, time: f64, weights: &mut Vec<f32>) {
+        weights.clone_from(&self.fixed);
+        if let Some(track) = &self.track {
+            track.sample(time, weights);
+        }
+    }
+}
+
+/// The nodes of the default scene, else of the first, else all; each once, parents before their children.
+fn scene_nodes(root: &Root) -> Result<Vec<usize>, Problem> {
+    let scene = match root.scene {
+        Some(scene) => Some(root.scenes.get(scene.value()).ok_or_else(|| {
+            Problem::new(
+                "scene",
+                format!("no scene {scene}"),
+                format!("a number below {}", root.scenes.len()),
+            )
+        })?),
+        None => root.scenes.first(),
+    };
+    let Some(scene) = scene else { return Ok((0..root.nodes.len()).collect()) };
+    let mut seen = vec![false; root.nodes.len()];
+    let mut order = Vec::new();
+    let mut waiting: Vec<usize> = scene.nodes.iter().rev().map(Index::value).collect();
+    while let Some(node) = waiting.pop() {
+        let seen = seen.get_mut(node).ok_or_else(|| {
+            Problem::new("scene", format!("no node {node}"), format!("a number below {}", root.nodes.len()))
+        })?;
+        if !std::mem::replace(seen, true) {
+            order.push(node);
+            waiting.extend(root.nodes[node].children.iter().flatten().rev().map(Index::value));
+        }
+    }
+    Ok(order)
+}
+
+/// The materials of the file, and behind them the one for primitives without.
+fn materials(root: &Root) -> Vec<Material> {
+    let fallback = Material::default();
+    let component =
+        |value: f32, fallback: f32| if value.is_finite() { value.clamp(0.0, 1.0) } else { fallback };
+    let read = |material: &::gltf::json::Material| {
+        let [red, green, blue, _] = material.pbr_metallic_roughness.base_color_factor.0;
+        let color = [red, green, blue];
+        Material { base_color: std::array::from_fn(|i| component(color[i], fallback.base_color[i])) }
+    };
+    root.materials.iter().map(read).chain([fallback]).collect()
+}
+
+fn camera(root: &Root, scene: &[usize]) -> Option<Camera> {
+    scene.iter().find_map(|&node| {
+        let camera = root.cameras.get(root.nodes[node].camera?.value())?;
+        let fov_y = camera.perspective.as_ref()?.yfov;
+        (fov_y > 0.0 && fov_y < std::f32::consts::PI).then_some(Camera { node, fov_y })
+    })
+}
+
+fn light(root: &Root, scene: &[usize], rest: &[Vec3]) -> Result<Option<LightSource>, Problem> {
+    use ::gltf::json::extensions::scene::khr_lights_punctual::Type as LightType;
+    use ::gltf::json::validation::Checked;
+
+    let of_node =
+        |node: usize| Some(root.nodes[node].extensions.as_ref()?.khr_lights_punctual.as_ref()?.light);
+    let Some((node, number)) = scene.iter().find_map(|&node| Some((node, of_node(node)?))) else {
+        return Ok(None);
+    };
+    let lights = root.extensions.as_ref().and_then(|extensions| extensions.khr_lights_punctual.as_ref());
+    let lights = lights.map_or(&[][..], |lights| &lights.lights);
+    let light = lights.get(number.value()).ok_or_else(|| {
+        let expected = format!("a number below {}", lights.len());
+        Problem::new(node_name(root, node), format!("no light {number}"), expected)
+    })?;
+    let directional = matches!(light.type_, Checked::Valid(LightType::Directional)).then(|| {
+        let finite = || rest.iter().filter(|position| position.is_finite());
+        let (min, max) =
+            finite().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), p| (min.min(*p), max.max(*p)));
+        if min.is_finite() {
+            (0.5 * min + 0.5 * max, 100.0 * (max - min).length())
+        } else {
+            (Vec3::ZERO, 1.0)
+        }
+    });
+    Ok(Some(LightSource { node, color: light.color, directional }))
+}

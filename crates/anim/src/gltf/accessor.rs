@@ -1,0 +1,230 @@
+//! Checked reading of glTF accessors: strided, sparse, quantised. Nothing the file says is believed before
+//! it has been held against the bytes that are there.
+
+use std::cell::Cell;
+
+use ::gltf::json::accessor::{ComponentType, Type};
+use ::gltf::json::validation::Checked;
+use ::gltf::json::{Accessor, Index, Root, buffer};
+
+use super::source::Bytes;
+use crate::error::Problem;
+
+/// Bytes that may be decoded however small the file is.
+const FREE_BYTES: u64 = 256 << 20;
+/// Decoded bytes allowed for every byte of the file and its buffers.
+const BYTES_PER_BYTE: u64 = 256;
+
+/// How much more may be decoded. Instancing and accessors without bytes let a small file declare any amount
+/// of geometry, so memory is held to a multiple of the size of the input.
+pub(super) struct Budget {
+    left: Cell<u64>,
+    limit: u64,
+}
+
+impl Budget {
+    pub(super) fn for_input(bytes: u64) -> Self {
+        let limit = bytes.saturating_mul(BYTES_PER_BYTE).saturating_add(FREE_BYTES);
+        Self { left: Cell::new(limit), limit }
+    }
+
+    pub(super) fn spend(&self, bytes: u64, place: &str) -> Result<(), Problem> {
+        let left = self.left.get().checked_sub(bytes).ok_or_else(|| {
+            let expected = format!("at most {} bytes in all for a file of this size", self.limit);
+            Problem::new(place, format!("{bytes} more bytes of decoded data"), expected)
+        })?;
+        self.left.set(left);
+        Ok(())
+    }
+}
+
+/// The accessors of one document.
+pub(super) struct Accessors<'a> {
+    pub(super) root: &'a Root,
+    pub(super) buffers: &'a [Bytes],
+    pub(super) budget: Budget,
+}
+
+impl<'a> Accessors<'a> {
+    /// Elements of `N` floats; integers are converted, and scaled to [-1, 1] or [0, 1] if declared normalised.
+    pub(super) fn floats<const N: usize>(
+        &self,
+        index: Index<Accessor>,
+        shape: Type,
+        place: &str,
+    ) -> Result<Vec<[f32; N]>, Problem> {
+        self.read(index, shape, place, "numbers", |bytes, kind, normalized| {
+            Some(float(bytes, kind, normalized))
+        })
+    }
+
+    /// Elements of `N` unsigned integers of 8, 16 or 32 bits.
+    pub(super) fn integers<const N: usize>(
+        &self,
+        index: Index<Accessor>,
+        shape: Type,
+        place: &str,
+    ) -> Result<Vec<[u32; N]>, Problem> {
+        self.read(index, shape, place, "unsigned integers", |bytes, kind, _| unsigned(bytes, kind))
+    }
+
+    fn read<T: Copy + Default, const N: usize>(
+        &self,
+        index: Index<Accessor>,
+        shape: Type,
+        place: &str,
+        components: &str,
+        decode: impl Fn(&[u8], ComponentType, bool) -> Option<T>,
+    ) -> Result<Vec<[T; N]>, Problem> {
+        let place = &format!("{place}, accessor {index}");
+        let accessor = self.root.accessors.get(index.value()).ok_or_else(|| {
+            Problem::new(place, "no such accessor", format!("a number below {}", self.root.accessors.len()))
+        })?;
+        let wrong =
+            |found: &str| Problem::new(place, found, format!("{components} in elements of {}", name(shape)));
+        match accessor.type_ {
+            Checked::Valid(found) if found == shape => {}
+            Checked::Valid(found) => return Err(wrong(&format!("elements of {}", name(found)))),
+            Checked::Invalid => return Err(wrong("an unknown element type")),
+        }
+        let Checked::Valid(kind) = accessor.component_type else {
+            return Err(wrong("an unknown component type"));
+        };
+        let kind = kind.0;
+        let element = |bytes: &[u8]| {
+            let mut element = [T::default(); N];
+            for (value, bytes) in element.iter_mut().zip(bytes.chunks_exact(kind.size())) {
+                *value = decode(bytes, kind, accessor.normalized)?;
+            }
+            Some(element)
+        };
+        let unfit = || wrong(&format!("components of type {kind:?}"));
+
+        let count = accessor.count.0;
+        self.budget.spend(count.saturating_mul(size_of::<[T; N]>() as u64), place)?;
+        let size = kind.size() * N;
+        let mut elements = match accessor.buffer_view {
+            Some(view) => {
+                let offset = accessor.byte_offset.unwrap_or_default().0;
+                let bytes = self.elements(view, offset, count, size, place)?;
+                bytes.map(element).collect::<Option<Vec<_>>>().ok_or_else(unfit)?
+            }
+            None => vec![[T::default(); N]; count as usize],
+        };
+        if let Some(sparse) = &accessor.sparse {
+            let place = &format!("{place}, sparse");
+            let Checked::Valid(index_kind) = sparse.indices.component_type else {
+                return Err(Problem::new(place, "an unknown index type", "unsigned integers"));
+            };
+            let index_kind = index_kind.0;
+            let (at, values) = (&sparse.indices, &sparse.values);
+            let at =
+                self.elements(at.buffer_view, at.byte_offset.0, sparse.count.0, index_kind.size(), place)?;
+            let values =
+                self.elements(values.buffer_view, values.byte_offset.0, sparse.count.0, size, place)?;
+            for (at, value) in at.zip(values) {
+                let at = unsigned(at, index_kind).ok_or_else(unfit)?;
+                let slot = elements.get_mut(at as usize).ok_or_else(|| {
+                    Problem::new(
+                        place,
+                        format!("index {at}"),
+                        format!("an index below the accessor's count {count}"),
+                    )
+                })?;
+                *slot = element(value).ok_or_else(unfit)?;
+            }
+        }
+        Ok(elements)
+    }
+
+    /// The bytes of `count` elements of `size` bytes each.
+    fn elements(
+        &self,
+        view: Index<buffer::View>,
+        offset: u64,
+        count: u64,
+        size: usize,
+        place: &str,
+    ) -> Result<impl Iterator<Item = &'a [u8]> + use<'a>, Problem> {
+        let place = &format!("{place}, bufferView {view}");
+        let missing = |what: &str, number: &dyn std::fmt::Display, count: usize| {
+            Problem::new(place, format!("no {what} {number}"), format!("a number below {count}"))
+        };
+        let views = &self.root.buffer_views;
+        let view = views.get(view.value()).ok_or_else(|| missing("bufferView", &view, views.len()))?;
+        let buffers = self.buffers;
+        let buffer = buffers
+            .get(view.buffer.value())
+            .ok_or_else(|| missing("buffer", &view.buffer, buffers.len()))?
+            .as_slice();
+
+        let begin = view.byte_offset.unwrap_or_default().0;
+        let bytes = slice(buffer, begin, view.byte_length.0).ok_or_else(|| {
+            let found = format!("bytes {begin} + {}", view.byte_length.0);
+            Problem::new(
+                place,
+                found,
+                format!("a range within the {} bytes of buffer {}", buffer.len(), view.buffer),
+            )
+        })?;
+        let stride = view.byte_stride.map_or(size, |stride| stride.0);
+        if stride < size {
+            return Err(Problem::new(
+                place,
+                format!("byteStride {stride}"),
+                format!("at least the element size {size}"),
+            ));
+        }
+        let length = match count.checked_sub(1) {
+            Some(steps) => steps.saturating_mul(stride as u64).saturating_add(size as u64),
+            None => 0,
+        };
+        let bytes = slice(bytes, offset, length).ok_or_else(|| {
+            let found = format!("{count} elements of {size} bytes every {stride} bytes from byte {offset}");
+            Problem::new(place, found, format!("at most the {} bytes of the view", bytes.len()))
+        })?;
+        Ok(bytes.chunks(stride).map(move |element| &element[..size]))
+    }
+}
+
+fn slice(bytes: &[u8], begin: u64, length: u64) -> Option<&[u8]> {
+    let begin = usize::try_from(begin).ok()?;
+    bytes.get(begin..begin.checked_add(usize::try_from(length).ok()?)?)
+}
+
+fn name(shape: Type) -> &'static str {
+    match shape {
+        Type::Scalar => "SCALAR",
+        Type::Vec2 => "VEC2",
+        Type::Vec3 => "VEC3",
+        Type::Vec4 => "VEC4",
+        Type::Mat2 => "MAT2",
+        Type::Mat3 => "MAT3",
+        Type::Mat4 => "MAT4",
+    }
+}
+
+/// glTF 2.0 specification, section 3.11 (equations for normalised integers).
+fn float(bytes: &[u8], kind: ComponentType, normalized: bool) -> f32 {
+    let scale = |value: f32, largest: f32| if normalized { (value / largest).max(-1.0) } else { value };
+    match (kind, bytes) {
+        (ComponentType::I8, &[a]) => scale(f32::from(a as i8), 127.0),
+        (ComponentType::U8, &[a]) => scale(f32::from(a), 255.0),
+        (ComponentType::I16, &[a, b]) => scale(f32::from(i16::from_le_bytes([a, b])), 32767.0),
+        (ComponentType::U16, &[a, b]) => scale(f32::from(u16::from_le_bytes([a, b])), 65535.0),
+        (ComponentType::U32, &[a, b, c, d]) => {
+            scale(u32::from_le_bytes([a, b, c, d]) as f32, u32::MAX as f32)
+        }
+        (ComponentType::F32, &[a, b, c, d]) => f32::from_le_bytes([a, b, c, d]),
+        _ => f32::NAN,
+    }
+}
+
+fn unsigned(bytes: &[u8], kind: ComponentType) -> Option<u32> {
+    match (kind, bytes) {
+        (ComponentType::U8, &[a]) => Some(u32::from(a)),
+        (ComponentType::U16, &[a, b]) => Some(u32::from(u16::from_le_bytes([a, b]))),
+        (ComponentType::U32, &[a, b, c, d]) => Some(u32::from_le_bytes([a, b, c, d])),
+        _ => None,
+    }
+}

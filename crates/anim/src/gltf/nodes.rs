@@ -1,0 +1,305 @@
+//! The node hierarchy: which nodes move in the clip, and where each is at a time.
+
+use ::gltf::json::accessor::Type;
+use ::gltf::json::animation::{Animation, Interpolation as JsonInterpolation, Property};
+use ::gltf::json::validation::Checked;
+use ::gltf::json::{Index, Root};
+use glam::{Affine3A, Mat4, Quat, Vec3};
+
+use super::accessor::Accessors;
+use super::track::{Interpolation, Track};
+use crate::error::Problem;
+
+/// All nodes of the document, in the scene or not: a skin's joints may lie outside of it.
+pub(super) struct Nodes {
+    parent: Vec<Option<usize>>,
+    local: Vec<Local>,
+    /// Whether the node or an ancestor is animated.
+    pub(super) moves: Vec<bool>,
+    /// The moving nodes, ancestors first.
+    moving: Vec<usize>,
+    /// Node to scene at time 0.
+    global_at_rest: Vec<Affine3A>,
+}
+
+/// Transform of a node relative to its parent.
+struct Local {
+    /// What holds while nothing below says otherwise.
+    fixed: Affine3A,
+    animated: Option<Box<Animated>>,
+}
+
+/// Translation, rotation and scale of a node of which at least one is animated.
+struct Animated {
+    translation: Vec3,
+    rotation: Quat,
+    scale: Vec3,
+    tracks: [Option<Track>; 3],
+}
+
+/// The channels of a clip by node and property; of two for the same thing the later counts.
+pub(super) struct Channels {
+    /// Translation, rotation and scale of each node.
+    transforms: Vec<[Option<Track>; 3]>,
+    /// Morph target weights of each node.
+    pub(super) weights: Vec<Option<Track>>,
+    /// Time of the last key in seconds.
+    pub(super) end: f64,
+}
+
+impl Channels {
+    pub(super) fn read(clip: Option<&Animation>, accessors: &Accessors<'_>) -> Result<Self, Problem> {
+        let nodes = &accessors.root.nodes;
+        let mut channels = Self {
+            transforms: nodes.iter().map(|_| [None, None, None]).collect(),
+            weights: nodes.iter().map(|_| None).collect(),
+            end: 0.0,
+        };
+        let Some(clip) = clip else { return Ok(channels) };
+        for (number, channel) in clip.channels.iter().enumerate() {
+            let place = format!("clip {:?}, channel {number}", clip.name.as_deref().unwrap_or_default());
+            let node = channel.target.node.value();
+            if node >= nodes.len() {
+                let expected = format!("a number below {}", nodes.len());
+                return Err(Problem::new(place, format!("no node {node}"), expected));
+            }
+            let Checked::Valid(property) = channel.target.path else {
+                let expected = "translation, rotation, scale or weights";
+                return Err(Problem::new(place, "an unknown target path", expected));
+            };
+            let sampler = clip.samplers.get(channel.sampler.value()).ok_or_else(|| {
+                let expected = format!("a number below {}", clip.samplers.len());
+                Problem::new(&*place, format!("no sampler {}", channel.sampler), expected)
+            })?;
+            let Checked::Valid(interpolation) = sampler.interpolation else {
+                return Err(Problem::new(place, "an unknown interpolation", "STEP, LINEAR or CUBICSPLINE"));
+            };
+            let interpolation = match interpolation {
+                JsonInterpolation::Step => Interpolation::Step,
+                JsonInterpolation::Linear => Interpolation::Linear,
+                JsonInterpolation::CubicSpline => Interpolation::CubicSpline,
+            };
+
+            let times = accessors
+                .floats::<1>(sampler.input, Type::Scalar, &format!("{place}, times"))?
+                .into_flattened();
+            check_times(&times, &place)?;
+            let place = &format!("{place}, values");
+            let values: Vec<f32> = match property {
+                Property::Translation | Property::Scale => {
+                    accessors.floats::<3>(sampler.output, Type::Vec3, place)?.into_flattened()
+                }
+                Property::Rotation => {
+                    accessors.floats::<4>(sampler.output, Type::Vec4, place)?.into_flattened()
+                }
+                Property::MorphTargetWeights => {
+                    accessors.floats::<1>(sampler.output, Type::Scalar, place)?.into_flattened()
+                }
+            };
+            let per_key = if interpolation == Interpolation::CubicSpline { 3 } else { 1 };
+            let width = match property {
+                Property::Translation | Property::Scale => 3,
+                Property::Rotation => 4,
+                Property::MorphTargetWeights => target_count(accessors.root, node),
+            };
+            if values.len() != times.len() * per_key * width {
+                let expected = format!(
+                    "{} ({} keys of {})",
+                    times.len() * per_key * width,
+                    times.len(),
+                    per_key * width
+                );
+                return Err(Problem::new(place, format!("{} numbers", values.len()), expected));
+            }
+            let track = Some(Track { times, values, width, interpolation });
+            channels.end = channels.end.max(track.as_ref().map_or(0.0, Track::end));
+            match property {
+                Property::Translation => channels.transforms[node][0] = track,
+                Property::Rotation => channels.transforms[node][1] = track,
+                Property::Scale => channels.transforms[node][2] = track,
+                // A node without morph targets has no weights to animate.
+                Property::MorphTargetWeights => {
+                    channels.weights[node] = track.filter(|track| track.width > 0);
+                }
+            }
+        }
+        Ok(channels)
+    }
+}
+
+fn check_times(times: &[f32], place: &str) -> Result<(), Problem> {
+    let expected = "at least one key, at finite times in increasing order";
+    if times.is_empty() {
+        return Err(Problem::new(place, "no keys", expected));
+    }
+    if let Some(time) = times.iter().find(|time| !time.is_finite()) {
+        return Err(Problem::new(place, format!("a key at {time} s"), expected));
+    }
+    match times.windows(2).find(|pair| pair[1] < pair[0]) {
+        Some(pair) => {
+            Err(Problem::new(place, format!("a key at {} s before one at {} s", pair[0], pair[1]), expected))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Number of morph targets of the mesh at `node`.
+pub(super) fn target_count(root: &Root, node: usize) -> usize {
+    let mesh = root.nodes[node].mesh.and_then(|mesh| root.meshes.get(mesh.value()));
+    let targets =
+        mesh.and_then(|mesh| mesh.primitives.first()).and_then(|primitive| primitive.targets.as_ref());
+    targets.map_or(0, Vec::len)
+}
+
+/// How errors name a node.
+pub(super) fn node_name(root: &Root, node: usize) -> String {
+    match &root.nodes[node].name {
+        Some(name) => format!("node {node} {name:?}"),
+        None => format!("node {node}"),
+    }
+}
+
+impl Nodes {
+    /// Reads the hierarchy, which must be a forest, and takes the tracks of `channels` that move something.
+    pub(super) fn read(root: &Root, channels: &mut Channels) -> Result<Self, Problem> {
+        let parent = parents(root)?;
+        let order = ancestors_first(root, &parent)?;
+        let local: Vec<Local> = root
+            .nodes
+            .iter()
+            .zip(&mut channels.transforms)
+            .map(|(node, tracks)| Local::read(node, tracks))
+            .collect();
+        let mut nodes = Self {
+            moves: vec![false; local.len()],
+            moving: Vec::new(),
+            global_at_rest: vec![Affine3A::IDENTITY; local.len()],
+            parent,
+            local,
+        };
+        for node in order {
+            let parent = nodes.parent[node];
+            nodes.moves[node] =
+                nodes.local[node].animated.is_some() || parent.is_some_and(|parent| nodes.moves[parent]);
+            if nodes.moves[node] {
+                nodes.moving.push(node);
+            }
+            let local = nodes.local[node].at(0.0);
+            nodes.global_at_rest[node] = parent.map_or(local, |parent| nodes.global_at_rest[parent] * local);
+        }
+        Ok(nodes)
+    }
+
+    /// Node to scene at `time`, of every node.
+    pub(super) fn globals(&self, time: f64) -> Vec<Affine3A> {
+        let mut globals = self.global_at_rest.clone();
+        for &node in &self.moving {
+            let local = self.local[node].at(time);
+            globals[node] = self.parent[node].map_or(local, |parent| globals[parent] * local);
+        }
+        globals
+    }
+
+    /// Node to scene at `time`, of one node.
+    pub(super) fn global(&self, node: usize, time: f64) -> Affine3A {
+        // Up to the first ancestor that stands still. A loop, since hierarchies can be very deep.
+        let (mut node, mut below) = (node, Affine3A::IDENTITY);
+        while self.moves[node] {
+            below = self.local[node].at(time) * below;
+            match self.parent[node] {
+                Some(parent) => node = parent,
+                None => return below,
+            }
+        }
+        self.global_at_rest[node] * below
+    }
+}
+
+impl Local {
+    fn read(node: &::gltf::json::Node, tracks: &mut [Option<Track>; 3]) -> Self {
+        let given = node.matrix.map(|matrix| affine(&matrix));
+        let (scale, rotation, translation) = match given {
+            Some(matrix) => matrix.to_scale_rotation_translation(),
+            None => (
+                Vec3::from_array(node.scale.unwrap_or([1.0; 3])),
+                node.rotation.map_or(Quat::IDENTITY, |rotation| Quat::from_array(rotation.0)),
+                Vec3::from_array(node.translation.unwrap_or_default()),
+            ),
+        };
+        let mut animated = Animated { translation, rotation, scale, tracks: std::mem::take(tracks) };
+        // Exporters like to write keys for everything; a value that stays the same is no motion.
+        let any_track = animated.tracks.iter().any(Option::is_some);
+        let [translation, rotation, scale] = &mut animated.tracks;
+        if let Some(track) = translation.take_if(|track| track.is_constant()) {
+            animated.translation = track.vec3(0.0);
+        }
+        if let Some(track) = rotation.take_if(|track| track.is_constant()) {
+            animated.rotation = track.rotation(0.0);
+        }
+        if let Some(track) = scale.take_if(|track| track.is_constant()) {
+            animated.scale = track.vec3(0.0);
+        }
+        let fixed = match given {
+            Some(matrix) if !any_track => matrix,
+            _ => animated.at(0.0),
+        };
+        let moves = animated.tracks.iter().any(Option::is_some);
+        Self { fixed, animated: moves.then(|| Box::new(animated)) }
+    }
+
+    fn at(&self, time: f64) -> Affine3A {
+        self.animated.as_ref().map_or(self.fixed, |animated| animated.at(time))
+    }
+}
+
+impl Animated {
+    fn at(&self, time: f64) -> Affine3A {
+        let [translation, rotation, scale] = &self.tracks;
+        Affine3A::from_scale_rotation_translation(
+            scale.as_ref().map_or(self.scale, |track| track.vec3(time)),
+            rotation.as_ref().map_or(self.rotation, |track| track.rotation(time)),
+            translation.as_ref().map_or(self.translation, |track| track.vec3(time)),
+        )
+    }
+}
+
+/// The affine part of a column-major 4 x 4 matrix; the specification allows nothing else.
+pub(super) fn affine(matrix: &[f32; 16]) -> Affine3A {
+    Affine3A::from_mat4(Mat4::from_cols_array(matrix))
+}
+
+fn parents(root: &Root) -> Result<Vec<Option<usize>>, Problem> {
+    let mut parent = vec![None; root.nodes.len()];
+    for (node, children) in
+        root.nodes.iter().enumerate().filter_map(|(i, node)| Some((i, node.children.as_ref()?)))
+    {
+        for child in children {
+            let slot = parent.get_mut(child.value()).ok_or_else(|| {
+                let expected = format!("a number below {}", root.nodes.len());
+                Problem::new(node_name(root, node), format!("no child node {child}"), expected)
+            })?;
+            if let Some(other) = slot.replace(node) {
+                let found = format!("two parents, {} and {}", node_name(root, other), node_name(root, node));
+                return Err(Problem::new(node_name(root, child.value()), found, "at most one"));
+            }
+        }
+    }
+    Ok(parent)
+}
+
+/// All nodes, each behind its parent. What cannot be reached from a node without a parent lies on a cycle.
+fn ancestors_first(root: &Root, parent: &[Option<usize>]) -> Result<Vec<usize>, Problem> {
+    let mut order: Vec<usize> = (0..parent.len()).filter(|&node| parent[node].is_none()).collect();
+    let mut next = 0;
+    while let Some(&node) = order.get(next) {
+        order.extend(root.nodes[node].children.iter().flatten().map(Index::value));
+        next += 1;
+    }
+    if order.len() == parent.len() {
+        return Ok(order);
+    }
+    let mut reached = vec![false; parent.len()];
+    order.iter().for_each(|&node| reached[node] = true);
+    let lost = reached.iter().position(|&reached| !reached).unwrap_or_default();
+    Err(Problem::new(node_name(root, lost), "a node that is its own ancestor", "a hierarchy without cycles"))
+}

@@ -1,0 +1,211 @@
+//! The triangles of one mesh primitive, with the joints and morph targets that move its vertices.
+
+use ::gltf::json::accessor::Type;
+use ::gltf::json::mesh::{Mode, Primitive, Semantic};
+use ::gltf::json::validation::Checked;
+use glam::{Affine3A, Vec3, Vec3A};
+
+use super::accessor::Accessors;
+use crate::error::Problem;
+
+/// One primitive, decoded; vertices that no triangle uses are left out.
+pub(super) struct Geometry {
+    pub(super) positions: Vec<Vec3>,
+    pub(super) triangles: Vec<[u32; 3]>,
+    pub(super) influences: Option<Influences>,
+    pub(super) targets: Vec<Target>,
+}
+
+/// A morph target: the vertices it displaces, and by how much at weight 1.
+pub(super) type Target = Vec<(u32, Vec3)>;
+
+/// For each vertex the joints that move it, any number of them, with weights that add up to 1.
+pub(super) struct Influences {
+    /// Vertex `v` has `joints[first[v]..first[v + 1]]`.
+    first: Vec<u32>,
+    joints: Vec<(u16, f32)>,
+}
+
+impl Influences {
+    pub(super) fn of(&self, vertex: usize) -> &[(u16, f32)] {
+        &self.joints[self.first[vertex] as usize..self.first[vertex + 1] as usize]
+    }
+
+    /// The highest joint number.
+    pub(super) fn highest_joint(&self) -> usize {
+        self.joints.iter().map(|&(joint, _)| usize::from(joint)).max().unwrap_or(0)
+    }
+
+    /// Linear blend skinning; `matrices` are from the skin's bind pose to the scene.
+    pub(super) fn skin(&self, matrices: &[Affine3A], positions: &mut [Vec3]) {
+        for (vertex, position) in positions.iter_mut().enumerate() {
+            let bound = Vec3A::from(*position);
+            let mut blended = Vec3A::ZERO;
+            for &(joint, weight) in self.of(vertex) {
+                blended += matrices[usize::from(joint)].transform_point3a(bound) * weight;
+            }
+            *position = blended.into();
+        }
+    }
+}
+
+impl Geometry {
+    /// `None` for points and lines.
+    pub(super) fn read(
+        primitive: &Primitive,
+        accessors: &Accessors<'_>,
+        place: &str,
+    ) -> Result<Option<Self>, Problem> {
+        let mode = match primitive.mode {
+            Checked::Valid(Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) => return Ok(None),
+            Checked::Valid(mode) => mode,
+            Checked::Invalid => return Err(Problem::new(place, "an unknown primitive mode", "0 to 6")),
+        };
+        let attribute = |semantic| primitive.attributes.get(&Checked::Valid(semantic)).copied();
+        let Some(position) = attribute(Semantic::Positions) else {
+            return Err(Problem::new(place, "no POSITION attribute", "one"));
+        };
+        let positions = accessors.floats::<3>(position, Type::Vec3, &format!("{place}, POSITION"))?;
+        let count = positions.len();
+        let same_count = |what: &str, found: usize| {
+            let expected = format!("{count}, one for each position");
+            if found == count {
+                Ok(())
+            } else {
+                Err(Problem::new(format!("{place}, {what}"), format!("{found} elements"), expected))
+            }
+        };
+
+        let mut triangles = triangles(primitive, mode, accessors, count, place)?;
+        let kept = keep_used(&mut triangles, count);
+
+        let mut targets = Vec::new();
+        for (number, target) in primitive.targets.iter().flatten().enumerate() {
+            let what = format!("POSITION of morph target {number}");
+            let mut displaced = Target::new();
+            if let Some(accessor) = target.positions {
+                let all = accessors.floats::<3>(accessor, Type::Vec3, &format!("{place}, {what}"))?;
+                same_count(&what, all.len())?;
+                let deltas = kept.iter().map(|&old| Vec3::from_array(all[old as usize]));
+                displaced = (0..).zip(deltas).filter(|&(_, delta)| delta != Vec3::ZERO).collect();
+                accessors.budget.spend((displaced.len() * size_of::<(u32, Vec3)>()) as u64, place)?;
+            }
+            targets.push(displaced);
+        }
+
+        let mut sets = Vec::new();
+        for set in 0.. {
+            let (Some(joints), Some(weights)) =
+                (attribute(Semantic::Joints(set)), attribute(Semantic::Weights(set)))
+            else {
+                break;
+            };
+            let joints = accessors.integers::<4>(joints, Type::Vec4, &format!("{place}, JOINTS_{set}"))?;
+            let weights = accessors.floats::<4>(weights, Type::Vec4, &format!("{place}, WEIGHTS_{set}"))?;
+            same_count(&format!("JOINTS_{set}"), joints.len())?;
+            same_count(&format!("WEIGHTS_{set}"), weights.len())?;
+            sets.push((joints, weights));
+        }
+        let influences = if sets.is_empty() { None } else { Some(influences(&sets, &kept, place)?) };
+        let positions = kept.iter().map(|&old| Vec3::from_array(positions[old as usize])).collect();
+        Ok(Some(Self { positions, triangles, influences, targets }))
+    }
+}
+
+/// Vertex numbers of the triangles, each below `count`.
+fn triangles(
+    primitive: &Primitive,
+    mode: Mode,
+    accessors: &Accessors<'_>,
+    count: usize,
+    place: &str,
+) -> Result<Vec<[u32; 3]>, Problem> {
+    let vertices = u32::try_from(count).map_err(|_| {
+        Problem::new(place, format!("{count} vertices"), "as many as 32-bit indices can name")
+    })?;
+    let indices: Vec<u32> = match primitive.indices {
+        Some(indices) => {
+            accessors.integers::<1>(indices, Type::Scalar, &format!("{place}, indices"))?.into_flattened()
+        }
+        None => (0..vertices).collect(),
+    };
+    if let Some((at, index)) = indices.iter().enumerate().find(|&(_, &index)| index >= vertices) {
+        let expected = format!("an index below the number of vertices, {count}");
+        return Err(Problem::new(format!("{place}, index number {at}"), index.to_string(), expected));
+    }
+    let (fits, expected) = match mode {
+        Mode::Triangles => (indices.len().is_multiple_of(3), "a multiple of 3"),
+        _ => (indices.len() >= 3, "at least 3"),
+    };
+    if !fits {
+        return Err(Problem::new(place, format!("{} vertices for {mode:?}", indices.len()), expected));
+    }
+    Ok(match mode {
+        Mode::TriangleStrip => {
+            // Every other triangle is turned over, so that all face the same way.
+            let corners =
+                |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] };
+            indices.windows(3).enumerate().map(corners).collect()
+        }
+        Mode::TriangleFan => indices[1..].windows(2).map(|pair| [pair[0], pair[1], indices[0]]).collect(),
+        _ => indices.chunks_exact(3).map(|corners| [corners[0], corners[1], corners[2]]).collect(),
+    })
+}
+
+/// Renumbers the vertices of `triangles` without gaps; gives the old number of each.
+///
+/// Exporters let the primitives of a mesh share one large vertex array, of which each uses a piece.
+fn keep_used(triangles: &mut [[u32; 3]], count: usize) -> Vec<u32> {
+    let mut used = vec![false; count];
+    for &corner in triangles.as_flattened() {
+        used[corner as usize] = true;
+    }
+    let kept: Vec<u32> = (0..).zip(&used).filter(|&(_, &used)| used).map(|(old, _)| old).collect();
+    let mut new_number = vec![0; count];
+    for (new, &old) in (0..).zip(&kept) {
+        new_number[old as usize] = new;
+    }
+    for corner in triangles.as_flattened_mut() {
+        *corner = new_number[*corner as usize];
+    }
+    kept
+}
+
+/// Joints and their weights, four of each for every vertex; a mesh may have several sets.
+type JointSet = (Vec<[u32; 4]>, Vec<[f32; 4]>);
+
+/// Gathers the joints of the kept vertices from all sets, scaling their weights to a sum of 1.
+///
+/// A vertex whose weights do not add up to something positive follows its first joint.
+fn influences(sets: &[JointSet], kept: &[u32], place: &str) -> Result<Influences, Problem> {
+    let mut influences = Influences { first: vec![0], joints: Vec::new() };
+    for &vertex in kept {
+        let vertex = vertex as usize;
+        let of_vertex =
+            || sets.iter().flat_map(|(joints, weights)| joints[vertex].into_iter().zip(weights[vertex]));
+        let sum: f32 = of_vertex().map(|(_, weight)| weight).sum();
+        let usable = sum > 0.0 && sum.is_finite();
+        let mut push = |joint: u32, weight: f32| {
+            let joint = u16::try_from(joint).map_err(|_| {
+                Problem::new(
+                    format!("{place}, JOINTS of vertex {vertex}"),
+                    format!("joint {joint}"),
+                    "at most 65535",
+                )
+            })?;
+            influences.joints.push((joint, weight));
+            Ok(())
+        };
+        if usable {
+            for (joint, weight) in of_vertex().filter(|&(_, weight)| weight != 0.0) {
+                push(joint, weight / sum)?;
+            }
+        } else {
+            push(sets[0].0[vertex][0], 1.0)?;
+        }
+        let end = u32::try_from(influences.joints.len())
+            .map_err(|_| Problem::new(place, "more joint weights than 32 bits can count", "fewer"))?;
+        influences.first.push(end);
+    }
+    Ok(influences)
+}

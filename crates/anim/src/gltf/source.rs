@@ -1,0 +1,164 @@
+//! From the bytes of a .glb or .gltf file to its JSON document and its buffers.
+
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+
+use ::gltf::Glb;
+use ::gltf::json::Root;
+use base64::Engine;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+
+use crate::error::{LoadError, Problem, read_file};
+
+/// Extensions that may be required: those that only change looks, and those that are understood here.
+fn is_supported(extension: &str) -> bool {
+    matches!(extension, "KHR_mesh_quantization" | "KHR_lights_punctual" | "KHR_xmp_json_ld")
+        || ["KHR_materials_", "KHR_texture_", "EXT_texture_"]
+            .iter()
+            .any(|prefix| extension.starts_with(prefix))
+}
+
+/// The content of a buffer.
+pub(super) type Bytes = Arc<Vec<u8>>;
+
+/// The BIN chunk of a GLB container.
+type Blob<'a> = Option<Cow<'a, [u8]>>;
+
+/// The document and the bytes of its buffers, each as long as declared.
+pub(super) fn open(file: &Path, bytes: &[u8]) -> Result<(Root, Vec<Bytes>), LoadError> {
+    let (root, blob) = document(bytes).map_err(|problem| problem.in_file(file))?;
+    let buffers = read_buffers(&root, blob, file)?;
+    Ok((root, buffers))
+}
+
+fn document(bytes: &[u8]) -> Result<(Root, Blob<'_>), Problem> {
+    if bytes.is_empty() {
+        return Err(Problem::new("start of file", "an empty file", "glTF 2.0"));
+    }
+    let (json, blob) =
+        if bytes.starts_with(b"glTF") { glb_chunks(bytes)? } else { (Cow::Borrowed(bytes), None) };
+    let root = Root::from_slice(&json)
+        .map_err(|error| Problem::from_parser("JSON", &error, "a glTF 2.0 document in JSON"))?;
+    if !root.asset.version.starts_with("2.") {
+        return Err(Problem::new("asset.version", format!("{:?}", root.asset.version), "2.0"));
+    }
+    if let Some(unknown) = root.extensions_required.iter().find(|extension| !is_supported(extension)) {
+        let expected = "a file that can be read without it (no compressed meshes, no instancing extension)";
+        return Err(Problem::new("extensionsRequired", format!("{unknown:?}"), expected));
+    }
+    Ok((root, blob))
+}
+
+/// The JSON chunk, and the BIN chunk if there is one.
+fn glb_chunks(bytes: &[u8]) -> Result<(Cow<'_, [u8]>, Blob<'_>), Problem> {
+    const HEADER: usize = 12;
+    // The parser subtracts the header's length from the declared one without looking.
+    let declared = bytes
+        .get(8..HEADER)
+        .map_or(0, |length| u32::from_le_bytes([length[0], length[1], length[2], length[3]]));
+    if (declared as usize) < HEADER || declared as usize > bytes.len() {
+        let expected = format!("the file's {} bytes, and at least {HEADER}", bytes.len());
+        return Err(Problem::new("GLB header", format!("a length of {declared} bytes"), expected));
+    }
+    let glb = Glb::from_slice(bytes).map_err(|error| {
+        Problem::from_parser("GLB container", &error, "a JSON and a BIN chunk within the file")
+    })?;
+    Ok((glb.json, glb.bin))
+}
+
+fn read_buffers(root: &Root, mut blob: Blob<'_>, file: &Path) -> Result<Vec<Bytes>, LoadError> {
+    // Several buffers may name one file; it is read once.
+    let mut external: HashMap<PathBuf, Bytes> = HashMap::new();
+    let mut buffers = Vec::with_capacity(root.buffers.len());
+    for (number, buffer) in root.buffers.iter().enumerate() {
+        let place = format!("buffer {number}");
+        let problem = |found: String, expected: &str| Problem::new(&*place, found, expected).in_file(file);
+        let bytes = match &buffer.uri {
+            None if number == 0 => {
+                let blob =
+                    blob.take().ok_or_else(|| problem("no uri and no BIN chunk".into(), "one of them"))?;
+                Arc::new(blob.into_owned())
+            }
+            None => return Err(problem("no uri".into(), "a uri (only buffer 0 can be the BIN chunk)")),
+            Some(uri) if uri.starts_with("data:") => {
+                Arc::new(decode_data_uri(uri, &place).map_err(|problem| problem.in_file(file))?)
+            }
+            Some(uri) => {
+                let path = relative_path(uri, &place).map_err(|problem| problem.in_file(file))?;
+                match external.get(&path) {
+                    Some(bytes) => Arc::clone(bytes),
+                    None => {
+                        let bytes = Arc::new(read_file(&file.parent().unwrap_or(Path::new("")).join(&path))?);
+                        external.insert(path, Arc::clone(&bytes));
+                        bytes
+                    }
+                }
+            }
+        };
+        if (bytes.len() as u64) < buffer.byte_length.0 {
+            let expected = format!("the declared byteLength of {}", buffer.byte_length.0);
+            return Err(problem(format!("{} bytes", bytes.len()), &expected));
+        }
+        buffers.push(bytes);
+    }
+    Ok(buffers)
+}
+
+fn decode_data_uri(uri: &str, place: &str) -> Result<Vec<u8>, Problem> {
+    const LENIENT: GeneralPurpose = GeneralPurpose::new(
+        &base64::alphabet::STANDARD,
+        GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent),
+    );
+    let expected = "data:<media type>;base64,<bytes>";
+    let Some((_, text)) = uri.split_once(";base64,") else {
+        return Err(Problem::new(place, "a data uri that is not base64", expected));
+    };
+    LENIENT.decode(text).map_err(|error| Problem::from_parser(place, &error, expected))
+}
+
+/// The path that a relative uri stands for, which must stay below the folder of the file.
+fn relative_path(uri: &str, place: &str) -> Result<PathBuf, Problem> {
+    let wrong =
+        |found: String| Problem::new(place, found, "a relative path below the folder of the glTF file");
+    if uri.contains("://") {
+        return Err(wrong(format!("the uri {uri:?}")));
+    }
+    let decoded = percent_encoding::percent_decode_str(uri)
+        .decode_utf8()
+        .map_err(|_| wrong(format!("the uri {uri:?}, not UTF-8 when decoded")))?;
+    let mut path = PathBuf::new();
+    for component in Path::new(decoded.as_ref()).components() {
+        match component {
+            Component::Normal(part) => path.push(part),
+            Component::CurDir => {}
+            _ => return Err(wrong(format!("the uri {uri:?}"))),
+        }
+    }
+    if path.as_os_str().is_empty() {
+        return Err(wrong("an empty uri".into()));
+    }
+    Ok(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn uris_are_decoded_and_kept_below_the_folder() {
+        assert_eq!(relative_path("a%20b/./c.bin", "").unwrap(), PathBuf::from("a b/c.bin"));
+        for uri in ["../c.bin", "a/../../c.bin", "/etc/passwd", "http://x/y.bin", "%2e%2e/c.bin", "", "%ff"] {
+            assert!(relative_path(uri, "").is_err(), "{uri}");
+        }
+    }
+
+    #[test]
+    fn data_uris() {
+        assert_eq!(decode_data_uri("data:application/octet-stream;base64,AQID", "").unwrap(), [1, 2, 3]);
+        assert_eq!(decode_data_uri("data:;base64,AQ", "").unwrap(), [1]);
+        assert!(decode_data_uri("data:text/plain,abc", "").is_err());
+        assert!(decode_data_uri("data:;base64,A~", "").is_err());
+    }
+}

@@ -1,0 +1,384 @@
+//! Meshes whose positions are interpolated linearly between key frames.
+
+use std::ops::Range;
+
+use glam::Vec3;
+
+use crate::{Animation, Motion, Topology};
+
+/// Time from one key frame to the next where nothing else is known, in seconds.
+pub const DEFAULT_SECONDS_PER_FRAME: f64 = 1.0 / 24.0;
+
+/// What follows the last key frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LoopMode {
+    /// The loop ends there; the next begins with a jump back to the first key frame, as in the paper (section 4).
+    Restart,
+    /// The same way back to the first key frame, as part of the loop.
+    BackAndForth,
+}
+
+/// A key-framed animation: vertices move in straight lines, at constant speed from key to key.
+///
+/// Per key frame only the vertices that ever move are kept, 12 bytes each.
+#[derive(Clone, Debug)]
+pub struct KeyFrames {
+    topology: Topology,
+    /// The first key frame, all vertices.
+    rest: Vec<Vec3>,
+    /// The vertices that move, as runs of consecutive numbers.
+    moving: Vec<Range<u32>>,
+    /// The positions of those, run behind run, for each key frame.
+    frames: Vec<Vec<Vec3>>,
+    seconds_per_frame: f64,
+    loop_mode: LoopMode,
+}
+
+/// Why a set of key frames is not an animation.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum KeyFramesError {
+    /// There are none.
+    #[error("found no key frames, expected at least one")]
+    Empty,
+    /// A key frame has the wrong number of positions.
+    #[error("key frame {frame}: found {found} positions, expected {expected}, one for each vertex")]
+    FrameLength {
+        /// Number of the key frame.
+        frame: usize,
+        /// Its number of positions.
+        found: usize,
+        /// The topology's number of vertices.
+        expected: usize,
+    },
+    /// A triangle names a vertex that does not exist.
+    #[error("triangle {triangle}: found vertex {vertex}, expected one below {vertex_count}")]
+    Vertex {
+        /// Number of the triangle.
+        triangle: usize,
+        /// The vertex it names.
+        vertex: u32,
+        /// The topology's number of vertices.
+        vertex_count: usize,
+    },
+    /// The parts do not cover the triangles in order, reach beyond the vertices or name a missing material.
+    #[error("part {part}: found {found}, expected {expected}")]
+    Part {
+        /// Number of the part; the number of parts if something is missing behind the last.
+        part: usize,
+        /// What is wrong.
+        found: String,
+        /// What would be right.
+        expected: String,
+    },
+    /// The time between key frames is not usable.
+    #[error("found {0} seconds between key frames, expected a positive finite number")]
+    SecondsPerFrame(f64),
+}
+
+impl KeyFrames {
+    /// An animation through `frames`, each with one position per vertex, `seconds_per_frame` apart.
+    ///
+    /// Which vertices move is found out here, by comparing the frames bit for bit: `moves` of `topology` and
+    /// the motion of its parts are set accordingly, whatever they were. A single frame is a still mesh.
+    /// O(vertices * frames); beside the result, memory for one more frame.
+    ///
+    /// # Errors
+    /// If there are no frames, frames and topology do not fit each other, or the time is not positive.
+    pub fn new(
+        mut topology: Topology,
+        mut frames: Vec<Vec<Vec3>>,
+        seconds_per_frame: f64,
+        loop_mode: LoopMode,
+    ) -> Result<Self, KeyFramesError> {
+        check_topology(&topology)?;
+        check_seconds(seconds_per_frame)?;
+        let expected = topology.vertex_count;
+        if let Some((frame, found)) =
+            frames.iter().map(Vec::len).enumerate().find(|&(_, found)| found != expected)
+        {
+            return Err(KeyFramesError::FrameLength { frame, found, expected });
+        }
+        let rest = frames.first().ok_or(KeyFramesError::Empty)?.clone();
+
+        let mut moves = vec![false; rest.len()];
+        let bits = |position: &Vec3| position.to_array().map(f32::to_bits);
+        for frame in &frames[1..] {
+            for (moves, (a, b)) in moves.iter_mut().zip(rest.iter().zip(frame)) {
+                *moves |= bits(a) != bits(b);
+            }
+        }
+        let moving = runs(&moves);
+        for frame in &mut frames {
+            // One after the other, so that never more than one frame is held twice.
+            let count = moving.iter().map(ExactSizeIterator::len).sum();
+            let mut kept = Vec::with_capacity(count);
+            for run in &moving {
+                kept.extend_from_slice(&frame[run.start as usize..run.end as usize]);
+            }
+            *frame = kept;
+        }
+
+        let corner_moves = |&corner: &u32| moves[corner as usize];
+        topology.moves = topology.triangles.iter().map(|corners| corners.iter().any(corner_moves)).collect();
+        for part in &mut topology.parts {
+            let moves = moves[part.vertices.start as usize..part.vertices.end as usize].contains(&true);
+            part.motion = Motion { key_frames: moves, ..Motion::STILL };
+        }
+        Ok(Self { topology, rest, moving, frames, seconds_per_frame, loop_mode })
+    }
+
+    /// The same with another time between key frames.
+    ///
+    /// # Errors
+    /// If the time is not positive and finite.
+    pub fn with_seconds_per_frame(self, seconds_per_frame: f64) -> Result<Self, KeyFramesError> {
+        check_seconds(seconds_per_frame)?;
+        Ok(Self { seconds_per_frame, ..self })
+    }
+
+    /// The same with another way to go on after the last key frame.
+    #[must_use]
+    pub fn with_loop_mode(self, loop_mode: LoopMode) -> Self {
+        Self { loop_mode, ..self }
+    }
+
+    /// Number of key frames, at least 1.
+    #[must_use]
+    pub fn frame_count(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Number of vertices that move.
+    #[must_use]
+    pub fn moving_vertex_count(&self) -> usize {
+        self.frames[0].len()
+    }
+
+    /// The key frame at or before `time`, and how far it is on the way to the next, in [0, 1).
+    fn position_in_time(&self, time: f64) -> (usize, f32) {
+        let last = (self.frames.len() - 1) as f64;
+        // In this order a time that is not a number becomes 0.
+        let mut at = time.max(0.0).min(self.duration()) / self.seconds_per_frame;
+        if at > last {
+            at = match self.loop_mode {
+                LoopMode::Restart => last,
+                LoopMode::BackAndForth => (2.0 * last - at).max(0.0),
+            };
+        }
+        (at.floor() as usize, at.fract() as f32)
+    }
+}
+
+impl Animation for KeyFrames {
+    fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
+    fn duration(&self) -> f64 {
+        if self.moving.is_empty() {
+            return 0.0;
+        }
+        let way = (self.frames.len() - 1) as f64 * self.seconds_per_frame;
+        match self.loop_mode {
+            LoopMode::Restart => way,
+            LoopMode::BackAndForth => 2.0 * way,
+        }
+    }
+
+    fn rest(&self) -> Vec<Vec3> {
+        self.rest.clone()
+    }
+
+    fn pose(&self, time: f64, positions: &mut [Vec3]) {
+        assert_eq!(positions.len(), self.rest.len(), "positions are those of another animation");
+        let (frame, u) = self.position_in_time(time);
+        let mut from = &self.frames[frame][..];
+        let mut to = self.frames.get(frame + 1).map_or(from, Vec::as_slice);
+        for run in &self.moving {
+            let out = &mut positions[run.start as usize..run.end as usize];
+            let (a, b);
+            (a, from) = from.split_at(out.len());
+            (b, to) = to.split_at(out.len());
+            if u == 0.0 {
+                // On a key exactly, also where the next key is not finite.
+                out.copy_from_slice(a);
+            } else {
+                for (out, (a, b)) in out.iter_mut().zip(a.iter().zip(b)) {
+                    *out = *a + (*b - *a) * u;
+                }
+            }
+        }
+    }
+}
+
+fn check_seconds(seconds: f64) -> Result<(), KeyFramesError> {
+    if seconds > 0.0 && seconds.is_finite() { Ok(()) } else { Err(KeyFramesError::SecondsPerFrame(seconds)) }
+}
+
+fn check_topology(topology: &Topology) -> Result<(), KeyFramesError> {
+    let vertex_count = topology.vertex_count;
+    for (triangle, corners) in topology.triangles.iter().enumerate() {
+        if let Some(&vertex) = corners.iter().find(|&&corner| corner as usize >= vertex_count) {
+            return Err(KeyFramesError::Vertex { triangle, vertex, vertex_count });
+        }
+    }
+    let mut covered = 0;
+    for (number, part) in topology.parts.iter().enumerate() {
+        let wrong =
+            |found: String, expected: String| Err(KeyFramesError::Part { part: number, found, expected });
+        let (triangles, vertices) = (&part.triangles, &part.vertices);
+        if triangles.start != covered || triangles.end < covered {
+            return wrong(format!("triangles {triangles:?}"), format!("a range that begins at {covered}"));
+        }
+        covered = triangles.end;
+        if vertices.start > vertices.end || vertices.end as usize > vertex_count {
+            return wrong(format!("vertices {vertices:?}"), format!("a range up to {vertex_count}"));
+        }
+        if part.material as usize >= topology.materials.len() {
+            return wrong(
+                format!("material {}", part.material),
+                format!("one below {}", topology.materials.len()),
+            );
+        }
+    }
+    if covered as usize != topology.triangles.len() {
+        let (found, expected) =
+            (format!("{covered} triangles covered"), topology.triangles.len().to_string());
+        return Err(KeyFramesError::Part { part: topology.parts.len(), found, expected });
+    }
+    Ok(())
+}
+
+/// The numbers of the `true` elements as ranges.
+fn runs(flags: &[bool]) -> Vec<Range<u32>> {
+    let mut end = 0;
+    let runs = flags.chunk_by(|a, b| a == b).filter_map(|run| {
+        end += run.len() as u32;
+        run[0].then(|| end - run.len() as u32..end)
+    });
+    runs.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Material, Part};
+
+    /// A still triangle (vertices 0 to 2) and one whose last two vertices move.
+    fn topology() -> Topology {
+        let part = |name: &str, triangles, vertices| Part {
+            name: name.into(),
+            triangles,
+            vertices,
+            motion: Motion::STILL,
+            material: 0,
+        };
+        Topology {
+            triangles: vec![[0, 1, 2], [3, 4, 5]],
+            vertex_count: 6,
+            moves: Vec::new(),
+            parts: vec![part("still", 0..1, 0..3), part("moving", 1..2, 3..6)],
+            materials: vec![Material::default()],
+        }
+    }
+
+    fn frame(x: f32) -> Vec<Vec3> {
+        let mut frame: Vec<Vec3> = (0..6).map(|i| Vec3::new(i as f32, 0.0, 0.0)).collect();
+        frame[4].y = x;
+        frame[5].z = 2.0 * x;
+        frame
+    }
+
+    fn at(animation: &KeyFrames, time: f64) -> Vec<Vec3> {
+        let mut positions = animation.rest();
+        animation.pose(time, &mut positions);
+        positions
+    }
+
+    #[test]
+    fn interpolates_and_keeps_only_what_moves() {
+        let frames = vec![frame(0.0), frame(1.0), frame(3.0)];
+        let animation = KeyFrames::new(topology(), frames, 0.5, LoopMode::Restart).unwrap();
+        assert_eq!(animation.duration(), 1.0);
+        assert_eq!(animation.moving_vertex_count(), 2);
+        assert_eq!(animation.topology().moves, [false, true]);
+        assert!(animation.topology().parts[0].motion.is_still());
+        assert!(animation.topology().parts[1].motion.key_frames);
+        for (time, x) in
+            [(0.0, 0.0), (0.25, 0.5), (0.5, 1.0), (0.75, 2.0), (1.0, 3.0), (9.0, 3.0), (-1.0, 0.0)]
+        {
+            assert_eq!(at(&animation, time), frame(x), "at {time}");
+        }
+        assert_eq!(at(&animation, f64::NAN), frame(0.0));
+        assert_eq!(at(&animation, f64::INFINITY), frame(3.0));
+    }
+
+    #[test]
+    fn vertices_that_stand_still_are_never_written() {
+        let animation =
+            KeyFrames::new(topology(), vec![frame(0.0), frame(1.0)], 1.0, LoopMode::Restart).unwrap();
+        let mut positions = vec![Vec3::NAN; 6];
+        animation.pose(0.3, &mut positions);
+        assert_eq!(
+            positions.iter().map(|p| p.is_nan()).collect::<Vec<_>>(),
+            [true, true, true, true, false, false]
+        );
+    }
+
+    #[test]
+    fn back_and_forth() {
+        let frames = vec![frame(0.0), frame(1.0), frame(3.0)];
+        let animation = KeyFrames::new(topology(), frames, 1.0, LoopMode::BackAndForth).unwrap();
+        assert_eq!(animation.duration(), 4.0);
+        for (time, x) in [(1.5, 2.0), (2.0, 3.0), (2.5, 2.0), (3.0, 1.0), (3.5, 0.5), (4.0, 0.0)] {
+            assert_eq!(at(&animation, time), frame(x), "at {time}");
+        }
+    }
+
+    #[test]
+    fn a_single_frame_stands_still() {
+        let animation = KeyFrames::new(topology(), vec![frame(2.0)], 1.0, LoopMode::BackAndForth).unwrap();
+        assert_eq!(animation.duration(), 0.0);
+        assert_eq!(animation.topology().moves, [false, false]);
+        assert_eq!(at(&animation, 5.0), frame(2.0));
+    }
+
+    #[test]
+    fn a_vertex_that_is_infinite_in_one_key_comes_back() {
+        let mut broken = frame(1.0);
+        broken[4] = Vec3::INFINITY;
+        let animation =
+            KeyFrames::new(topology(), vec![frame(0.0), broken, frame(3.0)], 1.0, LoopMode::Restart).unwrap();
+        assert_eq!(at(&animation, 0.0), frame(0.0));
+        assert!(!at(&animation, 0.5)[4].is_finite());
+        assert_eq!(at(&animation, 2.0), frame(3.0));
+    }
+
+    #[test]
+    fn misfits_are_errors() {
+        let new = |topology, frames| KeyFrames::new(topology, frames, 1.0, LoopMode::Restart).unwrap_err();
+        assert_eq!(new(topology(), vec![]), KeyFramesError::Empty);
+        let short = vec![frame(0.0), frame(0.0)[..5].to_vec()];
+        assert_eq!(new(topology(), short), KeyFramesError::FrameLength { frame: 1, found: 5, expected: 6 });
+        let mut bad = topology();
+        bad.triangles[1][2] = 6;
+        let expected = KeyFramesError::Vertex { triangle: 1, vertex: 6, vertex_count: 6 };
+        assert_eq!(new(bad, vec![frame(0.0)]), expected);
+        let mut bad = topology();
+        bad.parts.pop();
+        assert!(matches!(new(bad, vec![frame(0.0)]), KeyFramesError::Part { part: 1, .. }));
+        let mut bad = topology();
+        bad.parts[0].vertices = 0..7;
+        assert!(matches!(new(bad, vec![frame(0.0)]), KeyFramesError::Part { part: 0, .. }));
+        for seconds in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(KeyFrames::new(topology(), vec![frame(0.0)], seconds, LoopMode::Restart).is_err());
+        }
+    }
+
+    #[test]
+    fn runs_of_flags() {
+        assert_eq!(runs(&[]), []);
+        assert_eq!(runs(&[true, false, true, true]), [0..1, 2..4]);
+    }
+}

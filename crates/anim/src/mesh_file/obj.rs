@@ -1,0 +1,104 @@
+//! OBJ through `tobj`, fed with only those lines that matter here.
+
+use std::path::{Component, Path};
+
+use glam::Vec3;
+
+use super::{Mesh, too_large};
+use crate::Material;
+use crate::error::{Problem, read_file};
+
+pub(super) fn read(bytes: &[u8], file: &Path) -> Result<Mesh, Problem> {
+    let text = String::from_utf8_lossy(bytes);
+    let options = tobj::LoadOptions {
+        triangulate: true,
+        ignore_points: true,
+        ignore_lines: true,
+        ..Default::default()
+    };
+    let load_mtl = |name: &Path| {
+        // A missing library costs the colours only.
+        let nothing = || Err(tobj::LoadError::OpenFileFailed);
+        if !name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir)) {
+            return nothing();
+        }
+        let Ok(bytes) = read_file(&file.parent().unwrap_or(Path::new("")).join(name)) else {
+            return nothing();
+        };
+        tobj::load_mtl_buf(&mut diffuse_colors(&String::from_utf8_lossy(&bytes)).as_bytes())
+    };
+    let (models, materials) =
+        tobj::load_obj_buf(&mut positions_and_faces(&text).as_bytes(), &options, load_mtl).map_err(
+            |error| Problem::from_parser("OBJ text", &error, "faces of at least 3 vertices that exist"),
+        )?;
+
+    // Behind the materials of the library, the one for faces without.
+    let materials = materials.unwrap_or_default();
+    let colors = materials.iter().map(|material| {
+        material.diffuse.map_or_else(Material::default, |diffuse| Material {
+            base_color: diffuse.map(|value| if value.is_finite() { value.clamp(0.0, 1.0) } else { 0.8 }),
+        })
+    });
+    let mut mesh = Mesh::with_materials(colors.chain([Material::default()]).collect());
+    for tobj::Model { mesh: model, name } in models {
+        let triangles = model.indices.as_chunks().0;
+        if triangles.is_empty() {
+            continue;
+        }
+        let positions: Vec<Vec3> =
+            model.positions.as_chunks().0.iter().copied().map(Vec3::from_array).collect();
+        let material =
+            model.material_id.filter(|&material| material < materials.len()).unwrap_or(materials.len());
+        mesh.add_part(name, triangles, &positions, material).ok_or_else(too_large)?;
+    }
+    Ok(mesh)
+}
+
+/// The lines that say where triangles are, with nothing on them but that.
+///
+/// Texture coordinates and normals go because vertices would be split where they differ, and vertex colours
+/// because they would have to be complete.
+fn positions_and_faces(text: &str) -> String {
+    let mut kept = String::with_capacity(text.len());
+    // A backslash at the end of a line continues it.
+    let joined = text.replace("\\\r\n", " ").replace("\\\n", " ");
+    for line in joined.lines().map(str::trim) {
+        let mut words = line.split_whitespace();
+        match words.next() {
+            Some("v") if words.clone().count() > 4 => push_words(&mut kept, "v", words.take(3)),
+            Some("f") => {
+                push_words(&mut kept, "f", words.map(|word| word.split('/').next().unwrap_or_default()));
+            }
+            Some("v" | "o" | "g" | "usemtl" | "mtllib") => push_words(&mut kept, line, []),
+            _ => {}
+        }
+    }
+    kept
+}
+
+/// The names and diffuse colours of a material library; `tobj` takes incomplete colours badly.
+fn diffuse_colors(text: &str) -> String {
+    let mut kept = String::new();
+    for line in text.lines().map(str::trim) {
+        let mut words = line.split_whitespace();
+        match words.next() {
+            Some("newmtl") => push_words(&mut kept, line, []),
+            Some("Kd")
+                if words.clone().count() >= 3 && words.clone().all(|word| word.parse::<f32>().is_ok()) =>
+            {
+                push_words(&mut kept, "Kd", words.take(3));
+            }
+            _ => {}
+        }
+    }
+    kept
+}
+
+fn push_words<'a>(out: &mut String, first: &str, others: impl IntoIterator<Item = &'a str>) {
+    out.push_str(first);
+    for word in others {
+        out.push(' ');
+        out.push_str(word);
+    }
+    out.push('\n');
+}

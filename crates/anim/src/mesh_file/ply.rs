@@ -1,0 +1,183 @@
+//! PLY through `ply-rs-bw`, the maintained fork of `ply-rs`: its allocations grow with what it reads, not with
+//! what a header promises.
+
+use std::path::Path;
+
+use glam::{DVec3, Vec3};
+use ply_rs_bw::parser::{ParseError, Parser, Reader};
+use ply_rs_bw::ply::{
+    ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType,
+};
+
+use super::{Mesh, too_large};
+use crate::Material;
+use crate::error::Problem;
+
+struct Vertex(DVec3);
+
+impl PropertyAccess for Vertex {
+    fn new() -> Self {
+        Self(DVec3::ZERO)
+    }
+
+    fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
+        let slot = match name {
+            "x" => &mut self.0.x,
+            "y" => &mut self.0.y,
+            "z" => &mut self.0.z,
+            _ => return PropertyAccessResult::Ignored,
+        };
+        *slot = match value {
+            Property::Char(value) => f64::from(value),
+            Property::UChar(value) => f64::from(value),
+            Property::Short(value) => f64::from(value),
+            Property::UShort(value) => f64::from(value),
+            Property::Int(value) => f64::from(value),
+            Property::UInt(value) => f64::from(value),
+            Property::Float(value) => f64::from(value),
+            Property::Double(value) => value,
+            _ => return PropertyAccessResult::UnsupportedType,
+        };
+        PropertyAccessResult::Set
+    }
+}
+
+/// The corners of a polygon.
+#[derive(Default)]
+struct Face(Vec<u32>);
+
+impl PropertyAccess for Face {
+    fn new() -> Self {
+        Self::default()
+    }
+
+    fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
+        if !is_corner_list(name) {
+            return PropertyAccessResult::Ignored;
+        }
+        // A list of floats, or with a negative number.
+        let Some(corners) = value.to_u32_list() else { return PropertyAccessResult::UnsupportedType };
+        self.0 = corners;
+        PropertyAccessResult::Set
+    }
+}
+
+fn is_corner_list(property: &str) -> bool {
+    matches!(property, "vertex_indices" | "vertex_index")
+}
+
+/// An element that is of no interest, but must be read to get behind it.
+struct Skipped;
+
+impl PropertyAccess for Skipped {
+    fn new() -> Self {
+        Self
+    }
+}
+
+pub(super) fn read(bytes: &[u8], file: &Path) -> Result<Mesh, Problem> {
+    let mut reader = Reader::new(bytes);
+    let header = Parser::<Skipped>::new()
+        .read_header(&mut reader)
+        .map_err(|error| Problem::from_parser("header", &error, "a PLY header"))?;
+    check_header(&header)?;
+
+    let mut positions = Vec::new();
+    let mut faces: Vec<Face> = Vec::new();
+    for (name, element) in &header.elements {
+        check_size(element, &header, reader.get_ref().len())?;
+        let failed =
+            |error: ParseError| Problem::from_parser(name, &error, "the elements that the header declares");
+        match name.as_str() {
+            "vertex" => {
+                let vertices =
+                    Parser::<Vertex>::new().read_payload_for_element(&mut reader, element, &header);
+                positions = vertices
+                    .map_err(failed)?
+                    .into_iter()
+                    .map(|vertex| vertex.0.as_vec3())
+                    .collect::<Vec<Vec3>>();
+            }
+            "face" => {
+                faces = Parser::<Face>::new()
+                    .read_payload_for_element(&mut reader, element, &header)
+                    .map_err(failed)?;
+            }
+            // Without properties, in a binary file, it takes no bytes, and any number of them can be declared.
+            _ if element.properties.is_empty() && header.encoding != Encoding::Ascii => {}
+            _ => {
+                Parser::<Skipped>::new()
+                    .read_payload_for_element(&mut reader, element, &header)
+                    .map_err(failed)?;
+            }
+        }
+    }
+    let triangles = fans(&faces, positions.len())?;
+    let name = file.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+    let mut mesh = Mesh::with_materials(vec![Material::default()]);
+    mesh.add_part(name, &triangles, &positions, 0).ok_or_else(too_large)?;
+    Ok(mesh)
+}
+
+fn check_header(header: &Header) -> Result<(), Problem> {
+    let element = |name: &str| {
+        header.elements.get(name).ok_or_else(|| Problem::new("header", format!("no element {name}"), "one"))
+    };
+    let vertex = element("vertex")?;
+    if let Some(missing) = ["x", "y", "z"].into_iter().find(|&axis| !vertex.properties.contains_key(axis)) {
+        return Err(Problem::new("header, element vertex", format!("no property {missing}"), "x, y and z"));
+    }
+    if !element("face")?.properties.keys().any(|property| is_corner_list(property)) {
+        let expected = "vertex_indices or vertex_index";
+        return Err(Problem::new("header, element face", "no list of vertices", expected));
+    }
+    Ok(())
+}
+
+/// Holds the declared number of elements against the bytes that are left, before anything is read.
+fn check_size(element: &ElementDef, header: &Header, left: usize) -> Result<(), Problem> {
+    let smallest: usize = match header.encoding {
+        // A digit each and what parts it from the next.
+        Encoding::Ascii => (2 * element.properties.len()).max(1),
+        _ => element.properties.values().map(|property| smallest_size(&property.data_type)).sum(),
+    };
+    // The last line needs no end.
+    if element.count.saturating_mul(smallest) > left.saturating_add(1) {
+        let found = format!("{} elements declared, but {left} bytes left in the file", element.count);
+        let expected = format!("at least {smallest} bytes for each");
+        return Err(Problem::new(format!("element {}", element.name), found, expected));
+    }
+    Ok(())
+}
+
+fn smallest_size(data_type: &PropertyType) -> usize {
+    // An empty list is nothing but its length.
+    match data_type {
+        PropertyType::Scalar(scalar) | PropertyType::List(scalar, _) => match scalar {
+            ScalarType::Char | ScalarType::UChar => 1,
+            ScalarType::Short | ScalarType::UShort => 2,
+            ScalarType::Int | ScalarType::UInt | ScalarType::Float => 4,
+            ScalarType::Double => 8,
+        },
+    }
+}
+
+/// Polygons as fans around their first corner.
+fn fans(faces: &[Face], vertex_count: usize) -> Result<Vec<[u32; 3]>, Problem> {
+    let mut triangles = Vec::with_capacity(faces.len());
+    for (number, Face(corners)) in faces.iter().enumerate() {
+        let place = || format!("face {number}");
+        if let Some(corner) = corners.iter().find(|&&corner| corner as usize >= vertex_count) {
+            return Err(Problem::new(
+                place(),
+                format!("vertex {corner}"),
+                format!("one below {vertex_count}"),
+            ));
+        }
+        if corners.len() < 3 {
+            return Err(Problem::new(place(), format!("{} corners", corners.len()), "at least 3"));
+        }
+        triangles.extend(corners[1..].windows(2).map(|edge| [corners[0], edge[0], edge[1]]));
+    }
+    Ok(triangles)
+}
