@@ -300,6 +300,12 @@ impl Bvh {
         self.sum_still_area();
     }
 
+    /// Sum of half area times [`Node::weight`] over all nodes that stand still: their part of the SAH cost.
+    #[must_use]
+    pub fn still_area(&self) -> f64 {
+        self.still_area
+    }
+
     fn sum_still_area(&mut self) {
         let still = |n: &&Node| !n.moves() && n.weight() > 0.0;
         let mut sum = 0.0;

@@ -48,8 +48,8 @@ impl Node {
     /// In debug builds, if `first` exceeds 30 bits or `count` exceeds [`MAX_LEAF_SIZE`].
     #[must_use]
     #[inline]
-    pub fn leaf(aabb: Aabb, first: u32, count: u32) -> Self {
-        debug_assert!(first <= INDEX && count <= MAX_LEAF_SIZE, "leaf {first} + {count} out of range");
+    pub const fn leaf(aabb: Aabb, first: u32, count: u32) -> Self {
+        debug_assert!(first <= INDEX && count <= MAX_LEAF_SIZE, "leaf out of range");
         Self { min: aabb.min, link: LEAF | MOVES | first & INDEX, max: aabb.max, aux: count << 8 }
     }
 

@@ -106,54 +106,191 @@ pub fn best(changes: [f32; 6]) -> Option<Rotation> {
     least.1
 }
 
-/// The changes of all rotations at the inner node whose children are `nodes[pair]` and `nodes[pair + 1]`.
+/// Node slots of a tree, read and written whole: a slice, or an arena that threads share.
+pub trait Slots {
+    /// The node in slot `n`.
+    fn get(&self, n: usize) -> Node;
+    /// Stores a node into slot `n`.
+    fn set(&mut self, n: usize, node: Node);
+}
+
+impl Slots for [Node] {
+    #[inline]
+    fn get(&self, n: usize) -> Node {
+        self[n]
+    }
+
+    #[inline]
+    fn set(&mut self, n: usize, node: Node) {
+        self[n] = node;
+    }
+}
+
+/// The changes of all rotations at the inner node whose children are in slots `pair` and `pair + 1`.
 #[must_use]
-pub fn area_changes_at(nodes: &[Node], pair: usize) -> [f32; 6] {
-    let (l, r) = (nodes[pair], nodes[pair + 1]);
-    let below = |n: Node| (!n.is_leaf()).then(|| [nodes[n.first()].aabb(), nodes[n.first() + 1].aabb()]);
+#[inline]
+pub fn area_changes_at<S: Slots + ?Sized>(nodes: &S, pair: usize) -> [f32; 6] {
+    let (l, r) = (nodes.get(pair), nodes.get(pair + 1));
+    let below = |n: Node| (!n.is_leaf()).then(|| [0, 1].map(|i| nodes.get(n.first() + i).aabb()));
     area_changes(l.aabb(), r.aabb(), below(l), below(r))
 }
 
-/// Rotates at the inner node N whose children are `nodes[pair]` and `nodes[pair + 1]`: one swap of two node
-/// slots, and new boxes, heights and moving bits for the children that got a new child. The caller refits N
-/// itself, whose height may have changed.
+/// Rotates at the inner node N whose children are in slots `pair` and `pair + 1`: one swap of two slots, and
+/// new boxes, heights and moving bits for the children that got a new child. The caller refits N itself, whose
+/// height may have changed.
 ///
-/// `depth` is N's own depth. Refuses, changes nothing and returns `false` if the tree would become higher
-/// than [`MAX_HEIGHT`], or if a swapped node does not exist because L or R is a leaf.
-pub fn rotate(nodes: &mut [Node], pair: usize, rotation: Rotation, depth: u32) -> bool {
-    let swap = SWAPS[rotation as usize];
-    let slot = |place| match place {
+/// `depth` is N's own depth. Gives by how much the sum of half areas of nodes that stand still grew
+/// ([`Parts::still_area`](crate::Parts)); `None`, with nothing changed, if the tree would become higher than
+/// [`MAX_HEIGHT`], or if a swapped node does not exist because L or R is a leaf.
+pub fn rotate<S: Slots + ?Sized>(nodes: &mut S, pair: usize, rotation: Rotation, depth: u32) -> Option<f64> {
+    let slot = |nodes: &S, place| match place {
         L => Some(pair),
         R => Some(pair + 1),
         Ll | Lr | Rl | Rr => {
-            let parent = nodes[pair + usize::from(matches!(place, Rl | Rr))];
+            let parent = nodes.get(pair + usize::from(matches!(place, Rl | Rr)));
             let second = usize::from(matches!(place, Lr | Rr));
             (!parent.is_leaf()).then(|| parent.first() + second)
         }
     };
-    let (Some(a), Some(b)) = (slot(swap.0), slot(swap.1)) else {
-        return false;
+    let swap = SWAPS[rotation as usize];
+    let (a, b) = (slot(nodes, swap.0)?, slot(nodes, swap.1)?);
+    let touched = match rotation {
+        Rotation::LForRl | Rotation::LForRr => pair + 1..pair + 2,
+        Rotation::RForLl | Rotation::RForLr => pair..pair + 1,
+        Rotation::LlForRl | Rotation::LlForRr => pair..pair + 2,
     };
-    // Refitting a child needs its slot after the swap: a child that changes places takes no part in it.
-    let touched: &[usize] = match rotation {
-        Rotation::LForRl | Rotation::LForRr => &[1],
-        Rotation::RForLl | Rotation::RForLr => &[0],
-        Rotation::LlForRl | Rotation::LlForRr => &[0, 1],
+    let still = |nodes: &S| {
+        let still = touched.clone().map(|n| nodes.get(n)).filter(|n| !n.moves());
+        still.map(|n| n.aabb().half_area_f64() * n.weight()).sum::<f64>()
     };
-    nodes.swap(a, b);
-    let refit = |nodes: &mut [Node]| {
-        for &child in touched {
-            let first = nodes[pair + child].first();
-            let (l, r) = (nodes[first], nodes[first + 1]);
-            nodes[pair + child].refit(&l, &r);
+    let swap_and_refit = |nodes: &mut S| {
+        let (at_a, at_b) = (nodes.get(a), nodes.get(b));
+        nodes.set(a, at_b);
+        nodes.set(b, at_a);
+        for n in touched.clone() {
+            let mut child = nodes.get(n);
+            child.refit(&nodes.get(child.first()), &nodes.get(child.first() + 1));
+            nodes.set(n, child);
         }
     };
-    refit(nodes);
-    let height = 1 + nodes[pair].height().max(nodes[pair + 1].height());
-    let fits = depth + height <= MAX_HEIGHT;
-    if !fits {
-        nodes.swap(a, b);
-        refit(nodes);
+    let before = still(nodes);
+    swap_and_refit(nodes);
+    let height = 1 + nodes.get(pair).height().max(nodes.get(pair + 1).height());
+    if depth + height > MAX_HEIGHT {
+        swap_and_refit(nodes);
+        return None;
     }
-    fits
+    Some(still(nodes) - before)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Bvh, Vec3, sah_cost};
+    use proptest::prelude::*;
+
+    /// N with four grandchildren around the given points.
+    fn four(points: [[f32; 3]; 4]) -> Bvh {
+        let boxes = points.map(|p| Aabb::new(Vec3::from(p), Vec3::from(p) + 1.0));
+        let inner = |i: usize, left| Node::inner(boxes[i].union(boxes[i + 1]), left);
+        let leaf = |i: usize| Node::leaf(boxes[i], i as u32, 1);
+        let (l, r) = (inner(0, 4), inner(2, 6));
+        let root = Node::inner(l.aabb().union(r.aabb()), 2);
+        let nodes = [root, Node::NOTHING, l, r, leaf(0), leaf(1), leaf(2), leaf(3)];
+        Bvh::new(&nodes, (0..4).collect()).expect("valid")
+    }
+
+    fn rotated(bvh: &Bvh, rotation: Rotation) -> Bvh {
+        let mut nodes = bvh.nodes().to_vec();
+        assert_eq!(rotate(nodes.as_mut_slice(), 2, rotation, 0), Some(0.0));
+        let (l, r) = (nodes[2], nodes[3]);
+        nodes[0].refit(&l, &r);
+        Bvh::new(&nodes, bvh.order().to_vec()).expect("still a tree")
+    }
+
+    fn leaves_below(bvh: &Bvh, n: usize) -> Vec<u32> {
+        let mut all = Vec::new();
+        let mut todo = vec![n];
+        while let Some(n) = todo.pop() {
+            let node = &bvh.nodes()[n];
+            all.extend(bvh.primitives(node));
+            if !node.is_leaf() {
+                todo.extend([node.first(), node.first() + 1]);
+            }
+        }
+        all.sort_unstable();
+        all
+    }
+
+    #[test]
+    fn each_rotation_swaps_what_its_name_says() {
+        let bvh = four([[0.0; 3], [2.0; 3], [4.0; 3], [6.0; 3]]);
+        let after = |r| {
+            let t = rotated(&bvh, r);
+            [leaves_below(&t, 2), leaves_below(&t, 3)]
+        };
+        assert_eq!(after(Rotation::LForRl), [vec![2], vec![0, 1, 3]]);
+        assert_eq!(after(Rotation::LForRr), [vec![3], vec![0, 1, 2]]);
+        assert_eq!(after(Rotation::RForLl), [vec![1, 2, 3], vec![0]]);
+        assert_eq!(after(Rotation::RForLr), [vec![0, 2, 3], vec![1]]);
+        assert_eq!(after(Rotation::LlForRl), [vec![1, 2], vec![0, 3]]);
+        assert_eq!(after(Rotation::LlForRr), [vec![1, 3], vec![0, 2]]);
+    }
+
+    #[test]
+    fn the_first_of_equal_gains_is_taken_and_nan_never() {
+        assert_eq!(best([0.0; 6]), None);
+        assert_eq!(best([f32::NAN; 6]), None);
+        assert_eq!(best([1.0, -1.0, f32::NAN, -1.0, -0.5, -0.0]), Some(Rotation::LForRr));
+    }
+
+    #[test]
+    fn a_rotation_beyond_the_height_bound_or_into_a_leaf_changes_nothing() {
+        let bvh = four([[0.0; 3], [2.0; 3], [4.0; 3], [6.0; 3]]);
+        let mut nodes = bvh.nodes().to_vec();
+        assert_eq!(rotate(nodes.as_mut_slice(), 2, Rotation::LForRl, MAX_HEIGHT - 2), None);
+        assert_eq!(rotate(nodes.as_mut_slice(), 4, Rotation::LForRl, 1), None);
+        assert_eq!(nodes, bvh.nodes());
+        assert_eq!(rotate(nodes.as_mut_slice(), 2, Rotation::LForRl, MAX_HEIGHT - 3), Some(0.0));
+    }
+
+    #[test]
+    fn what_a_rotation_brings_to_rest_is_told() {
+        let mut bvh = four([[0.0; 3], [2.0; 3], [4.0; 3], [6.0; 3]]);
+        bvh.set_moving(|p| p == 0);
+        let mut nodes = bvh.nodes().to_vec();
+        // R = (2, 3) stood still and becomes (0, 3), which moves; L = (0, 1) becomes (2, 1), which does not.
+        let before = nodes[3].aabb().half_area_f64();
+        let grown = rotate(nodes.as_mut_slice(), 2, Rotation::LlForRl, 0);
+        assert_eq!(grown, Some(nodes[2].aabb().half_area_f64() - before));
+        assert!(!nodes[2].moves() && nodes[3].moves());
+    }
+
+    proptest! {
+        #[test]
+        fn the_claimed_change_is_that_of_the_recomputed_cost(
+            points in prop::array::uniform4(prop::array::uniform3(-10.0f32..10.0))
+        ) {
+            let bvh = four(points);
+            let root = bvh.root().aabb().half_area_f64();
+            let claimed = area_changes_at(bvh.nodes(), 2);
+            for (claimed, rotation) in claimed.into_iter().zip(Rotation::ALL) {
+                let real = (sah_cost(&rotated(&bvh, rotation)) - sah_cost(&bvh)) * root;
+                prop_assert!((real - f64::from(claimed)).abs() <= 1e-5 * root, "{claimed} for {real}");
+            }
+        }
+
+        #[test]
+        fn going_there_and_back_cancels_exactly(
+            points in prop::array::uniform4(prop::array::uniform3(-10.0f32..10.0))
+        ) {
+            // LL <-> RL and LL <-> RR undo themselves, so no still scene can flip-flop.
+            let bvh = four(points);
+            for rotation in [Rotation::LlForRl, Rotation::LlForRr] {
+                let there = area_changes_at(bvh.nodes(), 2)[rotation as usize];
+                let back = area_changes_at(rotated(&bvh, rotation).nodes(), 2)[rotation as usize];
+                prop_assert_eq!(there, -back);
+            }
+        }
+    }
 }

@@ -1,1 +1,26 @@
-//! x
+//! Keeps a bounding volume hierarchy good while its primitives move.
+//!
+//! The centre of this crate is one pass over the tree that *refits* every box to the primitives' new positions
+//! and *rotates* at every node on the way up (Kopta, Ize, Spjut, Brunvand, Davis, Kensler: *Fast, Effective BVH
+//! Updates for Dynamic Ray-Traced Scenes Using Tree Rotations*, I3D 2012). Around it stand the updates that it is
+//! measured against: refitting alone, and rebuilding every frame.
+//!
+//! [`update`] does what a [`Strategy`] says and tells what it did. Subtrees without moving primitives
+//! ([`Bvh::set_moving`](bvh_core::Bvh::set_moving)) are not visited. The tree that results depends on the tree
+//! before and the primitives alone: not on the number of threads (the pass runs in the current rayon pool) and
+//! not on the SIMD level.
+#![deny(unsafe_code)]
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+mod block;
+mod kernels;
+mod pass;
+pub mod plain;
+mod portable;
+mod raw;
+mod strategy;
+
+pub use bvh_build::{BuildError, BuildOptions, Builder};
+pub use pass::Scratch;
+pub use strategy::{Strategy, Update, UpdateError, update};

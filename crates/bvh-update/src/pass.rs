@@ -1,0 +1,132 @@
+//! One pass over a whole tree: a block at the top, and below it subtrees that threads share out.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use bvh_core::{Bvh, InOrder, Primitives, SimdLevel};
+use rayon::prelude::*;
+
+use crate::block::{Block, NESTED, Roots, Tally, Task, fit_leaf, process};
+use crate::raw::{self, Available};
+
+/// Queued pairs of the top block: enough subtrees below it for many threads.
+const TOP_PAIRS: usize = 2048;
+
+/// Subtrees that a thread takes at a time.
+const TOP_ROOTS: usize = 16;
+
+/// Memory that updates keep from frame to frame: well below 1 MiB a thread, whatever the size of the tree. It has
+/// no influence on results.
+pub struct Scratch {
+    level: Available,
+    top: Block,
+    workers: Vec<Worker>,
+    tallies: Vec<Tally>,
+}
+
+struct Worker {
+    blocks: Vec<Block>,
+    done: Vec<(usize, Tally)>,
+}
+
+impl Scratch {
+    /// Scratch memory for the best SIMD level of this machine.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::with_level(SimdLevel::best())
+    }
+
+    /// Scratch memory for `level`, or the best below it that the machine has.
+    #[must_use]
+    pub fn with_level(level: SimdLevel) -> Self {
+        let level = Available::at_most(level);
+        Self { level, top: Block::default(), workers: Vec::new(), tallies: Vec::new() }
+    }
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Refits what moves; with `rotations`, rotates at every node on the way up. The caller has checked that there are
+/// as many primitives as the tree holds.
+pub(crate) fn pass<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    rotations: bool,
+    scratch: &mut Scratch,
+) -> Tally {
+    let in_order = bvh.is_in_order();
+    let parts = raw::parts(bvh);
+    let nodes = raw::share(parts.nodes);
+    let level = scratch.level;
+    let tally = if in_order {
+        run(&Task { nodes, primitives, rotations, level }, scratch)
+    } else {
+        let primitives = &InOrder { primitives, order: parts.order };
+        run(&Task { nodes, primitives, rotations, level }, scratch)
+    };
+    *parts.still_area += tally.still_area;
+    tally
+}
+
+fn run<P: Primitives + ?Sized>(task: &Task<'_, P>, scratch: &mut Scratch) -> Tally {
+    let mut tally = Tally::default();
+    let root = task.nodes.get(0);
+    if !root.moves() {
+        return tally;
+    }
+    let Scratch { top, workers, tallies, .. } = scratch;
+    if root.is_leaf() {
+        fit_leaf(task, 0, root.first(), &mut tally);
+        tally.leaves = 1;
+        return tally;
+    }
+    let roots = Roots { parents: &[0], pairs: &[root.first() as u32], depths: &[0] };
+    top.gather(task.nodes, roots, TOP_PAIRS);
+    top.fit_leaves(task, &mut tally);
+    let chunks = top.frontier().chunks(TOP_ROOTS).len();
+    tallies.clear();
+    tallies.resize(chunks, Tally::default());
+    subtrees(task, top.frontier(), workers, tallies);
+    // In the order of the subtrees, whoever worked on them: sums of floats depend on it.
+    tallies.iter().for_each(|t| tally.add(t));
+    top.ascend(task, &mut tally);
+    tally
+}
+
+/// Processes the subtrees below `roots`, some at a time on each thread of the pool.
+fn subtrees<P: Primitives + ?Sized>(
+    task: &Task<'_, P>,
+    roots: Roots<'_>,
+    workers: &mut Vec<Worker>,
+    tallies: &mut [Tally],
+) {
+    let threads = rayon::current_num_threads().min(tallies.len());
+    while workers.len() < threads {
+        let blocks = std::iter::repeat_with(Block::default).take(NESTED).collect();
+        workers.push(Worker { blocks, done: Vec::new() });
+    }
+    let next = AtomicUsize::new(0);
+    let chunks = tallies.len();
+    let work = |worker: &mut Worker| {
+        worker.done.clear();
+        worker.done.reserve(chunks);
+        loop {
+            let i = next.fetch_add(1, Ordering::Relaxed);
+            let Some(chunk) = roots.chunks(TOP_ROOTS).nth(i) else { break };
+            let mut tally = Tally::default();
+            process(task, chunk, &mut worker.blocks, &mut tally);
+            worker.done.push((i, tally));
+        }
+    };
+    match threads {
+        0 => {}
+        1 => work(&mut workers[0]),
+        _ => workers[..threads].par_iter_mut().with_max_len(1).for_each(work),
+    }
+    for worker in &workers[..threads] {
+        worker.done.iter().for_each(|&(i, tally)| tallies[i] = tally);
+    }
+}

@@ -1,0 +1,67 @@
+//! The paper's update as a recursion, straight from section 2: what the fast pass is checked against.
+//!
+//! ```text
+//! update(N):                                 if N is a leaf: fit its box to its primitives
+//!     update(L); update(R)                   otherwise, in post-order
+//!     rotate at N with the best of the six   if that lowers the SAH cost (and rotations are wanted)
+//!     refit N from L and R
+//! ```
+//!
+//! The paper refits N first and then rotates; N's box is the same either way, and its height is known last.
+
+use bvh_core::rotation::{area_changes_at, best, rotate};
+use bvh_core::{Aabb, Bvh, Node, Primitives};
+
+use crate::raw;
+
+/// Refits every box above primitives that move; with `rotations`, also rotates at every such node. Gives the
+/// rotations applied, by kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
+///
+/// One thread, O(n).
+///
+/// # Panics
+/// If the tree is over more primitives than given.
+pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotations: bool) -> [u64; 6] {
+    let parts = raw::parts(bvh);
+    let (nodes, order) = (parts.nodes, parts.order);
+    let mut walk = Walk { nodes, order, primitives, rotations, applied: [0; 6], still_area: 0.0 };
+    walk.node(0, 0);
+    *parts.still_area += walk.still_area;
+    walk.applied
+}
+
+struct Walk<'a, P: ?Sized> {
+    nodes: &'a mut [Node],
+    order: &'a [u32],
+    primitives: &'a P,
+    rotations: bool,
+    applied: [u64; 6],
+    still_area: f64,
+}
+
+impl<P: Primitives + ?Sized> Walk<'_, P> {
+    fn node(&mut self, n: usize, depth: u32) {
+        let node = self.nodes[n];
+        if !node.moves() {
+            return;
+        }
+        let first = node.first();
+        if node.is_leaf() {
+            let slots = &self.order[first..first + node.count()];
+            let boxes = slots.iter().map(|&p| self.primitives.aabb(p as usize));
+            self.nodes[n].set_aabb(boxes.fold(Aabb::EMPTY, Aabb::union));
+            return;
+        }
+        self.node(first, depth + 1);
+        self.node(first + 1, depth + 1);
+        if self.rotations
+            && let Some(rotation) = best(area_changes_at(self.nodes, first))
+            && let Some(still_area) = rotate(self.nodes, first, rotation, depth)
+        {
+            self.applied[rotation as usize] += 1;
+            self.still_area += still_area;
+        }
+        let (l, r) = (self.nodes[first], self.nodes[first + 1]);
+        self.nodes[n].refit(&l, &r);
+    }
+}

@@ -1,0 +1,158 @@
+//! The unsafe parts: a node arena that tasks on several threads share, and the calls into AVX2 code.
+
+use std::marker::PhantomData;
+
+use bvh_core::rotation::Slots;
+use bvh_core::{Bvh, Node, Parts, SimdLevel};
+
+/// The nodes of one tree, read and written by tasks that keep to disjoint sets of them.
+#[derive(Clone, Copy)]
+pub(crate) struct SharedNodes<'a> {
+    start: *mut Node,
+    len: usize,
+    nodes: PhantomData<&'a mut [Node]>,
+}
+
+// SAFETY: a `SharedNodes` gives access to nodes by value only, and whoever makes one promises that no node is
+// touched by two threads without synchronisation between; `Node` is plain data.
+#[expect(unsafe_code, reason = "lets tasks share the arena")]
+unsafe impl Send for SharedNodes<'_> {}
+// SAFETY: as above.
+#[expect(unsafe_code, reason = "lets tasks share the arena")]
+unsafe impl Sync for SharedNodes<'_> {}
+
+impl<'a> SharedNodes<'a> {
+    /// # Safety
+    /// While this and its copies live, no node may be written by one thread and read or written by another,
+    /// unless something between orders the two.
+    #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
+    pub(crate) unsafe fn new(nodes: &'a mut [Node]) -> Self {
+        Self { start: nodes.as_mut_ptr(), len: nodes.len(), nodes: PhantomData }
+    }
+
+    /// The node in slot `n`.
+    #[inline(always)]
+    pub(crate) fn get(&self, n: usize) -> Node {
+        assert!(n < self.len, "node {n} of {}", self.len);
+        // SAFETY: in range by the assertion; valid and not written elsewhere by the promise to `new`.
+        #[expect(unsafe_code, reason = "reads the shared arena")]
+        unsafe {
+            self.start.add(n).read()
+        }
+    }
+
+    /// The nodes in slots `n` and `n + 1`.
+    #[inline(always)]
+    pub(crate) fn pair(&self, n: usize) -> [Node; 2] {
+        [self.get(n), self.get(n + 1)]
+    }
+
+    /// The children of `node`, or `missing` if it is a leaf, without a branch on which it is.
+    #[inline(always)]
+    pub(crate) fn children_or(&self, node: &Node, missing: &[Node; 2]) -> [Node; 2] {
+        let n = if node.is_leaf() { 0 } else { node.first() };
+        assert!(n + 1 < self.len, "pair {n} of {}", self.len);
+        // SAFETY: `n` and `n + 1` are in range by the assertion; `missing` is a live pair; what is read of the
+        // arena is valid and not written elsewhere by the promise to `new`. The root's pair, which stands in
+        // for a leaf's children, is pointed to but not read.
+        #[expect(unsafe_code, reason = "reads the shared arena")]
+        unsafe {
+            let children = self.start.add(n).cast_const().cast();
+            let from: *const [Node; 2] = if node.is_leaf() { missing } else { children };
+            from.read()
+        }
+    }
+
+    /// Stores a whole node into slot `n`.
+    #[inline(always)]
+    pub(crate) fn set(&self, n: usize, node: Node) {
+        assert!(n < self.len, "node {n} of {}", self.len);
+        // SAFETY: in range by the assertion; not read or written elsewhere by the promise to `new`.
+        #[expect(unsafe_code, reason = "writes the shared arena")]
+        unsafe {
+            self.start.add(n).write(node);
+        }
+    }
+
+    /// Brings the pair that starts at slot `n` into the cache. Any `n` will do.
+    #[inline(always)]
+    pub(crate) fn prefetch(&self, n: usize) {
+        #[cfg(target_arch = "x86_64")]
+        #[expect(unsafe_code, reason = "prefetching needs a pointer")]
+        // SAFETY: prefetching reads nothing architecturally, whatever the address, and `wrapping_add` makes no
+        // claim about it. SSE is part of x86-64.
+        unsafe {
+            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+            _mm_prefetch::<_MM_HINT_T0>(self.start.wrapping_add(n).cast());
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = n;
+    }
+}
+
+/// Shares the nodes of one tree between the tasks of one pass.
+pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
+    // SAFETY: The nodes are borrowed for as long as the result lives. The pass processes the top block on one
+    // thread before its tasks start and after all have ended; a task touches only the nodes below its roots; and
+    // as every pair of a valid tree has one parent, and no root is below another, tasks share no node.
+    #[expect(unsafe_code, reason = "shares the arena between tasks")]
+    unsafe {
+        SharedNodes::new(nodes)
+    }
+}
+
+/// The parts of a tree, for a pass that keeps its structure valid.
+pub(crate) fn parts(bvh: &mut Bvh) -> Parts<'_> {
+    // SAFETY: the pass writes boxes, and structure only by `kernels::apply`, which swaps two slots and refits
+    // heights and moving bits on the way up, as the plain pass does.
+    #[expect(unsafe_code, reason = "promises to leave a valid tree")]
+    unsafe {
+        bvh.parts_mut()
+    }
+}
+
+impl Slots for SharedNodes<'_> {
+    #[inline(always)]
+    fn get(&self, n: usize) -> Node {
+        Self::get(self, n)
+    }
+
+    #[inline(always)]
+    fn set(&mut self, n: usize, node: Node) {
+        Self::set(self, n, node);
+    }
+}
+
+/// A SIMD level that this machine has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Available(SimdLevel);
+
+impl Available {
+    /// `level`, or the best there is below it.
+    pub(crate) fn at_most(level: SimdLevel) -> Self {
+        Self(level.min(SimdLevel::best()))
+    }
+
+    /// Whether AVX2 code may run.
+    #[inline]
+    pub(crate) fn avx2(self) -> bool {
+        self.0 >= SimdLevel::Avx2
+    }
+}
+
+/// Calls `avx2::$name` where the [`Available`] level allows it, else `portable::$name`.
+macro_rules! dispatch {
+    ($level:expr, $name:ident($($argument:expr),* $(,)?)) => {{
+        #[cfg(target_arch = "x86_64")]
+        if $level.avx2() {
+            // SAFETY: an `Available` level is one that the machine has.
+            #[expect(unsafe_code, reason = "calls code compiled for AVX2")]
+            unsafe { $crate::avx2::$name($($argument),*) }
+        } else {
+            $crate::portable::$name($($argument),*)
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        $crate::portable::$name($($argument),*)
+    }};
+}
+pub(crate) use dispatch;

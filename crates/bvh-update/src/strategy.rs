@@ -1,0 +1,135 @@
+//! The strategies: named ways to bring a tree up to date with primitives that have moved.
+
+use bvh_build::{BuildError, BuildOptions, Builder, build};
+use bvh_core::{Bvh, Primitives, sah_cost};
+use thiserror::Error;
+
+use crate::pass::{Scratch, pass};
+
+/// What to do with a tree between two frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Strategy {
+    /// Recompute all boxes, structure fixed (Wald, Boulos, Shirley 2007).
+    Refit,
+    /// Refit and rotate in one pass (Kopta et al. 2012).
+    RefitRotate,
+    /// Build a new tree: each primitive counts as moving afterwards.
+    Rebuild(Builder, BuildOptions),
+}
+
+impl Strategy {
+    /// All strategies, with their defaults.
+    #[must_use]
+    pub fn all() -> [Self; 5] {
+        let rebuild = |builder| Self::Rebuild(builder, BuildOptions::default());
+        [
+            Self::Refit,
+            Self::RefitRotate,
+            rebuild(Builder::Sweep),
+            rebuild(Builder::Binned),
+            rebuild(Builder::BinnedParallel),
+        ]
+    }
+
+    /// Name as the command line and results have it.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::Refit => "refit",
+            Self::RefitRotate => "refit+rotate",
+            Self::Rebuild(builder, _) => builder.name(),
+        }
+    }
+
+    /// The strategy of that name, with its defaults.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::all().into_iter().find(|s| s.name() == name)
+    }
+}
+
+/// What an update did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Update {
+    /// Whether the whole tree was built anew.
+    pub rebuilt: bool,
+    /// Rotations applied, by kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
+    pub rotations: [u64; 6],
+    /// SAH cost of the tree as it is now, where the update knows it for free: [`sah_cost`], but from `f32` areas.
+    /// `None` after a rebuild.
+    pub sah_cost: Option<f64>,
+    /// Height of the tree as it is now.
+    pub height: u32,
+    /// Nodes whose boxes were recomputed.
+    pub nodes_visited: u64,
+    /// Primitives visited that are dropped at present, for want of finite coordinates.
+    pub dropped: u64,
+}
+
+impl Update {
+    /// Rotations applied, of all kinds.
+    #[must_use]
+    pub fn rotations_applied(&self) -> u64 {
+        self.rotations.iter().sum()
+    }
+}
+
+/// Why a tree was not updated; it is as it was.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[non_exhaustive]
+pub enum UpdateError {
+    /// Another number of primitives than the tree holds: build a new tree.
+    #[error("the tree holds {tree} primitives, but {given} were given")]
+    Count {
+        /// Primitives of the tree.
+        tree: usize,
+        /// Primitives given.
+        given: usize,
+    },
+    /// A rebuild failed.
+    #[error(transparent)]
+    Build(#[from] BuildError),
+}
+
+/// Brings `bvh` up to date with primitives that have moved, as `strategy` says.
+///
+/// Runs in the current rayon pool; the tree that results is the same, bit for bit, for every number of threads and
+/// every SIMD level. Refitting, with or without rotations, takes O(n) time for the n nodes above primitives that
+/// move, and after the first call allocates nothing.
+///
+/// # Errors
+/// If the number of primitives is not that of the tree.
+pub fn update<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    strategy: &Strategy,
+    scratch: &mut Scratch,
+) -> Result<Update, UpdateError> {
+    if primitives.len() != bvh.len() {
+        return Err(UpdateError::Count { tree: bvh.len(), given: primitives.len() });
+    }
+    let rotations = match strategy {
+        Strategy::Refit => false,
+        Strategy::RefitRotate => true,
+        Strategy::Rebuild(builder, options) => {
+            *bvh = build(primitives, *builder, options, Some(std::mem::take(bvh)))?;
+            let nodes_visited = bvh.nodes().len() as u64 - 1;
+            return Ok(Update { rebuilt: true, height: bvh.height(), nodes_visited, ..Update::default() });
+        }
+    };
+    let still_area = bvh.still_area();
+    let tally = pass(bvh, primitives, rotations, scratch);
+    let root = bvh.root();
+    let area = f64::from(root.aabb().half_area());
+    let own = if root.moves() { area * root.weight() } else { 0.0 };
+    let cost = (tally.area + own + still_area + tally.still_area) / area;
+    Ok(Update {
+        rebuilt: false,
+        rotations: tally.rotations,
+        // Areas beyond the range of f32, or a root without area.
+        sah_cost: Some(if cost.is_finite() { cost } else { sah_cost(bvh) }),
+        height: bvh.height(),
+        nodes_visited: tally.leaves + tally.inner,
+        dropped: tally.dropped,
+    })
+}
