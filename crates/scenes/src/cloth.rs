@@ -7,6 +7,8 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::near::Neighbours;
+
 /// What the cloth is made of. Compliances are in length over force, for particles of mass 1.
 pub(crate) struct Fabric {
     pub(crate) stretch: f32,
@@ -60,7 +62,11 @@ impl Cloth {
         let reach = self.fabric.thickness * (1.0 + 0.4 * SEARCH as f32 * 0.5);
         for step in 0..steps {
             if step % SEARCH == 0 {
-                self.neighbours.search(&self.positions, self.side, reach);
+                let side = self.side;
+                // Particles within two grid steps are held apart by the constraints already.
+                self.neighbours.search(&self.positions, reach, |i, j| {
+                    (i / side).abs_diff(j / side) > 2 || (i % side).abs_diff(j % side) > 2
+                });
             }
             let Fabric { gravity, drag, .. } = self.fabric;
             (&mut self.positions, &mut self.before, &mut self.velocities)
@@ -180,79 +186,4 @@ fn hold(x: &mut [Vec3], i: usize, j: usize, rest: f32, give: f32) {
         x[i] += m;
         x[j] -= m;
     }
-}
-
-/// For each particle, those of other folds that are near.
-#[derive(Default)]
-struct Neighbours {
-    start: Vec<u32>,
-    of: Vec<u32>,
-}
-
-impl Neighbours {
-    fn of(&self, i: usize) -> &[u32] {
-        &self.of[self.start[i] as usize..self.start[i + 1] as usize]
-    }
-
-    /// Finds all pairs within `reach`, leaving out those within two grid steps of each other.
-    ///
-    /// Particles are sorted by the hash of their cell of a grid (Teschner et al. 2003).
-    fn search(&mut self, positions: &[Vec3], side: usize, reach: f32) {
-        let buckets = positions.len().next_power_of_two();
-        let cell = |p: Vec3| (p / reach).floor().as_ivec3();
-        let hash = |c: glam::IVec3| {
-            let mixed = (c.x.wrapping_mul(73_856_093))
-                ^ (c.y.wrapping_mul(19_349_663))
-                ^ (c.z.wrapping_mul(83_492_791));
-            mixed as u32 as usize & (buckets - 1)
-        };
-        let mut first = vec![0_u32; buckets + 1];
-        for &p in positions {
-            first[hash(cell(p)) + 1] += 1;
-        }
-        for b in 0..buckets {
-            first[b + 1] += first[b];
-        }
-        let mut next = first.clone();
-        let mut sorted = vec![0_u32; positions.len()];
-        for (i, &p) in positions.iter().enumerate() {
-            let slot = &mut next[hash(cell(p))];
-            sorted[*slot as usize] = i as u32;
-            *slot += 1;
-        }
-        let lists: Vec<Vec<u32>> = (0..positions.len())
-            .into_par_iter()
-            .with_min_len(512)
-            .map(|i| {
-                let (p, row, column) = (positions[i], i / side, i % side);
-                let mut near = Vec::new();
-                let mut seen = [usize::MAX; 27];
-                for (k, bucket) in around(cell(p)).map(hash).enumerate() {
-                    if seen.contains(&bucket) {
-                        continue;
-                    }
-                    seen[k] = bucket;
-                    for &j in &sorted[first[bucket] as usize..first[bucket + 1] as usize] {
-                        let (r, c) = (j as usize / side, j as usize % side);
-                        let adjacent = r.abs_diff(row) <= 2 && c.abs_diff(column) <= 2;
-                        if !adjacent && positions[j as usize].distance_squared(p) < reach * reach {
-                            near.push(j);
-                        }
-                    }
-                }
-                near
-            })
-            .collect();
-        self.start.clear();
-        self.of.clear();
-        self.start.push(0);
-        for list in lists {
-            self.of.extend(list);
-            self.start.push(self.of.len() as u32);
-        }
-    }
-}
-
-fn around(cell: glam::IVec3) -> impl Iterator<Item = glam::IVec3> {
-    (0..27).map(move |k| cell + glam::IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1))
 }

@@ -6,7 +6,7 @@ use glam::{Quat, Vec3};
 use crate::cache::{Record, recorded};
 use crate::cloth::{Cloth, Fabric};
 use crate::key_frames::KeyFrames;
-use crate::shape::{Assembly, Mesh, sphere};
+use crate::shape::{Assembly, Mesh, grid_triangles, sphere};
 use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneInfo, SceneOptions};
 
 const FRAMES: usize = 94;
@@ -88,14 +88,7 @@ fn flat(side: usize, seed: u64) -> Mesh {
             mesh.positions.push(off + Vec3::new(cos * u + sin * v, top, cos * v - sin * u));
         }
     }
-    let at = |row: usize, column: usize| (row * (side + 1) + column) as u32;
-    for row in 0..side {
-        for column in 0..side {
-            let [a, b] = [at(row, column), at(row, column + 1)];
-            let [c, d] = [at(row + 1, column), at(row + 1, column + 1)];
-            mesh.triangles.extend([[a, c, d], [a, d, b]]);
-        }
-    }
+    mesh.triangles = grid_triangles(side);
     mesh
 }
 
@@ -124,7 +117,7 @@ fn simulate(side: usize, keys: usize, substeps: usize, options: &SceneOptions<'_
             most_strain = most_strain.max(most);
         }
         let turned = Quat::from_rotation_y(angle((key * substeps) as f32 * dt));
-        record.floats[0].extend(cloth.positions.iter().flat_map(|p| p.to_array()));
+        record.floats[0].extend(cloth.positions.iter().flat_map(Vec3::to_array));
         record.floats[0].extend(ball.positions.iter().flat_map(|&p| (CENTER + turned * p).to_array()));
     }
     record.measures = vec![

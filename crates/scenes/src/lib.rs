@@ -11,12 +11,21 @@
 mod cache;
 mod cloth;
 mod cloth_ball;
+mod decimate;
+mod dragon;
 mod effects;
+mod exploding_dragon;
+mod fracture;
+mod implicit;
 mod key_frames;
+mod meshing;
 mod n_body;
+mod near;
 mod rigid;
 mod scene;
 mod shape;
+mod shatter;
+mod statue;
 
 pub use effects::{Effects, LightEffects, MotionEffects};
 pub use scene::{Measure, Scene, SceneError, SceneInfo, SceneOptions, list, load};

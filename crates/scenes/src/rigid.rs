@@ -15,6 +15,11 @@ pub(crate) struct Placement {
 }
 
 impl Placement {
+    /// The place of a point of the body.
+    pub(crate) fn of(&self, point: Vec3) -> Vec3 {
+        self.position + self.rotation * point
+    }
+
     /// Straight between positions, along the shorter arc between rotations.
     fn blend(self, to: Self, s: f32) -> Self {
         Self { position: self.position.lerp(to.position, s), rotation: self.rotation.lerp(to.rotation, s) }
@@ -81,8 +86,7 @@ impl Animation for RigidBodies {
             .into_par_iter()
             .with_min_len(8192)
             .for_each(|(p, &local, &body)| {
-                let at = &placed[body as usize];
-                *p = at.position + at.rotation * local;
+                *p = placed[body as usize].of(local);
             });
     }
 }

@@ -81,3 +81,29 @@ pub(crate) fn turned(profile: &[(f32, f32)], around: usize) -> Mesh {
     }
     mesh
 }
+
+/// A horizontal square about the origin with `2 * cells * cells` triangles.
+pub(crate) fn square(side: f32, cells: usize) -> Mesh {
+    let mut mesh = Mesh::default();
+    for row in 0..=cells {
+        for column in 0..=cells {
+            let [x, z] = [column, row].map(|k| side * (k as f32 / cells as f32 - 0.5));
+            mesh.positions.push(Vec3::new(x, 0.0, z));
+        }
+    }
+    mesh.triangles = grid_triangles(cells);
+    mesh
+}
+
+/// The triangles of a square grid of vertices, row after row; up if columns go along x and rows along z.
+pub(crate) fn grid_triangles(cells: usize) -> Vec<[u32; 3]> {
+    let at = |row: usize, column: usize| (row * (cells + 1) + column) as u32;
+    let quads = (0..cells).flat_map(|row| (0..cells).map(move |column| (row, column)));
+    quads
+        .flat_map(|(row, column)| {
+            let [a, b] = [at(row, column), at(row, column + 1)];
+            let [c, d] = [at(row + 1, column), at(row + 1, column + 1)];
+            [[a, c, d], [a, d, b]]
+        })
+        .collect()
+}

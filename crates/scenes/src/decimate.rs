@@ -1,0 +1,213 @@
+//! Simplification by edge collapses in order of quadric error (Garland and Heckbert 1997), which leaves
+//! large triangles where a surface is flat and small ones where it bends, as on simplified scans.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use glam::{DVec3, Vec3};
+
+use crate::shape::Mesh;
+
+/// A sum of squared distances to planes: `p·A·p + 2 b·p + c`, with A symmetric.
+#[derive(Clone, Copy, Default)]
+struct Quadric {
+    /// xx, yy, zz, xy, xz, yz.
+    a: [f64; 6],
+    b: DVec3,
+    c: f64,
+}
+
+impl Quadric {
+    fn plane(normal: DVec3, offset: f64, weight: f64) -> Self {
+        let n = normal;
+        let a = [n.x * n.x, n.y * n.y, n.z * n.z, n.x * n.y, n.x * n.z, n.y * n.z].map(|v| v * weight);
+        Self { a, b: n * (offset * weight), c: offset * offset * weight }
+    }
+
+    fn plus(&self, other: &Self) -> Self {
+        let mut sum = *self;
+        sum.a.iter_mut().zip(other.a).for_each(|(s, o)| *s += o);
+        sum.b += other.b;
+        sum.c += other.c;
+        sum
+    }
+
+    fn error(&self, p: DVec3) -> f64 {
+        let [xx, yy, zz, xy, xz, yz] = self.a;
+        let squares = xx * p.x * p.x + yy * p.y * p.y + zz * p.z * p.z;
+        let products = xy * p.x * p.y + xz * p.x * p.z + yz * p.y * p.z;
+        (squares + 2.0 * (products + self.b.dot(p)) + self.c).max(0.0)
+    }
+}
+
+struct Simplifier {
+    positions: Vec<DVec3>,
+    quadrics: Vec<Quadric>,
+    triangles: Vec<[u32; 3]>,
+    /// Triangles at each vertex, dead ones among them until the vertex is next visited.
+    around: Vec<Vec<u32>>,
+    dead: Vec<bool>,
+    /// Counts the changes of a vertex; an edge queued before its ends changed is out of date.
+    version: Vec<u32>,
+    queue: BinaryHeap<Reverse<Candidate>>,
+}
+
+/// Bits of the error (never negative, so that their order is that of the numbers), the ends, their versions.
+type Candidate = (u32, u32, u32, u32, u32);
+
+/// Collapses edges until at most `target` triangles are left, or no edge can go without folding the surface.
+pub(crate) fn decimate(mesh: &Mesh, target: usize) -> Mesh {
+    let mut s = Simplifier::new(mesh);
+    let mut left = mesh.triangles.len();
+    while left > target {
+        let Some(Reverse((_, a, b, version_a, version_b))) = s.queue.pop() else { break };
+        if (s.version[a as usize], s.version[b as usize]) == (version_a, version_b) {
+            left -= s.collapse(a, b);
+        }
+    }
+    s.finish()
+}
+
+impl Simplifier {
+    fn new(mesh: &Mesh) -> Self {
+        let positions: Vec<DVec3> = mesh.positions.iter().map(|p| p.as_dvec3()).collect();
+        let mut quadrics = vec![Quadric::default(); positions.len()];
+        let mut around = vec![Vec::new(); positions.len()];
+        for (t, triangle) in mesh.triangles.iter().enumerate() {
+            let [p, q, r] = triangle.map(|v| positions[v as usize]);
+            let cross = (q - p).cross(r - p);
+            let normal = cross.normalize_or_zero();
+            let quadric = Quadric::plane(normal, -normal.dot(p), cross.length());
+            for &v in triangle {
+                quadrics[v as usize] = quadrics[v as usize].plus(&quadric);
+                around[v as usize].push(t as u32);
+            }
+        }
+        let count = positions.len();
+        let mut s = Self {
+            positions,
+            quadrics,
+            around,
+            triangles: mesh.triangles.clone(),
+            dead: vec![false; mesh.triangles.len()],
+            version: vec![0; count],
+            queue: BinaryHeap::new(),
+        };
+        let mut first = Vec::with_capacity(mesh.triangles.len() * 3 / 2);
+        for triangle in &mesh.triangles {
+            for k in 0..3 {
+                let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
+                if a < b {
+                    first.push(Reverse(s.candidate(a, b)));
+                }
+            }
+        }
+        s.queue = first.into();
+        s
+    }
+
+    fn candidate(&self, a: u32, b: u32) -> Candidate {
+        let error = self.placed(a, b).1 as f32;
+        (error.to_bits(), a, b, self.version[a as usize], self.version[b as usize])
+    }
+
+    /// Where the vertex of a collapsed edge goes (an end or the middle), and its error.
+    fn placed(&self, a: u32, b: u32) -> (DVec3, f64) {
+        let [p, q] = [a, b].map(|v| self.positions[v as usize]);
+        let quadric = self.quadrics[a as usize].plus(&self.quadrics[b as usize]);
+        let tried = [0.5 * (p + q), p, q].map(|x| (x, quadric.error(x)));
+        // The small term makes edges of a flat surface go in order of their length.
+        let best = tried.into_iter().fold(tried[0], |best, x| if x.1 < best.1 { x } else { best });
+        (best.0, best.1 + 1e-9 * p.distance_squared(q) * p.distance_squared(q))
+    }
+
+    /// Collapses an edge if the surface stays a surface; gives the number of triangles that went.
+    fn collapse(&mut self, a: u32, b: u32) -> usize {
+        for v in [a, b] {
+            let dead = &self.dead;
+            self.around[v as usize].retain(|&t| !dead[t as usize]);
+        }
+        let (at, _) = self.placed(a, b);
+        if !self.is_allowed(a, b, at) {
+            return 0;
+        }
+        let moved = std::mem::take(&mut self.around[b as usize]);
+        let mut gone = 0;
+        for t in moved {
+            let triangle = &mut self.triangles[t as usize];
+            if triangle.contains(&a) {
+                self.dead[t as usize] = true;
+                gone += 1;
+            } else {
+                for v in triangle.iter_mut().filter(|v| **v == b) {
+                    *v = a;
+                }
+                self.around[a as usize].push(t);
+            }
+        }
+        let dead = &self.dead;
+        self.around[a as usize].retain(|&t| !dead[t as usize]);
+        self.positions[a as usize] = at;
+        self.quadrics[a as usize] = self.quadrics[a as usize].plus(&self.quadrics[b as usize]);
+        self.version[a as usize] += 1;
+        self.version[b as usize] += 1;
+        for v in self.neighbours(a) {
+            let candidate = self.candidate(a.min(v), a.max(v));
+            self.queue.push(Reverse(candidate));
+        }
+        gone
+    }
+
+    /// Two common neighbours across two triangles (the link condition), and no triangle turned over.
+    fn is_allowed(&self, a: u32, b: u32, at: DVec3) -> bool {
+        let shared =
+            self.around[a as usize].iter().filter(|&&t| self.triangles[t as usize].contains(&b)).count();
+        let beside = self.neighbours(a);
+        let common = self.neighbours(b).iter().filter(|v| beside.binary_search(v).is_ok()).count();
+        shared == 2 && common == 2 && !self.turns_over(a, b, at) && !self.turns_over(b, a, at)
+    }
+
+    fn turns_over(&self, v: u32, other: u32, at: DVec3) -> bool {
+        self.around[v as usize]
+            .iter()
+            .map(|&t| self.triangles[t as usize])
+            .filter(|t| !t.contains(&other))
+            .any(|t| {
+                let [p, q, r] = t.map(|w| self.positions[w as usize]);
+                let [x, y, z] = t.map(|w| if w == v { at } else { self.positions[w as usize] });
+                let (before, after) = ((q - p).cross(r - p), (y - x).cross(z - x));
+                before.dot(after) <= 0.2 * before.length() * after.length()
+            })
+    }
+
+    /// Neighbours of a vertex in ascending order.
+    fn neighbours(&self, v: u32) -> Vec<u32> {
+        let mut all: Vec<u32> = self.around[v as usize]
+            .iter()
+            .filter(|&&t| !self.dead[t as usize])
+            .flat_map(|&t| self.triangles[t as usize])
+            .filter(|&w| w != v)
+            .collect();
+        all.sort_unstable();
+        all.dedup();
+        all
+    }
+
+    /// The triangles left, with vertices renumbered in order of first use.
+    fn finish(self) -> Mesh {
+        let mut number = vec![u32::MAX; self.positions.len()];
+        let mut mesh = Mesh::default();
+        for (triangle, _) in self.triangles.iter().zip(&self.dead).filter(|(_, dead)| !**dead) {
+            mesh.triangles.push(triangle.map(|v| {
+                let slot = &mut number[v as usize];
+                if *slot == u32::MAX {
+                    *slot = mesh.positions.len() as u32;
+                    let p: Vec3 = self.positions[v as usize].as_vec3();
+                    mesh.positions.push(p);
+                }
+                *slot
+            }));
+        }
+        mesh
+    }
+}

@@ -1,0 +1,162 @@
+//! Cutting a surface into connected patches, and making each a closed shard of even thickness.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use glam::Vec3;
+
+use crate::shape::Mesh;
+
+/// Cuts a mesh into about `count` connected patches around random seeds, more of them where `density` is high.
+///
+/// Each triangle goes to the seed that is nearest along the surface, over edges of random cost, which makes
+/// the cracks ragged. Gives the patch of each triangle and the number of patches.
+pub(crate) fn patches(
+    mesh: &Mesh,
+    count: usize,
+    density: impl Fn(Vec3) -> f32,
+    random: &mut fastrand::Rng,
+) -> (Vec<u32>, usize) {
+    let across = neighbours_across_edges(mesh);
+    let centers: Vec<Vec3> =
+        (0..mesh.triangles.len()).map(|t| corners(mesh, t).iter().sum::<Vec3>() / 3.0).collect();
+    let mut weight_up_to = Vec::with_capacity(centers.len());
+    let mut total = 0.0_f64;
+    for (t, &center) in centers.iter().enumerate() {
+        total += f64::from(area(mesh, t) * density(center));
+        weight_up_to.push(total);
+    }
+    let mut patch = vec![u32::MAX; centers.len()];
+    let mut patch_count = 0;
+    let mut queue = BinaryHeap::new();
+    for _ in 0..count {
+        let pick = total * random.f64();
+        let seed = weight_up_to.partition_point(|&w| w < pick).min(centers.len().saturating_sub(1));
+        // Distances are never negative, so that the order of their bits is theirs.
+        queue.push(Reverse((0_u32, seed as u32, patch_count)));
+        patch_count += 1;
+    }
+    let crack: Vec<f32> = centers.iter().map(|_| 0.5 + random.f32()).collect();
+    let mut unreached = 0;
+    loop {
+        while let Some(Reverse((distance, t, p))) = queue.pop() {
+            if patch[t as usize] != u32::MAX {
+                continue;
+            }
+            patch[t as usize] = p;
+            for &next in across[t as usize].iter().filter(|&&n| n != u32::MAX) {
+                let step = centers[t as usize].distance(centers[next as usize]) * crack[next as usize];
+                queue.push(Reverse(((f32::from_bits(distance) + step).to_bits(), next, p)));
+            }
+        }
+        // Pieces of the surface that hold no seed become patches of their own.
+        match patch[unreached..].iter().position(|&p| p == u32::MAX) {
+            None => break,
+            Some(offset) => {
+                unreached += offset;
+                queue.push(Reverse((0, unreached as u32, patch_count)));
+                patch_count += 1;
+            }
+        }
+    }
+    renumber(patch)
+}
+
+/// Leaves out numbers of patches that got no triangle (two seeds on one).
+fn renumber(mut patch: Vec<u32>) -> (Vec<u32>, usize) {
+    let mut number = vec![u32::MAX; patch.iter().max().map_or(0, |&m| m as usize + 1)];
+    let mut next = 0;
+    for p in &mut patch {
+        let slot = &mut number[*p as usize];
+        if *slot == u32::MAX {
+            *slot = next;
+            next += 1;
+        }
+        *p = *slot;
+    }
+    (patch, next as usize)
+}
+
+/// For each triangle the triangles across its edges (0-1, 1-2, 2-0); `u32::MAX` where there is none.
+fn neighbours_across_edges(mesh: &Mesh) -> Vec<[u32; 3]> {
+    let mut edges: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * mesh.triangles.len());
+    for (t, triangle) in mesh.triangles.iter().enumerate() {
+        for k in 0..3 {
+            let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
+            edges.push((a.min(b), a.max(b), (3 * t + k) as u32));
+        }
+    }
+    edges.sort_unstable();
+    let mut across = vec![[u32::MAX; 3]; mesh.triangles.len()];
+    for pair in edges.windows(2).filter(|e| (e[0].0, e[0].1) == (e[1].0, e[1].1)) {
+        let [x, y] = [pair[0].2, pair[1].2];
+        across[x as usize / 3][x as usize % 3] = y / 3;
+        across[y as usize / 3][y as usize % 3] = x / 3;
+    }
+    across
+}
+
+/// A shard per patch: the patch, its copy `thickness` further in, and a rim between them.
+pub(crate) fn shards(mesh: &Mesh, patch: &[u32], count: usize, thickness: f32) -> Vec<Mesh> {
+    let normals = vertex_normals(mesh);
+    let across = neighbours_across_edges(mesh);
+    let mut by_patch: Vec<Vec<u32>> = vec![Vec::new(); count];
+    for (t, &p) in patch.iter().enumerate() {
+        by_patch[p as usize].push(t as u32);
+    }
+    let mut number = vec![u32::MAX; mesh.positions.len()];
+    let shard = |triangles: &Vec<u32>| {
+        let mut used = Vec::new();
+        let mut local = |v: u32| {
+            let slot = &mut number[v as usize];
+            if *slot == u32::MAX {
+                *slot = used.len() as u32;
+                used.push(v);
+            }
+            *slot
+        };
+        let outer: Vec<[u32; 3]> =
+            triangles.iter().map(|&t| mesh.triangles[t as usize].map(&mut local)).collect();
+        let layer = used.len() as u32;
+        let mut shard = Mesh::default();
+        shard.positions.extend(used.iter().map(|&v| mesh.positions[v as usize]));
+        let inner = used.iter().map(|&v| mesh.positions[v as usize] - normals[v as usize] * thickness);
+        shard.positions.extend(inner);
+        shard.triangles.extend(outer.iter().map(|&[a, b, c]| [a + layer, c + layer, b + layer]));
+        for (&t, corner) in triangles.iter().zip(&outer) {
+            for k in 0..3 {
+                let next = across[t as usize][k];
+                if next == u32::MAX || patch[next as usize] != patch[t as usize] {
+                    let (a, b) = (corner[k], corner[(k + 1) % 3]);
+                    shard.triangles.extend([[a, a + layer, b], [b, a + layer, b + layer]]);
+                }
+            }
+        }
+        shard.triangles.extend(outer);
+        for v in used {
+            number[v as usize] = u32::MAX;
+        }
+        shard
+    };
+    by_patch.iter().map(shard).collect()
+}
+
+fn corners(mesh: &Mesh, t: usize) -> [Vec3; 3] {
+    mesh.triangles[t].map(|v| mesh.positions[v as usize])
+}
+
+fn area(mesh: &Mesh, t: usize) -> f32 {
+    let [a, b, c] = corners(mesh, t);
+    0.5 * (b - a).cross(c - a).length()
+}
+
+fn vertex_normals(mesh: &Mesh) -> Vec<Vec3> {
+    let mut normals = vec![Vec3::ZERO; mesh.positions.len()];
+    for (t, triangle) in mesh.triangles.iter().enumerate() {
+        let [a, b, c] = corners(mesh, t);
+        for &v in triangle {
+            normals[v as usize] += (b - a).cross(c - a);
+        }
+    }
+    normals.into_iter().map(Vec3::normalize_or_zero).collect()
+}

@@ -1,0 +1,204 @@
+//! Solids as signed distance functions: rounded primitives blended smoothly, some of them carved away.
+//!
+//! Distances are bounds, negative inside (Quilez, "Distance functions"); blends are his polynomial smooth
+//! minimum.
+
+use glam::{Quat, Vec3};
+
+/// A primitive shape.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Shape {
+    /// A cone between two spheres, rounded by them.
+    Cone {
+        from: Vec3,
+        to: Vec3,
+        radius: (f32, f32),
+    },
+    Ellipsoid {
+        center: Vec3,
+        radii: Vec3,
+        turn: Quat,
+    },
+    /// A triangle grown by a distance.
+    Triangle {
+        corners: [Vec3; 3],
+        grown: f32,
+    },
+    /// A box grown by a distance.
+    Block {
+        center: Vec3,
+        half: Vec3,
+        grown: f32,
+    },
+}
+
+/// A shape and how it joins those before it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Element {
+    shape: Shape,
+    blend: f32,
+    carve: bool,
+}
+
+/// A solid, the elements joined in order.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Solid {
+    elements: Vec<Element>,
+    blend: f32,
+}
+
+impl Solid {
+    /// Sets the distance over which the elements that follow blend with those before them.
+    pub(crate) fn blend(&mut self, distance: f32) -> &mut Self {
+        self.blend = distance;
+        self
+    }
+
+    pub(crate) fn add(&mut self, shape: Shape) -> &mut Self {
+        self.elements.push(Element { shape, blend: self.blend, carve: false });
+        self
+    }
+
+    /// Takes a shape away from the elements before it.
+    pub(crate) fn carve(&mut self, shape: Shape) -> &mut Self {
+        self.elements.push(Element { shape, blend: self.blend, carve: true });
+        self
+    }
+
+    pub(crate) fn ball(&mut self, center: Vec3, radius: f32) -> &mut Self {
+        self.ellipsoid(center, Vec3::splat(radius), Quat::IDENTITY)
+    }
+
+    pub(crate) fn ellipsoid(&mut self, center: Vec3, radii: Vec3, turn: Quat) -> &mut Self {
+        self.add(Shape::Ellipsoid { center, radii, turn })
+    }
+
+    /// A limb through points with a radius at each.
+    pub(crate) fn limb(&mut self, points: &[(Vec3, f32)]) -> &mut Self {
+        for pair in points.windows(2) {
+            let [(from, r0), (to, r1)] = [pair[0], pair[1]];
+            self.add(Shape::Cone { from, to, radius: (r0, r1) });
+        }
+        self
+    }
+
+    /// Adds the elements of another solid, mirrored in the plane x = 0.
+    pub(crate) fn mirrored(&mut self, other: &Self) -> &mut Self {
+        self.elements.extend(other.elements.iter().map(|e| Element { shape: e.shape.mirrored(), ..*e }));
+        self
+    }
+
+    pub(crate) fn with(&mut self, other: &Self) -> &mut Self {
+        self.elements.extend(&other.elements);
+        self
+    }
+
+    /// Distance to the surface, positive outside.
+    pub(crate) fn distance(&self, p: Vec3) -> f32 {
+        let mut d = f32::MAX;
+        for e in &self.elements {
+            let s = e.shape.distance(p);
+            d = if e.carve { -smooth_min(-d, s, e.blend) } else { smooth_min(d, s, e.blend) };
+        }
+        d
+    }
+
+    /// Only the elements that can matter within `radius` of `center`.
+    pub(crate) fn near(&self, center: Vec3, radius: f32) -> Self {
+        let nearest = self
+            .elements
+            .iter()
+            .filter(|e| !e.carve)
+            .map(|e| e.shape.distance(center))
+            .fold(f32::MAX, f32::min);
+        let elements = self
+            .elements
+            .iter()
+            .filter(|e| {
+                let limit = if e.carve { 0.0 } else { nearest };
+                e.shape.distance(center) <= limit.max(0.0) + 3.0 * radius + 2.0 * e.blend
+            })
+            .copied()
+            .collect();
+        Self { elements, blend: self.blend }
+    }
+
+    /// Outward unit normal of the surface through a point, from central differences over `step`.
+    pub(crate) fn normal(&self, p: Vec3, step: f32) -> Vec3 {
+        let along = |axis: Vec3| self.distance(p + axis * step) - self.distance(p - axis * step);
+        Vec3::new(along(Vec3::X), along(Vec3::Y), along(Vec3::Z)).normalize_or_zero()
+    }
+}
+
+impl Shape {
+    fn mirrored(self) -> Self {
+        let flip = |v: Vec3| Vec3::new(-v.x, v.y, v.z);
+        match self {
+            Self::Cone { from, to, radius } => Self::Cone { from: flip(from), to: flip(to), radius },
+            Self::Ellipsoid { center, radii, turn } => {
+                let turn = Quat::from_xyzw(turn.x, -turn.y, -turn.z, turn.w);
+                Self::Ellipsoid { center: flip(center), radii, turn }
+            }
+            Self::Triangle { corners, grown } => Self::Triangle { corners: corners.map(flip), grown },
+            Self::Block { center, half, grown } => Self::Block { center: flip(center), half, grown },
+        }
+    }
+
+    fn distance(&self, p: Vec3) -> f32 {
+        match *self {
+            Self::Cone { from, to, radius } => {
+                let axis = to - from;
+                let along = ((p - from).dot(axis) / axis.length_squared().max(1e-12)).clamp(0.0, 1.0);
+                p.distance(from + axis * along) - (radius.0 + (radius.1 - radius.0) * along)
+            }
+            Self::Ellipsoid { center, radii, turn } => {
+                let q = turn.conjugate() * (p - center);
+                let (k0, k1) = ((q / radii).length(), (q / (radii * radii)).length());
+                if k1 > 0.0 { k0 * (k0 - 1.0) / k1 } else { -radii.min_element() }
+            }
+            Self::Triangle { corners, grown } => nearest_on_triangle(corners, p).distance(p) - grown,
+            Self::Block { center, half, grown } => {
+                let q = (p - center).abs() - half;
+                q.max(Vec3::ZERO).length() + q.max_element().min(0.0) - grown
+            }
+        }
+    }
+}
+
+fn smooth_min(a: f32, b: f32, blend: f32) -> f32 {
+    let h = (blend - (a - b).abs()).max(0.0);
+    if h > 0.0 { a.min(b) - h * h / (4.0 * blend) } else { a.min(b) }
+}
+
+/// Ericson, "Real-Time Collision Detection", section 5.1.5.
+fn nearest_on_triangle([a, b, c]: [Vec3; 3], p: Vec3) -> Vec3 {
+    let (ab, ac, ap) = (b - a, c - a, p - a);
+    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return a;
+    }
+    let bp = p - b;
+    let (d3, d4) = (ab.dot(bp), ac.dot(bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return b;
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        return a + ab * (d1 / (d1 - d3));
+    }
+    let cp = p - c;
+    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return c;
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        return a + ac * (d2 / (d2 - d6));
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
+        return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
+    }
+    let sum = va + vb + vc;
+    a + ab * (vb / sum) + ac * (vc / sum)
+}

@@ -1,0 +1,240 @@
+//! Rigid bodies that break off, fly, spin, and come to rest: extended position-based dynamics for rigid bodies
+//! (Müller et al. 2020, "Detailed Rigid Body Simulation with Extended Position Based Dynamics").
+//!
+//! Contact with the ground is at corners of the body, with friction and bounce. Contact between bodies is
+//! between one sphere each. Every parallel pass reads a snapshot or a single body, so that the result does
+//! not depend on the number of threads.
+
+use glam::{Mat3, Quat, Vec3};
+use rayon::prelude::*;
+
+use crate::near::Neighbours;
+use crate::rigid::Placement;
+use crate::shape::Mesh;
+
+const GROUND_FRICTION: f32 = 0.6;
+const BOUNCE: f32 = 0.25;
+/// Steps between searches for bodies that come close.
+const SEARCH: usize = 5;
+
+/// A rigid body and its motion.
+#[derive(Clone)]
+pub(crate) struct Body {
+    /// Where it is; the rotation is relative to how it was made.
+    pub(crate) at: Placement,
+    pub(crate) velocity: Vec3,
+    pub(crate) spin: Vec3,
+    /// Whether it moves freely; if not it stands still and cannot be pushed.
+    pub(crate) free: bool,
+    pub(crate) mass: f32,
+    /// Radius of the sphere about the centre that other bodies touch.
+    pub(crate) radius: f32,
+    inverse_inertia: Mat3,
+    /// Points that touch the ground, relative to the centre.
+    corners: Vec<Vec3>,
+    before: Placement,
+}
+
+impl Body {
+    /// The body of a closed or open surface of the given mass per area, and the surface relative to its centre.
+    pub(crate) fn new(mut surface: Mesh, mass_per_area: f32) -> (Self, Mesh) {
+        let thirds = |t: &[u32; 3], x: &[Vec3]| {
+            let [a, b, c] = t.map(|v| x[v as usize]);
+            (0.5 * (b - a).cross(c - a).length() * mass_per_area, (a + b + c) / 3.0)
+        };
+        let (mut mass, mut center) = (1e-9, Vec3::ZERO);
+        for t in &surface.triangles {
+            let (m, p) = thirds(t, &surface.positions);
+            mass += m;
+            center += p * m;
+        }
+        center /= mass;
+        surface.positions.iter_mut().for_each(|p| *p -= center);
+        let mut inertia = Mat3::ZERO;
+        for t in &surface.triangles {
+            let (m, p) = thirds(t, &surface.positions);
+            let outer = Mat3::from_cols(p * p.x, p * p.y, p * p.z);
+            inertia += (Mat3::IDENTITY * p.length_squared() - outer) * m;
+        }
+        let reach = surface.positions.iter().map(|p| p.length()).fold(0.0, f32::max);
+        // Keeps a body that is all but a line or a point from spinning without bound.
+        inertia += Mat3::IDENTITY * (0.02 * mass * reach * reach + 1e-12);
+        let at = Placement { position: center, rotation: Quat::IDENTITY };
+        let body = Self {
+            at,
+            velocity: Vec3::ZERO,
+            spin: Vec3::ZERO,
+            free: false,
+            mass,
+            radius: 0.0,
+            inverse_inertia: inertia.inverse(),
+            corners: extreme_points(&surface.positions),
+            before: at,
+        };
+        (body, surface)
+    }
+
+    fn start_step(&mut self, gravity: f32, dt: f32) {
+        self.before = self.at;
+        if self.free {
+            self.velocity.y -= gravity * dt;
+            self.at.position += self.velocity * dt;
+            self.turn(self.spin * dt);
+        }
+    }
+
+    /// Rotates by a small rotation vector in the world.
+    fn turn(&mut self, by: Vec3) {
+        let q = self.at.rotation;
+        self.at.rotation = (q + Quat::from_vec4((0.5 * by).extend(0.0)) * q).normalize();
+    }
+
+    fn finish_step(&mut self, dt: f32) {
+        if !self.free {
+            return;
+        }
+        let (velocity, spin) = (self.velocity, self.spin);
+        let mut lowest: Option<Vec3> = None;
+        for k in 0..self.corners.len() {
+            let corner = self.corners[k];
+            let arm = self.at.rotation * corner;
+            let depth = -(self.at.position.y + arm.y);
+            if depth > 0.0 {
+                let normal_push = depth / self.give(arm, Vec3::Y);
+                self.push(arm, Vec3::Y * normal_push);
+                let arm = self.at.rotation * corner;
+                let slip = (self.at.position + arm) - (self.before.position + self.before.rotation * corner);
+                let along = Vec3::new(slip.x, 0.0, slip.z);
+                if let Some(direction) = along.try_normalize() {
+                    let needed = along.length() / self.give(arm, direction);
+                    self.push(arm, -direction * needed.min(GROUND_FRICTION * normal_push));
+                }
+                if lowest.is_none_or(|l| arm.y < l.y) {
+                    lowest = Some(arm);
+                }
+            }
+        }
+        self.velocity = (self.at.position - self.before.position) / dt;
+        let turned = self.at.rotation * self.before.rotation.conjugate();
+        self.spin = turned.xyz() * (2.0 * turned.w.signum() / dt);
+        if let Some(arm) = lowest {
+            let arriving = (velocity + spin.cross(arm)).y;
+            let leaving = (self.velocity + self.spin.cross(arm)).y;
+            // Slow bodies do not bounce, so that they come to rest.
+            let wanted = if arriving < -1.0 { -BOUNCE * arriving } else { leaving.min(0.0) };
+            let impulse = Vec3::Y * ((wanted - leaving) / self.give(arm, Vec3::Y));
+            self.velocity += impulse / self.mass;
+            self.spin += self.inverse_inertia_in_world(arm.cross(impulse));
+            self.spin *= 1.0 - (4.0 * dt).min(1.0);
+        }
+    }
+
+    /// How far a point moves along a direction per unit of impulse there.
+    fn give(&self, arm: Vec3, direction: Vec3) -> f32 {
+        let lever = arm.cross(direction);
+        1.0 / self.mass + lever.dot(self.inverse_inertia_in_world(lever))
+    }
+
+    fn inverse_inertia_in_world(&self, torque: Vec3) -> Vec3 {
+        let q = self.at.rotation;
+        q * (self.inverse_inertia * (q.conjugate() * torque))
+    }
+
+    fn push(&mut self, arm: Vec3, impulse: Vec3) {
+        self.at.position += impulse / self.mass;
+        self.turn(self.inverse_inertia_in_world(arm.cross(impulse)));
+    }
+}
+
+/// The points that are farthest in each of the 6 directions of the axes and the 8 of the diagonals.
+fn extreme_points(points: &[Vec3]) -> Vec<Vec3> {
+    let mut directions = vec![Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z];
+    for k in 0..8 {
+        let sign = |bit: i32| if k >> bit & 1 == 0 { 1.0 } else { -1.0 };
+        directions.push(Vec3::new(sign(0), sign(1), sign(2)));
+    }
+    let mut chosen: Vec<usize> = Vec::new();
+    for d in directions {
+        let farthest = (0..points.len()).max_by(|&i, &j| points[i].dot(d).total_cmp(&points[j].dot(d)));
+        chosen.extend(farthest.filter(|i| !chosen.contains(i)));
+    }
+    chosen.into_iter().map(|i| points[i]).collect()
+}
+
+/// Bodies under gravity above the ground at y = 0. The last body may be much larger than the others.
+pub(crate) struct Bodies {
+    pub(crate) bodies: Vec<Body>,
+    gravity: f32,
+    neighbours: Neighbours,
+    steps: usize,
+}
+
+impl Bodies {
+    /// `bodies` where they stand; all but the last get the largest spheres that do not touch each other, up to `limit`.
+    pub(crate) fn new(mut bodies: Vec<Body>, gravity: f32, limit: f32) -> Self {
+        let shards = bodies.len() - 1;
+        let centers: Vec<Vec3> = bodies[..shards].iter().map(|b| b.at.position).collect();
+        let mut neighbours = Neighbours::default();
+        neighbours.search(&centers, 2.0 * limit, |_, _| true);
+        for i in 0..shards {
+            let nearest = neighbours
+                .of(i)
+                .iter()
+                .map(|&j| centers[i].distance(centers[j as usize]))
+                .fold(2.0 * limit, f32::min);
+            bodies[i].radius = 0.5 * nearest;
+        }
+        Self { bodies, gravity, neighbours, steps: 0 }
+    }
+
+    /// Numbers of the bodies in place that the last body touches.
+    pub(crate) fn touched_by_last(&self) -> Vec<usize> {
+        let Some((last, shards)) = self.bodies.split_last() else { return Vec::new() };
+        let touches = |b: &Body| !b.free && b.at.position.distance(last.at.position) < b.radius + last.radius;
+        (0..shards.len()).filter(|&i| touches(&shards[i])).collect()
+    }
+
+    pub(crate) fn step(&mut self, dt: f32) {
+        let gravity = self.gravity;
+        self.bodies.par_iter_mut().with_min_len(512).for_each(|b| b.start_step(gravity, dt));
+        let shards = self.bodies.len() - 1;
+        let centers: Vec<Vec3> = self.bodies[..shards].iter().map(|b| b.at.position).collect();
+        if self.steps % SEARCH == 0 {
+            let largest = self.bodies[..shards].iter().map(|b| b.radius).fold(0.0, f32::max);
+            let bodies = &self.bodies;
+            self.neighbours.search(&centers, 2.5 * largest, |i, _| bodies[i].free);
+        }
+        self.steps += 1;
+        let pushes: Vec<Vec3> =
+            (0..shards).into_par_iter().with_min_len(512).map(|i| self.pushed(i)).collect();
+        for (body, push) in self.bodies.iter_mut().zip(pushes) {
+            body.at.position += push;
+        }
+        self.bodies.par_iter_mut().with_min_len(256).for_each(|b| b.finish_step(dt));
+    }
+
+    /// How far its neighbours and the last body push a body.
+    fn pushed(&self, i: usize) -> Vec3 {
+        let b = &self.bodies[i];
+        if !b.free {
+            return Vec3::ZERO;
+        }
+        let last = self.bodies.len() - 1;
+        let (mut sum, mut count) = (Vec3::ZERO, 0.0_f32);
+        for j in self.neighbours.of(i).iter().map(|&j| j as usize).chain([last]) {
+            let other = &self.bodies[j];
+            let apart = b.at.position - other.at.position;
+            let overlap = b.radius + other.radius - apart.length();
+            if overlap > 0.0
+                && let Some(normal) = apart.try_normalize()
+            {
+                let share = if other.free { other.mass / (other.mass + b.mass) } else { 1.0 };
+                let slip = (b.at.position - b.before.position) - (other.at.position - other.before.position);
+                // A tenth of the slip goes, as friction; overlaps are undone gently, for they also come from behind.
+                sum += (normal * (0.5 * overlap) - 0.1 * slip) * share;
+                count += 1.0;
+            }
+        }
+        sum / count.max(1.0)
+    }
+}

@@ -1,0 +1,202 @@
+//! A hollow statue that a falling stone breaks: from its surface to shards, their motion, and its playback.
+
+use std::collections::VecDeque;
+
+use anim::Motion;
+use glam::Vec3;
+
+use crate::cache::Record;
+use crate::fracture::{patches, shards};
+use crate::rigid::{self, RigidBodies};
+use crate::shape::{Assembly, Mesh};
+use crate::shatter::{Bodies, Body};
+use crate::{Measure, SceneOptions};
+
+/// Steps between checks for pieces that nothing holds up.
+const SUPPORT: usize = 8;
+
+/// A statue, the stone that breaks it, and how.
+pub(crate) struct Breaking<'a> {
+    pub(crate) surface: Mesh,
+    pub(crate) thickness: f32,
+    pub(crate) pieces: usize,
+    /// Relative number of pieces per area.
+    pub(crate) density: &'a dyn Fn(Vec3) -> f32,
+    /// The stone, where it is at first.
+    pub(crate) stone: Mesh,
+    pub(crate) stone_radius: f32,
+    /// Mass of the stone per area, that of the statue being 1.
+    pub(crate) stone_density: f32,
+    pub(crate) gravity: f32,
+    /// Seconds from the impact at a point to when a piece with a centre breaks off.
+    pub(crate) delay: &'a dyn Fn(Vec3, Vec3, &mut fastrand::Rng) -> f32,
+    /// Velocity and spin of a piece as it breaks off, by centre and point of impact.
+    pub(crate) kick: &'a dyn Fn(Vec3, Vec3, &mut fastrand::Rng) -> (Vec3, Vec3),
+    pub(crate) seconds: f32,
+    pub(crate) keys: usize,
+    pub(crate) substeps: usize,
+}
+
+/// Colours of the playback.
+pub(crate) struct Colors {
+    pub(crate) statue: [f32; 3],
+    pub(crate) stone: [f32; 3],
+    pub(crate) ground: [f32; 3],
+}
+
+impl Breaking<'_> {
+    /// Breaks the statue.
+    ///
+    /// The record holds positions relative to bodies and placements per key frame; then triangles with the
+    /// vertex numbers of their body, and the numbers of vertices and triangles of each body.
+    pub(crate) fn simulate(self, random: &mut fastrand::Rng, options: &SceneOptions<'_>) -> Record {
+        let (patch, count) = patches(&self.surface, self.pieces, self.density, random);
+        let beside = adjacent_patches(&self.surface, &patch, count);
+        let (mut bodies, mut meshes): (Vec<Body>, Vec<Mesh>) =
+            shards(&self.surface, &patch, count, self.thickness)
+                .into_iter()
+                .map(|mesh| Body::new(mesh, 1.0))
+                .unzip();
+        let rests: Vec<bool> =
+            bodies.iter().zip(&meshes).map(|(b, m)| lowest(m) + b.at.position.y < self.thickness).collect();
+        let (mut stone, stone_mesh) = Body::new(self.stone, self.stone_density);
+        stone.free = true;
+        stone.radius = self.stone_radius;
+        bodies.push(stone);
+        meshes.push(stone_mesh);
+
+        let mut world = Bodies::new(bodies, self.gravity, f32::MAX.min(4.0 * self.thickness));
+        let step_count = (self.keys - 1) * self.substeps;
+        let dt = self.seconds / step_count as f32;
+        let mut breaks_at: Option<Vec<f32>> = None;
+        let mut impact = Vec3::ZERO;
+        let mut placed = Vec::new();
+        let mut depth = 0.0_f32;
+        for step in 0..=step_count {
+            if step % self.substeps == 0 {
+                if let Some(progress) = options.progress {
+                    progress(step as f32 / step_count as f32);
+                }
+                for (body, mesh) in world.bodies.iter().zip(&meshes) {
+                    rigid::record(&mut placed, &body.at);
+                    depth = depth.max(mesh.positions.iter().map(|&p| -body.at.of(p).y).fold(0.0, f32::max));
+                }
+            }
+            let time = step as f32 * dt;
+            let touched = world.touched_by_last();
+            if breaks_at.is_none() && !touched.is_empty() {
+                impact = world.bodies[count].at.position - Vec3::Y * self.stone_radius;
+                let due = |b: &Body| time + (self.delay)(b.at.position, impact, random);
+                breaks_at = Some(world.bodies[..count].iter().map(due).collect());
+            }
+            if let Some(due) = &breaks_at {
+                let mut breaking: Vec<bool> =
+                    (0..count).map(|i| !world.bodies[i].free && due[i] <= time).collect();
+                let stone = &mut world.bodies[count];
+                for &i in &touched {
+                    breaking[i] = true;
+                    // The stone takes along what it hits, and is slowed by it.
+                    stone.velocity *= stone.mass / (stone.mass + 0.5);
+                }
+                if step % SUPPORT == 0 {
+                    let fast = |i: usize| world.bodies[i].free || breaking[i];
+                    let held = held_up(&beside, &rests, fast);
+                    breaking.iter_mut().zip(held).enumerate().for_each(|(i, (b, held))| {
+                        *b |= !held && !world.bodies[i].free;
+                    });
+                }
+                for i in (0..count).filter(|&i| breaking[i]) {
+                    let body = &mut world.bodies[i];
+                    body.free = true;
+                    (body.velocity, body.spin) = (self.kick)(body.at.position, impact, random);
+                }
+            }
+            if step < step_count {
+                world.step(dt);
+            }
+        }
+        record(meshes, placed, depth)
+    }
+}
+
+fn record(meshes: Vec<Mesh>, placed: Vec<f32>, depth: f32) -> Record {
+    let sizes = meshes.iter().flat_map(|m| [m.positions.len() as u32, m.triangles.len() as u32]).collect();
+    let local = meshes.iter().flat_map(|m| &m.positions).flat_map(Vec3::to_array).collect();
+    let triangles = meshes.iter().flat_map(|m| &m.triangles).flatten().copied().collect();
+    let measures =
+        vec![Measure { name: "greatest depth below the ground, a length".to_owned(), value: depth.into() }];
+    Record { floats: vec![local, placed], ints: vec![triangles, sizes], measures }
+}
+
+/// The animation of a record: a rigid part per shard, the stone, and a still square of ground.
+pub(crate) fn playback(
+    record: Record,
+    colors: &Colors,
+    ground: f32,
+    seconds: f64,
+) -> (RigidBodies, Vec<Measure>) {
+    let Record { floats, ints, measures } = record;
+    let [local, keys] = <[Vec<f32>; 2]>::try_from(floats).unwrap_or_default();
+    let [triangles, sizes] = <[Vec<u32>; 2]>::try_from(ints).unwrap_or_default();
+    let (mut local, mut triangles) = (local.as_chunks::<3>().0, triangles.as_chunks::<3>().0);
+    let sizes = sizes.as_chunks::<2>().0;
+    let mut assembly = Assembly::default();
+    let statue = assembly.material(colors.statue);
+    let stone = assembly.material(colors.stone);
+    let moving = Motion { rigid: true, ..Motion::STILL };
+    let mut body = Vec::with_capacity(local.len());
+    for (i, &[vertices, count]) in sizes.iter().enumerate() {
+        let (l, t);
+        (l, local) = local.split_at(vertices as usize);
+        (t, triangles) = triangles.split_at(count as usize);
+        let mesh = Mesh { positions: l.iter().map(|&p| p.into()).collect(), triangles: t.to_vec() };
+        let (name, material) = if i + 1 < sizes.len() { ("shard", statue) } else { ("stone", stone) };
+        assembly.part(name, &mesh, moving, material);
+        body.resize(assembly.positions.len(), i as u32);
+    }
+    let earth = assembly.material(colors.ground);
+    assembly.part("ground", &crate::shape::square(ground, 16), Motion::STILL, earth);
+    let Assembly { topology, positions } = assembly;
+    (RigidBodies { topology, local: positions, body, bodies: sizes.len(), keys, seconds }, measures)
+}
+
+fn lowest(mesh: &Mesh) -> f32 {
+    mesh.positions.iter().map(|p| p.y).fold(f32::MAX, f32::min)
+}
+
+/// For each patch those that share a vertex with it.
+fn adjacent_patches(mesh: &Mesh, patch: &[u32], count: usize) -> Vec<Vec<u32>> {
+    let mut first = vec![u32::MAX; mesh.positions.len()];
+    let mut beside = vec![Vec::new(); count];
+    for (triangle, &p) in mesh.triangles.iter().zip(patch) {
+        for &v in triangle {
+            let q = &mut first[v as usize];
+            if *q == u32::MAX {
+                *q = p;
+            } else if *q != p {
+                beside[*q as usize].push(p);
+                beside[p as usize].push(*q);
+            }
+        }
+    }
+    for list in &mut beside {
+        list.sort_unstable();
+        list.dedup();
+    }
+    beside
+}
+
+/// Which patches are joined to one that rests on the ground by patches that are not loose.
+fn held_up(beside: &[Vec<u32>], rests: &[bool], loose: impl Fn(usize) -> bool) -> Vec<bool> {
+    let mut held: Vec<bool> = (0..rests.len()).map(|i| rests[i] && !loose(i)).collect();
+    let mut queue: VecDeque<usize> = (0..rests.len()).filter(|&i| held[i]).collect();
+    while let Some(i) = queue.pop_front() {
+        for j in beside[i].iter().map(|&j| j as usize) {
+            if !held[j] && !loose(j) {
+                held[j] = true;
+                queue.push_back(j);
+            }
+        }
+    }
+    held
+}
