@@ -223,7 +223,7 @@ impl Block {
             let candidates = &self.candidates[start.1..end.1];
             let accepted = evaluate(level, nodes, &self.pairs, candidates, &mut self.accepted);
             let accepted = &self.accepted[..accepted];
-            tally.still_area += apply(nodes, &self.pairs, &self.depths, accepted, &mut tally.rotations);
+            apply(nodes, &self.pairs, &self.depths, accepted, tally);
             let range = start.0..end.0;
             tally.area += unions(level, nodes, &self.pairs[range.clone()], &self.parents[range]);
             end = start;

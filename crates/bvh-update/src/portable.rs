@@ -2,7 +2,7 @@
 
 use bvh_core::rotation::{area_changes_at, best};
 
-use crate::kernels::Accepted;
+use crate::kernels::{Accepted, moving_area};
 use crate::raw::SharedNodes;
 
 /// See [`kernels::unions`](crate::kernels::unions).
@@ -12,8 +12,7 @@ pub(crate) fn unions(nodes: SharedNodes<'_>, pairs: &[u32], parents: &[u32]) -> 
     for (&pair, &parent) in pairs.iter().zip(parents).rev() {
         let children = nodes.pair(pair as usize);
         for (sum, child) in sums.iter_mut().zip(&children) {
-            let weight = if child.moves() { child.weight() } else { 0.0 };
-            *sum += f64::from(child.aabb().half_area()) * weight;
+            *sum += moving_area(child);
         }
         let mut node = nodes.get(parent as usize);
         node.refit(&children[0], &children[1]);

@@ -4,6 +4,7 @@ use bvh_build::{BuildError, BuildOptions, Builder, build};
 use bvh_core::{Bvh, Primitives, sah_cost};
 use thiserror::Error;
 
+use crate::kernels::moving_area;
 use crate::pass::{Scratch, pass};
 
 /// What to do with a tree between two frames.
@@ -120,9 +121,8 @@ pub fn update<P: Primitives + ?Sized>(
     let still_area = bvh.still_area();
     let tally = pass(bvh, primitives, rotations, scratch);
     let root = bvh.root();
-    let area = f64::from(root.aabb().half_area());
-    let own = if root.moves() { area * root.weight() } else { 0.0 };
-    let cost = (tally.area + own + still_area + tally.still_area) / area;
+    let sum = tally.area + moving_area(root) + still_area + tally.still_area;
+    let cost = sum / root.aabb().half_area_f64();
     Ok(Update {
         rebuilt: false,
         rotations: tally.rotations,

@@ -1,0 +1,217 @@
+//! The fast pass against the plain recursion: the same tree, bit for bit, on any number of threads and at every
+//! SIMD level, and the same account of what was done.
+
+use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::{Aabb, Bvh, SimdLevel, Vec3, sah_cost, stats};
+use bvh_update::{Scratch, Strategy, UpdateError, plain, update};
+use proptest::prelude::*;
+
+/// A 64-bit mix (splitmix64), so that inputs need no state.
+fn noise(seed: u64, i: usize) -> Vec3 {
+    let coordinate = |axis: u64| {
+        let mut x = seed.wrapping_add((i as u64 * 3 + axis + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((x ^ (x >> 31)) >> 40) as f32 / (1 << 24) as f32
+    };
+    Vec3::new(coordinate(0), coordinate(1), coordinate(2))
+}
+
+/// `n` boxes in a cube of 100, each drifting its own way.
+fn boxes(n: usize, seed: u64, time: f32) -> Vec<Aabb> {
+    (0..n)
+        .map(|i| {
+            let center = noise(seed, i) * 100.0 + (noise(seed ^ 1, i) - 0.5) * time;
+            let half = noise(seed ^ 2, i) * 2.0;
+            Aabb::new(center - half, center + half)
+        })
+        .collect()
+}
+
+fn tree(boxes: &[Aabb], max_leaf_size: u32) -> Bvh {
+    let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
+    build(boxes, Builder::Binned, &options, None).expect("few enough")
+}
+
+fn pool(threads: usize) -> rayon::ThreadPool {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads")
+}
+
+/// Plays `frames` of drift and checks every frame of every level and thread count against the plain pass.
+fn check(
+    n: usize,
+    seed: u64,
+    step: f32,
+    frames: usize,
+    max_leaf_size: u32,
+    moves: impl Fn(usize) -> bool + Copy,
+) {
+    let start = boxes(n, seed, 0.0);
+    let pose = |frame: usize| -> Vec<Aabb> {
+        let moved = boxes(n, seed, frame as f32 * step);
+        start.iter().zip(moved).enumerate().map(|(i, (s, m))| if moves(i) { m } else { *s }).collect()
+    };
+    for (strategy, rotations) in [(Strategy::Refit, false), (Strategy::RefitRotate, true)] {
+        let mut expected = tree(&start, max_leaf_size);
+        expected.set_moving(moves);
+        let mut contestants: Vec<_> = SimdLevel::available()
+            .flat_map(|level| [1, 2, 3, 8].map(|threads| (level, threads)))
+            .map(|(level, threads)| {
+                (level, threads, pool(threads), expected.clone(), Scratch::with_level(level))
+            })
+            .collect();
+        for frame in 1..=frames {
+            let now = pose(frame);
+            let applied = plain::update(&mut expected, &now, rotations);
+            expected.validate(&now).expect("the plain pass leaves a valid, tight tree");
+            let cost = sah_cost(&expected);
+            for (level, threads, pool, bvh, scratch) in &mut contestants {
+                let done = pool.install(|| update(bvh, &now, &strategy, scratch)).expect("same count");
+                assert_eq!(bvh.hash(), expected.hash(), "{n} {level:?} {threads} threads, frame {frame}");
+                assert_eq!(done.rotations, applied);
+                assert_eq!(done.height, expected.height());
+                let told = done.sah_cost.expect("known");
+                assert!((told - cost).abs() <= 1e-6 * cost, "told {told}, is {cost}");
+                bvh.validate(&now).expect("valid and tight");
+            }
+        }
+    }
+}
+
+#[test]
+fn same_tree_as_the_plain_pass_at_all_sizes() {
+    for n in [0, 1, 2, 3, 4, 5, 17, 100, 1000] {
+        check(n, 7, 10.0, 4, 1, |_| true);
+    }
+}
+
+#[test]
+fn same_tree_when_blocks_nest() {
+    // Far more pairs than the top block and one below it hold.
+    check(60_000, 3, 5.0, 3, 1, |_| true);
+}
+
+#[test]
+fn same_tree_with_larger_leaves() {
+    check(3000, 5, 10.0, 4, 8, |_| true);
+}
+
+#[test]
+fn same_tree_when_only_some_move() {
+    check(3000, 5, 10.0, 6, 1, |i| i % 7 == 0);
+    check(3000, 5, 10.0, 6, 1, |i| i < 40);
+    check(3000, 5, 10.0, 3, 4, |i| i < 40);
+}
+
+#[test]
+fn what_stands_still_is_not_visited() {
+    let start = boxes(20_000, 1, 0.0);
+    let mut bvh = tree(&start, 1);
+    let mut scratch = Scratch::new();
+    let all = update(&mut bvh, &start, &Strategy::RefitRotate, &mut scratch).expect("same count");
+    assert_eq!(all.nodes_visited as usize, 2 * 20_000 - 1);
+    bvh.set_moving(|p| p == 77);
+    let one = update(&mut bvh, &start, &Strategy::RefitRotate, &mut scratch).expect("same count");
+    assert!(one.nodes_visited <= u64::from(bvh.height()) + 1, "visited {}", one.nodes_visited);
+    bvh.set_moving(|_| false);
+    let none = update(&mut bvh, &start, &Strategy::RefitRotate, &mut scratch).expect("same count");
+    assert_eq!(none.nodes_visited, 0);
+    let (told, cost) = (none.sah_cost.expect("known"), sah_cost(&bvh));
+    assert!((told - cost).abs() < 1e-6 * cost, "told {told}, is {cost}");
+}
+
+#[test]
+fn rotations_happen_where_they_are_needed_and_lower_the_cost() {
+    let (start, end) = (boxes(5000, 9, 0.0), boxes(5000, 9, 80.0));
+    let mut refitted = tree(&start, 1);
+    let mut rotated = refitted.clone();
+    let mut scratch = Scratch::new();
+    let refit = update(&mut refitted, &end, &Strategy::Refit, &mut scratch).expect("same count");
+    let rotate = update(&mut rotated, &end, &Strategy::RefitRotate, &mut scratch).expect("same count");
+    assert!(refit.rotations_applied() == 0 && rotate.rotations_applied() > 500);
+    assert!(rotate.rotations.iter().all(|&kind| kind > 0), "{:?}", rotate.rotations);
+    assert!(rotate.sah_cost < refit.sah_cost.map(|c| 0.8 * c));
+}
+
+#[test]
+fn a_still_scene_converges_and_stays() {
+    let end = boxes(3000, 9, 200.0);
+    let mut bvh = tree(&boxes(3000, 9, 0.0), 1);
+    let mut scratch = Scratch::new();
+    let mut cost = f64::INFINITY;
+    for pass in 0.. {
+        let done = update(&mut bvh, &end, &Strategy::RefitRotate, &mut scratch).expect("same count");
+        assert!(sah_cost(&bvh) <= cost, "a rotation raised the cost");
+        cost = sah_cost(&bvh);
+        if done.rotations_applied() == 0 {
+            break;
+        }
+        assert!(pass < 200, "still rotating after {pass} passes over a still scene");
+    }
+    let settled = bvh.hash();
+    update(&mut bvh, &end, &Strategy::RefitRotate, &mut scratch).expect("same count");
+    assert_eq!(bvh.hash(), settled);
+}
+
+#[test]
+fn renumbered_primitives_give_the_same_tree() {
+    let start = boxes(3000, 4, 0.0);
+    let mut plain_numbers = tree(&start, 1);
+    let mut in_order = plain_numbers.clone();
+    let map = in_order.renumber();
+    let mut scratch = Scratch::new();
+    for frame in 1..4 {
+        let now = boxes(3000, 4, frame as f32 * 20.0);
+        let arranged: Vec<_> = map.iter().map(|&p| now[p as usize]).collect();
+        update(&mut plain_numbers, &now, &Strategy::RefitRotate, &mut scratch).expect("same count");
+        update(&mut in_order, &arranged, &Strategy::RefitRotate, &mut scratch).expect("same count");
+        assert_eq!(plain_numbers.nodes(), in_order.nodes());
+    }
+}
+
+#[test]
+fn primitives_that_are_not_finite_are_dropped_and_come_back() {
+    let start = boxes(2000, 6, 0.0);
+    let mut bvh = tree(&start, 1);
+    let mut scratch = Scratch::new();
+    let mut broken = start.clone();
+    for i in (0..2000).step_by(100) {
+        broken[i].max.y = [f32::NAN, f32::INFINITY][i / 100 % 2];
+    }
+    for strategy in [Strategy::Refit, Strategy::RefitRotate] {
+        let done = update(&mut bvh, &broken, &strategy, &mut scratch).expect("same count");
+        assert_eq!((done.dropped, stats(&bvh).dropped), (20, 20));
+        bvh.validate(&broken).expect("tight around the others");
+        assert!(bvh.root().aabb().min.is_finite() && done.sah_cost.is_some_and(f64::is_finite));
+        let done = update(&mut bvh, &start, &strategy, &mut scratch).expect("same count");
+        assert_eq!((done.dropped, stats(&bvh).dropped), (0, 0));
+        bvh.validate(&start).expect("tight around all");
+    }
+}
+
+#[test]
+fn every_strategy_leaves_a_valid_tree_and_another_count_is_refused() {
+    let (start, end) = (boxes(2000, 8, 0.0), boxes(2000, 8, 30.0));
+    for strategy in Strategy::all() {
+        let mut bvh = tree(&start, 1);
+        let mut scratch = Scratch::new();
+        let done = update(&mut bvh, &end, &strategy, &mut scratch).expect("same count");
+        bvh.validate(&end).expect("valid and tight");
+        assert_eq!(done.height, bvh.height());
+        assert_eq!(Strategy::from_name(strategy.name()), Some(strategy));
+        let before = bvh.hash();
+        let error = update(&mut bvh, &end[1..], &strategy, &mut scratch).expect_err("one too few");
+        assert_eq!(error, UpdateError::Count { tree: 2000, given: 1999 });
+        assert_eq!(bvh.hash(), before);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+    #[test]
+    fn same_tree_for_any_size_motion_and_leaf(
+        n in 0usize..2500, seed: u64, step in 0.0f32..100.0, max_leaf_size in 1u32..6, period in 1usize..5
+    ) {
+        check(n, seed, step, 3, max_leaf_size, |i| i % period == 0);
+    }
+}
