@@ -2,6 +2,8 @@
 
 mod obj;
 mod ply;
+#[cfg(test)]
+mod tests;
 
 use std::path::Path;
 

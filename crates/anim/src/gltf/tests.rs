@@ -1,1 +1,638 @@
+//! Tiny glTF files written inline, against values computed by hand.
 
+use std::fmt::Write;
+use std::path::Path;
+
+use base64::Engine;
+use glam::Mat4;
+
+use super::*;
+
+const FLOAT: u32 = 5126;
+const U8: u32 = 5121;
+const I16: u32 = 5122;
+const U16: u32 = 5123;
+const U32: u32 = 5125;
+
+/// Accessors in one embedded buffer, a view each; everything else is given as JSON.
+#[derive(Default)]
+struct Document {
+    bytes: Vec<u8>,
+    views: String,
+    accessors: String,
+    accessor_count: usize,
+}
+
+impl Document {
+    fn view(&mut self, bytes: &[u8], extra: &str) -> usize {
+        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+        let comma = if self.views.is_empty() { "" } else { "," };
+        let (begin, length) = (self.bytes.len(), bytes.len());
+        write!(self.views, r#"{comma}{{"buffer":0,"byteOffset":{begin},"byteLength":{length}{extra}}}"#)
+            .unwrap();
+        self.bytes.extend(bytes);
+        self.views.matches("buffer\"").count() - 1
+    }
+
+    fn raw_accessor(&mut self, json: &str) -> usize {
+        let comma = if self.accessors.is_empty() { "" } else { "," };
+        write!(self.accessors, "{comma}{json}").unwrap();
+        self.accessor_count += 1;
+        self.accessor_count - 1
+    }
+
+    fn accessor(&mut self, shape: &str, kind: u32, count: usize, bytes: &[u8], extra: &str) -> usize {
+        let view = self.view(bytes, "");
+        self.raw_accessor(&format!(
+            r#"{{"bufferView":{view},"componentType":{kind},"count":{count},"type":"{shape}"{extra}}}"#
+        ))
+    }
+
+    fn floats(&mut self, shape: &str, width: usize, values: &[f32]) -> usize {
+        let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        self.accessor(shape, FLOAT, values.len() / width, &bytes, "")
+    }
+
+    fn indices(&mut self, values: &[u16]) -> usize {
+        let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        self.accessor("SCALAR", U16, values.len(), &bytes, "")
+    }
+
+    /// The triangle (0,0,0) (1,0,0) (0,1,0).
+    fn triangle(&mut self) -> usize {
+        self.floats("VEC3", 3, &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+    }
+
+    fn json(&self, rest: &str) -> String {
+        let data = base64::engine::general_purpose::STANDARD.encode(&self.bytes);
+        format!(
+            r#"{{"asset":{{"version":"2.0"}},"buffers":[{{"byteLength":{},"uri":"data:application/octet-stream;base64,{data}"}}],"bufferViews":[{}],"accessors":[{}],{rest}}}"#,
+            self.bytes.len(),
+            self.views,
+            self.accessors
+        )
+    }
+
+    fn load_clip(&self, rest: &str, clip: Option<&str>) -> Result<GltfAnimation, LoadError> {
+        parse_gltf(Path::new("inline.gltf"), self.json(rest).as_bytes(), clip)
+    }
+
+    #[track_caller]
+    fn load(&self, rest: &str) -> GltfAnimation {
+        self.load_clip(rest, None).unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    #[track_caller]
+    fn error(&self, rest: &str) -> String {
+        match self.load_clip(rest, None) {
+            Ok(_) => panic!("loaded"),
+            Err(error) => {
+                let message = error.to_string();
+                assert!(message.starts_with("inline.gltf: ") && !message.contains('\n'), "{message}");
+                message
+            }
+        }
+    }
+}
+
+fn at(animation: &GltfAnimation, time: f64) -> Vec<Vec3> {
+    let mut positions = animation.rest();
+    animation.pose(time, &mut positions);
+    positions
+}
+
+#[track_caller]
+fn assert_close(found: &[Vec3], expected: &[[f32; 3]]) {
+    assert_eq!(found.len(), expected.len());
+    for (found, expected) in found.iter().zip(expected) {
+        assert!(found.abs_diff_eq(Vec3::from_array(*expected), 1e-5), "{found} is not {expected:?}");
+    }
+}
+
+const TRIANGLE_MESH: &str = r#""meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}]"#;
+
+#[test]
+fn rigid_nodes_move_and_still_ones_are_baked() {
+    let mut document = Document::default();
+    document.triangle();
+    let times = document.floats("SCALAR", 1, &[0.0, 2.0]);
+    let values = document.floats("VEC3", 3, &[0.0, 0.0, 0.0, 4.0, 0.0, 0.0]);
+    // Node 0 moves and carries node 1, which is scaled by 2; node 2 stands still at y = 5 with the same mesh.
+    let animation = document.load(&format!(
+        r#"{TRIANGLE_MESH},"scenes":[{{"nodes":[0,2]}}],
+        "nodes":[{{"children":[1]}},{{"mesh":0,"scale":[2,2,2],"name":"Mover"}},{{"mesh":0,"translation":[0,5,0]}}],
+        "animations":[{{"channels":[{{"sampler":0,"target":{{"node":0,"path":"translation"}}}}],
+        "samplers":[{{"input":{times},"output":{values}}}]}}]"#
+    ));
+    let topology = animation.topology();
+    assert_eq!(topology.triangles, [[0, 1, 2], [3, 4, 5]]);
+    assert_eq!(topology.moves, [true, false]);
+    assert_eq!(topology.parts[0].name, "Mover");
+    assert_eq!(topology.parts[0].motion, Motion { rigid: true, ..Motion::STILL });
+    assert_eq!((&topology.parts[1].triangles, &topology.parts[1].vertices), (&(1..2), &(3..6)));
+    assert!(topology.parts[1].motion.is_still());
+    assert_eq!(animation.duration(), 2.0);
+    let still = [[0.0, 5.0, 0.0], [1.0, 5.0, 0.0], [0.0, 6.0, 0.0]];
+    assert_close(&at(&animation, 0.5)[..3], &[[1.0, 0.0, 0.0], [3.0, 0.0, 0.0], [1.0, 2.0, 0.0]]);
+    assert_close(&at(&animation, 99.0)[..3], &[[4.0, 0.0, 0.0], [6.0, 0.0, 0.0], [4.0, 2.0, 0.0]]);
+    assert_close(&animation.rest()[3..], &still);
+    assert_eq!(animation.rest(), at(&animation, 0.0));
+    assert_eq!(animation.rest(), at(&animation, f64::NAN));
+
+    let mut positions = vec![Vec3::NAN; 6];
+    animation.pose(1.0, &mut positions);
+    assert!(positions[..3].iter().all(|p| p.is_finite()) && positions[3..].iter().all(|p| p.is_nan()));
+}
+
+#[test]
+fn constant_keys_are_no_motion() {
+    let mut document = Document::default();
+    document.triangle();
+    let times = document.floats("SCALAR", 1, &[0.0, 2.0]);
+    let values = document.floats("VEC3", 3, &[7.0, 0.0, 0.0, 7.0, 0.0, 0.0]);
+    let animation = document.load(&format!(
+        r#"{TRIANGLE_MESH},"nodes":[{{"mesh":0}}],"animations":[{{"channels":[{{"sampler":0,
+        "target":{{"node":0,"path":"translation"}}}}],"samplers":[{{"input":{times},"output":{values}}}]}}]"#
+    ));
+    assert_eq!(animation.topology().moves, [false]);
+    assert_eq!(animation.duration(), 0.0);
+    assert_close(&animation.rest(), &[[7.0, 0.0, 0.0], [8.0, 0.0, 0.0], [7.0, 1.0, 0.0]]);
+}
+
+/// Two joints along x at 0 and 1 (inverse bind: back by 1), the second turned by 90 degrees about z in one second.
+fn two_joints(weights: &[f32], joints: &[u8], scene: &str, mesh_node: &str) -> GltfAnimation {
+    let mut document = Document::default();
+    // Vertices at x = 0, 1 and 2.
+    document.floats("VEC3", 3, &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 2.0, 0.0, 0.0]);
+    document.accessor("VEC4", U8, 3, joints, "");
+    document.floats("VEC4", 4, weights);
+    let identity = Mat4::IDENTITY.to_cols_array();
+    let back = Mat4::from_translation(Vec3::NEG_X).to_cols_array();
+    document.floats("MAT4", 16, &[identity, back].concat());
+    document.floats("SCALAR", 1, &[0.0, 1.0]);
+    let (cos, sin) = (std::f32::consts::FRAC_PI_4.cos(), std::f32::consts::FRAC_PI_4.sin());
+    document.floats("VEC4", 4, &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, sin, cos]);
+    document.load(&format!(
+        r#""meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"JOINTS_0":1,"WEIGHTS_0":2}}}}]}}],
+        "nodes":[{{"mesh":0,"skin":0{mesh_node}}},{{"children":[2]}},{{"translation":[1,0,0]}}],
+        "skins":[{{"joints":[1,2],"inverseBindMatrices":3}}],"scenes":[{{"nodes":{scene}}}],
+        "animations":[{{"channels":[{{"sampler":0,"target":{{"node":2,"path":"rotation"}}}}],
+        "samplers":[{{"input":4,"output":5}}]}}]"#
+    ))
+}
+
+#[test]
+fn skin_of_two_joints() {
+    // The vertices follow joint 0, both by halves, and joint 1; the mesh node's own transform does not count.
+    let weights = [[1.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]].concat();
+    let joints = [[0, 0, 0, 0], [0, 1, 0, 0], [0, 1, 0, 0]].concat();
+    // The joints need not be in the scene.
+    for scene in ["[0,1]", "[0]"] {
+        let animation = two_joints(&weights, &joints, scene, r#","translation":[0,0,9]"#);
+        assert_eq!(animation.topology().parts[0].motion, Motion { skin: true, ..Motion::STILL });
+        assert_close(&animation.rest(), &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]);
+        // Joint 1 turns about (1, 0, 0): the last vertex goes to (1, 1, 0).
+        assert_close(&at(&animation, 1.0), &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]]);
+    }
+}
+
+#[test]
+fn linear_blend_and_odd_weights() {
+    // Vertex 0: weights 1 and 3, to be scaled to 1/4 and 3/4. Vertex 1: none, so its first joint, 1. Vertex 2: 1/2 each.
+    let weights = [[1.0, 3.0, 0.0, 0.0], [0.0; 4], [0.5, 0.5, 0.0, 0.0]].concat();
+    let animation = two_joints(&weights, &[0, 1, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0], "[0,1]", "");
+    // Joint 1 takes (0,0,0) to (1,-1,0), (1,0,0) to itself, (2,0,0) to (1,1,0).
+    assert_close(&at(&animation, 1.0), &[[0.75, -0.75, 0.0], [1.0, 0.0, 0.0], [1.5, 0.5, 0.0]]);
+}
+
+#[test]
+fn triangles_whose_joints_stand_still_do_not_move() {
+    let weights = [1.0, 0.0, 0.0, 0.0].repeat(3);
+    let animation = two_joints(&weights, &[0; 12], "[0,1]", "");
+    assert_eq!(animation.topology().moves, [false]);
+    assert!(animation.topology().parts[0].motion.is_still());
+}
+
+fn morph(extra_mesh: &str, extra_node: &str, animations: &str) -> GltfAnimation {
+    let mut document = Document::default();
+    document.triangle();
+    document.floats("VEC3", 3, &[0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    document.floats("VEC3", 3, &[0.0, 0.0, 0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0]);
+    document.floats("SCALAR", 1, &[0.0, 1.0]);
+    document.floats("SCALAR", 1, &[0.0, 0.5, 1.0, 0.5]);
+    document.floats("SCALAR", 1, &[0.0, 0.0, 0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 1.0, 0.5, 0.0, 0.0]);
+    document.load(&format!(
+        r#""meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"targets":[{{"POSITION":1}},{{"POSITION":2}}]}}]{extra_mesh}}}],
+        "nodes":[{{"mesh":0{extra_node}}}]{animations}"#
+    ))
+}
+
+#[test]
+fn morph_weights_from_mesh_node_and_channel() {
+    let still = morph("", "", "");
+    assert_close(&still.rest(), &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+    let mesh = morph(r#","weights":[1,0.5]"#, "", "");
+    assert_close(&mesh.rest(), &[[0.0, 0.0, 2.0], [1.0, 0.0, 2.0], [0.0, 1.0, 0.0]]);
+    assert!(mesh.topology().parts[0].motion.is_still());
+    let node = morph(r#","weights":[1,0.5]"#, r#","weights":[0.5,0]"#, "");
+    assert_close(&node.rest(), &[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+
+    let clip = |output: usize, interpolation: &str| {
+        let animation = morph(
+            "",
+            "",
+            &format!(
+                r#","animations":[{{"channels":[{{"sampler":0,"target":{{"node":0,"path":"weights"}}}}],
+            "samplers":[{{"input":3,"output":{output},"interpolation":"{interpolation}"}}]}}]"#
+            ),
+        );
+        assert_eq!(animation.topology().parts[0].motion, Motion { morph: true, ..Motion::STILL });
+        animation
+    };
+    let linear = clip(4, "LINEAR");
+    assert_close(&at(&linear, 0.25), &[[0.0, 0.0, 0.5], [1.0, 0.0, 2.0], [0.0, 1.0, 0.0]]);
+    // Keys (0, 0) with out-tangents (1, 0.5) and (1, 0.5) with tangents 0; halfway 1/2 of the way and 1/8 of the tangent.
+    let cubic = clip(5, "CUBICSPLINE");
+    assert_close(&at(&cubic, 0.5), &[[0.0, 0.0, 2.0 * 0.625], [1.0, 0.0, 4.0 * 0.3125], [0.0, 1.0, 0.0]]);
+}
+
+#[test]
+fn sparse_accessors() {
+    let mut document = Document::default();
+    let base: Vec<u8> =
+        [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+    let base = document.view(&base, "");
+    let at = document.view(&[2], "");
+    let value: Vec<u8> = [5.0_f32, 6.0, 7.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+    let value = document.view(&value, "");
+    let sparse = format!(
+        r#""sparse":{{"count":1,"indices":{{"bufferView":{at},"componentType":{U8}}},"values":{{"bufferView":{value}}}}}"#
+    );
+    document.raw_accessor(&format!(
+        r#"{{"bufferView":{base},"componentType":{FLOAT},"count":3,"type":"VEC3",{sparse}}}"#
+    ));
+    // Without a view the rest is zero.
+    document.raw_accessor(&format!(r#"{{"componentType":{FLOAT},"count":3,"type":"VEC3",{sparse}}}"#));
+    let with_view = document.load(&format!(r#"{TRIANGLE_MESH},"nodes":[{{"mesh":0}}]"#));
+    assert_close(&with_view.rest(), &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [5.0, 6.0, 7.0]]);
+    let without =
+        document.load(r#""meshes":[{"primitives":[{"attributes":{"POSITION":1}}]}],"nodes":[{"mesh":0}]"#);
+    assert_close(&without.rest(), &[[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [5.0, 6.0, 7.0]]);
+
+    let mut document = Document { bytes: document.bytes, views: document.views, ..Document::default() };
+    document.raw_accessor(&format!(r#"{{"componentType":{FLOAT},"count":2,"type":"VEC3",{sparse}}}"#));
+    let message = document.error(&format!(r#"{TRIANGLE_MESH},"nodes":[{{"mesh":0}}]"#));
+    assert!(message.contains("index 2") && message.contains("count 2"), "{message}");
+}
+
+#[test]
+fn quantised_positions_with_stride_and_every_index_type() {
+    for (kind, size) in [(U8, 1), (U16, 2), (U32, 4)] {
+        let mut document = Document::default();
+        // i16, normalised, padded to 8 bytes; and the same not normalised.
+        let padded: Vec<u8> = [[0_i16, 0, 0, 99], [32767, -32768, 0, 99], [0, 16384, 0, 99]]
+            .concat()
+            .iter()
+            .flat_map(|v| v.to_le_bytes())
+            .collect();
+        let view = document.view(&padded, r#","byteStride":8"#);
+        for normalized in ["true", "false"] {
+            document.raw_accessor(&format!(
+                r#"{{"bufferView":{view},"componentType":{I16},"normalized":{normalized},"count":3,"type":"VEC3"}}"#
+            ));
+        }
+        let indices: Vec<u8> = [0_u32, 1, 2].iter().flat_map(|v| v.to_le_bytes()[..size].to_vec()).collect();
+        document.accessor("SCALAR", kind, 3, &indices, "");
+        let load = |position: usize| {
+            document.load(&format!(
+                r#""extensionsUsed":["KHR_mesh_quantization"],"extensionsRequired":["KHR_mesh_quantization"],
+                "meshes":[{{"primitives":[{{"attributes":{{"POSITION":{position}}},"indices":2}}]}}],"nodes":[{{"mesh":0}}]"#
+            ))
+        };
+        assert_close(&load(0).rest(), &[[0.0, 0.0, 0.0], [1.0, -1.0, 0.0], [0.0, 0.500_015_3, 0.0]]);
+        assert_close(&load(1).rest(), &[[0.0, 0.0, 0.0], [32767.0, -32768.0, 0.0], [0.0, 16384.0, 0.0]]);
+    }
+}
+
+#[test]
+fn normalised_rotation_keys() {
+    let mut document = Document::default();
+    document.triangle();
+    document.floats("SCALAR", 1, &[0.0, 1.0]);
+    // From the identity to a half turn about z.
+    document.accessor("VEC4", 5120, 2, &[0, 0, 0, 127, 0, 0, 127, 0], r#","normalized":true"#);
+    let animation = document.load(&format!(
+        r#"{TRIANGLE_MESH},"nodes":[{{"mesh":0}}],"animations":[{{"channels":[{{"sampler":0,
+        "target":{{"node":0,"path":"rotation"}}}}],"samplers":[{{"input":1,"output":2}}]}}]"#
+    ));
+    assert_close(&at(&animation, 0.5), &[[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]);
+    assert_close(&at(&animation, 1.0), &[[0.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]);
+}
+
+#[test]
+fn strips_fans_points_and_unused_vertices() {
+    let mut document = Document::default();
+    let corners: Vec<f32> = (0..15).map(|i| i as f32).collect();
+    document.floats("VEC3", 3, &corners);
+    document.indices(&[4, 1, 2]);
+    let animation = document.load(
+        r#""meshes":[{"primitives":[{"attributes":{"POSITION":0},"mode":5},{"attributes":{"POSITION":0},"mode":6},
+        {"attributes":{"POSITION":0},"mode":0},{"attributes":{"POSITION":0},"mode":3},
+        {"attributes":{"POSITION":0},"indices":1}]}],"nodes":[{"mesh":0}]"#,
+    );
+    assert_eq!(animation.ignored_primitives(), 2);
+    let strip = [[0, 1, 2], [1, 3, 2], [2, 3, 4]];
+    let fan = [[6, 7, 5], [7, 8, 5], [8, 9, 5]];
+    assert_eq!(animation.topology().triangles, [&strip[..], &fan[..], &[[12, 10, 11]]].concat());
+    assert_eq!(animation.topology().vertex_count, 13);
+    assert_close(&animation.rest()[10..], &[[3.0, 4.0, 5.0], [6.0, 7.0, 8.0], [12.0, 13.0, 14.0]]);
+}
+
+#[test]
+fn clips_by_name_and_number() {
+    let mut document = Document::default();
+    document.triangle();
+    document.floats("SCALAR", 1, &[0.0, 1.0]);
+    document.floats("SCALAR", 1, &[0.0, 3.0]);
+    document.floats("VEC3", 3, &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]);
+    let clip = |name: &str, input: usize| {
+        format!(
+            r#"{{"name":"{name}","channels":[{{"sampler":0,"target":{{"node":0,"path":"translation"}}}}],
+            "samplers":[{{"input":{input},"output":3}}]}}"#
+        )
+    };
+    let rest = format!(
+        r#"{TRIANGLE_MESH},"nodes":[{{"mesh":0}}],"animations":[{},{}]"#,
+        clip("Walk", 1),
+        clip("Run", 2)
+    );
+    let duration = |clip| document.load_clip(&rest, clip).unwrap().duration();
+    assert_eq!(
+        [None, Some("0"), Some("Walk"), Some("1"), Some("Run")].map(duration),
+        [1.0, 1.0, 1.0, 3.0, 3.0]
+    );
+    assert_eq!(document.load(&rest).clips(), ["Walk", "Run"]);
+    let message = document.load_clip(&rest, Some("2")).err().unwrap().to_string();
+    assert_eq!(message, r#"inline.gltf: no clip "2"; there are: 0 "Walk", 1 "Run""#);
+}
+
+#[test]
+fn materials_camera_and_lights() {
+    let mut document = Document::default();
+    document.triangle();
+    let rest = |kind: &str| {
+        format!(
+            r#""meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"material":0}},{{"attributes":{{"POSITION":0}}}}]}}],
+            "materials":[{{"pbrMetallicRoughness":{{"baseColorFactor":[0.5,0.25,7,1]}}}}],
+            "extensions":{{"KHR_lights_punctual":{{"lights":[{{"type":"{kind}","color":[1,0.5,0],"spot":{{}}}}]}}}},
+            "cameras":[{{"type":"perspective","perspective":{{"yfov":0.7,"znear":0.1}}}}],
+            "nodes":[{{"mesh":0}},{{"camera":0,"translation":[0,0,5]}},
+            {{"translation":[1,2,3],"rotation":[-0.70710678,0,0,0.70710678],"extensions":{{"KHR_lights_punctual":{{"light":0}}}}}}]"#
+        )
+    };
+    let animation = document.load(&rest("point"));
+    let materials = &animation.topology().materials;
+    let colors: Vec<_> =
+        animation.topology().parts.iter().map(|part| materials[part.material as usize]).collect();
+    assert_eq!(colors, [Material { base_color: [0.5, 0.25, 1.0] }, Material::default()]);
+    let view = animation.view(0.0).unwrap();
+    assert_eq!((view.eye, view.up, view.fov_y), (Vec3::new(0.0, 0.0, 5.0), Vec3::Y, 0.7));
+    assert!((view.target - view.eye).normalize().abs_diff_eq(Vec3::NEG_Z, 1e-6));
+    let expected = Light { position: Vec3::new(1.0, 2.0, 3.0), color: [1.0, 0.5, 0.0] };
+    assert_eq!(animation.light(0.0), Some(expected));
+    // Turned by -90 degrees about x it shines straight down, so it stands straight above.
+    let position = document.load(&rest("directional")).light(0.0).unwrap().position;
+    assert!(position.y > 100.0 && position.x.abs() < 1.0 && position.z.abs() < 1.0, "{position}");
+}
+
+#[test]
+fn hierarchies_that_are_not_forests() {
+    let document = Document::default();
+    let message = document.error(r#""nodes":[{"children":[1]},{"children":[0]}]"#);
+    assert!(message.contains("node 0") && message.contains("own ancestor"), "{message}");
+    let message = document.error(r#""nodes":[{"name":"me","children":[0]}]"#);
+    assert!(message.contains(r#"node 0 "me""#), "{message}");
+    let message = document.error(r#""nodes":[{"children":[2]},{"children":[2]},{}]"#);
+    assert!(message.contains("two parents"), "{message}");
+    assert!(document.error(r#""nodes":[{"children":[7]}]"#).contains("no child node 7"));
+}
+
+#[test]
+fn a_very_deep_hierarchy() {
+    let mut document = Document::default();
+    document.triangle();
+    document.floats("SCALAR", 1, &[0.0, 1.0]);
+    document.floats("VEC3", 3, &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]);
+    let depth = 50_000;
+    let nodes: String = (1..=depth).map(|child| format!(r#"{{"children":[{child}]}},"#)).collect();
+    let animation = document.load(&format!(
+        r#"{TRIANGLE_MESH},"scenes":[{{"nodes":[0]}}],"nodes":[{nodes}{{"mesh":0,"camera":0}}],
+        "cameras":[{{"type":"perspective","perspective":{{"yfov":1,"znear":1}}}}],"animations":[{{"channels":
+        [{{"sampler":0,"target":{{"node":0,"path":"translation"}}}}],"samplers":[{{"input":1,"output":2}}]}}]"#
+    ));
+    assert_eq!(at(&animation, 0.5)[0], Vec3::new(0.5, 0.0, 0.0));
+    assert_eq!(animation.view(0.5).unwrap().eye, Vec3::new(0.5, 0.0, 0.0));
+}
+
+#[test]
+fn numbers_out_of_range_are_errors() {
+    let mut document = Document::default();
+    document.triangle(); // 0
+    document.floats("SCALAR", 1, &[0.0, 1.0]); // 1
+    document.floats("VEC3", 3, &[0.0; 6]); // 2
+    document.indices(&[0, 1, 3]); // 3: a vertex too far
+    document.indices(&[0, 1]); // 4: no whole triangle
+    document.floats("SCALAR", 1, &[1.0, 0.0]); // 5: times that go back
+    document.floats("SCALAR", 1, &[0.0, f32::NAN]); // 6
+    document.accessor("VEC4", U8, 3, &[0, 0, 0, 0, 9, 0, 0, 0, 0, 0, 0, 0], ""); // 7: a joint too far
+    document.floats("VEC4", 4, &[1.0, 0.0, 0.0, 0.0].repeat(3)); // 8
+    document.floats("MAT4", 16, &[0.0; 16]); // 9
+    document.accessor("VEC3", FLOAT, 4, &[0; 36], ""); // 10: longer than its view
+    document.raw_accessor(r#"{"bufferView":99,"componentType":5126,"count":3,"type":"VEC3"}"#); // 11
+    document.raw_accessor(
+        r#"{"bufferView":0,"byteOffset":18446744073709551615,"componentType":5126,"count":3,"type":"VEC3"}"#,
+    ); // 12
+    document
+        .raw_accessor(r#"{"bufferView":0,"componentType":5126,"count":18446744073709551615,"type":"VEC3"}"#); // 13
+    document.raw_accessor(r#"{"componentType":5126,"count":4000000000,"type":"VEC3"}"#); // 14
+    document.raw_accessor(r#"{"bufferView":0,"componentType":7,"count":3,"type":"VEC3"}"#); // 15
+    document.raw_accessor(r#"{"bufferView":0,"componentType":5126,"count":3,"type":"VEC9"}"#); // 16
+
+    let mesh = |primitive: &str, others: &str| {
+        format!(r#""meshes":[{{"primitives":[{{{primitive}}}]}}],"nodes":[{{"mesh":0{others}}}]"#)
+    };
+    let position = |accessor: usize| mesh(&format!(r#""attributes":{{"POSITION":{accessor}}}"#), "");
+    for (accessor, expected) in [
+        (99, "no such accessor"),
+        (1, "SCALAR"),
+        (10, "4 elements of 12 bytes"),
+        (11, "no bufferView 99"),
+        (12, "from byte 18446744073709551615"),
+        (13, "at most"),
+        (14, "at most"),
+        (15, "unknown component type"),
+        (16, "unknown element type"),
+    ] {
+        let message = document.error(&position(accessor));
+        assert!(message.contains(expected) && message.contains("POSITION"), "{accessor}: {message}");
+    }
+    let good = r#""attributes":{"POSITION":0}"#;
+    let check = |rest: &str, expected: &str| {
+        let message = document.error(rest);
+        assert!(message.contains(expected), "{expected:?} is not in: {message}");
+    };
+    check(&mesh(r#""attributes":{}"#, ""), "no POSITION");
+    check(&mesh(&format!(r#"{good},"indices":3"#), ""), "index number 2: found 3");
+    check(&mesh(&format!(r#"{good},"indices":4"#), ""), "2 vertices");
+    check(&mesh(&format!(r#"{good},"indices":0"#), ""), "SCALAR");
+    check(&mesh(&format!(r#"{good},"indices":1"#), ""), "unsigned integers");
+    check(&mesh(&format!(r#"{good},"indices":4,"mode":5"#), ""), "at least 3");
+    check(&mesh(&format!(r#"{good},"mode":9"#), ""), "mode");
+    check(&mesh(&format!(r#"{good},"material":1"#), ""), "no material 1");
+    check(&mesh(&format!(r#"{good},"targets":[{{"POSITION":2}}]"#), ""), "2 elements");
+    check(&mesh(&format!(r#"{good},"targets":[{{"POSITION":0}}]"#), r#","weights":[1,2,3]"#), "3 weights");
+    check(&mesh(good, r#","skin":3"#), "no skin 3");
+    check(r#""nodes":[{"mesh":4}]"#, "no mesh 4");
+    check(r#""nodes":[],"scene":2"#, "no scene 2");
+    check(r#""nodes":[],"scenes":[{"nodes":[5]}]"#, "no node 5");
+    check(r#""nodes":[{}]"#, "without triangles");
+
+    let skinned = r#""attributes":{"POSITION":0,"JOINTS_0":7,"WEIGHTS_0":8}"#;
+    let skin = |skin: &str| format!(r#"{},"skins":[{{{skin}}}]"#, mesh(skinned, r#","skin":0"#));
+    check(&skin(r#""joints":[0]"#), "joint 9");
+    check(&skin(r#""joints":[8]"#), "joint node 8");
+    check(&skin(r#""joints":[0,0],"inverseBindMatrices":9"#), "1 inverse bind matrices");
+    check(&skin(r#""joints":[0],"inverseBindMatrices":0"#), "MAT4");
+
+    let clip = |sampler: usize, node: usize, path: &str, input: usize, output: usize| {
+        format!(
+            r#"{},"animations":[{{"channels":[{{"sampler":{sampler},"target":{{"node":{node},"path":"{path}"}}}}],
+            "samplers":[{{"input":{input},"output":{output}}}]}}]"#,
+            mesh(good, "")
+        )
+    };
+    check(&clip(1, 0, "translation", 1, 2), "no sampler 1");
+    check(&clip(0, 3, "translation", 1, 2), "no node 3");
+    check(&clip(0, 0, "color", 1, 2), "target path");
+    check(&clip(0, 0, "translation", 1, 0), "9 numbers");
+    check(&clip(0, 0, "rotation", 1, 2), "VEC4");
+    check(&clip(0, 0, "translation", 5, 2), "before one");
+    check(&clip(0, 0, "translation", 6, 2), "NaN");
+}
+
+#[test]
+fn containers_and_buffers() {
+    let parse = |bytes: &[u8]| parse_gltf(Path::new("inline.glb"), bytes, None).err().unwrap().to_string();
+    assert!(parse(b"").contains("empty file"));
+    assert!(parse(b"hello").contains("JSON"));
+    assert!(parse(b"{}").contains("JSON"));
+    assert!(parse(b"glTF").contains("length of 0"));
+    assert!(parse(b"glTF\x02\0\0\0\x01\0\0\0").contains("length of 1"));
+    assert!(parse(b"glTF\x02\0\0\0\xff\xff\xff\xff").contains("length of 4294967295"));
+    assert!(parse(b"glTF\x02\0\0\0\x14\0\0\0\xff\xff\xff\xffJSON").contains("JSON chunk"));
+    assert!(parse(b"glTF\x09\0\0\0\x0c\0\0\0").contains("version"));
+    assert!(parse(br#"{"asset":{"version":"1.0"}}"#).contains("1.0"));
+    let draco = r#"{"asset":{"version":"2.0"},"extensionsRequired":["KHR_draco_mesh_compression"]}"#;
+    assert!(parse(draco.as_bytes()).contains("KHR_draco_mesh_compression"));
+    let buffer =
+        |buffer: &str| parse(format!(r#"{{"asset":{{"version":"2.0"}},"buffers":[{buffer}]}}"#).as_bytes());
+    assert!(buffer(r#"{"byteLength":4}"#).contains("no BIN chunk"));
+    assert!(buffer(r#"{"byteLength":4,"uri":"data:;base64,AA=="}"#).contains("1 bytes"));
+    assert!(buffer(r#"{"byteLength":4,"uri":"../x.bin"}"#).contains("below the folder"));
+    let missing = buffer(r#"{"byteLength":4,"uri":"no%20such.bin"}"#);
+    assert!(missing.starts_with("no such.bin: cannot be read"), "{missing}");
+}
+
+#[test]
+fn a_file_beside_and_a_binary_chunk_give_the_same() {
+    let mut document = Document::default();
+    document.triangle();
+    let rest = |buffer: &str| {
+        format!(
+            r#"{{"asset":{{"version":"2.0"}},"buffers":[{{"byteLength":36{buffer}}}],"bufferViews":[{}],"accessors":[{}],
+            {TRIANGLE_MESH},"nodes":[{{"mesh":0}}]}}"#,
+            document.views, document.accessors
+        )
+    };
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("a b.bin"), &document.bytes).unwrap();
+    let file = folder.path().join("model.gltf");
+    std::fs::write(&file, rest(r#","uri":"a%20b.bin""#)).unwrap();
+    let beside = load_gltf(&file, None).unwrap();
+
+    let mut json = rest("").into_bytes();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let mut glb = b"glTF\x02\0\0\0".to_vec();
+    glb.extend((12 + 8 + json.len() as u32 + 8 + 36).to_le_bytes());
+    glb.extend((json.len() as u32).to_le_bytes());
+    glb.extend(b"JSON");
+    glb.extend(&json);
+    glb.extend(36_u32.to_le_bytes());
+    glb.extend(b"BIN\0");
+    glb.extend(&document.bytes);
+    let binary = parse_gltf(Path::new("model.glb"), &glb, None).unwrap();
+    assert_eq!(beside.rest(), binary.rest());
+    assert_close(&binary.rest(), &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+}
+
+#[test]
+fn instancing_is_held_to_a_multiple_of_the_file() {
+    let mut document = Document::default();
+    let vertices = 30_000;
+    document.floats("VEC3", 3, &vec![0.5; vertices * 3]);
+    let nodes = vec![r#"{"mesh":0}"#; 100_000].join(",");
+    let message = document.error(&format!(r#"{TRIANGLE_MESH},"nodes":[{nodes}]"#));
+    assert!(message.contains("decoded data"), "{message}");
+}
+
+/// Whatever is done to a file, loading ends with a result, and posing what was loaded does not panic.
+#[test]
+fn corrupted_files_do_not_panic() {
+    let mut document = Document::default();
+    document.triangle();
+    document.accessor("VEC4", U8, 3, &[0; 12], "");
+    document.floats("VEC4", 4, &[1.0; 12]);
+    document.floats("SCALAR", 1, &[0.0, 1.0]);
+    document.floats("VEC3", 3, &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]);
+    document.indices(&[0, 1, 2]);
+    document.floats("SCALAR", 1, &[0.0, 1.0]);
+    let json = document.json(
+        r#""meshes":[{"primitives":[{"attributes":{"POSITION":0,"JOINTS_0":1,"WEIGHTS_0":2},"indices":5,
+        "targets":[{"POSITION":0}]}]}],"nodes":[{"mesh":0,"skin":0},{"children":[2]},{"mesh":0}],"skins":[{"joints":[1,2]}],
+        "animations":[{"channels":[{"sampler":0,"target":{"node":1,"path":"translation"}},{"sampler":1,"target":{"node":2,
+        "path":"weights"}}],"samplers":[{"input":3,"output":4},{"input":3,"output":6}]}]"#,
+    );
+    let mut state = 0x2545_f491_4f6c_dd1d_u64;
+    let mut random = |below: usize| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state % below as u64) as usize
+    };
+    let mut loaded = 0;
+    for round in 0..20_000 {
+        let mut bytes = json.clone().into_bytes();
+        for _ in 0..=round % 3 {
+            let at = random(bytes.len());
+            // Mostly digits for digits, so that the JSON stays readable.
+            bytes[at] = match bytes[at] {
+                b'0'..=b'9' => b'0' + random(10) as u8,
+                other if random(4) == 0 => other ^ (1 << random(7)),
+                other => other,
+            };
+        }
+        if let Ok(animation) = parse_gltf(Path::new("inline.gltf"), &bytes, None) {
+            loaded += 1;
+            at_all_times(&animation);
+        }
+    }
+    assert!(loaded > 1000, "most corruptions should leave something to load: {loaded}");
+}
+
+fn at_all_times(animation: &GltfAnimation) {
+    for time in [0.0, 0.4, 1.0, f64::NAN, f64::INFINITY, -1.0] {
+        at(animation, time);
+        animation.view(time);
+        animation.light(time);
+    }
+}

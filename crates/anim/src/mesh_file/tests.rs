@@ -1,0 +1,215 @@
+use std::path::Path;
+
+use glam::Vec3;
+
+use super::*;
+use crate::Animation;
+
+fn parse(name: &str, bytes: &[u8]) -> Result<KeyFrames, LoadError> {
+    parse_mesh(Path::new(name), bytes)
+}
+
+#[track_caller]
+fn error(name: &str, bytes: &[u8]) -> String {
+    let message = parse(name, bytes).unwrap_err().to_string();
+    assert!(message.starts_with(name) && !message.contains('\n'), "{message}");
+    message
+}
+
+/// A square of two triangles in any encoding; what is not asked for is in the way and has to be skipped.
+fn square_ply(format: &str, float: &str, index: &str) -> Vec<u8> {
+    let mut bytes = format!(
+        "ply\nformat {format} 1.0\ncomment test\nelement vertex 4\nproperty {float} x\nproperty uchar red\n\
+         property {float} y\nproperty {float} z\nelement edge 1\nproperty int vertex1\nelement face 1\n\
+         property uchar flags\nproperty list uchar {index} vertex_index\nend_header\n"
+    )
+    .into_bytes();
+    let corners = [[0.1, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 1e10]];
+    if format == "ascii" {
+        for [x, y, z] in corners {
+            bytes.extend(format!("{x} 7 {y} {z}\n").bytes());
+        }
+        bytes.extend(b"3\n9 4 0 1 2 3\n");
+        return bytes;
+    }
+    let big = format == "binary_big_endian";
+    let mut push = |little: &[u8]| {
+        if big { bytes.extend(little.iter().rev()) } else { bytes.extend(little) }
+    };
+    for [x, y, z] in corners {
+        let number = |value: f64| match float {
+            "float" => (value as f32).to_le_bytes().to_vec(),
+            _ => value.to_le_bytes().to_vec(),
+        };
+        push(&number(x));
+        push(&[7]);
+        push(&number(y));
+        push(&number(z));
+    }
+    push(&3_i32.to_le_bytes());
+    push(&[9]);
+    push(&[4]);
+    for corner in 0..4_u32 {
+        let size = if index == "ushort" { 2 } else { 4 };
+        push(&corner.to_le_bytes()[..size]);
+    }
+    bytes
+}
+
+#[test]
+fn ply_in_all_encodings() {
+    for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
+        for float in ["float", "double"] {
+            for index in ["int", "uint", "ushort"] {
+                let mesh = parse("square.ply", &square_ply(format, float, index))
+                    .unwrap_or_else(|error| panic!("{format} {float} {index}: {error}"));
+                assert_eq!(mesh.topology().triangles, [[0, 1, 2], [0, 2, 3]]);
+                let expected =
+                    [Vec3::new(0.1, 0.0, 0.0), Vec3::X, Vec3::new(1.0, 1.0, 0.0), Vec3::new(0.0, 1.0, 1e10)];
+                assert_eq!(mesh.rest(), expected);
+                assert_eq!(mesh.topology().parts[0].name, "square");
+                assert_eq!((mesh.duration(), &mesh.topology().moves[..]), (0.0, &[false, false][..]));
+            }
+        }
+    }
+}
+
+#[test]
+fn ply_that_promises_more_than_it_holds() {
+    let header = |format: &str, vertices: &str, faces: &str| {
+        format!(
+            "ply\nformat {format} 1.0\nelement vertex {vertices}\nproperty float x\nproperty float y\nproperty float z\n\
+             element face {faces}\nproperty list uchar int vertex_indices\nend_header\n"
+        )
+    };
+    for format in ["ascii", "binary_little_endian"] {
+        for count in ["4000000000", "18446744073709551615", "99999999999999999999999999"] {
+            let message = error("huge.ply", header(format, count, "1").as_bytes());
+            assert!(message.contains("element vertex") || message.contains("header"), "{message}");
+        }
+        assert!(error("huge.ply", header(format, "0", "4000000000").as_bytes()).contains("element face"));
+    }
+    // Elements without properties take no bytes; a list may claim any length.
+    let nothing = header("binary_little_endian", "0", "0")
+        .replace("element face", "element void 18446744073709551615\nelement face");
+    assert!(error("void.ply", nothing.as_bytes()).contains("no triangles"));
+    let list = header("binary_little_endian", "0", "1").replace("list uchar", "list uint");
+    let mut list = list.into_bytes();
+    list.extend([0xff; 8]);
+    assert!(error("list.ply", &list).contains("face"));
+}
+
+#[test]
+fn malformed_ply() {
+    let ascii = String::from_utf8(square_ply("ascii", "float", "int")).unwrap();
+    for (from, to, expected) in [
+        ("9 4 0 1 2 3", "9 4 0 1 2 4", "vertex 4"),
+        ("9 4 0 1 2 3", "9 4 0 1 2 -3", "face"),
+        ("9 4 0 1 2 3", "9 2 0 1", "2 corners"),
+        ("9 4 0 1 2 3", "9 4 0 1", "face"),
+        ("property float z", "property float w", "no property z"),
+        ("vertex_index", "something", "no list of vertices"),
+        ("element vertex", "element point", "no element vertex"),
+        ("end_header", "", "header"),
+        ("ply\n", "plx\n", "header"),
+        ("1.0", "x.0", "header"),
+    ] {
+        let message = error("bad.ply", ascii.replacen(from, to, 1).as_bytes());
+        assert!(message.contains(expected), "{message}");
+    }
+    assert!(error("empty.ply", b"").contains("empty file"));
+}
+
+#[test]
+fn ply_points_that_are_not_finite_are_passed_on() {
+    let mut bytes = square_ply("binary_little_endian", "float", "int");
+    let first = bytes.windows(11).position(|window| window == b"end_header\n").unwrap() + 11;
+    bytes[first..first + 4].copy_from_slice(&f32::NAN.to_le_bytes());
+    assert!(parse("nan.ply", &bytes).unwrap().rest()[0].x.is_nan());
+}
+
+#[test]
+fn obj_faces_polygons_and_relative_indices() {
+    let text = "# comment\nmtllib none.mtl\no first\nv 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\n\
+                f 1/1/1 2/1 3//1 4\nf -4/1 \\\n-3 -2\nl 1 2\np 1\no empty\no second\nv 5 5 5\nf 1 2 5\nf 1/7 5/8 3/9\n";
+    let mesh = parse("some.obj", text.as_bytes()).unwrap();
+    let topology = mesh.topology();
+    // The parts do not share vertices.
+    assert_eq!(topology.triangles, [[0, 1, 2], [0, 2, 3], [0, 1, 2], [4, 5, 6], [4, 6, 7]]);
+    let names: Vec<_> = topology.parts.iter().map(|part| (&*part.name, part.triangles.clone())).collect();
+    assert_eq!(names, [("first", 0..3), ("second", 3..5)]);
+    assert_eq!((topology.parts[1].vertices.clone(), topology.vertex_count), (4..8, 8));
+    assert_eq!(mesh.rest()[6], Vec3::splat(5.0));
+}
+
+#[test]
+fn obj_materials_beside_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("model.obj");
+    let mtl = "newmtl broken\nKd 0.5\nnewmtl red\nKd 1 0.25 0\nKs 1\n";
+    std::fs::write(folder.path().join("my colours.mtl"), mtl).unwrap();
+    let obj = "mtllib my colours.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nusemtl red\nf 3 2 1\nusemtl broken\nf 1 2 3\n";
+    std::fs::write(&file, obj).unwrap();
+    let mesh = load_mesh(&file).unwrap();
+    let topology = mesh.topology();
+    let colors: Vec<_> =
+        topology.parts.iter().map(|p| topology.materials[p.material as usize].base_color).collect();
+    assert_eq!(colors, [[0.8; 3], [1.0, 0.25, 0.0], [0.8; 3]]);
+}
+
+#[test]
+fn malformed_obj() {
+    let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+    for faces in [
+        "f 1 2 4",
+        "f 0 1 2",
+        "f 1 2 -4",
+        "f",
+        "f 1 2 x",
+        "f 1 2 99999999999999999999",
+        "v 1 2\nf 1 2 3",
+        "v a b c",
+    ] {
+        error("bad.obj", format!("{triangle}{faces}\n").as_bytes());
+    }
+    // Texture coordinates that do not exist do not matter.
+    assert!(
+        parse("fine.obj", format!("{triangle}vt 0 0\nf 1/-5/-5 2/9223372036854775807 3\n").as_bytes())
+            .is_ok()
+    );
+    assert!(error("empty.obj", b"").contains("empty file"));
+    assert!(error("no faces.obj", triangle.as_bytes()).contains("no triangles"));
+    assert!(error("model.stl", b"solid").contains("supported are"));
+}
+
+/// Whatever is done to a file, loading ends with a result.
+#[test]
+fn corrupted_files_do_not_panic() {
+    let obj = b"mtllib a\no b\nv 0 0 0\nv 1 0 0\nv 0 1 0 1\nvt 0 1\nf 1/1/1 2/2 3\nusemtl c\nf -1 -2 -3\ng d\nf 1 2 3\n";
+    let mut files = vec![("x.obj", obj.to_vec())];
+    for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
+        files.push(("x.ply", square_ply(format, "float", "int")));
+    }
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut random = |below: usize| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state % below as u64) as usize
+    };
+    let mut loaded = 0;
+    for round in 0..10_000 {
+        for (name, bytes) in &files {
+            let mut bytes = bytes.clone();
+            for _ in 0..=round % 3 {
+                let at = random(bytes.len());
+                bytes[at] = if random(2) == 0 { random(256) as u8 } else { bytes[at] ^ (1 << random(8)) };
+            }
+            if random(4) == 0 {
+                bytes.truncate(random(bytes.len()));
+            }
+            loaded += usize::from(parse(name, &bytes).is_ok());
+        }
+    }
+    assert!(loaded > 1000, "some corruptions should leave something to load: {loaded}");
+}

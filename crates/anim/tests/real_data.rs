@@ -1,0 +1,185 @@
+//! Real files: counts, bounds and motion as measured by independent parsers. Skipped without `PIVOT_DATA`.
+
+use std::path::PathBuf;
+
+use anim::glam::Vec3;
+use anim::{Animation, LoadError, load, load_gltf};
+
+fn data(path: &str) -> Option<PathBuf> {
+    let Some(root) = std::env::var_os("PIVOT_DATA") else {
+        println!("skipped: PIVOT_DATA is not set");
+        return None;
+    };
+    Some(PathBuf::from(root).join(path))
+}
+
+/// What must hold for everything that loads.
+fn check(animation: &dyn Animation, name: &str) {
+    let topology = animation.topology();
+    let rest = animation.rest();
+    assert_eq!(rest.len(), topology.vertex_count, "{name}");
+    assert_eq!(topology.moves.len(), topology.triangles.len(), "{name}");
+    assert!(!topology.materials.is_empty());
+    let (mut triangle, mut vertex) = (0, 0);
+    for part in &topology.parts {
+        assert_eq!((part.triangles.start, part.vertices.start), (triangle, vertex), "{name}");
+        (triangle, vertex) = (part.triangles.end, part.vertices.end);
+        assert!((part.material as usize) < topology.materials.len());
+        let range = part.triangles.start as usize..part.triangles.end as usize;
+        for corner in topology.triangles[range.clone()].as_flattened() {
+            assert!(part.vertices.contains(corner), "{name}: a part uses vertices of another");
+        }
+        assert_eq!(topology.moves[range].contains(&true), !part.motion.is_still(), "{name}: {}", part.name);
+    }
+    assert_eq!(
+        (triangle as usize, vertex as usize),
+        (topology.triangles.len(), topology.vertex_count),
+        "{name}"
+    );
+
+    let bits = |positions: &[Vec3]| -> Vec<[u32; 3]> {
+        positions.iter().map(|p| p.to_array().map(f32::to_bits)).collect()
+    };
+    let mut positions = rest.clone();
+    animation.pose(0.0, &mut positions);
+    assert_eq!(bits(&positions), bits(&rest), "{name}: the pose at 0 is the rest pose");
+
+    // Sampled over the loop, in an order that is not that of time: what moves, and only that, moves.
+    let times = [0.31, 0.97, 0.12, 0.77, 0.5].map(|part| part * animation.duration());
+    let mut seen_moving = vec![false; topology.triangles.len()];
+    for time in times {
+        animation.pose(time, &mut positions);
+        let mut afresh = rest.clone();
+        animation.pose(time, &mut afresh);
+        assert_eq!(bits(&positions), bits(&afresh), "{name}: a pose depends on earlier ones");
+        for (seen, corners) in seen_moving.iter_mut().zip(&topology.triangles) {
+            *seen |= corners.iter().any(|&corner| positions[corner as usize] != rest[corner as usize]);
+        }
+    }
+    for (triangle, (&seen, &moves)) in seen_moving.iter().zip(&topology.moves).enumerate() {
+        assert!(
+            moves || !seen || !rest_is_finite(&rest, topology.triangles[triangle]),
+            "{name}: triangle {triangle} moves"
+        );
+    }
+    let (seen, declared) = (
+        seen_moving.iter().filter(|&&seen| seen).count(),
+        topology.moves.iter().filter(|&&moves| moves).count(),
+    );
+    assert!(declared == 0 || seen * 10 >= declared * 9, "{name}: {declared} triangles can move, {seen} do");
+}
+
+fn rest_is_finite(rest: &[Vec3], corners: [u32; 3]) -> bool {
+    corners.iter().all(|&corner| rest[corner as usize].is_finite())
+}
+
+fn bounds(positions: &[Vec3]) -> (Vec3, Vec3) {
+    positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), p| (min.min(*p), max.max(*p)))
+}
+
+#[test]
+fn everything_loads_with_the_counts_of_the_manifest() {
+    // Name, triangles, moving triangles, seconds (to a tenth).
+    let expected = [
+        ("gltf/BrainStem.glb", 61_666, 61_666, 34.9),
+        ("gltf/CesiumMan.glb", 4_672, 4_672, 2.0),
+        ("gltf/Fox.glb", 576, 576, 3.4),
+        ("gltf/MorphStressTest.gltf", 2_412, 2_410, 3.3),
+        ("gltf/AnimatedMorphCube/AnimatedMorphCube.gltf", 12, 12, 4.2),
+        ("gltf/simple_skin/simple_skin.gltf", 8, 8, 5.5),
+        ("static/2CylinderEngine.glb", 121_496, 0, 0.0),
+        ("static/sponza_dabrovic.obj", 66_450, 0, 0.0),
+        ("stanford/bunny.obj", 69_451, 0, 0.0),
+        ("stanford/dragon_vrip_res2.ply", 202_520, 0, 0.0),
+        ("hard/jacksboro_dem_utm16n.ply", 275_772, 0, 0.0),
+        ("hard/AC14-FZK-Haus_ifcopenshell.obj", 36_290, 0, 0.0),
+        ("hard/BoxWithInfinites.glb", 12, 0, 0.0),
+        ("unc/cloth-ball", 92_230, 92_230, 2.0 / 24.0),
+        ("unc/n-body", 146_480, 144_000, 2.0 / 24.0),
+    ];
+    for (name, triangles, moving, duration) in expected {
+        let Some(path) = data(name) else { return };
+        let animation = load(&path, None).unwrap_or_else(|error| panic!("{error}"));
+        let topology = animation.topology();
+        let found = topology.moves.iter().filter(|&&moves| moves).count();
+        println!(
+            "{name}: {} triangles, {found} move, {:.2} s, {} parts",
+            topology.triangles.len(),
+            animation.duration(),
+            topology.parts.len()
+        );
+        assert_eq!((topology.triangles.len(), found), (triangles, moving), "{name}");
+        assert!((animation.duration() - duration).abs() < 0.05, "{name}: {} s", animation.duration());
+        check(&*animation, name);
+        let finite = animation.rest().iter().all(|position| position.is_finite());
+        assert_eq!(finite, name != "hard/BoxWithInfinites.glb", "{name}");
+    }
+}
+
+#[test]
+fn brain_stem_stands_upright() {
+    let Some(path) = data("gltf/BrainStem.glb") else { return };
+    let animation = load_gltf(&path, None).unwrap();
+    let mut positions = animation.rest();
+    for step in 0..=20 {
+        animation.pose(animation.duration() * f64::from(step) / 20.0, &mut positions);
+        let (min, max) = bounds(&positions);
+        let size = max - min;
+        assert!(positions.iter().all(|position| position.is_finite()));
+        assert!((1.0..2.5).contains(&size.y), "as tall as a human: {size}");
+        assert!(size.x < 2.5 && size.z < 2.5, "not taken apart: {size}");
+        assert!((-0.5..0.5).contains(&min.y), "on the ground: {min}");
+    }
+}
+
+#[test]
+fn characters_keep_their_shape() {
+    // Skinning turns and bends, but edges stay about as long as they are at rest.
+    for (name, largest) in [("gltf/BrainStem.glb", 0.05), ("gltf/CesiumMan.glb", 0.05), ("gltf/Fox.glb", 0.1)]
+    {
+        let Some(path) = data(name) else { return };
+        let animation = load_gltf(&path, None).unwrap();
+        let topology = animation.topology();
+        let total = |positions: &[Vec3]| -> f64 {
+            let edge = |a: u32, b: u32| f64::from(positions[a as usize].distance(positions[b as usize]));
+            topology.triangles.iter().map(|&[a, b, c]| edge(a, b) + edge(b, c) + edge(c, a)).sum()
+        };
+        let mut positions = animation.rest();
+        let at_rest = total(&positions);
+        for step in 1..10 {
+            animation.pose(animation.duration() * f64::from(step) / 10.0, &mut positions);
+            let change = total(&positions) / at_rest - 1.0;
+            assert!(change.abs() < largest, "{name}: edges changed by {change}");
+        }
+    }
+}
+
+#[test]
+fn every_clip_of_the_fox() {
+    let Some(path) = data("gltf/Fox.glb") else { return };
+    assert_eq!(load_gltf(&path, None).unwrap().clips(), ["Survey", "Walk", "Run"]);
+    for clip in ["Survey", "Walk", "Run", "0", "1", "2"] {
+        check(&*load(&path, Some(clip)).unwrap(), clip);
+    }
+    assert!(matches!(load(&path, Some("Fly")), Err(LoadError::UnknownClip { .. })));
+}
+
+#[test]
+fn broken_files_fail_cleanly() {
+    let mut count = 0;
+    for folder in ["hard/invalid", "hard/gltf_invalid"] {
+        let Some(folder) = data(folder) else { return };
+        let mut waiting = vec![folder];
+        while let Some(path) = waiting.pop() {
+            if path.is_dir() {
+                waiting.extend(std::fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().path()));
+                continue;
+            }
+            let message = load(&path, None).err().expect("a broken file loaded").to_string();
+            println!("{message}");
+            assert!(message.contains(&*path.display().to_string()) && !message.contains('\n'), "{message}");
+            count += 1;
+        }
+    }
+    assert!(count >= 10, "only {count} files found");
+}
