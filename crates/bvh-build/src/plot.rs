@@ -1,0 +1,90 @@
+//! The part of a tree that a subtree is written to.
+
+use bvh_core::{MAX_HEIGHT, Node};
+
+use crate::item::{Hull, Item};
+
+/// Room for a subtree of one primitive a leaf: `order.len()` slots and the `order.len() - 1` pairs of nodes
+/// below its root, whose own node belongs to the plot above.
+///
+/// Pairs lie depth first: the pair of the root's children, then all pairs below the left child, then all below
+/// the right one. As a subtree's size is known from its number of primitives, both halves can be written at
+/// the same time.
+pub(crate) struct Plot<'a> {
+    nodes: &'a mut [Node],
+    first_node: u32,
+    order: &'a mut [u32],
+    first_slot: u32,
+    depth: u32,
+}
+
+impl<'a> Plot<'a> {
+    /// The plot of a whole tree: all nodes but the root's pair, and all slots.
+    pub(crate) fn new(nodes: &'a mut [Node], order: &'a mut [u32]) -> Self {
+        Self { nodes, first_node: 2, order, first_slot: 0, depth: 0 }
+    }
+
+    /// Whether any split here leaves room below for the rest, within [`MAX_HEIGHT`]. Otherwise the number of
+    /// primitives must be halved from here on, which always fits.
+    #[inline]
+    pub(crate) fn any_split_fits(&self) -> bool {
+        self.depth + self.order.len().next_power_of_two().ilog2() < MAX_HEIGHT
+    }
+
+    /// Writes the only primitive of the plot; gives its node.
+    #[inline]
+    pub(crate) fn leaf(self, item: &Item) -> Node {
+        self.order[0] = item.number();
+        Node::leaf(item.hull().aabb(), self.first_slot, 1)
+    }
+
+    /// Plants `left` on the plot of the first `n` slots and `right` on the rest, by way of `both`, which runs the
+    /// two in any order or at once; gives the node above.
+    #[inline]
+    pub(crate) fn fork(self, n: usize, both: impl FnOnce(Self, Self) -> (Node, Node)) -> Node {
+        let (pair, below) = self.nodes.split_at_mut(2);
+        let (left_nodes, right_nodes) = below.split_at_mut(2 * (n - 1));
+        let (left_order, right_order) = self.order.split_at_mut(n);
+        let (first_node, depth) = (self.first_node + 2, self.depth + 1);
+        let left =
+            Plot { nodes: left_nodes, first_node, order: left_order, first_slot: self.first_slot, depth };
+        let right = Plot {
+            nodes: right_nodes,
+            first_node: first_node + 2 * (n as u32 - 1),
+            order: right_order,
+            first_slot: self.first_slot + n as u32,
+            depth,
+        };
+        let (l, r) = both(left, right);
+        pair[0] = l;
+        pair[1] = r;
+        Node::inner(l.aabb().union(r.aabb()), self.first_node)
+    }
+
+    /// Halves the primitives down to the leaves, in the order given.
+    pub(crate) fn halve(self, items: &[Item]) -> Node {
+        match items {
+            [item] => self.leaf(item),
+            _ => {
+                let n = items.len() / 2;
+                self.fork(n, |l, r| (l.halve(&items[..n]), r.halve(&items[n..])))
+            }
+        }
+    }
+}
+
+/// Where the middle of the primitives is, once they are ordered by their centres on the axis on which these
+/// spread most; ties by number. Left as they are if they do not spread at all.
+pub(crate) fn middle(items: &mut [Item], centers: &Hull) -> usize {
+    let n = items.len() / 2;
+    let spread = (centers.max - centers.min).truncate();
+    if spread.max_element() > 0.0 {
+        let axis = spread.max_position();
+        let key = |i: &Item| (i.center_on(axis), i.number());
+        items.select_nth_unstable_by(n, |a, b| {
+            let (a, b) = (key(a), key(b));
+            a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))
+        });
+    }
+    n
+}

@@ -1,0 +1,270 @@
+//! What every builder promises, on random and on hard input.
+
+use bvh_core::{Aabb, Bvh, MAX_HEIGHT, MAX_PRIMITIVES, Node, Primitives, Triangles, Vec3, sah_cost, stats};
+use proptest::prelude::*;
+
+use crate::{BuildError, BuildOptions, Builder, build};
+
+/// A sequence of numbers in 0..1 (splitmix64), for input too large to be worth shrinking.
+fn numbers(mut state: u64) -> impl FnMut() -> f32 {
+    move || {
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = state;
+        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ z >> 31) >> 40) as f32 / (1 << 24) as f32
+    }
+}
+
+/// Triangles with edges of about `size` in the unit cube.
+fn random_triangles(n: usize, size: f32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
+    let mut next = numbers(n as u64);
+    let mut point = || Vec3::new(next(), next(), next());
+    let positions = (0..n).flat_map(|_| {
+        let corner = point();
+        [corner, corner + point() * size, corner + point() * size]
+    });
+    (positions.collect(), (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect())
+}
+
+fn random_boxes(n: usize, size: f32) -> Vec<Aabb> {
+    let (positions, indices) = random_triangles(n, size);
+    let triangles = Triangles { positions: &positions, indices: &indices };
+    (0..n).map(|i| triangles.aabb(i)).collect()
+}
+
+fn point_box(p: Vec3) -> Aabb {
+    Aabb::new(p, p)
+}
+
+fn options(max_leaf_size: u32) -> BuildOptions {
+    BuildOptions { max_leaf_size, ..BuildOptions::default() }
+}
+
+/// Builds with every builder and checks the trees.
+fn check(boxes: &[Aabb], options: &BuildOptions) -> [Bvh; 3] {
+    let trees = Builder::ALL.map(|builder| {
+        let bvh = build(boxes, builder, options, None).expect("few enough");
+        bvh.validate(boxes).unwrap_or_else(|e| panic!("{}: {e}", builder.name()));
+        if options.max_leaf_size == 1 {
+            assert_eq!(bvh.nodes().len(), 2 * boxes.len().max(1), "{}", builder.name());
+        }
+        assert!(stats(&bvh).largest_leaf <= options.max_leaf_size as usize, "{}", builder.name());
+        bvh
+    });
+    assert_eq!(trees[1].hash(), trees[2].hash(), "binned-parallel differs from binned");
+    trees
+}
+
+fn coordinate() -> impl Strategy<Value = f32> {
+    prop_oneof![
+        4 => -10f32..10.0,
+        1 => (-3i8..3).prop_map(f32::from),
+        1 => prop::num::f32::ANY,
+        1 => prop::sample::select(vec![1e38, -1e38, f32::MAX, f32::MIN, 1e-45, -1e-40, -0.0, 1e18]),
+    ]
+}
+
+fn any_box() -> impl Strategy<Value = Aabb> {
+    prop::array::uniform6(coordinate()).prop_map(|c| {
+        let [a, b] = [Vec3::new(c[0], c[1], c[2]), Vec3::new(c[3], c[4], c[5])];
+        Aabb::around(&[a, b])
+    })
+}
+
+proptest! {
+    #[test]
+    fn any_boxes_give_a_valid_tight_tree(
+        boxes in prop::collection::vec(any_box(), 0..80),
+        max_leaf_size in 1u32..10,
+        bins in 0u32..300,
+    ) {
+        check(&boxes, &BuildOptions { max_leaf_size, bins });
+    }
+}
+
+#[test]
+fn names_are_those_of_the_result_files() {
+    assert_eq!(Builder::ALL.map(Builder::name), ["sweep", "binned", "binned-parallel"]);
+}
+
+#[test]
+fn no_one_and_two_primitives() {
+    let [empty, ..] = check(&[], &options(1));
+    assert_eq!(empty.nodes(), [Node::NOTHING; 2]);
+    let boxes = random_boxes(2, 0.1);
+    assert_eq!(check(&boxes[..1], &options(1)).map(|bvh| bvh.height()), [0; 3]);
+    assert_eq!(check(&boxes, &options(1)).map(|bvh| bvh.height()), [1; 3]);
+    assert_eq!(check(&[Aabb::EMPTY], &options(1)).map(|bvh| bvh.root().aabb()), [Aabb::EMPTY; 3]);
+}
+
+#[test]
+fn too_many_primitives_are_refused() {
+    struct Many;
+    impl Primitives for Many {
+        fn len(&self) -> usize {
+            MAX_PRIMITIVES + 1
+        }
+        fn aabb(&self, _: usize) -> Aabb {
+            unreachable!("refused before")
+        }
+    }
+    for builder in Builder::ALL {
+        let error = build(&Many, builder, &options(1), None).expect_err("too many");
+        assert_eq!(error, BuildError::TooManyPrimitives(MAX_PRIMITIVES + 1));
+        assert_eq!(error.to_string(), "536870913 primitives given; at most 536870912 fit");
+    }
+}
+
+#[test]
+fn identical_primitives_give_a_balanced_tree() {
+    for one in [Aabb::new(Vec3::ZERO, Vec3::ONE), point_box(Vec3::splat(7.0))] {
+        assert_eq!(check(&vec![one; 90_000], &options(1)).map(|bvh| bvh.height()), [17; 3]);
+    }
+}
+
+#[test]
+fn points_on_a_line_give_a_shallow_tree() {
+    // Every split costs nothing.
+    let boxes: Vec<_> = (0..4096).map(|i| point_box(Vec3::X * i as f32)).collect();
+    let [sweep, binned, _] = check(&boxes, &options(1)).map(|bvh| bvh.height());
+    assert!(sweep == 12 && binned <= 14, "{sweep}, {binned}");
+}
+
+#[test]
+fn equal_centres_of_different_boxes() {
+    let boxes: Vec<_> =
+        (1..3000).map(|i| Aabb::new(Vec3::splat(-(i as f32)), Vec3::splat(i as f32))).collect();
+    check(&boxes, &options(1));
+}
+
+#[test]
+fn exponential_spacing_stays_within_the_height_bound() {
+    for axes in [Vec3::X, Vec3::new(1.0, 0.5, 0.0), Vec3::ONE] {
+        let spaced = |e: i32| point_box(axes * 2f32.powi(e));
+        let boxes: Vec<_> = (-149..128).chain(-149..128).map(spaced).collect();
+        for bvh in check(&boxes, &options(1)) {
+            assert!(bvh.height() <= MAX_HEIGHT);
+        }
+    }
+}
+
+#[test]
+fn primitives_without_a_box_are_kept_apart() {
+    let clean = random_boxes(500, 0.05);
+    let mut boxes = clean.clone();
+    for i in 0..100 {
+        boxes.insert(i * 6, Aabb::EMPTY);
+    }
+    for (dirty, clean) in check(&boxes, &options(1)).into_iter().zip(check(&clean, &options(1))) {
+        let [l, r] = dirty.children(dirty.root()).expect("inner");
+        assert!(!l.aabb().is_empty() && r.aabb().is_empty());
+        assert_eq!(stats(&dirty).dropped, 100);
+        // The root above the two costs its own area more, that is 1.
+        assert!((sah_cost(&dirty) - sah_cost(&clean) - 1.0).abs() < 1e-9);
+    }
+    check(&vec![Aabb::EMPTY; 1000], &options(4));
+}
+
+#[test]
+fn scale_does_not_change_the_tree() {
+    let boxes = random_boxes(1000, 0.1);
+    let cost = check(&boxes, &options(1)).map(|bvh| sah_cost(&bvh));
+    for power in [-100, -40, 40, 63, 100, 120] {
+        let s = 2f32.powi(power);
+        let scaled: Vec<_> = boxes.iter().map(|b| Aabb::new(b.min * s, b.max * s)).collect();
+        let scaled = check(&scaled, &options(1)).map(|bvh| sah_cost(&bvh));
+        for (a, b) in cost.iter().zip(scaled) {
+            assert!((a / b - 1.0).abs() < 1e-3, "{a} and, times 2^{power}, {b}");
+        }
+    }
+}
+
+#[test]
+fn extreme_extents_are_split_sensibly() {
+    let boxes = random_boxes(3000, 0.02);
+    let whole = |b: &Aabb| (b.min * 2.0 - 1.0, b.max * 2.0 - 1.0);
+    for scale in [1e38, 3.3e38, 1e-38, 1e-42] {
+        let scaled: Vec<_> = boxes
+            .iter()
+            .map(whole)
+            .map(|(min, max)| Aabb::new(min * scale, max.min(Vec3::ONE) * scale).sanitized())
+            .collect();
+        for bvh in check(&scaled, &options(1)) {
+            // A split in any order whatever costs over a thousand.
+            assert!(sah_cost(&bvh) < 80.0, "{} at {scale}", sah_cost(&bvh));
+        }
+    }
+}
+
+#[test]
+fn flat_scenes() {
+    for flat in [Vec3::new(1.0, 1.0, 0.0), Vec3::new(0.0, 1.0, 0.0)] {
+        let boxes: Vec<_> = random_boxes(2000, 0.01)
+            .iter()
+            .map(|b| Aabb::new(b.min * flat + 3.0, b.max * flat + 3.0))
+            .collect();
+        check(&boxes, &options(1));
+    }
+}
+
+#[test]
+fn binned_costs_little_more_than_sweep() {
+    for (n, size) in [(1000, 0.2), (5000, 0.02), (20_000, 0.05)] {
+        let boxes = random_boxes(n, size);
+        let [sweep, binned, _] = check(&boxes, &options(1)).map(|bvh| sah_cost(&bvh));
+        assert!(binned < 1.03 * sweep, "{n} of {size}: sweep {sweep}, binned {binned}");
+    }
+}
+
+#[test]
+fn more_bins_cost_less() {
+    let boxes = random_boxes(20_000, 0.03);
+    let cost = |bins| {
+        let options = BuildOptions { bins, ..BuildOptions::default() };
+        sah_cost(&build(&boxes, Builder::Binned, &options, None).expect("few enough"))
+    };
+    assert!(cost(2) > cost(8) && cost(8) > cost(32));
+}
+
+#[test]
+fn trees_do_not_depend_on_the_number_of_threads() {
+    let mut boxes = random_boxes(60_000, 0.02);
+    boxes.extend(random_boxes(3000, 0.8));
+    boxes.extend([Aabb::EMPTY; 5]);
+    for options in [options(1), options(6)] {
+        let hash = |builder| build(&boxes, builder, &options, None).expect("few enough").hash();
+        let serial = [hash(Builder::Sweep), hash(Builder::Binned)];
+        for threads in [1, 2, 3, 8] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            let parallel = pool.install(|| [hash(Builder::Sweep), hash(Builder::BinnedParallel)]);
+            assert_eq!(parallel, serial, "{threads} threads");
+        }
+    }
+}
+
+#[test]
+fn larger_leaves_lower_cost_and_node_count() {
+    let boxes = random_boxes(5000, 0.3);
+    let single = check(&boxes, &options(1));
+    let large = check(&boxes, &options(8));
+    for (single, large) in single.iter().zip(&large) {
+        assert!(large.nodes().len() < single.nodes().len() * 3 / 4);
+        assert!(sah_cost(large) < sah_cost(single));
+        // Leaves are cut off the same tree.
+        assert_eq!(single.order(), large.order());
+    }
+}
+
+#[test]
+fn recycled_memory_gives_the_same_tree() {
+    let (few, many) = (random_boxes(300, 0.1), random_boxes(5000, 0.1));
+    for builder in Builder::ALL {
+        for (old, new) in [(&few, &many), (&many, &few)] {
+            let fresh = build(new, builder, &options(2), None).expect("few enough");
+            let old = build(old, builder, &options(1), None).expect("few enough");
+            let recycled = build(new, builder, &options(2), Some(old)).expect("few enough");
+            assert_eq!(fresh.hash(), recycled.hash());
+        }
+    }
+}
