@@ -1,1 +1,42 @@
-//! x
+//! A ray tracer over the binary trees of [`bvh_core`], on the processor.
+//!
+//! Single rays ([`closest_hit`], [`any_hit`]) and whole frames ([`render`]): a pinhole [`Camera`], one
+//! [`PointLight`] with hard shadows, flat or smooth shading, PNG and EXR files ([`Image`]). Coordinates are
+//! right-handed with y up where it matters (the camera); the queries take any convention.
+//!
+//! # What a hit is
+//!
+//! Every way of traversing a tree gives the same hits bit for bit, and so does testing every triangle
+//! ([`closest_hit_brute`]), because a hit is defined without the tree: a ray hits a triangle at `t` if
+//!
+//! 1. the triangle test ([`TriangleTest`]) says so, at some `t >= 0`,
+//! 2. the ray enters the triangle's own bounding box, not after `t_max`; `t` is raised to where it does, and
+//! 3. `t <= t_max`.
+//!
+//! Of several triangles the one with the least `t` is hit, of equals the one with the lowest number. Rounded
+//! subtraction and multiplication are monotonic and every box above a triangle contains the triangle's own,
+//! so a ray that enters the latter enters all the others, no later. Triangles with a NaN or an infinite
+//! coordinate have an empty box and are never hit.
+
+#![forbid(unsafe_code)]
+
+mod camera;
+mod image;
+mod mesh;
+mod packet;
+mod render;
+mod shade;
+mod single;
+mod slab;
+#[cfg(test)]
+mod tests;
+mod triangle;
+
+pub use bvh_core::{Bvh, Ray, Triangles, Vec3};
+pub use camera::Camera;
+pub use image::{Image, ImageError};
+pub use mesh::{DEFAULT_COLOR, Mesh};
+pub use render::{Output, RenderOptions, RenderStats, Traversal, UnknownName, render};
+pub use shade::{Background, PointLight};
+pub use single::{any_hit, any_hit_brute, closest_hit, closest_hit_brute};
+pub use triangle::{Hit, TriangleTest};

@@ -1,0 +1,91 @@
+//! A pinhole camera.
+
+use bvh_core::{Ray, Vec3};
+
+/// A pinhole camera over an image of `width` by `height` pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    eye: Vec3,
+    /// Direction through the outer corner of the top left pixel.
+    corner: Vec3,
+    /// Change of direction from one pixel to the next, to the right and down.
+    right: Vec3,
+    down: Vec3,
+    width: u32,
+    height: u32,
+}
+
+impl Camera {
+    /// A camera at `eye` that has `target` in the middle of its image and sees `fov_y` radians from the lower
+    /// to the upper edge. `up` points up in the image as far as it can; coordinates are right-handed.
+    ///
+    /// Looks along -z if `target` is `eye`, and takes another vector if `up` is parallel to the view. With NaN or
+    /// infinite input its rays hit nothing.
+    #[must_use]
+    pub fn look_at(eye: Vec3, target: Vec3, up: Vec3, fov_y: f32, width: u32, height: u32) -> Self {
+        let forward = (target - eye).try_normalize().unwrap_or(Vec3::NEG_Z);
+        let side = forward.cross(up.normalize_or_zero());
+        let side = if side.length_squared() > 1e-12 { side } else { forward.any_orthogonal_vector() };
+        let side = side.normalize_or_zero();
+        let up = side.cross(forward);
+        let pixel = 2.0 * (0.5 * fov_y).tan() / height.max(1) as f32;
+        let (right, down) = (side * pixel, up * -pixel);
+        let corner = forward - right * (0.5 * width as f32) - down * (0.5 * height as f32);
+        Self { eye, corner, right, down, width, height }
+    }
+
+    /// The ray through the centre of pixel `x`, `y`, counted from the top left. Its direction has length 1 along
+    /// the middle of the view, so that `t` is depth.
+    #[must_use]
+    #[inline]
+    pub fn ray(&self, x: u32, y: u32) -> Ray {
+        Ray::new(self.eye, self.direction(x, y))
+    }
+
+    #[inline]
+    pub(crate) fn direction(&self, x: u32, y: u32) -> Vec3 {
+        self.corner + self.right * (x as f32 + 0.5) + self.down * (y as f32 + 0.5)
+    }
+
+    /// Where it stands.
+    #[must_use]
+    pub fn eye(&self) -> Vec3 {
+        self.eye
+    }
+
+    /// Pixels from left to right.
+    #[must_use]
+    pub fn width(&self) -> u32 {
+        self.width
+    }
+
+    /// Pixels from top to bottom.
+    #[must_use]
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_image_is_upright_and_not_mirrored() {
+        let camera = Camera::look_at(Vec3::new(0.0, 0.0, 5.0), Vec3::ZERO, Vec3::Y, 1.0, 3, 3);
+        assert!((camera.ray(1, 1).direction() - Vec3::NEG_Z).length() < 1e-6);
+        assert!(camera.ray(2, 1).direction().x > 0.1);
+        assert!(camera.ray(1, 0).direction().y > 0.1);
+        let edge = camera.direction(1, 0) - camera.down * 0.5;
+        assert!((edge.y - 0.5f32.tan()).abs() < 1e-6);
+    }
+
+    #[test]
+    fn degenerate_views_have_finite_rays_and_broken_ones_invalid_rays() {
+        let up = Camera::look_at(Vec3::ZERO, Vec3::Y, Vec3::Y, 1.0, 2, 2);
+        let still = Camera::look_at(Vec3::ONE, Vec3::ONE, Vec3::ZERO, 1.0, 2, 2);
+        assert!(up.ray(0, 1).is_valid() && still.ray(1, 0).is_valid());
+        let broken = Camera::look_at(Vec3::NAN, Vec3::ZERO, Vec3::Y, 1.0, 2, 2);
+        assert!(!broken.ray(0, 0).is_valid());
+    }
+}

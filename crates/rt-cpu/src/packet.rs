@@ -1,0 +1,137 @@
+//! Packets of 8 x 8 rays from one origin, as published: Wald, Boulos and Shirley, *Ray Tracing Deformable
+//! Scenes Using Dynamic Bounding Volume Hierarchies*, 2007, section 4. The reference, kept plain.
+//!
+//! ```text
+//! at a node, with `first` the first ray that entered its parent:
+//!   ray `first` enters the box                 -> go down at once
+//!   interval arithmetic: no ray can enter      -> next from the stack
+//!   otherwise the next ray that enters, if any -> go down with that as `first`
+//! at a leaf, test all rays from `first` on
+//! ```
+//!
+//! One departure: the paper orders children by the axis of their split, which rotations make meaningless.
+//! Here the child whose centre comes first along ray `first` goes first.
+
+use bvh_core::{Aabb, Bvh, MAX_HEIGHT, Ray, Triangles, Vec3};
+
+use crate::single::Work;
+use crate::slab;
+use crate::triangle::{Hit, Test, intersect};
+
+/// Rays along one side of a packet.
+pub(crate) const SIDE: u32 = 8;
+
+/// Rays of a packet.
+pub(crate) const SIZE: usize = 64;
+
+/// What a packet looks for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Query {
+    Closest,
+    Any,
+}
+
+/// Traces rays that share their origin; those with a negative `t_max` are absent. For [`Query::Any`] the hits are
+/// any, not the closest.
+pub(crate) fn trace<T: Test>(
+    bvh: &Bvh,
+    triangles: &Triangles<'_>,
+    rays: &[Ray; SIZE],
+    mut t_max: [f32; SIZE],
+    query: Query,
+    work: &mut Work,
+) -> [Option<Hit>; SIZE] {
+    let mut best = [None::<Hit>; SIZE];
+    let present = |&i: &usize| rays[i].is_valid() && t_max[i] >= 0.0;
+    let Some(first) = (0..SIZE).find(present) else {
+        return best;
+    };
+    let beam = Beam::around(rays[first].origin(), (first..SIZE).filter(present).map(|i| rays[i].inverse()));
+    let tests = rays.each_ref().map(T::new);
+
+    let nodes = bvh.nodes();
+    let mut stack = [(0, 0); MAX_HEIGHT as usize + 1];
+    stack[0] = (0, first);
+    let mut top = 1;
+    while top > 0 {
+        top -= 1;
+        let (mut n, mut first) = stack[top];
+        loop {
+            let node = &nodes[n];
+            let aabb = node.aabb();
+            let enters = |i: usize| rays[i].is_valid() && slab::enters(&rays[i], &aabb, t_max[i]).is_some();
+            if !enters(first) {
+                if beam.misses(&aabb) {
+                    break;
+                }
+                match (first + 1..SIZE).find(|&i| enters(i)) {
+                    Some(i) => first = i,
+                    None => break,
+                }
+            }
+            if node.is_leaf() {
+                for &p in bvh.primitives(node) {
+                    if p as usize >= triangles.indices.len() {
+                        continue;
+                    }
+                    work.triangles += 1;
+                    let corners = triangles.corners(p as usize);
+                    for i in (first..SIZE).filter(|&i| rays[i].is_valid()) {
+                        let hit = intersect(&rays[i], &tests[i], &corners, p, t_max[i]);
+                        if let Some(hit) = hit.filter(|h| best[i].is_none_or(|b| h.before(b.t, b.primitive)))
+                        {
+                            best[i] = Some(hit);
+                            t_max[i] = if query == Query::Any { -1.0 } else { hit.t };
+                        }
+                    }
+                }
+                break;
+            }
+            work.nodes += 1;
+            let pair = node.first();
+            let step = nodes[pair + 1].aabb().center() - nodes[pair].aabb().center();
+            // False for the NaN that an empty child gives: any order will do.
+            let right_first = step.dot(rays[first].direction()) < 0.0;
+            stack[top] = (pair + usize::from(!right_first), first);
+            top += 1;
+            n = pair + usize::from(right_first);
+        }
+    }
+    best
+}
+
+/// Bounds on the reciprocal directions of rays from one origin.
+struct Beam {
+    origin: Vec3,
+    least: Vec3,
+    greatest: Vec3,
+    /// Axes along which all rays go the same way, so that the bounds say something.
+    usable: [bool; 3],
+}
+
+impl Beam {
+    fn around(origin: Vec3, inverses: impl Iterator<Item = Vec3>) -> Self {
+        let start = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        let (least, greatest) = inverses.fold(start, |(a, b), i| (a.min(i), b.max(i)));
+        let usable = [0, 1, 2].map(|k| {
+            least[k].is_finite() && greatest[k].is_finite() && (least[k] > 0.0 || greatest[k] < 0.0)
+        });
+        Self { origin, least, greatest, usable }
+    }
+
+    /// True only if no ray enters. Rounding is monotonic, so the bounds hold for what each ray computes by itself.
+    fn misses(&self, aabb: &Aabb) -> bool {
+        let (mut near, mut far) = (0.0, f32::INFINITY);
+        for axis in (0..3).filter(|&k| self.usable[k]) {
+            let (mut first, mut last) = (aabb.min[axis], aabb.max[axis]);
+            if self.greatest[axis] < 0.0 {
+                (first, last) = (last, first);
+            }
+            let (first, last) = (first - self.origin[axis], last - self.origin[axis]);
+            let (least, greatest) = (self.least[axis], self.greatest[axis]);
+            near = slab::max(first * if first < 0.0 { greatest } else { least }, near);
+            far = slab::min(last * if last < 0.0 { least } else { greatest } * slab::WIDEN, far);
+        }
+        near > far
+    }
+}

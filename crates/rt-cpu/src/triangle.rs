@@ -1,0 +1,212 @@
+//! Tests of one ray against one triangle.
+
+use bvh_core::glam::DVec3;
+use bvh_core::{Aabb, Ray, Vec3};
+
+use crate::slab;
+
+/// Where a ray meets a triangle with corners A, B and C.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Distance in multiples of the length of the ray's direction, at least 0 and finite.
+    pub t: f32,
+    /// Weight of B: the point is `(1 - u - v) A + u B + v C`.
+    pub u: f32,
+    /// Weight of C.
+    pub v: f32,
+    /// Number of the triangle.
+    pub primitive: u32,
+}
+
+impl Hit {
+    /// Whether this hit comes before `other`: nearer, or as near and of a lower number.
+    #[inline]
+    pub(crate) fn before(&self, t: f32, primitive: u32) -> bool {
+        self.t < t || (self.t == t && self.primitive < primitive)
+    }
+}
+
+/// How a ray is tested against a triangle. All tests are two-sided.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum TriangleTest {
+    /// Möller and Trumbore, *Fast, Minimum Storage Ray/Triangle Intersection*, 1997. Rays may slip through
+    /// between neighbours.
+    MollerTrumbore,
+    /// Woop, Benthin and Wald, *Watertight Ray/Triangle Intersection*, 2013: no ray passes between triangles
+    /// that share an edge or a vertex.
+    #[default]
+    Watertight,
+    /// The same projection in double precision throughout: a reference to measure the others by.
+    Double,
+}
+
+impl TriangleTest {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::MollerTrumbore, Self::Watertight, Self::Double];
+
+    /// Name on a command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        ["fast", "watertight", "f64"][self as usize]
+    }
+}
+
+/// Distance and weights of B and C.
+type Found = (f32, f32, f32);
+
+/// A triangle test with what it precomputes for a ray. Hits have `0 <= t < inf`.
+pub(crate) trait Test {
+    fn new(ray: &Ray) -> Self;
+    fn test(&self, corners: &[Vec3; 3]) -> Option<Found>;
+}
+
+/// A hit as the crate defines it, of the triangle numbered `primitive`.
+#[inline]
+pub(crate) fn intersect<T: Test>(
+    ray: &Ray,
+    test: &T,
+    corners: &[Vec3; 3],
+    primitive: u32,
+    t_max: f32,
+) -> Option<Hit> {
+    let (t, u, v) = test.test(corners)?;
+    let near = slab::enters(ray, &Aabb::around(corners), t_max)?;
+    let t = slab::max(t, near);
+    (t <= t_max).then_some(Hit { t, u, v, primitive })
+}
+
+pub(crate) struct MollerTrumbore {
+    origin: Vec3,
+    direction: Vec3,
+}
+
+impl Test for MollerTrumbore {
+    fn new(ray: &Ray) -> Self {
+        Self { origin: ray.origin(), direction: ray.direction() }
+    }
+
+    #[inline]
+    fn test(&self, &[a, b, c]: &[Vec3; 3]) -> Option<Found> {
+        let (e1, e2) = (b - a, c - a);
+        let p = self.direction.cross(e2);
+        let inv_det = 1.0 / e1.dot(p);
+        let s = self.origin - a;
+        let u = s.dot(p) * inv_det;
+        let q = s.cross(e1);
+        let v = self.direction.dot(q) * inv_det;
+        let t = e2.dot(q) * inv_det;
+        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && (0.0..f32::INFINITY).contains(&t)).then_some((t, u, v))
+    }
+}
+
+/// The axis along which a direction is longest; the first of equals.
+#[inline]
+pub(crate) fn longest_axis(d: Vec3) -> usize {
+    let d = d.abs();
+    if d.x >= d.y && d.x >= d.z {
+        0
+    } else if d.y >= d.z {
+        1
+    } else {
+        2
+    }
+}
+
+/// Least and greatest magnitude of a determinant for which single precision will do: its reciprocal and the
+/// products with it stay normal.
+pub(crate) const DET_RANGE: (f32, f32) = (1.0 / (1u128 << 100) as f32, (1u128 << 100) as f32);
+
+pub(crate) struct Watertight {
+    origin: Vec3,
+    axes: [usize; 3],
+    shear: Vec3,
+}
+
+impl Watertight {
+    /// The test where single precision cannot tell: projected corners, and their distances along the axis.
+    ///
+    /// Products of two single precision numbers are exact in double precision, so signs of edges are.
+    #[cold]
+    pub(crate) fn exactly(x: [f32; 3], y: [f32; 3], z: [f32; 3]) -> Option<Found> {
+        weigh(x.map(f64::from), y.map(f64::from), z.map(f64::from))
+    }
+}
+
+impl Test for Watertight {
+    fn new(ray: &Ray) -> Self {
+        let d = ray.direction();
+        let kz = longest_axis(d);
+        let axes = [(kz + 1) % 3, (kz + 2) % 3, kz];
+        let shear = Vec3::new(d[axes[0]] / d[kz], d[axes[1]] / d[kz], 1.0 / d[kz]);
+        Self { origin: ray.origin(), axes, shear }
+    }
+
+    /// Section 3 of the paper. The corners are projected along the ray onto the plane through its origin, each
+    /// by itself, so neighbours agree on where they are; and a rounded difference of rounded products is
+    /// zero or has the right sign, so they agree on which side of an edge the ray is.
+    #[inline]
+    fn test(&self, corners: &[Vec3; 3]) -> Option<Found> {
+        let [kx, ky, kz] = self.axes;
+        let p = corners.map(|c| c - self.origin);
+        let x = p.map(|p| p[kx] - self.shear.x * p[kz]);
+        let y = p.map(|p| p[ky] - self.shear.y * p[kz]);
+        let wa = x[2] * y[1] - y[2] * x[1];
+        let wb = x[0] * y[2] - y[0] * x[2];
+        let wc = x[1] * y[0] - y[1] * x[0];
+        if (wa < 0.0 || wb < 0.0 || wc < 0.0) && (wa > 0.0 || wb > 0.0 || wc > 0.0) {
+            return None;
+        }
+        let z = p.map(|p| self.shear.z * p[kz]);
+        let det = wa + wb + wc;
+        let plain = det.abs() >= DET_RANGE.0 && det.abs() <= DET_RANGE.1;
+        if !plain || wa == 0.0 || wb == 0.0 || wc == 0.0 {
+            return Self::exactly(x, y, z);
+        }
+        let inv_det = 1.0 / det;
+        let (u, v) = (wb * inv_det, wc * inv_det);
+        let t = wa * inv_det * z[0] + u * z[1] + v * z[2];
+        (0.0..f32::INFINITY).contains(&t).then_some((t, u, v))
+    }
+}
+
+pub(crate) struct Double {
+    origin: DVec3,
+    axes: [usize; 3],
+    shear: DVec3,
+}
+
+impl Test for Double {
+    fn new(ray: &Ray) -> Self {
+        let d = ray.direction().as_dvec3();
+        let kz = longest_axis(ray.direction());
+        let axes = [(kz + 1) % 3, (kz + 2) % 3, kz];
+        let shear = DVec3::new(d[axes[0]] / d[kz], d[axes[1]] / d[kz], 1.0 / d[kz]);
+        Self { origin: ray.origin().as_dvec3(), axes, shear }
+    }
+
+    #[inline]
+    fn test(&self, corners: &[Vec3; 3]) -> Option<Found> {
+        let [kx, ky, kz] = self.axes;
+        let p = corners.map(|c| c.as_dvec3() - self.origin);
+        let x = p.map(|p| p[kx] - self.shear.x * p[kz]);
+        let y = p.map(|p| p[ky] - self.shear.y * p[kz]);
+        weigh(x, y, p.map(|p| self.shear.z * p[kz]))
+    }
+}
+
+/// Watertight test of corners projected along the ray, in double precision.
+fn weigh(x: [f64; 3], y: [f64; 3], z: [f64; 3]) -> Option<Found> {
+    let wa = x[2] * y[1] - y[2] * x[1];
+    let wb = x[0] * y[2] - y[0] * x[2];
+    let wc = x[1] * y[0] - y[1] * x[0];
+    let inside = (wa >= 0.0 && wb >= 0.0 && wc >= 0.0) || (wa <= 0.0 && wb <= 0.0 && wc <= 0.0);
+    let det = wa + wb + wc;
+    if !inside || det == 0.0 {
+        return None;
+    }
+    let (u, v) = (wb / det, wc / det);
+    let t = wa / det * z[0] + u * z[1] + v * z[2];
+    // Rounded last, and an infinity if it does not fit.
+    let t32 = t as f32;
+    (t >= 0.0 && t32 < f32::INFINITY).then_some((t32, u as f32, v as f32))
+}
