@@ -50,6 +50,8 @@ struct Simplifier {
     /// Counts the changes of a vertex; an edge queued before its ends changed is out of date.
     version: Vec<u32>,
     queue: BinaryHeap<Reverse<Candidate>>,
+    /// Error per length to the fourth of every edge, so that flat parts are not left with next to no triangles.
+    evenness: f64,
 }
 
 /// Bits of the error (never negative, so that their order is that of the numbers), the ends, their versions.
@@ -57,7 +59,7 @@ type Candidate = (u32, u32, u32, u32, u32);
 
 /// Collapses edges until at most `target` triangles are left, or no edge can go without folding the surface.
 pub(crate) fn decimate(mesh: &Mesh, target: usize) -> Mesh {
-    let mut s = Simplifier::new(mesh);
+    let mut s = Simplifier::new(mesh, target);
     let mut left = mesh.triangles.len();
     while left > target {
         let Some(Reverse((_, a, b, version_a, version_b))) = s.queue.pop() else { break };
@@ -69,13 +71,15 @@ pub(crate) fn decimate(mesh: &Mesh, target: usize) -> Mesh {
 }
 
 impl Simplifier {
-    fn new(mesh: &Mesh) -> Self {
+    fn new(mesh: &Mesh, target: usize) -> Self {
         let positions: Vec<DVec3> = mesh.positions.iter().map(|p| p.as_dvec3()).collect();
         let mut quadrics = vec![Quadric::default(); positions.len()];
         let mut around = vec![Vec::new(); positions.len()];
+        let mut area = 0.0;
         for (t, triangle) in mesh.triangles.iter().enumerate() {
             let [p, q, r] = triangle.map(|v| positions[v as usize]);
             let cross = (q - p).cross(r - p);
+            area += 0.5 * cross.length();
             let normal = cross.normalize_or_zero();
             let quadric = Quadric::plane(normal, -normal.dot(p), cross.length());
             for &v in triangle {
@@ -92,6 +96,8 @@ impl Simplifier {
             dead: vec![false; mesh.triangles.len()],
             version: vec![0; count],
             queue: BinaryHeap::new(),
+            // Lets edges of flat parts grow to several times the length of those at curvature 1.
+            evenness: 4e-5 * area / target.max(1) as f64,
         };
         let mut first = Vec::with_capacity(mesh.triangles.len() * 3 / 2);
         for triangle in &mesh.triangles {
@@ -116,9 +122,8 @@ impl Simplifier {
         let [p, q] = [a, b].map(|v| self.positions[v as usize]);
         let quadric = self.quadrics[a as usize].plus(&self.quadrics[b as usize]);
         let tried = [0.5 * (p + q), p, q].map(|x| (x, quadric.error(x)));
-        // The small term makes edges of a flat surface go in order of their length.
         let best = tried.into_iter().fold(tried[0], |best, x| if x.1 < best.1 { x } else { best });
-        (best.0, best.1 + 1e-9 * p.distance_squared(q) * p.distance_squared(q))
+        (best.0, best.1 + self.evenness * p.distance_squared(q) * p.distance_squared(q))
     }
 
     /// Collapses an edge if the surface stays a surface; gives the number of triangles that went.

@@ -4,20 +4,18 @@ use anim::{Light, View};
 use glam::{Vec3, vec3};
 
 use crate::cache::recorded;
-use crate::implicit::Solid;
 use crate::statue::{Breaking, Colors, playback};
 use crate::{Effects, LightEffects, MotionEffects, Scene, SceneInfo, SceneOptions};
 use crate::{decimate::decimate, dragon, meshing};
 
 const FRAMES: usize = 96;
-const SUBSTEPS: usize = 20;
-const SECONDS: f64 = 3.8;
+const SUBSTEPS: usize = 16;
+const SECONDS: f64 = 2.6;
 /// Triangles of the dragon's surface before it is cut into shards, which have an inside and a rim too.
 const SURFACE: f32 = 82_000.0;
 const PIECES: f32 = 2600.0;
-const STONE: usize = 4000;
-/// Centre and radius of the stone at first.
-const STONE_AT: (Vec3, f32) = (vec3(0.0, 9.6, 0.9), 1.1);
+/// Triangles of the ground.
+const GROUND: usize = 512;
 
 pub(crate) const INFO: SceneInfo = SceneInfo {
     name: "exploding-dragon",
@@ -55,10 +53,10 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
             thickness: 0.05,
             pieces: (PIECES * detail) as usize,
             density: &|p| 0.4 + 2.0 / (1.0 + (p - vec3(0.0, 3.2, 0.9)).length_squared()),
-            stone: stone(options.seed, STONE),
-            stone_radius: STONE_AT.1,
+            triangles: ((INFO.triangles - GROUND) as f32 * detail) as usize,
+            stone: (vec3(0.0, 7.9, 0.9), 1.1, 3.0),
             stone_density: 20.0,
-            gravity: 20.0,
+            gravity: 12.0,
             delay: &|center, impact, random| center.distance(impact) / 14.0 + 0.04 * random.f32(),
             kick: &burst,
             seconds: SECONDS as f32,
@@ -97,25 +95,4 @@ fn burst(center: Vec3, impact: Vec3, random: &mut fastrand::Rng) -> (Vec3, Vec3)
     let up = vec3(0.0, 2.0 + 1.5 * number(), 0.0);
     let velocity = (away.normalize_or_zero() + 0.4 * jitter) * (2.0 + speed) + up;
     (velocity, 12.0 * vec3(number(), number(), number()))
-}
-
-/// A lumpy stone.
-pub(crate) fn stone(seed: u64, triangles: usize) -> crate::shape::Mesh {
-    let (center, radius) = STONE_AT;
-    stone_at(center, radius, seed, triangles)
-}
-
-/// A lumpy stone about a centre, within a radius.
-pub(crate) fn stone_at(center: Vec3, radius: f32, seed: u64, triangles: usize) -> crate::shape::Mesh {
-    let mut random = fastrand::Rng::with_seed(seed ^ 0x5f0e);
-    let mut solid = Solid::default();
-    solid.blend(0.3 * radius).ball(center, 0.75 * radius);
-    for _ in 0..14 {
-        let direction =
-            vec3(random.f32() - 0.5, random.f32() - 0.5, random.f32() - 0.5).normalize_or(Vec3::X);
-        solid.ball(center + direction * (0.5 * radius), radius * (0.3 + 0.15 * random.f32()));
-    }
-    let half = Vec3::splat(1.2 * radius);
-    let cell = radius * (14.0 / triangles as f32).sqrt();
-    decimate(&meshing::mesh(&solid, center - half, center + half, cell), triangles)
 }

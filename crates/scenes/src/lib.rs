@@ -18,6 +18,8 @@ mod exploding_dragon;
 mod fracture;
 mod implicit;
 mod key_frames;
+mod lion;
+mod lion_solid;
 mod meshing;
 mod n_body;
 mod near;

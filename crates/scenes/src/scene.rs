@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anim::{Animation, Light, View};
 
-use crate::{Effects, cloth_ball, exploding_dragon, n_body};
+use crate::{Effects, cloth_ball, exploding_dragon, lion, n_body};
 
 /// An animation with what is needed to show it.
 pub struct Scene {
@@ -105,10 +105,10 @@ pub enum SceneError {
     },
 }
 
-static SCENES: &[SceneInfo] = &[cloth_ball::INFO, exploding_dragon::INFO, n_body::INFO];
+static SCENES: &[SceneInfo] = &[cloth_ball::INFO, exploding_dragon::INFO, lion::INFO, n_body::INFO];
 /// Makes the scene of the same place in [`SCENES`].
-const MAKERS: [fn(&SceneOptions<'_>) -> Scene; 3] =
-    [cloth_ball::scene, exploding_dragon::scene, n_body::scene];
+const MAKERS: [fn(&SceneOptions<'_>) -> Scene; 4] =
+    [cloth_ball::scene, exploding_dragon::scene, lion::scene, n_body::scene];
 
 /// The scenes made by this crate.
 #[must_use]

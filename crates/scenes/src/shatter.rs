@@ -5,7 +5,7 @@
 //! between one sphere each. Every parallel pass reads a snapshot or a single body, so that the result does
 //! not depend on the number of threads.
 
-use glam::{Mat3, Quat, Vec3};
+use glam::{IVec3, Mat3, Quat, Vec3};
 use rayon::prelude::*;
 
 use crate::near::Neighbours;
@@ -146,17 +146,19 @@ impl Body {
     }
 }
 
-/// The points that are farthest in each of the 6 directions of the axes and the 8 of the diagonals.
+/// The points that are farthest in the directions from the centre of a cube to a grid of points on it.
+///
+/// Small bodies make do with the 26 directions of a grid of 3; the points of large ones take 98.
 fn extreme_points(points: &[Vec3]) -> Vec<Vec3> {
-    let mut directions = vec![Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z];
-    for k in 0..8 {
-        let sign = |bit: i32| if k >> bit & 1 == 0 { 1.0 } else { -1.0 };
-        directions.push(Vec3::new(sign(0), sign(1), sign(2)));
-    }
+    let k = if points.len() > 1000 { 2 } else { 1 };
     let mut chosen: Vec<usize> = Vec::new();
-    for d in directions {
-        let farthest = (0..points.len()).max_by(|&i, &j| points[i].dot(d).total_cmp(&points[j].dot(d)));
-        chosen.extend(farthest.filter(|i| !chosen.contains(i)));
+    for (x, y, z) in (-k..=k).flat_map(|x| (-k..=k).flat_map(move |y| (-k..=k).map(move |z| (x, y, z)))) {
+        let d = IVec3::new(x, y, z);
+        if d.abs().max_element() == k {
+            let d = d.as_vec3();
+            let farthest = (0..points.len()).max_by(|&i, &j| points[i].dot(d).total_cmp(&points[j].dot(d)));
+            chosen.extend(farthest.filter(|i| !chosen.contains(i)));
+        }
     }
     chosen.into_iter().map(|i| points[i]).collect()
 }

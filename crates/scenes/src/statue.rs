@@ -6,11 +6,13 @@ use anim::Motion;
 use glam::Vec3;
 
 use crate::cache::Record;
+use crate::decimate::decimate;
 use crate::fracture::{patches, shards};
+use crate::implicit::Solid;
 use crate::rigid::{self, RigidBodies};
 use crate::shape::{Assembly, Mesh};
 use crate::shatter::{Bodies, Body};
-use crate::{Measure, SceneOptions};
+use crate::{Measure, SceneOptions, meshing, shape};
 
 /// Steps between checks for pieces that nothing holds up.
 const SUPPORT: usize = 8;
@@ -22,9 +24,10 @@ pub(crate) struct Breaking<'a> {
     pub(crate) pieces: usize,
     /// Relative number of pieces per area.
     pub(crate) density: &'a dyn Fn(Vec3) -> f32,
-    /// The stone, where it is at first.
-    pub(crate) stone: Mesh,
-    pub(crate) stone_radius: f32,
+    /// Triangles of shards and stone together.
+    pub(crate) triangles: usize,
+    /// Centre and radius of the stone at first, and its speed downwards.
+    pub(crate) stone: (Vec3, f32, f32),
     /// Mass of the stone per area, that of the statue being 1.
     pub(crate) stone_density: f32,
     pub(crate) gravity: f32,
@@ -59,13 +62,19 @@ impl Breaking<'_> {
                 .unzip();
         let rests: Vec<bool> =
             bodies.iter().zip(&meshes).map(|(b, m)| lowest(m) + b.at.position.y < self.thickness).collect();
-        let (mut stone, stone_mesh) = Body::new(self.stone, self.stone_density);
+        // The stone takes what is left, so that the number of triangles does not hang on how the cracks run.
+        let shard_triangles: usize = meshes.iter().map(|m| m.triangles.len()).sum();
+        let (stone_at, stone_radius, stone_speed) = self.stone;
+        let stone =
+            lump(stone_at, stone_radius, self.triangles.saturating_sub(shard_triangles).max(200), random);
+        let (mut stone, stone_mesh) = Body::new(stone, self.stone_density);
         stone.free = true;
-        stone.radius = self.stone_radius;
+        stone.radius = stone_radius;
+        stone.velocity = Vec3::NEG_Y * stone_speed;
         bodies.push(stone);
         meshes.push(stone_mesh);
 
-        let mut world = Bodies::new(bodies, self.gravity, f32::MAX.min(4.0 * self.thickness));
+        let mut world = Bodies::new(bodies, self.gravity, 4.0 * self.thickness);
         let step_count = (self.keys - 1) * self.substeps;
         let dt = self.seconds / step_count as f32;
         let mut breaks_at: Option<Vec<f32>> = None;
@@ -85,7 +94,7 @@ impl Breaking<'_> {
             let time = step as f32 * dt;
             let touched = world.touched_by_last();
             if breaks_at.is_none() && !touched.is_empty() {
-                impact = world.bodies[count].at.position - Vec3::Y * self.stone_radius;
+                impact = world.bodies[count].at.position - Vec3::Y * stone_radius;
                 let due = |b: &Body| time + (self.delay)(b.at.position, impact, random);
                 breaks_at = Some(world.bodies[..count].iter().map(due).collect());
             }
@@ -155,9 +164,23 @@ pub(crate) fn playback(
         body.resize(assembly.positions.len(), i as u32);
     }
     let earth = assembly.material(colors.ground);
-    assembly.part("ground", &crate::shape::square(ground, 16), Motion::STILL, earth);
+    assembly.part("ground", &shape::square(ground, 16), Motion::STILL, earth);
     let Assembly { topology, positions } = assembly;
     (RigidBodies { topology, local: positions, body, bodies: sizes.len(), keys, seconds }, measures)
+}
+
+/// A lumpy stone about a centre, within a radius.
+fn lump(center: Vec3, radius: f32, triangles: usize, random: &mut fastrand::Rng) -> Mesh {
+    let mut solid = Solid::default();
+    solid.blend(0.3 * radius).ball(center, 0.75 * radius);
+    for _ in 0..14 {
+        let mut number = || random.f32() - 0.5;
+        let direction = Vec3::new(number(), number(), number()).normalize_or(Vec3::X);
+        solid.ball(center + direction * (0.5 * radius), radius * (0.3 + 0.15 * random.f32()));
+    }
+    let half = Vec3::splat(1.2 * radius);
+    let cell = radius * (10.0 / triangles as f32).sqrt();
+    decimate(&meshing::mesh(&solid, center - half, center + half, cell), triangles)
 }
 
 fn lowest(mesh: &Mesh) -> f32 {
