@@ -51,9 +51,11 @@ struct Instance {
     geometry: Arc<Geometry>,
     /// Where its vertices begin.
     first_vertex: usize,
-    node: usize,
-    /// What takes the vertices to the scene instead of `node`, whose transform then does not count (3.7.3.3).
     skin: Option<usize>,
+    /// The node whose transform counts, after the skin. With a skin none does (3.7.3.3), unless the joints are
+    /// outside of the scene. The specification does not allow that, but such files exist; such joints have no
+    /// place in the scene of their own and are taken relative to the node that shows the mesh.
+    node: Option<usize>,
     /// Index into the weights of its node, if it has morph targets.
     weights: Option<usize>,
 }
@@ -156,8 +158,10 @@ impl GltfAnimation {
         };
         let mut still = Vec::new();
         let mut decoded = HashMap::new();
+        let mut in_scene = vec![false; root.nodes.len()];
+        scene.iter().for_each(|&node| in_scene[node] = true);
         for &node in &scene {
-            animation.add_mesh(node, &mut channels, accessors, &mut decoded, &mut still)?;
+            animation.add_mesh(node, &in_scene, &mut channels, accessors, &mut decoded, &mut still)?;
         }
         if animation.topology.triangles.is_empty() {
             let found = format!("{} nodes without triangles", scene.len());
@@ -182,6 +186,7 @@ impl GltfAnimation {
     fn add_mesh(
         &mut self,
         node: usize,
+        in_scene: &[bool],
         channels: &mut Channels,
         accessors: &Accessors<'_>,
         decoded: &mut HashMap<(usize, usize), Option<Arc<Geometry>>>,
@@ -244,11 +249,18 @@ impl GltfAnimation {
             let name = root.nodes[node].name.as_ref().or(mesh.name.as_ref());
             let name = name.cloned().unwrap_or_else(|| format!("node {node}"));
 
-            let first_vertex = self.topology.vertex_count;
-            let instance = Instance { geometry: Arc::clone(&geometry), first_vertex, node, skin, weights };
+            let skin_places =
+                skin.is_some_and(|skin| self.skins[skin].joints.iter().any(|&joint| in_scene[joint]));
+            let instance = Instance {
+                geometry: Arc::clone(&geometry),
+                first_vertex: self.topology.vertex_count,
+                skin,
+                node: (!skin_places).then_some(node),
+                weights,
+            };
             let vertex_moves = self.moving_vertices(&instance, weights_vary);
             let motion = Motion {
-                rigid: skin.is_none() && self.nodes.moves[node],
+                rigid: instance.node.is_some_and(|node| self.nodes.moves[node]),
                 skin: skin.is_some_and(|skin| self.skins[skin].moves(&self.nodes)),
                 morph: weights_vary && geometry.targets.iter().any(|target| !target.is_empty()),
                 key_frames: false,
@@ -284,14 +296,17 @@ impl GltfAnimation {
     /// For each vertex of `instance`, whether anything in the clip moves it.
     fn moving_vertices(&self, instance: &Instance, weights_vary: bool) -> Vec<bool> {
         let geometry = &*instance.geometry;
-        let mut moves: Vec<bool> = match (instance.skin, &geometry.influences) {
-            (Some(skin), Some(influences)) => {
-                let joints = &self.skins[skin].joints;
-                let moves = |&(joint, _): &(u16, f32)| self.nodes.moves[joints[usize::from(joint)]];
-                (0..geometry.positions.len()).map(|vertex| influences.of(vertex).iter().any(moves)).collect()
+        let mut moves =
+            vec![instance.node.is_some_and(|node| self.nodes.moves[node]); geometry.positions.len()];
+        if let (Some(skin), Some(influences)) = (instance.skin, &geometry.influences) {
+            let joints = &self.skins[skin].joints;
+            for (vertex, moves) in moves.iter_mut().enumerate() {
+                *moves |= influences
+                    .of(vertex)
+                    .iter()
+                    .any(|&(joint, _)| self.nodes.moves[joints[usize::from(joint)]]);
             }
-            _ => vec![self.nodes.moves[instance.node]; geometry.positions.len()],
-        };
+        }
         if weights_vary {
             for &(vertex, _) in geometry.targets.iter().flatten() {
                 moves[vertex as usize] = true;
@@ -319,18 +334,14 @@ impl GltfAnimation {
                     }
                 }
             }
-            match (instance.skin, &geometry.influences) {
-                (Some(skin), Some(influences)) => {
-                    let matrices =
-                        joint_matrices[skin].get_or_insert_with(|| self.skins[skin].matrices(&globals));
-                    influences.skin(matrices, positions);
-                }
-                _ => {
-                    let to_scene = &globals[instance.node];
-                    positions
-                        .iter_mut()
-                        .for_each(|position| *position = to_scene.transform_point3(*position));
-                }
+            if let (Some(skin), Some(influences)) = (instance.skin, &geometry.influences) {
+                let matrices =
+                    joint_matrices[skin].get_or_insert_with(|| self.skins[skin].matrices(&globals));
+                influences.skin(matrices, positions);
+            }
+            if let Some(node) = instance.node {
+                let to_scene = &globals[node];
+                positions.iter_mut().for_each(|position| *position = to_scene.transform_point3(*position));
             }
         }
     }

@@ -45,7 +45,8 @@ fn check(animation: &dyn Animation, name: &str) {
     assert_eq!(bits(&positions), bits(&rest), "{name}: the pose at 0 is the rest pose");
 
     // Sampled over the loop, in an order that is not that of time: what moves, and only that, moves.
-    let times = [0.31, 0.97, 0.12, 0.77, 0.5].map(|part| part * animation.duration());
+    let steps = if animation.duration() > 0.0 { 31 } else { 1 };
+    let times = (0..steps).map(|step| animation.duration() * f64::from(step * 12 % steps) / f64::from(steps));
     let mut seen_moving = vec![false; topology.triangles.len()];
     for time in times {
         animation.pose(time, &mut positions);
@@ -84,8 +85,8 @@ fn everything_loads_with_the_counts_of_the_manifest() {
         ("gltf/BrainStem.glb", 61_666, 61_666, 34.9),
         ("gltf/CesiumMan.glb", 4_672, 4_672, 2.0),
         ("gltf/Fox.glb", 576, 576, 3.4),
-        ("gltf/MorphStressTest.gltf", 2_412, 2_410, 3.3),
-        ("gltf/AnimatedMorphCube/AnimatedMorphCube.gltf", 12, 12, 4.2),
+        ("gltf/MorphStressTest.gltf", 2_412, 1_360, 9.3),
+        ("gltf/AnimatedMorphCube/AnimatedMorphCube.gltf", 12, 10, 4.2),
         ("gltf/simple_skin/simple_skin.gltf", 8, 8, 5.5),
         ("static/2CylinderEngine.glb", 121_496, 0, 0.0),
         ("static/sponza_dabrovic.obj", 66_450, 0, 0.0),
