@@ -1,13 +1,12 @@
 //! `cloth-ball`: a square cloth falls onto a ball, which then turns and winds it up.
 
-use anim::{Light, Motion, View};
+use anim::{KeyFrames, Light, LoopMode, Motion, View};
 use glam::{Quat, Vec3};
 
 use crate::cache::{Record, recorded};
 use crate::cloth::{Cloth, Fabric};
-use crate::key_frames::KeyFrames;
 use crate::shape::{Assembly, Mesh, grid_triangles, sphere};
-use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneInfo, SceneOptions};
+use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
 const FRAMES: usize = 94;
 const SUBSTEPS: usize = 30;
@@ -41,14 +40,15 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     },
 };
 
-pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
+pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let (keys, substeps) = (options.key_frames.unwrap_or(FRAMES), options.substeps.unwrap_or(SUBSTEPS));
     let side = ((SIDE as f32 * options.detail.unwrap_or(1.0).sqrt()).round() as usize).max(4);
     let mut notes = Vec::new();
     let parameters = format!("cloth-ball seed {} keys {keys} substeps {substeps} side {side}", options.seed);
-    let Record { mut floats, measures, .. } =
+    let Record { floats, measures, .. } =
         recorded(&parameters, options, &mut notes, || simulate(side, keys, substeps, options));
-    let keys = floats.pop().unwrap_or_default();
+    let frames: Vec<Vec<Vec3>> =
+        floats.into_iter().map(|x| x.as_chunks::<3>().0.iter().copied().map(Vec3::from).collect()).collect();
 
     let moving = Motion { key_frames: true, ..Motion::STILL };
     let mut assembly = Assembly::default();
@@ -56,11 +56,12 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
     let ball = assembly.material([0.8, 0.75, 0.6]);
     assembly.part("cloth", &flat(side, options.seed), moving, fabric);
     assembly.part("ball", &sphere(RADIUS, 20, 20), moving, ball);
-    Scene {
+    let seconds_per_key = SECONDS / (keys - 1) as f64;
+    Ok(Scene {
         name: INFO.name.to_owned(),
         about: INFO.about,
-        key_bytes: size_of_val(&keys[..]),
-        animation: Box::new(KeyFrames { topology: assembly.topology, keys, seconds: SECONDS }),
+        key_bytes: keys * size_of::<Vec3>() * assembly.positions.len(),
+        animation: Box::new(KeyFrames::new(assembly.topology, frames, seconds_per_key, LoopMode::Restart)?),
         view: View {
             eye: Vec3::new(15.0, 13.5, 41.0),
             target: Vec3::new(0.0, 6.0, 0.0),
@@ -72,7 +73,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
         frames: FRAMES,
         measures,
         notes,
-    }
+    })
 }
 
 /// The cloth before it falls: just above the ball, a little askew and not quite flat, as the seed has it.
@@ -100,7 +101,7 @@ fn simulate(side: usize, keys: usize, substeps: usize, options: &SceneOptions<'_
     let ball = sphere(RADIUS, 20, 20);
     let step_count = (keys - 1) * substeps;
     let dt = SECONDS as f32 / step_count as f32;
-    let mut record = Record { floats: vec![Vec::new()], ..Record::default() };
+    let mut record = Record::default();
     let (mut mean_strain, mut most_strain) = (0.0_f64, 0.0_f64);
     for key in 0..keys {
         if let Some(progress) = options.progress {
@@ -117,8 +118,9 @@ fn simulate(side: usize, keys: usize, substeps: usize, options: &SceneOptions<'_
             most_strain = most_strain.max(most);
         }
         let turned = Quat::from_rotation_y(angle((key * substeps) as f32 * dt));
-        record.floats[0].extend(cloth.positions.iter().flat_map(Vec3::to_array));
-        record.floats[0].extend(ball.positions.iter().flat_map(|&p| (CENTER + turned * p).to_array()));
+        let mut frame: Vec<f32> = cloth.positions.iter().flat_map(Vec3::to_array).collect();
+        frame.extend(ball.positions.iter().flat_map(|&p| (CENTER + turned * p).to_array()));
+        record.floats.push(frame);
     }
     record.measures = vec![
         Measure { name: "edge stretch, root mean square".to_owned(), value: mean_strain },

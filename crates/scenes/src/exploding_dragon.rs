@@ -5,7 +5,7 @@ use glam::{Vec3, vec3};
 
 use crate::cache::recorded;
 use crate::statue::{Breaking, Colors, playback};
-use crate::{Effects, LightEffects, MotionEffects, Scene, SceneInfo, SceneOptions};
+use crate::{Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 use crate::{decimate::decimate, dragon, meshing};
 
 const FRAMES: usize = 96;
@@ -34,23 +34,20 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     },
 };
 
-pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
+pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let (keys, substeps) = (options.key_frames.unwrap_or(FRAMES), options.substeps.unwrap_or(SUBSTEPS));
     let detail = options.detail.unwrap_or(1.0);
     let mut notes = Vec::new();
     let parameters =
         format!("exploding-dragon seed {} keys {keys} substeps {substeps} detail {detail}", options.seed);
     let record = recorded(&parameters, options, &mut notes, || {
-        let fine = meshing::mesh(
-            &dragon::solid(),
-            vec3(-6.6, -0.3, -6.2),
-            vec3(6.6, 7.6, 5.6),
-            0.04 / detail.sqrt(),
-        );
+        let solid = dragon::solid();
+        let fine = meshing::mesh(&solid, vec3(-6.6, -0.3, -6.2), vec3(6.6, 7.6, 5.6), 0.04 / detail.sqrt());
         let mut random = fastrand::Rng::with_seed(options.seed);
         let breaking = Breaking {
+            solid: &solid,
             surface: decimate(&fine, (SURFACE * detail) as usize),
-            thickness: 0.05,
+            thickness: 0.07,
             pieces: (PIECES * detail) as usize,
             density: &|p| 0.4 + 2.0 / (1.0 + (p - vec3(0.0, 3.2, 0.9)).length_squared()),
             triangles: ((INFO.triangles - GROUND) as f32 * detail) as usize,
@@ -67,7 +64,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
     });
     let colors = Colors { statue: [0.25, 0.5, 0.32], stone: [0.5, 0.47, 0.45], ground: [0.75, 0.7, 0.62] };
     let (animation, measures) = playback(record, &colors, 60.0, SECONDS);
-    Scene {
+    Ok(Scene {
         name: INFO.name.to_owned(),
         about: INFO.about,
         key_bytes: size_of_val(&animation.keys[..]),
@@ -83,7 +80,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
         frames: FRAMES,
         measures,
         notes,
-    }
+    })
 }
 
 /// Away from the stone and up, faster where it is near, and spinning.

@@ -3,6 +3,7 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use anim::vertex_normals;
 use glam::Vec3;
 
 use crate::shape::Mesh;
@@ -96,9 +97,17 @@ fn neighbours_across_edges(mesh: &Mesh) -> Vec<[u32; 3]> {
     across
 }
 
-/// A shard per patch: the patch, its copy `thickness` further in, and a rim between them.
-pub(crate) fn shards(mesh: &Mesh, patch: &[u32], count: usize, thickness: f32) -> Vec<Mesh> {
-    let normals = vertex_normals(mesh);
+/// A shard per patch: the patch, its copy further in by the thickness at each vertex, and a rim between them.
+///
+/// `thickness` is asked with a vertex and its outward normal.
+pub(crate) fn shards(
+    mesh: &Mesh,
+    patch: &[u32],
+    count: usize,
+    thickness: impl Fn(Vec3, Vec3) -> f32,
+) -> Vec<Mesh> {
+    let mut normals = Vec::new();
+    vertex_normals(&mesh.triangles, &mesh.positions, &mut normals);
     let across = neighbours_across_edges(mesh);
     let mut by_patch: Vec<Vec<u32>> = vec![Vec::new(); count];
     for (t, &p) in patch.iter().enumerate() {
@@ -120,8 +129,10 @@ pub(crate) fn shards(mesh: &Mesh, patch: &[u32], count: usize, thickness: f32) -
         let layer = used.len() as u32;
         let mut shard = Mesh::default();
         shard.positions.extend(used.iter().map(|&v| mesh.positions[v as usize]));
-        let inner = used.iter().map(|&v| mesh.positions[v as usize] - normals[v as usize] * thickness);
-        shard.positions.extend(inner);
+        shard.positions.extend(used.iter().map(|&v| {
+            let (p, normal) = (mesh.positions[v as usize], normals[v as usize]);
+            p - normal * thickness(p, normal)
+        }));
         shard.triangles.extend(outer.iter().map(|&[a, b, c]| [a + layer, c + layer, b + layer]));
         for (&t, corner) in triangles.iter().zip(&outer) {
             for k in 0..3 {
@@ -148,15 +159,4 @@ fn corners(mesh: &Mesh, t: usize) -> [Vec3; 3] {
 fn area(mesh: &Mesh, t: usize) -> f32 {
     let [a, b, c] = corners(mesh, t);
     0.5 * (b - a).cross(c - a).length()
-}
-
-fn vertex_normals(mesh: &Mesh) -> Vec<Vec3> {
-    let mut normals = vec![Vec3::ZERO; mesh.positions.len()];
-    for (t, triangle) in mesh.triangles.iter().enumerate() {
-        let [a, b, c] = corners(mesh, t);
-        for &v in triangle {
-            normals[v as usize] += (b - a).cross(c - a);
-        }
-    }
-    normals.into_iter().map(Vec3::normalize_or_zero).collect()
 }

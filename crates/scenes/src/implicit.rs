@@ -202,3 +202,33 @@ fn nearest_on_triangle([a, b, c]: [Vec3; 3], p: Vec3) -> Vec3 {
     let sum = va + vb + vc;
     a + ab * (vb / sum) + ac * (vc / sum)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{dragon, lion_solid};
+
+    #[test]
+    fn pruned_solid_has_the_same_distance_nearby() {
+        for solid in [dragon::solid(), lion_solid::solid()] {
+            let mut random = fastrand::Rng::with_seed(9);
+            let mut number = |scale: f32| scale * (2.0 * random.f32() - 1.0);
+            let mut checked = 0;
+            while checked < 20_000 {
+                let center = Vec3::new(number(6.0), 4.5 + number(4.5), number(6.0));
+                let radius = 0.4;
+                if solid.distance(center).abs() > 2.0 * radius {
+                    continue;
+                }
+                let near = solid.near(center, radius);
+                for _ in 0..20 {
+                    let p = center
+                        + Vec3::new(number(1.0), number(1.0), number(1.0)).clamp_length_max(1.0) * radius;
+                    let (whole, part) = (solid.distance(p), near.distance(p));
+                    assert!((whole - part).abs() < 1e-4, "{whole} {part} at {p}, from {center}");
+                    checked += 1;
+                }
+            }
+        }
+    }
+}

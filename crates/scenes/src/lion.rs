@@ -5,7 +5,7 @@ use glam::{Vec3, vec3};
 
 use crate::cache::recorded;
 use crate::statue::{Breaking, Colors, playback};
-use crate::{Effects, LightEffects, MotionEffects, Scene, SceneInfo, SceneOptions};
+use crate::{Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 use crate::{decimate::decimate, lion_solid, meshing};
 
 const FRAMES: usize = 120;
@@ -34,21 +34,23 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     },
 };
 
-pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
+pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let (keys, substeps) = (options.key_frames.unwrap_or(FRAMES), options.substeps.unwrap_or(SUBSTEPS));
     let detail = options.detail.unwrap_or(1.0);
     let mut notes = Vec::new();
     let parameters = format!("lion seed {} keys {keys} substeps {substeps} detail {detail}", options.seed);
     let record = recorded(&parameters, options, &mut notes, || {
         let (low, high) = (vec3(-3.2, -0.3, -4.2), vec3(3.2, 9.4, 4.2));
-        let fine = meshing::mesh(&lion_solid::solid(), low, high, 0.022 / detail.sqrt());
+        let solid = lion_solid::solid();
+        let fine = meshing::mesh(&solid, low, high, 0.022 / detail.sqrt());
         let breaking = Breaking {
+            solid: &solid,
             surface: decimate(&fine, (SURFACE * detail) as usize),
             thickness: 0.12,
             pieces: (PIECES * detail) as usize,
             density: &|p| 0.3 + 0.1 * p.y,
             triangles: ((INFO.triangles - GROUND) as f32 * detail) as usize,
-            stone: (vec3(-0.4, 10.6, 0.9), 1.0, 3.0),
+            stone: (vec3(-0.4, 10.2, 0.9), 1.0, 3.0),
             stone_density: 40.0,
             gravity: 12.0,
             delay: &|center, impact, random| {
@@ -63,14 +65,14 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
     });
     let colors = Colors { statue: [0.78, 0.62, 0.42], stone: [0.35, 0.35, 0.38], ground: [0.55, 0.58, 0.5] };
     let (animation, measures) = playback(record, &colors, 70.0, SECONDS);
-    Scene {
+    Ok(Scene {
         name: INFO.name.to_owned(),
         about: INFO.about,
         key_bytes: size_of_val(&animation.keys[..]),
         animation: Box::new(animation),
         view: View {
-            eye: vec3(9.5, 7.5, 15.5),
-            target: vec3(0.0, 4.3, 0.0),
+            eye: vec3(9.5, 8.0, 16.0),
+            target: vec3(0.0, 5.0, 0.0),
             up: Vec3::Y,
             fov_y: 42_f32.to_radians(),
         },
@@ -79,7 +81,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
         frames: FRAMES,
         measures,
         notes,
-    }
+    })
 }
 
 /// Seconds by which whole regions hold out longer than others, so that large pieces lose their hold.

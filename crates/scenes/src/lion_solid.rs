@@ -104,7 +104,7 @@ fn mane(lion: &mut Solid) {
             lion.limb(&[
                 (from, 0.22),
                 (from + 0.6 * along, 0.17),
-                (from + along + vec3(0.0, -0.1, 0.05), 0.03),
+                (from + along + vec3(0.0, -0.1, 0.05), 0.07),
             ]);
         }
     }
@@ -117,7 +117,7 @@ fn mane(lion: &mut Solid) {
             let x = 0.33 * across * (1.0 - 0.06 * row as f32);
             let from = vec3(x, y, 1.55 - 0.1 * across * across + 0.12 * (5 - row) as f32 * 0.3);
             let tip = from + vec3(0.12 * x, -0.62, 0.1);
-            lion.limb(&[(from, 0.21), (from.lerp(tip, 0.6) + 0.06 * Vec3::Z, 0.15), (tip, 0.02)]);
+            lion.limb(&[(from, 0.21), (from.lerp(tip, 0.6) + 0.06 * Vec3::Z, 0.15), (tip, 0.06)]);
         }
     }
 }

@@ -8,7 +8,7 @@ use glam::{DVec3, Quat, Vec3};
 use crate::cache::{Record, recorded};
 use crate::rigid::{self, Placement, RigidBodies};
 use crate::shape::{Assembly, sphere, turned};
-use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneInfo, SceneOptions};
+use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
 const BALLS: usize = 300;
 const FRAMES: usize = 100;
@@ -49,7 +49,7 @@ struct Ball {
     velocity: DVec3,
 }
 
-pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
+pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let (keys, substeps) = (options.key_frames.unwrap_or(FRAMES), options.substeps.unwrap_or(SUBSTEPS));
     let mut notes = Vec::new();
     let parameters = format!("n-body seed {} keys {keys} substeps {substeps}", options.seed);
@@ -75,7 +75,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
     }
     let Record { mut floats, measures, .. } = record;
     let keys = floats.pop().unwrap_or_default();
-    Scene {
+    Ok(Scene {
         name: INFO.name.to_owned(),
         about: INFO.about,
         key_bytes: size_of_val(&keys[..]),
@@ -98,7 +98,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
         frames: FRAMES,
         measures,
         notes,
-    }
+    })
 }
 
 /// A pillar with a domed top and a closed foot, 496 triangles when turned in 31 steps.

@@ -1,10 +1,10 @@
 //! The registry: names of scenes, their options, and how a name or a path becomes a [`Scene`].
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anim::{Animation, Light, View};
 
-use crate::{Effects, cloth_ball, exploding_dragon, lion, n_body};
+use crate::{Effects, cloth_ball, exploding_dragon, file, lion, n_body};
 
 /// An animation with what is needed to show it.
 pub struct Scene {
@@ -95,6 +95,12 @@ pub enum SceneError {
         /// What it may be.
         range: &'static str,
     },
+    /// A file could not be loaded.
+    #[error(transparent)]
+    Load(#[from] anim::LoadError),
+    /// A simulation gave key frames that do not fit together.
+    #[error(transparent)]
+    KeyFrames(#[from] anim::KeyFramesError),
     /// A clip was asked for from a scene that has none.
     #[error("scene {scene} has no clips, so none named \"{clip}\"; leave the clip out")]
     NoClips {
@@ -106,9 +112,10 @@ pub enum SceneError {
 }
 
 static SCENES: &[SceneInfo] = &[cloth_ball::INFO, exploding_dragon::INFO, lion::INFO, n_body::INFO];
-/// Makes the scene of the same place in [`SCENES`].
-const MAKERS: [fn(&SceneOptions<'_>) -> Scene; 4] =
-    [cloth_ball::scene, exploding_dragon::scene, lion::scene, n_body::scene];
+type Maker = fn(&SceneOptions<'_>) -> Result<Scene, SceneError>;
+
+/// Makes the scene at the same place in [`SCENES`].
+const MAKERS: [Maker; 4] = [cloth_ball::scene, exploding_dragon::scene, lion::scene, n_body::scene];
 
 /// The scenes made by this crate.
 #[must_use]
@@ -127,13 +134,17 @@ pub fn list() -> &'static [SceneInfo] {
 pub fn load(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     check(options)?;
     let Some((info, make)) = SCENES.iter().zip(MAKERS).find(|(info, _)| info.name == name_or_path) else {
+        let path = Path::new(name_or_path);
+        if path.exists() {
+            return Ok(file::scene(path, clip)?);
+        }
         let known = SCENES.iter().map(|info| info.name).collect::<Vec<_>>().join(", ");
         return Err(SceneError::Unknown { name: name_or_path.to_owned(), known });
     };
     if let Some(clip) = clip {
         return Err(SceneError::NoClips { scene: info.name, clip: clip.to_owned() });
     }
-    Ok(make(options))
+    make(options)
 }
 
 fn check(options: &SceneOptions<'_>) -> Result<(), SceneError> {

@@ -201,7 +201,7 @@ impl Bodies {
         self.bodies.par_iter_mut().with_min_len(512).for_each(|b| b.start_step(gravity, dt));
         let shards = self.bodies.len() - 1;
         let centers: Vec<Vec3> = self.bodies[..shards].iter().map(|b| b.at.position).collect();
-        if self.steps % SEARCH == 0 {
+        if self.steps.is_multiple_of(SEARCH) {
             let largest = self.bodies[..shards].iter().map(|b| b.radius).fold(0.0, f32::max);
             let bodies = &self.bodies;
             self.neighbours.search(&centers, 2.5 * largest, |i, _| bodies[i].free);

@@ -19,7 +19,9 @@ const SUPPORT: usize = 8;
 
 /// A statue, the stone that breaks it, and how.
 pub(crate) struct Breaking<'a> {
+    pub(crate) solid: &'a Solid,
     pub(crate) surface: Mesh,
+    /// Of the wall, where the solid is at least twice as thick.
     pub(crate) thickness: f32,
     pub(crate) pieces: usize,
     /// Relative number of pieces per area.
@@ -56,7 +58,7 @@ impl Breaking<'_> {
         let (patch, count) = patches(&self.surface, self.pieces, self.density, random);
         let beside = adjacent_patches(&self.surface, &patch, count);
         let (mut bodies, mut meshes): (Vec<Body>, Vec<Mesh>) =
-            shards(&self.surface, &patch, count, self.thickness)
+            shards(&self.surface, &patch, count, |p, n| self.wall(p, n))
                 .into_iter()
                 .map(|mesh| Body::new(mesh, 1.0))
                 .unzip();
@@ -125,6 +127,18 @@ impl Breaking<'_> {
             }
         }
         record(meshes, placed, depth)
+    }
+}
+
+impl Breaking<'_> {
+    /// The thickness at a point of the surface: less than half of the solid's own, so that no inside shows.
+    fn wall(&self, p: Vec3, normal: Vec3) -> f32 {
+        let near = self.solid.near(p, 2.0 * self.thickness);
+        let mut depth = self.thickness;
+        while depth > 0.05 * self.thickness && near.distance(p - normal * depth) > -0.7 * depth {
+            depth *= 0.7;
+        }
+        depth
     }
 }
 

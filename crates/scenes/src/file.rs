@@ -1,0 +1,73 @@
+//! Animations from files, framed by a default view and lit by a default light where the file has none.
+
+use std::path::Path;
+
+use anim::{Animation, Light, LoadError, View};
+use glam::{Vec3, vec3};
+
+use crate::{Effects, LightEffects, MotionEffects, Scene};
+
+/// Times at which the bounds of an animation are taken.
+const BOUND_SAMPLES: usize = 32;
+/// Frames per second of animations that do not come with a number of frames.
+const FRAME_RATE: f64 = 24.0;
+
+pub(crate) fn scene(path: &Path, clip: Option<&str>) -> Result<Scene, LoadError> {
+    let animation = anim::load(path, clip)?;
+    let (center, radius) = bounding_sphere(&*animation);
+    let view = framing(center, radius);
+    let mut notes = Vec::new();
+    if animation.view(0.0).is_none() {
+        notes.push(format!("{} has no camera; the view is a default that shows all of it", path.display()));
+    }
+    if animation.light(0.0).is_none() {
+        notes.push(format!(
+            "{} has no light; the light is a default, above and beside the eye",
+            path.display()
+        ));
+    }
+    Ok(Scene {
+        name: path.display().to_string(),
+        about: "an animation from a file",
+        view,
+        light: light_beside(&view),
+        effects: Effects { motion: MotionEffects::of(animation.topology()), light: LightEffects::SHADOWS },
+        frames: (animation.duration() * FRAME_RATE).round().max(0.0) as usize + 1,
+        measures: Vec::new(),
+        key_bytes: 0,
+        notes,
+        animation,
+    })
+}
+
+/// A sphere around the box around all finite positions at times that sample the animation.
+fn bounding_sphere(animation: &dyn Animation) -> (Vec3, f32) {
+    let mut positions = animation.rest();
+    let (mut low, mut high) = (Vec3::MAX, Vec3::MIN);
+    let samples = if animation.duration() > 0.0 { BOUND_SAMPLES } else { 1 };
+    for sample in 0..samples {
+        animation.pose(animation.duration() * sample as f64 / samples.max(2) as f64, &mut positions);
+        for &p in positions.iter().filter(|p| p.is_finite()) {
+            (low, high) = (low.min(p), high.max(p));
+        }
+    }
+    let (center, radius) = (0.5 * low + 0.5 * high, 0.5 * low.distance(high));
+    if low.cmple(high).all() && radius.is_finite() && radius > 0.0 {
+        (center, radius)
+    } else {
+        (Vec3::ZERO, 1.0)
+    }
+}
+
+/// A three-quarter view from slightly above that holds a sphere in an image at least as wide as high.
+fn framing(center: Vec3, radius: f32) -> View {
+    let fov_y = 40_f32.to_radians();
+    let direction = vec3(0.62, 0.38, 0.69).normalize();
+    View { eye: center + direction * (radius / (0.5 * fov_y).sin()), target: center, up: Vec3::Y, fov_y }
+}
+
+fn light_beside(view: &View) -> Light {
+    let back = view.eye - view.target;
+    let aside = view.up.cross(back).normalize_or_zero();
+    Light { position: view.eye + (0.6 * view.up - 0.6 * aside) * back.length(), color: [1.0; 3] }
+}
