@@ -18,6 +18,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use ::gltf::json::accessor::Type;
+use ::gltf::json::mesh::Primitive;
 use ::gltf::json::{Index, Mesh, Root};
 use glam::{Affine3A, Vec3};
 
@@ -237,15 +238,7 @@ impl GltfAnimation {
                     return Err(Problem::new(place, format!("joint {highest}"), expected));
                 }
             }
-            let material = match primitive.material.map(|material| material.value()) {
-                // The last material is the one for primitives without.
-                None => self.topology.materials.len() - 1,
-                Some(number) if number < root.materials.len() => number,
-                Some(number) => {
-                    let expected = format!("a number below {}", root.materials.len());
-                    return Err(Problem::new(place, format!("no material {number}"), expected));
-                }
-            };
+            let material = material_of(primitive, root, &place)?;
             let name = root.nodes[node].name.as_ref().or(mesh.name.as_ref());
             let name = name.cloned().unwrap_or_else(|| format!("node {node}"));
 
@@ -258,39 +251,49 @@ impl GltfAnimation {
                 node: (!skin_places).then_some(node),
                 weights,
             };
-            let vertex_moves = self.moving_vertices(&instance, weights_vary);
-            let motion = Motion {
-                rigid: instance.node.is_some_and(|node| self.nodes.moves[node]),
-                skin: skin.is_some_and(|skin| self.skins[skin].moves(&self.nodes)),
-                morph: weights_vary && geometry.targets.iter().any(|target| !target.is_empty()),
-                key_frames: false,
-            };
-            // What no vertex notices is no motion.
-            let motion = if vertex_moves.contains(&true) { motion } else { Motion::STILL };
-
-            let bytes =
-                geometry.positions.len() * 2 * size_of::<Vec3>() + geometry.triangles.len() * 13 + name.len();
+            let bytes = geometry.positions.len() * 26 + geometry.triangles.len() * 13 + name.len();
             accessors.budget.spend(bytes as u64, &place)?;
-            let topology = &mut self.topology;
-            let begin = (topology.triangles.len() as u32, topology.vertex_count as u32);
-            topology.vertex_count += geometry.positions.len();
-            for corners in &geometry.triangles {
-                topology.moves.push(corners.iter().any(|&corner| vertex_moves[corner as usize]));
-                topology.triangles.push(corners.map(|corner| corner.wrapping_add(begin.1)));
-            }
-            if topology.vertex_count.max(topology.triangles.len()) > u32::MAX as usize {
-                return Err(Problem::new(
-                    place,
-                    "too many vertices or triangles in all",
-                    "as many as 32 bits can number",
-                ));
-            }
-            let end = (topology.triangles.len() as u32, topology.vertex_count as u32);
-            let (triangles, vertices) = (begin.0..end.0, begin.1..end.1);
-            topology.parts.push(Part { name, triangles, vertices, motion, material: material as u32 });
+            let Some(motion) = self.add_part(name, &instance, material, weights_vary) else {
+                let found = "too many vertices or triangles in all";
+                return Err(Problem::new(place, found, "as many as 32 bits can number"));
+            };
             if motion.is_still() { still.push(instance) } else { self.moving.push(instance) }
         }
         Ok(())
+    }
+
+    /// Adds `instance` to the topology and finds out how it moves. `None` if its numbers do not fit 32 bits.
+    fn add_part(
+        &mut self,
+        name: String,
+        instance: &Instance,
+        material: u32,
+        weights_vary: bool,
+    ) -> Option<Motion> {
+        let geometry = &*instance.geometry;
+        let vertex_moves = self.moving_vertices(instance, weights_vary);
+        let motion = Motion {
+            rigid: instance.node.is_some_and(|node| self.nodes.moves[node]),
+            skin: instance.skin.is_some_and(|skin| self.skins[skin].moves(&self.nodes)),
+            morph: weights_vary && geometry.targets.iter().any(|target| !target.is_empty()),
+            key_frames: false,
+        };
+        // What no vertex notices is no motion.
+        let motion = if vertex_moves.contains(&true) { motion } else { Motion::STILL };
+
+        let topology = &mut self.topology;
+        let range = |begin: usize, count: usize| {
+            Some(u32::try_from(begin).ok()?..u32::try_from(begin.checked_add(count)?).ok()?)
+        };
+        let triangles = range(topology.triangles.len(), geometry.triangles.len())?;
+        let vertices = range(topology.vertex_count, geometry.positions.len())?;
+        for corners in &geometry.triangles {
+            topology.moves.push(corners.iter().any(|&corner| vertex_moves[corner as usize]));
+            topology.triangles.push(corners.map(|corner| vertices.start + corner));
+        }
+        topology.vertex_count += geometry.positions.len();
+        topology.parts.push(Part { name, triangles, vertices, motion, material });
+        Some(motion)
     }
 
     /// For each vertex of `instance`, whether anything in the clip moves it.
@@ -519,6 +522,16 @@ fn materials(root: &Root) -> Vec<Material> {
         Material { base_color: std::array::from_fn(|i| component(color[i], fallback.base_color[i])) }
     };
     root.materials.iter().map(read).chain([fallback]).collect()
+}
+
+/// The number of a primitive's material among [`materials`].
+fn material_of(primitive: &Primitive, root: &Root, place: &str) -> Result<u32, Problem> {
+    let number = primitive.material.map_or(root.materials.len(), |material| material.value());
+    if primitive.material.is_some() && number >= root.materials.len() {
+        let expected = format!("a number below {}", root.materials.len());
+        return Err(Problem::new(place, format!("no material {number}"), expected));
+    }
+    Ok(number as u32)
 }
 
 fn camera(root: &Root, scene: &[usize]) -> Option<Camera> {
