@@ -166,6 +166,11 @@ impl KeyFrames {
                 LoopMode::BackAndForth => (2.0 * last - at).max(0.0),
             };
         }
+        // The time of a key, computed by whoever asks, is that of the key only up to rounding.
+        let nearest = at.round();
+        if (at - nearest).abs() < 1e-7 {
+            return (nearest as usize, 0.0);
+        }
         (at.floor() as usize, at.fract() as f32)
     }
 }
@@ -355,6 +360,16 @@ mod tests {
         assert_eq!(at(&animation, 0.0), frame(0.0));
         assert!(!at(&animation, 0.5)[4].is_finite());
         assert_eq!(at(&animation, 2.0), frame(3.0));
+    }
+
+    #[test]
+    fn key_times_hit_keys_exactly() {
+        let frames: Vec<_> = (0..100).map(|i| frame((i as f32).sqrt())).collect();
+        let animation = KeyFrames::new(topology(), frames.clone(), 1.0 / 24.0, LoopMode::Restart).unwrap();
+        for (number, frame) in frames.iter().enumerate() {
+            assert_eq!(&at(&animation, number as f64 / 24.0), frame);
+            assert_eq!(&at(&animation, animation.duration() * number as f64 / 99.0), frame);
+        }
     }
 
     #[test]
