@@ -111,12 +111,15 @@ impl Solid {
             .filter(|e| !e.carve)
             .map(|e| e.shape.distance(center))
             .fold(f32::MAX, f32::min);
+        // Elements farther away than the nearest can still pull at it, through those that they blend with.
+        let widest = self.elements.iter().map(|e| e.blend).fold(0.0, f32::max);
+        let slack = 3.0 * radius + 3.0 * widest;
         let elements = self
             .elements
             .iter()
             .filter(|e| {
                 let limit = if e.carve { 0.0 } else { nearest };
-                e.shape.distance(center) <= limit.max(0.0) + 3.0 * radius + 2.0 * e.blend
+                e.shape.distance(center) <= limit.max(0.0) + slack
             })
             .copied()
             .collect();
@@ -216,8 +219,8 @@ mod tests {
             let mut checked = 0;
             while checked < 20_000 {
                 let center = Vec3::new(number(6.0), 4.5 + number(4.5), number(6.0));
-                let radius = 0.4;
-                if solid.distance(center).abs() > 2.0 * radius {
+                let radius = if checked % 40 == 0 { 0.4 } else { 0.02 };
+                if solid.distance(center).abs() > 0.3 {
                     continue;
                 }
                 let near = solid.near(center, radius);
