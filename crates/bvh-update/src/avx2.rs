@@ -6,9 +6,10 @@
 
 use std::arch::x86_64::*;
 
-use bvh_core::{Aabb, COST_INTERSECT, COST_TRAVERSE, Node, Vec3};
+use bvh_core::{Aabb, COST_INTERSECT, COST_TRAVERSE, Node, Primitives, Vec3};
 
-use crate::kernels::Accepted;
+use crate::block::Visit;
+use crate::kernels::{Accepted, fit_at_this_level};
 use crate::raw::SharedNodes;
 
 /// Stands in for the children of a leaf: every union with it has infinite area, so no rotation with it wins.
@@ -23,16 +24,22 @@ const _: () = assert!(COST_INTERSECT == 1.0 && COST_TRAVERSE == 1.0);
 /// Lane mask of the two words that are no coordinates.
 const WORDS: i32 = 0b1000_1000;
 
+/// See [`kernels::fit`](crate::kernels::fit).
+#[target_feature(enable = "avx2")]
+pub(crate) fn fit<P: Primitives + ?Sized>(nodes: SharedNodes<'_>, primitives: &P, leaves: &[Visit]) -> u64 {
+    fit_at_this_level(nodes, primitives, leaves)
+}
+
 /// See [`kernels::unions`](crate::kernels::unions).
 #[target_feature(enable = "avx2")]
-pub(crate) fn unions(nodes: SharedNodes<'_>, pairs: &[u32], parents: &[u32]) -> f64 {
+pub(crate) fn unions(nodes: SharedNodes<'_>, inner: &[Visit]) -> f64 {
     // Of the parent's words all of link and the upper 24 bits of aux are kept; aux's low byte is the height.
     let kept = _mm256_setr_epi32(0, 0, 0, -1, 0, 0, 0, !0xff);
     let height = _mm256_setr_epi32(0, 0, 0, 0, 0, 0, 0, 0xff);
     let one = _mm256_setr_epi32(0, 0, 0, 0, 0, 0, 0, 1);
     let mut sums = _mm_setzero_pd();
-    for (&pair, &parent) in pairs.iter().zip(parents).rev() {
-        let [l, r]: [__m256; 2] = nodes.pair(pair as usize).map(bytemuck::cast);
+    for visit in inner.iter().rev() {
+        let [l, r]: [__m256; 2] = nodes.pair(visit.first()).map(bytemuck::cast);
         let below = _mm256_permute2f128_ps::<0x20>(l, r);
         let above = _mm256_permute2f128_ps::<0x31>(l, r);
 
@@ -52,11 +59,11 @@ pub(crate) fn unions(nodes: SharedNodes<'_>, pairs: &[u32], parents: &[u32]) -> 
         let union = _mm256_blend_ps::<0xf0>(_mm256_min_ps(l, r), _mm256_max_ps(l, r));
         let highest = _mm256_max_epu8(_mm256_castps_si256(l), _mm256_castps_si256(r));
         let words = _mm256_or_si256(
-            _mm256_and_si256(bytemuck::cast(nodes.get(parent as usize)), kept),
+            _mm256_and_si256(bytemuck::cast(nodes.get(visit.slot())), kept),
             _mm256_and_si256(_mm256_add_epi32(highest, one), height),
         );
         let node = _mm256_blend_ps::<WORDS>(union, _mm256_castsi256_ps(words));
-        nodes.set(parent as usize, bytemuck::cast(node));
+        nodes.set(visit.slot(), bytemuck::cast(node));
     }
     _mm_cvtsd_f64(sums) + _mm_cvtsd_f64(_mm_unpackhi_pd(sums, sums))
 }
@@ -76,7 +83,7 @@ fn areas_of_two(extents: __m256) -> __m256 {
 #[target_feature(enable = "avx2")]
 pub(crate) fn evaluate(
     nodes: SharedNodes<'_>,
-    pairs: &[u32],
+    inner: &[Visit],
     candidates: &[u32],
     accepted: &mut [Accepted],
 ) -> usize {
@@ -85,7 +92,7 @@ pub(crate) fn evaluate(
     let minima = _mm256_setr_ps(-0.0, -0.0, -0.0, -0.0, 0.0, 0.0, 0.0, 0.0);
     let mut count = 0;
     for &index in candidates {
-        let pair = nodes.pair(pairs[index as usize] as usize);
+        let pair = nodes.pair(inner[index as usize].first());
         let negated = |n: Node| _mm256_xor_ps(bytemuck::cast(n), minima);
         let [ll, lr] = nodes.children_or(&pair[0], &MISSING).map(negated);
         let [rl, rr] = nodes.children_or(&pair[1], &MISSING).map(negated);

@@ -9,7 +9,7 @@
 
 use bvh_core::Primitives;
 
-use crate::kernels::{Accepted, apply, evaluate, unions};
+use crate::kernels::{Accepted, apply, evaluate, fit, unions};
 use crate::raw::{Available, SharedNodes};
 
 /// Queued pairs of one block; about half of them are processed in it.
@@ -17,10 +17,6 @@ const PAIRS: usize = 2048;
 
 /// Roots of one block below another.
 const ROOTS: usize = 64;
-
-/// How far ahead of its use a primitive's index is fetched, and its data.
-const INDEX_AHEAD: usize = 64;
-const DATA_AHEAD: usize = 32;
 
 /// What one task of a pass is given.
 pub(crate) struct Task<'a, P: ?Sized> {
@@ -55,43 +51,59 @@ impl Tally {
     }
 }
 
-/// Inner nodes that a block starts from: their slots, child pairs and depths.
+/// A node on the way, in one word: its own slot in the arena, and where what is below it starts (an inner node's
+/// child pair in the arena, a leaf's first primitive in the order).
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Visit(u64);
+
+impl Visit {
+    #[inline]
+    pub(crate) fn new(slot: u32, first: u32) -> Self {
+        Self(u64::from(slot) << 32 | u64::from(first))
+    }
+
+    #[inline]
+    pub(crate) fn slot(self) -> usize {
+        (self.0 >> 32) as usize
+    }
+
+    #[inline]
+    pub(crate) fn first(self) -> usize {
+        self.0 as u32 as usize
+    }
+}
+
+/// Inner nodes of one depth that a block starts from.
 #[derive(Clone, Copy)]
 pub(crate) struct Roots<'a> {
-    pub(crate) parents: &'a [u32],
-    pub(crate) pairs: &'a [u32],
-    pub(crate) depths: &'a [u8],
+    pub(crate) nodes: &'a [Visit],
+    pub(crate) depth: u32,
 }
 
 impl<'a> Roots<'a> {
-    pub(crate) fn chunks(self, size: usize) -> impl ExactSizeIterator<Item = Self> {
-        let Self { parents, pairs, depths } = self;
-        (0..pairs.len().div_ceil(size)).map(move |i| {
-            let range = i * size..pairs.len().min((i + 1) * size);
-            Roots { parents: &parents[range.clone()], pairs: &pairs[range.clone()], depths: &depths[range] }
-        })
+    pub(crate) fn chunks(self, size: usize) -> impl Iterator<Item = Self> {
+        self.nodes.chunks(size).map(move |nodes| Roots { nodes, ..self })
     }
 }
 
 /// The lists of one block. Their memory is allocated on first use and kept.
 #[derive(Default)]
 pub(crate) struct Block {
-    /// Child pairs in breadth-first order; those from `done` on belong to further blocks.
-    pairs: Vec<u32>,
-    /// For each pair, the slot of the node whose children it holds, and that node's depth.
-    parents: Vec<u32>,
-    depths: Vec<u8>,
+    /// Inner nodes that move, breadth-first; those from `done` on belong to further blocks.
+    inner: Vec<Visit>,
     queued: usize,
     done: usize,
-    /// Leaves that move: their slots, and the slots of their first primitives.
-    leaves: Vec<u32>,
-    firsts: Vec<u32>,
+    /// Leaves that move.
+    leaves: Vec<Visit>,
     leaf_count: usize,
-    /// Pairs of which at least one node has children.
+    /// Which of `inner` have a grandchild.
     candidates: Vec<u32>,
     candidate_count: usize,
-    /// Where each level starts among pairs and candidates.
+    /// Where each level starts among `inner` and `candidates`; the last goes on where the frontier starts.
     levels: Vec<(usize, usize)>,
+    level_end: usize,
+    /// Depth of the roots.
+    depth: u32,
     accepted: Vec<Accepted>,
 }
 
@@ -110,49 +122,28 @@ pub(crate) fn process<P: Primitives + ?Sized>(
     };
     block.gather(task.nodes, roots, PAIRS);
     block.fit_leaves(task, tally);
-    for chunk in block.frontier().chunks(ROOTS) {
-        process(task, chunk, deeper, tally);
+    for roots in block.frontier() {
+        for chunk in roots.chunks(ROOTS) {
+            process(task, chunk, deeper, tally);
+        }
     }
     block.ascend(task, tally);
-}
-
-/// Fits the leaf in slot `leaf`, whose first primitive is in slot `first`, to its primitives.
-#[inline]
-pub(crate) fn fit_leaf<P: Primitives + ?Sized>(
-    task: &Task<'_, P>,
-    leaf: usize,
-    first: usize,
-    tally: &mut Tally,
-) {
-    let mut node = task.nodes.get(leaf);
-    let mut aabb = task.primitives.aabb(first);
-    tally.dropped += u64::from(aabb.is_empty());
-    for slot in first + 1..first + node.count() {
-        let next = task.primitives.aabb(slot);
-        tally.dropped += u64::from(next.is_empty());
-        aabb = aabb.union(next);
-    }
-    node.set_aabb(aabb);
-    task.nodes.set(leaf, node);
 }
 
 impl Block {
     /// Walks down from the roots until about `limit` pairs are queued, and lists what is there.
     pub(crate) fn gather(&mut self, nodes: SharedNodes<'_>, roots: Roots<'_>, limit: usize) {
         let limit = limit.min(PAIRS);
-        if self.pairs.is_empty() {
-            self.pairs.resize(PAIRS, 0);
-            self.parents.resize(PAIRS, 0);
-            self.depths.resize(PAIRS, 0);
-            self.leaves.resize(2 * PAIRS, 0);
-            self.firsts.resize(2 * PAIRS, 0);
+        if self.inner.is_empty() {
+            self.inner.resize(PAIRS, Visit::default());
+            self.leaves.resize(2 * PAIRS, Visit::default());
             self.candidates.resize(PAIRS, 0);
             self.levels.reserve(bvh_core::MAX_HEIGHT as usize + 1);
         }
-        let mut queued = roots.pairs.len();
-        self.pairs[..queued].copy_from_slice(roots.pairs);
-        self.parents[..queued].copy_from_slice(roots.parents);
-        self.depths[..queued].copy_from_slice(roots.depths);
+        let (inner, leaves) = (self.inner.as_mut_slice(), self.leaves.as_mut_slice());
+        let candidates = self.candidates.as_mut_slice();
+        let mut queued = roots.nodes.len();
+        inner[..queued].copy_from_slice(roots.nodes);
         self.levels.clear();
         let (mut done, mut level_end, mut leaf_count, mut candidate_count) = (0, 0, 0, 0);
         while done < queued && queued + 2 <= limit {
@@ -160,72 +151,59 @@ impl Block {
                 self.levels.push((done, candidate_count));
                 level_end = queued;
             }
-            let pair = self.pairs[done] as usize;
-            let depth = self.depths[done] + 1;
+            let pair = inner[done].first();
             let children = nodes.pair(pair);
             // Every child is appended to both lists, and then counted in at most one.
-            for (i, child) in children.iter().enumerate() {
+            for (child, slot) in children.iter().zip(pair..) {
                 let (leaf, moves, first) = (child.is_leaf(), child.moves(), child.first());
-                nodes.prefetch(first);
-                self.pairs[queued] = first as u32;
-                self.parents[queued] = (pair + i) as u32;
-                self.depths[queued] = depth;
-                queued += usize::from(!leaf & moves);
-                self.leaves[leaf_count] = (pair + i) as u32;
-                self.firsts[leaf_count] = first as u32;
-                leaf_count += usize::from(leaf & moves);
+                nodes.prefetch(if leaf { pair } else { first });
+                let visit = Visit::new(slot as u32, first as u32);
+                inner[queued] = visit;
+                leaves[leaf_count] = visit;
+                queued += usize::from(moves & !leaf);
+                leaf_count += usize::from(moves & leaf);
             }
-            self.candidates[candidate_count] = done as u32;
+            candidates[candidate_count] = done as u32;
             candidate_count += usize::from(!(children[0].is_leaf() & children[1].is_leaf()));
             done += 1;
         }
-        (self.queued, self.done) = (queued, done);
+        (self.queued, self.done, self.level_end, self.depth) = (queued, done, level_end, roots.depth);
         (self.leaf_count, self.candidate_count) = (leaf_count, candidate_count);
     }
 
-    /// The inner nodes below this block.
-    pub(crate) fn frontier(&self) -> Roots<'_> {
-        let range = self.done..self.queued;
-        Roots {
-            parents: &self.parents[range.clone()],
-            pairs: &self.pairs[range.clone()],
-            depths: &self.depths[range],
-        }
+    /// The inner nodes below this block, by depth: the rest of its last level, and the level below.
+    pub(crate) fn frontier(&self) -> [Roots<'_>; 2] {
+        let depth = self.depth + self.levels.len() as u32;
+        let split = self.level_end.max(self.done);
+        [
+            Roots { nodes: &self.inner[self.done..split], depth: depth - 1 },
+            Roots { nodes: &self.inner[split..self.queued], depth },
+        ]
     }
 
     /// Fits the block's leaves to their primitives.
     pub(crate) fn fit_leaves<P: Primitives + ?Sized>(&self, task: &Task<'_, P>, tally: &mut Tally) {
         let leaves = &self.leaves[..self.leaf_count];
-        let firsts = &self.firsts[..self.leaf_count];
-        for (i, (&leaf, &first)) in leaves.iter().zip(firsts).enumerate() {
-            if let Some(&ahead) = firsts.get(i + INDEX_AHEAD) {
-                task.primitives.prefetch_index(ahead as usize);
-            }
-            if let Some(&ahead) = firsts.get(i + DATA_AHEAD) {
-                task.primitives.prefetch_data(ahead as usize);
-            }
-            fit_leaf(task, leaf as usize, first as usize, tally);
-        }
         tally.leaves += leaves.len() as u64;
+        tally.dropped += fit(task.level, task.nodes, task.primitives, leaves);
     }
 
     /// Comes back up from the frontier to the roots.
     pub(crate) fn ascend<P: ?Sized>(&mut self, task: &Task<'_, P>, tally: &mut Tally) {
         tally.inner += self.done as u64;
         let (level, nodes) = (task.level, task.nodes);
+        let inner = &self.inner[..self.done];
         if !task.rotations {
-            tally.area += unions(level, nodes, &self.pairs[..self.done], &self.parents[..self.done]);
+            tally.area += unions(level, nodes, inner);
             return;
         }
         self.accepted.resize(PAIRS, Accepted::default());
         let mut end = (self.done, self.candidate_count);
-        for &start in self.levels.iter().rev() {
+        for (i, &start) in self.levels.iter().enumerate().rev() {
             let candidates = &self.candidates[start.1..end.1];
-            let accepted = evaluate(level, nodes, &self.pairs, candidates, &mut self.accepted);
-            let accepted = &self.accepted[..accepted];
-            apply(nodes, &self.pairs, &self.depths, accepted, tally);
-            let range = start.0..end.0;
-            tally.area += unions(level, nodes, &self.pairs[range.clone()], &self.parents[range]);
+            let accepted = evaluate(level, nodes, inner, candidates, &mut self.accepted);
+            apply(nodes, inner, self.depth + i as u32, &self.accepted[..accepted], tally);
+            tally.area += unions(level, nodes, &inner[start.0..end.0]);
             end = start;
         }
     }

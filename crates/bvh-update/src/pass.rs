@@ -5,7 +5,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use bvh_core::{Bvh, InOrder, Primitives, SimdLevel};
 use rayon::prelude::*;
 
-use crate::block::{Block, NESTED, Roots, Tally, Task, fit_leaf, process};
+use crate::block::{Block, NESTED, Roots, Tally, Task, Visit, process};
+use crate::kernels::fit;
 use crate::raw::{self, Available};
 
 /// Queued pairs of the top block: enough subtrees below it for many threads.
@@ -79,27 +80,29 @@ fn run<P: Primitives + ?Sized>(task: &Task<'_, P>, scratch: &mut Scratch) -> Tal
     }
     let Scratch { top, workers, tallies, .. } = scratch;
     if root.is_leaf() {
-        fit_leaf(task, 0, root.first(), &mut tally);
+        let leaf = [Visit::new(0, root.first() as u32)];
+        tally.dropped = fit(task.level, task.nodes, task.primitives, &leaf);
         tally.leaves = 1;
         return tally;
     }
-    let roots = Roots { parents: &[0], pairs: &[root.first() as u32], depths: &[0] };
+    let root = [Visit::new(0, root.first() as u32)];
+    let roots = Roots { nodes: &root, depth: 0 };
     top.gather(task.nodes, roots, TOP_PAIRS);
     top.fit_leaves(task, &mut tally);
-    let chunks = top.frontier().chunks(TOP_ROOTS).len();
+    let chunks = || top.frontier().into_iter().flat_map(|roots| roots.chunks(TOP_ROOTS));
     tallies.clear();
-    tallies.resize(chunks, Tally::default());
-    subtrees(task, top.frontier(), workers, tallies);
+    tallies.resize(chunks().count(), Tally::default());
+    subtrees(task, chunks, workers, tallies);
     // In the order of the subtrees, whoever worked on them: sums of floats depend on it.
     tallies.iter().for_each(|t| tally.add(t));
     top.ascend(task, &mut tally);
     tally
 }
 
-/// Processes the subtrees below `roots`, some at a time on each thread of the pool.
-fn subtrees<P: Primitives + ?Sized>(
+/// Processes the subtrees of all chunks; each thread of the pool takes one chunk after the other.
+fn subtrees<'a, P: Primitives + ?Sized, C: Iterator<Item = Roots<'a>>>(
     task: &Task<'_, P>,
-    roots: Roots<'_>,
+    chunks: impl Fn() -> C + Sync,
     workers: &mut Vec<Worker>,
     tallies: &mut [Tally],
 ) {
@@ -109,13 +112,13 @@ fn subtrees<P: Primitives + ?Sized>(
         workers.push(Worker { blocks, done: Vec::new() });
     }
     let next = AtomicUsize::new(0);
-    let chunks = tallies.len();
+    let count = tallies.len();
     let work = |worker: &mut Worker| {
         worker.done.clear();
-        worker.done.reserve(chunks);
+        worker.done.reserve(count);
         loop {
             let i = next.fetch_add(1, Ordering::Relaxed);
-            let Some(chunk) = roots.chunks(TOP_ROOTS).nth(i) else { break };
+            let Some(chunk) = chunks().nth(i) else { break };
             let mut tally = Tally::default();
             process(task, chunk, &mut worker.blocks, &mut tally);
             worker.done.push((i, tally));
