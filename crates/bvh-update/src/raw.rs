@@ -33,7 +33,7 @@ impl<'a> SharedNodes<'a> {
     /// The node in slot `n`.
     #[inline(always)]
     pub(crate) fn get(&self, n: usize) -> Node {
-        assert!(n < self.len, "node {n} of {}", self.len);
+        assert!(n < self.len, "node out of range");
         // SAFETY: in range by the assertion; valid and not written elsewhere by the promise to `new`.
         #[expect(unsafe_code, reason = "reads the shared arena")]
         unsafe {
@@ -51,7 +51,7 @@ impl<'a> SharedNodes<'a> {
     #[inline(always)]
     pub(crate) fn children_or(&self, node: &Node, missing: &[Node; 2]) -> [Node; 2] {
         let n = if node.is_leaf() { 0 } else { node.first() };
-        assert!(n + 1 < self.len, "pair {n} of {}", self.len);
+        assert!(n + 1 < self.len, "pair out of range");
         // SAFETY: `n` and `n + 1` are in range by the assertion; `missing` is a live pair; what is read of the
         // arena is valid and not written elsewhere by the promise to `new`. The root's pair, which stands in
         // for a leaf's children, is pointed to but not read.
@@ -66,7 +66,7 @@ impl<'a> SharedNodes<'a> {
     /// Stores a whole node into slot `n`.
     #[inline(always)]
     pub(crate) fn set(&self, n: usize, node: Node) {
-        assert!(n < self.len, "node {n} of {}", self.len);
+        assert!(n < self.len, "node out of range");
         // SAFETY: in range by the assertion; not read or written elsewhere by the promise to `new`.
         #[expect(unsafe_code, reason = "writes the shared arena")]
         unsafe {
