@@ -8,6 +8,7 @@
 //! Coordinates are right-handed with y up. Units are each scene's own; times are in seconds.
 #![forbid(unsafe_code)]
 
+mod bart_museum;
 mod cache;
 mod cloth;
 mod cloth_ball;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anim::{Animation, Light, View};
 
-use crate::{Effects, cloth_ball, exploding_dragon, file, lion, n_body};
+use crate::{Effects, bart_museum, cloth_ball, exploding_dragon, file, lion, n_body};
 
 /// An animation with what is needed to show it.
 pub struct Scene {
@@ -111,11 +111,13 @@ pub enum SceneError {
     },
 }
 
-static SCENES: &[SceneInfo] = &[cloth_ball::INFO, exploding_dragon::INFO, lion::INFO, n_body::INFO];
+static SCENES: &[SceneInfo] =
+    &[bart_museum::INFO, cloth_ball::INFO, exploding_dragon::INFO, lion::INFO, n_body::INFO];
 type Maker = fn(&SceneOptions<'_>) -> Result<Scene, SceneError>;
 
 /// Makes the scene at the same place in [`SCENES`].
-const MAKERS: [Maker; 4] = [cloth_ball::scene, exploding_dragon::scene, lion::scene, n_body::scene];
+const MAKERS: [Maker; 5] =
+    [bart_museum::scene, cloth_ball::scene, exploding_dragon::scene, lion::scene, n_body::scene];
 
 /// The scenes made by this crate.
 #[must_use]

@@ -12,6 +12,17 @@ pub(crate) struct Mesh {
     pub(crate) triangles: Vec<[u32; 3]>,
 }
 
+impl Mesh {
+    /// Adds triangles with corners of their own.
+    pub(crate) fn add(&mut self, triangles: &[[Vec3; 3]]) {
+        for corners in triangles {
+            let first = self.positions.len() as u32;
+            self.positions.extend(corners);
+            self.triangles.push([first, first + 1, first + 2]);
+        }
+    }
+}
+
 /// Collects parts into one topology with positions.
 #[derive(Default)]
 pub(crate) struct Assembly {

@@ -1,0 +1,229 @@
+//! `bart-museum`: a sculpture of triangles that each travel between unrelated places in five shapes, in a still room.
+//!
+//! In the museum of the Benchmark for Animated Ray Tracing (Lext, Assarsson, Möller 2001) every animated triangle
+//! has five keys of its own. At the first two its neighbours are anybody; in the last three they are those next
+//! to it in the order of the triangles.
+
+use std::f32::consts::{PI, TAU};
+
+use anim::{KeyFrames, Light, LoopMode, Motion, View};
+use glam::{Quat, Vec3, vec3};
+
+use crate::shape::{Assembly, Mesh, turned};
+use crate::{Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
+
+/// Animated triangles of level 8 of the benchmark: 4 to the power of 8.
+const TRIANGLES: usize = 65_536;
+const SHAPES: usize = 5;
+/// One second from shape to shape.
+const SECONDS_PER_SHAPE: f64 = 1.0;
+const FRAMES: usize = 200;
+/// Height of the pedestal's top, on which the first shape lies.
+const PEDESTAL: f32 = 1.45;
+/// Middle of the other shapes.
+const CENTER: Vec3 = vec3(0.0, 2.6, 0.0);
+const ROOM: Room = Room { radius: 5.5, height: 5.0, sides: 24 };
+
+pub(crate) const INFO: SceneInfo = SceneInfo {
+    name: "bart-museum",
+    about: "a sculpture whose triangles travel between unrelated places in five shapes, in a museum",
+    triangles: TRIANGLES + ROOM_TRIANGLES,
+    frames: FRAMES,
+    effects: Effects {
+        motion: MotionEffects { key_frames: true, ..MotionEffects::NONE },
+        light: LightEffects::SHADOWS,
+    },
+};
+
+const ROOM_TRIANGLES: usize = 4 * ROOM.sides + 8 * 48 + 96 + 6 * 12;
+
+/// A triangle's corners.
+type Corners = [Vec3; 3];
+
+pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
+    let mut random = fastrand::Rng::with_seed(options.seed);
+    let mut shapes: [Vec<Corners>; SHAPES] = [heap(&mut random), flame(&mut random), cube(), ball(), knot()];
+    for shape in &mut shapes[..2] {
+        random.shuffle(shape);
+    }
+    shapes.rotate_left(options.start_shape % SHAPES);
+
+    let mut assembly = Assembly::default();
+    let bronze = assembly.material([0.75, 0.45, 0.2]);
+    let triangle = |k: u32| [3 * k, 3 * k + 1, 3 * k + 2];
+    let sculpture =
+        Mesh { positions: shapes[0].concat(), triangles: (0..TRIANGLES as u32).map(triangle).collect() };
+    assembly.part("sculpture", &sculpture, Motion { key_frames: true, ..Motion::STILL }, bronze);
+    furnish(&mut assembly);
+    let still = &assembly.positions[3 * TRIANGLES..];
+    let frames: Vec<Vec<Vec3>> = shapes.iter().map(|shape| [&shape.concat()[..], still].concat()).collect();
+    Ok(Scene {
+        name: INFO.name.to_owned(),
+        about: INFO.about,
+        key_bytes: SHAPES * 3 * TRIANGLES * size_of::<Vec3>(),
+        animation: Box::new(KeyFrames::new(assembly.topology, frames, SECONDS_PER_SHAPE, LoopMode::Restart)?),
+        view: View {
+            eye: vec3(0.5, 2.5, 4.9),
+            target: vec3(0.0, 2.15, 0.0),
+            up: Vec3::Y,
+            fov_y: 55_f32.to_radians(),
+        },
+        light: Light { position: vec3(-1.6, 4.7, 2.8), color: [1.0; 3] },
+        effects: INFO.effects,
+        frames: FRAMES,
+        measures: Vec::new(),
+        notes: Vec::new(),
+    })
+}
+
+/// Crumbs in a heap on the pedestal.
+fn heap(random: &mut fastrand::Rng) -> Vec<Corners> {
+    let mut crumb = || {
+        let (sin, cos) = libm::sincosf(TAU * random.f32());
+        let out = 0.46 * random.f32().sqrt();
+        let top = 0.14 * (1.0 - out / 0.46) + 0.02;
+        let at = vec3(out * cos, PEDESTAL + top * random.f32(), out * sin);
+        let mut corner = || at + 0.012 * vec3(random.f32() - 0.5, random.f32() - 0.5, random.f32() - 0.5);
+        [corner(), corner(), corner()]
+    };
+    (0..TRIANGLES).map(|_| crumb()).collect()
+}
+
+/// Slivers along three twisted tongues that rise from the pedestal.
+fn flame(random: &mut fastrand::Rng) -> Vec<Corners> {
+    let mut sliver = || {
+        let h = random.f32();
+        let tongue = (random.f32() * 3.0).floor();
+        let (sin, cos) = libm::sincosf(TAU * (tongue / 3.0 + 0.7 * h));
+        let (off_sin, off_cos) = libm::sincosf(TAU * random.f32());
+        let (axis, width) = (0.42 * libm::sinf(PI * h * 0.9), 0.3 * (1.0 - h) * (0.4 + 1.6 * h).min(1.0));
+        let at = vec3(axis * cos + width * off_cos, PEDESTAL + 0.1 + 2.4 * h, axis * sin + width * off_sin);
+        let along = vec3(-sin, 2.0, cos).normalize() * 0.045;
+        let across = vec3(-off_sin, 0.0, off_cos) * 0.008;
+        [at - across, at + across, at + along]
+    };
+    (0..TRIANGLES).map(|_| sliver()).collect()
+}
+
+fn ball() -> Vec<Corners> {
+    round().into_iter().map(|t| t.map(|p| CENTER + 0.8 * p.normalize())).collect()
+}
+
+fn cube() -> Vec<Corners> {
+    round().into_iter().map(|t| t.map(|p| CENTER + 0.6 * p / p.abs().max_element())).collect()
+}
+
+/// A double pyramid over an octagon, its 16 triangles split into four six times.
+fn round() -> Vec<Corners> {
+    let rim = |k: usize| {
+        let (sin, cos) = libm::sincosf(TAU * k as f32 / 8.0);
+        vec3(cos, 0.0, sin)
+    };
+    let mut all = Vec::with_capacity(TRIANGLES);
+    for k in 0..8 {
+        split([rim(k), Vec3::Y, rim(k + 1)], 6, &mut all);
+        split([rim(k), rim(k + 1), Vec3::NEG_Y], 6, &mut all);
+    }
+    all
+}
+
+fn split([a, b, c]: Corners, times: usize, out: &mut Vec<Corners>) {
+    if times == 0 {
+        out.push([a, b, c]);
+        return;
+    }
+    let [ab, bc, ca] = [(a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0];
+    for part in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
+        split(part, times - 1, out);
+    }
+}
+
+/// A trefoil knot, 512 steps along and 64 around.
+fn knot() -> Vec<Corners> {
+    const ALONG: usize = 512;
+    const AROUND: usize = TRIANGLES / 2 / ALONG;
+    let curve = |u: f32| {
+        let ((s1, c1), (s2, c2)) = (libm::sincosf(TAU * u), libm::sincosf(2.0 * TAU * u));
+        CENTER + 0.3 * vec3(s1 + 2.0 * s2, c1 - 2.0 * c2, -libm::sinf(3.0 * TAU * u))
+    };
+    let point = |i: usize, j: usize| {
+        let u = i as f32 / ALONG as f32;
+        let tangent = (curve(u + 1e-3) - curve(u - 1e-3)).normalize();
+        let side = tangent.cross(Vec3::Z).normalize();
+        let (sin, cos) = libm::sincosf(TAU * j as f32 / AROUND as f32);
+        curve(u) + 0.2 * (cos * side + sin * side.cross(tangent))
+    };
+    let quads = (0..ALONG).flat_map(|i| (0..AROUND).map(move |j| (i, j)));
+    quads
+        .flat_map(|(i, j)| {
+            let [a, b, c, d] = [point(i, j), point(i + 1, j), point(i, j + 1), point(i + 1, j + 1)];
+            [[a, c, b], [b, c, d]]
+        })
+        .collect()
+}
+
+/// A round hall.
+struct Room {
+    radius: f32,
+    height: f32,
+    sides: usize,
+}
+
+fn furnish(assembly: &mut Assembly) {
+    let [wall, floor, stone, frame] =
+        [[0.72, 0.7, 0.62], [0.45, 0.33, 0.24], [0.8, 0.8, 0.82], [0.2, 0.3, 0.5]]
+            .map(|color| assembly.material(color));
+    let on_wall = |k: usize, y: f32| {
+        let (sin, cos) = libm::sincosf(TAU * k as f32 / ROOM.sides as f32);
+        vec3(ROOM.radius * cos, y, ROOM.radius * sin)
+    };
+    let (mut walls, mut flats) = (Mesh::default(), Mesh::default());
+    for k in 0..ROOM.sides {
+        let [a, b] = [on_wall(k, 0.0), on_wall(k + 1, 0.0)];
+        let up = ROOM.height * Vec3::Y;
+        walls.add(&[[a, b, b + up], [a, b + up, a + up]]);
+        flats.add(&[[Vec3::ZERO, b, a], [up, a + up, b + up]]);
+    }
+    assembly.part("walls", &walls, Motion::STILL, wall);
+    assembly.part("floor and ceiling", &flats, Motion::STILL, floor);
+
+    let [top, foot] = [PEDESTAL, 0.15];
+    let profile =
+        [(0.0, top), (0.6, top), (0.6, 1.3), (0.45, 1.2), (0.5, foot), (0.75, foot), (0.75, 0.0), (0.0, 0.0)];
+    assembly.part("pedestal", &turned(&profile, 8), Motion::STILL, stone);
+    for k in 0..8 {
+        let (sin, cos) = libm::sincosf(TAU * (k as f32 + 0.5) / 8.0);
+        let h = ROOM.height;
+        let mut pillar = turned(&[(0.0, h), (0.3, h), (0.22, h - 0.3), (0.25, 0.0), (0.0, 0.0)], 8);
+        for p in &mut pillar.positions {
+            *p += 0.86 * ROOM.radius * vec3(cos, 0.0, sin);
+        }
+        assembly.part("pillar", &pillar, Motion::STILL, stone);
+    }
+    for k in 0..6 {
+        let turn = Quat::from_rotation_y(TAU * k as f32 / 6.0);
+        let mut painting = cuboid(vec3(0.05, 0.6, 0.9));
+        for p in &mut painting.positions {
+            *p = turn * (*p + vec3(0.97 * ROOM.radius, 2.4, 0.0));
+        }
+        assembly.part("painting", &painting, Motion::STILL, frame);
+    }
+}
+
+/// A box about the origin with the given half edges.
+fn cuboid(half: Vec3) -> Mesh {
+    let mut mesh = Mesh::default();
+    for axis in 0..3 {
+        for sign in [-1.0, 1.0] {
+            let turn = |v: Vec3| {
+                let mut a = v.to_array();
+                a.rotate_right(axis);
+                Vec3::from(a) * half
+            };
+            let [a, b, c, d] = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+                .map(|(u, v)| turn(vec3(sign, u * sign, v)));
+            mesh.add(&[[a, b, c], [a, c, d]]);
+        }
+    }
+    mesh
+}
