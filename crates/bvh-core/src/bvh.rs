@@ -122,19 +122,25 @@ impl Bvh {
     fn from_pairs(pairs: Vec<Pair>, order: Vec<u32>) -> Result<Self, Malformed> {
         let mut bvh = Self { pairs, order, in_order: false, still_area: 0.0 };
         bvh.check_order()?;
-        let inner = bvh.check_structure()?;
-        let nodes = bvh.raw_nodes_mut();
-        for &n in inner.iter().rev() {
-            let first = nodes[n as usize].first();
-            let (l, r) = (nodes[first], nodes[first + 1]);
-            nodes[n as usize].set_height_and_moves(&l, &r);
-            if nodes[n as usize].height() > MAX_HEIGHT {
-                return Err(Malformed::TooHigh(nodes[n as usize].height()));
+        if let Some(parents) = bvh.parents_if_ordered() {
+            for pair in (1..bvh.pairs.len()).rev() {
+                bvh.tell_parent(parents[pair] as usize - 1, 2 * pair)?;
+            }
+        } else {
+            for &n in bvh.check_structure()?.iter().rev() {
+                bvh.tell_parent(n as usize, bvh.nodes()[n as usize].first())?;
             }
         }
         bvh.in_order = bvh.order.iter().enumerate().all(|(s, &p)| s == p as usize);
         bvh.sum_still_area();
         Ok(bvh)
+    }
+
+    fn tell_parent(&mut self, parent: usize, first: usize) -> Result<(), Malformed> {
+        let Pair([l, r]) = self.pairs[first / 2];
+        let node = &mut self.raw_nodes_mut()[parent];
+        node.set_height_and_moves(&l, &r);
+        if node.height() > MAX_HEIGHT { Err(Malformed::TooHigh(node.height())) } else { Ok(()) }
     }
 
     fn check_order(&self) -> Result<(), Malformed> {
@@ -149,6 +155,47 @@ impl Bvh {
             }
         }
         Ok(())
+    }
+
+    /// 1 + the number of the node above each pair, if every pair is in use and lies behind that node, as builders
+    /// leave them.
+    ///
+    /// The structure is then valid: with one parent each, and that before it, all pairs lead up to the root. One
+    /// pass in memory order, twice as fast as the walk that judges all other trees.
+    fn parents_if_ordered(&self) -> Option<Vec<u32>> {
+        let (pairs, slots) = (self.pairs.len(), self.order.len());
+        // For each pair, and after these for each slot, 1 + the number of the node it belongs to; 0 while unknown.
+        let mut owner = vec![0u32; pairs + slots];
+        let (mut inner, mut covered) = (0, 0);
+        for (n, node) in self.nodes().iter().enumerate() {
+            let (leaf, first, count) = (node.is_leaf(), node.first(), node.count());
+            if n == 1 {
+                continue;
+            }
+            if leaf && count != 1 {
+                for slot in owner.get_mut(pairs + first..pairs + first + count)? {
+                    if std::mem::replace(slot, n as u32 + 1) != 0 {
+                        return None;
+                    }
+                }
+                covered += count;
+                continue;
+            }
+            // One path for both kinds: which nodes are leaves cannot be predicted.
+            let (place, after, end) =
+                if leaf { (pairs + first, 0, pairs + slots) } else { (first / 2, n / 2, pairs) };
+            let odd = !leaf && first % 2 != 0;
+            if odd
+                || place <= after
+                || place >= end
+                || std::mem::replace(&mut owner[place], n as u32 + 1) != 0
+            {
+                return None;
+            }
+            inner += usize::from(!leaf);
+            covered += usize::from(leaf);
+        }
+        (inner + 1 == pairs && covered == slots).then_some(owner)
     }
 
     /// Walks the structure; gives the inner nodes, parents before children.
@@ -408,6 +455,25 @@ mod tests {
         assert_eq!(Bvh::new(&three(), vec![0, 1, 3]).unwrap_err(), Malformed::Order(2));
         assert_eq!(Bvh::new(&three()[..5], vec![]).unwrap_err(), Malformed::NodeCount(5));
         assert_eq!(Bvh::new(&[], vec![]).unwrap_err(), Malformed::NodeCount(0));
+    }
+
+    #[test]
+    fn pairs_may_lie_in_any_order_and_unused() {
+        let nodes = [
+            Node::inner(BOX, 6),
+            Node::NOTHING,
+            Node::leaf(BOX, 0, 1),
+            Node::leaf(BOX, 1, 1),
+            Node::inner(BOX, 2),
+            Node::inner(BOX, 2),
+            Node::leaf(BOX, 2, 1),
+            Node::inner(BOX, 2),
+        ];
+        let bvh = Bvh::new(&nodes, vec![2, 0, 1]).expect("valid");
+        assert_eq!((bvh.height(), bvh.nodes()[6].height(), bvh.nodes()[7].height()), (2, 0, 1));
+        // A pair below itself.
+        let ring = [Node::inner(BOX, 2), Node::NOTHING, Node::inner(BOX, 2), Node::leaf(BOX, 0, 1)];
+        assert_eq!(Bvh::new(&ring, vec![0]).unwrap_err(), Malformed::SharedChild(2));
     }
 
     #[test]
