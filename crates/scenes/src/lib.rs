@@ -16,8 +16,12 @@ mod decimate;
 mod dragon;
 mod effects;
 mod exploding_dragon;
+mod fairy;
+mod fairy_forest;
 mod file;
+mod forest;
 mod fracture;
+mod glb;
 mod implicit;
 mod lion;
 mod lion_solid;
@@ -31,4 +35,5 @@ mod shatter;
 mod statue;
 
 pub use effects::{Effects, LightEffects, MotionEffects};
+pub use fairy_forest::fairy_forest_glb;
 pub use scene::{Measure, Scene, SceneError, SceneInfo, SceneOptions, list, load};

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anim::{Animation, Light, View};
 
-use crate::{Effects, bart_museum, cloth_ball, exploding_dragon, file, lion, n_body};
+use crate::{Effects, bart_museum, cloth_ball, exploding_dragon, fairy_forest, file, lion, n_body};
 
 /// An animation with what is needed to show it.
 pub struct Scene {
@@ -105,19 +105,20 @@ pub enum SceneError {
     #[error("scene {scene} has no clips, so none named \"{clip}\"; leave the clip out")]
     NoClips {
         /// Name of the scene.
-        scene: &'static str,
+        scene: String,
         /// What was asked for.
         clip: String,
     },
 }
 
-static SCENES: &[SceneInfo] =
-    &[bart_museum::INFO, cloth_ball::INFO, exploding_dragon::INFO, lion::INFO, n_body::INFO];
-type Maker = fn(&SceneOptions<'_>) -> Result<Scene, SceneError>;
-
-/// Makes the scene at the same place in [`SCENES`].
-const MAKERS: [Maker; 5] =
-    [bart_museum::scene, cloth_ball::scene, exploding_dragon::scene, lion::scene, n_body::scene];
+static SCENES: &[SceneInfo] = &[
+    bart_museum::INFO,
+    cloth_ball::INFO,
+    exploding_dragon::INFO,
+    fairy_forest::INFO,
+    lion::INFO,
+    n_body::INFO,
+];
 
 /// The scenes made by this crate.
 #[must_use]
@@ -135,18 +136,23 @@ pub fn list() -> &'static [SceneInfo] {
 /// cannot be loaded.
 pub fn load(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     check(options)?;
-    let Some((info, make)) = SCENES.iter().zip(MAKERS).find(|(info, _)| info.name == name_or_path) else {
-        let path = Path::new(name_or_path);
-        if path.exists() {
-            return Ok(file::scene(path, clip)?);
+    let make = match name_or_path {
+        "bart-museum" => bart_museum::scene,
+        "cloth-ball" => cloth_ball::scene,
+        "exploding-dragon" => exploding_dragon::scene,
+        "fairy-forest" => return fairy_forest::scene(clip, options),
+        "lion" => lion::scene,
+        "n-body" => n_body::scene,
+        path if Path::new(path).exists() => return Ok(file::scene(Path::new(path), clip)?),
+        name => {
+            let known = SCENES.iter().map(|info| info.name).collect::<Vec<_>>().join(", ");
+            return Err(SceneError::Unknown { name: name.to_owned(), known });
         }
-        let known = SCENES.iter().map(|info| info.name).collect::<Vec<_>>().join(", ");
-        return Err(SceneError::Unknown { name: name_or_path.to_owned(), known });
     };
-    if let Some(clip) = clip {
-        return Err(SceneError::NoClips { scene: info.name, clip: clip.to_owned() });
+    match clip {
+        None => make(options),
+        Some(clip) => Err(SceneError::NoClips { scene: name_or_path.to_owned(), clip: clip.to_owned() }),
     }
-    make(options)
 }
 
 fn check(options: &SceneOptions<'_>) -> Result<(), SceneError> {

@@ -21,6 +21,13 @@ impl Mesh {
             self.triangles.push([first, first + 1, first + 2]);
         }
     }
+
+    /// Adds another mesh.
+    pub(crate) fn join(&mut self, other: &Self) {
+        let first = self.positions.len() as u32;
+        self.positions.extend(&other.positions);
+        self.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
+    }
 }
 
 /// Collects parts into one topology with positions.

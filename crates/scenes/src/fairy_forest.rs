@@ -1,0 +1,201 @@
+//! `fairy-forest`: in a still forest a skinned fairy dances, a dragonfly circles, and a caterpillar creeps.
+//!
+//! The scene is a glTF file made here and played back as any other file is.
+
+use std::f32::consts::{FRAC_PI_2, PI, TAU};
+use std::path::Path;
+
+use anim::{Light, View};
+use glam::{Quat, Vec3, vec3};
+
+use crate::cache::{Record, recorded};
+use crate::decimate::decimate;
+use crate::forest::{forest, grass, ground_at};
+use crate::glb::Glb;
+use crate::implicit::Solid;
+use crate::shape::Mesh;
+use crate::{
+    Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, fairy, meshing,
+};
+
+const TRIANGLES: usize = 174_117;
+const FRAMES: usize = 96;
+const SECONDS: f32 = 4.0;
+const EYE: Vec3 = vec3(0.6, 1.25, 4.6);
+const TARGET: Vec3 = vec3(0.0, 1.45, 0.0);
+const FOV_Y: f32 = 0.95;
+const LIGHT: Vec3 = vec3(3.5, 9.5, 7.0);
+
+pub(crate) const INFO: SceneInfo = SceneInfo {
+    name: "fairy-forest",
+    about: "a fairy dances, a dragonfly circles, and a caterpillar creeps in a still forest",
+    triangles: TRIANGLES,
+    frames: FRAMES,
+    effects: Effects {
+        motion: MotionEffects { skin: true, morph: true, rigid: true, ..MotionEffects::NONE },
+        light: LightEffects::SHADOWS,
+    },
+};
+
+/// The bytes of the fairy forest as a binary glTF 2.0 file (.glb) of 174,117 triangles.
+///
+/// The same seed gives the same bytes. Takes a few seconds.
+#[must_use]
+pub fn fairy_forest_glb(seed: u64) -> Vec<u8> {
+    let mut random = fastrand::Rng::with_seed(seed);
+    let mut glb = Glb::default();
+    fairy::add(&mut glb, vec3(0.0, 0.35, 0.0), SECONDS);
+    dragonfly(&mut glb);
+    caterpillar(&mut glb);
+
+    let forest = forest(&mut random, EYE);
+    let still = [
+        ("ground", forest.ground, [0.2, 0.24, 0.1]),
+        ("bark", forest.bark, [0.33, 0.24, 0.17]),
+        ("leaves", forest.leaves, [0.2, 0.45, 0.12]),
+        ("mushroom stems", forest.stems, [0.85, 0.8, 0.7]),
+        ("mushroom caps", forest.caps, [0.75, 0.12, 0.08]),
+    ];
+    for (name, mesh, color) in &still {
+        show(&mut glb, name, mesh, *color);
+    }
+    // Blades of grass make up the number.
+    let blades = TRIANGLES.saturating_sub(glb.triangle_count());
+    show(&mut glb, "grass", &grass(blades, &mut random), [0.3, 0.55, 0.15]);
+    glb.camera(EYE, TARGET, FOV_Y);
+    glb.point_light(LIGHT, [1.0; 3]);
+    glb.finish()
+}
+
+pub(crate) fn scene(clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
+    let mut notes = Vec::new();
+    let parameters = format!("fairy-forest seed {}", options.seed);
+    let record = recorded(&parameters, options, &mut notes, || Record {
+        ints: vec![words(&fairy_forest_glb(options.seed))],
+        ..Record::default()
+    });
+    let bytes: Vec<u8> = record.ints.iter().flatten().flat_map(|word| word.to_le_bytes()).collect();
+    let animation = anim::parse_gltf(Path::new("fairy-forest.glb"), &bytes, clip)?;
+    Ok(Scene {
+        name: INFO.name.to_owned(),
+        about: INFO.about,
+        animation: Box::new(animation),
+        view: View { eye: EYE, target: TARGET, up: Vec3::Y, fov_y: FOV_Y },
+        light: Light { position: LIGHT, color: [1.0; 3] },
+        effects: INFO.effects,
+        frames: FRAMES,
+        measures: Vec::new(),
+        key_bytes: 0,
+        notes,
+    })
+}
+
+fn words(bytes: &[u8]) -> Vec<u32> {
+    bytes.as_chunks::<4>().0.iter().map(|&word| u32::from_le_bytes(word)).collect()
+}
+
+fn show(glb: &mut Glb, name: &str, mesh: &Mesh, color: [f32; 3]) {
+    let material = glb.material(color);
+    let mesh = glb.mesh(mesh, material);
+    glb.show(name, None, mesh);
+}
+
+/// A body that circles, with four wings that beat: nodes and nothing else.
+fn dragonfly(glb: &mut Glb) {
+    let mut solid = Solid::default();
+    solid.blend(0.02);
+    solid.limb(&[(vec3(0.0, 0.0, 0.1), 0.045), (vec3(0.0, 0.01, 0.0), 0.05), (vec3(0.0, 0.0, -0.1), 0.03)]);
+    solid.limb(&[(vec3(0.0, 0.0, -0.1), 0.022), (vec3(0.0, -0.02, -0.45), 0.014)]);
+    solid.blend(0.005);
+    solid.ball(vec3(0.03, 0.015, 0.15), 0.035).ball(vec3(-0.03, 0.015, 0.15), 0.035);
+    let half = vec3(0.12, 0.1, 0.0);
+    let body = meshing::mesh(&solid, -half - 0.55 * Vec3::Z, half + 0.25 * Vec3::Z, 0.005);
+    let [blue, glass] = [[0.1, 0.3, 0.65], [0.75, 0.85, 0.9]].map(|color| glb.material(color));
+    let body = glb.mesh(&decimate(&body, 3000), blue);
+    let node = glb.node("dragonfly", None, Vec3::ZERO, Quat::IDENTITY);
+    glb.show("dragonfly body", Some(node), body);
+
+    let place = |a: f32| {
+        vec3(1.35 * libm::cosf(a) - 0.2, 1.45 + 0.25 * libm::sinf(3.0 * a), 0.3 + 1.3 * libm::sinf(a))
+    };
+    let angles: Vec<f32> = (0..=48).map(|k| -TAU * k as f32 / 48.0).collect();
+    let path: Vec<Vec3> = angles.iter().map(|&a| place(a)).collect();
+    let facing = |&a: &f32| {
+        let ahead = (place(a - 0.01) - place(a + 0.01)).normalize();
+        Quat::from_rotation_arc(Vec3::Z, vec3(ahead.x, 0.0, ahead.z).normalize())
+    };
+    let turns: Vec<Quat> = angles.iter().map(facing).collect();
+    glb.translate(node, SECONDS, &path);
+    glb.rotate(node, SECONDS, &turns);
+    for side in [-1.0, 1.0] {
+        for (z, ahead) in [(0.03, 0.12), (-0.05, -0.15)] {
+            let hinge = glb.node("dragonfly wing", Some(node), vec3(side * 0.03, 0.05, z), Quat::IDENTITY);
+            let wing = glb.mesh(&dragonfly_wing(side, ahead), glass);
+            glb.show("membrane", Some(hinge), wing);
+            let beat =
+                |k: usize| Quat::from_rotation_z(side * 0.6 * libm::sinf(PI * (k as f32 + 2.0 * z) / 2.0));
+            let beats: Vec<Quat> = (0..=128).map(beat).collect();
+            glb.rotate(hinge, SECONDS, &beats);
+        }
+    }
+}
+
+fn dragonfly_wing(side: f32, ahead: f32) -> Mesh {
+    let mut wing = Mesh::default();
+    let rib = |t: f32, s: f32| {
+        let width = 0.05 * libm::sinf(PI * (0.08 + 0.9 * t)) + 0.004;
+        vec3(side * 0.45 * t, 0.0, ahead * t + width * s)
+    };
+    for k in 0..16 {
+        let [t, u] = [k as f32 / 16.0, (k + 1) as f32 / 16.0];
+        let [a, b, c, d] = [rib(t, -1.0), rib(u, -1.0), rib(u, 1.0), rib(t, 1.0)];
+        wing.add(&[[a, c, b], [a, d, c]]);
+    }
+    wing
+}
+
+/// A row of balls that stretches and arches: morph targets and nothing else.
+fn caterpillar(glb: &mut Glb) {
+    let mut solid = Solid::default();
+    solid.blend(0.02);
+    for k in 0..10 {
+        let x = 0.085 * k as f32;
+        solid.ball(vec3(x, 0.055 + 0.002 * (k % 2) as f32, 0.0), 0.058);
+        solid.blend(0.005);
+        for side in [-1.0, 1.0] {
+            solid.limb(&[(vec3(x, 0.03, side * 0.03), 0.018), (vec3(x, 0.0, side * 0.045), 0.012)]);
+        }
+        solid.blend(0.02);
+    }
+    solid.ball(vec3(0.85, 0.09, 0.0), 0.075);
+    for side in [-1.0, 1.0] {
+        solid.limb(&[(vec3(0.87, 0.14, side * 0.03), 0.012), (vec3(0.9, 0.22, side * 0.06), 0.008)]);
+    }
+    let fine = meshing::mesh(&solid, vec3(-0.1, -0.05, -0.12), vec3(0.98, 0.26, 0.12), 0.009);
+    let mut body = decimate(&fine, 5000);
+    body.positions.iter_mut().for_each(|p| *p *= 0.8);
+    let arch = |height: f32, shorter: f32| -> Vec<Vec3> {
+        let along = |p: &Vec3| (p.x / 0.72).clamp(0.0, 1.0);
+        let moved = |p: &Vec3| vec3(p.x * shorter, p.y + height * libm::sinf(PI * along(p)), p.z);
+        body.positions.iter().map(moved).collect()
+    };
+    let wave: Vec<Vec3> =
+        body.positions.iter().map(|p| *p + vec3(0.0, 0.0, 0.06 * libm::sinf(TAU * p.x / 0.72))).collect();
+    let green = glb.material([0.55, 0.75, 0.15]);
+    let mesh = glb.morphed_mesh(&body, &[arch(0.22, 0.7), wave], green);
+    let [x, z] = [-1.5, 2.0];
+    let place = glb.node(
+        "caterpillar",
+        None,
+        vec3(x, ground_at(x, z) + 0.03, z),
+        Quat::from_rotation_y(FRAC_PI_2 * 0.3),
+    );
+    let node = glb.show("caterpillar body", Some(place), mesh);
+    let weights: Vec<f32> = (0..=24)
+        .flat_map(|k| {
+            let a = TAU * k as f32 / 12.0;
+            [0.5 - 0.5 * libm::cosf(a), libm::sinf(0.5 * a)]
+        })
+        .collect();
+    glb.morph(node, SECONDS, 2, &weights);
+}

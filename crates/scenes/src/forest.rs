@@ -1,0 +1,198 @@
+//! The still part of the fairy's forest: ground, trees with leaves, mushrooms, and grass.
+
+use std::f32::consts::TAU;
+
+use glam::{Quat, Vec3, vec3};
+
+use crate::shape::{Mesh, grid_triangles, turned};
+
+/// Side of the square of ground, centred on the origin.
+const SIDE: f32 = 30.0;
+const CELLS: usize = 64;
+/// Radius of the clearing around the origin.
+const CLEARING: f32 = 3.2;
+
+/// Branches of a tree.
+const BRANCHES: usize = 7;
+
+/// Meshes by what they are made of.
+#[derive(Default)]
+pub(crate) struct Forest {
+    pub(crate) ground: Mesh,
+    pub(crate) bark: Mesh,
+    pub(crate) leaves: Mesh,
+    pub(crate) stems: Mesh,
+    pub(crate) caps: Mesh,
+}
+
+/// Height of the ground at a place.
+pub(crate) fn ground_at(x: f32, z: f32) -> f32 {
+    let hills = libm::sinf(0.45 * x + 1.0) * libm::sinf(0.38 * z) + 0.3 * libm::sinf(1.3 * x + 0.7 * z);
+    0.35 * hills * ((x * x + z * z) / 40.0).min(1.0)
+}
+
+/// The forest without grass.
+pub(crate) fn forest(random: &mut fastrand::Rng, eye: Vec3) -> Forest {
+    let mut forest = Forest::default();
+    for row in 0..=CELLS {
+        for column in 0..=CELLS {
+            let [x, z] = [column, row].map(|k| SIDE * (k as f32 / CELLS as f32 - 0.5));
+            let rough = 0.04 * (random.f32() - 0.5);
+            forest.ground.positions.push(vec3(x, ground_at(x, z) + rough, z));
+        }
+    }
+    forest.ground.triangles = grid_triangles(CELLS);
+
+    let mut places: Vec<Vec3> = Vec::new();
+    while places.len() < 16 {
+        let (x, z) = (20.0 * (random.f32() - 0.5), 16.0 * random.f32() - 12.0);
+        let p = vec3(x, ground_at(x, z) - 0.05, z);
+        let level = vec3(eye.x, p.y, eye.z);
+        // Not in the clearing, not before the eye, not in one another.
+        let sight = p.distance(level.lerp(vec3(0.0, p.y, 0.0), 0.5)) < 3.4;
+        if !sight && p.length() > CLEARING && places.iter().all(|q| q.distance(p) > 2.6) {
+            places.push(p);
+        }
+    }
+    for place in places {
+        tree(&mut forest, place, random);
+    }
+    for _ in 0..26 {
+        let (sin, cos) = libm::sincosf(TAU * random.f32());
+        let out = 1.3 + 4.5 * random.f32();
+        mushroom(&mut forest, out * cos, out * sin, 0.12 + 0.3 * random.f32() * random.f32(), random);
+    }
+    forest
+}
+
+/// One-triangle blades of grass.
+pub(crate) fn grass(blades: usize, random: &mut fastrand::Rng) -> Mesh {
+    let mut mesh = Mesh::default();
+    for _ in 0..blades {
+        let (sin, cos) = libm::sincosf(TAU * random.f32());
+        let out = 0.4 + 8.0 * random.f32();
+        let foot = vec3(out * cos, ground_at(out * cos, out * sin) - 0.03, out * sin);
+        let (s, c) = libm::sincosf(TAU * random.f32());
+        let width = 0.015 * vec3(c, 0.0, s);
+        let tip = vec3(0.12 * (random.f32() - 0.5), 0.1 + 0.25 * random.f32(), 0.12 * (random.f32() - 0.5));
+        mesh.add(&[[foot - width, foot + width, foot + tip]]);
+    }
+    mesh
+}
+
+fn tree(forest: &mut Forest, foot: Vec3, random: &mut fastrand::Rng) {
+    let height = 6.0 + 2.5 * random.f32();
+    let thick = 0.28 + 0.14 * random.f32();
+    let mut trunk = vec![(foot - 0.3 * Vec3::Y, 1.7 * thick), (foot + 0.25 * Vec3::Y, 1.15 * thick)];
+    let mut at = foot;
+    for k in 1..=8 {
+        at += vec3(0.3 * (random.f32() - 0.5), height / 8.0, 0.3 * (random.f32() - 0.5));
+        trunk.push((at, thick * (1.0 - 0.095 * k as f32)));
+    }
+    tube(&mut forest.bark, &trunk, 12);
+    for b in 0..BRANCHES {
+        let (from, radius) = trunk[3 + b * 6 / BRANCHES];
+        let turn = TAU * (0.382 * b as f32 + 0.1 * random.f32());
+        let (sin, cos) = libm::sincosf(turn);
+        let reach =
+            vec3(cos, 0.35 + 0.5 * random.f32(), sin).normalize() * (0.22 * height * (1.1 - 0.05 * b as f32));
+        branch(forest, from, reach, 0.45 * radius, 2, random);
+    }
+    let (top, radius) = trunk[trunk.len() - 1];
+    branch(forest, top, vec3(0.0, 1.0, 0.0), radius, 1, random);
+}
+
+/// A branch, its twigs, and at the ends leaves.
+fn branch(
+    forest: &mut Forest,
+    from: Vec3,
+    reach: Vec3,
+    radius: f32,
+    order: usize,
+    random: &mut fastrand::Rng,
+) {
+    let mut path = vec![(from, radius)];
+    let steps = 4;
+    for k in 1..=steps {
+        let wander =
+            vec3(random.f32() - 0.5, random.f32() - 0.3, random.f32() - 0.5) * (0.12 * reach.length());
+        let (last, _) = path[k - 1];
+        path.push((last + reach / steps as f32 + wander, radius * (1.0 - 0.8 * k as f32 / steps as f32)));
+    }
+    tube(&mut forest.bark, &path, 3 + 2 * order);
+    if order == 0 {
+        return foliage(&mut forest.leaves, &path[1..], random);
+    }
+    for k in 0..4 {
+        let (at, thick) = path[1 + k * steps / 4];
+        let aside = vec3(random.f32() - 0.5, random.f32() - 0.4, random.f32() - 0.5).normalize_or(Vec3::Y);
+        let reach = (reach.normalize() + 1.1 * aside).normalize() * (0.55 * reach.length());
+        branch(forest, at, reach, 0.6 * thick, order - 1, random);
+    }
+}
+
+/// Leaves along a twig, each two triangles folded at the midrib.
+fn foliage(leaves: &mut Mesh, path: &[(Vec3, f32)], random: &mut fastrand::Rng) {
+    for &(at, _) in path {
+        for _ in 0..3 {
+            let mut number = || random.f32() - 0.5;
+            let out = vec3(number(), number(), number()).normalize_or(Vec3::X);
+            let stalk = at + 0.1 * out;
+            let side = out.cross(vec3(number(), number(), number())).normalize_or(Vec3::Z);
+            let size = 0.16 + 0.09 * random.f32();
+            let (tip, fold) = (stalk + 1.6 * size * out, 0.25 * size * out.cross(side));
+            let middle = stalk + 0.7 * size * out + fold;
+            let [left, right] = [middle - 0.5 * size * side, middle + 0.5 * size * side];
+            leaves.add(&[[stalk, left, tip], [stalk, tip, right]]);
+        }
+    }
+}
+
+fn mushroom(forest: &mut Forest, x: f32, z: f32, size: f32, random: &mut fastrand::Rng) {
+    let foot = vec3(x, ground_at(x, z) - 0.03, z);
+    let lean =
+        Quat::from_rotation_arc(Vec3::Y, vec3(random.f32() - 0.5, 4.0, random.f32() - 0.5).normalize());
+    let stem = [(0.0, 1.0), (0.16, 1.0), (0.13, 0.6), (0.2, 0.0), (0.0, 0.0)];
+    let cap: Vec<(f32, f32)> = (0..=8)
+        .map(|k| {
+            let (sin, cos) = libm::sincosf(0.25 * TAU * k as f32 / 8.0);
+            (0.62 * sin, 0.85 + 0.5 * cos)
+        })
+        .chain([(0.55, 0.8), (0.2, 0.92), (0.0, 0.95)])
+        .collect();
+    for (mesh, profile) in [(&mut forest.stems, &stem[..]), (&mut forest.caps, &cap[..])] {
+        let mut part = turned(profile, 16);
+        for p in &mut part.positions {
+            *p = foot + lean * (size * *p);
+        }
+        mesh.join(&part);
+    }
+}
+
+/// A tube through points with a radius at each, closed to a point at the end.
+pub(crate) fn tube(mesh: &mut Mesh, path: &[(Vec3, f32)], around: usize) {
+    let first = mesh.positions.len();
+    let mut side = (path[1].0 - path[0].0).any_orthonormal_vector();
+    for (i, &(at, radius)) in path.iter().enumerate() {
+        let tangent =
+            (path[(i + 1).min(path.len() - 1)].0 - path[i.saturating_sub(1)].0).normalize_or(Vec3::Y);
+        side = (side - tangent * side.dot(tangent)).normalize_or(tangent.any_orthonormal_vector());
+        let up = tangent.cross(side);
+        for j in 0..around {
+            let (sin, cos) = libm::sincosf(TAU * j as f32 / around as f32);
+            mesh.positions.push(at + radius * (cos * side + sin * up));
+        }
+    }
+    let at = |i: usize, j: usize| (first + i * around + j % around) as u32;
+    for i in 1..path.len() {
+        for j in 0..around {
+            mesh.triangles.push([at(i - 1, j), at(i - 1, j + 1), at(i, j + 1)]);
+            mesh.triangles.push([at(i - 1, j), at(i, j + 1), at(i, j)]);
+        }
+    }
+    let (end, tip) = (path.len() - 1, mesh.positions.len() as u32);
+    mesh.positions.push(path[end].0);
+    for j in 0..around {
+        mesh.triangles.push([at(end, j), at(end, j + 1), tip]);
+    }
+}
