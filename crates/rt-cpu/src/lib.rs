@@ -20,23 +20,29 @@
 
 #![forbid(unsafe_code)]
 
+mod beam;
 mod camera;
 mod image;
 mod mesh;
 mod packet;
 mod render;
 mod shade;
+mod simd;
 mod single;
 mod slab;
+mod tile;
+mod triangle;
+mod wide;
+
 #[cfg(test)]
 mod tests;
-mod triangle;
 
 pub use bvh_core::{Bvh, Ray, Triangles, Vec3};
 pub use camera::Camera;
 pub use image::{Image, ImageError};
 pub use mesh::{DEFAULT_COLOR, Mesh};
-pub use render::{Output, RenderOptions, RenderStats, Traversal, UnknownName, render};
+pub use render::{Output, Pixel, RenderOptions, RenderStats, Traversal, UnknownName, cast, render};
 pub use shade::{Background, PointLight};
+pub use simd::SimdLevel;
 pub use single::{any_hit, any_hit_brute, closest_hit, closest_hit_brute};
 pub use triangle::{Hit, TriangleTest};

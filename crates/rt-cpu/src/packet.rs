@@ -18,9 +18,6 @@ use crate::single::Work;
 use crate::slab;
 use crate::triangle::{Hit, Test, intersect};
 
-/// Rays along one side of a packet.
-pub(crate) const SIDE: u32 = 8;
-
 /// Rays of a packet.
 pub(crate) const SIZE: usize = 64;
 

@@ -3,14 +3,18 @@
 use std::ops::AddAssign;
 use std::str::FromStr;
 
-use bvh_core::{Bvh, Ray, Vec3};
+use bvh_core::{Bvh, Ray, Triangles, Vec3};
+use fearless_simd::dispatch;
 use rayon::prelude::*;
 use thiserror::Error;
 
-use crate::packet::{self, Query, SIDE, SIZE};
-use crate::shade::{Background, PointLight, Surface};
+use crate::packet::{self, Query, SIZE};
+use crate::shade::{Background, PointLight, Surface, shadow_ray};
+use crate::simd::SimdLevel;
 use crate::single::{self, Work, with_test};
-use crate::triangle::{Double, Hit, MollerTrumbore, Test, TriangleTest, Watertight};
+use crate::tile::{self, Bundle, Hits, RAYS, Scene, Scratch};
+use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight};
+use crate::wide::WideTest;
 use crate::{Camera, Image, Mesh};
 
 /// How rays are grouped to go through the tree. Images do not depend on it.
@@ -19,18 +23,21 @@ pub enum Traversal {
     /// One by one.
     Single,
     /// In packets of 8 x 8 as Wald, Boulos and Shirley published them in 2007.
-    #[default]
     Packet,
+    /// In packets of 8 x 8 of a tile that share the way through the tree's top, and in smaller groups where
+    /// rays drift apart; with SIMD.
+    #[default]
+    Tile,
 }
 
 impl Traversal {
     /// All of them.
-    pub const ALL: [Self; 2] = [Self::Single, Self::Packet];
+    pub const ALL: [Self; 3] = [Self::Single, Self::Packet, Self::Tile];
 
     /// Name on a command line.
     #[must_use]
     pub const fn name(self) -> &'static str {
-        ["single", "packet"][self as usize]
+        ["single", "packet", "tile"][self as usize]
     }
 }
 
@@ -92,6 +99,8 @@ pub struct RenderOptions {
     pub traversal: Traversal,
     /// How rays are tested against triangles.
     pub triangle_test: TriangleTest,
+    /// Instruction set for [`Traversal::Tile`]; the best of the machine if that has less.
+    pub simd: SimdLevel,
     /// Whether the light throws shadows; without, no shadow ray is cast.
     pub shadows: bool,
     /// Whether normals are interpolated where the mesh has them.
@@ -107,6 +116,7 @@ impl Default for RenderOptions {
         Self {
             traversal: Traversal::default(),
             triangle_test: TriangleTest::default(),
+            simd: SimdLevel::best(),
             shadows: true,
             smooth: true,
             background: Background::default(),
@@ -131,6 +141,9 @@ pub struct RenderStats {
     pub nodes_visited: u64,
     /// Triangles tested, once for each ray or packet.
     pub triangles_tested: u64,
+    /// Times that [`Traversal::Tile`] went on with a small group because few rays of a packet were left: high
+    /// where rays have little in common.
+    pub regrouped: u64,
 }
 
 impl AddAssign for RenderStats {
@@ -141,6 +154,7 @@ impl AddAssign for RenderStats {
         self.shadowed += other.shadowed;
         self.nodes_visited += other.nodes_visited;
         self.triangles_tested += other.triangles_tested;
+        self.regrouped += other.regrouped;
     }
 }
 
@@ -152,8 +166,7 @@ fn sum(mut a: RenderStats, b: RenderStats) -> RenderStats {
 /// Renders a frame into `image`, which is replaced if it is not of the camera's size.
 ///
 /// `mesh.triangles` are the primitives of the tree, by its numbers. Runs in the current rayon pool, in tiles;
-/// every pixel is the same for any number of threads and any [`Traversal`]. Allocates nothing for an image
-/// of the right size.
+/// every pixel is the same for any number of threads, any [`Traversal`] and any [`SimdLevel`].
 pub fn render(
     bvh: &Bvh,
     mesh: &Mesh<'_>,
@@ -165,129 +178,273 @@ pub fn render(
     if (image.width(), image.height()) != (camera.width(), camera.height()) {
         *image = Image::new(camera.width(), camera.height());
     }
-    let frame = Frame { bvh, mesh, camera, light, options };
-    let band = image.width().max(1) as usize * TILE;
-    image
-        .pixels_mut()
-        .par_chunks_mut(band)
-        .enumerate()
-        .map(|(i, band)| {
-            let mut rows = band.chunks_mut(camera.width() as usize);
-            let rows = std::array::from_fn(|_| rows.next().unwrap_or_default());
-            with_test!(options.triangle_test, T => tiles::<T>(&frame, rows, 0, (i * TILE) as u32))
-        })
-        .reduce(RenderStats::default, sum)
+    let shadows = light.filter(|_| options.shadows).map(|l| l.position);
+    let traversal = match options.output {
+        Output::Shaded => options.traversal,
+        Output::NodesVisited { .. } => Traversal::Single,
+    };
+    let options = &RenderOptions { traversal, ..*options };
+    let frame = Frame { scene: Scene { bvh, triangles: &mesh.triangles }, camera, shadows, options };
+    let shade = |ray: Vec3, pixel: &Pixel, nodes: u32| match options.output {
+        Output::NodesVisited { most } => heat(nodes as f32 / most.max(1) as f32),
+        Output::Shaded => match &pixel.hit {
+            Some(hit) => {
+                let surface = Surface::new(mesh, hit, ray, options.smooth);
+                surface.shade(light, pixel.lit, -ray)
+            }
+            None => options.background.color(ray),
+        },
+    };
+    frame.run(image.pixels_mut(), &shade)
+}
+
+/// What is seen through a pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pixel {
+    /// What the ray through its centre hits.
+    pub hit: Option<Hit>,
+    /// Whether light arrives there: false where nothing is hit, in shadow, and on surfaces that face away.
+    /// True for every hit if there is no light or shadows are off.
+    pub lit: bool,
+}
+
+/// Casts the rays that [`render`] would cast, without shading: `pixels` are rows from the top.
+///
+/// # Panics
+/// If the number of pixels is not that of the camera.
+pub fn cast(
+    bvh: &Bvh,
+    triangles: &Triangles<'_>,
+    camera: &Camera,
+    light: Option<&PointLight>,
+    options: &RenderOptions,
+    pixels: &mut [Pixel],
+) -> RenderStats {
+    assert_eq!(pixels.len(), camera.width() as usize * camera.height() as usize, "pixels of the camera");
+    let shadows = light.filter(|_| options.shadows).map(|l| l.position);
+    let frame = Frame { scene: Scene { bvh, triangles }, camera, shadows, options };
+    frame.run(pixels, &|_, pixel, _| *pixel)
 }
 
 /// Side of a tile in pixels: what one thread does at a time.
 const TILE: usize = 32;
 
 /// The pixels of a rectangle; rows below the image are empty.
-type Rows<'a> = [&'a mut [[f32; 3]]; TILE];
+type Rows<'a, P> = [&'a mut [P]; TILE];
 
 /// What all tiles have in common.
 struct Frame<'a> {
-    bvh: &'a Bvh,
-    mesh: &'a Mesh<'a>,
+    scene: Scene<'a>,
     camera: &'a Camera,
-    light: Option<&'a PointLight>,
+    /// Position of the light, if it throws shadows.
+    shadows: Option<Vec3>,
     options: &'a RenderOptions,
 }
 
-/// Halves a band of rows until it is a tile. Slices on the stack give each tile its pixels without locks.
-fn tiles<T: Test>(frame: &Frame<'_>, mut rows: Rows<'_>, x: u32, y: u32) -> RenderStats {
-    let width = rows[0].len();
-    if width <= TILE {
-        return tile::<T>(frame, &mut rows, x, y);
+impl Frame<'_> {
+    /// Fills the image with what `finish` makes of each pixel's ray, hit and number of nodes visited.
+    fn run<P: Send>(
+        &self,
+        pixels: &mut [P],
+        finish: &(impl Fn(Vec3, &Pixel, u32) -> P + Sync),
+    ) -> RenderStats {
+        let width = self.camera.width() as usize;
+        pixels
+            .par_chunks_mut(width.max(1) * TILE)
+            .enumerate()
+            .map(|(i, band)| {
+                let mut rows = band.chunks_mut(width);
+                let rows = std::array::from_fn(|_| rows.next().unwrap_or_default());
+                let y = (i * TILE) as u32;
+                with_test!(self.options.triangle_test, T => self.tiles::<T, P>(rows, 0, y, finish))
+            })
+            .reduce(RenderStats::default, sum)
     }
-    let middle = width.div_ceil(2).next_multiple_of(TILE);
-    let mut right: Rows<'_> = std::array::from_fn(|_| Default::default());
-    let mut halves = right.iter_mut();
-    let left = rows.map(|row| {
-        let (left, right) = row.split_at_mut(middle.min(row.len()));
-        if let Some(half) = halves.next() {
-            *half = right;
+
+    /// Halves a band of rows until it is a tile. Slices on the stack give each tile its pixels without locks.
+    fn tiles<T: WideTest, P: Send>(
+        &self,
+        mut rows: Rows<'_, P>,
+        x: u32,
+        y: u32,
+        finish: &(impl Fn(Vec3, &Pixel, u32) -> P + Sync),
+    ) -> RenderStats {
+        let width = rows[0].len();
+        if width <= TILE {
+            return self.tile::<T, P>(&mut rows, x, y, finish);
         }
-        left
-    });
-    let (a, b) =
-        rayon::join(|| tiles::<T>(frame, left, x, y), || tiles::<T>(frame, right, x + middle as u32, y));
-    sum(a, b)
+        let middle = width.div_ceil(2).next_multiple_of(TILE);
+        let mut right: Rows<'_, P> = std::array::from_fn(|_| Default::default());
+        let mut halves = right.iter_mut();
+        let left = rows.map(|row| {
+            let (left, right) = row.split_at_mut(middle.min(row.len()));
+            if let Some(half) = halves.next() {
+                *half = right;
+            }
+            left
+        });
+        let (a, b) = rayon::join(
+            || self.tiles::<T, P>(left, x, y, finish),
+            || self.tiles::<T, P>(right, x + middle as u32, y, finish),
+        );
+        sum(a, b)
+    }
+
+    fn tile<T: WideTest, P>(
+        &self,
+        rows: &mut Rows<'_, P>,
+        x: u32,
+        y: u32,
+        finish: &impl Fn(Vec3, &Pixel, u32) -> P,
+    ) -> RenderStats {
+        let (width, height) = (rows[0].len() as u32, rows.iter().filter(|r| !r.is_empty()).count() as u32);
+        let mut tracer = Tracer::new();
+        // Pixels in blocks of 8 x 8, so that packets are square.
+        let mut at = [(0, 0); RAYS];
+        let mut count = 0;
+        for i in 0..RAYS as u32 {
+            let (block, i) = (i / 64, i % 64);
+            let (px, py) = (block % 4 * 8 + i % 8, block / 4 * 8 + i / 8);
+            if px < width && py < height {
+                at[count] = (px, py);
+                count += 1;
+            }
+        }
+        let eye = self.camera.eye();
+        tracer.start(eye, f32::INFINITY);
+        for &(px, py) in &at[..count] {
+            tracer.push(self.camera.direction(x + px, y + py));
+        }
+        tracer.trace::<T>(self.scene, self.options, Query::Closest);
+        let mut stats = RenderStats { rays_primary: count as u64, ..RenderStats::default() };
+
+        let mut pixels = [Pixel::default(); RAYS];
+        let mut seen = [Vec3::ZERO; RAYS];
+        let mut nodes = tracer.nodes;
+        for (i, pixel) in pixels[..count].iter_mut().enumerate() {
+            pixel.hit = tracer.hit(i);
+            pixel.lit = pixel.hit.is_some() && self.shadows.is_none();
+            seen[i] = tracer.direction(i);
+            stats.hits += u64::from(pixel.hit.is_some());
+        }
+        if let Some(light) = self.shadows {
+            let mut whose = [0; RAYS];
+            tracer.start(light, 1.0);
+            for (i, pixel) in pixels[..count].iter().enumerate() {
+                let way = pixel.hit.and_then(|hit| shadow_ray(self.scene.triangles, &hit, seen[i], light));
+                if let Some(way) = way {
+                    whose[tracer.count()] = i;
+                    tracer.push(way);
+                }
+            }
+            stats.rays_shadow += tracer.count() as u64;
+            tracer.trace::<T>(self.scene, self.options, Query::Any);
+            for (j, &i) in whose[..tracer.count()].iter().enumerate() {
+                pixels[i].lit = tracer.hit(j).is_none();
+                stats.shadowed += u64::from(!pixels[i].lit);
+                nodes[i] += tracer.nodes[j];
+            }
+        }
+        for (i, &(px, py)) in at[..count].iter().enumerate() {
+            rows[py as usize][px as usize] = finish(seen[i], &pixels[i], nodes[i]);
+        }
+        stats.nodes_visited = tracer.work.nodes;
+        stats.triangles_tested = tracer.work.triangles;
+        stats.regrouped = tracer.work.regrouped;
+        stats
+    }
 }
 
-fn tile<T: Test>(frame: &Frame<'_>, rows: &mut Rows<'_>, x: u32, y: u32) -> RenderStats {
-    let (width, height) = (rows[0].len() as u32, rows.iter().filter(|r| !r.is_empty()).count() as u32);
-    let mut stats = RenderStats::default();
-    for by in (0..height).step_by(SIDE as usize) {
-        for bx in (0..width).step_by(SIDE as usize) {
-            let present = |i: usize| bx + i as u32 % SIDE < width && by + i as u32 / SIDE < height;
-            let colors = block::<T>(frame, x + bx, y + by, present, &mut stats);
-            for i in (0..SIZE).filter(|&i| present(i)) {
-                rows[by as usize + i / SIDE as usize][bx as usize + i % SIDE as usize] = colors[i];
+/// Traces the rays of a tile in the way that the options ask for.
+pub(crate) struct Tracer {
+    rays: Bundle,
+    hits: Hits,
+    /// Inner nodes visited by each ray; for [`Traversal::Single`] only.
+    nodes: [u32; RAYS],
+    scratch: Scratch,
+    work: Work,
+}
+
+impl Tracer {
+    pub(crate) fn new() -> Self {
+        Self {
+            rays: Bundle { direction: [[0.0; RAYS]; 3], origin: Vec3::ZERO, count: 0, t_max: 0.0 },
+            hits: Hits { t: [0.0; RAYS], u: [0.0; RAYS], v: [0.0; RAYS], primitive: [Hits::NONE; RAYS] },
+            nodes: [0; RAYS],
+            scratch: Scratch::new(),
+            work: Work::default(),
+        }
+    }
+
+    /// Begins a bundle of rays from `origin`.
+    pub(crate) fn start(&mut self, origin: Vec3, t_max: f32) {
+        (self.rays.origin, self.rays.t_max, self.rays.count) = (origin, t_max, 0);
+    }
+
+    pub(crate) fn push(&mut self, direction: Vec3) {
+        for k in 0..3 {
+            self.rays.direction[k][self.rays.count] = direction[k];
+        }
+        self.rays.count += 1;
+    }
+
+    fn count(&self) -> usize {
+        self.rays.count
+    }
+
+    fn direction(&self, i: usize) -> Vec3 {
+        Vec3::from([0, 1, 2].map(|k| self.rays.direction[k][i]))
+    }
+
+    pub(crate) fn hit(&self, i: usize) -> Option<Hit> {
+        let hits = &self.hits;
+        let primitive = hits.primitive[i];
+        (primitive != Hits::NONE).then(|| Hit { t: hits.t[i], u: hits.u[i], v: hits.v[i], primitive })
+    }
+
+    pub(crate) fn trace<T: WideTest>(&mut self, scene: Scene<'_>, options: &RenderOptions, query: Query) {
+        let Self { rays, hits, nodes: _, scratch, work } = self;
+        match options.traversal {
+            Traversal::Tile => {
+                dispatch!(options.simd.detected(), simd => {
+                    tile::trace::<_, T>(simd, scene, query, rays, hits, scratch, work);
+                });
+            }
+            Traversal::Packet => {
+                for at in (0..self.rays.count).step_by(SIZE) {
+                    let n = SIZE.min(self.rays.count - at);
+                    let ray = |i| Ray::new(self.rays.origin, self.direction(at + std::cmp::min(i, n - 1)));
+                    let rays = std::array::from_fn(ray);
+                    let t_max = std::array::from_fn(|i| if i < n { self.rays.t_max } else { -1.0 });
+                    let found =
+                        packet::trace::<T>(scene.bvh, scene.triangles, &rays, t_max, query, &mut self.work);
+                    for (i, hit) in found[..n].iter().enumerate() {
+                        self.set(at + i, *hit);
+                    }
+                }
+            }
+            Traversal::Single => {
+                for i in 0..self.rays.count {
+                    let ray = Ray::new(self.rays.origin, self.direction(i));
+                    let (bvh, triangles, t_max) = (scene.bvh, scene.triangles, self.rays.t_max);
+                    let before = self.work.nodes;
+                    let hit = match query {
+                        Query::Closest => single::closest::<T>(bvh, triangles, &ray, t_max, &mut self.work),
+                        Query::Any => single::any::<T>(bvh, triangles, &ray, t_max, &mut self.work),
+                    };
+                    self.nodes[i] = (self.work.nodes - before) as u32;
+                    self.set(i, hit);
+                }
             }
         }
     }
-    stats
-}
 
-/// The colours of 8 x 8 pixels.
-fn block<T: Test>(
-    frame: &Frame<'_>,
-    x: u32,
-    y: u32,
-    present: impl Fn(usize) -> bool,
-    stats: &mut RenderStats,
-) -> [[f32; 3]; SIZE] {
-    let mut work = [Work::default(); SIZE];
-    let rays = std::array::from_fn(|i| frame.camera.ray(x + i as u32 % SIDE, y + i as u32 / SIDE));
-    let t_max = std::array::from_fn(|i| if present(i) { f32::INFINITY } else { -1.0 });
-    let hits = trace::<T>(frame, &rays, t_max, Query::Closest, &mut work);
-    let surfaces: [Option<Surface>; SIZE] = std::array::from_fn(|i| {
-        let hit = hits[i].as_ref()?;
-        Some(Surface::new(frame.mesh, hit, rays[i].direction(), frame.options.smooth))
-    });
-    stats.rays_primary += (0..SIZE).filter(|&i| present(i)).count() as u64;
-    stats.hits += hits.iter().flatten().count() as u64;
-
-    let mut visible = [true; SIZE];
-    if let Some(light) = frame.light.filter(|_| frame.options.shadows) {
-        let ways = surfaces.map(|s| s.and_then(|s| s.way_from_light(light.position)));
-        let rays = ways.map(|way| Ray::new(light.position, way.unwrap_or(Vec3::ZERO)));
-        let t_max = ways.map(|way| if way.is_some() { 1.0 } else { -1.0 });
-        let blocked = trace::<T>(frame, &rays, t_max, Query::Any, &mut work);
-        visible = std::array::from_fn(|i| ways[i].is_some() && blocked[i].is_none());
-        stats.rays_shadow += ways.iter().flatten().count() as u64;
-        stats.shadowed += blocked.iter().flatten().count() as u64;
+    fn set(&mut self, i: usize, hit: Option<Hit>) {
+        self.hits.primitive[i] = hit.map_or(Hits::NONE, |h| h.primitive);
+        if let Some(h) = hit {
+            (self.hits.t[i], self.hits.u[i], self.hits.v[i]) = (h.t, h.u, h.v);
+        }
     }
-    for w in &work {
-        stats.nodes_visited += w.nodes;
-        stats.triangles_tested += w.triangles;
-    }
-
-    std::array::from_fn(|i| match (frame.options.output, &surfaces[i]) {
-        (Output::NodesVisited { most }, _) => heat(work[i].nodes as f32 / most.max(1) as f32),
-        (Output::Shaded, Some(s)) => s.shade(frame.light, visible[i], -rays[i].direction()),
-        (Output::Shaded, None) => frame.options.background.color(rays[i].direction()),
-    })
-}
-
-/// Traces rays from one origin, in the way the options ask for.
-fn trace<T: Test>(
-    frame: &Frame<'_>,
-    rays: &[Ray; SIZE],
-    t_max: [f32; SIZE],
-    query: Query,
-    work: &mut [Work; SIZE],
-) -> [Option<Hit>; SIZE] {
-    let triangles = &frame.mesh.triangles;
-    let one_by_one = matches!(frame.options.output, Output::NodesVisited { .. });
-    if frame.options.traversal == Traversal::Packet && !one_by_one {
-        return packet::trace::<T>(frame.bvh, triangles, rays, t_max, query, &mut work[0]);
-    }
-    std::array::from_fn(|i| match query {
-        Query::Closest => single::closest::<T>(frame.bvh, triangles, &rays[i], t_max[i], &mut work[i]),
-        Query::Any => single::any::<T>(frame.bvh, triangles, &rays[i], t_max[i], &mut work[i]),
-    })
 }
 
 /// Colour of a number from 0 to 1.

@@ -1,6 +1,6 @@
 //! Surfaces, light and background.
 
-use bvh_core::Vec3;
+use bvh_core::{Triangles, Vec3};
 
 use crate::{Hit, Mesh};
 
@@ -35,42 +35,47 @@ impl Background {
     }
 }
 
+/// The triangle at a hit: the point, from the corners, which is more exact than along the ray, and the unit
+/// normal of its plane, towards where `direction` comes from.
+fn facet(triangles: &Triangles<'_>, hit: &Hit, direction: Vec3) -> (Vec3, Vec3) {
+    let [a, b, c] = triangles.corners(hit.primitive as usize);
+    let (ab, ac) = (b - a, c - a);
+    let face = ab.cross(ac).try_normalize().unwrap_or_else(|| {
+        // The product does not fit in single precision.
+        ab.as_dvec3().cross(ac.as_dvec3()).normalize_or_zero().as_vec3()
+    });
+    let face = if face.dot(direction) > 0.0 { -face } else { face };
+    (a + ab * hit.u + ac * hit.v, face)
+}
+
+/// Direction of the shadow ray from a light to a hit, which ends at `t` = 1; `None` if the surface faces away and
+/// so shadows itself.
+///
+/// The end is moved off the surface by 32 roundings of the coordinates and distances that went into it: the
+/// idea of Wächter and Binder, *A Fast and Robust Method for Avoiding Self-Intersection*, 2019.
+pub(crate) fn shadow_ray(triangles: &Triangles<'_>, hit: &Hit, seen: Vec3, light: Vec3) -> Option<Vec3> {
+    let (point, face) = facet(triangles, hit, seen);
+    let to_light = light - point;
+    let size = point.abs().max(to_light.abs()).max_element();
+    let end = point + face * (size * (1.0 / (1 << 19) as f32));
+    (face.dot(to_light) > 0.0).then_some(end - light)
+}
+
 /// A point that is seen, with what shading needs.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Surface {
-    /// The point, from the corners, which is more exact than along the ray.
     point: Vec3,
-    /// Unit normal of the triangle's plane, towards the viewer.
-    face: Vec3,
-    /// Unit normal for shading, on the same side.
+    /// Unit normal on the viewer's side.
     normal: Vec3,
     color: [f32; 3],
 }
 
 impl Surface {
     pub(crate) fn new(mesh: &Mesh<'_>, hit: &Hit, direction: Vec3, smooth: bool) -> Self {
-        let [a, b, c] = mesh.triangles.corners(hit.primitive as usize);
-        let (ab, ac) = (b - a, c - a);
-        let face = ab.cross(ac).try_normalize().unwrap_or_else(|| {
-            // The product does not fit in single precision.
-            ab.as_dvec3().cross(ac.as_dvec3()).normalize_or_zero().as_vec3()
-        });
-        let face = if face.dot(direction) > 0.0 { -face } else { face };
+        let (point, face) = facet(&mesh.triangles, hit, direction);
         let normal = mesh.normal(hit).filter(|_| smooth).unwrap_or(face);
         let normal = if normal.dot(face) < 0.0 { -normal } else { normal };
-        Self { point: a + ab * hit.u + ac * hit.v, face, normal, color: mesh.color(hit.primitive) }
-    }
-
-    /// Direction of the shadow ray from a light to here, which ends at `t` = 1; `None` if the surface faces away
-    /// and so shadows itself.
-    ///
-    /// The end is moved off the surface by 32 roundings of the coordinates and distances that went into it: the
-    /// idea of Wächter and Binder, *A Fast and Robust Method for Avoiding Self-Intersection*, 2019.
-    pub(crate) fn way_from_light(&self, light: Vec3) -> Option<Vec3> {
-        let to_light = light - self.point;
-        let size = self.point.abs().max(to_light.abs()).max_element();
-        let end = self.point + self.face * (size * (1.0 / (1 << 19) as f32));
-        (self.face.dot(to_light) > 0.0).then_some(end - light)
+        Self { point, normal, color: mesh.color(hit.primitive) }
     }
 
     /// Lambert's law, and a little light from everywhere, more from above.

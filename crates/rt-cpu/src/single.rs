@@ -12,6 +12,8 @@ pub(crate) struct Work {
     pub(crate) nodes: u64,
     /// Triangles tested.
     pub(crate) triangles: u64,
+    /// Times that few rays were left of a packet and gathered.
+    pub(crate) regrouped: u64,
 }
 
 /// Runs `$body` with the type `$test` standing for a [`TriangleTest`].

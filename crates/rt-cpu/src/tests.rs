@@ -3,9 +3,11 @@
 use bvh_core::{Aabb, Bvh, Node, Primitives, Ray, Triangles, Vec3};
 
 use crate::packet::{self, Query, SIZE};
+use crate::render::Tracer;
 use crate::single::{Work, with_test};
+use crate::tile::{RAYS, Scene};
 use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight};
-use crate::{Camera, Image, Mesh, Output, PointLight, RenderOptions, Traversal, render};
+use crate::{Camera, Image, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render};
 use crate::{any_hit, any_hit_brute, closest_hit, closest_hit_brute};
 
 /// Triangles that own their vertices.
@@ -213,39 +215,64 @@ fn check_rays(soup: &Soup, rays: &[Ray]) -> usize {
     hits
 }
 
-/// Packets against brute force, in all tests.
+/// All traversals at all SIMD levels.
+fn ways() -> Vec<RenderOptions> {
+    let tile = SimdLevel::available().map(|simd| (Traversal::Tile, simd));
+    let others = [Traversal::Single, Traversal::Packet].map(|t| (t, SimdLevel::Baseline));
+    let options = |(traversal, simd)| RenderOptions { traversal, simd, ..RenderOptions::default() };
+    others.into_iter().chain(tile).map(options).collect()
+}
+
+/// Rays that share their origin, traced in all ways, against brute force, in all tests.
 fn check_packets(soup: &Soup, origin: Vec3, targets: &[Vec3], t_max: f32) -> usize {
-    let t = soup.triangles();
+    let triangles = soup.triangles();
     let mut found = 0;
-    for leaf in [1, 5] {
-        let bvh = tree(soup, leaf);
-        for test in TriangleTest::ALL {
-            for chunk in targets.chunks(SIZE) {
-                let rays: [Ray; SIZE] = std::array::from_fn(|i| {
-                    chunk.get(i).map_or(Ray::new(Vec3::NAN, Vec3::X), |&c| Ray::new(origin, c - origin))
-                });
-                let limits = std::array::from_fn(|i| if i % 7 == 3 { -1.0 } else { t_max });
-                for query in [Query::Closest, Query::Any] {
-                    let work = &mut Work::default();
-                    let hits =
-                        with_test!(test, T => packet::trace::<T>(&bvh, &t, &rays, limits, query, work));
-                    for i in 0..SIZE {
-                        let truth = closest_hit_brute(&t, &rays[i], limits[i], test);
-                        match query {
-                            Query::Closest => {
-                                assert_eq!(bits(hits[i]), bits(truth), "{test:?} {:?}", rays[i]);
-                            }
-                            Query::Any => {
-                                assert_eq!(hits[i].is_some(), truth.is_some(), "{test:?} {:?}", rays[i]);
+    let mut tracer = Box::new(Tracer::new());
+    for test in TriangleTest::ALL {
+        for targets in targets.chunks(RAYS) {
+            let rays: Vec<Ray> = targets.iter().map(|&t| Ray::new(origin, t - origin)).collect();
+            let truth: Vec<_> =
+                rays.iter().map(|ray| closest_hit_brute(&triangles, ray, t_max, test)).collect();
+            found += truth.iter().flatten().count();
+            for leaf in [1, 5] {
+                let bvh = tree(soup, leaf);
+                let scene = Scene { bvh: &bvh, triangles: &triangles };
+                for options in ways() {
+                    for query in [Query::Closest, Query::Any] {
+                        tracer.start(origin, t_max);
+                        targets.iter().for_each(|&t| tracer.push(t - origin));
+                        with_test!(test, T => tracer.trace::<T>(scene, &options, query));
+                        for (i, truth) in truth.iter().enumerate() {
+                            let hit = tracer.hit(i);
+                            let way = (test, options.traversal, options.simd, rays[i]);
+                            match query {
+                                Query::Closest => assert_eq!(bits(hit), bits(*truth), "{way:?}"),
+                                Query::Any => assert_eq!(hit.is_some(), truth.is_some(), "{way:?}"),
                             }
                         }
-                        found += usize::from(truth.is_some());
                     }
                 }
             }
         }
     }
     found
+}
+
+/// A published packet with rays absent from it.
+#[test]
+fn packets_with_gaps() {
+    let soup = random_soup(100, 0.7);
+    let (t, bvh) = (soup.triangles(), tree(&soup, 2));
+    let origin = Vec3::new(0.1, 0.2, 3.0);
+    let mut random = Random(5);
+    let rays: [Ray; SIZE] = std::array::from_fn(|_| Ray::new(origin, random.vec() - origin));
+    let limits = std::array::from_fn(|i| if i % 7 == 3 || i < 5 { -1.0 } else { 9.0 });
+    let hits = packet::trace::<Watertight>(&bvh, &t, &rays, limits, Query::Closest, &mut Work::default());
+    for i in 0..SIZE {
+        let truth = closest_hit_brute(&t, &rays[i], limits[i], TriangleTest::Watertight);
+        assert_eq!(bits(hits[i]), bits(truth));
+    }
+    assert!(hits.iter().flatten().count() > 10);
 }
 
 /// Points on a plane of 8 x 8 blocks, as a camera would see them.
@@ -270,7 +297,7 @@ fn random_soups() {
         assert!(check_packets(&soup, Vec3::new(0.3, 0.2, 2.0), &targets, f32::INFINITY) > 60);
         // From inside, so that directions of all signs share packets.
         let targets: Vec<Vec3> = random_rays(256).iter().map(Ray::origin).collect();
-        assert!(check_packets(&soup, Vec3::splat(0.1), &targets, 1.0) > 20);
+        assert!(check_packets(&soup, Vec3::splat(0.1), &targets, 1.0) > 5);
     }
 }
 
@@ -409,16 +436,16 @@ fn pixel_bits(image: &Image) -> Vec<u32> {
 }
 
 #[test]
-fn images_are_the_same_for_all_threads_and_traversals() {
+fn images_are_the_same_for_all_threads_traversals_and_simd_levels() {
     let (soup, camera, light) = scene();
     let bvh = tree(&soup, 2);
     let mesh = Mesh { normals: Some(&soup.positions), ..Mesh::new(soup.triangles()) };
     for triangle_test in TriangleTest::ALL {
         let mut images = Vec::new();
-        for traversal in Traversal::ALL {
+        for way in ways() {
             for threads in [1, 2, 3, 8] {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-                let options = RenderOptions { traversal, triangle_test, ..RenderOptions::default() };
+                let options = RenderOptions { triangle_test, ..way };
                 let mut image = Image::new(0, 0);
                 let stats = pool.install(|| render(&bvh, &mesh, &camera, Some(&light), &options, &mut image));
                 assert_eq!(stats.rays_primary, 133 * 71);

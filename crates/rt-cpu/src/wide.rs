@@ -1,0 +1,187 @@
+//! Box and triangle tests of many rays at once. All rays share their origin, and the signs of their directions.
+
+use bvh_core::{Aabb, Ray, Vec3};
+use fearless_simd::Simd;
+use fearless_simd::prelude::*;
+
+use crate::simd::{Lanes, bits, max, min};
+use crate::slab::WIDEN;
+use crate::triangle::{DET_RANGE, Double, MollerTrumbore, Test, Watertight};
+
+/// The planes of a box relative to the rays' origin, in the order in which the rays meet them.
+#[derive(Clone, Copy)]
+pub(crate) struct Slab {
+    first: [f32; 3],
+    last: [f32; 3],
+}
+
+impl Slab {
+    /// `negative` says along which axes the rays go backwards.
+    #[inline(always)]
+    pub(crate) fn new(aabb: &Aabb, origin: Vec3, negative: [bool; 3]) -> Self {
+        let (min, max) = (aabb.min - origin, aabb.max - origin);
+        Self {
+            first: [0, 1, 2].map(|k| if negative[k] { max[k] } else { min[k] }),
+            last: [0, 1, 2].map(|k| if negative[k] { min[k] } else { max[k] }),
+        }
+    }
+
+    /// Where rays enter, and whether they do before `t_max`; see [`enters`](crate::slab::enters).
+    #[inline(always)]
+    pub(crate) fn enter<S: Simd, V: Lanes<S>>(&self, simd: S, inverse: [V; 3], t_max: V) -> (V, V::Mask) {
+        let mut near = V::simd_from(simd, 0.0);
+        let mut far = V::simd_from(simd, f32::INFINITY);
+        for (k, inverse) in inverse.into_iter().enumerate() {
+            near = max(V::simd_from(simd, self.first[k]) * inverse, near);
+            far = min(V::simd_from(simd, self.last[k]) * inverse, far);
+        }
+        // Widening the least gives the least of the widened: rounding is monotonic.
+        let far = min(far * WIDEN, t_max);
+        (near, near.simd_le(far))
+    }
+}
+
+/// Rays in lanes, and what tests need of them.
+#[derive(Clone, Copy)]
+pub(crate) struct Rays<V> {
+    pub(crate) direction: [V; 3],
+    pub(crate) inverse: [V; 3],
+    /// Of [`Watertight`]: slopes along the two axes after the longest.
+    pub(crate) shear: [V; 2],
+}
+
+/// A triangle and its corners relative to the rays' origin.
+pub(crate) struct Corners {
+    pub(crate) origin: Vec3,
+    pub(crate) corners: [Vec3; 3],
+    pub(crate) relative: [Vec3; 3],
+}
+
+impl Corners {
+    #[inline(always)]
+    pub(crate) fn new(corners: [Vec3; 3], origin: Vec3) -> Self {
+        Self { origin, corners, relative: corners.map(|c| c - origin) }
+    }
+}
+
+/// The lanes that hit, and where.
+pub(crate) struct Found<V> {
+    pub(crate) lanes: u64,
+    pub(crate) t: V,
+    pub(crate) u: V,
+    pub(crate) v: V,
+}
+
+/// A triangle test of many rays at once, with the bits of [`Test::test`].
+pub(crate) trait WideTest: Test {
+    /// Tests the lanes in `active`, whose directions are longest along `axis`.
+    fn wide<S: Simd, V: Lanes<S>>(
+        simd: S,
+        rays: &Rays<V>,
+        triangle: &Corners,
+        axis: usize,
+        active: u64,
+    ) -> Found<V>;
+}
+
+impl WideTest for Watertight {
+    #[inline(always)]
+    fn wide<S: Simd, V: Lanes<S>>(
+        simd: S,
+        rays: &Rays<V>,
+        triangle: &Corners,
+        axis: usize,
+        active: u64,
+    ) -> Found<V> {
+        let splat = |x: f32| V::simd_from(simd, x);
+        let [kx, ky, kz] = [(axis + 1) % 3, (axis + 2) % 3, axis];
+        let p = triangle.relative;
+        let x = p.map(|p| splat(p[kx]) - rays.shear[0] * splat(p[kz]));
+        let y = p.map(|p| splat(p[ky]) - rays.shear[1] * splat(p[kz]));
+        let wa = x[2] * y[1] - y[2] * x[1];
+        let wb = x[0] * y[2] - y[0] * x[2];
+        let wc = x[1] * y[0] - y[1] * x[0];
+        let least = min(min(wa, wb), wc);
+        let greatest = max(max(wa, wb), wc);
+        let zero = splat(0.0);
+        let outside = least.simd_lt(zero) & greatest.simd_gt(zero);
+        let inside = !outside.to_bitmask() & active;
+        if inside == 0 {
+            return Found { lanes: 0, t: zero, u: zero, v: zero };
+        }
+        let z = p.map(|p| rays.inverse[kz] * splat(p[kz]));
+        let det = wa + wb + wc;
+        let size = max(det, -det);
+        let plain = size.simd_ge(splat(DET_RANGE.0)) & size.simd_le(splat(DET_RANGE.1));
+        // Inside, a zero is the least or the greatest.
+        let plain = plain & least.simd_ne(zero) & greatest.simd_ne(zero);
+        let inv_det = splat(1.0) / det;
+        let (mut u, mut v) = (wb * inv_det, wc * inv_det);
+        let mut t = wa * inv_det * z[0] + u * z[1] + v * z[2];
+        let ahead = t.simd_ge(zero) & t.simd_lt(splat(f32::INFINITY));
+        let plain = plain.to_bitmask();
+        let mut lanes = inside & plain & ahead.to_bitmask();
+        for i in bits(inside & !plain) {
+            if let Some(found) = Self::exactly(x.map(|x| x[i]), y.map(|y| y[i]), z.map(|z| z[i])) {
+                (t[i], u[i], v[i]) = found;
+                lanes |= 1 << i;
+            }
+        }
+        Found { lanes, t, u, v }
+    }
+}
+
+impl WideTest for MollerTrumbore {
+    #[inline(always)]
+    fn wide<S: Simd, V: Lanes<S>>(
+        simd: S,
+        rays: &Rays<V>,
+        triangle: &Corners,
+        _axis: usize,
+        active: u64,
+    ) -> Found<V> {
+        let splat = |x: f32| V::simd_from(simd, x);
+        let dot = |a: Vec3, b: [V; 3]| splat(a.x) * b[0] + splat(a.y) * b[1] + splat(a.z) * b[2];
+        let [a, b, c] = triangle.corners;
+        let (e1, e2) = (b - a, c - a);
+        let s = triangle.origin - a;
+        let q = s.cross(e1);
+        let d = rays.direction;
+        let p = [
+            d[1] * splat(e2.z) - splat(e2.y) * d[2],
+            d[2] * splat(e2.x) - splat(e2.z) * d[0],
+            d[0] * splat(e2.y) - splat(e2.x) * d[1],
+        ];
+        let inv_det = splat(1.0) / dot(e1, p);
+        let u = dot(s, p) * inv_det;
+        let v = dot(q, d) * inv_det;
+        let t = splat(e2.dot(q)) * inv_det;
+        let zero = splat(0.0);
+        let inside = u.simd_ge(zero) & v.simd_ge(zero) & (u + v).simd_le(splat(1.0));
+        let ahead = t.simd_ge(zero) & t.simd_lt(splat(f32::INFINITY));
+        Found { lanes: (inside & ahead).to_bitmask() & active, t, u, v }
+    }
+}
+
+impl WideTest for Double {
+    /// One by one: a reference need not be fast.
+    #[inline(always)]
+    fn wide<S: Simd, V: Lanes<S>>(
+        simd: S,
+        rays: &Rays<V>,
+        triangle: &Corners,
+        _axis: usize,
+        active: u64,
+    ) -> Found<V> {
+        let zero = V::simd_from(simd, 0.0);
+        let mut found = Found { lanes: 0, t: zero, u: zero, v: zero };
+        for i in bits(active) {
+            let ray = Ray::new(triangle.origin, Vec3::from(rays.direction.map(|d| d[i])));
+            if let Some(hit) = Self::new(&ray).test(&triangle.corners) {
+                (found.t[i], found.u[i], found.v[i]) = hit;
+                found.lanes |= 1 << i;
+            }
+        }
+        found
+    }
+}
