@@ -1,0 +1,102 @@
+//! The whole loop on real models, found through the environment variable `PIVOT_DATA`; skipped where it is unset.
+
+use std::path::PathBuf;
+
+use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::{Triangles, Vec3};
+use bvh_update::{Scratch, Strategy, update};
+use pivot_tests::{closest_hit, noise};
+use rt_cpu::TriangleTest;
+
+fn data() -> Option<PathBuf> {
+    let data = std::env::var_os("PIVOT_DATA").map(PathBuf::from);
+    if data.is_none() {
+        println!("skipped: PIVOT_DATA is not set");
+    }
+    data
+}
+
+/// Plays a file with every strategy for 2.3 loops of `per_loop` frames, as the paper does with 100: valid trees, the
+/// hits of brute force, and rotations that pay.
+fn play(file: &str, per_loop: usize, moves: bool, rotation_pays: bool) {
+    let Some(data) = data() else { return };
+    let animation = anim::load(&data.join(file), None).expect("loads");
+    let topology = animation.topology();
+    let mut positions = animation.rest();
+    let frames = per_loop * 23 / 10;
+    let time = |frame: usize| animation.duration() * (frame % per_loop) as f64 / per_loop as f64;
+    let start = Triangles { positions: &positions, indices: &topology.triangles };
+    let mut built = build(&start, Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
+    built.set_moving(|p| topology.moves[p]);
+    let mut trees = Strategy::all().map(|s| (s, built.clone(), Scratch::new()));
+    let (mut rotations, mut costs) = (0, [0.0; 2]);
+    for i in 1..=frames {
+        let before: Vec<Vec3> = positions.clone();
+        animation.pose(time(i), &mut positions);
+        assert!(!moves || positions != before, "{file}: nothing moved before frame {i}");
+        let triangles = Triangles { positions: &positions, indices: &topology.triangles };
+        for (strategy, bvh, scratch) in &mut trees {
+            let done = update(bvh, &triangles, strategy, scratch).expect("same count");
+            if i % 4 == 1 {
+                bvh.validate(&triangles).expect("valid and tight");
+            }
+            match strategy {
+                Strategy::Refit => costs[0] += bvh_core::sah_cost(bvh),
+                Strategy::RefitRotate => {
+                    costs[1] += bvh_core::sah_cost(bvh);
+                    rotations += done.rotations_applied();
+                }
+                Strategy::Rebuild(..) => {}
+            }
+        }
+        if i % 6 == 0 && i < 40 {
+            let bounds = trees[0].1.root().aabb();
+            for ray in 0..20 {
+                let within = |n: Vec3, grow: f32| bounds.center() + (n - 0.5) * bounds.extent() * grow;
+                let (from, to) = (within(noise(1, ray), 3.0), within(noise(2, ray), 0.8));
+                let ray = bvh_core::Ray::new(from, to - from);
+                let test = TriangleTest::Watertight;
+                let brute = rt_cpu::closest_hit_brute(&triangles, &ray, f32::INFINITY, test);
+                for (strategy, bvh, _) in &trees {
+                    let found = rt_cpu::closest_hit(bvh, &triangles, &ray, f32::INFINITY, test);
+                    assert_eq!(found, brute, "{file}, frame {i}, {}", strategy.name());
+                }
+                let oracle = closest_hit(&positions, &topology.triangles, from, to - from);
+                if let (Some((t, _)), Some(hit)) = (oracle, brute)
+                    && hit.u.min(hit.v).min(1.0 - hit.u - hit.v) > 1e-3
+                {
+                    assert!(f64::from(hit.t) <= t * (1.0 + 1e-4), "{file}: hit at {} behind {t}", hit.t);
+                }
+            }
+        }
+    }
+    println!(
+        "{file}: {rotations} rotations, cost {:.2} refitted, {:.2} rotated",
+        costs[0] / 12.0,
+        costs[1] / 12.0
+    );
+    if rotation_pays {
+        assert!(rotations > 0 && costs[1] < costs[0], "{file}: {rotations} rotations, costs {costs:?}");
+    }
+    if !moves {
+        assert_eq!(rotations, 0, "{file} stands still");
+    }
+}
+
+macro_rules! animations {
+    ($($name:ident: $file:literal, $per_loop:literal, $moves:literal, $pays:literal;)*) => {
+        $(#[test] fn $name() { play($file, $per_loop, $moves, $pays); })*
+    };
+}
+
+animations! {
+    unc_n_body: "unc/n-body", 10, true, true;
+    unc_cloth_ball: "unc/cloth-ball", 10, true, true;
+    brain_stem: "gltf/BrainStem.glb", 10, true, true;
+    cesium_man: "gltf/CesiumMan.glb", 100, true, true;
+    fox: "gltf/Fox.glb", 100, true, true;
+    morph_stress_test: "gltf/MorphStressTest.gltf", 100, true, true;
+    animated_morph_cube: "gltf/AnimatedMorphCube/AnimatedMorphCube.gltf", 100, true, false;
+    engine: "static/2CylinderEngine.glb", 10, false, false;
+    sponza: "static/sponza_dabrovic.obj", 10, false, false;
+}

@@ -1,0 +1,108 @@
+//! The claims of the paper that concern rotations themselves, on trees of some size.
+
+use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::rotation::{area_changes_at, rotate};
+use bvh_core::{Bvh, Node, Rotation, Triangles, stats};
+use bvh_update::{Scratch, Strategy, update};
+use pivot_tests::{Motion, Soup, noise, sah_cost};
+use proptest::prelude::*;
+
+fn tree(soup: &Soup) -> Bvh {
+    let positions = soup.pose(Motion::Smooth, 0);
+    let primitives = Triangles { positions: &positions, indices: &soup.triangles };
+    build(&primitives, Builder::Binned, &BuildOptions::default(), None).expect("few enough")
+}
+
+/// Refits all ancestors' heights the slow way, so that the result is a valid tree.
+fn with_heights(nodes: &[Node], order: &[u32]) -> Bvh {
+    Bvh::new(nodes, order.to_vec()).expect("a rotation leaves a tree")
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+    /// At any node of any tree, each rotation changes the cost of the whole tree, recomputed from the triangles in
+    /// double precision, by exactly what was claimed, within rounding of single precision.
+    #[test]
+    fn claimed_change_of_cost_is_the_recomputed_one(n in 4usize..60, seed: u64, frame in 0usize..6) {
+        let soup = Soup::new(n, seed);
+        let positions = soup.pose(Motion::Divergent, frame);
+        let primitives = Triangles { positions: &positions, indices: &soup.triangles };
+        let mut bvh = tree(&soup);
+        update(&mut bvh, &primitives, &Strategy::Refit, &mut Scratch::new()).expect("same count");
+        let before = sah_cost(&bvh, &positions, &soup.triangles);
+        let root = bvh.root().aabb().half_area_f64();
+        let mut inner = Vec::new();
+        bvh.visit(|_, node, depth| if node.height() > 1 { inner.push((node.first(), depth)) });
+        for (pair, depth) in inner {
+            let changes = area_changes_at(bvh.nodes(), pair);
+            for (change, rotation) in changes.into_iter().zip(Rotation::ALL) {
+                let mut nodes = bvh.nodes().to_vec();
+                if rotate(nodes.as_mut_slice(), pair, rotation, depth).is_none() {
+                    prop_assert_eq!(change, f32::INFINITY);
+                    continue;
+                }
+                let rotated = with_heights(&nodes, bvh.order());
+                rotated.validate(&primitives).expect("valid and tight after a rotation");
+                let after = sah_cost(&rotated, &positions, &soup.triangles);
+                let real = (after - before) * root;
+                prop_assert!((real - f64::from(change)).abs() <= 1e-5 * root, "{change} for {real}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_still_tree_comes_to_rest_with_a_lower_cost() {
+    let soup = Soup::new(5000, 2);
+    for frame in [0, 3, 6] {
+        let positions = soup.pose(Motion::Divergent, frame);
+        let primitives = Triangles { positions: &positions, indices: &soup.triangles };
+        let (mut bvh, mut scratch) = (tree(&soup), Scratch::new());
+        update(&mut bvh, &primitives, &Strategy::Refit, &mut scratch).expect("same count");
+        let refitted = sah_cost(&bvh, &positions, &soup.triangles);
+        let mut passes = 0;
+        while update(&mut bvh, &primitives, &Strategy::RefitRotate, &mut scratch)
+            .expect("same count")
+            .rotations
+            != [0; 6]
+        {
+            passes += 1;
+            assert!(passes < 200, "rotations do not end");
+        }
+        assert!(passes > 0 && sah_cost(&bvh, &positions, &soup.triangles) < refitted);
+        bvh.validate(&primitives).expect("valid and tight");
+    }
+}
+
+#[test]
+fn about_a_quarter_of_all_nodes_can_rotate() {
+    // Section 3 of the paper: nodes with grandchildren, so neither leaves nor their parents.
+    let s = stats(&tree(&Soup::new(20_000, 4)));
+    let share = s.candidates as f64 / (s.inner + s.leaves) as f64;
+    assert!((0.22..0.36).contains(&share), "{share}");
+}
+
+#[test]
+fn height_stays_bounded_and_cost_near_fresh_over_a_long_loop() {
+    let soup = Soup::new(500, 6);
+    let (mut bvh, mut scratch) = (tree(&soup), Scratch::new());
+    let mut highest = 0;
+    for frame in 0..2000 {
+        let swing = (frame % 40) as f32;
+        let mut positions = soup.pose(Motion::Smooth, 0);
+        for (i, p) in positions.iter_mut().enumerate() {
+            *p += (noise(8, i / 3) - 0.5) * swing.min(40.0 - swing);
+        }
+        let primitives = Triangles { positions: &positions, indices: &soup.triangles };
+        let done = update(&mut bvh, &primitives, &Strategy::RefitRotate, &mut scratch).expect("same count");
+        highest = highest.max(done.height);
+        if frame % 400 == 0 {
+            bvh.validate(&primitives).expect("valid and tight");
+            let fresh =
+                build(&primitives, Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
+            let ratio = bvh_core::sah_cost(&bvh) / bvh_core::sah_cost(&fresh);
+            assert!(ratio < 2.0, "cost {ratio} times that of a fresh tree in frame {frame}");
+        }
+    }
+    assert!(highest < 60, "height {highest} over 500 primitives");
+}

@@ -1,0 +1,144 @@
+//! Every strategy, through every kind of motion: valid and tight trees, costs as told, and the hits of brute force.
+
+use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::{Bvh, Ray, Triangles, Vec3};
+use bvh_update::{Scratch, Strategy, update};
+use pivot_tests::{Motion, Soup, closest_hit, noise, sah_cost};
+use proptest::prelude::*;
+use rt_cpu::TriangleTest;
+
+fn pool(threads: usize) -> rayon::ThreadPool {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads")
+}
+
+/// Casts rays through a soup and compares them with the oracle.
+fn check_hits(bvh: &Bvh, triangles: &Triangles<'_>, seed: u64, rays: usize) -> usize {
+    let mut hits = 0;
+    for i in 0..rays {
+        let (from, to) = (noise(seed, i) * 30.0 - 10.0, noise(seed ^ 9, i) * 10.0);
+        let expected = closest_hit(triangles.positions, triangles.indices, from, to - from);
+        let ray = Ray::new(from, to - from);
+        let found = rt_cpu::closest_hit(bvh, triangles, &ray, f32::INFINITY, TriangleTest::Watertight);
+        let brute = rt_cpu::closest_hit_brute(triangles, &ray, f32::INFINITY, TriangleTest::Watertight);
+        assert_eq!(found, brute, "ray {i}: the tree does not find what brute force finds");
+        // Single precision may decide otherwise within rounding of an edge; nothing else may differ.
+        if let (Some((t, _)), Some(hit)) = (expected, found) {
+            if (f64::from(hit.t) - t).abs() > 1e-5 * t.max(1.0) {
+                let [a, b, c] = triangles.corners(hit.primitive as usize);
+                let margin = hit.u.min(hit.v).min(1.0 - hit.u - hit.v);
+                assert!(margin < 1e-3, "ray {i}: {} for {t}, {margin} inside of {a} {b} {c}", hit.t);
+            }
+            hits += 1;
+        } else if let Some(hit) = found {
+            let margin = hit.u.min(hit.v).min(1.0 - hit.u - hit.v);
+            assert!(margin < 1e-3, "ray {i} hits what the oracle does not");
+        }
+    }
+    hits
+}
+
+/// Plays some frames with every strategy on some threads.
+fn play(n: usize, seed: u64, motion: Motion, frames: usize, threads: usize, max_leaf_size: u32) {
+    let soup = Soup::new(n, seed);
+    let start = soup.pose(motion, 0);
+    let primitives = Triangles { positions: &start, indices: &soup.triangles };
+    let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
+    let built = build(&primitives, Builder::Binned, &options, None).expect("few enough");
+    pool(threads).install(|| {
+        for strategy in Strategy::all() {
+            let (mut bvh, mut scratch) = (built.clone(), Scratch::new());
+            for frame in 1..=frames {
+                let positions = soup.pose(motion, frame);
+                let primitives = Triangles { positions: &positions, indices: &soup.triangles };
+                let done = update(&mut bvh, &primitives, &strategy, &mut scratch).expect("same count");
+                bvh.validate(&primitives).expect("valid and tight");
+                let cost = sah_cost(&bvh, &positions, &soup.triangles);
+                let told = done.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(&bvh));
+                assert!(
+                    (told - cost).abs() <= 1e-5 * cost,
+                    "{strategy:?}, {motion:?}: told {told}, is {cost}"
+                );
+                check_hits(&bvh, &primitives, seed ^ frame as u64, 20);
+            }
+        }
+    });
+}
+
+#[test]
+fn all_motions_at_a_thousand_triangles() {
+    for motion in Motion::ALL {
+        for threads in [1, 3] {
+            play(1000, 11, motion, 5, threads, 1);
+        }
+        play(1000, 12, motion, 3, 2, 4);
+    }
+}
+
+#[test]
+fn rays_do_hit() {
+    let soup = Soup::new(2000, 3);
+    let positions = soup.pose(Motion::Smooth, 0);
+    let primitives = Triangles { positions: &positions, indices: &soup.triangles };
+    let bvh = build(&primitives, Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
+    assert!(check_hits(&bvh, &primitives, 1, 300) > 100, "a test of hits needs some");
+}
+
+#[test]
+fn one_hash_for_all_thread_counts() {
+    for motion in Motion::ALL {
+        let soup = Soup::new(20_000, 5);
+        let start = soup.pose(motion, 0);
+        let primitives = Triangles { positions: &start, indices: &soup.triangles };
+        let options = BuildOptions::default();
+        let built = build(&primitives, Builder::Binned, &options, None).expect("few enough");
+        for strategy in Strategy::all() {
+            let hashes = [1, 2, 3, 8].map(|threads| {
+                pool(threads).install(|| {
+                    let (mut bvh, mut scratch) = (built.clone(), Scratch::new());
+                    for frame in 1..3 {
+                        let positions = soup.pose(motion, frame);
+                        let primitives = Triangles { positions: &positions, indices: &soup.triangles };
+                        update(&mut bvh, &primitives, &strategy, &mut scratch).expect("same count");
+                    }
+                    bvh.hash()
+                })
+            });
+            assert!(hashes.iter().all(|&h| h == hashes[0]), "{strategy:?} {motion:?} {hashes:x?}");
+        }
+    }
+}
+
+#[test]
+fn empty_and_tiny_scenes() {
+    for n in [0, 1, 2] {
+        for motion in Motion::ALL {
+            play(n, 1, motion, 3, 2, 1);
+        }
+    }
+}
+
+#[test]
+fn all_triangles_at_one_point() {
+    let positions = vec![Vec3::ONE; 3];
+    let triangles = vec![[0, 1, 2]; 500];
+    let primitives = Triangles { positions: &positions, indices: &triangles };
+    for strategy in Strategy::all() {
+        let mut bvh =
+            build(&primitives, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
+        let done = update(&mut bvh, &primitives, &strategy, &mut Scratch::new()).expect("same count");
+        bvh.validate(&primitives).expect("valid and tight");
+        assert_eq!((done.rotations_applied(), bvh_core::sah_cost(&bvh)), (0, 0.0));
+        assert!(done.sah_cost.is_none_or(|cost| cost == 0.0));
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(20))]
+    #[test]
+    fn any_soup_any_motion(
+        n in 0usize..400, seed: u64, motion in prop::sample::select(&Motion::ALL[..]),
+        threads in 1usize..5, max_leaf_size in 1u32..5
+    ) {
+        play(n, seed, motion, 3, threads, max_leaf_size);
+    }
+}
