@@ -1,10 +1,11 @@
 //! Binned SAH (Wald 2007, "On fast construction of SAH-based bounding volume hierarchies"), serial and parallel.
 
-use bvh_core::glam::Vec4;
-use bvh_core::{Node, Primitives};
+use bvh_core::Node;
+use bvh_core::glam::{Mat4, Vec4};
 use rayon::prelude::*;
 
-use crate::item::{Hull, Item, gather};
+use crate::four;
+use crate::item::{Hull, Item};
 use crate::plot::{Plot, middle};
 
 /// Most bins on an axis.
@@ -13,16 +14,14 @@ const MAX_BINS: usize = 256;
 /// Subtrees of fewer primitives are built by one thread.
 const GRAIN: usize = 4096;
 
-pub(crate) fn build<P: Primitives + ?Sized>(primitives: &P, bins: u32, threads: usize, plot: Plot) -> Node {
-    let (mut items, dropped) = gather(primitives, threads > 1);
+/// Most primitives that are binned at once; more do not fit the counters.
+const MAX_PART: usize = 1 << 23;
+
+/// Builds the tree over `items`, which have boxes.
+pub(crate) fn build(mut items: Vec<Item>, bins: u32, threads: usize, plot: Plot) -> Node {
     let mut spare = items.clone();
     let builder = Binned { bins: bins.clamp(2, MAX_BINS as u32) as usize, threads };
-    match (items.len(), dropped.len()) {
-        (_, 0) => builder.grow(&mut items, &mut spare, plot, &mut Bins::new()),
-        (0, _) => plot.halve(&dropped),
-        (n, _) => plot
-            .fork(n, |l, r| (builder.grow(&mut items, &mut spare, l, &mut Bins::new()), r.halve(&dropped))),
-    }
+    builder.grow(&mut items, &mut spare, plot, &mut Bins::new())
 }
 
 #[derive(Clone, Copy)]
@@ -35,30 +34,31 @@ impl Binned {
     /// Builds the subtree over `items`; `spare` is as long, and both are left in disorder.
     fn grow(self, items: &mut [Item], spare: &mut [Item], plot: Plot, bins: &mut Bins) -> Node {
         let n = items.len();
-        match items {
-            [item] => return plot.leaf(item),
-            [a, b] => return plot.fork(1, |l, r| (l.leaf(a), r.leaf(b))),
-            _ => {}
+        if let [item] = items {
+            return plot.leaf(item);
+        }
+        if n <= four::MOST && plot.any_split_fits() {
+            return four::grow(items, plot);
         }
         let parallel = self.threads > 1 && n >= 2 * GRAIN;
-        let (hull, centers) = if parallel { hulls_parallel(items) } else { hulls(items) };
+        let centers = if parallel { centers_parallel(items) } else { centers(items) };
         let mut split = None;
         if plot.any_split_fits() {
-            let grid = Grid::new(&centers, self.bins.min(4 + n / 2));
-            if parallel {
-                let size = n.div_ceil(4 * self.threads).max(GRAIN);
-                split = split_parallel(items, spare, size, &grid, hull.unit());
+            let grid = Grid::new(&centers, self.bins.min(4 + n / 8));
+            split = if parallel || n > MAX_PART {
+                self.split_in_parts(items, spare, &grid)
             } else {
                 bins.fill(items, &grid);
-                split = bins.best_split(&grid, hull.unit());
-                if let Some(split) = &split {
-                    let (left, right) = spare.split_at_mut(split.left);
-                    partition(items, left, right, &grid, split);
-                }
-            }
+                bins.best_split(&grid).map(|cut| {
+                    let left = bins.count_before(cut);
+                    let (l, r) = spare.split_at_mut(left);
+                    partition(items, l, r, &grid, cut);
+                    left
+                })
+            };
         }
         let (from, to, left) = match split {
-            Some(split) => (spare, items, split.left),
+            Some(left) => (spare, items, left),
             None => {
                 let left = middle(items, &centers);
                 (items, spare, left)
@@ -77,170 +77,266 @@ impl Binned {
             }
         })
     }
+
+    /// Bins, splits and partitions part by part, on all threads if there are several. Gives the number of items on
+    /// the left, now at the front of `spare`. The result does not depend on the parts.
+    #[cold]
+    fn split_in_parts(self, items: &[Item], spare: &mut [Item], grid: &Grid) -> Option<usize> {
+        let size = items.len().div_ceil(4 * self.threads).clamp(GRAIN, MAX_PART);
+        let fill = |part: &[Item]| {
+            let mut bins = Bins::new();
+            bins.fill(part, grid);
+            bins
+        };
+        let parts: Vec<Box<Bins>> = if self.threads > 1 {
+            items.par_chunks(size).map(fill).collect()
+        } else {
+            items.chunks(size).map(fill).collect()
+        };
+        let mut all = Bins::new();
+        all.clear(grid);
+        parts.iter().for_each(|part| all.merge(part, grid));
+        let cut = all.best_split(grid)?;
+        let lefts: Vec<usize> = parts.iter().map(|part| part.count_before(cut)).collect();
+        let left = lefts.iter().sum();
+        let (mut l, mut r) = spare.split_at_mut(left);
+        let mut jobs = Vec::with_capacity(parts.len());
+        for (part, &left) in items.chunks(size).zip(&lefts) {
+            let (to_l, to_r);
+            (to_l, l) = l.split_at_mut(left);
+            (to_r, r) = r.split_at_mut(part.len() - left);
+            jobs.push((part, to_l, to_r));
+        }
+        let run = |(part, l, r): (&[Item], &mut [Item], &mut [Item])| partition(part, l, r, grid, cut);
+        if self.threads > 1 {
+            jobs.into_par_iter().for_each(run);
+        } else {
+            jobs.into_iter().for_each(run);
+        }
+        Some(left)
+    }
 }
 
-/// Hull of the boxes and hull of their centres.
-fn hulls(items: &[Item]) -> (Hull, Hull) {
-    items.iter().fold((Hull::EMPTY, Hull::EMPTY), |(hull, centers), item| {
-        (hull.union(item.hull()), centers.with_point(item.center()))
-    })
+/// Hull of the centres.
+fn centers(items: &[Item]) -> Hull {
+    items.iter().fold(Hull::EMPTY, |hull, item| hull.with_point(item.center()))
 }
 
-fn hulls_parallel(items: &[Item]) -> (Hull, Hull) {
-    let union = |a: (Hull, Hull), b: (Hull, Hull)| (a.0.union(b.0), a.1.union(b.1));
-    items.par_chunks(GRAIN).map(hulls).reduce(|| (Hull::EMPTY, Hull::EMPTY), union)
+fn centers_parallel(items: &[Item]) -> Hull {
+    items.par_chunks(GRAIN).map(centers).reduce(|| Hull::EMPTY, Hull::union)
 }
 
 /// How centres map to bins.
 struct Grid {
     min: Vec4,
+    /// Bins a length; 0 on an axis on which centres are too close to be told apart, where all are in bin 0.
     scale: Vec4,
     bins: usize,
-    /// Whether the centres spread on an axis, and few enough binades for the arithmetic.
-    usable: [bool; 3],
 }
 
-/// Added to a number in `0 .. 2^22` it leaves the integer part in the low bits of the sum.
-const ROUNDER: f32 = (1 << 23) as f32;
+/// A number below 2^18 added to this has its integer part in bits 5 and up of the sum, which is the offset of a
+/// bin in memory.
+const ROUNDER: f32 = (1 << 18) as f32;
 
 impl Grid {
     fn new(centers: &Hull, bins: usize) -> Self {
         // A little less than `bins`, so that the greatest centre does not fall off the end.
-        let scale = Vec4::splat(bins as f32 * (1.0 - 1e-6)) / (centers.max - centers.min);
-        let usable = scale.truncate().to_array().map(|s| s.is_finite() && s > 0.0);
-        Self { min: centers.min, scale, bins, usable }
+        let scale = Vec4::splat(bins as f32 - 0.0625) / (centers.max - centers.min);
+        let usable = scale.cmplt(Vec4::INFINITY);
+        Self { min: centers.min, scale: Vec4::select(usable, scale, Vec4::ZERO), bins }
     }
 
-    /// Bin on each axis; 0 on unusable ones.
+    /// Bin on each axis.
     #[inline]
     fn bins_of(&self, item: &Item) -> [usize; 3] {
-        // Rounding to nearest after taking off a half is rounding down, but for the first half bin.
-        let x = (item.center() - self.min) * self.scale + Vec4::splat(ROUNDER - 0.5);
-        let [x, y, z, _] = x.max(Vec4::splat(ROUNDER)).to_array().map(|x| (x.to_bits() & 0xff) as usize);
+        let x = (item.center() - self.min) * self.scale + Vec4::splat(ROUNDER);
+        let [x, y, z, _] = x.to_array().map(|x| (x.to_bits() >> 5 & 0xff) as usize);
         [x, y, z]
     }
 
-    /// Whether the item is in a bin before `bin`, which is not 0.
+    /// Whether an item is on the left of a cut.
     #[inline]
-    fn is_before(&self, item: &Item, axis: usize, bin: usize) -> bool {
-        let x = (item.center_on(axis) - self.min.to_array()[axis]) * self.scale.to_array()[axis];
-        x + (ROUNDER - 0.5) < ROUNDER + bin as f32
+    fn is_left(&self, cut: Cut) -> impl Fn(&Item) -> bool {
+        let (min, scale) = (self.min.to_array()[cut.axis], self.scale.to_array()[cut.axis]);
+        let end = ROUNDER + cut.bin as f32;
+        move |item| (item.center_on(cut.axis) - min) * scale + ROUNDER < end
     }
 }
 
-/// A place to split: on an axis, before a bin.
-struct Split {
+/// A place to split: on an axis, before a bin other than the first.
+#[derive(Clone, Copy)]
+struct Cut {
     axis: usize,
     bin: usize,
-    /// Number of primitives before it.
-    left: usize,
+}
+
+/// Hull of the items in a bin, and their number in the fourth lane of `max`: there one vector operation of those
+/// that the hull needs anyway keeps count. Exact up to 2^24.
+#[derive(Clone, Copy)]
+struct Bin {
+    min: Vec4,
+    max: Vec4,
+}
+
+impl Bin {
+    const EMPTY: Self = Self {
+        min: Vec4::INFINITY,
+        max: Vec4::new(f32::NEG_INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY, 0.0),
+    };
+
+    #[inline]
+    fn put(&mut self, item: Hull) {
+        *self = Self { min: self.min.min(item.min), max: self.max.max(item.max) + Vec4::W };
+    }
+
+    #[inline]
+    fn hull(&self) -> Hull {
+        Hull { min: self.min, max: self.max }
+    }
+
+    #[inline]
+    fn count(&self) -> f32 {
+        self.max.w
+    }
 }
 
 struct Bins {
-    hulls: [Vec<Hull>; 3],
-    counts: [Vec<u32>; 3],
-    /// For each bin, the cost of all from there on.
-    rest: Vec<f32>,
+    bins: [Axis; 3],
+    /// For each bin, on the three axes, the cost of all from there on.
+    rest: [Vec4; MAX_BINS],
+}
+
+/// The bins of an axis; a little longer than a power of two, lest those of all axes compete for the same cache lines.
+#[derive(Clone, Copy)]
+struct Axis {
+    bins: [Bin; MAX_BINS],
+    _gap: [Bin; 34],
 }
 
 impl Bins {
-    fn new() -> Self {
-        Self {
-            hulls: std::array::from_fn(|_| vec![Hull::EMPTY; MAX_BINS]),
-            counts: std::array::from_fn(|_| vec![0; MAX_BINS]),
-            rest: vec![0.0; MAX_BINS],
+    // Not inlined, since a call that inlines it has all this on its stack.
+    #[inline(never)]
+    fn new() -> Box<Self> {
+        let axis = Axis { bins: [Bin::EMPTY; MAX_BINS], _gap: [Bin::EMPTY; 34] };
+        Box::new(Self { bins: [axis; 3], rest: [Vec4::ZERO; MAX_BINS] })
+    }
+
+    fn clear(&mut self, grid: &Grid) {
+        for axis in &mut self.bins {
+            axis.bins[..grid.bins].fill(Bin::EMPTY);
         }
     }
 
+    /// Bins at most [`MAX_PART`] items.
     fn fill(&mut self, items: &[Item], grid: &Grid) {
-        for axis in 0..3 {
-            self.hulls[axis][..grid.bins].fill(Hull::EMPTY);
-            self.counts[axis][..grid.bins].fill(0);
+        self.clear(grid);
+        // Neighbours in memory tend to fall into the same bin, where each would wait for the one before.
+        // Taking turns between two places far apart avoids that.
+        let (near, far) = items.split_at(items.len() / 2);
+        for (a, b) in near.iter().zip(far) {
+            self.put(a, grid);
+            self.put(b, grid);
         }
-        for item in items {
-            let hull = item.hull();
-            for (axis, b) in grid.bins_of(item).into_iter().enumerate() {
-                self.hulls[axis][b] = self.hulls[axis][b].union(hull);
-                self.counts[axis][b] += 1;
-            }
+        if let Some(last) = far.get(near.len()) {
+            self.put(last, grid);
+        }
+    }
+
+    #[inline]
+    fn put(&mut self, item: &Item, grid: &Grid) {
+        for (axis, bin) in self.bins.iter_mut().zip(grid.bins_of(item)) {
+            axis.bins[bin].put(item.hull());
         }
     }
 
     fn merge(&mut self, other: &Self, grid: &Grid) {
-        for axis in 0..3 {
-            for b in 0..grid.bins {
-                self.hulls[axis][b] = self.hulls[axis][b].union(other.hulls[axis][b]);
-                self.counts[axis][b] += other.counts[axis][b];
+        for (axis, other) in self.bins.iter_mut().zip(&other.bins) {
+            for (a, b) in axis.bins[..grid.bins].iter_mut().zip(&other.bins) {
+                let count = a.count() + b.count();
+                *a = Bin { min: a.min.min(b.min), max: a.max.max(b.max).with_w(count) };
             }
         }
     }
 
-    fn count_before(&self, axis: usize, bin: usize) -> usize {
-        self.counts[axis][..bin].iter().map(|&c| c as usize).sum()
+    fn count_before(&self, cut: Cut) -> usize {
+        self.bins[cut.axis].bins[..cut.bin].iter().map(Bin::count).sum::<f32>() as usize
     }
 
-    /// The cheapest split; of equals the most even, then the first, x before y before z. None if no axis is
-    /// usable.
-    fn best_split(&mut self, grid: &Grid, unit: f32) -> Option<Split> {
-        let (mut best, mut unevenness) = (f32::INFINITY, u32::MAX);
-        let mut split = None;
-        for axis in (0..3).filter(|&axis| grid.usable[axis]) {
-            let (hulls, counts) = (&self.hulls[axis], &self.counts[axis]);
-            let (mut hull, mut count) = (Hull::EMPTY, 0);
-            for b in (1..grid.bins).rev() {
-                hull = hull.union(hulls[b]);
-                count += counts[b];
-                self.rest[b] = hull.half_area(unit) * count as f32;
-            }
-            let n = count + counts[0];
-            (hull, count) = (Hull::EMPTY, 0);
-            for b in 1..grid.bins {
-                hull = hull.union(hulls[b - 1]);
-                count += counts[b - 1];
-                let cost = hull.half_area(unit) * count as f32 + self.rest[b];
-                if cost < best || cost == best && count.abs_diff(n - count) < unevenness {
-                    (best, unevenness) = (cost, count.abs_diff(n - count));
-                    split = Some(Split { axis, bin: b, left: count as usize });
-                }
+    /// The cheapest split; of equals the first, x before y before z. None if no centres can be told apart, or
+    /// if the hull of all has no area.
+    fn best_split(&mut self, grid: &Grid) -> Option<Cut> {
+        let bins = self.bins.each_ref().map(|axis| &axis.bins[..grid.bins]);
+        let rest = &mut self.rest[..grid.bins];
+        let mut side = Side::EMPTY;
+        for b in (1..grid.bins).rev() {
+            side = side.with(bins.map(|axis| &axis[b]));
+            rest[b] = side.cost();
+        }
+        side = Side::EMPTY;
+        let mut least = Vec4::INFINITY;
+        let mut place = Vec4::ZERO;
+        for b in 1..grid.bins {
+            side = side.with(bins.map(|axis| &axis[b - 1]));
+            let cost = side.cost() + rest[b];
+            let better = cost.cmplt(least);
+            least = Vec4::select(better, cost, least);
+            place = Vec4::select(better, Vec4::splat(b as f32), place);
+        }
+        let least = Vec4::select(grid.scale.cmpgt(Vec4::ZERO), least, Vec4::INFINITY).to_array();
+        let place = place.to_array();
+        let mut axis = 0;
+        for other in 1..3 {
+            if least[other] < least[axis] {
+                axis = other;
             }
         }
-        split
+        let all = || bins[0].iter().fold(Hull::EMPTY, |all, bin| all.union(bin.hull()));
+        let pointless = least[axis] == f32::INFINITY || least[axis] == 0.0 && all().half_area() == 0.0;
+        (!pointless).then_some(Cut { axis, bin: place[axis] as usize })
     }
 }
 
-/// Copies the items before the split to `left`, the others to `right`, each in the order they had.
-fn partition(items: &[Item], left: &mut [Item], right: &mut [Item], grid: &Grid, split: &Split) {
+/// All bins on one side of a place, on each axis.
+#[derive(Clone, Copy)]
+struct Side {
+    hulls: [Hull; 3],
+    counts: Vec4,
+}
+
+impl Side {
+    const EMPTY: Self = Self { hulls: [Hull::EMPTY; 3], counts: Vec4::ZERO };
+
+    #[inline]
+    fn with(&self, bins: [&Bin; 3]) -> Self {
+        let [x, y, z] = bins;
+        Self {
+            hulls: [
+                self.hulls[0].union(x.hull()),
+                self.hulls[1].union(y.hull()),
+                self.hulls[2].union(z.hull()),
+            ],
+            counts: self.counts + Vec4::new(x.count(), y.count(), z.count(), 0.0),
+        }
+    }
+
+    /// For each axis, half area (as [`Hull::half_area`] has it) times number of items.
+    #[inline]
+    fn cost(&self) -> Vec4 {
+        let [a, b, c] = self.hulls.map(|hull| hull.max - hull.min);
+        let extents = Mat4::from_cols(a, b, c, Vec4::ZERO).transpose();
+        let (x, y, z) = (extents.x_axis, extents.y_axis, extents.z_axis);
+        ((x * y + y * z) + z * x) * self.counts
+    }
+}
+
+/// Copies the items left of the cut to `left`, the others to `right`, each in the order they had.
+fn partition(items: &[Item], left: &mut [Item], right: &mut [Item], grid: &Grid, cut: Cut) {
+    let is_left = grid.is_left(cut);
     let mut to = [left.iter_mut(), right.iter_mut()];
     for item in items {
-        let side = usize::from(!grid.is_before(item, split.axis, split.bin));
+        let side = usize::from(!is_left(item));
         if let Some(place) = to[side].next() {
             *place = *item;
         }
     }
-}
-
-/// Bins, splits and partitions on all threads, `size` items a task.
-fn split_parallel(items: &[Item], spare: &mut [Item], size: usize, grid: &Grid, unit: f32) -> Option<Split> {
-    let parts: Vec<Bins> = items
-        .par_chunks(size)
-        .map(|chunk| {
-            let mut bins = Bins::new();
-            bins.fill(chunk, grid);
-            bins
-        })
-        .collect();
-    let mut all = Bins::new();
-    parts.iter().for_each(|part| all.merge(part, grid));
-    let split = all.best_split(grid, unit)?;
-    let (mut left, mut right) = spare.split_at_mut(split.left);
-    let mut jobs = Vec::with_capacity(parts.len());
-    for (chunk, part) in items.chunks(size).zip(&parts) {
-        let n = part.count_before(split.axis, split.bin);
-        let (l, r);
-        (l, left) = left.split_at_mut(n);
-        (r, right) = right.split_at_mut(chunk.len() - n);
-        jobs.push((chunk, l, r));
-    }
-    jobs.into_par_iter().for_each(|(chunk, l, r)| partition(chunk, l, r, grid, &split));
-    Some(split)
 }

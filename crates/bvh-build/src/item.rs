@@ -7,7 +7,8 @@ use rayon::prelude::*;
 /// A primitive's box and number.
 ///
 /// The fourth lane of `min` is the number with bit 30 set: as an `f32` it is then an ordinary one, neither
-/// NaN nor denormal, so that arithmetic on whole vectors never stumbles over it.
+/// NaN nor denormal, so that arithmetic on whole vectors never stumbles over it. That of `max` is -infinity, so
+/// that a maximum with it changes nothing.
 #[repr(C, align(32))]
 #[derive(Clone, Copy)]
 pub(crate) struct Item {
@@ -23,7 +24,7 @@ impl Item {
         let (min, max) = (aabb.min, aabb.max);
         Self {
             min: [min.x, min.y, min.z, f32::from_bits(number as u32 | MARK)],
-            max: [max.x, max.y, max.z, 0.0],
+            max: [max.x, max.y, max.z, f32::NEG_INFINITY],
         }
     }
 
@@ -37,17 +38,24 @@ impl Item {
         Hull { min: Vec4::from_array(self.min), max: Vec4::from_array(self.max) }
     }
 
-    /// Half the centre of the box, which keeps differences of centres within the range of `f32`; the fourth
-    /// lane is of no meaning.
+    /// Twice the centre of the box; the fourth lane is of no meaning.
     #[inline]
     pub(crate) fn center(&self) -> Vec4 {
-        Vec4::from_array(self.min) * 0.25 + Vec4::from_array(self.max) * 0.25
+        Vec4::from_array(self.min) + Vec4::from_array(self.max)
     }
 
     /// One coordinate of [`center`](Self::center), with the same bits.
     #[inline]
     pub(crate) fn center_on(&self, axis: usize) -> f32 {
-        self.min[axis & 3] * 0.25 + self.max[axis & 3] * 0.25
+        self.min[axis & 3] + self.max[axis & 3]
+    }
+
+    #[inline]
+    fn scale(&mut self, unit: f32) {
+        for axis in 0..3 {
+            self.min[axis] *= unit;
+            self.max[axis] *= unit;
+        }
     }
 }
 
@@ -62,11 +70,6 @@ impl Hull {
     pub(crate) const EMPTY: Self = Self { min: Vec4::INFINITY, max: Vec4::NEG_INFINITY };
 
     #[inline]
-    pub(crate) fn of(items: &[Item]) -> Self {
-        items.iter().fold(Self::EMPTY, |hull, item| hull.union(item.hull()))
-    }
-
-    #[inline]
     pub(crate) fn union(self, other: Self) -> Self {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
@@ -76,20 +79,12 @@ impl Hull {
         Self { min: self.min.min(p), max: self.max.max(p) }
     }
 
-    /// Half the surface area with all lengths multiplied by `unit`. Not for empty hulls.
+    /// Half the surface area; not for empty hulls.
     #[inline]
-    pub(crate) fn half_area(&self, unit: f32) -> f32 {
-        let e = self.max * unit - self.min * unit;
+    pub(crate) fn half_area(&self) -> f32 {
+        let e = self.max - self.min;
         let p = e * e.yzxw();
         (p.x + p.y) + p.z
-    }
-
-    /// The power of two that brings the longest edge near 1, so that areas of and within this hull neither
-    /// overflow nor vanish.
-    #[inline]
-    pub(crate) fn unit(&self) -> f32 {
-        let exponent = (self.max * 0.5 - self.min * 0.5).truncate().max_element().to_bits() >> 23;
-        f32::from_bits((253 - exponent.min(252)) << 23)
     }
 
     #[inline]
@@ -98,19 +93,47 @@ impl Hull {
     }
 }
 
-/// Copies the primitives: those with a box, then those that are dropped, each in the order of their numbers.
-pub(crate) fn gather<P: Primitives + ?Sized>(primitives: &P, parallel: bool) -> (Vec<Item>, Vec<Item>) {
+/// The primitives as builders want them, each list in the order of the numbers.
+pub(crate) struct Items {
+    /// Those with a box.
+    pub(crate) boxed: Vec<Item>,
+    /// Those that are dropped.
+    pub(crate) dropped: Vec<Item>,
+    /// Whether the boxes are those of the primitives, and not scaled.
+    pub(crate) exact: bool,
+}
+
+/// Coordinates up to this are neither so large nor, if the largest is above its inverse, so small that areas leave
+/// the range of `f32`.
+const LARGE: f32 = (1u64 << 40) as f32;
+
+/// Copies the primitives. Where all coordinates are tiny or some huge, they are scaled by a power of two, which
+/// changes no decision but those that would drown in overflow or underflow.
+pub(crate) fn gather<P: Primitives + ?Sized>(primitives: &P, parallel: bool) -> Items {
     let n = primitives.len();
     let item = |i| Item::new(primitives.aabb(i), i);
-    let items: Vec<Item> = if parallel {
-        (0..n).into_par_iter().with_min_len(1024).map(item).collect()
-    } else {
-        (0..n).map(item).collect()
+    let largest = |items: &[Item]| {
+        let largest = |l: Vec4, item: &Item| l.max(item.hull().min.abs()).max(item.hull().max.abs());
+        items.iter().fold(Vec4::ZERO, largest).truncate().max_element()
     };
-    let dropped = |item: &Item| item.hull().aabb().is_empty();
-    if items.iter().any(dropped) {
-        items.into_iter().partition(|item| !dropped(item))
+    let (mut boxed, mut size): (Vec<Item>, f32);
+    if parallel {
+        boxed = (0..n).into_par_iter().with_min_len(1024).map(item).collect();
+        size = boxed.par_chunks(1024).map(largest).reduce(|| 0.0, f32::max);
     } else {
-        (items, Vec::new())
+        boxed = (0..n).map(item).collect();
+        size = largest(&boxed);
     }
+    let mut dropped = Vec::new();
+    if size == f32::INFINITY {
+        (boxed, dropped) = boxed.into_iter().partition(|item| !item.hull().aabb().is_empty());
+        size = largest(&boxed);
+    }
+    let exact = size == 0.0 || (1.0 / LARGE..LARGE).contains(&size);
+    if !exact {
+        // The reciprocal of the power of two below `size`, or the largest there is.
+        let unit = f32::from_bits((254 - (size.to_bits() >> 23)).clamp(1, 253) << 23);
+        boxed.iter_mut().for_each(|item| item.scale(unit));
+    }
+    Items { boxed, dropped, exact }
 }

@@ -25,13 +25,15 @@
 #![forbid(unsafe_code)]
 
 mod binned;
+mod four;
 mod item;
 mod leaves;
 mod plot;
 mod sweep;
 
-use bvh_core::{Bvh, MAX_PRIMITIVES, Primitives};
+use bvh_core::{Bvh, MAX_PRIMITIVES, Node, Primitives};
 
+use crate::item::Items;
 use crate::plot::Plot;
 
 #[cfg(test)]
@@ -126,16 +128,40 @@ pub fn build<P: Primitives + ?Sized>(
             return 2;
         }
         order.resize(n, 0);
+        let in_pool = rayon::current_thread_index().is_some();
+        let threads = match builder {
+            Builder::Sweep if in_pool => rayon::current_num_threads(),
+            Builder::Sweep | Builder::Binned => 1,
+            Builder::BinnedParallel => rayon::current_num_threads(),
+        };
+        let Items { boxed, dropped, exact } = item::gather(primitives, threads > 1);
+        let grow = |items, plot| match builder {
+            Builder::Sweep => sweep::build(items, n, threads > 1, plot),
+            Builder::Binned | Builder::BinnedParallel => binned::build(items, options.bins, threads, plot),
+        };
         let (root, below) = nodes.split_at_mut(2);
         let plot = Plot::new(below, order);
-        root[0] = match builder {
-            Builder::Sweep => sweep::build(primitives, plot),
-            Builder::Binned => binned::build(primitives, options.bins, 1, plot),
-            Builder::BinnedParallel => {
-                binned::build(primitives, options.bins, rayon::current_num_threads(), plot)
-            }
+        root[0] = match (boxed.len(), dropped.len()) {
+            (_, 0) => grow(boxed, plot),
+            (0, _) => plot.halve(&dropped),
+            (left, _) => plot.fork(left, |l, r| (grow(boxed, l), r.halve(&dropped))),
         };
+        if !exact {
+            refit(nodes, order, primitives);
+        }
         leaves::merge(nodes, options.max_leaf_size)
     });
     Ok(tree.expect("builders write trees"))
+}
+
+/// Sets all boxes to those that the primitives need; one primitive a leaf, children behind their parents.
+fn refit<P: Primitives + ?Sized>(nodes: &mut [Node], order: &[u32], primitives: &P) {
+    for i in (0..nodes.len()).rev().filter(|&i| i != 1) {
+        let node = nodes[i];
+        nodes[i].set_aabb(if node.is_leaf() {
+            primitives.aabb(order[node.first()] as usize)
+        } else {
+            nodes[node.first()].aabb().union(nodes[node.first() + 1].aabb())
+        });
+    }
 }

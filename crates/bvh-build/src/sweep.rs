@@ -2,24 +2,19 @@
 
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-use bvh_core::{Node, Primitives};
+use bvh_core::Node;
 use rayon::prelude::*;
 
-use crate::item::{Hull, Item, gather};
+use crate::item::{Hull, Item};
 use crate::plot::Plot;
 
 /// Subtrees of fewer primitives are built by one thread.
 const GRAIN: usize = 4096;
 
-pub(crate) fn build<P: Primitives + ?Sized>(primitives: &P, plot: Plot) -> Node {
-    let parallel = rayon::current_thread_index().is_some() && rayon::current_num_threads() > 1;
-    let (items, dropped) = gather(primitives, parallel);
-    let sweep = Sweep { parallel, is_left: (0..primitives.len()).map(|_| AtomicBool::new(false)).collect() };
-    match (items.len(), dropped.len()) {
-        (_, 0) => sweep.build(items, plot),
-        (0, _) => plot.halve(&dropped),
-        (n, _) => plot.fork(n, |l, r| (sweep.build(items, l), r.halve(&dropped))),
-    }
+/// Builds the tree over `items`, which have boxes, from all `count` primitives' numbers.
+pub(crate) fn build(items: Vec<Item>, count: usize, parallel: bool, plot: Plot) -> Node {
+    let sweep = Sweep { parallel, is_left: (0..count).map(|_| AtomicBool::new(false)).collect() };
+    sweep.build(items, plot)
 }
 
 struct Sweep {
@@ -117,7 +112,6 @@ impl Sweep {
 /// The cheapest split, as an axis and how many of its list are left of it; of equals the most even, then the
 /// first, x before y before z. None if no centres differ.
 fn best_split(lists: &mut Lists) -> Option<(usize, usize)> {
-    let unit = Hull::of(lists.sorted[0]).unit();
     let n = lists.costs.len();
     let (mut best, mut unevenness) = (f32::INFINITY, n);
     let mut split = None;
@@ -128,12 +122,12 @@ fn best_split(lists: &mut Lists) -> Option<(usize, usize)> {
         let mut hull = Hull::EMPTY;
         for i in (1..n).rev() {
             hull = hull.union(list[i].hull());
-            lists.costs[i] = hull.half_area(unit) * (n - i) as f32;
+            lists.costs[i] = hull.half_area() * (n - i) as f32;
         }
         hull = Hull::EMPTY;
         for i in 1..n {
             hull = hull.union(list[i - 1].hull());
-            let cost = hull.half_area(unit) * i as f32 + lists.costs[i];
+            let cost = hull.half_area() * i as f32 + lists.costs[i];
             if cost < best || cost == best && i.abs_diff(n - i) < unevenness {
                 (best, unevenness) = (cost, i.abs_diff(n - i));
                 split = Some((axis, i));

@@ -1,0 +1,91 @@
+//! The best trees over two, three and four primitives, found by trying all.
+
+use bvh_core::Node;
+
+use crate::item::Item;
+use crate::plot::Plot;
+
+/// Most primitives that [`grow`] takes.
+pub(crate) const MOST: usize = 4;
+
+/// Builds the cheapest tree over two to four primitives, the first of equals; O(1). The plot must allow any split.
+///
+/// All such trees have the same leaves, so only their inner nodes below the root count.
+pub(crate) fn grow(items: &[Item], plot: Plot) -> Node {
+    match items {
+        [a, b] => pair(a, b, plot),
+        [a, b, c] => {
+            let area = |a: &Item, b: &Item| a.hull().union(b.hull()).half_area();
+            let (ab, ac, bc) = (area(a, b), area(a, c), area(b, c));
+            let [a, b, c] = if ab <= ac && ab <= bc {
+                [a, b, c]
+            } else if ac <= bc {
+                [a, c, b]
+            } else {
+                [b, c, a]
+            };
+            plot.fork(2, |l, r| (pair(a, b, l), r.leaf(c)))
+        }
+        [a, b, c, d] => {
+            let (even, [a, b, c, d]) = best_of_four([a, b, c, d]);
+            if even {
+                plot.fork(2, |l, r| (pair(a, b, l), pair(c, d, r)))
+            } else {
+                plot.fork(3, |l, r| (l.fork(2, |l, r| (pair(a, b, l), r.leaf(c))), r.leaf(d)))
+            }
+        }
+        _ => plot.halve(items),
+    }
+}
+
+fn pair(a: &Item, b: &Item, plot: Plot) -> Node {
+    plot.fork(1, |l, r| (l.leaf(a), r.leaf(b)))
+}
+
+/// The fifteen trees over 0 1 2 3 by the two hulls that each has below its root, as indices into the list that
+/// [`best_of_four`] makes, and the order of the leaves. The first three are `(a b) (c d)`, the others `((a b) c) d`.
+const TREES: [([usize; 2], [usize; 4]); 15] = [
+    ([0, 5], [0, 1, 2, 3]),
+    ([1, 4], [0, 2, 1, 3]),
+    ([2, 3], [0, 3, 1, 2]),
+    ([0, 6], [0, 1, 2, 3]),
+    ([0, 7], [0, 1, 3, 2]),
+    ([1, 6], [0, 2, 1, 3]),
+    ([1, 8], [0, 2, 3, 1]),
+    ([2, 7], [0, 3, 1, 2]),
+    ([2, 8], [0, 3, 2, 1]),
+    ([3, 6], [1, 2, 0, 3]),
+    ([3, 9], [1, 2, 3, 0]),
+    ([4, 7], [1, 3, 0, 2]),
+    ([4, 9], [1, 3, 2, 0]),
+    ([5, 8], [2, 3, 0, 1]),
+    ([5, 9], [2, 3, 1, 0]),
+];
+
+/// Whether the best tree is `(a b) (c d)` and not `((a b) c) d`, and its leaves.
+fn best_of_four(items: [&Item; 4]) -> (bool, [&Item; 4]) {
+    let [a, b, c, d] = items.map(Item::hull);
+    let (ab, cd) = (a.union(b), c.union(d));
+    let hulls = [
+        ab,
+        a.union(c),
+        a.union(d),
+        b.union(c),
+        b.union(d),
+        cd,
+        ab.union(c),
+        ab.union(d),
+        cd.union(a),
+        cd.union(b),
+    ];
+    let area = hulls.map(|hull| hull.half_area());
+    let mut best = 0;
+    let mut least = f32::INFINITY;
+    for (i, ([x, y], _)) in TREES.iter().enumerate() {
+        let cost = area[*x] + area[*y];
+        if cost < least {
+            (best, least) = (i, cost);
+        }
+    }
+    (best < 3, TREES[best].1.map(|i| items[i]))
+}
