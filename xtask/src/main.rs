@@ -1,2 +1,116 @@
-//! x
-fn main() {}
+//! `cargo xtask`: reruns the paper's experiments, renders scenes, lists what there is, checks the tree.
+//!
+//! This file is the command line and the exit codes: 0 for success, 1 if a check failed, 2 for bad input (one line
+//! says what, where, and what would be right), 130 after an interrupt.
+
+mod ci;
+mod files;
+mod interrupt;
+mod layering;
+mod list;
+mod machine;
+mod pool;
+mod progress;
+mod render;
+mod reproduce;
+mod stage;
+
+use std::io;
+use std::process::ExitCode;
+
+use clap::error::ErrorKind;
+use clap::{Parser, Subcommand};
+
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask", version, about, max_term_width = 100)]
+#[command(about = "Reruns the paper's experiments, renders scenes, lists what there is, checks the tree")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Rerun the paper's experiments: every strategy on every scene, checked against brute force
+    Reproduce(reproduce::Args),
+    /// Render frames of a scene to PNG or EXR files
+    Render(render::Args),
+    /// List scenes with the effects each calls for, strategies, builders and SIMD levels
+    List(list::Args),
+    /// Format, lints, layering, tests and docs, as a change must pass them
+    Ci,
+}
+
+/// A check that did not hold: exit code 1, where bad input has 2.
+#[derive(Debug)]
+struct CheckFailed(String);
+
+impl std::fmt::Display for CheckFailed {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for CheckFailed {}
+
+fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return usage(&error),
+    };
+    interrupt::catch();
+    let result = match &cli.command {
+        Command::Reproduce(args) => reproduce::run(args),
+        Command::Render(args) => render::run(args),
+        Command::List(args) => list::run(args),
+        Command::Ci => ci::run(),
+    };
+    match result {
+        Ok(()) if interrupt::requested() => ExitCode::from(interrupt::EXIT_CODE),
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if reader_left(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {}", one_line(&error));
+            ExitCode::from(if error.is::<CheckFailed>() { 1 } else { 2 })
+        }
+    }
+}
+
+/// Help and version as clap prints them; anything wrong with the command line in one line.
+fn usage(error: &clap::Error) -> ExitCode {
+    let asked_for = matches!(
+        error.kind(),
+        ErrorKind::DisplayHelp
+            | ErrorKind::DisplayVersion
+            | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand
+    );
+    if asked_for {
+        // A reader that left is no error.
+        let _ = error.print();
+    } else {
+        let text = error.render().to_string();
+        let message = text.split("\n\nUsage:").next().unwrap_or_default();
+        let message = message.split("\n\nFor more information").next().unwrap_or_default();
+        let line = message.split_whitespace().collect::<Vec<_>>().join(" ");
+        eprintln!("{line}; see --help");
+    }
+    ExitCode::from(error.exit_code().clamp(0, 255) as u8)
+}
+
+/// Whether whoever read standard output has gone, as `head` does.
+fn reader_left(error: &anyhow::Error) -> bool {
+    error.downcast_ref::<io::Error>().is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe)
+}
+
+/// The message with its causes, each said once.
+fn one_line(error: &anyhow::Error) -> String {
+    let mut line = String::new();
+    for cause in error.chain() {
+        let cause = cause.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+        if !line.contains(&cause) {
+            line += if line.is_empty() { "" } else { ": " };
+            line += &cause;
+        }
+    }
+    line
+}

@@ -1,0 +1,68 @@
+//! `cargo xtask ci`: what a change must pass.
+
+use std::process::Command;
+use std::time::Instant;
+
+use anyhow::{Context, Result, ensure};
+
+use crate::{CheckFailed, files, layering};
+
+/// The one command that runs all tests; the README names it.
+const TESTS: &str = "cargo test --workspace";
+
+/// Commands in the order of how soon they fail, with what they set in the environment.
+const COMMANDS: [(&str, &[(&str, &str)]); 4] = [
+    ("cargo fmt --all --check", &[]),
+    ("cargo clippy --workspace --all-targets -- -D warnings", &[]),
+    (TESTS, &[]),
+    ("cargo doc --workspace --no-deps", &[("RUSTDOCFLAGS", "-D warnings")]),
+];
+
+/// Runs everything, and fails with all that failed.
+pub(crate) fn run() -> Result<()> {
+    let mut failed = Vec::new();
+    let violations = layering::violations(&metadata()?)?;
+    for violation in &violations {
+        eprintln!("layering: {violation}");
+    }
+    failed.extend((!violations.is_empty()).then_some("layering"));
+    failed.extend((!readme_names(TESTS)?).then_some("README (it must name the test command)"));
+    for (command, environment) in COMMANDS {
+        let start = Instant::now();
+        eprintln!("> {command}");
+        let mut words = command.split_whitespace();
+        let status = program(words.next().unwrap_or_default())
+            .args(words)
+            .envs(environment.iter().copied())
+            .current_dir(files::workspace())
+            .status()
+            .with_context(|| format!("{command}: cannot be started"))?;
+        eprintln!("  {} after {:.0} s", status, start.elapsed().as_secs_f64());
+        failed.extend((!status.success()).then_some(command));
+    }
+    if failed.is_empty() { Ok(()) } else { Err(CheckFailed(format!("failed: {}", failed.join("; "))).into()) }
+}
+
+/// The program of that name; for cargo the one that runs this.
+fn program(name: &str) -> Command {
+    let cargo = std::env::var_os("CARGO").filter(|_| name == "cargo");
+    Command::new(cargo.unwrap_or_else(|| name.into()))
+}
+
+fn metadata() -> Result<String> {
+    let output = program("cargo")
+        .args(["metadata", "--format-version", "1", "--no-deps"])
+        .current_dir(files::workspace())
+        .output()
+        .context("cargo metadata: cannot be started")?;
+    let error = String::from_utf8_lossy(&output.stderr);
+    ensure!(output.status.success(), "cargo metadata: {error}");
+    Ok(String::from_utf8(output.stdout)?)
+}
+
+fn readme_names(command: &str) -> Result<bool> {
+    let readme = files::workspace().join("README.md");
+    let text =
+        std::fs::read_to_string(&readme).with_context(|| format!("{}: cannot be read", readme.display()))?;
+    Ok(text.contains(command))
+}

@@ -1,0 +1,61 @@
+//! Where files go, and files that appear whole or not at all.
+
+use std::ffi::OsString;
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+
+/// The root of the workspace.
+pub(crate) fn workspace() -> &'static Path {
+    let xtask = Path::new(env!("CARGO_MANIFEST_DIR"));
+    xtask.parent().unwrap_or(xtask)
+}
+
+/// Folder for recorded simulations.
+pub(crate) fn scene_cache() -> PathBuf {
+    workspace().join("target/scenes")
+}
+
+/// Makes a folder and those above it.
+pub(crate) fn make_folder(path: &Path) -> Result<()> {
+    fs::create_dir_all(path).with_context(|| format!("{}: cannot be made a folder", path.display()))
+}
+
+/// Writes a file beside its final place and renames it.
+pub(crate) fn write_whole(path: &Path, content: &[u8]) -> Result<()> {
+    let mut name = OsString::from(".");
+    name.push(path.file_name().unwrap_or_default());
+    name.push(format!(".{}.partial", std::process::id()));
+    let partial = path.with_file_name(name);
+    fs::write(&partial, content)
+        .and_then(|()| fs::rename(&partial, path))
+        .inspect_err(|_| {
+            // It may not even exist, and the first error is the one to tell.
+            let _ = fs::remove_file(&partial);
+        })
+        .with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+/// Removes a file of an earlier run, if there is one.
+pub(crate) fn remove_old(path: &Path) -> Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("{}: cannot be replaced", path.display()))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// A path as the user would name it: from the workspace's root, if it is below it.
+pub(crate) fn shown(path: &Path) -> String {
+    path.strip_prefix(workspace()).unwrap_or(path).display().to_string()
+}
+
+/// Prints a line to standard output; a reader that has left is an error.
+pub(crate) fn print(text: &str) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "{text}")?;
+    Ok(out.flush()?)
+}

@@ -1,0 +1,118 @@
+//! How much is measured.
+
+use clap::ValueEnum;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Preset {
+    /// Under a minute: few frames, small pictures.
+    Quick,
+    /// Under ten minutes on two cores.
+    Standard,
+    /// The paper's protocol to the letter.
+    Full,
+}
+
+/// The settings that a preset stands for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Values {
+    /// Frames in a loop.
+    pub(crate) frames: usize,
+    pub(crate) loops: f64,
+    /// Pixels on each side.
+    pub(crate) size: u32,
+    /// Rebuilds on every frame of this number, and of that one in scenes of many triangles.
+    pub(crate) rebuild_every: [usize; 2],
+    /// Whether figure 5 is part of "everything".
+    pub(crate) speeds: bool,
+    /// Loops of figure 5.
+    pub(crate) speed_loops: f64,
+    /// Frames compared with brute force, and rays on each.
+    pub(crate) check_frames: usize,
+    pub(crate) check_rays: usize,
+    /// Pictures of each scene.
+    pub(crate) pictures: usize,
+}
+
+/// Scenes of more triangles count as having many.
+const MANY: usize = 500_000;
+
+impl Preset {
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Quick => "quick",
+            Self::Standard => "standard",
+            Self::Full => "full",
+        }
+    }
+
+    pub(crate) fn values(self) -> Values {
+        match self {
+            Self::Quick => Values {
+                frames: 12,
+                loops: 1.5,
+                size: 160,
+                rebuild_every: [3, 6],
+                speeds: false,
+                speed_loops: 2.0,
+                check_frames: 2,
+                check_rays: 100,
+                pictures: 3,
+            },
+            Self::Standard => Values {
+                frames: 50,
+                loops: 1.5,
+                size: 512,
+                rebuild_every: [3, 10],
+                speeds: true,
+                speed_loops: 3.0,
+                check_frames: 4,
+                check_rays: 200,
+                pictures: 5,
+            },
+            Self::Full => Values {
+                frames: 100,
+                loops: 2.3,
+                size: 1024,
+                rebuild_every: [1, 1],
+                speeds: true,
+                speed_loops: 5.0,
+                check_frames: 10,
+                check_rays: 500,
+                pictures: 5,
+            },
+        }
+    }
+}
+
+impl Values {
+    /// Of how many frames one is measured for rebuilds. Their trees depend on the frame alone, so that leaving frames
+    /// out changes nothing but the number of samples.
+    pub(crate) fn rebuild_interval(&self, triangles: usize) -> usize {
+        self.rebuild_every[usize::from(triangles > MANY)]
+    }
+
+    /// What is less than in the paper's protocol, one sentence each.
+    pub(crate) fn reductions(&self) -> Vec<String> {
+        let paper = Preset::Full.values();
+        let mut less = Vec::new();
+        if self.frames != paper.frames {
+            less.push(format!("{} frames a loop instead of {}", self.frames, paper.frames));
+        }
+        if self.loops != paper.loops {
+            less.push(format!("{} loops instead of {}", self.loops, paper.loops));
+        }
+        if self.size != paper.size {
+            less.push(format!("{0} x {0} pixels instead of {1} x {1}", self.size, paper.size));
+        }
+        if self.rebuild_every != paper.rebuild_every {
+            less.push(format!(
+                "rebuilds on every {}th frame only, on every {}th in scenes above {MANY} triangles",
+                self.rebuild_every[0], self.rebuild_every[1]
+            ));
+        }
+        if !self.speeds {
+            less.push("figure 5 only if named".to_owned());
+        }
+        less
+    }
+}

@@ -1,0 +1,103 @@
+//! Rows of measurements, written to CSV files as they are made.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use serde::{Serialize, Serializer};
+
+/// One strategy on one frame. The names and the order of the columns are relied on by scripts.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Row {
+    pub(crate) scene: String,
+    pub(crate) strategy: &'static str,
+    pub(crate) threads: usize,
+    /// Loop of the animation, from 0.
+    #[serde(rename = "loop")]
+    pub(crate) round: usize,
+    /// Frame in the loop, from 0.
+    pub(crate) frame: usize,
+    /// Posing the scene, once for all strategies; in no other column.
+    #[serde(serialize_with = "microseconds")]
+    pub(crate) animate_ms: f64,
+    #[serde(serialize_with = "microseconds")]
+    pub(crate) update_ms: f64,
+    #[serde(serialize_with = "microseconds")]
+    pub(crate) trace_ms: f64,
+    /// Update and trace.
+    #[serde(serialize_with = "microseconds")]
+    pub(crate) frame_ms: f64,
+    pub(crate) sah_cost: f64,
+    pub(crate) rotations: u64,
+    pub(crate) height: u32,
+    pub(crate) nodes_visited: u64,
+    pub(crate) rays_primary: u64,
+    pub(crate) rays_shadow: u64,
+    pub(crate) hits: u64,
+    /// Primitives without finite coordinates, as far as the update visited them.
+    pub(crate) dropped: u64,
+    /// Frames in a loop.
+    pub(crate) frames_per_loop: usize,
+    /// Time in the animation, in seconds.
+    pub(crate) time_s: f64,
+}
+
+/// Milliseconds, written to a tenth of a microsecond.
+fn microseconds<S: Serializer>(ms: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_f64((ms * 1e4).round() / 1e4)
+}
+
+/// A CSV file that holds every row it was given, whatever happens next.
+pub(crate) struct Records {
+    path: PathBuf,
+    writer: csv::Writer<File>,
+}
+
+impl Records {
+    /// An empty file with a header.
+    pub(crate) fn create(path: &Path) -> Result<Self> {
+        let file = File::create(path).with_context(|| format!("{}: cannot be written", path.display()))?;
+        let mut writer = csv::WriterBuilder::new().has_headers(false).from_writer(file);
+        writer.write_record(COLUMNS)?;
+        let mut records = Self { path: path.to_owned(), writer };
+        records.flush()?;
+        Ok(records)
+    }
+
+    /// Appends the rows of a frame.
+    pub(crate) fn append(&mut self, rows: &[Row]) -> Result<()> {
+        for row in rows {
+            self.writer
+                .serialize(row)
+                .with_context(|| format!("{}: cannot be written", self.path.display()))?;
+        }
+        self.flush()
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        self.writer.flush().with_context(|| format!("{}: cannot be written", self.path.display()))
+    }
+}
+
+/// The columns, in order.
+const COLUMNS: [&str; 19] = [
+    "scene",
+    "strategy",
+    "threads",
+    "loop",
+    "frame",
+    "animate_ms",
+    "update_ms",
+    "trace_ms",
+    "frame_ms",
+    "sah_cost",
+    "rotations",
+    "height",
+    "nodes_visited",
+    "rays_primary",
+    "rays_shadow",
+    "hits",
+    "dropped",
+    "frames_per_loop",
+    "time_s",
+];

@@ -1,0 +1,152 @@
+//! Everything a run leaves behind: what report, figures, claims and summary are made from.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::check::Checks;
+use super::record::Row;
+use crate::machine::{Machine, Revision};
+
+/// A whole run.
+pub(crate) struct Results {
+    pub(crate) machine: Machine,
+    pub(crate) revision: Revision,
+    pub(crate) settings: Settings,
+    pub(crate) scenes: Vec<SceneRun>,
+    /// Whether it was stopped before its end.
+    pub(crate) interrupted: bool,
+}
+
+/// What was asked for.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Settings {
+    pub(crate) preset: &'static str,
+    pub(crate) experiments: Vec<&'static str>,
+    pub(crate) strategies: Vec<&'static str>,
+    pub(crate) loops: f64,
+    /// Pixels on each side of the image.
+    pub(crate) size: u32,
+    pub(crate) threads: usize,
+    pub(crate) seed: u64,
+    /// What was made less than the paper's protocol asks for.
+    pub(crate) reductions: Vec<String>,
+    /// The command that does the same again.
+    pub(crate) command: String,
+}
+
+/// A scene and what was measured on it.
+pub(crate) struct SceneRun {
+    pub(crate) facts: SceneFacts,
+    pub(crate) pictures: Vec<Picture>,
+    /// Rows of figures 4 and 6.
+    pub(crate) rows: Vec<Row>,
+    /// Rows of figure 5, by frames in a loop.
+    pub(crate) speeds: Vec<(usize, Vec<Row>)>,
+    pub(crate) checks: Checks,
+}
+
+/// What is known of a scene apart from timings.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct SceneFacts {
+    pub(crate) label: String,
+    /// Part of file names.
+    #[serde(skip)]
+    pub(crate) slug: String,
+    pub(crate) about: String,
+    pub(crate) triangles: usize,
+    /// Triangles that can move.
+    pub(crate) moving: usize,
+    pub(crate) effects: Vec<&'static str>,
+    /// Frames in a loop.
+    pub(crate) frames: usize,
+    /// Rebuilds were measured on every frame of this number.
+    pub(crate) rebuild_every: usize,
+    /// Building the first tree.
+    pub(crate) build_ms: f64,
+    /// Part of all nodes of the first tree that have grandchildren.
+    pub(crate) candidates: f64,
+    pub(crate) notes: Vec<String>,
+}
+
+/// A rendered frame.
+pub(crate) struct Picture {
+    pub(crate) frame: usize,
+    pub(crate) file: String,
+    pub(crate) png: Vec<u8>,
+}
+
+/// Samples in brief.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct Spread {
+    pub(crate) median: f64,
+    /// A tenth of the samples are below.
+    pub(crate) p10: f64,
+    /// A tenth of the samples are above.
+    pub(crate) p90: f64,
+    pub(crate) min: f64,
+    pub(crate) max: f64,
+    pub(crate) mean: f64,
+}
+
+impl Spread {
+    /// Of at least one sample.
+    pub(crate) fn of(samples: impl IntoIterator<Item = f64>) -> Option<Self> {
+        let mut sorted: Vec<f64> = samples.into_iter().collect();
+        sorted.sort_by(f64::total_cmp);
+        let (&min, &max) = (sorted.first()?, sorted.last()?);
+        let quantile = |q: f64| {
+            let at = q * (sorted.len() - 1) as f64;
+            let (below, above) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);
+            below + (above - below) * at.fract()
+        };
+        let mean = sorted.iter().sum::<f64>() / sorted.len() as f64;
+        Some(Self { median: quantile(0.5), p10: quantile(0.1), p90: quantile(0.9), min, max, mean })
+    }
+}
+
+impl SceneRun {
+    /// Rows of one strategy, in order.
+    pub(crate) fn of(&self, strategy: &str) -> Vec<&Row> {
+        self.rows.iter().filter(|row| row.strategy == strategy).collect()
+    }
+
+    /// Whether anything moves.
+    pub(crate) fn moves(&self) -> bool {
+        self.facts.moving > 0
+    }
+
+    /// Rows of two strategies on the same frames, in order; none if either was not run.
+    pub(crate) fn pairs(&self, a: &str, b: &str) -> Vec<(&Row, &Row)> {
+        let of_b: BTreeMap<_, _> = self.of(b).into_iter().map(|row| ((row.round, row.frame), row)).collect();
+        self.of(a).into_iter().filter_map(|row| Some((row, *of_b.get(&(row.round, row.frame))?))).collect()
+    }
+}
+
+impl Results {
+    /// The scene of that name, if something was measured on it.
+    pub(crate) fn scene(&self, label: &str) -> Option<&SceneRun> {
+        self.scenes.iter().find(|s| s.facts.label == label && !s.rows.is_empty())
+    }
+
+    /// All checks together.
+    pub(crate) fn checks(&self) -> Checks {
+        let mut all = Checks::default();
+        self.scenes.iter().for_each(|scene| all.add(&scene.checks));
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_interpolated() {
+        let spread = Spread::of([4.0, 1.0, 3.0, 2.0]).unwrap();
+        assert_eq!((spread.min, spread.median, spread.max, spread.mean), (1.0, 2.5, 4.0, 2.5));
+        assert!((spread.p10 - 1.3).abs() < 1e-12 && (spread.p90 - 3.7).abs() < 1e-12);
+        assert_eq!(Spread::of([]), None);
+        assert_eq!(Spread::of([7.0]).unwrap().p90, 7.0);
+    }
+}

@@ -1,0 +1,145 @@
+//! A scene made ready for tracing: triangles in the order of the first tree's leaves, colours, camera, light.
+
+use std::time::Instant;
+
+use anim::View;
+use anyhow::{Context, Result};
+use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::{Bvh, Triangles, Vec3};
+use rt_cpu::{Camera, Mesh, PointLight, RenderOptions};
+use scenes::{Scene, SceneOptions};
+
+use crate::files;
+use crate::progress::Progress;
+
+/// Loads a scene by name or path; simulations are recorded under `target/scenes`.
+pub(crate) fn load(name_or_path: &str, clip: Option<&str>, seed: u64) -> Result<Scene> {
+    let progress = Progress::new(format!("preparing {name_or_path}"), 100);
+    let report = |done: f32| progress.at((100.0 * done) as u64);
+    let options = SceneOptions {
+        seed,
+        cache_dir: Some(files::scene_cache()),
+        progress: Some(&report),
+        ..SceneOptions::default()
+    };
+    Ok(scenes::load(name_or_path, clip, &options)?)
+}
+
+/// A scene at one moment.
+///
+/// Triangle `i` is the primitive in leaf slot `i` of the first tree, so that updates stream through memory.
+pub(crate) struct Stage {
+    pub(crate) scene: Scene,
+    /// The tree over the first frame, by the sweep builder, one primitive a leaf; still parts are marked as still.
+    pub(crate) first_tree: Bvh,
+    /// Time that building it took.
+    pub(crate) build_ms: f64,
+    triangles: Vec<[u32; 3]>,
+    palette: Vec<[f32; 3]>,
+    color_of: Vec<u32>,
+    positions: Vec<Vec3>,
+    normals: Vec<Vec3>,
+    time: f64,
+}
+
+impl Stage {
+    /// A scene at time 0.
+    pub(crate) fn new(scene: Scene) -> Result<Self> {
+        let topology = scene.animation.topology();
+        let positions = scene.animation.rest();
+        let start = Instant::now();
+        let primitives = Triangles { positions: &positions, indices: &topology.triangles };
+        let mut first_tree = build(&primitives, Builder::Sweep, &BuildOptions::default(), None)
+            .with_context(|| format!("{}: no tree", scene.name))?;
+        let build_ms = ms(start);
+        let order = first_tree.renumber();
+        first_tree.set_moving(|slot| topology.moves[order[slot] as usize]);
+
+        let mut material_of = vec![0; topology.triangles.len()];
+        for part in &topology.parts {
+            material_of[part.triangles.start as usize..part.triangles.end as usize].fill(part.material);
+        }
+        Ok(Self {
+            triangles: order.iter().map(|&p| topology.triangles[p as usize]).collect(),
+            palette: topology.materials.iter().map(|m| m.base_color).collect(),
+            color_of: order.iter().map(|&p| material_of[p as usize]).collect(),
+            normals: Vec::new(),
+            time: 0.0,
+            scene,
+            first_tree,
+            build_ms,
+            positions,
+        })
+    }
+
+    /// Time of frame `frame` of a loop of `frames`: the first and the last frame are the loop's ends.
+    pub(crate) fn time_of(&self, frame: usize, frames: usize) -> f64 {
+        let last = frames.saturating_sub(1).max(1);
+        self.scene.animation.duration() * frame as f64 / last as f64
+    }
+
+    /// Moves everything to `time`, in seconds.
+    pub(crate) fn pose(&mut self, time: f64) {
+        self.scene.animation.pose(time, &mut self.positions);
+        self.time = time;
+        self.normals.clear();
+    }
+
+    /// The triangles as they are now.
+    pub(crate) fn triangles(&self) -> Triangles<'_> {
+        Triangles { positions: &self.positions, indices: &self.triangles }
+    }
+
+    /// Makes normals for smooth shading, until the next pose.
+    pub(crate) fn smooth(&mut self) {
+        anim::vertex_normals(&self.triangles, &self.positions, &mut self.normals);
+    }
+
+    /// What is rendered now: smooth after [`smooth`](Self::smooth), flat otherwise.
+    pub(crate) fn mesh(&self) -> Mesh<'_> {
+        Mesh {
+            triangles: self.triangles(),
+            normals: (!self.normals.is_empty()).then_some(&self.normals),
+            palette: &self.palette,
+            color_of: &self.color_of,
+        }
+    }
+
+    /// The scene's view now.
+    pub(crate) fn camera(&self, width: u32, height: u32) -> Camera {
+        let View { eye, target, up, fov_y } = self.scene.animation.view(self.time).unwrap_or(self.scene.view);
+        Camera::look_at(eye, target, up, fov_y, width, height)
+    }
+
+    /// The scene's light now.
+    pub(crate) fn light(&self) -> PointLight {
+        let light = self.scene.animation.light(self.time).unwrap_or(self.scene.light);
+        PointLight { position: light.position, color: light.color }
+    }
+
+    /// Rendering with what the scene calls for: shadow rays only where it has shadows.
+    pub(crate) fn render_options(&self) -> RenderOptions {
+        RenderOptions { shadows: self.scene.effects.light.shadows, ..RenderOptions::default() }
+    }
+}
+
+/// Milliseconds since `start`.
+pub(crate) fn ms(start: Instant) -> f64 {
+    start.elapsed().as_secs_f64() * 1e3
+}
+
+/// A short name of a scene for tables: its own, or the file's; a folder's ends in a slash.
+pub(crate) fn label(name_or_path: &str) -> String {
+    if scenes::list().iter().any(|info| info.name == name_or_path) {
+        return name_or_path.to_owned();
+    }
+    let path = std::path::Path::new(name_or_path);
+    let name = path.file_name().map_or_else(|| name_or_path.into(), |name| name.to_string_lossy());
+    format!("{name}{}", if path.is_dir() { "/" } else { "" })
+}
+
+/// A label as part of a file's name.
+pub(crate) fn slug(label: &str) -> String {
+    let plain = |c: char| if c.is_ascii_alphanumeric() || "-_".contains(c) { c } else { '-' };
+    label.trim_end_matches('/').chars().map(plain).collect()
+}

@@ -1,0 +1,270 @@
+//! The program as users run it: exit codes, messages, and the files it leaves.
+
+use std::fmt::Write;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use tempfile::TempDir;
+
+/// The columns that scripts rely on, in order; more may follow.
+const COLUMNS: &str = "scene,strategy,threads,loop,frame,animate_ms,update_ms,trace_ms,frame_ms,sah_cost,rotations,\
+                       height,nodes_visited,rays_primary,rays_shadow,hits,";
+
+fn xtask(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_xtask")).args(arguments).output().expect("the program starts")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).expect("UTF-8")
+}
+
+/// Runs with bad input: exit code 2 and one line that has all of `words`.
+fn refused(arguments: &[&str], words: &[&str]) {
+    let output = xtask(arguments);
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
+    let errors: Vec<_> = message.lines().filter(|line| line.starts_with("error: ")).collect();
+    assert_eq!(errors.len(), 1, "{arguments:?}: {message}");
+    assert_eq!(message.lines().last(), errors.last().copied(), "{arguments:?}: {message}");
+    for word in words {
+        assert!(errors[0].contains(word), "{arguments:?}: no {word:?} in {message}");
+    }
+    assert!(!message.contains("panicked"), "{message}");
+}
+
+fn succeeds(arguments: &[&str]) -> String {
+    let output = xtask(arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
+    text(&output.stdout)
+}
+
+/// A folder of key frames: a sheet of 2 x 16 x 16 triangles that folds over and flutters.
+fn key_frames(folder: &Path) -> PathBuf {
+    const SIDE: u32 = 16;
+    let folder = folder.join("sheet");
+    fs::create_dir(&folder).expect("a folder");
+    for frame in 0..3 {
+        let mut ply = format!(
+            "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+             element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+            (SIDE + 1) * (SIDE + 1),
+            2 * SIDE * SIDE
+        );
+        for i in 0..(SIDE + 1) * (SIDE + 1) {
+            let (x, z) = ((i % (SIDE + 1)) as f32 - 8.0, (i / (SIDE + 1)) as f32 - 8.0);
+            let bend = frame as f32 * 0.9 * x / 8.0;
+            let wave = (x * 3.0 + z * 2.0 + frame as f32).sin();
+            writeln!(ply, "{} {} {z}", x * bend.cos(), x * bend.sin() + wave).expect("a string");
+        }
+        for i in 0..SIDE * SIDE {
+            let a = i / SIDE * (SIDE + 1) + i % SIDE;
+            let (b, c, d) = (a + 1, a + SIDE + 1, a + SIDE + 2);
+            writeln!(ply, "3 {a} {c} {b}\n3 {b} {c} {d}").expect("a string");
+        }
+        fs::write(folder.join(format!("sheet{frame}.ply")), ply).expect("a file");
+    }
+    folder
+}
+
+fn folder() -> (TempDir, PathBuf) {
+    let temporary = TempDir::new().expect("a temporary folder");
+    let frames = key_frames(temporary.path());
+    (temporary, frames)
+}
+
+fn str(path: &Path) -> &str {
+    path.to_str().expect("UTF-8")
+}
+
+#[test]
+fn bad_input_is_refused_in_one_line_that_helps() {
+    let (temporary, sheet) = folder();
+    let (sheet, base) = (str(&sheet), temporary.path());
+    let (out, broken, file) = (base.join("out"), base.join("broken.glb"), base.join("file"));
+    fs::write(&broken, b"glTF\x02\0\0\0 and then nothing of the kind").expect("a file");
+    fs::write(&file, "in the way").expect("a file");
+    let (out, broken, below_file) = (str(&out), str(&broken), file.join("below"));
+    let reproduce = |more: &[&str]| {
+        let mut all = vec!["reproduce", "--out", out];
+        all.extend(more);
+        all.iter().map(|s| (*s).to_owned()).collect::<Vec<_>>()
+    };
+    for (more, words) in [
+        (vec!["accuracy-of-nothing"], vec!["accuracy-of-nothing", "fig4", "fig6"]),
+        (vec!["--preset", "slow"], vec!["slow", "quick", "standard", "full"]),
+        (vec!["--scene", "no-such-scene"], vec!["no-such-scene", "n-body"]),
+        (vec!["--scene", "no/such/file.glb"], vec!["no/such/file.glb"]),
+        (vec!["--scene", broken], vec!["broken.glb"]),
+        (vec!["--strategy", "hope"], vec!["hope", "refit+rotate", "ideal"]),
+        (vec!["--scene", sheet, "--clip", "walk"], vec!["walk", "no clip"]),
+        (vec!["--clip", "walk"], vec!["--clip", "--scene"]),
+        (vec!["--frames", "0"], vec!["0", "--frames"]),
+        (vec!["--loops", "0"], vec!["--loops", "above 0"]),
+        (vec!["--loops", "nan"], vec!["--loops"]),
+        (vec!["--size", "0"], vec!["0", "--size"]),
+        (vec!["--threads", "0"], vec!["0", "--threads"]),
+        (vec!["--threads", "many"], vec!["many", "--threads"]),
+    ] {
+        let all = reproduce(&more);
+        refused(&all.iter().map(String::as_str).collect::<Vec<_>>(), &words);
+    }
+    assert!(!Path::new(out).exists(), "refused before anything is made");
+    refused(&["reproduce", "--scene", sheet, "--out", str(&below_file)], &["below"]);
+    refused(&["repeat"], &["repeat"]);
+
+    let frame = base.join("frame.png");
+    for (more, words) in [
+        (vec!["no-such-scene"], vec!["no-such-scene", "n-body"]),
+        (vec![sheet, "--frame", "1000"], vec!["1000", "0 to"]),
+        (vec![sheet, "--frames", "3..3"], vec!["empty"]),
+        (vec![sheet, "--frames", "a..b"], vec!["0..50"]),
+        (vec![sheet, "--frames", "0..2"], vec!["folder"]),
+        (vec![sheet, "--strategy", "hope"], vec!["hope", "refit+rotate"]),
+        (vec![sheet, "--size", "0x10"], vec!["0x10", "1024x1024"]),
+        (vec![sheet, "--threads", "0"], vec!["--threads"]),
+        (vec![broken], vec!["broken.glb"]),
+    ] {
+        let mut all = vec!["render"];
+        all.extend(more);
+        all.extend(["--out", str(&frame)]);
+        refused(&all, &words);
+    }
+    refused(&["render", sheet, "--out", str(&base.join("frame.bmp"))], &[".bmp", ".png"]);
+    refused(&["render", sheet, "--out", str(&base.join("nowhere/frame.png"))], &["nowhere"]);
+    refused(&["render", sheet, "--out", str(&below_file)], &["below"]);
+    let mut left: Vec<_> =
+        fs::read_dir(base).expect("readable").map(|e| e.expect("readable").file_name()).collect();
+    left.sort();
+    assert_eq!(left, ["broken.glb", "file", "sheet"], "nothing is left under any name");
+}
+
+#[test]
+fn help_and_version_are_no_errors() {
+    assert!(succeeds(&["--help"]).contains("reproduce"));
+    assert!(succeeds(&["reproduce", "--help"]).contains("--preset"));
+    succeeds(&["--version"]);
+    refused(&["list", "--nonsense"], &["--nonsense"]);
+}
+
+#[test]
+fn list_names_what_there_is() {
+    let table = succeeds(&["list"]);
+    let json: serde_json::Value = serde_json::from_str(&succeeds(&["list", "--json"])).expect("JSON");
+    let names = |key: &str| -> Vec<String> {
+        let list = json[key].as_array().expect("a list");
+        let name = |v: &serde_json::Value| v.as_str().or(v["name"].as_str()).expect("a name").to_owned();
+        list.iter().map(name).collect()
+    };
+    for (key, some) in [
+        ("scenes", &["n-body"][..]),
+        ("strategies", &["refit", "refit+rotate", "sweep", "ideal", "ideal-parallel-binned"]),
+        ("builders", &["sweep", "binned"]),
+        ("simd_levels", &["baseline"]),
+    ] {
+        let names = names(key);
+        assert!(some.iter().all(|s| names.iter().any(|n| n == s)), "{key}: {names:?}");
+        assert!(names.iter().all(|n| table.contains(n.as_str())), "{key}");
+    }
+    assert!(json["scenes"][0]["triangles"].as_u64().expect("a number") > 0);
+    assert!(json["scenes"][0]["effects"].is_array());
+}
+
+#[test]
+fn a_run_leaves_rows_figures_pictures_a_summary_and_a_report() {
+    let (temporary, sheet) = folder();
+    let out = temporary.path().join("results");
+    let printed = succeeds(&[
+        "reproduce", "--preset", "quick", "--scene", str(&sheet), "--frames", "5", "--loops", "1.4", "--size", "40",
+        "--threads", "2", "--out", str(&out),
+    ]);
+    assert!(printed.contains("0 differences"), "{printed}");
+
+    let rows = fs::read_to_string(out.join("frames.csv")).expect("rows");
+    let header = rows.lines().next().expect("a header");
+    assert!(header.starts_with(COLUMNS), "{header}");
+    let width = header.split(',').count();
+    assert!(rows.lines().all(|line| line.split(',').count() == width));
+    let of = |strategy: &str| rows.lines().filter(|l| l.split(',').nth(1) == Some(strategy)).count();
+    assert_eq!((of("refit"), of("refit+rotate")), (7, 7), "1.4 loops of 5 frames");
+    assert_eq!(of("ideal"), of("sweep"));
+    assert_eq!(of("ideal-parallel-binned"), of("binned"));
+    assert!(of("binned-parallel") > 1);
+
+    let summary = fs::read(out.join("summary.json")).expect("a summary");
+    let summary: serde_json::Value = serde_json::from_slice(&summary).expect("JSON");
+    assert_eq!(summary["schema"], 1);
+    assert_eq!(summary["interrupted"], false);
+    assert_eq!(summary["checks"]["differences"], 0);
+    for what in ["pictures", "pixels", "rays", "rays_hit", "trees"] {
+        assert!(summary["checks"][what].as_u64().expect("a number") > 0, "{what}");
+    }
+    let scene = &summary["scenes"][0];
+    assert_eq!(scene["triangles"], 512);
+    let strategies = scene["strategies"].as_array().expect("a list");
+    let cost = |name: &str| {
+        let s = strategies.iter().find(|s| s["strategy"] == name).expect("measured");
+        s["sah_cost"]["mean"].as_f64().expect("a number")
+    };
+    assert!(cost("refit+rotate") < cost("refit"), "rotations help on a sheet that folds");
+    let rotations = strategies.iter().find(|s| s["strategy"] == "refit+rotate").expect("measured");
+    assert!(rotations["rotations"].as_u64().expect("a number") > 0);
+
+    let report = fs::read_to_string(out.join("report.html")).expect("a report");
+    assert!(report.contains("<svg") && report.contains("data:image/png;base64,"));
+    for outside in ["src=\"http", "href=\"http", "url(", "@import"] {
+        assert!(!report.contains(outside), "the report needs nothing from elsewhere: {outside}");
+    }
+    for figure in ["fig4.svg", "fig6-sheet.svg"] {
+        let svg = fs::read_to_string(out.join("figures").join(figure)).expect(figure);
+        assert!(svg.starts_with("<svg") && svg.ends_with("</svg>") && !svg.contains("NaN"), "{figure}");
+    }
+    let images = scene["images"].as_array().expect("a list");
+    assert!(!images.is_empty());
+    for image in images {
+        let png = fs::read(out.join("images").join(image.as_str().expect("a name"))).expect("a picture");
+        assert!(png.starts_with(b"\x89PNG"));
+    }
+    let partial = |e: fs::DirEntry| e.file_name().to_string_lossy().ends_with(".partial");
+    assert!(!fs::read_dir(&out).expect("readable").any(|e| partial(e.expect("readable"))));
+}
+
+#[test]
+fn only_what_is_asked_for_is_run() {
+    let (temporary, sheet) = folder();
+    let out = temporary.path().join("results");
+    succeeds(&[
+        "reproduce", "fig5", "--scene", str(&sheet), "--strategy", "refit", "--loops", "2", "--size", "8", "--out",
+        str(&out),
+    ]);
+    let rows = |name: &str| fs::read_to_string(out.join(name)).expect("rows").lines().count() - 1;
+    assert_eq!(rows("frames.csv"), 0);
+    assert_eq!(rows("fig5.csv"), 2 * (20 + 100 + 500));
+    assert!(out.join("figures/fig5-sheet.svg").exists() && !out.join("figures/fig4.svg").exists());
+}
+
+#[test]
+fn frames_are_rendered_to_png_and_exr() {
+    let (temporary, sheet) = folder();
+    let (png, exr, flat) =
+        (temporary.path().join("a.png"), temporary.path().join("a.exr"), temporary.path().join("flat.png"));
+    let render = |out: &Path, more: &[&str]| {
+        let mut all = vec!["render", str(&sheet), "--frame", "2", "--size", "48x32", "--out", str(out)];
+        all.extend(more);
+        assert!(succeeds(&all).contains(out.file_name().and_then(|n| n.to_str()).expect("a name")));
+        fs::read(out).expect("an image")
+    };
+    let smooth = render(&png, &[]);
+    assert!(smooth.starts_with(b"\x89PNG"));
+    assert!(render(&exr, &[]).starts_with(&[0x76, 0x2f, 0x31, 0x01]));
+    assert_ne!(render(&flat, &["--flat"]), smooth);
+    for strategy in ["refit", "sweep", "binned"] {
+        assert_eq!(render(&png, &["--strategy", strategy, "--threads", "3"]), smooth, "{strategy}");
+    }
+    let range = temporary.path().join("range");
+    succeeds(&["render", str(&sheet), "--frames", "1..3", "--size", "8x8", "--out", str(&range)]);
+    let mut names: Vec<_> =
+        fs::read_dir(&range).expect("readable").map(|e| e.expect("readable").file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["sheet-0001.png", "sheet-0002.png"]);
+}
