@@ -1,0 +1,172 @@
+//! The crate bvh: SAH rebuilds, and removing and adding shapes that moved.
+
+use ::bvh::aabb::{Aabb, Bounded};
+use ::bvh::bounding_hierarchy::BHShape;
+use ::bvh::bvh::{Bvh, BvhNode, rayon_executor};
+use bvh_core::{Ray, Triangles, Vec3};
+use nalgebra::Point3;
+use rt_cpu::Hit;
+
+use crate::field::{Contest, Entry};
+use crate::mesh::{Mesh, intersect};
+use crate::sah::{Sah, half_area};
+use crate::{Contestant, Failure, Hits, RAYS, Rays};
+
+/// A triangle as the library knows it.
+#[derive(Clone, Copy)]
+struct Shape {
+    aabb: Aabb<f32, 3>,
+    node: usize,
+}
+
+impl Bounded<f32, 3> for Shape {
+    fn aabb(&self) -> Aabb<f32, 3> {
+        self.aabb
+    }
+}
+
+impl BHShape<f32, 3> for Shape {
+    fn set_bh_node_index(&mut self, node: usize) {
+        self.node = node;
+    }
+
+    fn bh_node_index(&self) -> usize {
+        self.node
+    }
+}
+
+struct Contender {
+    mesh: Mesh,
+    shapes: Vec<Shape>,
+    tree: Bvh<f32, 3>,
+}
+
+fn boxed(b: bvh_core::Aabb) -> Aabb<f32, 3> {
+    Aabb::with_bounds(Point3::from(b.min.to_array()), Point3::from(b.max.to_array()))
+}
+
+fn unboxed(b: &Aabb<f32, 3>) -> bvh_core::Aabb {
+    bvh_core::Aabb::new(Vec3::from_slice(b.min.coords.as_slice()), Vec3::from_slice(b.max.coords.as_slice()))
+}
+
+impl Contender {
+    /// Calls `test` with the number of every triangle whose leaf the ray enters before `t_max`, near children
+    /// first; `test` gives the new `t_max`, negative to stop. The library's own traversals list all boxes along a ray
+    /// and do not get shorter with a hit, so its tree is walked here.
+    fn walk(&self, ray: &Ray, mut t_max: f32, mut test: impl FnMut(u32, f32) -> f32) {
+        let mut stack = vec![(0.0, 0)];
+        while let Some((near, mut n)) = stack.pop() {
+            if near > t_max {
+                continue;
+            }
+            loop {
+                match self.tree.nodes.get(n) {
+                    None => return,
+                    Some(BvhNode::Leaf { shape_index, .. }) => {
+                        t_max = test(*shape_index as u32, t_max);
+                        if t_max < 0.0 {
+                            return;
+                        }
+                        break;
+                    }
+                    Some(BvhNode::Node {
+                        child_l_index, child_l_aabb, child_r_index, child_r_aabb, ..
+                    }) => {
+                        let l = ray.enters(&unboxed(child_l_aabb), t_max);
+                        let r = ray.enters(&unboxed(child_r_aabb), t_max);
+                        match (l, r) {
+                            (Some(l), Some(r)) if r < l => {
+                                stack.push((l, *child_l_index));
+                                n = *child_r_index;
+                            }
+                            (Some(_), Some(r)) => {
+                                stack.push((r, *child_r_index));
+                                n = *child_l_index;
+                            }
+                            (Some(_), None) => n = *child_l_index,
+                            (None, Some(_)) => n = *child_r_index,
+                            (None, None) => break,
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Contestant for Contender {
+    fn pose(&mut self, positions: &[Vec3]) {
+        self.mesh.pose(positions);
+    }
+
+    fn update(&mut self) -> Result<(), Failure> {
+        self.mesh.boxes_into(&mut self.shapes, |b, _| Shape { aabb: boxed(b), node: 0 });
+        self.tree = if rayon::current_num_threads() == 1 {
+            Bvh::build(&mut self.shapes)
+        } else {
+            Bvh::build_with_executor(&mut self.shapes, rayon_executor)
+        };
+        Ok(())
+    }
+
+    fn sah_cost(&self) -> Option<f64> {
+        let area = |b: &Aabb<f32, 3>| half_area((b.max - b.min).into());
+        let all = self.shapes.iter().map(|s| unboxed(&s.aabb));
+        let root = all.fold(bvh_core::Aabb::EMPTY, bvh_core::Aabb::union).half_area_f64();
+        let mut sah = Sah::default();
+        sah.add(root, usize::from(self.shapes.len() == 1));
+        for node in &self.tree.nodes {
+            if let BvhNode::Node { child_l_index, child_l_aabb, child_r_index, child_r_aabb, .. } = node {
+                for (child, aabb) in [(*child_l_index, child_l_aabb), (*child_r_index, child_r_aabb)] {
+                    sah.add(area(aabb), usize::from(self.tree.nodes[child].is_leaf()));
+                }
+            }
+        }
+        sah.cost(root)
+    }
+
+    fn closest(&self, rays: &Rays, hits: &mut Hits) {
+        let triangles = self.mesh.triangles();
+        for i in 0..rays.len() {
+            let ray = rays.ray(i);
+            let mut best: Option<Hit> = None;
+            self.walk(&ray, rays.t_max[i], |p, t_max| {
+                let hit = intersect(triangles.corners(p as usize), ray.origin(), ray.direction(), t_max, p);
+                best = hit.or(best);
+                hit.map_or(t_max, |h| h.t)
+            });
+            hits.set(i, best);
+        }
+    }
+
+    fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]) {
+        let triangles = self.mesh.triangles();
+        for (i, blocked) in blocked[..rays.len()].iter_mut().enumerate() {
+            let ray = rays.ray(i);
+            *blocked = false;
+            self.walk(&ray, rays.t_max[i], |p, t_max| {
+                let hit = intersect(triangles.corners(p as usize), ray.origin(), ray.direction(), t_max, p);
+                *blocked = hit.is_some();
+                hit.map_or(t_max, |_| -1.0)
+            });
+        }
+    }
+
+    fn triangles(&self) -> Triangles<'_> {
+        self.mesh.triangles()
+    }
+}
+
+/// Adds this library's contestant: there is one way to build, and updates of single shapes are no match for it
+/// when everything moves (removing and adding all of them takes ten times as long and degrades the tree).
+pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
+    let name = match contest {
+        Contest::Update => "bvh rebuild",
+        Contest::Build => "bvh",
+        Contest::Trace => "bvh",
+    };
+    entries.push(Entry::new(name, false, |triangles| {
+        let tree = Bvh { nodes: Vec::new() };
+        Ok(Box::new(Contender { mesh: Mesh::new(triangles), shapes: Vec::new(), tree }))
+    }));
+}

@@ -1,0 +1,97 @@
+//! Embree 3 and 4, loaded at run time.
+//!
+//! Only what is needed of its C interface is declared, by hand, as of versions 3.13 and 4.4. Where the two versions
+//! differ (what goes with a query) the one that is loaded decides.
+
+mod api;
+mod load;
+mod scene;
+
+use std::path::Path;
+use std::sync::Arc;
+
+pub use load::NotFound;
+
+use crate::field::{Contest, Entry};
+use api::{Api, DeviceHandle};
+use scene::{Config, Quality, Scene, Width};
+
+/// Name of the environment variable that says where Embree is.
+pub const VARIABLE: &str = "PIVOT_EMBREE";
+
+/// The loaded library.
+#[derive(Clone)]
+pub struct Embree {
+    api: Arc<Api>,
+}
+
+impl Embree {
+    /// Loads the library at a path, which may be the file or a folder that it lies in. Without a path, the one
+    /// that the environment variable `PIVOT_EMBREE` names, else the first of the usual names that the
+    /// system finds.
+    ///
+    /// A TBB that lies beside the library is loaded first, as wheels from PyPI need it.
+    ///
+    /// # Errors
+    /// If there is none, or it cannot be loaded.
+    pub fn load(path: Option<&Path>) -> Result<Self, NotFound> {
+        Ok(Self { api: Arc::new(load::load(path)?) })
+    }
+
+    /// A device that builds on so many threads.
+    ///
+    /// # Errors
+    /// If Embree gives none, as on processors that it does not support.
+    pub fn device(&self, threads: usize) -> Result<Device, NotFound> {
+        Ok(Device { handle: Arc::new(DeviceHandle::new(&self.api, threads)?) })
+    }
+}
+
+/// A device: everything that is made with it builds on the same threads.
+#[derive(Clone)]
+pub struct Device {
+    handle: Arc<DeviceHandle>,
+}
+
+impl Device {
+    /// Version of the library, such as 4.4.0.
+    #[must_use]
+    pub fn version(&self) -> String {
+        let v = self.handle.version;
+        format!("{}.{}.{}", v / 10_000, v / 100 % 100, v % 100)
+    }
+}
+
+/// Adds this library's contestants.
+pub(crate) fn enter(contest: Contest, device: &Device, entries: &mut Vec<Entry>) {
+    let mut add = |name: &str, config: Config| {
+        let handle = Arc::clone(&device.handle);
+        let keeps_tree = config.quality == Quality::Refit;
+        entries.push(Entry::new(format!("embree {name}"), keeps_tree, move |triangles| {
+            Ok(Box::new(Scene::new(&handle, config, triangles)?))
+        }));
+    };
+    let plain = Config { quality: Quality::Medium, width: Width::One, dynamic: false, robust: false };
+    match contest {
+        Contest::Update => {
+            for (name, quality) in
+                [("refit", Quality::Refit), ("low", Quality::Low), ("medium", Quality::Medium)]
+            {
+                add(name, Config { quality, dynamic: true, ..plain });
+            }
+        }
+        Contest::Build => {
+            for (name, quality) in
+                [("low", Quality::Low), ("medium", Quality::Medium), ("high", Quality::High)]
+            {
+                add(name, Config { quality, ..plain });
+            }
+        }
+        Contest::Trace => {
+            add("single", plain);
+            add("packets of 8", Config { width: Width::Eight, ..plain });
+            add("packets of 16", Config { width: Width::Sixteen, ..plain });
+            add("packets of 16, robust", Config { width: Width::Sixteen, robust: true, ..plain });
+        }
+    }
+}

@@ -1,0 +1,117 @@
+//! Finding the library.
+#![expect(unsafe_code, reason = "loading a library runs its initialisers")]
+
+use std::env;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use libloading::Library;
+
+use super::VARIABLE;
+use super::api::Api;
+
+/// Names that the system's loader may know, best first.
+const NAMES: [&str; 7] = [
+    "libembree4.so.4",
+    "libembree4.so",
+    "libembree3.so.3",
+    "libembree3.so",
+    "libembree4.dylib",
+    "libembree4.4.dylib",
+    "embree4.dll",
+];
+
+/// Why there is no Embree.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum NotFound {
+    /// Nothing of the usual names.
+    #[error(
+        "Embree is not installed, so it is left out; to have it, install it (Debian's libembree3-3 has version \
+         3) or unpack the wheel `pip download --no-deps embreex` gives (version 4), and name the library or its \
+         folder with --embree or in {VARIABLE}"
+    )]
+    Nowhere,
+    /// Nothing at the path that was given.
+    #[error("{0}: no Embree there; expected libembree4 or libembree3, or a folder with one of them")]
+    NotThere(PathBuf),
+    /// It is there, but does not load.
+    #[error("{path}: cannot be loaded as Embree: {reason}")]
+    Broken {
+        /// The library.
+        path: PathBuf,
+        /// What the system's loader said.
+        reason: String,
+    },
+    /// It gives no device.
+    #[error("Embree gives no device on this machine (error {0})")]
+    Device(i32),
+}
+
+pub(super) fn load(path: Option<&Path>) -> Result<Api, NotFound> {
+    let named = path.map(Path::to_owned).or_else(|| env::var_os(VARIABLE).map(PathBuf::from));
+    match named {
+        Some(path) => {
+            let file = find(&path, 2).ok_or(NotFound::NotThere(path))?;
+            let beside = file.parent().map(load_tbb).unwrap_or_default();
+            open(&file, beside)
+        }
+        None => {
+            let found = NAMES.iter().find_map(|name| open(Path::new(name), Vec::new()).ok());
+            found.ok_or(NotFound::Nowhere)
+        }
+    }
+}
+
+/// The library itself, or the best one in a folder or those in it.
+fn find(path: &Path, depth: u32) -> Option<PathBuf> {
+    if path.is_file() {
+        return Some(path.to_owned());
+    }
+    let mut all: Vec<PathBuf> = fs::read_dir(path).ok()?.filter_map(|e| Some(e.ok()?.path())).collect();
+    all.sort();
+    let is_version = |file: &PathBuf, version| {
+        let stem = file.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+        let stem = stem.strip_prefix("lib").unwrap_or(stem);
+        file.is_file() && stem.starts_with(version)
+    };
+    let here = ["embree4", "embree3"].iter().find_map(|v| all.iter().find(|f| is_version(f, v)).cloned());
+    let folders = all.iter().filter(|f| depth > 0 && f.is_dir());
+    here.or_else(|| folders.filter_map(|f| find(f, depth - 1)).next())
+}
+
+/// Loads a TBB that lies in a folder; that it fails shows when Embree is loaded.
+fn load_tbb(folder: &Path) -> Vec<Library> {
+    let files = fs::read_dir(folder).into_iter().flatten().filter_map(|e| Some(e.ok()?.path()));
+    let is_tbb = |file: &PathBuf| {
+        let name = file.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+        name.starts_with("libtbb.") || name.starts_with("libtbb-") || name.starts_with("tbb12.")
+    };
+    // SAFETY: its initialisers are those that loading Embree would run.
+    files.filter(is_tbb).filter_map(|file| unsafe { Library::new(file) }.ok()).collect()
+}
+
+fn open(path: &Path, beside: Vec<Library>) -> Result<Api, NotFound> {
+    let broken = |error: libloading::Error| NotFound::Broken {
+        path: path.to_owned(),
+        reason: error.to_string().split_whitespace().collect::<Vec<_>>().join(" "),
+    };
+    // SAFETY: the caller asked for this library; Embree's initialisers have no preconditions.
+    let library = unsafe { Library::new(path) }.map_err(broken)?;
+    Api::new(library, beside).map_err(broken)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_library_is_told_in_one_line() {
+        let missing = load(Some(Path::new("no/such/place"))).err().expect("not there").to_string();
+        assert!(missing.contains("no/such/place") && missing.contains("libembree4"), "{missing}");
+        let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.toml");
+        let broken = load(Some(&here)).err().expect("no library").to_string();
+        assert!(broken.contains("Cargo.toml") && !broken.contains('\n'), "{broken}");
+        assert!(!NotFound::Nowhere.to_string().contains("  "));
+    }
+}

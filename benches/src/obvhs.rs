@@ -1,0 +1,266 @@
+//! The crate obvhs: PLOC builds with reinsertion, refitting, binary and eight-wide compressed traversal.
+
+use ::obvhs::BvhBuildParams;
+use ::obvhs::aabb::Aabb;
+use ::obvhs::bvh2::Bvh2;
+use ::obvhs::bvh2::builder::build_bvh2_from_tris;
+use ::obvhs::bvh2::leaf_collapser::collapse;
+use ::obvhs::bvh2::reinsertion::ReinsertionOptimizer;
+use ::obvhs::cwbvh::CwBvh;
+use ::obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
+use ::obvhs::ploc::PlocBuilder;
+use ::obvhs::ray::{Ray, RayHit};
+use ::obvhs::triangle::Triangle;
+use bvh_core::glam::Vec3A;
+use bvh_core::{Primitives, Triangles, Vec3};
+use rayon::prelude::*;
+use rt_cpu::Hit;
+
+use crate::field::{Contest, Entry};
+use crate::mesh::{Mesh, intersect};
+use crate::sah::{Sah, half_area};
+use crate::{Contestant, Failure, Hits, RAYS, Rays};
+
+/// What happens to the tree.
+#[derive(Clone, Copy)]
+enum Mode {
+    /// Built once, then refitted.
+    Refit,
+    /// Built each time.
+    Rebuild,
+    /// Built each time, and converted to eight children a node.
+    Wide,
+}
+
+struct Obvhs {
+    mesh: Mesh,
+    mode: Mode,
+    params: BvhBuildParams,
+    boxes: Vec<Aabb>,
+    builder: PlocBuilder,
+    reinsertion: ReinsertionOptimizer,
+    tree: Bvh2,
+    wide: CwBvh,
+    is_built: bool,
+    /// Corners in the order of the leaves, where tracing is what counts.
+    corners: Option<Vec<[Vec3; 3]>>,
+}
+
+impl Obvhs {
+    fn new(triangles: &Triangles<'_>, mode: Mode, params: BvhBuildParams, gathers: bool) -> Self {
+        Self {
+            mesh: Mesh::new(triangles),
+            mode,
+            params,
+            boxes: Vec::new(),
+            builder: PlocBuilder::new(),
+            reinsertion: ReinsertionOptimizer::default(),
+            tree: Bvh2::default(),
+            wide: CwBvh::default(),
+            is_built: false,
+            corners: gathers.then(Vec::new),
+        }
+    }
+
+    /// What the library's own `build_bvh2` does, with memory kept from build to build.
+    fn build(&mut self) {
+        let params = &self.params;
+        if params.pre_split {
+            let triangles = self.mesh.triangles();
+            let all: Vec<Triangle> = (0..self.mesh.indices.len())
+                .map(|i| triangles.corners(i).map(Vec3A::from))
+                .map(|[v0, v1, v2]| Triangle { v0, v1, v2 })
+                .collect();
+            self.tree = build_bvh2_from_tris(&all, *params, &mut std::time::Duration::default());
+            return;
+        }
+        self.mesh.boxes_into(&mut self.boxes, |b, _| Aabb::new(b.min.into(), b.max.into()));
+        let mut numbers = std::mem::take(&mut self.tree.primitive_indices);
+        numbers.clear();
+        numbers.extend(0..self.boxes.len() as u32);
+        self.builder.build_with_bvh(
+            &mut self.tree,
+            params.ploc_search_distance,
+            &self.boxes,
+            numbers,
+            params.sort_precision,
+            params.search_depth_threshold,
+        );
+        self.reinsertion.run(&mut self.tree, params.reinsertion_batch_ratio, None);
+        match self.mode {
+            Mode::Wide => {
+                self.wide = bvh2_to_cwbvh(&self.tree, params.max_prims_per_leaf.clamp(1, 3), true, false);
+            }
+            Mode::Refit | Mode::Rebuild => {
+                collapse(
+                    &mut self.tree,
+                    params.max_prims_per_leaf.clamp(1, 255),
+                    params.collapse_traversal_cost,
+                );
+                let again =
+                    params.reinsertion_batch_ratio * params.post_collapse_reinsertion_batch_ratio_multiplier;
+                self.reinsertion.run(&mut self.tree, again, None);
+            }
+        }
+    }
+
+    /// Boxes of the leaves are the user's to write; the rest is the library's.
+    fn refit(&mut self) {
+        let triangles = self.mesh.triangles();
+        let numbers = &self.tree.primitive_indices;
+        let fit = |node: &mut ::obvhs::bvh2::node::Bvh2Node| {
+            if node.is_leaf() {
+                let first = node.first_index as usize;
+                let leaf = &numbers[first..first + node.prim_count as usize];
+                let all = leaf.iter().map(|&p| triangles.aabb(p as usize));
+                let aabb = all.fold(bvh_core::Aabb::EMPTY, bvh_core::Aabb::union);
+                node.set_aabb(Aabb::new(aabb.min.into(), aabb.max.into()));
+            }
+        };
+        if rayon::current_num_threads() == 1 {
+            self.tree.nodes.iter_mut().for_each(fit);
+        } else {
+            self.tree.nodes.par_iter_mut().with_min_len(4096).for_each(fit);
+        }
+        self.tree.refit_all();
+    }
+
+    fn numbers(&self) -> &[u32] {
+        match self.mode {
+            Mode::Wide => &self.wide.primitive_indices,
+            Mode::Refit | Mode::Rebuild => &self.tree.primitive_indices,
+        }
+    }
+
+    /// Number and corners of what is in a leaf's slot.
+    #[inline]
+    fn slot(&self, slot: usize) -> (u32, [Vec3; 3]) {
+        let primitive = self.numbers()[slot];
+        match &self.corners {
+            Some(corners) => (primitive, corners[slot]),
+            None => (primitive, self.mesh.triangles().corners(primitive as usize)),
+        }
+    }
+
+    fn ray(rays: &Rays, i: usize) -> Ray {
+        Ray::new(rays.origin(i).into(), rays.direction(i).into(), 0.0, rays.t_max[i])
+    }
+}
+
+impl Contestant for Obvhs {
+    fn pose(&mut self, positions: &[Vec3]) {
+        self.mesh.pose(positions);
+    }
+
+    fn update(&mut self) -> Result<(), Failure> {
+        if matches!(self.mode, Mode::Refit) && self.is_built {
+            self.refit();
+        } else {
+            self.build();
+        }
+        if matches!(self.mode, Mode::Refit) && !self.is_built {
+            // Refitting is then one sweep, about three times as fast.
+            self.tree.reorder_in_stack_traversal_order();
+        }
+        self.is_built = true;
+        if self.corners.is_some() {
+            let triangles = self.mesh.triangles();
+            let gathered = self.numbers().iter().map(|&p| triangles.corners(p as usize)).collect();
+            self.corners = Some(gathered);
+        }
+        Ok(())
+    }
+
+    fn sah_cost(&self) -> Option<f64> {
+        let nodes = match self.mode {
+            Mode::Wide => return None,
+            Mode::Refit | Mode::Rebuild => &self.tree.nodes,
+        };
+        let area = |n: usize| half_area(nodes[n].aabb().diagonal().to_array());
+        let (mut sah, mut todo) = (Sah::default(), vec![0]);
+        while let Some(n) = todo.pop() {
+            let node = nodes.get(n)?;
+            sah.add(area(n), node.prim_count as usize);
+            if !node.is_leaf() {
+                todo.extend([node.first_index as usize, node.first_index as usize + 1]);
+            }
+        }
+        sah.cost(area(0))
+    }
+
+    fn closest(&self, rays: &Rays, hits: &mut Hits) {
+        for i in 0..rays.len() {
+            let (origin, direction) = (rays.origin(i), rays.direction(i));
+            let mut best: Option<Hit> = None;
+            let test = |ray: &Ray, slot: usize| {
+                let (primitive, corners) = self.slot(slot);
+                match intersect(corners, origin, direction, ray.tmax, primitive) {
+                    Some(hit) => {
+                        if best.is_none_or(|b| hit.t < b.t) {
+                            best = Some(hit);
+                        }
+                        hit.t
+                    }
+                    None => f32::INFINITY,
+                }
+            };
+            let mut found = RayHit::none();
+            match self.mode {
+                Mode::Wide => self.wide.ray_traverse(Self::ray(rays, i), &mut found, test),
+                Mode::Refit | Mode::Rebuild => self.tree.ray_traverse(Self::ray(rays, i), &mut found, test),
+            };
+            hits.set(i, best);
+        }
+    }
+
+    fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]) {
+        for (i, blocked) in blocked[..rays.len()].iter_mut().enumerate() {
+            let (origin, direction) = (rays.origin(i), rays.direction(i));
+            let test = |ray: &Ray, slot: usize| {
+                let (primitive, corners) = self.slot(slot);
+                // The library takes hits strictly before the ray's end.
+                let hit = intersect(corners, origin, direction, ray.tmax, primitive);
+                hit.map_or(f32::INFINITY, |_| 0.0)
+            };
+            *blocked = !match self.mode {
+                Mode::Wide => self.wide.ray_traverse_miss(Self::ray(rays, i), test),
+                Mode::Refit | Mode::Rebuild => self.tree.ray_traverse_miss(Self::ray(rays, i), test),
+            };
+        }
+    }
+
+    fn triangles(&self) -> Triangles<'_> {
+        self.mesh.triangles()
+    }
+}
+
+/// Adds this library's contestants.
+pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
+    let (fastest, fast) = (BvhBuildParams::fastest_build(), BvhBuildParams::fast_build());
+    let medium = BvhBuildParams::medium_build();
+    let mut add = |name: &str, mode, params, gathers| {
+        let keeps_tree = matches!(mode, Mode::Refit);
+        entries.push(Entry::new(format!("obvhs {name}"), keeps_tree, move |triangles| {
+            Ok(Box::new(Obvhs::new(triangles, mode, params, gathers)))
+        }));
+    };
+    match contest {
+        Contest::Update => {
+            add("refit", Mode::Refit, medium, false);
+            add("ploc", Mode::Rebuild, fastest, false);
+            add("fast", Mode::Rebuild, fast, false);
+            add("medium", Mode::Rebuild, medium, false);
+        }
+        Contest::Build => {
+            add("fastest", Mode::Rebuild, fastest, false);
+            add("very fast", Mode::Rebuild, BvhBuildParams::very_fast_build(), false);
+            add("fast", Mode::Rebuild, fast, false);
+            add("medium", Mode::Rebuild, medium, false);
+            add("slow", Mode::Rebuild, BvhBuildParams::slow_build(), false);
+        }
+        Contest::Trace => {
+            add("binary", Mode::Rebuild, medium, true);
+            add("cwbvh", Mode::Wide, medium, true);
+        }
+    }
+}

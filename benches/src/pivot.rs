@@ -1,0 +1,134 @@
+//! This project.
+
+use bvh_build::{BuildOptions, Builder};
+use bvh_core::{Bvh, SimdLevel, Triangles, Vec3, sah_cost};
+use bvh_update::{Scratch, Strategy, update};
+use rt_cpu::{Pixel, PointLight, RenderOptions, Traversal, TriangleTest, any_hit, cast, closest_hit};
+
+use crate::field::{Contest, Entry};
+use crate::mesh::Mesh;
+use crate::{Contestant, Failure, Hits, RAYS, Rays, View};
+
+const WHO: &str = "pivot";
+
+/// A tree kept by one strategy.
+struct Pivot {
+    mesh: Mesh,
+    tree: Bvh,
+    is_built: bool,
+    strategy: Strategy,
+    scratch: Scratch,
+    options: RenderOptions,
+}
+
+impl Pivot {
+    fn new(triangles: &Triangles<'_>, strategy: Strategy, traversal: Traversal, simd: SimdLevel) -> Self {
+        Self {
+            mesh: Mesh::new(triangles),
+            tree: Bvh::default(),
+            is_built: false,
+            strategy,
+            scratch: Scratch::new(),
+            options: RenderOptions { traversal, simd, ..RenderOptions::default() },
+        }
+    }
+
+    /// The first tree: the strategy's own where it builds one. Refitting starts from a full sweep, with the
+    /// triangles in the order of its leaves, and keeps them so.
+    fn build(&mut self) -> Result<(), Failure> {
+        let (builder, options) = match &self.strategy {
+            Strategy::Rebuild(builder, options) => (*builder, *options),
+            _ => (Builder::Sweep, BuildOptions::default()),
+        };
+        self.tree = bvh_build::build(&self.mesh.triangles(), builder, &options, None).map_err(failure)?;
+        if !matches!(self.strategy, Strategy::Rebuild(..)) {
+            let order = self.tree.renumber();
+            self.mesh.indices = order.iter().map(|&p| self.mesh.indices[p as usize]).collect();
+        }
+        self.is_built = true;
+        Ok(())
+    }
+}
+
+fn failure(error: impl std::fmt::Display) -> Failure {
+    Failure { who: WHO, what: error.to_string() }
+}
+
+impl Contestant for Pivot {
+    fn pose(&mut self, positions: &[Vec3]) {
+        self.mesh.pose(positions);
+    }
+
+    fn update(&mut self) -> Result<(), Failure> {
+        if !self.is_built {
+            return self.build();
+        }
+        let triangles = self.mesh.triangles();
+        update(&mut self.tree, &triangles, &self.strategy, &mut self.scratch).map_err(failure)?;
+        Ok(())
+    }
+
+    fn sah_cost(&self) -> Option<f64> {
+        Some(sah_cost(&self.tree))
+    }
+
+    fn closest(&self, rays: &Rays, hits: &mut Hits) {
+        let triangles = self.mesh.triangles();
+        for i in 0..rays.len() {
+            let hit =
+                closest_hit(&self.tree, &triangles, &rays.ray(i), rays.t_max[i], TriangleTest::default());
+            hits.set(i, hit);
+        }
+    }
+
+    fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]) {
+        let triangles = self.mesh.triangles();
+        for (i, blocked) in blocked[..rays.len()].iter_mut().enumerate() {
+            *blocked = any_hit(&self.tree, &triangles, &rays.ray(i), rays.t_max[i], TriangleTest::default());
+        }
+    }
+
+    fn triangles(&self) -> Triangles<'_> {
+        self.mesh.triangles()
+    }
+
+    fn cast(&self, view: &View, pixels: &mut [Pixel]) {
+        let light = view.light.map(|position| PointLight { position, color: [1.0; 3] });
+        cast(&self.tree, &self.mesh.triangles(), &view.camera, light.as_ref(), &self.options, pixels);
+    }
+}
+
+/// Adds this project's contestants.
+pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
+    let rebuild = |builder| Strategy::Rebuild(builder, BuildOptions::default());
+    let mut add = |name: &str, strategy: Strategy, traversal, simd| {
+        let keeps_tree = !matches!(strategy, Strategy::Rebuild(..));
+        entries.push(Entry::new(format!("{WHO} {name}"), keeps_tree, move |triangles| {
+            Ok(Box::new(Pivot::new(triangles, strategy, traversal, simd)))
+        }));
+    };
+    let best = SimdLevel::best();
+    match contest {
+        Contest::Update => {
+            let rebuilds = [Builder::Binned, Builder::BinnedParallel].map(rebuild);
+            for strategy in [Strategy::Refit, Strategy::RefitRotate].into_iter().chain(rebuilds) {
+                add(strategy.name(), strategy, Traversal::default(), best);
+            }
+        }
+        Contest::Build => {
+            for builder in Builder::ALL {
+                add(builder.name(), rebuild(builder), Traversal::default(), best);
+            }
+        }
+        Contest::Trace => {
+            let leaves = |max_leaf_size| BuildOptions { max_leaf_size, ..BuildOptions::default() };
+            let tree = |options| Strategy::Rebuild(Builder::Sweep, options);
+            for simd in SimdLevel::available() {
+                add(simd.name(), tree(leaves(1)), Traversal::Tile, simd);
+            }
+            add("leaves of 4", tree(leaves(4)), Traversal::Tile, best);
+            add("published packets", tree(leaves(1)), Traversal::Packet, best);
+            add("single", tree(leaves(1)), Traversal::Single, best);
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! Rays and hits of one tile, coordinate by coordinate, as packets want them.
+
+use bvh_core::{Ray, Vec3};
+use rt_cpu::Hit;
+
+/// Most rays at a time: a tile of 16 x 16 pixels. Rays and hits fit into the first level of cache.
+pub const RAYS: usize = 256;
+
+/// Up to [`RAYS`] rays. `t` counts in multiples of the direction's length and starts at 0.
+#[repr(C, align(64))]
+pub struct Rays {
+    /// Where each starts: all x, all y, all z.
+    pub origin: [[f32; RAYS]; 3],
+    /// Where each goes, of any length.
+    pub direction: [[f32; RAYS]; 3],
+    /// Where each ends.
+    pub t_max: [f32; RAYS],
+    count: usize,
+}
+
+impl Rays {
+    /// No rays.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { origin: [[0.0; RAYS]; 3], direction: [[0.0; RAYS]; 3], t_max: [0.0; RAYS], count: 0 }
+    }
+
+    /// Removes all rays.
+    pub fn clear(&mut self) {
+        self.count = 0;
+    }
+
+    /// Adds a ray.
+    ///
+    /// # Panics
+    /// If there are [`RAYS`] already.
+    pub fn push(&mut self, origin: Vec3, direction: Vec3, t_max: f32) {
+        for axis in 0..3 {
+            self.origin[axis][self.count] = origin[axis];
+            self.direction[axis][self.count] = direction[axis];
+        }
+        self.t_max[self.count] = t_max;
+        self.count += 1;
+    }
+
+    /// Keeps the first `count` of as many rays as there are or more.
+    pub fn truncate(&mut self, count: usize) {
+        self.count = count.min(self.count);
+    }
+
+    /// Number of rays.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.count
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// Where ray `i` starts.
+    #[must_use]
+    #[inline]
+    pub fn origin(&self, i: usize) -> Vec3 {
+        Vec3::from(self.origin.each_ref().map(|o| o[i]))
+    }
+
+    /// Where ray `i` goes.
+    #[must_use]
+    #[inline]
+    pub fn direction(&self, i: usize) -> Vec3 {
+        Vec3::from(self.direction.each_ref().map(|d| d[i]))
+    }
+
+    /// Ray `i` with what box tests need.
+    #[must_use]
+    #[inline]
+    pub fn ray(&self, i: usize) -> Ray {
+        Ray::new(self.origin(i), self.direction(i))
+    }
+}
+
+impl Default for Rays {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// What rays hit, ray by ray.
+#[repr(C, align(64))]
+pub struct Hits {
+    /// Where along the ray.
+    pub t: [f32; RAYS],
+    /// Weight of the triangle's second corner.
+    pub u: [f32; RAYS],
+    /// Weight of its third.
+    pub v: [f32; RAYS],
+    /// The triangle, or [`Hits::NONE`]; `t`, `u` and `v` have no meaning then.
+    pub primitive: [u32; RAYS],
+}
+
+impl Hits {
+    /// In place of a triangle's number: nothing is hit.
+    pub const NONE: u32 = u32::MAX;
+
+    /// No hits.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { t: [0.0; RAYS], u: [0.0; RAYS], v: [0.0; RAYS], primitive: [Self::NONE; RAYS] }
+    }
+
+    /// What ray `i` hits.
+    #[must_use]
+    #[inline]
+    pub fn get(&self, i: usize) -> Option<Hit> {
+        let (t, u, v, primitive) = (self.t[i], self.u[i], self.v[i], self.primitive[i]);
+        (primitive != Self::NONE).then_some(Hit { t, u, v, primitive })
+    }
+
+    /// Sets what ray `i` hits.
+    #[inline]
+    pub fn set(&mut self, i: usize, hit: Option<Hit>) {
+        let none = Hit { t: f32::INFINITY, u: 0.0, v: 0.0, primitive: Self::NONE };
+        let hit = hit.unwrap_or(none);
+        (self.t[i], self.u[i], self.v[i], self.primitive[i]) = (hit.t, hit.u, hit.v, hit.primitive);
+    }
+}
+
+impl Default for Hits {
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,70 @@
+//! A small test scene: triangles that drift apart, each its own way.
+
+use bvh_core::{Triangles, Vec3};
+use rt_cpu::Camera;
+
+use crate::View;
+
+/// Unconnected triangles in a cube of side 10.
+#[derive(Clone, Debug)]
+pub struct Soup {
+    centers: Vec<Vec3>,
+    drifts: Vec<Vec3>,
+    corners: Vec<[Vec3; 3]>,
+    indices: Vec<[u32; 3]>,
+}
+
+impl Soup {
+    /// `n` triangles, of a size that covers most of the view.
+    #[must_use]
+    pub fn new(n: usize) -> Self {
+        let size = 10.0 / (n.max(1) as f32).sqrt();
+        let noise = |seed: u64| move |i: usize| noise(seed, i);
+        let (place, drift) = (noise(1), noise(2));
+        let corner = |k: u64| move |i: usize| (self::noise(3 + k, i) - 0.5) * 4.0 * size;
+        Self {
+            centers: (0..n).map(|i| place(i) * 10.0).collect(),
+            drifts: (0..n).map(|i| drift(i) - 0.5).collect(),
+            corners: (0..n).map(|i| [corner(0)(i), corner(1)(i), corner(2)(i)]).collect(),
+            indices: (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+        }
+    }
+
+    /// Positions of the vertices at a time; at 10, triangles are half a cube from where they were.
+    #[must_use]
+    pub fn positions(&self, time: f32) -> Vec<Vec3> {
+        let parts = self.centers.iter().zip(&self.drifts).zip(&self.corners);
+        parts.flat_map(|((&c, &d), corners)| corners.map(|p| c + d * time + p)).collect()
+    }
+
+    /// Vertex numbers of each triangle.
+    #[must_use]
+    pub fn indices(&self) -> &[[u32; 3]] {
+        &self.indices
+    }
+
+    /// A view of all of it in `size` x `size` pixels, with a light beside the camera.
+    #[must_use]
+    pub fn view(size: u32) -> View {
+        let (eye, center) = (Vec3::new(14.0, 12.0, 22.0), Vec3::splat(5.0));
+        let camera = Camera::look_at(eye, center, Vec3::Y, 0.8, size, size);
+        View { camera, light: Some(Vec3::new(-8.0, 25.0, 16.0)) }
+    }
+
+    /// The triangles with positions from [`positions`](Self::positions).
+    #[must_use]
+    pub fn triangles<'a>(&'a self, positions: &'a [Vec3]) -> Triangles<'a> {
+        Triangles { positions, indices: &self.indices }
+    }
+}
+
+/// A point in the unit cube (splitmix64).
+fn noise(seed: u64, i: usize) -> Vec3 {
+    let coordinate = |axis: u64| {
+        let mut x = (seed << 40).wrapping_add((i as u64 * 3 + axis + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((x ^ (x >> 31)) >> 40) as f32 / (1 << 24) as f32
+    };
+    Vec3::new(coordinate(0), coordinate(1), coordinate(2))
+}

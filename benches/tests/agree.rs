@@ -1,0 +1,114 @@
+//! Every contestant finds what brute force finds, before and after motion, on one thread and on two.
+
+use bvh_core::sah_cost;
+use pivot_benches::embree::{Embree, NotFound};
+use pivot_benches::{Answers, Brute, Contest, Contestant, LIMIT, Soup, View, field};
+use rt_cpu::{Pixel, TriangleTest, closest_hit_brute};
+
+const SIZE: u32 = 64;
+
+fn pool(threads: usize) -> rayon::ThreadPool {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads")
+}
+
+fn pixels(contestant: &dyn Contestant, view: &View) -> Vec<Pixel> {
+    let mut pixels = vec![Pixel::default(); (SIZE * SIZE) as usize];
+    contestant.cast(view, &mut pixels);
+    pixels
+}
+
+/// The library if it is here; that it is not is told, so that nobody believes it was tested.
+fn embree() -> Option<Embree> {
+    match Embree::load(None) {
+        Ok(embree) => Some(embree),
+        Err(reason @ NotFound::Nowhere) => {
+            println!("skipped for Embree: {reason}");
+            None
+        }
+        Err(reason) => panic!("{reason}"),
+    }
+}
+
+#[test]
+fn all_contestants_agree_with_brute_force_before_and_after_motion() {
+    let embree = embree();
+    let soup = Soup::new(1500);
+    let view = Soup::view(SIZE);
+    let poses = [0.0, 1.0, 4.0].map(|time| soup.positions(time));
+    let expected = poses.each_ref().map(|p| pixels(&Brute::new(&soup.triangles(p)), &view));
+    assert!(
+        expected.iter().flatten().filter(|p| p.hit.is_some()).count() > 3000,
+        "an empty view shows nothing"
+    );
+    assert!(expected.iter().flatten().filter(|p| p.lit).count() > 500);
+    assert!(expected.iter().flatten().filter(|p| p.hit.is_some() && !p.lit).count() > 500);
+
+    for threads in [1, 2] {
+        let device = embree.as_ref().map(|e| e.device(threads).expect("a device"));
+        for contest in [Contest::Update, Contest::Build, Contest::Trace] {
+            for entry in field(contest, device.as_ref()).iter().filter(|e| e.name != LIMIT) {
+                let who = format!("{} in {contest:?}, {threads} threads", entry.name);
+                let mut contestant = entry.make(&soup.triangles(&poses[0])).expect("made");
+                for (positions, expected) in poses.iter().zip(&expected) {
+                    contestant.pose(positions);
+                    let found = pool(threads).install(|| {
+                        contestant.update().expect("updated");
+                        pixels(&*contestant, &view)
+                    });
+                    let (mut answers, mut reference) = (Answers::default(), Answers::default());
+                    answers.add(&found, expected);
+                    reference.add(expected, expected);
+                    assert!(answers.agrees_with(&reference), "{who}: {answers:?}, expected {reference:?}");
+                    assert!(answers.different <= 2, "{who}: {answers:?}");
+                    // A shadow depends on the last bit of where the hit is.
+                    assert!(answers.shadows_different <= 8, "{who}: {answers:?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn hits_name_the_right_triangle_and_place() {
+    let embree = embree();
+    let soup = Soup::new(400);
+    let positions = soup.positions(0.0);
+    let view = Soup::view(SIZE);
+    let device = embree.as_ref().map(|e| e.device(1).expect("a device"));
+    for entry in field(Contest::Trace, device.as_ref()) {
+        let mut contestant = entry.make(&soup.triangles(&positions)).expect("made");
+        contestant.update().expect("updated");
+        let triangles = contestant.triangles();
+        for (i, pixel) in pixels(&*contestant, &view).iter().enumerate() {
+            let ray = view.camera.ray(i as u32 % SIZE, i as u32 / SIZE);
+            let Some(hit) = pixel.hit else { continue };
+            let [a, b, c] = triangles.corners(hit.primitive as usize);
+            let (on_triangle, along_ray) =
+                (a + (b - a) * hit.u + (c - a) * hit.v, ray.origin() + ray.direction() * hit.t);
+            assert!((on_triangle - along_ray).length() < 1e-2, "{}: {hit:?}", entry.name);
+            assert!(
+                closest_hit_brute(&triangles, &ray, hit.t * 1.001, TriangleTest::default()).is_some(),
+                "{}: {hit:?}",
+                entry.name
+            );
+        }
+    }
+}
+
+#[test]
+fn costs_of_all_readable_trees_are_those_of_trees_over_these_triangles() {
+    let soup = Soup::new(3000);
+    let positions = soup.positions(0.0);
+    let triangles = soup.triangles(&positions);
+    let sweep = bvh_build::build(&triangles, bvh_build::Builder::Sweep, &Default::default(), None);
+    let sweep = sah_cost(&sweep.expect("few enough"));
+    for contest in [Contest::Update, Contest::Build] {
+        for entry in field(contest, None).iter().filter(|e| e.name != LIMIT) {
+            let mut contestant = entry.make(&triangles).expect("made");
+            contestant.update().expect("updated");
+            let cost = contestant.sah_cost().expect("readable");
+            let ratio = cost / sweep;
+            assert!((0.7..1.5).contains(&ratio), "{}: {ratio} of a sweep build's cost", entry.name);
+        }
+    }
+}
