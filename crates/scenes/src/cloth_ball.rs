@@ -19,7 +19,8 @@ const RADIUS: f32 = 5.0;
 const CENTER: Vec3 = Vec3::new(0.0, 6.68, 0.0);
 /// Distance that the cloth keeps from ball and floor.
 const SKIN: f32 = 0.08;
-const FRICTION: f32 = 0.5;
+/// Coefficients of friction on the ball and on the floor.
+const FRICTION: (f32, f32) = (0.65, 0.4);
 /// Second at which the ball begins to turn, seconds until it is at full speed, and that speed in radians per second.
 const TURN: (f32, f32, f32) = (0.9, 0.5, 2.0);
 
@@ -146,12 +147,12 @@ fn contact(before: Vec3, now: Vec3, angle_before: f32, angle_now: f32) -> Vec3 {
         let depth = RADIUS + SKIN - distance;
         let dragged = Quat::from_rotation_y(angle_now - angle_before) * (before - CENTER) + CENTER;
         x += normal * depth;
-        x -= rub(x - dragged, normal, FRICTION * depth);
+        x -= rub(x - dragged, normal, FRICTION.0 * depth);
     }
     if x.y < SKIN {
         let depth = SKIN - x.y;
         x.y = SKIN;
-        x -= rub(x - before, Vec3::Y, FRICTION * depth);
+        x -= rub(x - before, Vec3::Y, FRICTION.1 * depth);
     }
     x
 }

@@ -3,7 +3,7 @@
 //! Distances are bounds, negative inside (Quilez, "Distance functions"); blends are his polynomial smooth
 //! minimum.
 
-use glam::{Quat, Vec3};
+use glam::{Quat, Vec3, vec3};
 
 /// A primitive shape.
 #[derive(Clone, Copy, Debug)]
@@ -113,7 +113,7 @@ impl Solid {
             .fold(f32::MAX, f32::min);
         // Elements farther away than the nearest can still pull at it, through those that they blend with.
         let widest = self.elements.iter().map(|e| e.blend).fold(0.0, f32::max);
-        let slack = 3.0 * radius + 3.0 * widest;
+        let slack = 2.2 * radius + 1.5 * widest;
         let elements = self
             .elements
             .iter()
@@ -126,10 +126,10 @@ impl Solid {
         Self { elements, blend: self.blend }
     }
 
-    /// Outward unit normal of the surface through a point, from central differences over `step`.
+    /// Outward unit normal of the surface through a point, from differences over `step` to a tetrahedron's corners.
     pub(crate) fn normal(&self, p: Vec3, step: f32) -> Vec3 {
-        let along = |axis: Vec3| self.distance(p + axis * step) - self.distance(p - axis * step);
-        Vec3::new(along(Vec3::X), along(Vec3::Y), along(Vec3::Z)).normalize_or_zero()
+        let corners = [vec3(1.0, -1.0, -1.0), vec3(-1.0, -1.0, 1.0), vec3(-1.0, 1.0, -1.0), Vec3::ONE];
+        corners.into_iter().map(|c| c * self.distance(p + c * step)).sum::<Vec3>().normalize_or_zero()
     }
 }
 

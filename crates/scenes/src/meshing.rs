@@ -13,7 +13,7 @@ use crate::shape::Mesh;
 /// The solid must not reach the faces of the box. Cells are sampled only near the surface: far away, a block of
 /// cells takes the distance at its centre.
 pub(crate) fn mesh(solid: &Solid, low: Vec3, high: Vec3, cell: f32) -> Mesh {
-    const BLOCK: usize = 16;
+    const BLOCK: usize = 8;
     let size = ((high - low) / cell).ceil().as_uvec3() + 2;
     let [nx, ny, nz] = size.to_array().map(|n| n as usize);
     let mut samples = vec![0.0_f32; nx * ny * nz];
@@ -39,13 +39,37 @@ pub(crate) fn mesh(solid: &Solid, low: Vec3, high: Vec3, cell: f32) -> Mesh {
     let shape = RuntimeShape::<u32, 3>::new(size.to_array());
     debug_assert_eq!(shape.as_array(), size.to_array());
     surface_nets(&samples, &shape, [0; 3], (size - 1).to_array(), &mut nets);
-    let project = |p: Vec3| {
-        let near = solid.near(p, 2.0 * cell);
-        (0..3)
-            .fold(p, |p, _| p - near.normal(p, 0.25 * cell) * near.distance(p).clamp(-0.5 * cell, 0.5 * cell))
-    };
     Mesh {
-        positions: nets.positions.par_iter().map(|&p| project(low + cell * Vec3::from(p))).collect(),
+        positions: onto_surface(solid, &nets.positions, low, cell),
         triangles: nets.indices.as_chunks::<3>().0.to_vec(),
     }
+}
+
+/// Vertices of the nets, in cells from `low`, moved onto the surface along its normal.
+fn onto_surface(solid: &Solid, vertices: &[[f32; 3]], low: Vec3, cell: f32) -> Vec<Vec3> {
+    const BLOCK: f32 = 8.0;
+    let mut positions: Vec<Vec3> = vertices.iter().map(|&p| low + cell * Vec3::from(p)).collect();
+    // Vertices of a block share the part of the solid that matters to them.
+    let block = |p: [f32; 3]| p.map(|x| (x / BLOCK) as u32);
+    let mut order: Vec<u32> = (0..vertices.len() as u32).collect();
+    order.par_sort_unstable_by_key(|&v| (block(vertices[v as usize]), v));
+    let groups: Vec<&[u32]> =
+        order.chunk_by(|&v, &w| block(vertices[v as usize]) == block(vertices[w as usize])).collect();
+    let moved: Vec<Vec<Vec3>> = groups
+        .par_iter()
+        .map(|group| {
+            let corner = Vec3::from(block(vertices[group[0] as usize]).map(|b| b as f32)) * BLOCK;
+            let center = low + cell * (corner + 0.5 * BLOCK);
+            let near = solid.near(center, cell * (0.5 * BLOCK * 3.0_f32.sqrt() + 2.0));
+            let project = |p: Vec3| {
+                let step = near.distance(p).clamp(-0.5 * cell, 0.5 * cell);
+                p - near.normal(p, 0.25 * cell) * step
+            };
+            group.iter().map(|&v| project(project(positions[v as usize]))).collect()
+        })
+        .collect();
+    for (&v, p) in order.iter().zip(moved.into_iter().flatten()) {
+        positions[v as usize] = p;
+    }
+    positions
 }

@@ -1,0 +1,223 @@
+//! What must hold of every scene: size, determinism, seeking, finite positions, still parts, and clear errors.
+
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::path::PathBuf;
+use std::sync::LazyLock;
+
+use anim::glam::Vec3;
+use scenes::{Scene, SceneError, SceneOptions, list, load};
+
+/// Options that make a scene small and its simulation short; of scenes that are quick as they are, nothing changes.
+fn reduced() -> SceneOptions<'static> {
+    SceneOptions { detail: Some(0.03), substeps: Some(12), key_frames: Some(60), ..SceneOptions::default() }
+}
+
+/// Every scene once, reduced, for the tests that only look.
+static SCENES: LazyLock<Vec<Scene>> =
+    LazyLock::new(|| list().iter().map(|info| load(info.name, None, &reduced()).unwrap()).collect());
+
+/// A hash of all positions at a few times of the loop.
+fn fingerprint(scene: &Scene) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    let mut positions = scene.animation.rest();
+    for step in [0, 1, 7, 13, 20] {
+        scene.animation.pose(scene.animation.duration() * f64::from(step) / 20.0, &mut positions);
+        for p in &positions {
+            p.to_array().map(f32::to_bits).hash(&mut hasher);
+        }
+    }
+    hasher.finish()
+}
+
+#[test]
+fn triangle_counts_are_those_of_the_papers_scenes() {
+    let wanted = [
+        ("bart-museum", 66_000),
+        ("cloth-ball", 92_230),
+        ("exploding-dragon", 252_000),
+        ("fairy-forest", 174_117),
+        ("lion", 1_600_000),
+        ("n-body", 146_480),
+    ];
+    assert_eq!(list().iter().map(|info| info.name).collect::<Vec<_>>(), wanted.map(|(name, _)| name));
+    for (info, (name, count)) in list().iter().zip(wanted) {
+        // One step is enough to count.
+        let options = SceneOptions { key_frames: Some(2), substeps: Some(1), ..SceneOptions::default() };
+        let scene = load(name, None, &options).unwrap();
+        let found = scene.animation.topology().triangles.len();
+        assert_eq!(found, info.triangles, "{name}: what the list says");
+        assert!(found.abs_diff(count) * 200 <= count, "{name}: {found} is not within 0.5 % of {count}");
+        assert_eq!(
+            (scene.name.as_str(), scene.effects, scene.frames),
+            (info.name, info.effects, info.frames)
+        );
+    }
+}
+
+#[test]
+fn scenes_are_the_same_on_any_number_of_threads() {
+    for (info, scene) in list().iter().zip(SCENES.iter()) {
+        let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let again = alone.install(|| fingerprint(&load(info.name, None, &reduced()).unwrap()));
+        assert_eq!(fingerprint(scene), again, "{}", info.name);
+    }
+}
+
+#[test]
+fn another_seed_is_another_scene() {
+    for name in ["n-body", "bart-museum"] {
+        let [a, b] = [1, 2].map(|seed| {
+            fingerprint(&load(name, None, &SceneOptions { seed, key_frames: Some(3), ..reduced() }).unwrap())
+        });
+        assert_ne!(a, b, "{name}");
+    }
+}
+
+#[test]
+fn seeking_equals_playing() {
+    for scene in SCENES.iter() {
+        let animation = &scene.animation;
+        let time = |frame: usize| animation.duration() * frame as f64 / 30.0;
+        let mut playing = animation.rest();
+        let mut played = Vec::new();
+        for frame in 0..=30 {
+            animation.pose(time(frame), &mut playing);
+            played.push(playing.clone());
+        }
+        let mut seeking = animation.rest();
+        for frame in [30, 3, 17, 17, 0, 29] {
+            animation.pose(time(frame), &mut seeking);
+            assert!(seeking == played[frame], "{} at frame {frame}", scene.name);
+        }
+        animation.pose(-1.0, &mut seeking);
+        assert!(seeking == played[0], "{} before its start", scene.name);
+        animation.pose(1e9, &mut seeking);
+        assert!(seeking == played[30], "{} after its end", scene.name);
+    }
+}
+
+#[test]
+fn positions_are_finite_in_500_frames_and_still_parts_stand_still() {
+    for scene in SCENES.iter() {
+        let topology = scene.animation.topology();
+        let rest = scene.animation.rest();
+        let mut moved = vec![false; rest.len()];
+        let mut positions = rest.clone();
+        for frame in 0..500 {
+            scene.animation.pose(scene.animation.duration() * f64::from(frame) / 499.0, &mut positions);
+            for ((moved, p), q) in moved.iter_mut().zip(&positions).zip(&rest) {
+                assert!(p.is_finite(), "{} at frame {frame}", scene.name);
+                *moved |= p != q;
+            }
+        }
+        let (mut next_triangle, mut next_vertex) = (0, 0);
+        for part in &topology.parts {
+            assert_eq!((part.triangles.start, part.vertices.start), (next_triangle, next_vertex));
+            (next_triangle, next_vertex) = (part.triangles.end, part.vertices.end);
+            let moves = part.vertices.clone().any(|v| moved[v as usize]);
+            assert_eq!(moves, !part.motion.is_still(), "{}: {}", scene.name, part.name);
+            assert!((part.material as usize) < topology.materials.len());
+            for t in part.triangles.clone() {
+                let corners = topology.triangles[t as usize];
+                assert!(corners.iter().all(|v| part.vertices.contains(v)));
+                assert!(topology.moves[t as usize] || corners.iter().all(|&v| !moved[v as usize]));
+            }
+        }
+        assert_eq!(next_triangle as usize, topology.triangles.len());
+        let all = topology.parts.iter().map(|p| p.motion);
+        let any = |motion: fn(anim::Motion) -> bool| all.clone().any(motion);
+        let motion = scene.effects.motion;
+        assert_eq!(
+            (motion.skin, motion.morph, motion.rigid, motion.key_frames),
+            (any(|m| m.skin), any(|m| m.morph), any(|m| m.rigid), any(|m| m.key_frames)),
+            "{}: declared effects are those of the parts",
+            scene.name
+        );
+    }
+}
+
+#[test]
+fn cached_scene_is_the_scene() {
+    let dir = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("cached_scene");
+    let options = SceneOptions { cache_dir: Some(dir.clone()), ..reduced() };
+    for (info, scene) in list().iter().zip(SCENES.iter()) {
+        for _ in 0..2 {
+            let cached = load(info.name, None, &options).unwrap();
+            assert_eq!(fingerprint(&cached), fingerprint(scene), "{}", info.name);
+            assert_eq!(cached.measures, scene.measures);
+        }
+    }
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn museum_starts_from_any_shape() {
+    let start = |start_shape| {
+        load("bart-museum", None, &SceneOptions { start_shape, ..reduced() }).unwrap().animation
+    };
+    let first = start(0);
+    let mut positions = first.rest();
+    for shape in 0..5 {
+        first.pose(shape as f64, &mut positions);
+        assert!(start(shape).rest() == positions, "shape {shape}");
+    }
+}
+
+#[test]
+fn progress_runs_from_0_to_1() {
+    let reports = std::sync::Mutex::new(Vec::new());
+    let progress = |done| reports.lock().unwrap().push(done);
+    load("n-body", None, &SceneOptions { progress: Some(&progress), key_frames: Some(5), ..reduced() })
+        .unwrap();
+    assert_eq!(*reports.lock().unwrap(), [0.0, 0.25, 0.5, 0.75, 1.0]);
+}
+
+#[test]
+fn errors_say_what_would_be_right() {
+    let message = |name: &str, clip, options| match load(name, clip, &options) {
+        Ok(_) => panic!("{name} loads"),
+        Err(error) => error.to_string(),
+    };
+    let plain = SceneOptions::default;
+    assert_eq!(
+        message("dragon", None, plain()),
+        "no scene or file named \"dragon\"; the scenes are bart-museum, cloth-ball, exploding-dragon, \
+         fairy-forest, lion, n-body"
+    );
+    assert_eq!(
+        message("n-body", Some("walk"), plain()),
+        "scene n-body has no clips, so none named \"walk\"; leave the clip out"
+    );
+    assert!(matches!(load("fairy-forest", Some("walk"), &plain()), Err(SceneError::Load(_))));
+    for (options, wanted) in [
+        (SceneOptions { substeps: Some(0), ..plain() }, "substeps is 0 but must be between 1 and 100000"),
+        (SceneOptions { key_frames: Some(1), ..plain() }, "key_frames is 1 but must be between 2 and 10000"),
+        (
+            SceneOptions { detail: Some(f32::NAN), ..plain() },
+            "detail is NaN but must be above 0 and at most 1",
+        ),
+    ] {
+        assert_eq!(message("n-body", None, options), wanted);
+    }
+}
+
+#[test]
+fn file_is_framed_from_above_with_all_of_it_in_the_picture() {
+    let dir = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("framed_file");
+    std::fs::create_dir_all(&dir).unwrap();
+    for (frame, x) in [(0, 5.0), (1, 105.0)] {
+        let text = format!("v {x} 7 0\nv {x} 9 0\nv {x} 7 3\nf 1 2 3\n");
+        std::fs::write(dir.join(format!("frame{frame}.obj")), text).unwrap();
+    }
+    let scene = load(dir.to_str().unwrap(), None, &SceneOptions::default()).unwrap();
+    assert!(scene.effects.motion.key_frames);
+    assert_eq!(scene.notes.len(), 2, "view and light are defaults: {:?}", scene.notes);
+    let view = scene.view;
+    assert!(view.eye.y > view.target.y && scene.light.position.y > view.eye.y);
+    let ahead = (view.target - view.eye).normalize();
+    for p in [Vec3::new(5.0, 9.0, 0.0), Vec3::new(105.0, 7.0, 3.0)] {
+        let angle = (p - view.eye).angle_between(ahead);
+        assert!(angle < 0.5 * view.fov_y, "{p} is in the picture");
+    }
+    std::fs::remove_dir_all(dir).unwrap();
+}
