@@ -56,9 +56,9 @@ impl Frame {
     /// Slopes of directions.
     #[inline(always)]
     pub(crate) fn slopes<S: Simd, V: Lanes<S>>(&self, direction: [V; 3]) -> [V; 2] {
-        let [x, y, z] = self.axes.map(|k| direction[k]);
-        let z = if self.negative { -z } else { z };
-        [x / z, y / z]
+        let [x, y, z] = self.axes;
+        let z = if self.negative { -direction[z] } else { direction[z] };
+        [direction[x] / z, direction[y] / z]
     }
 
     /// A box in this frame, for beams within `beam`.
@@ -108,13 +108,15 @@ impl Beam {
     /// [`meets`](Self::meets) for boxes in lanes: the bits of those that may be met.
     #[inline(always)]
     pub(crate) fn meets_lanes<S: Simd, V: Lanes<S>>(&self, simd: S, x: [V; 2], y: [V; 2], z: [V; 2]) -> u64 {
-        let splat = |x: f32| V::simd_from(simd, x);
-        let near = max(z[0], splat(0.0));
-        let misses = |slopes: [f32; 2], x: [V; 2]| {
-            let least = min(near * splat(slopes[0]), z[1] * splat(slopes[0]));
-            let greatest = max(near * splat(slopes[1]), z[1] * splat(slopes[1]));
-            x[1].simd_lt(least) | x[0].simd_gt(greatest)
-        };
-        (!(misses(self.x, x) | misses(self.y, y)) & z[1].simd_ge(splat(0.0))).to_bitmask()
+        let near = max(z[0], V::simd_from(simd, 0.0));
+        let behind = z[1].simd_lt(0.0);
+        (!(behind | misses(self.x, x, near, z[1]) | misses(self.y, y, near, z[1]))).to_bitmask()
     }
+}
+
+#[inline(always)]
+fn misses<S: Simd, V: Lanes<S>>(slopes: [f32; 2], x: [V; 2], near: V, far: V) -> V::Mask {
+    let least = min(near * slopes[0], far * slopes[0]);
+    let greatest = max(near * slopes[1], far * slopes[1]);
+    x[1].simd_lt(least) | x[0].simd_gt(greatest)
 }

@@ -37,12 +37,11 @@ mod wide;
 #[cfg(test)]
 mod tests;
 
-pub use bvh_core::{Bvh, Ray, Triangles, Vec3};
+pub use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3};
 pub use camera::Camera;
 pub use image::{Image, ImageError};
 pub use mesh::{DEFAULT_COLOR, Mesh};
 pub use render::{Output, Pixel, RenderOptions, RenderStats, Traversal, UnknownName, cast, render};
 pub use shade::{Background, PointLight};
-pub use simd::SimdLevel;
 pub use single::{any_hit, any_hit_brute, closest_hit, closest_hit_brute};
 pub use triangle::{Hit, TriangleTest};

@@ -3,14 +3,13 @@
 use std::ops::AddAssign;
 use std::str::FromStr;
 
-use bvh_core::{Bvh, Ray, Triangles, Vec3};
-use fearless_simd::dispatch;
+use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3};
 use rayon::prelude::*;
 use thiserror::Error;
 
 use crate::packet::{self, Query, SIZE};
 use crate::shade::{Background, PointLight, Surface, shadow_ray};
-use crate::simd::SimdLevel;
+use crate::simd::at_level;
 use crate::single::{self, Work, with_test};
 use crate::tile::{self, Bundle, Hits, RAYS, Scene, Scratch};
 use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight};
@@ -406,7 +405,7 @@ impl Tracer {
         let Self { rays, hits, nodes: _, scratch, work } = self;
         match options.traversal {
             Traversal::Tile => {
-                dispatch!(options.simd.detected(), simd => {
+                at_level!(options.simd, simd => {
                     tile::trace::<_, T>(simd, scene, query, rays, hits, scratch, work);
                 });
             }

@@ -3,64 +3,63 @@
 //! Kernels are written once over vectors of [`fearless_simd`] and compiled for every level. They add, subtract,
 //! multiply and divide, never fuse, and reduce nothing but minima, maxima and masks: each lane computes the same
 //! bits at every level, and those of the scalar code.
+//!
+//! Whatever handles vectors has to be inlined up to where `vectorize` turns the instructions on. Closures and
+//! `array::map` are not, in general; kernels do without.
 
+use bvh_core::SimdLevel;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd};
 
-/// An instruction set that kernels are compiled for. Results do not depend on it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum SimdLevel {
-    /// What every processor of the target has: SSE2 on x86-64, Neon on 64-bit ARM.
-    Baseline,
-    /// AVX2 and FMA (x86-64-v3); FMA itself is not used.
-    Avx2,
-    /// AVX-512 as in Ice Lake and Zen 4.
-    Avx512,
-}
-
-impl SimdLevel {
-    /// All levels, whether this machine has them or not.
-    pub const ALL: [Self; 3] = [Self::Baseline, Self::Avx2, Self::Avx512];
-
-    /// Name on a command line.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        ["baseline", "avx2", "avx512"][self as usize]
+/// The vector types of a level, or of the best that the machine has if that is less.
+///
+/// Processors with AVX-512 of before Ice Lake count as AVX2 here.
+pub(crate) fn detected(level: SimdLevel) -> Level {
+    let best = Level::new();
+    #[cfg(target_arch = "x86_64")]
+    {
+        let lower = match level {
+            SimdLevel::Baseline => best.as_sse2().map(Simd::level),
+            SimdLevel::Avx2 => best.as_avx2().map(Simd::level),
+            SimdLevel::Avx512 => None,
+        };
+        lower.unwrap_or(best)
     }
-
-    /// The best level that this machine has.
-    #[must_use]
-    pub fn best() -> Self {
-        #[cfg(target_arch = "x86_64")]
-        match Level::new() {
-            Level::Avx512(_) => return Self::Avx512,
-            Level::Avx2(_) => return Self::Avx2,
-            _ => {}
-        }
-        Self::Baseline
-    }
-
-    /// The levels that this machine has.
-    pub fn available() -> impl Iterator<Item = Self> {
-        Self::ALL.into_iter().filter(|&l| l <= Self::best())
-    }
-
-    /// This level, or the best that the machine has if that is less.
-    pub(crate) fn detected(self) -> Level {
-        let level = Level::new();
-        #[cfg(target_arch = "x86_64")]
-        {
-            let lower = match self {
-                Self::Baseline => level.as_sse2().map(Simd::level),
-                Self::Avx2 => level.as_avx2().map(Simd::level),
-                Self::Avx512 => None,
-            };
-            lower.unwrap_or(level)
-        }
-        #[cfg(not(target_arch = "x86_64"))]
-        level
+    #[cfg(not(target_arch = "x86_64"))]
+    {
+        let _ = level;
+        best
     }
 }
+
+/// Runs `$body` compiled for a [`SimdLevel`], with `$simd` the token of its vector types.
+macro_rules! at_level {
+    ($level:expr, $simd:ident => $body:expr) => {{
+        use fearless_simd::{Level, Simd};
+        match $crate::simd::detected($level) {
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512($simd) => $simd.vectorize(
+                #[inline(always)]
+                || $body,
+            ),
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2($simd) => $simd.vectorize(
+                #[inline(always)]
+                || $body,
+            ),
+            #[cfg(target_arch = "x86_64")]
+            level => level.as_sse2().into_iter().for_each(|$simd| {
+                $simd.vectorize(
+                    #[inline(always)]
+                    || $body,
+                )
+            }),
+            #[cfg(not(target_arch = "x86_64"))]
+            level => fearless_simd::dispatch!(level, $simd => $body),
+        }
+    }};
+}
+pub(crate) use at_level;
 
 /// Lanes of single precision numbers.
 pub(crate) trait Lanes<S: Simd>: SimdFloat<S, Element = f32> {}
@@ -78,6 +77,22 @@ pub(crate) fn max<S: Simd, V: Lanes<S>>(a: V, b: V) -> V {
 #[inline(always)]
 pub(crate) fn min<S: Simd, V: Lanes<S>>(a: V, b: V) -> V {
     if cfg!(target_arch = "x86_64") { a.min(b) } else { a.min_precise(b) }
+}
+
+/// Lanes of `from` that begin at `at`.
+#[inline(always)]
+pub(crate) fn load<S: Simd, V: Lanes<S>, const N: usize>(simd: S, from: &[f32; N], at: usize) -> V {
+    V::from_slice(simd, &from[at..at + V::LEN])
+}
+
+/// [`load`] of three coordinates.
+#[inline(always)]
+pub(crate) fn load3<S: Simd, V: Lanes<S>, const N: usize>(
+    simd: S,
+    from: &[[f32; N]; 3],
+    at: usize,
+) -> [V; 3] {
+    [load(simd, &from[0], at), load(simd, &from[1], at), load(simd, &from[2], at)]
 }
 
 /// The numbers of the bits that are set.

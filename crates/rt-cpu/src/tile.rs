@@ -23,7 +23,7 @@ use fearless_simd::prelude::*;
 
 use crate::beam::{Beam, Frame, Outline};
 use crate::packet::Query;
-use crate::simd::{Lanes, bits, max, min};
+use crate::simd::{Lanes, bits, load, load3, max, min};
 use crate::single::Work;
 use crate::wide::{Corners, Rays, Slab, WideTest};
 
@@ -96,17 +96,16 @@ impl<const N: usize> Packet<N> {
 
     #[inline(always)]
     fn rays<S: Simd, V: Lanes<S>>(&self, simd: S, at: usize) -> Rays<V> {
-        let load = |a: &[f32; N]| V::from_slice(simd, &a[at..at + V::LEN]);
         Rays {
-            direction: self.direction.each_ref().map(load),
-            inverse: self.inverse.each_ref().map(load),
-            shear: self.shear.each_ref().map(load),
+            direction: load3(simd, &self.direction, at),
+            inverse: load3(simd, &self.inverse, at),
+            shear: [load(simd, &self.shear[0], at), load(simd, &self.shear[1], at)],
         }
     }
 
     #[inline(always)]
     fn t<S: Simd, V: Lanes<S>>(&self, simd: S, at: usize) -> V {
-        V::from_slice(simd, &self.t[at..at + V::LEN])
+        load(simd, &self.t, at)
     }
 }
 
@@ -200,8 +199,9 @@ impl Cut {
     fn met<S: Simd>(&self, simd: S, beam: &Beam) -> u64 {
         let mut met = 0;
         for at in (0..CUT).step_by(S::f32s::LEN) {
-            let load = |a: &[f32; CUT]| S::f32s::from_slice(simd, &a[at..at + S::f32s::LEN]);
-            let [x, y, z] = [&self.x, &self.y, &self.z].map(|a| a.each_ref().map(load));
+            let x = [load::<S, S::f32s, CUT>(simd, &self.x[0], at), load(simd, &self.x[1], at)];
+            let y = [load(simd, &self.y[0], at), load(simd, &self.y[1], at)];
+            let z = [load(simd, &self.z[0], at), load(simd, &self.z[1], at)];
             met |= beam.meets_lanes(simd, x, y, z) << at;
         }
         met & ((1 << self.count) - 1)
@@ -303,7 +303,7 @@ fn common_frame<S: Simd>(simd: S, bundle: &Bundle, packets: usize) -> Option<Fra
         let mut a = S::f32s::simd_from(simd, f32::INFINITY);
         let mut b = -a;
         for at in (0..packets * PACKET).step_by(S::f32s::LEN) {
-            let d = S::f32s::from_slice(simd, &bundle.direction[k][at..at + S::f32s::LEN]);
+            let d = load(simd, &bundle.direction[k], at);
             (a, b) = (min(d, a), max(d, b));
         }
         (least[k], greatest[k]) = (a.reduce_min(), b.reduce_max());
@@ -318,8 +318,7 @@ fn beam_of<S: Simd>(simd: S, frame: &Frame, bundle: &Bundle, at: usize) -> Beam 
     let mut least = [infinity; 2];
     let mut greatest = [-infinity; 2];
     for at in (at..at + PACKET).step_by(S::f32s::LEN) {
-        let load = |d: &[f32; RAYS]| S::f32s::from_slice(simd, &d[at..at + S::f32s::LEN]);
-        let slopes = frame.slopes(bundle.direction.each_ref().map(load));
+        let slopes = frame.slopes::<S, S::f32s>(load3(simd, &bundle.direction, at));
         for i in 0..2 {
             least[i] = min(slopes[i], least[i]);
             greatest[i] = max(slopes[i], greatest[i]);
@@ -338,19 +337,20 @@ fn prepare<S: Simd>(
     present: u64,
     packet: &mut Packet<PACKET>,
 ) -> [u64; 3] {
-    let splat = |x: f32| S::f32s::simd_from(simd, x);
+    let zero = S::f32s::simd_from(simd, 0.0);
+    let one = S::f32s::simd_from(simd, 1.0);
     let n = S::f32s::LEN;
     let mut negative = [0; 3];
     let mut valid = 0;
     packet.axes = [0; 3];
     for i in (0..PACKET).step_by(n) {
-        let d = bundle.direction.each_ref().map(|d| S::f32s::from_slice(simd, &d[at + i..at + i + n]));
-        let inverse = d.map(|d| splat(1.0) / d);
-        let finite = d.map(S::f32s::is_finite);
-        let zero = d.map(|d| d.simd_eq(splat(0.0)));
-        valid |= (finite[0] & finite[1] & finite[2] & !(zero[0] & zero[1] & zero[2])).to_bitmask() << i;
+        let d: [S::f32s; 3] = load3(simd, &bundle.direction, at + i);
+        let inverse = [one / d[0], one / d[1], one / d[2]];
+        let finite = d[0].is_finite() & d[1].is_finite() & d[2].is_finite();
+        let nowhere = d[0].simd_eq(zero) & d[1].simd_eq(zero) & d[2].simd_eq(zero);
+        valid |= (finite & !nowhere).to_bitmask() << i;
         // As `longest_axis` decides.
-        let [x, y, z] = d.map(|d| max(d, -d));
+        let [x, y, z] = [max(d[0], -d[0]), max(d[1], -d[1]), max(d[2], -d[2])];
         let first = x.simd_ge(y) & x.simd_ge(z);
         let second = !first & y.simd_ge(z);
         let third = !first & !second;
@@ -359,7 +359,7 @@ fn prepare<S: Simd>(
             inverse[k].store_slice(&mut packet.inverse[k][i..i + n]);
             negative[k] |= inverse[k].is_sign_negative().to_bitmask() << i;
         }
-        let mut shear = [splat(0.0); 2];
+        let mut shear = [zero; 2];
         for (k, lanes) in [first, second, third].into_iter().enumerate() {
             let mask = lanes.to_bitmask();
             if mask != 0 {
@@ -671,12 +671,14 @@ fn test_lanes<S: Simd, V: Lanes<S>, T: WideTest, const ANY: bool, const N: usize
         return;
     }
     let closer = V::Mask::from_bitmask(simd, closer);
-    let write = |new: V, to: &mut [f32; N]| {
-        let to = &mut to[at..at + V::LEN];
-        closer.select(new, V::from_slice(simd, to)).store_slice(to);
-    };
-    write(t, &mut packet.t);
-    write(found.u, &mut packet.u);
-    write(found.v, &mut packet.v);
-    write(V::simd_from(simd, f32::from_bits(primitive)), &mut packet.primitive);
+    write(simd, closer, t, &mut packet.t, at);
+    write(simd, closer, found.u, &mut packet.u, at);
+    write(simd, closer, found.v, &mut packet.v, at);
+    write(simd, closer, V::simd_from(simd, f32::from_bits(primitive)), &mut packet.primitive, at);
+}
+
+/// Replaces the lanes in `mask`.
+#[inline(always)]
+fn write<S: Simd, V: Lanes<S>, const N: usize>(simd: S, mask: V::Mask, new: V, to: &mut [f32; N], at: usize) {
+    mask.select(new, load(simd, to, at)).store_slice(&mut to[at..at + V::LEN]);
 }

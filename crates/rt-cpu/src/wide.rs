@@ -93,36 +93,41 @@ impl WideTest for Watertight {
         axis: usize,
         active: u64,
     ) -> Found<V> {
-        let splat = |x: f32| V::simd_from(simd, x);
         let [kx, ky, kz] = [(axis + 1) % 3, (axis + 2) % 3, axis];
-        let p = triangle.relative;
-        let x = p.map(|p| splat(p[kx]) - rays.shear[0] * splat(p[kz]));
-        let y = p.map(|p| splat(p[ky]) - rays.shear[1] * splat(p[kz]));
+        let zero = V::simd_from(simd, 0.0);
+        let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
+        for (i, p) in triangle.relative.iter().enumerate() {
+            z[i] = V::simd_from(simd, p[kz]);
+            x[i] = V::simd_from(simd, p[kx]) - rays.shear[0] * z[i];
+            y[i] = V::simd_from(simd, p[ky]) - rays.shear[1] * z[i];
+        }
         let wa = x[2] * y[1] - y[2] * x[1];
         let wb = x[0] * y[2] - y[0] * x[2];
         let wc = x[1] * y[0] - y[1] * x[0];
         let least = min(min(wa, wb), wc);
         let greatest = max(max(wa, wb), wc);
-        let zero = splat(0.0);
         let outside = least.simd_lt(zero) & greatest.simd_gt(zero);
         let inside = !outside.to_bitmask() & active;
         if inside == 0 {
             return Found { lanes: 0, t: zero, u: zero, v: zero };
         }
-        let z = p.map(|p| rays.inverse[kz] * splat(p[kz]));
         let det = wa + wb + wc;
         let size = max(det, -det);
-        let plain = size.simd_ge(splat(DET_RANGE.0)) & size.simd_le(splat(DET_RANGE.1));
+        let plain = size.simd_ge(DET_RANGE.0) & size.simd_le(DET_RANGE.1);
         // Inside, a zero is the least or the greatest.
         let plain = plain & least.simd_ne(zero) & greatest.simd_ne(zero);
-        let inv_det = splat(1.0) / det;
+        for z in &mut z {
+            *z = rays.inverse[kz] * *z;
+        }
+        let inv_det = V::simd_from(simd, 1.0) / det;
         let (mut u, mut v) = (wb * inv_det, wc * inv_det);
         let mut t = wa * inv_det * z[0] + u * z[1] + v * z[2];
-        let ahead = t.simd_ge(zero) & t.simd_lt(splat(f32::INFINITY));
+        let ahead = t.simd_ge(zero) & t.simd_lt(f32::INFINITY);
         let plain = plain.to_bitmask();
         let mut lanes = inside & plain & ahead.to_bitmask();
         for i in bits(inside & !plain) {
-            if let Some(found) = Self::exactly(x.map(|x| x[i]), y.map(|y| y[i]), z.map(|z| z[i])) {
+            let lane = |a: &[V; 3]| [a[0].as_slice()[i], a[1].as_slice()[i], a[2].as_slice()[i]];
+            if let Some(found) = Self::exactly(lane(&x), lane(&y), lane(&z)) {
                 (t[i], u[i], v[i]) = found;
                 lanes |= 1 << i;
             }
@@ -140,27 +145,25 @@ impl WideTest for MollerTrumbore {
         _axis: usize,
         active: u64,
     ) -> Found<V> {
-        let splat = |x: f32| V::simd_from(simd, x);
-        let dot = |a: Vec3, b: [V; 3]| splat(a.x) * b[0] + splat(a.y) * b[1] + splat(a.z) * b[2];
         let [a, b, c] = triangle.corners;
         let (e1, e2) = (b - a, c - a);
         let s = triangle.origin - a;
         let q = s.cross(e1);
         let d = rays.direction;
-        let p = [
-            d[1] * splat(e2.z) - splat(e2.y) * d[2],
-            d[2] * splat(e2.x) - splat(e2.z) * d[0],
-            d[0] * splat(e2.y) - splat(e2.x) * d[1],
-        ];
-        let inv_det = splat(1.0) / dot(e1, p);
-        let u = dot(s, p) * inv_det;
-        let v = dot(q, d) * inv_det;
-        let t = splat(e2.dot(q)) * inv_det;
-        let zero = splat(0.0);
-        let inside = u.simd_ge(zero) & v.simd_ge(zero) & (u + v).simd_le(splat(1.0));
-        let ahead = t.simd_ge(zero) & t.simd_lt(splat(f32::INFINITY));
+        let p = [d[1] * e2.z - d[2] * e2.y, d[2] * e2.x - d[0] * e2.z, d[0] * e2.y - d[1] * e2.x];
+        let inv_det = V::simd_from(simd, 1.0) / dot(p, e1);
+        let u = dot(p, s) * inv_det;
+        let v = dot(d, q) * inv_det;
+        let t = inv_det * e2.dot(q);
+        let inside = u.simd_ge(0.0) & v.simd_ge(0.0) & (u + v).simd_le(1.0);
+        let ahead = t.simd_ge(0.0) & t.simd_lt(f32::INFINITY);
         Found { lanes: (inside & ahead).to_bitmask() & active, t, u, v }
     }
+}
+
+#[inline(always)]
+fn dot<S: Simd, V: Lanes<S>>(a: [V; 3], b: Vec3) -> V {
+    a[0] * b.x + a[1] * b.y + a[2] * b.z
 }
 
 impl WideTest for Double {
@@ -176,7 +179,10 @@ impl WideTest for Double {
         let zero = V::simd_from(simd, 0.0);
         let mut found = Found { lanes: 0, t: zero, u: zero, v: zero };
         for i in bits(active) {
-            let ray = Ray::new(triangle.origin, Vec3::from(rays.direction.map(|d| d[i])));
+            let ray = Ray::new(
+                triangle.origin,
+                Vec3::new(rays.direction[0][i], rays.direction[1][i], rays.direction[2][i]),
+            );
             if let Some(hit) = Self::new(&ray).test(&triangle.corners) {
                 (found.t[i], found.u[i], found.v[i]) = hit;
                 found.lanes |= 1 << i;
