@@ -141,7 +141,7 @@ impl Glb {
 
     /// Keys of a node's rotation.
     pub(crate) fn rotate(&mut self, node: usize, seconds: f32, keys: &[Quat]) {
-        let floats: Vec<f32> = keys.iter().flat_map(|q| q.to_array()).collect();
+        let floats: Vec<f32> = keys.iter().flat_map(Quat::to_array).collect();
         self.channel(node, "rotation", "VEC4", seconds, keys.len(), &floats);
     }
 

@@ -50,7 +50,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
             pieces: (PIECES * detail) as usize,
             density: &|p| 0.3 + 0.1 * p.y,
             triangles: ((INFO.triangles - GROUND) as f32 * detail) as usize,
-            stone: (vec3(-0.4, 10.2, 0.9), 1.0, 3.0),
+            stone: (vec3(-0.4, 10.2, 0.9), 1.0, 0.0),
             stone_density: 40.0,
             gravity: 12.0,
             delay: &|center, impact, random| {

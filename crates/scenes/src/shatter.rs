@@ -146,11 +146,9 @@ impl Body {
     }
 }
 
-/// The points that are farthest in the directions from the centre of a cube to a grid of points on it.
-///
-/// Small bodies make do with the 26 directions of a grid of 3; the points of large ones take 98.
+/// The points that are farthest in 98 directions: from the centre of a cube to a grid of 5 by 5 points on each side.
 fn extreme_points(points: &[Vec3]) -> Vec<Vec3> {
-    let k = if points.len() > 1000 { 2 } else { 1 };
+    let k = 2;
     let mut chosen: Vec<usize> = Vec::new();
     for (x, y, z) in (-k..=k).flat_map(|x| (-k..=k).flat_map(move |y| (-k..=k).map(move |z| (x, y, z)))) {
         let d = IVec3::new(x, y, z);
