@@ -7,8 +7,9 @@
 use std::f32::consts::{PI, TAU};
 
 use anim::{KeyFrames, Light, LoopMode, Motion, View};
-use glam::{Quat, Vec3, vec3};
+use glam::{Vec3, vec3};
 
+use crate::rigid::rotation;
 use crate::shape::{Assembly, Mesh, turned};
 use crate::{Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
@@ -201,7 +202,7 @@ fn furnish(assembly: &mut Assembly) {
         assembly.part("pillar", &pillar, Motion::STILL, stone);
     }
     for k in 0..6 {
-        let turn = Quat::from_rotation_y(TAU * k as f32 / 6.0);
+        let turn = rotation(Vec3::Y, TAU * k as f32 / 6.0);
         let mut painting = cuboid(vec3(0.05, 0.6, 0.9));
         for p in &mut painting.positions {
             *p = turn * (*p + vec3(0.97 * ROOM.radius, 2.4, 0.0));

@@ -1,10 +1,11 @@
 //! `cloth-ball`: a square cloth falls onto a ball, which then turns and winds it up.
 
 use anim::{KeyFrames, Light, LoopMode, Motion, View};
-use glam::{Quat, Vec3};
+use glam::Vec3;
 
 use crate::cache::{Record, recorded};
 use crate::cloth::{Cloth, Fabric};
+use crate::rigid::rotation;
 use crate::shape::{Assembly, Mesh, grid_triangles, sphere};
 use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
@@ -118,7 +119,7 @@ fn simulate(side: usize, keys: usize, substeps: usize, options: &SceneOptions<'_
             mean_strain = mean_strain.max(mean);
             most_strain = most_strain.max(most);
         }
-        let turned = Quat::from_rotation_y(angle((key * substeps) as f32 * dt));
+        let turned = rotation(Vec3::Y, angle((key * substeps) as f32 * dt));
         let mut frame: Vec<f32> = cloth.positions.iter().flat_map(Vec3::to_array).collect();
         frame.extend(ball.positions.iter().flat_map(|&p| (CENTER + turned * p).to_array()));
         record.floats.push(frame);
@@ -145,7 +146,7 @@ fn contact(before: Vec3, now: Vec3, angle_before: f32, angle_now: f32) -> Vec3 {
     if distance < RADIUS + SKIN && distance > 0.0 {
         let normal = out / distance;
         let depth = RADIUS + SKIN - distance;
-        let dragged = Quat::from_rotation_y(angle_now - angle_before) * (before - CENTER) + CENTER;
+        let dragged = rotation(Vec3::Y, angle_now - angle_before) * (before - CENTER) + CENTER;
         x += normal * depth;
         x -= rub(x - dragged, normal, FRICTION.0 * depth);
     }

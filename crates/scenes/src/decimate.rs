@@ -216,3 +216,37 @@ impl Simplifier {
         mesh
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::vec3;
+
+    use super::*;
+    use crate::{dragon, meshing};
+
+    fn corners(mesh: &Mesh) -> impl Iterator<Item = [Vec3; 3]> {
+        mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize]))
+    }
+
+    fn volume(mesh: &Mesh) -> f32 {
+        corners(mesh).map(|[a, b, c]| a.cross(b).dot(c) / 6.0).sum()
+    }
+
+    #[test]
+    fn decimation_reaches_its_target_keeps_the_volume_and_makes_triangles_uneven() {
+        let fine = meshing::mesh(&dragon::solid(), vec3(-6.6, -0.3, -6.2), vec3(6.6, 7.6, 5.6), 0.08);
+        let target = fine.triangles.len() / 4;
+        let coarse = decimate(&fine, target);
+        assert!(coarse.triangles.len() <= target && coarse.triangles.len() + 2 > target);
+        let (before, after) = (volume(&fine), volume(&coarse));
+        assert!(before > 10.0 && (after / before - 1.0).abs() < 0.01, "{before} {after}");
+        let spread = |mesh: &Mesh| {
+            let mut areas: Vec<f32> =
+                corners(mesh).map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length()).collect();
+            areas.sort_by(f32::total_cmp);
+            areas[areas.len() * 99 / 100] / areas[areas.len() / 2]
+        };
+        println!("99th percentile of areas over median: {:.1}, was {:.1}", spread(&coarse), spread(&fine));
+        assert!(spread(&coarse) > 2.0 * spread(&fine));
+    }
+}

@@ -2,12 +2,13 @@
 
 use std::f32::consts::{PI, TAU};
 
-use glam::{EulerRot, Quat, Vec3, vec3};
+use glam::{Quat, Vec3, vec3};
 
 use crate::decimate::decimate;
 use crate::glb::{Glb, Influence};
 use crate::implicit::Solid;
 use crate::meshing;
+use crate::rigid::rotation;
 use crate::shape::{Mesh, grid_triangles};
 
 /// Keys of every track of the dance.
@@ -207,7 +208,7 @@ fn dance(glb: &mut Glb, joints: &[usize], seconds: f32) {
     let keys = |value: &dyn Fn(f32) -> Quat| -> Vec<Quat> {
         (0..KEYS).map(|k| value(TAU * k as f32 / (KEYS - 1) as f32)).collect()
     };
-    let turn = |x: f32, y: f32, z: f32| Quat::from_euler(EulerRot::YXZ, y, x, z);
+    let turn = |x: f32, y: f32, z: f32| rotation(Vec3::Y, y) * rotation(Vec3::X, x) * rotation(Vec3::Z, z);
     let sin = libm::sinf;
     let (_, _, hips, _) = SKELETON[0];
     let rise = |a: f32| hips + vec3(0.25 * sin(a), 0.16 * sin(2.0 * a), 0.2 * sin(a + 1.5));

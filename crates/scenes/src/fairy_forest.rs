@@ -13,6 +13,7 @@ use crate::decimate::decimate;
 use crate::forest::{forest, grass, ground_at};
 use crate::glb::Glb;
 use crate::implicit::Solid;
+use crate::rigid::rotation;
 use crate::shape::Mesh;
 use crate::{
     Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, fairy, meshing,
@@ -121,8 +122,8 @@ fn dragonfly(glb: &mut Glb) {
     let angles: Vec<f32> = (0..=48).map(|k| -TAU * k as f32 / 48.0).collect();
     let path: Vec<Vec3> = angles.iter().map(|&a| place(a)).collect();
     let facing = |&a: &f32| {
-        let ahead = (place(a - 0.01) - place(a + 0.01)).normalize();
-        Quat::from_rotation_arc(Vec3::Z, vec3(ahead.x, 0.0, ahead.z).normalize())
+        let ahead = place(a - 0.01) - place(a + 0.01);
+        rotation(Vec3::Y, libm::atan2f(ahead.x, ahead.z))
     };
     let turns: Vec<Quat> = angles.iter().map(facing).collect();
     glb.translate(node, SECONDS, &path);
@@ -132,8 +133,7 @@ fn dragonfly(glb: &mut Glb) {
             let hinge = glb.node("dragonfly wing", Some(node), vec3(side * 0.03, 0.05, z), Quat::IDENTITY);
             let wing = glb.mesh(&dragonfly_wing(side, ahead), glass);
             glb.show("membrane", Some(hinge), wing);
-            let beat =
-                |k: usize| Quat::from_rotation_z(side * 0.6 * libm::sinf(PI * (k as f32 + 2.0 * z) / 2.0));
+            let beat = |k: usize| rotation(Vec3::Z, side * 0.6 * libm::sinf(PI * (k as f32 + 2.0 * z) / 2.0));
             let beats: Vec<Quat> = (0..=128).map(beat).collect();
             glb.rotate(hinge, SECONDS, &beats);
         }
@@ -184,12 +184,8 @@ fn caterpillar(glb: &mut Glb) {
     let green = glb.material([0.55, 0.75, 0.15]);
     let mesh = glb.morphed_mesh(&body, &[arch(0.22, 0.7), wave], green);
     let [x, z] = [-1.5, 2.0];
-    let place = glb.node(
-        "caterpillar",
-        None,
-        vec3(x, ground_at(x, z) + 0.03, z),
-        Quat::from_rotation_y(FRAC_PI_2 * 0.3),
-    );
+    let place =
+        glb.node("caterpillar", None, vec3(x, ground_at(x, z) + 0.03, z), rotation(Vec3::Y, FRAC_PI_2 * 0.3));
     let node = glb.show("caterpillar body", Some(place), mesh);
     let weights: Vec<f32> = (0..=24)
         .flat_map(|k| {

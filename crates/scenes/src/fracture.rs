@@ -160,3 +160,48 @@ fn area(mesh: &Mesh, t: usize) -> f32 {
     let [a, b, c] = corners(mesh, t);
     0.5 * (b - a).cross(c - a).length()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shape::sphere;
+
+    #[test]
+    fn patches_are_connected_and_shards_are_closed() {
+        let ball = sphere(1.0, 40, 30);
+        let mut random = fastrand::Rng::with_seed(4);
+        let (patch, count) = patches(&ball, 30, |_| 1.0, &mut random);
+        assert_eq!(patch.len(), ball.triangles.len());
+        let across = neighbours_across_edges(&ball);
+        for p in 0..count as u32 {
+            let members: Vec<usize> = (0..patch.len()).filter(|&t| patch[t] == p).collect();
+            let mut reached = vec![false; patch.len()];
+            let mut queue = vec![members[0]];
+            while let Some(t) = queue.pop() {
+                if !std::mem::replace(&mut reached[t], true) {
+                    queue.extend(across[t].map(|n| n as usize).into_iter().filter(|&n| patch[n] == p));
+                }
+            }
+            assert!(members.iter().all(|&t| reached[t]), "patch {p} is connected");
+        }
+        let shards = shards(&ball, &patch, count, |_, _| 0.1);
+        let volume = |mesh: &Mesh| -> f32 {
+            let of = |t: &[u32; 3]| {
+                let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
+                a.cross(b).dot(c) / 6.0
+            };
+            mesh.triangles.iter().map(of).sum()
+        };
+        for shard in &shards {
+            // In a closed surface each directed edge has its opposite.
+            let mut edges: Vec<(u32, u32)> =
+                shard.triangles.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
+            edges.sort_unstable();
+            assert!(edges.iter().all(|&(a, b)| edges.binary_search(&(b, a)).is_ok()));
+            assert!(volume(shard) > 0.0, "the outside is outside");
+        }
+        let sum: f32 = shards.iter().map(volume).sum();
+        let wall = 4.0 / 3.0 * std::f32::consts::PI * (1.0 - 0.9_f32.powi(3));
+        assert!((sum / wall - 1.0).abs() < 0.02, "shards fill the wall: {sum} of {wall}");
+    }
+}

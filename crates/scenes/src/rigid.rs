@@ -26,6 +26,14 @@ impl Placement {
     }
 }
 
+/// The rotation about a unit axis by an angle in radians.
+///
+/// Unlike the standard library's, its sines are the same on every machine.
+pub(crate) fn rotation(axis: Vec3, angle: f32) -> Quat {
+    let (sin, cos) = libm::sincosf(0.5 * angle);
+    Quat::from_vec4((axis * sin).extend(cos))
+}
+
 /// Number of floats of a [`Placement`] in a record.
 const WORDS: usize = 7;
 
