@@ -11,15 +11,21 @@ use crate::plot::{Plot, middle};
 /// Most bins on an axis.
 const MAX_BINS: usize = 256;
 
-/// Subtrees of fewer primitives are built by one thread.
-const GRAIN: usize = 4096;
+/// Bins of the smallest nodes; one more for every eight primitives.
+const FEWEST_BINS: usize = 4;
 
-/// Most primitives that are binned at once; more do not fit the counters.
+/// Subtrees of fewer primitives are built by one thread.
+const GRAIN: usize = 1024;
+
+/// Fewest items to bin or move in a task of their own.
+const PART: usize = 4096;
+
+/// Most items that are binned at once; more would not fit the counters.
 const MAX_PART: usize = 1 << 23;
 
 /// Builds the tree over `items`, which have boxes.
 pub(crate) fn build(mut items: Vec<Item>, bins: u32, threads: usize, plot: Plot) -> Node {
-    let mut spare = items.clone();
+    let mut spare = if threads > 1 { items.par_iter().copied().collect() } else { items.clone() };
     let builder = Binned { bins: bins.clamp(2, MAX_BINS as u32) as usize, threads };
     builder.grow(&mut items, &mut spare, plot, &mut Bins::new())
 }
@@ -40,12 +46,12 @@ impl Binned {
         if n <= four::MOST && plot.any_split_fits() {
             return four::grow(items, plot);
         }
-        let parallel = self.threads > 1 && n >= 2 * GRAIN;
-        let centers = if parallel { centers_parallel(items) } else { centers(items) };
+        let in_parts = self.threads > 1 && n >= 2 * PART;
+        let centers = if in_parts { centers_parallel(items) } else { centers(items) };
         let mut split = None;
         if plot.any_split_fits() {
-            let grid = Grid::new(&centers, self.bins.min(4 + n / 8));
-            split = if parallel || n > MAX_PART {
+            let grid = Grid::new(&centers, self.bins.min(FEWEST_BINS + n / 8));
+            split = if in_parts || n > MAX_PART {
                 self.split_in_parts(items, spare, &grid)
             } else {
                 bins.fill(items, &grid);
@@ -67,9 +73,9 @@ impl Binned {
         let (l, r) = from.split_at_mut(left);
         let (spare_l, spare_r) = to.split_at_mut(left);
         plot.fork(left, |plot_l, plot_r| {
-            if parallel {
+            if self.threads > 1 && n >= GRAIN {
                 rayon::join(
-                    || self.grow(l, spare_l, plot_l, &mut Bins::new()),
+                    || self.grow(l, spare_l, plot_l, bins),
                     || self.grow(r, spare_r, plot_r, &mut Bins::new()),
                 )
             } else {
@@ -80,9 +86,9 @@ impl Binned {
 
     /// Bins, splits and partitions part by part, on all threads if there are several. Gives the number of items on
     /// the left, now at the front of `spare`. The result does not depend on the parts.
-    #[cold]
+    #[inline(never)] // Out of the way of the small nodes, of which there are many.
     fn split_in_parts(self, items: &[Item], spare: &mut [Item], grid: &Grid) -> Option<usize> {
-        let size = items.len().div_ceil(4 * self.threads).clamp(GRAIN, MAX_PART);
+        let size = items.len().div_ceil(4 * self.threads).clamp(PART, MAX_PART);
         let fill = |part: &[Item]| {
             let mut bins = Bins::new();
             bins.fill(part, grid);
@@ -123,7 +129,7 @@ fn centers(items: &[Item]) -> Hull {
 }
 
 fn centers_parallel(items: &[Item]) -> Hull {
-    items.par_chunks(GRAIN).map(centers).reduce(|| Hull::EMPTY, Hull::union)
+    items.par_chunks(PART).map(centers).reduce(|| Hull::EMPTY, Hull::union)
 }
 
 /// How centres map to bins.
@@ -338,5 +344,55 @@ fn partition(items: &[Item], left: &mut [Item], right: &mut [Item], grid: &Grid,
         if let Some(place) = to[side].next() {
             *place = *item;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bvh_core::{Aabb, Vec3};
+
+    use super::*;
+
+    #[test]
+    fn parts_do_not_change_a_split() {
+        let n = 10 * PART as u32 + 17;
+        let boxes: Vec<Aabb> = (0..n)
+            .map(|i| Vec3::new((i % 97) as f32, (i % 89) as f32 * 1.5, (i / 97) as f32 * 0.3))
+            .map(|p| Aabb::new(p, p + Vec3::new(1.0, 2.0, p.x)))
+            .collect();
+        let items = crate::item::gather(&boxes, false).boxed;
+        let grid = Grid::new(&centers(&items), 32);
+        let mut bins = Bins::new();
+        bins.fill(&items, &grid);
+        let cut = bins.best_split(&grid).expect("centres differ");
+        let left = bins.count_before(cut);
+        let mut whole = items.clone();
+        let (l, r) = whole.split_at_mut(left);
+        partition(&items, l, r, &grid, cut);
+        assert!(whole[..left].iter().all(|item| grid.bins_of(item)[cut.axis] < cut.bin));
+        assert!(whole[left..].iter().all(|item| grid.bins_of(item)[cut.axis] >= cut.bin));
+        for threads in [1, 3] {
+            let mut spare = items.clone();
+            let binned = Binned { bins: 32, threads };
+            assert_eq!(binned.split_in_parts(&items, &mut spare, &grid), Some(left));
+            assert!(spare.iter().zip(&whole).all(|(a, b)| a.number() == b.number()));
+        }
+    }
+
+    #[test]
+    fn bins_keep_hulls_and_counts() {
+        let boxes: Vec<Aabb> =
+            (0..1000).map(|i| Vec3::new(i as f32, 0.0, -2.0)).map(|p| Aabb::new(p, p + 1.0)).collect();
+        let items = crate::item::gather(&boxes, false).boxed;
+        // Centres do not spread on the last two axes: all are in the first bin there.
+        let grid = Grid::new(&centers(&items), 10);
+        let mut bins = Bins::new();
+        bins.fill(&items, &grid);
+        let counts = bins.bins.map(|axis| axis.bins[..10].iter().map(Bin::count).collect::<Vec<_>>());
+        assert_eq!(counts[0].iter().sum::<f32>(), 1000.0);
+        assert!(counts[0].iter().all(|c| (90.0..=110.0).contains(c)), "{:?}", counts[0]);
+        assert!(counts[1][0] == 1000.0 && counts[2][0] == 1000.0);
+        let last = bins.bins[0].bins[9].hull().aabb();
+        assert_eq!((last.max, last.min.y), (Vec3::new(1000.0, 1.0, -1.0), 0.0));
     }
 }

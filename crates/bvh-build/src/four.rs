@@ -89,3 +89,52 @@ fn best_of_four(items: [&Item; 4]) -> (bool, [&Item; 4]) {
     }
     (best < 3, TREES[best].1.map(|i| items[i]))
 }
+
+#[cfg(test)]
+mod tests {
+    use bvh_core::{Aabb, Bvh, Vec3};
+    use proptest::prelude::*;
+
+    use crate::{BuildOptions, Builder, build};
+
+    /// Least area of the inner nodes of any tree over `boxes`, by trying all.
+    fn least(boxes: &[Aabb]) -> f64 {
+        if boxes.len() < 2 {
+            return 0.0;
+        }
+        let area = boxes.iter().copied().fold(Aabb::EMPTY, Aabb::union).half_area_f64();
+        // Each way to take some, the first among them, to the left.
+        let split = |mask: u32| {
+            let side = |left: bool| -> Vec<Aabb> {
+                let chosen = |i: usize| ((2 * mask + 1) >> i & 1 == 1) == left;
+                (0..boxes.len()).filter(|&i| chosen(i)).map(|i| boxes[i]).collect()
+            };
+            least(&side(true)) + least(&side(false))
+        };
+        area + (0..(1 << (boxes.len() - 1)) - 1).map(split).fold(f64::INFINITY, f64::min)
+    }
+
+    fn inner_area(bvh: &Bvh) -> f64 {
+        let mut area = 0.0;
+        bvh.visit(|_, node, _| {
+            if !node.is_leaf() {
+                area += node.aabb().half_area_f64();
+            }
+        });
+        area
+    }
+
+    proptest! {
+        #[test]
+        fn no_tree_is_cheaper(
+            corners in prop::collection::vec(prop::array::uniform6(0f32..1.0), 2..5),
+        ) {
+            let boxes: Vec<_> = corners
+                .iter()
+                .map(|c| Aabb::around(&[Vec3::new(c[0], c[1], c[2]), Vec3::new(c[3], c[4], c[5])]))
+                .collect();
+            let bvh = build(&boxes, Builder::Binned, &BuildOptions::default(), None).expect("few");
+            prop_assert!(inner_area(&bvh) <= least(&boxes) * (1.0 + 1e-6));
+        }
+    }
+}

@@ -93,6 +93,16 @@ impl Hull {
     }
 }
 
+/// Greatest absolute coordinate; infinite if any box is empty or not finite.
+fn largest(items: &[Item]) -> f32 {
+    let start = (Vec4::ZERO, Vec4::ZERO.cmple(Vec4::ZERO));
+    let (size, ordered) = items.iter().fold(start, |(size, ordered), item| {
+        let Hull { min, max } = item.hull();
+        (size.max(min.abs()).max(max.abs()), ordered & min.cmple(max))
+    });
+    if ordered.bitmask() & 7 == 7 { size.truncate().max_element() } else { f32::INFINITY }
+}
+
 /// The primitives as builders want them, each list in the order of the numbers.
 pub(crate) struct Items {
     /// Those with a box.
@@ -112,10 +122,6 @@ const LARGE: f32 = (1u64 << 40) as f32;
 pub(crate) fn gather<P: Primitives + ?Sized>(primitives: &P, parallel: bool) -> Items {
     let n = primitives.len();
     let item = |i| Item::new(primitives.aabb(i), i);
-    let largest = |items: &[Item]| {
-        let largest = |l: Vec4, item: &Item| l.max(item.hull().min.abs()).max(item.hull().max.abs());
-        items.iter().fold(Vec4::ZERO, largest).truncate().max_element()
-    };
     let (mut boxed, mut size): (Vec<Item>, f32);
     if parallel {
         boxed = (0..n).into_par_iter().with_min_len(1024).map(item).collect();
@@ -126,7 +132,7 @@ pub(crate) fn gather<P: Primitives + ?Sized>(primitives: &P, parallel: bool) -> 
     }
     let mut dropped = Vec::new();
     if size == f32::INFINITY {
-        (boxed, dropped) = boxed.into_iter().partition(|item| !item.hull().aabb().is_empty());
+        (boxed, dropped) = boxed.into_iter().partition(|item| !item.hull().aabb().sanitized().is_empty());
         size = largest(&boxed);
     }
     let exact = size == 0.0 || (1.0 / LARGE..LARGE).contains(&size);

@@ -166,6 +166,34 @@ fn primitives_without_a_box_are_kept_apart() {
     check(&vec![Aabb::EMPTY; 1000], &options(4));
 }
 
+/// Boxes as they should not be given: NaN, infinite, inside out.
+struct Careless(Vec<Aabb>);
+
+impl Primitives for Careless {
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+    fn aabb(&self, i: usize) -> Aabb {
+        self.0[i]
+    }
+}
+
+#[test]
+fn boxes_that_are_not_sanitized_are_set_apart_too() {
+    let mut boxes = random_boxes(200, 0.1);
+    let payload = f32::from_bits(0x7fff_ffff);
+    for bad in [f32::NAN, payload, -payload, f32::INFINITY, f32::NEG_INFINITY] {
+        boxes.push(Aabb::new(Vec3::splat(bad), Vec3::ONE));
+        boxes.push(Aabb::new(Vec3::ZERO, Vec3::new(0.5, bad, 0.5)));
+    }
+    boxes.push(Aabb::new(Vec3::ONE, Vec3::ZERO));
+    for builder in Builder::ALL {
+        let bvh = build(&Careless(boxes.clone()), builder, &options(1), None).expect("few enough");
+        let [l, _] = bvh.children(bvh.root()).expect("inner");
+        assert!(Aabb::new(Vec3::ZERO, Vec3::splat(1.2)).contains(&l.aabb()), "{}", builder.name());
+    }
+}
+
 #[test]
 fn scale_does_not_change_the_tree() {
     let boxes = random_boxes(1000, 0.1);
