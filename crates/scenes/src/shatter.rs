@@ -187,13 +187,6 @@ impl Bodies {
         Self { bodies, gravity, neighbours, steps: 0 }
     }
 
-    /// Numbers of the bodies in place that the last body touches.
-    pub(crate) fn touched_by_last(&self) -> Vec<usize> {
-        let Some((last, shards)) = self.bodies.split_last() else { return Vec::new() };
-        let touches = |b: &Body| !b.free && b.at.position.distance(last.at.position) < b.radius + last.radius;
-        (0..shards.len()).filter(|&i| touches(&shards[i])).collect()
-    }
-
     pub(crate) fn step(&mut self, dt: f32) {
         let gravity = self.gravity;
         self.bodies.par_iter_mut().with_min_len(512).for_each(|b| b.start_step(gravity, dt));

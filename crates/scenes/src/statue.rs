@@ -1,7 +1,5 @@
 //! A hollow statue that a falling stone breaks: from its surface to shards, their motion, and its playback.
 
-use std::collections::VecDeque;
-
 use anim::Motion;
 use glam::Vec3;
 
@@ -49,6 +47,16 @@ pub(crate) struct Colors {
     pub(crate) ground: [f32; 3],
 }
 
+/// How far the breaking has come.
+struct Cracks {
+    /// For each piece, those that touch it.
+    beside: Vec<Vec<u32>>,
+    /// Whether each piece rests on the ground at first.
+    rests: Vec<bool>,
+    /// Where the stone hit first, and when each piece is to break off; `None` before it has hit.
+    hit: Option<(Vec3, Vec<f32>)>,
+}
+
 impl Breaking<'_> {
     /// Breaks the statue.
     ///
@@ -56,33 +64,25 @@ impl Breaking<'_> {
     /// vertex numbers of their body, and the numbers of vertices and triangles of each body.
     pub(crate) fn simulate(self, random: &mut fastrand::Rng, options: &SceneOptions<'_>) -> Record {
         let (patch, count) = patches(&self.surface, self.pieces, self.density, random);
-        let beside = adjacent_patches(&self.surface, &patch, count);
+        let shards = shards(&self.surface, &patch, count, |p, n| self.wall(p, n));
+        let lowest = |m: &Mesh| m.positions.iter().map(|p| p.y).fold(f32::MAX, f32::min);
+        let mut cracks = Cracks {
+            beside: adjacent_patches(&self.surface, &patch, count),
+            rests: shards.iter().map(|m| lowest(m) < self.thickness).collect(),
+            hit: None,
+        };
+        let shard_triangles: usize = shards.iter().map(|m| m.triangles.len()).sum();
         let (mut bodies, mut meshes): (Vec<Body>, Vec<Mesh>) =
-            shards(&self.surface, &patch, count, |p, n| self.wall(p, n))
-                .into_iter()
-                .map(|mesh| Body::new(mesh, 1.0))
-                .unzip();
-        let rests: Vec<bool> =
-            bodies.iter().zip(&meshes).map(|(b, m)| lowest(m) + b.at.position.y < self.thickness).collect();
+            shards.into_iter().map(|mesh| Body::new(mesh, 1.0)).unzip();
         // The stone takes what is left, so that the number of triangles does not hang on how the cracks run.
-        let shard_triangles: usize = meshes.iter().map(|m| m.triangles.len()).sum();
-        let (stone_at, stone_radius, stone_speed) = self.stone;
-        let stone =
-            lump(stone_at, stone_radius, self.triangles.saturating_sub(shard_triangles).max(200), random);
-        let (mut stone, stone_mesh) = Body::new(stone, self.stone_density);
-        stone.free = true;
-        stone.radius = stone_radius;
-        stone.velocity = Vec3::NEG_Y * stone_speed;
+        let (stone, mesh) = self.stone(self.triangles.saturating_sub(shard_triangles).max(200), random);
         bodies.push(stone);
-        meshes.push(stone_mesh);
+        meshes.push(mesh);
 
         let mut world = Bodies::new(bodies, self.gravity, 4.0 * self.thickness);
         let step_count = (self.keys - 1) * self.substeps;
         let dt = self.seconds / step_count as f32;
-        let mut breaks_at: Option<Vec<f32>> = None;
-        let mut impact = Vec3::ZERO;
-        let mut placed = Vec::new();
-        let mut depth = 0.0_f32;
+        let (mut placed, mut depth) = (Vec::new(), 0.0_f32);
         for step in 0..=step_count {
             if step % self.substeps == 0 {
                 if let Some(progress) = options.progress {
@@ -93,44 +93,55 @@ impl Breaking<'_> {
                     depth = depth.max(mesh.positions.iter().map(|&p| -body.at.of(p).y).fold(0.0, f32::max));
                 }
             }
-            let time = step as f32 * dt;
-            let touched = world.touched_by_last();
-            if breaks_at.is_none() && !touched.is_empty() {
-                impact = world.bodies[count].at.position - Vec3::Y * stone_radius;
-                let due = |b: &Body| time + (self.delay)(b.at.position, impact, random);
-                breaks_at = Some(world.bodies[..count].iter().map(due).collect());
-            }
-            if let Some(due) = &breaks_at {
-                let mut breaking: Vec<bool> =
-                    (0..count).map(|i| !world.bodies[i].free && due[i] <= time).collect();
-                let stone = &mut world.bodies[count];
-                for &i in &touched {
-                    breaking[i] = true;
-                    // The stone takes along what it hits, and is slowed by it.
-                    stone.velocity *= stone.mass / (stone.mass + 0.5);
-                }
-                if step % SUPPORT == 0 {
-                    let fast = |i: usize| world.bodies[i].free || breaking[i];
-                    let held = held_up(&beside, &rests, fast);
-                    breaking.iter_mut().zip(held).enumerate().for_each(|(i, (b, held))| {
-                        *b |= !held && !world.bodies[i].free;
-                    });
-                }
-                for i in (0..count).filter(|&i| breaking[i]) {
-                    let body = &mut world.bodies[i];
-                    body.free = true;
-                    (body.velocity, body.spin) = (self.kick)(body.at.position, impact, random);
-                }
-            }
             if step < step_count {
+                self.break_off(&mut cracks, &mut world.bodies, step, step as f32 * dt, random);
                 world.step(dt);
             }
         }
         record(meshes, placed, depth)
     }
-}
 
-impl Breaking<'_> {
+    /// Frees the pieces whose time has come, that the stone hits, or that nothing holds up any more.
+    fn break_off(
+        &self,
+        cracks: &mut Cracks,
+        bodies: &mut [Body],
+        step: usize,
+        time: f32,
+        random: &mut fastrand::Rng,
+    ) {
+        let Some((stone, shards)) = bodies.split_last_mut() else { return };
+        let touches =
+            |b: &Body| !b.free && b.at.position.distance(stone.at.position) < b.radius + stone.radius;
+        let touched: Vec<bool> = shards.iter().map(touches).collect();
+        if cracks.hit.is_none() && touched.contains(&true) {
+            let impact = stone.at.position - Vec3::Y * stone.radius;
+            let due = |b: &Body| time + (self.delay)(b.at.position, impact, random);
+            cracks.hit = Some((impact, shards.iter().map(due).collect()));
+        }
+        let Some((impact, due)) = &cracks.hit else { return };
+        let mut loose: Vec<bool> = shards
+            .iter()
+            .zip(due)
+            .zip(&touched)
+            .map(|((b, &due), &touched)| b.free || touched || due <= time)
+            .collect();
+        if step.is_multiple_of(SUPPORT) {
+            let held = held_up(&cracks.beside, &cracks.rests, &loose);
+            loose = held.into_iter().map(|held| !held).collect();
+        }
+        for ((body, loose), touched) in shards.iter_mut().zip(loose).zip(touched) {
+            if loose && !body.free {
+                body.free = true;
+                (body.velocity, body.spin) = (self.kick)(body.at.position, *impact, random);
+            }
+            if touched {
+                // The stone is slowed by what it hits.
+                stone.velocity *= stone.mass / (stone.mass + 0.5);
+            }
+        }
+    }
+
     /// The thickness at a point of the surface: less than half of the solid's own, so that no inside shows.
     fn wall(&self, p: Vec3, normal: Vec3) -> f32 {
         let near = self.solid.near(p, 2.0 * self.thickness);
@@ -139,6 +150,26 @@ impl Breaking<'_> {
             depth *= 0.7;
         }
         depth
+    }
+
+    /// A lumpy stone.
+    fn stone(&self, triangles: usize, random: &mut fastrand::Rng) -> (Body, Mesh) {
+        let (center, radius, speed) = self.stone;
+        let mut solid = Solid::default();
+        solid.blend(0.3 * radius).ball(center, 0.75 * radius);
+        for _ in 0..14 {
+            let mut number = || random.f32() - 0.5;
+            let direction = Vec3::new(number(), number(), number()).normalize_or(Vec3::X);
+            solid.ball(center + direction * (0.5 * radius), radius * (0.3 + 0.15 * random.f32()));
+        }
+        let half = Vec3::splat(1.2 * radius);
+        let cell = radius * (10.0 / triangles as f32).sqrt();
+        let mesh = decimate(&meshing::mesh(&solid, center - half, center + half, cell), triangles);
+        let (mut stone, mesh) = Body::new(mesh, self.stone_density);
+        stone.free = true;
+        stone.radius = radius;
+        stone.velocity = Vec3::NEG_Y * speed;
+        (stone, mesh)
     }
 }
 
@@ -183,24 +214,6 @@ pub(crate) fn playback(
     (RigidBodies { topology, local: positions, body, bodies: sizes.len(), keys, seconds }, measures)
 }
 
-/// A lumpy stone about a centre, within a radius.
-fn lump(center: Vec3, radius: f32, triangles: usize, random: &mut fastrand::Rng) -> Mesh {
-    let mut solid = Solid::default();
-    solid.blend(0.3 * radius).ball(center, 0.75 * radius);
-    for _ in 0..14 {
-        let mut number = || random.f32() - 0.5;
-        let direction = Vec3::new(number(), number(), number()).normalize_or(Vec3::X);
-        solid.ball(center + direction * (0.5 * radius), radius * (0.3 + 0.15 * random.f32()));
-    }
-    let half = Vec3::splat(1.2 * radius);
-    let cell = radius * (10.0 / triangles as f32).sqrt();
-    decimate(&meshing::mesh(&solid, center - half, center + half, cell), triangles)
-}
-
-fn lowest(mesh: &Mesh) -> f32 {
-    mesh.positions.iter().map(|p| p.y).fold(f32::MAX, f32::min)
-}
-
 /// For each patch those that share a vertex with it.
 fn adjacent_patches(mesh: &Mesh, patch: &[u32], count: usize) -> Vec<Vec<u32>> {
     let mut first = vec![u32::MAX; mesh.positions.len()];
@@ -224,14 +237,14 @@ fn adjacent_patches(mesh: &Mesh, patch: &[u32], count: usize) -> Vec<Vec<u32>> {
 }
 
 /// Which patches are joined to one that rests on the ground by patches that are not loose.
-fn held_up(beside: &[Vec<u32>], rests: &[bool], loose: impl Fn(usize) -> bool) -> Vec<bool> {
-    let mut held: Vec<bool> = (0..rests.len()).map(|i| rests[i] && !loose(i)).collect();
-    let mut queue: VecDeque<usize> = (0..rests.len()).filter(|&i| held[i]).collect();
-    while let Some(i) = queue.pop_front() {
+fn held_up(beside: &[Vec<u32>], rests: &[bool], loose: &[bool]) -> Vec<bool> {
+    let mut held: Vec<bool> = rests.iter().zip(loose).map(|(&rests, &loose)| rests && !loose).collect();
+    let mut queue: Vec<usize> = (0..held.len()).filter(|&i| held[i]).collect();
+    while let Some(i) = queue.pop() {
         for j in beside[i].iter().map(|&j| j as usize) {
-            if !held[j] && !loose(j) {
+            if !held[j] && !loose[j] {
                 held[j] = true;
-                queue.push_back(j);
+                queue.push(j);
             }
         }
     }
