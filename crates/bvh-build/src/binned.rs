@@ -1,6 +1,5 @@
 //! Binned SAH (Wald 2007, "On fast construction of SAH-based bounding volume hierarchies"), serial and parallel.
 
-use bvh_core::Node;
 use bvh_core::glam::{Mat4, Vec4};
 use rayon::prelude::*;
 
@@ -23,8 +22,8 @@ const PART: usize = 4096;
 /// Most items that are binned at once; more would not fit the counters.
 const MAX_PART: usize = 1 << 23;
 
-/// Builds the tree over `items`, which have boxes.
-pub(crate) fn build(mut items: Vec<Item>, bins: u32, threads: usize, plot: Plot) -> Node {
+/// Builds the tree over `items`, which have boxes; gives its hull.
+pub(crate) fn build(mut items: Vec<Item>, bins: u32, threads: usize, plot: Plot) -> Hull {
     let mut spare = if threads > 1 { items.par_iter().copied().collect() } else { items.clone() };
     let builder = Binned { bins: bins.clamp(2, MAX_BINS as u32) as usize, threads };
     builder.grow(&mut items, &mut spare, plot, &mut Bins::new())
@@ -37,8 +36,8 @@ struct Binned {
 }
 
 impl Binned {
-    /// Builds the subtree over `items`; `spare` is as long, and both are left in disorder.
-    fn grow(self, items: &mut [Item], spare: &mut [Item], plot: Plot, bins: &mut Bins) -> Node {
+    /// Builds the subtree over `items` and gives its hull; `spare` is as long, and both are left in disorder.
+    fn grow(self, items: &mut [Item], spare: &mut [Item], plot: Plot, bins: &mut Bins) -> Hull {
         let n = items.len();
         if let [item] = items {
             return plot.leaf(item);

@@ -1,17 +1,16 @@
 //! The best trees over two, three and four primitives, found by trying all.
 
-use bvh_core::Node;
-
-use crate::item::Item;
+use crate::item::{Hull, Item};
 use crate::plot::Plot;
 
 /// Most primitives that [`grow`] takes.
 pub(crate) const MOST: usize = 4;
 
-/// Builds the cheapest tree over two to four primitives, the first of equals; O(1). The plot must allow any split.
+/// Builds the cheapest tree over two to four primitives, the first of equals; O(1);
+/// gives its hull. The plot must allow any split.
 ///
 /// All such trees have the same leaves, so only their inner nodes below the root count.
-pub(crate) fn grow(items: &[Item], plot: Plot) -> Node {
+pub(crate) fn grow(items: &[Item], plot: Plot) -> Hull {
     match items {
         [a, b] => pair(a, b, plot),
         [a, b, c] => {
@@ -38,7 +37,7 @@ pub(crate) fn grow(items: &[Item], plot: Plot) -> Node {
     }
 }
 
-fn pair(a: &Item, b: &Item, plot: Plot) -> Node {
+fn pair(a: &Item, b: &Item, plot: Plot) -> Hull {
     plot.fork(1, |l, r| (l.leaf(a), r.leaf(b)))
 }
 

@@ -139,9 +139,8 @@ pub fn build<P: Primitives + ?Sized>(
             Builder::Sweep => sweep::build(items, n, threads > 1, plot),
             Builder::Binned | Builder::BinnedParallel => binned::build(items, options.bins, threads, plot),
         };
-        let (root, below) = nodes.split_at_mut(2);
-        let plot = Plot::new(below, order);
-        root[0] = match (boxed.len(), dropped.len()) {
+        let plot = Plot::new(nodes, order);
+        match (boxed.len(), dropped.len()) {
             (_, 0) => grow(boxed, plot),
             (0, _) => plot.halve(&dropped),
             (left, _) => plot.fork(left, |l, r| (grow(boxed, l), r.halve(&dropped))),

@@ -4,14 +4,15 @@ use bvh_core::{MAX_HEIGHT, Node};
 
 use crate::item::{Hull, Item};
 
-/// Room for a subtree of one primitive a leaf: `order.len()` slots and the `order.len() - 1` pairs of nodes
-/// below its root, whose own node belongs to the plot above.
+/// Room for a subtree of one primitive a leaf: its root, the `order.len() - 1` pairs of nodes below, and
+/// `order.len()` slots.
 ///
 /// Pairs lie depth first: the pair of the root's children, then all pairs below the left child, then all below
 /// the right one. As a subtree's size is known from its number of primitives, both halves can be written at
 /// the same time.
 pub(crate) struct Plot<'a> {
-    nodes: &'a mut [Node],
+    root: &'a mut Node,
+    below: &'a mut [Node],
     first_node: u32,
     order: &'a mut [u32],
     first_slot: u32,
@@ -19,9 +20,10 @@ pub(crate) struct Plot<'a> {
 }
 
 impl<'a> Plot<'a> {
-    /// The plot of a whole tree: all nodes but the root's pair, and all slots.
+    /// The plot of a whole tree. Node 1 stays unused.
     pub(crate) fn new(nodes: &'a mut [Node], order: &'a mut [u32]) -> Self {
-        Self { nodes, first_node: 2, order, first_slot: 0, depth: 0 }
+        let (top, below) = nodes.split_at_mut(2);
+        Self { root: &mut top[0], below, first_node: 2, order, first_slot: 0, depth: 0 }
     }
 
     /// Whether any split here leaves room below for the rest, within [`MAX_HEIGHT`]. Otherwise the number of
@@ -31,38 +33,47 @@ impl<'a> Plot<'a> {
         self.depth + self.order.len().next_power_of_two().ilog2() < MAX_HEIGHT
     }
 
-    /// Writes the only primitive of the plot; gives its node.
+    /// Makes the root the leaf of the only primitive; gives its hull.
     #[inline]
-    pub(crate) fn leaf(self, item: &Item) -> Node {
+    pub(crate) fn leaf(self, item: &Item) -> Hull {
         self.order[0] = item.number();
-        Node::leaf(item.hull().aabb(), self.first_slot, 1)
+        *self.root = Node::leaf(item.hull().aabb(), self.first_slot, 1);
+        item.hull()
     }
 
-    /// Plants `left` on the plot of the first `n` slots and `right` on the rest, by way of `both`, which runs the
-    /// two in any order or at once; gives the node above.
+    /// Makes the root an inner node over two subtrees, the left one over the first `n` slots and the right one
+    /// over the rest, which `both` grows in any order or at once; gives the hull of the two that this returns.
     #[inline]
-    pub(crate) fn fork(self, n: usize, both: impl FnOnce(Self, Self) -> (Node, Node)) -> Node {
-        let (pair, below) = self.nodes.split_at_mut(2);
-        let (left_nodes, right_nodes) = below.split_at_mut(2 * (n - 1));
+    pub(crate) fn fork(self, n: usize, both: impl FnOnce(Self, Self) -> (Hull, Hull)) -> Hull {
+        let (pair, below) = self.below.split_at_mut(2);
+        let (left_root, right_root) = pair.split_at_mut(1);
+        let (left_below, right_below) = below.split_at_mut(2 * (n - 1));
         let (left_order, right_order) = self.order.split_at_mut(n);
-        let (first_node, depth) = (self.first_node + 2, self.depth + 1);
-        let left =
-            Plot { nodes: left_nodes, first_node, order: left_order, first_slot: self.first_slot, depth };
+        let depth = self.depth + 1;
+        let left = Plot {
+            root: &mut left_root[0],
+            below: left_below,
+            first_node: self.first_node + 2,
+            order: left_order,
+            first_slot: self.first_slot,
+            depth,
+        };
         let right = Plot {
-            nodes: right_nodes,
-            first_node: first_node + 2 * (n as u32 - 1),
+            root: &mut right_root[0],
+            below: right_below,
+            first_node: self.first_node + 2 * n as u32,
             order: right_order,
             first_slot: self.first_slot + n as u32,
             depth,
         };
         let (l, r) = both(left, right);
-        pair[0] = l;
-        pair[1] = r;
-        Node::inner(l.aabb().union(r.aabb()), self.first_node)
+        let hull = l.union(r);
+        *self.root = Node::inner(hull.aabb(), self.first_node);
+        hull
     }
 
-    /// Halves the primitives down to the leaves, in the order given.
-    pub(crate) fn halve(self, items: &[Item]) -> Node {
+    /// Halves the primitives down to the leaves, in the order given; gives their hull.
+    pub(crate) fn halve(self, items: &[Item]) -> Hull {
         match items {
             [item] => self.leaf(item),
             _ => {

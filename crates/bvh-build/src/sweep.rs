@@ -2,7 +2,6 @@
 
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-use bvh_core::Node;
 use rayon::prelude::*;
 
 use crate::item::{Hull, Item};
@@ -11,8 +10,8 @@ use crate::plot::Plot;
 /// Subtrees of fewer primitives are built by one thread.
 const GRAIN: usize = 4096;
 
-/// Builds the tree over `items`, which have boxes, from all `count` primitives' numbers.
-pub(crate) fn build(items: Vec<Item>, count: usize, parallel: bool, plot: Plot) -> Node {
+/// Builds the tree over `items`, which have boxes and numbers below `count`; gives its hull.
+pub(crate) fn build(items: Vec<Item>, count: usize, parallel: bool, plot: Plot) -> Hull {
     let sweep = Sweep { parallel, is_left: (0..count).map(|_| AtomicBool::new(false)).collect() };
     sweep.build(items, plot)
 }
@@ -43,7 +42,7 @@ impl<'a> Lists<'a> {
 }
 
 impl Sweep {
-    fn build(&self, items: Vec<Item>, plot: Plot) -> Node {
+    fn build(&self, items: Vec<Item>, plot: Plot) -> Hull {
         let mut sorted = [0, 1, 2].map(|axis| self.sort(&items, axis));
         let mut spare = items;
         let mut costs = vec![0.0; spare.len()];
@@ -68,7 +67,7 @@ impl Sweep {
         keys.into_iter().map(|key| items[key as u32 as usize]).collect()
     }
 
-    fn grow(&self, mut lists: Lists, plot: Plot) -> Node {
+    fn grow(&self, mut lists: Lists, plot: Plot) -> Hull {
         let n = lists.costs.len();
         if n == 1 {
             return plot.leaf(&lists.sorted[0][0]);
