@@ -5,6 +5,7 @@
 //! is simulated again and overwritten.
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::{fs, io};
 
 use xxhash_rust::xxh3::xxh3_64;
@@ -51,10 +52,12 @@ fn cache_path(dir: &Path, parameters: &str) -> PathBuf {
     dir.join(format!("{scene}-{:016x}.keys", xxh3_64(parameters.as_bytes())))
 }
 
-/// Writes under a name of this process and renames, so that no reader ever sees half a file.
+/// Writes under a name that no other writer uses and renames, so that no reader ever sees half a file.
 fn write_whole(dir: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
+    static WRITES: AtomicUsize = AtomicUsize::new(0);
     fs::create_dir_all(dir)?;
-    let temporary = path.with_extension(format!("{}.tmp", std::process::id()));
+    let write = WRITES.fetch_add(1, Ordering::Relaxed);
+    let temporary = path.with_extension(format!("{}-{write}.tmp", std::process::id()));
     fs::write(&temporary, bytes).and_then(|()| fs::rename(&temporary, path)).inspect_err(|_| {
         // The error that is reported is the first one; a leftover temporary file harms nobody.
         let _ = fs::remove_file(&temporary);
