@@ -62,6 +62,10 @@ impl Device {
     }
 }
 
+/// What is there for geometry that moves.
+const DYNAMIC: [(&str, Quality); 3] =
+    [("refit", Quality::Refit), ("low", Quality::Low), ("medium", Quality::Medium)];
+
 /// Adds this library's contestants.
 pub(crate) fn enter(contest: Contest, device: &Device, entries: &mut Vec<Entry>) {
     let mut add = |name: &str, config: Config| {
@@ -74,9 +78,7 @@ pub(crate) fn enter(contest: Contest, device: &Device, entries: &mut Vec<Entry>)
     let plain = Config { quality: Quality::Medium, width: Width::One, dynamic: false, robust: false };
     match contest {
         Contest::Update => {
-            for (name, quality) in
-                [("refit", Quality::Refit), ("low", Quality::Low), ("medium", Quality::Medium)]
-            {
+            for (name, quality) in DYNAMIC {
                 add(name, Config { quality, dynamic: true, ..plain });
             }
         }
@@ -92,6 +94,17 @@ pub(crate) fn enter(contest: Contest, device: &Device, entries: &mut Vec<Entry>)
             add("packets of 8", Config { width: Width::Eight, ..plain });
             add("packets of 16", Config { width: Width::Sixteen, ..plain });
             add("packets of 16, robust", Config { width: Width::Sixteen, robust: true, ..plain });
+        }
+        Contest::Frame => {
+            for (name, quality) in DYNAMIC {
+                for (rays, width) in [
+                    ("single", Width::One),
+                    ("packets of 8", Width::Eight),
+                    ("packets of 16", Width::Sixteen),
+                ] {
+                    add(&format!("{name}, {rays}"), Config { quality, width, dynamic: true, robust: false });
+                }
+            }
         }
     }
 }

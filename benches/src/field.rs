@@ -14,6 +14,8 @@ pub enum Contest {
     Build,
     /// Tracing rays through a fresh tree.
     Trace,
+    /// Updating and tracing, frame after frame: this project and Embree in every dynamic configuration.
+    Frame,
 }
 
 type Make = Box<dyn Fn(&Triangles<'_>) -> Result<Box<dyn Contestant>, Failure> + Send + Sync>;

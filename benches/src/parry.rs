@@ -163,5 +163,6 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
             add("ploc", ploc);
         }
         Contest::Trace => add("ploc", ploc),
+        Contest::Frame => {}
     }
 }

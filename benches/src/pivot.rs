@@ -130,5 +130,10 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
             add("published packets", tree(leaves(1)), Traversal::Packet, best);
             add("single", tree(leaves(1)), Traversal::Single, best);
         }
+        Contest::Frame => {
+            for strategy in [Strategy::Refit, Strategy::RefitRotate, rebuild(Builder::BinnedParallel)] {
+                add(strategy.name(), strategy, Traversal::Tile, best);
+            }
+        }
     }
 }
