@@ -30,6 +30,7 @@ mod shade;
 mod simd;
 mod single;
 mod slab;
+mod surface;
 mod tile;
 mod triangle;
 mod wide;

@@ -1,16 +1,19 @@
 //! Frames: tiles over threads, packets over tiles.
 
+use std::cell::RefCell;
 use std::ops::AddAssign;
 use std::str::FromStr;
 
-use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3};
+use bvh_core::{Bvh, SimdLevel, Triangles, Vec3};
+use fearless_simd::Simd;
 use rayon::prelude::*;
 use thiserror::Error;
 
 use crate::packet::{self, Query, SIZE};
-use crate::shade::{Background, PointLight, Surface, shadow_ray};
+use crate::shade::{Background, PointLight, Shader};
 use crate::simd::at_level;
 use crate::single::{self, Work, with_test};
+use crate::surface::{Coordinates, Surfaces};
 use crate::tile::{self, Bundle, Hits, RAYS, Scene, Scratch};
 use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight};
 use crate::wide::WideTest;
@@ -177,24 +180,18 @@ pub fn render(
     if (image.width(), image.height()) != (camera.width(), camera.height()) {
         *image = Image::new(camera.width(), camera.height());
     }
-    let shadows = light.filter(|_| options.shadows).map(|l| l.position);
-    let traversal = match options.output {
-        Output::Shaded => options.traversal,
-        Output::NodesVisited { .. } => Traversal::Single,
-    };
-    let options = &RenderOptions { traversal, ..*options };
-    let frame = Frame { scene: Scene { bvh, triangles: &mesh.triangles }, camera, shadows, options };
-    let shade = |ray: Vec3, pixel: &Pixel, nodes: u32| match options.output {
-        Output::NodesVisited { most } => heat(nodes as f32 / most.max(1) as f32),
-        Output::Shaded => match &pixel.hit {
-            Some(hit) => {
-                let surface = Surface::new(mesh, hit, ray, options.smooth);
-                surface.shade(light, pixel.lit, -ray)
-            }
-            None => options.background.color(ray),
-        },
-    };
-    frame.run(image.pixels_mut(), &shade)
+    let scene = Scene { bvh, triangles: &mesh.triangles };
+    match options.output {
+        Output::Shaded => {
+            let RenderOptions { smooth, background, .. } = *options;
+            let shader = Shader { mesh, light, smooth, background };
+            run(&Frame::new(scene, camera, light, options, true), image.pixels_mut(), &shader)
+        }
+        Output::NodesVisited { most } => {
+            let options = RenderOptions { traversal: Traversal::Single, ..*options };
+            run(&Frame::new(scene, camera, light, &options, false), image.pixels_mut(), &Heat { most })
+        }
+    }
 }
 
 /// What is seen through a pixel.
@@ -220,9 +217,8 @@ pub fn cast(
     pixels: &mut [Pixel],
 ) -> RenderStats {
     assert_eq!(pixels.len(), camera.width() as usize * camera.height() as usize, "pixels of the camera");
-    let shadows = light.filter(|_| options.shadows).map(|l| l.position);
-    let frame = Frame { scene: Scene { bvh, triangles }, camera, shadows, options };
-    frame.run(pixels, &|_, pixel, _| *pixel)
+    let scene = Scene { bvh, triangles };
+    run(&Frame::new(scene, camera, light, options, false), pixels, &Caster)
 }
 
 /// Side of a tile in pixels: what one thread does at a time.
@@ -238,211 +234,273 @@ struct Frame<'a> {
     /// Position of the light, if it throws shadows.
     shadows: Option<Vec3>,
     options: &'a RenderOptions,
+    /// Whether points and normals are needed even without shadows.
+    shaded: bool,
 }
 
-impl Frame<'_> {
-    /// Fills the image with what `finish` makes of each pixel's ray, hit and number of nodes visited.
-    fn run<P: Send>(
-        &self,
-        pixels: &mut [P],
-        finish: &(impl Fn(Vec3, &Pixel, u32) -> P + Sync),
-    ) -> RenderStats {
-        let width = self.camera.width() as usize;
-        pixels
-            .par_chunks_mut(width.max(1) * TILE)
-            .enumerate()
-            .map(|(i, band)| {
-                let mut rows = band.chunks_mut(width);
-                let rows = std::array::from_fn(|_| rows.next().unwrap_or_default());
-                let y = (i * TILE) as u32;
-                with_test!(self.options.triangle_test, T => self.tiles::<T, P>(rows, 0, y, finish))
-            })
-            .reduce(RenderStats::default, sum)
-    }
-
-    /// Halves a band of rows until it is a tile. Slices on the stack give each tile its pixels without locks.
-    fn tiles<T: WideTest, P: Send>(
-        &self,
-        mut rows: Rows<'_, P>,
-        x: u32,
-        y: u32,
-        finish: &(impl Fn(Vec3, &Pixel, u32) -> P + Sync),
-    ) -> RenderStats {
-        let width = rows[0].len();
-        if width <= TILE {
-            return self.tile::<T, P>(&mut rows, x, y, finish);
-        }
-        let middle = width.div_ceil(2).next_multiple_of(TILE);
-        let mut right: Rows<'_, P> = std::array::from_fn(|_| Default::default());
-        let mut halves = right.iter_mut();
-        let left = rows.map(|row| {
-            let (left, right) = row.split_at_mut(middle.min(row.len()));
-            if let Some(half) = halves.next() {
-                *half = right;
-            }
-            left
-        });
-        let (a, b) = rayon::join(
-            || self.tiles::<T, P>(left, x, y, finish),
-            || self.tiles::<T, P>(right, x + middle as u32, y, finish),
-        );
-        sum(a, b)
-    }
-
-    fn tile<T: WideTest, P>(
-        &self,
-        rows: &mut Rows<'_, P>,
-        x: u32,
-        y: u32,
-        finish: &impl Fn(Vec3, &Pixel, u32) -> P,
-    ) -> RenderStats {
-        let (width, height) = (rows[0].len() as u32, rows.iter().filter(|r| !r.is_empty()).count() as u32);
-        let mut tracer = Tracer::new();
-        // Pixels in blocks of 8 x 8, so that packets are square.
-        let mut at = [(0, 0); RAYS];
-        let mut count = 0;
-        for i in 0..RAYS as u32 {
-            let (block, i) = (i / 64, i % 64);
-            let (px, py) = (block % 4 * 8 + i % 8, block / 4 * 8 + i / 8);
-            if px < width && py < height {
-                at[count] = (px, py);
-                count += 1;
-            }
-        }
-        let eye = self.camera.eye();
-        tracer.start(eye, f32::INFINITY);
-        for &(px, py) in &at[..count] {
-            tracer.push(self.camera.direction(x + px, y + py));
-        }
-        tracer.trace::<T>(self.scene, self.options, Query::Closest);
-        let mut stats = RenderStats { rays_primary: count as u64, ..RenderStats::default() };
-
-        let mut pixels = [Pixel::default(); RAYS];
-        let mut seen = [Vec3::ZERO; RAYS];
-        let mut nodes = tracer.nodes;
-        for (i, pixel) in pixels[..count].iter_mut().enumerate() {
-            pixel.hit = tracer.hit(i);
-            pixel.lit = pixel.hit.is_some() && self.shadows.is_none();
-            seen[i] = tracer.direction(i);
-            stats.hits += u64::from(pixel.hit.is_some());
-        }
-        if let Some(light) = self.shadows {
-            let mut whose = [0; RAYS];
-            tracer.start(light, 1.0);
-            for (i, pixel) in pixels[..count].iter().enumerate() {
-                let way = pixel.hit.and_then(|hit| shadow_ray(self.scene.triangles, &hit, seen[i], light));
-                if let Some(way) = way {
-                    whose[tracer.count()] = i;
-                    tracer.push(way);
-                }
-            }
-            stats.rays_shadow += tracer.count() as u64;
-            tracer.trace::<T>(self.scene, self.options, Query::Any);
-            for (j, &i) in whose[..tracer.count()].iter().enumerate() {
-                pixels[i].lit = tracer.hit(j).is_none();
-                stats.shadowed += u64::from(!pixels[i].lit);
-                nodes[i] += tracer.nodes[j];
-            }
-        }
-        for (i, &(px, py)) in at[..count].iter().enumerate() {
-            rows[py as usize][px as usize] = finish(seen[i], &pixels[i], nodes[i]);
-        }
-        stats.nodes_visited = tracer.work.nodes;
-        stats.triangles_tested = tracer.work.triangles;
-        stats.regrouped = tracer.work.regrouped;
-        stats
+impl<'a> Frame<'a> {
+    fn new(
+        scene: Scene<'a>,
+        camera: &'a Camera,
+        light: Option<&PointLight>,
+        options: &'a RenderOptions,
+        shaded: bool,
+    ) -> Self {
+        let shadows = light.filter(|_| options.shadows).map(|l| l.position);
+        Self { scene, camera, shadows, options, shaded }
     }
 }
 
-/// Traces the rays of a tile in the way that the options ask for.
-pub(crate) struct Tracer {
-    rays: Bundle,
+/// Everything about the pixels of a tile. They are in blocks of 8 x 8, so that packets are square.
+struct Tile {
+    /// Column and row of each pixel in the tile.
+    at: [[u8; 2]; RAYS],
+    seen: Bundle,
     hits: Hits,
-    /// Inner nodes visited by each ray; for [`Traversal::Single`] only.
+    surfaces: Surfaces,
+    shadow: Bundle,
+    blocked: Hits,
+    /// The pixel of each shadow ray.
+    whose: [u16; RAYS],
+    /// 1 for pixels that light reaches, else 0.
+    lit: [f32; RAYS],
+    colors: Coordinates,
+    /// Inner nodes visited; for [`Traversal::Single`] only.
     nodes: [u32; RAYS],
     scratch: Scratch,
-    work: Work,
 }
 
-impl Tracer {
-    pub(crate) fn new() -> Self {
+impl Tile {
+    fn new() -> Self {
         Self {
-            rays: Bundle { direction: [[0.0; RAYS]; 3], origin: Vec3::ZERO, count: 0, t_max: 0.0 },
-            hits: Hits { t: [0.0; RAYS], u: [0.0; RAYS], v: [0.0; RAYS], primitive: [Hits::NONE; RAYS] },
+            at: [[0; 2]; RAYS],
+            seen: Bundle::new(),
+            hits: Hits::new(),
+            surfaces: Surfaces::new(),
+            shadow: Bundle::new(),
+            blocked: Hits::new(),
+            whose: [0; RAYS],
+            lit: [0.0; RAYS],
+            colors: [[0.0; RAYS]; 3],
             nodes: [0; RAYS],
             scratch: Scratch::new(),
-            work: Work::default(),
         }
     }
+}
 
-    /// Begins a bundle of rays from `origin`.
-    pub(crate) fn start(&mut self, origin: Vec3, t_max: f32) {
-        (self.rays.origin, self.rays.t_max, self.rays.count) = (origin, t_max, 0);
-    }
+thread_local! {
+    /// One for each thread: too large to be set up for every tile.
+    static THIS_TILE: RefCell<Box<Tile>> = RefCell::new(Box::new(Tile::new()));
+}
 
-    pub(crate) fn push(&mut self, direction: Vec3) {
-        for k in 0..3 {
-            self.rays.direction[k][self.rays.count] = direction[k];
-        }
-        self.rays.count += 1;
-    }
+/// What is made of the pixels of a traced tile.
+trait Finish: Sync {
+    type Pixel: Send;
 
-    fn count(&self) -> usize {
-        self.rays.count
-    }
+    fn finish<S: Simd>(&self, simd: S, tile: &mut Tile, rows: &mut Rows<'_, Self::Pixel>);
+}
 
-    fn direction(&self, i: usize) -> Vec3 {
-        Vec3::from([0, 1, 2].map(|k| self.rays.direction[k][i]))
-    }
+impl Finish for Shader<'_> {
+    type Pixel = [f32; 3];
 
-    pub(crate) fn hit(&self, i: usize) -> Option<Hit> {
-        let hits = &self.hits;
-        let primitive = hits.primitive[i];
-        (primitive != Hits::NONE).then(|| Hit { t: hits.t[i], u: hits.u[i], v: hits.v[i], primitive })
-    }
-
-    pub(crate) fn trace<T: WideTest>(&mut self, scene: Scene<'_>, options: &RenderOptions, query: Query) {
-        let Self { rays, hits, nodes: _, scratch, work } = self;
-        match options.traversal {
-            Traversal::Tile => {
-                at_level!(options.simd, simd => {
-                    tile::trace::<_, T>(simd, scene, query, rays, hits, scratch, work);
-                });
-            }
-            Traversal::Packet => {
-                for at in (0..self.rays.count).step_by(SIZE) {
-                    let n = SIZE.min(self.rays.count - at);
-                    let ray = |i| Ray::new(self.rays.origin, self.direction(at + std::cmp::min(i, n - 1)));
-                    let rays = std::array::from_fn(ray);
-                    let t_max = std::array::from_fn(|i| if i < n { self.rays.t_max } else { -1.0 });
-                    let found =
-                        packet::trace::<T>(scene.bvh, scene.triangles, &rays, t_max, query, &mut self.work);
-                    for (i, hit) in found[..n].iter().enumerate() {
-                        self.set(at + i, *hit);
-                    }
-                }
-            }
-            Traversal::Single => {
-                for i in 0..self.rays.count {
-                    let ray = Ray::new(self.rays.origin, self.direction(i));
-                    let (bvh, triangles, t_max) = (scene.bvh, scene.triangles, self.rays.t_max);
-                    let before = self.work.nodes;
-                    let hit = match query {
-                        Query::Closest => single::closest::<T>(bvh, triangles, &ray, t_max, &mut self.work),
-                        Query::Any => single::any::<T>(bvh, triangles, &ray, t_max, &mut self.work),
-                    };
-                    self.nodes[i] = (self.work.nodes - before) as u32;
-                    self.set(i, hit);
-                }
-            }
+    #[inline(always)]
+    fn finish<S: Simd>(&self, simd: S, tile: &mut Tile, rows: &mut Rows<'_, [f32; 3]>) {
+        self.shade(simd, &tile.seen, &tile.hits, &tile.surfaces, &tile.lit, &mut tile.colors);
+        let [r, g, b] = &tile.colors;
+        for (i, &[x, y]) in tile.at[..tile.seen.count].iter().enumerate() {
+            rows[y as usize][x as usize] = [r[i], g[i], b[i]];
         }
     }
+}
 
-    fn set(&mut self, i: usize, hit: Option<Hit>) {
-        self.hits.primitive[i] = hit.map_or(Hits::NONE, |h| h.primitive);
-        if let Some(h) = hit {
-            (self.hits.t[i], self.hits.u[i], self.hits.v[i]) = (h.t, h.u, h.v);
+/// Gives hits as they are.
+struct Caster;
+
+impl Finish for Caster {
+    type Pixel = Pixel;
+
+    #[inline(always)]
+    fn finish<S: Simd>(&self, _: S, tile: &mut Tile, rows: &mut Rows<'_, Pixel>) {
+        for (i, &[x, y]) in tile.at[..tile.seen.count].iter().enumerate() {
+            let hit = tile.hits.get(i);
+            rows[y as usize][x as usize] = Pixel { hit, lit: hit.is_some() && tile.lit[i] > 0.0 };
         }
+    }
+}
+
+/// Shows the number of nodes.
+struct Heat {
+    most: u32,
+}
+
+impl Finish for Heat {
+    type Pixel = [f32; 3];
+
+    #[inline(always)]
+    fn finish<S: Simd>(&self, _: S, tile: &mut Tile, rows: &mut Rows<'_, [f32; 3]>) {
+        for (i, &[x, y]) in tile.at[..tile.seen.count].iter().enumerate() {
+            rows[y as usize][x as usize] = heat(tile.nodes[i] as f32 / self.most.max(1) as f32);
+        }
+    }
+}
+
+/// Fills an image.
+fn run<F: Finish>(frame: &Frame<'_>, pixels: &mut [F::Pixel], finish: &F) -> RenderStats {
+    let width = frame.camera.width() as usize;
+    pixels
+        .par_chunks_mut(width.max(1) * TILE)
+        .enumerate()
+        .map(|(i, band)| {
+            let mut rows = band.chunks_mut(width);
+            let rows = std::array::from_fn(|_| rows.next().unwrap_or_default());
+            let y = (i * TILE) as u32;
+            with_test!(frame.options.triangle_test, T => tiles::<T, F>(frame, rows, 0, y, finish))
+        })
+        .reduce(RenderStats::default, sum)
+}
+
+/// Halves a band of rows until it is a tile. Slices on the stack give each tile its pixels without locks.
+fn tiles<T: WideTest, F: Finish>(
+    frame: &Frame<'_>,
+    mut rows: Rows<'_, F::Pixel>,
+    x: u32,
+    y: u32,
+    finish: &F,
+) -> RenderStats {
+    let width = rows[0].len();
+    if width <= TILE {
+        return THIS_TILE.with_borrow_mut(|tile| {
+            at_level!(frame.options.simd, simd => {
+                fill_tile::<_, T, F>(simd, frame, tile, &mut rows, x, y, finish)
+            })
+        });
+    }
+    let middle = width.div_ceil(2).next_multiple_of(TILE);
+    let mut right: Rows<'_, F::Pixel> = std::array::from_fn(|_| Default::default());
+    let mut halves = right.iter_mut();
+    let left = rows.map(|row| {
+        let (left, right) = row.split_at_mut(middle.min(row.len()));
+        if let Some(half) = halves.next() {
+            *half = right;
+        }
+        left
+    });
+    let (a, b) = rayon::join(
+        || tiles::<T, F>(frame, left, x, y, finish),
+        || tiles::<T, F>(frame, right, x + middle as u32, y, finish),
+    );
+    sum(a, b)
+}
+
+#[inline(always)]
+fn fill_tile<S: Simd, T: WideTest, F: Finish>(
+    simd: S,
+    frame: &Frame<'_>,
+    tile: &mut Tile,
+    rows: &mut Rows<'_, F::Pixel>,
+    x: u32,
+    y: u32,
+    finish: &F,
+) -> RenderStats {
+    let (width, height) = (rows[0].len() as u32, rows.iter().filter(|r| !r.is_empty()).count() as u32);
+    let Frame { scene, camera, shadows, options, shaded } = *frame;
+    let mut work = Work::default();
+    let mut stats = RenderStats::default();
+
+    tile.seen.start(camera.eye(), f32::INFINITY);
+    for i in 0..RAYS as u32 {
+        let (block, i) = (i / 64, i % 64);
+        let (px, py) = (block % 4 * 8 + i % 8, block / 4 * 8 + i / 8);
+        if px < width && py < height {
+            tile.at[tile.seen.count] = [px as u8, py as u8];
+            tile.seen.push(camera.direction(x + px, y + py));
+        }
+    }
+    let Tile { seen, hits, scratch, nodes, .. } = tile;
+    trace::<S, T>(simd, scene, options.traversal, Query::Closest, seen, hits, scratch, nodes, &mut work);
+    let count = tile.seen.count;
+    stats.rays_primary = count as u64;
+    stats.hits = tile.hits.primitive[..count].iter().filter(|&&p| p != Hits::NONE).count() as u64;
+
+    if stats.hits > 0 && (shaded || shadows.is_some()) {
+        tile.surfaces.find(simd, scene.triangles, &tile.seen, &tile.hits);
+    }
+    tile.lit[..count].fill(if shadows.is_some() { 0.0 } else { 1.0 });
+    if let Some(light) = shadows.filter(|_| stats.hits > 0) {
+        let Tile { surfaces, hits, shadow, blocked, whose, lit, nodes: visited, scratch, .. } = &mut *tile;
+        shadow.start(light, 1.0);
+        surfaces.shadow_rays(simd, hits, count, shadow, whose);
+        let mut nodes = [0; RAYS];
+        let traversal = options.traversal;
+        trace::<S, T>(simd, scene, traversal, Query::Any, shadow, blocked, scratch, &mut nodes, &mut work);
+        stats.rays_shadow = shadow.count as u64;
+        for (j, &i) in whose[..shadow.count].iter().enumerate() {
+            let arrives = blocked.primitive[j] == Hits::NONE;
+            lit[i as usize] = if arrives { 1.0 } else { 0.0 };
+            visited[i as usize] += nodes[j];
+            stats.shadowed += u64::from(!arrives);
+        }
+    }
+    finish.finish(simd, tile, rows);
+    stats.nodes_visited = work.nodes;
+    stats.triangles_tested = work.triangles;
+    stats.regrouped = work.regrouped;
+    stats
+}
+
+/// Traces the rays of a tile; `nodes` gets the number of inner nodes that each visits if they go one by one.
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "parts of a tile, borrowed one by one")]
+pub(crate) fn trace<S: Simd, T: WideTest>(
+    simd: S,
+    scene: Scene<'_>,
+    traversal: Traversal,
+    query: Query,
+    rays: &mut Bundle,
+    hits: &mut Hits,
+    scratch: &mut Scratch,
+    nodes: &mut [u32; RAYS],
+    work: &mut Work,
+) {
+    match traversal {
+        Traversal::Tile => tile::trace::<S, T>(simd, scene, query, rays, hits, scratch, work),
+        Traversal::Packet => packets::<T>(scene, query, rays, hits, work),
+        Traversal::Single => one_by_one::<T>(scene, query, rays, hits, nodes, work),
+    }
+    // Vectors may reach beyond the last ray.
+    hits.primitive[rays.count..rays.count.next_multiple_of(SIZE)].fill(Hits::NONE);
+}
+
+fn packets<T: WideTest>(scene: Scene<'_>, query: Query, rays: &Bundle, hits: &mut Hits, work: &mut Work) {
+    for at in (0..rays.count).step_by(SIZE) {
+        let n = SIZE.min(rays.count - at);
+        let packet = std::array::from_fn(|i| rays.ray(at + i.min(n - 1)));
+        let t_max = std::array::from_fn(|i| if i < n { rays.t_max } else { -1.0 });
+        let found = packet::trace::<T>(scene.bvh, scene.triangles, &packet, t_max, query, work);
+        for (i, hit) in found[..n].iter().enumerate() {
+            hits.set(at + i, *hit);
+        }
+    }
+}
+
+fn one_by_one<T: WideTest>(
+    scene: Scene<'_>,
+    query: Query,
+    rays: &Bundle,
+    hits: &mut Hits,
+    nodes: &mut [u32; RAYS],
+    work: &mut Work,
+) {
+    let Scene { bvh, triangles } = scene;
+    for (i, nodes) in nodes[..rays.count].iter_mut().enumerate() {
+        let before = work.nodes;
+        let ray = rays.ray(i);
+        let hit = match query {
+            Query::Closest => single::closest::<T>(bvh, triangles, &ray, rays.t_max, work),
+            Query::Any => single::any::<T>(bvh, triangles, &ray, rays.t_max, work),
+        };
+        hits.set(i, hit);
+        *nodes = (work.nodes - before) as u32;
     }
 }
 

@@ -1,8 +1,13 @@
-//! Surfaces, light and background.
+//! Light and background.
 
-use bvh_core::{Triangles, Vec3};
+use bvh_core::Vec3;
+use fearless_simd::Simd;
+use fearless_simd::prelude::*;
 
-use crate::{Hit, Mesh};
+use crate::Mesh;
+use crate::simd::{Lanes, bits, load, load3, max};
+use crate::surface::{Coordinates, Surfaces, dot, normalize};
+use crate::tile::{Bundle, Hits, RAYS};
 
 /// A point that shines alike in all directions and to any distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,65 +33,114 @@ impl Default for Background {
     }
 }
 
-impl Background {
-    pub(crate) fn color(&self, direction: Vec3) -> [f32; 3] {
-        let up = 0.5 + 0.5 * direction.normalize_or_zero().y;
-        std::array::from_fn(|i| self.nadir[i] + (self.zenith[i] - self.nadir[i]) * up)
-    }
+/// Light from everywhere, on a surface that lies on its side.
+const AMBIENT: f32 = 0.12;
+
+/// How a tile's pixels get their colours.
+pub(crate) struct Shader<'a> {
+    pub(crate) mesh: &'a Mesh<'a>,
+    pub(crate) light: Option<&'a PointLight>,
+    pub(crate) smooth: bool,
+    pub(crate) background: Background,
 }
 
-/// The triangle at a hit: the point, from the corners, which is more exact than along the ray, and the unit
-/// normal of its plane, towards where `direction` comes from.
-fn facet(triangles: &Triangles<'_>, hit: &Hit, direction: Vec3) -> (Vec3, Vec3) {
-    let [a, b, c] = triangles.corners(hit.primitive as usize);
-    let (ab, ac) = (b - a, c - a);
-    let face = ab.cross(ac).try_normalize().unwrap_or_else(|| {
-        // The product does not fit in single precision.
-        ab.as_dvec3().cross(ac.as_dvec3()).normalize_or_zero().as_vec3()
-    });
-    let face = if face.dot(direction) > 0.0 { -face } else { face };
-    (a + ab * hit.u + ac * hit.v, face)
-}
-
-/// Direction of the shadow ray from a light to a hit, which ends at `t` = 1; `None` if the surface faces away and
-/// so shadows itself.
-///
-/// The end is moved off the surface by 32 roundings of the coordinates and distances that went into it: the
-/// idea of Wächter and Binder, *A Fast and Robust Method for Avoiding Self-Intersection*, 2019.
-pub(crate) fn shadow_ray(triangles: &Triangles<'_>, hit: &Hit, seen: Vec3, light: Vec3) -> Option<Vec3> {
-    let (point, face) = facet(triangles, hit, seen);
-    let to_light = light - point;
-    let size = point.abs().max(to_light.abs()).max_element();
-    let end = point + face * (size * (1.0 / (1 << 19) as f32));
-    (face.dot(to_light) > 0.0).then_some(end - light)
-}
-
-/// A point that is seen, with what shading needs.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Surface {
-    point: Vec3,
-    /// Unit normal on the viewer's side.
-    normal: Vec3,
-    color: [f32; 3],
-}
-
-impl Surface {
-    pub(crate) fn new(mesh: &Mesh<'_>, hit: &Hit, direction: Vec3, smooth: bool) -> Self {
-        let (point, face) = facet(&mesh.triangles, hit, direction);
-        let normal = mesh.normal(hit).filter(|_| smooth).unwrap_or(face);
-        let normal = if normal.dot(face) < 0.0 { -normal } else { normal };
-        Self { point, normal, color: mesh.color(hit.primitive) }
+impl Shader<'_> {
+    /// Colours by Lambert's law, and a little light from everywhere, more from above. Without a light, shading is as if
+    /// there were one at the eye.
+    #[inline(always)]
+    pub(crate) fn shade<S: Simd>(
+        &self,
+        simd: S,
+        seen: &Bundle,
+        hits: &Hits,
+        surfaces: &Surfaces,
+        lit: &[f32; RAYS],
+        colors: &mut Coordinates,
+    ) {
+        let smooth = self.smooth && self.mesh.normals.is_some();
+        for at in (0..seen.count).step_by(S::f32s::LEN) {
+            let lanes = hits.lanes(at, S::f32s::LEN);
+            let ray = load3::<S, S::f32s, RAYS>(simd, &seen.direction, at);
+            let mut color = self.behind(simd, ray);
+            if lanes != 0 {
+                let front = self.front(simd, at, lanes, ray, hits, surfaces, lit, smooth);
+                let mask = <S::f32s as SimdBase<S>>::Mask::from_bitmask(simd, lanes);
+                for k in 0..3 {
+                    color[k] = mask.select(front[k], color[k]);
+                }
+            }
+            for k in 0..3 {
+                color[k].store_slice(&mut colors[k][at..at + S::f32s::LEN]);
+            }
+        }
     }
 
-    /// Lambert's law, and a little light from everywhere, more from above.
-    ///
-    /// Without a light, shading is as if there were one at the eye.
-    pub(crate) fn shade(&self, light: Option<&PointLight>, visible: bool, to_eye: Vec3) -> [f32; 3] {
-        const AMBIENT: f32 = 0.12;
-        let ambient = AMBIENT * (1.0 + 0.5 * self.normal.y);
-        let (to_light, color) = light.map_or((to_eye, [1.0; 3]), |l| (l.position - self.point, l.color));
-        let facing = to_light.normalize_or_zero().dot(self.normal).max(0.0);
-        let direct = if visible { facing } else { 0.0 };
-        std::array::from_fn(|i| self.color[i] * (ambient + color[i] * direct))
+    #[inline(always)]
+    fn behind<S: Simd, V: Lanes<S>>(&self, simd: S, ray: [V; 3]) -> [V; 3] {
+        let Background { zenith, nadir } = self.background;
+        let (unit, valid) = normalize(simd, ray);
+        let level = V::simd_from(simd, 0.0);
+        let up = V::Mask::from_bitmask(simd, valid).select(unit[1], level) * 0.5 + 0.5;
+        [
+            up * (zenith[0] - nadir[0]) + nadir[0],
+            up * (zenith[1] - nadir[1]) + nadir[1],
+            up * (zenith[2] - nadir[2]) + nadir[2],
+        ]
+    }
+
+    #[inline(always)]
+    #[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
+    fn front<S: Simd, V: Lanes<S>>(
+        &self,
+        simd: S,
+        at: usize,
+        lanes: u64,
+        ray: [V; 3],
+        hits: &Hits,
+        surfaces: &Surfaces,
+        lit: &[f32; RAYS],
+        smooth: bool,
+    ) -> [V; 3] {
+        let mut albedo = [[0.0; 16]; 3];
+        for i in bits(lanes) {
+            let color = self.mesh.color(hits.primitive[at + i]);
+            for k in 0..3 {
+                albedo[k][i] = color[k];
+            }
+        }
+        let face = load3::<S, V, RAYS>(simd, &surfaces.face, at);
+        let mut normal = face;
+        if smooth {
+            let mut smoothed = [[0.0; 16]; 3];
+            for i in bits(lanes) {
+                let n = hits.get(at + i).and_then(|hit| self.mesh.normal(&hit));
+                for k in 0..3 {
+                    smoothed[k][i] = n.map_or(surfaces.face[k][at + i], |n| n[k]);
+                }
+            }
+            normal = load3::<S, V, 16>(simd, &smoothed, 0);
+            let away = dot(normal, face).simd_lt(0.0);
+            for n in &mut normal {
+                *n = away.select(-*n, *n);
+            }
+        }
+        let point = load3::<S, V, RAYS>(simd, &surfaces.point, at);
+        let (to_light, light) = match self.light {
+            Some(&PointLight { position: p, color }) => {
+                ([-point[0] + p.x, -point[1] + p.y, -point[2] + p.z], color)
+            }
+            None => ([-ray[0], -ray[1], -ray[2]], [1.0; 3]),
+        };
+        let (unit, valid) = normalize(simd, to_light);
+        let zero = V::simd_from(simd, 0.0);
+        let facing = V::Mask::from_bitmask(simd, valid).select(dot(unit, normal), zero);
+        let direct = max(facing, zero) * load::<S, V, RAYS>(simd, lit, at);
+        let ambient = normal[1] * (0.5 * AMBIENT) + AMBIENT;
+        let albedo = load3::<S, V, 16>(simd, &albedo, 0);
+        [
+            albedo[0] * (ambient + direct * light[0]),
+            albedo[1] * (ambient + direct * light[1]),
+            albedo[2] * (ambient + direct * light[2]),
+        ]
     }
 }

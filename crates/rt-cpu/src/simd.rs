@@ -48,12 +48,14 @@ macro_rules! at_level {
                 || $body,
             ),
             #[cfg(target_arch = "x86_64")]
-            level => level.as_sse2().into_iter().for_each(|$simd| {
+            level => {
+                // Always there on x86-64.
+                let $simd = level.as_sse2().expect("SSE2");
                 $simd.vectorize(
                     #[inline(always)]
                     || $body,
                 )
-            }),
+            }
             #[cfg(not(target_arch = "x86_64"))]
             level => fearless_simd::dispatch!(level, $simd => $body),
         }

@@ -3,9 +3,10 @@
 use bvh_core::{Aabb, Bvh, Node, Primitives, Ray, Triangles, Vec3};
 
 use crate::packet::{self, Query, SIZE};
-use crate::render::Tracer;
+use crate::render::trace;
+use crate::simd::at_level;
 use crate::single::{Work, with_test};
-use crate::tile::{RAYS, Scene};
+use crate::tile::{Bundle, Hits, RAYS, Scene, Scratch};
 use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight};
 use crate::{Camera, Image, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render};
 use crate::{any_hit, any_hit_brute, closest_hit, closest_hit_brute};
@@ -227,7 +228,7 @@ fn ways() -> Vec<RenderOptions> {
 fn check_packets(soup: &Soup, origin: Vec3, targets: &[Vec3], t_max: f32) -> usize {
     let triangles = soup.triangles();
     let mut found = 0;
-    let mut tracer = Box::new(Tracer::new());
+    let (mut rays_of_tile, mut hits, mut scratch) = (Bundle::new(), Hits::new(), Scratch::new());
     for test in TriangleTest::ALL {
         for targets in targets.chunks(RAYS) {
             let rays: Vec<Ray> = targets.iter().map(|&t| Ray::new(origin, t - origin)).collect();
@@ -239,11 +240,21 @@ fn check_packets(soup: &Soup, origin: Vec3, targets: &[Vec3], t_max: f32) -> usi
                 let scene = Scene { bvh: &bvh, triangles: &triangles };
                 for options in ways() {
                     for query in [Query::Closest, Query::Any] {
-                        tracer.start(origin, t_max);
-                        targets.iter().for_each(|&t| tracer.push(t - origin));
-                        with_test!(test, T => tracer.trace::<T>(scene, &options, query));
+                        rays_of_tile.start(origin, t_max);
+                        targets.iter().for_each(|&t| rays_of_tile.push(t - origin));
+                        with_test!(test, T => at_level!(options.simd, simd => trace::<_, T>(
+                            simd,
+                            scene,
+                            options.traversal,
+                            query,
+                            &mut rays_of_tile,
+                            &mut hits,
+                            &mut scratch,
+                            &mut [0; RAYS],
+                            &mut Work::default(),
+                        )));
                         for (i, truth) in truth.iter().enumerate() {
-                            let hit = tracer.hit(i);
+                            let hit = hits.get(i);
                             let way = (test, options.traversal, options.simd, rays[i]);
                             match query {
                                 Query::Closest => assert_eq!(bits(hit), bits(*truth), "{way:?}"),

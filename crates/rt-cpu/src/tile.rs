@@ -17,10 +17,11 @@
 //! *Multi-Level Ray Tracing Algorithm*, 2005); gathering, so that rays which have drifted apart cost what
 //! they would in small packets.
 
-use bvh_core::{Bvh, MAX_HEIGHT, Node, Triangles, Vec3, prefetch};
+use bvh_core::{Bvh, MAX_HEIGHT, Node, Ray, Triangles, Vec3, prefetch};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
+use crate::Hit;
 use crate::beam::{Beam, Frame, Outline};
 use crate::packet::Query;
 use crate::simd::{Lanes, bits, load, load3, max, min};
@@ -57,8 +58,56 @@ pub(crate) struct Hits {
     pub(crate) primitive: [u32; RAYS],
 }
 
+impl Bundle {
+    pub(crate) fn new() -> Self {
+        Self { direction: [[0.0; RAYS]; 3], origin: Vec3::ZERO, count: 0, t_max: 0.0 }
+    }
+
+    /// Makes it an empty bundle of rays from `origin`.
+    pub(crate) fn start(&mut self, origin: Vec3, t_max: f32) {
+        (self.origin, self.t_max, self.count) = (origin, t_max, 0);
+    }
+
+    /// Adds a ray. The bundle must not be full.
+    #[inline(always)]
+    pub(crate) fn push(&mut self, direction: Vec3) {
+        for (to, from) in self.direction.iter_mut().zip(direction.to_array()) {
+            to[self.count] = from;
+        }
+        self.count += 1;
+    }
+
+    pub(crate) fn ray(&self, i: usize) -> Ray {
+        Ray::new(self.origin, Vec3::new(self.direction[0][i], self.direction[1][i], self.direction[2][i]))
+    }
+}
+
 impl Hits {
     pub(crate) const NONE: u32 = u32::MAX;
+
+    pub(crate) fn new() -> Self {
+        Self { t: [0.0; RAYS], u: [0.0; RAYS], v: [0.0; RAYS], primitive: [Self::NONE; RAYS] }
+    }
+
+    #[inline(always)]
+    pub(crate) fn get(&self, i: usize) -> Option<Hit> {
+        let primitive = self.primitive[i];
+        (primitive != Self::NONE).then(|| Hit { t: self.t[i], u: self.u[i], v: self.v[i], primitive })
+    }
+
+    pub(crate) fn set(&mut self, i: usize, hit: Option<Hit>) {
+        self.primitive[i] = hit.map_or(Self::NONE, |h| h.primitive);
+        if let Some(h) = hit {
+            (self.t[i], self.u[i], self.v[i]) = (h.t, h.u, h.v);
+        }
+    }
+
+    /// Mask of the rays that hit something among `n` from `at` on.
+    #[inline(always)]
+    pub(crate) fn lanes(&self, at: usize, n: usize) -> u64 {
+        let hit = |m, (i, &p): (usize, &u32)| m | u64::from(p != Self::NONE) << i;
+        self.primitive[at..at + n].iter().enumerate().fold(0, hit)
+    }
 }
 
 /// Rays in a form to be tested, with their best hits so far.
@@ -223,6 +272,8 @@ struct Way {
     /// The direction of one of them.
     along: Vec3,
     frame: Option<(Frame, Beam)>,
+    /// Bits of the subtrees of the cut that the packet's beam meets, if there is a frame.
+    met: u64,
 }
 
 /// Traces a bundle. For [`Query::Any`] hits are any, not the closest, and only the primitives count.
@@ -267,10 +318,19 @@ fn trace_bundle<S: Simd, T: WideTest, const ANY: bool>(
         }
         let whole = beams.iter().fold(Beam::NONE, |a, b| a.union(b));
         scratch.cut.fill(scene.bvh.nodes(), frame, &whole, bundle.t_max, work);
+        if scratch.cut.count == 0 {
+            hits.primitive[..packets * PACKET].fill(Hits::NONE);
+            return;
+        }
     }
     for (i, beam) in beams[..packets].iter().enumerate() {
         let at = i * PACKET;
         let present = if bundle.count - at >= PACKET { !0 } else { (1 << (bundle.count - at)) - 1 };
+        let met = if frame.is_some() { scratch.cut.met(simd, beam) } else { 0 };
+        if frame.is_some() && met == 0 {
+            hits.primitive[at..at + PACKET].fill(Hits::NONE);
+            continue;
+        }
         let negative = prepare(simd, bundle, at, present, &mut scratch.packet);
         let frame = frame.map(|frame| (frame, *beam));
         // Rays that go the same way along every axis together: nearly always all of them.
@@ -281,13 +341,15 @@ fn trace_bundle<S: Simd, T: WideTest, const ANY: bool>(
             let same = (0..3).fold(left, |m, k| m & if signs[k] { negative[k] } else { !negative[k] });
             left &= !same;
             let along = Vec3::from([0, 1, 2].map(|k| bundle.direction[k][at + lane as usize]));
-            let way = Way { origin: bundle.origin, negative: signs, along, frame };
+            let way = Way { origin: bundle.origin, negative: signs, along, met, frame };
             trace_packet::<S, T, ANY>(simd, scene, &way, same, scratch, work);
         }
         let p = &scratch.packet;
-        hits.t[at..at + PACKET].copy_from_slice(&p.t);
-        hits.u[at..at + PACKET].copy_from_slice(&p.u);
-        hits.v[at..at + PACKET].copy_from_slice(&p.v);
+        if !ANY {
+            hits.t[at..at + PACKET].copy_from_slice(&p.t);
+            hits.u[at..at + PACKET].copy_from_slice(&p.u);
+            hits.v[at..at + PACKET].copy_from_slice(&p.v);
+        }
         for (to, from) in hits.primitive[at..at + PACKET].iter_mut().zip(&p.primitive) {
             *to = from.to_bits();
         }
@@ -389,14 +451,14 @@ fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
     scratch: &mut Scratch,
     work: &mut Work,
 ) {
-    let Some((_, beam)) = &way.frame else {
+    if way.frame.is_none() {
         simd.vectorize(
             #[inline(always)]
             || walk::<S, T, ANY>(simd, scene, way, 0, mask, scratch, work),
         );
         return;
-    };
-    for i in bits(scratch.cut.met(simd, beam)) {
+    }
+    for i in bits(way.met) {
         if scratch.cut.near[i] > farthest(simd, &scratch.packet) || scratch.packet.active & mask == 0 {
             return;
         }
