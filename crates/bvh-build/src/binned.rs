@@ -98,10 +98,7 @@ impl Binned {
         } else {
             items.chunks(size).map(fill).collect()
         };
-        let mut all = Bins::new();
-        all.clear(grid);
-        parts.iter().for_each(|part| all.merge(part, grid));
-        let cut = all.best_split(grid)?;
+        let cut = Bins::of_parts(&parts, grid).best_split(grid)?;
         let lefts: Vec<usize> = parts.iter().map(|part| part.count_before(cut)).collect();
         let left = lefts.iter().sum();
         let (mut l, mut r) = spare.split_at_mut(left);
@@ -226,15 +223,11 @@ impl Bins {
         Box::new(Self { bins: [axis; 3], rest: [Vec4::ZERO; MAX_BINS] })
     }
 
-    fn clear(&mut self, grid: &Grid) {
+    /// Bins at most [`MAX_PART`] items.
+    fn fill(&mut self, items: &[Item], grid: &Grid) {
         for axis in &mut self.bins {
             axis.bins[..grid.bins].fill(Bin::EMPTY);
         }
-    }
-
-    /// Bins at most [`MAX_PART`] items.
-    fn fill(&mut self, items: &[Item], grid: &Grid) {
-        self.clear(grid);
         // Neighbours in memory tend to fall into the same bin, where each would wait for the one before.
         // Taking turns between two places far apart avoids that.
         let (near, far) = items.split_at(items.len() / 2);
@@ -254,13 +247,18 @@ impl Bins {
         }
     }
 
-    fn merge(&mut self, other: &Self, grid: &Grid) {
-        for (axis, other) in self.bins.iter_mut().zip(&other.bins) {
-            for (a, b) in axis.bins[..grid.bins].iter_mut().zip(&other.bins) {
-                let count = a.count() + b.count();
-                *a = Bin { min: a.min.min(b.min), max: a.max.max(b.max).with_w(count) };
+    /// Sums up bins of parts. Counts are rounded once, so that it does not matter which parts.
+    fn of_parts(parts: &[Box<Self>], grid: &Grid) -> Box<Self> {
+        let mut all = Self::new();
+        for (axis, Axis { bins, .. }) in all.bins.iter_mut().enumerate() {
+            for (b, bin) in bins[..grid.bins].iter_mut().enumerate() {
+                let parts = || parts.iter().map(|part| &part.bins[axis].bins[b]);
+                let hull = parts().fold(Hull::EMPTY, |hull, part| hull.union(part.hull()));
+                let count: usize = parts().map(|part| part.count() as usize).sum();
+                *bin = Bin { min: hull.min, max: hull.max.with_w(count as f32) };
             }
         }
+        all
     }
 
     fn count_before(&self, cut: Cut) -> usize {

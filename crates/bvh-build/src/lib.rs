@@ -45,7 +45,7 @@ pub enum Builder {
     /// Full sweep SAH: every split between neighbours in the order of the centres, on all three axes. Serial,
     /// unless called from within a rayon pool of several threads.
     Sweep,
-    /// Binned SAH on all three axes, serial.
+    /// Binned SAH on all three axes, serial (Wald 2007). Two to four primitives get the best of all trees.
     Binned,
     /// The same tree as [`Binned`](Self::Binned), built on all threads of the current rayon pool.
     BinnedParallel,
@@ -108,8 +108,8 @@ impl std::error::Error for BuildError {}
 /// O(n log n) for common scenes, O([`MAX_HEIGHT`](bvh_core::MAX_HEIGHT) n) at worst. Temporary memory a
 /// primitive: 64 bytes binned, 140 sweep.
 ///
-/// Where the SAH cannot choose (all centres equal, coordinates at the end of the range of `f32`) and where
-/// the tree would get too high, a node is split in the middle of its primitives.
+/// Where the SAH cannot choose (centres that cannot be told apart, a node without area) and where the tree
+/// would get too high, a node is split in the middle of its primitives.
 ///
 /// # Errors
 /// If there are more than [`MAX_PRIMITIVES`].
