@@ -1,7 +1,6 @@
 //! `cargo xtask ci`: what a change must pass.
 
 use std::process::Command;
-use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 
@@ -10,12 +9,12 @@ use crate::{CheckFailed, files, layering};
 /// The one command that runs all tests; the README names it.
 const TESTS: &str = "cargo test --workspace";
 
-/// Commands in the order of how soon they fail, with what they set in the environment.
+/// Commands with what they set in the environment. The tests come last: their summary ends the log.
 const COMMANDS: [(&str, &[(&str, &str)]); 4] = [
     ("cargo fmt --all --check", &[]),
     ("cargo clippy --workspace --all-targets -- -D warnings", &[]),
-    (TESTS, &[]),
     ("cargo doc --workspace --no-deps", &[("RUSTDOCFLAGS", "-D warnings")]),
+    (TESTS, &[]),
 ];
 
 /// Runs everything, and fails with all that failed.
@@ -28,7 +27,6 @@ pub(crate) fn run() -> Result<()> {
     failed.extend((!violations.is_empty()).then_some("layering"));
     failed.extend((!readme_names(TESTS)?).then_some("README (it must name the test command)"));
     for (command, environment) in COMMANDS {
-        let start = Instant::now();
         eprintln!("> {command}");
         let mut words = command.split_whitespace();
         let status = program(words.next().unwrap_or_default())
@@ -37,7 +35,6 @@ pub(crate) fn run() -> Result<()> {
             .current_dir(files::workspace())
             .status()
             .with_context(|| format!("{command}: cannot be started"))?;
-        eprintln!("  {} after {:.0} s", status, start.elapsed().as_secs_f64());
         failed.extend((!status.success()).then_some(command));
     }
     if failed.is_empty() { Ok(()) } else { Err(CheckFailed(format!("failed: {}", failed.join("; "))).into()) }

@@ -48,6 +48,18 @@ pub(crate) fn remove_old(path: &Path) -> Result<()> {
     }
 }
 
+/// Removes the files of a folder whose names `is_old` knows.
+pub(crate) fn remove_all(folder: &Path, is_old: impl Fn(&str) -> bool) -> Result<()> {
+    let entries = fs::read_dir(folder).with_context(|| format!("{}: cannot be read", folder.display()))?;
+    for entry in entries {
+        let entry = entry.with_context(|| format!("{}: cannot be read", folder.display()))?;
+        if entry.file_name().to_str().is_some_and(&is_old) {
+            remove_old(&entry.path())?;
+        }
+    }
+    Ok(())
+}
+
 /// A path as the user would name it: from the workspace's root, if it is below it.
 pub(crate) fn shown(path: &Path) -> String {
     path.strip_prefix(workspace()).unwrap_or(path).display().to_string()

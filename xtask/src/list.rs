@@ -101,7 +101,10 @@ fn text(listing: &Listing) -> String {
     }
     out += "\nstrategies\n";
     for s in &listing.strategies {
-        let _ = writeln!(out, "  {:24}{}", s.name, s.accounting.as_deref().unwrap_or_default());
+        let _ = match &s.accounting {
+            Some(accounting) => writeln!(out, "  {:24}{accounting}", s.name),
+            None => writeln!(out, "  {}", s.name),
+        };
     }
     let simd: Vec<_> = listing
         .simd_levels

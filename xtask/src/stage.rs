@@ -14,11 +14,22 @@ use crate::progress::Progress;
 
 /// Loads a scene by name or path; simulations are recorded under `target/scenes`.
 pub(crate) fn load(name_or_path: &str, clip: Option<&str>, seed: u64) -> Result<Scene> {
+    load_at(name_or_path, clip, seed, None)
+}
+
+/// The same, with a fraction of the triangles where the scene can be made coarser.
+pub(crate) fn load_at(
+    name_or_path: &str,
+    clip: Option<&str>,
+    seed: u64,
+    detail: Option<f32>,
+) -> Result<Scene> {
     let progress = Progress::new(format!("preparing {name_or_path}"), 100);
     let report = |done: f32| progress.at((100.0 * done) as u64);
     let options = SceneOptions {
         seed,
         cache_dir: Some(files::scene_cache()),
+        detail,
         progress: Some(&report),
         ..SceneOptions::default()
     };

@@ -175,8 +175,21 @@ fn a_run_leaves_rows_figures_pictures_a_summary_and_a_report() {
     let (temporary, sheet) = folder();
     let out = temporary.path().join("results");
     let printed = succeeds(&[
-        "reproduce", "--preset", "quick", "--scene", str(&sheet), "--frames", "5", "--loops", "1.4", "--size", "40",
-        "--threads", "2", "--out", str(&out),
+        "reproduce",
+        "--preset",
+        "quick",
+        "--scene",
+        str(&sheet),
+        "--frames",
+        "5",
+        "--loops",
+        "1.4",
+        "--size",
+        "40",
+        "--threads",
+        "2",
+        "--out",
+        str(&out),
     ]);
     assert!(printed.contains("0 differences"), "{printed}");
 
@@ -234,7 +247,17 @@ fn only_what_is_asked_for_is_run() {
     let (temporary, sheet) = folder();
     let out = temporary.path().join("results");
     succeeds(&[
-        "reproduce", "fig5", "--scene", str(&sheet), "--strategy", "refit", "--loops", "2", "--size", "8", "--out",
+        "reproduce",
+        "fig5",
+        "--scene",
+        str(&sheet),
+        "--strategy",
+        "refit",
+        "--loops",
+        "2",
+        "--size",
+        "8",
+        "--out",
         str(&out),
     ]);
     let rows = |name: &str| fs::read_to_string(out.join(name)).expect("rows").lines().count() - 1;

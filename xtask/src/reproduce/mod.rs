@@ -12,7 +12,7 @@ mod report;
 mod results;
 mod summary;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::ValueEnum;
@@ -96,9 +96,9 @@ pub(crate) struct Args {
     /// Threads for updates and rendering [default: the paper's 8, or the cores there are]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
-    /// Folder for the results
-    #[arg(long, value_name = "DIR", default_value_os_t = files::workspace().join("target/reproduce"))]
-    out: PathBuf,
+    /// Folder for the results [default: target/reproduce]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
 }
 
 impl Args {
@@ -112,6 +112,10 @@ impl Args {
             size: self.size.unwrap_or(preset.size),
             ..preset
         }
+    }
+
+    fn load(&self, source: &str) -> Result<Scene> {
+        stage::load_at(source, self.clip.as_deref(), self.seed, self.preset.values().detail)
     }
 }
 
@@ -134,7 +138,8 @@ struct Entry {
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     let entries = entries(args)?;
-    let out = Output::prepare(&args.out)?;
+    let out = args.out.clone().unwrap_or_else(|| files::workspace().join("target/reproduce"));
+    let out = Output::prepare(out)?;
     let mut results = Results {
         machine: Machine::read(),
         revision: Revision::read(),
@@ -170,9 +175,7 @@ fn entries(args: &Args) -> Result<Vec<Entry>> {
     for source in sources {
         let label = stage::label(source);
         let is_built_in = all.contains(source);
-        let loaded = (!is_built_in || args.clip.is_some())
-            .then(|| stage::load(source, args.clip.as_deref(), args.seed))
-            .transpose()?;
+        let loaded = (!is_built_in || args.clip.is_some()).then(|| args.load(source)).transpose()?;
         // Two files may share a name, but not a row or a picture.
         let taken = |label: &str| entries.iter().any(|e| e.label == label || e.slug == stage::slug(label));
         let mut names = (1..).map(|n| if n == 1 { label.clone() } else { format!("{label}-{n}") });
@@ -243,7 +246,7 @@ fn run_scene(
 ) -> Result<SceneRun> {
     let Entry { source, label, slug, loaded } = entry;
     eprintln!("{label}");
-    let scene = loaded.map_or_else(|| stage::load(&source, args.clip.as_deref(), args.seed), Ok)?;
+    let scene = loaded.map_or_else(|| args.load(&source), Ok)?;
     let values = args.values();
     pool.install(|| {
         let mut stage = Stage::new(scene)?;
@@ -329,6 +332,12 @@ fn take_picture(
     Ok(Picture { frame, file, png })
 }
 
+/// Whether a file's name is one that [`take_picture`] gives.
+fn is_picture(name: &str) -> bool {
+    let number = name.strip_suffix(".png").and_then(|stem| stem.rsplit_once('-'));
+    number.is_some_and(|(_, n)| n.len() >= 4 && n.bytes().all(|b| b.is_ascii_digit()))
+}
+
 /// The folder of results.
 struct Output {
     folder: PathBuf,
@@ -336,14 +345,16 @@ struct Output {
 
 impl Output {
     /// Makes the folder, and removes what would be mistaken for this run's results if it were interrupted.
-    fn prepare(folder: &Path) -> Result<Self> {
-        let out = Self { folder: folder.to_owned() };
+    fn prepare(folder: PathBuf) -> Result<Self> {
+        let out = Self { folder };
         for folder in [out.folder.clone(), out.file("figures"), out.file("images")] {
             files::make_folder(&folder)?;
         }
         for name in ["report.html", "summary.json", "fig5.csv"] {
             files::remove_old(&out.file(name))?;
         }
+        files::remove_all(&out.file("figures"), |name| name.starts_with("fig") && name.ends_with(".svg"))?;
+        files::remove_all(&out.file("images"), is_picture)?;
         Ok(out)
     }
 

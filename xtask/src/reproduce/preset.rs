@@ -15,6 +15,8 @@ pub(crate) enum Preset {
 /// The settings that a preset stands for.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Values {
+    /// Fraction of the triangles of scenes that are simulated for minutes; all of them if `None`.
+    pub(crate) detail: Option<f32>,
     /// Frames in a loop.
     pub(crate) frames: usize,
     pub(crate) loops: f64,
@@ -48,10 +50,11 @@ impl Preset {
     pub(crate) fn values(self) -> Values {
         match self {
             Self::Quick => Values {
-                frames: 12,
+                detail: Some(0.15),
+                frames: 10,
                 loops: 1.5,
                 size: 160,
-                rebuild_every: [3, 6],
+                rebuild_every: [3, 3],
                 speeds: false,
                 speed_loops: 2.0,
                 check_frames: 2,
@@ -59,6 +62,7 @@ impl Preset {
                 pictures: 3,
             },
             Self::Standard => Values {
+                detail: None,
                 frames: 50,
                 loops: 1.5,
                 size: 512,
@@ -70,6 +74,7 @@ impl Preset {
                 pictures: 5,
             },
             Self::Full => Values {
+                detail: None,
                 frames: 100,
                 loops: 2.3,
                 size: 1024,
@@ -95,6 +100,9 @@ impl Values {
     pub(crate) fn reductions(&self) -> Vec<String> {
         let paper = Preset::Full.values();
         let mut less = Vec::new();
+        if let Some(detail) = self.detail {
+            less.push(format!("cloth and statues at {:.0} % of their triangles", 100.0 * detail));
+        }
         if self.frames != paper.frames {
             less.push(format!("{} frames a loop instead of {}", self.frames, paper.frames));
         }
@@ -105,9 +113,9 @@ impl Values {
             less.push(format!("{0} x {0} pixels instead of {1} x {1}", self.size, paper.size));
         }
         if self.rebuild_every != paper.rebuild_every {
+            let [few, many] = self.rebuild_every;
             less.push(format!(
-                "rebuilds on every {}th frame only, on every {}th in scenes above {MANY} triangles",
-                self.rebuild_every[0], self.rebuild_every[1]
+                "rebuilds on one frame in {few}, in scenes above {MANY} triangles on one in {many}"
             ));
         }
         if !self.speeds {

@@ -45,6 +45,13 @@ impl Plan {
     pub(crate) fn steps(&self) -> usize {
         ((self.frames as f64 * self.loops).round() as usize).max(1)
     }
+
+    /// Whether a frame is compared with brute force: a few of those on which every strategy is measured.
+    fn is_checked(&self, frame: usize) -> bool {
+        let every = self.rebuild_every;
+        frame.is_multiple_of(every)
+            && is_sampled(frame / every, self.frames.div_ceil(every), self.check_frames)
+    }
 }
 
 /// A strategy at work: its tree and its memory.
@@ -101,7 +108,7 @@ pub(crate) fn measure(
         for i in (0..count).map(|i| (i + step) % count) {
             let lane = &mut lanes[i];
             lane.last = None;
-            if lane.rebuilds() && step % plan.rebuild_every != 0 {
+            if lane.rebuilds() && !step.is_multiple_of(plan.rebuild_every) {
                 continue;
             }
             let [first, other] = &mut images;
@@ -119,7 +126,7 @@ pub(crate) fn measure(
             lane.last = Some(measured);
         }
 
-        if round == 0 && is_sampled(frame, plan.frames, plan.check_frames) {
+        if round == 0 && plan.is_checked(frame) {
             let camera = stage.camera(plan.size, plan.size);
             let rays = check::sample(&camera, &stage.triangles(), plan.check_rays, plan.seed ^ frame as u64);
             for lane in lanes.iter().filter(|lane| lane.last.is_some()) {

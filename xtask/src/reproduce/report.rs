@@ -28,8 +28,8 @@ pub(crate) fn html(results: &Results, claims: &[Claim]) -> String {
                     p {
                         "What " cite { "Fast, Effective BVH Updates for Dynamic Ray-Traced Scenes Using Tree Rotations" }
                         " (Kopta, Ize, Spjut, Brunvand, Davis and Kensler, 2012) claims, and what was measured here: "
-                        (results.scenes.len()) " scenes, preset " b { (results.settings.preset) } ", "
-                        (results.settings.threads) " threads, " (results.machine.started.get(..10).unwrap_or_default())
+                        (plural(results.scenes.len(), "scene")) ", preset " b { (results.settings.preset) } ", "
+                        (plural(results.settings.threads, "thread")) ", " (results.machine.started.get(..10).unwrap_or_default())
                         ", " (results.revision.short()) "."
                     }
                     @if results.interrupted {
@@ -64,6 +64,10 @@ fn check_line(results: &Results) -> Markup {
 fn capital(text: &str) -> String {
     let mut chars = text.chars();
     chars.next().map_or_else(String::new, |c| c.to_uppercase().chain(chars).collect())
+}
+
+fn plural(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
 fn claims_table(results: &Results, claims: &[Claim]) -> Markup {
@@ -199,7 +203,7 @@ fn scene_section(results: &Results, scene: &SceneRun) -> Markup {
             (number(facts.moving as f64)) " of them can move. Calls for " (effects) ". First tree built in "
             (number(facts.build_ms)) " ms."
             @if facts.rebuild_every > 1 {
-                " Rebuilds measured on every " (facts.rebuild_every) "th frame."
+                " Rebuilds measured on one frame in " (facts.rebuild_every) "."
             }
         }
         @for note in &facts.notes { p.soft { (capital(note)) } }
@@ -303,7 +307,7 @@ fn colophon(results: &Results) -> Markup {
                 }
                 dt { "Settings" } dd {
                     "preset " (settings.preset) ", " (settings.loops) " loops, " (settings.size) " × " (settings.size)
-                    " pixels, " (settings.threads) " threads, seed " (settings.seed)
+                    " pixels, " (plural(settings.threads, "thread")) ", seed " (settings.seed)
                 }
             }
             h3 { "Again" }

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use super::chart::number;
 use super::check::Checks;
 use super::claims::Claim;
 use super::contestants::{Contestant, IDEAL};
@@ -130,9 +131,11 @@ pub(crate) fn claims_in_lines(claims: &[Claim]) -> String {
 
 /// What was checked, in one sentence.
 pub(crate) fn checks_in_words(checks: &Checks) -> String {
+    let [pictures, pixels, rays, hits, trees, differences] =
+        [checks.pictures, checks.pixels, checks.rays, checks.rays_hit, checks.trees, checks.differences]
+            .map(|n| number(n as f64));
     format!(
-        "checked: {} pictures of {} pixels in all equal bit by bit, {} rays ({} hits) against brute force, {} trees \
-         validated: {} differences",
-        checks.pictures, checks.pixels, checks.rays, checks.rays_hit, checks.trees, checks.differences
+        "checked: {pictures} pairs of pictures ({pixels} pixels) bit by bit, {rays} rays ({hits} hits) against brute \
+         force, {trees} trees validated: {differences} differences"
     )
 }
