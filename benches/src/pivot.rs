@@ -110,14 +110,16 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
     let best = SimdLevel::best();
     match contest {
         Contest::Update => {
-            let rebuilds = [Builder::Binned, Builder::BinnedParallel].map(rebuild);
-            for strategy in [Strategy::Refit, Strategy::RefitRotate].into_iter().chain(rebuilds) {
-                add(strategy.name(), strategy, Traversal::default(), best);
+            // A sweep every frame is what all are measured by.
+            for strategy in Strategy::all() {
+                if !matches!(strategy, Strategy::Rebuild(Builder::Sweep, _)) {
+                    add(strategy.name(), strategy, Traversal::Tile, best);
+                }
             }
         }
         Contest::Build => {
             for builder in Builder::ALL {
-                add(builder.name(), rebuild(builder), Traversal::default(), best);
+                add(builder.name(), rebuild(builder), Traversal::Tile, best);
             }
         }
         Contest::Trace => {
@@ -131,8 +133,10 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
             add("single", tree(leaves(1)), Traversal::Single, best);
         }
         Contest::Frame => {
-            for strategy in [Strategy::Refit, Strategy::RefitRotate, rebuild(Builder::BinnedParallel)] {
-                add(strategy.name(), strategy, Traversal::Tile, best);
+            for strategy in Strategy::all() {
+                if !matches!(strategy, Strategy::Rebuild(Builder::Sweep | Builder::Binned, _)) {
+                    add(strategy.name(), strategy, Traversal::Tile, best);
+                }
             }
         }
     }

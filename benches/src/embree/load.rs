@@ -49,7 +49,9 @@ pub enum NotFound {
 }
 
 pub(super) fn load(path: Option<&Path>) -> Result<Api, NotFound> {
-    let named = path.map(Path::to_owned).or_else(|| env::var_os(VARIABLE).map(PathBuf::from));
+    let named = path
+        .map(Path::to_owned)
+        .or_else(|| env::var_os(VARIABLE).filter(|v| !v.is_empty()).map(PathBuf::from));
     match named {
         Some(path) => {
             let file = find(&path, 2).ok_or(NotFound::NotThere(path))?;
