@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Triangles, Vec3, sah_cost};
-use bvh_update::{Scratch, Strategy, update};
+use bvh_update::{Rotate, Scratch, Strategy, update};
 use pivot_examples::sphere;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -38,7 +38,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         let refit = update(&mut refitted, &triangles, &Strategy::Refit, &mut scratch)?;
         let refit_ms = timer.elapsed().as_secs_f64() * 1e3;
         let timer = Instant::now();
-        let rotate = update(&mut rotated, &triangles, &Strategy::RefitRotate, &mut scratch)?;
+        let rotate =
+            update(&mut rotated, &triangles, &Strategy::RefitRotate(Rotate::default()), &mut scratch)?;
         let rotate_ms = timer.elapsed().as_secs_f64() * 1e3;
         let timer = Instant::now();
         let fresh = build(&triangles, Builder::Binned, &BuildOptions::default(), None)?;

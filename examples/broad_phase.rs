@@ -6,7 +6,7 @@ use std::error::Error;
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Aabb, Vec3, sah_cost};
-use bvh_update::{Scratch, Strategy, update};
+use bvh_update::{Rotate, Scratch, Strategy, update};
 
 const BALLS: usize = 20_000;
 const RADIUS: f32 = 0.2;
@@ -35,7 +35,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
         }
         let boxes = boxes(&centers);
-        let done = update(&mut bvh, boxes.as_slice(), &Strategy::RefitRotate, &mut scratch)?;
+        let done =
+            update(&mut bvh, boxes.as_slice(), &Strategy::RefitRotate(Rotate::default()), &mut scratch)?;
         let cost = done.sah_cost.unwrap_or_default();
         if cost > 2.0 * fresh_cost {
             let rebuild = Strategy::Rebuild(Builder::BinnedParallel, BuildOptions::default());

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Triangles, Vec3};
-use bvh_update::{Scratch, Strategy, update};
+use bvh_update::{Rotate, Scratch, Strategy, update};
 use pivot_tests::{closest_hit, noise};
 use rt_cpu::TriangleTest;
 
@@ -42,7 +42,7 @@ fn play(file: &str, per_loop: usize, moves: bool, rotation_pays: bool) {
             }
             match strategy {
                 Strategy::Refit => costs[0] += bvh_core::sah_cost(bvh),
-                Strategy::RefitRotate => {
+                Strategy::RefitRotate(_) => {
                     costs[1] += bvh_core::sah_cost(bvh);
                     rotations += done.rotations_applied();
                 }

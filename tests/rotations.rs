@@ -3,7 +3,7 @@
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::rotation::{area_changes_at, rotate};
 use bvh_core::{Bvh, Node, Rotation, Triangles, stats};
-use bvh_update::{Scratch, Strategy, update};
+use bvh_update::{Rotate, Scratch, Strategy, update};
 use pivot_tests::{Motion, Soup, noise, sah_cost};
 use proptest::prelude::*;
 
@@ -61,7 +61,7 @@ fn a_still_tree_comes_to_rest_with_a_lower_cost() {
         update(&mut bvh, &primitives, &Strategy::Refit, &mut scratch).expect("same count");
         let refitted = sah_cost(&bvh, &positions, &soup.triangles);
         let mut passes = 0;
-        while update(&mut bvh, &primitives, &Strategy::RefitRotate, &mut scratch)
+        while update(&mut bvh, &primitives, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
             .expect("same count")
             .rotations
             != [0; 6]
@@ -94,7 +94,8 @@ fn height_stays_bounded_and_cost_near_fresh_over_a_long_loop() {
             *p += (noise(8, i / 3) - 0.5) * swing.min(40.0 - swing);
         }
         let primitives = Triangles { positions: &positions, indices: &soup.triangles };
-        let done = update(&mut bvh, &primitives, &Strategy::RefitRotate, &mut scratch).expect("same count");
+        let done = update(&mut bvh, &primitives, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
+            .expect("same count");
         highest = highest.max(done.height);
         if frame % 400 == 0 {
             bvh.validate(&primitives).expect("valid and tight");

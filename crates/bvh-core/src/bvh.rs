@@ -35,6 +35,7 @@ pub struct Bvh {
     order: Vec<u32>,
     in_order: bool,
     still_area: f64,
+    updates: u32,
 }
 
 /// The parts of a tree that an update writes and reads, from [`Bvh::parts_mut`].
@@ -45,6 +46,8 @@ pub struct Parts<'a> {
     pub order: &'a [u32],
     /// Sum of half area times [`Node::weight`] over all nodes that do not move.
     pub still_area: &'a mut f64,
+    /// How many updates the tree has seen since it was built.
+    pub updates: &'a mut u32,
 }
 
 /// Why nodes and an order do not make a tree.
@@ -120,7 +123,7 @@ impl Bvh {
     }
 
     fn from_pairs(pairs: Vec<Pair>, order: Vec<u32>) -> Result<Self, Malformed> {
-        let mut bvh = Self { pairs, order, in_order: false, still_area: 0.0 };
+        let mut bvh = Self { pairs, order, in_order: false, still_area: 0.0, updates: 0 };
         bvh.check_order()?;
         if let Some(parents) = bvh.parents_if_ordered() {
             for pair in (1..bvh.pairs.len()).rev() {
@@ -259,6 +262,7 @@ impl Bvh {
             nodes: bytemuck::cast_slice_mut(&mut self.pairs),
             order: &self.order,
             still_area: &mut self.still_area,
+            updates: &mut self.updates,
         }
     }
 
@@ -394,7 +398,13 @@ impl Bvh {
 impl Default for Bvh {
     /// The empty tree.
     fn default() -> Self {
-        Self { pairs: vec![Pair([Node::NOTHING; 2])], order: Vec::new(), in_order: true, still_area: 0.0 }
+        Self {
+            pairs: vec![Pair([Node::NOTHING; 2])],
+            order: Vec::new(),
+            in_order: true,
+            still_area: 0.0,
+            updates: 0,
+        }
     }
 }
 

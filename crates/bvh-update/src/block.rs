@@ -11,6 +11,7 @@ use bvh_core::Primitives;
 
 use crate::kernels::{Accepted, apply, evaluate, fit, unions};
 use crate::raw::{Available, SharedNodes};
+use crate::strategy::{Rotate, Turn};
 
 /// Queued pairs of one block; about half of them are processed in it.
 const PAIRS: usize = 2048;
@@ -23,7 +24,8 @@ pub(crate) struct Task<'a, P: ?Sized> {
     pub(crate) nodes: SharedNodes<'a>,
     /// Numbered by slot.
     pub(crate) primitives: &'a P,
-    pub(crate) rotations: bool,
+    /// At which nodes rotations are tried, if at any.
+    pub(crate) rotations: Option<Turn>,
     pub(crate) level: Available,
 }
 
@@ -120,7 +122,7 @@ pub(crate) fn process<P: Primitives + ?Sized>(
     let Some((block, deeper)) = blocks.split_first_mut() else {
         unreachable!("each of {NESTED} nested blocks takes four levels of at most {}", bvh_core::MAX_HEIGHT)
     };
-    block.gather(task.nodes, roots, PAIRS);
+    block.gather(task, roots, PAIRS);
     block.fit_leaves(task, tally);
     for roots in block.frontier() {
         for chunk in roots.chunks(ROOTS) {
@@ -132,7 +134,9 @@ pub(crate) fn process<P: Primitives + ?Sized>(
 
 impl Block {
     /// Walks down from the roots until about `limit` pairs are queued, and lists what is there.
-    pub(crate) fn gather(&mut self, nodes: SharedNodes<'_>, roots: Roots<'_>, limit: usize) {
+    pub(crate) fn gather<P: ?Sized>(&mut self, task: &Task<'_, P>, roots: Roots<'_>, limit: usize) {
+        let nodes = task.nodes;
+        let turn = task.rotations.unwrap_or(Turn::new(Rotate::default(), 0));
         let limit = limit.min(PAIRS);
         if self.inner.is_empty() {
             self.inner.resize(PAIRS, Visit::default());
@@ -164,7 +168,8 @@ impl Block {
                 leaf_count += usize::from(moves & leaf);
             }
             candidates[candidate_count] = done as u32;
-            candidate_count += usize::from(!(children[0].is_leaf() & children[1].is_leaf()));
+            let grandchildren = !(children[0].is_leaf() & children[1].is_leaf());
+            candidate_count += usize::from(grandchildren & turn.includes(pair));
             done += 1;
         }
         (self.queued, self.done, self.level_end, self.depth) = (queued, done, level_end, roots.depth);
@@ -193,7 +198,7 @@ impl Block {
         tally.inner += self.done as u64;
         let (level, nodes) = (task.level, task.nodes);
         let inner = &self.inner[..self.done];
-        if !task.rotations {
+        if task.rotations.is_none() {
             tally.area += unions(level, nodes, inner);
             return;
         }

@@ -23,4 +23,4 @@ mod strategy;
 
 pub use bvh_build::{BuildError, BuildOptions, Builder};
 pub use pass::Scratch;
-pub use strategy::{Strategy, Update, UpdateError, update};
+pub use strategy::{Rotate, Strategy, Update, UpdateError, update};

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use crate::block::{Block, NESTED, Roots, Tally, Task, Visit, process};
 use crate::kernels::fit;
 use crate::raw::{self, Available};
+use crate::strategy::{Rotate, Turn};
 
 /// Queued pairs of the top block: enough subtrees below it for many threads.
 const TOP_PAIRS: usize = 2048;
@@ -50,18 +51,20 @@ impl Default for Scratch {
     }
 }
 
-/// Refits what moves; with `rotations`, rotates at every node on the way up. The caller has checked that there are
+/// Refits what moves; with `rotate`, rotates on the way up. The caller has checked that there are
 /// as many primitives as the tree holds.
 pub(crate) fn pass<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
-    rotations: bool,
+    rotate: Option<Rotate>,
     scratch: &mut Scratch,
 ) -> Tally {
     let in_order = bvh.is_in_order();
     let parts = raw::parts(bvh);
     let nodes = raw::share(parts.nodes);
     let level = scratch.level;
+    let rotations = rotate.map(|rotate| Turn::new(rotate, *parts.updates));
+    *parts.updates = parts.updates.wrapping_add(1);
     let tally = if in_order {
         run(&Task { nodes, primitives, rotations, level }, scratch)
     } else {
@@ -87,7 +90,7 @@ fn run<P: Primitives + ?Sized>(task: &Task<'_, P>, scratch: &mut Scratch) -> Tal
     }
     let root = [Visit::new(0, root.first() as u32)];
     let roots = Roots { nodes: &root, depth: 0 };
-    top.gather(task.nodes, roots, TOP_PAIRS);
+    top.gather(task, roots, TOP_PAIRS);
     top.fit_leaves(task, &mut tally);
     let chunks = || top.frontier().into_iter().flat_map(|roots| roots.chunks(TOP_ROOTS));
     tallies.clear();

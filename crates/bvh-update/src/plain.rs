@@ -9,20 +9,22 @@
 //!
 //! The paper refits N first and then rotates; N's box is the same either way, and its height is known last.
 
-use bvh_core::rotation::{area_changes_at, best, rotate};
+use bvh_core::rotation::{self, area_changes_at, best};
 use bvh_core::{Aabb, Bvh, Node, Primitives};
 
 use crate::raw;
+use crate::strategy::{Rotate, Turn};
 
-/// Refits every box above primitives that move; with `rotations`, also rotates at every such node. Gives the
-/// rotations applied, by kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
+/// Refits every box above primitives that move; with `rotate`, also rotates at such nodes. Gives the rotations applied, by kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
 ///
 /// One thread, O(n).
 ///
 /// # Panics
 /// If the tree is over more primitives than given.
-pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotations: bool) -> [u64; 6] {
+pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Option<Rotate>) -> [u64; 6] {
     let parts = raw::parts(bvh);
+    let rotations = rotate.map(|rotate| Turn::new(rotate, *parts.updates));
+    *parts.updates = parts.updates.wrapping_add(1);
     let (nodes, order) = (parts.nodes, parts.order);
     let mut walk = Walk { nodes, order, primitives, rotations, applied: [0; 6], still_area: 0.0 };
     walk.node(0, 0);
@@ -34,7 +36,7 @@ struct Walk<'a, P: ?Sized> {
     nodes: &'a mut [Node],
     order: &'a [u32],
     primitives: &'a P,
-    rotations: bool,
+    rotations: Option<Turn>,
     applied: [u64; 6],
     still_area: f64,
 }
@@ -54,9 +56,9 @@ impl<P: Primitives + ?Sized> Walk<'_, P> {
         }
         self.node(first, depth + 1);
         self.node(first + 1, depth + 1);
-        if self.rotations
+        if self.rotations.is_some_and(|turn| turn.includes(first))
             && let Some(rotation) = best(area_changes_at(self.nodes, first))
-            && let Some(still_area) = rotate(self.nodes, first, rotation, depth)
+            && let Some(still_area) = rotation::rotate(self.nodes, first, rotation, depth)
         {
             self.applied[rotation as usize] += 1;
             self.still_area += still_area;

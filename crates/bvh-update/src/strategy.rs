@@ -13,9 +13,44 @@ pub enum Strategy {
     /// Recompute all boxes, structure fixed (Wald, Boulos, Shirley 2007).
     Refit,
     /// Refit and rotate in one pass (Kopta et al. 2012).
-    RefitRotate,
+    RefitRotate(Rotate),
     /// Build a new tree: each primitive counts as moving afterwards.
     Rebuild(Builder, BuildOptions),
+}
+
+/// The budget of rotations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rotate {
+    /// Rotations are tried at each node in one of this many updates, at different nodes each time; a power of two,
+    /// else the next one. The default is 1, every node in every update: trying takes a quarter of the pass, and what
+    /// is left out costs more than that in all but gentle motion.
+    pub period: u32,
+}
+
+impl Default for Rotate {
+    fn default() -> Self {
+        Self { period: 1 }
+    }
+}
+
+/// Which nodes rotations are tried at in one update.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Turn {
+    mask: usize,
+    turn: usize,
+}
+
+impl Turn {
+    pub(crate) fn new(rotate: Rotate, updates: u32) -> Self {
+        let period = rotate.period.clamp(1, 1 << 31).next_power_of_two();
+        Self { mask: period as usize - 1, turn: updates as usize }
+    }
+
+    /// Whether it is the turn of the node whose children start at slot `pair`.
+    #[inline]
+    pub(crate) fn includes(self, pair: usize) -> bool {
+        (pair / 2).wrapping_add(self.turn) & self.mask == 0
+    }
 }
 
 impl Strategy {
@@ -25,7 +60,7 @@ impl Strategy {
         let rebuild = |builder| Self::Rebuild(builder, BuildOptions::default());
         [
             Self::Refit,
-            Self::RefitRotate,
+            Self::RefitRotate(Rotate::default()),
             rebuild(Builder::Sweep),
             rebuild(Builder::Binned),
             rebuild(Builder::BinnedParallel),
@@ -37,7 +72,7 @@ impl Strategy {
     pub const fn name(&self) -> &'static str {
         match self {
             Self::Refit => "refit",
-            Self::RefitRotate => "refit+rotate",
+            Self::RefitRotate(_) => "refit+rotate",
             Self::Rebuild(builder, _) => builder.name(),
         }
     }
@@ -110,8 +145,8 @@ pub fn update<P: Primitives + ?Sized>(
         return Err(UpdateError::Count { tree: bvh.len(), given: primitives.len() });
     }
     let rotations = match strategy {
-        Strategy::Refit => false,
-        Strategy::RefitRotate => true,
+        Strategy::Refit => None,
+        Strategy::RefitRotate(rotate) => Some(*rotate),
         Strategy::Rebuild(builder, options) => {
             *bvh = build(primitives, *builder, options, Some(std::mem::take(bvh)))?;
             let nodes_visited = bvh.nodes().len() as u64 - 1;

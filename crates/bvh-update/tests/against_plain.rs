@@ -3,7 +3,7 @@
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Aabb, Bvh, SimdLevel, Vec3, sah_cost, stats};
-use bvh_update::{Scratch, Strategy, UpdateError, plain, update};
+use bvh_update::{Rotate, Scratch, Strategy, UpdateError, plain, update};
 use proptest::prelude::*;
 
 /// A 64-bit mix (splitmix64), so that inputs need no state.
@@ -51,7 +51,9 @@ fn check(
         let moved = boxes(n, seed, frame as f32 * step);
         start.iter().zip(moved).enumerate().map(|(i, (s, m))| if moves(i) { m } else { *s }).collect()
     };
-    for (strategy, rotations) in [(Strategy::Refit, false), (Strategy::RefitRotate, true)] {
+    let budgets = [1, 2, 5].map(|period| Rotate { period });
+    let rotating = budgets.map(|rotate| (Strategy::RefitRotate(rotate), Some(rotate)));
+    for (strategy, rotate) in [(Strategy::Refit, None)].into_iter().chain(rotating) {
         let mut expected = tree(&start, max_leaf_size);
         expected.set_moving(moves);
         let mut contestants: Vec<_> = SimdLevel::available()
@@ -62,7 +64,7 @@ fn check(
             .collect();
         for frame in 1..=frames {
             let now = pose(frame);
-            let applied = plain::update(&mut expected, &now, rotations);
+            let applied = plain::update(&mut expected, &now, rotate);
             expected.validate(&now).expect("the plain pass leaves a valid, tight tree");
             let cost = sah_cost(&expected);
             for (level, threads, pool, bvh, scratch) in &mut contestants {
@@ -108,13 +110,16 @@ fn what_stands_still_is_not_visited() {
     let start = boxes(20_000, 1, 0.0);
     let mut bvh = tree(&start, 1);
     let mut scratch = Scratch::new();
-    let all = update(&mut bvh, &start, &Strategy::RefitRotate, &mut scratch).expect("same count");
+    let all = update(&mut bvh, &start, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
+        .expect("same count");
     assert_eq!(all.nodes_visited as usize, 2 * 20_000 - 1);
     bvh.set_moving(|p| p == 77);
-    let one = update(&mut bvh, &start, &Strategy::RefitRotate, &mut scratch).expect("same count");
+    let one = update(&mut bvh, &start, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
+        .expect("same count");
     assert!(one.nodes_visited <= u64::from(bvh.height()) + 1, "visited {}", one.nodes_visited);
     bvh.set_moving(|_| false);
-    let none = update(&mut bvh, &start, &Strategy::RefitRotate, &mut scratch).expect("same count");
+    let none = update(&mut bvh, &start, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
+        .expect("same count");
     assert_eq!(none.nodes_visited, 0);
     let (told, cost) = (none.sah_cost.expect("known"), sah_cost(&bvh));
     assert!((told - cost).abs() < 1e-6 * cost, "told {told}, is {cost}");
@@ -127,7 +132,8 @@ fn rotations_happen_where_they_are_needed_and_lower_the_cost() {
     let mut rotated = refitted.clone();
     let mut scratch = Scratch::new();
     let refit = update(&mut refitted, &end, &Strategy::Refit, &mut scratch).expect("same count");
-    let rotate = update(&mut rotated, &end, &Strategy::RefitRotate, &mut scratch).expect("same count");
+    let rotate = update(&mut rotated, &end, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
+        .expect("same count");
     assert!(refit.rotations_applied() == 0 && rotate.rotations_applied() > 500);
     assert!(rotate.rotations.iter().all(|&kind| kind > 0), "{:?}", rotate.rotations);
     assert!(rotate.sah_cost < refit.sah_cost.map(|c| 0.8 * c));
@@ -140,7 +146,8 @@ fn a_still_scene_converges_and_stays() {
     let mut scratch = Scratch::new();
     let mut cost = f64::INFINITY;
     for pass in 0.. {
-        let done = update(&mut bvh, &end, &Strategy::RefitRotate, &mut scratch).expect("same count");
+        let done = update(&mut bvh, &end, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
+            .expect("same count");
         assert!(sah_cost(&bvh) <= cost, "a rotation raised the cost");
         cost = sah_cost(&bvh);
         if done.rotations_applied() == 0 {
@@ -149,7 +156,7 @@ fn a_still_scene_converges_and_stays() {
         assert!(pass < 200, "still rotating after {pass} passes over a still scene");
     }
     let settled = bvh.hash();
-    update(&mut bvh, &end, &Strategy::RefitRotate, &mut scratch).expect("same count");
+    update(&mut bvh, &end, &Strategy::RefitRotate(Rotate::default()), &mut scratch).expect("same count");
     assert_eq!(bvh.hash(), settled);
 }
 
@@ -163,8 +170,10 @@ fn renumbered_primitives_give_the_same_tree() {
     for frame in 1..4 {
         let now = boxes(3000, 4, frame as f32 * 20.0);
         let arranged: Vec<_> = map.iter().map(|&p| now[p as usize]).collect();
-        update(&mut plain_numbers, &now, &Strategy::RefitRotate, &mut scratch).expect("same count");
-        update(&mut in_order, &arranged, &Strategy::RefitRotate, &mut scratch).expect("same count");
+        update(&mut plain_numbers, &now, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
+            .expect("same count");
+        update(&mut in_order, &arranged, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
+            .expect("same count");
         assert_eq!(plain_numbers.nodes(), in_order.nodes());
     }
 }
@@ -178,7 +187,7 @@ fn primitives_that_are_not_finite_are_dropped_and_come_back() {
     for i in (0..2000).step_by(100) {
         broken[i].max.y = [f32::NAN, f32::INFINITY][i / 100 % 2];
     }
-    for strategy in [Strategy::Refit, Strategy::RefitRotate] {
+    for strategy in [Strategy::Refit, Strategy::RefitRotate(Rotate::default())] {
         let done = update(&mut bvh, &broken, &strategy, &mut scratch).expect("same count");
         assert_eq!((done.dropped, stats(&bvh).dropped), (20, 20));
         bvh.validate(&broken).expect("tight around the others");
