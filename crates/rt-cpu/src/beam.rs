@@ -65,7 +65,8 @@ impl Frame {
     #[inline(always)]
     pub(crate) fn outline(&self, aabb: &Aabb, beam: &Beam) -> Outline {
         let (least, greatest) = (aabb.min - self.origin, aabb.max - self.origin);
-        let [x, y, z] = self.axes.map(|k| [least[k], greatest[k]]);
+        let [x, y, z] = self.axes;
+        let [x, y, z] = [[least[x], greatest[x]], [least[y], greatest[y]], [least[z], greatest[z]]];
         let z = if self.negative { [-z[1], -z[0]] } else { z };
         let widen = |x: [f32; 2], slopes: [f32; 2]| {
             let steepest = f32::max(-slopes[0], slopes[1]).max(1.0);

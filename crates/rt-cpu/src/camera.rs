@@ -1,6 +1,10 @@
 //! A pinhole camera.
 
 use bvh_core::{Ray, Vec3};
+use fearless_simd::Simd;
+use fearless_simd::prelude::*;
+
+use crate::simd::load;
 
 /// A pinhole camera over an image of `width` by `height` pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,12 +43,29 @@ impl Camera {
     #[must_use]
     #[inline]
     pub fn ray(&self, x: u32, y: u32) -> Ray {
-        Ray::new(self.eye, self.direction(x, y))
+        let direction = self.corner + self.right * (x as f32 + 0.5) + self.down * (y as f32 + 0.5);
+        Ray::new(self.eye, direction)
     }
 
-    #[inline]
-    pub(crate) fn direction(&self, x: u32, y: u32) -> Vec3 {
-        self.corner + self.right * (x as f32 + 0.5) + self.down * (y as f32 + 0.5)
+    /// Sets the directions through pixels `left + columns[i]`, `top + rows[i]`, with the bits of [`ray`](Self::ray): sums
+    /// of halves are exact.
+    #[inline(always)]
+    pub(crate) fn directions<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        (left, top): (u32, u32),
+        (columns, rows): (&[f32; N], &[f32; N]),
+        directions: &mut [[f32; N]; 3],
+    ) {
+        for at in (0..N).step_by(S::f32s::LEN) {
+            let x: S::f32s = load(simd, columns, at);
+            let y: S::f32s = load(simd, rows, at);
+            let (x, y) = (x + (left as f32 + 0.5), y + (top as f32 + 0.5));
+            for (k, to) in directions.iter_mut().enumerate() {
+                let d = x * self.right[k] + self.corner[k] + y * self.down[k];
+                d.store_slice(&mut to[at..at + S::f32s::LEN]);
+            }
+        }
     }
 
     /// Where it stands.
@@ -76,7 +97,7 @@ mod tests {
         assert!((camera.ray(1, 1).direction() - Vec3::NEG_Z).length() < 1e-6);
         assert!(camera.ray(2, 1).direction().x > 0.1);
         assert!(camera.ray(1, 0).direction().y > 0.1);
-        let edge = camera.direction(1, 0) - camera.down * 0.5;
+        let edge = camera.ray(1, 0).direction() - camera.down * 0.5;
         assert!((edge.y - 0.5f32.tan()).abs() < 1e-6);
     }
 

@@ -253,8 +253,12 @@ impl<'a> Frame<'a> {
 
 /// Everything about the pixels of a tile. They are in blocks of 8 x 8, so that packets are square.
 struct Tile {
+    /// Pixels in a row and in a column of it.
+    size: (usize, usize),
     /// Column and row of each pixel in the tile.
     at: [[u8; 2]; RAYS],
+    columns: [f32; RAYS],
+    rows: [f32; RAYS],
     seen: Bundle,
     hits: Hits,
     surfaces: Surfaces,
@@ -273,7 +277,10 @@ struct Tile {
 impl Tile {
     fn new() -> Self {
         Self {
+            size: (0, 0),
             at: [[0; 2]; RAYS],
+            columns: [0.0; RAYS],
+            rows: [0.0; RAYS],
             seen: Bundle::new(),
             hits: Hits::new(),
             surfaces: Surfaces::new(),
@@ -284,6 +291,26 @@ impl Tile {
             colors: [[0.0; RAYS]; 3],
             nodes: [0; RAYS],
             scratch: Scratch::new(),
+        }
+    }
+}
+
+impl Tile {
+    /// Makes it a tile of this size, without rays yet.
+    fn resize(&mut self, width: usize, height: usize) {
+        if self.size == (width, height) {
+            return;
+        }
+        self.size = (width, height);
+        let mut count = 0;
+        for i in 0..RAYS {
+            let (block, i) = (i / 64, i % 64);
+            let (x, y) = (block % 4 * 8 + i % 8, block / 4 * 8 + i / 8);
+            if x < width && y < height {
+                self.at[count] = [x as u8, y as u8];
+                (self.columns[count], self.rows[count]) = (x as f32, y as f32);
+                count += 1;
+            }
         }
     }
 }
@@ -402,20 +429,15 @@ fn fill_tile<S: Simd, T: WideTest, F: Finish>(
     y: u32,
     finish: &F,
 ) -> RenderStats {
-    let (width, height) = (rows[0].len() as u32, rows.iter().filter(|r| !r.is_empty()).count() as u32);
+    let (width, height) = (rows[0].len(), rows.iter().filter(|r| !r.is_empty()).count());
     let Frame { scene, camera, shadows, options, shaded } = *frame;
     let mut work = Work::default();
     let mut stats = RenderStats::default();
 
+    tile.resize(width, height);
     tile.seen.start(camera.eye(), f32::INFINITY);
-    for i in 0..RAYS as u32 {
-        let (block, i) = (i / 64, i % 64);
-        let (px, py) = (block % 4 * 8 + i % 8, block / 4 * 8 + i / 8);
-        if px < width && py < height {
-            tile.at[tile.seen.count] = [px as u8, py as u8];
-            tile.seen.push(camera.direction(x + px, y + py));
-        }
-    }
+    tile.seen.count = width * height;
+    camera.directions(simd, (x, y), (&tile.columns, &tile.rows), &mut tile.seen.direction);
     let Tile { seen, hits, scratch, nodes, .. } = tile;
     trace::<S, T>(simd, scene, options.traversal, Query::Closest, seen, hits, scratch, nodes, &mut work);
     let count = tile.seen.count;

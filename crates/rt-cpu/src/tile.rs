@@ -192,55 +192,67 @@ struct Cut {
     count: usize,
 }
 
+/// A subtree of a cut.
+#[derive(Clone, Copy)]
+struct Piece {
+    node: u32,
+    near: f32,
+    outline: Outline,
+}
+
 impl Cut {
     fn new() -> Self {
         let none = [0.0; CUT];
         Self { x: [none; 2], y: [none; 2], z: [none; 2], near: none, node: [0; CUT], count: 0 }
     }
 
-    /// Opens the tree's top.
+    /// Opens the tree's top: the largest inner node first, by half area.
+    #[inline(always)]
     fn fill(&mut self, nodes: &[Node], frame: &Frame, beam: &Beam, t_max: f32, work: &mut Work) {
-        /// A subtree: its size if it can be opened, else 0.
-        #[derive(Clone, Copy)]
-        struct Piece(u32, f32, f32, Outline);
-        let look = |n: usize| {
-            let outline = frame.outline(&nodes[n].aabb(), beam);
+        let nothing = Outline { x: [0.0; 2], y: [0.0; 2], z: [0.0; 2] };
+        let mut pieces = [Piece { node: 0, near: 0.0, outline: nothing }; CUT];
+        // Half areas, 0 for leaves; apart from the rest because all of them are read again and again.
+        let mut sizes = [0.0; CUT];
+        let (mut count, mut n) = (0, 0);
+        loop {
+            let aabb = nodes[n].aabb();
+            let outline = frame.outline(&aabb, beam);
             let near = frame.enters(&outline);
-            let size = if nodes[n].is_leaf() { 0.0 } else { nodes[n].aabb().half_area() };
-            (beam.meets(&outline) && near <= t_max).then_some(Piece(n as u32, size, near, outline))
-        };
-        let mut pieces = [None::<Piece>; CUT];
-        pieces[0] = look(0);
-        let mut count = usize::from(pieces[0].is_some());
-        while count < CUT {
-            let size = |i: usize| pieces[i].map_or(0.0, |p: Piece| p.1);
-            let Some(largest) = (0..count).reduce(|a, b| if size(b) > size(a) { b } else { a }) else {
-                break;
-            };
-            let Some(Piece(n, ..)) = pieces[largest].filter(|p| p.1 > 0.0) else {
-                break;
-            };
-            work.nodes += 1;
-            count -= 1;
-            pieces[largest] = pieces[count];
-            let first = nodes[n as usize].first();
-            for piece in [look(first), look(first + 1)].into_iter().flatten() {
-                pieces[count] = Some(piece);
+            if beam.meets(&outline) && near <= t_max {
+                pieces[count] = Piece { node: n as u32, near, outline };
+                sizes[count] = if nodes[n].is_leaf() { 0.0 } else { aabb.half_area() };
                 count += 1;
             }
+            if n & 1 == 0 && n != 0 {
+                n += 1;
+                continue;
+            }
+            let size = sizes[..count].iter().fold(0.0, |a, &b| f32::max(a, b));
+            if size == 0.0 || count == CUT {
+                break;
+            }
+            let largest = sizes[..count].iter().position(|&s| s == size).unwrap_or(0);
+            n = nodes[pieces[largest].node as usize].first();
+            work.nodes += 1;
+            count -= 1;
+            (pieces[largest], sizes[largest]) = (pieces[count], sizes[count]);
         }
-        let near = |p: &Option<Piece>| p.map_or(f32::INFINITY, |p| p.2);
-        pieces[..count].sort_unstable_by(|a, b| near(a).total_cmp(&near(b)));
-        self.count = count;
-        for (i, Piece(n, _, near, outline)) in pieces[..count].iter().flatten().enumerate() {
+        let mut order = [0; CUT];
+        for (i, (key, piece)) in order.iter_mut().zip(&pieces[..count]).enumerate() {
+            // Bits of numbers that are not negative are in the order of the numbers.
+            *key = u64::from(piece.near.to_bits()) << 32 | i as u64;
+        }
+        order[..count].sort_unstable();
+        for (i, &key) in order[..count].iter().enumerate() {
+            let Piece { node, near, outline } = pieces[key as u32 as usize];
             for side in 0..2 {
                 self.x[side][i] = outline.x[side];
                 self.y[side][i] = outline.y[side];
                 self.z[side][i] = outline.z[side];
             }
-            self.near[i] = *near;
-            self.node[i] = *n;
+            (self.near[i], self.node[i]) = (near, node);
         }
+        self.count = count;
     }
 
     /// Bits of the subtrees that a beam meets.
@@ -678,7 +690,7 @@ fn test_leaf<S: Simd, V: Lanes<S>, T: WideTest, const ANY: bool, const N: usize>
             continue;
         }
         work.triangles += 1;
-        let triangle = Corners::new(scene.triangles.corners(p as usize), way.origin);
+        let triangle = Corners::new(scene.triangles, p, way.origin);
         for axis in 0..3 {
             let mask = mask & packet.axes[axis] & packet.active;
             if mask == 0 {

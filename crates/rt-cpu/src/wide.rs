@@ -1,6 +1,6 @@
 //! Box and triangle tests of many rays at once. All rays share their origin, and the signs of their directions.
 
-use bvh_core::{Aabb, Ray, Vec3};
+use bvh_core::{Aabb, Ray, Triangles, Vec3};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
@@ -20,10 +20,13 @@ impl Slab {
     #[inline(always)]
     pub(crate) fn new(aabb: &Aabb, origin: Vec3, negative: [bool; 3]) -> Self {
         let (min, max) = (aabb.min - origin, aabb.max - origin);
-        Self {
-            first: [0, 1, 2].map(|k| if negative[k] { max[k] } else { min[k] }),
-            last: [0, 1, 2].map(|k| if negative[k] { min[k] } else { max[k] }),
+        let mut slab = Self { first: min.to_array(), last: max.to_array() };
+        for (k, negative) in negative.into_iter().enumerate() {
+            if negative {
+                (slab.first[k], slab.last[k]) = (max[k], min[k]);
+            }
         }
+        slab
     }
 
     /// Where rays enter, and whether they do before `t_max`; see [`enters`](crate::slab::enters).
@@ -59,8 +62,12 @@ pub(crate) struct Corners {
 
 impl Corners {
     #[inline(always)]
-    pub(crate) fn new(corners: [Vec3; 3], origin: Vec3) -> Self {
-        Self { origin, corners, relative: corners.map(|c| c - origin) }
+    pub(crate) fn new(triangles: &Triangles<'_>, i: u32, origin: Vec3) -> Self {
+        let [a, b, c] = triangles.indices[i as usize];
+        // Spelt out because `array::map` is a call.
+        let at = |v: u32| triangles.positions.get(v as usize).copied().unwrap_or(Vec3::NAN);
+        let (a, b, c) = (at(a), at(b), at(c));
+        Self { origin, corners: [a, b, c], relative: [a - origin, b - origin, c - origin] }
     }
 }
 
