@@ -113,25 +113,31 @@ pub(crate) fn number(value: f64) -> String {
     if !value.is_finite() {
         return "–".to_owned();
     }
-    if magnitude >= 1000.0 {
-        let digits = format!("{value:.0}");
-        let mut out = String::new();
-        for (i, c) in digits.chars().enumerate() {
-            let left = digits.len() - i;
-            if i > 0 && left % 3 == 0 && !out.ends_with('-') {
-                out.push('\u{202f}');
-            }
-            out.push(c);
-        }
-        return out;
-    }
     let decimals = match magnitude {
+        m if m >= 999.5 => return thousands(&format!("{value:.0}")),
         m if m >= 99.95 || m == 0.0 => 0,
         m if m >= 9.995 => 1,
         m if m >= 0.9995 => 2,
         _ => 3,
     };
     format!("{value:.decimals$}")
+}
+
+/// How many of something.
+pub(crate) fn count(n: u64) -> String {
+    thousands(&n.to_string())
+}
+
+/// Digits, perhaps signed, in groups of three.
+fn thousands(digits: &str) -> String {
+    let mut out = String::new();
+    for (i, c) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i) % 3 == 0 && !out.ends_with('-') {
+            out.push('\u{202f}');
+        }
+        out.push(c);
+    }
+    out
 }
 
 /// A tick's number, without needless zeros.

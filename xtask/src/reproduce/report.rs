@@ -4,7 +4,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-use super::chart::{Panel, number};
+use super::chart::{Panel, count, number};
 use super::claims::{Claim, Verdict};
 use super::figures::{self, Key};
 use super::results::{Results, SceneRun, Spread};
@@ -199,8 +199,8 @@ fn scene_section(results: &Results, scene: &SceneRun) -> Markup {
     html! {
         h3 { (facts.label) }
         p {
-            (capital(&facts.about)) ". " (number(facts.triangles as f64)) " triangles, "
-            (number(facts.moving as f64)) " of them can move. Calls for " (effects) ". First tree built in "
+            (capital(&facts.about)) ". " (count(facts.triangles as u64)) " triangles, "
+            (count(facts.moving as u64)) " of them can move. Calls for " (effects) ". First tree built in "
             (number(facts.build_ms)) " ms."
             @if facts.rebuild_every > 1 {
                 " Rebuilds measured on one frame in " (facts.rebuild_every) "."

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::chart::number;
+use super::chart::count;
 use super::check::Checks;
 use super::claims::Claim;
 use super::contestants::{Contestant, IDEAL};
@@ -133,7 +133,7 @@ pub(crate) fn claims_in_lines(claims: &[Claim]) -> String {
 pub(crate) fn checks_in_words(checks: &Checks) -> String {
     let [pictures, pixels, rays, hits, trees, differences] =
         [checks.pictures, checks.pixels, checks.rays, checks.rays_hit, checks.trees, checks.differences]
-            .map(|n| number(n as f64));
+            .map(count);
     format!(
         "checked: {pictures} pairs of pictures ({pixels} pixels) bit by bit, {rays} rays ({hits} hits) against brute \
          force, {trees} trees validated: {differences} differences"
