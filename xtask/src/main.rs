@@ -4,6 +4,7 @@
 //! says what, where, and what would be right), 130 after an interrupt.
 
 mod ci;
+mod compare;
 mod files;
 mod interrupt;
 mod layering;
@@ -35,6 +36,8 @@ enum Command {
     Reproduce(reproduce::Args),
     /// Render frames of a scene to PNG or EXR files
     Render(render::Args),
+    /// Measure this project beside other libraries: same work, same hits, one run
+    Compare(compare::Args),
     /// List scenes with the effects each calls for, strategies, builders and SIMD levels
     List(list::Args),
     /// Format, lints, layering, tests and docs, as a change must pass them
@@ -62,6 +65,7 @@ fn main() -> ExitCode {
     let result = match &cli.command {
         Command::Reproduce(args) => reproduce::run(args),
         Command::Render(args) => render::run(args),
+        Command::Compare(args) => compare::run(args),
         Command::List(args) => list::run(args),
         Command::Ci => ci::run(),
     };

@@ -1,0 +1,177 @@
+//! `cargo xtask compare`: this project beside other libraries, in one run, on the same work, with the same hits.
+//!
+//! All contestants of a scene live at the same time and take turns, frame by frame and in an order that rotates, so
+//! that whatever else the machine does hits all of them alike. Poses are computed outside of what is timed.
+
+mod build;
+mod frame;
+mod lane;
+mod ratios;
+mod row;
+mod table;
+mod trace;
+mod update;
+
+use std::path::PathBuf;
+
+use anyhow::{Result, ensure};
+use clap::ValueEnum;
+use pivot_benches::embree::{Device, Embree, NotFound};
+use rayon::ThreadPool;
+
+use self::row::{Report, Row};
+use crate::machine::{Machine, Revision};
+use crate::stage::{self, Stage};
+use crate::{CheckFailed, files, interrupt, pool};
+
+/// What to compare.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum What {
+    /// Keeping a tree up to date: refits, rotations, rebuilds
+    Update,
+    /// Tracing primary and shadow rays through fresh trees
+    Trace,
+    /// Building a tree from nothing
+    Build,
+    /// Updating and tracing: this project beside every dynamic configuration of Embree
+    Frame,
+    /// All of these
+    All,
+}
+
+/// Scenes compared unless others are named: the motions and sizes that the update was made for.
+const SCENES: [&str; 4] = ["cloth-ball", "n-body", "exploding-dragon", "lion"];
+/// Measured frames of a loop, of updates and of the rest, which takes longer a frame.
+const UPDATE_FRAMES: usize = 20;
+const OTHER_FRAMES: usize = 5;
+
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// What to compare
+    #[arg(value_enum, default_value_t = What::All)]
+    what: What,
+    /// A scene's name, a .glb, .gltf, .obj or .ply file, or a folder of key frames; repeatable
+    /// [default: cloth-ball, n-body, exploding-dragon, lion]
+    #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
+    scenes: Vec<String>,
+    /// Threads; repeatable [default: 1 and as many as there are cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Vec<u32>,
+    /// Embree's library, version 3 or 4, or a folder with it [default: PIVOT_EMBREE, else the system's]
+    #[arg(long, value_name = "PATH")]
+    embree: Option<PathBuf>,
+    /// File for the results
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Frames to measure, spread over a loop that is played in full [default: 20 updates, 5 of the rest]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    frames: Option<u32>,
+    /// Pixels on each side of the image that is traced
+    #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=8192))]
+    size: u32,
+}
+
+/// What one measurement runs on.
+struct Setting {
+    threads: usize,
+    pool: ThreadPool,
+    embree: Option<Device>,
+    /// Frames to measure.
+    frames: usize,
+    /// Pixels on each side of the traced image.
+    size: u32,
+}
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let embree = find_embree(args)?;
+    let version = embree.as_ref().map(|e| Ok::<_, NotFound>(e.device(1)?.version())).transpose()?;
+    let mut report = Report::new(Machine::read(), Revision::read(), version);
+    if let Some(path) = &args.json {
+        // Better to fail now than after the measurements.
+        files::write_whole(path, &report.json()?)?;
+    }
+    files::print(&report.heading())?;
+
+    let default_scenes = SCENES.map(str::to_owned);
+    let sources = if args.scenes.is_empty() { &default_scenes[..] } else { &args.scenes };
+    for source in sources {
+        let stage = Stage::new(stage::load(source, None, 0)?)?;
+        ensure!(!stage.triangles().indices.is_empty(), "{source}: no triangles, so nothing to compare");
+        run_scene(args, &stage::label(source), stage, embree.as_ref(), &mut report)?;
+        if interrupt::requested() {
+            break;
+        }
+    }
+    files::print(&ratios::table(&report.rows))?;
+    let wrong: Vec<_> = report.rows.iter().filter(|row| !row.agrees).map(Row::place).collect();
+    if wrong.is_empty() {
+        Ok(())
+    } else {
+        Err(CheckFailed(format!("not the same hits as the reference: {}", wrong.join("; "))).into())
+    }
+}
+
+/// Embree where it is. That it is missing is told, and an error only where it was asked for.
+fn find_embree(args: &Args) -> Result<Option<Embree>> {
+    match Embree::load(args.embree.as_deref()) {
+        Ok(embree) => Ok(Some(embree)),
+        Err(reason @ NotFound::Nowhere) => {
+            eprintln!("note: {reason}");
+            Ok(None)
+        }
+        Err(reason) => Err(reason.into()),
+    }
+}
+
+fn run_scene(
+    args: &Args,
+    label: &str,
+    mut stage: Stage,
+    embree: Option<&Embree>,
+    report: &mut Report,
+) -> Result<()> {
+    let asked = |what| args.what == what || args.what == What::All;
+    let frames = |default| args.frames.map_or(default, |n| n as usize);
+    for threads in threads(args) {
+        let mut setting = Setting {
+            threads,
+            pool: pool::pool(threads)?,
+            embree: embree.map(|e| e.device(threads)).transpose()?,
+            frames: frames(UPDATE_FRAMES),
+            size: args.size,
+        };
+        let mut keep = |rows: Vec<Row>| -> Result<()> {
+            files::print(&table::table(&rows))?;
+            report.rows.extend(rows);
+            match &args.json {
+                Some(path) => files::write_whole(path, &report.json()?),
+                None => Ok(()),
+            }
+        };
+        if asked(What::Update) && !interrupt::requested() {
+            keep(update::measure(label, &mut stage, &setting)?)?;
+        }
+        setting.frames = frames(OTHER_FRAMES);
+        if asked(What::Build) && !interrupt::requested() {
+            keep(build::measure(label, &mut stage, &setting)?)?;
+        }
+        if asked(What::Trace) && !interrupt::requested() {
+            keep(trace::measure(label, &mut stage, &setting)?)?;
+        }
+        if asked(What::Frame) && !interrupt::requested() {
+            keep(frame::measure(label, &mut stage, &setting)?)?;
+        }
+    }
+    Ok(())
+}
+
+/// The numbers of threads to run with, each once.
+fn threads(args: &Args) -> Vec<usize> {
+    let mut threads: Vec<usize> = args.threads.iter().map(|&n| n as usize).collect();
+    if threads.is_empty() {
+        threads = vec![1, std::thread::available_parallelism().map_or(1, usize::from)];
+    }
+    threads.sort_unstable();
+    threads.dedup();
+    threads
+}

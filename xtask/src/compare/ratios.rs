@@ -1,0 +1,173 @@
+//! The ratios that tell how far this project has got: everything in one run, so that the machine cancels out.
+
+use super::row::Row;
+use super::table::threads_of;
+
+/// Time of one contestant over that of another on the same scene.
+struct Ratio {
+    title: &'static str,
+    over: [&'static str; 2],
+    under: [&'static str; 2],
+    /// What is aimed at, at most.
+    reach: f64,
+}
+
+const fn ratio(title: &'static str, over: [&'static str; 2], under: [&'static str; 2], reach: f64) -> Ratio {
+    Ratio { title, over, under, reach }
+}
+
+const REFIT: [&str; 2] = ["update", "pivot refit"];
+const ROTATE: [&str; 2] = ["update", "pivot refit+rotate"];
+
+const RATIOS: [Ratio; 10] = [
+    ratio("refit / memory limit", REFIT, ["limit", "memory limit"], 2.2),
+    ratio("refit / Embree refit", REFIT, ["update", "embree refit"], 1.0),
+    ratio("refit+rotate / refit", ROTATE, REFIT, 1.8),
+    ratio("refit+rotate / Embree low", ROTATE, ["update", "embree low"], 0.3),
+    ratio("refit+rotate / obvhs refit", ROTATE, ["update", "obvhs refit"], 1.0),
+    ratio("binned-parallel / obvhs fast", ["build", "pivot binned-parallel"], ["build", "obvhs fast"], 1.0),
+    ratio("trace, avx512 / Embree 16", ["trace", "pivot avx512"], ["trace", "embree packets of 16"], 1.0),
+    ratio("trace, avx2 / Embree 16", ["trace", "pivot avx2"], ["trace", "embree packets of 16"], 1.2),
+    // Without AVX-512, Embree's packets of 16 are no match for its packets of 8.
+    ratio("trace, avx2 / Embree 8", ["trace", "pivot avx2"], ["trace", "embree packets of 8"], 1.2),
+    ratio("trace, single / Embree single", ["trace", "pivot single"], ["trace", "embree single"], 1.8),
+];
+
+/// What threads are meant to speed up, and by how much two of them.
+const SCALES: [([&str; 2], f64); 5] = [
+    (["limit", "memory limit"], 1.8),
+    (REFIT, 1.8),
+    (ROTATE, 1.8),
+    (["build", "pivot binned-parallel"], 1.8),
+    (["trace", "pivot avx2"], 1.9),
+];
+
+/// Growth of the time a triangle from the smallest scene to the largest.
+const GROWTH: ([[&str; 2]; 3], f64) = ([["limit", "memory limit"], REFIT, ROTATE], 1.5);
+
+fn find<'a>(rows: &'a [Row], key: [&str; 2], scene: &str, threads: usize) -> Option<&'a Row> {
+    rows.iter().find(|r| [r.what, &r.contestant] == key && r.scene == scene && r.threads == threads)
+}
+
+/// Whole frames with rotations over the best that Embree can do, whatever its quality and ray width.
+const FRAME: ([&str; 2], f64) = (["frame", "pivot refit+rotate"], 1.0);
+
+fn best_embree<'a>(rows: &'a [Row], scene: &str, threads: usize) -> Option<&'a Row> {
+    let is_embree = |r: &&Row| r.what == "frame" && r.contestant.starts_with("embree ");
+    let here = rows.iter().filter(is_embree).filter(|r| r.scene == scene && r.threads == threads);
+    here.min_by(|a, b| a.median_ms.total_cmp(&b.median_ms))
+}
+
+/// All ratios that the rows allow, a line each, a column for each scene.
+pub(super) fn table(rows: &[Row]) -> String {
+    let mut scenes: Vec<&str> = Vec::new();
+    let mut threads: Vec<usize> = Vec::new();
+    for row in rows {
+        if !scenes.contains(&row.scene.as_str()) {
+            scenes.push(&row.scene);
+        }
+        if !threads.contains(&row.threads) {
+            threads.push(row.threads);
+        }
+    }
+    let mut lines = Vec::new();
+    let mut line = |title: String, values: Vec<Option<f64>>, reach: String| {
+        if values.iter().any(Option::is_some) {
+            let cells =
+                values.iter().map(|v| v.map_or_else(|| format!("{:>18}", "-"), |v| format!("{v:>18.2}")));
+            lines.push(format!("  {title:<52}{} {reach:>10}", cells.collect::<String>()));
+        }
+    };
+    for &n in &threads {
+        for Ratio { title, over, under, reach } in &RATIOS {
+            let value = |scene: &&str| {
+                let (over, under) = (find(rows, *over, scene, n)?, find(rows, *under, scene, n)?);
+                (under.median_ms > 0.0).then(|| over.median_ms / under.median_ms)
+            };
+            line(
+                format!("{title}, {}", threads_of(n)),
+                scenes.iter().map(value).collect(),
+                format!("<= {reach}"),
+            );
+        }
+        let value = |scene: &&str| {
+            let (ours, best) = (find(rows, FRAME.0, scene, n)?, best_embree(rows, scene, n)?);
+            (best.median_ms > 0.0).then(|| ours.median_ms / best.median_ms)
+        };
+        let title = format!("frame, refit+rotate / Embree's best, {}", threads_of(n));
+        line(title, scenes.iter().map(value).collect(), format!("<= {}", FRAME.1));
+    }
+    for &n in threads.iter().filter(|&&n| n > 1) {
+        for (key, reach) in SCALES {
+            let value = |scene: &&str| {
+                let (one, many) = (find(rows, key, scene, 1)?, find(rows, key, scene, n)?);
+                (many.median_ms > 0.0).then(|| one.median_ms / many.median_ms)
+            };
+            let reach = if n == 2 { format!(">= {reach}") } else { String::new() };
+            let title = format!("{} {}, {n} threads faster than 1 by", key[0], key[1]);
+            line(title, scenes.iter().map(value).collect(), reach);
+        }
+    }
+    let mut text = String::new();
+    if !lines.is_empty() {
+        let heads: String = scenes.iter().map(|s| format!("{s:>18}")).collect();
+        text = format!("\n  {:<52}{heads} {:>10}\n{}", "ratios of medians", "reach", lines.join("\n"));
+    }
+    text + &growth(rows, &threads)
+}
+
+fn growth(rows: &[Row], threads: &[usize]) -> String {
+    let (keys, reach) = GROWTH;
+    let mut text = String::new();
+    for &n in threads {
+        for key in keys {
+            let all = || rows.iter().filter(|r| [r.what, &r.contestant] == key && r.threads == n);
+            let (Some(small), Some(large)) =
+                (all().min_by_key(|r| r.triangles), all().max_by_key(|r| r.triangles))
+            else {
+                continue;
+            };
+            if small.triangles < large.triangles && small.ns_per_triangle > 0.0 {
+                text += &format!(
+                    "\n  {}, {}: ns per triangle at {} over that at {}: {:.2} (reach <= {reach})",
+                    key[1],
+                    threads_of(n),
+                    large.triangles,
+                    small.triangles,
+                    large.ns_per_triangle / small.ns_per_triangle
+                );
+            }
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::row::Record;
+    use super::*;
+
+    fn row(key: [&'static str; 2], scene: &str, triangles: usize, threads: usize, ms: f64) -> Row {
+        let record = Record { times_ms: vec![ms], ..Record::default() };
+        record.row(key[0], scene, triangles, key[1], threads, &record.answers)
+    }
+
+    #[test]
+    fn ratios_compare_rows_of_the_same_scene_and_threads() {
+        let rows = [
+            row(REFIT, "small", 100, 1, 2.0),
+            row(REFIT, "small", 100, 2, 1.0),
+            row(ROTATE, "small", 100, 1, 3.0),
+            row(REFIT, "large", 1000, 1, 30.0),
+            row(["update", "embree refit"], "large", 1000, 1, 60.0),
+        ];
+        let text = table(&rows);
+        let line = |start: &str| text.lines().find(|l| l.trim().starts_with(start)).expect(start).to_owned();
+        assert!(line("refit+rotate / refit, 1").contains("1.50"));
+        assert!(line("refit / Embree refit, 1").contains("0.50"));
+        assert!(line("update pivot refit, 2 threads faster").contains("2.00"));
+        assert!(line("pivot refit, 1 thread: ns").contains("1.50"));
+        assert!(!text.contains("Embree low"));
+        assert_eq!(table(&[]), "");
+    }
+}
