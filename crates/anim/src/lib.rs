@@ -9,6 +9,7 @@
 //! that are not finite are passed on as they are.
 #![forbid(unsafe_code)]
 
+mod aff;
 mod animation;
 mod error;
 mod gltf;
@@ -18,6 +19,7 @@ mod mesh_file;
 mod normals;
 mod sequence;
 
+pub use aff::{AffAnimation, load_aff};
 pub use animation::{Animation, Light, Material, Motion, Part, Topology, View};
 pub use error::LoadError;
 pub use glam;

@@ -3,13 +3,14 @@
 use std::path::Path;
 
 use crate::Animation;
+use crate::aff::load_aff;
 use crate::error::LoadError;
 use crate::gltf::load_gltf;
 use crate::mesh_file::{Format, load_mesh};
 use crate::sequence::load_sequence;
 
 /// Loads what is at `path`: a .glb or .gltf file ([`load_gltf`]), a directory of key frames
-/// ([`load_sequence`]), or a single .obj or .ply file ([`load_mesh`]).
+/// ([`load_sequence`]), a scene of BART in .aff files ([`load_aff`]), or a single .obj or .ply file ([`load_mesh`]).
 ///
 /// `clip` chooses a clip of a glTF file by name or number; nothing else has clips.
 ///
@@ -21,7 +22,8 @@ pub fn load(path: &Path, clip: Option<&str>) -> Result<Box<dyn Animation>, LoadE
     if kind.is_file() && matches!(&*extension, "glb" | "gltf") {
         return Ok(Box::new(load_gltf(path, clip)?));
     }
-    if !kind.is_dir() && Format::of(path).is_none() {
+    let is_aff = kind.is_file() && extension == "aff";
+    if !is_aff && !kind.is_dir() && Format::of(path).is_none() {
         let found = if extension.is_empty() {
             "a file without extension".into()
         } else {
@@ -35,6 +37,9 @@ pub fn load(path: &Path, clip: Option<&str>) -> Result<Box<dyn Animation>, LoadE
             wanted: clip.to_owned(),
             clips: Vec::new(),
         });
+    }
+    if is_aff {
+        return Ok(Box::new(load_aff(path)?));
     }
     Ok(Box::new(if kind.is_dir() { load_sequence(path)? } else { load_mesh(path)? }))
 }

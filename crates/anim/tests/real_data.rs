@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anim::glam::Vec3;
-use anim::{Animation, LoadError, load, load_gltf};
+use anim::{Animation, LoadError, load, load_aff, load_gltf};
 
 fn data(path: &str) -> Option<PathBuf> {
     let Some(root) = std::env::var_os("PIVOT_DATA") else {
@@ -183,4 +183,90 @@ fn broken_files_fail_cleanly() {
         }
     }
     assert!(count >= 10, "only {count} files found");
+}
+
+#[test]
+fn bart_museum() {
+    let Some(path) = data("bart/museum/museum5.aff") else { return };
+    let animation = load_aff(&path).unwrap();
+    check(&animation, "museum5");
+    let topology = animation.topology();
+    let moving = topology.moves.iter().filter(|&&moves| moves).count();
+    println!("{} triangles, {moving} move", topology.triangles.len());
+    assert_eq!(moving, 1024);
+    assert_eq!((animation.duration(), animation.frame_count()), (6.0, Some(300)));
+    assert!(topology.parts.iter().all(|part| part.motion.is_still() != part.motion.key_frames));
+
+    // The sculpture by a reader of its own: a word, the number of keys, then 19 numbers a key.
+    let text = std::fs::read_to_string(path.with_file_name("animart5.aff")).unwrap();
+    let shapes = text.split("tpa").skip(1).map(|triangle| {
+        let numbers: Vec<f32> = triangle.split_whitespace().map(|word| word.parse().unwrap()).collect();
+        assert_eq!(numbers[0], 5.0);
+        numbers[1..].chunks(19).map(<[f32]>::to_vec).collect::<Vec<_>>()
+    });
+    let shapes: Vec<_> = shapes.collect();
+    let part = topology.parts.iter().find(|part| part.motion.key_frames).unwrap();
+    let vertices = part.vertices.start as usize..part.vertices.end as usize;
+    let mut positions = animation.rest();
+    for shape in 0..5 {
+        // The animation starts a second before the first shape.
+        animation.pose(1.0 + shape as f64, &mut positions);
+        for (triangle, corners) in shapes.iter().zip(positions[vertices.clone()].chunks(3)) {
+            let key = &triangle[shape];
+            assert_eq!(key[0], shape as f32);
+            for (corner, &position) in corners.iter().enumerate() {
+                assert_eq!(position, Vec3::from_slice(&key[1 + 6 * corner..]));
+            }
+        }
+    }
+    check_views(&animation);
+}
+
+#[test]
+fn bart_kitchen() {
+    let Some(path) = data("bart/kitchen/kitchen.aff") else { return };
+    let animation = load_aff(&path).unwrap();
+    check(&animation, "kitchen");
+    let topology = animation.topology();
+    assert_eq!(topology.triangles.len(), 110_561);
+    assert_eq!(topology.moves.iter().filter(|&&moves| moves).count(), 7_218);
+    assert_eq!((animation.duration(), animation.frame_count()), (20.0, Some(800)));
+    assert!(topology.parts.iter().all(|part| part.motion.is_still() || part.motion.rigid));
+    check_views(&animation);
+
+    // The car is in the room all the time, at the file's keys where they say.
+    let car: Vec<usize> = topology
+        .parts
+        .iter()
+        .filter(|part| part.name == "car_body")
+        .flat_map(|part| part.vertices.start as usize..part.vertices.end as usize)
+        .collect();
+    let mut positions = animation.rest();
+    for (time, x, z) in [(0.0, 4.45, 2.75), (3.0, 4.45, 2.75), (9.8, 2.7, 0.55), (18.0, 1.4, 1.65)] {
+        animation.pose(time, &mut positions);
+        let (low, high) = car.iter().fold((Vec3::MAX, Vec3::MIN), |(low, high), &vertex| {
+            (low.min(positions[vertex]), high.max(positions[vertex]))
+        });
+        let center = 0.5 * (low + high);
+        assert!((center.x - x).abs() < 0.05 && (center.z - z).abs() < 0.05, "at {time}: {center}");
+        assert!(low.y > -0.01 && high.y < 0.2, "at {time}: {low} to {high}");
+    }
+}
+
+fn check_views(animation: &dyn Animation) {
+    let mut last = animation.view(0.0).unwrap();
+    for step in 1..=1000 {
+        let time = animation.duration() * f64::from(step) / 1000.0;
+        let mut positions = animation.rest();
+        if step % 50 == 0 {
+            animation.pose(time, &mut positions);
+            assert!(positions.iter().all(|p| p.is_finite()));
+        }
+        let view = animation.view(time).unwrap();
+        assert!(view.eye.distance(last.eye) < 0.3, "the camera jumps at {time}");
+        let turn = (view.target - view.eye).angle_between(last.target - last.eye);
+        assert!(turn < 0.3, "the camera spins at {time}");
+        assert!(animation.light(time).is_some());
+        last = view;
+    }
 }

@@ -1,0 +1,283 @@
+//! AFF, the text format of BART, for those who have its scenes.
+
+mod geometry;
+mod reader;
+#[cfg(test)]
+mod tests;
+mod tokens;
+mod track;
+
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::{Affine3A, DAffine3, DVec3, Vec3};
+
+use self::geometry::{Frame, Patch, Source};
+use self::reader::{Camera, Scene, TimeSpan};
+use self::track::Track;
+use crate::error::{LoadError, Problem};
+use crate::{Animation, Light, Topology, View};
+
+/// A scene of BART; from [`load_aff`].
+///
+/// Time 0 is the start that the file gives. What stands still is placed once; a pose moves the parts under
+/// animated transforms, and blends the triangles that have keys of their own linearly. It takes time linear in the
+/// numbers of transforms and of vertices that move.
+pub struct AffAnimation {
+    topology: Topology,
+    rest: Vec<Vec3>,
+    moving: Vec<Moving>,
+    nodes: Vec<Node>,
+    start: f64,
+    duration: f64,
+    frame_count: Option<usize>,
+    camera: Option<(Camera, Option<Arc<Track>>)>,
+    light: Option<PlacedLight>,
+}
+
+/// An animated transform that does move.
+struct Node {
+    track: Arc<Track>,
+    frame: Frame,
+}
+
+/// A part that moves.
+struct Moving {
+    vertices: Range<usize>,
+    node: Option<u32>,
+    shape: Shape,
+}
+
+enum Shape {
+    Rigid(Vec<Vec3>),
+    Patches(Vec<Patch>),
+}
+
+struct PlacedLight {
+    track: Option<Arc<Track>>,
+    frame: Frame,
+    position: DVec3,
+    color: [f32; 3],
+}
+
+/// Loads a scene of BART, for those who have it: the file that `file` names, and the files it includes.
+///
+/// The format is that of J. Lext, U. Assarsson and T. Möller, "A Benchmark for Animated Ray Tracing" (IEEE Computer
+/// Graphics and Applications 21(2), 2001), which extends E. Haines' NFF. Meshes, polygons, textured and animated
+/// triangles are taken as they are (polygons as fans), spheres and cones are cut into triangles. Transforms may be
+/// fixed or animated by splines; what a `visibility` key hides shrinks to a point. Materials keep their diffuse
+/// colour; textures are ignored. Without an `a` statement the animation lasts as long as its keys.
+///
+/// Included files are looked for beside the file that includes them, and must lie below the folder of `file`.
+///
+/// # Errors
+/// If a file cannot be read, or is malformed; if files include each other in a circle, or so often that the scene
+/// outgrows them; if there are no triangles.
+pub fn load_aff(file: &Path) -> Result<AffAnimation, LoadError> {
+    let scene = reader::read(file)?;
+    if scene.geometry.topology.triangles.is_empty() {
+        return Err(Problem::new("whole scene", "no triangles", "at least one").in_file(file));
+    }
+    Ok(AffAnimation::new(scene))
+}
+
+impl AffAnimation {
+    fn new(scene: Scene) -> Self {
+        let Scene { geometry, nodes: named_nodes, tracks, camera, lights, time } = scene;
+        let (mut topology, mut rest) = (geometry.topology, geometry.positions);
+        let track = |name: &[u8]| tracks.get(name).filter(|track| !track.is_identity()).map(Arc::clone);
+
+        // Transforms that do not move are folded into what is under them.
+        let mut nodes: Vec<Node> = Vec::new();
+        let mut places: Vec<Frame> = Vec::new();
+        for node in &named_nodes {
+            let frame = place(&places, node.frame);
+            places.push(match track(&node.track) {
+                None => frame,
+                Some(track) => {
+                    nodes.push(Node { track, frame });
+                    Frame { node: Some(nodes.len() as u32 - 1), ..Frame::WORLD }
+                }
+            });
+        }
+
+        let mut span = Span::EMPTY;
+        let mut moving = Vec::new();
+        topology.vertex_count = rest.len();
+        topology.moves = vec![false; topology.triangles.len()];
+        for (part, Source { node, mut patches }) in topology.parts.iter_mut().zip(geometry.sources) {
+            let frame = place(&places, Frame { node, ..Frame::WORLD });
+            let vertices = part.vertices.start as usize..part.vertices.end as usize;
+            let transform = |p: &mut Vec3| *p = frame.fixed.transform_point3(p.as_dvec3()).as_vec3();
+            if frame.fixed != DAffine3::IDENTITY {
+                rest[vertices.clone()].iter_mut().for_each(transform);
+                patches.iter_mut().flat_map(Patch::corners_mut).for_each(transform);
+            }
+            part.motion.rigid = frame.node.is_some();
+            part.motion.key_frames = patches.iter().any(Patch::moves);
+            if part.motion.is_still() {
+                continue;
+            }
+            let moves = &mut topology.moves[part.triangles.start as usize..part.triangles.end as usize];
+            moves.fill(part.motion.rigid);
+            for (moves, patch) in moves.iter_mut().zip(&patches) {
+                *moves |= patch.moves();
+                span.include(patch.span());
+            }
+            let shape = if patches.is_empty() {
+                Shape::Rigid(rest[vertices.clone()].to_vec())
+            } else {
+                Shape::Patches(patches)
+            };
+            moving.push(Moving { vertices, node: frame.node, shape });
+        }
+
+        let camera = camera.map(|camera| (camera, track(b"camera")));
+        let color: DVec3 = lights.iter().map(|light| light.color).sum();
+        let light = lights.first().map(|light| PlacedLight {
+            track: light.track.as_deref().and_then(track),
+            frame: place(&places, light.frame),
+            position: light.position,
+            color: color.as_vec3().to_array().map(|channel| channel.clamp(0.0, 1.0)),
+        });
+
+        let camera_track = camera.as_ref().and_then(|(_, track)| track.as_ref());
+        let light_track = light.as_ref().and_then(|light| light.track.as_ref());
+        let tracks = nodes.iter().map(|node| &node.track).chain(camera_track).chain(light_track);
+        let still = moving.is_empty() && tracks.clone().next().is_none();
+        tracks.flat_map(|track| track.spans()).for_each(|times| span.include(times));
+        let (start, end) = match time {
+            Some(TimeSpan { start, end, .. }) => (start, end),
+            None if span.start <= span.end => (span.start, span.end),
+            None => (0.0, 0.0),
+        };
+        let mut animation = Self {
+            topology,
+            rest: Vec::new(),
+            moving,
+            nodes,
+            start,
+            duration: if still { 0.0 } else { (end - start).min(f64::MAX) },
+            frame_count: time.map(|time| time.frames),
+            camera,
+            light,
+        };
+        animation.pose(0.0, &mut rest);
+        animation.rest = rest;
+        animation
+    }
+
+    /// Number of frames, evenly spaced from time 0 to the end, that the benchmark prescribes; if it does.
+    #[must_use]
+    pub fn frame_count(&self) -> Option<usize> {
+        self.frame_count
+    }
+
+    /// The time of the file's keys.
+    fn key_time(&self, time: f64) -> f64 {
+        self.start + time.max(0.0).min(self.duration)
+    }
+
+    /// From the coordinates under each node to the world.
+    fn to_world(&self, key_time: f64) -> Vec<DAffine3> {
+        let mut to_world: Vec<DAffine3> = Vec::with_capacity(self.nodes.len());
+        for node in &self.nodes {
+            to_world.push(resolve(&to_world, node.frame) * node.track.transform(key_time));
+        }
+        to_world
+    }
+}
+
+/// A frame whose node is one of `places`, as one whose node is what that is under.
+fn place(places: &[Frame], frame: Frame) -> Frame {
+    let outer = frame.node.map_or(Frame::WORLD, |node| places[node as usize]);
+    Frame { node: outer.node, fixed: outer.fixed * frame.fixed }
+}
+
+fn resolve(to_world: &[DAffine3], frame: Frame) -> DAffine3 {
+    frame.node.map_or(frame.fixed, |node| to_world[node as usize] * frame.fixed)
+}
+
+/// The times between the first and the last key of anything.
+struct Span {
+    start: f64,
+    end: f64,
+}
+
+impl Span {
+    const EMPTY: Self = Self { start: f64::INFINITY, end: f64::NEG_INFINITY };
+
+    fn include(&mut self, (start, end): (f64, f64)) {
+        self.start = self.start.min(start);
+        self.end = self.end.max(end);
+    }
+}
+
+impl Animation for AffAnimation {
+    fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
+    fn duration(&self) -> f64 {
+        self.duration
+    }
+
+    fn rest(&self) -> Vec<Vec3> {
+        self.rest.clone()
+    }
+
+    fn pose(&self, time: f64, positions: &mut [Vec3]) {
+        assert_eq!(positions.len(), self.topology.vertex_count, "positions are those of another animation");
+        let time = self.key_time(time);
+        let to_world: Vec<Affine3A> = self.to_world(time).iter().map(DAffine3::as_affine3a).collect();
+        for Moving { vertices, node, shape } in &self.moving {
+            let positions = &mut positions[vertices.clone()];
+            match shape {
+                Shape::Rigid(local) => positions.copy_from_slice(local),
+                Shape::Patches(patches) => {
+                    for (corners, patch) in positions.as_chunks_mut::<3>().0.iter_mut().zip(patches) {
+                        *corners = patch.at(time);
+                    }
+                }
+            }
+            if let Some(node) = *node {
+                let to_world = to_world[node as usize];
+                positions.iter_mut().for_each(|p| *p = to_world.transform_point3(*p));
+            }
+        }
+    }
+
+    /// The `v` block, moved by the track named `camera`; the camera of that track looks along its negative z axis.
+    fn view(&self, time: f64) -> Option<View> {
+        let (camera, track) = self.camera.as_ref()?;
+        let time = self.key_time(time);
+        let (mut eye, mut forward, mut up) = (camera.from, camera.at - camera.from, camera.up);
+        if let Some(translation) = track.as_ref().and_then(|track| track.translation.as_ref()) {
+            eye = translation.at(time);
+        }
+        if let Some(rotation) = track.as_ref().and_then(|track| track.rotation.as_ref()) {
+            let rotation = rotation.at(time);
+            (forward, up) = (rotation * DVec3::NEG_Z, rotation * DVec3::Y);
+        }
+        // Far enough for the sum to keep the direction, wherever the eye is.
+        let target = eye + forward.try_normalize()? * eye.length().max(1.0);
+        let view = View {
+            eye: eye.as_vec3(),
+            target: target.as_vec3(),
+            up: up.try_normalize()?.as_vec3(),
+            fov_y: camera.fov_y as f32,
+        };
+        (view.eye.is_finite() && view.target.is_finite()).then_some(view)
+    }
+
+    /// One light for all: at the first one's place, with all their colours added up, to 1 at most.
+    fn light(&self, time: f64) -> Option<Light> {
+        let light = self.light.as_ref()?;
+        let time = self.key_time(time);
+        let translation = light.track.as_ref().and_then(|track| track.translation.as_ref());
+        let position = translation.map_or(light.position, |translation| translation.at(time));
+        let position = resolve(&self.to_world(time), light.frame).transform_point3(position).as_vec3();
+        position.is_finite().then_some(Light { position, color: light.color })
+    }
+}

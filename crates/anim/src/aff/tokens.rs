@@ -1,0 +1,124 @@
+//! The words of an AFF file: separated by white space, with braces on their own and comments left out.
+
+use glam::DVec3;
+
+use crate::error::Problem;
+
+/// What is left of a file. Copying it is looking ahead.
+#[derive(Clone, Copy)]
+pub(super) struct Tokens<'a> {
+    rest: &'a [u8],
+    line: usize,
+}
+
+impl<'a> Tokens<'a> {
+    pub(super) fn new(text: &'a [u8]) -> Self {
+        Self { rest: text, line: 1 }
+    }
+
+    /// The next word, `{` or `}`; comments run from `#` or `%` to the end of the line.
+    pub(super) fn next(&mut self) -> Option<&'a [u8]> {
+        loop {
+            match *self.rest.first()? {
+                b'\n' => {
+                    self.line += 1;
+                    self.rest = &self.rest[1..];
+                }
+                byte if is_space(byte) => self.rest = &self.rest[1..],
+                b'#' | b'%' => {
+                    let end = self.rest.iter().position(|&byte| byte == b'\n');
+                    self.rest = &self.rest[end.unwrap_or(self.rest.len())..];
+                }
+                _ => break,
+            }
+        }
+        let end = match self.rest[0] {
+            b'{' | b'}' => 1,
+            _ => self
+                .rest
+                .iter()
+                .position(|&byte| is_space(byte) || matches!(byte, b'{' | b'}'))
+                .unwrap_or(self.rest.len()),
+        };
+        let (token, rest) = self.rest.split_at(end);
+        self.rest = rest;
+        Some(token)
+    }
+
+    pub(super) fn peek(mut self) -> Option<&'a [u8]> {
+        self.next()
+    }
+
+    /// That `found` stands where the last token was read, and not what was `expected`.
+    pub(super) fn problem(&self, found: Option<&[u8]>, expected: impl Into<String>) -> Problem {
+        const LONGEST: usize = 40;
+        let found = match found {
+            None => "the end of the file".into(),
+            Some(token) => {
+                let shown = String::from_utf8_lossy(&token[..token.len().min(LONGEST)]);
+                format!("{shown:?}{}", if token.len() > LONGEST { "..." } else { "" })
+            }
+        };
+        Problem::new(format!("line {}", self.line), found, expected)
+    }
+
+    /// That what was read last is wrong in a way its words do not show.
+    pub(super) fn because(&self, found: impl Into<String>, expected: impl Into<String>) -> Problem {
+        Problem::new(format!("line {}", self.line), found, expected)
+    }
+
+    /// A word, such as a name.
+    pub(super) fn word(&mut self, expected: &str) -> Result<&'a [u8], Problem> {
+        match self.next() {
+            Some(word) if !matches!(word, b"{" | b"}") => Ok(word),
+            found => Err(self.problem(found, expected)),
+        }
+    }
+
+    /// One particular word.
+    pub(super) fn expect(&mut self, word: &str) -> Result<(), Problem> {
+        match self.next() {
+            Some(found) if found == word.as_bytes() => Ok(()),
+            found => Err(self.problem(found, format!("{word:?}"))),
+        }
+    }
+
+    /// A finite number.
+    pub(super) fn number(&mut self) -> Result<f64, Problem> {
+        let token = self.next();
+        token
+            .and_then(number)
+            .filter(|number| number.is_finite())
+            .ok_or_else(|| self.problem(token, "a finite number"))
+    }
+
+    pub(super) fn next_is_number(&self) -> bool {
+        self.peek().and_then(number).is_some()
+    }
+
+    /// Reads past numbers that nothing here depends on.
+    pub(super) fn skip_numbers(&mut self, count: usize) -> Result<(), Problem> {
+        (0..count).try_for_each(|_| self.number().map(drop))
+    }
+
+    pub(super) fn vector(&mut self) -> Result<DVec3, Problem> {
+        Ok(DVec3::new(self.number()?, self.number()?, self.number()?))
+    }
+
+    /// A whole number that counts or numbers something.
+    pub(super) fn count(&mut self, expected: &str) -> Result<usize, Problem> {
+        let token = self.next();
+        token
+            .and_then(|token| str::from_utf8(token).ok()?.parse::<u32>().ok())
+            .map(|count| count as usize)
+            .ok_or_else(|| self.problem(token, expected))
+    }
+}
+
+fn number(token: &[u8]) -> Option<f64> {
+    str::from_utf8(token).ok()?.parse().ok()
+}
+
+fn is_space(byte: u8) -> bool {
+    byte.is_ascii_whitespace() || byte == 0x0b
+}
