@@ -20,12 +20,9 @@ fn build(criterion: &mut Criterion) {
             contestant.update().expect("built");
             (start.elapsed(), contestant)
         };
-        pool.install(|| {
-            contest::check(&*build().1, &entry.name);
-            group.bench_function(&entry.name, |bencher| {
-                bencher.iter_custom(|count| (0..count).map(|_| build().0).sum::<Duration>());
-            });
-        });
+        pool.install(|| contest::check(&*build().1, &entry.name));
+        let run = |count: u64| (0..count).map(|_| build().0).sum::<Duration>();
+        group.bench_function(&entry.name, |b| b.iter_custom(|count| pool.install(|| run(count))));
     }
 }
 

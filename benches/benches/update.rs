@@ -23,20 +23,20 @@ fn update(criterion: &mut Criterion) {
                     contest::check(&*contestant, &entry.name);
                 }
             }
-            group.bench_function(&entry.name, |bencher| {
-                bencher.iter_custom(|count| {
-                    let mut spent = Duration::ZERO;
-                    // There and back again, so that no step is larger than the others.
-                    for i in (0..30).map(|i| if i < 16 { i } else { 30 - i }).cycle().take(count as usize) {
-                        contestant.pose(&poses[i]);
-                        let start = Instant::now();
-                        contestant.update().expect("updated");
-                        spent += start.elapsed();
-                    }
-                    spent
-                });
-            });
         });
+        // There and back again, so that no step is larger than the others.
+        let walk = (0..30).map(|i| if i < 16 { i } else { 30 - i }).cycle();
+        let mut run = |count: u64| {
+            let mut spent = Duration::ZERO;
+            for i in walk.clone().take(count as usize) {
+                contestant.pose(&poses[i]);
+                let start = Instant::now();
+                contestant.update().expect("updated");
+                spent += start.elapsed();
+            }
+            spent
+        };
+        group.bench_function(&entry.name, |b| b.iter_custom(|count| pool.install(|| run(count))));
     }
 }
 

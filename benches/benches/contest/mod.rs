@@ -6,15 +6,15 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use rt_cpu::Pixel;
 
 /// Triangles of the scene.
-pub const TRIANGLES: usize = 20_000;
+pub(crate) const TRIANGLES: usize = 20_000;
 
 /// A pool of one thread.
-pub fn one_thread() -> ThreadPool {
+pub(crate) fn one_thread() -> ThreadPool {
     ThreadPoolBuilder::new().num_threads(1).build().expect("a thread")
 }
 
 /// Embree on one thread, where it is found.
-pub fn embree() -> Option<Device> {
+pub(crate) fn embree() -> Option<Device> {
     match Embree::load(None).and_then(|embree| embree.device(1)) {
         Ok(device) => Some(device),
         Err(reason) => {
@@ -25,7 +25,7 @@ pub fn embree() -> Option<Device> {
 }
 
 /// Stops everything if a contestant finds something else than brute force does.
-pub fn check(contestant: &dyn Contestant, name: &str) {
+pub(crate) fn check(contestant: &dyn Contestant, name: &str) {
     const SIZE: u32 = 32;
     let cast = |contestant: &dyn Contestant| {
         let mut pixels = vec![Pixel::default(); (SIZE * SIZE) as usize];
