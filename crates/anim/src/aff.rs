@@ -67,7 +67,7 @@ struct PlacedLight {
 /// Graphics and Applications 21(2), 2001), which extends E. Haines' NFF. Meshes, polygons, textured and animated
 /// triangles are taken as they are (polygons as fans), spheres and cones are cut into triangles. Transforms may be
 /// fixed or animated by splines; what a `visibility` key hides shrinks to a point. Materials keep their diffuse
-/// colour; textures are ignored. Without an `a` statement the animation lasts as long as its keys.
+/// colour, or their specular one if that is all they have; textures are ignored. Without an `a` statement the animation lasts as long as its keys.
 ///
 /// Included files are looked for beside the file that includes them, and must lie below the folder of `file`.
 ///

@@ -17,10 +17,11 @@ use crate::error::{LoadError, Problem, read_file};
 const DEEPEST_INCLUDE: usize = 64;
 /// A scene may grow to this many bytes, whatever its files are like, ...
 const ALWAYS_ALLOWED: usize = 64 << 20;
-/// ... or to this many times the bytes of its files, each counted once.
-const LARGEST_GROWTH: usize = 128;
-/// Bytes that reading a file stands for beyond its text, for the time it takes to find it.
-const COST_OF_INCLUDE: usize = 1 << 10;
+/// ... or to this many times the bytes of its files, each counted once. Without repetition no file can get there:
+/// what grows most is a sphere, whose ten bytes become less than five thousand.
+const LARGEST_GROWTH: usize = 512;
+/// Bytes that a statement stands for, beyond the triangles it makes. Most of it is time: to find a file, say.
+const COST_OF_STATEMENT: usize = 512;
 
 /// All that the files say, with motion still by name.
 pub(super) struct Scene {
@@ -87,7 +88,7 @@ pub(super) fn read(root: &Path) -> Result<Scene, LoadError> {
             time: None,
         },
     };
-    reader.set_material(DVec3::from(Material::default().base_color.map(f64::from)));
+    reader.set_material(DVec3::from(Material::default().base_color.map(f64::from)), DVec3::ZERO);
     reader.read(root, canonical)?;
     Ok(reader.scene)
 }
@@ -99,7 +100,7 @@ struct Reader {
     /// The file being read, and those that include it.
     open: Vec<PathBuf>,
     distinct_bytes: usize,
-    /// All text read so far, repeated or not.
+    /// All text read so far, repeated or not, and what its statements cost.
     bytes: usize,
     detail: usize,
     /// Stays as it is set from one file to the next.
@@ -119,13 +120,14 @@ impl Reader {
                 Rc::clone(self.texts.entry(canonical.clone()).or_insert(text))
             }
         };
-        self.bytes += text.len() + COST_OF_INCLUDE;
+        self.bytes += text.len();
         self.open.push(canonical);
         let part = file.file_stem().unwrap_or_default().to_string_lossy();
         let mut tokens = Tokens::new(&text);
         // The braces open in this file.
         let mut outer = Vec::new();
         while let Some(word) = tokens.next() {
+            self.bytes += COST_OF_STATEMENT;
             match word {
                 b"xs" => outer.push(self.fixed_transform(&mut tokens).map_err(|p| p.in_file(file))?),
                 b"x" => outer.push(self.animated_transform(&mut tokens).map_err(|p| p.in_file(file))?),
@@ -171,16 +173,15 @@ impl Reader {
             // Colours of the background and of the light from everywhere.
             b"b" | b"am" => tokens.skip_numbers(3)?,
             b"f" => {
-                let color = tokens.vector()?;
-                let diffuse = tokens.number()?;
-                tokens.skip_numbers(4)?;
-                self.set_material(color * diffuse);
+                let (color, diffuse, specular) = (tokens.vector()?, tokens.number()?, tokens.number()?);
+                tokens.skip_numbers(3)?;
+                self.set_material(color * diffuse, color * specular);
             }
             b"fm" => {
                 tokens.skip_numbers(3)?;
-                let diffuse = tokens.vector()?;
-                tokens.skip_numbers(6)?;
-                self.set_material(diffuse);
+                let (diffuse, specular) = (tokens.vector()?, tokens.vector()?);
+                tokens.skip_numbers(3)?;
+                self.set_material(diffuse, specular);
             }
             b"d" => self.detail = tokens.count("a level of detail")?,
             b"k" => self.track(tokens)?,
@@ -271,12 +272,14 @@ impl Reader {
         Ok(())
     }
 
-    fn set_material(&mut self, color: DVec3) {
+    /// What has no diffuse colour, such as a mirror or polished metal, is seen by its specular one.
+    fn set_material(&mut self, diffuse: DVec3, specular: DVec3) {
+        let color = if diffuse == DVec3::ZERO { specular } else { diffuse };
         let base_color = color.as_vec3().to_array().map(|channel| channel.clamp(0.0, 1.0));
         let materials = &mut self.scene.geometry.topology.materials;
         self.material = *self.materials.entry(base_color.map(f32::to_bits)).or_insert_with(|| {
             materials.push(Material { base_color });
-            // Each took bytes of text, of which there are fewer than 2^32 times the size of a material.
+            // More than 32 bits can number would take tens of gigabytes of text.
             (materials.len() - 1) as u32
         });
     }
