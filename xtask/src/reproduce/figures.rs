@@ -8,7 +8,7 @@ use super::record::Row;
 use super::results::{Results, SceneRun, Spread};
 
 /// The style sheet that all charts share with the report.
-pub(crate) const STYLE: &str = include_str!("chart.css");
+pub(crate) const STYLE: &str = include_str!("chart/chart.css");
 
 /// A figure as a file of its own.
 pub(crate) struct Figure {

@@ -106,6 +106,12 @@ impl Spread {
 }
 
 impl SceneRun {
+    /// A scene on which nothing is measured yet.
+    pub(crate) fn new(facts: SceneFacts) -> Self {
+        let (pictures, rows, speeds) = (Vec::new(), Vec::new(), Vec::new());
+        Self { facts, pictures, rows, speeds, checks: Checks::default() }
+    }
+
     /// Rows of one strategy, in order.
     pub(crate) fn of(&self, strategy: &str) -> Vec<&Row> {
         self.rows.iter().filter(|row| row.strategy == strategy).collect()

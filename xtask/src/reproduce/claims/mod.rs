@@ -1,0 +1,175 @@
+//! The paper's claims, each judged by a stated rule from what was measured.
+//!
+//! Update times are compared frame by frame (the median of the ratios, which a busy machine disturbs least), frame
+//! times as sums over the frames that both strategies were measured on.
+
+mod findings;
+mod table;
+#[cfg(test)]
+mod tests;
+
+use serde::Serialize;
+
+use super::results::Results;
+
+/// A claim with what was found.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Claim {
+    pub(crate) claim: &'static str,
+    /// Where the paper makes it.
+    pub(crate) source: &'static str,
+    /// The paper's figure.
+    pub(crate) paper: &'static str,
+    /// What was measured, scene by scene.
+    pub(crate) ours: String,
+    pub(crate) verdict: Verdict,
+    /// When it holds, and when in part.
+    pub(crate) rule: &'static str,
+    /// What decided, or why nothing could.
+    pub(crate) why: String,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Verdict {
+    Holds,
+    HoldsInPart,
+    DoesNotHoldHere,
+    NotTested,
+}
+
+impl Verdict {
+    pub(crate) fn words(self) -> &'static str {
+        match self {
+            Self::Holds => "holds",
+            Self::HoldsInPart => "holds in part",
+            Self::DoesNotHoldHere => "does not hold here",
+            Self::NotTested => "not tested",
+        }
+    }
+}
+
+/// What a claim comes to: ours, verdict, why.
+struct Finding(String, Verdict, String);
+
+impl Finding {
+    fn not_tested(why: impl Into<String>) -> Self {
+        Self("–".to_owned(), Verdict::NotTested, why.into())
+    }
+}
+
+/// All claims, in the paper's order.
+pub(crate) fn judge(results: &Results) -> Vec<Claim> {
+    let claim = |claim, source, paper, rule, Finding(ours, verdict, why)| Claim {
+        claim,
+        source,
+        paper,
+        ours,
+        verdict,
+        rule,
+        why,
+    };
+    vec![
+        claim(
+            "Rotations add little to the time of refitting",
+            "section 3, figure 4",
+            "1.6 to 2 times refit",
+            "Update time over refit's, median over frames. Holds if at most 2 in every scene that moves; in part if \
+             in at least half of them.",
+            findings::rotation_overhead(results),
+        ),
+        claim(
+            "An update with rotations costs an order of magnitude less than an ideally parallel rebuild",
+            "section 3, figure 4",
+            "usually about 10 times cheaper",
+            "Update time of ideal-parallel-binned over refit+rotate's, median over frames. Holds if at least 5 in more \
+             than half of the scenes that move; in part if above 1 in as many.",
+            findings::rotation_against_rebuild(results),
+        ),
+        claim(
+            "With rotations frames are as fast as with refitting, or faster",
+            "section 3, figure 6a",
+            "almost always better",
+            "Total frame time over refit's. Holds if at most 1.02 in every scene; in part if in more than half.",
+            findings::frames_against_refit(results),
+        ),
+        claim(
+            "Never faster than the ideal update, often close to it",
+            "section 3, figure 6a",
+            "never; often fairly close",
+            "Total frame time over ideal's. Holds if at least 0.98 in every scene and at most 1.25 in half of them; in \
+             part if one of the two.",
+            findings::frames_against_ideal(results),
+        ),
+        claim(
+            "Where deformation is slight, rotations track the ideal and the parallel rebuild is slower",
+            "section 3, figure 6a",
+            "cloth ball, fairy forest: very close to ideal",
+            "Total frame time on cloth-ball and fairy-forest. Holds if within 1.25 of ideal and below \
+             ideal-parallel-binned on each; in part if one of the two on each.",
+            findings::gentle_scenes(results),
+        ),
+        claim(
+            "Under large deformation the cost of refitting explodes, with rotations it does not",
+            "section 3, figure 6b",
+            "orders of magnitude against far less",
+            "Worst SAH cost over that of a fresh sweep build on the same frame, on exploding-dragon, lion and n-body. \
+             Holds if 10 or more for refit and below 10 with rotations on each; in part if on one of them.",
+            findings::deforming_scenes(results),
+        ),
+        claim(
+            "In utter chaos rotations beat refitting but lose to rebuilding, even serially",
+            "section 3, bart-museum",
+            "better than refit, worse than a serial binned rebuild",
+            "Total frame time on bart-museum. Holds if below refit's and above binned's; in part if one of the two.",
+            findings::museum(results),
+        ),
+        claim(
+            "On the largest scene even refitting beats the ideally parallel rebuild",
+            "section 3, lion",
+            "refit faster than ideal parallel binned",
+            "Total frame time on lion. Holds if refit and refit+rotate are both below ideal-parallel-binned; in part \
+             if one of them.",
+            findings::lion(results),
+        ),
+        claim(
+            "The speed of the animation matters little, and loops heal what fast motion does",
+            "section 3, figure 5",
+            "100 and 500 frames a loop alike; 20 worse at first, nearly as good after a few loops",
+            "Mean SAH cost with rotations. Holds if 100 frames a loop are within 1.25 of 500 in the last loop, and 20 \
+             frames a loop are worse in the first loop and within 1.25 of 500 in the last; in part if one of these.",
+            findings::speeds(results),
+        ),
+        claim(
+            "Rotations can end below the cost of a fresh sweep build",
+            "section 4, fairy-forest",
+            "a higher quality tree than a sweeping rebuild",
+            "SAH cost over a fresh sweep build's on the same frame of fairy-forest. Holds if below 1 on the last \
+             frame measured; in part if on any frame after the first.",
+            findings::below_sweep(results),
+        ),
+        claim(
+            "Only nodes with grandchildren can be rotated, a quarter of all",
+            "section 3",
+            "about one quarter",
+            "Nodes of the first tree with grandchildren, as a part of all. Holds if between 0.2 and 0.3 in every \
+             scene; in part if in more than half.",
+            findings::candidates(results),
+        ),
+        claim(
+            "Quality is stable over loops, although the jump from the last frame to the first is large",
+            "section 3, figure 6b",
+            "stable over 2.3 loops",
+            "Mean SAH cost with rotations in later loops over that on the same frames of the first. Holds if at most \
+             1.1 in every scene that moves; in part if in more than half.",
+            findings::stability(results),
+        ),
+        claim(
+            "Rotating at random, annealed, improves a static tree",
+            "section 1.1, after Kensler 2008",
+            "up to 18 % with path tracing",
+            "Not decided by these runs.",
+            Finding::not_tested("the runs hold no annealed builder and no path tracing"),
+        ),
+    ]
+}

@@ -1,0 +1,164 @@
+//! What is asked for on the command line.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::ValueEnum;
+use scenes::Scene;
+
+use super::contestants::Contestant;
+use super::preset::{Preset, Values};
+use super::results::Settings;
+use crate::{files, pool, stage};
+
+/// The experiments there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Experiment {
+    /// Time to update, by scene and strategy.
+    Fig4,
+    /// Refitting with rotations at 20, 100 and 500 frames a loop.
+    Fig5,
+    /// Frame time and SAH cost over frames, by scene and strategy.
+    Fig6,
+    /// The paper's claims, judged from all of these.
+    Claims,
+}
+
+impl Experiment {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Fig4 => "fig4",
+            Self::Fig5 => "fig5",
+            Self::Fig6 => "fig6",
+            Self::Claims => "claims",
+        }
+    }
+}
+
+/// The scene of figure 5.
+const SPEED_SCENE: &str = "exploding-dragon";
+
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// What to rerun; everything if nothing is named
+    #[arg(value_name = "EXPERIMENT")]
+    experiments: Vec<Experiment>,
+    /// How much: quick takes under a minute, standard under ten, full is the paper's protocol
+    #[arg(long, value_enum, default_value_t = Preset::Standard)]
+    preset: Preset,
+    /// A scene's name, a .glb, .gltf, .obj or .ply file, or a folder of key frames; repeatable [default: all]
+    #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
+    pub(super) scenes: Vec<String>,
+    /// A strategy's name, as `list` gives them; repeatable [default: all]
+    #[arg(long = "strategy", value_name = "NAME", value_parser = Contestant::from_name)]
+    strategies: Vec<Contestant>,
+    /// Clip of a glTF file, by name or number [default: its first]
+    #[arg(long, value_name = "NAME|NUMBER")]
+    pub(super) clip: Option<String>,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Frames in a loop [default: by preset]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    frames: Option<u32>,
+    /// Loops, not necessarily whole [default: by preset]
+    #[arg(long, value_name = "X", value_parser = loops)]
+    loops: Option<f64>,
+    /// Pixels on each side of the image [default: by preset]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8192))]
+    size: Option<u32>,
+    /// Threads for updates and rendering [default: the paper's 8, or the cores there are]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Option<u32>,
+    /// Folder for the results [default: target/reproduce]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+impl Args {
+    /// The preset's settings with those given in their place.
+    pub(super) fn values(&self) -> Values {
+        let preset = self.preset.values();
+        Values {
+            frames: self.frames.map_or(preset.frames, |n| n as usize),
+            loops: self.loops.unwrap_or(preset.loops),
+            speed_loops: self.loops.unwrap_or(preset.speed_loops),
+            size: self.size.unwrap_or(preset.size),
+            ..preset
+        }
+    }
+
+    /// Every strategy asked for, once.
+    pub(super) fn contestants(&self) -> Vec<Contestant> {
+        let all = if self.strategies.is_empty() { Contestant::all() } else { self.strategies.clone() };
+        let mut once: Vec<Contestant> = Vec::new();
+        for contestant in all {
+            if !once.contains(&contestant) {
+                once.push(contestant);
+            }
+        }
+        once
+    }
+
+    pub(super) fn load(&self, source: &str) -> Result<Scene> {
+        stage::load_at(source, self.clip.as_deref(), self.seed, self.preset.values().detail)
+    }
+
+    pub(super) fn out(&self) -> PathBuf {
+        self.out.clone().unwrap_or_else(|| files::workspace().join("target/reproduce"))
+    }
+
+    pub(super) fn settings(&self) -> Settings {
+        let all = Experiment::value_variants();
+        let wanted = |e: &&Experiment| self.experiments.is_empty() || self.experiments.contains(e);
+        let values = self.values();
+        Settings {
+            preset: self.preset.name(),
+            experiments: all.iter().filter(wanted).map(|e| e.name()).collect(),
+            strategies: self.contestants().iter().map(|c| c.name).collect(),
+            loops: values.loops,
+            size: values.size,
+            threads: self.threads.map_or_else(pool::default_threads, |n| n as usize),
+            seed: self.seed,
+            reductions: values.reductions(),
+            command: command(),
+        }
+    }
+
+    /// Whether anything but figure 5 is asked for.
+    pub(super) fn runs_frames(&self) -> bool {
+        self.experiments.is_empty() || self.experiments.iter().any(|&e| e != Experiment::Fig5)
+    }
+
+    /// Whether figure 5 is to be run on that scene: on its own, and on any other if it is asked for by name.
+    pub(super) fn runs_speeds(&self, label: &str) -> bool {
+        let wanted = |e| self.experiments.contains(&e);
+        if wanted(Experiment::Fig5) {
+            return label == SPEED_SCENE || !self.scenes.is_empty();
+        }
+        let all = self.experiments.is_empty() && self.preset.values().speeds;
+        label == SPEED_SCENE && (all || wanted(Experiment::Claims))
+    }
+}
+
+fn loops(text: &str) -> Result<f64, String> {
+    let loops: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if loops > 0.0 && loops <= 1000.0 {
+        Ok(loops)
+    } else {
+        Err("must be above 0 and at most 1000".to_owned())
+    }
+}
+
+/// The command line as it was given.
+fn command() -> String {
+    let quoted = std::env::args().skip(1).map(|word| {
+        let plain = |c: char| c.is_ascii_alphanumeric() || "-_./+=,:".contains(c);
+        if !word.is_empty() && word.chars().all(plain) {
+            word
+        } else {
+            format!("'{}'", word.replace('\'', r"'\''"))
+        }
+    });
+    format!("cargo xtask {}", quoted.collect::<Vec<_>>().join(" "))
+}
