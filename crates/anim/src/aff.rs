@@ -31,7 +31,7 @@ pub struct AffAnimation {
     nodes: Vec<Node>,
     start: f64,
     duration: f64,
-    frame_count: Option<usize>,
+    frames: Option<usize>,
     camera: Option<(Camera, Option<Arc<Track>>)>,
     light: Option<PlacedLight>,
 }
@@ -159,19 +159,13 @@ impl AffAnimation {
             nodes,
             start,
             duration: if still { 0.0 } else { (end - start).min(f64::MAX) },
-            frame_count: time.map(|time| time.frames),
+            frames: time.map(|time| time.frames),
             camera,
             light,
         };
         animation.pose(0.0, &mut rest);
         animation.rest = rest;
         animation
-    }
-
-    /// Number of frames, evenly spaced from time 0 to the end, that the benchmark prescribes; if it does.
-    #[must_use]
-    pub fn frame_count(&self) -> Option<usize> {
-        self.frame_count
     }
 
     /// The time of the file's keys.
@@ -221,6 +215,11 @@ impl Animation for AffAnimation {
 
     fn duration(&self) -> f64 {
         self.duration
+    }
+
+    /// As the benchmark prescribes.
+    fn frames(&self) -> Option<usize> {
+        self.frames
     }
 
     fn rest(&self) -> Vec<Vec3> {

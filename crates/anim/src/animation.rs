@@ -114,6 +114,11 @@ pub trait Animation: Send + Sync {
     /// If `positions` is not as long as `topology().vertex_count`.
     fn pose(&self, time: f64, positions: &mut [Vec3]);
 
+    /// Number of frames that the source says it is to be shown in, first and last included, if it does.
+    fn frames(&self) -> Option<usize> {
+        None
+    }
+
     /// The view the source suggests at `time`, if any.
     fn view(&self, _time: f64) -> Option<View> {
         None

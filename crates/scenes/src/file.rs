@@ -32,7 +32,9 @@ pub(crate) fn scene(path: &Path, clip: Option<&str>) -> Result<Scene, LoadError>
         view,
         light: light_beside(&view),
         effects: Effects { motion: MotionEffects::of(animation.topology()), light: LightEffects::SHADOWS },
-        frames: (animation.duration() * FRAME_RATE).round().max(0.0) as usize + 1,
+        frames: animation
+            .frames()
+            .unwrap_or_else(|| (animation.duration() * FRAME_RATE).round().max(0.0) as usize + 1),
         measures: Vec::new(),
         key_bytes: 0,
         notes,
