@@ -44,5 +44,5 @@ pub use image::{Image, ImageError};
 pub use mesh::{DEFAULT_COLOR, Mesh};
 pub use render::{Output, Pixel, RenderOptions, RenderStats, Traversal, UnknownName, cast, render};
 pub use shade::{Background, PointLight};
-pub use single::{any_hit, any_hit_brute, closest_hit, closest_hit_brute};
+pub use single::{any_hit, any_hit_brute, closest_hit, closest_hit_brute, closest_hits};
 pub use triangle::{Hit, TriangleTest};

@@ -101,7 +101,7 @@ pub struct RenderOptions {
     pub traversal: Traversal,
     /// How rays are tested against triangles.
     pub triangle_test: TriangleTest,
-    /// Instruction set for [`Traversal::Tile`]; the best of the machine if that has less.
+    /// Instruction set; the best of the machine if that has less.
     pub simd: SimdLevel,
     /// Whether the light throws shadows; without, no shadow ray is cast.
     pub shadows: bool,
@@ -487,7 +487,7 @@ pub(crate) fn trace<S: Simd, T: WideTest>(
     match traversal {
         Traversal::Tile => tile::trace::<S, T>(simd, scene, query, rays, hits, scratch, work),
         Traversal::Packet => packets::<T>(scene, query, rays, hits, work),
-        Traversal::Single => one_by_one::<T>(scene, query, rays, hits, nodes, work),
+        Traversal::Single => one_by_one::<S, T>(simd, scene, query, rays, hits, nodes, work),
     }
     // Vectors may reach beyond the last ray.
     hits.primitive[rays.count..rays.count.next_multiple_of(SIZE)].fill(Hits::NONE);
@@ -505,7 +505,9 @@ fn packets<T: WideTest>(scene: Scene<'_>, query: Query, rays: &Bundle, hits: &mu
     }
 }
 
-fn one_by_one<T: WideTest>(
+#[inline(always)]
+fn one_by_one<S: Simd, T: WideTest>(
+    simd: S,
     scene: Scene<'_>,
     query: Query,
     rays: &Bundle,
@@ -513,13 +515,12 @@ fn one_by_one<T: WideTest>(
     nodes: &mut [u32; RAYS],
     work: &mut Work,
 ) {
-    let Scene { bvh, triangles } = scene;
     for (i, nodes) in nodes[..rays.count].iter_mut().enumerate() {
         let before = work.nodes;
         let ray = rays.ray(i);
         let hit = match query {
-            Query::Closest => single::closest::<T>(bvh, triangles, &ray, rays.t_max, work),
-            Query::Any => single::any::<T>(bvh, triangles, &ray, rays.t_max, work),
+            Query::Closest => single::closest::<S, T>(simd, scene, &ray, rays.t_max, work),
+            Query::Any => single::any::<S, T>(simd, scene, &ray, rays.t_max, work),
         };
         hits.set(i, hit);
         *nodes = (work.nodes - before) as u32;

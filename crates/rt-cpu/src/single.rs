@@ -1,8 +1,13 @@
 //! One ray at a time.
 
-use bvh_core::{Bvh, MAX_HEIGHT, Ray, Triangles};
+use bvh_core::{Bvh, MAX_HEIGHT, Ray, SimdLevel, Triangles, Vec3};
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x4, f32x8, mask32x8};
+use rayon::prelude::*;
 
-use crate::slab;
+use crate::simd::{self, at_level};
+use crate::slab::{self, WIDEN};
+use crate::tile::Scene;
 use crate::triangle::{Double, Hit, MollerTrumbore, Test, TriangleTest, Watertight, intersect};
 
 /// What a walk through a tree did.
@@ -50,14 +55,52 @@ pub fn closest_hit(
     t_max: f32,
     test: TriangleTest,
 ) -> Option<Hit> {
-    with_test!(test, T => closest::<T>(bvh, triangles, ray, t_max, &mut Work::default()))
+    let scene = Scene { bvh, triangles };
+    let best = SimdLevel::best();
+    with_test!(test, T => at_level!(best, simd => {
+        closest::<_, T>(simd, scene, ray, t_max, &mut Work::default())
+    }))
 }
 
 /// Whether any triangle lies along a ray with `0 <= t <= t_max`; otherwise as [`closest_hit`].
 #[must_use]
 pub fn any_hit(bvh: &Bvh, triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
-    with_test!(test, T => any::<T>(bvh, triangles, ray, t_max, &mut Work::default()).is_some())
+    let scene = Scene { bvh, triangles };
+    let best = SimdLevel::best();
+    with_test!(test, T => at_level!(best, simd => {
+        any::<_, T>(simd, scene, ray, t_max, &mut Work::default()).is_some()
+    }))
 }
+
+/// [`closest_hit`] of many rays that need not have anything in common, in the current rayon pool: `hits[i]` is
+/// that of `rays[i]`, with `0 <= t <= t_max[i]`.
+///
+/// # Panics
+/// If the slices differ in length.
+pub fn closest_hits(
+    bvh: &Bvh,
+    triangles: &Triangles<'_>,
+    rays: &[Ray],
+    t_max: &[f32],
+    test: TriangleTest,
+    hits: &mut [Option<Hit>],
+) {
+    assert_eq!(rays.len(), t_max.len(), "one t_max a ray");
+    assert_eq!(rays.len(), hits.len(), "one hit a ray");
+    let scene = Scene { bvh, triangles };
+    let best = SimdLevel::best();
+    let chunks = (rays.par_chunks(BATCH), t_max.par_chunks(BATCH), hits.par_chunks_mut(BATCH));
+    chunks.into_par_iter().for_each(|(rays, t_max, hits)| {
+        with_test!(test, T => at_level!(best, simd => {
+            for ((ray, &t_max), hit) in rays.iter().zip(t_max).zip(hits) {
+                *hit = closest::<_, T>(simd, scene, ray, t_max, &mut Work::default());
+            }
+        }));
+    });
+}
+
+/// Rays that one thread traces at a time.
+const BATCH: usize = 256;
 
 /// As [`closest_hit`], by testing every triangle: the oracle for everything else. O(n).
 #[must_use]
@@ -88,59 +131,134 @@ pub fn any_hit_brute(triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: Tri
     closest_hit_brute(triangles, ray, t_max, test).is_some()
 }
 
-pub(crate) fn closest<T: Test>(
-    bvh: &Bvh,
-    triangles: &Triangles<'_>,
+#[inline(always)]
+pub(crate) fn closest<S: Simd, T: Test>(
+    simd: S,
+    scene: Scene<'_>,
     ray: &Ray,
     t_max: f32,
     work: &mut Work,
 ) -> Option<Hit> {
     let test = T::new(ray);
     let mut best = None::<Hit>;
-    walk(bvh, triangles, ray, t_max, work, |p, t_max| {
-        let hit = intersect(ray, &test, &triangles.corners(p), p as u32, t_max);
-        if let Some(hit) = hit.filter(|h| best.is_none_or(|b| h.before(b.t, b.primitive))) {
-            best = Some(hit);
-            hit.t
-        } else {
-            t_max
-        }
-    });
+    walk(
+        simd,
+        scene,
+        ray,
+        t_max,
+        work,
+        #[inline(always)]
+        |p, t_max| {
+            let hit = intersect(ray, &test, &scene.triangles.corners(p), p as u32, t_max);
+            if let Some(hit) = hit.filter(|h| best.is_none_or(|b| h.before(b.t, b.primitive))) {
+                best = Some(hit);
+                hit.t
+            } else {
+                t_max
+            }
+        },
+    );
     best
 }
 
-pub(crate) fn any<T: Test>(
-    bvh: &Bvh,
-    triangles: &Triangles<'_>,
+#[inline(always)]
+pub(crate) fn any<S: Simd, T: Test>(
+    simd: S,
+    scene: Scene<'_>,
     ray: &Ray,
     t_max: f32,
     work: &mut Work,
 ) -> Option<Hit> {
     let test = T::new(ray);
     let mut found = None;
-    walk(bvh, triangles, ray, t_max, work, |p, t_max| {
-        found = intersect(ray, &test, &triangles.corners(p), p as u32, t_max);
-        if found.is_some() { -1.0 } else { t_max }
-    });
+    walk(
+        simd,
+        scene,
+        ray,
+        t_max,
+        work,
+        #[inline(always)]
+        |p, t_max| {
+            found = intersect(ray, &test, &scene.triangles.corners(p), p as u32, t_max);
+            if found.is_some() { -1.0 } else { t_max }
+        },
+    );
     found
+}
+
+/// A ray in both halves of a vector, for a pair of nodes.
+///
+/// In memory a node is `min`, a word, `max`, a word. In the lanes of these words the origins are infinite, so that
+/// whatever they hold, entry comes out as NaN or minus infinity, and exit as NaN or infinity: neither counts.
+struct PairRay<S: Simd> {
+    first_origin: f32x8<S>,
+    last_origin: f32x8<S>,
+    inverse: f32x8<S>,
+    negative: mask32x8<S>,
+}
+
+impl<S: Simd> PairRay<S> {
+    #[inline(always)]
+    fn new(simd: S, ray: &Ray) -> Self {
+        let inverse = twice(simd, ray.inverse(), 1.0);
+        Self {
+            first_origin: twice(simd, ray.origin(), f32::INFINITY),
+            last_origin: twice(simd, ray.origin(), f32::NEG_INFINITY),
+            inverse,
+            negative: inverse.is_sign_negative(),
+        }
+    }
+
+    /// Where the ray enters each of two boxes, and whether it does before `t_max`; see [`slab::enters`].
+    #[inline(always)]
+    fn enter(&self, simd: S, pair: &[[f32; 4]; 4], t_max: f32) -> [(f32, bool); 2] {
+        let (min, max) = (both(simd, &pair[0], &pair[2]), both(simd, &pair[1], &pair[3]));
+        let first = self.negative.select(max, min);
+        let last = self.negative.select(min, max);
+        let near = (first - self.first_origin) * self.inverse;
+        let far = (last - self.last_origin) * self.inverse * WIDEN;
+        let near = simd::max(near, f32x8::splat(simd, 0.0));
+        let far = simd::min(far, f32x8::splat(simd, t_max));
+        let near = simd::max(near, simd.slide_within_blocks_f32x8::<2>(near, near));
+        let near = simd::max(near, simd.slide_within_blocks_f32x8::<1>(near, near));
+        let far = simd::min(far, simd.slide_within_blocks_f32x8::<2>(far, far));
+        let far = simd::min(far, simd.slide_within_blocks_f32x8::<1>(far, far));
+        let enters = near.simd_le(far).to_bitmask();
+        let near = near.as_slice();
+        [(near[0], enters & 1 != 0), (near[4], enters & 16 != 0)]
+    }
+}
+
+#[inline(always)]
+fn both<S: Simd>(simd: S, l: &[f32; 4], r: &[f32; 4]) -> f32x8<S> {
+    simd.combine_f32x4(f32x4::from_slice(simd, l), f32x4::from_slice(simd, r))
+}
+
+#[inline(always)]
+fn twice<S: Simd>(simd: S, a: Vec3, w: f32) -> f32x8<S> {
+    let a = [a.x, a.y, a.z, w];
+    both(simd, &a, &a)
 }
 
 /// Calls `visit` with the number of every triangle in a leaf that the ray enters before `t_max`, nearest first
 /// as far as boxes tell, until that is negative. `visit` gets the present `t_max` and returns the new one.
-fn walk(
-    bvh: &Bvh,
-    triangles: &Triangles<'_>,
+#[inline(always)]
+fn walk<S: Simd>(
+    simd: S,
+    scene: Scene<'_>,
     ray: &Ray,
     mut t_max: f32,
     work: &mut Work,
     mut visit: impl FnMut(usize, f32) -> f32,
 ) {
-    let nodes = bvh.nodes();
+    let nodes = scene.bvh.nodes();
+    let floats: &[[f32; 4]] = bytemuck::cast_slice(nodes);
     let mut stack = [(0.0, 0u32); MAX_HEIGHT as usize + 1];
     let mut top = 0;
-    if ray.is_valid() && slab::enters(ray, &bvh.root().aabb(), t_max).is_some() {
+    if ray.is_valid() && slab::enters(ray, &scene.bvh.root().aabb(), t_max).is_some() {
         top = 1;
     }
+    let pair_ray = PairRay::new(simd, ray);
     while top > 0 {
         top -= 1;
         let (near, n) = stack[top];
@@ -151,25 +269,23 @@ fn walk(
         while !node.is_leaf() {
             work.nodes += 1;
             let first = node.first();
-            let [l, r] = [&nodes[first], &nodes[first + 1]];
-            match (slab::enters(ray, &l.aabb(), t_max), slab::enters(ray, &r.aabb(), t_max)) {
-                (Some(tl), Some(tr)) if tr < tl => {
-                    stack[top] = (tl, first as u32);
-                    top += 1;
-                    node = r;
-                }
-                (Some(_), Some(tr)) => {
-                    stack[top] = (tr, first as u32 + 1);
-                    top += 1;
-                    node = l;
-                }
-                (Some(_), None) => node = l,
-                (None, Some(_)) => node = r,
-                (None, None) => break,
+            let Some(pair) = floats[2 * first..].first_chunk() else {
+                break;
+            };
+            let [(l, in_l), (r, in_r)] = pair_ray.enter(simd, pair, t_max);
+            if in_l && in_r {
+                let right_first = usize::from(r < l);
+                stack[top] = (l.max(r), (first + 1 - right_first) as u32);
+                top += 1;
+                node = &nodes[first + right_first];
+            } else if in_l || in_r {
+                node = &nodes[first + usize::from(in_r)];
+            } else {
+                break;
             }
         }
-        for &p in bvh.primitives(node) {
-            if (p as usize) < triangles.indices.len() {
+        for &p in scene.bvh.primitives(node) {
+            if (p as usize) < scene.triangles.indices.len() {
                 work.triangles += 1;
                 t_max = visit(p as usize, t_max);
                 if t_max < 0.0 {

@@ -9,7 +9,7 @@ use crate::single::{Work, with_test};
 use crate::tile::{Bundle, Hits, RAYS, Scene, Scratch};
 use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight};
 use crate::{Camera, Image, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render};
-use crate::{any_hit, any_hit_brute, closest_hit, closest_hit_brute};
+use crate::{any_hit, any_hit_brute, closest_hit, closest_hit_brute, closest_hits};
 
 /// Triangles that own their vertices.
 #[derive(Clone, Default)]
@@ -218,10 +218,8 @@ fn check_rays(soup: &Soup, rays: &[Ray]) -> usize {
 
 /// All traversals at all SIMD levels.
 fn ways() -> Vec<RenderOptions> {
-    let tile = SimdLevel::available().map(|simd| (Traversal::Tile, simd));
-    let others = [Traversal::Single, Traversal::Packet].map(|t| (t, SimdLevel::Baseline));
-    let options = |(traversal, simd)| RenderOptions { traversal, simd, ..RenderOptions::default() };
-    others.into_iter().chain(tile).map(options).collect()
+    let all = Traversal::ALL.into_iter().flat_map(|t| SimdLevel::available().map(move |l| (t, l)));
+    all.map(|(traversal, simd)| RenderOptions { traversal, simd, ..RenderOptions::default() }).collect()
 }
 
 /// Rays that share their origin, traced in all ways, against brute force, in all tests.
@@ -545,6 +543,22 @@ fn odd_meshes_and_sizes_render() {
     let mut image = Image::new(0, 0);
     assert_eq!(render(&bvh, &mesh, &broken, None, &RenderOptions::default(), &mut image).hits, 0);
     assert!(image.pixels().iter().flatten().all(|c| c.is_finite()));
+}
+
+#[test]
+fn batches_are_single_rays_in_order() {
+    let soup = random_soup(200, 0.4);
+    let (t, bvh) = (soup.triangles(), tree(&soup, 3));
+    let rays = random_rays(700);
+    let t_max: Vec<f32> = (0..700).map(|i| [f32::INFINITY, 0.7, -1.0][i % 3]).collect();
+    let mut hits = vec![None; 700];
+    for test in TriangleTest::ALL {
+        closest_hits(&bvh, &t, &rays, &t_max, test, &mut hits);
+        for i in 0..700 {
+            assert_eq!(bits(hits[i]), bits(closest_hit_brute(&t, &rays[i], t_max[i], test)));
+        }
+        assert!(hits.iter().flatten().count() > 50);
+    }
 }
 
 #[test]

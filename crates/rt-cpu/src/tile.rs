@@ -4,7 +4,6 @@
 //! cut: open the largest node of the tree's top that the whole tile's beam meets, until there are 48 subtrees
 //! for each packet of 64 rays, for each subtree in the cut that the packet's beam meets, front to back:
 //!   at a node, with a mask of the rays that entered its parent:
-//!     the packet's beam misses the box    -> next from the stack
 //!     mask of the rays that enter, if any -> go down
 //!     few of them                         -> gather these and go down with one set of vectors,
 //!                                            testing both children at once
@@ -283,9 +282,8 @@ struct Way {
     negative: [bool; 3],
     /// The direction of one of them.
     along: Vec3,
-    frame: Option<(Frame, Beam)>,
-    /// Bits of the subtrees of the cut that the packet's beam meets, if there is a frame.
-    met: u64,
+    /// Bits of the subtrees of the cut that the packet's beam meets, if there is a cut.
+    met: Option<u64>,
 }
 
 /// Traces a bundle. For [`Query::Any`] hits are any, not the closest, and only the primitives count.
@@ -338,13 +336,12 @@ fn trace_bundle<S: Simd, T: WideTest, const ANY: bool>(
     for (i, beam) in beams[..packets].iter().enumerate() {
         let at = i * PACKET;
         let present = if bundle.count - at >= PACKET { !0 } else { (1 << (bundle.count - at)) - 1 };
-        let met = if frame.is_some() { scratch.cut.met(simd, beam) } else { 0 };
-        if frame.is_some() && met == 0 {
+        let met = if frame.is_some() { Some(scratch.cut.met(simd, beam)) } else { None };
+        if met == Some(0) {
             hits.primitive[at..at + PACKET].fill(Hits::NONE);
             continue;
         }
         let negative = prepare(simd, bundle, at, present, &mut scratch.packet);
-        let frame = frame.map(|frame| (frame, *beam));
         // Rays that go the same way along every axis together: nearly always all of them.
         let mut left = scratch.packet.active;
         while left != 0 {
@@ -353,7 +350,7 @@ fn trace_bundle<S: Simd, T: WideTest, const ANY: bool>(
             let same = (0..3).fold(left, |m, k| m & if signs[k] { negative[k] } else { !negative[k] });
             left &= !same;
             let along = Vec3::from([0, 1, 2].map(|k| bundle.direction[k][at + lane as usize]));
-            let way = Way { origin: bundle.origin, negative: signs, along, met, frame };
+            let way = Way { origin: bundle.origin, negative: signs, along, met };
             trace_packet::<S, T, ANY>(simd, scene, &way, same, scratch, work);
         }
         let p = &scratch.packet;
@@ -463,14 +460,14 @@ fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
     scratch: &mut Scratch,
     work: &mut Work,
 ) {
-    if way.frame.is_none() {
+    let Some(met) = way.met else {
         simd.vectorize(
             #[inline(always)]
             || walk::<S, T, ANY>(simd, scene, way, 0, mask, scratch, work),
         );
         return;
-    }
-    for i in bits(way.met) {
+    };
+    for i in bits(met) {
         if scratch.cut.near[i] > farthest(simd, &scratch.packet) || scratch.packet.active & mask == 0 {
             return;
         }
@@ -508,17 +505,8 @@ fn walk<S: Simd, T: WideTest, const ANY: bool>(
     let (mut n, mut mask) = (root as usize, mask);
     loop {
         let node = &nodes[n];
-        let missed = way.frame.is_some_and(|(frame, beam)| !beam.meets(&frame.outline(&node.aabb(), &beam)));
-        let entered = if missed {
-            0
-        } else {
-            enter(
-                simd,
-                &scratch.packet,
-                &Slab::new(&node.aabb(), way.origin, way.negative),
-                mask & scratch.packet.active,
-            )
-        };
+        let slab = Slab::new(&node.aabb(), way.origin, way.negative);
+        let entered = enter(simd, &scratch.packet, &slab, mask & scratch.packet.active);
         if entered != 0 {
             if node.is_leaf() {
                 test_leaf::<S, f32s16<S>, T, ANY, PACKET>(
