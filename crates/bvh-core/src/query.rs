@@ -70,7 +70,7 @@ impl Bvh {
     /// Casts a ray: calls `test` with the number of each primitive in a leaf that the ray enters before
     /// `t_max`, nearest leaves first as far as boxes tell.
     ///
-    /// `test` gets the present `t_max` and returns the new one: smaller after a hit (for the closest hit), 0 to
+    /// `test` gets the present `t_max` and returns the new one: smaller after a hit (for the closest hit), negative to
     /// end the walk (for any hit), unchanged otherwise. Returns the last `t_max`.
     pub fn cast_ray(&self, ray: &Ray, mut t_max: f32, mut test: impl FnMut(usize, f32) -> f32) -> f32 {
         let nodes = self.nodes();

@@ -1,0 +1,118 @@
+//! Queries through closures against the same questions asked of every primitive, on trees fresh and updated.
+
+use std::collections::BTreeSet;
+
+use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::{Aabb, Bvh, Primitives, Ray, Triangles, Vec3};
+use bvh_update::{Rotate, Scratch, Strategy, update};
+use pivot_tests::{Motion, Soup, closest_hit, noise};
+use proptest::prelude::*;
+use rt_cpu::{TriangleTest, closest_hit_brute};
+
+/// A tree over a soup that has moved since it was built, and the soup as it is now.
+fn moved(n: usize, seed: u64, motion: Motion, max_leaf_size: u32) -> (Bvh, Soup, Vec<Vec3>) {
+    let soup = Soup::new(n, seed);
+    let start = soup.pose(motion, 0);
+    let triangles = Triangles { positions: &start, indices: &soup.triangles };
+    let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
+    let mut bvh = build(&triangles, Builder::Binned, &options, None).expect("few enough");
+    let now = soup.pose(motion, 3);
+    let triangles = Triangles { positions: &now, indices: &soup.triangles };
+    let strategy = Strategy::RefitRotate(Rotate::default());
+    update(&mut bvh, &triangles, &strategy, &mut Scratch::new()).expect("same count");
+    (bvh, soup, now)
+}
+
+fn overlapping(bvh: &Bvh, query: &Aabb) -> Vec<usize> {
+    let mut found = Vec::new();
+    bvh.overlaps(query, |p| found.push(p));
+    found.sort_unstable();
+    found
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn boxes_that_overlap_are_found_once_each(
+        n in 0usize..300, seed: u64, motion in prop::sample::select(&Motion::ALL[..]), at in 0usize..9
+    ) {
+        let (bvh, soup, now) = moved(n, seed, motion, 1);
+        let triangles = Triangles { positions: &now, indices: &soup.triangles };
+        let corner = noise(seed ^ 5, at) * 10.0;
+        let query = Aabb::new(corner, corner + noise(seed ^ 6, at) * 5.0);
+        let expected: Vec<_> = (0..n).filter(|&i| triangles.aabb(i).overlaps(&query)).collect();
+        prop_assert_eq!(overlapping(&bvh, &query), expected);
+        prop_assert_eq!(overlapping(&bvh, &Aabb::EMPTY), Vec::<usize>::new());
+    }
+
+    #[test]
+    fn larger_leaves_bring_neighbours_along_but_lose_nothing(n in 0usize..300, seed: u64) {
+        let (bvh, soup, now) = moved(n, seed, Motion::Divergent, 4);
+        let triangles = Triangles { positions: &now, indices: &soup.triangles };
+        let query = Aabb::new(Vec3::splat(2.0), Vec3::splat(6.0));
+        let found = overlapping(&bvh, &query);
+        prop_assert!(found.windows(2).all(|w| w[0] < w[1]), "each once: {found:?}");
+        prop_assert!((0..n).all(|i| !triangles.aabb(i).overlaps(&query) || found.contains(&i)));
+    }
+
+    #[test]
+    fn pairs_that_overlap_are_found_once_each(
+        n in 0usize..150, seed: u64, motion in prop::sample::select(&Motion::ALL[..])
+    ) {
+        let (bvh, soup, now) = moved(n, seed, motion, 1);
+        let triangles = Triangles { positions: &now, indices: &soup.triangles };
+        let mut found = BTreeSet::new();
+        let mut twice = 0;
+        bvh.overlapping_pairs(|a, b| twice += usize::from(!found.insert((a.min(b), a.max(b)))));
+        let expected: BTreeSet<_> = (0..n)
+            .flat_map(|a| (a + 1..n).map(move |b| (a, b)))
+            .filter(|&(a, b)| triangles.aabb(a).overlaps(&triangles.aabb(b)))
+            .collect();
+        prop_assert_eq!(twice, 0);
+        prop_assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn rays_find_the_nearest_triangle_and_end_when_told(
+        n in 1usize..300, seed: u64, motion in prop::sample::select(&Motion::ALL[..])
+    ) {
+        let (bvh, soup, now) = moved(n, seed, motion, 1);
+        let triangles = Triangles { positions: &now, indices: &soup.triangles };
+        for i in 0..20 {
+            let (from, to) = (noise(seed ^ 7, i) * 30.0 - 10.0, noise(seed ^ 8, i) * 10.0);
+            let ray = Ray::new(from, to - from);
+            // The test of one triangle is that of the oracle, so the nearest must be, too.
+            let mut tested = 0;
+            let mut nearest = None;
+            bvh.cast_ray(&ray, f32::INFINITY, |p, t_max| {
+                tested += 1;
+                match closest_hit(&now, &soup.triangles[p..=p], from, to - from) {
+                    Some((t, _)) if nearest.is_none_or(|(best, _)| t < best) => {
+                        nearest = Some((t, p));
+                        // Rounded up, so that a nearer one is not lost.
+                        (t as f32).next_up().min(t_max)
+                    }
+                    _ => t_max,
+                }
+            });
+            prop_assert_eq!(nearest, closest_hit(&now, &soup.triangles, from, to - from));
+            let mut any = 0;
+            let end = bvh.cast_ray(&ray, f32::INFINITY, |_, _| { any += 1; -1.0 });
+            prop_assert!(any <= 1 && (any == 0) == (end == f32::INFINITY), "{any} tests, then {end}");
+            prop_assert!(tested >= any);
+            let brute = closest_hit_brute(&triangles, &ray, f32::INFINITY, TriangleTest::Double);
+            prop_assert!(brute.is_none() || any == 1, "a ray that hits enters a leaf");
+        }
+    }
+}
+
+#[test]
+fn nothing_is_found_in_an_empty_tree() {
+    let bvh = Bvh::default();
+    let everywhere = Aabb::new(Vec3::MIN, Vec3::MAX);
+    assert!(overlapping(&bvh, &everywhere).is_empty());
+    bvh.overlapping_pairs(|a, b| panic!("{a} and {b}"));
+    let ray = Ray::new(Vec3::ZERO, Vec3::X);
+    assert_eq!(bvh.cast_ray(&ray, 5.0, |p, _| panic!("{p}")), 5.0);
+}
