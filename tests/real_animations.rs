@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Triangles, Vec3};
-use bvh_update::{Rotate, Scratch, Strategy, update};
+use bvh_update::{Scratch, Strategy, update};
 use pivot_tests::{closest_hit, noise};
 use rt_cpu::TriangleTest;
 
