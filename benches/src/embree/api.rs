@@ -2,8 +2,8 @@
 #![expect(unsafe_code, reason = "functions of a C library")]
 
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
-use std::ptr;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::{mem, ptr};
 
 use libloading::Library;
 
@@ -39,26 +39,20 @@ pub(super) type QueryN = unsafe extern "C" fn(*const i32, Handle, *mut c_void, *
 /// Declares the functions, and how they are looked up by name.
 macro_rules! functions {
     ($($(#[$doc:meta])* $field:ident = $name:literal: $type:ty;)*) => {
-        /// Functions of the library, which stays loaded as long as this lives.
+        /// Functions of the library, which is never unloaded: threads of its TBB go on running its code after the
+        /// last device is released.
         pub(super) struct Api {
             $($(#[$doc])* pub(super) $field: $type,)*
-            _library: Library,
-            /// TBB, where it was loaded for Embree's sake.
-            _beside: Vec<Library>,
         }
 
         impl Api {
             /// Looks all functions up.
-            pub(super) fn new(library: Library, beside: Vec<Library>) -> Result<Self, libloading::Error> {
+            pub(super) fn new(library: Library) -> Result<Self, libloading::Error> {
                 // SAFETY: the names are those of Embree's functions, with types written from its headers. The
-                // pointers live no longer than the library, which is stored beside them.
-                unsafe {
-                    Ok(Self {
-                        $($field: *library.get::<$type>($name.as_bytes())?,)*
-                        _library: library,
-                        _beside: beside,
-                    })
-                }
+                // pointers stay valid, since the library is forgotten and so never unloaded.
+                let api = unsafe { Self { $($field: *library.get::<$type>($name.as_bytes())?,)* } };
+                mem::forget(library);
+                Ok(api)
             }
         }
     };

@@ -3,6 +3,7 @@
 
 use std::env;
 use std::fs;
+use std::mem;
 use std::path::{Path, PathBuf};
 
 use libloading::Library;
@@ -55,11 +56,11 @@ pub(super) fn load(path: Option<&Path>) -> Result<Api, NotFound> {
     match named {
         Some(path) => {
             let file = find(&path, 2).ok_or(NotFound::NotThere(path))?;
-            let beside = file.parent().map(load_tbb).unwrap_or_default();
-            open(&file, beside)
+            file.parent().into_iter().for_each(load_tbb);
+            open(&file)
         }
         None => {
-            let found = NAMES.iter().find_map(|name| open(Path::new(name), Vec::new()).ok());
+            let found = NAMES.iter().find_map(|name| open(Path::new(name)).ok());
             found.ok_or(NotFound::Nowhere)
         }
     }
@@ -82,25 +83,29 @@ fn find(path: &Path, depth: u32) -> Option<PathBuf> {
     here.or_else(|| folders.filter_map(|f| find(f, depth - 1)).next())
 }
 
-/// Loads a TBB that lies in a folder; that it fails shows when Embree is loaded.
-fn load_tbb(folder: &Path) -> Vec<Library> {
+/// Loads a TBB that lies in a folder, for good; that it fails shows when Embree is loaded.
+fn load_tbb(folder: &Path) {
     let files = fs::read_dir(folder).into_iter().flatten().filter_map(|e| Some(e.ok()?.path()));
     let is_tbb = |file: &PathBuf| {
         let name = file.file_name().and_then(|n| n.to_str()).unwrap_or_default();
         name.starts_with("libtbb.") || name.starts_with("libtbb-") || name.starts_with("tbb12.")
     };
-    // SAFETY: its initialisers are those that loading Embree would run.
-    files.filter(is_tbb).filter_map(|file| unsafe { Library::new(file) }.ok()).collect()
+    for file in files.filter(is_tbb) {
+        // SAFETY: its initialisers are those that loading Embree would run.
+        if let Ok(library) = unsafe { Library::new(file) } {
+            mem::forget(library);
+        }
+    }
 }
 
-fn open(path: &Path, beside: Vec<Library>) -> Result<Api, NotFound> {
+fn open(path: &Path) -> Result<Api, NotFound> {
     let broken = |error: libloading::Error| NotFound::Broken {
         path: path.to_owned(),
         reason: error.to_string().split_whitespace().collect::<Vec<_>>().join(" "),
     };
     // SAFETY: the caller asked for this library; Embree's initialisers have no preconditions.
     let library = unsafe { Library::new(path) }.map_err(broken)?;
-    Api::new(library, beside).map_err(broken)
+    Api::new(library).map_err(broken)
 }
 
 #[cfg(test)]

@@ -86,9 +86,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let embree = find_embree(args)?;
     let version = embree.as_ref().map(|e| Ok::<_, NotFound>(e.device(1)?.version())).transpose()?;
     let mut report = Report::new(Machine::read(), Revision::read(), version);
-    if let Some(path) = &args.json {
+    if let Some(folder) = args.json.as_ref().and_then(|path| path.parent()) {
         // Better to fail now than after the measurements.
-        files::write_whole(path, &report.json()?)?;
+        files::make_folder(folder)?;
     }
     files::print(&report.heading())?;
 
@@ -140,7 +140,12 @@ fn run_scene(
             frames: frames(UPDATE_FRAMES),
             size: args.size,
         };
-        let mut keep = |rows: Vec<Row>| -> Result<()> {
+        let mut keep = |mut rows: Vec<Row>| -> Result<()> {
+            // An interrupt may come before the first measured frame.
+            rows.retain(|row| row.frames > 0);
+            if rows.is_empty() {
+                return Ok(());
+            }
             files::print(&table::table(&rows))?;
             report.rows.extend(rows);
             match &args.json {
