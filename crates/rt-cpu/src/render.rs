@@ -101,7 +101,8 @@ pub struct RenderOptions {
     pub traversal: Traversal,
     /// How rays are tested against triangles.
     pub triangle_test: TriangleTest,
-    /// Instruction set; the best of the machine if that has less.
+    /// Instruction set for [`Traversal::Tile`] and shading; the best of the machine if that has less. Images do
+    /// not depend on it.
     pub simd: SimdLevel,
     /// Whether the light throws shadows; without, no shadow ray is cast.
     pub shadows: bool,
