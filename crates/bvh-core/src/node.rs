@@ -72,6 +72,13 @@ impl Node {
         Aabb { min: self.min, max: self.max }
     }
 
+    /// Whether this is a leaf that moves and holds one primitive, as most do.
+    #[must_use]
+    #[inline]
+    pub fn is_single_and_moves(&self) -> bool {
+        self.link & MOVES != 0 && self.aux == 1 << 8
+    }
+
     /// Replaces the box.
     #[inline]
     pub fn set_aabb(&mut self, aabb: Aabb) {

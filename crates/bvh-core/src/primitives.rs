@@ -24,6 +24,17 @@ pub trait Primitives: Sync {
     /// If `i` is not below [`len`](Self::len).
     fn aabb(&self, i: usize) -> Aabb;
 
+    /// The same box for SIMD kernels: minimum and maximum, each in the first three of four lanes. What is in the
+    /// fourth does not matter. Where the box is empty, at least one of those lanes is NaN, in both.
+    ///
+    /// # Panics
+    /// If `i` is not below [`len`](Self::len).
+    #[inline]
+    fn aabb_lanes(&self, i: usize) -> [Vec4; 2] {
+        let aabb = self.aabb(i);
+        if aabb.is_empty() { [Vec4::NAN; 2] } else { [aabb.min.extend(0.0), aabb.max.extend(0.0)] }
+    }
+
     /// A hint that `aabb(i)` will be asked for soon: whatever tells where its data lies.
     #[inline]
     fn prefetch_index(&self, _i: usize) {}
@@ -92,7 +103,7 @@ impl Triangles<'_> {
 
 impl Triangles<'_> {
     /// Position `v` in the first three of four lanes, NaN if there is none.
-    #[inline]
+    #[inline(always)]
     fn lanes(&self, v: usize) -> Vec4 {
         // One load of four floats, but for the last vertex, behind which there is no fourth.
         match self.positions.get(v..v + 2) {
@@ -115,18 +126,22 @@ impl Primitives for Triangles<'_> {
 
     #[inline]
     fn aabb(&self, i: usize) -> Aabb {
-        let [a, b, c] = self.indices[i].map(|v| self.lanes(v as usize));
-        // A NaN, too, is not below infinity.
-        let finite =
-            a.abs().cmplt(Vec4::INFINITY) & b.abs().cmplt(Vec4::INFINITY) & c.abs().cmplt(Vec4::INFINITY);
-        if finite.bitmask() & 0b111 == 0b111 {
-            // The sum makes negative zeros positive.
-            let min = a.min(b).min(c) + Vec4::ZERO;
-            let max = a.max(b).max(c) + Vec4::ZERO;
+        let [min, max] = self.aabb_lanes(i);
+        if min.is_nan_mask().bitmask() & 0b111 == 0 {
             Aabb::new(min.truncate(), max.truncate())
         } else {
             Aabb::EMPTY
         }
+    }
+
+    // Used twice in one loop it is not inlined otherwise, and then half of an update goes into calls.
+    #[inline(always)]
+    fn aabb_lanes(&self, i: usize) -> [Vec4; 2] {
+        let [a, b, c] = self.indices[i];
+        let (a, b, c) = (self.lanes(a as usize), self.lanes(b as usize), self.lanes(c as usize));
+        // +0 where all three corners are finite, which makes negative zeros positive; else NaN.
+        let zero = (a - a) + (b - b) + (c - c);
+        [a.min(b).min(c) + zero, a.max(b).max(c) + zero]
     }
 
     #[inline]
@@ -136,10 +151,10 @@ impl Primitives for Triangles<'_> {
 
     #[inline]
     fn prefetch_data(&self, i: usize) {
-        if let Some(triangle) = self.indices.get(i) {
-            for &v in triangle {
-                prefetch(self.positions, v as usize);
-            }
+        // Of three corners two are neighbours in most meshes, so that the third's line is one of theirs.
+        if let Some(&[a, _, c]) = self.indices.get(i) {
+            prefetch(self.positions, a as usize);
+            prefetch(self.positions, c as usize);
         }
     }
 }
@@ -162,6 +177,11 @@ impl<P: Primitives + ?Sized> Primitives for InOrder<'_, P> {
     #[inline]
     fn aabb(&self, i: usize) -> Aabb {
         self.primitives.aabb(self.order[i] as usize)
+    }
+
+    #[inline(always)]
+    fn aabb_lanes(&self, i: usize) -> [Vec4; 2] {
+        self.primitives.aabb_lanes(self.order[i] as usize)
     }
 
     #[inline]

@@ -143,44 +143,48 @@ pub fn area_changes_at<S: Slots + ?Sized>(nodes: &S, pair: usize) -> [f32; 6] {
 /// ([`Parts::still_area`](crate::Parts)); `None`, with nothing changed, if the tree would become higher than
 /// [`MAX_HEIGHT`], or if a swapped node does not exist because L or R is a leaf.
 pub fn rotate<S: Slots + ?Sized>(nodes: &mut S, pair: usize, rotation: Rotation, depth: u32) -> Option<f64> {
-    let slot = |nodes: &S, place| match place {
+    let children = [nodes.get(pair), nodes.get(pair + 1)];
+    let below = |child: usize| (!children[child].is_leaf()).then(|| children[child].first());
+    let slot = |place| match place {
         L => Some(pair),
         R => Some(pair + 1),
-        Ll | Lr | Rl | Rr => {
-            let parent = nodes.get(pair + usize::from(matches!(place, Rl | Rr)));
-            let second = usize::from(matches!(place, Lr | Rr));
-            (!parent.is_leaf()).then(|| parent.first() + second)
-        }
+        Ll => below(0),
+        Lr => Some(below(0)? + 1),
+        Rl => below(1),
+        Rr => Some(below(1)? + 1),
     };
     let swap = SWAPS[rotation as usize];
-    let (a, b) = (slot(nodes, swap.0)?, slot(nodes, swap.1)?);
+    let (a, b) = (slot(swap.0)?, slot(swap.1)?);
+    // Which children get a new child.
     let touched = match rotation {
-        Rotation::LForRl | Rotation::LForRr => pair + 1..pair + 2,
-        Rotation::RForLl | Rotation::RForLr => pair..pair + 1,
-        Rotation::LlForRl | Rotation::LlForRr => pair..pair + 2,
+        Rotation::LForRl | Rotation::LForRr => 1..2,
+        Rotation::RForLl | Rotation::RForLr => 0..1,
+        Rotation::LlForRl | Rotation::LlForRr => 0..2,
     };
-    let still = |nodes: &S| {
-        let still = touched.clone().map(|n| nodes.get(n)).filter(|n| !n.moves());
-        still.map(|n| n.aabb().half_area_f64() * n.weight()).sum::<f64>()
-    };
-    let swap_and_refit = |nodes: &mut S| {
+    let swap_slots = |nodes: &mut S| {
         let (at_a, at_b) = (nodes.get(a), nodes.get(b));
         nodes.set(a, at_b);
         nodes.set(b, at_a);
-        for n in touched.clone() {
-            let mut child = nodes.get(n);
-            child.refit(&nodes.get(child.first()), &nodes.get(child.first() + 1));
-            nodes.set(n, child);
-        }
     };
-    let before = still(nodes);
-    swap_and_refit(nodes);
+    let still = |node: Node| if node.moves() { 0.0 } else { node.aabb().half_area_f64() * node.weight() };
+    swap_slots(nodes);
+    let mut grown = 0.0;
+    for i in touched.clone() {
+        let before = nodes.get(pair + i);
+        let mut after = before;
+        after.refit(&nodes.get(before.first()), &nodes.get(before.first() + 1));
+        nodes.set(pair + i, after);
+        grown += still(after) - still(children[i]);
+    }
     let height = 1 + nodes.get(pair).height().max(nodes.get(pair + 1).height());
     if depth + height > MAX_HEIGHT {
-        swap_and_refit(nodes);
+        for i in touched {
+            nodes.set(pair + i, children[i]);
+        }
+        swap_slots(nodes);
         return None;
     }
-    Some(still(nodes) - before)
+    Some(grown)
 }
 
 #[cfg(test)]
@@ -248,6 +252,11 @@ mod tests {
     fn a_rotation_beyond_the_height_bound_or_into_a_leaf_changes_nothing() {
         let bvh = four([[0.0; 3], [2.0; 3], [4.0; 3], [6.0; 3]]);
         let mut nodes = bvh.nodes().to_vec();
+        for rotation in Rotation::ALL {
+            let refused = rotate(nodes.as_mut_slice(), 2, rotation, MAX_HEIGHT - 1);
+            assert_eq!(refused, None);
+            assert_eq!(nodes, bvh.nodes());
+        }
         assert_eq!(rotate(nodes.as_mut_slice(), 2, Rotation::LForRl, MAX_HEIGHT - 2), None);
         assert_eq!(rotate(nodes.as_mut_slice(), 4, Rotation::LForRl, 1), None);
         assert_eq!(nodes, bvh.nodes());

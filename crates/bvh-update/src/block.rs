@@ -1,20 +1,23 @@
-//! A block: a thousand child pairs that are refitted and rotated together.
+//! A block: a thousand inner nodes that are refitted and rotated together.
 //!
 //! The recursion of the paper ([`plain`](crate::plain)) waits for memory at every node. A block walks the tree
-//! breadth-first from a few roots instead, asking for each pair's cache line when the pair is queued and using it
-//! when its turn comes; then it writes its leaves, hands what lies below the block to further blocks, and comes
-//! back up level by level, deepest first: on each level first the rotations, then the unions. Nodes of one level
-//! touch disjoint slots, and a rotation leaves its own node's box as it is, so the result is bit for bit that of
-//! the recursion.
+//! breadth-first from a few roots instead, asking for each pair's cache line when its parent is listed and using it
+//! when the parent's turn comes. Nodes are listed by kind: *twigs* have two leaves for children, *spurs* one, and
+//! *forks* none. A twig, told by its height of 1, is not walked through. Twigs are then fitted, what lies below the
+//! block is handed to further blocks, and spurs and forks come back up level by level, deepest first: on each level
+//! first the boxes, then the rotations. Nodes of one level touch disjoint slots, and a rotation leaves its own node's
+//! box as it is, so the result is bit for bit that of the recursion.
+
+use std::hint::select_unpredictable;
 
 use bvh_core::Primitives;
 
-use crate::kernels::{Accepted, apply, evaluate, fit, unions};
+use crate::kernels::{Accepted, Fitted, apply, forks, spurs, twigs};
 use crate::raw::{Available, SharedNodes};
-use crate::strategy::{Rotate, Turn};
+use crate::strategy::Turn;
 
-/// Queued pairs of one block; about half of them are processed in it.
-const PAIRS: usize = 2048;
+/// Inner nodes with grandchildren that one block lists; about half of them are processed in it.
+const LISTED: usize = 2048;
 
 /// Roots of one block below another.
 const ROOTS: usize = 64;
@@ -22,7 +25,7 @@ const ROOTS: usize = 64;
 /// What one task of a pass is given.
 pub(crate) struct Task<'a, P: ?Sized> {
     pub(crate) nodes: SharedNodes<'a>,
-    /// Numbered by slot.
+    /// Numbered by slot of the order.
     pub(crate) primitives: &'a P,
     /// At which nodes rotations are tried, if at any.
     pub(crate) rotations: Option<Turn>,
@@ -36,7 +39,7 @@ pub(crate) struct Tally {
     pub(crate) leaves: u64,
     pub(crate) inner: u64,
     pub(crate) dropped: u64,
-    /// Sum of half area times weight over all nodes visited but the root.
+    /// Sum of half area times weight over all nodes visited.
     pub(crate) area: f64,
     /// Growth of the same sum over nodes that stand still.
     pub(crate) still_area: f64,
@@ -51,65 +54,60 @@ impl Tally {
         self.area += other.area;
         self.still_area += other.still_area;
     }
-}
 
-/// A node on the way, in one word: its own slot in the arena, and where what is below it starts (an inner node's
-/// child pair in the arena, a leaf's first primitive in the order).
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Visit(u64);
-
-impl Visit {
-    #[inline]
-    pub(crate) fn new(slot: u32, first: u32) -> Self {
-        Self(u64::from(slot) << 32 | u64::from(first))
-    }
-
-    #[inline]
-    pub(crate) fn slot(self) -> usize {
-        (self.0 >> 32) as usize
-    }
-
-    #[inline]
-    pub(crate) fn first(self) -> usize {
-        self.0 as u32 as usize
+    pub(crate) fn add_fitted(&mut self, fitted: Fitted) {
+        self.leaves += fitted.leaves;
+        self.dropped += fitted.dropped;
+        self.area += fitted.areas.total();
     }
 }
 
-/// Inner nodes of one depth that a block starts from.
+/// Slots of inner nodes of one depth and with grandchildren, that a block starts from.
 #[derive(Clone, Copy)]
 pub(crate) struct Roots<'a> {
-    pub(crate) nodes: &'a [Visit],
+    pub(crate) slots: &'a [u32],
     pub(crate) depth: u32,
 }
 
 impl<'a> Roots<'a> {
     pub(crate) fn chunks(self, size: usize) -> impl Iterator<Item = Self> {
-        self.nodes.chunks(size).map(move |nodes| Roots { nodes, ..self })
+        self.slots.chunks(size).map(move |slots| Roots { slots, ..self })
     }
 }
 
-/// The lists of one block. Their memory is allocated on first use and kept.
-#[derive(Default)]
+/// The spurs and forks of one block: slots in the arena, of nodes that move.
 pub(crate) struct Block {
-    /// Inner nodes that move, breadth-first; those from `done` on belong to further blocks.
-    inner: Vec<Visit>,
-    queued: usize,
+    /// Both, breadth-first; those from `done` on belong to further blocks.
+    queue: Box<[u32; LISTED]>,
+    listed: usize,
     done: usize,
-    /// Leaves that move.
-    leaves: Vec<Visit>,
-    leaf_count: usize,
-    /// Which of `inner` have a grandchild.
-    candidates: Vec<u32>,
-    candidate_count: usize,
-    /// Where each level starts among `inner` and `candidates`; the last goes on where the frontier starts.
-    levels: Vec<(usize, usize)>,
+    /// Those that are done.
+    spurs: Box<[u32; LISTED]>,
+    forks: Box<[u32; LISTED]>,
+    /// Where each level ends among them.
+    levels: Vec<Level>,
+    /// Where the last level ends in the queue.
     level_end: usize,
     /// Depth of the roots.
     depth: u32,
-    accepted: Vec<Accepted>,
 }
 
-/// Blocks nested in each other: 64 roots and 2048 pairs make four levels at least.
+#[derive(Clone, Copy, Default)]
+struct Level {
+    spurs: usize,
+    forks: usize,
+}
+
+/// Lists that blocks below each other share, as none needs them while another is at work.
+pub(crate) struct Lists {
+    twigs: [u32; 2 * LISTED],
+    twig_count: usize,
+    accepted: Vec<Accepted>,
+    /// Nodes of one level at which it is, and is not, the turn for rotations.
+    turns: [Vec<u32>; 2],
+}
+
+/// Blocks nested in each other: 64 roots and 2048 listed nodes make four levels at least.
 pub(crate) const NESTED: usize = bvh_core::MAX_HEIGHT as usize / 4 + 2;
 
 /// Updates the subtrees below `roots`, with a block each level of nesting.
@@ -117,99 +115,149 @@ pub(crate) fn process<P: Primitives + ?Sized>(
     task: &Task<'_, P>,
     roots: Roots<'_>,
     blocks: &mut [Block],
+    lists: &mut Lists,
     tally: &mut Tally,
 ) {
     let Some((block, deeper)) = blocks.split_first_mut() else {
         unreachable!("each of {NESTED} nested blocks takes four levels of at most {}", bvh_core::MAX_HEIGHT)
     };
-    block.gather(task, roots, PAIRS);
-    block.fit_leaves(task, tally);
+    block.gather(task, roots, lists);
+    lists.fit_twigs(task, tally);
     for roots in block.frontier() {
         for chunk in roots.chunks(ROOTS) {
-            process(task, chunk, deeper, tally);
+            process(task, chunk, deeper, lists, tally);
         }
     }
-    block.ascend(task, tally);
+    block.ascend(task, lists, tally);
 }
 
 impl Block {
-    /// Walks down from the roots until about `limit` pairs are queued, and lists what is there.
-    pub(crate) fn gather<P: ?Sized>(&mut self, task: &Task<'_, P>, roots: Roots<'_>, limit: usize) {
-        let nodes = task.nodes;
-        let turn = task.rotations.unwrap_or(Turn::new(Rotate::default(), 0));
-        let limit = limit.min(PAIRS);
-        if self.inner.is_empty() {
-            self.inner.resize(PAIRS, Visit::default());
-            self.leaves.resize(2 * PAIRS, Visit::default());
-            self.candidates.resize(PAIRS, 0);
-            self.levels.reserve(bvh_core::MAX_HEIGHT as usize + 1);
+    pub(crate) fn new() -> Self {
+        let list = || Box::new([0; LISTED]);
+        Self {
+            queue: list(),
+            listed: 0,
+            done: 0,
+            spurs: list(),
+            forks: list(),
+            levels: Vec::with_capacity(bvh_core::MAX_HEIGHT as usize + 1),
+            level_end: 0,
+            depth: 0,
         }
-        let (inner, leaves) = (self.inner.as_mut_slice(), self.leaves.as_mut_slice());
-        let candidates = self.candidates.as_mut_slice();
-        let mut queued = roots.nodes.len();
-        inner[..queued].copy_from_slice(roots.nodes);
-        self.levels.clear();
-        let (mut done, mut level_end, mut leaf_count, mut candidate_count) = (0, 0, 0, 0);
-        while done < queued && queued + 2 <= limit {
-            if done == level_end {
-                self.levels.push((done, candidate_count));
-                level_end = queued;
-            }
-            let pair = inner[done].first();
-            let children = nodes.pair(pair);
-            // Every child is appended to both lists, and then counted in at most one.
-            for (child, slot) in children.iter().zip(pair..) {
-                let (leaf, moves, first) = (child.is_leaf(), child.moves(), child.first());
-                nodes.prefetch(if leaf { pair } else { first });
-                let visit = Visit::new(slot as u32, first as u32);
-                inner[queued] = visit;
-                leaves[leaf_count] = visit;
-                queued += usize::from(moves & !leaf);
-                leaf_count += usize::from(moves & leaf);
-            }
-            candidates[candidate_count] = done as u32;
-            let grandchildren = !(children[0].is_leaf() & children[1].is_leaf());
-            candidate_count += usize::from(grandchildren & turn.includes(pair));
-            done += 1;
-        }
-        (self.queued, self.done, self.level_end, self.depth) = (queued, done, level_end, roots.depth);
-        (self.leaf_count, self.candidate_count) = (leaf_count, candidate_count);
     }
 
-    /// The inner nodes below this block, by depth: the rest of its last level, and the level below.
+    /// Walks down from the roots until about [`LISTED`] nodes are queued.
+    pub(crate) fn gather<P: ?Sized>(&mut self, task: &Task<'_, P>, roots: Roots<'_>, lists: &mut Lists) {
+        let nodes = task.nodes;
+        let (queue, spurs, forks) = (&mut *self.queue, &mut *self.spurs, &mut *self.forks);
+        let twigs = &mut lists.twigs;
+        let mut listed = roots.slots.len();
+        queue[..listed].copy_from_slice(roots.slots);
+        self.levels.clear();
+        let (mut done, mut spur_count, mut twig_count) = (0, 0, 0);
+        let mut level_end = listed;
+        while done < listed && listed + 2 <= LISTED {
+            let slot = queue[done];
+            let pair = nodes.get(slot as usize).first();
+            let children = nodes.pair(pair);
+            // A node or child is appended to each list that it may be for, and then counted in at most one: branches
+            // here would be mispredicted often. The remainders change nothing but spare checks.
+            spurs[spur_count % LISTED] = slot;
+            forks[(done - spur_count) % LISTED] = slot;
+            spur_count += usize::from((children[0].height() == 0) | (children[1].height() == 0));
+            for (child, slot) in children.iter().zip(pair as u32..) {
+                let height = child.height();
+                nodes.prefetch(select_unpredictable(height == 0, pair, child.first()));
+                queue[listed % LISTED] = slot;
+                twigs[twig_count % (2 * LISTED)] = slot;
+                let inner = usize::from(height > 0) & usize::from(child.moves());
+                let beyond_twig = usize::from(height > 1) & inner;
+                listed += beyond_twig;
+                twig_count += inner - beyond_twig;
+            }
+            done += 1;
+            if done == level_end {
+                self.levels.push(Level { spurs: spur_count, forks: done - spur_count });
+                level_end = listed;
+            }
+        }
+        if self.levels.last().is_none_or(|last| last.spurs + last.forks < done) {
+            self.levels.push(Level { spurs: spur_count, forks: done - spur_count });
+        } else {
+            level_end = done;
+        }
+        (self.listed, self.done, self.level_end, self.depth) = (listed, done, level_end, roots.depth);
+        lists.twig_count = twig_count;
+    }
+
+    /// The spurs and forks below this block, by depth: the rest of its last level, and the level below.
     pub(crate) fn frontier(&self) -> [Roots<'_>; 2] {
         let depth = self.depth + self.levels.len() as u32;
-        let split = self.level_end.max(self.done);
         [
-            Roots { nodes: &self.inner[self.done..split], depth: depth - 1 },
-            Roots { nodes: &self.inner[split..self.queued], depth },
+            Roots { slots: &self.queue[self.done..self.level_end], depth: depth - 1 },
+            Roots { slots: &self.queue[self.level_end..self.listed], depth },
         ]
     }
 
-    /// Fits the block's leaves to their primitives.
-    pub(crate) fn fit_leaves<P: Primitives + ?Sized>(&self, task: &Task<'_, P>, tally: &mut Tally) {
-        let leaves = &self.leaves[..self.leaf_count];
-        tally.leaves += leaves.len() as u64;
-        tally.dropped += fit(task.level, task.nodes, task.primitives, leaves);
+    /// Comes back up from the frontier to the roots.
+    pub(crate) fn ascend<P: Primitives + ?Sized>(
+        &self,
+        task: &Task<'_, P>,
+        lists: &mut Lists,
+        tally: &mut Tally,
+    ) {
+        tally.inner += self.done as u64;
+        for i in (0..self.levels.len()).rev() {
+            let start = if i == 0 { Level::default() } else { self.levels[i - 1] };
+            let spurs = &self.spurs[start.spurs..self.levels[i].spurs];
+            let forks = &self.forks[start.forks..self.levels[i].forks];
+            lists.level(task, spurs, forks, self.depth + i as u32, tally);
+        }
+    }
+}
+
+impl Lists {
+    pub(crate) fn new() -> Box<Self> {
+        let (accepted, turns) = (Vec::with_capacity(LISTED), [0; 2].map(|_| Vec::with_capacity(LISTED)));
+        Box::new(Self { twigs: [0; 2 * LISTED], twig_count: 0, accepted, turns })
     }
 
-    /// Comes back up from the frontier to the roots.
-    pub(crate) fn ascend<P: ?Sized>(&mut self, task: &Task<'_, P>, tally: &mut Tally) {
-        tally.inner += self.done as u64;
-        let (level, nodes) = (task.level, task.nodes);
-        let inner = &self.inner[..self.done];
-        if task.rotations.is_none() {
-            tally.area += unions(level, nodes, inner);
+    /// Fits the twigs of a block.
+    pub(crate) fn fit_twigs<P: Primitives + ?Sized>(&self, task: &Task<'_, P>, tally: &mut Tally) {
+        let list = &self.twigs[..self.twig_count];
+        tally.inner += list.len() as u64;
+        tally.add_fitted(twigs(task.level, task.nodes, task.primitives, list));
+    }
+
+    /// Fits the spurs and forks of one level, and rotates there.
+    fn level<P: Primitives + ?Sized>(
+        &mut self,
+        task: &Task<'_, P>,
+        spur_list: &[u32],
+        fork_list: &[u32],
+        depth: u32,
+        tally: &mut Tally,
+    ) {
+        let Task { nodes, primitives, level, .. } = *task;
+        let accepted = &mut self.accepted;
+        let Some(turn) = task.rotations else {
+            tally.add_fitted(spurs::<P, false>(level, nodes, primitives, spur_list, accepted));
+            tally.area += forks::<false>(level, nodes, fork_list, accepted).total();
             return;
+        };
+        accepted.clear();
+        if turn.is_always() {
+            tally.add_fitted(spurs::<P, true>(level, nodes, primitives, spur_list, accepted));
+            tally.area += forks::<true>(level, nodes, fork_list, accepted).total();
+        } else {
+            let [now, later] = &mut self.turns;
+            turn.split(nodes, spur_list, now, later);
+            tally.add_fitted(spurs::<P, true>(level, nodes, primitives, now, accepted));
+            tally.add_fitted(spurs::<P, false>(level, nodes, primitives, later, accepted));
+            turn.split(nodes, fork_list, now, later);
+            tally.area += forks::<true>(level, nodes, now, accepted).total();
+            tally.area += forks::<false>(level, nodes, later, accepted).total();
         }
-        self.accepted.resize(PAIRS, Accepted::default());
-        let mut end = (self.done, self.candidate_count);
-        for (i, &start) in self.levels.iter().enumerate().rev() {
-            let candidates = &self.candidates[start.1..end.1];
-            let accepted = evaluate(level, nodes, inner, candidates, &mut self.accepted);
-            apply(nodes, inner, self.depth + i as u32, &self.accepted[..accepted], tally);
-            tally.area += unions(level, nodes, &inner[start.0..end.0]);
-            end = start;
-        }
+        apply(nodes, depth, accepted, tally);
     }
 }

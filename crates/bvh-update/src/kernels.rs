@@ -1,127 +1,153 @@
-//! The inner loops of the pass, each over a list of nodes, at the SIMD level asked for.
+//! The inner loops of the pass, each over a list of slots, at the SIMD level asked for.
+//!
+//! There is one for each kind of inner node: *twigs* with two leaves for children, *spurs* with one, and *forks* with
+//! none. A leaf is fitted with its parent. What a kernel fits it adds to a sum of half areas, for the SAH cost.
 
-use bvh_core::rotation::{best, rotate};
-use bvh_core::{Aabb, Node, Primitives, Rotation};
+use bvh_core::rotation::{area_changes_at, best, rotate};
+use bvh_core::{Aabb, Primitives};
 
-use crate::block::{Tally, Visit};
+use crate::block::Tally;
 use crate::raw::{Available, SharedNodes, dispatch};
 
-/// A node at which a rotation is a gain.
-#[derive(Clone, Copy, Default)]
+/// A sum of half areas times weights, as four sums of products: `xy`, `yz`, `zx`, and nothing.
+///
+/// Kept apart, the products need no sum across a register; one addition each, in the order of the lists, gives every
+/// SIMD level the same bits.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Areas(pub(crate) [f64; 4]);
+
+impl Areas {
+    #[inline]
+    fn add(&mut self, aabb: Aabb, weight: f64) {
+        let e = aabb.extent();
+        for (sum, product) in self.0.iter_mut().zip([e.x * e.y, e.y * e.z, e.z * e.x]) {
+            *sum += f64::from(product) * weight;
+        }
+    }
+
+    pub(crate) fn total(self) -> f64 {
+        self.0.iter().sum()
+    }
+}
+
+/// What a kernel has fitted.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Fitted {
+    pub(crate) leaves: u64,
+    /// Primitives without a box.
+    pub(crate) dropped: u64,
+    pub(crate) areas: Areas,
+}
+
+/// A node at which a rotation is a gain, and how the area would change under each, in the order of `Rotation::ALL`.
+/// The last two are nothing.
 pub(crate) struct Accepted {
-    /// How the area would change under each rotation, in the order of `Rotation::ALL`.
-    pub(crate) changes: [f32; 6],
-    /// Which of the inner nodes it is.
-    pub(crate) index: u32,
+    pub(crate) changes: [f32; 8],
+    pub(crate) slot: u32,
 }
 
-/// How far ahead of its use a primitive's index is fetched, and its data.
-const INDEX_AHEAD: usize = 64;
-const DATA_AHEAD: usize = 32;
-
-/// Fits leaves to their primitives, which are numbered by slot; gives how many primitives have no box.
-pub(crate) fn fit<P: Primitives + ?Sized>(
+/// Fits twigs and their leaves to the primitives, which are numbered by slot in the tree's order.
+pub(crate) fn twigs<P: Primitives + ?Sized>(
     level: Available,
     nodes: SharedNodes<'_>,
     primitives: &P,
-    leaves: &[Visit],
-) -> u64 {
-    dispatch!(level, fit(nodes, primitives, leaves))
+    list: &[u32],
+) -> Fitted {
+    dispatch!(level, twigs(nodes, primitives, list))
 }
 
-/// The same, to be compiled at each level: the loop's arithmetic is in `P`, and follows the level it is inlined at.
-#[inline(always)]
-pub(crate) fn fit_at_this_level<P: Primitives + ?Sized>(
-    nodes: SharedNodes<'_>,
-    primitives: &P,
-    leaves: &[Visit],
-) -> u64 {
-    for leaf in leaves.iter().take(INDEX_AHEAD) {
-        primitives.prefetch_index(leaf.first());
-    }
-    for leaf in leaves.iter().take(DATA_AHEAD) {
-        primitives.prefetch_data(leaf.first());
-    }
-    // A sanitised box is empty only if it is `Aabb::EMPTY`.
-    let dropped = |aabb: Aabb| u64::from(aabb.min.x == f32::INFINITY);
-    let mut total = 0;
-    for (i, leaf) in leaves.iter().enumerate() {
-        if let Some(ahead) = leaves.get(i + INDEX_AHEAD) {
-            primitives.prefetch_index(ahead.first());
-        }
-        if let Some(ahead) = leaves.get(i + DATA_AHEAD) {
-            primitives.prefetch_data(ahead.first());
-        }
-        let first = leaf.first();
-        let mut aabb = primitives.aabb(first);
-        total += dropped(aabb);
-        let mut node = nodes.get(leaf.slot());
-        if node.count() > 1 {
-            for slot in first + 1..first + node.count() {
-                let next = primitives.aabb(slot);
-                total += dropped(next);
-                aabb = aabb.union(next);
-            }
-        }
-        node.set_aabb(aabb);
-        nodes.set(leaf.slot(), node);
-    }
-    total
-}
-
-/// Refits each of `inner` from its children, last first. Gives the sum of half area times weight of all those children
-/// that move.
-pub(crate) fn unions(level: Available, nodes: SharedNodes<'_>, inner: &[Visit]) -> f64 {
-    dispatch!(level, unions(nodes, inner))
-}
-
-/// Writes to `accepted` those of the nodes numbered by `candidates` that gain by some rotation, and gives how many there
-/// are. Not both children of such a node may be leaves.
-pub(crate) fn evaluate(
+/// Fits spurs and their leaves; with `ROTATE`, appends those to `accepted` that gain by some rotation.
+pub(crate) fn spurs<P: Primitives + ?Sized, const ROTATE: bool>(
     level: Available,
     nodes: SharedNodes<'_>,
-    inner: &[Visit],
-    candidates: &[u32],
-    accepted: &mut [Accepted],
-) -> usize {
-    dispatch!(level, evaluate(nodes, inner, candidates, accepted))
+    primitives: &P,
+    list: &[u32],
+    accepted: &mut Vec<Accepted>,
+) -> Fitted {
+    dispatch!(level, spurs::<P, ROTATE>(nodes, primitives, list, accepted))
+}
+
+/// Refits forks; with `ROTATE`, appends those to `accepted` that gain by some rotation.
+pub(crate) fn forks<const ROTATE: bool>(
+    level: Available,
+    nodes: SharedNodes<'_>,
+    list: &[u32],
+    accepted: &mut Vec<Accepted>,
+) -> Areas {
+    dispatch!(level, forks::<ROTATE>(nodes, list, accepted))
+}
+
+/// Fits one leaf.
+pub(crate) fn fit_leaf<P: Primitives + ?Sized>(
+    nodes: SharedNodes<'_>,
+    primitives: &P,
+    slot: usize,
+    fitted: &mut Fitted,
+) {
+    let mut node = nodes.get(slot);
+    let mut aabb = Aabb::EMPTY;
+    for primitive in node.first()..node.first() + node.count() {
+        let next = primitives.aabb(primitive);
+        // A sanitised box is empty only if it is `Aabb::EMPTY`.
+        fitted.dropped += u64::from(next.min.x == f32::INFINITY);
+        aabb = aabb.union(next);
+    }
+    fitted.leaves += 1;
+    fitted.areas.add(aabb, node.weight());
+    node.set_aabb(aabb);
+    nodes.set(slot, node);
+}
+
+/// Fits one inner node, after those of its children that are leaves.
+pub(crate) fn fit_inner<P: Primitives + ?Sized>(
+    nodes: SharedNodes<'_>,
+    primitives: &P,
+    slot: usize,
+    fitted: &mut Fitted,
+) {
+    let pair = nodes.get(slot).first();
+    for child in pair..pair + 2 {
+        let node = nodes.get(child);
+        if node.is_leaf() && node.moves() {
+            fit_leaf(nodes, primitives, child, fitted);
+        }
+    }
+    refit(nodes, slot, &mut fitted.areas);
+}
+
+/// Refits one inner node from its children.
+pub(crate) fn refit(nodes: SharedNodes<'_>, slot: usize, areas: &mut Areas) {
+    let mut node = nodes.get(slot);
+    let [l, r] = nodes.pair(node.first());
+    node.refit(&l, &r);
+    areas.add(node.aabb(), 1.0);
+    nodes.set(slot, node);
+}
+
+/// Appends a node to `accepted` if it gains by some rotation.
+pub(crate) fn evaluate(nodes: SharedNodes<'_>, slot: u32, accepted: &mut Vec<Accepted>) {
+    let changes = area_changes_at(&nodes, nodes.get(slot as usize).first());
+    if best(changes).is_some() {
+        let [c0, c1, c2, c3, c4, c5] = changes;
+        accepted.push(Accepted { changes: [c0, c1, c2, c3, c4, c5, 0.0, 0.0], slot });
+    }
 }
 
 /// Applies the best rotation of each, counted by kind in `tally`; `depth` is that of the nodes.
-pub(crate) fn apply(
-    mut nodes: SharedNodes<'_>,
-    inner: &[Visit],
-    depth: u32,
-    accepted: &[Accepted],
-    tally: &mut Tally,
-) {
+pub(crate) fn apply(mut nodes: SharedNodes<'_>, depth: u32, accepted: &[Accepted], tally: &mut Tally) {
     for a in accepted {
-        let pair = inner[a.index as usize].first();
-        if let Some(rotation) = best(a.changes)
-            && let Some(grown) = rotate(&mut nodes, pair, rotation, depth)
+        let [c0, c1, c2, c3, c4, c5, ..] = a.changes;
+        let mut node = nodes.get(a.slot as usize);
+        if let Some(rotation) = best([c0, c1, c2, c3, c4, c5])
+            && let Some(grown) = rotate(&mut nodes, node.first(), rotation, depth)
         {
+            // The box is the same; the height may not be.
+            let [l, r] = nodes.pair(node.first());
+            node.refit(&l, &r);
+            nodes.set(a.slot as usize, node);
             tally.rotations[rotation as usize] += 1;
+            tally.area += f64::from(a.changes[rotation as usize]) - grown;
             tally.still_area += grown;
-            tally.area += swapped_area(nodes, pair, rotation);
         }
     }
-}
-
-/// What a rotation just applied owes to the sum of areas: the grandchild that came up was counted with its old pair
-/// and will be again with its new one, while the child that went down would not be counted at all.
-fn swapped_area(nodes: SharedNodes<'_>, pair: usize, rotation: Rotation) -> f64 {
-    let (up, down) = match rotation {
-        Rotation::LForRl => (pair, nodes.get(pair + 1).first()),
-        Rotation::LForRr => (pair, nodes.get(pair + 1).first() + 1),
-        Rotation::RForLl => (pair + 1, nodes.get(pair).first()),
-        Rotation::RForLr => (pair + 1, nodes.get(pair).first() + 1),
-        Rotation::LlForRl | Rotation::LlForRr => return 0.0,
-    };
-    moving_area(&nodes.get(down)) - moving_area(&nodes.get(up))
-}
-
-/// Half area times weight of a node that moves, 0 for one that stands still.
-#[inline]
-pub(crate) fn moving_area(node: &Node) -> f64 {
-    if node.moves() { f64::from(node.aabb().half_area()) * node.weight() } else { 0.0 }
 }

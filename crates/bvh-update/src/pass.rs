@@ -5,13 +5,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use bvh_core::{Bvh, InOrder, Primitives, SimdLevel};
 use rayon::prelude::*;
 
-use crate::block::{Block, NESTED, Roots, Tally, Task, Visit, process};
-use crate::kernels::fit;
+use crate::block::{Block, Lists, NESTED, Roots, Tally, Task, process};
+use crate::kernels::{Fitted, fit_leaf, twigs};
 use crate::raw::{self, Available};
 use crate::strategy::{Rotate, Turn};
-
-/// Queued pairs of the top block: enough subtrees below it for many threads.
-const TOP_PAIRS: usize = 2048;
 
 /// Subtrees that a thread takes at a time.
 const TOP_ROOTS: usize = 16;
@@ -21,12 +18,14 @@ const TOP_ROOTS: usize = 16;
 pub struct Scratch {
     level: Available,
     top: Block,
+    top_lists: Box<Lists>,
     workers: Vec<Worker>,
     tallies: Vec<Tally>,
 }
 
 struct Worker {
     blocks: Vec<Block>,
+    lists: Box<Lists>,
     done: Vec<(usize, Tally)>,
 }
 
@@ -41,7 +40,8 @@ impl Scratch {
     #[must_use]
     pub fn with_level(level: SimdLevel) -> Self {
         let level = Available::at_most(level);
-        Self { level, top: Block::default(), workers: Vec::new(), tallies: Vec::new() }
+        let (top, top_lists) = (Block::new(), Lists::new());
+        Self { level, top, top_lists, workers: Vec::new(), tallies: Vec::new() }
     }
 }
 
@@ -81,24 +81,29 @@ fn run<P: Primitives + ?Sized>(task: &Task<'_, P>, scratch: &mut Scratch) -> Tal
     if !root.moves() {
         return tally;
     }
-    let Scratch { top, workers, tallies, .. } = scratch;
-    if root.is_leaf() {
-        let leaf = [Visit::new(0, root.first() as u32)];
-        tally.dropped = fit(task.level, task.nodes, task.primitives, &leaf);
-        tally.leaves = 1;
-        return tally;
+    let Scratch { top, top_lists, workers, tallies, .. } = scratch;
+    match root.height() {
+        0 => {
+            let mut fitted = Fitted::default();
+            fit_leaf(task.nodes, task.primitives, 0, &mut fitted);
+            tally.add_fitted(fitted);
+            return tally;
+        }
+        1 => {
+            tally.add_fitted(twigs(task.level, task.nodes, task.primitives, &[0]));
+            tally.inner = 1;
+            return tally;
+        }
+        _ => top.gather(task, Roots { slots: &[0], depth: 0 }, top_lists),
     }
-    let root = [Visit::new(0, root.first() as u32)];
-    let roots = Roots { nodes: &root, depth: 0 };
-    top.gather(task, roots, TOP_PAIRS);
-    top.fit_leaves(task, &mut tally);
+    top_lists.fit_twigs(task, &mut tally);
     let chunks = || top.frontier().into_iter().flat_map(|roots| roots.chunks(TOP_ROOTS));
     tallies.clear();
     tallies.resize(chunks().count(), Tally::default());
     subtrees(task, chunks, workers, tallies);
     // In the order of the subtrees, whoever worked on them: sums of floats depend on it.
     tallies.iter().for_each(|t| tally.add(t));
-    top.ascend(task, &mut tally);
+    top.ascend(task, top_lists, &mut tally);
     tally
 }
 
@@ -111,8 +116,8 @@ fn subtrees<'a, P: Primitives + ?Sized, C: Iterator<Item = Roots<'a>>>(
 ) {
     let threads = rayon::current_num_threads().min(tallies.len());
     while workers.len() < threads {
-        let blocks = std::iter::repeat_with(Block::default).take(NESTED).collect();
-        workers.push(Worker { blocks, done: Vec::new() });
+        let blocks = std::iter::repeat_with(Block::new).take(NESTED).collect();
+        workers.push(Worker { blocks, lists: Lists::new(), done: Vec::new() });
     }
     let next = AtomicUsize::new(0);
     let count = tallies.len();
@@ -123,7 +128,7 @@ fn subtrees<'a, P: Primitives + ?Sized, C: Iterator<Item = Roots<'a>>>(
             let i = next.fetch_add(1, Ordering::Relaxed);
             let Some(chunk) = chunks().nth(i) else { break };
             let mut tally = Tally::default();
-            process(task, chunk, &mut worker.blocks, &mut tally);
+            process(task, chunk, &mut worker.blocks, &mut worker.lists, &mut tally);
             worker.done.push((i, tally));
         }
     };

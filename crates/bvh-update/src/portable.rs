@@ -1,47 +1,48 @@
 //! The kernels in plain Rust, for any processor.
 
 use bvh_core::Primitives;
-use bvh_core::rotation::{area_changes_at, best};
 
-use crate::block::Visit;
-use crate::kernels::{Accepted, fit_at_this_level, moving_area};
+use crate::kernels::{Accepted, Areas, Fitted, evaluate, fit_inner, refit};
 use crate::raw::SharedNodes;
 
-/// See [`kernels::fit`](crate::kernels::fit).
-pub(crate) fn fit<P: Primitives + ?Sized>(nodes: SharedNodes<'_>, primitives: &P, leaves: &[Visit]) -> u64 {
-    fit_at_this_level(nodes, primitives, leaves)
-}
-
-/// See [`kernels::unions`](crate::kernels::unions).
-pub(crate) fn unions(nodes: SharedNodes<'_>, inner: &[Visit]) -> f64 {
-    // One sum a side, as the SIMD kernels have them, so that the bits are the same.
-    let mut sums = [0.0; 2];
-    for visit in inner.iter().rev() {
-        let children = nodes.pair(visit.first());
-        for (sum, child) in sums.iter_mut().zip(&children) {
-            *sum += moving_area(child);
-        }
-        let mut node = nodes.get(visit.slot());
-        node.refit(&children[0], &children[1]);
-        nodes.set(visit.slot(), node);
+/// See [`kernels::twigs`](crate::kernels::twigs).
+pub(crate) fn twigs<P: Primitives + ?Sized>(nodes: SharedNodes<'_>, primitives: &P, list: &[u32]) -> Fitted {
+    let mut fitted = Fitted::default();
+    for &slot in list {
+        fit_inner(nodes, primitives, slot as usize, &mut fitted);
     }
-    sums[0] + sums[1]
+    fitted
 }
 
-/// See [`kernels::evaluate`](crate::kernels::evaluate).
-pub(crate) fn evaluate(
+/// See [`kernels::spurs`](crate::kernels::spurs).
+pub(crate) fn spurs<P: Primitives + ?Sized, const ROTATE: bool>(
     nodes: SharedNodes<'_>,
-    inner: &[Visit],
-    candidates: &[u32],
-    accepted: &mut [Accepted],
-) -> usize {
-    let mut count = 0;
-    for &index in candidates {
-        let changes = area_changes_at(&nodes, inner[index as usize].first());
-        if best(changes).is_some() {
-            accepted[count] = Accepted { changes, index };
-            count += 1;
+    primitives: &P,
+    list: &[u32],
+    accepted: &mut Vec<Accepted>,
+) -> Fitted {
+    let mut fitted = Fitted::default();
+    for &slot in list {
+        fit_inner(nodes, primitives, slot as usize, &mut fitted);
+        if ROTATE {
+            evaluate(nodes, slot, accepted);
         }
     }
-    count
+    fitted
+}
+
+/// See [`kernels::forks`](crate::kernels::forks).
+pub(crate) fn forks<const ROTATE: bool>(
+    nodes: SharedNodes<'_>,
+    list: &[u32],
+    accepted: &mut Vec<Accepted>,
+) -> Areas {
+    let mut areas = Areas::default();
+    for &slot in list {
+        refit(nodes, slot as usize, &mut areas);
+        if ROTATE {
+            evaluate(nodes, slot, accepted);
+        }
+    }
+    areas
 }

@@ -1,5 +1,7 @@
 //! The unsafe parts: a node arena that tasks on several threads share, and the calls into AVX2 code.
 
+#[cfg(target_arch = "x86_64")]
+use std::arch::x86_64::__m256;
 use std::marker::PhantomData;
 
 use bvh_core::rotation::Slots;
@@ -44,22 +46,11 @@ impl<'a> SharedNodes<'a> {
     /// The nodes in slots `n` and `n + 1`.
     #[inline(always)]
     pub(crate) fn pair(&self, n: usize) -> [Node; 2] {
-        [self.get(n), self.get(n + 1)]
-    }
-
-    /// The children of `node`, or `missing` if it is a leaf, without a branch on which it is.
-    #[inline(always)]
-    pub(crate) fn children_or(&self, node: &Node, missing: &[Node; 2]) -> [Node; 2] {
-        let n = if node.is_leaf() { 0 } else { node.first() };
         assert!(n + 1 < self.len, "pair out of range");
-        // SAFETY: `n` and `n + 1` are in range by the assertion; `missing` is a live pair; what is read of the
-        // arena is valid and not written elsewhere by the promise to `new`. The root's pair, which stands in
-        // for a leaf's children, is pointed to but not read.
+        // SAFETY: as in `get`, for both.
         #[expect(unsafe_code, reason = "reads the shared arena")]
         unsafe {
-            let children = self.start.add(n).cast_const().cast();
-            let from: *const [Node; 2] = if node.is_leaf() { missing } else { children };
-            from.read()
+            [self.start.add(n).read(), self.start.add(n + 1).read()]
         }
     }
 
@@ -71,6 +62,30 @@ impl<'a> SharedNodes<'a> {
         #[expect(unsafe_code, reason = "writes the shared arena")]
         unsafe {
             self.start.add(n).write(node);
+        }
+    }
+
+    /// The node in slot `n` as one register. To be inlined into AVX2 code.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub(crate) fn lanes(&self, n: usize) -> __m256 {
+        assert!(n < self.len, "node out of range");
+        // SAFETY: as in `get`; a node has the size and the alignment of a register, and any bits make one.
+        #[expect(unsafe_code, reason = "reads the shared arena")]
+        unsafe {
+            self.start.add(n).cast::<__m256>().read()
+        }
+    }
+
+    /// Stores a register as the node in slot `n`.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub(crate) fn set_lanes(&self, n: usize, node: __m256) {
+        assert!(n < self.len, "node out of range");
+        // SAFETY: as in `set`; a register has the size and the alignment of a node, and any bits make one.
+        #[expect(unsafe_code, reason = "writes the shared arena")]
+        unsafe {
+            self.start.add(n).cast::<__m256>().write(node);
         }
     }
 
@@ -142,17 +157,17 @@ impl Available {
 
 /// Calls `avx2::$name` where the [`Available`] level allows it, else `portable::$name`.
 macro_rules! dispatch {
-    ($level:expr, $name:ident($($argument:expr),* $(,)?)) => {{
+    ($level:expr, $name:ident $(::<$($generic:tt),*>)? ($($argument:expr),* $(,)?)) => {{
         #[cfg(target_arch = "x86_64")]
         if $level.avx2() {
             // SAFETY: an `Available` level is one that the machine has.
             #[expect(unsafe_code, reason = "calls code compiled for AVX2")]
-            unsafe { $crate::avx2::$name($($argument),*) }
+            unsafe { $crate::avx2::$name $(::<$($generic),*>)? ($($argument),*) }
         } else {
-            $crate::portable::$name($($argument),*)
+            $crate::portable::$name $(::<$($generic),*>)? ($($argument),*)
         }
         #[cfg(not(target_arch = "x86_64"))]
-        $crate::portable::$name($($argument),*)
+        $crate::portable::$name $(::<$($generic),*>)? ($($argument),*)
     }};
 }
 pub(crate) use dispatch;

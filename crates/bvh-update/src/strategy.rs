@@ -4,8 +4,8 @@ use bvh_build::{BuildError, BuildOptions, Builder, build};
 use bvh_core::{Bvh, Primitives, sah_cost};
 use thiserror::Error;
 
-use crate::kernels::moving_area;
 use crate::pass::{Scratch, pass};
+use crate::raw::SharedNodes;
 
 /// What to do with a tree between two frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +44,27 @@ impl Turn {
     pub(crate) fn new(rotate: Rotate, updates: u32) -> Self {
         let period = rotate.period.clamp(1, 1 << 31).next_power_of_two();
         Self { mask: period as usize - 1, turn: updates as usize }
+    }
+
+    /// Whether it is every node's turn.
+    pub(crate) fn is_always(self) -> bool {
+        self.mask == 0
+    }
+
+    /// Parts a list of inner nodes into those whose turn it is, and the others.
+    pub(crate) fn split(
+        self,
+        nodes: SharedNodes<'_>,
+        list: &[u32],
+        now: &mut Vec<u32>,
+        later: &mut Vec<u32>,
+    ) {
+        now.clear();
+        later.clear();
+        for &slot in list {
+            let turn = self.includes(nodes.get(slot as usize).first());
+            if turn { &mut *now } else { &mut *later }.push(slot);
+        }
     }
 
     /// Whether it is the turn of the node whose children start at slot `pair`.
@@ -156,7 +177,7 @@ pub fn update<P: Primitives + ?Sized>(
     let still_area = bvh.still_area();
     let tally = pass(bvh, primitives, rotations, scratch);
     let root = bvh.root();
-    let sum = tally.area + moving_area(root) + still_area + tally.still_area;
+    let sum = tally.area + still_area + tally.still_area;
     let cost = sum / root.aabb().half_area_f64();
     Ok(Update {
         rebuilt: false,
