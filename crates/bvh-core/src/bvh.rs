@@ -333,22 +333,15 @@ impl Bvh {
         std::mem::replace(&mut self.order, identity)
     }
 
-    /// Says which primitives may ever move, by number; at first all of them do.
+    /// Says which primitives may move from now on, by number; at first all of them do. From a mask this is
+    /// `set_moving(|p| mask[p])`, from a few ranges `set_moving(|p| ranges.iter().any(|r| r.contains(&p)))`.
     ///
-    /// Updates do not visit subtrees without a moving primitive. O(n).
+    /// Updates do not visit subtrees without a moving primitive. Saying it takes O(n) time and
+    /// allocates nothing; it lasts until it is said anew.
     pub fn set_moving(&mut self, moves: impl Fn(usize) -> bool) {
-        let mut inner = Vec::new();
-        let mut leaves = Vec::new();
-        self.visit(|n, node, _| if node.is_leaf() { leaves.push(n) } else { inner.push(n) });
-        for n in leaves {
-            let any = self.primitives(&self.nodes()[n]).iter().any(|&p| moves(p as usize));
-            self.raw_nodes_mut()[n].set_moves(any);
-        }
-        for &n in inner.iter().rev() {
-            let any = self.children(&self.nodes()[n]).is_some_and(|c| c.iter().any(Node::moves));
-            self.raw_nodes_mut()[n].set_moves(any);
-        }
-        self.sum_still_area();
+        let mut still_area = 0.0;
+        mark(bytemuck::cast_slice_mut(&mut self.pairs), &self.order, 0, &moves, &mut still_area);
+        self.still_area = still_area;
     }
 
     /// Sum of half area times [`Node::weight`] over all nodes that stand still: their part of the SAH cost.
@@ -417,6 +410,29 @@ impl std::fmt::Debug for Bvh {
             .field("aabb", &self.root().aabb())
             .finish()
     }
+}
+
+/// Sets the moving bits at and below a node, and adds up what stands still there. As deep as the tree is high.
+fn mark(
+    nodes: &mut [Node],
+    order: &[u32],
+    n: usize,
+    moves: &impl Fn(usize) -> bool,
+    still_area: &mut f64,
+) -> bool {
+    let node = nodes[n];
+    let first = node.first();
+    let any = if node.is_leaf() {
+        order[first..first + node.count()].iter().any(|&p| moves(p as usize))
+    } else {
+        let l = mark(nodes, order, first, moves, still_area);
+        mark(nodes, order, first + 1, moves, still_area) | l
+    };
+    nodes[n].set_moves(any);
+    if !any {
+        *still_area += node.aabb().half_area_f64() * node.weight();
+    }
+    any
 }
 
 #[cfg(test)]

@@ -17,7 +17,7 @@ use crate::raw::{Available, SharedNodes};
 use crate::strategy::Turn;
 
 /// Inner nodes with grandchildren that one block lists; about half of them are processed in it.
-const LISTED: usize = 2048;
+const LISTED: usize = 1024;
 
 /// Roots of one block below another.
 const ROOTS: usize = 64;
@@ -107,8 +107,8 @@ pub(crate) struct Lists {
     turns: [Vec<u32>; 2],
 }
 
-/// Blocks nested in each other: 64 roots and 2048 listed nodes make four levels at least.
-pub(crate) const NESTED: usize = bvh_core::MAX_HEIGHT as usize / 4 + 2;
+/// Blocks nested in each other: 64 roots and 1024 listed nodes make three levels at least.
+pub(crate) const NESTED: usize = bvh_core::MAX_HEIGHT as usize / 3 + 2;
 
 /// Updates the subtrees below `roots`, with a block each level of nesting.
 pub(crate) fn process<P: Primitives + ?Sized>(
@@ -119,7 +119,7 @@ pub(crate) fn process<P: Primitives + ?Sized>(
     tally: &mut Tally,
 ) {
     let Some((block, deeper)) = blocks.split_first_mut() else {
-        unreachable!("each of {NESTED} nested blocks takes four levels of at most {}", bvh_core::MAX_HEIGHT)
+        unreachable!("each of {NESTED} nested blocks takes three levels of at most {}", bvh_core::MAX_HEIGHT)
     };
     block.gather(task, roots, lists);
     lists.fit_twigs(task, tally);
