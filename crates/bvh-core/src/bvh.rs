@@ -35,7 +35,21 @@ pub struct Bvh {
     order: Vec<u32>,
     in_order: bool,
     still_area: f64,
-    updates: u32,
+    history: History,
+}
+
+/// What updates remember of a tree from frame to frame. Plain data, which a clone of the tree carries along.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct History {
+    /// Updates since the tree was built.
+    pub updates: u32,
+    /// Updates since it was built or last repaired.
+    pub since_repair: u32,
+    /// Sum of half areas times weights over all nodes when the tree was built or last repaired, in units of the sum
+    /// over leaves that moved then; 0 until an update measures it.
+    pub reference: f64,
+    /// What the growth of that sum has cost in the frames since, added up as the strategy sees fit.
+    pub regret: f64,
 }
 
 /// The parts of a tree that an update writes and reads, from [`Bvh::parts_mut`].
@@ -46,8 +60,8 @@ pub struct Parts<'a> {
     pub order: &'a [u32],
     /// Sum of half area times [`Node::weight`] over all nodes that do not move.
     pub still_area: &'a mut f64,
-    /// How many updates the tree has seen since it was built.
-    pub updates: &'a mut u32,
+    /// What updates remember.
+    pub history: &'a mut History,
 }
 
 /// Why nodes and an order do not make a tree.
@@ -123,7 +137,7 @@ impl Bvh {
     }
 
     fn from_pairs(pairs: Vec<Pair>, order: Vec<u32>) -> Result<Self, Malformed> {
-        let mut bvh = Self { pairs, order, in_order: false, still_area: 0.0, updates: 0 };
+        let mut bvh = Self { pairs, order, in_order: false, still_area: 0.0, history: History::default() };
         bvh.check_order()?;
         if let Some(parents) = bvh.parents_if_ordered() {
             for pair in (1..bvh.pairs.len()).rev() {
@@ -262,7 +276,7 @@ impl Bvh {
             nodes: bytemuck::cast_slice_mut(&mut self.pairs),
             order: &self.order,
             still_area: &mut self.still_area,
-            updates: &mut self.updates,
+            history: &mut self.history,
         }
     }
 
@@ -396,7 +410,7 @@ impl Default for Bvh {
             order: Vec::new(),
             in_order: true,
             still_area: 0.0,
-            updates: 0,
+            history: History::default(),
         }
     }
 }

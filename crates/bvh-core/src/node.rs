@@ -21,7 +21,8 @@ const HEIGHT: u32 = 0xff;
 ///                bits 0-29  inner: number of the left child node (even; the right child follows it)
 ///                           leaf:  first slot in the tree's order of primitives
 ///      16  max   3 x f32
-///      28  aux   bits 8-31  leaf: number of primitives; inner: unused, 0
+///      28  aux   bits 8-31  leaf: number of primitives
+///                           inner: reference area, the upper bits of an f32
 ///                bits 0-7   height: 0 for a leaf, else 1 + the greater height of the children
 /// ```
 ///
@@ -116,7 +117,23 @@ impl Node {
     #[must_use]
     #[inline]
     pub fn count(&self) -> usize {
-        (self.aux >> 8) as usize
+        if self.is_leaf() { (self.aux >> 8) as usize } else { 0 }
+    }
+
+    /// The reference area of an inner node: what its half area was, in units that the update chooses, when the node
+    /// was last built. 0 until it is set, and for a leaf. Rotations carry it along.
+    #[must_use]
+    #[inline]
+    pub fn reference(&self) -> f32 {
+        if self.is_leaf() { 0.0 } else { f32::from_bits(self.aux & !HEIGHT) }
+    }
+
+    /// Sets the reference area of an inner node, with 16 bits of precision, rounded down. Does nothing to a leaf.
+    #[inline]
+    pub fn set_reference(&mut self, area: f32) {
+        if !self.is_leaf() {
+            self.aux = area.to_bits() & !HEIGHT | self.aux & HEIGHT;
+        }
     }
 
     /// What the node's half area counts in the SAH cost: see [`sah_cost`](crate::sah_cost).

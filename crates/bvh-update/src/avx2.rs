@@ -26,7 +26,7 @@ const AHEAD: usize = 8;
 #[target_feature(enable = "avx2")]
 pub(crate) fn twigs<P: Primitives + ?Sized>(nodes: SharedNodes<'_>, primitives: &P, list: &[u32]) -> Fitted {
     let mut others = Fitted::default();
-    let (mut areas, mut count) = (_mm256_setzero_pd(), 0);
+    let (mut leaf_areas, mut inner_areas, mut count) = (_mm256_setzero_pd(), _mm256_setzero_pd(), 0);
     // The primitives of some twigs ahead, whose indices are on their way, and then their data.
     let mut ahead = [[0; 2]; AHEAD];
     for i in 0..list.len() + 2 * AHEAD {
@@ -55,16 +55,16 @@ pub(crate) fn twigs<P: Primitives + ?Sized>(nodes: SharedNodes<'_>, primitives: 
                 let union = union(a, b);
                 // A twig's height is known: it was found by it.
                 nodes.set_lanes(slot, with_words_of(nodes.lanes(slot), union));
-                let of_leaves = products(sides(a, b));
-                let products = _mm_add_ps(both_halves(of_leaves), products_of_one(union));
-                areas = _mm256_add_pd(areas, _mm256_cvtps_pd(products));
+                let of_leaves = both_halves(products(sides(a, b)));
+                leaf_areas = _mm256_add_pd(leaf_areas, _mm256_cvtps_pd(of_leaves));
+                inner_areas = _mm256_add_pd(inner_areas, _mm256_cvtps_pd(products_of_one(union)));
                 count += 2;
                 continue;
             }
         }
         fit_inner(nodes, primitives, slot, &mut others);
     }
-    others.and(count, areas)
+    others.and(count, leaf_areas, inner_areas)
 }
 
 /// See [`kernels::spurs`](crate::kernels::spurs).
@@ -76,7 +76,7 @@ pub(crate) fn spurs<P: Primitives + ?Sized, const ROTATE: bool>(
     accepted: &mut Vec<Accepted>,
 ) -> Fitted {
     let mut others = Fitted::default();
-    let (mut areas, mut count) = (_mm256_setzero_pd(), 0);
+    let (mut leaf_areas, mut inner_areas, mut count) = (_mm256_setzero_pd(), _mm256_setzero_pd(), 0);
     for &slot in list {
         let pair = nodes.get(slot as usize).first();
         let right = usize::from(!nodes.get(pair).is_leaf());
@@ -89,8 +89,8 @@ pub(crate) fn spurs<P: Primitives + ?Sized, const ROTATE: bool>(
                 let b = nodes.lanes(pair + 1 - right);
                 let union_ab = union(a, b);
                 nodes.set_lanes(slot as usize, parent(nodes.lanes(slot as usize), b, b, union_ab));
-                let of_both = products(sides(a, union_ab));
-                areas = _mm256_add_pd(areas, _mm256_cvtps_pd(both_halves(of_both)));
+                leaf_areas = _mm256_add_pd(leaf_areas, _mm256_cvtps_pd(products_of_one(a)));
+                inner_areas = _mm256_add_pd(inner_areas, _mm256_cvtps_pd(products_of_one(union_ab)));
                 count += 1;
                 if ROTATE {
                     let below = nodes.get(pair + 1 - right).first();
@@ -110,7 +110,7 @@ pub(crate) fn spurs<P: Primitives + ?Sized, const ROTATE: bool>(
             evaluate(nodes, slot, accepted);
         }
     }
-    others.and(count, areas)
+    others.and(count, leaf_areas, inner_areas)
 }
 
 /// See [`kernels::forks`](crate::kernels::forks).
@@ -175,9 +175,11 @@ pub(crate) fn forks<const ROTATE: bool>(
 impl Fitted {
     /// With leaves of one primitive added, and sums of areas that were kept in a register.
     #[target_feature(enable = "avx2")]
-    fn and(mut self, leaves: u64, areas: __m256d) -> Self {
+    fn and(mut self, leaves: u64, leaf_areas: __m256d, inner_areas: __m256d) -> Self {
         self.leaves += leaves;
-        self.areas.0 = bytemuck::cast(_mm256_add_pd(bytemuck::cast(self.areas.0), areas));
+        for (Areas(sum), more) in [(&mut self.leaf_areas, leaf_areas), (&mut self.inner_areas, inner_areas)] {
+            *sum = bytemuck::cast(_mm256_add_pd(bytemuck::cast(*sum), more));
+        }
         self
     }
 }

@@ -41,6 +41,8 @@ pub(crate) struct Tally {
     pub(crate) dropped: u64,
     /// Sum of half area times weight over all nodes visited.
     pub(crate) area: f64,
+    /// The part of it that is due to leaves.
+    pub(crate) leaf_area: f64,
     /// Growth of the same sum over nodes that stand still.
     pub(crate) still_area: f64,
 }
@@ -52,13 +54,15 @@ impl Tally {
         self.inner += other.inner;
         self.dropped += other.dropped;
         self.area += other.area;
+        self.leaf_area += other.leaf_area;
         self.still_area += other.still_area;
     }
 
     pub(crate) fn add_fitted(&mut self, fitted: Fitted) {
         self.leaves += fitted.leaves;
         self.dropped += fitted.dropped;
-        self.area += fitted.areas.total();
+        self.leaf_area += fitted.leaf_areas.total();
+        self.area += fitted.leaf_areas.total() + fitted.inner_areas.total();
     }
 }
 

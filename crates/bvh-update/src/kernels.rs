@@ -36,7 +36,8 @@ pub(crate) struct Fitted {
     pub(crate) leaves: u64,
     /// Primitives without a box.
     pub(crate) dropped: u64,
-    pub(crate) areas: Areas,
+    pub(crate) leaf_areas: Areas,
+    pub(crate) inner_areas: Areas,
 }
 
 /// A node at which a rotation is a gain, and how the area would change under each, in the order of `Rotation::ALL`.
@@ -93,7 +94,7 @@ pub(crate) fn fit_leaf<P: Primitives + ?Sized>(
         aabb = aabb.union(next);
     }
     fitted.leaves += 1;
-    fitted.areas.add(aabb, node.weight());
+    fitted.leaf_areas.add(aabb, node.weight());
     node.set_aabb(aabb);
     nodes.set(slot, node);
 }
@@ -112,7 +113,7 @@ pub(crate) fn fit_inner<P: Primitives + ?Sized>(
             fit_leaf(nodes, primitives, child, fitted);
         }
     }
-    refit(nodes, slot, &mut fitted.areas);
+    refit(nodes, slot, &mut fitted.inner_areas);
 }
 
 /// Refits one inner node from its children.

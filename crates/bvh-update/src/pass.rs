@@ -63,8 +63,8 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     let parts = raw::parts(bvh);
     let nodes = raw::share(parts.nodes);
     let level = scratch.level;
-    let rotations = rotate.map(|rotate| Turn::new(rotate, *parts.updates));
-    *parts.updates = parts.updates.wrapping_add(1);
+    let rotations = rotate.map(|rotate| Turn::new(rotate, parts.history.updates));
+    parts.history.updates = parts.history.updates.wrapping_add(1);
     let tally = if in_order {
         run(&Task { nodes, primitives, rotations, level }, scratch)
     } else {

@@ -23,8 +23,8 @@ use crate::strategy::{Rotate, Turn};
 /// If the tree is over more primitives than given.
 pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Option<Rotate>) -> [u64; 6] {
     let parts = raw::parts(bvh);
-    let rotations = rotate.map(|rotate| Turn::new(rotate, *parts.updates));
-    *parts.updates = parts.updates.wrapping_add(1);
+    let rotations = rotate.map(|rotate| Turn::new(rotate, parts.history.updates));
+    parts.history.updates = parts.history.updates.wrapping_add(1);
     let (nodes, order) = (parts.nodes, parts.order);
     let mut walk = Walk { nodes, order, primitives, rotations, applied: [0; 6], still_area: 0.0 };
     walk.node(0, 0);
