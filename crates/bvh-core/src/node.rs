@@ -133,6 +133,18 @@ impl Node {
         self.set_aabb(aabb);
     }
 
+    /// The parent of `l` and `r`, which are or will be the child nodes `left` and `left + 1`.
+    ///
+    /// # Panics
+    /// As [`inner`](Self::inner).
+    #[must_use]
+    #[inline]
+    pub fn parent(l: &Self, r: &Self, left: u32) -> Self {
+        let mut node = Self::inner(Aabb::EMPTY, left);
+        node.refit(l, r);
+        node
+    }
+
     /// Makes this inner node the parent of `l` and `r` as far as box, height and motion go.
     #[inline]
     pub fn refit(&mut self, l: &Self, r: &Self) {

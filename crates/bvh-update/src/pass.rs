@@ -2,6 +2,7 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use bvh_build::BuildScratch;
 use bvh_core::{Bvh, InOrder, Primitives, SimdLevel};
 use rayon::prelude::*;
 
@@ -16,9 +17,10 @@ const TOP_PAIRS: usize = 2048;
 /// Subtrees that a thread takes at a time.
 const TOP_ROOTS: usize = 16;
 
-/// Memory that updates keep from frame to frame: well below 1 MiB a thread, whatever the size of the tree. It has
-/// no influence on results.
+/// Memory that updates keep from frame to frame: well below 1 MiB a thread, whatever the size of the tree, and what
+/// rebuilds take, if any are made. It has no influence on results.
 pub struct Scratch {
+    pub(crate) build: BuildScratch,
     level: Available,
     top: Block,
     workers: Vec<Worker>,
@@ -41,7 +43,13 @@ impl Scratch {
     #[must_use]
     pub fn with_level(level: SimdLevel) -> Self {
         let level = Available::at_most(level);
-        Self { level, top: Block::default(), workers: Vec::new(), tallies: Vec::new() }
+        Self {
+            build: BuildScratch::new(),
+            level,
+            top: Block::default(),
+            workers: Vec::new(),
+            tallies: Vec::new(),
+        }
     }
 }
 
