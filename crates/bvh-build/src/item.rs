@@ -31,6 +31,21 @@ impl Item {
         }
     }
 
+    /// A cluster of primitives: with their number in the fourth lane of `max`, where no arithmetic is done on it.
+    #[inline]
+    pub(crate) fn cluster(hull: Hull, number: u32, size: u32) -> Self {
+        Self {
+            min: hull.min.with_w(f32::from_bits(number | MARK)).to_array(),
+            max: hull.max.with_w(f32::from_bits(size)).to_array(),
+        }
+    }
+
+    /// Number of primitives in a cluster.
+    #[inline]
+    pub(crate) fn size(&self) -> u32 {
+        self.max[3].to_bits()
+    }
+
     #[inline]
     pub(crate) fn number(&self) -> u32 {
         self.min[3].to_bits() & !MARK

@@ -28,6 +28,8 @@ mod four;
 mod item;
 mod leaves;
 mod morton;
+mod nearest;
+mod ploc;
 mod plot;
 mod radix;
 mod raw;
@@ -38,6 +40,7 @@ use bvh_core::{Bvh, MAX_PRIMITIVES, Node, Primitives};
 use crate::binned::Bins;
 use crate::item::{Gathered, Item};
 use crate::morton::Codes;
+use crate::ploc::Clusters;
 use crate::plot::Plot;
 
 #[cfg(test)]
@@ -56,11 +59,14 @@ pub enum Builder {
     /// Splits along the Morton curve through the centres (Lauterbach et al. 2009), on all threads of the current rayon
     /// pool: the fastest build, for a tree of 1.2 times the cost.
     Lbvh,
+    /// Parallel locally-ordered clustering (Meister and Bittner 2018), on all threads of the current rayon pool: a tree
+    /// like that of [`Binned`](Self::Binned) in less than half the time.
+    Ploc,
 }
 
 impl Builder {
     /// All builders.
-    pub const ALL: [Self; 4] = [Self::Sweep, Self::Binned, Self::BinnedParallel, Self::Lbvh];
+    pub const ALL: [Self; 5] = [Self::Sweep, Self::Binned, Self::BinnedParallel, Self::Lbvh, Self::Ploc];
 
     /// Name on command lines and in result files.
     #[must_use]
@@ -70,6 +76,7 @@ impl Builder {
             Self::Binned => "binned",
             Self::BinnedParallel => "binned-parallel",
             Self::Lbvh => "lbvh",
+            Self::Ploc => "ploc",
         }
     }
 }
@@ -87,6 +94,8 @@ pub struct BuildOptions {
     pub bins: u32,
     /// Bits of the Morton codes, for the builders that sort by them.
     pub code_bits: CodeBits,
+    /// How many neighbours on either side [`Builder::Ploc`] compares each cluster with, 1 to 32.
+    pub search_radius: u32,
 }
 
 /// How many bits a Morton code has.
@@ -103,7 +112,7 @@ pub enum CodeBits {
 
 impl Default for BuildOptions {
     fn default() -> Self {
-        Self { max_leaf_size: 1, bins: 32, code_bits: CodeBits::Auto }
+        Self { max_leaf_size: 1, bins: 32, code_bits: CodeBits::Auto, search_radius: 8 }
     }
 }
 
@@ -134,6 +143,7 @@ pub struct BuildScratch {
     spare: Vec<Item>,
     bins: Vec<Bins>,
     codes: Codes,
+    clusters: Clusters,
 }
 
 impl BuildScratch {
@@ -186,7 +196,7 @@ pub fn rebuild<P: Primitives + ?Sized>(
         Builder::Sweep if !in_pool => 1,
         _ => rayon::current_num_threads(),
     };
-    let BuildScratch { items, dropped, spare, bins, codes } = scratch;
+    let BuildScratch { items, dropped, spare, bins, codes, clusters } = scratch;
     raw::write(bvh, n, |nodes, order| {
         if n == 0 {
             nodes.fill(Node::NOTHING);
@@ -199,7 +209,13 @@ pub fn rebuild<P: Primitives + ?Sized>(
             Builder::Binned | Builder::BinnedParallel => {
                 binned::build(items, (spare, bins), options.bins, threads, plot)
             }
-            Builder::Lbvh => morton::build(items, &centers, codes, options.code_bits, threads, plot),
+            Builder::Lbvh => {
+                morton::build(items, &codes.sort(items, &centers, options.code_bits, threads), threads, plot)
+            }
+            Builder::Ploc => {
+                let sorted = codes.sort(items, &centers, options.code_bits, threads);
+                ploc::build(items, &sorted, options.search_radius, clusters, threads, plot)
+            }
         };
         let plot = Plot::new(nodes, order);
         match (boxed, dropped.len()) {

@@ -18,7 +18,7 @@ use crate::radix::{Counts, Key, sort};
 const GRAIN: usize = 4096;
 
 /// How many primitives ahead boxes are fetched.
-const AHEAD: usize = 12;
+pub(crate) const AHEAD: usize = 12;
 
 /// Memory for codes and their order.
 #[derive(Default)]
@@ -60,16 +60,9 @@ impl Codes {
     }
 }
 
-/// Builds the tree over `items`, which have boxes and whose centres have the hull `centers`; gives its hull.
-pub(crate) fn build(
-    items: &[Item],
-    centers: &Hull,
-    codes: &mut Codes,
-    bits: CodeBits,
-    threads: usize,
-    plot: Plot,
-) -> Hull {
-    match codes.sort(items, centers, bits, threads) {
+/// Builds the tree over `items`, which have boxes and lie along the curve as `sorted` says; gives its hull.
+pub(crate) fn build(items: &[Item], sorted: &Sorted<'_>, threads: usize, plot: Plot) -> Hull {
+    match sorted {
         Sorted::Short(keys) => grow(keys, items, threads > 1, plot),
         Sorted::Long(keys) => grow(keys, items, threads > 1, plot),
     }

@@ -38,6 +38,11 @@ impl<'a> Plot<'a> {
         Self { root: &mut top[0], below, first_node: 2, order, first_slot: 0, depth: 0 }
     }
 
+    /// Edges between the tree's root and this one.
+    pub(crate) fn depth(&self) -> u32 {
+        self.depth
+    }
+
     /// Hands over the place itself.
     pub(crate) fn site(self) -> Site<'a> {
         let Self { root, below, first_node, order, first_slot, .. } = self;

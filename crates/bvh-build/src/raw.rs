@@ -4,6 +4,8 @@ use std::marker::PhantomData;
 
 use bvh_core::{Bvh, Node};
 
+use crate::nearest::Window;
+
 /// Lets a builder write a tree over `primitives` primitives of one or more a leaf.
 pub(crate) fn write(bvh: &mut Bvh, primitives: usize, fill: impl FnOnce(&mut [Node], &mut [u32]) -> usize) {
     // SAFETY: builders write nodes by `Plot` alone, which gives out each pair and each slot once, and takes heights from
@@ -43,4 +45,21 @@ impl<'a, T: Copy> Scatter<'a, T> {
             self.start.add(i).write(item);
         }
     }
+}
+
+/// [`Window::search`] with the best instructions that the machine has; the results are the same.
+pub(crate) fn search(window: &mut Window, radius: usize) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2")]
+        fn avx2(window: &mut Window, radius: usize) {
+            window.search(radius);
+        }
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: the machine has AVX2.
+            #[expect(unsafe_code, reason = "calls code compiled for AVX2")]
+            return unsafe { avx2(window, radius) };
+        }
+    }
+    window.search(radius);
 }
