@@ -12,22 +12,21 @@ use rayon::prelude::*;
 #[repr(C, align(32))]
 #[derive(Clone, Copy)]
 pub(crate) struct Item {
-    min: [f32; 4],
-    max: [f32; 4],
+    min: Vec4,
+    max: Vec4,
 }
 
 const MARK: u32 = 1 << 30;
 
 impl Item {
     /// Fills memory that is yet to be used.
-    pub(crate) const NOTHING: Self = Self { min: [0.0; 4], max: [0.0; 4] };
+    pub(crate) const NOTHING: Self = Self { min: Vec4::ZERO, max: Vec4::ZERO };
 
     #[inline]
     fn new(aabb: Aabb, number: usize) -> Self {
-        let (min, max) = (aabb.min, aabb.max);
         Self {
-            min: [min.x, min.y, min.z, f32::from_bits(number as u32 | MARK)],
-            max: [max.x, max.y, max.z, f32::NEG_INFINITY],
+            min: aabb.min.extend(f32::from_bits(number as u32 | MARK)),
+            max: aabb.max.extend(f32::NEG_INFINITY),
         }
     }
 
@@ -35,45 +34,44 @@ impl Item {
     #[inline]
     pub(crate) fn cluster(hull: Hull, number: u32, size: u32) -> Self {
         Self {
-            min: hull.min.with_w(f32::from_bits(number | MARK)).to_array(),
-            max: hull.max.with_w(f32::from_bits(size)).to_array(),
+            min: hull.min.with_w(f32::from_bits(number | MARK)),
+            max: hull.max.with_w(f32::from_bits(size)),
         }
     }
 
     /// Number of primitives in a cluster.
     #[inline]
     pub(crate) fn size(&self) -> u32 {
-        self.max[3].to_bits()
+        self.max.w.to_bits()
     }
 
     #[inline]
     pub(crate) fn number(&self) -> u32 {
-        self.min[3].to_bits() & !MARK
+        self.min.w.to_bits() & !MARK
     }
 
     #[inline]
     pub(crate) fn hull(&self) -> Hull {
-        Hull { min: Vec4::from_array(self.min), max: Vec4::from_array(self.max) }
+        Hull { min: self.min, max: self.max }
     }
 
     /// Twice the centre of the box; the fourth lane is of no meaning.
     #[inline]
     pub(crate) fn center(&self) -> Vec4 {
-        Vec4::from_array(self.min) + Vec4::from_array(self.max)
+        self.min + self.max
     }
 
     /// One coordinate of [`center`](Self::center), with the same bits.
     #[inline]
     pub(crate) fn center_on(&self, axis: usize) -> f32 {
-        self.min[axis & 3] + self.max[axis & 3]
+        let [min, max]: [&[f32; 4]; 2] = [self.min.as_ref(), self.max.as_ref()];
+        min[axis & 3] + max[axis & 3]
     }
 
     #[inline]
     fn scale(&mut self, unit: f32) {
-        for axis in 0..3 {
-            self.min[axis] *= unit;
-            self.max[axis] *= unit;
-        }
+        let scale = |v: Vec4| (v * unit).with_w(v.w);
+        (self.min, self.max) = (scale(self.min), scale(self.max));
     }
 }
 

@@ -3,7 +3,7 @@
 use bvh_core::glam::{Mat4, Vec4};
 use rayon::prelude::*;
 
-use crate::item::Item;
+use crate::item::{Hull, Item};
 use crate::raw;
 
 /// Largest search radius.
@@ -22,10 +22,11 @@ const RANK: u32 = 2 * MAX_RADIUS as u32 - 1;
 pub(crate) struct Window {
     /// Minima and maxima.
     bounds: [[f32; Window::SIZE]; 6],
-    /// Area and rank of each with another, as an `f32` whose order is that of areas and of equal ones of ranks.
-    keys: [f32; Window::SIZE],
+    /// For each, behind [`MAX_RADIUS`] that are greatest, area and rank with another at some distance behind it, as
+    /// bits whose order is that of areas and of equal ones of ranks.
+    keys: [u32; Window::SIZE + MAX_RADIUS],
     /// The least key.
-    least: [f32; Window::SIZE],
+    least: [u32; Window::SIZE],
     /// Place of the first.
     start: usize,
     len: usize,
@@ -35,66 +36,89 @@ impl Window {
     const SIZE: usize = PART + 2 * MAX_RADIUS;
 
     fn new() -> Self {
-        let zeros = [0.0; Self::SIZE];
-        Self { bounds: [zeros; 6], keys: zeros, least: zeros, start: 0, len: 0 }
+        Self {
+            bounds: [[0.0; Self::SIZE]; 6],
+            keys: [u32::MAX; Self::SIZE + MAX_RADIUS],
+            least: [u32::MAX; Self::SIZE],
+            start: 0,
+            len: 0,
+        }
     }
 
     fn fill(&mut self, clusters: &[Item], start: usize) {
         (self.start, self.len) = (start, clusters.len());
-        let [min_x, min_y, min_z, max_x, max_y, max_z] = &mut self.bounds;
-        for (four, i) in clusters.chunks(4).zip((0..).step_by(4)) {
-            let hulls = [0, 1, 2, 3].map(|k| four.get(k).unwrap_or(&four[0]).hull());
-            let [min, max] = [hulls.map(|h| h.min), hulls.map(|h| h.max)].map(columns);
-            let to = [&mut *min_x, min_y, min_z, max_x, max_y, max_z];
-            for (to, from) in
-                to.into_iter().zip([min.x_axis, min.y_axis, min.z_axis, max.x_axis, max.y_axis, max.z_axis])
-            {
-                to[i..i + 4].copy_from_slice(&from.to_array());
+        let (fours, rest) = clusters.as_chunks::<4>();
+        for (i, four) in fours.iter().enumerate() {
+            let hulls = four.each_ref().map(|item| item.hull());
+            let min = columns(hulls.map(|hull| hull.min));
+            let max = columns(hulls.map(|hull| hull.max));
+            let axes = [min.x_axis, min.y_axis, min.z_axis, max.x_axis, max.y_axis, max.z_axis];
+            for (to, axis) in self.bounds.iter_mut().zip(axes) {
+                to[4 * i..4 * i + 4].copy_from_slice(&axis.to_array());
+            }
+        }
+        for (i, item) in (4 * fours.len()..).zip(rest) {
+            let Hull { min, max } = item.hull();
+            let bounds = [min.x, min.y, min.z, max.x, max.y, max.z];
+            for (to, bound) in self.bounds.iter_mut().zip(bounds) {
+                to[i] = bound;
             }
         }
     }
 
-    /// Finds the least keys of all, within `radius` and the window. One code for all SIMD levels: loops over plain
-    /// arrays, which compilers turn into vector instructions.
+    /// For the clusters from place `from` on, finds the places of those with the least keys, within `radius` and the
+    /// window. One code for all SIMD levels: loops over plain arrays, which compilers turn into vector instructions.
     #[inline(always)]
-    pub(crate) fn search(&mut self, radius: usize) {
-        let n = self.len;
-        self.least[..n].fill(f32::INFINITY);
+    pub(crate) fn search(&mut self, radius: usize, from: usize, nearest: &mut [u32]) {
+        let Self { bounds, keys, least, start, len } = self;
+        let n = *len;
+        least[..n].fill(u32::MAX);
         for distance in 1..=radius.min(n - 1) {
             let m = n - distance;
-            let [near, far] = [0, distance].map(|i| self.bounds.each_ref().map(|b| &b[i..i + m]));
-            let first = self.start as u32;
+            let [a, b, c, d, e, f] = bounds.each_ref().map(|b| &b[..m]);
+            let [a2, b2, c2, d2, e2, f2] = bounds.each_ref().map(|b| &b[distance..][..m]);
+            let first = *start as u32;
             let shift = distance.trailing_zeros();
             let rank = 2 * (distance as u32 - 1);
-            let min = |a: f32, b: f32| if a < b { a } else { b };
-            let max = |a: f32, b: f32| if a > b { a } else { b };
-            let keys = &mut self.keys[..m];
+            let forward = &mut keys[MAX_RADIUS..][..m];
             for i in 0..m {
-                let extent =
-                    |axis: usize| max(near[axis + 3][i], far[axis + 3][i]) - min(near[axis][i], far[axis][i]);
-                let (x, y, z) = (extent(0), extent(1), extent(2));
+                let x = max(d[i], d2[i]) - min(a[i], a2[i]);
+                let y = max(e[i], e2[i]) - min(b[i], b2[i]);
+                let z = max(f[i], f2[i]) - min(c[i], c2[i]);
                 let area = x * y + (x + y) * z;
                 let parity = (first + i as u32) >> shift & 1;
-                keys[i] = f32::from_bits(area.to_bits() & !RANK | rank | parity);
+                forward[i] = area.to_bits() & !RANK | rank | parity;
             }
-            for (least, &key) in self.least.iter_mut().zip(&*keys) {
-                *least = min(*least, key);
-            }
-            for (least, &key) in self.least[distance..].iter_mut().zip(&*keys) {
-                *least = min(*least, key);
+            // Not in the loop above, where a vector of keys at an odd place would span two that are still to be stored.
+            keys[MAX_RADIUS + m..][..distance].fill(u32::MAX);
+            let forward = keys[MAX_RADIUS..][..n].iter();
+            let backward = keys[MAX_RADIUS - distance..][..n].iter();
+            for ((least, &forward), &backward) in least[..n].iter_mut().zip(forward).zip(backward) {
+                *least = (*least).min(forward).min(backward);
             }
         }
+        let count = nearest.len();
+        let least = &least[from - *start..][..count];
+        let from = from as u32;
+        for i in 0..count {
+            let place = from + i as u32;
+            let rank = least[i] & RANK;
+            let distance = rank / 2 + 1;
+            let unit = distance & distance.wrapping_neg();
+            let is_upper = (u32::from(place & unit != 0) ^ rank) & 1;
+            nearest[i] = place + distance - 2 * distance * is_upper;
+        }
     }
+}
 
-    /// The place that belongs to a least key.
-    #[inline]
-    fn nearest(&self, i: usize) -> u32 {
-        let rank = self.least[i].to_bits() & RANK;
-        let distance = rank / 2 + 1;
-        let place = (self.start + i) as u32;
-        let parity = place >> distance.trailing_zeros() & 1;
-        if parity == rank & 1 { place + distance } else { place - distance }
-    }
+#[inline(always)]
+fn min(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+#[inline(always)]
+fn max(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
 }
 
 fn columns(rows: [Vec4; 4]) -> Mat4 {
@@ -110,10 +134,7 @@ pub(crate) fn find(clusters: &[Item], radius: usize, nearest: &mut [u32], thread
         let first = start.saturating_sub(radius);
         let end = clusters.len().min(start + PART + radius);
         window.fill(&clusters[first..end], first);
-        raw::search(window, radius);
-        for (i, nearest) in nearest.iter_mut().enumerate() {
-            *nearest = window.nearest(start - first + i);
-        }
+        raw::search(window, radius, start, nearest);
     };
     if threads > 1 {
         nearest.par_chunks_mut(PART).enumerate().for_each_init(Window::new, find);

@@ -13,6 +13,7 @@
 //! Where few do nevertheless, the next round joins neighbours whatever their areas: the number of rounds is
 //! logarithmic. Nodes are numbered depth first at the end.
 
+use std::hint::select_unpredictable;
 use std::ops::Range;
 
 use bvh_core::{MAX_HEIGHT, Node, prefetch};
@@ -33,22 +34,23 @@ const GRAIN: usize = 4096;
 /// A round that joins fewer than one in so many is followed by one that joins all neighbours.
 const SLOW: usize = 32;
 
-/// Two clusters that became one, and the number of primitives in it. A cluster's number is that of its only
-/// primitive's item, or the number of items plus that of its merger.
+/// Two clusters that became one, and the number of primitives in it. A cluster's number is the place of
+/// its only leaf, or the number of leaves plus that of its merger.
 #[derive(Clone, Copy)]
-struct Merger {
-    left: u32,
-    right: u32,
-    size: u32,
+pub(crate) struct Merger {
+    pub(crate) left: u32,
+    pub(crate) right: u32,
+    pub(crate) size: u32,
 }
 
 /// Memory for clusters.
 #[derive(Default)]
 pub(crate) struct Clusters {
-    now: Vec<Item>,
-    next: Vec<Item>,
+    /// The items along the curve.
+    pub(crate) leaves: Vec<Item>,
+    spare: Vec<Item>,
     nearest: Vec<u32>,
-    mergers: Vec<Merger>,
+    pub(crate) mergers: Vec<Merger>,
     parts: Vec<Kept>,
 }
 
@@ -59,9 +61,10 @@ struct Kept {
     mergers: usize,
 }
 
-/// Builds the tree over `items`, which have boxes and lie along the curve as `sorted` says; gives its hull.
+/// Builds the tree over `items`, which have boxes and lie along the curve as `sorted` says; gives its hull. Other
+/// items are left in their place.
 pub(crate) fn build(
-    items: &[Item],
+    items: &mut [Item],
     sorted: &Sorted<'_>,
     radius: u32,
     clusters: &mut Clusters,
@@ -70,44 +73,45 @@ pub(crate) fn build(
 ) -> Hull {
     let n = items.len();
     let radius = radius.clamp(1, MAX_RADIUS as u32) as usize;
-    let Clusters { now, next, nearest, mergers, parts } = clusters;
-    now.resize(n, Item::NOTHING);
-    next.resize(n, Item::NOTHING);
+    let Clusters { leaves, spare, nearest, mergers, parts } = clusters;
+    leaves.resize(n, Item::NOTHING);
+    spare.resize(n, Item::NOTHING);
     nearest.resize(n, 0);
     mergers.resize(n - 1, Merger { left: 0, right: 0, size: 0 });
     match sorted {
-        Sorted::Short(keys) => gather(keys, items, now, threads),
-        Sorted::Long(keys) => gather(keys, items, now, threads),
+        Sorted::Short(keys) => gather(keys, items, leaves, threads),
+        Sorted::Long(keys) => gather(keys, items, leaves, threads),
     }
-    let (mut from, mut to) = (&mut now[..], &mut next[..]);
+    let (mut from, mut to) = (&mut spare[..], items);
     let (mut count, mut merged) = (n, 0);
     let mut slow = false;
     while count > 1 {
+        let clusters = if merged == 0 { &leaves[..] } else { &from[..count] };
         let threads = if count > 2 * PART { threads } else { 1 };
         let nearest = &mut nearest[..count];
         if slow {
             join_neighbours(nearest);
         } else {
-            nearest::find(&from[..count], radius, nearest, threads);
+            nearest::find(clusters, radius, nearest, threads);
         }
-        let round = Round { clusters: &from[..count], nearest };
-        let kept = round.run(to, &mut mergers[merged..], (n + merged) as u32, parts, threads);
+        let round = Round { clusters, nearest, is_first: merged == 0, number: (n + merged) as u32 };
+        let kept = round.run(to, &mut mergers[merged..], parts, threads);
         slow = kept.mergers < count / SLOW;
         merged += kept.mergers;
         count = kept.clusters;
         std::mem::swap(&mut from, &mut to);
     }
-    Tree { items, mergers }.grow(from[0].number(), threads > 1, plot)
+    let root = (n + merged - 1) as u32;
+    Tree { leaves, mergers }.grow(if n == 1 { 0 } else { root }, threads > 1, plot)
 }
 
-/// Copies the items in the order of the curve, as clusters.
-fn gather<K: Key>(keys: &[K], items: &[Item], sorted: &mut [Item], threads: usize) {
+/// Copies the items in the order of the curve.
+pub(crate) fn gather<K: Key>(keys: &[K], items: &[Item], sorted: &mut [Item], threads: usize) {
     let copy = |(i, to): (usize, &mut Item)| {
         if let Some(key) = keys.get(i + AHEAD) {
             prefetch(items, key.number() as usize);
         }
-        let number = keys[i].number();
-        *to = Item::cluster(items[number as usize].hull(), number, 1);
+        *to = items[keys[i].number() as usize];
     };
     if threads > 1 {
         sorted.par_iter_mut().with_min_len(PART).enumerate().for_each(copy);
@@ -129,77 +133,89 @@ fn join_neighbours(nearest: &mut [u32]) {
 struct Round<'a> {
     clusters: &'a [Item],
     nearest: &'a [u32],
+    /// Whether the clusters are the leaves.
+    is_first: bool,
+    /// Number of the first new cluster.
+    number: u32,
 }
 
 impl Round<'_> {
-    /// Joins all that chose each other. Clusters that stay are written to `to` in the order they have, mergers to
-    /// `mergers`, of which the first is cluster number `first`.
-    fn run(
-        self,
-        to: &mut [Item],
-        mergers: &mut [Merger],
-        first: u32,
-        parts: &mut Vec<Kept>,
-        threads: usize,
-    ) -> Kept {
+    /// Joins all that chose each other. Clusters that stay are written to `to` in the order they have, those that are new
+    /// to `mergers`, too.
+    fn run(self, to: &mut [Item], mergers: &mut [Merger], parts: &mut Vec<Kept>, threads: usize) -> Kept {
         let n = self.clusters.len();
         if threads == 1 {
-            return self.join(0..n, to, mergers, first);
+            return self.join(0..n, to, mergers);
         }
         parts.resize(n.div_ceil(PART), Kept::default());
         parts.par_iter_mut().enumerate().for_each(|(p, kept)| {
             *kept = self.count(p * PART..n.min((p + 1) * PART));
         });
-        self.join_parts(parts, 0, to, mergers, first);
+        self.join_parts(parts, 0, to, mergers);
         Kept::sum(parts)
     }
 
-    /// The place that `i` and the one at that place chose mutually.
-    #[inline]
-    fn partner(&self, i: usize) -> Option<usize> {
-        let j = self.nearest[i] as usize;
-        (self.nearest[j] as usize == i).then_some(j)
-    }
-
     fn count(&self, range: Range<usize>) -> Kept {
-        range.fold(Kept::default(), |kept, i| match self.partner(i) {
-            Some(j) if j < i => kept,
-            Some(j) if j > i => Kept { clusters: kept.clusters + 1, mergers: kept.mergers + 1 },
-            _ => Kept { clusters: kept.clusters + 1, ..kept },
-        })
+        let mut kept = Kept::default();
+        for i in range {
+            let j = self.nearest[i] as usize;
+            let mutual = self.nearest[j] as usize == i;
+            kept.mergers += usize::from(mutual & (i < j));
+            kept.clusters += usize::from(!mutual | (i <= j));
+        }
+        kept
     }
 
     /// As [`run`](Self::run) for some of the parts, the first of which begins at `start`.
-    fn join_parts(self, parts: &[Kept], start: usize, to: &mut [Item], mergers: &mut [Merger], first: u32) {
+    fn join_parts(self, parts: &[Kept], start: usize, to: &mut [Item], mergers: &mut [Merger]) {
         let half = parts.len() / 2;
         if half == 0 {
-            self.join(start..self.clusters.len().min(start + PART), to, mergers, first);
+            self.join(start..self.clusters.len().min(start + PART), to, mergers);
             return;
         }
         let (l, r) = parts.split_at(half);
         let kept = Kept::sum(l);
         let (to_l, to_r) = to.split_at_mut(kept.clusters);
         let (mergers_l, mergers_r) = mergers.split_at_mut(kept.mergers);
+        let right = Self { number: self.number + kept.mergers as u32, ..self };
         rayon::join(
-            || self.join_parts(l, start, to_l, mergers_l, first),
-            || self.join_parts(r, start + half * PART, to_r, mergers_r, first + kept.mergers as u32),
+            || self.join_parts(l, start, to_l, mergers_l),
+            || right.join_parts(r, start + half * PART, to_r, mergers_r),
         );
     }
 
     /// As [`run`](Self::run) for the clusters at some of the places.
-    fn join(&self, range: Range<usize>, to: &mut [Item], mergers: &mut [Merger], first: u32) -> Kept {
+    fn join(&self, range: Range<usize>, to: &mut [Item], mergers: &mut [Merger]) -> Kept {
+        if self.is_first {
+            self.join_if::<true>(range, to, mergers)
+        } else {
+            self.join_if::<false>(range, to, mergers)
+        }
+    }
+
+    fn join_if<const FIRST: bool>(
+        &self,
+        range: Range<usize>,
+        to: &mut [Item],
+        mergers: &mut [Merger],
+    ) -> Kept {
         let mut kept = Kept::default();
+        let (clusters, nearest) = (self.clusters, &self.nearest[..self.clusters.len()]);
         // Who chose whom cannot be predicted, so there is no branch on it: what is not to be kept is written over.
         for i in range {
-            let j = self.nearest[i] as usize;
-            let mutual = self.nearest[j] as usize == i;
-            let (a, b) = (&self.clusters[i], &self.clusters[if mutual { j } else { i }]);
+            let j = nearest[i] as usize;
+            let mutual = nearest[j] as usize == i;
+            let other = select_unpredictable(mutual, j, i);
+            let (a, b) = (&clusters[i], &clusters[other]);
+            let number = |cluster: &Item, i| if FIRST { i as u32 } else { cluster.number() };
+            let size = |cluster: &Item| if FIRST { 1 } else { cluster.size() };
             let is_new = mutual & (i < j);
-            let size = a.size() + if is_new { b.size() } else { 0 };
+            let (left, right) = (number(a, i), number(b, other));
+            let size = size(a) + select_unpredictable(is_new, size(b), 0);
             if let Some(merger) = mergers.get_mut(kept.mergers) {
-                *merger = Merger { left: a.number(), right: b.number(), size };
+                *merger = Merger { left, right, size };
             }
-            let number = if is_new { first + kept.mergers as u32 } else { a.number() };
+            let number = select_unpredictable(is_new, self.number + kept.mergers as u32, left);
             if let Some(place) = to.get_mut(kept.clusters) {
                 *place = Item::cluster(a.hull().union(b.hull()), number, size);
             }
@@ -219,22 +235,22 @@ impl Kept {
     }
 }
 
-/// All mergers over all items.
+/// All mergers over all leaves.
 #[derive(Clone, Copy)]
-struct Tree<'a> {
-    items: &'a [Item],
-    mergers: &'a [Merger],
+pub(crate) struct Tree<'a> {
+    pub(crate) leaves: &'a [Item],
+    pub(crate) mergers: &'a [Merger],
 }
 
 impl Tree<'_> {
     /// What a cluster was made of, if it is not a primitive.
     #[inline]
     fn merger(&self, cluster: u32) -> Option<&Merger> {
-        (cluster as usize).checked_sub(self.items.len()).map(|i| &self.mergers[i])
+        (cluster as usize).checked_sub(self.leaves.len()).map(|i| &self.mergers[i])
     }
 
     /// Writes the tree below a cluster; gives its hull.
-    fn grow(self, cluster: u32, parallel: bool, plot: Plot) -> Hull {
+    pub(crate) fn grow(self, cluster: u32, parallel: bool, plot: Plot) -> Hull {
         match self.merger(cluster) {
             Some(&Merger { left, right, size })
                 if parallel && size as usize >= GRAIN && plot.any_split_fits() =>
@@ -304,7 +320,7 @@ impl Writer<'_> {
 
     #[inline]
     fn leaf(&mut self, cluster: u32) -> Node {
-        let item = &self.tree.items[cluster as usize];
+        let item = &self.tree.leaves[cluster as usize];
         self.slots -= 1;
         self.site.order[(self.slots - self.site.first_slot) as usize] = item.number();
         Node::leaf(item.hull().aabb(), self.slots, 1)

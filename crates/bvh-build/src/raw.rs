@@ -48,18 +48,18 @@ impl<'a, T: Copy> Scatter<'a, T> {
 }
 
 /// [`Window::search`] with the best instructions that the machine has; the results are the same.
-pub(crate) fn search(window: &mut Window, radius: usize) {
+pub(crate) fn search(window: &mut Window, radius: usize, from: usize, nearest: &mut [u32]) {
     #[cfg(target_arch = "x86_64")]
     {
         #[target_feature(enable = "avx2")]
-        fn avx2(window: &mut Window, radius: usize) {
-            window.search(radius);
+        fn avx2(window: &mut Window, radius: usize, from: usize, nearest: &mut [u32]) {
+            window.search(radius, from, nearest);
         }
         if is_x86_feature_detected!("avx2") {
             // SAFETY: the machine has AVX2.
             #[expect(unsafe_code, reason = "calls code compiled for AVX2")]
-            return unsafe { avx2(window, radius) };
+            return unsafe { avx2(window, radius, from, nearest) };
         }
     }
-    window.search(radius);
+    window.search(radius, from, nearest);
 }

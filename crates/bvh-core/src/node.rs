@@ -1,6 +1,6 @@
 //! One node: 32 bytes, two to a cache line.
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 
 use crate::{Aabb, COST_INTERSECT, COST_TRAVERSE};
 
@@ -48,9 +48,9 @@ impl Node {
     /// In debug builds, if `first` exceeds 30 bits or `count` exceeds [`MAX_LEAF_SIZE`].
     #[must_use]
     #[inline]
-    pub const fn leaf(aabb: Aabb, first: u32, count: u32) -> Self {
+    pub fn leaf(aabb: Aabb, first: u32, count: u32) -> Self {
         debug_assert!(first <= INDEX && count <= MAX_LEAF_SIZE, "leaf out of range");
-        Self { min: aabb.min, link: LEAF | MOVES | first & INDEX, max: aabb.max, aux: count << 8 }
+        Self::from_lanes(aabb.min.extend(0.0), aabb.max.extend(0.0), LEAF | MOVES | first & INDEX, count << 8)
     }
 
     /// An inner node over the child nodes `left` and `left + 1`, counted as moving, of height 1 until it is
@@ -148,14 +148,19 @@ impl Node {
     /// Makes this inner node the parent of `l` and `r` as far as box, height and motion go.
     #[inline]
     pub fn refit(&mut self, l: &Self, r: &Self) {
-        let aabb = l.aabb().union(r.aabb());
         let height = 1 + l.height().max(r.height());
         let moves = (l.link | r.link) & MOVES;
-        *self = Self {
-            min: aabb.min,
-            link: self.link & !MOVES | moves,
-            max: aabb.max,
-            aux: self.aux & !HEIGHT | height,
-        };
+        let link = self.link & !MOVES | moves;
+        let aux = self.aux & !HEIGHT | height;
+        // Boxes by the vector; what comes of the fourth lanes is replaced.
+        let [[l_min, l_max], [r_min, r_max]]: [[Vec4; 2]; 2] = [bytemuck::cast(*l), bytemuck::cast(*r)];
+        let (min, max) = (l_min.min(r_min), l_max.max(r_max));
+        *self = Self::from_lanes(min, max, link, aux);
+    }
+
+    /// The first three lanes of the vectors, with the other two words in their fourth.
+    #[inline]
+    fn from_lanes(min: Vec4, max: Vec4, link: u32, aux: u32) -> Self {
+        bytemuck::cast([min.with_w(f32::from_bits(link)), max.with_w(f32::from_bits(aux))])
     }
 }
