@@ -25,11 +25,41 @@ const PART: usize = 4096;
 /// Most items that are binned at once; more would not fit the counters.
 const MAX_PART: usize = 1 << 23;
 
+/// What the items that are binned stand for.
+pub(crate) trait Leaves: Sync {
+    /// Most primitives of an item.
+    const MOST: usize;
+
+    /// How many primitives the items have together.
+    fn slots(&self, items: &[Item]) -> usize;
+
+    /// Builds the subtree over one item; gives its hull.
+    fn grow(&self, item: &Item, plot: Plot) -> Hull;
+}
+
+/// Each item is one primitive.
+pub(crate) struct Single;
+
+impl Leaves for Single {
+    const MOST: usize = 1;
+
+    #[inline]
+    fn slots(&self, items: &[Item]) -> usize {
+        items.len()
+    }
+
+    #[inline]
+    fn grow(&self, item: &Item, plot: Plot) -> Hull {
+        plot.leaf(item)
+    }
+}
+
 /// Builds the tree over `items`, which have boxes; gives its hull. They are left in disorder; `spare` and `bins` are
 /// memory to use.
-pub(crate) fn build(
+pub(crate) fn build<L: Leaves>(
     items: &mut [Item],
     (spare, all_bins): (&mut Vec<Item>, &mut Vec<Bins>),
+    leaves: &L,
     bins: u32,
     threads: usize,
     plot: Plot,
@@ -38,7 +68,8 @@ pub(crate) fn build(
     spare.resize(n, Item::NOTHING);
     let tasks = if threads > 1 { (n / GRAIN).min(TASKS * threads) } else { 1 };
     all_bins.resize(tasks.max(bins_for(n)), Bins::EMPTY);
-    let binned = Binned { bins: bins.clamp(2, MAX_BINS as u32) as usize, parallel: threads > 1 };
+    let bins = bins.clamp(2, MAX_BINS as u32) as usize;
+    let binned = Binned { leaves, bins, parallel: threads > 1 };
     binned.grow(items, spare, plot, all_bins)
 }
 
@@ -47,27 +78,28 @@ fn bins_for(n: usize) -> usize {
     if n > MAX_PART { 1 + n.div_ceil(MAX_PART) } else { 1 }
 }
 
-#[derive(Clone, Copy)]
-struct Binned {
+struct Binned<'a, L> {
+    leaves: &'a L,
     bins: usize,
     parallel: bool,
 }
 
-impl Binned {
+impl<L: Leaves> Binned<'_, L> {
     /// Builds the subtree over `items` and gives its hull; `spare` is as long, and both are left in disorder. With as
     /// many tasks as there are `bins`, if in parallel.
-    fn grow(self, items: &mut [Item], spare: &mut [Item], plot: Plot, bins: &mut [Bins]) -> Hull {
+    fn grow(&self, items: &mut [Item], spare: &mut [Item], plot: Plot, bins: &mut [Bins]) -> Hull {
         let n = items.len();
         if let [item] = items {
-            return plot.leaf(item);
+            return self.leaves.grow(item, plot);
         }
-        if n <= four::MOST && plot.any_split_fits() {
+        let any_split_fits = plot.any_split_fits(L::MOST);
+        if L::MOST == 1 && n <= four::MOST && any_split_fits {
             return four::grow(items, plot);
         }
         let in_parts = self.parallel && bins.len() > 1 && n >= 2 * PART;
         let centers = if in_parts { centers_parallel(items) } else { centers(items) };
         let mut split = None;
-        if plot.any_split_fits() {
+        if any_split_fits {
             let grid = Grid::new(&centers, self.bins.min(FEWEST_BINS + n / 8));
             split = if in_parts || n > MAX_PART {
                 self.split_in_parts(items, spare, &grid, bins)
@@ -90,7 +122,7 @@ impl Binned {
         };
         let (l, r) = from.split_at_mut(left);
         let (spare_l, spare_r) = to.split_at_mut(left);
-        plot.fork(left, |plot_l, plot_r| {
+        plot.fork(self.leaves.slots(l), |plot_l, plot_r| {
             let (least_l, least_r) = (bins_for(left), bins_for(n - left));
             if self.parallel && bins.len() >= least_l + least_r {
                 // Tasks on each side in proportion to its items.
@@ -110,7 +142,7 @@ impl Binned {
     /// the left, now at the front of `spare`. The result does not depend on the parts.
     #[inline(never)] // Out of the way of the small nodes, of which there are many.
     fn split_in_parts(
-        self,
+        &self,
         items: &[Item],
         spare: &mut [Item],
         grid: &Grid,
@@ -134,7 +166,7 @@ impl Binned {
 
     /// Partitions items that have been binned in parts of `size`.
     fn partition_in_parts(
-        self,
+        &self,
         parts: &[Bins],
         size: usize,
         items: &[Item],
@@ -421,7 +453,7 @@ mod tests {
         for (parallel, parts) in [(false, 1), (true, 3), (true, 8)] {
             let mut spare = items.clone();
             let mut bins = vec![Bins::EMPTY; 1 + parts];
-            let binned = Binned { bins: 32, parallel };
+            let binned = Binned { leaves: &Single, bins: 32, parallel };
             assert_eq!(binned.split_in_parts(&items, &mut spare, &grid, &mut bins), Some(left));
             assert!(spare.iter().zip(&whole).all(|(a, b)| a.number() == b.number()));
         }

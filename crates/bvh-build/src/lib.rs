@@ -25,6 +25,7 @@
 
 mod binned;
 mod four;
+mod hlbvh;
 mod item;
 mod leaves;
 mod morton;
@@ -37,7 +38,8 @@ mod sweep;
 
 use bvh_core::{Bvh, MAX_PRIMITIVES, Node, Primitives};
 
-use crate::binned::Bins;
+use crate::binned::{Bins, Single};
+use crate::hlbvh::Tops;
 use crate::item::{Gathered, Item};
 use crate::morton::Codes;
 use crate::ploc::Clusters;
@@ -59,6 +61,9 @@ pub enum Builder {
     /// Splits along the Morton curve through the centres (Lauterbach et al. 2009), on all threads of the current rayon
     /// pool: the fastest build, for a tree of 1.2 times the cost.
     Lbvh,
+    /// Binned SAH over clusters along the Morton curve, which are built as by [`Lbvh`](Self::Lbvh) (Pantaleoni and
+    /// Luebke 2010), on all threads of the current rayon pool.
+    Hlbvh,
     /// Parallel locally-ordered clustering (Meister and Bittner 2018), on all threads of the current rayon pool: a tree
     /// like that of [`Binned`](Self::Binned) in less than half the time.
     Ploc,
@@ -66,7 +71,8 @@ pub enum Builder {
 
 impl Builder {
     /// All builders.
-    pub const ALL: [Self; 5] = [Self::Sweep, Self::Binned, Self::BinnedParallel, Self::Lbvh, Self::Ploc];
+    pub const ALL: [Self; 6] =
+        [Self::Sweep, Self::Binned, Self::BinnedParallel, Self::Lbvh, Self::Hlbvh, Self::Ploc];
 
     /// Name on command lines and in result files.
     #[must_use]
@@ -76,8 +82,15 @@ impl Builder {
             Self::Binned => "binned",
             Self::BinnedParallel => "binned-parallel",
             Self::Lbvh => "lbvh",
+            Self::Hlbvh => "hlbvh",
             Self::Ploc => "ploc",
         }
+    }
+
+    /// The builder of that name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|builder| builder.name() == name)
     }
 }
 
@@ -143,6 +156,7 @@ pub struct BuildScratch {
     spare: Vec<Item>,
     bins: Vec<Bins>,
     codes: Codes,
+    tops: Tops,
     clusters: Clusters,
 }
 
@@ -196,7 +210,7 @@ pub fn rebuild<P: Primitives + ?Sized>(
         Builder::Sweep if !in_pool => 1,
         _ => rayon::current_num_threads(),
     };
-    let BuildScratch { items, dropped, spare, bins, codes, clusters } = scratch;
+    let BuildScratch { items, dropped, spare, bins, codes, tops, clusters } = scratch;
     raw::write(bvh, n, |nodes, order| {
         if n == 0 {
             nodes.fill(Node::NOTHING);
@@ -207,10 +221,14 @@ pub fn rebuild<P: Primitives + ?Sized>(
         let mut grow = |plot: Plot<'_>| match builder {
             Builder::Sweep => sweep::build(items, n, threads > 1, plot),
             Builder::Binned | Builder::BinnedParallel => {
-                binned::build(items, (spare, bins), options.bins, threads, plot)
+                binned::build(items, (spare, bins), &Single, options.bins, threads, plot)
             }
             Builder::Lbvh => {
                 morton::build(items, &codes.sort(items, &centers, options.code_bits, threads), threads, plot)
+            }
+            Builder::Hlbvh => {
+                let sorted = codes.sort(items, &centers, options.code_bits, threads);
+                hlbvh::build(items, &sorted, (tops, spare, bins), options.bins, threads, plot)
             }
             Builder::Ploc => {
                 let sorted = codes.sort(items, &centers, options.code_bits, threads);

@@ -104,12 +104,16 @@ pub(crate) fn grow<K: Key>(keys: &[K], items: &[Item], parallel: bool, plot: Plo
     if !parallel || keys.len() < GRAIN {
         return emit(keys, items, plot);
     }
-    let bit = (keys[0] ^ keys[keys.len() - 1]).highest();
-    let left = keys.partition_point(|key| key.bits_from(bit) & 1 == 0);
-    let (l, r) = keys.split_at(left);
-    plot.fork(left, |plot_l, plot_r| {
+    let (l, r) = split(keys);
+    plot.fork(l.len(), |plot_l, plot_r| {
         rayon::join(|| grow(l, items, parallel, plot_l), || grow(r, items, parallel, plot_r))
     })
+}
+
+/// The two halves of a node of at least two primitives.
+pub(crate) fn split<K: Key>(keys: &[K]) -> (&[K], &[K]) {
+    let bit = (keys[0] ^ keys[keys.len() - 1]).highest();
+    keys.split_at(keys.partition_point(|key| key.bits_from(bit) & 1 == 0))
 }
 
 /// Builds the subtree over neighbours along the curve in one pass from the last to the first.

@@ -253,7 +253,7 @@ impl Tree<'_> {
     pub(crate) fn grow(self, cluster: u32, parallel: bool, plot: Plot) -> Hull {
         match self.merger(cluster) {
             Some(&Merger { left, right, size })
-                if parallel && size as usize >= GRAIN && plot.any_split_fits() =>
+                if parallel && size as usize >= GRAIN && plot.any_split_fits(1) =>
             {
                 let left_size = self.merger(left).map_or(1, |merger| merger.size as usize);
                 plot.fork(left_size, |plot_l, plot_r| {

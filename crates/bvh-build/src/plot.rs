@@ -49,11 +49,12 @@ impl<'a> Plot<'a> {
         Site { root, below, first_node, order, first_slot }
     }
 
-    /// Whether any split here leaves room below for the rest, within [`MAX_HEIGHT`]. Otherwise the number of
-    /// primitives must be halved from here on, which always fits.
+    /// Whether any split here leaves room below for the rest, within [`MAX_HEIGHT`]. Otherwise what is to be split must be
+    /// halved from here on, which always fits, be it primitives or subtrees of at most `most` primitives.
     #[inline]
-    pub(crate) fn any_split_fits(&self) -> bool {
-        self.depth + self.order.len().next_power_of_two().ilog2() < MAX_HEIGHT
+    pub(crate) fn any_split_fits(&self, most: usize) -> bool {
+        let halvings = |n: usize| n.next_power_of_two().ilog2();
+        self.depth + halvings(self.order.len()) + halvings(most) < MAX_HEIGHT
     }
 
     /// Makes the root the leaf of the only primitive; gives its hull.

@@ -72,7 +72,7 @@ impl Sweep {
         if n == 1 {
             return plot.leaf(&lists.sorted[0][0]);
         }
-        let split = if plot.any_split_fits() { best_split(&mut lists) } else { None };
+        let split = if plot.any_split_fits(1) { best_split(&mut lists) } else { None };
         let (axis, left) = split.unwrap_or_else(|| (widest(&lists), n / 2));
         if n > 2 {
             self.partition(&mut lists, axis, left);

@@ -84,14 +84,22 @@ proptest! {
         max_leaf_size in 1u32..10,
         bins in 0u32..300,
         code_bits in prop::sample::select(vec![CodeBits::Auto, CodeBits::Bits30, CodeBits::Bits63]),
+        search_radius in 0u32..40,
     ) {
-        check(&boxes, &BuildOptions { max_leaf_size, bins, code_bits });
+        check(&boxes, &BuildOptions { max_leaf_size, bins, code_bits, search_radius });
     }
 }
 
 #[test]
 fn names_are_those_of_the_result_files() {
-    assert_eq!(Builder::ALL.map(Builder::name), ["sweep", "binned", "binned-parallel", "lbvh"]);
+    assert_eq!(
+        Builder::ALL.map(Builder::name),
+        ["sweep", "binned", "binned-parallel", "lbvh", "hlbvh", "ploc"]
+    );
+    for builder in Builder::ALL {
+        assert_eq!(Builder::from_name(builder.name()), Some(builder));
+    }
+    assert_eq!(Builder::from_name("bvh"), None);
 }
 
 #[test]
@@ -243,12 +251,71 @@ fn flat_scenes() {
 }
 
 #[test]
-fn binned_costs_little_more_than_sweep() {
+fn no_builder_costs_much_more_than_sweep() {
     for (n, size) in [(1000, 0.2), (5000, 0.02), (20_000, 0.05)] {
         let boxes = random_boxes(n, size);
-        let [sweep, binned, ..] = check(&boxes, &options(1)).map(|bvh| sah_cost(&bvh));
-        assert!(binned < 1.03 * sweep, "{n} of {size}: sweep {sweep}, binned {binned}");
+        let [sweep, costs @ ..] = check(&boxes, &options(1)).map(|bvh| sah_cost(&bvh));
+        for ((builder, cost), bound) in
+            Builder::ALL[1..].iter().zip(costs).zip([1.03, 1.03, 1.25, 1.15, 1.12])
+        {
+            let (name, over) = (builder.name(), cost / sweep);
+            assert!(over < bound, "{name}: {over} times sweep, for {n} of {size}");
+        }
     }
+}
+
+#[test]
+fn a_wider_search_costs_less() {
+    let boxes = random_boxes(20_000, 0.03);
+    let cost = |search_radius| {
+        let options = BuildOptions { search_radius, ..BuildOptions::default() };
+        sah_cost(&build(&boxes, Builder::Ploc, &options, None).expect("few enough"))
+    };
+    let costs = [1, 2, 8].map(cost);
+    assert!(costs.is_sorted_by(|a, b| a > b), "{costs:?}");
+}
+
+#[test]
+fn long_codes_are_taken_where_short_ones_are_equal() {
+    // Half of all in one cell of a thousand on each axis.
+    let mut boxes = random_boxes(4000, 0.02);
+    let small = random_boxes(4000, 0.02).into_iter().map(|b| Aabb::new(b.min * 3e-4, b.max * 3e-4));
+    boxes.extend(
+        small.enumerate().map(|(i, b)| if i % 2 == 0 { b } else { Aabb::new(b.min * 0.5, b.max * 0.5) }),
+    );
+    for builder in [Builder::Lbvh, Builder::Hlbvh, Builder::Ploc] {
+        let tree = |code_bits| {
+            let options = BuildOptions { code_bits, ..BuildOptions::default() };
+            build(&boxes, builder, &options, None).expect("few enough")
+        };
+        let [auto, short, long] = [CodeBits::Auto, CodeBits::Bits30, CodeBits::Bits63].map(tree);
+        assert_eq!(auto.hash(), long.hash(), "{}", builder.name());
+        let inner = |bvh: &Bvh| {
+            let mut area = 0.0;
+            bvh.visit(|_, node, _| {
+                let half = node.aabb().half_area_f64();
+                area += if half < 1e-6 { half } else { 0.0 };
+            });
+            area
+        };
+        assert!(inner(&long) < 0.7 * inner(&short), "{}", builder.name());
+        // Where codes tell all apart, short ones will do.
+        let apart = |code_bits| {
+            let options = BuildOptions { code_bits, ..BuildOptions::default() };
+            build(&boxes[..4000].to_vec(), builder, &options, None).expect("few enough").hash()
+        };
+        assert_eq!(apart(CodeBits::Auto), apart(CodeBits::Bits30), "{}", builder.name());
+    }
+}
+
+#[test]
+fn clusters_that_wait_for_each_other_do_not_take_forever() {
+    // Each is nearer to the next one than to the one before: left alone, two would join in each round.
+    let n = 50_000;
+    let place = |i: i32| 4.0 * f64::from(i) - f64::from(i).powi(2) / f64::from(n);
+    let boxes: Vec<_> = (0..n).map(|i| Vec3::new(place(i) as f32, 0.0, 0.0)).collect();
+    let boxes: Vec<_> = boxes.into_iter().map(|p| Aabb::new(p, p + Vec3::new(0.0, 1.0, 1.0))).collect();
+    check(&boxes, &options(1));
 }
 
 #[test]
