@@ -35,7 +35,7 @@ pub(crate) struct Window {
 impl Window {
     const SIZE: usize = PART + 2 * MAX_RADIUS;
 
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             bounds: [[0.0; Self::SIZE]; 6],
             keys: [u32::MAX; Self::SIZE + MAX_RADIUS],
@@ -45,11 +45,11 @@ impl Window {
         }
     }
 
-    fn fill(&mut self, clusters: &[Item], start: usize) {
+    pub(crate) fn fill(&mut self, clusters: &[Item], start: usize) {
         (self.start, self.len) = (start, clusters.len());
         let (fours, rest) = clusters.as_chunks::<4>();
         for (i, four) in fours.iter().enumerate() {
-            let hulls = four.each_ref().map(|item| item.hull());
+            let hulls = four.each_ref().map(Item::hull);
             let min = columns(hulls.map(|hull| hull.min));
             let max = columns(hulls.map(|hull| hull.max));
             let axes = [min.x_axis, min.y_axis, min.z_axis, max.x_axis, max.y_axis, max.z_axis];
@@ -141,5 +141,54 @@ pub(crate) fn find(clusters: &[Item], radius: usize, nearest: &mut [u32], thread
     } else {
         let mut window = Window::new();
         nearest.chunks_mut(PART).enumerate().for_each(|part| find(&mut window, part));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bvh_core::{Aabb, Vec3};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn clusters(boxes: &[Aabb]) -> Vec<Item> {
+        boxes.iter().enumerate().map(|(i, &b)| Item::cluster(Hull::of(b), i as u32, 1)).collect()
+    }
+
+    fn nearest(clusters: &[Item], radius: usize, threads: usize) -> Vec<u32> {
+        let mut nearest = vec![u32::MAX; clusters.len()];
+        find(clusters, radius, &mut nearest, threads);
+        nearest
+    }
+
+    proptest! {
+        #[test]
+        fn none_nearby_is_nearer(
+            corners in prop::collection::vec(prop::array::uniform3(0f32..1.0), 2..700),
+            radius in 1..=MAX_RADIUS,
+        ) {
+            let boxes: Vec<_> = corners.iter().map(|&c| Aabb::new(c.into(), Vec3::from(c) + 0.01)).collect();
+            let clusters = clusters(&boxes);
+            let nearest = nearest(&clusters, radius, 1);
+            for (i, &j) in nearest.iter().enumerate() {
+                let area = |j: usize| clusters[i].hull().union(clusters[j].hull()).half_area();
+                let near = (i.saturating_sub(radius)..boxes.len().min(i + radius + 1)).filter(|&k| k != i);
+                let least = near.map(area).fold(f32::INFINITY, f32::min);
+                prop_assert!(j as usize != i && (j as usize).abs_diff(i) <= radius);
+                // All but the bits of the rank.
+                prop_assert!(area(j as usize) <= least * (1.0 + 2e-5), "{i} chose {j}");
+            }
+            prop_assert!((0..).zip(&nearest).any(|(i, &j)| nearest[j as usize] == i), "no two chose each other");
+        }
+    }
+
+    #[test]
+    fn equal_areas_pair_neighbours_across_windows_and_tasks() {
+        let clusters = clusters(&vec![Aabb::new(Vec3::ZERO, Vec3::ONE); 3 * PART + 1]);
+        let neighbours = |i: u32| if i as usize == 3 * PART { i - 1 } else { i ^ 1 };
+        let expected: Vec<_> = (0..clusters.len() as u32).map(neighbours).collect();
+        for (radius, threads) in [(1, 1), (8, 1), (8, 3), (MAX_RADIUS, 3)] {
+            assert_eq!(nearest(&clusters, radius, threads), expected);
+        }
     }
 }

@@ -63,3 +63,24 @@ pub(crate) fn search(window: &mut Window, radius: usize, from: usize, nearest: &
     }
     window.search(radius, from, nearest);
 }
+
+#[cfg(test)]
+mod tests {
+    use bvh_core::{Aabb, Vec3};
+
+    use super::*;
+    use crate::item::{Hull, Item};
+
+    #[test]
+    fn all_levels_find_the_same() {
+        let place = |i: u32| Vec3::new((i % 7) as f32, (i % 11) as f32 * 0.3, (i / 5) as f32 * 0.1);
+        let boxes = (0..300).map(place).map(|p| Aabb::new(p, p + Vec3::new(0.1, 0.2, 0.3)));
+        let clusters: Vec<_> = boxes.zip(0..).map(|(b, i)| Item::cluster(Hull::of(b), i, 1)).collect();
+        let mut window = Window::new();
+        window.fill(&clusters[..290], 1000);
+        let [mut here, mut anywhere] = [[0; 250]; 2];
+        search(&mut window, 8, 1020, &mut here);
+        window.search(8, 1020, &mut anywhere);
+        assert_eq!(here, anywhere);
+    }
+}

@@ -265,17 +265,6 @@ fn no_builder_costs_much_more_than_sweep() {
 }
 
 #[test]
-fn a_wider_search_costs_less() {
-    let boxes = random_boxes(20_000, 0.03);
-    let cost = |search_radius| {
-        let options = BuildOptions { search_radius, ..BuildOptions::default() };
-        sah_cost(&build(&boxes, Builder::Ploc, &options, None).expect("few enough"))
-    };
-    let costs = [1, 2, 8].map(cost);
-    assert!(costs.is_sorted_by(|a, b| a > b), "{costs:?}");
-}
-
-#[test]
 fn long_codes_are_taken_where_short_ones_are_equal() {
     // Half of all in one cell of a thousand on each axis.
     let mut boxes = random_boxes(4000, 0.02);
