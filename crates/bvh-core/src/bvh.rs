@@ -464,6 +464,35 @@ mod tests {
     }
 
     #[test]
+    fn a_tree_is_written_into_the_memory_of_another() {
+        let mut bvh = Bvh::new(&three(), vec![2, 0, 1]).expect("valid");
+        let rebuild = |bvh: &mut Bvh, fill: fn(&mut [Node], &mut [u32]) -> usize| {
+            // SAFETY: what is written is a tree.
+            #[expect(unsafe_code, reason = "writes a tree by hand")]
+            unsafe {
+                bvh.rebuild(2, 2, fill);
+            }
+        };
+        let memory = bvh.nodes().as_ptr();
+        rebuild(&mut bvh, |nodes, order| {
+            nodes[0] = Node::leaf(BOX, 0, 2);
+            order.copy_from_slice(&[1, 0]);
+            2
+        });
+        let fresh = Bvh::new(&[Node::leaf(BOX, 0, 2), Node::NOTHING], vec![1, 0]).expect("valid");
+        assert_eq!((bvh.root(), bvh.order(), bvh.is_in_order()), (fresh.root(), fresh.order(), false));
+        assert_eq!(bvh.nodes().as_ptr(), memory);
+        let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            rebuild(&mut bvh, |nodes, _| {
+                nodes[0] = Node::inner(BOX, 100);
+                panic!("half way");
+            });
+        }));
+        assert!(caught.is_err());
+        assert_eq!((bvh.nodes(), bvh.len()), (&[Node::NOTHING; 2][..], 0));
+    }
+
+    #[test]
     fn malformed_trees_are_refused_with_the_reason() {
         let with = |i: usize, node| {
             let mut nodes = three();
