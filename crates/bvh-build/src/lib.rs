@@ -115,7 +115,8 @@ pub struct BuildOptions {
 /// How many bits a Morton code has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum CodeBits {
-    /// 30, and if more than an eighth of the primitives then share their code with the one before, 63.
+    /// 30, and 63 if more than half of the primitives then share their code with the one before. Fewer make the tree no
+    /// better on any mesh tried.
     #[default]
     Auto,
     /// 30: about a thousand cells along each axis.

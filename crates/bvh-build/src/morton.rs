@@ -50,7 +50,7 @@ impl Codes {
             encode(items, centers, 10, short, threads);
             sort(short, short_spare, counts, 30, threads);
             let same = || short.windows(2).filter(|pair| (pair[0] ^ pair[1]) >> u64::LOW == 0).count();
-            if bits == CodeBits::Bits30 || same() <= items.len() / 8 {
+            if bits == CodeBits::Bits30 || same() <= items.len() / 2 {
                 return Sorted::Short(short);
             }
         }
