@@ -48,9 +48,9 @@ impl Node {
     /// In debug builds, if `first` exceeds 30 bits or `count` exceeds [`MAX_LEAF_SIZE`].
     #[must_use]
     #[inline]
-    pub fn leaf(aabb: Aabb, first: u32, count: u32) -> Self {
+    pub const fn leaf(aabb: Aabb, first: u32, count: u32) -> Self {
         debug_assert!(first <= INDEX && count <= MAX_LEAF_SIZE, "leaf out of range");
-        Self::from_lanes(aabb.min.extend(0.0), aabb.max.extend(0.0), LEAF | MOVES | first & INDEX, count << 8)
+        Self { min: aabb.min, link: LEAF | MOVES | first & INDEX, max: aabb.max, aux: count << 8 }
     }
 
     /// An inner node over the child nodes `left` and `left + 1`, counted as moving, of height 1 until it is
