@@ -16,46 +16,97 @@ const FEWEST_BINS: usize = 4;
 /// Subtrees of fewer primitives are built by one thread.
 const GRAIN: usize = 1024;
 
+/// Most tasks a thread, for an even share of the work.
+const TASKS: usize = 16;
+
 /// Fewest items to bin or move in a task of their own.
 const PART: usize = 4096;
 
 /// Most items that are binned at once; more would not fit the counters.
 const MAX_PART: usize = 1 << 23;
 
-/// Builds the tree over `items`, which have boxes; gives its hull.
-pub(crate) fn build(mut items: Vec<Item>, bins: u32, threads: usize, plot: Plot) -> Hull {
-    let mut spare = if threads > 1 { items.par_iter().copied().collect() } else { items.clone() };
-    let builder = Binned { bins: bins.clamp(2, MAX_BINS as u32) as usize, threads };
-    builder.grow(&mut items, &mut spare, plot, &mut Bins::new())
+/// What the items that are binned stand for.
+pub(crate) trait Leaves: Sync {
+    /// Most primitives of an item.
+    const MOST: usize;
+
+    /// How many primitives the items have together.
+    fn slots(&self, items: &[Item]) -> usize;
+
+    /// Builds the subtree over one item; gives its hull.
+    fn grow(&self, item: &Item, plot: Plot) -> Hull;
 }
 
-#[derive(Clone, Copy)]
-struct Binned {
-    bins: usize,
+/// Each item is one primitive.
+pub(crate) struct Single;
+
+impl Leaves for Single {
+    const MOST: usize = 1;
+
+    #[inline]
+    fn slots(&self, items: &[Item]) -> usize {
+        items.len()
+    }
+
+    #[inline]
+    fn grow(&self, item: &Item, plot: Plot) -> Hull {
+        plot.leaf(item)
+    }
+}
+
+/// Builds the tree over `items`, which have boxes; gives its hull. They are left in disorder; `spare` and `bins` are
+/// memory to use.
+pub(crate) fn build<L: Leaves>(
+    items: &mut [Item],
+    (spare, all_bins): (&mut Vec<Item>, &mut Vec<Bins>),
+    leaves: &L,
+    bins: u32,
     threads: usize,
+    plot: Plot,
+) -> Hull {
+    let n = items.len();
+    spare.resize(n, Item::NOTHING);
+    let tasks = if threads > 1 { (n / GRAIN).min(TASKS * threads) } else { 1 };
+    all_bins.resize(tasks.max(bins_for(n)), Bins::EMPTY);
+    let bins = bins.clamp(2, MAX_BINS as u32) as usize;
+    let binned = Binned { leaves, bins, parallel: threads > 1 };
+    binned.grow(items, spare, plot, all_bins)
 }
 
-impl Binned {
-    /// Builds the subtree over `items` and gives its hull; `spare` is as long, and both are left in disorder.
-    fn grow(self, items: &mut [Item], spare: &mut [Item], plot: Plot, bins: &mut Bins) -> Hull {
+/// How many [`Bins`] it takes to split `n` items: where they are binned in parts, one more for the sum.
+fn bins_for(n: usize) -> usize {
+    if n > MAX_PART { 1 + n.div_ceil(MAX_PART) } else { 1 }
+}
+
+struct Binned<'a, L> {
+    leaves: &'a L,
+    bins: usize,
+    parallel: bool,
+}
+
+impl<L: Leaves> Binned<'_, L> {
+    /// Builds the subtree over `items` and gives its hull; `spare` is as long, and both are left in disorder. With as
+    /// many tasks as there are `bins`, if in parallel.
+    fn grow(&self, items: &mut [Item], spare: &mut [Item], plot: Plot, bins: &mut [Bins]) -> Hull {
         let n = items.len();
         if let [item] = items {
-            return plot.leaf(item);
+            return self.leaves.grow(item, plot);
         }
-        if n <= four::MOST && plot.any_split_fits() {
+        let any_split_fits = plot.any_split_fits(L::MOST);
+        if L::MOST == 1 && n <= four::MOST && any_split_fits {
             return four::grow(items, plot);
         }
-        let in_parts = self.threads > 1 && n >= 2 * PART;
+        let in_parts = self.parallel && bins.len() > 1 && n >= 2 * PART;
         let centers = if in_parts { centers_parallel(items) } else { centers(items) };
         let mut split = None;
-        if plot.any_split_fits() {
+        if any_split_fits {
             let grid = Grid::new(&centers, self.bins.min(FEWEST_BINS + n / 8));
             split = if in_parts || n > MAX_PART {
-                self.split_in_parts(items, spare, &grid)
+                self.split_in_parts(items, spare, &grid, bins)
             } else {
-                bins.fill(items, &grid);
-                bins.best_split(&grid).map(|cut| {
-                    let left = bins.count_before(cut);
+                bins[0].fill(items, &grid);
+                bins[0].best_split(&grid).map(|cut| {
+                    let left = bins[0].count_before(cut);
                     let (l, r) = spare.split_at_mut(left);
                     partition(items, l, r, &grid, cut);
                     left
@@ -71,11 +122,15 @@ impl Binned {
         };
         let (l, r) = from.split_at_mut(left);
         let (spare_l, spare_r) = to.split_at_mut(left);
-        plot.fork(left, |plot_l, plot_r| {
-            if self.threads > 1 && n >= GRAIN {
+        plot.fork(self.leaves.slots(l), |plot_l, plot_r| {
+            let (least_l, least_r) = (bins_for(left), bins_for(n - left));
+            if self.parallel && bins.len() >= least_l + least_r {
+                // Tasks on each side in proportion to its items.
+                let tasks = (bins.len() * left / n).clamp(least_l, bins.len() - least_r);
+                let (bins_l, bins_r) = bins.split_at_mut(tasks);
                 rayon::join(
-                    || self.grow(l, spare_l, plot_l, bins),
-                    || self.grow(r, spare_r, plot_r, &mut Bins::new()),
+                    || self.grow(l, spare_l, plot_l, bins_l),
+                    || self.grow(r, spare_r, plot_r, bins_r),
                 )
             } else {
                 (self.grow(l, spare_l, plot_l, bins), self.grow(r, spare_r, plot_r, bins))
@@ -86,37 +141,60 @@ impl Binned {
     /// Bins, splits and partitions part by part, on all threads if there are several. Gives the number of items on
     /// the left, now at the front of `spare`. The result does not depend on the parts.
     #[inline(never)] // Out of the way of the small nodes, of which there are many.
-    fn split_in_parts(self, items: &[Item], spare: &mut [Item], grid: &Grid) -> Option<usize> {
-        let size = items.len().div_ceil(4 * self.threads).clamp(PART, MAX_PART);
-        let fill = |part: &[Item]| {
-            let mut bins = Bins::new();
-            bins.fill(part, grid);
-            bins
-        };
-        let parts: Vec<Box<Bins>> = if self.threads > 1 {
-            items.par_chunks(size).map(fill).collect()
+    fn split_in_parts(
+        &self,
+        items: &[Item],
+        spare: &mut [Item],
+        grid: &Grid,
+        bins: &mut [Bins],
+    ) -> Option<usize> {
+        let (all, parts) = bins.split_first_mut()?;
+        let size = items.len().div_ceil(parts.len()).clamp(PART, MAX_PART);
+        let parts = &mut parts[..items.len().div_ceil(size)];
+        if self.parallel {
+            items.par_chunks(size).zip(&mut *parts).for_each(|(part, bins)| bins.fill(part, grid));
         } else {
-            items.chunks(size).map(fill).collect()
-        };
-        let cut = Bins::of_parts(&parts, grid).best_split(grid)?;
-        let lefts: Vec<usize> = parts.iter().map(|part| part.count_before(cut)).collect();
-        let left = lefts.iter().sum();
-        let (mut l, mut r) = spare.split_at_mut(left);
-        let mut jobs = Vec::with_capacity(parts.len());
-        for (part, &left) in items.chunks(size).zip(&lefts) {
-            let (to_l, to_r);
-            (to_l, l) = l.split_at_mut(left);
-            (to_r, r) = r.split_at_mut(part.len() - left);
-            jobs.push((part, to_l, to_r));
+            items.chunks(size).zip(&mut *parts).for_each(|(part, bins)| bins.fill(part, grid));
         }
-        let run = |(part, l, r): (&[Item], &mut [Item], &mut [Item])| partition(part, l, r, grid, cut);
-        if self.threads > 1 {
-            jobs.into_par_iter().for_each(run);
-        } else {
-            jobs.into_iter().for_each(run);
-        }
+        all.add_up(parts, grid);
+        let cut = all.best_split(grid)?;
+        let left = count_before(parts, cut);
+        let (l, r) = spare.split_at_mut(left);
+        self.partition_in_parts(parts, size, items, [l, r], grid, cut);
         Some(left)
     }
+
+    /// Partitions items that have been binned in parts of `size`.
+    fn partition_in_parts(
+        &self,
+        parts: &[Bins],
+        size: usize,
+        items: &[Item],
+        [l, r]: [&mut [Item]; 2],
+        grid: &Grid,
+        cut: Cut,
+    ) {
+        if parts.len() <= 1 {
+            return partition(items, l, r, grid, cut);
+        }
+        let (parts_a, parts_b) = parts.split_at(parts.len() / 2);
+        let (a, b) = items.split_at(parts_a.len() * size);
+        let left = count_before(parts_a, cut);
+        let ((l_a, l_b), (r_a, r_b)) = (l.split_at_mut(left), r.split_at_mut(a.len() - left));
+        let mut run_a = || self.partition_in_parts(parts_a, size, a, [l_a, r_a], grid, cut);
+        let mut run_b = || self.partition_in_parts(parts_b, size, b, [l_b, r_b], grid, cut);
+        if self.parallel {
+            rayon::join(run_a, run_b);
+        } else {
+            run_a();
+            run_b();
+        }
+    }
+}
+
+/// Number of items left of a cut in bins of parts.
+fn count_before(parts: &[Bins], cut: Cut) -> usize {
+    parts.iter().map(|part| part.count_before(cut)).sum()
 }
 
 /// Hull of the centres.
@@ -202,7 +280,8 @@ impl Bin {
     }
 }
 
-struct Bins {
+#[derive(Clone)]
+pub(crate) struct Bins {
     bins: [Axis; 3],
     /// For each bin, on the three axes, the cost of all from there on.
     rest: [Vec4; MAX_BINS],
@@ -216,12 +295,10 @@ struct Axis {
 }
 
 impl Bins {
-    // Not inlined, since a call that inlines it has all this on its stack.
-    #[inline(never)]
-    fn new() -> Box<Self> {
+    const EMPTY: Self = {
         let axis = Axis { bins: [Bin::EMPTY; MAX_BINS], _gap: [Bin::EMPTY; 34] };
-        Box::new(Self { bins: [axis; 3], rest: [Vec4::ZERO; MAX_BINS] })
-    }
+        Self { bins: [axis; 3], rest: [Vec4::ZERO; MAX_BINS] }
+    };
 
     /// Bins at most [`MAX_PART`] items.
     fn fill(&mut self, items: &[Item], grid: &Grid) {
@@ -247,10 +324,9 @@ impl Bins {
         }
     }
 
-    /// Sums up bins of parts. Counts are rounded once, so that it does not matter which parts.
-    fn of_parts(parts: &[Box<Self>], grid: &Grid) -> Box<Self> {
-        let mut all = Self::new();
-        for (axis, Axis { bins, .. }) in all.bins.iter_mut().enumerate() {
+    /// Becomes the sum of the bins of parts. Counts are rounded once, so that it does not matter which parts.
+    fn add_up(&mut self, parts: &[Self], grid: &Grid) {
+        for (axis, Axis { bins, .. }) in self.bins.iter_mut().enumerate() {
             for (b, bin) in bins[..grid.bins].iter_mut().enumerate() {
                 let parts = || parts.iter().map(|part| &part.bins[axis].bins[b]);
                 let hull = parts().fold(Hull::EMPTY, |hull, part| hull.union(part.hull()));
@@ -258,7 +334,6 @@ impl Bins {
                 *bin = Bin { min: hull.min, max: hull.max.with_w(count as f32) };
             }
         }
-        all
     }
 
     fn count_before(&self, cut: Cut) -> usize {
@@ -349,6 +424,13 @@ mod tests {
     use bvh_core::{Aabb, Vec3};
 
     use super::*;
+    use crate::item::gather;
+
+    fn gathered(boxes: &[Aabb]) -> Vec<Item> {
+        let mut items = Vec::new();
+        gather(boxes, &mut items, &mut Vec::new(), 1);
+        items
+    }
 
     #[test]
     fn parts_do_not_change_a_split() {
@@ -357,9 +439,9 @@ mod tests {
             .map(|i| Vec3::new((i % 97) as f32, (i % 89) as f32 * 1.5, (i / 97) as f32 * 0.3))
             .map(|p| Aabb::new(p, p + Vec3::new(1.0, 2.0, p.x)))
             .collect();
-        let items = crate::item::gather(&boxes, false).boxed;
+        let items = gathered(&boxes);
         let grid = Grid::new(&centers(&items), 32);
-        let mut bins = Bins::new();
+        let mut bins = Bins::EMPTY;
         bins.fill(&items, &grid);
         let cut = bins.best_split(&grid).expect("centres differ");
         let left = bins.count_before(cut);
@@ -368,10 +450,11 @@ mod tests {
         partition(&items, l, r, &grid, cut);
         assert!(whole[..left].iter().all(|item| grid.bins_of(item)[cut.axis] < cut.bin));
         assert!(whole[left..].iter().all(|item| grid.bins_of(item)[cut.axis] >= cut.bin));
-        for threads in [1, 3] {
+        for (parallel, parts) in [(false, 1), (true, 3), (true, 8)] {
             let mut spare = items.clone();
-            let binned = Binned { bins: 32, threads };
-            assert_eq!(binned.split_in_parts(&items, &mut spare, &grid), Some(left));
+            let mut bins = vec![Bins::EMPTY; 1 + parts];
+            let binned = Binned { leaves: &Single, bins: 32, parallel };
+            assert_eq!(binned.split_in_parts(&items, &mut spare, &grid, &mut bins), Some(left));
             assert!(spare.iter().zip(&whole).all(|(a, b)| a.number() == b.number()));
         }
     }
@@ -380,10 +463,10 @@ mod tests {
     fn bins_keep_hulls_and_counts() {
         let boxes: Vec<Aabb> =
             (0..1000).map(|i| Vec3::new(i as f32, 0.0, -2.0)).map(|p| Aabb::new(p, p + 1.0)).collect();
-        let items = crate::item::gather(&boxes, false).boxed;
+        let items = gathered(&boxes);
         // Centres do not spread on the last two axes: all are in the first bin there.
         let grid = Grid::new(&centers(&items), 10);
-        let mut bins = Bins::new();
+        let mut bins = Bins::EMPTY;
         bins.fill(&items, &grid);
         let counts = bins.bins.map(|axis| axis.bins[..10].iter().map(Bin::count).collect::<Vec<_>>());
         assert_eq!(counts[0].iter().sum::<f32>(), 1000.0);

@@ -12,50 +12,66 @@ use rayon::prelude::*;
 #[repr(C, align(32))]
 #[derive(Clone, Copy)]
 pub(crate) struct Item {
-    min: [f32; 4],
-    max: [f32; 4],
+    min: Vec4,
+    max: Vec4,
 }
 
 const MARK: u32 = 1 << 30;
 
 impl Item {
+    /// Fills memory that is yet to be used.
+    pub(crate) const NOTHING: Self = Self { min: Vec4::ZERO, max: Vec4::ZERO };
+
     #[inline]
     fn new(aabb: Aabb, number: usize) -> Self {
-        let (min, max) = (aabb.min, aabb.max);
         Self {
-            min: [min.x, min.y, min.z, f32::from_bits(number as u32 | MARK)],
-            max: [max.x, max.y, max.z, f32::NEG_INFINITY],
+            min: aabb.min.extend(f32::from_bits(number as u32 | MARK)),
+            max: aabb.max.extend(f32::NEG_INFINITY),
         }
+    }
+
+    /// A cluster of primitives: with their number in the fourth lane of `max`, where no arithmetic is done on it.
+    #[inline]
+    pub(crate) fn cluster(hull: Hull, number: u32, size: u32) -> Self {
+        Self {
+            min: hull.min.with_w(f32::from_bits(number | MARK)),
+            max: hull.max.with_w(f32::from_bits(size)),
+        }
+    }
+
+    /// Number of primitives in a cluster.
+    #[inline]
+    pub(crate) fn size(&self) -> u32 {
+        self.max.w.to_bits()
     }
 
     #[inline]
     pub(crate) fn number(&self) -> u32 {
-        self.min[3].to_bits() & !MARK
+        self.min.w.to_bits() & !MARK
     }
 
     #[inline]
     pub(crate) fn hull(&self) -> Hull {
-        Hull { min: Vec4::from_array(self.min), max: Vec4::from_array(self.max) }
+        Hull { min: self.min, max: self.max }
     }
 
     /// Twice the centre of the box; the fourth lane is of no meaning.
     #[inline]
     pub(crate) fn center(&self) -> Vec4 {
-        Vec4::from_array(self.min) + Vec4::from_array(self.max)
+        self.min + self.max
     }
 
     /// One coordinate of [`center`](Self::center), with the same bits.
     #[inline]
     pub(crate) fn center_on(&self, axis: usize) -> f32 {
-        self.min[axis & 3] + self.max[axis & 3]
+        let [min, max]: [&[f32; 4]; 2] = [self.min.as_ref(), self.max.as_ref()];
+        min[axis & 3] + max[axis & 3]
     }
 
     #[inline]
     fn scale(&mut self, unit: f32) {
-        for axis in 0..3 {
-            self.min[axis] *= unit;
-            self.max[axis] *= unit;
-        }
+        let scale = |v: Vec4| (v * unit).with_w(v.w);
+        (self.min, self.max) = (scale(self.min), scale(self.max));
     }
 }
 
@@ -68,6 +84,11 @@ pub(crate) struct Hull {
 
 impl Hull {
     pub(crate) const EMPTY: Self = Self { min: Vec4::INFINITY, max: Vec4::NEG_INFINITY };
+
+    #[inline]
+    pub(crate) fn of(aabb: Aabb) -> Self {
+        Self { min: aabb.min.extend(0.0), max: aabb.max.extend(0.0) }
+    }
 
     #[inline]
     pub(crate) fn union(self, other: Self) -> Self {
@@ -93,22 +114,43 @@ impl Hull {
     }
 }
 
-/// Greatest absolute coordinate; infinite if any box is empty or not finite.
-fn largest(items: &[Item]) -> f32 {
-    let start = (Vec4::ZERO, Vec4::ZERO.cmple(Vec4::ZERO));
-    let (size, ordered) = items.iter().fold(start, |(size, ordered), item| {
+/// What a builder needs to know of all primitives.
+#[derive(Clone, Copy)]
+struct Summary {
+    /// Greatest absolute coordinate on each axis; infinite if any box is empty or not finite.
+    size: Vec4,
+    /// Hull of the centres.
+    centers: Hull,
+}
+
+impl Summary {
+    const NOTHING: Self = Self { size: Vec4::ZERO, centers: Hull::EMPTY };
+
+    #[inline]
+    fn with(self, item: &Item) -> Self {
         let Hull { min, max } = item.hull();
-        (size.max(min.abs()).max(max.abs()), ordered & min.cmple(max))
-    });
-    if ordered.bitmask() & 7 == 7 { size.truncate().max_element() } else { f32::INFINITY }
+        // NaN is not ordered.
+        let size = Vec4::select(min.cmple(max), min.abs().max(max.abs()), Vec4::INFINITY);
+        Self { size: self.size.max(size), centers: self.centers.with_point(item.center()) }
+    }
+
+    fn and(self, other: Self) -> Self {
+        Self { size: self.size.max(other.size), centers: self.centers.union(other.centers) }
+    }
+
+    fn of(items: &[Item]) -> Self {
+        items.iter().fold(Self::NOTHING, Self::with)
+    }
+
+    fn largest(&self) -> f32 {
+        self.size.truncate().max_element()
+    }
 }
 
 /// The primitives as builders want them, each list in the order of the numbers.
-pub(crate) struct Items {
-    /// Those with a box.
-    pub(crate) boxed: Vec<Item>,
-    /// Those that are dropped.
-    pub(crate) dropped: Vec<Item>,
+pub(crate) struct Gathered {
+    /// Hull of the centres of those that have a box.
+    pub(crate) centers: Hull,
     /// Whether the boxes are those of the primitives, and not scaled.
     pub(crate) exact: bool,
 }
@@ -117,29 +159,52 @@ pub(crate) struct Items {
 /// the range of `f32`.
 const LARGE: f32 = (1u64 << 40) as f32;
 
-/// Copies the primitives. Where all coordinates are tiny or some huge, they are scaled by a power of two, which
-/// changes no decision but those that would drown in overflow or underflow.
-pub(crate) fn gather<P: Primitives + ?Sized>(primitives: &P, parallel: bool) -> Items {
+/// Fewest primitives for a task to copy.
+const PART: usize = 4096;
+
+/// Copies the primitives: to `boxed` those with a box, to `dropped` the others. Where all coordinates are tiny or some
+/// huge, they are scaled by a power of two, which changes no decision but those that would drown in overflow or
+/// underflow.
+pub(crate) fn gather<P: Primitives + ?Sized>(
+    primitives: &P,
+    boxed: &mut Vec<Item>,
+    dropped: &mut Vec<Item>,
+    threads: usize,
+) -> Gathered {
     let n = primitives.len();
-    let item = |i| Item::new(primitives.aabb(i), i);
-    let (mut boxed, mut size): (Vec<Item>, f32);
-    if parallel {
-        boxed = (0..n).into_par_iter().with_min_len(1024).map(item).collect();
-        size = boxed.par_chunks(1024).map(largest).reduce(|| 0.0, f32::max);
+    dropped.clear();
+    let copy = |first: usize, items: &mut [Item]| {
+        let mut all = Summary::NOTHING;
+        for (i, item) in items.iter_mut().enumerate() {
+            *item = Item::new(primitives.aabb(first + i), first + i);
+            all = all.with(item);
+        }
+        all
+    };
+    boxed.resize(n, Item::NOTHING);
+    let mut all = if threads > 1 && n > PART {
+        let parts = boxed.par_chunks_mut(PART).enumerate();
+        parts.map(|(i, part)| copy(i * PART, part)).reduce(|| Summary::NOTHING, Summary::and)
     } else {
-        boxed = (0..n).map(item).collect();
-        size = largest(&boxed);
+        copy(0, boxed)
+    };
+    if all.largest() == f32::INFINITY {
+        boxed.retain(|item| {
+            let drop = item.hull().aabb().sanitized().is_empty();
+            if drop {
+                dropped.push(*item);
+            }
+            !drop
+        });
+        all = Summary::of(boxed);
     }
-    let mut dropped = Vec::new();
-    if size == f32::INFINITY {
-        (boxed, dropped) = boxed.into_iter().partition(|item| !item.hull().aabb().sanitized().is_empty());
-        size = largest(&boxed);
-    }
+    let size = all.largest();
     let exact = size == 0.0 || (1.0 / LARGE..LARGE).contains(&size);
     if !exact {
         // The reciprocal of the power of two below `size`, or the largest there is.
         let unit = f32::from_bits((254 - (size.to_bits() >> 23)).clamp(1, 253) << 23);
         boxed.iter_mut().for_each(|item| item.scale(unit));
+        all = Summary::of(boxed);
     }
-    Items { boxed, dropped, exact }
+    Gathered { centers: all.centers, exact }
 }

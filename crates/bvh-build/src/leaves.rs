@@ -46,10 +46,10 @@ fn pack(nodes: &mut [Node], at: usize, next: &mut usize) {
     }
     let pair = *next;
     nodes.copy_within(node.first()..node.first() + 2, pair);
-    nodes[at] = Node::inner(node.aabb(), pair as u32);
     *next += 2;
     pack(nodes, pair, next);
     pack(nodes, pair + 1, next);
+    nodes[at] = Node::parent(&nodes[pair], &nodes[pair + 1], pair as u32);
 }
 
 #[cfg(test)]

@@ -19,6 +19,18 @@ pub(crate) struct Plot<'a> {
     depth: u32,
 }
 
+/// A plot for those who write it all by themselves: each pair of nodes and each slot once, children behind parents.
+pub(crate) struct Site<'a> {
+    pub(crate) root: &'a mut Node,
+    /// All nodes below the root.
+    pub(crate) below: &'a mut [Node],
+    /// Number of the first of `below` in the tree.
+    pub(crate) first_node: u32,
+    pub(crate) order: &'a mut [u32],
+    /// Number of the first of `order` in the tree.
+    pub(crate) first_slot: u32,
+}
+
 impl<'a> Plot<'a> {
     /// The plot of a whole tree. Node 1 stays unused.
     pub(crate) fn new(nodes: &'a mut [Node], order: &'a mut [u32]) -> Self {
@@ -26,11 +38,23 @@ impl<'a> Plot<'a> {
         Self { root: &mut top[0], below, first_node: 2, order, first_slot: 0, depth: 0 }
     }
 
-    /// Whether any split here leaves room below for the rest, within [`MAX_HEIGHT`]. Otherwise the number of
-    /// primitives must be halved from here on, which always fits.
+    /// Edges between the tree's root and this one.
+    pub(crate) fn depth(&self) -> u32 {
+        self.depth
+    }
+
+    /// Hands over the place itself.
+    pub(crate) fn site(self) -> Site<'a> {
+        let Self { root, below, first_node, order, first_slot, .. } = self;
+        Site { root, below, first_node, order, first_slot }
+    }
+
+    /// Whether any split here leaves room below for the rest, within [`MAX_HEIGHT`]. Otherwise what is to be split must be
+    /// halved from here on, which always fits, be it primitives or subtrees of at most `most` primitives.
     #[inline]
-    pub(crate) fn any_split_fits(&self) -> bool {
-        self.depth + self.order.len().next_power_of_two().ilog2() < MAX_HEIGHT
+    pub(crate) fn any_split_fits(&self, most: usize) -> bool {
+        let halvings = |n: usize| n.next_power_of_two().ilog2();
+        self.depth + halvings(self.order.len()) + halvings(most) < MAX_HEIGHT
     }
 
     /// Makes the root the leaf of the only primitive; gives its hull.
@@ -44,14 +68,14 @@ impl<'a> Plot<'a> {
     /// Makes the root an inner node over two subtrees, the left one over the first `n` slots and the right one
     /// over the rest, which `both` grows in any order or at once; gives the hull of the two that this returns.
     #[inline]
-    pub(crate) fn fork(self, n: usize, both: impl FnOnce(Self, Self) -> (Hull, Hull)) -> Hull {
+    pub(crate) fn fork(self, n: usize, both: impl FnOnce(Plot<'_>, Plot<'_>) -> (Hull, Hull)) -> Hull {
         let (pair, below) = self.below.split_at_mut(2);
-        let (left_root, right_root) = pair.split_at_mut(1);
+        let [left_root, right_root] = pair else { unreachable!("split off as two") };
         let (left_below, right_below) = below.split_at_mut(2 * (n - 1));
         let (left_order, right_order) = self.order.split_at_mut(n);
         let depth = self.depth + 1;
         let left = Plot {
-            root: &mut left_root[0],
+            root: left_root,
             below: left_below,
             first_node: self.first_node + 2,
             order: left_order,
@@ -59,7 +83,7 @@ impl<'a> Plot<'a> {
             depth,
         };
         let right = Plot {
-            root: &mut right_root[0],
+            root: right_root,
             below: right_below,
             first_node: self.first_node + 2 * n as u32,
             order: right_order,
@@ -67,9 +91,8 @@ impl<'a> Plot<'a> {
             depth,
         };
         let (l, r) = both(left, right);
-        let hull = l.union(r);
-        *self.root = Node::inner(hull.aabb(), self.first_node);
-        hull
+        *self.root = Node::parent(&pair[0], &pair[1], self.first_node);
+        l.union(r)
     }
 
     /// Halves the primitives down to the leaves, in the order given; gives their hull.

@@ -11,7 +11,7 @@ use crate::plot::Plot;
 const GRAIN: usize = 4096;
 
 /// Builds the tree over `items`, which have boxes and numbers below `count`; gives its hull.
-pub(crate) fn build(items: Vec<Item>, count: usize, parallel: bool, plot: Plot) -> Hull {
+pub(crate) fn build(items: &[Item], count: usize, parallel: bool, plot: Plot) -> Hull {
     let sweep = Sweep { parallel, is_left: (0..count).map(|_| AtomicBool::new(false)).collect() };
     sweep.build(items, plot)
 }
@@ -42,9 +42,9 @@ impl<'a> Lists<'a> {
 }
 
 impl Sweep {
-    fn build(&self, items: Vec<Item>, plot: Plot) -> Hull {
-        let mut sorted = [0, 1, 2].map(|axis| self.sort(&items, axis));
-        let mut spare = items;
+    fn build(&self, items: &[Item], plot: Plot) -> Hull {
+        let mut sorted = [0, 1, 2].map(|axis| self.sort(items, axis));
+        let mut spare = items.to_vec();
         let mut costs = vec![0.0; spare.len()];
         let sorted = sorted.each_mut().map(Vec::as_mut_slice);
         self.grow(Lists { sorted, spare: &mut spare, costs: &mut costs }, plot)
@@ -72,7 +72,7 @@ impl Sweep {
         if n == 1 {
             return plot.leaf(&lists.sorted[0][0]);
         }
-        let split = if plot.any_split_fits() { best_split(&mut lists) } else { None };
+        let split = if plot.any_split_fits(1) { best_split(&mut lists) } else { None };
         let (axis, left) = split.unwrap_or_else(|| (widest(&lists), n / 2));
         if n > 2 {
             self.partition(&mut lists, axis, left);

@@ -3,7 +3,9 @@
 use bvh_core::{Aabb, Bvh, MAX_HEIGHT, MAX_PRIMITIVES, Node, Primitives, Triangles, Vec3, sah_cost, stats};
 use proptest::prelude::*;
 
-use crate::{BuildError, BuildOptions, Builder, build};
+use crate::{BuildError, BuildOptions, BuildScratch, Builder, CodeBits, build, rebuild};
+
+const BUILDERS: usize = Builder::ALL.len();
 
 /// A sequence of numbers in 0..1 (splitmix64), for input too large to be worth shrinking.
 fn numbers(mut state: u64) -> impl FnMut() -> f32 {
@@ -42,10 +44,13 @@ fn options(max_leaf_size: u32) -> BuildOptions {
 }
 
 /// Builds with every builder and checks the trees.
-fn check(boxes: &[Aabb], options: &BuildOptions) -> [Bvh; 3] {
+fn check(boxes: &[Aabb], options: &BuildOptions) -> [Bvh; BUILDERS] {
     let trees = Builder::ALL.map(|builder| {
         let bvh = build(boxes, builder, options, None).expect("few enough");
         bvh.validate(boxes).unwrap_or_else(|e| panic!("{}: {e}", builder.name()));
+        // What builders are trusted with: structure, heights and moving bits.
+        let checked = Bvh::new(bvh.nodes(), bvh.order().to_vec()).expect("a tree");
+        assert_eq!(checked.hash(), bvh.hash(), "{}", builder.name());
         if options.max_leaf_size == 1 {
             assert_eq!(bvh.nodes().len(), 2 * boxes.len().max(1), "{}", builder.name());
         }
@@ -78,14 +83,23 @@ proptest! {
         boxes in prop::collection::vec(any_box(), 0..80),
         max_leaf_size in 1u32..10,
         bins in 0u32..300,
+        code_bits in prop::sample::select(vec![CodeBits::Auto, CodeBits::Bits30, CodeBits::Bits63]),
+        search_radius in 0u32..40,
     ) {
-        check(&boxes, &BuildOptions { max_leaf_size, bins });
+        check(&boxes, &BuildOptions { max_leaf_size, bins, code_bits, search_radius });
     }
 }
 
 #[test]
 fn names_are_those_of_the_result_files() {
-    assert_eq!(Builder::ALL.map(Builder::name), ["sweep", "binned", "binned-parallel"]);
+    assert_eq!(
+        Builder::ALL.map(Builder::name),
+        ["sweep", "binned", "binned-parallel", "lbvh", "hlbvh", "ploc"]
+    );
+    for builder in Builder::ALL {
+        assert_eq!(Builder::from_name(builder.name()), Some(builder));
+    }
+    assert_eq!(Builder::from_name("bvh"), None);
 }
 
 #[test]
@@ -93,9 +107,9 @@ fn no_one_and_two_primitives() {
     let [empty, ..] = check(&[], &options(1));
     assert_eq!(empty.nodes(), [Node::NOTHING; 2]);
     let boxes = random_boxes(2, 0.1);
-    assert_eq!(check(&boxes[..1], &options(1)).map(|bvh| bvh.height()), [0; 3]);
-    assert_eq!(check(&boxes, &options(1)).map(|bvh| bvh.height()), [1; 3]);
-    assert_eq!(check(&[Aabb::EMPTY], &options(1)).map(|bvh| bvh.root().aabb()), [Aabb::EMPTY; 3]);
+    assert_eq!(check(&boxes[..1], &options(1)).map(|bvh| bvh.height()), [0; BUILDERS]);
+    assert_eq!(check(&boxes, &options(1)).map(|bvh| bvh.height()), [1; BUILDERS]);
+    assert_eq!(check(&[Aabb::EMPTY], &options(1)).map(|bvh| bvh.root().aabb()), [Aabb::EMPTY; BUILDERS]);
 }
 
 #[test]
@@ -119,7 +133,7 @@ fn too_many_primitives_are_refused() {
 #[test]
 fn identical_primitives_give_a_balanced_tree() {
     for one in [Aabb::new(Vec3::ZERO, Vec3::ONE), point_box(Vec3::splat(7.0))] {
-        assert_eq!(check(&vec![one; 90_000], &options(1)).map(|bvh| bvh.height()), [17; 3]);
+        assert_eq!(check(&vec![one; 90_000], &options(1)).map(|bvh| bvh.height()), [17; BUILDERS]);
     }
 }
 
@@ -127,7 +141,7 @@ fn identical_primitives_give_a_balanced_tree() {
 fn points_on_a_line_give_a_shallow_tree() {
     // Every split costs nothing.
     let boxes: Vec<_> = (0..4096).map(|i| point_box(Vec3::X * i as f32)).collect();
-    let [sweep, binned, _] = check(&boxes, &options(1)).map(|bvh| bvh.height());
+    let [sweep, binned, ..] = check(&boxes, &options(1)).map(|bvh| bvh.height());
     assert!(sweep == 12 && binned <= 14, "{sweep}, {binned}");
 }
 
@@ -237,12 +251,60 @@ fn flat_scenes() {
 }
 
 #[test]
-fn binned_costs_little_more_than_sweep() {
+fn no_builder_costs_much_more_than_sweep() {
     for (n, size) in [(1000, 0.2), (5000, 0.02), (20_000, 0.05)] {
         let boxes = random_boxes(n, size);
-        let [sweep, binned, _] = check(&boxes, &options(1)).map(|bvh| sah_cost(&bvh));
-        assert!(binned < 1.03 * sweep, "{n} of {size}: sweep {sweep}, binned {binned}");
+        let [sweep, costs @ ..] = check(&boxes, &options(1)).map(|bvh| sah_cost(&bvh));
+        for ((builder, cost), bound) in
+            Builder::ALL[1..].iter().zip(costs).zip([1.03, 1.03, 1.25, 1.15, 1.12])
+        {
+            let (name, over) = (builder.name(), cost / sweep);
+            assert!(over < bound, "{name}: {over} times sweep, for {n} of {size}");
+        }
     }
+}
+
+#[test]
+fn long_codes_are_taken_where_short_ones_are_equal() {
+    // Three quarters of all in one cell of a thousand on each axis.
+    let mut boxes = random_boxes(4000, 0.02);
+    let small = random_boxes(12_000, 0.02).into_iter().map(|b| Aabb::new(b.min * 3e-4, b.max * 3e-4));
+    boxes.extend(
+        small.enumerate().map(|(i, b)| if i % 2 == 0 { b } else { Aabb::new(b.min * 0.5, b.max * 0.5) }),
+    );
+    for builder in [Builder::Lbvh, Builder::Hlbvh, Builder::Ploc] {
+        let tree = |code_bits| {
+            let options = BuildOptions { code_bits, ..BuildOptions::default() };
+            build(&boxes, builder, &options, None).expect("few enough")
+        };
+        let [auto, short, long] = [CodeBits::Auto, CodeBits::Bits30, CodeBits::Bits63].map(tree);
+        assert_eq!(auto.hash(), long.hash(), "{}", builder.name());
+        let inner = |bvh: &Bvh| {
+            let mut area = 0.0;
+            bvh.visit(|_, node, _| {
+                let half = node.aabb().half_area_f64();
+                area += if half < 1e-6 { half } else { 0.0 };
+            });
+            area
+        };
+        assert!(inner(&long) < 0.7 * inner(&short), "{}", builder.name());
+        // Where codes tell all apart, short ones will do.
+        let apart = |code_bits| {
+            let options = BuildOptions { code_bits, ..BuildOptions::default() };
+            build(&boxes[..4000].to_vec(), builder, &options, None).expect("few enough").hash()
+        };
+        assert_eq!(apart(CodeBits::Auto), apart(CodeBits::Bits30), "{}", builder.name());
+    }
+}
+
+#[test]
+fn clusters_that_wait_for_each_other_do_not_take_forever() {
+    // Each is nearer to the next one than to the one before: left alone, two would join in each round.
+    let n = 50_000;
+    let place = |i: i32| 4.0 * f64::from(i) - f64::from(i).powi(2) / f64::from(n);
+    let boxes: Vec<_> = (0..n).map(|i| Vec3::new(place(i) as f32, 0.0, 0.0)).collect();
+    let boxes: Vec<_> = boxes.into_iter().map(|p| Aabb::new(p, p + Vec3::new(0.0, 1.0, 1.0))).collect();
+    check(&boxes, &options(1));
 }
 
 #[test]
@@ -262,11 +324,13 @@ fn trees_do_not_depend_on_the_number_of_threads() {
     boxes.extend([Aabb::EMPTY; 5]);
     for options in [options(1), options(6)] {
         let hash = |builder| build(&boxes, builder, &options, None).expect("few enough").hash();
-        let serial = [hash(Builder::Sweep), hash(Builder::Binned)];
-        for threads in [1, 2, 3, 8] {
+        let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-            let parallel = pool.install(|| [hash(Builder::Sweep), hash(Builder::BinnedParallel)]);
-            assert_eq!(parallel, serial, "{threads} threads");
+            pool.install(|| Builder::ALL.map(hash))
+        };
+        let one = on(1);
+        for threads in [2, 3, 8] {
+            assert_eq!(on(threads), one, "{threads} threads");
         }
     }
 }
@@ -287,11 +351,16 @@ fn larger_leaves_lower_cost_and_node_count() {
 #[test]
 fn recycled_memory_gives_the_same_tree() {
     let (few, many) = (random_boxes(300, 0.1), random_boxes(5000, 0.1));
+    let mut scratch = BuildScratch::new();
     for builder in Builder::ALL {
         for (old, new) in [(&few, &many), (&many, &few)] {
             let fresh = build(new, builder, &options(2), None).expect("few enough");
             let old = build(old, builder, &options(1), None).expect("few enough");
-            let recycled = build(new, builder, &options(2), Some(old)).expect("few enough");
+            let mut recycled = build(new, builder, &options(2), Some(old)).expect("few enough");
+            assert_eq!(fresh.hash(), recycled.hash());
+            for size in [1, 2] {
+                rebuild(&mut recycled, new, builder, &options(size), &mut scratch).expect("few enough");
+            }
             assert_eq!(fresh.hash(), recycled.hash());
         }
     }

@@ -115,25 +115,40 @@ impl Bvh {
         Self::from_pairs(pairs, order)
     }
 
-    /// A tree that `fill` writes into `nodes` fresh node slots (rounded up to even); it gets all of them, each
-    /// [`Node::NOTHING`], and says how many it used.
+    /// Replaces the tree by one that `fill` writes into the same memory: it gets room for `nodes` nodes (rounded up to
+    /// even) and the order of `primitives` primitives, both with any content, and says how many node slots it used.
     ///
-    /// `recycled` gives its memory, if it is of use: a rebuild every frame then allocates nothing.
+    /// Allocates only if there is less memory than asked for, and takes no time beyond that of `fill`. If `fill` panics,
+    /// the tree is empty afterwards.
     ///
-    /// # Errors
-    /// If what was written is not the structure of a tree.
-    pub fn build(
+    /// # Safety
+    /// What `fill` leaves in the node slots that it says are used, and in the order, must be a tree as [`Bvh`] describes
+    /// it, with heights right and every primitive moving: updates that share the arena between threads rely on it.
+    #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
+    pub unsafe fn rebuild(
+        &mut self,
         nodes: usize,
-        recycled: Option<Self>,
-        fill: impl FnOnce(&mut [Node], &mut Vec<u32>) -> usize,
-    ) -> Result<Self, Malformed> {
-        let (mut pairs, mut order) = recycled.map_or_else(Default::default, |b| (b.pairs, b.order));
-        pairs.clear();
-        order.clear();
-        pairs.resize(nodes.div_ceil(2), Pair([Node::NOTHING; 2]));
-        let used = fill(bytemuck::cast_slice_mut(&mut pairs), &mut order);
-        pairs.truncate(used.div_ceil(2));
-        Self::from_pairs(pairs, order)
+        primitives: usize,
+        fill: impl FnOnce(&mut [Node], &mut [u32]) -> usize,
+    ) {
+        /// Leaves an empty tree unless told that all went well.
+        struct Guard<'a>(&'a mut Bvh, bool);
+        impl Drop for Guard<'_> {
+            fn drop(&mut self) {
+                if !self.1 {
+                    *self.0 = Bvh::default();
+                }
+            }
+        }
+        let mut guard = Guard(self, false);
+        let Guard(bvh, done) = &mut guard;
+        bvh.pairs.resize(nodes.div_ceil(2).max(1), Pair([Node::NOTHING; 2]));
+        bvh.order.resize(primitives, 0);
+        let used = fill(bytemuck::cast_slice_mut(&mut bvh.pairs), &mut bvh.order);
+        bvh.pairs.truncate(used.div_ceil(2).max(1));
+        bvh.in_order = bvh.order.iter().enumerate().all(|(s, &p)| s == p as usize);
+        (bvh.still_area, bvh.history) = (0.0, History::default());
+        *done = true;
     }
 
     fn from_pairs(pairs: Vec<Pair>, order: Vec<u32>) -> Result<Self, Malformed> {
@@ -476,6 +491,35 @@ mod tests {
         assert!(!bvh.is_in_order());
         assert!(bvh.primitives(bvh.root()).is_empty());
         assert_eq!(bvh.nodes().as_ptr().addr() % 64, 0);
+    }
+
+    #[test]
+    fn a_tree_is_written_into_the_memory_of_another() {
+        let mut bvh = Bvh::new(&three(), vec![2, 0, 1]).expect("valid");
+        let rebuild = |bvh: &mut Bvh, fill: fn(&mut [Node], &mut [u32]) -> usize| {
+            // SAFETY: what is written is a tree.
+            #[expect(unsafe_code, reason = "writes a tree by hand")]
+            unsafe {
+                bvh.rebuild(2, 2, fill);
+            }
+        };
+        let memory = bvh.nodes().as_ptr();
+        rebuild(&mut bvh, |nodes, order| {
+            nodes[0] = Node::leaf(BOX, 0, 2);
+            order.copy_from_slice(&[1, 0]);
+            2
+        });
+        let fresh = Bvh::new(&[Node::leaf(BOX, 0, 2), Node::NOTHING], vec![1, 0]).expect("valid");
+        assert_eq!((bvh.root(), bvh.order(), bvh.is_in_order()), (fresh.root(), fresh.order(), false));
+        assert_eq!(bvh.nodes().as_ptr(), memory);
+        let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            rebuild(&mut bvh, |nodes, _| {
+                nodes[0] = Node::inner(BOX, 100);
+                panic!("half way");
+            });
+        }));
+        assert!(caught.is_err());
+        assert_eq!((bvh.nodes(), bvh.len()), (&[Node::NOTHING; 2][..], 0));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! One node: 32 bytes, two to a cache line.
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 
 use crate::{Aabb, COST_INTERSECT, COST_TRAVERSE};
 
@@ -157,17 +157,34 @@ impl Node {
         self.set_aabb(aabb);
     }
 
+    /// The parent of `l` and `r`, which are or will be the child nodes `left` and `left + 1`.
+    ///
+    /// # Panics
+    /// As [`inner`](Self::inner).
+    #[must_use]
+    #[inline]
+    pub fn parent(l: &Self, r: &Self, left: u32) -> Self {
+        let mut node = Self::inner(Aabb::EMPTY, left);
+        node.refit(l, r);
+        node
+    }
+
     /// Makes this inner node the parent of `l` and `r` as far as box, height and motion go.
     #[inline]
     pub fn refit(&mut self, l: &Self, r: &Self) {
-        let aabb = l.aabb().union(r.aabb());
         let height = 1 + l.height().max(r.height());
         let moves = (l.link | r.link) & MOVES;
-        *self = Self {
-            min: aabb.min,
-            link: self.link & !MOVES | moves,
-            max: aabb.max,
-            aux: self.aux & !HEIGHT | height,
-        };
+        let link = self.link & !MOVES | moves;
+        let aux = self.aux & !HEIGHT | height;
+        // Boxes by the vector; what comes of the fourth lanes is replaced.
+        let [[l_min, l_max], [r_min, r_max]]: [[Vec4; 2]; 2] = [bytemuck::cast(*l), bytemuck::cast(*r)];
+        let (min, max) = (l_min.min(r_min), l_max.max(r_max));
+        *self = Self::from_lanes(min, max, link, aux);
+    }
+
+    /// The first three lanes of the vectors, with the other two words in their fourth.
+    #[inline]
+    fn from_lanes(min: Vec4, max: Vec4, link: u32, aux: u32) -> Self {
+        bytemuck::cast([min.with_w(f32::from_bits(link)), max.with_w(f32::from_bits(aux))])
     }
 }

@@ -2,6 +2,7 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use bvh_build::BuildScratch;
 use bvh_core::{Bvh, InOrder, Primitives, SimdLevel};
 use rayon::prelude::*;
 
@@ -13,9 +14,10 @@ use crate::strategy::{Rotate, Turn};
 /// Subtrees that a thread takes at a time.
 const TOP_ROOTS: usize = 16;
 
-/// Memory that updates keep from frame to frame: well below 1 MiB a thread, whatever the size of the tree. It has
-/// no influence on results.
+/// Memory that updates keep from frame to frame: well below 1 MiB a thread, whatever the size of the tree, and what
+/// rebuilds take, if any are made. It has no influence on results.
 pub struct Scratch {
+    pub(crate) build: BuildScratch,
     level: Available,
     top: Block,
     top_lists: Box<Lists>,
@@ -40,8 +42,14 @@ impl Scratch {
     #[must_use]
     pub fn with_level(level: SimdLevel) -> Self {
         let level = Available::at_most(level);
-        let (top, top_lists) = (Block::new(), Lists::new());
-        Self { level, top, top_lists, workers: Vec::new(), tallies: Vec::new() }
+        Self {
+            build: BuildScratch::new(),
+            level,
+            top: Block::new(),
+            top_lists: Lists::new(),
+            workers: Vec::new(),
+            tallies: Vec::new(),
+        }
     }
 }
 

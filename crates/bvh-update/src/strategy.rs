@@ -1,6 +1,6 @@
 //! The strategies: named ways to bring a tree up to date with primitives that have moved.
 
-use bvh_build::{BuildError, BuildOptions, Builder, build};
+use bvh_build::{BuildError, BuildOptions, Builder, rebuild};
 use bvh_core::{Bvh, Primitives, sah_cost};
 use thiserror::Error;
 
@@ -77,15 +77,12 @@ impl Turn {
 impl Strategy {
     /// All strategies, with their defaults.
     #[must_use]
-    pub fn all() -> [Self; 5] {
-        let rebuild = |builder| Self::Rebuild(builder, BuildOptions::default());
-        [
-            Self::Refit,
-            Self::RefitRotate(Rotate::default()),
-            rebuild(Builder::Sweep),
-            rebuild(Builder::Binned),
-            rebuild(Builder::BinnedParallel),
-        ]
+    pub fn all() -> [Self; 2 + Builder::ALL.len()] {
+        std::array::from_fn(|i| match i {
+            0 => Self::Refit,
+            1 => Self::RefitRotate(Rotate::default()),
+            _ => Self::Rebuild(Builder::ALL[i - 2], BuildOptions::default()),
+        })
     }
 
     /// Name as the command line and results have it.
@@ -169,7 +166,7 @@ pub fn update<P: Primitives + ?Sized>(
         Strategy::Refit => None,
         Strategy::RefitRotate(rotate) => Some(*rotate),
         Strategy::Rebuild(builder, options) => {
-            *bvh = build(primitives, *builder, options, Some(std::mem::take(bvh)))?;
+            rebuild(bvh, primitives, *builder, options, &mut scratch.build)?;
             let nodes_visited = bvh.nodes().len() as u64 - 1;
             return Ok(Update { rebuilt: true, height: bvh.height(), nodes_visited, ..Update::default() });
         }

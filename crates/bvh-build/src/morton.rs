@@ -1,0 +1,152 @@
+//! Linear BVH: splits along the Morton curve through the centres of the boxes (Lauterbach, Garland, Sengupta, Luebke,
+//! Manocha 2009, "Fast BVH construction on GPUs").
+//!
+//! A node holds all primitives whose codes agree in some leading bits and its children differ in the next one that is
+//! not the same for all. Where codes are equal, the bits of the primitives' numbers follow: halves of the order in which
+//! they were given. No path is longer than a key has bits of either, at most 63 + 29.
+
+use bvh_core::glam::Vec4;
+use bvh_core::{MAX_HEIGHT, Node, prefetch};
+use rayon::prelude::*;
+
+use crate::CodeBits;
+use crate::item::{Hull, Item};
+use crate::plot::{Plot, Site};
+use crate::radix::{Counts, Key, sort};
+
+/// Subtrees of fewer primitives are built by one thread.
+const GRAIN: usize = 4096;
+
+/// How many primitives ahead boxes are fetched.
+pub(crate) const AHEAD: usize = 12;
+
+/// Memory for codes and their order.
+#[derive(Default)]
+pub(crate) struct Codes {
+    short: Vec<u64>,
+    short_spare: Vec<u64>,
+    long: Vec<u128>,
+    long_spare: Vec<u128>,
+    counts: Vec<Counts>,
+}
+
+/// The items' places along the curve.
+pub(crate) enum Sorted<'a> {
+    Short(&'a [u64]),
+    Long(&'a [u128]),
+}
+
+impl Codes {
+    /// Sorts items with the given hull of centres along the curve.
+    pub(crate) fn sort(
+        &mut self,
+        items: &[Item],
+        centers: &Hull,
+        bits: CodeBits,
+        threads: usize,
+    ) -> Sorted<'_> {
+        let Self { short, short_spare, long, long_spare, counts } = self;
+        if bits != CodeBits::Bits63 {
+            encode(items, centers, 10, short, threads);
+            sort(short, short_spare, counts, 30, threads);
+            let same = || short.windows(2).filter(|pair| (pair[0] ^ pair[1]) >> u64::LOW == 0).count();
+            if bits == CodeBits::Bits30 || same() <= items.len() / 2 {
+                return Sorted::Short(short);
+            }
+        }
+        encode(items, centers, 21, long, threads);
+        sort(long, long_spare, counts, 63, threads);
+        Sorted::Long(long)
+    }
+}
+
+/// Builds the tree over `items`, which have boxes and lie along the curve as `sorted` says; gives its hull.
+pub(crate) fn build(items: &[Item], sorted: &Sorted<'_>, threads: usize, plot: Plot) -> Hull {
+    match sorted {
+        Sorted::Short(keys) => grow(keys, items, threads > 1, plot),
+        Sorted::Long(keys) => grow(keys, items, threads > 1, plot),
+    }
+}
+
+/// The keys of all items: codes of `bits` bits an axis, and below them the items' places.
+fn encode<K: Key>(items: &[Item], centers: &Hull, bits: u32, keys: &mut Vec<K>, threads: usize) {
+    keys.resize(items.len(), K::ZERO);
+    // Cells are cubes: what is far on a long axis is far on a short one.
+    let extent = (centers.max - centers.min).truncate().max_element();
+    let cells = (1u32 << bits) as f32;
+    let scale = cells / extent;
+    let scale = Vec4::splat(if scale < f32::INFINITY { scale } else { 0.0 });
+    let last = Vec4::splat(cells - 1.0);
+    let key = |number: usize| {
+        let cell = ((items[number].center() - centers.min) * scale).min(last);
+        let [x, y, z, _] = cell.to_array().map(|c| c as i32 as u64);
+        K::new(spread(x) << 2 | spread(y) << 1 | spread(z), number as u32)
+    };
+    if threads > 1 {
+        keys.par_iter_mut().with_min_len(GRAIN).enumerate().for_each(|(i, k)| *k = key(i));
+    } else {
+        keys.iter_mut().enumerate().for_each(|(i, k)| *k = key(i));
+    }
+}
+
+/// Moves bit `i` to bit `3 i`, for the lowest 21 bits.
+#[inline]
+fn spread(x: u64) -> u64 {
+    let x = (x | x << 32) & 0x001f_0000_0000_ffff;
+    let x = (x | x << 16) & 0x001f_0000_ff00_00ff;
+    let x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
+    let x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
+    (x | x << 2) & 0x1249_2492_4924_9249
+}
+
+/// Builds the subtree over neighbours along the curve; gives its hull.
+pub(crate) fn grow<K: Key>(keys: &[K], items: &[Item], parallel: bool, plot: Plot) -> Hull {
+    if !parallel || keys.len() < GRAIN {
+        return emit(keys, items, plot);
+    }
+    let (l, r) = split(keys);
+    plot.fork(l.len(), |plot_l, plot_r| {
+        rayon::join(|| grow(l, items, parallel, plot_l), || grow(r, items, parallel, plot_r))
+    })
+}
+
+/// The two halves of a node of at least two primitives.
+pub(crate) fn split<K: Key>(keys: &[K]) -> (&[K], &[K]) {
+    let bit = (keys[0] ^ keys[keys.len() - 1]).highest();
+    keys.split_at(keys.partition_point(|key| key.bits_from(bit) & 1 == 0))
+}
+
+/// Builds the subtree over neighbours along the curve in one pass from the last to the first.
+///
+/// Two neighbouring subtrees become one as soon as the keys on either side of both differ in a higher bit than those
+/// between them. Nodes come about children first, the right ones before the left ones, and are written from the
+/// end: that is depth first, parents first and left before right, when read from the start.
+fn emit<K: Key>(keys: &[K], items: &[Item], plot: Plot) -> Hull {
+    let Site { root, below, first_node, order, first_slot } = plot.site();
+    // Subtrees to the right that are yet to become part of another, the next one last, and how the keys differ
+    // between each and what is left of it. Differences decrease, so there are no more than bits in a key.
+    let mut pending = [(Node::NOTHING, K::MAX); MAX_HEIGHT as usize];
+    let mut count = 0;
+    let mut next = below.len();
+    let mut node = Node::NOTHING;
+    for s in (0..keys.len()).rev() {
+        if s >= AHEAD {
+            prefetch(items, keys[s - AHEAD].number() as usize);
+        }
+        let item = &items[keys[s].number() as usize];
+        order[s] = item.number();
+        node = Node::leaf(item.hull().aabb(), first_slot + s as u32, 1);
+        let difference = if s > 0 { keys[s - 1] ^ keys[s] } else { K::MAX };
+        while count > 0 && pending[count - 1].1 < difference {
+            count -= 1;
+            next -= 2;
+            below[next] = node;
+            below[next + 1] = pending[count].0;
+            node = Node::parent(&node, &pending[count].0, first_node + next as u32);
+        }
+        pending[count] = (node, difference);
+        count += 1;
+    }
+    *root = node;
+    Hull::of(node.aabb())
+}

@@ -1,0 +1,194 @@
+//! For each cluster the one nearby with which its hull is smallest.
+
+use bvh_core::glam::{Mat4, Vec4};
+use rayon::prelude::*;
+
+use crate::item::{Hull, Item};
+use crate::raw;
+
+/// Largest search radius.
+pub(crate) const MAX_RADIUS: usize = 32;
+
+/// Clusters that are handled at a time.
+const PART: usize = 256;
+
+/// Of a cluster's place and another's: which is the nearest is decided by area and then by this, in the lowest bits of
+/// the area. First the distance, then, as there are two at each, the parity of the lower place in units of the
+/// greatest power of two that divides the distance. The two have different ones.
+const RANK: u32 = 2 * MAX_RADIUS as u32 - 1;
+
+/// Boxes of some clusters and of those near them, coordinate by coordinate.
+#[repr(align(32))]
+pub(crate) struct Window {
+    /// Minima and maxima.
+    bounds: [[f32; Window::SIZE]; 6],
+    /// For each, behind [`MAX_RADIUS`] that are greatest, area and rank with another at some distance behind it, as
+    /// bits whose order is that of areas and of equal ones of ranks.
+    keys: [u32; Window::SIZE + MAX_RADIUS],
+    /// The least key.
+    least: [u32; Window::SIZE],
+    /// Place of the first.
+    start: usize,
+    len: usize,
+}
+
+impl Window {
+    const SIZE: usize = PART + 2 * MAX_RADIUS;
+
+    pub(crate) fn new() -> Self {
+        Self {
+            bounds: [[0.0; Self::SIZE]; 6],
+            keys: [u32::MAX; Self::SIZE + MAX_RADIUS],
+            least: [u32::MAX; Self::SIZE],
+            start: 0,
+            len: 0,
+        }
+    }
+
+    pub(crate) fn fill(&mut self, clusters: &[Item], start: usize) {
+        (self.start, self.len) = (start, clusters.len());
+        let (fours, rest) = clusters.as_chunks::<4>();
+        for (i, four) in fours.iter().enumerate() {
+            let hulls = four.each_ref().map(Item::hull);
+            let min = columns(hulls.map(|hull| hull.min));
+            let max = columns(hulls.map(|hull| hull.max));
+            let axes = [min.x_axis, min.y_axis, min.z_axis, max.x_axis, max.y_axis, max.z_axis];
+            for (to, axis) in self.bounds.iter_mut().zip(axes) {
+                to[4 * i..4 * i + 4].copy_from_slice(&axis.to_array());
+            }
+        }
+        for (i, item) in (4 * fours.len()..).zip(rest) {
+            let Hull { min, max } = item.hull();
+            let bounds = [min.x, min.y, min.z, max.x, max.y, max.z];
+            for (to, bound) in self.bounds.iter_mut().zip(bounds) {
+                to[i] = bound;
+            }
+        }
+    }
+
+    /// For the clusters from place `from` on, finds the places of those with the least keys, within `radius` and the
+    /// window. One code for all SIMD levels: loops over plain arrays, which compilers turn into vector instructions.
+    #[inline(always)]
+    pub(crate) fn search(&mut self, radius: usize, from: usize, nearest: &mut [u32]) {
+        let Self { bounds, keys, least, start, len } = self;
+        let n = *len;
+        least[..n].fill(u32::MAX);
+        for distance in 1..=radius.min(n - 1) {
+            let m = n - distance;
+            let [a, b, c, d, e, f] = bounds.each_ref().map(|b| &b[..m]);
+            let [a2, b2, c2, d2, e2, f2] = bounds.each_ref().map(|b| &b[distance..][..m]);
+            let first = *start as u32;
+            let shift = distance.trailing_zeros();
+            let rank = 2 * (distance as u32 - 1);
+            let forward = &mut keys[MAX_RADIUS..][..m];
+            for i in 0..m {
+                let x = max(d[i], d2[i]) - min(a[i], a2[i]);
+                let y = max(e[i], e2[i]) - min(b[i], b2[i]);
+                let z = max(f[i], f2[i]) - min(c[i], c2[i]);
+                let area = x * y + (x + y) * z;
+                let parity = (first + i as u32) >> shift & 1;
+                forward[i] = area.to_bits() & !RANK | rank | parity;
+            }
+            // Not in the loop above, where a vector of keys at an odd place would span two that are still to be stored.
+            keys[MAX_RADIUS + m..][..distance].fill(u32::MAX);
+            let forward = keys[MAX_RADIUS..][..n].iter();
+            let backward = keys[MAX_RADIUS - distance..][..n].iter();
+            for ((least, &forward), &backward) in least[..n].iter_mut().zip(forward).zip(backward) {
+                *least = (*least).min(forward).min(backward);
+            }
+        }
+        let count = nearest.len();
+        let least = &least[from - *start..][..count];
+        let from = from as u32;
+        for i in 0..count {
+            let place = from + i as u32;
+            let rank = least[i] & RANK;
+            let distance = rank / 2 + 1;
+            let unit = distance & distance.wrapping_neg();
+            let is_upper = (u32::from(place & unit != 0) ^ rank) & 1;
+            nearest[i] = place + distance - 2 * distance * is_upper;
+        }
+    }
+}
+
+#[inline(always)]
+fn min(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+#[inline(always)]
+fn max(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+fn columns(rows: [Vec4; 4]) -> Mat4 {
+    let [a, b, c, d] = rows;
+    Mat4::from_cols(a, b, c, d).transpose()
+}
+
+/// Finds for each of at least two clusters the place of the one, at most `radius` places away, with which it has the
+/// smallest hull.
+pub(crate) fn find(clusters: &[Item], radius: usize, nearest: &mut [u32], threads: usize) {
+    let find = |window: &mut Window, (part, nearest): (usize, &mut [u32])| {
+        let start = part * PART;
+        let first = start.saturating_sub(radius);
+        let end = clusters.len().min(start + PART + radius);
+        window.fill(&clusters[first..end], first);
+        raw::search(window, radius, start, nearest);
+    };
+    if threads > 1 {
+        nearest.par_chunks_mut(PART).enumerate().for_each_init(Window::new, find);
+    } else {
+        let mut window = Window::new();
+        nearest.chunks_mut(PART).enumerate().for_each(|part| find(&mut window, part));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bvh_core::{Aabb, Vec3};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn clusters(boxes: &[Aabb]) -> Vec<Item> {
+        boxes.iter().enumerate().map(|(i, &b)| Item::cluster(Hull::of(b), i as u32, 1)).collect()
+    }
+
+    fn nearest(clusters: &[Item], radius: usize, threads: usize) -> Vec<u32> {
+        let mut nearest = vec![u32::MAX; clusters.len()];
+        find(clusters, radius, &mut nearest, threads);
+        nearest
+    }
+
+    proptest! {
+        #[test]
+        fn none_nearby_is_nearer(
+            corners in prop::collection::vec(prop::array::uniform3(0f32..1.0), 2..700),
+            radius in 1..=MAX_RADIUS,
+        ) {
+            let boxes: Vec<_> = corners.iter().map(|&c| Aabb::new(c.into(), Vec3::from(c) + 0.01)).collect();
+            let clusters = clusters(&boxes);
+            let nearest = nearest(&clusters, radius, 1);
+            for (i, &j) in nearest.iter().enumerate() {
+                let area = |j: usize| clusters[i].hull().union(clusters[j].hull()).half_area();
+                let near = (i.saturating_sub(radius)..boxes.len().min(i + radius + 1)).filter(|&k| k != i);
+                let least = near.map(area).fold(f32::INFINITY, f32::min);
+                prop_assert!(j as usize != i && (j as usize).abs_diff(i) <= radius);
+                // All but the bits of the rank.
+                prop_assert!(area(j as usize) <= least * (1.0 + 2e-5), "{i} chose {j}");
+            }
+            prop_assert!((0..).zip(&nearest).any(|(i, &j)| nearest[j as usize] == i), "no two chose each other");
+        }
+    }
+
+    #[test]
+    fn equal_areas_pair_neighbours_across_windows_and_tasks() {
+        let clusters = clusters(&vec![Aabb::new(Vec3::ZERO, Vec3::ONE); 3 * PART + 1]);
+        let neighbours = |i: u32| if i as usize == 3 * PART { i - 1 } else { i ^ 1 };
+        let expected: Vec<_> = (0..clusters.len() as u32).map(neighbours).collect();
+        for (radius, threads) in [(1, 1), (8, 1), (8, 3), (MAX_RADIUS, 3)] {
+            assert_eq!(nearest(&clusters, radius, threads), expected);
+        }
+    }
+}

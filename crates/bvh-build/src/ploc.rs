@@ -1,0 +1,336 @@
+//! Parallel locally-ordered clustering (Meister and Bittner 2018, "Parallel locally-ordered clustering for bounding
+//! volume hierarchy construction"; Benthin, Drabinski, Tessari, Dittebrandt 2022, "PLOC++").
+//!
+//! ```text
+//! clusters = the primitives, sorted along the Morton curve
+//! while there is more than one:
+//!     each looks among the `radius` before it and the `radius` behind it for the one with which its hull is smallest
+//!     two that chose each other become one, in the place of the first
+//! ```
+//!
+//! Departures: equal areas are told apart by an order of all pairs of places in which no two pairs with a place in
+//! common are equal, so that some two always choose each other, and, where all areas are equal, every two neighbours do.
+//! Where few do nevertheless, the next round joins neighbours whatever their areas: the number of rounds is
+//! logarithmic. Nodes are numbered depth first at the end.
+
+use std::hint::select_unpredictable;
+use std::ops::Range;
+
+use bvh_core::{MAX_HEIGHT, Node, prefetch};
+use rayon::prelude::*;
+
+use crate::item::{Hull, Item};
+use crate::morton::{AHEAD, Sorted};
+use crate::nearest::{self, MAX_RADIUS};
+use crate::plot::{Plot, Site};
+use crate::radix::Key;
+
+/// Clusters for a task.
+const PART: usize = 2048;
+
+/// Subtrees of fewer primitives are written by one thread.
+const GRAIN: usize = 4096;
+
+/// A round that joins fewer than one in so many is followed by one that joins all neighbours.
+const SLOW: usize = 32;
+
+/// Two clusters that became one, and the number of primitives in it. A cluster's number is the place of
+/// its only leaf, or the number of leaves plus that of its merger.
+#[derive(Clone, Copy)]
+pub(crate) struct Merger {
+    pub(crate) left: u32,
+    pub(crate) right: u32,
+    pub(crate) size: u32,
+}
+
+/// Memory for clusters.
+#[derive(Default)]
+pub(crate) struct Clusters {
+    /// The items along the curve.
+    pub(crate) leaves: Vec<Item>,
+    spare: Vec<Item>,
+    nearest: Vec<u32>,
+    pub(crate) mergers: Vec<Merger>,
+    parts: Vec<Kept>,
+}
+
+/// How many clusters of a part stay, and how many of these are new.
+#[derive(Clone, Copy, Default)]
+struct Kept {
+    clusters: usize,
+    mergers: usize,
+}
+
+/// Builds the tree over `items`, which have boxes and lie along the curve as `sorted` says; gives its hull. Other
+/// items are left in their place.
+pub(crate) fn build(
+    items: &mut [Item],
+    sorted: &Sorted<'_>,
+    radius: u32,
+    clusters: &mut Clusters,
+    threads: usize,
+    plot: Plot,
+) -> Hull {
+    let n = items.len();
+    let radius = radius.clamp(1, MAX_RADIUS as u32) as usize;
+    let Clusters { leaves, spare, nearest, mergers, parts } = clusters;
+    leaves.resize(n, Item::NOTHING);
+    spare.resize(n, Item::NOTHING);
+    nearest.resize(n, 0);
+    mergers.resize(n - 1, Merger { left: 0, right: 0, size: 0 });
+    match sorted {
+        Sorted::Short(keys) => gather(keys, items, leaves, threads),
+        Sorted::Long(keys) => gather(keys, items, leaves, threads),
+    }
+    let (mut from, mut to) = (&mut spare[..], items);
+    let (mut count, mut merged) = (n, 0);
+    let mut slow = false;
+    while count > 1 {
+        let clusters = if merged == 0 { &leaves[..] } else { &from[..count] };
+        let threads = if count > 2 * PART { threads } else { 1 };
+        let nearest = &mut nearest[..count];
+        if slow {
+            join_neighbours(nearest);
+        } else {
+            nearest::find(clusters, radius, nearest, threads);
+        }
+        let round = Round { clusters, nearest, is_first: merged == 0, number: (n + merged) as u32 };
+        let kept = round.run(to, &mut mergers[merged..], parts, threads);
+        slow = kept.mergers < count / SLOW;
+        merged += kept.mergers;
+        count = kept.clusters;
+        std::mem::swap(&mut from, &mut to);
+    }
+    let root = (n + merged - 1) as u32;
+    Tree { leaves, mergers }.grow(if n == 1 { 0 } else { root }, threads > 1, plot)
+}
+
+/// Copies the items in the order of the curve.
+pub(crate) fn gather<K: Key>(keys: &[K], items: &[Item], sorted: &mut [Item], threads: usize) {
+    let copy = |(i, to): (usize, &mut Item)| {
+        if let Some(key) = keys.get(i + AHEAD) {
+            prefetch(items, key.number() as usize);
+        }
+        *to = items[keys[i].number() as usize];
+    };
+    if threads > 1 {
+        sorted.par_iter_mut().with_min_len(PART).enumerate().for_each(copy);
+    } else {
+        sorted.iter_mut().enumerate().for_each(copy);
+    }
+}
+
+/// Lets each two neighbours choose each other; the last, if it has none, itself.
+fn join_neighbours(nearest: &mut [u32]) {
+    let last = nearest.len() as u32 - 1;
+    for (i, nearest) in (0..).zip(nearest) {
+        *nearest = last.min(i ^ 1);
+    }
+}
+
+/// The clusters of a round and the place that each chose.
+#[derive(Clone, Copy)]
+struct Round<'a> {
+    clusters: &'a [Item],
+    nearest: &'a [u32],
+    /// Whether the clusters are the leaves.
+    is_first: bool,
+    /// Number of the first new cluster.
+    number: u32,
+}
+
+impl Round<'_> {
+    /// Joins all that chose each other. Clusters that stay are written to `to` in the order they have, those that are new
+    /// to `mergers`, too.
+    fn run(self, to: &mut [Item], mergers: &mut [Merger], parts: &mut Vec<Kept>, threads: usize) -> Kept {
+        let n = self.clusters.len();
+        if threads == 1 {
+            return self.join(0..n, to, mergers);
+        }
+        parts.resize(n.div_ceil(PART), Kept::default());
+        parts.par_iter_mut().enumerate().for_each(|(p, kept)| {
+            *kept = self.count(p * PART..n.min((p + 1) * PART));
+        });
+        self.join_parts(parts, 0, to, mergers);
+        Kept::sum(parts)
+    }
+
+    fn count(&self, range: Range<usize>) -> Kept {
+        let mut kept = Kept::default();
+        for i in range {
+            let j = self.nearest[i] as usize;
+            let mutual = self.nearest[j] as usize == i;
+            kept.mergers += usize::from(mutual & (i < j));
+            kept.clusters += usize::from(!mutual | (i <= j));
+        }
+        kept
+    }
+
+    /// As [`run`](Self::run) for some of the parts, the first of which begins at `start`.
+    fn join_parts(self, parts: &[Kept], start: usize, to: &mut [Item], mergers: &mut [Merger]) {
+        let half = parts.len() / 2;
+        if half == 0 {
+            self.join(start..self.clusters.len().min(start + PART), to, mergers);
+            return;
+        }
+        let (l, r) = parts.split_at(half);
+        let kept = Kept::sum(l);
+        let (to_l, to_r) = to.split_at_mut(kept.clusters);
+        let (mergers_l, mergers_r) = mergers.split_at_mut(kept.mergers);
+        let right = Self { number: self.number + kept.mergers as u32, ..self };
+        rayon::join(
+            || self.join_parts(l, start, to_l, mergers_l),
+            || right.join_parts(r, start + half * PART, to_r, mergers_r),
+        );
+    }
+
+    /// As [`run`](Self::run) for the clusters at some of the places.
+    fn join(&self, range: Range<usize>, to: &mut [Item], mergers: &mut [Merger]) -> Kept {
+        if self.is_first {
+            self.join_if::<true>(range, to, mergers)
+        } else {
+            self.join_if::<false>(range, to, mergers)
+        }
+    }
+
+    fn join_if<const FIRST: bool>(
+        &self,
+        range: Range<usize>,
+        to: &mut [Item],
+        mergers: &mut [Merger],
+    ) -> Kept {
+        let mut kept = Kept::default();
+        let (clusters, nearest) = (self.clusters, &self.nearest[..self.clusters.len()]);
+        // Who chose whom cannot be predicted, so there is no branch on it: what is not to be kept is written over.
+        for i in range {
+            let j = nearest[i] as usize;
+            let mutual = nearest[j] as usize == i;
+            let other = select_unpredictable(mutual, j, i);
+            let (a, b) = (&clusters[i], &clusters[other]);
+            let number = |cluster: &Item, i| if FIRST { i as u32 } else { cluster.number() };
+            let size = |cluster: &Item| if FIRST { 1 } else { cluster.size() };
+            let is_new = mutual & (i < j);
+            let (left, right) = (number(a, i), number(b, other));
+            let size = size(a) + select_unpredictable(is_new, size(b), 0);
+            if let Some(merger) = mergers.get_mut(kept.mergers) {
+                *merger = Merger { left, right, size };
+            }
+            let number = select_unpredictable(is_new, self.number + kept.mergers as u32, left);
+            if let Some(place) = to.get_mut(kept.clusters) {
+                *place = Item::cluster(a.hull().union(b.hull()), number, size);
+            }
+            kept.mergers += usize::from(is_new);
+            kept.clusters += usize::from(!mutual | (i <= j));
+        }
+        kept
+    }
+}
+
+impl Kept {
+    fn sum(parts: &[Self]) -> Self {
+        parts.iter().fold(Self::default(), |a, b| Self {
+            clusters: a.clusters + b.clusters,
+            mergers: a.mergers + b.mergers,
+        })
+    }
+}
+
+/// All mergers over all leaves.
+#[derive(Clone, Copy)]
+pub(crate) struct Tree<'a> {
+    pub(crate) leaves: &'a [Item],
+    pub(crate) mergers: &'a [Merger],
+}
+
+impl Tree<'_> {
+    /// What a cluster was made of, if it is not a primitive.
+    #[inline]
+    fn merger(&self, cluster: u32) -> Option<&Merger> {
+        (cluster as usize).checked_sub(self.leaves.len()).map(|i| &self.mergers[i])
+    }
+
+    /// Writes the tree below a cluster; gives its hull.
+    pub(crate) fn grow(self, cluster: u32, parallel: bool, plot: Plot) -> Hull {
+        match self.merger(cluster) {
+            Some(&Merger { left, right, size })
+                if parallel && size as usize >= GRAIN && plot.any_split_fits(1) =>
+            {
+                let left_size = self.merger(left).map_or(1, |merger| merger.size as usize);
+                plot.fork(left_size, |plot_l, plot_r| {
+                    rayon::join(|| self.grow(left, true, plot_l), || self.grow(right, true, plot_r))
+                })
+            }
+            _ => {
+                let depth = plot.depth();
+                let site = plot.site();
+                let slots = site.first_slot + site.order.len() as u32;
+                let mut writer = Writer { tree: self, next: site.below.len(), slots, site };
+                let node = writer.write(cluster, depth);
+                *writer.site.root = node;
+                Hull::of(node.aabb())
+            }
+        }
+    }
+}
+
+/// Writes a subtree from its end: children before parents, the right ones before the left ones, which is depth first,
+/// parents first, when read from the start.
+struct Writer<'a> {
+    tree: Tree<'a>,
+    site: Site<'a>,
+    /// First of the nodes below the root that are written.
+    next: usize,
+    /// First slot that is written, in the tree.
+    slots: u32,
+}
+
+impl Writer<'_> {
+    fn write(&mut self, cluster: u32, depth: u32) -> Node {
+        match self.tree.merger(cluster) {
+            None => self.leaf(cluster),
+            Some(merger) if merger.size.next_power_of_two().ilog2() + depth >= MAX_HEIGHT => {
+                let mut leaves = Vec::new();
+                let mut todo = vec![cluster];
+                while let Some(cluster) = todo.pop() {
+                    match self.tree.merger(cluster) {
+                        Some(merger) => todo.extend([merger.right, merger.left]),
+                        None => leaves.push(cluster),
+                    }
+                }
+                self.halve(&leaves)
+            }
+            Some(&Merger { left, right, .. }) => {
+                let r = self.write(right, depth + 1);
+                let l = self.write(left, depth + 1);
+                self.parent(l, r)
+            }
+        }
+    }
+
+    /// A balanced tree, where any other might be too high.
+    fn halve(&mut self, leaves: &[u32]) -> Node {
+        if let [leaf] = leaves {
+            return self.leaf(*leaf);
+        }
+        let (l, r) = leaves.split_at(leaves.len() / 2);
+        let r = self.halve(r);
+        let l = self.halve(l);
+        self.parent(l, r)
+    }
+
+    #[inline]
+    fn leaf(&mut self, cluster: u32) -> Node {
+        let item = &self.tree.leaves[cluster as usize];
+        self.slots -= 1;
+        self.site.order[(self.slots - self.site.first_slot) as usize] = item.number();
+        Node::leaf(item.hull().aabb(), self.slots, 1)
+    }
+
+    #[inline]
+    fn parent(&mut self, l: Node, r: Node) -> Node {
+        self.next -= 2;
+        self.site.below[self.next] = l;
+        self.site.below[self.next + 1] = r;
+        Node::parent(&l, &r, self.site.first_node + self.next as u32)
+    }
+}

@@ -1,0 +1,162 @@
+//! Sorting keys by their bits, least significant digit first, on one thread or several.
+
+use std::ops::BitXor;
+
+use rayon::prelude::*;
+
+use crate::raw::Scatter;
+
+/// Bits of a digit.
+const DIGIT: u32 = 11;
+
+/// How many keys have each digit; later where the next of them goes.
+pub(crate) type Counts = [u32; 1 << DIGIT];
+
+/// Fewest keys for a thread to sort.
+const PART: usize = 8192;
+
+/// A code, and below it in the same integer the number of what has this code.
+pub(crate) trait Key: Copy + Ord + Send + Sync + BitXor<Output = Self> {
+    /// Bits of the number.
+    const LOW: u32;
+    const ZERO: Self;
+    const MAX: Self;
+    fn new(code: u64, number: u32) -> Self;
+    fn number(self) -> u32;
+    /// The lowest bits of the key from `bit` on.
+    fn bits_from(self, bit: u32) -> usize;
+    /// Position of the highest bit; 0 if there is none.
+    fn highest(self) -> u32;
+}
+
+macro_rules! key {
+    ($int:ty, $low:expr) => {
+        impl Key for $int {
+            const LOW: u32 = $low;
+            const ZERO: Self = 0;
+            const MAX: Self = <$int>::MAX;
+            #[inline]
+            fn new(code: u64, number: u32) -> Self {
+                Self::from(code) << $low | Self::from(number)
+            }
+            #[inline]
+            fn number(self) -> u32 {
+                self as u32
+            }
+            #[inline]
+            fn bits_from(self, bit: u32) -> usize {
+                (self >> bit) as usize
+            }
+            #[inline]
+            fn highest(self) -> u32 {
+                self.checked_ilog2().unwrap_or(0)
+            }
+        }
+    };
+}
+key!(u64, 32);
+key!(u128, 64);
+
+/// Sorts keys whose numbers are in order by their codes of `bits` bits; equal codes stay in the order of their numbers.
+///
+/// `spare` and `counts` are memory to use.
+pub(crate) fn sort<K: Key>(
+    keys: &mut Vec<K>,
+    spare: &mut Vec<K>,
+    counts: &mut Vec<Counts>,
+    bits: u32,
+    threads: usize,
+) {
+    spare.resize(keys.len(), K::ZERO);
+    let parts = (keys.len() / PART).clamp(1, threads);
+    counts.resize(parts, [0; 1 << DIGIT]);
+    for bit in (K::LOW..K::LOW + bits).step_by(DIGIT as usize) {
+        if pass(keys, spare, counts, bit) {
+            std::mem::swap(keys, spare);
+        }
+    }
+}
+
+#[inline]
+fn digit<K: Key>(key: K, bit: u32) -> usize {
+    key.bits_from(bit) & ((1 << DIGIT) - 1)
+}
+
+/// Sorts `keys` into `sorted` by one digit; false, and nothing done, if all have the same.
+fn pass<K: Key>(keys: &[K], sorted: &mut [K], counts: &mut [Counts], bit: u32) -> bool {
+    let part = keys.len().div_ceil(counts.len()).max(1);
+    let count = |(keys, counts): (&[K], &mut Counts)| {
+        counts.fill(0);
+        keys.iter().for_each(|&key| counts[digit(key, bit)] += 1);
+    };
+    if let [counts] = counts {
+        count((keys, counts));
+    } else {
+        keys.par_chunks(part).zip(&mut *counts).for_each(count);
+    }
+    let mut start = 0;
+    for digit in 0..1 << DIGIT {
+        let before = start;
+        for counts in &mut *counts {
+            start += std::mem::replace(&mut counts[digit], start);
+        }
+        if (start - before) as usize == keys.len() {
+            return false;
+        }
+    }
+    // SAFETY: a part's places for a digit follow those of the parts before and end where those of the next begin, as
+    // they have been counted on the same keys: each place is written once.
+    #[expect(unsafe_code, reason = "threads write to all places")]
+    let sorted = unsafe { Scatter::new(sorted) };
+    let scatter = |(keys, next): (&[K], &mut Counts)| {
+        for &key in keys {
+            let next = &mut next[digit(key, bit)];
+            sorted.write(*next as usize, key);
+            *next += 1;
+        }
+    };
+    if let [counts] = counts {
+        scatter((keys, counts));
+    } else {
+        keys.par_chunks(part).zip(counts).for_each(scatter);
+    }
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_are_sorted_by_code_then_number_for_every_number_of_parts() {
+        let n = 5 * PART as u64 + 3;
+        let code = |i: u64| (i.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 50) * 0x1_2345_6789;
+        let mut expected: Vec<u128> = (0..n).map(|i| Key::new(code(i), i as u32)).collect();
+        let keys = expected.clone();
+        expected.sort_unstable();
+        let short: Vec<u64> =
+            keys.iter().map(|k| Key::new(k.bits_from(64) as u64 & 0x3fff_ffff, k.number())).collect();
+        let mut short_expected = short.clone();
+        short_expected.sort_unstable();
+        for threads in [1, 2, 3, 8] {
+            let (mut spare, mut counts) = (Vec::new(), Vec::new());
+            let mut sorted = keys.clone();
+            sort(&mut sorted, &mut spare, &mut counts, 63, threads);
+            assert!(sorted == expected, "{threads} parts");
+            let mut sorted = short.clone();
+            sort(&mut sorted, &mut Vec::new(), &mut counts, 30, threads);
+            assert!(sorted == short_expected, "{threads} parts");
+        }
+    }
+
+    #[test]
+    fn equal_codes_and_no_keys_are_left_alone() {
+        let mut keys: Vec<u64> = (0..100).map(|i| Key::new(7, i)).collect();
+        let expected = keys.clone();
+        sort(&mut keys, &mut Vec::new(), &mut Vec::new(), 30, 1);
+        assert_eq!(keys, expected);
+        let mut none: Vec<u64> = Vec::new();
+        sort(&mut none, &mut Vec::new(), &mut Vec::new(), 30, 3);
+        assert!(none.is_empty());
+    }
+}

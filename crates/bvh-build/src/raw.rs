@@ -1,0 +1,86 @@
+//! The unsafe parts: trees that are trusted to be trees, and items that several threads scatter over one slice.
+
+use std::marker::PhantomData;
+
+use bvh_core::{Bvh, Node};
+
+use crate::nearest::Window;
+
+/// Lets a builder write a tree over `primitives` primitives of one or more a leaf.
+pub(crate) fn write(bvh: &mut Bvh, primitives: usize, fill: impl FnOnce(&mut [Node], &mut [u32]) -> usize) {
+    // SAFETY: builders write nodes by `Plot` alone, which gives out each pair and each slot once, and takes heights from
+    // the children; `leaves::merge` keeps this up. Tests build the same tree by `Bvh::new`, which checks everything.
+    #[expect(unsafe_code, reason = "promises a valid tree")]
+    unsafe {
+        bvh.rebuild(2 * primitives.max(1), primitives, fill);
+    }
+}
+
+/// A slice whose places are written by several threads, each place by one.
+pub(crate) struct Scatter<'a, T> {
+    start: *mut T,
+    len: usize,
+    places: PhantomData<&'a mut [T]>,
+}
+
+// SAFETY: sharing one lets threads write items into a slice that is borrowed mutably for as long, which is sound if
+// items may be sent and, as `new` demands, no place is written by two threads.
+#[expect(unsafe_code, reason = "threads share the slice")]
+unsafe impl<T: Send> Sync for Scatter<'_, T> {}
+
+impl<'a, T: Copy> Scatter<'a, T> {
+    /// # Safety
+    /// While this lives, no place may be written by more than one thread.
+    #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
+    pub(crate) unsafe fn new(places: &'a mut [T]) -> Self {
+        Self { start: places.as_mut_ptr(), len: places.len(), places: PhantomData }
+    }
+
+    #[inline]
+    pub(crate) fn write(&self, i: usize, item: T) {
+        assert!(i < self.len, "place out of range");
+        // SAFETY: in range by the assertion; not written elsewhere by the promise to `new`, and not read while borrowed.
+        #[expect(unsafe_code, reason = "writes the shared slice")]
+        unsafe {
+            self.start.add(i).write(item);
+        }
+    }
+}
+
+/// [`Window::search`] with the best instructions that the machine has; the results are the same.
+pub(crate) fn search(window: &mut Window, radius: usize, from: usize, nearest: &mut [u32]) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2")]
+        fn avx2(window: &mut Window, radius: usize, from: usize, nearest: &mut [u32]) {
+            window.search(radius, from, nearest);
+        }
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: the machine has AVX2.
+            #[expect(unsafe_code, reason = "calls code compiled for AVX2")]
+            return unsafe { avx2(window, radius, from, nearest) };
+        }
+    }
+    window.search(radius, from, nearest);
+}
+
+#[cfg(test)]
+mod tests {
+    use bvh_core::{Aabb, Vec3};
+
+    use super::*;
+    use crate::item::{Hull, Item};
+
+    #[test]
+    fn all_levels_find_the_same() {
+        let place = |i: u32| Vec3::new((i % 7) as f32, (i % 11) as f32 * 0.3, (i / 5) as f32 * 0.1);
+        let boxes = (0..300).map(place).map(|p| Aabb::new(p, p + Vec3::new(0.1, 0.2, 0.3)));
+        let clusters: Vec<_> = boxes.zip(0..).map(|(b, i)| Item::cluster(Hull::of(b), i, 1)).collect();
+        let mut window = Window::new();
+        window.fill(&clusters[..290], 1000);
+        let [mut here, mut anywhere] = [[0; 250]; 2];
+        search(&mut window, 8, 1020, &mut here);
+        window.search(8, 1020, &mut anywhere);
+        assert_eq!(here, anywhere);
+    }
+}
