@@ -45,11 +45,16 @@ pub struct History {
     pub updates: u32,
     /// Updates since it was built or last repaired.
     pub since_repair: u32,
-    /// Sum of half areas times weights over all nodes when the tree was built or last repaired, in units of the sum
-    /// over leaves that moved then; 0 until an update measures it.
+    /// How good the tree was when it was built or last repaired, in the strategy's own measure; 0 until it is measured.
     pub reference: f64,
-    /// What the growth of that sum has cost in the frames since, added up as the strategy sees fit.
+    /// What doing nothing about worse trees has cost since, in the strategy's own measure.
     pub regret: f64,
+    /// Rotations are tried at each node in one of 2 to the power of this many updates, where the strategy chooses.
+    pub rotation_pause: u32,
+    /// Whether a repair was found to be too much work since.
+    pub is_beyond_repair: bool,
+    /// How many of the last repairs in a row built the whole tree anew.
+    pub rebuilds_in_a_row: u32,
 }
 
 /// The parts of a tree that an update writes and reads, from [`Bvh::parts_mut`].
@@ -371,6 +376,12 @@ impl Bvh {
         let mut still_area = 0.0;
         mark(bytemuck::cast_slice_mut(&mut self.pairs), &self.order, 0, &moves, &mut still_area);
         self.still_area = still_area;
+    }
+
+    /// What updates remember of the tree.
+    #[must_use]
+    pub fn history(&self) -> &History {
+        &self.history
     }
 
     /// Sum of half area times [`Node::weight`] over all nodes that stand still: their part of the SAH cost.

@@ -43,6 +43,8 @@ pub(crate) struct Tally {
     pub(crate) area: f64,
     /// The part of it that is due to leaves.
     pub(crate) leaf_area: f64,
+    /// By how much rotations have lowered it.
+    pub(crate) gain: f64,
     /// Growth of the same sum over nodes that stand still.
     pub(crate) still_area: f64,
 }
@@ -55,6 +57,7 @@ impl Tally {
         self.dropped += other.dropped;
         self.area += other.area;
         self.leaf_area += other.leaf_area;
+        self.gain += other.gain;
         self.still_area += other.still_area;
     }
 

@@ -147,7 +147,9 @@ pub(crate) fn apply(mut nodes: SharedNodes<'_>, depth: u32, accepted: &[Accepted
             node.refit(&l, &r);
             nodes.set(a.slot as usize, node);
             tally.rotations[rotation as usize] += 1;
-            tally.area += f64::from(a.changes[rotation as usize]) - grown;
+            let change = f64::from(a.changes[rotation as usize]);
+            tally.area += change - grown;
+            tally.gain -= change;
             tally.still_area += grown;
         }
     }

@@ -11,16 +11,23 @@
 //! not on the SIMD level.
 #![deny(unsafe_code)]
 
+mod auto;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 mod block;
+mod cut;
+mod degraded;
 mod kernels;
 mod pass;
 pub mod plain;
 mod portable;
 mod raw;
+mod regrow;
 mod strategy;
 
+pub use auto::{Auto, Decision};
 pub use bvh_build::{BuildError, BuildOptions, Builder};
+pub use degraded::Degraded;
 pub use pass::Scratch;
+pub use regrow::Regrow;
 pub use strategy::{Rotate, Strategy, Update, UpdateError, update};

@@ -7,8 +7,10 @@ use bvh_core::{Bvh, InOrder, Primitives, SimdLevel};
 use rayon::prelude::*;
 
 use crate::block::{Block, Lists, NESTED, Roots, Tally, Task, process};
+use crate::cut::CutScratch;
 use crate::kernels::{Fitted, fit_leaf, twigs};
 use crate::raw::{self, Available};
+
 use crate::strategy::{Rotate, Turn};
 
 /// Subtrees that a thread takes at a time.
@@ -18,6 +20,7 @@ const TOP_ROOTS: usize = 16;
 /// rebuilds take, if any are made. It has no influence on results.
 pub struct Scratch {
     pub(crate) build: BuildScratch,
+    pub(crate) cut: CutScratch,
     level: Available,
     top: Block,
     top_lists: Box<Lists>,
@@ -44,6 +47,7 @@ impl Scratch {
         let level = Available::at_most(level);
         Self {
             build: BuildScratch::new(),
+            cut: CutScratch::default(),
             level,
             top: Block::new(),
             top_lists: Lists::new(),

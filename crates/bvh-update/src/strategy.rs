@@ -4,8 +4,12 @@ use bvh_build::{BuildError, BuildOptions, Builder, rebuild};
 use bvh_core::{Bvh, Primitives, sah_cost};
 use thiserror::Error;
 
+use crate::auto::{self, Auto, Decision};
+use crate::block::Tally;
+use crate::degraded::{self, Degraded};
 use crate::pass::{Scratch, pass};
 use crate::raw::SharedNodes;
+use crate::regrow::{self, Regrow};
 
 /// What to do with a tree between two frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,6 +20,13 @@ pub enum Strategy {
     RefitRotate(Rotate),
     /// Build a new tree: each primitive counts as moving afterwards.
     Rebuild(Builder, BuildOptions),
+    /// Refit, with or without rotations, and build a new tree when this one has degraded (Lauterbach et al. 2006).
+    Degraded(Degraded),
+    /// Refit, with or without rotations, and build the tree anew above those subtrees that are still good once it has
+    /// degraded: see [`Regrow`].
+    Regrow(Regrow),
+    /// Choose from all of these what costs the least time.
+    Auto(Auto),
 }
 
 /// The budget of rotations.
@@ -77,11 +88,17 @@ impl Turn {
 impl Strategy {
     /// All strategies, with their defaults.
     #[must_use]
-    pub fn all() -> [Self; 2 + Builder::ALL.len()] {
+    pub fn all() -> [Self; 7 + Builder::ALL.len()] {
+        let rotate = Some(Rotate::default());
         std::array::from_fn(|i| match i {
             0 => Self::Refit,
             1 => Self::RefitRotate(Rotate::default()),
-            _ => Self::Rebuild(Builder::ALL[i - 2], BuildOptions::default()),
+            2 => Self::Degraded(Degraded::default()),
+            3 => Self::Degraded(Degraded { rotate, ..Degraded::default() }),
+            4 => Self::Regrow(Regrow { rotate: None, ..Regrow::default() }),
+            5 => Self::Regrow(Regrow { rotate, ..Regrow::default() }),
+            6 => Self::Auto(Auto::default()),
+            _ => Self::Rebuild(Builder::ALL[i - 7], BuildOptions::default()),
         })
     }
 
@@ -92,6 +109,11 @@ impl Strategy {
             Self::Refit => "refit",
             Self::RefitRotate(_) => "refit+rotate",
             Self::Rebuild(builder, _) => builder.name(),
+            Self::Degraded(Degraded { rotate: None, .. }) => "refit+rebuild",
+            Self::Degraded(_) => "refit+rotate+rebuild",
+            Self::Regrow(Regrow { rotate: None, .. }) => "refit+regrow",
+            Self::Regrow(_) => "refit+rotate+regrow",
+            Self::Auto(_) => "auto",
         }
     }
 
@@ -107,6 +129,8 @@ impl Strategy {
 pub struct Update {
     /// Whether the whole tree was built anew.
     pub rebuilt: bool,
+    /// What was decided, where the strategy decides.
+    pub decision: Decision,
     /// Rotations applied, by kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
     pub rotations: [u64; 6],
     /// SAH cost of the tree as it is now, where the update knows it for free: [`sah_cost`], but from `f32` areas.
@@ -162,27 +186,41 @@ pub fn update<P: Primitives + ?Sized>(
     if primitives.len() != bvh.len() {
         return Err(UpdateError::Count { tree: bvh.len(), given: primitives.len() });
     }
-    let rotations = match strategy {
-        Strategy::Refit => None,
-        Strategy::RefitRotate(rotate) => Some(*rotate),
-        Strategy::Rebuild(builder, options) => {
-            rebuild(bvh, primitives, *builder, options, &mut scratch.build)?;
-            let nodes_visited = bvh.nodes().len() as u64 - 1;
-            return Ok(Update { rebuilt: true, height: bvh.height(), nodes_visited, ..Update::default() });
+    match strategy {
+        Strategy::Refit => Ok(pass(bvh, primitives, None, scratch).update(bvh)),
+        Strategy::RefitRotate(rotate) => Ok(pass(bvh, primitives, Some(*rotate), scratch).update(bvh)),
+        Strategy::Rebuild(builder, options) => new_tree(bvh, primitives, *builder, options, scratch),
+        Strategy::Degraded(degraded) => degraded::update(bvh, primitives, degraded, scratch),
+        Strategy::Regrow(regrow) => regrow::update(bvh, primitives, regrow, scratch),
+        Strategy::Auto(auto) => auto::update(bvh, primitives, *auto, scratch),
+    }
+}
+
+impl Tally {
+    /// What the pass tells of itself; `bvh` is the tree after it.
+    pub(crate) fn update(&self, bvh: &Bvh) -> Update {
+        // Still areas are already among those of the tree.
+        let cost = (self.area + bvh.still_area()) / bvh.root().aabb().half_area_f64();
+        Update {
+            rotations: self.rotations,
+            // Areas beyond the range of f32, or a root without area.
+            sah_cost: Some(if cost.is_finite() { cost } else { sah_cost(bvh) }),
+            height: bvh.height(),
+            nodes_visited: self.leaves + self.inner,
+            dropped: self.dropped,
+            ..Update::default()
         }
-    };
-    let still_area = bvh.still_area();
-    let tally = pass(bvh, primitives, rotations, scratch);
-    let root = bvh.root();
-    let sum = tally.area + still_area + tally.still_area;
-    let cost = sum / root.aabb().half_area_f64();
-    Ok(Update {
-        rebuilt: false,
-        rotations: tally.rotations,
-        // Areas beyond the range of f32, or a root without area.
-        sah_cost: Some(if cost.is_finite() { cost } else { sah_cost(bvh) }),
-        height: bvh.height(),
-        nodes_visited: tally.leaves + tally.inner,
-        dropped: tally.dropped,
-    })
+    }
+}
+
+pub(crate) fn new_tree<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    builder: Builder,
+    options: &BuildOptions,
+    scratch: &mut Scratch,
+) -> Result<Update, UpdateError> {
+    rebuild(bvh, primitives, builder, options, &mut scratch.build)?;
+    let nodes_visited = bvh.nodes().len() as u64 - 1;
+    Ok(Update { rebuilt: true, height: bvh.height(), nodes_visited, ..Update::default() })
 }

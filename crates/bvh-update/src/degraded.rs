@@ -1,0 +1,65 @@
+//! Rebuilding when the tree has degraded (Lauterbach, Yoon, Tuft, Manocha 2006, section 4).
+//!
+//! A node's box fits its children badly if they are far apart, or differ much from it: the ratio of its area to the sum
+//! of theirs is then large. The measure is the mean of that ratio over all inner nodes; the tree is built anew once it
+//! has grown by more than a threshold since the tree was built, 40 per cent of one as published.
+
+use bvh_build::{BuildOptions, Builder};
+use bvh_core::{Bvh, Primitives};
+
+use crate::auto::Decision;
+use crate::pass::{Scratch, pass};
+use crate::raw;
+use crate::strategy::{Rotate, Update, UpdateError, new_tree};
+
+/// When to build a new tree.
+///
+/// The measure is the mean, over the inner nodes, of the ratio of a node's area to the sum of its children's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Degraded {
+    /// The budget of rotations in between, if any are wanted.
+    pub rotate: Option<Rotate>,
+    /// Growth of the mean ratio of a node's area to its children's at which the tree is built anew. 0.4 by default, as
+    /// published.
+    pub threshold: f64,
+    /// Who builds it.
+    pub builder: Builder,
+}
+
+impl Default for Degraded {
+    fn default() -> Self {
+        Self { rotate: None, threshold: 0.4, builder: Builder::BinnedParallel }
+    }
+}
+
+pub(crate) fn update<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    degraded: &Degraded,
+    scratch: &mut Scratch,
+) -> Result<Update, UpdateError> {
+    if bvh.history().reference == 0.0 {
+        let ratio = mean_ratio(bvh);
+        raw::parts(bvh).history.reference = ratio;
+    }
+    let tally = pass(bvh, primitives, degraded.rotate, scratch);
+    if mean_ratio(bvh) - bvh.history().reference <= degraded.threshold {
+        return Ok(tally.update(bvh));
+    }
+    let update = new_tree(bvh, primitives, degraded.builder, &BuildOptions::default(), scratch)?;
+    Ok(Update { decision: Decision::Rebuild, dropped: tally.dropped, ..update })
+}
+
+/// Mean over the inner nodes of A(N) / (A(L) + A(R)); 0 for a tree without. A node whose children have no area counts
+/// as 1. O(n), in memory order.
+pub(crate) fn mean_ratio(bvh: &Bvh) -> f64 {
+    let (mut sum, mut count) = (0.0, 0u64);
+    for node in bvh.nodes() {
+        if let Some([l, r]) = bvh.children(node) {
+            let below = l.aabb().half_area_f64() + r.aabb().half_area_f64();
+            sum += if below > 0.0 { node.aabb().half_area_f64() / below } else { 1.0 };
+            count += 1;
+        }
+    }
+    if count > 0 { sum / count as f64 } else { 0.0 }
+}
