@@ -49,6 +49,8 @@ pub struct History {
     pub reference: f64,
     /// What doing nothing about worse trees has cost since, in the strategy's own measure.
     pub regret: f64,
+    /// Number of the build in the background that is for this tree; 0 for none.
+    pub background_job: u64,
     /// Rotations are tried at each node in one of 2 to the power of this many updates, where the strategy chooses.
     pub rotation_pause: u32,
     /// Whether a repair was found to be too much work since.

@@ -54,6 +54,8 @@ pub enum Decision {
     },
     /// The whole tree was built anew: too little of it was good.
     Rebuild,
+    /// A tree from the background took the place of this one.
+    Swap,
 }
 
 impl fmt::Display for Decision {
@@ -65,13 +67,12 @@ impl fmt::Display for Decision {
             Self::Regrow { subtrees } => {
                 write!(f, "regrown above {subtrees} subtrees: lost time exceeded the price of it")
             }
+            Self::Swap => f.write_str("a tree built in the background took over"),
             Self::Rebuild => f.write_str("built anew: too few subtrees were good"),
         }
     }
 }
 
-/// Fitting a node to its children or primitive.
-const REFIT_NODE: f64 = 7.0;
 /// Trying rotations at a node, averaged over all nodes.
 const ROTATE_NODE: f64 = 3.0;
 /// Looking at a node for a cut.

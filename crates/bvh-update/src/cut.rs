@@ -23,6 +23,7 @@ use crate::raw;
 /// Memory that repairs keep.
 #[derive(Default)]
 pub(crate) struct CutScratch {
+    queues: Vec<Queue>,
     boxes: Vec<Aabb>,
     kept: Vec<Node>,
     cut: Vec<u32>,
@@ -91,19 +92,28 @@ pub(crate) fn regrow(
     scratch: &mut Scratch,
 ) -> Regrown {
     let scale = scale(leaf_area);
-    let Scratch { cut: CutScratch { boxes, kept, cut, pairs, top }, build, .. } = scratch;
+    let Scratch { cut: CutScratch { queues, boxes, kept, cut, pairs, top }, build, .. } = scratch;
     cut.clear();
     pairs.clear();
     let mut walk = Cut { nodes: bvh.nodes(), scale, threshold, cut, pairs, kept: 0.0, most };
-    let excess = walk.excess(0);
-    if excess <= threshold {
+    if bvh.height() < 2 {
         return Regrown::Top(0);
     }
+    queues.resize_with(MAX_HEIGHT as usize / 3 + 2, Queue::default);
+    queues[0].slots.clear();
+    queues[0].slots.push(0);
+    walk.walk(queues);
     if walk.cut.len() > most {
         return Regrown::TooMuch;
     }
+    if walk.cut.is_empty() {
+        return Regrown::Top(0);
+    }
     let reference = walk.kept;
 
+    // In memory order, as builders number pairs.
+    cut.sort_unstable();
+    pairs.sort_unstable();
     kept.clear();
     kept.extend(cut.iter().map(|&n| bvh.nodes()[n as usize]));
     boxes.clear();
@@ -118,8 +128,6 @@ pub(crate) fn regrow(
         top.nodes().len() == 2 * pairs.len() + 2,
         "a tree over k subtrees has k - 1 pairs below the root"
     );
-    // In memory order, as builders number pairs.
-    pairs.sort_unstable();
     let parts = raw::parts(bvh);
     let mut before = 0.0;
     for &pair in pairs.iter() {
@@ -160,28 +168,76 @@ struct Cut<'a> {
     kept: f64,
 }
 
+/// Nodes of one block of the walk, breadth-first as in `block.rs`, and the excess at and below each.
+#[derive(Default)]
+struct Queue {
+    slots: Vec<u32>,
+    excess: Vec<f64>,
+}
+
+/// Nodes in one queue, and roots of one block below another.
+const QUEUE: usize = 1024;
+const ROOTS: usize = 64;
+
 impl Cut<'_> {
-    /// Excess at and below a node. As deep as the tree is high.
-    fn excess(&mut self, n: usize) -> f64 {
-        let node = self.nodes[n];
-        if node.is_leaf() || self.cut.len() > self.most {
-            return 0.0;
-        }
-        let first = node.first();
-        for child in [first, first + 1] {
-            let child = &self.nodes[child];
-            if !child.is_leaf() {
-                prefetch(self.nodes, child.first());
+    /// Excess at and below nodes with grandchildren, at the front of the first queue.
+    fn walk(&mut self, queues: &mut [Queue]) {
+        let (queue, deeper) = queues.split_first_mut().expect("as many queues as blocks nest");
+        let Queue { slots, excess } = queue;
+        let mut done = 0;
+        while done < slots.len() && slots.len() + 2 <= QUEUE {
+            let first = self.nodes[slots[done] as usize].first();
+            for child in [first, first + 1] {
+                let node = &self.nodes[child];
+                if node.height() > 1 {
+                    prefetch(self.nodes, node.first());
+                    slots.push(child as u32);
+                }
             }
+            done += 1;
         }
-        let below = [self.excess(first), self.excess(first + 1)];
-        let own = node.aabb().half_area_f64() - self.scale * f64::from(node.reference());
+        excess.clear();
+        excess.resize(slots.len(), 0.0);
+        for (slots, excess) in slots[done..].chunks(ROOTS).zip(excess[done..].chunks_mut(ROOTS)) {
+            if self.cut.len() > self.most {
+                return;
+            }
+            deeper[0].slots.clear();
+            deeper[0].slots.extend(slots);
+            self.walk(deeper);
+            excess.copy_from_slice(&deeper[0].excess[..slots.len()]);
+        }
+        // Children were queued left first, so they come off the end right first.
+        let mut end = slots.len();
+        for i in (0..done).rev() {
+            let node = self.nodes[slots[i] as usize];
+            let mut below = [0.0; 2];
+            for (side, below) in below.iter_mut().enumerate().rev() {
+                let child = self.nodes[node.first() + side];
+                match child.height() {
+                    // Leaves have no excess.
+                    0 => {}
+                    1 => *below = self.settle(&child, [0.0; 2]),
+                    _ => {
+                        end -= 1;
+                        *below = excess[end];
+                    }
+                }
+            }
+            excess[i] = self.settle(&node, below);
+        }
+    }
+
+    /// Opens a node, or keeps it; gives the excess at and below it.
+    fn settle(&mut self, node: &Node, below: [f64; 2]) -> f64 {
+        let own = f64::from(node.aabb().half_area()) - self.scale * f64::from(node.reference());
         let total = below[0] + below[1] + own.max(0.0);
         if total > self.threshold {
-            self.pairs.push(first as u32);
-            for (child, excess) in (first..).zip(below) {
-                if excess <= self.threshold {
-                    self.cut.push(child as u32);
+            let pair = node.first() as u32;
+            self.pairs.push(pair);
+            for (child, below) in (pair..).zip(below) {
+                if below <= self.threshold {
+                    self.cut.push(child);
                 }
             }
         } else {

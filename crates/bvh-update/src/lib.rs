@@ -14,6 +14,7 @@
 mod auto;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+mod background;
 mod block;
 mod cut;
 mod degraded;
@@ -26,6 +27,7 @@ mod regrow;
 mod strategy;
 
 pub use auto::{Auto, Decision};
+pub use background::Background;
 pub use bvh_build::{BuildError, BuildOptions, Builder};
 pub use degraded::Degraded;
 pub use pass::Scratch;

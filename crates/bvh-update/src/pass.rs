@@ -6,6 +6,7 @@ use bvh_build::BuildScratch;
 use bvh_core::{Bvh, InOrder, Primitives, SimdLevel};
 use rayon::prelude::*;
 
+use crate::background;
 use crate::block::{Block, Lists, NESTED, Roots, Tally, Task, process};
 use crate::cut::CutScratch;
 use crate::kernels::{Fitted, fit_leaf, twigs};
@@ -21,6 +22,7 @@ const TOP_ROOTS: usize = 16;
 pub struct Scratch {
     pub(crate) build: BuildScratch,
     pub(crate) cut: CutScratch,
+    pub(crate) background: Option<background::Worker>,
     level: Available,
     top: Block,
     top_lists: Box<Lists>,
@@ -48,6 +50,7 @@ impl Scratch {
         Self {
             build: BuildScratch::new(),
             cut: CutScratch::default(),
+            background: None,
             level,
             top: Block::new(),
             top_lists: Lists::new(),

@@ -15,18 +15,18 @@ use crate::strategy::{Rotate, Update, UpdateError, new_tree};
 pub struct Regrow {
     /// The budget of rotations, if any are wanted.
     pub rotate: Option<Rotate>,
-    /// Growth of the sum of areas at which the tree is repaired, as part of that sum. 0.05 by default.
+    /// Growth of the sum of areas at which the tree is repaired, as part of that sum. 0.1 by default.
     pub growth: f64,
 }
 
 impl Default for Regrow {
     fn default() -> Self {
-        Self { rotate: Some(Rotate::default()), growth: 0.05 }
+        Self { rotate: Some(Rotate::default()), growth: 0.1 }
     }
 }
 
 /// A subtree is opened if its excess is more than this part of an average primitive's share in the sum of areas.
-const OPENED: f64 = 0.3;
+const OPENED: f64 = 1.0;
 
 /// A cut of more than this part of the primitives is not worth while.
 pub(crate) const LARGEST_CUT: f64 = 0.2;

@@ -5,6 +5,7 @@ use bvh_core::{Bvh, Primitives, sah_cost};
 use thiserror::Error;
 
 use crate::auto::{self, Auto, Decision};
+use crate::background::{self, Background};
 use crate::block::Tally;
 use crate::degraded::{self, Degraded};
 use crate::pass::{Scratch, pass};
@@ -25,7 +26,10 @@ pub enum Strategy {
     /// Refit, with or without rotations, and build the tree anew above those subtrees that are still good once it has
     /// degraded: see [`Regrow`].
     Regrow(Regrow),
-    /// Choose from all of these what costs the least time.
+    /// Refit, with or without rotations, while new trees are built in the background, each in turn put in the place of
+    /// the one before (Ize et al. 2007). The trees depend on how long that takes.
+    Background(Background),
+    /// Choose from refitting, rotating, regrowing and building anew what costs the least time.
     Auto(Auto),
 }
 
@@ -88,7 +92,7 @@ impl Turn {
 impl Strategy {
     /// All strategies, with their defaults.
     #[must_use]
-    pub fn all() -> [Self; 7 + Builder::ALL.len()] {
+    pub fn all() -> [Self; 9 + Builder::ALL.len()] {
         let rotate = Some(Rotate::default());
         std::array::from_fn(|i| match i {
             0 => Self::Refit,
@@ -98,7 +102,9 @@ impl Strategy {
             4 => Self::Regrow(Regrow { rotate: None, ..Regrow::default() }),
             5 => Self::Regrow(Regrow { rotate, ..Regrow::default() }),
             6 => Self::Auto(Auto::default()),
-            _ => Self::Rebuild(Builder::ALL[i - 7], BuildOptions::default()),
+            7 => Self::Background(Background::default()),
+            8 => Self::Background(Background { rotate, ..Background::default() }),
+            _ => Self::Rebuild(Builder::ALL[i - 9], BuildOptions::default()),
         })
     }
 
@@ -114,6 +120,8 @@ impl Strategy {
             Self::Regrow(Regrow { rotate: None, .. }) => "refit+regrow",
             Self::Regrow(_) => "refit+rotate+regrow",
             Self::Auto(_) => "auto",
+            Self::Background(Background { rotate: None, .. }) => "refit+background",
+            Self::Background(_) => "refit+rotate+background",
         }
     }
 
@@ -192,6 +200,7 @@ pub fn update<P: Primitives + ?Sized>(
         Strategy::Rebuild(builder, options) => new_tree(bvh, primitives, *builder, options, scratch),
         Strategy::Degraded(degraded) => degraded::update(bvh, primitives, degraded, scratch),
         Strategy::Regrow(regrow) => regrow::update(bvh, primitives, regrow, scratch),
+        Strategy::Background(background) => background::update(bvh, primitives, background, scratch),
         Strategy::Auto(auto) => auto::update(bvh, primitives, *auto, scratch),
     }
 }

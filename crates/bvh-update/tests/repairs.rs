@@ -1,0 +1,166 @@
+//! Strategies that repair: that they do, that they leave the tree right, and that `Auto` chooses sensibly.
+
+use bvh_core::{Aabb, Bvh, Vec3, sah_cost};
+use bvh_update::{
+    Auto, Background, BuildOptions, Builder, Decision, Degraded, Regrow, Rotate, Scratch, Strategy, update,
+};
+
+const PIECES: usize = 40;
+const N: usize = 40 * 50;
+
+fn noise(i: usize) -> Vec3 {
+    let hash = |k: usize| {
+        let h = (i * 3 + k).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ (i << 7);
+        ((h ^ (h >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) as f32 / (1 << 24) as f32
+    };
+    Vec3::new(hash(0), hash(1), hash(2))
+}
+
+/// A sheet that bursts: pieces of neighbouring boxes, each flying off as one.
+fn burst(time: f32) -> Vec<Aabb> {
+    (0..N)
+        .map(|i| {
+            let piece = i * PIECES / N;
+            let at = Vec3::new((i / 40) as f32, (i % 40) as f32, 0.0);
+            let corner = at + (noise(piece) - 0.5) * 400.0 * time;
+            Aabb::new(corner, corner + 0.8)
+        })
+        .collect()
+}
+
+/// Boxes that jump to new places at every step.
+fn chaos(step: usize) -> Vec<Aabb> {
+    (0..N).map(|i| noise(i + 7919 * step) * 50.0).map(|corner| Aabb::new(corner, corner + 0.8)).collect()
+}
+
+fn tree(boxes: &[Aabb], builder: Builder) -> Bvh {
+    bvh_build::build(boxes, builder, &BuildOptions::default(), None).expect("built")
+}
+
+fn over_fresh(bvh: &Bvh, boxes: &[Aabb]) -> f64 {
+    sah_cost(bvh) / sah_cost(&tree(boxes, Builder::Sweep))
+}
+
+/// Plays the burst; gives the decisions, and the greatest cost over that of a fresh tree.
+fn play(strategy: Strategy, moves: impl Fn(usize) -> bool) -> (Vec<Decision>, f64) {
+    let mut bvh = tree(&burst(0.0), Builder::Sweep);
+    bvh.set_moving(&moves);
+    let mut scratch = Scratch::new();
+    let mut worst = 0.0f64;
+    let decisions = (1..=20).map(|step| {
+        let (still, moved) = (burst(0.0), burst(step as f32 / 20.0));
+        let boxes: Vec<_> = (0..N).map(|i| if moves(i) { moved[i] } else { still[i] }).collect();
+        let told = update(&mut bvh, boxes.as_slice(), &strategy, &mut scratch).expect("updated");
+        bvh.validate(boxes.as_slice()).expect("valid");
+        if let Some(cost) = told.sah_cost {
+            let real = sah_cost(&bvh);
+            assert!((cost - real).abs() <= 1e-5 * real, "{} told {cost} for {real}", strategy.name());
+        }
+        worst = worst.max(over_fresh(&bvh, &boxes));
+        told.decision
+    });
+    (decisions.collect(), worst)
+}
+
+fn regrown(decisions: &[Decision]) -> usize {
+    decisions.iter().filter(|d| matches!(d, Decision::Regrow { .. })).count()
+}
+
+#[test]
+fn a_burst_is_regrown_and_stays_nearly_as_good_as_new() {
+    let (_, refitted) = play(Strategy::Refit, |_| true);
+    for rotate in [None, Some(Rotate::default())] {
+        let (decisions, worst) = play(Strategy::Regrow(Regrow { rotate, ..Regrow::default() }), |_| true);
+        assert!(regrown(&decisions) > 0, "{decisions:?}");
+        assert!(worst < 1.2, "{worst} with {rotate:?}");
+        assert!(refitted > 3.0 * worst, "nothing to repair: {refitted}");
+    }
+}
+
+#[test]
+fn regrowing_knows_what_stands_still() {
+    // The told costs are checked on the way: they are wrong if areas that stand still are.
+    let (decisions, _) = play(Strategy::Regrow(Regrow::default()), |i| i % 100 < 50);
+    assert!(regrown(&decisions) > 0, "{decisions:?}");
+}
+
+#[test]
+fn a_degraded_tree_is_built_anew() {
+    let degraded = Degraded { threshold: 0.02, ..Degraded::default() };
+    let (decisions, worst) = play(Strategy::Degraded(degraded), |_| true);
+    let rebuilds = decisions.iter().filter(|d| **d == Decision::Rebuild).count();
+    assert!((1..20).contains(&rebuilds), "{rebuilds} rebuilds");
+    let never = Degraded { threshold: f64::INFINITY, ..Degraded::default() };
+    let (decisions, refitted) = play(Strategy::Degraded(never), |_| true);
+    assert!(decisions.iter().all(|d| *d == Decision::AsAlways));
+    assert!(worst < refitted);
+}
+
+#[test]
+fn auto_repairs_a_burst_where_rays_pay_for_it() {
+    let (decisions, worst) = play(Strategy::Auto(Auto { rays: 2 << 20 }), |_| true);
+    assert!(regrown(&decisions) > 0 && worst < 1.3, "{worst}: {decisions:?}");
+    let (decisions, _) = play(Strategy::Auto(Auto { rays: 0 }), |_| true);
+    assert!(decisions.iter().all(|d| matches!(d, Decision::Refit { .. })), "{decisions:?}");
+}
+
+#[test]
+fn auto_stops_looking_in_chaos_and_rests_where_nothing_moves() {
+    let strategy = Strategy::Auto(Auto::default());
+    let mut scratch = Scratch::new();
+    let mut bvh = tree(&chaos(0), Builder::Sweep);
+    let mut decide = |bvh: &mut Bvh, boxes: &[Aabb]| {
+        let told = update(bvh, boxes, &strategy, &mut scratch).expect("updated");
+        bvh.validate(boxes).expect("valid");
+        told
+    };
+    let told: Vec<_> = (1..=12).map(|step| decide(&mut bvh, &chaos(step))).collect();
+    assert!(told[1..].iter().filter(|t| t.decision == Decision::Rebuild).count() >= 9, "{told:?}");
+    // A rebuild without a look visits each node once.
+    assert!(over_fresh(&bvh, &chaos(12)) < 1.3);
+
+    let boxes = chaos(12);
+    let told: Vec<_> = (0..20).map(|_| decide(&mut bvh, &boxes)).collect();
+    assert_eq!(told[19].decision, Decision::Refit { one_in: 8 }, "{told:?}");
+    assert!(told[10..].iter().all(|t| !t.rebuilt));
+}
+
+#[test]
+fn repairs_do_not_depend_on_threads() {
+    for strategy in [Strategy::Regrow(Regrow::default()), Strategy::Auto(Auto::default())] {
+        let hashes = [1, 2, 3].map(|threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            pool.install(|| {
+                let mut bvh = tree(&burst(0.0), Builder::Sweep);
+                let mut scratch = Scratch::new();
+                for step in 1..=6 {
+                    let boxes = burst(step as f32 / 6.0);
+                    update(&mut bvh, boxes.as_slice(), &strategy, &mut scratch).expect("updated");
+                }
+                bvh.hash()
+            })
+        });
+        assert!(hashes.iter().all(|h| *h == hashes[0]), "{}", strategy.name());
+    }
+}
+
+#[test]
+fn trees_from_the_background_take_over_and_none_waits_or_is_mistaken() {
+    let strategy =
+        Strategy::Background(Background { rotate: Some(Rotate::default()), builder: Builder::Binned });
+    let mut scratch = Scratch::new();
+    let mut trees = [tree(&burst(0.0), Builder::Sweep), tree(&chaos(0), Builder::Sweep)];
+    let mut swaps = [0; 2];
+    // Two trees of one size share the memory, which is allowed, if of no use.
+    for step in 0..4000 {
+        let which = step / 300 % 2;
+        let boxes = if which == 0 { burst((step % 300) as f32 / 300.0) } else { chaos(step / 100) };
+        let told = update(&mut trees[which], boxes.as_slice(), &strategy, &mut scratch).expect("updated");
+        trees[which].validate(boxes.as_slice()).expect("valid");
+        swaps[which] += u32::from(told.decision == Decision::Swap);
+        if swaps.iter().all(|&n| n >= 3) {
+            return;
+        }
+    }
+    panic!("only {swaps:?} trees took over");
+}
