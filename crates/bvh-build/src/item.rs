@@ -22,12 +22,10 @@ impl Item {
     /// Fills memory that is yet to be used.
     pub(crate) const NOTHING: Self = Self { min: Vec4::ZERO, max: Vec4::ZERO };
 
+    /// With the corners of the box in the first three lanes each.
     #[inline]
-    fn new(aabb: Aabb, number: usize) -> Self {
-        Self {
-            min: aabb.min.extend(f32::from_bits(number as u32 | MARK)),
-            max: aabb.max.extend(f32::NEG_INFINITY),
-        }
+    fn new([min, max]: [Vec4; 2], number: usize) -> Self {
+        Self { min: min.with_w(f32::from_bits(number as u32 | MARK)), max: max.with_w(f32::NEG_INFINITY) }
     }
 
     /// A cluster of primitives: with their number in the fourth lane of `max`, where no arithmetic is done on it.
@@ -176,7 +174,7 @@ pub(crate) fn gather<P: Primitives + ?Sized>(
     let copy = |first: usize, items: &mut [Item]| {
         let mut all = Summary::NOTHING;
         for (i, item) in items.iter_mut().enumerate() {
-            *item = Item::new(primitives.aabb(first + i), first + i);
+            *item = Item::new(primitives.aabb_lanes(first + i), first + i);
             all = all.with(item);
         }
         all
@@ -192,7 +190,7 @@ pub(crate) fn gather<P: Primitives + ?Sized>(
         boxed.retain(|item| {
             let drop = item.hull().aabb().sanitized().is_empty();
             if drop {
-                dropped.push(*item);
+                dropped.push(Item::new([Hull::EMPTY.min, Hull::EMPTY.max], item.number() as usize));
             }
             !drop
         });

@@ -203,7 +203,8 @@ fn boxes_that_are_not_sanitized_are_set_apart_too() {
     boxes.push(Aabb::new(Vec3::ONE, Vec3::ZERO));
     for builder in Builder::ALL {
         let bvh = build(&Careless(boxes.clone()), builder, &options(1), None).expect("few enough");
-        let [l, _] = bvh.children(bvh.root()).expect("inner");
+        let [l, r] = bvh.children(bvh.root()).expect("inner");
+        assert_eq!(r.aabb(), Aabb::EMPTY, "{}", builder.name());
         assert!(Aabb::new(Vec3::ZERO, Vec3::splat(1.2)).contains(&l.aabb()), "{}", builder.name());
     }
 }
