@@ -46,7 +46,7 @@ fn play(file: &str, per_loop: usize, moves: bool, rotation_pays: bool) {
                     costs[1] += bvh_core::sah_cost(bvh);
                     rotations += done.rotations_applied();
                 }
-                Strategy::Rebuild(..) => {}
+                _ => {}
             }
         }
         if i % 6 == 0 && i < 40 {

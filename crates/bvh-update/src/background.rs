@@ -6,7 +6,6 @@
 //! thread, and a tree whose structure is as old as its build took.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 
 use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
@@ -32,60 +31,53 @@ impl Default for Background {
     }
 }
 
-/// A copy of the boxes, and a tree over them once it comes back.
+/// A copy of the boxes, and a tree over them once it is built.
+#[derive(Default)]
 struct Job {
     boxes: Vec<Aabb>,
     bvh: Bvh,
-    builder: Builder,
+    scratch: BuildScratch,
 }
 
-/// The thread that builds, and what it is at.
-pub(crate) struct Worker {
-    /// `None` only while this is dropped.
-    jobs: Option<Sender<Job>>,
-    done: Receiver<Job>,
-    thread: Option<JoinHandle<()>>,
-    /// Number of the job that it works at; 0 for none.
-    current: u64,
-    /// Memory of the job before.
-    spare: Option<Job>,
+/// The build under way, if any, and the memory of the one before.
+#[derive(Default)]
+pub(crate) struct Builds {
+    /// With the number that the tree it is for has noted.
+    current: Option<(u64, JoinHandle<Job>)>,
+    spare: Job,
 }
 
-impl Worker {
-    fn start() -> Self {
-        let (jobs, todo) = channel::<Job>();
-        let (finished, done) = channel();
-        let thread = std::thread::spawn(move || {
-            let mut scratch = BuildScratch::new();
-            for mut job in todo {
-                let options = BuildOptions::default();
-                let built = rebuild(&mut job.bvh, &job.boxes, job.builder, &options, &mut scratch);
-                if built.is_err() || finished.send(job).is_err() {
-                    break;
-                }
-            }
-        });
-        Self { jobs: Some(jobs), done, thread: Some(thread), current: 0, spare: None }
-    }
-
-    /// Sends a copy of the boxes off; gives the job's number, unlike that of any other, or 0 if the thread has ended.
-    fn send<P: Primitives + ?Sized>(&mut self, primitives: &P, builder: Builder) -> u64 {
+impl Builds {
+    /// Starts a build over a copy of the boxes; gives its number, unlike that of any other.
+    fn start<P: Primitives + ?Sized>(&mut self, primitives: &P, builder: Builder) -> u64 {
         static NUMBER: AtomicU64 = AtomicU64::new(1);
-        let (mut boxes, bvh) = self.spare.take().map_or_else(Default::default, |job| (job.boxes, job.bvh));
-        boxes.clear();
-        boxes.extend((0..primitives.len()).map(|i| primitives.aabb(i)));
-        let sent = self.jobs.as_ref().is_some_and(|jobs| jobs.send(Job { boxes, bvh, builder }).is_ok());
-        self.current = if sent { NUMBER.fetch_add(1, Ordering::Relaxed) } else { 0 };
-        self.current
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let mut job = std::mem::take(&mut self.spare);
+        job.boxes.clear();
+        job.boxes.extend((0..primitives.len()).map(|i| primitives.aabb(i)));
+        let build = move || {
+            let Job { boxes, bvh, scratch } = &mut job;
+            let built = rebuild(bvh, boxes, builder, &BuildOptions::default(), scratch);
+            built.expect("as many primitives as a tree holds");
+            job
+        };
+        self.current = Some((number, std::thread::spawn(build)));
+        number
+    }
+
+    /// The tree of build `number`, if it is ready; trees of other builds are of no use to who asks.
+    fn take(&mut self, number: u64) -> Option<&mut Bvh> {
+        let (current, thread) = self.current.take_if(|(_, thread)| thread.is_finished())?;
+        // A panic there has been told already; the next build starts from nothing.
+        self.spare = thread.join().unwrap_or_default();
+        (current == number).then_some(&mut self.spare.bvh)
     }
 }
 
-impl Drop for Worker {
-    /// Waits for the tree being built, if any.
+impl Drop for Builds {
+    /// Waits for the build under way, so that no thread outlives what started it.
     fn drop(&mut self) {
-        drop(self.jobs.take());
-        if let Some(thread) = self.thread.take() {
-            // A panic there has been told already.
+        if let Some((_, thread)) = self.current.take() {
             let _ = thread.join();
         }
     }
@@ -97,26 +89,17 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     background: &Background,
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
-    let mut worker = scratch.background.take().unwrap_or_else(Worker::start);
-    let mut swapped = false;
-    match worker.done.try_recv() {
-        Ok(mut job) => {
-            // A tree over primitives of somebody else, who used the same scratch memory, is of no use here.
-            if bvh.history().background_job == worker.current && job.bvh.len() == primitives.len() {
-                std::mem::swap(bvh, &mut job.bvh);
-                swapped = true;
-            }
-            (worker.spare, worker.current) = (Some(job), 0);
-        }
-        Err(TryRecvError::Empty) => {}
-        // It cannot go on: start again with the next update.
-        Err(TryRecvError::Disconnected) => worker = Worker::start(),
+    let mut decision = Decision::AsAlways;
+    let number = bvh.history().background_job;
+    // The memory may have served another tree in between.
+    if let Some(new) = scratch.background.take(number).filter(|new| new.len() == primitives.len()) {
+        std::mem::swap(bvh, new);
+        decision = Decision::Swap;
     }
     let tally = pass(bvh, primitives, background.rotate, scratch);
-    if worker.current == 0 {
-        raw::parts(bvh).history.background_job = worker.send(primitives, background.builder);
+    if scratch.background.current.is_none() {
+        let number = scratch.background.start(primitives, background.builder);
+        raw::parts(bvh).history.background_job = number;
     }
-    scratch.background = Some(worker);
-    let decision = if swapped { Decision::Swap } else { Decision::AsAlways };
     Ok(Update { decision, ..tally.update(bvh) })
 }

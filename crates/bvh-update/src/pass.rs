@@ -6,7 +6,7 @@ use bvh_build::BuildScratch;
 use bvh_core::{Bvh, InOrder, Primitives, SimdLevel};
 use rayon::prelude::*;
 
-use crate::background;
+use crate::background::Builds;
 use crate::block::{Block, Lists, NESTED, Roots, Tally, Task, process};
 use crate::cut::CutScratch;
 use crate::kernels::{Fitted, fit_leaf, twigs};
@@ -22,7 +22,7 @@ const TOP_ROOTS: usize = 16;
 pub struct Scratch {
     pub(crate) build: BuildScratch,
     pub(crate) cut: CutScratch,
-    pub(crate) background: Option<background::Worker>,
+    pub(crate) background: Builds,
     level: Available,
     top: Block,
     top_lists: Box<Lists>,
@@ -50,7 +50,7 @@ impl Scratch {
         Self {
             build: BuildScratch::new(),
             cut: CutScratch::default(),
-            background: None,
+            background: Builds::default(),
             level,
             top: Block::new(),
             top_lists: Lists::new(),
