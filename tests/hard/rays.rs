@@ -1,0 +1,131 @@
+//! Hard rays.
+
+use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::{Bvh, Ray, Triangles, Vec3};
+use rt_cpu::{TriangleTest, any_hit, any_hit_brute, closest_hit, closest_hit_brute};
+
+/// A checked floor of 2 x 20 x 20 triangles at z = 0.
+fn floor() -> (Vec<Vec3>, Vec<[u32; 3]>) {
+    let positions = (0..21 * 21).map(|i| Vec3::new((i % 21) as f32, (i / 21) as f32, 0.0)).collect();
+    let triangles = (0..20 * 20).flat_map(|i| {
+        let a = i / 20 * 21 + i % 20;
+        [[a, a + 1, a + 22], [a, a + 22, a + 21]]
+    });
+    (positions, triangles.collect())
+}
+
+fn with_floor(check: impl Fn(&Bvh, &Triangles<'_>, TriangleTest)) {
+    let (positions, indices) = floor();
+    let triangles = Triangles { positions: &positions, indices: &indices };
+    for builder in Builder::ALL {
+        let bvh = build(&triangles, builder, &BuildOptions::default(), None).expect("few enough");
+        TriangleTest::ALL.into_iter().for_each(|test| check(&bvh, &triangles, test));
+    }
+}
+
+/// Asserts that tree and brute force agree, and gives the distance.
+fn cast(bvh: &Bvh, triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: TriangleTest) -> Option<f32> {
+    let found = closest_hit(bvh, triangles, ray, t_max, test);
+    assert_eq!(
+        found,
+        closest_hit_brute(triangles, ray, t_max, test),
+        "{ray:?} up to {t_max}, {}",
+        test.name()
+    );
+    assert_eq!(any_hit(bvh, triangles, ray, t_max, test), found.is_some());
+    assert_eq!(any_hit_brute(triangles, ray, t_max, test), found.is_some());
+    found.map(|hit| hit.t)
+}
+
+#[test]
+fn along_axes_with_zeros_of_either_sign() {
+    with_floor(|bvh, triangles, test| {
+        for zeros in [[0.0, 0.0], [-0.0, 0.0], [0.0, -0.0], [-0.0, -0.0]] {
+            let down = Ray::new(Vec3::new(3.3, 4.7, 2.0), Vec3::new(zeros[0], zeros[1], -1.0));
+            assert_eq!(cast(bvh, triangles, &down, f32::INFINITY, test), Some(2.0));
+            let up = Ray::new(Vec3::new(3.3, 4.7, 2.0), Vec3::new(zeros[0], zeros[1], 1.0));
+            assert_eq!(cast(bvh, triangles, &up, f32::INFINITY, test), None);
+        }
+    });
+}
+
+#[test]
+fn through_shared_edges_and_vertices() {
+    with_floor(|bvh, triangles, test| {
+        if test == TriangleTest::MollerTrumbore {
+            return; // May slip through; `watertight.rs` measures how often.
+        }
+        for i in 1..20 {
+            for place in [
+                Vec3::new(i as f32, i as f32, 1.0),
+                Vec3::new(i as f32, 7.5, 1.0),
+                Vec3::new(7.25, 7.25, 1.0),
+            ] {
+                let straight = Ray::new(place, -Vec3::Z);
+                assert_eq!(cast(bvh, triangles, &straight, f32::INFINITY, test), Some(1.0), "{place}");
+            }
+        }
+    });
+}
+
+#[test]
+fn grazing_and_within_the_plane() {
+    with_floor(|bvh, triangles, test| {
+        for height in [1e-30, 1e-6, 1e-3] {
+            let ray = Ray::new(Vec3::new(-5.0, 10.3, height), Vec3::new(25.0, 0.01, -height * 1.5));
+            cast(bvh, triangles, &ray, f32::INFINITY, test);
+        }
+        let within = Ray::new(Vec3::new(-5.0, 10.3, 0.0), Vec3::X);
+        assert_eq!(cast(bvh, triangles, &within, f32::INFINITY, test), None, "a triangle has no thickness");
+    });
+}
+
+#[test]
+fn starting_on_a_surface() {
+    with_floor(|bvh, triangles, test| {
+        let ray = Ray::new(Vec3::new(3.3, 4.7, 0.0), Vec3::new(0.1, 0.2, -1.0));
+        assert_eq!(cast(bvh, triangles, &ray, f32::INFINITY, test), Some(0.0));
+    });
+}
+
+#[test]
+fn t_max_of_zero_infinity_and_not_a_number() {
+    with_floor(|bvh, triangles, test| {
+        let ray = Ray::new(Vec3::new(3.3, 4.7, 2.0), -Vec3::Z);
+        assert_eq!(cast(bvh, triangles, &ray, 0.0, test), None);
+        assert_eq!(cast(bvh, triangles, &ray, 2.0, test), Some(2.0));
+        assert_eq!(cast(bvh, triangles, &ray, f32::INFINITY, test), Some(2.0));
+        assert_eq!(cast(bvh, triangles, &ray, -1.0, test), None);
+        assert_eq!(cast(bvh, triangles, &ray, f32::NAN, test), None);
+    });
+}
+
+#[test]
+fn rays_that_are_not_finite_hit_nothing() {
+    with_floor(|bvh, triangles, test| {
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            for axis in 0..3 {
+                let (mut from, mut along) = (Vec3::new(3.3, 4.7, 2.0), -Vec3::Z);
+                from[axis] = bad;
+                assert_eq!(cast(bvh, triangles, &Ray::new(from, -Vec3::Z), f32::INFINITY, test), None);
+                along[axis] = bad;
+                assert_eq!(
+                    cast(bvh, triangles, &Ray::new(Vec3::new(3.3, 4.7, 2.0), along), f32::INFINITY, test),
+                    None
+                );
+            }
+        }
+        assert_eq!(cast(bvh, triangles, &Ray::new(Vec3::ONE, Vec3::ZERO), f32::INFINITY, test), None);
+    });
+}
+
+#[test]
+fn directions_of_extreme_length() {
+    with_floor(|bvh, triangles, test| {
+        for length in [1e-30, 1e-10, 1e10, 1e30] {
+            let ray = Ray::new(Vec3::new(3.3, 4.7, 2.0), Vec3::new(0.0, 0.0, -length));
+            let t = cast(bvh, triangles, &ray, f32::INFINITY, test);
+            assert!(t.is_some_and(|t| (t * length - 2.0).abs() < 1e-5), "{t:?} at {length}, {}", test.name());
+        }
+    });
+}

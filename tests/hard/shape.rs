@@ -1,0 +1,127 @@
+//! Hard meshes, standing still.
+
+use bvh_core::{MAX_HEIGHT, Vec3};
+use pivot_tests::noise;
+
+use crate::check::{Case, hold};
+
+/// `n` small triangles around places; the corners of one are `size` apart or less.
+fn around(places: impl Iterator<Item = Vec3>, size: f32) -> Vec<Vec3> {
+    places.enumerate().flat_map(|(i, p)| [0, 1, 2].map(|c| p + (noise(77, 3 * i + c) - 0.5) * size)).collect()
+}
+
+fn soup(positions: Vec<Vec3>) -> Case {
+    Case::soup(vec![positions; 3])
+}
+
+#[test]
+fn no_primitive() {
+    hold(&Case::still(vec![], vec![]));
+}
+
+#[test]
+fn one_primitive() {
+    hold(&Case::still(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]));
+}
+
+#[test]
+fn two_primitives() {
+    hold(&Case::still(vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z], vec![[0, 1, 2], [3, 2, 1]]));
+}
+
+#[test]
+fn all_primitives_identical() {
+    let told = hold(&Case::still(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]; 700]));
+    assert!(told.iter().all(|(_, update)| update.height <= MAX_HEIGHT));
+}
+
+#[test]
+fn all_centroids_equal() {
+    let nested = (1..300).flat_map(|i| {
+        let r = i as f32;
+        [Vec3::new(-r, -r, -r), Vec3::new(r, r, 0.0), Vec3::new(0.0, 0.0, r)]
+    });
+    hold(&soup(nested.collect()));
+}
+
+#[test]
+fn triangles_without_area() {
+    let degenerate = (0..300).flat_map(|i| {
+        let (a, b) = (noise(1, i), noise(2, i));
+        match i % 3 {
+            0 => [a, a, a],
+            1 => [a, b, b],
+            _ => [a, (a + b) * 0.5, b],
+        }
+    });
+    hold(&soup(degenerate.collect()));
+}
+
+#[test]
+fn needles_of_aspect_1e7() {
+    let needles = (0..300).flat_map(|i| {
+        let (a, along) = (noise(1, i) * 10.0, (noise(2, i) - 0.5) * 10.0);
+        [a, a + along, a + along * 0.5 + (noise(3, i) - 0.5) * 1e-6]
+    });
+    hold(&soup(needles.collect()));
+}
+
+#[test]
+fn far_from_the_origin() {
+    for offset in [1e6, 1e12] {
+        let places = (0..300).map(|i| noise(1, i) * 10.0 + Vec3::new(offset, -offset, offset * 0.5));
+        hold(&soup(around(places, 1.0)));
+    }
+}
+
+#[test]
+fn extents_of_1e18_and_more() {
+    // At 1e25 areas, at 3e38 the extents themselves are beyond `f32`.
+    for scale in [1e18, 1e25, 3e38] {
+        let places = (0..200).map(|i| (noise(1, i) - 0.5) * scale);
+        hold(&soup(around(places, scale * 0.05)));
+    }
+}
+
+#[test]
+fn extents_that_are_denormal() {
+    let places = (0..200).map(|i| noise(1, i) * 1e-38);
+    hold(&soup(around(places, 1e-39)));
+}
+
+#[test]
+fn one_huge_triangle_among_tiny_ones() {
+    let mut positions = around((0..300).map(|i| noise(1, i)), 0.01);
+    positions.extend([Vec3::new(-1e9, -1e9, 0.5), Vec3::new(1e9, -1e9, 0.5), Vec3::new(0.0, 1e9, 0.5)]);
+    hold(&soup(positions));
+}
+
+#[test]
+fn flat_along_each_axis() {
+    for axis in 0..3 {
+        let mut positions = around((0..300).map(|i| noise(1, i) * 10.0), 1.0);
+        positions.iter_mut().for_each(|p| p[axis] = -3.0);
+        hold(&soup(positions));
+    }
+}
+
+#[test]
+fn all_on_a_line() {
+    let positions = (0..600).map(|i| Vec3::new(noise(1, i).x * 10.0, 1.0, 2.0));
+    hold(&soup(positions.collect()));
+}
+
+#[test]
+fn exponentially_spaced() {
+    // Each split by surface area takes one primitive off: as high as there are primitives, but for the bound.
+    let places = (0..250).map(|i| Vec3::new((i as f32 - 125.0).exp2(), 0.0, 0.0));
+    let positions: Vec<_> = places.flat_map(|p| [p, p * 1.01, p + Vec3::Y * p.x * 0.01]).collect();
+    let told = hold(&soup(positions));
+    assert!(told.iter().all(|(_, update)| update.height <= MAX_HEIGHT));
+}
+
+#[test]
+fn more_subtrees_than_threads_could_want() {
+    let positions = around((0..6000).map(|i| noise(1, i) * 100.0), 1.0);
+    crate::check::pool(64).install(|| hold(&Case::soup(vec![positions.clone(), positions])));
+}
