@@ -80,6 +80,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
         about: INFO.about,
         key_bytes: size_of_val(&keys[..]),
         animation: Box::new(RigidBodies {
+            normals: assembly.normals(),
             topology: assembly.topology,
             local: assembly.positions,
             body,

@@ -12,6 +12,7 @@ mod protocol;
 mod record;
 mod report;
 mod results;
+mod stages;
 mod summary;
 
 use anyhow::{Result, ensure};
@@ -128,6 +129,9 @@ fn facts(stage: &Stage, plan: &Plan, label: String, slug: String) -> SceneFacts 
         about: scene.about.to_owned(),
         triangles: stats.primitives,
         moving: scene.animation.topology().moves.iter().filter(|&&moves| moves).count(),
+        plan: stage.plan.stages().iter().map(|s| s.name()).collect(),
+        key_bytes: scene.key_bytes,
+        measures: scene.measures.iter().map(|m| (m.name.clone(), m.value)).collect(),
         effects: scene.effects.row().into_iter().filter_map(|(name, on)| on.then_some(name)).collect(),
         frames: plan.frames,
         rebuild_every: plan.rebuild_every,
