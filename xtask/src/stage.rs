@@ -123,7 +123,8 @@ impl Stage {
 
     /// The scene's view now.
     pub(crate) fn camera(&self, width: u32, height: u32) -> Camera {
-        let View { eye, target, up, fov_y } = self.scene.animation.view(self.pose.time()).unwrap_or(self.scene.view);
+        let View { eye, target, up, fov_y } =
+            self.scene.animation.view(self.pose.time()).unwrap_or(self.scene.view);
         Camera::look_at(eye, target, up, fov_y, width, height)
     }
 

@@ -362,7 +362,9 @@ impl GltfAnimation {
                 let to_scene = &globals[node];
                 let work = if motion.rigid { &mut stats.rigid } else { &mut again };
                 work.add(|| {
-                    positions.iter_mut().for_each(|position| *position = to_scene.transform_point3(*position));
+                    positions
+                        .iter_mut()
+                        .for_each(|position| *position = to_scene.transform_point3(*position));
                     positions.len()
                 });
             }

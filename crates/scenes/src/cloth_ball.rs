@@ -40,6 +40,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
         },
         light: LightEffects::SHADOWS,
     },
+    key_bytes: FRAMES * ((SIDE + 1) * (SIDE + 1) + 382) * size_of::<Vec3>(),
 };
 
 pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {

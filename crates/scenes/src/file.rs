@@ -18,22 +18,25 @@ const FRAME_RATE: f64 = 24.0;
 pub(crate) fn scene(path: &Path, clip: Option<&str>) -> Result<Scene, LoadError> {
     let animation = anim::load(path, clip)?;
     let (view, light) = default_view(&*animation);
-    let mut notes = Vec::new();
+    let (mut notes, mut shadows) = (Vec::new(), true);
     if animation.view(0.0).is_none() {
         notes.push(format!("{} has no camera; the view is a default", path.display()));
     }
     if animation.light(0.0).is_none() {
-        notes.push(format!(
-            "{} has no light; the light is a default",
-            path.display()
-        ));
+        // Mesh files cannot say what lights there are; of what can and names none, none casts a shadow.
+        shadows = path.is_dir() || path.extension().is_some_and(|e| e == "obj" || e == "ply");
+        let cast = if shadows { "" } else { " that casts no shadow" };
+        notes.push(format!("{} has no light; the light is a default{cast}", path.display()));
     }
     Ok(Scene {
         name: path.display().to_string(),
         about: "an animation from a file",
         view,
         light,
-        effects: Effects { motion: MotionEffects::of(animation.topology()), light: LightEffects::SHADOWS },
+        effects: Effects {
+            motion: MotionEffects::of(animation.topology()),
+            light: LightEffects { shadows, ..LightEffects::NONE },
+        },
         frames: animation
             .frames()
             .unwrap_or_else(|| (animation.duration() * FRAME_RATE).round().max(0.0) as usize + 1),

@@ -40,6 +40,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
         motion: MotionEffects { gravity: true, contact: true, rigid: true, ..MotionEffects::NONE },
         light: LightEffects::SHADOWS,
     },
+    key_bytes: FRAMES * BALLS * rigid::WORDS * size_of::<f32>(),
 };
 
 struct Ball {

@@ -35,7 +35,7 @@ pub(crate) fn rotation(axis: Vec3, angle: f32) -> Quat {
 }
 
 /// Number of floats of a [`Placement`] in a record.
-const WORDS: usize = 7;
+pub(crate) const WORDS: usize = 7;
 
 /// Appends a placement to a recorded array.
 pub(crate) fn record(out: &mut Vec<f32>, placement: &Placement) {

@@ -215,8 +215,15 @@ pub(crate) fn playback(
     let earth = assembly.material(colors.ground);
     assembly.part("ground", &shape::square(ground, 16), Motion::STILL, earth);
     let Assembly { topology, positions } = assembly;
-    let mut animation =
-        RigidBodies { topology, local: positions, normals: Vec::new(), body, bodies: sizes.len(), keys, seconds };
+    let mut animation = RigidBodies {
+        topology,
+        local: positions,
+        normals: Vec::new(),
+        body,
+        bodies: sizes.len(),
+        keys,
+        seconds,
+    };
     animation.normals = welded_normals(&animation.topology.triangles, &animation.rest(), &weld);
     (animation, measures)
 }

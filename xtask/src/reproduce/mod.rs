@@ -29,6 +29,7 @@ use crate::{interrupt, pool};
 
 pub(crate) use self::contestants::Contestant;
 pub(crate) use self::options::Args;
+pub(crate) use self::protocol::picture;
 
 /// Frames in a loop in figure 5.
 const SPEEDS: [usize; 3] = [20, 100, 500];
@@ -156,7 +157,7 @@ fn run_frames(
     let take = |stage: &mut Stage, tree: &Bvh, step: usize| {
         if step < plan.frames && protocol::is_sampled(step, plan.frames, pictures) {
             let (file, path) = out.picture(&facts.slug, step);
-            let png = protocol::picture(stage, tree, size, &path)?;
+            let png = picture(stage, tree, size, &path)?;
             taken.push(Picture { frame: step, file, png });
         }
         Ok(())
