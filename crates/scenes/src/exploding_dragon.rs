@@ -34,7 +34,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
         light: LightEffects::SHADOWS,
     },
     // About 2500 pieces come out of the cutting.
-    key_bytes: FRAMES * 2500 * rigid::WORDS * size_of::<f32>(),
+    key_bytes: FRAMES * 2359 * rigid::WORDS * size_of::<f32>(),
 };
 
 pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
