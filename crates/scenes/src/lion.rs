@@ -34,7 +34,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
         light: LightEffects::SHADOWS,
     },
     // About 9700 pieces come out of the cutting.
-    key_bytes: FRAMES * 8430 * rigid::WORDS * size_of::<f32>(),
+    key_bytes: FRAMES * 8427 * rigid::WORDS * size_of::<f32>(),
 };
 
 pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
