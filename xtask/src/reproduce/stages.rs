@@ -22,21 +22,22 @@ pub(crate) struct StageSummary {
 
 /// The stages that are planned, and any that ran though it was not, in the order they run.
 pub(crate) fn stages(planned: &[&str], rows: &[&Row]) -> Vec<StageSummary> {
-    let counted: [(_, _, fn(&Row) -> u64, Option<fn(&Row) -> f64>); 7] = [
-        (FrameStage::KeyFrames, "vertices", |r| r.vertices_blended, Some(|r| r.blend_ms)),
-        (FrameStage::Morph, "displacements", |r| r.vertices_morphed, Some(|r| r.morph_ms)),
-        (FrameStage::Skin, "vertices", |r| r.vertices_skinned, Some(|r| r.skin_ms)),
-        (FrameStage::Rigid, "vertices", |r| r.vertices_rigid, Some(|r| r.rigid_ms)),
-        (FrameStage::Update, "primitives", |r| r.primitives_refit, Some(|r| r.update_ms)),
-        (FrameStage::Primary, "rays", |r| r.rays_primary, Some(|r| r.trace_ms)),
-        (FrameStage::Shadow, "rays", |r| r.rays_shadow, None),
+    let count = |of: fn(&Row) -> u64| rows.iter().map(|row| of(row)).sum();
+    let mean =
+        |of: fn(&Row) -> f64| Some(rows.iter().map(|row| of(row)).sum::<f64>() / rows.len().max(1) as f64);
+    let all = [
+        (FrameStage::KeyFrames, "vertices", count(|r| r.vertices_blended), mean(|r| r.blend_ms)),
+        (FrameStage::Morph, "displacements", count(|r| r.vertices_morphed), mean(|r| r.morph_ms)),
+        (FrameStage::Skin, "vertices", count(|r| r.vertices_skinned), mean(|r| r.skin_ms)),
+        (FrameStage::Rigid, "vertices", count(|r| r.vertices_rigid), mean(|r| r.rigid_ms)),
+        (FrameStage::Update, "primitives", count(|r| r.primitives_refit), mean(|r| r.update_ms)),
+        (FrameStage::Primary, "rays", count(|r| r.rays_primary), mean(|r| r.trace_ms)),
+        (FrameStage::Shadow, "rays", count(|r| r.rays_shadow), None),
     ];
-    let summary = |(stage, counts, count, ms): (FrameStage, _, fn(&Row) -> u64, Option<fn(&Row) -> f64>)| {
-        let mean = |ms: fn(&Row) -> f64| rows.iter().map(|r| ms(r)).sum::<f64>() / rows.len().max(1) as f64;
-        let count = rows.iter().map(|r| count(r)).sum();
-        StageSummary { stage: stage.name(), counts, count, mean_ms: ms.map(mean) }
-    };
-    counted.map(summary).into_iter().filter(|s| s.count > 0 || planned.contains(&s.stage)).collect()
+    all.into_iter()
+        .map(|(stage, counts, count, mean_ms)| StageSummary { stage: stage.name(), counts, count, mean_ms })
+        .filter(|stage| stage.count > 0 || planned.contains(&stage.stage))
+        .collect()
 }
 
 /// Primitives whose boxes an update asks for: those of leaves that move, or all for a new tree.
