@@ -65,17 +65,15 @@ fn default_view(animation: &dyn Animation) -> (View, Light) {
 fn bounds(animation: &dyn Animation) -> (Vec3, Vec3) {
     let mut positions = animation.rest();
     let (mut low, mut high) = (Vec3::MAX, Vec3::MIN);
-    let parts = &animation.topology().parts;
-    let any_moves = parts.iter().any(|part| !part.motion.is_still());
-    let shown: Vec<_> = parts
-        .iter()
-        .filter(|part| !(any_moves && part.motion.is_still()))
-        .map(|part| part.vertices.start as usize..part.vertices.end as usize)
-        .collect();
+    let topology = animation.topology();
+    let mut shown = vec![!topology.moves.contains(&true); positions.len()];
+    for (corners, _) in topology.triangles.iter().zip(&topology.moves).filter(|&(_, &moves)| moves) {
+        corners.iter().for_each(|&corner| shown[corner as usize] = true);
+    }
     let samples = if animation.duration() > 0.0 { BOUND_SAMPLES } else { 1 };
     for sample in 0..samples {
         animation.pose(animation.duration() * sample as f64 / samples.max(2) as f64, &mut positions);
-        for &p in shown.iter().flat_map(|run| &positions[run.clone()]).filter(|p| p.is_finite()) {
+        for (&p, _) in positions.iter().zip(&shown).filter(|&(p, &shown)| shown && p.is_finite()) {
             (low, high) = (low.min(p), high.max(p));
         }
     }
