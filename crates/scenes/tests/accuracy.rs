@@ -2,11 +2,11 @@
 
 use scenes::{Distance, Scene, SceneOptions, distance, load};
 
-/// A scene with so many spaces between key frames and 480 simulation steps in all.
+/// A scene with so many spaces between key frames and 960 simulation steps in all.
 fn scene(name: &str, spaces: usize) -> Scene {
     let options = SceneOptions {
         key_frames: Some(spaces + 1),
-        substeps: Some(480 / spaces),
+        substeps: Some(960 / spaces),
         detail: Some(0.01),
         ..SceneOptions::default()
     };
@@ -16,9 +16,9 @@ fn scene(name: &str, spaces: usize) -> Scene {
 #[test]
 fn more_key_frames_are_nearer_to_the_finely_sampled_motion() {
     for name in ["n-body", "cloth-ball", "exploding-dragon"] {
-        let fine = scene(name, 240);
-        let of = |spaces| distance(&*scene(name, spaces).animation, &*fine.animation, 49).unwrap();
-        let [few, more, many] = [12, 48, 120].map(of);
+        let fine = scene(name, 480);
+        let of = |spaces| distance(&*scene(name, spaces).animation, &*fine.animation, 97).unwrap();
+        let [few, more, many] = [12, 48, 240].map(of);
         println!("{name}: {few:?}, {more:?}, {many:?}");
         assert!(few.rms > 2.0 * more.rms && more.rms > 2.0 * many.rms, "{name}");
         assert!(few.max < 1.0 && few.rms < few.max && many.max < few.max, "{name}");
