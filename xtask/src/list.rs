@@ -6,6 +6,7 @@ use anyhow::Result;
 use bvh_build::Builder;
 use bvh_core::SimdLevel;
 use rt_cpu::{Traversal, TriangleTest};
+use scenes::FramePlan;
 use serde::Serialize;
 
 use crate::files;
@@ -35,6 +36,10 @@ struct SceneEntry {
     triangles: usize,
     frames: usize,
     effects: Vec<&'static str>,
+    /// The stages of a frame, in order.
+    plan: Vec<&'static str>,
+    /// Bytes of key frames in memory.
+    key_bytes: usize,
 }
 
 #[derive(Serialize)]
@@ -71,6 +76,8 @@ fn listing() -> Listing {
                 triangles: info.triangles,
                 frames: info.frames,
                 effects: info.effects.row().into_iter().filter_map(|(name, on)| on.then_some(name)).collect(),
+                plan: FramePlan::new(&info.effects).stages().iter().map(|stage| stage.name()).collect(),
+                key_bytes: info.key_bytes,
             })
             .collect(),
         strategies: Contestant::all()
@@ -91,13 +98,20 @@ fn listing() -> Listing {
 }
 
 fn text(listing: &Listing) -> String {
-    let mut out =
-        String::from("scenes (any .glb, .gltf, .obj or .ply file, or a folder of key frames, will do)\n");
+    let mut out = String::from(
+        "scenes (any .glb, .gltf, .obj, .ply or .aff file, or a folder of key frames, will do; bart-museum:1 to \
+         bart-museum:4 start from another shape)\n",
+    );
     // Writing to a string does not fail.
     for s in &listing.scenes {
         let _ =
             writeln!(out, "  {:18}{:>9} triangles, {} frames: {}", s.name, s.triangles, s.frames, s.about);
         let _ = writeln!(out, "  {:18}calls for {}", "", s.effects.join(", "));
+        let _ = writeln!(out, "  {:18}a frame runs {}", "", s.plan.join(", "));
+        let _ = match s.key_bytes {
+            0 => writeln!(out, "  {:18}no key frames but the tracks of a glTF file", ""),
+            bytes => writeln!(out, "  {:18}{:.1} MiB of key frames", "", bytes as f64 / f64::from(1 << 20)),
+        };
     }
     out += "\nstrategies\n";
     for s in &listing.strategies {

@@ -5,6 +5,8 @@
 
 mod ci;
 mod compare;
+mod contact_sheet;
+mod export;
 mod files;
 mod interrupt;
 mod layering;
@@ -36,6 +38,10 @@ enum Command {
     Reproduce(reproduce::Args),
     /// Render frames of a scene to PNG or EXR files
     Render(render::Args),
+    /// Write a picture of five frames of each scene, side by side
+    ContactSheet(contact_sheet::Args),
+    /// Write the scene fairy-forest as a glTF file
+    Export(export::Args),
     /// Measure this project beside other libraries: same work, same hits, one run
     Compare(compare::Args),
     /// List scenes with the effects each calls for, strategies, builders and SIMD levels
@@ -65,6 +71,8 @@ fn main() -> ExitCode {
     let result = match &cli.command {
         Command::Reproduce(args) => reproduce::run(args),
         Command::Render(args) => render::run(args),
+        Command::ContactSheet(args) => contact_sheet::run(args),
+        Command::Export(args) => export::run(args),
         Command::Compare(args) => compare::run(args),
         Command::List(args) => list::run(args),
         Command::Ci => ci::run(),

@@ -83,6 +83,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     for note in &scene.notes {
         eprintln!("note: {note}");
     }
+    eprintln!("a frame runs {}", scenes::FramePlan::new(&scene.effects));
     target.prepare()?;
     let mut stage = pool.install(|| Stage::new(scene))?;
     pool.install(|| frames(args, &target, &mut stage, &label, wanted, count))

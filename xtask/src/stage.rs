@@ -2,12 +2,12 @@
 
 use std::time::Instant;
 
-use anim::View;
+use anim::{Pose, PoseStats, View};
 use anyhow::{Context, Result};
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Bvh, Triangles, Vec3};
 use rt_cpu::{Camera, Mesh, PointLight, RenderOptions};
-use scenes::{Scene, SceneOptions};
+use scenes::{FramePlan, FrameStage, Scene, SceneOptions};
 
 use crate::files;
 use crate::progress::Progress;
@@ -41,6 +41,8 @@ pub(crate) fn load_at(
 /// Triangle `i` is the primitive in leaf slot `i` of the first tree, so that updates stream through memory.
 pub(crate) struct Stage {
     pub(crate) scene: Scene,
+    /// What a frame of it runs.
+    pub(crate) plan: FramePlan,
     /// The tree over the first frame, by the sweep builder, one primitive a leaf; still parts are marked as still.
     pub(crate) first_tree: Bvh,
     /// Time that building it took.
@@ -48,18 +50,17 @@ pub(crate) struct Stage {
     triangles: Vec<[u32; 3]>,
     palette: Vec<[f32; 3]>,
     color_of: Vec<u32>,
-    positions: Vec<Vec3>,
+    pose: Pose,
     normals: Vec<Vec3>,
-    time: f64,
 }
 
 impl Stage {
     /// A scene at time 0.
     pub(crate) fn new(scene: Scene) -> Result<Self> {
         let topology = scene.animation.topology();
-        let positions = scene.animation.rest();
+        let pose = Pose::new(&*scene.animation);
         let start = Instant::now();
-        let primitives = Triangles { positions: &positions, indices: &topology.triangles };
+        let primitives = Triangles { positions: pose.positions(), indices: &topology.triangles };
         let mut first_tree = build(&primitives, Builder::Sweep, &BuildOptions::default(), None)
             .with_context(|| format!("{}: no tree", scene.name))?;
         let build_ms = ms(start);
@@ -75,11 +76,11 @@ impl Stage {
             palette: topology.materials.iter().map(|m| m.base_color).collect(),
             color_of: order.iter().map(|&p| material_of[p as usize]).collect(),
             normals: Vec::new(),
-            time: 0.0,
+            plan: FramePlan::new(&scene.effects),
             scene,
             first_tree,
             build_ms,
-            positions,
+            pose,
         })
     }
 
@@ -89,21 +90,25 @@ impl Stage {
         self.scene.animation.duration() * frame as f64 / last as f64
     }
 
-    /// Moves everything to `time`, in seconds.
-    pub(crate) fn pose(&mut self, time: f64) {
-        self.scene.animation.pose(time, &mut self.positions);
-        self.time = time;
-        self.normals.clear();
+    /// Moves everything to `time`, in seconds; nothing if it is there already.
+    pub(crate) fn pose(&mut self, time: f64) -> PoseStats {
+        let stats = self.pose.advance(&*self.scene.animation, time);
+        if stats.count() > 0 {
+            self.normals.clear();
+        }
+        stats
     }
 
     /// The triangles as they are now.
     pub(crate) fn triangles(&self) -> Triangles<'_> {
-        Triangles { positions: &self.positions, indices: &self.triangles }
+        Triangles { positions: self.pose.positions(), indices: &self.triangles }
     }
 
     /// Makes normals for smooth shading, until the next pose.
     pub(crate) fn smooth(&mut self) {
-        anim::vertex_normals(&self.triangles, &self.positions, &mut self.normals);
+        if !self.scene.animation.normals(self.pose.time(), &mut self.normals) {
+            anim::vertex_normals(&self.triangles, self.pose.positions(), &mut self.normals);
+        }
     }
 
     /// What is rendered now: smooth after [`smooth`](Self::smooth), flat otherwise.
@@ -118,19 +123,20 @@ impl Stage {
 
     /// The scene's view now.
     pub(crate) fn camera(&self, width: u32, height: u32) -> Camera {
-        let View { eye, target, up, fov_y } = self.scene.animation.view(self.time).unwrap_or(self.scene.view);
+        let View { eye, target, up, fov_y } =
+            self.scene.animation.view(self.pose.time()).unwrap_or(self.scene.view);
         Camera::look_at(eye, target, up, fov_y, width, height)
     }
 
     /// The scene's light now.
     pub(crate) fn light(&self) -> PointLight {
-        let light = self.scene.animation.light(self.time).unwrap_or(self.scene.light);
+        let light = self.scene.animation.light(self.pose.time()).unwrap_or(self.scene.light);
         PointLight { position: light.position, color: light.color }
     }
 
     /// Rendering with what the scene calls for: shadow rays only where it has shadows.
     pub(crate) fn render_options(&self) -> RenderOptions {
-        RenderOptions { shadows: self.scene.effects.light.shadows, ..RenderOptions::default() }
+        RenderOptions { shadows: self.plan.contains(FrameStage::Shadow), ..RenderOptions::default() }
     }
 }
 

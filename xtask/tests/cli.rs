@@ -112,6 +112,9 @@ fn bad_input_is_refused_in_one_line_that_helps() {
     assert!(!Path::new(out).exists(), "refused before anything is made");
     refused(&["reproduce", "--scene", sheet, "--out", str(&below_file)], &["below"]);
     refused(&["repeat"], &["repeat"]);
+    refused(&["export", "lion", "lion.glb"], &["lion", "fairy-forest"]);
+    refused(&["export", "fairy-forest", "forest.obj"], &["forest.obj", ".glb"]);
+    refused(&["contact-sheet", "--out", "sheet.png"], &["sheet.png", ".jpg"]);
 
     let frame = base.join("frame.png");
     for (more, words) in [
@@ -167,7 +170,11 @@ fn list_names_what_there_is() {
         assert!(names.iter().all(|n| table.contains(n.as_str())), "{key}");
     }
     assert!(json["scenes"][0]["triangles"].as_u64().expect("a number") > 0);
-    assert!(json["scenes"][0]["effects"].is_array());
+    for scene in json["scenes"].as_array().expect("a list") {
+        assert!(scene["effects"].is_array() && scene["key_bytes"].is_u64());
+        let plan = scene["plan"].as_array().expect("a list");
+        assert!(plan.iter().any(|s| s == "update") && plan.iter().any(|s| s == "shadow"), "{plan:?}");
+    }
 }
 
 #[test]
@@ -222,6 +229,20 @@ fn a_run_leaves_rows_figures_pictures_a_summary_and_a_report() {
     assert!(cost("refit+rotate") < cost("refit"), "rotations help on a sheet that folds");
     let rotations = strategies.iter().find(|s| s["strategy"] == "refit+rotate").expect("measured");
     assert!(rotations["rotations"].as_u64().expect("a number") > 0);
+
+    let stages = rotations["stages"].as_array().expect("a list");
+    let names: Vec<_> = stages.iter().map(|s| s["stage"].as_str().expect("a name")).collect();
+    assert_eq!(names, ["key frames", "update", "primary", "shadow"]);
+    // The first frame is at the time the sheet is at already, as is none of the six after it.
+    assert_eq!(stages[0]["count"], 6 * 17 * 17);
+    assert_eq!(stages[1]["count"], 7 * 512);
+    let column = |name: &str| header.split(',').position(|c| c == name).expect("a column");
+    let value = |line: &str, name: &str| line.split(',').nth(column(name)).expect("a value").to_owned();
+    for (i, line) in rows.lines().skip(1).filter(|l| l.split(',').nth(1) == Some("refit")).enumerate() {
+        assert_eq!(value(line, "vertices_blended"), if i == 0 { "0" } else { "289" });
+        assert_eq!((value(line, "vertices_skinned"), value(line, "skin_ms")), ("0".into(), "0.0".into()));
+        assert_eq!(value(line, "primitives_refit"), "512");
+    }
 
     let report = fs::read_to_string(out.join("report.html")).expect("a report");
     assert!(report.contains("<svg") && report.contains("data:image/png;base64,"));

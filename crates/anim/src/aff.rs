@@ -17,7 +17,7 @@ use self::geometry::{Frame, Patch, Source};
 use self::reader::{Camera, Scene, TimeSpan};
 use self::track::Track;
 use crate::error::{LoadError, Problem};
-use crate::{Animation, Light, Topology, View};
+use crate::{Animation, Light, PoseStats, Topology, View};
 
 /// A scene of BART; from [`load_aff`].
 ///
@@ -226,25 +226,31 @@ impl Animation for AffAnimation {
         self.rest.clone()
     }
 
-    fn pose(&self, time: f64, positions: &mut [Vec3]) {
+    fn pose(&self, time: f64, positions: &mut [Vec3]) -> PoseStats {
         assert_eq!(positions.len(), self.topology.vertex_count, "positions are those of another animation");
         let time = self.key_time(time);
         let to_world: Vec<Affine3A> = self.to_world(time).iter().map(DAffine3::as_affine3a).collect();
+        let mut stats = PoseStats::default();
         for Moving { vertices, node, shape } in &self.moving {
             let positions = &mut positions[vertices.clone()];
             match shape {
                 Shape::Rigid(local) => positions.copy_from_slice(local),
-                Shape::Patches(patches) => {
+                Shape::Patches(patches) => stats.key_frames.add(|| {
                     for (corners, patch) in positions.as_chunks_mut::<3>().0.iter_mut().zip(patches) {
                         *corners = patch.at(time);
                     }
-                }
+                    positions.len()
+                }),
             }
             if let Some(node) = *node {
                 let to_world = to_world[node as usize];
-                positions.iter_mut().for_each(|p| *p = to_world.transform_point3(*p));
+                stats.rigid.add(|| {
+                    positions.iter_mut().for_each(|p| *p = to_world.transform_point3(*p));
+                    positions.len()
+                });
             }
         }
+        stats
     }
 
     /// The `v` block, moved by the track named `camera`; the camera of that track looks along its negative z axis.

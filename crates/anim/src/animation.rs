@@ -4,6 +4,8 @@ use std::ops::Range;
 
 use glam::Vec3;
 
+use crate::PoseStats;
+
 /// The part of an animated mesh that never changes.
 #[derive(Clone, Debug, Default)]
 pub struct Topology {
@@ -108,11 +110,19 @@ pub trait Animation: Send + Sync {
 
     /// Moves `positions`, which came from [`rest`](Self::rest), to `time` (seconds; clamped to 0 ..= duration).
     ///
-    /// The result depends on `time` only, never on earlier calls. Vertices of still parts are not written.
+    /// The result depends on `time` only, never on earlier calls. Vertices of still parts are not written. Gives what
+    /// was done; [`Pose::advance`](crate::Pose::advance) does nothing at all where the time is the same as before.
     ///
     /// # Panics
     /// If `positions` is not as long as `topology().vertex_count`.
-    fn pose(&self, time: f64, positions: &mut [Vec3]);
+    fn pose(&self, time: f64, positions: &mut [Vec3]) -> PoseStats;
+
+    /// Sets `out` to a unit normal for each vertex at `time` and gives `true`, where the source has better ones than
+    /// [`vertex_normals`](crate::vertex_normals) would make, such as those of pieces that were one surface; gives
+    /// `false` where it has none.
+    fn normals(&self, _time: f64, _out: &mut Vec<Vec3>) -> bool {
+        false
+    }
 
     /// Number of frames that the source says it is to be shown in, first and last included, if it does.
     fn frames(&self) -> Option<usize> {

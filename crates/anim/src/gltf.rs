@@ -27,7 +27,7 @@ use self::nodes::{Channels, Nodes, affine, node_name, target_count};
 use self::primitive::Geometry;
 use self::track::Track;
 use crate::error::{LoadError, Problem, read_file};
-use crate::{Animation, Light, Material, Motion, Part, Topology, View};
+use crate::{Animation, Light, Material, Motion, Part, PoseStats, Topology, View, Work};
 
 /// A clip of a glTF file, ready to be posed at any time.
 ///
@@ -59,6 +59,8 @@ struct Instance {
     node: Option<usize>,
     /// Index into the weights of its node, if it has morph targets.
     weights: Option<usize>,
+    /// What of all this changes.
+    motion: Motion,
 }
 
 struct Skin {
@@ -244,12 +246,13 @@ impl GltfAnimation {
 
             let skin_places =
                 skin.is_some_and(|skin| self.skins[skin].joints.iter().any(|&joint| in_scene[joint]));
-            let instance = Instance {
+            let mut instance = Instance {
                 geometry: Arc::clone(&geometry),
                 first_vertex: self.topology.vertex_count,
                 skin,
                 node: (!skin_places).then_some(node),
                 weights,
+                motion: Motion::STILL,
             };
             let bytes = geometry.positions.len() * 26 + geometry.triangles.len() * 13 + name.len();
             accessors.budget.spend(bytes as u64, &place)?;
@@ -257,6 +260,7 @@ impl GltfAnimation {
                 let found = "too many vertices or triangles in all";
                 return Err(Problem::new(place, found, "as many as 32 bits can number"));
             };
+            instance.motion = motion;
             if motion.is_still() { still.push(instance) } else { self.moving.push(instance) }
         }
         Ok(())
@@ -319,34 +323,53 @@ impl GltfAnimation {
     }
 
     /// Writes the positions of `instances` at `time`.
-    fn write(&self, instances: &[Instance], time: f64, positions: &mut [Vec3]) {
+    fn write(&self, instances: &[Instance], time: f64, positions: &mut [Vec3]) -> PoseStats {
+        // Beside what is called for there is what stays the same but has to be done again, as under a still node.
+        let (mut stats, mut again) = (PoseStats::default(), Work::default());
         let globals = self.nodes.globals(time);
         let mut joint_matrices: Vec<Option<Vec<Affine3A>>> = vec![None; self.skins.len()];
         let mut weights = Vec::new();
         for instance in instances {
-            let geometry = &*instance.geometry;
+            let (geometry, motion) = (&*instance.geometry, instance.motion);
             let positions = &mut positions[instance.first_vertex..][..geometry.positions.len()];
             positions.copy_from_slice(&geometry.positions);
             if let Some(of_node) = instance.weights {
                 self.weights[of_node].at(time, &mut weights);
-                for (target, &weight) in
-                    geometry.targets.iter().zip(&weights).filter(|&(_, &weight)| weight != 0.0)
-                {
-                    for &(vertex, delta) in target {
-                        positions[vertex as usize] += weight * delta;
+                let work = if motion.morph { &mut stats.morph } else { &mut again };
+                work.add(|| {
+                    let mut added = 0;
+                    for (target, &weight) in
+                        geometry.targets.iter().zip(&weights).filter(|&(_, &weight)| weight != 0.0)
+                    {
+                        for &(vertex, delta) in target {
+                            positions[vertex as usize] += weight * delta;
+                        }
+                        added += target.len();
                     }
-                }
+                    added
+                });
             }
             if let (Some(skin), Some(influences)) = (instance.skin, &geometry.influences) {
                 let matrices =
                     joint_matrices[skin].get_or_insert_with(|| self.skins[skin].matrices(&globals));
-                influences.skin(matrices, positions);
+                let work = if motion.skin { &mut stats.skin } else { &mut again };
+                work.add(|| {
+                    influences.skin(matrices, positions);
+                    positions.len()
+                });
             }
             if let Some(node) = instance.node {
                 let to_scene = &globals[node];
-                positions.iter_mut().for_each(|position| *position = to_scene.transform_point3(*position));
+                let work = if motion.rigid { &mut stats.rigid } else { &mut again };
+                work.add(|| {
+                    positions
+                        .iter_mut()
+                        .for_each(|position| *position = to_scene.transform_point3(*position));
+                    positions.len()
+                });
             }
         }
+        stats
     }
 
     fn clamp(&self, time: f64) -> f64 {
@@ -368,11 +391,12 @@ impl Animation for GltfAnimation {
         self.rest.clone()
     }
 
-    fn pose(&self, time: f64, positions: &mut [Vec3]) {
+    fn pose(&self, time: f64, positions: &mut [Vec3]) -> PoseStats {
         assert_eq!(positions.len(), self.topology.vertex_count, "positions are those of another animation");
-        if !self.moving.is_empty() {
-            self.write(&self.moving, self.clamp(time), positions);
+        if self.moving.is_empty() {
+            return PoseStats::default();
         }
+        self.write(&self.moving, self.clamp(time), positions)
     }
 
     /// The first perspective camera of the scene; it looks along its negative z axis.

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use crate::{Animation, Motion, Topology};
+use crate::{Animation, Motion, PoseStats, Topology};
 
 /// Time from one key frame to the next where nothing else is known, in seconds.
 pub const DEFAULT_SECONDS_PER_FRAME: f64 = 1.0 / 24.0;
@@ -195,8 +195,17 @@ impl Animation for KeyFrames {
         self.rest.clone()
     }
 
-    fn pose(&self, time: f64, positions: &mut [Vec3]) {
+    fn pose(&self, time: f64, positions: &mut [Vec3]) -> PoseStats {
         assert_eq!(positions.len(), self.rest.len(), "positions are those of another animation");
+        let mut stats = PoseStats::default();
+        stats.key_frames.add(|| self.blend(time, positions));
+        stats
+    }
+}
+
+impl KeyFrames {
+    /// Writes the vertices that move and gives their number.
+    fn blend(&self, time: f64, positions: &mut [Vec3]) -> usize {
         let (frame, u) = self.position_in_time(time);
         let mut from = &self.frames[frame][..];
         let mut to = self.frames.get(frame + 1).map_or(from, Vec::as_slice);
@@ -216,6 +225,7 @@ impl Animation for KeyFrames {
                 }
             }
         }
+        self.moving_vertex_count()
     }
 }
 

@@ -17,6 +17,7 @@ mod key_frames;
 mod load;
 mod mesh_file;
 mod normals;
+mod pose;
 mod sequence;
 
 pub use aff::{AffAnimation, load_aff};
@@ -28,4 +29,5 @@ pub use key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, KeyFramesError, LoopM
 pub use load::load;
 pub use mesh_file::{load_mesh, parse_mesh};
 pub use normals::vertex_normals;
+pub use pose::{Pose, PoseStats, Work};
 pub use sequence::load_sequence;

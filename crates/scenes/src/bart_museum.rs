@@ -15,7 +15,7 @@ use crate::{Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, 
 
 /// Animated triangles of level 8 of the benchmark: 4 to the power of 8.
 const TRIANGLES: usize = 65_536;
-const SHAPES: usize = 5;
+pub(crate) const SHAPES: usize = 5;
 /// One second from shape to shape.
 const SECONDS_PER_SHAPE: f64 = 1.0;
 const FRAMES: usize = 200;
@@ -34,6 +34,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
         motion: MotionEffects { key_frames: true, ..MotionEffects::NONE },
         light: LightEffects::SHADOWS,
     },
+    key_bytes: SHAPES * 3 * TRIANGLES * size_of::<Vec3>(),
 };
 
 const ROOM_TRIANGLES: usize = 4 * ROOM.sides + 8 * 48 + 96 + 6 * 12;
@@ -61,7 +62,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     Ok(Scene {
         name: INFO.name.to_owned(),
         about: INFO.about,
-        key_bytes: SHAPES * 3 * TRIANGLES * size_of::<Vec3>(),
+        key_bytes: INFO.key_bytes,
         animation: Box::new(KeyFrames::new(assembly.topology, frames, SECONDS_PER_SHAPE, LoopMode::Restart)?),
         view: View {
             eye: vec3(0.5, 2.5, 4.9),

@@ -19,6 +19,8 @@ pub(crate) struct Fabric {
     pub(crate) gravity: f32,
     /// Distance that folds keep from one another; below the rest spacing.
     pub(crate) thickness: f32,
+    /// Speed that particles are slowed to; the less it is the less often folds are searched for.
+    pub(crate) top_speed: f32,
 }
 
 /// Particles in a square grid, row after row.
@@ -55,20 +57,20 @@ impl Cloth {
         dt: f32,
         contact: impl Fn(usize, Vec3, Vec3) -> Vec3 + Sync,
     ) {
-        /// Steps between searches for folds that come close.
-        const SEARCH: usize = 4;
-        // In one step no particle crosses a fold, and until the next search none comes from beyond its reach.
-        let top_speed = 0.2 * self.fabric.thickness / dt;
-        let reach = self.fabric.thickness * (1.0 + 0.4 * SEARCH as f32 * 0.5);
+        let Fabric { gravity, drag, thickness, .. } = self.fabric;
+        // In one step no particle crosses a fold, and until the next search none comes from beyond its reach, unless
+        // two meet head on at full speed.
+        let top_speed = self.fabric.top_speed.min(0.2 * thickness / dt);
+        let search = (0.8 * thickness / (top_speed * dt)).round() as usize;
+        let reach = 1.8 * thickness;
         for step in 0..steps {
-            if step % SEARCH == 0 {
+            if step % search == 0 {
                 let side = self.side;
                 // Particles within two grid steps are held apart by the constraints already.
                 self.neighbours.search(&self.positions, reach, |i, j| {
                     (i / side).abs_diff(j / side) > 2 || (i % side).abs_diff(j % side) > 2
                 });
             }
-            let Fabric { gravity, drag, .. } = self.fabric;
             (&mut self.positions, &mut self.before, &mut self.velocities)
                 .into_par_iter()
                 .with_min_len(4096)

@@ -10,7 +10,7 @@ use crate::shape::{Assembly, Mesh, grid_triangles, sphere};
 use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
 const FRAMES: usize = 94;
-const SUBSTEPS: usize = 30;
+const SUBSTEPS: usize = 80;
 const SECONDS: f64 = 3.72;
 /// Quads along a side of the cloth.
 const SIDE: usize = 214;
@@ -40,6 +40,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
         },
         light: LightEffects::SHADOWS,
     },
+    key_bytes: FRAMES * ((SIDE + 1) * (SIDE + 1) + 382) * size_of::<Vec3>(),
 };
 
 pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
@@ -97,8 +98,15 @@ fn flat(side: usize, seed: u64) -> Mesh {
 
 fn simulate(side: usize, keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record {
     let spacing = CLOTH / side as f32;
-    let fabric =
-        Fabric { stretch: 0.0, shear: 4e-6, bend: 2e-5, drag: 0.3, gravity: 60.0, thickness: 0.8 * spacing };
+    let fabric = Fabric {
+        stretch: 0.0,
+        shear: 4e-6,
+        bend: 2e-5,
+        drag: 0.3,
+        gravity: 60.0,
+        thickness: 0.8 * spacing,
+        top_speed: 22.0,
+    };
     let mut cloth = Cloth::new(side + 1, spacing, flat(side, options.seed).positions, fabric);
     let ball = sphere(RADIUS, 20, 20);
     let step_count = (keys - 1) * substeps;

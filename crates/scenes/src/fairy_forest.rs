@@ -36,6 +36,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
         motion: MotionEffects { skin: true, morph: true, rigid: true, ..MotionEffects::NONE },
         light: LightEffects::SHADOWS,
     },
+    key_bytes: 0,
 };
 
 /// The bytes of the fairy forest as a binary glTF 2.0 file (.glb) of 174,117 triangles.

@@ -1,10 +1,13 @@
 //! Animations from files, framed by a default view and lit by a default light where the file has none.
+//!
+//! The view shows what moves, or all of it where nothing does; of a room it shows the inside.
 
 use std::path::Path;
 
 use anim::{Animation, Light, LoadError, View};
 use glam::{Vec3, vec3};
 
+use crate::room;
 use crate::{Effects, LightEffects, MotionEffects, Scene};
 
 /// Times at which the bounds of an animation are taken.
@@ -14,24 +17,26 @@ const FRAME_RATE: f64 = 24.0;
 
 pub(crate) fn scene(path: &Path, clip: Option<&str>) -> Result<Scene, LoadError> {
     let animation = anim::load(path, clip)?;
-    let (center, radius) = bounding_sphere(&*animation);
-    let view = framing(center, radius);
-    let mut notes = Vec::new();
+    let (view, light) = default_view(&*animation);
+    let (mut notes, mut shadows) = (Vec::new(), true);
     if animation.view(0.0).is_none() {
-        notes.push(format!("{} has no camera; the view is a default that shows all of it", path.display()));
+        notes.push(format!("{} has no camera; the view is a default", path.display()));
     }
     if animation.light(0.0).is_none() {
-        notes.push(format!(
-            "{} has no light; the light is a default, above and beside the eye",
-            path.display()
-        ));
+        // Mesh files cannot say what lights there are; of what can and names none, none casts a shadow.
+        shadows = path.is_dir() || path.extension().is_some_and(|e| e == "obj" || e == "ply");
+        let cast = if shadows { "" } else { " that casts no shadow" };
+        notes.push(format!("{} has no light; the light is a default{cast}", path.display()));
     }
     Ok(Scene {
         name: path.display().to_string(),
         about: "an animation from a file",
         view,
-        light: light_beside(&view),
-        effects: Effects { motion: MotionEffects::of(animation.topology()), light: LightEffects::SHADOWS },
+        light,
+        effects: Effects {
+            motion: MotionEffects::of(animation.topology()),
+            light: LightEffects { shadows, ..LightEffects::NONE },
+        },
         frames: animation
             .frames()
             .unwrap_or_else(|| (animation.duration() * FRAME_RATE).round().max(0.0) as usize + 1),
@@ -42,23 +47,37 @@ pub(crate) fn scene(path: &Path, clip: Option<&str>) -> Result<Scene, LoadError>
     })
 }
 
-/// A sphere around the box around all finite positions at times that sample the animation.
-fn bounding_sphere(animation: &dyn Animation) -> (Vec3, f32) {
+fn default_view(animation: &dyn Animation) -> (View, Light) {
+    let (low, high) = bounds(animation);
+    let (center, radius) = (0.5 * low + 0.5 * high, 0.5 * low.distance(high));
+    if !(low.cmple(high).all() && radius.is_finite() && radius > 0.0) {
+        let view = framing(Vec3::ZERO, 1.0);
+        return (view, light_beside(&view));
+    }
+    room::inside(animation, low, high).unwrap_or_else(|| {
+        let view = framing(center, radius);
+        (view, light_beside(&view))
+    })
+}
+
+/// The corners of the box around all finite positions of what moves, or of all if nothing does, at times that sample
+/// the animation.
+fn bounds(animation: &dyn Animation) -> (Vec3, Vec3) {
     let mut positions = animation.rest();
     let (mut low, mut high) = (Vec3::MAX, Vec3::MIN);
+    let topology = animation.topology();
+    let mut shown = vec![!topology.moves.contains(&true); positions.len()];
+    for (corners, _) in topology.triangles.iter().zip(&topology.moves).filter(|&(_, &moves)| moves) {
+        corners.iter().for_each(|&corner| shown[corner as usize] = true);
+    }
     let samples = if animation.duration() > 0.0 { BOUND_SAMPLES } else { 1 };
     for sample in 0..samples {
         animation.pose(animation.duration() * sample as f64 / samples.max(2) as f64, &mut positions);
-        for &p in positions.iter().filter(|p| p.is_finite()) {
+        for (&p, _) in positions.iter().zip(&shown).filter(|&(p, &shown)| shown && p.is_finite()) {
             (low, high) = (low.min(p), high.max(p));
         }
     }
-    let (center, radius) = (0.5 * low + 0.5 * high, 0.5 * low.distance(high));
-    if low.cmple(high).all() && radius.is_finite() && radius > 0.0 {
-        (center, radius)
-    } else {
-        (Vec3::ZERO, 1.0)
-    }
+    (low, high)
 }
 
 /// A three-quarter view from slightly above that holds a sphere in an image at least as wide as high.

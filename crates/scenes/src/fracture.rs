@@ -97,7 +97,19 @@ fn neighbours_across_edges(mesh: &Mesh) -> Vec<[u32; 3]> {
     across
 }
 
-/// A shard per patch: the patch, its copy further in by the thickness at each vertex, and a rim between them.
+/// A closed piece of a surface's wall.
+pub(crate) struct Shard {
+    pub(crate) mesh: Mesh,
+    /// For each vertex the place on the surface whose normal it has: equal for vertices of neighbouring shards that
+    /// were one, so that an unbroken surface looks unbroken. [`ALONE`] on the rim.
+    pub(crate) weld: Vec<u32>,
+}
+
+/// The weld of a vertex that shares its normal with no other.
+pub(crate) const ALONE: u32 = u32::MAX;
+
+/// A shard per patch: the patch, its copy further in by the thickness at each vertex, and a rim between them, which
+/// has vertices of its own.
 ///
 /// `thickness` is asked with a vertex and its outward normal.
 pub(crate) fn shards(
@@ -105,7 +117,7 @@ pub(crate) fn shards(
     patch: &[u32],
     count: usize,
     thickness: impl Fn(Vec3, Vec3) -> f32,
-) -> Vec<Mesh> {
+) -> Vec<Shard> {
     let mut normals = Vec::new();
     vertex_normals(&mesh.triangles, &mesh.positions, &mut normals);
     let across = neighbours_across_edges(mesh);
@@ -114,6 +126,7 @@ pub(crate) fn shards(
         by_patch[p as usize].push(t as u32);
     }
     let mut number = vec![u32::MAX; mesh.positions.len()];
+    let mut rim_number = number.clone();
     let shard = |triangles: &Vec<u32>| {
         let mut used = Vec::new();
         let mut local = |v: u32| {
@@ -138,16 +151,27 @@ pub(crate) fn shards(
             for k in 0..3 {
                 let next = across[t as usize][k];
                 if next == u32::MAX || patch[next as usize] != patch[t as usize] {
-                    let (a, b) = (corner[k], corner[(k + 1) % 3]);
-                    shard.triangles.extend([[a, a + layer, b], [b, a + layer, b + layer]]);
+                    let [a, b] = [corner[k], corner[(k + 1) % 3]].map(|c| {
+                        let slot = &mut rim_number[used[c as usize] as usize];
+                        if *slot == u32::MAX {
+                            *slot = shard.positions.len() as u32;
+                            let pair = [c, c + layer].map(|c| shard.positions[c as usize]);
+                            shard.positions.extend(pair);
+                        }
+                        *slot
+                    });
+                    shard.triangles.extend([[a, a + 1, b], [b, a + 1, b + 1]]);
                 }
             }
         }
         shard.triangles.extend(outer);
+        let mut weld: Vec<u32> = used.iter().map(|v| 2 * v).chain(used.iter().map(|v| 2 * v + 1)).collect();
+        weld.resize(shard.positions.len(), ALONE);
         for v in used {
             number[v as usize] = u32::MAX;
+            rim_number[v as usize] = u32::MAX;
         }
-        shard
+        Shard { mesh: shard, weld }
     };
     by_patch.iter().map(shard).collect()
 }
@@ -192,15 +216,24 @@ mod tests {
             };
             mesh.triangles.iter().map(of).sum()
         };
-        for shard in &shards {
+        for Shard { mesh, weld } in &shards {
             // In a closed surface each directed edge has its opposite.
-            let mut edges: Vec<(u32, u32)> =
-                shard.triangles.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
+            let place = |v: u32| mesh.positions[v as usize].to_array().map(f32::to_bits);
+            let mut edges: Vec<_> = mesh
+                .triangles
+                .iter()
+                .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])
+                .map(|(a, b)| (place(a), place(b)))
+                .collect();
             edges.sort_unstable();
             assert!(edges.iter().all(|&(a, b)| edges.binary_search(&(b, a)).is_ok()));
-            assert!(volume(shard) > 0.0, "the outside is outside");
+            assert!(volume(mesh) > 0.0, "the outside is outside");
+            assert_eq!(weld.len(), mesh.positions.len());
+            for (&p, &w) in mesh.positions.iter().zip(weld).filter(|&(_, &w)| w != ALONE && w % 2 == 0) {
+                assert_eq!(p, ball.positions[w as usize / 2], "a vertex is where its weld says");
+            }
         }
-        let sum: f32 = shards.iter().map(volume).sum();
+        let sum: f32 = shards.iter().map(|shard| volume(&shard.mesh)).sum();
         let wall = 4.0 / 3.0 * std::f32::consts::PI * (1.0 - 0.9_f32.powi(3));
         assert!((sum / wall - 1.0).abs() < 0.02, "shards fill the wall: {sum} of {wall}");
     }

@@ -8,6 +8,7 @@
 //! Coordinates are right-handed with y up. Units are each scene's own; times are in seconds.
 #![forbid(unsafe_code)]
 
+mod accuracy;
 mod bart_museum;
 mod cache;
 mod cloth;
@@ -21,6 +22,7 @@ mod fairy_forest;
 mod file;
 mod forest;
 mod fracture;
+mod frame_plan;
 mod glb;
 mod implicit;
 mod lion;
@@ -29,11 +31,14 @@ mod meshing;
 mod n_body;
 mod near;
 mod rigid;
+mod room;
 mod scene;
 mod shape;
 mod shatter;
 mod statue;
 
+pub use accuracy::{Distance, distance};
 pub use effects::{Effects, LightEffects, MotionEffects};
 pub use fairy_forest::fairy_forest_glb;
+pub use frame_plan::{FramePlan, FrameStage};
 pub use scene::{Measure, Scene, SceneError, SceneInfo, SceneOptions, list, load};

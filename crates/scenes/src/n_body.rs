@@ -40,6 +40,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
         motion: MotionEffects { gravity: true, contact: true, rigid: true, ..MotionEffects::NONE },
         light: LightEffects::SHADOWS,
     },
+    key_bytes: FRAMES * BALLS * rigid::WORDS * size_of::<f32>(),
 };
 
 struct Ball {
@@ -80,6 +81,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
         about: INFO.about,
         key_bytes: size_of_val(&keys[..]),
         animation: Box::new(RigidBodies {
+            normals: assembly.normals(),
             topology: assembly.topology,
             local: assembly.positions,
             body,

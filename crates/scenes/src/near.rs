@@ -17,66 +17,68 @@ impl Neighbours {
 
     /// Finds for each point `i` all other points `j` within `reach` for which `wanted(i, j)`.
     ///
-    /// Points are sorted by the hash of their cell of a grid (Teschner et al. 2003); a list is in an order that
-    /// depends on nothing but the positions.
+    /// Points are sorted by the hash of their cell of a grid (Teschner et al. 2003), one in which cells that
+    /// follow each other along x have hashes that do: what is near is read from nine runs. A list is in an order
+    /// that depends on nothing but the positions.
     pub(crate) fn search(
         &mut self,
         points: &[Vec3],
         reach: f32,
         wanted: impl Fn(usize, usize) -> bool + Sync,
     ) {
-        let buckets = points.len().next_power_of_two();
-        let cell = |p: Vec3| (p / reach).floor().as_ivec3();
+        /// Points whose lists are made together.
+        const CHUNK: usize = 512;
+        let buckets = points.len().next_power_of_two().max(4);
         let hash = |c: IVec3| {
-            let mixed =
-                c.x.wrapping_mul(73_856_093) ^ c.y.wrapping_mul(19_349_663) ^ c.z.wrapping_mul(83_492_791);
-            mixed as u32 as usize & (buckets - 1)
+            let mixed = c.y.wrapping_mul(73_856_093) ^ c.z.wrapping_mul(19_349_663);
+            mixed.wrapping_add(c.x) as u32 as usize & (buckets - 1)
         };
+        let cells: Vec<IVec3> = points.iter().map(|&p| (p / reach).floor().as_ivec3()).collect();
         let mut first = vec![0_u32; buckets + 1];
-        for &p in points {
-            first[hash(cell(p)) + 1] += 1;
+        for &c in &cells {
+            first[hash(c) + 1] += 1;
         }
         for b in 0..buckets {
             first[b + 1] += first[b];
         }
         let mut next = first.clone();
-        let mut sorted = vec![0_u32; points.len()];
-        for (i, &p) in points.iter().enumerate() {
-            let slot = &mut next[hash(cell(p))];
-            sorted[*slot as usize] = i as u32;
+        let mut sorted = vec![(Vec3::ZERO, 0_u32); points.len()];
+        for (i, (&p, &c)) in points.iter().zip(&cells).enumerate() {
+            let slot = &mut next[hash(c)];
+            sorted[*slot as usize] = (p, i as u32);
             *slot += 1;
         }
-        let list = |i: usize| {
-            let mut near = Vec::new();
-            let mut seen = [usize::MAX; 27];
-            for (k, bucket) in around(cell(points[i])).map(hash).enumerate() {
-                if seen.contains(&bucket) {
-                    continue;
-                }
-                seen[k] = bucket;
-                for &j in &sorted[first[bucket] as usize..first[bucket + 1] as usize] {
-                    let close = points[j as usize].distance_squared(points[i]) < reach * reach;
-                    if close && j as usize != i && wanted(i, j as usize) {
-                        near.push(j);
+        let lists = |chunk: usize| {
+            let (mut near, mut ends) = (Vec::new(), Vec::new());
+            for i in chunk * CHUNK..points.len().min((chunk + 1) * CHUNK) {
+                for (y, z) in (-1..=1).flat_map(|y| (-1..=1).map(move |z| (y, z))) {
+                    let row = cells[i] + IVec3::new(-1, y, z);
+                    let begin = hash(row);
+                    for bucket in (begin..begin + 3).map(|b| b & (buckets - 1)) {
+                        for &(p, j) in &sorted[first[bucket] as usize..first[bucket + 1] as usize] {
+                            let close = p.distance_squared(points[i]) < reach * reach && j as usize != i;
+                            // Another row may have the same hash.
+                            let here = |c: IVec3| (c.y, c.z) == (row.y, row.z);
+                            if close && here(cells[j as usize]) && wanted(i, j as usize) {
+                                near.push(j);
+                            }
+                        }
                     }
                 }
+                ends.push(near.len() as u32);
             }
-            near
+            (near, ends)
         };
-        let lists: Vec<Vec<u32>> = (0..points.len()).into_par_iter().with_min_len(512).map(list).collect();
+        let lists: Vec<_> = (0..points.len().div_ceil(CHUNK)).into_par_iter().map(lists).collect();
         self.start.clear();
         self.of.clear();
         self.start.push(0);
-        for list in lists {
-            self.of.extend(list);
-            self.start.push(self.of.len() as u32);
+        for (near, ends) in lists {
+            let before = self.of.len() as u32;
+            self.start.extend(ends.into_iter().map(|end| before + end));
+            self.of.extend(near);
         }
     }
-}
-
-/// A cell and the 26 around it.
-fn around(cell: IVec3) -> impl Iterator<Item = IVec3> {
-    (0..27).map(move |k| cell + IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1))
 }
 
 #[cfg(test)]

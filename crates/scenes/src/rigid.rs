@@ -3,7 +3,7 @@
 //! Key frames hold one transform per body instead of one position per vertex, which is far smaller
 //! and keeps every body's shape at all times, between key frames too.
 
-use anim::{Animation, Topology};
+use anim::{Animation, PoseStats, Topology};
 use glam::{Quat, Vec3};
 use rayon::prelude::*;
 
@@ -35,7 +35,7 @@ pub(crate) fn rotation(axis: Vec3, angle: f32) -> Quat {
 }
 
 /// Number of floats of a [`Placement`] in a record.
-const WORDS: usize = 7;
+pub(crate) const WORDS: usize = 7;
 
 /// Appends a placement to a recorded array.
 pub(crate) fn record(out: &mut Vec<f32>, placement: &Placement) {
@@ -48,6 +48,8 @@ pub(crate) struct RigidBodies {
     pub(crate) topology: Topology,
     /// Positions relative to the body's placement; of still vertices, in the world.
     pub(crate) local: Vec<Vec3>,
+    /// Normal of each vertex, relative to its body's placement.
+    pub(crate) normals: Vec<Vec3>,
     /// Body of each vertex that moves; the still vertices come after them.
     pub(crate) body: Vec<u32>,
     pub(crate) bodies: usize,
@@ -83,12 +85,34 @@ impl Animation for RigidBodies {
         positions
     }
 
-    fn pose(&self, time: f64, positions: &mut [Vec3]) {
+    fn pose(&self, time: f64, positions: &mut [Vec3]) -> PoseStats {
         assert_eq!(positions.len(), self.topology.vertex_count, "one position per vertex");
+        let mut stats = PoseStats::default();
+        stats.rigid.add(|| self.place(time, positions));
+        stats
+    }
+
+    fn normals(&self, time: f64, out: &mut Vec<Vec3>) -> bool {
+        out.clone_from(&self.normals);
+        let placed = self.placements(time);
+        for (normal, &body) in out.iter_mut().zip(&self.body) {
+            *normal = placed[body as usize].rotation * *normal;
+        }
+        true
+    }
+}
+
+impl RigidBodies {
+    /// Where each body is.
+    fn placements(&self, time: f64) -> Vec<Placement> {
         let (frame, s) = key_at(time / self.seconds, self.key_count());
         let next = (frame + 1).min(self.key_count() - 1);
-        let placed: Vec<Placement> =
-            (0..self.bodies).map(|b| self.key(frame, b).blend(self.key(next, b), s)).collect();
+        (0..self.bodies).map(|b| self.key(frame, b).blend(self.key(next, b), s)).collect()
+    }
+
+    /// Writes the vertices of all bodies and gives their number.
+    fn place(&self, time: f64, positions: &mut [Vec3]) -> usize {
+        let placed = self.placements(time);
         let moving = self.body.len();
         (&mut positions[..moving], &self.local[..moving], &self.body)
             .into_par_iter()
@@ -96,6 +120,7 @@ impl Animation for RigidBodies {
             .for_each(|(p, &local, &body)| {
                 *p = placed[body as usize].of(local);
             });
+        moving
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::f32::consts::{PI, TAU};
 
-use anim::{Material, Motion, Part, Topology};
+use anim::{Material, Motion, Part, Topology, vertex_normals};
 use glam::Vec3;
 
 /// Positions and the triangles between them.
@@ -38,6 +38,13 @@ pub(crate) struct Assembly {
 }
 
 impl Assembly {
+    /// A normal for each vertex, where every part is as it was added.
+    pub(crate) fn normals(&self) -> Vec<Vec3> {
+        let mut normals = Vec::new();
+        vertex_normals(&self.topology.triangles, &self.positions, &mut normals);
+        normals
+    }
+
     /// Adds a material and gives its number.
     pub(crate) fn material(&mut self, base_color: [f32; 3]) -> u32 {
         self.topology.materials.push(Material { base_color });

@@ -1,11 +1,11 @@
 //! A hollow statue that a falling stone breaks: from its surface to shards, their motion, and its playback.
 
-use anim::Motion;
+use anim::{Animation, Motion, vertex_normals};
 use glam::Vec3;
 
 use crate::cache::Record;
 use crate::decimate::decimate;
-use crate::fracture::{patches, shards};
+use crate::fracture::{ALONE, Shard, patches, shards};
 use crate::implicit::Solid;
 use crate::rigid::{self, RigidBodies};
 use crate::shape::{Assembly, Mesh};
@@ -61,10 +61,13 @@ impl Breaking<'_> {
     /// Breaks the statue.
     ///
     /// The record holds positions relative to bodies and placements per key frame; then triangles with the
-    /// vertex numbers of their body, and the numbers of vertices and triangles of each body.
+    /// vertex numbers of their body, the numbers of vertices and triangles of each body, and which vertices share
+    /// a normal.
     pub(crate) fn simulate(self, random: &mut fastrand::Rng, options: &SceneOptions<'_>) -> Record {
         let (patch, count) = patches(&self.surface, self.pieces, self.density, random);
         let shards = shards(&self.surface, &patch, count, |p, n| self.wall(p, n));
+        let (shards, welds): (Vec<Mesh>, Vec<Vec<u32>>) =
+            shards.into_iter().map(|Shard { mesh, weld }| (mesh, weld)).unzip();
         let lowest = |m: &Mesh| m.positions.iter().map(|p| p.y).fold(f32::MAX, f32::min);
         let mut cracks = Cracks {
             beside: adjacent_patches(&self.surface, &patch, count),
@@ -98,7 +101,7 @@ impl Breaking<'_> {
                 world.step(dt);
             }
         }
-        record(meshes, placed, depth)
+        record(meshes, welds.concat(), placed, depth)
     }
 
     /// Frees the pieces whose time has come, that the stone hits, or that nothing holds up any more.
@@ -173,13 +176,14 @@ impl Breaking<'_> {
     }
 }
 
-fn record(meshes: Vec<Mesh>, placed: Vec<f32>, depth: f32) -> Record {
+fn record(meshes: Vec<Mesh>, mut weld: Vec<u32>, placed: Vec<f32>, depth: f32) -> Record {
+    weld.resize(meshes.iter().map(|m| m.positions.len()).sum(), ALONE);
     let sizes = meshes.iter().flat_map(|m| [m.positions.len() as u32, m.triangles.len() as u32]).collect();
     let local = meshes.iter().flat_map(|m| &m.positions).flat_map(Vec3::to_array).collect();
     let triangles = meshes.iter().flat_map(|m| &m.triangles).flatten().copied().collect();
     let measures =
         vec![Measure { name: "greatest depth below the ground, a length".to_owned(), value: depth.into() }];
-    Record { floats: vec![local, placed], ints: vec![triangles, sizes], measures }
+    Record { floats: vec![local, placed], ints: vec![triangles, sizes, weld], measures }
 }
 
 /// The animation of a record: a rigid part per shard, the stone, and a still square of ground.
@@ -191,7 +195,7 @@ pub(crate) fn playback(
 ) -> (RigidBodies, Vec<Measure>) {
     let Record { floats, ints, measures } = record;
     let [local, keys] = <[Vec<f32>; 2]>::try_from(floats).unwrap_or_default();
-    let [triangles, sizes] = <[Vec<u32>; 2]>::try_from(ints).unwrap_or_default();
+    let [triangles, sizes, weld] = <[Vec<u32>; 3]>::try_from(ints).unwrap_or_default();
     let (mut local, mut triangles) = (local.as_chunks::<3>().0, triangles.as_chunks::<3>().0);
     let sizes = sizes.as_chunks::<2>().0;
     let mut assembly = Assembly::default();
@@ -211,7 +215,34 @@ pub(crate) fn playback(
     let earth = assembly.material(colors.ground);
     assembly.part("ground", &shape::square(ground, 16), Motion::STILL, earth);
     let Assembly { topology, positions } = assembly;
-    (RigidBodies { topology, local: positions, body, bodies: sizes.len(), keys, seconds }, measures)
+    let mut animation = RigidBodies {
+        topology,
+        local: positions,
+        normals: Vec::new(),
+        body,
+        bodies: sizes.len(),
+        keys,
+        seconds,
+    };
+    animation.normals = welded_normals(&animation.topology.triangles, &animation.rest(), &weld);
+    (animation, measures)
+}
+
+/// Normals of bodies that all stand as they were made; those of welded vertices are one.
+fn welded_normals(triangles: &[[u32; 3]], positions: &[Vec3], weld: &[u32]) -> Vec<Vec3> {
+    let mut first_of = vec![ALONE; weld.iter().filter(|&&w| w != ALONE).max().map_or(0, |&w| w as usize + 1)];
+    let mut stands_for: Vec<u32> = (0..positions.len() as u32).collect();
+    for (v, &w) in weld.iter().enumerate().filter(|&(_, &w)| w != ALONE) {
+        let first = &mut first_of[w as usize];
+        if *first == ALONE {
+            *first = v as u32;
+        }
+        stands_for[v] = *first;
+    }
+    let joined: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(|v| stands_for[v as usize])).collect();
+    let mut normals = Vec::new();
+    vertex_normals(&joined, positions, &mut normals);
+    stands_for.iter().map(|&v| normals[v as usize]).collect()
 }
 
 /// For each patch those that share a vertex with it.

@@ -33,7 +33,7 @@ fn nearest([a, b, c]: [Vec3; 3], p: Vec3) -> Vec3 {
 
 #[test]
 fn cloth_keeps_its_area_and_never_enters_ball_or_floor() {
-    let scene = coarse(None);
+    let scene = coarse(Some(40));
     let mut positions = scene.animation.rest();
     let area = |x: &[Vec3]| -> f64 {
         let twice = |t: &[u32; 3]| {
@@ -56,7 +56,7 @@ fn cloth_keeps_its_area_and_never_enters_ball_or_floor() {
         }
     }
     println!("area {least:.4} to {most:.4} of the first, nearest to the ball's centre {near:.4}");
-    assert!(least > 0.93 && most < 1.07, "{least} {most}");
+    assert!(least > 0.95 && most < 1.02, "{least} {most}");
     assert!(near > RADIUS, "{near}");
 }
 
@@ -65,5 +65,5 @@ fn edges_stretch_less_with_smaller_steps() {
     let stretch = |substeps| coarse(Some(substeps)).measures[0].value;
     let (large, small) = (stretch(10), stretch(40));
     println!("edge stretch with 10 steps a frame {large:.4}, with 40 {small:.4}");
-    assert!(small < large && small < 0.05);
+    assert!(small < 0.5 * large && small < 0.015);
 }

@@ -30,11 +30,12 @@ fn mean_displacement(before: &[Vec3], after: &[Vec3], wanted: impl Fn(Vec3) -> b
     moves.iter().sum::<f64>() / moves.len() as f64
 }
 
+/// A coarser cloth hangs and slips otherwise; only that of the full scene can be compared.
 #[test]
+#[ignore = "simulates the whole cloth, a minute"]
 fn cloth_moves_like_the_original_from_frame_92_to_93() {
     let off_the_ball = |p: Vec3| p.distance(Vec3::new(0.0, 6.68, 0.0)) > 5.02;
-    let scene =
-        load("cloth-ball", None, &SceneOptions { detail: Some(0.1), ..SceneOptions::default() }).unwrap();
+    let scene = load("cloth-ball", None, &SceneOptions::default()).unwrap();
     let (mut before, mut after) = (scene.animation.rest(), scene.animation.rest());
     let per_frame = scene.animation.duration() / (scene.frames - 1) as f64;
     scene.animation.pose(91.0 * per_frame, &mut before);

@@ -12,6 +12,7 @@ mod protocol;
 mod record;
 mod report;
 mod results;
+mod stages;
 mod summary;
 
 use anyhow::{Result, ensure};
@@ -28,6 +29,7 @@ use crate::{interrupt, pool};
 
 pub(crate) use self::contestants::Contestant;
 pub(crate) use self::options::Args;
+pub(crate) use self::protocol::picture;
 
 /// Frames in a loop in figure 5.
 const SPEEDS: [usize; 3] = [20, 100, 500];
@@ -128,6 +130,9 @@ fn facts(stage: &Stage, plan: &Plan, label: String, slug: String) -> SceneFacts 
         about: scene.about.to_owned(),
         triangles: stats.primitives,
         moving: scene.animation.topology().moves.iter().filter(|&&moves| moves).count(),
+        plan: stage.plan.stages().iter().map(|s| s.name()).collect(),
+        key_bytes: scene.key_bytes,
+        measures: scene.measures.iter().map(|m| (m.name.clone(), m.value)).collect(),
         effects: scene.effects.row().into_iter().filter_map(|(name, on)| on.then_some(name)).collect(),
         frames: plan.frames,
         rebuild_every: plan.rebuild_every,
@@ -152,7 +157,7 @@ fn run_frames(
     let take = |stage: &mut Stage, tree: &Bvh, step: usize| {
         if step < plan.frames && protocol::is_sampled(step, plan.frames, pictures) {
             let (file, path) = out.picture(&facts.slug, step);
-            let png = protocol::picture(stage, tree, size, &path)?;
+            let png = picture(stage, tree, size, &path)?;
             taken.push(Picture { frame: step, file, png });
         }
         Ok(())

@@ -17,6 +17,7 @@ use rt_cpu::{Image, RenderOptions, RenderStats, render};
 use super::check::{self, Checks};
 use super::contestants::{Contestant, Counted};
 use super::record::{Records, Row};
+use super::stages::primitives_refit;
 use crate::interrupt;
 use crate::progress::Progress;
 use crate::stage::{Stage, ms};
@@ -68,6 +69,7 @@ struct Measured {
     stats: RenderStats,
     trace_ms: f64,
     sah_cost: f64,
+    primitives_refit: u64,
 }
 
 /// Measures all frames of a scene; rows go to `records` frame by frame. `frame_done` sees the stage, posed, with
@@ -100,7 +102,7 @@ pub(crate) fn measure(
         let (round, frame) = (step / plan.frames, step % plan.frames);
         let time = stage.time_of(frame, plan.frames);
         let start = Instant::now();
-        stage.pose(time);
+        let posed = stage.pose(time);
         let animate_ms = ms(start);
 
         let count = lanes.len();
@@ -145,7 +147,7 @@ pub(crate) fn measure(
                 frame,
                 animate_ms,
                 time_s: time,
-                ..measured.row(label, c.name, c.counted, plan)
+                ..measured.row(label, c.name, c.counted, plan).posed(&posed)
             })
             .collect();
         records.append(&rows)?;
@@ -201,7 +203,8 @@ impl Lane {
         let stats = render(&self.tree, &mesh, &camera, Some(&light), options, image);
         let trace_ms = ms(start);
         let sah_cost = update.sah_cost.unwrap_or_else(|| sah_cost(&self.tree));
-        Ok(Measured { update, update_ms, stats, trace_ms, sah_cost })
+        let primitives_refit = primitives_refit(&self.tree, &update);
+        Ok(Measured { update, update_ms, stats, trace_ms, sah_cost, primitives_refit })
     }
 }
 
@@ -213,9 +216,6 @@ impl Measured {
             scene: scene.to_owned(),
             strategy: name,
             threads: plan.threads,
-            round: 0,
-            frame: 0,
-            animate_ms: 0.0,
             update_ms,
             trace_ms: self.trace_ms,
             frame_ms: update_ms + self.trace_ms,
@@ -228,7 +228,8 @@ impl Measured {
             hits: self.stats.hits,
             dropped: self.update.dropped,
             frames_per_loop: plan.frames,
-            time_s: 0.0,
+            primitives_refit: self.primitives_refit,
+            ..Row::default()
         }
     }
 }

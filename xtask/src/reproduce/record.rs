@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use serde::{Serialize, Serializer};
 
 /// One strategy on one frame. The names and the order of the columns are relied on by scripts.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub(crate) struct Row {
     pub(crate) scene: String,
     pub(crate) strategy: &'static str,
@@ -40,6 +40,21 @@ pub(crate) struct Row {
     pub(crate) frames_per_loop: usize,
     /// Time in the animation, in seconds.
     pub(crate) time_s: f64,
+    /// What posing did, once for all strategies.
+    pub(crate) vertices_blended: u64,
+    pub(crate) vertices_morphed: u64,
+    pub(crate) vertices_skinned: u64,
+    pub(crate) vertices_rigid: u64,
+    #[serde(serialize_with = "microseconds")]
+    pub(crate) blend_ms: f64,
+    #[serde(serialize_with = "microseconds")]
+    pub(crate) morph_ms: f64,
+    #[serde(serialize_with = "microseconds")]
+    pub(crate) skin_ms: f64,
+    #[serde(serialize_with = "microseconds")]
+    pub(crate) rigid_ms: f64,
+    /// Primitives whose boxes the update asked for.
+    pub(crate) primitives_refit: u64,
 }
 
 /// Milliseconds, written to a tenth of a microsecond.
@@ -80,7 +95,7 @@ impl Records {
 }
 
 /// The columns, in order.
-const COLUMNS: [&str; 19] = [
+const COLUMNS: [&str; 28] = [
     "scene",
     "strategy",
     "threads",
@@ -100,4 +115,13 @@ const COLUMNS: [&str; 19] = [
     "dropped",
     "frames_per_loop",
     "time_s",
+    "vertices_blended",
+    "vertices_morphed",
+    "vertices_skinned",
+    "vertices_rigid",
+    "blend_ms",
+    "morph_ms",
+    "skin_ms",
+    "rigid_ms",
+    "primitives_refit",
 ];

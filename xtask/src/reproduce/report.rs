@@ -200,7 +200,8 @@ fn scene_section(results: &Results, scene: &SceneRun) -> Markup {
         h3 { (facts.label) }
         p {
             (capital(&facts.about)) ". " (count(facts.triangles as u64)) " triangles, "
-            (count(facts.moving as u64)) " of them can move. Calls for " (effects) ". First tree built in "
+            (count(facts.moving as u64)) " of them can move. Calls for " (effects)
+            "; a frame runs " (facts.plan.join(", ")) ". First tree built in "
             (number(facts.build_ms)) " ms."
             @if facts.rebuild_every > 1 {
                 " Rebuilds measured on one frame in " (facts.rebuild_every) "."

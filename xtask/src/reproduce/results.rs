@@ -47,7 +47,7 @@ pub(crate) struct SceneRun {
 }
 
 /// What is known of a scene apart from timings.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub(crate) struct SceneFacts {
     pub(crate) label: String,
     /// Part of file names.
@@ -58,6 +58,12 @@ pub(crate) struct SceneFacts {
     /// Triangles that can move.
     pub(crate) moving: usize,
     pub(crate) effects: Vec<&'static str>,
+    /// The stages of a frame, in order.
+    pub(crate) plan: Vec<&'static str>,
+    /// Bytes of key frames in memory.
+    pub(crate) key_bytes: usize,
+    /// Errors of the simulation, by name.
+    pub(crate) measures: BTreeMap<String, f64>,
     /// Frames in a loop.
     pub(crate) frames: usize,
     /// Rebuilds were measured on every frame of this number.

@@ -12,6 +12,7 @@ use super::claims::Claim;
 use super::contestants::{Contestant, IDEAL};
 use super::record::Row;
 use super::results::{Results, SceneFacts, SceneRun, Settings, Spread};
+use super::stages::{StageSummary, stages};
 use crate::machine::{Machine, Revision};
 
 /// Version of the schema.
@@ -58,6 +59,8 @@ pub(crate) struct StrategySummary {
     pub(crate) sah_over_sweep: Option<Spread>,
     pub(crate) rotations: u64,
     pub(crate) greatest_height: u32,
+    /// Time and counters of the stages of a frame, in order.
+    pub(crate) stages: Vec<StageSummary>,
 }
 
 /// Every strategy that was measured on a scene.
@@ -66,12 +69,17 @@ pub(crate) fn strategies(scene: &SceneRun, settings: &Settings) -> Vec<StrategyS
     all.filter_map(|contestant| {
         let rows = scene.of(contestant.name);
         let over = scene.pairs(contestant.name, IDEAL).into_iter().map(|(a, b)| a.sah_cost / b.sah_cost);
-        strategy(&contestant, &rows, Spread::of(over))
+        strategy(&contestant, &scene.facts, &rows, Spread::of(over))
     })
     .collect()
 }
 
-fn strategy(contestant: &Contestant, rows: &[&Row], over: Option<Spread>) -> Option<StrategySummary> {
+fn strategy(
+    contestant: &Contestant,
+    facts: &SceneFacts,
+    rows: &[&Row],
+    over: Option<Spread>,
+) -> Option<StrategySummary> {
     let spread = |value: fn(&Row) -> f64| Spread::of(rows.iter().map(|row| value(row)));
     Some(StrategySummary {
         strategy: contestant.name,
@@ -86,13 +94,14 @@ fn strategy(contestant: &Contestant, rows: &[&Row], over: Option<Spread>) -> Opt
         sah_over_sweep: over,
         rotations: rows.iter().map(|row| row.rotations).sum(),
         greatest_height: rows.iter().map(|row| row.height).max()?,
+        stages: stages(&facts.plan, rows),
     })
 }
 
 fn speeds(scene: &SceneRun) -> BTreeMap<usize, StrategySummary> {
     let summary = |rows: &[Row]| {
         let contestant = Contestant::from_name(rows.first()?.strategy).ok()?;
-        strategy(&contestant, &rows.iter().collect::<Vec<_>>(), None)
+        strategy(&contestant, &scene.facts, &rows.iter().collect::<Vec<_>>(), None)
     };
     scene.speeds.iter().filter_map(|(frames, rows)| Some((*frames, summary(rows)?))).collect()
 }
