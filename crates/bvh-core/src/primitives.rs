@@ -136,6 +136,7 @@ impl Primitives for Triangles<'_> {
 
     // Used twice in one loop it is not inlined otherwise, and then half of an update goes into calls.
     #[inline(always)]
+    #[expect(clippy::eq_op, reason = "a number less itself is NaN if it is not finite")]
     fn aabb_lanes(&self, i: usize) -> [Vec4; 2] {
         let [a, b, c] = self.indices[i];
         let (a, b, c) = (self.lanes(a as usize), self.lanes(b as usize), self.lanes(c as usize));
