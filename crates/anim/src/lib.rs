@@ -18,6 +18,7 @@ mod load;
 mod mesh_file;
 mod normals;
 mod sequence;
+mod texture;
 
 pub use aff::{AffAnimation, load_aff};
 pub use animation::{Animation, Light, Material, Motion, Part, Topology, View};
@@ -29,3 +30,4 @@ pub use load::load;
 pub use mesh_file::{load_mesh, parse_mesh};
 pub use normals::vertex_normals;
 pub use sequence::load_sequence;
+pub use texture::{Filter, Image, Texture, Wrap};
