@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-/// Colours and opacities in rows from the top, each row from the left.
+/// Colours and opacities in rows from the top, each row from the left. Cheap to clone.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Image {
     /// Texels in a row, at least 1.
@@ -10,7 +10,7 @@ pub struct Image {
     /// Rows, at least 1.
     pub height: u32,
     /// Red, green and blue in sRGB, and linear opacity: `width * height` of them.
-    pub texels: Vec<[u8; 4]>,
+    pub texels: Arc<[[u8; 4]]>,
 }
 
 /// Its size; the texels would fill the screen.
@@ -45,8 +45,8 @@ pub enum Filter {
 /// An image and how it is continued between and beyond its texels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
-    /// The image; several textures may share one.
-    pub image: Arc<Image>,
+    /// The image.
+    pub image: Image,
     /// Continuation to the left and right, and above and below.
     pub wrap: [Wrap; 2],
     /// What is seen between texels.

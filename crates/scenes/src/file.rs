@@ -16,7 +16,8 @@ pub(crate) fn scene(path: &Path, clip: Option<&str>) -> Result<Scene, LoadError>
     let animation = anim::load(path, clip)?;
     let (center, radius) = bounding_sphere(&*animation);
     let view = framing(center, radius);
-    let mut notes = Vec::new();
+    let remark = |note: String| format!("{}: {note}", path.display());
+    let mut notes: Vec<String> = animation.notes().into_iter().map(remark).collect();
     if animation.view(0.0).is_none() {
         notes.push(format!("{} has no camera; the view is a default that shows all of it", path.display()));
     }
@@ -31,7 +32,10 @@ pub(crate) fn scene(path: &Path, clip: Option<&str>) -> Result<Scene, LoadError>
         about: "an animation from a file",
         view,
         light: light_beside(&view),
-        effects: Effects { motion: MotionEffects::of(animation.topology()), light: LightEffects::SHADOWS },
+        effects: Effects {
+            motion: MotionEffects::of(animation.topology()),
+            light: LightEffects::of(animation.topology()),
+        },
         frames: animation
             .frames()
             .unwrap_or_else(|| (animation.duration() * FRAME_RATE).round().max(0.0) as usize + 1),

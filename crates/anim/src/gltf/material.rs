@@ -2,7 +2,6 @@
 
 use std::collections::HashMap;
 use std::io::Cursor;
-use std::sync::Arc;
 
 use ::gltf::json::extensions::texture::TextureTransform;
 use ::gltf::json::material::AlphaMode;
@@ -140,7 +139,7 @@ pub(super) fn add_textures(topology: &mut Topology, accessors: &Accessors<'_>) -
 fn read_texture(
     index: Index<::gltf::json::Texture>,
     accessors: &Accessors<'_>,
-    images: &mut HashMap<usize, Arc<Image>>,
+    images: &mut HashMap<usize, Image>,
     place: &str,
 ) -> Result<Option<Texture>, Problem> {
     let root = accessors.root;
@@ -156,11 +155,11 @@ fn read_texture(
         return Ok(None);
     }
     let image = match images.get(&source) {
-        Some(known) => Arc::clone(known),
+        Some(known) => known.clone(),
         None => {
             let image = root.images.get(source).ok_or_else(|| missing("image", source, root.images.len()))?;
-            let image = Arc::new(read_image(image, accessors, &format!("image {source}"))?);
-            images.insert(source, Arc::clone(&image));
+            let image = read_image(image, accessors, &format!("image {source}"))?;
+            images.insert(source, image.clone());
             image
         }
     };
@@ -212,5 +211,5 @@ fn decode(bytes: &[u8], accessors: &Accessors<'_>, place: &str) -> Result<Image,
     let texels = u64::from(width) * u64::from(height);
     accessors.budget.spend(decoder.total_bytes().max(4 * texels), place)?;
     let texels = DynamicImage::from_decoder(decoder).map_err(|e| wrong(&e))?.into_rgba8().into_raw();
-    Ok(Image { width, height, texels: texels.as_chunks().0.to_vec() })
+    Ok(Image { width, height, texels: texels.as_chunks().0.into() })
 }

@@ -54,7 +54,7 @@ fn images_from_a_data_uri_a_buffer_view_and_a_file() {
     assert_eq!(animation.topology().texcoords, [Vec2::ZERO, Vec2::X, Vec2::Y]);
     let texture = only_texture(&animation);
     assert_eq!((texture.image.width, texture.image.height), (2, 1));
-    assert_eq!(texture.image.texels, TEXELS);
+    assert_eq!(*texture.image.texels, TEXELS);
     assert_eq!((texture.wrap, texture.filter), ([Wrap::Repeat; 2], Filter::Linear));
 
     let view = document.view(&png(), "");
