@@ -38,8 +38,10 @@ pub fn render(
     match options.output {
         Output::Shaded => {
             let RenderOptions { smooth, background, seed, sample, .. } = *options;
-            let shader = Shader { mesh, light, smooth, background };
             let effects = called_for(&options.effects, mesh);
+            // With bounces no light is no light, not one at the eye.
+            let dark = effects.diffuse_bounces.map(|_| &DARKNESS);
+            let shader = Shader { mesh, light: light.or(dark), smooth, background };
             let holes = Some(mesh).filter(|_| effects.alpha);
             let frame = Frame { holes, ..Frame::new(scene, camera, light, options, true) };
             let direct_only = Effects { alpha: effects.alpha, ..Effects::default() };
@@ -55,6 +57,8 @@ pub fn render(
         }
     }
 }
+
+const DARKNESS: PointLight = PointLight { position: Vec3::ZERO, color: [0.0; 3] };
 
 /// The effects that something in the mesh calls for.
 fn called_for(effects: &Effects, mesh: &Mesh<'_>) -> Effects {

@@ -17,7 +17,7 @@ use fearless_simd::prelude::*;
 
 use crate::bundle::{Bundle, Hits, RAYS};
 use crate::holes;
-use crate::options::{DiffuseBounces, Effects, RenderStats};
+use crate::options::{AmbientOcclusion, DiffuseBounces, Effects, RenderStats};
 use crate::packet::SIZE;
 use crate::random::{Stream, cosine_direction};
 use crate::render::{Finish, Frame, Rows, Tile, light_arrives};
@@ -132,40 +132,11 @@ impl Finish for Waves<'_> {
         let mut work = Work::default();
         let mut paths = tile.paths.take().unwrap_or_else(|| Box::new(Paths::new()));
         paths.start(tile, self.seed, corner);
-        if self.effects.diffuse_bounces.is_some() && self.shader.light.is_none() {
-            // No light is no light then, not one at the eye.
-            tile.lit[..count].fill(0.0);
-        }
         let mut wave = 0;
         loop {
             self.surfaces(simd, tile, &mut paths);
             if let Some(occlusion) = self.effects.ambient_occlusion {
-                paths.open[..tile.seen.count].fill(1.0);
-                for i in 0..tile.seen.count {
-                    let Some(hit) = tile.hits.get(i).filter(|h| !self.is_mirror(h.primitive)) else {
-                        continue;
-                    };
-                    let from = self.off_surface(tile, i, hit.primitive);
-                    let (face, normal) = (at(&tile.surfaces.face, i), at(&paths.normal, i));
-                    let stream = paths.streams[usize::from(paths.whose[i])].split(wave);
-                    let mut hidden = 0;
-                    for n in 0..occlusion.samples {
-                        let n = u64::from(self.sample) * u64::from(occlusion.samples) + u64::from(n);
-                        let direction = onto_side(cosine_direction(normal, stream.even(n)), face);
-                        let ray = Ray::new(from, direction);
-                        let hit = holes::any::<S, T>(
-                            simd,
-                            frame.scene,
-                            frame.holes,
-                            &ray,
-                            occlusion.distance,
-                            &mut work,
-                        );
-                        hidden += u32::from(hit.is_some());
-                    }
-                    stats.rays_ambient_occlusion += u64::from(occlusion.samples);
-                    paths.open[i] = 1.0 - hidden as f32 / occlusion.samples.max(1) as f32;
-                }
+                self.look_around::<S, T>(simd, frame, tile, &mut paths, occlusion, wave, &mut work, stats);
             }
             self.see(simd, tile, &mut paths);
             self.reflect(tile, &mut paths, wave, stats);
@@ -184,9 +155,6 @@ impl Finish for Waves<'_> {
             tile.hits.primitive[tile.seen.count..end].fill(Hits::NONE);
             tile.surfaces.find(simd, frame.scene.triangles, &tile.seen, &tile.hits);
             light_arrives::<S, T>(simd, frame, tile, &mut work, stats);
-            if self.shader.light.is_none() && self.effects.diffuse_bounces.is_some() {
-                tile.lit[..tile.seen.count].fill(0.0);
-            }
         }
         for (i, &[x, y]) in tile.at[..count].iter().enumerate() {
             rows[y as usize][x as usize] = [paths.sum[0][i], paths.sum[1][i], paths.sum[2][i]];
@@ -223,6 +191,39 @@ impl Waves<'_> {
             let Some(hit) = tile.hits.get(i) else { continue };
             let color = if textures { mesh.textured_color(&hit) } else { mesh.color(hit.primitive) };
             set(&mut paths.albedo, i, color.into());
+        }
+    }
+
+    /// Finds out how much of the sky is open above what a wave hit.
+    #[inline(always)]
+    #[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
+    fn look_around<S: Simd, T: WideTest>(
+        &self,
+        simd: S,
+        frame: &Frame<'_>,
+        tile: &Tile,
+        paths: &mut Paths,
+        occlusion: AmbientOcclusion,
+        wave: u32,
+        work: &mut Work,
+        stats: &mut RenderStats,
+    ) {
+        let AmbientOcclusion { samples, distance } = occlusion;
+        let first = u64::from(self.sample) * u64::from(samples);
+        for i in 0..tile.seen.count {
+            let Some(hit) = tile.hits.get(i).filter(|h| !self.is_mirror(h.primitive)) else { continue };
+            let from = self.off_surface(tile, i, hit.primitive);
+            let (face, normal) = (at(&tile.surfaces.face, i), at(&paths.normal, i));
+            let stream = paths.streams[usize::from(paths.whose[i])].split(wave);
+            let mut hidden = 0;
+            for n in 0..samples {
+                let direction = cosine_direction(normal, stream.even(first + u64::from(n)));
+                let ray = Ray::new(from, onto_side(direction, face));
+                let hit = holes::any::<S, T>(simd, frame.scene, frame.holes, &ray, distance, work);
+                hidden += u32::from(hit.is_some());
+            }
+            stats.rays_ambient_occlusion += u64::from(samples);
+            paths.open[i] = 1.0 - hidden as f32 / samples.max(1) as f32;
         }
     }
 
