@@ -164,7 +164,7 @@ const OCCLUSION_RAYS: u32 = 16;
 
 /// Diffuse bounces that are followed, and what the sky gives.
 const BOUNCES: u32 = 16;
-const SKY: [f32; 3] = [0.32, 0.36, 0.42];
+const SKY: [f32; 3] = [0.20, 0.22, 0.26];
 
 fn material(material: &anim::Material) -> Material {
     let anim::Material { base_color: color, opacity, texture, cutoff, mirror } = *material;

@@ -8,6 +8,7 @@ use thiserror::Error;
 
 use crate::TriangleTest;
 use crate::shade::Background;
+use crate::single::Work;
 
 /// How rays are grouped to go through the tree. Images do not depend on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -191,6 +192,14 @@ pub struct RenderStats {
     /// Times that [`Traversal::Tile`] went on with a small group because few rays of a packet were left: high
     /// where rays have little in common.
     pub regrouped: u64,
+}
+
+impl RenderStats {
+    pub(crate) fn count(&mut self, work: &Work) {
+        self.nodes_visited += work.nodes;
+        self.triangles_tested += work.triangles;
+        self.regrouped += work.regrouped;
+    }
 }
 
 impl AddAssign for RenderStats {

@@ -345,45 +345,56 @@ fn fill_tile<S: Simd, T: WideTest, F: Finish>(
     y: u32,
     finish: &F,
 ) -> RenderStats {
-    let (width, height) = (rows[0].len(), rows.iter().filter(|r| !r.is_empty()).count());
+    tile.resize(rows[0].len(), rows.iter().filter(|r| !r.is_empty()).count());
+    let mut stats = cast_tile::<S, T>(simd, frame, tile, (x, y));
+    finish.finish::<S, T>(simd, frame, tile, (x, y), rows, &mut stats);
+    stats
+}
+
+/// Traces the rays of a tile whose upper left pixel is `corner`, and their shadow rays.
+#[inline(never)]
+fn cast_tile<S: Simd, T: WideTest>(
+    simd: S,
+    frame: &Frame<'_>,
+    tile: &mut Tile,
+    corner: (u32, u32),
+) -> RenderStats {
     let Frame { scene, holes, camera, shadows, options, shaded } = *frame;
     let mut work = Work::default();
     let mut stats = RenderStats::default();
-
-    tile.resize(width, height);
-    tile.seen.start(camera.eye(), f32::INFINITY);
-    tile.seen.count = width * height;
-    let inside = random::in_pixel(options.sample);
-    camera.directions(simd, (x, y), inside, (&tile.columns, &tile.rows), &mut tile.seen.direction);
-    let Tile { seen, hits, scratch, nodes, .. } = tile;
-    trace::<S, T>(simd, scene, options.traversal, Query::Closest, seen, hits, scratch, nodes, &mut work);
-    if let Some(mesh) = holes {
-        let Tile { seen, hits, .. } = &mut *tile;
-        stats.rays_again +=
-            holes::see_through::<S, T>(simd, scene, mesh, Query::Closest, seen, hits, &mut work);
-    }
-    let count = tile.seen.count;
-    stats.rays_primary = count as u64;
-    stats.hits = tile.hits.primitive[..count].iter().filter(|&&p| p != Hits::NONE).count() as u64;
-
-    if stats.hits > 0 && (shaded || shadows.is_some()) {
-        tile.surfaces.find(simd, scene.triangles, &tile.seen, &tile.hits);
-    }
-    light_arrives::<S, T>(simd, frame, tile, &mut work, &mut stats);
-    finish.finish::<S, T>(simd, frame, tile, (x, y), rows, &mut stats);
-    stats.nodes_visited += work.nodes;
-    stats.triangles_tested += work.triangles;
-    stats.regrouped += work.regrouped;
+    simd.vectorize(
+        #[inline(always)]
+        || {
+            tile.seen.start(camera.eye(), f32::INFINITY);
+            tile.seen.count = tile.size.0 * tile.size.1;
+            let inside = random::in_pixel(options.sample);
+            camera.directions(simd, corner, inside, (&tile.columns, &tile.rows), &mut tile.seen.direction);
+            let Tile { seen, hits, scratch, nodes, .. } = &mut *tile;
+            let (traversal, query) = (options.traversal, Query::Closest);
+            trace::<S, T>(simd, scene, traversal, query, seen, hits, scratch, nodes, &mut work);
+            if let Some(mesh) = holes {
+                stats.rays_again +=
+                    holes::see_through::<S, T>(simd, scene, mesh, query, seen, hits, &mut work);
+            }
+            let count = seen.count;
+            stats.rays_primary = count as u64;
+            stats.hits = hits.primitive[..count].iter().filter(|&&p| p != Hits::NONE).count() as u64;
+            if stats.hits > 0 && (shaded || shadows.is_some()) {
+                tile.surfaces.find(simd, scene.triangles, &tile.seen, &tile.hits);
+            }
+        },
+    );
+    stats.count(&work);
+    light_arrives::<S, T>(simd, frame, tile, &mut stats);
     stats
 }
 
 /// Finds out at which of the surfaces of a tile light arrives.
-#[inline(always)]
+#[inline(never)]
 pub(crate) fn light_arrives<S: Simd, T: WideTest>(
     simd: S,
     frame: &Frame<'_>,
     tile: &mut Tile,
-    work: &mut Work,
     stats: &mut RenderStats,
 ) {
     let Frame { scene, holes, shadows, options, .. } = *frame;
@@ -391,22 +402,31 @@ pub(crate) fn light_arrives<S: Simd, T: WideTest>(
     tile.lit[..count].fill(if shadows.is_some() { 0.0 } else { 1.0 });
     let any_hits = tile.hits.primitive[..count].iter().any(|&p| p != Hits::NONE);
     let Some(light) = shadows.filter(|_| any_hits) else { return };
-    let Tile { surfaces, hits, shadow, blocked, whose, lit, nodes: visited, scratch, .. } = &mut *tile;
-    shadow.start(light, 1.0);
-    surfaces.shadow_rays(simd, hits, count, shadow, whose);
-    let mut nodes = [0; RAYS];
-    let traversal = options.traversal;
-    trace::<S, T>(simd, scene, traversal, Query::Any, shadow, blocked, scratch, &mut nodes, work);
-    if let Some(mesh) = holes {
-        stats.rays_again += holes::see_through::<S, T>(simd, scene, mesh, Query::Any, shadow, blocked, work);
-    }
-    stats.rays_shadow += shadow.count as u64;
-    for (j, &i) in whose[..shadow.count].iter().enumerate() {
-        let arrives = blocked.primitive[j] == Hits::NONE;
-        lit[i as usize] = if arrives { 1.0 } else { 0.0 };
-        visited[i as usize] += nodes[j];
-        stats.shadowed += u64::from(!arrives);
-    }
+    let mut work = Work::default();
+    simd.vectorize(
+        #[inline(always)]
+        || {
+            let Tile { surfaces, hits, shadow, blocked, whose, lit, nodes: visited, scratch, .. } =
+                &mut *tile;
+            shadow.start(light, 1.0);
+            surfaces.shadow_rays(simd, hits, count, shadow, whose);
+            let mut nodes = [0; RAYS];
+            let (traversal, query) = (options.traversal, Query::Any);
+            trace::<S, T>(simd, scene, traversal, query, shadow, blocked, scratch, &mut nodes, &mut work);
+            if let Some(mesh) = holes {
+                stats.rays_again +=
+                    holes::see_through::<S, T>(simd, scene, mesh, query, shadow, blocked, &mut work);
+            }
+            stats.rays_shadow += shadow.count as u64;
+            for (j, &i) in whose[..shadow.count].iter().enumerate() {
+                let arrives = blocked.primitive[j] == Hits::NONE;
+                lit[i as usize] = if arrives { 1.0 } else { 0.0 };
+                visited[i as usize] += nodes[j];
+                stats.shadowed += u64::from(!arrives);
+            }
+        },
+    );
+    stats.count(&work);
 }
 
 /// Traces the rays of a tile; `nodes` gets the number of inner nodes that each visits if they go one by one.

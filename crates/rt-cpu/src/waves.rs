@@ -154,15 +154,13 @@ impl Finish for Waves<'_> {
             let end = tile.seen.count.next_multiple_of(SIZE);
             tile.hits.primitive[tile.seen.count..end].fill(Hits::NONE);
             tile.surfaces.find(simd, frame.scene.triangles, &tile.seen, &tile.hits);
-            light_arrives::<S, T>(simd, frame, tile, &mut work, stats);
+            light_arrives::<S, T>(simd, frame, tile, stats);
         }
         for (i, &[x, y]) in tile.at[..count].iter().enumerate() {
             rows[y as usize][x as usize] = [paths.sum[0][i], paths.sum[1][i], paths.sum[2][i]];
         }
         tile.paths = Some(paths);
-        stats.nodes_visited += work.nodes;
-        stats.triangles_tested += work.triangles;
-        stats.regrouped += work.regrouped;
+        stats.count(&work);
     }
 }
 
