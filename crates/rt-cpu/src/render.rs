@@ -22,7 +22,7 @@ use crate::{Camera, Image, Mesh, holes, random};
 /// Renders a frame into `image`, which is replaced if it is not of the camera's size.
 ///
 /// `mesh.triangles` are the primitives of the tree, by its numbers. Runs in the current rayon pool, in tiles;
-/// every pixel is the same for any number of threads, any [`Traversal`] and any [`SimdLevel`].
+/// every pixel is the same for any number of threads, any [`Traversal`] and any [`SimdLevel`](bvh_core::SimdLevel).
 pub fn render(
     bvh: &Bvh,
     mesh: &Mesh<'_>,
