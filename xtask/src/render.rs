@@ -4,8 +4,10 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
+use bvh_core::Bvh;
 use bvh_update::{Scratch, Strategy, update};
-use rt_cpu::{Image, RenderOptions, render};
+use rt_cpu::{Image, RenderOptions, RenderStats, render};
+use scenes::LightEffects;
 
 use crate::progress::Progress;
 use crate::stage::{self, Stage};
@@ -45,6 +47,13 @@ pub(crate) struct Args {
     /// Show each triangle's own normal
     #[arg(long, overrides_with = "smooth")]
     flat: bool,
+    /// What light does: some of shadows, textures, alpha, mirror, ambient-occlusion, diffuse-bounces with commas
+    /// between them, or none [default: what the scene calls for]
+    #[arg(long, value_name = "LIST", value_parser = effects)]
+    effects: Option<LightEffects>,
+    /// Samples of each pixel [default: 64 with diffuse-bounces, 4 with ambient-occlusion, else 1]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    samples: Option<u32>,
 }
 
 fn range(text: &str) -> Result<Range<usize>, String> {
@@ -68,6 +77,27 @@ fn size(text: &str) -> Result<(u32, u32), String> {
     text.split_once('x')
         .and_then(|(w, h)| Some((parse(w)?, parse(h)?)))
         .ok_or_else(|| "expected WxH as in 1024x1024, each 1 to 16384".to_owned())
+}
+
+fn effects(list: &str) -> Result<LightEffects, String> {
+    let mut effects = LightEffects::NONE;
+    for name in list.split(',').map(str::trim).filter(|&name| name != "none") {
+        *match name {
+            "shadows" => &mut effects.shadows,
+            "textures" => &mut effects.textures,
+            "alpha" => &mut effects.alpha,
+            "mirror" => &mut effects.mirror,
+            "ambient-occlusion" => &mut effects.ambient_occlusion,
+            "diffuse-bounces" => &mut effects.diffuse_bounces,
+            _ => {
+                return Err(format!(
+                    "no such effect as '{name}'; there are shadows, textures, alpha, mirror, ambient-occlusion, \
+                     diffuse-bounces and none"
+                ));
+            }
+        } = true;
+    }
+    Ok(effects)
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
@@ -98,10 +128,21 @@ fn frames(
     count: usize,
 ) -> Result<()> {
     let mut tree = stage.first_tree.clone();
-    let (mut scratch, mut image) = (Scratch::new(), Image::new(args.size.0, args.size.1));
-    let progress = Progress::new(format!("rendering {label}"), wanted.end as u64);
+    let light = args.effects.unwrap_or(stage.scene.effects.light);
+    let samples = args.samples.unwrap_or(default_samples(&light));
+    let options = RenderOptions { smooth: !args.flat, seed: args.seed, ..stage.options_with(&light) };
+    let mut scratch = Scratch::new();
+    let mut picture = Picture {
+        image: Image::new(args.size.0, args.size.1),
+        sample: Image::new(args.size.0, args.size.1),
+        stats: RenderStats::default(),
+    };
     // A rebuilt tree depends on its own frame only.
     let first = if matches!(args.strategy, Strategy::Rebuild(..)) { wanted.start } else { 0 };
+    let steps = |frame: usize| {
+        (frame - first) as u64 + frame.saturating_sub(wanted.start) as u64 * u64::from(samples)
+    };
+    let progress = Progress::new(format!("rendering {label}"), steps(wanted.end));
     for frame in first..wanted.end {
         if interrupt::requested() {
             break;
@@ -113,16 +154,78 @@ fn frames(
             if !args.flat {
                 stage.smooth();
             }
-            let options = RenderOptions { smooth: !args.flat, ..stage.render_options() };
-            let camera = stage.camera(args.size.0, args.size.1);
-            render(&tree, &stage.mesh(), &camera, Some(&stage.light()), &options, &mut image);
+            let done = |sample: u32| progress.at(steps(frame) + u64::from(sample));
+            if !picture.take(stage, &tree, args.size, &options, samples, done) {
+                break;
+            }
             let path = target.file(label, frame);
-            image.save(&path)?;
+            picture.image.save(&path)?;
             files::print(&files::shown(&path))?;
         }
-        progress.at(frame as u64 + 1);
+        progress.at(steps(frame + 1));
     }
+    drop(progress);
+    let light = scenes::Effects { light, ..Default::default() };
+    eprintln!("effects: {light}; samples: {samples}; rays: {}", rays(&picture.stats));
     Ok(())
+}
+
+fn default_samples(light: &LightEffects) -> u32 {
+    match light {
+        LightEffects { diffuse_bounces: true, .. } => 64,
+        LightEffects { ambient_occlusion: true, .. } => 4,
+        _ => 1,
+    }
+}
+
+/// Rays by kind, as far as there were any.
+fn rays(stats: &RenderStats) -> String {
+    let kinds = [
+        (stats.rays_primary, "primary"),
+        (stats.rays_shadow, "shadow"),
+        (stats.rays_mirror, "mirror"),
+        (stats.rays_ambient_occlusion, "ambient occlusion"),
+        (stats.rays_bounce, "bounce"),
+        (stats.rays_again, "again past holes"),
+    ];
+    let used = kinds.into_iter().filter(|&(n, _)| n > 0);
+    used.map(|(n, kind)| format!("{n} {kind}")).collect::<Vec<_>>().join(", ")
+}
+
+/// An image, with room for one of its samples and the rays of all pictures taken so far.
+struct Picture {
+    image: Image,
+    sample: Image,
+    stats: RenderStats,
+}
+
+impl Picture {
+    /// Takes the mean of the samples; false if interrupted before the last.
+    fn take(
+        &mut self,
+        stage: &Stage,
+        tree: &Bvh,
+        (width, height): (u32, u32),
+        options: &RenderOptions,
+        samples: u32,
+        done: impl Fn(u32),
+    ) -> bool {
+        let (mesh, camera, light) = (stage.mesh(), stage.camera(width, height), stage.light());
+        self.stats += render(tree, &mesh, &camera, Some(&light), options, &mut self.image);
+        for sample in 1..samples {
+            if interrupt::requested() {
+                return false;
+            }
+            done(sample);
+            let options = RenderOptions { sample, ..*options };
+            self.stats += render(tree, &mesh, &camera, Some(&light), &options, &mut self.sample);
+            self.image.add(&self.sample);
+        }
+        if samples > 1 {
+            self.image.scale(1.0 / samples as f32);
+        }
+        true
+    }
 }
 
 /// Where images go.
@@ -168,5 +271,21 @@ impl Target {
             Self::File(file) => file.clone(),
             Self::Folder(folder) => folder.join(format!("{}-{frame:04}.png", stage::slug(label))),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn effects_are_named_as_scenes_name_them() {
+        let all = "shadows,textures,alpha,mirror,ambient-occlusion,diffuse-bounces";
+        let light = effects(all).expect("known names");
+        let named = scenes::Effects { light, ..Default::default() }.to_string().replace(", ", ",");
+        assert_eq!(named.replace(' ', "-"), all);
+        assert_eq!(effects("none"), Ok(LightEffects::NONE));
+        assert_eq!(effects("shadows"), Ok(LightEffects::SHADOWS));
+        assert!(effects("caustics").expect_err("unknown").contains("diffuse-bounces"));
     }
 }

@@ -1,13 +1,17 @@
-//! A scene made ready for tracing: triangles in the order of the first tree's leaves, colours, camera, light.
+//! A scene made ready for tracing: triangles in the order of the first tree's leaves, looks, camera, light.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use anim::{Pose, PoseStats, View};
 use anyhow::{Context, Result};
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Bvh, Triangles, Vec3};
-use rt_cpu::{Camera, Mesh, PointLight, RenderOptions};
-use scenes::{FramePlan, FrameStage, Scene, SceneOptions};
+use rt_cpu::{
+    AmbientOcclusion, Camera, DiffuseBounces, Effects, Filter, Material, Mesh, PointLight, RenderOptions,
+    Texture, Wrap,
+};
+use scenes::{FramePlan, LightEffects, Scene, SceneOptions};
 
 use crate::files;
 use crate::progress::Progress;
@@ -48,8 +52,9 @@ pub(crate) struct Stage {
     /// Time that building it took.
     pub(crate) build_ms: f64,
     triangles: Vec<[u32; 3]>,
-    palette: Vec<[f32; 3]>,
-    color_of: Vec<u32>,
+    materials: Vec<Material>,
+    textures: Vec<Texture>,
+    material_of: Vec<u32>,
     pose: Pose,
     normals: Vec<Vec3>,
 }
@@ -73,8 +78,9 @@ impl Stage {
         }
         Ok(Self {
             triangles: order.iter().map(|&p| topology.triangles[p as usize]).collect(),
-            palette: topology.materials.iter().map(|m| m.base_color).collect(),
-            color_of: order.iter().map(|&p| material_of[p as usize]).collect(),
+            materials: topology.materials.iter().map(material).collect(),
+            textures: topology.textures.iter().map(texture).collect(),
+            material_of: order.iter().map(|&p| material_of[p as usize]).collect(),
             normals: Vec::new(),
             plan: FramePlan::new(&scene.effects),
             scene,
@@ -104,11 +110,10 @@ impl Stage {
         Triangles { positions: self.pose.positions(), indices: &self.triangles }
     }
 
-    /// Makes normals for smooth shading, until the next pose.
+    /// Makes normals for smooth shading, until the next pose: the source's own where it has some.
     pub(crate) fn smooth(&mut self) {
-        if !self.scene.animation.normals(self.pose.time(), &mut self.normals) {
-            anim::vertex_normals(&self.triangles, self.pose.positions(), &mut self.normals);
-        }
+        anim::vertex_normals(&self.triangles, self.pose.positions(), &mut self.normals);
+        self.scene.animation.normals(self.pose.time(), &mut self.normals);
     }
 
     /// What is rendered now: smooth after [`smooth`](Self::smooth), flat otherwise.
@@ -116,8 +121,10 @@ impl Stage {
         Mesh {
             triangles: self.triangles(),
             normals: (!self.normals.is_empty()).then_some(&self.normals),
-            palette: &self.palette,
-            color_of: &self.color_of,
+            texcoords: &self.scene.animation.topology().texcoords,
+            textures: &self.textures,
+            materials: &self.materials,
+            material_of: &self.material_of,
         }
     }
 
@@ -136,8 +143,50 @@ impl Stage {
 
     /// Rendering with what the scene calls for: shadow rays only where it has shadows.
     pub(crate) fn render_options(&self) -> RenderOptions {
-        RenderOptions { shadows: self.plan.contains(FrameStage::Shadow), ..RenderOptions::default() }
+        self.options_with(&self.scene.effects.light)
     }
+
+    /// Rendering with the effects of `light`.
+    pub(crate) fn options_with(&self, light: &LightEffects) -> RenderOptions {
+        let distance = OCCLUSION_DISTANCE * self.first_tree.root().aabb().extent().length();
+        let effects = Effects {
+            textures: light.textures,
+            alpha: light.alpha,
+            mirror: light.mirror,
+            ambient_occlusion: light
+                .ambient_occlusion
+                .then_some(AmbientOcclusion { samples: OCCLUSION_RAYS, distance }),
+            diffuse_bounces: light.diffuse_bounces.then_some(DiffuseBounces { most: BOUNCES, sky: SKY }),
+        };
+        RenderOptions { shadows: light.shadows, effects, ..RenderOptions::default() }
+    }
+}
+
+/// How far ambient occlusion looks, as a part of the diagonal of the scene, and with how many rays a sample.
+const OCCLUSION_DISTANCE: f32 = 0.1;
+const OCCLUSION_RAYS: u32 = 16;
+
+/// Diffuse bounces that are followed, and what the sky gives.
+const BOUNCES: u32 = 16;
+const SKY: [f32; 3] = [0.20, 0.22, 0.26];
+
+fn material(material: &anim::Material) -> Material {
+    let anim::Material { base_color: color, opacity, texture, cutoff, mirror } = *material;
+    Material { color, opacity, texture, cutoff, mirror }
+}
+
+fn texture(texture: &anim::Texture) -> Texture {
+    let anim::Image { width, height, ref texels } = texture.image;
+    let wrap = texture.wrap.map(|mode| match mode {
+        anim::Wrap::Repeat => Wrap::Repeat,
+        anim::Wrap::MirroredRepeat => Wrap::MirroredRepeat,
+        anim::Wrap::ClampToEdge => Wrap::ClampToEdge,
+    });
+    let filter = match texture.filter {
+        anim::Filter::Nearest => Filter::Nearest,
+        anim::Filter::Linear => Filter::Linear,
+    };
+    Texture { texels: Arc::clone(texels), width, height, wrap, filter }
 }
 
 /// Milliseconds since `start`.

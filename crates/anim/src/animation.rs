@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
-use crate::PoseStats;
+use crate::{PoseStats, Texture};
 
 /// The part of an animated mesh that never changes.
 #[derive(Clone, Debug, Default)]
@@ -19,6 +19,11 @@ pub struct Topology {
     pub parts: Vec<Part>,
     /// Materials, named by [`Part::material`]; never empty.
     pub materials: Vec<Material>,
+    /// Textures, named by [`Material::texture`].
+    pub textures: Vec<Texture>,
+    /// Where in its texture each vertex lies: (0, 0) is the upper left corner of the image, (1, 1) the lower right
+    /// one. Empty if there are no textures; of no meaning for vertices without.
+    pub texcoords: Vec<Vec2>,
 }
 
 /// A run of triangles that share a material and a kind of motion.
@@ -60,16 +65,24 @@ impl Motion {
     }
 }
 
-/// Surface colour of a part.
+/// How the surface of a part looks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
-    /// Linear diffuse colour (red, green, blue), each 0 to 1.
+    /// Linear diffuse colour (red, green, blue), each 0 to 1; times that of the texture, if there is one.
     pub base_color: [f32; 3],
+    /// Opacity, 0 to 1; times that of the texture, if there is one. It counts only with a cutoff.
+    pub opacity: f32,
+    /// Index into [`Topology::textures`].
+    pub texture: Option<u32>,
+    /// Where the opacity is below this there is no surface. `None`: there is everywhere.
+    pub cutoff: Option<f32>,
+    /// Whether it reflects like a mirror of the base colour, rather than diffusely.
+    pub mirror: bool,
 }
 
 impl Default for Material {
     fn default() -> Self {
-        Self { base_color: [0.8; 3] }
+        Self { base_color: [0.8; 3], opacity: 1.0, texture: None, cutoff: None, mirror: false }
     }
 }
 
@@ -117,13 +130,6 @@ pub trait Animation: Send + Sync {
     /// If `positions` is not as long as `topology().vertex_count`.
     fn pose(&self, time: f64, positions: &mut [Vec3]) -> PoseStats;
 
-    /// Sets `out` to a unit normal for each vertex at `time` and gives `true`, where the source has better ones than
-    /// [`vertex_normals`](crate::vertex_normals) would make, such as those of pieces that were one surface; gives
-    /// `false` where it has none.
-    fn normals(&self, _time: f64, _out: &mut Vec<Vec3>) -> bool {
-        false
-    }
-
     /// Number of frames that the source says it is to be shown in, first and last included, if it does.
     fn frames(&self) -> Option<usize> {
         None
@@ -137,5 +143,18 @@ pub trait Animation: Send + Sync {
     /// The light the source brings at `time`, if any.
     fn light(&self, _time: f64) -> Option<Light> {
         None
+    }
+
+    /// Overwrites the entries of `normals` for which the source has better ones than
+    /// [`vertex_normals`](crate::vertex_normals) makes, such as a file's own or those of pieces that were one surface,
+    /// with unit vectors as they are at `time`. The others are left as they are.
+    ///
+    /// # Panics
+    /// If `normals` is not as long as `topology().vertex_count`.
+    fn normals(&self, _time: f64, _normals: &mut [Vec3]) {}
+
+    /// What of the source is shown otherwise than it says, or not at all: remarks of one line each.
+    fn notes(&self) -> Vec<String> {
+        Vec::new()
     }
 }

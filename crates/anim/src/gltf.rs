@@ -1,13 +1,16 @@
 //! glTF 2.0 playback: one clip of a .gltf or .glb file, its nodes, skins and morph targets evaluated on demand.
 //!
 //! Sections are those of the [glTF 2.0 specification](https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html).
-//! Read are triangles (lists, strips, fans), base colours, transforms, skins (3.7.3.3), morph targets (3.7.2.2),
-//! clips (3.11), sparse and quantised accessors (3.6.2), the first perspective camera and the first light.
-//! Images, normals and texture coordinates are not.
+//! Read are triangles (lists, strips, fans), normals, base colours and their textures (3.9.2), alpha masks (3.9.4),
+//! transforms, skins (3.7.3.3), morph targets (3.7.2.2), clips (3.11), sparse and quantised accessors (3.6.2), the
+//! first perspective camera and the first light. Blended surfaces are there where at least half opaque; smooth
+//! metals are mirrors, and all other surfaces diffuse, with two sides.
 
 mod accessor;
+mod material;
 mod nodes;
 mod primitive;
+mod seen;
 mod source;
 #[cfg(test)]
 mod tests;
@@ -18,16 +21,17 @@ use std::path::Path;
 use std::sync::Arc;
 
 use ::gltf::json::accessor::Type;
-use ::gltf::json::mesh::Primitive;
 use ::gltf::json::{Index, Mesh, Root};
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Mat3A, Vec2, Vec3};
 
 use self::accessor::{Accessors, Budget};
+use self::material::{Mapping, add_textures, is_blended, material_of, materials};
 use self::nodes::{Channels, Nodes, affine, node_name, target_count};
 use self::primitive::Geometry;
+use self::seen::{Camera, LightSource};
 use self::track::Track;
 use crate::error::{LoadError, Problem, read_file};
-use crate::{Animation, Light, Material, Motion, Part, PoseStats, Topology, View, Work};
+use crate::{Animation, Light, Motion, Part, PoseStats, Topology, View, Work};
 
 /// A clip of a glTF file, ready to be posed at any time.
 ///
@@ -41,10 +45,13 @@ pub struct GltfAnimation {
     skins: Vec<Skin>,
     weights: Vec<Weights>,
     moving: Vec<Instance>,
+    /// Normals of still parts that have any, each with the first vertex they are of.
+    still_normals: Vec<(usize, Vec<Vec3>)>,
     camera: Option<Camera>,
     light: Option<LightSource>,
     clips: Vec<String>,
     ignored_primitives: usize,
+    notes: Vec<String>,
 }
 
 /// A primitive placed in the scene.
@@ -74,19 +81,7 @@ struct Weights {
     track: Option<Track>,
 }
 
-struct Camera {
-    node: usize,
-    fov_y: f32,
-}
-
-struct LightSource {
-    node: usize,
-    color: [f32; 3],
-    /// For a directional light, from where in the scene and how far to stand back.
-    directional: Option<(Vec3, f32)>,
-}
-
-/// Loads a clip of the glTF 2.0 file `file` (.gltf or .glb), with the buffers it names beside it.
+/// Loads a clip of the glTF 2.0 file `file` (.gltf or .glb), with the buffers and images it names beside it.
 ///
 /// `clip` is the name or else the number of a clip, counted from 0; without it the first is taken. A file
 /// without clips stands still. Memory stays below a fixed multiple of the size of the input (plus 256 MiB).
@@ -98,7 +93,8 @@ pub fn load_gltf(file: &Path, clip: Option<&str>) -> Result<GltfAnimation, LoadE
     parse_gltf(file, &read_file(file)?, clip)
 }
 
-/// As [`load_gltf`], from the `bytes` of the file; `file` names them in errors, and buffers are sought beside it.
+/// As [`load_gltf`], from the `bytes` of the file; `file` names them in errors, and buffers and images are sought
+/// beside it.
 ///
 /// # Errors
 /// As [`load_gltf`].
@@ -121,7 +117,9 @@ pub fn parse_gltf(file: &Path, bytes: &[u8], clip: Option<&str>) -> Result<GltfA
             Some(found)
         }
     };
-    let accessors = Accessors { root: &root, buffers: &buffers, budget: Budget::for_input(size as u64) };
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let budget = Budget::for_input(size as u64);
+    let accessors = Accessors { root: &root, buffers: &buffers, folder, budget };
     GltfAnimation::build(&accessors, chosen.unwrap_or(0), clips).map_err(|problem| problem.in_file(file))
 }
 
@@ -154,10 +152,12 @@ impl GltfAnimation {
             skins,
             weights: Vec::new(),
             moving: Vec::new(),
+            still_normals: Vec::new(),
             camera: None,
             light: None,
             clips,
             ignored_primitives: 0,
+            notes: Vec::new(),
         };
         let mut still = Vec::new();
         let mut decoded = HashMap::new();
@@ -175,8 +175,24 @@ impl GltfAnimation {
         animation.write(&still, 0.0, &mut rest);
         animation.write(&animation.moving, 0.0, &mut rest);
         animation.rest = rest;
-        animation.camera = camera(root, &scene);
-        animation.light = light(root, &scene, &animation.rest)?;
+        let has_normals = |instance: &&Instance| instance.normals().is_some();
+        animation.still_normals = still
+            .iter()
+            .filter(has_normals)
+            .map(|instance| {
+                let mut normals = vec![Vec3::ZERO; instance.geometry.positions.len()];
+                animation.write_normals(instance, &animation.nodes.globals(0.0), &mut normals);
+                (instance.first_vertex, normals)
+            })
+            .collect();
+        if !animation.topology.texcoords.is_empty() {
+            animation.topology.texcoords.resize(animation.topology.vertex_count, Vec2::ZERO);
+        }
+        let blended = animation.topology.parts.iter().any(|part| is_blended(root, part.material));
+        let without_image = add_textures(&mut animation.topology, accessors)?;
+        animation.camera = Camera::first(root, &scene);
+        animation.light = LightSource::first(root, &scene, &animation.rest)?;
+        animation.notes = animation.remarks(blended, without_image);
         let seen_from = [animation.camera.as_ref().map(|c| c.node), animation.light.as_ref().map(|l| l.node)];
         let any_moves = seen_from.into_iter().flatten().any(|node| animation.nodes.moves[node]);
         if any_moves || !animation.moving.is_empty() {
@@ -221,10 +237,13 @@ impl GltfAnimation {
                 "mesh {mesh_number} {:?}, primitive {number}",
                 mesh.name.as_deref().unwrap_or_default()
             );
+            let material = material_of(primitive, root, &place)?;
             let geometry = match decoded.get(&(mesh_number, number)) {
                 Some(known) => known.clone(),
                 None => {
-                    let geometry = Geometry::read(primitive, accessors, &place)?.map(Arc::new);
+                    let mapping = Mapping::of(root, material);
+                    let geometry =
+                        Geometry::read(primitive, mapping.as_ref(), accessors, &place)?.map(Arc::new);
                     decoded.entry((mesh_number, number)).or_insert(geometry).clone()
                 }
             };
@@ -240,7 +259,6 @@ impl GltfAnimation {
                     return Err(Problem::new(place, format!("joint {highest}"), expected));
                 }
             }
-            let material = material_of(primitive, root, &place)?;
             let name = root.nodes[node].name.as_ref().or(mesh.name.as_ref());
             let name = name.cloned().unwrap_or_else(|| format!("node {node}"));
 
@@ -254,7 +272,7 @@ impl GltfAnimation {
                 weights,
                 motion: Motion::STILL,
             };
-            let bytes = geometry.positions.len() * 26 + geometry.triangles.len() * 13 + name.len();
+            let bytes = geometry.positions.len() * 46 + geometry.triangles.len() * 13 + name.len();
             accessors.budget.spend(bytes as u64, &place)?;
             let Some(motion) = self.add_part(name, &instance, material, weights_vary) else {
                 let found = "too many vertices or triangles in all";
@@ -294,6 +312,10 @@ impl GltfAnimation {
         for corners in &geometry.triangles {
             topology.moves.push(corners.iter().any(|&corner| vertex_moves[corner as usize]));
             topology.triangles.push(corners.map(|corner| vertices.start + corner));
+        }
+        if let Some(texcoords) = &geometry.texcoords {
+            topology.texcoords.resize(topology.vertex_count, Vec2::ZERO);
+            topology.texcoords.extend_from_slice(texcoords);
         }
         topology.vertex_count += geometry.positions.len();
         topology.parts.push(Part { name, triangles, vertices, motion, material });
@@ -372,6 +394,37 @@ impl GltfAnimation {
         stats
     }
 
+    /// Writes the normals of one instance, which has some, where `globals` puts the nodes.
+    fn write_normals(&self, instance: &Instance, globals: &[Affine3A], out: &mut [Vec3]) {
+        let Some(normals) = instance.normals() else { return };
+        out.copy_from_slice(normals);
+        if let (Some(skin), Some(influences)) = (instance.skin, &instance.geometry.influences) {
+            let matrices: Vec<Mat3A> =
+                self.skins[skin].matrices(globals).iter().map(|m| cofactors(m.matrix3)).collect();
+            influences.skin_normals(&matrices, out);
+        }
+        if let Some(node) = instance.node {
+            let to_scene = cofactors(globals[node].matrix3);
+            out.iter_mut().for_each(|normal| *normal = to_scene * *normal);
+        }
+        out.iter_mut().for_each(|normal| *normal = normal.normalize_or_zero());
+    }
+
+    fn remarks(&self, blended: bool, textures_without_image: usize) -> Vec<String> {
+        let mut notes = Vec::new();
+        if self.ignored_primitives > 0 {
+            notes.push(format!("{} primitives of points or lines are left out", self.ignored_primitives));
+        }
+        if blended {
+            notes.push("blended surfaces are not blended: they are there where at least half opaque".into());
+        }
+        if textures_without_image > 0 {
+            notes.push(format!("{textures_without_image} textures are neither PNG nor JPEG and left out"));
+        }
+        notes.extend(self.light.iter().flat_map(LightSource::notes));
+        notes
+    }
+
     fn clamp(&self, time: f64) -> f64 {
         // In this order a time that is not a number becomes 0.
         time.max(0.0).min(self.duration)
@@ -399,31 +452,59 @@ impl Animation for GltfAnimation {
         self.write(&self.moving, self.clamp(time), positions)
     }
 
-    /// The first perspective camera of the scene; it looks along its negative z axis.
+    /// The first perspective camera of the scene.
     fn view(&self, time: f64) -> Option<View> {
         let camera = self.camera.as_ref()?;
-        let to_scene = self.nodes.global(camera.node, self.clamp(time));
-        let eye = Vec3::from(to_scene.translation);
-        let forward = to_scene.transform_vector3(Vec3::NEG_Z).try_normalize()?;
-        let up = to_scene.transform_vector3(Vec3::Y).try_normalize()?;
-        // Far enough for the sum to keep the direction, wherever the eye is.
-        let target = eye + forward * eye.length().max(1.0);
-        Some(View { eye, target, up, fov_y: camera.fov_y })
+        camera.view(&self.nodes.global(camera.node, self.clamp(time)))
     }
 
     /// The first light of the scene, with its colour but not its intensity, which would need an exposure.
     ///
-    /// A directional light is put so far away, against its direction, that its rays are all but parallel.
+    /// A directional light is put far away; a spot light shines all round.
     fn light(&self, time: f64) -> Option<Light> {
         let light = self.light.as_ref()?;
-        let to_scene = self.nodes.global(light.node, self.clamp(time));
-        let position = match light.directional {
-            None => Vec3::from(to_scene.translation),
-            Some((center, distance)) => {
-                center + to_scene.transform_vector3(Vec3::Z).try_normalize()? * distance
-            }
-        };
-        Some(Light { position, color: light.color })
+        light.at(&self.nodes.global(light.node, self.clamp(time)))
+    }
+
+    /// The normals of the file, but not those of parts with morph targets.
+    fn normals(&self, time: f64, normals: &mut [Vec3]) {
+        assert_eq!(normals.len(), self.topology.vertex_count, "normals are those of another animation");
+        for (first, still) in &self.still_normals {
+            overwrite(&mut normals[*first..], still);
+        }
+        let globals = self.nodes.globals(self.clamp(time));
+        for instance in self.moving.iter().filter(|instance| instance.normals().is_some()) {
+            let mut moved = vec![Vec3::ZERO; instance.geometry.positions.len()];
+            self.write_normals(instance, &globals, &mut moved);
+            overwrite(&mut normals[instance.first_vertex..], &moved);
+        }
+    }
+
+    fn notes(&self) -> Vec<String> {
+        self.notes.clone()
+    }
+}
+
+/// Takes the normals that have a direction.
+fn overwrite(normals: &mut [Vec3], with: &[Vec3]) {
+    for (normal, &with) in normals.iter_mut().zip(with) {
+        if with != Vec3::ZERO {
+            *normal = with;
+        }
+    }
+}
+
+/// What transforms normals when `m` transforms points: the inverse transpose times the determinant, which
+/// exists for every matrix.
+fn cofactors(m: Mat3A) -> Mat3A {
+    let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
+    Mat3A::from_cols(y.cross(z), z.cross(x), x.cross(y))
+}
+
+impl Instance {
+    /// Normals before node and skin, if the file has them and no morph target changes them.
+    fn normals(&self) -> Option<&[Vec3]> {
+        self.geometry.normals.as_deref().filter(|_| self.geometry.targets.is_empty())
     }
 }
 
@@ -533,63 +614,4 @@ fn scene_nodes(root: &Root) -> Result<Vec<usize>, Problem> {
         }
     }
     Ok(order)
-}
-
-/// The materials of the file, and behind them the one for primitives without.
-fn materials(root: &Root) -> Vec<Material> {
-    let fallback = Material::default();
-    let component =
-        |value: f32, fallback: f32| if value.is_finite() { value.clamp(0.0, 1.0) } else { fallback };
-    let read = |material: &::gltf::json::Material| {
-        let [red, green, blue, _] = material.pbr_metallic_roughness.base_color_factor.0;
-        let color = [red, green, blue];
-        Material { base_color: std::array::from_fn(|i| component(color[i], fallback.base_color[i])) }
-    };
-    root.materials.iter().map(read).chain([fallback]).collect()
-}
-
-/// The number of a primitive's material among [`materials`].
-fn material_of(primitive: &Primitive, root: &Root, place: &str) -> Result<u32, Problem> {
-    let number = primitive.material.map_or(root.materials.len(), |material| material.value());
-    if primitive.material.is_some() && number >= root.materials.len() {
-        let expected = format!("a number below {}", root.materials.len());
-        return Err(Problem::new(place, format!("no material {number}"), expected));
-    }
-    Ok(number as u32)
-}
-
-fn camera(root: &Root, scene: &[usize]) -> Option<Camera> {
-    scene.iter().find_map(|&node| {
-        let camera = root.cameras.get(root.nodes[node].camera?.value())?;
-        let fov_y = camera.perspective.as_ref()?.yfov;
-        (fov_y > 0.0 && fov_y < std::f32::consts::PI).then_some(Camera { node, fov_y })
-    })
-}
-
-fn light(root: &Root, scene: &[usize], rest: &[Vec3]) -> Result<Option<LightSource>, Problem> {
-    use ::gltf::json::extensions::scene::khr_lights_punctual::Type as LightType;
-    use ::gltf::json::validation::Checked;
-
-    let of_node =
-        |node: usize| Some(root.nodes[node].extensions.as_ref()?.khr_lights_punctual.as_ref()?.light);
-    let Some((node, number)) = scene.iter().find_map(|&node| Some((node, of_node(node)?))) else {
-        return Ok(None);
-    };
-    let lights = root.extensions.as_ref().and_then(|extensions| extensions.khr_lights_punctual.as_ref());
-    let lights = lights.map_or(&[][..], |lights| &lights.lights);
-    let light = lights.get(number.value()).ok_or_else(|| {
-        let expected = format!("a number below {}", lights.len());
-        Problem::new(node_name(root, node), format!("no light {number}"), expected)
-    })?;
-    let directional = matches!(light.type_, Checked::Valid(LightType::Directional)).then(|| {
-        let finite = || rest.iter().filter(|position| position.is_finite());
-        let (min, max) =
-            finite().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), p| (min.min(*p), max.max(*p)));
-        if min.is_finite() {
-            (0.5 * min + 0.5 * max, 100.0 * (max - min).length())
-        } else {
-            (Vec3::ZERO, 1.0)
-        }
-    });
-    Ok(Some(LightSource { node, color: light.color, directional }))
 }

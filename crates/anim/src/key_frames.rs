@@ -297,6 +297,7 @@ mod tests {
             moves: Vec::new(),
             parts: vec![part("still", 0..1, 0..3), part("moving", 1..2, 3..6)],
             materials: vec![Material::default()],
+            ..Topology::default()
         }
     }
 

@@ -19,6 +19,7 @@ mod mesh_file;
 mod normals;
 mod pose;
 mod sequence;
+mod texture;
 
 pub use aff::{AffAnimation, load_aff};
 pub use animation::{Animation, Light, Material, Motion, Part, Topology, View};
@@ -31,3 +32,4 @@ pub use mesh_file::{load_mesh, parse_mesh};
 pub use normals::vertex_normals;
 pub use pose::{Pose, PoseStats, Work};
 pub use sequence::load_sequence;
+pub use texture::{Filter, Image, Texture, Wrap};

@@ -270,3 +270,32 @@ fn check_views(animation: &dyn Animation) {
         last = view;
     }
 }
+
+/// Sizes and a texel as another decoder has them.
+#[test]
+fn textures_of_real_files() {
+    for (name, sizes, [x, y], color) in TEXTURES {
+        let Some(path) = data(name) else { return };
+        let animation = load_gltf(&path, None).unwrap_or_else(|error| panic!("{error}"));
+        let topology = animation.topology();
+        let found: Vec<_> = topology.textures.iter().map(|t| (t.image.width, t.image.height)).collect();
+        assert_eq!(found, sizes, "{name}");
+        assert_eq!(topology.texcoords.len(), topology.vertex_count, "{name}");
+        assert!(topology.parts.iter().all(|part| {
+            let material = topology.materials[part.material as usize];
+            material.texture.is_some() && material.cutoff.is_none() && !material.mirror
+        }));
+        let texel = topology.textures[0].image.texels[(y * sizes[0].0 + x) as usize];
+        let near = (0..3).all(|k| texel[k].abs_diff(color[k]) <= 3);
+        assert!(near && texel[3] == 255, "{name}: {texel:?}");
+    }
+}
+
+/// A file, the sizes of its textures, a place in the first and its colour there.
+type Textured = (&'static str, &'static [(u32, u32)], [u32; 2], [u8; 3]);
+
+const TEXTURES: [Textured; 3] = [
+    ("gltf/CesiumMan.glb", &[(1024, 1024)], [460, 100], [107, 173, 223]),
+    ("gltf/Fox.glb", &[(1024, 1024)], [91, 100], [83, 52, 16]),
+    ("gltf/MorphStressTest.gltf", &[(64, 64), (64, 64)], [40, 20], [209, 209, 209]),
+];

@@ -47,20 +47,21 @@ impl Camera {
         Ray::new(self.eye, direction)
     }
 
-    /// Sets the directions through pixels `left + columns[i]`, `top + rows[i]`, with the bits of [`ray`](Self::ray): sums
-    /// of halves are exact.
+    /// Sets the directions through the points `inside` pixels `left + columns[i]`, `top + rows[i]`; in the middle with
+    /// the bits of [`ray`](Self::ray), since sums of halves are exact.
     #[inline(always)]
     pub(crate) fn directions<S: Simd, const N: usize>(
         &self,
         simd: S,
         (left, top): (u32, u32),
+        inside: [f32; 2],
         (columns, rows): (&[f32; N], &[f32; N]),
         directions: &mut [[f32; N]; 3],
     ) {
         for at in (0..N).step_by(S::f32s::LEN) {
             let x: S::f32s = load(simd, columns, at);
             let y: S::f32s = load(simd, rows, at);
-            let (x, y) = (x + (left as f32 + 0.5), y + (top as f32 + 0.5));
+            let (x, y) = (x + (left as f32 + inside[0]), y + (top as f32 + inside[1]));
             for (k, to) in directions.iter_mut().enumerate() {
                 let d = x * self.right[k] + self.corner[k] + y * self.down[k];
                 d.store_slice(&mut to[at..at + S::f32s::LEN]);

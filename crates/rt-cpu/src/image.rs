@@ -60,6 +60,22 @@ impl Image {
         &mut self.pixels
     }
 
+    /// Adds another image, pixel by pixel.
+    ///
+    /// # Panics
+    /// If it is not of the same size.
+    pub fn add(&mut self, other: &Self) {
+        assert_eq!((self.width, self.height), (other.width, other.height), "images of the same size");
+        for (a, b) in self.pixels.iter_mut().flatten().zip(other.pixels.iter().flatten()) {
+            *a += b;
+        }
+    }
+
+    /// Multiplies all colours by `factor`: the mean of n images that were added is their sum scaled by 1 / n.
+    pub fn scale(&mut self, factor: f32) {
+        self.pixels.iter_mut().flatten().for_each(|c| *c *= factor);
+    }
+
     /// Writes a PNG or an EXR file, as the name says; see [`save_png`](Self::save_png) and
     /// [`save_exr`](Self::save_exr).
     ///

@@ -1,7 +1,8 @@
 //! A ray tracer over the binary trees of [`bvh_core`], on the processor.
 //!
 //! Single rays ([`closest_hit`], [`any_hit`]) and whole frames ([`render`]): a pinhole [`Camera`], one
-//! [`PointLight`] with hard shadows, flat or smooth shading, PNG and EXR files ([`Image`]). Coordinates are
+//! [`PointLight`] with hard shadows, flat or smooth shading, PNG and EXR files ([`Image`]). Textures, holes, mirrors,
+//! ambient occlusion and diffuse bounces are [`Effects`] to be asked for. Coordinates are
 //! right-handed with y up where it matters (the camera); the queries take any convention.
 //!
 //! # What a hit is
@@ -21,28 +22,39 @@
 #![forbid(unsafe_code)]
 
 mod beam;
+mod bundle;
 mod camera;
+mod holes;
 mod image;
 mod mesh;
+mod options;
 mod packet;
+mod random;
 mod render;
 mod shade;
 mod simd;
 mod single;
 mod slab;
 mod surface;
+mod texture;
 mod tile;
 mod triangle;
+mod waves;
 mod wide;
 
 #[cfg(test)]
 mod tests;
 
+pub use bvh_core::glam::Vec2;
 pub use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3};
 pub use camera::Camera;
 pub use image::{Image, ImageError};
-pub use mesh::{DEFAULT_COLOR, Mesh};
-pub use render::{Output, Pixel, RenderOptions, RenderStats, Traversal, UnknownName, cast, render};
+pub use mesh::{DEFAULT_COLOR, Material, Mesh};
+pub use options::{
+    AmbientOcclusion, DiffuseBounces, Effects, Output, RenderOptions, RenderStats, Traversal, UnknownName,
+};
+pub use render::{Pixel, cast, render};
 pub use shade::{Background, PointLight};
 pub use single::{any_hit, any_hit_brute, closest_hit, closest_hit_brute, closest_hits};
+pub use texture::{Filter, Texture, Wrap};
 pub use triangle::{Hit, TriangleTest};

@@ -1,175 +1,28 @@
 //! Frames: tiles over threads, packets over tiles.
 
 use std::cell::RefCell;
-use std::ops::AddAssign;
-use std::str::FromStr;
 
-use bvh_core::{Bvh, SimdLevel, Triangles, Vec3};
+use bvh_core::{Bvh, Triangles, Vec3};
 use fearless_simd::Simd;
 use rayon::prelude::*;
-use thiserror::Error;
 
+use crate::bundle::{Bundle, Hits, RAYS};
+use crate::options::{Effects, Output, RenderOptions, RenderStats, Traversal, sum};
 use crate::packet::{self, Query, SIZE};
-use crate::shade::{Background, PointLight, Shader};
+use crate::shade::{PointLight, Shader};
 use crate::simd::at_level;
 use crate::single::{self, Work, with_test};
 use crate::surface::{Coordinates, Surfaces};
-use crate::tile::{self, Bundle, Hits, RAYS, Scene, Scratch};
+use crate::tile::{self, Scene, Scratch};
 use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight};
+use crate::waves::{Paths, Waves};
 use crate::wide::WideTest;
-use crate::{Camera, Image, Mesh};
-
-/// How rays are grouped to go through the tree. Images do not depend on it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Traversal {
-    /// One by one.
-    Single,
-    /// In packets of 8 x 8 as Wald, Boulos and Shirley published them in 2007.
-    Packet,
-    /// In packets of 8 x 8 of a tile that share the way through the tree's top, and in smaller groups where
-    /// rays drift apart; with SIMD.
-    #[default]
-    Tile,
-}
-
-impl Traversal {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Single, Self::Packet, Self::Tile];
-
-    /// Name on a command line.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        ["single", "packet", "tile"][self as usize]
-    }
-}
-
-/// A name that stands for nothing.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("unknown {what} '{found}'; expected one of {expected}")]
-pub struct UnknownName {
-    what: &'static str,
-    found: String,
-    expected: String,
-}
-
-fn by_name<T: Copy>(
-    what: &'static str,
-    all: &[T],
-    name: fn(T) -> &'static str,
-    found: &str,
-) -> Result<T, UnknownName> {
-    all.iter().copied().find(|&t| name(t) == found).ok_or_else(|| {
-        let expected = all.iter().map(|&t| name(t)).collect::<Vec<_>>().join(", ");
-        UnknownName { what, found: found.to_owned(), expected }
-    })
-}
-
-impl FromStr for Traversal {
-    type Err = UnknownName;
-
-    fn from_str(s: &str) -> Result<Self, UnknownName> {
-        by_name("traversal", &Self::ALL, Self::name, s)
-    }
-}
-
-impl FromStr for TriangleTest {
-    type Err = UnknownName;
-
-    fn from_str(s: &str) -> Result<Self, UnknownName> {
-        by_name("triangle test", &Self::ALL, Self::name, s)
-    }
-}
-
-/// What an image shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Output {
-    /// The scene.
-    #[default]
-    Shaded,
-    /// Inner nodes visited by the rays of each pixel, shadow rays included, traced one by one: from black
-    /// over blue, red and yellow to white at `most` or more.
-    NodesVisited {
-        /// The number of nodes that is shown white.
-        most: u32,
-    },
-}
-
-/// How to render.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RenderOptions {
-    /// How rays are grouped.
-    pub traversal: Traversal,
-    /// How rays are tested against triangles.
-    pub triangle_test: TriangleTest,
-    /// Instruction set for [`Traversal::Tile`] and shading; the best of the machine if that has less. Images do
-    /// not depend on it.
-    pub simd: SimdLevel,
-    /// Whether the light throws shadows; without, no shadow ray is cast.
-    pub shadows: bool,
-    /// Whether normals are interpolated where the mesh has them.
-    pub smooth: bool,
-    /// What is seen where nothing is hit.
-    pub background: Background,
-    /// What the image shows.
-    pub output: Output,
-}
-
-impl Default for RenderOptions {
-    fn default() -> Self {
-        Self {
-            traversal: Traversal::default(),
-            triangle_test: TriangleTest::default(),
-            simd: SimdLevel::best(),
-            shadows: true,
-            smooth: true,
-            background: Background::default(),
-            output: Output::default(),
-        }
-    }
-}
-
-/// What rendering a frame took. Only `rays_primary`, `rays_shadow`, `hits` and `shadowed` are the same for
-/// every [`Traversal`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct RenderStats {
-    /// Rays from the eye: one a pixel.
-    pub rays_primary: u64,
-    /// Rays from the light: one for each hit that faces it.
-    pub rays_shadow: u64,
-    /// Rays from the eye that hit something.
-    pub hits: u64,
-    /// Shadow rays that did not arrive.
-    pub shadowed: u64,
-    /// Inner nodes opened, once for each ray or packet.
-    pub nodes_visited: u64,
-    /// Triangles tested, once for each ray or packet.
-    pub triangles_tested: u64,
-    /// Times that [`Traversal::Tile`] went on with a small group because few rays of a packet were left: high
-    /// where rays have little in common.
-    pub regrouped: u64,
-}
-
-impl AddAssign for RenderStats {
-    fn add_assign(&mut self, other: Self) {
-        self.rays_primary += other.rays_primary;
-        self.rays_shadow += other.rays_shadow;
-        self.hits += other.hits;
-        self.shadowed += other.shadowed;
-        self.nodes_visited += other.nodes_visited;
-        self.triangles_tested += other.triangles_tested;
-        self.regrouped += other.regrouped;
-    }
-}
-
-fn sum(mut a: RenderStats, b: RenderStats) -> RenderStats {
-    a += b;
-    a
-}
+use crate::{Camera, Image, Mesh, holes, random};
 
 /// Renders a frame into `image`, which is replaced if it is not of the camera's size.
 ///
 /// `mesh.triangles` are the primitives of the tree, by its numbers. Runs in the current rayon pool, in tiles;
-/// every pixel is the same for any number of threads, any [`Traversal`] and any [`SimdLevel`].
+/// every pixel is the same for any number of threads, any [`Traversal`] and any [`SimdLevel`](bvh_core::SimdLevel).
 pub fn render(
     bvh: &Bvh,
     mesh: &Mesh<'_>,
@@ -184,14 +37,38 @@ pub fn render(
     let scene = Scene { bvh, triangles: &mesh.triangles };
     match options.output {
         Output::Shaded => {
-            let RenderOptions { smooth, background, .. } = *options;
-            let shader = Shader { mesh, light, smooth, background };
-            run(&Frame::new(scene, camera, light, options, true), image.pixels_mut(), &shader)
+            let RenderOptions { smooth, background, seed, sample, .. } = *options;
+            let effects = called_for(&options.effects, mesh);
+            // With bounces no light is no light, not one at the eye.
+            let dark = effects.diffuse_bounces.map(|_| &DARKNESS);
+            let shader = Shader { mesh, light: light.or(dark), smooth, background };
+            let holes = Some(mesh).filter(|_| effects.alpha);
+            let frame = Frame { holes, ..Frame::new(scene, camera, light, options, true) };
+            let direct_only = Effects { alpha: effects.alpha, ..Effects::default() };
+            if effects == direct_only {
+                run(&frame, image.pixels_mut(), &shader)
+            } else {
+                run(&frame, image.pixels_mut(), &Waves { shader, effects, seed, sample })
+            }
         }
         Output::NodesVisited { most } => {
             let options = RenderOptions { traversal: Traversal::Single, ..*options };
             run(&Frame::new(scene, camera, light, &options, false), image.pixels_mut(), &Heat { most })
         }
+    }
+}
+
+const DARKNESS: PointLight = PointLight { position: Vec3::ZERO, color: [0.0; 3] };
+
+/// The effects that something in the mesh calls for.
+fn called_for(effects: &Effects, mesh: &Mesh<'_>) -> Effects {
+    let any = |has: fn(&crate::Material) -> bool| mesh.materials.iter().any(has);
+    Effects {
+        textures: effects.textures && any(|m| m.texture.is_some()),
+        alpha: effects.alpha && any(|m| m.cutoff.is_some()),
+        mirror: effects.mirror && any(|m| m.mirror),
+        ambient_occlusion: effects.ambient_occlusion.filter(|_| effects.diffuse_bounces.is_none()),
+        diffuse_bounces: effects.diffuse_bounces,
     }
 }
 
@@ -205,7 +82,7 @@ pub struct Pixel {
     pub lit: bool,
 }
 
-/// Casts the rays that [`render`] would cast, without shading: `pixels` are rows from the top.
+/// Casts the rays that [`render`] would cast without effects, and does not shade: `pixels` are rows from the top.
 ///
 /// # Panics
 /// If the number of pixels is not that of the camera.
@@ -226,11 +103,13 @@ pub fn cast(
 const TILE: usize = 32;
 
 /// The pixels of a rectangle; rows below the image are empty.
-type Rows<'a, P> = [&'a mut [P]; TILE];
+pub(crate) type Rows<'a, P> = [&'a mut [P]; TILE];
 
 /// What all tiles have in common.
-struct Frame<'a> {
-    scene: Scene<'a>,
+pub(crate) struct Frame<'a> {
+    pub(crate) scene: Scene<'a>,
+    /// The mesh, if it has holes.
+    pub(crate) holes: Option<&'a Mesh<'a>>,
     camera: &'a Camera,
     /// Position of the light, if it throws shadows.
     shadows: Option<Vec3>,
@@ -248,31 +127,33 @@ impl<'a> Frame<'a> {
         shaded: bool,
     ) -> Self {
         let shadows = light.filter(|_| options.shadows).map(|l| l.position);
-        Self { scene, camera, shadows, options, shaded }
+        Self { scene, holes: None, camera, shadows, options, shaded }
     }
 }
 
 /// Everything about the pixels of a tile. They are in blocks of 8 x 8, so that packets are square.
-struct Tile {
+pub(crate) struct Tile {
     /// Pixels in a row and in a column of it.
     size: (usize, usize),
     /// Column and row of each pixel in the tile.
-    at: [[u8; 2]; RAYS],
+    pub(crate) at: [[u8; 2]; RAYS],
     columns: [f32; RAYS],
     rows: [f32; RAYS],
-    seen: Bundle,
-    hits: Hits,
-    surfaces: Surfaces,
+    pub(crate) seen: Bundle,
+    pub(crate) hits: Hits,
+    pub(crate) surfaces: Surfaces,
     shadow: Bundle,
     blocked: Hits,
     /// The pixel of each shadow ray.
     whose: [u16; RAYS],
     /// 1 for pixels that light reaches, else 0.
-    lit: [f32; RAYS],
-    colors: Coordinates,
+    pub(crate) lit: [f32; RAYS],
+    pub(crate) colors: Coordinates,
     /// Inner nodes visited; for [`Traversal::Single`] only.
     nodes: [u32; RAYS],
     scratch: Scratch,
+    /// What effects need; made when they first do.
+    pub(crate) paths: Option<Box<Paths>>,
 }
 
 impl Tile {
@@ -292,6 +173,7 @@ impl Tile {
             colors: [[0.0; RAYS]; 3],
             nodes: [0; RAYS],
             scratch: Scratch::new(),
+            paths: None,
         }
     }
 }
@@ -322,17 +204,34 @@ thread_local! {
 }
 
 /// What is made of the pixels of a traced tile.
-trait Finish: Sync {
+pub(crate) trait Finish: Sync {
     type Pixel: Send;
 
-    fn finish<S: Simd>(&self, simd: S, tile: &mut Tile, rows: &mut Rows<'_, Self::Pixel>);
+    /// `corner` is the tile's upper left pixel.
+    fn finish<S: Simd, T: WideTest>(
+        &self,
+        simd: S,
+        frame: &Frame<'_>,
+        tile: &mut Tile,
+        corner: (u32, u32),
+        rows: &mut Rows<'_, Self::Pixel>,
+        stats: &mut RenderStats,
+    );
 }
 
 impl Finish for Shader<'_> {
     type Pixel = [f32; 3];
 
     #[inline(always)]
-    fn finish<S: Simd>(&self, simd: S, tile: &mut Tile, rows: &mut Rows<'_, [f32; 3]>) {
+    fn finish<S: Simd, T: WideTest>(
+        &self,
+        simd: S,
+        _: &Frame<'_>,
+        tile: &mut Tile,
+        _: (u32, u32),
+        rows: &mut Rows<'_, [f32; 3]>,
+        _: &mut RenderStats,
+    ) {
         self.shade(simd, &tile.seen, &tile.hits, &tile.surfaces, &tile.lit, &mut tile.colors);
         let [r, g, b] = &tile.colors;
         for (i, &[x, y]) in tile.at[..tile.seen.count].iter().enumerate() {
@@ -348,7 +247,15 @@ impl Finish for Caster {
     type Pixel = Pixel;
 
     #[inline(always)]
-    fn finish<S: Simd>(&self, _: S, tile: &mut Tile, rows: &mut Rows<'_, Pixel>) {
+    fn finish<S: Simd, T: WideTest>(
+        &self,
+        _: S,
+        _: &Frame<'_>,
+        tile: &mut Tile,
+        _: (u32, u32),
+        rows: &mut Rows<'_, Pixel>,
+        _: &mut RenderStats,
+    ) {
         for (i, &[x, y]) in tile.at[..tile.seen.count].iter().enumerate() {
             let hit = tile.hits.get(i);
             rows[y as usize][x as usize] = Pixel { hit, lit: hit.is_some() && tile.lit[i] > 0.0 };
@@ -365,7 +272,15 @@ impl Finish for Heat {
     type Pixel = [f32; 3];
 
     #[inline(always)]
-    fn finish<S: Simd>(&self, _: S, tile: &mut Tile, rows: &mut Rows<'_, [f32; 3]>) {
+    fn finish<S: Simd, T: WideTest>(
+        &self,
+        _: S,
+        _: &Frame<'_>,
+        tile: &mut Tile,
+        _: (u32, u32),
+        rows: &mut Rows<'_, [f32; 3]>,
+        _: &mut RenderStats,
+    ) {
         for (i, &[x, y]) in tile.at[..tile.seen.count].iter().enumerate() {
             rows[y as usize][x as usize] = heat(tile.nodes[i] as f32 / self.most.max(1) as f32);
         }
@@ -430,45 +345,88 @@ fn fill_tile<S: Simd, T: WideTest, F: Finish>(
     y: u32,
     finish: &F,
 ) -> RenderStats {
-    let (width, height) = (rows[0].len(), rows.iter().filter(|r| !r.is_empty()).count());
-    let Frame { scene, camera, shadows, options, shaded } = *frame;
+    tile.resize(rows[0].len(), rows.iter().filter(|r| !r.is_empty()).count());
+    let mut stats = cast_tile::<S, T>(simd, frame, tile, (x, y));
+    finish.finish::<S, T>(simd, frame, tile, (x, y), rows, &mut stats);
+    stats
+}
+
+/// Traces the rays of a tile whose upper left pixel is `corner`, and their shadow rays.
+#[inline(never)]
+fn cast_tile<S: Simd, T: WideTest>(
+    simd: S,
+    frame: &Frame<'_>,
+    tile: &mut Tile,
+    corner: (u32, u32),
+) -> RenderStats {
+    let Frame { scene, holes, camera, shadows, options, shaded } = *frame;
     let mut work = Work::default();
     let mut stats = RenderStats::default();
-
-    tile.resize(width, height);
-    tile.seen.start(camera.eye(), f32::INFINITY);
-    tile.seen.count = width * height;
-    camera.directions(simd, (x, y), (&tile.columns, &tile.rows), &mut tile.seen.direction);
-    let Tile { seen, hits, scratch, nodes, .. } = tile;
-    trace::<S, T>(simd, scene, options.traversal, Query::Closest, seen, hits, scratch, nodes, &mut work);
-    let count = tile.seen.count;
-    stats.rays_primary = count as u64;
-    stats.hits = tile.hits.primitive[..count].iter().filter(|&&p| p != Hits::NONE).count() as u64;
-
-    if stats.hits > 0 && (shaded || shadows.is_some()) {
-        tile.surfaces.find(simd, scene.triangles, &tile.seen, &tile.hits);
-    }
-    tile.lit[..count].fill(if shadows.is_some() { 0.0 } else { 1.0 });
-    if let Some(light) = shadows.filter(|_| stats.hits > 0) {
-        let Tile { surfaces, hits, shadow, blocked, whose, lit, nodes: visited, scratch, .. } = &mut *tile;
-        shadow.start(light, 1.0);
-        surfaces.shadow_rays(simd, hits, count, shadow, whose);
-        let mut nodes = [0; RAYS];
-        let traversal = options.traversal;
-        trace::<S, T>(simd, scene, traversal, Query::Any, shadow, blocked, scratch, &mut nodes, &mut work);
-        stats.rays_shadow = shadow.count as u64;
-        for (j, &i) in whose[..shadow.count].iter().enumerate() {
-            let arrives = blocked.primitive[j] == Hits::NONE;
-            lit[i as usize] = if arrives { 1.0 } else { 0.0 };
-            visited[i as usize] += nodes[j];
-            stats.shadowed += u64::from(!arrives);
-        }
-    }
-    finish.finish(simd, tile, rows);
-    stats.nodes_visited = work.nodes;
-    stats.triangles_tested = work.triangles;
-    stats.regrouped = work.regrouped;
+    simd.vectorize(
+        #[inline(always)]
+        || {
+            tile.seen.start(camera.eye(), f32::INFINITY);
+            tile.seen.count = tile.size.0 * tile.size.1;
+            let inside = random::in_pixel(options.sample);
+            camera.directions(simd, corner, inside, (&tile.columns, &tile.rows), &mut tile.seen.direction);
+            let Tile { seen, hits, scratch, nodes, .. } = &mut *tile;
+            let (traversal, query) = (options.traversal, Query::Closest);
+            trace::<S, T>(simd, scene, traversal, query, seen, hits, scratch, nodes, &mut work);
+            if let Some(mesh) = holes {
+                stats.rays_again +=
+                    holes::see_through::<S, T>(simd, scene, mesh, query, seen, hits, &mut work);
+            }
+            let count = seen.count;
+            stats.rays_primary = count as u64;
+            stats.hits = hits.primitive[..count].iter().filter(|&&p| p != Hits::NONE).count() as u64;
+            if stats.hits > 0 && (shaded || shadows.is_some()) {
+                tile.surfaces.find(simd, scene.triangles, &tile.seen, &tile.hits);
+            }
+        },
+    );
+    stats.count(&work);
+    light_arrives::<S, T>(simd, frame, tile, &mut stats);
     stats
+}
+
+/// Finds out at which of the surfaces of a tile light arrives.
+#[inline(never)]
+pub(crate) fn light_arrives<S: Simd, T: WideTest>(
+    simd: S,
+    frame: &Frame<'_>,
+    tile: &mut Tile,
+    stats: &mut RenderStats,
+) {
+    let Frame { scene, holes, shadows, options, .. } = *frame;
+    let count = tile.seen.count;
+    tile.lit[..count].fill(if shadows.is_some() { 0.0 } else { 1.0 });
+    let any_hits = tile.hits.primitive[..count].iter().any(|&p| p != Hits::NONE);
+    let Some(light) = shadows.filter(|_| any_hits) else { return };
+    let mut work = Work::default();
+    simd.vectorize(
+        #[inline(always)]
+        || {
+            let Tile { surfaces, hits, shadow, blocked, whose, lit, nodes: visited, scratch, .. } =
+                &mut *tile;
+            shadow.start(light, 1.0);
+            surfaces.shadow_rays(simd, hits, count, shadow, whose);
+            let mut nodes = [0; RAYS];
+            let (traversal, query) = (options.traversal, Query::Any);
+            trace::<S, T>(simd, scene, traversal, query, shadow, blocked, scratch, &mut nodes, &mut work);
+            if let Some(mesh) = holes {
+                stats.rays_again +=
+                    holes::see_through::<S, T>(simd, scene, mesh, query, shadow, blocked, &mut work);
+            }
+            stats.rays_shadow += shadow.count as u64;
+            for (j, &i) in whose[..shadow.count].iter().enumerate() {
+                let arrives = blocked.primitive[j] == Hits::NONE;
+                lit[i as usize] = if arrives { 1.0 } else { 0.0 };
+                visited[i as usize] += nodes[j];
+                stats.shadowed += u64::from(!arrives);
+            }
+        },
+    );
+    stats.count(&work);
 }
 
 /// Traces the rays of a tile; `nodes` gets the number of inner nodes that each visits if they go one by one.

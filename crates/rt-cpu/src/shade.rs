@@ -5,9 +5,9 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
 use crate::Mesh;
+use crate::bundle::{Bundle, Hits, RAYS};
 use crate::simd::{Lanes, bits, load, load3, max};
 use crate::surface::{Coordinates, Surfaces, dot, normalize};
-use crate::tile::{Bundle, Hits, RAYS};
 
 /// A point that shines alike in all directions and to any distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,7 +57,7 @@ impl Shader<'_> {
         lit: &[f32; RAYS],
         colors: &mut Coordinates,
     ) {
-        let smooth = self.smooth && self.mesh.normals.is_some();
+        let smooth = self.is_smooth();
         for at in (0..seen.count).step_by(S::f32s::LEN) {
             let lanes = hits.lanes(at, S::f32s::LEN);
             let ray = load3::<S, S::f32s, RAYS>(simd, &seen.direction, at);
@@ -75,8 +75,14 @@ impl Shader<'_> {
         }
     }
 
+    /// Whether normals are interpolated.
+    pub(crate) fn is_smooth(&self) -> bool {
+        self.smooth && self.mesh.normals.is_some()
+    }
+
+    /// What is seen where nothing is hit.
     #[inline(always)]
-    fn behind<S: Simd, V: Lanes<S>>(&self, simd: S, ray: [V; 3]) -> [V; 3] {
+    pub(crate) fn behind<S: Simd, V: Lanes<S>>(&self, simd: S, ray: [V; 3]) -> [V; 3] {
         let Background { zenith, nadir } = self.background;
         let (unit, valid) = normalize(simd, ray);
         let level = V::simd_from(simd, 0.0);
@@ -108,6 +114,22 @@ impl Shader<'_> {
                 albedo[k][i] = color[k];
             }
         }
+        let normal = self.normal(simd, at, lanes, hits, surfaces, smooth);
+        let albedo = load3::<S, V, 16>(simd, &albedo, 0);
+        self.lambert(simd, at, ray, surfaces, lit, normal, albedo, ambient(normal))
+    }
+
+    /// Unit normals on the viewer's side.
+    #[inline(always)]
+    pub(crate) fn normal<S: Simd, V: Lanes<S>>(
+        &self,
+        simd: S,
+        at: usize,
+        lanes: u64,
+        hits: &Hits,
+        surfaces: &Surfaces,
+        smooth: bool,
+    ) -> [V; 3] {
         let face = load3::<S, V, RAYS>(simd, &surfaces.face, at);
         let mut normal = face;
         if smooth {
@@ -124,6 +146,23 @@ impl Shader<'_> {
                 *n = away.select(-*n, *n);
             }
         }
+        normal
+    }
+
+    /// What is seen of diffuse surfaces in the light and in `ambient` light.
+    #[inline(always)]
+    #[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
+    pub(crate) fn lambert<S: Simd, V: Lanes<S>>(
+        &self,
+        simd: S,
+        at: usize,
+        ray: [V; 3],
+        surfaces: &Surfaces,
+        lit: &[f32; RAYS],
+        normal: [V; 3],
+        albedo: [V; 3],
+        ambient: V,
+    ) -> [V; 3] {
         let point = load3::<S, V, RAYS>(simd, &surfaces.point, at);
         let (to_light, light) = match self.light {
             Some(&PointLight { position: p, color }) => {
@@ -135,12 +174,16 @@ impl Shader<'_> {
         let zero = V::simd_from(simd, 0.0);
         let facing = V::Mask::from_bitmask(simd, valid).select(dot(unit, normal), zero);
         let direct = max(facing, zero) * load::<S, V, RAYS>(simd, lit, at);
-        let ambient = normal[1] * (0.5 * AMBIENT) + AMBIENT;
-        let albedo = load3::<S, V, 16>(simd, &albedo, 0);
         [
             albedo[0] * (ambient + direct * light[0]),
             albedo[1] * (ambient + direct * light[1]),
             albedo[2] * (ambient + direct * light[2]),
         ]
     }
+}
+
+/// Light from everywhere on surfaces with these normals.
+#[inline(always)]
+pub(crate) fn ambient<S: Simd, V: Lanes<S>>(normal: [V; 3]) -> V {
+    normal[1] * (0.5 * AMBIENT) + AMBIENT
 }

@@ -139,6 +139,27 @@ pub(crate) fn closest<S: Simd, T: Test>(
     t_max: f32,
     work: &mut Work,
 ) -> Option<Hit> {
+    closest_where::<S, T>(
+        simd,
+        scene,
+        ray,
+        t_max,
+        work,
+        #[inline(always)]
+        |_| true,
+    )
+}
+
+/// The closest of the hits that `counts` is true for.
+#[inline(always)]
+pub(crate) fn closest_where<S: Simd, T: Test>(
+    simd: S,
+    scene: Scene<'_>,
+    ray: &Ray,
+    t_max: f32,
+    work: &mut Work,
+    counts: impl Fn(&Hit) -> bool,
+) -> Option<Hit> {
     let test = T::new(ray);
     let mut best = None::<Hit>;
     walk(
@@ -150,7 +171,7 @@ pub(crate) fn closest<S: Simd, T: Test>(
         #[inline(always)]
         |p, t_max| {
             let hit = intersect(ray, &test, &scene.triangles.corners(p), p as u32, t_max);
-            if let Some(hit) = hit.filter(|h| best.is_none_or(|b| h.before(b.t, b.primitive))) {
+            if let Some(hit) = hit.filter(|h| best.is_none_or(|b| h.before(b.t, b.primitive)) && counts(h)) {
                 best = Some(hit);
                 hit.t
             } else {
@@ -169,6 +190,27 @@ pub(crate) fn any<S: Simd, T: Test>(
     t_max: f32,
     work: &mut Work,
 ) -> Option<Hit> {
+    any_where::<S, T>(
+        simd,
+        scene,
+        ray,
+        t_max,
+        work,
+        #[inline(always)]
+        |_| true,
+    )
+}
+
+/// Any of the hits that `counts` is true for.
+#[inline(always)]
+pub(crate) fn any_where<S: Simd, T: Test>(
+    simd: S,
+    scene: Scene<'_>,
+    ray: &Ray,
+    t_max: f32,
+    work: &mut Work,
+    counts: impl Fn(&Hit) -> bool,
+) -> Option<Hit> {
     let test = T::new(ray);
     let mut found = None;
     walk(
@@ -179,7 +221,8 @@ pub(crate) fn any<S: Simd, T: Test>(
         work,
         #[inline(always)]
         |p, t_max| {
-            found = intersect(ray, &test, &scene.triangles.corners(p), p as u32, t_max);
+            let hit = intersect(ray, &test, &scene.triangles.corners(p), p as u32, t_max);
+            found = hit.filter(|h| counts(h));
             if found.is_some() { -1.0 } else { t_max }
         },
     );

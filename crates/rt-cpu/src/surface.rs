@@ -4,8 +4,8 @@ use bvh_core::{Triangles, Vec3};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
+use crate::bundle::{Bundle, Hits, RAYS};
 use crate::simd::{Lanes, load3, max};
-use crate::tile::{Bundle, Hits, RAYS};
 
 /// Coordinates of a tile's pixels, an array for each axis.
 pub(crate) type Coordinates = [[f32; RAYS]; 3];

@@ -2,14 +2,17 @@
 
 use bvh_core::{Aabb, Bvh, Node, Primitives, Ray, Triangles, Vec3};
 
+use crate::bundle::{Bundle, Hits, RAYS};
 use crate::packet::{self, Query, SIZE};
 use crate::render::trace;
 use crate::simd::at_level;
 use crate::single::{Work, with_test};
-use crate::tile::{Bundle, Hits, RAYS, Scene, Scratch};
+use crate::tile::{Scene, Scratch};
 use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight};
-use crate::{Camera, Image, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render};
+use crate::{Camera, Image, Material, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render};
 use crate::{any_hit, any_hit_brute, closest_hit, closest_hit_brute, closest_hits};
+
+mod effects;
 
 /// Triangles that own their vertices.
 #[derive(Clone, Default)]
@@ -528,8 +531,8 @@ fn odd_meshes_and_sizes_render() {
     let bvh = tree(&soup, 1);
     let mesh = Mesh {
         normals: Some(&soup.positions[..2]),
-        palette: &[[1.0, 0.0, 0.0]],
-        color_of: &[0, 7],
+        materials: &[Material { color: [1.0, 0.0, 0.0], texture: Some(3), ..Material::DEFAULT }],
+        material_of: &[0, 7],
         ..Mesh::new(soup.triangles())
     };
     for (w, h) in [(0, 0), (0, 5), (5, 0), (1, 1), (33, 1), (1, 65)] {

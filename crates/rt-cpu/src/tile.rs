@@ -16,98 +16,25 @@
 //! *Multi-Level Ray Tracing Algorithm*, 2005); gathering, so that rays which have drifted apart cost what
 //! they would in small packets.
 
-use bvh_core::{Bvh, MAX_HEIGHT, Node, Ray, Triangles, Vec3, prefetch};
+mod cut;
+
+use bvh_core::{Bvh, MAX_HEIGHT, Node, Triangles, Vec3, prefetch};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
-use crate::Hit;
-use crate::beam::{Beam, Frame, Outline};
+use self::cut::Cut;
+use crate::beam::{Beam, Frame};
+use crate::bundle::{Bundle, Hits, RAYS};
 use crate::packet::Query;
 use crate::simd::{Lanes, bits, load, load3, max, min};
 use crate::single::Work;
 use crate::wide::{Corners, Rays, Slab, WideTest};
-
-/// Rays of a tile.
-pub(crate) const RAYS: usize = 1024;
 
 /// Rays of a packet.
 const PACKET: usize = 64;
 
 /// Rays that are gathered once no more are left.
 const FEW: usize = 16;
-
-/// Subtrees of a cut; a multiple of all vector lengths.
-const CUT: usize = 48;
-
-/// Rays that share their origin.
-#[repr(C, align(64))]
-pub(crate) struct Bundle {
-    pub(crate) direction: [[f32; RAYS]; 3],
-    pub(crate) origin: Vec3,
-    pub(crate) count: usize,
-    pub(crate) t_max: f32,
-}
-
-/// The hits of a bundle; without one, the number of the primitive is [`Hits::NONE`].
-#[repr(C, align(64))]
-pub(crate) struct Hits {
-    pub(crate) t: [f32; RAYS],
-    pub(crate) u: [f32; RAYS],
-    pub(crate) v: [f32; RAYS],
-    pub(crate) primitive: [u32; RAYS],
-}
-
-impl Bundle {
-    pub(crate) fn new() -> Self {
-        Self { direction: [[0.0; RAYS]; 3], origin: Vec3::ZERO, count: 0, t_max: 0.0 }
-    }
-
-    /// Makes it an empty bundle of rays from `origin`.
-    pub(crate) fn start(&mut self, origin: Vec3, t_max: f32) {
-        (self.origin, self.t_max, self.count) = (origin, t_max, 0);
-    }
-
-    /// Adds a ray. The bundle must not be full.
-    #[inline(always)]
-    pub(crate) fn push(&mut self, direction: Vec3) {
-        for (to, from) in self.direction.iter_mut().zip(direction.to_array()) {
-            to[self.count] = from;
-        }
-        self.count += 1;
-    }
-
-    pub(crate) fn ray(&self, i: usize) -> Ray {
-        Ray::new(self.origin, Vec3::new(self.direction[0][i], self.direction[1][i], self.direction[2][i]))
-    }
-}
-
-impl Hits {
-    pub(crate) const NONE: u32 = u32::MAX;
-
-    pub(crate) fn new() -> Self {
-        Self { t: [0.0; RAYS], u: [0.0; RAYS], v: [0.0; RAYS], primitive: [Self::NONE; RAYS] }
-    }
-
-    #[inline(always)]
-    pub(crate) fn get(&self, i: usize) -> Option<Hit> {
-        let primitive = self.primitive[i];
-        (primitive != Self::NONE).then(|| Hit { t: self.t[i], u: self.u[i], v: self.v[i], primitive })
-    }
-
-    pub(crate) fn set(&mut self, i: usize, hit: Option<Hit>) {
-        self.primitive[i] = hit.map_or(Self::NONE, |h| h.primitive);
-        if let Some(h) = hit {
-            (self.t[i], self.u[i], self.v[i]) = (h.t, h.u, h.v);
-        }
-    }
-
-    /// Mask of the rays that hit something among `n` from `at` on.
-    #[inline(always)]
-    pub(crate) fn lanes(&self, at: usize, n: usize) -> u64 {
-        let hit = |m, (i, &p): (usize, &u32)| m | u64::from(p != Self::NONE) << i;
-        self.primitive[at..at + n].iter().enumerate().fold(0, hit)
-    }
-}
 
 /// Rays in a form to be tested, with their best hits so far.
 #[repr(C, align(64))]
@@ -177,94 +104,6 @@ impl Scratch {
             few_near: [[0.0; FEW]; MAX_HEIGHT as usize + 1],
             cut: Cut::new(),
         }
-    }
-}
-
-/// The top of the tree as a tile sees it: subtrees, nearest first.
-#[repr(C, align(64))]
-struct Cut {
-    x: [[f32; CUT]; 2],
-    y: [[f32; CUT]; 2],
-    z: [[f32; CUT]; 2],
-    near: [f32; CUT],
-    node: [u32; CUT],
-    count: usize,
-}
-
-/// A subtree of a cut.
-#[derive(Clone, Copy)]
-struct Piece {
-    node: u32,
-    near: f32,
-    outline: Outline,
-}
-
-impl Cut {
-    fn new() -> Self {
-        let none = [0.0; CUT];
-        Self { x: [none; 2], y: [none; 2], z: [none; 2], near: none, node: [0; CUT], count: 0 }
-    }
-
-    /// Opens the tree's top: the largest inner node first, by half area.
-    #[inline(always)]
-    fn fill(&mut self, nodes: &[Node], frame: &Frame, beam: &Beam, t_max: f32, work: &mut Work) {
-        let nothing = Outline { x: [0.0; 2], y: [0.0; 2], z: [0.0; 2] };
-        let mut pieces = [Piece { node: 0, near: 0.0, outline: nothing }; CUT];
-        // Half areas, 0 for leaves; apart from the rest because all of them are read again and again.
-        let mut sizes = [0.0; CUT];
-        let (mut count, mut n) = (0, 0);
-        loop {
-            let aabb = nodes[n].aabb();
-            let outline = frame.outline(&aabb, beam);
-            let near = frame.enters(&outline);
-            if beam.meets(&outline) && near <= t_max {
-                pieces[count] = Piece { node: n as u32, near, outline };
-                sizes[count] = if nodes[n].is_leaf() { 0.0 } else { aabb.half_area() };
-                count += 1;
-            }
-            if n & 1 == 0 && n != 0 {
-                n += 1;
-                continue;
-            }
-            let size = sizes[..count].iter().fold(0.0, |a, &b| f32::max(a, b));
-            if size == 0.0 || count == CUT {
-                break;
-            }
-            let largest = sizes[..count].iter().position(|&s| s == size).unwrap_or(0);
-            n = nodes[pieces[largest].node as usize].first();
-            work.nodes += 1;
-            count -= 1;
-            (pieces[largest], sizes[largest]) = (pieces[count], sizes[count]);
-        }
-        let mut order = [0; CUT];
-        for (i, (key, piece)) in order.iter_mut().zip(&pieces[..count]).enumerate() {
-            // Bits of numbers that are not negative are in the order of the numbers.
-            *key = u64::from(piece.near.to_bits()) << 32 | i as u64;
-        }
-        order[..count].sort_unstable();
-        for (i, &key) in order[..count].iter().enumerate() {
-            let Piece { node, near, outline } = pieces[key as u32 as usize];
-            for side in 0..2 {
-                self.x[side][i] = outline.x[side];
-                self.y[side][i] = outline.y[side];
-                self.z[side][i] = outline.z[side];
-            }
-            (self.near[i], self.node[i]) = (near, node);
-        }
-        self.count = count;
-    }
-
-    /// Bits of the subtrees that a beam meets.
-    #[inline(always)]
-    fn met<S: Simd>(&self, simd: S, beam: &Beam) -> u64 {
-        let mut met = 0;
-        for at in (0..CUT).step_by(S::f32s::LEN) {
-            let x = [load::<S, S::f32s, CUT>(simd, &self.x[0], at), load(simd, &self.x[1], at)];
-            let y = [load(simd, &self.y[0], at), load(simd, &self.y[1], at)];
-            let z = [load(simd, &self.z[0], at), load(simd, &self.z[1], at)];
-            met |= beam.meets_lanes(simd, x, y, z) << at;
-        }
-        met & ((1 << self.count) - 1)
     }
 }
 

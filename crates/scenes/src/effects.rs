@@ -94,6 +94,19 @@ impl LightEffects {
 
     /// Hard shadows and nothing else.
     pub const SHADOWS: Self = Self { shadows: true, ..Self::NONE };
+
+    /// Hard shadows, and what the materials of a topology's parts call for.
+    #[must_use]
+    pub fn of(topology: &Topology) -> Self {
+        let mut effects = Self::SHADOWS;
+        for part in &topology.parts {
+            let material = &topology.materials[part.material as usize];
+            effects.textures |= material.texture.is_some();
+            effects.alpha |= material.cutoff.is_some();
+            effects.mirror |= material.mirror;
+        }
+        effects
+    }
 }
 
 impl Effects {

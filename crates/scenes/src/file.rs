@@ -18,7 +18,9 @@ const FRAME_RATE: f64 = 24.0;
 pub(crate) fn scene(path: &Path, clip: Option<&str>) -> Result<Scene, LoadError> {
     let animation = anim::load(path, clip)?;
     let (view, light) = default_view(&*animation);
-    let (mut notes, mut shadows) = (Vec::new(), true);
+    let remark = |note: String| format!("{}: {note}", path.display());
+    let mut notes: Vec<String> = animation.notes().into_iter().map(remark).collect();
+    let mut shadows = true;
     if animation.view(0.0).is_none() {
         notes.push(format!("{} has no camera; the view is a default", path.display()));
     }
@@ -35,7 +37,7 @@ pub(crate) fn scene(path: &Path, clip: Option<&str>) -> Result<Scene, LoadError>
         light,
         effects: Effects {
             motion: MotionEffects::of(animation.topology()),
-            light: LightEffects { shadows, ..LightEffects::NONE },
+            light: LightEffects { shadows, ..LightEffects::of(animation.topology()) },
         },
         frames: animation
             .frames()

@@ -92,13 +92,12 @@ impl Animation for RigidBodies {
         stats
     }
 
-    fn normals(&self, time: f64, out: &mut Vec<Vec3>) -> bool {
-        out.clone_from(&self.normals);
+    fn normals(&self, time: f64, normals: &mut [Vec3]) {
+        normals.copy_from_slice(&self.normals);
         let placed = self.placements(time);
-        for (normal, &body) in out.iter_mut().zip(&self.body) {
+        for (normal, &body) in normals.iter_mut().zip(&self.body) {
             *normal = placed[body as usize].rotation * *normal;
         }
-        true
     }
 }
 

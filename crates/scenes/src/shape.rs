@@ -47,7 +47,7 @@ impl Assembly {
 
     /// Adds a material and gives its number.
     pub(crate) fn material(&mut self, base_color: [f32; 3]) -> u32 {
-        self.topology.materials.push(Material { base_color });
+        self.topology.materials.push(Material { base_color, ..Material::default() });
         self.topology.materials.len() as u32 - 1
     }
 

@@ -105,7 +105,7 @@ struct Reader {
     detail: usize,
     /// Stays as it is set from one file to the next.
     material: u32,
-    materials: HashMap<[u32; 3], u32>,
+    materials: HashMap<([u32; 3], bool), u32>,
     frame: Frame,
     scene: Scene,
 }
@@ -272,13 +272,14 @@ impl Reader {
         Ok(())
     }
 
-    /// What has no diffuse colour, such as a mirror or polished metal, is seen by its specular one.
+    /// What has no diffuse colour is a mirror of its specular one; all else is diffuse.
     fn set_material(&mut self, diffuse: DVec3, specular: DVec3) {
-        let color = if diffuse == DVec3::ZERO { specular } else { diffuse };
+        let mirror = diffuse == DVec3::ZERO && specular != DVec3::ZERO;
+        let color = if mirror { specular } else { diffuse };
         let base_color = color.as_vec3().to_array().map(|channel| channel.clamp(0.0, 1.0));
         let materials = &mut self.scene.geometry.topology.materials;
-        self.material = *self.materials.entry(base_color.map(f32::to_bits)).or_insert_with(|| {
-            materials.push(Material { base_color });
+        self.material = *self.materials.entry((base_color.map(f32::to_bits), mirror)).or_insert_with(|| {
+            materials.push(Material { base_color, mirror, ..Material::default() });
             // More than 32 bits can number would take tens of gigabytes of text.
             (materials.len() - 1) as u32
         });

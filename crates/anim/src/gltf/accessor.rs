@@ -2,6 +2,7 @@
 //! it has been held against the bytes that are there.
 
 use std::cell::Cell;
+use std::path::Path;
 
 use ::gltf::json::accessor::{ComponentType, Type};
 use ::gltf::json::validation::Checked;
@@ -19,18 +20,31 @@ const BYTES_PER_BYTE: u64 = 256;
 /// of geometry, so memory is held to a multiple of the size of the input.
 pub(super) struct Budget {
     left: Cell<u64>,
-    limit: u64,
+    limit: Cell<u64>,
 }
 
 impl Budget {
     pub(super) fn for_input(bytes: u64) -> Self {
-        let limit = bytes.saturating_mul(BYTES_PER_BYTE).saturating_add(FREE_BYTES);
-        Self { left: Cell::new(limit), limit }
+        let budget = Self { left: Cell::new(FREE_BYTES), limit: Cell::new(FREE_BYTES) };
+        budget.allow_for(bytes);
+        budget
+    }
+
+    /// Allows for so many more bytes of input.
+    pub(super) fn allow_for(&self, bytes: u64) {
+        let more = bytes.saturating_mul(BYTES_PER_BYTE);
+        for count in [&self.left, &self.limit] {
+            count.set(count.get().saturating_add(more));
+        }
+    }
+
+    pub(super) fn left(&self) -> u64 {
+        self.left.get()
     }
 
     pub(super) fn spend(&self, bytes: u64, place: &str) -> Result<(), Problem> {
         let left = self.left.get().checked_sub(bytes).ok_or_else(|| {
-            let expected = format!("at most {} bytes in all for a file of this size", self.limit);
+            let expected = format!("at most {} bytes in all for a file of this size", self.limit.get());
             Problem::new(place, format!("{bytes} more bytes of decoded data"), expected)
         })?;
         self.left.set(left);
@@ -42,6 +56,8 @@ impl Budget {
 pub(super) struct Accessors<'a> {
     pub(super) root: &'a Root,
     pub(super) buffers: &'a [Bytes],
+    /// The folder of the file.
+    pub(super) folder: &'a Path,
     pub(super) budget: Budget,
 }
 
@@ -137,16 +153,8 @@ impl<'a> Accessors<'a> {
         Ok(elements)
     }
 
-    /// The bytes of `count` elements of `size` bytes each.
-    fn elements(
-        &self,
-        view: Index<buffer::View>,
-        offset: u64,
-        count: u64,
-        size: usize,
-        place: &str,
-    ) -> Result<impl Iterator<Item = &'a [u8]> + use<'a>, Problem> {
-        let place = &format!("{place}, bufferView {view}");
+    /// The bytes of a buffer view.
+    pub(super) fn view(&self, view: Index<buffer::View>, place: &str) -> Result<&'a [u8], Problem> {
         let missing = |what: &str, number: &dyn std::fmt::Display, count: usize| {
             Problem::new(place, format!("no {what} {number}"), format!("a number below {count}"))
         };
@@ -159,15 +167,28 @@ impl<'a> Accessors<'a> {
             .as_slice();
 
         let begin = view.byte_offset.unwrap_or_default().0;
-        let bytes = slice(buffer, begin, view.byte_length.0).ok_or_else(|| {
+        slice(buffer, begin, view.byte_length.0).ok_or_else(|| {
             let found = format!("bytes {begin} + {}", view.byte_length.0);
             Problem::new(
                 place,
                 found,
                 format!("a range within the {} bytes of buffer {}", buffer.len(), view.buffer),
             )
-        })?;
-        let stride = view.byte_stride.map_or(size, |stride| stride.0);
+        })
+    }
+
+    /// The bytes of `count` elements of `size` bytes each.
+    fn elements(
+        &self,
+        view: Index<buffer::View>,
+        offset: u64,
+        count: u64,
+        size: usize,
+        place: &str,
+    ) -> Result<impl Iterator<Item = &'a [u8]> + use<'a>, Problem> {
+        let place = &format!("{place}, bufferView {view}");
+        let bytes = self.view(view, place)?;
+        let stride = self.root.buffer_views[view.value()].byte_stride.map_or(size, |stride| stride.0);
         if stride < size {
             return Err(Problem::new(
                 place,

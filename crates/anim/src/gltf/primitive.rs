@@ -3,9 +3,10 @@
 use ::gltf::json::accessor::Type;
 use ::gltf::json::mesh::{Mode, Primitive, Semantic};
 use ::gltf::json::validation::Checked;
-use glam::{Affine3A, Vec3, Vec3A};
+use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
 
 use super::accessor::Accessors;
+use super::material::Mapping;
 use crate::error::Problem;
 
 /// One primitive, decoded; vertices that no triangle uses are left out.
@@ -14,6 +15,9 @@ pub(super) struct Geometry {
     pub(super) triangles: Vec<[u32; 3]>,
     pub(super) influences: Option<Influences>,
     pub(super) targets: Vec<Target>,
+    pub(super) normals: Option<Vec<Vec3>>,
+    /// Where in the base colour texture the vertices lie, if the material has one.
+    pub(super) texcoords: Option<Vec<Vec2>>,
 }
 
 /// A morph target: the vertices it displaces, and by how much at weight 1.
@@ -47,12 +51,24 @@ impl Influences {
             *position = blended.into();
         }
     }
+
+    /// The same of normals, by matrices for normals; lengths are arbitrary.
+    pub(super) fn skin_normals(&self, matrices: &[Mat3A], normals: &mut [Vec3]) {
+        for (vertex, normal) in normals.iter_mut().enumerate() {
+            let bound = Vec3A::from(*normal);
+            let joints = self.of(vertex).iter();
+            let blended: Vec3A =
+                joints.map(|&(joint, weight)| matrices[usize::from(joint)] * bound * weight).sum();
+            *normal = blended.into();
+        }
+    }
 }
 
 impl Geometry {
-    /// `None` for points and lines.
+    /// `None` for points and lines. `mapping` is of the material's texture, if it has one.
     pub(super) fn read(
         primitive: &Primitive,
+        mapping: Option<&Mapping>,
         accessors: &Accessors<'_>,
         place: &str,
     ) -> Result<Option<Self>, Problem> {
@@ -107,8 +123,25 @@ impl Geometry {
             sets.push((joints, weights));
         }
         let influences = if sets.is_empty() { None } else { Some(influences(&sets, &kept, place)?) };
+        let normals = match attribute(Semantic::Normals) {
+            None => None,
+            Some(normals) => {
+                let all = accessors.floats::<3>(normals, Type::Vec3, &format!("{place}, NORMAL"))?;
+                same_count("NORMAL", all.len())?;
+                Some(kept.iter().map(|&old| Vec3::from_array(all[old as usize])).collect())
+            }
+        };
+        let texcoords = match mapping.and_then(|m| Some((m, attribute(Semantic::TexCoords(m.set))?))) {
+            None => None,
+            Some((mapping, texcoords)) => {
+                let what = format!("TEXCOORD_{}", mapping.set);
+                let all = accessors.floats::<2>(texcoords, Type::Vec2, &format!("{place}, {what}"))?;
+                same_count(&what, all.len())?;
+                Some(kept.iter().map(|&old| mapping.apply(Vec2::from_array(all[old as usize]))).collect())
+            }
+        };
         let positions = kept.iter().map(|&old| Vec3::from_array(positions[old as usize])).collect();
-        Ok(Some(Self { positions, triangles, influences, targets }))
+        Ok(Some(Self { positions, triangles, influences, targets, normals, texcoords }))
     }
 }
 

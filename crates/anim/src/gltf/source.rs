@@ -106,7 +106,7 @@ fn read_buffers(root: &Root, mut blob: Blob<'_>, file: &Path) -> Result<Vec<Byte
     Ok(buffers)
 }
 
-fn decode_data_uri(uri: &str, place: &str) -> Result<Vec<u8>, Problem> {
+pub(super) fn decode_data_uri(uri: &str, place: &str) -> Result<Vec<u8>, Problem> {
     const LENIENT: GeneralPurpose = GeneralPurpose::new(
         &base64::alphabet::STANDARD,
         GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent),
@@ -119,7 +119,7 @@ fn decode_data_uri(uri: &str, place: &str) -> Result<Vec<u8>, Problem> {
 }
 
 /// The path that a relative uri stands for, which must stay below the folder of the file.
-fn relative_path(uri: &str, place: &str) -> Result<PathBuf, Problem> {
+pub(super) fn relative_path(uri: &str, place: &str) -> Result<PathBuf, Problem> {
     let wrong =
         |found: String| Problem::new(place, found, "a relative path below the folder of the glTF file");
     if uri.contains("://") {

@@ -7,6 +7,9 @@ use base64::Engine;
 use glam::Mat4;
 
 use super::*;
+use crate::Material;
+
+mod looks;
 
 const FLOAT: u32 = 5126;
 const U8: u32 = 5121;
@@ -395,7 +398,10 @@ fn materials_camera_and_lights() {
     let materials = &animation.topology().materials;
     let colors: Vec<_> =
         animation.topology().parts.iter().map(|part| materials[part.material as usize]).collect();
-    assert_eq!(colors, [Material { base_color: [0.5, 0.25, 1.0] }, Material::default()]);
+    assert_eq!(
+        colors,
+        [Material { base_color: [0.5, 0.25, 1.0], ..Material::default() }, Material::default()]
+    );
     let view = animation.view(0.0).unwrap();
     assert_eq!((view.eye, view.up, view.fov_y), (Vec3::new(0.0, 0.0, 5.0), Vec3::Y, 0.7));
     assert!((view.target - view.eye).normalize().abs_diff_eq(Vec3::NEG_Z, 1e-6));

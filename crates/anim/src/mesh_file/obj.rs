@@ -37,6 +37,7 @@ pub(super) fn read(bytes: &[u8], file: &Path) -> Result<Mesh, Problem> {
     let colors = materials.iter().map(|material| {
         material.diffuse.map_or_else(Material::default, |diffuse| Material {
             base_color: diffuse.map(|value| if value.is_finite() { value.clamp(0.0, 1.0) } else { 0.8 }),
+            ..Material::default()
         })
     });
     let mut mesh = Mesh::with_materials(colors.chain([Material::default()]).collect());

@@ -1,0 +1,224 @@
+//! How to render, and what it took.
+
+use std::ops::AddAssign;
+use std::str::FromStr;
+
+use bvh_core::SimdLevel;
+use thiserror::Error;
+
+use crate::TriangleTest;
+use crate::shade::Background;
+use crate::single::Work;
+
+/// How rays are grouped to go through the tree. Images do not depend on it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Traversal {
+    /// One by one.
+    Single,
+    /// In packets of 8 x 8 as Wald, Boulos and Shirley published them in 2007.
+    Packet,
+    /// In packets of 8 x 8 of a tile that share the way through the tree's top, and in smaller groups where
+    /// rays drift apart; with SIMD.
+    #[default]
+    Tile,
+}
+
+impl Traversal {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Single, Self::Packet, Self::Tile];
+
+    /// Name on a command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        ["single", "packet", "tile"][self as usize]
+    }
+}
+
+/// A name that stands for nothing.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("unknown {what} '{found}'; expected one of {expected}")]
+pub struct UnknownName {
+    what: &'static str,
+    found: String,
+    expected: String,
+}
+
+fn by_name<T: Copy>(
+    what: &'static str,
+    all: &[T],
+    name: fn(T) -> &'static str,
+    found: &str,
+) -> Result<T, UnknownName> {
+    all.iter().copied().find(|&t| name(t) == found).ok_or_else(|| {
+        let expected = all.iter().map(|&t| name(t)).collect::<Vec<_>>().join(", ");
+        UnknownName { what, found: found.to_owned(), expected }
+    })
+}
+
+impl FromStr for Traversal {
+    type Err = UnknownName;
+
+    fn from_str(s: &str) -> Result<Self, UnknownName> {
+        by_name("traversal", &Self::ALL, Self::name, s)
+    }
+}
+
+impl FromStr for TriangleTest {
+    type Err = UnknownName;
+
+    fn from_str(s: &str) -> Result<Self, UnknownName> {
+        by_name("triangle test", &Self::ALL, Self::name, s)
+    }
+}
+
+/// What an image shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Output {
+    /// The scene.
+    #[default]
+    Shaded,
+    /// Inner nodes visited by the rays of each pixel, shadow rays included, traced one by one: from black
+    /// over blue, red and yellow to white at `most` or more.
+    NodesVisited {
+        /// The number of nodes that is shown white.
+        most: u32,
+    },
+}
+
+/// What light does beyond being seen directly. What is off, or what nothing in the mesh calls for, costs nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Effects {
+    /// Whether surfaces are textured.
+    pub textures: bool,
+    /// Whether surfaces have the holes that cutoffs of opacity cut. Rays of all kinds go on through them.
+    pub alpha: bool,
+    /// Whether mirrors reflect, up to four in a row; a fifth is black. Otherwise they are diffuse.
+    pub mirror: bool,
+    /// How the light from everywhere is kept from corners, if it is. Without meaning with diffuse bounces.
+    pub ambient_occlusion: Option<AmbientOcclusion>,
+    /// Light from diffuse surfaces and the sky, if any, in place of a constant light from everywhere.
+    pub diffuse_bounces: Option<DiffuseBounces>,
+}
+
+/// Light from everywhere, dimmed by the part of the sky that nearby surfaces hide, weighted by the cosine of its
+/// angle to the normal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AmbientOcclusion {
+    /// Rays for each hit; without any, nothing is hidden.
+    pub samples: u32,
+    /// What is farther away hides nothing; may be infinite.
+    pub distance: f32,
+}
+
+/// Path tracing of diffuse surfaces (Kajiya, *The Rendering Equation*, 1986): one path for each pixel and sample, with
+/// light from the point light and from the sky. From the third bounce on, paths go on at random, as likely as
+/// they are bright, in such a way that the mean is right.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DiffuseBounces {
+    /// Light that bounced more often is left out.
+    pub most: u32,
+    /// Linear radiance of the sky, all round, as diffuse surfaces see it; a white surface under it has this colour.
+    pub sky: [f32; 3],
+}
+
+/// How to render.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RenderOptions {
+    /// How rays are grouped.
+    pub traversal: Traversal,
+    /// How rays are tested against triangles.
+    pub triangle_test: TriangleTest,
+    /// Instruction set for [`Traversal::Tile`] and shading; the best of the machine if that has less. Images do
+    /// not depend on it.
+    pub simd: SimdLevel,
+    /// Whether the light throws shadows; without, no shadow ray is cast.
+    pub shadows: bool,
+    /// Whether normals are interpolated where the mesh has them.
+    pub smooth: bool,
+    /// What is seen where nothing is hit.
+    pub background: Background,
+    /// What the image shows.
+    pub output: Output,
+    /// What light does beyond being seen directly. Only [`Output::Shaded`] shows it.
+    pub effects: Effects,
+    /// Seed of everything random. The same seed gives the same image, bit for bit.
+    pub seed: u64,
+    /// Number of the sample: each is another image of the same scene, taken at another place in every pixel (sample
+    /// 0 in its middle) and with other random numbers. Their mean is the image; see [`Image::add`](crate::Image::add).
+    pub sample: u32,
+}
+
+impl Default for RenderOptions {
+    fn default() -> Self {
+        Self {
+            traversal: Traversal::default(),
+            triangle_test: TriangleTest::default(),
+            simd: SimdLevel::best(),
+            shadows: true,
+            smooth: true,
+            background: Background::default(),
+            output: Output::default(),
+            effects: Effects::default(),
+            seed: 0,
+            sample: 0,
+        }
+    }
+}
+
+/// What rendering a frame took. Numbers of rays, except for `rays_again`, and of hits are the same for every
+/// [`Traversal`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RenderStats {
+    /// Rays from the eye: one a pixel.
+    pub rays_primary: u64,
+    /// Rays from the light: one for each hit that faces it.
+    pub rays_shadow: u64,
+    /// Rays reflected by mirrors.
+    pub rays_mirror: u64,
+    /// Rays that look for what hides the sky.
+    pub rays_ambient_occlusion: u64,
+    /// Rays reflected by diffuse surfaces.
+    pub rays_bounce: u64,
+    /// Rays from the eye or the light traced a second time because they met a surface with holes.
+    pub rays_again: u64,
+    /// Rays from the eye that hit something.
+    pub hits: u64,
+    /// Shadow rays that did not arrive.
+    pub shadowed: u64,
+    /// Inner nodes opened, once for each ray or packet.
+    pub nodes_visited: u64,
+    /// Triangles tested, once for each ray or packet.
+    pub triangles_tested: u64,
+    /// Times that [`Traversal::Tile`] went on with a small group because few rays of a packet were left: high
+    /// where rays have little in common.
+    pub regrouped: u64,
+}
+
+impl RenderStats {
+    pub(crate) fn count(&mut self, work: &Work) {
+        self.nodes_visited += work.nodes;
+        self.triangles_tested += work.triangles;
+        self.regrouped += work.regrouped;
+    }
+}
+
+impl AddAssign for RenderStats {
+    fn add_assign(&mut self, other: Self) {
+        self.rays_primary += other.rays_primary;
+        self.rays_shadow += other.rays_shadow;
+        self.rays_mirror += other.rays_mirror;
+        self.rays_ambient_occlusion += other.rays_ambient_occlusion;
+        self.rays_bounce += other.rays_bounce;
+        self.rays_again += other.rays_again;
+        self.hits += other.hits;
+        self.shadowed += other.shadowed;
+        self.nodes_visited += other.nodes_visited;
+        self.triangles_tested += other.triangles_tested;
+        self.regrouped += other.regrouped;
+    }
+}
+
+pub(crate) fn sum(mut a: RenderStats, b: RenderStats) -> RenderStats {
+    a += b;
+    a
+}

@@ -1,0 +1,96 @@
+//! Random numbers that depend on the seed, the pixel and the sample, and on nothing else.
+
+use bvh_core::Vec3;
+
+/// Numbers that look random, any of them at once: SplitMix64 (Steele, Lea, Flood, *Fast Splittable Pseudorandom Number
+/// Generators*, 2014), which is a hash of a counter.
+#[derive(Clone, Copy)]
+pub(crate) struct Stream(u64);
+
+impl Stream {
+    /// That of a pixel.
+    pub(crate) fn new(seed: u64, x: u32, y: u32) -> Self {
+        Self(mix(mix(seed) ^ (u64::from(y) << 32 | u64::from(x))))
+    }
+
+    /// One for each number `n`, independent of this one.
+    pub(crate) fn split(self, n: u32) -> Self {
+        Self(mix(self.0 ^ mix(u64::from(n) + 1)))
+    }
+
+    fn bits(self, n: u32) -> u64 {
+        mix(self.0.wrapping_add((u64::from(n) + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15)))
+    }
+
+    /// Number `n`, from 0 to less than 1.
+    pub(crate) fn uniform(self, n: u32) -> f32 {
+        fraction(self.bits(n))
+    }
+
+    /// Point `n` of a sequence that fills the unit square evenly, moved about by numbers 0 and 1 of this stream: the
+    /// additive recurrence of Roberts, *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018.
+    pub(crate) fn even(self, n: u64) -> [f32; 2] {
+        [0, 1].map(|k| fraction(self.bits(k).wrapping_add(n.wrapping_mul(PLASTIC[k as usize]))))
+    }
+}
+
+/// Where in a pixel sample `n` is taken: the middle for the first, the same for all pixels.
+pub(crate) fn in_pixel(n: u32) -> [f32; 2] {
+    PLASTIC.map(|step| fraction((1u64 << 63).wrapping_add(u64::from(n).wrapping_mul(step))))
+}
+
+/// 2^64 times the reciprocals of the plastic number and of its square.
+const PLASTIC: [u64; 2] = [0xc13f_a9a9_02a6_328f, 0x91e1_0da5_c79e_7b1c];
+
+fn mix(z: u64) -> u64 {
+    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// The upper bits as a number from 0 to less than 1.
+fn fraction(bits: u64) -> f32 {
+    (bits >> 40) as f32 / (1 << 24) as f32
+}
+
+/// A direction on the side of the unit vector `normal`, as likely as the cosine of the angle between them is
+/// large, if the numbers are uniform in the unit square.
+pub(crate) fn cosine_direction(normal: Vec3, [a, b]: [f32; 2]) -> Vec3 {
+    let (x, y) = normal.any_orthonormal_pair();
+    let (sin, cos) = (std::f32::consts::TAU * b).sin_cos();
+    let radius = a.sqrt();
+    x * (radius * cos) + y * (radius * sin) + normal * (1.0 - a).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_sample_is_in_the_middle_and_the_rest_is_even() {
+        assert_eq!(in_pixel(0), [0.5, 0.5]);
+        let mut cells = [0; 16];
+        for n in 0..1600 {
+            let [x, y] = in_pixel(n);
+            cells[(x * 4.0) as usize * 4 + (y * 4.0) as usize] += 1;
+        }
+        assert!(cells.iter().all(|&c| (95..=105).contains(&c)), "{cells:?}");
+    }
+
+    #[test]
+    fn directions_are_unit_vectors_with_the_cosine_as_their_density() {
+        let stream = Stream::new(7, 3, 4);
+        for normal in [Vec3::Y, Vec3::NEG_Z, Vec3::new(0.6, 0.0, -0.8)] {
+            let (mut mean, mut square) = (Vec3::ZERO, 0.0);
+            for n in 0..4000 {
+                let d = cosine_direction(normal, [stream.uniform(2 * n), stream.uniform(2 * n + 1)]);
+                assert!((d.length() - 1.0).abs() < 1e-5 && d.dot(normal) > 0.0);
+                mean += d / 4000.0;
+                square += d.dot(normal).powi(2) / 4000.0;
+            }
+            // Means of cos and cos^2 under cos / pi.
+            assert!((mean - normal * (2.0 / 3.0)).length() < 0.03, "{mean}");
+            assert!((square - 0.5).abs() < 0.02, "{square}");
+        }
+    }
+}

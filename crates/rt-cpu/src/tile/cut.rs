@@ -1,0 +1,100 @@
+//! The top of the tree, opened once for all packets of a tile.
+
+use bvh_core::Node;
+use fearless_simd::Simd;
+use fearless_simd::prelude::*;
+
+use crate::beam::{Beam, Frame, Outline};
+use crate::simd::load;
+use crate::single::Work;
+
+/// Subtrees of a cut; a multiple of all vector lengths.
+const CUT: usize = 48;
+
+/// The top of the tree as a tile sees it: subtrees, nearest first.
+#[repr(C, align(64))]
+pub(super) struct Cut {
+    x: [[f32; CUT]; 2],
+    y: [[f32; CUT]; 2],
+    z: [[f32; CUT]; 2],
+    pub(super) near: [f32; CUT],
+    pub(super) node: [u32; CUT],
+    pub(super) count: usize,
+}
+
+/// A subtree of a cut.
+#[derive(Clone, Copy)]
+struct Piece {
+    node: u32,
+    near: f32,
+    outline: Outline,
+}
+
+impl Cut {
+    pub(super) fn new() -> Self {
+        let none = [0.0; CUT];
+        Self { x: [none; 2], y: [none; 2], z: [none; 2], near: none, node: [0; CUT], count: 0 }
+    }
+
+    /// Opens the tree's top: the largest inner node first, by half area.
+    #[inline(always)]
+    pub(super) fn fill(&mut self, nodes: &[Node], frame: &Frame, beam: &Beam, t_max: f32, work: &mut Work) {
+        let nothing = Outline { x: [0.0; 2], y: [0.0; 2], z: [0.0; 2] };
+        let mut pieces = [Piece { node: 0, near: 0.0, outline: nothing }; CUT];
+        // Half areas, 0 for leaves; apart from the rest because all of them are read again and again.
+        let mut sizes = [0.0; CUT];
+        let (mut count, mut n) = (0, 0);
+        loop {
+            let aabb = nodes[n].aabb();
+            let outline = frame.outline(&aabb, beam);
+            let near = frame.enters(&outline);
+            if beam.meets(&outline) && near <= t_max {
+                pieces[count] = Piece { node: n as u32, near, outline };
+                sizes[count] = if nodes[n].is_leaf() { 0.0 } else { aabb.half_area() };
+                count += 1;
+            }
+            if n & 1 == 0 && n != 0 {
+                n += 1;
+                continue;
+            }
+            let size = sizes[..count].iter().fold(0.0, |a, &b| f32::max(a, b));
+            if size == 0.0 || count == CUT {
+                break;
+            }
+            let largest = sizes[..count].iter().position(|&s| s == size).unwrap_or(0);
+            n = nodes[pieces[largest].node as usize].first();
+            work.nodes += 1;
+            count -= 1;
+            (pieces[largest], sizes[largest]) = (pieces[count], sizes[count]);
+        }
+        let mut order = [0; CUT];
+        for (i, (key, piece)) in order.iter_mut().zip(&pieces[..count]).enumerate() {
+            // Bits of numbers that are not negative are in the order of the numbers.
+            *key = u64::from(piece.near.to_bits()) << 32 | i as u64;
+        }
+        order[..count].sort_unstable();
+        for (i, &key) in order[..count].iter().enumerate() {
+            let Piece { node, near, outline } = pieces[key as u32 as usize];
+            for side in 0..2 {
+                self.x[side][i] = outline.x[side];
+                self.y[side][i] = outline.y[side];
+                self.z[side][i] = outline.z[side];
+            }
+            (self.near[i], self.node[i]) = (near, node);
+        }
+        self.count = count;
+    }
+
+    /// Bits of the subtrees that a beam meets.
+    #[inline(always)]
+    pub(super) fn met<S: Simd>(&self, simd: S, beam: &Beam) -> u64 {
+        let mut met = 0;
+        for at in (0..CUT).step_by(S::f32s::LEN) {
+            let x = [load::<S, S::f32s, CUT>(simd, &self.x[0], at), load(simd, &self.x[1], at)];
+            let y = [load(simd, &self.y[0], at), load(simd, &self.y[1], at)];
+            let z = [load(simd, &self.z[0], at), load(simd, &self.z[1], at)];
+            met |= beam.meets_lanes(simd, x, y, z) << at;
+        }
+        met & ((1 << self.count) - 1)
+    }
+}
