@@ -2,11 +2,13 @@
 //! precision, and shares no code with what it checks.
 #![forbid(unsafe_code)]
 
+mod bytes;
 mod motion;
 
 use bvh_core::glam::{DVec3, Vec3};
 use bvh_core::{Bvh, Node};
 
+pub use bytes::{load_bytes, play_bytes};
 pub use motion::{Motion, Soup, noise};
 
 /// The nearest triangle that a ray hits, by testing them all in double precision (Möller and Trumbore 1997):

@@ -138,7 +138,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
     let in_a_row = bvh.history().rebuilds_in_a_row;
-    if in_a_row >= IN_A_ROW && in_a_row % LOOK_AGAIN != 0 {
+    if in_a_row >= IN_A_ROW && !in_a_row.is_multiple_of(LOOK_AGAIN) {
         return rebuild_all(bvh, primitives, 0, scratch);
     }
     take_references(bvh);

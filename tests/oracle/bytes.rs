@@ -1,0 +1,121 @@
+//! Tests driven by bytes, for fuzzing and for its corpus: whatever the bytes, nothing panics and every promise holds.
+
+use std::path::Path;
+
+use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::glam::{Vec3, Vec3Swizzles};
+use bvh_core::{Ray, Triangles};
+use bvh_update::{Scratch, Strategy, update};
+use rt_cpu::TriangleTest;
+
+use crate::{noise, sah_cost};
+
+/// Plays a sequence of updates. The first bytes give the size, the leaves and the builder; then each update takes one
+/// byte for its strategy, one for how much moves, and some for what happens to it.
+///
+/// # Panics
+/// If anything does not hold: that is what it is for.
+pub fn play_bytes(bytes: &[u8]) {
+    let mut bytes = bytes.iter().copied();
+    let mut next = || bytes.next();
+    let (Some(n), Some(leaf), Some(builder)) = (next(), next(), next()) else { return };
+    let n = usize::from(n % 96);
+    let options = BuildOptions { max_leaf_size: u32::from(leaf % 5), ..BuildOptions::default() };
+    let builder = Builder::ALL[usize::from(builder) % Builder::ALL.len()];
+    let mut positions: Vec<Vec3> = (0..3 * n).map(|i| noise(1, i / 3) * 10.0 + noise(2, i)).collect();
+    let indices: Vec<[u32; 3]> = (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    let mut bvh = build(&Triangles { positions: &positions, indices: &indices }, builder, &options, None)
+        .expect("few enough");
+    let mut scratch = Scratch::new();
+    let mut moving = vec![true; n];
+    // What comes from the background comes when it likes, and could not be played again.
+    let strategies: Vec<_> =
+        Strategy::all().into_iter().filter(|s| !matches!(s, Strategy::Background(_))).collect();
+    while let (Some(strategy), Some(what)) = (next(), next()) {
+        if what & 0x80 != 0 {
+            let (period, phase) = (usize::from(what >> 4 & 7) + 1, usize::from(what & 15));
+            moving.iter_mut().enumerate().for_each(|(i, moves)| *moves = (i + phase) % period == 0);
+            bvh.set_moving(|p| moving[p]);
+        } else {
+            let amount = next().unwrap_or(0);
+            for (i, p) in positions.iter_mut().enumerate().filter(|(i, _)| moving[i / 3]) {
+                move_vertex(p, i, what, f32::from(amount));
+            }
+        }
+        let triangles = Triangles { positions: &positions, indices: &indices };
+        let strategy = &strategies[usize::from(strategy) % strategies.len()];
+        let told = update(&mut bvh, &triangles, strategy, &mut scratch).expect("same count");
+        if told.rebuilt {
+            moving.fill(true);
+        }
+        bvh.validate(&triangles).unwrap_or_else(|e| panic!("{}: {e}", strategy.name()));
+        let cost = told.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(&bvh));
+        assert!(cost.is_finite() && cost >= 0.0, "{}: cost {cost}", strategy.name());
+        let extent = bvh.root().aabb().extent().max_element();
+        let real = sah_cost(&bvh, &positions, &indices);
+        assert!(
+            !(extent > 1e-12) || (cost - real).abs() <= 1e-3 * real,
+            "{}: {cost} for {real}",
+            strategy.name()
+        );
+        let (from, to) = (noise(3, usize::from(what)) * 30.0 - 10.0, noise(4, usize::from(what)) * 10.0);
+        let ray = Ray::new(from, to - from);
+        for test in TriangleTest::ALL {
+            let found = rt_cpu::closest_hit(&bvh, &triangles, &ray, f32::INFINITY, test);
+            let brute = rt_cpu::closest_hit_brute(&triangles, &ray, f32::INFINITY, test);
+            assert_eq!(found, brute, "{}, {}", strategy.name(), test.name());
+        }
+    }
+}
+
+fn move_vertex(p: &mut Vec3, i: usize, what: u8, amount: f32) {
+    let selected = i / 3 % 7 == usize::from(what >> 4);
+    match what & 15 {
+        0 => *p += (noise(5, i / 3) - 0.5) * amount,
+        1 => *p = p.yzx(),
+        2 => *p *= 0.0,
+        3 => *p *= amount,
+        4 if selected => *p = Vec3::NAN,
+        5 if selected => p.x = f32::INFINITY,
+        6 if selected => p.y = -f32::MAX,
+        7 => *p += Vec3::splat((amount - 128.0).exp2()),
+        8 => p.z = amount,
+        9 => *p = noise(6, i / 3) * 10.0 + noise(7, i),
+        10 if selected => *p = Vec3::splat(-0.0),
+        11 => *p /= amount,
+        12 => *p = noise(8, i / 3 / 8) * amount + noise(7, i),
+        _ => {}
+    }
+}
+
+/// Loads bytes as a file of that name, and poses what comes of it.
+///
+/// # Panics
+/// If a loader does, or if it gives an animation that does not keep what animations promise.
+pub fn load_bytes(name: &str, bytes: &[u8]) {
+    let path = Path::new(name);
+    let loaded: Option<Box<dyn anim::Animation>> = match path.extension().and_then(|e| e.to_str()) {
+        Some("glb") => anim::parse_gltf(path, bytes, None).ok().map(|a| Box::new(a) as _),
+        Some("aff") => {
+            let thread = std::thread::current().id();
+            let place = std::env::temp_dir().join(format!("pivot-{}-{thread:?}.aff", std::process::id()));
+            std::fs::write(&place, bytes).expect("a temporary file");
+            let loaded = anim::load_aff(&place);
+            std::fs::remove_file(&place).expect("the temporary file");
+            loaded.ok().map(|a| Box::new(a) as _)
+        }
+        _ => anim::parse_mesh(path, bytes).ok().map(|a| Box::new(a) as _),
+    };
+    let Some(animation) = loaded else { return };
+    let topology = animation.topology();
+    let count = topology.vertex_count as u32;
+    assert!(topology.triangles.iter().flatten().all(|&v| v < count), "a vertex out of range");
+    assert_eq!(topology.moves.len(), topology.triangles.len());
+    let duration = animation.duration();
+    assert!(duration.is_finite() && duration >= 0.0, "duration {duration}");
+    let mut positions = animation.rest();
+    for time in [0.0, duration / 3.0, duration, duration * 2.0, -1.0, f64::NAN] {
+        animation.pose(time, &mut positions);
+        let _ = (animation.view(time), animation.light(time));
+    }
+}
