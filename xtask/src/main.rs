@@ -16,6 +16,7 @@ mod pool;
 mod progress;
 mod render;
 mod reproduce;
+mod soak;
 mod stage;
 
 use std::io;
@@ -44,6 +45,8 @@ enum Command {
     Export(export::Args),
     /// Measure this project beside other libraries: same work, same hits, one run
     Compare(compare::Args),
+    /// Play thousands of frames and check that time, cost, height and memory do not grow
+    Soak(soak::Args),
     /// List scenes with the effects each calls for, strategies, builders and SIMD levels
     List(list::Args),
     /// Format, lints, layering, tests and docs, as a change must pass them
@@ -74,6 +77,7 @@ fn main() -> ExitCode {
         Command::ContactSheet(args) => contact_sheet::run(args),
         Command::Export(args) => export::run(args),
         Command::Compare(args) => compare::run(args),
+        Command::Soak(args) => soak::run(args),
         Command::List(args) => list::run(args),
         Command::Ci => ci::run(),
     };

@@ -1,0 +1,182 @@
+//! `cargo xtask soak`: many loops of a scene under each strategy, with bounds on what must not grow.
+//!
+//! A short form of it is a test, `hard_cases::motion::ten_thousand_frames_in_a_loop`.
+
+use std::time::Instant;
+
+use anyhow::{Result, anyhow, ensure};
+use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::{MAX_HEIGHT, sah_cost};
+use bvh_update::{Scratch, Strategy, update};
+
+use crate::progress::Progress;
+use crate::stage::{self, Stage, ms};
+use crate::{CheckFailed, files, interrupt, pool};
+
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// A scene's name, or an animation file; repeatable [default: n-body]
+    #[arg(long = "scene", value_name = "NAME|FILE")]
+    scenes: Vec<String>,
+    /// A strategy's name; repeatable [default: refit+rotate, refit+rotate+regrow, auto]
+    #[arg(long = "strategy", value_name = "NAME")]
+    strategies: Vec<String>,
+    /// Frames to play
+    #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(400..))]
+    frames: u32,
+    /// Frames in a loop
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(2..))]
+    per_loop: u32,
+    /// Fraction of the triangles, where the scene can be made coarser
+    #[arg(long, value_name = "F")]
+    detail: Option<f32>,
+    /// Threads [default: 8, or the cores there are]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Option<u32>,
+}
+
+/// Frames at the start that the last ones are measured by.
+const FIRST: usize = 100;
+/// What must hold at the end, against the first [`FIRST`] frames.
+const SLOWER: f64 = 1.1;
+const COSTLIER: f64 = 1.1;
+const MORE_MEMORY: f64 = 1.05;
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let default = |given: &[String], default: &[&str]| -> Vec<String> {
+        if given.is_empty() { default.iter().map(|&s| s.to_owned()).collect() } else { given.to_vec() }
+    };
+    let names = default(&args.strategies, &["refit+rotate", "refit+rotate+regrow", "auto"]);
+    let strategies: Vec<Strategy> = names.iter().map(|name| strategy(name)).collect::<Result<_>>()?;
+    let pool = pool::pool(args.threads.map_or_else(pool::default_threads, |n| n as usize))?;
+    files::print(&format!(
+        "{:<28} {:<22} {:>7} {:>9} {:>9} {:>11} {:>11} {:>7} {:>9} {:>9}",
+        "scene",
+        "strategy",
+        "frames",
+        "first ms",
+        "last ms",
+        "cost first",
+        "cost last",
+        "height",
+        "MiB",
+        "MiB end"
+    ))?;
+    let mut broken = Vec::new();
+    for source in default(&args.scenes, &["n-body"]) {
+        let mut stage = Stage::new(stage::load_at(&source, None, 0, args.detail)?)?;
+        for strategy in &strategies {
+            if interrupt::requested() {
+                break;
+            }
+            broken.extend(pool.install(|| soak(&source, &mut stage, strategy, args))?);
+        }
+    }
+    ensure!(broken.is_empty(), CheckFailed(broken.join("; ")));
+    Ok(())
+}
+
+fn strategy(name: &str) -> Result<Strategy> {
+    Strategy::from_name(name).ok_or_else(|| {
+        let names: Vec<_> = Strategy::all().iter().map(Strategy::name).collect();
+        anyhow!("no strategy '{name}'; there are {}", names.join(", "))
+    })
+}
+
+/// Means over some frames.
+#[derive(Default)]
+struct Window {
+    times: Vec<f64>,
+    costs: Vec<f64>,
+}
+
+impl Window {
+    /// Median time, in ms.
+    fn time(&mut self) -> f64 {
+        self.times.sort_by(f64::total_cmp);
+        self.times.get(self.times.len() / 2).copied().unwrap_or(0.0)
+    }
+
+    /// Greatest cost over a fresh tree's.
+    fn cost(&self) -> f64 {
+        self.costs.iter().copied().fold(0.0, f64::max)
+    }
+}
+
+fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Result<Vec<String>> {
+    let (frames, per_loop) = (args.frames as usize, args.per_loop as usize);
+    let progress = Progress::new(format!("{label}, {}", strategy.name()), frames as u64);
+    let mut bvh = stage.first_tree.clone();
+    let mut scratch = Scratch::new();
+    let (mut first, mut last) = (Window::default(), Window::default());
+    let (mut height, mut memory, mut done) = (0, [0.0; 2], 0);
+    for frame in 1..=frames {
+        if interrupt::requested() {
+            break;
+        }
+        // The jump from the last frame of a loop to the first is part of the test.
+        stage.pose(stage.time_of(frame % per_loop, per_loop));
+        let start = Instant::now();
+        let told = update(&mut bvh, &stage.triangles(), strategy, &mut scratch)?;
+        let time = ms(start);
+        height = height.max(told.height);
+        let window = if frame <= FIRST { &mut first } else { &mut last };
+        if frame <= FIRST || frame + FIRST > frames {
+            window.times.push(time);
+            if frame % 10 == 0 {
+                let fresh =
+                    build(&stage.triangles(), Builder::BinnedParallel, &BuildOptions::default(), None)?;
+                window.costs.push(sah_cost(&bvh) / sah_cost(&fresh));
+            }
+        }
+        if frame % 1000 == 0 || frame == frames {
+            bvh.validate(&stage.triangles())
+                .map_err(|e| CheckFailed(format!("{label}, {}, frame {frame}: {e}", strategy.name())))?;
+        }
+        if frame == FIRST * 2 {
+            memory[0] = resident_mib();
+        }
+        progress.at(frame as u64);
+        done = frame;
+    }
+    memory[1] = resident_mib();
+    drop(progress);
+    let (times, costs) = ([first.time(), last.time()], [first.cost(), last.cost()]);
+    files::print(&format!(
+        "{label:<28} {:<22} {done:>7} {:>9.3} {:>9.3} {:>11.3} {:>11.3} {height:>7} {:>9.1} {:>9.1}",
+        strategy.name(),
+        times[0],
+        times[1],
+        costs[0],
+        costs[1],
+        memory[0],
+        memory[1],
+    ))?;
+    if done < frames {
+        return Ok(Vec::new());
+    }
+    let who = format!("{label}, {}", strategy.name());
+    let grown = |what: &str, from: f64, to: f64, most: f64| {
+        (to > from * most).then(|| format!("{who}: {what} from {from:.3} to {to:.3}, more than {most} times"))
+    };
+    let mut broken: Vec<String> = [
+        grown("time a frame", times[0], times[1], SLOWER),
+        grown("cost over a fresh tree", costs[0], costs[1], COSTLIER),
+        grown("memory", memory[0], memory[1], MORE_MEMORY),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    if height > MAX_HEIGHT {
+        broken.push(format!("{who}: height {height}, more than {MAX_HEIGHT}"));
+    }
+    Ok(broken)
+}
+
+/// Memory of this process that is in use, or 0 where the system does not tell.
+fn resident_mib() -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    let kib = line.and_then(|line| line.split_whitespace().next()?.parse::<f64>().ok());
+    kib.unwrap_or(0.0) / 1024.0
+}
