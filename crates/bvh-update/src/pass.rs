@@ -156,3 +156,50 @@ fn subtrees<'a, P: Primitives + ?Sized, C: Iterator<Item = Roots<'a>>>(
         worker.done.iter().for_each(|&(i, tally)| tallies[i] = tally);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use bvh_core::{Aabb, Vec3};
+
+    use super::*;
+
+    /// What `raw::share` promises: no two tasks touch a node, and none touches what the top block reads or writes
+    /// while they run. Tasks touch the slots of their roots and everything below.
+    #[test]
+    fn tasks_touch_disjoint_nodes() {
+        for n in [100, 5000, 40_000] {
+            let boxes: Vec<Aabb> = (0..n)
+                .map(|i| Vec3::new((i % 61) as f32, (i % 53) as f32, (i % 47) as f32))
+                .map(|p| Aabb::new(p, p + 0.5))
+                .collect();
+            let options = bvh_build::BuildOptions::default();
+            let mut bvh =
+                bvh_build::build(&boxes, bvh_build::Builder::Lbvh, &options, None).expect("few enough");
+            bvh.set_moving(|p| p % 5 != 0);
+            // Rotations scatter nodes over the arena.
+            for _ in 0..3 {
+                pass(&mut bvh, &boxes, Some(Rotate::default()), &mut Scratch::new());
+            }
+            let tree = bvh.clone();
+            let nodes = raw::share(raw::parts(&mut bvh).nodes);
+            let level = Available::at_most(SimdLevel::best());
+            let task = Task { nodes, primitives: &boxes, rotations: None, level };
+            let (mut top, mut lists) = (Block::new(), Lists::new());
+            top.gather(&task, Roots { slots: &[0], depth: 0 }, &mut lists);
+
+            let mut owner = vec![None; tree.nodes().len()];
+            let roots = top.frontier().into_iter().flat_map(|roots| roots.slots.to_vec());
+            for root in roots {
+                let mut below = vec![root as usize];
+                while let Some(slot) = below.pop() {
+                    assert_eq!(owner[slot].replace(root), None, "slot {slot} of {n}");
+                    let node = &tree.nodes()[slot];
+                    if !node.is_leaf() {
+                        below.extend([node.first(), node.first() + 1]);
+                    }
+                }
+            }
+            assert!(n < 5000 || owner.iter().flatten().count() > n / 2, "most nodes belong to tasks");
+        }
+    }
+}

@@ -5,6 +5,7 @@
 
 mod build;
 mod frame;
+mod hard;
 mod lane;
 mod ratios;
 mod row;
@@ -35,7 +36,9 @@ enum What {
     Build,
     /// Updating and tracing: this project beside every dynamic configuration of Embree
     Frame,
-    /// All of these
+    /// Not times but hard cases: triangles that are not finite, all alike, or exponentially spaced
+    Hard,
+    /// All of these but the hard cases
     All,
 }
 
@@ -66,6 +69,11 @@ pub(crate) struct Args {
     /// Frames to measure, spread over a loop that is played in full [default: 20 updates, 5 of the rest]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: Option<u32>,
+    /// Of the hard cases only this one, for one contestant, in this process
+    #[arg(long, hide = true, requires = "contestant")]
+    case: Option<String>,
+    #[arg(long, hide = true, requires = "case")]
+    contestant: Option<String>,
     /// Pixels on each side of the image that is traced
     #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=8192))]
     size: u32,
@@ -83,6 +91,12 @@ struct Setting {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
+    if args.what == What::Hard {
+        return match (&args.case, &args.contestant) {
+            (Some(case), Some(contestant)) => hard::run_one(case, contestant, args.embree.as_deref()),
+            _ => hard::run(args.embree.as_deref()),
+        };
+    }
     let embree = find_embree(args)?;
     let version = embree.as_ref().map(|e| Ok::<_, NotFound>(e.device(1)?.version())).transpose()?;
     let mut report = Report::new(Machine::read(), Revision::read(), version);
