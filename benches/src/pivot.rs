@@ -2,7 +2,7 @@
 
 use bvh_build::{BuildOptions, Builder};
 use bvh_core::{Bvh, SimdLevel, Triangles, Vec3, sah_cost};
-use bvh_update::{Scratch, Strategy, update};
+use bvh_update::{Rotate, Scratch, Strategy, update};
 use rt_cpu::{Pixel, PointLight, RenderOptions, Traversal, TriangleTest, any_hit, cast, closest_hit};
 
 use crate::field::{Contest, Entry};
@@ -110,11 +110,12 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
     let best = SimdLevel::best();
     match contest {
         Contest::Update => {
-            // A sweep every frame is what all are measured by.
-            for strategy in Strategy::all() {
-                if !matches!(strategy, Strategy::Rebuild(Builder::Sweep, _)) {
-                    add(strategy.name(), strategy, Traversal::Tile, best);
-                }
+            for strategy in strategies() {
+                add(strategy.name(), strategy, Traversal::Tile, best);
+            }
+            for period in [2, 4, 8] {
+                let name = format!("{} every {period}", Strategy::RefitRotate(Rotate::default()).name());
+                add(&name, Strategy::RefitRotate(Rotate { period }), Traversal::Tile, best);
             }
         }
         Contest::Build => {
@@ -133,11 +134,20 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
             add("single", tree(leaves(1)), Traversal::Single, best);
         }
         Contest::Frame => {
-            for strategy in Strategy::all() {
-                if !matches!(strategy, Strategy::Rebuild(Builder::Sweep | Builder::Binned, _)) {
-                    add(strategy.name(), strategy, Traversal::Tile, best);
-                }
+            for strategy in strategies() {
+                add(strategy.name(), strategy, Traversal::Tile, best);
             }
         }
     }
+}
+
+/// Those that updates are compared by: a sweep every frame is what all are measured by, trees from the background
+/// come when they like, and rebuilding on degradation is one or the other of two that are there.
+fn strategies() -> impl Iterator<Item = Strategy> {
+    Strategy::all().into_iter().filter(|strategy| {
+        !matches!(
+            strategy,
+            Strategy::Rebuild(Builder::Sweep, _) | Strategy::Background(_) | Strategy::Degraded(_)
+        )
+    })
 }

@@ -19,12 +19,15 @@ const fn ratio(title: &'static str, over: [&'static str; 2], under: [&'static st
 const REFIT: [&str; 2] = ["update", "pivot refit"];
 const ROTATE: [&str; 2] = ["update", "pivot refit+rotate"];
 
-const RATIOS: [Ratio; 10] = [
+const RATIOS: [Ratio; 13] = [
     ratio("refit / memory limit", REFIT, ["limit", "memory limit"], 2.2),
     ratio("refit / Embree refit", REFIT, ["update", "embree refit"], 1.0),
     ratio("refit+rotate / refit", ROTATE, REFIT, 1.8),
     ratio("refit+rotate / Embree low", ROTATE, ["update", "embree low"], 0.3),
     ratio("refit+rotate / obvhs refit", ROTATE, ["update", "obvhs refit"], 1.0),
+    ratio("refit+rotate+regrow / refit+rotate", ["update", "pivot refit+rotate+regrow"], ROTATE, 2.0),
+    ratio("lbvh / Embree low", ["update", "pivot lbvh"], ["update", "embree low"], 1.0),
+    ratio("ploc / Embree low", ["update", "pivot ploc"], ["update", "embree low"], 1.0),
     ratio("binned-parallel / obvhs fast", ["build", "pivot binned-parallel"], ["build", "obvhs fast"], 1.0),
     ratio("trace, avx512 / Embree 16", ["trace", "pivot avx512"], ["trace", "embree packets of 16"], 1.0),
     ratio("trace, avx2 / Embree 16", ["trace", "pivot avx2"], ["trace", "embree packets of 16"], 1.2),
@@ -49,8 +52,8 @@ fn find<'a>(rows: &'a [Row], key: [&str; 2], scene: &str, threads: usize) -> Opt
     rows.iter().find(|r| [r.what, &r.contestant] == key && r.scene == scene && r.threads == threads)
 }
 
-/// Whole frames with rotations over the best that Embree can do, whatever its quality and ray width.
-const FRAME: ([&str; 2], f64) = (["frame", "pivot refit+rotate"], 1.0);
+/// Whole frames over the best that Embree can do, whatever its quality and ray width.
+const FRAMES: [(&str, f64); 2] = [("pivot refit+rotate", 1.0), ("pivot auto", 1.0)];
 
 fn best_embree<'a>(rows: &'a [Row], scene: &str, threads: usize) -> Option<&'a Row> {
     let is_embree = |r: &&Row| r.what == "frame" && r.contestant.starts_with("embree ");
@@ -90,12 +93,15 @@ pub(super) fn table(rows: &[Row]) -> String {
                 format!("<= {reach}"),
             );
         }
-        let value = |scene: &&str| {
-            let (ours, best) = (find(rows, FRAME.0, scene, n)?, best_embree(rows, scene, n)?);
-            (best.median_ms > 0.0).then(|| ours.median_ms / best.median_ms)
-        };
-        let title = format!("frame, refit+rotate / Embree's best, {}", threads_of(n));
-        line(title, scenes.iter().map(value).collect(), format!("<= {}", FRAME.1));
+        for (contestant, reach) in FRAMES {
+            let value = |scene: &&str| {
+                let ours = find(rows, ["frame", contestant], scene, n)?;
+                let best = best_embree(rows, scene, n)?;
+                (best.median_ms > 0.0).then(|| ours.median_ms / best.median_ms)
+            };
+            let title = format!("frame, {contestant} / Embree's best, {}", threads_of(n));
+            line(title, scenes.iter().map(value).collect(), format!("<= {reach}"));
+        }
     }
     for &n in threads.iter().filter(|&&n| n > 1) {
         for (key, reach) in SCALES {
