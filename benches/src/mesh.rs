@@ -1,6 +1,6 @@
 //! A contestant's own copy of the triangles.
 
-use bvh_core::{Aabb, Primitives, Triangles, Vec3};
+use bvh_core::{Aabb, Triangles, Vec3};
 use rayon::prelude::*;
 use rt_cpu::Hit;
 
@@ -26,15 +26,20 @@ impl Mesh {
 
     /// Fills `boxes` with what `make` makes of each triangle's box and number.
     pub(crate) fn boxes_into<T: Send>(&self, boxes: &mut Vec<T>, make: impl Fn(Aabb, u32) -> T + Sync) {
-        let triangles = self.triangles();
         let count = self.indices.len();
         if rayon::current_num_threads() == 1 {
             boxes.clear();
-            boxes.extend((0..count).map(|i| make(triangles.aabb(i), i as u32)));
+            boxes.extend((0..count).map(|i| make(self.aabb(i), i as u32)));
         } else {
             let all = (0..count).into_par_iter().with_min_len(4096);
-            all.map(|i| make(triangles.aabb(i), i as u32)).collect_into_vec(boxes);
+            all.map(|i| make(self.aabb(i), i as u32)).collect_into_vec(boxes);
         }
+    }
+
+    /// Box of a triangle as users of these libraries would make it: without a look at what is not finite.
+    pub(crate) fn aabb(&self, i: usize) -> Aabb {
+        let [a, b, c] = self.indices[i].map(|v| self.positions[v as usize]);
+        Aabb::new(a.min(b).min(c), a.max(b).max(c))
     }
 }
 

@@ -12,7 +12,7 @@ use ::obvhs::ploc::PlocBuilder;
 use ::obvhs::ray::{Ray, RayHit};
 use ::obvhs::triangle::Triangle;
 use bvh_core::glam::Vec3A;
-use bvh_core::{Primitives, Triangles, Vec3};
+use bvh_core::{Triangles, Vec3};
 use rayon::prelude::*;
 use rt_cpu::Hit;
 
@@ -106,13 +106,13 @@ impl Obvhs {
 
     /// Boxes of the leaves are the user's to write; the rest is the library's.
     fn refit(&mut self) {
-        let triangles = self.mesh.triangles();
+        let mesh = &self.mesh;
         let numbers = &self.tree.primitive_indices;
         let fit = |node: &mut ::obvhs::bvh2::node::Bvh2Node| {
             if node.is_leaf() {
                 let first = node.first_index as usize;
                 let leaf = &numbers[first..first + node.prim_count as usize];
-                let all = leaf.iter().map(|&p| triangles.aabb(p as usize));
+                let all = leaf.iter().map(|&p| mesh.aabb(p as usize));
                 let aabb = all.fold(bvh_core::Aabb::EMPTY, bvh_core::Aabb::union);
                 node.set_aabb(Aabb::new(aabb.min.into(), aabb.max.into()));
             }

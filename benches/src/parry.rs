@@ -63,9 +63,8 @@ impl Parry {
     fn refit(&mut self) {
         let is_serial = rayon::current_num_threads() == 1;
         if is_serial {
-            let triangles = self.mesh.triangles();
-            for i in 0..triangles.indices.len() {
-                let aabb = boxed(bvh_core::Primitives::aabb(&triangles, i));
+            for i in 0..self.mesh.indices.len() {
+                let aabb = boxed(self.mesh.aabb(i));
                 self.tree.insert_or_update_partially(aabb, i as u32, 0.0);
             }
         } else {

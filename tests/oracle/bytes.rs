@@ -54,7 +54,7 @@ pub fn play_bytes(bytes: &[u8]) {
         let extent = bvh.root().aabb().extent().max_element();
         let real = sah_cost(&bvh, &positions, &indices);
         assert!(
-            !(extent > 1e-12) || (cost - real).abs() <= 1e-3 * real,
+            extent <= 1e-12 || (cost - real).abs() <= 1e-3 * real,
             "{}: {cost} for {real}",
             strategy.name()
         );
