@@ -56,7 +56,7 @@ fn leaks(offset: f32, strategy: Strategy, test: TriangleTest, rays: usize) -> us
         let random = noise(3, *i);
         let triangle = triangles[(random.x * triangles.len() as f32) as usize % triangles.len()];
         let [a, b] = [triangle[i % 3], triangle[(i + 1) % 3]].map(|v| positions[v as usize]);
-        let target = if i % 4 == 0 { a } else { a + (b - a) * random.y };
+        let target = if i.is_multiple_of(4) { a } else { a + (b - a) * random.y };
         let from = offset + (noise(4, *i) - 0.5) * 4.0;
         closest_hit(&bvh, &mesh, &Ray::new(from, target - from), f32::INFINITY, test).is_none()
     };

@@ -117,6 +117,14 @@ pub(crate) struct Lists {
 /// Blocks nested in each other: 64 roots and 1024 listed nodes make three levels at least.
 pub(crate) const NESTED: usize = bvh_core::MAX_HEIGHT as usize / 3 + 2;
 
+/// What one worker keeps, in bytes: its nested blocks and their lists. The mesh has no part in it.
+const WORKER_MEMORY: usize = NESTED
+    * (3 * size_of::<[u32; LISTED]>() + size_of::<Block>() + 100 * size_of::<Level>())
+    + size_of::<Lists>()
+    + LISTED * (size_of::<Accepted>() + 2 * size_of::<u32>());
+
+const _: () = assert!(WORKER_MEMORY < 1 << 20, "well below 1 MiB");
+
 /// Updates the subtrees below `roots`, with a block each level of nesting.
 pub(crate) fn process<P: Primitives + ?Sized>(
     task: &Task<'_, P>,

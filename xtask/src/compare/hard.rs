@@ -41,7 +41,7 @@ const CASES: [Case; 7] = [
         vec![with(soup(1.0), f32::INFINITY); 2]
     }),
     ("identical", "all triangles the same", || {
-        vec![vec![Vec3::ZERO, Vec3::X * 9.0, Vec3::Y * 9.0].repeat(TRIANGLES); 2]
+        vec![[Vec3::ZERO, Vec3::X * 9.0, Vec3::Y * 9.0].repeat(TRIANGLES); 2]
     }),
     (
         "exponential",
