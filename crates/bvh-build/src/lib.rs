@@ -32,9 +32,11 @@ mod item;
 mod layout;
 mod leaves;
 mod morton;
+mod motion;
 mod nearest;
 mod ploc;
 mod plot;
+mod poses;
 mod radix;
 mod raw;
 mod reinsert;
@@ -43,6 +45,8 @@ mod sweep;
 use bvh_core::{Bvh, MAX_PRIMITIVES, Node, Primitives};
 
 pub use crate::climb::{Anneal, HillClimb, anneal, hill_climb};
+pub use crate::motion::{Decomposition, build_by_motion};
+pub use crate::poses::{Pose, build_over_poses, cost_over_poses, optimize_over_poses};
 pub use crate::reinsert::{Reinsert, ReinsertScratch, reinsert};
 
 use crate::binned::{Bins, Single};
@@ -194,12 +198,27 @@ pub struct Optimized {
 pub enum BuildError {
     /// More primitives than a tree can number.
     TooManyPrimitives(usize),
+    /// A tree over poses, but no pose.
+    NoPoses,
+    /// A pose of another number of primitives than the tree or the first pose has.
+    PoseLength {
+        /// The pose, from 0.
+        pose: usize,
+        /// Its number of primitives.
+        found: usize,
+        /// The number in the tree or the first pose.
+        expected: usize,
+    },
 }
 
 impl std::fmt::Display for BuildError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::TooManyPrimitives(n) => write!(f, "{n} primitives given; at most {MAX_PRIMITIVES} fit"),
+            Self::NoPoses => write!(f, "no poses given; at least one is needed"),
+            Self::PoseLength { pose, found, expected } => {
+                write!(f, "pose {pose} has {found} primitives; it should have {expected}")
+            }
         }
     }
 }
