@@ -40,8 +40,8 @@ pub struct Anneal {
     /// Passes over the tree while it cools, besides those of climbing before and after. 400 by default.
     pub passes: u32,
     /// Temperature at the start, in half areas of an average inner node: a rotation that costs as much is taken once where
-    /// leaving things as they are is taken e times. It falls geometrically to 1e-5 of that, as areas spread over as many
-    /// scales. 1 by default: hotter, 400 passes do not find back. With 0 or NaN it is all climbing.
+    /// leaving things as they are is taken e times. 0.1 by default; it falls geometrically to 1e-5 of that, as areas spread
+    /// over as many scales. Hotter pays with more passes and on uneven scenes. With 0 or NaN it is all climbing.
     pub temperature: f64,
     /// Seed of the random numbers: equal seeds give equal trees.
     pub seed: u64,
@@ -51,7 +51,7 @@ pub struct Anneal {
 
 impl Default for Anneal {
     fn default() -> Self {
-        Self { passes: 400, temperature: 1.0, seed: 0, climb: HillClimb::default() }
+        Self { passes: 400, temperature: 0.1, seed: 0, climb: HillClimb::default() }
     }
 }
 

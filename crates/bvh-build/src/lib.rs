@@ -6,6 +6,11 @@
 //! same tree on all threads. For a tree a frame there are those that sort the primitives along the Morton curve:
 //! [`Builder::Lbvh`], [`Builder::Hlbvh`] and [`Builder::Ploc`], from the fastest build to the best tree.
 //!
+//! A tree that is made once and used long deserves more: [`Builder::HillClimbed`], [`Builder::Annealed`] and
+//! [`Builder::Reinserted`] improve that of a sweep, and [`hill_climb`], [`anneal`] and [`reinsert`](fn@reinsert) any tree,
+//! the last within a budget that suits a repair between two frames, too. For an animation that is known in advance
+//! [`build_over_poses`] and [`build_by_motion`] make one tree that is good in all poses.
+//!
 //! Each builder is deterministic: its tree depends on the boxes and the options alone, bit for bit, not on
 //! the number of threads nor on the machine. Primitives with an empty box (see [`bvh_core`]) are kept
 //! together in a subtree of their own beside all others.
@@ -83,7 +88,7 @@ pub enum Builder {
     HillClimbed,
     /// [`Sweep`](Self::Sweep), then rotations by simulated annealing: see [`anneal`]. For trees that are made once.
     Annealed,
-    /// [`Sweep`](Self::Sweep), then subtrees put where they cost least: see [`reinsert`], on all threads of the current
+    /// [`Sweep`](Self::Sweep), then subtrees put where they cost least: see [`reinsert`](fn@reinsert), on all threads of the current
     /// rayon pool. For trees that are made once; better than annealing, in a fraction of the time.
     Reinserted,
 }
@@ -186,7 +191,7 @@ pub struct Optimized {
     pub passes: u32,
     /// Rotations, or subtrees moved.
     pub changes: u64,
-    /// SAH cost before ([`sah_cost`](bvh_core::sah_cost)).
+    /// SAH cost before ([`sah_cost`](bvh_core::sah_cost)), or its mean over poses.
     pub before: f64,
     /// SAH cost after.
     pub after: f64,

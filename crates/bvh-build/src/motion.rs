@@ -8,7 +8,8 @@
 //!                else split S by the sign of the residuals along their widest direction;
 //!                     a few times: fit both parts, let each primitive go where its residual is less   (Lloyd)
 //!                     decompose(left), decompose(right)
-//! tree:          a sweep over each cluster, its boxes grown by the residuals; above them one tree, T-SAH over all poses
+//! parts:         clusters come apart where they are in several places, and neighbours that are alike are joined
+//! tree:          a sweep over each part, its boxes grown by the residuals; above them one tree, T-SAH over all poses
 //! ```
 //!
 //! Departures: clusters are split in two again and again, where the paper adds seeds until residuals are small; motions are
@@ -44,7 +45,7 @@ impl Default for Decomposition {
 /// Builds one tree for all poses, to be refitted from frame to frame: subtrees over what moves alike, and a tree above
 /// them of little cost over all poses. One primitive a leaf; boxes fit the first pose.
 ///
-/// For pieces that fly apart; [`optimize_over_poses`] improves it further. Runs on all threads of the current rayon pool;
+/// For pieces that fly apart, as a start: [`optimize_over_poses`] improves it further, and gets as far from other starts. Runs on all threads of the current rayon pool;
 /// the tree is the same for any number of them. O(k n log n) for k poses in practice.
 ///
 /// # Errors
@@ -56,74 +57,106 @@ pub fn build_by_motion<P: Primitives + ?Sized>(
     let first = poses.first().ok_or(BuildError::NoPoses)?.primitives;
     check(first.len(), poses)?;
     let fallback = || build(first, Builder::Sweep, &BuildOptions::default(), None);
+    let has_box = |p: &u32| !first.aabb(*p as usize).sanitized().is_empty();
+    let (moving, dropped): (Vec<u32>, Vec<u32>) = (0..first.len() as u32).partition(has_box);
     let paths = Paths::new(poses);
-    let (moving, dropped) =
-        (0..first.len() as u32).partition(|&p| !first.aabb(p as usize).sanitized().is_empty());
-    let mut clusters = Vec::new();
-    paths.decompose(moving, options, 0, &mut clusters);
-    if !dropped.is_empty() {
-        let reach = vec![0.0; dropped.len()];
-        clusters.push(Cluster { members: dropped, reach });
-    }
-    if clusters.len() < 2 {
+    let mut found = Vec::new();
+    paths.decompose(moving, options, 0, &mut found);
+    if found.len() < 2 {
         return fallback();
     }
-    let subtrees = clusters.par_iter().map(|cluster| cluster.tree(first)).collect::<Result<Vec<_>, _>>()?;
-    let hulls: Vec<Vec<Aabb>> = poses.iter().map(|pose| hulls(&clusters, pose.primitives)).collect();
-    let tops: Vec<_> = poses
-        .iter()
-        .zip(&hulls)
-        .map(|(pose, hulls)| Pose { primitives: hulls, weight: pose.weight })
-        .collect();
-    let mut top = best_start(&tops, Builder::Sweep)?;
-    optimize_over_poses(&mut top, &tops, &options.top, &mut ReinsertScratch::new())?;
-    let (mut nodes, order) = graft(&top, &subtrees, &clusters);
+    let apart = found.par_iter().map(|set| part(set, first)).collect::<Result<Vec<_>, _>>()?;
+    let mut parts: Vec<_> = apart.into_iter().flatten().collect();
+    let split = top(&parts, poses, &options.top)?;
+    let mut whole = Vec::new();
+    let last = paths.merge(&split, 0, &mut parts, options, &mut whole);
+    whole.extend(last);
+    parts = whole;
+    if !dropped.is_empty() {
+        parts.push(dropped);
+    }
+    if parts.len() < 2 {
+        return fallback();
+    }
+    let top = top(&parts, poses, &options.top)?;
+    let subtrees = parts.par_iter().map(|set| paths.tree(set, first)).collect::<Result<Vec<_>, _>>()?;
+    let (mut nodes, order) = graft(&top, &subtrees, &parts);
     refit(&mut nodes, &order, first);
     // Only a tree that would be too high is refused.
     Bvh::new(&nodes, order).or_else(|_| fallback())
 }
 
-/// Primitives that move alike, and how far each is from where their common maps put it, at most.
-struct Cluster {
-    members: Vec<u32>,
-    reach: Vec<f64>,
-}
-
-impl Cluster {
-    fn tree<P: Primitives + ?Sized>(&self, first: &P) -> Result<Bvh, BuildError> {
-        let grown = |(&p, &reach): (&u32, &f64)| {
-            let aabb = first.aabb(p as usize).sanitized();
-            Aabb::new(aabb.min - reach as f32, aabb.max + reach as f32).sanitized()
-        };
-        let boxes: Vec<_> = self.members.iter().zip(&self.reach).map(grown).collect();
-        build(&boxes, Builder::Sweep, &BuildOptions::default(), None)
+/// Parts a cluster where it is in several places: where two subtrees of the tree over it together have less area than
+/// their parent.
+fn part<P: Primitives + ?Sized>(set: &[u32], first: &P) -> Result<Vec<Vec<u32>>, BuildError> {
+    let boxes: Vec<_> = set.iter().map(|&p| first.aabb(p as usize)).collect();
+    let bvh = build(&boxes, Builder::Sweep, &BuildOptions::default(), None)?;
+    let (mut parts, mut todo) = (Vec::new(), vec![0]);
+    while let Some(n) = todo.pop() {
+        let node = &bvh.nodes()[n];
+        if is_compact(&bvh, node) {
+            let mut below = Vec::new();
+            let mut stack = vec![*node];
+            while let Some(node) = stack.pop() {
+                below.extend(bvh.primitives(&node).iter().map(|&i| set[i as usize]));
+                stack.extend(bvh.children(&node).into_iter().flatten());
+            }
+            parts.push(below);
+        } else {
+            todo.extend([node.first() + 1, node.first()]);
+        }
     }
+    Ok(parts)
 }
 
-/// The box around each cluster.
-fn hulls<P: Primitives + ?Sized>(clusters: &[Cluster], primitives: &P) -> Vec<Aabb> {
-    let aabb = |&p: &u32| primitives.aabb(p as usize).sanitized();
-    clusters.iter().map(|c| c.members.iter().map(aabb).fold(Aabb::EMPTY, Aabb::union)).collect()
+/// Whether a node has no more area than its children together.
+fn is_compact(bvh: &Bvh, node: &Node) -> bool {
+    bvh.children(node).is_none_or(|children| {
+        let below: f64 = children.iter().map(|child| child.aabb().half_area_f64()).sum();
+        node.aabb().half_area_f64() <= below
+    })
+}
+
+/// The tree over clusters of least cost over all poses.
+fn top<P: Primitives + ?Sized>(
+    parts: &[Vec<u32>],
+    poses: &[Pose<'_, P>],
+    options: &Reinsert,
+) -> Result<Bvh, BuildError> {
+    let hull = |set: &Vec<u32>, primitives: &P| {
+        let boxes = set.iter().map(|&p| primitives.aabb(p as usize).sanitized());
+        boxes.fold(Aabb::EMPTY, Aabb::union)
+    };
+    let hulls: Vec<Vec<Aabb>> =
+        poses.iter().map(|pose| parts.iter().map(|set| hull(set, pose.primitives)).collect()).collect();
+    let poses: Vec<_> = poses
+        .iter()
+        .zip(&hulls)
+        .map(|(pose, hulls)| Pose { primitives: hulls, weight: pose.weight })
+        .collect();
+    let mut top = best_start(&poses, Builder::Sweep)?;
+    optimize_over_poses(&mut top, &poses, options, &mut ReinsertScratch::new())?;
+    Ok(top)
 }
 
 /// The tree that has, in the place of each leaf of `top`, the tree over that cluster, as nodes and an order.
-fn graft(top: &Bvh, subtrees: &[Bvh], clusters: &[Cluster]) -> (Vec<Node>, Vec<u32>) {
+fn graft(top: &Bvh, subtrees: &[Bvh], parts: &[Vec<u32>]) -> (Vec<Node>, Vec<u32>) {
     let (mut nodes, mut order) = (vec![Node::NOTHING; 2], Vec::new());
     let mut todo = vec![(top, None, 0, 0)];
-    while let Some((tree, cluster, from, to)) = todo.pop() {
+    while let Some((tree, part, from, to)) = todo.pop() {
         let node = tree.nodes()[from];
-        match (tree.primitives(&node), cluster) {
+        match (tree.primitives(&node), part) {
             (&[leaf], None) => todo.push((&subtrees[leaf as usize], Some(leaf as usize), 0, to)),
-            (&[leaf], Some(cluster)) => {
+            (&[leaf], Some(part)) => {
                 nodes[to] = Node::leaf(node.aabb(), order.len() as u32, 1);
-                order.push(clusters[cluster].members[leaf as usize]);
+                order.push(parts[part][leaf as usize]);
             }
             _ => {
                 let pair = nodes.len();
                 nodes.extend([Node::NOTHING; 2]);
                 nodes[to] = Node::inner(node.aabb(), pair as u32);
-                todo.push((tree, cluster, node.first() + 1, pair + 1));
-                todo.push((tree, cluster, node.first(), pair));
+                todo.push((tree, part, node.first() + 1, pair + 1));
+                todo.push((tree, part, node.first(), pair));
             }
         }
     }
@@ -202,27 +235,24 @@ impl Paths {
         motions.iter().enumerate().map(|(k, motion)| self.residual(p, k, motion).length_squared()).sum()
     }
 
+    /// Whether a set moves alike enough to be one cluster.
+    fn are_alike(&self, set: &[u32], motions: &[Motion], options: &Decomposition) -> bool {
+        let sum: f64 = set.iter().map(|&p| self.squared(p, motions)).sum();
+        let size: f64 = set.iter().map(|&p| self.sizes[p as usize]).sum();
+        sum <= options.tolerance.powi(2) * size * self.poses as f64
+    }
+
     /// Splits a set into clusters.
-    fn decompose(&self, set: Vec<u32>, options: &Decomposition, depth: u32, clusters: &mut Vec<Cluster>) {
+    fn decompose(&self, set: Vec<u32>, options: &Decomposition, depth: u32, clusters: &mut Vec<Vec<u32>>) {
         if set.is_empty() {
             return;
         }
         let motions = self.fit(&set);
-        let sum: f64 = set.iter().map(|&p| self.squared(p, &motions)).sum();
-        let size: f64 = set.iter().map(|&p| self.sizes[p as usize]).sum();
-        let is_alike = sum <= options.tolerance.powi(2) * size * self.poses as f64;
-        let parts = if is_alike || depth == DEEPEST || set.len() <= options.smallest.max(1) as usize {
-            None
-        } else {
-            self.split(&set, &motions)
-        };
-        let Some([l, r]) = parts else {
-            let reach = |&p: &u32| {
-                let residuals = motions.iter().enumerate().map(|(k, m)| self.residual(p, k, m).length());
-                residuals.fold(0.0, f64::max)
-            };
-            let reach = set.iter().map(reach).collect();
-            clusters.push(Cluster { members: set, reach });
+        let is_whole = depth == DEEPEST
+            || set.len() <= options.smallest.max(1) as usize
+            || self.are_alike(&set, &motions, options);
+        let Some([l, r]) = (if is_whole { None } else { self.split(&set, &motions) }) else {
+            clusters.push(set);
             return;
         };
         if set.len() > GRAIN {
@@ -236,6 +266,48 @@ impl Paths {
             self.decompose(l, options, depth + 1, clusters);
             self.decompose(r, options, depth + 1, clusters);
         }
+    }
+
+    /// Joins clusters that are neighbours in a tree over them, in one place and alike: splitting cuts some pieces. Gives the
+    /// one that is all below node `n`, if it is one; others go to `whole`.
+    fn merge(
+        &self,
+        top: &Bvh,
+        n: usize,
+        parts: &mut [Vec<u32>],
+        options: &Decomposition,
+        whole: &mut Vec<Vec<u32>>,
+    ) -> Option<Vec<u32>> {
+        let node = &top.nodes()[n];
+        if let &[part] = top.primitives(node) {
+            return Some(std::mem::take(&mut parts[part as usize]));
+        }
+        let l = self.merge(top, node.first(), parts, options, whole);
+        let r = self.merge(top, node.first() + 1, parts, options, whole);
+        if let (Some(l), Some(r)) = (&l, &r)
+            && is_compact(top, node)
+        {
+            let both = [l.as_slice(), r].concat();
+            if self.are_alike(&both, &self.fit(&both), options) {
+                return Some(both);
+            }
+        }
+        whole.extend(l.into_iter().chain(r));
+        None
+    }
+
+    /// The tree over a cluster, over boxes that have room for all residuals.
+    fn tree<P: Primitives + ?Sized>(&self, set: &[u32], first: &P) -> Result<Bvh, BuildError> {
+        let motions = self.fit(set);
+        let grown = |&p: &u32| {
+            let residuals =
+                motions.iter().enumerate().map(|(k, motion)| self.residual(p, k, motion).length());
+            let reach = residuals.fold(0.0, f64::max) as f32;
+            let aabb = first.aabb(p as usize).sanitized();
+            Aabb::new(aabb.min - reach, aabb.max + reach).sanitized()
+        };
+        let boxes: Vec<_> = set.iter().map(grown).collect();
+        build(&boxes, Builder::Sweep, &BuildOptions::default(), None)
     }
 
     /// Parts a set in two that each move more alike; `None` if residuals do not tell its primitives apart.
@@ -374,8 +446,8 @@ mod tests {
         Paths::new(&poses(&all)).decompose(set, &Decomposition::default(), 0, &mut clusters);
         // Some pieces move alike by chance, and few are cut.
         assert!((40..=80).contains(&clusters.len()), "{}", clusters.len());
-        let pieces = |c: &Cluster| {
-            let mut pieces: Vec<_> = c.members.iter().map(|p| p / 27).collect();
+        let pieces = |c: &Vec<u32>| {
+            let mut pieces: Vec<_> = c.iter().map(|p| p / 27).collect();
             pieces.dedup();
             pieces.len()
         };

@@ -68,7 +68,7 @@ pub(crate) fn best_start<P: Primitives + ?Sized>(
     best.map(|(_, bvh)| bvh).ok_or(BuildError::NoPoses)
 }
 
-/// As [`reinsert`](crate::reinsert()), with the weighted mean of SAH costs over `poses` for cost; boxes then fit the first
+/// As [`reinsert`](fn@crate::reinsert), with the weighted mean of SAH costs over `poses` for cost; boxes then fit the first
 /// pose. Takes about as many times longer as there are poses, and 48 bytes a primitive and pose.
 ///
 /// # Errors

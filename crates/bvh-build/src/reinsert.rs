@@ -19,7 +19,7 @@ use rayon::prelude::*;
 
 use crate::{Optimized, raw};
 
-/// The budget of [`reinsert`].
+/// The budget of [`reinsert`](fn@reinsert).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reinsert {
     /// Part of the nodes tried in each pass, those of the greatest inefficiency: 1, the default, for all of them. A repair
@@ -38,7 +38,7 @@ impl Default for Reinsert {
 /// A pass that saves less than this part of the cost is the last.
 const LITTLE: f64 = 1e-3;
 
-/// Memory that [`reinsert`] keeps from one call to the next, about 50 bytes a primitive if all nodes are tried. It has no
+/// Memory that [`reinsert`](fn@reinsert) keeps from one call to the next, about 50 bytes a primitive if all nodes are tried. It has no
 /// influence on results.
 #[derive(Default)]
 pub struct ReinsertScratch {
