@@ -1,4 +1,4 @@
-//! The unsafe parts: trees that are trusted to be trees, and items that several threads scatter over one slice.
+//! The unsafe parts: trees that are trusted to be trees, when built and when changed, and items that several threads scatter over one slice.
 
 use std::marker::PhantomData;
 
@@ -14,6 +14,32 @@ pub(crate) fn write(bvh: &mut Bvh, primitives: usize, fill: impl FnOnce(&mut [No
     unsafe {
         bvh.rebuild(2 * primitives.max(1), primitives, fill);
     }
+}
+
+/// Lets `f` move nodes about in a tree, and sums up anew what stands still in it.
+pub(crate) fn edit<T>(bvh: &mut Bvh, f: impl FnOnce(&mut [Node]) -> T) -> T {
+    // SAFETY: `climb`, `layout` and `reinsert` swap whole subtrees and refit all nodes above, to the root. Tests build the
+    // same tree by `Bvh::new`, which checks everything.
+    #[expect(unsafe_code, reason = "promises a valid tree")]
+    let parts = unsafe { bvh.parts_mut() };
+    let result = f(parts.nodes);
+    *parts.still_area = still_area(parts.nodes);
+    result
+}
+
+/// Sum of half area times weight over all nodes that stand still.
+fn still_area(nodes: &[Node]) -> f64 {
+    let (mut sum, mut todo) = (0.0, vec![0]);
+    while let Some(n) = todo.pop() {
+        let node: &Node = &nodes[n];
+        if !node.moves() {
+            sum += node.aabb().half_area_f64() * node.weight();
+        }
+        if !node.is_leaf() {
+            todo.extend([node.first() + 1, node.first()]);
+        }
+    }
+    sum
 }
 
 /// A slice whose places are written by several threads, each place by one.

@@ -3,7 +3,7 @@
 use bvh_core::{Aabb, Bvh, MAX_HEIGHT, MAX_PRIMITIVES, Node, Primitives, Triangles, Vec3, sah_cost, stats};
 use proptest::prelude::*;
 
-use crate::{BuildError, BuildOptions, BuildScratch, Builder, CodeBits, build, rebuild};
+use crate::{Anneal, BuildError, BuildOptions, BuildScratch, Builder, CodeBits, Reinsert, build, rebuild};
 
 const BUILDERS: usize = Builder::ALL.len();
 
@@ -35,12 +35,43 @@ fn random_boxes(n: usize, size: f32) -> Vec<Aabb> {
     (0..n).map(|i| triangles.aabb(i)).collect()
 }
 
+/// Boxes of very uneven sizes, as in architecture: walls, floors and small things along streets.
+pub(crate) fn streets(n: usize) -> Vec<Aabb> {
+    let mut next = numbers(n as u64);
+    (0..n)
+        .map(|i| {
+            let corner = Vec3::new(next(), 0.1 * next(), next());
+            let size = Vec3::new(next(), next(), next()) * 0.3f32.powi(1 + (i % 5) as i32);
+            let flat = Vec3::select(Vec3::AXES[i % 3].cmpgt(Vec3::ZERO), Vec3::ZERO, size);
+            Aabb::new(corner, corner + flat)
+        })
+        .collect()
+}
+
+/// A tree that is one chain, the first box at the top; at least two boxes.
+pub(crate) fn chain(boxes: &[Aabb]) -> Bvh {
+    let n = boxes.len();
+    let mut nodes = vec![Node::NOTHING; 2 * n];
+    let mut rest = Node::leaf(boxes[n - 1].sanitized(), n as u32 - 1, 1);
+    for i in (0..n - 1).rev() {
+        let pair = 2 * i + 2;
+        nodes[pair] = Node::leaf(boxes[i].sanitized(), i as u32, 1);
+        nodes[pair + 1] = rest;
+        rest = Node::parent(&nodes[pair], &nodes[pair + 1], pair as u32);
+    }
+    nodes[0] = rest;
+    Bvh::new(&nodes, (0..n as u32).collect()).expect("a tree")
+}
+
 fn point_box(p: Vec3) -> Aabb {
     Aabb::new(p, p)
 }
 
-fn options(max_leaf_size: u32) -> BuildOptions {
-    BuildOptions { max_leaf_size, ..BuildOptions::default() }
+pub(crate) fn options(max_leaf_size: u32) -> BuildOptions {
+    // Fewer passes than a tree that is made once deserves.
+    let anneal = Anneal { passes: 10, ..Anneal::default() };
+    let reinsert = Reinsert { part: 0.1, passes: 2 };
+    BuildOptions { max_leaf_size, anneal, reinsert, ..BuildOptions::default() }
 }
 
 /// Builds with every builder and checks the trees.
@@ -86,7 +117,7 @@ proptest! {
         code_bits in prop::sample::select(vec![CodeBits::Auto, CodeBits::Bits30, CodeBits::Bits63]),
         search_radius in 0u32..40,
     ) {
-        check(&boxes, &BuildOptions { max_leaf_size, bins, code_bits, search_radius });
+        check(&boxes, &BuildOptions { max_leaf_size, bins, code_bits, search_radius, ..options(1) });
     }
 }
 
@@ -94,7 +125,17 @@ proptest! {
 fn names_are_those_of_the_result_files() {
     assert_eq!(
         Builder::ALL.map(Builder::name),
-        ["sweep", "binned", "binned-parallel", "lbvh", "hlbvh", "ploc"]
+        [
+            "sweep",
+            "binned",
+            "binned-parallel",
+            "lbvh",
+            "hlbvh",
+            "ploc",
+            "hill-climbed",
+            "annealed",
+            "reinserted"
+        ]
     );
     for builder in Builder::ALL {
         assert_eq!(Builder::from_name(builder.name()), Some(builder));
@@ -257,10 +298,10 @@ fn no_builder_costs_much_more_than_sweep() {
         let boxes = random_boxes(n, size);
         let [sweep, costs @ ..] = check(&boxes, &options(1)).map(|bvh| sah_cost(&bvh));
         for ((builder, cost), bound) in
-            Builder::ALL[1..].iter().zip(costs).zip([1.03, 1.03, 1.25, 1.15, 1.12])
+            Builder::ALL[1..].iter().zip(costs).zip([1.03, 1.03, 1.25, 1.15, 1.12, 1.0, 1.0, 1.0])
         {
             let (name, over) = (builder.name(), cost / sweep);
-            assert!(over < bound, "{name}: {over} times sweep, for {n} of {size}");
+            assert!(over <= bound, "{name}: {over} times sweep, for {n} of {size}");
         }
     }
 }

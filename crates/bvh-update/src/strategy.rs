@@ -92,7 +92,7 @@ impl Turn {
 impl Strategy {
     /// All strategies, with their defaults.
     #[must_use]
-    pub fn all() -> [Self; 9 + Builder::ALL.len()] {
+    pub fn all() -> [Self; 9 + Builder::PER_FRAME.len()] {
         let rotate = Some(Rotate::default());
         std::array::from_fn(|i| match i {
             0 => Self::Refit,
@@ -104,7 +104,7 @@ impl Strategy {
             6 => Self::Auto(Auto::default()),
             7 => Self::Background(Background::default()),
             8 => Self::Background(Background { rotate, ..Background::default() }),
-            _ => Self::Rebuild(Builder::ALL[i - 9], BuildOptions::default()),
+            _ => Self::Rebuild(Builder::PER_FRAME[i - 9], BuildOptions::default()),
         })
     }
 

@@ -1,0 +1,519 @@
+//! Motion decomposition (Günther, Friedrich, Wald, Seidel, Slusallek 2006, "Ray tracing animated scenes using motion
+//! decomposition"): primitives that move alike share a subtree.
+//!
+//! ```text
+//! decompose(S):  for each pose k: the rotation and shift that take the centres of S in the first pose nearest to those in k
+//!                residual of a primitive: how far it is from where these put it
+//!                residuals small, against the primitives' size: S is a cluster
+//!                else split S by the sign of the residuals along their widest direction;
+//!                     a few times: fit both parts, let each primitive go where its residual is less   (Lloyd)
+//!                     decompose(left), decompose(right)
+//! parts:         clusters come apart where they are in several places, and neighbours that are alike are joined
+//! tree:          a sweep over each part, its boxes grown by the residuals; above them one tree, T-SAH over all poses
+//! ```
+//!
+//! Departures: clusters are split in two again and again, where the paper adds seeds until residuals are small; motions are
+//! rigid, not affine, as boxes in world space grow where a map stretches; of primitives only the centres of their boxes are
+//! known; there are no local coordinates and no tree over the clusters built in each frame: one tree, which is refitted.
+
+use bvh_core::glam::{DMat3, DMat4, DQuat, DVec3, DVec4};
+use bvh_core::{Aabb, Bvh, Node, Primitives};
+use rayon::prelude::*;
+
+use crate::poses::{best_start, check};
+use crate::{
+    BuildError, BuildOptions, Builder, Pose, Reinsert, ReinsertScratch, build, optimize_over_poses, refit,
+};
+
+/// When primitives count as moving alike.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decomposition {
+    /// Largest root mean square of a cluster's residuals, in diagonals of an average primitive of it. 0.5 by default.
+    pub tolerance: f64,
+    /// A cluster of at most so many primitives is not split. 8 by default.
+    pub smallest: u32,
+    /// The budget of the tree above the clusters.
+    pub top: Reinsert,
+}
+
+impl Default for Decomposition {
+    fn default() -> Self {
+        Self { tolerance: 0.5, smallest: 8, top: Reinsert::default() }
+    }
+}
+
+/// Builds one tree for all poses, to be refitted from frame to frame: subtrees over what moves alike, and a tree above
+/// them of little cost over all poses. One primitive a leaf; boxes fit the first pose.
+///
+/// For pieces that fly apart, as a start: [`optimize_over_poses`] improves it further, and gets as far from other starts. Runs on all threads of the current rayon pool;
+/// the tree is the same for any number of them. O(k n log n) for k poses in practice.
+///
+/// # Errors
+/// If there are no poses, too many primitives, or not as many in each pose.
+pub fn build_by_motion<P: Primitives + ?Sized>(
+    poses: &[Pose<'_, P>],
+    options: &Decomposition,
+) -> Result<Bvh, BuildError> {
+    let first = poses.first().ok_or(BuildError::NoPoses)?.primitives;
+    check(first.len(), poses)?;
+    let fallback = || build(first, Builder::Sweep, &BuildOptions::default(), None);
+    let has_box = |p: &u32| !first.aabb(*p as usize).sanitized().is_empty();
+    let (moving, dropped): (Vec<u32>, Vec<u32>) = (0..first.len() as u32).partition(has_box);
+    let paths = Paths::new(poses);
+    let mut found = Vec::new();
+    paths.decompose(moving, options, 0, &mut found);
+    if found.len() < 2 {
+        return fallback();
+    }
+    let apart = found.par_iter().map(|set| part(set, first)).collect::<Result<Vec<_>, _>>()?;
+    let mut parts: Vec<_> = apart.into_iter().flatten().collect();
+    let split = top(&parts, poses, &options.top)?;
+    let mut whole = Vec::new();
+    let last = paths.merge(&split, 0, &mut parts, options, &mut whole);
+    whole.extend(last);
+    parts = whole;
+    if !dropped.is_empty() {
+        parts.push(dropped);
+    }
+    if parts.len() < 2 {
+        return fallback();
+    }
+    let top = top(&parts, poses, &options.top)?;
+    let subtrees = parts.par_iter().map(|set| paths.tree(set, first)).collect::<Result<Vec<_>, _>>()?;
+    let (mut nodes, order) = graft(&top, &subtrees, &parts);
+    refit(&mut nodes, &order, first);
+    // Only a tree that would be too high is refused.
+    Bvh::new(&nodes, order).or_else(|_| fallback())
+}
+
+/// Parts a cluster where it is in several places: where two subtrees of the tree over it together have less area than
+/// their parent.
+fn part<P: Primitives + ?Sized>(set: &[u32], first: &P) -> Result<Vec<Vec<u32>>, BuildError> {
+    let boxes: Vec<_> = set.iter().map(|&p| first.aabb(p as usize)).collect();
+    let bvh = build(&boxes, Builder::Sweep, &BuildOptions::default(), None)?;
+    let (mut parts, mut todo) = (Vec::new(), vec![0]);
+    while let Some(n) = todo.pop() {
+        let node = &bvh.nodes()[n];
+        if is_compact(&bvh, node) {
+            let mut below = Vec::new();
+            let mut stack = vec![*node];
+            while let Some(node) = stack.pop() {
+                below.extend(bvh.primitives(&node).iter().map(|&i| set[i as usize]));
+                stack.extend(bvh.children(&node).into_iter().flatten());
+            }
+            parts.push(below);
+        } else {
+            todo.extend([node.first() + 1, node.first()]);
+        }
+    }
+    Ok(parts)
+}
+
+/// Whether a node has no more area than its children together.
+fn is_compact(bvh: &Bvh, node: &Node) -> bool {
+    bvh.children(node).is_none_or(|children| {
+        let below: f64 = children.iter().map(|child| child.aabb().half_area_f64()).sum();
+        node.aabb().half_area_f64() <= below
+    })
+}
+
+/// The tree over clusters of least cost over all poses.
+fn top<P: Primitives + ?Sized>(
+    parts: &[Vec<u32>],
+    poses: &[Pose<'_, P>],
+    options: &Reinsert,
+) -> Result<Bvh, BuildError> {
+    let hull = |set: &Vec<u32>, primitives: &P| {
+        let boxes = set.iter().map(|&p| primitives.aabb(p as usize).sanitized());
+        boxes.fold(Aabb::EMPTY, Aabb::union)
+    };
+    let hulls: Vec<Vec<Aabb>> =
+        poses.iter().map(|pose| parts.iter().map(|set| hull(set, pose.primitives)).collect()).collect();
+    let poses: Vec<_> = poses
+        .iter()
+        .zip(&hulls)
+        .map(|(pose, hulls)| Pose { primitives: hulls, weight: pose.weight })
+        .collect();
+    let mut top = best_start(&poses, Builder::Sweep)?;
+    optimize_over_poses(&mut top, &poses, options, &mut ReinsertScratch::new())?;
+    Ok(top)
+}
+
+/// The tree that has, in the place of each leaf of `top`, the tree over that cluster, as nodes and an order.
+fn graft(top: &Bvh, subtrees: &[Bvh], parts: &[Vec<u32>]) -> (Vec<Node>, Vec<u32>) {
+    let (mut nodes, mut order) = (vec![Node::NOTHING; 2], Vec::new());
+    let mut todo = vec![(top, None, 0, 0)];
+    while let Some((tree, part, from, to)) = todo.pop() {
+        let node = tree.nodes()[from];
+        match (tree.primitives(&node), part) {
+            (&[leaf], None) => todo.push((&subtrees[leaf as usize], Some(leaf as usize), 0, to)),
+            (&[leaf], Some(part)) => {
+                nodes[to] = Node::leaf(node.aabb(), order.len() as u32, 1);
+                order.push(parts[part][leaf as usize]);
+            }
+            _ => {
+                let pair = nodes.len();
+                nodes.extend([Node::NOTHING; 2]);
+                nodes[to] = Node::inner(node.aabb(), pair as u32);
+                todo.push((tree, part, node.first() + 1, pair + 1));
+                todo.push((tree, part, node.first(), pair));
+            }
+        }
+    }
+    (nodes, order)
+}
+
+/// Where the centre of each primitive is in each pose.
+struct Paths {
+    /// Those of one primitive together; NaN where it has no box.
+    centers: Vec<DVec3>,
+    /// Squared diagonal of each primitive in the first pose.
+    sizes: Vec<f64>,
+    poses: usize,
+}
+
+/// How far a set's centres move in one pose: `p` goes to `map * (p - from) + to`.
+#[derive(Clone, Copy)]
+struct Motion {
+    from: DVec3,
+    to: DVec3,
+    map: DQuat,
+}
+
+/// Rounds of assigning primitives to the nearer of two motions.
+const ROUNDS: usize = 8;
+
+/// A set is split at most so many times: each split may take off one primitive only.
+const DEEPEST: u32 = 64;
+
+/// Sets of fewer primitives are decomposed by one thread.
+const GRAIN: usize = 4096;
+
+impl Paths {
+    fn new<P: Primitives + ?Sized>(poses: &[Pose<'_, P>]) -> Self {
+        let n = poses[0].primitives.len();
+        let center = |aabb: Aabb| if aabb.is_empty() { DVec3::NAN } else { aabb.center().as_dvec3() };
+        let aabb = |k: usize, p: usize| poses[k].primitives.aabb(p).sanitized();
+        Self {
+            centers: (0..n * poses.len()).map(|i| center(aabb(i % poses.len(), i / poses.len()))).collect(),
+            sizes: (0..n).map(|p| aabb(0, p).extent().as_dvec3().length_squared()).collect(),
+            poses: poses.len(),
+        }
+    }
+
+    fn of(&self, p: u32) -> &[DVec3] {
+        &self.centers[self.poses * p as usize..][..self.poses]
+    }
+
+    /// The motion of a set in each pose.
+    fn fit(&self, set: &[u32]) -> Vec<Motion> {
+        (0..self.poses).map(|k| self.fit_pose(set, k)).collect()
+    }
+
+    fn fit_pose(&self, set: &[u32], k: usize) -> Motion {
+        let both = || set.iter().map(|&p| (self.of(p)[0], self.of(p)[k])).filter(|(_, b)| !b.is_nan());
+        let (mut from, mut to, mut count) = (DVec3::ZERO, DVec3::ZERO, 0.0);
+        for (a, b) in both() {
+            (from, to, count) = (from + a, to + b, count + 1.0);
+        }
+        if count == 0.0 {
+            return Motion { from, to, map: DQuat::IDENTITY };
+        }
+        let (from, to) = (from / count, to / count);
+        let products = both().fold(DMat3::ZERO, |sum, (a, b)| sum + outer(a - from, b - to));
+        Motion { from, to, map: rotation(products) }
+    }
+
+    /// From where a motion puts a primitive in pose `k` to where it is; zero if it has no box.
+    fn residual(&self, p: u32, k: usize, motion: &Motion) -> DVec3 {
+        let residual = self.of(p)[k] - (motion.map * (self.of(p)[0] - motion.from) + motion.to);
+        if residual.is_nan() { DVec3::ZERO } else { residual }
+    }
+
+    /// Sum of squared residuals over all poses.
+    fn squared(&self, p: u32, motions: &[Motion]) -> f64 {
+        motions.iter().enumerate().map(|(k, motion)| self.residual(p, k, motion).length_squared()).sum()
+    }
+
+    /// Whether a set moves alike enough to be one cluster.
+    fn are_alike(&self, set: &[u32], motions: &[Motion], options: &Decomposition) -> bool {
+        let sum: f64 = set.iter().map(|&p| self.squared(p, motions)).sum();
+        let size: f64 = set.iter().map(|&p| self.sizes[p as usize]).sum();
+        sum <= options.tolerance.powi(2) * size * self.poses as f64
+    }
+
+    /// Splits a set into clusters.
+    fn decompose(&self, set: Vec<u32>, options: &Decomposition, depth: u32, clusters: &mut Vec<Vec<u32>>) {
+        if set.is_empty() {
+            return;
+        }
+        let motions = self.fit(&set);
+        let is_whole = depth == DEEPEST
+            || set.len() <= options.smallest.max(1) as usize
+            || self.are_alike(&set, &motions, options);
+        let Some([l, r]) = (if is_whole { None } else { self.split(&set, &motions) }) else {
+            clusters.push(set);
+            return;
+        };
+        if set.len() > GRAIN {
+            let mut right = Vec::new();
+            rayon::join(
+                || self.decompose(l, options, depth + 1, clusters),
+                || self.decompose(r, options, depth + 1, &mut right),
+            );
+            clusters.append(&mut right);
+        } else {
+            self.decompose(l, options, depth + 1, clusters);
+            self.decompose(r, options, depth + 1, clusters);
+        }
+    }
+
+    /// Joins clusters that are neighbours in a tree over them, in one place and alike: splitting cuts some pieces. Gives the
+    /// one that is all below node `n`, if it is one; others go to `whole`.
+    fn merge(
+        &self,
+        top: &Bvh,
+        n: usize,
+        parts: &mut [Vec<u32>],
+        options: &Decomposition,
+        whole: &mut Vec<Vec<u32>>,
+    ) -> Option<Vec<u32>> {
+        let node = &top.nodes()[n];
+        if let &[part] = top.primitives(node) {
+            return Some(std::mem::take(&mut parts[part as usize]));
+        }
+        let l = self.merge(top, node.first(), parts, options, whole);
+        let r = self.merge(top, node.first() + 1, parts, options, whole);
+        if let (Some(l), Some(r)) = (&l, &r)
+            && is_compact(top, node)
+        {
+            let both = [l.as_slice(), r].concat();
+            if self.are_alike(&both, &self.fit(&both), options) {
+                return Some(both);
+            }
+        }
+        whole.extend(l.into_iter().chain(r));
+        None
+    }
+
+    /// The tree over a cluster, over boxes that have room for all residuals.
+    fn tree<P: Primitives + ?Sized>(&self, set: &[u32], first: &P) -> Result<Bvh, BuildError> {
+        let motions = self.fit(set);
+        let grown = |&p: &u32| {
+            let residuals =
+                motions.iter().enumerate().map(|(k, motion)| self.residual(p, k, motion).length());
+            let reach = residuals.fold(0.0, f64::max) as f32;
+            let aabb = first.aabb(p as usize).sanitized();
+            Aabb::new(aabb.min - reach, aabb.max + reach).sanitized()
+        };
+        let boxes: Vec<_> = set.iter().map(grown).collect();
+        build(&boxes, Builder::Sweep, &BuildOptions::default(), None)
+    }
+
+    /// Parts a set in two that each move more alike; `None` if residuals do not tell its primitives apart.
+    fn split(&self, set: &[u32], motions: &[Motion]) -> Option<[Vec<u32>; 2]> {
+        let sum_in =
+            |k: usize| set.iter().map(|&p| self.residual(p, k, &motions[k]).length_squared()).sum::<f64>();
+        let sums: Vec<f64> = (0..self.poses).map(sum_in).collect();
+        let worst = (1..self.poses).fold(0, |worst, k| if sums[k] > sums[worst] { k } else { worst });
+        let residual = |p: u32| self.residual(p, worst, &motions[worst]);
+        let spread = set.iter().fold(DMat3::ZERO, |sum, &p| sum + outer(residual(p), residual(p)));
+        let axis = widest(spread);
+        let mut parts: [Vec<u32>; 2] =
+            set.iter().partition::<Vec<_>, _>(|&&p| residual(p).dot(axis) < 0.0).into();
+        for _ in 0..ROUNDS {
+            if parts.iter().any(Vec::is_empty) {
+                return None;
+            }
+            let [l, r] = [self.fit(&parts[0]), self.fit(&parts[1])];
+            let next: [Vec<u32>; 2] =
+                set.iter().partition::<Vec<_>, _>(|&&p| self.squared(p, &l) < self.squared(p, &r)).into();
+            if next == parts {
+                break;
+            }
+            if next.iter().all(|part| !part.is_empty()) {
+                parts = next;
+            } else {
+                break;
+            }
+        }
+        Some(parts)
+    }
+}
+
+/// `a` times `b` transposed.
+fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
+}
+
+/// The rotation that turns the points `a` nearest to the points `b`, from the sum of the products of `a` and `b`
+/// transposed: the dominant eigenvector of a matrix of quaternions (Horn 1987), by repeated squaring.
+fn rotation(products: DMat3) -> DQuat {
+    let [x, y, z] = products.to_cols_array_2d();
+    let row = |w: f64, x: f64, y: f64, z: f64| DVec4::new(w, x, y, z);
+    let [xy, yz, zx] = [y[0], z[1], x[2]];
+    let [yx, zy, xz] = [x[1], y[2], z[0]];
+    let [xx, yy, zz] = [x[0], y[1], z[2]];
+    let matrix = DMat4::from_cols(
+        row(xx + yy + zz, yz - zy, zx - xz, xy - yx),
+        row(yz - zy, xx - yy - zz, xy + yx, zx + xz),
+        row(zx - xz, xy + yx, yy - xx - zz, yz + zy),
+        row(xy - yx, zx + xz, yz + zy, zz - xx - yy),
+    );
+    let norm = |m: &DMat4| m.to_cols_array().iter().map(|e| e * e).sum::<f64>().sqrt();
+    let size = norm(&matrix);
+    // All eigenvalues above zero, so that the greatest is the dominant one.
+    let mut power = matrix * size.recip() + DMat4::IDENTITY;
+    for _ in 0..12 {
+        power = power * power;
+        power *= norm(&power).recip();
+    }
+    let columns = [power.x_axis, power.y_axis, power.z_axis, power.w_axis];
+    let longest = columns.into_iter().fold(DVec4::ZERO, |a, b| if b.length() > a.length() { b } else { a });
+    let DVec4 { x: w, y: x, z: y, w: z } = longest;
+    let turn = DQuat::from_xyzw(x, y, z, w).normalize();
+    // Points that are all in one place.
+    if turn.is_finite() { turn } else { DQuat::IDENTITY }
+}
+
+/// The direction in which a symmetric matrix stretches most, by power iteration.
+fn widest(matrix: DMat3) -> DVec3 {
+    let columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
+    let longest = columns.into_iter().fold(DVec3::ZERO, |a, b| if b.length() > a.length() { b } else { a });
+    let mut axis = longest.normalize_or(DVec3::X);
+    for _ in 0..16 {
+        axis = (matrix * axis).normalize_or(axis);
+    }
+    axis
+}
+
+#[cfg(test)]
+mod tests {
+    use bvh_core::Vec3;
+
+    use super::*;
+    use crate::tests::{options, streets};
+    use crate::{build_over_poses, cost_over_poses};
+
+    /// Cubes of 3 x 3 x 3 boxes each, tightly packed, that fly off in all directions and turn as they go.
+    fn burst(pieces: usize, time: f32) -> Vec<Aabb> {
+        let at = |i: usize| Vec3::new((i % 27 % 3) as f32, (i % 9 / 3) as f32, (i % 27 / 9) as f32) - 1.0;
+        let piece = |i: usize| {
+            let home = Vec3::new((i % 8) as f32, (i / 8 % 8) as f32, (i / 64) as f32) * 3.0;
+            let hash = (i as u32).wrapping_mul(0x9e37_79b9);
+            let part = |shift: u32| (hash >> shift & 0xff) as f32 / 128.0 - 1.0;
+            (home, Vec3::new(part(0), part(8), part(16)) * 60.0, part(24) * 3.0)
+        };
+        let place = |i: usize| {
+            let (home, speed, turn) = piece(i / 27);
+            let (sin, cos) = (turn * time).sin_cos();
+            let p = at(i % 27);
+            home + speed * time + Vec3::new(cos * p.x - sin * p.y, sin * p.x + cos * p.y, p.z)
+        };
+        (0..27 * pieces).map(place).map(|p| Aabb::new(p - 0.7, p + 0.7)).collect()
+    }
+
+    fn poses(all: &[Vec<Aabb>]) -> Vec<Pose<'_, Vec<Aabb>>> {
+        all.iter().map(Pose::new).collect()
+    }
+
+    fn tree(boxes: &Vec<Aabb>) -> Bvh {
+        build(boxes, Builder::Sweep, &options(1), None).expect("few enough")
+    }
+
+    #[test]
+    fn pieces_that_fly_apart() {
+        let all: Vec<_> = [0.0, 0.3, 1.0].into_iter().map(|time| burst(200, time)).collect();
+        let poses = poses(&all);
+        let cost = |bvh: &Bvh| cost_over_poses(bvh, &poses).expect("poses");
+        let bvh = build_by_motion(&poses, &Decomposition::default()).expect("poses");
+        bvh.validate(&all[0]).expect("valid");
+        let alone = all.iter().map(|boxes| cost(&tree(boxes))).fold(f64::INFINITY, f64::min);
+        assert!(cost(&bvh) < 0.95 * alone, "{} to {alone}", cost(&bvh));
+        assert!(cost(&bvh) < 0.4 * cost(&tree(&all[0])));
+        for threads in [1, 3] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            let again = pool.install(|| build_by_motion(&poses, &Decomposition::default()));
+            assert_eq!(again.expect("poses").hash(), bvh.hash());
+        }
+    }
+
+    #[test]
+    fn rigid_pieces_are_told_apart_and_not_cut() {
+        let all = [0.0, 0.5, 1.0].map(|time| burst(60, time));
+        let mut clusters = Vec::new();
+        let set = (0..60 * 27).collect();
+        Paths::new(&poses(&all)).decompose(set, &Decomposition::default(), 0, &mut clusters);
+        // Some pieces move alike by chance, and few are cut.
+        assert!((40..=80).contains(&clusters.len()), "{}", clusters.len());
+        let pieces = |c: &Vec<u32>| {
+            let mut pieces: Vec<_> = c.iter().map(|p| p / 27).collect();
+            pieces.dedup();
+            pieces.len()
+        };
+        assert!(clusters.iter().map(pieces).sum::<usize>() < 80);
+    }
+
+    #[test]
+    fn what_moves_as_one_is_built_as_one() {
+        let turn = |time: f32| -> Vec<Aabb> {
+            let turn = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -2.0) / 3.0, f64::from(time)).as_quat();
+            streets(300)
+                .iter()
+                .map(|b| turn * b.center() + 9.0 * time)
+                .map(|p| Aabb::new(p - 0.1, p + 0.1))
+                .collect()
+        };
+        let all = [0.0, 1.0, 2.5].map(turn);
+        let bvh = build_by_motion(&poses(&all), &Decomposition::default()).expect("poses");
+        assert_eq!(bvh.hash(), tree(&all[0]).hash());
+    }
+
+    #[test]
+    fn rotations_are_found() {
+        for (axis, angle) in [(DVec3::X, 3.0), (DVec3::new(0.6, 0.0, 0.8), -1.0), (DVec3::Z, 0.0)] {
+            let turn = DQuat::from_axis_angle(axis, angle);
+            let points = [DVec3::X, DVec3::new(0.0, 2.0, 1.0), DVec3::new(-3.0, 1.0, 0.5)];
+            let found = rotation(points.iter().fold(DMat3::ZERO, |sum, &p| sum + outer(p, turn * p)));
+            assert!(points.iter().all(|&p| (found * p - turn * p).length() < 1e-6), "{found} for {turn}");
+        }
+        assert_eq!(rotation(DMat3::ZERO), DQuat::IDENTITY);
+    }
+
+    #[test]
+    fn hard_cases() {
+        let same = vec![Aabb::new(Vec3::ZERO, Vec3::ONE); 500];
+        let huge = |s: f32| streets(300).iter().map(|b| Aabb::new(b.min * s, b.max * s)).collect::<Vec<_>>();
+        let mut gone = burst(10, 1.0);
+        gone[40..150].fill(Aabb::EMPTY);
+        let points: Vec<_> = burst(10, 0.5).iter().map(|b| Aabb::new(b.min, b.min)).collect();
+        let chain = |s: f32| {
+            (0..200).map(move |i| Aabb::around(&[Vec3::ZERO, Vec3::new(s * 1.5f32.powi(i), 1.0, 1.0)]))
+        };
+        for all in [
+            vec![vec![], vec![]],
+            vec![burst(1, 0.0)[..1].to_vec(), burst(1, 1.0)[..1].to_vec()],
+            vec![burst(1, 0.0)[..2].to_vec(), burst(1, 1.0)[..2].to_vec()],
+            vec![same.clone(), same.clone()],
+            vec![huge(1e-42), huge(3e38)],
+            vec![huge(1.0), huge(1e18), huge(0.0)],
+            vec![burst(10, 0.0), gone.clone(), points.clone()],
+            vec![gone, burst(10, 0.0)],
+            vec![vec![Aabb::EMPTY; 100], burst(4, 0.0)[..100].to_vec()],
+            vec![points, burst(10, 0.0)],
+            vec![chain(1.0).collect(), chain(-1.0).collect()],
+        ] {
+            let poses = poses(&all);
+            for options in [
+                Decomposition::default(),
+                Decomposition { tolerance: f64::NAN, smallest: 0, ..Decomposition::default() },
+            ] {
+                let bvh = build_by_motion(&poses, &options).expect("poses");
+                bvh.validate(&all[0]).expect("valid");
+            }
+            let bvh = build_over_poses(&poses, &Reinsert::default()).expect("poses");
+            bvh.validate(&all[0]).expect("valid");
+            assert!(cost_over_poses(&bvh, &poses).expect("poses").is_finite());
+        }
+    }
+}

@@ -1,0 +1,318 @@
+//! One tree for an animation known in advance: the SAH cost over several poses (T-SAH: Bittner and Meister 2015, "T-SAH:
+//! animation optimized bounding volume hierarchies"), minimised by insertion.
+//!
+//! ```text
+//! cost(T) = sum over poses k of w(k) * SAH cost of T refitted to pose k, over the sum of w
+//! ```
+//!
+//! As the root's area in each pose is the same for all trees, this is the cost of a tree whose nodes have one box in each
+//! pose, with sums of areas for areas: `reinsert.rs` does the rest. Departures: it starts from the best of the trees
+//! built on each pose alone; poses are the caller's choice, not picked from the animation in rounds.
+
+use bvh_core::{Aabb, Bvh, MAX_PRIMITIVES, Node, Primitives};
+
+use crate::reinsert::{self, Tree};
+use crate::{BuildError, BuildOptions, Builder, Optimized, Reinsert, ReinsertScratch, build, raw};
+
+/// Primitives as they are at some time of an animation.
+#[derive(Debug)]
+pub struct Pose<'a, P: ?Sized> {
+    /// The primitives: as many in each pose.
+    pub primitives: &'a P,
+    /// How much the pose counts, against the others'. Below zero or NaN counts as 0.
+    pub weight: f64,
+}
+
+impl<P: ?Sized> Clone for Pose<'_, P> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<P: ?Sized> Copy for Pose<'_, P> {}
+
+impl<'a, P: ?Sized> Pose<'a, P> {
+    /// A pose of weight 1.
+    pub const fn new(primitives: &'a P) -> Self {
+        Self { primitives, weight: 1.0 }
+    }
+}
+
+/// Builds one tree for all poses, to be refitted from frame to frame: the best of those that [`Builder::Binned`] makes of
+/// each pose alone, then [`optimize_over_poses`]. One primitive a leaf; boxes fit the first pose.
+///
+/// # Errors
+/// If there are no poses, too many primitives, or not as many in each pose.
+pub fn build_over_poses<P: Primitives + ?Sized>(
+    poses: &[Pose<'_, P>],
+    options: &Reinsert,
+) -> Result<Bvh, BuildError> {
+    let mut bvh = best_start(poses, Builder::BinnedParallel)?;
+    optimize_over_poses(&mut bvh, poses, options, &mut ReinsertScratch::new())?;
+    Ok(bvh)
+}
+
+/// Of the trees built on each pose alone the one of the least cost over all poses.
+pub(crate) fn best_start<P: Primitives + ?Sized>(
+    poses: &[Pose<'_, P>],
+    builder: Builder,
+) -> Result<Bvh, BuildError> {
+    let mut best: Option<(f64, Bvh)> = None;
+    for pose in poses {
+        let bvh = build(pose.primitives, builder, &BuildOptions::default(), None)?;
+        let cost = cost_over_poses(&bvh, poses)?;
+        if best.as_ref().is_none_or(|best| cost < best.0) {
+            best = Some((cost, bvh));
+        }
+    }
+    best.map(|(_, bvh)| bvh).ok_or(BuildError::NoPoses)
+}
+
+/// As [`reinsert`](fn@crate::reinsert), with the weighted mean of SAH costs over `poses` for cost; boxes then fit the first
+/// pose. Takes about as many times longer as there are poses, and 48 bytes a primitive and pose.
+///
+/// # Errors
+/// If there are no poses, or not as many primitives in each as the tree has; the tree is then as it was.
+pub fn optimize_over_poses<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    poses: &[Pose<'_, P>],
+    options: &Reinsert,
+    scratch: &mut ReinsertScratch,
+) -> Result<Optimized, BuildError> {
+    let hulls = Hulls::new(bvh, poses)?;
+    Ok(raw::edit(bvh, |nodes| {
+        for (node, hull) in nodes.iter_mut().zip(hulls.boxes.chunks_exact(hulls.count())) {
+            node.set_aabb(hull[0]);
+        }
+        reinsert::optimize(&mut Posed { nodes, hulls }, options, scratch)
+    }))
+}
+
+/// The weighted mean of the SAH costs that the tree has when it is refitted to each of `poses`. O(n) for each.
+///
+/// # Errors
+/// If there are no poses, or not as many primitives in each as the tree has.
+pub fn cost_over_poses<P: Primitives + ?Sized>(bvh: &Bvh, poses: &[Pose<'_, P>]) -> Result<f64, BuildError> {
+    let hulls = Hulls::new(bvh, poses)?;
+    let mut cost = 0.0;
+    bvh.visit(|n, node, _| cost += hulls.area(hulls.get(n)) * node.weight());
+    Ok(cost)
+}
+
+/// Fails unless there are poses, of `n` primitives each, which are not too many.
+pub(crate) fn check<P: Primitives + ?Sized>(n: usize, poses: &[Pose<'_, P>]) -> Result<(), BuildError> {
+    if poses.is_empty() {
+        return Err(BuildError::NoPoses);
+    }
+    if n > MAX_PRIMITIVES {
+        return Err(BuildError::TooManyPrimitives(n));
+    }
+    match poses.iter().position(|pose| pose.primitives.len() != n) {
+        Some(pose) => Err(BuildError::PoseLength { pose, found: poses[pose].primitives.len(), expected: n }),
+        None => Ok(()),
+    }
+}
+
+/// The boxes of all nodes in all poses: those of one node together.
+struct Hulls {
+    boxes: Vec<Aabb>,
+    /// For each pose its part of the weights over the root's area; 0 if the root has none.
+    scales: Vec<f64>,
+}
+
+impl Hulls {
+    fn new<P: Primitives + ?Sized>(bvh: &Bvh, poses: &[Pose<'_, P>]) -> Result<Self, BuildError> {
+        check(bvh.len(), poses)?;
+        let k = poses.len();
+        let mut hulls = Self { boxes: vec![Aabb::EMPTY; k * bvh.nodes().len()], scales: vec![0.0; k] };
+        let mut slots = Vec::new();
+        bvh.visit(|n, _, _| slots.push(n));
+        for &n in slots.iter().rev() {
+            let node = &bvh.nodes()[n];
+            if node.is_leaf() {
+                for (hull, pose) in hulls.boxes[k * n..].iter_mut().zip(poses) {
+                    let boxes = bvh.primitives(node).iter().map(|&p| pose.primitives.aabb(p as usize));
+                    *hull = boxes.fold(Aabb::EMPTY, |hull, aabb| hull.union(aabb.sanitized()));
+                }
+            } else {
+                hulls.join(n, node.first());
+            }
+        }
+        let weight = |pose: &Pose<'_, P>| if pose.weight > 0.0 { pose.weight } else { 0.0 };
+        let sum: f64 = poses.iter().map(weight).sum();
+        for i in 0..k {
+            let scale = weight(&poses[i]) / sum / hulls.boxes[i].half_area_f64();
+            hulls.scales[i] = if scale.is_finite() { scale } else { 0.0 };
+        }
+        Ok(hulls)
+    }
+
+    fn count(&self) -> usize {
+        self.scales.len()
+    }
+
+    #[inline]
+    fn get(&self, n: usize) -> &[Aabb] {
+        let k = self.count();
+        &self.boxes[k * n..k * n + k]
+    }
+
+    #[inline]
+    fn area(&self, hull: &[Aabb]) -> f64 {
+        hull.iter().zip(&self.scales).map(|(hull, scale)| hull.half_area_f64() * scale).sum()
+    }
+
+    /// Makes the boxes of node `n` those around the nodes `pair` and `pair + 1`; whether they changed.
+    fn join(&mut self, n: usize, pair: usize) -> bool {
+        let k = self.count();
+        let mut changed = false;
+        for i in 0..k {
+            let joined = self.boxes[k * pair + i].union(self.boxes[k * pair + k + i]);
+            changed |= std::mem::replace(&mut self.boxes[k * n + i], joined) != joined;
+        }
+        changed
+    }
+}
+
+/// Nodes whose area is the sum over poses.
+struct Posed<'a> {
+    nodes: &'a mut [Node],
+    hulls: Hulls,
+}
+
+impl Tree for Posed<'_> {
+    type Hull = Vec<Aabb>;
+
+    fn nodes(&self) -> &[Node] {
+        self.nodes
+    }
+    fn nodes_mut(&mut self) -> &mut [Node] {
+        self.nodes
+    }
+    fn root(&self) -> usize {
+        0
+    }
+    fn hull(&self, n: usize) -> Vec<Aabb> {
+        self.hulls.get(n).to_vec()
+    }
+    fn grow(&self, hull: &mut Vec<Aabb>, n: usize) {
+        for (hull, other) in hull.iter_mut().zip(self.hulls.get(n)) {
+            *hull = hull.union(*other);
+        }
+    }
+    fn area(&self, hull: &Vec<Aabb>) -> f64 {
+        self.hulls.area(hull)
+    }
+    fn area_of(&self, n: usize) -> f64 {
+        self.hulls.area(self.hulls.get(n))
+    }
+    fn area_with(&self, n: usize, hull: &Vec<Aabb>) -> f64 {
+        let both = self.hulls.get(n).iter().zip(hull).zip(&self.hulls.scales);
+        both.map(|((a, b), scale)| a.union(*b).half_area_f64() * scale).sum()
+    }
+    fn copy(&mut self, from: usize, to: usize) {
+        self.nodes[to] = self.nodes[from];
+        let k = self.hulls.count();
+        self.hulls.boxes.copy_within(k * from..k * from + k, k * to);
+    }
+    fn refit(&mut self, n: usize) -> bool {
+        self.hulls.join(n, self.nodes[n].first()) | reinsert::refit(self.nodes, n)
+    }
+    fn unit(&self) -> f64 {
+        1.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bvh_core::{Vec3, sah_cost};
+
+    use super::*;
+    use crate::tests::{options, streets};
+
+    /// Boxes that all go somewhere else.
+    fn moved(n: usize, time: f32) -> Vec<Aabb> {
+        let away = |i: usize| Vec3::new((i % 7) as f32, (i % 11) as f32, (i % 5) as f32) * 0.1 * time;
+        streets(n).iter().enumerate().map(|(i, b)| Aabb::new(b.min + away(i), b.max + away(i))).collect()
+    }
+
+    #[test]
+    fn the_cost_is_that_of_the_refitted_trees() {
+        let all = [0.0, 1.0, 3.0].map(|time| moved(300, time));
+        let bvh = build(&all[1], Builder::Sweep, &options(4), None).expect("few enough");
+        let poses: Vec<_> = all
+            .iter()
+            .zip([1.0, 3.0, f64::NAN])
+            .map(|(primitives, weight)| Pose { primitives, weight })
+            .collect();
+        let refitted = |boxes: &Vec<Aabb>| {
+            let mut nodes = bvh.nodes().to_vec();
+            for n in (0..nodes.len()).rev().filter(|&n| n != 1) {
+                let hull =
+                    bvh.primitives(&nodes[n]).iter().fold(Aabb::EMPTY, |h, &p| h.union(boxes[p as usize]));
+                let pair = nodes[n].first();
+                let hull =
+                    if nodes[n].is_leaf() { hull } else { nodes[pair].aabb().union(nodes[pair + 1].aabb()) };
+                nodes[n].set_aabb(hull);
+            }
+            sah_cost(&Bvh::new(&nodes, bvh.order().to_vec()).expect("a tree"))
+        };
+        let expected = (refitted(&all[0]) + 3.0 * refitted(&all[1])) / 4.0;
+        let found = cost_over_poses(&bvh, &poses).expect("poses");
+        assert!((found / expected - 1.0).abs() < 1e-9, "{found} for {expected}");
+        assert!((cost_over_poses(&bvh, &poses[1..2]).expect("poses") / sah_cost(&bvh) - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn one_tree_for_all_poses_costs_less_than_that_of_any() {
+        let all = [0.0, 1.0, 3.0].map(|time| moved(2000, time));
+        let poses = all.each_ref().map(Pose::new);
+        let cost = |bvh: &Bvh| cost_over_poses(bvh, &poses).expect("poses");
+        let bvh = build_over_poses(&poses, &Reinsert::default()).expect("poses");
+        bvh.validate(&all[0]).expect("valid");
+        for boxes in &all {
+            let alone = build(boxes, Builder::Sweep, &options(1), None).expect("few enough");
+            assert!(cost(&bvh) < 0.95 * cost(&alone), "{} to {}", cost(&bvh), cost(&alone));
+        }
+        for threads in [1, 3] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            let again = pool.install(|| build_over_poses(&poses, &Reinsert::default())).expect("poses");
+            assert_eq!(again.hash(), bvh.hash());
+        }
+    }
+
+    #[test]
+    fn any_tree_gets_better_and_keeps_what_it_knows() {
+        let all = [0.0, 1.0, 3.0].map(|time| moved(1000, time));
+        let poses = all.each_ref().map(Pose::new);
+        let mut bvh = build(&all[2], Builder::Lbvh, &options(3), None).expect("few enough");
+        bvh.set_moving(|p| p % 2 == 0);
+        let before = cost_over_poses(&bvh, &poses).expect("poses");
+        let done = optimize_over_poses(&mut bvh, &poses, &Reinsert::default(), &mut ReinsertScratch::new());
+        let done = done.expect("poses");
+        let after = cost_over_poses(&bvh, &poses).expect("poses");
+        bvh.validate(&all[0]).expect("valid");
+        assert!((done.before / before - 1.0).abs() < 1e-9 && (done.after / after - 1.0).abs() < 1e-9);
+        assert!(after < 0.9 * before);
+        let still = bvh.still_area();
+        bvh.set_moving(|p| p % 2 == 0);
+        assert!((still / bvh.still_area() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn poses_that_do_not_fit_are_refused() {
+        let (few, many) = (streets(9), streets(10));
+        let none: [Pose<'_, Vec<Aabb>>; 0] = [];
+        let uneven = [Pose::new(&many), Pose::new(&few)];
+        let wrong = BuildError::PoseLength { pose: 1, found: 9, expected: 10 };
+        assert_eq!(wrong.to_string(), "pose 1 has 9 primitives; it should have 10");
+        assert_eq!(build_over_poses(&none, &Reinsert::default()).unwrap_err(), BuildError::NoPoses);
+        assert_eq!(build_over_poses(&uneven, &Reinsert::default()).unwrap_err(), wrong);
+        let options = crate::Decomposition::default();
+        assert_eq!(crate::build_by_motion(&none, &options).unwrap_err(), BuildError::NoPoses);
+        assert_eq!(crate::build_by_motion(&uneven, &options).unwrap_err(), wrong);
+        let bvh = Bvh::default();
+        let wrong = BuildError::PoseLength { pose: 0, found: 10, expected: 0 };
+        assert_eq!(cost_over_poses(&bvh, &uneven).unwrap_err(), wrong);
+    }
+}

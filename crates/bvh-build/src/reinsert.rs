@@ -1,0 +1,520 @@
+//! Optimisation by insertion (Bittner, Hapala, Havran 2013, "Fast insertion-based optimization of bounding volume
+//! hierarchies"; in parallel: Meister and Bittner 2018, "Parallel reinsertion for bounding volume hierarchy optimization").
+//!
+//! ```text
+//! in each pass:
+//!     candidates = the children of the nodes of greatest inefficiency                        (Bittner et al., section 3.3)
+//!     for each, in parallel: search the tree for the place where it saves most area          (Meister and Bittner, 4.1)
+//!     for each found, greatest saving first:
+//!         take it out, its sibling in the place of their parent
+//!         put it back in beside what is now at the place found, if the tree as it is now gets cheaper; else where it was
+//! ```
+//!
+//! Departures: conflicts between moves found in parallel are not locked out but judged by their real saving, one after
+//! the other, so no move makes the tree worse, and the tree does not depend on the number of threads. Any ancestor is a
+//! place, too, not only what lies beside the path to the root. The search goes depth first.
+
+use bvh_core::{Aabb, Bvh, COST_TRAVERSE, MAX_HEIGHT, Node, prefetch};
+use rayon::prelude::*;
+
+use crate::{Optimized, raw};
+
+/// The budget of [`reinsert`](fn@reinsert).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reinsert {
+    /// Part of the nodes tried in each pass, those of the greatest inefficiency: 1, the default, for all of them. A repair
+    /// of a tree that is refitted every frame may want 0.01.
+    pub part: f64,
+    /// Most passes; it ends before when a pass saves less than a thousandth. 20 by default.
+    pub passes: u32,
+}
+
+impl Default for Reinsert {
+    fn default() -> Self {
+        Self { part: 1.0, passes: 20 }
+    }
+}
+
+/// A pass that saves less than this part of the cost is the last.
+const LITTLE: f64 = 1e-3;
+
+/// Memory that [`reinsert`](fn@reinsert) keeps from one call to the next, about 50 bytes a primitive if all nodes are tried. It has no
+/// influence on results.
+#[derive(Default)]
+pub struct ReinsertScratch {
+    parents: Vec<u32>,
+    worst: Vec<Worst>,
+    found: Vec<Move>,
+}
+
+impl ReinsertScratch {
+    /// No memory as yet.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+}
+
+/// Takes subtrees out of the tree and puts them back where they cost least, within a budget; for trees that are made once
+/// as for those that degrade from frame to frame.
+///
+/// Boxes must be up to date; the order of primitives is kept. A parent that moves with its child takes along its reference
+/// area. What would make the tree higher than [`MAX_HEIGHT`] is not done. Searches on all threads of the current rayon
+/// pool; the tree is the same for any number of them. O(n) a pass, some 30 ns a primitive, and some 400 ns for each node
+/// tried; O(n) for one at worst.
+pub fn reinsert(bvh: &mut Bvh, options: &Reinsert, scratch: &mut ReinsertScratch) -> Optimized {
+    raw::edit(bvh, |nodes| optimize(&mut Boxes { nodes, root: 0 }, options, scratch))
+}
+
+/// A tree of nodes that have areas: of their boxes, or over several poses.
+pub(crate) trait Tree: Sync {
+    /// A box, or one for each pose.
+    type Hull: Send;
+
+    fn nodes(&self) -> &[Node];
+    fn nodes_mut(&mut self) -> &mut [Node];
+    /// Slot of the node above all that may move: 0, or a child of that.
+    fn root(&self) -> usize;
+    /// The hull of the node in slot `n`.
+    fn hull(&self, n: usize) -> Self::Hull;
+    /// Grows `hull` around the node in slot `n`.
+    fn grow(&self, hull: &mut Self::Hull, n: usize);
+    /// Area of a hull.
+    fn area(&self, hull: &Self::Hull) -> f64;
+    /// Area of the node in slot `n`.
+    fn area_of(&self, n: usize) -> f64;
+    /// Area of the node in slot `n` grown around `hull`.
+    fn area_with(&self, n: usize, hull: &Self::Hull) -> f64;
+    /// Copies a node to another slot, with its hull.
+    fn copy(&mut self, from: usize, to: usize);
+    /// Makes the node in slot `n` fit its children; whether that changed it.
+    fn refit(&mut self, n: usize) -> bool;
+    /// What area is divided by to give cost.
+    fn unit(&self) -> f64;
+}
+
+/// The boxes of the nodes themselves, from `root` on down.
+pub(crate) struct Boxes<'a> {
+    pub(crate) nodes: &'a mut [Node],
+    pub(crate) root: usize,
+}
+
+impl Tree for Boxes<'_> {
+    type Hull = Aabb;
+
+    #[inline]
+    fn nodes(&self) -> &[Node] {
+        self.nodes
+    }
+    #[inline]
+    fn nodes_mut(&mut self) -> &mut [Node] {
+        self.nodes
+    }
+    #[inline]
+    fn root(&self) -> usize {
+        self.root
+    }
+    #[inline]
+    fn hull(&self, n: usize) -> Aabb {
+        self.nodes[n].aabb()
+    }
+    #[inline]
+    fn grow(&self, hull: &mut Aabb, n: usize) {
+        *hull = hull.union(self.nodes[n].aabb());
+    }
+    #[inline]
+    fn area(&self, hull: &Aabb) -> f64 {
+        hull.half_area_f64()
+    }
+    #[inline]
+    fn area_of(&self, n: usize) -> f64 {
+        self.nodes[n].aabb().half_area_f64()
+    }
+    #[inline]
+    fn area_with(&self, n: usize, hull: &Aabb) -> f64 {
+        self.nodes[n].aabb().union(*hull).half_area_f64()
+    }
+    #[inline]
+    fn copy(&mut self, from: usize, to: usize) {
+        self.nodes[to] = self.nodes[from];
+    }
+    #[inline]
+    fn refit(&mut self, n: usize) -> bool {
+        refit(self.nodes, n)
+    }
+    fn unit(&self) -> f64 {
+        self.area_of(self.root)
+    }
+}
+
+/// Makes the node in slot `n` fit its children; whether that changed it.
+#[inline]
+pub(crate) fn refit(nodes: &mut [Node], n: usize) -> bool {
+    let before = nodes[n];
+    let (l, r) = (nodes[before.first()], nodes[before.first() + 1]);
+    nodes[n].refit(&l, &r);
+    nodes[n] != before
+}
+
+/// An inner node and how bad it is.
+#[derive(Clone, Copy)]
+struct Worst {
+    inefficiency: f64,
+    pair: u32,
+}
+
+/// A node and the place to put it, and what area that saves.
+#[derive(Clone, Copy, Debug, Default)]
+struct Move {
+    saving: f64,
+    from: u32,
+    to: u32,
+}
+
+pub(crate) fn optimize<T: Tree>(
+    tree: &mut T,
+    options: &Reinsert,
+    scratch: &mut ReinsertScratch,
+) -> Optimized {
+    let ReinsertScratch { parents, worst, found } = scratch;
+    let unit = tree.unit();
+    let cost = |area: f64| if unit > 0.0 { area / unit } else { 0.0 };
+    let area = rank(tree, parents, worst);
+    let mut report = Optimized { passes: 0, changes: 0, before: cost(area), after: cost(area) };
+    let most = (options.part.clamp(0.0, 1.0) * worst.len() as f64).ceil() as usize;
+    let mut left = area;
+    for pass in 0..options.passes {
+        if pass > 0 {
+            left = rank(tree, parents, worst);
+        }
+        if most < worst.len() {
+            worst.select_nth_unstable_by(most, |a, b| {
+                b.inefficiency.total_cmp(&a.inefficiency).then(a.pair.cmp(&b.pair))
+            });
+            worst.truncate(most);
+            // Neighbours in memory are neighbours in the tree, mostly.
+            worst.sort_unstable_by_key(|node| node.pair);
+        }
+        let (frozen, parents_now) = (&*tree, &*parents);
+        let search = |stack: &mut Vec<(f64, u32)>, i: usize| {
+            best_move(frozen, parents_now, worst[i / 2].pair as usize + i % 2, stack)
+        };
+        (0..2 * worst.len()).into_par_iter().map_init(Vec::new, search).collect_into_vec(found);
+        found.retain(|one| one.saving > 0.0);
+        found.sort_unstable_by(|a, b| b.saving.total_cmp(&a.saving).then(a.from.cmp(&b.from)));
+        let mut saved = 0.0;
+        for one in &*found {
+            let saving = apply(tree, parents, one.from as usize, one.to as usize);
+            report.changes += u64::from(saving > 0.0);
+            saved += saving;
+        }
+        report.passes += 1;
+        report.after = cost(left - saved);
+        if saved <= LITTLE * left {
+            break;
+        }
+    }
+    report
+}
+
+/// Fills in the number of the node above each pair, and how bad it is; gives the sum of all areas times weights.
+fn rank<T: Tree>(tree: &T, parents: &mut Vec<u32>, worst: &mut Vec<Worst>) -> f64 {
+    let nodes = tree.nodes();
+    parents.clear();
+    parents.resize(nodes.len() / 2, 0);
+    worst.clear();
+    let (mut sum, mut todo) = (0.0, vec![tree.root()]);
+    while let Some(n) = todo.pop() {
+        let node = &nodes[n];
+        let area = tree.area_of(n);
+        sum += area * node.weight();
+        if !node.is_leaf() {
+            let pair = node.first();
+            parents[pair / 2] = n as u32;
+            let below = [tree.area_of(pair), tree.area_of(pair + 1)];
+            worst.push(Worst { inefficiency: inefficiency(area, below), pair: pair as u32 });
+            todo.extend([pair + 1, pair]);
+        }
+    }
+    sum
+}
+
+/// How bad a node is: the product of its area with what that is over its children's, at the mean and at the least (Bittner
+/// et al. 2013, section 3.3). Infinite if a child has no area.
+fn inefficiency(area: f64, [l, r]: [f64; 2]) -> f64 {
+    let (mean, least) = (0.5 * (l + r), l.min(r));
+    if area > 0.0 { area * (area / mean) * (area / least) } else { 0.0 }
+}
+
+/// The place where the node in slot `n` saves most area, if it saves any.
+///
+/// Places are looked at from its parent upwards: at each ancestor, as it is without the node, its other child and what is
+/// below, and the ancestor itself. To put the node beside X costs the area of both together and what the nodes between X
+/// and that ancestor grow; the latter bounds all that is below.
+fn best_move<T: Tree>(tree: &T, parents: &[u32], n: usize, stack: &mut Vec<(f64, u32)>) -> Move {
+    let nodes = tree.nodes();
+    let hull = tree.hull(n);
+    let own = tree.area(&hull);
+    let mut best = Move { saving: 0.0, from: n as u32, to: 0 };
+    let mut sibling = n ^ 1;
+    let mut pivot = parents[n / 2] as usize;
+    // What taking the node out saves, up to the pivot; and the pivot without the node.
+    let mut freed = tree.area_of(pivot);
+    let mut rest = tree.hull(sibling);
+    let mut is_parent = true;
+    loop {
+        stack.push((freed, sibling as u32));
+        while let Some((left, at)) = stack.pop() {
+            // What is beside it costs at least its own area.
+            if left - own <= best.saving {
+                continue;
+            }
+            let node = &nodes[at as usize];
+            let first = node.first();
+            if !node.is_leaf() {
+                prefetch(nodes, first);
+            }
+            let below = left - tree.area_with(at as usize, &hull);
+            if below > best.saving {
+                (best.saving, best.to) = (below, at);
+            }
+            let left = below + tree.area_of(at as usize);
+            if !node.is_leaf() && left - own > best.saving {
+                stack.extend([(left, first as u32 + 1), (left, first as u32)]);
+            }
+        }
+        if !is_parent {
+            tree.grow(&mut rest, sibling);
+            let area = tree.area_of(pivot);
+            // Beside the pivot itself: their parent is as large as the pivot was.
+            freed += area - tree.area(&rest);
+            if freed - area > best.saving {
+                (best.saving, best.to) = (freed - area, pivot as u32);
+            }
+        }
+        is_parent = false;
+        if pivot == tree.root() {
+            return best;
+        }
+        sibling = pivot ^ 1;
+        pivot = parents[pivot / 2] as usize;
+    }
+}
+
+/// Moves the node in slot `n` beside the one in slot `to`, if that saves area in the tree as it is; gives how much.
+fn apply<T: Tree>(tree: &mut T, parents: &mut [u32], n: usize, to: usize) -> f64 {
+    let (pair, sibling, parent) = (n & !1, n ^ 1, parents[n / 2] as usize);
+    if to == n || to == sibling || to == parent {
+        return 0.0;
+    }
+    let reference = tree.nodes()[parent].reference();
+    let taken = tree.area_of(parent);
+    tree.copy(sibling, parent);
+    adopt(tree, parents, parent);
+    let freed = taken - grown_above(tree, parents, parent);
+    let saving = COST_TRAVERSE * price(tree, parents, n, to).map_or(f64::NEG_INFINITY, |price| freed - price);
+    // Back to where it was undoes it exactly: hulls are least and greatest coordinates.
+    let to = if saving > 0.0 { to } else { parent };
+    tree.copy(to, sibling);
+    adopt(tree, parents, sibling);
+    let nodes = tree.nodes_mut();
+    nodes[to] = Node::parent(&nodes[pair], &nodes[pair + 1], pair as u32);
+    nodes[to].set_reference(reference);
+    adopt(tree, parents, to);
+    tree.refit(to);
+    grown_above(tree, parents, to);
+    saving.max(0.0)
+}
+
+/// What area it costs to put the node in slot `n`, which is in no place, beside the one in slot `to`; `None` if that is below
+/// it, or if the tree would get too high.
+fn price<T: Tree>(tree: &T, parents: &[u32], n: usize, to: usize) -> Option<f64> {
+    let hull = tree.hull(n);
+    let mut price = tree.area_with(to, &hull);
+    let (mut at, mut depth) = (to, u32::from(tree.root() != 0));
+    while at != tree.root() {
+        at = parents[at / 2] as usize;
+        depth += 1;
+        if at == n {
+            return None;
+        }
+        price += tree.area_with(at, &hull) - tree.area_of(at);
+    }
+    let height = 1 + tree.nodes()[n].height().max(tree.nodes()[to].height());
+    (depth + height <= MAX_HEIGHT).then_some(price)
+}
+
+/// Notes the place of a node for its children.
+fn adopt<T: Tree>(tree: &T, parents: &mut [u32], n: usize) {
+    let node = &tree.nodes()[n];
+    if !node.is_leaf() {
+        parents[node.first() / 2] = n as u32;
+    }
+}
+
+/// Refits all nodes above slot `n` that change; gives what area they gain.
+fn grown_above<T: Tree>(tree: &mut T, parents: &[u32], mut n: usize) -> f64 {
+    let mut grown = 0.0;
+    while n != tree.root() {
+        n = parents[n / 2] as usize;
+        let before = tree.area_of(n);
+        if !tree.refit(n) {
+            break;
+        }
+        grown += tree.area_of(n) - before;
+    }
+    grown
+}
+
+#[cfg(test)]
+mod tests {
+    use bvh_core::{Vec3, sah_cost};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::tests::{chain, options, streets};
+    use crate::{Builder, build};
+
+    fn start(boxes: &Vec<Aabb>) -> Bvh {
+        build(boxes, Builder::Lbvh, &options(1), None).expect("few enough")
+    }
+
+    fn all(passes: u32) -> Reinsert {
+        Reinsert { part: 1.0, passes }
+    }
+
+    /// The tree with node `n` out of it and beside `to`, made from scratch; its sum of inner areas.
+    fn moved_by_hand(bvh: &Bvh, n: usize, to: usize) -> f64 {
+        fn area(bvh: &Bvh, at: usize, n: usize, to: usize) -> (Aabb, f64) {
+            let node = &bvh.nodes()[at];
+            let (mut hull, mut sum) = (node.aabb(), 0.0);
+            if !node.is_leaf() {
+                let children = [node.first(), node.first() + 1];
+                let parts = children.map(|child| (child != n).then(|| area(bvh, child, n, to)));
+                sum = parts.iter().flatten().map(|part| part.1).sum();
+                hull = parts.iter().flatten().fold(Aabb::EMPTY, |hull, part| hull.union(part.0));
+                if !children.contains(&n) {
+                    sum += hull.half_area_f64();
+                }
+            }
+            if at == to {
+                let (other, below) = area(bvh, n, usize::MAX, usize::MAX);
+                hull = hull.union(other);
+                sum += below + hull.half_area_f64();
+            }
+            (hull, sum)
+        }
+        area(bvh, 0, n, to).1
+    }
+
+    fn inner_area(bvh: &Bvh) -> f64 {
+        let mut sum = 0.0;
+        bvh.visit(|_, node, _| sum += if node.is_leaf() { 0.0 } else { node.aabb().half_area_f64() });
+        sum
+    }
+
+    fn is_below(bvh: &Bvh, at: usize, n: usize) -> bool {
+        let node = &bvh.nodes()[n];
+        at == n || !node.is_leaf() && (is_below(bvh, at, node.first()) || is_below(bvh, at, node.first() + 1))
+    }
+
+    proptest! {
+        #[test]
+        fn the_place_found_is_the_best_of_all_and_saves_what_it_says(
+            corners in prop::collection::vec(prop::array::uniform6(0f32..1.0), 3..12),
+        ) {
+            let point = |c: &[f32]| Vec3::new(c[0], c[1], c[2]);
+            let boxes: Vec<_> = corners.iter().map(|c| Aabb::around(&[point(&c[..3]), point(&c[3..])])).collect();
+            let bvh = start(&boxes);
+            let mut nodes = bvh.nodes().to_vec();
+            let (mut parents, mut worst) = (Vec::new(), Vec::new());
+            rank(&Boxes { nodes: &mut nodes, root: 0 }, &mut parents, &mut worst);
+            let before = inner_area(&bvh);
+            for n in 2..nodes.len() {
+                let tree = Boxes { nodes: &mut nodes, root: 0 };
+                let found = best_move(&tree, &parents, n, &mut Vec::new());
+                let parent = parents[n / 2] as usize;
+                let places = (0..tree.nodes.len()).filter(|&to| to != 1 && to != parent && !is_below(&bvh, to, n));
+                let least = places.map(|to| moved_by_hand(&bvh, n, to)).fold(before, f64::min);
+                prop_assert!((before - found.saving - least).abs() < 1e-9, "{found:?}: {before} to {least}");
+                if found.saving > 1e-9 {
+                    let mut nodes = nodes.clone();
+                    let mut tree = Boxes { nodes: &mut nodes, root: 0 };
+                    let saved = apply(&mut tree, &mut parents.clone(), n, found.to as usize);
+                    let after = Bvh::new(&nodes, bvh.order().to_vec()).expect("a tree");
+                    after.validate(&boxes).expect("valid");
+                    prop_assert!((saved - found.saving).abs() < 1e-9);
+                    prop_assert!((before - saved - inner_area(&after)).abs() < 1e-9);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_move_that_does_not_pay_leaves_everything_as_it_was() {
+        let boxes = streets(200);
+        let mut bvh = start(&boxes);
+        reinsert(&mut bvh, &all(100), &mut ReinsertScratch::new());
+        let mut nodes = bvh.nodes().to_vec();
+        let (mut parents, mut worst) = (Vec::new(), Vec::new());
+        let mut tree = Boxes { nodes: &mut nodes, root: 0 };
+        rank(&tree, &mut parents, &mut worst);
+        let before = parents.clone();
+        let mut refused = 0;
+        for n in 2..tree.nodes.len() {
+            for to in (0..tree.nodes.len()).step_by(7).filter(|&to| to != 1) {
+                if best_move(&tree, &parents, n, &mut Vec::new()).saving == 0.0 {
+                    assert_eq!(apply(&mut tree, &mut parents, n, to), 0.0);
+                    refused += 1;
+                }
+            }
+        }
+        assert!(refused > 10_000);
+        assert!(nodes == bvh.nodes() && parents == before);
+    }
+
+    #[test]
+    fn a_small_budget_brings_most_of_it() {
+        let boxes = streets(5000);
+        let over = |options: Reinsert| {
+            let mut bvh = start(&boxes);
+            bvh.set_moving(|p| p % 16 == 0);
+            let done = reinsert(&mut bvh, &options, &mut ReinsertScratch::new());
+            bvh.validate(&boxes).expect("valid");
+            assert!((done.after / sah_cost(&bvh) - 1.0).abs() < 1e-9, "{done:?}");
+            let still = bvh.still_area();
+            bvh.set_moving(|p| p % 16 == 0);
+            assert!(still > 0.0 && (still / bvh.still_area() - 1.0).abs() < 1e-12);
+            done.after / done.before
+        };
+        let [none, few, most] = [all(0), Reinsert { part: 0.05, passes: 3 }, all(20)].map(over);
+        assert!(none == 1.0 && few < 0.95 && most < few, "{few}, {most}");
+        assert_eq!(over(Reinsert { part: f64::NAN, passes: 2 }), 1.0);
+        assert_eq!(over(Reinsert { part: 7.0, passes: 2 }), over(all(2)));
+    }
+
+    #[test]
+    fn references_add_up_to_what_they_did() {
+        let boxes = streets(1000);
+        let mut bvh = start(&boxes);
+        raw::edit(&mut bvh, |nodes| {
+            for node in nodes.iter_mut() {
+                node.set_reference(node.aabb().half_area());
+            }
+        });
+        let sum = |bvh: &Bvh| bvh.nodes().iter().map(|node| f64::from(node.reference())).sum::<f64>();
+        let before = sum(&bvh);
+        assert!(reinsert(&mut bvh, &all(3), &mut ReinsertScratch::new()).changes > 100);
+        assert!((sum(&bvh) / before - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_height_bound_is_kept() {
+        let at = |i: u32| Vec3::splat((i * 37 % 97) as f32);
+        let boxes: Vec<_> = (0..=MAX_HEIGHT).map(at).map(|p| Aabb::new(p, p + Vec3::ONE)).collect();
+        let mut bvh = chain(&boxes);
+        let done = reinsert(&mut bvh, &all(20), &mut ReinsertScratch::new());
+        bvh.validate(&boxes).expect("valid");
+        assert!(done.after < 0.5 * done.before, "{done:?}");
+    }
+}
