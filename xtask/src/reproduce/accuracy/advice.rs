@@ -43,6 +43,9 @@ impl Cost {
     }
 }
 
+/// Errors that differ by no more than this factor count as the same in words.
+const ALIKE: f64 = 1.01;
+
 /// The sentence.
 pub(super) fn sentence(family: &Family<'_>) -> String {
     let choices = choices(family);
@@ -56,7 +59,9 @@ pub(super) fn sentence(family: &Family<'_>) -> String {
     let error = |c: &Choice<'_>| format!("{} {}", precise(c.error), family.unit);
     let cost = |c: &Choice<'_>| format!("{} {cost_unit}", precise(c.cost));
     let both = |c: &Choice<'_>| format!("{} ({}, {})", c.setting, cost(c), error(c));
-    let rule = if choices.iter().all(|c| c.error == cheapest.error) {
+    let least = choices.iter().map(|c| c.error).fold(f64::INFINITY, f64::min);
+    let most = choices.iter().map(|c| c.error).fold(f64::NEG_INFINITY, f64::max);
+    let rule = if most <= ALIKE * least {
         format!(
             "All err alike ({}): take the cheapest, {} ({})",
             error(cheapest),

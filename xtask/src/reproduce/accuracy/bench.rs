@@ -44,7 +44,9 @@ impl<'a> Bench<'a> {
 
     /// Takes what was measured; it is in the file when this returns.
     pub(super) fn add(&mut self, point: Point) -> Result<()> {
-        let point = Point { scene: self.label.to_owned(), ..point };
+        // To a tenth of a microsecond.
+        let time_ms = (point.time_ms * 1e4).round() / 1e4;
+        let point = Point { scene: self.label.to_owned(), time_ms, ..point };
         self.log.append(&point)?;
         self.points.push(point);
         Ok(())

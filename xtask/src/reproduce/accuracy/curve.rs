@@ -21,7 +21,7 @@ pub(super) struct Curve<'a> {
 pub(super) fn families(points: &[Point]) -> Vec<Family<'_>> {
     let mut families: Vec<Family<'_>> = Vec::new();
     for point in points {
-        let (knob, condition) = point.knob.split_once(", ").unwrap_or((&point.knob, ""));
+        let (knob, condition) = point.knob.split_once(" at ").unwrap_or((&point.knob, ""));
         let same = |f: &Family<'_>| f.knob == knob && f.error_name == point.error_name;
         let at = families.iter().position(same).unwrap_or_else(|| {
             let (error_name, unit) = (&point.error_name, &point.unit);
@@ -99,10 +99,10 @@ mod tests {
             ..Point::default()
         };
         let points = [
-            point("test, near", "leaks"),
-            point("test, near", "distance"),
-            point("test, far", "leaks"),
-            point("test, far", "leaks"),
+            point("test at near", "leaks"),
+            point("test at near", "distance"),
+            point("test at far", "leaks"),
+            point("test at far", "leaks"),
             point("bins", "cost"),
         ];
         let families = families(&points);

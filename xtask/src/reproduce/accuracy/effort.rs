@@ -42,11 +42,11 @@ impl Effort {
             frames,
             compared: 2,
             size,
-            repeats: 2,
+            repeats: 3,
             solid_triangles: 2_000,
             rays: [20_000, 300],
             detail: 0.02,
-            substeps: &[4, 16, 64],
+            substeps: &[4, 16],
             spaces: &[0.125, 0.5, 1.0],
             fine: [4, 2],
             moments: 60,
@@ -57,7 +57,7 @@ impl Effort {
         match preset {
             Preset::Quick => quick,
             Preset::Standard => Self {
-                compared: 5,
+                compared: 4,
                 repeats: 3,
                 solid_triangles: 10_000,
                 rays: [200_000, 1_000],

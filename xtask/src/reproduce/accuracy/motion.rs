@@ -57,7 +57,7 @@ pub(super) fn substeps(bench: &mut Bench<'_>) -> Result<()> {
                 is_default: substeps.is_none(),
                 error_name: name[0].to_owned(),
                 error: measure.value,
-                unit: name.get(1).map_or("part", |unit| unit).to_owned(),
+                unit: name.get(1).map_or("fraction", |unit| unit).to_owned(),
                 time_ms,
                 note: format!("time of simulating a loop, at {}", detail(bench, info)),
                 ..Point::default()
@@ -100,8 +100,8 @@ pub(super) fn key_frames(bench: &mut Bench<'_>) -> Result<()> {
             pose.advance(&*scene.animation, moment * duration);
         });
         for (error_name, error) in [
-            ("distance to the finely sampled motion, root mean square", distance.rms),
-            ("distance to the finely sampled motion, greatest", distance.max),
+            ("rms distance to the finely sampled motion", distance.rms),
+            ("greatest distance to the finely sampled motion", distance.max),
         ] {
             bench.add(Point {
                 knob: "key frames".to_owned(),
@@ -109,7 +109,7 @@ pub(super) fn key_frames(bench: &mut Bench<'_>) -> Result<()> {
                 is_default: spaces == own,
                 error_name: error_name.to_owned(),
                 error,
-                unit: "part of the extent".to_owned(),
+                unit: "fraction of the extent".to_owned(),
                 time_ms,
                 note: format!(
                     "time of posing a frame; against {} key frames, {} simulation steps in all, at {}",

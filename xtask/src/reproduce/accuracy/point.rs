@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Point {
     pub(crate) scene: String,
-    /// The knob, and after a comma the condition, where there are several.
+    /// The knob, and after "at" the condition, where there are several.
     pub(crate) knob: String,
     pub(crate) setting: String,
     pub(crate) is_default: bool,
@@ -66,7 +66,7 @@ mod tests {
         let path = folder.path().join("accuracy.csv");
         let mut log = Log::create(&path).unwrap();
         let point = |error, bytes| Point {
-            knob: "triangle test, offset 1e3".to_owned(),
+            knob: "triangle test at 1e3".to_owned(),
             note: "with \"quotes\", commas".to_owned(),
             is_default: true,
             error,

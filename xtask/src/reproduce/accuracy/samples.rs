@@ -50,7 +50,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
                 knob: format!("samples of {effect}"),
                 setting: format!("{} a pixel", mean.count),
                 is_default: mean.count == default_samples(&light) as usize,
-                error_name: "image error, root mean square".to_owned(),
+                error_name: "rms image error".to_owned(),
                 error: root_mean_square(&mean, &converged),
                 unit: "linear colour".to_owned(),
                 time_ms: mean.time_ms,

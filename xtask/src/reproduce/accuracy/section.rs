@@ -35,7 +35,8 @@ fn scatter<'a>(family: &Family<'a>) -> Scatter<'a> {
 
 fn hover(point: &Point, cost: Cost) -> String {
     let Point { knob, setting, error, unit, note, .. } = point;
-    let condition = knob.split_once(", ").map(|(_, condition)| format!(", {condition}")).unwrap_or_default();
+    let condition =
+        knob.split_once(" at ").map(|(_, condition)| format!(" at {condition}")).unwrap_or_default();
     let default = if point.is_default { " (the default)" } else { "" };
     let (x, y) = (precise(cost.at(point)), precise(*error));
     format!("{setting}{condition}{default}: {x} {}, {y} {unit}; {note}", cost.unit())
@@ -52,8 +53,8 @@ pub(crate) fn html(results: &Results) -> Markup {
             h2 { "What accuracy costs in time" }
             p {
                 "Every setting of every knob: its error to the top, what it costs to the right, so that lower left is better. "
-                "Settings that nothing beats in both, the Pareto front, are filled and joined; the default has a ring. Both axes "
-                "are logarithmic; a zero stands on a line of its own. All points, with what was timed, are in "
+                "Settings that nothing beats in both, the Pareto front, are filled and joined; the default has a ring. "
+                "Zero stands below a dotted line where the axis is logarithmic. All points, with what was timed, are in "
                 code { "accuracy.csv" } "."
             }
             @for scene in scenes {

@@ -38,16 +38,18 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         let bits = |pixel: &[f32; 3]| pixel.map(f32::to_bits);
         let pixels = image.pixels().iter().zip(reference.pixels());
         let nodes = tree.nodes().iter().zip(reference_tree.nodes());
-        for (error_name, error, time_ms, note) in [
+        for (error_name, error, unit, time_ms, note) in [
             (
                 "pixels that differ from tracing one by one",
                 pixels.filter(|(a, b)| bits(a) != bits(b)).count(),
+                "pixels",
                 trace_ms,
                 format!("time of tracing {size} x {size} pixels; compared bit by bit"),
             ),
             (
                 "nodes that differ from the plain recursion",
                 nodes.filter(|(a, b)| a != b).count(),
+                "nodes",
                 update_ms,
                 format!("time of refitting and rotating {} nodes once", tree.nodes().len()),
             ),
@@ -58,7 +60,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
                 is_default: level == SimdLevel::best(),
                 error_name: error_name.to_owned(),
                 error: error as f64,
-                unit: "number".to_owned(),
+                unit: unit.to_owned(),
                 time_ms,
                 note,
                 ..Point::default()

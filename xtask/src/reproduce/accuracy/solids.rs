@@ -23,32 +23,41 @@ pub(super) struct Solids {
 const LEAST: usize = 8;
 
 impl Solids {
-    /// Closed pieces of a mesh, from all over it, of at most about `budget` triangles.
-    pub(super) fn find(positions: &[Vec3], triangles: &[[u32; 3]], budget: usize) -> Self {
-        let components = components(positions.len(), triangles);
+    /// Closed pieces of a moving mesh, as they are at the first of two moments, of at most `budget` triangles, from all
+    /// over it. Vertices in one place at both moments are one.
+    pub(super) fn find(moments: [&[Vec3]; 2], triangles: &[[u32; 3]], budget: usize) -> Self {
+        let (positions, triangles) = welded(moments, triangles);
+        let components = components(positions.len(), &triangles);
         let mut solids = Self::default();
-        let mut left = budget;
-        // A stride that has nothing in common with the order of pieces reaches all parts of it.
-        let stride = (components.len() as f64 * 0.618) as usize | 1;
-        for i in 0..components.len() {
-            let component = &components[(i * stride) % components.len()];
-            if component.len() > left || component.len() < LEAST {
-                continue;
-            }
-            let faces: Vec<[u32; 3]> = component.iter().map(|&t| triangles[t as usize]).collect();
-            if let Some((corners, faces)) = welded(positions, &faces).filter(|(_, faces)| closed(faces)) {
-                left -= component.len();
-                solids.push(&corners, &faces);
-            }
-            if left < LEAST {
-                break;
+        // Any few numbers that are first in the order of their multiples of the golden section are spread evenly.
+        let mut order: Vec<usize> = (0..components.len()).collect();
+        let place = |&i: &usize| (i as f64 * 0.618_033_988_749_895).fract();
+        order.sort_by(|a, b| place(a).total_cmp(&place(b)));
+        for component in order.into_iter().map(|i| &components[i]) {
+            let room = budget - solids.triangles.len();
+            if (LEAST..=room).contains(&component.len()) {
+                let faces: Vec<[u32; 3]> = component.iter().map(|&t| triangles[t as usize]).collect();
+                solids.push(&positions, &faces);
             }
         }
         solids.normalized()
     }
 
-    fn push(&mut self, corners: &[DVec3], faces: &[[u32; 3]]) {
-        let Some(inside) = point_inside(corners, faces) else { return };
+    /// Takes a piece, if it is closed and has an inside.
+    fn push(&mut self, positions: &[Vec3], faces: &[[u32; 3]]) {
+        let mut number = HashMap::new();
+        let mut corners = Vec::new();
+        let mut at = |v: u32| {
+            *number.entry(v).or_insert_with(|| {
+                corners.push(positions[v as usize].as_dvec3());
+                corners.len() as u32 - 1
+            })
+        };
+        let faces: Vec<[u32; 3]> = faces.iter().map(|face| face.map(&mut at)).collect();
+        if !closed(&faces) || !corners.iter().all(|p| p.is_finite()) {
+            return;
+        }
+        let Some(inside) = point_inside(&corners, &faces) else { return };
         let base = self.positions.len() as u32;
         self.positions.extend(corners);
         self.triangles.extend(faces.iter().map(|face| face.map(|corner| base + corner)));
@@ -101,22 +110,23 @@ fn components(vertices: usize, triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
     components
 }
 
-/// The same triangles with one corner for each place; `None` if a place is not finite. Those that are left without an
-/// inside go: what is around them stays closed.
-fn welded(positions: &[Vec3], faces: &[[u32; 3]]) -> Option<(Vec<DVec3>, Vec<[u32; 3]>)> {
+/// A mesh with one vertex for all that are in one place at both moments, at the first of them. Triangles that are left
+/// without an inside go: what is around them stays closed.
+fn welded([first, second]: [&[Vec3]; 2], triangles: &[[u32; 3]]) -> (Vec<Vec3>, Vec<[u32; 3]>) {
     let mut number = HashMap::new();
-    let mut corners = Vec::new();
-    let mut at = |v: u32| {
-        let p = positions[v as usize];
-        // Adding zero makes the two zeros one.
-        *number.entry((p + Vec3::ZERO).to_array().map(f32::to_bits)).or_insert_with(|| {
-            corners.push(p.as_dvec3());
-            corners.len() as u32 - 1
+    let mut positions = Vec::new();
+    // Adding zero makes the two zeros one.
+    let bits = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
+    let places = first.iter().zip(second).map(|(&p, &q)| {
+        *number.entry([bits(p), bits(q)]).or_insert_with(|| {
+            positions.push(p);
+            positions.len() as u32 - 1
         })
-    };
-    let faces: Vec<[u32; 3]> =
-        faces.iter().map(|face| face.map(&mut at)).filter(|[a, b, c]| a != b && b != c && c != a).collect();
-    corners.iter().all(|p| p.is_finite()).then_some((corners, faces))
+    });
+    let places: Vec<u32> = places.collect();
+    let triangles = triangles.iter().map(|face| face.map(|v| places[v as usize]));
+    let triangles = triangles.filter(|[a, b, c]| a != b && b != c && c != a).collect();
+    (positions, triangles)
 }
 
 /// Whether every edge is run along as often in one direction as in the other.
@@ -137,8 +147,8 @@ fn point_inside(corners: &[DVec3], faces: &[[u32; 3]]) -> Option<DVec3> {
     let below = faces.iter().step_by(faces.len().div_ceil(8)).flat_map(|face| {
         let [a, b, c] = face.map(|i| corners[i as usize]);
         let normal = (b - a).cross(c - a).normalize_or_zero();
-        let depth = 0.2 * (b - a).length();
-        [-depth, depth].map(|depth| (a + b + c) / 3.0 + normal * depth)
+        let edge = (b - a).length();
+        [-0.2, 0.2, -0.05, 0.05, -0.01, 0.01].map(|part| (a + b + c) / 3.0 + normal * (part * edge))
     });
     let is_inside = |p: &DVec3| winds_around(*p, faces.iter().map(|f| f.map(|i| corners[i as usize])));
     [middle].into_iter().chain(below).find(is_inside)
@@ -218,13 +228,16 @@ mod tests {
             let open = if ball % 2 == 1 { 2 } else { 0 };
             triangles.extend(faces[open..].iter().map(|f| f.map(|i| base + i)));
         }
-        let solids = Solids::find(&positions, &triangles, 1000);
+        let solids = Solids::find([&positions, &positions], &triangles, 1000);
         assert_eq!(solids.pieces.iter().map(|p| p.0).collect::<Vec<_>>(), [8, 8, 8]);
         let edge = solids.positions[0].distance(solids.positions[2]);
         assert!((1.0..2.0).contains(&edge), "{edge}");
-        assert_eq!(Solids::find(&positions, &triangles, 17).pieces.len(), 2);
-        assert!(Solids::find(&[], &[], 10).pieces.is_empty());
+        assert_eq!(Solids::find([&positions, &positions], &triangles, 17).pieces.len(), 2);
+        assert!(Solids::find([&[], &[]], &[], 10).pieces.is_empty());
+        let together: Vec<Vec3> = positions.iter().map(|p| p.with_y(p.y.rem_euclid(20.0))).collect();
+        let pieces = |moments| Solids::find(moments, &triangles, 1000).pieces.len();
+        assert_eq!((pieces([&together, &positions]), pieces([&together, &together])), (3, 0));
         positions[0] = Vec3::NAN;
-        assert_eq!(Solids::find(&positions, &triangles, 1000).pieces.len(), 2);
+        assert_eq!(Solids::find([&positions, &positions], &triangles, 1000).pieces.len(), 2);
     }
 }

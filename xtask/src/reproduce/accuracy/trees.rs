@@ -10,7 +10,6 @@ use bvh_update::{Rotate, Scratch, Strategy, update};
 use super::bench::{Bench, fastest};
 use super::point::Point;
 use crate::interrupt;
-use crate::reproduce::protocol::is_sampled;
 use crate::stage::ms;
 
 /// The errors of a tree.
@@ -42,7 +41,7 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
         _ => true,
     });
     let fewer = [2, 4, 8].map(|period| {
-        (format!("refit+rotate, 1 node in {period}"), Strategy::RefitRotate(Rotate { period }))
+        (format!("refit+rotate at 1 node in {period}"), Strategy::RefitRotate(Rotate { period }))
     });
     bench.stage.pose(0.0);
     let mut entrants: Vec<Entrant> = strategies
@@ -66,7 +65,9 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
     // On the first frame all trees are fresh.
     for frame in 1..frames {
         bench.stage.pose(bench.stage.time_of(frame, frames));
-        let compare = is_sampled(frames - 1 - frame, frames - 1, wanted);
+        // So many times, evenly, and on the last frame.
+        let part = |frame: usize| frame * wanted / (frames - 1);
+        let compare = part(frame) != part(frame - 1);
         for entrant in entrants.iter_mut().filter(|e| compare || !e.rebuilds()) {
             entrant.update(bench)?;
         }
@@ -144,7 +145,7 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
     });
     let radii = [1, 2, 4, 8, 16, 32].map(|radius| {
         let options = BuildOptions { search_radius: radius, ..default };
-        of(Builder::Ploc, options, format!("ploc, radius {radius}"), radius == default.search_radius)
+        of(Builder::Ploc, options, format!("ploc radius {radius}"), radius == default.search_radius)
     });
     let others = Builder::ALL
         .into_iter()

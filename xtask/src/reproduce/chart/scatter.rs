@@ -23,7 +23,7 @@ pub(crate) struct Mark<'a> {
     pub(crate) hover: String,
 }
 
-/// Series over common logarithmic axes.
+/// Series over common axes.
 pub(crate) struct Scatter<'a> {
     pub(crate) title: &'a str,
     pub(crate) x_label: String,
@@ -52,7 +52,11 @@ pub(crate) fn precise(value: f64) -> String {
 
 /// A tick's number.
 fn tick(value: f64) -> String {
-    if value.abs() >= 1e-3 || value == 0.0 { super::axis::tick(value) } else { format!("{value:.0e}") }
+    if value.abs() >= 1e-3 || value == 0.0 {
+        super::axis::tick(value)
+    } else {
+        format!("{value:.1e}").replace(".0e", "e")
+    }
 }
 
 impl Scatter<'_> {
@@ -77,7 +81,7 @@ impl Scatter<'_> {
                 height=(height) viewBox=(format!("0 0 {width} {height}")) role="img"
                 aria-label={ (self.title) ": " (self.y_label) } {
                 text class="title" x="4" y="14" { (self.title) }
-                text class="label" x="4" y="31" { (self.y_label) }
+                text class="label" x="4" y="31" { (self.y_label) (scale(&y)) }
                 (self.legend())
                 @if self.marks().any(|mark| mark.y > 0.0) {
                     @for t in y.ticks() {
@@ -94,10 +98,12 @@ impl Scatter<'_> {
                     text class="tick" x=(c(x.place(t))) y=(bottom + 16.0) text-anchor="middle" { (tick(t)) }
                 }
                 line class="axis" x1=(left) x2=(right) y1=(bottom) y2=(bottom) {}
-                text class="label" x=(c(0.5 * (left + right))) y=(height - 8.0) text-anchor="middle" { (self.x_label) }
+                text class="label" x=(c(0.5 * (left + right))) y=(height - 8.0) text-anchor="middle" {
+                    (self.x_label) (scale(&x))
+                }
                 @for (i, series) in self.series.iter().enumerate() {
                     g style=(color(i)) {
-                        path class="line" d=(front(series, &place)) {}
+                        path class="line" d=(path(&front(series, &place))) {}
                         @for mark in &series.marks {
                             @let (cx, cy) = place(mark);
                             g {
@@ -150,6 +156,15 @@ impl Scatter<'_> {
                 Rect { left: x - r, top: y - r, right: x + r, bottom: y + r }
             })
             .collect();
+        for series in &self.series {
+            let corners = front(series, place);
+            taken.extend(corners.windows(2).map(|pair| Rect {
+                left: pair[0].0.min(pair[1].0) - 1.0,
+                top: pair[0].1.min(pair[1].1) - 1.0,
+                right: pair[0].0.max(pair[1].0) + 1.0,
+                bottom: pair[0].1.max(pair[1].1) + 1.0,
+            }));
+        }
         let inside = Rect { left: left + 1.0, top: top - 12.0, right: right + 14.0, bottom };
         let mut labels: Vec<Label<'_>> = Vec::new();
         for mark in marks {
@@ -161,10 +176,10 @@ impl Scatter<'_> {
             let diagonal = 0.8 * gap;
             let starts = [
                 (x + gap, y + 4.0),
+                (x + diagonal, y - diagonal),
                 (x - gap - w, y + 4.0),
                 (x - 0.5 * w, y - gap - 1.0),
                 (x - 0.5 * w, y + gap + 9.0),
-                (x + diagonal, y - diagonal),
                 (x + diagonal, y + diagonal + 8.0),
                 (x - diagonal - w, y - diagonal),
                 (x - diagonal - w, y + diagonal + 8.0),
@@ -221,23 +236,38 @@ fn color(series: usize) -> String {
     format!("color: var(--{})", COLORS[series % COLORS.len()])
 }
 
-/// A logarithmic axis with some room on both sides of what is above zero.
+/// An axis with some room on both sides of what is above zero: logarithmic if that spans more than a factor of ten.
 fn spanning(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Axis {
     let usable = values.filter(|v| v.is_finite() && *v > 0.0);
     let (low, high) = usable.fold((f64::INFINITY, 0.0_f64), |(low, high), v| (low.min(v), high.max(v)));
     let (low, high) = if low <= high { (low, high) } else { (1.0, 1.0) };
-    let room = (high / low).powf(0.08).max(1.05);
-    Axis { low: low / room, high: high * room, log: true, from, to }
+    if high > 10.0 * low {
+        let room = (high / low).powf(0.08);
+        return Axis { low: low / room, high: high * room, log: true, from, to };
+    }
+    let room = (0.1 * (high - low)).max(0.02 * high);
+    Axis { low: low - room, high: high + room, log: false, from, to }
 }
 
-/// A line down the front, by steps: a setting stands for all that may cost more.
-fn front(series: &Series<'_>, place: &impl Fn(&Mark<'_>) -> (f64, f64)) -> String {
+fn scale(axis: &Axis) -> &'static str {
+    if axis.log { " (logarithmic)" } else { "" }
+}
+
+/// The corners of a line down the front, by steps: a setting stands for all that may cost more.
+fn front(series: &Series<'_>, place: &impl Fn(&Mark<'_>) -> (f64, f64)) -> Vec<(f64, f64)> {
     let mut marks: Vec<&Mark<'_>> = series.marks.iter().filter(|mark| mark.on_front).collect();
     marks.sort_by(|a, b| a.x.total_cmp(&b.x));
-    let places = marks.iter().map(|mark| place(mark)).enumerate();
-    places
-        .map(|(i, (x, y))| if i == 0 { format!("M{} {}", c(x), c(y)) } else { format!("H{}V{}", c(x), c(y)) })
-        .collect()
+    let mut corners: Vec<(f64, f64)> = Vec::new();
+    for (x, y) in marks.into_iter().map(place) {
+        corners.extend(corners.last().map(|&(_, above)| (x, above)));
+        corners.push((x, y));
+    }
+    corners
+}
+
+fn path(corners: &[(f64, f64)]) -> String {
+    let to = |i| if i == 0 { 'M' } else { 'L' };
+    corners.iter().enumerate().map(|(i, &(x, y))| format!("{}{} {}", to(i), c(x), c(y))).collect()
 }
 
 #[cfg(test)]
@@ -270,6 +300,6 @@ mod tests {
     #[test]
     fn small_numbers_keep_their_digits() {
         assert_eq!([0.0, 1e-7, 0.0123, 12.34].map(precise), ["0", "1.0e-7", "0.012", "12.3"]);
-        assert_eq!([1e-7, 0.003, 20.0].map(tick), ["1e-7", "0.003", "20"]);
+        assert_eq!([1e-7, 2.5e-8, 0.003, 20.0].map(tick), ["1e-7", "2.5e-8", "0.003", "20"]);
     }
 }
