@@ -170,7 +170,8 @@ fn frames(
     Ok(())
 }
 
-fn default_samples(light: &LightEffects) -> u32 {
+/// Samples of a pixel with such effects, if none are asked for.
+pub(crate) fn default_samples(light: &LightEffects) -> u32 {
     match light {
         LightEffects { diffuse_bounces: true, .. } => 64,
         LightEffects { ambient_occlusion: true, .. } => 4,

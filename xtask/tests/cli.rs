@@ -288,6 +288,54 @@ fn only_what_is_asked_for_is_run() {
 }
 
 #[test]
+fn accuracy_leaves_points_and_figures() {
+    let (temporary, sheet) = folder();
+    let out = temporary.path().join("results");
+    succeeds(&[
+        "reproduce",
+        "accuracy",
+        "--preset",
+        "quick",
+        "--scene",
+        str(&sheet),
+        "--frames",
+        "4",
+        "--size",
+        "16",
+        "--out",
+        str(&out),
+    ]);
+    let points = fs::read_to_string(out.join("accuracy.csv")).expect("points");
+    let header = "scene,knob,setting,is_default,error_name,error,unit,time_ms,note";
+    assert!(points.starts_with(header), "{points}");
+    for knob in [
+        "update strategy",
+        "builder",
+        "SIMD level",
+        "samples of ambient occlusion",
+        "samples of diffuse bounces",
+    ] {
+        let of_knob = || points.lines().filter(|line| line.starts_with(&format!("sheet/,{knob},")));
+        let defaults = of_knob().filter(|line| line.split(',').nth(3) == Some("true")).count();
+        assert!(of_knob().count() > 2 && (defaults > 0 || knob.starts_with("samples")), "{knob}: {points}");
+    }
+    // The sweep build is as good as itself, and no SIMD level changes a bit.
+    let errors = |start: &str| -> Vec<f64> {
+        let lines = points.lines().filter(|line| line.contains(start));
+        lines.map(|line| line.split(',').nth(5).and_then(|e| e.parse().ok()).expect("a number")).collect()
+    };
+    assert_eq!(errors(",builder,sweep,false,SAH cost"), [1.0]);
+    assert!(errors(",SIMD level,").iter().all(|&error| error == 0.0));
+    assert!(!points.contains("triangle test") && !points.contains("key frames"), "open, and not simulated");
+
+    let svg = fs::read_to_string(out.join("figures/accuracy-sheet.svg")).expect("a figure");
+    assert!(svg.starts_with("<svg") && svg.ends_with("</svg>") && !svg.contains("NaN"));
+    let report = fs::read_to_string(out.join("report.html")).expect("a report");
+    assert!(report.contains("What accuracy costs in time") && report.contains("Take "));
+    assert!(!out.join("figures/fig4.svg").exists());
+}
+
+#[test]
 fn frames_are_rendered_to_png_and_exr() {
     let (temporary, sheet) = folder();
     let (png, exr, flat) =

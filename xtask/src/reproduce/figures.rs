@@ -2,6 +2,7 @@
 
 use maud::{Markup, PreEscaped, html};
 
+use super::accuracy;
 use super::chart::{Bar, Bars, Line, PANEL_SIZE, Panel};
 use super::contestants::{IDEAL, IDEAL_PARALLEL_BINNED};
 use super::record::Row;
@@ -146,6 +147,7 @@ pub(crate) fn files(results: &Results) -> Vec<Figure> {
             figures.push(pair(&format!("fig5-{}", scene.facts.slug), &[&panels], &keys));
         }
     }
+    figures.extend(accuracy::figures(results));
     figures
 }
 

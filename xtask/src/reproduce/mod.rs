@@ -1,5 +1,6 @@
 //! `cargo xtask reproduce`: the paper's experiments, rerun and judged.
 
+mod accuracy;
 mod chart;
 mod check;
 mod claims;
@@ -60,6 +61,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let mut records = Records::create(&out.file("frames.csv"))?;
     let any_speeds = entries.iter().any(|entry| args.runs_speeds(&entry.label));
     let mut speed_records = any_speeds.then(|| Records::create(&out.file("fig5.csv"))).transpose()?;
+    let mut accuracy_log =
+        args.runs_accuracy().then(|| accuracy::Log::create(&out.file("accuracy.csv"))).transpose()?;
     for entry in entries {
         if interrupt::requested() {
             break;
@@ -75,6 +78,10 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             }
             if let Some(records) = speed_records.as_mut().filter(|_| args.runs_speeds(&run.facts.label)) {
                 run_speeds(&mut run, &mut stage, &plan, args.values().speed_loops, records)?;
+            }
+            if let Some(log) = &mut accuracy_log {
+                let label = &run.facts.label;
+                run.accuracy = accuracy::measure(label, &entry.source, &mut stage, &args.effort(), log)?;
             }
             Ok::<_, anyhow::Error>(run)
         })?;

@@ -6,6 +6,7 @@ use anyhow::Result;
 use clap::ValueEnum;
 use scenes::Scene;
 
+use super::accuracy::Effort;
 use super::contestants::Contestant;
 use super::preset::{Preset, Values};
 use super::results::Settings;
@@ -22,6 +23,8 @@ enum Experiment {
     Fig6,
     /// The paper's claims, judged from all of these.
     Claims,
+    /// What every knob that buys accuracy costs in time.
+    Accuracy,
 }
 
 impl Experiment {
@@ -31,6 +34,7 @@ impl Experiment {
             Self::Fig5 => "fig5",
             Self::Fig6 => "fig6",
             Self::Claims => "claims",
+            Self::Accuracy => "accuracy",
         }
     }
 }
@@ -125,9 +129,21 @@ impl Args {
         }
     }
 
-    /// Whether anything but figure 5 is asked for.
+    /// Whether an experiment that runs every strategy frame by frame is asked for.
     pub(super) fn runs_frames(&self) -> bool {
-        self.experiments.is_empty() || self.experiments.iter().any(|&e| e != Experiment::Fig5)
+        let other = [Experiment::Fig5, Experiment::Accuracy];
+        self.experiments.is_empty() || self.experiments.iter().any(|e| !other.contains(e))
+    }
+
+    /// Whether knobs are to be measured: like figure 5 only if named where time is short.
+    pub(super) fn runs_accuracy(&self) -> bool {
+        let everything = self.experiments.is_empty() && self.preset.values().speeds;
+        everything || self.experiments.contains(&Experiment::Accuracy)
+    }
+
+    /// How much is measured of each knob.
+    pub(super) fn effort(&self) -> Effort {
+        Effort::new(self.preset, &self.values(), self.seed)
     }
 
     /// Whether figure 5 is to be run on that scene: on its own, and on any other if it is asked for by name.

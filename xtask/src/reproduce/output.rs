@@ -21,10 +21,10 @@ impl Output {
         for folder in [out.folder.clone(), out.file("figures"), out.file("images")] {
             files::make_folder(&folder)?;
         }
-        for name in ["report.html", "summary.json", "fig5.csv"] {
+        for name in ["report.html", "summary.json", "fig5.csv", "accuracy.csv"] {
             files::remove_old(&out.file(name))?;
         }
-        files::remove_all(&out.file("figures"), |name| name.starts_with("fig") && name.ends_with(".svg"))?;
+        files::remove_all(&out.file("figures"), is_figure)?;
         files::remove_all(&out.file("images"), is_picture)?;
         Ok(out)
     }
@@ -68,6 +68,11 @@ impl Output {
             None => Ok(()),
         }
     }
+}
+
+/// Whether a file's name is one that this program gives to figures.
+fn is_figure(name: &str) -> bool {
+    name.ends_with(".svg") && ["fig", "accuracy-"].iter().any(|start| name.starts_with(start))
 }
 
 /// Whether a file's name is one that [`Output::picture`] gives.

@@ -24,7 +24,7 @@ pub(crate) struct Values {
     pub(crate) size: u32,
     /// Rebuilds on every frame of this number, and of that one in scenes of many triangles.
     pub(crate) rebuild_every: [usize; 2],
-    /// Whether figure 5 is part of "everything".
+    /// Whether figure 5 and accuracy are part of "everything".
     pub(crate) speeds: bool,
     /// Loops of figure 5.
     pub(crate) speed_loops: f64,
@@ -119,7 +119,7 @@ impl Values {
             ));
         }
         if !self.speeds {
-            less.push("figure 5 only if named".to_owned());
+            less.push("figure 5 and accuracy only if named".to_owned());
         }
         less
     }

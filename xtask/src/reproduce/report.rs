@@ -4,6 +4,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
+use super::accuracy;
 use super::chart::{Panel, count, number};
 use super::claims::{Claim, Verdict};
 use super::figures::{self, Key};
@@ -42,6 +43,7 @@ pub(crate) fn html(results: &Results, claims: &[Claim]) -> String {
                     (figure_4(results))
                     (figure_6(results))
                     (figure_5(results))
+                    (accuracy::html(results))
                     (scene_sections(results))
                     (colophon(results))
                 }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use super::accuracy::Point;
 use super::check::Checks;
 use super::record::Row;
 use crate::machine::{Machine, Revision};
@@ -43,6 +44,8 @@ pub(crate) struct SceneRun {
     pub(crate) rows: Vec<Row>,
     /// Rows of figure 5, by frames in a loop.
     pub(crate) speeds: Vec<(usize, Vec<Row>)>,
+    /// Settings of accuracy with what they cost.
+    pub(crate) accuracy: Vec<Point>,
     pub(crate) checks: Checks,
 }
 
@@ -114,8 +117,8 @@ impl Spread {
 impl SceneRun {
     /// A scene on which nothing is measured yet.
     pub(crate) fn new(facts: SceneFacts) -> Self {
-        let (pictures, rows, speeds) = (Vec::new(), Vec::new(), Vec::new());
-        Self { facts, pictures, rows, speeds, checks: Checks::default() }
+        let (pictures, rows, speeds, accuracy) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { facts, pictures, rows, speeds, accuracy, checks: Checks::default() }
     }
 
     /// Rows of one strategy, in order.

@@ -2,6 +2,7 @@
 //! the page it stands on, light or dark.
 
 mod axis;
+mod scatter;
 
 use std::fmt::Write;
 
@@ -9,6 +10,7 @@ use maud::{Markup, html};
 
 use self::axis::{Axis, tick};
 pub(crate) use self::axis::{count, number};
+pub(crate) use self::scatter::{Mark, SCATTER_SIZE, Scatter, Series, precise};
 
 /// A line of a panel.
 pub(crate) struct Line {

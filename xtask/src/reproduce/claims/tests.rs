@@ -38,6 +38,7 @@ fn scene(label: &str, strategies: &[(&'static str, f64, f64, f64)]) -> SceneRun 
         pictures: Vec::new(),
         rows: (0..3).flat_map(|frame| strategies.iter().map(move |s| row(frame, s))).collect(),
         speeds: Vec::new(),
+        accuracy: Vec::new(),
         checks: Checks::default(),
     }
 }
