@@ -32,4 +32,4 @@ pub use bvh_build::{BuildError, BuildOptions, Builder};
 pub use degraded::Degraded;
 pub use pass::Scratch;
 pub use regrow::Regrow;
-pub use strategy::{Rotate, Strategy, Update, UpdateError, update};
+pub use strategy::{Reinsertion, Rotate, Strategy, Update, UpdateError, update};

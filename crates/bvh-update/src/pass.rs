@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use bvh_build::BuildScratch;
+use bvh_build::{BuildScratch, ReinsertScratch};
 use bvh_core::{Bvh, InOrder, Primitives, SimdLevel};
 use rayon::prelude::*;
 
@@ -22,6 +22,7 @@ const TOP_ROOTS: usize = 16;
 pub struct Scratch {
     pub(crate) build: BuildScratch,
     pub(crate) cut: CutScratch,
+    pub(crate) reinsert: ReinsertScratch,
     pub(crate) background: Builds,
     level: Available,
     top: Block,
@@ -50,6 +51,7 @@ impl Scratch {
         Self {
             build: BuildScratch::new(),
             cut: CutScratch::default(),
+            reinsert: ReinsertScratch::new(),
             background: Builds::default(),
             level,
             top: Block::new(),

@@ -1,6 +1,6 @@
 //! The strategies: named ways to bring a tree up to date with primitives that have moved.
 
-use bvh_build::{BuildError, BuildOptions, Builder, rebuild};
+use bvh_build::{BuildError, BuildOptions, Builder, Reinsert, rebuild, reinsert};
 use bvh_core::{Bvh, Primitives, sah_cost};
 use thiserror::Error;
 
@@ -26,11 +26,29 @@ pub enum Strategy {
     /// Refit, with or without rotations, and build the tree anew above those subtrees that are still good once it has
     /// degraded: see [`Regrow`].
     Regrow(Regrow),
+    /// Refit, with or without rotations, and put the worst few subtrees where they cost least (Bittner et al. 2013;
+    /// Meister and Bittner 2018).
+    Reinsert(Reinsertion),
     /// Refit, with or without rotations, while new trees are built in the background, each in turn put in the place of
     /// the one before (Ize et al. 2007). The trees depend on how long that takes.
     Background(Background),
     /// Choose from refitting, rotating, regrowing and building anew what costs the least time.
     Auto(Auto),
+}
+
+/// The budget of insertion-based repair.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reinsertion {
+    /// The budget of rotations, if any are wanted.
+    pub rotate: Option<Rotate>,
+    /// Part of the nodes tried in each update, those of the greatest inefficiency; 0.01 by default.
+    pub part: f64,
+}
+
+impl Default for Reinsertion {
+    fn default() -> Self {
+        Self { rotate: Some(Rotate::default()), part: 0.01 }
+    }
 }
 
 /// The budget of rotations.
@@ -92,7 +110,7 @@ impl Turn {
 impl Strategy {
     /// All strategies, with their defaults.
     #[must_use]
-    pub fn all() -> [Self; 9 + Builder::PER_FRAME.len()] {
+    pub fn all() -> [Self; 10 + Builder::PER_FRAME.len()] {
         let rotate = Some(Rotate::default());
         std::array::from_fn(|i| match i {
             0 => Self::Refit,
@@ -104,7 +122,8 @@ impl Strategy {
             6 => Self::Auto(Auto::default()),
             7 => Self::Background(Background::default()),
             8 => Self::Background(Background { rotate, ..Background::default() }),
-            _ => Self::Rebuild(Builder::PER_FRAME[i - 9], BuildOptions::default()),
+            9 => Self::Reinsert(Reinsertion::default()),
+            _ => Self::Rebuild(Builder::PER_FRAME[i - 10], BuildOptions::default()),
         })
     }
 
@@ -120,6 +139,8 @@ impl Strategy {
             Self::Regrow(Regrow { rotate: None, .. }) => "refit+regrow",
             Self::Regrow(_) => "refit+rotate+regrow",
             Self::Auto(_) => "auto",
+            Self::Reinsert(Reinsertion { rotate: None, .. }) => "refit+reinsert",
+            Self::Reinsert(_) => "refit+rotate+reinsert",
             Self::Background(Background { rotate: None, .. }) => "refit+background",
             Self::Background(_) => "refit+rotate+background",
         }
@@ -200,6 +221,13 @@ pub fn update<P: Primitives + ?Sized>(
         Strategy::Rebuild(builder, options) => new_tree(bvh, primitives, *builder, options, scratch),
         Strategy::Degraded(degraded) => degraded::update(bvh, primitives, degraded, scratch),
         Strategy::Regrow(regrow) => regrow::update(bvh, primitives, regrow, scratch),
+        Strategy::Reinsert(options) => {
+            let tally = pass(bvh, primitives, options.rotate, scratch);
+            let budget = Reinsert { part: options.part, passes: 1 };
+            reinsert(bvh, &budget, &mut scratch.reinsert);
+            // The cost is not known for free.
+            Ok(Update { sah_cost: None, ..tally.update(bvh) })
+        }
         Strategy::Background(background) => background::update(bvh, primitives, background, scratch),
         Strategy::Auto(auto) => auto::update(bvh, primitives, *auto, scratch),
     }

@@ -2,7 +2,8 @@
 
 use bvh_core::{Aabb, Bvh, Vec3, sah_cost};
 use bvh_update::{
-    Auto, Background, BuildOptions, Builder, Decision, Degraded, Regrow, Rotate, Scratch, Strategy, update,
+    Auto, Background, BuildOptions, Builder, Decision, Degraded, Regrow, Reinsertion, Rotate, Scratch,
+    Strategy, update,
 };
 
 const PIECES: usize = 40;
@@ -94,6 +95,14 @@ fn a_degraded_tree_is_built_anew() {
     let (decisions, refitted) = play(Strategy::Degraded(never), |_| true);
     assert!(decisions.iter().all(|d| *d == Decision::AsAlways));
     assert!(worst < refitted);
+}
+
+#[test]
+fn reinserting_helps_a_burst() {
+    let (_, refitted) = play(Strategy::Refit, |_| true);
+    let strategy = Strategy::Reinsert(Reinsertion { rotate: None, part: 0.05 });
+    let (_, worst) = play(strategy, |i| i % 3 > 0);
+    assert!(worst < 0.7 * refitted, "{worst} for {refitted}");
 }
 
 #[test]
