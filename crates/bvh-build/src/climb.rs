@@ -105,8 +105,7 @@ pub(crate) fn cool(nodes: &mut [Node], root: usize, options: &Anneal) -> (u32, u
     let first = climb(nodes, root, &options.climb);
     let (inner, mut least) = inner_nodes(nodes, root);
     let hottest = options.temperature * least / inner.max(1) as f64;
-    // Not so for NaN either.
-    if !(hottest > 0.0) {
+    if hottest.is_nan() || hottest <= 0.0 {
         return first;
     }
     let (mut best, mut spare) = (nodes.to_vec(), Vec::new());

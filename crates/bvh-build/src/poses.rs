@@ -140,9 +140,9 @@ impl Hulls {
         }
         let weight = |pose: &Pose<'_, P>| if pose.weight > 0.0 { pose.weight } else { 0.0 };
         let sum: f64 = poses.iter().map(weight).sum();
-        for i in 0..k {
-            let scale = weight(&poses[i]) / sum / hulls.boxes[i].half_area_f64();
-            hulls.scales[i] = if scale.is_finite() { scale } else { 0.0 };
+        for ((scale, pose), root) in hulls.scales.iter_mut().zip(poses).zip(&hulls.boxes) {
+            let over = weight(pose) / sum / root.half_area_f64();
+            *scale = if over.is_finite() { over } else { 0.0 };
         }
         Ok(hulls)
     }
