@@ -45,7 +45,9 @@ mod poses;
 mod radix;
 mod raw;
 mod reinsert;
+mod rigid;
 mod sweep;
+mod tree;
 
 use bvh_core::{Bvh, MAX_PRIMITIVES, Node, Primitives};
 
@@ -60,7 +62,7 @@ use crate::item::{Gathered, Item};
 use crate::morton::Codes;
 use crate::ploc::Clusters;
 use crate::plot::Plot;
-use crate::reinsert::Boxes;
+use crate::tree::Boxes;
 
 #[cfg(test)]
 mod tests;

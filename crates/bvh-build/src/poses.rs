@@ -11,8 +11,8 @@
 
 use bvh_core::{Aabb, Bvh, MAX_PRIMITIVES, Node, Primitives};
 
-use crate::reinsert::{self, Tree};
-use crate::{BuildError, BuildOptions, Builder, Optimized, Reinsert, ReinsertScratch, build, raw};
+use crate::tree::{self, Tree};
+use crate::{BuildError, BuildOptions, Builder, Optimized, Reinsert, ReinsertScratch, build, raw, reinsert};
 
 /// Primitives as they are at some time of an animation.
 #[derive(Debug)]
@@ -216,7 +216,7 @@ impl Tree for Posed<'_> {
         self.hulls.boxes.copy_within(k * from..k * from + k, k * to);
     }
     fn refit(&mut self, n: usize) -> bool {
-        self.hulls.join(n, self.nodes[n].first()) | reinsert::refit(self.nodes, n)
+        self.hulls.join(n, self.nodes[n].first()) | tree::refit(self.nodes, n)
     }
     fn unit(&self) -> f64 {
         1.0

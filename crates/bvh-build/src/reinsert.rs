@@ -3,8 +3,8 @@
 //!
 //! ```text
 //! in each pass:
-//!     candidates = the children of the nodes of greatest inefficiency                        (Bittner et al., section 3.3)
-//!     for each, in parallel: search the tree for the place where it saves most area          (Meister and Bittner, 4.1)
+//!     candidates = the children of the nodes of greatest inefficiency                              (Bittner et al.)
+//!     for each, in parallel: search the tree for the place where it saves most area           (Meister and Bittner)
 //!     for each found, greatest saving first:
 //!         take it out, its sibling in the place of their parent
 //!         put it back in beside what is now at the place found, if the tree as it is now gets cheaper; else where it was
@@ -14,9 +14,10 @@
 //! the other, so no move makes the tree worse, and the tree does not depend on the number of threads. Any ancestor is a
 //! place, too, not only what lies beside the path to the root. The search goes depth first.
 
-use bvh_core::{Aabb, Bvh, COST_TRAVERSE, MAX_HEIGHT, Node, prefetch};
+use bvh_core::{Bvh, COST_TRAVERSE, MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
+use crate::tree::{Boxes, Tree};
 use crate::{Optimized, raw};
 
 /// The budget of [`reinsert`](fn@reinsert).
@@ -64,96 +65,6 @@ impl ReinsertScratch {
 /// tried; O(n) for one at worst.
 pub fn reinsert(bvh: &mut Bvh, options: &Reinsert, scratch: &mut ReinsertScratch) -> Optimized {
     raw::edit(bvh, |nodes| optimize(&mut Boxes { nodes, root: 0 }, options, scratch))
-}
-
-/// A tree of nodes that have areas: of their boxes, or over several poses.
-pub(crate) trait Tree: Sync {
-    /// A box, or one for each pose.
-    type Hull: Send;
-
-    fn nodes(&self) -> &[Node];
-    fn nodes_mut(&mut self) -> &mut [Node];
-    /// Slot of the node above all that may move: 0, or a child of that.
-    fn root(&self) -> usize;
-    /// The hull of the node in slot `n`.
-    fn hull(&self, n: usize) -> Self::Hull;
-    /// Grows `hull` around the node in slot `n`.
-    fn grow(&self, hull: &mut Self::Hull, n: usize);
-    /// Area of a hull.
-    fn area(&self, hull: &Self::Hull) -> f64;
-    /// Area of the node in slot `n`.
-    fn area_of(&self, n: usize) -> f64;
-    /// Area of the node in slot `n` grown around `hull`.
-    fn area_with(&self, n: usize, hull: &Self::Hull) -> f64;
-    /// Copies a node to another slot, with its hull.
-    fn copy(&mut self, from: usize, to: usize);
-    /// Makes the node in slot `n` fit its children; whether that changed it.
-    fn refit(&mut self, n: usize) -> bool;
-    /// What area is divided by to give cost.
-    fn unit(&self) -> f64;
-}
-
-/// The boxes of the nodes themselves, from `root` on down.
-pub(crate) struct Boxes<'a> {
-    pub(crate) nodes: &'a mut [Node],
-    pub(crate) root: usize,
-}
-
-impl Tree for Boxes<'_> {
-    type Hull = Aabb;
-
-    #[inline]
-    fn nodes(&self) -> &[Node] {
-        self.nodes
-    }
-    #[inline]
-    fn nodes_mut(&mut self) -> &mut [Node] {
-        self.nodes
-    }
-    #[inline]
-    fn root(&self) -> usize {
-        self.root
-    }
-    #[inline]
-    fn hull(&self, n: usize) -> Aabb {
-        self.nodes[n].aabb()
-    }
-    #[inline]
-    fn grow(&self, hull: &mut Aabb, n: usize) {
-        *hull = hull.union(self.nodes[n].aabb());
-    }
-    #[inline]
-    fn area(&self, hull: &Aabb) -> f64 {
-        hull.half_area_f64()
-    }
-    #[inline]
-    fn area_of(&self, n: usize) -> f64 {
-        self.nodes[n].aabb().half_area_f64()
-    }
-    #[inline]
-    fn area_with(&self, n: usize, hull: &Aabb) -> f64 {
-        self.nodes[n].aabb().union(*hull).half_area_f64()
-    }
-    #[inline]
-    fn copy(&mut self, from: usize, to: usize) {
-        self.nodes[to] = self.nodes[from];
-    }
-    #[inline]
-    fn refit(&mut self, n: usize) -> bool {
-        refit(self.nodes, n)
-    }
-    fn unit(&self) -> f64 {
-        self.area_of(self.root)
-    }
-}
-
-/// Makes the node in slot `n` fit its children; whether that changed it.
-#[inline]
-pub(crate) fn refit(nodes: &mut [Node], n: usize) -> bool {
-    let before = nodes[n];
-    let (l, r) = (nodes[before.first()], nodes[before.first() + 1]);
-    nodes[n].refit(&l, &r);
-    nodes[n] != before
 }
 
 /// An inner node and how bad it is.
@@ -240,7 +151,7 @@ fn rank<T: Tree>(tree: &T, parents: &mut Vec<u32>, worst: &mut Vec<Worst>) -> f6
 }
 
 /// How bad a node is: the product of its area with what that is over its children's, at the mean and at the least (Bittner
-/// et al. 2013, section 3.3). Infinite if a child has no area.
+/// et al. 2013). Infinite if a child has no area.
 fn inefficiency(area: f64, [l, r]: [f64; 2]) -> f64 {
     let (mean, least) = (0.5 * (l + r), l.min(r));
     if area > 0.0 { area * (area / mean) * (area / least) } else { 0.0 }
@@ -368,7 +279,7 @@ fn grown_above<T: Tree>(tree: &mut T, parents: &[u32], mut n: usize) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use bvh_core::{Vec3, sah_cost};
+    use bvh_core::{Aabb, Vec3, sah_cost};
     use proptest::prelude::*;
 
     use super::*;

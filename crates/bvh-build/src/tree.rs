@@ -1,0 +1,93 @@
+//! Trees as the optimisation by insertion sees them: nodes that have areas, of their boxes or otherwise.
+
+use bvh_core::{Aabb, Node};
+
+/// A tree of nodes that have areas: of their boxes, or over several poses.
+pub(crate) trait Tree: Sync {
+    /// A box, or one for each pose.
+    type Hull: Send;
+
+    fn nodes(&self) -> &[Node];
+    fn nodes_mut(&mut self) -> &mut [Node];
+    /// Slot of the node above all that may move: 0, or a child of that.
+    fn root(&self) -> usize;
+    /// The hull of the node in slot `n`.
+    fn hull(&self, n: usize) -> Self::Hull;
+    /// Grows `hull` around the node in slot `n`.
+    fn grow(&self, hull: &mut Self::Hull, n: usize);
+    /// Area of a hull.
+    fn area(&self, hull: &Self::Hull) -> f64;
+    /// Area of the node in slot `n`.
+    fn area_of(&self, n: usize) -> f64;
+    /// Area of the node in slot `n` grown around `hull`.
+    fn area_with(&self, n: usize, hull: &Self::Hull) -> f64;
+    /// Copies a node to another slot, with its hull.
+    fn copy(&mut self, from: usize, to: usize);
+    /// Makes the node in slot `n` fit its children; whether that changed it.
+    fn refit(&mut self, n: usize) -> bool;
+    /// What area is divided by to give cost.
+    fn unit(&self) -> f64;
+}
+
+/// The boxes of the nodes themselves, from `root` on down.
+pub(crate) struct Boxes<'a> {
+    pub(crate) nodes: &'a mut [Node],
+    pub(crate) root: usize,
+}
+
+impl Tree for Boxes<'_> {
+    type Hull = Aabb;
+
+    #[inline]
+    fn nodes(&self) -> &[Node] {
+        self.nodes
+    }
+    #[inline]
+    fn nodes_mut(&mut self) -> &mut [Node] {
+        self.nodes
+    }
+    #[inline]
+    fn root(&self) -> usize {
+        self.root
+    }
+    #[inline]
+    fn hull(&self, n: usize) -> Aabb {
+        self.nodes[n].aabb()
+    }
+    #[inline]
+    fn grow(&self, hull: &mut Aabb, n: usize) {
+        *hull = hull.union(self.nodes[n].aabb());
+    }
+    #[inline]
+    fn area(&self, hull: &Aabb) -> f64 {
+        hull.half_area_f64()
+    }
+    #[inline]
+    fn area_of(&self, n: usize) -> f64 {
+        self.nodes[n].aabb().half_area_f64()
+    }
+    #[inline]
+    fn area_with(&self, n: usize, hull: &Aabb) -> f64 {
+        self.nodes[n].aabb().union(*hull).half_area_f64()
+    }
+    #[inline]
+    fn copy(&mut self, from: usize, to: usize) {
+        self.nodes[to] = self.nodes[from];
+    }
+    #[inline]
+    fn refit(&mut self, n: usize) -> bool {
+        refit(self.nodes, n)
+    }
+    fn unit(&self) -> f64 {
+        self.area_of(self.root)
+    }
+}
+
+/// Makes the node in slot `n` fit its children; whether that changed it.
+#[inline]
+pub(crate) fn refit(nodes: &mut [Node], n: usize) -> bool {
+    let before = nodes[n];
+    let (l, r) = (nodes[before.first()], nodes[before.first() + 1]);
+    nodes[n].refit(&l, &r);
+    nodes[n] != before
+}
