@@ -42,7 +42,7 @@ impl Effort {
             frames,
             compared: 2,
             size,
-            repeats: 3,
+            repeats: 2,
             solid_triangles: 2_000,
             rays: [20_000, 300],
             detail: 0.02,
@@ -51,7 +51,7 @@ impl Effort {
             fine: [4, 2],
             moments: 60,
             noise_size: size.min(32),
-            samples: [(4, 64), (16, 256)],
+            samples: [(4, 32), (16, 128)],
             seed,
         };
         match preset {

@@ -53,7 +53,7 @@ pub(super) fn substeps(bench: &mut Bench<'_>) -> Result<()> {
             let name = measure.name.split(", a ").collect::<Vec<_>>();
             bench.add(Point {
                 knob: "simulation substeps".to_owned(),
-                setting: substeps.map_or("the scene’s own".to_owned(), |n| format!("{n} substeps")),
+                setting: substeps.map_or("the scene's own".to_owned(), |n| format!("{n} substeps")),
                 is_default: substeps.is_none(),
                 error_name: name[0].to_owned(),
                 error: measure.value,

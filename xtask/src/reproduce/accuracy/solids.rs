@@ -5,6 +5,7 @@
 //! Strackee, *The Solid Angle of a Plane Triangle*, 1983); where that is not zero, every ray from the point hits.
 
 use std::collections::HashMap;
+use std::f64::consts::{PI, TAU};
 
 use bvh_core::Vec3;
 use bvh_core::glam::DVec3;
@@ -154,15 +155,20 @@ fn point_inside(corners: &[DVec3], faces: &[[u32; 3]]) -> Option<DVec3> {
     [middle].into_iter().chain(below).find(is_inside)
 }
 
-/// Whether a closed mesh winds around a point, with certainty.
+/// Whether a closed mesh winds around a point, with certainty: not if it is on the surface, nor if that cannot be told.
 pub(super) fn winds_around(point: DVec3, triangles: impl Iterator<Item = [DVec3; 3]>) -> bool {
-    let angles = triangles.map(|corners| {
+    let mut turns = 0.0;
+    for corners in triangles {
         let [a, b, c] = corners.map(|p| p - point);
         let (x, y, z) = (a.length(), b.length(), c.length());
         let volume = a.dot(b.cross(c));
-        2.0 * volume.atan2(x * y * z + a.dot(b) * z + b.dot(c) * x + c.dot(a) * y)
-    });
-    let turns = angles.sum::<f64>() / (4.0 * std::f64::consts::PI);
+        let half = volume.atan2(x * y * z + a.dot(b) * z + b.dot(c) * x + c.dot(a) * y);
+        // Half of all directions: the point is in the triangle, or in one of its corners.
+        if half.abs() > 0.999 * PI || x * y * z == 0.0 {
+            return false;
+        }
+        turns += half / TAU;
+    }
     turns.round() != 0.0 && (turns - turns.round()).abs() < 1e-3
 }
 
@@ -204,6 +210,13 @@ mod tests {
         let inside = DVec3::splat(0.5);
         assert!(winds_around(inside, triangles()));
         assert!(!winds_around(DVec3::splat(1.1), triangles()));
+        assert!(!winds_around(DVec3::new(0.0, 0.5, 0.5), triangles()), "on a face");
+        assert!(!winds_around(DVec3::ZERO, triangles()), "in a corner");
+        let flat = [triangles().next().unwrap(), triangles().next().map(|[a, b, c]| [a, c, b]).unwrap()];
+        assert!(
+            !winds_around(DVec3::new(0.5, 0.5, 0.0), flat.into_iter()),
+            "between two faces that coincide"
+        );
         assert!(!winds_around(DVec3::new(-1e-9, 0.5, 0.5), triangles()));
         assert_eq!(nearest(inside, DVec3::NEG_X, triangles()), Some(0.5));
         let oblique = nearest(inside, DVec3::new(2.0, 1.0, 0.0), triangles()).unwrap();

@@ -23,6 +23,14 @@ pub(crate) struct Mark<'a> {
     pub(crate) hover: String,
 }
 
+impl Series<'_> {
+    /// The marks that have a place.
+    fn drawn(&self) -> impl Iterator<Item = &Mark<'_>> {
+        let has_place = |x: f64, y: f64| x > 0.0 && x.is_finite() && y >= 0.0 && y.is_finite();
+        self.marks.iter().filter(move |mark| has_place(mark.x, mark.y))
+    }
+}
+
 /// Series over common axes.
 pub(crate) struct Scatter<'a> {
     pub(crate) title: &'a str,
@@ -61,7 +69,7 @@ fn tick(value: f64) -> String {
 
 impl Scatter<'_> {
     fn marks(&self) -> impl Iterator<Item = &Mark<'_>> {
-        self.series.iter().flat_map(|series| &series.marks)
+        self.series.iter().flat_map(Series::drawn)
     }
 
     /// The panel as an `svg` element of [`SCATTER_SIZE`], to stand alone or within another at `(x, y)`.
@@ -104,7 +112,7 @@ impl Scatter<'_> {
                 @for (i, series) in self.series.iter().enumerate() {
                     g style=(color(i)) {
                         path class="line" d=(path(&front(series, &place))) {}
-                        @for mark in &series.marks {
+                        @for mark in series.drawn() {
                             @let (cx, cy) = place(mark);
                             g {
                                 title { (mark.hover) }
@@ -255,7 +263,7 @@ fn scale(axis: &Axis) -> &'static str {
 
 /// The corners of a line down the front, by steps: a setting stands for all that may cost more.
 fn front(series: &Series<'_>, place: &impl Fn(&Mark<'_>) -> (f64, f64)) -> Vec<(f64, f64)> {
-    let mut marks: Vec<&Mark<'_>> = series.marks.iter().filter(|mark| mark.on_front).collect();
+    let mut marks: Vec<&Mark<'_>> = series.drawn().filter(|mark| mark.on_front).collect();
     marks.sort_by(|a, b| a.x.total_cmp(&b.x));
     let mut corners: Vec<(f64, f64)> = Vec::new();
     for (x, y) in marks.into_iter().map(place) {
