@@ -56,7 +56,7 @@ pub(super) fn sentence(family: &Family<'_>) -> String {
     let (Some(cheapest), Some(best)) = (front.first(), front.last()) else { return String::new() };
 
     let cost_unit = Cost::of(family).unit();
-    let error = |c: &Choice<'_>| format!("{} {}", precise(c.error), family.unit);
+    let error = |c: &Choice<'_>| with_unit(c.error, family.unit);
     let cost = |c: &Choice<'_>| format!("{} {cost_unit}", precise(c.cost));
     let both = |c: &Choice<'_>| format!("{} ({}, {})", c.setting, cost(c), error(c));
     let least = choices.iter().map(|c| c.error).fold(f64::INFINITY, f64::min);
@@ -75,13 +75,29 @@ pub(super) fn sentence(family: &Family<'_>) -> String {
         format!("Take {} where cost is all{middle}, {} where accuracy is", both(cheapest), both(best))
     };
     let Some(default) = choices.iter().find(|c| c.is_default) else { return format!("{rule}.") };
-    let beaten = front.iter().rfind(|c| c.cost <= default.cost && c.error <= default.error && *c != default);
-    match beaten {
-        _ if front.contains(default) => format!("{rule}; the default, {}, is on the front.", default.setting),
-        Some(better) => {
-            format!("{rule}; the default, {}, is beaten by {}.", both(default), better.setting)
-        }
-        None => format!("{rule}."),
+    if front.contains(default) {
+        return format!("{rule}; the default, {}, is on the front.", default.setting);
+    }
+    let clearly = |c: &&Choice<'_>| {
+        let (cost, error) = (NOISE * c.cost, NOISE * c.error);
+        (c.cost <= default.cost && error < default.error) || (cost < default.cost && c.error <= default.error)
+    };
+    match front.iter().rfind(clearly) {
+        Some(better) => format!("{rule}; the default, {}, is beaten by {}.", both(default), better.setting),
+        None => format!("{rule}; the default, {}, is on the front to within {PERCENT} %.", both(default)),
+    }
+}
+
+/// A setting is beaten only by what is better by more than this factor: times repeat no better.
+const NOISE: f64 = 1.0 + PERCENT / 100.0;
+const PERCENT: f64 = 5.0;
+
+/// A fraction needs no unit, and a ratio a sign.
+fn with_unit(error: f64, unit: &str) -> String {
+    match unit {
+        "ratio" => format!("{}×", precise(error)),
+        unit if unit.starts_with("fraction") => precise(error),
+        unit => format!("{} {unit}", precise(error)),
     }
 }
 
@@ -160,6 +176,9 @@ mod tests {
             said(&[("x", 1.0, 1.0), ("y", 2.0, 2.0)], ""),
             "Take x (1.00 ms, 1.00 u): nothing is cheaper, nothing more accurate."
         );
+        let near = said(&[("x", 1.0, 2.0), ("y", 2.0, 1.0), ("z", 2.05, 1.0)], "z");
+        assert!(near.ends_with("the default, z (2.05 ms, 1.00 u), is on the front to within 5 %."), "{near}");
+        assert_eq!([with_unit(1.5, "ratio"), with_unit(1e-7, "fraction of it")], ["1.50×", "1.0e-7"]);
         // A straight line has no knee, and what is no number is no choice.
         let straight = said(&[("a", 1.0, 4.0), ("b", 2.0, 2.0), ("c", 4.0, 1.0), ("n", f64::NAN, 1.0)], "");
         assert!(straight.contains("where cost is all, c (") && !straight.contains(" n "), "{straight}");

@@ -57,7 +57,8 @@ impl Effort {
         match preset {
             Preset::Quick => quick,
             Preset::Standard => Self {
-                compared: 4,
+                compared: 3,
+                size: size.min(256),
                 repeats: 3,
                 solid_triangles: 10_000,
                 rays: [200_000, 1_000],

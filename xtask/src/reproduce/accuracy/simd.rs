@@ -20,7 +20,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     let one_by_one =
         RenderOptions { traversal: Traversal::Single, simd: SimdLevel::Baseline, ..bench.flat() };
     let size = bench.effort.size;
-    let (reference, _) = bench.trace(&reference_tree, &one_by_one, size);
+    let (reference, _) = bench.trace(&reference_tree, &one_by_one, size, 1);
 
     for level in SimdLevel::available() {
         let mut tree = first_tree.clone();
@@ -34,7 +34,8 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
                 .context("the update failed")?;
             update_ms = update_ms.min(ms(start));
         }
-        let (image, trace_ms) = bench.trace(&tree, &RenderOptions { simd: level, ..bench.flat() }, size);
+        let options = RenderOptions { simd: level, ..bench.flat() };
+        let (image, trace_ms) = bench.trace(&tree, &options, size, bench.effort.repeats);
         let bits = |pixel: &[f32; 3]| pixel.map(f32::to_bits);
         let pixels = image.pixels().iter().zip(reference.pixels());
         let nodes = tree.nodes().iter().zip(reference_tree.nodes());

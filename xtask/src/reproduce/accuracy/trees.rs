@@ -72,7 +72,7 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
             entrant.update(bench)?;
         }
         if compare {
-            let sweep = bench.yardstick()?;
+            let sweep = bench.sweep()?;
             for entrant in &mut entrants {
                 let errors = bench.over(&sweep, &entrant.tree);
                 entrant.errors = [0, 1].map(|k| entrant.errors[k] + errors[k]);
@@ -154,7 +154,7 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
     let settings: Vec<_> = bins.into_iter().chain(radii).chain(others).collect();
 
     bench.pose_in_the_middle();
-    let sweep = bench.yardstick()?;
+    let sweep = bench.sweep()?;
     for (i, (builder, options, setting, is_default)) in settings.iter().enumerate() {
         if interrupt::requested() {
             break;
