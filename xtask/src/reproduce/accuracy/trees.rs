@@ -73,11 +73,15 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
         }
         if compare {
             let sweep = bench.sweep()?;
-            for entrant in &mut entrants {
-                let errors = bench.over(&sweep, &entrant.tree);
-                entrant.errors = [0, 1].map(|k| entrant.errors[k] + errors[k]);
+            let over =
+                |entrant: &Entrant| (!interrupt::requested()).then(|| bench.over(&sweep, &entrant.tree));
+            // All of them or none, so that all are means over the same frames.
+            if let Some(errors) = entrants.iter().map(over).collect::<Option<Vec<_>>>() {
+                for (entrant, errors) in entrants.iter_mut().zip(errors) {
+                    entrant.errors = [0, 1].map(|k| entrant.errors[k] + errors[k]);
+                }
+                compared += 1;
             }
-            compared += 1;
         }
         bench.done(frame, frames - 1);
         if interrupt::requested() {
