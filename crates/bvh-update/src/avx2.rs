@@ -87,10 +87,10 @@ pub(crate) fn spurs<P: Primitives + ?Sized, const ROTATE: bool>(
             if !any_nan(a, a) {
                 nodes.set_lanes(pair + right, with_words_of(nodes.lanes(pair + right), a));
                 let b = nodes.lanes(pair + 1 - right);
-                let union_ab = union(a, b);
-                nodes.set_lanes(slot as usize, parent(nodes.lanes(slot as usize), b, b, union_ab));
+                let whole = union(a, b);
+                nodes.set_lanes(slot as usize, parent(nodes.lanes(slot as usize), b, b, whole));
                 leaf_areas = _mm256_add_pd(leaf_areas, _mm256_cvtps_pd(products_of_one(a)));
-                inner_areas = _mm256_add_pd(inner_areas, _mm256_cvtps_pd(products_of_one(union_ab)));
+                inner_areas = _mm256_add_pd(inner_areas, _mm256_cvtps_pd(products_of_one(whole)));
                 count += 1;
                 if ROTATE {
                     let below = nodes.get(pair + 1 - right).first();
