@@ -5,18 +5,18 @@ use std::process::Command;
 use std::time::SystemTime;
 
 use bvh_core::SimdLevel;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::files;
 
 /// The machine and its state when the run began.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Machine {
     pub(crate) cpu: String,
     /// Hardware threads this process may use.
     pub(crate) cores: usize,
     /// Best SIMD level, which the updates use.
-    pub(crate) simd: &'static str,
+    pub(crate) simd: String,
     pub(crate) memory_gib: Option<f64>,
     pub(crate) os: String,
     pub(crate) rustc: Option<String>,
@@ -27,7 +27,7 @@ pub(crate) struct Machine {
 }
 
 /// The state of the source tree.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Revision {
     /// Commit, where the tree is a git repository.
     pub(crate) commit: Option<String>,
@@ -54,7 +54,7 @@ impl Machine {
         Self {
             cpu,
             cores: std::thread::available_parallelism().map_or(1, usize::from),
-            simd: SimdLevel::best().name(),
+            simd: SimdLevel::best().name().to_owned(),
             memory_gib: memory,
             os: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             rustc: output("rustc", &["--version"]),

@@ -1,81 +1,15 @@
 //! The program as users run it: exit codes, messages, and the files it leaves.
 
-use std::fmt::Write;
-use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+mod program;
 
-use tempfile::TempDir;
+use std::fs;
+use std::path::Path;
+
+use program::{folder, refused, str, succeeds};
 
 /// The columns that scripts rely on, in order; more may follow.
 const COLUMNS: &str = "scene,strategy,threads,loop,frame,animate_ms,update_ms,trace_ms,frame_ms,sah_cost,rotations,\
                        height,nodes_visited,rays_primary,rays_shadow,hits,";
-
-fn xtask(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_xtask")).args(arguments).output().expect("the program starts")
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8(bytes.to_vec()).expect("UTF-8")
-}
-
-/// Runs with bad input: exit code 2 and one line that has all of `words`.
-fn refused(arguments: &[&str], words: &[&str]) {
-    let output = xtask(arguments);
-    let message = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
-    let errors: Vec<_> = message.lines().filter(|line| line.starts_with("error: ")).collect();
-    assert_eq!(errors.len(), 1, "{arguments:?}: {message}");
-    assert_eq!(message.lines().last(), errors.last().copied(), "{arguments:?}: {message}");
-    for word in words {
-        assert!(errors[0].contains(word), "{arguments:?}: no {word:?} in {message}");
-    }
-    assert!(!message.contains("panicked"), "{message}");
-}
-
-fn succeeds(arguments: &[&str]) -> String {
-    let output = xtask(arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
-    text(&output.stdout)
-}
-
-/// A folder of key frames: a sheet of 2 x 16 x 16 triangles that folds over and flutters.
-fn key_frames(folder: &Path) -> PathBuf {
-    const SIDE: u32 = 16;
-    let folder = folder.join("sheet");
-    fs::create_dir(&folder).expect("a folder");
-    for frame in 0..3 {
-        let mut ply = format!(
-            "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
-             element face {}\nproperty list uchar int vertex_indices\nend_header\n",
-            (SIDE + 1) * (SIDE + 1),
-            2 * SIDE * SIDE
-        );
-        for i in 0..(SIDE + 1) * (SIDE + 1) {
-            let (x, z) = ((i % (SIDE + 1)) as f32 - 8.0, (i / (SIDE + 1)) as f32 - 8.0);
-            let bend = frame as f32 * 0.9 * x / 8.0;
-            let wave = (x * 3.0 + z * 2.0 + frame as f32).sin();
-            writeln!(ply, "{} {} {z}", x * bend.cos(), x * bend.sin() + wave).expect("a string");
-        }
-        for i in 0..SIDE * SIDE {
-            let a = i / SIDE * (SIDE + 1) + i % SIDE;
-            let (b, c, d) = (a + 1, a + SIDE + 1, a + SIDE + 2);
-            writeln!(ply, "3 {a} {c} {b}\n3 {b} {c} {d}").expect("a string");
-        }
-        fs::write(folder.join(format!("sheet{frame}.ply")), ply).expect("a file");
-    }
-    folder
-}
-
-fn folder() -> (TempDir, PathBuf) {
-    let temporary = TempDir::new().expect("a temporary folder");
-    let frames = key_frames(temporary.path());
-    (temporary, frames)
-}
-
-fn str(path: &Path) -> &str {
-    path.to_str().expect("UTF-8")
-}
 
 #[test]
 fn bad_input_is_refused_in_one_line_that_helps() {
@@ -105,6 +39,9 @@ fn bad_input_is_refused_in_one_line_that_helps() {
         (vec!["--size", "0"], vec!["0", "--size"]),
         (vec!["--threads", "0"], vec!["0", "--threads"]),
         (vec!["--threads", "many"], vec!["many", "--threads"]),
+        (vec!["--from", "no/such/folder"], vec!["no/such/folder", "reproduce"]),
+        (vec!["--from", sheet, "--frames", "3"], vec!["--from", "--frames"]),
+        (vec!["--baseline", sheet, "--scene", sheet], vec!["summary.json"]),
     ] {
         let all = reproduce(&more);
         refused(&all.iter().map(String::as_str).collect::<Vec<_>>(), &words);
@@ -213,7 +150,7 @@ fn a_run_leaves_rows_figures_pictures_a_summary_and_a_report() {
 
     let summary = fs::read(out.join("summary.json")).expect("a summary");
     let summary: serde_json::Value = serde_json::from_slice(&summary).expect("JSON");
-    assert_eq!(summary["schema"], 1);
+    assert_eq!(summary["schema"], 2);
     assert_eq!(summary["interrupted"], false);
     assert_eq!(summary["checks"]["differences"], 0);
     for what in ["pictures", "pixels", "rays", "rays_hit", "trees"] {
@@ -249,15 +186,17 @@ fn a_run_leaves_rows_figures_pictures_a_summary_and_a_report() {
     for outside in ["src=\"http", "href=\"http", "url(", "@import"] {
         assert!(!report.contains(outside), "the report needs nothing from elsewhere: {outside}");
     }
-    for figure in ["fig4.svg", "fig6-sheet.svg"] {
+    for figure in ["fig4.svg", "fig4-all.svg", "fig6.svg", "fig6-sheet.svg"] {
         let svg = fs::read_to_string(out.join("figures").join(figure)).expect(figure);
         assert!(svg.starts_with("<svg") && svg.ends_with("</svg>") && !svg.contains("NaN"), "{figure}");
     }
     let images = scene["images"].as_array().expect("a list");
     assert!(!images.is_empty());
     for image in images {
-        let png = fs::read(out.join("images").join(image.as_str().expect("a name"))).expect("a picture");
-        assert!(png.starts_with(b"\x89PNG"));
+        let png =
+            fs::read(out.join("images").join(image["file"].as_str().expect("a name"))).expect("a picture");
+        let start: &[u8] = if image["strategy"].is_null() { b"\x89PNG" } else { b"\xff\xd8\xff" };
+        assert!(png.starts_with(start), "{image}");
     }
     let partial = |e: fs::DirEntry| e.file_name().to_string_lossy().ends_with(".partial");
     assert!(!fs::read_dir(&out).expect("readable").any(|e| partial(e.expect("readable"))));

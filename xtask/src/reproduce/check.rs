@@ -3,10 +3,10 @@
 use bvh_core::{Bvh, Ray, Triangles};
 use rayon::prelude::*;
 use rt_cpu::{Camera, Hit, Image, RenderStats, TriangleTest, closest_hit, closest_hit_brute};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// What was compared, and what differed.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Checks {
     /// Pictures of two strategies on one frame, compared pixel by pixel, bit by bit.
     pub(crate) pictures: u64,

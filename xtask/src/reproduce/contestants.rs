@@ -1,16 +1,32 @@
 //! The rows of every table: strategies as measured, and two kinds of accounting the paper uses.
+//!
+//! A strategy of `bvh_update` is a contestant by itself; one that lives elsewhere is a line in [`Contestant::all`].
+//! `docs/EXTENDING.md` shows how.
 
-use bvh_update::Strategy;
+use anyhow::{Context, Result};
+use bvh_core::{Bvh, Triangles};
+use bvh_update::{Scratch, Strategy, Update, update};
 
+use super::paper_binned;
 use crate::pool::PAPER_THREADS;
 
 /// A way of updating, and how its time is counted.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Contestant {
     pub(crate) name: &'static str,
+    /// Name of the contestant that is run: another's where only the time is counted differently.
+    pub(crate) of: &'static str,
     /// What is run.
-    pub(crate) strategy: Strategy,
+    pub(crate) method: Method,
     pub(crate) counted: Counted,
+}
+
+/// How a tree is brought up to date.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Method {
+    Strategy(Strategy),
+    /// A function that builds a new tree.
+    Rebuild(fn(&mut Bvh, &Triangles<'_>) -> Result<Update>),
 }
 
 /// How the time of an update is counted.
@@ -28,19 +44,53 @@ pub(crate) enum Counted {
 pub(crate) const IDEAL: &str = "ideal";
 /// A binned rebuild that scales perfectly (there, "ideal parallel binned").
 pub(crate) const IDEAL_PARALLEL_BINNED: &str = "ideal-parallel-binned";
+/// The serial binned rebuild as the paper's code had it.
+pub(crate) const PAPER_BINNED: &str = "paper-binned";
+
+/// What runs unless something else is asked for: the paper's experiments and what it suggests, today's fastest
+/// rebuilds, and this project's own.
+const DEFAULT: [&str; 13] = [
+    "refit",
+    "refit+rotate",
+    "refit+rotate+rebuild",
+    "refit+rotate+regrow",
+    "auto",
+    "sweep",
+    "binned",
+    "binned-parallel",
+    "lbvh",
+    "ploc",
+    PAPER_BINNED,
+    IDEAL,
+    IDEAL_PARALLEL_BINNED,
+];
+/// What figure 6 of the paper shows.
+pub(crate) const PAPER: [&str; 4] = ["refit", "refit+rotate", IDEAL, IDEAL_PARALLEL_BINNED];
 
 impl Contestant {
     /// All of them.
     pub(crate) fn all() -> Vec<Self> {
-        let measured =
-            |strategy: Strategy| Self { name: strategy.name(), strategy, counted: Counted::Measured };
-        let mut all: Vec<_> = Strategy::all().into_iter().map(measured).collect();
+        let named = |name, of, method, counted| Self { name, of, method, counted };
+        let strategies = Strategy::all();
+        let mut all: Vec<_> = strategies
+            .iter()
+            .map(|&s| named(s.name(), s.name(), Method::Strategy(s), Counted::Measured))
+            .collect();
+        all.push(named(PAPER_BINNED, PAPER_BINNED, Method::Rebuild(paper_binned::update), Counted::Measured));
         for (name, of, counted) in
             [(IDEAL, "sweep", Counted::Free), (IDEAL_PARALLEL_BINNED, "binned", Counted::Divided)]
         {
-            all.extend(Strategy::from_name(of).map(|strategy| Self { name, strategy, counted }));
+            all.extend(strategies.iter().find(|s| s.name() == of).map(|&strategy| {
+                let method = Method::Strategy(strategy);
+                named(name, strategy.name(), method, counted)
+            }));
         }
         all
+    }
+
+    /// Those that run unless others are asked for.
+    pub(crate) fn default_ones() -> Vec<Self> {
+        Self::all().into_iter().filter(|c| DEFAULT.contains(&c.name)).collect()
     }
 
     /// The one of that name.
@@ -54,13 +104,36 @@ impl Contestant {
 
     /// How its update time comes about, in words; nothing if it is simply measured.
     pub(crate) fn accounting(&self) -> Option<String> {
-        match self.counted {
-            Counted::Measured => None,
-            Counted::Free => Some(format!("{} rebuild, its time not counted", self.strategy.name())),
-            Counted::Divided => {
-                Some(format!("serial {} rebuild, its time divided by {PAPER_THREADS}", self.strategy.name()))
+        match (self.counted, self.method) {
+            (Counted::Measured, Method::Strategy(_)) => None,
+            (Counted::Measured, Method::Rebuild(_)) => {
+                Some("serial binned rebuild as the paper’s code had it".to_owned())
+            }
+            (Counted::Free, _) => Some(format!("{} rebuild, its time not counted", self.of)),
+            (Counted::Divided, _) => {
+                Some(format!("serial {} rebuild, its time divided by {PAPER_THREADS}", self.of))
             }
         }
+    }
+}
+
+impl Method {
+    /// Brings a tree up to date with the triangles.
+    pub(crate) fn run(
+        &self,
+        tree: &mut Bvh,
+        triangles: &Triangles<'_>,
+        scratch: &mut Scratch,
+    ) -> Result<Update> {
+        match self {
+            Self::Strategy(strategy) => update(tree, triangles, strategy, scratch).context(strategy.name()),
+            Self::Rebuild(function) => function(tree, triangles),
+        }
+    }
+
+    /// Whether the tree depends on the current frame only.
+    pub(crate) fn rebuilds(&self) -> bool {
+        matches!(self, Self::Strategy(Strategy::Rebuild(..)) | Self::Rebuild(_))
     }
 }
 
@@ -72,5 +145,21 @@ impl Counted {
             Self::Free => 0.0,
             Self::Divided => ms / PAPER_THREADS as f64,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_unique_and_every_default_exists() {
+        let all = Contestant::all();
+        for (i, a) in all.iter().enumerate() {
+            assert!(all[..i].iter().all(|b| a.name != b.name), "{} twice", a.name);
+            assert!(all.iter().any(|b| b.name == a.of), "{} runs nothing", a.name);
+        }
+        assert_eq!(Contestant::default_ones().len(), DEFAULT.len());
+        assert!(PAPER.iter().all(|name| DEFAULT.contains(name)));
     }
 }

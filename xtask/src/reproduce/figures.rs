@@ -4,9 +4,10 @@ use maud::{Markup, PreEscaped, html};
 
 use super::accuracy;
 use super::chart::{Bar, Bars, Line, PANEL_SIZE, Panel};
-use super::contestants::{IDEAL, IDEAL_PARALLEL_BINNED};
+use super::contestants::{IDEAL, IDEAL_PARALLEL_BINNED, PAPER, PAPER_BINNED};
 use super::record::Row;
 use super::results::{Results, SceneRun, Spread};
+use super::{MUSEUM, OTHER_KEYS, SPEED_STRATEGY};
 
 /// The style sheet that all charts share with the report.
 pub(crate) const STYLE: &str = include_str!("chart/chart.css");
@@ -26,39 +27,61 @@ pub(crate) fn class(strategy: &str) -> String {
     strategy.replace('+', "-")
 }
 
-/// What lines are drawn of: the accounting rows of the paper stand for the rebuilds they are made of.
-fn drawn<'a>(results: &'a Results) -> impl Iterator<Item = &'static str> + 'a {
+/// Which strategies are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Which {
+    /// Those of the paper's figures, if they were run.
+    Paper,
+    All,
+}
+
+/// What the report shows before anything is switched.
+const SHOWN: [&str; 6] =
+    ["refit", "refit+rotate", "refit+rotate+regrow", "auto", IDEAL, IDEAL_PARALLEL_BINNED];
+
+/// Whether a strategy is hidden until it is switched on, where there are others to see.
+pub(crate) fn is_off(results: &Results, strategy: &str) -> bool {
+    !SHOWN.contains(&strategy) && results.settings.strategies.iter().any(|s| SHOWN.contains(&s.as_str()))
+}
+
+fn chosen(results: &Results, which: Which) -> impl Iterator<Item = &String> {
+    let all = &results.settings.strategies;
+    let is_paper = |name: &String| PAPER.contains(&name.as_str());
+    let paper_only = which == Which::Paper && all.iter().any(is_paper);
+    all.iter().filter(move |name| !paper_only || is_paper(name))
+}
+
+/// Strategies drawn as lines: the accounting rows of the paper stand for the rebuilds they are made of, and the slow
+/// rebuild of the paper's code would dwarf all others.
+pub(crate) fn line_keys(results: &Results, which: Which) -> Vec<Key> {
     let all = &results.settings.strategies;
     let stands_for = |name: &str| match name {
         "sweep" => Some(IDEAL),
-        "binned" => Some(IDEAL_PARALLEL_BINNED),
+        "binned" | PAPER_BINNED => Some(IDEAL_PARALLEL_BINNED),
         _ => None,
     };
-    all.iter().copied().filter(move |name| stands_for(name).is_none_or(|other| !all.contains(&other)))
-}
-
-/// Strategies drawn as lines.
-pub(crate) fn line_keys(results: &Results) -> Vec<Key> {
-    drawn(results).map(|name| (class(name), name.to_owned())).collect()
+    let has = |other: &str| all.iter().any(|name| name == other);
+    let drawn = chosen(results, which).filter(|name| stands_for(name).is_none_or(|other| !has(other)));
+    drawn.map(|name| (class(name), name.clone())).collect()
 }
 
 /// Strategies drawn as bars: all whose time counts.
-pub(crate) fn bar_keys(results: &Results) -> Vec<Key> {
-    let all = results.settings.strategies.iter().filter(|&&name| name != IDEAL);
-    all.map(|&name| (class(name), name.to_owned())).collect()
+pub(crate) fn bar_keys(results: &Results, which: Which) -> Vec<Key> {
+    let timed = chosen(results, which).filter(|name| *name != IDEAL);
+    timed.map(|name| (class(name), name.clone())).collect()
 }
 
-/// Figure 4: time to update by scene and strategy, median over frames.
-pub(crate) fn update_times(results: &Results) -> Option<Bars<'static>> {
+/// Figure 4: time to update by scene and strategy, mean over frames.
+pub(crate) fn update_times(results: &Results, which: Which) -> Option<Bars<'static>> {
     let bar = |scene: &SceneRun, (class, name): Key| {
         let spread = Spread::of(scene.of(&name).iter().map(|row| row.update_ms))?;
-        Some(Bar { class, name, value: spread.median, low: spread.p10, high: spread.p90 })
+        let off = is_off(results, &name);
+        Some(Bar { class, name, value: spread.mean, low: spread.p10, high: spread.p90, off })
     };
     let groups: Vec<_> = results
-        .scenes
-        .iter()
+        .main_scenes()
         .map(|scene| {
-            let bars = bar_keys(results).into_iter().filter_map(|key| bar(scene, key)).collect();
+            let bars = bar_keys(results, which).into_iter().filter_map(|key| bar(scene, key)).collect();
             (scene.facts.label.clone(), bars)
         })
         .filter(|(_, bars): &(_, Vec<_>)| !bars.is_empty())
@@ -67,7 +90,7 @@ pub(crate) fn update_times(results: &Results) -> Option<Bars<'static>> {
 }
 
 /// Figure 6 for one scene: (a) frame time, (b) SAH cost, over all loops.
-pub(crate) fn over_frames(results: &Results, scene: &SceneRun) -> Option<[Panel<'static>; 2]> {
+pub(crate) fn over_frames(results: &Results, scene: &SceneRun, which: Which) -> Option<[Panel<'static>; 2]> {
     if scene.rows.is_empty() {
         return None;
     }
@@ -77,11 +100,12 @@ pub(crate) fn over_frames(results: &Results, scene: &SceneRun) -> Option<[Panel<
         title: format!("{}: {title}", scene.facts.label),
         x_label: "frame",
         y_label,
-        lines: line_keys(results)
+        lines: line_keys(results, which)
             .into_iter()
             .map(|(class, name)| {
                 let point = |row: &Row| ((row.round * frames + row.frame) as f64, value(row));
-                Line { points: scene.of(&name).into_iter().map(point).collect(), class, name }
+                let points = scene.of(&name).into_iter().map(point).collect();
+                Line { points, off: is_off(results, &name), class, name }
             })
             .collect(),
         rules: (1..=last / frames).map(|round| (round * frames) as f64).collect(),
@@ -105,7 +129,12 @@ pub(crate) fn over_loops(scene: &SceneRun) -> Option<[Panel<'static>; 2]> {
             .map(|(frames, rows)| {
                 let x = |row: &Row| row.round as f64 + row.frame as f64 / *frames as f64;
                 let (class, name) = speed_key(*frames);
-                Line { points: rows.iter().map(|row| (x(row), value(row))).collect(), class, name }
+                Line {
+                    points: rows.iter().map(|row| (x(row), value(row))).collect(),
+                    class,
+                    name,
+                    off: false,
+                }
             })
             .collect(),
         rules: (1..=last).map(|round| round as f64).collect(),
@@ -121,24 +150,45 @@ pub(crate) fn speed_key(frames: usize) -> Key {
     (format!("loop-{frames}"), format!("{frames} frames a loop"))
 }
 
-/// All figures as files: figure 4, figure 6 as a whole and scene by scene, figure 5.
+/// The museum from all its key frames: cost with rotations, over loops.
+pub(crate) fn from_other_keys(results: &Results) -> Option<Panel<'static>> {
+    let runs: Vec<_> = [MUSEUM].iter().chain(&OTHER_KEYS).filter_map(|name| results.scene(name)).collect();
+    let first = runs.first().filter(|_| runs.len() > 1)?;
+    let frames = first.facts.frames;
+    let line = |(i, scene): (usize, &&SceneRun)| {
+        let point = |row: &&Row| ((row.round * frames + row.frame) as f64, row.sah_cost);
+        let points = scene.of(SPEED_STRATEGY).iter().map(point).collect();
+        Line { class: format!("key-{i}"), name: scene.facts.label.clone(), points, off: false }
+    };
+    Some(Panel {
+        title: "bart-museum, started from each key frame".to_owned(),
+        x_label: "frame",
+        y_label: "SAH cost with rotations",
+        lines: runs.iter().enumerate().map(line).collect(),
+        rules: Vec::new(),
+    })
+}
+
+/// All figures as files: figure 4 and 6 with the paper's strategies and with all, figure 5.
 pub(crate) fn files(results: &Results) -> Vec<Figure> {
     let mut figures = Vec::new();
-    if let Some(bars) = update_times(results).filter(|_| wanted(results, "fig4")) {
-        let (width, height) = bars.size();
-        figures.push(file("fig4", width, height, &bar_keys(results), &bars.svg((0.0, LEGEND))));
+    for (which, name) in [(Which::Paper, "fig4"), (Which::All, "fig4-all")] {
+        if let Some(bars) = update_times(results, which).filter(|_| wanted(results, "fig4")) {
+            let bars = bars.all_on();
+            let (width, height) = bars.size();
+            figures.push(file(name, width, height, &bar_keys(results, which), |y| bars.svg((0.0, y))));
+        }
     }
     if wanted(results, "fig6") {
-        let scenes: Vec<_> = results
-            .scenes
-            .iter()
-            .filter_map(|scene| Some((format!("fig6-{}", scene.facts.slug), over_frames(results, scene)?)))
-            .collect();
-        let keys = line_keys(results);
-        figures.extend(scenes.iter().map(|(name, panels)| pair(name, &[panels], &keys)));
-        let rows: Vec<_> = scenes.iter().map(|(_, panels)| panels).collect();
-        if rows.len() > 1 {
-            figures.push(pair("fig6", &rows, &keys));
+        let panels =
+            |which| results.main_scenes().filter_map(move |s| Some((s, over_frames(results, s, which)?)));
+        let keys = line_keys(results, Which::All);
+        for (scene, panels) in panels(Which::All) {
+            figures.push(pair(&format!("fig6-{}", scene.facts.slug), &[&panels], &keys));
+        }
+        let rows: Vec<_> = panels(Which::Paper).map(|(_, panels)| panels).collect();
+        if !rows.is_empty() {
+            figures.push(pair("fig6", &rows.iter().collect::<Vec<_>>(), &line_keys(results, Which::Paper)));
         }
     }
     for scene in &results.scenes {
@@ -153,45 +203,55 @@ pub(crate) fn files(results: &Results) -> Vec<Figure> {
 
 /// Whether an experiment, or the claims that rest on it, were asked for.
 pub(crate) fn wanted(results: &Results, experiment: &str) -> bool {
-    results.settings.experiments.iter().any(|&e| e == experiment || e == "claims")
+    results.settings.experiments.iter().any(|e| e == experiment || e == "claims")
 }
 
-/// Height of a legend above a figure.
-const LEGEND: f64 = 30.0;
+/// Height of a row of a legend above a figure.
+const LEGEND_ROW: f64 = 18.0;
 
 /// Pairs of panels below one another.
 fn pair(name: &str, rows: &[&[Panel<'_>; 2]], keys: &[Key]) -> Figure {
     let (width, height) = PANEL_SIZE;
-    let content = html! {
-        @for (i, [a, b]) in rows.iter().enumerate() {
-            @let y = LEGEND + i as f64 * height;
-            (a.svg((0.0, y)))
-            (b.svg((width, y)))
+    file(name, 2.0 * width, rows.len() as f64 * height, keys, |legend| {
+        html! {
+            @for (i, [a, b]) in rows.iter().enumerate() {
+                @let y = legend + i as f64 * height;
+                (a.svg((0.0, y)))
+                (b.svg((width, y)))
+            }
         }
-    };
-    file(name, 2.0 * width, rows.len() as f64 * height, keys, &content)
+    })
 }
 
-fn file(name: &str, width: f64, height: f64, keys: &[Key], content: &Markup) -> Figure {
-    let height = height + LEGEND;
-    let starts = keys.iter().scan(12.0, |x, (_, name)| {
-        let start = *x;
-        *x += 40.0 + 6.6 * name.chars().count() as f64;
-        Some(start)
-    });
+/// A file with a legend; `content` is told where it ends.
+fn file(name: &str, width: f64, height: f64, keys: &[Key], content: impl Fn(f64) -> Markup) -> Figure {
+    let (mut x, mut y) = (12.0, 16.0);
+    let places: Vec<_> = keys
+        .iter()
+        .map(|(_, name)| {
+            let needed = 40.0 + 6.6 * name.chars().count() as f64;
+            if x + needed > width && x > 12.0 {
+                (x, y) = (12.0, y + LEGEND_ROW);
+            }
+            x += needed;
+            (x - needed, y)
+        })
+        .collect();
+    let legend = y + LEGEND_ROW;
     let svg = html! {
-        svg xmlns="http://www.w3.org/2000/svg" width=(width) height=(height)
-            viewBox=(format!("0 0 {width} {height}")) {
+        svg xmlns="http://www.w3.org/2000/svg" width=(width) height=(height + legend)
+            viewBox=(format!("0 0 {width} {}", height + legend)) {
             style { (PreEscaped(STYLE)) }
             rect width="100%" height="100%" fill="var(--paper)" {}
             g class="chart" {
-                @for ((class, name), x) in keys.iter().zip(starts) {
-                    path class={ "line " (class) } d=(format!("M{x} 16h22")) {}
-                    text x=(x + 28.0) y="20" { (name) }
+                @for ((class, name), (x, y)) in keys.iter().zip(places) {
+                    path class={ "line " (class) } d=(format!("M{x} {y}h22")) {}
+                    text x=(x + 28.0) y=(y + 4.0) { (name) }
                 }
             }
-            (content)
+            (content(legend))
         }
     };
-    Figure { name: name.to_owned(), svg: svg.into_string() }
+    // In a file of its own nothing can be switched on.
+    Figure { name: name.to_owned(), svg: svg.into_string().replace(" data-off", "") }
 }

@@ -1,43 +1,54 @@
 //! `cargo xtask reproduce`: the paper's experiments, rerun and judged.
 
 mod accuracy;
+mod baseline;
 mod chart;
 mod check;
 mod claims;
 mod contestants;
+mod decisions;
 mod figures;
+mod offline;
 mod options;
 mod output;
+mod pace;
+mod paper_binned;
+mod pictures;
 mod preset;
 mod protocol;
 mod record;
 mod report;
 mod results;
+mod saved;
 mod stages;
 mod summary;
 
 use anyhow::{Result, ensure};
-use bvh_core::Bvh;
 use scenes::Scene;
 
 use self::output::Output;
-use self::protocol::Plan;
-use self::record::Records;
+use self::pace::Pace;
+use self::protocol::{Log, Named, Plan};
+use self::record::{Records, Row};
 use self::results::{Picture, Results, SceneFacts, SceneRun, Settings};
+use self::saved::Saved;
 use crate::machine::{Machine, Revision};
 use crate::stage::{self, Stage};
-use crate::{interrupt, pool};
+use crate::{files, interrupt, pool};
 
 pub(crate) use self::contestants::Contestant;
 pub(crate) use self::options::Args;
-pub(crate) use self::protocol::picture;
+pub(crate) use self::pictures::picture;
 
 /// Frames in a loop in figure 5.
 const SPEEDS: [usize; 3] = [20, 100, 500];
 /// The strategy of figure 5.
 const SPEED_STRATEGY: &str = "refit+rotate";
-/// Pixels on a side of the report's pictures, at least and at most.
-const PICTURE_SIZE: (u32, u32) = (240, 400);
+/// The scene that starts from a bad tree, and the same from its other key frames, for the claim that this mends it.
+const MUSEUM: &str = "bart-museum";
+const OTHER_KEYS: [&str; 4] = ["bart-museum:1", "bart-museum:2", "bart-museum:3", "bart-museum:4"];
+/// What runs on those.
+const KEY_STRATEGIES: [&str; 2] = [SPEED_STRATEGY, contestants::IDEAL];
 
 /// A scene to run: not loaded until its turn comes, unless it is a file, which may be broken.
 struct Entry {
@@ -45,50 +56,119 @@ struct Entry {
     label: String,
     slug: String,
     loaded: Option<Scene>,
+    /// Whether it serves one claim only.
+    supplement: bool,
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
+    let baseline = args.baseline.as_deref().map(saved::load).transpose()?.map(|saved| saved.results);
+    if let Some(folder) = &args.from {
+        let results = saved::load(folder)?.results;
+        return Output::prepare(args.out())?.copy_from(folder)?.write(&results, baseline.as_ref());
+    }
     let entries = entries(args)?;
-    let out = Output::prepare(args.out())?;
     let mut results = Results {
         machine: Machine::read(),
         revision: Revision::read(),
         settings: args.settings(),
         scenes: Vec::new(),
-        interrupted: false,
+        interrupted: true,
     };
+    let out = Output::prepare(args.out())?;
+    let mut saved = args.resume.then(|| earlier(&out, &results)).transpose()?.flatten();
     let pool = pool::pool(results.settings.threads)?;
-    let mut records = Records::create(&out.file("frames.csv"))?;
+
+    // What is kept of an earlier run: scenes that were finished, and rows of one that was not.
+    let mut kept = Vec::new();
+    for entry in &entries {
+        let finished = saved.as_mut().and_then(|saved| saved.finished(&entry.label));
+        let begun = saved.as_mut().filter(|_| finished.is_none()).map(|saved| saved.begun(&entry.label));
+        kept.push((finished, begun.unwrap_or_default()));
+    }
+    let rows = |of: usize| -> Vec<Row> {
+        let all = kept.iter().flat_map(|(finished, begun)| match (finished, of) {
+            (Some(run), 0) => run.rows.clone(),
+            (Some(run), _) => run.speeds.iter().flat_map(|(_, rows)| rows.clone()).collect(),
+            (None, _) => begun[of].clone(),
+        });
+        all.collect()
+    };
+    let mut records = Records::create(&out.file("frames.csv"), &rows(0))?;
     let any_speeds = entries.iter().any(|entry| args.runs_speeds(&entry.label));
-    let mut speed_records = any_speeds.then(|| Records::create(&out.file("fig5.csv"))).transpose()?;
+    let mut speed_records =
+        any_speeds.then(|| Records::create(&out.file("fig5.csv"), &rows(1))).transpose()?;
     let mut accuracy_log =
         args.runs_accuracy().then(|| accuracy::Log::create(&out.file("accuracy.csv"))).transpose()?;
-    for entry in entries {
+    if let Some(log) = &mut accuracy_log {
+        let points = kept.iter().flat_map(|(finished, _)| finished).flat_map(|run| &run.accuracy);
+        points.into_iter().try_for_each(|point| log.append(point))?;
+    } else {
+        files::remove_old(&out.file("accuracy.csv"))?;
+    }
+    if speed_records.is_none() {
+        files::remove_old(&out.file("fig5.csv"))?;
+    }
+    let mut pace = Pace::new(entries.iter().map(|entry| entry.work(args)).sum());
+
+    for (entry, (finished, begun)) in entries.into_iter().zip(kept) {
         if interrupt::requested() {
             break;
         }
+        if let Some(finished) = finished {
+            pace.skip(entry.work(args));
+            results.scenes.push(finished);
+            continue;
+        }
+        // Before each scene, so that a run that is killed leaves all but one of them.
+        out.write_summary(&results)?;
         eprintln!("{}", entry.label);
+        pace.pause();
         let scene = entry.loaded.map_or_else(|| args.load(&entry.source), Ok)?;
         let run = pool.install(|| {
             let mut stage = Stage::new(scene)?;
-            let plan = plan(args, &results.settings, stage.triangles().indices.len());
+            let plan = plan(args, &results.settings, stage.triangles().indices.len(), entry.supplement);
             let mut run = SceneRun::new(facts(&stage, &plan, entry.label, entry.slug));
+            run.facts.supplement = entry.supplement;
+            let [begun, begun_speeds] = begun;
             if args.runs_frames() {
-                run_frames(&mut run, &mut stage, &plan, args.values().pictures, &mut records, &out)?;
+                let mut log = Log { done: begun, records: &mut records, pace: &mut pace };
+                run_frames(&mut run, &mut stage, &plan, args, &mut log, &out)?;
             }
             if let Some(records) = speed_records.as_mut().filter(|_| args.runs_speeds(&run.facts.label)) {
-                run_speeds(&mut run, &mut stage, &plan, args.values().speed_loops, records)?;
+                let mut log = Log { done: begun_speeds, records, pace: &mut pace };
+                run_speeds(&mut run, &mut stage, &plan, args.values().speed_loops, &mut log)?;
             }
-            if let Some(log) = &mut accuracy_log {
+            pace.pause();
+            let is_static = args.runs_claims() && !entry.supplement;
+            if is_static && run.facts.triangles <= args.values().offline && !interrupt::requested() {
+                run.offline = offline::measure(&mut stage, plan.size)?;
+            }
+            if let Some(log) = accuracy_log.as_mut().filter(|_| !entry.supplement) {
                 let label = &run.facts.label;
                 run.accuracy = accuracy::measure(label, &entry.source, &mut stage, &args.effort(), log)?;
             }
             Ok::<_, anyhow::Error>(run)
         })?;
         results.scenes.push(run);
+        if let Some(run) = results.scenes.last_mut() {
+            run.facts.finished = !interrupt::requested();
+        }
     }
+    drop(pace);
     results.interrupted = interrupt::requested();
-    out.write(&results)
+    out.write(&results, baseline.as_ref())
+}
+
+/// The earlier run in the same folder, if there is one, made with the same settings.
+fn earlier(out: &Output, now: &Results) -> Result<Option<Saved>> {
+    let folder = out.file("");
+    if !out.file("summary.json").exists() {
+        eprintln!("note: {} holds no run to go on with; starting anew", folder.display());
+        return Ok(None);
+    }
+    let saved = saved::load(&folder)?;
+    saved.ensure_same(now, &folder)?;
+    Ok(Some(saved))
 }
 
 /// The scenes asked for. Names are checked and files loaded before anything is measured.
@@ -108,15 +188,51 @@ fn entries(args: &Args) -> Result<Vec<Entry>> {
         let taken = |label: &str| entries.iter().any(|e| e.label == label || e.slug == stage::slug(label));
         let mut names = (1..).map(|n| if n == 1 { label.clone() } else { format!("{label}-{n}") });
         let label = names.find(|name| !taken(name)).unwrap_or(label);
-        entries.push(Entry { source: source.clone(), slug: stage::slug(&label), label, loaded });
+        let (source, slug) = (source.clone(), stage::slug(&label));
+        entries.push(Entry { source, slug, label, loaded, supplement: false });
+    }
+    let chosen = args.contestants();
+    let compared = KEY_STRATEGIES.iter().all(|name| chosen.iter().any(|c| c.name == *name));
+    if args.runs_claims() && compared && entries.iter().any(|e| e.label == MUSEUM) {
+        let others = OTHER_KEYS.into_iter().filter(|key| entries.iter().all(|e| e.label != *key));
+        let supplements: Vec<_> = others
+            .map(|key| Entry {
+                source: key.to_owned(),
+                slug: stage::slug(key),
+                label: key.to_owned(),
+                loaded: None,
+                supplement: true,
+            })
+            .collect();
+        entries.extend(supplements);
     }
     Ok(entries)
 }
 
-fn plan(args: &Args, settings: &Settings, triangles: usize) -> Plan {
+impl Entry {
+    /// How much there is to do, by what is known before it is loaded.
+    fn work(&self, args: &Args) -> f64 {
+        let values = args.values();
+        let name = self.source.split(':').next().unwrap_or_default();
+        let info = scenes::list().iter().find(|info| info.name == name);
+        let loaded = || self.loaded.as_ref().map_or(0, |s| s.animation.topology().triangles.len());
+        let triangles = info.map_or_else(loaded, |info| info.triangles);
+        let plan = plan(args, &args.settings(), triangles, self.supplement);
+        let work = |strategies| pace::work(triangles, strategies);
+        let frames = if args.runs_frames() { plan.steps() as f64 * work(plan.weight()) } else { 0.0 };
+        let speeds = SPEEDS.map(|n| n as f64).iter().sum::<f64>() * values.speed_loops * work(1);
+        frames + if args.runs_speeds(&self.label) { speeds } else { 0.0 }
+    }
+}
+
+fn plan(args: &Args, settings: &Settings, triangles: usize, supplement: bool) -> Plan {
     let values = args.values();
+    let mut contestants = args.contestants();
+    if supplement {
+        contestants.retain(|c| KEY_STRATEGIES.contains(&c.name));
+    }
     Plan {
-        contestants: args.contestants(),
+        contestants,
         frames: values.frames,
         loops: values.loops,
         rebuild_every: values.rebuild_interval(triangles),
@@ -124,6 +240,7 @@ fn plan(args: &Args, settings: &Settings, triangles: usize) -> Plan {
         threads: settings.threads,
         check_frames: values.check_frames,
         check_rays: values.check_rays,
+        pictures: if supplement { 0 } else { values.pictures },
         seed: settings.seed,
     }
 }
@@ -137,15 +254,22 @@ fn facts(stage: &Stage, plan: &Plan, label: String, slug: String) -> SceneFacts 
         about: scene.about.to_owned(),
         triangles: stats.primitives,
         moving: scene.animation.topology().moves.iter().filter(|&&moves| moves).count(),
-        plan: stage.plan.stages().iter().map(|s| s.name()).collect(),
+        plan: stage.plan.stages().iter().map(|s| s.name().to_owned()).collect(),
         key_bytes: scene.key_bytes,
         measures: scene.measures.iter().map(|m| (m.name.clone(), m.value)).collect(),
-        effects: scene.effects.row().into_iter().filter_map(|(name, on)| on.then_some(name)).collect(),
+        effects: scene
+            .effects
+            .row()
+            .into_iter()
+            .filter(|(_, on)| *on)
+            .map(|(name, _)| name.to_owned())
+            .collect(),
         frames: plan.frames,
         rebuild_every: plan.rebuild_every,
         build_ms: stage.build_ms,
         candidates: stats.candidates as f64 / (stats.inner + stats.leaves).max(1) as f64,
         notes: scene.notes.clone(),
+        ..SceneFacts::default()
     }
 }
 
@@ -154,22 +278,34 @@ fn run_frames(
     run: &mut SceneRun,
     stage: &mut Stage,
     plan: &Plan,
-    pictures: usize,
-    records: &mut Records,
+    args: &Args,
+    log: &mut Log<'_>,
     out: &Output,
 ) -> Result<()> {
     let SceneRun { facts, pictures: taken, .. } = run;
-    let (least, most) = PICTURE_SIZE;
-    let size = plan.size.clamp(least, most);
-    let take = |stage: &mut Stage, tree: &Bvh, step: usize| {
-        if step < plan.frames && protocol::is_sampled(step, plan.frames, pictures) {
-            let (file, path) = out.picture(&facts.slug, step);
-            let png = picture(stage, tree, size, &path)?;
-            taken.push(Picture { frame: step, file, png });
+    let [size, map_size] = args.values().picture_size;
+    facts.hottest = pictures::hottest(stage, map_size);
+    let take = |stage: &mut Stage, trees: &[Named<'_>], frame: usize| {
+        let (file, path) = out.picture(&facts.slug, frame);
+        let Some((_, tree)) = trees.first() else { return Ok(()) };
+        let bytes = picture(stage, tree, size, &path)?;
+        taken.push(Picture { frame, strategy: None, file, bytes });
+        for (name, tree) in trees.iter().filter(|(name, _)| pictures::HEAT_MAPS.contains(name)) {
+            let (file, path) = out.heat_map(&facts.slug, frame, name);
+            let bytes = pictures::heat_map(stage, tree, map_size, facts.hottest, &path)?;
+            taken.push(Picture { frame, strategy: Some((*name).to_owned()), file, bytes });
         }
         Ok(())
     };
-    let (rows, checks) = protocol::measure(&facts.label, stage, plan, records, take)?;
+    if let Some(last) = log.done.last() {
+        let (round, frame) = (last.round, last.frame);
+        facts.notes.push(format!(
+            "resumed after loop {round}, frame {frame}: pictures of strategies up to there were compared in the run before"
+        ));
+    }
+    let work = pace::work(facts.triangles, plan.weight());
+    log.pace.begin(format!("{}, frames", facts.label), plan.steps(), work);
+    let (rows, checks) = protocol::measure(&facts.label, stage, plan, log.take(plan.frames), take)?;
     run.rows = rows;
     run.checks.add(&checks);
     Ok(())
@@ -181,12 +317,18 @@ fn run_speeds(
     stage: &mut Stage,
     plan: &Plan,
     loops: f64,
-    records: &mut Records,
+    log: &mut Log<'_>,
 ) -> Result<()> {
     let contestants: Vec<_> = Contestant::all().into_iter().filter(|c| c.name == SPEED_STRATEGY).collect();
     for frames in SPEEDS {
-        let plan = Plan { contestants: contestants.clone(), frames, loops, ..plan.clone() };
-        let (rows, checks) = protocol::measure(&run.facts.label, stage, &plan, records, |_, _, _| Ok(()))?;
+        if interrupt::requested() {
+            break;
+        }
+        let plan = Plan { contestants: contestants.clone(), frames, loops, pictures: 0, ..plan.clone() };
+        let what = format!("{}, {frames} frames a loop", run.facts.label);
+        log.pace.begin(what, plan.steps(), pace::work(run.facts.triangles, 1));
+        let (rows, checks) =
+            protocol::measure(&run.facts.label, stage, &plan, log.take(frames), |_, _, _| Ok(()))?;
         run.speeds.push((frames, rows));
         run.checks.add(&checks);
     }

@@ -53,9 +53,9 @@ pub(crate) struct Args {
     /// A scene's name, a .glb, .gltf, .obj or .ply file, or a folder of key frames; repeatable [default: all]
     #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
     pub(super) scenes: Vec<String>,
-    /// A strategy's name, as `list` gives them; repeatable [default: all]
-    #[arg(long = "strategy", value_name = "NAME", value_parser = Contestant::from_name)]
-    strategies: Vec<Contestant>,
+    /// A strategy's name, as `list` gives them, or `all`; repeatable [default: those of the paper, and the best]
+    #[arg(long = "strategy", value_name = "NAME", value_parser = strategy)]
+    strategies: Vec<Choice>,
     /// Clip of a glTF file, by name or number [default: its first]
     #[arg(long, value_name = "NAME|NUMBER")]
     pub(super) clip: Option<String>,
@@ -77,6 +77,30 @@ pub(crate) struct Args {
     /// Folder for the results [default: target/reproduce]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Go on where an interrupted run with the same settings has stopped: what its folder holds is not measured again
+    #[arg(long)]
+    pub(super) resume: bool,
+    /// Measure nothing: draw figures and report again from what a folder holds, into it or into --out
+    #[arg(
+        long,
+        value_name = "DIR",
+        conflicts_with_all = ["experiments", "scenes", "strategies", "clip", "frames", "loops", "size", "threads", "resume"]
+    )]
+    pub(super) from: Option<PathBuf>,
+    /// Compare with the results in another folder, and name what got worse
+    #[arg(long, value_name = "DIR")]
+    pub(super) baseline: Option<PathBuf>,
+}
+
+/// A strategy, or all there are.
+#[derive(Clone, Copy, Debug)]
+enum Choice {
+    All,
+    One(Contestant),
+}
+
+fn strategy(name: &str) -> Result<Choice, String> {
+    if name == "all" { Ok(Choice::All) } else { Contestant::from_name(name).map(Choice::One) }
 }
 
 impl Args {
@@ -94,11 +118,19 @@ impl Args {
 
     /// Every strategy asked for, once.
     pub(super) fn contestants(&self) -> Vec<Contestant> {
-        let all = if self.strategies.is_empty() { Contestant::all() } else { self.strategies.clone() };
+        if self.strategies.is_empty() {
+            return Contestant::default_ones();
+        }
         let mut once: Vec<Contestant> = Vec::new();
-        for contestant in all {
-            if !once.contains(&contestant) {
-                once.push(contestant);
+        for choice in &self.strategies {
+            let chosen = match choice {
+                Choice::All => Contestant::all(),
+                Choice::One(contestant) => vec![*contestant],
+            };
+            for contestant in chosen {
+                if once.iter().all(|c| c.name != contestant.name) {
+                    once.push(contestant);
+                }
             }
         }
         once
@@ -109,7 +141,8 @@ impl Args {
     }
 
     pub(super) fn out(&self) -> PathBuf {
-        self.out.clone().unwrap_or_else(|| files::workspace().join("target/reproduce"))
+        let named = self.out.as_ref().or(self.from.as_ref());
+        named.cloned().unwrap_or_else(|| files::workspace().join("target/reproduce"))
     }
 
     pub(super) fn settings(&self) -> Settings {
@@ -117,13 +150,15 @@ impl Args {
         let wanted = |e: &&Experiment| self.experiments.is_empty() || self.experiments.contains(e);
         let values = self.values();
         Settings {
-            preset: self.preset.name(),
-            experiments: all.iter().filter(wanted).map(|e| e.name()).collect(),
-            strategies: self.contestants().iter().map(|c| c.name).collect(),
+            preset: self.preset.name().to_owned(),
+            experiments: all.iter().filter(wanted).map(|e| e.name().to_owned()).collect(),
+            strategies: self.contestants().iter().map(|c| c.name.to_owned()).collect(),
+            frames: values.frames,
             loops: values.loops,
             size: values.size,
             threads: self.threads.map_or_else(pool::default_threads, |n| n as usize),
             seed: self.seed,
+            clip: self.clip.clone(),
             reductions: values.reductions(),
             command: command(),
         }
@@ -146,6 +181,11 @@ impl Args {
         Effort::new(self.preset, &self.values(), self.seed)
     }
 
+    /// Whether what only the claims need is asked for.
+    pub(super) fn runs_claims(&self) -> bool {
+        self.experiments.is_empty() || self.experiments.contains(&Experiment::Claims)
+    }
+
     /// Whether figure 5 is to be run on that scene: on its own, and on any other if it is asked for by name.
     pub(super) fn runs_speeds(&self, label: &str) -> bool {
         let wanted = |e| self.experiments.contains(&e);
@@ -166,9 +206,10 @@ fn loops(text: &str) -> Result<f64, String> {
     }
 }
 
-/// The command line as it was given.
+/// The command line as it was given, but for what is about an earlier run.
 fn command() -> String {
-    let quoted = std::env::args().skip(1).map(|word| {
+    let words = std::env::args().skip(1).filter(|word| word != "--resume");
+    let quoted = words.map(|word| {
         let plain = |c: char| c.is_ascii_alphanumeric() || "-_./+=,:".contains(c);
         if !word.is_empty() && word.chars().all(plain) {
             word

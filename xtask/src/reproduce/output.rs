@@ -1,9 +1,11 @@
 //! The folder of results.
 
-use std::path::PathBuf;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
+use super::baseline::Comparison;
 use super::figures::Figure;
 use super::results::Results;
 use super::{claims, figures, report, summary};
@@ -15,18 +17,34 @@ pub(super) struct Output {
 }
 
 impl Output {
-    /// Makes the folder, and removes what would be mistaken for this run's results if it were interrupted.
+    /// Makes the folder and those in it, and removes a report that would be mistaken for this run's.
     pub(super) fn prepare(folder: PathBuf) -> Result<Self> {
         let out = Self { folder };
         for folder in [out.folder.clone(), out.file("figures"), out.file("images")] {
             files::make_folder(&folder)?;
         }
-        for name in ["report.html", "summary.json", "fig5.csv", "accuracy.csv"] {
-            files::remove_old(&out.file(name))?;
-        }
-        files::remove_all(&out.file("figures"), is_figure)?;
-        files::remove_all(&out.file("images"), is_picture)?;
+        files::remove_old(&out.file("report.html"))?;
         Ok(out)
+    }
+
+    /// Takes rows and pictures over from another folder, unless it is this one.
+    pub(super) fn copy_from(self, other: &Path) -> Result<Self> {
+        let same = |a: &Path, b: &Path| {
+            fs::canonicalize(a).ok().is_some_and(|a| Some(a) == fs::canonicalize(b).ok())
+        };
+        if same(other, &self.folder) {
+            return Ok(self);
+        }
+        let images = fs::read_dir(other.join("images")).into_iter().flatten().flatten();
+        let images = images.map(|entry| Path::new("images").join(entry.file_name()));
+        for name in ["frames.csv", "fig5.csv", "accuracy.csv"].map(PathBuf::from).into_iter().chain(images) {
+            let from = other.join(&name);
+            if from.is_file() {
+                fs::copy(&from, self.folder.join(&name))
+                    .with_context(|| format!("{}: cannot be copied", from.display()))?;
+            }
+        }
+        Ok(self)
     }
 
     pub(super) fn file(&self, name: &str) -> PathBuf {
@@ -40,25 +58,47 @@ impl Output {
         (name, path)
     }
 
+    /// Name and path of a heat map of a frame, of one strategy's tree.
+    pub(super) fn heat_map(&self, slug: &str, frame: usize, strategy: &str) -> (String, PathBuf) {
+        let name = format!("{slug}-{frame:04}-{strategy}.jpg");
+        let path = self.file("images").join(&name);
+        (name, path)
+    }
+
+    /// Writes what is known so far, so that a run that is killed can be gone on with.
+    pub(super) fn write_summary(&self, results: &Results) -> Result<()> {
+        self.summarise(results, &claims::judge(results), None)
+    }
+
+    fn summarise(
+        &self,
+        results: &Results,
+        claims: &[claims::Claim],
+        comparison: Option<&Comparison>,
+    ) -> Result<()> {
+        let summary =
+            summary::json(results, claims, comparison).context("the summary cannot be written as JSON")?;
+        files::write_whole(&self.file("summary.json"), summary.as_bytes())
+    }
+
     /// Writes figures, summary and report, and says what came out.
-    pub(super) fn write(&self, results: &Results) -> Result<()> {
+    pub(super) fn write(&self, results: &Results, baseline: Option<&Results>) -> Result<()> {
         let claims = claims::judge(results);
-        let figures = figures::files(results);
-        for Figure { name, svg } in &figures {
+        let comparison = baseline.map(|before| Comparison::new(before, results));
+        self.remove_old_pictures(results)?;
+        for Figure { name, svg } in figures::files(results) {
             files::write_whole(&self.file("figures").join(format!("{name}.svg")), svg.as_bytes())?;
         }
-        let summary = summary::json(results, &claims).context("the summary cannot be written as JSON")?;
-        files::write_whole(&self.file("summary.json"), summary.as_bytes())?;
+        self.summarise(results, &claims, comparison.as_ref())?;
         let report = self.file("report.html");
-        files::write_whole(&report, report::html(results, &claims).as_bytes())?;
+        files::write_whole(&report, report::html(results, &claims, comparison.as_ref()).as_bytes())?;
 
         let checks = results.checks();
-        let text = format!(
-            "{}\n{}\n{}",
-            summary::claims_in_lines(&claims),
-            summary::checks_in_words(&checks),
-            files::shown(&report)
-        );
+        let mut text = summary::claims_in_lines(&claims);
+        if let Some(comparison) = &comparison {
+            text += &format!("\n{}", comparison.in_lines());
+        }
+        text += &format!("\n{}\n{}", summary::checks_in_words(&checks), files::shown(&report));
         files::print(&text)?;
         match checks.first_difference {
             Some(first) => {
@@ -68,6 +108,15 @@ impl Output {
             None => Ok(()),
         }
     }
+
+    /// Removes figures, and pictures that are not of these results.
+    fn remove_old_pictures(&self, results: &Results) -> Result<()> {
+        files::remove_all(&self.file("figures"), is_figure)?;
+        let pictures = || results.scenes.iter().flat_map(|scene| &scene.pictures);
+        files::remove_all(&self.file("images"), |name| {
+            is_picture(name) && pictures().all(|picture| picture.file != name)
+        })
+    }
 }
 
 /// Whether a file's name is one that this program gives to figures.
@@ -75,8 +124,12 @@ fn is_figure(name: &str) -> bool {
     name.ends_with(".svg") && ["fig", "accuracy-"].iter().any(|start| name.starts_with(start))
 }
 
-/// Whether a file's name is one that [`Output::picture`] gives.
+/// Whether a file's name is one that [`Output::picture`] or [`Output::heat_map`] gives.
 fn is_picture(name: &str) -> bool {
-    let number = name.strip_suffix(".png").and_then(|stem| stem.rsplit_once('-'));
-    number.is_some_and(|(_, n)| n.len() >= 4 && n.bytes().all(|b| b.is_ascii_digit()))
+    let is_frame = |part: &str| part.len() >= 4 && part.bytes().all(|b| b.is_ascii_digit());
+    match name.rsplit_once('.') {
+        Some((stem, "png")) => stem.rsplit('-').next().is_some_and(is_frame),
+        Some((stem, "jpg")) => stem.split('-').any(is_frame),
+        _ => false,
+    }
 }

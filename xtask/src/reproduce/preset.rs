@@ -33,6 +33,10 @@ pub(crate) struct Values {
     pub(crate) check_rays: usize,
     /// Pictures of each scene.
     pub(crate) pictures: usize,
+    /// Pixels on each side of those, and of heat maps.
+    pub(crate) picture_size: [u32; 2],
+    /// Most triangles of a scene for which offline builders are tried.
+    pub(crate) offline: usize,
 }
 
 /// Scenes of more triangles count as having many.
@@ -54,12 +58,14 @@ impl Preset {
                 frames: 10,
                 loops: 1.5,
                 size: 160,
-                rebuild_every: [3, 3],
+                rebuild_every: [4, 4],
                 speeds: false,
                 speed_loops: 2.0,
                 check_frames: 2,
                 check_rays: 100,
                 pictures: 3,
+                picture_size: [240, 160],
+                offline: 0,
             },
             Self::Standard => Values {
                 detail: None,
@@ -72,6 +78,8 @@ impl Preset {
                 check_frames: 4,
                 check_rays: 200,
                 pictures: 5,
+                picture_size: [400, 240],
+                offline: 200_000,
             },
             Self::Full => Values {
                 detail: None,
@@ -84,6 +92,8 @@ impl Preset {
                 check_frames: 10,
                 check_rays: 500,
                 pictures: 5,
+                picture_size: [400, 240],
+                offline: usize::MAX,
             },
         }
     }
@@ -120,6 +130,12 @@ impl Values {
         }
         if !self.speeds {
             less.push("figure 5 and accuracy only if named".to_owned());
+        }
+        if self.offline < paper.offline {
+            less.push(match self.offline {
+                0 => "no offline builders".to_owned(),
+                most => format!("offline builders in scenes of at most {most} triangles"),
+            });
         }
         less
     }

@@ -5,21 +5,23 @@
 //! primary and shadow rays. Strategies take turns within a frame, a different one first each time, so that whatever
 //! else the machine does hits all of them alike. Before the first frame each runs once on a copy that is thrown
 //! away. Checks, costs and pictures are made outside of what is timed.
+//!
+//! Frames that an earlier run has measured are only replayed: strategies whose trees depend on the frames before update
+//! them, and nothing is rendered or timed.
 
-use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
 use bvh_core::{Bvh, sah_cost};
-use bvh_update::{Scratch, Strategy, Update, update};
+use bvh_update::{Decision, Scratch, Update};
 use rt_cpu::{Image, RenderOptions, RenderStats, render};
 
 use super::check::{self, Checks};
-use super::contestants::{Contestant, Counted};
+use super::contestants::{Contestant, Counted, Method};
+use super::pace::Pace;
 use super::record::{Records, Row};
 use super::stages::primitives_refit;
 use crate::interrupt;
-use crate::progress::Progress;
 use crate::stage::{Stage, ms};
 
 /// What to measure.
@@ -38,6 +40,8 @@ pub(crate) struct Plan {
     /// Frames of the first loop to compare with brute force, and rays on each.
     pub(crate) check_frames: usize,
     pub(crate) check_rays: usize,
+    /// Frames of the first loop to take pictures of.
+    pub(crate) pictures: usize,
     pub(crate) seed: u64,
 }
 
@@ -47,19 +51,40 @@ impl Plan {
         ((self.frames as f64 * self.loops).round() as usize).max(1)
     }
 
-    /// Whether a frame is compared with brute force: a few of those on which every strategy is measured.
+    /// How many updates and pictures a frame takes, on average, rebuilds counted as two.
+    pub(crate) fn weight(&self) -> usize {
+        let lanes = |rebuilds| {
+            let run = self.contestants.iter().filter(|c| c.name == c.of && c.method.rebuilds() == rebuilds);
+            run.count()
+        };
+        (lanes(false) + 2 * lanes(true) / self.rebuild_every).max(1)
+    }
+
+    /// Whether a frame of the first loop is compared with brute force.
     fn is_checked(&self, frame: usize) -> bool {
+        self.is_one_of(frame, self.check_frames)
+    }
+
+    /// Whether a frame of the first loop has its picture taken.
+    fn is_pictured(&self, frame: usize) -> bool {
+        self.is_one_of(frame, self.pictures)
+    }
+
+    /// Whether a frame is one of some that are spread evenly over those on which every strategy is measured.
+    fn is_one_of(&self, frame: usize, samples: usize) -> bool {
         let every = self.rebuild_every;
-        frame.is_multiple_of(every)
-            && is_sampled(frame / every, self.frames.div_ceil(every), self.check_frames)
+        frame.is_multiple_of(every) && is_sampled(frame / every, self.frames.div_ceil(every), samples)
     }
 }
 
 /// A strategy at work: its tree and its memory.
 struct Lane {
-    strategy: Strategy,
+    name: &'static str,
+    method: Method,
     tree: Bvh,
     scratch: Scratch,
+    /// Whether the tree fits the present frame.
+    is_current: bool,
     last: Option<Measured>,
 }
 
@@ -72,28 +97,47 @@ struct Measured {
     primitives_refit: u64,
 }
 
-/// Measures all frames of a scene; rows go to `records` frame by frame. `frame_done` sees the stage, posed, with
-/// the tree of the first strategy, after each frame. Ends early when interrupted.
+/// A tree that fits the frame, and whose it is.
+pub(crate) type Named<'a> = (&'static str, &'a Bvh);
+
+/// What is measured already, and where the rest goes.
+pub(crate) struct Log<'a> {
+    /// Rows of an earlier run, of whole steps from the first on; in `records` already.
+    pub(crate) done: Vec<Row>,
+    pub(crate) records: &'a mut Records,
+    pub(crate) pace: &'a mut Pace,
+}
+
+impl Log<'_> {
+    /// The log of one run: rows of as many frames a loop.
+    pub(crate) fn take(&mut self, frames: usize) -> Log<'_> {
+        let done = self.done.extract_if(.., |row| row.frames_per_loop == frames).collect();
+        Log { done, records: self.records, pace: self.pace }
+    }
+}
+
+/// Measures all frames of a scene; rows go to the log frame by frame. `picture` sees the stage, posed, with the trees of
+/// all strategies, on each frame that is to have its picture taken. Ends early when interrupted.
 pub(crate) fn measure(
     label: &str,
     stage: &mut Stage,
     plan: &Plan,
-    records: &mut Records,
-    mut frame_done: impl FnMut(&mut Stage, &Bvh, usize) -> Result<()>,
+    Log { done, records, pace }: Log<'_>,
+    mut picture: impl FnMut(&mut Stage, &[Named<'_>], usize) -> Result<()>,
 ) -> Result<(Vec<Row>, Checks)> {
     let steps = plan.steps();
-    let progress = Progress::new(format!("{label}, {} frames a loop", plan.frames), steps as u64);
+    let replayed = done.last().map_or(0, |row| row.round * plan.frames + row.frame + 1);
     let flat = RenderOptions { smooth: false, ..stage.render_options() };
     let mut lanes = lanes(stage, plan);
     // The first strategy's picture, and that of another to compare with.
     let mut images = [(); 2].map(|()| Image::new(plan.size, plan.size));
     stage.pose(0.0);
     for lane in &mut lanes {
-        let mut warm = Lane { tree: lane.tree.clone(), ..Lane::new(lane.strategy, Bvh::default()) };
+        let mut warm = Lane::new(lane.name, lane.method, lane.tree.clone());
         warm.run(stage, plan.size, &flat, &mut images[0])?;
     }
 
-    let mut all_rows = Vec::new();
+    let mut all_rows = done;
     let mut checks = Checks::default();
     for step in 0..steps {
         if interrupt::requested() {
@@ -109,19 +153,28 @@ pub(crate) fn measure(
         let mut reference = None;
         for i in (0..count).map(|i| (i + step) % count) {
             let lane = &mut lanes[i];
-            lane.last = None;
-            if lane.rebuilds() && !step.is_multiple_of(plan.rebuild_every) {
+            (lane.last, lane.is_current) = (None, false);
+            if lane.method.rebuilds() && !step.is_multiple_of(plan.rebuild_every) {
+                continue;
+            }
+            lane.is_current = true;
+            if step < replayed {
+                let is_needed = !lane.method.rebuilds() || round == 0 && plan.is_pictured(frame);
+                if is_needed {
+                    lane.update(stage)?;
+                }
+                lane.is_current = is_needed;
                 continue;
             }
             let [first, other] = &mut images;
             let Some((reference_name, reference_stats)) = reference else {
                 let measured = lane.run(stage, plan.size, &flat, first)?;
-                reference = Some((lane.strategy.name(), measured.stats));
+                reference = Some((lane.name, measured.stats));
                 lane.last = Some(measured);
                 continue;
             };
             let measured = lane.run(stage, plan.size, &flat, other)?;
-            let names = [reference_name, lane.strategy.name()];
+            let names = [reference_name, lane.name];
             let place = format!("{label}, loop {round}, frame {frame}, {} and {}", names[0], names[1]);
             checks.same_hits(&place, &reference_stats, &measured.stats);
             checks.same_picture(&place, first, other);
@@ -131,8 +184,8 @@ pub(crate) fn measure(
         if round == 0 && plan.is_checked(frame) {
             let camera = stage.camera(plan.size, plan.size);
             let rays = check::sample(&camera, &stage.triangles(), plan.check_rays, plan.seed ^ frame as u64);
-            for lane in lanes.iter().filter(|lane| lane.last.is_some()) {
-                let place = format!("{label}, frame {frame}, {}", lane.strategy.name());
+            for lane in lanes.iter().filter(|lane| lane.is_current) {
+                let place = format!("{label}, frame {frame}, {}", lane.name);
                 checks.same_as_brute(&place, &lane.tree, &stage.triangles(), &rays);
                 checks.valid(&place, &lane.tree, &stage.triangles());
             }
@@ -141,7 +194,7 @@ pub(crate) fn measure(
         let rows: Vec<Row> = plan
             .contestants
             .iter()
-            .filter_map(|c| Some((c, lanes.iter().find(|l| l.strategy == c.strategy)?.last.as_ref()?)))
+            .filter_map(|c| Some((c, lanes.iter().find(|l| l.name == c.of)?.last.as_ref()?)))
             .map(|(c, measured)| Row {
                 round,
                 frame,
@@ -152,10 +205,12 @@ pub(crate) fn measure(
             .collect();
         records.append(&rows)?;
         all_rows.extend(rows);
-        if let Some(lane) = lanes.first() {
-            frame_done(stage, &lane.tree, step)?;
+        if round == 0 && plan.is_pictured(frame) {
+            let current = lanes.iter().filter(|lane| lane.is_current);
+            let trees: Vec<_> = current.map(|lane| (lane.name, &lane.tree)).collect();
+            picture(stage, &trees, frame)?;
         }
-        progress.at(step as u64 + 1);
+        pace.step(step >= replayed);
     }
     Ok((all_rows, checks))
 }
@@ -170,21 +225,22 @@ pub(crate) fn is_sampled(frame: usize, frames: usize, samples: usize) -> bool {
 fn lanes(stage: &Stage, plan: &Plan) -> Vec<Lane> {
     let mut lanes: Vec<Lane> = Vec::new();
     for contestant in &plan.contestants {
-        if lanes.iter().all(|lane| lane.strategy != contestant.strategy) {
-            lanes.push(Lane::new(contestant.strategy, stage.first_tree.clone()));
+        if lanes.iter().all(|lane| lane.name != contestant.of) {
+            lanes.push(Lane::new(contestant.of, contestant.method, stage.first_tree.clone()));
         }
     }
     lanes
 }
 
 impl Lane {
-    fn new(strategy: Strategy, tree: Bvh) -> Self {
-        Self { strategy, tree, scratch: Scratch::new(), last: None }
+    fn new(name: &'static str, method: Method, tree: Bvh) -> Self {
+        Self { name, method, tree, scratch: Scratch::new(), is_current: false, last: None }
     }
 
-    /// Whether its tree depends on the current frame only.
-    fn rebuilds(&self) -> bool {
-        matches!(self.strategy, Strategy::Rebuild(..))
+    fn update(&mut self, stage: &Stage) -> Result<Update> {
+        self.method
+            .run(&mut self.tree, &stage.triangles(), &mut self.scratch)
+            .with_context(|| format!("{}: {} failed", stage.scene.name, self.name))
     }
 
     fn run(
@@ -196,8 +252,7 @@ impl Lane {
     ) -> Result<Measured> {
         let (mesh, camera, light) = (stage.mesh(), stage.camera(size, size), stage.light());
         let start = Instant::now();
-        let update = update(&mut self.tree, &mesh.triangles, &self.strategy, &mut self.scratch)
-            .with_context(|| format!("{}: {} failed", stage.scene.name, self.strategy.name()))?;
+        let update = self.update(stage)?;
         let update_ms = ms(start);
         let start = Instant::now();
         let stats = render(&self.tree, &mesh, &camera, Some(&light), options, image);
@@ -214,7 +269,7 @@ impl Measured {
         let update_ms = counted.of(self.update_ms);
         Row {
             scene: scene.to_owned(),
-            strategy: name,
+            strategy: name.to_owned(),
             threads: plan.threads,
             update_ms,
             trace_ms: self.trace_ms,
@@ -229,17 +284,13 @@ impl Measured {
             dropped: self.update.dropped,
             frames_per_loop: plan.frames,
             primitives_refit: self.primitives_refit,
+            decision: in_words(self.update.decision),
             ..Row::default()
         }
     }
 }
 
-/// Makes a picture of the stage as it is, smooth, and gives the PNG file's bytes.
-pub(crate) fn picture(stage: &mut Stage, tree: &Bvh, size: u32, path: &Path) -> Result<Vec<u8>> {
-    stage.smooth();
-    let mut image = Image::new(size, size);
-    let (mesh, camera, light) = (stage.mesh(), stage.camera(size, size), stage.light());
-    render(tree, &mesh, &camera, Some(&light), &stage.render_options(), &mut image);
-    image.save_png(path)?;
-    std::fs::read(path).with_context(|| format!("{}: cannot be read back", path.display()))
+/// A decision without commas, which would part columns for a simple reader.
+fn in_words(decision: Decision) -> String {
+    decision.to_string().replace(',', ";")
 }

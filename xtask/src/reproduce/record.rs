@@ -1,16 +1,18 @@
 //! Rows of measurements, written to CSV files as they are made.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Serialize, Serializer};
+
+use crate::files;
 
 /// One strategy on one frame. The names and the order of the columns are relied on by scripts.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Row {
     pub(crate) scene: String,
-    pub(crate) strategy: &'static str,
+    pub(crate) strategy: String,
     pub(crate) threads: usize,
     /// Loop of the animation, from 0.
     #[serde(rename = "loop")]
@@ -55,6 +57,9 @@ pub(crate) struct Row {
     pub(crate) rigid_ms: f64,
     /// Primitives whose boxes the update asked for.
     pub(crate) primitives_refit: u64,
+    /// What the update decided to do, in words without commas; `as always` for what does the same every time.
+    #[serde(default)]
+    pub(crate) decision: String,
 }
 
 /// Milliseconds, written to a tenth of a microsecond.
@@ -69,14 +74,16 @@ pub(crate) struct Records {
 }
 
 impl Records {
-    /// An empty file with a header.
-    pub(crate) fn create(path: &Path) -> Result<Self> {
-        let file = File::create(path).with_context(|| format!("{}: cannot be written", path.display()))?;
-        let mut writer = csv::WriterBuilder::new().has_headers(false).from_writer(file);
-        writer.write_record(COLUMNS)?;
-        let mut records = Self { path: path.to_owned(), writer };
-        records.flush()?;
-        Ok(records)
+    /// A file with a header and the rows that an earlier run has left.
+    pub(crate) fn create(path: &Path, kept: &[Row]) -> Result<Self> {
+        let mut start = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
+        start.write_record(COLUMNS)?;
+        kept.iter().try_for_each(|row| start.serialize(row))?;
+        files::write_whole(path, &start.into_inner()?)?;
+        let file = File::options().append(true).open(path);
+        let file = file.with_context(|| format!("{}: cannot be written", path.display()))?;
+        let writer = csv::WriterBuilder::new().has_headers(false).from_writer(file);
+        Ok(Self { path: path.to_owned(), writer })
     }
 
     /// Appends the rows of a frame.
@@ -94,8 +101,19 @@ impl Records {
     }
 }
 
+/// The rows of a file, none if there is no such file. What an interrupt cut off at its end is left out.
+pub(crate) fn read(path: &Path) -> Result<Vec<Row>> {
+    let text = match fs::read_to_string(path) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        text => text.with_context(|| format!("{}: cannot be read", path.display()))?,
+    };
+    let whole = text.rfind('\n').map_or("", |end| &text[..=end]);
+    let rows: Result<_, _> = csv::Reader::from_reader(whole.as_bytes()).into_deserialize().collect();
+    rows.with_context(|| format!("{}: not rows of this program", path.display()))
+}
+
 /// The columns, in order.
-const COLUMNS: [&str; 28] = [
+const COLUMNS: [&str; 29] = [
     "scene",
     "strategy",
     "threads",
@@ -124,4 +142,34 @@ const COLUMNS: [&str; 28] = [
     "skin_ms",
     "rigid_ms",
     "primitives_refit",
+    "decision",
 ];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_come_back_as_they_were_and_torn_ones_do_not() {
+        let folder = tempfile::TempDir::new().unwrap();
+        let path = folder.path().join("frames.csv");
+        assert_eq!(read(&path).unwrap(), []);
+        let row = |frame| Row {
+            scene: "a, b".to_owned(),
+            strategy: "auto".to_owned(),
+            frame,
+            update_ms: 0.125,
+            sah_cost: 1.0 / 3.0,
+            decision: "built anew".to_owned(),
+            ..Row::default()
+        };
+        Records::create(&path, &[row(0)]).unwrap().append(&[row(1), row(2)]).unwrap();
+        assert_eq!(read(&path).unwrap(), [row(0), row(1), row(2)]);
+        let text = fs::read_to_string(&path).unwrap();
+        assert_eq!(text.lines().next().unwrap(), COLUMNS.join(","));
+        fs::write(&path, &text[..text.len() - 9]).unwrap();
+        assert_eq!(read(&path).unwrap(), [row(0), row(1)]);
+        fs::write(&path, "scene,strategy\n1,2\n").unwrap();
+        assert!(read(&path).is_err());
+    }
+}

@@ -1,18 +1,21 @@
-//! `report.html`: one page with everything in it, readable offline, on a phone, on paper, by day and by night.
+//! `report.html`: one page with everything in it, readable offline, on a phone, on paper, by day and by night. Without
+//! its script it shows the same, but nothing can be switched.
 
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
+mod scene;
+
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::accuracy;
-use super::chart::{Panel, count, number};
+use super::baseline::Comparison;
+use super::chart::{Panel, number};
 use super::claims::{Claim, Verdict};
-use super::figures::{self, Key};
-use super::results::{Results, SceneRun, Spread};
-use super::summary::{StrategySummary, checks_in_words, strategies};
+use super::contestants::PAPER;
+use super::figures::{self, Key, Which};
+use super::results::Results;
+use super::summary::checks_in_words;
 
 /// The whole page.
-pub(crate) fn html(results: &Results, claims: &[Claim]) -> String {
+pub(crate) fn html(results: &Results, claims: &[Claim], comparison: Option<&Comparison>) -> String {
     let title = "Tree rotations on this machine";
     html! {
         (DOCTYPE)
@@ -29,7 +32,7 @@ pub(crate) fn html(results: &Results, claims: &[Claim]) -> String {
                     p {
                         "What " cite { "Fast, Effective BVH Updates for Dynamic Ray-Traced Scenes Using Tree Rotations" }
                         " (Kopta, Ize, Spjut, Brunvand, Davis and Kensler, 2012) claims, and what was measured here: "
-                        (plural(results.scenes.len(), "scene")) ", preset " b { (results.settings.preset) } ", "
+                        (plural(results.main_scenes().count(), "scene")) ", preset " b { (results.settings.preset) } ", "
                         (plural(results.settings.threads, "thread")) ", " (results.machine.started.get(..10).unwrap_or_default())
                         ", " (results.revision.short()) "."
                     }
@@ -40,13 +43,17 @@ pub(crate) fn html(results: &Results, claims: &[Claim]) -> String {
                 }
                 main {
                     (claims_table(results, claims))
+                    @if let Some(comparison) = comparison { (comparison.section()) }
+                    (switches(results))
                     (figure_4(results))
                     (figure_6(results))
                     (figure_5(results))
                     (accuracy::html(results))
-                    (scene_sections(results))
+                    (museum(results))
+                    (scene::sections(results))
                     (colophon(results))
                 }
+                script { (PreEscaped(include_str!("report.js"))) }
             }
         }
     }
@@ -76,6 +83,10 @@ fn claims_table(results: &Results, claims: &[Claim]) -> Markup {
     html! {
         section {
             h2 { "The paper’s claims" }
+            p {
+                (tally(claims)) ". Each row says by which rule; what lies so near to a bound that another run might find \
+                it on the other side is named."
+            }
             @if results.settings.preset == "quick" {
                 p.soft { "Few frames and small pictures were measured (preset quick): the verdicts are hints." }
             }
@@ -102,28 +113,73 @@ fn claims_table(results: &Results, claims: &[Claim]) -> Markup {
     }
 }
 
+/// How many claims have each verdict.
+fn tally(claims: &[Claim]) -> String {
+    let verdicts = [Verdict::Holds, Verdict::HoldsInPart, Verdict::DoesNotHoldHere, Verdict::NotRun];
+    let counts = verdicts.map(|v| (claims.iter().filter(|c| c.verdict == v).count(), v.words()));
+    let named: Vec<_> =
+        counts.iter().filter(|(n, _)| *n > 0).map(|(n, words)| format!("{n} {words}")).collect();
+    format!("Of {} claims {}", claims.len(), named.join(", "))
+}
+
 fn verdict_class(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Holds => "holds",
         Verdict::HoldsInPart => "in-part",
         Verdict::DoesNotHoldHere => "not-here",
-        Verdict::NotTested => "untested",
+        Verdict::NotRun => "untested",
+    }
+}
+
+/// What can be switched: scenes and strategies, for all figures and films at once.
+fn switches(results: &Results) -> Markup {
+    let scenes: Vec<_> = results.main_scenes().map(|s| s.facts.label.as_str()).collect();
+    let has_rows = results.main_scenes().any(|s| !s.rows.is_empty());
+    html! {
+        @if has_rows {
+            section.switches id="switches" {
+                h2 { "Figures" }
+                @if scenes.len() > 1 {
+                    div role="group" aria-label="Scenes" {
+                        button type="button" data-show="all" aria-pressed="true" { "all scenes" }
+                        @for label in scenes {
+                            button type="button" data-show=(label) aria-pressed="false" { (label) }
+                        }
+                    }
+                }
+                div.legend role="group" aria-label="Strategies" {
+                    @for name in &results.settings.strategies {
+                        @let class = figures::class(name);
+                        button type="button" class=(class) data-toggle=(name)
+                            aria-pressed=(if figures::is_off(results, name) { "false" } else { "true" }) {
+                            (swatch(&class)) span { (name) }
+                        }
+                    }
+                    button.plain type="button" data-only=(PAPER.join(",")) { "as in the paper" }
+                    button.plain type="button" data-only="*" { "every strategy" }
+                }
+                p.soft.hint {
+                    "Touch a figure, or move over it, for values; with the keyboard, the arrow keys do it. The address \
+                     keeps what is switched."
+                }
+            }
+        }
     }
 }
 
 fn figure_4(results: &Results) -> Markup {
-    let Some(bars) = figures::update_times(results).filter(|_| figures::wanted(results, "fig4")) else {
+    let Some(bars) = figures::update_times(results, Which::All).filter(|_| figures::wanted(results, "fig4"))
+    else {
         return Markup::default();
     };
     html! {
-        section {
-            h2 { "Time to update (figure 4)" }
-            (legend(&figures::bar_keys(results)))
+        section id="fig4" {
+            h3 { "Time to update (figure 4)" }
             figure {
                 div.scroll { (bars.svg((0.0, 0.0))) }
                 figcaption {
-                    "Median over frames; thin lines span the middle 80 %. The scale is logarithmic. The paper’s figure \
-                     shows means of refit, refit+rotate and ideal-parallel-binned."
+                    "Mean over frames; thin lines span the middle 80 %. The scale is logarithmic. The paper’s figure \
+                     shows refit, refit+rotate and ideal-parallel-binned."
                 }
             }
         }
@@ -131,19 +187,20 @@ fn figure_4(results: &Results) -> Markup {
 }
 
 fn figure_6(results: &Results) -> Markup {
-    let scenes: Vec<_> = results.scenes.iter().filter_map(|s| figures::over_frames(results, s)).collect();
+    let panels = |s| Some((s, figures::over_frames(results, s, Which::All)?));
+    let scenes: Vec<_> = results.main_scenes().filter_map(panels).collect();
     if scenes.is_empty() || !figures::wanted(results, "fig6") {
         return Markup::default();
     }
     html! {
-        section {
-            h2 { "Frame time and cost over frames (figure 6)" }
+        section id="fig6" {
+            h3 { "Frame time and cost over frames (figure 6)" }
             p {
-                "Left the time to update and render, right the SAH cost of the tree rendered. Dotted lines mark the jump \
-                 from the end of the animation back to its start. Posing the scene is not counted, as in the paper."
+                "Left (a) the time to update and render, right (b) the SAH cost of the tree rendered. Dotted lines mark \
+                 the jump from the end of the animation back to its start. Posing the scene is not counted, as in the \
+                 paper. The slow rebuild of the paper’s code is in figure 4 and the tables only."
             }
-            (legend(&figures::line_keys(results)))
-            @for panels in &scenes { (side_by_side(panels)) }
+            @for (scene, panels) in &scenes { (side_by_side(panels, Some(&scene.facts.label))) }
         }
     }
 }
@@ -154,123 +211,44 @@ fn figure_5(results: &Results) -> Markup {
         return Markup::default();
     }
     html! {
-        section {
-            h2 { "Speed of the animation (figure 5)" }
+        section id="fig5" {
+            h3 { "Speed of the animation (figure 5)" }
             p { "Refitting with rotations, the same motion in fewer or more frames, loop after loop." }
             @for (scene, panels) in &scenes {
                 (legend(&scene.speeds.iter().map(|(n, _)| figures::speed_key(*n)).collect::<Vec<_>>()))
-                (side_by_side(panels))
+                (side_by_side(panels, None))
             }
         }
     }
 }
 
-fn side_by_side(panels: &[Panel<'_>; 2]) -> Markup {
-    html! { div.panels { @for panel in panels { figure { (panel.svg((0.0, 0.0))) } } } }
+fn museum(results: &Results) -> Markup {
+    let Some(panel) = figures::from_other_keys(results) else { return Markup::default() };
+    let keys: Vec<_> = panel.lines.iter().map(|line| (line.class.clone(), line.name.clone())).collect();
+    html! {
+        section id="museum" {
+            h3 { "The museum from its other key frames" }
+            p {
+                "The paper puts its exception down to the first frame, which makes a poor first tree. The same loop \
+                 started from each of the five shapes, each time with the tree of its own first frame:"
+            }
+            (legend(&keys))
+            div.panels.one { figure { (panel.svg((0.0, 0.0))) } }
+        }
+    }
+}
+
+fn side_by_side(panels: &[Panel<'_>; 2], scene: Option<&str>) -> Markup {
+    html! { div.panels data-scene=[scene] { @for panel in panels { figure { (panel.svg((0.0, 0.0))) } } } }
 }
 
 fn legend(keys: &[Key]) -> Markup {
-    html! {
-        ul.legend {
-            @for (class, name) in keys {
-                li class=(class) {
-                    svg.chart viewBox="0 0 26 8" aria-hidden="true" { path class={ "line " (class) } d="M0 4h26" {} }
-                    span { (name) }
-                }
-            }
-        }
-    }
+    html! { ul.legend { @for (class, name) in keys { li class=(class) { (swatch(class)) span { (name) } } } } }
 }
 
-fn scene_sections(results: &Results) -> Markup {
+fn swatch(class: &str) -> Markup {
     html! {
-        section {
-            h2 { "Scenes" }
-            p {
-                "Times are medians over the frames measured, with the middle 80 % beside them, in milliseconds; the mark "
-                "×" " compares the SAH cost with that of a fresh sweep build on the same frame."
-            }
-            @for scene in &results.scenes { (scene_section(results, scene)) }
-        }
-    }
-}
-
-fn scene_section(results: &Results, scene: &SceneRun) -> Markup {
-    let facts = &scene.facts;
-    let effects = if facts.effects.is_empty() { "nothing".to_owned() } else { facts.effects.join(", ") };
-    html! {
-        h3 { (facts.label) }
-        p {
-            (capital(&facts.about)) ". " (count(facts.triangles as u64)) " triangles, "
-            (count(facts.moving as u64)) " of them can move. Calls for " (effects)
-            "; a frame runs " (facts.plan.join(", ")) ". First tree built in "
-            (number(facts.build_ms)) " ms."
-            @if facts.rebuild_every > 1 {
-                " Rebuilds measured on one frame in " (facts.rebuild_every) "."
-            }
-        }
-        @for note in &facts.notes { p.soft { (capital(note)) } }
-        @if !scene.pictures.is_empty() {
-            div.film {
-                @for picture in &scene.pictures {
-                    figure {
-                        img src={ "data:image/png;base64," (STANDARD.encode(&picture.png)) }
-                            alt={ (facts.label) ", frame " (picture.frame) };
-                        figcaption { "frame " (picture.frame) }
-                    }
-                }
-            }
-        }
-        @let rows = strategies(scene, &results.settings);
-        @if !rows.is_empty() { (scene_table(&rows)) }
-    }
-}
-
-fn scene_table(rows: &[StrategySummary]) -> Markup {
-    html! {
-        div.scroll {
-            table {
-                thead {
-                    tr {
-                        th { "Strategy" } th.n { "Update" } th.n { "Trace" } th.n { "Frame" } th.n { "Worst frame" }
-                        th.n { "SAH cost, last" } th.n { "× sweep, worst" } th.n { "Rotations a frame" }
-                        th.n { "Height" } th.n { "Frames" }
-                    }
-                }
-                tbody {
-                    @for row in rows {
-                        tr {
-                            th scope="row" {
-                                (row.strategy)
-                                @if let Some(accounting) = &row.accounting {
-                                    div.soft style="font-weight: 400" { (accounting) }
-                                }
-                            }
-                            td.n { (with_range(&row.update_ms)) }
-                            td.n { (with_range(&row.trace_ms)) }
-                            td.n { (with_range(&row.frame_ms)) }
-                            td.n { (number(row.frame_ms.max)) }
-                            td.n { (number(row.last_cost)) }
-                            td.n {
-                                @if let Some(over) = &row.sah_over_sweep { (number(over.max)) } @else { "–" }
-                            }
-                            td.n { (number(row.rotations as f64 / row.samples as f64)) }
-                            td.n { (row.greatest_height) }
-                            td.n { (row.samples) }
-                        }
-                    }
-                }
-            }
-        }
-    }
-}
-
-fn with_range(spread: &Spread) -> Markup {
-    html! {
-        (number(spread.median))
-        @if spread.max > 0.0 {
-            br; span.soft { (number(spread.p10)) " – " (number(spread.p90)) }
-        }
+        svg.chart viewBox="0 0 26 8" aria-hidden="true" { path class={ "line " (class) } d="M0 4h26" {} }
     }
 }
 
@@ -290,7 +268,10 @@ fn colophon(results: &Results) -> Markup {
                 b { "ideal" } " is the rebuild by the sweep builder with its time not counted; " b { "ideal-parallel-binned" }
                 " is the serial binned rebuild with its time divided by 8, as if it scaled perfectly on the paper’s 8 \
                  threads, whatever number of threads the others had. Both are accounting, not measurement. "
-                b { "sweep" } " and " b { "binned-parallel" } " rebuild on all threads, " b { "binned" } " on one."
+                b { "sweep" } ", " b { "binned-parallel" } ", " b { "lbvh" } " and " b { "ploc" }
+                " rebuild on all threads, " b { "binned" } " on one. " b { "paper-binned" }
+                " is a serial binned rebuild as the paper’s code had it (bins along the longest axis only, a sort at \
+                 every node); it explains verdicts and decides none. Whatever is projected to 8 threads is labelled so."
             }
             @if !settings.reductions.is_empty() {
                 p { "Less than the paper’s protocol: " (settings.reductions.join("; ")) "." }
@@ -317,7 +298,9 @@ fn colophon(results: &Results) -> Markup {
             pre { (settings.command) }
             p.soft {
                 "Every row is in " code { "frames.csv" } ", the summary for programs in " code { "summary.json" }
-                ", figures and pictures as files beside this page."
+                ", figures and pictures as files beside this page. " code { "cargo xtask reproduce --from DIR" }
+                " draws this page again, " code { "--baseline DIR" } " lays it over another run, " code { "--resume" }
+                " goes on after an interrupt."
             }
         }
     }

@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::accuracy::Point;
 use super::check::Checks;
+use super::offline::OfflineTree;
 use super::record::Row;
 use crate::machine::{Machine, Revision};
 
@@ -15,21 +16,25 @@ pub(crate) struct Results {
     pub(crate) revision: Revision,
     pub(crate) settings: Settings,
     pub(crate) scenes: Vec<SceneRun>,
-    /// Whether it was stopped before its end.
+    /// Whether it was stopped before its end, or is under way.
     pub(crate) interrupted: bool,
 }
 
 /// What was asked for.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Settings {
-    pub(crate) preset: &'static str,
-    pub(crate) experiments: Vec<&'static str>,
-    pub(crate) strategies: Vec<&'static str>,
+    pub(crate) preset: String,
+    pub(crate) experiments: Vec<String>,
+    pub(crate) strategies: Vec<String>,
+    /// Frames in a loop.
+    pub(crate) frames: usize,
     pub(crate) loops: f64,
     /// Pixels on each side of the image.
     pub(crate) size: u32,
     pub(crate) threads: usize,
     pub(crate) seed: u64,
+    /// Clip of a glTF file, if one was named.
+    pub(crate) clip: Option<String>,
     /// What was made less than the paper's protocol asks for.
     pub(crate) reductions: Vec<String>,
     /// The command that does the same again.
@@ -46,23 +51,28 @@ pub(crate) struct SceneRun {
     pub(crate) speeds: Vec<(usize, Vec<Row>)>,
     /// Settings of accuracy with what they cost.
     pub(crate) accuracy: Vec<Point>,
+    /// Trees built once and for all, where such builders are there.
+    pub(crate) offline: Vec<OfflineTree>,
     pub(crate) checks: Checks,
 }
 
 /// What is known of a scene apart from timings.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct SceneFacts {
     pub(crate) label: String,
     /// Part of file names.
-    #[serde(skip)]
     pub(crate) slug: String,
+    /// Whether it serves one claim only, and stands in no figure.
+    pub(crate) supplement: bool,
+    /// Whether all was measured that was asked for.
+    pub(crate) finished: bool,
     pub(crate) about: String,
     pub(crate) triangles: usize,
     /// Triangles that can move.
     pub(crate) moving: usize,
-    pub(crate) effects: Vec<&'static str>,
+    pub(crate) effects: Vec<String>,
     /// The stages of a frame, in order.
-    pub(crate) plan: Vec<&'static str>,
+    pub(crate) plan: Vec<String>,
     /// Bytes of key frames in memory.
     pub(crate) key_bytes: usize,
     /// Errors of the simulation, by name.
@@ -75,14 +85,22 @@ pub(crate) struct SceneFacts {
     pub(crate) build_ms: f64,
     /// Part of all nodes of the first tree that have grandchildren.
     pub(crate) candidates: f64,
+    /// Nodes visited for a pixel that heat maps show white.
+    pub(crate) hottest: u32,
     pub(crate) notes: Vec<String>,
 }
 
-/// A rendered frame.
+/// A rendered frame, or a heat map of it.
+#[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct Picture {
     pub(crate) frame: usize,
+    /// Of whose tree this is the heat map: nodes visited for each pixel. The frame as it looks if `None`.
+    pub(crate) strategy: Option<String>,
+    /// Name in the folder `images`.
     pub(crate) file: String,
-    pub(crate) png: Vec<u8>,
+    /// Its content.
+    #[serde(skip)]
+    pub(crate) bytes: Vec<u8>,
 }
 
 /// Samples in brief.
@@ -117,8 +135,9 @@ impl Spread {
 impl SceneRun {
     /// A scene on which nothing is measured yet.
     pub(crate) fn new(facts: SceneFacts) -> Self {
-        let (pictures, rows, speeds, accuracy) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Self { facts, pictures, rows, speeds, accuracy, checks: Checks::default() }
+        let (pictures, rows, speeds) = (Vec::new(), Vec::new(), Vec::new());
+        let (accuracy, offline, checks) = (Vec::new(), Vec::new(), Checks::default());
+        Self { facts, pictures, rows, speeds, accuracy, offline, checks }
     }
 
     /// Rows of one strategy, in order.
@@ -142,6 +161,11 @@ impl Results {
     /// The scene of that name, if something was measured on it.
     pub(crate) fn scene(&self, label: &str) -> Option<&SceneRun> {
         self.scenes.iter().find(|s| s.facts.label == label && !s.rows.is_empty())
+    }
+
+    /// The scenes but for those that serve one claim only.
+    pub(crate) fn main_scenes(&self) -> impl Iterator<Item = &SceneRun> {
+        self.scenes.iter().filter(|s| !s.facts.supplement)
     }
 
     /// All checks together.

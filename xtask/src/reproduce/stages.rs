@@ -21,7 +21,7 @@ pub(crate) struct StageSummary {
 }
 
 /// The stages that are planned, and any that ran though it was not, in the order they run.
-pub(crate) fn stages(planned: &[&str], rows: &[&Row]) -> Vec<StageSummary> {
+pub(crate) fn stages(planned: &[String], rows: &[&Row]) -> Vec<StageSummary> {
     let count = |of: fn(&Row) -> u64| rows.iter().map(|row| of(row)).sum();
     let mean =
         |of: fn(&Row) -> f64| Some(rows.iter().map(|row| of(row)).sum::<f64>() / rows.len().max(1) as f64);
@@ -36,7 +36,7 @@ pub(crate) fn stages(planned: &[&str], rows: &[&Row]) -> Vec<StageSummary> {
     ];
     all.into_iter()
         .map(|(stage, counts, count, mean_ms)| StageSummary { stage: stage.name(), counts, count, mean_ms })
-        .filter(|stage| stage.count > 0 || planned.contains(&stage.stage))
+        .filter(|stage| stage.count > 0 || planned.iter().any(|p| p == stage.stage))
         .collect()
 }
 
@@ -169,7 +169,8 @@ mod tests {
     fn planned_stages_are_listed_and_unplanned_ones_only_if_they_ran() {
         let row = Row { vertices_skinned: 7, skin_ms: 3.0, trace_ms: 5.0, rays_primary: 4, ..Row::default() };
         let names = |planned: &[&str]| -> Vec<_> {
-            stages(planned, &[&row, &row]).into_iter().map(|s| (s.stage, s.count, s.mean_ms)).collect()
+            let planned: Vec<_> = planned.iter().map(|&name| name.to_owned()).collect();
+            stages(&planned, &[&row, &row]).into_iter().map(|s| (s.stage, s.count, s.mean_ms)).collect()
         };
         let (skin, primary) = (("skin", 14, Some(3.0)), ("primary", 8, Some(5.0)));
         assert_eq!(names(&["primary", "shadow"]), [skin, primary, ("shadow", 0, None)]);

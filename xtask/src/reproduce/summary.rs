@@ -1,22 +1,25 @@
 //! `summary.json`: a run in brief, for programs; and in a few lines, for the terminal.
 //!
-//! The schema is described in `xtask/README.md`; a change that could break a reader raises [`SCHEMA`].
+//! The schema is described in `docs/RESULTS.md`; a change that could break a reader raises [`SCHEMA`].
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use super::baseline::Comparison;
 use super::chart::count;
 use super::check::Checks;
 use super::claims::Claim;
 use super::contestants::{Contestant, IDEAL};
+use super::decisions::{Decided, decisions};
+use super::offline::OfflineTree;
 use super::record::Row;
-use super::results::{Results, SceneFacts, SceneRun, Settings, Spread};
+use super::results::{Picture, Results, SceneFacts, SceneRun, Settings, Spread};
 use super::stages::{StageSummary, stages};
 use crate::machine::{Machine, Revision};
 
 /// Version of the schema.
-const SCHEMA: u32 = 1;
+pub(crate) const SCHEMA: u32 = 2;
 
 #[derive(Serialize)]
 struct Summary<'a> {
@@ -27,6 +30,7 @@ struct Summary<'a> {
     settings: &'a Settings,
     checks: Checks,
     claims: &'a [Claim],
+    baseline: Option<&'a Comparison>,
     scenes: Vec<SceneSummary<'a>>,
 }
 
@@ -38,13 +42,14 @@ struct SceneSummary<'a> {
     strategies: Vec<StrategySummary>,
     /// Figure 5, by frames in a loop.
     speeds: BTreeMap<usize, StrategySummary>,
-    images: Vec<&'a str>,
+    offline: &'a [OfflineTree],
+    images: &'a [Picture],
 }
 
 /// A strategy on one scene, over the frames it was measured on.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct StrategySummary {
-    pub(crate) strategy: &'static str,
+    pub(crate) strategy: String,
     /// How its update time comes about, where it is not simply measured.
     pub(crate) accounting: Option<String>,
     pub(crate) samples: usize,
@@ -59,31 +64,33 @@ pub(crate) struct StrategySummary {
     pub(crate) sah_over_sweep: Option<Spread>,
     pub(crate) rotations: u64,
     pub(crate) greatest_height: u32,
+    /// What it decided, most frequent first; empty if it does the same in every frame.
+    pub(crate) decisions: Vec<Decided>,
     /// Time and counters of the stages of a frame, in order.
     pub(crate) stages: Vec<StageSummary>,
 }
 
 /// Every strategy that was measured on a scene.
 pub(crate) fn strategies(scene: &SceneRun, settings: &Settings) -> Vec<StrategySummary> {
-    let all = settings.strategies.iter().filter_map(|&name| Contestant::from_name(name).ok());
-    all.filter_map(|contestant| {
-        let rows = scene.of(contestant.name);
-        let over = scene.pairs(contestant.name, IDEAL).into_iter().map(|(a, b)| a.sah_cost / b.sah_cost);
-        strategy(&contestant, &scene.facts, &rows, Spread::of(over))
-    })
-    .collect()
+    let summary = |name: &String| {
+        let over = scene.pairs(name, IDEAL).into_iter().map(|(a, b)| a.sah_cost / b.sah_cost);
+        let decisions = decisions(scene, name);
+        strategy(name, &scene.facts, &scene.of(name), Spread::of(over), decisions)
+    };
+    settings.strategies.iter().filter_map(summary).collect()
 }
 
 fn strategy(
-    contestant: &Contestant,
+    name: &str,
     facts: &SceneFacts,
     rows: &[&Row],
     over: Option<Spread>,
+    decisions: Vec<Decided>,
 ) -> Option<StrategySummary> {
     let spread = |value: fn(&Row) -> f64| Spread::of(rows.iter().map(|row| value(row)));
     Some(StrategySummary {
-        strategy: contestant.name,
-        accounting: contestant.accounting(),
+        strategy: name.to_owned(),
+        accounting: Contestant::from_name(name).ok().and_then(|c| c.accounting()),
         samples: rows.len(),
         animate_ms: spread(|row| row.animate_ms)?,
         update_ms: spread(|row| row.update_ms)?,
@@ -94,20 +101,24 @@ fn strategy(
         sah_over_sweep: over,
         rotations: rows.iter().map(|row| row.rotations).sum(),
         greatest_height: rows.iter().map(|row| row.height).max()?,
+        decisions,
         stages: stages(&facts.plan, rows),
     })
 }
 
 fn speeds(scene: &SceneRun) -> BTreeMap<usize, StrategySummary> {
     let summary = |rows: &[Row]| {
-        let contestant = Contestant::from_name(rows.first()?.strategy).ok()?;
-        strategy(&contestant, &scene.facts, &rows.iter().collect::<Vec<_>>(), None)
+        strategy(&rows.first()?.strategy, &scene.facts, &rows.iter().collect::<Vec<_>>(), None, Vec::new())
     };
     scene.speeds.iter().filter_map(|(frames, rows)| Some((*frames, summary(rows)?))).collect()
 }
 
 /// The whole summary.
-pub(crate) fn json(results: &Results, claims: &[Claim]) -> serde_json::Result<String> {
+pub(crate) fn json(
+    results: &Results,
+    claims: &[Claim],
+    baseline: Option<&Comparison>,
+) -> serde_json::Result<String> {
     let scene = |scene: &'_ SceneRun| strategies(scene, &results.settings);
     let summary = Summary {
         schema: SCHEMA,
@@ -117,6 +128,7 @@ pub(crate) fn json(results: &Results, claims: &[Claim]) -> serde_json::Result<St
         settings: &results.settings,
         checks: results.checks(),
         claims,
+        baseline,
         scenes: results
             .scenes
             .iter()
@@ -125,7 +137,8 @@ pub(crate) fn json(results: &Results, claims: &[Claim]) -> serde_json::Result<St
                 checks: &run.checks,
                 strategies: scene(run),
                 speeds: speeds(run),
-                images: run.pictures.iter().map(|p| p.file.as_str()).collect(),
+                offline: &run.offline,
+                images: &run.pictures,
             })
             .collect(),
     };

@@ -22,7 +22,7 @@ use anyhow::Result;
 
 use self::bench::Bench;
 pub(crate) use self::effort::Effort;
-pub(crate) use self::point::{Log, Point};
+pub(crate) use self::point::{Log, Point, read};
 pub(crate) use self::section::{figures, html};
 use crate::interrupt;
 use crate::stage::Stage;

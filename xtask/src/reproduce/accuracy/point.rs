@@ -24,6 +24,18 @@ pub(crate) struct Point {
     pub(crate) bytes: Option<u64>,
 }
 
+/// The points of a file, none if there is no such file. What an interrupt cut off at its end is left out.
+pub(crate) fn read(path: &Path) -> Result<Vec<Point>> {
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let text =
+        std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let whole = text.rfind('\n').map_or("", |end| &text[..=end]);
+    let points: Result<_, _> = csv::Reader::from_reader(whole.as_bytes()).into_deserialize().collect();
+    points.with_context(|| format!("{}: not points of this program", path.display()))
+}
+
 const COLUMNS: [&str; 10] =
     ["scene", "knob", "setting", "is_default", "error_name", "error", "unit", "time_ms", "note", "bytes"];
 
@@ -44,7 +56,7 @@ impl Log {
         Ok(log)
     }
 
-    pub(super) fn append(&mut self, point: &Point) -> Result<()> {
+    pub(crate) fn append(&mut self, point: &Point) -> Result<()> {
         self.writer
             .serialize(point)
             .with_context(|| format!("{}: cannot be written", self.path.display()))?;

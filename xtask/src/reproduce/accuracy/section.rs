@@ -58,12 +58,14 @@ pub(crate) fn html(results: &Results) -> Markup {
                 code { "accuracy.csv" } "."
             }
             @for scene in scenes {
-                h3 { (scene.facts.label) }
-                div.panels {
-                    @for family in families(&scene.accuracy) {
-                        figure {
-                            (scatter(&family).svg((0.0, 0.0)))
-                            figcaption { (sentence(&family)) }
+                div data-scene=(scene.facts.label) {
+                    h3 { (scene.facts.label) }
+                    div.panels {
+                        @for family in families(&scene.accuracy) {
+                            figure {
+                                (scatter(&family).svg((0.0, 0.0)))
+                                figcaption { (sentence(&family)) }
+                            }
                         }
                     }
                 }

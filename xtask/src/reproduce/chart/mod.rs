@@ -18,6 +18,8 @@ pub(crate) struct Line {
     pub(crate) name: String,
     /// In order of x.
     pub(crate) points: Vec<(f64, f64)>,
+    /// Whether it is there only to be switched on.
+    pub(crate) off: bool,
 }
 
 /// Lines over common axes.
@@ -43,6 +45,8 @@ pub(crate) struct Bar {
     pub(crate) value: f64,
     pub(crate) low: f64,
     pub(crate) high: f64,
+    /// Whether it is there only to be switched on.
+    pub(crate) off: bool,
 }
 
 pub(crate) const PANEL_SIZE: (f64, f64) = (520.0, 300.0);
@@ -50,6 +54,8 @@ pub(crate) const PANEL_SIZE: (f64, f64) = (520.0, 300.0);
 const MARGIN: (f64, f64, f64, f64) = (58.0, 30.0, 14.0, 40.0);
 const BAR: f64 = 13.0;
 const BETWEEN_GROUPS: f64 = 30.0;
+/// Width of a letter of a group's label, or thereabouts.
+const LETTER: f64 = 7.0;
 
 fn y_axis(axis: &Axis, left: f64, right: f64, label: &str) -> Markup {
     html! {
@@ -77,8 +83,9 @@ impl Panel<'_> {
         let x = Axis { low: 0.0, high: last, log: false, from: left, to: right };
         let y = Axis::fitting(points().map(|p| p.1), bottom, top);
         html! {
-            svg class="chart" xmlns="http://www.w3.org/2000/svg" x=(c(at.0)) y=(c(at.1)) width=(width)
-                height=(height) viewBox=(format!("0 0 {width} {height}")) role="img" aria-label=(self.title) {
+            svg class="chart panel" xmlns="http://www.w3.org/2000/svg" x=(c(at.0)) y=(c(at.1)) width=(width)
+                height=(height) viewBox=(format!("0 0 {width} {height}")) role="img" aria-label=(self.title)
+                data-area=(format!("{left},{top},{right},{bottom}")) {
                 (y_axis(&y, left, right, self.y_label))
                 text class="title" x=(right) y="14" text-anchor="end" { (self.title) }
                 @for &rule in &self.rules {
@@ -92,11 +99,23 @@ impl Panel<'_> {
                     (self.x_label)
                 }
                 @for line in &self.lines {
-                    path class={ "line " (line.class) } d=(outline(&line.points, &x, &y)) { title { (line.name) } }
+                    path class={ "line " (line.class) } d=(outline(&line.points, &x, &y)) data-strategy=(line.name)
+                        data-off[line.off] data-x=(values(line, |p| p.0)) data-y=(values(line, |p| p.1)) {
+                        title { (line.name) }
+                    }
                 }
             }
         }
     }
+}
+
+/// A coordinate of all points that are drawn, in the order they are drawn.
+fn values(line: &Line, of: fn(&(f64, f64)) -> f64) -> String {
+    let shown = |p| {
+        let digits = of(p);
+        if digits.fract() == 0.0 { digits.to_string() } else { number(digits) }
+    };
+    line.points.iter().filter(|p| p.1.is_finite()).map(shown).collect::<Vec<_>>().join(";")
 }
 
 fn outline(points: &[(f64, f64)], x: &Axis, y: &Axis) -> String {
@@ -113,10 +132,27 @@ fn outline(points: &[(f64, f64)], x: &Axis, y: &Axis) -> String {
 }
 
 impl Bars<'_> {
+    /// The same with nothing left to be switched on.
+    pub(crate) fn all_on(mut self) -> Self {
+        self.groups.iter_mut().flat_map(|(_, bars)| bars).for_each(|bar| bar.off = false);
+        self
+    }
+
+    /// Places of the groups, and where the last one ends. The report's script does the same when bars are switched.
+    fn places(&self) -> (Vec<f64>, f64) {
+        let mut x = MARGIN.0 + 0.5 * BETWEEN_GROUPS;
+        let starts = self.groups.iter().map(|(label, bars)| {
+            let start = x;
+            let bars = bars.iter().filter(|bar| !bar.off).count() as f64 * BAR;
+            x += bars.max(LETTER * label.chars().count() as f64) + BETWEEN_GROUPS;
+            start
+        });
+        (starts.collect(), x)
+    }
+
     /// Width and height.
     pub(crate) fn size(&self) -> (f64, f64) {
-        let groups = self.groups.iter().map(|(_, bars)| bars.len() as f64 * BAR + BETWEEN_GROUPS);
-        ((MARGIN.0 + groups.sum::<f64>() + MARGIN.2).max(PANEL_SIZE.0), 340.0)
+        ((self.places().1 + MARGIN.2).max(PANEL_SIZE.0), 340.0)
     }
 
     /// The bars as an `svg` element of that size at `(x, y)`.
@@ -131,36 +167,29 @@ impl Bars<'_> {
         } else {
             Axis::log(0.1, 1.0, bottom, top)
         };
-        let mut from = left + 0.5 * BETWEEN_GROUPS;
-        let starts: Vec<f64> = self
-            .groups
-            .iter()
-            .map(|(_, bars)| {
-                let start = from;
-                from += bars.len() as f64 * BAR + BETWEEN_GROUPS;
-                start
-            })
-            .collect();
         html! {
-            svg class="chart" xmlns="http://www.w3.org/2000/svg" x=(c(at.0)) y=(c(at.1)) width=(width)
-                height=(height) viewBox=(format!("0 0 {width} {height}")) role="img" aria-label=(self.y_label) {
+            svg class="chart bars" xmlns="http://www.w3.org/2000/svg" x=(c(at.0)) y=(c(at.1)) width=(width)
+                height=(height) viewBox=(format!("0 0 {width} {height}")) role="img" aria-label=(self.y_label)
+                data-layout=(format!("{left},{BAR},{BETWEEN_GROUPS},{LETTER},{}", MARGIN.2)) {
                 (y_axis(&y, left, right, self.y_label))
-                @for ((label, bars), start) in self.groups.iter().zip(starts) {
-                    @let middle = start + 0.5 * bars.len() as f64 * BAR;
-                    @for (i, bar) in bars.iter().enumerate() {
-                        @let x = start + i as f64 * BAR;
-                        @let top = y.place(bar.value);
-                        g class={ "bar " (bar.class) } {
-                            title {
-                                (label) ", " (bar.name) ": " (number(bar.value)) " ms, "
-                                (number(bar.low)) " to " (number(bar.high))
+                @for ((label, bars), start) in self.groups.iter().zip(self.places().0) {
+                    @let x_of = |i: usize| start + BAR * bars[..i].iter().filter(|bar| !bar.off).count() as f64;
+                    g data-group=(label) {
+                        @for (i, bar) in bars.iter().enumerate() {
+                            @let top = y.place(bar.value);
+                            g class={ "bar " (bar.class) } data-strategy=(bar.name) data-off[bar.off]
+                                transform=(format!("translate({:.1} 0)", x_of(i))) {
+                                title {
+                                    (label) ", " (bar.name) ": " (number(bar.value)) " ms, "
+                                    (number(bar.low)) " to " (number(bar.high))
+                                }
+                                rect x="0" y=(c(top)) width=(BAR - 2.0) height=(c((bottom - top).max(0.5))) {}
+                                line x1=(c(0.5 * BAR - 1.0)) x2=(c(0.5 * BAR - 1.0)) y1=(c(y.place(bar.low)))
+                                    y2=(c(y.place(bar.high))) {}
                             }
-                            rect x=(c(x)) y=(c(top)) width=(BAR - 2.0) height=(c((bottom - top).max(0.5))) {}
-                            line x1=(c(x + 0.5 * BAR - 1.0)) x2=(c(x + 0.5 * BAR - 1.0)) y1=(c(y.place(bar.low)))
-                                y2=(c(y.place(bar.high))) {}
                         }
+                        text class="group" x=(c(start)) y=(bottom + 18.0) { (label) }
                     }
-                    text class="group" x=(c(middle)) y=(bottom + 18.0) text-anchor="middle" { (label) }
                 }
                 line class="axis" x1=(left) x2=(right) y1=(bottom) y2=(bottom) {}
             }
@@ -181,11 +210,13 @@ mod tests {
             lines: vec![Line {
                 class: "refit".to_owned(),
                 name: "refit".to_owned(),
-                points: vec![(0.0, 1.0), (1.0, f64::NAN), (2.0, 3.0)],
+                points: vec![(0.0, 1.0), (1.0, f64::NAN), (2.0, 3.25)],
+                off: false,
             }],
             rules: vec![1.0],
         };
         let svg = panel.svg((0.0, 0.0)).into_string();
         assert!(svg.contains("a &lt; b &amp; c") && !svg.contains("NaN"));
+        assert!(svg.contains(r#"data-x="0;2""#) && svg.contains(r#"data-y="1;3.25""#), "{svg}");
     }
 }

@@ -6,6 +6,9 @@ use crate::reproduce::results::SceneRun;
 /// Values by scene.
 pub(super) struct Table(pub(super) Vec<(String, f64)>);
 
+/// How near to a bound a value is named: another run might find it on the other side.
+const NEAR: f64 = 0.03;
+
 impl Table {
     pub(super) fn of<'a>(
         scenes: impl IntoIterator<Item = &'a SceneRun>,
@@ -23,6 +26,10 @@ impl Table {
         self.0.iter().filter(|(_, v)| holds(*v)).count()
     }
 
+    pub(super) fn all(&self, holds: impl Fn(f64) -> bool) -> bool {
+        self.count(holds) == self.len()
+    }
+
     pub(super) fn text(&self) -> String {
         self.0.iter().map(|(name, v)| format!("{name} {v:.2}")).collect::<Vec<_>>().join(", ")
     }
@@ -33,19 +40,28 @@ impl Table {
         names.collect::<Vec<_>>().join(", ")
     }
 
-    /// A finding where each scene passes or not: holds in all; in part in at least `part` of them.
-    pub(super) fn finding(&self, what: &str, passes: impl Fn(f64) -> bool + Copy, part: usize) -> Finding {
-        let (all, passed) = (self.len(), self.count(passes));
-        if all == 0 {
-            return Finding::not_tested("no scene that moves was run with all the strategies it compares");
+    /// Says which values are so near to a bound that another run might find them on the other side.
+    pub(super) fn near(&self, bounds: &[f64]) -> String {
+        let is_far = |v: f64| bounds.iter().all(|bound| (v / bound - 1.0).abs() > NEAR);
+        let names = self.except(is_far);
+        if names.is_empty() { names } else { format!("; near the bound: {names}") }
+    }
+
+    /// A finding where each scene passes or not: holds if all are at most `bound`; in part if at least `part` of them.
+    pub(super) fn at_most(&self, bound: f64, part: usize) -> Finding {
+        if self.len() == 0 {
+            return Finding::not_run("no scene that moves was run with all the strategies it compares");
         }
+        let passes = |v: f64| v <= bound;
+        let (all, passed) = (self.len(), self.count(passes));
         let (verdict, why) = if passed == all {
-            (Verdict::Holds, format!("{what} in {}", if all == 1 { "the only scene" } else { "every scene" }))
+            let scenes = if all == 1 { "the only scene" } else { "every scene" };
+            (Verdict::Holds, format!("at most {bound} in {scenes}"))
         } else {
             let verdict = if passed >= part { Verdict::HoldsInPart } else { Verdict::DoesNotHoldHere };
-            (verdict, format!("{what} in {passed} of {all} scenes; not in {}", self.except(passes)))
+            (verdict, format!("at most {bound} in {passed} of {all} scenes; not in {}", self.except(passes)))
         };
-        Finding(self.text(), verdict, why)
+        Finding(self.text(), verdict, why + &self.near(&[bound]))
     }
 }
 

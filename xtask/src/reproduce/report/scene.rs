@@ -1,0 +1,198 @@
+//! What the report says of each scene: its frame plan, a film with heat maps, a table of strategies, their decisions.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use maud::{Markup, html};
+
+use super::{capital, plural};
+use crate::reproduce::chart::{count, number};
+use crate::reproduce::figures;
+use crate::reproduce::results::{Picture, Results, SceneRun, Spread};
+use crate::reproduce::stages::StageSummary;
+use crate::reproduce::summary::{StrategySummary, strategies};
+
+/// The strategy whose stages stand for those of a frame.
+const TYPICAL: &str = "refit+rotate";
+
+pub(super) fn sections(results: &Results) -> Markup {
+    html! {
+        section id="scenes" {
+            h2 { "Scenes" }
+            p {
+                "Times are medians over the frames measured, with the middle 80 % beside them, in milliseconds; × compares \
+                 the SAH cost with that of a fresh sweep build on the same frame."
+            }
+            @for scene in results.main_scenes() {
+                div data-scene=(scene.facts.label) { (section(results, scene)) }
+            }
+        }
+    }
+}
+
+fn section(results: &Results, scene: &SceneRun) -> Markup {
+    let facts = &scene.facts;
+    let rows = strategies(scene, &results.settings);
+    let typical = rows.iter().find(|row| row.strategy == TYPICAL).or(rows.first());
+    html! {
+        h3 { (facts.label) }
+        p {
+            (capital(&facts.about)) ". " (count(facts.triangles as u64)) " triangles, "
+            (count(facts.moving as u64)) " of them can move. First tree built in " (number(facts.build_ms)) " ms."
+            @if facts.rebuild_every > 1 { " Rebuilds measured on one frame in " (facts.rebuild_every) "." }
+        }
+        @for note in &facts.notes { p.soft { (capital(note)) "." } }
+        (film(results, scene))
+        (frame_plan(scene, typical))
+        @if !rows.is_empty() { (table(&rows)) }
+        @for row in rows.iter().filter(|row| !row.decisions.is_empty()) { (decisions(row)) }
+        @if !scene.offline.is_empty() { (offline(scene)) }
+    }
+}
+
+/// What a frame runs, and what its effects are; what is not called for is not in it.
+fn frame_plan(scene: &SceneRun, typical: Option<&StrategySummary>) -> Markup {
+    let facts = &scene.facts;
+    let effects = if facts.effects.is_empty() { "nothing".to_owned() } else { facts.effects.join(", ") };
+    let ran = |name: &str| typical.and_then(|row| row.stages.iter().find(|stage| stage.stage == name));
+    let samples = typical.map_or(1, |row| row.samples.max(1)) as f64;
+    let cell = |stage: Option<&StageSummary>| match stage {
+        Some(StageSummary { count: n, counts, mean_ms, .. }) => {
+            let ms = mean_ms.map_or_else(|| "with primary".to_owned(), |ms| format!("{} ms", number(ms)));
+            format!("{} {counts}, {ms}", number(*n as f64 / samples))
+        }
+        None => "timed with primary".to_owned(),
+    };
+    html! {
+        div.plan {
+            p { b { "Calls for " } (effects) ". " b { "A frame runs" } }
+            ol { @for name in &facts.plan { li { b { (name) } span.soft { (cell(ran(name))) } } } }
+        }
+        @if let Some(row) = typical {
+            p.soft { "Counts and times a frame, on average, with " (row.strategy) "; no other stage runs." }
+        }
+    }
+}
+
+/// Pictures of some frames, and beneath each, one at a time, heat maps of strategies' trees.
+fn film(results: &Results, scene: &SceneRun) -> Markup {
+    let plain = scene.pictures.iter().filter(|picture| picture.strategy.is_none());
+    let maps = |frame| scene.pictures.iter().filter(move |p| p.frame == frame && p.strategy.is_some());
+    html! {
+        @if !scene.pictures.is_empty() {
+            div.film tabindex="0" role="group" aria-label={ "Frames of " (scene.facts.label) } {
+                @for picture in plain {
+                    div {
+                        (image(picture, &format!("{}, frame {}", scene.facts.label, picture.frame), None, false))
+                        @for map in maps(picture.frame) {
+                            @let name = map.strategy.as_deref().unwrap_or_default();
+                            (image(map, name, Some(name), figures::is_off(results, switched_by(results, name))))
+                        }
+                    }
+                }
+            }
+            p.soft {
+                "Below each frame the nodes that the rays of each pixel visit in the tree of a strategy, from black over \
+                 blue, red and yellow to white at " (count(u64::from(scene.facts.hottest))) " or more."
+            }
+        }
+    }
+}
+
+/// The strategy whose switch shows a map: a fresh tree is that of `ideal`.
+fn switched_by<'a>(results: &Results, name: &'a str) -> &'a str {
+    let has_ideal = results.settings.strategies.iter().any(|s| s == "ideal");
+    if name == "sweep" && has_ideal { "ideal" } else { name }
+}
+
+fn image(picture: &Picture, words: &str, strategy: Option<&str>, off: bool) -> Markup {
+    let kind = if picture.file.ends_with(".jpg") { "jpeg" } else { "png" };
+    let of = strategy.map(|name| if name == "sweep" { "ideal" } else { name });
+    html! {
+        figure data-strategy=[of] data-off[off] {
+            img src={ "data:image/" (kind) ";base64," (STANDARD.encode(&picture.bytes)) } loading="lazy" alt=(words);
+            figcaption {
+                @match strategy {
+                    Some("sweep") => "fresh tree",
+                    Some(name) => (name),
+                    None => { "frame " (picture.frame) },
+                }
+            }
+        }
+    }
+}
+
+fn table(rows: &[StrategySummary]) -> Markup {
+    html! {
+        div.scroll {
+            table {
+                thead {
+                    tr {
+                        th { "Strategy" } th.n { "Update" } th.n { "Trace" } th.n { "Frame" } th.n { "Worst frame" }
+                        th.n { "SAH cost, last" } th.n { "× sweep, mean" } th.n { "× sweep, worst" }
+                        th.n { "Rotations a frame" } th.n { "Height" } th.n { "Frames" }
+                    }
+                }
+                tbody {
+                    @for row in rows {
+                        tr {
+                            th scope="row" {
+                                (row.strategy)
+                                @if let Some(accounting) = &row.accounting { div.soft.light { (accounting) } }
+                            }
+                            td.n { (with_range(&row.update_ms)) }
+                            td.n { (with_range(&row.trace_ms)) }
+                            td.n { (with_range(&row.frame_ms)) }
+                            td.n { (number(row.frame_ms.max)) }
+                            td.n { (number(row.last_cost)) }
+                            @for over in [|s: &Spread| s.mean, |s: &Spread| s.max] {
+                                td.n { (row.sah_over_sweep.as_ref().map_or("–".to_owned(), |s| number(over(s)))) }
+                            }
+                            td.n { (number(row.rotations as f64 / row.samples as f64)) }
+                            td.n { (row.greatest_height) }
+                            td.n { (row.samples) }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn with_range(spread: &Spread) -> Markup {
+    html! {
+        (number(spread.median))
+        @if spread.max > 0.0 { br; span.soft { (number(spread.p10)) " – " (number(spread.p90)) } }
+    }
+}
+
+fn decisions(row: &StrategySummary) -> Markup {
+    html! {
+        p { "What " b { (row.strategy) } " decided:" }
+        ul.decisions {
+            @for decided in &row.decisions {
+                li {
+                    b { (plural(decided.frames, "frame")) } ", first " (decided.first) ": " (decided.decision)
+                }
+            }
+        }
+    }
+}
+
+fn offline(scene: &SceneRun) -> Markup {
+    html! {
+        p { "Trees over the first frame, built with all the time in the world, and a path-traced picture through each:" }
+        div.scroll {
+            table {
+                thead { tr { th { "Builder" } th.n { "Build, ms" } th.n { "SAH cost" } th.n { "Picture, ms" } } }
+                tbody {
+                    @for tree in &scene.offline {
+                        tr {
+                            th scope="row" { (tree.builder) }
+                            td.n { (number(tree.build_ms)) } td.n { (number(tree.sah_cost)) } td.n { (number(tree.path_ms)) }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
