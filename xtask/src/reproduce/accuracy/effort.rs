@@ -72,7 +72,7 @@ impl Effort {
                 fine: [8, 4],
                 moments: 200,
                 noise_size: size.min(48),
-                samples: [(16, 256), (64, 1024)],
+                samples: [(16, 128), (64, 512)],
                 ..quick
             },
             Preset::Full => Self {
