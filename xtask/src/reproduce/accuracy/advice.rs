@@ -90,7 +90,7 @@ pub(super) fn sentence(family: &Family<'_>) -> String {
 
 /// A setting is beaten only by what is better by more than this factor: times repeat no better.
 const NOISE: f64 = 1.0 + PERCENT / 100.0;
-const PERCENT: f64 = 5.0;
+const PERCENT: f64 = 10.0;
 
 /// A fraction needs no unit, and a ratio a sign.
 fn with_unit(error: f64, unit: &str) -> String {
@@ -177,7 +177,10 @@ mod tests {
             "Take x (1.00 ms, 1.00 u): nothing is cheaper, nothing more accurate."
         );
         let near = said(&[("x", 1.0, 2.0), ("y", 2.0, 1.0), ("z", 2.05, 1.0)], "z");
-        assert!(near.ends_with("the default, z (2.05 ms, 1.00 u), is on the front to within 5 %."), "{near}");
+        assert!(
+            near.ends_with("the default, z (2.05 ms, 1.00 u), is on the front to within 10 %."),
+            "{near}"
+        );
         assert_eq!([with_unit(1.5, "ratio"), with_unit(1e-7, "fraction of it")], ["1.50×", "1.0e-7"]);
         // A straight line has no knee, and what is no number is no choice.
         let straight = said(&[("a", 1.0, 4.0), ("b", 2.0, 2.0), ("c", 4.0, 1.0), ("n", f64::NAN, 1.0)], "");

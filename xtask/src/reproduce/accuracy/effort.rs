@@ -9,6 +9,8 @@ pub(crate) struct Effort {
     pub(super) frames: usize,
     /// Frames of those on which trees are compared with a fresh sweep build.
     pub(super) compared: usize,
+    /// Passes of annealed builds.
+    pub(super) anneal_passes: &'static [u32],
     /// Pixels on a side of the images that are timed.
     pub(super) size: u32,
     /// Runs of which the fastest counts, where one run is short.
@@ -41,6 +43,7 @@ impl Effort {
         let quick = Self {
             frames,
             compared: 2,
+            anneal_passes: &[20],
             size,
             repeats: 2,
             solid_triangles: 2_000,
@@ -58,6 +61,7 @@ impl Effort {
             Preset::Quick => quick,
             Preset::Standard => Self {
                 compared: 3,
+                anneal_passes: &[25, 100],
                 size: size.min(256),
                 repeats: 3,
                 solid_triangles: 10_000,
@@ -68,11 +72,12 @@ impl Effort {
                 fine: [8, 4],
                 moments: 200,
                 noise_size: size.min(48),
-                samples: [(16, 256), (64, 1024)],
+                samples: [(16, 128), (64, 512)],
                 ..quick
             },
             Preset::Full => Self {
                 compared: 20,
+                anneal_passes: &[25, 100, 400, 1600],
                 repeats: 5,
                 solid_triangles: 20_000,
                 rays: [2_000_000, 5_000],

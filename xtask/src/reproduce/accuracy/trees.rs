@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
+use bvh_build::{Anneal, BuildOptions, BuildScratch, Builder, rebuild};
 use bvh_core::Bvh;
 use bvh_update::{Rotate, Scratch, Strategy, update};
 
@@ -27,17 +27,14 @@ struct Entrant {
     errors: [f64; 2],
 }
 
-/// Rebuilds that are there for a tree a frame.
-const REBUILDS: [Builder; 5] =
-    [Builder::Sweep, Builder::BinnedParallel, Builder::Hlbvh, Builder::Lbvh, Builder::Ploc];
-
 /// All strategies whose trees depend on the motion alone, rotations at four budgets among them. Each updates its tree
 /// frame by frame through a loop; on some frames the trees are compared with a fresh one.
 pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
     let strategies = Strategy::all().into_iter().filter(|strategy| match strategy {
         // Trees that arrive from the background depend on what else the machine does.
         Strategy::Background(_) => false,
-        Strategy::Rebuild(builder, _) => REBUILDS.contains(builder),
+        // The same trees as in parallel.
+        Strategy::Rebuild(Builder::Binned, _) => false,
         _ => true,
     });
     let fewer = [2, 4, 8].map(|period| {
@@ -138,8 +135,8 @@ impl Entrant {
     }
 }
 
-/// All builders, the binned one with 4 to 256 bins and the clustering one with radii of 1 to 32, in the middle of the
-/// loop.
+/// All builders, the binned one with 4 to 256 bins and the clustering one with radii of 1 to 32, and annealing for
+/// more or less long, in the middle of the loop.
 pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
     let default = BuildOptions::default();
     let of = |builder, options, name: String, is_default| (builder, options, name, is_default);
@@ -153,9 +150,14 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
     });
     let others = Builder::ALL
         .into_iter()
-        .filter(|b| ![Builder::Binned, Builder::BinnedParallel, Builder::Ploc].contains(b))
+        .filter(|b| ![Builder::Binned, Builder::BinnedParallel, Builder::Ploc, Builder::Annealed].contains(b))
         .map(|builder| of(builder, default, builder.name().to_owned(), false));
-    let settings: Vec<_> = bins.into_iter().chain(radii).chain(others).collect();
+    let annealed = bench.effort.anneal_passes.iter().map(|&passes| {
+        let options = BuildOptions { anneal: Anneal { passes, ..default.anneal }, ..default };
+        let is_default = passes == default.anneal.passes;
+        of(Builder::Annealed, options, format!("annealed {passes} passes"), is_default)
+    });
+    let settings: Vec<_> = bins.into_iter().chain(radii).chain(others).chain(annealed).collect();
 
     bench.pose_in_the_middle();
     let sweep = bench.sweep()?;
@@ -179,7 +181,10 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
                 error,
                 unit: "ratio".to_owned(),
                 time_ms,
-                note: format!("time of a build, fastest of {}; middle of the loop", bench.effort.repeats),
+                note: format!(
+                    "time of a build, fastest of at most {}; middle of the loop",
+                    bench.effort.repeats
+                ),
                 ..Point::default()
             })?;
         }
