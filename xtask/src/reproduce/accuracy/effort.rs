@@ -44,7 +44,7 @@ impl Effort {
             frames,
             compared: 2,
             anneal_passes: &[20],
-            size,
+            size: size.min(128),
             repeats: 2,
             solid_triangles: 2_000,
             rays: [20_000, 300],
@@ -53,7 +53,7 @@ impl Effort {
             spaces: &[0.125, 0.5, 1.0],
             fine: [4, 2],
             moments: 60,
-            noise_size: size.min(32),
+            noise_size: size.min(24),
             samples: [(4, 32), (16, 128)],
             seed,
         };
@@ -77,6 +77,7 @@ impl Effort {
             },
             Preset::Full => Self {
                 compared: 20,
+                size,
                 anneal_passes: &[25, 100, 400, 1600],
                 repeats: 5,
                 solid_triangles: 20_000,
