@@ -1,8 +1,9 @@
 //! Two runs laid over each other: what got worse beyond noise.
 //!
 //! Frames are paired by loop and number. Of their ratios, now over before, the median counts. Times are first divided by
-//! how much faster or slower the machine was in all, the median of these medians, since only ratios within a run mean
-//! something. SAH costs are compared as they are: they do not depend on the machine.
+//! the median of these medians over all strategies of the scene, which is how busy the machine was then, since only ratios
+//! within a run mean something; what slows all strategies alike is not told from that, so it is listed. SAH costs are
+//! compared as they are: they do not depend on the machine.
 
 use maud::{Markup, html};
 use serde::Serialize;
@@ -22,8 +23,8 @@ const COST_NOISE: f64 = 0.005;
 pub(crate) struct Comparison {
     /// Revision and start of the run before.
     pub(crate) before: String,
-    /// Times of the machine now over those before, all strategies together.
-    pub(crate) machine: f64,
+    /// Times now over those before, all strategies of a scene together.
+    pub(crate) machine: Vec<Machine>,
     /// How many pairs of scene, strategy and measure were compared.
     pub(crate) compared: usize,
     pub(crate) changes: Vec<Change>,
@@ -44,6 +45,15 @@ pub(crate) struct Change {
     pub(crate) ratio: f64,
     /// What counts as noise: this much on either side of 1.
     pub(crate) noise: f64,
+}
+
+/// How much longer everything took on a scene than before.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Machine {
+    pub(crate) scene: String,
+    /// `update` or `trace`.
+    pub(crate) what: &'static str,
+    pub(crate) ratio: f64,
 }
 
 /// A ratio of all frames.
@@ -78,9 +88,15 @@ impl Comparison {
                 ratios.extend(MEASURES.iter().filter_map(|measure| ratio(other, scene, strategy, measure)));
             }
         }
-        let times = || ratios.iter().filter(|r| r.what != COST).map(|r| r.median);
-        let machine = Spread::of(times()).map_or(1.0, |spread| spread.median);
-        let mut changes: Vec<Change> = ratios.iter().filter_map(|ratio| ratio.change(machine)).collect();
+        let mut machine = Vec::new();
+        for scene in now.scenes.iter().map(|scene| &scene.facts.label) {
+            for what in MEASURES.map(|(what, _)| what).into_iter().filter(|&what| what != COST) {
+                let of = |r: &&Ratio<'_>| r.scene == scene && r.what == what;
+                let spread = Spread::of(ratios.iter().filter(of).map(|r| r.median));
+                machine.extend(spread.map(|s| Machine { scene: scene.clone(), what, ratio: s.median }));
+            }
+        }
+        let mut changes: Vec<Change> = ratios.iter().filter_map(|ratio| ratio.change(&machine)).collect();
         changes.sort_by(|a, b| b.ratio.total_cmp(&a.ratio));
         let (judged_before, judged) = (claims::judge(before), claims::judge(now));
         let verdicts = judged_before.iter().zip(&judged).filter(|(a, b)| a.verdict != b.verdict);
@@ -110,13 +126,20 @@ impl Comparison {
     }
 
     fn summary(&self) -> String {
+        let spread = Spread::of(self.machine.iter().map(|machine| machine.ratio));
+        let all = spread.map_or_else(String::new, |s| {
+            format!(
+                "; all strategies of a scene together took {} to {} times as long",
+                number(s.min),
+                number(s.max)
+            )
+        });
         format!(
-            "{} measures compared with {}: {} worse and {} better beyond noise; the machine took {} times as long",
+            "{} measures compared with {}: {} worse and {} better beyond noise{all}",
             self.compared,
             self.before,
             self.regressions().count(),
             self.changes.iter().filter(|change| change.ratio < 1.0).count(),
-            number(self.machine)
         )
     }
 
@@ -127,7 +150,8 @@ impl Comparison {
                 h2 { "Beside the run before" }
                 p { (self.summary()) "." }
                 p.soft {
-                    "Medians over pairs of frames, now over before; times divided by what the machine took. A time has \
+                    "Medians over pairs of frames, now over before; times divided by what all strategies of \
+                     the scene together took. A time has \
                      changed if that is beyond " (format!("{:.0}", 100.0 * TIME_NOISE)) " % and three standard errors, \
                      a cost if beyond " (format!("{:.1}", 100.0 * COST_NOISE)) " %."
                 }
@@ -192,7 +216,9 @@ fn ratio<'a>(
 }
 
 impl Ratio<'_> {
-    fn change(&self, machine: f64) -> Option<Change> {
+    fn change(&self, machine: &[Machine]) -> Option<Change> {
+        let of = |m: &&Machine| (m.scene.as_str(), m.what) == (self.scene, self.what);
+        let machine = machine.iter().find(of).map_or(1.0, |m| m.ratio);
         let (ratio, noise) = match self.what {
             COST => (self.median, COST_NOISE),
             _ => (self.median / machine, TIME_NOISE.max(3.0 * self.error / machine)),
@@ -224,7 +250,8 @@ mod tests {
         let before = run(1.0, 3.0, 33.0);
         let same = Comparison::new(&before, &run(1.7, 3.2, 33.1));
         assert_eq!(same.changes, []);
-        assert!((same.machine - 1.7).abs() < 1e-9 && same.compared == 9);
+        assert!(same.machine.iter().all(|m| (m.ratio - 1.7).abs() < 1e-9));
+        assert_eq!((same.machine.len(), same.compared), (2, 9));
         let worse = Comparison::new(&before, &run(0.5, 4.5, 40.0));
         let named: Vec<_> = worse.regressions().map(|c| (c.strategy.as_str(), c.what)).collect();
         assert_eq!(named, [("refit+rotate", "update"), ("refit+rotate", "SAH cost")]);

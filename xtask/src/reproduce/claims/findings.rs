@@ -34,8 +34,23 @@ const GENTLE: [&str; 2] = ["cloth-ball", "fairy-forest"];
 const HETEROGENEOUS: [&str; 2] = ["bart-museum", "fairy-forest"];
 const SCANNED: [&str; 2] = ["exploding-dragon", "lion"];
 
-/// Total frame time of `a` over that of `b`, on frames that both were measured on.
+/// Frame time of `a` over that of `b`: the median over frames that both were measured on, weighted by the time of `b`.
+/// Like the ratio of the sums, long frames count for more; but what else the machine does on a few frames does not.
 pub(super) fn frame_time(scene: &SceneRun, a: &str, b: &str) -> Option<f64> {
+    let pairs = scene.pairs(a, b);
+    let mut ratios: Vec<_> = pairs.iter().map(|(a, b)| (a.frame_ms / b.frame_ms, b.frame_ms)).collect();
+    ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * ratios.iter().map(|(_, weight)| weight).sum::<f64>();
+    let mut below = 0.0;
+    let reaches_half = |(_, weight): &&(f64, f64)| {
+        below += weight;
+        below >= half
+    };
+    ratios.iter().find(reaches_half).map(|(ratio, _)| *ratio)
+}
+
+/// The ratio of the sums, where a few frames take long of themselves.
+pub(super) fn total_frame_time(scene: &SceneRun, a: &str, b: &str) -> Option<f64> {
     let pairs = scene.pairs(a, b);
     let sum = |f: fn(&(&Row, &Row)) -> f64| pairs.iter().map(f).sum::<f64>();
     (!pairs.is_empty()).then(|| sum(|(a, _)| a.frame_ms) / sum(|(_, b)| b.frame_ms))

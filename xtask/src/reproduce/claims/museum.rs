@@ -2,6 +2,7 @@
 
 use super::findings::{
     NOISE, REBUILD, REFIT, ROTATE, faster, frame_time, mean_cost, missing, pair_verdict, slower,
+    total_frame_time,
 };
 use super::table::Table;
 use super::{Finding, Verdict};
@@ -54,9 +55,9 @@ pub(super) fn other_keys(results: &Results) -> Finding {
 }
 
 pub(super) fn with_rebuilds(results: &Results) -> Finding {
-    let found = results
-        .scene(MUSEUM)
-        .and_then(|s| Some((s, frame_time(s, REBUILD, "binned-parallel")?, frame_time(s, REBUILD, ROTATE)?)));
+    let found = results.scene(MUSEUM).and_then(|s| {
+        Some((s, total_frame_time(s, REBUILD, "binned-parallel")?, total_frame_time(s, REBUILD, ROTATE)?))
+    });
     let Some((scene, rebuilt, rotated)) = found else { return missing(&[MUSEUM]) };
     let rows = scene.of(REBUILD);
     let rebuilds = rows.iter().filter(|row| row.decision.starts_with("built anew")).count();
