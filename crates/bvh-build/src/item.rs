@@ -1,7 +1,7 @@
 //! Primitives as builders move them about: box and number in 32 bytes, and hulls of many in SIMD lanes.
 
 use bvh_core::glam::{Vec4, Vec4Swizzles};
-use bvh_core::{Aabb, Primitives};
+use bvh_core::{Aabb, Primitives, Vec3};
 use rayon::prelude::*;
 
 /// A primitive's box and number.
@@ -26,6 +26,18 @@ impl Item {
     #[inline]
     fn new([min, max]: [Vec4; 2], number: usize) -> Self {
         Self { min: min.with_w(f32::from_bits(number as u32 | MARK)), max: max.with_w(f32::NEG_INFINITY) }
+    }
+
+    /// A primitive; its box is NaN where it has none.
+    #[inline]
+    fn of<P: Primitives + ?Sized>(primitives: &P, i: usize) -> Self {
+        let [min, max, doubt] = primitives.aabb_lanes(i);
+        if doubt.truncate().is_finite() {
+            return Self::new([min, max], i);
+        }
+        let aabb = primitives.aabb(i);
+        let corner = |v: Vec3| if aabb.is_empty() { Vec4::NAN } else { v.extend(0.0) };
+        Self::new([corner(aabb.min), corner(aabb.max)], i)
     }
 
     /// A cluster of primitives: with their number in the fourth lane of `max`, where no arithmetic is done on it.
@@ -174,7 +186,7 @@ pub(crate) fn gather<P: Primitives + ?Sized>(
     let copy = |first: usize, items: &mut [Item]| {
         let mut all = Summary::NOTHING;
         for (i, item) in items.iter_mut().enumerate() {
-            *item = Item::new(primitives.aabb_lanes(first + i), first + i);
+            *item = Item::of(primitives, first + i);
             all = all.with(item);
         }
         all

@@ -8,9 +8,9 @@ use crate::{Aabb, COST_INTERSECT, COST_TRAVERSE};
 pub const MAX_LEAF_SIZE: u32 = (1 << 24) - 1;
 
 const LEAF: u32 = 1 << 31;
-const MOVES: u32 = 1 << 30;
-const INDEX: u32 = MOVES - 1;
-const HEIGHT: u32 = 0xff;
+const MOVES: u32 = Node::MOVES;
+const INDEX: u32 = Node::INDEX;
+const HEIGHT: u32 = Node::HEIGHT;
 
 /// A node of a [`Bvh`](crate::Bvh), inner or leaf, with its box.
 ///
@@ -40,6 +40,15 @@ pub struct Node {
 const _: () = assert!(size_of::<Node>() == 32 && align_of::<Node>() == 32);
 
 impl Node {
+    /// The bit of the link word, for SIMD kernels, that [`moves`](Self::moves) tells.
+    pub const MOVES: u32 = 1 << 30;
+
+    /// The bits of the link word, for SIMD kernels, that [`first`](Self::first) tells.
+    pub const INDEX: u32 = Self::MOVES - 1;
+
+    /// The bits of the aux word, for SIMD kernels, that [`height`](Self::height) tells.
+    pub const HEIGHT: u32 = 0xff;
+
     /// A leaf without primitives: the root of an empty tree, and what fills unused slots.
     pub const NOTHING: Self = Self { min: Vec3::INFINITY, link: LEAF, max: Vec3::NEG_INFINITY, aux: 0 };
 

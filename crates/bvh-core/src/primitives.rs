@@ -24,15 +24,17 @@ pub trait Primitives: Sync {
     /// If `i` is not below [`len`](Self::len).
     fn aabb(&self, i: usize) -> Aabb;
 
-    /// The same box for SIMD kernels: minimum and maximum, each in the first three of four lanes. What is in the
-    /// fourth does not matter. Where the box is empty, at least one of those lanes is NaN, in both.
+    /// The same box for SIMD kernels, each in the first three of four lanes: minimum, maximum, and a *doubt*, which is
+    /// finite only if the box is not empty; where it is not finite, the other two mean nothing and
+    /// [`aabb`](Self::aabb) tells. What is in the fourth lanes does not matter.
     ///
     /// # Panics
     /// If `i` is not below [`len`](Self::len).
     #[inline]
-    fn aabb_lanes(&self, i: usize) -> [Vec4; 2] {
+    fn aabb_lanes(&self, i: usize) -> [Vec4; 3] {
         let aabb = self.aabb(i);
-        if aabb.is_empty() { [Vec4::NAN; 2] } else { [aabb.min.extend(0.0), aabb.max.extend(0.0)] }
+        let doubt = if aabb.is_empty() { Vec4::NAN } else { Vec4::ZERO };
+        [aabb.min.extend(0.0), aabb.max.extend(0.0), doubt]
     }
 
     /// A hint that `aabb(i)` will be asked for soon: whatever tells where its data lies.
@@ -125,24 +127,26 @@ impl Primitives for Triangles<'_> {
     }
 
     #[inline]
+    #[expect(clippy::eq_op, reason = "a number less itself is NaN if it is not finite")]
     fn aabb(&self, i: usize) -> Aabb {
-        let [min, max] = self.aabb_lanes(i);
-        if min.is_nan_mask().bitmask() & 0b111 == 0 {
-            Aabb::new(min.truncate(), max.truncate())
-        } else {
-            Aabb::EMPTY
+        let [a, b, c] = self.indices[i].map(|v| self.lanes(v as usize));
+        // +0 where all three corners are finite, else NaN.
+        let zero = (a - a) + (b - b) + (c - c);
+        if zero.is_nan_mask().bitmask() & 0b111 != 0 {
+            return Aabb::EMPTY;
         }
+        // Makes negative zeros positive.
+        let (min, max) = (a.min(b).min(c) + 0.0, a.max(b).max(c) + 0.0);
+        Aabb::new(min.truncate(), max.truncate())
     }
 
     // Used twice in one loop it is not inlined otherwise, and then half of an update goes into calls.
     #[inline(always)]
-    #[expect(clippy::eq_op, reason = "a number less itself is NaN if it is not finite")]
-    fn aabb_lanes(&self, i: usize) -> [Vec4; 2] {
+    fn aabb_lanes(&self, i: usize) -> [Vec4; 3] {
         let [a, b, c] = self.indices[i];
         let (a, b, c) = (self.lanes(a as usize), self.lanes(b as usize), self.lanes(c as usize));
-        // +0 where all three corners are finite, which makes negative zeros positive; else NaN.
-        let zero = (a - a) + (b - b) + (c - c);
-        [a.min(b).min(c) + zero, a.max(b).max(c) + zero]
+        // The sum is not finite if one of them is not, and seldom else.
+        [a.min(b).min(c) + 0.0, a.max(b).max(c) + 0.0, a + b + c]
     }
 
     #[inline]
@@ -181,7 +185,7 @@ impl<P: Primitives + ?Sized> Primitives for InOrder<'_, P> {
     }
 
     #[inline(always)]
-    fn aabb_lanes(&self, i: usize) -> [Vec4; 2] {
+    fn aabb_lanes(&self, i: usize) -> [Vec4; 3] {
         self.primitives.aabb_lanes(self.order[i] as usize)
     }
 
@@ -222,11 +226,17 @@ mod tests {
         let indices: Vec<_> = (0..298).map(|i| [i, (i * 7) % 300, 299]).collect();
         let t = Triangles { positions: &positions, indices: &indices };
         let bits = |b: Aabb| (b.min.to_array().map(f32::to_bits), b.max.to_array().map(f32::to_bits));
-        let mut dropped = 0;
+        let (mut dropped, mut certain) = (0, 0);
         for i in 0..t.len() {
             assert_eq!(bits(t.aabb(i)), bits(Aabb::around(&t.corners(i))), "{:?}", t.corners(i));
             dropped += usize::from(t.aabb(i).is_empty());
+            let [min, max, doubt] = t.aabb_lanes(i);
+            if doubt.truncate().is_finite() {
+                assert_eq!(bits(Aabb::new(min.truncate(), max.truncate())), bits(t.aabb(i)));
+                certain += 1;
+            }
         }
+        assert!(certain > 100, "{certain}");
         assert!(dropped > 20 && dropped < 200, "{dropped}");
     }
 }

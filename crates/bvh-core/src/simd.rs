@@ -5,7 +5,7 @@
 pub enum SimdLevel {
     /// What every target has (SSE2 on x86-64).
     Baseline,
-    /// AVX2 and FMA (x86-64 processors since 2013).
+    /// AVX2, FMA and POPCNT (x86-64 processors since 2013).
     Avx2,
     /// AVX-512 F, VL, BW and DQ.
     Avx512,
@@ -27,7 +27,11 @@ impl SimdLevel {
         #[cfg(target_arch = "x86_64")]
         match self {
             Self::Baseline => true,
-            Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
+            Self::Avx2 => {
+                is_x86_feature_detected!("avx2")
+                    && is_x86_feature_detected!("fma")
+                    && is_x86_feature_detected!("popcnt")
+            }
             Self::Avx512 => {
                 Self::Avx2.is_available()
                     && is_x86_feature_detected!("avx512f")

@@ -7,9 +7,11 @@
 //! The usual case is a leaf that moves and holds one primitive; nodes with other leaves are left to the portable code.
 
 use std::arch::x86_64::*;
+use std::hint::select_unpredictable;
 
-use bvh_core::{COST_INTERSECT, COST_TRAVERSE, Primitives};
+use bvh_core::{COST_INTERSECT, COST_TRAVERSE, Node, Primitives};
 
+use crate::block::{GROUP, Queue, Twigs};
 use crate::kernels::{Accepted, Areas, Fitted, evaluate, fit_inner};
 use crate::raw::SharedNodes;
 
@@ -19,52 +21,176 @@ const _: () = assert!(COST_INTERSECT == 1.0 && COST_TRAVERSE == 1.0);
 /// Lane mask of the two words that are no coordinates.
 const WORDS: i32 = 0b1000_1000;
 
-/// How many list entries ahead of its use a primitive's data is fetched.
-const AHEAD: usize = 8;
+/// For each set of lanes their numbers in order, a byte each: compresses eight lanes to those in the set.
+const COMPRESS: [u64; 256] = {
+    let mut table = [0; 256];
+    let mut set = 0;
+    while set < 256 {
+        let (mut lane, mut count) = (0, 0);
+        while lane < 8 {
+            if set >> lane & 1 == 1 {
+                table[set] |= lane << (8 * count);
+                count += 1;
+            }
+            lane += 1;
+        }
+        set += 1;
+    }
+    table
+};
+
+/// See [`kernels::gather`](crate::kernels::gather). Four nodes at a time: the words of their eight children are
+/// transposed into two registers.
+#[target_feature(enable = "avx2,popcnt")]
+pub(crate) fn gather(nodes: SharedNodes<'_>, queue: &mut Queue, twigs: &mut Twigs, end: usize) {
+    const { assert!(GROUP == 4) };
+    let zero = _mm256_setzero_si256();
+    let both = _mm256_setr_epi32(0, 0, 1, 1, 2, 2, 3, 3);
+    let sides = _mm256_setr_epi32(0, 1, 0, 1, 0, 1, 0, 1);
+    while queue.done < end && queue.has_room() {
+        let done = queue.done;
+        let count = GROUP.min(end - done);
+        let mut pairs: [u32; GROUP] =
+            [queue.pairs[done], queue.pairs[done + 1], queue.pairs[done + 2], queue.pairs[done + 3]];
+        if count < GROUP {
+            // What is behind the end counts for nothing, but must be in range.
+            pairs[count..].fill(0);
+        }
+        let [a, b, c, d] = pairs.map(|pair| nodes.pair_lanes(pair as usize));
+        let (ab, cd) = (words(a, b), words(c, d));
+        let links = _mm256_permute2x128_si256::<0x20>(ab, cd);
+        let heights = _mm256_and_si256(
+            _mm256_permute2x128_si256::<0x31>(ab, cd),
+            _mm256_set1_epi32(Node::HEIGHT as i32),
+        );
+        let is_leaf = _mm256_cmpeq_epi32(heights, zero);
+        let is_deep = _mm256_cmpgt_epi32(heights, _mm256_set1_epi32(1));
+        let below = _mm256_and_si256(links, _mm256_set1_epi32(Node::INDEX as i32));
+        let pairs = _mm256_permutevar8x32_epi32(_mm256_castsi128_si256(bytemuck::cast(pairs)), both);
+        let slots = _mm256_add_epi32(pairs, sides);
+        let near: [u32; 8] = bytemuck::cast(_mm256_blendv_epi8(below, pairs, is_leaf));
+        near.iter().for_each(|&pair| nodes.prefetch(pair as usize));
+
+        let lanes = |mask| _mm256_movemask_ps(_mm256_castsi256_ps(mask)) as u32;
+        const { assert!(Node::MOVES == 1 << 30) };
+        let moves = lanes(_mm256_slli_epi32::<1>(links)) & ((1 << (2 * count)) - 1);
+        let deep = (lanes(is_deep) & moves) as usize;
+        let low = (!lanes(is_deep) & !lanes(is_leaf) & moves) as usize;
+        let listed = queue.listed;
+        queue.slots[listed..listed + 8].copy_from_slice(&compress(slots, deep));
+        queue.pairs[listed..listed + 8].copy_from_slice(&compress(below, deep));
+        queue.listed += deep.count_ones() as usize;
+        twigs.slots[twigs.count..twigs.count + 8].copy_from_slice(&compress(slots, low));
+        twigs.count += low.count_ones() as usize;
+
+        // Spurs are those with a leaf in one of two lanes.
+        let of_pairs = _mm256_or_si256(is_leaf, _mm256_slli_epi64::<32>(is_leaf));
+        let spurs = _mm256_movemask_pd(_mm256_castsi256_pd(of_pairs)) as usize & ((1 << count) - 1);
+        let forks = !spurs & ((1 << count) - 1);
+        let own: [u32; 8] = queue.slots[done..done + 8].try_into().expect("eight");
+        let (s, f) = (queue.spur_count, done - queue.spur_count);
+        queue.spurs[s..s + 8].copy_from_slice(&compress(bytemuck::cast(own), spurs));
+        queue.forks[f..f + 8].copy_from_slice(&compress(bytemuck::cast(own), forks));
+        queue.spur_count += spurs.count_ones() as usize;
+        queue.done += count;
+    }
+}
+
+/// The links, and then the aux words, of two pairs of nodes.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn words([a, b]: [__m256; 2], [c, d]: [__m256; 2]) -> __m256i {
+    let ab = _mm256_castps_pd(_mm256_unpackhi_ps(a, b));
+    let cd = _mm256_castps_pd(_mm256_unpackhi_ps(c, d));
+    _mm256_castpd_si256(_mm256_unpackhi_pd(ab, cd))
+}
+
+/// The lanes in a set, in order; then any.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn compress(lanes: __m256i, set: usize) -> [u32; 8] {
+    let order = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(COMPRESS[set & 0xff] as i64));
+    bytemuck::cast(_mm256_permutevar8x32_epi32(lanes, order))
+}
+
+/// How many twigs are looked at together.
+const TWIGS: usize = 16;
+
+/// What fitting a twig takes.
+#[derive(Clone, Copy, Default)]
+struct Ahead {
+    /// The first child, or [`UNUSUAL`](Self::UNUSUAL).
+    pair: u32,
+    primitives: [u32; 2],
+}
+
+impl Ahead {
+    /// A twig for the portable code.
+    const UNUSUAL: u32 = u32::MAX;
+
+    /// Looks at a twig and fetches what its primitives are made of.
+    #[inline(always)]
+    fn new<P: Primitives + ?Sized>(nodes: SharedNodes<'_>, primitives: &P, slot: u32) -> Self {
+        let pair = nodes.get(slot as usize).first();
+        let [l, r] = nodes.pair(pair);
+        let leaves = [l.first(), r.first()];
+        leaves.iter().for_each(|&p| primitives.prefetch_index(p));
+        let is_usual = l.is_single_and_moves() & r.is_single_and_moves();
+        let pair = select_unpredictable(is_usual, pair as u32, Self::UNUSUAL);
+        Self { pair, primitives: leaves.map(|p| p as u32) }
+    }
+}
 
 /// See [`kernels::twigs`](crate::kernels::twigs).
 #[target_feature(enable = "avx2")]
 pub(crate) fn twigs<P: Primitives + ?Sized>(nodes: SharedNodes<'_>, primitives: &P, list: &[u32]) -> Fitted {
     let mut others = Fitted::default();
     let (mut leaf_areas, mut inner_areas, mut count) = (_mm256_setzero_pd(), _mm256_setzero_pd(), 0);
-    // The primitives of some twigs ahead, whose indices are on their way, and then their data.
-    let mut ahead = [[0; 2]; AHEAD];
-    for i in 0..list.len() + 2 * AHEAD {
-        let on_their_way = &mut ahead[i % AHEAD];
-        on_their_way.iter().for_each(|&p| primitives.prefetch_data(p));
-        if let Some(&slot) = list.get(i) {
-            let [l, r] = nodes.pair(nodes.get(slot as usize).first());
-            *on_their_way = [l.first(), r.first()];
-            on_their_way.iter().for_each(|&p| primitives.prefetch_index(p));
+    // While some twigs are fitted, the corners of the next are on their way, and the indices of those after them.
+    let mut ahead = [[Ahead::default(); TWIGS]; 3];
+    let part = |i: usize| list.chunks(TWIGS).nth(i).unwrap_or_default();
+    for i in 0..list.len().div_ceil(TWIGS) + 2 {
+        for (ahead, &slot) in ahead[i % 3].iter_mut().zip(part(i)) {
+            *ahead = Ahead::new(nodes, primitives, slot);
         }
-        if i < 2 * AHEAD {
-            continue;
-        }
-
-        let slot = list[i - 2 * AHEAD] as usize;
-        let pair = nodes.get(slot).first();
-        let [l, r] = nodes.pair(pair);
-        if l.is_single_and_moves() && r.is_single_and_moves() {
-            let [min, max] = primitives.aabb_lanes(l.first());
-            let a = _mm256_set_m128(max.into(), min.into());
-            let [min, max] = primitives.aabb_lanes(r.first());
-            let b = _mm256_set_m128(max.into(), min.into());
-            if !any_nan(a, b) {
-                nodes.set_lanes(pair, with_words_of(nodes.lanes(pair), a));
-                nodes.set_lanes(pair + 1, with_words_of(nodes.lanes(pair + 1), b));
-                let union = union(a, b);
-                // A twig's height is known: it was found by it.
-                nodes.set_lanes(slot, with_words_of(nodes.lanes(slot), union));
-                let of_leaves = both_halves(products(sides(a, b)));
-                leaf_areas = _mm256_add_pd(leaf_areas, _mm256_cvtps_pd(of_leaves));
-                inner_areas = _mm256_add_pd(inner_areas, _mm256_cvtps_pd(products_of_one(union)));
-                count += 2;
-                continue;
+        if i >= 1 {
+            for (ahead, _) in ahead[(i - 1) % 3].iter().zip(part(i - 1)) {
+                ahead.primitives.iter().for_each(|&p| primitives.prefetch_data(p as usize));
             }
         }
-        fit_inner(nodes, primitives, slot, &mut others);
+        if i < 2 {
+            continue;
+        }
+        for (ahead, &slot) in ahead[(i - 2) % 3].iter().zip(part(i - 2)) {
+            if ahead.pair != Ahead::UNUSUAL {
+                let [l, r] = ahead.primitives;
+                let [l_min, l_max, l_doubt] = primitives.aabb_lanes(l as usize).map(__m128::from);
+                let [r_min, r_max, r_doubt] = primitives.aabb_lanes(r as usize).map(__m128::from);
+                if !any_doubt(l_doubt, r_doubt) {
+                    let (pair, slot) = (ahead.pair as usize, slot as usize);
+                    let [l, r] = nodes.pair_lanes(pair);
+                    nodes.set_lanes(pair, with_words_of(l, _mm256_set_m128(l_max, l_min)));
+                    nodes.set_lanes(pair + 1, with_words_of(r, _mm256_set_m128(r_max, r_min)));
+                    let (min, max) = (_mm_min_ps(l_min, r_min), _mm_max_ps(l_max, r_max));
+                    // A twig's height is known: it was found by it.
+                    nodes.set_lanes(slot, with_words_of(nodes.lanes(slot), _mm256_set_m128(max, min)));
+                    let leaves = _mm256_set_m128(_mm_sub_ps(r_max, r_min), _mm_sub_ps(l_max, l_min));
+                    let of_leaves = _mm256_mul_ps(leaves, _mm256_permute_ps::<0b11_00_10_01>(leaves));
+                    let [of_l, of_r] =
+                        [_mm256_castps256_ps128(of_leaves), _mm256_extractf128_ps::<1>(of_leaves)];
+                    let whole = _mm_sub_ps(max, min);
+                    let of_whole = _mm_mul_ps(whole, _mm_permute_ps::<0b11_00_10_01>(whole));
+                    leaf_areas = _mm256_add_pd(leaf_areas, _mm256_cvtps_pd(of_l));
+                    leaf_areas = _mm256_add_pd(leaf_areas, _mm256_cvtps_pd(of_r));
+                    inner_areas = _mm256_add_pd(inner_areas, _mm256_cvtps_pd(of_whole));
+                    count += 2;
+                    continue;
+                }
+            }
+            fit_inner(nodes, primitives, slot as usize, &mut others);
+        }
     }
-    others.and(count, leaf_areas, inner_areas)
+    others.and(&fitted(count, leaf_areas, inner_areas))
 }
 
 /// See [`kernels::spurs`](crate::kernels::spurs).
@@ -82,9 +208,9 @@ pub(crate) fn spurs<P: Primitives + ?Sized, const ROTATE: bool>(
         let right = usize::from(!nodes.get(pair).is_leaf());
         let leaf = nodes.get(pair + right);
         if leaf.is_single_and_moves() {
-            let [min, max] = primitives.aabb_lanes(leaf.first());
-            let a = _mm256_set_m128(max.into(), min.into());
-            if !any_nan(a, a) {
+            let [min, max, doubt] = primitives.aabb_lanes(leaf.first()).map(__m128::from);
+            let a = _mm256_set_m128(max, min);
+            if !any_doubt(doubt, doubt) {
                 nodes.set_lanes(pair + right, with_words_of(nodes.lanes(pair + right), a));
                 let b = nodes.lanes(pair + 1 - right);
                 let whole = union(a, b);
@@ -94,7 +220,7 @@ pub(crate) fn spurs<P: Primitives + ?Sized, const ROTATE: bool>(
                 count += 1;
                 if ROTATE {
                     let below = nodes.get(pair + 1 - right).first();
-                    let (c, d) = (nodes.lanes(below), nodes.lanes(below + 1));
+                    let [c, d] = nodes.pair_lanes(below);
                     // The leaf takes the place of c, or of d.
                     let then = sums(products(sides(union(a, d), union(a, c))));
                     let now = sums(products(sides(b, b)));
@@ -110,7 +236,7 @@ pub(crate) fn spurs<P: Primitives + ?Sized, const ROTATE: bool>(
             evaluate(nodes, slot, accepted);
         }
     }
-    others.and(count, leaf_areas, inner_areas)
+    others.and(&fitted(count, leaf_areas, inner_areas))
 }
 
 /// See [`kernels::forks`](crate::kernels::forks).
@@ -126,8 +252,8 @@ pub(crate) fn forks<const ROTATE: bool>(
     let mut sum = _mm256_setzero_pd();
     for &slot in list {
         let pair = nodes.get(slot as usize).first();
-        let negated = |n| _mm256_xor_ps(nodes.lanes(n), minima);
-        let (l, r) = (negated(pair), negated(pair + 1));
+        let negated = |n| nodes.pair_lanes(n).map(|lanes| _mm256_xor_ps(lanes, minima));
+        let [l, r] = negated(pair);
         let union = _mm256_max_ps(l, r);
         let own = nodes.lanes(slot as usize);
         nodes.set_lanes(slot as usize, parent(own, l, r, _mm256_xor_ps(union, minima)));
@@ -138,8 +264,7 @@ pub(crate) fn forks<const ROTATE: bool>(
         }
 
         let (below_l, below_r) = (nodes.get(pair).first(), nodes.get(pair + 1).first());
-        let (ll, lr) = (negated(below_l), negated(below_l + 1));
-        let (rl, rr) = (negated(below_r), negated(below_r + 1));
+        let ([ll, lr], [rl, rr]) = (negated(below_l), negated(below_r));
         // Extents of the unions of two pairs of boxes.
         let sides =
             |a, b| _mm256_add_ps(_mm256_permute2f128_ps::<0x20>(a, b), _mm256_permute2f128_ps::<0x31>(a, b));
@@ -172,23 +297,20 @@ pub(crate) fn forks<const ROTATE: bool>(
     Areas(bytemuck::cast(sum))
 }
 
-impl Fitted {
-    /// With leaves of one primitive added, and sums of areas that were kept in a register.
-    #[target_feature(enable = "avx2")]
-    fn and(mut self, leaves: u64, leaf_areas: __m256d, inner_areas: __m256d) -> Self {
-        self.leaves += leaves;
-        for (Areas(sum), more) in [(&mut self.leaf_areas, leaf_areas), (&mut self.inner_areas, inner_areas)] {
-            *sum = bytemuck::cast(_mm256_add_pd(bytemuck::cast(*sum), more));
-        }
-        self
-    }
+/// Leaves of one primitive, and sums of areas that were kept in a register.
+#[target_feature(enable = "avx2")]
+fn fitted(leaves: u64, leaf_areas: __m256d, inner_areas: __m256d) -> Fitted {
+    let [leaf_areas, inner_areas] = [leaf_areas, inner_areas].map(|sum| Areas(bytemuck::cast(sum)));
+    Fitted { leaves, dropped: 0, leaf_areas, inner_areas }
 }
 
-/// Whether any coordinate is NaN.
+/// Whether one of the first three lanes is not finite.
 #[target_feature(enable = "avx2")]
 #[inline]
-fn any_nan(a: __m256, b: __m256) -> bool {
-    _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_UNORD_Q>(a, b)) & !WORDS & 0xff != 0
+fn any_doubt(a: __m128, b: __m128) -> bool {
+    // A number less itself is NaN if it is not finite.
+    let not_finite = _mm_cmpunord_ps(_mm_sub_ps(a, a), _mm_sub_ps(b, b));
+    _mm_movemask_ps(not_finite) & 0b111 != 0
 }
 
 /// `node` with another box.
@@ -226,13 +348,6 @@ fn products(extents: __m256) -> __m256 {
 fn sums(products: __m256) -> __m256 {
     let xy_yz = _mm256_add_ps(products, _mm256_permute_ps::<0b01>(products));
     _mm256_add_ps(xy_yz, _mm256_permute_ps::<0b10>(products))
-}
-
-/// The lower half plus the upper.
-#[target_feature(enable = "avx2")]
-#[inline]
-fn both_halves(a: __m256) -> __m128 {
-    _mm_add_ps(_mm256_castps256_ps128(a), _mm256_extractf128_ps::<1>(a))
 }
 
 /// The products of one box's extents.

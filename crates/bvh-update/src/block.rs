@@ -8,16 +8,14 @@
 //! first the boxes, then the rotations. Nodes of one level touch disjoint slots, and a rotation leaves its own node's
 //! box as it is, so the result is bit for bit that of the recursion.
 
-use std::hint::select_unpredictable;
-
 use bvh_core::Primitives;
 
-use crate::kernels::{Accepted, Fitted, apply, forks, spurs, twigs};
+use crate::kernels::{Accepted, Fitted, apply, forks, gather, spurs, twigs};
 use crate::raw::{Available, SharedNodes};
 use crate::strategy::Turn;
 
 /// Inner nodes with grandchildren that one block lists; about half of them are processed in it.
-const LISTED: usize = 1024;
+pub(crate) const LISTED: usize = 1024;
 
 /// Roots of one block below another.
 const ROOTS: usize = 64;
@@ -82,21 +80,29 @@ impl<'a> Roots<'a> {
     }
 }
 
-/// The spurs and forks of one block: slots in the arena, of nodes that move.
+/// The spurs and forks of one block, of nodes that move.
 pub(crate) struct Block {
-    /// Both, breadth-first; those from `done` on belong to further blocks.
-    queue: Box<[u32; LISTED]>,
-    listed: usize,
-    done: usize,
-    /// Those that are done.
-    spurs: Box<[u32; LISTED]>,
-    forks: Box<[u32; LISTED]>,
-    /// Where each level ends among them.
+    queue: Box<Queue>,
+    /// Where each level ends among the spurs and forks that are done.
     levels: Vec<Level>,
     /// Where the last level ends in the queue.
     level_end: usize,
     /// Depth of the roots.
     depth: u32,
+}
+
+/// What a walk has found: numbers of slots in the arena.
+pub(crate) struct Queue {
+    /// Spurs and forks, breadth-first; those from `done` on belong to further blocks.
+    pub(crate) slots: [u32; LISTED],
+    /// The first child of each.
+    pub(crate) pairs: [u32; LISTED],
+    pub(crate) listed: usize,
+    pub(crate) done: usize,
+    /// Those that are done.
+    pub(crate) spurs: [u32; LISTED],
+    pub(crate) spur_count: usize,
+    pub(crate) forks: [u32; LISTED],
 }
 
 #[derive(Clone, Copy, Default)]
@@ -105,10 +111,42 @@ struct Level {
     forks: usize,
 }
 
+/// Nodes that a walk looks at together.
+pub(crate) const GROUP: usize = 4;
+
+impl Queue {
+    fn new() -> Self {
+        let list = [0; LISTED];
+        Self { slots: list, pairs: list, listed: 0, done: 0, spurs: list, spur_count: 0, forks: list }
+    }
+
+    fn start<P: ?Sized>(&mut self, task: &Task<'_, P>, roots: &[u32]) {
+        (self.listed, self.done, self.spur_count) = (roots.len(), 0, 0);
+        for (i, &slot) in roots.iter().enumerate() {
+            let pair = task.nodes.get(slot as usize).first();
+            (self.slots[i], self.pairs[i]) = (slot, pair as u32);
+        }
+    }
+
+    /// Whether the children of another group have room, and so have lists of what is done.
+    pub(crate) fn has_room(&self) -> bool {
+        self.listed + 2 * GROUP <= LISTED
+    }
+
+    fn level(&self) -> Level {
+        Level { spurs: self.spur_count, forks: self.done - self.spur_count }
+    }
+}
+
+/// Twigs of one block: two at most below each node that is done.
+pub(crate) struct Twigs {
+    pub(crate) slots: [u32; 2 * LISTED],
+    pub(crate) count: usize,
+}
+
 /// Lists that blocks below each other share, as none needs them while another is at work.
 pub(crate) struct Lists {
-    twigs: [u32; 2 * LISTED],
-    twig_count: usize,
+    twigs: Twigs,
     accepted: Vec<Accepted>,
     /// Nodes of one level at which it is, and is not, the turn for rotations.
     turns: [Vec<u32>; 2],
@@ -118,8 +156,7 @@ pub(crate) struct Lists {
 pub(crate) const NESTED: usize = bvh_core::MAX_HEIGHT as usize / 3 + 2;
 
 /// What one worker keeps, in bytes: its nested blocks and their lists. The mesh has no part in it.
-const WORKER_MEMORY: usize = NESTED
-    * (3 * size_of::<[u32; LISTED]>() + size_of::<Block>() + 100 * size_of::<Level>())
+const WORKER_MEMORY: usize = NESTED * (size_of::<Queue>() + size_of::<Block>() + 100 * size_of::<Level>())
     + size_of::<Lists>()
     + LISTED * (size_of::<Accepted>() + 2 * size_of::<u32>());
 
@@ -148,69 +185,37 @@ pub(crate) fn process<P: Primitives + ?Sized>(
 
 impl Block {
     pub(crate) fn new() -> Self {
-        let list = || Box::new([0; LISTED]);
-        Self {
-            queue: list(),
-            listed: 0,
-            done: 0,
-            spurs: list(),
-            forks: list(),
-            levels: Vec::with_capacity(bvh_core::MAX_HEIGHT as usize + 1),
-            level_end: 0,
-            depth: 0,
-        }
+        let levels = Vec::with_capacity(bvh_core::MAX_HEIGHT as usize + 1);
+        Self { queue: Box::new(Queue::new()), levels, level_end: 0, depth: 0 }
     }
 
     /// Walks down from the roots until about [`LISTED`] nodes are queued.
     pub(crate) fn gather<P: ?Sized>(&mut self, task: &Task<'_, P>, roots: Roots<'_>, lists: &mut Lists) {
-        let nodes = task.nodes;
-        let (queue, spurs, forks) = (&mut *self.queue, &mut *self.spurs, &mut *self.forks);
-        let twigs = &mut lists.twigs;
-        let mut listed = roots.slots.len();
-        queue[..listed].copy_from_slice(roots.slots);
+        let queue = &mut *self.queue;
+        queue.start(task, roots.slots);
+        lists.twigs.count = 0;
+        self.depth = roots.depth;
         self.levels.clear();
-        let (mut done, mut spur_count, mut twig_count) = (0, 0, 0);
-        let mut level_end = listed;
-        while done < listed && listed + 2 <= LISTED {
-            let slot = queue[done];
-            let pair = nodes.get(slot as usize).first();
-            let children = nodes.pair(pair);
-            // A node or child is appended to each list that it may be for, and then counted in at most one: branches
-            // here would be mispredicted often. The remainders change nothing but spare checks.
-            spurs[spur_count % LISTED] = slot;
-            forks[(done - spur_count) % LISTED] = slot;
-            spur_count += usize::from((children[0].height() == 0) | (children[1].height() == 0));
-            for (child, slot) in children.iter().zip(pair as u32..) {
-                let height = child.height();
-                nodes.prefetch(select_unpredictable(height == 0, pair, child.first()));
-                queue[listed % LISTED] = slot;
-                twigs[twig_count % (2 * LISTED)] = slot;
-                let inner = usize::from(height > 0) & usize::from(child.moves());
-                let beyond_twig = usize::from(height > 1) & inner;
-                listed += beyond_twig;
-                twig_count += inner - beyond_twig;
+        loop {
+            let (start, end) = (queue.done, queue.listed);
+            gather(task.level, task.nodes, queue, &mut lists.twigs, end);
+            // Where there was no room for any node of this level, the frontier is the whole of it.
+            self.level_end = if queue.done > start { end } else { start };
+            if queue.done > start {
+                self.levels.push(queue.level());
             }
-            done += 1;
-            if done == level_end {
-                self.levels.push(Level { spurs: spur_count, forks: done - spur_count });
-                level_end = listed;
+            if queue.done < end || queue.listed == end {
+                return;
             }
         }
-        if self.levels.last().is_none_or(|last| last.spurs + last.forks < done) {
-            self.levels.push(Level { spurs: spur_count, forks: done - spur_count });
-        } else {
-            level_end = done;
-        }
-        (self.listed, self.done, self.level_end, self.depth) = (listed, done, level_end, roots.depth);
-        lists.twig_count = twig_count;
     }
 
     /// The spurs and forks below this block, by depth: the rest of its last level, and the level below.
     pub(crate) fn frontier(&self) -> [Roots<'_>; 2] {
-        let depth = self.depth + self.levels.len() as u32;
+        let (queue, depth) = (&self.queue, self.depth + self.levels.len() as u32);
         [
-            Roots { slots: &self.queue[self.done..self.level_end], depth: depth - 1 },
-            Roots { slots: &self.queue[self.level_end..self.listed], depth },
+            Roots { slots: &queue.slots[queue.done..self.level_end], depth: depth - 1 },
+            Roots { slots: &queue.slots[self.level_end..queue.listed], depth },
         ]
     }
 
@@ -221,11 +226,11 @@ impl Block {
         lists: &mut Lists,
         tally: &mut Tally,
     ) {
-        tally.inner += self.done as u64;
+        tally.inner += self.queue.done as u64;
         for i in (0..self.levels.len()).rev() {
             let start = if i == 0 { Level::default() } else { self.levels[i - 1] };
-            let spurs = &self.spurs[start.spurs..self.levels[i].spurs];
-            let forks = &self.forks[start.forks..self.levels[i].forks];
+            let spurs = &self.queue.spurs[start.spurs..self.levels[i].spurs];
+            let forks = &self.queue.forks[start.forks..self.levels[i].forks];
             lists.level(task, spurs, forks, self.depth + i as u32, tally);
         }
     }
@@ -234,12 +239,12 @@ impl Block {
 impl Lists {
     pub(crate) fn new() -> Box<Self> {
         let (accepted, turns) = (Vec::with_capacity(LISTED), [0; 2].map(|_| Vec::with_capacity(LISTED)));
-        Box::new(Self { twigs: [0; 2 * LISTED], twig_count: 0, accepted, turns })
+        Box::new(Self { twigs: Twigs { slots: [0; 2 * LISTED], count: 0 }, accepted, turns })
     }
 
     /// Fits the twigs of a block.
     pub(crate) fn fit_twigs<P: Primitives + ?Sized>(&self, task: &Task<'_, P>, tally: &mut Tally) {
-        let list = &self.twigs[..self.twig_count];
+        let list = &self.twigs.slots[..self.twigs.count];
         tally.inner += list.len() as u64;
         tally.add_fitted(twigs(task.level, task.nodes, task.primitives, list));
     }

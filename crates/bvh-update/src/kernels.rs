@@ -4,15 +4,16 @@
 //! none. A leaf is fitted with its parent. What a kernel fits it adds to a sum of half areas, for the SAH cost.
 
 use bvh_core::rotation::{area_changes_at, best, rotate};
-use bvh_core::{Aabb, Primitives};
+use bvh_core::{Aabb, Node, Primitives};
 
-use crate::block::Tally;
+use crate::block::{Queue, Tally, Twigs};
 use crate::raw::{Available, SharedNodes, dispatch};
 
-/// A sum of half areas times weights, as four sums of products: `xy`, `yz`, `zx`, and nothing.
+/// A sum of half areas times weights, as sums of products: `xy`, `yz`, `zx`, and one without
+/// meaning.
 ///
-/// Kept apart, the products need no sum across a register; one addition each, in the order of the lists, gives every
-/// SIMD level the same bits.
+/// Kept apart, the products need no sum across a register; one addition each, in the order of the lists, and with
+/// unusual nodes in sums of their own, gives every SIMD level the same bits.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Areas(pub(crate) [f64; 4]);
 
@@ -26,7 +27,8 @@ impl Areas {
     }
 
     pub(crate) fn total(self) -> f64 {
-        self.0.iter().sum()
+        let [xy, yz, zx, _] = self.0;
+        xy + yz + zx
     }
 }
 
@@ -40,11 +42,37 @@ pub(crate) struct Fitted {
     pub(crate) inner_areas: Areas,
 }
 
+impl Fitted {
+    /// Both together.
+    pub(crate) fn and(mut self, other: &Self) -> Self {
+        self.leaves += other.leaves;
+        self.dropped += other.dropped;
+        for (sum, more) in
+            [(&mut self.leaf_areas, other.leaf_areas), (&mut self.inner_areas, other.inner_areas)]
+        {
+            sum.0.iter_mut().zip(more.0).for_each(|(sum, more)| *sum += more);
+        }
+        self
+    }
+}
+
 /// A node at which a rotation is a gain, and how the area would change under each, in the order of `Rotation::ALL`.
 /// The last two are nothing.
 pub(crate) struct Accepted {
     pub(crate) changes: [f32; 8],
     pub(crate) slot: u32,
+}
+
+/// Lists what is below the queued nodes up to `end`, in groups, while there is room: those with grandchildren in the
+/// queue, twigs among the twigs. Nodes that are done are told apart as spurs and forks.
+pub(crate) fn gather(
+    level: Available,
+    nodes: SharedNodes<'_>,
+    queue: &mut Queue,
+    twigs: &mut Twigs,
+    end: usize,
+) {
+    dispatch!(level, gather(nodes, queue, twigs, end));
 }
 
 /// Fits twigs and their leaves to the primitives, which are numbered by slot in the tree's order.
@@ -76,6 +104,14 @@ pub(crate) fn forks<const ROTATE: bool>(
     accepted: &mut Vec<Accepted>,
 ) -> Areas {
     dispatch!(level, forks::<ROTATE>(nodes, list, accepted))
+}
+
+/// Whether a leaf is one that SIMD kernels fit: it moves and holds one primitive, whose box is certainly not empty.
+pub(crate) fn is_usual<P: Primitives + ?Sized>(leaf: &Node, primitives: &P) -> bool {
+    leaf.is_single_and_moves() && {
+        let [_, _, doubt] = primitives.aabb_lanes(leaf.first());
+        doubt.truncate().is_finite()
+    }
 }
 
 /// Fits one leaf.

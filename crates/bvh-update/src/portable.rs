@@ -1,17 +1,49 @@
 //! The kernels in plain Rust, for any processor.
 
+use std::hint::select_unpredictable;
+
 use bvh_core::Primitives;
 
-use crate::kernels::{Accepted, Areas, Fitted, evaluate, fit_inner, refit};
+use crate::block::{GROUP, LISTED, Queue, Twigs};
+use crate::kernels::{Accepted, Areas, Fitted, evaluate, fit_inner, is_usual, refit};
 use crate::raw::SharedNodes;
+
+/// See [`kernels::gather`](crate::kernels::gather).
+pub(crate) fn gather(nodes: SharedNodes<'_>, queue: &mut Queue, twigs: &mut Twigs, end: usize) {
+    while queue.done < end && queue.has_room() {
+        for done in queue.done..end.min(queue.done + GROUP) {
+            let (slot, pair) = (queue.slots[done], queue.pairs[done]);
+            let children = nodes.pair(pair as usize);
+            // A node or child is appended to each list that it may be for, and then counted in at most one: branches
+            // here would be mispredicted often. The remainders change nothing but spare checks.
+            queue.spurs[queue.spur_count % LISTED] = slot;
+            queue.forks[(done - queue.spur_count) % LISTED] = slot;
+            queue.spur_count += usize::from((children[0].height() == 0) | (children[1].height() == 0));
+            for (child, slot) in children.iter().zip(pair..) {
+                let height = child.height();
+                nodes.prefetch(select_unpredictable(height == 0, pair as usize, child.first()));
+                queue.slots[queue.listed % LISTED] = slot;
+                queue.pairs[queue.listed % LISTED] = child.first() as u32;
+                twigs.slots[twigs.count % (2 * LISTED)] = slot;
+                let inner = usize::from(height > 0) & usize::from(child.moves());
+                let beyond_twig = usize::from(height > 1) & inner;
+                queue.listed += beyond_twig;
+                twigs.count += inner - beyond_twig;
+            }
+            queue.done = done + 1;
+        }
+    }
+}
 
 /// See [`kernels::twigs`](crate::kernels::twigs).
 pub(crate) fn twigs<P: Primitives + ?Sized>(nodes: SharedNodes<'_>, primitives: &P, list: &[u32]) -> Fitted {
-    let mut fitted = Fitted::default();
+    let (mut usual, mut others) = (Fitted::default(), Fitted::default());
     for &slot in list {
-        fit_inner(nodes, primitives, slot as usize, &mut fitted);
+        let leaves = nodes.pair(nodes.get(slot as usize).first());
+        let all_usual = leaves.iter().all(|leaf| is_usual(leaf, primitives));
+        fit_inner(nodes, primitives, slot as usize, if all_usual { &mut usual } else { &mut others });
     }
-    fitted
+    others.and(&usual)
 }
 
 /// See [`kernels::spurs`](crate::kernels::spurs).
@@ -21,14 +53,16 @@ pub(crate) fn spurs<P: Primitives + ?Sized, const ROTATE: bool>(
     list: &[u32],
     accepted: &mut Vec<Accepted>,
 ) -> Fitted {
-    let mut fitted = Fitted::default();
+    let (mut usual, mut others) = (Fitted::default(), Fitted::default());
     for &slot in list {
-        fit_inner(nodes, primitives, slot as usize, &mut fitted);
+        let children = nodes.pair(nodes.get(slot as usize).first());
+        let any_usual = children.iter().any(|child| is_usual(child, primitives));
+        fit_inner(nodes, primitives, slot as usize, if any_usual { &mut usual } else { &mut others });
         if ROTATE {
             evaluate(nodes, slot, accepted);
         }
     }
-    fitted
+    others.and(&usual)
 }
 
 /// See [`kernels::forks`](crate::kernels::forks).

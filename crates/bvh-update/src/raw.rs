@@ -77,6 +77,19 @@ impl<'a> SharedNodes<'a> {
         }
     }
 
+    /// The nodes in slots `n` and `n + 1`, as [`lanes`](Self::lanes).
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub(crate) fn pair_lanes(&self, n: usize) -> [__m256; 2] {
+        assert!(n + 1 < self.len, "pair out of range");
+        // SAFETY: as in `lanes`, for both.
+        #[expect(unsafe_code, reason = "reads the shared arena")]
+        unsafe {
+            let first = self.start.add(n).cast::<__m256>();
+            [first.read(), first.add(1).read()]
+        }
+    }
+
     /// Stores a register as the node in slot `n`.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]

@@ -67,6 +67,7 @@ fn check(
             let applied = plain::update(&mut expected, &now, rotate);
             expected.validate(&now).expect("the plain pass leaves a valid, tight tree");
             let cost = sah_cost(&expected);
+            let mut told_first = None;
             for (level, threads, pool, bvh, scratch) in &mut contestants {
                 let done = pool.install(|| update(bvh, &now, &strategy, scratch)).expect("same count");
                 assert_eq!(bvh.hash(), expected.hash(), "{n} {level:?} {threads} threads, frame {frame}");
@@ -74,6 +75,12 @@ fn check(
                 assert_eq!(done.height, expected.height());
                 let told = done.sah_cost.expect("known");
                 assert!((told - cost).abs() <= 1e-6 * cost, "told {told}, is {cost}");
+                // Decisions rest on it, so it must be the same to the bit.
+                assert_eq!(
+                    told.to_bits(),
+                    told_first.get_or_insert(told).to_bits(),
+                    "{level:?} {threads} threads"
+                );
                 bvh.validate(&now).expect("valid and tight");
             }
         }
