@@ -11,7 +11,7 @@ use std::hint::select_unpredictable;
 
 use bvh_core::{COST_INTERSECT, COST_TRAVERSE, Node, Primitives};
 
-use crate::block::{GROUP, Queue, Twigs};
+use crate::block::{GROUP, Next, Queue, Twigs};
 use crate::kernels::{Accepted, Areas, Fitted, evaluate, fit_inner};
 use crate::raw::SharedNodes;
 
@@ -45,18 +45,20 @@ const COMPRESS: [u64; 256] = {
 pub(crate) fn gather(nodes: SharedNodes<'_>, queue: &mut Queue, twigs: &mut Twigs, end: usize) {
     const { assert!(GROUP == 4) };
     let zero = _mm256_setzero_si256();
+    let numbers = _mm_setr_epi32(0, 1, 2, 3);
     let both = _mm256_setr_epi32(0, 0, 1, 1, 2, 2, 3, 3);
     let sides = _mm256_setr_epi32(0, 1, 0, 1, 0, 1, 0, 1);
     while queue.done < end && queue.has_room() {
         let done = queue.done;
         let count = GROUP.min(end - done);
-        let mut pairs: [u32; GROUP] =
-            [queue.pairs[done], queue.pairs[done + 1], queue.pairs[done + 2], queue.pairs[done + 3]];
-        if count < GROUP {
-            // What is behind the end counts for nothing, but must be in range.
-            pairs[count..].fill(0);
-        }
-        let [a, b, c, d] = pairs.map(|pair| nodes.pair_lanes(pair as usize));
+        let queued = bytemuck::pod_read_unaligned(bytemuck::cast_slice(&queue.pairs[done..done + GROUP]));
+        // What is behind the end counts for nothing, but must be in range.
+        let pairs = _mm_and_si128(queued, _mm_cmpgt_epi32(_mm_set1_epi32(count as i32), numbers));
+        let pair_lanes = |n| nodes.pair_lanes(n as usize);
+        let a = pair_lanes(_mm_cvtsi128_si32(pairs));
+        let b = pair_lanes(_mm_extract_epi32::<1>(pairs));
+        let c = pair_lanes(_mm_extract_epi32::<2>(pairs));
+        let d = pair_lanes(_mm_extract_epi32::<3>(pairs));
         let (ab, cd) = (words(a, b), words(c, d));
         let links = _mm256_permute2x128_si256::<0x20>(ab, cd);
         let heights = _mm256_and_si256(
@@ -66,7 +68,7 @@ pub(crate) fn gather(nodes: SharedNodes<'_>, queue: &mut Queue, twigs: &mut Twig
         let is_leaf = _mm256_cmpeq_epi32(heights, zero);
         let is_deep = _mm256_cmpgt_epi32(heights, _mm256_set1_epi32(1));
         let below = _mm256_and_si256(links, _mm256_set1_epi32(Node::INDEX as i32));
-        let pairs = _mm256_permutevar8x32_epi32(_mm256_castsi128_si256(bytemuck::cast(pairs)), both);
+        let pairs = _mm256_permutevar8x32_epi32(_mm256_castsi128_si256(pairs), both);
         let slots = _mm256_add_epi32(pairs, sides);
         let near: [u32; 8] = bytemuck::cast(_mm256_blendv_epi8(below, pairs, is_leaf));
         near.iter().for_each(|&pair| nodes.prefetch(pair as usize));
@@ -80,7 +82,9 @@ pub(crate) fn gather(nodes: SharedNodes<'_>, queue: &mut Queue, twigs: &mut Twig
         queue.slots[listed..listed + 8].copy_from_slice(&compress(slots, deep));
         queue.pairs[listed..listed + 8].copy_from_slice(&compress(below, deep));
         queue.listed += deep.count_ones() as usize;
-        twigs.slots[twigs.count..twigs.count + 8].copy_from_slice(&compress(slots, low));
+        let count_before = twigs.count;
+        twigs.slots[count_before..count_before + 8].copy_from_slice(&compress(slots, low));
+        twigs.pairs[count_before..count_before + 8].copy_from_slice(&compress(below, low));
         twigs.count += low.count_ones() as usize;
 
         // Spurs are those with a leaf in one of two lanes.
@@ -116,6 +120,9 @@ fn compress(lanes: __m256i, set: usize) -> [u32; 8] {
 /// How many twigs are looked at together.
 const TWIGS: usize = 16;
 
+/// Subtrees of the next ones to fetch meanwhile.
+const NEXT: usize = 5;
+
 /// What fitting a twig takes.
 #[derive(Clone, Copy, Default)]
 struct Ahead {
@@ -128,40 +135,52 @@ impl Ahead {
     /// A twig for the portable code.
     const UNUSUAL: u32 = u32::MAX;
 
-    /// Looks at a twig and fetches what its primitives are made of.
+    /// Looks at a twig's leaves and fetches what their primitives are made of.
     #[inline(always)]
-    fn new<P: Primitives + ?Sized>(nodes: SharedNodes<'_>, primitives: &P, slot: u32) -> Self {
-        let pair = nodes.get(slot as usize).first();
-        let [l, r] = nodes.pair(pair);
+    fn new<P: Primitives + ?Sized>(nodes: SharedNodes<'_>, primitives: &P, pair: u32) -> Self {
+        let [l, r] = nodes.pair(pair as usize);
         let leaves = [l.first(), r.first()];
         leaves.iter().for_each(|&p| primitives.prefetch_index(p));
         let is_usual = l.is_single_and_moves() & r.is_single_and_moves();
-        let pair = select_unpredictable(is_usual, pair as u32, Self::UNUSUAL);
+        let pair = select_unpredictable(is_usual, pair, Self::UNUSUAL);
         Self { pair, primitives: leaves.map(|p| p as u32) }
     }
 }
 
 /// See [`kernels::twigs`](crate::kernels::twigs).
 #[target_feature(enable = "avx2")]
-pub(crate) fn twigs<P: Primitives + ?Sized>(nodes: SharedNodes<'_>, primitives: &P, list: &[u32]) -> Fitted {
+pub(crate) fn twigs<P: Primitives + ?Sized>(
+    nodes: SharedNodes<'_>,
+    primitives: &P,
+    list: &Twigs,
+    next: Next<'_>,
+) -> Fitted {
     let mut others = Fitted::default();
     let (mut leaf_areas, mut inner_areas, mut count) = (_mm256_setzero_pd(), _mm256_setzero_pd(), 0);
     // While some twigs are fitted, the corners of the next are on their way, and the indices of those after them.
     let mut ahead = [[Ahead::default(); TWIGS]; 3];
-    let part = |i: usize| list.chunks(TWIGS).nth(i).unwrap_or_default();
-    for i in 0..list.len().div_ceil(TWIGS) + 2 {
-        for (ahead, &slot) in ahead[i % 3].iter_mut().zip(part(i)) {
-            *ahead = Ahead::new(nodes, primitives, slot);
+    let part = |i: usize| i * TWIGS..list.count.min((i + 1) * TWIGS);
+    let (slots, pairs) = (|i| &list.slots[part(i)], |i| &list.pairs[part(i)]);
+    let mut next_pairs = next.pairs.iter();
+    let parts = list.count.div_ceil(TWIGS);
+    for i in 0..parts + 2 {
+        if i < parts {
+            for (ahead, &pair) in ahead[i % 3].iter_mut().zip(pairs(i)) {
+                *ahead = Ahead::new(nodes, primitives, pair);
+            }
         }
-        if i >= 1 {
-            for (ahead, _) in ahead[(i - 1) % 3].iter().zip(part(i - 1)) {
+        if (1..=parts).contains(&i) {
+            for (ahead, _) in ahead[(i - 1) % 3].iter().zip(pairs(i - 1)) {
                 ahead.primitives.iter().for_each(|&p| primitives.prefetch_data(p as usize));
             }
+        }
+        for &pair in next_pairs.by_ref().take(NEXT) {
+            (0..next.lines).for_each(|line| nodes.prefetch_far(pair as usize + 2 * line));
         }
         if i < 2 {
             continue;
         }
-        for (ahead, &slot) in ahead[(i - 2) % 3].iter().zip(part(i - 2)) {
+        for (ahead, &slot) in ahead[(i - 2) % 3].iter().zip(slots(i - 2)) {
             if ahead.pair != Ahead::UNUSUAL {
                 let [l, r] = ahead.primitives;
                 let [l_min, l_max, l_doubt] = primitives.aabb_lanes(l as usize).map(__m128::from);

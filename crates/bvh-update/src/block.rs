@@ -8,7 +8,9 @@
 //! first the boxes, then the rotations. Nodes of one level touch disjoint slots, and a rotation leaves its own node's
 //! box as it is, so the result is bit for bit that of the recursion.
 
-use bvh_core::Primitives;
+use std::ops::Range;
+
+use bvh_core::{Node, Primitives};
 
 use crate::kernels::{Accepted, Fitted, apply, forks, gather, spurs, twigs};
 use crate::raw::{Available, SharedNodes};
@@ -71,12 +73,15 @@ impl Tally {
 #[derive(Clone, Copy)]
 pub(crate) struct Roots<'a> {
     pub(crate) slots: &'a [u32],
+    /// The first child of each.
+    pub(crate) pairs: &'a [u32],
     pub(crate) depth: u32,
 }
 
 impl<'a> Roots<'a> {
     pub(crate) fn chunks(self, size: usize) -> impl Iterator<Item = Self> {
-        self.slots.chunks(size).map(move |slots| Roots { slots, ..self })
+        let chunks = self.slots.chunks(size).zip(self.pairs.chunks(size));
+        chunks.map(move |(slots, pairs)| Roots { slots, pairs, ..self })
     }
 }
 
@@ -120,12 +125,15 @@ impl Queue {
         Self { slots: list, pairs: list, listed: 0, done: 0, spurs: list, spur_count: 0, forks: list }
     }
 
-    fn start<P: ?Sized>(&mut self, task: &Task<'_, P>, roots: &[u32]) {
-        (self.listed, self.done, self.spur_count) = (roots.len(), 0, 0);
-        for (i, &slot) in roots.iter().enumerate() {
-            let pair = task.nodes.get(slot as usize).first();
-            (self.slots[i], self.pairs[i]) = (slot, pair as u32);
-        }
+    fn start(&mut self, roots: Roots<'_>) {
+        let count = roots.slots.len();
+        (self.listed, self.done, self.spur_count) = (count, 0, 0);
+        self.slots[..count].copy_from_slice(roots.slots);
+        self.pairs[..count].copy_from_slice(roots.pairs);
+    }
+
+    fn roots(&self, range: Range<usize>, depth: u32) -> Roots<'_> {
+        Roots { slots: &self.slots[range.clone()], pairs: &self.pairs[range], depth }
     }
 
     /// Whether the children of another group have room, and so have lists of what is done.
@@ -141,6 +149,8 @@ impl Queue {
 /// Twigs of one block: two at most below each node that is done.
 pub(crate) struct Twigs {
     pub(crate) slots: [u32; 2 * LISTED],
+    /// The first child of each.
+    pub(crate) pairs: [u32; 2 * LISTED],
     pub(crate) count: usize,
 }
 
@@ -162,10 +172,11 @@ const WORKER_MEMORY: usize = NESTED * (size_of::<Queue>() + size_of::<Block>() +
 
 const _: () = assert!(WORKER_MEMORY < 1 << 20, "well below 1 MiB");
 
-/// Updates the subtrees below `roots`, with a block each level of nesting.
+/// Updates the subtrees below `roots`, with a block each level of nesting, and fetches what will be `next`.
 pub(crate) fn process<P: Primitives + ?Sized>(
     task: &Task<'_, P>,
     roots: Roots<'_>,
+    next: Next<'_>,
     blocks: &mut [Block],
     lists: &mut Lists,
     tally: &mut Tally,
@@ -174,14 +185,32 @@ pub(crate) fn process<P: Primitives + ?Sized>(
         unreachable!("each of {NESTED} nested blocks takes three levels of at most {}", bvh_core::MAX_HEIGHT)
     };
     block.gather(task, roots, lists);
-    lists.fit_twigs(task, tally);
-    for roots in block.frontier() {
-        for chunk in roots.chunks(ROOTS) {
-            process(task, chunk, deeper, lists, tally);
-        }
+    let frontier = block.frontier();
+    let mut chunks = frontier.iter().flat_map(|roots| roots.chunks(ROOTS)).peekable();
+    let mut lines = FIRST_LINES;
+    let first = chunks.peek().map_or(next, |chunk| Next { pairs: chunk.pairs, lines });
+    lists.fit_twigs(task, first, tally);
+    while let Some(chunk) = chunks.next() {
+        let next = chunks.peek().map_or(next, |chunk| Next { pairs: chunk.pairs, lines });
+        let before = tally.inner;
+        process(task, chunk, next, deeper, lists, tally);
+        lines = ((tally.inner - before) as usize / chunk.slots.len()).clamp(1, MOST_LINES);
     }
     block.ascend(task, lists, tally);
 }
+
+/// Subtrees whose turn is next. As built they lie in one piece, and rotations leave them nearly so; what lies behind
+/// their first pairs is fetched while others are fitted.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Next<'a> {
+    pub(crate) pairs: &'a [u32],
+    /// Cache lines, of a pair each, to fetch for each of them.
+    pub(crate) lines: usize,
+}
+
+/// Lines to fetch for the first subtrees of a block, and for any.
+const FIRST_LINES: usize = 6;
+const MOST_LINES: usize = 16;
 
 impl Block {
     pub(crate) fn new() -> Self {
@@ -192,7 +221,7 @@ impl Block {
     /// Walks down from the roots until about [`LISTED`] nodes are queued.
     pub(crate) fn gather<P: ?Sized>(&mut self, task: &Task<'_, P>, roots: Roots<'_>, lists: &mut Lists) {
         let queue = &mut *self.queue;
-        queue.start(task, roots.slots);
+        queue.start(roots);
         lists.twigs.count = 0;
         self.depth = roots.depth;
         self.levels.clear();
@@ -213,10 +242,7 @@ impl Block {
     /// The spurs and forks below this block, by depth: the rest of its last level, and the level below.
     pub(crate) fn frontier(&self) -> [Roots<'_>; 2] {
         let (queue, depth) = (&self.queue, self.depth + self.levels.len() as u32);
-        [
-            Roots { slots: &queue.slots[queue.done..self.level_end], depth: depth - 1 },
-            Roots { slots: &queue.slots[self.level_end..queue.listed], depth },
-        ]
+        [queue.roots(queue.done..self.level_end, depth - 1), queue.roots(self.level_end..queue.listed, depth)]
     }
 
     /// Comes back up from the frontier to the roots.
@@ -239,14 +265,24 @@ impl Block {
 impl Lists {
     pub(crate) fn new() -> Box<Self> {
         let (accepted, turns) = (Vec::with_capacity(LISTED), [0; 2].map(|_| Vec::with_capacity(LISTED)));
-        Box::new(Self { twigs: Twigs { slots: [0; 2 * LISTED], count: 0 }, accepted, turns })
+        let twigs = Twigs { slots: [0; 2 * LISTED], pairs: [0; 2 * LISTED], count: 0 };
+        Box::new(Self { twigs, accepted, turns })
+    }
+
+    /// Lists the root alone, which is a twig.
+    pub(crate) fn list_root(&mut self, root: &Node) {
+        (self.twigs.slots[0], self.twigs.pairs[0], self.twigs.count) = (0, root.first() as u32, 1);
     }
 
     /// Fits the twigs of a block.
-    pub(crate) fn fit_twigs<P: Primitives + ?Sized>(&self, task: &Task<'_, P>, tally: &mut Tally) {
-        let list = &self.twigs.slots[..self.twigs.count];
-        tally.inner += list.len() as u64;
-        tally.add_fitted(twigs(task.level, task.nodes, task.primitives, list));
+    pub(crate) fn fit_twigs<P: Primitives + ?Sized>(
+        &self,
+        task: &Task<'_, P>,
+        next: Next<'_>,
+        tally: &mut Tally,
+    ) {
+        tally.inner += self.twigs.count as u64;
+        tally.add_fitted(twigs(task.level, task.nodes, task.primitives, &self.twigs, next));
     }
 
     /// Fits the spurs and forks of one level, and rotates there.

@@ -6,7 +6,7 @@
 use bvh_core::rotation::{area_changes_at, best, rotate};
 use bvh_core::{Aabb, Node, Primitives};
 
-use crate::block::{Queue, Tally, Twigs};
+use crate::block::{Next, Queue, Tally, Twigs};
 use crate::raw::{Available, SharedNodes, dispatch};
 
 /// A sum of half areas times weights, as sums of products: `xy`, `yz`, `zx`, and one without
@@ -75,14 +75,16 @@ pub(crate) fn gather(
     dispatch!(level, gather(nodes, queue, twigs, end));
 }
 
-/// Fits twigs and their leaves to the primitives, which are numbered by slot in the tree's order.
+/// Fits twigs and their leaves to the primitives, which are numbered by slot in the tree's order; meanwhile fetches what
+/// is next.
 pub(crate) fn twigs<P: Primitives + ?Sized>(
     level: Available,
     nodes: SharedNodes<'_>,
     primitives: &P,
-    list: &[u32],
+    list: &Twigs,
+    next: Next<'_>,
 ) -> Fitted {
-    dispatch!(level, twigs(nodes, primitives, list))
+    dispatch!(level, twigs(nodes, primitives, list, next))
 }
 
 /// Fits spurs and their leaves; with `ROTATE`, appends those to `accepted` that gain by some rotation.

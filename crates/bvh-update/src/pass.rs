@@ -7,9 +7,9 @@ use bvh_core::{Bvh, InOrder, Primitives, SimdLevel};
 use rayon::prelude::*;
 
 use crate::background::Builds;
-use crate::block::{Block, Lists, NESTED, Roots, Tally, Task, process};
+use crate::block::{Block, Lists, NESTED, Next, Roots, Tally, Task, process};
 use crate::cut::CutScratch;
-use crate::kernels::{Fitted, fit_leaf, twigs};
+use crate::kernels::{Fitted, fit_leaf};
 use crate::raw::{self, Available};
 
 use crate::strategy::{Rotate, Turn};
@@ -107,13 +107,13 @@ fn run<P: Primitives + ?Sized>(task: &Task<'_, P>, scratch: &mut Scratch) -> Tal
             return tally;
         }
         1 => {
-            tally.add_fitted(twigs(task.level, task.nodes, task.primitives, &[0]));
-            tally.inner = 1;
+            top_lists.list_root(&root);
+            top_lists.fit_twigs(task, Next::default(), &mut tally);
             return tally;
         }
-        _ => top.gather(task, Roots { slots: &[0], depth: 0 }, top_lists),
+        _ => top.gather(task, Roots { slots: &[0], pairs: &[root.first() as u32], depth: 0 }, top_lists),
     }
-    top_lists.fit_twigs(task, &mut tally);
+    top_lists.fit_twigs(task, Next::default(), &mut tally);
     let chunks = || top.frontier().into_iter().flat_map(|roots| roots.chunks(TOP_ROOTS));
     tallies.clear();
     tallies.resize(chunks().count(), Tally::default());
@@ -145,7 +145,7 @@ fn subtrees<'a, P: Primitives + ?Sized, C: Iterator<Item = Roots<'a>>>(
             let i = next.fetch_add(1, Ordering::Relaxed);
             let Some(chunk) = chunks().nth(i) else { break };
             let mut tally = Tally::default();
-            process(task, chunk, &mut worker.blocks, &mut worker.lists, &mut tally);
+            process(task, chunk, Next::default(), &mut worker.blocks, &mut worker.lists, &mut tally);
             worker.done.push((i, tally));
         }
     };
@@ -187,7 +187,8 @@ mod tests {
             let level = Available::at_most(SimdLevel::best());
             let task = Task { nodes, primitives: &boxes, rotations: None, level };
             let (mut top, mut lists) = (Block::new(), Lists::new());
-            top.gather(&task, Roots { slots: &[0], depth: 0 }, &mut lists);
+            let pairs = [tree.root().first() as u32];
+            top.gather(&task, Roots { slots: &[0], pairs: &pairs, depth: 0 }, &mut lists);
 
             let mut owner = vec![None; tree.nodes().len()];
             let roots = top.frontier().into_iter().flat_map(|roots| roots.slots.to_vec());

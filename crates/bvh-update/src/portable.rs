@@ -4,7 +4,7 @@ use std::hint::select_unpredictable;
 
 use bvh_core::Primitives;
 
-use crate::block::{GROUP, LISTED, Queue, Twigs};
+use crate::block::{GROUP, LISTED, Next, Queue, Twigs};
 use crate::kernels::{Accepted, Areas, Fitted, evaluate, fit_inner, is_usual, refit};
 use crate::raw::SharedNodes;
 
@@ -25,6 +25,7 @@ pub(crate) fn gather(nodes: SharedNodes<'_>, queue: &mut Queue, twigs: &mut Twig
                 queue.slots[queue.listed % LISTED] = slot;
                 queue.pairs[queue.listed % LISTED] = child.first() as u32;
                 twigs.slots[twigs.count % (2 * LISTED)] = slot;
+                twigs.pairs[twigs.count % (2 * LISTED)] = child.first() as u32;
                 let inner = usize::from(height > 0) & usize::from(child.moves());
                 let beyond_twig = usize::from(height > 1) & inner;
                 queue.listed += beyond_twig;
@@ -36,10 +37,15 @@ pub(crate) fn gather(nodes: SharedNodes<'_>, queue: &mut Queue, twigs: &mut Twig
 }
 
 /// See [`kernels::twigs`](crate::kernels::twigs).
-pub(crate) fn twigs<P: Primitives + ?Sized>(nodes: SharedNodes<'_>, primitives: &P, list: &[u32]) -> Fitted {
+pub(crate) fn twigs<P: Primitives + ?Sized>(
+    nodes: SharedNodes<'_>,
+    primitives: &P,
+    list: &Twigs,
+    _next: Next<'_>,
+) -> Fitted {
     let (mut usual, mut others) = (Fitted::default(), Fitted::default());
-    for &slot in list {
-        let leaves = nodes.pair(nodes.get(slot as usize).first());
+    for (&slot, &pair) in list.slots.iter().zip(&list.pairs).take(list.count) {
+        let leaves = nodes.pair(pair as usize);
         let all_usual = leaves.iter().all(|leaf| is_usual(leaf, primitives));
         fit_inner(nodes, primitives, slot as usize, if all_usual { &mut usual } else { &mut others });
     }

@@ -102,6 +102,20 @@ impl<'a> SharedNodes<'a> {
         }
     }
 
+    /// Brings the pair that starts at slot `n` into the second cache. Any `n` will do.
+    #[inline(always)]
+    pub(crate) fn prefetch_far(&self, n: usize) {
+        #[cfg(target_arch = "x86_64")]
+        #[expect(unsafe_code, reason = "prefetching needs a pointer")]
+        // SAFETY: as in `prefetch`.
+        unsafe {
+            use std::arch::x86_64::{_MM_HINT_T1, _mm_prefetch};
+            _mm_prefetch::<_MM_HINT_T1>(self.start.wrapping_add(n).cast());
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = n;
+    }
+
     /// Brings the pair that starts at slot `n` into the cache. Any `n` will do.
     #[inline(always)]
     pub(crate) fn prefetch(&self, n: usize) {
