@@ -159,7 +159,7 @@ pub(crate) struct Lists {
     twigs: Twigs,
     accepted: Vec<Accepted>,
     /// Nodes of one level at which it is, and is not, the turn for rotations.
-    turns: [Vec<u32>; 2],
+    turns: [[u32; LISTED]; 2],
 }
 
 /// Blocks nested in each other: 64 roots and 1024 listed nodes make three levels at least.
@@ -168,7 +168,7 @@ pub(crate) const NESTED: usize = bvh_core::MAX_HEIGHT as usize / 3 + 2;
 /// What one worker keeps, in bytes: its nested blocks and their lists. The mesh has no part in it.
 const WORKER_MEMORY: usize = NESTED * (size_of::<Queue>() + size_of::<Block>() + 100 * size_of::<Level>())
     + size_of::<Lists>()
-    + LISTED * (size_of::<Accepted>() + 2 * size_of::<u32>());
+    + LISTED * size_of::<Accepted>();
 
 const _: () = assert!(WORKER_MEMORY < 1 << 20, "well below 1 MiB");
 
@@ -264,7 +264,7 @@ impl Block {
 
 impl Lists {
     pub(crate) fn new() -> Box<Self> {
-        let (accepted, turns) = (Vec::with_capacity(LISTED), [0; 2].map(|_| Vec::with_capacity(LISTED)));
+        let (accepted, turns) = (Vec::with_capacity(LISTED), [[0; LISTED]; 2]);
         let twigs = Twigs { slots: [0; 2 * LISTED], pairs: [0; 2 * LISTED], count: 0 };
         Box::new(Self { twigs, accepted, turns })
     }
@@ -306,11 +306,10 @@ impl Lists {
             tally.add_fitted(spurs::<P, true>(level, nodes, primitives, spur_list, accepted));
             tally.area += forks::<true>(level, nodes, fork_list, accepted).total();
         } else {
-            let [now, later] = &mut self.turns;
-            turn.split(nodes, spur_list, now, later);
+            let [now, later] = turn.split(spur_list, &mut self.turns);
             tally.add_fitted(spurs::<P, true>(level, nodes, primitives, now, accepted));
             tally.add_fitted(spurs::<P, false>(level, nodes, primitives, later, accepted));
-            turn.split(nodes, fork_list, now, later);
+            let [now, later] = turn.split(fork_list, &mut self.turns);
             tally.area += forks::<true>(level, nodes, now, accepted).total();
             tally.area += forks::<false>(level, nodes, later, accepted).total();
         }

@@ -56,7 +56,7 @@ impl<P: Primitives + ?Sized> Walk<'_, P> {
         }
         self.node(first, depth + 1);
         self.node(first + 1, depth + 1);
-        if self.rotations.is_some_and(|turn| turn.includes(first))
+        if self.rotations.is_some_and(|turn| turn.includes(n))
             && let Some(rotation) = best(area_changes_at(self.nodes, first))
             && let Some(still_area) = rotation::rotate(self.nodes, first, rotation, depth)
         {

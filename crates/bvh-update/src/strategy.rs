@@ -6,10 +6,9 @@ use thiserror::Error;
 
 use crate::auto::{self, Auto, Decision};
 use crate::background::{self, Background};
-use crate::block::Tally;
+use crate::block::{LISTED, Tally};
 use crate::degraded::{self, Degraded};
 use crate::pass::{Scratch, pass};
-use crate::raw::SharedNodes;
 use crate::regrow::{self, Regrow};
 
 /// What to do with a tree between two frames.
@@ -85,25 +84,22 @@ impl Turn {
     }
 
     /// Parts a list of inner nodes into those whose turn it is, and the others.
-    pub(crate) fn split(
-        self,
-        nodes: SharedNodes<'_>,
-        list: &[u32],
-        now: &mut Vec<u32>,
-        later: &mut Vec<u32>,
-    ) {
-        now.clear();
-        later.clear();
-        for &slot in list {
-            let turn = self.includes(nodes.get(slot as usize).first());
-            if turn { &mut *now } else { &mut *later }.push(slot);
+    pub(crate) fn split<'a>(self, list: &[u32], lists: &'a mut [[u32; LISTED]; 2]) -> [&'a [u32]; 2] {
+        let [now, later] = lists;
+        let mut count = 0;
+        for (i, &slot) in list.iter().enumerate() {
+            // Written to both and counted in one, as a branch would be mispredicted. The remainders spare checks.
+            now[count % LISTED] = slot;
+            later[(i - count) % LISTED] = slot;
+            count += usize::from(self.includes(slot as usize));
         }
+        [&now[..count], &later[..list.len() - count]]
     }
 
-    /// Whether it is the turn of the node whose children start at slot `pair`.
+    /// Whether it is the turn of the node in this slot.
     #[inline]
-    pub(crate) fn includes(self, pair: usize) -> bool {
-        (pair / 2).wrapping_add(self.turn) & self.mask == 0
+    pub(crate) fn includes(self, slot: usize) -> bool {
+        (slot / 2).wrapping_add(self.turn) & self.mask == 0
     }
 }
 
