@@ -31,7 +31,7 @@ pub use brute::Brute;
 pub use field::{Contest, Entry, LIMIT, field};
 pub use rays::{Hits, RAYS, Rays};
 pub use soup::Soup;
-pub use view::{Answers, View};
+pub use view::{Answers, View, set_up_rays};
 
 /// Why a contestant could not do its work.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

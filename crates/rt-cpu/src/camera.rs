@@ -43,8 +43,14 @@ impl Camera {
     #[must_use]
     #[inline]
     pub fn ray(&self, x: u32, y: u32) -> Ray {
-        let direction = self.corner + self.right * (x as f32 + 0.5) + self.down * (y as f32 + 0.5);
-        Ray::new(self.eye, direction)
+        Ray::new(self.eye, self.direction(x, y))
+    }
+
+    /// The direction of that ray, for those who trace it by other means.
+    #[must_use]
+    #[inline]
+    pub fn direction(&self, x: u32, y: u32) -> Vec3 {
+        self.corner + self.right * (x as f32 + 0.5) + self.down * (y as f32 + 0.5)
     }
 
     /// Sets the directions through the points `inside` pixels `left + columns[i]`, `top + rows[i]`; in the middle with

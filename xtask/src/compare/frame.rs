@@ -7,7 +7,7 @@ use pivot_benches::{Answers, Contest, field};
 use rt_cpu::Pixel;
 
 use super::Setting;
-use super::lane::{Frame, Lane, spread, view};
+use super::lane::{Frame, Lane, SetUp, spread, view};
 use super::row::Row;
 use crate::interrupt;
 use crate::progress::Progress;
@@ -29,6 +29,7 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec
         lanes.push(lane);
     }
     let mut reference = Answers::default();
+    let mut set_up = SetUp::default();
     let mut pixels = vec![Pixel::default(); setting.size as usize * setting.size as usize];
     for frame in 1..frames {
         if interrupt::requested() {
@@ -39,6 +40,7 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec
         let expected = measured.contains(&frame).then(|| Frame::new(stage, &view)).transpose()?;
         if let Some(expected) = &expected {
             expected.add_to(&mut reference);
+            set_up.measure(stage, &view, expected, &mut pixels);
         }
         let count = lanes.len();
         for lane in (0..count).map(|i| (i + frame) % count) {
@@ -58,5 +60,6 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec
         }
         progress.at(frame as u64 + 1);
     }
-    Ok(lanes.iter().map(|lane| lane.row("frame", scene, stage, setting.threads, &reference)).collect())
+    let rows = lanes.iter().map(|lane| lane.row("frame", scene, stage, setting.threads, &reference));
+    Ok(rows.chain([set_up.row("frame", scene, stage, setting.threads, &reference)]).collect())
 }

@@ -5,7 +5,7 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::sah_cost;
-use pivot_benches::{Answers, Contestant, Entry, LIMIT, View};
+use pivot_benches::{Answers, Contestant, Entry, LIMIT, View, set_up_rays};
 use rt_cpu::{Pixel, PointLight, RenderOptions, RenderStats, Traversal, cast};
 
 use super::row::{Record, Row};
@@ -87,6 +87,41 @@ impl Frame {
     /// What the reference found, added to what it found before.
     pub(super) fn add_to(&self, all: &mut Answers) {
         all.add(&self.pixels, &self.pixels);
+    }
+}
+
+/// Name of the row that tells what making rays takes.
+pub(super) const SET_UP: &str = "ray set-up";
+
+/// What every contestant but this project's packets spends outside of the library: its user's part.
+#[derive(Default)]
+pub(super) struct SetUp {
+    record: Record,
+}
+
+impl SetUp {
+    /// Makes the rays of a view three times; the median counts.
+    pub(super) fn measure(&mut self, stage: &Stage, view: &View, frame: &Frame, pixels: &mut [Pixel]) {
+        let mut times = [0.0; 3];
+        for time in &mut times {
+            let start = Instant::now();
+            set_up_rays(&stage.triangles(), view, &frame.pixels, pixels);
+            *time = ms(start);
+        }
+        times.sort_by(f64::total_cmp);
+        self.record.times_ms.push(times[1]);
+        self.record.answers.add(pixels, &frame.pixels);
+    }
+
+    pub(super) fn row(
+        &self,
+        what: &'static str,
+        scene: &str,
+        stage: &Stage,
+        threads: usize,
+        all: &Answers,
+    ) -> Row {
+        self.record.row(what, scene, stage.triangles().indices.len(), SET_UP, threads, all)
     }
 }
 

@@ -1,5 +1,6 @@
 //! The ratios that tell how far this project has got: everything in one run, so that the machine cancels out.
 
+use super::lane::SET_UP;
 use super::row::Row;
 use super::table::threads_of;
 
@@ -92,6 +93,14 @@ pub(super) fn table(rows: &[Row]) -> String {
                 scenes.iter().map(value).collect(),
                 format!("<= {reach}"),
             );
+            // What users of others do themselves, taken off their time alone.
+            let value = |scene: &&str| {
+                let (over, under) = (find(rows, *over, scene, n)?, find(rows, *under, scene, n)?);
+                let under = under.median_ms - find(rows, [under.what, SET_UP], scene, n)?.median_ms;
+                (under > 0.0).then(|| over.median_ms / under)
+            };
+            let title = format!("  less ray set-up, {}", threads_of(n));
+            line(title, scenes.iter().map(value).collect(), format!("<= {reach}"));
         }
         for (contestant, reach) in FRAMES {
             let value = |scene: &&str| {
@@ -100,6 +109,14 @@ pub(super) fn table(rows: &[Row]) -> String {
                 (best.median_ms > 0.0).then(|| ours.median_ms / best.median_ms)
             };
             let title = format!("frame, {contestant} / Embree's best, {}", threads_of(n));
+            line(title, scenes.iter().map(value).collect(), format!("<= {reach}"));
+            let value = |scene: &&str| {
+                let ours = find(rows, ["frame", contestant], scene, n)?;
+                let set_up = find(rows, ["frame", SET_UP], scene, n)?.median_ms;
+                let best = best_embree(rows, scene, n)?.median_ms - set_up;
+                (best > 0.0).then(|| ours.median_ms / best)
+            };
+            let title = format!("  less ray set-up, {}", threads_of(n));
             line(title, scenes.iter().map(value).collect(), format!("<= {reach}"));
         }
     }

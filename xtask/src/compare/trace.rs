@@ -7,7 +7,7 @@ use pivot_benches::{Answers, Contest, field};
 use rt_cpu::Pixel;
 
 use super::Setting;
-use super::lane::{Frame, Lane, spread, view};
+use super::lane::{Frame, Lane, SetUp, spread, view};
 use super::row::{Row, median};
 use crate::interrupt;
 use crate::progress::Progress;
@@ -28,7 +28,8 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec
     let entries = field(Contest::Trace, setting.embree.as_ref());
     let mut lanes = entries.into_iter().map(|entry| Lane::new(entry, stage)).collect::<Result<Vec<_>>>()?;
     let mut reference = Answers::default();
-    let mut rays = 0;
+    let mut set_up = SetUp::default();
+    let (mut rays, mut done) = (0, 0);
     let mut pixels = vec![Pixel::default(); setting.size as usize * setting.size as usize];
     for (step, &frame) in measured.iter().enumerate() {
         if interrupt::requested() {
@@ -43,6 +44,8 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec
             lane.update(stage)?;
             lane.add_cost(&expected);
         }
+        set_up.measure(stage, &view, &expected, &mut pixels);
+        done += 1;
         let mut times = vec![Vec::new(); lanes.len()];
         for round in 0..ROUNDS {
             let count = lanes.len();
@@ -61,10 +64,9 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec
         }
         progress.at(step as u64 + 1);
     }
-    let rays_a_frame = rays as f64 / measured.len() as f64;
-    let row = |lane: &Lane| {
-        let row = lane.row("trace", scene, stage, setting.threads, &reference);
-        Row { million_rays_per_s: Some(rays_a_frame / (row.median_ms * 1e3)), ..row }
-    };
-    Ok(lanes.iter().map(row).collect())
+    let rays_a_frame = rays as f64 / f64::from(done.max(1));
+    let with_rate = |row: Row| Row { million_rays_per_s: Some(rays_a_frame / (row.median_ms * 1e3)), ..row };
+    let rows = lanes.iter().map(|lane| lane.row("trace", scene, stage, setting.threads, &reference));
+    let set_up = set_up.row("trace", scene, stage, setting.threads, &reference);
+    Ok(rows.map(with_rate).chain([set_up]).collect())
 }
