@@ -109,7 +109,8 @@ pub enum Malformed {
 impl Bvh {
     /// A tree of the given nodes over `order.len()` primitives; see [`Bvh`] for the layout.
     ///
-    /// Boxes are taken as they are. Heights and moving bits are computed here, the latter from the leaves'.
+    /// Boxes are taken as they are. Heights and moving bits are computed here, the latter from the leaves'; slots that
+    /// are in no subtree become [`Node::NOTHING`].
     /// O(n) time and temporary memory.
     ///
     /// # Errors
@@ -161,14 +162,24 @@ impl Bvh {
     fn from_pairs(pairs: Vec<Pair>, order: Vec<u32>) -> Result<Self, Malformed> {
         let mut bvh = Self { pairs, order, in_order: false, still_area: 0.0, history: History::default() };
         bvh.check_order()?;
+        // Safe code can give a leaf a height, and updates tell leaves by theirs.
+        bvh.raw_nodes_mut().iter_mut().for_each(Node::clear_leaf_height);
+        bvh.pairs[0].0[1] = Node::NOTHING;
         if let Some(parents) = bvh.parents_if_ordered() {
             for pair in (1..bvh.pairs.len()).rev() {
                 bvh.tell_parent(parents[pair] as usize - 1, 2 * pair)?;
             }
         } else {
-            for &n in bvh.check_structure()?.iter().rev() {
-                bvh.tell_parent(n as usize, bvh.nodes()[n as usize].first())?;
+            let inner = bvh.check_structure()?;
+            let mut used = vec![false; bvh.pairs.len()];
+            for &n in inner.iter().rev() {
+                let first = bvh.nodes()[n as usize].first();
+                bvh.tell_parent(n as usize, first)?;
+                used[first / 2] = true;
             }
+            // What is in no one's subtree must not look as if it were.
+            let unused = bvh.pairs.iter_mut().zip(used).skip(1).filter(|(_, used)| !used);
+            unused.for_each(|(pair, _)| *pair = Pair([Node::NOTHING; 2]));
         }
         bvh.in_order = bvh.order.iter().enumerate().all(|(s, &p)| s == p as usize);
         bvh.sum_still_area();
@@ -504,6 +515,20 @@ mod tests {
         assert!(!bvh.is_in_order());
         assert!(bvh.primitives(bvh.root()).is_empty());
         assert_eq!(bvh.nodes().as_ptr().addr() % 64, 0);
+    }
+
+    #[test]
+    fn leaves_have_no_height_and_unused_slots_hold_nothing() {
+        let mut nodes = [three().as_slice(), &[Node::inner(BOX, 2), Node::leaf(BOX, 0, 1)]].concat();
+        nodes[1] = Node::inner(BOX, 100);
+        // A leaf of height 2, as safe code can make one.
+        let (l, r) = (Node::parent(&nodes[4], &nodes[5], 4), nodes[4]);
+        nodes[3].refit(&l, &r);
+        nodes[3].set_aabb(BOX);
+        assert_eq!(nodes[3].height(), 2);
+        let bvh = Bvh::new(&nodes, vec![2, 0, 1]).expect("valid");
+        assert_eq!((bvh.height(), bvh.nodes()[3]), (2, Node::leaf(BOX, 2, 1)));
+        assert_eq!([1, 6, 7].map(|n| bvh.nodes()[n]), [Node::NOTHING; 3]);
     }
 
     #[test]

@@ -159,6 +159,14 @@ impl Node {
         self.aux & HEIGHT
     }
 
+    /// A leaf's height is 0.
+    #[inline]
+    pub(crate) fn clear_leaf_height(&mut self) {
+        if self.is_leaf() {
+            self.aux &= !HEIGHT;
+        }
+    }
+
     #[inline]
     pub(crate) fn set_height_and_moves(&mut self, l: &Self, r: &Self) {
         let aabb = self.aabb();

@@ -2,12 +2,7 @@
 
 use bvh_core::{Aabb, Ray};
 
-/// How much later than computed a ray leaves a box: 1 + 16 u, where u = 2^-24 bounds one rounding.
-///
-/// Entry and exit carry three roundings each (Ize, *Robust BVH Ray Traversal*, 2013), and the watertight
-/// triangle test moves a vertex close to the ray by up to four in each of two axes; 15 u in all with the
-/// rounding of this product itself.
-pub(crate) const WIDEN: f32 = 1.0 + 1.0 / (1 << 20) as f32;
+pub(crate) const WIDEN: f32 = Ray::WIDEN;
 
 /// The greater; `b` if either is NaN.
 #[inline]
