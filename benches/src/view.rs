@@ -111,14 +111,7 @@ impl Tile {
     }
 
     /// The tile with its upper left corner at pixel `x`, `y`; the band starts in row `y`.
-    fn cast(
-        &mut self,
-        teller: &impl Teller,
-        view: &View,
-        band: &mut [Pixel],
-        x: usize,
-        y: usize,
-    ) {
+    fn cast(&mut self, teller: &impl Teller, view: &View, band: &mut [Pixel], x: usize, y: usize) {
         let width = view.camera.width() as usize;
         self.rays.clear();
         for i in 0..RAYS {

@@ -8,7 +8,8 @@
 //!
 //! Primitives are numbered from 0 and known by their boxes only ([`Primitives`]). Coordinates are `f32`;
 //! any axis convention will do. Primitives with a NaN or an infinite coordinate are *dropped*: they stay in
-//! their leaf with an empty box, are never found, and come back when they are finite again.
+//! their leaf with an empty box, are never hit by a ray, and come back when they are finite again. (Queries by box give
+//! all primitives of a leaf, whose own boxes the caller tests: in leaves of several a dropped one may be among them.)
 //!
 //! Throughout, a node is `N`, its children `L` and `R`, its grandchildren `LL LR RL RR`.
 

@@ -77,7 +77,13 @@ impl Ray {
             far = far.min((last - self.origin[axis]) * self.inverse[axis]);
         }
         // Written so that a `t_max` of NaN meets nothing. Widening the least gives the least of the widened.
-        let far = if t_max < far { t_max } else if t_max >= far { far } else { f32::NAN };
+        let far = if t_max < far {
+            t_max
+        } else if t_max >= far {
+            far
+        } else {
+            f32::NAN
+        };
         (near <= far * Self::WIDEN && self.is_valid()).then_some(near)
     }
 }

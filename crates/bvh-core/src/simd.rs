@@ -1,5 +1,7 @@
 //! SIMD levels, chosen at run time so that a plain `cargo build --release` is the fast build.
 
+use std::sync::OnceLock;
+
 /// A set of vector instructions that kernels are instantiated for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum SimdLevel {
@@ -54,6 +56,7 @@ impl SimdLevel {
     /// The highest level of this machine.
     #[must_use]
     pub fn best() -> Self {
-        Self::available().last().unwrap_or(Self::Baseline)
+        static BEST: OnceLock<SimdLevel> = OnceLock::new();
+        *BEST.get_or_init(|| Self::available().last().unwrap_or(Self::Baseline))
     }
 }

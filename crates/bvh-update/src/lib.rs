@@ -2,13 +2,13 @@
 //!
 //! The centre of this crate is one pass over the tree that *refits* every box to the primitives' new positions
 //! and *rotates* at every node on the way up (Kopta, Ize, Spjut, Brunvand, Davis, Kensler: *Fast, Effective BVH
-//! Updates for Dynamic Ray-Traced Scenes Using Tree Rotations*, I3D 2012). Around it stand the updates that it is
-//! measured against: refitting alone, and rebuilding every frame.
+//! Updates for Animated Scenes*, I3D 2012). Around it stand the updates that it is
+//! measured against, refitting alone and rebuilding every frame, and those that repair what rotations do not reach.
 //!
-//! [`update`] does what a [`Strategy`] says and tells what it did. Subtrees without moving primitives
-//! ([`Bvh::set_moving`](bvh_core::Bvh::set_moving)) are not visited. The tree that results depends on the tree
+//! [`update`] does what a [`Strategy`] says and tells what it did. Refits and rotations do not visit subtrees without
+//! moving primitives ([`Bvh::set_moving`](bvh_core::Bvh::set_moving)). The tree that results depends on the tree
 //! before and the primitives alone: not on the number of threads (the pass runs in the current rayon pool) and
-//! not on the SIMD level.
+//! not on the SIMD level; but for [`Strategy::Background`], where it depends on how long builds take.
 #![deny(unsafe_code)]
 
 mod auto;

@@ -166,7 +166,7 @@ mod tests {
     use super::*;
 
     /// What `raw::share` promises: no two tasks touch a node, and none touches what the top block reads or writes
-    /// while they run. Tasks touch the slots of their roots and everything below.
+    /// while they run. Tasks touch the slots of their roots and everything below, and read the first pair.
     #[test]
     fn tasks_touch_disjoint_nodes() {
         for n in [100, 5000, 40_000] {

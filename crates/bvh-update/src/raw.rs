@@ -135,8 +135,9 @@ impl<'a> SharedNodes<'a> {
 /// Shares the nodes of one tree between the tasks of one pass.
 pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
     // SAFETY: The nodes are borrowed for as long as the result lives. The pass processes the top block on one
-    // thread before its tasks start and after all have ended; a task touches only the nodes below its roots; and
-    // as every pair of a valid tree has one parent, and no root is below another, tasks share no node.
+    // thread before its tasks start and after all have ended; a task touches only the nodes below its roots, and reads the
+    // root and node 1, which none writes; and as every pair of a valid tree has one parent, and no root is below
+    // another, tasks share no node that one of them writes.
     #[expect(unsafe_code, reason = "shares the arena between tasks")]
     unsafe {
         SharedNodes::new(nodes)
