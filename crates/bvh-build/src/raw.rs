@@ -23,6 +23,8 @@ pub(crate) fn edit<T>(bvh: &mut Bvh, f: impl FnOnce(&mut [Node]) -> T) -> T {
     #[expect(unsafe_code, reason = "promises a valid tree")]
     let parts = unsafe { bvh.parts_mut() };
     let result = f(parts.nodes);
+    // Spare pairs may be in use now.
+    parts.history.spare_pair = 0;
     *parts.still_area = still_area(parts.nodes);
     result
 }

@@ -57,6 +57,9 @@ pub struct History {
     pub is_beyond_repair: bool,
     /// How many of the last repairs in a row built the whole tree anew.
     pub rebuilds_in_a_row: u32,
+    /// Left node of the first of those pairs that are kept for later use, 0 if there is none. The left node of each is a
+    /// leaf without primitives, whose first slot is the left node of the next. What moves pairs about sets this to 0.
+    pub spare_pair: u32,
 }
 
 /// The parts of a tree that an update writes and reads, from [`Bvh::parts_mut`].

@@ -8,6 +8,7 @@ use crate::auto::{self, Auto, Decision};
 use crate::background::{self, Background};
 use crate::block::{LISTED, Tally};
 use crate::degraded::{self, Degraded};
+use crate::leaves::{self, Leaves};
 use crate::pass::{Scratch, pass};
 use crate::regrow::{self, Regrow};
 
@@ -28,6 +29,9 @@ pub enum Strategy {
     /// Refit, with or without rotations, and put the worst few subtrees where they cost least (Bittner et al. 2013;
     /// Meister and Bittner 2018).
     Reinsert(Reinsertion),
+    /// Refit, with or without rotations, and split and merge leaves (Kopta et al. 2012, section 2, future work): see
+    /// [`Leaves`].
+    Leaves(Leaves),
     /// Refit, with or without rotations, while new trees are built in the background, each in turn put in the place of
     /// the one before (Ize et al. 2007). The trees depend on how long that takes.
     Background(Background),
@@ -106,7 +110,7 @@ impl Turn {
 impl Strategy {
     /// All strategies, with their defaults.
     #[must_use]
-    pub fn all() -> [Self; 10 + Builder::PER_FRAME.len()] {
+    pub fn all() -> [Self; 11 + Builder::PER_FRAME.len()] {
         let rotate = Some(Rotate::default());
         std::array::from_fn(|i| match i {
             0 => Self::Refit,
@@ -119,7 +123,8 @@ impl Strategy {
             7 => Self::Background(Background::default()),
             8 => Self::Background(Background { rotate, ..Background::default() }),
             9 => Self::Reinsert(Reinsertion::default()),
-            _ => Self::Rebuild(Builder::PER_FRAME[i - 10], BuildOptions::default()),
+            10 => Self::Leaves(Leaves::default()),
+            _ => Self::Rebuild(Builder::PER_FRAME[i - 11], BuildOptions::default()),
         })
     }
 
@@ -137,6 +142,8 @@ impl Strategy {
             Self::Auto(_) => "auto",
             Self::Reinsert(Reinsertion { rotate: None, .. }) => "refit+reinsert",
             Self::Reinsert(_) => "refit+rotate+reinsert",
+            Self::Leaves(Leaves { rotate: None, .. }) => "refit+leaves",
+            Self::Leaves(_) => "refit+rotate+leaves",
             Self::Background(Background { rotate: None, .. }) => "refit+background",
             Self::Background(_) => "refit+rotate+background",
         }
@@ -224,6 +231,7 @@ pub fn update<P: Primitives + ?Sized>(
             // The cost is not known for free.
             Ok(Update { sah_cost: None, ..tally.update(bvh) })
         }
+        Strategy::Leaves(leaves) => leaves::update(bvh, primitives, leaves, scratch),
         Strategy::Background(background) => background::update(bvh, primitives, background, scratch),
         Strategy::Auto(auto) => auto::update(bvh, primitives, *auto, scratch),
     }

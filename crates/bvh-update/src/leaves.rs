@@ -1,0 +1,245 @@
+//! Splitting and merging leaves while rotating (Kopta et al. 2012, section 2, proposed as future work).
+//!
+//! A *run* is a subtree that moves and covers a few slots without a gap. There are few trees over its primitives that
+//! leave them in the order of their slots, and the best of these, with leaves of any size, takes the place of the subtree
+//! if its SAH cost is lower:
+//!
+//! ```text
+//! best(i..j) = min( COST_INTERSECT * A(i..j) * (j - i),
+//!                   COST_TRAVERSE  * A(i..j) + min over k of best(i..k) + best(k..j) )
+//! ```
+//!
+//! So leaves merge where triangles move together, and split where they do not any more, in one step. Both sides of the
+//! comparison are sums of the same terms in the same order, so no tree is left for an equal one, and still scenes come to
+//! rest. The order of primitives stays as it is, which keeps them streaming through memory; the price is that
+//! leaves that rotations brought together from afar cannot merge. Pairs of nodes that are not needed are kept in a list
+//! within the arena (`History::spare_pair`) until a split takes them.
+
+use bvh_core::{Aabb, Bvh, COST_INTERSECT, COST_TRAVERSE, MAX_HEIGHT, Node, Primitives, prefetch};
+
+use crate::cut::scale;
+use crate::pass::{Scratch, pass};
+use crate::raw;
+use crate::strategy::{Rotate, Turn, Update, UpdateError};
+
+/// How leaves are split and merged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Leaves {
+    /// The budget of rotations, if any are wanted.
+    pub rotate: Option<Rotate>,
+    /// Most primitives in a leaf that is merged, and in one that is split; at most, and by default, 4.
+    pub max_leaf_size: u32,
+    /// Leaves are seen to in one of this many updates, different ones each time; a power of two, else the next one. 8 by
+    /// default.
+    pub period: u32,
+}
+
+impl Default for Leaves {
+    fn default() -> Self {
+        Self { rotate: Some(Rotate::default()), max_leaf_size: LONGEST as u32, period: 8 }
+    }
+}
+
+/// Most primitives of a run.
+const LONGEST: usize = 4;
+
+/// Subtrees of this height or less take turns; what is above them is walked through in each update.
+const SMALL: u32 = 8;
+
+pub(crate) fn update<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    options: &Leaves,
+    scratch: &mut Scratch,
+) -> Result<Update, UpdateError> {
+    let turn = Turn::new(Rotate { period: options.period }, bvh.history().updates);
+    let mut tally = pass(bvh, primitives, options.rotate, scratch);
+    let parts = raw::parts(bvh);
+    let mut walk = Walk {
+        nodes: parts.nodes,
+        order: parts.order,
+        primitives,
+        turn,
+        longest: options.max_leaf_size.min(LONGEST as u32),
+        scale: scale(tally.leaf_area),
+        spare: parts.history.spare_pair,
+        change: 0.0,
+    };
+    if let Some(run) = walk.subtree(0, 0, false) {
+        walk.settle(0, 0, run);
+    }
+    parts.history.spare_pair = walk.spare;
+    tally.area += walk.change;
+    Ok(tally.update(bvh))
+}
+
+struct Walk<'a, P: ?Sized> {
+    nodes: &'a mut [Node],
+    order: &'a [u32],
+    primitives: &'a P,
+    turn: Turn,
+    longest: u32,
+    /// The unit of references.
+    scale: f64,
+    spare: u32,
+    /// Change of the sum of half areas times weights.
+    change: f64,
+}
+
+/// The slots of a subtree, and the sum of half areas times weights over its nodes.
+#[derive(Clone, Copy)]
+struct Run {
+    first: u32,
+    count: u32,
+    cost: f64,
+}
+
+impl<P: Primitives + ?Sized> Walk<'_, P> {
+    /// Settles the longest runs at and below node `n`, but gives that which includes `n` itself to the caller.
+    fn subtree(&mut self, n: usize, depth: u32, is_turn: bool) -> Option<Run> {
+        let node = self.nodes[n];
+        if !node.moves() {
+            return None;
+        }
+        let own = node.aabb().half_area_f64() * node.weight();
+        if node.is_leaf() {
+            let run = Run { first: node.first() as u32, count: node.count() as u32, cost: own };
+            return (1..=self.longest).contains(&run.count).then_some(run);
+        }
+        let pair = node.first();
+        let is_turn = is_turn || node.height() <= SMALL && self.turn.includes(pair);
+        if !is_turn && node.height() <= SMALL {
+            return None;
+        }
+        prefetch(self.nodes, self.nodes[pair + 1].first());
+        let runs = [pair, pair + 1].map(|child| self.subtree(child, depth + 1, is_turn));
+        if let [Some(l), Some(r)] = runs
+            && (l.first + l.count == r.first || r.first + r.count == l.first)
+            && l.count + r.count <= self.longest
+        {
+            let cost = own + (l.cost + r.cost);
+            return Some(Run { first: l.first.min(r.first), count: l.count + r.count, cost });
+        }
+        for (child, run) in (pair..).zip(runs) {
+            if let Some(run) = run {
+                self.settle(child, depth + 1, run);
+            }
+        }
+        // The box is the same; the height may not be.
+        let mut new = node;
+        new.refit(&self.nodes[pair], &self.nodes[pair + 1]);
+        if new != node {
+            self.nodes[n] = new;
+        }
+        None
+    }
+
+    /// Puts the best tree over a run into the place of node `n`.
+    fn settle(&mut self, n: usize, depth: u32, run: Run) {
+        if run.count < 2 || depth + run.count - 1 > MAX_HEIGHT {
+            return;
+        }
+        let slots = &self.order[run.first as usize..][..run.count as usize];
+        let plan = Plan::new(slots.iter().map(|&p| self.primitives.aabb(p as usize)));
+        let best = plan.cost[0][slots.len() - 1];
+        if best < run.cost && self.has_pairs(plan.pairs(0, slots.len()), n) {
+            self.change += best - run.cost;
+            self.release(n);
+            self.write(n, &plan, run.first, 0, slots.len());
+        }
+    }
+
+    /// Whether there are `count` pairs, those below node `n` and spare ones together.
+    fn has_pairs(&self, count: usize, n: usize) -> bool {
+        let below = pairs_below(self.nodes, n);
+        let mut spare = self.spare;
+        for _ in below..count {
+            if spare == 0 {
+                return false;
+            }
+            spare = self.nodes[spare as usize].first() as u32;
+        }
+        true
+    }
+
+    /// Keeps the pairs below node `n` for later.
+    fn release(&mut self, n: usize) {
+        if !self.nodes[n].is_leaf() {
+            let pair = self.nodes[n].first();
+            self.release(pair);
+            self.release(pair + 1);
+            self.nodes[pair] = Node::leaf(Aabb::EMPTY, self.spare, 0);
+            self.nodes[pair + 1] = Node::NOTHING;
+            self.spare = pair as u32;
+        }
+    }
+
+    /// Writes the part of a plan over primitives `from..to` to node `n`.
+    fn write(&mut self, n: usize, plan: &Plan, first: u32, from: usize, to: usize) {
+        let split = plan.split[from][to - 1];
+        if split == 0 {
+            let aabb = plan.aabb[from][to - 1];
+            self.nodes[n] = Node::leaf(aabb, first + from as u32, (to - from) as u32);
+            return;
+        }
+        let pair = self.spare as usize;
+        self.spare = self.nodes[pair].first() as u32;
+        self.write(pair, plan, first, from, split);
+        self.write(pair + 1, plan, first, split, to);
+        let mut node = Node::parent(&self.nodes[pair], &self.nodes[pair + 1], pair as u32);
+        node.set_reference((node.aabb().half_area_f64() / self.scale) as f32);
+        self.nodes[n] = node;
+    }
+}
+
+fn pairs_below(nodes: &[Node], n: usize) -> usize {
+    let node = &nodes[n];
+    if node.is_leaf() {
+        0
+    } else {
+        1 + [0, 1].map(|i| pairs_below(nodes, node.first() + i)).iter().sum::<usize>()
+    }
+}
+
+/// The best trees over all parts of a run, by their first and their last primitive.
+struct Plan {
+    aabb: [[Aabb; LONGEST]; LONGEST],
+    cost: [[f64; LONGEST]; LONGEST],
+    /// Where the second child begins; 0 for a leaf.
+    split: [[usize; LONGEST]; LONGEST],
+}
+
+impl Plan {
+    fn new(boxes: impl ExactSizeIterator<Item = Aabb>) -> Self {
+        let mut plan = Self {
+            aabb: [[Aabb::EMPTY; LONGEST]; LONGEST],
+            cost: [[0.0; LONGEST]; LONGEST],
+            split: [[0; LONGEST]; LONGEST],
+        };
+        for (to, aabb) in boxes.enumerate() {
+            plan.aabb[to][to] = aabb;
+            plan.cost[to][to] = aabb.half_area_f64() * COST_INTERSECT;
+            for from in (0..to).rev() {
+                plan.aabb[from][to] = plan.aabb[from][to - 1].union(aabb);
+                let area = plan.aabb[from][to].half_area_f64();
+                let mut best = (area * (COST_INTERSECT * (to - from + 1) as f64), 0);
+                for k in from + 1..=to {
+                    let cost = area * COST_TRAVERSE + (plan.cost[from][k - 1] + plan.cost[k][to]);
+                    if cost < best.0 {
+                        best = (cost, k);
+                    }
+                }
+                (plan.cost[from][to], plan.split[from][to]) = best;
+            }
+        }
+        plan
+    }
+
+    /// How many inner nodes there are over the primitives `from..to`.
+    fn pairs(&self, from: usize, to: usize) -> usize {
+        match self.split[from][to - 1] {
+            0 => 0,
+            k => 1 + self.pairs(from, k) + self.pairs(k, to),
+        }
+    }
+}
