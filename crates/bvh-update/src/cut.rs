@@ -1,34 +1,35 @@
-//! Regrowing a tree: which subtrees are still good, and a new top above them.
+//! Which part of a tree is to be built anew: everything above the subtrees that are still good.
 //!
-//! Each inner node has a *reference*: its half area when it was last built, in units of the sum over all leaves then.
-//! What a node exceeds it by, on the scale of the leaves now, is its *excess*: uniform growth and shrinking leaves
-//! count for nothing. Rotations carry references along with the nodes they swap and leave the reference of the node
-//! whose children changed as it is.
+//! Each inner node has a *reference*: what some measure of it was when it was last built, in units of the sum of half areas
+//! over all leaves then. What a node exceeds it by, on the scale of the leaves now, is its *excess*. Rotations carry
+//! references along with the nodes they swap and leave the reference of the node whose children changed as it is.
 //!
 //! ```text
-//! cut(N):      E = cut(L) + cut(R) + max(0, A(N) - scale * reference(N))     in post-order, without primitives
+//! cut(N):      E = cut(L) + cut(R) + max(0, M(N) - scale * reference(N))     in post-order, without primitives
 //!              if E > threshold: N is opened, and its children that are not are subtrees to keep
 //! ```
 //!
-//! The opened nodes form the top of the tree, k - 1 of them over k kept subtrees. A builder makes a new top over the
-//! boxes of these, which takes the pairs of the old one. Where solids burst into pieces the cut is a few per cent of the
-//! tree. Related: Yoon et al. 2007 and Garanzha 2008, who choose subtrees to restructure by other measures.
+//! The measure M is a node's half area where the tree is *regrown*: uniform growth and shrinking leaves count for nothing.
+//! `divergent.rs` has another; `selective.rs` opens nodes in a way of its own. `top.rs` builds the top anew.
 
-use bvh_build::{BuildOptions, Builder, rebuild};
 use bvh_core::{Aabb, Bvh, History, MAX_HEIGHT, Node, prefetch};
 
 use crate::pass::Scratch;
 use crate::raw;
+use crate::selective::Overlaps;
+use crate::top::rebuild_top;
 
 /// Memory that repairs keep.
 #[derive(Default)]
 pub(crate) struct CutScratch {
     queues: Vec<Queue>,
-    boxes: Vec<Aabb>,
-    kept: Vec<Node>,
-    cut: Vec<u32>,
-    pairs: Vec<u32>,
-    top: Bvh,
+    /// Subtrees to keep, and the pairs of nodes above them.
+    pub(crate) cut: Vec<u32>,
+    pub(crate) pairs: Vec<u32>,
+    pub(crate) overlaps: Overlaps,
+    pub(crate) boxes: Vec<Aabb>,
+    pub(crate) kept: Vec<Node>,
+    pub(crate) top: Bvh,
 }
 
 /// What came of it.
@@ -40,9 +41,23 @@ pub(crate) enum Regrown {
     TooMuch,
 }
 
-/// Takes the areas as they are for references, if there are none yet; the measure is the sum of areas over that of
+/// What a node is judged by, in the dimension of areas.
+pub(crate) trait Measure: Fn(&[Node], &Node) -> f64 + Copy {}
+impl<F: Fn(&[Node], &Node) -> f64 + Copy> Measure for F {}
+
+/// A node's half area.
+pub(crate) fn area(_: &[Node], node: &Node) -> f64 {
+    f64::from(node.aabb().half_area())
+}
+
+/// Takes the areas as they are for references, if there are none yet; a tree is judged by the sum of areas over that of
 /// leaves.
 pub(crate) fn take_references(bvh: &mut Bvh) {
+    take_references_of(bvh, area);
+}
+
+/// The same with another measure of nodes.
+pub(crate) fn take_references_of(bvh: &mut Bvh, measure: impl Measure) {
     if bvh.history().reference != 0.0 {
         return;
     }
@@ -50,15 +65,16 @@ pub(crate) fn take_references(bvh: &mut Bvh) {
     bvh.visit(|_, node, _| sums.add(node));
     let per_leaves = 1.0 / scale(sums.leaves);
     let parts = raw::parts(bvh);
-    for node in parts.nodes {
-        node.set_reference((node.aabb().half_area_f64() * per_leaves) as f32);
+    for n in 0..parts.nodes.len() {
+        let reference = (measure(parts.nodes, &parts.nodes[n]) * per_leaves) as f32;
+        parts.nodes[n].set_reference(reference);
     }
     *parts.history = History {
         reference: sums.all * per_leaves,
-        updates: parts.history.updates,
-        rotation_pause: parts.history.rotation_pause,
-        rebuilds_in_a_row: parts.history.rebuilds_in_a_row,
-        ..History::default()
+        regret: 0.0,
+        since_repair: 0,
+        is_beyond_repair: false,
+        ..*parts.history
     };
 }
 
@@ -83,7 +99,8 @@ impl Sums {
     }
 }
 
-/// Builds the tree anew above the subtrees whose excess is at most `threshold`, if there are at most `most` of them.
+/// Builds the tree anew above the subtrees whose excess of area is at most `threshold`, if there are at most `most` of
+/// them.
 pub(crate) fn regrow(
     bvh: &mut Bvh,
     leaf_area: f64,
@@ -92,73 +109,37 @@ pub(crate) fn regrow(
     scratch: &mut Scratch,
 ) -> Regrown {
     let scale = scale(leaf_area);
-    let Scratch { cut: CutScratch { queues, boxes, kept, cut, pairs, top }, build, .. } = scratch;
+    let kept = open(bvh, area, scale, threshold, most, &mut scratch.cut);
+    // Leaves are as they were: one unit of their own.
+    rebuild_top(bvh, area, scale, most, scratch, |top| kept + top.references + 1.0)
+}
+
+/// Finds the subtrees whose excess is at most `threshold`, or more than `most`; gives the sum of references in them.
+pub(crate) fn open(
+    bvh: &Bvh,
+    measure: impl Measure,
+    scale: f64,
+    threshold: f64,
+    most: usize,
+    scratch: &mut CutScratch,
+) -> f64 {
+    let CutScratch { queues, cut, pairs, .. } = scratch;
     cut.clear();
     pairs.clear();
-    let mut walk = Cut { nodes: bvh.nodes(), scale, threshold, cut, pairs, kept: 0.0, most };
     if bvh.height() < 2 {
-        return Regrown::Top(0);
+        return 0.0;
     }
+    let mut walk = Cut { nodes: bvh.nodes(), measure, scale, threshold, cut, pairs, kept: 0.0, most };
     queues.resize_with(MAX_HEIGHT as usize / 3 + 2, Queue::default);
     queues[0].slots.clear();
     queues[0].slots.push(0);
     walk.walk(queues);
-    if walk.cut.len() > most {
-        return Regrown::TooMuch;
-    }
-    if walk.cut.is_empty() {
-        return Regrown::Top(0);
-    }
-    let reference = walk.kept;
-
-    // In memory order, as builders number pairs.
-    cut.sort_unstable();
-    pairs.sort_unstable();
-    kept.clear();
-    kept.extend(cut.iter().map(|&n| bvh.nodes()[n as usize]));
-    boxes.clear();
-    boxes.extend(kept.iter().map(Node::aabb));
-    let options = BuildOptions::default();
-    if rebuild(top, boxes, Builder::BinnedParallel, &options, build).is_err()
-        || highest(top, 0, kept) > MAX_HEIGHT
-    {
-        return Regrown::TooMuch;
-    }
-    assert!(
-        top.nodes().len() == 2 * pairs.len() + 2,
-        "a tree over k subtrees has k - 1 pairs below the root"
-    );
-    let parts = raw::parts(bvh);
-    let mut before = 0.0;
-    for &pair in pairs.iter() {
-        before += still_inner(&parts.nodes[pair as usize]) + still_inner(&parts.nodes[pair as usize + 1]);
-    }
-    let kept_still: f64 = kept.iter().map(still_inner).sum();
-    before += still_inner(&parts.nodes[0]) - kept_still;
-    let mut graft =
-        Graft { nodes: parts.nodes, top, kept, pairs: pairs.iter(), scale, reference, still: 0.0 };
-    graft.write(0, 0);
-    let (reference, still) = (graft.reference, graft.still);
-    *parts.still_area += still - before;
-    let history = parts.history;
-    // Leaves are as they were: one unit of their own.
-    *history = History {
-        reference: reference + 1.0,
-        regret: 0.0,
-        since_repair: 0,
-        rebuilds_in_a_row: 0,
-        ..*history
-    };
-    Regrown::Top(kept.len())
+    walk.kept
 }
 
-/// Half area of an inner node that stands still, else 0.
-fn still_inner(node: &Node) -> f64 {
-    if node.is_leaf() || node.moves() { 0.0 } else { node.aabb().half_area_f64() * node.weight() }
-}
-
-struct Cut<'a> {
+struct Cut<'a, M> {
     nodes: &'a [Node],
+    measure: M,
     scale: f64,
     threshold: f64,
     most: usize,
@@ -179,7 +160,7 @@ struct Queue {
 const QUEUE: usize = 1024;
 const ROOTS: usize = 64;
 
-impl Cut<'_> {
+impl<M: Measure> Cut<'_, M> {
     /// Excess at and below nodes with grandchildren, at the front of the first queue.
     fn walk(&mut self, queues: &mut [Queue]) {
         let (queue, deeper) = queues.split_first_mut().expect("as many queues as blocks nest");
@@ -230,7 +211,7 @@ impl Cut<'_> {
 
     /// Opens a node, or keeps it; gives the excess at and below it.
     fn settle(&mut self, node: &Node, below: [f64; 2]) -> f64 {
-        let own = f64::from(node.aabb().half_area()) - self.scale * f64::from(node.reference());
+        let own = (self.measure)(self.nodes, node) - self.scale * f64::from(node.reference());
         let total = below[0] + below[1] + own.max(0.0);
         if total > self.threshold {
             let pair = node.first() as u32;
@@ -244,47 +225,5 @@ impl Cut<'_> {
             self.kept += f64::from(node.reference());
         }
         total
-    }
-}
-
-/// Height that a node of `top` has once the subtrees are in place.
-fn highest(top: &Bvh, n: usize, kept: &[Node]) -> u32 {
-    let node = &top.nodes()[n];
-    match (top.children(node), top.primitives(node)) {
-        (Some(_), _) => 1 + highest(top, node.first(), kept).max(highest(top, node.first() + 1, kept)),
-        (None, &[subtree]) => kept[subtree as usize].height(),
-        (None, _) => 0,
-    }
-}
-
-struct Graft<'a> {
-    nodes: &'a mut [Node],
-    top: &'a Bvh,
-    kept: &'a [Node],
-    pairs: std::slice::Iter<'a, u32>,
-    scale: f64,
-    reference: f64,
-    still: f64,
-}
-
-impl Graft<'_> {
-    /// Writes node `n` of the new top, and what is below, to `slot`.
-    fn write(&mut self, n: usize, slot: usize) {
-        let node = self.top.nodes()[n];
-        if let &[subtree] = self.top.primitives(&node) {
-            self.nodes[slot] = self.kept[subtree as usize];
-            return;
-        }
-        let pair = *self.pairs.next().expect("as many pairs as the top has");
-        self.write(node.first(), pair as usize);
-        self.write(node.first() + 1, pair as usize + 1);
-        let (l, r) = (self.nodes[pair as usize], self.nodes[pair as usize + 1]);
-        let mut new = Node::inner(node.aabb(), pair);
-        new.refit(&l, &r);
-        let reference = (node.aabb().half_area_f64() / self.scale) as f32;
-        new.set_reference(reference);
-        self.reference += f64::from(new.reference());
-        self.still += still_inner(&new);
-        self.nodes[slot] = new;
     }
 }

@@ -4,32 +4,52 @@ use bvh_build::{BuildOptions, Builder};
 use bvh_core::{Bvh, Primitives};
 
 use crate::auto::Decision;
-use crate::cut::{Regrown, regrow, scale, take_references};
+use crate::cut::{Regrown, area, open, regrow, scale, take_references, take_references_of};
+use crate::divergent::divergence;
 use crate::pass::{Scratch, pass};
-use crate::raw;
 use crate::strategy::{Rotate, Update, UpdateError, new_tree};
+use crate::top::{NewTop, rebuild_top};
+use crate::{raw, selective};
 
-/// When to build the tree anew above subtrees whose nodes have not grown, on the scale of its leaves, since they were
-/// last built.
+/// When to build the tree anew above subtrees that are still good.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Regrow {
     /// The budget of rotations, if any are wanted.
     pub rotate: Option<Rotate>,
     /// Growth of the sum of areas at which the tree is repaired, as part of that sum. 0.1 by default.
     pub growth: f64,
+    /// What tells subtrees that are still good from the others.
+    pub open: Open,
 }
 
 impl Default for Regrow {
     fn default() -> Self {
-        Self { rotate: Some(Rotate::default()), growth: 0.1 }
+        Self { rotate: Some(Rotate::default()), growth: 0.1, open: Open::Grown }
     }
+}
+
+/// Which nodes are opened, so that the tree above the others is built anew.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Open {
+    /// Those that have grown, on the scale of the leaves, since they were last built.
+    Grown,
+    /// Those that overlap others (Yoon, Curtis, Manocha 2007).
+    Overlapping,
+    /// Those whose children have moved apart since they were last built (Garanzha 2008).
+    Divergent,
 }
 
 /// A subtree is opened if its excess is more than this part of an average primitive's share in the sum of areas.
 const OPENED: f64 = 1.0;
 
+/// The same for an overlap.
+const OPENED_OVERLAP: f64 = 1.0;
+
 /// A cut of more than this part of the primitives is not worth while.
 pub(crate) const LARGEST_CUT: f64 = 0.2;
+
+/// Pairs of nodes taken apart, for each subtree of the largest cut.
+const PAIRS: usize = 8;
 
 pub(crate) fn update<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
@@ -37,14 +57,34 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     options: &Regrow,
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
-    take_references(bvh);
+    match options.open {
+        Open::Grown | Open::Overlapping => take_references(bvh),
+        Open::Divergent => take_references_of(bvh, divergence),
+    }
     let tally = pass(bvh, primitives, options.rotate, scratch);
     let sum = tally.area + bvh.still_area();
-    if sum / scale(tally.leaf_area) <= bvh.history().reference * (1.0 + options.growth) {
+    let scale = scale(tally.leaf_area);
+    if sum / scale <= bvh.history().reference * (1.0 + options.growth) {
         return Ok(tally.update(bvh));
     }
     let n = bvh.len() as f64;
-    match regrow(bvh, tally.leaf_area, OPENED * sum / n, (LARGEST_CUT * n) as usize, scratch) {
+    let (share, most) = (sum / n, (LARGEST_CUT * n) as usize);
+    let judge = |top: NewTop| (sum + top.change) / scale;
+    let regrown = match options.open {
+        Open::Grown => regrow(bvh, tally.leaf_area, OPENED * share, most, scratch),
+        Open::Overlapping => {
+            if selective::open(bvh.nodes(), OPENED_OVERLAP * share, PAIRS * most, &mut scratch.cut) {
+                rebuild_top(bvh, area, scale, most, scratch, judge)
+            } else {
+                Regrown::TooMuch
+            }
+        }
+        Open::Divergent => {
+            open(bvh, divergence, scale, OPENED * share, most, &mut scratch.cut);
+            rebuild_top(bvh, divergence, scale, most, scratch, judge)
+        }
+    };
+    match regrown {
         Regrown::Top(0) => Ok(tally.update(bvh)),
         Regrown::Top(subtrees) => {
             // The cost is not known for free.

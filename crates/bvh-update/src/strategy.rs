@@ -10,7 +10,7 @@ use crate::block::{LISTED, Tally};
 use crate::degraded::{self, Degraded};
 use crate::leaves::{self, Leaves};
 use crate::pass::{Scratch, pass};
-use crate::regrow::{self, Regrow};
+use crate::regrow::{self, Open, Regrow};
 
 /// What to do with a tree between two frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,7 +110,7 @@ impl Turn {
 impl Strategy {
     /// All strategies, with their defaults.
     #[must_use]
-    pub fn all() -> [Self; 11 + Builder::PER_FRAME.len()] {
+    pub fn all() -> [Self; 15 + Builder::PER_FRAME.len()] {
         let rotate = Some(Rotate::default());
         std::array::from_fn(|i| match i {
             0 => Self::Refit,
@@ -124,7 +124,11 @@ impl Strategy {
             8 => Self::Background(Background { rotate, ..Background::default() }),
             9 => Self::Reinsert(Reinsertion::default()),
             10 => Self::Leaves(Leaves::default()),
-            _ => Self::Rebuild(Builder::PER_FRAME[i - 11], BuildOptions::default()),
+            11 => Self::Regrow(Regrow { rotate: None, open: Open::Overlapping, ..Regrow::default() }),
+            12 => Self::Regrow(Regrow { rotate, open: Open::Overlapping, ..Regrow::default() }),
+            13 => Self::Regrow(Regrow { rotate: None, open: Open::Divergent, ..Regrow::default() }),
+            14 => Self::Regrow(Regrow { rotate, open: Open::Divergent, ..Regrow::default() }),
+            _ => Self::Rebuild(Builder::PER_FRAME[i - 15], BuildOptions::default()),
         })
     }
 
@@ -137,8 +141,14 @@ impl Strategy {
             Self::Rebuild(builder, _) => builder.name(),
             Self::Degraded(Degraded { rotate: None, .. }) => "refit+rebuild",
             Self::Degraded(_) => "refit+rotate+rebuild",
-            Self::Regrow(Regrow { rotate: None, .. }) => "refit+regrow",
-            Self::Regrow(_) => "refit+rotate+regrow",
+            Self::Regrow(Regrow { rotate, open, .. }) => match (open, rotate) {
+                (Open::Grown, None) => "refit+regrow",
+                (Open::Grown, Some(_)) => "refit+rotate+regrow",
+                (Open::Overlapping, None) => "refit+selective",
+                (Open::Overlapping, Some(_)) => "refit+rotate+selective",
+                (Open::Divergent, None) => "refit+divergent",
+                (Open::Divergent, Some(_)) => "refit+rotate+divergent",
+            },
             Self::Auto(_) => "auto",
             Self::Reinsert(Reinsertion { rotate: None, .. }) => "refit+reinsert",
             Self::Reinsert(_) => "refit+rotate+reinsert",

@@ -1,0 +1,106 @@
+//! Where nodes get in each other's way (Yoon, Curtis, Manocha 2007, "Ray tracing dynamic scenes using selective
+//! restructuring").
+//!
+//! Rays in the overlap of two boxes enter both. A tree culls well if there is little of it, and where there is much,
+//! the two subtrees are worth taking apart. All pairs of nodes with much overlap are found from the top down:
+//!
+//! ```text
+//! apart(N, N):   if A(N) > threshold:       apart(L, L), apart(R, R), apart(L, R)
+//! apart(N, M):   if A(N and M) > threshold: open the larger of the two; apart each of its children and the other
+//! ```
+//!
+//! What is opened, and all above it, is built anew over the subtrees that are left, no two of which overlap much. The benefit
+//! of opening a node is the half area of an overlap, its price one more subtree, so the threshold is their ratio.
+//! O(p) for p pairs that overlap by more than it.
+//!
+//! Published is more: the benefit is predicted from volumes, pairs are served best first until the time is
+//! up, and each pair is restructured on its own. Here the whole top is rebuilt at once, so the order does not matter.
+
+use bvh_core::{Aabb, Node};
+
+use crate::cut::CutScratch;
+
+/// Memory of the search.
+#[derive(Default)]
+pub(crate) struct Overlaps {
+    pairs: Vec<[u32; 2]>,
+    /// A bit for each node slot.
+    opened: Vec<u64>,
+}
+
+/// Finds what to open, and puts the subtrees that are left and the pairs of nodes above them into `scratch`; gives up,
+/// with `false`, after `most` openings.
+pub(crate) fn open(nodes: &[Node], threshold: f64, most: usize, scratch: &mut CutScratch) -> bool {
+    let CutScratch { cut, pairs, overlaps, .. } = scratch;
+    cut.clear();
+    pairs.clear();
+    overlaps.find(nodes, threshold as f32, most) && {
+        Opened { nodes, threshold: threshold as f32, opened: &overlaps.opened, cut, pairs }.collect(0);
+        true
+    }
+}
+
+impl Overlaps {
+    fn find(&mut self, nodes: &[Node], threshold: f32, most: usize) -> bool {
+        let Self { pairs, opened } = self;
+        opened.clear();
+        opened.resize(nodes.len().div_ceil(64), 0);
+        pairs.clear();
+        pairs.push([0, 0]);
+        let mut left = most;
+        while let Some([a, b]) = pairs.pop() {
+            let (n, m) = (&nodes[a as usize], &nodes[b as usize]);
+            if a == b {
+                if !n.is_leaf() && n.aabb().half_area() > threshold {
+                    let l = n.first() as u32;
+                    pairs.extend([[l, l], [l + 1, l + 1], [l, l + 1]]);
+                }
+                continue;
+            }
+            if intersection(n.aabb(), m.aabb()).half_area() <= threshold || n.is_leaf() && m.is_leaf() {
+                continue;
+            }
+            if left == 0 {
+                return false;
+            }
+            left -= 1;
+            let n_is_larger = n.aabb().half_area() >= m.aabb().half_area();
+            let (open, other) = if m.is_leaf() || !n.is_leaf() && n_is_larger { (a, b) } else { (b, a) };
+            opened[open as usize / 64] |= 1 << (open % 64);
+            let first = nodes[open as usize].first() as u32;
+            pairs.extend([[first, other], [first + 1, other]]);
+        }
+        true
+    }
+}
+
+fn intersection(a: Aabb, b: Aabb) -> Aabb {
+    Aabb::new(a.min.max(b.min), a.max.min(b.max))
+}
+
+struct Opened<'a> {
+    nodes: &'a [Node],
+    threshold: f32,
+    opened: &'a [u64],
+    cut: &'a mut Vec<u32>,
+    pairs: &'a mut Vec<u32>,
+}
+
+impl Opened<'_> {
+    /// Collects what there is at and below a node; whether it is opened, or anything below it.
+    fn collect(&mut self, n: usize) -> bool {
+        let node = &self.nodes[n];
+        // No smaller node can have such an overlap.
+        if node.is_leaf() || node.aabb().half_area() <= self.threshold {
+            return false;
+        }
+        let pair = node.first();
+        let below = [pair, pair + 1].map(|child| self.collect(child));
+        let is_open = self.opened[n / 64] >> (n % 64) & 1 == 1 || below.contains(&true);
+        if is_open {
+            self.pairs.push(pair as u32);
+            self.cut.extend((pair as u32..).zip(below).filter(|&(_, below)| !below).map(|(child, _)| child));
+        }
+        is_open
+    }
+}

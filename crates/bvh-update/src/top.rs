@@ -1,0 +1,124 @@
+//! A new top for a tree: a builder's over the boxes of the subtrees that are kept.
+//!
+//! The opened nodes form the top of the tree, k - 1 of them over k kept subtrees. The new top takes the pairs of the old
+//! one. Where solids burst into pieces it is a few per cent of the tree.
+
+use bvh_build::{BuildOptions, Builder, rebuild};
+use bvh_core::{Bvh, History, MAX_HEIGHT, Node};
+
+use crate::cut::{CutScratch, Measure, Regrown};
+use crate::pass::Scratch;
+use crate::raw;
+
+/// What is known of a new top.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct NewTop {
+    /// Sum of the references of its nodes.
+    pub(crate) references: f64,
+    /// Sum of their half areas, less that of the nodes before.
+    pub(crate) change: f64,
+    /// The same for those that stand still.
+    still_change: f64,
+}
+
+/// Builds the tree anew above the subtrees of the cut, if there are at most `most` of them; `judge` says how good it is.
+pub(crate) fn rebuild_top(
+    bvh: &mut Bvh,
+    measure: impl Measure,
+    scale: f64,
+    most: usize,
+    scratch: &mut Scratch,
+    judge: impl FnOnce(NewTop) -> f64,
+) -> Regrown {
+    let Scratch { cut: CutScratch { boxes, kept, cut, pairs, top, .. }, build, .. } = scratch;
+    if cut.len() > most {
+        return Regrown::TooMuch;
+    }
+    if cut.is_empty() {
+        return Regrown::Top(0);
+    }
+    // In memory order, as builders number pairs.
+    cut.sort_unstable();
+    pairs.sort_unstable();
+    kept.clear();
+    kept.extend(cut.iter().map(|&n| bvh.nodes()[n as usize]));
+    boxes.clear();
+    boxes.extend(kept.iter().map(Node::aabb));
+    let options = BuildOptions::default();
+    if rebuild(top, boxes, Builder::BinnedParallel, &options, build).is_err()
+        || highest(top, 0, kept) > MAX_HEIGHT
+    {
+        return Regrown::TooMuch;
+    }
+    assert!(
+        top.nodes().len() == 2 * pairs.len() + 2,
+        "a tree over k subtrees has k - 1 pairs below the root"
+    );
+    let parts = raw::parts(bvh);
+    let mut new = NewTop::default();
+    for &pair in pairs.iter() {
+        new.add(&parts.nodes[pair as usize], -1.0);
+        new.add(&parts.nodes[pair as usize + 1], -1.0);
+    }
+    new.add(&parts.nodes[0], -1.0);
+    kept.iter().for_each(|node| new.add(node, 1.0));
+    let mut graft = Graft { nodes: parts.nodes, measure, top, kept, pairs: pairs.iter(), scale, new };
+    graft.write(0, 0);
+    *parts.still_area += graft.new.still_change;
+    let reference = judge(graft.new);
+    let history = parts.history;
+    *history = History { reference, regret: 0.0, since_repair: 0, rebuilds_in_a_row: 0, ..*history };
+    Regrown::Top(kept.len())
+}
+
+impl NewTop {
+    /// Adds an inner node to the changes, or takes it off.
+    fn add(&mut self, node: &Node, sign: f64) {
+        if !node.is_leaf() {
+            let area = node.aabb().half_area_f64() * node.weight() * sign;
+            self.change += area;
+            self.still_change += if node.moves() { 0.0 } else { area };
+        }
+    }
+}
+
+/// Height that a node of `top` has once the subtrees are in place.
+fn highest(top: &Bvh, n: usize, kept: &[Node]) -> u32 {
+    let node = &top.nodes()[n];
+    match (top.children(node), top.primitives(node)) {
+        (Some(_), _) => 1 + highest(top, node.first(), kept).max(highest(top, node.first() + 1, kept)),
+        (None, &[subtree]) => kept[subtree as usize].height(),
+        (None, _) => 0,
+    }
+}
+
+struct Graft<'a, M> {
+    nodes: &'a mut [Node],
+    measure: M,
+    top: &'a Bvh,
+    kept: &'a [Node],
+    pairs: std::slice::Iter<'a, u32>,
+    scale: f64,
+    new: NewTop,
+}
+
+impl<M: Measure> Graft<'_, M> {
+    /// Writes node `n` of the new top, and what is below, to `slot`.
+    fn write(&mut self, n: usize, slot: usize) {
+        let node = self.top.nodes()[n];
+        if let &[subtree] = self.top.primitives(&node) {
+            self.nodes[slot] = self.kept[subtree as usize];
+            return;
+        }
+        let pair = *self.pairs.next().expect("as many pairs as the top has");
+        self.write(node.first(), pair as usize);
+        self.write(node.first() + 1, pair as usize + 1);
+        let (l, r) = (self.nodes[pair as usize], self.nodes[pair as usize + 1]);
+        let mut new = Node::inner(node.aabb(), pair);
+        new.refit(&l, &r);
+        new.set_reference(((self.measure)(self.nodes, &new) / self.scale) as f32);
+        self.new.references += f64::from(new.reference());
+        self.new.add(&new, 1.0);
+        self.nodes[slot] = new;
+    }
+}
