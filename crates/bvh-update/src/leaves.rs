@@ -29,14 +29,14 @@ pub struct Leaves {
     pub rotate: Option<Rotate>,
     /// Most primitives in a leaf that is merged, and in one that is split; at most, and by default, 4.
     pub max_leaf_size: u32,
-    /// Leaves are seen to in one of this many updates, different ones each time; a power of two, else the next one. 8 by
+    /// Leaves are seen to in one of this many updates, different ones each time; a power of two, else the next one. 16 by
     /// default.
     pub period: u32,
 }
 
 impl Default for Leaves {
     fn default() -> Self {
-        Self { rotate: Some(Rotate::default()), max_leaf_size: LONGEST as u32, period: 8 }
+        Self { rotate: Some(Rotate::default()), max_leaf_size: LONGEST as u32, period: 16 }
     }
 }
 

@@ -5,7 +5,7 @@ use bvh_core::{Bvh, Primitives};
 
 use crate::auto::Decision;
 use crate::cut::{Regrown, area, open, regrow, scale, take_references, take_references_of};
-use crate::divergent::divergence;
+use crate::divergent::{self, divergence};
 use crate::pass::{Scratch, pass};
 use crate::strategy::{Rotate, Update, UpdateError, new_tree};
 use crate::top::{NewTop, rebuild_top};
@@ -39,17 +39,12 @@ pub enum Open {
     Divergent,
 }
 
-/// A subtree is opened if its excess is more than this part of an average primitive's share in the sum of areas.
+/// A subtree is opened if its excess is more than this part of the share that an average primitive had in the sum of areas
+/// when the tree was last built.
 const OPENED: f64 = 1.0;
-
-/// The same for an overlap.
-const OPENED_OVERLAP: f64 = 1.0;
 
 /// A cut of more than this part of the primitives is not worth while.
 pub(crate) const LARGEST_CUT: f64 = 0.2;
-
-/// Pairs of nodes taken apart, for each subtree of the largest cut.
-const PAIRS: usize = 8;
 
 pub(crate) fn update<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
@@ -68,24 +63,27 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         return Ok(tally.update(bvh));
     }
     let n = bvh.len() as f64;
-    let (share, most) = (sum / n, (LARGEST_CUT * n) as usize);
+    let most = (LARGEST_CUT * n) as usize;
+    // An average primitive's, when the tree was last built.
+    let share = bvh.history().reference * scale / n;
     let judge = |top: NewTop| (sum + top.change) / scale;
     let regrown = match options.open {
         Open::Grown => regrow(bvh, tally.leaf_area, OPENED * share, most, scratch),
-        Open::Overlapping => {
-            if selective::open(bvh.nodes(), OPENED_OVERLAP * share, PAIRS * most, &mut scratch.cut) {
-                rebuild_top(bvh, area, scale, most, scratch, judge)
-            } else {
-                Regrown::TooMuch
-            }
-        }
+        Open::Overlapping if !selective::open(bvh.nodes(), share, most, &mut scratch.cut) => Regrown::TooMuch,
+        Open::Overlapping => rebuild_top(bvh, area, scale, most, scratch, judge),
         Open::Divergent => {
-            open(bvh, divergence, scale, OPENED * share, most, &mut scratch.cut);
+            open(bvh, divergence, scale, divergent::OPENED * share, most, &mut scratch.cut);
             rebuild_top(bvh, divergence, scale, most, scratch, judge)
         }
     };
     match regrown {
-        Regrown::Top(0) => Ok(tally.update(bvh)),
+        Regrown::Top(0) => {
+            if options.open != Open::Grown {
+                // There is nothing to be had; wait until as much is lost again.
+                raw::parts(bvh).history.reference = sum / scale;
+            }
+            Ok(tally.update(bvh))
+        }
         Regrown::Top(subtrees) => {
             // The cost is not known for free.
             let decision = Decision::Regrow { subtrees };

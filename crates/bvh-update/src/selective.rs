@@ -28,16 +28,25 @@ pub(crate) struct Overlaps {
     opened: Vec<u64>,
 }
 
-/// Finds what to open, and puts the subtrees that are left and the pairs of nodes above them into `scratch`; gives up,
-/// with `false`, after `most` openings.
-pub(crate) fn open(nodes: &[Node], threshold: f64, most: usize, scratch: &mut CutScratch) -> bool {
+/// Two nodes are taken apart if the half area of their overlap exceeds this part of the share that an average primitive
+/// had in the sum of areas when the tree was last built.
+const OPENED: f64 = 1.0;
+
+/// Most pairs of nodes taken apart, for each subtree of the largest cut.
+const PAIRS: usize = 8;
+
+/// Finds what to open, where primitives have that share, and puts the subtrees that are left and the pairs of nodes above
+/// them into `scratch`; gives up, with `false`, where there will be more than `most`.
+pub(crate) fn open(nodes: &[Node], share: f64, most: usize, scratch: &mut CutScratch) -> bool {
     let CutScratch { cut, pairs, overlaps, .. } = scratch;
+    let threshold = (OPENED * share) as f32;
     cut.clear();
     pairs.clear();
-    overlaps.find(nodes, threshold as f32, most) && {
-        Opened { nodes, threshold: threshold as f32, opened: &overlaps.opened, cut, pairs }.collect(0);
-        true
+    if !overlaps.find(nodes, threshold, PAIRS * most) {
+        return false;
     }
+    Opened { nodes, threshold, opened: &overlaps.opened, cut, pairs }.collect(0);
+    true
 }
 
 impl Overlaps {
@@ -102,5 +111,60 @@ impl Opened<'_> {
             self.cut.extend((pair as u32..).zip(below).filter(|&(_, below)| !below).map(|(child, _)| child));
         }
         is_open
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_core::{Bvh, Vec3};
+
+    use super::*;
+
+    /// Boxes of many sizes that get in each other's way.
+    fn tangle() -> Bvh {
+        let at = |i: u32, k: u32| (i.wrapping_mul(k) % 997) as f32 * 0.1;
+        let boxes: Vec<_> = (0..3000)
+            .map(|i| (Vec3::new(at(i, 7919), at(i, 104_729), at(i, 1_299_709)), 1.0 + (i % 5) as f32))
+            .map(|(corner, size)| Aabb::new(corner, corner + size))
+            .collect();
+        build(&boxes, Builder::Lbvh, &BuildOptions::default(), None).expect("few enough")
+    }
+
+    #[test]
+    fn what_is_kept_does_not_overlap_and_nothing_is_lost() {
+        let bvh = tangle();
+        let nodes = bvh.nodes();
+        for share in [100.0, 400.0, 1600.0] {
+            let mut scratch = CutScratch::default();
+            assert!(open(nodes, share, 3000, &mut scratch));
+            let cut = &scratch.cut;
+            assert!((10..3000).contains(&cut.len()) && scratch.pairs.len() == cut.len() - 1, "{}", cut.len());
+            let kept: Vec<_> = cut.iter().map(|&n| &nodes[n as usize]).collect();
+            for (i, n) in kept.iter().enumerate() {
+                for m in &kept[..i] {
+                    let area = intersection(n.aabb(), m.aabb()).half_area();
+                    assert!(area <= share as f32 || n.is_leaf() && m.is_leaf(), "{area} of {share}");
+                }
+            }
+            let mut covered = vec![0; bvh.len()];
+            let mut below = cut.clone();
+            while let Some(n) = below.pop() {
+                let node = &nodes[n as usize];
+                bvh.primitives(node).iter().for_each(|&p| covered[p as usize] += 1);
+                below.extend(
+                    bvh.children(node).iter().flat_map(|_| [node.first() as u32, node.first() as u32 + 1]),
+                );
+            }
+            assert!(covered.iter().all(|&c| c == 1));
+        }
+    }
+
+    #[test]
+    fn too_many_pairs_are_given_up() {
+        let mut scratch = CutScratch::default();
+        assert!(!open(tangle().nodes(), 1.0, 10, &mut scratch));
+        // Where no area is large enough to count, nothing is found.
+        assert!(open(tangle().nodes(), f64::NAN, 10, &mut scratch) && scratch.cut.is_empty());
     }
 }
