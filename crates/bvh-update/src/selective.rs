@@ -9,12 +9,13 @@
 //! apart(N, M):   if A(N and M) > threshold: open the larger of the two; apart each of its children and the other
 //! ```
 //!
-//! What is opened, and all above it, is built anew over the subtrees that are left, no two of which overlap much. The benefit
-//! of opening a node is the half area of an overlap, its price one more subtree, so the threshold is their ratio.
-//! O(p) for p pairs that overlap by more than it.
+//! What is opened, and all above it, is built anew over the subtrees that are left, no two of which overlap much. The
+//! benefit of opening a node is the half area of an overlap, its price one more subtree, so the threshold is their ratio.
+//! O(p) for p pairs that overlap by more than it, on one thread, plus the build.
 //!
-//! Published is more: the benefit is predicted from volumes, pairs are served best first until the time is
-//! up, and each pair is restructured on its own. Here the whole top is rebuilt at once, so the order does not matter.
+//! Published are finer metrics of the culling efficiency of a pair and of the benefit of restructuring it, and small parts
+//! of the tree are restructured by them one at a time. Here the whole top is built at once, so the order does not matter,
+//! and subtrees may end up anywhere in it.
 
 use bvh_core::{Aabb, Node};
 

@@ -24,7 +24,7 @@ pub enum Strategy {
     /// Refit, with or without rotations, and build a new tree when this one has degraded (Lauterbach et al. 2006).
     Degraded(Degraded),
     /// Refit, with or without rotations, and build the tree anew above those subtrees that are still good once it has
-    /// degraded: see [`Regrow`].
+    /// degraded (Yoon, Curtis, Manocha 2007; Garanzha 2008; ours): see [`Regrow`].
     Regrow(Regrow),
     /// Refit, with or without rotations, and put the worst few subtrees where they cost least (Bittner et al. 2013;
     /// Meister and Bittner 2018).
