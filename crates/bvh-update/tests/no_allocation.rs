@@ -33,9 +33,9 @@ static ALLOCATOR: Counting = Counting;
 /// Pieces of a sheet that fly apart.
 fn pose(step: usize) -> Vec<Aabb> {
     let place = |i: usize| {
-        let piece = (i / 100 % 10 + i / 3000 * 10) as f32;
+        let piece = (i / 10 % 10 + i / 1000 * 10) as f32;
         let away = Vec3::new((piece * 1.7).sin(), (piece * 2.3).cos(), (piece * 3.1).sin());
-        Vec3::new((i % 100) as f32, (i / 100) as f32, 0.0) + away * (step * 3) as f32
+        Vec3::new((i % 100) as f32, (i / 100) as f32, 0.0) + away * (step * 5) as f32
     };
     (0..10_000).map(place).map(|corner| Aabb::new(corner, corner + Vec3::new(1.1, 1.1, 0.1))).collect()
 }
