@@ -107,7 +107,7 @@ impl<P: Primitives + ?Sized> Walk<'_, P> {
             return (1..=self.longest).contains(&run.count).then_some(run);
         }
         let pair = node.first();
-        let is_turn = is_turn || node.height() <= SMALL && self.turn.includes(pair);
+        let is_turn = is_turn || node.height() <= SMALL && self.turn.includes(n);
         if !is_turn && node.height() <= SMALL {
             return None;
         }
