@@ -15,7 +15,7 @@
 //! leaves that rotations brought together from afar cannot merge. Pairs of nodes that are not needed are kept in a list
 //! within the arena (`History::spare_pair`) until a split takes them.
 
-use bvh_core::{Aabb, Bvh, COST_INTERSECT, COST_TRAVERSE, MAX_HEIGHT, Node, Primitives, prefetch};
+use bvh_core::{Aabb, Bvh, COST_INTERSECT, COST_TRAVERSE, History, MAX_HEIGHT, Node, Primitives, prefetch};
 
 use crate::cut::scale;
 use crate::pass::{Scratch, pass};
@@ -43,6 +43,10 @@ impl Default for Leaves {
 /// Most primitives of a run.
 const LONGEST: usize = 4;
 
+/// Once the sum of the areas of leaves has grown by this part, it is the turn of all of them: what has merged is coming
+/// apart.
+const STRETCHED: f64 = 0.1;
+
 /// Subtrees of this height or less take turns; what is above them is walked through in each update.
 const SMALL: u32 = 8;
 
@@ -52,8 +56,10 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     options: &Leaves,
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
-    let turn = Turn::new(Rotate { period: options.period }, bvh.history().updates);
+    let History { updates, reference, .. } = *bvh.history();
     let mut tally = pass(bvh, primitives, options.rotate, scratch);
+    let stretched = reference > 0.0 && tally.leaf_area > reference * (1.0 + STRETCHED);
+    let turn = Turn::new(Rotate { period: if stretched { 1 } else { options.period } }, updates);
     let parts = raw::parts(bvh);
     let mut walk = Walk {
         nodes: parts.nodes,
@@ -64,11 +70,15 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         scale: scale(tally.leaf_area),
         spare: parts.history.spare_pair,
         change: 0.0,
+        leaf_change: 0.0,
     };
     if let Some(run) = walk.subtree(0, 0, false) {
         walk.settle(0, 0, run);
     }
     parts.history.spare_pair = walk.spare;
+    let leaf_area = tally.leaf_area + walk.leaf_change;
+    let is_first = stretched || reference == 0.0;
+    parts.history.reference = if is_first { leaf_area } else { reference.min(leaf_area) };
     tally.area += walk.change;
     Ok(tally.update(bvh))
 }
@@ -84,6 +94,8 @@ struct Walk<'a, P: ?Sized> {
     spare: u32,
     /// Change of the sum of half areas times weights.
     change: f64,
+    /// The part of it that is due to leaves.
+    leaf_change: f64,
 }
 
 /// The slots of a subtree, and the sum of half areas times weights over its nodes.
@@ -92,6 +104,8 @@ struct Run {
     first: u32,
     count: u32,
     cost: f64,
+    /// The part of it that is due to leaves.
+    leaves: f64,
 }
 
 impl<P: Primitives + ?Sized> Walk<'_, P> {
@@ -103,7 +117,7 @@ impl<P: Primitives + ?Sized> Walk<'_, P> {
         }
         let own = node.aabb().half_area_f64() * node.weight();
         if node.is_leaf() {
-            let run = Run { first: node.first() as u32, count: node.count() as u32, cost: own };
+            let run = Run { first: node.first() as u32, count: node.count() as u32, cost: own, leaves: own };
             return (1..=self.longest).contains(&run.count).then_some(run);
         }
         let pair = node.first();
@@ -118,7 +132,8 @@ impl<P: Primitives + ?Sized> Walk<'_, P> {
             && l.count + r.count <= self.longest
         {
             let cost = own + (l.cost + r.cost);
-            return Some(Run { first: l.first.min(r.first), count: l.count + r.count, cost });
+            let (first, count) = (l.first.min(r.first), l.count + r.count);
+            return Some(Run { first, count, cost, leaves: l.leaves + r.leaves });
         }
         for (child, run) in (pair..).zip(runs) {
             if let Some(run) = run {
@@ -144,6 +159,7 @@ impl<P: Primitives + ?Sized> Walk<'_, P> {
         let best = plan.cost[0][slots.len() - 1];
         if best < run.cost && self.has_pairs(plan.pairs(0, slots.len()), n) {
             self.change += best - run.cost;
+            self.leaf_change += plan.leaves(0, slots.len()) - run.leaves;
             self.release(n);
             self.write(n, &plan, run.first, 0, slots.len());
         }
@@ -233,6 +249,14 @@ impl Plan {
             }
         }
         plan
+    }
+
+    /// The part of the cost over the primitives `from..to` that is due to leaves.
+    fn leaves(&self, from: usize, to: usize) -> f64 {
+        match self.split[from][to - 1] {
+            0 => self.cost[from][to - 1],
+            k => self.leaves(from, k) + self.leaves(k, to),
+        }
     }
 
     /// How many inner nodes there are over the primitives `from..to`.

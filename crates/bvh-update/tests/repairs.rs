@@ -217,10 +217,11 @@ fn leaves_merge_where_boxes_move_together_and_split_where_they_part() {
                 assert_eq!((single.leaves, single.largest_leaf), (N, 1));
                 assert!(merged.largest_leaf <= 4);
                 let together = step / 20 != 1;
-                // Rotations put leaves together whose slots are far apart; these cannot merge.
+                // Rotations put leaves together whose slots are far apart: these cannot merge, and what has merged
+                // cannot be rotated.
                 let (most, bound) = match (together, rotate) {
                     (false, _) => (N, 1.05),
-                    (true, Some(_)) if step > 40 => (N * 8 / 10, 1.05),
+                    (true, Some(_)) if step > 40 => (N * 8 / 10, 1.1),
                     (true, _) => (N * 6 / 10, 0.95),
                 };
                 let leaves = if together { 0..most } else { N * 9 / 10..N + 1 };
