@@ -1,16 +1,16 @@
 //! Which part of a tree is to be built anew: everything above the subtrees that are still good.
 //!
-//! Each inner node has a *reference*: what some measure of it was when it was last built, in units of the sum of half areas
-//! over all leaves then. What a node exceeds it by, on the scale of the leaves now, is its *excess*. Rotations carry
-//! references along with the nodes they swap and leave the reference of the node whose children changed as it is.
+//! Each inner node has a *reference*: what some measure of it was when it was last built, in units of the sum of half
+//! areas over all leaves then. What a node exceeds it by, on the scale of the leaves now, is its *excess*. Rotations
+//! carry references along with the nodes they swap and leave the reference of the node whose children changed as it is.
 //!
 //! ```text
 //! cut(N):      E = cut(L) + cut(R) + max(0, M(N) - scale * reference(N))     in post-order, without primitives
 //!              if E > threshold: N is opened, and its children that are not are subtrees to keep
 //! ```
 //!
-//! The measure M is a node's half area where the tree is *regrown*: uniform growth and shrinking leaves count for nothing.
-//! `divergent.rs` has another; `selective.rs` opens nodes in a way of its own. `top.rs` builds the top anew.
+//! The measure M is a node's half area where the tree is *regrown*: uniform growth and shrinking leaves count for
+//! nothing. `divergent.rs` has another; `selective.rs` opens nodes in a way of its own. `top.rs` builds the top anew.
 
 use bvh_core::{Aabb, Bvh, History, MAX_HEIGHT, Node, prefetch};
 

@@ -1,13 +1,13 @@
 //! Where motion diverges (Garanzha 2008, "Efficient clustered BVH update algorithm for highly-dynamic models").
 //!
-//! Primitives that move together are a *cluster*, and a cluster's subtree is still good wherever it goes; bad is what is
-//! above clusters that have parted. Two children part as far as their centres have moved away from each other since their
-//! parent was built. The square of that distance is an area, and takes the place of the node's own in `cut.rs`: nodes with
-//! divergence at or below them are opened, the rest are the clusters. O(n).
+//! Primitives that move together are a *cluster*, and a cluster's subtree is still good wherever it goes; bad is what
+//! is above clusters that have parted. Two children part as far as their centres have moved away from each other since
+//! their parent was built. The square of that distance is an area, and takes the place of the node's own in `cut.rs`:
+//! nodes with divergence at or below them are opened, the rest are the clusters. O(n).
 //!
-//! Published is more: the roots of clusters are put back into the tree one by one, and clusters that have come apart are
-//! rebuilt, each in a place of its own. Here all that is above the clusters is built anew at once. Motion is what has added
-//! up since a node was built, for which a node has room, rather than that of each primitive.
+//! Published is more: the roots of clusters are put back into the tree one by one, and clusters that have come apart
+//! are rebuilt, each in a place of its own. Here all that is above the clusters is built anew at once. Motion is what
+//! has added up since a node was built, for which a node has room, rather than that of each primitive.
 
 use bvh_core::Node;
 

@@ -1,8 +1,8 @@
 //! Splitting and merging leaves while rotating (Kopta et al. 2012, section 2, proposed as future work).
 //!
 //! A *run* is a subtree that moves and covers a few slots without a gap. There are few trees over its primitives that
-//! leave them in the order of their slots, and the best of these, with leaves of any size, takes the place of the subtree
-//! if its SAH cost is lower:
+//! leave them in the order of their slots, and the best of these, with leaves of any size, takes the place of the
+//! subtree if its SAH cost is lower:
 //!
 //! ```text
 //! best(i..j) = min( COST_INTERSECT * A(i..j) * (j - i),
@@ -10,18 +10,18 @@
 //! ```
 //!
 //! So leaves merge where triangles move together, and split where they do not any more, in one step. Both sides of the
-//! comparison are sums of the same terms in the same order, so no tree is left for an equal one, and still scenes come to
-//! rest.
+//! comparison are sums of the same terms in the same order, so no tree is left for an equal one, and still scenes come
+//! to rest.
 //!
 //! The order of primitives stays as it is, which keeps them streaming through memory; the price is that leaves that
-//! rotations brought together from afar cannot merge. Nor can rotations take apart what has merged: a tree that recovers
-//! from chaos may end a few per cent above one that has not. A tree that was built with larger leaves splits them as far as
-//! it has pairs of nodes to spare; those that are not needed are kept in a list within the arena
+//! rotations brought together from afar cannot merge. Nor can rotations take apart what has merged: a tree that
+//! recovers from chaos may end a few per cent above one that has not. A tree that was built with larger leaves splits
+//! them as far as it has pairs of nodes to spare; those that are not needed are kept in a list within the arena
 //! (`History::spare_pair`).
 //!
-//! Meshes end with 1.2 to 1.4 nodes a triangle instead of 2, a cost some 2 % lower, and rays 2 to 8 % faster. The update
-//! takes 1.3 to 1.6 times as long as rotations alone, and up to 3 times where leaves are coming apart. Where nothing stays
-//! together it only costs. O(n) for the n nodes above primitives that move, on one thread after the pass.
+//! Meshes end with 1.2 to 1.4 nodes a triangle instead of 2, a cost some 2 % lower, and rays 2 to 8 % faster. The
+//! update takes 1.3 to 1.6 times as long as rotations alone, and up to 3 times where leaves are coming apart. Where
+//! nothing stays together it only costs. O(n) for the n nodes above primitives that move, on one thread after the pass.
 
 use bvh_core::{Aabb, Bvh, COST_INTERSECT, COST_TRAVERSE, History, MAX_HEIGHT, Node, Primitives, prefetch};
 
@@ -38,8 +38,8 @@ pub struct Leaves {
     pub rotate: Option<Rotate>,
     /// Most primitives in a leaf that is merged, and in one that is split; at most, and by default, 4.
     pub max_leaf_size: u32,
-    /// Leaves are seen to in one of this many updates, different ones each time; a power of two, else the next one. 16 by
-    /// default. All are seen to when their areas have grown by a tenth.
+    /// Leaves are seen to in one of this many updates, different ones each time; a power of two, else the next one. 16
+    /// by default. All are seen to when their areas have grown by a tenth.
     pub period: u32,
 }
 

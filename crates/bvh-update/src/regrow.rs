@@ -39,8 +39,8 @@ pub enum Open {
     Divergent,
 }
 
-/// A subtree is opened if its excess is more than this part of the share that an average primitive had in the sum of areas
-/// when the tree was last built.
+/// A subtree is opened if its excess is more than this part of the share that an average primitive had in the sum of
+/// areas when the tree was last built.
 const OPENED: f64 = 1.0;
 
 /// A cut of more than this part of the primitives is not worth while.

@@ -10,12 +10,12 @@
 //! ```
 //!
 //! What is opened, and all above it, is built anew over the subtrees that are left, no two of which overlap much. The
-//! benefit of opening a node is the half area of an overlap, its price one more subtree, so the threshold is their ratio.
-//! O(p) for p pairs that overlap by more than it, on one thread, plus the build.
+//! benefit of opening a node is the half area of an overlap, its price one more subtree, so the threshold is their
+//! ratio. O(p) for p pairs that overlap by more than it, on one thread, plus the build.
 //!
-//! Published are finer metrics of the culling efficiency of a pair and of the benefit of restructuring it, and small parts
-//! of the tree are restructured by them one at a time. Here the whole top is built at once, so the order does not matter,
-//! and subtrees may end up anywhere in it.
+//! Published are finer metrics of the culling efficiency of a pair and of the benefit of restructuring it, and small
+//! parts of the tree are restructured by them one at a time. Here the whole top is built at once, so the order does not
+//! matter, and subtrees may end up anywhere in it.
 
 use bvh_core::{Aabb, Node};
 
@@ -36,8 +36,8 @@ const OPENED: f64 = 1.0;
 /// Most pairs of nodes taken apart, for each subtree of the largest cut.
 const PAIRS: usize = 8;
 
-/// Finds what to open, where primitives have that share, and puts the subtrees that are left and the pairs of nodes above
-/// them into `scratch`; gives up, with `false`, where there will be more than `most`.
+/// Finds what to open, where primitives have that share, and puts the subtrees that are left and the pairs of nodes
+/// above them into `scratch`; gives up, with `false`, where there will be more than `most`.
 pub(crate) fn open(nodes: &[Node], share: f64, most: usize, scratch: &mut CutScratch) -> bool {
     let CutScratch { cut, pairs, overlaps, .. } = scratch;
     let threshold = (OPENED * share) as f32;
