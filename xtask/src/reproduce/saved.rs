@@ -7,10 +7,11 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 
-use super::accuracy;
+use super::accuracy::Point;
 use super::check::Checks;
+use super::journal;
 use super::offline::OfflineTree;
-use super::record::{self, Row};
+use super::record::Row;
 use super::results::{Picture, Results, SceneFacts, SceneRun, Settings};
 use super::summary::SCHEMA;
 use crate::machine::{Machine, Revision};
@@ -56,9 +57,9 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
     let summary: Summary =
         serde_json::from_slice(&text).with_context(|| format!("{shown}: not what schema {SCHEMA} says"))?;
     let Summary { interrupted, machine, revision, settings, scenes } = summary;
-    let mut rows = record::read(&folder.join("frames.csv"))?;
-    let mut speed_rows = record::read(&folder.join("fig5.csv"))?;
-    let mut points = accuracy::read(&folder.join("accuracy.csv"))?;
+    let mut rows = journal::read(&folder.join("frames.csv"))?;
+    let mut speed_rows = journal::read(&folder.join("fig5.csv"))?;
+    let mut points = journal::read::<Point>(&folder.join("accuracy.csv"))?;
     let mut runs = Vec::new();
     for Scene { facts, checks, offline, mut images } in scenes {
         for picture in &mut images {
