@@ -314,6 +314,13 @@ fn damaged_results_are_refused_and_left_alone() {
     damaged("summary.json", &vec![0; summary.len()], &["summary.json"]);
     damaged("frames.csv", b"scene,strategy\n1,2\n", &["frames.csv", "not rows"]);
     damaged("fig5.csv", &[0xff; 400], &["fig5.csv"]);
+    for name in FILES {
+        let rows = fs::read(out.join(name)).expect("rows");
+        let last = rows[..rows.len() - 1].iter().rposition(|&byte| byte == b'\n').expect("lines");
+        for cut in [0, last + 1, rows.len() - 1] {
+            damaged(name, &rows[..cut], &[name, "summary.json counted"]);
+        }
+    }
 
     for name in ["frames.csv", "images/sheet-0000.png"] {
         let (path, aside) = (out.join(name), out.join("aside"));
