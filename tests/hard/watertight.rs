@@ -2,6 +2,7 @@
 //! through refitting and rotations.
 
 use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::glam::Vec3Swizzles;
 use bvh_core::{Ray, SimdLevel, Triangles, Vec3};
 use bvh_update::{Scratch, Strategy, update};
 use pivot_tests::noise;
