@@ -143,9 +143,9 @@ fn no_pixel_of_a_closed_mesh_is_empty_in_packets() {
                 let (along, up) = (axes[view % 6], axes[(view + 1 + view / 6) % 6]);
                 let camera =
                     rt_cpu::Camera::look_at(eye, eye + along, up, std::f32::consts::FRAC_PI_2, WIDTH, WIDTH);
-                for (simd, traversal) in SimdLevel::available()
-                    .into_iter()
-                    .flat_map(|level| rt_cpu::Traversal::ALL.map(|traversal| (level, traversal)))
+                let traversals = rt_cpu::Traversal::ALL;
+                for (simd, traversal) in
+                    SimdLevel::available().flat_map(|level| traversals.map(|traversal| (level, traversal)))
                 {
                     for triangle_test in [TriangleTest::Watertight, TriangleTest::Double] {
                         let options =
