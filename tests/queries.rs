@@ -108,6 +108,27 @@ proptest! {
 }
 
 #[test]
+fn queries_that_are_empty_or_not_finite_find_nothing() {
+    let (bvh, soup, now) = moved(100, 3, Motion::PartlyNonFinite, 1);
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        for axis in 0..3 {
+            let (mut min, mut max) = (Vec3::MIN, Vec3::MAX);
+            min[axis] = if bad == f32::NEG_INFINITY { f32::NAN } else { bad };
+            assert!(overlapping(&bvh, &Aabb::new(min, Vec3::MAX)).is_empty(), "{min}");
+            max[axis] = if bad == f32::INFINITY { f32::NAN } else { bad };
+            assert!(overlapping(&bvh, &Aabb::new(Vec3::MIN, max)).is_empty(), "{max}");
+        }
+    }
+    let target = Aabb::around(&soup.triangles[1].map(|v| now[v as usize])).center();
+    let ray = Ray::new(Vec3::splat(-20.0), target + 20.0);
+    assert!(bvh.cast_ray(&ray, f32::INFINITY, |_, _| -1.0) < 0.0, "it goes right through");
+    for t_max in [f32::NAN, -1.0, f32::NEG_INFINITY] {
+        bvh.cast_ray(&ray, t_max, |p, _| panic!("{p} before {t_max}"));
+    }
+    bvh.cast_ray(&Ray::new(Vec3::NAN, Vec3::ONE), f32::INFINITY, |p, _| panic!("{p}"));
+}
+
+#[test]
 fn nothing_is_found_in_an_empty_tree() {
     let bvh = Bvh::default();
     let everywhere = Aabb::new(Vec3::MIN, Vec3::MAX);

@@ -2,6 +2,7 @@
 //! through refitting and rotations.
 
 use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::glam::Vec3Swizzles;
 use bvh_core::{Ray, SimdLevel, Triangles, Vec3};
 use bvh_update::{Scratch, Strategy, update};
 use pivot_tests::noise;
@@ -66,15 +67,18 @@ fn leaks(offset: f32, strategy: Strategy, test: TriangleTest, rays: usize) -> us
 #[test]
 fn no_ray_leaves_a_closed_mesh() {
     let strategies = ["refit", "refit+rotate", "refit+rotate+regrow", "auto", "lbvh", "ploc"];
+    let mut count = 0;
     for name in strategies {
         let strategy = Strategy::from_name(name).expect("known");
         for offset in [0.0, 1e3, 1e6] {
             for test in [TriangleTest::Watertight, TriangleTest::Double] {
                 let found = leaks(offset, strategy, test, rays());
                 assert_eq!(found, 0, "{name} at offset {offset}, {}", test.name());
+                count += rays();
             }
         }
     }
+    println!("{count} rays, one by one");
 }
 
 /// Why the fast test is not the default. `cargo xtask reproduce accuracy` has the curve.
@@ -86,20 +90,78 @@ fn the_fast_test_leaks_at_edges() {
     assert!(found > 0 && found < RAYS / 4, "{found}");
 }
 
-#[test]
-fn no_pixel_of_a_closed_mesh_is_empty_in_packets() {
-    for offset in [0.0, 1e3, 1e6] {
-        let offset = Vec3::splat(offset);
-        let (positions, triangles) = ball(offset, 0.5);
-        let mesh = Triangles { positions: &positions, indices: &triangles };
-        let bvh = build(&mesh, Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
-        // Looking along an edge of the grid of vertices, so that many rays meet edges.
-        let camera = rt_cpu::Camera::look_at(offset, offset + Vec3::X, Vec3::Z, 1.5, 128, 128);
-        for simd in SimdLevel::available() {
-            let options = rt_cpu::RenderOptions { simd, ..rt_cpu::RenderOptions::default() };
-            let mut pixels = vec![rt_cpu::Pixel::default(); 128 * 128];
-            rt_cpu::cast(&bvh, &mesh, &camera, None, &options, &mut pixels);
-            assert!(pixels.iter().all(|pixel| pixel.hit.is_some()), "{simd:?} at {offset}");
+/// Half the side of [`room`], and pixels from the middle of an image to its edge.
+const HALF: i32 = 64;
+
+/// A closed cube of 65 x 65 quads a side. Seen from its middle with a right angle of view in `2 * HALF` pixels, one pixel
+/// in four looks at a vertex, the others at the middle of an edge, as exactly as `f32` allows.
+fn room(offset: Vec3) -> (Vec<Vec3>, Vec<[u32; 3]>) {
+    let inside = (0..HALF).map(|i| (2 * i - HALF) as f32 + 0.5);
+    let places: Vec<f32> = [-HALF as f32].into_iter().chain(inside).chain([HALF as f32]).collect();
+    let last = places.len() - 1;
+    let mut numbers = std::collections::HashMap::new();
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    for (axis, side) in (0..6).map(|face| (face / 2, face % 2 * last)) {
+        let mut vertex = |u: usize, v: usize| {
+            let mut at = [side; 3];
+            (at[(axis + 1) % 3], at[(axis + 2) % 3]) = (u, v);
+            *numbers.entry(at).or_insert_with(|| {
+                positions.push(offset + Vec3::from(at.map(|i| places[i])));
+                positions.len() as u32 - 1
+            })
+        };
+        for (u, v) in (0..last * last).map(|i| (i % last, i / last)) {
+            let [a, b, c, d] = [vertex(u, v), vertex(u + 1, v), vertex(u, v + 1), vertex(u + 1, v + 1)];
+            triangles.extend([[a, b, c], [b, d, c]]);
         }
     }
+    (positions, triangles)
+}
+
+#[test]
+fn no_pixel_of_a_closed_mesh_is_empty_in_packets() {
+    const WIDTH: u32 = 2 * HALF as u32;
+    let pixel_count = (WIDTH * WIDTH) as usize;
+    let axes = [Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z];
+    let views = (rays() / (18 * pixel_count)).max(1);
+    let mut pixels = vec![rt_cpu::Pixel::default(); pixel_count];
+    let mut count = 0;
+    for (case, offset) in [0.0, 1e3, 1e6].into_iter().enumerate() {
+        let offset = Vec3::new(offset, -0.75 * offset, 0.5 * offset);
+        let (positions, triangles) = room(offset);
+        let mesh = Triangles { positions: &positions, indices: &triangles };
+        let before: Vec<_> = positions.iter().map(|p| p + (p - offset).yzx() * 0.4).collect();
+        let first = Triangles { positions: &before, indices: &triangles };
+        let built = build(&first, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
+        for name in ["refit", "refit+rotate"] {
+            let mut bvh = built.clone();
+            let strategy = Strategy::from_name(name).expect("known");
+            update(&mut bvh, &mesh, &strategy, &mut Scratch::new()).expect("same count");
+            for view in case..case + views {
+                // From the very middle first, then from near it.
+                let eye = offset + (noise(5, view) - 0.5) * if view < 6 { 0.0 } else { 1e-3 };
+                let (along, up) = (axes[view % 6], axes[(view + 1 + view / 6) % 6]);
+                let camera =
+                    rt_cpu::Camera::look_at(eye, eye + along, up, std::f32::consts::FRAC_PI_2, WIDTH, WIDTH);
+                let traversals = rt_cpu::Traversal::ALL;
+                for (simd, traversal) in
+                    SimdLevel::available().flat_map(|level| traversals.map(|traversal| (level, traversal)))
+                {
+                    for triangle_test in [TriangleTest::Watertight, TriangleTest::Double] {
+                        let options =
+                            rt_cpu::RenderOptions { simd, traversal, triangle_test, ..Default::default() };
+                        rt_cpu::cast(&bvh, &mesh, &camera, None, &options, &mut pixels);
+                        let empty = pixels.iter().filter(|pixel| pixel.hit.is_none()).count();
+                        let (traversal, test) = (traversal.name(), triangle_test.name());
+                        assert_eq!(
+                            empty, 0,
+                            "{name} at {offset}, view {view}, {simd:?}, {traversal}, {test}"
+                        );
+                        count += pixel_count;
+                    }
+                }
+            }
+        }
+    }
+    println!("{count} rays of images");
 }

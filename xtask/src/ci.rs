@@ -22,12 +22,12 @@ pub(crate) fn run() -> Result<()> {
     let mut failed = Vec::new();
     let violations = layering::violations(&metadata()?)?;
     for violation in &violations {
-        eprintln!("layering: {violation}");
+        files::tell(&format!("layering: {violation}"));
     }
     failed.extend((!violations.is_empty()).then_some("layering"));
     failed.extend((!readme_names(TESTS)?).then_some("README (it must name the test command)"));
     for (command, environment) in COMMANDS {
-        eprintln!("> {command}");
+        files::tell(&format!("> {command}"));
         let mut words = command.split_whitespace();
         let status = program(words.next().unwrap_or_default())
             .args(words)

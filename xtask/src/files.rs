@@ -1,11 +1,11 @@
 //! Where files go, and files that appear whole or not at all.
 
 use std::ffi::OsString;
-use std::fs;
+use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 
 /// The root of the workspace.
 pub(crate) fn workspace() -> &'static Path {
@@ -23,13 +23,26 @@ pub(crate) fn make_folder(path: &Path) -> Result<()> {
     fs::create_dir_all(path).with_context(|| format!("{}: cannot be made a folder", path.display()))
 }
 
+/// Checks that there is a regular file at a path, or nothing: a folder cannot be replaced, and a device must not be.
+pub(crate) fn ensure_replaceable(path: &Path) -> Result<()> {
+    let free = fs::metadata(path).map_or(true, |kind| kind.is_file());
+    ensure!(free, "{}: is no regular file, so it cannot be replaced by one", path.display());
+    Ok(())
+}
+
 /// Writes a file beside its final place and renames it.
 pub(crate) fn write_whole(path: &Path, content: &[u8]) -> Result<()> {
+    ensure_replaceable(path)?;
     let mut name = OsString::from(".");
     name.push(path.file_name().unwrap_or_default());
     name.push(format!(".{}.partial", std::process::id()));
     let partial = path.with_file_name(name);
-    fs::write(&partial, content)
+    File::create(&partial)
+        .and_then(|mut file| {
+            file.write_all(content)?;
+            // Some file systems say as late as this that the disk is full.
+            file.sync_all()
+        })
         .and_then(|()| fs::rename(&partial, path))
         .inspect_err(|_| {
             // It may not even exist, and the first error is the one to tell.
@@ -68,6 +81,10 @@ pub(crate) fn shown(path: &Path) -> String {
 /// Prints a line to standard output; a reader that has left is an error.
 pub(crate) fn print(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
-    writeln!(out, "{text}")?;
-    Ok(out.flush()?)
+    writeln!(out, "{text}").and_then(|()| out.flush()).context("standard output: cannot be written")
+}
+
+/// Prints a line to standard error, as far as that can be written: a remark is not worth ending a run.
+pub(crate) fn tell(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
 }

@@ -2,6 +2,8 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::files;
+
 /// What shells expect of a program that was interrupted.
 pub(crate) const EXIT_CODE: u8 = 130;
 
@@ -13,10 +15,10 @@ pub(crate) fn catch() {
         if REQUESTED.swap(true, Ordering::Relaxed) {
             std::process::exit(EXIT_CODE.into());
         }
-        eprintln!("interrupted: stopping after this step; once more stops at once");
+        files::tell("interrupted: stopping after this step; once more stops at once");
     });
     if let Err(error) = caught {
-        eprintln!("note: an interrupt will lose work in progress: {error}");
+        files::tell(&format!("note: an interrupt will lose work in progress: {error}"));
     }
 }
 

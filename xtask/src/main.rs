@@ -86,7 +86,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if reader_left(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {}", one_line(&error));
+            files::tell(&format!("error: {}", one_line(&error)));
             ExitCode::from(if error.is::<CheckFailed>() { 1 } else { 2 })
         }
     }
@@ -108,7 +108,7 @@ fn usage(error: &clap::Error) -> ExitCode {
         let message = text.split("\n\nUsage:").next().unwrap_or_default();
         let message = message.split("\n\nFor more information").next().unwrap_or_default();
         let line = message.split_whitespace().collect::<Vec<_>>().join(" ");
-        eprintln!("{line}; see --help");
+        files::tell(&format!("{line}; see --help"));
     }
     ExitCode::from(error.exit_code().clamp(0, 255) as u8)
 }

@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
+use crate::files;
+
 /// Time between plain lines.
 const QUIET: Duration = Duration::from_secs(10);
 
@@ -55,7 +57,7 @@ impl Progress {
         let Ok(mut last) = self.last.lock() else { return };
         if last.elapsed() >= QUIET {
             *last = Instant::now();
-            eprintln!("{}: {done} of {}{}", self.what, self.total, note());
+            files::tell(&format!("{}: {done} of {}{}", self.what, self.total, note()));
         }
     }
 }

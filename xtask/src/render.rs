@@ -111,9 +111,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     };
     ensure!(wanted.end <= count, "{label}: no frame {}; its frames are 0 to {}", wanted.end - 1, count - 1);
     for note in &scene.notes {
-        eprintln!("note: {note}");
+        files::tell(&format!("note: {note}"));
     }
-    eprintln!("a frame runs {}", scenes::FramePlan::new(&scene.effects));
+    files::tell(&format!("a frame runs {}", scenes::FramePlan::new(&scene.effects)));
     target.prepare()?;
     let mut stage = pool.install(|| Stage::new(scene))?;
     pool.install(|| frames(args, &target, &mut stage, &label, wanted, count))
@@ -166,7 +166,7 @@ fn frames(
     }
     drop(progress);
     let light = scenes::Effects { light, ..Default::default() };
-    eprintln!("effects: {light}; samples: {samples}; rays: {}", rays(&picture.stats));
+    files::tell(&format!("effects: {light}; samples: {samples}; rays: {}", rays(&picture.stats)));
     Ok(())
 }
 

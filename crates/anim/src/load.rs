@@ -22,6 +22,9 @@ pub fn load(path: &Path, clip: Option<&str>) -> Result<Box<dyn Animation>, LoadE
     if kind.is_file() && matches!(&*extension, "glb" | "gltf") {
         return Ok(Box::new(load_gltf(path, clip)?));
     }
+    if !kind.is_file() && !kind.is_dir() {
+        return Err(LoadError::Unsupported { file: path.to_owned(), found: "not a regular file".into() });
+    }
     let is_aff = kind.is_file() && extension == "aff";
     if !is_aff && !kind.is_dir() && Format::of(path).is_none() {
         let found = if extension.is_empty() {

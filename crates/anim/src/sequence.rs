@@ -52,7 +52,8 @@ fn mesh_files(directory: &Path) -> Result<Vec<PathBuf>, LoadError> {
         let file = entry.map_err(io)?.path();
         // Hidden files are what some systems leave beside the real ones.
         let hidden = file.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-        if Format::of(&file).is_some() && !hidden && file.is_file() {
+        // A frame that cannot be read must not be missed out, so that what is no folder is tried.
+        if Format::of(&file).is_some() && !hidden && !file.is_dir() {
             files.push(file);
         }
     }

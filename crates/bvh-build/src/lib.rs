@@ -274,7 +274,11 @@ pub fn build<P: Primitives + ?Sized>(
 /// primitive, 64 binned, 48 LBVH, 52 HLBVH, 128 PLOC, 32 more with long codes; a sweep takes 140 of its own.
 ///
 /// Where the SAH cannot choose (centres that cannot be told apart, a node without area) and where the tree
-/// would get too high, a node is split in the middle of its primitives.
+/// would get too high, a node is split in the middle of its primitives: no tree is higher than
+/// [`MAX_HEIGHT`](bvh_core::MAX_HEIGHT), whatever the primitives. Those without extent, all alike, far from the origin
+/// or beyond the range of `f32` areas make valid trees with tight boxes, too; how good those are is another matter,
+/// where `f32` cannot tell places or areas apart. Primitives with an empty box are kept, and dropped
+/// (see [`bvh_core`]).
 ///
 /// # Errors
 /// If there are more than [`MAX_PRIMITIVES`]; `bvh` is then as it was.

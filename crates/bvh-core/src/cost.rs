@@ -15,7 +15,8 @@ pub const COST_INTERSECT: f64 = 1.0;
 /// + COST_INTERSECT * sum over leaves of A(l) * |l| ) / A(root)
 /// ```
 ///
-/// with `A` the half area, computed and summed in double precision. 0 if the root has no area. O(n).
+/// with `A` the half area, computed and summed in double precision: finite for all trees. 0 if the root has no area.
+/// O(n).
 #[must_use]
 pub fn sah_cost(bvh: &Bvh) -> f64 {
     let mut sum = 0.0;

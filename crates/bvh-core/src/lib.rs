@@ -7,9 +7,17 @@
 //! and kept good by `bvh-update`.
 //!
 //! Primitives are numbered from 0 and known by their boxes only ([`Primitives`]). Coordinates are `f32`;
-//! any axis convention will do. Primitives with a NaN or an infinite coordinate are *dropped*: they stay in
-//! their leaf with an empty box, are never hit by a ray, and come back when they are finite again. (Queries by box give
-//! all primitives of a leaf, whose own boxes the caller tests: in leaves of several a dropped one may be among them.)
+//! any axis convention will do.
+//!
+//! # What hard input gives
+//!
+//! Primitives with a NaN or an infinite coordinate are *dropped*: they stay in their leaf with an empty box, are never
+//! hit by a ray, and come back when they are finite again. (Queries by box give all primitives of a leaf, whose own
+//! boxes the caller tests: in leaves of several a dropped one may be among them.) Primitives without extent are like
+//! any other. Areas that exceed the range of `f32` are infinite as [`Aabb::half_area`]; costs are summed from `f64`
+//! areas, which never do. Areas may underflow to 0; a tree without area has the cost 0. Far from the origin boxes are
+//! as exact as the coordinates they are given. No tree is higher than [`MAX_HEIGHT`], so walks keep their stack in an
+//! array of that size.
 //!
 //! Throughout, a node is `N`, its children `L` and `R`, its grandchildren `LL LR RL RR`.
 

@@ -9,7 +9,8 @@ impl Bvh {
     /// Calls `found` with the number of every primitive in a leaf whose box overlaps `query` (touching counts).
     ///
     /// With one primitive a leaf these are the primitives whose boxes overlap; larger leaves may bring
-    /// neighbours along. Each primitive is reported once, in no particular order.
+    /// neighbours along. Each primitive is reported once, in no particular order. A query that is empty or has a NaN
+    /// finds nothing.
     pub fn overlaps(&self, query: &Aabb, mut found: impl FnMut(usize)) {
         let nodes = self.nodes();
         let mut stack: Stack = [0; MAX_HEIGHT as usize + 1];
@@ -33,7 +34,8 @@ impl Bvh {
     /// Calls `found` once with every pair of different primitives that lie in one leaf or in two whose boxes
     /// overlap: the broad phase of a collision loop.
     ///
-    /// O(n + pairs) for scattered primitives. Pairs come in no particular order, nor do the two of a pair.
+    /// O(n + pairs) for scattered primitives. Pairs come in no particular order, nor do the two of a pair. A dropped
+    /// primitive is in pairs with those of its own leaf only.
     pub fn overlapping_pairs(&self, mut found: impl FnMut(usize, usize)) {
         let nodes = self.nodes();
         // A pair of equal numbers stands for "within this subtree".
@@ -71,7 +73,8 @@ impl Bvh {
     /// `t_max`, nearest leaves first as far as boxes tell.
     ///
     /// `test` gets the present `t_max` and returns the new one: smaller after a hit (for the closest hit), negative to
-    /// end the walk (for any hit), unchanged otherwise. Returns the last `t_max`.
+    /// end the walk (for any hit), unchanged otherwise. Returns the last `t_max`. An invalid ray, or a `t_max` that is
+    /// negative or NaN, meets nothing.
     pub fn cast_ray(&self, ray: &Ray, mut t_max: f32, mut test: impl FnMut(usize, f32) -> f32) -> f32 {
         let nodes = self.nodes();
         let mut stack: [(f32, u32); MAX_HEIGHT as usize + 1] = [(0.0, 0); MAX_HEIGHT as usize + 1];

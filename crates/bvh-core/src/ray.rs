@@ -58,7 +58,8 @@ impl Ray {
         !self.origin.is_nan()
     }
 
-    /// The distance at which the ray enters `aabb` between 0 and `t_max`, or `None`.
+    /// The distance at which the ray enters `aabb` between 0 and `t_max`, or `None`: always so for an empty box, an
+    /// invalid ray, and a `t_max` that is negative or NaN.
     ///
     /// Conservative by [`WIDEN`](Self::WIDEN): rounding never turns a hit into a miss, not even one at `t_max`.
     #[must_use]

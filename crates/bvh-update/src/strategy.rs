@@ -175,8 +175,8 @@ pub struct Update {
     pub decision: Decision,
     /// Rotations applied, by kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
     pub rotations: [u64; 6],
-    /// SAH cost of the tree as it is now, where the update knows it for free: [`sah_cost`], but from `f32` areas.
-    /// `None` after a rebuild.
+    /// SAH cost of the tree as it is now, where the update knows it for free: [`sah_cost`], but from `f32` areas, as
+    /// far as those are finite. `None` after a rebuild.
     pub sah_cost: Option<f64>,
     /// Height of the tree as it is now.
     pub height: u32,
@@ -213,8 +213,13 @@ pub enum UpdateError {
 
 /// Brings `bvh` up to date with primitives that have moved, as `strategy` says.
 ///
+/// Primitives without finite coordinates are dropped from all boxes, counted in [`Update::dropped`], and back in the
+/// first update that finds them finite. After it every box is tight, wherever the primitives went: onto one point, far
+/// from the origin, beyond the range of `f32` areas. A rotation is applied only if it lowers the area, strictly, and
+/// leaves the tree no higher than [`MAX_HEIGHT`](bvh_core::MAX_HEIGHT).
+///
 /// Runs in the current rayon pool; the tree that results is the same, bit for bit, for every number of threads and
-/// every SIMD level. Refitting, with or without rotations, takes O(n) time for the n nodes above primitives that
+/// every SIMD level ([`Strategy::Background`] excepted, which depends on time). Refitting, with or without rotations, takes O(n) time for the n nodes above primitives that
 /// move, and after the first call allocates nothing.
 ///
 /// # Errors

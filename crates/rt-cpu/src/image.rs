@@ -1,8 +1,13 @@
 //! Images in memory and in files.
 
 use std::ffi::OsString;
+use std::fs::File;
+use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
+use exr::image::SpecificChannels;
+use exr::image::write::WritableImage;
+use exr::math::Vec2;
 use thiserror::Error;
 
 /// Linear colours (red, green, blue) in rows from the top, each row from the left.
@@ -97,10 +102,10 @@ impl Image {
     /// # Errors
     /// If the file cannot be written; nothing is left behind then.
     pub fn save_png(&self, path: &Path) -> Result<(), ImageError> {
-        atomically(path, |path| {
+        atomically(path, |file| {
             let bytes = self.pixels.iter().flatten().map(|&c| srgb(c)).collect();
             let png = image::RgbImage::from_raw(self.width, self.height, bytes).ok_or("image too large")?;
-            Ok(png.save_with_format(path, image::ImageFormat::Png)?)
+            Ok(png.write_to(file, image::ImageFormat::Png)?)
         })
     }
 
@@ -109,24 +114,33 @@ impl Image {
     /// # Errors
     /// If the file cannot be written; nothing is left behind then.
     pub fn save_exr(&self, path: &Path) -> Result<(), ImageError> {
-        atomically(path, |path| {
+        atomically(path, |file| {
             let (width, height) = (self.width as usize, self.height as usize);
-            Ok(exr::prelude::write_rgb_file(path, width, height, |x, y| self.pixels[y * width + x].into())?)
+            let channels =
+                SpecificChannels::rgb(|Vec2(x, y)| <(f32, f32, f32)>::from(self.pixels[y * width + x]));
+            Ok(exr::image::Image::from_channels((width, height), channels).write().to_buffered(file)?)
         })
     }
 }
 
-/// Lets `write` make a file beside `path` and renames that.
+/// Lets `write` fill a file beside `path` and renames that.
 fn atomically(
     path: &Path,
-    write: impl FnOnce(&Path) -> Result<(), Box<dyn std::error::Error + Send + Sync>>,
+    write: impl FnOnce(&mut BufWriter<File>) -> Result<(), Box<dyn std::error::Error + Send + Sync>>,
 ) -> Result<(), ImageError> {
     let mut name = OsString::from(".");
     name.push(path.file_name().unwrap_or_default());
     name.push(format!(".{}.partial", std::process::id()));
     let partial = path.with_file_name(name);
-    let written = write(&partial).and_then(|()| Ok(std::fs::rename(&partial, path)?));
-    written.map_err(|source| {
+    let fill = || {
+        let mut file = BufWriter::new(File::create(&partial)?);
+        write(&mut file)?;
+        // The last bytes: dropping would write them too, but not say if it cannot. Some file systems say as late as
+        // the sync that the disk is full.
+        file.into_inner().map_err(std::io::IntoInnerError::into_error)?.sync_all()?;
+        Ok(std::fs::rename(&partial, path)?)
+    };
+    fill().map_err(|source| {
         // It may not even exist, and the first error is the one to tell.
         let _ = std::fs::remove_file(&partial);
         ImageError::Write { path: path.to_owned(), source }
@@ -177,6 +191,21 @@ mod tests {
 
         assert_eq!(std::fs::read_dir(&dir).expect("readable").count(), 2, "nothing else is left");
         std::fs::remove_dir_all(&dir).expect("removable");
+    }
+
+    /// However little of a file is still to be written when the disk is full.
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_full_disk_leaves_nothing() {
+        let dir = std::env::temp_dir().join(format!("rt-cpu-full-{}", std::process::id()));
+        std::fs::create_dir_all(&dir).expect("temporary directory");
+        for name in ["a.png", "a.exr"] {
+            let partial = dir.join(format!(".{name}.{}.partial", std::process::id()));
+            std::os::unix::fs::symlink("/dev/full", partial).expect("a link");
+            let error = gradient().save(&dir.join(name)).expect_err("no space").to_string();
+            assert!(error.contains(name) && error.contains("No space"), "{error}");
+        }
+        std::fs::remove_dir(&dir).expect("nothing in it");
     }
 
     #[test]

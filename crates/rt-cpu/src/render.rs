@@ -23,6 +23,7 @@ use crate::{Camera, Image, Mesh, holes, random};
 ///
 /// `mesh.triangles` are the primitives of the tree, by its numbers. Runs in the current rayon pool, in tiles;
 /// every pixel is the same for any number of threads, any [`Traversal`] and any [`SimdLevel`](bvh_core::SimdLevel).
+/// A camera that is not finite sees the background; triangles that are not finite are not there.
 pub fn render(
     bvh: &Bvh,
     mesh: &Mesh<'_>,

@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow};
 use bvh_core::{Ray, Triangles, Vec3};
-use pivot_benches::embree::Embree;
-use pivot_benches::{Contest, Hits, LIMIT, RAYS, Rays, field};
+use pivot_benches::embree::{Device, Embree};
+use pivot_benches::{Contest, Entry, Hits, LIMIT, RAYS, Rays, field};
 use rt_cpu::{Hit, TriangleTest, closest_hit_brute};
 
 use crate::files;
@@ -89,8 +89,7 @@ fn exponential() -> Vec<Vec3> {
 /// Runs every case for everyone and prints a table in Markdown.
 pub(super) fn run(embree: Option<&Path>) -> Result<()> {
     let device = load(embree)?;
-    let names: Vec<_> = field(Contest::Update, device.as_ref()).into_iter().map(|entry| entry.name).collect();
-    let names: Vec<_> = names.into_iter().filter(|name| name != LIMIT).collect();
+    let names: Vec<_> = contestants(device.as_ref()).map(|entry| entry.name).collect();
     let progress = Progress::new("hard cases", (names.len() * CASES.len()) as u64);
     let mut lines = vec![
         format!("| contestant | {} |", CASES.map(|case| case.0).join(" | ")),
@@ -140,7 +139,14 @@ fn in_a_process(case: &str, contestant: &str, embree: Option<&Path>) -> Result<S
     })
 }
 
-fn load(embree: Option<&Path>) -> Result<Option<pivot_benches::embree::Device>> {
+/// Everyone who updates or rebuilds, and in their robust modes those who have one.
+fn contestants(embree: Option<&Device>) -> impl Iterator<Item = Entry> {
+    let updates = field(Contest::Update, embree).into_iter().filter(|entry| entry.name != LIMIT);
+    let robust = field(Contest::Trace, embree).into_iter().filter(|entry| entry.name.contains("robust"));
+    updates.chain(robust)
+}
+
+fn load(embree: Option<&Path>) -> Result<Option<Device>> {
     Ok(Embree::load(embree).ok().map(|e| e.device(1)).transpose()?)
 }
 
@@ -154,9 +160,7 @@ pub(super) fn run_one(case: &str, contestant: &str, embree: Option<&Path>) -> Re
     let indices: Vec<[u32; 3]> =
         (0..frames[0].len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
     let device = load(embree)?;
-    let entries = field(Contest::Update, device.as_ref());
-    let entry = entries
-        .into_iter()
+    let entry = contestants(device.as_ref())
         .find(|entry| entry.name == contestant)
         .ok_or_else(|| anyhow!("no contestant '{contestant}'"))?;
     let mut contestant = entry.make(&Triangles { positions: &frames[0], indices: &indices })?;

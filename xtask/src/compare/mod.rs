@@ -100,9 +100,10 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let embree = find_embree(args)?;
     let version = embree.as_ref().map(|e| Ok::<_, NotFound>(e.device(1)?.version())).transpose()?;
     let mut report = Report::new(Machine::read(), Revision::read(), version);
-    if let Some(folder) = args.json.as_ref().and_then(|path| path.parent()) {
+    if let Some(path) = &args.json {
         // Better to fail now than after the measurements.
-        files::make_folder(folder)?;
+        path.parent().map_or(Ok(()), files::make_folder)?;
+        files::ensure_replaceable(path)?;
     }
     files::print(&report.heading())?;
 
@@ -130,7 +131,7 @@ fn find_embree(args: &Args) -> Result<Option<Embree>> {
     match Embree::load(args.embree.as_deref()) {
         Ok(embree) => Ok(Some(embree)),
         Err(reason @ NotFound::Nowhere) => {
-            eprintln!("note: {reason}");
+            files::tell(&format!("note: {reason}"));
             Ok(None)
         }
         Err(reason) => Err(reason.into()),
@@ -160,12 +161,12 @@ fn run_scene(
             if rows.is_empty() {
                 return Ok(());
             }
-            files::print(&table::table(&rows))?;
+            let table = table::table(&rows);
             report.rows.extend(rows);
-            match &args.json {
-                Some(path) => files::write_whole(path, &report.json()?),
-                None => Ok(()),
+            if let Some(path) = &args.json {
+                files::write_whole(path, &report.json()?)?;
             }
+            files::print(&table)
         };
         if asked(What::Update) && !interrupt::requested() {
             keep(update::measure(label, &mut stage, &setting)?)?;

@@ -8,6 +8,7 @@ mod claims;
 mod contestants;
 mod decisions;
 mod figures;
+mod journal;
 mod offline;
 mod options;
 mod output;
@@ -26,10 +27,11 @@ mod summary;
 use anyhow::{Result, ensure};
 use scenes::Scene;
 
+use self::journal::Journal;
 use self::output::Output;
 use self::pace::Pace;
 use self::protocol::{Log, Named, Plan};
-use self::record::{Records, Row};
+use self::record::Row;
 use self::results::{Picture, Results, SceneFacts, SceneRun, Settings};
 use self::saved::Saved;
 use crate::machine::{Machine, Revision};
@@ -93,20 +95,21 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         });
         all.collect()
     };
-    let mut records = Records::create(&out.file("frames.csv"), &rows(0))?;
-    let any_speeds = entries.iter().any(|entry| args.runs_speeds(&entry.label));
-    let mut speed_records =
-        any_speeds.then(|| Records::create(&out.file("fig5.csv"), &rows(1))).transpose()?;
-    let mut accuracy_log =
-        args.runs_accuracy().then(|| accuracy::Log::create(&out.file("accuracy.csv"))).transpose()?;
-    if let Some(log) = &mut accuracy_log {
-        let points = kept.iter().flat_map(|(finished, _)| finished).flat_map(|run| &run.accuracy);
-        points.into_iter().try_for_each(|point| log.append(point))?;
-    } else {
-        files::remove_old(&out.file("accuracy.csv"))?;
+    if saved.is_none() {
+        // First of all: with new rows beside it, it would tell of scenes as finished that have none.
+        files::remove_old(&out.file("summary.json"))?;
     }
-    if speed_records.is_none() {
+    let mut frames = Journal::create(&out.file("frames.csv"), &rows(0))?;
+    let any_speeds = entries.iter().any(|entry| args.runs_speeds(&entry.label));
+    let mut speeds = any_speeds.then(|| Journal::create(&out.file("fig5.csv"), &rows(1))).transpose()?;
+    if speeds.is_none() {
         files::remove_old(&out.file("fig5.csv"))?;
+    }
+    let points = || kept.iter().flat_map(|(finished, _)| finished).flat_map(|run| &run.accuracy);
+    let mut points =
+        args.runs_accuracy().then(|| Journal::create(&out.file("accuracy.csv"), points())).transpose()?;
+    if points.is_none() {
+        files::remove_old(&out.file("accuracy.csv"))?;
     }
     let mut pace = Pace::new(entries.iter().map(|entry| entry.work(args)).sum());
 
@@ -121,7 +124,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         }
         // Before each scene, so that a run that is killed leaves all but one of them.
         out.write_summary(&results)?;
-        eprintln!("{}", entry.label);
+        files::tell(&entry.label);
         pace.pause();
         let scene = entry.loaded.map_or_else(|| args.load(&entry.source), Ok)?;
         let run = pool.install(|| {
@@ -131,11 +134,11 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             run.facts.supplement = entry.supplement;
             let [begun, begun_speeds] = begun;
             if args.runs_frames() {
-                let mut log = Log { done: begun, records: &mut records, pace: &mut pace };
+                let mut log = Log { done: begun, journal: &mut frames, pace: &mut pace };
                 run_frames(&mut run, &mut stage, &plan, args, &mut log, &out)?;
             }
-            if let Some(records) = speed_records.as_mut().filter(|_| args.runs_speeds(&run.facts.label)) {
-                let mut log = Log { done: begun_speeds, records, pace: &mut pace };
+            if let Some(journal) = speeds.as_mut().filter(|_| args.runs_speeds(&run.facts.label)) {
+                let mut log = Log { done: begun_speeds, journal, pace: &mut pace };
                 run_speeds(&mut run, &mut stage, &plan, args.values().speed_loops, &mut log)?;
             }
             pace.pause();
@@ -143,9 +146,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             if is_static && run.facts.triangles <= args.values().offline && !interrupt::requested() {
                 run.offline = offline::measure(&mut stage, plan.size)?;
             }
-            if let Some(log) = accuracy_log.as_mut().filter(|_| !entry.supplement) {
+            if let Some(journal) = points.as_mut().filter(|_| !entry.supplement) {
                 let label = &run.facts.label;
-                run.accuracy = accuracy::measure(label, &entry.source, &mut stage, &args.effort(), log)?;
+                run.accuracy = accuracy::measure(label, &entry.source, &mut stage, &args.effort(), journal)?;
             }
             Ok::<_, anyhow::Error>(run)
         })?;
@@ -163,7 +166,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 fn earlier(out: &Output, now: &Results) -> Result<Option<Saved>> {
     let folder = out.file("");
     if !out.file("summary.json").exists() {
-        eprintln!("note: {} holds no run to go on with; starting anew", folder.display());
+        files::tell(&format!("note: {} holds no run to go on with; starting anew", folder.display()));
         return Ok(None);
     }
     let saved = saved::load(&folder)?;

@@ -37,11 +37,16 @@ impl Output {
         }
         let images = fs::read_dir(other.join("images")).into_iter().flatten().flatten();
         let images = images.map(|entry| Path::new("images").join(entry.file_name()));
+        // What is here tells of other rows.
+        files::remove_old(&self.file("summary.json"))?;
         for name in ["frames.csv", "fig5.csv", "accuracy.csv"].map(PathBuf::from).into_iter().chain(images) {
-            let from = other.join(&name);
+            let (from, to) = (other.join(&name), self.folder.join(&name));
             if from.is_file() {
-                fs::copy(&from, self.folder.join(&name))
-                    .with_context(|| format!("{}: cannot be copied", from.display()))?;
+                let content =
+                    fs::read(&from).with_context(|| format!("{}: cannot be read", from.display()))?;
+                files::write_whole(&to, &content)?;
+            } else {
+                files::remove_old(&to)?;
             }
         }
         Ok(self)

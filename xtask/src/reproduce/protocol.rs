@@ -18,8 +18,9 @@ use rt_cpu::{Image, RenderOptions, RenderStats, render};
 
 use super::check::{self, Checks};
 use super::contestants::{Contestant, Counted, Method};
+use super::journal::Journal;
 use super::pace::Pace;
-use super::record::{Records, Row};
+use super::record::Row;
 use super::stages::primitives_refit;
 use crate::interrupt;
 use crate::stage::{Stage, ms};
@@ -102,9 +103,9 @@ pub(crate) type Named<'a> = (&'static str, &'a Bvh);
 
 /// What is measured already, and where the rest goes.
 pub(crate) struct Log<'a> {
-    /// Rows of an earlier run, of whole steps from the first on; in `records` already.
+    /// Rows of an earlier run, of whole steps from the first on; in `journal` already.
     pub(crate) done: Vec<Row>,
-    pub(crate) records: &'a mut Records,
+    pub(crate) journal: &'a mut Journal<Row>,
     pub(crate) pace: &'a mut Pace,
 }
 
@@ -112,7 +113,7 @@ impl Log<'_> {
     /// The log of one run: rows of as many frames a loop.
     pub(crate) fn take(&mut self, frames: usize) -> Log<'_> {
         let done = self.done.extract_if(.., |row| row.frames_per_loop == frames).collect();
-        Log { done, records: self.records, pace: self.pace }
+        Log { done, journal: self.journal, pace: self.pace }
     }
 }
 
@@ -122,7 +123,7 @@ pub(crate) fn measure(
     label: &str,
     stage: &mut Stage,
     plan: &Plan,
-    Log { done, records, pace }: Log<'_>,
+    Log { done, journal, pace }: Log<'_>,
     mut picture: impl FnMut(&mut Stage, &[Named<'_>], usize) -> Result<()>,
 ) -> Result<(Vec<Row>, Checks)> {
     let steps = plan.steps();
@@ -203,7 +204,7 @@ pub(crate) fn measure(
                 ..measured.row(label, c.name, c.counted, plan).posed(&posed)
             })
             .collect();
-        records.append(&rows)?;
+        journal.append(&rows)?;
         all_rows.extend(rows);
         if round == 0 && plan.is_pictured(frame) {
             let current = lanes.iter().filter(|lane| lane.is_current);

@@ -1,16 +1,18 @@
 //! The results of an earlier run, read back from their folder: to draw the report again, to go on after an interrupt,
 //! to compare with.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 
-use super::accuracy;
+use super::accuracy::Point;
 use super::check::Checks;
+use super::journal;
 use super::offline::OfflineTree;
-use super::record::{self, Row};
+use super::record::Row;
 use super::results::{Picture, Results, SceneFacts, SceneRun, Settings};
 use super::summary::SCHEMA;
 use crate::machine::{Machine, Revision};
@@ -34,8 +36,18 @@ struct Scene {
     #[serde(flatten)]
     facts: SceneFacts,
     checks: Checks,
+    strategies: Vec<Samples>,
+    /// By frames in a loop.
+    speeds: BTreeMap<usize, Samples>,
     offline: Vec<OfflineTree>,
     images: Vec<Picture>,
+}
+
+/// How many rows of a strategy there were when the summary was written.
+#[derive(Deserialize)]
+struct Samples {
+    strategy: String,
+    samples: usize,
 }
 
 /// What a folder holds: the scenes it knows all about, and rows of one that was under way.
@@ -56,11 +68,11 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
     let summary: Summary =
         serde_json::from_slice(&text).with_context(|| format!("{shown}: not what schema {SCHEMA} says"))?;
     let Summary { interrupted, machine, revision, settings, scenes } = summary;
-    let mut rows = record::read(&folder.join("frames.csv"))?;
-    let mut speed_rows = record::read(&folder.join("fig5.csv"))?;
-    let mut points = accuracy::read(&folder.join("accuracy.csv"))?;
+    let mut rows = journal::read(&folder.join("frames.csv"))?;
+    let mut speed_rows = journal::read(&folder.join("fig5.csv"))?;
+    let mut points = journal::read::<Point>(&folder.join("accuracy.csv"))?;
     let mut runs = Vec::new();
-    for Scene { facts, checks, offline, mut images } in scenes {
+    for Scene { facts, checks, strategies, speeds, offline, mut images } in scenes {
         for picture in &mut images {
             let path = folder.join("images").join(&picture.file);
             picture.bytes = fs::read(&path).with_context(|| format!("{}: cannot be read", path.display()))?;
@@ -69,10 +81,29 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
         run.accuracy = points.extract_if(.., |point| point.scene == run.facts.label).collect();
         run.rows = take(&mut rows, &run.facts.label);
         run.speeds = by_speed(take(&mut speed_rows, &run.facts.label));
+        if run.facts.finished {
+            for Samples { strategy, samples } in &strategies {
+                ensure_rows(&folder.join("frames.csv"), &run.facts.label, run.of(strategy).len(), *samples)?;
+            }
+            for (frames, Samples { samples, .. }) in &speeds {
+                let found = run.speeds.iter().find(|(n, _)| n == frames).map_or(0, |(_, rows)| rows.len());
+                ensure_rows(&folder.join("fig5.csv"), &run.facts.label, found, *samples)?;
+            }
+        }
         runs.push(run);
     }
     let results = Results { machine, revision, settings, scenes: runs, interrupted };
     Ok(Saved { results, rows, speed_rows })
+}
+
+/// Checks that no rows are missing of a scene that counts as finished.
+fn ensure_rows(file: &Path, label: &str, found: usize, expected: usize) -> Result<()> {
+    ensure!(
+        found == expected,
+        "{}: {found} rows of {label} where summary.json counted {expected}; measure again",
+        file.display()
+    );
+    Ok(())
 }
 
 fn take(rows: &mut Vec<Row>, label: &str) -> Vec<Row> {

@@ -8,8 +8,9 @@ use bvh_core::{Bvh, sah_cost};
 use rt_cpu::{Image, RenderOptions, render};
 
 use super::effort::Effort;
-use super::point::{Log, Point};
+use super::point::Point;
 use crate::progress::Progress;
+use crate::reproduce::journal::Journal;
 use crate::stage::{Stage, ms};
 
 /// A scene under measurement.
@@ -20,7 +21,7 @@ pub(super) struct Bench<'a> {
     pub(super) source: &'a str,
     pub(super) stage: &'a mut Stage,
     pub(super) effort: &'a Effort,
-    log: &'a mut Log,
+    journal: &'a mut Journal<Point>,
     progress: Progress,
     knob: u64,
     pub(super) points: Vec<Point>,
@@ -35,11 +36,11 @@ impl<'a> Bench<'a> {
         source: &'a str,
         stage: &'a mut Stage,
         effort: &'a Effort,
-        log: &'a mut Log,
+        journal: &'a mut Journal<Point>,
         knobs: usize,
     ) -> Self {
         let progress = Progress::new(format!("{label}, accuracy"), (knobs as f64 * STEPS) as u64);
-        Self { label, source, stage, effort, log, progress, knob: 0, points: Vec::new() }
+        Self { label, source, stage, effort, journal, progress, knob: 0, points: Vec::new() }
     }
 
     /// Takes what was measured; it is in the file when this returns.
@@ -47,7 +48,7 @@ impl<'a> Bench<'a> {
         // To a tenth of a microsecond.
         let time_ms = (point.time_ms * 1e4).round() / 1e4;
         let point = Point { scene: self.label.to_owned(), time_ms, ..point };
-        self.log.append(&point)?;
+        self.journal.append(std::slice::from_ref(&point))?;
         self.points.push(point);
         Ok(())
     }

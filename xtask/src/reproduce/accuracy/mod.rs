@@ -22,8 +22,9 @@ use anyhow::Result;
 
 use self::bench::Bench;
 pub(crate) use self::effort::Effort;
-pub(crate) use self::point::{Log, Point, read};
+pub(crate) use self::point::Point;
 pub(crate) use self::section::{figures, html};
+use super::journal::Journal;
 use crate::interrupt;
 use crate::stage::Stage;
 
@@ -44,9 +45,9 @@ pub(crate) fn measure(
     source: &str,
     stage: &mut Stage,
     effort: &Effort,
-    log: &mut Log,
+    journal: &mut Journal<Point>,
 ) -> Result<Vec<Point>> {
-    let mut bench = Bench::new(label, source, stage, effort, log, KNOBS.len());
+    let mut bench = Bench::new(label, source, stage, effort, journal, KNOBS.len());
     for knob in KNOBS {
         if interrupt::requested() {
             break;

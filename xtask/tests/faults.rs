@@ -1,0 +1,362 @@
+//! Full disks, unreadable files and killed runs: nothing half-written is ever taken for whole, measured rows survive.
+//!
+//! The system provokes them: `ulimit -f` ends a write in the middle of a file, by an error or by a signal; a link to
+//! `/dev/full` under the name that a file is written under first is a full disk (`$$` in a shell is the process that
+//! `exec` makes of it); SIGKILL is what it is.
+#![cfg(target_os = "linux")]
+
+mod program;
+
+use std::fs;
+use std::os::unix::fs::symlink;
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use program::{folder, refused, str, succeeds};
+
+/// The program, started by a shell after some `preparation`.
+fn after(preparation: &str, arguments: &[&str]) -> Output {
+    let script = format!("{preparation}; exec \"$0\" \"$@\"");
+    let mut command = Command::new("sh");
+    command.args(["-c", &script, env!("CARGO_BIN_EXE_xtask")]).args(arguments);
+    command.output().expect("a shell")
+}
+
+/// Fails with exit code 2 and one line that has all of `words`.
+fn fails(output: &Output, words: &[&str]) {
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    let last = message.lines().last().expect("a message");
+    assert!(last.starts_with("error: ") && message.matches("error: ").count() == 1, "{message}");
+    for word in words {
+        assert!(last.contains(word), "no {word:?} in {message}");
+    }
+}
+
+/// A run of both kinds of rows.
+fn reproduce<'a>(sheet: &'a Path, out: &'a Path) -> Vec<&'a str> {
+    reproduce_frames(sheet, out, "100")
+}
+
+fn reproduce_frames<'a>(sheet: &'a Path, out: &'a Path, frames: &'a str) -> Vec<&'a str> {
+    let mut all =
+        vec!["reproduce", "fig4", "fig5", "--preset", "quick", "--scene", str(sheet), "--out", str(out)];
+    all.extend(["--strategy", "refit", "--strategy", "refit+rotate", "--threads", "1"]);
+    all.extend(["--frames", frames, "--loops", "1.5", "--size", "8"]);
+    all
+}
+
+fn resumed<'a>(sheet: &'a Path, out: &'a Path) -> Vec<&'a str> {
+    [reproduce(sheet, out), vec!["--resume"]].concat()
+}
+
+/// The whole rows of a file but for their times, which no two runs share.
+fn rows(file: &Path) -> Vec<String> {
+    let text = fs::read_to_string(file).expect("rows");
+    let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
+    let header: Vec<&str> = whole.lines().next().unwrap_or_default().split(',').collect();
+    let untimed = |line: &str| {
+        let fields: Vec<&str> = line.split(',').collect();
+        assert_eq!(fields.len(), header.len(), "a torn row: {line}");
+        let kept = fields.iter().zip(&header).filter(|(_, name)| !name.ends_with("_ms"));
+        kept.map(|(field, _)| *field).collect::<Vec<_>>().join(",")
+    };
+    whole.lines().map(untimed).collect()
+}
+
+const FILES: [&str; 2] = ["frames.csv", "fig5.csv"];
+
+/// The rows of a run that nothing happened to.
+fn undisturbed(sheet: &Path, base: &Path) -> [Vec<String>; 2] {
+    let out = base.join("undisturbed");
+    succeeds(&reproduce(sheet, &out));
+    let rows = FILES.map(|name| rows(&out.join(name)));
+    assert_eq!(rows.each_ref().map(Vec::len), [1 + 2 * 150, 1 + (20 + 100 + 500) * 3 / 2]);
+    rows
+}
+
+fn is_whole(out: &Path, all: &[Vec<String>; 2]) {
+    assert_eq!(&FILES.map(|name| rows(&out.join(name))), all);
+    let summary = fs::read(out.join("summary.json")).expect("a summary");
+    let summary: serde_json::Value = serde_json::from_slice(&summary).expect("JSON");
+    assert_eq!((&summary["interrupted"], &summary["checks"]["differences"]), (&false.into(), &0.into()));
+    assert_eq!(summary["scenes"][0]["images"].as_array().expect("a list").len(), 3 * 3);
+    assert!(fs::read_to_string(out.join("report.html")).expect("a report").ends_with("</html>"));
+}
+
+/// Names of files in a folder and those in it that no finished run would leave.
+fn half_written(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("readable").path();
+        if path.is_dir() {
+            found.extend(half_written(&path));
+        } else if str(&path).ends_with(".partial") {
+            found.push(path);
+        }
+    }
+    found
+}
+
+#[test]
+fn rows_survive_a_full_disk_and_a_signal_in_the_middle_of_a_row() {
+    let (temporary, sheet) = folder();
+    let all = undisturbed(&sheet, temporary.path());
+    // In blocks of 512 bytes: shorter than the rows of figure 4, and than those of figure 5.
+    for (file, blocks) in [(0, 50), (1, 200)] {
+        for signal in [true, false] {
+            let out = temporary.path().join(format!("{file}-{signal}"));
+            let ignore = if signal { ":" } else { "trap '' XFSZ" };
+            let output =
+                after(&format!("{ignore}; ulimit -c 0; ulimit -f {blocks}"), &reproduce(&sheet, &out));
+            if signal {
+                assert!(output.status.signal().is_some(), "{:?}", output.status);
+                assert_eq!(fs::metadata(out.join(FILES[file])).expect("rows").len(), 512 * blocks, "torn");
+            } else {
+                fails(&output, &[FILES[file], "too large"]);
+                assert!(fs::read(out.join(FILES[file])).expect("rows").ends_with(b"\n"), "whole rows only");
+                assert_eq!(half_written(&out), [] as [PathBuf; 0]);
+            }
+            assert!(!out.join("report.html").exists());
+            let left = FILES.map(|name| rows(&out.join(name)));
+            assert!(left[file].len() > 50 && all[file].starts_with(&left[file]));
+            assert_eq!(left[0].len() == all[0].len(), file == 1, "all rows of what was finished before");
+
+            succeeds(&resumed(&sheet, &out));
+            is_whole(&out, &all);
+        }
+    }
+}
+
+#[test]
+fn rows_survive_a_run_that_is_killed_and_killed_again() {
+    let (temporary, sheet) = folder();
+    let all = undisturbed(&sheet, temporary.path());
+    let out = temporary.path().join("killed");
+    let mut before = 0;
+    for (file, wait_for) in [(0, 10), (0, 120), (1, 30), (1, 400)] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_xtask"));
+        command.args(if before == 0 { reproduce(&sheet, &out) } else { resumed(&sheet, &out) });
+        let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("it starts");
+        let begun = Instant::now();
+        let lines =
+            || fs::read(out.join(FILES[file])).map_or(0, |b| b.iter().filter(|&&b| b == b'\n').count());
+        while lines() < wait_for && child.try_wait().expect("a child").is_none() {
+            assert!(begun.elapsed() < Duration::from_secs(60), "no rows");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        child.kill().expect("killed");
+        child.wait().expect("a child");
+        let left = FILES.map(|name| rows(&out.join(name)));
+        for (left, all) in left.iter().zip(&all) {
+            assert!(all.starts_with(left), "rows, in order");
+        }
+        let count = left.iter().map(Vec::len).sum::<usize>();
+        // Of those of the last step, which may be incomplete, a resumed run measures all again.
+        assert!(count + 4 >= before, "{count} rows of {before}");
+        before = count;
+        // What can be read of it is a run that says it is not finished.
+        let summary = fs::read(out.join("summary.json")).expect("a summary");
+        let summary: serde_json::Value = serde_json::from_slice(&summary).expect("JSON");
+        assert_eq!(summary["interrupted"], true);
+    }
+    succeeds(&resumed(&sheet, &out));
+    is_whole(&out, &all);
+}
+
+/// A run anew in the folder of a finished one, killed before its first scene is through, is not taken for that one.
+#[test]
+fn an_old_summary_does_not_speak_for_new_rows() {
+    let (temporary, sheet) = folder();
+    let out = temporary.path().join("again");
+    let run = reproduce(&sheet, &out);
+    succeeds(&run);
+    // It fails while it writes the header of the new rows.
+    let full = format!("ln -s /dev/full {}/.frames.csv.$$.partial", str(&out));
+    fails(&after(&full, &run), &["frames.csv", "No space"]);
+    assert!(!out.join("summary.json").exists() && !out.join("report.html").exists());
+    succeeds(&resumed(&sheet, &out));
+    is_whole(&out, &undisturbed(&sheet, temporary.path()));
+}
+
+#[test]
+fn a_full_disk_leaves_no_half_file_and_the_report_can_be_drawn_later() {
+    let (temporary, sheet) = folder();
+    let base = temporary.path();
+    let full =
+        |file: &str| format!("mkdir -p $(dirname {file}); ln -s /dev/full {file}").replace("PID", "$$");
+    let out = base.join("out");
+    let run = ["reproduce", "fig4", "--preset", "quick", "--scene", str(&sheet), "--strategy", "refit"];
+    let run = [&run[..], &["--frames", "5", "--size", "8", "--out", str(&out)]].concat();
+    for name in ["summary.json", "images/sheet-0000.png", "images/sheet-0000-refit.jpg", "report.html"] {
+        let (path, short) = (out.join(name), name.rsplit('/').next().expect("a name"));
+        let partial = str(&path).replace(short, &format!(".{short}.PID.partial"));
+        fails(&after(&full(&partial), &run), &[short, "No space"]);
+        assert!(!path.exists() && half_written(&out).is_empty(), "{name}");
+    }
+    succeeds(&["reproduce", "--from", str(&out)]);
+    assert!(fs::read_to_string(out.join("report.html")).expect("a report").ends_with("</html>"));
+    assert_eq!(rows(&out.join("frames.csv")).len(), 1 + 8, "1.5 loops of 5 frames");
+
+    // The rows of one folder, copied to another: all of the file or none.
+    let copy = base.join("copy");
+    let partial = format!("{}/.frames.csv.PID.partial", str(&copy));
+    fails(&after(&full(&partial), &["reproduce", "--from", str(&out), "--out", str(&copy)]), &["frames.csv"]);
+    assert!(!copy.join("frames.csv").exists() && half_written(&copy).is_empty());
+
+    for name in ["a.png", "a.exr"] {
+        let partial = format!("{}/.{name}.PID.partial", str(base));
+        let path = base.join(name);
+        let render = ["render", str(&sheet), "--size", "8x8", "--out", str(&path)];
+        fails(&after(&full(&partial), &render), &[name, "No space"]);
+        assert!(!path.exists());
+    }
+}
+
+#[test]
+fn standard_streams_that_cannot_be_written_lose_nothing() {
+    let (temporary, sheet) = folder();
+    fails(&after("exec >/dev/full", &["list"]), &["standard output", "No space"]);
+    fails(&after("exec >/dev/full", &["list", "--json"]), &["standard output", "No space"]);
+    for (redirect, code) in [("exec >/dev/full", 2), ("exec 2>/dev/full", 0), ("exec 2>&-", 0)] {
+        let out = temporary.path().join(redirect.replace('/', "-"));
+        let output = after(redirect, &reproduce_frames(&sheet, &out, "3"));
+        assert_eq!(
+            output.status.code(),
+            Some(code),
+            "{redirect}: {}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        assert!(out.join("report.html").exists() && rows(&out.join("fig5.csv")).len() > 100, "{redirect}");
+    }
+    // Bad input has its exit code, even if nobody can be told.
+    let output = after("exec 2>/dev/full", &["render", "no-such-scene"]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn what_cannot_be_read_is_refused() {
+    let (temporary, sheet) = folder();
+    let base = temporary.path();
+    let at = |name: &str| base.join(name);
+    let out = at("a.png");
+    let first = fs::read(sheet.join("sheet0.ply")).expect("a mesh");
+    fs::create_dir(at("folder.ply")).expect("a folder");
+    fs::write(at("empty.ply"), "").expect("a file");
+    fs::write(at("cut.ply"), &first[..first.len() / 2]).expect("a file");
+    symlink("nowhere", at("dangling.ply")).expect("a link");
+    symlink("loop.ply", at("loop.ply")).expect("a link");
+    symlink("/dev/zero", at("endless.ply")).expect("a link");
+    symlink("/dev/zero", at("endless.glb")).expect("a link");
+    let made = Command::new("mkfifo").args([at("pipe.ply"), at("pipe.gltf"), at("pipe.bin")]).status();
+    assert!(made.expect("mkfifo").success());
+    let gltf = r#"{"asset":{"version":"2.0"},"buffers":[{"uri":"URI","byteLength":1000000000000}]}"#;
+    for (name, uri) in [("missing.gltf", "missing.bin"), ("piped.gltf", "pipe.bin"), ("foldered.gltf", ".")] {
+        fs::write(at(name), gltf.replace("URI", uri)).expect("a file");
+    }
+    for frames in ["dangling", "piped", "truncated"] {
+        fs::create_dir(at(frames)).expect("a folder");
+        for i in 0..2 {
+            fs::write(at(frames).join(format!("f{i}.ply")), &first).expect("a file");
+        }
+    }
+    symlink("nowhere", at("dangling/f2.ply")).expect("a link");
+    let made = Command::new("mkfifo").arg(at("piped/f2.ply")).status();
+    assert!(made.expect("mkfifo").success());
+    fs::write(at("truncated/f2.ply"), &first[..first.len() - 20]).expect("a file");
+
+    for (name, words) in [
+        ("folder.ply", vec!["folder.ply"]),
+        ("empty.ply", vec!["empty.ply"]),
+        ("cut.ply", vec!["cut.ply", "expected"]),
+        ("dangling.ply", vec!["dangling.ply"]),
+        ("loop.ply", vec!["loop.ply"]),
+        ("endless.ply", vec!["endless.ply", "not a regular file"]),
+        ("endless.glb", vec!["endless.glb"]),
+        ("pipe.ply", vec!["pipe.ply", "not a regular file"]),
+        ("pipe.gltf", vec!["pipe.gltf"]),
+        ("missing.gltf", vec!["missing.bin"]),
+        ("piped.gltf", vec!["pipe.bin"]),
+        ("foldered.gltf", vec!["gltf"]),
+        ("dangling", vec!["f2.ply"]),
+        ("piped", vec!["f2.ply"]),
+        ("truncated", vec!["f2.ply", "expected"]),
+    ] {
+        let words = [words, vec![str(base)]].concat();
+        refused(&["render", str(&at(name)), "--out", str(&out)], &words);
+        assert!(!out.exists());
+    }
+}
+
+#[test]
+fn damaged_results_are_refused_and_left_alone() {
+    let (temporary, sheet) = folder();
+    let out = temporary.path().join("results");
+    let run = reproduce_frames(&sheet, &out, "3");
+    let resume = [&run[..], &["--resume"]].concat();
+    succeeds(&run);
+    let fresh = ["reproduce", "--from", str(&out)];
+    let damaged = |name: &str, content: &[u8], words: &[&str]| {
+        let path = out.join(name);
+        let whole = fs::read(&path).expect("results");
+        fs::write(&path, content).expect("a file");
+        refused(&resume, words);
+        refused(&fresh, words);
+        assert_eq!(fs::read(&path).expect("the same"), content);
+        fs::write(&path, whole).expect("a file");
+    };
+    let summary = fs::read(out.join("summary.json")).expect("a summary");
+    for cut in [0, 1, 9, summary.len() / 3, summary.len() - 2] {
+        damaged("summary.json", &summary[..cut], &["summary.json"]);
+    }
+    damaged("summary.json", &vec![0; summary.len()], &["summary.json"]);
+    damaged("frames.csv", b"scene,strategy\n1,2\n", &["frames.csv", "not rows"]);
+    damaged("fig5.csv", &[0xff; 400], &["fig5.csv"]);
+    for name in FILES {
+        let rows = fs::read(out.join(name)).expect("rows");
+        let last = rows[..rows.len() - 1].iter().rposition(|&byte| byte == b'\n').expect("lines");
+        for cut in [0, last + 1, rows.len() - 1] {
+            damaged(name, &rows[..cut], &[name, "summary.json counted"]);
+        }
+    }
+
+    for name in ["frames.csv", "images/sheet-0000.png"] {
+        let (path, aside) = (out.join(name), out.join("aside"));
+        fs::rename(&path, &aside).expect("moved");
+        fs::create_dir(&path).expect("a folder");
+        refused(&resume, &[name, "cannot be read"]);
+        refused(&fresh, &[name, "cannot be read"]);
+        fs::remove_dir(&path).expect("empty");
+        fs::rename(&aside, &path).expect("moved");
+    }
+    succeeds(&resume);
+    succeeds(&fresh);
+}
+
+#[test]
+fn what_cannot_be_replaced_is_left_alone() {
+    let (temporary, sheet) = folder();
+    let base = temporary.path();
+    let device = base.join("device.json");
+    symlink("/dev/null", &device).expect("a link");
+    for json in [base, &device] {
+        let json = ["compare", "build", "--scene", str(&sheet), "--json", str(json)];
+        refused(&json, &[json[5], "no regular file"]);
+    }
+    assert!(device.is_symlink());
+    for name in ["frames.csv", "summary.json", "report.html", "images"] {
+        let out = base.join(name.replace('.', "-"));
+        fs::create_dir(&out).expect("a folder");
+        if name == "images" {
+            fs::write(out.join(name), "in the way").expect("a file");
+        } else {
+            fs::create_dir(out.join(name)).expect("a folder");
+        }
+        refused(&reproduce(&sheet, &out), &[name]);
+    }
+    let dangling = base.join("dangling");
+    symlink("nowhere/at-all", &dangling).expect("a link");
+    refused(&reproduce(&sheet, &dangling), &["dangling", "folder"]);
+}
