@@ -23,6 +23,7 @@
 
 mod beam;
 mod bundle;
+mod bvh8;
 mod camera;
 mod holes;
 mod image;
@@ -47,6 +48,7 @@ mod tests;
 
 pub use bvh_core::glam::Vec2;
 pub use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3};
+pub use bvh8::Bvh8;
 pub use camera::Camera;
 pub use image::{Image, ImageError};
 pub use mesh::{DEFAULT_COLOR, Material, Mesh};

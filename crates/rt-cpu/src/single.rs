@@ -1,6 +1,6 @@
 //! One ray at a time.
 
-use bvh_core::{Bvh, MAX_HEIGHT, Ray, SimdLevel, Triangles, Vec3};
+use bvh_core::{Bvh, MAX_HEIGHT, Ray, Triangles, Vec3};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4, f32x8, mask32x8};
 use rayon::prelude::*;
@@ -57,7 +57,6 @@ pub fn closest_hit(
     test: TriangleTest,
 ) -> Option<Hit> {
     let scene = Scene { bvh, triangles };
-    let best = SimdLevel::best();
     with_test!(test, T => at_level!(best, simd => {
         closest::<_, T>(simd, scene, ray, t_max, &mut Work::default())
     }))
@@ -67,7 +66,6 @@ pub fn closest_hit(
 #[must_use]
 pub fn any_hit(bvh: &Bvh, triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
     let scene = Scene { bvh, triangles };
-    let best = SimdLevel::best();
     with_test!(test, T => at_level!(best, simd => {
         any::<_, T>(simd, scene, ray, t_max, &mut Work::default()).is_some()
     }))
@@ -89,7 +87,6 @@ pub fn closest_hits(
     assert_eq!(rays.len(), t_max.len(), "one t_max a ray");
     assert_eq!(rays.len(), hits.len(), "one hit a ray");
     let scene = Scene { bvh, triangles };
-    let best = SimdLevel::best();
     let chunks = (rays.par_chunks(BATCH), t_max.par_chunks(BATCH), hits.par_chunks_mut(BATCH));
     chunks.into_par_iter().for_each(|(rays, t_max, hits)| {
         with_test!(test, T => at_level!(best, simd => {

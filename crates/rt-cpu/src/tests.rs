@@ -3,13 +3,16 @@
 use bvh_core::{Aabb, Bvh, Node, Primitives, Ray, Triangles, Vec3};
 
 use crate::bundle::{Bundle, Hits, RAYS};
+use crate::bvh8;
 use crate::packet::{self, Query, SIZE};
 use crate::render::trace;
 use crate::simd::at_level;
 use crate::single::{Work, with_test};
 use crate::tile::{Scene, Scratch};
 use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight};
-use crate::{Camera, Image, Material, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render};
+use crate::{
+    Bvh8, Camera, Image, Material, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render,
+};
 use crate::{any_hit, any_hit_brute, closest_hit, closest_hit_brute, closest_hits};
 
 mod effects;
@@ -198,8 +201,10 @@ const T_MAX: [f32; 5] = [f32::INFINITY, 1.0, 0.0, -1.0, f32::NAN];
 fn check_rays(soup: &Soup, rays: &[Ray]) -> usize {
     let t = soup.triangles();
     let mut hits = 0;
-    for leaf in [1, 5] {
+    let mut wide = Bvh8::new();
+    for leaf in [1, 5, 40] {
         let bvh = tree(soup, leaf);
+        wide.update(&bvh, &t);
         for test in TriangleTest::ALL {
             for (i, ray) in rays.iter().enumerate() {
                 for &t_max in &T_MAX[..if i % 8 == 0 { 5 } else { 1 }] {
@@ -207,6 +212,11 @@ fn check_rays(soup: &Soup, rays: &[Ray]) -> usize {
                     let found = closest_hit(&bvh, &t, ray, t_max, test);
                     assert_eq!(bits(found), bits(truth), "{test:?} {t_max} {ray:?}");
                     assert_eq!(any_hit(&bvh, &t, ray, t_max, test), truth.is_some());
+                    for level in SimdLevel::available() {
+                        let (found, any) = wide_hits(&wide, ray, t_max, test, level);
+                        assert_eq!(bits(found), bits(truth), "{level:?} {test:?} {t_max} {ray:?}");
+                        assert_eq!(any, truth.is_some(), "{level:?} {test:?} {t_max} {ray:?}");
+                    }
                     assert_eq!(any_hit_brute(&t, ray, t_max, test), truth.is_some());
                     if let Some(h) = truth {
                         assert!(h.t >= 0.0 && h.t <= t_max && h.t.is_finite(), "{h:?}");
@@ -217,6 +227,21 @@ fn check_rays(soup: &Soup, rays: &[Ray]) -> usize {
         }
     }
     hits
+}
+
+/// The closest hit, and whether there is any.
+fn wide_hits(
+    wide: &Bvh8,
+    ray: &Ray,
+    t_max: f32,
+    test: TriangleTest,
+    level: SimdLevel,
+) -> (Option<Hit>, bool) {
+    let work = &mut Work::default();
+    with_test!(test, T => at_level!(level, simd => (
+        bvh8::closest_where::<_, T>(simd, wide, ray, t_max, work, |_| true),
+        bvh8::any_where::<_, T>(simd, wide, ray, t_max, work, |_| true).is_some(),
+    )))
 }
 
 /// All traversals at all SIMD levels.

@@ -52,7 +52,7 @@ impl TriangleTest {
 }
 
 /// Distance and weights of B and C.
-type Found = (f32, f32, f32);
+pub(crate) type Found = (f32, f32, f32);
 
 /// A triangle test with what it precomputes for a ray. Hits have `0 <= t < inf`.
 pub(crate) trait Test {
@@ -69,7 +69,18 @@ pub(crate) fn intersect<T: Test>(
     primitive: u32,
     t_max: f32,
 ) -> Option<Hit> {
-    let (t, u, v) = test.test(corners)?;
+    in_box(ray, test.test(corners)?, corners, primitive, t_max)
+}
+
+/// What of a triangle test's answer is left by the triangle's box.
+#[inline]
+pub(crate) fn in_box(
+    ray: &Ray,
+    (t, u, v): Found,
+    corners: &[Vec3; 3],
+    primitive: u32,
+    t_max: f32,
+) -> Option<Hit> {
     let near = slab::enters(ray, &Aabb::around(corners), t_max)?;
     let t = slab::max(t, near);
     (t <= t_max).then_some(Hit { t, u, v, primitive })
@@ -117,9 +128,10 @@ pub(crate) fn longest_axis(d: Vec3) -> usize {
 pub(crate) const DET_RANGE: (f32, f32) = (1.0 / (1u128 << 100) as f32, (1u128 << 100) as f32);
 
 pub(crate) struct Watertight {
-    origin: Vec3,
-    axes: [usize; 3],
-    shear: Vec3,
+    pub(crate) origin: Vec3,
+    /// The two after the longest of the ray's direction, and that.
+    pub(crate) axes: [usize; 3],
+    pub(crate) shear: Vec3,
 }
 
 impl Watertight {
