@@ -7,7 +7,7 @@ use rt_cpu::{Bvh8, Pixel, PointLight, RenderOptions, Traversal, TriangleTest, an
 
 use crate::field::{Contest, Entry};
 use crate::mesh::Mesh;
-use crate::{Contestant, Failure, Hits, RAYS, Rays, View};
+use crate::{Contestant, Failure, Hits, RAYS, Rays, View, view};
 
 const WHO: &str = "pivot";
 
@@ -114,9 +114,13 @@ impl Contestant for Pivot {
     }
 
     fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]) {
-        let triangles = self.mesh.triangles();
+        let (triangles, test) = (self.mesh.triangles(), TriangleTest::default());
         for (i, blocked) in blocked[..rays.len()].iter_mut().enumerate() {
-            *blocked = any_hit(&self.tree, &triangles, &rays.ray(i), rays.t_max[i], TriangleTest::default());
+            let (ray, t_max) = (rays.ray(i), rays.t_max[i]);
+            *blocked = match self.rays {
+                RayKind::Single => any_hit(&self.tree, &triangles, &ray, t_max, test),
+                RayKind::Wide | RayKind::Batch => self.wide.any_hit(&ray, t_max, test),
+            };
         }
     }
 
@@ -125,6 +129,9 @@ impl Contestant for Pivot {
     }
 
     fn cast(&self, view: &View, pixels: &mut [Pixel]) {
+        if self.rays != RayKind::Single {
+            return view::cast(self, view, pixels);
+        }
         let light = view.light.map(|position| PointLight { position, color: [1.0; 3] });
         cast(&self.tree, &self.mesh.triangles(), &view.camera, light.as_ref(), &self.options, pixels);
     }
@@ -132,8 +139,13 @@ impl Contestant for Pivot {
 
 /// Adds this project's contestants.
 pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
-    if contest == Contest::Incoherent {
-        return enter_rays(entries);
+    match contest {
+        Contest::Incoherent => {
+            let all = [("single", RayKind::Single), ("wide", RayKind::Wide), ("wide, batch", RayKind::Batch)];
+            return all.into_iter().for_each(|(name, rays)| entries.push(of_rays(name, rays)));
+        }
+        Contest::Trace => entries.push(of_rays("wide", RayKind::Wide)),
+        _ => {}
     }
     let rebuild = |builder| Strategy::Rebuild(builder, BuildOptions::default());
     let mut add = |name: &str, strategy: Strategy, traversal, simd| {
@@ -177,17 +189,13 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
     }
 }
 
-/// Adds those that trace rays as they come.
-fn enter_rays(entries: &mut Vec<Entry>) {
-    for (name, rays) in
-        [("single", RayKind::Single), ("wide", RayKind::Wide), ("wide, batch", RayKind::Batch)]
-    {
-        entries.push(Entry::new(format!("{WHO} {name}"), false, move |triangles| {
-            let strategy = Strategy::Rebuild(Builder::Sweep, BuildOptions::default());
-            let plain = Pivot::new(triangles, strategy, Traversal::Single, SimdLevel::best());
-            Ok(Box::new(Pivot { rays, ..plain }))
-        }));
-    }
+/// One that traces rays as they come.
+fn of_rays(name: &str, rays: RayKind) -> Entry {
+    Entry::new(format!("{WHO} {name}"), false, move |triangles| {
+        let strategy = Strategy::Rebuild(Builder::Sweep, BuildOptions::default());
+        let plain = Pivot::new(triangles, strategy, Traversal::Single, SimdLevel::best());
+        Ok(Box::new(Pivot { rays, ..plain }))
+    })
 }
 
 /// Those that updates are compared by: a sweep every frame is what all are measured by, trees from the background

@@ -1,15 +1,14 @@
 //! A tree of eight children a node with its triangles in blocks of four: what rays without anything in common want.
 //!
 //! ```text
-//! for each node of eight, from the root on:
-//!   begin with the two children of the binary node
-//!   while there are fewer than eight: replace the one with the largest box, of those above more than four
-//!     triangles, by its two children
-//!   those above four triangles or fewer become blocks, the others nodes
+//! cost of a subtree as one child:   its area, if it fits into a block
+//!                                   else its area + its cost as eight children
+//! cost as i > 1 children:           the least of cost(left as k) + cost(right as i - k), for all k, and of cost as i - 1
 //! ```
 //!
-//! Collapsing a binary tree so is from Wald, Benthin and Boulos, *Getting Rid of Packets*, 2008; going through eight boxes
-//! and four triangles at a time from Woop, Feng, Wald and Benthin, *Embree Ray Tracing Kernels*, 2013.
+//! Collapsing a binary tree is from Wald, Benthin and Boulos, *Getting Rid of Packets*, 2008, in the cheapest way from
+//! Ylitie, Karras and Laine, *Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs*, 2017, section 3.2;
+//! going through eight boxes and four triangles at a time from Wald et al., *Embree*, 2014.
 
 mod block;
 mod walk;
@@ -53,6 +52,7 @@ const WIDTH: usize = 8;
 pub struct Bvh8 {
     nodes: Vec<Node8>,
     blocks: Vec<Block>,
+    plans: Vec<Plan>,
     todo: Vec<(Part, u32)>,
 }
 
@@ -91,59 +91,31 @@ impl Node8 {
     }
 }
 
-/// Part of a binary tree, or of one of its leaves.
+/// What a node of eight is made of.
 #[derive(Clone, Copy, Debug)]
 enum Part {
-    Node(Node),
-    Slots { aabb: Aabb, first: usize, count: usize },
+    /// The binary node of this number.
+    Node(u32),
+    /// First slot and number of slots of part of a leaf that is too large for a block.
+    Slots(u32, u32),
 }
 
-impl Part {
-    fn aabb(&self) -> Aabb {
-        match self {
-            Self::Node(node) => node.aabb(),
-            Self::Slots { aabb, .. } => *aabb,
-        }
-    }
+/// Costs of a subtree as one child, two children and so on up to eight of a node of eight, in units of half area.
+type Costs = [f32; WIDTH];
 
-    /// The slots of the primitives in it, if they fit into a block.
-    fn few(&self, bvh: &Bvh) -> Option<ArrayVec<usize, { block::SIZE }>> {
-        fn add(bvh: &Bvh, node: &Node, slots: &mut ArrayVec<usize, { block::SIZE }>) -> Option<()> {
-            match bvh.children(node) {
-                Some([l, r]) => add(bvh, l, slots).and_then(|()| add(bvh, r, slots)),
-                None => (node.first()..node.first() + node.count()).try_for_each(|s| slots.try_push(s).ok()),
-            }
-        }
-        let mut slots = ArrayVec::new();
-        match *self {
-            // A tree of height h has more than h leaves.
-            Self::Node(ref node) if node.height() as usize >= block::SIZE => None,
-            Self::Node(ref node) => add(bvh, node, &mut slots).map(|()| slots),
-            Self::Slots { first, count, .. } => {
-                (first..first + count).try_for_each(|s| slots.try_push(s).ok()).map(|()| slots)
-            }
-        }
-    }
-
-    /// Two halves of what is more than a block.
-    fn halves(&self, bvh: &Bvh, triangles: &Triangles<'_>) -> [Self; 2] {
-        let (first, count) = match *self {
-            Self::Node(ref node) => match bvh.children(node) {
-                Some(children) => return children.map(Self::Node),
-                None => (node.first(), node.count()),
-            },
-            Self::Slots { first, count, .. } => (first, count),
-        };
-        let left = (count / 2).next_multiple_of(block::SIZE).min(count);
-        [(first, left), (first + left, count - left)].map(|(first, count)| {
-            let aabb_of = |&p: &u32| {
-                if (p as usize) < triangles.len() { triangles.aabb(p as usize) } else { Aabb::EMPTY }
-            };
-            let boxes = bvh.order()[first..first + count].iter().map(aabb_of);
-            Self::Slots { aabb: boxes.fold(Aabb::EMPTY, Aabb::union), first, count }
-        })
-    }
+/// How to make the subtree below a pair of siblings into children of a node of eight.
+#[derive(Clone, Copy, Debug, Default)]
+struct Plan {
+    /// Primitives in it; [`MANY`] for that many or more.
+    count: u32,
+    /// Given room for `i + 1` children, how many of them the left sibling gets; 0 where a node of its own is best.
+    left: [u8; WIDTH],
+    /// The same for the node of its own, which has room for eight.
+    own_left: u8,
 }
+
+/// More primitives than a block holds.
+const MANY: u32 = block::SIZE as u32 + 1;
 
 impl Bvh8 {
     /// A view of nothing.
@@ -159,64 +131,154 @@ impl Bvh8 {
     pub fn update(&mut self, bvh: &Bvh, triangles: &Triangles<'_>) {
         self.nodes.clear();
         self.blocks.clear();
-        self.todo.clear();
+        self.plans.clear();
+        self.plans.resize(bvh.nodes().len() / 2, Plan::default());
+        self.plan(bvh, bvh.root());
         self.nodes.push(Node8::empty());
-        self.todo.push((Part::Node(*bvh.root()), 0));
+        self.todo.push((Part::Node(0), 0));
         while let Some((part, place)) = self.todo.pop() {
             self.fill(bvh, triangles, part, place as usize);
         }
     }
 
-    /// Makes the node `place` out of part of a binary tree.
-    fn fill(&mut self, bvh: &Bvh, triangles: &Triangles<'_>, part: Part, place: usize) {
-        let mut blocks = ArrayVec::<(Part, ArrayVec<usize, { block::SIZE }>), WIDTH>::new();
-        let mut open = ArrayVec::<(f32, Part), WIDTH>::new();
-        let mut next = Some(part);
-        while let Some(part) = next {
-            let halves = match part.few(bvh) {
-                // The whole tree in one block.
-                Some(few) => {
-                    blocks.push((part, few));
-                    break;
-                }
-                None => part.halves(bvh, triangles),
-            };
-            for half in halves {
-                match half.few(bvh) {
-                    Some(few) => blocks.push((half, few)),
-                    None => open.push((half.aabb().half_area(), half)),
+    /// Finds the cheapest way to make a subtree into up to eight children, from the bottom up, and its number of
+    /// primitives.
+    fn plan(&mut self, bvh: &Bvh, node: &Node) -> (Costs, u32) {
+        let area = node.aabb().half_area();
+        let Some([l, r]) = bvh.children(node) else {
+            return ([area; WIDTH], (node.count() as u32).min(MANY));
+        };
+        let ((l, l_count), (r, r_count)) = (self.plan(bvh, l), self.plan(bvh, r));
+        let plan = &mut self.plans[node.first() / 2];
+        plan.count = (l_count + r_count).min(MANY);
+        if plan.count < MANY {
+            return ([area; WIDTH], plan.count);
+        }
+        let mut costs = [f32::INFINITY; WIDTH];
+        for i in 1..WIDTH {
+            for left in 0..i {
+                let cost = l[left] + r[i - 1 - left];
+                if cost < costs[i] {
+                    (costs[i], plan.left[i]) = (cost, left as u8 + 1);
                 }
             }
-            let full = blocks.len() + open.len() == WIDTH;
-            let largest = (0..open.len()).max_by(|&a, &b| open[a].0.total_cmp(&open[b].0));
-            next = largest.filter(|_| !full).map(|i| open.swap_remove(i).1);
+        }
+        // All eight children are those of a node of its own, at the price of that node.
+        plan.own_left = plan.left[WIDTH - 1].max(1);
+        costs[0] = costs[WIDTH - 1] + area;
+        for i in 1..WIDTH {
+            if costs[i - 1] <= costs[i] {
+                (costs[i], plan.left[i]) = (costs[i - 1], plan.left[i - 1]);
+            }
+        }
+        (costs, plan.count)
+    }
+
+    /// Makes the node `place`.
+    fn fill(&mut self, bvh: &Bvh, triangles: &Triangles<'_>, part: Part, place: usize) {
+        let mut parts = ArrayVec::<(Aabb, Part), WIDTH>::new();
+        match part {
+            Part::Node(n) => {
+                let node = &bvh.nodes()[n as usize];
+                match bvh.children(node) {
+                    Some([l, r]) if self.count(node) == MANY => {
+                        let first = node.first() as u32;
+                        let left = usize::from(self.plans[node.first() / 2].own_left);
+                        self.collect(bvh, (l, first), left, &mut parts);
+                        self.collect(bvh, (r, first + 1), WIDTH - left, &mut parts);
+                    }
+                    _ => self.collect(bvh, (node, n), 1, &mut parts),
+                }
+            }
+            Part::Slots(first, count) => {
+                let each = count.div_ceil(WIDTH as u32).next_multiple_of(block::SIZE as u32);
+                let end = first + count;
+                for first in (first..end).step_by(each as usize) {
+                    let count = each.min(end - first);
+                    let order = &bvh.order()[first as usize..(first + count) as usize];
+                    let boxes = order.iter().filter(|&&p| (p as usize) < triangles.len());
+                    let aabb = boxes.fold(Aabb::EMPTY, |b, &p| b.union(triangles.aabb(p as usize)));
+                    parts.push((aabb, Part::Slots(first, count)));
+                }
+            }
         }
         let mut node = Node8::empty();
         let mut i = 0;
-        for (_, part) in open {
-            let child = self.nodes.len() as u32;
-            self.nodes.push(Node8::empty());
-            self.todo.push((part, child));
-            node.set(i, &part.aabb(), child);
-            i += 1;
-        }
-        for (part, slots) in blocks {
-            let mut block = Block::default();
-            let mut count = 0;
-            for slot in slots {
-                let p = bvh.order()[slot];
-                if (p as usize) < triangles.len() && block.set(count, p, &triangles.corners(p as usize)) {
-                    count += 1;
+        for (aabb, part) in parts {
+            let child = match part {
+                Part::Node(n) if self.count(&bvh.nodes()[n as usize]) < MANY => {
+                    self.block(triangles, |add| few(bvh, &bvh.nodes()[n as usize], add))
                 }
-            }
-            if count > 0 {
-                let child = LEAF | (self.blocks.len() as u32) << 2 | (count as u32 - 1);
-                self.blocks.push(block);
-                node.set(i, &part.aabb(), child);
+                Part::Slots(first, count) if count < MANY => self.block(triangles, |add| {
+                    bvh.order()[first as usize..(first + count) as usize].iter().copied().for_each(add);
+                }),
+                part => {
+                    let child = self.nodes.len() as u32;
+                    self.nodes.push(Node8::empty());
+                    self.todo.push((part, child));
+                    Some(child)
+                }
+            };
+            if let Some(child) = child {
+                node.set(i, &aabb, child);
                 i += 1;
             }
         }
         self.nodes[place] = node;
+    }
+
+    /// Primitives below a node, or [`MANY`].
+    fn count(&self, node: &Node) -> u32 {
+        if node.is_leaf() { (node.count() as u32).min(MANY) } else { self.plans[node.first() / 2].count }
+    }
+
+    /// The children, `room` at most, that a subtree is made into; `n` is its number.
+    fn collect(
+        &self,
+        bvh: &Bvh,
+        (node, n): (&Node, u32),
+        room: usize,
+        parts: &mut ArrayVec<(Aabb, Part), WIDTH>,
+    ) {
+        match bvh.children(node) {
+            None if self.count(node) == MANY => {
+                parts.push((node.aabb(), Part::Slots(node.first() as u32, node.count() as u32)));
+            }
+            Some([l, r]) if self.plans[node.first() / 2].left[room - 1] > 0 => {
+                let first = node.first() as u32;
+                let left = usize::from(self.plans[node.first() / 2].left[room - 1]);
+                self.collect(bvh, (l, first), left, parts);
+                self.collect(bvh, (r, first + 1), room - left, parts);
+            }
+            _ => parts.push((node.aabb(), Part::Node(n))),
+        }
+    }
+
+    /// Adds a block of the primitives that `each` gives to its argument; `None` if none of them can be hit.
+    fn block(&mut self, triangles: &Triangles<'_>, each: impl FnOnce(&mut dyn FnMut(u32))) -> Option<u32> {
+        let mut block = Block::default();
+        let mut count = 0;
+        each(&mut |p| {
+            if (p as usize) < triangles.len() && block.set(count, p, &triangles.corners(p as usize)) {
+                count += 1;
+            }
+        });
+        let number = self.blocks.len() as u32;
+        (count > 0).then(|| {
+            self.blocks.push(block);
+            LEAF | number << 2 | (count as u32 - 1)
+        })
+    }
+}
+
+/// Gives the primitives below a node of few to `add`.
+fn few(bvh: &Bvh, node: &Node, add: &mut dyn FnMut(u32)) {
+    match bvh.children(node) {
+        Some([l, r]) => {
+            few(bvh, l, add);
+            few(bvh, r, add);
+        }
+        None => bvh.primitives(node).iter().for_each(|&p| add(p)),
     }
 }
 

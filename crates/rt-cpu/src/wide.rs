@@ -4,6 +4,7 @@ use bvh_core::{Aabb, Ray, Triangles, Vec3};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
+use crate::bvh8::BlockTest;
 use crate::simd::{Lanes, bits, max, min};
 use crate::slab::WIDEN;
 use crate::triangle::{DET_RANGE, Double, MollerTrumbore, Test, Watertight};
@@ -79,8 +80,8 @@ pub(crate) struct Found<V> {
     pub(crate) v: V,
 }
 
-/// A triangle test of many rays at once, with the bits of [`Test::test`].
-pub(crate) trait WideTest: Test {
+/// A triangle test of many rays at once, with the bits of [`Test::test`]; [`BlockTest`] is of one ray and several triangles.
+pub(crate) trait WideTest: BlockTest {
     /// Tests the lanes in `active`, whose directions are longest along `axis`.
     fn wide<S: Simd, V: Lanes<S>>(
         simd: S,

@@ -21,7 +21,7 @@ const WIDE: [&str; 2] = ["incoherent", "pivot wide"];
 const REFIT: [&str; 2] = ["update", "pivot refit"];
 const ROTATE: [&str; 2] = ["update", "pivot refit+rotate"];
 
-const RATIOS: [Ratio; 18] = [
+const RATIOS: [Ratio; 19] = [
     ratio("refit / memory limit", REFIT, ["limit", "memory limit"], 2.2),
     ratio("refit / Embree refit", REFIT, ["update", "embree refit"], 1.0),
     ratio("refit+rotate / refit", ROTATE, REFIT, 1.8),
@@ -36,6 +36,7 @@ const RATIOS: [Ratio; 18] = [
     // Without AVX-512, Embree's packets of 16 are no match for its packets of 8.
     ratio("trace, avx2 / Embree 8", ["trace", "pivot avx2"], ["trace", "embree packets of 8"], 1.2),
     ratio("trace, single / Embree single", ["trace", "pivot single"], ["trace", "embree single"], 1.8),
+    ratio("trace, wide / Embree single", ["trace", "pivot wide"], ["trace", "embree single"], 1.8),
     ratio("incoherent, wide / Embree single", WIDE, ["incoherent", "embree single"], 1.8),
     ratio("incoherent, wide / Embree robust", WIDE, ["incoherent", "embree single, robust"], 1.8),
     ratio(

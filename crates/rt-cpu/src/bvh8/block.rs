@@ -129,8 +129,7 @@ impl BlockTest for Watertight {
     #[inline(always)]
     fn lanes<S: Simd>(simd: S, ray: &Ray) -> Sheared<S> {
         let Self { origin, axes, shear } = Self::new(ray);
-        let along = Vec3::new(origin[axes[0]], origin[axes[1]], origin[axes[2]]);
-        Sheared { origin: splat(simd, along), shear: splat(simd, shear), axes }
+        Sheared { origin: splat(simd, origin), shear: splat(simd, shear), axes }
     }
 
     #[inline(always)]

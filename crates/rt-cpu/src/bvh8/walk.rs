@@ -1,7 +1,7 @@
 //! One ray through a tree of eight children a node.
 
 use arrayvec::ArrayVec;
-use bvh_core::{MAX_HEIGHT, Ray};
+use bvh_core::{MAX_HEIGHT, Ray, Vec3};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
 
@@ -24,6 +24,11 @@ struct Ray8<S: Simd> {
     last: [usize; 3],
 }
 
+#[inline(always)]
+fn splat<S: Simd>(simd: S, a: Vec3) -> [f32x8<S>; 3] {
+    [f32x8::splat(simd, a.x), f32x8::splat(simd, a.y), f32x8::splat(simd, a.z)]
+}
+
 /// Where a ray enters the boxes of a node, in the upper half of each key, and what is in them, in the lower.
 struct Entered {
     keys: [u64; WIDTH],
@@ -38,14 +43,8 @@ impl<S: Simd> Ray8<S> {
         let row = |axis: usize| axis + if inverse[axis].is_sign_negative() { 3 } else { 0 };
         let first = [row(0), row(1), row(2)];
         Self {
-            origin: [0, 1, 2].map(
-                #[inline(always)]
-                |k| f32x8::splat(simd, origin[k]),
-            ),
-            inverse: [0, 1, 2].map(
-                #[inline(always)]
-                |k| f32x8::splat(simd, inverse[k]),
-            ),
+            origin: splat(simd, origin),
+            inverse: splat(simd, inverse),
             first,
             last: [3 - first[0], 5 - first[1], 7 - first[2]],
         }
@@ -97,16 +96,19 @@ fn walk<S: Simd>(
             let Entered { keys, mut mask } = ray8.enter(simd, node, t_max);
             if mask != 0 {
                 // Bits of positive numbers are in their order: keys are in that of where the ray enters.
-                let mut nearest = u64::MAX;
-                loop {
+                let mut nearest = keys[mask.trailing_zeros() as usize & (WIDTH - 1)];
+                mask &= mask - 1;
+                let before = stack.len();
+                while mask != 0 {
                     let key = keys[mask.trailing_zeros() as usize & (WIDTH - 1)];
                     mask &= mask - 1;
-                    if nearest != u64::MAX {
-                        stack.push(nearest.max(key));
-                    }
+                    stack.push(nearest.max(key));
                     nearest = nearest.min(key);
-                    if mask == 0 {
-                        break;
+                    // The nearest of what is put off comes last.
+                    let mut i = stack.len() - 1;
+                    while i > before && stack[i - 1] < stack[i] {
+                        stack.swap(i - 1, i);
+                        i -= 1;
                     }
                 }
                 next = nearest as u32;
