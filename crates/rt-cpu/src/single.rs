@@ -1,6 +1,6 @@
 //! One ray at a time.
 
-use bvh_core::{Bvh, MAX_HEIGHT, Ray, Triangles, Vec3};
+use bvh_core::{Bvh, MAX_HEIGHT, Ray, Triangles, Vec3, prefetch};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4, f32x8, mask32x8};
 
@@ -263,7 +263,6 @@ fn walk<S: Simd>(
     mut visit: impl FnMut(usize, f32) -> f32,
 ) {
     let nodes = scene.bvh.nodes();
-    let pairs: &[[[f32; 4]; 4]] = bytemuck::cast_slice(nodes);
     if !ray.is_valid() || slab::enters(ray, &scene.bvh.root().aabb(), t_max).is_none() {
         return;
     }
@@ -273,19 +272,20 @@ fn walk<S: Simd>(
     let mut top = 0;
     let mut node = scene.bvh.root();
     loop {
-        if !node.is_leaf() {
+        if let Some(children) = scene.bvh.children(node) {
             work.nodes += 1;
-            let first = node.first();
-            let Some(pair) = pairs.get(first / 2) else { return };
-            let [(l, in_l), (r, in_r)] = pair_ray.enter(simd, pair, t_max);
+            // What is below either comes next, or is a leaf, and then this does no harm.
+            prefetch(nodes, children[0].first());
+            prefetch(nodes, children[1].first());
+            let [(l, in_l), (r, in_r)] = pair_ray.enter(simd, bytemuck::cast_ref(children), t_max);
             if in_l | in_r {
                 // Which is nearer, and whether the ray enters both, nobody can predict: no branches. What is farther is
                 // written in any case and kept if it counts.
                 let right = in_r & (!in_l | (r < l));
                 let far = if right { l } else { r };
-                stack[top] = u64::from(far.to_bits()) << 32 | (first + usize::from(!right)) as u64;
+                stack[top] = u64::from(far.to_bits()) << 32 | (node.first() + usize::from(!right)) as u64;
                 top += usize::from(in_l & in_r);
-                node = &nodes[first + usize::from(right)];
+                node = &children[usize::from(right)];
                 continue;
             }
         }

@@ -5,11 +5,11 @@ use std::time::Instant;
 use anyhow::Result;
 use pivot_benches::{Answers, Contest, Hits, Rays, bounces, field};
 use rayon::prelude::*;
-use rt_cpu::Pixel;
+use rt_cpu::{Bvh8, Pixel};
 
 use super::Setting;
 use super::lane::{Frame, Lane, spread, view};
-use super::row::{Row, median};
+use super::row::{Record, Row, median};
 use crate::interrupt;
 use crate::progress::Progress;
 use crate::stage::{Stage, ms};
@@ -17,17 +17,19 @@ use crate::stage::{Stage, ms};
 /// Times that everyone traces the rays of a frame; the median counts.
 const ROUNDS: usize = 5;
 
-pub(super) fn measure(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec<Row>> {
+/// The time that the wide view takes to make, and those of the rays.
+pub(super) fn measure(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<(Row, Vec<Row>)> {
     setting.pool.install(|| measure_here(scene, stage, setting))
 }
 
-fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec<Row>> {
+fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<(Row, Vec<Row>)> {
     let frames = stage.scene.frames.max(2);
     let measured = spread(frames, setting.frames);
     let progress =
         Progress::new(format!("incoherent, {scene}, {} threads", setting.threads), measured.len() as u64);
     let entries = field(Contest::Incoherent, setting.embree.as_ref());
     let mut lanes = entries.into_iter().map(|entry| Lane::new(entry, stage)).collect::<Result<Vec<_>>>()?;
+    let (mut view_of_tree, mut making) = (Bvh8::new(), Record::default());
     let mut reference = Answers::default();
     let mut count = 0;
     for (step, &frame) in measured.iter().enumerate() {
@@ -37,6 +39,13 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec
         stage.pose(stage.time_of(frame, frames));
         let view = view(stage, setting.size);
         let seen = Frame::new(stage, &view)?;
+        let mut times = [0.0; ROUNDS].map(|_: f64| {
+            let start = Instant::now();
+            view_of_tree.update(&seen.tree, &stage.triangles());
+            ms(start)
+        });
+        times.sort_by(f64::total_cmp);
+        making.times_ms.push(median(&times));
         let groups = bounces(&view.camera, &stage.triangles(), &seen.pixels, frame as u64);
         count += groups.iter().map(Rays::len).sum::<usize>();
         let mut found: Vec<Hits> = groups.iter().map(|_| Hits::new()).collect();
@@ -73,7 +82,9 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec
         let row = lane.row("incoherent", scene, stage, setting.threads, &reference);
         Row { million_rays_per_s: Some(rays_a_frame / (row.median_ms * 1e3)), ..row }
     };
-    Ok(lanes.iter().map(row).collect())
+    let triangles = stage.triangles().indices.len();
+    let making = making.row("view", scene, triangles, "pivot wide", setting.threads, &Answers::default());
+    Ok((making, lanes.iter().map(row).collect()))
 }
 
 fn cast(lane: &Lane, groups: &[Rays], found: &mut [Hits]) {

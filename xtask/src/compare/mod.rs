@@ -182,7 +182,9 @@ fn run_scene(
             keep(trace::measure(label, &mut stage, &setting)?)?;
         }
         if asked(What::Incoherent) && !interrupt::requested() {
-            keep(incoherent::measure(label, &mut stage, &setting)?)?;
+            let (view, rays) = incoherent::measure(label, &mut stage, &setting)?;
+            keep(vec![view])?;
+            keep(rays)?;
         }
         if asked(What::Frame) && !interrupt::requested() {
             keep(frame::measure(label, &mut stage, &setting)?)?;

@@ -38,37 +38,20 @@ impl Block {
         [at(&self.corners[0]), at(&self.corners[1]), at(&self.corners[2])]
     }
 
-    /// The closest hit among the first `count` triangles that comes before `best` and not after `t_max`, and that `counts`
-    /// is true for.
+    /// The closest of what a triangle test found that comes before `best` and not after `t_max`, and that `counts` is true
+    /// for; else `best`.
     #[inline(always)]
-    pub(super) fn closest<S: Simd, T: BlockTest>(
-        &self,
-        simd: S,
-        ray: &Ray,
-        test: &T::Lanes<S>,
-        count: usize,
-        t_max: f32,
-        best: Option<Hit>,
-        counts: &impl Fn(&Hit) -> bool,
-    ) -> Option<Hit> {
-        let active = (1 << count) - 1;
-        let found = T::block(simd, test, self, active);
-        if found.lanes == 0 {
-            return best;
-        }
-        self.confirm(ray, found, t_max, best, counts)
-    }
-
-    /// What is left to do where the triangle test says yes, which is once or twice a ray.
-    #[inline(always)]
-    fn confirm<S: Simd>(
+    pub(super) fn closest<S: Simd>(
         &self,
         ray: &Ray,
-        found: Found<f32x4<S>>,
+        found: &Found<f32x4<S>>,
         mut t_max: f32,
         mut best: Option<Hit>,
         counts: &impl Fn(&Hit) -> bool,
     ) -> Option<Hit> {
+        if found.lanes == 0 {
+            return best;
+        }
         let near = found.lanes & found.t.simd_le(t_max).to_bitmask();
         for i in bits(near) {
             let at = (found.t.as_slice()[i], found.u.as_slice()[i], found.v.as_slice()[i]);

@@ -72,8 +72,8 @@ impl<S: Simd> Ray8<S> {
     }
 }
 
-/// Calls `visit` with blocks that the ray enters before `t_max`, and the number of their triangles, nearest first as far as
-/// boxes tell, until that is negative. `visit` gets the present `t_max` and returns the new one.
+/// Calls `visit` with blocks that the ray enters before `t_max`, and a mask of the triangles in them, nearest first as far
+/// as boxes tell, until that is negative. `visit` gets the present `t_max` and returns the new one.
 #[inline(always)]
 fn walk<S: Simd>(
     simd: S,
@@ -81,7 +81,7 @@ fn walk<S: Simd>(
     ray: &Ray,
     mut t_max: f32,
     work: &mut Work,
-    mut visit: impl FnMut(&Block, usize, f32) -> f32,
+    mut visit: impl FnMut(&Block, u64, f32) -> f32,
 ) {
     if !ray.is_valid() {
         return;
@@ -116,9 +116,9 @@ fn walk<S: Simd>(
             }
         } else {
             let Some(block) = tree.blocks.get((next & !LEAF) as usize >> 2) else { return };
-            let count = (next & 3) as usize + 1;
-            work.triangles += count as u64;
-            t_max = visit(block, count, t_max);
+            let count = (next & 3) + 1;
+            work.triangles += u64::from(count);
+            t_max = visit(block, (1 << count) - 1, t_max);
             if t_max < 0.0 {
                 return;
             }
@@ -152,8 +152,9 @@ pub(crate) fn closest_where<S: Simd, T: BlockTest>(
         t_max,
         work,
         #[inline(always)]
-        |block, count, t_max| {
-            best = block.closest::<S, T>(simd, ray, &test, count, t_max, best, &counts);
+        |block, active, t_max| {
+            let found = T::block(simd, &test, block, active);
+            best = block.closest(ray, &found, t_max, best, &counts);
             best.map_or(t_max, |h| h.t)
         },
     );
@@ -179,8 +180,9 @@ pub(crate) fn any_where<S: Simd, T: BlockTest>(
         t_max,
         work,
         #[inline(always)]
-        |block, count, t_max| {
-            found = block.closest::<S, T>(simd, ray, &test, count, t_max, None, &counts);
+        |block, active, t_max| {
+            let hits = T::block(simd, &test, block, active);
+            found = block.closest(ray, &hits, t_max, None, &counts);
             if found.is_some() { -1.0 } else { t_max }
         },
     );
