@@ -7,8 +7,9 @@
 //! ```
 //!
 //! Collapsing a binary tree is from Wald, Benthin and Boulos, *Getting Rid of Packets*, 2008, in the cheapest way from
-//! Ylitie, Karras and Laine, *Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs*, 2017, section 3.2;
-//! going through eight boxes and four triangles at a time from Wald et al., *Embree*, 2014.
+//! Ylitie, Karras and Laine, *Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs*, 2017; going through
+//! eight boxes and four triangles at a time is from Wald, Woop, Benthin, Johnson and Ernst, *Embree: A Kernel Framework
+//! for Efficient CPU Ray Tracing*, 2014.
 
 mod block;
 mod walk;
@@ -28,12 +29,12 @@ pub(crate) use walk::{any_where, closest_where};
 /// Children of a node.
 const WIDTH: usize = 8;
 
-/// A second view of a [`Bvh`] and its triangles for rays that have little in common: several times as fast for these as the
-/// tree itself, once it is there.
+/// A second view of a [`Bvh`] and its triangles, for rays that have little in common: about three times as fast for these
+/// as the tree itself, once it is there.
 ///
-/// It holds copies of the tree's boxes and of the triangles' corners, about 90 bytes a triangle, and knows nothing
-/// of later changes: [`update`](Self::update) it after each, which costs about as much as a refit, if so many rays follow
-/// that it pays: as a rule of thumb, one for every ten triangles.
+/// It holds copies of the tree's boxes and of the triangles' corners, about 80 bytes a triangle, and knows nothing of
+/// later changes: [`update`](Self::update) it after each, if so many rays follow that it pays. That takes as long as one ray
+/// gains for every ten triangles. [`render`](crate::render) does so by itself for ambient occlusion and diffuse bounces.
 ///
 /// ```
 /// use rt_cpu::{Bvh, Bvh8, Ray, TriangleTest, Triangles, Vec3};

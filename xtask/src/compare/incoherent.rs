@@ -31,7 +31,7 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<(Ro
     let mut lanes = entries.into_iter().map(|entry| Lane::new(entry, stage)).collect::<Result<Vec<_>>>()?;
     let (mut view_of_tree, mut making) = (Bvh8::new(), Record::default());
     let mut reference = Answers::default();
-    let mut count = 0;
+    let (mut count, mut done) = (0, 0);
     for (step, &frame) in measured.iter().enumerate() {
         if interrupt::requested() {
             break;
@@ -47,6 +47,7 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<(Ro
         times.sort_by(f64::total_cmp);
         making.times_ms.push(median(&times));
         let groups = bounces(&view.camera, &stage.triangles(), &seen.pixels, frame as u64);
+        done += 1;
         count += groups.iter().map(Rays::len).sum::<usize>();
         let mut found: Vec<Hits> = groups.iter().map(|_| Hits::new()).collect();
         let mut expected = Vec::new();
@@ -77,7 +78,7 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<(Ro
         }
         progress.at(step as u64 + 1);
     }
-    let rays_a_frame = count as f64 / measured.len() as f64;
+    let rays_a_frame = count as f64 / f64::from(done.max(1));
     let row = |lane: &Lane| {
         let row = lane.row("incoherent", scene, stage, setting.threads, &reference);
         Row { million_rays_per_s: Some(rays_a_frame / (row.median_ms * 1e3)), ..row }

@@ -55,12 +55,13 @@ const RATIOS: [Ratio; 19] = [
 ];
 
 /// What threads are meant to speed up, and by how much two of them.
-const SCALES: [([&str; 2], f64); 5] = [
+const SCALES: [([&str; 2], f64); 6] = [
     (["limit", "memory limit"], 1.8),
     (REFIT, 1.8),
     (ROTATE, 1.8),
     (["build", "pivot binned-parallel"], 1.8),
     (["trace", "pivot avx2"], 1.9),
+    (WIDE, 1.9),
 ];
 
 /// Growth of the time a triangle from the smallest scene to the largest.
