@@ -3,13 +3,14 @@
 //! ```text
 //! cost of a subtree as one child:   its area, if it fits into a block
 //!                                   else its area + its cost as eight children
-//! cost as i > 1 children:           the least of cost(left as k) + cost(right as i - k), for all k, and of cost as i - 1
+//! cost as i > 1 children:           the least of cost(left as k) + cost(right as i - k) for all k,
+//!                                   and of cost as i - 1 children
 //! ```
 //!
 //! Collapsing a binary tree is from Wald, Benthin and Boulos, *Getting Rid of Packets*, 2008, in the cheapest way from
-//! Ylitie, Karras and Laine, *Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs*, 2017; going through
-//! eight boxes and four triangles at a time is from Wald, Woop, Benthin, Johnson and Ernst, *Embree: A Kernel Framework
-//! for Efficient CPU Ray Tracing*, 2014.
+//! Ylitie, Karras and Laine, *Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs*, 2017; going
+//! through eight boxes and four triangles at a time is from Wald, Woop, Benthin, Johnson and Ernst, *Embree: A Kernel
+//! Framework for Efficient CPU Ray Tracing*, 2014.
 
 mod block;
 mod walk;
@@ -29,12 +30,12 @@ pub(crate) use walk::{any_where, closest_where};
 /// Children of a node.
 const WIDTH: usize = 8;
 
-/// A second view of a [`Bvh`] and its triangles, for rays that have little in common: about three times as fast for these
-/// as the tree itself, once it is there.
+/// A second view of a [`Bvh`] and its triangles, for rays that have little in common: about three times as fast for
+/// these as the tree itself, once it is there.
 ///
 /// It holds copies of the tree's boxes and of the triangles' corners, about 80 bytes a triangle, and knows nothing of
-/// later changes: [`update`](Self::update) it after each, if so many rays follow that it pays. That takes as long as one ray
-/// gains for every ten triangles. [`render`](crate::render) does so by itself for ambient occlusion and diffuse bounces.
+/// later changes: [`update`](Self::update) it after each. That pays from about one ray for every ten triangles on.
+/// [`render`](crate::render) does so by itself for ambient occlusion and diffuse bounces.
 ///
 /// ```
 /// use rt_cpu::{Bvh, Bvh8, Ray, TriangleTest, Triangles, Vec3};

@@ -38,8 +38,8 @@ impl Block {
         [at(&self.corners[0]), at(&self.corners[1]), at(&self.corners[2])]
     }
 
-    /// The closest of what a triangle test found that comes before `best` and not after `t_max`, and that `counts` is true
-    /// for; else `best`.
+    /// The closest of what a triangle test found that comes before `best` and not after `t_max`, and that `counts` is
+    /// true for; else `best`.
     #[inline(always)]
     pub(super) fn closest<S: Simd>(
         &self,

@@ -72,8 +72,8 @@ impl<S: Simd> Ray8<S> {
     }
 }
 
-/// Calls `visit` with blocks that the ray enters before `t_max`, and a mask of the triangles in them, nearest first as far
-/// as boxes tell, until that is negative. `visit` gets the present `t_max` and returns the new one.
+/// Calls `visit` with blocks that the ray enters before `t_max`, and a mask of the triangles in them, nearest first as
+/// far as boxes tell, until that is negative. `visit` gets the present `t_max` and returns the new one.
 #[inline(always)]
 fn walk<S: Simd>(
     simd: S,
