@@ -75,7 +75,8 @@ pub(crate) fn enter(contest: Contest, device: &Device, entries: &mut Vec<Entry>)
             Ok(Box::new(Scene::new(&handle, config, triangles)?))
         }));
     };
-    let plain = Config { quality: Quality::Medium, width: Width::One, dynamic: false, robust: false };
+    let plain =
+        Config { quality: Quality::Medium, width: Width::One, dynamic: false, robust: false, coherent: true };
     match contest {
         Contest::Update => {
             for (name, quality) in DYNAMIC {
@@ -95,6 +96,12 @@ pub(crate) fn enter(contest: Contest, device: &Device, entries: &mut Vec<Entry>)
             add("packets of 16", Config { width: Width::Sixteen, ..plain });
             add("packets of 16, robust", Config { width: Width::Sixteen, robust: true, ..plain });
         }
+        Contest::Incoherent => {
+            let plain = Config { coherent: false, ..plain };
+            add("single", plain);
+            add("single, robust", Config { robust: true, ..plain });
+            add("packets of 8", Config { width: Width::Eight, ..plain });
+        }
         Contest::Frame => {
             for (name, quality) in DYNAMIC {
                 for (rays, width) in [
@@ -102,7 +109,7 @@ pub(crate) fn enter(contest: Contest, device: &Device, entries: &mut Vec<Entry>)
                     ("packets of 8", Width::Eight),
                     ("packets of 16", Width::Sixteen),
                 ] {
-                    add(&format!("{name}, {rays}"), Config { quality, width, dynamic: true, robust: false });
+                    add(&format!("{name}, {rays}"), Config { quality, width, dynamic: true, ..plain });
                 }
             }
         }

@@ -14,6 +14,8 @@ pub enum Contest {
     Build,
     /// Tracing rays through a fresh tree.
     Trace,
+    /// Tracing rays that have little in common through a fresh tree.
+    Incoherent,
     /// Updating and tracing, frame after frame: this project and Embree in every dynamic configuration.
     Frame,
 }

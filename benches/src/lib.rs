@@ -10,6 +10,7 @@
 //! contestants.
 #![deny(unsafe_code)]
 
+mod bounce;
 mod brute;
 mod bvh;
 pub mod embree;
@@ -27,6 +28,7 @@ mod view;
 use bvh_core::{Triangles, Vec3};
 use rt_cpu::Pixel;
 
+pub use bounce::bounces;
 pub use brute::Brute;
 pub use field::{Contest, Entry, LIMIT, field};
 pub use rays::{Hits, RAYS, Rays};

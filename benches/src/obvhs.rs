@@ -258,7 +258,7 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
             add("medium", Mode::Rebuild, medium, false);
             add("slow", Mode::Rebuild, BvhBuildParams::slow_build(), false);
         }
-        Contest::Trace => {
+        Contest::Trace | Contest::Incoherent => {
             add("binary", Mode::Rebuild, medium, true);
             add("cwbvh", Mode::Wide, medium, true);
         }

@@ -161,7 +161,7 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
             add("binned", binned);
             add("ploc", ploc);
         }
-        Contest::Trace => add("ploc", ploc),
+        Contest::Trace | Contest::Incoherent => add("ploc", ploc),
         Contest::Frame => {}
     }
 }

@@ -1,13 +1,13 @@
 //! This project.
 
 use bvh_build::{BuildOptions, Builder};
-use bvh_core::{Bvh, SimdLevel, Triangles, Vec3, sah_cost};
+use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3, sah_cost};
 use bvh_update::{Rotate, Scratch, Strategy, update};
-use rt_cpu::{Pixel, PointLight, RenderOptions, Traversal, TriangleTest, any_hit, cast, closest_hit};
+use rt_cpu::{Bvh8, Pixel, PointLight, RenderOptions, Traversal, TriangleTest, any_hit, cast, closest_hit};
 
 use crate::field::{Contest, Entry};
 use crate::mesh::Mesh;
-use crate::{Contestant, Failure, Hits, RAYS, Rays, View};
+use crate::{Contestant, Failure, Hits, RAYS, Rays, View, view};
 
 const WHO: &str = "pivot";
 
@@ -19,6 +19,19 @@ struct Pivot {
     strategy: Strategy,
     scratch: Scratch,
     options: RenderOptions,
+    rays: RayKind,
+    wide: Bvh8,
+}
+
+/// How rays are traced that come without a camera.
+#[derive(Clone, Copy, PartialEq)]
+enum RayKind {
+    /// One by one through the tree itself.
+    Single,
+    /// One by one through its wide view.
+    Wide,
+    /// Many at a time through its wide view.
+    Batch,
 }
 
 impl Pivot {
@@ -30,6 +43,8 @@ impl Pivot {
             strategy,
             scratch: Scratch::new(),
             options: RenderOptions { traversal, simd, ..RenderOptions::default() },
+            rays: RayKind::Single,
+            wide: Bvh8::new(),
         }
     }
 
@@ -60,11 +75,15 @@ impl Contestant for Pivot {
     }
 
     fn update(&mut self) -> Result<(), Failure> {
-        if !self.is_built {
-            return self.build();
+        if self.is_built {
+            let triangles = self.mesh.triangles();
+            update(&mut self.tree, &triangles, &self.strategy, &mut self.scratch).map_err(failure)?;
+        } else {
+            self.build()?;
         }
-        let triangles = self.mesh.triangles();
-        update(&mut self.tree, &triangles, &self.strategy, &mut self.scratch).map_err(failure)?;
+        if self.rays != RayKind::Single {
+            self.wide.update(&self.tree, &self.mesh.triangles());
+        }
         Ok(())
     }
 
@@ -73,18 +92,35 @@ impl Contestant for Pivot {
     }
 
     fn closest(&self, rays: &Rays, hits: &mut Hits) {
-        let triangles = self.mesh.triangles();
-        for i in 0..rays.len() {
-            let hit =
-                closest_hit(&self.tree, &triangles, &rays.ray(i), rays.t_max[i], TriangleTest::default());
-            hits.set(i, hit);
+        let (triangles, test) = (self.mesh.triangles(), TriangleTest::default());
+        match self.rays {
+            RayKind::Single => {
+                for i in 0..rays.len() {
+                    hits.set(i, closest_hit(&self.tree, &triangles, &rays.ray(i), rays.t_max[i], test));
+                }
+            }
+            RayKind::Wide => {
+                for i in 0..rays.len() {
+                    hits.set(i, self.wide.closest_hit(&rays.ray(i), rays.t_max[i], test));
+                }
+            }
+            RayKind::Batch => {
+                let all: [Ray; RAYS] = std::array::from_fn(|i| rays.ray(i));
+                let (mut found, count) = ([None; RAYS], rays.len());
+                self.wide.closest_hits(&all[..count], &rays.t_max[..count], test, &mut found[..count]);
+                found[..count].iter().enumerate().for_each(|(i, &hit)| hits.set(i, hit));
+            }
         }
     }
 
     fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]) {
-        let triangles = self.mesh.triangles();
+        let (triangles, test) = (self.mesh.triangles(), TriangleTest::default());
         for (i, blocked) in blocked[..rays.len()].iter_mut().enumerate() {
-            *blocked = any_hit(&self.tree, &triangles, &rays.ray(i), rays.t_max[i], TriangleTest::default());
+            let (ray, t_max) = (rays.ray(i), rays.t_max[i]);
+            *blocked = match self.rays {
+                RayKind::Single => any_hit(&self.tree, &triangles, &ray, t_max, test),
+                RayKind::Wide | RayKind::Batch => self.wide.any_hit(&ray, t_max, test),
+            };
         }
     }
 
@@ -93,6 +129,9 @@ impl Contestant for Pivot {
     }
 
     fn cast(&self, view: &View, pixels: &mut [Pixel]) {
+        if self.rays != RayKind::Single {
+            return view::cast(self, view, pixels);
+        }
         let light = view.light.map(|position| PointLight { position, color: [1.0; 3] });
         cast(&self.tree, &self.mesh.triangles(), &view.camera, light.as_ref(), &self.options, pixels);
     }
@@ -100,6 +139,14 @@ impl Contestant for Pivot {
 
 /// Adds this project's contestants.
 pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
+    match contest {
+        Contest::Incoherent => {
+            let all = [("single", RayKind::Single), ("wide", RayKind::Wide), ("wide, batch", RayKind::Batch)];
+            return all.into_iter().for_each(|(name, rays)| entries.push(of_rays(name, rays)));
+        }
+        Contest::Trace => entries.push(of_rays("wide", RayKind::Wide)),
+        _ => {}
+    }
     let rebuild = |builder| Strategy::Rebuild(builder, BuildOptions::default());
     let mut add = |name: &str, strategy: Strategy, traversal, simd| {
         let keeps_tree = !matches!(strategy, Strategy::Rebuild(..));
@@ -133,12 +180,22 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
             add("published packets", tree(leaves(1)), Traversal::Packet, best);
             add("single", tree(leaves(1)), Traversal::Single, best);
         }
+        Contest::Incoherent => {}
         Contest::Frame => {
             for strategy in strategies() {
                 add(strategy.name(), strategy, Traversal::Tile, best);
             }
         }
     }
+}
+
+/// One that traces rays as they come.
+fn of_rays(name: &str, rays: RayKind) -> Entry {
+    Entry::new(format!("{WHO} {name}"), false, move |triangles| {
+        let strategy = Strategy::Rebuild(Builder::Sweep, BuildOptions::default());
+        let plain = Pivot::new(triangles, strategy, Traversal::Single, SimdLevel::best());
+        Ok(Box::new(Pivot { rays, ..plain }))
+    })
 }
 
 /// Those that updates are compared by: a sweep every frame is what all are measured by, trees from the background

@@ -45,7 +45,8 @@ fn all_contestants_agree_with_brute_force_before_and_after_motion() {
 
     for threads in [1, 2] {
         let device = embree.as_ref().map(|e| e.device(threads).expect("a device"));
-        for contest in [Contest::Update, Contest::Build, Contest::Trace, Contest::Frame] {
+        for contest in [Contest::Update, Contest::Build, Contest::Trace, Contest::Incoherent, Contest::Frame]
+        {
             for entry in field(contest, device.as_ref()).iter().filter(|e| e.name != LIMIT) {
                 let who = format!("{} in {contest:?}, {threads} threads", entry.name);
                 let mut contestant = entry.make(&soup.triangles(&poses[0])).expect("made");

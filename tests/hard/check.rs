@@ -4,7 +4,7 @@ use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3};
 use bvh_update::{Scratch, Strategy, Update, update};
 use pivot_tests::{noise, sah_cost};
-use rt_cpu::{Camera, Pixel, PointLight, RenderOptions, Traversal, TriangleTest};
+use rt_cpu::{Bvh8, Camera, Pixel, PointLight, RenderOptions, Traversal, TriangleTest};
 
 /// A mesh in motion.
 pub(crate) struct Case {
@@ -104,6 +104,8 @@ fn check_rays(bvh: &Bvh, triangles: &Triangles<'_>, name: &str) {
     } else {
         (bounds.center(), bounds.extent().max(Vec3::splat(f32::MIN_POSITIVE)))
     };
+    let mut wide = Bvh8::new();
+    wide.update(bvh, triangles);
     for i in 0..24 {
         let from = center + (noise(5, i) - 0.5) * extent * [3.0, 0.9][i % 2];
         let mut along = center + (noise(6, i) - 0.5) * extent - from;
@@ -121,6 +123,8 @@ fn check_rays(bvh: &Bvh, triangles: &Triangles<'_>, name: &str) {
                 assert_eq!(found, brute, "{name}, {}: ray {i} from {from} along {along}", test.name());
                 let any = rt_cpu::any_hit(bvh, triangles, &ray, t_max, test);
                 assert_eq!(any, rt_cpu::any_hit_brute(triangles, &ray, t_max, test), "{name}: any, ray {i}");
+                assert_eq!(wide.closest_hit(&ray, t_max, test), brute, "{name}: wide, ray {i} from {from}");
+                assert_eq!(wide.any_hit(&ray, t_max, test), any, "{name}: wide, any, ray {i}");
                 if let Some(hit) = found {
                     assert!(
                         hit.t >= 0.0

@@ -43,6 +43,8 @@ pub(super) struct Config {
     pub(super) dynamic: bool,
     /// Conservative box tests and a watertight triangle test.
     pub(super) robust: bool,
+    /// Says that rays go much the same way.
+    pub(super) coherent: bool,
 }
 
 /// Vertices behind the last one, so that 16 bytes can be read from there, as Embree asks for.
@@ -53,6 +55,7 @@ pub(super) struct Scene {
     scene: Handle,
     geometry: Handle,
     width: Width,
+    coherent: bool,
     /// Shared with Embree: neither is ever moved or resized.
     positions: Box<[Vec3]>,
     indices: Box<[[u32; 3]]>,
@@ -87,8 +90,9 @@ impl Scene {
         let scene = unsafe {
             let scene = (api.new_scene)(device.handle);
             let geometry = (api.new_geometry)(device.handle, api::GEOMETRY_TRIANGLE);
-            let scene =
-                Self { device: Arc::clone(device), scene, geometry, width: config.width, positions, indices };
+            let Config { width, coherent, .. } = config;
+            let device = Arc::clone(device);
+            let scene = Self { device, scene, geometry, width, coherent, positions, indices };
             scene.device.check()?;
             (api.set_scene_flags)(scene.scene, flags);
             (api.set_scene_quality)(scene.scene, scene_quality);
@@ -108,7 +112,7 @@ impl Scene {
 
     /// Packets of N; whatever is behind the last ray is masked out.
     fn closest_packets<const N: usize>(&self, query: QueryN, rays: &Rays, hits: &mut Hits) {
-        let mut extra = Extra::new(self.device.version, true);
+        let mut extra = Extra::new(self.device.version, self.coherent);
         let mut packet = RayHit::<N>::new();
         for first in (0..rays.len()).step_by(N) {
             let valid = packet.load(rays, first);
@@ -128,7 +132,7 @@ impl Scene {
     }
 
     fn occluded_packets<const N: usize>(&self, query: QueryN, rays: &Rays, blocked: &mut [bool; RAYS]) {
-        let mut extra = Extra::new(self.device.version, true);
+        let mut extra = Extra::new(self.device.version, self.coherent);
         let mut packet = RayHit::<N>::new();
         for first in (0..rays.len()).step_by(N) {
             let valid = packet.load(rays, first);

@@ -99,7 +99,10 @@ impl Triangles<'_> {
     #[must_use]
     #[inline]
     pub fn corners(&self, i: usize) -> [Vec3; 3] {
-        self.indices[i].map(|v| self.positions.get(v as usize).copied().unwrap_or(Vec3::NAN))
+        // Spelt out because `array::map` is a call.
+        let [a, b, c] = self.indices[i];
+        let at = |v: u32| self.positions.get(v as usize).copied().unwrap_or(Vec3::NAN);
+        [at(a), at(b), at(c)]
     }
 }
 

@@ -1,7 +1,7 @@
 //! A ray tracer over the binary trees of [`bvh_core`], on the processor.
 //!
-//! Single rays ([`closest_hit`], [`any_hit`]) and whole frames ([`render`]): a pinhole [`Camera`], one
-//! [`PointLight`] with hard shadows, flat or smooth shading, PNG and EXR files ([`Image`]). Textures, holes, mirrors,
+//! Single rays ([`closest_hit`], [`any_hit`]), many rays without anything in common ([`Bvh8`], a view of the tree made
+//! for them) and whole frames ([`render`]): a pinhole [`Camera`], one [`PointLight`] with hard shadows, flat or smooth shading, PNG and EXR files ([`Image`]). Textures, holes, mirrors,
 //! ambient occlusion and diffuse bounces are [`Effects`] to be asked for. Coordinates are
 //! right-handed with y up where it matters (the camera); the queries take any convention.
 //!
@@ -23,6 +23,7 @@
 
 mod beam;
 mod bundle;
+mod bvh8;
 mod camera;
 mod holes;
 mod image;
@@ -47,6 +48,7 @@ mod tests;
 
 pub use bvh_core::glam::Vec2;
 pub use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3};
+pub use bvh8::Bvh8;
 pub use camera::Camera;
 pub use image::{Image, ImageError};
 pub use mesh::{DEFAULT_COLOR, Material, Mesh};
@@ -55,6 +57,6 @@ pub use options::{
 };
 pub use render::{Pixel, cast, render};
 pub use shade::{Background, PointLight};
-pub use single::{any_hit, any_hit_brute, closest_hit, closest_hit_brute, closest_hits};
+pub use single::{any_hit, any_hit_brute, closest_hit, closest_hit_brute};
 pub use texture::{Filter, Texture, Wrap};
 pub use triangle::{Hit, TriangleTest};

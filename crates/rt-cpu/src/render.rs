@@ -17,7 +17,7 @@ use crate::tile::{self, Scene, Scratch};
 use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight};
 use crate::waves::{Paths, Waves};
 use crate::wide::WideTest;
-use crate::{Camera, Image, Mesh, holes, random};
+use crate::{Bvh8, Camera, Image, Mesh, holes, random};
 
 /// Renders a frame into `image`, which is replaced if it is not of the camera's size.
 ///
@@ -47,10 +47,14 @@ pub fn render(
             let frame = Frame { holes, ..Frame::new(scene, camera, light, options, true) };
             let direct_only = Effects { alpha: effects.alpha, ..Effects::default() };
             if effects == direct_only {
-                run(&frame, image.pixels_mut(), &shader)
-            } else {
-                run(&frame, image.pixels_mut(), &Waves { shader, effects, seed, sample })
+                return run(&frame, image.pixels_mut(), &shader);
             }
+            let wide = calls_for_wide(&effects, camera, bvh).then(|| {
+                let mut wide = Bvh8::new();
+                wide.update(bvh, &mesh.triangles);
+                wide
+            });
+            run(&frame, image.pixels_mut(), &Waves { shader, effects, wide: wide.as_ref(), seed, sample })
         }
         Output::NodesVisited { most } => {
             let options = RenderOptions { traversal: Traversal::Single, ..*options };
@@ -71,6 +75,14 @@ fn called_for(effects: &Effects, mesh: &Mesh<'_>) -> Effects {
         ambient_occlusion: effects.ambient_occlusion.filter(|_| effects.diffuse_bounces.is_none()),
         diffuse_bounces: effects.diffuse_bounces,
     }
+}
+
+/// Whether so many rays will have little in common that making a view for them pays: one for ten triangles.
+fn calls_for_wide(effects: &Effects, camera: &Camera, bvh: &Bvh) -> bool {
+    let of_hit = effects.ambient_occlusion.map_or(0, |a| u64::from(a.samples))
+        + effects.diffuse_bounces.map_or(0, |d| u64::from(d.most));
+    let pixels = u64::from(camera.width()) * u64::from(camera.height());
+    pixels.saturating_mul(of_hit) > bvh.len() as u64 / 10
 }
 
 /// What is seen through a pixel.

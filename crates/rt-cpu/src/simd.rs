@@ -32,11 +32,18 @@ pub(crate) fn detected(level: SimdLevel) -> Level {
     }
 }
 
-/// Runs `$body` compiled for a [`SimdLevel`], with `$simd` the token of its vector types.
+/// Runs `$body` compiled for a [`SimdLevel`], or for the best of the machine, with `$simd` the token of its vector types.
 macro_rules! at_level {
-    ($level:expr, $simd:ident => $body:expr) => {{
+    (best, $simd:ident => $body:expr) => {
+        // Looked up once and kept, where `SimdLevel::best` asks anew.
+        $crate::simd::at_level!(@ fearless_simd::Level::new(), $simd => $body)
+    };
+    ($level:expr, $simd:ident => $body:expr) => {
+        $crate::simd::at_level!(@ $crate::simd::detected($level), $simd => $body)
+    };
+    (@ $level:expr, $simd:ident => $body:expr) => {{
         use fearless_simd::{Level, Simd};
-        match $crate::simd::detected($level) {
+        match $level {
             #[cfg(target_arch = "x86_64")]
             Level::Avx512($simd) => $simd.vectorize(
                 #[inline(always)]

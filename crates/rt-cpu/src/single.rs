@@ -1,9 +1,8 @@
 //! One ray at a time.
 
-use bvh_core::{Bvh, MAX_HEIGHT, Ray, SimdLevel, Triangles, Vec3};
+use bvh_core::{Bvh, MAX_HEIGHT, Ray, Triangles, Vec3, prefetch};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4, f32x8, mask32x8};
-use rayon::prelude::*;
 
 use crate::simd::{self, at_level};
 use crate::slab::{self, WIDEN};
@@ -47,7 +46,7 @@ pub(crate) use with_test;
 /// `triangles` are the primitives of the tree, by its numbers; triangles that the tree has and `triangles` has
 /// not are never hit. `t_max` may be infinite; if it is negative or NaN there is no hit, nor for a ray that is not
 /// valid ([`Ray::is_valid`]). The tree must be up to date with `triangles`: what has left the boxes since may be
-/// missed. O(log n) for scattered triangles.
+/// missed. O(log n) for scattered triangles. Many rays are faster through a [`Bvh8`](crate::Bvh8).
 #[must_use]
 pub fn closest_hit(
     bvh: &Bvh,
@@ -57,7 +56,6 @@ pub fn closest_hit(
     test: TriangleTest,
 ) -> Option<Hit> {
     let scene = Scene { bvh, triangles };
-    let best = SimdLevel::best();
     with_test!(test, T => at_level!(best, simd => {
         closest::<_, T>(simd, scene, ray, t_max, &mut Work::default())
     }))
@@ -67,41 +65,10 @@ pub fn closest_hit(
 #[must_use]
 pub fn any_hit(bvh: &Bvh, triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
     let scene = Scene { bvh, triangles };
-    let best = SimdLevel::best();
     with_test!(test, T => at_level!(best, simd => {
         any::<_, T>(simd, scene, ray, t_max, &mut Work::default()).is_some()
     }))
 }
-
-/// [`closest_hit`] of many rays that need not have anything in common, in the current rayon pool: `hits[i]` is
-/// that of `rays[i]`, with `0 <= t <= t_max[i]`.
-///
-/// # Panics
-/// If the slices differ in length.
-pub fn closest_hits(
-    bvh: &Bvh,
-    triangles: &Triangles<'_>,
-    rays: &[Ray],
-    t_max: &[f32],
-    test: TriangleTest,
-    hits: &mut [Option<Hit>],
-) {
-    assert_eq!(rays.len(), t_max.len(), "one t_max a ray");
-    assert_eq!(rays.len(), hits.len(), "one hit a ray");
-    let scene = Scene { bvh, triangles };
-    let best = SimdLevel::best();
-    let chunks = (rays.par_chunks(BATCH), t_max.par_chunks(BATCH), hits.par_chunks_mut(BATCH));
-    chunks.into_par_iter().for_each(|(rays, t_max, hits)| {
-        with_test!(test, T => at_level!(best, simd => {
-            for ((ray, &t_max), hit) in rays.iter().zip(t_max).zip(hits) {
-                *hit = closest::<_, T>(simd, scene, ray, t_max, &mut Work::default());
-            }
-        }));
-    });
-}
-
-/// Rays that one thread traces at a time.
-const BATCH: usize = 256;
 
 /// As [`closest_hit`], by testing every triangle: the oracle for everything else. O(n).
 #[must_use]
@@ -296,36 +263,30 @@ fn walk<S: Simd>(
     mut visit: impl FnMut(usize, f32) -> f32,
 ) {
     let nodes = scene.bvh.nodes();
-    let floats: &[[f32; 4]] = bytemuck::cast_slice(nodes);
-    let mut stack = [(0.0, 0u32); MAX_HEIGHT as usize + 1];
-    let mut top = 0;
-    if ray.is_valid() && slab::enters(ray, &scene.bvh.root().aabb(), t_max).is_some() {
-        top = 1;
+    if !ray.is_valid() || slab::enters(ray, &scene.bvh.root().aabb(), t_max).is_none() {
+        return;
     }
     let pair_ray = PairRay::new(simd, ray);
-    while top > 0 {
-        top -= 1;
-        let (near, n) = stack[top];
-        if near > t_max {
-            continue;
-        }
-        let mut node = &nodes[n as usize];
-        while !node.is_leaf() {
+    // Where the ray enters in the upper half, the number of the node in the lower.
+    let mut stack = [0u64; MAX_HEIGHT as usize + 1];
+    let mut top = 0;
+    let mut node = scene.bvh.root();
+    loop {
+        if let Some(children) = scene.bvh.children(node) {
             work.nodes += 1;
-            let first = node.first();
-            let Some(pair) = floats[2 * first..].first_chunk() else {
-                break;
-            };
-            let [(l, in_l), (r, in_r)] = pair_ray.enter(simd, pair, t_max);
-            if in_l && in_r {
-                let right_first = usize::from(r < l);
-                stack[top] = (l.max(r), (first + 1 - right_first) as u32);
-                top += 1;
-                node = &nodes[first + right_first];
-            } else if in_l || in_r {
-                node = &nodes[first + usize::from(in_r)];
-            } else {
-                break;
+            // What is below either comes next, or is a leaf, and then this does no harm.
+            prefetch(nodes, children[0].first());
+            prefetch(nodes, children[1].first());
+            let [(l, in_l), (r, in_r)] = pair_ray.enter(simd, bytemuck::cast_ref(children), t_max);
+            if in_l | in_r {
+                // Which is nearer, and whether the ray enters both, nobody can predict: no branches. What is farther is
+                // written in any case and kept if it counts.
+                let right = in_r & (!in_l | (r < l));
+                let far = if right { l } else { r };
+                stack[top] = u64::from(far.to_bits()) << 32 | (node.first() + usize::from(!right)) as u64;
+                top += usize::from(in_l & in_r);
+                node = &children[usize::from(right)];
+                continue;
             }
         }
         for &p in scene.bvh.primitives(node) {
@@ -335,6 +296,17 @@ fn walk<S: Simd>(
                 if t_max < 0.0 {
                     return;
                 }
+            }
+        }
+        loop {
+            if top == 0 {
+                return;
+            }
+            top -= 1;
+            let key = stack[top];
+            if f32::from_bits((key >> 32) as u32) <= t_max {
+                node = &nodes[key as u32 as usize];
+                break;
             }
         }
     }

@@ -3,14 +3,17 @@
 use bvh_core::{Aabb, Bvh, Node, Primitives, Ray, Triangles, Vec3};
 
 use crate::bundle::{Bundle, Hits, RAYS};
+use crate::bvh8;
 use crate::packet::{self, Query, SIZE};
 use crate::render::trace;
 use crate::simd::at_level;
 use crate::single::{Work, with_test};
 use crate::tile::{Scene, Scratch};
 use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight};
-use crate::{Camera, Image, Material, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render};
-use crate::{any_hit, any_hit_brute, closest_hit, closest_hit_brute, closest_hits};
+use crate::{
+    Bvh8, Camera, Image, Material, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render,
+};
+use crate::{any_hit, any_hit_brute, closest_hit, closest_hit_brute};
 
 mod effects;
 
@@ -198,8 +201,10 @@ const T_MAX: [f32; 5] = [f32::INFINITY, 1.0, 0.0, -1.0, f32::NAN];
 fn check_rays(soup: &Soup, rays: &[Ray]) -> usize {
     let t = soup.triangles();
     let mut hits = 0;
-    for leaf in [1, 5] {
+    let mut wide = Bvh8::new();
+    for leaf in [1, 5, 40] {
         let bvh = tree(soup, leaf);
+        wide.update(&bvh, &t);
         for test in TriangleTest::ALL {
             for (i, ray) in rays.iter().enumerate() {
                 for &t_max in &T_MAX[..if i % 8 == 0 { 5 } else { 1 }] {
@@ -207,6 +212,11 @@ fn check_rays(soup: &Soup, rays: &[Ray]) -> usize {
                     let found = closest_hit(&bvh, &t, ray, t_max, test);
                     assert_eq!(bits(found), bits(truth), "{test:?} {t_max} {ray:?}");
                     assert_eq!(any_hit(&bvh, &t, ray, t_max, test), truth.is_some());
+                    for level in SimdLevel::available() {
+                        let (found, any) = wide_hits(&wide, ray, t_max, test, level);
+                        assert_eq!(bits(found), bits(truth), "{level:?} {test:?} {t_max} {ray:?}");
+                        assert_eq!(any, truth.is_some(), "{level:?} {test:?} {t_max} {ray:?}");
+                    }
                     assert_eq!(any_hit_brute(&t, ray, t_max, test), truth.is_some());
                     if let Some(h) = truth {
                         assert!(h.t >= 0.0 && h.t <= t_max && h.t.is_finite(), "{h:?}");
@@ -217,6 +227,21 @@ fn check_rays(soup: &Soup, rays: &[Ray]) -> usize {
         }
     }
     hits
+}
+
+/// The closest hit, and whether there is any.
+fn wide_hits(
+    wide: &Bvh8,
+    ray: &Ray,
+    t_max: f32,
+    test: TriangleTest,
+    level: SimdLevel,
+) -> (Option<Hit>, bool) {
+    let work = &mut Work::default();
+    with_test!(test, T => at_level!(level, simd => (
+        bvh8::closest_where::<_, T>(simd, wide, ray, t_max, work, |_| true),
+        bvh8::any_where::<_, T>(simd, wide, ray, t_max, work, |_| true).is_some(),
+    )))
 }
 
 /// All traversals at all SIMD levels.
@@ -548,19 +573,100 @@ fn odd_meshes_and_sizes_render() {
     assert!(image.pixels().iter().flatten().all(|c| c.is_finite()));
 }
 
+/// A tree as high as trees may be, with boxes one in the other, and one that is a single leaf.
 #[test]
-fn batches_are_single_rays_in_order() {
+fn deep_trees_and_large_leaves() {
+    let n = bvh_core::MAX_HEIGHT as usize + 1;
+    let mut soup = Soup::default();
+    for i in 0..n {
+        let size = 1.2f32.powi(i as i32 - 48);
+        let at = Vec3::new(size, 0.3 * size, 0.1 * size);
+        soup.push([Vec3::ZERO - at, at, Vec3::new(-0.2, 1.0, 0.5) * size]);
+    }
+    let t = soup.triangles();
+    let mut nodes = vec![Node::NOTHING; 2 * n];
+    let mut below = Aabb::EMPTY;
+    for i in 0..n {
+        below = below.union(t.aabb(i));
+        // The largest triangle is the left child of the root, and so on.
+        let (depth, inner) = (n - 1 - i, i > 0);
+        let place = if depth == 0 { 0 } else { 2 * depth + 1 };
+        nodes[place] =
+            if inner { Node::inner(below, 2 * depth as u32 + 2) } else { Node::leaf(below, i as u32, 1) };
+        if inner {
+            nodes[2 * depth + 2] = Node::leaf(t.aabb(i), i as u32, 1);
+        }
+    }
+    let deep = Bvh::new(&nodes, (0..n as u32).collect()).expect("just low enough");
+    assert_eq!(deep.height(), bvh_core::MAX_HEIGHT);
+    let flat = tree(&soup, n);
+    assert!(flat.root().is_leaf());
+    let mut wide = Bvh8::new();
+    let mut hits = 0;
+    for bvh in [&deep, &flat] {
+        wide.update(bvh, &t);
+        for ray in random_rays(300).iter().chain(&rays_at_features(&soup, Vec3::new(0.0, -3.0, 0.1))) {
+            for test in TriangleTest::ALL {
+                let truth = closest_hit_brute(&t, ray, f32::INFINITY, test);
+                hits += usize::from(truth.is_some());
+                assert_eq!(bits(closest_hit(bvh, &t, ray, f32::INFINITY, test)), bits(truth));
+                for level in SimdLevel::available() {
+                    let (found, any) = wide_hits(&wide, ray, f32::INFINITY, test, level);
+                    assert_eq!((bits(found), any), (bits(truth), truth.is_some()), "{level:?} {ray:?}");
+                }
+            }
+        }
+    }
+    assert!(hits > 1000, "{hits}");
+}
+
+/// Views keep nothing of what they were of before.
+#[test]
+fn views_of_other_trees_and_of_nothing() {
+    let (large, small) = (random_soup(300, 0.5), random_soup(3, 2.0));
+    let mut wide = Bvh8::new();
+    let test = TriangleTest::Watertight;
+    let agrees = |wide: &Bvh8, t: &Triangles<'_>| {
+        let hits = random_rays(200).into_iter().filter(|ray| {
+            let truth = closest_hit_brute(t, ray, f32::INFINITY, test);
+            assert_eq!(bits(wide.closest_hit(ray, f32::INFINITY, test)), bits(truth));
+            assert_eq!(wide.any_hit(ray, f32::INFINITY, test), truth.is_some());
+            truth.is_some()
+        });
+        hits.count()
+    };
+    assert_eq!(agrees(&wide, &Soup::default().triangles()), 0);
+    for soup in [&large, &small, &large] {
+        wide.update(&tree(soup, 2), &soup.triangles());
+        assert!(agrees(&wide, &soup.triangles()) > 10);
+    }
+    // Triangles that are no longer there.
+    let fewer = Triangles { indices: &large.indices[..150], ..large.triangles() };
+    wide.update(&tree(&large, 2), &fewer);
+    assert!(agrees(&wide, &fewer) > 10);
+    wide.update(&Bvh::default(), &large.triangles());
+    assert_eq!(agrees(&wide, &Soup::default().triangles()), 0);
+}
+
+#[test]
+fn batches_are_single_rays_in_order_on_any_number_of_threads() {
     let soup = random_soup(200, 0.4);
-    let (t, bvh) = (soup.triangles(), tree(&soup, 3));
+    let t = soup.triangles();
+    let mut wide = Bvh8::new();
+    wide.update(&tree(&soup, 3), &t);
     let rays = random_rays(700);
     let t_max: Vec<f32> = (0..700).map(|i| [f32::INFINITY, 0.7, -1.0][i % 3]).collect();
     let mut hits = vec![None; 700];
     for test in TriangleTest::ALL {
-        closest_hits(&bvh, &t, &rays, &t_max, test, &mut hits);
-        for i in 0..700 {
-            assert_eq!(bits(hits[i]), bits(closest_hit_brute(&t, &rays[i], t_max[i], test)));
+        for threads in [1, 3] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            pool.install(|| wide.closest_hits(&rays, &t_max, test, &mut hits));
+            for i in 0..700 {
+                assert_eq!(bits(hits[i]), bits(closest_hit_brute(&t, &rays[i], t_max[i], test)));
+            }
+            assert!(hits.iter().flatten().count() > 50);
+            hits.fill(None);
         }
-        assert!(hits.iter().flatten().count() > 50);
     }
 }
 

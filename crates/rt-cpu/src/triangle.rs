@@ -52,7 +52,7 @@ impl TriangleTest {
 }
 
 /// Distance and weights of B and C.
-type Found = (f32, f32, f32);
+pub(crate) type Found = (f32, f32, f32);
 
 /// A triangle test with what it precomputes for a ray. Hits have `0 <= t < inf`.
 pub(crate) trait Test {
@@ -61,7 +61,7 @@ pub(crate) trait Test {
 }
 
 /// A hit as the crate defines it, of the triangle numbered `primitive`.
-#[inline]
+#[inline(always)]
 pub(crate) fn intersect<T: Test>(
     ray: &Ray,
     test: &T,
@@ -69,7 +69,18 @@ pub(crate) fn intersect<T: Test>(
     primitive: u32,
     t_max: f32,
 ) -> Option<Hit> {
-    let (t, u, v) = test.test(corners)?;
+    in_box(ray, test.test(corners)?, corners, primitive, t_max)
+}
+
+/// What of a triangle test's answer is left by the triangle's box.
+#[inline]
+pub(crate) fn in_box(
+    ray: &Ray,
+    (t, u, v): Found,
+    corners: &[Vec3; 3],
+    primitive: u32,
+    t_max: f32,
+) -> Option<Hit> {
     let near = slab::enters(ray, &Aabb::around(corners), t_max)?;
     let t = slab::max(t, near);
     (t <= t_max).then_some(Hit { t, u, v, primitive })
@@ -117,9 +128,11 @@ pub(crate) fn longest_axis(d: Vec3) -> usize {
 pub(crate) const DET_RANGE: (f32, f32) = (1.0 / (1u128 << 100) as f32, (1u128 << 100) as f32);
 
 pub(crate) struct Watertight {
-    origin: Vec3,
-    axes: [usize; 3],
-    shear: Vec3,
+    /// The ray's longest axis last, after the two that follow it.
+    pub(crate) axes: [usize; 3],
+    /// Along these axes.
+    pub(crate) origin: Vec3,
+    pub(crate) shear: Vec3,
 }
 
 impl Watertight {
@@ -137,30 +150,36 @@ impl Test for Watertight {
         let d = ray.direction();
         let kz = longest_axis(d);
         let axes = [(kz + 1) % 3, (kz + 2) % 3, kz];
+        let along = |v: Vec3| Vec3::new(v[axes[0]], v[axes[1]], v[axes[2]]);
         let shear = Vec3::new(d[axes[0]] / d[kz], d[axes[1]] / d[kz], 1.0 / d[kz]);
-        Self { origin: ray.origin(), axes, shear }
+        Self { origin: along(ray.origin()), axes, shear }
     }
 
     /// Section 3 of the paper. The corners are projected along the ray onto the plane through its origin, each
     /// by itself, so neighbours agree on where they are; and a rounded difference of rounded products is
     /// zero or has the right sign, so they agree on which side of an edge the ray is.
-    #[inline]
-    fn test(&self, corners: &[Vec3; 3]) -> Option<Found> {
+    #[inline(always)]
+    fn test(&self, [a, b, c]: &[Vec3; 3]) -> Option<Found> {
         let [kx, ky, kz] = self.axes;
-        let p = corners.map(|c| c - self.origin);
-        let x = p.map(|p| p[kx] - self.shear.x * p[kz]);
-        let y = p.map(|p| p[ky] - self.shear.y * p[kz]);
-        let wa = x[2] * y[1] - y[2] * x[1];
-        let wb = x[0] * y[2] - y[0] * x[2];
-        let wc = x[1] * y[0] - y[1] * x[0];
-        if (wa < 0.0 || wb < 0.0 || wc < 0.0) && (wa > 0.0 || wb > 0.0 || wc > 0.0) {
+        let (origin, shear) = (self.origin, self.shear);
+        let z = [a[kz] - origin.z, b[kz] - origin.z, c[kz] - origin.z];
+        let along = |p: &Vec3, z: f32| (p[kx] - origin.x - shear.x * z, p[ky] - origin.y - shear.y * z);
+        let ((xa, ya), (xb, yb), (xc, yc)) = (along(a, z[0]), along(b, z[1]), along(c, z[2]));
+        let wa = xc * yb - yc * xb;
+        let wb = xa * yc - ya * xc;
+        let wc = xb * ya - yb * xa;
+        // Minima rather than comparisons, which branches would follow that nobody can predict.
+        let least = slab::min(slab::min(wa, wb), wc);
+        let greatest = slab::max(slab::max(wa, wb), wc);
+        if least < 0.0 && greatest > 0.0 {
             return None;
         }
-        let z = p.map(|p| self.shear.z * p[kz]);
+        let z = [shear.z * z[0], shear.z * z[1], shear.z * z[2]];
         let det = wa + wb + wc;
         let plain = det.abs() >= DET_RANGE.0 && det.abs() <= DET_RANGE.1;
-        if !plain || wa == 0.0 || wb == 0.0 || wc == 0.0 {
-            return Self::exactly(x, y, z);
+        // Inside, a zero is the least or the greatest.
+        if !plain || least == 0.0 || greatest == 0.0 {
+            return Self::exactly([xa, xb, xc], [ya, yb, yc], z);
         }
         let inv_det = 1.0 / det;
         let (u, v) = (wb * inv_det, wc * inv_det);

@@ -15,7 +15,9 @@ use bvh_core::{Ray, Vec3};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
+use crate::Hit;
 use crate::bundle::{Bundle, Hits, RAYS};
+use crate::bvh8::{self, Bvh8};
 use crate::holes;
 use crate::options::{AmbientOcclusion, DiffuseBounces, Effects, RenderStats};
 use crate::packet::SIZE;
@@ -41,6 +43,8 @@ const NUMBERS: u32 = 8;
 pub(crate) struct Waves<'a> {
     pub(crate) shader: Shader<'a>,
     pub(crate) effects: Effects,
+    /// A view of the tree, if so many rays are expected that it was worth making.
+    pub(crate) wide: Option<&'a Bvh8>,
     pub(crate) seed: u64,
     pub(crate) sample: u32,
 }
@@ -146,8 +150,7 @@ impl Finish for Waves<'_> {
             wave += 1;
             for i in 0..tile.seen.count {
                 let ray = paths.ray(i, &tile.seen);
-                let hit =
-                    holes::closest::<S, T>(simd, frame.scene, frame.holes, &ray, f32::INFINITY, &mut work);
+                let hit = self.closest::<S, T>(simd, frame, &ray, &mut work);
                 tile.hits.set(i, hit);
             }
             // Vectors may reach beyond the last ray.
@@ -167,6 +170,58 @@ impl Finish for Waves<'_> {
 impl Waves<'_> {
     fn is_mirror(&self, primitive: u32) -> bool {
         self.effects.mirror && self.shader.mesh.material(primitive).mirror
+    }
+
+    // Both are calls on purpose: a walk is large, and inlined it leaves no registers to what is around it.
+    #[inline(never)]
+    fn closest<S: Simd, T: WideTest>(
+        &self,
+        simd: S,
+        frame: &Frame<'_>,
+        ray: &Ray,
+        work: &mut Work,
+    ) -> Option<Hit> {
+        simd.vectorize(
+            #[inline(always)]
+            || match self.wide {
+                Some(wide) => bvh8::closest_where::<S, T>(
+                    simd,
+                    wide,
+                    ray,
+                    f32::INFINITY,
+                    work,
+                    #[inline(always)]
+                    |hit| frame.holes.is_none_or(|mesh| mesh.is_there(hit)),
+                ),
+                None => holes::closest::<S, T>(simd, frame.scene, frame.holes, ray, f32::INFINITY, work),
+            },
+        )
+    }
+
+    #[inline(never)]
+    fn any<S: Simd, T: WideTest>(
+        &self,
+        simd: S,
+        frame: &Frame<'_>,
+        ray: &Ray,
+        t_max: f32,
+        work: &mut Work,
+    ) -> Option<Hit> {
+        simd.vectorize(
+            #[inline(always)]
+            || match self.wide {
+                Some(wide) => bvh8::any_where::<S, T>(
+                    simd,
+                    wide,
+                    ray,
+                    t_max,
+                    work,
+                    #[inline(always)]
+                    |hit| frame.holes.is_none_or(|mesh| mesh.is_there(hit)),
+                ),
+                None => holes::any::<S, T>(simd, frame.scene, frame.holes, ray, t_max, work),
+            },
+        )
     }
 
     /// Colours and normals of what a wave hit.
@@ -217,7 +272,7 @@ impl Waves<'_> {
             for n in 0..samples {
                 let direction = cosine_direction(normal, stream.even(first + u64::from(n)));
                 let ray = Ray::new(from, onto_side(direction, face));
-                let hit = holes::any::<S, T>(simd, frame.scene, frame.holes, &ray, distance, work);
+                let hit = self.any::<S, T>(simd, frame, &ray, distance, work);
                 hidden += u32::from(hit.is_some());
             }
             stats.rays_ambient_occlusion += u64::from(samples);

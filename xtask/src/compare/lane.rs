@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use bvh_build::{BuildOptions, Builder, build};
-use bvh_core::sah_cost;
+use bvh_core::{Bvh, sah_cost};
 use pivot_benches::{Answers, Contestant, Entry, LIMIT, View, set_up_rays};
 use rt_cpu::{Pixel, PointLight, RenderOptions, RenderStats, Traversal, cast};
 
@@ -66,6 +66,7 @@ impl Lane {
 
 /// What everyone is compared to in one frame: a fresh sweep build, and what single rays find in it.
 pub(super) struct Frame {
+    pub(super) tree: Bvh,
     pub(super) sweep_cost: f64,
     pub(super) pixels: Vec<Pixel>,
     /// Numbers of rays.
@@ -81,7 +82,7 @@ impl Frame {
         let light = view.light.map(|position| PointLight { position, color: [1.0; 3] });
         let options = RenderOptions { traversal: Traversal::Single, ..RenderOptions::default() };
         let stats = cast(&tree, &triangles, &view.camera, light.as_ref(), &options, &mut pixels);
-        Ok(Self { sweep_cost: sah_cost(&tree), pixels, stats })
+        Ok(Self { sweep_cost: sah_cost(&tree), tree, pixels, stats })
     }
 
     /// What the reference found, added to what it found before.

@@ -6,6 +6,7 @@
 mod build;
 mod frame;
 mod hard;
+mod incoherent;
 mod lane;
 mod ratios;
 mod row;
@@ -32,6 +33,8 @@ enum What {
     Update,
     /// Tracing primary and shadow rays through fresh trees
     Trace,
+    /// Tracing a diffuse bounce: rays that have little in common
+    Incoherent,
     /// Building a tree from nothing
     Build,
     /// Updating and tracing: this project beside every dynamic configuration of Embree
@@ -177,6 +180,11 @@ fn run_scene(
         }
         if asked(What::Trace) && !interrupt::requested() {
             keep(trace::measure(label, &mut stage, &setting)?)?;
+        }
+        if asked(What::Incoherent) && !interrupt::requested() {
+            let (view, rays) = incoherent::measure(label, &mut stage, &setting)?;
+            keep(vec![view])?;
+            keep(rays)?;
         }
         if asked(What::Frame) && !interrupt::requested() {
             keep(frame::measure(label, &mut stage, &setting)?)?;

@@ -17,10 +17,11 @@ const fn ratio(title: &'static str, over: [&'static str; 2], under: [&'static st
     Ratio { title, over, under, reach }
 }
 
+const WIDE: [&str; 2] = ["incoherent", "pivot wide"];
 const REFIT: [&str; 2] = ["update", "pivot refit"];
 const ROTATE: [&str; 2] = ["update", "pivot refit+rotate"];
 
-const RATIOS: [Ratio; 13] = [
+const RATIOS: [Ratio; 19] = [
     ratio("refit / memory limit", REFIT, ["limit", "memory limit"], 2.2),
     ratio("refit / Embree refit", REFIT, ["update", "embree refit"], 1.0),
     ratio("refit+rotate / refit", ROTATE, REFIT, 1.8),
@@ -35,15 +36,32 @@ const RATIOS: [Ratio; 13] = [
     // Without AVX-512, Embree's packets of 16 are no match for its packets of 8.
     ratio("trace, avx2 / Embree 8", ["trace", "pivot avx2"], ["trace", "embree packets of 8"], 1.2),
     ratio("trace, single / Embree single", ["trace", "pivot single"], ["trace", "embree single"], 1.8),
+    ratio("trace, wide / Embree single", ["trace", "pivot wide"], ["trace", "embree single"], 1.8),
+    ratio("incoherent, wide / Embree single", WIDE, ["incoherent", "embree single"], 1.8),
+    ratio("incoherent, wide / Embree robust", WIDE, ["incoherent", "embree single, robust"], 1.8),
+    ratio(
+        "incoherent, single / Embree single",
+        ["incoherent", "pivot single"],
+        ["incoherent", "embree single"],
+        1.8,
+    ),
+    ratio("incoherent, wide / obvhs cwbvh", WIDE, ["incoherent", "obvhs cwbvh"], 1.0),
+    ratio(
+        "incoherent, single / obvhs binary",
+        ["incoherent", "pivot single"],
+        ["incoherent", "obvhs binary"],
+        1.0,
+    ),
 ];
 
 /// What threads are meant to speed up, and by how much two of them.
-const SCALES: [([&str; 2], f64); 5] = [
+const SCALES: [([&str; 2], f64); 6] = [
     (["limit", "memory limit"], 1.8),
     (REFIT, 1.8),
     (ROTATE, 1.8),
     (["build", "pivot binned-parallel"], 1.8),
     (["trace", "pivot avx2"], 1.9),
+    (WIDE, 1.9),
 ];
 
 /// Growth of the time a triangle from the smallest scene to the largest.

@@ -9,7 +9,7 @@ use crate::machine::{Machine, Revision};
 /// One contestant on one scene with one number of threads.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Row {
-    /// `update`, `limit`, `build`, `trace` or `frame`.
+    /// `update`, `limit`, `build`, `trace`, `incoherent`, `view` (making the wide view for that) or `frame`.
     pub(super) what: &'static str,
     pub(super) scene: String,
     pub(super) triangles: usize,

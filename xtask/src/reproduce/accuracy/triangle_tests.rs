@@ -5,7 +5,7 @@ use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::glam::DVec3;
 use bvh_core::{Bvh, Ray, Triangles, Vec3};
 use rayon::prelude::*;
-use rt_cpu::{Hit, TriangleTest, closest_hits};
+use rt_cpu::{Bvh8, Hit, TriangleTest};
 
 use super::bench::{Bench, fastest};
 use super::point::Point;
@@ -190,7 +190,9 @@ fn at_offset(bench: &mut Bench<'_>, moved: &Moved<'_>, condition: &str) -> Resul
 fn trace(tree: &Bvh, triangles: &Triangles<'_>, rays: &[Ray], test: TriangleTest) -> (Vec<Option<Hit>>, f64) {
     let mut hits = vec![None; rays.len()];
     let t_max = vec![f32::INFINITY; rays.len()];
-    let time_ms = fastest(1, || closest_hits(tree, triangles, rays, &t_max, test, &mut hits));
+    let mut wide = Bvh8::new();
+    wide.update(tree, triangles);
+    let time_ms = fastest(1, || wide.closest_hits(rays, &t_max, test, &mut hits));
     (hits, time_ms)
 }
 
