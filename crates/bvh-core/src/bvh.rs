@@ -55,11 +55,23 @@ pub struct History {
     pub rotation_pause: u32,
     /// Whether a repair was found to be too much work since.
     pub is_beyond_repair: bool,
-    /// How many of the last repairs in a row built the whole tree anew.
+    /// How many of the last repairs built the whole tree anew and could not wait, each soon after the one before.
     pub rebuilds_in_a_row: u32,
     /// Left node of the first of those pairs that are kept for later use, 0 if there is none. The left node of each is a
     /// leaf without primitives, whose first slot is the left node of the next. What moves pairs about sets this to 0.
     pub spare_pair: u32,
+    /// Half area of the leaves that moved, of the root, and of the leaves that did not, when the tree was measured.
+    pub sizes: [f64; 3],
+    /// How even the leaves were in size then: 1 if all were alike, near 0 if most area was in a few.
+    pub evenness: f64,
+    /// Updates between the last two repairs, or between the build and the first; 0 if there was none.
+    pub period: u32,
+    /// How many subtrees were kept below the last new top; 0 if there was none.
+    pub kept: u32,
+    /// Whether the next update is to build the tree anew.
+    pub is_due: bool,
+    /// Whether the tree was built in haste: by a builder that is known not to be the best.
+    pub is_hasty: bool,
 }
 
 /// The parts of a tree that an update writes and reads, from [`Bvh::parts_mut`].
@@ -392,6 +404,8 @@ impl Bvh {
         let mut still_area = 0.0;
         mark(bytemuck::cast_slice_mut(&mut self.pairs), &self.order, 0, &moves, &mut still_area);
         self.still_area = still_area;
+        // What there is to measure is another.
+        self.history.reference = 0.0;
     }
 
     /// What updates remember of the tree.

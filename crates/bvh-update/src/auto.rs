@@ -1,24 +1,28 @@
 //! The strategy that chooses: what to do about a tree, from counted work and measured cost.
 //!
-//! The model of a frame's time is the work of the update plus rays times the SAH cost. The constants below put both on
-//! one scale, in nanoseconds of one core; only their ratios matter, and those vary little between machines.
+//! The model of a frame's time is the work of the update plus what its rays take, which grows with the SAH cost of the
+//! tree over what that was when the tree was good; the more so, the more of the cost lies in a few large primitives, such
+//! as the walls around what is looked at. The constants below put both on one scale, in nanoseconds of one
+//! core; only their ratios matter, and those vary little between machines.
 //!
 //! * *Rotations* are worth while if the cost that they saved in this update, kept for some frames, pays for trying.
 //!   If they are not, each node is tried half as often, down to every eighth update; if they are, twice as often.
 //! * *Repairs* follow a ski-rental rule: the time that rays have lost to excess cost since the last repair is added up,
 //!   and once it exceeds the price of a repair, the tree is regrown (`regrow.rs`). So no schedule that knows the
-//!   future is more than about twice as good.
+//!   future is more than about twice as good. What a repair costs is taken to be what the last one did.
 //! * *A new tree* is built where a regrown top would be a large part of the tree; and where that has happened in a row,
-//!   without trying anything else first.
+//!   without trying anything else first. By PLOC where the better tree pays for it in one frame; else in haste, by LBVH,
+//!   and then it counts as a tree with excess from the start.
 
 use std::fmt;
 
+use bvh_build::Builder;
 use bvh_core::{Bvh, History, Primitives};
 
-use crate::cut::{Regrown, regrow, scale, take_references};
+use crate::cut::{Regrown, regrow, size_now, take_references};
 use crate::pass::{Scratch, pass};
 use crate::raw;
-use crate::regrow::{LARGEST_CUT, rebuild_all};
+use crate::regrow::{LARGEST_CUT, SOON, rebuild_all};
 use crate::strategy::{Rotate, Update, UpdateError};
 
 /// Settings of [`Strategy::Auto`](crate::Strategy::Auto).
@@ -53,7 +57,10 @@ pub enum Decision {
         subtrees: usize,
     },
     /// The whole tree was built anew: too little of it was good.
-    Rebuild,
+    Rebuild {
+        /// By whom.
+        builder: Builder,
+    },
     /// A tree from the background took the place of this one.
     Swap,
 }
@@ -68,7 +75,9 @@ impl fmt::Display for Decision {
                 write!(f, "regrown above {subtrees} subtrees: lost time exceeded the price of it")
             }
             Self::Swap => f.write_str("a tree built in the background took over"),
-            Self::Rebuild => f.write_str("built anew: too few subtrees were good"),
+            Self::Rebuild { builder } => {
+                write!(f, "built anew by {}: too little of the tree was good", builder.name())
+            }
         }
     }
 }
@@ -79,41 +88,47 @@ const ROTATE_NODE: f64 = 3.0;
 const CUT_NODE: f64 = 6.0;
 /// Building the top, for each subtree below it.
 const GRAFT_SUBTREE: f64 = 300.0;
-/// Building the whole tree, for each primitive.
-const REBUILD_PRIMITIVE: f64 = 90.0;
-/// A ray, for each unit of SAH cost: traced in coherent packets.
-const RAY_COST: f64 = 1.0;
+/// Building the whole tree, for each primitive, and in haste.
+const REBUILD_PRIMITIVE: f64 = 85.0;
+const HASTY_PRIMITIVE: f64 = 34.0;
+/// By how much the SAH cost of a tree built in haste exceeds that of the other.
+const HASTY_EXCESS: f64 = 0.15;
+/// A ray through a tree of twice the SAH cost takes longer by this: less than twice as long, in coherent packets.
+const RAY: f64 = 40.0;
 
-/// What a cut is expected to be, as part of the primitives.
+/// What a cut is expected to be, as part of the primitives, before there was one.
 const SMALL_CUT: f64 = 0.02;
-/// For how many frames the gain of a rotation is taken to last.
+/// For how many frames the gain of a rotation is taken to last at most.
 const GAIN_LASTS: f64 = 8.0;
 /// Rotations are tried at one node in 2 to the power of this at least.
 const LONGEST_PAUSE: u32 = 3;
 /// After as many rebuilds in a row, further ones are made without a pass before; but for one in `LOOK_AGAIN`.
 const IN_A_ROW: u32 = 2;
-const LOOK_AGAIN: u32 = 8;
+const LOOK_AGAIN: u32 = 16;
 
-/// What a pass has found, for the choices after it.
+/// What a pass has found, for the choices after it. Costs are parts of the SAH cost of the tree when it was good.
 struct Found {
     primitives: f64,
     /// Nodes visited.
     nodes: f64,
-    /// SAH cost that the rotations of this pass have saved.
+    /// What the rotations of this pass have saved.
     gain: f64,
-    /// SAH cost above that after the last repair.
+    /// What there is above the cost after the last repair.
     excess: f64,
 }
 
 impl Auto {
-    /// Time that the rays take for this much SAH cost.
-    fn lost(self, cost: f64) -> f64 {
-        self.rays as f64 * RAY_COST * cost.max(0.0)
+    /// Time that the rays take longer for this much excess.
+    fn lost(self, excess: f64) -> f64 {
+        self.rays as f64 * RAY * excess.max(0.0)
     }
 
     /// Chooses how often to try rotations from now on, by what they have saved.
     fn choose_pause(self, history: &mut History, found: &Found) {
-        let saved = self.lost(found.gain) * GAIN_LASTS;
+        // What a rotation gains is lost again in the next repair, on average half a period from here.
+        let period = history.period.max(history.since_repair);
+        let lasts = if history.period > 0 { (f64::from(period) - 1.0) / 2.0 } else { GAIN_LASTS };
+        let saved = self.lost(found.gain) * lasts.min(GAIN_LASTS);
         let tried = found.nodes * ROTATE_NODE / f64::from(1u32 << history.rotation_pause);
         // More to come back than to go: no swinging to and fro.
         if saved < tried && history.rotation_pause < LONGEST_PAUSE {
@@ -123,11 +138,34 @@ impl Auto {
         }
     }
 
-    /// The excess, as part of the root's area, above which a subtree is opened: what its rebuild costs must come back
-    /// in as many frames as have passed since the last repair.
+    /// The excess above which a subtree is opened: what its rebuild costs must come back in as many frames as have
+    /// passed since the last repair.
     fn threshold(self, history: &History) -> f64 {
         let frames = f64::from(history.since_repair.clamp(1, 8));
-        GRAFT_SUBTREE / (self.rays.max(1) as f64 * RAY_COST * frames)
+        GRAFT_SUBTREE / (self.rays.max(1) as f64 * RAY * frames)
+    }
+
+    /// Who builds a new tree of so many primitives that will serve for so many frames, and for how much.
+    fn builder(self, primitives: f64, frames: u32) -> (Builder, f64) {
+        let worse = self.lost(HASTY_EXCESS) * f64::from(frames);
+        if worse < primitives * (REBUILD_PRIMITIVE - HASTY_PRIMITIVE) {
+            (Builder::Lbvh, primitives * HASTY_PRIMITIVE)
+        } else {
+            (Builder::Ploc, primitives * REBUILD_PRIMITIVE)
+        }
+    }
+
+    /// Builds a new tree.
+    fn rebuild<P: Primitives + ?Sized>(
+        bvh: &mut Bvh,
+        primitives: &P,
+        builder: Builder,
+        dropped: u64,
+        scratch: &mut Scratch,
+    ) -> Result<Update, UpdateError> {
+        let update = rebuild_all(bvh, primitives, builder, dropped, scratch)?;
+        raw::parts(bvh).history.is_hasty = builder == Builder::Lbvh;
+        Ok(update)
     }
 }
 
@@ -137,52 +175,82 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     auto: Auto,
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
-    let in_a_row = bvh.history().rebuilds_in_a_row;
-    if in_a_row >= IN_A_ROW && !in_a_row.is_multiple_of(LOOK_AGAIN) {
-        return rebuild_all(bvh, primitives, 0, scratch);
+    let history = *bvh.history();
+    let is_time_to_look = history.rebuilds_in_a_row.is_multiple_of(LOOK_AGAIN);
+    if history.is_due {
+        // A tree that was built in haste and has not degraded since is to be built well.
+        let frames = if history.is_hasty { u32::MAX } else { history.since_repair };
+        let (builder, _) = auto.builder(bvh.len() as f64, frames);
+        let update = Auto::rebuild(bvh, primitives, builder, 0, scratch)?;
+        // It could wait: that does not make a row.
+        raw::parts(bvh).history.rebuilds_in_a_row = 0;
+        return Ok(update);
+    }
+    if history.rebuilds_in_a_row >= IN_A_ROW && !is_time_to_look {
+        let (builder, _) = auto.builder(bvh.len() as f64, 1);
+        return Auto::rebuild(bvh, primitives, builder, 0, scratch);
     }
     take_references(bvh);
     let one_in = 1 << bvh.history().rotation_pause;
     let tally = pass(bvh, primitives, Some(Rotate { period: one_in }), scratch);
     let refitted = |bvh: &Bvh| Update { decision: Decision::Refit { one_in }, ..tally.update(bvh) };
 
-    let root = bvh.root().aabb().half_area_f64();
-    let reference = bvh.history().reference * scale(tally.leaf_area);
-    let per_root = |area: f64| if root > 0.0 { area / root } else { 0.0 };
+    let size = size_now(bvh, tally.leaf_area);
+    let (sum, good) = (tally.area + bvh.still_area(), bvh.history().reference * size);
+    // By area, dense parts of a scene count for little; but there the camera looks. By number, a wall does. The mean.
+    let unit = good * bvh.history().evenness.sqrt();
+    let over_good = |area: f64| if unit > 0.0 { area / unit } else { 0.0 };
+    let hasty = if bvh.history().is_hasty { HASTY_EXCESS } else { 0.0 };
     let found = Found {
         primitives: bvh.len() as f64,
         nodes: (tally.leaves + tally.inner) as f64,
-        gain: per_root(tally.gain),
-        excess: per_root(tally.area + bvh.still_area() - reference),
+        gain: over_good(tally.gain),
+        excess: over_good(sum - good) + hasty,
     };
     let history = raw::parts(bvh).history;
-    auto.choose_pause(history, &found);
     history.since_repair += 1;
+    auto.choose_pause(history, &found);
+    // A tree that has become better is from now on held to that.
+    history.reference = history.reference.min(sum / size);
     history.regret += auto.lost(found.excess);
-    let price_of_new = found.primitives * REBUILD_PRIMITIVE;
-    let price = found.nodes * CUT_NODE + SMALL_CUT * found.primitives * GRAFT_SUBTREE;
-    if history.regret <= if history.is_beyond_repair { price_of_new } else { price } {
+    let cut = if history.kept > 0 { f64::from(history.kept) } else { SMALL_CUT * found.primitives };
+    let price = found.nodes * CUT_NODE + cut * GRAFT_SUBTREE;
+    let (builder, price_of_new) = auto.builder(found.primitives, 1);
+    // This update has had its pass. A new tree can wait for the next, unless a frame with this one costs more than that.
+    let is_urgent = auto.lost(over_good(sum - good)) > price_of_new;
+    let is_new = history.rebuilds_in_a_row > 0 && history.since_repair <= SOON;
+    if (history.is_hasty || history.is_beyond_repair) && !(is_new && is_time_to_look) {
+        if is_urgent {
+            return Auto::rebuild(bvh, primitives, builder, tally.dropped, scratch);
+        }
+        let frames = if history.is_hasty { u32::MAX } else { history.since_repair };
+        let (_, price_of_new) = auto.builder(found.primitives, frames);
+        history.is_due = history.regret > price_of_new;
         return Ok(refitted(bvh));
     }
-    if history.is_beyond_repair {
-        return rebuild_all(bvh, primitives, tally.dropped, scratch);
+    if history.regret <= price {
+        return Ok(refitted(bvh));
     }
-    let threshold = auto.threshold(history) * root;
-    match regrow(bvh, tally.leaf_area, threshold, (LARGEST_CUT * found.primitives) as usize, scratch) {
+    // Where a new tree is bad again at once, little of it is worth keeping.
+    let part = if is_new && !is_time_to_look { 0.5 * LARGEST_CUT } else { LARGEST_CUT };
+    let most = part * found.primitives;
+    let threshold = auto.threshold(history) * unit;
+    match regrow(bvh, tally.leaf_area, threshold, most as usize, scratch) {
         Regrown::Top(0) => {
-            // Paid for looking; wait as long again before the next time.
-            raw::parts(bvh).history.regret = 0.0;
+            // There is nothing to gain: this is as good as the tree gets.
+            let history = raw::parts(bvh).history;
+            (history.regret, history.reference) = (0.0, sum / size);
             Ok(refitted(bvh))
         }
         Regrown::Top(subtrees) => {
             let decision = Decision::Regrow { subtrees };
             Ok(Update { decision, sah_cost: None, ..refitted(bvh) })
         }
-        Regrown::TooMuch if bvh.history().regret > price_of_new => {
-            rebuild_all(bvh, primitives, tally.dropped, scratch)
-        }
+        Regrown::TooMuch if is_urgent => Auto::rebuild(bvh, primitives, builder, tally.dropped, scratch),
         Regrown::TooMuch => {
-            raw::parts(bvh).history.is_beyond_repair = true;
+            let history = raw::parts(bvh).history;
+            history.is_beyond_repair = true;
+            history.is_due = history.regret > auto.builder(found.primitives, history.since_repair).1;
             Ok(refitted(bvh))
         }
     }

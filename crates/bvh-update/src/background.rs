@@ -2,8 +2,9 @@
 //!
 //! A copy of all boxes goes to a thread of its own, which builds a tree over it while updates go on with the old tree.
 //! The update that finds the new tree ready fits it to the present primitives, puts it in the place of the old one and
-//! sends the next copy. No update waits. The price: a second tree, 24 bytes a primitive for the copy, a core for the
-//! thread, and a tree whose structure is as old as its build took.
+//! sends the next copy. No update waits. The price: 68 bytes a primitive for a second tree, 24 for the copy, and what the
+//! builder takes (see [`rebuild`]; 64 binned); a core for the thread; and a tree whose structure is as old as its build
+//! took.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;

@@ -1,16 +1,17 @@
 //! Which part of a tree is to be built anew: everything above the subtrees that are still good.
 //!
-//! Each inner node has a *reference*: what some measure of it was when it was last built, in units of the sum of half
-//! areas over all leaves then. What a node exceeds it by, on the scale of the leaves now, is its *excess*. Rotations
-//! carry references along with the nodes they swap and leave the reference of the node whose children changed as it is.
+//! Each inner node has a *reference*: what some measure of it was when it was last built, in units of the scene's size
+//! then. What a node exceeds it by, in units of the size now, is its *excess*. The size is the sum of half areas over
+//! all leaves, but grows and shrinks only as far as the root's area does: a scene that grows as a whole counts for
+//! nothing, and leaves that grow within it do not hide what becomes of the nodes above. Rotations carry references along
+//! with the nodes they swap and leave the reference of the node whose children changed as it is.
 //!
 //! ```text
 //! cut(N):      E = cut(L) + cut(R) + max(0, M(N) - scale * reference(N))     in post-order, without primitives
 //!              if E > threshold: N is opened, and its children that are not are subtrees to keep
 //! ```
 //!
-//! The measure M is a node's half area where the tree is *regrown*: uniform growth and shrinking leaves count for
-//! nothing. `divergent.rs` has another; `selective.rs` opens nodes in a way of its own. `top.rs` builds the top anew.
+//! The measure M is a node's half area where the tree is *regrown*. `divergent.rs` has another; `selective.rs` opens nodes in a way of its own. `top.rs` builds the top anew.
 
 use bvh_core::{Aabb, Bvh, History, MAX_HEIGHT, Node, prefetch};
 
@@ -50,8 +51,8 @@ pub(crate) fn area(_: &[Node], node: &Node) -> f64 {
     f64::from(node.aabb().half_area())
 }
 
-/// Takes the areas as they are for references, if there are none yet; a tree is judged by the sum of areas over that of
-/// leaves.
+/// Takes the areas as they are for references, if there are none yet; a tree is judged by the sum of areas in units of the
+/// scene's size.
 pub(crate) fn take_references(bvh: &mut Bvh) {
     take_references_of(bvh, area);
 }
@@ -63,14 +64,17 @@ pub(crate) fn take_references_of(bvh: &mut Bvh, measure: impl Measure) {
     }
     let mut sums = Sums::default();
     bvh.visit(|_, node, _| sums.add(node));
-    let per_leaves = 1.0 / scale(sums.leaves);
+    let sizes = [sums.leaves, bvh.root().aabb().half_area_f64(), sums.still_leaves];
+    let per_size = 1.0 / size(sizes, [1.0; 2]);
     let parts = raw::parts(bvh);
     for n in 0..parts.nodes.len() {
-        let reference = (measure(parts.nodes, &parts.nodes[n]) * per_leaves) as f32;
+        let reference = (measure(parts.nodes, &parts.nodes[n]) * per_size) as f32;
         parts.nodes[n].set_reference(reference);
     }
     *parts.history = History {
-        reference: sums.all * per_leaves,
+        reference: sums.all * per_size,
+        sizes,
+        evenness: sums.evenness(),
         regret: 0.0,
         since_repair: 0,
         is_beyond_repair: false,
@@ -78,26 +82,59 @@ pub(crate) fn take_references_of(bvh: &mut Bvh, measure: impl Measure) {
     };
 }
 
-/// The unit of references: the sum of half areas over leaves that move, or 1 if there is none.
-pub(crate) fn scale(leaf_area: f64) -> f64 {
-    if leaf_area > 0.0 && leaf_area.is_finite() { leaf_area } else { 1.0 }
+/// The size of the scene now, for a tree with references.
+pub(crate) fn size_now(bvh: &Bvh, leaf_area: f64) -> f64 {
+    let [leaves, root, _] = bvh.history().sizes;
+    let growth = |now: f64, first: f64| if first > 0.0 { now / first } else { 1.0 };
+    size(bvh.history().sizes, [growth(leaf_area, leaves), growth(bvh.root().aabb().half_area_f64(), root)])
+}
+
+/// Half area of all leaves that move, as it was at first, times the growth that leaves and root have in common: that of
+/// the one that has changed less, none if one has grown and the other shrunk. 1 where that is no size.
+fn size([first, ..]: [f64; 3], [leaves, root]: [f64; 2]) -> f64 {
+    scale(first * leaves.min(root).max(leaves.max(root).min(1.0)))
+}
+
+/// A unit of areas: 1 in place of none.
+pub(crate) fn scale(area: f64) -> f64 {
+    if area > 0.0 && area.is_finite() { area } else { 1.0 }
 }
 
 #[derive(Default)]
 struct Sums {
     all: f64,
     leaves: f64,
+    still_leaves: f64,
+    /// Square roots of areas of leaves, and how many these are.
+    widths: f64,
+    count: f64,
 }
 
 impl Sums {
+    /// The square of the mean width of leaves, over the mean of the squares.
+    fn evenness(&self) -> f64 {
+        let evenness = self.widths * self.widths / (self.count * (self.leaves + self.still_leaves));
+        if evenness > 0.0 { evenness.min(1.0) } else { 1.0 }
+    }
+
     fn add(&mut self, node: &Node) {
         let area = node.aabb().half_area_f64() * node.weight();
         self.all += area;
-        if node.is_leaf() && node.moves() {
-            self.leaves += area;
+        if node.is_leaf() {
+            self.widths += area.sqrt();
+            self.count += 1.0;
+        }
+        match (node.is_leaf(), node.moves()) {
+            (true, true) => self.leaves += area,
+            (true, false) => self.still_leaves += area,
+            (false, _) => {}
         }
     }
 }
+
+/// Nodes of more than this part of the root's area are opened in any case. There are few, but a subtree as large as the
+/// room that everything else is in would have to be kept beside all of it.
+const LARGE: f32 = 0.005;
 
 /// Builds the tree anew above the subtrees whose excess of area is at most `threshold`, if there are at most `most` of
 /// them.
@@ -108,10 +145,11 @@ pub(crate) fn regrow(
     most: usize,
     scratch: &mut Scratch,
 ) -> Regrown {
-    let scale = scale(leaf_area);
-    let kept = open(bvh, area, scale, threshold, most, &mut scratch.cut);
-    // Leaves are as they were: one unit of their own.
-    rebuild_top(bvh, area, scale, most, scratch, |top| kept + top.references + 1.0)
+    let size = size_now(bvh, leaf_area);
+    let kept = open(bvh, area, size, threshold, most, &mut scratch.cut);
+    // Leaves have no references.
+    let leaves = (leaf_area + bvh.history().sizes[2]) / size;
+    rebuild_top(bvh, area, size, most, scratch, |top| kept + top.references + leaves)
 }
 
 /// Finds the subtrees whose excess is at most `threshold`, or more than `most`; gives the sum of references in them.
@@ -129,12 +167,19 @@ pub(crate) fn open(
     if bvh.height() < 2 {
         return 0.0;
     }
-    let mut walk = Cut { nodes: bvh.nodes(), measure, scale, threshold, cut, pairs, kept: 0.0, most };
+    let large = LARGE * bvh.root().aabb().half_area();
+    let mut walk =
+        Cut { nodes: bvh.nodes(), measure, scale, threshold, large, cut, pairs, kept: 0.0, bad: 0, most };
     queues.resize_with(MAX_HEIGHT as usize / 3 + 2, Queue::default);
     queues[0].slots.clear();
     queues[0].slots.push(0);
     walk.walk(queues);
-    walk.kept
+    let (kept, bad) = (walk.kept, walk.bad);
+    if bad == 0 {
+        cut.clear();
+        pairs.clear();
+    }
+    kept
 }
 
 struct Cut<'a, M> {
@@ -142,11 +187,14 @@ struct Cut<'a, M> {
     measure: M,
     scale: f64,
     threshold: f64,
+    large: f32,
     most: usize,
     cut: &'a mut Vec<u32>,
     pairs: &'a mut Vec<u32>,
     /// Sum of references of nodes that are not opened.
     kept: f64,
+    /// How many nodes were opened for their excess.
+    bad: usize,
 }
 
 /// Nodes of one block of the walk, breadth-first as in `block.rs`, and the excess at and below each.
@@ -209,21 +257,66 @@ impl<M: Measure> Cut<'_, M> {
         }
     }
 
+    /// Whether a node is opened, given the excess at and below it.
+    fn is_opened(&self, node: &Node, excess: f64) -> bool {
+        excess > self.threshold || node.height() > 0 && node.aabb().half_area() > self.large
+    }
+
     /// Opens a node, or keeps it; gives the excess at and below it.
     fn settle(&mut self, node: &Node, below: [f64; 2]) -> f64 {
         let own = (self.measure)(self.nodes, node) - self.scale * f64::from(node.reference());
         let total = below[0] + below[1] + own.max(0.0);
-        if total > self.threshold {
-            let pair = node.first() as u32;
-            self.pairs.push(pair);
+        self.bad += usize::from(total > self.threshold);
+        if self.is_opened(node, total) {
+            let pair = node.first();
+            self.pairs.push(pair as u32);
             for (child, below) in (pair..).zip(below) {
-                if below <= self.threshold {
-                    self.cut.push(child);
+                if !self.is_opened(&self.nodes[child], below) {
+                    self.cut.push(child as u32);
                 }
             }
         } else {
             self.kept += f64::from(node.reference());
         }
         total
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_size_of_a_scene_is_what_its_leaves_and_its_root_have_in_common() {
+        let first = [2.0, 100.0, 0.0];
+        for (growth, expected) in [
+            ([1.0, 1.0], 2.0),
+            ([3.0, 3.0], 6.0),
+            ([0.5, 0.25], 1.0),
+            ([1.5, 4.0], 3.0),
+            // Leaves that grow within a room, pieces that fly apart.
+            ([5.0, 1.0], 2.0),
+            ([1.0, 50.0], 2.0),
+            ([0.5, 2.0], 2.0),
+            ([0.0, 0.0], 1.0),
+            ([f64::INFINITY, f64::INFINITY], 1.0),
+        ] {
+            assert_eq!(size(first, growth), expected, "{growth:?}");
+        }
+        assert_eq!(size([0.0; 3], [1.0; 2]), 1.0);
+    }
+
+    #[test]
+    fn leaves_are_even_if_all_are_alike() {
+        let sums = |areas: &[f64]| Sums {
+            leaves: areas.iter().sum(),
+            widths: areas.iter().map(|area| area.sqrt()).sum(),
+            count: areas.len() as f64,
+            ..Sums::default()
+        };
+        assert_eq!(sums(&[4.0; 10]).evenness(), 1.0);
+        assert_eq!(sums(&[1.0, 0.0, 0.0, 0.0]).evenness(), 0.25);
+        assert_eq!(sums(&[]).evenness(), 1.0);
+        assert_eq!(sums(&[f64::INFINITY]).evenness(), 1.0);
     }
 }

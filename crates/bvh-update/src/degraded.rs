@@ -47,7 +47,8 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         return Ok(tally.update(bvh));
     }
     let update = new_tree(bvh, primitives, degraded.builder, &BuildOptions::default(), scratch)?;
-    Ok(Update { decision: Decision::Rebuild, dropped: tally.dropped, ..update })
+    let decision = Decision::Rebuild { builder: degraded.builder };
+    Ok(Update { decision, dropped: tally.dropped, ..update })
 }
 
 /// Mean over the inner nodes of A(N) / (A(L) + A(R)); 0 for a tree without. A node whose children have no area counts

@@ -24,6 +24,8 @@ pub struct Scratch {
     pub(crate) cut: CutScratch,
     pub(crate) reinsert: ReinsertScratch,
     pub(crate) background: Builds,
+    /// Which primitives move, while the tree that knows it is built anew.
+    pub(crate) moving: Vec<bool>,
     level: Available,
     top: Block,
     top_lists: Box<Lists>,
@@ -53,6 +55,7 @@ impl Scratch {
             cut: CutScratch::default(),
             reinsert: ReinsertScratch::new(),
             background: Builds::default(),
+            moving: Vec::new(),
             level,
             top: Block::new(),
             top_lists: Lists::new(),

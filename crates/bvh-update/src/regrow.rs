@@ -4,7 +4,7 @@ use bvh_build::{BuildOptions, Builder};
 use bvh_core::{Bvh, Primitives};
 
 use crate::auto::Decision;
-use crate::cut::{Regrown, area, open, regrow, scale, take_references, take_references_of};
+use crate::cut::{Regrown, area, open, regrow, size_now, take_references, take_references_of};
 use crate::divergent::{self, divergence};
 use crate::pass::{Scratch, pass};
 use crate::strategy::{Rotate, Update, UpdateError, new_tree};
@@ -46,6 +46,9 @@ const OPENED: f64 = 1.0;
 /// A cut of more than this part of the primitives is not worth while.
 pub(crate) const LARGEST_CUT: f64 = 0.2;
 
+/// Repairs so many updates apart, or fewer, are in a row.
+pub(crate) const SOON: u32 = 2;
+
 pub(crate) fn update<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
@@ -58,7 +61,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     }
     let tally = pass(bvh, primitives, options.rotate, scratch);
     let sum = tally.area + bvh.still_area();
-    let scale = scale(tally.leaf_area);
+    let scale = size_now(bvh, tally.leaf_area);
     if sum / scale <= bvh.history().reference * (1.0 + options.growth) {
         return Ok(tally.update(bvh));
     }
@@ -89,19 +92,37 @@ pub(crate) fn update<P: Primitives + ?Sized>(
             let decision = Decision::Regrow { subtrees };
             Ok(Update { decision, sah_cost: None, ..tally.update(bvh) })
         }
-        Regrown::TooMuch => rebuild_all(bvh, primitives, tally.dropped, scratch),
+        Regrown::TooMuch => rebuild_all(bvh, primitives, Builder::Ploc, tally.dropped, scratch),
     }
 }
 
-/// Builds a new tree instead of a repair.
+/// Builds a new tree instead of a repair. What stood still still does.
 pub(crate) fn rebuild_all<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
+    builder: Builder,
     dropped: u64,
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
-    let in_a_row = bvh.history().rebuilds_in_a_row + 1;
-    let update = new_tree(bvh, primitives, Builder::Ploc, &BuildOptions::default(), scratch)?;
-    raw::parts(bvh).history.rebuilds_in_a_row = in_a_row;
-    Ok(Update { decision: Decision::Rebuild, dropped, ..update })
+    let before = *bvh.history();
+    let any_still = bvh.still_area() > 0.0;
+    let mut moving = std::mem::take(&mut scratch.moving);
+    if any_still {
+        moving.clear();
+        moving.resize(bvh.len(), false);
+        for leaf in bvh.nodes().iter().filter(|node| node.moves()) {
+            bvh.primitives(leaf).iter().for_each(|&p| moving[p as usize] = true);
+        }
+    }
+    let update = new_tree(bvh, primitives, builder, &BuildOptions::default(), scratch)?;
+    if any_still {
+        bvh.set_moving(|p| moving[p]);
+    }
+    scratch.moving = moving;
+    let history = raw::parts(bvh).history;
+    let is_soon = before.since_repair <= SOON;
+    history.rebuilds_in_a_row = if is_soon { before.rebuilds_in_a_row + 1 } else { 1 };
+    history.rotation_pause = before.rotation_pause;
+    history.period = before.since_repair;
+    Ok(Update { decision: Decision::Rebuild { builder }, dropped, ..update })
 }

@@ -50,6 +50,11 @@ pub(crate) fn rebuild_top(
     {
         return Regrown::TooMuch;
     }
+    let opened = pairs.iter().flat_map(|&pair| [pair, pair + 1]).map(|n| &bvh.nodes()[n as usize]);
+    let before = inner_area(opened.chain([bvh.root()])) - inner_area(kept.iter());
+    if inner_area(top.nodes().iter()) >= before {
+        return Regrown::Top(0);
+    }
     assert!(
         top.nodes().len() == 2 * pairs.len() + 2,
         "a tree over k subtrees has k - 1 pairs below the root"
@@ -67,8 +72,21 @@ pub(crate) fn rebuild_top(
     *parts.still_area += graft.new.still_change;
     let reference = judge(graft.new);
     let history = parts.history;
-    *history = History { reference, regret: 0.0, since_repair: 0, rebuilds_in_a_row: 0, ..*history };
+    *history = History {
+        reference,
+        kept: kept.len() as u32,
+        period: history.since_repair,
+        regret: 0.0,
+        since_repair: 0,
+        rebuilds_in_a_row: 0,
+        ..*history
+    };
     Regrown::Top(kept.len())
+}
+
+/// Sum of half areas of inner nodes.
+fn inner_area<'a>(nodes: impl Iterator<Item = &'a Node>) -> f64 {
+    nodes.filter(|node| !node.is_leaf()).map(|node| node.aabb().half_area_f64()).sum()
 }
 
 impl NewTop {

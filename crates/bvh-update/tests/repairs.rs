@@ -67,6 +67,10 @@ fn regrown(decisions: &[Decision]) -> usize {
     decisions.iter().filter(|d| matches!(d, Decision::Regrow { .. })).count()
 }
 
+fn is_rebuild(decision: &Decision) -> bool {
+    matches!(decision, Decision::Rebuild { .. })
+}
+
 #[test]
 fn a_burst_is_regrown_and_stays_nearly_as_good_as_new() {
     let (_, refitted) = play(Strategy::Refit, |_| true);
@@ -97,7 +101,7 @@ fn regrowing_knows_what_stands_still() {
 fn a_degraded_tree_is_built_anew() {
     let degraded = Degraded { threshold: 0.02, ..Degraded::default() };
     let (decisions, worst) = play(Strategy::Degraded(degraded), |_| true);
-    let rebuilds = decisions.iter().filter(|d| **d == Decision::Rebuild).count();
+    let rebuilds = decisions.iter().filter(|d| is_rebuild(d)).count();
     assert!((1..20).contains(&rebuilds), "{rebuilds} rebuilds");
     let never = Degraded { threshold: f64::INFINITY, ..Degraded::default() };
     let (decisions, refitted) = play(Strategy::Degraded(never), |_| true);
@@ -132,7 +136,7 @@ fn auto_stops_looking_in_chaos_and_rests_where_nothing_moves() {
         told
     };
     let told: Vec<_> = (1..=12).map(|step| decide(&mut bvh, &chaos(step))).collect();
-    assert!(told[1..].iter().filter(|t| t.decision == Decision::Rebuild).count() >= 9, "{told:?}");
+    assert!(told[1..].iter().filter(|t| is_rebuild(&t.decision)).count() >= 9, "{told:?}");
     // A rebuild without a look visits each node once.
     assert!(over_fresh(&bvh, &chaos(12)) < 1.3);
 
@@ -140,6 +144,88 @@ fn auto_stops_looking_in_chaos_and_rests_where_nothing_moves() {
     let told: Vec<_> = (0..20).map(|_| decide(&mut bvh, &boxes)).collect();
     assert_eq!(told[19].decision, Decision::Refit { one_in: 8 }, "{told:?}");
     assert!(told[10..].iter().all(|t| !t.rebuilt));
+}
+
+#[test]
+fn the_more_rays_the_more_auto_repairs_and_the_better_the_builder() {
+    let play_with = |rays| play(Strategy::Auto(Auto { rays }), |_| true);
+    let repairs = [1 << 8, 1 << 14, 2 << 20].map(|rays| {
+        let (decisions, worst) = play_with(rays);
+        (decisions.iter().filter(|d| !matches!(d, Decision::Refit { .. })).count(), worst)
+    });
+    assert!(repairs.is_sorted_by(|a, b| a.1 > b.1), "{repairs:?}");
+    assert!(3 * repairs[0].0 < repairs[1].0, "{repairs:?}");
+
+    // In chaos: no new tree for a handful of rays, one in haste for some, a good one for many.
+    let builders = [8, 1 << 13, 2 << 20].map(|rays| {
+        let mut bvh = tree(&chaos(0), Builder::Sweep);
+        let mut scratch = Scratch::new();
+        let decisions: Vec<_> = (1..=8)
+            .map(|step| {
+                let boxes = chaos(step);
+                let strategy = Strategy::Auto(Auto { rays });
+                update(&mut bvh, boxes.as_slice(), &strategy, &mut scratch).expect("updated").decision
+            })
+            .collect();
+        decisions.into_iter().rev().find(is_rebuild)
+    });
+    let by = |builder| Some(Decision::Rebuild { builder });
+    assert_eq!(builders, [None, by(Builder::Lbvh), by(Builder::Ploc)]);
+}
+
+#[test]
+fn a_tree_built_in_haste_is_built_well_once_the_chaos_is_over() {
+    let strategy = Strategy::Auto(Auto { rays: 1 << 13 });
+    let mut bvh = tree(&chaos(0), Builder::Sweep);
+    let mut scratch = Scratch::new();
+    let mut decide =
+        |boxes: &[Aabb]| update(&mut bvh, boxes, &strategy, &mut scratch).expect("updated").decision;
+    let chaotic: Vec<_> = (1..=6).map(|step| decide(&chaos(step))).collect();
+    assert_eq!(chaotic[5], Decision::Rebuild { builder: Builder::Lbvh }, "{chaotic:?}");
+    let calm: Vec<_> = (0..60).map(|_| decide(&chaos(6))).collect();
+    // It takes a while until it looks whether the chaos is over.
+    let rebuilds: Vec<_> = calm.iter().filter(|d| is_rebuild(d)).collect();
+    assert_eq!(rebuilds.last(), Some(&&Decision::Rebuild { builder: Builder::Ploc }), "{calm:?}");
+    assert!(calm[30..].iter().all(|d| matches!(d, Decision::Refit { .. })), "{calm:?}");
+}
+
+#[test]
+fn what_stands_still_still_does_after_auto_has_built_a_new_tree() {
+    let strategy = Strategy::Auto(Auto::default());
+    let (still, moves) = (chaos(0), |i: usize| !i.is_multiple_of(2));
+    let mut bvh = tree(&still, Builder::Sweep);
+    bvh.set_moving(moves);
+    let mut scratch = Scratch::new();
+    let mut rebuilds = 0;
+    for step in 1..=6 {
+        let moved = chaos(step);
+        let boxes: Vec<_> = (0..N).map(|i| if moves(i) { moved[i] } else { still[i] }).collect();
+        let told = update(&mut bvh, boxes.as_slice(), &strategy, &mut scratch).expect("updated");
+        bvh.validate(boxes.as_slice()).expect("valid");
+        rebuilds += usize::from(is_rebuild(&told.decision));
+    }
+    assert!(rebuilds > 0, "nothing was built anew");
+    bvh.visit(|_, node, _| {
+        bvh.primitives(node).iter().for_each(|&p| assert_eq!(node.moves(), moves(p as usize), "{p}"));
+    });
+}
+
+#[test]
+fn decisions_say_what_and_why_in_one_line() {
+    let all = [
+        Decision::AsAlways,
+        Decision::Refit { one_in: 1 },
+        Decision::Refit { one_in: 8 },
+        Decision::Regrow { subtrees: 7 },
+        Decision::Rebuild { builder: Builder::Lbvh },
+        Decision::Swap,
+    ];
+    let lines = all.map(|decision| decision.to_string());
+    for (i, line) in lines.iter().enumerate() {
+        assert!((5..80).contains(&line.len()) && !line.contains('\n'), "{line}");
+        assert!(lines[..i].iter().all(|other| other != line), "{line} twice");
+    }
+    assert!(lines[3].contains('7') && lines[4].contains("lbvh"));
 }
 
 #[test]

@@ -23,6 +23,8 @@ pub(super) struct Row {
     /// Mean over the measured frames of the tree's SAH cost over that of a full sweep build of the same frame;
     /// nothing where the tree cannot be read.
     pub(super) sah_over_sweep: Option<f64>,
+    /// The same in the frame where it is worst.
+    pub(super) worst_sah_over_sweep: Option<f64>,
     /// Primary rays that hit something, in all measured frames.
     pub(super) hits: u64,
     /// The median over the number of triangles.
@@ -87,6 +89,7 @@ impl Record {
             max_ms: sorted.last().copied().unwrap_or_default(),
             mean_ms: sorted.iter().sum::<f64>() / sorted.len().max(1) as f64,
             sah_over_sweep: (!costs.is_empty()).then(|| costs.iter().sum::<f64>() / costs.len() as f64),
+            worst_sah_over_sweep: costs.iter().copied().reduce(f64::max),
             hits: self.answers.hits,
             ns_per_triangle: median_ms * 1e6 / triangles as f64,
             million_rays_per_s: None,
@@ -167,6 +170,7 @@ mod tests {
         let row = record.row("update", "cloth", 1000, "pivot refit", 2, &Answers::default());
         assert_eq!((row.median_ms, row.min_ms, row.max_ms), (2.5, 1.0, 4.0));
         assert_eq!((row.ns_per_triangle, row.sah_over_sweep), (2500.0, Some(1.5)));
+        assert_eq!(row.worst_sah_over_sweep, Some(2.0));
         let mut report = Report::new(Machine::read(), Revision::read(), None);
         report.rows.push(row);
         let file: serde_json::Value = serde_json::from_slice(&report.json().expect("written")).expect("read");

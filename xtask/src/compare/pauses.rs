@@ -1,0 +1,93 @@
+//! What building in the background costs the frames: the longest pause of any, and how old its trees are.
+//!
+//! Played alone, every frame of a loop at its own pace, since the thread in the background takes time from whatever is
+//! measured beside it.
+
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use bvh_update::{Background, Decision, Rotate, Scratch, Strategy, update};
+use rt_cpu::{Pixel, PointLight, RenderOptions, cast};
+
+use super::Setting;
+use super::lane::view;
+use super::row::median;
+use super::table::threads_of;
+use crate::interrupt;
+use crate::progress::Progress;
+use crate::stage::{Stage, ms};
+
+/// What the longest frame may take, over the median.
+const REACH: f64 = 1.2;
+
+/// Frames played before those that count, in which memory grows to its size.
+const WARM_UP: usize = 3;
+
+/// A few lines for each way of building in the background.
+pub(super) fn measure(stage: &mut Stage, setting: &Setting) -> Result<String> {
+    let mut text = format!(
+        "\nbuilt in the background, {}, every frame of a loop\n  {:<26} {:>10} {:>10} {:>10} {:>12} {:>12}\n",
+        threads_of(setting.threads),
+        "",
+        "median ms",
+        "longest",
+        format!("<= {REACH}"),
+        "update alone",
+        "frames/tree"
+    );
+    for rotate in [None, Some(Rotate::default())] {
+        let strategy = Strategy::Background(Background { rotate, ..Background::default() });
+        if !interrupt::requested() {
+            text += &setting.pool.install(|| play(&strategy, stage, setting))?;
+        }
+    }
+    Ok(text)
+}
+
+fn play(strategy: &Strategy, stage: &mut Stage, setting: &Setting) -> Result<String> {
+    let frames = stage.scene.frames.max(2);
+    let progress = Progress::new(format!("{}, {} threads", strategy.name(), setting.threads), frames as u64);
+    let mut tree = stage.first_tree.clone();
+    let mut scratch = Scratch::new();
+    let mut pixels = vec![Pixel::default(); setting.size as usize * setting.size as usize];
+    let options = RenderOptions::default();
+    let (mut updates, mut pictures, mut swaps) = (Vec::new(), Vec::new(), 0);
+    for step in 0..frames + WARM_UP {
+        if interrupt::requested() {
+            break;
+        }
+        let frame = step.saturating_sub(WARM_UP);
+        stage.pose(stage.time_of(frame, frames));
+        let view = view(stage, setting.size);
+        let light = view.light.map(|position| PointLight { position, color: [1.0; 3] });
+        let start = Instant::now();
+        let told = update(&mut tree, &stage.triangles(), strategy, &mut scratch)
+            .with_context(|| format!("{}: {} failed", stage.scene.name, strategy.name()))?;
+        let update_ms = ms(start);
+        let start = Instant::now();
+        cast(&tree, &stage.triangles(), &view.camera, light.as_ref(), &options, &mut pixels);
+        if step >= WARM_UP {
+            updates.push(update_ms);
+            pictures.push(ms(start));
+            swaps += u32::from(told.decision == Decision::Swap);
+        }
+        progress.at(step as u64 + 1);
+    }
+    let longest = |times: &[f64]| {
+        let mut sorted = times.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        (median(&sorted), sorted.last().copied().unwrap_or_default())
+    };
+    let (update_median, update_longest) = longest(&updates);
+    let (picture_median, _) = longest(&pictures);
+    // What is seen differs from frame to frame and is nothing that a strategy does; its updates are.
+    let frame_median = update_median + picture_median;
+    let frame_longest = update_longest + picture_median;
+    Ok(format!(
+        "  {:<26} {frame_median:>10.3} {frame_longest:>10.3} {:>10.3} {:>12.3} {:>12.1}\n",
+        strategy.name(),
+        frame_longest / frame_median,
+        update_longest / update_median,
+        updates.len() as f64 / f64::from(swaps.max(1)),
+    ))
+}
