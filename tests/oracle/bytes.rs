@@ -45,9 +45,6 @@ pub fn play_bytes(bytes: &[u8]) {
         let triangles = Triangles { positions: &positions, indices: &indices };
         let strategy = &strategies[usize::from(strategy) % strategies.len()];
         let told = update(&mut bvh, &triangles, strategy, &mut scratch).expect("same count");
-        if told.rebuilt {
-            moving.fill(true);
-        }
         bvh.validate(&triangles).unwrap_or_else(|e| panic!("{}: {e}", strategy.name()));
         let cost = told.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(&bvh));
         assert!(cost.is_finite() && cost >= 0.0, "{}: cost {cost}", strategy.name());

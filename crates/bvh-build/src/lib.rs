@@ -251,6 +251,12 @@ impl BuildScratch {
     pub fn new() -> Self {
         Self::default()
     }
+
+    /// How many primitives of the last build had an empty box.
+    #[must_use]
+    pub fn dropped(&self) -> usize {
+        self.dropped.len()
+    }
 }
 
 /// Builds a tree over `primitives`: [`rebuild`] with no memory but that of `recycled`, if it is of use.

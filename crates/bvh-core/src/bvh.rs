@@ -38,14 +38,17 @@ pub struct Bvh {
     history: History,
 }
 
-/// What updates remember of a tree from frame to frame. Plain data, which a clone of the tree carries along.
+/// What updates remember of a tree from frame to frame: plain data of the crate `bvh-update`, which a clone of the tree
+/// carries along. More may be added to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct History {
     /// Updates since the tree was built.
     pub updates: u32,
     /// Updates since it was built or last repaired.
     pub since_repair: u32,
-    /// How good the tree was when it was built or last repaired, in the strategy's own measure; 0 until it is measured.
+    /// What `reference` and the references of nodes are measures of.
+    pub measure: Measure,
+    /// How good the tree was when it was built or last repaired, in that measure; 0 until it is measured.
     pub reference: f64,
     /// What doing nothing about worse trees has cost since, in the strategy's own measure.
     pub regret: f64,
@@ -72,6 +75,23 @@ pub struct History {
     pub is_due: bool,
     /// Whether the tree was built in haste: by a builder that is known not to be the best.
     pub is_hasty: bool,
+}
+
+/// What updates judge a tree by. A strategy that finds another's measure takes its own anew.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Measure {
+    /// Nothing as yet.
+    #[default]
+    None,
+    /// Areas of nodes.
+    Areas,
+    /// Distances between the centres of nodes' children.
+    Divergence,
+    /// The mean ratio of nodes' areas to their children's.
+    Ratio,
+    /// Areas of leaves.
+    Leaves,
 }
 
 /// The parts of a tree that an update writes and reads, from [`Bvh::parts_mut`].
@@ -398,8 +418,9 @@ impl Bvh {
     /// Says which primitives may move from now on, by number; at first all of them do. From a mask this is
     /// `set_moving(|p| mask[p])`, from a few ranges `set_moving(|p| ranges.iter().any(|r| r.contains(&p)))`.
     ///
-    /// Updates do not visit subtrees without a moving primitive. Saying it takes O(n) time and
-    /// allocates nothing; it lasts until it is said anew.
+    /// Refits and rotations do not visit subtrees without a moving primitive. Saying it takes O(n) time and allocates
+    /// nothing; it lasts until it is said anew, through rebuilds too. Strategies that repair measure the tree anew when it
+    /// is said, so say it when something else moves rather than in every frame.
     pub fn set_moving(&mut self, moves: impl Fn(usize) -> bool) {
         let mut still_area = 0.0;
         mark(bytemuck::cast_slice_mut(&mut self.pairs), &self.order, 0, &moves, &mut still_area);

@@ -35,7 +35,7 @@ mod stats;
 mod validate;
 
 pub use aabb::Aabb;
-pub use bvh::{Bvh, History, MAX_HEIGHT, MAX_PRIMITIVES, Malformed, Parts};
+pub use bvh::{Bvh, History, MAX_HEIGHT, MAX_PRIMITIVES, Malformed, Measure, Parts};
 pub use cost::{COST_INTERSECT, COST_TRAVERSE, sah_cost};
 pub use glam;
 pub use glam::Vec3;

@@ -160,10 +160,9 @@ impl Auto {
         bvh: &mut Bvh,
         primitives: &P,
         builder: Builder,
-        dropped: u64,
         scratch: &mut Scratch,
     ) -> Result<Update, UpdateError> {
-        let update = rebuild_all(bvh, primitives, builder, dropped, scratch)?;
+        let update = rebuild_all(bvh, primitives, builder, scratch)?;
         raw::parts(bvh).history.is_hasty = builder == Builder::Lbvh;
         Ok(update)
     }
@@ -181,14 +180,14 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         // A tree that was built in haste and has not degraded since is to be built well.
         let frames = if history.is_hasty { u32::MAX } else { history.since_repair };
         let (builder, _) = auto.builder(bvh.len() as f64, frames);
-        let update = Auto::rebuild(bvh, primitives, builder, 0, scratch)?;
+        let update = Auto::rebuild(bvh, primitives, builder, scratch)?;
         // It could wait: that does not make a row.
         raw::parts(bvh).history.rebuilds_in_a_row = 0;
         return Ok(update);
     }
     if history.rebuilds_in_a_row >= IN_A_ROW && !is_time_to_look {
         let (builder, _) = auto.builder(bvh.len() as f64, 1);
-        return Auto::rebuild(bvh, primitives, builder, 0, scratch);
+        return Auto::rebuild(bvh, primitives, builder, scratch);
     }
     take_references(bvh);
     let one_in = 1 << bvh.history().rotation_pause;
@@ -221,7 +220,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let is_new = history.rebuilds_in_a_row > 0 && history.since_repair <= SOON;
     if (history.is_hasty || history.is_beyond_repair) && !(is_new && is_time_to_look) {
         if is_urgent {
-            return Auto::rebuild(bvh, primitives, builder, tally.dropped, scratch);
+            return Auto::rebuild(bvh, primitives, builder, scratch);
         }
         let frames = if history.is_hasty { u32::MAX } else { history.since_repair };
         let (_, price_of_new) = auto.builder(found.primitives, frames);
@@ -246,7 +245,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
             let decision = Decision::Regrow { subtrees };
             Ok(Update { decision, sah_cost: None, ..refitted(bvh) })
         }
-        Regrown::TooMuch if is_urgent => Auto::rebuild(bvh, primitives, builder, tally.dropped, scratch),
+        Regrown::TooMuch if is_urgent => Auto::rebuild(bvh, primitives, builder, scratch),
         Regrown::TooMuch => {
             let history = raw::parts(bvh).history;
             history.is_beyond_repair = true;

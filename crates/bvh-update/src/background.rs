@@ -15,9 +15,9 @@ use bvh_core::{Aabb, Bvh, Primitives};
 use crate::auto::Decision;
 use crate::pass::{Scratch, pass};
 use crate::raw;
-use crate::strategy::{Rotate, Update, UpdateError};
+use crate::strategy::{Rotate, Update, UpdateError, note_moving};
 
-/// How trees are built in the background.
+/// How trees are built in the background. One [`Scratch`] has one build under way, so each tree wants its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Background {
     /// The budget of rotations between one new tree and the next, if any are wanted.
@@ -94,6 +94,9 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let number = bvh.history().background_job;
     // The memory may have served another tree in between.
     if let Some(new) = scratch.background.take(number).filter(|new| new.len() == primitives.len()) {
+        if note_moving(bvh, &mut scratch.moving) {
+            new.set_moving(|p| scratch.moving[p]);
+        }
         std::mem::swap(bvh, new);
         decision = Decision::Swap;
     }
@@ -102,5 +105,5 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         let number = scratch.background.start(primitives, background.builder);
         raw::parts(bvh).history.background_job = number;
     }
-    Ok(Update { decision, ..tally.update(bvh) })
+    Ok(Update { decision, rebuilt: decision == Decision::Swap, ..tally.update(bvh) })
 }

@@ -48,7 +48,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     }
     let update = new_tree(bvh, primitives, degraded.builder, &BuildOptions::default(), scratch)?;
     let decision = Decision::Rebuild { builder: degraded.builder };
-    Ok(Update { decision, dropped: tally.dropped, ..update })
+    Ok(Update { decision, ..update })
 }
 
 /// Mean over the inner nodes of A(N) / (A(L) + A(R)); 0 for a tree without. A node whose children have no area counts

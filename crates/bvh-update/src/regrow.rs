@@ -92,37 +92,23 @@ pub(crate) fn update<P: Primitives + ?Sized>(
             let decision = Decision::Regrow { subtrees };
             Ok(Update { decision, sah_cost: None, ..tally.update(bvh) })
         }
-        Regrown::TooMuch => rebuild_all(bvh, primitives, Builder::Ploc, tally.dropped, scratch),
+        Regrown::TooMuch => rebuild_all(bvh, primitives, Builder::Ploc, scratch),
     }
 }
 
-/// Builds a new tree instead of a repair. What stood still still does.
+/// Builds a new tree instead of a repair.
 pub(crate) fn rebuild_all<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     builder: Builder,
-    dropped: u64,
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
     let before = *bvh.history();
-    let any_still = bvh.still_area() > 0.0;
-    let mut moving = std::mem::take(&mut scratch.moving);
-    if any_still {
-        moving.clear();
-        moving.resize(bvh.len(), false);
-        for leaf in bvh.nodes().iter().filter(|node| node.moves()) {
-            bvh.primitives(leaf).iter().for_each(|&p| moving[p as usize] = true);
-        }
-    }
     let update = new_tree(bvh, primitives, builder, &BuildOptions::default(), scratch)?;
-    if any_still {
-        bvh.set_moving(|p| moving[p]);
-    }
-    scratch.moving = moving;
     let history = raw::parts(bvh).history;
     let is_soon = before.since_repair <= SOON;
     history.rebuilds_in_a_row = if is_soon { before.rebuilds_in_a_row + 1 } else { 1 };
     history.rotation_pause = before.rotation_pause;
     history.period = before.since_repair;
-    Ok(Update { decision: Decision::Rebuild { builder }, dropped, ..update })
+    Ok(Update { decision: Decision::Rebuild { builder }, ..update })
 }

@@ -1,7 +1,7 @@
 //! The strategies: named ways to bring a tree up to date with primitives that have moved.
 
 use bvh_build::{BuildError, BuildOptions, Builder, Reinsert, rebuild, reinsert};
-use bvh_core::{Bvh, Primitives, sah_cost};
+use bvh_core::{Bvh, History, Measure, Primitives, sah_cost};
 use thiserror::Error;
 
 use crate::auto::{self, Auto, Decision};
@@ -10,6 +10,7 @@ use crate::block::{LISTED, Tally};
 use crate::degraded::{self, Degraded};
 use crate::leaves::{self, Leaves};
 use crate::pass::{Scratch, pass};
+use crate::raw;
 use crate::regrow::{self, Open, Regrow};
 
 /// What to do with a tree between two frames.
@@ -19,7 +20,7 @@ pub enum Strategy {
     Refit,
     /// Refit and rotate in one pass (Kopta et al. 2012).
     RefitRotate(Rotate),
-    /// Build a new tree: each primitive counts as moving afterwards.
+    /// Build a new tree. Which primitives move is as it was.
     Rebuild(Builder, BuildOptions),
     /// Refit, with or without rotations, and build a new tree when this one has degraded (Lauterbach et al. 2006).
     Degraded(Degraded),
@@ -169,7 +170,7 @@ impl Strategy {
 /// What an update did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Update {
-    /// Whether the whole tree was built anew.
+    /// Whether the whole tree is a new one.
     pub rebuilt: bool,
     /// What was decided, where the strategy decides.
     pub decision: Decision,
@@ -182,7 +183,8 @@ pub struct Update {
     pub height: u32,
     /// Nodes whose boxes were recomputed.
     pub nodes_visited: u64,
-    /// Primitives visited that are dropped at present, for want of finite coordinates.
+    /// Primitives that are dropped at present, for want of finite coordinates: of those visited, or after a rebuild of
+    /// all.
     pub dropped: u64,
 }
 
@@ -194,7 +196,7 @@ impl Update {
     }
 }
 
-/// Why a tree was not updated; it is as it was.
+/// Why a tree was not updated. It is as it was, or refitted if a rebuild was to follow.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum UpdateError {
@@ -219,11 +221,12 @@ pub enum UpdateError {
 /// leaves the tree no higher than [`MAX_HEIGHT`](bvh_core::MAX_HEIGHT).
 ///
 /// Runs in the current rayon pool; the tree that results is the same, bit for bit, for every number of threads and
-/// every SIMD level ([`Strategy::Background`] excepted, which depends on time). Refitting, with or without rotations, takes O(n) time for the n nodes above primitives that
-/// move, and after the first call allocates nothing.
+/// every SIMD level ([`Strategy::Background`] excepted, which depends on time). Refitting, with or without rotations,
+/// takes O(n) time for the n nodes above primitives that move, and after the first call allocates nothing. Trees that a
+/// repair builds have one primitive a leaf.
 ///
 /// # Errors
-/// If the number of primitives is not that of the tree.
+/// If the number of primitives is not that of the tree, or a build fails.
 pub fn update<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
@@ -233,6 +236,7 @@ pub fn update<P: Primitives + ?Sized>(
     if primitives.len() != bvh.len() {
         return Err(UpdateError::Count { tree: bvh.len(), given: primitives.len() });
     }
+    expect_measure(raw::parts(bvh).history, strategy);
     match strategy {
         Strategy::Refit => Ok(pass(bvh, primitives, None, scratch).update(bvh)),
         Strategy::RefitRotate(rotate) => Ok(pass(bvh, primitives, Some(*rotate), scratch).update(bvh)),
@@ -269,6 +273,23 @@ impl Tally {
     }
 }
 
+/// Forgets what another strategy has measured.
+fn expect_measure(history: &mut History, strategy: &Strategy) {
+    let measure = match strategy {
+        Strategy::Refit | Strategy::RefitRotate(_) | Strategy::Rebuild(..) => return,
+        Strategy::Reinsert(_) | Strategy::Background(_) => return,
+        Strategy::Degraded(_) => Measure::Ratio,
+        Strategy::Regrow(Regrow { open: Open::Divergent, .. }) => Measure::Divergence,
+        Strategy::Regrow(_) | Strategy::Auto(_) => Measure::Areas,
+        Strategy::Leaves(_) => Measure::Leaves,
+    };
+    if history.measure != measure {
+        let History { updates, background_job, spare_pair, .. } = *history;
+        *history = History { measure, updates, background_job, spare_pair, ..History::default() };
+    }
+}
+
+/// Builds a new tree in which the same primitives move.
 pub(crate) fn new_tree<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
@@ -276,7 +297,26 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
     options: &BuildOptions,
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
+    let measure = bvh.history().measure;
+    let any_still = note_moving(bvh, &mut scratch.moving);
     rebuild(bvh, primitives, builder, options, &mut scratch.build)?;
-    let nodes_visited = bvh.nodes().len() as u64 - 1;
-    Ok(Update { rebuilt: true, height: bvh.height(), nodes_visited, ..Update::default() })
+    if any_still {
+        bvh.set_moving(|p| scratch.moving[p]);
+    }
+    raw::parts(bvh).history.measure = measure;
+    let (nodes_visited, dropped) = (bvh.nodes().len() as u64 - 1, scratch.build.dropped() as u64);
+    Ok(Update { rebuilt: true, height: bvh.height(), nodes_visited, dropped, ..Update::default() })
+}
+
+/// Notes which primitives move, unless all do.
+pub(crate) fn note_moving(bvh: &Bvh, moving: &mut Vec<bool>) -> bool {
+    let any_still = bvh.nodes().iter().any(|node| !node.moves() && node.count() > 0);
+    if any_still {
+        moving.clear();
+        moving.resize(bvh.len(), false);
+        for leaf in bvh.nodes().iter().filter(|node| node.moves()) {
+            bvh.primitives(leaf).iter().for_each(|&p| moving[p as usize] = true);
+        }
+    }
+    any_still
 }

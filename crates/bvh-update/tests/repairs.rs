@@ -211,6 +211,42 @@ fn what_stands_still_still_does_after_auto_has_built_a_new_tree() {
 }
 
 #[test]
+fn what_stands_still_still_does_whatever_the_strategy_builds() {
+    let moves = |i: usize| i % 3 != 0;
+    let still = burst(0.0);
+    for strategy in Strategy::all() {
+        let mut bvh = tree(&still, Builder::Sweep);
+        bvh.set_moving(moves);
+        let mut scratch = Scratch::new();
+        for step in 1..=12 {
+            let moved = chaos(step);
+            let boxes: Vec<_> = (0..N).map(|i| if moves(i) { moved[i] } else { still[i] }).collect();
+            update(&mut bvh, boxes.as_slice(), &strategy, &mut scratch).expect("updated");
+            for leaf in bvh.nodes().iter().filter(|node| node.count() > 0) {
+                let expected = bvh.primitives(leaf).iter().any(|&p| moves(p as usize));
+                assert_eq!(leaf.moves(), expected, "{}, step {step}", strategy.name());
+            }
+        }
+    }
+}
+
+#[test]
+fn a_strategy_does_not_trust_what_another_has_measured() {
+    // The ratio that one goes by is below 1, the sum of areas that the other goes by far above.
+    let grown = Strategy::Regrow(Regrow { rotate: None, ..Regrow::default() });
+    let degraded = Strategy::Degraded(Degraded::default());
+    for [first, second] in [[grown, degraded], [degraded, grown]] {
+        let mut bvh = tree(&burst(0.0), Builder::Sweep);
+        let mut scratch = Scratch::new();
+        let mut told = |time: f32, strategy: &Strategy| {
+            update(&mut bvh, burst(time).as_slice(), strategy, &mut scratch).expect("updated").decision
+        };
+        assert_eq!([told(0.0, &first), told(0.0, &second)], [Decision::AsAlways; 2]);
+        assert_ne!(told(0.5, &second), Decision::AsAlways, "{} after {}", second.name(), first.name());
+    }
+}
+
+#[test]
 fn decisions_say_what_and_why_in_one_line() {
     let all = [
         Decision::AsAlways,
