@@ -212,7 +212,7 @@ fn what_stands_still_still_does_after_auto_has_built_a_new_tree() {
 
 #[test]
 fn what_stands_still_still_does_whatever_the_strategy_builds() {
-    let moves = |i: usize| i % 3 != 0;
+    let moves = |i: usize| !i.is_multiple_of(3);
     let still = burst(0.0);
     for strategy in Strategy::all() {
         let mut bvh = tree(&still, Builder::Sweep);

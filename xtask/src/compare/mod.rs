@@ -16,7 +16,7 @@ mod table;
 mod trace;
 mod update;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
 use clap::ValueEnum;
@@ -104,7 +104,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             _ => hard::run(args.embree.as_deref()),
         };
     }
-    let embree = find_embree(args)?;
+    let embree = find_embree(args.embree.as_deref())?;
     let version = embree.as_ref().map(|e| Ok::<_, NotFound>(e.device(1)?.version())).transpose()?;
     let mut report = Report::new(Machine::read(), Revision::read(), version);
     if let Some(path) = &args.json {
@@ -138,8 +138,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 }
 
 /// Embree where it is. That it is missing is told, and an error only where it was asked for.
-fn find_embree(args: &Args) -> Result<Option<Embree>> {
-    match Embree::load(args.embree.as_deref()) {
+/// The library, or a note that there is none; an error if it is not where it was said to be.
+fn find_embree(path: Option<&Path>) -> Result<Option<Embree>> {
+    match Embree::load(path) {
         Ok(embree) => Ok(Some(embree)),
         Err(reason @ NotFound::Nowhere) => {
             files::tell(&format!("note: {reason}"));

@@ -1,0 +1,57 @@
+//! What updates remember of a tree.
+
+/// What updates remember of a tree from frame to frame: plain data of the crate `bvh-update`, which a clone of the tree
+/// carries along. More may be added to it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct History {
+    /// Updates since the tree was built.
+    pub updates: u32,
+    /// Updates since it was built or last repaired.
+    pub since_repair: u32,
+    /// What `reference` and the references of nodes are measures of.
+    pub measure: Measure,
+    /// How good the tree was when it was built or last repaired, in that measure; 0 until it is measured.
+    pub reference: f64,
+    /// What doing nothing about worse trees has cost since, in the strategy's own measure.
+    pub regret: f64,
+    /// Number of the build in the background that is for this tree; 0 for none.
+    pub background_job: u64,
+    /// Rotations are tried at each node in one of 2 to the power of this many updates, where the strategy chooses.
+    pub rotation_pause: u32,
+    /// Whether a repair was found to be too much work since.
+    pub is_beyond_repair: bool,
+    /// How many of the last repairs built the whole tree anew and could not wait, each soon after the one before.
+    pub rebuilds_in_a_row: u32,
+    /// Left node of the first of those pairs that are kept for later use, 0 if there is none. The left node of each is a
+    /// leaf without primitives, whose first slot is the left node of the next. What moves pairs about sets this to 0.
+    pub spare_pair: u32,
+    /// Half area of the leaves that moved, of the root, and of the leaves that did not, when the tree was measured.
+    pub sizes: [f64; 3],
+    /// How even the leaves were in size then: 1 if all were alike, near 0 if most area was in a few.
+    pub evenness: f64,
+    /// Updates between the last two repairs, or between the build and the first; 0 if there was none.
+    pub period: u32,
+    /// How many subtrees were kept below the last new top; 0 if there was none.
+    pub kept: u32,
+    /// Whether the next update is to build the tree anew.
+    pub is_due: bool,
+    /// Whether the tree was built in haste: by a builder that is known not to be the best.
+    pub is_hasty: bool,
+}
+
+/// What updates judge a tree by. A strategy that finds another's measure takes its own anew.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Measure {
+    /// Nothing as yet.
+    #[default]
+    None,
+    /// Areas of nodes.
+    Areas,
+    /// Distances between the centres of nodes' children.
+    Divergence,
+    /// The mean ratio of nodes' areas to their children's.
+    Ratio,
+    /// Areas of leaves.
+    Leaves,
+}
