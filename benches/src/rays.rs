@@ -43,6 +43,11 @@ impl Rays {
         self.count += 1;
     }
 
+    /// Says how many of the coordinates, all written, are rays.
+    pub(crate) fn set_len(&mut self, count: usize) {
+        self.count = count.min(RAYS);
+    }
+
     /// Keeps the first `count` of as many rays as there are or more.
     pub fn truncate(&mut self, count: usize) {
         self.count = count.min(self.count);

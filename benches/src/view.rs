@@ -2,7 +2,7 @@
 
 use bvh_core::{Triangles, Vec3};
 use rayon::prelude::*;
-use rt_cpu::{Camera, Hit, Pixel};
+use rt_cpu::{Camera, Pixel};
 
 use crate::{Contestant, Hits, RAYS, Rays};
 
@@ -97,6 +97,7 @@ fn in_bands(teller: &impl Teller, view: &View, pixels: &mut [Pixel]) {
 
 /// What a tile needs, kept from tile to tile.
 struct Tile {
+    shadows: Shadows,
     rays: Rays,
     hits: Hits,
     blocked: [bool; RAYS],
@@ -107,22 +108,20 @@ struct Tile {
 
 impl Tile {
     fn new() -> Self {
-        Self { rays: Rays::new(), hits: Hits::new(), blocked: [false; RAYS], seen: [0; RAYS], lit: [0; RAYS] }
+        Self {
+            shadows: Shadows::new(),
+            rays: Rays::new(),
+            hits: Hits::new(),
+            blocked: [false; RAYS],
+            seen: [0; RAYS],
+            lit: [0; RAYS],
+        }
     }
 
     /// The tile with its upper left corner at pixel `x`, `y`; the band starts in row `y`.
     fn cast(&mut self, teller: &impl Teller, view: &View, band: &mut [Pixel], x: usize, y: usize) {
         let width = view.camera.width() as usize;
-        self.rays.clear();
-        for i in 0..RAYS {
-            let (dx, dy) = along_the_curve(i);
-            let place = dy * width + x + dx;
-            if x + dx < width && place < band.len() {
-                self.seen[self.rays.len()] = place as u32;
-                let direction = view.camera.direction((x + dx) as u32, (y + dy) as u32);
-                self.rays.push(view.camera.eye(), direction, f32::INFINITY);
-            }
-        }
+        self.primary_rays(view, band.len(), x, y);
         let band_start = y * width;
         teller.closest(&self.rays, band_start, &self.seen[..self.rays.len()], &mut self.hits);
         for (i, &place) in self.seen[..self.rays.len()].iter().enumerate() {
@@ -131,22 +130,20 @@ impl Tile {
         }
         let Some(light) = view.light else { return };
         let primary = self.rays.len();
-        let triangles = teller.triangles();
+        self.shadows.aim(&teller.triangles(), &self.hits, &self.rays.direction, primary, light);
         let mut count = 0;
         for i in 0..primary {
-            let way =
-                self.hits.get(i).and_then(|hit| shadow_ray(&triangles, &hit, self.rays.direction(i), light));
-            if let Some(way) = way {
-                // In place of a primary ray that has been looked at already.
-                self.lit[count] = self.seen[i];
-                for axis in 0..3 {
-                    self.rays.origin[axis][count] = light[axis];
-                    self.rays.direction[axis][count] = way[axis];
-                }
-                self.rays.t_max[count] = 1.0;
-                count += 1;
+            // In place of a primary ray that has been looked at already; counted where the surface faces the light.
+            self.lit[count] = self.seen[i];
+            for axis in 0..3 {
+                self.rays.direction[axis][count] = self.shadows.way[axis][i];
             }
+            count += usize::from(self.shadows.faces[i]);
         }
+        for axis in 0..3 {
+            self.rays.origin[axis][..count].fill(light[axis]);
+        }
+        self.rays.t_max[..count].fill(1.0);
         self.rays.truncate(count);
         teller.occluded(&self.rays, band_start, &self.lit[..count], &mut self.blocked);
         for (&place, blocked) in self.lit[..count].iter().zip(self.blocked) {
@@ -155,23 +152,134 @@ impl Tile {
     }
 }
 
+impl Tile {
+    /// The primary rays of the tile at `x`, `y`, as far as it is within the picture.
+    fn primary_rays(&mut self, view: &View, pixels: usize, x: usize, y: usize) {
+        let width = view.camera.width() as usize;
+        let (columns, rows) = (&CURVE[0], &CURVE[1]);
+        let mut count = 0;
+        let (mut across, mut along) = ([0.0; RAYS], [0.0; RAYS]);
+        for (&dx, &dy) in columns.iter().zip(rows) {
+            let place = dy as usize * width + x + dx as usize;
+            self.seen[count] = place as u32;
+            (across[count], along[count]) = ((x + dx as usize) as f32 + 0.5, (y + dy as usize) as f32 + 0.5);
+            count += usize::from(x + (dx as usize) < width && place < pixels);
+            if count == RAYS {
+                break;
+            }
+        }
+        let [corner, right, down] = view.camera.image_plane();
+        let eye = view.camera.eye();
+        for axis in 0..3 {
+            for i in 0..RAYS {
+                self.rays.direction[axis][i] = corner[axis] + right[axis] * across[i] + down[axis] * along[i];
+            }
+            self.rays.origin[axis].fill(eye[axis]);
+        }
+        self.rays.t_max.fill(f32::INFINITY);
+        self.rays.set_len(count);
+    }
+}
+
+/// Columns and rows of the pixels of a tile along the curve.
+static CURVE: [[u8; RAYS]; 2] = {
+    let mut curve = [[0; RAYS]; 2];
+    let mut i = 0;
+    while i < RAYS {
+        let (x, y) = along_the_curve(i);
+        curve[0][i] = x as u8;
+        curve[1][i] = y as u8;
+        i += 1;
+    }
+    curve
+};
+
 /// Pixel `i` of a tile in Morton order, so that 8 in a row are 4 x 2 pixels, 16 are 4 x 4 and 64 are 8 x 8.
-fn along_the_curve(i: usize) -> (usize, usize) {
-    let every_other = |i: usize| (i & 1) | (i >> 1 & 2) | (i >> 2 & 4) | (i >> 3 & 8);
+const fn along_the_curve(i: usize) -> (usize, usize) {
     (every_other(i), every_other(i >> 1))
 }
 
-/// Direction from the light to just before a hit, which it reaches at `t` = 1; `None` if the surface faces away.
-/// Off the surface by 32 roundings, as [`rt_cpu`] does it, so that all contestants cast the same rays.
-fn shadow_ray(triangles: &Triangles<'_>, hit: &Hit, seen: Vec3, light: Vec3) -> Option<Vec3> {
-    let [a, b, c] = triangles.corners(hit.primitive as usize);
-    let (ab, ac) = (b - a, c - a);
-    let face = ab.cross(ac).normalize_or_zero();
-    let face = if face.dot(seen) > 0.0 { -face } else { face };
-    let point = a + ab * hit.u + ac * hit.v;
-    let to_light = light - point;
-    let size = point.abs().max(to_light.abs()).max_element();
-    (face.dot(to_light) > 0.0).then_some(point + face * (size / (1 << 19) as f32) - light)
+const fn every_other(i: usize) -> usize {
+    (i & 1) | (i >> 1 & 2) | (i >> 2 & 4) | (i >> 3 & 8)
+}
+
+/// Shadow rays of one tile, coordinate by coordinate, so that the arithmetic is SIMD for those who leave it to us too.
+#[repr(C, align(64))]
+struct Shadows {
+    /// A corner of what each ray hit, and the two edges from there.
+    corner: [[f32; RAYS]; 3],
+    edges: [[[f32; RAYS]; 3]; 2],
+    /// Way from the light to just before the hit, which it reaches at `t` = 1.
+    way: [[f32; RAYS]; 3],
+    /// Whether something is hit and faces the light.
+    faces: [bool; RAYS],
+}
+
+impl Shadows {
+    fn new() -> Self {
+        let zero = [[0.0; RAYS]; 3];
+        Self { corner: zero, edges: [zero; 2], way: zero, faces: [false; RAYS] }
+    }
+
+    /// From the light to what the rays along `seen` hit. Off the surface by 32 roundings, as [`rt_cpu`] does it, so that
+    /// all contestants cast the same rays.
+    fn aim(
+        &mut self,
+        triangles: &Triangles<'_>,
+        hits: &Hits,
+        seen: &[[f32; RAYS]; 3],
+        count: usize,
+        light: Vec3,
+    ) {
+        if triangles.indices.is_empty() {
+            self.faces.fill(false);
+            return;
+        }
+        for i in 0..count {
+            // Of what hits nothing any triangle will do.
+            let primitive = hits.primitive[i];
+            let is_hit = primitive != Hits::NONE;
+            let [a, b, c] = triangles.corners(if is_hit { primitive as usize } else { 0 });
+            let (ab, ac) = (b - a, c - a);
+            for axis in 0..3 {
+                self.corner[axis][i] = a[axis];
+                self.edges[0][axis][i] = ab[axis];
+                self.edges[1][axis][i] = ac[axis];
+            }
+            self.faces[i] = is_hit;
+        }
+        let [[abx, aby, abz], [acx, acy, acz]] = &self.edges;
+        let [ax, ay, az] = &self.corner;
+        let [sx, sy, sz] = seen;
+        let [wx, wy, wz] = &mut self.way;
+        for i in 0..count.next_multiple_of(8).min(RAYS) {
+            let (nx, ny, nz) = (
+                aby[i] * acz[i] - acy[i] * abz[i],
+                abz[i] * acx[i] - acz[i] * abx[i],
+                abx[i] * acy[i] - acx[i] * aby[i],
+            );
+            // Towards the eye, and of length 1; infinite or NaN for a triangle without area.
+            let scale = 1.0 / (nx * nx + ny * ny + nz * nz).sqrt();
+            let scale = if nx * sx[i] + ny * sy[i] + nz * sz[i] > 0.0 { -scale } else { scale };
+            let (nx, ny, nz) = (nx * scale, ny * scale, nz * scale);
+            let (u, v) = (hits.u[i], hits.v[i]);
+            let point = [
+                ax[i] + abx[i] * u + acx[i] * v,
+                ay[i] + aby[i] * u + acy[i] * v,
+                az[i] + abz[i] * u + acz[i] * v,
+            ];
+            let to_light = [light.x - point[0], light.y - point[1], light.z - point[2]];
+            let greater = |a: f32, b: f32| if a > b { a } else { b };
+            let near = greater(greater(point[0].abs(), point[1].abs()), point[2].abs());
+            let far = greater(greater(to_light[0].abs(), to_light[1].abs()), to_light[2].abs());
+            let size = greater(near, far);
+            let off = size / (1 << 19) as f32;
+            self.faces[i] &= nx * to_light[0] + ny * to_light[1] + nz * to_light[2] > 0.0;
+            wx[i] = point[0] + nx * off - light.x;
+            wy[i] = point[1] + ny * off - light.y;
+            wz[i] = point[2] + nz * off - light.z;
+        }
+    }
 }
 
 /// What the rays of one or more views found, for comparison.

@@ -53,6 +53,13 @@ impl Camera {
         self.corner + self.right * (x as f32 + 0.5) + self.down * (y as f32 + 0.5)
     }
 
+    /// What directions are made of: the way from the eye to the upper left corner of the image, and from there one pixel
+    /// to the right, and one down.
+    #[must_use]
+    pub fn image_plane(&self) -> [Vec3; 3] {
+        [self.corner, self.right, self.down]
+    }
+
     /// Sets the directions through the points `inside` pixels `left + columns[i]`, `top + rows[i]`; in the middle with
     /// the bits of [`ray`](Self::ray), since sums of halves are exact.
     #[inline(always)]
