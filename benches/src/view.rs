@@ -334,6 +334,8 @@ impl Answers {
 
 #[cfg(test)]
 mod tests {
+    use rt_cpu::Hit;
+
     use super::*;
 
     #[test]
