@@ -308,15 +308,16 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
     Ok(Update { rebuilt: true, height: bvh.height(), nodes_visited, dropped, ..Update::default() })
 }
 
-/// Notes which primitives move, unless all do.
+/// Notes which primitives move, unless all do. Looks at what is in the tree: slots that are not in use may hold anything.
 pub(crate) fn note_moving(bvh: &Bvh, moving: &mut Vec<bool>) -> bool {
-    let any_still = bvh.nodes().iter().any(|node| !node.moves() && node.count() > 0);
-    if any_still {
-        moving.clear();
-        moving.resize(bvh.len(), false);
-        for leaf in bvh.nodes().iter().filter(|node| node.moves()) {
-            bvh.primitives(leaf).iter().for_each(|&p| moving[p as usize] = true);
+    moving.clear();
+    moving.resize(bvh.len(), false);
+    let mut any_still = false;
+    bvh.visit(|_, node, _| {
+        any_still |= !node.moves() && node.count() > 0;
+        if node.moves() {
+            bvh.primitives(node).iter().for_each(|&p| moving[p as usize] = true);
         }
-    }
+    });
     any_still
 }
