@@ -71,7 +71,7 @@ pub(crate) fn gather(nodes: SharedNodes<'_>, queue: &mut Queue, twigs: &mut Twig
         let pairs = _mm256_permutevar8x32_epi32(_mm256_castsi128_si256(pairs), both);
         let slots = _mm256_add_epi32(pairs, sides);
         let near: [u32; 8] = bytemuck::cast(_mm256_blendv_epi8(below, pairs, is_leaf));
-        near.iter().for_each(|&pair| nodes.prefetch(pair as usize));
+        near.iter().for_each(|&pair| nodes.prefetch::<false>(pair as usize));
 
         let lanes = |mask| _mm256_movemask_ps(_mm256_castsi256_ps(mask)) as u32;
         const { assert!(Node::MOVES == 1 << 30) };
@@ -175,7 +175,7 @@ pub(crate) fn twigs<P: Primitives + ?Sized>(
             }
         }
         for &pair in next_pairs.by_ref().take(NEXT) {
-            (0..next.lines).for_each(|line| nodes.prefetch_far(pair as usize + 2 * line));
+            (0..next.lines).for_each(|line| nodes.prefetch::<true>(pair as usize + 2 * line));
         }
         if i < 2 {
             continue;

@@ -21,7 +21,7 @@ pub(crate) fn gather(nodes: SharedNodes<'_>, queue: &mut Queue, twigs: &mut Twig
             queue.spur_count += usize::from((children[0].height() == 0) | (children[1].height() == 0));
             for (child, slot) in children.iter().zip(pair..) {
                 let height = child.height();
-                nodes.prefetch(select_unpredictable(height == 0, pair as usize, child.first()));
+                nodes.prefetch::<false>(select_unpredictable(height == 0, pair as usize, child.first()));
                 queue.slots[queue.listed % LISTED] = slot;
                 queue.pairs[queue.listed % LISTED] = child.first() as u32;
                 twigs.slots[twigs.count % (2 * LISTED)] = slot;

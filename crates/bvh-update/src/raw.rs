@@ -102,30 +102,18 @@ impl<'a> SharedNodes<'a> {
         }
     }
 
-    /// Brings the pair that starts at slot `n` into the second cache. Any `n` will do.
+    /// Brings the pair that starts at slot `n` into the cache; if that is for later, no nearer than the second level. Any
+    /// `n` will do.
     #[inline(always)]
-    pub(crate) fn prefetch_far(&self, n: usize) {
-        #[cfg(target_arch = "x86_64")]
-        #[expect(unsafe_code, reason = "prefetching needs a pointer")]
-        // SAFETY: as in `prefetch`.
-        unsafe {
-            use std::arch::x86_64::{_MM_HINT_T1, _mm_prefetch};
-            _mm_prefetch::<_MM_HINT_T1>(self.start.wrapping_add(n).cast());
-        }
-        #[cfg(not(target_arch = "x86_64"))]
-        let _ = n;
-    }
-
-    /// Brings the pair that starts at slot `n` into the cache. Any `n` will do.
-    #[inline(always)]
-    pub(crate) fn prefetch(&self, n: usize) {
+    pub(crate) fn prefetch<const FOR_LATER: bool>(&self, n: usize) {
         #[cfg(target_arch = "x86_64")]
         #[expect(unsafe_code, reason = "prefetching needs a pointer")]
         // SAFETY: prefetching reads nothing architecturally, whatever the address, and `wrapping_add` makes no
         // claim about it. SSE is part of x86-64.
         unsafe {
-            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-            _mm_prefetch::<_MM_HINT_T0>(self.start.wrapping_add(n).cast());
+            use std::arch::x86_64::{_MM_HINT_T0, _MM_HINT_T1, _mm_prefetch};
+            let pair = self.start.wrapping_add(n).cast();
+            if FOR_LATER { _mm_prefetch::<_MM_HINT_T1>(pair) } else { _mm_prefetch::<_MM_HINT_T0>(pair) }
         }
         #[cfg(not(target_arch = "x86_64"))]
         let _ = n;
@@ -147,7 +135,9 @@ pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
 /// The parts of a tree, for a pass that keeps its structure valid.
 pub(crate) fn parts(bvh: &mut Bvh) -> Parts<'_> {
     // SAFETY: the pass writes boxes, and structure only by `kernels::apply`, which swaps two slots and refits
-    // heights and moving bits on the way up, as the plain pass does.
+    // heights and moving bits on the way up, as the plain pass does. `top.rs` and `leaves.rs` put a tree over the same
+    // slots or subtrees in the place of another, in pairs that were that one's or spare, with heights and bits refitted.
+    // Others write references and the history alone.
     #[expect(unsafe_code, reason = "promises to leave a valid tree")]
     unsafe {
         bvh.parts_mut()

@@ -43,14 +43,8 @@ impl Camera {
     #[must_use]
     #[inline]
     pub fn ray(&self, x: u32, y: u32) -> Ray {
-        Ray::new(self.eye, self.direction(x, y))
-    }
-
-    /// The direction of that ray, for those who trace it by other means.
-    #[must_use]
-    #[inline]
-    pub fn direction(&self, x: u32, y: u32) -> Vec3 {
-        self.corner + self.right * (x as f32 + 0.5) + self.down * (y as f32 + 0.5)
+        let direction = self.corner + self.right * (x as f32 + 0.5) + self.down * (y as f32 + 0.5);
+        Ray::new(self.eye, direction)
     }
 
     /// What directions are made of: the way from the eye to the upper left corner of the image, and from there one pixel

@@ -6,7 +6,7 @@ use clap::ValueEnum;
 pub(crate) enum Preset {
     /// Under a minute: few frames, small pictures.
     Quick,
-    /// Under ten minutes on two cores.
+    /// Meant for ten minutes on two cores; at present it takes up to half an hour there
     Standard,
     /// The paper's protocol to the letter.
     Full,
