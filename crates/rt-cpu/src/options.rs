@@ -9,6 +9,7 @@ use thiserror::Error;
 use crate::TriangleTest;
 use crate::shade::Background;
 use crate::single::Work;
+use crate::times::StageTimes;
 
 /// How rays are grouped to go through the tree. Images do not depend on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -146,6 +147,8 @@ pub struct RenderOptions {
     /// Number of the sample: each is another image of the same scene, taken at another place in every pixel (sample
     /// 0 in its middle) and with other random numbers. Their mean is the image; see [`Image::add`](crate::Image::add).
     pub sample: u32,
+    /// Whether to take [`RenderStats::times`], at the price of some looks at the clock for each tile.
+    pub timed: bool,
 }
 
 impl Default for RenderOptions {
@@ -161,6 +164,7 @@ impl Default for RenderOptions {
             effects: Effects::default(),
             seed: 0,
             sample: 0,
+            timed: false,
         }
     }
 }
@@ -192,6 +196,10 @@ pub struct RenderStats {
     /// Times that [`Traversal::Tile`] went on with a small group because few rays of a packet were left: high
     /// where rays have little in common.
     pub regrouped: u64,
+    /// Surfaces whose colour was read from a texture.
+    pub textured: u64,
+    /// How long the stages took, if [`RenderOptions::timed`].
+    pub times: StageTimes,
 }
 
 impl RenderStats {
@@ -215,6 +223,8 @@ impl AddAssign for RenderStats {
         self.nodes_visited += other.nodes_visited;
         self.triangles_tested += other.triangles_tested;
         self.regrouped += other.regrouped;
+        self.textured += other.textured;
+        self.times += other.times;
     }
 }
 

@@ -14,6 +14,7 @@ use crate::simd::at_level;
 use crate::single::{self, Work, with_test};
 use crate::surface::{Coordinates, Surfaces};
 use crate::tile::{self, Scene, Scratch};
+use crate::times::Laps;
 use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight};
 use crate::waves::{Paths, Waves};
 use crate::wide::WideTest;
@@ -167,6 +168,7 @@ pub(crate) struct Tile {
     scratch: Scratch,
     /// What effects need; made when they first do.
     pub(crate) paths: Option<Box<Paths>>,
+    pub(crate) laps: Laps,
 }
 
 impl Tile {
@@ -187,6 +189,7 @@ impl Tile {
             nodes: [0; RAYS],
             scratch: Scratch::new(),
             paths: None,
+            laps: Laps::default(),
         }
     }
 }
@@ -358,9 +361,12 @@ fn fill_tile<S: Simd, T: WideTest, F: Finish>(
     y: u32,
     finish: &F,
 ) -> RenderStats {
+    tile.laps = Laps::start(frame.options.timed);
     tile.resize(rows[0].len(), rows.iter().filter(|r| !r.is_empty()).count());
     let mut stats = cast_tile::<S, T>(simd, frame, tile, (x, y));
     finish.finish::<S, T>(simd, frame, tile, (x, y), rows, &mut stats);
+    tile.laps.end(|t| &mut t.primary);
+    stats.times = tile.laps.times();
     stats
 }
 
@@ -382,12 +388,14 @@ fn cast_tile<S: Simd, T: WideTest>(
             tile.seen.count = tile.size.0 * tile.size.1;
             let inside = random::in_pixel(options.sample);
             camera.directions(simd, corner, inside, (&tile.columns, &tile.rows), &mut tile.seen.direction);
-            let Tile { seen, hits, scratch, nodes, .. } = &mut *tile;
+            let Tile { seen, hits, scratch, nodes, laps, .. } = &mut *tile;
             let (traversal, query) = (options.traversal, Query::Closest);
             trace::<S, T>(simd, scene, traversal, query, seen, hits, scratch, nodes, &mut work);
             if let Some(mesh) = holes {
+                laps.end(|t| &mut t.primary);
                 stats.rays_again +=
                     holes::see_through::<S, T>(simd, scene, mesh, query, seen, hits, &mut work);
+                laps.end(|t| &mut t.alpha);
             }
             let count = seen.count;
             stats.rays_primary = count as u64;
@@ -416,10 +424,11 @@ pub(crate) fn light_arrives<S: Simd, T: WideTest>(
     let any_hits = tile.hits.primitive[..count].iter().any(|&p| p != Hits::NONE);
     let Some(light) = shadows.filter(|_| any_hits) else { return };
     let mut work = Work::default();
+    tile.laps.end(|t| &mut t.primary);
     simd.vectorize(
         #[inline(always)]
         || {
-            let Tile { surfaces, hits, shadow, blocked, whose, lit, nodes: visited, scratch, .. } =
+            let Tile { surfaces, hits, shadow, blocked, whose, lit, nodes: visited, scratch, laps, .. } =
                 &mut *tile;
             shadow.start(light, 1.0);
             surfaces.shadow_rays(simd, hits, count, shadow, whose);
@@ -427,8 +436,10 @@ pub(crate) fn light_arrives<S: Simd, T: WideTest>(
             let (traversal, query) = (options.traversal, Query::Any);
             trace::<S, T>(simd, scene, traversal, query, shadow, blocked, scratch, &mut nodes, &mut work);
             if let Some(mesh) = holes {
+                laps.end(|t| &mut t.shadow);
                 stats.rays_again +=
                     holes::see_through::<S, T>(simd, scene, mesh, query, shadow, blocked, &mut work);
+                laps.end(|t| &mut t.alpha);
             }
             stats.rays_shadow += shadow.count as u64;
             for (j, &i) in whose[..shadow.count].iter().enumerate() {
@@ -439,6 +450,7 @@ pub(crate) fn light_arrives<S: Simd, T: WideTest>(
             }
         },
     );
+    tile.laps.end(|t| &mut t.shadow);
     stats.count(&work);
 }
 

@@ -138,9 +138,11 @@ impl Finish for Waves<'_> {
         paths.start(tile, self.seed, corner);
         let mut wave = 0;
         loop {
-            self.surfaces(simd, tile, &mut paths);
+            self.surfaces(simd, tile, &mut paths, stats);
             if let Some(occlusion) = self.effects.ambient_occlusion {
+                tile.laps.end(|t| &mut t.primary);
                 self.look_around::<S, T>(simd, frame, tile, &mut paths, occlusion, wave, &mut work, stats);
+                tile.laps.end(|t| &mut t.ambient_occlusion);
             }
             self.see(simd, tile, &mut paths);
             self.reflect(tile, &mut paths, wave, stats);
@@ -148,14 +150,16 @@ impl Finish for Waves<'_> {
                 break;
             }
             wave += 1;
-            for i in 0..tile.seen.count {
+            let rays = tile.seen.count;
+            tile.laps.end(|t| &mut t.primary);
+            for i in 0..rays {
                 let ray = paths.ray(i, &tile.seen);
                 let hit = self.closest::<S, T>(simd, frame, &ray, &mut work);
                 tile.hits.set(i, hit);
             }
+            tile.laps.end_reflected(paths.specular[..rays].iter().filter(|&&s| s).count(), rays);
             // Vectors may reach beyond the last ray.
-            let end = tile.seen.count.next_multiple_of(SIZE);
-            tile.hits.primitive[tile.seen.count..end].fill(Hits::NONE);
+            tile.hits.primitive[rays..rays.next_multiple_of(SIZE)].fill(Hits::NONE);
             tile.surfaces.find(simd, frame.scene.triangles, &tile.seen, &tile.hits);
             light_arrives::<S, T>(simd, frame, tile, stats);
         }
@@ -226,7 +230,7 @@ impl Waves<'_> {
 
     /// Colours and normals of what a wave hit.
     #[inline(always)]
-    fn surfaces<S: Simd>(&self, simd: S, tile: &Tile, paths: &mut Paths) {
+    fn surfaces<S: Simd>(&self, simd: S, tile: &mut Tile, paths: &mut Paths, stats: &mut RenderStats) {
         let (mesh, textures) = (self.shader.mesh, self.effects.textures);
         let smooth = self.shader.is_smooth();
         for first in (0..tile.seen.count).step_by(S::f32s::LEN) {
@@ -240,11 +244,14 @@ impl Waves<'_> {
                 normal.store_slice(&mut paths.normal[k][first..first + S::f32s::LEN]);
             }
         }
+        tile.laps.end(|t| &mut t.primary);
         for i in 0..tile.seen.count {
             let Some(hit) = tile.hits.get(i) else { continue };
             let color = if textures { mesh.textured_color(&hit) } else { mesh.color(hit.primitive) };
             set(&mut paths.albedo, i, color.into());
+            stats.textured += u64::from(textures && mesh.material(hit.primitive).texture.is_some());
         }
+        tile.laps.end(|t| if textures { &mut t.textures } else { &mut t.primary });
     }
 
     /// Finds out how much of the sky is open above what a wave hit.

@@ -128,7 +128,7 @@ pub(crate) fn measure(
 ) -> Result<(Vec<Row>, Checks)> {
     let steps = plan.steps();
     let replayed = done.last().map_or(0, |row| row.round * plan.frames + row.frame + 1);
-    let flat = RenderOptions { smooth: false, ..stage.render_options() };
+    let flat = RenderOptions { smooth: false, timed: true, ..stage.render_options() };
     let mut lanes = lanes(stage, plan);
     // The first strategy's picture, and that of another to compare with.
     let mut images = [(); 2].map(|()| Image::new(plan.size, plan.size));
@@ -273,21 +273,18 @@ impl Measured {
             strategy: name.to_owned(),
             threads: plan.threads,
             update_ms,
-            trace_ms: self.trace_ms,
             frame_ms: update_ms + self.trace_ms,
             sah_cost: self.sah_cost,
             rotations: self.update.rotations_applied(),
             height: self.update.height,
             nodes_visited: self.update.nodes_visited,
-            rays_primary: self.stats.rays_primary,
-            rays_shadow: self.stats.rays_shadow,
-            hits: self.stats.hits,
             dropped: self.update.dropped,
             frames_per_loop: plan.frames,
             primitives_refit: self.primitives_refit,
             decision: in_words(self.update.decision),
             ..Row::default()
         }
+        .traced(&self.stats, self.trace_ms)
     }
 }
 

@@ -56,6 +56,33 @@ pub(crate) struct Row {
     /// What the update decided to do, in words without commas; `as always` for what does the same every time.
     #[serde(default)]
     pub(crate) decision: String,
+    /// Surfaces with a colour from a texture.
+    #[serde(default)]
+    pub(crate) textured: u64,
+    /// Rays traced a second time because of a hole.
+    #[serde(default)]
+    pub(crate) rays_again: u64,
+    #[serde(default)]
+    pub(crate) rays_mirror: u64,
+    #[serde(default)]
+    pub(crate) rays_ambient_occlusion: u64,
+    #[serde(default)]
+    pub(crate) rays_bounce: u64,
+    /// What the stages took of `trace_ms`.
+    #[serde(default, serialize_with = "microseconds")]
+    pub(crate) primary_ms: f64,
+    #[serde(default, serialize_with = "microseconds")]
+    pub(crate) alpha_ms: f64,
+    #[serde(default, serialize_with = "microseconds")]
+    pub(crate) textures_ms: f64,
+    #[serde(default, serialize_with = "microseconds")]
+    pub(crate) shadow_ms: f64,
+    #[serde(default, serialize_with = "microseconds")]
+    pub(crate) mirror_ms: f64,
+    #[serde(default, serialize_with = "microseconds")]
+    pub(crate) ambient_occlusion_ms: f64,
+    #[serde(default, serialize_with = "microseconds")]
+    pub(crate) diffuse_bounces_ms: f64,
 }
 
 /// Milliseconds, written to a tenth of a microsecond.
@@ -94,5 +121,17 @@ impl Line for Row {
         "rigid_ms",
         "primitives_refit",
         "decision",
+        "textured",
+        "rays_again",
+        "rays_mirror",
+        "rays_ambient_occlusion",
+        "rays_bounce",
+        "primary_ms",
+        "alpha_ms",
+        "textures_ms",
+        "shadow_ms",
+        "mirror_ms",
+        "ambient_occlusion_ms",
+        "diffuse_bounces_ms",
     ];
 }

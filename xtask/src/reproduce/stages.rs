@@ -1,8 +1,11 @@
 //! What the stages of a frame did and how long they took, over the frames measured.
 
+use std::time::Duration;
+
 use anim::PoseStats;
 use bvh_core::Bvh;
 use bvh_update::Update;
+use rt_cpu::RenderStats;
 use scenes::FrameStage;
 use serde::Serialize;
 
@@ -16,23 +19,32 @@ pub(crate) struct StageSummary {
     pub(crate) counts: &'static str,
     /// How many of those in all frames together.
     pub(crate) count: u64,
-    /// Time a frame, on average; `None` where it is inseparable from that of the primary rays, and counted there.
-    pub(crate) mean_ms: Option<f64>,
+    /// Time a frame, on average.
+    pub(crate) mean_ms: f64,
 }
 
 /// The stages that are planned, and any that ran though it was not, in the order they run.
 pub(crate) fn stages(planned: &[String], rows: &[&Row]) -> Vec<StageSummary> {
     let count = |of: fn(&Row) -> u64| rows.iter().map(|row| of(row)).sum();
-    let mean =
-        |of: fn(&Row) -> f64| Some(rows.iter().map(|row| of(row)).sum::<f64>() / rows.len().max(1) as f64);
+    let mean = |of: fn(&Row) -> f64| rows.iter().map(|row| of(row)).sum::<f64>() / rows.len().max(1) as f64;
     let all = [
         (FrameStage::KeyFrames, "vertices", count(|r| r.vertices_blended), mean(|r| r.blend_ms)),
         (FrameStage::Morph, "displacements", count(|r| r.vertices_morphed), mean(|r| r.morph_ms)),
         (FrameStage::Skin, "vertices", count(|r| r.vertices_skinned), mean(|r| r.skin_ms)),
         (FrameStage::Rigid, "vertices", count(|r| r.vertices_rigid), mean(|r| r.rigid_ms)),
         (FrameStage::Update, "primitives", count(|r| r.primitives_refit), mean(|r| r.update_ms)),
-        (FrameStage::Primary, "rays", count(|r| r.rays_primary), mean(|r| r.trace_ms)),
-        (FrameStage::Shadow, "rays", count(|r| r.rays_shadow), None),
+        (FrameStage::Primary, "rays", count(|r| r.rays_primary), mean(|r| r.primary_ms)),
+        (FrameStage::Alpha, "rays again", count(|r| r.rays_again), mean(|r| r.alpha_ms)),
+        (FrameStage::Textures, "surfaces", count(|r| r.textured), mean(|r| r.textures_ms)),
+        (FrameStage::Shadow, "rays", count(|r| r.rays_shadow), mean(|r| r.shadow_ms)),
+        (FrameStage::Mirror, "rays", count(|r| r.rays_mirror), mean(|r| r.mirror_ms)),
+        (
+            FrameStage::AmbientOcclusion,
+            "rays",
+            count(|r| r.rays_ambient_occlusion),
+            mean(|r| r.ambient_occlusion_ms),
+        ),
+        (FrameStage::DiffuseBounces, "rays", count(|r| r.rays_bounce), mean(|r| r.diffuse_bounces_ms)),
     ];
     all.into_iter()
         .map(|(stage, counts, count, mean_ms)| StageSummary { stage: stage.name(), counts, count, mean_ms })
@@ -67,6 +79,32 @@ impl Row {
             ..self
         }
     }
+
+    /// The same row with what rendering its frame did in `trace_ms`. Times of stages are added up over threads; their
+    /// parts of the sum are their parts of the time that passed.
+    pub(crate) fn traced(self, stats: &RenderStats, trace_ms: f64) -> Self {
+        let total = stats.times.total().as_secs_f64();
+        let ms = |time: Duration| if total > 0.0 { trace_ms * time.as_secs_f64() / total } else { 0.0 };
+        Self {
+            trace_ms,
+            rays_primary: stats.rays_primary,
+            rays_shadow: stats.rays_shadow,
+            hits: stats.hits,
+            textured: stats.textured,
+            rays_again: stats.rays_again,
+            rays_mirror: stats.rays_mirror,
+            rays_ambient_occlusion: stats.rays_ambient_occlusion,
+            rays_bounce: stats.rays_bounce,
+            primary_ms: ms(stats.times.primary),
+            alpha_ms: ms(stats.times.alpha),
+            textures_ms: ms(stats.times.textures),
+            shadow_ms: ms(stats.times.shadow),
+            mirror_ms: ms(stats.times.mirror),
+            ambient_occlusion_ms: ms(stats.times.ambient_occlusion),
+            diffuse_bounces_ms: ms(stats.times.diffuse_bounces),
+            ..self
+        }
+    }
 }
 
 #[cfg(test)]
@@ -76,7 +114,7 @@ mod tests {
     use anim::Motion;
     use bvh_core::{Aabb, Primitives, Triangles};
     use bvh_update::{Rotate, Scratch, Strategy, update};
-    use rt_cpu::{Image, RenderStats, render};
+    use rt_cpu::{Image, RenderOptions, render};
     use scenes::{LightEffects, Scene, SceneOptions};
 
     use super::*;
@@ -166,13 +204,30 @@ mod tests {
     }
 
     #[test]
+    fn stages_of_a_picture_share_its_time() {
+        let stage = Stage::new(scene("n-body")).unwrap();
+        let options = RenderOptions { timed: true, ..stage.render_options() };
+        let mut image = Image::new(48, 48);
+        let (camera, light) = (stage.camera(48, 48), stage.light());
+        let stats = render(&stage.first_tree, &stage.mesh(), &camera, Some(&light), &options, &mut image);
+        let row = Row::default().traced(&stats, 5.0);
+        assert!(row.primary_ms > 0.0 && row.shadow_ms > 0.0);
+        assert!((row.primary_ms + row.shadow_ms - 5.0).abs() < 1e-9);
+        let absent = [row.alpha_ms, row.textures_ms, row.mirror_ms, row.ambient_occlusion_ms];
+        assert_eq!((absent, row.diffuse_bounces_ms), ([0.0; 4], 0.0));
+        let untimed = Row::default().traced(&traced(&stage), 5.0);
+        assert_eq!((untimed.primary_ms, untimed.shadow_ms, untimed.trace_ms), (0.0, 0.0, 5.0));
+    }
+
+    #[test]
     fn planned_stages_are_listed_and_unplanned_ones_only_if_they_ran() {
-        let row = Row { vertices_skinned: 7, skin_ms: 3.0, trace_ms: 5.0, rays_primary: 4, ..Row::default() };
+        let row =
+            Row { vertices_skinned: 7, skin_ms: 3.0, primary_ms: 5.0, rays_primary: 4, ..Row::default() };
         let names = |planned: &[&str]| -> Vec<_> {
             let planned: Vec<_> = planned.iter().map(|&name| name.to_owned()).collect();
             stages(&planned, &[&row, &row]).into_iter().map(|s| (s.stage, s.count, s.mean_ms)).collect()
         };
-        let (skin, primary) = (("skin", 14, Some(3.0)), ("primary", 8, Some(5.0)));
-        assert_eq!(names(&["primary", "shadow"]), [skin, primary, ("shadow", 0, None)]);
+        let (skin, primary) = (("skin", 14, 3.0), ("primary", 8, 5.0));
+        assert_eq!(names(&["primary", "shadow"]), [skin, primary, ("shadow", 0, 0.0)]);
     }
 }

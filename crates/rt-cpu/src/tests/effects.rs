@@ -7,7 +7,8 @@ use bvh_core::glam::Vec2;
 use super::*;
 use crate::holes::see_through;
 use crate::{
-    AmbientOcclusion, Background, DiffuseBounces, Effects, Filter, Material, RenderStats, Texture, Wrap,
+    AmbientOcclusion, Background, DiffuseBounces, Effects, Filter, Material, RenderStats, StageTimes,
+    Texture, Wrap,
 };
 
 const OCCLUSION: AmbientOcclusion = AmbientOcclusion { samples: 16, distance: f32::INFINITY };
@@ -155,6 +156,47 @@ fn effects_are_the_same_for_all_threads_traversals_and_simd_levels() {
         let mut image = Image::new(0, 0);
         render(&bvh, &mesh, &camera, Some(&light), &other, &mut image);
         assert_ne!(pixel_bits(&image), images[0].0, "another seed");
+    }
+}
+
+/// Asked for, the time of a frame is parted among the stages that it has; the picture is the same.
+#[test]
+fn times_belong_to_stages_that_ran() {
+    let (soup, texcoords, material_of, camera, light) = varied();
+    let bvh = tree(&soup, 2);
+    let mesh = Mesh {
+        texcoords: &texcoords,
+        textures: &[checks()],
+        materials: &VARIED,
+        material_of: &material_of,
+        ..Mesh::new(soup.triangles())
+    };
+    let drawn = |effects, timed| {
+        let mut image = Image::new(0, 0);
+        let options = RenderOptions { timed, ..with(effects) };
+        let stats = render(&bvh, &mesh, &camera, Some(&light), &options, &mut image);
+        (stats, pixel_bits(&image))
+    };
+    let zero = std::time::Duration::ZERO;
+    for effects in [Effects::default(), everything(0), everything(2)] {
+        let (untimed, expected) = drawn(effects, false);
+        let (timed, pixels) = drawn(effects, true);
+        assert_eq!(untimed.times, StageTimes::default());
+        assert_eq!(RenderStats { times: StageTimes::default(), ..timed }, untimed);
+        assert!(pixels == expected);
+        let StageTimes { primary, alpha, textures, shadow, mirror, ambient_occlusion, diffuse_bounces } =
+            timed.times;
+        assert!(primary > zero && shadow > zero);
+        for (stage, work, time) in [
+            ("alpha", timed.rays_again, alpha),
+            ("textures", timed.textured, textures),
+            ("mirror", timed.rays_mirror, mirror),
+            ("ambient occlusion", timed.rays_ambient_occlusion, ambient_occlusion),
+            ("diffuse bounces", timed.rays_bounce, diffuse_bounces),
+        ] {
+            assert_eq!(work > 0, time > zero, "{stage}: {work} took {time:?}");
+        }
+        assert_eq!(timed.textured > 0, effects.textures);
     }
 }
 

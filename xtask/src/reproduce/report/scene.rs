@@ -55,17 +55,17 @@ fn frame_plan(scene: &SceneRun, typical: Option<&StrategySummary>) -> Markup {
     let effects = if facts.effects.is_empty() { "nothing".to_owned() } else { facts.effects.join(", ") };
     let ran = |name: &str| typical.and_then(|row| row.stages.iter().find(|stage| stage.stage == name));
     let samples = typical.map_or(1, |row| row.samples.max(1)) as f64;
-    let cell = |stage: Option<&StageSummary>| match stage {
-        Some(StageSummary { count: n, counts, mean_ms, .. }) => {
-            let ms = mean_ms.map_or_else(|| "with primary".to_owned(), |ms| format!("{} ms", number(ms)));
-            format!("{} {counts}, {ms}", number(*n as f64 / samples))
-        }
-        None => "timed with primary".to_owned(),
+    let cell = |stage: &StageSummary| {
+        format!("{} {}, {} ms", number(stage.count as f64 / samples), stage.counts, number(stage.mean_ms))
     };
     html! {
         div.plan {
             p { b { "Calls for " } (effects) ". " b { "A frame runs" } }
-            ol { @for name in &facts.plan { li { b { (name) } span.soft { (cell(ran(name))) } } } }
+            ol {
+                @for name in &facts.plan {
+                    li { b { (name) } @if let Some(stage) = ran(name) { span.soft { (cell(stage)) } } }
+                }
+            }
         }
         @if let Some(row) = typical {
             p.soft { "Counts and times a frame, on average, with " (row.strategy) "; no other stage runs." }

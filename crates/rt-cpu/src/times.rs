@@ -1,0 +1,115 @@
+//! How long the stages of a frame took.
+
+use std::ops::AddAssign;
+use std::time::{Duration, Instant};
+
+/// Time by what it was spent on, added up over threads: on `n` busy threads it passes `n` times as fast as on a clock.
+/// All zero unless [`RenderOptions::timed`](crate::RenderOptions::timed).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StageTimes {
+    /// Rays from the eye, finding and shading what they hit, and whatever has no stage of its own.
+    pub primary: Duration,
+    /// Tracing rays again because they met a surface with holes.
+    pub alpha: Duration,
+    /// Reading colours from textures.
+    pub textures: Duration,
+    /// Making and tracing shadow rays.
+    pub shadow: Duration,
+    /// Tracing rays reflected by mirrors.
+    pub mirror: Duration,
+    /// Rays that look for what hides the sky.
+    pub ambient_occlusion: Duration,
+    /// Tracing rays reflected by diffuse surfaces.
+    pub diffuse_bounces: Duration,
+}
+
+impl StageTimes {
+    /// The sum.
+    #[must_use]
+    pub fn total(&self) -> Duration {
+        let Self { primary, alpha, textures, shadow, mirror, ambient_occlusion, diffuse_bounces } = *self;
+        primary + alpha + textures + shadow + mirror + ambient_occlusion + diffuse_bounces
+    }
+}
+
+impl AddAssign for StageTimes {
+    fn add_assign(&mut self, other: Self) {
+        self.primary += other.primary;
+        self.alpha += other.alpha;
+        self.textures += other.textures;
+        self.shadow += other.shadow;
+        self.mirror += other.mirror;
+        self.ambient_occlusion += other.ambient_occlusion;
+        self.diffuse_bounces += other.diffuse_bounces;
+    }
+}
+
+/// A clock that gives each stretch of a tile's time to one stage, so that nothing counts twice.
+#[derive(Default)]
+pub(crate) struct Laps {
+    /// When the last stretch ended; `None` if nobody asked for times.
+    last: Option<Instant>,
+    times: StageTimes,
+}
+
+impl Laps {
+    pub(crate) fn start(timed: bool) -> Self {
+        Self { last: timed.then(Instant::now), times: StageTimes::default() }
+    }
+
+    /// Gives the time since the last call to a stage.
+    #[inline]
+    pub(crate) fn end(&mut self, stage: impl FnOnce(&mut StageTimes) -> &mut Duration) {
+        if let Some(lap) = self.lap() {
+            *stage(&mut self.times) += lap;
+        }
+    }
+
+    /// Gives the time since the last call to mirrors and diffuse bounces, by the numbers of their rays.
+    pub(crate) fn end_reflected(&mut self, mirrored: usize, all: usize) {
+        if let Some(lap) = self.lap() {
+            let mirror = lap.mul_f64(mirrored as f64 / all.max(1) as f64).min(lap);
+            self.times.mirror += mirror;
+            self.times.diffuse_bounces += lap - mirror;
+        }
+    }
+
+    fn lap(&mut self) -> Option<Duration> {
+        let last = self.last.as_mut()?;
+        let now = Instant::now();
+        Some(now - std::mem::replace(last, now))
+    }
+
+    /// What was given to stages since the start.
+    pub(crate) fn times(&self) -> StageTimes {
+        self.times
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stretches_of_time_go_to_one_stage_each() {
+        let mut laps = Laps::start(true);
+        let start = laps.last.unwrap();
+        laps.end(|t| &mut t.primary);
+        std::thread::sleep(Duration::from_millis(2));
+        laps.end(|t| &mut t.shadow);
+        std::thread::sleep(Duration::from_millis(2));
+        laps.end_reflected(1, 4);
+        let times = laps.times();
+        assert_eq!(times.total(), laps.last.unwrap() - start);
+        assert!(times.shadow >= Duration::from_millis(2));
+        assert!(times.mirror > Duration::ZERO && times.diffuse_bounces > times.mirror * 2);
+    }
+
+    #[test]
+    fn nobody_asks_nothing_is_timed() {
+        let mut laps = Laps::start(false);
+        laps.end(|t| &mut t.primary);
+        laps.end_reflected(1, 2);
+        assert_eq!(laps.times(), StageTimes::default());
+    }
+}
