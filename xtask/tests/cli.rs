@@ -150,7 +150,7 @@ fn a_run_leaves_rows_figures_pictures_a_summary_and_a_report() {
 
     let summary = fs::read(out.join("summary.json")).expect("a summary");
     let summary: serde_json::Value = serde_json::from_slice(&summary).expect("JSON");
-    assert_eq!(summary["schema"], 2);
+    assert_eq!(summary["schema"], 3);
     assert_eq!(summary["interrupted"], false);
     assert_eq!(summary["checks"]["differences"], 0);
     for what in ["pictures", "pixels", "rays", "rays_hit", "trees"] {

@@ -147,8 +147,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
                 run.offline = offline::measure(&mut stage, plan.size)?;
             }
             if let Some(journal) = points.as_mut().filter(|_| !entry.supplement) {
-                let label = &run.facts.label;
-                run.accuracy = accuracy::measure(label, &entry.source, &mut stage, &args.effort(), journal)?;
+                let (label, effort) = (&run.facts.label, args.effort(run.facts.triangles));
+                run.accuracy = accuracy::measure(label, &entry.source, &mut stage, &effort, journal)?;
             }
             Ok::<_, anyhow::Error>(run)
         })?;
@@ -238,7 +238,7 @@ fn plan(args: &Args, settings: &Settings, triangles: usize, supplement: bool) ->
         contestants,
         frames: values.frames,
         loops: values.loops,
-        rebuild_every: values.rebuild_interval(triangles),
+        measure_every: values.interval(triangles),
         size: values.size,
         threads: settings.threads,
         check_frames: values.check_frames,
@@ -268,7 +268,7 @@ fn facts(stage: &Stage, plan: &Plan, label: String, slug: String) -> SceneFacts 
             .map(|(name, _)| name.to_owned())
             .collect(),
         frames: plan.frames,
-        rebuild_every: plan.rebuild_every,
+        measure_every: plan.measure_every,
         build_ms: stage.build_ms,
         candidates: stats.candidates as f64 / (stats.inner + stats.leaves).max(1) as f64,
         notes: scene.notes.clone(),
@@ -327,7 +327,10 @@ fn run_speeds(
         if interrupt::requested() {
             break;
         }
-        let plan = Plan { contestants: contestants.clone(), frames, loops, pictures: 0, ..plan.clone() };
+        // As many samples of each, unless every frame is asked for.
+        let measure_every = if plan.measure_every == 1 { 1 } else { frames / SPEEDS[0] };
+        let contestants = contestants.clone();
+        let plan = Plan { contestants, frames, loops, measure_every, pictures: 0, ..plan.clone() };
         let what = format!("{}, {frames} frames a loop", run.facts.label);
         log.pace.begin(what, plan.steps(), pace::work(run.facts.triangles, 1));
         let (rows, checks) =

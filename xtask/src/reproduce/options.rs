@@ -176,9 +176,9 @@ impl Args {
         everything || self.experiments.contains(&Experiment::Accuracy)
     }
 
-    /// How much is measured of each knob.
-    pub(super) fn effort(&self) -> Effort {
-        Effort::new(self.preset, &self.values(), self.seed)
+    /// How much is measured of each knob on a scene of so many triangles.
+    pub(super) fn effort(&self, triangles: usize) -> Effort {
+        Effort::new(self.preset, &self.values(), triangles, self.seed)
     }
 
     /// Whether what only the claims need is asked for.

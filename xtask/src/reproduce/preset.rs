@@ -6,7 +6,7 @@ use clap::ValueEnum;
 pub(crate) enum Preset {
     /// Under a minute: few frames, small pictures.
     Quick,
-    /// Meant for ten minutes on two cores; at present it takes up to half an hour there
+    /// Under ten minutes on two cores.
     Standard,
     /// The paper's protocol to the letter.
     Full,
@@ -22,8 +22,8 @@ pub(crate) struct Values {
     pub(crate) loops: f64,
     /// Pixels on each side.
     pub(crate) size: u32,
-    /// Rebuilds on every frame of this number, and of that one in scenes of many triangles.
-    pub(crate) rebuild_every: [usize; 2],
+    /// One frame in so many is measured, and one in so many in scenes of many triangles.
+    pub(crate) measure_every: [usize; 2],
     /// Whether figure 5 and accuracy are part of "everything".
     pub(crate) speeds: bool,
     /// Loops of figure 5.
@@ -40,7 +40,7 @@ pub(crate) struct Values {
 }
 
 /// Scenes of more triangles count as having many.
-const MANY: usize = 500_000;
+pub(crate) const MANY: usize = 500_000;
 
 impl Preset {
     pub(crate) fn name(self) -> &'static str {
@@ -58,7 +58,7 @@ impl Preset {
                 frames: 10,
                 loops: 1.5,
                 size: 160,
-                rebuild_every: [4, 4],
+                measure_every: [1, 1],
                 speeds: false,
                 speed_loops: 2.0,
                 check_frames: 2,
@@ -72,7 +72,7 @@ impl Preset {
                 frames: 50,
                 loops: 1.5,
                 size: 512,
-                rebuild_every: [3, 10],
+                measure_every: [3, 5],
                 speeds: true,
                 speed_loops: 3.0,
                 check_frames: 4,
@@ -86,7 +86,7 @@ impl Preset {
                 frames: 100,
                 loops: 2.3,
                 size: 1024,
-                rebuild_every: [1, 1],
+                measure_every: [1, 1],
                 speeds: true,
                 speed_loops: 5.0,
                 check_frames: 10,
@@ -100,10 +100,9 @@ impl Preset {
 }
 
 impl Values {
-    /// Of how many frames one is measured for rebuilds. Their trees depend on the frame alone, so that leaving frames
-    /// out changes nothing but the number of samples.
-    pub(crate) fn rebuild_interval(&self, triangles: usize) -> usize {
-        self.rebuild_every[usize::from(triangles > MANY)]
+    /// Of how many frames of a scene one is measured.
+    pub(crate) fn interval(&self, triangles: usize) -> usize {
+        self.measure_every[usize::from(triangles > MANY)]
     }
 
     /// What is less than in the paper's protocol, one sentence each.
@@ -122,10 +121,11 @@ impl Values {
         if self.size != paper.size {
             less.push(format!("{0} x {0} pixels instead of {1} x {1}", self.size, paper.size));
         }
-        if self.rebuild_every != paper.rebuild_every {
-            let [few, many] = self.rebuild_every;
+        if self.measure_every != paper.measure_every {
+            let [few, many] = self.measure_every;
             less.push(format!(
-                "rebuilds on one frame in {few}, in scenes above {MANY} triangles on one in {many}"
+                "every frame updated, one in {few} measured, in scenes above {MANY} triangles one in {many}; accuracy of \
+                 trees of those over a fifth of the loop, without annealing"
             ));
         }
         if !self.speeds {

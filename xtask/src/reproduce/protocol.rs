@@ -6,8 +6,8 @@
 //! else the machine does hits all of them alike. Before the first frame each runs once on a copy that is thrown
 //! away. Checks, costs and pictures are made outside of what is timed.
 //!
-//! Frames that an earlier run has measured are only replayed: strategies whose trees depend on the frames before update
-//! them, and nothing is rendered or timed.
+//! Frames that an earlier run has measured, and those between frames to measure, are only played: strategies whose trees
+//! depend on the frames before update them, and nothing is rendered or timed.
 
 use std::time::Instant;
 
@@ -33,8 +33,9 @@ pub(crate) struct Plan {
     pub(crate) frames: usize,
     /// Loops, not necessarily whole.
     pub(crate) loops: f64,
-    /// Rebuilds are measured on every frame of this number only: their trees depend on nothing else.
-    pub(crate) rebuild_every: usize,
+    /// One frame of the loop in so many is measured. On the others strategies whose trees depend on the past update them,
+    /// unmeasured.
+    pub(crate) measure_every: usize,
     /// Pixels on each side of the image.
     pub(crate) size: u32,
     pub(crate) threads: usize,
@@ -52,13 +53,17 @@ impl Plan {
         ((self.frames as f64 * self.loops).round() as usize).max(1)
     }
 
-    /// How many updates and pictures a frame takes, on average, rebuilds counted as two.
+    /// How many updates and pictures a frame takes, on average, rebuilds and pictures counted as two updates.
     pub(crate) fn weight(&self) -> usize {
         let lanes = |rebuilds| {
             let run = self.contestants.iter().filter(|c| c.name == c.of && c.method.rebuilds() == rebuilds);
             run.count()
         };
-        (lanes(false) + 2 * lanes(true) / self.rebuild_every).max(1)
+        (lanes(false) + 2 * (lanes(false) + 2 * lanes(true)) / self.measure_every).max(1)
+    }
+
+    fn is_measured(&self, frame: usize) -> bool {
+        frame.is_multiple_of(self.measure_every)
     }
 
     /// Whether a frame of the first loop is compared with brute force.
@@ -71,10 +76,10 @@ impl Plan {
         self.is_one_of(frame, self.pictures)
     }
 
-    /// Whether a frame is one of some that are spread evenly over those on which every strategy is measured.
+    /// Whether a frame is one of some that are spread evenly over those that are measured.
     fn is_one_of(&self, frame: usize, samples: usize) -> bool {
-        let every = self.rebuild_every;
-        frame.is_multiple_of(every) && is_sampled(frame / every, self.frames.div_ceil(every), samples)
+        let every = self.measure_every;
+        self.is_measured(frame) && is_sampled(frame / every, self.frames.div_ceil(every), samples)
     }
 }
 
@@ -152,19 +157,14 @@ pub(crate) fn measure(
 
         let count = lanes.len();
         let mut reference = None;
-        for i in (0..count).map(|i| (i + step) % count) {
+        for i in (0..count).map(|i| (i + step / plan.measure_every) % count) {
             let lane = &mut lanes[i];
-            (lane.last, lane.is_current) = (None, false);
-            if lane.method.rebuilds() && !step.is_multiple_of(plan.rebuild_every) {
-                continue;
-            }
-            lane.is_current = true;
-            if step < replayed {
-                let is_needed = !lane.method.rebuilds() || round == 0 && plan.is_pictured(frame);
-                if is_needed {
+            (lane.last, lane.is_current) = (None, true);
+            if step < replayed || !plan.is_measured(frame) {
+                lane.is_current = !lane.method.rebuilds() || round == 0 && plan.is_pictured(frame);
+                if lane.is_current {
                     lane.update(stage)?;
                 }
-                lane.is_current = is_needed;
                 continue;
             }
             let [first, other] = &mut images;

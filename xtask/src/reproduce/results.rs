@@ -79,8 +79,8 @@ pub(crate) struct SceneFacts {
     pub(crate) measures: BTreeMap<String, f64>,
     /// Frames in a loop.
     pub(crate) frames: usize,
-    /// Rebuilds were measured on every frame of this number.
-    pub(crate) rebuild_every: usize,
+    /// One frame in so many was measured.
+    pub(crate) measure_every: usize,
     /// Building the first tree.
     pub(crate) build_ms: f64,
     /// Part of all nodes of the first tree that have grandchildren.

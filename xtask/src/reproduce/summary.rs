@@ -19,7 +19,7 @@ use super::stages::{StageSummary, stages};
 use crate::machine::{Machine, Revision};
 
 /// Version of the schema.
-pub(crate) const SCHEMA: u32 = 2;
+pub(crate) const SCHEMA: u32 = 3;
 
 #[derive(Serialize)]
 struct Summary<'a> {

@@ -1,13 +1,15 @@
 //! How much is measured of each knob.
 
-use crate::reproduce::preset::{Preset, Values};
+use crate::reproduce::preset::{MANY, Preset, Values};
 
 /// What a preset means here.
 #[derive(Clone, Debug)]
 pub(crate) struct Effort {
     /// Frames in a loop, over which strategies update their trees.
     pub(super) frames: usize,
-    /// Frames of those on which trees are compared with a fresh sweep build.
+    /// How many of those are played, from the first on.
+    pub(super) played: usize,
+    /// Frames of the latter on which trees are compared with a fresh sweep build.
     pub(super) compared: usize,
     /// Passes of annealed builds.
     pub(super) anneal_passes: &'static [u32],
@@ -38,10 +40,20 @@ pub(crate) struct Effort {
 }
 
 impl Effort {
-    pub(crate) fn new(preset: Preset, values: &Values, seed: u64) -> Self {
+    /// For a scene of so many triangles: of large ones [`Preset::Standard`] plays a fifth of the loop, and anneals none.
+    pub(crate) fn new(preset: Preset, values: &Values, triangles: usize, seed: u64) -> Self {
+        let effort = Self::of_small(preset, values, seed);
+        if preset == Preset::Full || triangles <= MANY {
+            return effort;
+        }
+        Self { played: effort.frames.div_ceil(5), compared: 1, anneal_passes: &[], ..effort }
+    }
+
+    fn of_small(preset: Preset, values: &Values, seed: u64) -> Self {
         let Values { frames, size, .. } = *values;
         let quick = Self {
             frames,
+            played: frames,
             compared: 2,
             anneal_passes: &[20],
             size: size.min(128),
@@ -67,7 +79,7 @@ impl Effort {
                 solid_triangles: 10_000,
                 rays: [200_000, 1_000],
                 detail: 0.05,
-                substeps: &[2, 4, 8, 16, 32, 64, 128],
+                substeps: &[2, 4, 8, 16, 32, 64],
                 spaces: &[0.125, 0.25, 0.5, 1.0, 2.0],
                 fine: [8, 4],
                 moments: 200,

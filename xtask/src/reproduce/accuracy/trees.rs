@@ -57,13 +57,13 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
     for entrant in &mut entrants {
         entrant.warm_up(bench)?;
     }
-    let (frames, wanted) = (bench.effort.frames, bench.effort.compared);
+    let (frames, played, wanted) = (bench.effort.frames, bench.effort.played, bench.effort.compared);
     let mut compared = 0;
     // On the first frame all trees are fresh.
-    for frame in 1..frames {
+    for frame in 1..played {
         bench.stage.pose(bench.stage.time_of(frame, frames));
-        // So many times, evenly, and on the last frame.
-        let part = |frame: usize| frame * wanted / (frames - 1);
+        // So many times, evenly, and on the last frame played.
+        let part = |frame: usize| frame * wanted / (played - 1);
         let compare = part(frame) != part(frame - 1);
         for entrant in entrants.iter_mut().filter(|e| compare || !e.rebuilds()) {
             entrant.update(bench)?;
@@ -80,7 +80,7 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
                 compared += 1;
             }
         }
-        bench.done(frame, frames - 1);
+        bench.done(frame, played - 1);
         if interrupt::requested() {
             break;
         }
@@ -100,7 +100,7 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
                 unit: "ratio".to_owned(),
                 time_ms: entrant.update_ms / entrant.updates.max(1) as f64,
                 note: format!(
-                    "time of an update, mean of {}; error, mean of {compared} of {frames} frames",
+                    "time of an update, mean of {}; error, mean of {compared} of {played} frames, {frames} a loop",
                     entrant.updates
                 ),
                 ..Point::default()

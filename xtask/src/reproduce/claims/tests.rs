@@ -28,7 +28,7 @@ pub(crate) fn scene(label: &str, strategies: &[(&'static str, f64, f64, f64)]) -
         triangles: 10,
         moving: 10,
         frames: 2,
-        rebuild_every: 1,
+        measure_every: 1,
         build_ms: 1.0,
         candidates: 0.25,
         ..SceneFacts::default()

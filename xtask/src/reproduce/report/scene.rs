@@ -38,7 +38,7 @@ fn section(results: &Results, scene: &SceneRun) -> Markup {
         p {
             (capital(&facts.about)) ". " (count(facts.triangles as u64)) " triangles, "
             (count(facts.moving as u64)) " of them can move. First tree built in " (number(facts.build_ms)) " ms."
-            @if facts.rebuild_every > 1 { " Rebuilds measured on one frame in " (facts.rebuild_every) "." }
+            @if facts.measure_every > 1 { " One frame in " (facts.measure_every) " measured, all updated." }
         }
         @for note in &facts.notes { p.soft { (capital(note)) "." } }
         (film(results, scene))
