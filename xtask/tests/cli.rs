@@ -222,8 +222,32 @@ fn only_what_is_asked_for_is_run() {
     ]);
     let rows = |name: &str| fs::read_to_string(out.join(name)).expect("rows").lines().count() - 1;
     assert_eq!(rows("frames.csv"), 0);
-    assert_eq!(rows("fig5.csv"), 2 * (20 + 100 + 500));
+    assert_eq!(rows("fig5.csv"), 2 * 3 * 20, "twenty frames of each loop are measured");
     assert!(out.join("figures/fig5-sheet.svg").exists() && !out.join("figures/fig4.svg").exists());
+}
+
+#[test]
+fn peers_stand_beside_the_project_and_are_drawn_again() {
+    let (temporary, sheet) = folder();
+    let (out, again) = (temporary.path().join("results"), temporary.path().join("again"));
+    let [threads, size] = [["--threads", "2"], ["--size", "32"]];
+    let run = ["reproduce", "peers", "--preset", "quick", "--scene", str(&sheet), "--out", str(&out)];
+    succeeds(&[&run[..], &threads, &size].concat());
+    let rows = fs::read_to_string(out.join("peers.csv")).expect("rows");
+    let of = |what: &str, contestant: &str| {
+        let start = format!("sheet/,{what},{contestant},2,2,");
+        rows.lines().any(|line| line.starts_with(&start) && line.ends_with(",true"))
+    };
+    for contestant in ["pivot refit", "pivot refit+rotate", "obvhs refit"] {
+        assert!(of("update", contestant), "{contestant}: {rows}");
+    }
+    assert!(of("frame", "pivot refit+rotate"), "{rows}");
+    succeeds(&["reproduce", "--from", str(&out), "--out", str(&again)]);
+    for folder in [&out, &again] {
+        let report = fs::read_to_string(folder.join("report.html")).expect("a report");
+        assert!(report.contains("Beside other libraries") && report.contains("obvhs refit"));
+    }
+    assert_eq!(fs::read_to_string(again.join("peers.csv")).expect("rows"), rows);
 }
 
 #[test]

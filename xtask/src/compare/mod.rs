@@ -23,7 +23,8 @@ use clap::ValueEnum;
 use pivot_benches::embree::{Device, Embree, NotFound};
 use rayon::ThreadPool;
 
-use self::row::{Report, Row};
+use self::row::Report;
+pub(crate) use self::row::Row;
 use crate::machine::{Machine, Revision};
 use crate::stage::{self, Stage};
 use crate::{CheckFailed, files, interrupt, pool};
@@ -137,7 +138,27 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
 }
 
-/// Embree where it is. That it is missing is told, and an error only where it was asked for.
+/// Updates and whole frames of every contestant on one scene, for those who keep the rows themselves.
+pub(crate) fn beside(
+    label: &str,
+    stage: &mut Stage,
+    threads: usize,
+    frames: usize,
+    size: u32,
+    embree: Option<&Path>,
+) -> Result<Vec<Row>> {
+    let embree = find_embree(embree)?;
+    let embree = embree.as_ref().map(|embree| embree.device(threads)).transpose()?;
+    let setting = Setting { threads, pool: pool::pool(threads)?, embree, frames, size };
+    let mut rows = update::measure(label, stage, &setting)?;
+    if !interrupt::requested() {
+        rows.extend(frame::measure(label, stage, &setting)?);
+    }
+    // An interrupt may come before the first measured frame.
+    rows.retain(|row| row.frames > 0);
+    Ok(rows)
+}
+
 /// The library, or a note that there is none; an error if it is not where it was said to be.
 fn find_embree(path: Option<&Path>) -> Result<Option<Embree>> {
     match Embree::load(path) {

@@ -8,41 +8,41 @@ use crate::machine::{Machine, Revision};
 
 /// One contestant on one scene with one number of threads.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Row {
+pub(crate) struct Row {
     /// `update`, `limit`, `build`, `trace`, `incoherent`, `view` (making the wide view for that) or `frame`.
-    pub(super) what: &'static str,
-    pub(super) scene: String,
-    pub(super) triangles: usize,
-    pub(super) contestant: String,
-    pub(super) threads: usize,
-    pub(super) median_ms: f64,
-    pub(super) min_ms: f64,
-    pub(super) max_ms: f64,
+    pub(crate) what: &'static str,
+    pub(crate) scene: String,
+    pub(crate) triangles: usize,
+    pub(crate) contestant: String,
+    pub(crate) threads: usize,
+    pub(crate) median_ms: f64,
+    pub(crate) min_ms: f64,
+    pub(crate) max_ms: f64,
     /// Tells more than the median of updates that do not do the same work in every frame.
-    pub(super) mean_ms: f64,
+    pub(crate) mean_ms: f64,
     /// Mean over the measured frames of the tree's SAH cost over that of a full sweep build of the same frame;
     /// nothing where the tree cannot be read.
-    pub(super) sah_over_sweep: Option<f64>,
+    pub(crate) sah_over_sweep: Option<f64>,
     /// The same in the frame where it is worst.
-    pub(super) worst_sah_over_sweep: Option<f64>,
+    pub(crate) worst_sah_over_sweep: Option<f64>,
     /// Primary rays that hit something, in all measured frames.
-    pub(super) hits: u64,
+    pub(crate) hits: u64,
     /// The median over the number of triangles.
-    pub(super) ns_per_triangle: f64,
+    pub(crate) ns_per_triangle: f64,
     /// Of tracing: primary and shadow rays over the median time.
-    pub(super) million_rays_per_s: Option<f64>,
+    pub(crate) million_rays_per_s: Option<f64>,
     /// Measured frames.
-    pub(super) frames: usize,
+    pub(crate) frames: usize,
     /// Primary rays cast for comparison.
-    pub(super) rays: u64,
+    pub(crate) rays: u64,
     /// Pixels that the light reaches.
-    pub(super) lit: u64,
+    pub(crate) lit: u64,
     /// Sum of the distances of all hits.
-    pub(super) t_sum: f64,
+    pub(crate) t_sum: f64,
     /// Primary rays with another answer than the reference: hit or miss, or a distance off by more than 0.1 %.
-    pub(super) different: u64,
+    pub(crate) different: u64,
     /// Whether the number of hits is the reference's within 0.01 %.
-    pub(super) agrees: bool,
+    pub(crate) agrees: bool,
 }
 
 impl Row {

@@ -14,6 +14,7 @@ mod options;
 mod output;
 mod pace;
 mod paper_binned;
+mod peers;
 mod pictures;
 mod preset;
 mod protocol;
@@ -111,6 +112,12 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     if points.is_none() {
         files::remove_old(&out.file("accuracy.csv"))?;
     }
+    let peers_kept = || kept.iter().flat_map(|(finished, _)| finished).flat_map(|run| &run.peers);
+    let mut beside =
+        args.runs_peers().then(|| Journal::create(&out.file("peers.csv"), peers_kept())).transpose()?;
+    if beside.is_none() {
+        files::remove_old(&out.file("peers.csv"))?;
+    }
     let mut pace = Pace::new(entries.iter().map(|entry| entry.work(args)).sum());
 
     for (entry, (finished, begun)) in entries.into_iter().zip(kept) {
@@ -149,6 +156,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             if let Some(journal) = points.as_mut().filter(|_| !entry.supplement) {
                 let (label, effort) = (&run.facts.label, args.effort(run.facts.triangles));
                 run.accuracy = accuracy::measure(label, &entry.source, &mut stage, &effort, journal)?;
+            }
+            if let Some(journal) = beside.as_mut().filter(|_| !entry.supplement && !interrupt::requested()) {
+                run.peers = peers::measure(&run.facts.label, &mut stage, &args.terms(&plan), journal)?;
             }
             Ok::<_, anyhow::Error>(run)
         })?;

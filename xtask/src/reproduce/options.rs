@@ -8,7 +8,9 @@ use scenes::Scene;
 
 use super::accuracy::Effort;
 use super::contestants::Contestant;
+use super::peers::Terms;
 use super::preset::{Preset, Values};
+use super::protocol::Plan;
 use super::results::Settings;
 use crate::{files, pool, stage};
 
@@ -25,6 +27,8 @@ enum Experiment {
     Claims,
     /// What every knob that buys accuracy costs in time.
     Accuracy,
+    /// Updates and frames beside other libraries; only if named.
+    Peers,
 }
 
 impl Experiment {
@@ -35,6 +39,7 @@ impl Experiment {
             Self::Fig6 => "fig6",
             Self::Claims => "claims",
             Self::Accuracy => "accuracy",
+            Self::Peers => "peers",
         }
     }
 }
@@ -44,7 +49,7 @@ const SPEED_SCENE: &str = "exploding-dragon";
 
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// What to rerun; everything if nothing is named
+    /// What to rerun; everything but `peers` if nothing is named
     #[arg(value_name = "EXPERIMENT")]
     experiments: Vec<Experiment>,
     /// How much: quick takes under a minute, standard under ten, full is the paper's protocol
@@ -87,6 +92,9 @@ pub(crate) struct Args {
         conflicts_with_all = ["experiments", "scenes", "strategies", "clip", "frames", "loops", "size", "threads", "resume"]
     )]
     pub(super) from: Option<PathBuf>,
+    /// Embree's library for `peers`, version 3 or 4, or a folder with it [default: PIVOT_EMBREE, else the system's]
+    #[arg(long, value_name = "PATH")]
+    embree: Option<PathBuf>,
     /// Compare with the results in another folder, and name what got worse
     #[arg(long, value_name = "DIR")]
     pub(super) baseline: Option<PathBuf>,
@@ -174,6 +182,17 @@ impl Args {
     pub(super) fn runs_accuracy(&self) -> bool {
         let everything = self.experiments.is_empty() && self.preset.values().speeds;
         everything || self.experiments.contains(&Experiment::Accuracy)
+    }
+
+    /// Whether other libraries are to be measured, which takes as long as all the rest.
+    pub(super) fn runs_peers(&self) -> bool {
+        self.experiments.contains(&Experiment::Peers)
+    }
+
+    /// How they are.
+    pub(super) fn terms(&self, plan: &Plan) -> Terms<'_> {
+        let Plan { threads, size, .. } = *plan;
+        Terms { threads, size, frames: self.values().peer_frames, embree: self.embree.as_deref() }
     }
 
     /// How much is measured of each knob on a scene of so many triangles.

@@ -39,7 +39,11 @@ impl Output {
         let images = images.map(|entry| Path::new("images").join(entry.file_name()));
         // What is here tells of other rows.
         files::remove_old(&self.file("summary.json"))?;
-        for name in ["frames.csv", "fig5.csv", "accuracy.csv"].map(PathBuf::from).into_iter().chain(images) {
+        for name in ["frames.csv", "fig5.csv", "accuracy.csv", "peers.csv"]
+            .map(PathBuf::from)
+            .into_iter()
+            .chain(images)
+        {
             let (from, to) = (other.join(&name), self.folder.join(&name));
             if from.is_file() {
                 let content =

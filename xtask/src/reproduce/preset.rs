@@ -35,6 +35,8 @@ pub(crate) struct Values {
     pub(crate) pictures: usize,
     /// Pixels on each side of those, and of heat maps.
     pub(crate) picture_size: [u32; 2],
+    /// Frames of a loop measured beside other libraries.
+    pub(crate) peer_frames: usize,
     /// Most triangles of a scene for which offline builders are tried.
     pub(crate) offline: usize,
 }
@@ -65,6 +67,7 @@ impl Preset {
                 check_rays: 100,
                 pictures: 3,
                 picture_size: [240, 160],
+                peer_frames: 2,
                 offline: 0,
             },
             Self::Standard => Values {
@@ -79,6 +82,7 @@ impl Preset {
                 check_rays: 200,
                 pictures: 5,
                 picture_size: [400, 240],
+                peer_frames: 5,
                 offline: 200_000,
             },
             Self::Full => Values {
@@ -93,6 +97,7 @@ impl Preset {
                 check_rays: 500,
                 pictures: 5,
                 picture_size: [400, 240],
+                peer_frames: 20,
                 offline: usize::MAX,
             },
         }

@@ -11,6 +11,7 @@ use super::chart::{Panel, number};
 use super::claims::{Claim, Verdict};
 use super::contestants::PAPER;
 use super::figures::{self, Key, Which};
+use super::peers;
 use super::results::Results;
 use super::summary::checks_in_words;
 
@@ -49,6 +50,7 @@ pub(crate) fn html(results: &Results, claims: &[Claim], comparison: Option<&Comp
                     (figure_6(results))
                     (figure_5(results))
                     (accuracy::html(results))
+                    (peers::html(results))
                     (museum(results))
                     (scene::sections(results))
                     (colophon(results))

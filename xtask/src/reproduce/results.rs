@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::accuracy::Point;
 use super::check::Checks;
 use super::offline::OfflineTree;
+use super::peers::Peer;
 use super::record::Row;
 use crate::machine::{Machine, Revision};
 
@@ -51,6 +52,8 @@ pub(crate) struct SceneRun {
     pub(crate) speeds: Vec<(usize, Vec<Row>)>,
     /// Settings of accuracy with what they cost.
     pub(crate) accuracy: Vec<Point>,
+    /// Other libraries beside this one.
+    pub(crate) peers: Vec<Peer>,
     /// Trees built once and for all, where such builders are there.
     pub(crate) offline: Vec<OfflineTree>,
     pub(crate) checks: Checks,
@@ -136,8 +139,8 @@ impl SceneRun {
     /// A scene on which nothing is measured yet.
     pub(crate) fn new(facts: SceneFacts) -> Self {
         let (pictures, rows, speeds) = (Vec::new(), Vec::new(), Vec::new());
-        let (accuracy, offline, checks) = (Vec::new(), Vec::new(), Checks::default());
-        Self { facts, pictures, rows, speeds, accuracy, offline, checks }
+        let (accuracy, peers, offline) = (Vec::new(), Vec::new(), Vec::new());
+        Self { facts, pictures, rows, speeds, accuracy, peers, offline, checks: Checks::default() }
     }
 
     /// Rows of one strategy, in order.

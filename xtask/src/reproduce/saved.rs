@@ -12,6 +12,7 @@ use super::accuracy::Point;
 use super::check::Checks;
 use super::journal;
 use super::offline::OfflineTree;
+use super::peers::Peer;
 use super::record::Row;
 use super::results::{Picture, Results, SceneFacts, SceneRun, Settings};
 use super::summary::SCHEMA;
@@ -71,6 +72,7 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
     let mut rows = journal::read(&folder.join("frames.csv"))?;
     let mut speed_rows = journal::read(&folder.join("fig5.csv"))?;
     let mut points = journal::read::<Point>(&folder.join("accuracy.csv"))?;
+    let mut peers = journal::read::<Peer>(&folder.join("peers.csv"))?;
     let mut runs = Vec::new();
     for Scene { facts, checks, strategies, speeds, offline, mut images } in scenes {
         for picture in &mut images {
@@ -79,6 +81,7 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
         }
         let mut run = SceneRun { pictures: images, checks, offline, ..SceneRun::new(facts) };
         run.accuracy = points.extract_if(.., |point| point.scene == run.facts.label).collect();
+        run.peers = peers.extract_if(.., |peer| peer.scene == run.facts.label).collect();
         run.rows = take(&mut rows, &run.facts.label);
         run.speeds = by_speed(take(&mut speed_rows, &run.facts.label));
         if run.facts.finished {
