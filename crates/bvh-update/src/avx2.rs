@@ -4,10 +4,10 @@
 //! order of `Aabb::half_area` and without fused multiply-add, so the bits are those of the portable kernels. The
 //! two words that are no coordinates are kept out of products: as floats they may be denormal, and slow.
 //!
-//! The usual case is a leaf that moves and holds one primitive; nodes with other leaves are left to the portable code.
+//! The usual case is a leaf that moves and whose primitives all have boxes; nodes with other leaves are left to the
+//! portable code.
 
 use std::arch::x86_64::*;
-use std::hint::select_unpredictable;
 
 use bvh_core::{COST_INTERSECT, COST_TRAVERSE, Node, Primitives};
 
@@ -123,30 +123,6 @@ const TWIGS: usize = 16;
 /// Subtrees of the next ones to fetch meanwhile.
 const NEXT: usize = 5;
 
-/// What fitting a twig takes.
-#[derive(Clone, Copy, Default)]
-struct Ahead {
-    /// The first child, or [`UNUSUAL`](Self::UNUSUAL).
-    pair: u32,
-    primitives: [u32; 2],
-}
-
-impl Ahead {
-    /// A twig for the portable code.
-    const UNUSUAL: u32 = u32::MAX;
-
-    /// Looks at a twig's leaves and fetches what their primitives are made of.
-    #[inline(always)]
-    fn new<P: Primitives + ?Sized>(nodes: SharedNodes<'_>, primitives: &P, pair: u32) -> Self {
-        let [l, r] = nodes.pair(pair as usize);
-        let leaves = [l.first(), r.first()];
-        leaves.iter().for_each(|&p| primitives.prefetch_index(p));
-        let is_usual = l.is_single_and_moves() & r.is_single_and_moves();
-        let pair = select_unpredictable(is_usual, pair, Self::UNUSUAL);
-        Self { pair, primitives: leaves.map(|p| p as u32) }
-    }
-}
-
 /// See [`kernels::twigs`](crate::kernels::twigs).
 #[target_feature(enable = "avx2")]
 pub(crate) fn twigs<P: Primitives + ?Sized>(
@@ -157,22 +133,19 @@ pub(crate) fn twigs<P: Primitives + ?Sized>(
 ) -> Fitted {
     let mut others = Fitted::default();
     let (mut leaf_areas, mut inner_areas, mut count) = (_mm256_setzero_pd(), _mm256_setzero_pd(), 0);
-    // While some twigs are fitted, the corners of the next are on their way, and the indices of those after them.
-    let mut ahead = [[Ahead::default(); TWIGS]; 3];
     let part = |i: usize| i * TWIGS..list.count.min((i + 1) * TWIGS);
-    let (slots, pairs) = (|i| &list.slots[part(i)], |i| &list.pairs[part(i)]);
     let mut next_pairs = next.pairs.iter();
     let parts = list.count.div_ceil(TWIGS);
+    // While some twigs are fitted, the corners of the next are on their way, and the indices of those after them. The
+    // primitives of a leaf are neighbours: fetching the first fetches most of the others.
     for i in 0..parts + 2 {
         if i < parts {
-            for (ahead, &pair) in ahead[i % 3].iter_mut().zip(pairs(i)) {
-                *ahead = Ahead::new(nodes, primitives, pair);
-            }
+            let leaves = list.pairs[part(i)].iter().flat_map(|&pair| nodes.pair(pair as usize));
+            leaves.for_each(|leaf| primitives.prefetch_index(leaf.first()));
         }
         if (1..=parts).contains(&i) {
-            for (ahead, _) in ahead[(i - 1) % 3].iter().zip(pairs(i - 1)) {
-                ahead.primitives.iter().for_each(|&p| primitives.prefetch_data(p as usize));
-            }
+            let leaves = list.pairs[part(i - 1)].iter().flat_map(|&pair| nodes.pair(pair as usize));
+            leaves.for_each(|leaf| primitives.prefetch_data(leaf.first()));
         }
         for &pair in next_pairs.by_ref().take(NEXT) {
             (0..next.lines).for_each(|line| nodes.prefetch::<true>(pair as usize + 2 * line));
@@ -180,33 +153,30 @@ pub(crate) fn twigs<P: Primitives + ?Sized>(
         if i < 2 {
             continue;
         }
-        for (ahead, &slot) in ahead[(i - 2) % 3].iter().zip(slots(i - 2)) {
-            if ahead.pair != Ahead::UNUSUAL {
-                let [l, r] = ahead.primitives;
-                let [l_min, l_max, l_doubt] = primitives.aabb_lanes(l as usize).map(__m128::from);
-                let [r_min, r_max, r_doubt] = primitives.aabb_lanes(r as usize).map(__m128::from);
-                if !any_doubt(l_doubt, r_doubt) {
-                    let (pair, slot) = (ahead.pair as usize, slot as usize);
-                    let [l, r] = nodes.pair_lanes(pair);
-                    nodes.set_lanes(pair, with_words_of(l, _mm256_set_m128(l_max, l_min)));
-                    nodes.set_lanes(pair + 1, with_words_of(r, _mm256_set_m128(r_max, r_min)));
-                    let (min, max) = (_mm_min_ps(l_min, r_min), _mm_max_ps(l_max, r_max));
-                    // A twig's height is known: it was found by it.
-                    nodes.set_lanes(slot, with_words_of(nodes.lanes(slot), _mm256_set_m128(max, min)));
-                    let leaves = _mm256_set_m128(_mm_sub_ps(r_max, r_min), _mm_sub_ps(l_max, l_min));
-                    let of_leaves = _mm256_mul_ps(leaves, _mm256_permute_ps::<0b11_00_10_01>(leaves));
-                    let [of_l, of_r] =
-                        [_mm256_castps256_ps128(of_leaves), _mm256_extractf128_ps::<1>(of_leaves)];
-                    let whole = _mm_sub_ps(max, min);
-                    let of_whole = _mm_mul_ps(whole, _mm_permute_ps::<0b11_00_10_01>(whole));
-                    leaf_areas = _mm256_add_pd(leaf_areas, _mm256_cvtps_pd(of_l));
-                    leaf_areas = _mm256_add_pd(leaf_areas, _mm256_cvtps_pd(of_r));
-                    inner_areas = _mm256_add_pd(inner_areas, _mm256_cvtps_pd(of_whole));
-                    count += 2;
-                    continue;
-                }
+        for (&slot, &pair) in list.slots[part(i - 2)].iter().zip(&list.pairs[part(i - 2)]) {
+            let (slot, pair) = (slot as usize, pair as usize);
+            let leaves = nodes.pair(pair);
+            let [l, r] = if leaves[0].is_single_and_moves() & leaves[1].is_single_and_moves() {
+                [Leaf::of_one(primitives, leaves[0].first()), Leaf::of_one(primitives, leaves[1].first())]
+            } else if is_fit_here(&leaves[0]) & is_fit_here(&leaves[1]) {
+                [Leaf::of_some(primitives, &leaves[0]), Leaf::of_some(primitives, &leaves[1])]
+            } else {
+                fit_inner(nodes, primitives, slot, &mut others);
+                continue;
+            };
+            if any_doubt(l.doubt, r.doubt) {
+                fit_inner(nodes, primitives, slot, &mut others);
+                continue;
             }
-            fit_inner(nodes, primitives, slot as usize, &mut others);
+            nodes.set_lanes(pair, with_words_of(nodes.lanes(pair), l.aabb()));
+            nodes.set_lanes(pair + 1, with_words_of(nodes.lanes(pair + 1), r.aabb()));
+            let (min, max) = (_mm_min_ps(l.min, r.min), _mm_max_ps(l.max, r.max));
+            // A twig's height is known: it was found by it.
+            nodes.set_lanes(slot, with_words_of(nodes.lanes(slot), _mm256_set_m128(max, min)));
+            leaf_areas = _mm256_add_pd(leaf_areas, l.areas());
+            leaf_areas = _mm256_add_pd(leaf_areas, r.areas());
+            inner_areas = _mm256_add_pd(inner_areas, products_of_some(_mm_sub_ps(max, min)));
+            count += 2;
         }
     }
     others.and(&fitted(count, leaf_areas, inner_areas))
@@ -226,15 +196,19 @@ pub(crate) fn spurs<P: Primitives + ?Sized, const ROTATE: bool>(
         let pair = nodes.get(slot as usize).first();
         let right = usize::from(!nodes.get(pair).is_leaf());
         let leaf = nodes.get(pair + right);
-        if leaf.is_single_and_moves() {
-            let [min, max, doubt] = primitives.aabb_lanes(leaf.first()).map(__m128::from);
-            let a = _mm256_set_m128(max, min);
-            if !any_doubt(doubt, doubt) {
+        if is_fit_here(&leaf) {
+            let leaf = if leaf.is_single_and_moves() {
+                Leaf::of_one(primitives, leaf.first())
+            } else {
+                Leaf::of_some(primitives, &leaf)
+            };
+            let a = leaf.aabb();
+            if !any_doubt(leaf.doubt, leaf.doubt) {
                 nodes.set_lanes(pair + right, with_words_of(nodes.lanes(pair + right), a));
                 let b = nodes.lanes(pair + 1 - right);
                 let whole = union(a, b);
                 nodes.set_lanes(slot as usize, parent(nodes.lanes(slot as usize), b, b, whole));
-                leaf_areas = _mm256_add_pd(leaf_areas, _mm256_cvtps_pd(products_of_one(a)));
+                leaf_areas = _mm256_add_pd(leaf_areas, leaf.areas());
                 inner_areas = _mm256_add_pd(inner_areas, _mm256_cvtps_pd(products_of_one(whole)));
                 count += 1;
                 if ROTATE {
@@ -316,7 +290,77 @@ pub(crate) fn forks<const ROTATE: bool>(
     Areas(bytemuck::cast(sum))
 }
 
-/// Leaves of one primitive, and sums of areas that were kept in a register.
+/// Whether a leaf is one that these kernels fit, unless there is doubt about a primitive.
+#[inline(always)]
+fn is_fit_here(leaf: &Node) -> bool {
+    leaf.moves() & (leaf.count() > 0)
+}
+
+/// What a leaf becomes: the box around its primitives, and what there is no doubt about only if it is finite.
+#[derive(Clone, Copy)]
+struct Leaf {
+    min: __m128,
+    max: __m128,
+    doubt: __m128,
+    weight: f64,
+}
+
+impl Leaf {
+    /// A leaf of one primitive.
+    #[inline(always)]
+    fn of_one<P: Primitives + ?Sized>(primitives: &P, primitive: usize) -> Self {
+        let [min, max, doubt] = primitives.aabb_lanes(primitive).map(__m128::from);
+        Self { min, max, doubt, weight: 1.0 }
+    }
+
+    /// A leaf of one primitive or more. The first and the last are always looked at, be they the same: whether there
+    /// are one or two in a leaf cannot be predicted.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn of_some<P: Primitives + ?Sized>(primitives: &P, leaf: &Node) -> Self {
+        let (first, last) = (leaf.first(), leaf.first() + leaf.count() - 1);
+        let mut all = Self::of_one(primitives, first).and(Self::of_one(primitives, last));
+        for primitive in first + 1..last {
+            all = all.and(Self::of_one(primitives, primitive));
+        }
+        Self { weight: leaf.count() as f64, ..all }
+    }
+
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn and(self, other: Self) -> Self {
+        // A number less itself is 0 if it is finite, else NaN.
+        let zero = |doubt| _mm_sub_ps(doubt, doubt);
+        Self {
+            min: _mm_min_ps(self.min, other.min),
+            max: _mm_max_ps(self.max, other.max),
+            doubt: _mm_add_ps(zero(self.doubt), zero(other.doubt)),
+            weight: self.weight,
+        }
+    }
+
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn aabb(self) -> __m256 {
+        _mm256_set_m128(self.max, self.min)
+    }
+
+    /// Products of the box's extents, as often as there are primitives.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn areas(self) -> __m256d {
+        _mm256_mul_pd(products_of_some(_mm_sub_ps(self.max, self.min)), _mm256_set1_pd(self.weight))
+    }
+}
+
+/// Products xy, yz, zx of the extents of a box that is not empty, and one without meaning.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn products_of_some(extents: __m128) -> __m256d {
+    _mm256_cvtps_pd(_mm_mul_ps(extents, _mm_permute_ps::<0b11_00_10_01>(extents)))
+}
+
+/// Sums of areas that were kept in a register.
 #[target_feature(enable = "avx2")]
 fn fitted(leaves: u64, leaf_areas: __m256d, inner_areas: __m256d) -> Fitted {
     let [leaf_areas, inner_areas] = [leaf_areas, inner_areas].map(|sum| Areas(bytemuck::cast(sum)));

@@ -108,12 +108,13 @@ pub(crate) fn forks<const ROTATE: bool>(
     dispatch!(level, forks::<ROTATE>(nodes, list, accepted))
 }
 
-/// Whether a leaf is one that SIMD kernels fit: it moves and holds one primitive, whose box is certainly not empty.
+/// Whether a leaf is one that SIMD kernels fit: it moves, and its primitives' boxes are certainly not empty.
 pub(crate) fn is_usual<P: Primitives + ?Sized>(leaf: &Node, primitives: &P) -> bool {
-    leaf.is_single_and_moves() && {
-        let [_, _, doubt] = primitives.aabb_lanes(leaf.first());
+    let is_certain = |primitive| {
+        let [_, _, doubt] = primitives.aabb_lanes(primitive);
         doubt.truncate().is_finite()
-    }
+    };
+    leaf.moves() && leaf.count() > 0 && (leaf.first()..leaf.first() + leaf.count()).all(is_certain)
 }
 
 /// Fits one leaf.

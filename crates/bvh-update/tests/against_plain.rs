@@ -102,7 +102,10 @@ fn same_tree_when_blocks_nest() {
 
 #[test]
 fn same_tree_with_larger_leaves() {
-    check(3000, 5, 10.0, 4, 8, |_| true);
+    for max_leaf_size in [2, 3, 8] {
+        check(3000, 5, 10.0, 4, max_leaf_size, |_| true);
+    }
+    check(3000, 5, 10.0, 4, 4, |i| i % 3 == 0);
 }
 
 #[test]
@@ -188,20 +191,27 @@ fn renumbered_primitives_give_the_same_tree() {
 #[test]
 fn primitives_that_are_not_finite_are_dropped_and_come_back() {
     let start = boxes(2000, 6, 0.0);
-    let mut bvh = tree(&start, 1);
-    let mut scratch = Scratch::new();
     let mut broken = start.clone();
     for i in (0..2000).step_by(100) {
         broken[i].max.y = [f32::NAN, f32::INFINITY][i / 100 % 2];
     }
-    for strategy in [Strategy::Refit, Strategy::RefitRotate(Rotate::default())] {
-        let done = update(&mut bvh, &broken, &strategy, &mut scratch).expect("same count");
-        assert_eq!((done.dropped, stats(&bvh).dropped), (20, 20));
-        bvh.validate(&broken).expect("tight around the others");
-        assert!(bvh.root().aabb().min.is_finite() && done.sah_cost.is_some_and(f64::is_finite));
-        let done = update(&mut bvh, &start, &strategy, &mut scratch).expect("same count");
-        assert_eq!((done.dropped, stats(&bvh).dropped), (0, 0));
-        bvh.validate(&start).expect("tight around all");
+    for (max_leaf_size, level) in [1, 4].into_iter().flat_map(|n| SimdLevel::available().map(move |l| (n, l))) {
+        let mut bvh = tree(&start, max_leaf_size);
+        let mut expected = bvh.clone();
+        let mut scratch = Scratch::with_level(level);
+        for (strategy, rotate) in
+            [(Strategy::Refit, None), (Strategy::RefitRotate(Rotate::default()), Some(Rotate::default()))]
+        {
+            for (now, dropped) in [(&broken, 20), (&start, 0)] {
+                let done = update(&mut bvh, now, &strategy, &mut scratch).expect("same count");
+                plain::update(&mut expected, now, rotate);
+                assert_eq!(bvh.hash(), expected.hash());
+                assert_eq!(done.dropped, dropped);
+                bvh.validate(now).expect("tight around the others");
+                assert!(bvh.root().aabb().min.is_finite() && done.sah_cost.is_some_and(f64::is_finite));
+                assert!(max_leaf_size > 1 || stats(&bvh).dropped as u64 == dropped);
+            }
+        }
     }
 }
 
