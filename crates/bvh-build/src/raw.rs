@@ -2,7 +2,7 @@
 
 use std::marker::PhantomData;
 
-use bvh_core::{Bvh, Node};
+use bvh_core::{Bvh, Layout, Node};
 
 use crate::nearest::Window;
 
@@ -24,7 +24,7 @@ pub(crate) fn edit<T>(bvh: &mut Bvh, f: impl FnOnce(&mut [Node]) -> T) -> T {
     let parts = unsafe { bvh.parts_mut() };
     let result = f(parts.nodes);
     // Spare pairs may be in use now.
-    parts.history.spare_pair = 0;
+    (parts.history.spare_pair, parts.history.layout) = (0, Layout::Unknown);
     *parts.still_area = still_area(parts.nodes);
     result
 }

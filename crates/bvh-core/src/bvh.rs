@@ -1,7 +1,7 @@
 //! The tree: an arena of node pairs and an order of primitives.
 
 use crate::structure::Malformed;
-use crate::{History, Node};
+use crate::{History, Layout, Node};
 
 /// Greatest height of a tree: no leaf is more edges than this below the root.
 ///
@@ -116,8 +116,8 @@ impl Bvh {
     /// What an update needs to change nodes in place.
     ///
     /// # Safety
-    /// When the borrow ends the structure must be valid as [`Bvh`] says, with heights and moving bits right:
-    /// updates that share the arena between threads rely on it.
+    /// When the borrow ends the structure must be valid as [`Bvh`] says, with heights and moving bits right, and so must
+    /// be [`History::layout`]: updates that share the arena between threads rely on it.
     #[must_use]
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
     pub unsafe fn parts_mut(&mut self) -> Parts<'_> {
@@ -207,7 +207,7 @@ impl Bvh {
         mark(bytemuck::cast_slice_mut(&mut self.pairs), &self.order, 0, &moves, &mut still_area);
         self.still_area = still_area;
         // What there is to measure is another.
-        self.history.reference = 0.0;
+        (self.history.reference, self.history.layout) = (0.0, Layout::Unknown);
     }
 
     /// What updates remember of the tree.

@@ -35,8 +35,23 @@ pub struct History {
     pub kept: u32,
     /// Whether the next update is to build the tree anew.
     pub is_due: bool,
+    /// How the tree lies in its arena. What moves pairs about sets this to [`Layout::Other`], or to
+    /// [`Layout::Unknown`] if that may have put them in order.
+    pub layout: Layout,
     /// Whether the tree was built in haste: by a builder that is known not to be the best.
     pub is_hasty: bool,
+}
+
+/// How a tree lies in its arena, as far as updates have looked.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Layout {
+    /// Not looked at yet.
+    #[default]
+    Unknown,
+    /// In depth-first order, left before right and without gaps, and at least half of the nodes move.
+    Linear,
+    /// Otherwise.
+    Other,
 }
 
 /// What updates judge a tree by. A strategy that finds another's measure takes its own anew.

@@ -7,7 +7,7 @@ use crate::{Aabb, COST_INTERSECT, COST_TRAVERSE};
 /// Largest number of primitives in one leaf.
 pub const MAX_LEAF_SIZE: u32 = (1 << 24) - 1;
 
-const LEAF: u32 = 1 << 31;
+const LEAF: u32 = Node::LEAF;
 const MOVES: u32 = Node::MOVES;
 const INDEX: u32 = Node::INDEX;
 const HEIGHT: u32 = Node::HEIGHT;
@@ -40,6 +40,9 @@ pub struct Node {
 const _: () = assert!(size_of::<Node>() == 32 && align_of::<Node>() == 32);
 
 impl Node {
+    /// The bit of the link word, for SIMD kernels, that [`is_leaf`](Self::is_leaf) tells.
+    pub const LEAF: u32 = 1 << 31;
+
     /// The bit of the link word, for SIMD kernels, that [`moves`](Self::moves) tells.
     pub const MOVES: u32 = 1 << 30;
 

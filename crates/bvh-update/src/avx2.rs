@@ -7,6 +7,8 @@
 //! The usual case is a leaf that moves and whose primitives all have boxes; nodes with other leaves are left to the
 //! portable code.
 
+mod sweep;
+
 use std::arch::x86_64::*;
 
 use bvh_core::{COST_INTERSECT, COST_TRAVERSE, Node, Primitives};
@@ -14,6 +16,8 @@ use bvh_core::{COST_INTERSECT, COST_TRAVERSE, Node, Primitives};
 use crate::block::{GROUP, Next, Queue, Twigs};
 use crate::kernels::{Accepted, Areas, Fitted, evaluate, fit_inner};
 use crate::raw::SharedNodes;
+
+pub(crate) use sweep::sweep;
 
 // Every node that the kernels add up counts once.
 const _: () = assert!(COST_INTERSECT == 1.0 && COST_TRAVERSE == 1.0);
@@ -296,7 +300,7 @@ fn is_fit_here(leaf: &Node) -> bool {
     leaf.moves() & (leaf.count() > 0)
 }
 
-/// What a leaf becomes: the box around its primitives, and what there is no doubt about only if it is finite.
+/// The box around the primitives of a leaf, unless their doubt is not finite: then it means nothing.
 #[derive(Clone, Copy)]
 struct Leaf {
     min: __m128,
@@ -364,7 +368,7 @@ fn products_of_some(extents: __m128) -> __m256d {
 #[target_feature(enable = "avx2")]
 fn fitted(leaves: u64, leaf_areas: __m256d, inner_areas: __m256d) -> Fitted {
     let [leaf_areas, inner_areas] = [leaf_areas, inner_areas].map(|sum| Areas(bytemuck::cast(sum)));
-    Fitted { leaves, dropped: 0, leaf_areas, inner_areas }
+    Fitted { leaves, leaf_areas, inner_areas, ..Fitted::default() }
 }
 
 /// Whether one of the first three lanes is not finite.

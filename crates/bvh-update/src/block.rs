@@ -15,6 +15,7 @@ use bvh_core::{Node, Primitives};
 use crate::kernels::{Accepted, Fitted, apply, forks, gather, spurs, twigs};
 use crate::raw::{Available, SharedNodes};
 use crate::strategy::Turn;
+use crate::sweep;
 
 /// Inner nodes with grandchildren that one block lists; about half of them are processed in it.
 pub(crate) const LISTED: usize = 1024;
@@ -63,6 +64,7 @@ impl Tally {
 
     pub(crate) fn add_fitted(&mut self, fitted: Fitted) {
         self.leaves += fitted.leaves;
+        self.inner += fitted.inner;
         self.dropped += fitted.dropped;
         self.leaf_area += fitted.leaf_areas.total();
         self.area += fitted.leaf_areas.total() + fitted.inner_areas.total();
@@ -168,6 +170,7 @@ pub(crate) const NESTED: usize = bvh_core::MAX_HEIGHT as usize / 3 + 2;
 /// What one worker keeps, in bytes: its nested blocks and their lists. The mesh has no part in it.
 const WORKER_MEMORY: usize = NESTED * (size_of::<Queue>() + size_of::<Block>() + 100 * size_of::<Level>())
     + size_of::<Lists>()
+    + size_of::<[sweep::Lists; 2]>()
     + LISTED * size_of::<Accepted>();
 
 const _: () = assert!(WORKER_MEMORY < 1 << 20, "well below 1 MiB");

@@ -36,6 +36,8 @@ impl Areas {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Fitted {
     pub(crate) leaves: u64,
+    /// Inner nodes, where the caller has not counted them.
+    pub(crate) inner: u64,
     /// Primitives without a box.
     pub(crate) dropped: u64,
     pub(crate) leaf_areas: Areas,
@@ -46,6 +48,7 @@ impl Fitted {
     /// Both together.
     pub(crate) fn and(mut self, other: &Self) -> Self {
         self.leaves += other.leaves;
+        self.inner += other.inner;
         self.dropped += other.dropped;
         for (sum, more) in
             [(&mut self.leaf_areas, other.leaf_areas), (&mut self.inner_areas, other.inner_areas)]

@@ -23,7 +23,9 @@
 //! update takes 1.3 to 1.6 times as long as rotations alone, and up to 3 times where leaves are coming apart. Where
 //! nothing stays together it only costs. O(n) for the n nodes above primitives that move, on one thread after the pass.
 
-use bvh_core::{Aabb, Bvh, COST_INTERSECT, COST_TRAVERSE, History, MAX_HEIGHT, Node, Primitives, prefetch};
+use bvh_core::{
+    Aabb, Bvh, COST_INTERSECT, COST_TRAVERSE, History, Layout, MAX_HEIGHT, Node, Primitives, prefetch,
+};
 
 use crate::cut::scale;
 use crate::pass::{Scratch, pass};
@@ -70,6 +72,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let stretched = reference > 0.0 && tally.leaf_area > reference * (1.0 + STRETCHED);
     let turn = Turn::new(Rotate { period: if stretched { 1 } else { options.period } }, updates);
     let parts = raw::parts(bvh);
+    parts.history.layout = Layout::Other;
     let mut walk = Walk {
         nodes: parts.nodes,
         order: parts.order,

@@ -28,6 +28,7 @@ mod raw;
 mod regrow;
 mod selective;
 mod strategy;
+mod sweep;
 mod top;
 
 pub use auto::{Auto, Decision};

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use bvh_build::{BuildScratch, ReinsertScratch};
-use bvh_core::{Bvh, InOrder, Primitives, SimdLevel};
+use bvh_core::{Bvh, InOrder, Layout, Primitives, SimdLevel};
 use rayon::prelude::*;
 
 use crate::background::Builds;
@@ -11,8 +11,8 @@ use crate::block::{Block, Lists, NESTED, Next, Roots, Tally, Task, process};
 use crate::cut::CutScratch;
 use crate::kernels::{Fitted, fit_leaf};
 use crate::raw::{self, Available};
-
 use crate::strategy::{Rotate, Turn};
+use crate::sweep::{self, Pieces, is_linear, sweep};
 
 /// Subtrees that a thread takes at a time.
 const TOP_ROOTS: usize = 16;
@@ -29,6 +29,7 @@ pub struct Scratch {
     level: Available,
     top: Block,
     top_lists: Box<Lists>,
+    pieces: Pieces,
     workers: Vec<Worker>,
     tallies: Vec<Tally>,
 }
@@ -36,7 +37,15 @@ pub struct Scratch {
 struct Worker {
     blocks: Vec<Block>,
     lists: Box<Lists>,
+    sweep: Box<[sweep::Lists; 2]>,
     done: Vec<(usize, Tally)>,
+}
+
+impl Worker {
+    fn new() -> Self {
+        let blocks = std::iter::repeat_with(Block::new).take(NESTED).collect();
+        Self { blocks, lists: Lists::new(), sweep: Box::default(), done: Vec::new() }
+    }
 }
 
 impl Scratch {
@@ -59,6 +68,7 @@ impl Scratch {
             level,
             top: Block::new(),
             top_lists: Lists::new(),
+            pieces: Pieces::default(),
             workers: Vec::new(),
             tallies: Vec::new(),
         }
@@ -81,21 +91,46 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
 ) -> Tally {
     let in_order = bvh.is_in_order();
     let parts = raw::parts(bvh);
+    let linear = rotate.is_none() && is_linear(parts.nodes, parts.history);
+    if rotate.is_some() {
+        // Rotations end it: beforehand, as primitives may panic half-way.
+        parts.history.layout = Layout::Other;
+    }
     let nodes = raw::share(parts.nodes);
     let level = scratch.level;
     let rotations = rotate.map(|rotate| Turn::new(rotate, parts.history.updates));
     parts.history.updates = parts.history.updates.wrapping_add(1);
     let tally = if in_order {
-        run(&Task { nodes, primitives, rotations, level }, scratch)
+        run(&Task { nodes, primitives, rotations, level }, linear, scratch)
     } else {
         let primitives = &InOrder { primitives, order: parts.order };
-        run(&Task { nodes, primitives, rotations, level }, scratch)
+        run(&Task { nodes, primitives, rotations, level }, linear, scratch)
     };
     *parts.still_area += tally.still_area;
     tally
 }
 
-fn run<P: Primitives + ?Sized>(task: &Task<'_, P>, scratch: &mut Scratch) -> Tally {
+fn run<P: Primitives + ?Sized>(task: &Task<'_, P>, linear: bool, scratch: &mut Scratch) -> Tally {
+    if linear { by_sweep(task, scratch) } else { by_blocks(task, scratch) }
+}
+
+/// Refits a linear tree, piece by piece and then what is above.
+fn by_sweep<P: Primitives + ?Sized>(task: &Task<'_, P>, scratch: &mut Scratch) -> Tally {
+    let Task { nodes, primitives, level, .. } = *task;
+    let Scratch { pieces, workers, tallies, .. } = scratch;
+    pieces.cut(nodes);
+    share_out(pieces.pieces.len(), workers, tallies, |i, worker| {
+        let mut tally = Tally::default();
+        tally.add_fitted(sweep(level, nodes, primitives, pieces.pieces[i].clone(), &mut worker.sweep));
+        tally
+    });
+    let mut tally = Tally::default();
+    tallies.iter().for_each(|t| tally.add(t));
+    pieces.fit_tops(nodes, primitives, &mut tally);
+    tally
+}
+
+fn by_blocks<P: Primitives + ?Sized>(task: &Task<'_, P>, scratch: &mut Scratch) -> Tally {
     let mut tally = Tally::default();
     let root = task.nodes.get(0);
     if !root.moves() {
@@ -118,45 +153,50 @@ fn run<P: Primitives + ?Sized>(task: &Task<'_, P>, scratch: &mut Scratch) -> Tal
     }
     top_lists.fit_twigs(task, Next::default(), &mut tally);
     let chunks = || top.frontier().into_iter().flat_map(|roots| roots.chunks(TOP_ROOTS));
-    tallies.clear();
-    tallies.resize(chunks().count(), Tally::default());
-    subtrees(task, chunks, workers, tallies);
-    // In the order of the subtrees, whoever worked on them: sums of floats depend on it.
+    share_out(chunks().count(), workers, tallies, |i, worker| {
+        let mut tally = Tally::default();
+        if let Some(chunk) = chunks().nth(i) {
+            process(task, chunk, Next::default(), &mut worker.blocks, &mut worker.lists, &mut tally);
+        }
+        tally
+    });
     tallies.iter().for_each(|t| tally.add(t));
     top.ascend(task, top_lists, &mut tally);
     tally
 }
 
-/// Processes the subtrees of all chunks; each thread of the pool takes one chunk after the other.
-fn subtrees<'a, P: Primitives + ?Sized, C: Iterator<Item = Roots<'a>>>(
-    task: &Task<'_, P>,
-    chunks: impl Fn() -> C + Sync,
+/// Does `work` for all numbers below `count`; each thread of the pool takes one after the other. Tallies are in the order
+/// of the numbers, whoever worked on them, as sums of floats depend on it.
+fn share_out(
+    count: usize,
     workers: &mut Vec<Worker>,
-    tallies: &mut [Tally],
+    tallies: &mut Vec<Tally>,
+    work: impl Fn(usize, &mut Worker) -> Tally + Sync,
 ) {
-    let threads = rayon::current_num_threads().min(tallies.len());
+    let threads = rayon::current_num_threads().min(count);
     while workers.len() < threads {
-        let blocks = std::iter::repeat_with(Block::new).take(NESTED).collect();
-        workers.push(Worker { blocks, lists: Lists::new(), done: Vec::new() });
+        workers.push(Worker::new());
     }
     let next = AtomicUsize::new(0);
-    let count = tallies.len();
-    let work = |worker: &mut Worker| {
+    let take_turns = |worker: &mut Worker| {
         worker.done.clear();
         worker.done.reserve(count);
         loop {
             let i = next.fetch_add(1, Ordering::Relaxed);
-            let Some(chunk) = chunks().nth(i) else { break };
-            let mut tally = Tally::default();
-            process(task, chunk, Next::default(), &mut worker.blocks, &mut worker.lists, &mut tally);
+            if i >= count {
+                break;
+            }
+            let tally = work(i, worker);
             worker.done.push((i, tally));
         }
     };
     match threads {
         0 => {}
-        1 => work(&mut workers[0]),
-        _ => workers[..threads].par_iter_mut().with_max_len(1).for_each(work),
+        1 => take_turns(&mut workers[0]),
+        _ => workers[..threads].par_iter_mut().with_max_len(1).for_each(take_turns),
     }
+    tallies.clear();
+    tallies.resize(count, Tally::default());
     for worker in &workers[..threads] {
         worker.done.iter().for_each(|&(i, tally)| tallies[i] = tally);
     }

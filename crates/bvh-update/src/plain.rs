@@ -10,7 +10,7 @@
 //! The paper refits N first and then rotates; N's box is the same either way, and its height is known last.
 
 use bvh_core::rotation::{self, area_changes_at, best};
-use bvh_core::{Aabb, Bvh, Node, Primitives};
+use bvh_core::{Aabb, Bvh, Layout, Node, Primitives};
 
 use crate::raw;
 use crate::strategy::{Rotate, Turn};
@@ -25,6 +25,9 @@ pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Opt
     let parts = raw::parts(bvh);
     let rotations = rotate.map(|rotate| Turn::new(rotate, parts.history.updates));
     parts.history.updates = parts.history.updates.wrapping_add(1);
+    if rotate.is_some() {
+        parts.history.layout = Layout::Other;
+    }
     let (nodes, order) = (parts.nodes, parts.order);
     let mut walk = Walk { nodes, order, primitives, rotations, applied: [0; 6], still_area: 0.0 };
     walk.node(0, 0);

@@ -1,12 +1,14 @@
 //! The kernels in plain Rust, for any processor.
 
 use std::hint::select_unpredictable;
+use std::ops::Range;
 
 use bvh_core::Primitives;
 
 use crate::block::{GROUP, LISTED, Next, Queue, Twigs};
-use crate::kernels::{Accepted, Areas, Fitted, evaluate, fit_inner, is_usual, refit};
+use crate::kernels::{Accepted, Areas, Fitted, evaluate, fit_inner, fit_leaf, is_usual, refit};
 use crate::raw::SharedNodes;
+use crate::sweep::{Lists, stretches};
 
 /// See [`kernels::gather`](crate::kernels::gather).
 pub(crate) fn gather(nodes: SharedNodes<'_>, queue: &mut Queue, twigs: &mut Twigs, end: usize) {
@@ -85,4 +87,34 @@ pub(crate) fn forks<const ROTATE: bool>(
         }
     }
     areas
+}
+
+/// See [`sweep::sweep`](crate::sweep::sweep).
+pub(crate) fn sweep<P: Primitives + ?Sized>(
+    nodes: SharedNodes<'_>,
+    primitives: &P,
+    piece: Range<usize>,
+    _lists: &mut [Lists; 2],
+) -> Fitted {
+    let (mut usual, mut others) = (Fitted::default(), Fitted::default());
+    for stretch in stretches(piece) {
+        let slots = 2 * stretch.start..2 * stretch.end;
+        for of_one in [true, false] {
+            for slot in slots.clone() {
+                let node = nodes.get(slot);
+                if node.is_leaf() && node.moves() && (node.count() == 1) == of_one {
+                    let fitted = if is_usual(&node, primitives) { &mut usual } else { &mut others };
+                    fit_leaf(nodes, primitives, slot, fitted);
+                }
+            }
+        }
+        for slot in slots.rev() {
+            let node = nodes.get(slot);
+            if !node.is_leaf() && node.moves() {
+                refit(nodes, slot, &mut usual.inner_areas);
+                usual.inner += 1;
+            }
+        }
+    }
+    others.and(&usual)
 }

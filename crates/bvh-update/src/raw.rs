@@ -32,6 +32,11 @@ impl<'a> SharedNodes<'a> {
         Self { start: nodes.as_mut_ptr(), len: nodes.len(), nodes: PhantomData }
     }
 
+    /// Number of pairs.
+    pub(crate) fn pairs(&self) -> usize {
+        self.len / 2
+    }
+
     /// The node in slot `n`.
     #[inline(always)]
     pub(crate) fn get(&self, n: usize) -> Node {
@@ -90,6 +95,21 @@ impl<'a> SharedNodes<'a> {
         }
     }
 
+    /// The pairs at slots `n`, `n + 2`, `n + 4` and `n + 6`, but no one behind the pair at `last`.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub(crate) fn four_pairs_lanes(&self, n: usize, last: usize) -> [[__m256; 2]; 4] {
+        if n + 6 <= last && last + 1 < self.len {
+            // SAFETY: as in `lanes`, for all.
+            #[expect(unsafe_code, reason = "reads the shared arena")]
+            unsafe {
+                self.start.add(n).cast::<[[__m256; 2]; 4]>().read()
+            }
+        } else {
+            [0, 2, 4, 6].map(|i| self.pair_lanes((n + i).min(last)))
+        }
+    }
+
     /// Stores a register as the node in slot `n`.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
@@ -125,7 +145,8 @@ pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
     // SAFETY: The nodes are borrowed for as long as the result lives. The pass processes the top block on one
     // thread before its tasks start and after all have ended; a task touches only the nodes below its roots, and reads the
     // root and node 1, which none writes; and as every pair of a valid tree has one parent, and no root is below
-    // another, tasks share no node that one of them writes.
+    // another, tasks share no node that one of them writes. Where the tree is swept the tasks are the pieces of the arena
+    // that `sweep::Pieces` cuts it into: whole subtrees of a linear tree, each in one place.
     #[expect(unsafe_code, reason = "shares the arena between tasks")]
     unsafe {
         SharedNodes::new(nodes)
@@ -137,7 +158,7 @@ pub(crate) fn parts(bvh: &mut Bvh) -> Parts<'_> {
     // SAFETY: the pass writes boxes, and structure only by `kernels::apply`, which swaps two slots and refits
     // heights and moving bits on the way up, as the plain pass does. `top.rs` and `leaves.rs` put a tree over the same
     // slots or subtrees in the place of another, in pairs that were that one's or spare, with heights and bits refitted.
-    // Others write references and the history alone.
+    // All of them set the layout to `Other`. Others write references and the history alone.
     #[expect(unsafe_code, reason = "promises to leave a valid tree")]
     unsafe {
         bvh.parts_mut()

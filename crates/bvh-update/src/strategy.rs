@@ -284,8 +284,8 @@ fn expect_measure(history: &mut History, strategy: &Strategy) {
         Strategy::Leaves(_) => Measure::Leaves,
     };
     if history.measure != measure {
-        let History { updates, background_job, spare_pair, .. } = *history;
-        *history = History { measure, updates, background_job, spare_pair, ..History::default() };
+        let History { updates, background_job, spare_pair, layout, .. } = *history;
+        *history = History { measure, updates, background_job, spare_pair, layout, ..History::default() };
     }
 }
 

@@ -4,7 +4,7 @@
 //! one. Where solids burst into pieces it is a few per cent of the tree.
 
 use bvh_build::{BuildOptions, Builder, rebuild};
-use bvh_core::{Bvh, History, MAX_HEIGHT, Node};
+use bvh_core::{Bvh, History, Layout, MAX_HEIGHT, Node};
 
 use crate::cut::{CutScratch, Measure, Regrown};
 use crate::pass::Scratch;
@@ -79,6 +79,7 @@ pub(crate) fn rebuild_top(
         regret: 0.0,
         since_repair: 0,
         rebuilds_in_a_row: 0,
+        layout: Layout::Other,
         ..*history
     };
     Regrown::Top(kept.len())
