@@ -220,11 +220,10 @@ mod tests {
             pieces.cut(raw::share(raw::parts(&mut bvh).nodes));
             let mut seen = vec![0; tree.nodes().len()];
             for piece in &pieces.pieces {
-                for slot in 2 * piece.start..2 * piece.end {
-                    seen[slot] += 1;
-                    let node = &tree.nodes()[slot];
-                    assert!(node.is_leaf() || piece.contains(&(node.first() / 2)), "slot {slot} of {n}");
-                }
+                let slots = 2 * piece.start..2 * piece.end;
+                seen[slots.clone()].iter_mut().for_each(|seen| *seen += 1);
+                let below = tree.nodes()[slots].iter().filter(|node| !node.is_leaf());
+                assert!(below.map(Node::first).all(|pair| piece.contains(&(pair / 2))), "{piece:?} of {n}");
             }
             pieces.tops.iter().for_each(|&pair| [2 * pair, 2 * pair + 1].iter().for_each(|&s| seen[s] += 1));
             tree.visit(|slot, node, _| {
