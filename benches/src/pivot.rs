@@ -17,6 +17,8 @@ struct Pivot {
     tree: Bvh,
     is_built: bool,
     strategy: Strategy,
+    /// Most primitives in a leaf of a tree that is kept.
+    max_leaf_size: u32,
     scratch: Scratch,
     options: RenderOptions,
     rays: RayKind,
@@ -41,6 +43,7 @@ impl Pivot {
             tree: Bvh::default(),
             is_built: false,
             strategy,
+            max_leaf_size: 1,
             scratch: Scratch::new(),
             options: RenderOptions { traversal, simd, ..RenderOptions::default() },
             rays: RayKind::Single,
@@ -53,7 +56,7 @@ impl Pivot {
     fn build(&mut self) -> Result<(), Failure> {
         let (builder, options) = match &self.strategy {
             Strategy::Rebuild(builder, options) => (*builder, *options),
-            _ => (Builder::Sweep, BuildOptions::default()),
+            _ => (Builder::Sweep, leaves_of(self.max_leaf_size)),
         };
         self.tree = bvh_build::build(&self.mesh.triangles(), builder, &options, None).map_err(failure)?;
         if !matches!(self.strategy, Strategy::Rebuild(..)) {
@@ -63,6 +66,10 @@ impl Pivot {
         self.is_built = true;
         Ok(())
     }
+}
+
+fn leaves_of(max_leaf_size: u32) -> BuildOptions {
+    BuildOptions { max_leaf_size, ..BuildOptions::default() }
 }
 
 fn failure(error: impl std::fmt::Display) -> Failure {
@@ -164,6 +171,13 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
                 let name = format!("{} every {period}", Strategy::RefitRotate(Rotate::default()).name());
                 add(&name, Strategy::RefitRotate(Rotate { period }), Traversal::Tile, best);
             }
+            for strategy in [Strategy::Refit, Strategy::RefitRotate(Rotate::default())] {
+                let name = format!("{WHO} {}, leaves of 2", strategy.name());
+                entries.push(Entry::new(name, true, move |triangles| {
+                    let plain = Pivot::new(triangles, strategy, Traversal::Tile, best);
+                    Ok(Box::new(Pivot { max_leaf_size: 2, ..plain }))
+                }));
+            }
         }
         Contest::Build => {
             for builder in Builder::PER_FRAME {
@@ -171,14 +185,14 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
             }
         }
         Contest::Trace => {
-            let leaves = |max_leaf_size| BuildOptions { max_leaf_size, ..BuildOptions::default() };
             let tree = |options| Strategy::Rebuild(Builder::Sweep, options);
             for simd in SimdLevel::available() {
-                add(simd.name(), tree(leaves(1)), Traversal::Tile, simd);
+                add(simd.name(), tree(leaves_of(1)), Traversal::Tile, simd);
             }
-            add("leaves of 4", tree(leaves(4)), Traversal::Tile, best);
-            add("published packets", tree(leaves(1)), Traversal::Packet, best);
-            add("single", tree(leaves(1)), Traversal::Single, best);
+            add("leaves of 2", tree(leaves_of(2)), Traversal::Tile, best);
+            add("leaves of 4", tree(leaves_of(4)), Traversal::Tile, best);
+            add("published packets", tree(leaves_of(1)), Traversal::Packet, best);
+            add("single", tree(leaves_of(1)), Traversal::Single, best);
         }
         Contest::Incoherent => {}
         Contest::Frame => {

@@ -21,12 +21,21 @@ const WIDE: [&str; 2] = ["incoherent", "pivot wide"];
 const REFIT: [&str; 2] = ["update", "pivot refit"];
 const ROTATE: [&str; 2] = ["update", "pivot refit+rotate"];
 
-const RATIOS: [Ratio; 19] = [
+// With leaves as others have them, of two triangles where that is no worse a tree.
+const REFIT_2: [&str; 2] = ["update", "pivot refit, leaves of 2"];
+const ROTATE_2: [&str; 2] = ["update", "pivot refit+rotate, leaves of 2"];
+
+const RATIOS: [Ratio; 24] = [
     ratio("refit / memory limit", REFIT, ["limit", "memory limit"], 2.2),
     ratio("refit / Embree refit", REFIT, ["update", "embree refit"], 1.0),
     ratio("refit+rotate / refit", ROTATE, REFIT, 1.8),
     ratio("refit+rotate / Embree low", ROTATE, ["update", "embree low"], 0.3),
     ratio("refit+rotate / obvhs refit", ROTATE, ["update", "obvhs refit"], 1.0),
+    ratio("refit, leaves of 2 / memory limit", REFIT_2, ["limit", "memory limit"], 2.2),
+    ratio("refit, leaves of 2 / Embree refit", REFIT_2, ["update", "embree refit"], 1.0),
+    ratio("refit+rotate, leaves of 2 / refit, the same", ROTATE_2, REFIT_2, 1.8),
+    ratio("refit+rotate, leaves of 2 / Embree low", ROTATE_2, ["update", "embree low"], 0.3),
+    ratio("refit+rotate, leaves of 2 / obvhs refit", ROTATE_2, ["update", "obvhs refit"], 1.0),
     ratio("refit+rotate+regrow / refit+rotate", ["update", "pivot refit+rotate+regrow"], ROTATE, 2.0),
     ratio("lbvh / Embree low", ["update", "pivot lbvh"], ["update", "embree low"], 1.0),
     ratio("ploc / Embree low", ["update", "pivot ploc"], ["update", "embree low"], 1.0),
