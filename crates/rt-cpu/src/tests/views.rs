@@ -51,3 +51,33 @@ fn batches_are_single_rays_in_order_on_any_number_of_threads() {
         }
     }
 }
+
+/// Large enough to be shared out, with leaves that fit into blocks and leaves that do not.
+#[test]
+fn views_are_the_same_for_any_number_of_threads() {
+    let soup = random_soup(20_000, 0.02);
+    let t = soup.triangles();
+    for leaf in [1, 3, 700] {
+        let bvh = tree(&soup, leaf);
+        let views = [1, 2, 5].map(|threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            let mut wide = Bvh8::new();
+            pool.install(|| wide.update(&bvh, &t));
+            wide.bytes()
+        });
+        assert!(views[0] == views[1] && views[0] == views[2], "leaves of {leaf}");
+    }
+}
+
+/// An update leaves nothing of the view before, wherever it was in memory.
+#[test]
+fn views_made_again_are_as_if_made_first() {
+    let (large, small) = (random_soup(3000, 0.1), random_soup(700, 0.3));
+    let mut again = Bvh8::new();
+    for (soup, leaf) in [(&large, 1), (&small, 2), (&large, 40), (&small, 1), (&large, 1)] {
+        let (bvh, mut first) = (tree(soup, leaf), Bvh8::new());
+        again.update(&bvh, &soup.triangles());
+        first.update(&bvh, &soup.triangles());
+        assert_eq!(again.bytes(), first.bytes());
+    }
+}
