@@ -1,6 +1,8 @@
 //! One ray at a time.
 
-use bvh_core::{Bvh, MAX_HEIGHT, Ray, Triangles, Vec3, prefetch};
+use std::hint::black_box;
+
+use bvh_core::{Bvh, MAX_HEIGHT, Node, Ray, Triangles, Vec3, prefetch};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4, f32x8, mask32x8};
 
@@ -262,11 +264,20 @@ fn walk<S: Simd>(
     work: &mut Work,
     mut visit: impl FnMut(usize, f32) -> f32,
 ) {
-    let nodes = scene.bvh.nodes();
+    let (nodes, order, indices) = (scene.bvh.nodes(), scene.bvh.order(), scene.triangles.indices);
     if !ray.is_valid() || slab::enters(ray, &scene.bvh.root().aabb(), t_max).is_none() {
         return;
     }
     let pair_ray = PairRay::new(simd, ray);
+    // Where slots are primitives there is no need to wait for which they are.
+    let in_order = scene.bvh.is_in_order();
+    // What is wanted next below a child, as bytes, and the size of one.
+    let pairs: (&[u8], usize) = (bytemuck::cast_slice(nodes), size_of::<Node>());
+    let leaves: (&[u8], usize) = if in_order {
+        (bytemuck::cast_slice(indices), size_of::<[u32; 3]>())
+    } else {
+        (bytemuck::cast_slice(order), size_of::<u32>())
+    };
     // Where the ray enters in the upper half, the number of the node in the lower.
     let mut stack = [0u64; MAX_HEIGHT as usize + 1];
     let mut top = 0;
@@ -274,25 +285,41 @@ fn walk<S: Simd>(
     loop {
         if let Some(children) = scene.bvh.children(node) {
             work.nodes += 1;
-            // What is below either comes next, or is a leaf, and then this does no harm.
-            prefetch(nodes, children[0].first());
-            prefetch(nodes, children[1].first());
+            let pair = node.first();
+            for child in children {
+                let (memory, size) = if child.is_leaf() { leaves } else { pairs };
+                prefetch(memory, child.first() * size);
+            }
             let [(l, in_l), (r, in_r)] = pair_ray.enter(simd, bytemuck::cast_ref(children), t_max);
-            if in_l | in_r {
-                // Which is nearer, and whether the ray enters both, nobody can predict: no branches. What is farther is
-                // written in any case and kept if it counts.
-                let right = in_r & (!in_l | (r < l));
-                let far = if right { l } else { r };
-                stack[top] = u64::from(far.to_bits()) << 32 | (node.first() + usize::from(!right)) as u64;
-                top += usize::from(in_l & in_r);
-                node = &children[usize::from(right)];
+            // Branches on purpose: what is guessed right is fetched before the boxes are tested, and that saves more than
+            // wrong guesses cost. The compiler would sooner compute which child comes next; `black_box` keeps it from that.
+            if in_l && in_r {
+                let (far, n) = if r < l {
+                    black_box(());
+                    node = &children[1];
+                    (l, 0)
+                } else {
+                    node = &children[0];
+                    (r, 1)
+                };
+                stack[top] = u64::from(far.to_bits()) << 32 | (pair + n) as u64;
+                top += 1;
+                continue;
+            }
+            if in_l {
+                node = &children[0];
+                continue;
+            }
+            if in_r {
+                node = &children[1];
                 continue;
             }
         }
-        for &p in scene.bvh.primitives(node) {
-            if (p as usize) < scene.triangles.indices.len() {
+        for slot in node.first()..node.first() + node.count() {
+            let p = if in_order { slot } else { order.get(slot).map_or(usize::MAX, |&p| p as usize) };
+            if p < indices.len() {
                 work.triangles += 1;
-                t_max = visit(p as usize, t_max);
+                t_max = visit(p, t_max);
                 if t_max < 0.0 {
                     return;
                 }
