@@ -21,12 +21,12 @@ use rayon::prelude::*;
 
 use crate::simd::at_level;
 use crate::single::{Work, with_test};
-use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight};
+use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight, every};
 use block::Block;
 use collapse::{Plan, collapse};
 
 pub(crate) use block::BlockTest;
-pub(crate) use walk::{any_where, closest_where};
+pub(crate) use walk::{any, closest};
 
 /// Children of a node.
 const WIDTH: usize = 8;
@@ -123,7 +123,7 @@ impl Bvh8 {
     #[must_use]
     pub fn closest_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> Option<Hit> {
         with_test!(test, T => at_level!(best, simd => {
-            closest_where::<_, T>(simd, self, ray, t_max, &mut Work::default(), #[inline(always)] |_| true)
+            closest::<_, T>(simd, self, ray, t_max, &mut Work::default(), every)
         }))
     }
 
@@ -131,7 +131,7 @@ impl Bvh8 {
     #[must_use]
     pub fn any_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
         with_test!(test, T => at_level!(best, simd => {
-            any_where::<_, T>(simd, self, ray, t_max, &mut Work::default(), #[inline(always)] |_| true).is_some()
+            any::<_, T>(simd, self, ray, t_max, &mut Work::default(), every).is_some()
         }))
     }
 
@@ -147,8 +147,8 @@ impl Bvh8 {
         chunks.into_par_iter().for_each(|(rays, t_max, hits)| {
             with_test!(test, T => at_level!(best, simd => {
                 for ((ray, &t_max), hit) in rays.iter().zip(t_max).zip(hits) {
-                    *hit = closest_where::<_, T>(
-                        simd, self, ray, t_max, &mut Work::default(), #[inline(always)] |_| true,
+                    *hit = closest::<_, T>(
+                        simd, self, ray, t_max, &mut Work::default(), every,
                     );
                 }
             }));

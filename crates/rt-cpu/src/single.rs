@@ -9,7 +9,7 @@ use fearless_simd::{Simd, f32x4, f32x8, mask32x8};
 use crate::simd::{self, at_level};
 use crate::slab::{self, WIDEN};
 use crate::tile::Scene;
-use crate::triangle::{Double, Hit, MollerTrumbore, Test, TriangleTest, Watertight, intersect};
+use crate::triangle::{Double, Hit, MollerTrumbore, Test, TriangleTest, Watertight, every, intersect};
 
 /// What a walk through a tree did.
 #[derive(Clone, Copy, Debug, Default)]
@@ -59,7 +59,7 @@ pub fn closest_hit(
 ) -> Option<Hit> {
     let scene = Scene { bvh, triangles };
     with_test!(test, T => at_level!(best, simd => {
-        closest::<_, T>(simd, scene, ray, t_max, &mut Work::default())
+        closest::<_, T>(simd, scene, ray, t_max, &mut Work::default(), every)
     }))
 }
 
@@ -68,7 +68,7 @@ pub fn closest_hit(
 pub fn any_hit(bvh: &Bvh, triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
     let scene = Scene { bvh, triangles };
     with_test!(test, T => at_level!(best, simd => {
-        any::<_, T>(simd, scene, ray, t_max, &mut Work::default()).is_some()
+        any::<_, T>(simd, scene, ray, t_max, &mut Work::default(), every).is_some()
     }))
 }
 
@@ -101,28 +101,9 @@ pub fn any_hit_brute(triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: Tri
     closest_hit_brute(triangles, ray, t_max, test).is_some()
 }
 
-#[inline(always)]
-pub(crate) fn closest<S: Simd, T: Test>(
-    simd: S,
-    scene: Scene<'_>,
-    ray: &Ray,
-    t_max: f32,
-    work: &mut Work,
-) -> Option<Hit> {
-    closest_where::<S, T>(
-        simd,
-        scene,
-        ray,
-        t_max,
-        work,
-        #[inline(always)]
-        |_| true,
-    )
-}
-
 /// The closest of the hits that `counts` is true for.
 #[inline(always)]
-pub(crate) fn closest_where<S: Simd, T: Test>(
+pub(crate) fn closest<S: Simd, T: Test>(
     simd: S,
     scene: Scene<'_>,
     ray: &Ray,
@@ -152,28 +133,9 @@ pub(crate) fn closest_where<S: Simd, T: Test>(
     best
 }
 
-#[inline(always)]
-pub(crate) fn any<S: Simd, T: Test>(
-    simd: S,
-    scene: Scene<'_>,
-    ray: &Ray,
-    t_max: f32,
-    work: &mut Work,
-) -> Option<Hit> {
-    any_where::<S, T>(
-        simd,
-        scene,
-        ray,
-        t_max,
-        work,
-        #[inline(always)]
-        |_| true,
-    )
-}
-
 /// Any of the hits that `counts` is true for.
 #[inline(always)]
-pub(crate) fn any_where<S: Simd, T: Test>(
+pub(crate) fn any<S: Simd, T: Test>(
     simd: S,
     scene: Scene<'_>,
     ray: &Ray,

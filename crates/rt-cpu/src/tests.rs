@@ -9,7 +9,7 @@ use crate::render::trace;
 use crate::simd::at_level;
 use crate::single::{Work, with_test};
 use crate::tile::{Scene, Scratch};
-use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight};
+use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight, every};
 use crate::{
     Bvh8, Camera, Image, Material, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render,
 };
@@ -208,8 +208,8 @@ fn wide_hits(
 ) -> (Option<Hit>, bool) {
     let work = &mut Work::default();
     with_test!(test, T => at_level!(level, simd => (
-        bvh8::closest_where::<_, T>(simd, wide, ray, t_max, work, |_| true),
-        bvh8::any_where::<_, T>(simd, wide, ray, t_max, work, |_| true).is_some(),
+        bvh8::closest::<_, T>(simd, wide, ray, t_max, work, every),
+        bvh8::any::<_, T>(simd, wide, ray, t_max, work, every).is_some(),
     )))
 }
 
