@@ -13,8 +13,9 @@ use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight, eve
 use crate::{
     Bvh8, Camera, Image, Material, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render,
 };
-use crate::{any_hit, any_hit_brute, closest_hit, closest_hit_brute};
+use crate::{Effects, any_hit, any_hit_brute, closest_hit, closest_hit_brute};
 
+mod absent;
 mod effects;
 mod hits;
 mod images;
