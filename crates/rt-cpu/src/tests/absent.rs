@@ -189,16 +189,16 @@ fn a_frame_without_effects_is_that_of_a_renderer_without_any() {
 #[test]
 #[ignore = "measures; docs/METHODOLOGY.md says how"]
 fn measure_a_frame_without_effects() {
-    const ROUNDS: usize = 25;
+    const ROUNDS: usize = 15;
     let (_, _, light) = scene();
     let mut soup = icosphere(6);
     for t in [[[-4, -1, -4], [4, -1, -4], [4, -1, 4]], [[-4, -1, -4], [4, -1, 4], [-4, -1, 4]]] {
         soup.push(t.map(|c| Vec3::from(c.map(|x| x as f32))));
     }
-    let camera = Camera::look_at(Vec3::new(1.0, 1.5, 4.0), Vec3::ZERO, Vec3::Y, 0.8, 512, 512);
+    let camera = Camera::look_at(Vec3::new(1.0, 1.5, 4.0), Vec3::ZERO, Vec3::Y, 0.8, 256, 256);
     let bvh = tree(&soup, 1);
     let mesh = Mesh::new(soup.triangles());
-    let (mut image, mut plain) = (Image::new(512, 512), Image::new(512, 512));
+    let (mut image, mut plain) = (Image::new(256, 256), Image::new(256, 256));
     let mut tile = Box::new(Plain::new());
     let options = allowed();
     let (mut times, mut times_by_hand) = (Vec::new(), Vec::new());
