@@ -31,11 +31,11 @@ pub(crate) use walk::{any, closest};
 /// Children of a node.
 const WIDTH: usize = 8;
 
-/// A second view of a [`Bvh`] and its triangles, for rays that have little in common: about three times as fast for
+/// A second view of a [`Bvh`] and its triangles, for rays that have little in common: about twice as fast for
 /// these as the tree itself, once it is there.
 ///
 /// It holds copies of the tree's boxes and of the triangles' corners, about 80 bytes a triangle, and knows nothing of
-/// later changes: [`update`](Self::update) it after each. That pays from about one ray for every ten triangles on.
+/// later changes: [`update`](Self::update) it after each. That pays from about one ray for every six triangles on.
 /// [`render`](crate::render) does so by itself for ambient occlusion and diffuse bounces.
 ///
 /// ```

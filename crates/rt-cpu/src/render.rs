@@ -78,12 +78,12 @@ fn called_for(effects: &Effects, mesh: &Mesh<'_>) -> Effects {
     }
 }
 
-/// Whether so many rays will have little in common that making a view for them pays: one for ten triangles.
+/// Whether so many rays will have little in common that making a view for them pays: one for six triangles.
 fn calls_for_wide(effects: &Effects, camera: &Camera, bvh: &Bvh) -> bool {
     let of_hit = effects.ambient_occlusion.map_or(0, |a| u64::from(a.samples))
         + effects.diffuse_bounces.map_or(0, |d| u64::from(d.most));
     let pixels = u64::from(camera.width()) * u64::from(camera.height());
-    pixels.saturating_mul(of_hit) > bvh.len() as u64 / 10
+    pixels.saturating_mul(of_hit) > bvh.len() as u64 / 6
 }
 
 /// What is seen through a pixel.
