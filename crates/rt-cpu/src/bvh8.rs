@@ -13,28 +13,29 @@
 //! Framework for Efficient CPU Ray Tracing*, 2014.
 
 mod block;
+mod collapse;
 mod walk;
 
-use arrayvec::ArrayVec;
-use bvh_core::{Aabb, Bvh, Node, Primitives, Ray, Triangles};
+use bvh_core::{Aabb, Bvh, Ray, Triangles};
 use rayon::prelude::*;
 
 use crate::simd::at_level;
 use crate::single::{Work, with_test};
-use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight};
+use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight, every};
 use block::Block;
+use collapse::{Plan, collapse};
 
 pub(crate) use block::BlockTest;
-pub(crate) use walk::{any_where, closest_where};
+pub(crate) use walk::{any, closest};
 
 /// Children of a node.
 const WIDTH: usize = 8;
 
-/// A second view of a [`Bvh`] and its triangles, for rays that have little in common: about three times as fast for
+/// A second view of a [`Bvh`] and its triangles, for rays that have little in common: about twice as fast for
 /// these as the tree itself, once it is there.
 ///
 /// It holds copies of the tree's boxes and of the triangles' corners, about 80 bytes a triangle, and knows nothing of
-/// later changes: [`update`](Self::update) it after each. That pays from about one ray for every ten triangles on.
+/// later changes: [`update`](Self::update) it after each. That pays from about one ray for every six triangles on.
 /// [`render`](crate::render) does so by itself for ambient occlusion and diffuse bounces.
 ///
 /// ```
@@ -55,7 +56,6 @@ pub struct Bvh8 {
     nodes: Vec<Node8>,
     blocks: Vec<Block>,
     plans: Vec<Plan>,
-    todo: Vec<(Part, u32)>,
 }
 
 /// Eight boxes, plane by plane, and where their contents are.
@@ -76,12 +76,10 @@ const CHILDREN: usize = 6;
 const LEAF: u32 = 1 << 31;
 
 impl Node8 {
-    fn empty() -> Self {
-        let mut rows = [[0.0; WIDTH]; 8];
-        rows[..3].fill([f32::INFINITY; WIDTH]);
-        rows[3..6].fill([f32::NEG_INFINITY; WIDTH]);
-        Self(rows)
-    }
+    const EMPTY: Self = {
+        let (min, max, none) = ([f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH], [0.0; WIDTH]);
+        Self([min, min, min, max, max, max, none, none])
+    };
 
     #[inline]
     fn set(&mut self, i: usize, aabb: &Aabb, child: u32) {
@@ -93,32 +91,6 @@ impl Node8 {
     }
 }
 
-/// What a node of eight is made of.
-#[derive(Clone, Copy, Debug)]
-enum Part {
-    /// The binary node of this number.
-    Node(u32),
-    /// First slot and number of slots of part of a leaf that is too large for a block.
-    Slots(u32, u32),
-}
-
-/// Costs of a subtree as one child, two children and so on up to eight of a node of eight, in units of half area.
-type Costs = [f32; WIDTH];
-
-/// How to make the subtree below a pair of siblings into children of a node of eight.
-#[derive(Clone, Copy, Debug, Default)]
-struct Plan {
-    /// Primitives in it; [`MANY`] for that many or more.
-    count: u32,
-    /// Given room for `i + 1` children, how many of them the left sibling gets; 0 where a node of its own is best.
-    left: [u8; WIDTH],
-    /// The same for the node of its own, which has room for eight.
-    own_left: u8,
-}
-
-/// More primitives than a block holds.
-const MANY: u32 = block::SIZE as u32 + 1;
-
 impl Bvh8 {
     /// A view of nothing.
     #[must_use]
@@ -129,158 +101,17 @@ impl Bvh8 {
     /// Makes it a view of `bvh` with `triangles` as its primitives, by its numbers; triangles that the tree has and
     /// `triangles` has not are never hit.
     ///
-    /// O(n). Uses the memory of the view before, and allocates only if that is not enough.
+    /// O(n), in the current rayon pool; the view is the same for any number of threads. Uses the memory of the view before,
+    /// and allocates only if that is not enough.
     pub fn update(&mut self, bvh: &Bvh, triangles: &Triangles<'_>) {
-        self.nodes.clear();
-        self.blocks.clear();
-        self.plans.clear();
-        self.plans.resize(bvh.nodes().len() / 2, Plan::default());
-        self.plan(bvh, bvh.root());
-        self.nodes.push(Node8::empty());
-        self.todo.push((Part::Node(0), 0));
-        while let Some((part, place)) = self.todo.pop() {
-            self.fill(bvh, triangles, part, place as usize);
-        }
+        collapse(bvh, triangles, &mut self.plans, &mut self.nodes, &mut self.blocks);
     }
 
-    /// Finds the cheapest way to make a subtree into up to eight children, from the bottom up, and its number of
-    /// primitives.
-    fn plan(&mut self, bvh: &Bvh, node: &Node) -> (Costs, u32) {
-        let area = node.aabb().half_area();
-        let Some([l, r]) = bvh.children(node) else {
-            return ([area; WIDTH], (node.count() as u32).min(MANY));
-        };
-        let ((l, l_count), (r, r_count)) = (self.plan(bvh, l), self.plan(bvh, r));
-        let plan = &mut self.plans[node.first() / 2];
-        plan.count = (l_count + r_count).min(MANY);
-        if plan.count < MANY {
-            return ([area; WIDTH], plan.count);
-        }
-        let mut costs = [f32::INFINITY; WIDTH];
-        for i in 1..WIDTH {
-            for left in 0..i {
-                let cost = l[left] + r[i - 1 - left];
-                if cost < costs[i] {
-                    (costs[i], plan.left[i]) = (cost, left as u8 + 1);
-                }
-            }
-        }
-        // All eight children are those of a node of its own, at the price of that node.
-        plan.own_left = plan.left[WIDTH - 1].max(1);
-        costs[0] = costs[WIDTH - 1] + area;
-        for i in 1..WIDTH {
-            if costs[i - 1] <= costs[i] {
-                (costs[i], plan.left[i]) = (costs[i - 1], plan.left[i - 1]);
-            }
-        }
-        (costs, plan.count)
-    }
-
-    /// Makes the node `place`.
-    fn fill(&mut self, bvh: &Bvh, triangles: &Triangles<'_>, part: Part, place: usize) {
-        let mut parts = ArrayVec::<(Aabb, Part), WIDTH>::new();
-        match part {
-            Part::Node(n) => {
-                let node = &bvh.nodes()[n as usize];
-                match bvh.children(node) {
-                    Some([l, r]) if self.count(node) == MANY => {
-                        let first = node.first() as u32;
-                        let left = usize::from(self.plans[node.first() / 2].own_left);
-                        self.collect(bvh, (l, first), left, &mut parts);
-                        self.collect(bvh, (r, first + 1), WIDTH - left, &mut parts);
-                    }
-                    _ => self.collect(bvh, (node, n), 1, &mut parts),
-                }
-            }
-            Part::Slots(first, count) => {
-                let each = count.div_ceil(WIDTH as u32).next_multiple_of(block::SIZE as u32);
-                let end = first + count;
-                for first in (first..end).step_by(each as usize) {
-                    let count = each.min(end - first);
-                    let order = &bvh.order()[first as usize..(first + count) as usize];
-                    let boxes = order.iter().filter(|&&p| (p as usize) < triangles.len());
-                    let aabb = boxes.fold(Aabb::EMPTY, |b, &p| b.union(triangles.aabb(p as usize)));
-                    parts.push((aabb, Part::Slots(first, count)));
-                }
-            }
-        }
-        let mut node = Node8::empty();
-        let mut i = 0;
-        for (aabb, part) in parts {
-            let child = match part {
-                Part::Node(n) if self.count(&bvh.nodes()[n as usize]) < MANY => {
-                    self.block(triangles, |add| few(bvh, &bvh.nodes()[n as usize], add))
-                }
-                Part::Slots(first, count) if count < MANY => self.block(triangles, |add| {
-                    bvh.order()[first as usize..(first + count) as usize].iter().copied().for_each(add);
-                }),
-                part => {
-                    let child = self.nodes.len() as u32;
-                    self.nodes.push(Node8::empty());
-                    self.todo.push((part, child));
-                    Some(child)
-                }
-            };
-            if let Some(child) = child {
-                node.set(i, &aabb, child);
-                i += 1;
-            }
-        }
-        self.nodes[place] = node;
-    }
-
-    /// Primitives below a node, or [`MANY`].
-    fn count(&self, node: &Node) -> u32 {
-        if node.is_leaf() { (node.count() as u32).min(MANY) } else { self.plans[node.first() / 2].count }
-    }
-
-    /// The children, `room` at most, that a subtree is made into; `n` is its number.
-    fn collect(
-        &self,
-        bvh: &Bvh,
-        (node, n): (&Node, u32),
-        room: usize,
-        parts: &mut ArrayVec<(Aabb, Part), WIDTH>,
-    ) {
-        match bvh.children(node) {
-            None if self.count(node) == MANY => {
-                parts.push((node.aabb(), Part::Slots(node.first() as u32, node.count() as u32)));
-            }
-            Some([l, r]) if self.plans[node.first() / 2].left[room - 1] > 0 => {
-                let first = node.first() as u32;
-                let left = usize::from(self.plans[node.first() / 2].left[room - 1]);
-                self.collect(bvh, (l, first), left, parts);
-                self.collect(bvh, (r, first + 1), room - left, parts);
-            }
-            _ => parts.push((node.aabb(), Part::Node(n))),
-        }
-    }
-
-    /// Adds a block of the primitives that `each` gives to its argument; `None` if none of them can be hit.
-    fn block(&mut self, triangles: &Triangles<'_>, each: impl FnOnce(&mut dyn FnMut(u32))) -> Option<u32> {
-        let mut block = Block::default();
-        let mut count = 0;
-        each(&mut |p| {
-            if (p as usize) < triangles.len() && block.set(count, p, &triangles.corners(p as usize)) {
-                count += 1;
-            }
-        });
-        let number = self.blocks.len() as u32;
-        (count > 0).then(|| {
-            self.blocks.push(block);
-            LEAF | number << 2 | (count as u32 - 1)
-        })
-    }
-}
-
-/// Gives the primitives below a node of few to `add`.
-fn few(bvh: &Bvh, node: &Node, add: &mut dyn FnMut(u32)) {
-    match bvh.children(node) {
-        Some([l, r]) => {
-            few(bvh, l, add);
-            few(bvh, r, add);
-        }
-        None => bvh.primitives(node).iter().for_each(|&p| add(p)),
+    /// All of what rays see.
+    #[cfg(test)]
+    pub(crate) fn bytes(&self) -> Vec<u8> {
+        let nodes = self.nodes.iter().flat_map(|node| bytemuck::bytes_of(&node.0));
+        nodes.chain(self.blocks.iter().flat_map(Block::bytes)).copied().collect()
     }
 }
 
@@ -292,7 +123,7 @@ impl Bvh8 {
     #[must_use]
     pub fn closest_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> Option<Hit> {
         with_test!(test, T => at_level!(best, simd => {
-            closest_where::<_, T>(simd, self, ray, t_max, &mut Work::default(), #[inline(always)] |_| true)
+            closest::<_, T>(simd, self, ray, t_max, &mut Work::default(), every)
         }))
     }
 
@@ -300,7 +131,7 @@ impl Bvh8 {
     #[must_use]
     pub fn any_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
         with_test!(test, T => at_level!(best, simd => {
-            any_where::<_, T>(simd, self, ray, t_max, &mut Work::default(), #[inline(always)] |_| true).is_some()
+            any::<_, T>(simd, self, ray, t_max, &mut Work::default(), every).is_some()
         }))
     }
 
@@ -316,8 +147,8 @@ impl Bvh8 {
         chunks.into_par_iter().for_each(|(rays, t_max, hits)| {
             with_test!(test, T => at_level!(best, simd => {
                 for ((ray, &t_max), hit) in rays.iter().zip(t_max).zip(hits) {
-                    *hit = closest_where::<_, T>(
-                        simd, self, ray, t_max, &mut Work::default(), #[inline(always)] |_| true,
+                    *hit = closest::<_, T>(
+                        simd, self, ray, t_max, &mut Work::default(), every,
                     );
                 }
             }));

@@ -3,15 +3,14 @@
 //! Trees and packets know nothing of holes. Rays are first traced as if there were none, which gives the same result
 //! unless what they hit is a hole; only those are traced again, one by one, past all holes.
 
-use bvh_core::Ray;
 use fearless_simd::Simd;
 
+use crate::Mesh;
 use crate::bundle::{Bundle, Hits};
 use crate::packet::Query;
 use crate::single::{self, Work};
 use crate::tile::Scene;
 use crate::triangle::Test;
-use crate::{Hit, Mesh};
 
 /// Replaces hits of holes by what is behind them; gives the number of rays traced again. For [`Query::Any`] hits in
 /// surfaces that have holes anywhere count.
@@ -39,8 +38,24 @@ pub(crate) fn see_through<S: Simd, T: Test>(
                 if !stays {
                     let ray = rays.ray(i);
                     let hit = match query {
-                        Query::Closest => closest::<S, T>(simd, scene, Some(mesh), &ray, rays.t_max, work),
-                        Query::Any => any::<S, T>(simd, scene, Some(mesh), &ray, rays.t_max, work),
+                        Query::Closest => single::closest::<S, T>(
+                            simd,
+                            scene,
+                            &ray,
+                            rays.t_max,
+                            work,
+                            #[inline(always)]
+                            |hit| mesh.is_there(hit),
+                        ),
+                        Query::Any => single::any::<S, T>(
+                            simd,
+                            scene,
+                            &ray,
+                            rays.t_max,
+                            work,
+                            #[inline(always)]
+                            |hit| mesh.is_there(hit),
+                        ),
                     };
                     hits.set(i, hit);
                     again += 1;
@@ -49,52 +64,4 @@ pub(crate) fn see_through<S: Simd, T: Test>(
             again
         },
     )
-}
-
-/// The closest hit, past the holes of `mesh` if there are any.
-#[inline(always)]
-pub(crate) fn closest<S: Simd, T: Test>(
-    simd: S,
-    scene: Scene<'_>,
-    mesh: Option<&Mesh<'_>>,
-    ray: &Ray,
-    t_max: f32,
-    work: &mut Work,
-) -> Option<Hit> {
-    match mesh {
-        None => single::closest::<S, T>(simd, scene, ray, t_max, work),
-        Some(mesh) => single::closest_where::<S, T>(
-            simd,
-            scene,
-            ray,
-            t_max,
-            work,
-            #[inline(always)]
-            |hit| mesh.is_there(hit),
-        ),
-    }
-}
-
-/// Any hit, past the holes of `mesh` if there are any.
-#[inline(always)]
-pub(crate) fn any<S: Simd, T: Test>(
-    simd: S,
-    scene: Scene<'_>,
-    mesh: Option<&Mesh<'_>>,
-    ray: &Ray,
-    t_max: f32,
-    work: &mut Work,
-) -> Option<Hit> {
-    match mesh {
-        None => single::any::<S, T>(simd, scene, ray, t_max, work),
-        Some(mesh) => single::any_where::<S, T>(
-            simd,
-            scene,
-            ray,
-            t_max,
-            work,
-            #[inline(always)]
-            |hit| mesh.is_there(hit),
-        ),
-    }
 }

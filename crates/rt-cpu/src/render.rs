@@ -15,7 +15,7 @@ use crate::single::{self, Work, with_test};
 use crate::surface::{Coordinates, Surfaces};
 use crate::tile::{self, Scene, Scratch};
 use crate::times::Laps;
-use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight};
+use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight, every};
 use crate::waves::{Paths, Waves};
 use crate::wide::WideTest;
 use crate::{Bvh8, Camera, Image, Mesh, holes, random};
@@ -78,12 +78,12 @@ fn called_for(effects: &Effects, mesh: &Mesh<'_>) -> Effects {
     }
 }
 
-/// Whether so many rays will have little in common that making a view for them pays: one for ten triangles.
+/// Whether so many rays will have little in common that making a view for them pays: one for six triangles.
 fn calls_for_wide(effects: &Effects, camera: &Camera, bvh: &Bvh) -> bool {
     let of_hit = effects.ambient_occlusion.map_or(0, |a| u64::from(a.samples))
         + effects.diffuse_bounces.map_or(0, |d| u64::from(d.most));
     let pixels = u64::from(camera.width()) * u64::from(camera.height());
-    pixels.saturating_mul(of_hit) > bvh.len() as u64 / 10
+    pixels.saturating_mul(of_hit) > bvh.len() as u64 / 6
 }
 
 /// What is seen through a pixel.
@@ -142,6 +142,12 @@ impl<'a> Frame<'a> {
     ) -> Self {
         let shadows = light.filter(|_| options.shadows).map(|l| l.position);
         Self { scene, holes: None, camera, shadows, options, shaded }
+    }
+
+    /// Whether a hit is of a surface rather than of a hole in it.
+    #[inline(always)]
+    pub(crate) fn is_there(&self, hit: &Hit) -> bool {
+        self.holes.is_none_or(|mesh| mesh.is_there(hit))
     }
 }
 
@@ -503,8 +509,8 @@ fn one_by_one<S: Simd, T: WideTest>(
         let before = work.nodes;
         let ray = rays.ray(i);
         let hit = match query {
-            Query::Closest => single::closest::<S, T>(simd, scene, &ray, rays.t_max, work),
-            Query::Any => single::any::<S, T>(simd, scene, &ray, rays.t_max, work),
+            Query::Closest => single::closest::<S, T>(simd, scene, &ray, rays.t_max, work, every),
+            Query::Any => single::any::<S, T>(simd, scene, &ray, rays.t_max, work, every),
         };
         hits.set(i, hit);
         *nodes = (work.nodes - before) as u32;

@@ -1,13 +1,15 @@
 //! One ray at a time.
 
-use bvh_core::{Bvh, MAX_HEIGHT, Ray, Triangles, Vec3, prefetch};
+use std::hint::black_box;
+
+use bvh_core::{Bvh, MAX_HEIGHT, Node, Ray, Triangles, Vec3, prefetch};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4, f32x8, mask32x8};
 
 use crate::simd::{self, at_level};
 use crate::slab::{self, WIDEN};
 use crate::tile::Scene;
-use crate::triangle::{Double, Hit, MollerTrumbore, Test, TriangleTest, Watertight, intersect};
+use crate::triangle::{Double, Hit, MollerTrumbore, Test, TriangleTest, Watertight, every, intersect};
 
 /// What a walk through a tree did.
 #[derive(Clone, Copy, Debug, Default)]
@@ -57,7 +59,7 @@ pub fn closest_hit(
 ) -> Option<Hit> {
     let scene = Scene { bvh, triangles };
     with_test!(test, T => at_level!(best, simd => {
-        closest::<_, T>(simd, scene, ray, t_max, &mut Work::default())
+        closest::<_, T>(simd, scene, ray, t_max, &mut Work::default(), every)
     }))
 }
 
@@ -66,7 +68,7 @@ pub fn closest_hit(
 pub fn any_hit(bvh: &Bvh, triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
     let scene = Scene { bvh, triangles };
     with_test!(test, T => at_level!(best, simd => {
-        any::<_, T>(simd, scene, ray, t_max, &mut Work::default()).is_some()
+        any::<_, T>(simd, scene, ray, t_max, &mut Work::default(), every).is_some()
     }))
 }
 
@@ -99,28 +101,9 @@ pub fn any_hit_brute(triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: Tri
     closest_hit_brute(triangles, ray, t_max, test).is_some()
 }
 
-#[inline(always)]
-pub(crate) fn closest<S: Simd, T: Test>(
-    simd: S,
-    scene: Scene<'_>,
-    ray: &Ray,
-    t_max: f32,
-    work: &mut Work,
-) -> Option<Hit> {
-    closest_where::<S, T>(
-        simd,
-        scene,
-        ray,
-        t_max,
-        work,
-        #[inline(always)]
-        |_| true,
-    )
-}
-
 /// The closest of the hits that `counts` is true for.
 #[inline(always)]
-pub(crate) fn closest_where<S: Simd, T: Test>(
+pub(crate) fn closest<S: Simd, T: Test>(
     simd: S,
     scene: Scene<'_>,
     ray: &Ray,
@@ -150,28 +133,9 @@ pub(crate) fn closest_where<S: Simd, T: Test>(
     best
 }
 
-#[inline(always)]
-pub(crate) fn any<S: Simd, T: Test>(
-    simd: S,
-    scene: Scene<'_>,
-    ray: &Ray,
-    t_max: f32,
-    work: &mut Work,
-) -> Option<Hit> {
-    any_where::<S, T>(
-        simd,
-        scene,
-        ray,
-        t_max,
-        work,
-        #[inline(always)]
-        |_| true,
-    )
-}
-
 /// Any of the hits that `counts` is true for.
 #[inline(always)]
-pub(crate) fn any_where<S: Simd, T: Test>(
+pub(crate) fn any<S: Simd, T: Test>(
     simd: S,
     scene: Scene<'_>,
     ray: &Ray,
@@ -262,11 +226,20 @@ fn walk<S: Simd>(
     work: &mut Work,
     mut visit: impl FnMut(usize, f32) -> f32,
 ) {
-    let nodes = scene.bvh.nodes();
+    let (nodes, order, indices) = (scene.bvh.nodes(), scene.bvh.order(), scene.triangles.indices);
     if !ray.is_valid() || slab::enters(ray, &scene.bvh.root().aabb(), t_max).is_none() {
         return;
     }
     let pair_ray = PairRay::new(simd, ray);
+    // Where slots are primitives there is no need to wait for which they are.
+    let in_order = scene.bvh.is_in_order();
+    // What is wanted next below a child, as bytes, and the size of one.
+    let pairs: (&[u8], usize) = (bytemuck::cast_slice(nodes), size_of::<Node>());
+    let leaves: (&[u8], usize) = if in_order {
+        (bytemuck::cast_slice(indices), size_of::<[u32; 3]>())
+    } else {
+        (bytemuck::cast_slice(order), size_of::<u32>())
+    };
     // Where the ray enters in the upper half, the number of the node in the lower.
     let mut stack = [0u64; MAX_HEIGHT as usize + 1];
     let mut top = 0;
@@ -274,25 +247,41 @@ fn walk<S: Simd>(
     loop {
         if let Some(children) = scene.bvh.children(node) {
             work.nodes += 1;
-            // What is below either comes next, or is a leaf, and then this does no harm.
-            prefetch(nodes, children[0].first());
-            prefetch(nodes, children[1].first());
+            let pair = node.first();
+            for child in children {
+                let (memory, size) = if child.is_leaf() { leaves } else { pairs };
+                prefetch(memory, child.first() * size);
+            }
             let [(l, in_l), (r, in_r)] = pair_ray.enter(simd, bytemuck::cast_ref(children), t_max);
-            if in_l | in_r {
-                // Which is nearer, and whether the ray enters both, nobody can predict: no branches. What is farther is
-                // written in any case and kept if it counts.
-                let right = in_r & (!in_l | (r < l));
-                let far = if right { l } else { r };
-                stack[top] = u64::from(far.to_bits()) << 32 | (node.first() + usize::from(!right)) as u64;
-                top += usize::from(in_l & in_r);
-                node = &children[usize::from(right)];
+            // Branches on purpose: what is guessed right is fetched before the boxes are tested, and that saves more than
+            // wrong guesses cost. The compiler would sooner compute which child comes next; `black_box` keeps it from that.
+            if in_l && in_r {
+                let (far, n) = if r < l {
+                    black_box(());
+                    node = &children[1];
+                    (l, 0)
+                } else {
+                    node = &children[0];
+                    (r, 1)
+                };
+                stack[top] = u64::from(far.to_bits()) << 32 | (pair + n) as u64;
+                top += 1;
+                continue;
+            }
+            if in_l {
+                node = &children[0];
+                continue;
+            }
+            if in_r {
+                node = &children[1];
                 continue;
             }
         }
-        for &p in scene.bvh.primitives(node) {
-            if (p as usize) < scene.triangles.indices.len() {
+        for slot in node.first()..node.first() + node.count() {
+            let p = if in_order { slot } else { order.get(slot).map_or(usize::MAX, |&p| p as usize) };
+            if p < indices.len() {
                 work.triangles += 1;
-                t_max = visit(p as usize, t_max);
+                t_max = visit(p, t_max);
                 if t_max < 0.0 {
                     return;
                 }

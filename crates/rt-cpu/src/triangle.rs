@@ -26,6 +26,12 @@ impl Hit {
     }
 }
 
+/// All hits count.
+#[inline(always)]
+pub(crate) fn every(_: &Hit) -> bool {
+    true
+}
+
 /// How a ray is tested against a triangle. All tests are two-sided.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum TriangleTest {

@@ -18,14 +18,13 @@ use fearless_simd::prelude::*;
 use crate::Hit;
 use crate::bundle::{Bundle, Hits, RAYS};
 use crate::bvh8::{self, Bvh8};
-use crate::holes;
 use crate::options::{AmbientOcclusion, DiffuseBounces, Effects, RenderStats};
 use crate::packet::SIZE;
 use crate::random::{Stream, cosine_direction};
 use crate::render::{Finish, Frame, Rows, Tile, light_arrives};
 use crate::shade::{Shader, ambient};
 use crate::simd::{load, load3};
-use crate::single::Work;
+use crate::single::{self, Work};
 use crate::surface::Coordinates;
 use crate::wide::WideTest;
 
@@ -188,16 +187,24 @@ impl Waves<'_> {
         simd.vectorize(
             #[inline(always)]
             || match self.wide {
-                Some(wide) => bvh8::closest_where::<S, T>(
+                Some(wide) => bvh8::closest::<S, T>(
                     simd,
                     wide,
                     ray,
                     f32::INFINITY,
                     work,
                     #[inline(always)]
-                    |hit| frame.holes.is_none_or(|mesh| mesh.is_there(hit)),
+                    |hit| frame.is_there(hit),
                 ),
-                None => holes::closest::<S, T>(simd, frame.scene, frame.holes, ray, f32::INFINITY, work),
+                None => single::closest::<S, T>(
+                    simd,
+                    frame.scene,
+                    ray,
+                    f32::INFINITY,
+                    work,
+                    #[inline(always)]
+                    |hit| frame.is_there(hit),
+                ),
             },
         )
     }
@@ -214,16 +221,24 @@ impl Waves<'_> {
         simd.vectorize(
             #[inline(always)]
             || match self.wide {
-                Some(wide) => bvh8::any_where::<S, T>(
+                Some(wide) => bvh8::any::<S, T>(
                     simd,
                     wide,
                     ray,
                     t_max,
                     work,
                     #[inline(always)]
-                    |hit| frame.holes.is_none_or(|mesh| mesh.is_there(hit)),
+                    |hit| frame.is_there(hit),
                 ),
-                None => holes::any::<S, T>(simd, frame.scene, frame.holes, ray, t_max, work),
+                None => single::any::<S, T>(
+                    simd,
+                    frame.scene,
+                    ray,
+                    t_max,
+                    work,
+                    #[inline(always)]
+                    |hit| frame.is_there(hit),
+                ),
             },
         )
     }

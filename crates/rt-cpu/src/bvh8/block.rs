@@ -1,6 +1,6 @@
 //! Four triangles, and one ray against all of them.
 
-use bvh_core::{Ray, Vec3};
+use bvh_core::{Primitives, Ray, Triangles, Vec3};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4};
 
@@ -21,15 +21,26 @@ pub(crate) struct Block {
 }
 
 impl Block {
-    /// Puts a triangle in place `i` unless it is not finite and so can never be hit.
-    pub(super) fn set(&mut self, i: usize, primitive: u32, corners: &[Vec3; 3]) -> bool {
-        for (to, from) in self.corners.iter_mut().zip(corners) {
-            for axis in 0..3 {
-                to[axis][i] = from[axis];
+    /// A block of those of the primitives that can be hit: that are there and finite. Gives their number, too.
+    pub(super) fn new(triangles: &Triangles<'_>, primitives: &[u32]) -> (Self, usize) {
+        let mut block = Self::default();
+        let mut count = 0;
+        for &primitive in primitives.iter().take(SIZE).filter(|&&p| (p as usize) < triangles.len()) {
+            let corners = triangles.corners(primitive as usize);
+            for (to, from) in block.corners.iter_mut().zip(&corners) {
+                for axis in 0..3 {
+                    to[axis][count] = from[axis];
+                }
             }
+            block.primitive[count] = primitive;
+            count += usize::from(corners.iter().all(|c| c.is_finite()));
         }
-        self.primitive[i] = primitive;
-        corners.iter().all(|c| c.is_finite())
+        (block, count)
+    }
+
+    #[cfg(test)]
+    pub(super) fn bytes(&self) -> impl Iterator<Item = &u8> {
+        bytemuck::bytes_of(&self.corners).iter().chain(bytemuck::bytes_of(&self.primitive))
     }
 
     #[inline(always)]

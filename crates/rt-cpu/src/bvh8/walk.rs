@@ -135,7 +135,7 @@ fn walk<S: Simd>(
 
 /// The closest of the hits that `counts` is true for.
 #[inline(always)]
-pub(crate) fn closest_where<S: Simd, T: BlockTest>(
+pub(crate) fn closest<S: Simd, T: BlockTest>(
     simd: S,
     tree: &Bvh8,
     ray: &Ray,
@@ -163,7 +163,7 @@ pub(crate) fn closest_where<S: Simd, T: BlockTest>(
 
 /// Any of the hits that `counts` is true for.
 #[inline(always)]
-pub(crate) fn any_where<S: Simd, T: BlockTest>(
+pub(crate) fn any<S: Simd, T: BlockTest>(
     simd: S,
     tree: &Bvh8,
     ray: &Ray,

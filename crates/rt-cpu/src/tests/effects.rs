@@ -81,24 +81,28 @@ fn effects_that_nothing_calls_for_cost_nothing_and_change_nothing() {
     let (same, same_stats) = shot(&soup, &materials, &camera, Some(&light), &with(all));
     assert_eq!(pixel_bits(&plain), pixel_bits(&same));
     assert_eq!(stats, same_stats);
-    let secondary = |s: &RenderStats| [s.rays_mirror, s.rays_ambient_occlusion, s.rays_bounce, s.rays_again];
-    assert_eq!(secondary(&stats), [0; 4]);
+    let of_effects =
+        |s: &RenderStats| [s.rays_mirror, s.rays_ambient_occlusion, s.rays_bounce, s.rays_again, s.textured];
+    assert_eq!(of_effects(&stats), [0; 5]);
     assert!(stats.rays_shadow > 0);
 
     let mirror = [Material { mirror: true, ..materials[0] }];
     let holes = [Material { opacity: 0.0, cutoff: Some(0.5), ..materials[0] }];
+    let textured = [Material { texture: Some(0), ..materials[0] }];
     let count = |materials: &[Material], effects| {
-        secondary(&shot(&soup, materials, &camera, Some(&light), &with(effects)).1)
+        of_effects(&shot(&soup, materials, &camera, Some(&light), &with(effects)).1)
     };
     let occlusion = Effects { ambient_occlusion: Some(OCCLUSION), ..Effects::default() };
     let bounces = Effects { diffuse_bounces: everything(1).diffuse_bounces, ..Effects::default() };
-    assert_eq!(count(&mirror, Effects::default()), [0; 4]);
-    assert_eq!(count(&holes, Effects::default()), [0; 4]);
+    assert_eq!(count(&mirror, Effects::default()), [0; 5]);
+    assert_eq!(count(&holes, Effects::default()), [0; 5]);
+    assert_eq!(count(&textured, Effects::default()), [0; 5]);
+    assert_eq!(count(&textured, all), [0, 0, 0, 0, stats.hits]);
     let [reflected, others @ ..] = count(&mirror, all);
-    assert!(reflected > 0 && others == [0; 3]);
-    assert_eq!(count(&materials, occlusion), [0, 16 * stats.hits, 0, 0]);
-    assert_eq!(count(&materials, bounces), [0, 0, stats.hits, 0]);
-    assert_eq!(count(&holes, all), [0, 0, 0, stats.hits], "all of it is a hole");
+    assert!(reflected > 0 && others == [0; 4]);
+    assert_eq!(count(&materials, occlusion), [0, 16 * stats.hits, 0, 0, 0]);
+    assert_eq!(count(&materials, bounces), [0, 0, stats.hits, 0, 0]);
+    assert_eq!(count(&holes, all), [0, 0, 0, stats.hits, 0], "all of it is a hole");
 }
 
 /// A scene that calls for everything: a textured floor with holes, a mirror in front of it, a ball.

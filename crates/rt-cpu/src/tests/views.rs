@@ -1,0 +1,83 @@
+//! The eight-wide view: made anew, of whatever trees, on any number of threads.
+
+use super::*;
+
+/// Views keep nothing of what they were of before.
+#[test]
+fn views_of_other_trees_and_of_nothing() {
+    let (large, small) = (random_soup(300, 0.5), random_soup(3, 2.0));
+    let mut wide = Bvh8::new();
+    let test = TriangleTest::Watertight;
+    let agrees = |wide: &Bvh8, t: &Triangles<'_>| {
+        let hits = random_rays(200).into_iter().filter(|ray| {
+            let truth = closest_hit_brute(t, ray, f32::INFINITY, test);
+            assert_eq!(bits(wide.closest_hit(ray, f32::INFINITY, test)), bits(truth));
+            assert_eq!(wide.any_hit(ray, f32::INFINITY, test), truth.is_some());
+            truth.is_some()
+        });
+        hits.count()
+    };
+    assert_eq!(agrees(&wide, &Soup::default().triangles()), 0);
+    for soup in [&large, &small, &large] {
+        wide.update(&tree(soup, 2), &soup.triangles());
+        assert!(agrees(&wide, &soup.triangles()) > 10);
+    }
+    // Triangles that are no longer there.
+    let fewer = Triangles { indices: &large.indices[..150], ..large.triangles() };
+    wide.update(&tree(&large, 2), &fewer);
+    assert!(agrees(&wide, &fewer) > 10);
+    wide.update(&Bvh::default(), &large.triangles());
+    assert_eq!(agrees(&wide, &Soup::default().triangles()), 0);
+}
+
+#[test]
+fn batches_are_single_rays_in_order_on_any_number_of_threads() {
+    let soup = random_soup(200, 0.4);
+    let t = soup.triangles();
+    let mut wide = Bvh8::new();
+    wide.update(&tree(&soup, 3), &t);
+    let rays = random_rays(700);
+    let t_max: Vec<f32> = (0..700).map(|i| [f32::INFINITY, 0.7, -1.0][i % 3]).collect();
+    let mut hits = vec![None; 700];
+    for test in TriangleTest::ALL {
+        for threads in [1, 3] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            pool.install(|| wide.closest_hits(&rays, &t_max, test, &mut hits));
+            for i in 0..700 {
+                assert_eq!(bits(hits[i]), bits(closest_hit_brute(&t, &rays[i], t_max[i], test)));
+            }
+            assert!(hits.iter().flatten().count() > 50);
+            hits.fill(None);
+        }
+    }
+}
+
+/// Large enough to be shared out, with leaves that fit into blocks and leaves that do not.
+#[test]
+fn views_are_the_same_for_any_number_of_threads() {
+    let soup = random_soup(20_000, 0.02);
+    let t = soup.triangles();
+    for leaf in [1, 3, 700] {
+        let bvh = tree(&soup, leaf);
+        let views = [1, 2, 5].map(|threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            let mut wide = Bvh8::new();
+            pool.install(|| wide.update(&bvh, &t));
+            wide.bytes()
+        });
+        assert!(views[0] == views[1] && views[0] == views[2], "leaves of {leaf}");
+    }
+}
+
+/// An update leaves nothing of the view before, wherever it was in memory.
+#[test]
+fn views_made_again_are_as_if_made_first() {
+    let (large, small) = (random_soup(3000, 0.1), random_soup(700, 0.3));
+    let mut again = Bvh8::new();
+    for (soup, leaf) in [(&large, 1), (&small, 2), (&large, 40), (&small, 1), (&large, 1)] {
+        let (bvh, mut first) = (tree(soup, leaf), Bvh8::new());
+        again.update(&bvh, &soup.triangles());
+        first.update(&bvh, &soup.triangles());
+        assert_eq!(again.bytes(), first.bytes());
+    }
+}
