@@ -134,7 +134,6 @@ fn ten_thousand_frames_in_a_loop() {
     for strategy in Strategy::all() {
         // What builds anew each frame knows nothing of the frames before.
         let frames = if matches!(strategy, Strategy::Rebuild(..)) { 1500 } else { 10_000 };
-        let begin = std::time::Instant::now();
         let mut bvh = fresh[0].clone();
         let nodes = bvh.nodes().len();
         let mut scratch = Scratch::new();
@@ -156,6 +155,5 @@ fn ten_thousand_frames_in_a_loop() {
         let is_steady = late[0] <= early[0] * 1.1 || matches!(strategy, Strategy::Background(_));
         assert!(is_steady, "{}: cost grows from {early:?} to {late:?}", strategy.name());
         assert!(late[1] <= early[1] + 12.0, "{}: height grows from {early:?} to {late:?}", strategy.name());
-        println!("XX {} {:?} {early:?} {late:?}", strategy.name(), begin.elapsed());
     }
 }

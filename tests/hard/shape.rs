@@ -137,8 +137,8 @@ fn far_from_the_origin() {
 #[test]
 fn coordinates_of_1e30_and_1e38() {
     for offset in [1e30, 1e38] {
-        for detail in [10.0, offset * 1e-6, offset] {
-            let places = (0..200).map(|i| noise(1, i) * detail + Vec3::new(offset, -offset, offset * 0.5));
+        for detail in [offset * 1e-6, offset] {
+            let places = (0..100).map(|i| noise(1, i) * detail + Vec3::new(offset, -offset, offset * 0.5));
             hold(&soup(around(places, detail * 0.1)));
         }
     }

@@ -132,8 +132,18 @@ pub fn load_bytes(name: &str, bytes: &[u8]) {
     let duration = animation.duration();
     assert!(duration.is_finite() && duration >= 0.0, "duration {duration}");
     let mut positions = animation.rest();
-    for time in [0.0, duration / 3.0, duration, duration * 2.0, -1.0, f64::NAN] {
+    let mut at = |time: f64| {
         animation.pose(time, &mut positions);
         let _ = (animation.view(time), animation.light(time));
+        positions.iter().map(|p| p.to_array().map(f32::to_bits)).collect::<Vec<_>>()
+    };
+    let [start, end] = [0.0, duration].map(&mut at);
+    for before in [-0.0, -1.0, -f64::MAX, f64::NEG_INFINITY, f64::NAN] {
+        at(duration / 3.0);
+        assert!(at(before) == start, "at {before}");
     }
+    for after in [duration * 2.0, duration.next_up(), f64::MAX, f64::INFINITY] {
+        assert!(at(after) == end, "at {after}");
+    }
+    at(f64::MIN_POSITIVE.min(duration));
 }

@@ -72,6 +72,24 @@ fn scenes_are_the_same_on_any_number_of_threads() {
 }
 
 #[test]
+fn times_before_the_start_beyond_the_end_and_not_numbers() {
+    for scene in &*SCENES {
+        let animation = &scene.animation;
+        let mut positions = animation.rest();
+        let mut at = |time| {
+            animation.pose(time, &mut positions);
+            positions.iter().map(|p| p.to_array().map(f32::to_bits)).collect::<Vec<_>>()
+        };
+        let (start, end) = (at(0.0), at(animation.duration()));
+        assert!(start != end, "{}", scene.name);
+        for before in [f64::NAN, -1.0, f64::NEG_INFINITY] {
+            assert!(at(before) == start, "{} at {before}", scene.name);
+            assert!(at(f64::INFINITY) == end && at(1e300) == end, "{}", scene.name);
+        }
+    }
+}
+
+#[test]
 fn another_seed_is_another_scene() {
     for name in ["n-body", "bart-museum"] {
         let [a, b] = [1, 2].map(|seed| {
