@@ -20,7 +20,7 @@ pub fn play_bytes(bytes: &[u8]) {
     let mut next = || bytes.next();
     let (Some(n), Some(leaf), Some(builder)) = (next(), next(), next()) else { return };
     // Few enough to be played often, but for the last numbers: threads share out a pass from a thousand pairs on.
-    let n = if n < 240 { usize::from(n % 96) } else { usize::from(n - 239) * 300 };
+    let n = if n < 240 { usize::from(n % 96) } else { usize::from(n - 239) * 160 };
     let options = BuildOptions { max_leaf_size: u32::from(leaf % 5), ..BuildOptions::default() };
     let builder = Builder::ALL[usize::from(builder) % Builder::ALL.len()];
     let mut positions: Vec<Vec3> = (0..3 * n).map(|i| noise(1, i / 3) * 10.0 + noise(2, i)).collect();
