@@ -24,7 +24,7 @@ fn mesh(bytes: &[u8]) {
 
 #[test]
 fn corpus_of_updates() {
-    assert!(each("updates", play_bytes) >= 6);
+    assert!(each("updates", play_bytes) >= 8);
 }
 
 #[test]

@@ -42,16 +42,16 @@ fn has_box(positions: &[Vec3], triangle: &[u32; 3]) -> bool {
 /// Checks everything that must hold of the case; gives what the last update of each strategy told.
 pub(crate) fn hold(case: &Case) -> Vec<(Strategy, Update)> {
     let mut told = Vec::new();
-    for (threads, max_leaf_size) in [(1, 1), (3, 1), (2, 4)] {
-        told = pool(threads).install(|| hold_here(case, max_leaf_size));
+    for (turn, (threads, max_leaf_size)) in [(1, 1), (3, 1), (2, 4)].into_iter().enumerate() {
+        told = pool(threads).install(|| hold_here(case, max_leaf_size, turn));
     }
     told
 }
 
-fn hold_here(case: &Case, max_leaf_size: u32) -> Vec<(Strategy, Update)> {
+fn hold_here(case: &Case, max_leaf_size: u32, turn: usize) -> Vec<(Strategy, Update)> {
     let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
     let mut told = Vec::new();
-    for strategy in Strategy::all() {
+    for (number, strategy) in Strategy::all().into_iter().enumerate() {
         let builder = if let Strategy::Rebuild(builder, _) = strategy { builder } else { Builder::Sweep };
         let built = build(&case.at(0), builder, &options, None).expect("few enough");
         built.validate(&case.at(0)).unwrap_or_else(|e| panic!("built by {}: {e}", builder.name()));
@@ -66,7 +66,11 @@ fn hold_here(case: &Case, max_leaf_size: u32) -> Vec<(Strategy, Update)> {
             }
             hashes.push(bvh.hash());
             if level == SimdLevel::best() {
-                check_rays(&bvh, &case.at(case.frames.len() - 1), strategy.name());
+                let triangles = case.at(case.frames.len() - 1);
+                check_rays(&bvh, &triangles, strategy.name());
+                // Each strategy comes to all three tests, in turn.
+                let test = TriangleTest::ALL[(number + turn) % TriangleTest::ALL.len()];
+                check_image(&bvh, &triangles, strategy.name(), test);
                 told.push((strategy, last));
             }
         }
@@ -93,15 +97,19 @@ fn check_tree(bvh: &Bvh, case: &Case, frame: usize, strategy: &Strategy, told: &
     assert_eq!(told.dropped, dropped as u64, "{name}, frame {frame}: dropped");
 }
 
-/// Rays from around the scene and from within, some along axes and with zero components, by every triangle test; and
-/// an image by every traversal at every SIMD level.
-fn check_rays(bvh: &Bvh, triangles: &Triangles<'_>, name: &str) {
+/// The middle and the extent of what is in a tree; the extent is nowhere zero.
+fn bounds(bvh: &Bvh) -> (Vec3, Vec3) {
     let bounds = bvh.root().aabb();
-    let (center, extent) = if bounds.is_empty() {
+    if bounds.is_empty() {
         (Vec3::ZERO, Vec3::ONE)
     } else {
         (bounds.center(), bounds.extent().max(Vec3::splat(f32::MIN_POSITIVE)))
-    };
+    }
+}
+
+/// Rays from around the scene and from within, some along axes and with zero components, by every triangle test.
+fn check_rays(bvh: &Bvh, triangles: &Triangles<'_>, name: &str) {
+    let (center, extent) = bounds(bvh);
     let mut wide = Bvh8::new();
     wide.update(bvh, triangles);
     for i in 0..24 {
@@ -133,21 +141,24 @@ fn check_rays(bvh: &Bvh, triangles: &Triangles<'_>, name: &str) {
             }
         }
     }
+}
+
+/// An image by every traversal at every SIMD level.
+fn check_image(bvh: &Bvh, triangles: &Triangles<'_>, name: &str, triangle_test: TriangleTest) {
+    let (center, extent) = bounds(bvh);
     let eye = center + extent * Vec3::new(0.3, 0.9, 1.7);
     let camera = Camera::look_at(eye, center, Vec3::Y, 0.8, 24, 24);
     let light = PointLight { position: center + extent * Vec3::new(1.0, 2.0, 0.5), color: [1.0; 3] };
-    for triangle_test in TriangleTest::ALL {
-        let image = |traversal, simd| {
-            let options = RenderOptions { traversal, simd, triangle_test, ..RenderOptions::default() };
-            let mut pixels = vec![Pixel::default(); 24 * 24];
-            rt_cpu::cast(bvh, triangles, &camera, Some(&light), &options, &mut pixels);
-            pixels
-        };
-        let single = image(Traversal::Single, SimdLevel::Baseline);
-        for traversal in Traversal::ALL {
-            for level in SimdLevel::available() {
-                assert!(image(traversal, level) == single, "{name}: {} at {level:?}", traversal.name());
-            }
+    let image = |traversal, simd| {
+        let options = RenderOptions { traversal, simd, triangle_test, ..RenderOptions::default() };
+        let mut pixels = vec![Pixel::default(); 24 * 24];
+        rt_cpu::cast(bvh, triangles, &camera, Some(&light), &options, &mut pixels);
+        pixels
+    };
+    let single = image(Traversal::Single, SimdLevel::Baseline);
+    for traversal in Traversal::ALL {
+        for level in SimdLevel::available() {
+            assert!(image(traversal, level) == single, "{name}: {} at {level:?}", traversal.name());
         }
     }
 }

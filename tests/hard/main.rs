@@ -6,6 +6,7 @@
 //! told, and what the rays hit must be what brute force hits.
 
 mod check;
+mod looks;
 mod motion;
 mod rays;
 mod shape;

@@ -1,6 +1,7 @@
 //! Hard rays.
 
 use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::glam::Vec3Swizzles;
 use bvh_core::{Bvh, Ray, Triangles, Vec3};
 use rt_cpu::{Bvh8, TriangleTest, any_hit, any_hit_brute, closest_hit, closest_hit_brute};
 
@@ -132,4 +133,42 @@ fn directions_of_extreme_length() {
             assert!(t.is_some_and(|t| (t * length - 2.0).abs() < 1e-5), "{t:?} at {length}, {}", test.name());
         }
     });
+}
+
+/// Directions so short that one over them is infinite, and origins so near zero that products vanish: nothing is promised
+/// of what is hit, but that the tree hits what brute force hits, at a finite distance.
+#[test]
+fn subnormal_directions_and_origins() {
+    with_floor(|bvh, triangles, test| {
+        for tiny in [f32::MIN_POSITIVE, 1e-39, 1e-42, f32::from_bits(1)] {
+            for along in [Vec3::NEG_Z, Vec3::new(1.0, 0.5, -1.0), Vec3::new(1.0, 0.0, 0.0), Vec3::ONE] {
+                for from in [Vec3::new(3.3, 4.7, 2.0), Vec3::splat(tiny), Vec3::new(3.3, 4.7, tiny)] {
+                    let t = cast(bvh, triangles, &Ray::new(from, along * tiny), f32::INFINITY, test);
+                    assert!(t.is_none_or(f32::is_finite), "{t:?} from {from} along {along} * {tiny}");
+                    cast(bvh, triangles, &Ray::new(from, along + along.zxy() * tiny), f32::INFINITY, test);
+                }
+            }
+        }
+    });
+}
+
+/// A floor of subnormal size: as ever, the tree hits what brute force hits.
+#[test]
+fn rays_at_a_floor_of_subnormal_size() {
+    let (positions, indices) = floor();
+    for scale in [1e-39, 1e-42, f32::from_bits(1)] {
+        let positions: Vec<Vec3> = positions.iter().map(|&p| p * scale).collect();
+        let triangles = Triangles { positions: &positions, indices: &indices };
+        for builder in Builder::ALL {
+            let bvh = build(&triangles, builder, &BuildOptions::default(), None).expect("few enough");
+            for test in TriangleTest::ALL {
+                for length in [1.0, scale] {
+                    for (x, y) in [(3.3, 4.7), (7.0, 7.0), (0.0, 0.0)] {
+                        let from = Vec3::new(x, y, 2.0) * scale;
+                        cast(&bvh, &triangles, &Ray::new(from, Vec3::NEG_Z * length), f32::INFINITY, test);
+                    }
+                }
+            }
+        }
+    }
 }

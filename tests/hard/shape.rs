@@ -1,7 +1,10 @@
 //! Hard meshes, standing still.
 
-use bvh_core::{MAX_HEIGHT, Vec3};
-use pivot_tests::noise;
+use bvh_build::{BuildOptions, BuildScratch, Builder, build, rebuild};
+use bvh_core::{Bvh, MAX_HEIGHT, Ray, Triangles, Vec3};
+use bvh_update::{Scratch, Strategy, update};
+use pivot_tests::{Motion, Soup, noise};
+use rt_cpu::{Bvh8, TriangleTest, closest_hit};
 
 use crate::check::{Case, hold};
 
@@ -33,6 +36,62 @@ fn two_primitives() {
 fn all_primitives_identical() {
     let told = hold(&Case::still(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]; 700]));
     assert!(told.iter().all(|(_, update)| update.height <= MAX_HEIGHT));
+}
+
+/// More than 16 bits can count, in one place, by each builder and each strategy.
+#[test]
+fn a_hundred_thousand_identical_primitives() {
+    const N: usize = 100_000;
+    let (positions, moved) = ([Vec3::ZERO, Vec3::X, Vec3::Y], [Vec3::Z, Vec3::ONE, Vec3::new(0.0, 2.0, 1.0)]);
+    let indices = vec![[0, 1, 2]; N];
+    let [start, end] = [&positions, &moved].map(|positions| Triangles { positions, indices: &indices });
+    let (mut scratch, mut wide) = (Scratch::new(), Bvh8::new());
+    let down = Ray::new(Vec3::new(0.2, 1.0, 3.0), Vec3::NEG_Z);
+    for strategy in Strategy::all() {
+        let builder = if let Strategy::Rebuild(builder, _) = strategy { builder } else { Builder::Binned };
+        let mut bvh = build(&start, builder, &BuildOptions::default(), None).expect("few enough");
+        update(&mut bvh, &end, &strategy, &mut scratch).expect("same count");
+        bvh.validate(&end).unwrap_or_else(|e| panic!("{}: {e}", strategy.name()));
+        let mut held = 0;
+        bvh.visit(|_, node, _| held += if node.is_leaf() { node.count() } else { 0 });
+        assert_eq!(held, N, "{}", strategy.name());
+        assert!(bvh.height() <= 2 * N.ilog2(), "{}: {} high", strategy.name(), bvh.height());
+        wide.update(&bvh, &end);
+        let found = closest_hit(&bvh, &end, &down, f32::INFINITY, TriangleTest::Watertight);
+        assert!(found.is_some_and(|hit| hit.primitive == 0 && hit.t == 2.0), "{}", strategy.name());
+        assert_eq!(wide.closest_hit(&down, f32::INFINITY, TriangleTest::Watertight), found);
+    }
+}
+
+/// One tree, one scratch memory and one view of it, for scenes of other sizes one after the other.
+#[test]
+fn none_then_some_then_none_in_the_same_memory() {
+    let (mut bvh, mut build_memory) = (Bvh::default(), BuildScratch::new());
+    let (mut scratch, mut wide) = (Scratch::new(), Bvh8::new());
+    let down = Ray::new(Vec3::new(4.0, 6.0, 20.0), Vec3::new(0.01, 0.02, -1.0));
+    for strategy in Strategy::all() {
+        let mut hits = 0;
+        for (turn, n) in [0, 3000, 0, 1, 700, 2, 0].into_iter().enumerate() {
+            let builder = Builder::PER_FRAME[turn % Builder::PER_FRAME.len()];
+            let soup = Soup::new(n, 5);
+            let [start, end] = [turn, turn + 1].map(|frame| soup.pose(Motion::PartlyNonFinite, frame));
+            let [start, end] =
+                [&start, &end].map(|positions| Triangles { positions, indices: &soup.triangles });
+            rebuild(&mut bvh, &start, builder, &BuildOptions::default(), &mut build_memory)
+                .expect("few enough");
+            bvh.validate(&start).unwrap_or_else(|e| panic!("{} of {n}: {e}", builder.name()));
+            update(&mut bvh, &end, &strategy, &mut scratch).expect("same count");
+            bvh.validate(&end).unwrap_or_else(|e| panic!("{} of {n}: {e}", strategy.name()));
+            wide.update(&bvh, &end);
+            for test in TriangleTest::ALL {
+                let brute = rt_cpu::closest_hit_brute(&end, &down, f32::INFINITY, test);
+                assert_eq!(closest_hit(&bvh, &end, &down, f32::INFINITY, test), brute, "{n}");
+                assert_eq!(wide.closest_hit(&down, f32::INFINITY, test), brute, "{n}");
+                hits += usize::from(brute.is_some());
+            }
+        }
+        assert!(hits > 0, "a test of hits needs some");
+    }
 }
 
 #[test]
@@ -74,6 +133,17 @@ fn far_from_the_origin() {
     }
 }
 
+/// Far out numbers are far apart: the same detail as near the origin is lost there, or is some of the last bits.
+#[test]
+fn coordinates_of_1e30_and_1e38() {
+    for offset in [1e30, 1e38] {
+        for detail in [offset * 1e-6, offset] {
+            let places = (0..100).map(|i| noise(1, i) * detail + Vec3::new(offset, -offset, offset * 0.5));
+            hold(&soup(around(places, detail * 0.1)));
+        }
+    }
+}
+
 #[test]
 fn extents_of_1e18_and_more() {
     // At 1e25 areas, at 3e38 the extents themselves are beyond `f32`.
@@ -85,8 +155,11 @@ fn extents_of_1e18_and_more() {
 
 #[test]
 fn extents_that_are_denormal() {
-    let places = (0..200).map(|i| noise(1, i) * 1e-38);
-    hold(&soup(around(places, 1e-39)));
+    // The last are whole multiples of the least number there is, a hundred at most.
+    for scale in [1e-38, 1e-40, 1e-43] {
+        let places = (0..200).map(|i| noise(1, i) * scale);
+        hold(&soup(around(places, scale * 0.1)));
+    }
 }
 
 #[test]

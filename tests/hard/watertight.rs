@@ -6,11 +6,14 @@ use bvh_core::glam::Vec3Swizzles;
 use bvh_core::{Ray, SimdLevel, Triangles, Vec3};
 use bvh_update::{Scratch, Strategy, update};
 use pivot_tests::noise;
-use rt_cpu::{TriangleTest, closest_hit};
+use rt_cpu::{
+    Bvh8, Camera, DiffuseBounces, Effects, Image, Material, Mesh, PointLight, RenderOptions, TriangleTest,
+    any_hit, closest_hit, render,
+};
 
 /// Rays a mesh, offset and strategy; `PIVOT_WATERTIGHT_RAYS` asks for more.
 fn rays() -> usize {
-    std::env::var("PIVOT_WATERTIGHT_RAYS").ok().and_then(|n| n.parse().ok()).unwrap_or(20_000)
+    std::env::var("PIVOT_WATERTIGHT_RAYS").ok().and_then(|n| n.parse().ok()).unwrap_or(5000)
 }
 
 /// A dented ball of 2 x 24 x 24 triangles, closed.
@@ -44,7 +47,8 @@ fn ball(offset: Vec3, time: f32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
     (positions, triangles)
 }
 
-/// How many of the rays from the middle, aimed at edges and vertices, leave the ball.
+/// How many of the rays from the middle, aimed at edges and vertices, leave the ball: closest and any hit, of the tree
+/// and of its eight-wide view.
 fn leaks(offset: f32, strategy: Strategy, test: TriangleTest, rays: usize) -> usize {
     let offset = Vec3::new(offset, -0.7 * offset, 0.3 * offset);
     let (start, triangles) = ball(offset, 0.0);
@@ -53,23 +57,28 @@ fn leaks(offset: f32, strategy: Strategy, test: TriangleTest, rays: usize) -> us
     let (positions, _) = ball(offset, 1.0);
     let mesh = Triangles { positions: &positions, indices: &triangles };
     update(&mut bvh, &mesh, &strategy, &mut Scratch::new()).expect("same count");
+    let mut wide = Bvh8::new();
+    wide.update(&bvh, &mesh);
     let leaves = |i: &usize| {
         let random = noise(3, *i);
         let triangle = triangles[(random.x * triangles.len() as f32) as usize % triangles.len()];
         let [a, b] = [triangle[i % 3], triangle[(i + 1) % 3]].map(|v| positions[v as usize]);
         let target = if i.is_multiple_of(4) { a } else { a + (b - a) * random.y };
         let from = offset + (noise(4, *i) - 0.5) * 4.0;
-        closest_hit(&bvh, &mesh, &Ray::new(from, target - from), f32::INFINITY, test).is_none()
+        let (ray, t_max) = (Ray::new(from, target - from), f32::INFINITY);
+        closest_hit(&bvh, &mesh, &ray, t_max, test).is_none()
+            || wide.closest_hit(&ray, t_max, test).is_none()
+            || !any_hit(&bvh, &mesh, &ray, t_max, test)
+            || !wide.any_hit(&ray, t_max, test)
     };
     (0..rays).filter(leaves).count()
 }
 
 #[test]
 fn no_ray_leaves_a_closed_mesh() {
-    let strategies = ["refit", "refit+rotate", "refit+rotate+regrow", "auto", "lbvh", "ploc"];
     let mut count = 0;
-    for name in strategies {
-        let strategy = Strategy::from_name(name).expect("known");
+    for strategy in Strategy::all() {
+        let name = strategy.name();
         for offset in [0.0, 1e3, 1e6] {
             for test in [TriangleTest::Watertight, TriangleTest::Double] {
                 let found = leaks(offset, strategy, test, rays());
@@ -88,6 +97,40 @@ fn the_fast_test_leaks_at_edges() {
     let found = leaks(0.0, Strategy::Refit, TriangleTest::MollerTrumbore, RAYS);
     println!("the fast test lets {found} of {RAYS} rays aimed at edges through");
     assert!(found > 0 && found < RAYS / 4, "{found}");
+}
+
+/// Light that bounces about in a closed mesh never comes to the sky, whatever made the tree, at every SIMD level: the sky
+/// alone is blue.
+#[test]
+fn no_light_of_the_sky_enters_a_closed_mesh() {
+    const WIDTH: u32 = 24;
+    let materials = [Material { color: [0.9; 3], ..Material::DEFAULT }];
+    let mut bounces = 0;
+    for (turn, strategy) in Strategy::all().into_iter().enumerate() {
+        let offset = [0.0, 1e3, 1e5][turn % 3] * Vec3::new(1.0, -0.7, 0.3);
+        let [(before, triangles), (positions, _)] = [0.0, 1.0].map(|time| ball(offset, time));
+        let first = Triangles { positions: &before, indices: &triangles };
+        let mut bvh = build(&first, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
+        let now = Triangles { positions: &positions, indices: &triangles };
+        update(&mut bvh, &now, &strategy, &mut Scratch::new()).expect("same count");
+        let mesh = Mesh { materials: &materials, material_of: &vec![0; triangles.len()], ..Mesh::new(now) };
+        let light = PointLight { position: offset, color: [1.0, 1.0, 0.0] };
+        let camera = Camera::look_at(offset + Vec3::X, offset + noise(7, turn), Vec3::Y, 1.5, WIDTH, WIDTH);
+        for simd in SimdLevel::available() {
+            let sky = DiffuseBounces { most: 6, sky: [0.0, 0.0, 1.0] };
+            let effects = Effects { diffuse_bounces: Some(sky), ..Effects::default() };
+            for triangle_test in [TriangleTest::Watertight, TriangleTest::Double] {
+                let options = RenderOptions { simd, effects, triangle_test, ..RenderOptions::default() };
+                let mut image = Image::new(0, 0);
+                let stats = render(&bvh, &mesh, &camera, Some(&light), &options, &mut image);
+                bounces += stats.rays_bounce;
+                let blue = image.pixels().iter().filter(|[red, _, blue]| *red == 0.0 || *blue > 0.0).count();
+                assert_eq!(blue, 0, "{} at {offset}, {simd:?}, {}", strategy.name(), triangle_test.name());
+            }
+        }
+    }
+    println!("{bounces} rays that bounced");
+    assert!(bounces > 100_000);
 }
 
 /// Half the side of [`room`], and pixels from the middle of an image to its edge.
@@ -141,15 +184,13 @@ fn no_pixel_of_a_closed_mesh_is_empty_in_packets() {
                 // From the very middle first, then from near it.
                 let eye = offset + (noise(5, view) - 0.5) * if view < 6 { 0.0 } else { 1e-3 };
                 let (along, up) = (axes[view % 6], axes[(view + 1 + view / 6) % 6]);
-                let camera =
-                    rt_cpu::Camera::look_at(eye, eye + along, up, std::f32::consts::FRAC_PI_2, WIDTH, WIDTH);
+                let camera = Camera::look_at(eye, eye + along, up, std::f32::consts::FRAC_PI_2, WIDTH, WIDTH);
                 let traversals = rt_cpu::Traversal::ALL;
                 for (simd, traversal) in
                     SimdLevel::available().flat_map(|level| traversals.map(|traversal| (level, traversal)))
                 {
                     for triangle_test in [TriangleTest::Watertight, TriangleTest::Double] {
-                        let options =
-                            rt_cpu::RenderOptions { simd, traversal, triangle_test, ..Default::default() };
+                        let options = RenderOptions { simd, traversal, triangle_test, ..Default::default() };
                         rt_cpu::cast(&bvh, &mesh, &camera, None, &options, &mut pixels);
                         let empty = pixels.iter().filter(|pixel| pixel.hit.is_none()).count();
                         let (traversal, test) = (traversal.name(), triangle_test.name());

@@ -4,14 +4,14 @@ use std::path::Path;
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::glam::{Vec3, Vec3Swizzles};
-use bvh_core::{Ray, Triangles};
+use bvh_core::{Ray, SimdLevel, Triangles};
 use bvh_update::{Scratch, Strategy, update};
-use rt_cpu::TriangleTest;
+use rt_cpu::{Bvh8, TriangleTest};
 
 use crate::{noise, sah_cost};
 
-/// Plays a sequence of updates. The first bytes give the size, the leaves and the builder; then each update takes one
-/// byte for its strategy, one for how much moves, and some for what happens to it.
+/// Plays a sequence of updates, at the lowest and the highest SIMD level side by side. The first bytes give the size, the
+/// leaves and the builder; then each update takes one byte for its strategy, one for what happens, and one for how much.
 ///
 /// # Panics
 /// If anything does not hold: that is what it is for.
@@ -19,14 +19,17 @@ pub fn play_bytes(bytes: &[u8]) {
     let mut bytes = bytes.iter().copied();
     let mut next = || bytes.next();
     let (Some(n), Some(leaf), Some(builder)) = (next(), next(), next()) else { return };
-    let n = usize::from(n % 96);
+    // Few enough to be played often, but for the last numbers: threads share out a pass from a thousand pairs on.
+    let n = if n < 240 { usize::from(n % 96) } else { usize::from(n - 239) * 160 };
     let options = BuildOptions { max_leaf_size: u32::from(leaf % 5), ..BuildOptions::default() };
     let builder = Builder::ALL[usize::from(builder) % Builder::ALL.len()];
     let mut positions: Vec<Vec3> = (0..3 * n).map(|i| noise(1, i / 3) * 10.0 + noise(2, i)).collect();
-    let indices: Vec<[u32; 3]> = (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    let mut indices: Vec<[u32; 3]> = (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
     let mut bvh = build(&Triangles { positions: &positions, indices: &indices }, builder, &options, None)
         .expect("few enough");
-    let mut scratch = Scratch::new();
+    let mut twin = bvh.clone();
+    let mut scratch = [SimdLevel::best(), SimdLevel::Baseline].map(Scratch::with_level);
+    let mut wide = Bvh8::new();
     let mut moving = vec![true; n];
     // What comes from the background comes when it likes, and could not be played again.
     let strategies: Vec<_> =
@@ -36,15 +39,30 @@ pub fn play_bytes(bytes: &[u8]) {
             let (period, phase) = (usize::from(what >> 4 & 7) + 1, usize::from(what & 15));
             moving.iter_mut().enumerate().for_each(|(i, moves)| *moves = (i + phase) % period == 0);
             bvh.set_moving(|p| moving[p]);
+            twin.set_moving(|p| moving[p]);
+        } else if what & 15 == 15 {
+            let was = bvh.renumber();
+            assert_eq!(was, twin.renumber());
+            indices = was.iter().map(|&p| indices[p as usize]).collect();
+            moving = was.iter().map(|&p| moving[p as usize]).collect();
         } else {
             let amount = next().unwrap_or(0);
-            for (i, p) in positions.iter_mut().enumerate().filter(|(i, _)| moving[i / 3]) {
-                move_vertex(p, i, what, f32::from(amount));
+            for triangle in
+                indices.iter().zip(&moving).filter(|(_, moves)| **moves).map(|(triangle, _)| triangle)
+            {
+                for i in triangle.map(|v| v as usize) {
+                    move_vertex(&mut positions[i], i, what, f32::from(amount));
+                }
             }
         }
         let triangles = Triangles { positions: &positions, indices: &indices };
-        let strategy = &strategies[usize::from(strategy) % strategies.len()];
-        let told = update(&mut bvh, &triangles, strategy, &mut scratch).expect("same count");
+        let strategy = match strategies[usize::from(strategy) % strategies.len()] {
+            Strategy::Rebuild(builder, _) if strategy & 0x80 != 0 => Strategy::Rebuild(builder, options),
+            as_it_is => as_it_is,
+        };
+        let told = update(&mut bvh, &triangles, &strategy, &mut scratch[0]).expect("same count");
+        let twins = update(&mut twin, &triangles, &strategy, &mut scratch[1]).expect("same count");
+        assert_eq!((told, bvh.hash()), (twins, twin.hash()), "{}: another SIMD level", strategy.name());
         bvh.validate(&triangles).unwrap_or_else(|e| panic!("{}: {e}", strategy.name()));
         let cost = told.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(&bvh));
         assert!(cost.is_finite() && cost >= 0.0, "{}: cost {cost}", strategy.name());
@@ -55,12 +73,15 @@ pub fn play_bytes(bytes: &[u8]) {
             "{}: {cost} for {real}",
             strategy.name()
         );
+        wide.update(&bvh, &triangles);
         let (from, to) = (noise(3, usize::from(what)) * 30.0 - 10.0, noise(4, usize::from(what)) * 10.0);
         let ray = Ray::new(from, to - from);
         for test in TriangleTest::ALL {
             let found = rt_cpu::closest_hit(&bvh, &triangles, &ray, f32::INFINITY, test);
             let brute = rt_cpu::closest_hit_brute(&triangles, &ray, f32::INFINITY, test);
             assert_eq!(found, brute, "{}, {}", strategy.name(), test.name());
+            let found = wide.closest_hit(&ray, f32::INFINITY, test);
+            assert_eq!(found, brute, "{}, {}, eight wide", strategy.name(), test.name());
         }
     }
 }
@@ -111,8 +132,18 @@ pub fn load_bytes(name: &str, bytes: &[u8]) {
     let duration = animation.duration();
     assert!(duration.is_finite() && duration >= 0.0, "duration {duration}");
     let mut positions = animation.rest();
-    for time in [0.0, duration / 3.0, duration, duration * 2.0, -1.0, f64::NAN] {
+    let mut at = |time: f64| {
         animation.pose(time, &mut positions);
         let _ = (animation.view(time), animation.light(time));
+        positions.iter().map(|p| p.to_array().map(f32::to_bits)).collect::<Vec<_>>()
+    };
+    let [start, end] = [0.0, duration].map(&mut at);
+    for before in [-0.0, -1.0, -f64::MAX, f64::NEG_INFINITY, f64::NAN] {
+        at(duration / 3.0);
+        assert!(at(before) == start, "at {before}");
     }
+    for after in [duration * 2.0, duration.next_up(), f64::MAX, f64::INFINITY] {
+        assert!(at(after) == end, "at {after}");
+    }
+    at(f64::MIN_POSITIVE.min(duration));
 }

@@ -152,10 +152,9 @@ fn by_blocks<P: Primitives + ?Sized>(task: &Task<'_, P>, scratch: &mut Scratch) 
         _ => top.gather(task, Roots { slots: &[0], pairs: &[root.first() as u32], depth: 0 }, top_lists),
     }
     top_lists.fit_twigs(task, Next::default(), &mut tally);
-    let chunks = || top.frontier().into_iter().flat_map(|roots| roots.chunks(TOP_ROOTS));
-    share_out(chunks().count(), workers, tallies, |i, worker| {
+    share_out(chunks(top).count(), workers, tallies, |i, worker| {
         let mut tally = Tally::default();
-        if let Some(chunk) = chunks().nth(i) {
+        if let Some(chunk) = chunks(top).nth(i) {
             process(task, chunk, Next::default(), &mut worker.blocks, &mut worker.lists, &mut tally);
         }
         tally
@@ -163,6 +162,11 @@ fn by_blocks<P: Primitives + ?Sized>(task: &Task<'_, P>, scratch: &mut Scratch) 
     tallies.iter().for_each(|t| tally.add(t));
     top.ascend(task, top_lists, &mut tally);
     tally
+}
+
+/// The subtrees below the top block, as threads take them.
+fn chunks(top: &Block) -> impl Iterator<Item = Roots<'_>> {
+    top.frontier().into_iter().flat_map(|roots| roots.chunks(TOP_ROOTS))
 }
 
 /// Does `work` for all numbers below `count`; each thread of the pool takes one after the other. Tallies are in the order
@@ -208,8 +212,29 @@ mod tests {
 
     use super::*;
 
-    /// What `raw::share` promises: no two tasks touch a node, and none touches what the top block reads or writes
-    /// while they run. Tasks touch the slots of their roots and everything below, and read the first pair.
+    /// A slot that two of the tasks touch, if there is one, and how many slots are touched at all. A task touches the
+    /// slots of its roots and everything below.
+    fn shared(tree: &Bvh, tasks: &[Vec<u32>]) -> (Option<usize>, usize) {
+        let mut owner = vec![None; tree.nodes().len()];
+        let (mut shared, mut touched) = (None, 0);
+        for (number, roots) in tasks.iter().enumerate() {
+            let mut below: Vec<usize> = roots.iter().map(|&root| root as usize).collect();
+            while let Some(slot) = below.pop() {
+                match owner[slot].replace(number) {
+                    None => touched += 1,
+                    Some(_) => shared = Some(slot),
+                }
+                let node = &tree.nodes()[slot];
+                if !node.is_leaf() {
+                    below.extend([node.first(), node.first() + 1]);
+                }
+            }
+        }
+        (shared, touched)
+    }
+
+    /// What `raw::share` promises: no two tasks touch a node, so that in whatever order threads take them, and however
+    /// they interleave, each sees what it would see alone. That is every schedule at once.
     #[test]
     fn tasks_touch_disjoint_nodes() {
         for n in [100, 5000, 40_000] {
@@ -233,19 +258,21 @@ mod tests {
             let pairs = [tree.root().first() as u32];
             top.gather(&task, Roots { slots: &[0], pairs: &pairs, depth: 0 }, &mut lists);
 
-            let mut owner = vec![None; tree.nodes().len()];
-            let roots = top.frontier().into_iter().flat_map(|roots| roots.slots.to_vec());
-            for root in roots {
-                let mut below = vec![root as usize];
-                while let Some(slot) = below.pop() {
-                    assert_eq!(owner[slot].replace(root), None, "slot {slot} of {n}");
-                    let node = &tree.nodes()[slot];
-                    if !node.is_leaf() {
-                        below.extend([node.first(), node.first() + 1]);
-                    }
-                }
+            let mut tasks: Vec<Vec<u32>> = chunks(&top).map(|roots| roots.slots.to_vec()).collect();
+            let (twice, touched) = shared(&tree, &tasks);
+            assert_eq!(twice, None, "of {n}");
+            if n < 5000 {
+                continue;
             }
-            assert!(n < 5000 || owner.iter().flatten().count() > n / 2, "most nodes belong to tasks");
+            assert!(tasks.len() > 10 && touched > n / 2, "most nodes belong to tasks");
+            // The check finds a root in two tasks, and a task within another's.
+            let inner = |&&slot: &&u32| !tree.nodes()[slot as usize].is_leaf();
+            let root = *tasks[3].iter().find(inner).expect("larger than a leaf");
+            for within in [root, tree.nodes()[root as usize].first() as u32] {
+                tasks[7].push(within);
+                assert!(shared(&tree, &tasks).0.is_some());
+                tasks[7].pop();
+            }
         }
     }
 }

@@ -12,7 +12,7 @@
 //!
 //! 1. the triangle test ([`TriangleTest`]) says so, at some `t >= 0`,
 //! 2. the ray enters the triangle's own bounding box, not after `t_max`; `t` is raised to where it does, and
-//! 3. `t <= t_max`.
+//! 3. `t <= t_max`, and `t` is finite.
 //!
 //! Of several triangles the one with the least `t` is hit, of equals the one with the lowest number. Rounded
 //! subtraction and multiplication are monotonic and every box above a triangle contains the triangle's own,

@@ -283,7 +283,8 @@ fn prepare<S: Simd>(
     }
     packet.active = if bundle.origin.is_finite() && bundle.t_max >= 0.0 { present & valid } else { 0 };
     packet.primitive = [f32::from_bits(Hits::NONE); PACKET];
-    packet.t = [bundle.t_max; PACKET];
+    // No hit is infinitely far.
+    packet.t = [bundle.t_max.min(f32::MAX); PACKET];
     for i in bits(!packet.active) {
         packet.t[i] = -1.0;
     }

@@ -89,7 +89,8 @@ pub(crate) fn in_box(
 ) -> Option<Hit> {
     let near = slab::enters(ray, &Aabb::around(corners), t_max)?;
     let t = slab::max(t, near);
-    (t <= t_max).then_some(Hit { t, u, v, primitive })
+    // Along a direction whose reciprocal is infinite, even a box that is near is entered at infinity.
+    (t <= t_max && t < f32::INFINITY).then_some(Hit { t, u, v, primitive })
 }
 
 pub(crate) struct MollerTrumbore {

@@ -4,9 +4,10 @@
 //! arrays, and an XXH3 checksum of all before it; little-endian. Whatever does not match in every part
 //! is simulated again and overwritten.
 
+use std::fs::{self, File};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::{fs, io};
 
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -52,13 +53,21 @@ fn cache_path(dir: &Path, parameters: &str) -> PathBuf {
     dir.join(format!("{scene}-{:016x}.keys", xxh3_64(parameters.as_bytes())))
 }
 
-/// Writes under a name that no other writer uses and renames, so that no reader ever sees half a file.
+/// Writes under a name that no other writer uses and renames, so that no reader ever sees half a file, not even after the
+/// power has failed.
 fn write_whole(dir: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
     static WRITES: AtomicUsize = AtomicUsize::new(0);
     fs::create_dir_all(dir)?;
-    let write = WRITES.fetch_add(1, Ordering::Relaxed);
-    let temporary = path.with_extension(format!("{}-{write}.tmp", std::process::id()));
-    fs::write(&temporary, bytes).and_then(|()| fs::rename(&temporary, path)).inspect_err(|_| {
+    let number = WRITES.fetch_add(1, Ordering::Relaxed);
+    let temporary = path.with_extension(format!("{}-{number}.tmp", std::process::id()));
+    let write = || {
+        let mut file = File::create(&temporary)?;
+        file.write_all(bytes)?;
+        // Some file systems say as late as this that the disk is full.
+        file.sync_all()?;
+        fs::rename(&temporary, path)
+    };
+    write().inspect_err(|_| {
         // The error that is reported is the first one; a leftover temporary file harms nobody.
         let _ = fs::remove_file(&temporary);
     })

@@ -12,9 +12,17 @@ fn reduced() -> SceneOptions<'static> {
     SceneOptions { detail: Some(0.03), substeps: Some(12), key_frames: Some(60), ..SceneOptions::default() }
 }
 
-/// Every scene once, reduced, for the tests that only look.
-static SCENES: LazyLock<Vec<Scene>> =
-    LazyLock::new(|| list().iter().map(|info| load(info.name, None, &reduced()).unwrap()).collect());
+/// Where [`SCENES`] are recorded.
+fn cache() -> PathBuf {
+    PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("cached_scene")
+}
+
+/// Every scene once, reduced, simulated and recorded, for the tests that only look.
+static SCENES: LazyLock<Vec<Scene>> = LazyLock::new(|| {
+    let _ = std::fs::remove_dir_all(cache());
+    let options = SceneOptions { cache_dir: Some(cache()), ..reduced() };
+    list().iter().map(|info| load(info.name, None, &options).unwrap()).collect()
+});
 
 /// A hash of all positions at a few times of the loop.
 fn fingerprint(scene: &Scene) -> u64 {
@@ -68,6 +76,24 @@ fn scenes_are_the_same_on_any_number_of_threads() {
             pool.install(|| fingerprint(&load(info.name, None, &small()).unwrap()))
         });
         assert_eq!((one, one), (two, three), "{}", info.name);
+    }
+}
+
+#[test]
+fn times_before_the_start_beyond_the_end_and_not_numbers() {
+    for scene in &*SCENES {
+        let animation = &scene.animation;
+        let mut positions = animation.rest();
+        let mut at = |time| {
+            animation.pose(time, &mut positions);
+            positions.iter().map(|p| p.to_array().map(f32::to_bits)).collect::<Vec<_>>()
+        };
+        let (start, end) = (at(0.0), at(animation.duration()));
+        assert!(start != end, "{}", scene.name);
+        for before in [f64::NAN, -1.0, f64::NEG_INFINITY] {
+            assert!(at(before) == start, "{} at {before}", scene.name);
+            assert!(at(f64::INFINITY) == end && at(1e300) == end, "{}", scene.name);
+        }
     }
 }
 
@@ -175,16 +201,20 @@ fn positions_are_finite_in_500_frames_and_still_parts_stand_still() {
 
 #[test]
 fn cached_scene_is_the_scene() {
-    let dir = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("cached_scene");
-    let options = SceneOptions { cache_dir: Some(dir.clone()), ..reduced() };
-    for (info, scene) in list().iter().zip(SCENES.iter()) {
-        for _ in 0..2 {
-            let cached = load(info.name, None, &options).unwrap();
-            assert_eq!(fingerprint(&cached), fingerprint(scene), "{}", info.name);
-            assert_eq!(cached.measures, scene.measures);
-        }
+    let options = SceneOptions { cache_dir: Some(cache()), ..reduced() };
+    let scenes = SCENES.iter();
+    let times = || {
+        std::fs::read_dir(cache()).unwrap().map(|file| file.unwrap().metadata().unwrap().modified().unwrap())
+    };
+    let written: Vec<_> = times().collect();
+    assert!(!written.is_empty());
+    for (info, scene) in list().iter().zip(scenes) {
+        let cached = load(info.name, None, &options).unwrap();
+        assert_eq!(fingerprint(&cached), fingerprint(scene), "{}", info.name);
+        assert_eq!(cached.measures, scene.measures);
     }
-    std::fs::remove_dir_all(dir).unwrap();
+    assert!(times().eq(written), "none was made again");
+    std::fs::remove_dir_all(cache()).unwrap();
 }
 
 #[test]

@@ -194,6 +194,25 @@ fn coordinates_from_tiny_to_huge() {
     check_rays(&extremes, &random_rays(50));
 }
 
+/// Over a direction so short, or so nearly along a plane, that one over it is infinite, boxes are entered at infinity.
+#[test]
+fn no_hit_is_infinitely_far() {
+    let mut ground = Soup::default();
+    for i in 0..40 {
+        let at = Vec3::new((i % 5) as f32 - 2.5, (i / 5) as f32 - 4.0, 0.0);
+        ground.push([at, at + Vec3::X, at + Vec3::Y]);
+        ground.push([at + Vec3::X, at + Vec3::ONE.with_z(0.0), at + Vec3::Y]);
+    }
+    for (tiny, origin) in [(1e-39, Vec3::new(0.3, 0.4, 1e-39)), (1e-42, Vec3::new(0.3, -1e-42, 1e-42))] {
+        let mut targets = grid(origin - Vec3::Z * tiny, Vec3::X * tiny, Vec3::Y * tiny);
+        targets.truncate(256);
+        targets.extend(&grid(origin - Vec3::Z * tiny, Vec3::X, Vec3::Y * tiny)[..256]);
+        let rays: Vec<Ray> = targets.iter().map(|&target| Ray::new(origin, target - origin)).collect();
+        check_rays(&ground, &rays);
+        check_packets(&ground, origin, &targets, f32::INFINITY);
+    }
+}
+
 #[test]
 fn broken_rays_and_empty_trees_hit_nothing() {
     let soup = cube();
