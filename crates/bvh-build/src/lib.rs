@@ -162,8 +162,8 @@ pub struct BuildOptions {
 /// How many bits a Morton code has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum CodeBits {
-    /// 30, and 63 if more than half of the primitives then share their code with the one before. Fewer make the tree no
-    /// better on any mesh tried.
+    /// 39, what fits into 64 bits beside the number of one in 16 million; and 63 if there are more primitives, or more than
+    /// half of them then share their code with the one before.
     #[default]
     Auto,
     /// 30: about a thousand cells along each axis.
