@@ -1,6 +1,7 @@
 //! One pass over a whole tree: a block at the top, and below it subtrees that threads share out.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 use bvh_build::{BuildScratch, ReinsertScratch};
 use bvh_core::{Bvh, InOrder, Primitives, SimdLevel};
@@ -8,6 +9,7 @@ use rayon::prelude::*;
 
 use crate::background::Builds;
 use crate::block::{Block, Lists, NESTED, Next, Roots, Tally, Task, process};
+use crate::clock::{Calibration, Clock};
 use crate::cut::CutScratch;
 use crate::kernels::{Fitted, fit_leaf};
 use crate::raw::{self, Available};
@@ -18,12 +20,13 @@ use crate::strategy::{Rotate, Turn};
 const TOP_ROOTS: usize = 16;
 
 /// Memory that updates keep from frame to frame: well below 1 MiB a thread, whatever the size of the tree, and what
-/// rebuilds take, if any are made. It has no influence on results.
+/// rebuilds take, if any are made. It has no influence on results, but for [`Auto`](crate::Auto) by the clock.
 pub struct Scratch {
     pub(crate) build: BuildScratch,
     pub(crate) cut: CutScratch,
     pub(crate) reinsert: ReinsertScratch,
     pub(crate) background: Builds,
+    pub(crate) clock: Clock,
     /// Which primitives move, while the tree that knows it is built anew.
     pub(crate) moving: Vec<bool>,
     level: Available,
@@ -55,6 +58,7 @@ impl Scratch {
             cut: CutScratch::default(),
             reinsert: ReinsertScratch::new(),
             background: Builds::default(),
+            clock: Clock::default(),
             moving: Vec::new(),
             level,
             top: Block::new(),
@@ -62,6 +66,18 @@ impl Scratch {
             workers: Vec::new(),
             tallies: Vec::new(),
         }
+    }
+
+    /// Tells how long it took, by the wall clock, to cast so many rays through the tree of the last update with this
+    /// memory, for [`Auto`](crate::Auto) by the clock. Times of nothing and no time change nothing.
+    pub fn traced(&mut self, rays: u64, time: Duration) {
+        self.clock.traced(rays, time);
+    }
+
+    /// What the clock has told of updates by [`Auto`](crate::Auto) with this memory, and of their rays.
+    #[must_use]
+    pub fn calibration(&self) -> Calibration {
+        self.clock.calibration()
     }
 }
 

@@ -119,9 +119,9 @@ fn reinserting_helps_a_burst() {
 
 #[test]
 fn auto_repairs_a_burst_where_rays_pay_for_it() {
-    let (decisions, worst) = play(Strategy::Auto(Auto { rays: 2 << 20 }), |_| true);
+    let (decisions, worst) = play(Strategy::Auto(Auto { rays: 2 << 20, ..Auto::default() }), |_| true);
     assert!(regrown(&decisions) > 0 && worst < 1.3, "{worst}: {decisions:?}");
-    let (decisions, _) = play(Strategy::Auto(Auto { rays: 0 }), |_| true);
+    let (decisions, _) = play(Strategy::Auto(Auto { rays: 0, ..Auto::default() }), |_| true);
     assert!(decisions.iter().all(|d| matches!(d, Decision::Refit { .. })), "{decisions:?}");
 }
 
@@ -148,7 +148,7 @@ fn auto_stops_looking_in_chaos_and_rests_where_nothing_moves() {
 
 #[test]
 fn the_more_rays_the_more_auto_repairs_and_the_better_the_builder() {
-    let play_with = |rays| play(Strategy::Auto(Auto { rays }), |_| true);
+    let play_with = |rays| play(Strategy::Auto(Auto { rays, ..Auto::default() }), |_| true);
     let repairs = [1 << 8, 1 << 14, 2 << 20].map(|rays| {
         let (decisions, worst) = play_with(rays);
         (decisions.iter().filter(|d| !matches!(d, Decision::Refit { .. })).count(), worst)
@@ -163,7 +163,7 @@ fn the_more_rays_the_more_auto_repairs_and_the_better_the_builder() {
         let decisions: Vec<_> = (1..=8)
             .map(|step| {
                 let boxes = chaos(step);
-                let strategy = Strategy::Auto(Auto { rays });
+                let strategy = Strategy::Auto(Auto { rays, ..Auto::default() });
                 update(&mut bvh, boxes.as_slice(), &strategy, &mut scratch).expect("updated").decision
             })
             .collect();
@@ -175,7 +175,7 @@ fn the_more_rays_the_more_auto_repairs_and_the_better_the_builder() {
 
 #[test]
 fn a_tree_built_in_haste_is_built_well_once_the_chaos_is_over() {
-    let strategy = Strategy::Auto(Auto { rays: 1 << 13 });
+    let strategy = Strategy::Auto(Auto { rays: 1 << 13, ..Auto::default() });
     let mut bvh = tree(&chaos(0), Builder::Sweep);
     let mut scratch = Scratch::new();
     let mut decide =
