@@ -257,6 +257,19 @@ impl BuildScratch {
     pub fn dropped(&self) -> usize {
         self.dropped.len()
     }
+
+    /// Memory that is kept, in bytes.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let Self { items, dropped, spare, bins, codes, tops, clusters } = self;
+        let items = [items, dropped, spare].map(bytes_of).iter().sum::<usize>();
+        items + bytes_of(bins) + codes.bytes() + tops.bytes() + clusters.bytes()
+    }
+}
+
+/// Memory of a list, used or not.
+fn bytes_of<T>(list: &Vec<T>) -> usize {
+    list.capacity() * size_of::<T>()
 }
 
 /// Builds a tree over `primitives`: [`rebuild`] with no memory but that of `recycled`, if it is of use.

@@ -9,10 +9,10 @@ use bvh_core::glam::Vec4;
 use bvh_core::{MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
-use crate::CodeBits;
 use crate::item::{Hull, Item};
 use crate::plot::{Plot, Site};
 use crate::radix::{Counts, Key, sort};
+use crate::{CodeBits, bytes_of};
 
 /// Subtrees of fewer primitives are built by one thread.
 const GRAIN: usize = 4096;
@@ -37,6 +37,12 @@ pub(crate) enum Sorted<'a> {
 }
 
 impl Codes {
+    pub(crate) fn bytes(&self) -> usize {
+        let Self { short, short_spare, long, long_spare, counts } = self;
+        let short = bytes_of(short) + bytes_of(short_spare);
+        short + bytes_of(long) + bytes_of(long_spare) + bytes_of(counts)
+    }
+
     /// Sorts items with the given hull of centres along the curve.
     pub(crate) fn sort(
         &mut self,

@@ -19,6 +19,7 @@ use std::ops::Range;
 use bvh_core::{MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
+use crate::bytes_of;
 use crate::item::{Hull, Item};
 use crate::morton::{AHEAD, Sorted};
 use crate::nearest::{self, MAX_RADIUS};
@@ -52,6 +53,13 @@ pub(crate) struct Clusters {
     nearest: Vec<u32>,
     pub(crate) mergers: Vec<Merger>,
     parts: Vec<Kept>,
+}
+
+impl Clusters {
+    pub(crate) fn bytes(&self) -> usize {
+        let Self { leaves, spare, nearest, mergers, parts } = self;
+        bytes_of(leaves) + bytes_of(spare) + bytes_of(nearest) + bytes_of(mergers) + bytes_of(parts)
+    }
 }
 
 /// How many clusters of a part stay, and how many of these are new.

@@ -7,6 +7,8 @@
 use std::fmt;
 use std::time::{Duration, Instant};
 
+use crate::pass::Scratch;
+
 /// Times of one core, in nanoseconds; only their ratios matter, and those vary little between machines.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Weights {
@@ -136,6 +138,20 @@ impl Clock {
     }
 }
 
+impl Scratch {
+    /// Tells how long it took, by the wall clock, to cast so many rays through the tree of the last update with this
+    /// memory, for [`Auto`](crate::Auto) by the clock. Times of nothing and no time change nothing.
+    pub fn traced(&mut self, rays: u64, time: Duration) {
+        self.clock.traced(rays, time);
+    }
+
+    /// What the clock has told of updates by [`Auto`](crate::Auto) with this memory, and of their rays.
+    #[must_use]
+    pub fn calibration(&self) -> Calibration {
+        self.clock.calibration()
+    }
+}
+
 /// How far the times that [`Auto`](crate::Auto) has measured are off its model: time taken over time expected of one
 /// core, averaged over the last few times and kept between 1/64 and 64. `None` for what has not been measured: decisions
 /// take it to be off by as much as passes are.
@@ -149,7 +165,7 @@ pub struct Calibration {
     pub rebuild: Option<f64>,
     /// Building a tree in haste.
     pub hasty_rebuild: Option<f64>,
-    /// Casting rays, as told to [`Scratch::traced`](crate::Scratch::traced).
+    /// Casting rays, as told to [`Scratch::traced`].
     pub rays: Option<f64>,
 }
 

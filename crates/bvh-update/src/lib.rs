@@ -32,7 +32,7 @@ mod strategy;
 mod top;
 
 pub use auto::{Auto, Decision};
-pub use background::Background;
+pub use background::{Background, BackgroundCost};
 pub use bvh_build::{BuildError, BuildOptions, Builder};
 pub use clock::Calibration;
 pub use degraded::Degraded;

@@ -1,7 +1,6 @@
 //! One pass over a whole tree: a block at the top, and below it subtrees that threads share out.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Duration;
 
 use bvh_build::{BuildScratch, ReinsertScratch};
 use bvh_core::{Bvh, InOrder, Primitives, SimdLevel};
@@ -9,7 +8,7 @@ use rayon::prelude::*;
 
 use crate::background::Builds;
 use crate::block::{Block, Lists, NESTED, Next, Roots, Tally, Task, process};
-use crate::clock::{Calibration, Clock};
+use crate::clock::Clock;
 use crate::cut::CutScratch;
 use crate::kernels::{Fitted, fit_leaf};
 use crate::raw::{self, Available};
@@ -66,18 +65,6 @@ impl Scratch {
             workers: Vec::new(),
             tallies: Vec::new(),
         }
-    }
-
-    /// Tells how long it took, by the wall clock, to cast so many rays through the tree of the last update with this
-    /// memory, for [`Auto`](crate::Auto) by the clock. Times of nothing and no time change nothing.
-    pub fn traced(&mut self, rays: u64, time: Duration) {
-        self.clock.traced(rays, time);
-    }
-
-    /// What the clock has told of updates by [`Auto`](crate::Auto) with this memory, and of their rays.
-    #[must_use]
-    pub fn calibration(&self) -> Calibration {
-        self.clock.calibration()
     }
 }
 

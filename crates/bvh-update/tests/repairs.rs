@@ -300,6 +300,13 @@ fn trees_from_the_background_take_over_and_none_waits_or_is_mistaken() {
         let told = update(&mut trees[which], boxes.as_slice(), &strategy, &mut scratch).expect("updated");
         trees[which].validate(boxes.as_slice()).expect("valid");
         swaps[which] += u32::from(told.decision == Decision::Swap);
+        let cost = scratch.background_cost();
+        assert_eq!(cost.is_some(), swaps != [0; 2]);
+        if let Some(cost) = cost {
+            // Two nodes, a slot, a box, and a builder's own box and number.
+            assert!(cost.bytes >= N * (68 + 24 + 32) && cost.bytes < N * 400, "{cost:?}");
+            assert!(cost.delay > 0 && cost.delay <= step as u32, "{cost:?}");
+        }
         if swaps.iter().all(|&n| n >= 3) {
             return;
         }
