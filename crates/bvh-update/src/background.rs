@@ -14,7 +14,7 @@ use bvh_core::{Aabb, Bvh, Primitives, stats};
 use crate::auto::Decision;
 use crate::pass::{Scratch, pass};
 use crate::raw;
-use crate::strategy::{Rotate, Update, UpdateError, note_moving};
+use crate::strategy::{Rotate, Update, UpdateError, note_moving, options_like};
 
 /// How trees are built in the background. One [`Scratch`] has one build under way, so each tree wants its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,7 +75,12 @@ pub(crate) struct Builds {
 
 impl Builds {
     /// Starts a build over a copy of the boxes; gives its number, unlike that of any other.
-    fn start<P: Primitives + ?Sized>(&mut self, primitives: &P, builder: Builder) -> u64 {
+    fn start<P: Primitives + ?Sized>(
+        &mut self,
+        primitives: &P,
+        builder: Builder,
+        options: BuildOptions,
+    ) -> u64 {
         static NUMBER: AtomicU64 = AtomicU64::new(1);
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let mut job = std::mem::take(&mut self.spare);
@@ -84,7 +89,7 @@ impl Builds {
         let build = move || {
             let start = Instant::now();
             let Job { boxes, bvh, scratch, .. } = &mut job;
-            let built = rebuild(bvh, boxes, builder, &BuildOptions::default(), scratch);
+            let built = rebuild(bvh, boxes, builder, &options, scratch);
             built.expect("as many primitives as a tree holds");
             job.took = start.elapsed();
             job
@@ -142,7 +147,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     }
     let tally = pass(bvh, primitives, background.rotate, scratch);
     if scratch.background.current.is_none() {
-        let number = scratch.background.start(primitives, background.builder);
+        let number = scratch.background.start(primitives, background.builder, options_like(bvh));
         raw::parts(bvh).history.background_job = number;
     }
     Ok(Update { decision, rebuilt: decision == Decision::Swap, ..tally.update(bvh) })

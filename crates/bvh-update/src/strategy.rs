@@ -1,7 +1,7 @@
 //! The strategies: named ways to bring a tree up to date with primitives that have moved.
 
 use bvh_build::{BuildError, BuildOptions, Builder, Reinsert, rebuild, reinsert};
-use bvh_core::{Bvh, History, Measure, Primitives, sah_cost};
+use bvh_core::{Bvh, History, Measure, Node, Primitives, sah_cost};
 use thiserror::Error;
 
 use crate::auto::{self, Auto, Decision};
@@ -222,8 +222,8 @@ pub enum UpdateError {
 ///
 /// Runs in the current rayon pool; the tree that results is the same, bit for bit, for every number of threads and
 /// every SIMD level ([`Strategy::Background`] excepted, which depends on time). Refitting, with or without rotations,
-/// takes O(n) time for the n nodes above primitives that move, and after the first call allocates nothing. Trees that a
-/// repair builds have one primitive a leaf.
+/// takes O(n) time for the n nodes above primitives that move, and after the first call allocates nothing. A whole tree
+/// that takes the place of one, without options of its own, has no larger leaves than that had.
 ///
 /// # Errors
 /// If the number of primitives is not that of the tree, or a build fails.
@@ -287,6 +287,13 @@ fn expect_measure(history: &mut History, strategy: &Strategy) {
         let History { updates, background_job, spare_pair, .. } = *history;
         *history = History { measure, updates, background_job, spare_pair, ..History::default() };
     }
+}
+
+/// Options for a tree in the place of `bvh`, whose builder is not known: with leaves as large as its largest. O(n), in memory
+/// order.
+pub(crate) fn options_like(bvh: &Bvh) -> BuildOptions {
+    let largest = bvh.nodes().iter().map(Node::count).max().unwrap_or(1);
+    BuildOptions { max_leaf_size: largest as u32, ..BuildOptions::default() }
 }
 
 /// Builds a new tree in which the same primitives move.

@@ -110,6 +110,36 @@ fn a_degraded_tree_is_built_anew() {
 }
 
 #[test]
+fn new_trees_have_no_larger_leaves_than_those_they_replace_but_as_large_ones() {
+    // Two boxes in each place, close enough to share a leaf.
+    let pairs = |step: usize| -> Vec<Aabb> {
+        let boxes = chaos(step);
+        (0..N).map(|i| boxes[i / 2]).collect()
+    };
+    let largest = |bvh: &Bvh| bvh.nodes().iter().map(bvh_core::Node::count).max();
+    let degraded = Degraded { threshold: 0.0, ..Degraded::default() };
+    let strategies = [
+        Strategy::Auto(Auto::default()),
+        Strategy::Regrow(Regrow::default()),
+        Strategy::Degraded(degraded),
+        Strategy::Background(Background::default()),
+    ];
+    for (strategy, max_leaf_size) in strategies.iter().flat_map(|s| [(s, 1), (s, 2)]) {
+        let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
+        let mut bvh = bvh_build::build(&pairs(0), Builder::Sweep, &options, None).expect("built");
+        let mut scratch = Scratch::new();
+        let is_new = (1..2000).any(|step| {
+            let boxes = pairs(step);
+            let told = update(&mut bvh, &boxes, strategy, &mut scratch).expect("updated");
+            bvh.validate(&boxes).expect("valid");
+            told.rebuilt
+        });
+        assert!(is_new, "{}", strategy.name());
+        assert_eq!(largest(&bvh), Some(max_leaf_size as usize), "{}", strategy.name());
+    }
+}
+
+#[test]
 fn reinserting_helps_a_burst() {
     let (_, refitted) = play(Strategy::Refit, |_| true);
     let strategy = Strategy::Reinsert(Reinsertion { rotate: None, part: 0.05 });
