@@ -296,6 +296,12 @@ impl Writer<'_> {
     fn write(&mut self, cluster: u32, depth: u32) -> Node {
         match self.tree.merger(cluster) {
             None => self.leaf(cluster),
+            // Two leaves: nearly half of all mergers, for which calls would take longer than the work.
+            Some(&Merger { left, right, size: 2 }) => {
+                let r = self.leaf(right);
+                let l = self.leaf(left);
+                self.parent(l, r)
+            }
             Some(merger) if merger.size.next_power_of_two().ilog2() + depth >= MAX_HEIGHT => {
                 let mut leaves = Vec::new();
                 let mut todo = vec![cluster];
@@ -308,6 +314,7 @@ impl Writer<'_> {
                 self.halve(&leaves)
             }
             Some(&Merger { left, right, .. }) => {
+                prefetch(self.tree.mergers, (left as usize).saturating_sub(self.tree.leaves.len()));
                 let r = self.write(right, depth + 1);
                 let l = self.write(left, depth + 1);
                 self.parent(l, r)
