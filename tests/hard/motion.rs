@@ -95,7 +95,7 @@ fn ten_thousand_frames_in_a_loop() {
         (0..PER_LOOP).map(|f| build(&at(f), Builder::Sweep, &options, None).expect("few enough")).collect();
     for strategy in [Strategy::Refit, Strategy::RefitRotate(Rotate::default())]
         .into_iter()
-        .chain(["refit+rotate+regrow", "auto"].map(|name| Strategy::from_name(name).expect("known")))
+        .chain(["refit+rotate+regrow", "auto"].map(|name| name.parse().expect("known")))
     {
         let mut bvh = fresh[0].clone();
         let nodes = bvh.nodes().len();

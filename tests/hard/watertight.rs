@@ -69,7 +69,7 @@ fn no_ray_leaves_a_closed_mesh() {
     let strategies = ["refit", "refit+rotate", "refit+rotate+regrow", "auto", "lbvh", "ploc"];
     let mut count = 0;
     for name in strategies {
-        let strategy = Strategy::from_name(name).expect("known");
+        let strategy: Strategy = name.parse().expect("known");
         for offset in [0.0, 1e3, 1e6] {
             for test in [TriangleTest::Watertight, TriangleTest::Double] {
                 let found = leaks(offset, strategy, test, rays());
@@ -135,7 +135,7 @@ fn no_pixel_of_a_closed_mesh_is_empty_in_packets() {
         let built = build(&first, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
         for name in ["refit", "refit+rotate"] {
             let mut bvh = built.clone();
-            let strategy = Strategy::from_name(name).expect("known");
+            let strategy: Strategy = name.parse().expect("known");
             update(&mut bvh, &mesh, &strategy, &mut Scratch::new()).expect("same count");
             for view in case..case + views {
                 // From the very middle first, then from near it.

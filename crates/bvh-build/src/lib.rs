@@ -49,6 +49,8 @@ mod rigid;
 mod sweep;
 mod tree;
 
+use std::str::FromStr;
+
 use bvh_core::{Bvh, MAX_PRIMITIVES, Node, Primitives};
 
 pub use crate::climb::{Anneal, HillClimb, anneal, hill_climb};
@@ -128,13 +130,28 @@ impl Builder {
             Self::Reinserted => "reinserted",
         }
     }
+}
 
-    /// The builder of that name.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|builder| builder.name() == name)
+impl FromStr for Builder {
+    type Err = UnknownBuilder;
+
+    /// The builder of that [name](Self::name).
+    fn from_str(name: &str) -> Result<Self, UnknownBuilder> {
+        Self::ALL.into_iter().find(|builder| builder.name() == name).ok_or(UnknownBuilder)
     }
 }
+
+/// There is no builder of that name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct UnknownBuilder;
+
+impl std::fmt::Display for UnknownBuilder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "no such builder; there are {}", Builder::ALL.map(Builder::name).join(", "))
+    }
+}
+
+impl std::error::Error for UnknownBuilder {}
 
 /// Settings of a build. Values out of range count as the nearest one in range.
 #[derive(Clone, Copy, Debug, PartialEq)]

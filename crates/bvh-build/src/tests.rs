@@ -138,9 +138,10 @@ fn names_are_those_of_the_result_files() {
         ]
     );
     for builder in Builder::ALL {
-        assert_eq!(Builder::from_name(builder.name()), Some(builder));
+        assert_eq!(builder.name().parse(), Ok(builder));
     }
-    assert_eq!(Builder::from_name("bvh"), None);
+    let error = "bvh".parse::<Builder>().expect_err("no builder");
+    assert!(error.to_string().starts_with("no such builder; there are sweep, binned, "), "{error}");
 }
 
 #[test]

@@ -33,10 +33,10 @@ mod top;
 
 pub use auto::{Auto, Decision};
 pub use background::{Background, BackgroundCost};
-pub use bvh_build::{BuildError, BuildOptions, Builder};
+pub use bvh_build::{BuildError, BuildOptions, Builder, UnknownBuilder};
 pub use clock::Calibration;
 pub use degraded::Degraded;
 pub use leaves::Leaves;
 pub use pass::Scratch;
 pub use regrow::{Open, Regrow};
-pub use strategy::{Reinsertion, Rotate, Strategy, Update, UpdateError, update};
+pub use strategy::{Reinsertion, Rotate, Strategy, UnknownStrategy, Update, UpdateError, update};

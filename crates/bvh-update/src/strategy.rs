@@ -1,5 +1,7 @@
 //! The strategies: named ways to bring a tree up to date with primitives that have moved.
 
+use std::str::FromStr;
+
 use bvh_build::{BuildError, BuildOptions, Builder, Reinsert, rebuild, reinsert};
 use bvh_core::{Bvh, History, Measure, Node, Primitives, sah_cost};
 use thiserror::Error;
@@ -159,13 +161,21 @@ impl Strategy {
             Self::Background(_) => "refit+rotate+background",
         }
     }
+}
 
-    /// The strategy of that name, with its defaults.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::all().into_iter().find(|s| s.name() == name)
+impl FromStr for Strategy {
+    type Err = UnknownStrategy;
+
+    /// The strategy of that [name](Self::name), with its defaults.
+    fn from_str(name: &str) -> Result<Self, UnknownStrategy> {
+        Self::all().into_iter().find(|s| s.name() == name).ok_or(UnknownStrategy)
     }
 }
+
+/// There is no strategy of that name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[error("no such strategy; there are {}", Strategy::all().map(|s| s.name()).join(", "))]
+pub struct UnknownStrategy;
 
 /// What an update did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
