@@ -178,7 +178,7 @@ fn no_pixel_of_a_closed_mesh_is_empty_in_packets() {
         let built = build(&first, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
         for name in ["refit", "refit+rotate"] {
             let mut bvh = built.clone();
-            let strategy = Strategy::from_name(name).expect("known");
+            let strategy: Strategy = name.parse().expect("known");
             update(&mut bvh, &mesh, &strategy, &mut Scratch::new()).expect("same count");
             for view in case..case + views {
                 // From the very middle first, then from near it.

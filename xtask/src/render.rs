@@ -24,7 +24,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "A..B", value_parser = range)]
     frames: Option<Range<usize>>,
     /// How the tree is brought to the frame: updates run from frame 0, rebuilds build the frame's own tree
-    #[arg(long, value_name = "NAME", default_value = "refit+rotate", value_parser = strategy)]
+    #[arg(long, value_name = "NAME", default_value = "refit+rotate")]
     strategy: Strategy,
     /// Size of the image in pixels
     #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size)]
@@ -63,13 +63,6 @@ fn range(text: &str) -> Result<Range<usize>, String> {
         Some((Some(_), Some(_))) => Err("the range is empty; A..B is from A up to but without B".to_owned()),
         _ => Err("expected two numbers as in 0..50".to_owned()),
     }
-}
-
-fn strategy(name: &str) -> Result<Strategy, String> {
-    Strategy::from_name(name).ok_or_else(|| {
-        let names = Strategy::all().map(|s| s.name());
-        format!("no such strategy; there are {}", names.join(", "))
-    })
 }
 
 fn size(text: &str) -> Result<(u32, u32), String> {

@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Result, anyhow, ensure};
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::sah_cost;
-use bvh_update::{Scratch, Strategy, update};
+use bvh_update::{Scratch, Strategy, UnknownStrategy, update};
 
 use crate::progress::Progress;
 use crate::stage::{self, Stage, ms};
@@ -48,7 +48,10 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         if given.is_empty() { default.iter().map(|&s| s.to_owned()).collect() } else { given.to_vec() }
     };
     let names = default(&args.strategies, &["refit+rotate", "refit+rotate+regrow", "auto"]);
-    let strategies: Vec<Strategy> = names.iter().map(|name| strategy(name)).collect::<Result<_>>()?;
+    let strategies: Vec<Strategy> = names
+        .iter()
+        .map(|name| name.parse().map_err(|e: UnknownStrategy| anyhow!("{name}: {e}")))
+        .collect::<Result<_>>()?;
     let pool = pool::pool(args.threads.map_or_else(pool::default_threads, |n| n as usize))?;
     files::print(&format!(
         "{:<28} {:<22} {:>7} {:>9} {:>9} {:>11} {:>11} {:>13} {:>12} {:>9} {:>9}",
@@ -76,13 +79,6 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
     ensure!(broken.is_empty(), CheckFailed(broken.join("; ")));
     Ok(())
-}
-
-fn strategy(name: &str) -> Result<Strategy> {
-    Strategy::from_name(name).ok_or_else(|| {
-        let names: Vec<_> = Strategy::all().iter().map(Strategy::name).collect();
-        anyhow!("no strategy '{name}'; there are {}", names.join(", "))
-    })
 }
 
 /// What is known of some frames.

@@ -9,6 +9,7 @@ use bvh_core::MAX_HEIGHT;
 use rayon::prelude::*;
 
 use crate::binned::{self, Bins, Leaves};
+use crate::bytes_of;
 use crate::item::{Hull, Item};
 use crate::morton::{self, Sorted};
 use crate::plot::Plot;
@@ -26,6 +27,12 @@ pub(crate) struct Tops {
     items: Vec<Item>,
     /// Where each cluster begins and ends along the curve.
     ranges: Vec<[u32; 2]>,
+}
+
+impl Tops {
+    pub(crate) fn bytes(&self) -> usize {
+        bytes_of(&self.items) + bytes_of(&self.ranges)
+    }
 }
 
 /// Builds the tree over `items`, which have boxes and lie along the curve as `sorted` says; gives its hull.

@@ -49,6 +49,8 @@ mod rigid;
 mod sweep;
 mod tree;
 
+use std::str::FromStr;
+
 use bvh_core::{Bvh, MAX_PRIMITIVES, Node, Primitives};
 
 pub use crate::climb::{Anneal, HillClimb, anneal, hill_climb};
@@ -128,13 +130,28 @@ impl Builder {
             Self::Reinserted => "reinserted",
         }
     }
+}
 
-    /// The builder of that name.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|builder| builder.name() == name)
+impl FromStr for Builder {
+    type Err = UnknownBuilder;
+
+    /// The builder of that [name](Self::name).
+    fn from_str(name: &str) -> Result<Self, UnknownBuilder> {
+        Self::ALL.into_iter().find(|builder| builder.name() == name).ok_or(UnknownBuilder)
     }
 }
+
+/// There is no builder of that name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct UnknownBuilder;
+
+impl std::fmt::Display for UnknownBuilder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "no such builder; there are {}", Builder::ALL.map(Builder::name).join(", "))
+    }
+}
+
+impl std::error::Error for UnknownBuilder {}
 
 /// Settings of a build. Values out of range count as the nearest one in range.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -162,8 +179,8 @@ pub struct BuildOptions {
 /// How many bits a Morton code has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum CodeBits {
-    /// 30, and 63 if more than half of the primitives then share their code with the one before. Fewer make the tree no
-    /// better on any mesh tried.
+    /// 39, what fits into 64 bits beside the number of one in 16 million; and 63 if there are more primitives, or more than
+    /// half of them then share their code with the one before.
     #[default]
     Auto,
     /// 30: about a thousand cells along each axis.
@@ -257,6 +274,19 @@ impl BuildScratch {
     pub fn dropped(&self) -> usize {
         self.dropped.len()
     }
+
+    /// Memory that is kept, in bytes.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let Self { items, dropped, spare, bins, codes, tops, clusters } = self;
+        let items = [items, dropped, spare].map(bytes_of).iter().sum::<usize>();
+        items + bytes_of(bins) + codes.bytes() + tops.bytes() + clusters.bytes()
+    }
+}
+
+/// Memory of a list, used or not.
+fn bytes_of<T>(list: &Vec<T>) -> usize {
+    list.capacity() * size_of::<T>()
 }
 
 /// Builds a tree over `primitives`: [`rebuild`] with no memory but that of `recycled`, if it is of use.

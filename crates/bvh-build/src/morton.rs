@@ -9,10 +9,10 @@ use bvh_core::glam::Vec4;
 use bvh_core::{MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
-use crate::CodeBits;
 use crate::item::{Hull, Item};
 use crate::plot::{Plot, Site};
 use crate::radix::{Counts, Key, sort};
+use crate::{CodeBits, bytes_of};
 
 /// Subtrees of fewer primitives are built by one thread.
 const GRAIN: usize = 4096;
@@ -37,6 +37,12 @@ pub(crate) enum Sorted<'a> {
 }
 
 impl Codes {
+    pub(crate) fn bytes(&self) -> usize {
+        let Self { short, short_spare, long, long_spare, counts } = self;
+        let short = bytes_of(short) + bytes_of(short_spare);
+        short + bytes_of(long) + bytes_of(long_spare) + bytes_of(counts)
+    }
+
     /// Sorts items with the given hull of centres along the curve.
     pub(crate) fn sort(
         &mut self,
@@ -46,16 +52,19 @@ impl Codes {
         threads: usize,
     ) -> Sorted<'_> {
         let Self { short, short_spare, long, long_spare, counts } = self;
-        if bits != CodeBits::Bits63 {
-            encode(items, centers, 10, short, threads);
-            sort(short, short_spare, counts, 30, threads);
+        let n = items.len();
+        if bits != CodeBits::Bits63 && n <= 1 << u64::LOW {
+            let axis = if bits == CodeBits::Bits30 { 10 } else { 13 };
+            encode(items, centers, axis, short, threads);
+            sort(short, short_spare, counts, 3 * axis, threads);
             let same = || short.windows(2).filter(|pair| (pair[0] ^ pair[1]) >> u64::LOW == 0).count();
-            if bits == CodeBits::Bits30 || same() <= items.len() / 2 {
+            if bits == CodeBits::Bits30 || same() <= n / 2 {
                 return Sorted::Short(short);
             }
         }
-        encode(items, centers, 21, long, threads);
-        sort(long, long_spare, counts, 63, threads);
+        let axis = if bits == CodeBits::Bits30 { 10 } else { 21 };
+        encode(items, centers, axis, long, threads);
+        sort(long, long_spare, counts, 3 * axis, threads);
         Sorted::Long(long)
     }
 }

@@ -19,6 +19,7 @@ use std::ops::Range;
 use bvh_core::{MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
+use crate::bytes_of;
 use crate::item::{Hull, Item};
 use crate::morton::{AHEAD, Sorted};
 use crate::nearest::{self, MAX_RADIUS};
@@ -52,6 +53,13 @@ pub(crate) struct Clusters {
     nearest: Vec<u32>,
     pub(crate) mergers: Vec<Merger>,
     parts: Vec<Kept>,
+}
+
+impl Clusters {
+    pub(crate) fn bytes(&self) -> usize {
+        let Self { leaves, spare, nearest, mergers, parts } = self;
+        bytes_of(leaves) + bytes_of(spare) + bytes_of(nearest) + bytes_of(mergers) + bytes_of(parts)
+    }
 }
 
 /// How many clusters of a part stay, and how many of these are new.
@@ -288,6 +296,12 @@ impl Writer<'_> {
     fn write(&mut self, cluster: u32, depth: u32) -> Node {
         match self.tree.merger(cluster) {
             None => self.leaf(cluster),
+            // Two leaves: nearly half of all mergers, for which calls would take longer than the work.
+            Some(&Merger { left, right, size: 2 }) => {
+                let r = self.leaf(right);
+                let l = self.leaf(left);
+                self.parent(l, r)
+            }
             Some(merger) if merger.size.next_power_of_two().ilog2() + depth >= MAX_HEIGHT => {
                 let mut leaves = Vec::new();
                 let mut todo = vec![cluster];
@@ -300,6 +314,7 @@ impl Writer<'_> {
                 self.halve(&leaves)
             }
             Some(&Merger { left, right, .. }) => {
+                prefetch(self.tree.mergers, (left as usize).saturating_sub(self.tree.leaves.len()));
                 let r = self.write(right, depth + 1);
                 let l = self.write(left, depth + 1);
                 self.parent(l, r)

@@ -1,4 +1,5 @@
-//! Sorting keys by their bits, least significant digit first, on one thread or several.
+//! Sorting keys by their bits, on one thread or several: by their highest bits, least significant digit first, and then
+//! the few that agree in these among themselves.
 
 use std::ops::BitXor;
 
@@ -6,8 +7,9 @@ use rayon::prelude::*;
 
 use crate::raw::Scatter;
 
-/// Bits of a digit.
+/// Bits of a digit, and how many digits are sorted by.
 const DIGIT: u32 = 11;
+const DIGITS: u32 = 3;
 
 /// How many keys have each digit; later where the next of them goes.
 pub(crate) type Counts = [u32; 1 << DIGIT];
@@ -41,7 +43,7 @@ macro_rules! key {
             }
             #[inline]
             fn number(self) -> u32 {
-                self as u32
+                self as u32 & u32::MAX >> 32u32.saturating_sub($low)
             }
             #[inline]
             fn bits_from(self, bit: u32) -> usize {
@@ -54,10 +56,13 @@ macro_rules! key {
         }
     };
 }
-key!(u64, 32);
+key!(u64, 24);
 key!(u128, 64);
 
 /// Sorts keys whose numbers are in order by their codes of `bits` bits; equal codes stay in the order of their numbers.
+///
+/// Codes differ in their highest bits, but for those of neighbours: sorting these in their place takes less than passes
+/// over all keys by the lower digits.
 ///
 /// `spare` and `counts` are memory to use.
 pub(crate) fn sort<K: Key>(
@@ -70,11 +75,29 @@ pub(crate) fn sort<K: Key>(
     spare.resize(keys.len(), K::ZERO);
     let parts = (keys.len() / PART).clamp(1, threads);
     counts.resize(parts, [0; 1 << DIGIT]);
-    for bit in (K::LOW..K::LOW + bits).step_by(DIGIT as usize) {
+    let lowest = K::LOW + bits.saturating_sub(DIGITS * DIGIT);
+    for bit in (lowest..K::LOW + bits).step_by(DIGIT as usize) {
         if pass(keys, spare, counts, bit) {
             std::mem::swap(keys, spare);
         }
     }
+    if lowest > K::LOW {
+        sort_runs(keys, lowest, threads > 1);
+    }
+}
+
+/// Sorts keys that are in order but for the bits below `bit`.
+fn sort_runs<K: Key>(keys: &mut [K], bit: u32, parallel: bool) {
+    let high = |key: &K| key.bits_from(bit);
+    if !parallel || keys.len() <= PART {
+        keys.chunk_by_mut(|a, b| high(a) == high(b)).for_each(<[K]>::sort_unstable);
+        return;
+    }
+    let middle = high(&keys[keys.len() / 2]);
+    let (left, rest) = keys.split_at_mut(keys.partition_point(|key| high(key) < middle));
+    let (run, right) = rest.split_at_mut(rest.partition_point(|key| high(key) == middle));
+    let sides = || rayon::join(|| sort_runs(left, bit, true), || sort_runs(right, bit, true));
+    rayon::join(|| run.par_sort_unstable(), sides);
 }
 
 #[inline]
@@ -146,6 +169,12 @@ mod tests {
             let mut sorted = short.clone();
             sort(&mut sorted, &mut Vec::new(), &mut counts, 30, threads);
             assert!(sorted == short_expected, "{threads} parts");
+            // Most are in one run.
+            let mut sorted: Vec<u128> = (0..n).map(|i| Key::new(code(i) >> (i % 4 * 12), i as u32)).collect();
+            let mut expected = sorted.clone();
+            expected.sort_unstable();
+            sort(&mut sorted, &mut spare, &mut counts, 63, threads);
+            assert!(sorted == expected, "{threads} parts, long runs");
         }
     }
 

@@ -138,9 +138,10 @@ fn names_are_those_of_the_result_files() {
         ]
     );
     for builder in Builder::ALL {
-        assert_eq!(Builder::from_name(builder.name()), Some(builder));
+        assert_eq!(builder.name().parse(), Ok(builder));
     }
-    assert_eq!(Builder::from_name("bvh"), None);
+    let error = "bvh".parse::<Builder>().expect_err("no builder");
+    assert!(error.to_string().starts_with("no such builder; there are sweep, binned, "), "{error}");
 }
 
 #[test]
@@ -308,9 +309,9 @@ fn no_builder_costs_much_more_than_sweep() {
 
 #[test]
 fn long_codes_are_taken_where_short_ones_are_equal() {
-    // Three quarters of all in one cell of a thousand on each axis.
+    // Three quarters of all in one cell of ten thousand on each axis.
     let mut boxes = random_boxes(4000, 0.02);
-    let small = random_boxes(12_000, 0.02).into_iter().map(|b| Aabb::new(b.min * 3e-4, b.max * 3e-4));
+    let small = random_boxes(12_000, 0.02).into_iter().map(|b| Aabb::new(b.min * 3e-5, b.max * 3e-5));
     boxes.extend(
         small.enumerate().map(|(i, b)| if i % 2 == 0 { b } else { Aabb::new(b.min * 0.5, b.max * 0.5) }),
     );

@@ -2,8 +2,8 @@
 //!
 //! The model of a frame's time is the work of the update plus what its rays take, which grows with the SAH cost of the
 //! tree over what that was when the tree was good; the more so, the more of the cost lies in a few large primitives, such
-//! as the walls around what is looked at. The constants below put both on one scale, in nanoseconds of one
-//! core; only their ratios matter, and those vary little between machines.
+//! as the walls around what is looked at. Constant weights (`clock.rs`) put both on one scale, so that decisions are
+//! reproducible; only where the caller asks for it, the clock corrects them.
 //!
 //! * *Rotations* are worth while if the cost that they saved in this update, kept for some frames, pays for trying.
 //!   If they are not, each node is tried half as often, down to every eighth update; if they are, twice as often.
@@ -19,6 +19,7 @@ use std::fmt;
 use bvh_build::Builder;
 use bvh_core::{Bvh, History, Primitives};
 
+use crate::clock::{Weights, Work};
 use crate::cut::{Regrown, regrow, size_now, take_references};
 use crate::pass::{Scratch, pass};
 use crate::raw;
@@ -31,11 +32,15 @@ pub struct Auto {
     /// How many rays will be cast through the tree before the next update; the default is two for each pixel of
     /// 1024 x 1024. The more there are, the more a better tree is worth.
     pub rays: u64,
+    /// Whether the weights of the model are corrected by the clock: by the time that updates take, and what the caller
+    /// tells of rays ([`Scratch::traced`]). [`Scratch::calibration`] says by how much. Decisions, and with them trees,
+    /// are then not reproducible. False by default.
+    pub clock: bool,
 }
 
 impl Default for Auto {
     fn default() -> Self {
-        Self { rays: 2 << 20 }
+        Self { rays: 2 << 20, clock: false }
     }
 }
 
@@ -82,19 +87,8 @@ impl fmt::Display for Decision {
     }
 }
 
-/// Trying rotations at a node, averaged over all nodes.
-const ROTATE_NODE: f64 = 3.0;
-/// Looking at a node for a cut.
-const CUT_NODE: f64 = 6.0;
-/// Building the top, for each subtree below it.
-const GRAFT_SUBTREE: f64 = 300.0;
-/// Building the whole tree, for each primitive, and in haste.
-const REBUILD_PRIMITIVE: f64 = 85.0;
-const HASTY_PRIMITIVE: f64 = 34.0;
 /// By how much the SAH cost of a tree built in haste exceeds that of the other.
 const HASTY_EXCESS: f64 = 0.15;
-/// A ray through a tree of twice the SAH cost takes longer by this: less than twice as long, in coherent packets.
-const RAY: f64 = 40.0;
 
 /// What a cut is expected to be, as part of the primitives, before there was one.
 const SMALL_CUT: f64 = 0.02;
@@ -117,10 +111,17 @@ struct Found {
     excess: f64,
 }
 
-impl Auto {
+/// What time is expected to be lost and saved.
+#[derive(Clone, Copy)]
+struct Model {
+    rays: u64,
+    weights: Weights,
+}
+
+impl Model {
     /// Time that the rays take longer for this much excess.
     fn lost(self, excess: f64) -> f64 {
-        self.rays as f64 * RAY * excess.max(0.0)
+        self.rays as f64 * self.weights.ray * excess.max(0.0)
     }
 
     /// Chooses how often to try rotations from now on, by what they have saved.
@@ -129,7 +130,7 @@ impl Auto {
         let period = history.period.max(history.since_repair);
         let lasts = if history.period > 0 { (f64::from(period) - 1.0) / 2.0 } else { GAIN_LASTS };
         let saved = self.lost(found.gain) * lasts.min(GAIN_LASTS);
-        let tried = found.nodes * ROTATE_NODE / f64::from(1u32 << history.rotation_pause);
+        let tried = found.nodes * self.weights.rotate_node / f64::from(1u32 << history.rotation_pause);
         // More to come back than to go: no swinging to and fro.
         if saved < tried && history.rotation_pause < LONGEST_PAUSE {
             history.rotation_pause += 1;
@@ -142,30 +143,41 @@ impl Auto {
     /// passed since the last repair.
     fn threshold(self, history: &History) -> f64 {
         let frames = f64::from(history.since_repair.clamp(1, 8));
-        GRAFT_SUBTREE / (self.rays.max(1) as f64 * RAY * frames)
+        self.weights.graft_subtree / (self.rays.max(1) as f64 * self.weights.ray * frames)
     }
 
     /// Who builds a new tree of so many primitives that will serve for so many frames, and for how much.
     fn builder(self, primitives: f64, frames: u32) -> (Builder, f64) {
+        let Weights { rebuild_primitive, hasty_primitive, .. } = self.weights;
         let worse = self.lost(HASTY_EXCESS) * f64::from(frames);
-        if worse < primitives * (REBUILD_PRIMITIVE - HASTY_PRIMITIVE) {
-            (Builder::Lbvh, primitives * HASTY_PRIMITIVE)
+        if worse < primitives * (rebuild_primitive - hasty_primitive) {
+            (Builder::Lbvh, primitives * hasty_primitive)
         } else {
-            (Builder::Ploc, primitives * REBUILD_PRIMITIVE)
+            (Builder::Ploc, primitives * rebuild_primitive)
         }
     }
+}
 
-    /// Builds a new tree.
-    fn rebuild<P: Primitives + ?Sized>(
-        bvh: &mut Bvh,
-        primitives: &P,
-        builder: Builder,
-        scratch: &mut Scratch,
-    ) -> Result<Update, UpdateError> {
-        let update = rebuild_all(bvh, primitives, builder, scratch)?;
-        raw::parts(bvh).history.is_hasty = builder == Builder::Lbvh;
-        Ok(update)
-    }
+/// Builds a new tree.
+fn new_tree<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    builder: Builder,
+    scratch: &mut Scratch,
+) -> Result<Update, UpdateError> {
+    let is_hasty = builder == Builder::Lbvh;
+    let start = (scratch.clock.now)();
+    let update = rebuild_all(bvh, primitives, builder, scratch)?;
+    let clock = &mut scratch.clock;
+    let (work, weight) = if is_hasty {
+        (Work::Haste, Weights::MODEL.hasty_primitive)
+    } else {
+        (Work::Rebuild, Weights::MODEL.rebuild_primitive)
+    };
+    clock.learn(work, bvh.len() as f64 * weight, (clock.now)().saturating_sub(start));
+    clock.excess = if is_hasty { HASTY_EXCESS } else { 0.0 };
+    raw::parts(bvh).history.is_hasty = is_hasty;
+    Ok(update)
 }
 
 pub(crate) fn update<P: Primitives + ?Sized>(
@@ -174,24 +186,31 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     auto: Auto,
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
+    let weights = if auto.clock { scratch.clock.weights() } else { Weights::MODEL };
+    let model = Model { rays: auto.rays, weights };
     let history = *bvh.history();
     let is_time_to_look = history.rebuilds_in_a_row.is_multiple_of(LOOK_AGAIN);
     if history.is_due {
         // A tree that was built in haste and has not degraded since is to be built well.
         let frames = if history.is_hasty { u32::MAX } else { history.since_repair };
-        let (builder, _) = auto.builder(bvh.len() as f64, frames);
-        let update = Auto::rebuild(bvh, primitives, builder, scratch)?;
+        let (builder, _) = model.builder(bvh.len() as f64, frames);
+        let update = new_tree(bvh, primitives, builder, scratch)?;
         // It could wait: that does not make a row.
         raw::parts(bvh).history.rebuilds_in_a_row = 0;
         return Ok(update);
     }
     if history.rebuilds_in_a_row >= IN_A_ROW && !is_time_to_look {
-        let (builder, _) = auto.builder(bvh.len() as f64, 1);
-        return Auto::rebuild(bvh, primitives, builder, scratch);
+        let (builder, _) = model.builder(bvh.len() as f64, 1);
+        return new_tree(bvh, primitives, builder, scratch);
     }
     take_references(bvh);
     let one_in = 1 << bvh.history().rotation_pause;
+    let start = (scratch.clock.now)();
     let tally = pass(bvh, primitives, Some(Rotate { period: one_in }), scratch);
+    let nodes = (tally.leaves + tally.inner) as f64;
+    let per_node = Weights::MODEL.fit_node + Weights::MODEL.rotate_node / f64::from(one_in);
+    let took = (scratch.clock.now)().saturating_sub(start);
+    scratch.clock.learn(Work::Pass, nodes * per_node, took);
     let refitted = |bvh: &Bvh| Update { decision: Decision::Refit { one_in }, ..tally.update(bvh) };
 
     let size = size_now(bvh, tally.leaf_area);
@@ -202,28 +221,29 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let hasty = if bvh.history().is_hasty { HASTY_EXCESS } else { 0.0 };
     let found = Found {
         primitives: bvh.len() as f64,
-        nodes: (tally.leaves + tally.inner) as f64,
+        nodes,
         gain: over_good(tally.gain),
         excess: over_good(sum - good) + hasty,
     };
+    scratch.clock.excess = found.excess.max(0.0);
     let history = raw::parts(bvh).history;
     history.since_repair += 1;
-    auto.choose_pause(history, &found);
+    model.choose_pause(history, &found);
     // A tree that has become better is from now on held to that.
     history.reference = history.reference.min(sum / size);
-    history.regret += auto.lost(found.excess);
+    history.regret += model.lost(found.excess);
     let cut = if history.kept > 0 { f64::from(history.kept) } else { SMALL_CUT * found.primitives };
-    let price = found.nodes * CUT_NODE + cut * GRAFT_SUBTREE;
-    let (builder, price_of_new) = auto.builder(found.primitives, 1);
+    let price = found.nodes * weights.cut_node + cut * weights.graft_subtree;
+    let (builder, price_of_new) = model.builder(found.primitives, 1);
     // This update has had its pass. A new tree can wait for the next, unless a frame with this one costs more than that.
-    let is_urgent = auto.lost(over_good(sum - good)) > price_of_new;
+    let is_urgent = model.lost(over_good(sum - good)) > price_of_new;
     let is_new = history.rebuilds_in_a_row > 0 && history.since_repair <= SOON;
     if (history.is_hasty || history.is_beyond_repair) && !(is_new && is_time_to_look) {
         if is_urgent {
-            return Auto::rebuild(bvh, primitives, builder, scratch);
+            return new_tree(bvh, primitives, builder, scratch);
         }
         let frames = if history.is_hasty { u32::MAX } else { history.since_repair };
-        let (_, price_of_new) = auto.builder(found.primitives, frames);
+        let (_, price_of_new) = model.builder(found.primitives, frames);
         history.is_due = history.regret > price_of_new;
         return Ok(refitted(bvh));
     }
@@ -233,8 +253,11 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     // Where a new tree is bad again at once, little of it is worth keeping.
     let part = if is_new && !is_time_to_look { 0.5 * LARGEST_CUT } else { LARGEST_CUT };
     let most = part * found.primitives;
-    let threshold = auto.threshold(history) * unit;
-    match regrow(bvh, tally.leaf_area, threshold, most as usize, scratch) {
+    let threshold = model.threshold(history) * unit;
+    let start = (scratch.clock.now)();
+    let regrown = regrow(bvh, tally.leaf_area, threshold, most as usize, scratch);
+    let took = (scratch.clock.now)().saturating_sub(start);
+    match regrown {
         Regrown::Top(0) => {
             // There is nothing to gain: this is as good as the tree gets.
             let history = raw::parts(bvh).history;
@@ -242,15 +265,96 @@ pub(crate) fn update<P: Primitives + ?Sized>(
             Ok(refitted(bvh))
         }
         Regrown::Top(subtrees) => {
+            let Weights { cut_node, graft_subtree, .. } = Weights::MODEL;
+            let expected = found.nodes * cut_node + subtrees as f64 * graft_subtree;
+            scratch.clock.learn(Work::Repair, expected, took);
+            scratch.clock.excess = 0.0;
             let decision = Decision::Regrow { subtrees };
             Ok(Update { decision, sah_cost: None, ..refitted(bvh) })
         }
-        Regrown::TooMuch if is_urgent => Auto::rebuild(bvh, primitives, builder, scratch),
+        Regrown::TooMuch if is_urgent => new_tree(bvh, primitives, builder, scratch),
         Regrown::TooMuch => {
             let history = raw::parts(bvh).history;
             history.is_beyond_repair = true;
-            history.is_due = history.regret > auto.builder(found.primitives, history.since_repair).1;
+            history.is_due = history.regret > model.builder(found.primitives, history.since_repair).1;
             Ok(refitted(bvh))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+    use std::time::Duration;
+
+    use bvh_build::{BuildOptions, build};
+    use bvh_core::{Aabb, Vec3};
+
+    use super::*;
+    use crate::Strategy;
+
+    const N: usize = 2000;
+
+    /// Boxes that jump to new places at every step.
+    fn chaos(step: usize) -> Vec<Aabb> {
+        let place = |i: usize, k: usize| {
+            let h = (i * 3 + k + 7919 * step).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            ((h ^ (h >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) as f32 / (1 << 24) as f32 * 50.0
+        };
+        (0..N)
+            .map(|i| Vec3::new(place(i, 0), place(i, 1), place(i, 2)))
+            .map(|corner| Aabb::new(corner, corner + 0.8))
+            .collect()
+    }
+
+    /// Plays some steps of chaos, telling after each that a ray takes so many nanoseconds; gives the builder of the last
+    /// new tree, the number of these, and the tree.
+    fn play(auto: Auto, now: fn() -> Duration, ray: Option<f64>) -> (Option<Builder>, usize, Bvh, Scratch) {
+        let mut bvh = build(&chaos(0), Builder::Sweep, &BuildOptions::default(), None).expect("few");
+        let mut scratch = Scratch::new();
+        scratch.clock.now = now;
+        let mut builders = Vec::new();
+        for step in 1..=8 {
+            let told = crate::update(&mut bvh, &chaos(step), &Strategy::Auto(auto), &mut scratch);
+            if let Decision::Rebuild { builder } = told.expect("updated").decision {
+                builders.push(builder);
+            }
+            if let Some(ns) = ray {
+                scratch.traced(1 << 20, Duration::from_secs_f64(ns * f64::from(1 << 20) * 1e-9));
+            }
+        }
+        (builders.last().copied(), builders.len(), bvh, scratch)
+    }
+
+    #[test]
+    fn the_slower_rays_are_by_the_clock_the_better_the_builder_and_without_it_they_do_not_matter() {
+        let stopped = || Duration::ZERO;
+        let auto = Auto { rays: 1 << 13, clock: false };
+        let (builder, _, plain, _) = play(auto, stopped, None);
+        assert_eq!(builder, Some(Builder::Lbvh));
+        let (.., told, scratch) = play(auto, stopped, Some(1e4));
+        assert_eq!(plain.hash(), told.hash());
+        assert!(scratch.calibration().rays.is_some_and(|factor| factor > 1.0));
+        // A clock that stands still and rays that are not told of leave the model as it is.
+        let auto = Auto { clock: true, ..auto };
+        assert_eq!(plain.hash(), play(auto, stopped, None).2.hash());
+        assert_eq!(play(auto, stopped, Some(1e4)).0, Some(Builder::Ploc));
+        let few = Auto { rays: 1 << 9, ..auto };
+        assert!(play(few, stopped, Some(1e-3)).1 < play(few, stopped, None).1);
+        assert_eq!(play(Auto { rays: 0, ..auto }, stopped, Some(f64::from(u32::MAX))).1, 0);
+    }
+
+    #[test]
+    fn work_is_measured_by_the_clock() {
+        thread_local!(static TIME: Cell<u32> = const { Cell::new(0) });
+        // A millisecond between one look and the next.
+        let ticking = || Duration::from_millis(u64::from(TIME.replace(TIME.get() + 1)));
+        let (.., scratch) = play(Auto { clock: true, ..Auto::default() }, ticking, None);
+        let calibration = scratch.calibration();
+        let over = |expected: f64| (1e6 / expected).min(64.0);
+        let rebuild = calibration.rebuild.expect("chaos is built anew");
+        assert!((rebuild - over(N as f64 * Weights::MODEL.rebuild_primitive)).abs() < 1e-9, "{calibration}");
+        assert!(calibration.pass.is_some_and(|pass| pass > 10.0), "{calibration}");
+        assert_eq!(calibration.rays, None);
     }
 }

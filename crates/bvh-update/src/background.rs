@@ -2,20 +2,19 @@
 //!
 //! A copy of all boxes goes to a thread of its own, which builds a tree over it while updates go on with the old tree.
 //! The update that finds the new tree ready fits it to the present primitives, puts it in the place of the old one and
-//! sends the next copy. No update waits. The price: 68 bytes a primitive for a second tree, 24 for the copy, and what the
-//! builder takes (see [`rebuild`]; 64 binned); a core for the thread; and a tree whose structure is as old as its build
-//! took.
+//! sends the next copy. No update waits. The price, measured: [`BackgroundCost`].
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
-use bvh_core::{Aabb, Bvh, Primitives};
+use bvh_core::{Aabb, Bvh, Primitives, stats};
 
 use crate::auto::Decision;
 use crate::pass::{Scratch, pass};
 use crate::raw;
-use crate::strategy::{Rotate, Update, UpdateError, note_moving};
+use crate::strategy::{Rotate, Update, UpdateError, note_moving, options_like};
 
 /// How trees are built in the background. One [`Scratch`] has one build under way, so each tree wants its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,12 +31,34 @@ impl Default for Background {
     }
 }
 
+/// What the last tree that was built in the background cost, from [`Scratch::background_cost`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BackgroundCost {
+    /// Memory beside the tree in use, in bytes: the second tree, the copy of all boxes, and what the builder keeps. With
+    /// the default builder and one primitive a leaf 68, 24 and 64 or more a primitive.
+    pub bytes: usize,
+    /// Updates from the copy of the boxes to the one that put the tree in place: how many frames older than the
+    /// primitives its structure is by then. Until the next one comes it grows older.
+    pub delay: u32,
+    /// Time that its thread was busy, by the wall clock: what was taken from the cores, as far as there was one free; of a
+    /// parallel builder the thread's own part.
+    pub build_time: Duration,
+}
+
 /// A copy of the boxes, and a tree over them once it is built.
 #[derive(Default)]
 struct Job {
     boxes: Vec<Aabb>,
     bvh: Bvh,
     scratch: BuildScratch,
+    took: Duration,
+}
+
+impl Job {
+    fn bytes(&self) -> usize {
+        let Self { boxes, bvh, scratch, .. } = self;
+        boxes.capacity() * size_of::<Aabb>() + stats(bvh).bytes + scratch.bytes()
+    }
 }
 
 /// The build under way, if any, and the memory of the one before.
@@ -46,23 +67,35 @@ pub(crate) struct Builds {
     /// With the number that the tree it is for has noted.
     current: Option<(u64, JoinHandle<Job>)>,
     spare: Job,
+    /// Updates since it was started.
+    age: u32,
+    /// Of the last tree that took over.
+    cost: Option<BackgroundCost>,
 }
 
 impl Builds {
     /// Starts a build over a copy of the boxes; gives its number, unlike that of any other.
-    fn start<P: Primitives + ?Sized>(&mut self, primitives: &P, builder: Builder) -> u64 {
+    fn start<P: Primitives + ?Sized>(
+        &mut self,
+        primitives: &P,
+        builder: Builder,
+        options: BuildOptions,
+    ) -> u64 {
         static NUMBER: AtomicU64 = AtomicU64::new(1);
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let mut job = std::mem::take(&mut self.spare);
         job.boxes.clear();
         job.boxes.extend((0..primitives.len()).map(|i| primitives.aabb(i)));
         let build = move || {
-            let Job { boxes, bvh, scratch } = &mut job;
-            let built = rebuild(bvh, boxes, builder, &BuildOptions::default(), scratch);
+            let start = Instant::now();
+            let Job { boxes, bvh, scratch, .. } = &mut job;
+            let built = rebuild(bvh, boxes, builder, &options, scratch);
             built.expect("as many primitives as a tree holds");
+            job.took = start.elapsed();
             job
         };
         self.current = Some((number, std::thread::spawn(build)));
+        self.age = 0;
         number
     }
 
@@ -72,6 +105,15 @@ impl Builds {
         // A panic there has been told already; the next build starts from nothing.
         self.spare = thread.join().unwrap_or_default();
         (current == number).then_some(&mut self.spare.bvh)
+    }
+}
+
+impl Scratch {
+    /// What the last tree cost that was built in the background with this memory and took over; `None` before there was
+    /// one.
+    #[must_use]
+    pub fn background_cost(&self) -> Option<BackgroundCost> {
+        self.background.cost
     }
 }
 
@@ -92,6 +134,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
 ) -> Result<Update, UpdateError> {
     let mut decision = Decision::AsAlways;
     let number = bvh.history().background_job;
+    scratch.background.age += 1;
     // The memory may have served another tree in between.
     if let Some(new) = scratch.background.take(number).filter(|new| new.len() == primitives.len()) {
         if note_moving(bvh, &mut scratch.moving) {
@@ -99,10 +142,12 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         }
         std::mem::swap(bvh, new);
         decision = Decision::Swap;
+        let Builds { spare, age, cost, .. } = &mut scratch.background;
+        *cost = Some(BackgroundCost { bytes: spare.bytes(), delay: *age, build_time: spare.took });
     }
     let tally = pass(bvh, primitives, background.rotate, scratch);
     if scratch.background.current.is_none() {
-        let number = scratch.background.start(primitives, background.builder);
+        let number = scratch.background.start(primitives, background.builder, options_like(bvh));
         raw::parts(bvh).history.background_job = number;
     }
     Ok(Update { decision, rebuilt: decision == Decision::Swap, ..tally.update(bvh) })

@@ -4,13 +4,13 @@
 //! of theirs is then large. The measure is the mean of that ratio over all inner nodes; the tree is built anew once it
 //! has grown by more than a threshold since the tree was built, 40 per cent of one as published.
 
-use bvh_build::{BuildOptions, Builder};
+use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
 use crate::auto::Decision;
 use crate::pass::{Scratch, pass};
 use crate::raw;
-use crate::strategy::{Rotate, Update, UpdateError, new_tree};
+use crate::strategy::{Rotate, Update, UpdateError, new_tree, options_like};
 
 /// When to build a new tree.
 ///
@@ -46,7 +46,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     if mean_ratio(bvh) - bvh.history().reference <= degraded.threshold {
         return Ok(tally.update(bvh));
     }
-    let update = new_tree(bvh, primitives, degraded.builder, &BuildOptions::default(), scratch)?;
+    let update = new_tree(bvh, primitives, degraded.builder, &options_like(bvh), scratch)?;
     let decision = Decision::Rebuild { builder: degraded.builder };
     Ok(Update { decision, ..update })
 }

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use crate::background::Builds;
 use crate::block::{Block, Lists, NESTED, Next, Roots, Tally, Task, process};
+use crate::clock::Clock;
 use crate::cut::CutScratch;
 use crate::kernels::{Fitted, fit_leaf};
 use crate::raw::{self, Available};
@@ -18,12 +19,13 @@ use crate::sweep::{self, Pieces, is_linear, sweep};
 const TOP_ROOTS: usize = 16;
 
 /// Memory that updates keep from frame to frame: well below 1 MiB a thread, whatever the size of the tree, and what
-/// rebuilds take, if any are made. It has no influence on results.
+/// rebuilds take, if any are made. It has no influence on results, but for [`Auto`](crate::Auto) by the clock.
 pub struct Scratch {
     pub(crate) build: BuildScratch,
     pub(crate) cut: CutScratch,
     pub(crate) reinsert: ReinsertScratch,
     pub(crate) background: Builds,
+    pub(crate) clock: Clock,
     /// Which primitives move, while the tree that knows it is built anew.
     pub(crate) moving: Vec<bool>,
     level: Available,
@@ -64,6 +66,7 @@ impl Scratch {
             cut: CutScratch::default(),
             reinsert: ReinsertScratch::new(),
             background: Builds::default(),
+            clock: Clock::default(),
             moving: Vec::new(),
             level,
             top: Block::new(),

@@ -1,13 +1,13 @@
 //! Regrow: refit, and when the tree has degraded build it anew above those subtrees that are still good.
 
-use bvh_build::{BuildOptions, Builder};
+use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
 use crate::auto::Decision;
 use crate::cut::{Regrown, area, open, regrow, size_now, take_references, take_references_of};
 use crate::divergent::{self, divergence};
 use crate::pass::{Scratch, pass};
-use crate::strategy::{Rotate, Update, UpdateError, new_tree};
+use crate::strategy::{Rotate, Update, UpdateError, new_tree, options_like};
 use crate::top::{NewTop, rebuild_top};
 use crate::{raw, selective};
 
@@ -104,7 +104,7 @@ pub(crate) fn rebuild_all<P: Primitives + ?Sized>(
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
     let before = *bvh.history();
-    let update = new_tree(bvh, primitives, builder, &BuildOptions::default(), scratch)?;
+    let update = new_tree(bvh, primitives, builder, &options_like(bvh), scratch)?;
     let history = raw::parts(bvh).history;
     let is_soon = before.since_repair <= SOON;
     history.rebuilds_in_a_row = if is_soon { before.rebuilds_in_a_row + 1 } else { 1 };

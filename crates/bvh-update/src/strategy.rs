@@ -1,7 +1,9 @@
 //! The strategies: named ways to bring a tree up to date with primitives that have moved.
 
+use std::str::FromStr;
+
 use bvh_build::{BuildError, BuildOptions, Builder, Reinsert, rebuild, reinsert};
-use bvh_core::{Bvh, History, Measure, Primitives, sah_cost};
+use bvh_core::{Bvh, History, Measure, Node, Primitives, sah_cost};
 use thiserror::Error;
 
 use crate::auto::{self, Auto, Decision};
@@ -159,13 +161,21 @@ impl Strategy {
             Self::Background(_) => "refit+rotate+background",
         }
     }
+}
 
-    /// The strategy of that name, with its defaults.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::all().into_iter().find(|s| s.name() == name)
+impl FromStr for Strategy {
+    type Err = UnknownStrategy;
+
+    /// The strategy of that [name](Self::name), with its defaults.
+    fn from_str(name: &str) -> Result<Self, UnknownStrategy> {
+        Self::all().into_iter().find(|s| s.name() == name).ok_or(UnknownStrategy)
     }
 }
+
+/// There is no strategy of that name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[error("no such strategy; there are {}", Strategy::all().map(|s| s.name()).join(", "))]
+pub struct UnknownStrategy;
 
 /// What an update did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -222,8 +232,8 @@ pub enum UpdateError {
 ///
 /// Runs in the current rayon pool; the tree that results is the same, bit for bit, for every number of threads and
 /// every SIMD level ([`Strategy::Background`] excepted, which depends on time). Refitting, with or without rotations,
-/// takes O(n) time for the n nodes above primitives that move, and after the first call allocates nothing. Trees that a
-/// repair builds have one primitive a leaf.
+/// takes O(n) time for the n nodes above primitives that move, and after the first call allocates nothing. A whole tree
+/// that takes the place of one, without options of its own, has no larger leaves than that had.
 ///
 /// # Errors
 /// If the number of primitives is not that of the tree, or a build fails.
@@ -287,6 +297,13 @@ fn expect_measure(history: &mut History, strategy: &Strategy) {
         let History { updates, background_job, spare_pair, layout, .. } = *history;
         *history = History { measure, updates, background_job, spare_pair, layout, ..History::default() };
     }
+}
+
+/// Options for a tree in the place of `bvh`, whose builder is not known: with leaves as large as its largest. O(n), in memory
+/// order.
+pub(crate) fn options_like(bvh: &Bvh) -> BuildOptions {
+    let largest = bvh.nodes().iter().map(Node::count).max().unwrap_or(1);
+    BuildOptions { max_leaf_size: largest as u32, ..BuildOptions::default() }
 }
 
 /// Builds a new tree in which the same primitives move.

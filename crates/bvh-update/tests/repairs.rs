@@ -110,6 +110,36 @@ fn a_degraded_tree_is_built_anew() {
 }
 
 #[test]
+fn new_trees_have_no_larger_leaves_than_those_they_replace_but_as_large_ones() {
+    // Two boxes in each place, close enough to share a leaf.
+    let pairs = |step: usize| -> Vec<Aabb> {
+        let boxes = chaos(step);
+        (0..N).map(|i| boxes[i / 2]).collect()
+    };
+    let largest = |bvh: &Bvh| bvh.nodes().iter().map(bvh_core::Node::count).max();
+    let degraded = Degraded { threshold: 0.0, ..Degraded::default() };
+    let strategies = [
+        Strategy::Auto(Auto::default()),
+        Strategy::Regrow(Regrow::default()),
+        Strategy::Degraded(degraded),
+        Strategy::Background(Background::default()),
+    ];
+    for (strategy, max_leaf_size) in strategies.iter().flat_map(|s| [(s, 1), (s, 2)]) {
+        let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
+        let mut bvh = bvh_build::build(&pairs(0), Builder::Sweep, &options, None).expect("built");
+        let mut scratch = Scratch::new();
+        let is_new = (1..2000).any(|step| {
+            let boxes = pairs(step);
+            let told = update(&mut bvh, &boxes, strategy, &mut scratch).expect("updated");
+            bvh.validate(&boxes).expect("valid");
+            told.rebuilt
+        });
+        assert!(is_new, "{}", strategy.name());
+        assert_eq!(largest(&bvh), Some(max_leaf_size as usize), "{}", strategy.name());
+    }
+}
+
+#[test]
 fn reinserting_helps_a_burst() {
     let (_, refitted) = play(Strategy::Refit, |_| true);
     let strategy = Strategy::Reinsert(Reinsertion { rotate: None, part: 0.05 });
@@ -119,9 +149,9 @@ fn reinserting_helps_a_burst() {
 
 #[test]
 fn auto_repairs_a_burst_where_rays_pay_for_it() {
-    let (decisions, worst) = play(Strategy::Auto(Auto { rays: 2 << 20 }), |_| true);
+    let (decisions, worst) = play(Strategy::Auto(Auto { rays: 2 << 20, ..Auto::default() }), |_| true);
     assert!(regrown(&decisions) > 0 && worst < 1.3, "{worst}: {decisions:?}");
-    let (decisions, _) = play(Strategy::Auto(Auto { rays: 0 }), |_| true);
+    let (decisions, _) = play(Strategy::Auto(Auto { rays: 0, ..Auto::default() }), |_| true);
     assert!(decisions.iter().all(|d| matches!(d, Decision::Refit { .. })), "{decisions:?}");
 }
 
@@ -148,7 +178,7 @@ fn auto_stops_looking_in_chaos_and_rests_where_nothing_moves() {
 
 #[test]
 fn the_more_rays_the_more_auto_repairs_and_the_better_the_builder() {
-    let play_with = |rays| play(Strategy::Auto(Auto { rays }), |_| true);
+    let play_with = |rays| play(Strategy::Auto(Auto { rays, ..Auto::default() }), |_| true);
     let repairs = [1 << 8, 1 << 14, 2 << 20].map(|rays| {
         let (decisions, worst) = play_with(rays);
         (decisions.iter().filter(|d| !matches!(d, Decision::Refit { .. })).count(), worst)
@@ -163,7 +193,7 @@ fn the_more_rays_the_more_auto_repairs_and_the_better_the_builder() {
         let decisions: Vec<_> = (1..=8)
             .map(|step| {
                 let boxes = chaos(step);
-                let strategy = Strategy::Auto(Auto { rays });
+                let strategy = Strategy::Auto(Auto { rays, ..Auto::default() });
                 update(&mut bvh, boxes.as_slice(), &strategy, &mut scratch).expect("updated").decision
             })
             .collect();
@@ -175,7 +205,7 @@ fn the_more_rays_the_more_auto_repairs_and_the_better_the_builder() {
 
 #[test]
 fn a_tree_built_in_haste_is_built_well_once_the_chaos_is_over() {
-    let strategy = Strategy::Auto(Auto { rays: 1 << 13 });
+    let strategy = Strategy::Auto(Auto { rays: 1 << 13, ..Auto::default() });
     let mut bvh = tree(&chaos(0), Builder::Sweep);
     let mut scratch = Scratch::new();
     let mut decide =
@@ -300,6 +330,13 @@ fn trees_from_the_background_take_over_and_none_waits_or_is_mistaken() {
         let told = update(&mut trees[which], boxes.as_slice(), &strategy, &mut scratch).expect("updated");
         trees[which].validate(boxes.as_slice()).expect("valid");
         swaps[which] += u32::from(told.decision == Decision::Swap);
+        let cost = scratch.background_cost();
+        assert_eq!(cost.is_some(), swaps != [0; 2]);
+        if let Some(cost) = cost {
+            // Two nodes, a slot, a box, and a builder's own box and number.
+            assert!(cost.bytes >= N * (68 + 24 + 32) && cost.bytes < N * 400, "{cost:?}");
+            assert!(cost.delay > 0 && cost.delay <= step as u32, "{cost:?}");
+        }
         if swaps.iter().all(|&n| n >= 3) {
             return;
         }

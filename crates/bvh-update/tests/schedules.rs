@@ -46,7 +46,7 @@ fn no_schedule_changes_a_bit() {
     let frames: Vec<_> = (0..FRAMES).map(boxes).collect();
     let first = build(&frames[0], Builder::Lbvh, &BuildOptions::default(), None).expect("few enough");
     for name in ["refit", "refit+rotate", "refit+rotate+regrow"] {
-        let strategy = Strategy::from_name(name).expect("known");
+        let strategy: Strategy = name.parse().expect("known");
         let run = |threads: usize, seed: u64| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
             let (mut bvh, mut scratch, mut told) = (first.clone(), Scratch::new(), Vec::new());

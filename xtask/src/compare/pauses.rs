@@ -1,9 +1,10 @@
-//! What building in the background costs the frames: the longest pause of any, and how old its trees are.
+//! What building in the background costs: the longest pause of any frame, how old its trees are, their memory, and the
+//! time that their thread takes.
 //!
 //! Played alone, every frame of a loop at its own pace, since the thread in the background takes time from whatever is
 //! measured beside it.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use bvh_update::{Background, Decision, Rotate, Scratch, Strategy, update};
@@ -26,14 +27,17 @@ const WARM_UP: usize = 3;
 /// A few lines for each way of building in the background.
 pub(super) fn measure(stage: &mut Stage, setting: &Setting) -> Result<String> {
     let mut text = format!(
-        "\nbuilt in the background, {}, every frame of a loop\n  {:<26} {:>10} {:>10} {:>10} {:>12} {:>12}\n",
+        "\nbuilt in the background, {}, every frame of a loop\n  {:<26} {:>10} {:>10} {:>10} {:>12} {:>12} {:>10} {:>10} {:>10}\n",
         threads_of(setting.threads),
         "",
         "median ms",
         "longest",
         format!("<= {REACH}"),
         "update alone",
-        "frames/tree"
+        "frames/tree",
+        "delay",
+        "MiB",
+        "cores"
     );
     for rotate in [None, Some(Rotate::default())] {
         let strategy = Strategy::Background(Background { rotate, ..Background::default() });
@@ -52,9 +56,14 @@ fn play(strategy: &Strategy, stage: &mut Stage, setting: &Setting) -> Result<Str
     let mut pixels = vec![Pixel::default(); setting.size as usize * setting.size as usize];
     let options = RenderOptions::default();
     let (mut updates, mut pictures, mut swaps) = (Vec::new(), Vec::new(), 0);
+    let (mut delay, mut bytes, mut build_time) = (0, 0, Duration::ZERO);
+    let mut began = Instant::now();
     for step in 0..frames + WARM_UP {
         if interrupt::requested() {
             break;
+        }
+        if step == WARM_UP {
+            began = Instant::now();
         }
         let frame = step.saturating_sub(WARM_UP);
         stage.pose(stage.time_of(frame, frames));
@@ -69,10 +78,16 @@ fn play(strategy: &Strategy, stage: &mut Stage, setting: &Setting) -> Result<Str
         if step >= WARM_UP {
             updates.push(update_ms);
             pictures.push(ms(start));
-            swaps += u32::from(told.decision == Decision::Swap);
+            if let (Decision::Swap, Some(cost)) = (told.decision, scratch.background_cost()) {
+                swaps += 1;
+                delay += cost.delay;
+                bytes = bytes.max(cost.bytes);
+                build_time += cost.build_time;
+            }
         }
         progress.at(step as u64 + 1);
     }
+    let played = began.elapsed();
     let longest = |times: &[f64]| {
         let mut sorted = times.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -84,10 +99,13 @@ fn play(strategy: &Strategy, stage: &mut Stage, setting: &Setting) -> Result<Str
     let frame_median = update_median + picture_median;
     let frame_longest = update_longest + picture_median;
     Ok(format!(
-        "  {:<26} {frame_median:>10.3} {frame_longest:>10.3} {:>10.3} {:>12.3} {:>12.1}\n",
+        "  {:<26} {frame_median:>10.3} {frame_longest:>10.3} {:>10.3} {:>12.3} {:>12.1} {:>10.1} {:>10.1} {:>10.2}\n",
         strategy.name(),
         frame_longest / frame_median,
         update_longest / update_median,
         updates.len() as f64 / f64::from(swaps.max(1)),
+        f64::from(delay) / f64::from(swaps.max(1)),
+        bytes as f64 / f64::from(1 << 20),
+        build_time.as_secs_f64() / played.as_secs_f64(),
     ))
 }

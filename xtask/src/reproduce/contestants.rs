@@ -5,7 +5,7 @@
 
 use anyhow::{Context, Result};
 use bvh_core::{Bvh, Triangles};
-use bvh_update::{Scratch, Strategy, Update, update};
+use bvh_update::{Auto, Scratch, Strategy, Update, update};
 
 use super::paper_binned;
 use crate::pool::PAPER_THREADS;
@@ -40,6 +40,8 @@ pub(crate) enum Counted {
     Divided,
 }
 
+/// The strategy that chooses, its weights corrected by the clock: not reproducible.
+const AUTO_BY_CLOCK: &str = "auto-by-clock";
 /// An instant sweep rebuild: the bound for every update (Kopta et al. 2012, section 3, "ideal update").
 pub(crate) const IDEAL: &str = "ideal";
 /// A binned rebuild that scales perfectly (there, "ideal parallel binned").
@@ -76,6 +78,8 @@ impl Contestant {
             .iter()
             .map(|&s| named(s.name(), s.name(), Method::Strategy(s), Counted::Measured))
             .collect();
+        let by_clock = Strategy::Auto(Auto { clock: true, ..Auto::default() });
+        all.push(named(AUTO_BY_CLOCK, AUTO_BY_CLOCK, Method::Strategy(by_clock), Counted::Measured));
         all.push(named(PAPER_BINNED, PAPER_BINNED, Method::Rebuild(paper_binned::update), Counted::Measured));
         for (name, of, counted) in
             [(IDEAL, "sweep", Counted::Free), (IDEAL_PARALLEL_BINNED, "binned", Counted::Divided)]

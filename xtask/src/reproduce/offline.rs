@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Result;
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{BuildOptions, build};
 use bvh_core::{Bvh, sah_cost};
 use rt_cpu::{Image, RenderOptions, render};
 use scenes::LightEffects;
@@ -34,8 +34,8 @@ pub(crate) struct OfflineTree {
 /// none.
 pub(crate) fn measure(stage: &mut Stage, size: u32) -> Result<Vec<OfflineTree>> {
     stage.pose(0.0);
-    let others = OFFLINE.iter().filter_map(|name| Builder::from_name(name));
-    let builders: Vec<_> = Builder::from_name(REFERENCE).into_iter().chain(others).collect();
+    let others = OFFLINE.iter().filter_map(|name| name.parse().ok());
+    let builders: Vec<_> = REFERENCE.parse().into_iter().chain(others).collect();
     if builders.len() < 2 {
         return Ok(Vec::new());
     }

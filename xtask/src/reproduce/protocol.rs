@@ -258,6 +258,7 @@ impl Lane {
         let start = Instant::now();
         let stats = render(&self.tree, &mesh, &camera, Some(&light), options, image);
         let trace_ms = ms(start);
+        self.scratch.traced(stats.rays_primary + stats.rays_shadow, start.elapsed());
         let sah_cost = update.sah_cost.unwrap_or_else(|| sah_cost(&self.tree));
         let primitives_refit = primitives_refit(&self.tree, &update);
         Ok(Measured { update, update_ms, stats, trace_ms, sah_cost, primitives_refit })
