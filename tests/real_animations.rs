@@ -9,7 +9,7 @@ use pivot_tests::{closest_hit, noise};
 use rt_cpu::TriangleTest;
 
 fn data() -> Option<PathBuf> {
-    let data = std::env::var_os("PIVOT_DATA").map(PathBuf::from);
+    let data = std::env::var_os("PIVOT_DATA").filter(|d| !d.is_empty()).map(PathBuf::from);
     if data.is_none() {
         println!("skipped: PIVOT_DATA is not set");
     }

@@ -6,7 +6,7 @@ use anim::glam::Vec3;
 use anim::{Animation, LoadError, load, load_aff, load_gltf};
 
 fn data(path: &str) -> Option<PathBuf> {
-    let Some(root) = std::env::var_os("PIVOT_DATA") else {
+    let Some(root) = std::env::var_os("PIVOT_DATA").filter(|d| !d.is_empty()) else {
         println!("skipped: PIVOT_DATA is not set");
         return None;
     };
