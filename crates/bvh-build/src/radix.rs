@@ -90,7 +90,15 @@ pub(crate) fn sort<K: Key>(
 fn sort_runs<K: Key>(keys: &mut [K], bit: u32, parallel: bool) {
     let high = |key: &K| key.bits_from(bit);
     if !parallel || keys.len() <= PART {
-        keys.chunk_by_mut(|a, b| high(a) == high(b)).for_each(<[K]>::sort_unstable);
+        let mut after = 1;
+        // Most runs are of one key, or in order by chance: to look for the others can be predicted.
+        while let Some(i) = (after..keys.len()).find(|&i| keys[i] < keys[i - 1]) {
+            let of_run = |key: &&K| high(key) == high(&keys[i]);
+            let start = i - keys[..i].iter().rev().take_while(of_run).count();
+            let end = i + keys[i..].iter().take_while(of_run).count();
+            keys[start..end].sort_unstable();
+            after = end + 1;
+        }
         return;
     }
     let middle = high(&keys[keys.len() / 2]);

@@ -174,7 +174,7 @@ fn new_tree<P: Primitives + ?Sized>(
     } else {
         (Work::Rebuild, Weights::MODEL.rebuild_primitive)
     };
-    clock.learn(work, bvh.len() as f64 * weight, (clock.now)().saturating_sub(start));
+    clock.learn(work, bvh.len() as f64 * weight, (clock.now)().saturating_duration_since(start));
     clock.excess = if is_hasty { HASTY_EXCESS } else { 0.0 };
     raw::parts(bvh).history.is_hasty = is_hasty;
     Ok(update)
@@ -209,7 +209,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let tally = pass(bvh, primitives, Some(Rotate { period: one_in }), scratch);
     let nodes = (tally.leaves + tally.inner) as f64;
     let per_node = Weights::MODEL.fit_node + Weights::MODEL.rotate_node / f64::from(one_in);
-    let took = (scratch.clock.now)().saturating_sub(start);
+    let took = (scratch.clock.now)().saturating_duration_since(start);
     scratch.clock.learn(Work::Pass, nodes * per_node, took);
     let refitted = |bvh: &Bvh| Update { decision: Decision::Refit { one_in }, ..tally.update(bvh) };
 
@@ -256,7 +256,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let threshold = model.threshold(history) * unit;
     let start = (scratch.clock.now)();
     let regrown = regrow(bvh, tally.leaf_area, threshold, most as usize, scratch);
-    let took = (scratch.clock.now)().saturating_sub(start);
+    let took = (scratch.clock.now)().saturating_duration_since(start);
     match regrown {
         Regrown::Top(0) => {
             // There is nothing to gain: this is as good as the tree gets.
@@ -285,7 +285,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
 #[cfg(test)]
 mod tests {
     use std::cell::Cell;
-    use std::time::Duration;
+    use std::time::{Duration, Instant};
 
     use bvh_build::{BuildOptions, build};
     use bvh_core::{Aabb, Vec3};
@@ -294,6 +294,8 @@ mod tests {
     use crate::Strategy;
 
     const N: usize = 2000;
+
+    thread_local!(static START: Instant = Instant::now());
 
     /// Boxes that jump to new places at every step.
     fn chaos(step: usize) -> Vec<Aabb> {
@@ -309,7 +311,7 @@ mod tests {
 
     /// Plays some steps of chaos, telling after each that a ray takes so many nanoseconds; gives the builder of the last
     /// new tree, the number of these, and the tree.
-    fn play(auto: Auto, now: fn() -> Duration, ray: Option<f64>) -> (Option<Builder>, usize, Bvh, Scratch) {
+    fn play(auto: Auto, now: fn() -> Instant, ray: Option<f64>) -> (Option<Builder>, usize, Bvh, Scratch) {
         let mut bvh = build(&chaos(0), Builder::Sweep, &BuildOptions::default(), None).expect("few");
         let mut scratch = Scratch::new();
         scratch.clock.now = now;
@@ -328,7 +330,7 @@ mod tests {
 
     #[test]
     fn the_slower_rays_are_by_the_clock_the_better_the_builder_and_without_it_they_do_not_matter() {
-        let stopped = || Duration::ZERO;
+        let stopped = || START.with(|start| *start);
         let auto = Auto { rays: 1 << 13, clock: false };
         let (builder, _, plain, _) = play(auto, stopped, None);
         assert_eq!(builder, Some(Builder::Lbvh));
@@ -348,7 +350,8 @@ mod tests {
     fn work_is_measured_by_the_clock() {
         thread_local!(static TIME: Cell<u32> = const { Cell::new(0) });
         // A millisecond between one look and the next.
-        let ticking = || Duration::from_millis(u64::from(TIME.replace(TIME.get() + 1)));
+        let ticking =
+            || START.with(|start| *start + Duration::from_millis(u64::from(TIME.replace(TIME.get() + 1))));
         let (.., scratch) = play(Auto { clock: true, ..Auto::default() }, ticking, None);
         let calibration = scratch.calibration();
         let over = |expected: f64| (1e6 / expected).min(64.0);

@@ -69,20 +69,14 @@ pub(crate) struct Clock {
     factors: [Option<f64>; 5],
     /// Excess of the tree that rays are cast at now.
     pub(crate) excess: f64,
-    /// Time since some moment.
-    pub(crate) now: fn() -> Duration,
+    /// What it shows.
+    pub(crate) now: fn() -> Instant,
 }
 
 impl Default for Clock {
     fn default() -> Self {
-        Self { factors: [None; 5], excess: 0.0, now }
+        Self { factors: [None; 5], excess: 0.0, now: Instant::now }
     }
-}
-
-/// Time since the first call.
-fn now() -> Duration {
-    static FIRST: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
-    FIRST.get_or_init(Instant::now).elapsed()
 }
 
 impl Clock {
