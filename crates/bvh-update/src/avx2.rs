@@ -236,6 +236,9 @@ pub(crate) fn spurs<P: Primitives + ?Sized, const ROTATE: bool>(
     others.and(&fitted(count, leaf_areas, inner_areas))
 }
 
+/// How many forks ahead grandchildren are fetched, and twice as many children.
+const FORKS: usize = 3;
+
 /// See [`kernels::forks`](crate::kernels::forks).
 #[target_feature(enable = "avx2")]
 pub(crate) fn forks<const ROTATE: bool>(
@@ -247,7 +250,17 @@ pub(crate) fn forks<const ROTATE: bool>(
     // With the minima negated a union is one maximum, and extents are sums.
     let minima = _mm256_setr_ps(-0.0, -0.0, -0.0, -0.0, 0.0, 0.0, 0.0, 0.0);
     let mut sum = _mm256_setzero_pd();
-    for &slot in list {
+    for (i, &slot) in list.iter().enumerate() {
+        if ROTATE {
+            // A fork takes so many instructions that the processor does not see the loads of the next by itself.
+            if let Some(&next) = list.get(i + 2 * FORKS) {
+                nodes.prefetch::<false>(nodes.get(next as usize).first());
+            }
+            if let Some(&next) = list.get(i + FORKS) {
+                let below = nodes.pair(nodes.get(next as usize).first());
+                below.iter().for_each(|node| nodes.prefetch::<false>(node.first()));
+            }
+        }
         let pair = nodes.get(slot as usize).first();
         let negated = |n| nodes.pair_lanes(n).map(|lanes| _mm256_xor_ps(lanes, minima));
         let [l, r] = negated(pair);

@@ -263,7 +263,8 @@ pub(super) fn speeds(results: &Results) -> Finding {
     /// Mean cost in the first loop and in the last whole one.
     fn ends(scene: &SceneRun, frames: usize) -> Option<(f64, f64)> {
         let (_, rows) = scene.speeds.iter().find(|(n, _)| *n == frames)?;
-        let whole = rows.len() / frames;
+        let measured = |round: usize| rows.iter().filter(|r| r.round == round).count();
+        let whole = (0..).take_while(|&round| measured(round) == measured(0).max(1)).count();
         let mean = |round: usize| {
             Spread::of(rows.iter().filter(|r| r.round == round).map(|r| r.sah_cost)).map(|s| s.mean)
         };

@@ -180,3 +180,32 @@ fn what_is_near_a_bound_is_named() {
     let why = |ms| judge(&results(vec![update(ms)]))[0].why.clone();
     assert!(why(2.12).contains("near the bound: lion") && !why(1.7).contains("near"));
 }
+
+/// Figure 5 with some frames of each loop measured, and a last loop that is cut short.
+#[test]
+fn the_speed_is_judged_by_whole_loops() {
+    let rows = |frames: usize, costs: [f64; 3]| -> Vec<Row> {
+        let row = |round: usize, frame| Row {
+            round,
+            frame,
+            frames_per_loop: frames,
+            sah_cost: costs[round],
+            ..Row::default()
+        };
+        (0..3)
+            .flat_map(|round| (0..4 - usize::from(round == 2)).map(move |i| (round, i)))
+            .map(|(round, i)| row(round, i * frames / 4))
+            .collect()
+    };
+    let mut dragon = scene("exploding-dragon", &[("refit+rotate", 1.8, 12.0, 60.0)]);
+    let speeds = |last_of_20| {
+        vec![(20, rows(20, [3.0, last_of_20, 99.0])), (100, rows(100, [1.1; 3])), (500, rows(500, [1.0; 3]))]
+    };
+    for (last_of_20, expected) in [(1.2, Verdict::Holds), (2.0, Verdict::HoldsInPart)] {
+        let all =
+            results(vec![SceneRun { speeds: speeds(last_of_20), ..SceneRun::new(dragon.facts.clone()) }]);
+        assert_eq!(verdict(&all, "speed of the animation"), expected, "{last_of_20}");
+    }
+    dragon.speeds = vec![(20, rows(20, [1.0; 3]))];
+    assert_eq!(verdict(&results(vec![dragon]), "speed of the animation"), Verdict::NotRun);
+}
