@@ -8,6 +8,7 @@ pub(super) struct Table(pub(super) Vec<(String, f64)>);
 
 /// How near to a bound a value is named: another run might find it on the other side.
 const NEAR: f64 = 0.03;
+const SLACK: f64 = 1.0 + NEAR;
 
 impl Table {
     pub(super) fn of<'a>(
@@ -47,19 +48,24 @@ impl Table {
         if names.is_empty() { names } else { format!("; near the bound: {names}") }
     }
 
-    /// A finding where each scene passes or not: holds if all are at most `bound`; in part if at least `part` of them.
+    /// A finding where each scene passes or not: holds if all are at most `bound`, and none is near it; in part if at least
+    /// `part` of them are at most that, or all are at most near it.
     pub(super) fn at_most(&self, bound: f64, part: usize) -> Finding {
         if self.len() == 0 {
             return Finding::not_run("no scene that moves was run with all the strategies it compares");
         }
         let passes = |v: f64| v <= bound;
         let (all, passed) = (self.len(), self.count(passes));
-        let (verdict, why) = if passed == all {
+        let (clear, at_most_near) = (self.all(|v| v < bound / SLACK), self.all(|v| v <= bound * SLACK));
+        let (verdict, why) = if clear {
             let scenes = if all == 1 { "the only scene" } else { "every scene" };
             (Verdict::Holds, format!("at most {bound} in {scenes}"))
         } else {
-            let verdict = if passed >= part { Verdict::HoldsInPart } else { Verdict::DoesNotHoldHere };
-            (verdict, format!("at most {bound} in {passed} of {all} scenes; not in {}", self.except(passes)))
+            let in_part = passed >= part || at_most_near;
+            let verdict = if in_part { Verdict::HoldsInPart } else { Verdict::DoesNotHoldHere };
+            let others = self.except(passes);
+            let others = if others.is_empty() { others } else { format!("; not in {others}") };
+            (verdict, format!("at most {bound} in {passed} of {all} scenes{others}"))
         };
         Finding(self.text(), verdict, why + &self.near(&[bound]))
     }

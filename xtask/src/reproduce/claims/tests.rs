@@ -179,6 +179,9 @@ fn what_is_near_a_bound_is_named() {
     let update = |ms| scene("lion", &[("refit", 1.0, 9.0, 9.0), ("refit+rotate", ms, 9.0, 9.0)]);
     let why = |ms| judge(&results(vec![update(ms)]))[0].why.clone();
     assert!(why(2.12).contains("near the bound: lion") && !why(1.7).contains("near"));
+    let found = |ms| judge(&results(vec![update(ms)]))[0].verdict;
+    let verdicts = [1.7, 2.08, 2.12].map(found);
+    assert_eq!(verdicts, [Verdict::Holds, Verdict::HoldsInPart, Verdict::HoldsInPart]);
 }
 
 /// Figure 5 with some frames of each loop measured, and a last loop that is cut short.
