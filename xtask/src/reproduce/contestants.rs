@@ -122,6 +122,14 @@ impl Contestant {
 }
 
 impl Method {
+    /// The same, told how many rays each tree is for where that matters to it.
+    pub(crate) fn for_rays(self, rays: u64) -> Self {
+        match self {
+            Self::Strategy(Strategy::Auto(auto)) => Self::Strategy(Strategy::Auto(Auto { rays, ..auto })),
+            other => other,
+        }
+    }
+
     /// Brings a tree up to date with the triangles.
     pub(crate) fn run(
         &self,
@@ -165,5 +173,19 @@ mod tests {
         }
         assert_eq!(Contestant::default_ones().len(), DEFAULT.len());
         assert!(PAPER.iter().all(|name| DEFAULT.contains(name)));
+    }
+
+    #[test]
+    fn who_chooses_is_told_the_rays_and_others_stay_as_they_are() {
+        for contestant in Contestant::all() {
+            match (contestant.method, contestant.method.for_rays(512)) {
+                (Method::Strategy(Strategy::Auto(before)), Method::Strategy(Strategy::Auto(now))) => {
+                    assert_eq!((now.rays, now.clock), (512, before.clock));
+                }
+                (Method::Strategy(before), Method::Strategy(now)) => assert_eq!(before, now),
+                (Method::Rebuild(_), Method::Rebuild(_)) => {}
+                (before, now) => panic!("{before:?} became {now:?}"),
+            }
+        }
     }
 }

@@ -62,6 +62,11 @@ impl Plan {
         (lanes(false) + 2 * (lanes(false) + 2 * lanes(true)) / self.measure_every).max(1)
     }
 
+    /// Rays that a picture may take: from the eye, and from the light.
+    fn rays(&self) -> u64 {
+        2 * u64::from(self.size).pow(2)
+    }
+
     fn is_measured(&self, frame: usize) -> bool {
         frame.is_multiple_of(self.measure_every)
     }
@@ -227,7 +232,8 @@ fn lanes(stage: &Stage, plan: &Plan) -> Vec<Lane> {
     let mut lanes: Vec<Lane> = Vec::new();
     for contestant in &plan.contestants {
         if lanes.iter().all(|lane| lane.name != contestant.of) {
-            lanes.push(Lane::new(contestant.of, contestant.method, stage.first_tree.clone()));
+            let method = contestant.method.for_rays(plan.rays());
+            lanes.push(Lane::new(contestant.of, method, stage.first_tree.clone()));
         }
     }
     lanes
