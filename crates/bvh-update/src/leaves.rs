@@ -198,7 +198,6 @@ impl<P: Primitives + ?Sized> Walk<'_, P> {
             self.release(pair + 1);
             self.nodes[pair] = Node::leaf(Aabb::EMPTY, self.spare, 0);
             self.nodes[pair + 1] = Node::NOTHING;
-            self.nodes[pair + 1] = Node::NOTHING;
             self.spare = pair as u32;
         }
     }
