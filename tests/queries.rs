@@ -101,10 +101,44 @@ proptest! {
             let end = bvh.cast_ray(&ray, f32::INFINITY, |_, _| { any += 1; -1.0 });
             prop_assert!(any <= 1 && (any == 0) == (end == f32::INFINITY), "{any} tests, then {end}");
             prop_assert!(tested >= any);
+            let fours = moved(n, seed, motion, 4).0;
+            let mut any_of_four = 0;
+            fours.cast_ray(&ray, f32::INFINITY, |_, _| { any_of_four += 1; -1.0 });
+            prop_assert!(any_of_four <= 1, "a walk goes on within its leaf");
             let brute = closest_hit_brute(&triangles, &ray, f32::INFINITY, TriangleTest::Double);
             prop_assert!(brute.is_none() || any == 1, "a ray that hits enters a leaf");
         }
     }
+}
+
+/// Rounding puts the entry into these boxes behind `t_max`, but not what is in them.
+#[test]
+fn leaves_at_t_max_are_tested() {
+    let mut by_rounding = 0;
+    for i in 0..10_000u32 {
+        let ray = Ray::new(Vec3::ZERO, Vec3::new(0.0, 0.0, 1.0 + i as f32 * 1.3e-5));
+        let corner = Vec3::new(1.0, 1.0, 0.0);
+        let middle = ray.direction() * 3.0;
+        let flat = |distance| Aabb::new(middle * distance - corner, middle * distance + corner);
+        let boxes = [flat(1.0), flat(1.0), flat(2.0)];
+        let bvh = build(&boxes, Builder::Sweep, &BuildOptions::default(), None).expect("few");
+        let entry = ray.enters(&boxes[0], 3.0).expect("reached");
+        by_rounding += u32::from(entry > 3.0);
+        let mut tested = [0; 3];
+        bvh.cast_ray(&ray, 3.0, |p, t_max| {
+            tested[p] += 1;
+            t_max
+        });
+        assert_eq!(tested, [1, 1, 0], "direction {i}");
+        // The same after a hit at 3, when the other is on the stack.
+        let mut tested = [0; 3];
+        bvh.cast_ray(&ray, f32::INFINITY, |p, _| {
+            tested[p] += 1;
+            3.0
+        });
+        assert_eq!(tested, [1, 1, 0], "direction {i}");
+    }
+    assert!(by_rounding > 100, "{by_rounding}");
 }
 
 #[test]

@@ -25,23 +25,8 @@ pub(crate) fn edit<T>(bvh: &mut Bvh, f: impl FnOnce(&mut [Node]) -> T) -> T {
     let result = f(parts.nodes);
     // Spare pairs may be in use now.
     (parts.history.spare_pair, parts.history.layout) = (0, Layout::Unknown);
-    *parts.still_area = still_area(parts.nodes);
+    bvh.sum_still_area();
     result
-}
-
-/// Sum of half area times weight over all nodes that stand still.
-fn still_area(nodes: &[Node]) -> f64 {
-    let (mut sum, mut todo) = (0.0, vec![0]);
-    while let Some(n) = todo.pop() {
-        let node: &Node = &nodes[n];
-        if !node.moves() {
-            sum += node.aabb().half_area_f64() * node.weight();
-        }
-        if !node.is_leaf() {
-            todo.extend([node.first() + 1, node.first()]);
-        }
-    }
-    sum
 }
 
 /// A slice whose places are written by several threads, each place by one.

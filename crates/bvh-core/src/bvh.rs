@@ -192,6 +192,8 @@ impl Bvh {
     /// then stream through that data instead of jumping about in it.
     pub fn renumber(&mut self) -> Vec<u32> {
         self.in_order = true;
+        // A tree that is being built in the background knows primitives by their old numbers.
+        self.history.background_job = 0;
         let identity = (0..self.order.len() as u32).collect();
         std::mem::replace(&mut self.order, identity)
     }
@@ -201,13 +203,38 @@ impl Bvh {
     ///
     /// Refits and rotations do not visit subtrees without a moving primitive. Saying it takes O(n) time and allocates
     /// nothing; it lasts until it is said anew, through rebuilds too. Strategies that repair measure the tree anew when it
-    /// is said, so say it when something else moves rather than in every frame.
+    /// is said, so say it when something else moves rather than in every frame. If `moves` panics, all primitives move.
     pub fn set_moving(&mut self, moves: impl Fn(usize) -> bool) {
+        /// Sets everything in motion unless told that all went well.
+        struct Guard<'a>(&'a mut Bvh, bool);
+        impl Drop for Guard<'_> {
+            fn drop(&mut self) {
+                let Self(bvh, done) = self;
+                if !*done {
+                    bvh.raw_nodes_mut().iter_mut().for_each(|node| node.set_moves(true));
+                    bvh.still_area = 0.0;
+                }
+                // What there is to measure is another.
+                (bvh.history.reference, bvh.history.layout) = (0.0, Layout::Unknown);
+            }
+        }
+        let mut guard = Guard(self, false);
+        let Guard(bvh, done) = &mut guard;
         let mut still_area = 0.0;
-        mark(bytemuck::cast_slice_mut(&mut self.pairs), &self.order, 0, &moves, &mut still_area);
-        self.still_area = still_area;
-        // What there is to measure is another.
-        (self.history.reference, self.history.layout) = (0.0, Layout::Unknown);
+        mark(bytemuck::cast_slice_mut(&mut bvh.pairs), &bvh.order, 0, &moves, &mut still_area);
+        bvh.still_area = still_area;
+        *done = true;
+    }
+
+    /// Computes heights, moving bits and the sum over what stands still anew from the leaves: what is left to do after a
+    /// panic in the middle of an update. Boxes are as they are then. O(n) time and temporary memory.
+    pub fn mend(&mut self) {
+        let inner = self.check_structure().expect("links are those of a tree at any time");
+        for &n in inner.iter().rev() {
+            let [l, r] = self.children(&self.nodes()[n as usize]).copied().expect("an inner node");
+            self.raw_nodes_mut()[n as usize].set_height_and_moves(&l, &r);
+        }
+        self.sum_still_area();
     }
 
     /// What updates remember of the tree.
@@ -222,7 +249,8 @@ impl Bvh {
         self.still_area
     }
 
-    pub(crate) fn sum_still_area(&mut self) {
+    /// Sums up [`still_area`](Self::still_area) anew. O(n).
+    pub fn sum_still_area(&mut self) {
         let still = |n: &&Node| !n.moves() && n.weight() > 0.0;
         let mut sum = 0.0;
         if !self.root().moves() || self.nodes().iter().any(|n| still(&n)) {
@@ -235,7 +263,7 @@ impl Bvh {
         self.still_area = sum;
     }
 
-    /// Calls `f` with the number, the node and the depth of every node, parents first, left before right.
+    /// Calls `f` with the number, the node and the depth of every node, parents first, left before right. O(n).
     pub fn visit(&self, mut f: impl FnMut(usize, &Node, u32)) {
         let nodes = self.nodes();
         let mut todo = vec![(0, 0)];

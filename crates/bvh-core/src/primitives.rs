@@ -63,21 +63,50 @@ impl Primitives for [Aabb] {
     }
 }
 
+/// Passes everything on to what `$this` is a way to.
+macro_rules! forward {
+    ($self:ident => $this:expr) => {
+        #[inline]
+        fn len(&$self) -> usize {
+            Primitives::len($this)
+        }
+
+        #[inline]
+        fn aabb(&$self, i: usize) -> Aabb {
+            $this.aabb(i)
+        }
+
+        #[inline(always)]
+        fn aabb_lanes(&$self, i: usize) -> [Vec4; 3] {
+            $this.aabb_lanes(i)
+        }
+
+        #[inline]
+        fn prefetch_index(&$self, i: usize) {
+            $this.prefetch_index(i);
+        }
+
+        #[inline]
+        fn prefetch_data(&$self, i: usize) {
+            $this.prefetch_data(i);
+        }
+    };
+}
+
 impl Primitives for Vec<Aabb> {
-    #[inline]
-    fn len(&self) -> usize {
-        <[Aabb]>::len(self)
-    }
+    forward!(self => self.as_slice());
+}
 
-    #[inline]
-    fn aabb(&self, i: usize) -> Aabb {
-        self.as_slice().aabb(i)
-    }
+impl<const N: usize> Primitives for [Aabb; N] {
+    forward!(self => self.as_slice());
+}
 
-    #[inline]
-    fn prefetch_data(&self, i: usize) {
-        prefetch(self, i);
-    }
+impl<P: Primitives + ?Sized> Primitives for &P {
+    forward!(self => *self);
+}
+
+impl<P: Primitives + Send + ?Sized> Primitives for Box<P> {
+    forward!(self => self.as_ref());
 }
 
 /// Triangles that share vertices: triangle `i` has the corners `positions[indices[i][0..3]]`.
@@ -111,7 +140,7 @@ impl Triangles<'_> {
     #[inline(always)]
     fn lanes(&self, v: usize) -> Vec4 {
         // One load of four floats, but for the last vertex, behind which there is no fourth.
-        match self.positions.get(v..v + 2) {
+        match self.positions.get(v..v.saturating_add(2)) {
             Some(two) => Vec4::from_slice(&bytemuck::cast_slice(two)[..4]),
             None => self.last(v),
         }

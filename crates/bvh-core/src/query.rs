@@ -10,7 +10,7 @@ impl Bvh {
     ///
     /// With one primitive a leaf these are the primitives whose boxes overlap; larger leaves may bring
     /// neighbours along. Each primitive is reported once, in no particular order. A query that is empty or has a NaN
-    /// finds nothing.
+    /// finds nothing. O(log n + found) for scattered primitives; O(n) at worst.
     pub fn overlaps(&self, query: &Aabb, mut found: impl FnMut(usize)) {
         let nodes = self.nodes();
         let mut stack: Stack = [0; MAX_HEIGHT as usize + 1];
@@ -72,9 +72,12 @@ impl Bvh {
     /// Casts a ray: calls `test` with the number of each primitive in a leaf that the ray enters before
     /// `t_max`, nearest leaves first as far as boxes tell.
     ///
-    /// `test` gets the present `t_max` and returns the new one: smaller after a hit (for the closest hit), negative to
-    /// end the walk (for any hit), unchanged otherwise. Returns the last `t_max`. An invalid ray, or a `t_max` that is
-    /// negative or NaN, meets nothing.
+    /// `test` gets the present `t_max` and returns the new one: smaller after a hit (for the closest hit), negative or NaN to
+    /// end the walk there (for any hit), unchanged otherwise. Returns the last `t_max`. An invalid ray, or a `t_max` that is
+    /// negative or NaN, meets nothing. Rounding keeps no leaf from being tested, not even one at `t_max`
+    /// ([`Ray::WIDEN`]), so a few may be that lie just behind it.
+    ///
+    /// O(log n) for a ray that meets little; O(n) at worst.
     pub fn cast_ray(&self, ray: &Ray, mut t_max: f32, mut test: impl FnMut(usize, f32) -> f32) -> f32 {
         let nodes = self.nodes();
         let mut stack: [(f32, u32); MAX_HEIGHT as usize + 1] = [(0.0, 0); MAX_HEIGHT as usize + 1];
@@ -85,10 +88,14 @@ impl Bvh {
         let mut n = 0;
         loop {
             let node = &nodes[n];
-            if t > t_max {
+            if t > t_max * Ray::WIDEN {
+                // A nearer hit was found since.
             } else if node.is_leaf() {
                 for &p in self.primitives(node) {
                     t_max = test(p as usize, t_max);
+                    if t_max < 0.0 || t_max.is_nan() {
+                        return t_max;
+                    }
                 }
             } else {
                 let first = node.first();

@@ -132,7 +132,7 @@ impl Bvh {
     }
 
     /// Walks the structure; gives the inner nodes, parents before children.
-    fn check_structure(&self) -> Result<Vec<u32>, Malformed> {
+    pub(crate) fn check_structure(&self) -> Result<Vec<u32>, Malformed> {
         let nodes = self.nodes();
         if nodes.is_empty() {
             return Err(Malformed::NodeCount(0));

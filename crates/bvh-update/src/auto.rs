@@ -20,7 +20,7 @@ use bvh_build::Builder;
 use bvh_core::{Bvh, History, Primitives};
 
 use crate::clock::{Weights, Work};
-use crate::cut::{Regrown, regrow, size_now, take_references};
+use crate::cut::{Regrown, reference, regrow, size_now, take_references};
 use crate::pass::{Scratch, pass};
 use crate::raw;
 use crate::regrow::{LARGEST_CUT, SOON, rebuild_all};
@@ -229,8 +229,14 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let history = raw::parts(bvh).history;
     history.since_repair += 1;
     model.choose_pause(history, &found);
-    // A tree that has become better is from now on held to that.
-    history.reference = history.reference.min(sum / size);
+    if sum > 0.0 {
+        // A tree that has become better is from now on held to that; one that was built over points is no measure.
+        history.is_due = history.reference == 0.0;
+        history.reference = history.reference.min(reference(sum, size));
+    }
+    if history.is_due {
+        return Ok(refitted(bvh));
+    }
     history.regret += model.lost(found.excess);
     let cut = if history.kept > 0 { f64::from(history.kept) } else { SMALL_CUT * found.primitives };
     let price = found.nodes * weights.cut_node + cut * weights.graft_subtree;
@@ -261,7 +267,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         Regrown::Top(0) => {
             // There is nothing to gain: this is as good as the tree gets.
             let history = raw::parts(bvh).history;
-            (history.regret, history.reference) = (0.0, sum / size);
+            (history.regret, history.reference) = (0.0, reference(sum, size));
             Ok(refitted(bvh))
         }
         Regrown::Top(subtrees) => {

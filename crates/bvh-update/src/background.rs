@@ -74,7 +74,8 @@ pub(crate) struct Builds {
 }
 
 impl Builds {
-    /// Starts a build over a copy of the boxes; gives its number, unlike that of any other.
+    /// Starts a build over a copy of the boxes; gives its number, unlike that of any other, or 0 if the system has no
+    /// thread to give.
     fn start<P: Primitives + ?Sized>(
         &mut self,
         primitives: &P,
@@ -94,9 +95,9 @@ impl Builds {
             job.took = start.elapsed();
             job
         };
-        self.current = Some((number, std::thread::spawn(build)));
         self.age = 0;
-        number
+        self.current = std::thread::Builder::new().spawn(build).ok().map(|thread| (number, thread));
+        if self.current.is_some() { number } else { 0 }
     }
 
     /// The tree of build `number`, if it is ready; trees of other builds are of no use to who asks.

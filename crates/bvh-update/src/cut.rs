@@ -95,6 +95,12 @@ fn size([first, ..]: [f64; 3], [leaves, root]: [f64; 2]) -> f64 {
     scale(first * leaves.min(root).max(leaves.max(root).min(1.0)))
 }
 
+/// How good a tree is, by the sum of its areas: 0, to be measured anew, where that is beyond numbers.
+pub(crate) fn reference(sum: f64, size: f64) -> f64 {
+    let reference = sum / size;
+    if reference.is_finite() { reference } else { 0.0 }
+}
+
 /// A unit of areas: 1 in place of none.
 pub(crate) fn scale(area: f64) -> f64 {
     if area > 0.0 && area.is_finite() { area } else { 1.0 }
@@ -175,7 +181,8 @@ pub(crate) fn open(
     queues[0].slots.push(0);
     walk.walk(queues);
     let (kept, bad) = (walk.kept, walk.bad);
-    if bad == 0 {
+    // Nothing is bad, unless the walk was given up.
+    if bad == 0 && cut.len() <= most {
         cut.clear();
         pairs.clear();
     }

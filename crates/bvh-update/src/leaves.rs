@@ -71,7 +71,8 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let mut tally = pass(bvh, primitives, options.rotate, scratch);
     let stretched = reference > 0.0 && tally.leaf_area > reference * (1.0 + STRETCHED);
     let turn = Turn::new(Rotate { period: if stretched { 1 } else { options.period } }, updates);
-    let parts = raw::parts(bvh);
+    let mut unfinished = raw::Unfinished::new(bvh);
+    let parts = raw::parts(unfinished.bvh);
     parts.history.layout = Layout::Other;
     let mut walk = Walk {
         nodes: parts.nodes,
@@ -80,7 +81,8 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         turn,
         longest: options.max_leaf_size.min(LONGEST as u32),
         scale: scale(tally.leaf_area),
-        spare: parts.history.spare_pair,
+        // If primitives panic, spare pairs are lost: some may be in use by then.
+        spare: std::mem::take(&mut parts.history.spare_pair),
         change: 0.0,
         leaf_change: 0.0,
     };
@@ -92,7 +94,8 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let is_first = stretched || reference == 0.0;
     parts.history.reference = if is_first { leaf_area } else { reference.min(leaf_area) };
     tally.area += walk.change;
-    Ok(tally.update(bvh))
+    unfinished.done = true;
+    Ok(tally.update(unfinished.bvh))
 }
 
 struct Walk<'a, P: ?Sized> {

@@ -93,7 +93,8 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     scratch: &mut Scratch,
 ) -> Tally {
     let in_order = bvh.is_in_order();
-    let parts = raw::parts(bvh);
+    let mut unfinished = raw::Unfinished::new(bvh);
+    let parts = raw::parts(unfinished.bvh);
     let linear = rotate.is_none() && is_linear(parts.nodes, parts.history);
     if rotate.is_some() {
         // Rotations end it: beforehand, as primitives may panic half-way.
@@ -110,6 +111,7 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
         run(&Task { nodes, primitives, rotations, level }, linear, scratch)
     };
     *parts.still_area += tally.still_area;
+    unfinished.done = true;
     tally
 }
 

@@ -20,9 +20,16 @@ use crate::strategy::{Rotate, Turn};
 /// One thread, O(n).
 ///
 /// # Panics
-/// If the tree is over more primitives than given.
+/// If there are not as many primitives as the tree holds.
 pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Option<Rotate>) -> [u64; 6] {
-    let parts = raw::parts(bvh);
+    assert!(
+        primitives.len() == bvh.len(),
+        "the tree holds {} primitives, not {}",
+        bvh.len(),
+        primitives.len()
+    );
+    let mut unfinished = raw::Unfinished::new(bvh);
+    let parts = raw::parts(unfinished.bvh);
     let rotations = rotate.map(|rotate| Turn::new(rotate, parts.history.updates));
     parts.history.updates = parts.history.updates.wrapping_add(1);
     if rotate.is_some() {
@@ -32,7 +39,9 @@ pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Opt
     let mut walk = Walk { nodes, order, primitives, rotations, applied: [0; 6], still_area: 0.0 };
     walk.node(0, 0);
     *parts.still_area += walk.still_area;
-    walk.applied
+    let applied = walk.applied;
+    unfinished.done = true;
+    applied
 }
 
 struct Walk<'a, P: ?Sized> {

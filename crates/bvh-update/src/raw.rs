@@ -153,12 +153,34 @@ pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
     }
 }
 
+/// A tree in the middle of an update: mended if primitives panic before that is done, as rotations leave heights above
+/// them to be told later.
+pub(crate) struct Unfinished<'a> {
+    pub(crate) bvh: &'a mut Bvh,
+    pub(crate) done: bool,
+}
+
+impl<'a> Unfinished<'a> {
+    pub(crate) fn new(bvh: &'a mut Bvh) -> Self {
+        Self { bvh, done: false }
+    }
+}
+
+impl Drop for Unfinished<'_> {
+    fn drop(&mut self) {
+        if !self.done {
+            self.bvh.mend();
+        }
+    }
+}
+
 /// The parts of a tree, for a pass that keeps its structure valid.
 pub(crate) fn parts(bvh: &mut Bvh) -> Parts<'_> {
     // SAFETY: the pass writes boxes, and structure only by `kernels::apply`, which swaps two slots and refits
     // heights and moving bits on the way up, as the plain pass does. `top.rs` and `leaves.rs` put a tree over the same
     // slots or subtrees in the place of another, in pairs that were that one's or spare, with heights and bits refitted.
-    // All of them set the layout to `Other`. Others write references and the history alone.
+    // All of them set the layout to `Other`. Others write references and the history alone. Where primitives may panic in
+    // between, the tree is `Unfinished`.
     #[expect(unsafe_code, reason = "promises to leave a valid tree")]
     unsafe {
         bvh.parts_mut()

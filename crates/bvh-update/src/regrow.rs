@@ -4,7 +4,7 @@ use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
 use crate::auto::Decision;
-use crate::cut::{Regrown, area, open, regrow, size_now, take_references, take_references_of};
+use crate::cut::{Regrown, area, open, reference, regrow, size_now, take_references, take_references_of};
 use crate::divergent::{self, divergence};
 use crate::pass::{Scratch, pass};
 use crate::strategy::{Rotate, Update, UpdateError, new_tree, options_like};
@@ -81,10 +81,8 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     };
     match regrown {
         Regrown::Top(0) => {
-            if options.open != Open::Grown {
-                // There is nothing to be had; wait until as much is lost again.
-                raw::parts(bvh).history.reference = sum / scale;
-            }
+            // There is nothing to be had; wait until as much is lost again.
+            raw::parts(bvh).history.reference = reference(sum, scale);
             Ok(tally.update(bvh))
         }
         Regrown::Top(subtrees) => {

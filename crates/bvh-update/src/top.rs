@@ -6,7 +6,7 @@
 use bvh_build::{BuildOptions, Builder, rebuild};
 use bvh_core::{Bvh, History, Layout, MAX_HEIGHT, Node};
 
-use crate::cut::{CutScratch, Measure, Regrown};
+use crate::cut::{CutScratch, Measure, Regrown, reference};
 use crate::pass::Scratch;
 use crate::raw;
 
@@ -70,7 +70,7 @@ pub(crate) fn rebuild_top(
     let mut graft = Graft { nodes: parts.nodes, measure, top, kept, pairs: pairs.iter(), scale, new };
     graft.write(0, 0);
     *parts.still_area += graft.new.still_change;
-    let reference = judge(graft.new);
+    let reference = reference(judge(graft.new), 1.0);
     let history = parts.history;
     *history = History {
         reference,

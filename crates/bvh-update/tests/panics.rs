@@ -1,0 +1,96 @@
+//! Primitives that panic in the middle of an update: the tree is a valid one all the same, and the next update makes it
+//! tight.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::{Aabb, Bvh, Primitives, Vec3};
+use bvh_update::{Scratch, Strategy, plain, update};
+
+const N: usize = 3000;
+
+fn boxes(time: f32) -> Vec<Aabb> {
+    let place = |i: usize| {
+        let rest = Vec3::new((i % 17) as f32, (i % 13) as f32, (i % 19) as f32);
+        rest + Vec3::new((i * 7 % 11) as f32, (i * 5 % 7) as f32, (i * 3 % 5) as f32) * time
+    };
+    (0..N).map(place).map(|p| Aabb::new(p, p + 0.5)).collect()
+}
+
+/// Boxes that can be asked for so many times.
+struct Fragile {
+    boxes: Vec<Aabb>,
+    left: AtomicUsize,
+}
+
+impl Primitives for Fragile {
+    fn len(&self) -> usize {
+        self.boxes.len()
+    }
+
+    fn aabb(&self, i: usize) -> Aabb {
+        let left = self.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1));
+        assert!(left.is_ok(), "asked once too often");
+        self.boxes[i]
+    }
+}
+
+/// Heights and moving bits are those that the leaves make, and so is the sum over what stands still.
+fn check(bvh: &Bvh, what: &str) {
+    let again = Bvh::new(bvh.nodes(), bvh.order().to_vec()).unwrap_or_else(|e| panic!("{what}: {e}"));
+    again.visit(|n, node, _| {
+        let told = &bvh.nodes()[n];
+        assert_eq!((told.height(), told.moves()), (node.height(), node.moves()), "{what}, node {n}");
+    });
+    let (told, sum) = (bvh.still_area(), again.still_area());
+    assert!((told - sum).abs() <= 1e-9 * sum, "{what}: {told} stands still, not {sum}");
+}
+
+#[test]
+fn a_panic_in_the_middle_of_an_update_leaves_a_valid_tree() {
+    let (start, end, after) = (boxes(0.0), boxes(1.0), boxes(1.5));
+    for threads in [1, 2] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        for strategy in Strategy::all() {
+            for calls in [0, 10, N / 2, N - 1, N + 100] {
+                let mut bvh =
+                    build(&start, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
+                bvh.set_moving(|p| p % 10 > 0);
+                let mut scratch = Scratch::new();
+                let fragile = Fragile { boxes: end.clone(), left: AtomicUsize::new(calls) };
+                let updated = catch_unwind(AssertUnwindSafe(|| {
+                    pool.install(|| update(&mut bvh, &fragile, &strategy, &mut scratch))
+                }));
+                let what = format!("{}, {calls} calls, {threads} threads", strategy.name());
+                assert!(updated.is_err() || calls >= N * 9 / 10, "{what}");
+                // Builders leave an empty tree.
+                if !bvh.is_empty() {
+                    check(&bvh, &what);
+                    update(&mut bvh, &after, &strategy, &mut scratch)
+                        .unwrap_or_else(|e| panic!("{what}: {e}"));
+                    check(&bvh, &what);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_plain_pass_and_a_mask_that_panic_leave_valid_trees() {
+    let start = boxes(0.0);
+    let mut bvh = build(&start, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
+    let fragile = Fragile { boxes: boxes(1.0), left: AtomicUsize::new(N / 2) };
+    let rotate = Some(bvh_update::Rotate::default());
+    assert!(catch_unwind(AssertUnwindSafe(|| plain::update(&mut bvh, &fragile, rotate))).is_err());
+    check(&bvh, "plain");
+    assert!(catch_unwind(AssertUnwindSafe(|| plain::update(&mut bvh, &start[1..], rotate))).is_err());
+    check(&bvh, "one too few");
+    let mask = |p| {
+        assert!(p != N / 2, "no such primitive");
+        p % 2 > 0
+    };
+    assert!(catch_unwind(AssertUnwindSafe(|| bvh.set_moving(mask))).is_err());
+    check(&bvh, "mask");
+    assert!(bvh.root().moves() && bvh.still_area() == 0.0);
+}
