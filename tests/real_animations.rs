@@ -28,7 +28,8 @@ fn play(file: &str, per_loop: usize, moves: bool, rotation_pays: bool) {
     let start = Triangles { positions: &positions, indices: &topology.triangles };
     let mut built = build(&start, Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
     built.set_moving(|p| topology.moves[p]);
-    let mut trees = Strategy::all().map(|s| (s, built.clone(), Scratch::new()));
+    let with_tree = |strategy| (strategy, built.clone(), Scratch::new());
+    let mut trees: Vec<_> = Strategy::all().into_iter().map(with_tree).collect();
     let (mut rotations, mut costs, mut moved) = (0, [0.0; 2], false);
     for i in 1..=frames {
         let before: Vec<Vec3> = positions.clone();

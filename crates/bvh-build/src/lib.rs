@@ -92,8 +92,8 @@ pub enum Builder {
     HillClimbed,
     /// [`Sweep`](Self::Sweep), then rotations by simulated annealing: see [`anneal`]. For trees that are made once.
     Annealed,
-    /// [`Sweep`](Self::Sweep), then subtrees put where they cost least: see [`reinsert`](fn@reinsert), on all threads of the current
-    /// rayon pool. For trees that are made once; better than annealing, in a fraction of the time.
+    /// [`Sweep`](Self::Sweep), then subtrees put where they cost least: see [`reinsert`](fn@reinsert), on all threads of
+    /// the current rayon pool. For trees that are made once; better than annealing, in a fraction of the time.
     Reinserted,
 }
 
@@ -137,17 +137,26 @@ impl FromStr for Builder {
 
     /// The builder of that [name](Self::name).
     fn from_str(name: &str) -> Result<Self, UnknownBuilder> {
-        Self::ALL.into_iter().find(|builder| builder.name() == name).ok_or(UnknownBuilder)
+        let found = || UnknownBuilder(name.to_owned());
+        Self::ALL.into_iter().find(|builder| builder.name() == name).ok_or_else(found)
     }
 }
 
-/// There is no builder of that name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct UnknownBuilder;
+impl std::fmt::Display for Builder {
+    /// Its [name](Self::name).
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// There is no builder of this name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnknownBuilder(String);
 
 impl std::fmt::Display for UnknownBuilder {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "no such builder; there are {}", Builder::ALL.map(Builder::name).join(", "))
+        let expected = Builder::ALL.map(Builder::name).join(", ");
+        write!(f, "unknown builder '{}'; expected one of {expected}", self.0)
     }
 }
 
@@ -205,6 +214,7 @@ impl Default for BuildOptions {
 
 /// What an optimisation did to a tree.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct Optimized {
     /// Passes over the tree.
     pub passes: u32,
@@ -260,6 +270,13 @@ pub struct BuildScratch {
     codes: Codes,
     tops: Tops,
     clusters: Clusters,
+}
+
+impl std::fmt::Debug for BuildScratch {
+    /// The name alone: what is in it means nothing between calls.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("BuildScratch").finish_non_exhaustive()
+    }
 }
 
 impl BuildScratch {

@@ -46,8 +46,8 @@ impl Default for Decomposition {
 /// Builds one tree for all poses, to be refitted from frame to frame: subtrees over what moves alike, and a tree above
 /// them of little cost over all poses. One primitive a leaf; boxes fit the first pose.
 ///
-/// For pieces that fly apart, as a start: [`optimize_over_poses`] improves it further, and gets as far from other starts. Runs on all threads of the current rayon pool;
-/// the tree is the same for any number of them. O(k n log n) for k poses in practice.
+/// For pieces that fly apart, as a start: [`optimize_over_poses`] improves it further, and gets as far from other starts.
+/// Runs on all threads of the current rayon pool; the tree is the same for any number of them. O(k n log n) for k poses in practice.
 ///
 /// # Errors
 /// If there are no poses, too many primitives, or not as many in each pose.

@@ -12,7 +12,7 @@ pub(crate) fn write(bvh: &mut Bvh, primitives: usize, fill: impl FnOnce(&mut [No
     // the children; `leaves::merge` keeps this up. Tests build the same tree by `Bvh::new`, which checks everything.
     #[expect(unsafe_code, reason = "promises a valid tree")]
     unsafe {
-        bvh.rebuild(2 * primitives.max(1), primitives, fill);
+        bvh.replace_with(2 * primitives.max(1), primitives, fill);
     }
 }
 

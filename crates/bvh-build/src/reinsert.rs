@@ -48,6 +48,13 @@ pub struct ReinsertScratch {
     found: Vec<Move>,
 }
 
+impl std::fmt::Debug for ReinsertScratch {
+    /// The name alone: what is in it means nothing between calls.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ReinsertScratch").finish_non_exhaustive()
+    }
+}
+
 impl ReinsertScratch {
     /// No memory as yet.
     #[must_use]

@@ -74,7 +74,8 @@ impl Aabb {
     }
 
     /// Half the surface area, `xy + yz + zx` of the extents; 0 for an empty box, infinite if it exceeds the
-    /// range of `f32` (extents above about 1e19).
+    /// range of `f32` (extents above about 1e19), NaN if an extent exceeds that range and another is 0. See
+    /// [`half_area_f64`](Self::half_area_f64) for such boxes.
     ///
     /// The order of operations is part of the contract: every SIMD level computes these bits.
     #[must_use]

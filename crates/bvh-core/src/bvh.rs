@@ -38,6 +38,7 @@ pub struct Bvh {
 }
 
 /// The parts of a tree that an update writes and reads, from [`Bvh::parts_mut`].
+#[derive(Debug)]
 pub struct Parts<'a> {
     /// All node slots.
     pub nodes: &'a mut [Node],
@@ -52,7 +53,7 @@ pub struct Parts<'a> {
 impl Bvh {
     /// A tree of the given nodes over `order.len()` primitives; see [`Bvh`] for the layout.
     ///
-    /// Boxes are taken as they are. Heights and moving bits are computed here, the latter from the leaves'; slots that
+    /// Boxes are taken as they are, but [`sanitized`](crate::Aabb::sanitized). Heights and moving bits are computed here, the latter from the leaves'; slots that
     /// are in no subtree become [`Node::NOTHING`].
     /// O(n) time and temporary memory.
     ///
@@ -76,7 +77,7 @@ impl Bvh {
     /// What `fill` leaves in the node slots that it says are used, and in the order, must be a tree as [`Bvh`] describes
     /// it, with heights right and every primitive moving: updates that share the arena between threads rely on it.
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
-    pub unsafe fn rebuild(
+    pub unsafe fn replace_with(
         &mut self,
         nodes: usize,
         primitives: usize,
@@ -379,13 +380,23 @@ mod tests {
     }
 
     #[test]
+    fn boxes_that_are_not_finite_are_empty() {
+        let mut nodes = three();
+        nodes[4].set_aabb(Aabb { min: Vec3::NAN, max: Vec3::ONE });
+        let mut bvh = Bvh::new(&nodes, vec![2, 0, 1]).expect("valid");
+        assert_eq!(bvh.nodes()[4].aabb(), Aabb::EMPTY);
+        bvh.set_moving(|_| false);
+        assert!(bvh.still_area().is_finite());
+    }
+
+    #[test]
     fn a_tree_is_written_into_the_memory_of_another() {
         let mut bvh = Bvh::new(&three(), vec![2, 0, 1]).expect("valid");
         let rebuild = |bvh: &mut Bvh, fill: fn(&mut [Node], &mut [u32]) -> usize| {
             // SAFETY: what is written is a tree.
             #[expect(unsafe_code, reason = "writes a tree by hand")]
             unsafe {
-                bvh.rebuild(2, 2, fill);
+                bvh.replace_with(2, 2, fill);
             }
         };
         let memory = bvh.nodes().as_ptr();

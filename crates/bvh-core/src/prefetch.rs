@@ -1,4 +1,4 @@
-//! Cache prefetch: the only unsafe code of this crate.
+//! Cache prefetch: the only unsafe blocks of this crate.
 
 /// Asks the processor to bring the first byte's cache line of `slice[i]` into the cache.
 ///

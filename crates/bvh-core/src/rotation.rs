@@ -66,6 +66,13 @@ impl Rotation {
     }
 }
 
+impl std::fmt::Display for Rotation {
+    /// Its [name](Self::name).
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.name())
+    }
+}
+
 /// How the half areas of N's inner children would change under each rotation, in the order of
 /// [`Rotation::ALL`]; infinite where the swapped nodes do not exist.
 ///

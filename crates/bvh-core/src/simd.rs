@@ -13,6 +13,13 @@ pub enum SimdLevel {
     Avx512,
 }
 
+impl std::fmt::Display for SimdLevel {
+    /// Its [name](Self::name).
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.name())
+    }
+}
+
 impl SimdLevel {
     /// All levels, lowest first.
     pub const ALL: [Self; 3] = [Self::Baseline, Self::Avx2, Self::Avx512];

@@ -45,8 +45,11 @@ impl Bvh {
     pub(crate) fn from_pairs(pairs: Vec<Pair>, order: Vec<u32>) -> Result<Self, Malformed> {
         let mut bvh = Self { pairs, order, in_order: false, still_area: 0.0, history: History::default() };
         bvh.check_order()?;
-        // Safe code can give a leaf a height, and updates tell leaves by theirs.
-        bvh.raw_nodes_mut().iter_mut().for_each(Node::clear_leaf_height);
+        for node in bvh.raw_nodes_mut() {
+            // Safe code can give a leaf a height, and updates tell leaves by theirs.
+            node.clear_leaf_height();
+            node.set_aabb(node.aabb().sanitized());
+        }
         bvh.pairs[0].0[1] = Node::NOTHING;
         if let Some(parents) = bvh.parents_if_ordered() {
             for pair in (1..bvh.pairs.len()).rev() {

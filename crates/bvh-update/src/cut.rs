@@ -11,7 +11,8 @@
 //!              if E > threshold: N is opened, and its children that are not are subtrees to keep
 //! ```
 //!
-//! The measure M is a node's half area where the tree is *regrown*. `divergent.rs` has another; `selective.rs` opens nodes in a way of its own. `top.rs` builds the top anew.
+//! The measure M is a node's half area where the tree is *regrown*. `divergent.rs` has another; `selective.rs` opens nodes
+//! in a way of its own. `top.rs` builds the top anew.
 
 use bvh_core::{Aabb, Bvh, History, MAX_HEIGHT, Node, prefetch};
 
@@ -43,8 +44,8 @@ pub(crate) enum Regrown {
 }
 
 /// What a node is judged by, in the dimension of areas.
-pub(crate) trait Measure: Fn(&[Node], &Node) -> f64 + Copy {}
-impl<F: Fn(&[Node], &Node) -> f64 + Copy> Measure for F {}
+pub(crate) trait NodeMeasure: Fn(&[Node], &Node) -> f64 + Copy {}
+impl<F: Fn(&[Node], &Node) -> f64 + Copy> NodeMeasure for F {}
 
 /// A node's half area.
 pub(crate) fn area(_: &[Node], node: &Node) -> f64 {
@@ -58,7 +59,7 @@ pub(crate) fn take_references(bvh: &mut Bvh) {
 }
 
 /// The same with another measure of nodes.
-pub(crate) fn take_references_of(bvh: &mut Bvh, measure: impl Measure) {
+pub(crate) fn take_references_of(bvh: &mut Bvh, measure: impl NodeMeasure) {
     if bvh.history().reference != 0.0 {
         return;
     }
@@ -161,7 +162,7 @@ pub(crate) fn regrow(
 /// Finds the subtrees whose excess is at most `threshold`, or more than `most`; gives the sum of references in them.
 pub(crate) fn open(
     bvh: &Bvh,
-    measure: impl Measure,
+    measure: impl NodeMeasure,
     scale: f64,
     threshold: f64,
     most: usize,
@@ -215,7 +216,7 @@ struct Queue {
 const QUEUE: usize = 1024;
 const ROOTS: usize = 64;
 
-impl<M: Measure> Cut<'_, M> {
+impl<M: NodeMeasure> Cut<'_, M> {
     /// Excess at and below nodes with grandchildren, at the front of the first queue.
     fn walk(&mut self, queues: &mut [Queue]) {
         let (queue, deeper) = queues.split_first_mut().expect("as many queues as blocks nest");

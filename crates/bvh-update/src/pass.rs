@@ -36,6 +36,13 @@ pub struct Scratch {
     tallies: Vec<Tally>,
 }
 
+impl std::fmt::Debug for Scratch {
+    /// The name alone: what is in it means nothing between calls.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Scratch").finish_non_exhaustive()
+    }
+}
+
 struct Worker {
     blocks: Vec<Block>,
     lists: Box<Lists>,

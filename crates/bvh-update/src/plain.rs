@@ -15,7 +15,8 @@ use bvh_core::{Aabb, Bvh, Layout, Node, Primitives};
 use crate::raw;
 use crate::strategy::{Rotate, Turn};
 
-/// Refits every box above primitives that move; with `rotate`, also rotates at such nodes. Gives the rotations applied, by kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
+/// Refits every box above primitives that move; with `rotate`, also rotates at such nodes. Gives the rotations applied, by
+/// kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
 ///
 /// One thread, O(n).
 ///

@@ -1,5 +1,6 @@
 //! The strategies: named ways to bring a tree up to date with primitives that have moved.
 
+use std::fmt;
 use std::str::FromStr;
 
 use bvh_build::{BuildError, BuildOptions, Builder, Reinsert, rebuild, reinsert};
@@ -113,26 +114,27 @@ impl Turn {
 impl Strategy {
     /// All strategies, with their defaults.
     #[must_use]
-    pub fn all() -> [Self; 15 + Builder::PER_FRAME.len()] {
+    pub fn all() -> Vec<Self> {
         let rotate = Some(Rotate::default());
-        std::array::from_fn(|i| match i {
-            0 => Self::Refit,
-            1 => Self::RefitRotate(Rotate::default()),
-            2 => Self::Degraded(Degraded::default()),
-            3 => Self::Degraded(Degraded { rotate, ..Degraded::default() }),
-            4 => Self::Regrow(Regrow { rotate: None, ..Regrow::default() }),
-            5 => Self::Regrow(Regrow { rotate, ..Regrow::default() }),
-            6 => Self::Auto(Auto::default()),
-            7 => Self::Background(Background::default()),
-            8 => Self::Background(Background { rotate, ..Background::default() }),
-            9 => Self::Reinsert(Reinsertion::default()),
-            10 => Self::Leaves(Leaves::default()),
-            11 => Self::Regrow(Regrow { rotate: None, open: Open::Overlapping, ..Regrow::default() }),
-            12 => Self::Regrow(Regrow { rotate, open: Open::Overlapping, ..Regrow::default() }),
-            13 => Self::Regrow(Regrow { rotate: None, open: Open::Divergent, ..Regrow::default() }),
-            14 => Self::Regrow(Regrow { rotate, open: Open::Divergent, ..Regrow::default() }),
-            _ => Self::Rebuild(Builder::PER_FRAME[i - 15], BuildOptions::default()),
-        })
+        let mut all = vec![
+            Self::Refit,
+            Self::RefitRotate(Rotate::default()),
+            Self::Degraded(Degraded::default()),
+            Self::Degraded(Degraded { rotate, ..Degraded::default() }),
+            Self::Regrow(Regrow { rotate: None, ..Regrow::default() }),
+            Self::Regrow(Regrow { rotate, ..Regrow::default() }),
+            Self::Auto(Auto::default()),
+            Self::Background(Background::default()),
+            Self::Background(Background { rotate, ..Background::default() }),
+            Self::Reinsert(Reinsertion::default()),
+            Self::Leaves(Leaves::default()),
+            Self::Regrow(Regrow { rotate: None, open: Open::Overlapping, ..Regrow::default() }),
+            Self::Regrow(Regrow { rotate, open: Open::Overlapping, ..Regrow::default() }),
+            Self::Regrow(Regrow { rotate: None, open: Open::Divergent, ..Regrow::default() }),
+            Self::Regrow(Regrow { rotate, open: Open::Divergent, ..Regrow::default() }),
+        ];
+        all.extend(Builder::PER_FRAME.map(|builder| Self::Rebuild(builder, BuildOptions::default())));
+        all
     }
 
     /// Name as the command line and results have it.
@@ -168,14 +170,28 @@ impl FromStr for Strategy {
 
     /// The strategy of that [name](Self::name), with its defaults.
     fn from_str(name: &str) -> Result<Self, UnknownStrategy> {
-        Self::all().into_iter().find(|s| s.name() == name).ok_or(UnknownStrategy)
+        let found = || UnknownStrategy { found: name.to_owned() };
+        Self::all().into_iter().find(|s| s.name() == name).ok_or_else(found)
     }
 }
 
-/// There is no strategy of that name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-#[error("no such strategy; there are {}", Strategy::all().map(|s| s.name()).join(", "))]
-pub struct UnknownStrategy;
+impl fmt::Display for Strategy {
+    /// Its [name](Self::name).
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// There is no strategy of this name.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("unknown strategy '{found}'; expected one of {}", names().join(", "))]
+pub struct UnknownStrategy {
+    found: String,
+}
+
+fn names() -> Vec<&'static str> {
+    Strategy::all().iter().map(Strategy::name).collect()
+}
 
 /// What an update did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -6,7 +6,7 @@
 use bvh_build::{BuildOptions, Builder, rebuild};
 use bvh_core::{Bvh, History, Layout, MAX_HEIGHT, Node};
 
-use crate::cut::{CutScratch, Measure, Regrown, reference};
+use crate::cut::{CutScratch, NodeMeasure, Regrown, reference};
 use crate::pass::Scratch;
 use crate::raw;
 
@@ -24,7 +24,7 @@ pub(crate) struct NewTop {
 /// Builds the tree anew above the subtrees of the cut, if there are at most `most` of them; `judge` says how good it is.
 pub(crate) fn rebuild_top(
     bvh: &mut Bvh,
-    measure: impl Measure,
+    measure: impl NodeMeasure,
     scale: f64,
     most: usize,
     scratch: &mut Scratch,
@@ -121,7 +121,7 @@ struct Graft<'a, M> {
     new: NewTop,
 }
 
-impl<M: Measure> Graft<'_, M> {
+impl<M: NodeMeasure> Graft<'_, M> {
     /// Writes node `n` of the new top, and what is below, to `slot`.
     fn write(&mut self, n: usize, slot: usize) {
         let node = self.top.nodes()[n];

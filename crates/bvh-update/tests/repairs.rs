@@ -425,3 +425,41 @@ fn leaves_come_to_rest_and_know_what_stands_still() {
     coarse.validate(apart.as_slice()).expect("valid");
     assert!(before < N && stats(&coarse).leaves <= before);
 }
+
+/// Built over points, a tree is any tree; once they have burst apart it must not be held for a good one.
+#[test]
+fn auto_builds_anew_what_was_built_over_points() {
+    let points = vec![Aabb::new(Vec3::ONE, Vec3::ONE); N];
+    for (first, steps) in [(points.clone(), 0), (chaos(0), 3)] {
+        let mut bvh = tree(&first, Builder::Sweep);
+        let mut scratch = Scratch::new();
+        let auto = Strategy::Auto(Auto::default());
+        for _ in 0..steps {
+            update(&mut bvh, &points, &auto, &mut scratch).expect("updated");
+        }
+        for _ in 0..3 {
+            update(&mut bvh, &chaos(1), &auto, &mut scratch).expect("updated");
+        }
+        let over = over_fresh(&bvh, &chaos(1));
+        assert!(over < 1.3, "{over} after {steps} steps over points");
+    }
+}
+
+/// What is built in the background knows primitives by the numbers they had.
+#[test]
+fn no_tree_of_old_numbers_takes_over() {
+    let mut bvh = tree(&chaos(0), Builder::Sweep);
+    let mut scratch = Scratch::new();
+    let background = Strategy::Background(Background::default());
+    update(&mut bvh, &chaos(0), &background, &mut scratch).expect("updated");
+    assert!(bvh.history().background_job > 0);
+    let order = bvh.renumber();
+    assert_eq!(bvh.history().background_job, 0);
+    let boxes: Vec<_> = order.iter().map(|&p| chaos(0)[p as usize]).collect();
+    let fresh = sah_cost(&bvh);
+    for _ in 0..50 {
+        update(&mut bvh, &boxes, &background, &mut scratch).expect("updated");
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        assert!(sah_cost(&bvh) < 1.5 * fresh, "a tree over other numbers");
+    }
+}

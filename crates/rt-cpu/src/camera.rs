@@ -19,6 +19,12 @@ pub struct Camera {
     height: u32,
 }
 
+/// A vector of length 1 that points the same way, whatever the length of `v`: its square may be beyond `f32`, or 0. `None`
+/// if `v` itself is 0 or not finite.
+fn direction(v: Vec3) -> Option<Vec3> {
+    (v / v.abs().max_element()).try_normalize()
+}
+
 impl Camera {
     /// A camera at `eye` that has `target` in the middle of its image and sees `fov_y` radians from the lower
     /// to the upper edge. `up` points up in the image as far as it can; coordinates are right-handed.
@@ -27,8 +33,9 @@ impl Camera {
     /// infinite input its rays hit nothing.
     #[must_use]
     pub fn look_at(eye: Vec3, target: Vec3, up: Vec3, fov_y: f32, width: u32, height: u32) -> Self {
-        let forward = (target - eye).try_normalize().unwrap_or(Vec3::NEG_Z);
-        let side = forward.cross(up.normalize_or_zero());
+        let way = if (target - eye).is_finite() { target - eye } else { target * 0.5 - eye * 0.5 };
+        let forward = direction(way).unwrap_or(Vec3::NEG_Z);
+        let side = forward.cross(direction(up).unwrap_or(Vec3::ZERO));
         let side = if side.length_squared() > 1e-12 { side } else { forward.any_orthogonal_vector() };
         let side = side.normalize_or_zero();
         let up = side.cross(forward);
@@ -107,6 +114,20 @@ mod tests {
         assert!(camera.ray(1, 0).direction().y > 0.1);
         let edge = camera.ray(1, 0).direction() - camera.down * 0.5;
         assert!((edge.y - 0.5f32.tan()).abs() < 1e-6);
+    }
+
+    #[test]
+    fn views_of_any_length_look_at_the_target() {
+        for length in [1e-44, 1e-30, 1.0, 1e20, 3e38] {
+            for up in [1e-40, 1.0, 1e30] {
+                let eye = Vec3::new(length, 0.0, 0.0);
+                for (eye, target) in [(eye, Vec3::ZERO), (eye, -eye)] {
+                    let camera = Camera::look_at(eye, target, Vec3::Y * up, 1.0, 3, 3);
+                    assert!((camera.ray(1, 1).direction() - Vec3::NEG_X).length() < 1e-6, "{length}, up {up}");
+                    assert!(camera.ray(1, 0).direction().y > 0.1, "{length}, up {up}");
+                }
+            }
+        }
     }
 
     #[test]

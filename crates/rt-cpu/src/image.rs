@@ -26,7 +26,7 @@ pub enum ImageError {
     #[error("{}: an image file's name must end in .png or .exr", .0.display())]
     UnknownFormat(PathBuf),
     /// Encoding or writing failed.
-    #[error("{}: cannot write the image: {source}", path.display())]
+    #[error("{}: cannot write the image", path.display())]
     Write {
         /// The file asked for.
         path: PathBuf,

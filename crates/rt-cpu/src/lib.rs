@@ -1,9 +1,10 @@
 //! A ray tracer over the binary trees of [`bvh_core`], on the processor.
 //!
 //! Single rays ([`closest_hit`], [`any_hit`]), many rays without anything in common ([`Bvh8`], a view of the tree made
-//! for them) and whole frames ([`render`]): a pinhole [`Camera`], one [`PointLight`] with hard shadows, flat or smooth shading, PNG and EXR files ([`Image`]). Textures, holes, mirrors,
-//! ambient occlusion and diffuse bounces are [`Effects`] to be asked for. Coordinates are
-//! right-handed with y up where it matters (the camera); the queries take any convention.
+//! for them) and whole frames ([`render`]): a pinhole [`Camera`], one [`PointLight`] with hard shadows, flat or smooth
+//! shading, PNG and EXR files ([`Image`]). Textures, holes, mirrors, ambient occlusion and diffuse bounces are
+//! [`Effects`] to be asked for. Coordinates are right-handed with y up where it matters (the camera); the queries take
+//! any convention.
 //!
 //! # What a hit is
 //!

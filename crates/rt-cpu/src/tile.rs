@@ -349,7 +349,7 @@ fn walk<S: Simd, T: WideTest, const ANY: bool>(
         let entered = enter(simd, &scratch.packet, &slab, mask & scratch.packet.active);
         if entered != 0 {
             if node.is_leaf() {
-                test_leaf::<S, f32s16<S>, T, ANY, PACKET>(
+                test_leaf::<S, Lanes16<S>, T, ANY, PACKET>(
                     simd,
                     scene,
                     way,
@@ -385,17 +385,16 @@ fn walk<S: Simd, T: WideTest, const ANY: bool>(
     }
 }
 
-#[allow(non_camel_case_types, reason = "named as its kind")]
-type f32s16<S> = fearless_simd::f32x16<S>;
+type Lanes16<S> = fearless_simd::f32x16<S>;
 
 /// The rays in `mask` that enter a box.
 #[inline(always)]
 fn enter<S: Simd>(simd: S, packet: &Packet<PACKET>, slab: &Slab, mask: u64) -> u64 {
-    let n = f32s16::<S>::LEN;
+    let n = Lanes16::<S>::LEN;
     let mut entered = 0;
     for at in (0..PACKET).step_by(n) {
         if mask >> at & ((1 << n) - 1) != 0 {
-            let rays = packet.rays::<S, f32s16<S>>(simd, at);
+            let rays = packet.rays::<S, Lanes16<S>>(simd, at);
             let (_, lanes) = slab.enter(simd, rays.inverse, packet.t(simd, at));
             entered |= lanes.to_bitmask() << at;
         }
@@ -413,7 +412,7 @@ fn walk_few<S: Simd, T: WideTest, const ANY: bool>(
     scratch: &mut Scratch,
     work: &mut Work,
 ) {
-    type V<S> = f32s16<S>;
+    type V<S> = Lanes16<S>;
     let nodes = scene.bvh.nodes();
     let few = &mut scratch.few;
     let rays = few.rays::<S, V<S>>(simd, 0);

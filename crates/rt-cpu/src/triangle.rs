@@ -46,6 +46,13 @@ pub enum TriangleTest {
     Double,
 }
 
+impl std::fmt::Display for TriangleTest {
+    /// Its [name](Self::name).
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.name())
+    }
+}
+
 impl TriangleTest {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::MollerTrumbore, Self::Watertight, Self::Double];
