@@ -86,8 +86,10 @@ fn claims_table(results: &Results, claims: &[Claim]) -> Markup {
         section {
             h2 { "The paper’s claims" }
             p {
-                (tally(claims)) ". Each row says by which rule; what lies so near to a bound that another run might find \
-                it on the other side is named."
+                (tally(claims)) ". Each row says by which rule. Of times measured the sums over the frames that both sides \
+                were measured on are compared, and differences of less than 5 % count as none. Where a value that is 5 % \
+                more or less would alone change a verdict, the row says that it is near the bound. SAH costs are the \
+                same in every run."
             }
             @if results.settings.preset == "quick" {
                 p.soft { "Few frames and small pictures were measured (preset quick): the verdicts are hints." }
@@ -118,10 +120,9 @@ fn claims_table(results: &Results, claims: &[Claim]) -> Markup {
 /// How many claims have each verdict.
 fn tally(claims: &[Claim]) -> String {
     let verdicts = [Verdict::Holds, Verdict::HoldsInPart, Verdict::DoesNotHoldHere, Verdict::NotRun];
-    let counts = verdicts.map(|v| (claims.iter().filter(|c| c.verdict == v).count(), v.words()));
-    let named: Vec<_> =
-        counts.iter().filter(|(n, _)| *n > 0).map(|(n, words)| format!("{n} {words}")).collect();
-    format!("Of {} claims {}", claims.len(), named.join(", "))
+    let counts = verdicts.map(|v| (v, claims.iter().filter(|c| c.verdict == v).count()));
+    let named: Vec<_> = counts.iter().filter(|(_, n)| *n > 0).map(|(v, n)| v.counted(*n)).collect();
+    format!("Of {} {}", plural(claims.len(), "claim"), named.join(", "))
 }
 
 fn verdict_class(verdict: Verdict) -> &'static str {

@@ -1,14 +1,14 @@
-//! A figure for each scene.
+//! A figure for each scene, and verdicts from them.
 
-use super::{Finding, Verdict};
+use super::Verdict;
 use crate::reproduce::results::SceneRun;
 
-/// Values by scene.
+/// Values by scene, or by whatever else has a name.
+#[derive(Clone)]
 pub(super) struct Table(pub(super) Vec<(String, f64)>);
 
-/// How near to a bound a value is named: another run might find it on the other side.
-const NEAR: f64 = 0.03;
-const SLACK: f64 = 1.0 + NEAR;
+/// By how much a time may differ from one run to the next on the same machine.
+pub(super) const BAND: f64 = 0.05;
 
 impl Table {
     pub(super) fn of<'a>(
@@ -19,8 +19,17 @@ impl Table {
         Self(rows.filter(|(_, v)| v.is_finite()).collect())
     }
 
+    /// One value.
+    pub(super) fn single((name, value): (&str, f64)) -> Self {
+        Self(vec![(name.to_owned(), value)])
+    }
+
     pub(super) fn len(&self) -> usize {
         self.0.len()
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
     }
 
     pub(super) fn count(&self, holds: impl Fn(f64) -> bool) -> usize {
@@ -31,8 +40,16 @@ impl Table {
         self.count(holds) == self.len()
     }
 
+    pub(super) fn most(&self, holds: impl Fn(f64) -> bool) -> bool {
+        2 * self.count(holds) > self.len()
+    }
+
     pub(super) fn text(&self) -> String {
-        self.0.iter().map(|(name, v)| format!("{name} {v:.2}")).collect::<Vec<_>>().join(", ")
+        self.text_to(2)
+    }
+
+    pub(super) fn text_to(&self, digits: usize) -> String {
+        self.0.iter().map(|(name, v)| format!("{name} {v:.digits$}")).collect::<Vec<_>>().join(", ")
     }
 
     /// Names of those for which `holds` is false.
@@ -41,37 +58,48 @@ impl Table {
         names.collect::<Vec<_>>().join(", ")
     }
 
-    /// Says which values are so near to a bound that another run might find them on the other side.
-    pub(super) fn near(&self, bounds: &[f64]) -> String {
-        let is_far = |v: f64| bounds.iter().all(|bound| (v / bound - 1.0).abs() > NEAR);
-        let names = self.except(is_far);
-        if names.is_empty() { names } else { format!("; near the bound: {names}") }
-    }
-
-    /// A finding where each scene passes or not: holds if all are at most `bound`, and none is near it; in part if at least
-    /// `part` of them are at most that, or all are at most near it.
-    pub(super) fn at_most(&self, bound: f64, part: usize) -> Finding {
-        if self.len() == 0 {
-            return Finding::not_run("no scene that moves was run with all the strategies it compares");
+    /// In how many scenes something holds, which `what` has in words, and where not.
+    pub(super) fn tell(&self, what: &str, holds: impl Fn(f64) -> bool) -> String {
+        match (self.count(&holds), self.len()) {
+            (1, 1) => format!("{what} in the only scene"),
+            (n, all) if n == all => format!("{what} in every scene"),
+            (n, all) => format!("{what} in {n} of {all} scenes; not in {}", self.except(holds)),
         }
-        let passes = |v: f64| v <= bound;
-        let (all, passed) = (self.len(), self.count(passes));
-        let (clear, at_most_near) = (self.all(|v| v < bound / SLACK), self.all(|v| v <= bound * SLACK));
-        let (verdict, why) = if clear {
-            let scenes = if all == 1 { "the only scene" } else { "every scene" };
-            (Verdict::Holds, format!("at most {bound} in {scenes}"))
-        } else {
-            let in_part = passed >= part || at_most_near;
-            let verdict = if in_part { Verdict::HoldsInPart } else { Verdict::DoesNotHoldHere };
-            let others = self.except(passes);
-            let others = if others.is_empty() { others } else { format!("; not in {others}") };
-            (verdict, format!("at most {bound} in {passed} of {all} scenes{others}"))
-        };
-        Finding(self.text(), verdict, why + &self.near(&[bound]))
     }
 }
 
-/// More than half of `n`.
-pub(super) fn most(n: usize) -> usize {
-    n / 2 + 1
+/// The three verdicts on what was run.
+pub(super) fn graded(holds: bool, in_part: bool) -> Verdict {
+    match (holds, in_part) {
+        (true, _) => Verdict::Holds,
+        (false, true) => Verdict::HoldsInPart,
+        (false, false) => Verdict::DoesNotHoldHere,
+    }
+}
+
+/// The verdict that a rule gives on tables of times, and in words which values are near a bound that decides: those that
+/// would change the verdict, were they alone [`BAND`] more or less.
+pub(super) fn by_times<const N: usize>(
+    tables: [&Table; N],
+    rule: impl Fn([&Table; N]) -> Verdict,
+) -> (Verdict, String) {
+    let verdict = rule(tables);
+    let mut near: Vec<&str> = Vec::new();
+    for (at, table) in tables.iter().enumerate() {
+        for (row, (name, value)) in table.0.iter().enumerate() {
+            let turns = [value * (1.0 + BAND), value / (1.0 + BAND)].into_iter().any(|other| {
+                let mut changed = Table::clone(table);
+                changed.0[row].1 = other;
+                let mut tables = tables;
+                tables[at] = &changed;
+                rule(tables) != verdict
+            });
+            if turns && !near.contains(&name.as_str()) {
+                near.push(name);
+            }
+        }
+    }
+    let words =
+        if near.is_empty() { String::new() } else { format!("; near the bound: {}", near.join(", ")) };
+    (verdict, words)
 }

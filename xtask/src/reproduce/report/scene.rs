@@ -6,6 +6,7 @@ use maud::{Markup, html};
 
 use super::{capital, plural};
 use crate::reproduce::chart::{count, number};
+use crate::reproduce::decisions::ALWAYS;
 use crate::reproduce::figures;
 use crate::reproduce::results::{Picture, Results, SceneRun, Spread};
 use crate::reproduce::stages::StageSummary;
@@ -167,7 +168,13 @@ fn with_range(spread: &Spread) -> Markup {
 
 fn decisions(row: &StrategySummary) -> Markup {
     html! {
-        p { "What " b { (row.strategy) } " decided:" }
+        p {
+            "What " b { (row.strategy) } " decided, on the frames measured"
+            @if row.decisions.iter().any(|decided| decided.decision == ALWAYS) {
+                " (" (ALWAYS) ": its usual update, and no repair)"
+            }
+            ":"
+        }
         ul.decisions {
             @for decided in &row.decisions {
                 li {
