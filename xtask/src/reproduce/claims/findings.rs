@@ -194,11 +194,8 @@ pub(super) fn lion(results: &Results) -> Finding {
     let rows = scene.of(REFIT);
     let sum = |time: fn(&Row) -> f64| rows.iter().map(|row| time(row)).sum::<f64>();
     let traced = 100.0 * sum(|row| row.trace_ms) / sum(|row| row.frame_ms);
-    let mut why = format!(
-        "refit is {}, and {} on the median frame ({median:.2}){near}",
-        in_words(all),
-        in_words(median)
-    );
+    let mut why =
+        format!("refit is {}; on the median frame {} ({median:.2}){near}", in_words(all), in_words(median));
     if verdict != Verdict::Holds {
         why += &format!("; {traced:.0} % of its frame time is tracing, through a tree that gets worse");
     }

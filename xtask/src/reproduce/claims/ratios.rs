@@ -107,13 +107,13 @@ pub(super) fn other_views(results: &Results, table: impl Fn(Timed) -> Table) -> 
     let mut text =
         format!("; the verdict is by the serial rebuild’s time / {PAPER_THREADS}, as in the paper");
     if threads < PAPER_THREADS {
-        text += &format!(", which is generous to the rebuild: all else had {threads} threads");
+        text += &format!(", which is generous to the rebuild, since all else had {threads} threads");
     }
     let paper = PAPER_THREADS as f64;
     let mut views = Vec::new();
     if threads != PAPER_THREADS {
         let divided = Timed { strategy: IDEAL_PARALLEL_BINNED, factor: paper / threads as f64 };
-        views.push((format!("/ {threads}, the threads of this run"), divided));
+        views.push((format!("its time / {threads}, the threads of this run"), divided));
     }
     let as_published = Timed { strategy: PAPER_BINNED, factor: 1.0 / paper };
     views.push((format!("the rebuild of the paper’s code / {PAPER_THREADS}"), as_published));

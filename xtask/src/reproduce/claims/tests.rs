@@ -324,8 +324,8 @@ fn the_lion_is_judged_by_the_sum_and_the_median_of_refitting() {
 fn the_ideal_rebuild_is_shown_in_other_ways_too() {
     let two = claim(&lion([5.0, 50.0, 50.0]), "largest scene").why;
     for words in [
-        "by the serial rebuild’s time / 8, as in the paper, which is generous to the rebuild: all else had 2 threads",
-        "which decide nothing, with / 2, the threads of this run: refit 1.40, refit+rotate 0.44",
+        "by the serial rebuild’s time / 8, as in the paper, which is generous to the rebuild, since all else had 2 threads",
+        "which decide nothing, with its time / 2, the threads of this run: refit 1.40, refit+rotate 0.44",
         "the paper’s code / 8: refit 2.33, refit+rotate 0.73",
         "the parallel rebuild as measured: refit 1.00, refit+rotate 0.31",
     ] {
