@@ -123,7 +123,10 @@ mod tests {
                 let eye = Vec3::new(length, 0.0, 0.0);
                 for (eye, target) in [(eye, Vec3::ZERO), (eye, -eye)] {
                     let camera = Camera::look_at(eye, target, Vec3::Y * up, 1.0, 3, 3);
-                    assert!((camera.ray(1, 1).direction() - Vec3::NEG_X).length() < 1e-6, "{length}, up {up}");
+                    assert!(
+                        (camera.ray(1, 1).direction() - Vec3::NEG_X).length() < 1e-6,
+                        "{length}, up {up}"
+                    );
                     assert!(camera.ray(1, 0).direction().y > 0.1, "{length}, up {up}");
                 }
             }
