@@ -18,7 +18,7 @@ use crate::{CodeBits, bytes_of};
 const GRAIN: usize = 4096;
 
 /// How many primitives ahead boxes are fetched.
-pub(crate) const AHEAD: usize = 12;
+pub(crate) const AHEAD: usize = 32;
 
 /// Memory for codes and their order.
 #[derive(Default)]
