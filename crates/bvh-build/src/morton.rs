@@ -57,9 +57,7 @@ impl Codes {
             let axis = if bits == CodeBits::Bits30 { 10 } else { u64::AXIS };
             encode(items, centers, axis, short, threads);
             sort(short, short_spare, counts, 3 * axis, threads);
-            // In each part, for the pairs across their bounds decide nothing.
-            let same = |keys: &[u64]| keys.windows(2).filter(|k| (k[0] ^ k[1]) >> u64::LOW == 0).count();
-            if bits == CodeBits::Bits30 || short.par_chunks(GRAIN).map(same).sum::<usize>() <= n / 2 {
+            if bits == CodeBits::Bits30 || equal(short, threads) <= n / 2 {
                 return Sorted::Short(short);
             }
         }
@@ -76,6 +74,12 @@ pub(crate) fn build(items: &[Item], sorted: &Sorted<'_>, threads: usize, plot: P
         Sorted::Short(keys) => grow(keys, items, threads > 1, plot),
         Sorted::Long(keys) => grow(keys, items, threads > 1, plot),
     }
+}
+
+/// How many sorted keys share their code with the one before, but for the first of each part.
+fn equal(keys: &[u64], threads: usize) -> usize {
+    let equal = |keys: &[u64]| keys.windows(2).filter(|key| (key[0] ^ key[1]) >> u64::LOW == 0).count();
+    if threads > 1 { keys.par_chunks(GRAIN).map(equal).sum() } else { keys.chunks(GRAIN).map(equal).sum() }
 }
 
 /// The cells of the curve: cubes, as what is far on a long axis is far on a short one.
