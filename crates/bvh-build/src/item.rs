@@ -28,16 +28,19 @@ impl Item {
         Self { min: min.with_w(f32::from_bits(number as u32 | MARK)), max: max.with_w(f32::NEG_INFINITY) }
     }
 
-    /// A primitive; its box is NaN where it has none.
+    /// A primitive; its box is infinite where it has none.
     #[inline]
     fn of<P: Primitives + ?Sized>(primitives: &P, i: usize) -> Self {
         let [min, max, doubt] = primitives.aabb_lanes(i);
-        if doubt.truncate().is_finite() {
+        // Zero times what is not finite is NaN.
+        if (doubt * 0.0).is_nan_mask().bitmask() & 0b111 == 0 {
             return Self::new([min, max], i);
         }
         let aabb = primitives.aabb(i);
-        let corner = |v: Vec3| if aabb.is_empty() { Vec4::NAN } else { v.extend(0.0) };
-        Self::new([corner(aabb.min), corner(aabb.max)], i)
+        let none = aabb.is_empty();
+        let corner =
+            |v: Vec3, sign: f32| if none { Vec4::splat(sign * f32::INFINITY) } else { v.extend(0.0) };
+        Self::new([corner(aabb.min, -1.0), corner(aabb.max, 1.0)], i)
     }
 
     /// A cluster of primitives: with their number in the fourth lane of `max`, where no arithmetic is done on it.
@@ -127,33 +130,31 @@ impl Hull {
 /// What a builder needs to know of all primitives.
 #[derive(Clone, Copy)]
 struct Summary {
-    /// Greatest absolute coordinate on each axis; infinite if any box is empty or not finite.
-    size: Vec4,
+    /// Hull of the origin and of all boxes; infinite if any of these is.
+    all: Hull,
     /// Hull of the centres.
     centers: Hull,
 }
 
 impl Summary {
-    const NOTHING: Self = Self { size: Vec4::ZERO, centers: Hull::EMPTY };
+    const NOTHING: Self = Self { all: Hull { min: Vec4::ZERO, max: Vec4::ZERO }, centers: Hull::EMPTY };
 
     #[inline]
     fn with(self, item: &Item) -> Self {
-        let Hull { min, max } = item.hull();
-        // NaN is not ordered.
-        let size = Vec4::select(min.cmple(max), min.abs().max(max.abs()), Vec4::INFINITY);
-        Self { size: self.size.max(size), centers: self.centers.with_point(item.center()) }
+        Self { all: self.all.union(item.hull()), centers: self.centers.with_point(item.center()) }
     }
 
     fn and(self, other: Self) -> Self {
-        Self { size: self.size.max(other.size), centers: self.centers.union(other.centers) }
+        Self { all: self.all.union(other.all), centers: self.centers.union(other.centers) }
     }
 
     fn of(items: &[Item]) -> Self {
         items.iter().fold(Self::NOTHING, Self::with)
     }
 
+    /// Greatest absolute coordinate.
     fn largest(&self) -> f32 {
-        self.size.truncate().max_element()
+        self.all.min.abs().max(self.all.max.abs()).truncate().max_element()
     }
 }
 
@@ -183,20 +184,12 @@ pub(crate) fn gather<P: Primitives + ?Sized>(
 ) -> Gathered {
     let n = primitives.len();
     dropped.clear();
-    let copy = |first: usize, items: &mut [Item]| {
-        let mut all = Summary::NOTHING;
-        for (i, item) in items.iter_mut().enumerate() {
-            *item = Item::of(primitives, first + i);
-            all = all.with(item);
-        }
-        all
-    };
     boxed.resize(n, Item::NOTHING);
     let mut all = if threads > 1 && n > PART {
         let parts = boxed.par_chunks_mut(PART).enumerate();
-        parts.map(|(i, part)| copy(i * PART, part)).reduce(|| Summary::NOTHING, Summary::and)
+        parts.map(|(i, part)| copy(primitives, i * PART, part)).reduce(|| Summary::NOTHING, Summary::and)
     } else {
-        copy(0, boxed)
+        copy(primitives, 0, boxed)
     };
     if all.largest() == f32::INFINITY {
         boxed.retain(|item| {
@@ -217,4 +210,16 @@ pub(crate) fn gather<P: Primitives + ?Sized>(
         all = Summary::of(boxed);
     }
     Gathered { centers: all.centers, exact }
+}
+
+/// Copies as many primitives as there are items, from number `first` on.
+// Not inlined into what shares it out, where the compiler keeps less of it in registers.
+#[inline(never)]
+fn copy<P: Primitives + ?Sized>(primitives: &P, first: usize, items: &mut [Item]) -> Summary {
+    let mut all = Summary::NOTHING;
+    for (item, i) in items.iter_mut().zip(first..) {
+        *item = Item::of(primitives, i);
+        all = all.with(item);
+    }
+    all
 }

@@ -18,7 +18,7 @@ use crate::{CodeBits, bytes_of};
 const GRAIN: usize = 4096;
 
 /// How many primitives ahead boxes are fetched.
-pub(crate) const AHEAD: usize = 12;
+pub(crate) const AHEAD: usize = 32;
 
 /// Memory for codes and their order.
 #[derive(Default)]
@@ -54,15 +54,14 @@ impl Codes {
         let Self { short, short_spare, long, long_spare, counts } = self;
         let n = items.len();
         if bits != CodeBits::Bits63 && n <= 1 << u64::LOW {
-            let axis = if bits == CodeBits::Bits30 { 10 } else { 13 };
+            let axis = if bits == CodeBits::Bits30 { 10 } else { u64::AXIS };
             encode(items, centers, axis, short, threads);
             sort(short, short_spare, counts, 3 * axis, threads);
-            let same = || short.windows(2).filter(|pair| (pair[0] ^ pair[1]) >> u64::LOW == 0).count();
-            if bits == CodeBits::Bits30 || same() <= n / 2 {
+            if bits == CodeBits::Bits30 || equal(short, threads) <= n / 2 {
                 return Sorted::Short(short);
             }
         }
-        let axis = if bits == CodeBits::Bits30 { 10 } else { 21 };
+        let axis = if bits == CodeBits::Bits30 { 10 } else { u128::AXIS };
         encode(items, centers, axis, long, threads);
         sort(long, long_spare, counts, 3 * axis, threads);
         Sorted::Long(long)
@@ -77,35 +76,79 @@ pub(crate) fn build(items: &[Item], sorted: &Sorted<'_>, threads: usize, plot: P
     }
 }
 
-/// The keys of all items: codes of `bits` bits an axis, and below them the items' places.
-fn encode<K: Key>(items: &[Item], centers: &Hull, bits: u32, keys: &mut Vec<K>, threads: usize) {
-    keys.resize(items.len(), K::ZERO);
-    // Cells are cubes: what is far on a long axis is far on a short one.
-    let extent = (centers.max - centers.min).truncate().max_element();
-    let cells = (1u32 << bits) as f32;
-    let scale = cells / extent;
-    let scale = Vec4::splat(if scale < f32::INFINITY { scale } else { 0.0 });
-    let last = Vec4::splat(cells - 1.0);
-    let key = |number: usize| {
-        let cell = ((items[number].center() - centers.min) * scale).min(last);
-        let [x, y, z, _] = cell.to_array().map(|c| c as i32 as u64);
-        K::new(spread(x) << 2 | spread(y) << 1 | spread(z), number as u32)
-    };
-    if threads > 1 {
-        keys.par_iter_mut().with_min_len(GRAIN).enumerate().for_each(|(i, k)| *k = key(i));
-    } else {
-        keys.iter_mut().enumerate().for_each(|(i, k)| *k = key(i));
+/// How many sorted keys share their code with the one before, but for the first of each part.
+fn equal(keys: &[u64], threads: usize) -> usize {
+    let equal = |keys: &[u64]| keys.windows(2).filter(|key| (key[0] ^ key[1]) >> u64::LOW == 0).count();
+    if threads > 1 { keys.par_chunks(GRAIN).map(equal).sum() } else { keys.chunks(GRAIN).map(equal).sum() }
+}
+
+/// The cells of the curve: cubes, as what is far on a long axis is far on a short one.
+#[derive(Clone, Copy)]
+struct Grid {
+    min: Vec4,
+    scale: Vec4,
+    last: Vec4,
+}
+
+impl Grid {
+    fn new(centers: &Hull, bits: u32) -> Self {
+        let extent = (centers.max - centers.min).truncate().max_element();
+        let cells = (1u32 << bits) as f32;
+        let scale = cells / extent;
+        let scale = Vec4::splat(if scale < f32::INFINITY { scale } else { 0.0 });
+        Self { min: centers.min, scale, last: Vec4::splat(cells - 1.0) }
+    }
+
+    /// The keys of items, the first of which has the place `first`.
+    // Not inlined into what shares it out, where the compiler keeps less of it in registers.
+    #[inline(never)]
+    fn encode<K: Key>(self, items: &[Item], first: usize, keys: &mut [K]) {
+        for ((item, key), number) in items.iter().zip(keys).zip(first as u32..) {
+            let cell = floor(((item.center() - self.min) * self.scale).min(self.last));
+            *key = K::new(interleave::<K>(cell), number);
+        }
     }
 }
 
-/// Moves bit `i` to bit `3 i`, for the lowest 21 bits.
+/// The keys of all items: codes of `bits` bits an axis, and below them the items' places.
+fn encode<K: Key>(items: &[Item], centers: &Hull, bits: u32, keys: &mut Vec<K>, threads: usize) {
+    keys.resize(items.len(), K::ZERO);
+    let grid = Grid::new(centers, bits);
+    if threads > 1 {
+        let parts = items.par_chunks(GRAIN).zip(keys.par_chunks_mut(GRAIN)).enumerate();
+        parts.for_each(|(i, (items, keys))| grid.encode(items, i * GRAIN, keys));
+    } else {
+        grid.encode(items, 0, keys);
+    }
+}
+
+/// The integers below numbers from 0 to 2^22, in the lowest bits of each lane.
 #[inline]
-fn spread(x: u64) -> u64 {
-    let x = (x | x << 32) & 0x001f_0000_0000_ffff;
-    let x = (x | x << 16) & 0x001f_0000_ff00_00ff;
-    let x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
-    let x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
-    (x | x << 2) & 0x1249_2492_4924_9249
+fn floor(v: Vec4) -> [u32; 4] {
+    // At 2^23 the lowest bit of a number counts ones. A conversion to integers would go lane by lane.
+    let unit = Vec4::splat((1 << 23) as f32);
+    let rounded = v + unit;
+    let above = (rounded - unit).cmpgt(v);
+    (rounded - Vec4::select(above, Vec4::ONE, Vec4::ZERO)).to_array().map(f32::to_bits)
+}
+
+/// Bit `i` of a number in bit `3 i`, for numbers of 7 bits.
+const SPREAD: [u32; 128] = {
+    let mut spread = [0; 128];
+    let mut i = 1;
+    while i < 128 {
+        spread[i] = spread[i / 2] << 3 | i as u32 & 1;
+        i += 1;
+    }
+    spread
+};
+
+/// The lowest bits of three coordinates, those of the first in front.
+#[inline]
+fn interleave<K: Key>([x, y, z, _]: [u32; 4]) -> u64 {
+    let spread = |v: u32, bit: u32| SPREAD[(v >> bit & 127) as usize];
+    let seven = |bit| u64::from(spread(x, bit) << 2 | spread(y, bit) << 1 | spread(z, bit)) << (3 * bit);
+    (0..K::AXIS).step_by(7).fold(0, |code, bit| code | seven(bit))
 }
 
 /// Builds the subtree over neighbours along the curve; gives its hull.

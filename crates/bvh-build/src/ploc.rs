@@ -115,16 +115,21 @@ pub(crate) fn build(
 
 /// Copies the items in the order of the curve.
 pub(crate) fn gather<K: Key>(keys: &[K], items: &[Item], sorted: &mut [Item], threads: usize) {
-    let copy = |(i, to): (usize, &mut Item)| {
+    if threads > 1 {
+        keys.par_chunks(PART).zip(sorted.par_chunks_mut(PART)).for_each(|(keys, to)| copy(keys, items, to));
+    } else {
+        copy(keys, items, sorted);
+    }
+}
+
+// Not inlined into what shares it out, where the compiler keeps less of it in registers.
+#[inline(never)]
+fn copy<K: Key>(keys: &[K], items: &[Item], sorted: &mut [Item]) {
+    for (i, (key, to)) in keys.iter().zip(sorted).enumerate() {
         if let Some(key) = keys.get(i + AHEAD) {
             prefetch(items, key.number() as usize);
         }
-        *to = items[keys[i].number() as usize];
-    };
-    if threads > 1 {
-        sorted.par_iter_mut().with_min_len(PART).enumerate().for_each(copy);
-    } else {
-        sorted.iter_mut().enumerate().for_each(copy);
+        *to = items[key.number() as usize];
     }
 }
 
@@ -314,7 +319,11 @@ impl Writer<'_> {
                 self.halve(&leaves)
             }
             Some(&Merger { left, right, .. }) => {
-                prefetch(self.tree.mergers, (left as usize).saturating_sub(self.tree.leaves.len()));
+                // Mergers of one round lie along the curve, and so do subtrees: what is before these is soon to come.
+                for child in [left, right] {
+                    let place = (child as usize).saturating_sub(self.tree.leaves.len() + AHEAD);
+                    prefetch(self.tree.mergers, place);
+                }
                 let r = self.write(right, depth + 1);
                 let l = self.write(left, depth + 1);
                 self.parent(l, r)
@@ -335,6 +344,7 @@ impl Writer<'_> {
 
     #[inline]
     fn leaf(&mut self, cluster: u32) -> Node {
+        prefetch(self.tree.leaves, (cluster as usize).saturating_sub(AHEAD));
         let item = &self.tree.leaves[cluster as usize];
         self.slots -= 1;
         self.site.order[(self.slots - self.site.first_slot) as usize] = item.number();

@@ -21,6 +21,8 @@ const PART: usize = 8192;
 pub(crate) trait Key: Copy + Ord + Send + Sync + BitXor<Output = Self> {
     /// Bits of the number.
     const LOW: u32;
+    /// Bits of the code on each of three axes.
+    const AXIS: u32;
     const ZERO: Self;
     const MAX: Self;
     fn new(code: u64, number: u32) -> Self;
@@ -35,6 +37,7 @@ macro_rules! key {
     ($int:ty, $low:expr) => {
         impl Key for $int {
             const LOW: u32 = $low;
+            const AXIS: u32 = if $low < 64 { (Self::BITS - $low) / 3 } else { 21 };
             const ZERO: Self = 0;
             const MAX: Self = <$int>::MAX;
             #[inline]
@@ -116,14 +119,10 @@ fn digit<K: Key>(key: K, bit: u32) -> usize {
 /// Sorts `keys` into `sorted` by one digit; false, and nothing done, if all have the same.
 fn pass<K: Key>(keys: &[K], sorted: &mut [K], counts: &mut [Counts], bit: u32) -> bool {
     let part = keys.len().div_ceil(counts.len()).max(1);
-    let count = |(keys, counts): (&[K], &mut Counts)| {
-        counts.fill(0);
-        keys.iter().for_each(|&key| counts[digit(key, bit)] += 1);
-    };
     if let [counts] = counts {
-        count((keys, counts));
+        count(keys, counts, bit);
     } else {
-        keys.par_chunks(part).zip(&mut *counts).for_each(count);
+        keys.par_chunks(part).zip(&mut *counts).for_each(|(keys, counts)| count(keys, counts, bit));
     }
     let mut start = 0;
     for digit in 0..1 << DIGIT {
@@ -139,19 +138,29 @@ fn pass<K: Key>(keys: &[K], sorted: &mut [K], counts: &mut [Counts], bit: u32) -
     // they have been counted on the same keys: each place is written once.
     #[expect(unsafe_code, reason = "threads write to all places")]
     let sorted = unsafe { Scatter::new(sorted) };
-    let scatter = |(keys, next): (&[K], &mut Counts)| {
-        for &key in keys {
-            let next = &mut next[digit(key, bit)];
-            sorted.write(*next as usize, key);
-            *next += 1;
-        }
-    };
     if let [counts] = counts {
-        scatter((keys, counts));
+        scatter(keys, counts, bit, &sorted);
     } else {
-        keys.par_chunks(part).zip(counts).for_each(scatter);
+        let parts = keys.par_chunks(part).zip(counts);
+        parts.for_each(|(keys, next)| scatter(keys, next, bit, &sorted));
     }
     true
+}
+
+#[inline(never)]
+fn count<K: Key>(keys: &[K], counts: &mut Counts, bit: u32) {
+    counts.fill(0);
+    keys.iter().for_each(|&key| counts[digit(key, bit)] += 1);
+}
+
+/// Writes keys where the next of their digit goes.
+#[inline(never)]
+fn scatter<K: Key>(keys: &[K], next: &mut Counts, bit: u32, sorted: &Scatter<'_, K>) {
+    for &key in keys {
+        let next = &mut next[digit(key, bit)];
+        sorted.write(*next as usize, key);
+        *next += 1;
+    }
 }
 
 #[cfg(test)]
