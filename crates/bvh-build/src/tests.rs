@@ -141,7 +141,10 @@ fn names_are_those_of_the_result_files() {
         assert_eq!(builder.name().parse(), Ok(builder));
     }
     let error = "bvh".parse::<Builder>().expect_err("no builder");
-    assert!(error.to_string().starts_with("no such builder; there are sweep, binned, "), "{error}");
+    assert!(
+        error.to_string().starts_with("unknown builder 'bvh'; expected one of sweep, binned, "),
+        "{error}"
+    );
 }
 
 #[test]
