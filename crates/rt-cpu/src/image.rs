@@ -202,8 +202,9 @@ mod tests {
         for name in ["a.png", "a.exr"] {
             let partial = dir.join(format!(".{name}.{}.partial", std::process::id()));
             std::os::unix::fs::symlink("/dev/full", partial).expect("a link");
-            let error = gradient().save(&dir.join(name)).expect_err("no space").to_string();
-            assert!(error.contains(name) && error.contains("No space"), "{error}");
+            let error = gradient().save(&dir.join(name)).expect_err("no space");
+            let cause = std::error::Error::source(&error).expect("a cause").to_string();
+            assert!(error.to_string().contains(name) && cause.contains("No space"), "{error}: {cause}");
         }
         std::fs::remove_dir(&dir).expect("nothing in it");
     }
