@@ -25,8 +25,8 @@ pub(crate) struct Contestant {
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Method {
     Strategy(Strategy),
-    /// A function that builds a new tree.
-    Rebuild(fn(&mut Bvh, &Triangles<'_>) -> Result<Update>),
+    /// A function that builds a new tree, and what it is, in words.
+    Rebuild(fn(&mut Bvh, &Triangles<'_>) -> Result<Update>, &'static str),
 }
 
 /// How the time of an update is counted.
@@ -80,7 +80,9 @@ impl Contestant {
             .collect();
         let by_clock = Strategy::Auto(Auto { clock: true, ..Auto::default() });
         all.push(named(AUTO_BY_CLOCK, AUTO_BY_CLOCK, Method::Strategy(by_clock), Counted::Measured));
-        all.push(named(PAPER_BINNED, PAPER_BINNED, Method::Rebuild(paper_binned::update), Counted::Measured));
+        let paper_binned =
+            Method::Rebuild(paper_binned::update, "serial binned rebuild as the paper’s code had it");
+        all.push(named(PAPER_BINNED, PAPER_BINNED, paper_binned, Counted::Measured));
         for (name, of, counted) in
             [(IDEAL, "sweep", Counted::Free), (IDEAL_PARALLEL_BINNED, "binned", Counted::Divided)]
         {
@@ -106,13 +108,11 @@ impl Contestant {
         })
     }
 
-    /// How its update time comes about, in words; nothing if it is simply measured.
+    /// How its update time comes about, in words; nothing if it is a strategy's, simply measured.
     pub(crate) fn accounting(&self) -> Option<String> {
         match (self.counted, self.method) {
             (Counted::Measured, Method::Strategy(_)) => None,
-            (Counted::Measured, Method::Rebuild(_)) => {
-                Some("serial binned rebuild as the paper’s code had it".to_owned())
-            }
+            (Counted::Measured, Method::Rebuild(_, about)) => Some(about.to_owned()),
             (Counted::Free, _) => Some(format!("{} rebuild, its time not counted", self.of)),
             (Counted::Divided, _) => {
                 Some(format!("serial {} rebuild, its time divided by {PAPER_THREADS}", self.of))
@@ -139,13 +139,13 @@ impl Method {
     ) -> Result<Update> {
         match self {
             Self::Strategy(strategy) => update(tree, triangles, strategy, scratch).context(strategy.name()),
-            Self::Rebuild(function) => function(tree, triangles),
+            Self::Rebuild(function, _) => function(tree, triangles),
         }
     }
 
     /// Whether the tree depends on the current frame only.
     pub(crate) fn rebuilds(&self) -> bool {
-        matches!(self, Self::Strategy(Strategy::Rebuild(..)) | Self::Rebuild(_))
+        matches!(self, Self::Strategy(Strategy::Rebuild(..)) | Self::Rebuild(..))
     }
 }
 
@@ -172,6 +172,10 @@ mod tests {
             assert!(all.iter().any(|b| b.name == a.of), "{} runs nothing", a.name);
         }
         assert_eq!(Contestant::default_ones().len(), DEFAULT.len());
+        let paper_binned = Contestant::from_name(PAPER_BINNED).unwrap();
+        assert!(paper_binned.accounting().unwrap().contains("serial binned rebuild"));
+        let another = Contestant { method: Method::Rebuild(paper_binned::update, "another"), ..paper_binned };
+        assert_eq!(another.accounting().unwrap(), "another");
         assert!(PAPER.iter().all(|name| DEFAULT.contains(name)));
     }
 
@@ -183,7 +187,7 @@ mod tests {
                     assert_eq!((now.rays, now.clock), (512, before.clock));
                 }
                 (Method::Strategy(before), Method::Strategy(now)) => assert_eq!(before, now),
-                (Method::Rebuild(_), Method::Rebuild(_)) => {}
+                (Method::Rebuild(..), Method::Rebuild(..)) => {}
                 (before, now) => panic!("{before:?} became {now:?}"),
             }
         }
