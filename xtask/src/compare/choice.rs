@@ -12,8 +12,9 @@ const REACH_WORST: f64 = 1.1;
 const REACH_SAH: f64 = 1.3;
 const REACH_EMBREE: f64 = 1.0;
 
-/// The row of least mean time among whole frames of one scene and number of threads.
-fn best<'a>(rows: &'a [Row], of: &Row, is_meant: impl Fn(&str) -> bool) -> Option<&'a Row> {
+/// The row of least mean time among whole frames of one scene and number of threads: a frame of a loop that has repairs
+/// in it is not like the next, so that a median would leave them out.
+pub(super) fn best<'a>(rows: &'a [Row], of: &Row, is_meant: impl Fn(&str) -> bool) -> Option<&'a Row> {
     let here = rows.iter().filter(|r| r.what == of.what && r.scene == of.scene && r.threads == of.threads);
     let meant = here.filter(|r| is_meant(&r.contestant) && r.mean_ms > 0.0);
     meant.min_by(|a, b| a.mean_ms.total_cmp(&b.mean_ms))

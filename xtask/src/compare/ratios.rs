@@ -1,5 +1,6 @@
 //! The ratios that tell how far this project has got: everything in one run, so that the machine cancels out.
 
+use super::choice::best;
 use super::lane::SET_UP;
 use super::row::Row;
 use super::table::threads_of;
@@ -86,14 +87,8 @@ fn find<'a>(rows: &'a [Row], key: [&str; 2], scene: &str, threads: usize) -> Opt
     rows.iter().find(|r| [r.what, &r.contestant] == key && r.scene == scene && r.threads == threads)
 }
 
-/// Whole frames over the best that Embree can do, whatever its quality and ray width.
+/// Whole frames, by their means, over the best that Embree can do, whatever its quality and ray width.
 const FRAMES: [(&str, f64); 2] = [("pivot refit+rotate", 1.0), ("pivot auto", 1.0)];
-
-fn best_embree<'a>(rows: &'a [Row], scene: &str, threads: usize) -> Option<&'a Row> {
-    let is_embree = |r: &&Row| r.what == "frame" && r.contestant.starts_with("embree ");
-    let here = rows.iter().filter(is_embree).filter(|r| r.scene == scene && r.threads == threads);
-    here.min_by(|a, b| a.median_ms.total_cmp(&b.median_ms))
-}
 
 /// All ratios that the rows allow, a line each, a column for each scene.
 pub(super) fn table(rows: &[Row]) -> String {
@@ -132,19 +127,19 @@ pub(super) fn table(rows: &[Row]) -> String {
             let title = format!("  less ray set-up, {}", threads_of(n));
             line(title, scenes.iter().map(value).collect(), reach);
         }
+        let is_embree = |name: &str| name.starts_with("embree ");
         for (contestant, reach) in FRAMES {
             let value = |scene: &&str| {
                 let ours = find(rows, ["frame", contestant], scene, n)?;
-                let best = best_embree(rows, scene, n)?;
-                (best.median_ms > 0.0).then(|| ours.median_ms / best.median_ms)
+                Some(ours.mean_ms / best(rows, ours, is_embree)?.mean_ms)
             };
-            let title = format!("frame, {contestant} / Embree's best, {}", threads_of(n));
+            let title = format!("frame (means), {contestant} / Embree's best, {}", threads_of(n));
             line(title, scenes.iter().map(value).collect(), format!("<= {reach}"));
             let value = |scene: &&str| {
                 let ours = find(rows, ["frame", contestant], scene, n)?;
-                let set_up = find(rows, ["frame", SET_UP], scene, n)?.median_ms;
-                let best = best_embree(rows, scene, n)?.median_ms - set_up;
-                (best > 0.0).then(|| ours.median_ms / best)
+                let set_up = find(rows, ["frame", SET_UP], scene, n)?.mean_ms;
+                let best = best(rows, ours, is_embree)?.mean_ms - set_up;
+                (best > 0.0).then(|| ours.mean_ms / best)
             };
             let title = format!("  less ray set-up, {}", threads_of(n));
             line(title, scenes.iter().map(value).collect(), format!("<= {reach}"));
@@ -229,5 +224,22 @@ mod tests {
         assert!(!line("trace, single / Embree single, 1").contains("<="));
         assert!(line("incoherent, single / Embree single, 1").contains("<= 1.8"));
         assert_eq!(table(&[]), "");
+    }
+
+    #[test]
+    fn whole_frames_are_compared_by_their_means() {
+        let row = |contestant: &str, times_ms: &[f64]| {
+            let record = Record { times_ms: times_ms.to_vec(), ..Record::default() };
+            record.row("frame", "scene", 100, contestant, 1, &record.answers)
+        };
+        let rows = [
+            row("pivot refit+rotate", &[3.0, 3.0, 6.0]),
+            // The less by its median, the more by its mean.
+            row("embree low, single", &[2.0, 2.0, 20.0]),
+            row("embree refit, single", &[5.0, 5.0, 5.0]),
+            row(SET_UP, &[1.0, 1.0, 1.0]),
+        ];
+        let text = table(&rows);
+        assert!(text.contains("Embree's best") && text.contains("0.80") && text.contains("1.00"), "{text}");
     }
 }
