@@ -25,7 +25,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(400..))]
     frames: u32,
     /// Frames in a loop
-    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(2..))]
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(2..=100))]
     per_loop: u32,
     /// Fraction of the triangles, where the scene can be made coarser
     #[arg(long, value_name = "F")]
@@ -35,9 +35,10 @@ pub(crate) struct Args {
     threads: Option<u32>,
 }
 
-/// Frames at the start that the last ones are measured by.
+/// Most frames at the start that as many at the end are measured by: so many whole loops as there are in them, since the
+/// work depends on where in the loop a frame is.
 const FIRST: usize = 100;
-/// What must hold at the end, against the first [`FIRST`] frames.
+/// What must hold at the end, against those first frames.
 const SLOWER: f64 = 1.1;
 const COSTLIER: f64 = 1.1;
 const HIGHER: f64 = 1.3;
@@ -52,6 +53,12 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         .iter()
         .map(|name| name.parse().map_err(|e: UnknownStrategy| anyhow!("{name}: {e}")))
         .collect::<Result<_>>()?;
+    let load = |source: &str| stage::load_at(source, None, 0, args.detail);
+    let mut loaded = Vec::new();
+    for source in default(&args.scenes, &["n-body"]) {
+        let scene = stage::load_first(&source, || load(&source))?;
+        loaded.push((source, scene));
+    }
     let pool = pool::pool(args.threads.map_or_else(pool::default_threads, |n| n as usize))?;
     files::print(&format!(
         "{:<28} {:<22} {:>7} {:>9} {:>9} {:>11} {:>11} {:>13} {:>12} {:>9} {:>9}",
@@ -68,8 +75,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         "MiB end"
     ))?;
     let mut broken = Vec::new();
-    for source in default(&args.scenes, &["n-body"]) {
-        let mut stage = Stage::new(stage::load_at(&source, None, 0, args.detail)?)?;
+    for (source, scene) in loaded {
+        let mut stage = Stage::new(scene.map_or_else(|| load(&source), Ok)?)?;
         for strategy in &strategies {
             if interrupt::requested() {
                 break;
@@ -110,6 +117,7 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
     let mut scratch = Scratch::new();
     let (mut first, mut last) = (Window::default(), Window::default());
     let (mut memory, mut done) = ([0.0; 2], 0);
+    let compared = FIRST - FIRST % per_loop;
     for frame in 1..=frames {
         if interrupt::requested() {
             break;
@@ -119,13 +127,13 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
         let start = Instant::now();
         let told = update(&mut bvh, &stage.triangles(), strategy, &mut scratch)?;
         let time = ms(start);
-        let window = if frame <= FIRST { &mut first } else { &mut last };
-        if frame <= FIRST || frame + FIRST > frames {
+        let window = if frame <= compared { &mut first } else { &mut last };
+        if frame <= compared || frame + compared > frames {
             window.times.push(time);
             window.height = window.height.max(told.height);
-            if frame % 5 == 0 {
-                let fresh =
-                    build(&stage.triangles(), Builder::BinnedParallel, &BuildOptions::default(), None)?;
+            // By the place in the loop, so that both have the same.
+            if (frame % per_loop).is_multiple_of(5) {
+                let fresh = build(&stage.triangles(), Builder::Sweep, &BuildOptions::default(), None)?;
                 window.costs.push(sah_cost(&bvh) / sah_cost(&fresh));
             }
         }

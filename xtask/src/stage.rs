@@ -40,6 +40,13 @@ pub(crate) fn load_at(
     Ok(scenes::load(name_or_path, clip, &options)?)
 }
 
+/// Loads a source that may not be there or be broken, so that this shows before anything else is done; scenes of the
+/// registry, which may take long, only when their turn comes.
+pub(crate) fn load_first(source: &str, load: impl FnOnce() -> Result<Scene>) -> Result<Option<Scene>> {
+    let is_known = scenes::list().iter().any(|info| info.name == source);
+    (!is_known).then(load).transpose()
+}
+
 /// A scene at one moment.
 ///
 /// Triangle `i` is the primitive in leaf slot `i` of the first tree, so that updates stream through memory.
