@@ -15,7 +15,7 @@ use crate::{files, interrupt, pool};
 
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// A scene's name, a .glb, .gltf, .obj or .ply file, or a folder of key frames
+    /// A scene's name, a .glb, .gltf, .obj, .ply or .aff file, or a folder of key frames
     scene: String,
     /// The frame to render, from 0 [default: 0]
     #[arg(long, value_name = "N", conflicts_with = "frames")]
@@ -106,7 +106,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     for note in &scene.notes {
         files::tell(&format!("note: {note}"));
     }
-    files::tell(&format!("a frame runs {}", scenes::FramePlan::new(&scene.effects)));
+    let effects = scenes::Effects { light: args.effects.unwrap_or(scene.effects.light), ..scene.effects };
+    files::tell(&format!("a frame runs {}", scenes::FramePlan::new(&effects)));
     target.prepare()?;
     let mut stage = pool.install(|| Stage::new(scene))?;
     pool.install(|| frames(args, &target, &mut stage, &label, wanted, count))
