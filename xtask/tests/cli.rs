@@ -36,11 +36,23 @@ fn bad_input_is_refused_in_one_line_that_helps() {
         (vec!["--frames", "0"], vec!["0", "--frames"]),
         (vec!["--loops", "0"], vec!["--loops", "above 0"]),
         (vec!["--loops", "nan"], vec!["--loops"]),
+        (vec!["--loops", "-1"], vec!["--loops", "above 0"]),
+        (vec!["--frames", "-1"], vec!["--frames", "-1", "1..="]),
+        (vec!["fig5", "--strategy", "lbvh"], vec!["--strategy", "fig4"]),
+        (vec!["accuracy", "--strategy", "lbvh"], vec!["--strategy", "fig4"]),
+        (vec!["fig5", "--frames", "9"], vec!["--frames", "accuracy"]),
+        (vec!["accuracy", "peers", "--loops", "2"], vec!["--loops", "fig5"]),
+        (vec!["fig4", "--embree", sheet], vec!["--embree", "peers"]),
+        (vec!["--embree", sheet], vec!["--embree", "peers"]),
+        (vec!["peers", "--scene", sheet, "--embree", "no/such/place"], vec!["no/such/place"]),
         (vec!["--size", "0"], vec!["0", "--size"]),
         (vec!["--threads", "0"], vec!["0", "--threads"]),
         (vec!["--threads", "many"], vec!["many", "--threads"]),
         (vec!["--from", "no/such/folder"], vec!["no/such/folder", "reproduce"]),
         (vec!["--from", sheet, "--frames", "3"], vec!["--from", "--frames"]),
+        (vec!["--from", sheet, "--preset", "full"], vec!["--from", "--preset"]),
+        (vec!["--from", sheet, "--seed", "9"], vec!["--from", "--seed"]),
+        (vec!["--from", sheet, "--embree", sheet], vec!["--from", "--embree"]),
         (vec!["--baseline", sheet, "--scene", sheet], vec!["summary.json"]),
     ] {
         let all = reproduce(&more);
@@ -52,6 +64,23 @@ fn bad_input_is_refused_in_one_line_that_helps() {
     refused(&["export", "lion", "lion.glb"], &["lion", "fairy-forest"]);
     refused(&["export", "fairy-forest", "forest.obj"], &["forest.obj", ".glb"]);
     refused(&["contact-sheet", "--out", "sheet.png"], &["sheet.png", ".jpg"]);
+
+    let json = base.join("compare.json");
+    for (more, words) in [
+        (vec!["build", "--scene", sheet, "--scene", "no-such-scene"], vec!["no-such-scene", "n-body"]),
+        (vec!["build", "--scene", sheet, "--embree", "no/such/place"], vec!["no/such/place"]),
+        (vec!["hard"], vec!["--json", "hard"]),
+    ] {
+        let mut all = vec!["compare"];
+        all.extend(more);
+        all.extend(["--json", str(&json)]);
+        refused(&all, &words);
+    }
+    for option in ["--frames", "--threads", "--size", "--scene"] {
+        refused(&["compare", "hard", option, "3"], &[option, "hard"]);
+    }
+    refused(&["soak", "--scene", sheet, "--scene", "no-such-scene"], &["no-such-scene", "n-body"]);
+    refused(&["soak", "--scene", sheet, "--per-loop", "101"], &["101", "2..=100"]);
 
     let frame = base.join("frame.png");
     for (more, words) in [
@@ -202,6 +231,17 @@ fn a_run_leaves_rows_figures_pictures_a_summary_and_a_report() {
     assert!(!fs::read_dir(&out).expect("readable").any(|e| partial(e.expect("readable"))));
 }
 
+/// The experiments and strategies that a summary names.
+fn ran(out: &Path) -> (Vec<String>, Vec<String>) {
+    let summary = fs::read(out.join("summary.json")).expect("a summary");
+    let summary: serde_json::Value = serde_json::from_slice(&summary).expect("JSON");
+    let names = |key: &str| -> Vec<String> {
+        let list = summary["settings"][key].as_array().expect("a list");
+        list.iter().map(|name| name.as_str().expect("a name").to_owned()).collect()
+    };
+    (names("experiments"), names("strategies"))
+}
+
 #[test]
 fn only_what_is_asked_for_is_run() {
     let (temporary, sheet) = folder();
@@ -211,8 +251,6 @@ fn only_what_is_asked_for_is_run() {
         "fig5",
         "--scene",
         str(&sheet),
-        "--strategy",
-        "refit",
         "--loops",
         "2",
         "--size",
@@ -221,7 +259,11 @@ fn only_what_is_asked_for_is_run() {
         str(&out),
     ]);
     let rows = |name: &str| fs::read_to_string(out.join(name)).expect("rows").lines().count() - 1;
-    assert_eq!(rows("frames.csv"), 0);
+    assert_eq!((rows("frames.csv"), ran(&out)), (0, (vec!["fig5".into()], vec!["refit+rotate".into()])));
+    let report = fs::read_to_string(out.join("report.html")).expect("a report");
+    assert!(
+        report.contains("of each loop of figure 5 20 frames measured") && report.contains("(of figure 5 2)")
+    );
     assert_eq!(rows("fig5.csv"), 2 * 3 * 20, "twenty frames of each loop are measured");
     assert!(out.join("figures/fig5-sheet.svg").exists() && !out.join("figures/fig4.svg").exists());
 }
@@ -238,6 +280,8 @@ fn peers_stand_beside_the_project_and_are_drawn_again() {
         let start = format!("sheet/,{what},{contestant},2,2,");
         rows.lines().any(|line| line.starts_with(&start) && line.ends_with(",true"))
     };
+    let frames = fs::read_to_string(out.join("frames.csv")).expect("rows").lines().count() - 1;
+    assert_eq!((frames, ran(&out)), (0, (vec!["peers".into()], vec![])), "no strategies but theirs");
     for contestant in ["pivot refit", "pivot refit+rotate", "obvhs refit"] {
         assert!(of("update", contestant), "{contestant}: {rows}");
     }

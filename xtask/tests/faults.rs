@@ -9,7 +9,7 @@ mod program;
 
 use std::fs;
 use std::os::unix::fs::symlink;
-use std::os::unix::process::ExitStatusExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -213,6 +213,23 @@ fn a_full_disk_leaves_no_half_file_and_the_report_can_be_drawn_later() {
         fails(&after(&full(&partial), &render), &[name, "No space"]);
         assert!(!path.exists());
     }
+}
+
+/// An interrupt reaches the case that runs as well, whose end then says nothing of the library.
+#[test]
+fn an_interrupt_of_the_hard_cases_accuses_nobody() {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_xtask"));
+    command.args(["compare", "hard"]).process_group(0).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let child = command.spawn().expect("it starts");
+    std::thread::sleep(Duration::from_millis(700));
+    let group = format!("-{}", child.id());
+    assert!(Command::new("kill").args(["-s", "INT", "--", &group]).status().expect("kill").success());
+    let output = child.wait_with_output().expect("a child");
+    let (printed, message) =
+        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(130), "{message}");
+    assert!(!printed.contains("fails") && !printed.contains("crashes"), "{printed}");
+    assert!(!message.contains("error: "), "{message}");
 }
 
 #[test]

@@ -14,9 +14,8 @@ use pivot_benches::embree::Device;
 use pivot_benches::{Contest, Entry, Hits, LIMIT, RAYS, Rays, field};
 use rt_cpu::{Hit, TriangleTest, closest_hit_brute};
 
-use super::find_embree;
 use crate::progress::Progress;
-use crate::{CheckFailed, files};
+use crate::{CheckFailed, files, interrupt};
 
 /// Triangles of a case, and rays cast at it.
 const TRIANGLES: usize = 4000;
@@ -91,7 +90,7 @@ fn exponential() -> Vec<Vec3> {
 
 /// Runs every case for everyone and prints a table in Markdown.
 pub(super) fn run(embree: Option<&Path>) -> Result<()> {
-    let device = load(embree)?;
+    let device = super::embree(embree, 1)?;
     let names: Vec<_> = contestants(device.as_ref()).map(|entry| entry.name).collect();
     let progress = Progress::new("hard cases", (names.len() * CASES.len()) as u64);
     let mut lines = vec![
@@ -99,10 +98,11 @@ pub(super) fn run(embree: Option<&Path>) -> Result<()> {
         format!("|---|{}", "---|".repeat(CASES.len())),
     ];
     let (mut done, mut broken) = (0, Vec::new());
-    for name in &names {
+    'all: for name in &names {
         let mut cells = Vec::new();
         for case in CASES {
-            cells.push(in_a_process(case.0, name, embree)?);
+            let Some(cell) = in_a_process(case.0, name, embree)? else { break 'all };
+            cells.push(cell);
             done += 1;
             progress.at(done);
         }
@@ -118,32 +118,34 @@ pub(super) fn run(embree: Option<&Path>) -> Result<()> {
     Ok(())
 }
 
-/// What a child process says of one case, or how it ended.
-fn in_a_process(case: &str, contestant: &str, embree: Option<&Path>) -> Result<String> {
+/// What a child process says of one case, or how it ended; nothing after an interrupt, which the child is told of, too.
+fn in_a_process(case: &str, contestant: &str, embree: Option<&Path>) -> Result<Option<String>> {
     let mut command = Command::new(std::env::current_exe()?);
     command.args(["compare", "hard", "--case", case, "--contestant", contestant]);
     command.args(embree.iter().flat_map(|path| [Path::new("--embree"), path]));
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn()?;
     let start = Instant::now();
     let status = loop {
-        match child.try_wait()? {
+        let ended = child.try_wait()?;
+        let (stopped, hangs) = (interrupt::requested(), ended.is_none() && start.elapsed() > PATIENCE);
+        if stopped || hangs {
+            child.kill()?;
+            child.wait()?;
+            return Ok((!stopped).then(|| "hangs".to_owned()));
+        }
+        match ended {
             Some(status) => break status,
-            None if start.elapsed() > PATIENCE => {
-                child.kill()?;
-                child.wait()?;
-                return Ok("hangs".to_owned());
-            }
             None => std::thread::sleep(Duration::from_millis(20)),
         }
     };
     let mut said = String::new();
     child.stdout.take().context("no output")?.read_to_string(&mut said)?;
-    Ok(match status.code() {
+    Ok(Some(match status.code() {
         Some(0) => said.trim().to_owned(),
         Some(101) => "panics".to_owned(),
         Some(code) => format!("fails ({code})"),
         None => "crashes".to_owned(),
-    })
+    }))
 }
 
 /// Everyone who updates or rebuilds, and in their robust modes those who have one.
@@ -151,10 +153,6 @@ fn contestants(embree: Option<&Device>) -> impl Iterator<Item = Entry> {
     let updates = field(Contest::Update, embree).into_iter().filter(|entry| entry.name != LIMIT);
     let robust = field(Contest::Trace, embree).into_iter().filter(|entry| entry.name.contains("robust"));
     updates.chain(robust)
-}
-
-fn load(embree: Option<&Path>) -> Result<Option<Device>> {
-    Ok(find_embree(embree)?.map(|e| e.device(1)).transpose()?)
 }
 
 /// One case for one contestant, in this process.
@@ -166,7 +164,7 @@ pub(super) fn run_one(case: &str, contestant: &str, embree: Option<&Path>) -> Re
     let frames = frames();
     let indices: Vec<[u32; 3]> =
         (0..frames[0].len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-    let device = load(embree)?;
+    let device = super::embree(embree, 1)?;
     let entry = contestants(device.as_ref())
         .find(|entry| entry.name == contestant)
         .ok_or_else(|| anyhow!("no contestant '{contestant}'"))?;

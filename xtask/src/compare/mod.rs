@@ -54,13 +54,15 @@ const SCENES: [&str; 4] = ["cloth-ball", "n-body", "exploding-dragon", "lion"];
 /// Measured frames of a loop: of updates and of whole frames, whose worst ones count, too; and of the rest.
 const UPDATE_FRAMES: usize = 20;
 const OTHER_FRAMES: usize = 5;
+/// Pixels on each side of the traced image.
+const SIZE: u32 = 1024;
 
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// What to compare
     #[arg(value_enum, default_value_t = What::All)]
     what: What,
-    /// A scene's name, a .glb, .gltf, .obj or .ply file, or a folder of key frames; repeatable
+    /// A scene's name, a .glb, .gltf, .obj, .ply or .aff file, or a folder of key frames; repeatable
     /// [default: cloth-ball, n-body, exploding-dragon, lion; all for whole frames]
     #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
     scenes: Vec<String>,
@@ -82,9 +84,9 @@ pub(crate) struct Args {
     case: Option<String>,
     #[arg(long, hide = true, requires = "case")]
     contestant: Option<String>,
-    /// Pixels on each side of the image that is traced
-    #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=8192))]
-    size: u32,
+    /// Pixels on each side of the image that is traced [default: 1024]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8192))]
+    size: Option<u32>,
 }
 
 /// What one measurement runs on.
@@ -100,10 +102,34 @@ struct Setting {
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     if args.what == What::Hard {
+        for (option, given) in [
+            ("--scene", !args.scenes.is_empty()),
+            ("--threads", !args.threads.is_empty()),
+            ("--frames", args.frames.is_some()),
+            ("--size", args.size.is_some()),
+            ("--json", args.json.is_some()),
+        ] {
+            ensure!(
+                !given,
+                "{option}: the hard cases do not heed it; leave it out, or name other measurements"
+            );
+        }
         return match (&args.case, &args.contestant) {
             (Some(case), Some(contestant)) => hard::run_one(case, contestant, args.embree.as_deref()),
             _ => hard::run(args.embree.as_deref()),
         };
+    }
+    let default_scenes: Vec<String> = match args.what {
+        What::Frame => scenes::list().iter().map(|info| info.name.to_owned()).collect(),
+        _ => SCENES.map(str::to_owned).to_vec(),
+    };
+    let sources = if args.scenes.is_empty() { &default_scenes } else { &args.scenes };
+    let mut loaded = Vec::new();
+    for source in sources {
+        let scene = stage::load_first(source, || stage::load(source, None, 0))?;
+        let is_empty = scene.as_ref().is_some_and(|scene| scene.animation.topology().triangles.is_empty());
+        ensure!(!is_empty, "{source}: no triangles, so nothing to compare");
+        loaded.push((source, scene));
     }
     let embree = find_embree(args.embree.as_deref())?;
     let version = embree.as_ref().map(|e| Ok::<_, NotFound>(e.device(1)?.version())).transpose()?;
@@ -115,14 +141,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
     files::print(&report.heading())?;
 
-    let default_scenes: Vec<String> = match args.what {
-        What::Frame => scenes::list().iter().map(|info| info.name.to_owned()).collect(),
-        _ => SCENES.map(str::to_owned).to_vec(),
-    };
-    let sources = if args.scenes.is_empty() { &default_scenes } else { &args.scenes };
-    for source in sources {
-        let stage = Stage::new(stage::load(source, None, 0)?)?;
-        ensure!(!stage.triangles().indices.is_empty(), "{source}: no triangles, so nothing to compare");
+    for (source, scene) in loaded {
+        let stage = Stage::new(scene.map_or_else(|| stage::load(source, None, 0), Ok)?)?;
         run_scene(args, &stage::label(source), stage, embree.as_ref(), &mut report)?;
         if interrupt::requested() {
             break;
@@ -145,10 +165,8 @@ pub(crate) fn beside(
     threads: usize,
     frames: usize,
     size: u32,
-    embree: Option<&Path>,
+    embree: Option<Device>,
 ) -> Result<Vec<Row>> {
-    let embree = find_embree(embree)?;
-    let embree = embree.as_ref().map(|embree| embree.device(threads)).transpose()?;
     let setting = Setting { threads, pool: pool::pool(threads)?, embree, frames, size };
     let mut rows = update::measure(label, stage, &setting)?;
     if !interrupt::requested() {
@@ -157,6 +175,11 @@ pub(crate) fn beside(
     // An interrupt may come before the first measured frame.
     rows.retain(|row| row.frames > 0);
     Ok(rows)
+}
+
+/// Embree on so many threads, for [`beside`]; nothing, and a note, if there is none.
+pub(crate) fn embree(path: Option<&Path>, threads: usize) -> Result<Option<Device>> {
+    Ok(find_embree(path)?.map(|embree| embree.device(threads)).transpose()?)
 }
 
 /// The library, or a note that there is none; an error if it is not where it was said to be.
@@ -186,7 +209,7 @@ fn run_scene(
             pool: pool::pool(threads)?,
             embree: embree.map(|e| e.device(threads)).transpose()?,
             frames: frames(UPDATE_FRAMES),
-            size: args.size,
+            size: args.size.unwrap_or(SIZE),
         };
         let mut keep = |mut rows: Vec<Row>| -> Result<()> {
             // An interrupt may come before the first measured frame.

@@ -64,6 +64,7 @@ struct Entry {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
+    args.ensure_used()?;
     let baseline = args.baseline.as_deref().map(saved::load).transpose()?.map(|saved| saved.results);
     if let Some(folder) = &args.from {
         let results = saved::load(folder)?.results;
@@ -77,6 +78,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         scenes: Vec::new(),
         interrupted: true,
     };
+    let embree = args.embree(results.settings.threads)?;
     let out = Output::prepare(args.out())?;
     let mut saved = args.resume.then(|| earlier(&out, &results)).transpose()?.flatten();
     let pool = pool::pool(results.settings.threads)?;
@@ -158,7 +160,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
                 run.accuracy = accuracy::measure(label, &entry.source, &mut stage, &effort, journal)?;
             }
             if let Some(journal) = beside.as_mut().filter(|_| !entry.supplement && !interrupt::requested()) {
-                run.peers = peers::measure(&run.facts.label, &mut stage, &args.terms(&plan), journal)?;
+                let terms = args.terms(&plan, embree.clone());
+                run.peers = peers::measure(&run.facts.label, &mut stage, terms, journal)?;
             }
             Ok::<_, anyhow::Error>(run)
         })?;
@@ -195,8 +198,10 @@ fn entries(args: &Args) -> Result<Vec<Entry>> {
     let mut entries: Vec<Entry> = Vec::new();
     for source in sources {
         let label = stage::label(source);
-        let is_file = !all.contains(source);
-        let loaded = (is_file || args.clip.is_some()).then(|| args.load(source)).transpose()?;
+        let loaded = match &args.clip {
+            Some(_) => Some(args.load(source)?),
+            None => stage::load_first(source, || args.load(source))?,
+        };
         // Two files may share a name, but not a row or a picture.
         let taken = |label: &str| entries.iter().any(|e| e.label == label || e.slug == stage::slug(label));
         let mut names = (1..).map(|n| if n == 1 { label.clone() } else { format!("{label}-{n}") });

@@ -2,17 +2,19 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use clap::ValueEnum;
+use pivot_benches::embree::Device;
 use scenes::Scene;
 
+use super::SPEED_STRATEGY;
 use super::accuracy::Effort;
 use super::contestants::Contestant;
 use super::peers::Terms;
 use super::preset::{Preset, Values};
 use super::protocol::Plan;
 use super::results::Settings;
-use crate::{files, pool, stage};
+use crate::{compare, files, pool, stage};
 
 /// The experiments there are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -55,7 +57,7 @@ pub(crate) struct Args {
     /// How much: quick takes under a minute, standard under ten, full is the paper's protocol
     #[arg(long, value_enum, default_value_t = Preset::Standard)]
     preset: Preset,
-    /// A scene's name, a .glb, .gltf, .obj or .ply file, or a folder of key frames; repeatable [default: all]
+    /// A scene's name, a .glb, .gltf, .obj, .ply or .aff file, or a folder of key frames; repeatable [default: all]
     #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
     pub(super) scenes: Vec<String>,
     /// A strategy's name, as `list` gives them, or `all`; repeatable [default: those of the paper, and the best]
@@ -89,7 +91,10 @@ pub(crate) struct Args {
     #[arg(
         long,
         value_name = "DIR",
-        conflicts_with_all = ["experiments", "scenes", "strategies", "clip", "frames", "loops", "size", "threads", "resume"]
+        conflicts_with_all = [
+            "experiments", "preset", "scenes", "strategies", "clip", "seed", "frames", "loops", "size", "threads",
+            "resume", "embree",
+        ]
     )]
     pub(super) from: Option<PathBuf>,
     /// Embree's library for `peers`, version 3 or 4, or a folder with it [default: PIVOT_EMBREE, else the system's]
@@ -112,6 +117,25 @@ fn strategy(name: &str) -> Result<Choice, String> {
 }
 
 impl Args {
+    /// Whether every option given is for something that is to run.
+    pub(super) fn ensure_used(&self) -> Result<()> {
+        let (frames, speeds) = (self.runs_frames(), self.may_run_speeds());
+        for (option, given, used, by) in [
+            ("--strategy", !self.strategies.is_empty(), frames, "fig4, fig6 and claims"),
+            (
+                "--frames",
+                self.frames.is_some(),
+                frames || self.runs_accuracy(),
+                "fig4, fig6, claims and accuracy",
+            ),
+            ("--loops", self.loops.is_some(), frames || speeds, "fig4, fig5, fig6 and claims"),
+            ("--embree", self.embree.is_some(), self.runs_peers(), "peers, which runs only if named"),
+        ] {
+            ensure!(!given || used, "{option}: nothing that is to run heeds it; it is for {by}");
+        }
+        Ok(())
+    }
+
     /// The preset's settings with those given in their place.
     pub(super) fn values(&self) -> Values {
         let preset = self.preset.values();
@@ -155,44 +179,67 @@ impl Args {
 
     pub(super) fn settings(&self) -> Settings {
         let all = Experiment::value_variants();
-        let wanted = |e: &&Experiment| self.experiments.is_empty() || self.experiments.contains(e);
         let values = self.values();
+        let speeds = self.may_run_speeds();
+        let strategies: Vec<&str> = if self.runs_frames() {
+            self.contestants().iter().map(|c| c.name).collect()
+        } else {
+            speeds.then_some(SPEED_STRATEGY).into_iter().collect()
+        };
         Settings {
             preset: self.preset.name().to_owned(),
-            experiments: all.iter().filter(wanted).map(|e| e.name().to_owned()).collect(),
-            strategies: self.contestants().iter().map(|c| c.name.to_owned()).collect(),
+            experiments: all.iter().filter(|e| self.runs(**e)).map(|e| e.name().to_owned()).collect(),
+            strategies: strategies.into_iter().map(str::to_owned).collect(),
             frames: values.frames,
             loops: values.loops,
+            speed_loops: speeds.then_some(values.speed_loops),
             size: values.size,
             threads: self.threads.map_or_else(pool::default_threads, |n| n as usize),
             seed: self.seed,
             clip: self.clip.clone(),
-            reductions: values.reductions(),
+            reductions: values.reductions(speeds),
             command: command(),
         }
     }
 
-    /// Whether an experiment that runs every strategy frame by frame is asked for.
-    pub(super) fn runs_frames(&self) -> bool {
-        let other = [Experiment::Fig5, Experiment::Accuracy];
-        self.experiments.is_empty() || self.experiments.iter().any(|e| !other.contains(e))
+    /// Whether an experiment runs: as it is named, or as part of everything, which other libraries never are and figure 5
+    /// and accuracy are not where time is short.
+    fn runs(&self, experiment: Experiment) -> bool {
+        if !self.experiments.is_empty() {
+            return self.experiments.contains(&experiment);
+        }
+        match experiment {
+            Experiment::Fig4 | Experiment::Fig6 | Experiment::Claims => true,
+            Experiment::Fig5 => self.preset.values().speeds && self.has_speed_scene(),
+            Experiment::Accuracy => self.preset.values().speeds,
+            Experiment::Peers => false,
+        }
     }
 
-    /// Whether knobs are to be measured: like figure 5 only if named where time is short.
+    /// Whether every strategy runs frame by frame.
+    pub(super) fn runs_frames(&self) -> bool {
+        [Experiment::Fig4, Experiment::Fig6, Experiment::Claims].into_iter().any(|e| self.runs(e))
+    }
+
+    /// Whether knobs are to be measured.
     pub(super) fn runs_accuracy(&self) -> bool {
-        let everything = self.experiments.is_empty() && self.preset.values().speeds;
-        everything || self.experiments.contains(&Experiment::Accuracy)
+        self.runs(Experiment::Accuracy)
     }
 
     /// Whether other libraries are to be measured, which takes as long as all the rest.
     pub(super) fn runs_peers(&self) -> bool {
-        self.experiments.contains(&Experiment::Peers)
+        self.runs(Experiment::Peers)
     }
 
-    /// How they are.
-    pub(super) fn terms(&self, plan: &Plan) -> Terms<'_> {
+    /// Embree for those, if there is one; an error if it is not where it was said to be, or does not work.
+    pub(super) fn embree(&self, threads: usize) -> Result<Option<Device>> {
+        if self.runs_peers() { compare::embree(self.embree.as_deref(), threads) } else { Ok(None) }
+    }
+
+    /// How they are measured.
+    pub(super) fn terms(&self, plan: &Plan, embree: Option<Device>) -> Terms {
         let Plan { threads, size, .. } = *plan;
-        Terms { threads, size, frames: self.values().peer_frames, embree: self.embree.as_deref() }
+        Terms { threads, size, frames: self.values().peer_frames, embree }
     }
 
     /// How much is measured of each knob on a scene of so many triangles.
@@ -202,17 +249,23 @@ impl Args {
 
     /// Whether what only the claims need is asked for.
     pub(super) fn runs_claims(&self) -> bool {
-        self.experiments.is_empty() || self.experiments.contains(&Experiment::Claims)
+        self.runs(Experiment::Claims)
     }
 
     /// Whether figure 5 is to be run on that scene: on its own, and on any other if it is asked for by name.
     pub(super) fn runs_speeds(&self, label: &str) -> bool {
-        let wanted = |e| self.experiments.contains(&e);
-        if wanted(Experiment::Fig5) {
-            return label == SPEED_SCENE || !self.scenes.is_empty();
-        }
-        let all = self.experiments.is_empty() && self.preset.values().speeds;
-        label == SPEED_SCENE && (all || wanted(Experiment::Claims))
+        let named = self.experiments.contains(&Experiment::Fig5);
+        self.may_run_speeds() && (label == SPEED_SCENE || named && !self.scenes.is_empty())
+    }
+
+    /// Whether figure 5 is to be run on some scene: if it is asked for, or claims that rest on it are.
+    fn may_run_speeds(&self) -> bool {
+        let for_claims = self.experiments.contains(&Experiment::Claims) && self.has_speed_scene();
+        self.runs(Experiment::Fig5) || for_claims
+    }
+
+    fn has_speed_scene(&self) -> bool {
+        self.scenes.is_empty() || self.scenes.iter().any(|scene| scene == SPEED_SCENE)
     }
 }
 

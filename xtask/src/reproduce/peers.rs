@@ -1,9 +1,8 @@
 //! The same scenes beside other libraries: updates, and whole frames, as `cargo xtask compare` measures them.
 
-use std::path::Path;
-
 use anyhow::Result;
 use maud::{Markup, html};
+use pivot_benches::embree::Device;
 use serde::{Deserialize, Serialize};
 
 use super::chart::number;
@@ -57,24 +56,24 @@ impl Line for Peer {
 }
 
 /// How the others are measured.
-pub(super) struct Terms<'a> {
+pub(super) struct Terms {
     pub(super) threads: usize,
     /// Frames of a loop.
     pub(super) frames: usize,
     /// Pixels on each side.
     pub(super) size: u32,
-    /// Where Embree is, if not in its usual places.
-    pub(super) embree: Option<&'a Path>,
+    /// Embree on as many threads, if there is one.
+    pub(super) embree: Option<Device>,
 }
 
 /// Measures updates and whole frames of every contestant on a scene.
 pub(super) fn measure(
     label: &str,
     stage: &mut Stage,
-    terms: &Terms<'_>,
+    terms: Terms,
     journal: &mut Journal<Peer>,
 ) -> Result<Vec<Peer>> {
-    let Terms { threads, frames, size, embree } = *terms;
+    let Terms { threads, frames, size, embree } = terms;
     let rows: Vec<Peer> = compare::beside(label, stage, threads, frames, size, embree)?
         .into_iter()
         .map(|row| Peer {

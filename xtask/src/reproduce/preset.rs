@@ -2,6 +2,8 @@
 
 use clap::ValueEnum;
 
+use super::SPEEDS;
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Preset {
     /// Under a minute: few frames, small pictures.
@@ -110,8 +112,8 @@ impl Values {
         self.measure_every[usize::from(triangles > MANY)]
     }
 
-    /// What is less than in the paper's protocol, one sentence each.
-    pub(crate) fn reductions(&self) -> Vec<String> {
+    /// What is less than in the paper's protocol, of figure 5 if that is run, one sentence each.
+    pub(crate) fn reductions(&self, figure_5: bool) -> Vec<String> {
         let paper = Preset::Full.values();
         let mut less = Vec::new();
         if let Some(detail) = self.detail {
@@ -133,7 +135,13 @@ impl Values {
                  trees of those over a fifth of the loop, without annealing"
             ));
         }
-        if !self.speeds {
+        if figure_5 && self.speed_loops != paper.speed_loops {
+            less.push(format!("figure 5 over {} loops instead of {}", self.speed_loops, paper.speed_loops));
+        }
+        if figure_5 && self.measure_every != paper.measure_every {
+            less.push(format!("of each loop of figure 5 {} frames measured", SPEEDS[0]));
+        }
+        if !self.speeds && !figure_5 {
             less.push("figure 5 and accuracy only if named".to_owned());
         }
         if self.offline < paper.offline {

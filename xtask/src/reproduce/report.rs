@@ -236,13 +236,13 @@ fn museum(results: &Results) -> Markup {
                  started from each of the five shapes, each time with the tree of its own first frame:"
             }
             (legend(&keys))
-            div.panels.one { figure { (panel.svg((0.0, 0.0))) } }
+            div.panels.one { figure { div.scroll { (panel.svg((0.0, 0.0))) } } }
         }
     }
 }
 
 fn side_by_side(panels: &[Panel<'_>; 2], scene: Option<&str>) -> Markup {
-    html! { div.panels data-scene=[scene] { @for panel in panels { figure { (panel.svg((0.0, 0.0))) } } } }
+    html! { div.panels data-scene=[scene] { @for panel in panels { figure { div.scroll { (panel.svg((0.0, 0.0))) } } } } }
 }
 
 fn legend(keys: &[Key]) -> Markup {
@@ -293,7 +293,9 @@ fn colophon(results: &Results) -> Markup {
                     @if results.revision.dirty { ", with uncommitted changes" }
                 }
                 dt { "Settings" } dd {
-                    "preset " (settings.preset) ", " (settings.loops) " loops, " (settings.size) " × " (settings.size)
+                    "preset " (settings.preset) ", " (settings.loops) " loops"
+                    @if let Some(loops) = settings.speed_loops { " (of figure 5 " (loops) ")" }
+                    ", " (settings.size) " × " (settings.size)
                     " pixels, " (plural(settings.threads, "thread")) ", seed " (settings.seed)
                 }
             }

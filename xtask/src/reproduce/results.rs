@@ -21,7 +21,7 @@ pub(crate) struct Results {
     pub(crate) interrupted: bool,
 }
 
-/// What was asked for.
+/// What was to run, and how.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Settings {
     pub(crate) preset: String,
@@ -30,6 +30,8 @@ pub(crate) struct Settings {
     /// Frames in a loop.
     pub(crate) frames: usize,
     pub(crate) loops: f64,
+    /// Loops of figure 5, if that was asked for.
+    pub(crate) speed_loops: Option<f64>,
     /// Pixels on each side of the image.
     pub(crate) size: u32,
     pub(crate) threads: usize,
