@@ -124,6 +124,7 @@ fn in_a_browser(report: &Path, folder: &Path) {
     let (dom, errors) = open(&page);
     assert_eq!(errors, Vec::<String>::new());
     assert!(dom.contains("data-script=\"ran\"") && !dom.contains("class=\"readout\""));
+    assert_eq!(dom.matches("<p class=\"values\" role=\"status\"></p>").count(), 1, "of figure 4");
     assert!(!dom.contains("data-scene=\"sheet/\" hidden"), "all scenes at first");
 
     let (dom, errors) = open(&format!("{page}#scene=sheet%2F-2&strategies=refit%2Cauto&read=1"));
@@ -149,4 +150,6 @@ fn in_a_browser(report: &Path, folder: &Path) {
     let read = read.split("</g>").next().unwrap_or_default();
     assert!(read.contains(">frame 8<") && read.contains(">refit<") && read.contains(">auto<"), "{read}");
     assert!(!read.contains(">refit+rotate<"), "{read}");
+    // The last bar that is on.
+    has("<p class=\"values\" role=\"status\">sheet/-2, auto: ");
 }

@@ -104,7 +104,8 @@
     panel.setAttribute("tabindex", "0");
     panel.addEventListener("pointermove", move);
     panel.addEventListener("pointerdown", move);
-    panel.addEventListener("pointerleave", () => read(panel, null));
+    // A finger leaves as soon as it is lifted.
+    panel.addEventListener("pointerleave", (e) => { if (e.pointerType !== "touch") read(panel, null); });
     panel.addEventListener("blur", () => read(panel, null));
     panel.addEventListener("keydown", (e) => {
       const step = { ArrowLeft: -1, ArrowRight: 1 }[e.key];
@@ -119,6 +120,38 @@
     });
   });
 
+  // Bars and scattered settings say their own values, in a line below; one at a time has the keyboard.
+  const choosers = all("svg.bars, svg.scatter").map((chart) => {
+    const line = document.createElement("p");
+    line.className = "values";
+    line.setAttribute("role", "status");
+    chart.closest("figure").querySelector("figcaption").before(line);
+    let at = null;
+    const marks = () => all("title", chart).map((t) => t.parentNode).filter((m) => !m.hasAttribute("data-off"));
+    const choose = (mark) => {
+      at = mark ?? null;
+      line.textContent = at ? at.querySelector("title").textContent : "";
+    };
+    const away = (e, mark) => {
+      const box = mark.getBoundingClientRect();
+      return Math.hypot(Math.max(box.left - e.clientX, 0, e.clientX - box.right),
+        Math.max(box.top - e.clientY, 0, e.clientY - box.bottom));
+    };
+    chart.setAttribute("tabindex", "0");
+    chart.addEventListener("pointerdown", (e) => {
+      choose(marks().map((m) => [away(e, m), m]).sort((a, b) => a[0] - b[0])[0]?.[1]);
+    });
+    chart.addEventListener("focus", () => { if (!at) choose(marks()[0]); });
+    chart.addEventListener("keydown", (e) => {
+      const step = { ArrowLeft: -1, ArrowRight: 1 }[e.key];
+      if (!step) return;
+      e.preventDefault();
+      const list = marks();
+      choose(list[Math.min(Math.max(list.indexOf(at) + step, 0), list.length - 1)]);
+    });
+    return (part) => choose(marks()[Math.round(part * (marks().length - 1))]);
+  });
+
   // What the address says, by the same buttons that a reader presses.
   const state = new URLSearchParams(location.hash.slice(1));
   const scene = scenes.find((b) => b.dataset.show === state.get("scene"));
@@ -129,7 +162,9 @@
   }
   // `read=0.5` points at the middle of every figure.
   if (state.has("read")) {
-    all("svg.panel").forEach((panel) => read(panel, panel.viewBox.baseVal.width * Number(state.get("read"))));
+    const part = Number(state.get("read"));
+    all("svg.panel").forEach((panel) => read(panel, panel.viewBox.baseVal.width * part));
+    choosers.forEach((choose) => choose(part));
   }
   document.documentElement.dataset.script = "ran";
 })();

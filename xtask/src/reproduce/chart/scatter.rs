@@ -85,7 +85,7 @@ impl Scatter<'_> {
         };
         let labels = self.labels(&place, (left, top, right, bottom));
         html! {
-            svg class="chart" xmlns="http://www.w3.org/2000/svg" x=(c(at.0)) y=(c(at.1)) width=(width)
+            svg class="chart scatter" xmlns="http://www.w3.org/2000/svg" x=(c(at.0)) y=(c(at.1)) width=(width)
                 height=(height) viewBox=(format!("0 0 {width} {height}")) role="img"
                 aria-label={ (self.title) ": " (self.y_label) } {
                 text class="title" x="4" y="14" { (self.title) }
