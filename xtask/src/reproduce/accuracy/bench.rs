@@ -1,5 +1,6 @@
 //! What every knob is measured with: the scene, how much to do, and where points go.
 
+use std::iter::once;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
@@ -9,8 +10,10 @@ use rt_cpu::{Image, RenderOptions, render};
 
 use super::effort::Effort;
 use super::point::Point;
+use crate::interrupt;
 use crate::progress::Progress;
 use crate::reproduce::journal::Journal;
+use crate::reproduce::results::Spread;
 use crate::stage::{Stage, ms};
 
 /// A scene under measurement.
@@ -91,20 +94,63 @@ impl<'a> Bench<'a> {
             .with_context(|| format!("{}: no tree", self.label))
     }
 
-    /// SAH cost and trace time of a tree over those of a fresh one, `sweep`. The two are traced in turn, so that what else
-    /// the machine does hits both alike.
-    pub(super) fn over(&self, sweep: &Bvh, tree: &Bvh) -> [f64; 2] {
-        let mut least = [f64::INFINITY; 2];
-        for _ in 0..self.effort.repeats {
-            for (least, tree) in least.iter_mut().zip([tree, sweep]) {
-                *least = least.min(self.trace(tree, &self.flat(), self.effort.size, 1).1);
+    /// SAH cost and trace time of trees over those of a fresh one, `sweep`; nothing after an interrupt.
+    ///
+    /// Trees are traced in rounds, the fresh one several times among them. A ratio is the median over rounds of a time over
+    /// the median of the fresh tree's in the same round, so that what else the machine does hits both alike, and one
+    /// outlier nothing. The fresh tree's turns over one another tell how far to trust that.
+    pub(super) fn over(&self, sweep: &Bvh, trees: &[&Bvh]) -> Option<Over> {
+        let part = trees.len().div_ceil(FRESH).max(1);
+        // Nothing stands for the fresh one.
+        let parts = trees.chunks(part).flat_map(|part| once(None).chain(part.iter().copied().map(Some)));
+        let turns: Vec<Option<&Bvh>> = parts.chain([None]).collect();
+        let mut ratios = vec![Vec::new(); turns.len()];
+        for round in 0..self.effort.rounds {
+            if interrupt::requested() {
+                return None;
             }
-            if least[0] + least[1] > LONG {
-                break;
+            let mut times = vec![0.0; turns.len()];
+            // From another one on each time: who comes first may find the machine otherwise.
+            for turn in (0..turns.len()).map(|i| (i + round) % turns.len()) {
+                times[turn] = self.trace(turns[turn].unwrap_or(sweep), &self.flat(), self.effort.size, 1).1;
+            }
+            for (turn, ratios) in ratios.iter_mut().enumerate() {
+                let fresh = (0..turns.len()).filter(|&other| turns[other].is_none() && other != turn);
+                ratios.push(times[turn] / median(fresh.map(|other| times[other]).collect()));
             }
         }
-        [sah_cost(tree) / sah_cost(sweep), least[0] / least[1]]
+        let mut over = Over { errors: Vec::new(), selves: Vec::new() };
+        for (turn, ratios) in turns.into_iter().zip(ratios) {
+            let ratio = median(ratios);
+            match turn {
+                Some(tree) => over.errors.push([sah_cost(tree) / sah_cost(sweep), ratio]),
+                None => over.selves.push(ratio),
+            }
+        }
+        Some(over)
     }
+}
+
+/// Turns of the fresh tree in a round, beside one at its end.
+const FRESH: usize = 4;
+
+/// Trees beside a fresh one.
+pub(super) struct Over {
+    /// Ratios of SAH cost and of trace time, of each tree.
+    pub(super) errors: Vec<[f64; 2]>,
+    /// Ratios of the fresh tree's trace times to one another, a number for each of its turns.
+    pub(super) selves: Vec<f64>,
+}
+
+/// The factor by which ratios differ that should all be 1.
+pub(super) fn noise(selves: &[f64]) -> f64 {
+    let least = selves.iter().copied().fold(1.0, f64::min);
+    selves.iter().copied().fold(1.0, f64::max) / least
+}
+
+/// The median; NaN of nothing.
+fn median(values: Vec<f64>) -> f64 {
+    Spread::of(values).map_or(f64::NAN, |spread| spread.median)
 }
 
 /// Milliseconds that are measured well enough in one go.
@@ -122,4 +168,19 @@ pub(super) fn fastest(runs: usize, mut run: impl FnMut()) -> f64 {
         }
     }
     least
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_is_how_far_apart_equal_trees_are() {
+        assert_eq!(noise(&[]), 1.0);
+        assert_eq!(noise(&[1.25, 1.5]), 1.5);
+        assert_eq!(noise(&[0.5, 1.25, 0.75]), 2.5);
+        // One outlier among the rounds is none of the median's.
+        assert_eq!(median(vec![1.0, 9.0, 1.0, 1.5, 1.0]), 1.0);
+        assert!(median(Vec::new()).is_nan());
+    }
 }

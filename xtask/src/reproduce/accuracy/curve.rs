@@ -37,12 +37,34 @@ pub(super) fn families(points: &[Point]) -> Vec<Family<'_>> {
     families
 }
 
+impl Family<'_> {
+    /// The factor within which errors are equal: 1 where they are exact.
+    pub(super) fn noise(&self) -> f64 {
+        let points = self.curves.iter().flat_map(|curve| &curve.points);
+        points.filter_map(|point| point.noise).fold(1.0, f64::max)
+    }
+}
+
 /// Of points (cost, error), less of either being better: whether each is on the Pareto front, that is, none is at least as
-/// good in both and better in one. Points that are not numbers never are. O(n^2).
-pub(super) fn pareto_front(points: &[(f64, f64)]) -> Vec<bool> {
-    let beats = |a: &(f64, f64), b: &(f64, f64)| a.0 <= b.0 && a.1 <= b.1 && a != b;
-    let usable = |p: &(f64, f64)| !p.0.is_nan() && !p.1.is_nan();
-    points.iter().map(|p| usable(p) && !points.iter().any(|other| beats(other, p))).collect()
+/// good in both and better in one, where errors that differ by no more than a factor `noise` are equal. Points that are
+/// not numbers never are. O(n log n).
+pub(super) fn pareto_front(points: &[(f64, f64)], noise: f64) -> Vec<bool> {
+    let mut order: Vec<usize> =
+        (0..points.len()).filter(|&i| !points[i].0.is_nan() && !points[i].1.is_nan()).collect();
+    order.sort_by(|&a, &b| {
+        let (a, b) = (points[a], points[b]);
+        a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))
+    });
+    let mut front = vec![false; points.len()];
+    let mut last: Option<(f64, f64)> = None;
+    for i in order {
+        // Twins stay together.
+        front[i] = last.is_none_or(|last| noise * points[i].1 < last.1 || points[i] == last);
+        if front[i] {
+            last = Some(points[i]);
+        }
+    }
+    front
 }
 
 #[cfg(test)]
@@ -66,10 +88,13 @@ mod tests {
             (0.0, f64::NAN),
             (f64::INFINITY, -1.0),
         ];
-        let front = pareto_front(&points);
+        let front = pareto_front(&points, 1.0);
         let expected = [true, true, false, false, true, true, true, false, false, false, true];
         assert_eq!(front, expected);
-        assert!(pareto_front(&[]).is_empty());
+        assert!(pareto_front(&[], 1.0).is_empty());
+        // Of equal errors the cheapest is on it; step by step they lead to one that is not equal.
+        let points = [(1.0, 1.08), (2.0, 1.04), (3.0, 1.0), (4.0, 0.98)];
+        assert_eq!(pareto_front(&points, 1.05), [true, false, true, false]);
         // Against the definition by another way: sorted by cost, the front goes strictly down.
         let mut random = fastrand::Rng::with_seed(3);
         let points: Vec<(f64, f64)> = (0..200).map(|_| (random.f64(), random.f64())).collect();
@@ -86,7 +111,7 @@ mod tests {
             })
             .collect();
         let mut front: Vec<_> =
-            points.iter().zip(pareto_front(&points)).filter_map(|(p, on)| on.then_some(*p)).collect();
+            points.iter().zip(pareto_front(&points, 1.0)).filter_map(|(p, on)| on.then_some(*p)).collect();
         front.sort_by(|a, b| a.0.total_cmp(&b.0));
         assert_eq!(front, down);
     }

@@ -17,6 +17,8 @@ pub(crate) struct Effort {
     pub(super) size: u32,
     /// Runs of which the fastest counts, where one run is short.
     pub(super) repeats: usize,
+    /// Rounds in which trees are traced beside a fresh one.
+    pub(super) rounds: usize,
     /// Triangles of closed meshes.
     pub(super) solid_triangles: usize,
     /// Rays aimed at edges and vertices, and rays whose distance is compared.
@@ -58,6 +60,7 @@ impl Effort {
             anneal_passes: &[20],
             size: size.min(128),
             repeats: 2,
+            rounds: 3,
             solid_triangles: 2_000,
             rays: [20_000, 300],
             detail: 0.02,
@@ -76,6 +79,7 @@ impl Effort {
                 anneal_passes: &[25, 100],
                 size: size.min(256),
                 repeats: 3,
+                rounds: 7,
                 solid_triangles: 10_000,
                 rays: [200_000, 1_000],
                 detail: 0.05,
@@ -92,6 +96,7 @@ impl Effort {
                 size,
                 anneal_passes: &[25, 100, 400, 1600],
                 repeats: 5,
+                rounds: 9,
                 solid_triangles: 20_000,
                 rays: [2_000_000, 5_000],
                 detail: 1.0,

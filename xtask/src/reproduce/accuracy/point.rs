@@ -20,6 +20,8 @@ pub(crate) struct Point {
     pub(crate) note: String,
     /// Memory that the setting takes, where that is what it costs.
     pub(crate) bytes: Option<u64>,
+    /// The factor within which errors are equal, where they are times: by so much the reference differs from itself.
+    pub(crate) noise: Option<f64>,
 }
 
 impl Line for Point {
@@ -34,5 +36,6 @@ impl Line for Point {
         "time_ms",
         "note",
         "bytes",
+        "noise",
     ];
 }

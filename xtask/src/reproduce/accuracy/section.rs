@@ -11,10 +11,10 @@ use crate::reproduce::results::{Results, SceneRun};
 
 /// The panel of a family.
 fn scatter<'a>(family: &Family<'a>) -> Scatter<'a> {
-    let cost = Cost::of(family);
+    let (cost, noise) = (Cost::of(family), family.noise());
     let series = family.curves.iter().map(|curve| {
         let points: Vec<_> = curve.points.iter().map(|point| (cost.at(point), point.error)).collect();
-        let marks = curve.points.iter().zip(points.iter().zip(pareto_front(&points)));
+        let marks = curve.points.iter().zip(points.iter().zip(pareto_front(&points, noise)));
         let mark = |(point, (&(x, y), on_front)): (&&'a Point, (&(f64, f64), bool))| Mark {
             x,
             y,
@@ -42,6 +42,19 @@ fn hover(point: &Point, cost: Cost) -> String {
     format!("{setting}{condition}{default}: {x} {}, {y} {unit}; {note}", cost.unit())
 }
 
+/// What the notes of all points have in common.
+fn notes(family: &Family<'_>) -> String {
+    let points = || family.curves.iter().flat_map(|curve| &curve.points);
+    let first = points().next().map_or("", |point| &point.note);
+    let of_all = |clause: &&str| points().all(|point| point.note.split("; ").any(|other| other == *clause));
+    let mut text = first.split("; ").filter(of_all).collect::<Vec<_>>().join("; ");
+    if let Some(letter) = text.get_mut(..1) {
+        letter.make_ascii_uppercase();
+        text.push('.');
+    }
+    text
+}
+
 /// The section of the report; nothing if nothing was measured.
 pub(crate) fn html(results: &Results) -> Markup {
     let scenes: Vec<_> = results.scenes.iter().filter(|scene| !scene.accuracy.is_empty()).collect();
@@ -53,8 +66,9 @@ pub(crate) fn html(results: &Results) -> Markup {
             h2 { "What accuracy costs in time" }
             p {
                 "Every setting of every knob: its error to the top, what it costs to the right, so that lower left is better. "
-                "Settings that nothing beats in both, the Pareto front, are filled and joined; the default has a ring. "
-                "Zero stands below a dotted line where the axis is logarithmic. All points, with what was timed, are in "
+                "Settings that nothing beats in both, the Pareto front, are filled and joined; defaults have rings, \
+                 of builders one for each that has a setting. Times that differ no more than the reference does from itself are equal. \
+                 Zero stands below a dotted line where the axis is logarithmic. All points, with what was timed, are in "
                 code { "accuracy.csv" } "."
             }
             @for scene in scenes {
@@ -63,8 +77,8 @@ pub(crate) fn html(results: &Results) -> Markup {
                     div.panels {
                         @for family in families(&scene.accuracy) {
                             figure {
-                                (scatter(&family).svg((0.0, 0.0)))
-                                figcaption { (sentence(&family)) }
+                                div.scroll { (scatter(&family).svg((0.0, 0.0))) }
+                                figcaption { (sentence(&family)) " " (notes(&family)) }
                             }
                         }
                     }

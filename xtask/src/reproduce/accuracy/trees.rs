@@ -7,7 +7,7 @@ use bvh_build::{Anneal, BuildOptions, BuildScratch, Builder, rebuild};
 use bvh_core::Bvh;
 use bvh_update::{Rotate, Scratch, Strategy, update};
 
-use super::bench::{Bench, fastest};
+use super::bench::{Bench, Over, fastest, noise};
 use super::point::Point;
 use crate::interrupt;
 use crate::stage::ms;
@@ -59,6 +59,7 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
     }
     let (frames, played, wanted) = (bench.effort.frames, bench.effort.played, bench.effort.compared);
     let mut compared = 0;
+    let mut selves: Vec<f64> = Vec::new();
     // On the first frame all trees are fresh.
     for frame in 1..played {
         bench.stage.pose(bench.stage.time_of(frame, frames));
@@ -70,13 +71,13 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
         }
         if compare {
             let sweep = bench.sweep()?;
-            let over =
-                |entrant: &Entrant| (!interrupt::requested()).then(|| bench.over(&sweep, &entrant.tree));
-            // All of them or none, so that all are means over the same frames.
-            if let Some(errors) = entrants.iter().map(over).collect::<Option<Vec<_>>>() {
-                for (entrant, errors) in entrants.iter_mut().zip(errors) {
+            let trees: Vec<&Bvh> = entrants.iter().map(|entrant| &entrant.tree).collect();
+            if let Some(over) = bench.over(&sweep, &trees) {
+                for (entrant, errors) in entrants.iter_mut().zip(over.errors) {
                     entrant.errors = [0, 1].map(|k| entrant.errors[k] + errors[k]);
                 }
+                selves.resize(over.selves.len(), 0.0);
+                selves.iter_mut().zip(over.selves).for_each(|(sum, ratio)| *sum += ratio);
                 compared += 1;
             }
         }
@@ -88,9 +89,14 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
     if compared == 0 {
         return Ok(());
     }
+    selves.iter_mut().for_each(|sum| *sum /= f64::from(compared));
+    let frames_seen = match frames - played {
+        0 => format!("{compared} of {frames} frames a loop"),
+        _ => format!("{compared} of the first {played} of {frames} frames a loop, and of none later"),
+    };
     for entrant in entrants {
         let is_default = entrant.strategy == Strategy::RefitRotate(Rotate::default());
-        for (error_name, error) in ERRORS.into_iter().zip(entrant.errors) {
+        for ((error_name, error), noise) in ERRORS.into_iter().zip(entrant.errors).zip(noises(&selves)) {
             bench.add(Point {
                 knob: "update strategy".to_owned(),
                 setting: entrant.name.clone(),
@@ -99,15 +105,19 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
                 error: error / f64::from(compared),
                 unit: "ratio".to_owned(),
                 time_ms: entrant.update_ms / entrant.updates.max(1) as f64,
-                note: format!(
-                    "time of an update, mean of {}; error, mean of {compared} of {played} frames, {frames} a loop",
-                    entrant.updates
-                ),
+                note: format!("time of an update, mean of {}; error, mean of {frames_seen}", entrant.updates),
+                noise,
                 ..Point::default()
             })?;
         }
     }
     Ok(())
+}
+
+/// That of each of the [`ERRORS`]: SAH costs have none.
+fn noises(selves: &[f64]) -> [Option<f64>; 2] {
+    // Digits that say something.
+    [None, Some((noise(selves) * 1e3).round() / 1e3)]
 }
 
 impl Entrant {
@@ -161,9 +171,10 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
 
     bench.pose_in_the_middle();
     let sweep = bench.sweep()?;
-    for (i, (builder, options, setting, is_default)) in settings.iter().enumerate() {
+    let mut built = Vec::new();
+    for (i, (builder, options, setting, _)) in settings.iter().enumerate() {
         if interrupt::requested() {
-            break;
+            return Ok(());
         }
         let mut tree = Bvh::default();
         let mut scratch = BuildScratch::new();
@@ -172,7 +183,13 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
             result = rebuild(&mut tree, &bench.stage.triangles(), *builder, options, &mut scratch);
         });
         result.with_context(|| format!("{setting}: no tree"))?;
-        for (error_name, error) in ERRORS.into_iter().zip(bench.over(&sweep, &tree)) {
+        built.push((tree, time_ms));
+        bench.done(i + 1, settings.len());
+    }
+    let trees: Vec<&Bvh> = built.iter().map(|(tree, _)| tree).collect();
+    let Some(Over { errors, selves }) = bench.over(&sweep, &trees) else { return Ok(()) };
+    for (((_, _, setting, is_default), (_, time_ms)), errors) in settings.iter().zip(&built).zip(errors) {
+        for ((error_name, error), noise) in ERRORS.into_iter().zip(errors).zip(noises(&selves)) {
             bench.add(Point {
                 knob: "builder".to_owned(),
                 setting: setting.clone(),
@@ -180,15 +197,15 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
                 error_name: error_name.to_owned(),
                 error,
                 unit: "ratio".to_owned(),
-                time_ms,
+                time_ms: *time_ms,
                 note: format!(
-                    "time of a build, fastest of at most {}; middle of the loop",
+                    "time of a build, fastest of at most {}; error in the middle of the loop",
                     bench.effort.repeats
                 ),
+                noise,
                 ..Point::default()
             })?;
         }
-        bench.done(i + 1, settings.len());
     }
     Ok(())
 }
