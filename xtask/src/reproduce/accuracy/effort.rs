@@ -79,7 +79,7 @@ impl Effort {
                 anneal_passes: &[25, 100],
                 size: size.min(256),
                 repeats: 3,
-                rounds: 7,
+                rounds: 3,
                 solid_triangles: 10_000,
                 rays: [200_000, 1_000],
                 detail: 0.05,
