@@ -12,7 +12,9 @@ use crate::reproduce::offline;
 use crate::reproduce::record::Row;
 use crate::reproduce::results::{Results, SceneRun, Spread};
 
-/// "Close": within a quarter.
+/// "Fairly close": within a half.
+const FAIRLY_CLOSE: f64 = 1.5;
+/// "Very close", and alike: within a quarter.
 const CLOSE: f64 = 1.25;
 /// "Significantly slower": by a tenth.
 const SIGNIFICANT: f64 = 1.1;
@@ -117,12 +119,12 @@ pub(super) fn frames_against_ideal(results: &Results) -> Finding {
         return nothing_compared();
     }
     let above = at_least(1.0 / NOISE);
-    let close = |t: &Table| t.count(at_most(CLOSE));
+    let close = |t: &Table| t.count(at_most(FAIRLY_CLOSE));
     let (verdict, near) = by_times([&table], |[t]| {
         let (never_below, often_close) = (t.all(&above), 2 * close(t) >= t.len());
         graded(never_below && often_close, never_below || often_close)
     });
-    let mut why = format!("within a quarter of ideal in {} of {} scenes", close(&table), table.len());
+    let mut why = format!("within a half of ideal in {} of {} scenes", close(&table), table.len());
     if !table.all(&above) {
         why += &format!("; below it in {}", table.except(above));
     }

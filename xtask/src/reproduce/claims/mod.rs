@@ -115,8 +115,8 @@ pub(crate) fn judge(results: &Results) -> Vec<Claim> {
             "Never faster than the ideal update, often close to it",
             "section 3, figure 6a",
             "never; often fairly close",
-            "Sum of the frame times over ideal's. Holds if at least 0.952 (1/1.05) in every scene that moves and at most 1.25 in half \
-             of them; in part if one of the two.",
+            "Sum of the frame times over ideal's. Holds if at least 0.952 (1/1.05) in every scene that moves and at most 1.5 (\"fairly \
+             close\") in half of them; in part if one of the two.",
             findings::frames_against_ideal(results),
         ),
         claim(
