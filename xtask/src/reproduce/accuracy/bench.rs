@@ -132,7 +132,7 @@ impl<'a> Bench<'a> {
 }
 
 /// Turns of the fresh tree in a round, beside one at its end.
-const FRESH: usize = 4;
+const FRESH: usize = 2;
 
 /// Trees beside a fresh one.
 pub(super) struct Over {

@@ -75,7 +75,7 @@ impl Effort {
         match preset {
             Preset::Quick => quick,
             Preset::Standard => Self {
-                compared: 3,
+                compared: 2,
                 anneal_passes: &[25, 100],
                 size: size.min(256),
                 repeats: 3,

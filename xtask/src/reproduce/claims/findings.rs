@@ -103,9 +103,9 @@ pub(super) fn frames_against_rebuild(results: &Results) -> Finding {
     if table.is_empty() {
         return nothing_compared();
     }
-    let passes = at_most(NOISE);
+    let passes = at_most(SIGNIFICANT);
     let (verdict, near) = by_times([&table], |[t]| graded(t.all(&passes), t.most(&passes)));
-    let mut why = table.tell(&format!("at most {NOISE}"), passes) + &near;
+    let mut why = table.tell(&format!("at most {SIGNIFICANT}"), passes) + &near;
     if let Some(ratio) = results.scene(MUSEUM).and_then(|s| frame_time(s, ROTATE, IDEAL_PARALLEL_BINNED)) {
         why += &format!("; {ratio:.2} in {MUSEUM}, which the claim leaves out");
     }
