@@ -53,8 +53,8 @@ pub struct Parts<'a> {
 impl Bvh {
     /// A tree of the given nodes over `order.len()` primitives; see [`Bvh`] for the layout.
     ///
-    /// Boxes are taken as they are, but [`sanitized`](crate::Aabb::sanitized). Heights and moving bits are computed here, the latter from the leaves'; slots that
-    /// are in no subtree become [`Node::NOTHING`].
+    /// Boxes are taken as they are, but [`sanitized`](crate::Aabb::sanitized). Heights and moving bits are computed here, the
+    /// latter from the leaves'; slots that are in no subtree become [`Node::NOTHING`].
     /// O(n) time and temporary memory.
     ///
     /// # Errors
