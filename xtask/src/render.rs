@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use bvh_core::Bvh;
 use bvh_update::{Scratch, Strategy, update};
-use rt_cpu::{Image, RenderOptions, RenderStats, render};
+use rt_cpu::{Bvh8, Image, RenderOptions, RenderStats, render, render_with};
 use scenes::LightEffects;
 
 use crate::progress::Progress;
@@ -206,14 +206,23 @@ impl Picture {
         done: impl Fn(u32),
     ) -> bool {
         let (mesh, camera, light) = (stage.mesh(), stage.camera(width, height), stage.light());
-        self.stats += render(tree, &mesh, &camera, Some(&light), options, &mut self.image);
+        let wide = (samples > 1).then(|| {
+            let mut wide = Bvh8::new();
+            wide.update(tree, &mesh.triangles);
+            wide
+        });
+        let draw = |options: &RenderOptions, image: &mut Image| match &wide {
+            Some(wide) => render_with(tree, wide, &mesh, &camera, Some(&light), options, image),
+            None => render(tree, &mesh, &camera, Some(&light), options, image),
+        };
+        self.stats += draw(options, &mut self.image);
         for sample in 1..samples {
             if interrupt::requested() {
                 return false;
             }
             done(sample);
             let options = RenderOptions { sample, ..*options };
-            self.stats += render(tree, &mesh, &camera, Some(&light), &options, &mut self.sample);
+            self.stats += draw(&options, &mut self.sample);
             self.image.add(&self.sample);
         }
         if samples > 1 {

@@ -36,7 +36,8 @@ const WIDTH: usize = 8;
 ///
 /// It holds copies of the tree's boxes and of the triangles' corners, about 80 bytes a triangle, and knows nothing of
 /// later changes: [`update`](Self::update) it after each. That pays from about one ray for every six triangles on.
-/// [`render`](crate::render) does so by itself for ambient occlusion and diffuse bounces.
+/// [`render`](crate::render) does so by itself for ambient occlusion and diffuse bounces;
+/// [`render_with`](crate::render_with) takes a view that is there.
 ///
 /// ```
 /// use rt_cpu::{Bvh, Bvh8, Ray, TriangleTest, Triangles, Vec3};

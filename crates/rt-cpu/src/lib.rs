@@ -57,7 +57,7 @@ pub use mesh::{DEFAULT_COLOR, Material, Mesh};
 pub use options::{
     AmbientOcclusion, DiffuseBounces, Effects, Output, RenderOptions, RenderStats, Traversal, UnknownName,
 };
-pub use render::{Pixel, cast, render};
+pub use render::{Pixel, cast, render, render_with};
 pub use shade::{Background, PointLight};
 pub use single::{any_hit, any_hit_brute, closest_hit, closest_hit_brute};
 pub use texture::{Filter, Texture, Wrap};

@@ -33,6 +33,35 @@ pub fn render(
     options: &RenderOptions,
     image: &mut Image,
 ) -> RenderStats {
+    draw(bvh, None, mesh, camera, light, options, image)
+}
+
+/// [`render`], with a view of the same tree and the same triangles that is there already. Ambient occlusion and diffuse
+/// bounces go through it; without them nobody looks at it.
+///
+/// For more than one image of a frame, samples to be averaged for instance: `render` would make a view for each. A view
+/// that was made of anything else shows that, where rays have come back from a surface.
+pub fn render_with(
+    bvh: &Bvh,
+    wide: &Bvh8,
+    mesh: &Mesh<'_>,
+    camera: &Camera,
+    light: Option<&PointLight>,
+    options: &RenderOptions,
+    image: &mut Image,
+) -> RenderStats {
+    draw(bvh, Some(wide), mesh, camera, light, options, image)
+}
+
+fn draw(
+    bvh: &Bvh,
+    wide: Option<&Bvh8>,
+    mesh: &Mesh<'_>,
+    camera: &Camera,
+    light: Option<&PointLight>,
+    options: &RenderOptions,
+    image: &mut Image,
+) -> RenderStats {
     if (image.width(), image.height()) != (camera.width(), camera.height()) {
         *image = Image::new(camera.width(), camera.height());
     }
@@ -50,12 +79,14 @@ pub fn render(
             if effects == direct_only {
                 return run(&frame, image.pixels_mut(), &shader);
             }
-            let wide = calls_for_wide(&effects, camera, bvh).then(|| {
-                let mut wide = Bvh8::new();
-                wide.update(bvh, &mesh.triangles);
-                wide
+            let mut own = Bvh8::new();
+            let wide = wide.or_else(|| {
+                calls_for_wide(&effects, camera, bvh).then(|| {
+                    own.update(bvh, &mesh.triangles);
+                    &own
+                })
             });
-            run(&frame, image.pixels_mut(), &Waves { shader, effects, wide: wide.as_ref(), seed, sample })
+            run(&frame, image.pixels_mut(), &Waves { shader, effects, wide, seed, sample })
         }
         Output::NodesVisited { most } => {
             let options = RenderOptions { traversal: Traversal::Single, ..*options };

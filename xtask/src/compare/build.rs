@@ -1,7 +1,7 @@
 //! Builds from nothing: every measured frame gets new contestants, with no memory from the frame before.
 
 use anyhow::Result;
-use pivot_benches::{Answers, Contest, field};
+use pivot_benches::{Answers, Contest};
 
 use super::Setting;
 use super::lane::{CHECK_SIZE, Frame, Lane, spread, view};
@@ -19,7 +19,7 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec
     let measured = spread(frames, setting.frames);
     let progress =
         Progress::new(format!("build, {scene}, {} threads", setting.threads), measured.len() as u64);
-    let contestants = || field(Contest::Build, setting.embree.as_ref());
+    let contestants = || setting.field(Contest::Build);
     let names: Vec<String> = contestants().into_iter().map(|entry| entry.name).collect();
     let mut records = vec![Record::default(); names.len()];
     let mut reference = Answers::default();

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Result;
-use pivot_benches::{Answers, Contest, field};
+use pivot_benches::{Answers, Contest};
 use rt_cpu::Pixel;
 
 use super::Setting;
@@ -23,7 +23,7 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec
     let progress = Progress::new(format!("frame, {scene}, {} threads", setting.threads), frames as u64);
     stage.pose(0.0);
     let mut lanes = Vec::new();
-    for entry in field(Contest::Frame, setting.embree.as_ref()) {
+    for entry in setting.field(Contest::Frame) {
         let mut lane = Lane::new(entry, stage)?;
         lane.update(stage)?;
         lanes.push(lane);

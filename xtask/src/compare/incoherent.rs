@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Result;
-use pivot_benches::{Answers, Contest, Hits, Rays, bounces, field};
+use pivot_benches::{Answers, Contest, Hits, Rays, bounces};
 use rayon::prelude::*;
 use rt_cpu::{Bvh8, Pixel};
 
@@ -27,7 +27,7 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<(Ro
     let measured = spread(frames, setting.frames);
     let progress =
         Progress::new(format!("incoherent, {scene}, {} threads", setting.threads), measured.len() as u64);
-    let entries = field(Contest::Incoherent, setting.embree.as_ref());
+    let entries = setting.field(Contest::Incoherent);
     let mut lanes = entries.into_iter().map(|entry| Lane::new(entry, stage)).collect::<Result<Vec<_>>>()?;
     let (mut view_of_tree, mut making) = (Bvh8::new(), Record::default());
     let mut reference = Answers::default();

@@ -21,6 +21,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 use clap::ValueEnum;
 use pivot_benches::embree::{Device, Embree, NotFound};
+use pivot_benches::{Contest, Entry, field};
 use rayon::ThreadPool;
 
 use self::row::Report;
@@ -66,6 +67,9 @@ pub(crate) struct Args {
     /// [default: cloth-ball, n-body, exploding-dragon, lion; all for whole frames]
     #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
     scenes: Vec<String>,
+    /// Only contestants whose names contain this; repeatable
+    #[arg(long, value_name = "NAME")]
+    only: Vec<String>,
     /// Threads; repeatable [default: 1 and as many as there are cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Vec<u32>,
@@ -94,16 +98,60 @@ struct Setting {
     threads: usize,
     pool: ThreadPool,
     embree: Option<Device>,
+    /// Contestants whose names contain one of these; all if there are none.
+    only: Vec<String>,
     /// Frames to measure.
     frames: usize,
     /// Pixels on each side of the traced image.
     size: u32,
 }
 
+impl Setting {
+    /// Who takes part.
+    fn field(&self, contest: Contest) -> Vec<Entry> {
+        let mut entries = field(contest, self.embree.as_ref());
+        let is_named = |entry: &Entry| self.only.iter().any(|name| entry.name.contains(name.as_str()));
+        entries.retain(|entry| self.only.is_empty() || is_named(entry));
+        entries
+    }
+}
+
+impl What {
+    fn contests(self) -> &'static [Contest] {
+        match self {
+            Self::Update => &[Contest::Update],
+            Self::Trace => &[Contest::Trace],
+            Self::Incoherent => &[Contest::Incoherent],
+            Self::Build => &[Contest::Build],
+            Self::Frame => &[Contest::Frame],
+            Self::Hard => &[],
+            Self::All => {
+                &[Contest::Update, Contest::Build, Contest::Trace, Contest::Incoherent, Contest::Frame]
+            }
+        }
+    }
+}
+
+/// An error if one of the names is nobody's.
+fn ensure_known(what: What, only: &[String], embree: Option<&Embree>) -> Result<()> {
+    let device = embree.map(|embree| embree.device(1)).transpose()?;
+    let entries = what.contests().iter().flat_map(|&contest| field(contest, device.as_ref()));
+    let names: Vec<String> = entries.map(|entry| entry.name).collect();
+    for wanted in only {
+        ensure!(
+            names.iter().any(|name| name.contains(wanted.as_str())),
+            "--only {wanted}: no contestant of this name; there are {}",
+            names.join("; ")
+        );
+    }
+    Ok(())
+}
+
 pub(crate) fn run(args: &Args) -> Result<()> {
     if args.what == What::Hard {
         for (option, given) in [
             ("--scene", !args.scenes.is_empty()),
+            ("--only", !args.only.is_empty()),
             ("--threads", !args.threads.is_empty()),
             ("--frames", args.frames.is_some()),
             ("--size", args.size.is_some()),
@@ -132,6 +180,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         loaded.push((source, scene));
     }
     let embree = find_embree(args.embree.as_deref())?;
+    ensure_known(args.what, &args.only, embree.as_ref())?;
     let version = embree.as_ref().map(|e| Ok::<_, NotFound>(e.device(1)?.version())).transpose()?;
     let mut report = Report::new(Machine::read(), Revision::read(), version);
     if let Some(path) = &args.json {
@@ -167,7 +216,7 @@ pub(crate) fn beside(
     size: u32,
     embree: Option<Device>,
 ) -> Result<Vec<Row>> {
-    let setting = Setting { threads, pool: pool::pool(threads)?, embree, frames, size };
+    let setting = Setting { threads, pool: pool::pool(threads)?, embree, only: Vec::new(), frames, size };
     let mut rows = update::measure(label, stage, &setting)?;
     if !interrupt::requested() {
         rows.extend(frame::measure(label, stage, &setting)?);
@@ -201,16 +250,19 @@ fn run_scene(
     embree: Option<&Embree>,
     report: &mut Report,
 ) -> Result<()> {
-    let asked = |what| args.what == what || args.what == What::All;
     let frames = |default| args.frames.map_or(default, |n| n as usize);
     for threads in threads(args) {
         let mut setting = Setting {
             threads,
             pool: pool::pool(threads)?,
             embree: embree.map(|e| e.device(threads)).transpose()?,
+            only: args.only.clone(),
             frames: frames(UPDATE_FRAMES),
             size: args.size.unwrap_or(SIZE),
         };
+        let contests = args.what.contests().iter().copied();
+        let asked: Vec<Contest> = contests.filter(|&contest| !setting.field(contest).is_empty()).collect();
+        let asked = |contest| asked.contains(&contest) && !interrupt::requested();
         let mut keep = |mut rows: Vec<Row>| -> Result<()> {
             // An interrupt may come before the first measured frame.
             rows.retain(|row| row.frames > 0);
@@ -224,26 +276,26 @@ fn run_scene(
             }
             files::print(&table)
         };
-        if asked(What::Update) && !interrupt::requested() {
+        if asked(Contest::Update) {
             keep(update::measure(label, &mut stage, &setting)?)?;
         }
         setting.frames = frames(OTHER_FRAMES);
-        if asked(What::Build) && !interrupt::requested() {
+        if asked(Contest::Build) {
             keep(build::measure(label, &mut stage, &setting)?)?;
         }
-        if asked(What::Trace) && !interrupt::requested() {
+        if asked(Contest::Trace) {
             keep(trace::measure(label, &mut stage, &setting)?)?;
         }
-        if asked(What::Incoherent) && !interrupt::requested() {
+        if asked(Contest::Incoherent) {
             let (view, rays) = incoherent::measure(label, &mut stage, &setting)?;
             keep(vec![view])?;
             keep(rays)?;
         }
         setting.frames = frames(UPDATE_FRAMES);
-        if asked(What::Frame) && !interrupt::requested() {
+        if asked(Contest::Frame) {
             keep(frame::measure(label, &mut stage, &setting)?)?;
         }
-        if asked(What::Frame) && !interrupt::requested() {
+        if asked(Contest::Frame) {
             files::print(&pauses::measure(&mut stage, &setting)?)?;
         }
     }

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Result;
-use pivot_benches::{Answers, Contest, field};
+use pivot_benches::{Answers, Contest};
 use rt_cpu::Pixel;
 
 use super::Setting;
@@ -25,7 +25,7 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec
     let measured = spread(frames, setting.frames);
     let progress =
         Progress::new(format!("trace, {scene}, {} threads", setting.threads), measured.len() as u64);
-    let entries = field(Contest::Trace, setting.embree.as_ref());
+    let entries = setting.field(Contest::Trace);
     let mut lanes = entries.into_iter().map(|entry| Lane::new(entry, stage)).collect::<Result<Vec<_>>>()?;
     let mut reference = Answers::default();
     let mut set_up = SetUp::default();

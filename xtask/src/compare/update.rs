@@ -5,7 +5,7 @@
 //! boxes of all triangles.
 
 use anyhow::Result;
-use pivot_benches::{Answers, Contest, LIMIT, field};
+use pivot_benches::{Answers, Contest, LIMIT};
 
 use super::Setting;
 use super::lane::{CHECK_SIZE, Frame, Lane, spread, view};
@@ -27,7 +27,7 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec
     let progress = Progress::new(format!("update, {scene}, {} threads", setting.threads), frames as u64);
     stage.pose(0.0);
     let mut lanes = Vec::new();
-    for entry in field(Contest::Update, setting.embree.as_ref()) {
+    for entry in setting.field(Contest::Update) {
         let mut lane = Lane::new(entry, stage)?;
         for _ in 0..WARM_UP {
             lane.update(stage)?;

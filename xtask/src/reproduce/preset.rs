@@ -77,7 +77,7 @@ impl Preset {
                 frames: 50,
                 loops: 1.5,
                 size: 512,
-                measure_every: [4, 10],
+                measure_every: [5, 10],
                 speeds: true,
                 speed_loops: 3.0,
                 check_frames: 4,

@@ -160,6 +160,13 @@ fn effects_are_the_same_for_all_threads_traversals_and_simd_levels() {
         let mut image = Image::new(0, 0);
         render(&bvh, &mesh, &camera, Some(&light), &other, &mut image);
         assert_ne!(pixel_bits(&image), images[0].0, "another seed");
+        let same = RenderOptions { seed: 7, ..other };
+        let mut wide = Bvh8::new();
+        render_with(&bvh, &wide, &mesh, &camera, Some(&light), &same, &mut image);
+        assert_ne!(pixel_bits(&image), images[0].0, "a view of nothing");
+        wide.update(&bvh, &mesh.triangles);
+        render_with(&bvh, &wide, &mesh, &camera, Some(&light), &same, &mut image);
+        assert!(pixel_bits(&image) == images[0].0, "a view that was there");
     }
 }
 

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use bvh_core::Bvh;
-use rt_cpu::{Image, RenderOptions, render};
+use rt_cpu::{Bvh8, Image, RenderOptions, render_with};
 use scenes::LightEffects;
 
 use super::bench::Bench;
@@ -23,6 +23,8 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     bench.pose_in_the_middle();
     bench.stage.smooth();
     let tree = bench.sweep()?;
+    let mut wide = Bvh8::new();
+    wide.update(&tree, &bench.stage.triangles());
     let counts = bench.effort.samples;
     let total: usize = counts.iter().map(|(most, reference)| most + reference).sum();
     let mut done = 0;
@@ -30,7 +32,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         let seed = bench.effort.seed;
         let mut converged = Mean::new(bench, &light, seed + 1);
         while converged.count < many && !interrupt::requested() {
-            converged.add_sample(bench, &tree);
+            converged.add_sample(bench, &tree, &wide);
             done += 1;
             bench.done(done, total);
         }
@@ -39,7 +41,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         }
         let mut mean = Mean::new(bench, &light, seed);
         while mean.count < most && !interrupt::requested() {
-            mean.add_sample(bench, &tree);
+            mean.add_sample(bench, &tree, &wide);
             done += 1;
             bench.done(done, total);
             if !mean.count.is_power_of_two() {
@@ -80,13 +82,13 @@ impl Mean {
         Self { options, sum: Image::new(size, size), sample: Image::new(size, size), count: 0, time_ms: 0.0 }
     }
 
-    fn add_sample(&mut self, bench: &Bench<'_>, tree: &Bvh) {
+    fn add_sample(&mut self, bench: &Bench<'_>, tree: &Bvh, wide: &Bvh8) {
         let stage = &*bench.stage;
         let (mesh, light) = (stage.mesh(), stage.light());
         let camera = stage.camera(self.sum.width(), self.sum.height());
         self.options.sample = self.count as u32;
         let start = Instant::now();
-        render(tree, &mesh, &camera, Some(&light), &self.options, &mut self.sample);
+        render_with(tree, wide, &mesh, &camera, Some(&light), &self.options, &mut self.sample);
         self.sum.add(&self.sample);
         self.time_ms += ms(start);
         self.count += 1;
