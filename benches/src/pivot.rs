@@ -1,5 +1,7 @@
 //! This project.
 
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
 use bvh_build::{BuildOptions, Builder};
 use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3, sah_cost};
 use bvh_update::{Rotate, Scratch, Strategy, update};
@@ -23,6 +25,8 @@ struct Pivot {
     options: RenderOptions,
     rays: RayKind,
     wide: Bvh8,
+    /// Rays of the last picture, and nodes that they visited.
+    visited: [AtomicU64; 2],
 }
 
 /// How rays are traced that come without a camera.
@@ -48,6 +52,7 @@ impl Pivot {
             options: RenderOptions { traversal, simd, ..RenderOptions::default() },
             rays: RayKind::Single,
             wide: Bvh8::new(),
+            visited: Default::default(),
         }
     }
 
@@ -82,6 +87,8 @@ impl Contestant for Pivot {
     }
 
     fn update(&mut self) -> Result<(), Failure> {
+        let [rays, nodes] = self.visited.each_mut().map(|count| std::mem::take(count.get_mut()));
+        self.scratch.visited(rays, nodes);
         if self.is_built {
             let triangles = self.mesh.triangles();
             update(&mut self.tree, &triangles, &self.strategy, &mut self.scratch).map_err(failure)?;
@@ -140,7 +147,10 @@ impl Contestant for Pivot {
             return view::cast(self, view, pixels);
         }
         let light = view.light.map(|position| PointLight { position, color: [1.0; 3] });
-        cast(&self.tree, &self.mesh.triangles(), &view.camera, light.as_ref(), &self.options, pixels);
+        let stats =
+            cast(&self.tree, &self.mesh.triangles(), &view.camera, light.as_ref(), &self.options, pixels);
+        let rays = stats.rays_primary + stats.rays_shadow;
+        self.visited.iter().zip([rays, stats.nodes_visited]).for_each(|(to, n)| to.store(n, Relaxed));
     }
 }
 

@@ -2,7 +2,8 @@
 //!
 //! The model of a frame's time is the work of the update plus what its rays take, which grows with the SAH cost of the
 //! tree over what that was when the tree was good; the more so, the more of the cost lies in a few large primitives, such
-//! as the walls around what is looked at. Constant weights (`clock.rs`) put both on one scale, so that decisions are
+//! as the walls around what is looked at. How fast it grows is learned from counts of visited nodes, if the caller tells
+//! them (`slope.rs`). Constant weights (`clock.rs`) put both on one scale, so that decisions are
 //! reproducible; only where the caller asks for it, the clock corrects them.
 //!
 //! * *Rotations* are worth while if the cost that they saved in this update, kept for some frames, pays for trying.
@@ -87,8 +88,8 @@ impl fmt::Display for Decision {
     }
 }
 
-/// By how much the SAH cost of a tree built in haste exceeds that of the other.
-const HASTY_EXCESS: f64 = 0.15;
+/// How many more nodes rays visit in a tree built in haste, as a part.
+const HASTY_WORK: f64 = 0.1;
 
 /// What a cut is expected to be, as part of the primitives, before there was one.
 const SMALL_CUT: f64 = 0.02;
@@ -116,12 +117,19 @@ struct Found {
 struct Model {
     rays: u64,
     weights: Weights,
+    /// By what part rays take longer in a tree of twice the cost.
+    slope: f64,
 }
 
 impl Model {
     /// Time that the rays take longer for this much excess.
     fn lost(self, excess: f64) -> f64 {
-        self.rays as f64 * self.weights.ray * excess.max(0.0)
+        self.rays as f64 * self.weights.ray * self.slope * excess.max(0.0)
+    }
+
+    /// The excess of a tree built in haste.
+    fn hasty_excess(self) -> f64 {
+        HASTY_WORK / self.slope
     }
 
     /// Chooses how often to try rotations from now on, by what they have saved.
@@ -143,13 +151,13 @@ impl Model {
     /// passed since the last repair.
     fn threshold(self, history: &History) -> f64 {
         let frames = f64::from(history.since_repair.clamp(1, 8));
-        self.weights.graft_subtree / (self.rays.max(1) as f64 * self.weights.ray * frames)
+        self.weights.graft_subtree / (self.rays.max(1) as f64 * self.weights.ray * self.slope * frames)
     }
 
     /// Who builds a new tree of so many primitives that will serve for so many frames, and for how much.
     fn builder(self, primitives: f64, frames: u32) -> (Builder, f64) {
         let Weights { rebuild_primitive, hasty_primitive, .. } = self.weights;
-        let worse = self.lost(HASTY_EXCESS) * f64::from(frames);
+        let worse = self.lost(self.hasty_excess()) * f64::from(frames);
         if worse < primitives * (rebuild_primitive - hasty_primitive) {
             (Builder::Lbvh, primitives * hasty_primitive)
         } else {
@@ -163,6 +171,7 @@ fn new_tree<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     builder: Builder,
+    model: Model,
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
     let is_hasty = builder == Builder::Lbvh;
@@ -175,7 +184,7 @@ fn new_tree<P: Primitives + ?Sized>(
         (Work::Rebuild, Weights::MODEL.rebuild_primitive)
     };
     clock.learn(work, bvh.len() as f64 * weight, (clock.now)().saturating_duration_since(start));
-    clock.excess = if is_hasty { HASTY_EXCESS } else { 0.0 };
+    clock.excess = if is_hasty { model.hasty_excess() } else { 0.0 };
     raw::parts(bvh).history.is_hasty = is_hasty;
     Ok(update)
 }
@@ -187,21 +196,21 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
     let weights = if auto.clock { scratch.clock.weights() } else { Weights::MODEL };
-    let model = Model { rays: auto.rays, weights };
+    let model = Model { rays: auto.rays, weights, slope: scratch.clock.slope.get() };
     let history = *bvh.history();
     let is_time_to_look = history.rebuilds_in_a_row.is_multiple_of(LOOK_AGAIN);
     if history.is_due {
         // A tree that was built in haste and has not degraded since is to be built well.
         let frames = if history.is_hasty { u32::MAX } else { history.since_repair };
         let (builder, _) = model.builder(bvh.len() as f64, frames);
-        let update = new_tree(bvh, primitives, builder, scratch)?;
+        let update = new_tree(bvh, primitives, builder, model, scratch)?;
         // It could wait: that does not make a row.
         raw::parts(bvh).history.rebuilds_in_a_row = 0;
         return Ok(update);
     }
     if history.rebuilds_in_a_row >= IN_A_ROW && !is_time_to_look {
         let (builder, _) = model.builder(bvh.len() as f64, 1);
-        return new_tree(bvh, primitives, builder, scratch);
+        return new_tree(bvh, primitives, builder, model, scratch);
     }
     take_references(bvh);
     let one_in = 1 << bvh.history().rotation_pause;
@@ -218,7 +227,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     // By area, dense parts of a scene count for little; but there the camera looks. By number, a wall does. The mean.
     let unit = good * bvh.history().evenness.sqrt();
     let over_good = |area: f64| if unit > 0.0 { area / unit } else { 0.0 };
-    let hasty = if bvh.history().is_hasty { HASTY_EXCESS } else { 0.0 };
+    let hasty = if bvh.history().is_hasty { model.hasty_excess() } else { 0.0 };
     let found = Found {
         primitives: bvh.len() as f64,
         nodes,
@@ -246,7 +255,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let is_new = history.rebuilds_in_a_row > 0 && history.since_repair <= SOON;
     if (history.is_hasty || history.is_beyond_repair) && !(is_new && is_time_to_look) {
         if is_urgent {
-            return new_tree(bvh, primitives, builder, scratch);
+            return new_tree(bvh, primitives, builder, model, scratch);
         }
         let frames = if history.is_hasty { u32::MAX } else { history.since_repair };
         let (_, price_of_new) = model.builder(found.primitives, frames);
@@ -278,7 +287,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
             let decision = Decision::Regrow { subtrees };
             Ok(Update { decision, sah_cost: None, ..refitted(bvh) })
         }
-        Regrown::TooMuch if is_urgent => new_tree(bvh, primitives, builder, scratch),
+        Regrown::TooMuch if is_urgent => new_tree(bvh, primitives, builder, model, scratch),
         Regrown::TooMuch => {
             let history = raw::parts(bvh).history;
             history.is_beyond_repair = true;
@@ -350,6 +359,37 @@ mod tests {
         let few = Auto { rays: 1 << 9, ..auto };
         assert!(play(few, stopped, Some(1e-3)).1 < play(few, stopped, None).1);
         assert_eq!(play(Auto { rays: 0, ..auto }, stopped, Some(f64::from(u32::MAX))).1, 0);
+    }
+
+    #[test]
+    fn rays_that_visit_as_much_as_before_call_for_fewer_repairs_and_the_same_counts_for_the_same_trees() {
+        // Drifts apart, comes together again; `visits` gives the nodes that a thousand rays visit at some excess.
+        let play = |visits: fn(f64) -> f64| {
+            let boxes = |step: usize| {
+                let apart = 0.05 * (step % 4) as f32;
+                let (before, after) = (chaos(0), chaos(1));
+                let between = |(a, b): (&Aabb, &Aabb)| {
+                    let corner = a.min + (b.min - a.min) * apart;
+                    Aabb::new(corner, corner + 0.8)
+                };
+                before.iter().zip(&after).map(between).collect::<Vec<_>>()
+            };
+            let mut bvh = build(&boxes(0), Builder::Sweep, &BuildOptions::default(), None).expect("few");
+            let (mut scratch, mut repairs) = (Scratch::new(), 0);
+            let auto = Auto { rays: 1 << 12, clock: false };
+            for step in 1..=40 {
+                let told = crate::update(&mut bvh, &boxes(step), &Strategy::Auto(auto), &mut scratch);
+                let decision = told.expect("updated").decision;
+                repairs += u32::from(!matches!(decision, Decision::Refit { .. }));
+                scratch.visited(1000, (1e6 * visits(scratch.clock.excess)) as u64);
+            }
+            (repairs, scratch.visits_per_excess(), bvh.hash())
+        };
+        let (few, little, _) = play(|_| 1.0);
+        let (many, much, hash) = play(|excess| 1.0 + 4.0 * excess);
+        assert!(little < Some(0.1) && much > Some(2.0), "{little:?}, {much:?}");
+        assert!(few < many, "{few}, {many}");
+        assert_eq!(play(|excess| 1.0 + 4.0 * excess).2, hash);
     }
 
     #[test]

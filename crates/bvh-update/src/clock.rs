@@ -8,6 +8,7 @@ use std::fmt;
 use std::time::{Duration, Instant};
 
 use crate::pass::Scratch;
+use crate::slope::Slope;
 
 /// Times of one core, in nanoseconds; only their ratios matter, and those vary little between machines.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,19 +24,19 @@ pub(crate) struct Weights {
     /// Building the whole tree, for each primitive, and in haste.
     pub(crate) rebuild_primitive: f64,
     pub(crate) hasty_primitive: f64,
-    /// A ray through a tree of twice the SAH cost takes longer by this: less than twice as long, in coherent packets.
+    /// Casting a ray through a good tree, in coherent packets.
     pub(crate) ray: f64,
 }
 
 impl Weights {
     pub(crate) const MODEL: Self = Self {
-        fit_node: 4.0,
-        rotate_node: 3.0,
+        fit_node: 9.5,
+        rotate_node: 3.5,
         cut_node: 6.0,
         graft_subtree: 300.0,
         rebuild_primitive: 85.0,
-        hasty_primitive: 34.0,
-        ray: 40.0,
+        hasty_primitive: 45.0,
+        ray: 25.0,
     };
 }
 
@@ -54,8 +55,6 @@ pub(crate) enum Work {
     Rays,
 }
 
-/// What a ray takes through a tree that is good, over what twice the cost adds to it.
-const RAY_OVER_EXCESS: f64 = 1.4;
 /// Factors are kept between this and its inverse.
 const MOST: f64 = 64.0;
 /// One time counts as no more than this many times the average, or less than its inverse: the machine may have been busy.
@@ -67,15 +66,16 @@ const SHARE: f64 = 0.25;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Clock {
     factors: [Option<f64>; 5],
-    /// Excess of the tree that rays are cast at now.
+    /// Excess of the tree that rays are cast at now, and what that costs them.
     pub(crate) excess: f64,
+    pub(crate) slope: Slope,
     /// What it shows.
     pub(crate) now: fn() -> Instant,
 }
 
 impl Default for Clock {
     fn default() -> Self {
-        Self { factors: [None; 5], excess: 0.0, now: Instant::now }
+        Self { factors: [None; 5], excess: 0.0, slope: Slope::default(), now: Instant::now }
     }
 }
 
@@ -95,7 +95,7 @@ impl Clock {
 
     /// [`learn`](Self::learn) of so many rays through the present tree.
     pub(crate) fn traced(&mut self, rays: u64, took: Duration) {
-        let ray = Weights::MODEL.ray * (RAY_OVER_EXCESS + self.excess);
+        let ray = Weights::MODEL.ray * (1.0 + self.slope.get() * self.excess);
         self.learn(Work::Rays, rays as f64 * ray, took);
     }
 
@@ -137,6 +137,22 @@ impl Scratch {
     /// memory, for [`Auto`](crate::Auto) by the clock. Times of nothing and no time change nothing.
     pub fn traced(&mut self, rays: u64, time: Duration) {
         self.clock.traced(rays, time);
+    }
+
+    /// Tells how many nodes so many rays have visited in the tree of the last update with this memory, for
+    /// [`Auto`](crate::Auto), which learns from that what excess cost costs in this scene. Nodes may be counted once for each
+    /// ray or once for each packet, but always in the same way; then trees depend on these counts, and on nothing that
+    /// cannot be repeated. Call it after any frame, or never; no rays and no nodes change nothing.
+    pub fn visited(&mut self, rays: u64, nodes: u64) {
+        let excess = self.clock.excess;
+        self.clock.slope.visited(excess, rays, nodes);
+    }
+
+    /// How many more nodes rays visit, as a part, in a tree of twice the SAH cost; by what [`visited`](Self::visited) was
+    /// told before and after repairs. `None` as long as that says nothing.
+    #[must_use]
+    pub fn visits_per_excess(&self) -> Option<f64> {
+        self.clock.slope.learned()
     }
 
     /// What the clock has told of updates by [`Auto`](crate::Auto) with this memory, and of their rays.
@@ -240,7 +256,7 @@ mod tests {
         let mut clock = Clock::default();
         clock.learn(Work::Pass, 100.0, ns(300.0));
         let Weights { rebuild_primitive, ray, .. } = clock.weights();
-        assert_eq!([rebuild_primitive, ray], [255.0, 120.0]);
+        assert_eq!([rebuild_primitive, ray], [255.0, 75.0]);
         clock.learn(Work::Rebuild, 100.0, ns(50.0));
         assert_eq!(clock.weights().rebuild_primitive, 42.5);
         assert_eq!(
@@ -253,9 +269,9 @@ mod tests {
     #[test]
     fn rays_through_a_worse_tree_are_expected_to_take_longer() {
         let mut good = Clock::default();
-        let mut bad = Clock { excess: RAY_OVER_EXCESS, ..good };
-        good.traced(1000, ns(56_000.0));
-        bad.traced(1000, ns(112_000.0));
+        let mut bad = Clock { excess: 1.0 / good.slope.get(), ..good };
+        good.traced(1000, ns(25_000.0));
+        bad.traced(1000, ns(50_000.0));
         for clock in [good, bad] {
             let factor = clock.calibration().rays.expect("measured");
             assert!((factor - 1.0).abs() < 1e-6, "{factor}");

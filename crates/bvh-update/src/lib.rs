@@ -28,6 +28,7 @@ mod portable;
 mod raw;
 mod regrow;
 mod selective;
+mod slope;
 mod strategy;
 mod sweep;
 mod top;

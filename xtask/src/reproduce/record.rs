@@ -83,6 +83,9 @@ pub(crate) struct Row {
     pub(crate) ambient_occlusion_ms: f64,
     #[serde(default, serialize_with = "microseconds")]
     pub(crate) diffuse_bounces_ms: f64,
+    /// Nodes that the rays opened, once for each ray or packet.
+    #[serde(default)]
+    pub(crate) nodes_opened: u64,
 }
 
 /// Milliseconds, written to a tenth of a microsecond.
@@ -133,5 +136,6 @@ impl Line for Row {
         "mirror_ms",
         "ambient_occlusion_ms",
         "diffuse_bounces_ms",
+        "nodes_opened",
     ];
 }

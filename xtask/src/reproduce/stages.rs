@@ -102,6 +102,7 @@ impl Row {
             mirror_ms: ms(stats.times.mirror),
             ambient_occlusion_ms: ms(stats.times.ambient_occlusion),
             diffuse_bounces_ms: ms(stats.times.diffuse_bounces),
+            nodes_opened: stats.nodes_visited,
             ..self
         }
     }
