@@ -7,8 +7,8 @@ use bvh_core::glam::Vec2;
 use super::*;
 use crate::holes::see_through;
 use crate::{
-    AmbientOcclusion, Background, DiffuseBounces, Effects, Filter, Material, RenderStats, StageTimes,
-    Texture, Wrap,
+    AmbientOcclusion, Background, Bvh8, DiffuseBounces, Effects, Filter, Material, RenderStats, StageTimes,
+    Texture, Wrap, render_with,
 };
 
 const OCCLUSION: AmbientOcclusion = AmbientOcclusion { samples: 16, distance: f32::INFINITY };
