@@ -87,7 +87,8 @@ fn claims_table(results: &Results, claims: &[Claim]) -> Markup {
             h2 { "The paper’s claims" }
             p {
                 (tally(claims)) ". Each row says by which rule. Of times measured the sums over the frames that both sides \
-                were measured on are compared, and differences of less than 5 % count as none. Where a value that is 5 % \
+                were measured on are compared; where a rule speaks of faster, slower or equal, differences of less than 5 % \
+                count as none, and where the paper says how much, its words set the bound. Where a value that is 5 % \
                 more or less would alone change a verdict, the row says that it is near the bound. SAH costs are the \
                 same in every run."
             }
