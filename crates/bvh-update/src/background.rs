@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
 use bvh_core::{Aabb, Bvh, Primitives, stats};
+use rayon::prelude::*;
 
 use crate::auto::Decision;
 use crate::pass::{Scratch, pass};
@@ -85,8 +86,8 @@ impl Builds {
         static NUMBER: AtomicU64 = AtomicU64::new(1);
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let mut job = std::mem::take(&mut self.spare);
-        job.boxes.clear();
-        job.boxes.extend((0..primitives.len()).map(|i| primitives.aabb(i)));
+        // With all threads: the update that swaps trees does this, too.
+        (0..primitives.len()).into_par_iter().map(|i| primitives.aabb(i)).collect_into_vec(&mut job.boxes);
         let build = move || {
             let start = Instant::now();
             let Job { boxes, bvh, scratch, .. } = &mut job;
