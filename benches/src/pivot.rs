@@ -149,8 +149,7 @@ impl Contestant for Pivot {
         let light = view.light.map(|position| PointLight { position, color: [1.0; 3] });
         let stats =
             cast(&self.tree, &self.mesh.triangles(), &view.camera, light.as_ref(), &self.options, pixels);
-        let rays = stats.rays_primary + stats.rays_shadow;
-        self.visited.iter().zip([rays, stats.nodes_visited]).for_each(|(to, n)| to.store(n, Relaxed));
+        self.visited.iter().zip([stats.rays(), stats.nodes_visited]).for_each(|(to, n)| to.store(n, Relaxed));
     }
 }
 

@@ -206,7 +206,8 @@ impl Picture {
         done: impl Fn(u32),
     ) -> bool {
         let (mesh, camera, light) = (stage.mesh(), stage.camera(width, height), stage.light());
-        let wide = (samples > 1).then(|| {
+        let looks = options.effects.ambient_occlusion.is_some() || options.effects.diffuse_bounces.is_some();
+        let wide = (samples > 1 && looks).then(|| {
             let mut wide = Bvh8::new();
             wide.update(tree, &mesh.triangles);
             wide

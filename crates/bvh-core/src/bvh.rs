@@ -212,8 +212,9 @@ impl Bvh {
             fn drop(&mut self) {
                 let Self(bvh, done) = self;
                 if !*done {
-                    bvh.raw_nodes_mut().iter_mut().for_each(|node| node.set_moves(true));
                     bvh.still_area = 0.0;
+                    let (nodes, sum) = (bytemuck::cast_slice_mut(&mut bvh.pairs), &mut bvh.still_area);
+                    mark(nodes, &bvh.order, 0, &|_| true, sum);
                 }
                 // What there is to measure is another.
                 (bvh.history.reference, bvh.history.layout) = (0.0, Layout::Unknown);

@@ -21,7 +21,7 @@ use bvh_build::Builder;
 use bvh_core::{Bvh, History, Primitives};
 
 use crate::clock::{Weights, Work};
-use crate::cut::{Regrown, reference, regrow, size_now, take_references};
+use crate::cut::{Regrown, excess_by, reference, regrow, size_now, take_references};
 use crate::pass::{Scratch, pass};
 use crate::raw;
 use crate::regrow::{LARGEST_CUT, SOON, rebuild_all};
@@ -176,7 +176,9 @@ fn new_tree<P: Primitives + ?Sized>(
 ) -> Result<Update, UpdateError> {
     let is_hasty = builder == Builder::Lbvh;
     let start = (scratch.clock.now)();
+    let before = *bvh.history();
     let update = rebuild_all(bvh, primitives, builder, scratch)?;
+    scratch.clock.slope.renewed(before.reference, || excess_by(&before, bvh));
     let clock = &mut scratch.clock;
     let (work, weight) = if is_hasty {
         (Work::Haste, Weights::MODEL.hasty_primitive)
@@ -243,6 +245,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         history.is_due = history.reference == 0.0;
         history.reference = history.reference.min(reference(sum, size));
     }
+    scratch.clock.slope.fitted(over_good(sum - good), history.reference);
     if history.is_due {
         return Ok(refitted(bvh));
     }
@@ -283,6 +286,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
             let Weights { cut_node, graft_subtree, .. } = Weights::MODEL;
             let expected = found.nodes * cut_node + subtrees as f64 * graft_subtree;
             scratch.clock.learn(Work::Repair, expected, took);
+            scratch.clock.slope.repaired();
             scratch.clock.excess = 0.0;
             let decision = Decision::Regrow { subtrees };
             Ok(Update { decision, sah_cost: None, ..refitted(bvh) })
@@ -303,7 +307,7 @@ mod tests {
     use std::time::{Duration, Instant};
 
     use bvh_build::{BuildOptions, build};
-    use bvh_core::{Aabb, Vec3};
+    use bvh_core::{Aabb, Vec3, sah_cost};
 
     use super::*;
     use crate::Strategy;
@@ -361,35 +365,44 @@ mod tests {
         assert_eq!(play(Auto { rays: 0, ..auto }, stopped, Some(f64::from(u32::MAX))).1, 0);
     }
 
-    #[test]
-    fn rays_that_visit_as_much_as_before_call_for_fewer_repairs_and_the_same_counts_for_the_same_trees() {
-        // Drifts apart, comes together again; `visits` gives the nodes that a thousand rays visit at some excess.
-        let play = |visits: fn(f64) -> f64| {
-            let boxes = |step: usize| {
-                let apart = 0.05 * (step % 4) as f32;
-                let (before, after) = (chaos(0), chaos(1));
-                let between = |(a, b): (&Aabb, &Aabb)| {
-                    let corner = a.min + (b.min - a.min) * apart;
-                    Aabb::new(corner, corner + 0.8)
-                };
-                before.iter().zip(&after).map(between).collect::<Vec<_>>()
-            };
-            let mut bvh = build(&boxes(0), Builder::Sweep, &BuildOptions::default(), None).expect("few");
-            let (mut scratch, mut repairs) = (Scratch::new(), 0);
-            let auto = Auto { rays: 1 << 12, clock: false };
-            for step in 1..=40 {
-                let told = crate::update(&mut bvh, &boxes(step), &Strategy::Auto(auto), &mut scratch);
-                let decision = told.expect("updated").decision;
-                repairs += u32::from(!matches!(decision, Decision::Refit { .. }));
-                scratch.visited(1000, (1e6 * visits(scratch.clock.excess)) as u64);
-            }
-            (repairs, scratch.visits_per_excess(), bvh.hash())
+    /// Boxes on their way from one chaos to another.
+    fn apart(part: f32) -> Vec<Aabb> {
+        let between = |(a, b): (&Aabb, &Aabb)| {
+            let corner = a.min + (b.min - a.min) * part;
+            Aabb::new(corner, corner + 0.8)
         };
-        let (few, little, _) = play(|_| 1.0);
-        let (many, much, hash) = play(|excess| 1.0 + 4.0 * excess);
-        assert!(little < Some(0.1) && much > Some(2.0), "{little:?}, {much:?}");
-        assert!(few < many, "{few}, {many}");
-        assert_eq!(play(|excess| 1.0 + 4.0 * excess).2, hash);
+        chaos(0).iter().zip(&chaos(1)).map(between).collect()
+    }
+
+    #[test]
+    fn what_excess_costs_rays_is_learned_from_their_visits() {
+        // Drifts apart and comes together again, while rays visit more nodes by so much for each part of the cost that is
+        // above a fresh tree's: gives how often the tree was repaired, and by whom it was built anew.
+        let play = |slope: f64, rays: u64| {
+            let mut bvh = build(&apart(0.0), Builder::Sweep, &BuildOptions::default(), None).expect("few");
+            let (mut scratch, mut repairs, mut builders) = (Scratch::new(), 0, Vec::new());
+            for step in 1..=80 {
+                let boxes = apart(0.02 * (step % 10) as f32);
+                let strategy = Strategy::Auto(Auto { rays, clock: false });
+                let told = crate::update(&mut bvh, &boxes, &strategy, &mut scratch).expect("updated");
+                repairs += u32::from(!matches!(told.decision, Decision::Refit { .. }));
+                if let Decision::Rebuild { builder } = told.decision {
+                    builders.push(builder);
+                }
+                let fresh = build(&boxes, Builder::Sweep, &BuildOptions::default(), None).expect("few");
+                let excess = sah_cost(&bvh) / sah_cost(&fresh) - 1.0;
+                scratch.visited(1000, (1e6 * (1.0 + slope * excess)) as u64);
+            }
+            (repairs, builders, scratch.visits_per_excess().expect("there were new trees"), bvh.hash())
+        };
+        for rays in [1 << 12, 1 << 14] {
+            let (few, _, little, _) = play(0.1, rays);
+            let (many, builders, much, hash) = play(2.5, rays);
+            assert!((0.0625..0.3).contains(&little) && (1.5..4.0).contains(&much), "{little}, {much}");
+            assert!(few < many, "{few}, {many}");
+            assert_eq!(play(2.5, rays).3, hash);
+            assert!(builders.contains(&Builder::Lbvh) || rays > 1 << 12, "{builders:?}");
+        }
     }
 
     #[test]

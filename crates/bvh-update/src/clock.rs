@@ -142,14 +142,13 @@ impl Scratch {
     /// Tells how many nodes so many rays have visited in the tree of the last update with this memory, for
     /// [`Auto`](crate::Auto), which learns from that what excess cost costs in this scene. Nodes may be counted once for each
     /// ray or once for each packet, but always in the same way; then trees depend on these counts, and on nothing that
-    /// cannot be repeated. Call it after any frame, or never; no rays and no nodes change nothing.
+    /// cannot be repeated. Call it once after any update, or never; no rays and no nodes change nothing.
     pub fn visited(&mut self, rays: u64, nodes: u64) {
-        let excess = self.clock.excess;
-        self.clock.slope.visited(excess, rays, nodes);
+        self.clock.slope.visited(rays, nodes);
     }
 
     /// How many more nodes rays visit, as a part, in a tree of twice the SAH cost; by what [`visited`](Self::visited) was
-    /// told before and after repairs. `None` as long as that says nothing.
+    /// told before and after new trees. `None` as long as that says nothing.
     #[must_use]
     pub fn visits_per_excess(&self) -> Option<f64> {
         self.clock.slope.learned()

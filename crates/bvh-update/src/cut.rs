@@ -83,11 +83,23 @@ pub(crate) fn take_references_of(bvh: &mut Bvh, measure: impl NodeMeasure) {
     };
 }
 
+/// The excess of a new tree by the standard of the one whose place it took, which `before` tells of. O(n).
+pub(crate) fn excess_by(before: &History, bvh: &Bvh) -> f64 {
+    let mut sums = Sums::default();
+    bvh.visit(|_, node, _| sums.add(node));
+    let good = before.reference * size_since(before, sums.leaves, bvh);
+    (sums.all - good) / (good * before.evenness.sqrt())
+}
+
 /// The size of the scene now, for a tree with references.
 pub(crate) fn size_now(bvh: &Bvh, leaf_area: f64) -> f64 {
-    let [leaves, root, _] = bvh.history().sizes;
+    size_since(bvh.history(), leaf_area, bvh)
+}
+
+fn size_since(history: &History, leaf_area: f64, bvh: &Bvh) -> f64 {
+    let [leaves, root, _] = history.sizes;
     let growth = |now: f64, first: f64| if first > 0.0 { now / first } else { 1.0 };
-    size(bvh.history().sizes, [growth(leaf_area, leaves), growth(bvh.root().aabb().half_area_f64(), root)])
+    size(history.sizes, [growth(leaf_area, leaves), growth(bvh.root().aabb().half_area_f64(), root)])
 }
 
 /// Half area of all leaves that move, as it was at first, times the growth that leaves and root have in common: that of
@@ -175,15 +187,25 @@ pub(crate) fn open(
         return 0.0;
     }
     let large = LARGE * bvh.root().aabb().half_area();
-    let mut walk =
-        Cut { nodes: bvh.nodes(), measure, scale, threshold, large, cut, pairs, kept: 0.0, bad: 0, most };
+    let mut walk = Cut {
+        nodes: bvh.nodes(),
+        measure,
+        scale,
+        threshold,
+        large,
+        cut,
+        pairs,
+        kept: 0.0,
+        bad: 0,
+        most,
+        is_given_up: false,
+    };
     queues.resize_with(MAX_HEIGHT as usize / 3 + 2, Queue::default);
     queues[0].slots.clear();
     queues[0].slots.push(0);
     walk.walk(queues);
-    let (kept, bad) = (walk.kept, walk.bad);
-    // Nothing is bad, unless the walk was given up.
-    if bad == 0 && cut.len() <= most {
+    let (kept, nothing_is_bad) = (walk.kept, walk.bad == 0 && !walk.is_given_up);
+    if nothing_is_bad {
         cut.clear();
         pairs.clear();
     }
@@ -203,6 +225,8 @@ struct Cut<'a, M> {
     kept: f64,
     /// How many nodes were opened for their excess.
     bad: usize,
+    /// Whether the walk ended early, as there were more than `most`.
+    is_given_up: bool,
 }
 
 /// Nodes of one block of the walk, breadth-first as in `block.rs`, and the excess at and below each.
@@ -237,6 +261,7 @@ impl<M: NodeMeasure> Cut<'_, M> {
         excess.resize(slots.len(), 0.0);
         for (slots, excess) in slots[done..].chunks(ROOTS).zip(excess[done..].chunks_mut(ROOTS)) {
             if self.cut.len() > self.most {
+                self.is_given_up = true;
                 return;
             }
             deeper[0].slots.clear();

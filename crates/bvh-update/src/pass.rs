@@ -19,7 +19,8 @@ use crate::sweep::{self, Pieces, is_linear, sweep};
 const TOP_ROOTS: usize = 16;
 
 /// Memory that updates keep from frame to frame: well below 1 MiB a thread, whatever the size of the tree, and what
-/// rebuilds take, if any are made. It has no influence on results, but for [`Auto`](crate::Auto) by the clock.
+/// rebuilds take, if any are made. It has no influence on results, but for [`Auto`](crate::Auto), which keeps here what it has
+/// learned from [`visited`](Self::visited) and from the clock, and trees that are being built in the background.
 pub struct Scratch {
     pub(crate) build: BuildScratch,
     pub(crate) cut: CutScratch,
@@ -37,7 +38,7 @@ pub struct Scratch {
 }
 
 impl std::fmt::Debug for Scratch {
-    /// The name alone: what is in it means nothing between calls.
+    /// The name alone: the rest is memory.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Scratch").finish_non_exhaustive()
     }

@@ -247,7 +247,8 @@ pub enum UpdateError {
 /// leaves the tree no higher than [`MAX_HEIGHT`](bvh_core::MAX_HEIGHT).
 ///
 /// Runs in the current rayon pool; the tree that results is the same, bit for bit, for every number of threads and
-/// every SIMD level ([`Strategy::Background`] excepted, which depends on time). Refitting, with or without rotations,
+/// every SIMD level ([`Strategy::Background`] excepted, which depends on time, and [`Auto`], which learns from
+/// [`Scratch::visited`] and, if asked, from the clock). Refitting, with or without rotations,
 /// takes O(n) time for the n nodes above primitives that move, and after the first call allocates nothing. A whole tree
 /// that takes the place of one, without options of its own, has no larger leaves than that had.
 ///
@@ -263,6 +264,7 @@ pub fn update<P: Primitives + ?Sized>(
         return Err(UpdateError::Count { tree: bvh.len(), given: primitives.len() });
     }
     expect_measure(raw::parts(bvh).history, strategy);
+    scratch.clock.slope.begin();
     match strategy {
         Strategy::Refit => Ok(pass(bvh, primitives, None, scratch).update(bvh)),
         Strategy::RefitRotate(rotate) => Ok(pass(bvh, primitives, Some(*rotate), scratch).update(bvh)),

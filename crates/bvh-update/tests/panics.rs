@@ -93,4 +93,7 @@ fn the_plain_pass_and_a_mask_that_panic_leave_valid_trees() {
     assert!(catch_unwind(AssertUnwindSafe(|| bvh.set_moving(mask))).is_err());
     check(&bvh, "mask");
     assert!(bvh.root().moves() && bvh.still_area() == 0.0);
+    let hash = bvh.hash();
+    bvh.set_moving(|_| true);
+    assert_eq!(bvh.hash(), hash);
 }

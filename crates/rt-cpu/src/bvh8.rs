@@ -57,6 +57,8 @@ pub struct Bvh8 {
     nodes: Vec<Node8>,
     blocks: Vec<Block>,
     plans: Vec<Plan>,
+    /// How many there are that a hit can be of.
+    pub(crate) triangles: usize,
 }
 
 /// Eight boxes, plane by plane, and where their contents are.
@@ -105,6 +107,7 @@ impl Bvh8 {
     /// O(n), in the current rayon pool; the view is the same for any number of threads. Uses the memory of the view before,
     /// and allocates only if that is not enough.
     pub fn update(&mut self, bvh: &Bvh, triangles: &Triangles<'_>) {
+        self.triangles = triangles.indices.len();
         collapse(bvh, triangles, &mut self.plans, &mut self.nodes, &mut self.blocks);
     }
 

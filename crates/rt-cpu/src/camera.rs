@@ -34,7 +34,8 @@ impl Camera {
     #[must_use]
     pub fn look_at(eye: Vec3, target: Vec3, up: Vec3, fov_y: f32, width: u32, height: u32) -> Self {
         let way = if (target - eye).is_finite() { target - eye } else { target * 0.5 - eye * 0.5 };
-        let forward = direction(way).unwrap_or(Vec3::NEG_Z);
+        let is_finite = target.is_finite() && up.is_finite();
+        let forward = if is_finite { direction(way).unwrap_or(Vec3::NEG_Z) } else { Vec3::NAN };
         let side = forward.cross(direction(up).unwrap_or(Vec3::ZERO));
         let side = if side.length_squared() > 1e-12 { side } else { forward.any_orthogonal_vector() };
         let side = side.normalize_or_zero();
@@ -138,7 +139,14 @@ mod tests {
         let up = Camera::look_at(Vec3::ZERO, Vec3::Y, Vec3::Y, 1.0, 2, 2);
         let still = Camera::look_at(Vec3::ONE, Vec3::ONE, Vec3::ZERO, 1.0, 2, 2);
         assert!(up.ray(0, 1).is_valid() && still.ray(1, 0).is_valid());
-        let broken = Camera::look_at(Vec3::NAN, Vec3::ZERO, Vec3::Y, 1.0, 2, 2);
-        assert!(!broken.ray(0, 0).is_valid());
+        let (nan, infinite) = (Vec3::NAN, Vec3::X * f32::INFINITY);
+        for broken in [nan, infinite] {
+            for [eye, target, up] in
+                [[broken, Vec3::ZERO, Vec3::Y], [Vec3::ONE, broken, Vec3::Y], [Vec3::ONE, Vec3::ZERO, broken]]
+            {
+                assert!(!Camera::look_at(eye, target, up, 1.0, 2, 2).ray(0, 0).is_valid());
+            }
+        }
+        assert!(!Camera::look_at(Vec3::ONE, Vec3::ZERO, Vec3::Y, f32::NAN, 2, 2).ray(0, 0).is_valid());
     }
 }

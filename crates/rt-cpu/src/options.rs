@@ -210,6 +210,13 @@ pub struct RenderStats {
 }
 
 impl RenderStats {
+    /// Rays of all kinds, those that were traced a second time once more.
+    #[must_use]
+    pub fn rays(&self) -> u64 {
+        let direct = self.rays_primary + self.rays_shadow + self.rays_again;
+        direct + self.rays_mirror + self.rays_ambient_occlusion + self.rays_bounce
+    }
+
     pub(crate) fn count(&mut self, work: &Work) {
         self.nodes_visited += work.nodes;
         self.triangles_tested += work.triangles;

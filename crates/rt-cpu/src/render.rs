@@ -40,7 +40,8 @@ pub fn render(
 /// bounces go through it; without them nobody looks at it.
 ///
 /// For more than one image of a frame, samples to be averaged for instance: `render` would make a view for each. A view
-/// that was made of anything else shows that, where rays have come back from a surface.
+/// of something else shows that, where rays have come back from a surface; one of another number of triangles is not
+/// looked at.
 pub fn render_with(
     bvh: &Bvh,
     wide: &Bvh8,
@@ -80,6 +81,7 @@ fn draw(
                 return run(&frame, image.pixels_mut(), &shader);
             }
             let mut own = Bvh8::new();
+            let wide = wide.filter(|wide| wide.triangles == mesh.triangles.indices.len());
             let wide = wide.or_else(|| {
                 calls_for_wide(&effects, camera, bvh).then(|| {
                     own.update(bvh, &mesh.triangles);

@@ -3,9 +3,10 @@
 use std::time::Instant;
 
 use anyhow::Result;
+use bvh_core::{Bvh, Ray, Triangles};
 use pivot_benches::{Answers, Contest, Hits, Rays, bounces};
 use rayon::prelude::*;
-use rt_cpu::{Bvh8, Pixel};
+use rt_cpu::{Bvh8, Pixel, TriangleTest, closest_hit};
 
 use super::Setting;
 use super::lane::{Frame, Lane, spread, view};
@@ -50,15 +51,12 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<(Ro
         done += 1;
         count += groups.iter().map(Rays::len).sum::<usize>();
         let mut found: Vec<Hits> = groups.iter().map(|_| Hits::new()).collect();
-        let mut expected = Vec::new();
-        for (i, lane) in lanes.iter_mut().enumerate() {
+        plain(&seen.tree, &stage.triangles(), &groups, &mut found);
+        let expected = answers(&groups, &found);
+        reference.add(&expected, &expected);
+        for lane in &mut lanes {
             lane.update(stage)?;
             lane.add_cost(&seen);
-            if i == 0 {
-                cast(lane, &groups, &mut found);
-                expected = answers(&groups, &found);
-                reference.add(&expected, &expected);
-            }
         }
         let mut times = vec![Vec::new(); lanes.len()];
         for round in 0..ROUNDS {
@@ -86,6 +84,14 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<(Ro
     let triangles = stage.triangles().indices.len();
     let making = making.row("view", scene, triangles, "pivot wide", setting.threads, &Answers::default());
     Ok((making, lanes.iter().map(row).collect()))
+}
+
+/// Ray by ray through the tree itself: what everyone is to find.
+fn plain(tree: &Bvh, triangles: &Triangles<'_>, groups: &[Rays], found: &mut [Hits]) {
+    let closest = |ray: &Ray, t_max| closest_hit(tree, triangles, ray, t_max, TriangleTest::default());
+    groups.par_iter().zip(found).for_each(|(rays, hits)| {
+        (0..rays.len()).for_each(|i| hits.set(i, closest(&rays.ray(i), rays.t_max[i])));
+    });
 }
 
 fn cast(lane: &Lane, groups: &[Rays], found: &mut [Hits]) {

@@ -110,9 +110,12 @@ impl Setting {
     /// Who takes part.
     fn field(&self, contest: Contest) -> Vec<Entry> {
         let mut entries = field(contest, self.embree.as_ref());
-        let is_named = |entry: &Entry| self.only.iter().any(|name| entry.name.contains(name.as_str()));
-        entries.retain(|entry| self.only.is_empty() || is_named(entry));
+        entries.retain(|entry| self.is_named(&entry.name));
         entries
+    }
+
+    fn is_named(&self, contestant: &str) -> bool {
+        self.only.is_empty() || self.only.iter().any(|name| contestant.contains(name.as_str()))
     }
 }
 
@@ -136,7 +139,10 @@ impl What {
 fn ensure_known(what: What, only: &[String], embree: Option<&Embree>) -> Result<()> {
     let device = embree.map(|embree| embree.device(1)).transpose()?;
     let entries = what.contests().iter().flat_map(|&contest| field(contest, device.as_ref()));
-    let names: Vec<String> = entries.map(|entry| entry.name).collect();
+    let mut names: Vec<String> = entries.map(|entry| entry.name).collect();
+    if what.contests().contains(&Contest::Frame) {
+        names.extend(pauses::strategies().iter().map(pauses::contestant));
+    }
     for wanted in only {
         ensure!(
             names.iter().any(|name| name.contains(wanted.as_str())),
@@ -288,14 +294,16 @@ fn run_scene(
         }
         if asked(Contest::Incoherent) {
             let (view, rays) = incoherent::measure(label, &mut stage, &setting)?;
-            keep(vec![view])?;
+            if setting.is_named(&view.contestant) {
+                keep(vec![view])?;
+            }
             keep(rays)?;
         }
         setting.frames = frames(UPDATE_FRAMES);
         if asked(Contest::Frame) {
             keep(frame::measure(label, &mut stage, &setting)?)?;
         }
-        if asked(Contest::Frame) {
+        if args.what.contests().contains(&Contest::Frame) && !interrupt::requested() {
             files::print(&pauses::measure(&mut stage, &setting)?)?;
         }
     }

@@ -24,8 +24,22 @@ const REACH: f64 = 1.2;
 /// Frames played before those that count, in which memory grows to its size.
 const WARM_UP: usize = 3;
 
+pub(super) fn strategies() -> [Strategy; 2] {
+    [None, Some(Rotate::default())]
+        .map(|rotate| Strategy::Background(Background { rotate, ..Background::default() }))
+}
+
+pub(super) fn contestant(strategy: &Strategy) -> String {
+    format!("pivot {}", strategy.name())
+}
+
 /// A few lines for each way of building in the background.
 pub(super) fn measure(stage: &mut Stage, setting: &Setting) -> Result<String> {
+    let named = strategies().into_iter().filter(|strategy| setting.is_named(&contestant(strategy)));
+    let strategies: Vec<Strategy> = named.collect();
+    if strategies.is_empty() {
+        return Ok(String::new());
+    }
     let mut text = format!(
         "\nbuilt in the background, {}, every frame of a loop\n  {:<26} {:>10} {:>10} {:>10} {:>12} {:>12} {:>10} {:>10} {:>10}\n",
         threads_of(setting.threads),
@@ -39,8 +53,7 @@ pub(super) fn measure(stage: &mut Stage, setting: &Setting) -> Result<String> {
         "MiB",
         "cores"
     );
-    for rotate in [None, Some(Rotate::default())] {
-        let strategy = Strategy::Background(Background { rotate, ..Background::default() });
+    for strategy in strategies {
         if !interrupt::requested() {
             text += &setting.pool.install(|| play(&strategy, stage, setting))?;
         }

@@ -255,7 +255,7 @@ impl Lane {
     fn recall(&mut self, rows: &[Row], round: usize, frame: usize) {
         let is_it = |row: &&Row| row.strategy == self.name && [row.round, row.frame] == [round, frame];
         if let Some(row) = rows.iter().find(is_it) {
-            self.scratch.visited(row.rays_primary + row.rays_shadow, row.nodes_opened);
+            self.scratch.visited(row.rays(), row.nodes_opened);
         }
     }
 
@@ -273,9 +273,8 @@ impl Lane {
         let start = Instant::now();
         let stats = render(&self.tree, &mesh, &camera, Some(&light), options, image);
         let trace_ms = ms(start);
-        let rays = stats.rays_primary + stats.rays_shadow;
-        self.scratch.traced(rays, start.elapsed());
-        self.scratch.visited(rays, stats.nodes_visited);
+        self.scratch.traced(stats.rays(), start.elapsed());
+        self.scratch.visited(stats.rays(), stats.nodes_visited);
         let sah_cost = update.sah_cost.unwrap_or_else(|| sah_cost(&self.tree));
         let primitives_refit = primitives_refit(&self.tree, &update);
         Ok(Measured { update, update_ms, stats, trace_ms, sah_cost, primitives_refit })

@@ -161,12 +161,19 @@ fn effects_are_the_same_for_all_threads_traversals_and_simd_levels() {
         render(&bvh, &mesh, &camera, Some(&light), &other, &mut image);
         assert_ne!(pixel_bits(&image), images[0].0, "another seed");
         let same = RenderOptions { seed: 7, ..other };
-        let mut wide = Bvh8::new();
-        render_with(&bvh, &wide, &mesh, &camera, Some(&light), &same, &mut image);
-        assert_ne!(pixel_bits(&image), images[0].0, "a view of nothing");
-        wide.update(&bvh, &mesh.triangles);
-        render_with(&bvh, &wide, &mesh, &camera, Some(&light), &same, &mut image);
-        assert!(pixel_bits(&image) == images[0].0, "a view that was there");
+        let drawn = |triangles: &Triangles<'_>| {
+            let mut wide = Bvh8::new();
+            wide.update(&bvh, triangles);
+            let mut image = Image::new(0, 0);
+            render_with(&bvh, &wide, &mesh, &camera, Some(&light), &same, &mut image);
+            pixel_bits(&image)
+        };
+        let Triangles { positions, indices } = mesh.triangles;
+        assert!(drawn(&mesh.triangles) == images[0].0, "a view that was there");
+        let moved: Vec<Vec3> = positions.iter().map(|p| *p * 0.5).collect();
+        assert!(drawn(&Triangles { positions: &moved, indices }) != images[0].0, "a view of something else");
+        let more = [indices, indices].concat();
+        assert!(drawn(&Triangles { positions, indices: &more }) == images[0].0, "a view of more triangles");
     }
 }
 
