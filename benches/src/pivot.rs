@@ -5,7 +5,9 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use bvh_build::{BuildOptions, Builder};
 use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3, sah_cost};
 use bvh_update::{Rotate, Scratch, Strategy, update};
-use rt_cpu::{Bvh8, Pixel, PointLight, RenderOptions, Traversal, TriangleTest, any_hit, cast, closest_hit};
+use rt_cpu::{
+    Bvh8, Pixel, PointLight, RenderOptions, RenderStats, Traversal, TriangleTest, any_hit, cast, closest_hit,
+};
 
 use crate::field::{Contest, Entry};
 use crate::mesh::Mesh;
@@ -88,7 +90,7 @@ impl Contestant for Pivot {
 
     fn update(&mut self) -> Result<(), Failure> {
         let [rays, nodes] = self.visited.each_mut().map(|count| std::mem::take(count.get_mut()));
-        self.scratch.visited(rays, nodes);
+        self.scratch.visited(rays, nodes, RenderStats::NODE_NS);
         if self.is_built {
             let triangles = self.mesh.triangles();
             update(&mut self.tree, &triangles, &self.strategy, &mut self.scratch).map_err(failure)?;

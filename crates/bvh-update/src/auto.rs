@@ -2,8 +2,8 @@
 //!
 //! The model of a frame's time is the work of the update plus what its rays take, which grows with the SAH cost of the
 //! tree over what that was when the tree was good; the more so, the more of the cost lies in a few large primitives, such
-//! as the walls around what is looked at. How fast it grows is learned from counts of visited nodes, if the caller tells
-//! them (`slope.rs`). Constant weights (`clock.rs`) put both on one scale, so that decisions are
+//! as the walls around what is looked at. What rays take, and how fast that grows, is learned from counts of visited nodes,
+//! if the caller tells them (`slope.rs`). Constant weights (`clock.rs`) put both on one scale, so that decisions are
 //! reproducible; only where the caller asks for it, the clock corrects them.
 //!
 //! * *Rotations* are worth while if the cost that they saved in this update, kept for some frames, pays for trying.
@@ -197,7 +197,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     auto: Auto,
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
-    let weights = if auto.clock { scratch.clock.weights() } else { Weights::MODEL };
+    let weights = if auto.clock { scratch.clock.weights() } else { scratch.clock.counted() };
     let model = Model { rays: auto.rays, weights, slope: scratch.clock.slope.get() };
     let history = *bvh.history();
     let is_time_to_look = history.rebuilds_in_a_row.is_multiple_of(LOOK_AGAIN);
@@ -391,7 +391,7 @@ mod tests {
                 }
                 let fresh = build(&boxes, Builder::Sweep, &BuildOptions::default(), None).expect("few");
                 let excess = sah_cost(&bvh) / sah_cost(&fresh) - 1.0;
-                scratch.visited(1000, (1e6 * (1.0 + slope * excess)) as u64);
+                scratch.visited(1000, (1e6 * (1.0 + slope * excess)) as u64, 0.025);
             }
             (repairs, builders, scratch.visits_per_excess().expect("there were new trees"), bvh.hash())
         };

@@ -24,7 +24,7 @@ pub(crate) struct Weights {
     /// Building the whole tree, for each primitive, and in haste.
     pub(crate) rebuild_primitive: f64,
     pub(crate) hasty_primitive: f64,
-    /// Casting a ray through a good tree, in coherent packets.
+    /// Casting a ray through a good tree, in coherent packets, where counts do not tell.
     pub(crate) ray: f64,
 }
 
@@ -95,15 +95,25 @@ impl Clock {
 
     /// [`learn`](Self::learn) of so many rays through the present tree.
     pub(crate) fn traced(&mut self, rays: u64, took: Duration) {
-        let ray = Weights::MODEL.ray * (1.0 + self.slope.get() * self.excess);
+        let ray = self.ray() * (1.0 + self.slope.get() * self.excess);
         self.learn(Work::Rays, rays as f64 * ray, took);
+    }
+
+    /// What a ray through a good tree takes by the model.
+    fn ray(&self) -> f64 {
+        self.slope.ray().unwrap_or(Weights::MODEL.ray)
+    }
+
+    /// The model's weights, as counts have it.
+    pub(crate) fn counted(&self) -> Weights {
+        Weights { ray: self.ray(), ..Weights::MODEL }
     }
 
     fn factor(&self, work: Work) -> f64 {
         self.factors[work as usize].or(self.factors[Work::Pass as usize]).unwrap_or(1.0)
     }
 
-    /// The model's weights, corrected.
+    /// The same, corrected by the clock.
     pub(crate) fn weights(&self) -> Weights {
         let Weights {
             fit_node,
@@ -113,7 +123,7 @@ impl Clock {
             rebuild_primitive,
             hasty_primitive,
             ray,
-        } = Weights::MODEL;
+        } = self.counted();
         let [pass, repair] = [Work::Pass, Work::Repair].map(|work| self.factor(work));
         Weights {
             fit_node: fit_node * pass,
@@ -140,11 +150,12 @@ impl Scratch {
     }
 
     /// Tells how many nodes so many rays have visited in the tree of the last update with this memory, for
-    /// [`Auto`](crate::Auto), which learns from that what excess cost costs in this scene. Nodes may be counted once for each
-    /// ray or once for each packet, but always in the same way; then trees depend on these counts, and on nothing that
+    /// [`Auto`](crate::Auto), which learns from that what rays cost in this scene and how much more excess makes it. Nodes may
+    /// be counted once for each ray or once for each packet, but always in the same way; `node_ns` is what one takes one core,
+    /// with all that hangs on it, in nanoseconds, roughly: a constant of the tracer, so that trees depend on nothing that
     /// cannot be repeated. Call it once after any update, or never; no rays and no nodes change nothing.
-    pub fn visited(&mut self, rays: u64, nodes: u64) {
-        self.clock.slope.visited(rays, nodes);
+    pub fn visited(&mut self, rays: u64, nodes: u64, node_ns: f64) {
+        self.clock.slope.visited(rays, nodes, node_ns);
     }
 
     /// How many more nodes rays visit, as a part, in a tree of twice the SAH cost; by what [`visited`](Self::visited) was

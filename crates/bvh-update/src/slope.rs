@@ -1,4 +1,4 @@
-//! How much more work rays have in a tree whose SAH cost is above what it was: learned from counts, not by the clock.
+//! How much work rays have, and how much more in a tree whose SAH cost is above what it was: from counts, not by the clock.
 //!
 //! A ray through a tree with excess `e`, a part of the cost when the tree was good, is taken to visit `1 + slope e` times as
 //! many nodes as then. The slope differs between scenes by a factor of ten: what has grown may lie in front of the camera or
@@ -6,7 +6,7 @@
 //! standard: that of the tree before.
 
 /// What is taken for the slope before anything is known.
-const USUAL: f64 = 0.6;
+const USUAL: f64 = 0.4;
 /// Slopes are kept between this and its inverse.
 const MOST: f64 = 16.0;
 /// Excess that has to go at once for the counts to tell more of that than of the motion.
@@ -33,6 +33,8 @@ struct Fitted {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Slope {
     learned: Option<f64>,
+    /// What a ray would take through a good tree, by the last counts, in nanoseconds of one core.
+    ray: Option<f64>,
     /// The tree of this update, if it was neither repaired nor built anew.
     fitted: Option<Fitted>,
     /// What was last seen.
@@ -64,12 +66,16 @@ impl Slope {
         self.renewed = before.map(|seen| (seen, excess()));
     }
 
-    /// In the tree of this update so many rays have visited so many nodes.
-    pub(crate) fn visited(&mut self, rays: u64, nodes: u64) {
+    /// In the tree of this update so many rays have visited so many nodes, each in so many nanoseconds.
+    pub(crate) fn visited(&mut self, rays: u64, nodes: u64, node_ns: f64) {
         if rays == 0 || nodes == 0 {
             return;
         }
         let visits = nodes as f64 / rays as f64;
+        // What is repaired or new is as good as it gets.
+        let excess = self.fitted.map_or(0.0, |tree| tree.excess.max(0.0));
+        let ray = visits * node_ns / (1.0 + self.get() * excess);
+        self.ray = Some(ray).filter(|ray| *ray > 0.0 && ray.is_finite()).or(self.ray);
         if let Some((before, excess)) = self.renewed.take()
             && before.tree.excess - excess > LEAST
         {
@@ -92,6 +98,11 @@ impl Slope {
         self.learned.unwrap_or(USUAL)
     }
 
+    /// What a ray takes through a good tree, in nanoseconds of one core, if counts have told.
+    pub(crate) fn ray(&self) -> Option<f64> {
+        self.ray
+    }
+
     /// What was learned, if anything was.
     pub(crate) fn learned(&self) -> Option<f64> {
         self.learned
@@ -108,10 +119,10 @@ mod tests {
         for &[(excess, nodes), (excess_after, nodes_after)] in renewals {
             slope.begin();
             slope.fitted(excess, 7.0);
-            slope.visited(1000, nodes);
+            slope.visited(1000, nodes, 1.0);
             slope.begin();
             slope.renewed(7.0, || excess_after);
-            slope.visited(1000, nodes_after);
+            slope.visited(1000, nodes_after, 1.0);
         }
         slope
     }
@@ -132,24 +143,38 @@ mod tests {
         let told = |between: fn(&mut Slope), reference| {
             let mut slope = Slope::default();
             slope.fitted(0.5, 7.0);
-            slope.visited(1000, 20_000);
+            slope.visited(1000, 20_000, 1.0);
             slope.begin();
             between(&mut slope);
             slope.renewed(reference, || 0.0);
-            slope.visited(1000, 10_000);
+            slope.visited(1000, 10_000, 1.0);
             slope.learned()
         };
         assert!(told(|_| {}, 7.0).is_some());
         assert_eq!(told(|_| {}, 8.0), None);
-        let no_rays = |slope: &mut Slope| slope.visited(0, 1);
+        let no_rays = |slope: &mut Slope| slope.visited(0, 1, 1.0);
         assert!(told(no_rays, 7.0).is_some());
         let repaired_between = |slope: &mut Slope| {
             slope.fitted(0.1, 7.0);
             slope.repaired();
-            slope.visited(1000, 10_000);
+            slope.visited(1000, 10_000, 1.0);
             slope.begin();
         };
         assert_eq!(told(repaired_between, 7.0), None);
+    }
+
+    #[test]
+    fn rays_are_as_long_as_they_would_be_in_a_good_tree() {
+        let mut slope = after(&[[(0.5, 20_000), (0.0, 10_000)]; 20]);
+        assert_eq!(slope.ray(), Some(10.0));
+        slope.begin();
+        slope.fitted(0.5, 7.0);
+        slope.visited(1000, 20_000, 3.0);
+        assert!(slope.ray().is_some_and(|ray| (ray - 30.0).abs() < 1e-3));
+        for nonsense in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            slope.visited(1000, 20_000, nonsense);
+            assert!(slope.ray().is_some_and(|ray| (ray - 30.0).abs() < 1e-3));
+        }
     }
 
     #[test]

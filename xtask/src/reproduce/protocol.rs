@@ -255,7 +255,7 @@ impl Lane {
     fn recall(&mut self, rows: &[Row], round: usize, frame: usize) {
         let is_it = |row: &&Row| row.strategy == self.name && [row.round, row.frame] == [round, frame];
         if let Some(row) = rows.iter().find(is_it) {
-            self.scratch.visited(row.rays(), row.nodes_opened);
+            self.scratch.visited(row.rays(), row.nodes_opened, RenderStats::NODE_NS);
         }
     }
 
@@ -274,7 +274,7 @@ impl Lane {
         let stats = render(&self.tree, &mesh, &camera, Some(&light), options, image);
         let trace_ms = ms(start);
         self.scratch.traced(stats.rays(), start.elapsed());
-        self.scratch.visited(stats.rays(), stats.nodes_visited);
+        self.scratch.visited(stats.rays(), stats.nodes_visited, RenderStats::NODE_NS);
         let sah_cost = update.sah_cost.unwrap_or_else(|| sah_cost(&self.tree));
         let primitives_refit = primitives_refit(&self.tree, &update);
         Ok(Measured { update, update_ms, stats, trace_ms, sah_cost, primitives_refit })

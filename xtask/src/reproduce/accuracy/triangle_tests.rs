@@ -142,9 +142,12 @@ fn at_offset(bench: &mut Bench<'_>, moved: &Moved<'_>, condition: &str) -> Resul
             root_mean_square(away.map(|(t, exact)| f64::from(t) / exact - 1.0))
         };
         let traced = format!(
-            "time of tracing {} rays from inside {} closed meshes to their edges and corners",
+            "time of tracing {} rays from inside {} to edges and corners",
             at_edges.len(),
-            moved.inside.len()
+            match moved.inside.len() {
+                1 => "a closed mesh".to_owned(),
+                many => format!("{many} closed meshes"),
+            }
         );
         for (error_name, error, unit, note) in [
             (
