@@ -192,6 +192,8 @@ pub(crate) struct Tile {
     pub(crate) at: [[u8; 2]; RAYS],
     columns: [f32; RAYS],
     rows: [f32; RAYS],
+    /// The ray of each pixel of a whole tile, by rows.
+    ray: [u16; RAYS],
     pub(crate) seen: Bundle,
     pub(crate) hits: Hits,
     pub(crate) surfaces: Surfaces,
@@ -217,6 +219,7 @@ impl Tile {
             at: [[0; 2]; RAYS],
             columns: [0.0; RAYS],
             rows: [0.0; RAYS],
+            ray: [0; RAYS],
             seen: Bundle::new(),
             hits: Hits::new(),
             surfaces: Surfaces::new(),
@@ -243,10 +246,12 @@ impl Tile {
         let mut count = 0;
         for i in 0..RAYS {
             let (block, i) = (i / 64, i % 64);
-            let (x, y) = (block % 4 * 8 + i % 8, block / 4 * 8 + i / 8);
+            let (quarter, i) = (i / 16, i % 16);
+            let (x, y) = (block % 4 * 8 + quarter % 2 * 4 + i % 4, block / 4 * 8 + quarter / 2 * 4 + i / 4);
             if x < width && y < height {
                 self.at[count] = [x as u8, y as u8];
                 (self.columns[count], self.rows[count]) = (x as f32, y as f32);
+                self.ray[y * TILE + x] = count as u16;
                 count += 1;
             }
         }
@@ -311,9 +316,12 @@ impl Finish for Caster {
         rows: &mut Rows<'_, Pixel>,
         _: &mut RenderStats,
     ) {
-        for (i, &[x, y]) in tile.at[..tile.seen.count].iter().enumerate() {
-            let hit = tile.hits.get(i);
-            rows[y as usize][x as usize] = Pixel { hit, lit: hit.is_some() && tile.lit[i] > 0.0 };
+        for (y, row) in rows.iter_mut().take(tile.size.1).enumerate() {
+            for (x, pixel) in row.iter_mut().enumerate() {
+                let i = tile.ray[y * TILE + x] as usize % RAYS;
+                let hit = tile.hits.get(i);
+                *pixel = Pixel { hit, lit: hit.is_some() && tile.lit[i] > 0.0 };
+            }
         }
     }
 }

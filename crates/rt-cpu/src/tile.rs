@@ -26,36 +26,39 @@ use self::cut::Cut;
 use crate::beam::{Beam, Frame};
 use crate::bundle::{Bundle, Hits, RAYS};
 use crate::packet::Query;
-use crate::simd::{Lanes, bits, load, load3, max, min};
+use crate::simd::{bits, load, load3, max, min};
 use crate::single::Work;
-use crate::wide::{Corners, Rays, Slab, WideTest};
+use crate::wide::{Rays, Slab, Way, WideTest};
 
 /// Rays of a packet.
 const PACKET: usize = 64;
 
-/// Rays that are gathered once no more are left.
-const FEW: usize = 16;
+/// Rays in one vector: once no more are left, they are walked with by themselves.
+const GROUP: usize = 16;
+
+/// The groups of a packet; behind them one for rays gathered from several, and room for vectors that reach beyond.
+const LANES: usize = PACKET + 2 * GROUP;
+
+type V<S> = fearless_simd::f32x16<S>;
 
 /// Rays in a form to be tested, with their best hits so far.
 #[repr(C, align(64))]
-struct Packet<const N: usize> {
-    direction: [[f32; N]; 3],
-    inverse: [[f32; N]; 3],
-    shear: [[f32; N]; 2],
-    t: [f32; N],
-    u: [f32; N],
-    v: [f32; N],
+struct Packet {
+    direction: [[f32; LANES]; 3],
+    inverse: [[f32; LANES]; 3],
+    shear: [[f32; LANES]; 2],
+    t: [f32; LANES],
+    u: [f32; LANES],
+    v: [f32; LANES],
     /// Bits of the numbers of primitives, to be moved about in the same registers.
-    primitive: [f32; N],
-    /// Masks of the rays that are longest along each axis.
-    axes: [u64; 3],
-    /// Mask of the rays that still look for a hit.
-    active: u64,
+    primitive: [f32; LANES],
+    /// Masks of the rays that still look for a hit: those of the packet, then those gathered.
+    active: [u64; 2],
 }
 
-impl<const N: usize> Packet<N> {
+impl Packet {
     fn new() -> Self {
-        let zero = [0.0; N];
+        let zero = [0.0; LANES];
         Self {
             direction: [zero; 3],
             inverse: [zero; 3],
@@ -64,33 +67,46 @@ impl<const N: usize> Packet<N> {
             u: zero,
             v: zero,
             primitive: zero,
-            axes: [0; 3],
-            active: 0,
+            active: [0; 2],
         }
     }
 
     #[inline(always)]
-    fn rays<S: Simd, V: Lanes<S>>(&self, simd: S, at: usize) -> Rays<V> {
+    fn inverse<S: Simd>(&self, simd: S, at: usize) -> [V<S>; 3] {
+        load3(simd, &self.inverse, at)
+    }
+
+    /// Rays that are longest along `axis`.
+    #[inline(always)]
+    fn rays<S: Simd>(&self, simd: S, axis: usize, at: usize) -> Rays<V<S>> {
         Rays {
             direction: load3(simd, &self.direction, at),
-            inverse: load3(simd, &self.inverse, at),
-            shear: [load(simd, &self.shear[0], at), load(simd, &self.shear[1], at)],
+            shear: [
+                load(simd, &self.shear[0], at),
+                load(simd, &self.shear[1], at),
+                load(simd, &self.inverse[axis], at),
+            ],
         }
     }
 
     #[inline(always)]
-    fn t<S: Simd, V: Lanes<S>>(&self, simd: S, at: usize) -> V {
+    fn t<S: Simd>(&self, simd: S, at: usize) -> V<S> {
         load(simd, &self.t, at)
     }
 }
 
+/// The part of masks that begins with lane `at`.
+#[inline(always)]
+fn from(masks: [u64; 2], at: usize) -> u64 {
+    masks[at / PACKET] >> (at % PACKET)
+}
+
 /// What is needed again and again; a tile's worth of it.
 pub(crate) struct Scratch {
-    packet: Packet<PACKET>,
-    few: Packet<FEW>,
+    packet: Packet,
     stack: [(u32, u64); MAX_HEIGHT as usize + 1],
-    few_stack: [(u32, u64); MAX_HEIGHT as usize + 1],
-    few_near: [[f32; FEW]; MAX_HEIGHT as usize + 1],
+    group_stack: [(u32, u64); MAX_HEIGHT as usize + 1],
+    group_near: [[f32; GROUP]; MAX_HEIGHT as usize + 1],
     cut: Cut,
 }
 
@@ -98,10 +114,9 @@ impl Scratch {
     pub(crate) fn new() -> Self {
         Self {
             packet: Packet::new(),
-            few: Packet::new(),
             stack: [(0, 0); MAX_HEIGHT as usize + 1],
-            few_stack: [(0, 0); MAX_HEIGHT as usize + 1],
-            few_near: [[0.0; FEW]; MAX_HEIGHT as usize + 1],
+            group_stack: [(0, 0); MAX_HEIGHT as usize + 1],
+            group_near: [[0.0; GROUP]; MAX_HEIGHT as usize + 1],
             cut: Cut::new(),
         }
     }
@@ -112,17 +127,6 @@ impl Scratch {
 pub(crate) struct Scene<'a> {
     pub(crate) bvh: &'a Bvh,
     pub(crate) triangles: &'a Triangles<'a>,
-}
-
-/// What the rays of a packet that are traced together have in common.
-#[derive(Clone, Copy)]
-struct Way {
-    origin: Vec3,
-    negative: [bool; 3],
-    /// The direction of one of them.
-    along: Vec3,
-    /// Bits of the subtrees of the cut that the packet's beam meets, if there is a cut.
-    met: Option<u64>,
 }
 
 /// Traces a bundle. For [`Query::Any`] hits are any, not the closest, and only the primitives count.
@@ -166,7 +170,7 @@ fn trace_bundle<S: Simd, T: WideTest, const ANY: bool>(
             *beam = beam_of(simd, frame, bundle, i * PACKET);
         }
         let whole = beams.iter().fold(Beam::NONE, |a, b| a.union(b));
-        scratch.cut.fill(scene.bvh.nodes(), frame, &whole, bundle.t_max, work);
+        scratch.cut.fill(simd, scene.bvh.nodes(), frame, &whole, bundle.t_max, work);
         if scratch.cut.count == 0 {
             hits.primitive[..packets * PACKET].fill(Hits::NONE);
             return;
@@ -180,23 +184,25 @@ fn trace_bundle<S: Simd, T: WideTest, const ANY: bool>(
             hits.primitive[at..at + PACKET].fill(Hits::NONE);
             continue;
         }
-        let negative = prepare(simd, bundle, at, present, &mut scratch.packet);
+        let Kinds { negative, longest } = prepare(simd, bundle, at, present, &mut scratch.packet);
         // Rays that go the same way along every axis together: nearly always all of them.
-        let mut left = scratch.packet.active;
+        let mut left = scratch.packet.active[0];
         while left != 0 {
             let lane = left.trailing_zeros();
             let signs = negative.map(|n| n >> lane & 1 == 1);
-            let same = (0..3).fold(left, |m, k| m & if signs[k] { negative[k] } else { !negative[k] });
+            let axis = (0..2).find(|&k| longest[k] >> lane & 1 == 1).unwrap_or(2);
+            let same = left & longest[axis];
+            let same = (0..3).fold(same, |m, k| m & if signs[k] { negative[k] } else { !negative[k] });
             left &= !same;
             let along = Vec3::from([0, 1, 2].map(|k| bundle.direction[k][at + lane as usize]));
-            let way = Way { origin: bundle.origin, negative: signs, along, met };
-            trace_packet::<S, T, ANY>(simd, scene, &way, same, scratch, work);
+            let way = Way::new(bundle.origin, signs, axis);
+            trace_packet::<S, T, ANY>(simd, scene, &way, along, met, same, scratch, work);
         }
         let p = &scratch.packet;
         if !ANY {
-            hits.t[at..at + PACKET].copy_from_slice(&p.t);
-            hits.u[at..at + PACKET].copy_from_slice(&p.u);
-            hits.v[at..at + PACKET].copy_from_slice(&p.v);
+            hits.t[at..at + PACKET].copy_from_slice(&p.t[..PACKET]);
+            hits.u[at..at + PACKET].copy_from_slice(&p.u[..PACKET]);
+            hits.v[at..at + PACKET].copy_from_slice(&p.v[..PACKET]);
         }
         for (to, from) in hits.primitive[at..at + PACKET].iter_mut().zip(&p.primitive) {
             *to = from.to_bits();
@@ -234,25 +240,26 @@ fn beam_of<S: Simd>(simd: S, frame: &Frame, bundle: &Bundle, at: usize) -> Beam 
             greatest[i] = max(slopes[i], greatest[i]);
         }
     }
-    let range = |i: usize| [least[i].reduce_min(), greatest[i].reduce_max()];
-    Beam { x: range(0), y: range(1) }
+    Beam {
+        x: [least[0].reduce_min(), greatest[0].reduce_max()],
+        y: [least[1].reduce_min(), greatest[1].reduce_max()],
+    }
 }
 
-/// Loads the packet that begins with ray `at`; gives masks of the rays that go backwards along each axis.
+/// Masks of the rays of a packet that go backwards along each axis, and of those that are longest along it.
+struct Kinds {
+    negative: [u64; 3],
+    longest: [u64; 3],
+}
+
+/// Loads the packet that begins with ray `at`.
 #[inline(always)]
-fn prepare<S: Simd>(
-    simd: S,
-    bundle: &Bundle,
-    at: usize,
-    present: u64,
-    packet: &mut Packet<PACKET>,
-) -> [u64; 3] {
+fn prepare<S: Simd>(simd: S, bundle: &Bundle, at: usize, present: u64, packet: &mut Packet) -> Kinds {
     let zero = S::f32s::simd_from(simd, 0.0);
     let one = S::f32s::simd_from(simd, 1.0);
     let n = S::f32s::LEN;
-    let mut negative = [0; 3];
+    let (mut negative, mut longest) = ([0; 3], [0; 3]);
     let mut valid = 0;
-    packet.axes = [0; 3];
     for i in (0..PACKET).step_by(n) {
         let d: [S::f32s; 3] = load3(simd, &bundle.direction, at + i);
         let inverse = [one / d[0], one / d[1], one / d[2]];
@@ -273,7 +280,7 @@ fn prepare<S: Simd>(
         for (k, lanes) in [first, second, third].into_iter().enumerate() {
             let mask = lanes.to_bitmask();
             if mask != 0 {
-                packet.axes[k] |= mask << i;
+                longest[k] |= mask << i;
                 shear[0] = lanes.select(d[(k + 1) % 3] / d[k], shear[0]);
                 shear[1] = lanes.select(d[(k + 2) % 3] / d[k], shear[1]);
             }
@@ -281,60 +288,65 @@ fn prepare<S: Simd>(
         shear[0].store_slice(&mut packet.shear[0][i..i + n]);
         shear[1].store_slice(&mut packet.shear[1][i..i + n]);
     }
-    packet.active = if bundle.origin.is_finite() && bundle.t_max >= 0.0 { present & valid } else { 0 };
-    packet.primitive = [f32::from_bits(Hits::NONE); PACKET];
+    packet.active[0] = if bundle.origin.is_finite() && bundle.t_max >= 0.0 { present & valid } else { 0 };
+    packet.primitive = [f32::from_bits(Hits::NONE); LANES];
     // No hit is infinitely far.
-    packet.t = [bundle.t_max.min(f32::MAX); PACKET];
-    for i in bits(!packet.active) {
+    packet.t = [bundle.t_max.min(f32::MAX); LANES];
+    for i in bits(!packet.active[0]) {
         packet.t[i] = -1.0;
     }
-    negative
+    Kinds { negative, longest }
 }
 
 #[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
 fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
     way: &Way,
+    along: Vec3,
+    met: Option<u64>,
     mask: u64,
     scratch: &mut Scratch,
     work: &mut Work,
 ) {
-    let Some(met) = way.met else {
+    let Some(met) = met else {
         simd.vectorize(
             #[inline(always)]
-            || walk::<S, T, ANY>(simd, scene, way, 0, mask, scratch, work),
+            || walk::<S, T, ANY>(simd, scene, way, along, 0, mask, scratch, work),
         );
         return;
     };
     for i in bits(met) {
-        if scratch.cut.near[i] > farthest(simd, &scratch.packet) || scratch.packet.active & mask == 0 {
+        if scratch.cut.near[i] > farthest(simd, &scratch.packet) || scratch.packet.active[0] & mask == 0 {
             return;
         }
         let root = scratch.cut.node[i];
         simd.vectorize(
             #[inline(always)]
-            || walk::<S, T, ANY>(simd, scene, way, root, mask, scratch, work),
+            || walk::<S, T, ANY>(simd, scene, way, along, root, mask, scratch, work),
         );
     }
 }
 
 /// The greatest distance at which a ray of the packet still looks for a hit, or more.
 #[inline(always)]
-fn farthest<S: Simd>(simd: S, packet: &Packet<PACKET>) -> f32 {
-    let mut t = packet.t::<S, S::f32s>(simd, 0);
-    for at in (0..PACKET).step_by(S::f32s::LEN) {
+fn farthest<S: Simd>(simd: S, packet: &Packet) -> f32 {
+    let mut t = packet.t(simd, 0);
+    for at in (GROUP..PACKET).step_by(GROUP) {
         t = max(t, packet.t(simd, at));
     }
     t.reduce_max()
 }
 
-/// Walks the subtree at `root` with the rays in `mask`.
+/// Walks the subtree at `root` with the rays in `mask`, one of which goes along `along`.
 #[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
 fn walk<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
     way: &Way,
+    along: Vec3,
     root: u32,
     mask: u64,
     scratch: &mut Scratch,
@@ -345,32 +357,24 @@ fn walk<S: Simd, T: WideTest, const ANY: bool>(
     let (mut n, mut mask) = (root as usize, mask);
     loop {
         let node = &nodes[n];
-        let slab = Slab::new(&node.aabb(), way.origin, way.negative);
-        let entered = enter(simd, &scratch.packet, &slab, mask & scratch.packet.active);
+        let entered = enter(simd, &scratch.packet, node, way, mask & scratch.packet.active[0]);
         if entered != 0 {
             if node.is_leaf() {
-                test_leaf::<S, Lanes16<S>, T, ANY, PACKET>(
-                    simd,
-                    scene,
-                    way,
-                    node,
-                    entered,
-                    &mut scratch.packet,
-                    work,
-                );
-            } else if entered.count_ones() as usize <= FEW {
-                gather(&scratch.packet, entered, &mut scratch.few);
+                test_leaf::<S, T, ANY, PACKET>(simd, scene, way, node, entered, 0, &mut scratch.packet, work);
+            } else if let Some((at, lanes)) = group_of(simd, &mut scratch.packet, entered) {
                 work.regrouped += 1;
-                walk_few::<S, T, ANY>(simd, scene, way, n, scratch, work);
-                scatter::<ANY>(&scratch.few, entered, &mut scratch.packet);
+                walk_group::<S, T, ANY>(simd, scene, way, n, lanes, at, scratch, work);
+                if at == PACKET {
+                    scatter::<S, ANY>(simd, &mut scratch.packet, entered);
+                }
             } else {
                 work.nodes += 1;
                 let first = node.first();
                 let (l, r) = (&nodes[first], &nodes[first + 1]);
-                prefetch(nodes, l.first());
-                prefetch(nodes, r.first());
+                fetch(scene, l);
+                fetch(scene, r);
                 let step = (r.aabb().min + r.aabb().max) - (l.aabb().min + l.aabb().max);
-                let right_first = usize::from(step.dot(way.along) < 0.0);
+                let right_first = usize::from(step.dot(along) < 0.0);
                 scratch.stack[top] = ((first + 1 - right_first) as u32, entered);
                 top += 1;
                 (n, mask) = (first + right_first, entered);
@@ -385,55 +389,79 @@ fn walk<S: Simd, T: WideTest, const ANY: bool>(
     }
 }
 
-type Lanes16<S> = fearless_simd::f32x16<S>;
-
-/// The rays in `mask` that enter a box.
+/// Asks for what visiting a node will need first.
 #[inline(always)]
-fn enter<S: Simd>(simd: S, packet: &Packet<PACKET>, slab: &Slab, mask: u64) -> u64 {
-    let n = Lanes16::<S>::LEN;
+fn fetch(scene: Scene<'_>, node: &Node) {
+    if node.is_leaf() {
+        if let Some(&p) = scene.bvh.primitives(node).first() {
+            prefetch(scene.triangles.indices, p as usize);
+        }
+    } else {
+        prefetch(scene.bvh.nodes(), node.first());
+    }
+}
+
+/// The rays in `mask` that enter a node's box.
+#[inline(always)]
+fn enter<S: Simd>(simd: S, packet: &Packet, node: &Node, way: &Way, mask: u64) -> u64 {
+    let slab = Slab::of(simd, node, way);
     let mut entered = 0;
-    for at in (0..PACKET).step_by(n) {
-        if mask >> at & ((1 << n) - 1) != 0 {
-            let rays = packet.rays::<S, Lanes16<S>>(simd, at);
-            let (_, lanes) = slab.enter(simd, rays.inverse, packet.t(simd, at));
+    for at in (0..PACKET).step_by(GROUP) {
+        if mask >> at & GROUP_MASK != 0 {
+            let (_, lanes) = slab.enter(simd, packet.inverse(simd, at), packet.t(simd, at));
             entered |= lanes.to_bitmask() << at;
         }
     }
     entered & mask
 }
 
-/// Walks the subtree at an inner node with few rays, all of which enter it.
+const GROUP_MASK: u64 = (1 << GROUP) - 1;
+
+/// The group in which all rays of a mask are, where it begins and which of its lanes they are: one of the packet's, or
+/// the one behind it if there are few enough to be gathered there. The mask must not be 0.
 #[inline(always)]
-fn walk_few<S: Simd, T: WideTest, const ANY: bool>(
+fn group_of<S: Simd>(simd: S, packet: &mut Packet, mask: u64) -> Option<(usize, u64)> {
+    let at = mask.trailing_zeros() as usize / GROUP * GROUP;
+    if mask & !(GROUP_MASK << at) == 0 {
+        Some((at, mask >> at))
+    } else if mask.count_ones() as usize <= GROUP {
+        Some((PACKET, gather(simd, packet, mask)))
+    } else {
+        None
+    }
+}
+
+/// Walks the subtree at an inner node with rays of the group at `at`, all of which enter it.
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
+fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
     way: &Way,
     root: usize,
+    mask: u64,
+    at: usize,
     scratch: &mut Scratch,
     work: &mut Work,
 ) {
-    type V<S> = Lanes16<S>;
     let nodes = scene.bvh.nodes();
-    let few = &mut scratch.few;
-    let rays = few.rays::<S, V<S>>(simd, 0);
+    let packet = &mut scratch.packet;
+    let inverse = packet.inverse(simd, at);
     let mut top = 0;
-    let (mut n, mut mask) = (root, few.active);
+    let (mut n, mut mask) = (root, mask);
     loop {
         let node = &nodes[n];
         if node.is_leaf() {
-            test_leaf::<S, V<S>, T, ANY, FEW>(simd, scene, way, node, mask, few, work);
-            if ANY && few.active == 0 {
-                return;
-            }
+            test_leaf::<S, T, ANY, GROUP>(simd, scene, way, node, mask, at, packet, work);
         } else {
             work.nodes += 1;
             let first = node.first();
             let (l, r) = (&nodes[first], &nodes[first + 1]);
-            prefetch(nodes, l.first());
-            prefetch(nodes, r.first());
-            let t = few.t::<S, V<S>>(simd, 0);
-            let (tl, ml) = Slab::new(&l.aabb(), way.origin, way.negative).enter(simd, rays.inverse, t);
-            let (tr, mr) = Slab::new(&r.aabb(), way.origin, way.negative).enter(simd, rays.inverse, t);
+            fetch(scene, l);
+            fetch(scene, r);
+            let t = packet.t(simd, at);
+            let (tl, ml) = Slab::of(simd, l, way).enter(simd, inverse, t);
+            let (tr, mr) = Slab::of(simd, r, way).enter(simd, inverse, t);
             let (ml, mr) = (ml.to_bitmask() & mask, mr.to_bitmask() & mask);
             if ml != 0 && mr != 0 {
                 // The child that more of the rays which enter both enter first.
@@ -441,8 +469,8 @@ fn walk_few<S: Simd, T: WideTest, const ANY: bool>(
                 let left = (tl.simd_le(tr).to_bitmask() & both).count_ones();
                 let right_first = 2 * left < both.count_ones();
                 let (near, far) = if right_first { (mr, (ml, tl)) } else { (ml, (mr, tr)) };
-                scratch.few_stack[top] = ((first + usize::from(!right_first)) as u32, far.0);
-                far.1.store_slice(&mut scratch.few_near[top]);
+                scratch.group_stack[top] = ((first + usize::from(!right_first)) as u32, far.0);
+                far.1.store_slice(&mut scratch.group_near[top]);
                 top += 1;
                 (n, mask) = (first + usize::from(right_first), near);
                 continue;
@@ -457,9 +485,9 @@ fn walk_few<S: Simd, T: WideTest, const ANY: bool>(
                 return;
             }
             top -= 1;
-            let near = V::from_slice(simd, &scratch.few_near[top]);
-            let ahead = near.simd_le(few.t::<S, V<S>>(simd, 0)).to_bitmask();
-            (n, mask) = (scratch.few_stack[top].0 as usize, scratch.few_stack[top].1 & ahead & few.active);
+            let near = V::from_slice(simd, &scratch.group_near[top]);
+            let ahead = near.simd_le(packet.t(simd, at)).to_bitmask() & from(packet.active, at);
+            (n, mask) = (scratch.group_stack[top].0 as usize, scratch.group_stack[top].1 & ahead);
             if mask != 0 {
                 break;
             }
@@ -467,98 +495,152 @@ fn walk_few<S: Simd, T: WideTest, const ANY: bool>(
     }
 }
 
-/// Copies the rays in `mask`.
+/// Copies the rays in `mask`, no more than a group, behind the packet, and gives the mask of the copies.
 #[inline(always)]
-fn gather(from: &Packet<PACKET>, mask: u64, to: &mut Packet<FEW>) {
-    to.axes = [0; 3];
-    to.active = (1 << mask.count_ones()) - 1;
-    for (j, i) in bits(mask).enumerate().take(FEW) {
+fn gather<S: Simd>(simd: S, packet: &mut Packet, mask: u64) -> u64 {
+    let all = (1 << mask.count_ones()) - 1;
+    packet.active[1] = all;
+    let mut to = PACKET;
+    for at in (0..PACKET).step_by(S::f32s::LEN) {
+        let lanes = mask >> at & ((1 << S::f32s::LEN) - 1);
+        if lanes == 0 {
+            continue;
+        }
         for k in 0..3 {
-            to.direction[k][j] = from.direction[k][i];
-            to.inverse[k][j] = from.inverse[k][i];
-            to.axes[k] |= (from.axes[k] >> i & 1) << j;
+            squeeze(simd, lanes, &mut packet.direction[k], at, to);
+            squeeze(simd, lanes, &mut packet.inverse[k], at, to);
         }
-        to.shear[0][j] = from.shear[0][i];
-        to.shear[1][j] = from.shear[1][i];
-        to.t[j] = from.t[i];
-        to.primitive[j] = from.primitive[i];
-        to.u[j] = from.u[i];
-        to.v[j] = from.v[i];
+        squeeze(simd, lanes, &mut packet.shear[0], at, to);
+        squeeze(simd, lanes, &mut packet.shear[1], at, to);
+        squeeze(simd, lanes, &mut packet.t, at, to);
+        squeeze(simd, lanes, &mut packet.u, at, to);
+        squeeze(simd, lanes, &mut packet.v, at, to);
+        squeeze(simd, lanes, &mut packet.primitive, at, to);
+        to += lanes.count_ones() as usize;
+    }
+    all
+}
+
+/// Copies the chosen lanes of the vector at `at` to where `to` is, side by side.
+#[inline(always)]
+fn squeeze<S: Simd>(simd: S, chosen: u64, lanes: &mut [f32; LANES], at: usize, to: usize) {
+    if S::f32s::LEN < 8 {
+        for (j, i) in bits(chosen).enumerate() {
+            lanes[to + j] = lanes[at + i];
+        }
+        return;
+    }
+    let chosen = <S::f32s as SimdBase<S>>::Mask::from_bitmask(simd, chosen);
+    let all: S::f32s = load(simd, lanes, at);
+    all.compress(chosen).store_slice(&mut lanes[to..to + S::f32s::LEN]);
+}
+
+/// Copies the hits of gathered rays back.
+#[inline(always)]
+fn scatter<S: Simd, const ANY: bool>(simd: S, packet: &mut Packet, mask: u64) {
+    if ANY {
+        packet.active[0] &= !spread_bits(!packet.active[1], mask);
+    }
+    let mut from = PACKET;
+    for at in (0..PACKET).step_by(S::f32s::LEN) {
+        let lanes = mask >> at & ((1 << S::f32s::LEN) - 1);
+        if lanes == 0 {
+            continue;
+        }
+        spread(simd, lanes, &mut packet.primitive, from, at);
+        if !ANY {
+            spread(simd, lanes, &mut packet.t, from, at);
+            spread(simd, lanes, &mut packet.u, from, at);
+            spread(simd, lanes, &mut packet.v, from, at);
+        }
+        from += lanes.count_ones() as usize;
     }
 }
 
-/// Copies hits back.
+/// Copies what lies side by side where `from` is to the chosen lanes of the vector at `at`.
 #[inline(always)]
-fn scatter<const ANY: bool>(from: &Packet<FEW>, mask: u64, to: &mut Packet<PACKET>) {
-    for (j, i) in bits(mask).enumerate().take(FEW) {
-        to.t[i] = from.t[j];
-        to.u[i] = from.u[j];
-        to.v[i] = from.v[j];
-        to.primitive[i] = from.primitive[j];
-        if ANY && from.active >> j & 1 == 0 {
-            to.active &= !(1 << i);
+fn spread<S: Simd>(simd: S, chosen: u64, lanes: &mut [f32; LANES], from: usize, at: usize) {
+    if S::f32s::LEN < 8 {
+        for (j, i) in bits(chosen).enumerate() {
+            lanes[at + i] = lanes[from + j];
         }
+        return;
     }
+    let chosen = <S::f32s as SimdBase<S>>::Mask::from_bitmask(simd, chosen);
+    let new: S::f32s = load(simd, lanes, from);
+    let old: S::f32s = load(simd, lanes, at);
+    new.expand_merge(chosen, old).store_slice(&mut lanes[at..at + S::f32s::LEN]);
 }
 
-/// Tests the triangles of a leaf against the rays in `mask`.
+/// Bits that lie side by side, moved to where those of `mask` are.
+#[inline]
+fn spread_bits(from: u64, mask: u64) -> u64 {
+    bits(mask).enumerate().fold(0, |all, (j, i)| all | (from >> j & 1) << i)
+}
+
+/// Tests the triangles of a leaf against `N` rays from `at` on, those in `mask`.
 #[inline(always)]
-fn test_leaf<S: Simd, V: Lanes<S>, T: WideTest, const ANY: bool, const N: usize>(
+#[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
+fn test_leaf<S: Simd, T: WideTest, const ANY: bool, const N: usize>(
     simd: S,
     scene: Scene<'_>,
     way: &Way,
     leaf: &Node,
     mask: u64,
-    packet: &mut Packet<N>,
+    at: usize,
+    packet: &mut Packet,
     work: &mut Work,
 ) {
     for &p in scene.bvh.primitives(leaf) {
-        if p as usize >= scene.triangles.indices.len() {
-            continue;
-        }
+        let Some(corners) = corners(scene.triangles, p) else { continue };
         work.triangles += 1;
-        let triangle = Corners::new(scene.triangles, p, way.origin);
-        for axis in 0..3 {
-            let mask = mask & packet.axes[axis] & packet.active;
-            if mask == 0 {
-                continue;
-            }
-            for at in (0..N).step_by(V::LEN) {
-                let lanes = mask >> at & ((1 << V::LEN) - 1);
-                if lanes != 0 {
-                    test_lanes::<S, V, T, ANY, N>(simd, way, &triangle, p, axis, lanes, at, packet);
-                }
+        let mask = mask & from(packet.active, at);
+        for i in (0..N).step_by(GROUP) {
+            let lanes = mask >> i & GROUP_MASK;
+            if lanes != 0 {
+                test_group::<S, T, ANY>(simd, way, corners, p, lanes, at + i, packet);
             }
         }
     }
 }
 
-/// Tests one triangle against the lanes `mask` of the rays from `at` on.
+/// The corners of a triangle; `None` if it is not there or one is not finite.
 #[inline(always)]
-#[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
-fn test_lanes<S: Simd, V: Lanes<S>, T: WideTest, const ANY: bool, const N: usize>(
+fn corners<'a>(triangles: &Triangles<'a>, i: u32) -> Option<[&'a Vec3; 3]> {
+    let &[a, b, c] = triangles.indices.get(i as usize)?;
+    let (a, b, c) = (
+        triangles.positions.get(a as usize)?,
+        triangles.positions.get(b as usize)?,
+        triangles.positions.get(c as usize)?,
+    );
+    // NaN unless all are finite.
+    let zero = (*a * 0.0 + *b * 0.0) + *c * 0.0;
+    (zero == Vec3::ZERO).then_some([a, b, c])
+}
+
+/// Tests one triangle against the lanes `mask` of the group at `at`.
+#[inline(always)]
+fn test_group<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     way: &Way,
-    triangle: &Corners,
+    corners: [&Vec3; 3],
     primitive: u32,
-    axis: usize,
     mask: u64,
     at: usize,
-    packet: &mut Packet<N>,
+    packet: &mut Packet,
 ) {
-    let rays = packet.rays::<S, V>(simd, at);
-    let found = T::wide(simd, &rays, triangle, axis, mask);
+    let found = T::wide(simd, &packet.rays(simd, way.axes[2], at), corners, way, mask);
     if found.lanes == 0 {
         return;
     }
-    let best = packet.t::<S, V>(simd, at);
-    let aabb = bvh_core::Aabb::around(&triangle.corners);
-    let (near, inside) = Slab::new(&aabb, way.origin, way.negative).enter(simd, rays.inverse, best);
+    let best = packet.t(simd, at);
+    let [&a, &b, &c] = corners;
+    let (near, inside) = Slab::around(simd, &[a, b, c], way).enter(simd, packet.inverse(simd, at), best);
     let t = max(found.t, near);
     let lanes = found.lanes & inside.to_bitmask();
     if ANY {
         let hit = lanes & t.simd_le(best).to_bitmask();
-        packet.active &= !(hit << at);
+        packet.active[at / PACKET] &= !(hit << (at % PACKET));
         for i in bits(hit) {
             packet.primitive[at + i] = f32::from_bits(primitive);
         }
@@ -571,7 +653,7 @@ fn test_lanes<S: Simd, V: Lanes<S>, T: WideTest, const ANY: bool, const N: usize
     if closer == 0 {
         return;
     }
-    let closer = V::Mask::from_bitmask(simd, closer);
+    let closer = fearless_simd::mask32x16::from_bitmask(simd, closer);
     write(simd, closer, t, &mut packet.t, at);
     write(simd, closer, found.u, &mut packet.u, at);
     write(simd, closer, found.v, &mut packet.v, at);
@@ -580,6 +662,6 @@ fn test_lanes<S: Simd, V: Lanes<S>, T: WideTest, const ANY: bool, const N: usize
 
 /// Replaces the lanes in `mask`.
 #[inline(always)]
-fn write<S: Simd, V: Lanes<S>, const N: usize>(simd: S, mask: V::Mask, new: V, to: &mut [f32; N], at: usize) {
-    mask.select(new, load(simd, to, at)).store_slice(&mut to[at..at + V::LEN]);
+fn write<S: Simd>(simd: S, mask: fearless_simd::mask32x16<S>, new: V<S>, to: &mut [f32; LANES], at: usize) {
+    mask.select(new, load(simd, to, at)).store_slice(&mut to[at..at + GROUP]);
 }

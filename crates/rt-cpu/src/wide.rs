@@ -1,6 +1,6 @@
 //! Box and triangle tests of many rays at once. All rays share their origin, and the signs of their directions.
 
-use bvh_core::{Aabb, Ray, Triangles, Vec3};
+use bvh_core::{Node, Ray, Vec3};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
@@ -9,67 +9,100 @@ use crate::simd::{Lanes, bits, max, min};
 use crate::slab::WIDEN;
 use crate::triangle::{DET_RANGE, Double, MollerTrumbore, Test, Watertight};
 
-/// The planes of a box relative to the rays' origin, in the order in which the rays meet them.
+/// What rays that are tested together have in common.
 #[derive(Clone, Copy)]
-pub(crate) struct Slab {
-    first: [f32; 3],
-    last: [f32; 3],
+pub(crate) struct Way {
+    pub(crate) origin: Vec3,
+    /// Where in a [`Node`]'s words the planes are that the rays meet first along each axis, and those that they meet last.
+    first: [usize; 3],
+    last: [usize; 3],
+    /// The axis along which all directions are longest, after the two that follow it.
+    pub(crate) axes: [usize; 3],
 }
 
-impl Slab {
-    /// `negative` says along which axes the rays go backwards.
+impl Way {
+    /// `negative` says along which axes the rays go backwards, `longest` along which they are longest.
     #[inline(always)]
-    pub(crate) fn new(aabb: &Aabb, origin: Vec3, negative: [bool; 3]) -> Self {
-        let (min, max) = (aabb.min - origin, aabb.max - origin);
-        let mut slab = Self { first: min.to_array(), last: max.to_array() };
+    pub(crate) fn new(origin: Vec3, negative: [bool; 3], longest: usize) -> Self {
+        let [mut first, mut last] = [[0, 1, 2], [4, 5, 6]];
         for (k, negative) in negative.into_iter().enumerate() {
             if negative {
-                (slab.first[k], slab.last[k]) = (max[k], min[k]);
+                (first[k], last[k]) = (last[k], first[k]);
             }
+        }
+        Self { origin, first, last, axes: [(longest + 1) % 3, (longest + 2) % 3, longest] }
+    }
+}
+
+/// The planes of a box relative to the rays' origin, in the order in which the rays meet them.
+#[derive(Clone, Copy)]
+pub(crate) struct Slab<V> {
+    first: [V; 3],
+    last: [V; 3],
+}
+
+impl<V> Slab<V> {
+    /// The box of a node.
+    #[inline(always)]
+    pub(crate) fn of<S: Simd>(simd: S, node: &Node, way: &Way) -> Self
+    where
+        V: Lanes<S>,
+    {
+        Self::between(simd, bytemuck::cast_ref(node), way)
+    }
+
+    /// The box of a triangle whose corners are finite.
+    ///
+    /// Rounding is monotonic, so the least of differences is that of the least.
+    #[inline(always)]
+    pub(crate) fn around<S: Simd>(simd: S, corners: &[Vec3; 3], way: &Way) -> Self
+    where
+        V: Lanes<S>,
+    {
+        let [a, b, c] = corners;
+        let (min, max) = (a.min(*b).min(*c), a.max(*b).max(*c));
+        Self::between(simd, &[min.x, min.y, min.z, 0.0, max.x, max.y, max.z, 0.0], way)
+    }
+
+    #[inline(always)]
+    fn between<S: Simd>(simd: S, planes: &[f32; 8], way: &Way) -> Self
+    where
+        V: Lanes<S>,
+    {
+        let origin = [way.origin.x, way.origin.y, way.origin.z];
+        let mut slab = Self { first: [V::simd_from(simd, 0.0); 3], last: [V::simd_from(simd, 0.0); 3] };
+        for k in 0..3 {
+            // A difference of vectors: these are read from memory into all lanes, which numbers that have just been
+            // computed take longer to get to.
+            slab.first[k] = V::simd_from(simd, planes[way.first[k] & 7]) - origin[k];
+            slab.last[k] = V::simd_from(simd, planes[way.last[k] & 7]) - origin[k];
         }
         slab
     }
 
     /// Where rays enter, and whether they do before `t_max`; see [`enters`](crate::slab::enters).
     #[inline(always)]
-    pub(crate) fn enter<S: Simd, V: Lanes<S>>(&self, simd: S, inverse: [V; 3], t_max: V) -> (V, V::Mask) {
+    pub(crate) fn enter<S: Simd>(&self, simd: S, inverse: [V; 3], t_max: V) -> (V, V::Mask)
+    where
+        V: Lanes<S>,
+    {
         let mut near = V::simd_from(simd, 0.0);
         let mut far = V::simd_from(simd, f32::INFINITY);
         for (k, inverse) in inverse.into_iter().enumerate() {
-            near = max(V::simd_from(simd, self.first[k]) * inverse, near);
-            far = min(V::simd_from(simd, self.last[k]) * inverse, far);
+            near = max(self.first[k] * inverse, near);
+            far = min(self.last[k] * inverse, far);
         }
         // Widening the least gives the least of the widened: rounding is monotonic.
-        let far = min(far * WIDEN, t_max);
-        (near, near.simd_le(far))
+        (near, near.simd_le(far * WIDEN) & near.simd_le(t_max))
     }
 }
 
-/// Rays in lanes, and what tests need of them.
+/// Rays in lanes, and what triangle tests need of them.
 #[derive(Clone, Copy)]
 pub(crate) struct Rays<V> {
     pub(crate) direction: [V; 3],
-    pub(crate) inverse: [V; 3],
-    /// Of [`Watertight`]: slopes along the two axes after the longest.
-    pub(crate) shear: [V; 2],
-}
-
-/// A triangle and its corners relative to the rays' origin.
-pub(crate) struct Corners {
-    pub(crate) origin: Vec3,
-    pub(crate) corners: [Vec3; 3],
-    pub(crate) relative: [Vec3; 3],
-}
-
-impl Corners {
-    #[inline(always)]
-    pub(crate) fn new(triangles: &Triangles<'_>, i: u32, origin: Vec3) -> Self {
-        let [a, b, c] = triangles.indices[i as usize];
-        // Spelt out because `array::map` is a call.
-        let at = |v: u32| triangles.positions.get(v as usize).copied().unwrap_or(Vec3::NAN);
-        let (a, b, c) = (at(a), at(b), at(c));
-        Self { origin, corners: [a, b, c], relative: [a - origin, b - origin, c - origin] }
-    }
+    /// Of [`Watertight`]: slopes along the two axes after the longest, and one over the extent along that.
+    pub(crate) shear: [V; 3],
 }
 
 /// The lanes that hit, and where.
@@ -82,12 +115,12 @@ pub(crate) struct Found<V> {
 
 /// A triangle test of many rays at once, with the bits of [`Test::test`]; [`BlockTest`] is of one ray and several triangles.
 pub(crate) trait WideTest: BlockTest {
-    /// Tests the lanes in `active`, whose directions are longest along `axis`.
+    /// Tests the lanes in `active`.
     fn wide<S: Simd, V: Lanes<S>>(
         simd: S,
         rays: &Rays<V>,
-        triangle: &Corners,
-        axis: usize,
+        corners: [&Vec3; 3],
+        way: &Way,
         active: u64,
     ) -> Found<V>;
 }
@@ -97,19 +130,21 @@ impl WideTest for Watertight {
     fn wide<S: Simd, V: Lanes<S>>(
         simd: S,
         rays: &Rays<V>,
-        triangle: &Corners,
-        axis: usize,
+        corners: [&Vec3; 3],
+        way: &Way,
         active: u64,
     ) -> Found<V> {
-        let [kx, ky, kz] = [(axis + 1) % 3, (axis + 2) % 3, axis];
+        let [kx, ky, kz] = way.axes;
+        let origin: &[f32; 3] = way.origin.as_ref();
         let zero = V::simd_from(simd, 0.0);
         let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
-        for (i, p) in triangle.relative.iter().enumerate() {
-            z[i] = V::simd_from(simd, p[kz]);
-            x[i] = V::simd_from(simd, p[kx]) - rays.shear[0] * z[i];
-            y[i] = V::simd_from(simd, p[ky]) - rays.shear[1] * z[i];
+        for (i, p) in corners.into_iter().enumerate() {
+            let p: &[f32; 3] = p.as_ref();
+            z[i] = V::simd_from(simd, p[kz] - origin[kz]);
+            x[i] = V::simd_from(simd, p[kx] - origin[kx]) - rays.shear[0] * z[i];
+            y[i] = V::simd_from(simd, p[ky] - origin[ky]) - rays.shear[1] * z[i];
         }
-        weigh(simd, x, y, z, rays.inverse[kz], active)
+        weigh(simd, x, y, z, rays.shear[2], active)
     }
 }
 
@@ -163,13 +198,12 @@ impl WideTest for MollerTrumbore {
     fn wide<S: Simd, V: Lanes<S>>(
         simd: S,
         rays: &Rays<V>,
-        triangle: &Corners,
-        _axis: usize,
+        [&a, &b, &c]: [&Vec3; 3],
+        way: &Way,
         active: u64,
     ) -> Found<V> {
-        let [a, b, c] = triangle.corners;
         let (e1, e2) = (b - a, c - a);
-        let s = triangle.origin - a;
+        let s = way.origin - a;
         let q = s.cross(e1);
         let d = rays.direction;
         let p = [d[1] * e2.z - d[2] * e2.y, d[2] * e2.x - d[0] * e2.z, d[0] * e2.y - d[1] * e2.x];
@@ -194,18 +228,18 @@ impl WideTest for Double {
     fn wide<S: Simd, V: Lanes<S>>(
         simd: S,
         rays: &Rays<V>,
-        triangle: &Corners,
-        _axis: usize,
+        [&a, &b, &c]: [&Vec3; 3],
+        way: &Way,
         active: u64,
     ) -> Found<V> {
         let zero = V::simd_from(simd, 0.0);
         let mut found = Found { lanes: 0, t: zero, u: zero, v: zero };
         for i in bits(active) {
             let ray = Ray::new(
-                triangle.origin,
+                way.origin,
                 Vec3::new(rays.direction[0][i], rays.direction[1][i], rays.direction[2][i]),
             );
-            if let Some(hit) = Self::new(&ray).test(&triangle.corners) {
+            if let Some(hit) = Self::new(&ray).test(&[a, b, c]) {
                 (found.t[i], found.u[i], found.v[i]) = hit;
                 found.lanes |= 1 << i;
             }

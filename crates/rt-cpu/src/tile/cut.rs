@@ -5,7 +5,7 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
 use crate::beam::{Beam, Frame, Outline};
-use crate::simd::load;
+use crate::simd::{load, max};
 use crate::single::Work;
 
 /// Subtrees of a cut; a multiple of all vector lengths.
@@ -38,7 +38,15 @@ impl Cut {
 
     /// Opens the tree's top: the largest inner node first, by half area.
     #[inline(always)]
-    pub(super) fn fill(&mut self, nodes: &[Node], frame: &Frame, beam: &Beam, t_max: f32, work: &mut Work) {
+    pub(super) fn fill<S: Simd>(
+        &mut self,
+        simd: S,
+        nodes: &[Node],
+        frame: &Frame,
+        beam: &Beam,
+        t_max: f32,
+        work: &mut Work,
+    ) {
         let nothing = Outline { x: [0.0; 2], y: [0.0; 2], z: [0.0; 2] };
         let mut pieces = [Piece { node: 0, near: 0.0, outline: nothing }; CUT];
         // Half areas, 0 for leaves; apart from the rest because all of them are read again and again.
@@ -57,15 +65,12 @@ impl Cut {
                 n += 1;
                 continue;
             }
-            let size = sizes[..count].iter().fold(0.0, |a, &b| f32::max(a, b));
-            if size == 0.0 || count == CUT {
-                break;
-            }
-            let largest = sizes[..count].iter().position(|&s| s == size).unwrap_or(0);
+            let Some(largest) = largest(simd, &sizes).filter(|_| count < CUT) else { break };
             n = nodes[pieces[largest].node as usize].first();
             work.nodes += 1;
             count -= 1;
             (pieces[largest], sizes[largest]) = (pieces[count], sizes[count]);
+            sizes[count] = 0.0;
         }
         let mut order = [0; CUT];
         for (i, (key, piece)) in order.iter_mut().zip(&pieces[..count]).enumerate() {
@@ -97,4 +102,15 @@ impl Cut {
         }
         met & ((1 << self.count) - 1)
     }
+}
+
+/// The place of the greatest of numbers, unless all are 0.
+#[inline(always)]
+fn largest<S: Simd>(simd: S, sizes: &[f32; CUT]) -> Option<usize> {
+    type V<S> = fearless_simd::f32x16<S>;
+    let [a, b, c] = [load::<S, V<S>, CUT>(simd, sizes, 0), load(simd, sizes, 16), load(simd, sizes, 32)];
+    let greatest = max(max(a, b), c).reduce_max();
+    let [a, b, c] = [a.simd_eq(greatest), b.simd_eq(greatest), c.simd_eq(greatest)];
+    let places = a.to_bitmask() | b.to_bitmask() << 16 | c.to_bitmask() << 32;
+    (greatest > 0.0).then_some(places.trailing_zeros() as usize)
 }
