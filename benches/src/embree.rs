@@ -14,6 +14,7 @@ pub use load::NotFound;
 
 use crate::field::{Contest, Entry};
 use api::{Api, DeviceHandle};
+use bvh_core::SimdLevel;
 use scene::{Config, Quality, Scene, Width};
 
 /// Name of the environment variable that says where Embree is.
@@ -43,7 +44,9 @@ impl Embree {
     /// # Errors
     /// If Embree gives none, as on processors that it does not support.
     pub fn device(&self, threads: usize) -> Result<Device, NotFound> {
-        Ok(Device { handle: Arc::new(DeviceHandle::new(&self.api, threads)?) })
+        let handle = |isa| DeviceHandle::new(&self.api, threads, isa).map(Arc::new);
+        let has_more = SimdLevel::best() == SimdLevel::Avx512;
+        Ok(Device { handle: handle(None)?, avx2: has_more.then(|| handle(Some("avx2"))).transpose()? })
     }
 }
 
@@ -51,6 +54,8 @@ impl Embree {
 #[derive(Clone)]
 pub struct Device {
     handle: Arc<DeviceHandle>,
+    /// One held to AVX2, where the processor has more.
+    avx2: Option<Arc<DeviceHandle>>,
 }
 
 impl Device {
@@ -68,8 +73,8 @@ const DYNAMIC: [(&str, Quality); 3] =
 
 /// Adds this library's contestants.
 pub(crate) fn enter(contest: Contest, device: &Device, entries: &mut Vec<Entry>) {
-    let mut add = |name: &str, config: Config| {
-        let handle = Arc::clone(&device.handle);
+    let mut add_with = |handle: &Arc<DeviceHandle>, name: &str, config: Config| {
+        let handle = Arc::clone(handle);
         let keeps_tree = config.quality == Quality::Refit;
         entries.push(Entry::new(format!("embree {name}"), keeps_tree, move |triangles| {
             Ok(Box::new(Scene::new(&handle, config, triangles)?))
@@ -77,6 +82,13 @@ pub(crate) fn enter(contest: Contest, device: &Device, entries: &mut Vec<Entry>)
     };
     let plain =
         Config { quality: Quality::Medium, width: Width::One, dynamic: false, robust: false, coherent: true };
+    let widths = [("packets of 8", Width::Eight), ("packets of 16", Width::Sixteen)];
+    if let (Contest::Trace, Some(avx2)) = (contest, &device.avx2) {
+        for (rays, width) in widths {
+            add_with(avx2, &format!("{rays}, avx2"), Config { width, ..plain });
+        }
+    }
+    let mut add = |name: &str, config: Config| add_with(&device.handle, name, config);
     match contest {
         Contest::Update => {
             for (name, quality) in DYNAMIC {
@@ -92,8 +104,9 @@ pub(crate) fn enter(contest: Contest, device: &Device, entries: &mut Vec<Entry>)
         }
         Contest::Trace => {
             add("single", plain);
-            add("packets of 8", Config { width: Width::Eight, ..plain });
-            add("packets of 16", Config { width: Width::Sixteen, ..plain });
+            for (rays, width) in widths {
+                add(rays, Config { width, ..plain });
+            }
             add("packets of 16, robust", Config { width: Width::Sixteen, robust: true, ..plain });
         }
         Contest::Incoherent => {
@@ -104,11 +117,7 @@ pub(crate) fn enter(contest: Contest, device: &Device, entries: &mut Vec<Entry>)
         }
         Contest::Frame => {
             for (name, quality) in DYNAMIC {
-                for (rays, width) in [
-                    ("single", Width::One),
-                    ("packets of 8", Width::Eight),
-                    ("packets of 16", Width::Sixteen),
-                ] {
+                for (rays, width) in [("single", Width::One)].into_iter().chain(widths) {
                     add(&format!("{name}, {rays}"), Config { quality, width, dynamic: true, ..plain });
                 }
             }

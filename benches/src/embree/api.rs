@@ -194,8 +194,10 @@ extern "C" fn report(user: *mut c_void, code: c_int, message: *const c_char) {
 }
 
 impl DeviceHandle {
-    pub(super) fn new(api: &Arc<Api>, threads: usize) -> Result<Self, NotFound> {
-        let config = CString::new(format!("threads={threads},start_threads=0,set_affinity=0"))
+    /// A device that uses no more of the processor than `isa`, if anything is said.
+    pub(super) fn new(api: &Arc<Api>, threads: usize, isa: Option<&str>) -> Result<Self, NotFound> {
+        let isa = isa.map(|isa| format!(",max_isa={isa}")).unwrap_or_default();
+        let config = CString::new(format!("threads={threads},start_threads=0,set_affinity=0{isa}"))
             .map_err(|_| NotFound::Device(0))?;
         let mut error = Box::new(Mutex::new(None));
         // SAFETY: `config` is a C string. The mutex lies in a box that is dropped after the device is released.

@@ -24,6 +24,8 @@ const fn known(title: &'static str, over: [&'static str; 2], under: [&'static st
 }
 
 const WIDE: [&str; 2] = ["incoherent", "pivot wide"];
+const TRACE_AVX2: [&str; 2] = ["trace", "pivot avx2"];
+const TRACE_2: [&str; 2] = ["trace", "pivot leaves of 2"];
 const REFIT: [&str; 2] = ["update", "pivot refit"];
 const ROTATE: [&str; 2] = ["update", "pivot refit+rotate"];
 
@@ -31,7 +33,7 @@ const ROTATE: [&str; 2] = ["update", "pivot refit+rotate"];
 const REFIT_2: [&str; 2] = ["update", "pivot refit, leaves of 2"];
 const ROTATE_2: [&str; 2] = ["update", "pivot refit+rotate, leaves of 2"];
 
-const RATIOS: [Ratio; 24] = [
+const RATIOS: [Ratio; 27] = [
     ratio("refit / memory limit", REFIT, ["limit", "memory limit"], 2.2),
     ratio("refit / Embree refit", REFIT, ["update", "embree refit"], 1.0),
     ratio("refit+rotate / refit", ROTATE, REFIT, 1.8),
@@ -47,9 +49,12 @@ const RATIOS: [Ratio; 24] = [
     ratio("ploc / Embree low", ["update", "pivot ploc"], ["update", "embree low"], 1.0),
     ratio("binned-parallel / obvhs fast", ["build", "pivot binned-parallel"], ["build", "obvhs fast"], 1.0),
     ratio("trace, avx512 / Embree 16", ["trace", "pivot avx512"], ["trace", "embree packets of 16"], 1.0),
-    ratio("trace, avx2 / Embree 16", ["trace", "pivot avx2"], ["trace", "embree packets of 16"], 1.2),
+    ratio("trace, avx2 / Embree 16", TRACE_AVX2, ["trace", "embree packets of 16"], 1.2),
+    ratio("trace, leaves of 2 / Embree 16", TRACE_2, ["trace", "embree packets of 16"], 1.0),
+    ratio("trace, avx2 / Embree 16, avx2", TRACE_AVX2, ["trace", "embree packets of 16, avx2"], 1.2),
+    ratio("trace, avx2 / Embree 8, avx2", TRACE_AVX2, ["trace", "embree packets of 8, avx2"], 1.2),
     // Without AVX-512, Embree's packets of 16 are no match for its packets of 8.
-    ratio("trace, avx2 / Embree 8", ["trace", "pivot avx2"], ["trace", "embree packets of 8"], 1.2),
+    ratio("trace, avx2 / Embree 8", TRACE_AVX2, ["trace", "embree packets of 8"], 1.2),
     // Of single rays only those that have little in common are aimed at.
     known("trace, single / Embree single", ["trace", "pivot single"], ["trace", "embree single"]),
     known("trace, wide / Embree single", ["trace", "pivot wide"], ["trace", "embree single"]),
@@ -71,12 +76,13 @@ const RATIOS: [Ratio; 24] = [
 ];
 
 /// What threads are meant to speed up, and by how much two of them.
-const SCALES: [([&str; 2], f64); 6] = [
+const SCALES: [([&str; 2], f64); 7] = [
     (["limit", "memory limit"], 1.8),
     (REFIT, 1.8),
     (ROTATE, 1.8),
     (["build", "pivot binned-parallel"], 1.8),
-    (["trace", "pivot avx2"], 1.9),
+    (TRACE_AVX2, 1.9),
+    (["trace", "pivot avx512"], 1.9),
     (WIDE, 1.9),
 ];
 
