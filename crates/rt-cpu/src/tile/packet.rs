@@ -1,0 +1,246 @@
+//! Rays of a packet in the form in which they are tested, four groups of 16, and gathering of what is left into one.
+
+use fearless_simd::Simd;
+use fearless_simd::prelude::*;
+
+use crate::bundle::{Bundle, Hits};
+use crate::simd::{bits, load, load3, max};
+use crate::wide::Rays;
+
+/// Rays of a packet.
+pub(super) const PACKET: usize = 64;
+
+/// Rays in one vector: once no more are left, they are walked with by themselves.
+pub(super) const GROUP: usize = 16;
+
+pub(super) const GROUP_MASK: u64 = (1 << GROUP) - 1;
+
+/// The groups of a packet; behind them one for rays gathered from several, and room for vectors that reach beyond.
+pub(super) const LANES: usize = PACKET + 2 * GROUP;
+
+pub(super) type V<S> = fearless_simd::f32x16<S>;
+
+/// Rays in a form to be tested, with their best hits so far.
+#[repr(C, align(64))]
+pub(super) struct Packet {
+    pub(super) direction: [[f32; LANES]; 3],
+    pub(super) inverse: [[f32; LANES]; 3],
+    pub(super) shear: [[f32; LANES]; 2],
+    pub(super) t: [f32; LANES],
+    pub(super) u: [f32; LANES],
+    pub(super) v: [f32; LANES],
+    /// Bits of the numbers of primitives, to be moved about in the same registers.
+    pub(super) primitive: [f32; LANES],
+    /// Masks of the rays that still look for a hit: those of the packet, then those gathered.
+    active: [u64; 2],
+}
+
+impl Packet {
+    pub(super) fn new() -> Self {
+        let zero = [0.0; LANES];
+        Self {
+            direction: [zero; 3],
+            inverse: [zero; 3],
+            shear: [zero; 2],
+            t: zero,
+            u: zero,
+            v: zero,
+            primitive: zero,
+            active: [0; 2],
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn inverse<S: Simd>(&self, simd: S, at: usize) -> [V<S>; 3] {
+        load3(simd, &self.inverse, at)
+    }
+
+    /// Rays that are longest along `axis`.
+    #[inline(always)]
+    pub(super) fn rays<S: Simd>(&self, simd: S, axis: usize, at: usize) -> Rays<V<S>> {
+        Rays {
+            direction: load3(simd, &self.direction, at),
+            shear: [
+                load(simd, &self.shear[0], at),
+                load(simd, &self.shear[1], at),
+                load(simd, &self.inverse[axis], at),
+            ],
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn t<S: Simd>(&self, simd: S, at: usize) -> V<S> {
+        load(simd, &self.t, at)
+    }
+
+    /// The rays of the group at `at` that still look for a hit, and those of the groups behind it.
+    #[inline(always)]
+    pub(super) fn active(&self, at: usize) -> u64 {
+        self.active[at / PACKET] >> (at % PACKET)
+    }
+
+    /// These of the group at `at` look for a hit no more.
+    #[inline(always)]
+    pub(super) fn end(&mut self, at: usize, lanes: u64) {
+        self.active[at / PACKET] &= !(lanes << (at % PACKET));
+    }
+
+    /// Loads the packet that begins with ray `at`.
+    #[inline(always)]
+    pub(super) fn load<S: Simd>(&mut self, simd: S, bundle: &Bundle, at: usize, present: u64) -> Kinds {
+        let zero = S::f32s::simd_from(simd, 0.0);
+        let one = S::f32s::simd_from(simd, 1.0);
+        let n = S::f32s::LEN;
+        let (mut negative, mut longest) = ([0; 3], [0; 3]);
+        let mut valid = 0;
+        for i in (0..PACKET).step_by(n) {
+            let d: [S::f32s; 3] = load3(simd, &bundle.direction, at + i);
+            let inverse = [one / d[0], one / d[1], one / d[2]];
+            let finite = d[0].is_finite() & d[1].is_finite() & d[2].is_finite();
+            let nowhere = d[0].simd_eq(zero) & d[1].simd_eq(zero) & d[2].simd_eq(zero);
+            valid |= (finite & !nowhere).to_bitmask() << i;
+            // As `longest_axis` decides.
+            let [x, y, z] = [max(d[0], -d[0]), max(d[1], -d[1]), max(d[2], -d[2])];
+            let first = x.simd_ge(y) & x.simd_ge(z);
+            let second = !first & y.simd_ge(z);
+            let third = !first & !second;
+            for k in 0..3 {
+                d[k].store_slice(&mut self.direction[k][i..i + n]);
+                inverse[k].store_slice(&mut self.inverse[k][i..i + n]);
+                negative[k] |= inverse[k].is_sign_negative().to_bitmask() << i;
+            }
+            let mut shear = [zero; 2];
+            for (k, lanes) in [first, second, third].into_iter().enumerate() {
+                let mask = lanes.to_bitmask();
+                if mask != 0 {
+                    longest[k] |= mask << i;
+                    shear[0] = lanes.select(d[(k + 1) % 3] / d[k], shear[0]);
+                    shear[1] = lanes.select(d[(k + 2) % 3] / d[k], shear[1]);
+                }
+            }
+            shear[0].store_slice(&mut self.shear[0][i..i + n]);
+            shear[1].store_slice(&mut self.shear[1][i..i + n]);
+        }
+        self.active[0] = if bundle.origin.is_finite() && bundle.t_max >= 0.0 { present & valid } else { 0 };
+        self.primitive = [f32::from_bits(Hits::NONE); LANES];
+        // No hit is infinitely far.
+        self.t = [bundle.t_max.min(f32::MAX); LANES];
+        for i in bits(!self.active[0]) {
+            self.t[i] = -1.0;
+        }
+        Kinds { negative, longest }
+    }
+
+    /// The greatest distance at which a ray of the packet still looks for a hit, or more.
+    #[inline(always)]
+    pub(super) fn farthest<S: Simd>(&self, simd: S) -> f32 {
+        let mut t = self.t(simd, 0);
+        for at in (GROUP..PACKET).step_by(GROUP) {
+            t = max(t, self.t(simd, at));
+        }
+        t.reduce_max()
+    }
+
+    /// The group in which all rays of a mask are, where it begins and which of its lanes they are: one of the packet's, or
+    /// the one behind it if there are few enough to be gathered there. The mask must not be 0.
+    #[inline(always)]
+    pub(super) fn group_of<S: Simd>(&mut self, simd: S, mask: u64) -> Option<(usize, u64)> {
+        let at = mask.trailing_zeros() as usize / GROUP * GROUP;
+        if mask & !(GROUP_MASK << at) == 0 {
+            Some((at, mask >> at))
+        } else if mask.count_ones() as usize <= GROUP {
+            Some((PACKET, self.gather(simd, mask)))
+        } else {
+            None
+        }
+    }
+
+    /// Copies the rays in `mask`, no more than a group, behind the packet, and gives the mask of the copies.
+    #[inline(always)]
+    fn gather<S: Simd>(&mut self, simd: S, mask: u64) -> u64 {
+        let all = (1 << mask.count_ones()) - 1;
+        self.active[1] = all;
+        let mut to = PACKET;
+        for at in (0..PACKET).step_by(S::f32s::LEN) {
+            let lanes = mask >> at & ((1 << S::f32s::LEN) - 1);
+            if lanes == 0 {
+                continue;
+            }
+            for k in 0..3 {
+                squeeze(simd, lanes, &mut self.direction[k], at, to);
+                squeeze(simd, lanes, &mut self.inverse[k], at, to);
+            }
+            squeeze(simd, lanes, &mut self.shear[0], at, to);
+            squeeze(simd, lanes, &mut self.shear[1], at, to);
+            squeeze(simd, lanes, &mut self.t, at, to);
+            squeeze(simd, lanes, &mut self.u, at, to);
+            squeeze(simd, lanes, &mut self.v, at, to);
+            squeeze(simd, lanes, &mut self.primitive, at, to);
+            to += lanes.count_ones() as usize;
+        }
+        all
+    }
+
+    /// Copies the hits of gathered rays back.
+    #[inline(always)]
+    pub(super) fn scatter<S: Simd, const ANY: bool>(&mut self, simd: S, mask: u64) {
+        if ANY {
+            self.active[0] &= !spread_bits(!self.active[1], mask);
+        }
+        let mut from = PACKET;
+        for at in (0..PACKET).step_by(S::f32s::LEN) {
+            let lanes = mask >> at & ((1 << S::f32s::LEN) - 1);
+            if lanes == 0 {
+                continue;
+            }
+            spread(simd, lanes, &mut self.primitive, from, at);
+            if !ANY {
+                spread(simd, lanes, &mut self.t, from, at);
+                spread(simd, lanes, &mut self.u, from, at);
+                spread(simd, lanes, &mut self.v, from, at);
+            }
+            from += lanes.count_ones() as usize;
+        }
+    }
+}
+
+/// Masks of the rays of a packet that go backwards along each axis, and of those that are longest along it.
+pub(super) struct Kinds {
+    pub(super) negative: [u64; 3],
+    pub(super) longest: [u64; 3],
+}
+
+/// Copies the chosen lanes of the vector at `at` to where `to` is, side by side.
+#[inline(always)]
+fn squeeze<S: Simd>(simd: S, chosen: u64, lanes: &mut [f32; LANES], at: usize, to: usize) {
+    if S::f32s::LEN < 8 {
+        for (j, i) in bits(chosen).enumerate() {
+            lanes[to + j] = lanes[at + i];
+        }
+        return;
+    }
+    let chosen = <S::f32s as SimdBase<S>>::Mask::from_bitmask(simd, chosen);
+    let all: S::f32s = load(simd, lanes, at);
+    all.compress(chosen).store_slice(&mut lanes[to..to + S::f32s::LEN]);
+}
+
+/// Copies what lies side by side where `from` is to the chosen lanes of the vector at `at`.
+#[inline(always)]
+fn spread<S: Simd>(simd: S, chosen: u64, lanes: &mut [f32; LANES], from: usize, at: usize) {
+    if S::f32s::LEN < 8 {
+        for (j, i) in bits(chosen).enumerate() {
+            lanes[at + i] = lanes[from + j];
+        }
+        return;
+    }
+    let chosen = <S::f32s as SimdBase<S>>::Mask::from_bitmask(simd, chosen);
+    let new: S::f32s = load(simd, lanes, from);
+    let old: S::f32s = load(simd, lanes, at);
+    new.expand_merge(chosen, old).store_slice(&mut lanes[at..at + S::f32s::LEN]);
+}
+
+/// Bits that lie side by side, moved to where those of `mask` are.
+#[inline]
+fn spread_bits(from: u64, mask: u64) -> u64 {
+    bits(mask).enumerate().fold(0, |all, (j, i)| all | (from >> j & 1) << i)
+}

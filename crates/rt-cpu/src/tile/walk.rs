@@ -1,0 +1,239 @@
+//! Walking a subtree with the rays of a packet, and with those of one group.
+
+use bvh_core::{Node, Triangles, Vec3, prefetch};
+use fearless_simd::Simd;
+use fearless_simd::prelude::*;
+
+use super::packet::{GROUP, GROUP_MASK, LANES, PACKET, Packet, V};
+use super::{Scene, Scratch};
+use crate::simd::{bits, load, max};
+use crate::single::Work;
+use crate::wide::{Slab, Way, WideTest};
+
+/// Walks the subtree at `root` with the rays in `mask`, one of which goes along `along`.
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
+pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
+    simd: S,
+    scene: Scene<'_>,
+    way: &Way,
+    along: Vec3,
+    root: u32,
+    mask: u64,
+    scratch: &mut Scratch,
+    work: &mut Work,
+) {
+    let nodes = scene.bvh.nodes();
+    let mut top = 0;
+    let (mut n, mut mask) = (root as usize, mask);
+    loop {
+        let node = &nodes[n];
+        let entered = enter(simd, &scratch.packet, node, way, mask & scratch.packet.active(0));
+        if entered != 0 {
+            if node.is_leaf() {
+                test_leaf::<S, T, ANY, PACKET>(simd, scene, way, node, entered, 0, &mut scratch.packet, work);
+            } else if let Some((at, lanes)) = scratch.packet.group_of(simd, entered) {
+                work.regrouped += 1;
+                walk_group::<S, T, ANY>(simd, scene, way, n, lanes, at, scratch, work);
+                if at == PACKET {
+                    scratch.packet.scatter::<S, ANY>(simd, entered);
+                }
+            } else {
+                work.nodes += 1;
+                let first = node.first();
+                let (l, r) = (&nodes[first], &nodes[first + 1]);
+                fetch(scene, l);
+                fetch(scene, r);
+                let step = (r.aabb().min + r.aabb().max) - (l.aabb().min + l.aabb().max);
+                let right_first = usize::from(step.dot(along) < 0.0);
+                scratch.stack[top] = ((first + 1 - right_first) as u32, entered);
+                top += 1;
+                (n, mask) = (first + right_first, entered);
+                continue;
+            }
+        }
+        if top == 0 {
+            return;
+        }
+        top -= 1;
+        (n, mask) = (scratch.stack[top].0 as usize, scratch.stack[top].1);
+    }
+}
+
+/// Asks for what visiting a node will need first.
+#[inline(always)]
+fn fetch(scene: Scene<'_>, node: &Node) {
+    if node.is_leaf() {
+        if let Some(&p) = scene.bvh.primitives(node).first() {
+            prefetch(scene.triangles.indices, p as usize);
+        }
+    } else {
+        prefetch(scene.bvh.nodes(), node.first());
+    }
+}
+
+/// The rays in `mask` that enter a node's box.
+#[inline(always)]
+fn enter<S: Simd>(simd: S, packet: &Packet, node: &Node, way: &Way, mask: u64) -> u64 {
+    let slab = Slab::of(simd, node, way);
+    let mut entered = 0;
+    for at in (0..PACKET).step_by(GROUP) {
+        if mask >> at & GROUP_MASK != 0 {
+            let (_, lanes) = slab.enter(simd, packet.inverse(simd, at), packet.t(simd, at));
+            entered |= lanes.to_bitmask() << at;
+        }
+    }
+    entered & mask
+}
+
+/// Walks the subtree at an inner node with rays of the group at `at`, all of which enter it.
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
+fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
+    simd: S,
+    scene: Scene<'_>,
+    way: &Way,
+    root: usize,
+    mask: u64,
+    at: usize,
+    scratch: &mut Scratch,
+    work: &mut Work,
+) {
+    let nodes = scene.bvh.nodes();
+    let packet = &mut scratch.packet;
+    let inverse = packet.inverse(simd, at);
+    let mut top = 0;
+    let (mut n, mut mask) = (root, mask);
+    loop {
+        let node = &nodes[n];
+        if node.is_leaf() {
+            test_leaf::<S, T, ANY, GROUP>(simd, scene, way, node, mask, at, packet, work);
+        } else {
+            work.nodes += 1;
+            let first = node.first();
+            let (l, r) = (&nodes[first], &nodes[first + 1]);
+            fetch(scene, l);
+            fetch(scene, r);
+            let t = packet.t(simd, at);
+            let (tl, ml) = Slab::of(simd, l, way).enter(simd, inverse, t);
+            let (tr, mr) = Slab::of(simd, r, way).enter(simd, inverse, t);
+            let (ml, mr) = (ml.to_bitmask() & mask, mr.to_bitmask() & mask);
+            if ml != 0 && mr != 0 {
+                // The child that more of the rays which enter both enter first.
+                let both = ml & mr;
+                let left = (tl.simd_le(tr).to_bitmask() & both).count_ones();
+                let right_first = 2 * left < both.count_ones();
+                let (near, far) = if right_first { (mr, (ml, tl)) } else { (ml, (mr, tr)) };
+                scratch.group_stack[top] = ((first + usize::from(!right_first)) as u32, far.0);
+                far.1.store_slice(&mut scratch.group_near[top]);
+                top += 1;
+                (n, mask) = (first + usize::from(right_first), near);
+                continue;
+            }
+            if ml | mr != 0 {
+                (n, mask) = (first + usize::from(ml == 0), ml | mr);
+                continue;
+            }
+        }
+        loop {
+            if top == 0 {
+                return;
+            }
+            top -= 1;
+            let near = V::from_slice(simd, &scratch.group_near[top]);
+            let ahead = near.simd_le(packet.t(simd, at)).to_bitmask() & packet.active(at);
+            (n, mask) = (scratch.group_stack[top].0 as usize, scratch.group_stack[top].1 & ahead);
+            if mask != 0 {
+                break;
+            }
+        }
+    }
+}
+
+/// Tests the triangles of a leaf against `N` rays from `at` on, those in `mask`.
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
+fn test_leaf<S: Simd, T: WideTest, const ANY: bool, const N: usize>(
+    simd: S,
+    scene: Scene<'_>,
+    way: &Way,
+    leaf: &Node,
+    mask: u64,
+    at: usize,
+    packet: &mut Packet,
+    work: &mut Work,
+) {
+    for &p in scene.bvh.primitives(leaf) {
+        let Some(corners) = corners(scene.triangles, p) else { continue };
+        work.triangles += 1;
+        let mask = mask & packet.active(at);
+        for i in (0..N).step_by(GROUP) {
+            let lanes = mask >> i & GROUP_MASK;
+            if lanes != 0 {
+                test_group::<S, T, ANY>(simd, way, corners, p, lanes, at + i, packet);
+            }
+        }
+    }
+}
+
+/// The corners of a triangle; `None` if it is not there or one is not finite.
+#[inline(always)]
+fn corners<'a>(triangles: &Triangles<'a>, i: u32) -> Option<[&'a Vec3; 3]> {
+    let &[a, b, c] = triangles.indices.get(i as usize)?;
+    let (a, b, c) = (
+        triangles.positions.get(a as usize)?,
+        triangles.positions.get(b as usize)?,
+        triangles.positions.get(c as usize)?,
+    );
+    // NaN unless all are finite.
+    let zero = (*a * 0.0 + *b * 0.0) + *c * 0.0;
+    (zero == Vec3::ZERO).then_some([a, b, c])
+}
+
+/// Tests one triangle against the lanes `mask` of the group at `at`.
+#[inline(always)]
+fn test_group<S: Simd, T: WideTest, const ANY: bool>(
+    simd: S,
+    way: &Way,
+    corners: [&Vec3; 3],
+    primitive: u32,
+    mask: u64,
+    at: usize,
+    packet: &mut Packet,
+) {
+    let found = T::wide(simd, &packet.rays(simd, way.axes[2], at), corners, way, mask);
+    if found.lanes == 0 {
+        return;
+    }
+    let best = packet.t(simd, at);
+    let [&a, &b, &c] = corners;
+    let (near, inside) = Slab::around(simd, &[a, b, c], way).enter(simd, packet.inverse(simd, at), best);
+    let t = max(found.t, near);
+    let lanes = found.lanes & inside.to_bitmask();
+    if ANY {
+        let hit = lanes & t.simd_le(best).to_bitmask();
+        packet.end(at, hit);
+        for i in bits(hit) {
+            packet.primitive[at + i] = f32::from_bits(primitive);
+        }
+        return;
+    }
+    let mut closer = lanes & t.simd_lt(best).to_bitmask();
+    for i in bits(lanes & t.simd_eq(best).to_bitmask()) {
+        closer |= u64::from(primitive < packet.primitive[at + i].to_bits()) << i;
+    }
+    if closer == 0 {
+        return;
+    }
+    let closer = fearless_simd::mask32x16::from_bitmask(simd, closer);
+    write(simd, closer, t, &mut packet.t, at);
+    write(simd, closer, found.u, &mut packet.u, at);
+    write(simd, closer, found.v, &mut packet.v, at);
+    write(simd, closer, V::simd_from(simd, f32::from_bits(primitive)), &mut packet.primitive, at);
+}
+
+/// Replaces the lanes in `mask`.
+#[inline(always)]
+fn write<S: Simd>(simd: S, mask: fearless_simd::mask32x16<S>, new: V<S>, to: &mut [f32; LANES], at: usize) {
+    mask.select(new, load(simd, to, at)).store_slice(&mut to[at..at + GROUP]);
+}
