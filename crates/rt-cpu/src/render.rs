@@ -184,7 +184,14 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// Everything about the pixels of a tile. They are in blocks of 8 x 8, so that packets are square.
+/// Column and row of a whole tile's pixel `i`: in blocks of 8 x 8 and in these 4 x 4, so that packets are square, and
+/// the groups of rays that one vector holds, too.
+pub(crate) fn place(i: usize) -> (usize, usize) {
+    let (block, quarter, i) = (i / 64, i / 16 % 4, i % 16);
+    (block % 4 * 8 + quarter % 2 * 4 + i % 4, block / 4 * 8 + quarter / 2 * 4 + i / 4)
+}
+
+/// Everything about the pixels of a tile, which are in the order of their [`place`]s.
 pub(crate) struct Tile {
     /// Pixels in a row and in a column of it.
     size: (usize, usize),
@@ -192,7 +199,7 @@ pub(crate) struct Tile {
     pub(crate) at: [[u8; 2]; RAYS],
     columns: [f32; RAYS],
     rows: [f32; RAYS],
-    /// The ray of each pixel of a whole tile, by rows.
+    /// The ray of the pixel in each row, of `TILE` pixels, and column; without meaning outside the tile.
     ray: [u16; RAYS],
     pub(crate) seen: Bundle,
     pub(crate) hits: Hits,
@@ -245,9 +252,7 @@ impl Tile {
         self.size = (width, height);
         let mut count = 0;
         for i in 0..RAYS {
-            let (block, i) = (i / 64, i % 64);
-            let (quarter, i) = (i / 16, i % 16);
-            let (x, y) = (block % 4 * 8 + quarter % 2 * 4 + i % 4, block / 4 * 8 + quarter / 2 * 4 + i / 4);
+            let (x, y) = place(i);
             if x < width && y < height {
                 self.at[count] = [x as u8, y as u8];
                 (self.columns[count], self.rows[count]) = (x as f32, y as f32);
@@ -318,6 +323,7 @@ impl Finish for Caster {
     ) {
         for (y, row) in rows.iter_mut().take(tile.size.1).enumerate() {
             for (x, pixel) in row.iter_mut().enumerate() {
+                // The remainder tells the compiler that it is in range.
                 let i = tile.ray[y * TILE + x] as usize % RAYS;
                 let hit = tile.hits.get(i);
                 *pixel = Pixel { hit, lit: hit.is_some() && tile.lit[i] > 0.0 };

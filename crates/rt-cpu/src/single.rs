@@ -18,7 +18,7 @@ pub(crate) struct Work {
     pub(crate) nodes: u64,
     /// Triangles tested.
     pub(crate) triangles: u64,
-    /// Times that few rays were left of a packet and gathered.
+    /// Times that few rays were left of a packet, and walked with by themselves.
     pub(crate) regrouped: u64,
 }
 

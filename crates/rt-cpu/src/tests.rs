@@ -5,6 +5,7 @@ use bvh_core::{Aabb, Bvh, Node, Primitives, Ray, Triangles, Vec3};
 use crate::bundle::{Bundle, Hits, RAYS};
 use crate::bvh8;
 use crate::packet::{self, Query, SIZE};
+use crate::render::place;
 use crate::render::trace;
 use crate::simd::at_level;
 use crate::single::{Work, with_test};
@@ -220,17 +221,10 @@ fn ways() -> Vec<RenderOptions> {
     all.map(|(traversal, simd)| RenderOptions { traversal, simd, ..RenderOptions::default() }).collect()
 }
 
-/// Points on a plane of 8 x 8 blocks, as a camera would see them.
+/// Points on a plane, in the order in which a camera's tile would see them.
 fn grid(center: Vec3, right: Vec3, up: Vec3) -> Vec<Vec3> {
     let at = |i: usize| (i as f32 - 15.5) / 16.0;
-    let mut points = Vec::new();
-    for block in 0..16 {
-        for i in 0..64 {
-            let (x, y) = (block % 4 * 8 + i % 8, block / 4 * 8 + i / 8);
-            points.push(center + right * at(x) + up * at(y));
-        }
-    }
-    points
+    (0..1024).map(place).map(|(x, y)| center + right * at(x) + up * at(y)).collect()
 }
 
 /// A camera, a mesh and a light that together show shadows, edges of the image and both sides of surfaces.

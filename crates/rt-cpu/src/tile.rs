@@ -118,7 +118,7 @@ fn trace_bundle<S: Simd, T: WideTest, const ANY: bool>(
             continue;
         }
         let Kinds { negative, longest } = scratch.packet.load(simd, bundle, at, present);
-        // Rays that go the same way along every axis together: nearly always all of them.
+        // Rays that go the same way along every axis, and are longest along the same, together: mostly all of them.
         let mut left = scratch.packet.active(0);
         while left != 0 {
             let lane = left.trailing_zeros();
@@ -199,7 +199,7 @@ fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
         return;
     };
     for i in bits(met) {
-        if scratch.cut.near[i] > scratch.packet.farthest(simd) || scratch.packet.active(0) & mask == 0 {
+        if scratch.cut.near[i] > scratch.packet.farthest(simd, mask) || scratch.packet.active(0) & mask == 0 {
             return;
         }
         let root = scratch.cut.node[i];

@@ -1,4 +1,5 @@
-//! Box and triangle tests of many rays at once. All rays share their origin, and the signs of their directions.
+//! Box and triangle tests of many rays at once. All rays share their origin, the signs of their directions and the axis
+//! along which these are longest.
 
 use bvh_core::{Node, Ray, Vec3};
 use fearless_simd::Simd;
@@ -53,7 +54,8 @@ impl<V> Slab<V> {
 
     /// The box of a triangle whose corners are finite.
     ///
-    /// Rounding is monotonic, so the least of differences is that of the least.
+    /// Trees make negative zeros in boxes positive. Here they may stay: they change but the signs of zeros, which no
+    /// comparison sees and which [`max`] does not take from where it starts, a positive zero.
     #[inline(always)]
     pub(crate) fn around<S: Simd>(simd: S, corners: &[Vec3; 3], way: &Way) -> Self
     where
@@ -72,7 +74,7 @@ impl<V> Slab<V> {
         let origin = [way.origin.x, way.origin.y, way.origin.z];
         let mut slab = Self { first: [V::simd_from(simd, 0.0); 3], last: [V::simd_from(simd, 0.0); 3] };
         for k in 0..3 {
-            // A difference of vectors: these are read from memory into all lanes, which numbers that have just been
+            // The mask tells the compiler that it is in range. A difference of vectors: these are read from memory into all lanes, which numbers that have just been
             // computed take longer to get to.
             slab.first[k] = V::simd_from(simd, planes[way.first[k] & 7]) - origin[k];
             slab.last[k] = V::simd_from(simd, planes[way.last[k] & 7]) - origin[k];

@@ -7,6 +7,7 @@ use fearless_simd::Simd;
 
 use super::*;
 use crate::random;
+use crate::render::place;
 use crate::shade::{Background, Shader};
 use crate::surface::{Coordinates, Surfaces};
 use crate::tile;
@@ -50,13 +51,13 @@ impl Plain {
         }
     }
 
-    /// Places of the pixels, in blocks of 8 x 8.
+    /// Places of the pixels.
     fn resize(&mut self, size: (usize, usize)) {
         if self.size == size {
             return;
         }
         self.size = size;
-        let places = (0..RAYS).map(|i| (i / 64 % 4 * 8 + i % 8, i / 256 * 8 + i % 64 / 8));
+        let places = (0..RAYS).map(place);
         for (i, (x, y)) in places.filter(|&(x, y)| x < size.0 && y < size.1).enumerate() {
             self.at[i] = [x as u8, y as u8];
             (self.columns[i], self.rows[i]) = (x as f32, y as f32);

@@ -163,6 +163,24 @@ fn zero_area_nan_and_infinite_triangles() {
 }
 
 #[test]
+fn packets_may_be_longest_along_several_axes() {
+    // Many rays on either side of where |x| = |z|, |y| = |z| and all three are as long.
+    let soup = icosphere(4);
+    let (edge, corner) = (Vec3::new(1.0, 0.0, 1.0), Vec3::ONE);
+    for (center, right, up) in [
+        (edge, Vec3::new(1.0, 0.0, -1.0), Vec3::Y),
+        (Vec3::new(0.0, -1.0, 1.0), Vec3::X, Vec3::new(0.0, 1.0, 1.0)),
+        (corner, Vec3::new(1.0, -1.0, 0.0), Vec3::new(-1.0, -1.0, 2.0)),
+    ] {
+        for side in [-1.0, 1.0] {
+            let origin = center * (-2.0 * side);
+            let targets = grid(origin + center * side, right * 0.3, up * 0.3);
+            assert!(check_packets(&soup, origin, &targets, f32::INFINITY) > 200);
+        }
+    }
+}
+
+#[test]
 fn equal_distances_go_to_the_lowest_number() {
     let one = icosphere(1);
     let mut twice = one.clone();

@@ -49,7 +49,7 @@ impl Cut {
     ) {
         let nothing = Outline { x: [0.0; 2], y: [0.0; 2], z: [0.0; 2] };
         let mut pieces = [Piece { node: 0, near: 0.0, outline: nothing }; CUT];
-        // Half areas, 0 for leaves; apart from the rest because all of them are read again and again.
+        // Half areas, 0 for leaves and where they are NaN; apart from the rest because all of them are read again and again.
         let mut sizes = [0.0; CUT];
         let (mut count, mut n) = (0, 0);
         loop {
@@ -58,7 +58,7 @@ impl Cut {
             let near = frame.enters(&outline);
             if beam.meets(&outline) && near <= t_max {
                 pieces[count] = Piece { node: n as u32, near, outline };
-                sizes[count] = if nodes[n].is_leaf() { 0.0 } else { aabb.half_area() };
+                sizes[count] = if nodes[n].is_leaf() { 0.0 } else { f32::max(aabb.half_area(), 0.0) };
                 count += 1;
             }
             if n & 1 == 0 && n != 0 {

@@ -10,7 +10,7 @@ use crate::wide::Rays;
 /// Rays of a packet.
 pub(super) const PACKET: usize = 64;
 
-/// Rays in one vector: once no more are left, they are walked with by themselves.
+/// Rays in one [`V`]: once no more are left, they are walked with by themselves.
 pub(super) const GROUP: usize = 16;
 
 pub(super) const GROUP_MASK: u64 = (1 << GROUP) - 1;
@@ -131,12 +131,14 @@ impl Packet {
         Kinds { negative, longest }
     }
 
-    /// The greatest distance at which a ray of the packet still looks for a hit, or more.
+    /// The greatest distance at which a ray in `mask`, or another of its group, still looks for a hit; or more.
     #[inline(always)]
-    pub(super) fn farthest<S: Simd>(&self, simd: S) -> f32 {
-        let mut t = self.t(simd, 0);
-        for at in (GROUP..PACKET).step_by(GROUP) {
-            t = max(t, self.t(simd, at));
+    pub(super) fn farthest<S: Simd>(&self, simd: S, mask: u64) -> f32 {
+        let mut t = V::simd_from(simd, -1.0);
+        for at in (0..PACKET).step_by(GROUP) {
+            if mask >> at & GROUP_MASK != 0 {
+                t = max(t, self.t(simd, at));
+            }
         }
         t.reduce_max()
     }
@@ -144,22 +146,26 @@ impl Packet {
     /// The group in which all rays of a mask are, where it begins and which of its lanes they are: one of the packet's, or
     /// the one behind it if there are few enough to be gathered there. The mask must not be 0.
     #[inline(always)]
-    pub(super) fn group_of<S: Simd>(&mut self, simd: S, mask: u64) -> Option<(usize, u64)> {
+    pub(super) fn group_of<S: Simd, const ANY: bool>(&mut self, simd: S, mask: u64) -> Option<(usize, u64)> {
         let at = mask.trailing_zeros() as usize / GROUP * GROUP;
         if mask & !(GROUP_MASK << at) == 0 {
             Some((at, mask >> at))
         } else if mask.count_ones() as usize <= GROUP {
-            Some((PACKET, self.gather(simd, mask)))
+            Some((PACKET, self.gather::<S, ANY>(simd, mask)))
         } else {
             None
         }
     }
 
-    /// Copies the rays in `mask`, no more than a group, behind the packet, and gives the mask of the copies.
+    /// Copies the rays in `mask`, no more than a group, behind the packet, and gives the mask of the copies. For `ANY`
+    /// hit they have none yet, or would not be looked at.
     #[inline(always)]
-    fn gather<S: Simd>(&mut self, simd: S, mask: u64) -> u64 {
+    fn gather<S: Simd, const ANY: bool>(&mut self, simd: S, mask: u64) -> u64 {
         let all = (1 << mask.count_ones()) - 1;
         self.active[1] = all;
+        if ANY {
+            self.primitive[PACKET..PACKET + GROUP].fill(f32::from_bits(Hits::NONE));
+        }
         let mut to = PACKET;
         for at in (0..PACKET).step_by(S::f32s::LEN) {
             let lanes = mask >> at & ((1 << S::f32s::LEN) - 1);
@@ -173,9 +179,11 @@ impl Packet {
             squeeze(simd, lanes, &mut self.shear[0], at, to);
             squeeze(simd, lanes, &mut self.shear[1], at, to);
             squeeze(simd, lanes, &mut self.t, at, to);
-            squeeze(simd, lanes, &mut self.u, at, to);
-            squeeze(simd, lanes, &mut self.v, at, to);
-            squeeze(simd, lanes, &mut self.primitive, at, to);
+            if !ANY {
+                squeeze(simd, lanes, &mut self.u, at, to);
+                squeeze(simd, lanes, &mut self.v, at, to);
+                squeeze(simd, lanes, &mut self.primitive, at, to);
+            }
             to += lanes.count_ones() as usize;
         }
         all

@@ -32,7 +32,7 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
         if entered != 0 {
             if node.is_leaf() {
                 test_leaf::<S, T, ANY, PACKET>(simd, scene, way, node, entered, 0, &mut scratch.packet, work);
-            } else if let Some((at, lanes)) = scratch.packet.group_of(simd, entered) {
+            } else if let Some((at, lanes)) = scratch.packet.group_of::<S, ANY>(simd, entered) {
                 work.regrouped += 1;
                 walk_group::<S, T, ANY>(simd, scene, way, n, lanes, at, scratch, work);
                 if at == PACKET {
@@ -103,11 +103,15 @@ fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
     let packet = &mut scratch.packet;
     let inverse = packet.inverse(simd, at);
     let mut top = 0;
+    let all = mask;
     let (mut n, mut mask) = (root, mask);
     loop {
         let node = &nodes[n];
         if node.is_leaf() {
             test_leaf::<S, T, ANY, GROUP>(simd, scene, way, node, mask, at, packet, work);
+            if ANY && packet.active(at) & all == 0 {
+                return;
+            }
         } else {
             work.nodes += 1;
             let first = node.first();
@@ -164,9 +168,12 @@ fn test_leaf<S: Simd, T: WideTest, const ANY: bool, const N: usize>(
     work: &mut Work,
 ) {
     for &p in scene.bvh.primitives(leaf) {
+        let mask = mask & packet.active(at);
+        if ANY && mask == 0 {
+            return;
+        }
         let Some(corners) = corners(scene.triangles, p) else { continue };
         work.triangles += 1;
-        let mask = mask & packet.active(at);
         for i in (0..N).step_by(GROUP) {
             let lanes = mask >> i & GROUP_MASK;
             if lanes != 0 {
