@@ -12,9 +12,10 @@ use std::sync::Arc;
 
 pub use load::NotFound;
 
+use bvh_core::SimdLevel;
+
 use crate::field::{Contest, Entry};
 use api::{Api, DeviceHandle};
-use bvh_core::SimdLevel;
 use scene::{Config, Quality, Scene, Width};
 
 /// Name of the environment variable that says where Embree is.

@@ -74,8 +74,8 @@ impl<V> Slab<V> {
         let origin = [way.origin.x, way.origin.y, way.origin.z];
         let mut slab = Self { first: [V::simd_from(simd, 0.0); 3], last: [V::simd_from(simd, 0.0); 3] };
         for k in 0..3 {
-            // The mask tells the compiler that it is in range. A difference of vectors: these are read from memory into all lanes, which numbers that have just been
-            // computed take longer to get to.
+            // The mask tells the compiler that it is in range. Vectors are subtracted, since planes get from memory into
+            // all lanes sooner than numbers that have just been computed.
             slab.first[k] = V::simd_from(simd, planes[way.first[k] & 7]) - origin[k];
             slab.last[k] = V::simd_from(simd, planes[way.last[k] & 7]) - origin[k];
         }

@@ -26,7 +26,7 @@ const fn known(title: &'static str, over: [&'static str; 2], under: [&'static st
 const WIDE: [&str; 2] = ["incoherent", "pivot wide"];
 const TRACE_AVX512: [&str; 2] = ["trace", "pivot avx512"];
 const TRACE_AVX2: [&str; 2] = ["trace", "pivot avx2"];
-const TRACE_2: [&str; 2] = ["trace", "pivot leaves of 2"];
+const TRACE_4: [&str; 2] = ["trace", "pivot leaves of 4"];
 const REFIT: [&str; 2] = ["update", "pivot refit"];
 const ROTATE: [&str; 2] = ["update", "pivot refit+rotate"];
 
@@ -52,8 +52,8 @@ const RATIOS: [Ratio; 27] = [
     ratio("trace, avx512 / Embree 16", TRACE_AVX512, ["trace", "embree packets of 16"], 1.0),
     ratio("trace, avx2 / Embree 16", TRACE_AVX2, ["trace", "embree packets of 16"], 1.2),
     // At the best level of the machine.
-    known("trace, leaves of 2 / Embree 16", TRACE_2, ["trace", "embree packets of 16"]),
-    known("trace, leaves of 2 / Embree 8", TRACE_2, ["trace", "embree packets of 8"]),
+    known("trace, leaves of 4 / Embree 16", TRACE_4, ["trace", "embree packets of 16"]),
+    known("trace, leaves of 4 / Embree 8", TRACE_4, ["trace", "embree packets of 8"]),
     // Without AVX-512, Embree's packets of 16 are no match for its packets of 8.
     ratio("trace, avx2 / Embree 8", TRACE_AVX2, ["trace", "embree packets of 8"], 1.2),
     ratio("trace, avx2 / Embree 8, avx2", TRACE_AVX2, ["trace", "embree packets of 8, avx2"], 1.2),

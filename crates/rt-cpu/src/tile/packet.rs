@@ -221,6 +221,7 @@ pub(super) struct Kinds {
 /// Copies the chosen lanes of the vector at `at` to where `to` is, side by side.
 #[inline(always)]
 fn squeeze<S: Simd>(simd: S, chosen: u64, lanes: &mut [f32; LANES], at: usize, to: usize) {
+    // Below AVX2 compression is emulated, and slower than this.
     if S::f32s::LEN < 8 {
         for (j, i) in bits(chosen).enumerate() {
             lanes[to + j] = lanes[at + i];

@@ -39,11 +39,7 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
                     scratch.packet.scatter::<S, ANY>(simd, entered);
                 }
             } else {
-                work.nodes += 1;
-                let first = node.first();
-                let (l, r) = (&nodes[first], &nodes[first + 1]);
-                fetch(scene, l);
-                fetch(scene, r);
+                let (first, l, r) = open(scene, node, work);
                 let step = (r.aabb().min + r.aabb().max) - (l.aabb().min + l.aabb().max);
                 let right_first = usize::from(step.dot(along) < 0.0);
                 scratch.stack[top] = ((first + 1 - right_first) as u32, entered);
@@ -58,6 +54,18 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
         top -= 1;
         (n, mask) = (scratch.stack[top].0 as usize, scratch.stack[top].1);
     }
+}
+
+/// The children of an inner node, the first with its number; what visiting them will need is asked for.
+#[inline(always)]
+fn open<'a>(scene: Scene<'a>, node: &Node, work: &mut Work) -> (usize, &'a Node, &'a Node) {
+    work.nodes += 1;
+    let first = node.first();
+    let nodes = scene.bvh.nodes();
+    let (l, r) = (&nodes[first], &nodes[first + 1]);
+    fetch(scene, l);
+    fetch(scene, r);
+    (first, l, r)
 }
 
 /// Asks for what visiting a node will need first.
@@ -113,11 +121,7 @@ fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
                 return;
             }
         } else {
-            work.nodes += 1;
-            let first = node.first();
-            let (l, r) = (&nodes[first], &nodes[first + 1]);
-            fetch(scene, l);
-            fetch(scene, r);
+            let (first, l, r) = open(scene, node, work);
             let t = packet.t(simd, at);
             let (tl, ml) = Slab::of(simd, l, way).enter(simd, inverse, t);
             let (tr, mr) = Slab::of(simd, r, way).enter(simd, inverse, t);
