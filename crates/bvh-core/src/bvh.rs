@@ -33,6 +33,8 @@ pub struct Bvh {
     pub(crate) pairs: Vec<Pair>,
     pub(crate) order: Vec<u32>,
     pub(crate) in_order: bool,
+    /// Whether no primitive stands still.
+    pub(crate) all_move: bool,
     pub(crate) still_area: f64,
     pub(crate) history: History,
 }
@@ -99,7 +101,7 @@ impl Bvh {
         let used = fill(bytemuck::cast_slice_mut(&mut bvh.pairs), &mut bvh.order);
         bvh.pairs.truncate(used.div_ceil(2).max(1));
         bvh.in_order = bvh.order.iter().enumerate().all(|(s, &p)| s == p as usize);
-        (bvh.still_area, bvh.history) = (0.0, History::default());
+        (bvh.all_move, bvh.still_area, bvh.history) = (true, 0.0, History::default());
         *done = true;
     }
 
@@ -117,8 +119,9 @@ impl Bvh {
     /// What an update needs to change nodes in place.
     ///
     /// # Safety
-    /// When the borrow ends the structure must be valid as [`Bvh`] says, with heights and moving bits right, and so must
-    /// be [`History::layout`]: updates that share the arena between threads rely on it.
+    /// When the borrow ends the structure must be valid as [`Bvh`] says, with heights and moving bits right and no
+    /// primitive moving or standing still that did not before, and so must be [`History::layout`]: updates that share the
+    /// arena between threads rely on it.
     #[must_use]
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
     pub unsafe fn parts_mut(&mut self) -> Parts<'_> {
@@ -212,9 +215,7 @@ impl Bvh {
             fn drop(&mut self) {
                 let Self(bvh, done) = self;
                 if !*done {
-                    bvh.still_area = 0.0;
-                    let (nodes, sum) = (bytemuck::cast_slice_mut(&mut bvh.pairs), &mut bvh.still_area);
-                    mark(nodes, &bvh.order, 0, &|_| true, sum);
+                    bvh.mark_moving(&|_| true);
                 }
                 // What there is to measure is another.
                 (bvh.history.reference, bvh.history.layout) = (0.0, Layout::Unknown);
@@ -222,10 +223,21 @@ impl Bvh {
         }
         let mut guard = Guard(self, false);
         let Guard(bvh, done) = &mut guard;
-        let mut still_area = 0.0;
-        mark(bytemuck::cast_slice_mut(&mut bvh.pairs), &bvh.order, 0, &moves, &mut still_area);
-        bvh.still_area = still_area;
+        bvh.mark_moving(&moves);
         *done = true;
+    }
+
+    fn mark_moving(&mut self, moves: &impl Fn(usize) -> bool) {
+        let mut still = Still { any: false, area: 0.0 };
+        mark(bytemuck::cast_slice_mut(&mut self.pairs), &self.order, 0, moves, &mut still);
+        (self.all_move, self.still_area) = (!still.any, still.area);
+    }
+
+    /// Whether every primitive may move, as is so until [`set_moving`](Self::set_moving) says otherwise.
+    #[must_use]
+    #[inline]
+    pub fn all_move(&self) -> bool {
+        self.all_move
     }
 
     /// Computes heights, moving bits and the sum over what stands still anew from the leaves: what is left to do after a
@@ -251,18 +263,23 @@ impl Bvh {
         self.still_area
     }
 
-    /// Sums up [`still_area`](Self::still_area) anew. O(n).
+    /// Sums up [`still_area`](Self::still_area) anew. O(n) where something stands still.
     pub fn sum_still_area(&mut self) {
-        let still = |n: &&Node| !n.moves() && n.weight() > 0.0;
         let mut sum = 0.0;
-        if !self.root().moves() || self.nodes().iter().any(|n| still(&n)) {
+        if !self.all_move {
             self.visit(|_, n, _| {
-                if still(&n) {
+                if !n.moves() {
                     sum += n.aabb().half_area_f64() * n.weight();
                 }
             });
         }
         self.still_area = sum;
+    }
+
+    /// Memory of its nodes and its order, in bytes.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.nodes()) + size_of_val(self.order())
     }
 
     /// Calls `f` with the number, the node and the depth of every node, parents first, left before right. O(n).
@@ -297,6 +314,7 @@ impl Default for Bvh {
             pairs: vec![Pair([Node::NOTHING; 2])],
             order: Vec::new(),
             in_order: true,
+            all_move: true,
             still_area: 0.0,
             history: History::default(),
         }
@@ -314,25 +332,32 @@ impl std::fmt::Debug for Bvh {
     }
 }
 
+/// What stands still: whether any leaf with primitives does, and the sum of half area times weight.
+struct Still {
+    any: bool,
+    area: f64,
+}
+
 /// Sets the moving bits at and below a node, and adds up what stands still there. As deep as the tree is high.
 fn mark(
     nodes: &mut [Node],
     order: &[u32],
     n: usize,
     moves: &impl Fn(usize) -> bool,
-    still_area: &mut f64,
+    still: &mut Still,
 ) -> bool {
     let node = nodes[n];
     let first = node.first();
     let any = if node.is_leaf() {
         order[first..first + node.count()].iter().any(|&p| moves(p as usize))
     } else {
-        let l = mark(nodes, order, first, moves, still_area);
-        mark(nodes, order, first + 1, moves, still_area) | l
+        let l = mark(nodes, order, first, moves, still);
+        mark(nodes, order, first + 1, moves, still) | l
     };
     nodes[n].set_moves(any);
     if !any {
-        *still_area += node.aabb().half_area_f64() * node.weight();
+        still.any |= node.count() > 0;
+        still.area += node.aabb().half_area_f64() * node.weight();
     }
     any
 }
@@ -340,7 +365,7 @@ fn mark(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Aabb, Vec3};
+    use crate::{Aabb, Invalid, Vec3};
 
     const BOX: Aabb = Aabb::new(Vec3::ZERO, Vec3::ONE);
 
@@ -388,6 +413,31 @@ mod tests {
         assert_eq!(bvh.nodes()[4].aabb(), Aabb::EMPTY);
         bvh.set_moving(|_| false);
         assert!(bvh.still_area().is_finite());
+    }
+
+    #[test]
+    fn whether_all_move_is_known_and_outlives_the_nodes() {
+        let mut bvh = Bvh::new(&three(), vec![2, 0, 1]).expect("valid");
+        assert!(bvh.all_move() && Bvh::default().all_move());
+        for still in 0..3 {
+            bvh.set_moving(|p| p != still);
+            let again = Bvh::new(bvh.nodes(), bvh.order().to_vec()).expect("valid");
+            assert!(!bvh.all_move() && !again.all_move());
+        }
+        let boxes = [BOX; 3].as_slice();
+        bvh.all_move = true;
+        assert!(matches!(bvh.validate(&boxes), Err(Invalid::Moves { .. })));
+        bvh.set_moving(|_| true);
+        assert!(bvh.all_move() && bvh.validate(&boxes).is_ok());
+    }
+
+    #[test]
+    fn leaves_larger_than_remembered_are_invalid() {
+        let mut bvh = Bvh::new(&[Node::leaf(BOX, 0, 2), Node::NOTHING], vec![1, 0]).expect("valid");
+        for (most, is_valid) in [(0, true), (1, false), (2, true)] {
+            bvh.history.largest_leaf = most;
+            assert_eq!(bvh.validate(&[BOX; 2].as_slice()).is_ok(), is_valid);
+        }
     }
 
     #[test]

@@ -38,6 +38,8 @@ pub struct History {
     /// How the tree lies in its arena. What moves pairs about sets this to [`Layout::Other`], or to
     /// [`Layout::Unknown`] if that may have put them in order.
     pub layout: Layout,
+    /// No leaf has more primitives than this; 0 if that is not known. What makes leaves larger sets this to 0.
+    pub largest_leaf: u32,
     /// Whether the tree was built in haste: by a builder that is known not to be the best.
     pub is_hasty: bool,
 }

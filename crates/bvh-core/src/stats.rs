@@ -35,7 +35,7 @@ pub fn stats(bvh: &Bvh) -> Stats {
         primitives: bvh.len(),
         height: bvh.height(),
         sah_cost: sah_cost(bvh),
-        bytes: size_of_val(bvh.nodes()) + size_of_val(bvh.order()),
+        bytes: bvh.bytes(),
         ..Stats::default()
     };
     let mut depths = 0u64;

@@ -3,7 +3,7 @@
 use thiserror::Error;
 
 use crate::bvh::{MAX_HEIGHT, MAX_PRIMITIVES, Pair};
-use crate::{Bvh, History, Node};
+use crate::{Bvh, Node};
 
 /// Why nodes and an order do not make a tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -43,7 +43,7 @@ pub enum Malformed {
 impl Bvh {
     /// Checks the structure, and computes what can be.
     pub(crate) fn from_pairs(pairs: Vec<Pair>, order: Vec<u32>) -> Result<Self, Malformed> {
-        let mut bvh = Self { pairs, order, in_order: false, still_area: 0.0, history: History::default() };
+        let mut bvh = Self { pairs, order, in_order: false, ..Self::default() };
         bvh.check_order()?;
         for node in bvh.raw_nodes_mut() {
             // Safe code can give a leaf a height, and updates tell leaves by theirs.
@@ -68,6 +68,7 @@ impl Bvh {
             unused.for_each(|(pair, _)| *pair = Pair([Node::NOTHING; 2]));
         }
         bvh.in_order = bvh.order.iter().enumerate().all(|(s, &p)| s == p as usize);
+        bvh.all_move = bvh.nodes().iter().all(|n| n.moves() || n.count() == 0);
         bvh.sum_still_area();
         Ok(bvh)
     }

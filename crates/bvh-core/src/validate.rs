@@ -39,19 +39,30 @@ pub enum Invalid {
         /// What it is.
         expected: u32,
     },
-    /// A moving bit that is not that of the children together.
-    #[error("node {node} says moving = {found}; its children say otherwise")]
+    /// A moving bit that is not that of the children together, or a leaf that stands still where all primitives move.
+    #[error("node {node} says moving = {found}; its children, or the tree, say otherwise")]
     Moves {
         /// The node.
         node: usize,
         /// What it says.
         found: bool,
     },
+    /// A leaf that is larger than the tree remembers any to be ([`History::largest_leaf`](crate::History)).
+    #[error("node {node} is a leaf of {found} primitives; the tree remembers none of more than {most}")]
+    LeafSize {
+        /// The leaf.
+        node: usize,
+        /// Its number of primitives.
+        found: usize,
+        /// What the tree remembers.
+        most: u32,
+    },
 }
 
 impl Bvh {
     /// Checks everything a tree promises: a valid structure, every primitive in one leaf, every box *tight*
-    /// (equal to the union of what is below it, not merely containing it), heights and moving bits right.
+    /// (equal to the union of what is below it, not merely containing it), heights, moving bits and what is
+    /// remembered of leaves right.
     ///
     /// O(n). Boxes of primitives come from `primitives` as they are now.
     ///
@@ -62,12 +73,14 @@ impl Bvh {
             return Err(Invalid::Count { tree: self.len(), given: primitives.len() });
         }
         Self::new(self.nodes(), self.order().to_vec())?;
+        let most = self.history().largest_leaf;
         let mut wrong = Ok(());
         self.visit(|n, node, _| {
             let (expected, height, moves) = match self.children(node) {
                 None => {
                     let boxes = self.primitives(node).iter().map(|&p| primitives.aabb(p as usize));
-                    (boxes.fold(Aabb::EMPTY, Aabb::union), 0, node.moves())
+                    let moves = node.moves() || self.all_move() && node.count() > 0;
+                    (boxes.fold(Aabb::EMPTY, Aabb::union), 0, moves)
                 }
                 Some([l, r]) => {
                     (l.aabb().union(r.aabb()), 1 + l.height().max(r.height()), l.moves() || r.moves())
@@ -81,6 +94,8 @@ impl Bvh {
                 wrong = Err(Invalid::Height { node: n, found: node.height(), expected: height });
             } else if node.moves() != moves {
                 wrong = Err(Invalid::Moves { node: n, found: node.moves() });
+            } else if most > 0 && node.count() > most as usize {
+                wrong = Err(Invalid::LeafSize { node: n, found: node.count(), most });
             }
         });
         wrong

@@ -9,13 +9,14 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
-use bvh_core::{Aabb, Bvh, Primitives, stats};
+use bvh_core::{Aabb, Bvh, Parts, Primitives};
 use rayon::prelude::*;
 
 use crate::auto::Decision;
 use crate::pass::{Scratch, pass};
 use crate::raw;
 use crate::strategy::{Rotate, Update, UpdateError, note_moving, options_like};
+use crate::sweep::is_linear;
 
 /// How trees are built in the background. One [`Scratch`] has one build under way, so each tree wants its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,7 +59,7 @@ struct Job {
 impl Job {
     fn bytes(&self) -> usize {
         let Self { boxes, bvh, scratch, .. } = self;
-        boxes.capacity() * size_of::<Aabb>() + stats(bvh).bytes + scratch.bytes()
+        boxes.capacity() * size_of::<Aabb>() + bvh.bytes() + scratch.bytes()
     }
 }
 
@@ -93,6 +94,10 @@ impl Builds {
             let Job { boxes, bvh, scratch, .. } = &mut job;
             let built = rebuild(bvh, boxes, builder, &options, scratch);
             built.expect("as many primitives as a tree holds");
+            // What the updates would otherwise have to look for.
+            let Parts { nodes, history, .. } = raw::parts(bvh);
+            history.largest_leaf = options.max_leaf_size;
+            is_linear(nodes, history);
             job.took = start.elapsed();
             job
         };
@@ -149,7 +154,8 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     }
     let tally = pass(bvh, primitives, background.rotate, scratch);
     if scratch.background.current.is_none() {
-        let number = scratch.background.start(primitives, background.builder, options_like(bvh));
+        let options = options_like(bvh);
+        let number = scratch.background.start(primitives, background.builder, options);
         raw::parts(bvh).history.background_job = number;
     }
     Ok(Update { decision, rebuilt: decision == Decision::Swap, ..tally.update(bvh) })

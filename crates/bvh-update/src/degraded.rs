@@ -46,7 +46,8 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     if mean_ratio(bvh) - bvh.history().reference <= degraded.threshold {
         return Ok(tally.update(bvh));
     }
-    let update = new_tree(bvh, primitives, degraded.builder, &options_like(bvh), scratch)?;
+    let options = options_like(bvh);
+    let update = new_tree(bvh, primitives, degraded.builder, &options, scratch)?;
     let decision = Decision::Rebuild { builder: degraded.builder };
     Ok(Update { decision, ..update })
 }

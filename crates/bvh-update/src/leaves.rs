@@ -73,7 +73,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let turn = Turn::new(Rotate { period: if stretched { 1 } else { options.period } }, updates);
     let mut unfinished = raw::Unfinished::new(bvh);
     let parts = raw::parts(unfinished.bvh);
-    parts.history.layout = Layout::Other;
+    (parts.history.layout, parts.history.largest_leaf) = (Layout::Other, 0);
     let mut walk = Walk {
         nodes: parts.nodes,
         order: parts.order,

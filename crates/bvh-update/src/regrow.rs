@@ -102,7 +102,8 @@ pub(crate) fn rebuild_all<P: Primitives + ?Sized>(
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
     let before = *bvh.history();
-    let update = new_tree(bvh, primitives, builder, &options_like(bvh), scratch)?;
+    let options = options_like(bvh);
+    let update = new_tree(bvh, primitives, builder, &options, scratch)?;
     let history = raw::parts(bvh).history;
     let is_soon = before.since_repair <= SOON;
     history.rebuilds_in_a_row = if is_soon { before.rebuilds_in_a_row + 1 } else { 1 };

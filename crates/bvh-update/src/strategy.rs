@@ -312,16 +312,27 @@ fn expect_measure(history: &mut History, strategy: &Strategy) {
         Strategy::Leaves(_) => Measure::Leaves,
     };
     if history.measure != measure {
-        let History { updates, background_job, spare_pair, layout, .. } = *history;
-        *history = History { measure, updates, background_job, spare_pair, layout, ..History::default() };
+        let History { updates, background_job, spare_pair, layout, largest_leaf, .. } = *history;
+        *history = History {
+            measure,
+            updates,
+            background_job,
+            spare_pair,
+            layout,
+            largest_leaf,
+            ..History::default()
+        };
     }
 }
 
-/// Options for a tree in the place of `bvh`, whose builder is not known: with leaves as large as its largest. O(n), in memory
-/// order.
-pub(crate) fn options_like(bvh: &Bvh) -> BuildOptions {
-    let largest = bvh.nodes().iter().map(Node::count).max().unwrap_or(1);
-    BuildOptions { max_leaf_size: largest as u32, ..BuildOptions::default() }
+/// Options for a tree in the place of `bvh`, whose builder is not known: with leaves as large as its largest. O(n) if
+/// that is not known.
+pub(crate) fn options_like(bvh: &mut Bvh) -> BuildOptions {
+    let parts = raw::parts(bvh);
+    if parts.history.largest_leaf == 0 {
+        parts.history.largest_leaf = parts.nodes.iter().map(Node::count).max().unwrap_or(1) as u32;
+    }
+    BuildOptions { max_leaf_size: parts.history.largest_leaf, ..BuildOptions::default() }
 }
 
 /// Builds a new tree in which the same primitives move.
@@ -338,21 +349,23 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
     if any_still {
         bvh.set_moving(|p| scratch.moving[p]);
     }
-    raw::parts(bvh).history.measure = measure;
+    let history = raw::parts(bvh).history;
+    (history.measure, history.largest_leaf) = (measure, options.max_leaf_size);
     let (nodes_visited, dropped) = (bvh.nodes().len() as u64 - 1, scratch.build.dropped() as u64);
     Ok(Update { rebuilt: true, height: bvh.height(), nodes_visited, dropped, ..Update::default() })
 }
 
 /// Notes which primitives move, unless all do. Looks at what is in the tree: slots that are not in use may hold anything.
 pub(crate) fn note_moving(bvh: &Bvh, moving: &mut Vec<bool>) -> bool {
+    if bvh.all_move() {
+        return false;
+    }
     moving.clear();
     moving.resize(bvh.len(), false);
-    let mut any_still = false;
     bvh.visit(|_, node, _| {
-        any_still |= !node.moves() && node.count() > 0;
         if node.moves() {
             bvh.primitives(node).iter().for_each(|&p| moving[p as usize] = true);
         }
     });
-    any_still
+    true
 }

@@ -252,6 +252,7 @@ fn what_stands_still_still_does_whatever_the_strategy_builds() {
             let moved = chaos(step);
             let boxes: Vec<_> = (0..N).map(|i| if moves(i) { moved[i] } else { still[i] }).collect();
             update(&mut bvh, boxes.as_slice(), &strategy, &mut scratch).expect("updated");
+            assert!(!bvh.all_move(), "{}, step {step}", strategy.name());
             for leaf in bvh.nodes().iter().filter(|node| node.count() > 0) {
                 let expected = bvh.primitives(leaf).iter().any(|&p| moves(p as usize));
                 assert_eq!(leaf.moves(), expected, "{}, step {step}", strategy.name());
