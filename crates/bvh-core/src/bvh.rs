@@ -219,6 +219,7 @@ impl Bvh {
                 }
                 // What there is to measure is another.
                 (bvh.history.reference, bvh.history.layout) = (0.0, Layout::Unknown);
+                bvh.history.background_knows_moving = false;
             }
         }
         let mut guard = Guard(self, false);

@@ -16,6 +16,8 @@ pub struct History {
     pub regret: f64,
     /// Number of the build in the background that is for this tree; 0 for none.
     pub background_job: u64,
+    /// Whether that build knows which primitives move. What says so anew sets this to false.
+    pub background_knows_moving: bool,
     /// Rotations are tried at each node in one of 2 to the power of this many updates, where the strategy chooses.
     pub rotation_pause: u32,
     /// Whether a repair was found to be too much work since.

@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
-use bvh_core::{Aabb, Bvh, Parts, Primitives};
+use bvh_build::{BuildScratch, Builder, rebuild};
+use bvh_core::{Aabb, Bvh, History, Parts, Primitives};
 use rayon::prelude::*;
 
 use crate::auto::Decision;
@@ -37,7 +37,7 @@ impl Default for Background {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BackgroundCost {
     /// Memory beside the tree in use, in bytes: the second tree, the copy of all boxes, and what the builder keeps. With
-    /// the default builder and one primitive a leaf 68, 24 and 64 or more a primitive.
+    /// the default builder and one primitive a leaf 68, 24 and 64 or more a primitive, and one more where some stand still.
     pub bytes: usize,
     /// Updates from the copy of the boxes to the one that put the tree in place: how many frames older than the
     /// primitives its structure is by then. Until the next one comes it grows older.
@@ -50,7 +50,11 @@ pub struct BackgroundCost {
 /// A copy of the boxes, and a tree over them once it is built.
 #[derive(Default)]
 struct Job {
+    /// Unlike that of any other, and noted in the history of the tree it is for; 0 if it is for none.
+    number: u64,
     boxes: Vec<Aabb>,
+    /// Which primitives move; empty if all do.
+    moving: Vec<bool>,
     bvh: Bvh,
     scratch: BuildScratch,
     took: Duration,
@@ -58,16 +62,15 @@ struct Job {
 
 impl Job {
     fn bytes(&self) -> usize {
-        let Self { boxes, bvh, scratch, .. } = self;
-        boxes.capacity() * size_of::<Aabb>() + bvh.bytes() + scratch.bytes()
+        let Self { boxes, moving, bvh, scratch, .. } = self;
+        boxes.capacity() * size_of::<Aabb>() + moving.capacity() + bvh.bytes() + scratch.bytes()
     }
 }
 
 /// The build under way, if any, and the memory of the one before.
 #[derive(Default)]
 pub(crate) struct Builds {
-    /// With the number that the tree it is for has noted.
-    current: Option<(u64, JoinHandle<Job>)>,
+    current: Option<JoinHandle<Job>>,
     spare: Job,
     /// Updates since it was started.
     age: u32,
@@ -76,25 +79,29 @@ pub(crate) struct Builds {
 }
 
 impl Builds {
-    /// Starts a build over a copy of the boxes; gives its number, unlike that of any other, or 0 if the system has no
-    /// thread to give.
-    fn start<P: Primitives + ?Sized>(
-        &mut self,
-        primitives: &P,
-        builder: Builder,
-        options: BuildOptions,
-    ) -> u64 {
+    /// Starts a build over a copy of the boxes, if the system has a thread to give.
+    fn start<P: Primitives + ?Sized>(&mut self, bvh: &mut Bvh, primitives: &P, builder: Builder) {
         static NUMBER: AtomicU64 = AtomicU64::new(1);
-        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let mut job = std::mem::take(&mut self.spare);
+        let options = options_like(bvh);
+        let History { background_job, background_knows_moving, .. } = *bvh.history();
+        let is_known = background_knows_moving && job.number > 0 && job.number == background_job;
+        if !is_known && !note_moving(bvh, &mut job.moving) {
+            job.moving.clear();
+        }
+        job.number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let number = job.number;
         // With all threads: the update that swaps trees does this, too.
         (0..primitives.len()).into_par_iter().map(|i| primitives.aabb(i)).collect_into_vec(&mut job.boxes);
         let build = move || {
             let start = Instant::now();
-            let Job { boxes, bvh, scratch, .. } = &mut job;
+            let Job { boxes, moving, bvh, scratch, .. } = &mut job;
             let built = rebuild(bvh, boxes, builder, &options, scratch);
             built.expect("as many primitives as a tree holds");
-            // What the updates would otherwise have to look for.
+            // What the update that finds it would otherwise have to do.
+            if !moving.is_empty() {
+                bvh.set_moving(|p| moving[p]);
+            }
             let Parts { nodes, history, .. } = raw::parts(bvh);
             history.largest_leaf = options.max_leaf_size;
             is_linear(nodes, history);
@@ -102,16 +109,18 @@ impl Builds {
             job
         };
         self.age = 0;
-        self.current = std::thread::Builder::new().spawn(build).ok().map(|thread| (number, thread));
-        if self.current.is_some() { number } else { 0 }
+        self.current = std::thread::Builder::new().spawn(build).ok();
+        let history = raw::parts(bvh).history;
+        history.background_job = if self.current.is_some() { number } else { 0 };
+        history.background_knows_moving = true;
     }
 
     /// The tree of build `number`, if it is ready; trees of other builds are of no use to who asks.
     fn take(&mut self, number: u64) -> Option<&mut Bvh> {
-        let (current, thread) = self.current.take_if(|(_, thread)| thread.is_finished())?;
+        let thread = self.current.take_if(|thread| thread.is_finished())?;
         // A panic there has been told already; the next build starts from nothing.
         self.spare = thread.join().unwrap_or_default();
-        (current == number).then_some(&mut self.spare.bvh)
+        (number > 0 && self.spare.number == number).then_some(&mut self.spare.bvh)
     }
 }
 
@@ -127,7 +136,7 @@ impl Scratch {
 impl Drop for Builds {
     /// Waits for the build under way, so that no thread outlives what started it.
     fn drop(&mut self) {
-        if let Some((_, thread)) = self.current.take() {
+        if let Some(thread) = self.current.take() {
             let _ = thread.join();
         }
     }
@@ -140,23 +149,24 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
     let mut decision = Decision::AsAlways;
-    let number = bvh.history().background_job;
+    let History { background_job: number, background_knows_moving: knows_moving, .. } = *bvh.history();
     scratch.background.age += 1;
     // The memory may have served another tree in between.
     if let Some(new) = scratch.background.take(number).filter(|new| new.len() == primitives.len()) {
-        if note_moving(bvh, &mut scratch.moving) {
-            new.set_moving(|p| scratch.moving[p]);
+        if !knows_moving {
+            let any_still = note_moving(bvh, &mut scratch.moving);
+            new.set_moving(|p| !any_still || scratch.moving[p]);
         }
         std::mem::swap(bvh, new);
+        let history = raw::parts(bvh).history;
+        (history.background_job, history.background_knows_moving) = (number, knows_moving);
         decision = Decision::Swap;
         let Builds { spare, age, cost, .. } = &mut scratch.background;
         *cost = Some(BackgroundCost { bytes: spare.bytes(), delay: *age, build_time: spare.took });
     }
     let tally = pass(bvh, primitives, background.rotate, scratch);
     if scratch.background.current.is_none() {
-        let options = options_like(bvh);
-        let number = scratch.background.start(primitives, background.builder, options);
-        raw::parts(bvh).history.background_job = number;
+        scratch.background.start(bvh, primitives, background.builder);
     }
     Ok(Update { decision, rebuilt: decision == Decision::Swap, ..tally.update(bvh) })
 }

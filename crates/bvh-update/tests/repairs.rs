@@ -464,3 +464,31 @@ fn no_tree_of_old_numbers_takes_over() {
         assert!(sah_cost(&bvh) < 1.5 * fresh, "a tree over other numbers");
     }
 }
+
+/// What moves is said anew now and then, before a tree from the background takes over or after it; two trees take turns.
+#[test]
+fn trees_from_the_background_move_as_was_said_last() {
+    let background = Strategy::Background(Background::default());
+    let mut trees = [0, 1].map(|_| tree(&chaos(0), Builder::Sweep));
+    let mut scratch = Scratch::new();
+    let (mut swaps, mut asked) = (0, [1; 2]);
+    for step in 0..300 {
+        let which = step / 10 % 2;
+        let bvh = &mut trees[which];
+        if step % 23 == 0 {
+            asked[which] = 1 + step % 3;
+            let period = asked[which];
+            bvh.set_moving(|p| p.is_multiple_of(period));
+        }
+        let told = update(bvh, &chaos(0), &background, &mut scratch).expect("updated");
+        bvh.validate(&chaos(0)).expect("valid");
+        swaps += usize::from(told.decision == Decision::Swap);
+        assert_eq!(bvh.all_move(), asked[which] == 1, "step {step}");
+        let moves = |p: u32| (p as usize).is_multiple_of(asked[which]);
+        bvh.visit(|_, leaf, _| bvh.primitives(leaf).iter().for_each(|&p| assert_eq!(leaf.moves(), moves(p))));
+        if step % 2 == 0 {
+            std::thread::sleep(std::time::Duration::from_millis(2));
+        }
+    }
+    assert!(swaps > 10, "only {swaps} trees took over");
+}
