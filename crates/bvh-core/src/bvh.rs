@@ -433,15 +433,6 @@ mod tests {
     }
 
     #[test]
-    fn leaves_larger_than_remembered_are_invalid() {
-        let mut bvh = Bvh::new(&[Node::leaf(BOX, 0, 2), Node::NOTHING], vec![1, 0]).expect("valid");
-        for (most, is_valid) in [(0, true), (1, false), (2, true)] {
-            bvh.history.largest_leaf = most;
-            assert_eq!(bvh.validate(&[BOX; 2].as_slice()).is_ok(), is_valid);
-        }
-    }
-
-    #[test]
     fn a_tree_is_written_into_the_memory_of_another() {
         let mut bvh = Bvh::new(&three(), vec![2, 0, 1]).expect("valid");
         let rebuild = |bvh: &mut Bvh, fill: fn(&mut [Node], &mut [u32]) -> usize| {

@@ -12,6 +12,8 @@ pub struct History {
     pub measure: Measure,
     /// How good the tree was when it was built or last repaired, in that measure; 0 until it is measured.
     pub reference: f64,
+    /// The reference as it was measured, where `reference` is lowered when the tree gets better.
+    pub measured: f64,
     /// What doing nothing about worse trees has cost since, in the strategy's own measure.
     pub regret: f64,
     /// Number of the build in the background that is for this tree; 0 for none.
@@ -40,10 +42,30 @@ pub struct History {
     /// How the tree lies in its arena. What moves pairs about sets this to [`Layout::Other`], or to
     /// [`Layout::Unknown`] if that may have put them in order.
     pub layout: Layout,
-    /// No leaf has more primitives than this; 0 if that is not known. What makes leaves larger sets this to 0.
+    /// A new tree in the place of this one gets no larger leaves than this: as large as there were, or, while this is 0, as
+    /// there are.
     pub largest_leaf: u32,
+    /// What has become of leaves, where the strategy chooses when to merge them.
+    pub leaves: LeafHistory,
     /// Whether the tree was built in haste: by a builder that is known not to be the best.
     pub is_hasty: bool,
+}
+
+/// What updates remember of leaves that they merge now and then.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LeafHistory {
+    /// In how many parts of the tree leaves have been merged since they last came apart.
+    pub turns: u32,
+    /// Updates since they last came apart.
+    pub calm: u32,
+    /// How many such updates there must be before leaves are merged again.
+    pub wait: u32,
+    /// By what part the areas of leaves may grow before leaves are split; 0 for the least.
+    pub slack: f64,
+    /// The least sum of areas of leaves that move, since leaves were last seen to.
+    pub area: f64,
+    /// By what part this sum is greater, by merging alone, than without.
+    pub growth: f64,
 }
 
 /// How a tree lies in its arena, as far as updates have looked.

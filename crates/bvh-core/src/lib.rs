@@ -41,7 +41,7 @@ pub use bvh::{Bvh, MAX_HEIGHT, MAX_PRIMITIVES, Parts};
 pub use cost::{COST_INTERSECT, COST_TRAVERSE, sah_cost};
 pub use glam;
 pub use glam::Vec3;
-pub use history::{History, Layout, Measure};
+pub use history::{History, Layout, LeafHistory, Measure};
 pub use node::{MAX_LEAF_SIZE, Node};
 pub use prefetch::prefetch;
 pub use primitives::{InOrder, Primitives, Triangles};

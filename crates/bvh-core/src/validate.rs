@@ -47,22 +47,11 @@ pub enum Invalid {
         /// What it says.
         found: bool,
     },
-    /// A leaf that is larger than the tree remembers any to be ([`History::largest_leaf`](crate::History)).
-    #[error("node {node} is a leaf of {found} primitives; the tree remembers none of more than {most}")]
-    LeafSize {
-        /// The leaf.
-        node: usize,
-        /// Its number of primitives.
-        found: usize,
-        /// What the tree remembers.
-        most: u32,
-    },
 }
 
 impl Bvh {
     /// Checks everything a tree promises: a valid structure, every primitive in one leaf, every box *tight*
-    /// (equal to the union of what is below it, not merely containing it), heights, moving bits and what is
-    /// remembered of leaves right.
+    /// (equal to the union of what is below it, not merely containing it), heights and moving bits right.
     ///
     /// O(n). Boxes of primitives come from `primitives` as they are now.
     ///
@@ -73,7 +62,6 @@ impl Bvh {
             return Err(Invalid::Count { tree: self.len(), given: primitives.len() });
         }
         Self::new(self.nodes(), self.order().to_vec())?;
-        let most = self.history().largest_leaf;
         let mut wrong = Ok(());
         self.visit(|n, node, _| {
             let (expected, height, moves) = match self.children(node) {
@@ -94,8 +82,6 @@ impl Bvh {
                 wrong = Err(Invalid::Height { node: n, found: node.height(), expected: height });
             } else if node.moves() != moves {
                 wrong = Err(Invalid::Moves { node: n, found: node.moves() });
-            } else if most > 0 && node.count() > most as usize {
-                wrong = Err(Invalid::LeafSize { node: n, found: node.count(), most });
             }
         });
         wrong

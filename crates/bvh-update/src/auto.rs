@@ -11,9 +11,11 @@
 //! * *Repairs* follow a ski-rental rule: the time that rays have lost to excess cost since the last repair is added up,
 //!   and once it exceeds the price of a repair, the tree is regrown (`regrow.rs`). So no schedule that knows the
 //!   future is more than about twice as good. What a repair costs is taken to be what the last one did.
+//! * *Leaves* are merged where the tree has been calm for long (`merge.rs`).
 //! * *A new tree* is built where a regrown top would be a large part of the tree; and where that has happened in a row,
 //!   without trying anything else first. By PLOC where the better tree pays for it in one frame; else in haste, by LBVH,
-//!   and then it counts as a tree with excess from the start.
+//!   and then it counts as a tree with excess from the start. And where the cost has fallen to half of what it was when it
+//!   was measured: what was scattered then has gathered, and that is no standard any more.
 
 use std::fmt;
 
@@ -22,6 +24,7 @@ use bvh_core::{Bvh, History, Primitives};
 
 use crate::clock::{Weights, Work};
 use crate::cut::{Regrown, excess_by, reference, regrow, size_now, take_references};
+use crate::merge::see_to_leaves;
 use crate::pass::{Scratch, pass};
 use crate::raw;
 use crate::regrow::{LARGEST_CUT, SOON, rebuild_all};
@@ -57,6 +60,13 @@ pub enum Decision {
         /// One in so many.
         one_in: u32,
     },
+    /// The same, and leaves were merged.
+    Merge {
+        /// In one small subtree in so many.
+        one_in: u32,
+    },
+    /// The same, and leaves were split.
+    Split,
     /// The same, and the tree was built anew above subtrees that are still good.
     Regrow {
         /// How many of them there are.
@@ -77,6 +87,8 @@ impl fmt::Display for Decision {
             Self::AsAlways => f.write_str("as always"),
             Self::Refit { one_in: 1 } => f.write_str("refit, rotations at every node"),
             Self::Refit { one_in } => write!(f, "refit, rotations at one node in {one_in}: they save little"),
+            Self::Merge { one_in } => write!(f, "refit, one leaf in {one_in} merged: they stay together"),
+            Self::Split => f.write_str("refit, merged leaves split: they came apart"),
             Self::Regrow { subtrees } => {
                 write!(f, "regrown above {subtrees} subtrees: lost time exceeded the price of it")
             }
@@ -95,6 +107,8 @@ const HASTY_WORK: f64 = 0.1;
 const SMALL_CUT: f64 = 0.02;
 /// For how many frames the gain of a rotation is taken to last at most.
 const GAIN_LASTS: f64 = 8.0;
+/// A tree whose cost has fallen to this part of what it was when measured is of a scene that has gathered.
+const GATHERED: f64 = 0.5;
 /// Rotations are tried at one node in 2 to the power of this at least.
 const LONGEST_PAUSE: u32 = 3;
 /// After as many rebuilds in a row, further ones are made without a pass before; but for one in `LOOK_AGAIN`.
@@ -114,9 +128,9 @@ struct Found {
 
 /// What time is expected to be lost and saved.
 #[derive(Clone, Copy)]
-struct Model {
+pub(crate) struct Model {
     rays: u64,
-    weights: Weights,
+    pub(crate) weights: Weights,
     /// By what part rays take longer in a tree of twice the cost.
     slope: f64,
 }
@@ -125,6 +139,12 @@ impl Model {
     /// Time that the rays take longer for this much excess.
     fn lost(self, excess: f64) -> f64 {
         self.rays as f64 * self.weights.ray * self.slope * excess.max(0.0)
+    }
+
+    /// Time saved in each update by rays that take less by this part, and so many fewer nodes.
+    pub(crate) fn saved(self, rays: f64, nodes: f64, one_in: u32) -> f64 {
+        let Weights { ray, fit_node, rotate_node, .. } = self.weights;
+        self.rays as f64 * ray * rays + nodes * (fit_node + rotate_node / f64::from(one_in))
     }
 
     /// The excess of a tree built in haste.
@@ -178,7 +198,12 @@ fn new_tree<P: Primitives + ?Sized>(
     let start = (scratch.clock.now)();
     let before = *bvh.history();
     let update = rebuild_all(bvh, primitives, builder, scratch)?;
-    scratch.clock.slope.renewed(before.reference, || excess_by(&before, bvh));
+    if before.leaves.turns == 0 {
+        scratch.clock.slope.renewed(before.reference, || excess_by(&before, bvh));
+    } else {
+        // Merged leaves have fewer nodes above them, which is no merit of the tree.
+        scratch.clock.slope.repaired();
+    }
     let clock = &mut scratch.clock;
     let (work, weight) = if is_hasty {
         (Work::Haste, Weights::MODEL.hasty_primitive)
@@ -217,12 +242,14 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     take_references(bvh);
     let one_in = 1 << bvh.history().rotation_pause;
     let start = (scratch.clock.now)();
-    let tally = pass(bvh, primitives, Some(Rotate { period: one_in }), scratch);
+    let mut tally = pass(bvh, primitives, Some(Rotate { period: one_in }), scratch);
     let nodes = (tally.leaves + tally.inner) as f64;
     let per_node = Weights::MODEL.fit_node + Weights::MODEL.rotate_node / f64::from(one_in);
     let took = (scratch.clock.now)().saturating_duration_since(start);
     scratch.clock.learn(Work::Pass, nodes * per_node, took);
-    let refitted = |bvh: &Bvh| Update { decision: Decision::Refit { one_in }, ..tally.update(bvh) };
+    let leaves = see_to_leaves(bvh, primitives, &model, one_in, &mut tally);
+    let decision = leaves.unwrap_or(Decision::Refit { one_in });
+    let refitted = |bvh: &Bvh| Update { decision, ..tally.update(bvh) };
 
     let size = size_now(bvh, tally.leaf_area);
     let (sum, good) = (tally.area + bvh.still_area(), bvh.history().reference * size);
@@ -241,9 +268,12 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     history.since_repair += 1;
     model.choose_pause(history, &found);
     if sum > 0.0 {
-        // A tree that has become better is from now on held to that; one that was built over points is no measure.
-        history.is_due = history.reference == 0.0;
-        history.reference = history.reference.min(reference(sum, size));
+        // A tree that has become better is from now on held to that. One that was built over points is no measure, nor is
+        // one of what was scattered then: it may be bad and still be better than that.
+        let now = reference(sum, size);
+        let pays = model.lost(1.0) * GAIN_LASTS > model.builder(found.primitives, u32::MAX).1;
+        history.is_due = history.reference == 0.0 || now < GATHERED * history.measured && pays;
+        history.reference = history.reference.min(now);
     }
     scratch.clock.slope.fitted(over_good(sum - good), history.reference);
     if history.is_due {
@@ -280,6 +310,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
             // There is nothing to gain: this is as good as the tree gets.
             let history = raw::parts(bvh).history;
             (history.regret, history.reference) = (0.0, reference(sum, size));
+            history.measured = history.reference;
             Ok(refitted(bvh))
         }
         Regrown::Top(subtrees) => {
@@ -385,7 +416,8 @@ mod tests {
                 let boxes = apart(0.02 * (step % 10) as f32);
                 let strategy = Strategy::Auto(Auto { rays, clock: false });
                 let told = crate::update(&mut bvh, &boxes, &strategy, &mut scratch).expect("updated");
-                repairs += u32::from(!matches!(told.decision, Decision::Refit { .. }));
+                repairs +=
+                    u32::from(matches!(told.decision, Decision::Regrow { .. } | Decision::Rebuild { .. }));
                 if let Decision::Rebuild { builder } = told.decision {
                     builders.push(builder);
                 }

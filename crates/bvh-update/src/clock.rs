@@ -17,6 +17,8 @@ pub(crate) struct Weights {
     pub(crate) fit_node: f64,
     /// Trying rotations at a node, averaged over all nodes.
     pub(crate) rotate_node: f64,
+    /// Splitting and merging leaves, for each node of the tree.
+    pub(crate) settle_node: f64,
     /// Looking at a node for a cut.
     pub(crate) cut_node: f64,
     /// Building the top, for each subtree below it.
@@ -32,6 +34,7 @@ impl Weights {
     pub(crate) const MODEL: Self = Self {
         fit_node: 9.5,
         rotate_node: 3.5,
+        settle_node: 45.0,
         cut_node: 6.0,
         graft_subtree: 300.0,
         rebuild_primitive: 85.0,
@@ -118,6 +121,7 @@ impl Clock {
         let Weights {
             fit_node,
             rotate_node,
+            settle_node,
             cut_node,
             graft_subtree,
             rebuild_primitive,
@@ -128,6 +132,7 @@ impl Clock {
         Weights {
             fit_node: fit_node * pass,
             rotate_node: rotate_node * pass,
+            settle_node: settle_node * pass,
             cut_node: cut_node * repair,
             graft_subtree: graft_subtree * repair,
             rebuild_primitive: rebuild_primitive * self.factor(Work::Rebuild),

@@ -14,7 +14,7 @@
 //! The measure M is a node's half area where the tree is *regrown*. `divergent.rs` has another; `selective.rs` opens nodes
 //! in a way of its own. `top.rs` builds the top anew.
 
-use bvh_core::{Aabb, Bvh, History, MAX_HEIGHT, Node, prefetch};
+use bvh_core::{Aabb, Bvh, History, LeafHistory, MAX_HEIGHT, Node, prefetch};
 
 use crate::pass::Scratch;
 use crate::raw;
@@ -74,11 +74,13 @@ pub(crate) fn take_references_of(bvh: &mut Bvh, measure: impl NodeMeasure) {
     }
     *parts.history = History {
         reference: sums.all * per_size,
+        measured: sums.all * per_size,
         sizes,
         evenness: sums.evenness(),
         regret: 0.0,
         since_repair: 0,
         is_beyond_repair: false,
+        leaves: LeafHistory::default(),
         ..*parts.history
     };
 }
@@ -93,7 +95,7 @@ pub(crate) fn excess_by(before: &History, bvh: &Bvh) -> f64 {
 
 /// The size of the scene now, for a tree with references.
 pub(crate) fn size_now(bvh: &Bvh, leaf_area: f64) -> f64 {
-    size_since(bvh.history(), leaf_area, bvh)
+    size_since(bvh.history(), leaf_area / (1.0 + bvh.history().leaves.growth), bvh)
 }
 
 fn size_since(history: &History, leaf_area: f64, bvh: &Bvh) -> f64 {

@@ -52,11 +52,11 @@ impl Default for Leaves {
 }
 
 /// Most primitives of a run.
-const LONGEST: usize = 4;
+pub(crate) const LONGEST: usize = 4;
 
 /// Once the sum of the areas of leaves has grown by this part, it is the turn of all of them: what has merged is coming
 /// apart.
-const STRETCHED: f64 = 0.1;
+pub(crate) const STRETCHED: f64 = 0.1;
 
 /// Subtrees of this height or less take turns; what is above them is walked through in each update.
 const SMALL: u32 = 8;
@@ -71,46 +71,68 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let mut tally = pass(bvh, primitives, options.rotate, scratch);
     let stretched = reference > 0.0 && tally.leaf_area > reference * (1.0 + STRETCHED);
     let turn = Turn::new(Rotate { period: if stretched { 1 } else { options.period } }, updates);
+    let change = settle(bvh, primitives, Some(turn), options.max_leaf_size, scale(tally.leaf_area));
+    let leaf_area = tally.leaf_area + change.leaves;
+    let is_first = stretched || reference == 0.0;
+    let history = raw::parts(bvh).history;
+    history.reference = if is_first { leaf_area } else { reference.min(leaf_area) };
+    history.largest_leaf = 0;
+    tally.area += change.all;
+    Ok(tally.update(bvh))
+}
+
+/// By how much the sum of half areas times weights has changed.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Change {
+    pub(crate) all: f64,
+    /// The part of it that is due to leaves.
+    pub(crate) leaves: f64,
+    /// By how much the areas of the leaves seen to are greater than those of leaves of one primitive each would be.
+    pub(crate) merged: f64,
+}
+
+/// Splits and merges the leaves whose turn it is, or splits whichever leaves are better apart, in a tree that has been
+/// fitted; references are in this unit of areas.
+pub(crate) fn settle<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    merge: Option<Turn>,
+    max_leaf_size: u32,
+    unit: f64,
+) -> Change {
     let mut unfinished = raw::Unfinished::new(bvh);
     let parts = raw::parts(unfinished.bvh);
-    (parts.history.layout, parts.history.largest_leaf) = (Layout::Other, 0);
+    parts.history.layout = Layout::Other;
     let mut walk = Walk {
         nodes: parts.nodes,
         order: parts.order,
         primitives,
-        turn,
-        longest: options.max_leaf_size.min(LONGEST as u32),
-        scale: scale(tally.leaf_area),
+        merge,
+        longest: max_leaf_size.min(LONGEST as u32),
+        unit,
         // If primitives panic, spare pairs are lost: some may be in use by then.
         spare: std::mem::take(&mut parts.history.spare_pair),
-        change: 0.0,
-        leaf_change: 0.0,
+        change: Change::default(),
     };
     if let Some(run) = walk.subtree(0, 0, false) {
         walk.settle(0, 0, run);
     }
+    let change = walk.change;
     parts.history.spare_pair = walk.spare;
-    let leaf_area = tally.leaf_area + walk.leaf_change;
-    let is_first = stretched || reference == 0.0;
-    parts.history.reference = if is_first { leaf_area } else { reference.min(leaf_area) };
-    tally.area += walk.change;
     unfinished.done = true;
-    Ok(tally.update(unfinished.bvh))
+    change
 }
 
 struct Walk<'a, P: ?Sized> {
     nodes: &'a mut [Node],
     order: &'a [u32],
     primitives: &'a P,
-    turn: Turn,
+    merge: Option<Turn>,
     longest: u32,
     /// The unit of references.
-    scale: f64,
+    unit: f64,
     spare: u32,
-    /// Change of the sum of half areas times weights.
-    change: f64,
-    /// The part of it that is due to leaves.
-    leaf_change: f64,
+    change: Change,
 }
 
 /// The slots of a subtree, and the sum of half areas times weights over its nodes.
@@ -136,13 +158,14 @@ impl<P: Primitives + ?Sized> Walk<'_, P> {
             return (1..=self.longest).contains(&run.count).then_some(run);
         }
         let pair = node.first();
-        let is_turn = is_turn || node.height() <= SMALL && self.turn.includes(n);
+        let is_turn = is_turn || node.height() <= SMALL && self.merge.is_none_or(|turn| turn.includes(n));
         if !is_turn && node.height() <= SMALL {
             return None;
         }
         prefetch(self.nodes, self.nodes[pair + 1].first());
         let runs = [pair, pair + 1].map(|child| self.subtree(child, depth + 1, is_turn));
         if let [Some(l), Some(r)] = runs
+            && self.merge.is_some()
             && (l.first + l.count == r.first || r.first + r.count == l.first)
             && l.count + r.count <= self.longest
         {
@@ -172,12 +195,15 @@ impl<P: Primitives + ?Sized> Walk<'_, P> {
         let slots = &self.order[run.first as usize..][..run.count as usize];
         let plan = Plan::new(slots.iter().map(|&p| self.primitives.aabb(p as usize)));
         let best = plan.cost[0][slots.len() - 1];
+        let mut leaves = run.leaves;
         if best < run.cost && self.has_pairs(plan.pairs(0, slots.len()), n) {
-            self.change += best - run.cost;
-            self.leaf_change += plan.leaves(0, slots.len()) - run.leaves;
+            leaves = plan.leaves(0, slots.len());
+            self.change.all += best - run.cost;
+            self.change.leaves += leaves - run.leaves;
             self.release(n);
             self.write(n, &plan, run.first, 0, slots.len());
         }
+        self.change.merged += leaves - (0..slots.len()).map(|i| plan.cost[i][i]).sum::<f64>();
     }
 
     /// Whether there are `count` pairs, those below node `n` and spare ones together.
@@ -218,7 +244,7 @@ impl<P: Primitives + ?Sized> Walk<'_, P> {
         self.write(pair, plan, first, from, split);
         self.write(pair + 1, plan, first, split, to);
         let mut node = Node::parent(&self.nodes[pair], &self.nodes[pair + 1], pair as u32);
-        node.set_reference((node.aabb().half_area_f64() / self.scale) as f32);
+        node.set_reference((node.aabb().half_area_f64() / self.unit) as f32);
         self.nodes[n] = node;
     }
 }

@@ -23,6 +23,7 @@ mod degraded;
 mod divergent;
 mod kernels;
 mod leaves;
+mod merge;
 mod pass;
 pub mod plain;
 mod portable;

@@ -39,7 +39,7 @@ pub enum Strategy {
     /// Refit, with or without rotations, while new trees are built in the background, each in turn put in the place of
     /// the one before (Ize et al. 2007). The trees depend on how long that takes.
     Background(Background),
-    /// Choose from refitting, rotating, regrowing and building anew what costs the least time.
+    /// Choose from refitting, rotating, merging leaves, regrowing and building anew what costs the least time.
     Auto(Auto),
 }
 
@@ -250,7 +250,8 @@ pub enum UpdateError {
 /// every SIMD level ([`Strategy::Background`] excepted, which depends on time, and [`Auto`], which learns from
 /// [`Scratch::visited`] and, if asked, from the clock). Refitting, with or without rotations,
 /// takes O(n) time for the n nodes above primitives that move, and after the first call allocates nothing. A whole tree
-/// that takes the place of one, without options of its own, has no larger leaves than that had.
+/// that takes the place of one, without options of its own, has no larger leaves than that had; where [`Auto`] has merged
+/// leaves, than that had before.
 ///
 /// # Errors
 /// If the number of primitives is not that of the tree, or a build fails.

@@ -74,6 +74,7 @@ pub(crate) fn rebuild_top(
     let history = parts.history;
     *history = History {
         reference,
+        measured: reference,
         kept: kept.len() as u32,
         period: history.since_repair,
         regret: 0.0,

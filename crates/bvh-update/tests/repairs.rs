@@ -71,6 +71,10 @@ fn is_rebuild(decision: &Decision) -> bool {
     matches!(decision, Decision::Rebuild { .. })
 }
 
+fn is_repair(decision: &Decision) -> bool {
+    is_rebuild(decision) || matches!(decision, Decision::Regrow { .. })
+}
+
 #[test]
 fn a_burst_is_regrown_and_stays_nearly_as_good_as_new() {
     let (_, refitted) = play(Strategy::Refit, |_| true);
@@ -152,7 +156,7 @@ fn auto_repairs_a_burst_where_rays_pay_for_it() {
     let (decisions, worst) = play(Strategy::Auto(Auto { rays: 2 << 20, ..Auto::default() }), |_| true);
     assert!(regrown(&decisions) > 0 && worst < 1.3, "{worst}: {decisions:?}");
     let (decisions, _) = play(Strategy::Auto(Auto { rays: 0, ..Auto::default() }), |_| true);
-    assert!(decisions.iter().all(|d| matches!(d, Decision::Refit { .. })), "{decisions:?}");
+    assert!(!decisions.iter().any(is_repair), "{decisions:?}");
 }
 
 #[test]
@@ -181,7 +185,7 @@ fn the_more_rays_the_more_auto_repairs_and_the_better_the_builder() {
     let play_with = |rays| play(Strategy::Auto(Auto { rays, ..Auto::default() }), |_| true);
     let repairs = [1 << 8, 1 << 14, 2 << 20].map(|rays| {
         let (decisions, worst) = play_with(rays);
-        (decisions.iter().filter(|d| !matches!(d, Decision::Refit { .. })).count(), worst)
+        (decisions.iter().filter(|d| is_repair(d)).count(), worst)
     });
     assert!(repairs.is_sorted_by(|a, b| a.1 > b.1), "{repairs:?}");
     assert!(3 * repairs[0].0 < repairs[1].0, "{repairs:?}");
@@ -216,7 +220,7 @@ fn a_tree_built_in_haste_is_built_well_once_the_chaos_is_over() {
     // It takes a while until it looks whether the chaos is over.
     let rebuilds: Vec<_> = calm.iter().filter(|d| is_rebuild(d)).collect();
     assert_eq!(rebuilds.last(), Some(&&Decision::Rebuild { builder: Builder::Ploc }), "{calm:?}");
-    assert!(calm[30..].iter().all(|d| matches!(d, Decision::Refit { .. })), "{calm:?}");
+    assert!(!calm[30..].iter().any(is_repair), "{calm:?}");
 }
 
 #[test]
@@ -283,6 +287,8 @@ fn decisions_say_what_and_why_in_one_line() {
         Decision::AsAlways,
         Decision::Refit { one_in: 1 },
         Decision::Refit { one_in: 8 },
+        Decision::Merge { one_in: 8 },
+        Decision::Split,
         Decision::Regrow { subtrees: 7 },
         Decision::Rebuild { builder: Builder::Lbvh },
         Decision::Swap,
@@ -292,7 +298,7 @@ fn decisions_say_what_and_why_in_one_line() {
         assert!((5..80).contains(&line.len()) && !line.contains('\n'), "{line}");
         assert!(lines[..i].iter().all(|other| other != line), "{line} twice");
     }
-    assert!(lines[3].contains('7') && lines[4].contains("lbvh"));
+    assert!(lines[5].contains('7') && lines[6].contains("lbvh"));
 }
 
 #[test]
@@ -395,6 +401,43 @@ fn leaves_merge_where_boxes_move_together_and_split_where_they_part() {
             }
         }
     }
+}
+
+/// `Auto` merges what stays together, and splits it when it comes apart, at once or little by little.
+#[test]
+fn auto_merges_leaves_where_it_is_calm() {
+    // Pairs of boxes that part and meet again.
+    let parting = |step: usize| -> Vec<Aabb> {
+        let apart = (step as f32 - 20.0).clamp(0.0, 40.0).min(80.0 - step as f32) * 0.05;
+        let by = |i: usize| (noise(i / 2) - 0.5) * if i.is_multiple_of(2) { apart } else { -apart };
+        let moved = |(i, aabb): (usize, Aabb)| Aabb::new(aabb.min + by(i), aabb.max + by(i));
+        frayed(0).into_iter().enumerate().map(moved).collect()
+    };
+    let (mut splits, mut merges) = ([0; 2], [0; 2]);
+    for (which, pose) in [&frayed as &dyn Fn(usize) -> Vec<Aabb>, &parting].into_iter().enumerate() {
+        let strategy = Strategy::Auto(Auto::default());
+        let mut bvh = tree(&pose(0), Builder::Sweep);
+        let mut scratch = Scratch::new();
+        for step in 1..160 {
+            let boxes = pose(step % 80);
+            let told = update(&mut bvh, boxes.as_slice(), &strategy, &mut scratch).expect("updated");
+            bvh.validate(boxes.as_slice()).expect("valid");
+            let real = sah_cost(&bvh);
+            assert!(told.sah_cost.is_none_or(|told| (told - real).abs() <= 1e-5 * real), "{told:?}, {real}");
+            splits[which] += u32::from(told.decision == Decision::Split);
+            merges[which] += u32::from(matches!(told.decision, Decision::Merge { .. }));
+            let stats = stats(&bvh);
+            assert!(stats.largest_leaf <= 4);
+            let together = if step == 19 { 0..N * 7 / 10 } else { 0..N + 1 };
+            let leaves = if step % 80 == 39 { N * 9 / 10..N + 1 } else { together };
+            assert!(leaves.contains(&stats.leaves), "{} leaves at {step}, {which}", stats.leaves);
+            // Chaos begins and ends within a few steps.
+            let settles = which == 0 && step % 20 < 4;
+            let over = over_fresh(&bvh, &boxes);
+            assert!(over < 1.5 || settles, "{over} at {step}, {which}");
+        }
+    }
+    assert!(splits[1] > 0 && merges.iter().all(|&n| n >= 16), "{splits:?} {merges:?}");
 }
 
 #[test]

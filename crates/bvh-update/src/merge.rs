@@ -1,0 +1,148 @@
+//! When [`Auto`](crate::Auto) splits and merges leaves (`leaves.rs`).
+//!
+//! Merged leaves make rays and updates faster. They are *merged* in a tree that has been calm for so long that it pays: what
+//! it costs must come back in as many updates as there have been since the last repair. A part of the tree is seen to in
+//! each update. They are *split* all at once when their areas have grown; where that turns out to have been of little use,
+//! since primitives grow themselves, they may grow by twice as much until the next time. Each time that it was of use, the
+//! next merging waits for twice as long.
+
+use bvh_core::{Bvh, History, LeafHistory, Primitives};
+
+use crate::auto::{Decision, Model};
+use crate::block::Tally;
+use crate::cut::size_now;
+use crate::leaves::{LONGEST, settle};
+use crate::raw;
+use crate::strategy::{Rotate, Turn, options_like};
+
+/// In how many updates all leaves are merged.
+const TURNS: u32 = 8;
+/// Updates before leaves are merged, at least.
+const CALM: u32 = 4;
+/// By what part areas of leaves grow before these are split, at least and at most.
+const SLACK: [f64; 2] = [0.05, 0.8];
+/// By what part of the cost splitting lowers it to be of use.
+const OF_USE: f64 = 0.005;
+/// What merging saves of what rays take, and of the nodes of the tree.
+const RAYS_SAVED: f64 = 0.04;
+const NODES_SAVED: f64 = 0.3;
+
+/// Sees to leaves, if it is time to, and corrects what the pass before has found.
+pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    model: &Model,
+    one_in: u32,
+    tally: &mut Tally,
+) -> Option<Decision> {
+    let nodes = (tally.leaves + tally.inner) as f64;
+    let saved = model.saved(RAYS_SAVED, nodes * NODES_SAVED, one_in);
+    let History { since_repair, updates, .. } = *bvh.history();
+    let leaves = &mut raw::parts(bvh).history.leaves;
+    let pays = f64::from(since_repair) * saved > nodes * model.weights.settle_node;
+    let decision = leaves.decide(tally.leaf_area, pays)?;
+    // New trees are to have leaves as they were.
+    options_like(bvh);
+    let merge = match decision {
+        Decision::Merge { one_in } => Some(Turn::new(Rotate { period: one_in }, updates)),
+        _ => None,
+    };
+    let unit = size_now(bvh, tally.leaf_area);
+    let change = settle(bvh, primitives, merge, LONGEST as u32, unit);
+    let before = (tally.area, tally.leaf_area);
+    tally.area += change.all;
+    tally.leaf_area += change.leaves;
+    let leaves = &mut raw::parts(bvh).history.leaves;
+    leaves.area = tally.leaf_area;
+    let growth = if merge.is_some() {
+        (1.0 + leaves.growth) * (tally.leaf_area / before.1) - 1.0
+    } else {
+        leaves.was_split(-change.all > OF_USE * before.0);
+        change.merged / (tally.leaf_area - change.merged)
+    };
+    leaves.growth = if growth > 0.0 && growth.is_finite() { growth } else { 0.0 };
+    Some(decision)
+}
+
+trait Decide {
+    /// What is to be done about leaves of this area.
+    fn decide(&mut self, area: f64, pays: bool) -> Option<Decision>;
+
+    /// All that are better apart have been split.
+    fn was_split(&mut self, was_of_use: bool);
+}
+
+impl Decide for LeafHistory {
+    fn decide(&mut self, area: f64, pays: bool) -> Option<Decision> {
+        self.calm += 1;
+        if self.growth > 0.0 && area > self.area * (1.0 + self.slack.max(SLACK[0])) {
+            return Some(Decision::Split);
+        }
+        self.area = if self.growth > 0.0 { self.area.min(area) } else { area };
+        let starts = self.turns == 0 && pays && self.calm >= self.wait.max(CALM);
+        if !starts && !(1..TURNS).contains(&self.turns) {
+            return None;
+        }
+        self.turns += 1;
+        Some(Decision::Merge { one_in: TURNS })
+    }
+
+    fn was_split(&mut self, was_of_use: bool) {
+        if was_of_use {
+            self.wait = (2 * self.wait).clamp(2 * CALM, u32::MAX / 2);
+            (self.turns, self.calm, self.slack) = (0, 0, SLACK[0]);
+        } else {
+            self.slack = (2.0 * self.slack).clamp(2.0 * SLACK[0], SLACK[1]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MERGE: Option<Decision> = Some(Decision::Merge { one_in: TURNS });
+    const SPLIT: Option<Decision> = Some(Decision::Split);
+
+    fn play(leaves: &mut LeafHistory, areas: &[f64], pays: bool) -> Vec<Option<Decision>> {
+        areas.iter().map(|&area| leaves.decide(area, pays)).collect()
+    }
+
+    #[test]
+    fn leaves_are_merged_in_turns_once_it_is_calm_and_pays_and_wait_longer_once_split() {
+        let mut leaves = LeafHistory::default();
+        assert_eq!(play(&mut leaves, &[1.0; 3], true), [None; 3]);
+        assert_eq!(play(&mut leaves, &[1.0; 20], false), [None; 20]);
+        assert_eq!(play(&mut leaves, &[1.0; 10], true)[6..], [MERGE, MERGE, None, None]);
+        leaves.growth = 0.1;
+        for wait in [8, 16, 32] {
+            (leaves.area, leaves.turns) = (1.0, TURNS);
+            assert_eq!(play(&mut leaves, &[1.04, 1.06], true), [None, SPLIT]);
+            leaves.was_split(true);
+            leaves.area = 1.06;
+            let calm = play(&mut leaves, &vec![1.06; wait + 1], true);
+            assert!(calm[..wait - 1].iter().all(Option::is_none), "{calm:?}");
+            assert_eq!(calm[wait - 1..], [MERGE; 2]);
+        }
+    }
+
+    #[test]
+    fn leaves_that_grow_by_themselves_are_not_split_for_long() {
+        let mut leaves = LeafHistory { turns: TURNS, growth: 0.1, area: 1.0, ..LeafHistory::default() };
+        let grows: Vec<f64> = (1..100).map(|i| 1.02f64.powi(i)).collect();
+        let splits = grows.iter().filter(|&&area| {
+            let splits = leaves.decide(area, true) == SPLIT;
+            if splits {
+                leaves.was_split(false);
+                leaves.area = area;
+            }
+            splits
+        });
+        assert!((3..8).contains(&splits.count()));
+        leaves.was_split(true);
+        assert_eq!(leaves.slack, SLACK[0]);
+        // Single leaves are not split.
+        let mut single = LeafHistory { growth: 0.0, ..leaves };
+        assert!(!play(&mut single, &grows, false).contains(&SPLIT));
+    }
+}
