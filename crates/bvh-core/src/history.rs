@@ -42,8 +42,7 @@ pub struct History {
     /// How the tree lies in its arena. What moves pairs about sets this to [`Layout::Other`], or to
     /// [`Layout::Unknown`] if that may have put them in order.
     pub layout: Layout,
-    /// A new tree in the place of this one gets no larger leaves than this: as large as there were, or, while this is 0, as
-    /// there are.
+    /// A new tree in the place of this one gets no larger leaves than this; 0 stands for no larger ones than there are.
     pub largest_leaf: u32,
     /// What has become of leaves, where the strategy chooses when to merge them.
     pub leaves: LeafHistory,
@@ -54,6 +53,10 @@ pub struct History {
 /// What updates remember of leaves that they merge now and then.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LeafHistory {
+    /// Whether there are leaves of several primitives that move.
+    pub is_merged: bool,
+    /// Whether there were when the tree was measured.
+    pub was_merged: bool,
     /// In how many parts of the tree leaves have been merged since they last came apart.
     pub turns: u32,
     /// Updates since they last came apart.
@@ -64,8 +67,10 @@ pub struct LeafHistory {
     pub slack: f64,
     /// The least sum of areas of leaves that move, since leaves were last seen to.
     pub area: f64,
-    /// By what part this sum is greater, by merging alone, than without.
+    /// By what part this sum is greater by what has merged since the tree was measured.
     pub growth: f64,
+    /// By what part the cost of the whole tree has changed by that: `reference` is of merged leaves.
+    pub cost: f64,
 }
 
 /// How a tree lies in its arena, as far as updates have looked.

@@ -13,9 +13,9 @@
 //!   future is more than about twice as good. What a repair costs is taken to be what the last one did.
 //! * *Leaves* are merged where the tree has been calm for long (`merge.rs`).
 //! * *A new tree* is built where a regrown top would be a large part of the tree; and where that has happened in a row,
-//!   without trying anything else first. By PLOC where the better tree pays for it in one frame; else in haste, by LBVH,
-//!   and then it counts as a tree with excess from the start. And where the cost has fallen to half of what it was when it
-//!   was measured: what was scattered then has gathered, and that is no standard any more.
+//!   without trying anything else first. So it is where the cost has fallen to half of what it was when it was measured:
+//!   what was scattered then has gathered, and that is no standard any more. It is built by PLOC where the better tree
+//!   pays for it in one frame; else in haste, by LBVH, and then it counts as a tree with excess from the start.
 
 use std::fmt;
 
@@ -87,8 +87,10 @@ impl fmt::Display for Decision {
             Self::AsAlways => f.write_str("as always"),
             Self::Refit { one_in: 1 } => f.write_str("refit, rotations at every node"),
             Self::Refit { one_in } => write!(f, "refit, rotations at one node in {one_in}: they save little"),
-            Self::Merge { one_in } => write!(f, "refit, one leaf in {one_in} merged: they stay together"),
-            Self::Split => f.write_str("refit, merged leaves split: they came apart"),
+            Self::Merge { one_in } => {
+                write!(f, "refit, leaves merged in one subtree in {one_in}: what is in them stays together")
+            }
+            Self::Split => f.write_str("refit, leaves split: what is in them came apart"),
             Self::Regrow { subtrees } => {
                 write!(f, "regrown above {subtrees} subtrees: lost time exceeded the price of it")
             }
@@ -198,7 +200,7 @@ fn new_tree<P: Primitives + ?Sized>(
     let start = (scratch.clock.now)();
     let before = *bvh.history();
     let update = rebuild_all(bvh, primitives, builder, scratch)?;
-    if before.leaves.turns == 0 {
+    if before.leaves.cost == 0.0 {
         scratch.clock.slope.renewed(before.reference, || excess_by(&before, bvh));
     } else {
         // Merged leaves have fewer nodes above them, which is no merit of the tree.
@@ -272,7 +274,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         // one of what was scattered then: it may be bad and still be better than that.
         let now = reference(sum, size);
         let pays = model.lost(1.0) * GAIN_LASTS > model.builder(found.primitives, u32::MAX).1;
-        history.is_due = history.reference == 0.0 || now < GATHERED * history.measured && pays;
+        history.is_due = history.reference == 0.0 || pays && (0.0 < now && now < GATHERED * history.measured);
         history.reference = history.reference.min(now);
     }
     scratch.clock.slope.fitted(over_good(sum - good), history.reference);

@@ -80,7 +80,12 @@ pub(crate) fn take_references_of(bvh: &mut Bvh, measure: impl NodeMeasure) {
         regret: 0.0,
         since_repair: 0,
         is_beyond_repair: false,
-        leaves: LeafHistory::default(),
+        leaves: LeafHistory {
+            is_merged: sums.is_merged,
+            was_merged: sums.is_merged,
+            area: sums.leaves,
+            ..LeafHistory::default()
+        },
         ..*parts.history
     };
 }
@@ -129,6 +134,8 @@ struct Sums {
     /// Square roots of areas of leaves, and how many these are.
     widths: f64,
     count: f64,
+    /// Whether any leaf that moves has several primitives.
+    is_merged: bool,
 }
 
 impl Sums {
@@ -146,7 +153,10 @@ impl Sums {
             self.count += 1.0;
         }
         match (node.is_leaf(), node.moves()) {
-            (true, true) => self.leaves += area,
+            (true, true) => {
+                self.leaves += area;
+                self.is_merged |= node.count() > 1;
+            }
             (true, false) => self.still_leaves += area,
             (false, _) => {}
         }

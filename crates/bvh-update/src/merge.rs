@@ -36,64 +36,79 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     tally: &mut Tally,
 ) -> Option<Decision> {
     let nodes = (tally.leaves + tally.inner) as f64;
-    let saved = model.saved(RAYS_SAVED, nodes * NODES_SAVED, one_in);
-    let History { since_repair, updates, .. } = *bvh.history();
-    let leaves = &mut raw::parts(bvh).history.leaves;
+    let History { since_repair, is_hasty, is_beyond_repair, spare_pair, .. } = *bvh.history();
+    // Of what does not move or will soon be built anew there is nothing to be had.
+    if nodes == 0.0 || is_hasty || is_beyond_repair {
+        return None;
+    }
+    let moving = nodes / bvh.nodes().len() as f64;
+    let saved = model.saved(RAYS_SAVED * moving, nodes * NODES_SAVED, one_in);
     let pays = f64::from(since_repair) * saved > nodes * model.weights.settle_node;
-    let decision = leaves.decide(tally.leaf_area, pays)?;
-    // New trees are to have leaves as they were.
-    options_like(bvh);
+    let leaves = &mut raw::parts(bvh).history.leaves;
+    let decision = decide(leaves, tally.leaf_area, pays, spare_pair > 0)?;
     let merge = match decision {
-        Decision::Merge { one_in } => Some(Turn::new(Rotate { period: one_in }, updates)),
+        Decision::Merge { one_in } => Some(Turn::new(Rotate { period: one_in }, leaves.turns)),
         _ => None,
     };
+    // New trees are to have leaves as they were.
+    options_like(bvh);
     let unit = size_now(bvh, tally.leaf_area);
     let change = settle(bvh, primitives, merge, LONGEST as u32, unit);
-    let before = (tally.area, tally.leaf_area);
+    let (before, still_area) = (*tally, bvh.still_area());
     tally.area += change.all;
     tally.leaf_area += change.leaves;
-    let leaves = &mut raw::parts(bvh).history.leaves;
+    let history = raw::parts(bvh).history;
+    let leaves = &mut history.leaves;
     leaves.area = tally.leaf_area;
-    let growth = if merge.is_some() {
-        (1.0 + leaves.growth) * (tally.leaf_area / before.1) - 1.0
+    leaves.is_merged |= tally.leaf_area != before.leaf_area;
+    // A tree is held to what it was with leaves like these.
+    let standard = if merge.is_some() {
+        leaves.growth = part_of((1.0 + leaves.growth) * (tally.leaf_area / before.leaf_area) - 1.0);
+        let standard = (tally.area + still_area) / (before.area + still_area);
+        leaves.cost = part_of((1.0 + leaves.cost) * standard - 1.0);
+        standard
     } else {
-        leaves.was_split(-change.all > OF_USE * before.0);
-        change.merged / (tally.leaf_area - change.merged)
+        let single = tally.leaf_area - change.merged;
+        leaves.growth = if leaves.was_merged { 0.0 } else { part_of(change.merged / single) };
+        let was_of_use = -change.all > OF_USE * before.area;
+        was_split(leaves, was_of_use);
+        if was_of_use { 1.0 / (1.0 + std::mem::take(&mut leaves.cost)) } else { 1.0 }
     };
-    leaves.growth = if growth > 0.0 && growth.is_finite() { growth } else { 0.0 };
+    if standard > 0.0 && standard.is_finite() {
+        history.reference *= standard;
+        history.measured *= standard;
+    }
     Some(decision)
 }
 
-trait Decide {
-    /// What is to be done about leaves of this area.
-    fn decide(&mut self, area: f64, pays: bool) -> Option<Decision>;
-
-    /// All that are better apart have been split.
-    fn was_split(&mut self, was_of_use: bool);
+/// A part by which something has grown or shrunk; 0 where that is beyond numbers.
+fn part_of(part: f64) -> f64 {
+    if part > -1.0 && part.is_finite() { part } else { 0.0 }
 }
 
-impl Decide for LeafHistory {
-    fn decide(&mut self, area: f64, pays: bool) -> Option<Decision> {
-        self.calm += 1;
-        if self.growth > 0.0 && area > self.area * (1.0 + self.slack.max(SLACK[0])) {
-            return Some(Decision::Split);
-        }
-        self.area = if self.growth > 0.0 { self.area.min(area) } else { area };
-        let starts = self.turns == 0 && pays && self.calm >= self.wait.max(CALM);
-        if !starts && !(1..TURNS).contains(&self.turns) {
-            return None;
-        }
-        self.turns += 1;
-        Some(Decision::Merge { one_in: TURNS })
+/// What is to be done about leaves of this area.
+fn decide(leaves: &mut LeafHistory, area: f64, pays: bool, can_split: bool) -> Option<Decision> {
+    leaves.calm += 1;
+    let is_merged = leaves.is_merged && can_split;
+    if is_merged && area > leaves.area * (1.0 + leaves.slack.max(SLACK[0])) {
+        return Some(Decision::Split);
     }
+    leaves.area = if is_merged { leaves.area.min(area) } else { area };
+    let starts = leaves.turns == 0 && pays && leaves.calm >= leaves.wait.max(CALM);
+    if !starts && !(1..TURNS).contains(&leaves.turns) {
+        return None;
+    }
+    leaves.turns += 1;
+    Some(Decision::Merge { one_in: TURNS })
+}
 
-    fn was_split(&mut self, was_of_use: bool) {
-        if was_of_use {
-            self.wait = (2 * self.wait).clamp(2 * CALM, u32::MAX / 2);
-            (self.turns, self.calm, self.slack) = (0, 0, SLACK[0]);
-        } else {
-            self.slack = (2.0 * self.slack).clamp(2.0 * SLACK[0], SLACK[1]);
-        }
+/// All that are better apart have been split.
+fn was_split(leaves: &mut LeafHistory, was_of_use: bool) {
+    if was_of_use {
+        leaves.wait = (2 * leaves.wait).clamp(2 * CALM, u32::MAX / 2);
+        (leaves.turns, leaves.calm, leaves.slack) = (0, 0, SLACK[0]);
+    } else {
+        leaves.slack = (2.0 * leaves.slack).clamp(2.0 * SLACK[0], SLACK[1]);
     }
 }
 
@@ -105,7 +120,7 @@ mod tests {
     const SPLIT: Option<Decision> = Some(Decision::Split);
 
     fn play(leaves: &mut LeafHistory, areas: &[f64], pays: bool) -> Vec<Option<Decision>> {
-        areas.iter().map(|&area| leaves.decide(area, pays)).collect()
+        areas.iter().map(|&area| decide(leaves, area, pays, true)).collect()
     }
 
     #[test]
@@ -114,11 +129,11 @@ mod tests {
         assert_eq!(play(&mut leaves, &[1.0; 3], true), [None; 3]);
         assert_eq!(play(&mut leaves, &[1.0; 20], false), [None; 20]);
         assert_eq!(play(&mut leaves, &[1.0; 10], true)[6..], [MERGE, MERGE, None, None]);
-        leaves.growth = 0.1;
+        leaves.is_merged = true;
         for wait in [8, 16, 32] {
             (leaves.area, leaves.turns) = (1.0, TURNS);
             assert_eq!(play(&mut leaves, &[1.04, 1.06], true), [None, SPLIT]);
-            leaves.was_split(true);
+            was_split(&mut leaves, true);
             leaves.area = 1.06;
             let calm = play(&mut leaves, &vec![1.06; wait + 1], true);
             assert!(calm[..wait - 1].iter().all(Option::is_none), "{calm:?}");
@@ -128,21 +143,21 @@ mod tests {
 
     #[test]
     fn leaves_that_grow_by_themselves_are_not_split_for_long() {
-        let mut leaves = LeafHistory { turns: TURNS, growth: 0.1, area: 1.0, ..LeafHistory::default() };
+        let mut leaves = LeafHistory { turns: TURNS, is_merged: true, area: 1.0, ..LeafHistory::default() };
         let grows: Vec<f64> = (1..100).map(|i| 1.02f64.powi(i)).collect();
         let splits = grows.iter().filter(|&&area| {
-            let splits = leaves.decide(area, true) == SPLIT;
+            let splits = decide(&mut leaves, area, true, true) == SPLIT;
             if splits {
-                leaves.was_split(false);
+                was_split(&mut leaves, false);
                 leaves.area = area;
             }
             splits
         });
         assert!((3..8).contains(&splits.count()));
-        leaves.was_split(true);
+        was_split(&mut leaves, true);
         assert_eq!(leaves.slack, SLACK[0]);
         // Single leaves are not split.
-        let mut single = LeafHistory { growth: 0.0, ..leaves };
+        let mut single = LeafHistory { is_merged: false, ..leaves };
         assert!(!play(&mut single, &grows, false).contains(&SPLIT));
     }
 }

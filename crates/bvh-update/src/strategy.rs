@@ -250,8 +250,8 @@ pub enum UpdateError {
 /// every SIMD level ([`Strategy::Background`] excepted, which depends on time, and [`Auto`], which learns from
 /// [`Scratch::visited`] and, if asked, from the clock). Refitting, with or without rotations,
 /// takes O(n) time for the n nodes above primitives that move, and after the first call allocates nothing. A whole tree
-/// that takes the place of one, without options of its own, has no larger leaves than that had; where [`Auto`] has merged
-/// leaves, than that had before.
+/// that takes the place of one, without options of its own, has no larger leaves than that had or might have had; where
+/// [`Auto`] has merged leaves, than that had before.
 ///
 /// # Errors
 /// If the number of primitives is not that of the tree, or a build fails.
