@@ -205,9 +205,10 @@ impl Bvh {
     /// Says which primitives may move from now on, by number; at first all of them do. From a mask this is
     /// `set_moving(|p| mask[p])`, from a few ranges `set_moving(|p| ranges.iter().any(|r| r.contains(&p)))`.
     ///
-    /// A leaf moves if any primitive in it does. Refits and rotations do not visit subtrees without a moving primitive. Saying it takes O(n) time and allocates
-    /// nothing; it lasts until it is said anew, through rebuilds too. Strategies that repair measure the tree anew when it
-    /// is said, so say it when something else moves rather than in every frame. If `moves` panics, all primitives move.
+    /// A leaf moves if any primitive in it does. Refits and rotations do not visit subtrees without a moving primitive.
+    /// Saying it takes O(n) time and allocates nothing; it lasts until it is said anew, through rebuilds too. Strategies
+    /// that repair measure the tree anew when it is said, so say it when something else moves rather than in every frame.
+    /// If `moves` panics, all primitives move.
     pub fn set_moving(&mut self, moves: impl Fn(usize) -> bool) {
         /// Sets everything in motion unless told that all went well.
         struct Guard<'a>(&'a mut Bvh, bool);
