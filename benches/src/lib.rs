@@ -58,6 +58,11 @@ pub trait Contestant: Send + Sync {
     /// If the library reports an error.
     fn update(&mut self) -> Result<(), Failure>;
 
+    /// Whether updates learn from what is cast: it is to be shown every frame then, measured or not.
+    fn learns(&self) -> bool {
+        false
+    }
+
     /// SAH cost of the tree as [`bvh_core::sah_cost`] defines it; `None` if the tree cannot be read or has other
     /// than two children a node.
     fn sah_cost(&self) -> Option<f64> {

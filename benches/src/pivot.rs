@@ -103,6 +103,10 @@ impl Contestant for Pivot {
         Ok(())
     }
 
+    fn learns(&self) -> bool {
+        matches!(self.strategy, Strategy::Auto(_))
+    }
+
     fn sah_cost(&self) -> Option<f64> {
         Some(sah_cost(&self.tree))
     }

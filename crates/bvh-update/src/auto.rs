@@ -11,6 +11,9 @@
 //! * *Repairs* follow a ski-rental rule: the time that rays have lost to excess cost since the last repair is added up,
 //!   and once it exceeds the price of a repair, the tree is regrown (`regrow.rs`). So no schedule that knows the
 //!   future is more than about twice as good. What a repair costs is taken to be what the last one did.
+//! * The same rule holds for what rays lose where the cost of the whole tree does not show it: where they visit more nodes
+//!   than in the tree when it was new, as far as new trees have brought that down before (`growth.rs`). Then the tree is
+//!   built anew, without a pass before.
 //! * *Leaves* are merged where the tree has been calm for long (`merge.rs`).
 //! * *A new tree* is built where a regrown top would be a large part of the tree; and where that has happened in a row,
 //!   without trying anything else first. So it is where the cost has fallen to half of what it was when it was measured:
@@ -224,17 +227,32 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     auto: Auto,
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
+    scratch.clock.growth.is_of(bvh);
+    let update = choose(bvh, primitives, auto, scratch)?;
+    scratch.clock.growth.end(bvh, update.rebuilt);
+    Ok(update)
+}
+
+fn choose<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    auto: Auto,
+    scratch: &mut Scratch,
+) -> Result<Update, UpdateError> {
     let weights = if auto.clock { scratch.clock.weights() } else { scratch.clock.counted() };
     let model = Model { rays: auto.rays, weights, slope: scratch.clock.slope.get() };
     let history = *bvh.history();
     let is_time_to_look = history.rebuilds_in_a_row.is_multiple_of(LOOK_AGAIN);
-    if history.is_due {
+    let (_, price_of_new) = model.builder(bvh.len() as f64, history.since_repair);
+    if history.is_due || scratch.clock.growth.lost(model.rays as f64 * model.weights.ray) > price_of_new {
         // A tree that was built in haste and has not degraded since is to be built well.
         let frames = if history.is_hasty { u32::MAX } else { history.since_repair };
         let (builder, _) = model.builder(bvh.len() as f64, frames);
         let update = new_tree(bvh, primitives, builder, model, scratch)?;
-        // It could wait: that does not make a row.
-        raw::parts(bvh).history.rebuilds_in_a_row = 0;
+        if history.since_repair > 1 {
+            // It could wait: that does not make a row.
+            raw::parts(bvh).history.rebuilds_in_a_row = 0;
+        }
         return Ok(update);
     }
     if history.rebuilds_in_a_row >= IN_A_ROW && !is_time_to_look {
@@ -242,6 +260,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         return new_tree(bvh, primitives, builder, model, scratch);
     }
     take_references(bvh);
+    let before = *bvh.history();
     let one_in = 1 << bvh.history().rotation_pause;
     let start = (scratch.clock.now)();
     let mut tally = pass(bvh, primitives, Some(Rotate { period: one_in }), scratch);
@@ -249,7 +268,11 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let per_node = Weights::MODEL.fit_node + Weights::MODEL.rotate_node / f64::from(one_in);
     let took = (scratch.clock.now)().saturating_duration_since(start);
     scratch.clock.learn(Work::Pass, nodes * per_node, took);
+    let with_leaves_as_they_were = tally.area;
     let leaves = see_to_leaves(bvh, primitives, &model, one_in, &mut tally);
+    if tally.area != with_leaves_as_they_were {
+        scratch.clock.growth.leaves_changed();
+    }
     let decision = leaves.unwrap_or(Decision::Refit { one_in });
     let refitted = |bvh: &Bvh| Update { decision, ..tally.update(bvh) };
 
@@ -308,18 +331,21 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let regrown = regrow(bvh, tally.leaf_area, threshold, most as usize, scratch);
     let took = (scratch.clock.now)().saturating_duration_since(start);
     match regrown {
-        Regrown::Top(0) => {
+        Regrown::Top { subtrees: 0, .. } => {
             // There is nothing to gain: this is as good as the tree gets.
             let history = raw::parts(bvh).history;
             (history.regret, history.reference) = (0.0, reference(sum, size));
             history.measured = history.reference;
             Ok(refitted(bvh))
         }
-        Regrown::Top(subtrees) => {
+        Regrown::Top { subtrees, change } => {
             let Weights { cut_node, graft_subtree, .. } = Weights::MODEL;
             let expected = found.nodes * cut_node + subtrees as f64 * graft_subtree;
             scratch.clock.learn(Work::Repair, expected, took);
-            scratch.clock.slope.repaired();
+            // By the standard of the tree before, as rays have seen it.
+            let good = before.reference * size;
+            let excess = (sum + change - good) / (good * before.evenness.sqrt());
+            scratch.clock.slope.renewed(before.reference, || excess);
             scratch.clock.excess = 0.0;
             let decision = Decision::Regrow { subtrees };
             Ok(Update { decision, sah_cost: None, ..refitted(bvh) })
@@ -437,6 +463,31 @@ mod tests {
             assert_eq!(play(2.5, rays).3, hash);
             assert!(builders.contains(&Builder::Lbvh) || rays > 1 << 12, "{builders:?}");
         }
+    }
+
+    #[test]
+    fn what_rays_lose_to_a_tree_of_unchanged_cost_is_learned_from_their_visits() {
+        // Everything jumps once, so that the tree is built anew, and hardly moves again; yet rays visit more nodes from
+        // frame to frame: gives how often the tree is built anew after that.
+        let play = |is_due_to_the_tree: bool| {
+            let mut bvh = build(&chaos(0), Builder::Sweep, &BuildOptions::default(), None).expect("few");
+            let (mut scratch, mut built, mut rebuilds) = (Scratch::new(), 0, 0);
+            let strategy = Strategy::Auto(Auto { rays: 1 << 14, clock: false });
+            for step in 0..60 {
+                let mut boxes = chaos(usize::from(step > 3));
+                boxes.iter_mut().for_each(|aabb| aabb.max = aabb.max + 1e-4 * step as f32);
+                let told = crate::update(&mut bvh, &boxes, &strategy, &mut scratch).expect("updated");
+                if told.rebuilt {
+                    built = step;
+                    rebuilds += u32::from(step > 10);
+                }
+                let frames = if is_due_to_the_tree { step - built } else { step };
+                scratch.visited(100, 1000 * (10 + frames as u64), 25.0 / 100.0);
+            }
+            rebuilds
+        };
+        let [due, motion] = [true, false].map(play);
+        assert!((8..30).contains(&due) && motion < 3, "{due}, {motion}");
     }
 
     #[test]

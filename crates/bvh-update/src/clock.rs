@@ -7,6 +7,7 @@
 use std::fmt;
 use std::time::{Duration, Instant};
 
+use crate::growth::Growth;
 use crate::pass::Scratch;
 use crate::slope::Slope;
 
@@ -72,13 +73,20 @@ pub(crate) struct Clock {
     /// Excess of the tree that rays are cast at now, and what that costs them.
     pub(crate) excess: f64,
     pub(crate) slope: Slope,
+    pub(crate) growth: Growth,
     /// What it shows.
     pub(crate) now: fn() -> Instant,
 }
 
 impl Default for Clock {
     fn default() -> Self {
-        Self { factors: [None; 5], excess: 0.0, slope: Slope::default(), now: Instant::now }
+        Self {
+            factors: [None; 5],
+            excess: 0.0,
+            slope: Slope::default(),
+            growth: Growth::default(),
+            now: Instant::now,
+        }
     }
 }
 
@@ -161,6 +169,7 @@ impl Scratch {
     /// cannot be repeated. Call it once after any update, or never; no rays and no nodes change nothing.
     pub fn visited(&mut self, rays: u64, nodes: u64, node_ns: f64) {
         self.clock.slope.visited(rays, nodes, node_ns);
+        self.clock.growth.visited(rays, nodes);
     }
 
     /// How many more nodes rays visit, as a part, in a tree of twice the SAH cost; by what [`visited`](Self::visited) was

@@ -37,8 +37,12 @@ pub(crate) struct CutScratch {
 /// What came of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Regrown {
-    /// The top above this many subtrees is new.
-    Top(usize),
+    /// Above so many subtrees the top is new, or was as good as that if there are none.
+    Top {
+        subtrees: usize,
+        /// By how much the sum of half areas has changed.
+        change: f64,
+    },
     /// There would be too many subtrees, or the tree would get too high: nothing was changed.
     TooMuch,
 }

@@ -21,6 +21,7 @@ mod clock;
 mod cut;
 mod degraded;
 mod divergent;
+mod growth;
 mod kernels;
 mod leaves;
 mod merge;

@@ -1,10 +1,10 @@
 //! When [`Auto`](crate::Auto) splits and merges leaves (`leaves.rs`).
 //!
 //! Merged leaves make rays and updates faster. They are *merged* in a tree that has been calm for so long that it pays: what
-//! it costs must come back in as many updates as there have been since the last repair. A part of the tree is seen to in
-//! each update. They are *split* all at once when their areas have grown; where that turns out to have been of little use,
-//! since primitives grow themselves, they may grow by twice as much until the next time. Each time that it was of use, the
-//! next merging waits for twice as long.
+//! it costs must come back in as many updates as there have been since leaves came apart, or the tree is new. A part of the
+//! tree is seen to in each update. They are *split* all at once when their areas have grown; where that turns out to have
+//! been of little use, since primitives grow themselves, they may grow by twice as much until the next time. Where merging
+//! has not paid for itself by then, the next one waits for twice as long, else for half as long.
 
 use bvh_core::{Bvh, History, LeafHistory, Primitives};
 
@@ -36,15 +36,17 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     tally: &mut Tally,
 ) -> Option<Decision> {
     let nodes = (tally.leaves + tally.inner) as f64;
-    let History { since_repair, is_hasty, is_beyond_repair, spare_pair, .. } = *bvh.history();
+    let History { is_hasty, is_beyond_repair, spare_pair, .. } = *bvh.history();
     // Of what does not move or will soon be built anew there is nothing to be had.
     if nodes == 0.0 || is_hasty || is_beyond_repair {
         return None;
     }
     let moving = nodes / bvh.nodes().len() as f64;
     let saved = model.saved(RAYS_SAVED * moving, nodes * NODES_SAVED, one_in);
-    let pays = f64::from(since_repair) * saved > nodes * model.weights.settle_node;
     let leaves = &mut raw::parts(bvh).history.leaves;
+    let price = nodes * model.weights.settle_node;
+    let pays = f64::from(leaves.calm) * saved > price;
+    let has_paid = f64::from(leaves.calm.saturating_sub(leaves.wait.max(CALM))) * saved > price;
     let decision = decide(leaves, tally.leaf_area, pays, spare_pair > 0)?;
     let merge = match decision {
         Decision::Merge { one_in } => Some(Turn::new(Rotate { period: one_in }, leaves.turns)),
@@ -71,7 +73,7 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
         let single = tally.leaf_area - change.merged;
         leaves.growth = if leaves.was_merged { 0.0 } else { part_of(change.merged / single) };
         let was_of_use = -change.all > OF_USE * before.area;
-        was_split(leaves, was_of_use);
+        was_split(leaves, was_of_use, has_paid);
         if was_of_use { 1.0 / (1.0 + std::mem::take(&mut leaves.cost)) } else { 1.0 }
     };
     if standard > 0.0 && standard.is_finite() {
@@ -102,10 +104,14 @@ fn decide(leaves: &mut LeafHistory, area: f64, pays: bool, can_split: bool) -> O
     Some(Decision::Merge { one_in: TURNS })
 }
 
-/// All that are better apart have been split.
-fn was_split(leaves: &mut LeafHistory, was_of_use: bool) {
+/// All that are better apart have been split; since they were merged, that may have paid for itself.
+fn was_split(leaves: &mut LeafHistory, was_of_use: bool, has_paid: bool) {
     if was_of_use {
-        leaves.wait = (2 * leaves.wait).clamp(2 * CALM, u32::MAX / 2);
+        // Leaves that come apart by and by were merged but once.
+        if leaves.turns > 0 {
+            let wait = leaves.wait.max(CALM);
+            leaves.wait = if has_paid { (wait / 2).max(CALM) } else { 2 * wait.min(u32::MAX / 4) };
+        }
         (leaves.turns, leaves.calm, leaves.slack) = (0, 0, SLACK[0]);
     } else {
         leaves.slack = (2.0 * leaves.slack).clamp(2.0 * SLACK[0], SLACK[1]);
@@ -133,7 +139,7 @@ mod tests {
         for wait in [8, 16, 32] {
             (leaves.area, leaves.turns) = (1.0, TURNS);
             assert_eq!(play(&mut leaves, &[1.04, 1.06], true), [None, SPLIT]);
-            was_split(&mut leaves, true);
+            was_split(&mut leaves, true, false);
             leaves.area = 1.06;
             let calm = play(&mut leaves, &vec![1.06; wait + 1], true);
             assert!(calm[..wait - 1].iter().all(Option::is_none), "{calm:?}");
@@ -148,14 +154,18 @@ mod tests {
         let splits = grows.iter().filter(|&&area| {
             let splits = decide(&mut leaves, area, true, true) == SPLIT;
             if splits {
-                was_split(&mut leaves, false);
+                was_split(&mut leaves, false, false);
                 leaves.area = area;
             }
             splits
         });
         assert!((3..8).contains(&splits.count()));
-        was_split(&mut leaves, true);
-        assert_eq!(leaves.slack, SLACK[0]);
+        was_split(&mut leaves, true, false);
+        assert_eq!((leaves.slack, leaves.wait), (SLACK[0], 2 * CALM));
+        leaves.turns = 1;
+        was_split(&mut leaves, true, true);
+        was_split(&mut leaves, true, false);
+        assert_eq!(leaves.wait, CALM);
         // Single leaves are not split.
         let mut single = LeafHistory { is_merged: false, ..leaves };
         assert!(!play(&mut single, &grows, false).contains(&SPLIT));

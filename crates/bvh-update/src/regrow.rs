@@ -80,12 +80,12 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         }
     };
     match regrown {
-        Regrown::Top(0) => {
+        Regrown::Top { subtrees: 0, .. } => {
             // There is nothing to be had; wait until as much is lost again.
             raw::parts(bvh).history.reference = reference(sum, scale);
             Ok(tally.update(bvh))
         }
-        Regrown::Top(subtrees) => {
+        Regrown::Top { subtrees, .. } => {
             // The cost is not known for free.
             let decision = Decision::Regrow { subtrees };
             Ok(Update { decision, sah_cost: None, ..tally.update(bvh) })

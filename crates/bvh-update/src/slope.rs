@@ -11,8 +11,9 @@ const USUAL: f64 = 0.4;
 const MOST: f64 = 16.0;
 /// Excess that has to go at once for the counts to tell more of that than of the motion.
 const LEAST: f64 = 0.05;
-/// What one observation counts for in the average of logarithms.
+/// What one observation counts for in the average of logarithms, if so much excess has gone; the less, the less.
 const SHARE: f64 = 0.5;
+const MUCH: f64 = 0.2;
 
 /// What rays have met in one frame.
 #[derive(Clone, Copy, Debug)]
@@ -37,8 +38,10 @@ pub(crate) struct Slope {
     ray: Option<f64>,
     /// The tree of this update, if it was neither repaired nor built anew.
     fitted: Option<Fitted>,
-    /// What was last seen.
+    /// What was seen after the update before.
     last: Option<Seen>,
+    /// What was seen after this one.
+    now: Option<Seen>,
     /// What was seen before the new tree of this update, and the excess of that.
     renewed: Option<(Seen, f64)>,
 }
@@ -47,6 +50,7 @@ impl Slope {
     /// An update begins, of whatever tree.
     pub(crate) fn begin(&mut self) {
         (self.fitted, self.renewed) = (None, None);
+        self.last = self.now.take();
     }
 
     /// The tree has been fitted and has so much excess by this reference.
@@ -81,7 +85,7 @@ impl Slope {
         {
             self.learn([before.tree.excess, before.visits], [excess, visits]);
         }
-        self.last = self.fitted.map(|tree| Seen { tree, visits });
+        self.now = self.fitted.map(|tree| Seen { tree, visits });
     }
 
     /// Solves `visits / better visits = (1 + slope excess) / (1 + slope better excess)`, given excess and visits of each.
@@ -91,7 +95,8 @@ impl Slope {
         let old = self.get();
         // Motion may have hidden all of it, or done all of it.
         let seen = seen.clamp(old / 4.0, old * 4.0);
-        self.learned = Some((old.ln() + SHARE * (seen / old).ln()).exp().clamp(1.0 / MOST, MOST));
+        let share = SHARE * ((worse[0] - better[0]) / MUCH).min(1.0);
+        self.learned = Some((old.ln() + share * (seen / old).ln()).exp().clamp(1.0 / MOST, MOST));
     }
 
     pub(crate) fn get(&self) -> f64 {

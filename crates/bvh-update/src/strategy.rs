@@ -266,6 +266,7 @@ pub fn update<P: Primitives + ?Sized>(
     }
     expect_measure(raw::parts(bvh).history, strategy);
     scratch.clock.slope.begin();
+    scratch.clock.growth.begin();
     match strategy {
         Strategy::Refit => Ok(pass(bvh, primitives, None, scratch).update(bvh)),
         Strategy::RefitRotate(rotate) => Ok(pass(bvh, primitives, Some(*rotate), scratch).update(bvh)),

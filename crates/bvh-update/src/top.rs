@@ -35,7 +35,7 @@ pub(crate) fn rebuild_top(
         return Regrown::TooMuch;
     }
     if cut.is_empty() {
-        return Regrown::Top(0);
+        return Regrown::Top { subtrees: 0, change: 0.0 };
     }
     // In memory order, as builders number pairs.
     cut.sort_unstable();
@@ -53,7 +53,7 @@ pub(crate) fn rebuild_top(
     let opened = pairs.iter().flat_map(|&pair| [pair, pair + 1]).map(|n| &bvh.nodes()[n as usize]);
     let before = inner_area(opened.chain([bvh.root()])) - inner_area(kept.iter());
     if inner_area(top.nodes().iter()) >= before {
-        return Regrown::Top(0);
+        return Regrown::Top { subtrees: 0, change: 0.0 };
     }
     assert!(
         top.nodes().len() == 2 * pairs.len() + 2,
@@ -69,8 +69,9 @@ pub(crate) fn rebuild_top(
     kept.iter().for_each(|node| new.add(node, 1.0));
     let mut graft = Graft { nodes: parts.nodes, measure, top, kept, pairs: pairs.iter(), scale, new };
     graft.write(0, 0);
-    *parts.still_area += graft.new.still_change;
-    let reference = reference(judge(graft.new), 1.0);
+    let new = graft.new;
+    *parts.still_area += new.still_change;
+    let reference = reference(judge(new), 1.0);
     let history = parts.history;
     *history = History {
         reference,
@@ -83,7 +84,7 @@ pub(crate) fn rebuild_top(
         layout: Layout::Other,
         ..*history
     };
-    Regrown::Top(kept.len())
+    Regrown::Top { subtrees: kept.len(), change: new.change }
 }
 
 /// Sum of half areas of inner nodes.

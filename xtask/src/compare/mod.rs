@@ -83,6 +83,9 @@ pub(crate) struct Args {
     /// rest]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: Option<u32>,
+    /// Play a loop of whole frames so many times; each frame counts by its median
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
+    runs: u32,
     /// Of the hard cases only this one, for one contestant, in this process
     #[arg(long, hide = true, requires = "contestant")]
     case: Option<String>,
@@ -102,6 +105,8 @@ struct Setting {
     only: Vec<String>,
     /// Frames to measure.
     frames: usize,
+    /// How many times a loop of whole frames is played.
+    runs: u32,
     /// Pixels on each side of the traced image.
     size: u32,
 }
@@ -160,6 +165,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             ("--only", !args.only.is_empty()),
             ("--threads", !args.threads.is_empty()),
             ("--frames", args.frames.is_some()),
+            ("--runs", args.runs > 1),
             ("--size", args.size.is_some()),
             ("--json", args.json.is_some()),
         ] {
@@ -222,7 +228,8 @@ pub(crate) fn beside(
     size: u32,
     embree: Option<Device>,
 ) -> Result<Vec<Row>> {
-    let setting = Setting { threads, pool: pool::pool(threads)?, embree, only: Vec::new(), frames, size };
+    let setting =
+        Setting { threads, pool: pool::pool(threads)?, embree, only: Vec::new(), frames, runs: 1, size };
     let mut rows = update::measure(label, stage, &setting)?;
     if !interrupt::requested() {
         rows.extend(frame::measure(label, stage, &setting)?);
@@ -264,6 +271,7 @@ fn run_scene(
             embree: embree.map(|e| e.device(threads)).transpose()?,
             only: args.only.clone(),
             frames: frames(UPDATE_FRAMES),
+            runs: args.runs,
             size: args.size.unwrap_or(SIZE),
         };
         let contests = args.what.contests().iter().copied();

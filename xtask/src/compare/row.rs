@@ -20,6 +20,8 @@ pub(crate) struct Row {
     pub(crate) max_ms: f64,
     /// Tells more than the median of updates that do not do the same work in every frame.
     pub(crate) mean_ms: f64,
+    /// Of whole frames: the mean of what the update took.
+    pub(crate) mean_update_ms: Option<f64>,
     /// Mean over the measured frames of the tree's SAH cost over that of a full sweep build of the same frame;
     /// nothing where the tree cannot be read.
     pub(crate) sah_over_sweep: Option<f64>,
@@ -58,6 +60,8 @@ impl Row {
 pub(super) struct Record {
     /// Times of the measured frames.
     pub(super) times_ms: Vec<f64>,
+    /// Of whole frames: the part of these that the update took.
+    pub(super) updates_ms: Vec<f64>,
     /// Ratios of cost of the same frames.
     pub(super) costs: Vec<f64>,
     pub(super) answers: Answers,
@@ -87,8 +91,9 @@ impl Record {
             median_ms,
             min_ms: sorted.first().copied().unwrap_or_default(),
             max_ms: sorted.last().copied().unwrap_or_default(),
-            mean_ms: sorted.iter().sum::<f64>() / sorted.len().max(1) as f64,
-            sah_over_sweep: (!costs.is_empty()).then(|| costs.iter().sum::<f64>() / costs.len() as f64),
+            mean_ms: mean(&sorted).unwrap_or_default(),
+            mean_update_ms: mean(&self.updates_ms),
+            sah_over_sweep: mean(costs),
             worst_sah_over_sweep: costs.iter().copied().reduce(f64::max),
             hits: self.answers.hits,
             ns_per_triangle: median_ms * 1e6 / triangles as f64,
@@ -101,6 +106,10 @@ impl Record {
             agrees: self.answers.agrees_with(reference),
         }
     }
+}
+
+fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
 /// Median of sorted values; 0 if there are none.

@@ -15,17 +15,18 @@ pub(super) fn table(rows: &[Row]) -> String {
         first.scene, first.triangles, first.frames
     );
     text += &format!(
-        "  {:<26} {unit:>8} {:>10} {:>10} {:>10} {:>8} {:>10} {:>9}\n",
-        "", "median ms", "min", "max", "SAH", "hits", "different"
+        "  {:<30} {unit:>8} {:>10} {:>10} {:>10} {:>10} {:>10} {:>8} {:>10} {:>9}\n",
+        "", "median ms", "min", "max", "mean", "its update", "SAH", "hits", "different"
     );
     for row in rows {
         let figure = row.million_rays_per_s.unwrap_or(row.ns_per_triangle);
-        let cost = row.sah_over_sweep.map_or_else(|| "-".to_owned(), |c| format!("{c:.3}"));
+        let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
+        let (cost, update) = (number(row.sah_over_sweep), number(row.mean_update_ms));
         let hits = if row.what == "limit" { "-".to_owned() } else { row.hits.to_string() };
         let remark = if row.agrees { "" } else { "  NOT THE SAME HITS" };
         text += &format!(
-            "  {:<26} {figure:>8.1} {:>10.3} {:>10.3} {:>10.3} {cost:>8} {hits:>10} {:>9}{remark}\n",
-            row.contestant, row.median_ms, row.min_ms, row.max_ms, row.different
+            "  {:<30} {figure:>8.1} {:>10.3} {:>10.3} {:>10.3} {:>10.3} {update:>10} {cost:>8} {hits:>10} {:>9}{remark}\n",
+            row.contestant, row.median_ms, row.min_ms, row.max_ms, row.mean_ms, row.different
         );
     }
     text.trim_end().to_owned()
