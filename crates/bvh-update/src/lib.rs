@@ -31,6 +31,7 @@ mod portable;
 mod raw;
 mod regrow;
 mod selective;
+mod settle;
 mod slope;
 mod strategy;
 mod sweep;

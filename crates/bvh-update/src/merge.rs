@@ -11,14 +11,16 @@ use bvh_core::{Bvh, History, LeafHistory, Primitives};
 use crate::auto::{Decision, Model};
 use crate::block::Tally;
 use crate::cut::size_now;
-use crate::leaves::{LONGEST, settle};
 use crate::raw;
+use crate::settle::{LONGEST, SettleScratch, settle};
 use crate::strategy::{Rotate, Turn, options_like};
 
 /// In how many updates all leaves are merged.
 const TURNS: u32 = 8;
 /// Updates before leaves are merged, at least.
 const CALM: u32 = 4;
+/// Updates from one splitting of leaves to the next, at least.
+const PAUSE: u32 = 3;
 /// By what part areas of leaves grow before these are split, at least and at most.
 const SLACK: [f64; 2] = [0.05, 0.8];
 /// By what part of the cost splitting lowers it to be of use.
@@ -34,6 +36,7 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     model: &Model,
     one_in: u32,
     tally: &mut Tally,
+    scratch: &mut SettleScratch,
 ) -> Option<Decision> {
     let nodes = (tally.leaves + tally.inner) as f64;
     let History { is_hasty, is_beyond_repair, spare_pair, .. } = *bvh.history();
@@ -55,7 +58,7 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     // New trees are to have leaves as they were.
     options_like(bvh);
     let unit = size_now(bvh, tally.leaf_area);
-    let change = settle(bvh, primitives, merge, LONGEST as u32, unit);
+    let change = settle(bvh, primitives, merge, LONGEST as u32, unit, scratch);
     let (before, still_area) = (*tally, bvh.still_area());
     tally.area += change.all;
     tally.leaf_area += change.leaves;
@@ -92,7 +95,7 @@ fn part_of(part: f64) -> f64 {
 fn decide(leaves: &mut LeafHistory, area: f64, pays: bool, can_split: bool) -> Option<Decision> {
     leaves.calm += 1;
     let is_merged = leaves.is_merged && can_split;
-    if is_merged && area > leaves.area * (1.0 + leaves.slack.max(SLACK[0])) {
+    if is_merged && leaves.calm >= PAUSE && area > leaves.area * (1.0 + leaves.slack.max(SLACK[0])) {
         return Some(Decision::Split);
     }
     leaves.area = if is_merged { leaves.area.min(area) } else { area };

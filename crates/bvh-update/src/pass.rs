@@ -12,6 +12,7 @@ use crate::clock::Clock;
 use crate::cut::CutScratch;
 use crate::kernels::{Fitted, fit_leaf};
 use crate::raw::{self, Available};
+use crate::settle::SettleScratch;
 use crate::strategy::{Rotate, Turn};
 use crate::sweep::{self, Pieces, is_linear, sweep};
 
@@ -25,6 +26,7 @@ pub struct Scratch {
     pub(crate) build: BuildScratch,
     pub(crate) cut: CutScratch,
     pub(crate) reinsert: ReinsertScratch,
+    pub(crate) settle: SettleScratch,
     pub(crate) background: Builds,
     pub(crate) clock: Clock,
     /// Which primitives move, while the tree that knows it is built anew.
@@ -73,6 +75,7 @@ impl Scratch {
             build: BuildScratch::new(),
             cut: CutScratch::default(),
             reinsert: ReinsertScratch::new(),
+            settle: SettleScratch::default(),
             background: Builds::default(),
             clock: Clock::default(),
             moving: Vec::new(),

@@ -1,0 +1,379 @@
+//! One step of splitting and merging leaves (`leaves.rs`).
+//!
+//! Parts of the tree are looked at by many threads, which change nothing but write down what is to become of it; then the
+//! changes are made one after the other, as pairs of nodes are taken from one list. So the tree is the same for every
+//! number of threads, and as it was should the primitives panic.
+
+use bvh_core::{
+    Aabb, Bvh, COST_INTERSECT, COST_TRAVERSE, Layout, MAX_HEIGHT, Node, Parts, Primitives, prefetch,
+};
+use rayon::prelude::*;
+
+use crate::raw;
+use crate::strategy::Turn;
+
+/// Most primitives of a run.
+pub(crate) const LONGEST: usize = 4;
+
+/// Subtrees of this height or less are parts, which take turns; what is above them is walked through each time.
+const SMALL: u32 = 8;
+/// Parts that a thread looks at in one go.
+const CHUNK: usize = 64;
+
+/// Memory that this keeps.
+#[derive(Default)]
+pub(crate) struct SettleScratch {
+    /// Nodes above the parts, each before those below it.
+    top: Vec<u32>,
+    parts: Vec<Part>,
+    plans: Vec<Plans>,
+}
+
+/// By how much the sum of half areas times weights has changed.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Change {
+    pub(crate) all: f64,
+    /// The part of it that is due to leaves.
+    pub(crate) leaves: f64,
+    /// By how much the areas of the leaves seen to are greater than those of leaves of one primitive each would be.
+    pub(crate) merged: f64,
+}
+
+/// Splits and merges the leaves whose turn it is, or splits whichever leaves are better apart, in a tree that has been
+/// fitted; references are in this unit of areas.
+pub(crate) fn settle<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    merge: Option<Turn>,
+    max_leaf_size: u32,
+    unit: f64,
+    scratch: &mut SettleScratch,
+) -> Change {
+    let SettleScratch { top, parts, plans } = scratch;
+    top.clear();
+    parts.clear();
+    find_parts(bvh.nodes(), 0, 0, merge, top, parts);
+    plans.resize_with(parts.len().div_ceil(CHUNK).max(plans.len()), Plans::default);
+    let Parts { nodes, order, history, .. } = raw::parts(bvh);
+    let longest = max_leaf_size.min(LONGEST as u32);
+    let view = View { nodes, order, primitives, merges: merge.is_some(), longest, unit };
+    let plans = &mut plans[..parts.len().div_ceil(CHUNK)];
+    plans.par_iter_mut().zip(parts.par_chunks(CHUNK)).for_each(|(plans, parts)| {
+        plans.clear();
+        for part in parts {
+            if let Some(run) = view.subtree(part.n as usize, part.depth, plans) {
+                view.settle(part.n as usize, part.depth, run, plans);
+            }
+        }
+    });
+    let mut writer = Writer { nodes, spare: history.spare_pair, change: Change::default() };
+    let is_changed = plans.iter().map(|plans| writer.carry_out(plans)).fold(false, |any, is| any | is);
+    if is_changed {
+        top.iter().rev().for_each(|&n| writer.refit(n as usize));
+        history.layout = Layout::Other;
+    }
+    history.spare_pair = writer.spare;
+    writer.change
+}
+
+/// A subtree to look at, and how deep it lies.
+#[derive(Clone, Copy)]
+struct Part {
+    n: u32,
+    depth: u32,
+}
+
+/// Finds the parts at and below node `n` whose turn it is, from left to right.
+fn find_parts(
+    nodes: &[Node],
+    n: usize,
+    depth: u32,
+    merge: Option<Turn>,
+    top: &mut Vec<u32>,
+    parts: &mut Vec<Part>,
+) {
+    let node = &nodes[n];
+    if !node.moves() {
+        return;
+    }
+    if node.height() <= SMALL {
+        if node.is_leaf() || merge.is_none_or(|turn| turn.includes(n)) {
+            parts.push(Part { n: n as u32, depth });
+        }
+        return;
+    }
+    top.push(n as u32);
+    for child in [node.first(), node.first() + 1] {
+        find_parts(nodes, child, depth + 1, merge, top, parts);
+    }
+}
+
+/// What is to become of some parts.
+#[derive(Default)]
+struct Plans {
+    runs: Vec<NewRun>,
+    /// The nodes of new runs, one after the other; each as in an arena, with the root in a pair of its own.
+    nodes: Vec<Node>,
+    /// The nodes above new runs, each after those below it.
+    above: Vec<u32>,
+    /// As in [`Change`], with all new runs.
+    merged: f64,
+}
+
+impl Plans {
+    fn clear(&mut self) {
+        let Self { runs, nodes, above, merged } = self;
+        runs.clear();
+        nodes.clear();
+        above.clear();
+        *merged = 0.0;
+    }
+}
+
+/// A subtree that is to take the place of another.
+struct NewRun {
+    /// The root of both.
+    n: u32,
+    /// Number of nodes.
+    len: u32,
+    /// As in [`Change`].
+    all: f64,
+    leaves: f64,
+}
+
+/// The tree, to look at.
+struct View<'a, P: ?Sized> {
+    nodes: &'a [Node],
+    order: &'a [u32],
+    primitives: &'a P,
+    /// Whether leaves are merged, and not only split.
+    merges: bool,
+    longest: u32,
+    /// The unit of references.
+    unit: f64,
+}
+
+/// The slots of a subtree, and the sum of half areas times weights over its nodes.
+#[derive(Clone, Copy)]
+struct Run {
+    first: u32,
+    count: u32,
+    cost: f64,
+    /// The part of it that is due to leaves.
+    leaves: f64,
+}
+
+impl<P: Primitives + ?Sized> View<'_, P> {
+    /// Settles the longest runs at and below node `n`, but gives that which includes `n` itself to the caller.
+    fn subtree(&self, n: usize, depth: u32, plans: &mut Plans) -> Option<Run> {
+        let node = self.nodes[n];
+        if !node.moves() {
+            return None;
+        }
+        let own = node.aabb().half_area_f64() * node.weight();
+        if node.is_leaf() {
+            let run = Run { first: node.first() as u32, count: node.count() as u32, cost: own, leaves: own };
+            return (1..=self.longest).contains(&run.count).then_some(run);
+        }
+        let pair = node.first();
+        prefetch(self.nodes, self.nodes[pair + 1].first());
+        let before = plans.runs.len();
+        let runs = [pair, pair + 1].map(|child| self.subtree(child, depth + 1, plans));
+        if let [Some(l), Some(r)] = runs
+            && self.merges
+            && (l.first + l.count == r.first || r.first + r.count == l.first)
+            && l.count + r.count <= self.longest
+        {
+            let cost = own + (l.cost + r.cost);
+            let (first, count) = (l.first.min(r.first), l.count + r.count);
+            return Some(Run { first, count, cost, leaves: l.leaves + r.leaves });
+        }
+        for (child, run) in (pair..).zip(runs) {
+            if let Some(run) = run {
+                self.settle(child, depth + 1, run, plans);
+            }
+        }
+        if plans.runs.len() > before {
+            plans.above.push(n as u32);
+        }
+        None
+    }
+
+    /// Plans the best tree over a run for the place of node `n`.
+    fn settle(&self, n: usize, depth: u32, run: Run, plans: &mut Plans) {
+        if run.count < 2 || depth + run.count - 1 > MAX_HEIGHT {
+            return;
+        }
+        let slots = &self.order[run.first as usize..][..run.count as usize];
+        let best = Best::new(slots.iter().map(|&p| self.primitives.aabb(p as usize)));
+        let cost = best.cost[0][slots.len() - 1];
+        let mut leaves = run.leaves;
+        if cost < run.cost {
+            leaves = best.leaves(0, slots.len());
+            let start = plans.nodes.len();
+            plans.nodes.extend([Node::NOTHING; 2]);
+            let root = self.write(&best, run.first, 0, slots.len(), start, &mut plans.nodes);
+            plans.nodes[start] = root;
+            let len = (plans.nodes.len() - start) as u32;
+            let (all, leaves) = (cost - run.cost, leaves - run.leaves);
+            plans.runs.push(NewRun { n: n as u32, len, all, leaves });
+        }
+        plans.merged += leaves - (0..slots.len()).map(|i| best.cost[i][i]).sum::<f64>();
+    }
+
+    /// The root of the best tree over primitives `from..to`; writes the nodes below it behind the others.
+    fn write(
+        &self,
+        best: &Best,
+        first: u32,
+        from: usize,
+        to: usize,
+        start: usize,
+        nodes: &mut Vec<Node>,
+    ) -> Node {
+        let split = best.split[from][to - 1];
+        if split == 0 {
+            return Node::leaf(best.aabb[from][to - 1], first + from as u32, (to - from) as u32);
+        }
+        let pair = nodes.len();
+        nodes.extend([Node::NOTHING; 2]);
+        nodes[pair] = self.write(best, first, from, split, start, nodes);
+        nodes[pair + 1] = self.write(best, first, split, to, start, nodes);
+        let mut node = Node::parent(&nodes[pair], &nodes[pair + 1], (pair - start) as u32);
+        node.set_reference((node.aabb().half_area_f64() / self.unit) as f32);
+        node
+    }
+}
+
+/// The tree, to be changed.
+struct Writer<'a> {
+    nodes: &'a mut [Node],
+    /// The first of the pairs that are kept for later (`History::spare_pair`).
+    spare: u32,
+    change: Change,
+}
+
+impl Writer<'_> {
+    /// Whether anything has changed.
+    fn carry_out(&mut self, plans: &Plans) -> bool {
+        let (mut rest, mut is_changed) = (&plans.nodes[..], false);
+        self.change.merged += plans.merged;
+        for run in &plans.runs {
+            let (nodes, others) = rest.split_at(run.len as usize);
+            rest = others;
+            let n = run.n as usize;
+            if self.has_pairs(nodes.len() / 2 - 1, n) {
+                self.release(n);
+                self.nodes[n] = self.copy(nodes, 0);
+                self.change.all += run.all;
+                self.change.leaves += run.leaves;
+                is_changed = true;
+            } else {
+                self.change.merged -= run.leaves;
+            }
+        }
+        if is_changed {
+            plans.above.iter().for_each(|&n| self.refit(n as usize));
+        }
+        is_changed
+    }
+
+    /// Whether there are `count` pairs, those below node `n` and spare ones together.
+    fn has_pairs(&self, count: usize, n: usize) -> bool {
+        let below = pairs_below(self.nodes, n);
+        let mut spare = self.spare;
+        for _ in below..count {
+            if spare == 0 {
+                return false;
+            }
+            spare = self.nodes[spare as usize].first() as u32;
+        }
+        true
+    }
+
+    /// Keeps the pairs below node `n` for later.
+    fn release(&mut self, n: usize) {
+        if !self.nodes[n].is_leaf() {
+            let pair = self.nodes[n].first();
+            self.release(pair);
+            self.release(pair + 1);
+            self.nodes[pair] = Node::leaf(Aabb::EMPTY, self.spare, 0);
+            self.nodes[pair + 1] = Node::NOTHING;
+            self.spare = pair as u32;
+        }
+    }
+
+    /// Node `i` of a new run, with those below it in spare pairs.
+    fn copy(&mut self, run: &[Node], i: usize) -> Node {
+        let node = run[i];
+        if node.is_leaf() {
+            return node;
+        }
+        let pair = self.spare as usize;
+        self.spare = self.nodes[pair].first() as u32;
+        self.nodes[pair] = self.copy(run, node.first());
+        self.nodes[pair + 1] = self.copy(run, node.first() + 1);
+        let mut moved = Node::parent(&self.nodes[pair], &self.nodes[pair + 1], pair as u32);
+        moved.set_reference(node.reference());
+        moved
+    }
+
+    /// Fits a node to its children. The box is the same; the height may not be.
+    fn refit(&mut self, n: usize) {
+        let pair = self.nodes[n].first();
+        let (l, r) = (self.nodes[pair], self.nodes[pair + 1]);
+        self.nodes[n].refit(&l, &r);
+    }
+}
+
+fn pairs_below(nodes: &[Node], n: usize) -> usize {
+    let node = &nodes[n];
+    if node.is_leaf() {
+        0
+    } else {
+        1 + [0, 1].map(|i| pairs_below(nodes, node.first() + i)).iter().sum::<usize>()
+    }
+}
+
+/// The best trees over all parts of a run, by their first and their last primitive.
+struct Best {
+    aabb: [[Aabb; LONGEST]; LONGEST],
+    cost: [[f64; LONGEST]; LONGEST],
+    /// Where the second child begins; 0 for a leaf.
+    split: [[usize; LONGEST]; LONGEST],
+}
+
+impl Best {
+    fn new(boxes: impl ExactSizeIterator<Item = Aabb>) -> Self {
+        let mut best = Self {
+            aabb: [[Aabb::EMPTY; LONGEST]; LONGEST],
+            cost: [[0.0; LONGEST]; LONGEST],
+            split: [[0; LONGEST]; LONGEST],
+        };
+        for (to, aabb) in boxes.enumerate() {
+            best.aabb[to][to] = aabb;
+            best.cost[to][to] = aabb.half_area_f64() * COST_INTERSECT;
+            for from in (0..to).rev() {
+                best.aabb[from][to] = best.aabb[from][to - 1].union(aabb);
+                let area = best.aabb[from][to].half_area_f64();
+                let mut least = (area * (COST_INTERSECT * (to - from + 1) as f64), 0);
+                for k in from + 1..=to {
+                    let cost = area * COST_TRAVERSE + (best.cost[from][k - 1] + best.cost[k][to]);
+                    if cost < least.0 {
+                        least = (cost, k);
+                    }
+                }
+                (best.cost[from][to], best.split[from][to]) = least;
+            }
+        }
+        best
+    }
+
+    /// The part of the cost over the primitives `from..to` that is due to leaves.
+    fn leaves(&self, from: usize, to: usize) -> f64 {
+        match self.split[from][to - 1] {
+            0 => self.cost[from][to - 1],
+            k => self.leaves(from, k) + self.leaves(k, to),
+        }
+    }
+}
