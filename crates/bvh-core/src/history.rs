@@ -61,6 +61,10 @@ pub struct LeafHistory {
     pub turns: u32,
     /// Updates since they last came apart.
     pub calm: u32,
+    /// What `calm` was when merging last began.
+    pub merging_since: u32,
+    /// Updates since leaves were last split, whatever came of it.
+    pub since_split: u32,
     /// How many such updates there must be before leaves are merged again.
     pub wait: u32,
     /// By what part the areas of leaves may grow before leaves are split; 0 for the least.

@@ -40,7 +40,7 @@ pub(crate) enum Regrown {
     /// Above so many subtrees the top is new, or was as good as that if there are none.
     Top {
         subtrees: usize,
-        /// By how much the sum of half areas has changed.
+        /// By how much the sum of half areas times weights has changed.
         change: f64,
     },
     /// There would be too many subtrees, or the tree would get too high: nothing was changed.

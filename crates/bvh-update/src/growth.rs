@@ -7,13 +7,16 @@
 
 use bvh_core::Bvh;
 
-/// Growth that has to be there for a new tree to tell what part of it was due to the old one.
+use crate::auto::Decision;
+use crate::strategy::Update;
+
+/// Growth that is not more than motion makes in any case: it counts for nothing, and new trees tell nothing of it.
 const LEAST: f64 = 0.05;
 /// What one observation counts for in the average.
 const SHARE: f64 = 0.5;
 
-/// What tells a tree from others, from one update to the next: its number of primitives and its box.
-type Tree = (usize, [f32; 6]);
+/// What tells a tree from others, from one update to the next: numbers of its primitives and updates, and its box.
+type Tree = (usize, u32, [f32; 6]);
 
 /// What counts have told so far. Visits are per ray.
 #[derive(Clone, Copy, Debug, Default)]
@@ -26,6 +29,10 @@ pub(crate) struct Growth {
     now: Option<f64>,
     /// Whether these are of the last update.
     is_told: bool,
+    /// Whether counts are to be told of `tree`.
+    is_open: bool,
+    /// Whether leaves have been merged or split since the last counts.
+    is_other: bool,
     /// The fewest and the last visits of the tree whose place a new one took in this update.
     before: Option<[f64; 2]>,
     /// What part of the growth was due to the tree, by the last new trees.
@@ -41,7 +48,7 @@ impl Growth {
             (Some(least), Some(now)) if self.is_told => Some([least, now]),
             _ => None,
         };
-        self.is_told = false;
+        (self.is_told, self.is_open) = (false, false);
     }
 
     /// The update is of this tree; if it is another one than that of the last update, nothing is known of it.
@@ -51,27 +58,41 @@ impl Growth {
         }
     }
 
-    /// The update has left the tree so; if it is a new one, what was counted before does not hold for it.
-    pub(crate) fn end(&mut self, bvh: &Bvh, is_new: bool) {
-        self.tree = Some(key(bvh));
-        if is_new {
-            (self.least, self.now, self.regret) = (None, None, 0.0);
+    /// The tree is not repaired but built anew, though not so that it tells what the old one cost.
+    pub(crate) fn tells_nothing(&mut self) {
+        self.before = None;
+    }
+
+    /// The update has left the tree so; if it is a new one, what was counted before does not hold for it, and if its top is
+    /// new, it starts anew as to what has been lost.
+    pub(crate) fn end(&mut self, bvh: &Bvh, update: &Update) {
+        (self.tree, self.is_open) = (Some(key(bvh)), true);
+        if update.rebuilt {
+            (self.least, self.now, self.is_other) = (None, None, false);
         } else {
             self.before = None;
         }
+        if update.rebuilt || matches!(update.decision, Decision::Regrow { .. }) {
+            self.regret = 0.0;
+        }
     }
 
-    /// Leaves have been merged or split, which changes the number of nodes.
+    /// Leaves have been merged or split, which changes the number of nodes: by how much, the next counts tell.
     pub(crate) fn leaves_changed(&mut self) {
-        self.least = None;
+        self.is_other = true;
     }
 
     /// In the tree of the last update so many rays have visited so many nodes.
     pub(crate) fn visited(&mut self, rays: u64, nodes: u64) {
-        if rays == 0 || nodes == 0 {
+        if rays == 0 || nodes == 0 || !self.is_open {
             return;
         }
         let visits = nodes as f64 / rays as f64;
+        if std::mem::take(&mut self.is_other)
+            && let (Some(least), Some(now)) = (&mut self.least, self.now)
+        {
+            *least *= visits / now;
+        }
         if let Some([least, before]) = self.before.take()
             && before > least * (1.0 + LEAST)
         {
@@ -83,12 +104,15 @@ impl Growth {
         self.is_told = true;
     }
 
-    /// What rays have lost to growth since the tree was built, where all of them take so much in a good tree. To be called
-    /// once in each update.
-    pub(crate) fn lost(&mut self, rays: f64) -> f64 {
+    /// Adds what rays lose to growth in one frame, where all of them took so much in the last.
+    pub(crate) fn charge(&mut self, rays: f64) {
         if let (Some(least), Some(now)) = (self.least, self.now) {
-            self.regret += rays * self.due * (now / least - 1.0);
+            self.regret += rays * self.due * (1.0 - least * (1.0 + LEAST) / now).max(0.0);
         }
+    }
+
+    /// What rays have lost to growth since the tree was built, or its top.
+    pub(crate) fn regret(&self) -> f64 {
         self.regret
     }
 }
@@ -96,7 +120,7 @@ impl Growth {
 fn key(bvh: &Bvh) -> Tree {
     let aabb = bvh.root().aabb();
     let [min, max] = [aabb.min, aabb.max];
-    (bvh.len(), [min.x, min.y, min.z, max.x, max.y, max.z])
+    (bvh.len(), bvh.history().updates, [min.x, min.y, min.z, max.x, max.y, max.z])
 }
 
 #[cfg(test)]
@@ -111,20 +135,35 @@ mod tests {
         build(&boxes, Builder::Sweep, &BuildOptions::default(), None).expect("two boxes")
     }
 
+    const REFIT: Decision = Decision::Refit { one_in: 1 };
+
     /// An update of a tree, after which a ray visits so many nodes.
-    fn update(growth: &mut Growth, bvh: &Bvh, is_new: bool, nodes: u64) {
+    fn update(growth: &mut Growth, bvh: &Bvh, decision: Decision, nodes: u64) {
         growth.begin();
         growth.is_of(bvh);
-        growth.end(bvh, is_new);
+        let rebuilt = matches!(decision, Decision::Rebuild { .. });
+        growth.end(bvh, &Update { rebuilt, decision, ..Update::default() });
         growth.visited(1, nodes);
     }
 
-    /// What is lost in the next update if rays take 1 through a good tree.
+    const NEW: Decision = Decision::Rebuild { builder: Builder::Ploc };
+
+    /// What is lost in the next update if rays take 1, above what they lose to growth that counts for nothing.
     fn lost(growth: &Growth, bvh: &Bvh) -> f64 {
-        let mut growth = *growth;
+        let mut growth = Growth { regret: 0.0, ..*growth };
         growth.begin();
         growth.is_of(bvh);
-        growth.lost(1.0)
+        growth.charge(1.0);
+        growth.regret()
+    }
+
+    /// Part of the time of rays that is due to so many times as many visits.
+    fn part(times: f64) -> f64 {
+        1.0 - (1.0 + LEAST) / times
+    }
+
+    fn near(a: f64, b: f64) -> bool {
+        (a - b).abs() < 1e-9
     }
 
     #[test]
@@ -132,60 +171,75 @@ mod tests {
         let bvh = tree(2.0);
         let mut growth = Growth::default();
         for nodes in [100, 150, 200, 400] {
-            update(&mut growth, &bvh, false, nodes);
+            update(&mut growth, &bvh, REFIT, nodes);
             assert_eq!(lost(&growth, &bvh), 0.0);
         }
         // All of it was due to the tree, or none of it, or the new one is even worse.
         for (nodes, expected) in [(100, 0.75), (400, 0.25), (900, 0.0)] {
             let mut growth = Growth { due: 0.5, ..growth };
-            update(&mut growth, &bvh, true, nodes);
+            update(&mut growth, &bvh, NEW, nodes);
             assert_eq!(lost(&growth, &bvh), 0.0);
-            update(&mut growth, &bvh, false, 2 * nodes);
-            assert_eq!(lost(&growth, &bvh), expected, "{nodes}");
+            update(&mut growth, &bvh, REFIT, 2 * nodes);
+            assert!(near(lost(&growth, &bvh), expected * part(2.0)), "{nodes}");
+        }
+        // What motion may have made.
+        for nodes in [102, 104] {
+            update(&mut growth, &bvh, NEW, 100);
+            update(&mut growth, &bvh, REFIT, nodes);
+            assert_eq!((lost(&growth, &bvh), growth.due), (0.0, SHARE));
         }
     }
 
     #[test]
-    fn losses_add_up_and_are_held_against_the_fewest_visits() {
+    fn losses_add_up_until_the_tree_is_repaired_and_are_held_against_the_fewest_visits() {
         let bvh = tree(2.0);
         let mut growth = Growth { due: 1.0, ..Growth::default() };
         for nodes in [300, 200, 250, 300] {
-            update(&mut growth, &bvh, false, nodes);
-            growth.lost(10.0);
+            update(&mut growth, &bvh, REFIT, nodes);
+            growth.charge(10.0);
         }
-        assert_eq!(growth.lost(10.0), 2.5 + 5.0 + 5.0);
+        let so_far = 10.0 * (part(1.25) + part(1.5));
+        assert!(near(growth.regret(), so_far));
+        // A third of the nodes is gone with the leaves: still one and a half times as many as there might be.
         growth.leaves_changed();
-        assert_eq!(growth.lost(10.0), 12.5);
-        update(&mut growth, &bvh, false, 100);
-        update(&mut growth, &bvh, false, 110);
-        assert!((growth.lost(10.0) - 13.5).abs() < 1e-9);
+        update(&mut growth, &bvh, REFIT, 200);
+        assert!(near(lost(&growth, &bvh), part(1.5)));
         growth.visited(0, 7);
         growth.visited(7, 0);
-        assert!((growth.lost(10.0) - 14.5).abs() < 1e-9);
+        assert!(near(lost(&growth, &bvh), part(1.5)) && near(growth.regret(), so_far));
+        update(&mut growth, &bvh, Decision::Regrow { subtrees: 7 }, 200);
+        assert_eq!(growth.regret(), 0.0);
+        assert!(near(lost(&growth, &bvh), part(1.5)));
     }
 
     #[test]
     fn counts_of_another_tree_or_of_long_ago_tell_nothing() {
         let (bvh, other) = (tree(2.0), tree(3.0));
-        let growth_of = |between: &dyn Fn(&mut Growth)| {
+        let due_after = |between: &dyn Fn(&mut Growth)| {
             let mut growth = Growth::default();
-            update(&mut growth, &bvh, false, 100);
-            update(&mut growth, &bvh, false, 200);
+            update(&mut growth, &bvh, REFIT, 100);
+            update(&mut growth, &bvh, REFIT, 200);
             between(&mut growth);
-            update(&mut growth, &bvh, true, 100);
+            update(&mut growth, &bvh, NEW, 100);
             growth.due
         };
-        assert_eq!(growth_of(&|_| {}), SHARE);
-        assert_eq!(growth_of(&|growth| update(growth, &other, false, 200)), 0.0);
+        assert_eq!(due_after(&|_| {}), SHARE);
+        assert_eq!(due_after(&|growth| update(growth, &other, REFIT, 200)), 0.0);
         let no_counts = |growth: &mut Growth| {
             growth.begin();
             growth.is_of(&bvh);
-            growth.end(&bvh, false);
+            growth.end(&bvh, &Update::default());
         };
-        assert_eq!(growth_of(&no_counts), 0.0);
+        assert_eq!(due_after(&no_counts), 0.0);
         let mut growth = Growth { due: 1.0, ..Growth::default() };
-        update(&mut growth, &bvh, false, 100);
-        update(&mut growth, &bvh, false, 200);
-        assert_eq!([&bvh, &other].map(|tree| lost(&growth, tree)), [1.0, 0.0]);
+        update(&mut growth, &bvh, REFIT, 100);
+        update(&mut growth, &bvh, REFIT, 200);
+        // Another strategy has updated another tree.
+        let before = growth;
+        growth.begin();
+        growth.visited(1, 7);
+        assert_eq!((growth.due, growth.least, growth.now), (before.due, before.least, before.now));
+        assert!(near(lost(&growth, &bvh), part(2.0)));
+        assert_eq!(lost(&growth, &other), 0.0);
     }
 }

@@ -3,12 +3,12 @@
 //! Merged leaves make rays and updates faster. They are *merged* in a tree that has been calm for so long that it pays: what
 //! it costs must come back in as many updates as there have been since leaves came apart, or the tree is new. A part of the
 //! tree is seen to in each update. They are *split* all at once when their areas have grown; where that turns out to have
-//! been of little use, since primitives grow themselves, they may grow by twice as much until the next time. Where merging
+//! not paid for itself, as where primitives grow themselves, they may grow by twice as much until the next time, which is some updates away in any case. Where merging
 //! has not paid for itself by then, the next one waits for twice as long, else for half as long.
 
 use bvh_core::{Bvh, History, LeafHistory, Primitives};
 
-use crate::auto::{Decision, Model};
+use crate::auto::{Decision, GAIN_LASTS, Model};
 use crate::block::Tally;
 use crate::cut::size_now;
 use crate::raw;
@@ -23,8 +23,6 @@ const CALM: u32 = 4;
 const PAUSE: u32 = 3;
 /// By what part areas of leaves grow before these are split, at least and at most.
 const SLACK: [f64; 2] = [0.05, 0.8];
-/// By what part of the cost splitting lowers it to be of use.
-const OF_USE: f64 = 0.005;
 /// What merging saves of what rays take, and of the nodes of the tree.
 const RAYS_SAVED: f64 = 0.04;
 const NODES_SAVED: f64 = 0.3;
@@ -49,7 +47,7 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     let leaves = &mut raw::parts(bvh).history.leaves;
     let price = nodes * model.weights.settle_node;
     let pays = f64::from(leaves.calm) * saved > price;
-    let has_paid = f64::from(leaves.calm.saturating_sub(leaves.wait.max(CALM))) * saved > price;
+    let has_paid = f64::from(leaves.calm.saturating_sub(leaves.merging_since)) * saved > price;
     let decision = decide(leaves, tally.leaf_area, pays, spare_pair > 0)?;
     let merge = match decision {
         Decision::Merge { one_in } => Some(Turn::new(Rotate { period: one_in }, leaves.turns)),
@@ -75,7 +73,8 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     } else {
         let single = tally.leaf_area - change.merged;
         leaves.growth = if leaves.was_merged { 0.0 } else { part_of(change.merged / single) };
-        let was_of_use = -change.all > OF_USE * before.area;
+        let good = history.reference * unit * history.evenness.sqrt();
+        let was_of_use = model.lost(-change.all / good) * GAIN_LASTS > price;
         was_split(leaves, was_of_use, has_paid);
         if was_of_use { 1.0 / (1.0 + std::mem::take(&mut leaves.cost)) } else { 1.0 }
     };
@@ -93,9 +92,10 @@ fn part_of(part: f64) -> f64 {
 
 /// What is to be done about leaves of this area.
 fn decide(leaves: &mut LeafHistory, area: f64, pays: bool, can_split: bool) -> Option<Decision> {
-    leaves.calm += 1;
+    leaves.calm = leaves.calm.saturating_add(1);
+    leaves.since_split = leaves.since_split.saturating_add(1);
     let is_merged = leaves.is_merged && can_split;
-    if is_merged && leaves.calm >= PAUSE && area > leaves.area * (1.0 + leaves.slack.max(SLACK[0])) {
+    if is_merged && leaves.since_split >= PAUSE && area > leaves.area * (1.0 + leaves.slack.max(SLACK[0])) {
         return Some(Decision::Split);
     }
     leaves.area = if is_merged { leaves.area.min(area) } else { area };
@@ -103,12 +103,16 @@ fn decide(leaves: &mut LeafHistory, area: f64, pays: bool, can_split: bool) -> O
     if !starts && !(1..TURNS).contains(&leaves.turns) {
         return None;
     }
+    if starts {
+        leaves.merging_since = leaves.calm;
+    }
     leaves.turns += 1;
     Some(Decision::Merge { one_in: TURNS })
 }
 
 /// All that are better apart have been split; since they were merged, that may have paid for itself.
 fn was_split(leaves: &mut LeafHistory, was_of_use: bool, has_paid: bool) {
+    leaves.since_split = 0;
     if was_of_use {
         // Leaves that come apart by and by were merged but once.
         if leaves.turns > 0 {

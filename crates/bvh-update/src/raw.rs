@@ -177,10 +177,10 @@ impl Drop for Unfinished<'_> {
 /// The parts of a tree, for a pass that keeps its structure valid.
 pub(crate) fn parts(bvh: &mut Bvh) -> Parts<'_> {
     // SAFETY: the pass writes boxes, and structure only by `kernels::apply`, which swaps two slots and refits
-    // heights and moving bits on the way up, as the plain pass does. `top.rs` and `leaves.rs` put a tree over the same
+    // heights and moving bits on the way up, as the plain pass does. `top.rs` and `settle.rs` put a tree over the same
     // slots or subtrees in the place of another, in pairs that were that one's or spare, with heights and bits refitted.
-    // All of them set the layout to `Other`. Others write references and the history alone. Where primitives may panic in
-    // between, the tree is `Unfinished`.
+    // Whoever has moved nodes sets the layout to `Other`. Others write references and the history alone. Where primitives
+    // may panic in between, the tree is `Unfinished`; `settle.rs` asks none while it writes.
     #[expect(unsafe_code, reason = "promises to leave a valid tree")]
     unsafe {
         bvh.parts_mut()

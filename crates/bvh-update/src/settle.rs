@@ -18,7 +18,7 @@ pub(crate) const LONGEST: usize = 4;
 /// Subtrees of this height or less are parts, which take turns; what is above them is walked through each time.
 const SMALL: u32 = 8;
 /// Parts that a thread looks at in one go.
-const CHUNK: usize = 64;
+const CHUNK: usize = 8;
 
 /// Memory that this keeps.
 #[derive(Default)]
@@ -62,7 +62,7 @@ pub(crate) fn settle<P: Primitives + ?Sized>(
         plans.clear();
         for part in parts {
             if let Some(run) = view.subtree(part.n as usize, part.depth, plans) {
-                view.settle(part.n as usize, part.depth, run, plans);
+                view.plan(part.n as usize, part.depth, run, plans);
             }
         }
     });
@@ -164,7 +164,7 @@ struct Run {
 }
 
 impl<P: Primitives + ?Sized> View<'_, P> {
-    /// Settles the longest runs at and below node `n`, but gives that which includes `n` itself to the caller.
+    /// Plans the longest runs at and below node `n`, but gives that which includes `n` itself to the caller.
     fn subtree(&self, n: usize, depth: u32, plans: &mut Plans) -> Option<Run> {
         let node = self.nodes[n];
         if !node.moves() {
@@ -190,7 +190,7 @@ impl<P: Primitives + ?Sized> View<'_, P> {
         }
         for (child, run) in (pair..).zip(runs) {
             if let Some(run) = run {
-                self.settle(child, depth + 1, run, plans);
+                self.plan(child, depth + 1, run, plans);
             }
         }
         if plans.runs.len() > before {
@@ -200,7 +200,7 @@ impl<P: Primitives + ?Sized> View<'_, P> {
     }
 
     /// Plans the best tree over a run for the place of node `n`.
-    fn settle(&self, n: usize, depth: u32, run: Run, plans: &mut Plans) {
+    fn plan(&self, n: usize, depth: u32, run: Run, plans: &mut Plans) {
         if run.count < 2 || depth + run.count - 1 > MAX_HEIGHT {
             return;
         }
@@ -375,5 +375,106 @@ impl Best {
             0 => self.cost[from][to - 1],
             k => self.leaves(from, k) + self.leaves(k, to),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_core::{Vec3, sah_cost};
+
+    use super::*;
+    use crate::pass::Scratch;
+    use crate::strategy::{Rotate, Strategy, update};
+
+    const N: usize = 20_000;
+
+    /// Whether a box moves: a fifth stand still.
+    fn moves(i: usize) -> bool {
+        i % 10 > 1
+    }
+
+    /// Boxes by twos, so far apart if they move.
+    fn boxes(apart: f32) -> Vec<Aabb> {
+        let apart = |i: usize| if moves(i) { (i % 2) as f32 * apart } else { 0.0 };
+        let place = |i: usize, k: usize| (i / 2 * k % 101) as f32 + apart(i);
+        (0..N)
+            .map(|i| Vec3::new(place(i, 1), place(i, 7), (i / 2 / 101) as f32))
+            .map(|corner| Aabb::new(corner, corner + 0.5))
+            .collect()
+    }
+
+    fn every(merges: bool) -> Option<Turn> {
+        merges.then(|| Turn::new(Rotate { period: 1 }, 0))
+    }
+
+    fn see_to<P: Primitives>(bvh: &mut Bvh, primitives: &P, merges: bool) -> Change {
+        settle(bvh, primitives, every(merges), LONGEST as u32, 1.0, &mut SettleScratch::default())
+    }
+
+    fn in_use(bvh: &Bvh) -> usize {
+        let mut count = 0;
+        bvh.visit(|_, _, _| count += 1);
+        count
+    }
+
+    #[test]
+    fn leaves_merge_and_split_to_the_same_tree_on_all_numbers_of_threads() {
+        let (together, apart) = (boxes(0.0), boxes(30.0));
+        let start = build(&together, Builder::Sweep, &BuildOptions::default(), None).expect("few");
+        let mut trees = Vec::new();
+        for threads in [1, 2, 4] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            pool.install(|| {
+                let mut bvh = start.clone();
+                bvh.set_moving(moves);
+                for (boxes, merges) in [(&together, true), (&apart, false)] {
+                    update(&mut bvh, boxes, &Strategy::Refit, &mut Scratch::new()).expect("same count");
+                    let (cost, nodes) = (sah_cost(&bvh), in_use(&bvh));
+                    let root = bvh.root().aabb().half_area_f64();
+                    let change = see_to(&mut bvh, boxes, merges);
+                    bvh.validate(boxes).expect("valid");
+                    assert!(((cost + change.all / root) / sah_cost(&bvh) - 1.0).abs() < 1e-9);
+                    let pairs = 2 * (N / 2 * 4 / 5);
+                    let expected = if merges { nodes - pairs } else { nodes + pairs };
+                    assert_eq!(in_use(&bvh), expected);
+                }
+                trees.push(bvh.hash());
+            });
+        }
+        assert!(trees.iter().all(|&tree| tree == trees[0]));
+    }
+
+    /// Boxes that can be asked for so many times.
+    struct Fragile(Vec<Aabb>, AtomicUsize);
+
+    impl Primitives for Fragile {
+        fn len(&self) -> usize {
+            self.0.len()
+        }
+
+        fn aabb(&self, i: usize) -> Aabb {
+            let left = self.1.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1));
+            assert!(left.is_ok(), "asked once too often");
+            self.0[i]
+        }
+    }
+
+    #[test]
+    fn nothing_has_changed_if_primitives_panic() {
+        let together = boxes(0.0);
+        let mut bvh = build(&together, Builder::Sweep, &BuildOptions::default(), None).expect("few");
+        let (hash, history) = (bvh.hash(), *bvh.history());
+        for calls in [0, 10, N / 2, N - 1] {
+            let fragile = Fragile(together.clone(), calls.into());
+            let panics = AssertUnwindSafe(|| see_to(&mut bvh, &fragile, true));
+            assert!(catch_unwind(panics).is_err());
+            assert_eq!((bvh.hash(), *bvh.history()), (hash, history));
+        }
+        see_to(&mut bvh, &Fragile(together.clone(), N.into()), true);
+        assert_ne!(bvh.hash(), hash);
     }
 }

@@ -15,7 +15,7 @@ use crate::raw;
 pub(crate) struct NewTop {
     /// Sum of the references of its nodes.
     pub(crate) references: f64,
-    /// Sum of their half areas, less that of the nodes before.
+    /// Sum of their half areas times weights, less that of the nodes before.
     pub(crate) change: f64,
     /// The same for those that stand still.
     still_change: f64,

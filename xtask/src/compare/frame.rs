@@ -27,6 +27,12 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec
     }
     let (mut reference, mut set_up) = (Answers::default(), SetUp::default());
     for run in 1..=setting.runs {
+        if run > 1 {
+            stage.pose(0.0);
+            for lane in &mut lanes {
+                lane.contestant = lane.entry.make(&stage.triangles())?;
+            }
+        }
         if interrupt::requested() {
             break;
         }
@@ -34,7 +40,7 @@ fn measure_here(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec
         let progress = Progress::new(name, frames as u64);
         play(&mut lanes, stage, setting, &measured, &progress, &mut reference, &mut set_up)?;
     }
-    for Lane { record, .. } in &mut lanes {
+    for record in lanes.iter_mut().map(|lane| &mut lane.record).chain([&mut set_up.record]) {
         for times in [&mut record.times_ms, &mut record.updates_ms] {
             *times = over_runs(times, measured.len());
         }
@@ -54,9 +60,7 @@ fn play(
     set_up: &mut SetUp,
 ) -> Result<()> {
     let frames = stage.scene.frames.max(2);
-    stage.pose(0.0);
     for lane in lanes.iter_mut() {
-        lane.contestant = lane.entry.make(&stage.triangles())?;
         lane.update(stage)?;
     }
     let mut pixels = vec![Pixel::default(); setting.size as usize * setting.size as usize];

@@ -97,7 +97,7 @@ pub(super) const SET_UP: &str = "ray set-up";
 /// What every contestant but this project's packets spends outside of the library: its user's part.
 #[derive(Default)]
 pub(super) struct SetUp {
-    record: Record,
+    pub(super) record: Record,
 }
 
 impl SetUp {

@@ -83,7 +83,7 @@ pub(crate) struct Args {
     /// rest]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: Option<u32>,
-    /// Play a loop of whole frames so many times; each frame counts by its median
+    /// Play a loop of whole frames so many times, each of which then counts by its median; others are played once
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     runs: u32,
     /// Of the hard cases only this one, for one contestant, in this process

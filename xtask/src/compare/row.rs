@@ -27,13 +27,13 @@ pub(crate) struct Row {
     pub(crate) sah_over_sweep: Option<f64>,
     /// The same in the frame where it is worst.
     pub(crate) worst_sah_over_sweep: Option<f64>,
-    /// Primary rays that hit something, in all measured frames.
+    /// Primary rays that hit something, in all measured frames of all runs.
     pub(crate) hits: u64,
     /// The median over the number of triangles.
     pub(crate) ns_per_triangle: f64,
     /// Of tracing: primary and shadow rays over the median time.
     pub(crate) million_rays_per_s: Option<f64>,
-    /// Measured frames.
+    /// Measured frames; of several runs their medians.
     pub(crate) frames: usize,
     /// Primary rays cast for comparison.
     pub(crate) rays: u64,
