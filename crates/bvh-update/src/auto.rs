@@ -252,14 +252,16 @@ fn choose<P: Primitives + ?Sized>(
     let history = *bvh.history();
     let is_time_to_look = history.rebuilds_in_a_row.is_multiple_of(LOOK_AGAIN);
     let (_, price_of_new) = model.builder(bvh.len() as f64, history.since_repair);
-    scratch.clock.growth.charge(model.rays as f64 * model.weights.ray);
+    let lost = scratch.clock.growth.charge(model.rays as f64 * model.weights.ray);
     if history.is_due || scratch.clock.growth.regret() > price_of_new {
         // A tree that was built in haste and has not degraded since is to be built well.
         let frames = if history.is_hasty { u32::MAX } else { history.since_repair };
         let (builder, _) = model.builder(bvh.len() as f64, frames);
         let update = new_tree(bvh, primitives, builder, model, scratch)?;
-        // It could wait: that does not make a row.
-        raw::parts(bvh).history.rebuilds_in_a_row = 0;
+        if lost <= price_of_new {
+            // It could wait: that does not make a row.
+            raw::parts(bvh).history.rebuilds_in_a_row = 0;
+        }
         return Ok(update);
     }
     if history.rebuilds_in_a_row >= IN_A_ROW && !is_time_to_look {

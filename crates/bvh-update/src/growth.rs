@@ -104,11 +104,12 @@ impl Growth {
         self.is_told = true;
     }
 
-    /// Adds what rays lose to growth in one frame, where all of them took so much in the last.
-    pub(crate) fn charge(&mut self, rays: f64) {
-        if let (Some(least), Some(now)) = (self.least, self.now) {
-            self.regret += rays * self.due * (1.0 - least * (1.0 + LEAST) / now).max(0.0);
-        }
+    /// Adds what rays lose to growth in one frame, where all of them took so much in the last; gives it, too.
+    pub(crate) fn charge(&mut self, rays: f64) -> f64 {
+        let (Some(least), Some(now)) = (self.least, self.now) else { return 0.0 };
+        let lost = rays * self.due * (1.0 - least * (1.0 + LEAST) / now).max(0.0);
+        self.regret += lost;
+        lost
     }
 
     /// What rays have lost to growth since the tree was built, or its top.
@@ -153,8 +154,9 @@ mod tests {
         let mut growth = Growth { regret: 0.0, ..*growth };
         growth.begin();
         growth.is_of(bvh);
-        growth.charge(1.0);
-        growth.regret()
+        let lost = growth.charge(1.0);
+        assert_eq!(growth.regret(), lost);
+        lost
     }
 
     /// Part of the time of rays that is due to so many times as many visits.
