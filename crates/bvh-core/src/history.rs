@@ -63,8 +63,8 @@ pub struct LeafHistory {
     pub calm: u32,
     /// What `calm` was when merging last began.
     pub merging_since: u32,
-    /// Updates since leaves were last split, whatever came of it.
-    pub since_split: u32,
+    /// What rays have lost to the growth of leaves since these were last seen to, in the strategy's own measure.
+    pub regret: f64,
     /// How many such updates there must be before leaves are merged again.
     pub wait: u32,
     /// By what part the areas of leaves may grow before leaves are split; 0 for the least.

@@ -2,8 +2,9 @@
 //!
 //! Merged leaves make rays and updates faster. They are *merged* in a tree that has been calm for so long that it pays: what
 //! it costs must come back in as many updates as there have been since leaves came apart, or the tree is new. A part of the
-//! tree is seen to in each update. They are *split* all at once when their areas have grown; where that turns out to have
-//! not paid for itself, as where primitives grow themselves, they may grow by twice as much until the next time, which is some updates away in any case. Where merging
+//! tree is seen to in each update. They are *split* all at once when their areas have grown and rays have lost as much to
+//! that as it costs; where that turns out to have
+//! not paid for itself, as where primitives grow themselves, they may grow by twice as much until the next time. Where merging
 //! has not paid for itself by then, the next one waits for twice as long, else for half as long.
 
 use bvh_core::{Bvh, History, LeafHistory, Primitives};
@@ -19,8 +20,6 @@ use crate::strategy::{Rotate, Turn, options_like};
 const TURNS: u32 = 8;
 /// Updates before leaves are merged, at least.
 const CALM: u32 = 4;
-/// Updates from one splitting of leaves to the next, at least.
-const PAUSE: u32 = 3;
 /// By what part areas of leaves grow before these are split, at least and at most.
 const SLACK: [f64; 2] = [0.05, 0.8];
 /// What merging saves of what rays take, and of the nodes of the tree.
@@ -44,25 +43,28 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     }
     let moving = nodes / bvh.nodes().len() as f64;
     let saved = model.saved(RAYS_SAVED * moving, nodes * NODES_SAVED, one_in);
-    let leaves = &mut raw::parts(bvh).history.leaves;
+    let unit = size_now(bvh, tally.leaf_area);
+    let history = raw::parts(bvh).history;
+    let good = history.reference * unit * history.evenness.sqrt();
+    let leaves = &mut history.leaves;
     let price = nodes * model.weights.settle_node;
     let pays = f64::from(leaves.calm) * saved > price;
     let has_paid = f64::from(leaves.calm.saturating_sub(leaves.merging_since)) * saved > price;
-    let decision = decide(leaves, tally.leaf_area, pays, spare_pair > 0)?;
+    leaves.regret += model.lost((tally.leaf_area - leaves.area) / good);
+    let decision = decide(leaves, tally.leaf_area, pays, leaves.regret > price, spare_pair > 0)?;
     let merge = match decision {
         Decision::Merge { one_in } => Some(Turn::new(Rotate { period: one_in }, leaves.turns)),
         _ => None,
     };
     // New trees are to have leaves as they were.
     options_like(bvh);
-    let unit = size_now(bvh, tally.leaf_area);
     let change = settle(bvh, primitives, merge, LONGEST as u32, unit, scratch);
     let (before, still_area) = (*tally, bvh.still_area());
     tally.area += change.all;
     tally.leaf_area += change.leaves;
     let history = raw::parts(bvh).history;
     let leaves = &mut history.leaves;
-    leaves.area = tally.leaf_area;
+    (leaves.area, leaves.regret) = (tally.leaf_area, 0.0);
     leaves.is_merged |= tally.leaf_area != before.leaf_area;
     // A tree is held to what it was with leaves like these.
     let standard = if merge.is_some() {
@@ -73,7 +75,6 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     } else {
         let single = tally.leaf_area - change.merged;
         leaves.growth = if leaves.was_merged { 0.0 } else { part_of(change.merged / single) };
-        let good = history.reference * unit * history.evenness.sqrt();
         let was_of_use = model.lost(-change.all / good) * GAIN_LASTS > price;
         was_split(leaves, was_of_use, has_paid);
         if was_of_use { 1.0 / (1.0 + std::mem::take(&mut leaves.cost)) } else { 1.0 }
@@ -91,11 +92,16 @@ fn part_of(part: f64) -> f64 {
 }
 
 /// What is to be done about leaves of this area.
-fn decide(leaves: &mut LeafHistory, area: f64, pays: bool, can_split: bool) -> Option<Decision> {
+fn decide(
+    leaves: &mut LeafHistory,
+    area: f64,
+    pays: bool,
+    has_lost: bool,
+    can_split: bool,
+) -> Option<Decision> {
     leaves.calm = leaves.calm.saturating_add(1);
-    leaves.since_split = leaves.since_split.saturating_add(1);
     let is_merged = leaves.is_merged && can_split;
-    if is_merged && leaves.since_split >= PAUSE && area > leaves.area * (1.0 + leaves.slack.max(SLACK[0])) {
+    if is_merged && has_lost && area > leaves.area * (1.0 + leaves.slack.max(SLACK[0])) {
         return Some(Decision::Split);
     }
     leaves.area = if is_merged { leaves.area.min(area) } else { area };
@@ -112,7 +118,6 @@ fn decide(leaves: &mut LeafHistory, area: f64, pays: bool, can_split: bool) -> O
 
 /// All that are better apart have been split; since they were merged, that may have paid for itself.
 fn was_split(leaves: &mut LeafHistory, was_of_use: bool, has_paid: bool) {
-    leaves.since_split = 0;
     if was_of_use {
         // Leaves that come apart by and by were merged but once.
         if leaves.turns > 0 {
@@ -133,7 +138,7 @@ mod tests {
     const SPLIT: Option<Decision> = Some(Decision::Split);
 
     fn play(leaves: &mut LeafHistory, areas: &[f64], pays: bool) -> Vec<Option<Decision>> {
-        areas.iter().map(|&area| decide(leaves, area, pays, true)).collect()
+        areas.iter().map(|&area| decide(leaves, area, pays, true, true)).collect()
     }
 
     #[test]
@@ -159,7 +164,7 @@ mod tests {
         let mut leaves = LeafHistory { turns: TURNS, is_merged: true, area: 1.0, ..LeafHistory::default() };
         let grows: Vec<f64> = (1..100).map(|i| 1.02f64.powi(i)).collect();
         let splits = grows.iter().filter(|&&area| {
-            let splits = decide(&mut leaves, area, true, true) == SPLIT;
+            let splits = decide(&mut leaves, area, true, true, true) == SPLIT;
             if splits {
                 was_split(&mut leaves, false, false);
                 leaves.area = area;
