@@ -2,7 +2,7 @@
 //!
 //! Merged leaves make rays and updates faster. They are *merged* in a tree that has been calm for so long that it pays: what
 //! it costs must come back in as many updates as there have been since leaves came apart, or the tree is new. A part of the
-//! tree is seen to in each update. They are *split* all at once when their areas have grown and rays have lost as much to
+//! tree is seen to in each update, until little comes of it. They are *split* all at once when their areas have grown and rays have lost as much to
 //! that as it costs; where that turns out to have
 //! not paid for itself, as where primitives grow themselves, they may grow by twice as much until the next time. Where merging
 //! has not paid for itself by then, the next one waits for twice as long, else for half as long.
@@ -22,6 +22,8 @@ const TURNS: u32 = 8;
 const CALM: u32 = 4;
 /// By what part areas of leaves grow before these are split, at least and at most.
 const SLACK: [f64; 2] = [0.05, 0.8];
+/// Part of the nodes seen to that merging has to save for it to go on.
+const WORTH_WHILE: f64 = 0.05;
 /// What merging saves of what rays take, and of the nodes of the tree.
 const RAYS_SAVED: f64 = 0.04;
 const NODES_SAVED: f64 = 0.3;
@@ -68,6 +70,9 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     leaves.is_merged |= tally.leaf_area != before.leaf_area;
     // A tree is held to what it was with leaves like these.
     let standard = if merge.is_some() {
+        if (change.fewer as f64) < WORTH_WHILE * nodes / f64::from(TURNS) {
+            leaves.turns = TURNS;
+        }
         leaves.growth = part_of((1.0 + leaves.growth) * (tally.leaf_area / before.leaf_area) - 1.0);
         let standard = (tally.area + still_area) / (before.area + still_area);
         leaves.cost = part_of((1.0 + leaves.cost) * standard - 1.0);

@@ -37,6 +37,8 @@ pub(crate) struct Change {
     pub(crate) leaves: f64,
     /// By how much the areas of the leaves seen to are greater than those of leaves of one primitive each would be.
     pub(crate) merged: f64,
+    /// By how many the nodes have become fewer.
+    pub(crate) fewer: i64,
 }
 
 /// Splits and merges the leaves whose turn it is, or splits whichever leaves are better apart, in a tree that has been
@@ -263,6 +265,7 @@ impl Writer<'_> {
             rest = others;
             let n = run.n as usize;
             if self.has_pairs(nodes.len() / 2 - 1, n) {
+                self.change.fewer += 2 * (pairs_below(self.nodes, n) as i64 - (nodes.len() / 2 - 1) as i64);
                 self.release(n);
                 self.nodes[n] = self.copy(nodes, 0);
                 self.change.all += run.all;
@@ -441,6 +444,7 @@ mod tests {
                     let pairs = 2 * (N / 2 * 4 / 5);
                     let expected = if merges { nodes - pairs } else { nodes + pairs };
                     assert_eq!(in_use(&bvh), expected);
+                    assert_eq!(change.fewer, nodes as i64 - expected as i64);
                 }
                 trees.push(bvh.hash());
             });
