@@ -70,7 +70,7 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     leaves.is_merged |= tally.leaf_area != before.leaf_area;
     // A tree is held to what it was with leaves like these.
     let standard = if merge.is_some() {
-        if (change.fewer as f64) < WORTH_WHILE * nodes / f64::from(TURNS) {
+        if (change.fewer as f64) < WORTH_WHILE * change.seen as f64 {
             leaves.turns = TURNS;
         }
         leaves.growth = part_of((1.0 + leaves.growth) * (tally.leaf_area / before.leaf_area) - 1.0);

@@ -37,7 +37,8 @@ pub(crate) struct Change {
     pub(crate) leaves: f64,
     /// By how much the areas of the leaves seen to are greater than those of leaves of one primitive each would be.
     pub(crate) merged: f64,
-    /// By how many the nodes have become fewer.
+    /// How many nodes were looked at, and by how many they have become fewer.
+    pub(crate) seen: i64,
     pub(crate) fewer: i64,
 }
 
@@ -120,15 +121,16 @@ struct Plans {
     above: Vec<u32>,
     /// As in [`Change`], with all new runs.
     merged: f64,
+    seen: i64,
 }
 
 impl Plans {
     fn clear(&mut self) {
-        let Self { runs, nodes, above, merged } = self;
+        let Self { runs, nodes, above, merged, seen } = self;
         runs.clear();
         nodes.clear();
         above.clear();
-        *merged = 0.0;
+        (*merged, *seen) = (0.0, 0);
     }
 }
 
@@ -172,6 +174,7 @@ impl<P: Primitives + ?Sized> View<'_, P> {
         if !node.moves() {
             return None;
         }
+        plans.seen += 1;
         let own = node.aabb().half_area_f64() * node.weight();
         if node.is_leaf() {
             let run = Run { first: node.first() as u32, count: node.count() as u32, cost: own, leaves: own };
@@ -260,6 +263,7 @@ impl Writer<'_> {
     fn carry_out(&mut self, plans: &Plans) -> bool {
         let (mut rest, mut is_changed) = (&plans.nodes[..], false);
         self.change.merged += plans.merged;
+        self.change.seen += plans.seen;
         for run in &plans.runs {
             let (nodes, others) = rest.split_at(run.len as usize);
             rest = others;
