@@ -65,7 +65,7 @@ pub struct LeafHistory {
     pub merging_since: u32,
     /// What rays have lost to the growth of leaves since these were last seen to, in the strategy's own measure.
     pub regret: f64,
-    /// How many such updates there must be before leaves are merged again.
+    /// What `calm` must be before leaves are merged again.
     pub wait: u32,
     /// By what part the areas of leaves may grow before leaves are split; 0 for the least.
     pub slack: f64,

@@ -32,12 +32,12 @@ pub(crate) struct Growth {
     /// Whether counts are to be told of `tree`.
     is_open: bool,
     /// Whether leaves have been merged or split since the last counts.
-    is_other: bool,
+    has_other_leaves: bool,
     /// The fewest and the last visits of the tree whose place a new one took in this update.
     before: Option<[f64; 2]>,
     /// What part of the growth was due to the tree, by the last new trees.
     due: f64,
-    /// What rays have lost to growth since the tree was built.
+    /// What rays have lost to growth since the tree was built, or its top.
     regret: f64,
 }
 
@@ -58,7 +58,7 @@ impl Growth {
         }
     }
 
-    /// The tree is not repaired but built anew, though not so that it tells what the old one cost.
+    /// The new tree of this update is no measure of the old one: built in haste, or with other leaves.
     pub(crate) fn tells_nothing(&mut self) {
         self.before = None;
     }
@@ -68,7 +68,7 @@ impl Growth {
     pub(crate) fn end(&mut self, bvh: &Bvh, update: &Update) {
         (self.tree, self.is_open) = (Some(key(bvh)), true);
         if update.rebuilt {
-            (self.least, self.now, self.is_other) = (None, None, false);
+            (self.least, self.now, self.has_other_leaves) = (None, None, false);
         } else {
             self.before = None;
         }
@@ -79,7 +79,7 @@ impl Growth {
 
     /// Leaves have been merged or split, which changes the number of nodes: by how much, the next counts tell.
     pub(crate) fn leaves_changed(&mut self) {
-        self.is_other = true;
+        self.has_other_leaves = true;
     }
 
     /// In the tree of the last update so many rays have visited so many nodes.
@@ -88,7 +88,7 @@ impl Growth {
             return;
         }
         let visits = nodes as f64 / rays as f64;
-        if std::mem::take(&mut self.is_other)
+        if std::mem::take(&mut self.has_other_leaves)
             && let (Some(least), Some(now)) = (&mut self.least, self.now)
         {
             *least *= visits / now;
