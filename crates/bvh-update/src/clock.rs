@@ -35,7 +35,7 @@ impl Weights {
     pub(crate) const MODEL: Self = Self {
         fit_node: 9.5,
         rotate_node: 3.5,
-        settle_node: 45.0,
+        settle_node: 50.0,
         cut_node: 6.0,
         graft_subtree: 300.0,
         rebuild_primitive: 85.0,

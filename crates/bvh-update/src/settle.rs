@@ -17,8 +17,12 @@ pub(crate) const LONGEST: usize = 4;
 
 /// Subtrees of this height or less are parts, which take turns; what is above them is walked through each time.
 const SMALL: u32 = 8;
-/// Parts that a thread looks at in one go.
-const CHUNK: usize = 8;
+/// Parts that are looked at together, so that there is something to do while memory answers.
+const GROUP: usize = 32;
+/// Most tasks that parts are dealt out to.
+const TASKS: usize = 64;
+/// How many runs ahead their primitives are asked for, and twice as many where these are to be found.
+const AHEAD: usize = 8;
 
 /// Memory that this keeps.
 #[derive(Default)]
@@ -56,18 +60,14 @@ pub(crate) fn settle<P: Primitives + ?Sized>(
     top.clear();
     parts.clear();
     find_parts(bvh.nodes(), 0, 0, merge, top, parts);
-    plans.resize_with(parts.len().div_ceil(CHUNK).max(plans.len()), Plans::default);
+    let per_task = parts.len().div_ceil(TASKS).next_multiple_of(GROUP).max(1);
+    plans.resize_with(TASKS, Plans::default);
     let Parts { nodes, order, history, .. } = raw::parts(bvh);
     let longest = max_leaf_size.min(LONGEST as u32);
     let view = View { nodes, order, primitives, merges: merge.is_some(), longest, unit };
-    let plans = &mut plans[..parts.len().div_ceil(CHUNK)];
-    plans.par_iter_mut().zip(parts.par_chunks(CHUNK)).for_each(|(plans, parts)| {
-        plans.clear();
-        for part in parts {
-            if let Some(run) = view.subtree(part.n as usize, part.depth, plans) {
-                view.plan(part.n as usize, part.depth, run, plans);
-            }
-        }
+    plans.iter_mut().for_each(Plans::clear);
+    plans.par_iter_mut().zip(parts.par_chunks(per_task)).for_each(|(plans, parts)| {
+        parts.chunks(GROUP).for_each(|group| view.look(group, plans));
     });
     let mut writer = Writer { nodes, spare: history.spare_pair, change: Change::default() };
     let is_changed = plans.iter().map(|plans| writer.carry_out(plans)).fold(false, |any, is| any | is);
@@ -114,6 +114,10 @@ fn find_parts(
 /// What is to become of some parts.
 #[derive(Default)]
 struct Plans {
+    /// The nodes of the present group, breadth first.
+    group: Vec<Seen>,
+    /// The longest runs in it, as numbers of their roots there.
+    longest: Vec<u32>,
     runs: Vec<NewRun>,
     /// The nodes of new runs, one after the other; each as in an arena, with the root in a pair of its own.
     nodes: Vec<Node>,
@@ -126,11 +130,36 @@ struct Plans {
 
 impl Plans {
     fn clear(&mut self) {
-        let Self { runs, nodes, above, merged, seen } = self;
+        let Self { runs, nodes, above, merged, seen, .. } = self;
         runs.clear();
         nodes.clear();
         above.clear();
         (*merged, *seen) = (0.0, 0);
+    }
+}
+
+/// A node that was looked at.
+#[derive(Clone, Copy)]
+struct Seen {
+    n: u32,
+    depth: u32,
+    /// Where its children are, if any.
+    children: u32,
+    /// Whether it is the root of a new run, or above one.
+    changes: bool,
+    /// The run that it is the root of, if any; else one of no slots.
+    run: Run,
+}
+
+impl Seen {
+    fn new(n: usize, depth: u32) -> Self {
+        Self { n: n as u32, depth, children: 0, changes: false, run: Run::default() }
+    }
+
+    /// Where its children are.
+    fn children(&self) -> Option<[usize; 2]> {
+        let first = self.children as usize;
+        (first > 0).then_some([first, first + 1])
     }
 }
 
@@ -158,7 +187,7 @@ struct View<'a, P: ?Sized> {
 }
 
 /// The slots of a subtree, and the sum of half areas times weights over its nodes.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Run {
     first: u32,
     count: u32,
@@ -168,62 +197,109 @@ struct Run {
 }
 
 impl<P: Primitives + ?Sized> View<'_, P> {
-    /// Plans the longest runs at and below node `n`, but gives that which includes `n` itself to the caller.
-    fn subtree(&self, n: usize, depth: u32, plans: &mut Plans) -> Option<Run> {
-        let node = self.nodes[n];
-        if !node.moves() {
-            return None;
-        }
-        plans.seen += 1;
-        let own = node.aabb().half_area_f64() * node.weight();
-        if node.is_leaf() {
-            let run = Run { first: node.first() as u32, count: node.count() as u32, cost: own, leaves: own };
-            return (1..=self.longest).contains(&run.count).then_some(run);
-        }
-        let pair = node.first();
-        prefetch(self.nodes, self.nodes[pair + 1].first());
-        let before = plans.runs.len();
-        let runs = [pair, pair + 1].map(|child| self.subtree(child, depth + 1, plans));
-        if let [Some(l), Some(r)] = runs
-            && self.merges
-            && (l.first + l.count == r.first || r.first + r.count == l.first)
-            && l.count + r.count <= self.longest
-        {
-            let cost = own + (l.cost + r.cost);
-            let (first, count) = (l.first.min(r.first), l.count + r.count);
-            return Some(Run { first, count, cost, leaves: l.leaves + r.leaves });
-        }
-        for (child, run) in (pair..).zip(runs) {
-            if let Some(run) = run {
-                self.plan(child, depth + 1, run, plans);
+    /// Plans for a group of parts, too. Whatever is needed is asked for well before.
+    fn look(&self, parts: &[Part], plans: &mut Plans) {
+        let Plans { group, longest, runs, nodes, above, merged, seen } = plans;
+        group.clear();
+        longest.clear();
+        group.extend(parts.iter().map(|part| Seen::new(part.n as usize, part.depth)));
+        self.walk(group);
+        self.find_longest(group, parts.len(), longest);
+        *seen += group.len() as i64;
+        for i in 0..longest.len() {
+            self.prefetch_slots(group, longest.get(i + 2 * AHEAD), |p| self.primitives.prefetch_index(p));
+            self.prefetch_slots(group, longest.get(i + AHEAD), |p| self.primitives.prefetch_data(p));
+            let root = &mut group[longest[i] as usize];
+            let run = &root.run;
+            let slots = &self.order[run.first as usize..][..run.count as usize];
+            let mut boxes = [Aabb::EMPTY; LONGEST];
+            let boxes = &mut boxes[..slots.len()];
+            boxes.iter_mut().zip(slots).for_each(|(aabb, &p)| *aabb = self.primitives.aabb(p as usize));
+            let single = boxes.iter().map(|aabb| aabb.half_area_f64() * COST_INTERSECT).sum::<f64>();
+            *merged += run.leaves - single;
+            if root.children == 0 && is_best_as_leaf(run, single) {
+                continue;
+            }
+            let best = Best::new(boxes);
+            let cost = best.cost[0][boxes.len() - 1];
+            if cost < run.cost {
+                root.changes = true;
+                let leaves = best.leaves(0, boxes.len()) - run.leaves;
+                *merged += leaves;
+                let start = nodes.len();
+                nodes.extend([Node::NOTHING; 2]);
+                nodes[start] = self.write(&best, run.first, 0, boxes.len(), start, nodes);
+                let len = (nodes.len() - start) as u32;
+                runs.push(NewRun { n: root.n, len, all: cost - run.cost, leaves });
             }
         }
-        if plans.runs.len() > before {
-            plans.above.push(n as u32);
+        for i in (0..group.len()).rev() {
+            if let Some(children) = group[i].children()
+                && children.iter().any(|&child| group[child].changes)
+            {
+                group[i].changes = true;
+                above.push(group[i].n);
+            }
         }
-        None
     }
 
-    /// Plans the best tree over a run for the place of node `n`.
-    fn plan(&self, n: usize, depth: u32, run: Run, plans: &mut Plans) {
-        if run.count < 2 || depth + run.count - 1 > MAX_HEIGHT {
-            return;
+    /// Adds what moves below the nodes seen; of those that are leaves, gives the runs.
+    fn walk(&self, seen: &mut Vec<Seen>) {
+        let mut i = 0;
+        while i < seen.len() {
+            let node = &self.nodes[seen[i].n as usize];
+            if node.moves() && node.is_leaf() {
+                let cost = node.aabb().half_area_f64() * node.weight();
+                prefetch(self.order, node.first());
+                if (1..=self.longest as usize).contains(&node.count()) {
+                    let (first, count) = (node.first() as u32, node.count() as u32);
+                    seen[i].run = Run { first, count, cost, leaves: cost };
+                }
+            } else if node.moves() {
+                let pair = node.first();
+                prefetch(self.nodes, pair);
+                seen[i].children = seen.len() as u32;
+                let depth = seen[i].depth + 1;
+                seen.extend([pair, pair + 1].map(|child| Seen::new(child, depth)));
+            }
+            i += 1;
         }
-        let slots = &self.order[run.first as usize..][..run.count as usize];
-        let best = Best::new(slots.iter().map(|&p| self.primitives.aabb(p as usize)));
-        let cost = best.cost[0][slots.len() - 1];
-        let mut leaves = run.leaves;
-        if cost < run.cost {
-            leaves = best.leaves(0, slots.len());
-            let start = plans.nodes.len();
-            plans.nodes.extend([Node::NOTHING; 2]);
-            let root = self.write(&best, run.first, 0, slots.len(), start, &mut plans.nodes);
-            plans.nodes[start] = root;
-            let len = (plans.nodes.len() - start) as u32;
-            let (all, leaves) = (cost - run.cost, leaves - run.leaves);
-            plans.runs.push(NewRun { n: n as u32, len, all, leaves });
+    }
+
+    /// Finds the longest runs below the first `roots` of the nodes seen, and these.
+    fn find_longest(&self, seen: &mut [Seen], roots: usize, longest: &mut Vec<u32>) {
+        let mut found = |seen: &Seen, i: usize| {
+            if seen.run.count > 1 && seen.depth + seen.run.count - 1 <= MAX_HEIGHT {
+                longest.push(i as u32);
+            }
+        };
+        for i in (0..seen.len()).rev() {
+            if let Some(children) = seen[i].children() {
+                let [l, r] = children.map(|child| seen[child].run);
+                let are_runs = self.merges && l.count > 0 && r.count > 0;
+                let meet = l.first + l.count == r.first || r.first + r.count == l.first;
+                if are_runs && meet && l.count + r.count <= self.longest {
+                    let node = &self.nodes[seen[i].n as usize];
+                    let own = node.aabb().half_area_f64() * node.weight();
+                    let (first, count) = (l.first.min(r.first), l.count + r.count);
+                    let (cost, leaves) = (own + (l.cost + r.cost), l.leaves + r.leaves);
+                    seen[i].run = Run { first, count, cost, leaves };
+                } else {
+                    children.into_iter().for_each(|child| found(&seen[child], child));
+                }
+            }
+            if i < roots {
+                found(&seen[i], i);
+            }
         }
-        plans.merged += leaves - (0..slots.len()).map(|i| best.cost[i][i]).sum::<f64>();
+    }
+
+    /// Asks for the primitives of a run, if there is one.
+    fn prefetch_slots(&self, seen: &[Seen], root: Option<&u32>, ask_for: impl Fn(usize)) {
+        if let Some(&root) = root {
+            let Run { first, count, .. } = seen[root as usize].run;
+            self.order[first as usize..][..count as usize].iter().for_each(|&p| ask_for(p as usize));
+        }
     }
 
     /// The root of the best tree over primitives `from..to`; writes the nodes below it behind the others.
@@ -264,7 +340,13 @@ impl Writer<'_> {
         let (mut rest, mut is_changed) = (&plans.nodes[..], false);
         self.change.merged += plans.merged;
         self.change.seen += plans.seen;
-        for run in &plans.runs {
+        for (i, run) in plans.runs.iter().enumerate() {
+            if let Some(soon) = plans.runs.get(i + 2 * AHEAD) {
+                prefetch(self.nodes, soon.n as usize);
+            }
+            if let Some(sooner) = plans.runs.get(i + AHEAD) {
+                prefetch(self.nodes, self.nodes[sooner.n as usize].first());
+            }
             let (nodes, others) = rest.split_at(run.len as usize);
             rest = others;
             let n = run.n as usize;
@@ -342,6 +424,13 @@ fn pairs_below(nodes: &[Node], n: usize) -> usize {
     }
 }
 
+/// Whether a run that is one leaf cannot be better, as a tree has a root at least, and leaves of one primitive at best;
+/// `single` is what these cost.
+fn is_best_as_leaf(leaf: &Run, single: f64) -> bool {
+    let area = leaf.cost / (COST_INTERSECT * f64::from(leaf.count));
+    leaf.cost <= area * COST_TRAVERSE + single
+}
+
 /// The best trees over all parts of a run, by their first and their last primitive.
 struct Best {
     aabb: [[Aabb; LONGEST]; LONGEST],
@@ -351,13 +440,13 @@ struct Best {
 }
 
 impl Best {
-    fn new(boxes: impl ExactSizeIterator<Item = Aabb>) -> Self {
+    fn new(boxes: &[Aabb]) -> Self {
         let mut best = Self {
             aabb: [[Aabb::EMPTY; LONGEST]; LONGEST],
             cost: [[0.0; LONGEST]; LONGEST],
             split: [[0; LONGEST]; LONGEST],
         };
-        for (to, aabb) in boxes.enumerate() {
+        for (to, &aabb) in boxes.iter().enumerate() {
             best.aabb[to][to] = aabb;
             best.cost[to][to] = aabb.half_area_f64() * COST_INTERSECT;
             for from in (0..to).rev() {
