@@ -36,7 +36,7 @@ impl Weights {
         fit_node: 9.5,
         rotate_node: 3.5,
         settle_node: 50.0,
-        cut_node: 6.0,
+        cut_node: 9.0,
         graft_subtree: 300.0,
         rebuild_primitive: 85.0,
         hasty_primitive: 45.0,

@@ -14,7 +14,10 @@
 //! The measure M is a node's half area where the tree is *regrown*. `divergent.rs` has another; `selective.rs` opens nodes
 //! in a way of its own. `top.rs` builds the top anew.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use bvh_core::{Aabb, Bvh, History, LeafHistory, MAX_HEIGHT, Node, prefetch};
+use rayon::prelude::*;
 
 use crate::pass::Scratch;
 use crate::raw;
@@ -24,7 +27,7 @@ use crate::top::rebuild_top;
 /// Memory that repairs keep.
 #[derive(Default)]
 pub(crate) struct CutScratch {
-    queues: Vec<Queue>,
+    tasks: Vec<Task>,
     /// Subtrees to keep, and the pairs of nodes above them.
     pub(crate) cut: Vec<u32>,
     pub(crate) pairs: Vec<u32>,
@@ -48,8 +51,8 @@ pub(crate) enum Regrown {
 }
 
 /// What a node is judged by, in the dimension of areas.
-pub(crate) trait NodeMeasure: Fn(&[Node], &Node) -> f64 + Copy {}
-impl<F: Fn(&[Node], &Node) -> f64 + Copy> NodeMeasure for F {}
+pub(crate) trait NodeMeasure: Fn(&[Node], &Node) -> f64 + Copy + Sync {}
+impl<F: Fn(&[Node], &Node) -> f64 + Copy + Sync> NodeMeasure for F {}
 
 /// A node's half area.
 pub(crate) fn area(_: &[Node], node: &Node) -> f64 {
@@ -196,74 +199,114 @@ pub(crate) fn open(
     most: usize,
     scratch: &mut CutScratch,
 ) -> f64 {
-    let CutScratch { queues, cut, pairs, .. } = scratch;
+    let CutScratch { tasks, cut, pairs, .. } = scratch;
     cut.clear();
     pairs.clear();
     if bvh.height() < 2 {
         return 0.0;
     }
     let large = LARGE * bvh.root().aabb().half_area();
-    let mut walk = Cut {
-        nodes: bvh.nodes(),
-        measure,
-        scale,
-        threshold,
-        large,
-        cut,
-        pairs,
-        kept: 0.0,
-        bad: 0,
-        most,
-        is_given_up: false,
-    };
-    queues.resize_with(MAX_HEIGHT as usize / 3 + 2, Queue::default);
-    queues[0].slots.clear();
-    queues[0].slots.push(0);
-    walk.walk(queues);
-    let (kept, nothing_is_bad) = (walk.kept, walk.bad == 0 && !walk.is_given_up);
-    if nothing_is_bad {
-        cut.clear();
-        pairs.clear();
+    let count = AtomicUsize::new(0);
+    let walk = Walk { nodes: bvh.nodes(), measure, scale, threshold, large, most, count: &count };
+    tasks.resize_with(1 + QUEUE.div_ceil(PER_TASK), Task::default);
+    tasks.iter_mut().for_each(Task::clear);
+    walk.share_out(tasks);
+    let kept = tasks.iter().map(|task| task.kept).sum();
+    if tasks.iter().any(|task| task.bad > 0) || count.into_inner() > most {
+        tasks.iter().for_each(|task| cut.extend_from_slice(&task.cut));
+        tasks.iter().for_each(|task| pairs.extend_from_slice(&task.pairs));
     }
     kept
 }
 
-struct Cut<'a, M> {
+/// What one task has found below its nodes.
+#[derive(Default)]
+struct Task {
+    queues: Vec<Queue>,
+    cut: Vec<u32>,
+    pairs: Vec<u32>,
+    /// Sum of references of nodes that are not opened.
+    kept: f64,
+    /// How many nodes were opened for their excess.
+    bad: usize,
+}
+
+impl Task {
+    fn clear(&mut self) {
+        self.queues.resize_with(MAX_HEIGHT as usize / 3 + 2, Queue::default);
+        self.cut.clear();
+        self.pairs.clear();
+        (self.kept, self.bad) = (0.0, 0);
+    }
+}
+
+struct Walk<'a, M> {
     nodes: &'a [Node],
     measure: M,
     scale: f64,
     threshold: f64,
     large: f32,
     most: usize,
-    cut: &'a mut Vec<u32>,
-    pairs: &'a mut Vec<u32>,
-    /// Sum of references of nodes that are not opened.
-    kept: f64,
-    /// How many nodes were opened for their excess.
-    bad: usize,
-    /// Whether the walk ended early, as there were more than `most`.
-    is_given_up: bool,
+    /// How many subtrees are in the cuts of all tasks; the walk ends early where there are more than `most`.
+    count: &'a AtomicUsize,
 }
 
 /// Nodes of one block of the walk, breadth-first as in `block.rs`, and the excess at and below each.
 #[derive(Default)]
 struct Queue {
     slots: Vec<u32>,
+    /// How many of them belong to this block; the others, to further blocks.
+    done: usize,
     excess: Vec<f64>,
 }
 
 /// Nodes in one queue, and roots of one block below another.
 const QUEUE: usize = 1024;
 const ROOTS: usize = 64;
+/// Roots of a task.
+const PER_TASK: usize = 8;
 
-impl<M: NodeMeasure> Cut<'_, M> {
-    /// Excess at and below nodes with grandchildren, at the front of the first queue.
-    fn walk(&mut self, queues: &mut [Queue]) {
+impl<M: NodeMeasure> Walk<'_, M> {
+    /// Walks through the whole tree; the first task is the block at its top.
+    fn share_out(&self, tasks: &mut [Task]) {
+        let (top, tasks) = tasks.split_first_mut().expect("one for the top");
+        let mut queues = std::mem::take(&mut top.queues);
+        let queue = &mut queues[0];
+        self.list(queue, &[0]);
+        let roots = queue.slots[queue.done..].par_chunks(PER_TASK);
+        let excess = queue.excess[queue.done..].par_chunks_mut(PER_TASK);
+        roots.zip(excess).zip(tasks).for_each(|((roots, excess), task)| {
+            let mut queues = std::mem::take(&mut task.queues);
+            self.walk(roots, excess, &mut queues, task);
+            task.queues = queues;
+        });
+        self.ascend(queue, top);
+        top.queues = queues;
+    }
+
+    /// Finds the excess at and below nodes with grandchildren.
+    fn walk(&self, roots: &[u32], excess: &mut [f64], queues: &mut [Queue], task: &mut Task) {
         let (queue, deeper) = queues.split_first_mut().expect("as many queues as blocks nest");
-        let Queue { slots, excess } = queue;
-        let mut done = 0;
-        while done < slots.len() && slots.len() + 2 <= QUEUE {
-            let first = self.nodes[slots[done] as usize].first();
+        self.list(queue, roots);
+        let Queue { slots, done, excess: below } = queue;
+        for (roots, excess) in slots[*done..].chunks(ROOTS).zip(below[*done..].chunks_mut(ROOTS)) {
+            if self.count.load(Ordering::Relaxed) > self.most {
+                return;
+            }
+            self.walk(roots, excess, deeper, task);
+        }
+        self.ascend(queue, task);
+        excess.copy_from_slice(&queue.excess[..roots.len()]);
+    }
+
+    /// Lists nodes with grandchildren, breadth-first.
+    fn list(&self, queue: &mut Queue, roots: &[u32]) {
+        let Queue { slots, done, excess } = queue;
+        slots.clear();
+        slots.extend(roots);
+        *done = 0;
+        while *done < slots.len() && slots.len() + 2 <= QUEUE {
+            let first = self.nodes[slots[*done] as usize].first();
             for child in [first, first + 1] {
                 let node = &self.nodes[child];
                 if node.height() > 1 {
@@ -271,23 +314,19 @@ impl<M: NodeMeasure> Cut<'_, M> {
                     slots.push(child as u32);
                 }
             }
-            done += 1;
+            *done += 1;
         }
         excess.clear();
         excess.resize(slots.len(), 0.0);
-        for (slots, excess) in slots[done..].chunks(ROOTS).zip(excess[done..].chunks_mut(ROOTS)) {
-            if self.cut.len() > self.most {
-                self.is_given_up = true;
-                return;
-            }
-            deeper[0].slots.clear();
-            deeper[0].slots.extend(slots);
-            self.walk(deeper);
-            excess.copy_from_slice(&deeper[0].excess[..slots.len()]);
-        }
+    }
+
+    /// Settles the nodes of a block, once the excess of those below it is known.
+    fn ascend(&self, queue: &mut Queue, task: &mut Task) {
+        let Queue { slots, done, excess } = queue;
+        let before = task.cut.len();
         // Children were queued left first, so they come off the end right first.
         let mut end = slots.len();
-        for i in (0..done).rev() {
+        for i in (0..*done).rev() {
             let node = self.nodes[slots[i] as usize];
             let mut below = [0.0; 2];
             for (side, below) in below.iter_mut().enumerate().rev() {
@@ -295,15 +334,16 @@ impl<M: NodeMeasure> Cut<'_, M> {
                 match child.height() {
                     // Leaves have no excess.
                     0 => {}
-                    1 => *below = self.settle(&child, [0.0; 2]),
+                    1 => *below = self.settle(&child, [0.0; 2], task),
                     _ => {
                         end -= 1;
                         *below = excess[end];
                     }
                 }
             }
-            excess[i] = self.settle(&node, below);
+            excess[i] = self.settle(&node, below, task);
         }
+        self.count.fetch_add(task.cut.len() - before, Ordering::Relaxed);
     }
 
     /// Whether a node is opened, given the excess at and below it.
@@ -312,20 +352,20 @@ impl<M: NodeMeasure> Cut<'_, M> {
     }
 
     /// Opens a node, or keeps it; gives the excess at and below it.
-    fn settle(&mut self, node: &Node, below: [f64; 2]) -> f64 {
+    fn settle(&self, node: &Node, below: [f64; 2], task: &mut Task) -> f64 {
         let own = (self.measure)(self.nodes, node) - self.scale * f64::from(node.reference());
         let total = below[0] + below[1] + own.max(0.0);
-        self.bad += usize::from(total > self.threshold);
+        task.bad += usize::from(total > self.threshold);
         if self.is_opened(node, total) {
             let pair = node.first();
-            self.pairs.push(pair as u32);
+            task.pairs.push(pair as u32);
             for (child, below) in (pair..).zip(below) {
                 if !self.is_opened(&self.nodes[child], below) {
-                    self.cut.push(child as u32);
+                    task.cut.push(child as u32);
                 }
             }
         } else {
-            self.kept += f64::from(node.reference());
+            task.kept += f64::from(node.reference());
         }
         total
     }

@@ -5,6 +5,7 @@
 
 use bvh_build::{BuildOptions, Builder, rebuild};
 use bvh_core::{Bvh, History, Layout, MAX_HEIGHT, Node};
+use rayon::prelude::*;
 
 use crate::cut::{CutScratch, NodeMeasure, Regrown, reference};
 use crate::pass::Scratch;
@@ -38,8 +39,8 @@ pub(crate) fn rebuild_top(
         return Regrown::Top { subtrees: 0, change: 0.0 };
     }
     // In memory order, as builders number pairs.
-    cut.sort_unstable();
-    pairs.sort_unstable();
+    cut.par_sort_unstable();
+    pairs.par_sort_unstable();
     kept.clear();
     kept.extend(cut.iter().map(|&n| bvh.nodes()[n as usize]));
     boxes.clear();
@@ -50,9 +51,12 @@ pub(crate) fn rebuild_top(
     {
         return Regrown::TooMuch;
     }
+    let mut new = NewTop::default();
     let opened = pairs.iter().flat_map(|&pair| [pair, pair + 1]).map(|n| &bvh.nodes()[n as usize]);
-    let before = inner_area(opened.chain([bvh.root()])) - inner_area(kept.iter());
-    if inner_area(top.nodes().iter()) >= before {
+    opened.chain([bvh.root()]).for_each(|node| new.add(node, -1.0));
+    kept.iter().for_each(|node| new.add(node, 1.0));
+    let after = top.nodes().iter().filter(|node| !node.is_leaf());
+    if after.map(|node| node.aabb().half_area_f64() * node.weight()).sum::<f64>() + new.change >= 0.0 {
         return Regrown::Top { subtrees: 0, change: 0.0 };
     }
     assert!(
@@ -60,13 +64,6 @@ pub(crate) fn rebuild_top(
         "a tree over k subtrees has k - 1 pairs below the root"
     );
     let parts = raw::parts(bvh);
-    let mut new = NewTop::default();
-    for &pair in pairs.iter() {
-        new.add(&parts.nodes[pair as usize], -1.0);
-        new.add(&parts.nodes[pair as usize + 1], -1.0);
-    }
-    new.add(&parts.nodes[0], -1.0);
-    kept.iter().for_each(|node| new.add(node, 1.0));
     let mut graft = Graft { nodes: parts.nodes, measure, top, kept, pairs: pairs.iter(), scale, new };
     graft.write(0, 0);
     let new = graft.new;
@@ -85,11 +82,6 @@ pub(crate) fn rebuild_top(
         ..*history
     };
     Regrown::Top { subtrees: kept.len(), change: new.change }
-}
-
-/// Sum of half areas of inner nodes.
-fn inner_area<'a>(nodes: impl Iterator<Item = &'a Node>) -> f64 {
-    nodes.filter(|node| !node.is_leaf()).map(|node| node.aabb().half_area_f64()).sum()
 }
 
 impl NewTop {
