@@ -75,6 +75,8 @@ pub struct LeafHistory {
     pub growth: f64,
     /// By what part the cost of the whole tree has changed by that: `reference` is of merged leaves.
     pub cost: f64,
+    /// What part of the leaves that have merged last are left by repairs.
+    pub left: f64,
 }
 
 /// How a tree lies in its arena, as far as updates have looked.

@@ -27,7 +27,7 @@ use bvh_core::{Bvh, History, Primitives};
 
 use crate::clock::{Weights, Work};
 use crate::cut::{Regrown, excess_by, reference, regrow, size_now, take_references};
-use crate::merge::see_to_leaves;
+use crate::merge::{see_to_leaves, were_set_apart};
 use crate::pass::{Scratch, pass};
 use crate::raw;
 use crate::regrow::{LARGEST_CUT, SOON, rebuild_all};
@@ -343,7 +343,7 @@ fn choose<P: Primitives + ?Sized>(
     let most = part * found.primitives;
     let threshold = model.threshold(history) * unit;
     let start = (scratch.clock.now)();
-    let regrown = regrow(bvh, tally.leaf_area, threshold, most as usize, scratch);
+    let regrown = regrow(bvh, primitives, &tally, threshold, most as usize, scratch);
     let took = (scratch.clock.now)().saturating_duration_since(start);
     match regrown {
         Regrown::Top { subtrees: 0, .. } => {
@@ -353,7 +353,8 @@ fn choose<P: Primitives + ?Sized>(
             history.measured = history.reference;
             Ok(refitted(bvh))
         }
-        Regrown::Top { subtrees, change } => {
+        Regrown::Top { subtrees, change, apart } => {
+            were_set_apart(bvh, &tally, &apart);
             let Weights { cut_node, graft_subtree, .. } = Weights::MODEL;
             let expected = found.nodes * cut_node + subtrees as f64 * graft_subtree;
             scratch.clock.learn(Work::Repair, expected, took);

@@ -16,12 +16,14 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use bvh_core::{Aabb, Bvh, History, LeafHistory, MAX_HEIGHT, Node, prefetch};
+use bvh_core::{Aabb, Bvh, History, LeafHistory, MAX_HEIGHT, Node, Primitives, prefetch};
 use rayon::prelude::*;
 
+use crate::block::Tally;
 use crate::pass::Scratch;
 use crate::raw;
 use crate::selective::Overlaps;
+use crate::settle::{LONGEST, set_apart};
 use crate::top::rebuild_top;
 
 /// Memory that repairs keep.
@@ -34,6 +36,8 @@ pub(crate) struct CutScratch {
     pub(crate) overlaps: Overlaps,
     pub(crate) boxes: Vec<Aabb>,
     pub(crate) kept: Vec<Node>,
+    /// The pieces of one leaf.
+    pieces: Vec<Node>,
     pub(crate) top: Bvh,
 }
 
@@ -45,9 +49,16 @@ pub(crate) enum Regrown {
         subtrees: usize,
         /// By how much the sum of half areas times weights has changed.
         change: f64,
+        apart: Apart,
     },
     /// There would be too many subtrees, or the tree would get too high: nothing was changed.
     TooMuch,
+}
+
+impl Regrown {
+    /// There was nothing to be had.
+    pub(crate) const NOTHING: Self =
+        Self::Top { subtrees: 0, change: 0.0, apart: Apart { count: 0, change: 0.0, spare: 0 } };
 }
 
 /// What a node is judged by, in the dimension of areas.
@@ -175,19 +186,105 @@ impl Sums {
 const LARGE: f32 = 0.005;
 
 /// Builds the tree anew above the subtrees whose excess of area is at most `threshold`, if there are at most `most` of
-/// them.
-pub(crate) fn regrow(
+/// them, after a pass that has found this.
+pub(crate) fn regrow<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
-    leaf_area: f64,
+    primitives: &P,
+    tally: &Tally,
     threshold: f64,
     most: usize,
     scratch: &mut Scratch,
 ) -> Regrown {
-    let size = size_now(bvh, leaf_area);
-    let kept = open(bvh, area, size, threshold, most, &mut scratch.cut);
+    let references = open(bvh, area, size_now(bvh, tally.leaf_area), threshold, most, &mut scratch.cut);
+    let apart = keep(bvh, primitives, most, &mut scratch.cut);
+    let leaf_area = tally.leaf_area + apart.change;
+    let size = size_since(bvh.history(), leaf_area / (1.0 + apart.growth_left(bvh, tally)), bvh);
     // Leaves have no references.
     let leaves = (leaf_area + bvh.history().sizes[2]) / size;
-    rebuild_top(bvh, area, size, most, scratch, |top| kept + top.references + leaves)
+    rebuild_top(bvh, area, size, apart, most, scratch, |top| references + top.references + leaves)
+}
+
+/// Leaves at a cut that were set apart.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Apart {
+    /// How many leaves more there are.
+    pub(crate) count: u32,
+    /// By how much the sum of their half areas times weights has changed.
+    pub(crate) change: f64,
+    /// The first of the pairs that are then kept for later.
+    pub(crate) spare: u32,
+}
+
+impl Apart {
+    /// What is left of the growth of leaves by merging, after a pass that has found this.
+    pub(crate) fn growth_left(&self, bvh: &Bvh, tally: &Tally) -> f64 {
+        bvh.history().leaves.growth * self.part_left(bvh, tally)
+    }
+
+    /// The part of what had merged that still is.
+    pub(crate) fn part_left(&self, bvh: &Bvh, tally: &Tally) -> f64 {
+        let merged = bvh.len() as f64 - tally.leaves as f64;
+        if self.count == 0 { 1.0 } else { (1.0 - f64::from(self.count) / merged).clamp(0.0, 1.0) }
+    }
+}
+
+/// How many nodes ahead they are fetched, and the primitives of leaves.
+const AHEAD: usize = 8;
+
+/// Collects the subtrees of a cut, if there are at most `most`. What is better apart of a merged leaf is kept apart, with
+/// spare pairs above: the leaf has come apart with the nodes above it.
+pub(crate) fn keep<P: Primitives + ?Sized>(
+    bvh: &Bvh,
+    primitives: &P,
+    most: usize,
+    scratch: &mut CutScratch,
+) -> Apart {
+    let CutScratch { cut, pairs, kept, pieces, .. } = scratch;
+    let mut apart = Apart { spare: bvh.history().spare_pair, ..Apart::default() };
+    kept.clear();
+    if cut.len() > most {
+        return apart;
+    }
+    // In memory order, as builders number pairs.
+    cut.par_sort_unstable();
+    let (nodes, order) = (bvh.nodes(), bvh.order());
+    for (i, &n) in cut.iter().enumerate() {
+        if let Some(&soon) = cut.get(i + AHEAD) {
+            prefetch(nodes, soon as usize);
+        }
+        kept.push(nodes[n as usize]);
+    }
+    let is_merged = |leaf: &Node| leaf.moves() && (2..=LONGEST).contains(&leaf.count());
+    for i in 0..if apart.spare > 0 { cut.len() } else { 0 } {
+        if let Some(soon) = kept.get(i + AHEAD).filter(|leaf| is_merged(leaf)) {
+            order[soon.first()..][..soon.count()].iter().for_each(|&p| primitives.prefetch_data(p as usize));
+        }
+        if !is_merged(&kept[i]) {
+            continue;
+        }
+        pieces.clear();
+        let gain = set_apart(order, primitives, &kept[i], pieces);
+        let (pairs_before, spare_before) = (pairs.len(), apart.spare);
+        for _ in 1..pieces.len() {
+            if apart.spare > 0 {
+                pairs.push(apart.spare);
+                apart.spare = nodes[apart.spare as usize].first() as u32;
+            }
+        }
+        if let [first, others @ ..] = &pieces[..] {
+            if pairs.len() - pairs_before == others.len() {
+                kept[i] = *first;
+                kept.extend_from_slice(others);
+                apart.count += others.len() as u32;
+                apart.change -= gain;
+            } else {
+                pairs.truncate(pairs_before);
+                apart.spare = spare_before;
+            }
+        }
+    }
+    pairs.par_sort_unstable();
+    apart
 }
 
 /// Finds the subtrees whose excess is at most `threshold`, or more than `most`; gives the sum of references in them.

@@ -11,7 +11,7 @@ use bvh_core::{Bvh, History, LeafHistory, Primitives};
 
 use crate::auto::{Decision, GAIN_LASTS, Model};
 use crate::block::Tally;
-use crate::cut::size_now;
+use crate::cut::{Apart, size_now};
 use crate::raw;
 use crate::settle::{LONGEST, SettleScratch, settle};
 use crate::strategy::{Rotate, Turn, options_like};
@@ -24,6 +24,8 @@ const CALM: u32 = 4;
 const SLACK: [f64; 2] = [0.05, 0.8];
 /// Part of the nodes seen to that merging has to save for it to go on.
 const WORTH_WHILE: f64 = 0.05;
+/// Once repairs have left less than this part of what had merged, it may merge again.
+const MOSTLY_MERGED: f64 = 0.75;
 /// What merging saves of what rays take, and of the nodes of the tree.
 const RAYS_SAVED: f64 = 0.04;
 const NODES_SAVED: f64 = 0.3;
@@ -91,6 +93,25 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     Some(decision)
 }
 
+/// A repair after this pass has set leaves apart that had come apart with the nodes above them.
+pub(crate) fn were_set_apart(bvh: &mut Bvh, tally: &Tally, apart: &Apart) {
+    if apart.count == 0 {
+        return;
+    }
+    let (left, growth) = (apart.part_left(bvh, tally), apart.growth_left(bvh, tally));
+    let leaves = &mut raw::parts(bvh).history.leaves;
+    leaves.growth = growth;
+    leaves.cost *= left;
+    // What rays still lose.
+    let [before, now] = [0.0, apart.change].map(|change| tally.leaf_area + change - leaves.area);
+    leaves.regret *= if before > 0.0 { (now / before).clamp(0.0, 1.0) } else { 0.0 };
+    leaves.area = leaves.area.min(tally.leaf_area + apart.change);
+    leaves.left = leaves.left.min(1.0) * left;
+    if leaves.left < MOSTLY_MERGED {
+        (leaves.turns, leaves.calm) = (0, 0);
+    }
+}
+
 /// A part by which something has grown or shrunk; 0 where that is beyond numbers.
 fn part_of(part: f64) -> f64 {
     if part > -1.0 && part.is_finite() { part } else { 0.0 }
@@ -115,7 +136,7 @@ fn decide(
         return None;
     }
     if starts {
-        leaves.merging_since = leaves.calm;
+        (leaves.merging_since, leaves.left) = (leaves.calm, 1.0);
     }
     leaves.turns += 1;
     Some(Decision::Merge { one_in: TURNS })

@@ -4,7 +4,7 @@ use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
 use crate::auto::Decision;
-use crate::cut::{Regrown, area, open, reference, regrow, size_now, take_references, take_references_of};
+use crate::cut::{Regrown, area, keep, open, reference, regrow, size_now, take_references, take_references_of};
 use crate::divergent::{self, divergence};
 use crate::pass::{Scratch, pass};
 use crate::strategy::{Rotate, Update, UpdateError, new_tree, options_like};
@@ -71,12 +71,16 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let share = bvh.history().reference * scale / n;
     let judge = |top: NewTop| (sum + top.change) / scale;
     let regrown = match options.open {
-        Open::Grown => regrow(bvh, tally.leaf_area, OPENED * share, most, scratch),
+        Open::Grown => regrow(bvh, primitives, &tally, OPENED * share, most, scratch),
         Open::Overlapping if !selective::open(bvh.nodes(), share, most, &mut scratch.cut) => Regrown::TooMuch,
-        Open::Overlapping => rebuild_top(bvh, area, scale, most, scratch, judge),
+        Open::Overlapping => {
+            let apart = keep(bvh, primitives, most, &mut scratch.cut);
+            rebuild_top(bvh, area, scale, apart, most, scratch, judge)
+        }
         Open::Divergent => {
             open(bvh, divergence, scale, divergent::OPENED * share, most, &mut scratch.cut);
-            rebuild_top(bvh, divergence, scale, most, scratch, judge)
+            let apart = keep(bvh, primitives, most, &mut scratch.cut);
+            rebuild_top(bvh, divergence, scale, apart, most, scratch, judge)
         }
     };
     match regrown {

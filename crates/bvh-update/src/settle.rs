@@ -424,6 +424,34 @@ fn pairs_below(nodes: &[Node], n: usize) -> usize {
     }
 }
 
+/// Adds the leaves of the best tree over the primitives of a leaf that moves, if that is better than the leaf; gives by how
+/// much they cost less.
+pub(crate) fn set_apart<P: Primitives + ?Sized>(
+    order: &[u32],
+    primitives: &P,
+    leaf: &Node,
+    pieces: &mut Vec<Node>,
+) -> f64 {
+    let slots = &order[leaf.first()..][..leaf.count()];
+    let mut boxes = [Aabb::EMPTY; LONGEST];
+    let boxes = &mut boxes[..slots.len()];
+    boxes.iter_mut().zip(slots).for_each(|(aabb, &p)| *aabb = primitives.aabb(p as usize));
+    let single = boxes.iter().map(|aabb| aabb.half_area_f64() * COST_INTERSECT).sum::<f64>();
+    let cost = leaf.aabb().half_area_f64() * leaf.weight();
+    let (first, count) = (leaf.first() as u32, leaf.count() as u32);
+    if is_best_as_leaf(&Run { first, count, cost, leaves: cost }, single) {
+        return 0.0;
+    }
+    let best = Best::new(boxes);
+    if best.cost[0][boxes.len() - 1] >= cost {
+        return 0.0;
+    }
+    best.for_each_leaf(0, boxes.len(), &mut |from, to| {
+        pieces.push(Node::leaf(best.aabb[from][to - 1], first + from as u32, (to - from) as u32));
+    });
+    cost - best.leaves(0, boxes.len())
+}
+
 /// Whether a run that is one leaf cannot be better, as a tree has a root at least, and leaves of one primitive at best;
 /// `single` is what these cost.
 fn is_best_as_leaf(leaf: &Run, single: f64) -> bool {
@@ -467,9 +495,19 @@ impl Best {
 
     /// The part of the cost over the primitives `from..to` that is due to leaves.
     fn leaves(&self, from: usize, to: usize) -> f64 {
+        let mut sum = 0.0;
+        self.for_each_leaf(from, to, &mut |from, to| sum += self.cost[from][to - 1]);
+        sum
+    }
+
+    /// Calls `f` with the range of each leaf over the primitives `from..to`.
+    fn for_each_leaf(&self, from: usize, to: usize, f: &mut impl FnMut(usize, usize)) {
         match self.split[from][to - 1] {
-            0 => self.cost[from][to - 1],
-            k => self.leaves(from, k) + self.leaves(k, to),
+            0 => f(from, to),
+            k => {
+                self.for_each_leaf(from, k, f);
+                self.for_each_leaf(k, to, f);
+            }
         }
     }
 }

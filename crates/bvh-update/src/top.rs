@@ -5,9 +5,8 @@
 
 use bvh_build::{BuildOptions, Builder, rebuild};
 use bvh_core::{Bvh, History, Layout, MAX_HEIGHT, Node};
-use rayon::prelude::*;
 
-use crate::cut::{CutScratch, NodeMeasure, Regrown, reference};
+use crate::cut::{Apart, CutScratch, NodeMeasure, Regrown, reference};
 use crate::pass::Scratch;
 use crate::raw;
 
@@ -22,11 +21,13 @@ pub(crate) struct NewTop {
     still_change: f64,
 }
 
-/// Builds the tree anew above the subtrees of the cut, if there are at most `most` of them; `judge` says how good it is.
+/// Builds the tree anew above the subtrees that are kept of the cut, if that has at most `most` of them; `judge` says how
+/// good it is.
 pub(crate) fn rebuild_top(
     bvh: &mut Bvh,
     measure: impl NodeMeasure,
     scale: f64,
+    apart: Apart,
     most: usize,
     scratch: &mut Scratch,
     judge: impl FnOnce(NewTop) -> f64,
@@ -36,13 +37,8 @@ pub(crate) fn rebuild_top(
         return Regrown::TooMuch;
     }
     if cut.is_empty() {
-        return Regrown::Top { subtrees: 0, change: 0.0 };
+        return Regrown::NOTHING;
     }
-    // In memory order, as builders number pairs.
-    cut.par_sort_unstable();
-    pairs.par_sort_unstable();
-    kept.clear();
-    kept.extend(cut.iter().map(|&n| bvh.nodes()[n as usize]));
     boxes.clear();
     boxes.extend(kept.iter().map(Node::aabb));
     let options = BuildOptions::default();
@@ -55,9 +51,10 @@ pub(crate) fn rebuild_top(
     let opened = pairs.iter().flat_map(|&pair| [pair, pair + 1]).map(|n| &bvh.nodes()[n as usize]);
     opened.chain([bvh.root()]).for_each(|node| new.add(node, -1.0));
     kept.iter().for_each(|node| new.add(node, 1.0));
+    new.change += apart.change;
     let after = top.nodes().iter().filter(|node| !node.is_leaf());
     if after.map(|node| node.aabb().half_area_f64() * node.weight()).sum::<f64>() + new.change >= 0.0 {
-        return Regrown::Top { subtrees: 0, change: 0.0 };
+        return Regrown::NOTHING;
     }
     assert!(
         top.nodes().len() == 2 * pairs.len() + 2,
@@ -79,9 +76,10 @@ pub(crate) fn rebuild_top(
         since_repair: 0,
         rebuilds_in_a_row: 0,
         layout: Layout::Other,
+        spare_pair: apart.spare,
         ..*history
     };
-    Regrown::Top { subtrees: kept.len(), change: new.change }
+    Regrown::Top { subtrees: kept.len(), change: new.change, apart }
 }
 
 impl NewTop {
