@@ -37,7 +37,7 @@ impl Weights {
         rotate_node: 3.5,
         settle_node: 50.0,
         cut_node: 9.0,
-        graft_subtree: 300.0,
+        graft_subtree: 400.0,
         rebuild_primitive: 85.0,
         hasty_primitive: 45.0,
         ray: 25.0,

@@ -24,7 +24,7 @@ use crate::pass::Scratch;
 use crate::raw;
 use crate::selective::Overlaps;
 use crate::settle::{LONGEST, set_apart};
-use crate::top::rebuild_top;
+use crate::top::{NewTop, rebuild_top};
 
 /// Memory that repairs keep.
 #[derive(Default)]
@@ -38,6 +38,8 @@ pub(crate) struct CutScratch {
     pub(crate) kept: Vec<Node>,
     /// The pieces of one leaf.
     pieces: Vec<Node>,
+    /// What is known of the pairs above them.
+    pub(crate) opened: Vec<NewTop>,
     pub(crate) top: Bvh,
 }
 
@@ -228,7 +230,7 @@ impl Apart {
     }
 }
 
-/// How many nodes ahead they are fetched, and the primitives of leaves.
+/// How many leaves ahead their primitives are fetched.
 const AHEAD: usize = 8;
 
 /// Collects the subtrees of a cut, if there are at most `most`. What is better apart of a merged leaf is kept apart, with
@@ -248,12 +250,8 @@ pub(crate) fn keep<P: Primitives + ?Sized>(
     // In memory order, as builders number pairs.
     cut.par_sort_unstable();
     let (nodes, order) = (bvh.nodes(), bvh.order());
-    for (i, &n) in cut.iter().enumerate() {
-        if let Some(&soon) = cut.get(i + AHEAD) {
-            prefetch(nodes, soon as usize);
-        }
-        kept.push(nodes[n as usize]);
-    }
+    kept.resize(cut.len(), Node::NOTHING);
+    kept.par_iter_mut().zip(&*cut).for_each(|(kept, &n)| *kept = nodes[n as usize]);
     let is_merged = |leaf: &Node| leaf.moves() && (2..=LONGEST).contains(&leaf.count());
     for i in 0..if apart.spare > 0 { cut.len() } else { 0 } {
         if let Some(soon) = kept.get(i + AHEAD).filter(|leaf| is_merged(leaf)) {

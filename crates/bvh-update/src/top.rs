@@ -5,10 +5,14 @@
 
 use bvh_build::{BuildOptions, Builder, rebuild};
 use bvh_core::{Bvh, History, Layout, MAX_HEIGHT, Node};
+use rayon::prelude::*;
 
 use crate::cut::{Apart, CutScratch, NodeMeasure, Regrown, reference};
 use crate::pass::Scratch;
 use crate::raw;
+
+/// Opened pairs that a task sums up: sums of floats depend on it.
+const SHARE: usize = 4096;
 
 /// What is known of a new top.
 #[derive(Clone, Copy, Default)]
@@ -32,7 +36,7 @@ pub(crate) fn rebuild_top(
     scratch: &mut Scratch,
     judge: impl FnOnce(NewTop) -> f64,
 ) -> Regrown {
-    let Scratch { cut: CutScratch { boxes, kept, cut, pairs, top, .. }, build, .. } = scratch;
+    let Scratch { cut: CutScratch { boxes, kept, cut, pairs, opened, top, .. }, build, .. } = scratch;
     if cut.len() > most {
         return Regrown::TooMuch;
     }
@@ -47,11 +51,20 @@ pub(crate) fn rebuild_top(
     {
         return Regrown::TooMuch;
     }
-    let mut new = NewTop::default();
-    let opened = pairs.iter().flat_map(|&pair| [pair, pair + 1]).map(|n| &bvh.nodes()[n as usize]);
-    opened.chain([bvh.root()]).for_each(|node| new.add(node, -1.0));
+    let nodes = bvh.nodes();
+    opened.clear();
+    opened.resize(pairs.len().div_ceil(SHARE), NewTop::default());
+    pairs.par_chunks(SHARE).zip(&mut *opened).for_each(|(pairs, opened)| {
+        let slots = pairs.iter().flat_map(|&pair| [pair, pair + 1]);
+        slots.for_each(|n| opened.add(&nodes[n as usize], -1.0));
+    });
+    let mut new = NewTop { change: apart.change, ..NewTop::default() };
+    new.add(bvh.root(), -1.0);
     kept.iter().for_each(|node| new.add(node, 1.0));
-    new.change += apart.change;
+    for opened in opened.iter() {
+        new.change += opened.change;
+        new.still_change += opened.still_change;
+    }
     let after = top.nodes().iter().filter(|node| !node.is_leaf());
     if after.map(|node| node.aabb().half_area_f64() * node.weight()).sum::<f64>() + new.change >= 0.0 {
         return Regrown::NOTHING;
