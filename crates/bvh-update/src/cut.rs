@@ -468,7 +468,11 @@ impl<M: NodeMeasure> Walk<'_, M> {
 
 #[cfg(test)]
 mod tests {
+    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_core::{Vec3, sah_cost};
+
     use super::*;
+    use crate::{Leaves, Open, Regrow, Strategy, update};
 
     #[test]
     fn the_size_of_a_scene_is_what_its_leaves_and_its_root_have_in_common() {
@@ -502,5 +506,65 @@ mod tests {
         assert_eq!(sums(&[1.0, 0.0, 0.0, 0.0]).evenness(), 0.25);
         assert_eq!(sums(&[]).evenness(), 1.0);
         assert_eq!(sums(&[f64::INFINITY]).evenness(), 1.0);
+    }
+
+    /// Twins in rows; those of one row in ten move away from each other, by rows.
+    fn twins(apart: f32) -> Vec<Aabb> {
+        let place = |i: usize| {
+            let (twin, row) = (i / 2, i / 2 / 100);
+            let away = if i % 2 == 1 && row.is_multiple_of(10) { apart } else { 0.0 };
+            Vec3::new((twin % 100) as f32, row as f32 + away, 0.0)
+        };
+        (0..12_000).map(place).map(|corner| Aabb::new(corner, corner + 0.5)).collect()
+    }
+
+    #[test]
+    fn leaves_that_came_apart_are_set_apart_by_repairs() {
+        let strategies = [Open::Grown, Open::Divergent]
+            .map(|open| Strategy::Regrow(Regrow { rotate: None, growth: 0.05, open }));
+        for strategy in strategies {
+            let mut hashes = Vec::new();
+            for threads in [1, 2, 4] {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+                pool.install(|| {
+                    let (together, apart) = (twins(0.0), twins(200.0));
+                    let mut bvh =
+                        build(&together, Builder::Sweep, &BuildOptions::default(), None).expect("few");
+                    let mut scratch = Scratch::new();
+                    let merge = Strategy::Leaves(Leaves { rotate: None, period: 1, ..Leaves::default() });
+                    let merged = |bvh: &Bvh| {
+                        let mut merged = 0;
+                        bvh.visit(|_, node, _| merged += node.count().saturating_sub(1));
+                        merged
+                    };
+                    update(&mut bvh, &together, &merge, &mut scratch).expect("same count");
+                    assert_eq!(merged(&bvh), 6000);
+                    update(&mut bvh, &together, &strategy, &mut scratch).expect("same count");
+                    // With too few spare pairs, some stay together.
+                    let few = |bvh: &mut Bvh| {
+                        let spare = bvh.history().spare_pair;
+                        let (mut last, mut left) = (spare as usize, 100);
+                        while left > 0 {
+                            (last, left) = (bvh.nodes()[last].first(), left - 1);
+                        }
+                        raw::parts(bvh).nodes[last] = Node::leaf(Aabb::EMPTY, 0, 0);
+                    };
+                    let mut poor = bvh.clone();
+                    few(&mut poor);
+                    let before = merged(&poor);
+                    update(&mut poor, &apart, &strategy, &mut scratch).expect("same count");
+                    poor.validate(&apart).expect("valid");
+                    assert_eq!((before - merged(&poor), poor.history().spare_pair), (101, 0));
+                    let told = update(&mut bvh, &apart, &strategy, &mut scratch).expect("same count");
+                    assert!(matches!(told.decision, crate::Decision::Regrow { .. }), "{}", told.decision);
+                    bvh.validate(&apart).expect("valid");
+                    assert_eq!(merged(&bvh), 6000 - 600);
+                    let fresh = build(&apart, Builder::Sweep, &BuildOptions::default(), None).expect("few");
+                    assert!(sah_cost(&bvh) < 1.05 * sah_cost(&fresh));
+                    hashes.push(bvh.hash());
+                });
+            }
+            assert!(hashes.iter().all(|&hash| hash == hashes[0]));
+        }
     }
 }

@@ -4,7 +4,9 @@ use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
 use crate::auto::Decision;
-use crate::cut::{Regrown, area, keep, open, reference, regrow, size_now, take_references, take_references_of};
+use crate::cut::{
+    Regrown, area, keep, open, reference, regrow, size_now, take_references, take_references_of,
+};
 use crate::divergent::{self, divergence};
 use crate::pass::{Scratch, pass};
 use crate::strategy::{Rotate, Update, UpdateError, new_tree, options_like};
