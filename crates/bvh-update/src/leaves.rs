@@ -21,15 +21,16 @@
 //!
 //! Meshes end with 1.2 to 1.4 nodes a triangle instead of 2, a cost some 2 % lower, and rays 2 to 8 % faster. The
 //! update takes 1.3 to 1.6 times as long as rotations alone, and up to 3 times where leaves are coming apart. Where
-//! nothing stays together it only costs. O(n) for the n nodes above primitives that move, after the pass; `settle.rs`
-//! does it.
+//! nothing stays together it only costs. O(n) for the n nodes above primitives that move, after the pass; `best.rs` finds
+//! the trees, `settle.rs` goes through the nodes.
 
 use bvh_core::{Bvh, History, Primitives};
 
+use crate::best::LONGEST;
 use crate::cut::scale;
 use crate::pass::{Scratch, pass};
 use crate::raw;
-use crate::settle::{LONGEST, settle};
+use crate::settle::settle;
 use crate::strategy::{Rotate, Turn, Update, UpdateError};
 
 /// How leaves are split and merged: subtrees of a few primitives that are neighbours in the tree's order, as they were

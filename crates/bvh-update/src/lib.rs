@@ -12,10 +12,12 @@
 //! learns from what it is told of rays ([`Scratch::visited`]) and, if asked, from the clock.
 #![deny(unsafe_code)]
 
+mod apart;
 mod auto;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 mod background;
+mod best;
 mod block;
 mod clock;
 mod cut;

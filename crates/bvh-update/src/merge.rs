@@ -6,14 +6,19 @@
 //! grown and rays have lost as much to that as it costs; where that has not paid for itself, as where primitives grow
 //! themselves, they may grow by twice as much until the next time. Where merging has not paid for itself by then, the next
 //! one waits for twice as long, else for half as long.
+//!
+//! Repairs of the tree set leaves apart, too, where these have come apart with the nodes above them (`apart.rs`); once they
+//! have taken a good part of what had merged, it may merge again.
 
 use bvh_core::{Bvh, History, LeafHistory, Primitives};
 
+use crate::apart::Apart;
 use crate::auto::{Decision, GAIN_LASTS, Model};
+use crate::best::LONGEST;
 use crate::block::Tally;
-use crate::cut::{Apart, size_now};
+use crate::cut::size_now;
 use crate::raw;
-use crate::settle::{LONGEST, SettleScratch, settle};
+use crate::settle::{SettleScratch, settle};
 use crate::strategy::{Rotate, Turn, options_like};
 
 /// In how many updates all leaves are merged.

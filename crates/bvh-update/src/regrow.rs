@@ -3,10 +3,9 @@
 use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
+use crate::apart::keep;
 use crate::auto::Decision;
-use crate::cut::{
-    Regrown, area, keep, open, reference, regrow, size_now, take_references, take_references_of,
-};
+use crate::cut::{Regrown, area, open, reference, regrow, size_now, take_references, take_references_of};
 use crate::divergent::{self, divergence};
 use crate::pass::{Scratch, pass};
 use crate::strategy::{Rotate, Update, UpdateError, new_tree, options_like};

@@ -7,7 +7,8 @@ use bvh_build::{BuildOptions, Builder, rebuild};
 use bvh_core::{Bvh, History, Layout, MAX_HEIGHT, Node};
 use rayon::prelude::*;
 
-use crate::cut::{Apart, CutScratch, NodeMeasure, Regrown, reference};
+use crate::apart::Apart;
+use crate::cut::{CutScratch, NodeMeasure, Regrown, reference};
 use crate::pass::Scratch;
 use crate::raw;
 
