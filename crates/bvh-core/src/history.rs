@@ -27,8 +27,11 @@ pub struct History {
     /// How many of the last repairs built the whole tree anew and could not wait, each soon after the one before.
     pub rebuilds_in_a_row: u32,
     /// Left node of the first of those pairs that are kept for later use, 0 if there is none. The left node of each is a
-    /// leaf without primitives, whose first slot is the left node of the next. What moves pairs about sets this to 0.
+    /// leaf without primitives, whose first slot is the left node of the next. What moves pairs about sets
+    /// this and their number to 0.
     pub spare_pair: u32,
+    /// How many of them there are.
+    pub spare_pairs: u32,
     /// Half area of the leaves that moved, of the root, and of the leaves that did not, when the tree was measured.
     pub sizes: [f64; 3],
     /// How even the leaves were in size then: 1 if all were alike, near 0 if most area was in a few.
@@ -75,8 +78,10 @@ pub struct LeafHistory {
     pub growth: f64,
     /// By what part the cost of the whole tree has changed by that: `reference` is of merged leaves.
     pub cost: f64,
-    /// What part of the leaves that have merged last are left by repairs.
-    pub left: f64,
+    /// How many spare pairs there were when leaves were last seen to.
+    pub spare_pairs: u32,
+    /// Whether leaves that merged then have paid for that by now.
+    pub has_paid: bool,
 }
 
 /// How a tree lies in its arena, as far as updates have looked.

@@ -4,12 +4,11 @@
 //! is better by the SAH, and the new top joins each of its primitives with what that moves with now. So a repair mends what
 //! else takes a look at all leaves (`merge.rs`).
 
-use bvh_core::{Bvh, Node, Primitives};
+use bvh_core::{Bvh, History, Node, Primitives, prefetch};
 use rayon::prelude::*;
 
 use crate::best::{LONGEST, set_apart};
-use crate::block::Tally;
-use crate::cut::CutScratch;
+use crate::cut::{CutScratch, size_since};
 
 /// Leaves at a cut that were set apart.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -23,22 +22,23 @@ pub(crate) struct Apart {
 }
 
 impl Apart {
-    /// What is left of the growth of leaves by merging, after a pass that has found this.
-    pub(crate) fn growth_left(&self, bvh: &Bvh, tally: &Tally) -> f64 {
-        bvh.history().leaves.growth * self.part_left(bvh, tally)
+    /// The part of what had merged that still is.
+    pub(crate) fn part_left(&self, history: &History) -> f64 {
+        let merged = f64::from(history.spare_pairs);
+        if self.count == 0 { 1.0 } else { (1.0 - f64::from(self.count) / merged).clamp(0.0, 1.0) }
     }
 
-    /// The part of what had merged that still is.
-    pub(crate) fn part_left(&self, bvh: &Bvh, tally: &Tally) -> f64 {
-        let merged = bvh.len() as f64 - tally.leaves as f64;
-        if self.count == 0 { 1.0 } else { (1.0 - f64::from(self.count) / merged).clamp(0.0, 1.0) }
+    /// The size of the scene once these leaves are apart, after a pass that has found this area of leaves.
+    pub(crate) fn size(&self, bvh: &Bvh, leaf_area: f64) -> f64 {
+        let growth = bvh.history().leaves.growth * self.part_left(bvh.history());
+        size_since(bvh.history(), (leaf_area + self.change) / (1.0 + growth), bvh)
     }
 }
 
-/// How many leaves ahead their primitives are fetched.
+/// How many leaves ahead the corners of triangles are fetched, and twice as many the indices.
 const AHEAD: usize = 8;
 
-/// Collects the subtrees of a cut, if there are at most `most`. What is better apart of a merged leaf is kept apart, with
+/// Collects the subtrees of a cut, or more than `most`. What is better apart of a merged leaf is kept apart, with
 /// spare pairs above: the leaf has come apart with the nodes above it.
 pub(crate) fn keep<P: Primitives + ?Sized>(
     bvh: &Bvh,
@@ -48,8 +48,8 @@ pub(crate) fn keep<P: Primitives + ?Sized>(
 ) -> Apart {
     let CutScratch { cut, pairs, kept, pieces, .. } = scratch;
     let mut apart = Apart { spare: bvh.history().spare_pair, ..Apart::default() };
-    kept.clear();
     if cut.len() > most {
+        kept.clear();
         return apart;
     }
     // In memory order, as builders number pairs.
@@ -58,10 +58,19 @@ pub(crate) fn keep<P: Primitives + ?Sized>(
     kept.resize(cut.len(), Node::NOTHING);
     kept.par_iter_mut().zip(&*cut).for_each(|(kept, &n)| *kept = nodes[n as usize]);
     let is_merged = |leaf: &Node| leaf.moves() && (2..=LONGEST).contains(&leaf.count());
-    for i in 0..if apart.spare > 0 { cut.len() } else { 0 } {
-        if let Some(soon) = kept.get(i + AHEAD).filter(|leaf| is_merged(leaf)) {
-            order[soon.first()..][..soon.count()].iter().for_each(|&p| primitives.prefetch_data(p as usize));
+    for i in 0..cut.len() {
+        if apart.spare == 0 || kept.len() > most {
+            break;
         }
+        let soon = |ahead| {
+            let leaf = kept.get(i + ahead).filter(|leaf| is_merged(leaf));
+            leaf.map_or(&[][..], |leaf| &order[leaf.first()..][..leaf.count()])
+        };
+        if let Some(leaf) = kept.get(i + 3 * AHEAD).filter(|leaf| is_merged(leaf)) {
+            prefetch(order, leaf.first());
+        }
+        soon(2 * AHEAD).iter().for_each(|&p| primitives.prefetch_index(p as usize));
+        soon(AHEAD).iter().for_each(|&p| primitives.prefetch_data(p as usize));
         if !is_merged(&kept[i]) {
             continue;
         }
@@ -97,65 +106,84 @@ mod tests {
 
     use super::*;
     use crate::pass::Scratch;
-    use crate::{Leaves, Open, Regrow, Strategy, raw, update};
+    use crate::{Decision, Leaves, Open, Regrow, Strategy, raw, update};
 
-    /// Twins in rows; those of one row in ten move away from each other, by rows.
-    fn twins(apart: f32) -> Vec<Aabb> {
+    const N: usize = 12_000;
+
+    /// Quadruplets in rows; in one row of ten they move away from each other, by rows.
+    fn quadruplets(apart: f32) -> Vec<Aabb> {
         let place = |i: usize| {
-            let (twin, row) = (i / 2, i / 2 / 100);
-            let away = if i % 2 == 1 && row.is_multiple_of(10) { apart } else { 0.0 };
-            Vec3::new((twin % 100) as f32, row as f32 + away, 0.0)
+            let (place, row) = (i / 4 % 100, i / 4 / 100);
+            let away = if row.is_multiple_of(10) { apart * (i % 4) as f32 } else { 0.0 };
+            Vec3::new(place as f32, row as f32 + away, 0.0)
         };
-        (0..12_000).map(place).map(|corner| Aabb::new(corner, corner + 0.5)).collect()
+        (0..N).map(place).map(|corner| Aabb::new(corner, corner + 0.5)).collect()
+    }
+
+    /// How many primitives fewer there were if all leaves had one, and how many spare pairs there are.
+    fn merged(bvh: &Bvh) -> (usize, usize) {
+        let (mut merged, mut spare, mut next) = (0, 0, bvh.history().spare_pair as usize);
+        bvh.visit(|_, node, _| merged += node.count().saturating_sub(1));
+        while next > 0 {
+            (spare, next) = (spare + 1, bvh.nodes()[next].first());
+        }
+        (merged, spare)
+    }
+
+    /// A tree whose quadruplets have merged, measured by this strategy.
+    fn merged_tree(strategy: &Strategy, scratch: &mut Scratch) -> Bvh {
+        let boxes = quadruplets(0.0);
+        let mut bvh = build(&boxes, Builder::Sweep, &BuildOptions::default(), None).expect("few");
+        let merge = Strategy::Leaves(Leaves { rotate: None, period: 1, ..Leaves::default() });
+        update(&mut bvh, &boxes, &merge, scratch).expect("same count");
+        update(&mut bvh, &boxes, strategy, scratch).expect("same count");
+        assert_eq!(merged(&bvh), (N * 3 / 4, N * 3 / 4));
+        assert_eq!(bvh.history().spare_pairs as usize, N * 3 / 4);
+        bvh
+    }
+
+    fn regrow(open: Open) -> Strategy {
+        Strategy::Regrow(Regrow { rotate: None, growth: 0.05, open })
     }
 
     #[test]
     fn leaves_that_came_apart_are_set_apart_by_repairs() {
-        let strategies = [Open::Grown, Open::Divergent]
-            .map(|open| Strategy::Regrow(Regrow { rotate: None, growth: 0.05, open }));
-        for strategy in strategies {
+        for strategy in [Open::Grown, Open::Divergent].map(regrow) {
             let mut hashes = Vec::new();
             for threads in [1, 2, 4] {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
                 pool.install(|| {
-                    let (together, apart) = (twins(0.0), twins(200.0));
-                    let mut bvh =
-                        build(&together, Builder::Sweep, &BuildOptions::default(), None).expect("few");
-                    let mut scratch = Scratch::new();
-                    let merge = Strategy::Leaves(Leaves { rotate: None, period: 1, ..Leaves::default() });
-                    let merged = |bvh: &Bvh| {
-                        let mut merged = 0;
-                        bvh.visit(|_, node, _| merged += node.count().saturating_sub(1));
-                        merged
-                    };
-                    update(&mut bvh, &together, &merge, &mut scratch).expect("same count");
-                    assert_eq!(merged(&bvh), 6000);
-                    update(&mut bvh, &together, &strategy, &mut scratch).expect("same count");
-                    // With too few spare pairs, some stay together.
-                    let few = |bvh: &mut Bvh| {
-                        let spare = bvh.history().spare_pair;
-                        let (mut last, mut left) = (spare as usize, 100);
-                        while left > 0 {
-                            (last, left) = (bvh.nodes()[last].first(), left - 1);
-                        }
-                        raw::parts(bvh).nodes[last] = Node::leaf(Aabb::EMPTY, 0, 0);
-                    };
-                    let mut poor = bvh.clone();
-                    few(&mut poor);
-                    let before = merged(&poor);
-                    update(&mut poor, &apart, &strategy, &mut scratch).expect("same count");
-                    poor.validate(&apart).expect("valid");
-                    assert_eq!((before - merged(&poor), poor.history().spare_pair), (101, 0));
+                    let (apart, mut scratch) = (quadruplets(200.0), Scratch::new());
+                    let mut bvh = merged_tree(&strategy, &mut scratch);
                     let told = update(&mut bvh, &apart, &strategy, &mut scratch).expect("same count");
-                    assert!(matches!(told.decision, crate::Decision::Regrow { .. }), "{}", told.decision);
+                    assert!(matches!(told.decision, Decision::Regrow { .. }), "{}", told.decision);
                     bvh.validate(&apart).expect("valid");
-                    assert_eq!(merged(&bvh), 6000 - 600);
+                    let left = N * 3 / 4 * 9 / 10;
+                    assert_eq!((merged(&bvh), bvh.history().spare_pairs as usize), ((left, left), left));
                     let fresh = build(&apart, Builder::Sweep, &BuildOptions::default(), None).expect("few");
                     assert!(sah_cost(&bvh) < 1.05 * sah_cost(&fresh));
+                    // It is what the tree is held to.
+                    let told = update(&mut bvh, &apart, &strategy, &mut scratch).expect("same count");
+                    assert_eq!(told.decision, Decision::AsAlways);
                     hashes.push(bvh.hash());
                 });
             }
             assert!(hashes.iter().all(|&hash| hash == hashes[0]));
         }
+    }
+
+    #[test]
+    fn leaves_stay_together_where_there_are_too_few_spare_pairs() {
+        let (strategy, apart, mut scratch) = (regrow(Open::Grown), quadruplets(200.0), Scratch::new());
+        let mut bvh = merged_tree(&strategy, &mut scratch);
+        let before = merged(&bvh).0;
+        let mut last = bvh.history().spare_pair as usize;
+        (1..101).for_each(|_| last = bvh.nodes()[last].first());
+        raw::parts(&mut bvh).nodes[last] = Node::leaf(Aabb::EMPTY, 0, 0);
+        let told = update(&mut bvh, &apart, &strategy, &mut scratch).expect("same count");
+        assert!(matches!(told.decision, Decision::Regrow { .. }), "{}", told.decision);
+        bvh.validate(&apart).expect("valid");
+        // Three each; two are left.
+        assert_eq!(merged(&bvh), (before - 99, 2));
     }
 }

@@ -342,6 +342,7 @@ fn choose<P: Primitives + ?Sized>(
     let part = if is_new && !is_time_to_look { 0.5 * LARGEST_CUT } else { LARGEST_CUT };
     let most = part * found.primitives;
     let threshold = model.threshold(history) * unit;
+    let growth = history.leaves.growth;
     let start = (scratch.clock.now)();
     let regrown = regrow(bvh, primitives, &tally, threshold, most as usize, scratch);
     let took = (scratch.clock.now)().saturating_duration_since(start);
@@ -354,7 +355,7 @@ fn choose<P: Primitives + ?Sized>(
             Ok(refitted(bvh))
         }
         Regrown::Top { subtrees, change, apart } => {
-            were_set_apart(bvh, &tally, &apart);
+            were_set_apart(bvh, &tally, growth, &apart);
             let Weights { cut_node, graft_subtree, .. } = Weights::MODEL;
             let expected = found.nodes * cut_node + subtrees as f64 * graft_subtree;
             scratch.clock.learn(Work::Repair, expected, took);

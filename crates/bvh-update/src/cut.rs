@@ -38,7 +38,7 @@ pub(crate) struct CutScratch {
     pub(crate) kept: Vec<Node>,
     /// The pieces of one leaf.
     pub(crate) pieces: Vec<Node>,
-    /// What is known of the pairs above them.
+    /// What is known of the pairs above the cut.
     pub(crate) opened: Vec<NewTop>,
     pub(crate) top: Bvh,
 }
@@ -123,7 +123,7 @@ pub(crate) fn size_now(bvh: &Bvh, leaf_area: f64) -> f64 {
     size_since(bvh.history(), leaf_area / (1.0 + bvh.history().leaves.growth), bvh)
 }
 
-fn size_since(history: &History, leaf_area: f64, bvh: &Bvh) -> f64 {
+pub(crate) fn size_since(history: &History, leaf_area: f64, bvh: &Bvh) -> f64 {
     let [leaves, root, _] = history.sizes;
     let growth = |now: f64, first: f64| if first > 0.0 { now / first } else { 1.0 };
     size(history.sizes, [growth(leaf_area, leaves), growth(bvh.root().aabb().half_area_f64(), root)])
@@ -199,10 +199,9 @@ pub(crate) fn regrow<P: Primitives + ?Sized>(
 ) -> Regrown {
     let references = open(bvh, area, size_now(bvh, tally.leaf_area), threshold, most, &mut scratch.cut);
     let apart = keep(bvh, primitives, most, &mut scratch.cut);
-    let leaf_area = tally.leaf_area + apart.change;
-    let size = size_since(bvh.history(), leaf_area / (1.0 + apart.growth_left(bvh, tally)), bvh);
+    let size = apart.size(bvh, tally.leaf_area);
     // Leaves have no references.
-    let leaves = (leaf_area + bvh.history().sizes[2]) / size;
+    let leaves = (tally.leaf_area + apart.change + bvh.history().sizes[2]) / size;
     rebuild_top(bvh, area, size, apart, most, scratch, |top| references + top.references + leaves)
 }
 
@@ -222,13 +221,13 @@ pub(crate) fn open(
         return 0.0;
     }
     let large = LARGE * bvh.root().aabb().half_area();
-    let count = AtomicUsize::new(0);
-    let walk = Walk { nodes: bvh.nodes(), measure, scale, threshold, large, most, count: &count };
+    let found = Found::default();
+    let walk = Walk { nodes: bvh.nodes(), measure, scale, threshold, large, most, found: &found };
     tasks.resize_with(1 + QUEUE.div_ceil(PER_TASK), Task::default);
     tasks.iter_mut().for_each(Task::clear);
     walk.share_out(tasks);
     let kept = tasks.iter().map(|task| task.kept).sum();
-    if tasks.iter().any(|task| task.bad > 0) || count.into_inner() > most {
+    if found.bad.into_inner() > 0 {
         tasks.iter().for_each(|task| cut.extend_from_slice(&task.cut));
         tasks.iter().for_each(|task| pairs.extend_from_slice(&task.pairs));
     }
@@ -247,6 +246,15 @@ struct Task {
     bad: usize,
 }
 
+/// What all tasks have found so far.
+#[derive(Default)]
+struct Found {
+    /// How many subtrees are in their cuts.
+    cut: AtomicUsize,
+    /// How many nodes were opened for their excess.
+    bad: AtomicUsize,
+}
+
 impl Task {
     fn clear(&mut self) {
         self.queues.resize_with(MAX_HEIGHT as usize / 3 + 2, Queue::default);
@@ -263,8 +271,8 @@ struct Walk<'a, M> {
     threshold: f64,
     large: f32,
     most: usize,
-    /// How many subtrees are in the cuts of all tasks; the walk ends early where there are more than `most`.
-    count: &'a AtomicUsize,
+    /// The walk ends early where there is something bad and the cut has more than `most`.
+    found: &'a Found,
 }
 
 /// Nodes of one block of the walk, breadth-first as in `block.rs`, and the excess at and below each.
@@ -306,7 +314,8 @@ impl<M: NodeMeasure> Walk<'_, M> {
         self.list(queue, roots);
         let Queue { slots, done, excess: below } = queue;
         for (roots, excess) in slots[*done..].chunks(ROOTS).zip(below[*done..].chunks_mut(ROOTS)) {
-            if self.count.load(Ordering::Relaxed) > self.most {
+            let [cut, bad] = [&self.found.cut, &self.found.bad].map(|found| found.load(Ordering::Relaxed));
+            if cut > self.most && bad > 0 {
                 return;
             }
             self.walk(roots, excess, deeper, task);
@@ -339,7 +348,7 @@ impl<M: NodeMeasure> Walk<'_, M> {
     /// Settles the nodes of a block, once the excess of those below it is known.
     fn ascend(&self, queue: &mut Queue, task: &mut Task) {
         let Queue { slots, done, excess } = queue;
-        let before = task.cut.len();
+        let before = (task.cut.len(), task.bad);
         // Children were queued left first, so they come off the end right first.
         let mut end = slots.len();
         for i in (0..*done).rev() {
@@ -359,7 +368,8 @@ impl<M: NodeMeasure> Walk<'_, M> {
             }
             excess[i] = self.settle(&node, below, task);
         }
-        self.count.fetch_add(task.cut.len() - before, Ordering::Relaxed);
+        self.found.cut.fetch_add(task.cut.len() - before.0, Ordering::Relaxed);
+        self.found.bad.fetch_add(task.bad - before.1, Ordering::Relaxed);
     }
 
     /// Whether a node is opened, given the excess at and below it.

@@ -58,7 +58,7 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     let leaves = &mut history.leaves;
     let price = nodes * model.weights.settle_node;
     let pays = f64::from(leaves.calm) * saved > price;
-    let has_paid = f64::from(leaves.calm.saturating_sub(leaves.merging_since)) * saved > price;
+    leaves.has_paid = f64::from(leaves.calm.saturating_sub(leaves.merging_since)) * saved > price;
     leaves.regret += model.lost((tally.leaf_area - leaves.area) / good);
     let decision = decide(leaves, tally.leaf_area, pays, leaves.regret > price, spare_pair > 0)?;
     let merge = match decision {
@@ -73,6 +73,7 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     tally.leaf_area += change.leaves;
     let history = raw::parts(bvh).history;
     let leaves = &mut history.leaves;
+    leaves.spare_pairs = history.spare_pairs;
     (leaves.area, leaves.regret) = (tally.leaf_area, 0.0);
     leaves.is_merged |= tally.leaf_area != before.leaf_area;
     // A tree is held to what it was with leaves like these.
@@ -88,7 +89,7 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
         let single = tally.leaf_area - change.merged;
         leaves.growth = if leaves.was_merged { 0.0 } else { part_of(change.merged / single) };
         let was_of_use = model.lost(-change.all / good) * GAIN_LASTS > price;
-        was_split(leaves, was_of_use, has_paid);
+        was_split(leaves, was_of_use, leaves.has_paid);
         if was_of_use { 1.0 / (1.0 + std::mem::take(&mut leaves.cost)) } else { 1.0 }
     };
     if standard > 0.0 && standard.is_finite() {
@@ -98,22 +99,21 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     Some(decision)
 }
 
-/// A repair after this pass has set leaves apart that had come apart with the nodes above them.
-pub(crate) fn were_set_apart(bvh: &mut Bvh, tally: &Tally, apart: &Apart) {
+/// A repair after this pass has set leaves apart that had come apart with the nodes above them; `growth` is what that of
+/// leaves was before.
+pub(crate) fn were_set_apart(bvh: &mut Bvh, tally: &Tally, growth: f64, apart: &Apart) {
     if apart.count == 0 {
         return;
     }
-    let (left, growth) = (apart.part_left(bvh, tally), apart.growth_left(bvh, tally));
-    let leaves = &mut raw::parts(bvh).history.leaves;
-    leaves.growth = growth;
-    leaves.cost *= left;
-    // What rays still lose.
-    let [before, now] = [0.0, apart.change].map(|change| tally.leaf_area + change - leaves.area);
+    let History { spare_pairs, leaves, .. } = raw::parts(bvh).history;
+    // Leaves as calm as they were, had these been apart.
+    let calm = leaves.area * ((1.0 + leaves.growth) / (1.0 + growth));
+    let (before, now) = (tally.leaf_area - leaves.area, tally.leaf_area + apart.change - calm);
     leaves.regret *= if before > 0.0 { (now / before).clamp(0.0, 1.0) } else { 0.0 };
-    leaves.area = leaves.area.min(tally.leaf_area + apart.change);
-    leaves.left = leaves.left.min(1.0) * left;
-    if leaves.left < MOSTLY_MERGED {
-        (leaves.turns, leaves.calm) = (0, 0);
+    leaves.area = calm.min(tally.leaf_area + apart.change);
+    if f64::from(*spare_pairs) < MOSTLY_MERGED * f64::from(leaves.spare_pairs) {
+        was_split(leaves, true, leaves.has_paid);
+        leaves.spare_pairs = *spare_pairs;
     }
 }
 
@@ -141,7 +141,7 @@ fn decide(
         return None;
     }
     if starts {
-        (leaves.merging_since, leaves.left) = (leaves.calm, 1.0);
+        leaves.merging_since = leaves.calm;
     }
     leaves.turns += 1;
     Some(Decision::Merge { one_in: TURNS })
@@ -212,5 +212,30 @@ mod tests {
         // Single leaves are not split.
         let mut single = LeafHistory { is_merged: false, ..leaves };
         assert!(!play(&mut single, &grows, false).contains(&SPLIT));
+    }
+
+    #[test]
+    fn leaves_that_repairs_set_apart_no_longer_count_and_may_merge_again_once_many_are() {
+        let mut bvh = Bvh::default();
+        let history = raw::parts(&mut bvh).history;
+        let merged =
+            LeafHistory { turns: TURNS, calm: 30, wait: 8, spare_pairs: 1000, ..LeafHistory::default() };
+        history.leaves = LeafHistory { area: 1.1, regret: 4.0, ..merged };
+        history.spare_pairs = 800;
+        let tally = Tally { leaf_area: 1.3, ..Tally::default() };
+        // What had grown by a tenth is single now, and by as much greater than it was.
+        let apart = Apart { count: 100, change: -0.2, spare: 0 };
+        were_set_apart(&mut bvh, &tally, 0.1, &apart);
+        let LeafHistory { area, regret, turns, .. } = bvh.history().leaves;
+        assert!(
+            (area - 1.0).abs() < 1e-9 && (regret - 2.0).abs() < 1e-9 && turns == TURNS,
+            "{area}, {regret}"
+        );
+        for _ in 0..2 {
+            raw::parts(&mut bvh).history.spare_pairs = 700;
+            were_set_apart(&mut bvh, &tally, 0.0, &apart);
+            let LeafHistory { turns, wait, spare_pairs, .. } = bvh.history().leaves;
+            assert_eq!((turns, wait, spare_pairs), (0, 16, 700));
+        }
     }
 }

@@ -70,18 +70,20 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let most = (LARGEST_CUT * n) as usize;
     // An average primitive's, when the tree was last built.
     let share = bvh.history().reference * scale / n;
-    let judge = |top: NewTop| (sum + top.change) / scale;
+    let judge = |scale: f64| move |top: NewTop| (sum + top.change) / scale;
     let regrown = match options.open {
         Open::Grown => regrow(bvh, primitives, &tally, OPENED * share, most, scratch),
         Open::Overlapping if !selective::open(bvh.nodes(), share, most, &mut scratch.cut) => Regrown::TooMuch,
         Open::Overlapping => {
             let apart = keep(bvh, primitives, most, &mut scratch.cut);
-            rebuild_top(bvh, area, scale, apart, most, scratch, judge)
+            let scale = apart.size(bvh, tally.leaf_area);
+            rebuild_top(bvh, area, scale, apart, most, scratch, judge(scale))
         }
         Open::Divergent => {
             open(bvh, divergence, scale, divergent::OPENED * share, most, &mut scratch.cut);
             let apart = keep(bvh, primitives, most, &mut scratch.cut);
-            rebuild_top(bvh, divergence, scale, apart, most, scratch, judge)
+            let scale = apart.size(bvh, tally.leaf_area);
+            rebuild_top(bvh, divergence, scale, apart, most, scratch, judge(scale))
         }
     };
     match regrown {

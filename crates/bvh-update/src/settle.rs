@@ -1,8 +1,8 @@
 //! One step of splitting and merging leaves (`leaves.rs`).
 //!
 //! Parts of the tree are looked at by many threads, breadth-first, so that memory is asked for well before. They change
-//! nothing but write down what is to become of it; then the changes are made one after the other, as pairs of nodes are taken from one list. So the tree is the same for every
-//! number of threads, and as it was should the primitives panic.
+//! nothing but write down what is to become of it; then the changes are made one after the other, as pairs of nodes are
+//! taken from one list. So the tree is the same for every number of threads, and as it was should the primitives panic.
 
 use bvh_core::{Aabb, Bvh, COST_INTERSECT, Layout, MAX_HEIGHT, Node, Parts, Primitives, prefetch};
 use rayon::prelude::*;
@@ -72,6 +72,8 @@ pub(crate) fn settle<P: Primitives + ?Sized>(
         history.layout = Layout::Other;
     }
     history.spare_pair = writer.spare;
+    let more = writer.change.fewer / 2;
+    history.spare_pairs = history.spare_pairs.saturating_add_signed(more as i32);
     writer.change
 }
 
@@ -193,15 +195,14 @@ struct Run {
 }
 
 impl<P: Primitives + ?Sized> View<'_, P> {
-    /// Plans for a group of parts, too. Whatever is needed is asked for well before.
+    /// Plans for a group of parts. Whatever is needed is asked for well before.
     fn look(&self, parts: &[Part], plans: &mut Plans) {
         let Plans { group, longest, runs, nodes, above, merged, seen } = plans;
         group.clear();
         longest.clear();
         group.extend(parts.iter().map(|part| Seen::new(part.n as usize, part.depth)));
-        self.walk(group);
+        *seen += self.walk(group);
         self.find_longest(group, parts.len(), longest);
-        *seen += group.len() as i64;
         for i in 0..longest.len() {
             self.prefetch_slots(group, longest.get(i + 2 * AHEAD), |p| self.primitives.prefetch_index(p));
             self.prefetch_slots(group, longest.get(i + AHEAD), |p| self.primitives.prefetch_data(p));
@@ -239,11 +240,12 @@ impl<P: Primitives + ?Sized> View<'_, P> {
         }
     }
 
-    /// Adds what moves below the nodes seen; of those that are leaves, gives the runs.
-    fn walk(&self, seen: &mut Vec<Seen>) {
-        let mut i = 0;
+    /// Adds the nodes below those seen, and the runs of leaves; gives how many nodes move.
+    fn walk(&self, seen: &mut Vec<Seen>) -> i64 {
+        let (mut i, mut moving) = (0, 0);
         while i < seen.len() {
             let node = &self.nodes[seen[i].n as usize];
+            moving += i64::from(node.moves());
             if node.moves() && node.is_leaf() {
                 let cost = node.aabb().half_area_f64() * node.weight();
                 prefetch(self.order, node.first());
@@ -260,6 +262,7 @@ impl<P: Primitives + ?Sized> View<'_, P> {
             }
             i += 1;
         }
+        moving
     }
 
     /// Finds the longest runs below the first `roots` of the nodes seen, and these.
@@ -340,8 +343,10 @@ impl Writer<'_> {
             if let Some(soon) = plans.runs.get(i + 2 * AHEAD) {
                 prefetch(self.nodes, soon.n as usize);
             }
-            if let Some(sooner) = plans.runs.get(i + AHEAD) {
-                prefetch(self.nodes, self.nodes[sooner.n as usize].first());
+            if let Some(sooner) = plans.runs.get(i + AHEAD).map(|run| &self.nodes[run.n as usize])
+                && !sooner.is_leaf()
+            {
+                prefetch(self.nodes, sooner.first());
             }
             let (nodes, others) = rest.split_at(run.len as usize);
             rest = others;

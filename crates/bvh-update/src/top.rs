@@ -1,10 +1,10 @@
 //! A new top for a tree: a builder's over the boxes of the subtrees that are kept.
 //!
 //! The opened nodes form the top of the tree, k - 1 of them over k kept subtrees. The new top takes the pairs of the old
-//! one. Where solids burst into pieces it is a few per cent of the tree.
+//! one, and spare ones where leaves were set apart. Where solids burst into pieces it is a few per cent of the tree.
 
 use bvh_build::{BuildOptions, Builder, rebuild};
-use bvh_core::{Bvh, History, Layout, MAX_HEIGHT, Node};
+use bvh_core::{Bvh, History, Layout, LeafHistory, MAX_HEIGHT, Node};
 use rayon::prelude::*;
 
 use crate::apart::Apart;
@@ -26,7 +26,7 @@ pub(crate) struct NewTop {
     still_change: f64,
 }
 
-/// Builds the tree anew above the subtrees that are kept of the cut, if that has at most `most` of them; `judge` says how
+/// Builds the tree anew above the subtrees that are kept of the cut, if these are at most `most`; `judge` says how
 /// good it is.
 pub(crate) fn rebuild_top(
     bvh: &mut Bvh,
@@ -38,7 +38,7 @@ pub(crate) fn rebuild_top(
     judge: impl FnOnce(NewTop) -> f64,
 ) -> Regrown {
     let Scratch { cut: CutScratch { boxes, kept, cut, pairs, opened, top, .. }, build, .. } = scratch;
-    if cut.len() > most {
+    if cut.len().max(kept.len()) > most {
         return Regrown::TooMuch;
     }
     if cut.is_empty() {
@@ -81,6 +81,8 @@ pub(crate) fn rebuild_top(
     *parts.still_area += new.still_change;
     let reference = reference(judge(new), 1.0);
     let history = parts.history;
+    let left = apart.part_left(history);
+    let LeafHistory { growth, cost, .. } = history.leaves;
     *history = History {
         reference,
         measured: reference,
@@ -91,6 +93,8 @@ pub(crate) fn rebuild_top(
         rebuilds_in_a_row: 0,
         layout: Layout::Other,
         spare_pair: apart.spare,
+        spare_pairs: history.spare_pairs.saturating_sub(apart.count),
+        leaves: LeafHistory { growth: growth * left, cost: cost * left, ..history.leaves },
         ..*history
     };
     Regrown::Top { subtrees: kept.len(), change: new.change, apart }
