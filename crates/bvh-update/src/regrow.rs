@@ -13,6 +13,9 @@ use crate::top::{NewTop, rebuild_top};
 use crate::{raw, selective};
 
 /// When to build the tree anew above subtrees that are still good.
+///
+/// A leaf that was merged ([`Strategy::Leaves`](crate::Strategy::Leaves)) and has come apart with the nodes above it is
+/// kept in pieces, each of which counts as one of the subtrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Regrow {
     /// The budget of rotations, if any are wanted.
