@@ -24,7 +24,7 @@ pub(crate) fn edit<T>(bvh: &mut Bvh, f: impl FnOnce(&mut [Node]) -> T) -> T {
     let parts = unsafe { bvh.parts_mut() };
     let result = f(parts.nodes);
     // Spare pairs may be in use now.
-    (parts.history.spare_pair, parts.history.spare_pairs) = (0, 0);
+    (parts.history.spare_pair, parts.history.spare_pair_count) = (0, 0);
     parts.history.layout = Layout::Unknown;
     bvh.sum_still_area();
     result

@@ -31,7 +31,7 @@ pub struct History {
     /// this and their number to 0.
     pub spare_pair: u32,
     /// How many of them there are.
-    pub spare_pairs: u32,
+    pub spare_pair_count: u32,
     /// Half area of the leaves that moved, of the root, and of the leaves that did not, when the tree was measured.
     pub sizes: [f64; 3],
     /// How even the leaves were in size then: 1 if all were alike, near 0 if most area was in a few.
@@ -79,7 +79,7 @@ pub struct LeafHistory {
     /// By what part the cost of the whole tree has changed by that: `reference` is of merged leaves.
     pub cost: f64,
     /// How many spare pairs there were when leaves were last seen to.
-    pub spare_pairs: u32,
+    pub spare_pair_count: u32,
     /// Whether leaves that merged then have paid for that by now.
     pub has_paid: bool,
 }

@@ -24,7 +24,7 @@ pub(crate) struct Apart {
 impl Apart {
     /// The part of what had merged that still is.
     pub(crate) fn part_left(&self, history: &History) -> f64 {
-        let merged = f64::from(history.spare_pairs);
+        let merged = f64::from(history.spare_pair_count);
         if self.count == 0 { 1.0 } else { (1.0 - f64::from(self.count) / merged).clamp(0.0, 1.0) }
     }
 
@@ -138,7 +138,7 @@ mod tests {
         update(&mut bvh, &boxes, &merge, scratch).expect("same count");
         update(&mut bvh, &boxes, strategy, scratch).expect("same count");
         assert_eq!(merged(&bvh), (N * 3 / 4, N * 3 / 4));
-        assert_eq!(bvh.history().spare_pairs as usize, N * 3 / 4);
+        assert_eq!(bvh.history().spare_pair_count as usize, N * 3 / 4);
         bvh
     }
 
@@ -159,7 +159,7 @@ mod tests {
                     assert!(matches!(told.decision, Decision::Regrow { .. }), "{}", told.decision);
                     bvh.validate(&apart).expect("valid");
                     let left = N * 3 / 4 * 9 / 10;
-                    assert_eq!((merged(&bvh), bvh.history().spare_pairs as usize), ((left, left), left));
+                    assert_eq!((merged(&bvh), bvh.history().spare_pair_count as usize), ((left, left), left));
                     let fresh = build(&apart, Builder::Sweep, &BuildOptions::default(), None).expect("few");
                     assert!(sah_cost(&bvh) < 1.05 * sah_cost(&fresh));
                     // It is what the tree is held to.
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn leaves_stay_together_where_there_are_too_few_spare_pairs() {
+    fn leaves_stay_together_where_there_are_too_few_spare_pair_count() {
         let (strategy, apart, mut scratch) = (regrow(Open::Grown), quadruplets(200.0), Scratch::new());
         let mut bvh = merged_tree(&strategy, &mut scratch);
         let before = merged(&bvh).0;

@@ -14,7 +14,7 @@ pub(crate) struct Best {
 }
 
 impl Best {
-    pub(crate) fn new(boxes: &[Aabb]) -> Self {
+    fn new(boxes: &[Aabb]) -> Self {
         let mut best = Self {
             aabb: [[Aabb::EMPTY; LONGEST]; LONGEST],
             cost: [[0.0; LONGEST]; LONGEST],
@@ -58,6 +58,34 @@ impl Best {
     }
 }
 
+/// The boxes of a few primitives, and what they cost in leaves of one each.
+pub(crate) struct Few {
+    boxes: [Aabb; LONGEST],
+    count: usize,
+    pub(crate) single: f64,
+}
+
+impl Few {
+    /// The primitives in these slots, at most [`LONGEST`].
+    #[inline]
+    pub(crate) fn new<P: Primitives + ?Sized>(primitives: &P, slots: &[u32]) -> Self {
+        let mut few = Self { boxes: [Aabb::EMPTY; LONGEST], count: slots.len(), single: 0.0 };
+        few.boxes.iter_mut().zip(slots).for_each(|(aabb, &p)| *aabb = primitives.aabb(p as usize));
+        few.single = few.boxes[..few.count].iter().map(|aabb| aabb.half_area_f64() * COST_INTERSECT).sum();
+        few
+    }
+
+    /// Whether one leaf of this cost cannot be better, as a tree has a root at least, and leaves of one primitive at best.
+    pub(crate) fn are_best_as_leaf(&self, cost: f64) -> bool {
+        let area = cost / (COST_INTERSECT * self.count as f64);
+        cost <= area * COST_TRAVERSE + self.single
+    }
+
+    pub(crate) fn best(&self) -> Best {
+        Best::new(&self.boxes[..self.count])
+    }
+}
+
 /// Adds the leaves of the best tree over the primitives of a leaf that moves, if that is better than the leaf; gives by how
 /// much they cost less.
 pub(crate) fn set_apart<P: Primitives + ?Sized>(
@@ -66,29 +94,18 @@ pub(crate) fn set_apart<P: Primitives + ?Sized>(
     leaf: &Node,
     pieces: &mut Vec<Node>,
 ) -> f64 {
-    let slots = &order[leaf.first()..][..leaf.count()];
-    let mut boxes = [Aabb::EMPTY; LONGEST];
-    let boxes = &mut boxes[..slots.len()];
-    boxes.iter_mut().zip(slots).for_each(|(aabb, &p)| *aabb = primitives.aabb(p as usize));
-    let single = boxes.iter().map(|aabb| aabb.half_area_f64() * COST_INTERSECT).sum::<f64>();
+    let (first, count) = (leaf.first(), leaf.count());
+    let few = Few::new(primitives, &order[first..][..count]);
     let cost = leaf.aabb().half_area_f64() * leaf.weight();
-    let (first, count) = (leaf.first() as u32, leaf.count() as u32);
-    if is_best_as_leaf(cost, count, single) {
+    if few.are_best_as_leaf(cost) {
         return 0.0;
     }
-    let best = Best::new(boxes);
-    if best.cost[0][boxes.len() - 1] >= cost {
+    let best = few.best();
+    if best.cost[0][count - 1] >= cost {
         return 0.0;
     }
-    best.for_each_leaf(0, boxes.len(), &mut |from, to| {
-        pieces.push(Node::leaf(best.aabb[from][to - 1], first + from as u32, (to - from) as u32));
+    best.for_each_leaf(0, count, &mut |from, to| {
+        pieces.push(Node::leaf(best.aabb[from][to - 1], (first + from) as u32, (to - from) as u32));
     });
-    cost - best.leaves(0, boxes.len())
-}
-
-/// Whether a leaf of this cost and of so many primitives cannot be better, as a tree has a root at least, and leaves of one
-/// primitive at best; `single` is what these cost.
-pub(crate) fn is_best_as_leaf(cost: f64, count: u32, single: f64) -> bool {
-    let area = cost / (COST_INTERSECT * f64::from(count));
-    cost <= area * COST_TRAVERSE + single
+    cost - best.leaves(0, count)
 }

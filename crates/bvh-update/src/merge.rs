@@ -73,7 +73,7 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     tally.leaf_area += change.leaves;
     let history = raw::parts(bvh).history;
     let leaves = &mut history.leaves;
-    leaves.spare_pairs = history.spare_pairs;
+    leaves.spare_pair_count = history.spare_pair_count;
     (leaves.area, leaves.regret) = (tally.leaf_area, 0.0);
     leaves.is_merged |= tally.leaf_area != before.leaf_area;
     // A tree is held to what it was with leaves like these.
@@ -105,15 +105,15 @@ pub(crate) fn were_set_apart(bvh: &mut Bvh, tally: &Tally, growth: f64, apart: &
     if apart.count == 0 {
         return;
     }
-    let History { spare_pairs, leaves, .. } = raw::parts(bvh).history;
+    let History { spare_pair_count, leaves, .. } = raw::parts(bvh).history;
     // Leaves as calm as they were, had these been apart.
     let calm = leaves.area * ((1.0 + leaves.growth) / (1.0 + growth));
     let (before, now) = (tally.leaf_area - leaves.area, tally.leaf_area + apart.change - calm);
     leaves.regret *= if before > 0.0 { (now / before).clamp(0.0, 1.0) } else { 0.0 };
     leaves.area = calm.min(tally.leaf_area + apart.change);
-    if f64::from(*spare_pairs) < MOSTLY_MERGED * f64::from(leaves.spare_pairs) {
+    if f64::from(*spare_pair_count) < MOSTLY_MERGED * f64::from(leaves.spare_pair_count) {
         was_split(leaves, true, leaves.has_paid);
-        leaves.spare_pairs = *spare_pairs;
+        leaves.spare_pair_count = *spare_pair_count;
     }
 }
 
@@ -219,9 +219,9 @@ mod tests {
         let mut bvh = Bvh::default();
         let history = raw::parts(&mut bvh).history;
         let merged =
-            LeafHistory { turns: TURNS, calm: 30, wait: 8, spare_pairs: 1000, ..LeafHistory::default() };
+            LeafHistory { turns: TURNS, calm: 30, wait: 8, spare_pair_count: 1000, ..LeafHistory::default() };
         history.leaves = LeafHistory { area: 1.1, regret: 4.0, ..merged };
-        history.spare_pairs = 800;
+        history.spare_pair_count = 800;
         let tally = Tally { leaf_area: 1.3, ..Tally::default() };
         // What had grown by a tenth is single now, and by as much greater than it was.
         let apart = Apart { count: 100, change: -0.2, spare: 0 };
@@ -232,10 +232,10 @@ mod tests {
             "{area}, {regret}"
         );
         for _ in 0..2 {
-            raw::parts(&mut bvh).history.spare_pairs = 700;
+            raw::parts(&mut bvh).history.spare_pair_count = 700;
             were_set_apart(&mut bvh, &tally, 0.0, &apart);
-            let LeafHistory { turns, wait, spare_pairs, .. } = bvh.history().leaves;
-            assert_eq!((turns, wait, spare_pairs), (0, 16, 700));
+            let LeafHistory { turns, wait, spare_pair_count, .. } = bvh.history().leaves;
+            assert_eq!((turns, wait, spare_pair_count), (0, 16, 700));
         }
     }
 }

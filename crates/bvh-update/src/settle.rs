@@ -4,10 +4,10 @@
 //! nothing but write down what is to become of it; then the changes are made one after the other, as pairs of nodes are
 //! taken from one list. So the tree is the same for every number of threads, and as it was should the primitives panic.
 
-use bvh_core::{Aabb, Bvh, COST_INTERSECT, Layout, MAX_HEIGHT, Node, Parts, Primitives, prefetch};
+use bvh_core::{Aabb, Bvh, Layout, MAX_HEIGHT, Node, Parts, Primitives, prefetch};
 use rayon::prelude::*;
 
-use crate::best::{Best, LONGEST, is_best_as_leaf};
+use crate::best::{Best, Few, LONGEST};
 use crate::raw;
 use crate::strategy::Turn;
 
@@ -73,7 +73,7 @@ pub(crate) fn settle<P: Primitives + ?Sized>(
     }
     history.spare_pair = writer.spare;
     let more = writer.change.fewer / 2;
-    history.spare_pairs = history.spare_pairs.saturating_add_signed(more as i32);
+    history.spare_pair_count = history.spare_pair_count.saturating_add_signed(more as i32);
     writer.change
 }
 
@@ -208,24 +208,21 @@ impl<P: Primitives + ?Sized> View<'_, P> {
             self.prefetch_slots(group, longest.get(i + AHEAD), |p| self.primitives.prefetch_data(p));
             let root = &mut group[longest[i] as usize];
             let run = &root.run;
-            let slots = &self.order[run.first as usize..][..run.count as usize];
-            let mut boxes = [Aabb::EMPTY; LONGEST];
-            let boxes = &mut boxes[..slots.len()];
-            boxes.iter_mut().zip(slots).for_each(|(aabb, &p)| *aabb = self.primitives.aabb(p as usize));
-            let single = boxes.iter().map(|aabb| aabb.half_area_f64() * COST_INTERSECT).sum::<f64>();
-            *merged += run.leaves - single;
-            if root.children == 0 && is_best_as_leaf(run.cost, run.count, single) {
+            let (first, count) = (run.first as usize, run.count as usize);
+            let few = Few::new(self.primitives, &self.order[first..][..count]);
+            *merged += run.leaves - few.single;
+            if root.children == 0 && few.are_best_as_leaf(run.cost) {
                 continue;
             }
-            let best = Best::new(boxes);
-            let cost = best.cost[0][boxes.len() - 1];
+            let best = few.best();
+            let cost = best.cost[0][count - 1];
             if cost < run.cost {
                 root.changes = true;
-                let leaves = best.leaves(0, boxes.len()) - run.leaves;
+                let leaves = best.leaves(0, count) - run.leaves;
                 *merged += leaves;
                 let start = nodes.len();
                 nodes.extend([Node::NOTHING; 2]);
-                nodes[start] = self.write(&best, run.first, 0, boxes.len(), start, nodes);
+                nodes[start] = self.write(&best, run.first, 0, count, start, nodes);
                 let len = (nodes.len() - start) as u32;
                 runs.push(NewRun { n: root.n, len, all: cost - run.cost, leaves });
             }

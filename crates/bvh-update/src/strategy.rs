@@ -314,13 +314,14 @@ fn expect_measure(history: &mut History, strategy: &Strategy) {
         Strategy::Leaves(_) => Measure::Leaves,
     };
     if history.measure != measure {
-        let History { updates, background_job, spare_pair, spare_pairs, layout, largest_leaf, .. } = *history;
+        let History { updates, background_job, spare_pair, spare_pair_count, layout, largest_leaf, .. } =
+            *history;
         *history = History {
             measure,
             updates,
             background_job,
             spare_pair,
-            spare_pairs,
+            spare_pair_count,
             layout,
             largest_leaf,
             ..History::default()

@@ -93,7 +93,7 @@ pub(crate) fn rebuild_top(
         rebuilds_in_a_row: 0,
         layout: Layout::Other,
         spare_pair: apart.spare,
-        spare_pairs: history.spare_pairs.saturating_sub(apart.count),
+        spare_pair_count: history.spare_pair_count.saturating_sub(apart.count),
         leaves: LeafHistory { growth: growth * left, cost: cost * left, ..history.leaves },
         ..*history
     };
