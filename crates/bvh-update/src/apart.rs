@@ -38,6 +38,25 @@ impl Apart {
 /// How many leaves ahead the corners of triangles are fetched, and twice as many the indices.
 const AHEAD: usize = 8;
 
+/// Kept subtrees that a task looks at.
+const PER_TASK: usize = 2048;
+
+/// What is better apart of the leaves that a task has looked at.
+#[derive(Default)]
+pub(crate) struct Pieces {
+    leaves: Vec<Parted>,
+    /// The pieces of these, one after the other.
+    pieces: Vec<Node>,
+}
+
+struct Parted {
+    /// Which of the subtrees of the cut.
+    kept: u32,
+    /// How many pieces it falls into, and how much less these cost.
+    pieces: u32,
+    gain: f64,
+}
+
 /// Collects the subtrees of a cut, or more than `most`. What is better apart of a merged leaf is kept apart, with
 /// spare pairs above: the leaf has come apart with the nodes above it.
 pub(crate) fn keep<P: Primitives + ?Sized>(
@@ -46,7 +65,7 @@ pub(crate) fn keep<P: Primitives + ?Sized>(
     most: usize,
     scratch: &mut CutScratch,
 ) -> Apart {
-    let CutScratch { cut, pairs, kept, pieces, .. } = scratch;
+    let CutScratch { cut, pairs, kept, pieces: tasks, .. } = scratch;
     let mut apart = Apart { spare: bvh.history().spare_pair, ..Apart::default() };
     if cut.len() > most {
         kept.clear();
@@ -56,47 +75,81 @@ pub(crate) fn keep<P: Primitives + ?Sized>(
     cut.par_sort_unstable();
     let (nodes, order) = (bvh.nodes(), bvh.order());
     kept.resize(cut.len(), Node::NOTHING);
-    kept.par_iter_mut().zip(&*cut).for_each(|(kept, &n)| *kept = nodes[n as usize]);
-    let is_merged = |leaf: &Node| leaf.moves() && (2..=LONGEST).contains(&leaf.count());
-    for i in 0..cut.len() {
-        if apart.spare == 0 || kept.len() > most {
-            break;
-        }
-        let soon = |ahead| {
-            let leaf = kept.get(i + ahead).filter(|leaf| is_merged(leaf));
-            leaf.map_or(&[][..], |leaf| &order[leaf.first()..][..leaf.count()])
-        };
-        if let Some(leaf) = kept.get(i + 3 * AHEAD).filter(|leaf| is_merged(leaf)) {
-            prefetch(order, leaf.first());
-        }
-        soon(2 * AHEAD).iter().for_each(|&p| primitives.prefetch_index(p as usize));
-        soon(AHEAD).iter().for_each(|&p| primitives.prefetch_data(p as usize));
-        if !is_merged(&kept[i]) {
-            continue;
-        }
+    tasks.resize_with(cut.len().div_ceil(PER_TASK), Pieces::default);
+    let (subtrees, slots) = (kept.par_chunks_mut(PER_TASK), cut.par_chunks(PER_TASK));
+    let may_part = apart.spare > 0;
+    subtrees.zip(slots).zip(&mut *tasks).enumerate().for_each(|(i, ((kept, cut), pieces))| {
+        kept.iter_mut().zip(cut).for_each(|(kept, &n)| *kept = nodes[n as usize]);
         pieces.clear();
-        let gain = set_apart(order, primitives, &kept[i], pieces);
-        let (pairs_before, spare_before) = (pairs.len(), apart.spare);
-        for _ in 1..pieces.len() {
-            if apart.spare > 0 {
+        if may_part {
+            pieces.look_at(kept, i * PER_TASK, order, primitives);
+        }
+    });
+    // Spare pairs come off a list, one after the other.
+    'all: for Pieces { leaves, pieces } in tasks {
+        let mut rest = &pieces[..];
+        for leaf in leaves {
+            if apart.spare == 0 || kept.len() > most {
+                break 'all;
+            }
+            let (pieces, others) = rest.split_at(leaf.pieces as usize);
+            rest = others;
+            let (pairs_before, spare_before) = (pairs.len(), apart.spare);
+            while apart.spare > 0 && pairs.len() - pairs_before < pieces.len() - 1 {
                 pairs.push(apart.spare);
                 apart.spare = nodes[apart.spare as usize].first() as u32;
             }
-        }
-        if let [first, others @ ..] = &pieces[..] {
-            if pairs.len() - pairs_before == others.len() {
-                kept[i] = *first;
-                kept.extend_from_slice(others);
-                apart.count += others.len() as u32;
-                apart.change -= gain;
-            } else {
+            if pairs.len() - pairs_before < pieces.len() - 1 {
                 pairs.truncate(pairs_before);
                 apart.spare = spare_before;
+                continue;
             }
+            kept[leaf.kept as usize] = pieces[0];
+            kept.extend_from_slice(&pieces[1..]);
+            apart.count += leaf.pieces - 1;
+            apart.change -= leaf.gain;
         }
     }
     pairs.par_sort_unstable();
     apart
+}
+
+impl Pieces {
+    fn clear(&mut self) {
+        self.leaves.clear();
+        self.pieces.clear();
+    }
+
+    /// Looks at these subtrees of a cut, the first of which has that number.
+    fn look_at<P: Primitives + ?Sized>(
+        &mut self,
+        kept: &[Node],
+        first: usize,
+        order: &[u32],
+        primitives: &P,
+    ) {
+        let is_merged = |leaf: &&Node| leaf.moves() && (2..=LONGEST).contains(&leaf.count());
+        for (i, leaf) in kept.iter().enumerate() {
+            let soon = |ahead| {
+                let leaf = kept.get(i + ahead).filter(is_merged);
+                leaf.map_or(&[][..], |leaf| &order[leaf.first()..][..leaf.count()])
+            };
+            if let Some(leaf) = kept.get(i + 3 * AHEAD).filter(is_merged) {
+                prefetch(order, leaf.first());
+            }
+            soon(2 * AHEAD).iter().for_each(|&p| primitives.prefetch_index(p as usize));
+            soon(AHEAD).iter().for_each(|&p| primitives.prefetch_data(p as usize));
+            if !is_merged(&leaf) {
+                continue;
+            }
+            let before = self.pieces.len();
+            let gain = set_apart(order, primitives, leaf, &mut self.pieces);
+            let pieces = (self.pieces.len() - before) as u32;
+            if pieces > 0 {
+                self.leaves.push(Parted { kept: (first + i) as u32, pieces, gain });
+            }
+        }
+    }
 }
 
 #[cfg(test)]

@@ -26,11 +26,11 @@ use bvh_build::Builder;
 use bvh_core::{Bvh, History, Primitives};
 
 use crate::clock::{Weights, Work};
-use crate::cut::{Regrown, excess_by, reference, regrow, size_now, take_references};
+use crate::cut::{Regrown, excess_by, reference, size_now, take_references};
 use crate::merge::{see_to_leaves, were_set_apart};
 use crate::pass::{Scratch, pass};
 use crate::raw;
-use crate::regrow::{LARGEST_CUT, SOON, rebuild_all};
+use crate::regrow::{LARGEST_CUT, SOON, rebuild_all, regrow};
 use crate::strategy::{Rotate, Update, UpdateError};
 
 /// Settings of [`Strategy::Auto`](crate::Strategy::Auto).

@@ -31,8 +31,9 @@ mod tests {
     use bvh_build::{BuildOptions, Builder, build};
     use bvh_core::{Aabb, Vec3, sah_cost};
 
-    use crate::cut::{CutScratch, open, take_references_of};
+    use crate::cut::{CutScratch, take_references_of};
     use crate::pass::{Scratch, pass};
+    use crate::walk::open;
 
     use super::*;
 

@@ -38,6 +38,7 @@ mod slope;
 mod strategy;
 mod sweep;
 mod top;
+mod walk;
 
 pub use auto::{Auto, Decision};
 pub use background::{Background, BackgroundCost};

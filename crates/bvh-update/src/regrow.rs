@@ -3,13 +3,14 @@
 use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
-use crate::apart::keep;
 use crate::auto::Decision;
-use crate::cut::{Regrown, area, open, reference, regrow, size_now, take_references, take_references_of};
+use crate::block::Tally;
+use crate::cut::{Regrown, area, reference, size_now, take_references, take_references_of};
 use crate::divergent::{self, divergence};
 use crate::pass::{Scratch, pass};
 use crate::strategy::{Rotate, Update, UpdateError, new_tree, options_like};
 use crate::top::{NewTop, rebuild_top};
+use crate::walk::open;
 use crate::{raw, selective};
 
 /// When to build the tree anew above subtrees that are still good.
@@ -73,20 +74,14 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let most = (LARGEST_CUT * n) as usize;
     // An average primitive's, when the tree was last built.
     let share = bvh.history().reference * scale / n;
-    let judge = |scale: f64| move |top: NewTop| (sum + top.change) / scale;
+    let judge = |top: &NewTop| (sum + top.change) / top.size;
     let regrown = match options.open {
         Open::Grown => regrow(bvh, primitives, &tally, OPENED * share, most, scratch),
         Open::Overlapping if !selective::open(bvh.nodes(), share, most, &mut scratch.cut) => Regrown::TooMuch,
-        Open::Overlapping => {
-            let apart = keep(bvh, primitives, most, &mut scratch.cut);
-            let scale = apart.size(bvh, tally.leaf_area);
-            rebuild_top(bvh, area, scale, apart, most, scratch, judge(scale))
-        }
+        Open::Overlapping => rebuild_top(bvh, primitives, area, tally.leaf_area, most, scratch, judge),
         Open::Divergent => {
             open(bvh, divergence, scale, divergent::OPENED * share, most, &mut scratch.cut);
-            let apart = keep(bvh, primitives, most, &mut scratch.cut);
-            let scale = apart.size(bvh, tally.leaf_area);
-            rebuild_top(bvh, divergence, scale, apart, most, scratch, judge(scale))
+            rebuild_top(bvh, primitives, divergence, tally.leaf_area, most, scratch, judge)
         }
     };
     match regrown {
@@ -102,6 +97,25 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         }
         Regrown::TooMuch => rebuild_all(bvh, primitives, Builder::Ploc, scratch),
     }
+}
+
+/// Builds the tree anew above the subtrees whose excess of area is at most `threshold`, if there are at most `most` of
+/// them, after a pass that has found this.
+pub(crate) fn regrow<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    tally: &Tally,
+    threshold: f64,
+    most: usize,
+    scratch: &mut Scratch,
+) -> Regrown {
+    let leaves = tally.leaf_area;
+    let references = open(bvh, area, size_now(bvh, leaves), threshold, most, &mut scratch.cut);
+    let still_leaves = bvh.history().sizes[2];
+    rebuild_top(bvh, primitives, area, leaves, most, scratch, |top| {
+        // Leaves have no references.
+        references + top.references + (leaves + top.leaf_change + still_leaves) / top.size
+    })
 }
 
 /// Builds a new tree instead of a repair.

@@ -20,6 +20,7 @@
 use bvh_core::{Aabb, Node};
 
 use crate::cut::CutScratch;
+use crate::top::InnerAreas;
 
 /// Memory of the search.
 #[derive(Default)]
@@ -39,14 +40,15 @@ const PAIRS: usize = 8;
 /// Finds what to open, where primitives have that share, and puts the subtrees that are left and the pairs of nodes
 /// above them into `scratch`; gives up, with `false`, where there will be more than `most`.
 pub(crate) fn open(nodes: &[Node], share: f64, most: usize, scratch: &mut CutScratch) -> bool {
-    let CutScratch { cut, pairs, overlaps, .. } = scratch;
+    let CutScratch { cut, pairs, opened, overlaps, .. } = scratch;
     let threshold = (OPENED * share) as f32;
     cut.clear();
     pairs.clear();
+    *opened = InnerAreas::default();
     if !overlaps.find(nodes, threshold, PAIRS * most) {
         return false;
     }
-    Opened { nodes, threshold, opened: &overlaps.opened, cut, pairs }.collect(0);
+    Opened { nodes, threshold, is_opened: &overlaps.opened, cut, pairs, areas: opened }.collect(0);
     true
 }
 
@@ -91,9 +93,10 @@ fn intersection(a: Aabb, b: Aabb) -> Aabb {
 struct Opened<'a> {
     nodes: &'a [Node],
     threshold: f32,
-    opened: &'a [u64],
+    is_opened: &'a [u64],
     cut: &'a mut Vec<u32>,
     pairs: &'a mut Vec<u32>,
+    areas: &'a mut InnerAreas,
 }
 
 impl Opened<'_> {
@@ -106,9 +109,10 @@ impl Opened<'_> {
         }
         let pair = node.first();
         let below = [pair, pair + 1].map(|child| self.collect(child));
-        let is_open = self.opened[n / 64] >> (n % 64) & 1 == 1 || below.contains(&true);
+        let is_open = self.is_opened[n / 64] >> (n % 64) & 1 == 1 || below.contains(&true);
         if is_open {
             self.pairs.push(pair as u32);
+            self.areas.add(node);
             self.cut.extend((pair as u32..).zip(below).filter(|&(_, below)| !below).map(|(child, _)| child));
         }
         is_open

@@ -4,39 +4,60 @@
 //! one, and spare ones where leaves were set apart. Where solids burst into pieces it is a few per cent of the tree.
 
 use bvh_build::{BuildOptions, Builder, rebuild};
-use bvh_core::{Bvh, History, Layout, LeafHistory, MAX_HEIGHT, Node};
-use rayon::prelude::*;
+use bvh_core::{Bvh, History, Layout, LeafHistory, MAX_HEIGHT, Node, Primitives};
 
-use crate::apart::Apart;
+use crate::apart::keep;
 use crate::cut::{CutScratch, NodeMeasure, Regrown, reference};
 use crate::pass::Scratch;
-use crate::raw;
+use crate::raw::{self, SharedNodes};
 
-/// Opened pairs that a task sums up: sums of floats depend on it.
-const SHARE: usize = 4096;
+/// Subtrees of a new top that are higher than this are written by two tasks.
+const FORKED: u32 = 8;
 
-/// What is known of a new top.
+/// Sums of half areas times weights of inner nodes.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct NewTop {
-    /// Sum of the references of its nodes.
-    pub(crate) references: f64,
-    /// Sum of their half areas times weights, less that of the nodes before.
-    pub(crate) change: f64,
-    /// The same for those that stand still.
-    still_change: f64,
+pub(crate) struct InnerAreas {
+    pub(crate) all: f64,
+    /// Of those that stand still.
+    still: f64,
 }
 
-/// Builds the tree anew above the subtrees that are kept of the cut, if these are at most `most`; `judge` says how
-/// good it is.
-pub(crate) fn rebuild_top(
+impl InnerAreas {
+    /// Adds an inner node; no leaf.
+    pub(crate) fn add(&mut self, node: &Node) {
+        let area = node.aabb().half_area_f64() * node.weight();
+        self.all += area;
+        self.still += if node.moves() { 0.0 } else { area };
+    }
+
+    pub(crate) fn and(self, other: Self) -> Self {
+        Self { all: self.all + other.all, still: self.still + other.still }
+    }
+}
+
+/// What is known of a new top.
+pub(crate) struct NewTop {
+    /// The size of the scene, with leaves as they are now.
+    pub(crate) size: f64,
+    /// Sum of the references of its nodes.
+    pub(crate) references: f64,
+    /// By how much the sum of half areas times weights has changed, and the part of it that is due to leaves.
+    pub(crate) change: f64,
+    pub(crate) leaf_change: f64,
+}
+
+/// Builds the tree anew above the cut, if there are at most `most` subtrees to keep, after a pass that has found this
+/// area of leaves; `judge` says how good it is.
+pub(crate) fn rebuild_top<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
+    primitives: &P,
     measure: impl NodeMeasure,
-    scale: f64,
-    apart: Apart,
+    leaf_area: f64,
     most: usize,
     scratch: &mut Scratch,
-    judge: impl FnOnce(NewTop) -> f64,
+    judge: impl FnOnce(&NewTop) -> f64,
 ) -> Regrown {
+    let apart = keep(bvh, primitives, most, &mut scratch.cut);
     let Scratch { cut: CutScratch { boxes, kept, cut, pairs, opened, top, .. }, build, .. } = scratch;
     if cut.len().max(kept.len()) > most {
         return Regrown::TooMuch;
@@ -48,38 +69,27 @@ pub(crate) fn rebuild_top(
     boxes.extend(kept.iter().map(Node::aabb));
     let options = BuildOptions::default();
     if rebuild(top, boxes, Builder::BinnedParallel, &options, build).is_err()
-        || highest(top, 0, kept) > MAX_HEIGHT
+        || top.height() + kept.iter().map(Node::height).max().unwrap_or(0) > MAX_HEIGHT
     {
         return Regrown::TooMuch;
     }
-    let nodes = bvh.nodes();
-    opened.clear();
-    opened.resize(pairs.len().div_ceil(SHARE), NewTop::default());
-    pairs.par_chunks(SHARE).zip(&mut *opened).for_each(|(pairs, opened)| {
-        let slots = pairs.iter().flat_map(|&pair| [pair, pair + 1]);
-        slots.for_each(|n| opened.add(&nodes[n as usize], -1.0));
-    });
-    let mut new = NewTop { change: apart.change, ..NewTop::default() };
-    new.add(bvh.root(), -1.0);
-    kept.iter().for_each(|node| new.add(node, 1.0));
-    for opened in opened.iter() {
-        new.change += opened.change;
-        new.still_change += opened.still_change;
-    }
     let after = top.nodes().iter().filter(|node| !node.is_leaf());
-    if after.map(|node| node.aabb().half_area_f64() * node.weight()).sum::<f64>() + new.change >= 0.0 {
+    let after = after.map(|node| node.aabb().half_area_f64() * node.weight()).sum::<f64>();
+    if after - opened.all + apart.change >= 0.0 {
         return Regrown::NOTHING;
     }
     assert!(
         top.nodes().len() == 2 * pairs.len() + 2,
         "a tree over k subtrees has k - 1 pairs below the root"
     );
+    let size = apart.size(bvh, leaf_area);
     let parts = raw::parts(bvh);
-    let mut graft = Graft { nodes: parts.nodes, measure, top, kept, pairs: pairs.iter(), scale, new };
-    graft.write(0, 0);
-    let new = graft.new;
-    *parts.still_area += new.still_change;
-    let reference = reference(judge(new), 1.0);
+    let graft = Graft { nodes: raw::share(parts.nodes), measure, top, kept, pairs, size };
+    let Grafted { root, areas, references } = graft.write(0);
+    graft.nodes.set(0, root);
+    *parts.still_area += areas.still - opened.still;
+    let change = areas.all - opened.all + apart.change;
+    let reference = reference(judge(&NewTop { size, references, change, leaf_change: apart.change }), 1.0);
     let history = parts.history;
     let left = apart.part_left(history);
     let LeafHistory { growth, cost, .. } = history.leaves;
@@ -97,57 +107,50 @@ pub(crate) fn rebuild_top(
         leaves: LeafHistory { growth: growth * left, cost: cost * left, ..history.leaves },
         ..*history
     };
-    Regrown::Top { subtrees: kept.len(), change: new.change, apart }
+    Regrown::Top { subtrees: kept.len(), change, apart }
 }
 
-impl NewTop {
-    /// Adds an inner node to the changes, or takes it off.
-    fn add(&mut self, node: &Node, sign: f64) {
-        if !node.is_leaf() {
-            let area = node.aabb().half_area_f64() * node.weight() * sign;
-            self.change += area;
-            self.still_change += if node.moves() { 0.0 } else { area };
-        }
-    }
-}
-
-/// Height that a node of `top` has once the subtrees are in place.
-fn highest(top: &Bvh, n: usize, kept: &[Node]) -> u32 {
-    let node = &top.nodes()[n];
-    match (top.children(node), top.primitives(node)) {
-        (Some(_), _) => 1 + highest(top, node.first(), kept).max(highest(top, node.first() + 1, kept)),
-        (None, &[subtree]) => kept[subtree as usize].height(),
-        (None, _) => 0,
-    }
-}
-
+/// A new top, to be written to the place of the old one.
 struct Graft<'a, M> {
-    nodes: &'a mut [Node],
+    nodes: SharedNodes<'a>,
     measure: M,
     top: &'a Bvh,
     kept: &'a [Node],
-    pairs: std::slice::Iter<'a, u32>,
-    scale: f64,
-    new: NewTop,
+    /// A place for each pair of the new top.
+    pairs: &'a [u32],
+    size: f64,
+}
+
+/// The root of what was written, which is not, and sums over all inner nodes of the new top.
+struct Grafted {
+    root: Node,
+    areas: InnerAreas,
+    references: f64,
 }
 
 impl<M: NodeMeasure> Graft<'_, M> {
-    /// Writes node `n` of the new top, and what is below, to `slot`.
-    fn write(&mut self, n: usize, slot: usize) {
-        let node = self.top.nodes()[n];
-        if let &[subtree] = self.top.primitives(&node) {
-            self.nodes[slot] = self.kept[subtree as usize];
-            return;
+    /// Writes what is below node `n` of the new top. Which sums are added up does not depend on the number of threads.
+    fn write(&self, n: usize) -> Grafted {
+        let node = &self.top.nodes()[n];
+        if let &[subtree] = self.top.primitives(node) {
+            let root = self.kept[subtree as usize];
+            return Grafted { root, areas: InnerAreas::default(), references: 0.0 };
         }
-        let pair = *self.pairs.next().expect("as many pairs as the top has");
-        self.write(node.first(), pair as usize);
-        self.write(node.first() + 1, pair as usize + 1);
-        let (l, r) = (self.nodes[pair as usize], self.nodes[pair as usize + 1]);
-        let mut new = Node::inner(node.aabb(), pair);
-        new.refit(&l, &r);
-        new.set_reference(((self.measure)(self.nodes, &new) / self.scale) as f32);
-        self.new.references += f64::from(new.reference());
-        self.new.add(&new, 1.0);
-        self.nodes[slot] = new;
+        let first = node.first();
+        let [l, r] = if node.height() > FORKED {
+            rayon::join(|| self.write(first), || self.write(first + 1)).into()
+        } else {
+            [self.write(first), self.write(first + 1)]
+        };
+        let (place, pair) = (self.pairs[first / 2 - 1], [l.root, r.root]);
+        self.nodes.set(place as usize, pair[0]);
+        self.nodes.set(place as usize + 1, pair[1]);
+        let mut root = Node::parent(&pair[0], &pair[1], place);
+        // As if there were but this pair.
+        let measured = (self.measure)(&pair, &Node::parent(&pair[0], &pair[1], 0));
+        root.set_reference((measured / self.size) as f32);
+        let mut areas = l.areas.and(r.areas);
+        areas.add(&root);
+        Grafted { root, areas, references: l.references + r.references + f64::from(root.reference()) }
     }
 }
