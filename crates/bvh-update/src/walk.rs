@@ -334,7 +334,7 @@ mod tests {
                 fewest = cuts.into_iter().fold(fewest, usize::min);
                 most = cuts.into_iter().fold(most, usize::max);
             }
-            assert!(n < 1000 || fewest < n / 10 && most > n / 10, "{fewest} to {most} of {n}");
+            assert!(n < 1000 || fewest < n / 5 && most > n / 5, "{fewest} to {most} of {n}");
         }
     }
 
