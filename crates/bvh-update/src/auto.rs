@@ -114,6 +114,9 @@ const HASTY_WORK: f64 = 0.1;
 
 /// What a cut is expected to be, as part of the primitives, before there was one.
 const SMALL_CUT: f64 = 0.02;
+/// How often opening a subtree is to pay for itself. Those that do so once hardly matter to the mean, but are many in the
+/// frames that take longest; and of smaller repairs there can be more.
+const PAYS_BACK: f64 = 4.0;
 /// For how many frames the gain of a rotation, or of leaves that were split, is taken to last at most.
 pub(crate) const GAIN_LASTS: f64 = 8.0;
 /// What fitting takes less for a leaf that was merged, and the node above it: primitives are looked at as before.
@@ -178,11 +181,18 @@ impl Model {
         }
     }
 
-    /// The excess above which a subtree is opened: what its rebuild costs must come back in as many frames as have
-    /// passed since the last repair.
+    /// The excess above which a subtree is opened: what its rebuild costs must come back several times in as many frames as
+    /// have passed since the last repair.
     fn threshold(self, history: &History) -> f64 {
         let frames = f64::from(history.since_repair.clamp(1, 8));
-        self.weights.graft_subtree / (self.rays.max(1) as f64 * self.weights.ray * self.slope * frames)
+        PAYS_BACK * self.weights.graft_subtree
+            / (self.rays.max(1) as f64 * self.weights.ray * self.slope * frames)
+    }
+
+    /// What a repair is expected to cost: as much as the last one.
+    fn price_of_repair(self, history: &History, nodes: f64, primitives: f64) -> f64 {
+        let cut = if history.kept > 0 { f64::from(history.kept) } else { SMALL_CUT * primitives };
+        nodes * self.weights.cut_node + cut * self.weights.graft_subtree
     }
 
     /// Who builds a new tree of so many primitives that will serve for so many frames, and for how much.
@@ -279,8 +289,10 @@ fn choose<P: Primitives + ?Sized>(
     let per_node = Weights::MODEL.fit_node + Weights::MODEL.rotate_node / f64::from(one_in);
     let took = (scratch.clock.now)().saturating_duration_since(start);
     scratch.clock.learn(Work::Pass, nodes * per_node, took);
+    let price = model.price_of_repair(bvh.history(), nodes, bvh.len() as f64);
+    let may_merge = bvh.history().regret + model.lost(scratch.clock.excess) <= price;
     let with_leaves_as_they_were = tally.area;
-    let leaves = see_to_leaves(bvh, primitives, &model, one_in, &mut tally, &mut scratch.settle);
+    let leaves = see_to_leaves(bvh, primitives, &model, one_in, may_merge, &mut tally, &mut scratch.settle);
     if tally.area != with_leaves_as_they_were {
         scratch.clock.growth.leaves_changed();
     }
@@ -320,8 +332,6 @@ fn choose<P: Primitives + ?Sized>(
         // One thing at a time: frames are to be alike.
         return Ok(refitted(bvh));
     }
-    let cut = if history.kept > 0 { f64::from(history.kept) } else { SMALL_CUT * found.primitives };
-    let price = found.nodes * weights.cut_node + cut * weights.graft_subtree;
     let (builder, price_of_new) = model.builder(found.primitives, 1);
     // This update has had its pass. A new tree can wait for the next, unless a frame with this one costs more than that.
     let is_urgent = model.lost(over_good(sum - good)) > price_of_new;

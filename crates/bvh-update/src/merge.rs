@@ -35,12 +35,14 @@ const MOSTLY_MERGED: f64 = 0.75;
 const RAYS_SAVED: f64 = 0.04;
 const NODES_SAVED: f64 = 0.3;
 
-/// Sees to leaves, if it is time to, and corrects what the pass before has found.
+/// Sees to leaves, if it is time to, and corrects what the pass before has found. Where they may not merge in this update,
+/// that waits for the next: frames are to be alike.
 pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     model: &Model,
     one_in: u32,
+    may_merge: bool,
     tally: &mut Tally,
     scratch: &mut SettleScratch,
 ) -> Option<Decision> {
@@ -60,7 +62,8 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     let pays = f64::from(leaves.calm) * saved > price;
     leaves.has_paid = f64::from(leaves.calm.saturating_sub(leaves.merging_since)) * saved > price;
     leaves.regret += model.lost((tally.leaf_area - leaves.area) / good);
-    let decision = decide(leaves, tally.leaf_area, pays, leaves.regret > price, spare_pair > 0)?;
+    let has_lost = leaves.regret > price;
+    let decision = decide(leaves, tally.leaf_area, [pays, has_lost], [may_merge, spare_pair > 0])?;
     let merge = match decision {
         Decision::Merge { one_in } => Some(Turn::new(Rotate { period: one_in }, leaves.turns)),
         _ => None,
@@ -126,9 +129,8 @@ fn part_of(part: f64) -> f64 {
 fn decide(
     leaves: &mut LeafHistory,
     area: f64,
-    pays: bool,
-    has_lost: bool,
-    can_split: bool,
+    [pays, has_lost]: [bool; 2],
+    [may_merge, can_split]: [bool; 2],
 ) -> Option<Decision> {
     leaves.calm = leaves.calm.saturating_add(1);
     let is_merged = leaves.is_merged && can_split;
@@ -137,7 +139,7 @@ fn decide(
     }
     leaves.area = if is_merged { leaves.area.min(area) } else { area };
     let starts = leaves.turns == 0 && pays && leaves.calm >= leaves.wait.max(CALM);
-    if !starts && !(1..TURNS).contains(&leaves.turns) {
+    if !may_merge || !starts && !(1..TURNS).contains(&leaves.turns) {
         return None;
     }
     if starts {
@@ -169,7 +171,7 @@ mod tests {
     const SPLIT: Option<Decision> = Some(Decision::Split);
 
     fn play(leaves: &mut LeafHistory, areas: &[f64], pays: bool) -> Vec<Option<Decision>> {
-        areas.iter().map(|&area| decide(leaves, area, pays, true, true)).collect()
+        areas.iter().map(|&area| decide(leaves, area, [pays, true], [true; 2])).collect()
     }
 
     #[test]
@@ -195,7 +197,7 @@ mod tests {
         let mut leaves = LeafHistory { turns: TURNS, is_merged: true, area: 1.0, ..LeafHistory::default() };
         let grows: Vec<f64> = (1..100).map(|i| 1.02f64.powi(i)).collect();
         let splits = grows.iter().filter(|&&area| {
-            let splits = decide(&mut leaves, area, true, true, true) == SPLIT;
+            let splits = decide(&mut leaves, area, [true; 2], [true; 2]) == SPLIT;
             if splits {
                 was_split(&mut leaves, false, false);
                 leaves.area = area;

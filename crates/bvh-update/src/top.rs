@@ -14,6 +14,9 @@ use crate::raw::{self, SharedNodes};
 /// Subtrees of a new top that are higher than this are written by two tasks.
 const FORKED: u32 = 8;
 
+/// How many pairs ahead their places are fetched.
+const AHEAD: usize = 16;
+
 /// Sums of half areas times weights of inner nodes.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct InnerAreas {
@@ -137,6 +140,9 @@ impl<M: NodeMeasure> Graft<'_, M> {
             return Grafted { root, areas: InnerAreas::default(), references: 0.0 };
         }
         let first = node.first();
+        if let Some(&soon) = self.pairs.get(first / 2 + AHEAD) {
+            self.nodes.prefetch::<false>(soon as usize);
+        }
         let [l, r] = if node.height() > FORKED {
             rayon::join(|| self.write(first), || self.write(first + 1)).into()
         } else {
