@@ -82,6 +82,12 @@ pub struct LeafHistory {
     pub spare_pair_count: u32,
     /// Whether leaves that merged then have paid for that by now.
     pub has_paid: bool,
+    /// In how many parts of the tree leaves are still to be split.
+    pub splitting: u32,
+    /// What that has saved of the tree's cost so far.
+    pub split_gain: f64,
+    /// By how much the areas of the leaves seen to so far are greater than those of leaves of one primitive each.
+    pub split_merged: f64,
 }
 
 /// How a tree lies in its arena, as far as updates have looked.

@@ -75,7 +75,9 @@ pub(crate) fn keep<P: Primitives + ?Sized>(
     cut.par_sort_unstable();
     let (nodes, order) = (bvh.nodes(), bvh.order());
     kept.resize(cut.len(), Node::NOTHING);
-    tasks.resize_with(cut.len().div_ceil(PER_TASK), Pieces::default);
+    let count = cut.len().div_ceil(PER_TASK);
+    tasks.resize_with(count.max(tasks.len()), Pieces::default);
+    let tasks = &mut tasks[..count];
     let (subtrees, slots) = (kept.par_chunks_mut(PER_TASK), cut.par_chunks(PER_TASK));
     let may_part = apart.spare > 0;
     subtrees.zip(slots).zip(&mut *tasks).enumerate().for_each(|(i, ((kept, cut), pieces))| {
@@ -161,7 +163,8 @@ mod tests {
     use crate::pass::Scratch;
     use crate::{Decision, Leaves, Open, Regrow, Strategy, raw, update};
 
-    const N: usize = 12_000;
+    /// So many that those that part are more than one task has to look at.
+    const N: usize = 120_000;
 
     /// Quadruplets in rows; in one row of ten they move away from each other, by rows.
     fn quadruplets(apart: f32) -> Vec<Aabb> {

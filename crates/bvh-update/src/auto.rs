@@ -25,6 +25,7 @@ use std::fmt;
 use bvh_build::Builder;
 use bvh_core::{Bvh, History, Primitives};
 
+use crate::block::Tally;
 use crate::clock::{Weights, Work};
 use crate::cut::{Regrown, excess_by, reference, size_now, take_references};
 use crate::merge::{see_to_leaves, were_set_apart};
@@ -140,6 +141,29 @@ struct Found {
     excess: f64,
 }
 
+/// How good a tree is after a pass.
+struct Standing {
+    size: f64,
+    /// Sum of half areas times weights, and what it would be if the tree were as good as when it was good.
+    sum: f64,
+    good: f64,
+    /// What excess is told in.
+    unit: f64,
+}
+
+impl Standing {
+    fn of(bvh: &Bvh, tally: &Tally) -> Self {
+        let size = size_now(bvh, tally.leaf_area);
+        let (sum, good) = (tally.area + bvh.still_area(), bvh.history().reference * size);
+        // By area, dense parts of a scene count for little; but there the camera looks. By number, a wall does. The mean.
+        Self { size, sum, good, unit: good * bvh.history().evenness.sqrt() }
+    }
+
+    fn over_good(&self, area: f64) -> f64 {
+        if self.unit > 0.0 { area / self.unit } else { 0.0 }
+    }
+}
+
 /// What time is expected to be lost and saved.
 #[derive(Clone, Copy)]
 pub(crate) struct Model {
@@ -159,6 +183,13 @@ impl Model {
     pub(crate) fn saved(self, rays: f64, nodes: f64, one_in: u32) -> f64 {
         let Weights { ray, fit_node, rotate_node, .. } = self.weights;
         self.rays as f64 * ray * rays + nodes * (FIT_SAVED * fit_node + rotate_node / f64::from(one_in))
+    }
+
+    /// What there is above the cost after the last repair.
+    fn excess(self, bvh: &Bvh, tally: &Tally) -> f64 {
+        let standing = Standing::of(bvh, tally);
+        let hasty = if bvh.history().is_hasty { self.hasty_excess() } else { 0.0 };
+        standing.over_good(standing.sum - standing.good) + hasty
     }
 
     /// The excess of a tree built in haste.
@@ -181,12 +212,11 @@ impl Model {
         }
     }
 
-    /// The excess above which a subtree is opened: what its rebuild costs must come back several times in as many frames as
-    /// have passed since the last repair.
+    /// The excess above which opening a subtree pays for itself once: what its rebuild costs must come back in as many
+    /// frames as have passed since the last repair.
     fn threshold(self, history: &History) -> f64 {
         let frames = f64::from(history.since_repair.clamp(1, 8));
-        PAYS_BACK * self.weights.graft_subtree
-            / (self.rays.max(1) as f64 * self.weights.ray * self.slope * frames)
+        self.weights.graft_subtree / (self.rays.max(1) as f64 * self.weights.ray * self.slope * frames)
     }
 
     /// What a repair is expected to cost: as much as the last one.
@@ -290,26 +320,23 @@ fn choose<P: Primitives + ?Sized>(
     let took = (scratch.clock.now)().saturating_duration_since(start);
     scratch.clock.learn(Work::Pass, nodes * per_node, took);
     let price = model.price_of_repair(bvh.history(), nodes, bvh.len() as f64);
-    let may_merge = bvh.history().regret + model.lost(scratch.clock.excess) <= price;
+    let is_to_be_repaired = bvh.history().regret + model.lost(model.excess(bvh, &tally)) > price;
     let with_leaves_as_they_were = tally.area;
-    let leaves = see_to_leaves(bvh, primitives, &model, one_in, may_merge, &mut tally, &mut scratch.settle);
+    let leaves =
+        see_to_leaves(bvh, primitives, &model, one_in, is_to_be_repaired, &mut tally, &mut scratch.settle);
     if tally.area != with_leaves_as_they_were {
         scratch.clock.growth.leaves_changed();
     }
     let decision = leaves.unwrap_or(Decision::Refit { one_in });
     let refitted = |bvh: &Bvh| Update { decision, ..tally.update(bvh) };
 
-    let size = size_now(bvh, tally.leaf_area);
-    let (sum, good) = (tally.area + bvh.still_area(), bvh.history().reference * size);
-    // By area, dense parts of a scene count for little; but there the camera looks. By number, a wall does. The mean.
-    let unit = good * bvh.history().evenness.sqrt();
-    let over_good = |area: f64| if unit > 0.0 { area / unit } else { 0.0 };
-    let hasty = if bvh.history().is_hasty { model.hasty_excess() } else { 0.0 };
+    let standing = Standing::of(bvh, &tally);
+    let Standing { size, sum, good, unit } = standing;
     let found = Found {
         primitives: bvh.len() as f64,
         nodes,
-        gain: over_good(tally.gain),
-        excess: over_good(sum - good) + hasty,
+        gain: standing.over_good(tally.gain),
+        excess: model.excess(bvh, &tally),
     };
     scratch.clock.excess = found.excess.max(0.0);
     let history = raw::parts(bvh).history;
@@ -323,7 +350,7 @@ fn choose<P: Primitives + ?Sized>(
         history.is_due = history.reference == 0.0 || pays && (0.0 < now && now < GATHERED * history.measured);
         history.reference = history.reference.min(now);
     }
-    scratch.clock.slope.fitted(over_good(sum - good), history.reference);
+    scratch.clock.slope.fitted(standing.over_good(sum - good), history.reference);
     if history.is_due {
         return Ok(refitted(bvh));
     }
@@ -334,7 +361,7 @@ fn choose<P: Primitives + ?Sized>(
     }
     let (builder, price_of_new) = model.builder(found.primitives, 1);
     // This update has had its pass. A new tree can wait for the next, unless a frame with this one costs more than that.
-    let is_urgent = model.lost(over_good(sum - good)) > price_of_new;
+    let is_urgent = model.lost(standing.over_good(sum - good)) > price_of_new;
     let is_new = history.rebuilds_in_a_row > 0 && history.since_repair <= SOON;
     if (history.is_hasty || history.is_beyond_repair) && !(is_new && is_time_to_look) {
         if is_urgent {
@@ -354,7 +381,10 @@ fn choose<P: Primitives + ?Sized>(
     let threshold = model.threshold(history) * unit;
     let growth = history.leaves.growth;
     let start = (scratch.clock.now)();
-    let regrown = regrow(bvh, primitives, &tally, threshold, most as usize, scratch);
+    let mut regrown = regrow(bvh, primitives, &tally, PAYS_BACK * threshold, most as usize, scratch);
+    if regrown == Regrown::NOTHING {
+        regrown = regrow(bvh, primitives, &tally, threshold, most as usize, scratch);
+    }
     let took = (scratch.clock.now)().saturating_duration_since(start);
     match regrown {
         Regrown::Top { subtrees: 0, .. } => {

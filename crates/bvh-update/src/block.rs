@@ -21,7 +21,7 @@ use crate::sweep;
 pub(crate) const LISTED: usize = 1024;
 
 /// Roots of one block below another.
-const ROOTS: usize = 64;
+pub(crate) const ROOTS: usize = 64;
 
 /// What one task of a pass is given.
 pub(crate) struct Task<'a, P: ?Sized> {

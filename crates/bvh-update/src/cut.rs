@@ -12,7 +12,7 @@
 //! ```
 //!
 //! The measure M is a node's half area where the tree is *regrown*. `divergent.rs` has another; `selective.rs` opens nodes
-//! in a way of its own. `apart.rs` collects what is kept; `top.rs` builds the top anew.
+//! in a way of its own. `walk.rs` is this recursion as it is run; `apart.rs` collects what is kept; `top.rs` builds the top anew.
 
 use bvh_core::{Aabb, Bvh, History, LeafHistory, Node};
 
@@ -49,7 +49,7 @@ pub(crate) enum Regrown {
         change: f64,
         apart: Apart,
     },
-    /// There would be too many subtrees, or the tree would get too high: nothing was changed.
+    /// There would be too many subtrees, or the tree might get too high: nothing was changed.
     TooMuch,
 }
 

@@ -67,7 +67,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let stretched = reference > 0.0 && tally.leaf_area > reference * (1.0 + STRETCHED);
     let turn = Turn::new(Rotate { period: if stretched { 1 } else { options.period } }, updates);
     let unit = scale(tally.leaf_area);
-    let change = settle(bvh, primitives, Some(turn), options.max_leaf_size, unit, &mut scratch.settle);
+    let change = settle(bvh, primitives, turn, true, options.max_leaf_size, unit, &mut scratch.settle);
     let leaf_area = tally.leaf_area + change.leaves;
     let is_first = stretched || reference == 0.0;
     let history = raw::parts(bvh).history;

@@ -2,8 +2,8 @@
 //!
 //! Merged leaves make rays and updates faster. They are *merged* in a tree whose leaves have been calm for so long that it
 //! pays: what it costs must come back in as many updates as there have been since they came apart, or the tree is new. A
-//! part of the tree is seen to in each update, until little comes of it. They are *split* all at once when their areas have
-//! grown and rays have lost as much to that as it costs; where that has not paid for itself, as where primitives grow
+//! part of the tree is seen to in each update, until little comes of it. They are *split*, likewise in a few updates, when
+//! their areas have grown and rays have lost as much to that as it costs; where that has not paid for itself, as where primitives grow
 //! themselves, they may grow by twice as much until the next time. Where merging has not paid for itself by then, the next
 //! one waits for twice as long, else for half as long.
 //!
@@ -23,6 +23,8 @@ use crate::strategy::{Rotate, Turn, options_like};
 
 /// In how many updates all leaves are merged.
 const TURNS: u32 = 8;
+/// In how many updates all leaves are split that are better apart.
+const SPLIT_TURNS: u32 = 2;
 /// Updates before leaves are merged, at least.
 const CALM: u32 = 4;
 /// By what part areas of leaves grow before these are split, at least and at most.
@@ -35,14 +37,14 @@ const MOSTLY_MERGED: f64 = 0.75;
 const RAYS_SAVED: f64 = 0.04;
 const NODES_SAVED: f64 = 0.3;
 
-/// Sees to leaves, if it is time to, and corrects what the pass before has found. Where they may not merge in this update,
-/// that waits for the next: frames are to be alike.
+/// Sees to leaves, if it is time to, and corrects what the pass before has found. Where a repair will take its time in
+/// this update, that waits for the next, but for the first turn of a split: frames are to be alike.
 pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     model: &Model,
     one_in: u32,
-    may_merge: bool,
+    is_busy: bool,
     tally: &mut Tally,
     scratch: &mut SettleScratch,
 ) -> Option<Decision> {
@@ -63,14 +65,20 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     leaves.has_paid = f64::from(leaves.calm.saturating_sub(leaves.merging_since)) * saved > price;
     leaves.regret += model.lost((tally.leaf_area - leaves.area) / good);
     let has_lost = leaves.regret > price;
-    let decision = decide(leaves, tally.leaf_area, [pays, has_lost], [may_merge, spare_pair > 0])?;
-    let merge = match decision {
-        Decision::Merge { one_in } => Some(Turn::new(Rotate { period: one_in }, leaves.turns)),
-        _ => None,
+    let decision = decide(leaves, tally.leaf_area, pays, has_lost, spare_pair > 0)?;
+    let merges = matches!(decision, Decision::Merge { .. });
+    if is_busy && (merges || leaves.splitting < SPLIT_TURNS) {
+        return None;
+    }
+    let turn = if merges {
+        leaves.turns += 1;
+        Turn::new(Rotate { period: TURNS }, leaves.turns)
+    } else {
+        Turn::new(Rotate { period: SPLIT_TURNS }, leaves.splitting)
     };
     // New trees are to have leaves as they were.
     options_like(bvh);
-    let change = settle(bvh, primitives, merge, LONGEST as u32, unit, scratch);
+    let change = settle(bvh, primitives, turn, merges, LONGEST as u32, unit, scratch);
     let (before, still_area) = (*tally, bvh.still_area());
     tally.area += change.all;
     tally.leaf_area += change.leaves;
@@ -80,7 +88,7 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     (leaves.area, leaves.regret) = (tally.leaf_area, 0.0);
     leaves.is_merged |= tally.leaf_area != before.leaf_area;
     // A tree is held to what it was with leaves like these.
-    let standard = if merge.is_some() {
+    let standard = if merges {
         if (change.fewer as f64) < WORTH_WHILE * change.seen as f64 {
             leaves.turns = TURNS;
         }
@@ -89,9 +97,15 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
         leaves.cost = part_of((1.0 + leaves.cost) * standard - 1.0);
         standard
     } else {
-        let single = tally.leaf_area - change.merged;
-        leaves.growth = if leaves.was_merged { 0.0 } else { part_of(change.merged / single) };
-        let was_of_use = model.lost(-change.all / good) * GAIN_LASTS > price;
+        leaves.splitting -= 1;
+        leaves.split_gain -= change.all / good;
+        leaves.split_merged += change.merged;
+        if leaves.splitting > 0 {
+            return Some(decision);
+        }
+        let single = tally.leaf_area - leaves.split_merged;
+        leaves.growth = if leaves.was_merged { 0.0 } else { part_of(leaves.split_merged / single) };
+        let was_of_use = model.lost(leaves.split_gain) * GAIN_LASTS > price;
         was_split(leaves, was_of_use, leaves.has_paid);
         if was_of_use { 1.0 / (1.0 + std::mem::take(&mut leaves.cost)) } else { 1.0 }
     };
@@ -129,23 +143,27 @@ fn part_of(part: f64) -> f64 {
 fn decide(
     leaves: &mut LeafHistory,
     area: f64,
-    [pays, has_lost]: [bool; 2],
-    [may_merge, can_split]: [bool; 2],
+    pays: bool,
+    has_lost: bool,
+    can_split: bool,
 ) -> Option<Decision> {
     leaves.calm = leaves.calm.saturating_add(1);
     let is_merged = leaves.is_merged && can_split;
+    if leaves.splitting > 0 {
+        return Some(Decision::Split);
+    }
     if is_merged && has_lost && area > leaves.area * (1.0 + leaves.slack.max(SLACK[0])) {
+        (leaves.splitting, leaves.split_gain, leaves.split_merged) = (SPLIT_TURNS, 0.0, 0.0);
         return Some(Decision::Split);
     }
     leaves.area = if is_merged { leaves.area.min(area) } else { area };
     let starts = leaves.turns == 0 && pays && leaves.calm >= leaves.wait.max(CALM);
-    if !may_merge || !starts && !(1..TURNS).contains(&leaves.turns) {
+    if !starts && !(1..TURNS).contains(&leaves.turns) {
         return None;
     }
     if starts {
         leaves.merging_since = leaves.calm;
     }
-    leaves.turns += 1;
     Some(Decision::Merge { one_in: TURNS })
 }
 
@@ -170,8 +188,15 @@ mod tests {
     const MERGE: Option<Decision> = Some(Decision::Merge { one_in: TURNS });
     const SPLIT: Option<Decision> = Some(Decision::Split);
 
+    /// Each merge that is decided is made, and each split at once.
     fn play(leaves: &mut LeafHistory, areas: &[f64], pays: bool) -> Vec<Option<Decision>> {
-        areas.iter().map(|&area| decide(leaves, area, [pays, true], [true; 2])).collect()
+        let decide = |&area: &f64| {
+            let decision = decide(leaves, area, pays, true, true);
+            leaves.turns += u32::from(decision == MERGE);
+            leaves.splitting = 0;
+            decision
+        };
+        areas.iter().map(decide).collect()
     }
 
     #[test]
@@ -193,12 +218,26 @@ mod tests {
     }
 
     #[test]
+    fn a_split_that_has_begun_goes_on_until_all_have_had_their_turn() {
+        let merged = LeafHistory { is_merged: true, area: 1.0, turns: TURNS, ..LeafHistory::default() };
+        let mut leaves = merged;
+        assert_eq!(decide(&mut leaves, 1.2, true, true, true), SPLIT);
+        for left in (0..SPLIT_TURNS).rev() {
+            leaves.splitting = left;
+            let expected = if left > 0 { SPLIT } else { None };
+            // Nothing has been lost since.
+            assert_eq!(decide(&mut leaves, 1.0, true, false, true), expected, "{left}");
+        }
+    }
+
+    #[test]
     fn leaves_that_grow_by_themselves_are_not_split_for_long() {
         let mut leaves = LeafHistory { turns: TURNS, is_merged: true, area: 1.0, ..LeafHistory::default() };
         let grows: Vec<f64> = (1..100).map(|i| 1.02f64.powi(i)).collect();
         let splits = grows.iter().filter(|&&area| {
-            let splits = decide(&mut leaves, area, [true; 2], [true; 2]) == SPLIT;
+            let splits = decide(&mut leaves, area, true, true, true) == SPLIT;
             if splits {
+                leaves.splitting = 0;
                 was_split(&mut leaves, false, false);
                 leaves.area = area;
             }

@@ -140,14 +140,15 @@ impl<'a> SharedNodes<'a> {
     }
 }
 
-/// Shares the nodes of one tree between the tasks of one pass.
+/// Shares the nodes of one tree between the tasks of one pass, or of one new top.
 pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
     // SAFETY: The nodes are borrowed for as long as the result lives. The pass processes the top block on one
     // thread before its tasks start and after all have ended; a task touches only the nodes below its roots, and reads the
     // root and node 1, which none writes; and as every pair of a valid tree has one parent, and no root is below
     // another, tasks share no node that one of them writes. Where the tree is swept the tasks are the pieces of the arena
     // that `sweep::Pieces` cuts it into: whole subtrees of a linear tree, each in one place. A new top (`top.rs`) is
-    // written by tasks that read no node, each to pairs of its own.
+    // written by tasks that read no node, each to pairs of its
+    // own: those below nodes that were opened, and spare ones, in order and none of them twice.
     #[expect(unsafe_code, reason = "shares the arena between tasks")]
     unsafe {
         SharedNodes::new(nodes)

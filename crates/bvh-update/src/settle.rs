@@ -42,12 +42,13 @@ pub(crate) struct Change {
     pub(crate) fewer: i64,
 }
 
-/// Splits and merges the leaves whose turn it is, or splits whichever leaves are better apart, in a tree that has been
+/// Splits and merges the leaves whose turn it is, or splits those of them that are better apart, in a tree that has been
 /// fitted; references are in this unit of areas.
 pub(crate) fn settle<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
-    merge: Option<Turn>,
+    turn: Turn,
+    merges: bool,
     max_leaf_size: u32,
     unit: f64,
     scratch: &mut SettleScratch,
@@ -55,12 +56,12 @@ pub(crate) fn settle<P: Primitives + ?Sized>(
     let SettleScratch { top, parts, plans } = scratch;
     top.clear();
     parts.clear();
-    find_parts(bvh.nodes(), 0, 0, merge, top, parts);
+    find_parts(bvh.nodes(), 0, 0, turn, top, parts);
     let per_task = parts.len().div_ceil(TASKS).next_multiple_of(GROUP).max(1);
     plans.resize_with(TASKS, Plans::default);
     let Parts { nodes, order, history, .. } = raw::parts(bvh);
     let longest = max_leaf_size.min(LONGEST as u32);
-    let view = View { nodes, order, primitives, merges: merge.is_some(), longest, unit };
+    let view = View { nodes, order, primitives, merges, longest, unit };
     plans.iter_mut().for_each(Plans::clear);
     plans.par_iter_mut().zip(parts.par_chunks(per_task)).for_each(|(plans, parts)| {
         parts.chunks(GROUP).for_each(|group| view.look(group, plans));
@@ -85,27 +86,20 @@ struct Part {
 }
 
 /// Finds the parts at and below node `n` whose turn it is, from left to right.
-fn find_parts(
-    nodes: &[Node],
-    n: usize,
-    depth: u32,
-    merge: Option<Turn>,
-    top: &mut Vec<u32>,
-    parts: &mut Vec<Part>,
-) {
+fn find_parts(nodes: &[Node], n: usize, depth: u32, turn: Turn, top: &mut Vec<u32>, parts: &mut Vec<Part>) {
     let node = &nodes[n];
     if !node.moves() {
         return;
     }
     if node.height() <= SMALL {
-        if node.is_leaf() || merge.is_none_or(|turn| turn.includes(n)) {
+        if node.is_leaf() || turn.includes(n) {
             parts.push(Part { n: n as u32, depth });
         }
         return;
     }
     top.push(n as u32);
     for child in [node.first(), node.first() + 1] {
-        find_parts(nodes, child, depth + 1, merge, top, parts);
+        find_parts(nodes, child, depth + 1, turn, top, parts);
     }
 }
 
@@ -451,12 +445,9 @@ mod tests {
             .collect()
     }
 
-    fn every(merges: bool) -> Option<Turn> {
-        merges.then(|| Turn::new(Rotate { period: 1 }, 0))
-    }
-
     fn see_to<P: Primitives>(bvh: &mut Bvh, primitives: &P, merges: bool) -> Change {
-        settle(bvh, primitives, every(merges), LONGEST as u32, 1.0, &mut SettleScratch::default())
+        let always = Turn::new(Rotate { period: 1 }, 0);
+        settle(bvh, primitives, always, merges, LONGEST as u32, 1.0, &mut SettleScratch::default())
     }
 
     fn in_use(bvh: &Bvh) -> usize {

@@ -85,6 +85,7 @@ pub(crate) fn rebuild_top<P: Primitives + ?Sized>(
         top.nodes().len() == 2 * pairs.len() + 2,
         "a tree over k subtrees has k - 1 pairs below the root"
     );
+    debug_assert!(pairs.first().is_none_or(|&pair| pair > 1) && pairs.is_sorted_by(|a, b| a < b));
     let size = apart.size(bvh, leaf_area);
     let parts = raw::parts(bvh);
     let graft = Graft { nodes: raw::share(parts.nodes), measure, top, kept, pairs, size };
@@ -124,8 +125,9 @@ struct Graft<'a, M> {
     size: f64,
 }
 
-/// The root of what was written, which is not, and sums over all inner nodes of the new top.
+/// A node of the new top below which all is written, and sums over the inner nodes there.
 struct Grafted {
+    /// It has yet to be put in its place.
     root: Node,
     areas: InnerAreas,
     references: f64,

@@ -9,13 +9,10 @@ use std::sync::{Mutex, PoisonError};
 use bvh_core::{Bvh, Node, prefetch};
 use rayon::prelude::*;
 
-use crate::block::NESTED;
+use crate::block::{LISTED, NESTED, ROOTS};
 use crate::cut::{CutScratch, NodeMeasure};
 use crate::top::InnerAreas;
 
-/// Nodes listed in one block, and roots of one block below another.
-const LISTED: usize = 1024;
-const ROOTS: usize = 64;
 /// Roots of a part.
 const PER_PART: usize = 8;
 /// Cache lines, of a pair of nodes each, to fetch for roots whose turn is next: subtrees lie in one piece, or nearly so.
@@ -34,7 +31,8 @@ pub(crate) struct WalkScratch {
     workers: Mutex<Vec<Vec<Block>>>,
 }
 
-/// Finds the subtrees whose excess is at most `threshold`, or more than `most`; gives the sum of references in them.
+/// Finds the subtrees whose excess is at most `threshold`; gives the sum of references in them. Where there are more than
+/// `most`, that is all that is known.
 pub(crate) fn open(
     bvh: &Bvh,
     measure: impl NodeMeasure,
@@ -94,13 +92,16 @@ struct Part {
     opened: InnerAreas,
     /// How many were opened for their excess.
     bad: usize,
+    /// How many in the cut and how many bad ones others know of.
+    told: [usize; 2],
 }
 
 impl Part {
     fn clear(&mut self) {
         self.cut.clear();
         self.pairs.clear();
-        (self.references, self.opened, self.bad) = (0.0, InnerAreas::default(), 0);
+        (self.references, self.opened) = (0.0, InnerAreas::default());
+        (self.bad, self.told) = (0, [0; 2]);
     }
 }
 
@@ -130,9 +131,8 @@ const IS_LARGE: u8 = 4;
 
 impl Default for Block {
     fn default() -> Self {
-        // Places behind the last are read and written, but mean nothing.
         fn places<T: Copy>(nothing: T) -> Box<[T]> {
-            vec![nothing; LISTED + 2].into()
+            vec![nothing; LISTED].into()
         }
         let [slots, pairs] = [places(0), places(0)];
         Self { slots, pairs, kinds: places(0), excess: places(0.0), listed: 0, done: 0 }
@@ -161,15 +161,15 @@ struct Walk<'a, M> {
 impl<M: NodeMeasure> Walk<'_, M> {
     /// Finds the excess at and below these nodes.
     fn below(&self, slots: &[u32], pairs: &[u32], excess: &mut [f64], blocks: &mut [Block], part: &mut Part) {
+        let [cut, bad] = [&self.found.cut, &self.found.bad].map(|found| found.load(Ordering::Relaxed));
+        if cut > self.most && bad > 0 {
+            return;
+        }
         let (block, deeper) = blocks.split_first_mut().expect("as many as nest");
         block.roots(slots, pairs);
         self.descend(block, part);
         let Block { slots, pairs, excess: of_all, listed, done, .. } = block;
         for start in (*done..*listed).step_by(ROOTS) {
-            let [cut, bad] = [&self.found.cut, &self.found.bad].map(|found| found.load(Ordering::Relaxed));
-            if cut > self.most && bad > 0 {
-                break;
-            }
             let end = (start + ROOTS).min(*listed);
             for i in end..(end + ROOTS).min(*listed) {
                 prefetch(self.nodes, slots[i] as usize);
@@ -195,6 +195,7 @@ impl<M: NodeMeasure> Walk<'_, M> {
             let node = &self.nodes[slots[*done] as usize];
             let pair = pairs[*done];
             let children = &self.nodes[pair as usize..][..2];
+            // What is opened is taken off again.
             part.references += f64::from(node.reference());
             let before = *listed;
             let mut sum = self.excess(node);
@@ -214,17 +215,16 @@ impl<M: NodeMeasure> Walk<'_, M> {
                     }
                 }
             }
-            let is_large = if self.is_opened(node, 0.0) { IS_LARGE } else { 0 };
-            kinds[*done] = (*listed - before) as u8 | is_large;
+            kinds[*done] = (*listed - before) as u8 | if self.is_large(node) { IS_LARGE } else { 0 };
             excess[*done] = sum;
             *done += 1;
         }
+        self.tell(part);
     }
 
     /// Settles the nodes of a block, once the excess of those below it is known.
     fn ascend(&self, block: &mut Block, part: &mut Part) {
         let Block { slots, pairs, kinds, excess, listed, done } = block;
-        let before = (part.cut.len(), part.bad);
         let mut end = *listed;
         for i in (0..*done).rev() {
             let count = usize::from(kinds[i] & !IS_LARGE);
@@ -245,13 +245,24 @@ impl<M: NodeMeasure> Walk<'_, M> {
                 self.open(&self.nodes[slots[i] as usize], total, below, part);
             }
         }
-        self.found.cut.fetch_add(part.cut.len() - before.0, Ordering::Relaxed);
-        self.found.bad.fetch_add(part.bad - before.1, Ordering::Relaxed);
+        self.tell(part);
+    }
+
+    /// Tells other parts what this one has found.
+    fn tell(&self, part: &mut Part) {
+        let now = [part.cut.len(), part.bad];
+        self.found.cut.fetch_add(now[0] - part.told[0], Ordering::Relaxed);
+        self.found.bad.fetch_add(now[1] - part.told[1], Ordering::Relaxed);
+        part.told = now;
     }
 
     /// Whether a node is opened, given the excess at and below it.
     fn is_opened(&self, node: &Node, excess: f64) -> bool {
-        excess > self.threshold || node.height() > 0 && node.aabb().half_area() > self.large
+        excess > self.threshold || self.is_large(node)
+    }
+
+    fn is_large(&self, node: &Node) -> bool {
+        node.height() > 0 && node.aabb().half_area() > self.large
     }
 
     /// Opens a node, given the excess at and below it and its children.
@@ -317,7 +328,8 @@ mod tests {
     #[test]
     fn what_is_opened_is_what_the_recursion_opens() {
         let at = |i: usize, k: usize| (i.wrapping_mul(k) % 99_991) as f32 * 1e-3;
-        for (n, builder) in [(3, Builder::Sweep), (500, Builder::Lbvh), (40_000, Builder::Lbvh)] {
+        // The largest takes blocks below blocks.
+        for (n, builder) in [(3, Builder::Sweep), (500, Builder::Lbvh), (400_000, Builder::Lbvh)] {
             let pose = |moved: f32| -> Vec<Aabb> {
                 let corner = |i: usize| Vec3::new(at(i, 7919), at(i, 104_729), at(i, 1_299_709));
                 let away = |i: usize| if i.is_multiple_of(50) { moved * at(i, 31) } else { 0.0 };
@@ -336,6 +348,29 @@ mod tests {
             }
             assert!(n < 1000 || fewest < n / 5 && most > n / 5, "{fewest} to {most} of {n}");
         }
+    }
+
+    #[test]
+    fn a_walk_that_finds_too_much_ends_early() {
+        let boxes = |moved: f32| -> Vec<Aabb> {
+            let at = |i: usize| Vec3::new((i % 61) as f32, (i % 53) as f32, (i % 47) as f32);
+            let away = |i: usize| moved * (i.wrapping_mul(7919) % 997) as f32;
+            (0..100_000).map(|i| at(i) + away(i)).map(|p| Aabb::new(p, p + 0.5)).collect()
+        };
+        let mut bvh = build(&boxes(0.0), Builder::Lbvh, &BuildOptions::default(), None).expect("few enough");
+        take_references(&mut bvh);
+        pass(&mut bvh, &boxes(1.0), None, &mut Scratch::new());
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+        let mut scratch = CutScratch::default();
+        let mut cut = |most| {
+            pool.install(|| {
+                open(&bvh, area, 1.0, 0.0, most, &mut scratch);
+                scratch.cut.len()
+            })
+        };
+        let all = cut(usize::MAX);
+        let some = cut(1000);
+        assert!(all > 50_000 && (1001..all / 4).contains(&some), "{some} of {all}");
     }
 
     /// Gives how many subtrees are kept.
