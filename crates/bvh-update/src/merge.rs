@@ -3,9 +3,9 @@
 //! Merged leaves make rays and updates faster. They are *merged* in a tree whose leaves have been calm for so long that it
 //! pays: what it costs must come back in as many updates as there have been since they came apart, or the tree is new. A
 //! part of the tree is seen to in each update, until little comes of it. They are *split*, likewise in a few updates, when
-//! their areas have grown and rays have lost as much to that as it costs; where that has not paid for itself, as where primitives grow
-//! themselves, they may grow by twice as much until the next time. Where merging has not paid for itself by then, the next
-//! one waits for twice as long, else for half as long.
+//! their areas have grown and rays have lost as much to that as it costs; where that has not paid for itself, as where
+//! primitives grow themselves, they may grow by twice as much until the next time. Where merging has not paid for itself by
+//! then, the next one waits for twice as long, else for half as long.
 //!
 //! Repairs of the tree set leaves apart, too, where these have come apart with the nodes above them (`apart.rs`); once they
 //! have taken a good part of what had merged, it may merge again.
