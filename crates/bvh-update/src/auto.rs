@@ -381,10 +381,7 @@ fn choose<P: Primitives + ?Sized>(
     let threshold = model.threshold(history) * unit;
     let growth = history.leaves.growth;
     let start = (scratch.clock.now)();
-    let mut regrown = regrow(bvh, primitives, &tally, PAYS_BACK * threshold, most as usize, scratch);
-    if regrown == Regrown::NOTHING {
-        regrown = regrow(bvh, primitives, &tally, threshold, most as usize, scratch);
-    }
+    let regrown = regrow(bvh, primitives, &tally, PAYS_BACK * threshold, most as usize, scratch);
     let took = (scratch.clock.now)().saturating_duration_since(start);
     match regrown {
         Regrown::Top { subtrees: 0, .. } => {
