@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn leaves_stay_together_where_there_are_too_few_spare_pair_count() {
+    fn leaves_stay_together_where_there_are_too_few_spare_pairs() {
         let (strategy, apart, mut scratch) = (regrow(Open::Grown), quadruplets(200.0), Scratch::new());
         let mut bvh = merged_tree(&strategy, &mut scratch);
         let before = merged(&bvh).0;

@@ -186,9 +186,8 @@ impl Model {
     }
 
     /// What there is above the cost after the last repair.
-    fn excess(self, bvh: &Bvh, tally: &Tally) -> f64 {
-        let standing = Standing::of(bvh, tally);
-        let hasty = if bvh.history().is_hasty { self.hasty_excess() } else { 0.0 };
+    fn excess(self, standing: &Standing, history: &History) -> f64 {
+        let hasty = if history.is_hasty { self.hasty_excess() } else { 0.0 };
         standing.over_good(standing.sum - standing.good) + hasty
     }
 
@@ -320,7 +319,8 @@ fn choose<P: Primitives + ?Sized>(
     let took = (scratch.clock.now)().saturating_duration_since(start);
     scratch.clock.learn(Work::Pass, nodes * per_node, took);
     let price = model.price_of_repair(bvh.history(), nodes, bvh.len() as f64);
-    let is_to_be_repaired = bvh.history().regret + model.lost(model.excess(bvh, &tally)) > price;
+    let is_to_be_repaired =
+        bvh.history().regret + model.lost(model.excess(&Standing::of(bvh, &tally), bvh.history())) > price;
     let with_leaves_as_they_were = tally.area;
     let leaves =
         see_to_leaves(bvh, primitives, &model, one_in, is_to_be_repaired, &mut tally, &mut scratch.settle);
@@ -336,7 +336,7 @@ fn choose<P: Primitives + ?Sized>(
         primitives: bvh.len() as f64,
         nodes,
         gain: standing.over_good(tally.gain),
-        excess: model.excess(bvh, &tally),
+        excess: model.excess(&standing, bvh.history()),
     };
     scratch.clock.excess = found.excess.max(0.0);
     let history = raw::parts(bvh).history;

@@ -76,9 +76,9 @@ pub(crate) fn rebuild_top<P: Primitives + ?Sized>(
     {
         return Regrown::TooMuch;
     }
-    let after = top.nodes().iter().filter(|node| !node.is_leaf());
-    let after = after.map(|node| node.aabb().half_area_f64() * node.weight()).sum::<f64>();
-    if after - opened.all + apart.change >= 0.0 {
+    let mut after = InnerAreas::default();
+    top.nodes().iter().filter(|node| !node.is_leaf()).for_each(|node| after.add(node));
+    if after.all - opened.all + apart.change >= 0.0 {
         return Regrown::NOTHING;
     }
     assert!(
