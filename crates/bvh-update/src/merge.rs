@@ -38,7 +38,7 @@ const RAYS_SAVED: f64 = 0.04;
 const NODES_SAVED: f64 = 0.3;
 
 /// Sees to leaves, if it is time to, and corrects what the pass before has found. Where a repair will take its time in
-/// this update, that waits for the next, but for the first turn of a split: frames are to be alike.
+/// this update, and did not in the last, that waits for the next, but for the first turn of a split: frames are to be alike.
 pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
@@ -183,7 +183,11 @@ fn was_split(leaves: &mut LeafHistory, was_of_use: bool, has_paid: bool) {
 
 #[cfg(test)]
 mod tests {
+    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_core::{Aabb, Vec3};
+
     use super::*;
+    use crate::{Auto, Scratch, Strategy, update};
 
     const MERGE: Option<Decision> = Some(Decision::Merge { one_in: TURNS });
     const SPLIT: Option<Decision> = Some(Decision::Split);
@@ -278,5 +282,39 @@ mod tests {
             let LeafHistory { turns, wait, spare_pair_count, .. } = bvh.history().leaves;
             assert_eq!((turns, wait, spare_pair_count), (0, 16, 700));
         }
+    }
+
+    #[test]
+    fn nothing_merges_in_the_update_of_a_repair_unless_all_repair() {
+        // Quadruplets that stay together and are scattered by and by, one after the other.
+        let boxes = |step: usize| -> Vec<Aabb> {
+            let place = |i: usize, k: usize| ((i + 1).wrapping_mul(k) % 9973) as f32 * 0.01;
+            let corner = |i: usize| {
+                let at = |k| Vec3::new(place(i / 4, k), place(i / 4, k + 12), place(i / 4, k + 30));
+                let away = (40 * step).saturating_sub(i / 4 % 997).min(100) as f32 * 0.01;
+                at(7919) + (at(6661) - at(7919)) * away
+            };
+            (0..20_000).map(corner).map(|corner| Aabb::new(corner, corner + 0.5)).collect()
+        };
+        let start = build(&boxes(0), Builder::Sweep, &BuildOptions::default(), None).expect("few");
+        let play = |rays| {
+            let (mut bvh, mut scratch) = (start.clone(), Scratch::new());
+            let decide = |step| {
+                let before = bvh.history().leaves.turns;
+                let auto = Strategy::Auto(Auto { rays, clock: false });
+                let told = update(&mut bvh, &boxes(step), &auto, &mut scratch).expect("same count");
+                match told.decision {
+                    Decision::Merge { .. } => 'm',
+                    Decision::Regrow { .. } if bvh.history().leaves.turns > before => 'b',
+                    Decision::Regrow { .. } => 'r',
+                    _ => '.',
+                }
+            };
+            (1..40).map(decide).collect::<String>()
+        };
+        // Every other update repairs, and those between merge; or all do, and some of them merge, too.
+        let (some, all) = (play(1 << 16), play(1 << 24));
+        assert!(some.contains("rmrmrmr") && !some.contains('b'), "{some}");
+        assert!(all.contains("rrrbbbbbbbbrrr") && !all.contains('m'), "{all}");
     }
 }

@@ -85,7 +85,8 @@ pub(crate) fn rebuild_top<P: Primitives + ?Sized>(
         top.nodes().len() == 2 * pairs.len() + 2,
         "a tree over k subtrees has k - 1 pairs below the root"
     );
-    debug_assert!(pairs.first().is_none_or(|&pair| pair > 1) && pairs.is_sorted_by(|a, b| a < b));
+    // What tasks may write at the same time (`raw::share`).
+    assert!(pairs.first().is_none_or(|&pair| pair > 1) && pairs.is_sorted_by(|a, b| a < b), "each pair once");
     let size = apart.size(bvh, leaf_area);
     let parts = raw::parts(bvh);
     let graft = Graft { nodes: raw::share(parts.nodes), measure, top, kept, pairs, size };

@@ -25,10 +25,10 @@ const LARGE: f32 = 0.005;
 /// Memory of the walk.
 #[derive(Default)]
 pub(crate) struct WalkScratch {
-    top: Block,
+    top: Listing,
     parts: Vec<Part>,
     /// Nested blocks, of as many workers as there have been at a time.
-    workers: Mutex<Vec<Vec<Block>>>,
+    workers: Mutex<Vec<Vec<Listing>>>,
 }
 
 /// Finds the subtrees whose excess is at most `threshold`; gives the sum of references in them. Where there are more than
@@ -58,7 +58,7 @@ pub(crate) fn open(
     top.roots(&[0], &[bvh.root().first() as u32]);
     walk.descend(top, top_part);
     let roots = top.done..top.listed;
-    let Block { slots, pairs: children, excess, .. } = top;
+    let Listing { slots, pairs: children, excess, .. } = top;
     let roots = slots[roots.clone()]
         .par_chunks(PER_PART)
         .zip(children[roots.clone()].par_chunks(PER_PART))
@@ -66,7 +66,7 @@ pub(crate) fn open(
     roots.zip(below).for_each(|(((slots, pairs), excess), part)| {
         let take = || workers.lock().unwrap_or_else(PoisonError::into_inner);
         let mut blocks = take().pop().unwrap_or_default();
-        blocks.resize_with(NESTED, Block::default);
+        blocks.resize_with(NESTED, Listing::default);
         walk.below(slots, pairs, excess, &mut blocks, part);
         take().push(blocks);
     });
@@ -114,8 +114,8 @@ struct Found {
     bad: AtomicUsize,
 }
 
-/// Nodes with grandchildren, breadth-first as in `block.rs`; those from `done` on belong to further blocks.
-struct Block {
+/// A block: nodes with grandchildren, breadth-first as in `block.rs`; those from `done` on belong to further blocks.
+struct Listing {
     slots: Box<[u32]>,
     /// The first child of each.
     pairs: Box<[u32]>,
@@ -129,7 +129,7 @@ struct Block {
 
 const IS_LARGE: u8 = 4;
 
-impl Default for Block {
+impl Default for Listing {
     fn default() -> Self {
         fn places<T: Copy>(nothing: T) -> Box<[T]> {
             vec![nothing; LISTED].into()
@@ -139,7 +139,7 @@ impl Default for Block {
     }
 }
 
-impl Block {
+impl Listing {
     fn roots(&mut self, slots: &[u32], pairs: &[u32]) {
         (self.listed, self.done) = (slots.len(), 0);
         self.slots[..slots.len()].copy_from_slice(slots);
@@ -160,7 +160,14 @@ struct Walk<'a, M> {
 
 impl<M: NodeMeasure> Walk<'_, M> {
     /// Finds the excess at and below these nodes.
-    fn below(&self, slots: &[u32], pairs: &[u32], excess: &mut [f64], blocks: &mut [Block], part: &mut Part) {
+    fn below(
+        &self,
+        slots: &[u32],
+        pairs: &[u32],
+        excess: &mut [f64],
+        blocks: &mut [Listing],
+        part: &mut Part,
+    ) {
         let [cut, bad] = [&self.found.cut, &self.found.bad].map(|found| found.load(Ordering::Relaxed));
         if cut > self.most && bad > 0 {
             return;
@@ -168,7 +175,7 @@ impl<M: NodeMeasure> Walk<'_, M> {
         let (block, deeper) = blocks.split_first_mut().expect("as many as nest");
         block.roots(slots, pairs);
         self.descend(block, part);
-        let Block { slots, pairs, excess: of_all, listed, done, .. } = block;
+        let Listing { slots, pairs, excess: of_all, listed, done, .. } = block;
         for start in (*done..*listed).step_by(ROOTS) {
             let end = (start + ROOTS).min(*listed);
             for i in end..(end + ROOTS).min(*listed) {
@@ -189,8 +196,8 @@ impl<M: NodeMeasure> Walk<'_, M> {
     }
 
     /// Lists nodes until there is no more room, and settles those children of theirs that have no grandchildren.
-    fn descend(&self, block: &mut Block, part: &mut Part) {
-        let Block { slots, pairs, kinds, excess, listed, done } = block;
+    fn descend(&self, block: &mut Listing, part: &mut Part) {
+        let Listing { slots, pairs, kinds, excess, listed, done } = block;
         while *done < *listed && *listed + 2 <= LISTED {
             let node = &self.nodes[slots[*done] as usize];
             let pair = pairs[*done];
@@ -223,8 +230,8 @@ impl<M: NodeMeasure> Walk<'_, M> {
     }
 
     /// Settles the nodes of a block, once the excess of those below it is known.
-    fn ascend(&self, block: &mut Block, part: &mut Part) {
-        let Block { slots, pairs, kinds, excess, listed, done } = block;
+    fn ascend(&self, block: &mut Listing, part: &mut Part) {
+        let Listing { slots, pairs, kinds, excess, listed, done } = block;
         let mut end = *listed;
         for i in (0..*done).rev() {
             let count = usize::from(kinds[i] & !IS_LARGE);
