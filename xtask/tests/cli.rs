@@ -69,6 +69,9 @@ fn bad_input_is_refused_in_one_line_that_helps() {
     for (more, words) in [
         (vec!["build", "--scene", sheet, "--scene", "no-such-scene"], vec!["no-such-scene", "n-body"]),
         (vec!["build", "--scene", sheet, "--embree", "no/such/place"], vec!["no/such/place"]),
+        (vec!["build", "--scene", sheet, "--only", "nobody"], vec!["--only nobody", "pivot lbvh"]),
+        (vec!["build", "--scene", sheet, "--runs", "2"], vec!["--runs", "frame"]),
+        (vec!["frame", "--scene", sheet, "--runs", "0"], vec!["0", "--runs"]),
         (vec!["hard"], vec!["--json", "hard"]),
     ] {
         let mut all = vec!["compare"];
@@ -76,7 +79,7 @@ fn bad_input_is_refused_in_one_line_that_helps() {
         all.extend(["--json", str(&json)]);
         refused(&all, &words);
     }
-    for option in ["--frames", "--threads", "--size", "--scene"] {
+    for option in ["--frames", "--threads", "--size", "--scene", "--runs", "--only"] {
         refused(&["compare", "hard", option, "3"], &[option, "hard"]);
     }
     refused(&["soak", "--scene", sheet, "--scene", "no-such-scene"], &["no-such-scene", "n-body"]);
@@ -140,6 +143,37 @@ fn list_names_what_there_is() {
         assert!(scene["effects"].is_array() && scene["key_bytes"].is_u64());
         let plan = scene["plan"].as_array().expect("a list");
         assert!(plan.iter().any(|s| s == "update") && plan.iter().any(|s| s == "shadow"), "{plan:?}");
+    }
+}
+
+#[test]
+fn whole_frames_are_compared_of_those_asked_for_and_as_often_as_asked_for() {
+    let (temporary, sheet) = folder();
+    let json = temporary.path().join("frame.json");
+    let compare = |more: &[&str]| {
+        let sheet = ["compare", "frame", "--scene", str(&sheet), "--size", "24", "--threads", "1"];
+        let mut all = sheet.to_vec();
+        all.extend(["--only", "pivot auto", "--only", "refit+rotate+leaves", "--json", str(&json)]);
+        all.extend(more);
+        let printed = succeeds(&all);
+        let rows = fs::read(&json).expect("rows");
+        let rows: serde_json::Value = serde_json::from_slice(&rows).expect("JSON");
+        (printed, rows["rows"].as_array().expect("a list").clone())
+    };
+    let (printed, once) = compare(&[]);
+    let (_, thrice) = compare(&["--runs", "3"]);
+    let names: Vec<_> = once.iter().map(|row| row["contestant"].as_str().expect("a name")).collect();
+    assert_eq!(names, ["pivot auto", "pivot refit+rotate+leaves", "ray set-up"]);
+    assert!(
+        printed.contains("over the best single strategy") && !printed.contains("background"),
+        "{printed}"
+    );
+    for (once, thrice) in once.iter().zip(&thrice) {
+        assert_eq!((&once["frames"], &once["agrees"]), (&thrice["frames"], &thrice["agrees"]));
+        let count = |row: &serde_json::Value, of: &str| row[of].as_u64().expect("a number");
+        for of in ["rays", "hits"] {
+            assert_eq!(3 * count(once, of), count(thrice, of), "{of}");
+        }
     }
 }
 

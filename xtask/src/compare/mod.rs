@@ -179,6 +179,10 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             _ => hard::run(args.embree.as_deref()),
         };
     }
+    ensure!(
+        args.runs == 1 || args.what.contests().contains(&Contest::Frame),
+        "--runs: only loops of whole frames are played more than once; leave it out, or compare frame"
+    );
     let default_scenes: Vec<String> = match args.what {
         What::Frame => scenes::list().iter().map(|info| info.name.to_owned()).collect(),
         _ => SCENES.map(str::to_owned).to_vec(),
