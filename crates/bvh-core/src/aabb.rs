@@ -66,14 +66,14 @@ impl Aabb {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
-    /// Extent along each axis; 0 for an empty box.
+    /// Extent along each axis; 0 along those where `min` is above `max`, so that of [`EMPTY`](Self::EMPTY) is 0.
     #[must_use]
     #[inline]
     pub fn extent(&self) -> Vec3 {
         (self.max - self.min).max(Vec3::ZERO)
     }
 
-    /// Half the surface area, `xy + yz + zx` of the extents; 0 for an empty box, infinite if it exceeds the
+    /// Half the surface area, `xy + yz + zx` of the extents; 0 for [`EMPTY`](Self::EMPTY), infinite if it exceeds the
     /// range of `f32` (extents above about 1e19), NaN if an extent exceeds that range and another is 0. See
     /// [`half_area_f64`](Self::half_area_f64) for such boxes.
     ///

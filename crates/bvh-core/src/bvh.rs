@@ -206,9 +206,9 @@ impl Bvh {
     /// `set_moving(|p| mask[p])`, from a few ranges `set_moving(|p| ranges.iter().any(|r| r.contains(&p)))`.
     ///
     /// A leaf moves if any primitive in it does. Refits and rotations do not visit subtrees without a moving primitive.
-    /// Saying it takes O(n) time and allocates nothing; it lasts until it is said anew, through rebuilds too. Strategies
-    /// that repair measure the tree anew when it is said, so say it when something else moves rather than in every frame.
-    /// If `moves` panics, all primitives move.
+    /// Saying it takes O(n) time and allocates nothing, and in the next update O(n) once more where that is by a strategy
+    /// that repairs. It lasts until it is said anew, through rebuilds too, but to the grain of leaves: what shares a leaf with
+    /// something that moves is taken to move by a tree built in the place of this one. If `moves` panics, all primitives move.
     pub fn set_moving(&mut self, moves: impl Fn(usize) -> bool) {
         /// Sets everything in motion unless told that all went well.
         struct Guard<'a>(&'a mut Bvh, bool);
@@ -218,8 +218,7 @@ impl Bvh {
                 if !*done {
                     bvh.mark_moving(&|_| true);
                 }
-                // What there is to measure is another.
-                (bvh.history.reference, bvh.history.layout) = (0.0, Layout::Unknown);
+                (bvh.history.has_other_moving, bvh.history.layout) = (true, Layout::Unknown);
                 bvh.history.background_knows_moving = false;
             }
         }

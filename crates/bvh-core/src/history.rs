@@ -24,6 +24,8 @@ pub struct History {
     pub rotation_pause: u32,
     /// Whether a repair was found to be too much work since.
     pub is_beyond_repair: bool,
+    /// How often a look for what is worth a repair has found nothing since.
+    pub looks_in_vain: u32,
     /// How many of the last repairs built the whole tree anew and could not wait, each soon after the one before.
     pub rebuilds_in_a_row: u32,
     /// Left node of the first of those pairs that are kept for later use, 0 if there is none. The left node of each is a
@@ -34,6 +36,13 @@ pub struct History {
     pub spare_pair_count: u32,
     /// Half area of the leaves that moved, of the root, and of the leaves that did not, when the tree was measured.
     pub sizes: [f64; 3],
+    /// The size of the scene after the last update that told.
+    pub size: f64,
+    /// What the size that follows from `sizes` is multiplied by: other than 1 once other primitives move than when the tree
+    /// was measured.
+    pub size_factor: f64,
+    /// Whether it has been said which primitives move since `sizes` were taken.
+    pub has_other_moving: bool,
     /// How even the leaves were in size then: 1 if all were alike, near 0 if most area was in a few.
     pub evenness: f64,
     /// Updates between the last two repairs, or between the build and the first; 0 if there was none.

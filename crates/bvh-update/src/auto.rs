@@ -10,7 +10,9 @@
 //!   If they are not, each node is tried half as often, down to every eighth update; if they are, twice as often.
 //! * *Repairs* follow a ski-rental rule: the time that rays have lost to excess cost since the last repair is added up,
 //!   and once it exceeds the price of a repair, the tree is regrown (`regrow.rs`). So no schedule that knows the
-//!   future is more than about twice as good. What a repair costs is taken to be what the last one did.
+//!   future is more than about twice as good. What a repair costs is taken to be what the last one did. One that finds
+//!   nothing worth opening is tried again once twice as much has been lost, and then opens what pays for itself in twice as
+//!   many frames; in the end that is all of the tree.
 //! * The same rule holds for what rays lose where the cost of the whole tree does not show it: where they visit more nodes
 //!   than in the tree when it was new, as far as new trees have brought that down before (`growth.rs`). Then the tree is
 //!   built anew, without a pass before.
@@ -27,7 +29,7 @@ use bvh_core::{Bvh, History, Primitives};
 
 use crate::block::Tally;
 use crate::clock::{Weights, Work};
-use crate::cut::{Regrown, excess_by, reference, size_now, take_references};
+use crate::cut::{Regrown, excess, excess_by, good_area, over_good, reference, size_now, take_references};
 use crate::merge::{see_to_leaves, were_set_apart};
 use crate::pass::{Scratch, pass};
 use crate::raw;
@@ -81,6 +83,11 @@ pub enum Decision {
         /// By whom.
         builder: Builder,
     },
+    /// Refitted; a new tree was built, too, which was no better.
+    Kept {
+        /// By whom.
+        builder: Builder,
+    },
     /// A tree from the background took the place of this one.
     Swap,
 }
@@ -98,6 +105,9 @@ impl fmt::Display for Decision {
             Self::Regrow { subtrees } => {
                 write!(f, "regrown above {subtrees} subtrees: lost time exceeded the price of it")
             }
+            Self::Kept { builder } => {
+                write!(f, "refit: a tree built anew by {} was no better than this one", builder.name())
+            }
             Self::Swap => f.write_str("a tree built in the background took over"),
             Self::Rebuild { builder } => {
                 write!(
@@ -110,7 +120,9 @@ impl fmt::Display for Decision {
     }
 }
 
-/// How many more nodes rays visit in a tree built in haste, as a part.
+/// Who builds in haste.
+const HASTY: Builder = Builder::Lbvh;
+/// How many more nodes rays visit in a tree built so, as a part.
 const HASTY_WORK: f64 = 0.1;
 
 /// What a cut is expected to be, as part of the primitives, before there was one.
@@ -144,24 +156,22 @@ struct Found {
 /// How good a tree is after a pass.
 struct Standing {
     size: f64,
-    /// Sum of half areas times weights, and what it would be if the tree were as good as when it was good.
+    /// Sum of half areas times weights.
     sum: f64,
-    good: f64,
-    /// What excess is told in.
-    unit: f64,
+    /// What that is above the sum of a tree as good as this was when it was good, in units of that.
+    excess: f64,
 }
 
 impl Standing {
     fn of(bvh: &Bvh, tally: &Tally) -> Self {
-        let size = size_now(bvh, tally.leaf_area);
-        let (sum, good) = (tally.area + bvh.still_area(), bvh.history().reference * size);
-        // By area, dense parts of a scene count for little; but there the camera looks. By number, a wall does. The mean.
-        Self { size, sum, good, unit: good * bvh.history().evenness.sqrt() }
+        let (size, sum) = (size_now(bvh, tally.leaf_area), tally.area + bvh.still_area());
+        Self { size, sum, excess: excess(bvh.history(), sum, size) }
     }
+}
 
-    fn over_good(&self, area: f64) -> f64 {
-        if self.unit > 0.0 { area / self.unit } else { 0.0 }
-    }
+/// How many times as long as at first is waited for the next look, and for what is opened to pay for itself.
+fn patience(history: &History) -> f64 {
+    f64::from(1u32 << history.looks_in_vain.min(16))
 }
 
 /// What time is expected to be lost and saved.
@@ -176,7 +186,12 @@ pub(crate) struct Model {
 impl Model {
     /// Time that the rays take longer for this much excess.
     pub(crate) fn lost(self, excess: f64) -> f64 {
-        self.rays as f64 * self.weights.ray * self.slope * excess.max(0.0)
+        // Beyond numbers nothing is known.
+        if excess.is_finite() {
+            self.rays as f64 * self.weights.ray * self.slope * excess.max(0.0)
+        } else {
+            0.0
+        }
     }
 
     /// Time saved in each update by rays that take less by this part, and so many fewer nodes.
@@ -188,7 +203,7 @@ impl Model {
     /// What there is above the cost after the last repair.
     fn excess(self, standing: &Standing, history: &History) -> f64 {
         let hasty = if history.is_hasty { self.hasty_excess() } else { 0.0 };
-        standing.over_good(standing.sum - standing.good) + hasty
+        standing.excess + hasty
     }
 
     /// The excess of a tree built in haste.
@@ -212,16 +227,17 @@ impl Model {
     }
 
     /// The excess above which opening a subtree pays for itself once: what its rebuild costs must come back in as many
-    /// frames as have passed since the last repair.
+    /// frames as have passed since the last repair, or in longer where looks have been in vain.
     fn threshold(self, history: &History) -> f64 {
-        let frames = f64::from(history.since_repair.clamp(1, 8));
+        let frames = f64::from(history.since_repair.clamp(1, 8)) * patience(history);
         self.weights.graft_subtree / (self.rays.max(1) as f64 * self.weights.ray * self.slope * frames)
     }
 
-    /// What a repair is expected to cost: as much as the last one.
+    /// What is to be lost until the next repair: what that is expected to cost, as much as the last one; and after each look
+    /// in vain twice as much as before.
     fn price_of_repair(self, history: &History, nodes: f64, primitives: f64) -> f64 {
         let cut = if history.kept > 0 { f64::from(history.kept) } else { SMALL_CUT * primitives };
-        nodes * self.weights.cut_node + cut * self.weights.graft_subtree
+        (nodes * self.weights.cut_node + cut * self.weights.graft_subtree) * patience(history)
     }
 
     /// Who builds a new tree of so many primitives that will serve for so many frames, and for how much.
@@ -229,7 +245,7 @@ impl Model {
         let Weights { rebuild_primitive, hasty_primitive, .. } = self.weights;
         let worse = self.lost(self.hasty_excess()) * f64::from(frames);
         if worse < primitives * (rebuild_primitive - hasty_primitive) {
-            (Builder::Lbvh, primitives * hasty_primitive)
+            (HASTY, primitives * hasty_primitive)
         } else {
             (Builder::Ploc, primitives * rebuild_primitive)
         }
@@ -244,30 +260,79 @@ fn new_tree<P: Primitives + ?Sized>(
     model: Model,
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
-    let is_hasty = builder == Builder::Lbvh;
-    let start = (scratch.clock.now)();
     let before = *bvh.history();
+    let update = build_anew(bvh, primitives, builder, scratch)?;
+    has_new_tree(bvh, &before, builder, model, scratch);
+    Ok(update)
+}
+
+/// Builds a new tree and keeps it if it is better than the one that there is, which has been fitted and stands so. Where
+/// time was lost to what no repair finds, that may be the tree's fault or that of the motion.
+fn better_tree<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    builder: Builder,
+    model: Model,
+    standing: &Standing,
+    scratch: &mut Scratch,
+) -> Result<Option<Update>, UpdateError> {
+    let old = bvh.clone();
+    let update = build_anew(bvh, primitives, builder, scratch)?;
+    if excess_by(old.history(), bvh) < standing.excess {
+        has_new_tree(bvh, old.history(), builder, model, scratch);
+        return Ok(Some(update));
+    }
+    *bvh = old;
+    // This is as good as the tree gets.
+    let reference = reference(standing.sum, standing.size);
+    let history = raw::parts(bvh).history;
+    *history = History {
+        reference,
+        measured: reference,
+        regret: 0.0,
+        is_beyond_repair: false,
+        looks_in_vain: 0,
+        ..*history
+    };
+    scratch.clock.excess = 0.0;
+    scratch.clock.slope.repaired();
+    Ok(None)
+}
+
+fn build_anew<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    builder: Builder,
+    scratch: &mut Scratch,
+) -> Result<Update, UpdateError> {
+    let start = (scratch.clock.now)();
     let update = rebuild_all(bvh, primitives, builder, scratch)?;
-    if before.leaves.cost == 0.0 {
-        scratch.clock.slope.renewed(before.reference, || excess_by(&before, bvh));
-    } else {
-        // Merged leaves have fewer nodes above them, which is no merit of the tree.
-        scratch.clock.slope.repaired();
-        scratch.clock.growth.tells_nothing();
-    }
-    if is_hasty {
-        scratch.clock.growth.tells_nothing();
-    }
-    let clock = &mut scratch.clock;
-    let (work, weight) = if is_hasty {
+    let took = (scratch.clock.now)().saturating_duration_since(start);
+    let (work, weight) = if builder == HASTY {
         (Work::Haste, Weights::MODEL.hasty_primitive)
     } else {
         (Work::Rebuild, Weights::MODEL.rebuild_primitive)
     };
-    clock.learn(work, bvh.len() as f64 * weight, (clock.now)().saturating_duration_since(start));
+    scratch.clock.learn(work, bvh.len() as f64 * weight, took);
+    Ok(update)
+}
+
+/// A new tree has taken the place of one with this history.
+fn has_new_tree(bvh: &mut Bvh, before: &History, builder: Builder, model: Model, scratch: &mut Scratch) {
+    let is_hasty = builder == HASTY;
+    let clock = &mut scratch.clock;
+    if before.leaves.cost == 0.0 {
+        clock.slope.renewed(before.reference, || excess_by(before, bvh));
+    } else {
+        // Merged leaves have fewer nodes above them, which is no merit of the tree.
+        clock.slope.repaired();
+        clock.growth.tells_nothing();
+    }
+    if is_hasty {
+        clock.growth.tells_nothing();
+    }
     clock.excess = if is_hasty { model.hasty_excess() } else { 0.0 };
     raw::parts(bvh).history.is_hasty = is_hasty;
-    Ok(update)
 }
 
 pub(crate) fn update<P: Primitives + ?Sized>(
@@ -326,36 +391,40 @@ fn choose<P: Primitives + ?Sized>(
     let is_busy = is_to_be_repaired && history.since_repair > 0;
     let with_leaves_as_they_were = tally.area;
     let leaves = see_to_leaves(bvh, primitives, &model, one_in, is_busy, &mut tally, &mut scratch.settle);
-    if tally.area != with_leaves_as_they_were {
+    let has_other_leaves = tally.area != with_leaves_as_they_were;
+    if has_other_leaves {
         scratch.clock.growth.leaves_changed();
     }
     let decision = leaves.unwrap_or(Decision::Refit { one_in });
     let refitted = |bvh: &Bvh| Update { decision, ..tally.update(bvh) };
 
     let standing = Standing::of(bvh, &tally);
-    let Standing { size, sum, good, unit } = standing;
+    let Standing { size, sum, .. } = standing;
     let found = Found {
         primitives: bvh.len() as f64,
         nodes,
-        gain: standing.over_good(tally.gain),
+        gain: over_good(bvh.history(), tally.gain, size),
         excess: model.excess(&standing, bvh.history()),
     };
     scratch.clock.excess = found.excess.max(0.0);
     let history = raw::parts(bvh).history;
-    history.since_repair += 1;
+    history.since_repair = history.since_repair.saturating_add(1);
     model.choose_pause(history, &found);
-    if sum > 0.0 {
+    let now = reference(sum, size);
+    if now > 0.0 {
         // A tree that has become better is from now on held to that. One that was built over points is no measure, nor is
         // one of what was scattered then: it may be bad and still be better than that.
-        let now = reference(sum, size);
         let pays = model.lost(1.0) * GAIN_LASTS > model.builder(found.primitives, u32::MAX).1;
-        history.is_due = history.reference == 0.0 || pays && (0.0 < now && now < GATHERED * history.measured);
+        history.is_due = history.reference == 0.0 || pays && now < GATHERED * history.measured;
         history.reference = history.reference.min(now);
     }
-    scratch.clock.slope.fitted(standing.over_good(sum - good), history.reference);
+    history.size = size;
+    scratch.clock.slope.fitted(standing.excess, history.reference);
     if history.is_due {
         return Ok(refitted(bvh));
     }
+    // What was out of place is back.
+    history.is_beyond_repair &= found.excess > 0.0;
     history.regret += model.lost(found.excess);
     if decision == Decision::Split {
         // One thing at a time: frames are to be alike.
@@ -363,16 +432,25 @@ fn choose<P: Primitives + ?Sized>(
     }
     let (builder, price_of_new) = model.builder(found.primitives, 1);
     // This update has had its pass. A new tree can wait for the next, unless a frame with this one costs more than that.
-    let is_urgent = model.lost(standing.over_good(sum - good)) > price_of_new;
+    let is_urgent = model.lost(standing.excess) > price_of_new;
     let is_new = history.rebuilds_in_a_row > 0 && history.since_repair <= SOON;
     if (history.is_hasty || history.is_beyond_repair) && !(is_new && is_time_to_look) {
         if is_urgent {
             return new_tree(bvh, primitives, builder, model, scratch);
         }
         let frames = if history.is_hasty { u32::MAX } else { history.since_repair };
-        let (_, price_of_new) = model.builder(found.primitives, frames);
-        history.is_due = history.regret > price_of_new;
-        return Ok(refitted(bvh));
+        let (builder, price_of_new) = model.builder(found.primitives, frames);
+        if history.regret <= price_of_new {
+            return Ok(refitted(bvh));
+        }
+        if history.is_hasty {
+            history.is_due = true;
+            return Ok(refitted(bvh));
+        }
+        let update = better_tree(bvh, primitives, builder, model, &standing, scratch)?;
+        return Ok(
+            update.unwrap_or_else(|| Update { decision: Decision::Kept { builder }, ..tally.update(bvh) })
+        );
     }
     if history.regret <= price {
         return Ok(refitted(bvh));
@@ -380,17 +458,15 @@ fn choose<P: Primitives + ?Sized>(
     // Where a new tree is bad again at once, little of it is worth keeping.
     let part = if is_new && !is_time_to_look { 0.5 * LARGEST_CUT } else { LARGEST_CUT };
     let most = part * found.primitives;
-    let threshold = model.threshold(history) * unit;
+    let threshold = model.threshold(history) * good_area(history, size);
     let growth = history.leaves.growth;
     let start = (scratch.clock.now)();
     let regrown = regrow(bvh, primitives, &tally, PAYS_BACK * threshold, most as usize, scratch);
     let took = (scratch.clock.now)().saturating_duration_since(start);
     match regrown {
         Regrown::Top { subtrees: 0, .. } => {
-            // There is nothing to gain: this is as good as the tree gets.
             let history = raw::parts(bvh).history;
-            (history.regret, history.reference) = (0.0, reference(sum, size));
-            history.measured = history.reference;
+            (history.regret, history.looks_in_vain) = (0.0, history.looks_in_vain.saturating_add(1));
             Ok(refitted(bvh))
         }
         Regrown::Top { subtrees, change, apart } => {
@@ -398,19 +474,19 @@ fn choose<P: Primitives + ?Sized>(
             let Weights { cut_node, graft_subtree, .. } = Weights::MODEL;
             let expected = found.nodes * cut_node + subtrees as f64 * graft_subtree;
             scratch.clock.learn(Work::Repair, expected, took);
-            // By the standard of the tree before, as rays have seen it.
-            let good = before.reference * size;
-            let excess = (sum + change - good) / (good * before.evenness.sqrt());
-            scratch.clock.slope.renewed(before.reference, || excess);
+            if has_other_leaves {
+                scratch.clock.slope.repaired();
+            } else {
+                // By the standard of the tree before, as rays have seen it.
+                scratch.clock.slope.renewed(before.reference, || excess(&before, sum + change, size));
+            }
             scratch.clock.excess = 0.0;
             let decision = Decision::Regrow { subtrees };
             Ok(Update { decision, sah_cost: None, ..refitted(bvh) })
         }
         Regrown::TooMuch if is_urgent => new_tree(bvh, primitives, builder, model, scratch),
         Regrown::TooMuch => {
-            let history = raw::parts(bvh).history;
-            history.is_beyond_repair = true;
-            history.is_due = history.regret > model.builder(found.primitives, history.since_repair).1;
+            raw::parts(bvh).history.is_beyond_repair = true;
             Ok(refitted(bvh))
         }
     }

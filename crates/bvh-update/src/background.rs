@@ -136,9 +136,12 @@ impl Scratch {
 impl Drop for Builds {
     /// Waits for the build under way, so that no thread outlives what started it.
     fn drop(&mut self) {
-        if let Some(thread) = self.current.take() {
-            let _ = thread.join();
+        let Some(thread) = self.current.take() else { return };
+        // A parallel builder may be waiting for this very worker of the pool.
+        while !thread.is_finished() && rayon::yield_now().is_some() {
+            std::thread::yield_now();
         }
+        let _ = thread.join();
     }
 }
 
@@ -150,7 +153,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
 ) -> Result<Update, UpdateError> {
     let mut decision = Decision::AsAlways;
     let History { background_job: number, background_knows_moving: knows_moving, .. } = *bvh.history();
-    scratch.background.age += 1;
+    scratch.background.age = scratch.background.age.saturating_add(1);
     // The memory may have served another tree in between.
     if let Some(new) = scratch.background.take(number).filter(|new| new.len() == primitives.len()) {
         if !knows_moving {

@@ -76,14 +76,20 @@ pub(crate) fn take_references(bvh: &mut Bvh) {
 
 /// The same with another measure of nodes.
 pub(crate) fn take_references_of(bvh: &mut Bvh, measure: impl NodeMeasure) {
-    if bvh.history().reference != 0.0 {
+    let History { reference, has_other_moving, .. } = *bvh.history();
+    if reference != 0.0 && !has_other_moving {
         return;
     }
     let mut sums = Sums::default();
     bvh.visit(|_, node, _| sums.add(node));
-    let sizes = [sums.leaves, bvh.root().aabb().half_area_f64(), sums.still_leaves];
-    let per_size = 1.0 / size(sizes, [1.0; 2]);
+    let root = bvh.root().aabb().half_area_f64();
     let parts = raw::parts(bvh);
+    if reference != 0.0 {
+        sums.rebase(parts.history, root);
+        return;
+    }
+    let sizes = [sums.leaves, root, sums.still_leaves];
+    let per_size = 1.0 / size(sizes, [1.0; 2]);
     for n in 0..parts.nodes.len() {
         let reference = (measure(parts.nodes, &parts.nodes[n]) * per_size) as f32;
         parts.nodes[n].set_reference(reference);
@@ -92,10 +98,14 @@ pub(crate) fn take_references_of(bvh: &mut Bvh, measure: impl NodeMeasure) {
         reference: sums.all * per_size,
         measured: sums.all * per_size,
         sizes,
+        size: size(sizes, [1.0; 2]),
+        size_factor: 1.0,
+        has_other_moving: false,
         evenness: sums.evenness(),
         regret: 0.0,
         since_repair: 0,
         is_beyond_repair: false,
+        looks_in_vain: 0,
         leaves: LeafHistory {
             is_merged: sums.is_merged,
             was_merged: sums.is_merged,
@@ -110,8 +120,24 @@ pub(crate) fn take_references_of(bvh: &mut Bvh, measure: impl NodeMeasure) {
 pub(crate) fn excess_by(before: &History, bvh: &Bvh) -> f64 {
     let mut sums = Sums::default();
     bvh.visit(|_, node, _| sums.add(node));
-    let good = before.reference * size_since(before, sums.leaves, bvh);
-    (sums.all - good) / (good * before.evenness.sqrt())
+    excess(before, sums.all, size_since(before, sums.leaves, bvh))
+}
+
+/// What this sum of areas, in a scene of this size, is above that of a good tree; in units of that.
+pub(crate) fn excess(history: &History, sum: f64, size: f64) -> f64 {
+    over_good(history, sum - history.reference * size, size)
+}
+
+/// An area in units of those of a good tree. By area, dense parts of a scene count for little; but there the camera looks.
+/// By number, a wall does. The mean.
+pub(crate) fn over_good(history: &History, area: f64, size: f64) -> f64 {
+    let unit = good_area(history, size);
+    if unit > 0.0 { area / unit } else { 0.0 }
+}
+
+/// What areas of a tree are told in, given the size of the scene.
+pub(crate) fn good_area(history: &History, size: f64) -> f64 {
+    history.reference * size * history.evenness.sqrt()
 }
 
 /// The size of the scene now, for a tree with references.
@@ -122,7 +148,8 @@ pub(crate) fn size_now(bvh: &Bvh, leaf_area: f64) -> f64 {
 pub(crate) fn size_since(history: &History, leaf_area: f64, bvh: &Bvh) -> f64 {
     let [leaves, root, _] = history.sizes;
     let growth = |now: f64, first: f64| if first > 0.0 { now / first } else { 1.0 };
-    size(history.sizes, [growth(leaf_area, leaves), growth(bvh.root().aabb().half_area_f64(), root)])
+    let growth = [growth(leaf_area, leaves), growth(bvh.root().aabb().half_area_f64(), root)];
+    scale(size(history.sizes, growth) * history.size_factor)
 }
 
 /// Half area of all leaves that move, as it was at first, times the growth that leaves and root have in common: that of
@@ -159,6 +186,16 @@ impl Sums {
     fn evenness(&self) -> f64 {
         let evenness = self.widths * self.widths / (self.count * (self.leaves + self.still_leaves));
         if evenness > 0.0 { evenness.min(1.0) } else { 1.0 }
+    }
+
+    /// Other primitives move than before: from now on the size of the scene grows as these do, and is what it was. So all
+    /// references hold, and a scene in which something falls asleep in each frame is judged like any other.
+    fn rebase(&self, history: &mut History, root: f64) {
+        let leaves = &mut history.leaves;
+        history.sizes = [self.leaves / (1.0 + leaves.growth), root, self.still_leaves];
+        history.size_factor = scale(history.size / size(history.sizes, [1.0; 2]));
+        history.has_other_moving = false;
+        (leaves.area, leaves.is_merged) = (self.leaves, self.is_merged);
     }
 
     fn add(&mut self, node: &Node) {

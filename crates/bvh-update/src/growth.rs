@@ -67,12 +67,15 @@ impl Growth {
     /// new, it starts anew as to what has been lost.
     pub(crate) fn end(&mut self, bvh: &Bvh, update: &Update) {
         (self.tree, self.is_open) = (Some(key(bvh)), true);
-        if update.rebuilt {
+        let is_regrown = matches!(update.decision, Decision::Regrow { .. });
+        // What the new top has taken away of the growth cannot be told from what other leaves have.
+        if update.rebuilt || is_regrown && self.has_other_leaves {
             (self.least, self.now, self.has_other_leaves) = (None, None, false);
-        } else {
+        }
+        if !update.rebuilt {
             self.before = None;
         }
-        if update.rebuilt || matches!(update.decision, Decision::Regrow { .. }) {
+        if update.rebuilt || is_regrown {
             self.regret = 0.0;
         }
     }
@@ -212,6 +215,10 @@ mod tests {
         update(&mut growth, &bvh, Decision::Regrow { subtrees: 7 }, 200);
         assert_eq!(growth.regret(), 0.0);
         assert!(near(lost(&growth, &bvh), part(1.5)));
+        // A new top and other leaves at once.
+        growth.leaves_changed();
+        update(&mut growth, &bvh, Decision::Regrow { subtrees: 7 }, 50);
+        assert_eq!((growth.least, lost(&growth, &bvh)), (Some(50.0), 0.0));
     }
 
     #[test]

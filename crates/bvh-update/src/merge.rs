@@ -91,6 +91,10 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     let standard = if merges {
         if (change.fewer as f64) < WORTH_WHILE * change.seen as f64 {
             leaves.turns = TURNS;
+            if !leaves.is_merged {
+                // It may have been too early.
+                (leaves.turns, leaves.calm, leaves.wait) = (0, 0, 2 * leaves.wait.clamp(CALM, u32::MAX / 4));
+            }
         }
         leaves.growth = part_of((1.0 + leaves.growth) * (tally.leaf_area / before.leaf_area) - 1.0);
         let standard = (tally.area + still_area) / (before.area + still_area);

@@ -147,7 +147,7 @@ pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
     // root and node 1, which none writes; and as every pair of a valid tree has one parent, and no root is below
     // another, tasks share no node that one of them writes. Where the tree is swept the tasks are the pieces of the arena
     // that `sweep::Pieces` cuts it into: whole subtrees of a linear tree, each in one place. A new top (`top.rs`) is
-    // written by tasks that read no node, each to pairs of its own: `rebuild_top` asserts that none is there twice.
+    // written by tasks that read no node, each to pairs of its own: `rebuild_top` makes sure that none is there twice.
     #[expect(unsafe_code, reason = "shares the arena between tasks")]
     unsafe {
         SharedNodes::new(nodes)

@@ -67,6 +67,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let tally = pass(bvh, primitives, options.rotate, scratch);
     let sum = tally.area + bvh.still_area();
     let scale = size_now(bvh, tally.leaf_area);
+    raw::parts(bvh).history.size = scale;
     if sum / scale <= bvh.history().reference * (1.0 + options.growth) {
         return Ok(tally.update(bvh));
     }
@@ -130,8 +131,8 @@ pub(crate) fn rebuild_all<P: Primitives + ?Sized>(
     let update = new_tree(bvh, primitives, builder, &options, scratch)?;
     let history = raw::parts(bvh).history;
     let is_soon = before.since_repair <= SOON;
-    history.rebuilds_in_a_row = if is_soon { before.rebuilds_in_a_row + 1 } else { 1 };
+    history.rebuilds_in_a_row = if is_soon { before.rebuilds_in_a_row.saturating_add(1) } else { 1 };
     history.rotation_pause = before.rotation_pause;
-    history.period = before.since_repair;
+    history.period = before.since_repair.max(1);
     Ok(Update { decision: Decision::Rebuild { builder }, ..update })
 }

@@ -67,10 +67,12 @@ pub(crate) fn settle<P: Primitives + ?Sized>(
         parts.chunks(GROUP).for_each(|group| view.look(group, plans));
     });
     let mut writer = Writer { nodes, spare: history.spare_pair, change: Change::default() };
+    if plans.iter().any(|plans| !plans.runs.is_empty()) {
+        history.layout = Layout::Other;
+    }
     let is_changed = plans.iter().map(|plans| writer.carry_out(plans)).fold(false, |any, is| any | is);
     if is_changed {
         top.iter().rev().for_each(|&n| writer.refit(n as usize));
-        history.layout = Layout::Other;
     }
     history.spare_pair = writer.spare;
     let more = writer.change.fewer / 2;

@@ -313,6 +313,14 @@ fn expect_measure(history: &mut History, strategy: &Strategy) {
         Strategy::Regrow(_) | Strategy::Auto(_) => Measure::Areas,
         Strategy::Leaves(_) => Measure::Leaves,
     };
+    if std::mem::take(&mut history.has_other_moving) {
+        match measure {
+            // `take_references` sees to it.
+            Measure::Areas | Measure::Divergence => history.has_other_moving = true,
+            Measure::Leaves => history.reference = 0.0,
+            _ => {}
+        }
+    }
     if history.measure != measure {
         let History { updates, background_job, spare_pair, spare_pair_count, layout, largest_leaf, .. } =
             *history;

@@ -81,12 +81,12 @@ pub(crate) fn rebuild_top<P: Primitives + ?Sized>(
     if after.all - opened.all + apart.change >= 0.0 {
         return Regrown::NOTHING;
     }
-    assert!(
-        top.nodes().len() == 2 * pairs.len() + 2,
-        "a tree over k subtrees has k - 1 pairs below the root"
-    );
-    // What tasks may write at the same time (`raw::share`).
-    assert!(pairs.first().is_none_or(|&pair| pair > 1) && pairs.is_sorted_by(|a, b| a < b), "each pair once");
+    // A tree over k subtrees has k - 1 pairs below the root, each its own, as tasks write to them (`raw::share`). They may
+    // be fewer in a tree that was given with inner boxes which do not hold what is in them.
+    let has_places = pairs.first().is_none_or(|&pair| pair > 1) && pairs.is_sorted_by(|a, b| a < b);
+    if !has_places || top.nodes().len() != 2 * pairs.len() + 2 {
+        return Regrown::TooMuch;
+    }
     let size = apart.size(bvh, leaf_area);
     let parts = raw::parts(bvh);
     let graft = Graft { nodes: raw::share(parts.nodes), measure, top, kept, pairs, size };
@@ -101,10 +101,12 @@ pub(crate) fn rebuild_top<P: Primitives + ?Sized>(
     *history = History {
         reference,
         measured: reference,
+        size,
         kept: kept.len() as u32,
         period: history.since_repair,
         regret: 0.0,
         since_repair: 0,
+        looks_in_vain: 0,
         rebuilds_in_a_row: 0,
         layout: Layout::Other,
         spare_pair: apart.spare,
