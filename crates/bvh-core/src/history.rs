@@ -26,6 +26,8 @@ pub struct History {
     pub is_beyond_repair: bool,
     /// How often a look for what is worth a repair has found nothing since.
     pub looks_in_vain: u32,
+    /// How many new trees were no better since.
+    pub trees_in_vain: u32,
     /// How many of the last repairs built the whole tree anew and could not wait, each soon after the one before.
     pub rebuilds_in_a_row: u32,
     /// Left node of the first of those pairs that are kept for later use, 0 if there is none. The left node of each is a

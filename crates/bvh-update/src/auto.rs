@@ -12,7 +12,7 @@
 //!   and once it exceeds the price of a repair, the tree is regrown (`regrow.rs`). So no schedule that knows the
 //!   future is more than about twice as good. What a repair costs is taken to be what the last one did. One that finds
 //!   nothing worth opening is tried again once twice as much has been lost, and then opens what pays for itself in twice as
-//!   many frames; in the end that is all of the tree.
+//!   many frames; until that would be a large part of the tree.
 //! * The same rule holds for what rays lose where the cost of the whole tree does not show it: where they visit more nodes
 //!   than in the tree when it was new, as far as new trees have brought that down before (`growth.rs`). Then the tree is
 //!   built anew, without a pass before.
@@ -29,7 +29,9 @@ use bvh_core::{Bvh, History, Primitives};
 
 use crate::block::Tally;
 use crate::clock::{Weights, Work};
-use crate::cut::{Regrown, excess, excess_by, good_area, over_good, reference, size_now, take_references};
+use crate::cut::{
+    Regrown, excess, excess_by, good_area, over_good, reference, size_now, sum_of, take_references,
+};
 use crate::merge::{see_to_leaves, were_set_apart};
 use crate::pass::{Scratch, pass};
 use crate::raw;
@@ -136,6 +138,8 @@ pub(crate) const GAIN_LASTS: f64 = 8.0;
 const FIT_SAVED: f64 = 0.2;
 /// A tree whose cost has fallen to this part of what it was when measured is of a scene that has gathered.
 const GATHERED: f64 = 0.5;
+/// Excess with which a tree is not beyond repair.
+const LITTLE: f64 = 0.05;
 /// Rotations are tried at one node in 2 to the power of this at least.
 const LONGEST_PAUSE: u32 = 3;
 /// After as many rebuilds in a row, further ones are made without a pass before; but for one in `LOOK_AGAIN`.
@@ -169,9 +173,9 @@ impl Standing {
     }
 }
 
-/// How many times as long as at first is waited for the next look, and for what is opened to pay for itself.
-fn patience(history: &History) -> f64 {
-    f64::from(1u32 << history.looks_in_vain.min(16))
+/// How many times as long as at first one waits after so many attempts in vain.
+fn doubled(attempts: u32) -> f64 {
+    f64::from(1u32 << attempts.min(16))
 }
 
 /// What time is expected to be lost and saved.
@@ -229,7 +233,7 @@ impl Model {
     /// The excess above which opening a subtree pays for itself once: what its rebuild costs must come back in as many
     /// frames as have passed since the last repair, or in longer where looks have been in vain.
     fn threshold(self, history: &History) -> f64 {
-        let frames = f64::from(history.since_repair.clamp(1, 8)) * patience(history);
+        let frames = f64::from(history.since_repair.clamp(1, 8)) * doubled(history.looks_in_vain);
         self.weights.graft_subtree / (self.rays.max(1) as f64 * self.weights.ray * self.slope * frames)
     }
 
@@ -237,7 +241,7 @@ impl Model {
     /// in vain twice as much as before.
     fn price_of_repair(self, history: &History, nodes: f64, primitives: f64) -> f64 {
         let cut = if history.kept > 0 { f64::from(history.kept) } else { SMALL_CUT * primitives };
-        (nodes * self.weights.cut_node + cut * self.weights.graft_subtree) * patience(history)
+        (nodes * self.weights.cut_node + cut * self.weights.graft_subtree) * doubled(history.looks_in_vain)
     }
 
     /// Who builds a new tree of so many primitives that will serve for so many frames, and for how much.
@@ -266,24 +270,32 @@ fn new_tree<P: Primitives + ?Sized>(
     Ok(update)
 }
 
-/// Builds a new tree and keeps it if it is better than the one that there is, which has been fitted and stands so. Where
-/// time was lost to what no repair finds, that may be the tree's fault or that of the motion.
+/// Builds a new tree and keeps it if it is better than the one that there is, which a pass has fitted. That time was lost
+/// may be the motion's fault.
 fn better_tree<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     builder: Builder,
     model: Model,
-    standing: &Standing,
+    tally: &Tally,
     scratch: &mut Scratch,
-) -> Result<Option<Update>, UpdateError> {
+) -> Result<Update, UpdateError> {
+    let standing = Standing::of(bvh, tally);
     let old = bvh.clone();
     let update = build_anew(bvh, primitives, builder, scratch)?;
-    if excess_by(old.history(), bvh) < standing.excess {
+    if sum_of(bvh) < standing.sum {
         has_new_tree(bvh, old.history(), builder, model, scratch);
-        return Ok(Some(update));
+        return Ok(update);
     }
     *bvh = old;
-    // This is as good as the tree gets.
+    is_as_good_as_it_gets(bvh, &standing, scratch);
+    let history = raw::parts(bvh).history;
+    history.trees_in_vain = history.trees_in_vain.saturating_add(1);
+    Ok(Update { decision: Decision::Kept { builder }, ..tally.update(bvh) })
+}
+
+/// From now on the tree is held to what it is.
+fn is_as_good_as_it_gets(bvh: &mut Bvh, standing: &Standing, scratch: &mut Scratch) {
     let reference = reference(standing.sum, standing.size);
     let history = raw::parts(bvh).history;
     *history = History {
@@ -296,7 +308,6 @@ fn better_tree<P: Primitives + ?Sized>(
     };
     scratch.clock.excess = 0.0;
     scratch.clock.slope.repaired();
-    Ok(None)
 }
 
 fn build_anew<P: Primitives + ?Sized>(
@@ -423,8 +434,11 @@ fn choose<P: Primitives + ?Sized>(
     if history.is_due {
         return Ok(refitted(bvh));
     }
-    // What was out of place is back.
-    history.is_beyond_repair &= found.excess > 0.0;
+    if history.is_beyond_repair && found.excess < LITTLE {
+        // What was out of place is back, or there is not much of it anywhere.
+        (history.is_beyond_repair, history.regret) = (false, 0.0);
+        history.looks_in_vain = history.looks_in_vain.saturating_add(1);
+    }
     history.regret += model.lost(found.excess);
     if decision == Decision::Split {
         // One thing at a time: frames are to be alike.
@@ -434,25 +448,18 @@ fn choose<P: Primitives + ?Sized>(
     // This update has had its pass. A new tree can wait for the next, unless a frame with this one costs more than that.
     let is_urgent = model.lost(standing.excess) > price_of_new;
     let is_new = history.rebuilds_in_a_row > 0 && history.since_repair <= SOON;
-    if (history.is_hasty || history.is_beyond_repair) && !(is_new && is_time_to_look) {
-        if is_urgent {
-            return new_tree(bvh, primitives, builder, model, scratch);
-        }
-        let frames = if history.is_hasty { u32::MAX } else { history.since_repair };
-        let (builder, price_of_new) = model.builder(found.primitives, frames);
-        if history.regret <= price_of_new {
-            return Ok(refitted(bvh));
-        }
-        if history.is_hasty {
-            history.is_due = true;
-            return Ok(refitted(bvh));
-        }
-        let update = better_tree(bvh, primitives, builder, model, &standing, scratch)?;
-        return Ok(
-            update.unwrap_or_else(|| Update { decision: Decision::Kept { builder }, ..tally.update(bvh) })
-        );
+    let is_looked_at = is_new && is_time_to_look;
+    if (history.is_hasty || history.is_beyond_repair) && !is_looked_at && is_urgent {
+        return better_tree(bvh, primitives, builder, model, &tally, scratch);
     }
-    if history.regret <= price {
+    if history.is_hasty && !is_looked_at {
+        history.is_due = history.regret > model.builder(found.primitives, u32::MAX).1;
+        return Ok(refitted(bvh));
+    }
+    let (lasting, price_of_lasting) = model.builder(found.primitives, history.since_repair);
+    let price_of_lasting = price_of_lasting * doubled(history.trees_in_vain);
+    let is_hopeless = history.is_beyond_repair && !is_looked_at;
+    if history.regret <= if is_hopeless { price.max(price_of_lasting) } else { price } {
         return Ok(refitted(bvh));
     }
     // Where a new tree is bad again at once, little of it is worth keeping.
@@ -484,10 +491,19 @@ fn choose<P: Primitives + ?Sized>(
             let decision = Decision::Regrow { subtrees };
             Ok(Update { decision, sah_cost: None, ..refitted(bvh) })
         }
-        Regrown::TooMuch if is_urgent => new_tree(bvh, primitives, builder, model, scratch),
-        Regrown::TooMuch => {
-            raw::parts(bvh).history.is_beyond_repair = true;
+        Regrown::TooMuch if is_urgent => better_tree(bvh, primitives, builder, model, &tally, scratch),
+        Regrown::TooMuch if bvh.history().looks_in_vain > 0 => {
+            // What there still is to gain lies in very many subtrees, so small that rotations see to them.
+            is_as_good_as_it_gets(bvh, &standing, scratch);
             Ok(refitted(bvh))
+        }
+        Regrown::TooMuch => {
+            let history = raw::parts(bvh).history;
+            history.is_beyond_repair = true;
+            if history.regret <= price_of_lasting {
+                return Ok(refitted(bvh));
+            }
+            better_tree(bvh, primitives, lasting, model, &tally, scratch)
         }
     }
 }

@@ -106,6 +106,7 @@ pub(crate) fn take_references_of(bvh: &mut Bvh, measure: impl NodeMeasure) {
         since_repair: 0,
         is_beyond_repair: false,
         looks_in_vain: 0,
+        trees_in_vain: 0,
         leaves: LeafHistory {
             is_merged: sums.is_merged,
             was_merged: sums.is_merged,
@@ -121,6 +122,13 @@ pub(crate) fn excess_by(before: &History, bvh: &Bvh) -> f64 {
     let mut sums = Sums::default();
     bvh.visit(|_, node, _| sums.add(node));
     excess(before, sums.all, size_since(before, sums.leaves, bvh))
+}
+
+/// The sum of half areas times weights. O(n).
+pub(crate) fn sum_of(bvh: &Bvh) -> f64 {
+    let mut sums = Sums::default();
+    bvh.visit(|_, node, _| sums.add(node));
+    sums.all
 }
 
 /// What this sum of areas, in a scene of this size, is above that of a good tree; in units of that.

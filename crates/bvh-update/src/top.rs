@@ -107,6 +107,8 @@ pub(crate) fn rebuild_top<P: Primitives + ?Sized>(
         regret: 0.0,
         since_repair: 0,
         looks_in_vain: 0,
+        trees_in_vain: 0,
+        is_beyond_repair: false,
         rebuilds_in_a_row: 0,
         layout: Layout::Other,
         spare_pair: apart.spare,

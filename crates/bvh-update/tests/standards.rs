@@ -54,32 +54,106 @@ fn bodies_that_fall_asleep_in_each_frame_hide_no_damage() {
     }
 }
 
+fn auto(rays: u64) -> Strategy {
+    Strategy::Auto(Auto { rays, clock: false })
+}
+
 #[test]
-fn damage_below_many_small_nodes_is_mended_once_it_has_cost_enough() {
+fn what_pays_in_the_long_run_is_mended_after_a_few_looks_in_vain() {
     // Within each of many cells everything changes places once; what is above the cells is as good as before.
-    let cell = |i: usize| Vec3::new((i / 20 % 20) as f32, (i / 400) as f32, 0.0) * 30.0;
     let boxes = |shift: usize| -> Vec<Aabb> {
+        let cell = |i: usize| Vec3::new((i / 20 % 20) as f32, (i / 400) as f32, 0.0) * 30.0;
         let corner = |i: usize| cell(i) + noise(i + shift) * Vec3::new(18.0, 18.0, 4.0);
         (0..N).map(corner).map(|corner| Aabb::new(corner, corner + 0.3)).collect()
     };
     let (before, after) = (boxes(0), boxes(N));
-    for rays in (8..22).map(|bits| 1u64 << bits) {
-        let (mut bvh, mut scratch) = (tree(&before), Scratch::new());
-        let auto = Strategy::Auto(Auto { rays, clock: false });
-        let mut decisions = String::new();
-        let mut costs = vec![];
-        for step in 0..4000 {
-            let told = update(&mut bvh, &after, &auto, &mut scratch).expect("same count");
-            if matches!(told.decision, Decision::Regrow { .. }) {
-                decisions += &format!(" r{step}");
-            }
-            if told.rebuilt {
-                decisions += &format!(" N{step}");
-            }
-            if step % 500 == 9 {
-                costs.push(over_fresh(&bvh, &after));
+    let (mut bvh, mut scratch) = (tree(&before), Scratch::new());
+    let (mut looks, mut repairs) = (Vec::new(), Vec::new());
+    for step in 0..2000 {
+        let in_vain = bvh.history().looks_in_vain;
+        let told = update(&mut bvh, &after, &auto(1 << 13), &mut scratch).expect("same count");
+        if bvh.history().looks_in_vain > in_vain {
+            looks.push(step);
+        }
+        if matches!(told.decision, Decision::Regrow { .. }) {
+            repairs.push(step);
+        }
+    }
+    // The longer it lasts the more it pays to open, and the longer one waits for the next look.
+    let waits: Vec<usize> = looks.windows(2).map(|looks| looks[1] - looks[0]).collect();
+    assert!(
+        repairs.len() == 2 && looks.iter().any(|look| (repairs[0]..repairs[1]).contains(look)),
+        "{repairs:?}"
+    );
+    assert!((3..10).contains(&looks.len()) && waits.last() > Some(&100), "{looks:?}");
+    assert!(over_fresh(&bvh, &after) < 1.01);
+}
+
+/// A regular sheet in which everything moves a little, each on its own way, and no further.
+fn shaken(step: usize) -> Vec<Aabb> {
+    let time = step.min(30) as f32 / 30.0;
+    let place = |i: usize| Vec3::new((i % 64) as f32, (i / 64) as f32, 0.0) + noise(i) * 2.5 * time;
+    (0..N).map(place).map(|corner| Aabb::new(corner, corner + 0.8)).collect()
+}
+
+#[test]
+fn a_new_tree_is_kept_only_if_it_is_better_and_tried_ever_more_rarely_if_it_is_not() {
+    let mut kept = Vec::new();
+    for rays in [1 << 16, 1 << 17, 1 << 18] {
+        let (mut bvh, mut scratch) = (tree(&shaken(0)), Scratch::new());
+        for step in 1..300 {
+            let (boxes, mut fitted) = (shaken(step), bvh.clone());
+            let told = update(&mut bvh, &boxes, &auto(rays), &mut scratch).expect("same count");
+            bvh.validate(&boxes).expect("valid");
+            assert!(over_fresh(&bvh, &boxes) < 1.25, "{step}");
+            match told.decision {
+                Decision::Kept { builder } => {
+                    assert!(!told.rebuilt && told.sah_cost.is_some());
+                    let new = bvh_build::build(&boxes, builder, &BuildOptions::default(), None);
+                    assert!(sah_cost(&bvh) <= sah_cost(&new.expect("built")), "{step}");
+                    kept.push(step);
+                }
+                Decision::Rebuild { .. } => {
+                    update(&mut fitted, &boxes, &Strategy::Refit, &mut Scratch::new()).expect("same count");
+                    assert!(sah_cost(&bvh) < sah_cost(&fitted), "{step}");
+                }
+                _ => {}
             }
         }
-        eprintln!("{rays} {decisions} {costs:.2?} {:?}", bvh.history().looks_in_vain);
+    }
+    assert!((3..15).contains(&kept.len()) && kept.iter().all(|&step| step < 50), "{kept:?}");
+}
+
+#[test]
+fn a_tree_is_not_beyond_repair_for_ever() {
+    let scattered: Vec<Aabb> = (0..N).map(|i| noise(i) * 100.0).map(|p| Aabb::new(p, p + 0.8)).collect();
+    let (mut bvh, mut scratch) = (tree(&burst(0.0)), Scratch::new());
+    let mut play = |boxes: &[Aabb]| {
+        update(&mut bvh, boxes, &auto(32), &mut scratch).expect("same count");
+        (bvh.history().is_beyond_repair, over_fresh(&bvh, boxes))
+    };
+    play(&burst(0.0));
+    assert!(play(&scattered).0);
+    // Everything is back in its place, but rotations have left something behind.
+    let after: Vec<_> = (0..2000).map(|_| play(&burst(0.0))).collect();
+    assert!(after[0].0 && !after[1999].0 && after[1999].1 < 1.1, "{:?}, {:?}", after[0], after[1999]);
+}
+
+#[test]
+fn what_is_beyond_numbers_is_lived_with_and_leaves_no_trace() {
+    for rays in [0, 1 << 20, u64::MAX] {
+        let (mut bvh, mut scratch) = (tree(&burst(0.0)), Scratch::new());
+        for step in 0..40 {
+            let mut boxes = burst(0.0);
+            if (3..6).contains(&step) {
+                boxes[7] = Aabb::new(Vec3::splat(-1e30), Vec3::splat(1e30));
+            }
+            update(&mut bvh, &boxes, &auto(rays), &mut scratch).expect("same count");
+            let history = bvh.history();
+            let numbers =
+                [history.regret, history.reference, history.size, history.leaves.regret, history.leaves.area];
+            assert!(numbers.iter().all(|n| !n.is_nan()), "{step}: {history:?}");
+        }
+        assert!(over_fresh(&bvh, &burst(0.0)) < 1.1);
     }
 }
