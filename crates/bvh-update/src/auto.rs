@@ -22,17 +22,15 @@
 //!   what was scattered then has gathered, and that is no standard any more. It is built by PLOC where the better tree
 //!   pays for it in one frame; else in haste, by LBVH, and then it counts as a tree with excess from the start.
 
-use std::fmt;
-
 use bvh_build::Builder;
 use bvh_core::{Bvh, History, Primitives};
 
 use crate::block::Tally;
 use crate::clock::{Weights, Work};
-use crate::cut::{
-    Regrown, excess, excess_by, good_area, over_good, reference, size_now, sum_of, take_references,
-};
+use crate::cut::{Regrown, excess, excess_by, good_area, over_good, reference, sum_of, take_references};
+use crate::decision::Decision;
 use crate::merge::{see_to_leaves, were_set_apart};
+use crate::model::{Found, GAIN_LASTS, HASTY, Model, Standing, doubled};
 use crate::pass::{Scratch, pass};
 use crate::raw;
 use crate::regrow::{LARGEST_CUT, SOON, rebuild_all, regrow};
@@ -56,205 +54,16 @@ impl Default for Auto {
     }
 }
 
-/// What an update decided to do about the tree.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[non_exhaustive]
-pub enum Decision {
-    /// What the strategy does every time.
-    #[default]
-    AsAlways,
-    /// Refitted; rotations were tried at one in this many nodes.
-    Refit {
-        /// One in so many.
-        one_in: u32,
-    },
-    /// The same, and leaves were merged.
-    Merge {
-        /// In one small subtree in so many.
-        one_in: u32,
-    },
-    /// The same, and leaves were split.
-    Split,
-    /// The same, and the tree was built anew above subtrees that are still good.
-    Regrow {
-        /// How many of them there are.
-        subtrees: usize,
-    },
-    /// The whole tree was built anew: too little of it was good, or rays visited ever more nodes.
-    Rebuild {
-        /// By whom.
-        builder: Builder,
-    },
-    /// Refitted; a new tree was built, too, which was no better.
-    Kept {
-        /// By whom.
-        builder: Builder,
-    },
-    /// A tree from the background took the place of this one.
-    Swap,
-}
-
-impl fmt::Display for Decision {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::AsAlways => f.write_str("as always"),
-            Self::Refit { one_in: 1 } => f.write_str("refit, rotations at every node"),
-            Self::Refit { one_in } => write!(f, "refit, rotations at one node in {one_in}: they save little"),
-            Self::Merge { one_in } => {
-                write!(f, "refit, leaves merged in one subtree in {one_in}: what is in them stays together")
-            }
-            Self::Split => f.write_str("refit, leaves split: what is in them came apart"),
-            Self::Regrow { subtrees } => {
-                write!(f, "regrown above {subtrees} subtrees: lost time exceeded the price of it")
-            }
-            Self::Kept { builder } => {
-                write!(f, "refit: a tree built anew by {} was no better than this one", builder.name())
-            }
-            Self::Swap => f.write_str("a tree built in the background took over"),
-            Self::Rebuild { builder } => {
-                write!(
-                    f,
-                    "built anew by {}: too little of the tree was good, or rays had lost too much",
-                    builder.name()
-                )
-            }
-        }
-    }
-}
-
-/// Who builds in haste.
-const HASTY: Builder = Builder::Lbvh;
-/// How many more nodes rays visit in a tree built so, as a part.
-const HASTY_WORK: f64 = 0.1;
-
-/// What a cut is expected to be, as part of the primitives, before there was one.
-const SMALL_CUT: f64 = 0.02;
 /// How often opening a subtree is to pay for itself. Those that do so but once hardly matter to the mean, and make up much
 /// of the longest updates. With 4 rays visit 3 % more nodes on the lion and 3 % on the dragon, and leaves must be split.
 const PAYS_BACK: f64 = 2.0;
-/// For how many frames the gain of a rotation, or of leaves that were split, is taken to last at most.
-pub(crate) const GAIN_LASTS: f64 = 8.0;
-/// What fitting takes less for a leaf that was merged, and the node above it: primitives are looked at as before.
-const FIT_SAVED: f64 = 0.2;
 /// A tree whose cost has fallen to this part of what it was when measured is of a scene that has gathered.
 const GATHERED: f64 = 0.5;
 /// Excess with which a tree is not beyond repair.
 const LITTLE: f64 = 0.05;
-/// Rotations are tried at one node in 2 to the power of this at least.
-const LONGEST_PAUSE: u32 = 3;
 /// After as many rebuilds in a row, further ones are made without a pass before; but for one in `LOOK_AGAIN`.
 const IN_A_ROW: u32 = 2;
 const LOOK_AGAIN: u32 = 16;
-
-/// What a pass has found, for the choices after it. Costs are parts of the SAH cost of the tree when it was good.
-struct Found {
-    primitives: f64,
-    /// Nodes visited.
-    nodes: f64,
-    /// What the rotations of this pass have saved.
-    gain: f64,
-    /// What there is above the cost after the last repair.
-    excess: f64,
-}
-
-/// How good a tree is after a pass.
-struct Standing {
-    size: f64,
-    /// Sum of half areas times weights.
-    sum: f64,
-    /// What that is above the sum of a tree as good as this was when it was good, in units of that.
-    excess: f64,
-}
-
-impl Standing {
-    fn of(bvh: &Bvh, tally: &Tally) -> Self {
-        let (size, sum) = (size_now(bvh, tally.leaf_area), tally.area + bvh.still_area());
-        Self { size, sum, excess: excess(bvh.history(), sum, size) }
-    }
-}
-
-/// How many times as long as at first one waits after so many attempts in vain.
-fn doubled(attempts: u32) -> f64 {
-    f64::from(1u32 << attempts.min(16))
-}
-
-/// What time is expected to be lost and saved.
-#[derive(Clone, Copy)]
-pub(crate) struct Model {
-    rays: u64,
-    pub(crate) weights: Weights,
-    /// By what part rays take longer in a tree of twice the cost.
-    slope: f64,
-}
-
-impl Model {
-    /// Time that the rays take longer for this much excess.
-    pub(crate) fn lost(self, excess: f64) -> f64 {
-        // Beyond numbers nothing is known.
-        if excess.is_finite() {
-            self.rays as f64 * self.weights.ray * self.slope * excess.max(0.0)
-        } else {
-            0.0
-        }
-    }
-
-    /// Time saved in each update by rays that take less by this part, and so many fewer nodes.
-    pub(crate) fn saved(self, rays: f64, nodes: f64, one_in: u32) -> f64 {
-        let Weights { ray, fit_node, rotate_node, .. } = self.weights;
-        self.rays as f64 * ray * rays + nodes * (FIT_SAVED * fit_node + rotate_node / f64::from(one_in))
-    }
-
-    /// What there is above the cost after the last repair.
-    fn excess(self, standing: &Standing, history: &History) -> f64 {
-        let hasty = if history.is_hasty { self.hasty_excess() } else { 0.0 };
-        standing.excess + hasty
-    }
-
-    /// The excess of a tree built in haste.
-    fn hasty_excess(self) -> f64 {
-        HASTY_WORK / self.slope
-    }
-
-    /// Chooses how often to try rotations from now on, by what they have saved.
-    fn choose_pause(self, history: &mut History, found: &Found) {
-        // What a rotation gains is lost again in the next repair, on average half a period from here.
-        let period = history.period.max(history.since_repair);
-        let lasts = if history.period > 0 { (f64::from(period) - 1.0) / 2.0 } else { GAIN_LASTS };
-        let saved = self.lost(found.gain) * lasts.min(GAIN_LASTS);
-        let tried = found.nodes * self.weights.rotate_node / f64::from(1u32 << history.rotation_pause);
-        // More to come back than to go: no swinging to and fro.
-        if saved < tried && history.rotation_pause < LONGEST_PAUSE {
-            history.rotation_pause += 1;
-        } else if saved > 4.0 * tried && history.rotation_pause > 0 {
-            history.rotation_pause -= 1;
-        }
-    }
-
-    /// The excess above which opening a subtree pays for itself once: what its rebuild costs must come back in as many
-    /// frames as have passed since the last repair, or in longer where looks have been in vain.
-    fn threshold(self, history: &History) -> f64 {
-        let frames = f64::from(history.since_repair.clamp(1, 8)) * doubled(history.looks_in_vain);
-        self.weights.graft_subtree / (self.rays.max(1) as f64 * self.weights.ray * self.slope * frames)
-    }
-
-    /// What is to be lost until the next repair: what that is expected to cost, as much as the last one; and after each look
-    /// in vain twice as much as before.
-    fn price_of_repair(self, history: &History, nodes: f64, primitives: f64) -> f64 {
-        let cut = if history.kept > 0 { f64::from(history.kept) } else { SMALL_CUT * primitives };
-        (nodes * self.weights.cut_node + cut * self.weights.graft_subtree) * doubled(history.looks_in_vain)
-    }
-
-    /// Who builds a new tree of so many primitives that will serve for so many frames, and for how much.
-    fn builder(self, primitives: f64, frames: u32) -> (Builder, f64) {
-        let Weights { rebuild_primitive, hasty_primitive, .. } = self.weights;
-        let worse = self.lost(self.hasty_excess()) * f64::from(frames);
-        if worse < primitives * (rebuild_primitive - hasty_primitive) {
-            (HASTY, primitives * hasty_primitive)
-        } else {
-            (Builder::Ploc, primitives * rebuild_primitive)
-        }
-    }
-}
 
 /// Builds a new tree.
 fn new_tree<P: Primitives + ?Sized>(

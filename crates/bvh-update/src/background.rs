@@ -12,7 +12,7 @@ use bvh_build::{BuildScratch, Builder, rebuild};
 use bvh_core::{Aabb, Bvh, History, Parts, Primitives};
 use rayon::prelude::*;
 
-use crate::auto::Decision;
+use crate::decision::Decision;
 use crate::pass::{Scratch, pass};
 use crate::raw;
 use crate::strategy::{Rotate, Update, UpdateError, note_moving, options_like};

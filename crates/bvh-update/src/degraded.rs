@@ -7,7 +7,7 @@
 use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
-use crate::auto::Decision;
+use crate::decision::Decision;
 use crate::pass::{Scratch, pass};
 use crate::raw;
 use crate::strategy::{Rotate, Update, UpdateError, new_tree, options_like};

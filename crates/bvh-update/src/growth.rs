@@ -7,7 +7,7 @@
 
 use bvh_core::Bvh;
 
-use crate::auto::Decision;
+use crate::decision::Decision;
 use crate::strategy::Update;
 
 /// Growth that is not more than motion makes in any case: it counts for nothing, and new trees tell nothing of it.

@@ -13,10 +13,11 @@
 use bvh_core::{Bvh, History, LeafHistory, Primitives};
 
 use crate::apart::Apart;
-use crate::auto::{Decision, GAIN_LASTS, Model};
 use crate::best::LONGEST;
 use crate::block::Tally;
 use crate::cut::size_now;
+use crate::decision::Decision;
+use crate::model::{GAIN_LASTS, Model};
 use crate::raw;
 use crate::settle::{SettleScratch, settle};
 use crate::strategy::{Rotate, Turn, options_like};

@@ -3,9 +3,9 @@
 use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
-use crate::auto::Decision;
 use crate::block::Tally;
 use crate::cut::{Regrown, area, reference, size_now, take_references, take_references_of};
+use crate::decision::Decision;
 use crate::divergent::{self, divergence};
 use crate::pass::{Scratch, pass};
 use crate::strategy::{Rotate, Update, UpdateError, new_tree, options_like};

@@ -7,9 +7,10 @@ use bvh_build::{BuildError, BuildOptions, Builder, Reinsert, rebuild, reinsert};
 use bvh_core::{Bvh, History, Measure, Node, Primitives, sah_cost};
 use thiserror::Error;
 
-use crate::auto::{self, Auto, Decision};
+use crate::auto::{self, Auto};
 use crate::background::{self, Background};
 use crate::block::{LISTED, Tally};
+use crate::decision::Decision;
 use crate::degraded::{self, Degraded};
 use crate::leaves::{self, Leaves};
 use crate::pass::{Scratch, pass};

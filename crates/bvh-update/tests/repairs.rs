@@ -551,3 +551,18 @@ fn trees_from_the_background_move_as_was_said_last() {
     }
     assert!(swaps > 2, "only {swaps} trees took over");
 }
+
+#[test]
+fn every_worker_of_the_pool_that_builds_in_the_background_can_drop_its_memory() {
+    let boxes: Vec<_> = (0..20_000).map(|i| noise(i) * 50.0).map(|p| Aabb::new(p, p + 0.8)).collect();
+    let strategy = Strategy::Background(Background { rotate: None, builder: Builder::BinnedParallel });
+    let start = tree(&boxes, Builder::Lbvh);
+    // All of them at a time, so that no one is left to build.
+    rayon::broadcast(|_| {
+        for _ in 0..4 {
+            let (mut bvh, mut scratch) = (start.clone(), Scratch::new());
+            update(&mut bvh, &boxes, &strategy, &mut scratch).expect("same count");
+            drop(scratch);
+        }
+    });
+}
