@@ -286,6 +286,17 @@ impl BuildScratch {
         Self::default()
     }
 
+    /// Makes room for builds by [`Builder::Binned`] and [`Builder::BinnedParallel`] over up to so many primitives. Such room
+    /// is address space, until it is written to.
+    ///
+    /// # Panics
+    /// If it would take more than `isize::MAX` bytes.
+    pub fn reserve(&mut self, primitives: usize) {
+        for items in [&mut self.items, &mut self.spare] {
+            items.reserve_exact(primitives.saturating_sub(items.len()));
+        }
+    }
+
     /// How many primitives of the last build had an empty box.
     #[must_use]
     pub fn dropped(&self) -> usize {

@@ -283,6 +283,16 @@ impl Bvh {
         size_of_val(self.nodes()) + size_of_val(self.order())
     }
 
+    /// Makes room for trees over up to so many primitives, so that to build one of them in this place allocates nothing.
+    /// Such room is address space, until it is written to.
+    ///
+    /// # Panics
+    /// If it would take more than `isize::MAX` bytes.
+    pub fn reserve(&mut self, primitives: usize) {
+        self.pairs.reserve_exact(primitives.saturating_sub(self.pairs.len()));
+        self.order.reserve_exact(primitives.saturating_sub(self.order.len()));
+    }
+
     /// Calls `f` with the number, the node and the depth of every node, parents first, left before right. O(n).
     pub fn visit(&self, mut f: impl FnMut(usize, &Node, u32)) {
         let nodes = self.nodes();

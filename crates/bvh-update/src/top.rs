@@ -7,6 +7,7 @@ use bvh_build::{BuildOptions, Builder, rebuild};
 use bvh_core::{Bvh, History, Layout, LeafHistory, MAX_HEIGHT, Node, Primitives};
 
 use crate::apart::keep;
+use crate::best::LONGEST;
 use crate::cut::{CutScratch, NodeMeasure, Regrown, reference};
 use crate::pass::Scratch;
 use crate::raw::{self, SharedNodes};
@@ -60,6 +61,9 @@ pub(crate) fn rebuild_top<P: Primitives + ?Sized>(
     scratch: &mut Scratch,
     judge: impl FnOnce(&NewTop) -> f64,
 ) -> Regrown {
+    if (1..=most).contains(&scratch.cut.cut.len()) {
+        reserve(most, scratch);
+    }
     let apart = keep(bvh, primitives, most, &mut scratch.cut);
     let Scratch { cut: CutScratch { boxes, kept, cut, pairs, opened, top, .. }, build, .. } = scratch;
     if cut.len().max(kept.len()) > most {
@@ -119,6 +123,21 @@ pub(crate) fn rebuild_top<P: Primitives + ?Sized>(
     Regrown::Top { subtrees: kept.len(), change, apart }
 }
 
+/// Makes room for the largest top at once: memory that grows with a burst is moved, and asked for anew, in the very updates
+/// that take longest as it is.
+fn reserve(most: usize, scratch: &mut Scratch) {
+    let Scratch { cut: CutScratch { boxes, kept, cut, pairs, top, .. }, build, .. } = scratch;
+    // One merged leaf more than there should be may have been set apart.
+    let most = most + LONGEST;
+    kept.reserve_exact(most.saturating_sub(kept.len()));
+    boxes.reserve_exact(most.saturating_sub(boxes.len()));
+    for slots in [cut, pairs] {
+        slots.reserve_exact(most.saturating_sub(slots.len()));
+    }
+    top.reserve(most);
+    build.reserve(most);
+}
+
 /// A new top, to be written to the place of the old one.
 struct Graft<'a, M> {
     nodes: SharedNodes<'a>,
@@ -165,5 +184,40 @@ impl<M: NodeMeasure> Graft<'_, M> {
         let mut areas = l.areas.and(r.areas);
         areas.add(&root);
         Grafted { root, areas, references: l.references + r.references + f64::from(root.reference()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bvh_build::build;
+    use bvh_core::{Aabb, Vec3};
+
+    use super::*;
+    use crate::{Decision, Regrow, Strategy, update};
+
+    #[test]
+    fn tops_that_grow_with_a_burst_stay_where_they_are_in_memory() {
+        // A sheet, of which ever more is scattered.
+        let boxes = |scattered: usize| -> Vec<Aabb> {
+            let corner = |i: usize| {
+                let z = if i.wrapping_mul(7919) % 10_000 < scattered { (i % 89) as f32 + 9.0 } else { 0.0 };
+                Vec3::new((i % 100) as f32, (i / 100) as f32, z)
+            };
+            (0..10_000).map(corner).map(|corner| Aabb::new(corner, corner + 1.1)).collect()
+        };
+        let mut bvh = build(&boxes(0), Builder::Sweep, &BuildOptions::default(), None).expect("few");
+        let (mut scratch, mut kept, mut memory) = (Scratch::new(), Vec::new(), Vec::new());
+        for step in 0..10 {
+            let strategy = Strategy::Regrow(Regrow { rotate: None, ..Regrow::default() });
+            let told = update(&mut bvh, &boxes(1 << step), &strategy, &mut scratch).expect("same count");
+            if let Decision::Regrow { subtrees } = told.decision {
+                let CutScratch { boxes, kept: nodes, top, .. } = &scratch.cut;
+                kept.push(subtrees);
+                memory.push((boxes.as_ptr(), nodes.as_ptr(), top.nodes().as_ptr(), scratch.build.bytes()));
+            }
+        }
+        assert!(kept.len() > 2 && kept[kept.len() - 1] > 2 * kept[0], "{kept:?}");
+        memory.dedup();
+        assert_eq!(memory.len(), 1, "{memory:?}");
     }
 }
