@@ -20,9 +20,9 @@ use crate::sweep::{self, Pieces, is_linear, sweep};
 const TOP_ROOTS: usize = 16;
 
 /// Memory that updates keep from frame to frame: well below 1 MiB a thread, whatever the size of the tree; what rebuilds
-/// and repairs take, if any are made; and up to as much as the tree where leaves are split and merged. It has no influence on results,
-/// but for [`Auto`](crate::Auto), which keeps here what it has learned from [`visited`](Self::visited) and from the clock,
-/// and trees that are being built in the background.
+/// and repairs take, if any are made, where the first repair reserves address space for the largest; and up to as much as the
+/// tree where leaves are split and merged. It has no influence on results, but for [`Auto`](crate::Auto), which keeps here
+/// what it has learned from [`visited`](Self::visited) and from the clock, and trees that are being built in the background.
 pub struct Scratch {
     pub(crate) build: BuildScratch,
     pub(crate) cut: CutScratch,
