@@ -249,13 +249,13 @@ fn choose<P: Primitives + ?Sized>(
         history.looks_in_vain = history.looks_in_vain.saturating_add(1);
     }
     history.regret += model.lost(found.excess);
-    if decision == Decision::Split {
-        // One thing at a time: frames are to be alike.
-        return Ok(refitted(bvh));
-    }
     let (builder, price_of_new) = model.builder(found.primitives, 1);
     // This update has had its pass. A new tree can wait for the next, unless a frame with this one costs more than that.
     let is_urgent = model.lost(standing.excess) > price_of_new;
+    if decision == Decision::Split && !is_urgent {
+        // One thing at a time: frames are to be alike.
+        return Ok(refitted(bvh));
+    }
     let is_new = history.rebuilds_in_a_row > 0 && history.since_repair <= SOON;
     let is_looked_at = is_new && is_time_to_look;
     if (history.is_hasty || history.is_beyond_repair) && !is_looked_at && is_urgent {

@@ -157,3 +157,18 @@ fn what_is_beyond_numbers_is_lived_with_and_leaves_no_trace() {
         assert!(over_fresh(&bvh, &burst(0.0)) < 1.1);
     }
 }
+
+#[test]
+fn merged_leaves_that_are_to_be_split_do_not_put_off_a_new_tree() {
+    // Quadruplets that have been calm for long, so that they merge; then everything is elsewhere, alone.
+    let calm: Vec<Aabb> =
+        (0..N).map(|i| noise(i / 4) * 100.0 + noise(i) * 0.1).map(|p| Aabb::new(p, p + 0.8)).collect();
+    let elsewhere: Vec<Aabb> = (N..2 * N).map(|i| noise(i) * 100.0).map(|p| Aabb::new(p, p + 0.8)).collect();
+    let (mut bvh, mut scratch) = (tree(&calm), Scratch::new());
+    for _ in 0..40 {
+        update(&mut bvh, &calm, &auto(1 << 20), &mut scratch).expect("same count");
+    }
+    assert!(bvh.history().leaves.is_merged);
+    let told = update(&mut bvh, &elsewhere, &auto(1 << 20), &mut scratch).expect("same count");
+    assert!(over_fresh(&bvh, &elsewhere) < 1.3, "{}", told.decision);
+}
