@@ -1,0 +1,100 @@
+//! Trees after a few frames of every strategy that does not depend on time, as recorded fingerprints: a change of the
+//! pass that changes a bit of any tree fails here.
+//!
+//! After a change that is meant to change trees, print new ones: `PRINT=1 cargo test -p bvh-update --test fingerprints -- --nocapture`.
+
+use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::{Bvh, Primitives, SimdLevel, Triangles, Vec3};
+use bvh_update::{Scratch, Strategy, update};
+
+const SIDE: usize = 90;
+
+/// How a sheet of triangles moves.
+#[derive(Clone, Copy, Debug)]
+enum Motion {
+    /// Waves run through it.
+    Waves,
+    /// It tears into pieces that fly apart.
+    Pieces,
+    /// Waves, but only in a quarter of it.
+    Corner,
+    /// Waves, with a few vertices that are not finite now and then.
+    Holes,
+}
+
+fn positions(motion: Motion, frame: usize) -> Vec<Vec3> {
+    let t = frame as f32;
+    (0..SIDE * SIDE)
+        .map(|i| {
+            let (x, y) = ((i % SIDE) as f32, (i / SIDE) as f32);
+            let wave = Vec3::new(x, y, 6.0 * (0.21 * x + 0.4 * t).sin() * (0.17 * y - 0.3 * t).cos());
+            match motion {
+                Motion::Waves => wave,
+                Motion::Pieces => {
+                    let piece = (i % SIDE / 7 + 13 * (i / SIDE / 5)) as f32;
+                    wave + Vec3::new((piece * 1.7).sin(), (piece * 2.3).cos(), (piece * 3.1).sin()) * 4.0 * t
+                }
+                Motion::Corner if x > 45.0 || y > 45.0 => Vec3::new(x, y, 0.0),
+                Motion::Corner => wave,
+                Motion::Holes if (i + 31 * frame).is_multiple_of(911) => Vec3::new(x, f32::NAN, t),
+                Motion::Holes => wave,
+            }
+        })
+        .collect()
+}
+
+fn indices() -> Vec<[u32; 3]> {
+    let corners = (0..SIDE * (SIDE - 1)).filter(|i| i % SIDE < SIDE - 1).map(|i| i as u32);
+    let side = SIDE as u32;
+    corners.flat_map(|i| [[i, i + 1, i + side], [i + 1, i + side + 1, i + side]]).collect()
+}
+
+fn play(motion: Motion, strategy: &Strategy, leaf: u32, level: SimdLevel, threads: usize) -> u64 {
+    let indices = indices();
+    let options = BuildOptions { max_leaf_size: leaf, ..BuildOptions::default() };
+    let start = positions(motion, 0);
+    let triangles = Triangles { positions: &start, indices: &indices };
+    let mut bvh: Bvh = build(&triangles, Builder::BinnedParallel, &options, None).expect("few enough");
+    if matches!(motion, Motion::Corner) {
+        let moves = |p: usize| indices[p].iter().any(|&v| v as usize % SIDE < 46 && v as usize / SIDE < 46);
+        bvh.set_moving(moves);
+    }
+    let mut scratch = Scratch::with_level(level);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+    (1..8).fold(0, |sum: u64, frame| {
+        let now = positions(motion, frame);
+        let triangles = Triangles { positions: &now, indices: &indices };
+        assert_eq!(triangles.len(), bvh.len());
+        pool.install(|| update(&mut bvh, &triangles, strategy, &mut scratch)).expect("same count");
+        sum.rotate_left(9) ^ bvh.hash()
+    })
+}
+
+const RECORDED: &str = include_str!("fingerprints.txt");
+
+#[test]
+fn trees_have_their_recorded_bits() {
+    let mut lines = String::new();
+    for motion in [Motion::Waves, Motion::Pieces, Motion::Corner, Motion::Holes] {
+        for leaf in [1, 4] {
+            for strategy in Strategy::all() {
+                if matches!(strategy, Strategy::Background(_) | Strategy::Rebuild(..)) {
+                    continue;
+                }
+                let print = play(motion, &strategy, leaf, SimdLevel::best(), 1);
+                for (level, threads) in SimdLevel::available().map(|level| (level, 3)) {
+                    let same = play(motion, &strategy, leaf, level, threads);
+                    assert_eq!(same, print, "{motion:?} {leaf} {strategy} {level}, {threads} threads");
+                }
+                lines += &format!("{motion:?} {leaf} {strategy} {print:016x}\n");
+            }
+        }
+    }
+    if std::env::var_os("PRINT").is_some() {
+        print!("{lines}");
+    }
+    for (now, recorded) in lines.lines().zip(RECORDED.lines()) {
+        assert_eq!(now, recorded);
+    }
+    assert_eq!(lines.lines().count(), RECORDED.lines().count());
+}
