@@ -160,7 +160,7 @@ mod tests {
     use bvh_core::{Aabb, Vec3, sah_cost};
 
     use super::*;
-    use crate::pass::Scratch;
+    use crate::scratch::Scratch;
     use crate::{Decision, Leaves, Open, Regrow, Strategy, raw, update};
 
     /// So many that those that part are more than one task has to look at.

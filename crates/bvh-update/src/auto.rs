@@ -25,15 +25,16 @@
 use bvh_build::Builder;
 use bvh_core::{Bvh, History, Primitives};
 
-use crate::block::Tally;
 use crate::clock::{Weights, Work};
 use crate::cut::{Regrown, excess, excess_by, good_area, over_good, reference, sum_of, take_references};
 use crate::decision::Decision;
 use crate::merge::{see_to_leaves, were_set_apart};
 use crate::model::{Found, GAIN_LASTS, HASTY, Model, Standing, doubled};
-use crate::pass::{Scratch, pass};
-use crate::raw;
+use crate::refit::Tally;
+use crate::refit::pass;
+use crate::refit::shared as raw;
 use crate::regrow::{LARGEST_CUT, SOON, rebuild_all, regrow};
+use crate::scratch::Scratch;
 use crate::strategy::{Rotate, Update, UpdateError};
 
 /// Settings of [`Strategy::Auto`](crate::Strategy::Auto).

@@ -13,10 +13,11 @@ use bvh_core::{Aabb, Bvh, History, Parts, Primitives};
 use rayon::prelude::*;
 
 use crate::decision::Decision;
-use crate::pass::{Scratch, pass};
-use crate::raw;
+use crate::refit::linear::is_linear;
+use crate::refit::pass;
+use crate::refit::shared as raw;
+use crate::scratch::Scratch;
 use crate::strategy::{Rotate, Update, UpdateError, note_moving, options_like};
-use crate::sweep::is_linear;
 
 /// How trees are built in the background. One [`Scratch`] has one build under way, so each tree wants its own.
 #[derive(Clone, Copy, Debug, PartialEq)]

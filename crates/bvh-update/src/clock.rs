@@ -8,7 +8,7 @@ use std::fmt;
 use std::time::{Duration, Instant};
 
 use crate::growth::Growth;
-use crate::pass::Scratch;
+use crate::scratch::Scratch;
 use crate::slope::Slope;
 
 /// Times of one core, in nanoseconds; only their ratios matter, and those vary little between machines.

@@ -17,7 +17,7 @@
 use bvh_core::{Aabb, Bvh, History, LeafHistory, Node};
 
 use crate::apart::{Apart, Pieces};
-use crate::raw;
+use crate::refit::shared as raw;
 use crate::selective::Overlaps;
 use crate::top::InnerAreas;
 use crate::walk::WalkScratch;

@@ -8,8 +8,9 @@ use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
 use crate::decision::Decision;
-use crate::pass::{Scratch, pass};
-use crate::raw;
+use crate::refit::pass;
+use crate::refit::shared as raw;
+use crate::scratch::Scratch;
 use crate::strategy::{Rotate, Update, UpdateError, new_tree, options_like};
 
 /// When to build a new tree.

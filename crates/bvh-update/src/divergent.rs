@@ -32,7 +32,8 @@ mod tests {
     use bvh_core::{Aabb, Vec3, sah_cost};
 
     use crate::cut::{CutScratch, take_references_of};
-    use crate::pass::{Scratch, pass};
+    use crate::refit::pass;
+    use crate::scratch::Scratch;
     use crate::walk::open;
 
     use super::*;

@@ -28,10 +28,12 @@ use bvh_core::{Bvh, History, Primitives};
 
 use crate::best::LONGEST;
 use crate::cut::scale;
-use crate::pass::{Scratch, pass};
-use crate::raw;
+use crate::refit::RotationSchedule as Turn;
+use crate::refit::pass;
+use crate::refit::shared as raw;
+use crate::scratch::Scratch;
 use crate::settle::settle;
-use crate::strategy::{Rotate, Turn, Update, UpdateError};
+use crate::strategy::{Rotate, Update, UpdateError};
 
 /// How leaves are split and merged: subtrees of a few primitives that are neighbours in the tree's order, as they were
 /// built, become the cheapest tree with leaves of any size, by the SAH.

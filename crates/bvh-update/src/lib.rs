@@ -14,31 +14,24 @@
 
 mod apart;
 mod auto;
-#[cfg(target_arch = "x86_64")]
-mod avx2;
 mod background;
 mod best;
-mod block;
 mod clock;
 mod cut;
 mod decision;
 mod degraded;
 mod divergent;
 mod growth;
-mod kernels;
 mod leaves;
 mod merge;
 mod model;
-mod pass;
-pub mod plain;
-mod portable;
-mod raw;
+mod refit;
 mod regrow;
+mod scratch;
 mod selective;
 mod settle;
 mod slope;
 mod strategy;
-mod sweep;
 mod top;
 mod walk;
 
@@ -49,6 +42,7 @@ pub use clock::Calibration;
 pub use decision::Decision;
 pub use degraded::Degraded;
 pub use leaves::Leaves;
-pub use pass::Scratch;
+pub use refit::plain;
 pub use regrow::{Open, Regrow};
+pub use scratch::Scratch;
 pub use strategy::{Reinsertion, Rotate, Strategy, UnknownStrategy, Update, UpdateError, update};

@@ -14,13 +14,14 @@ use bvh_core::{Bvh, History, LeafHistory, Primitives};
 
 use crate::apart::Apart;
 use crate::best::LONGEST;
-use crate::block::Tally;
 use crate::cut::size_now;
 use crate::decision::Decision;
 use crate::model::{GAIN_LASTS, Model};
-use crate::raw;
+use crate::refit::RotationSchedule as Turn;
+use crate::refit::Tally;
+use crate::refit::shared as raw;
 use crate::settle::{SettleScratch, settle};
-use crate::strategy::{Rotate, Turn, options_like};
+use crate::strategy::{Rotate, options_like};
 
 /// In how many updates all leaves are merged.
 const TURNS: u32 = 8;

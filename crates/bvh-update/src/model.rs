@@ -3,9 +3,9 @@
 use bvh_build::Builder;
 use bvh_core::{Bvh, History};
 
-use crate::block::Tally;
 use crate::clock::Weights;
 use crate::cut::{excess, size_now};
+use crate::refit::Tally;
 
 /// Who builds in haste.
 pub(crate) const HASTY: Builder = Builder::Lbvh;

@@ -3,15 +3,17 @@
 use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
-use crate::block::Tally;
 use crate::cut::{Regrown, area, reference, size_now, take_references, take_references_of};
 use crate::decision::Decision;
 use crate::divergent::{self, divergence};
-use crate::pass::{Scratch, pass};
+use crate::refit::Tally;
+use crate::refit::pass;
+use crate::refit::shared as raw;
+use crate::scratch::Scratch;
+use crate::selective;
 use crate::strategy::{Rotate, Update, UpdateError, new_tree, options_like};
 use crate::top::{NewTop, rebuild_top};
 use crate::walk::open;
-use crate::{raw, selective};
 
 /// When to build the tree anew above subtrees that are still good.
 ///

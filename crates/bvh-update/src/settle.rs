@@ -8,8 +8,8 @@ use bvh_core::{Aabb, Bvh, Layout, MAX_HEIGHT, Node, Parts, Primitives, prefetch}
 use rayon::prelude::*;
 
 use crate::best::{Best, Few, LONGEST};
-use crate::raw;
-use crate::strategy::Turn;
+use crate::refit::RotationSchedule as Turn;
+use crate::refit::shared as raw;
 
 /// Subtrees of this height or less are parts, which take turns; what is above them is walked through each time.
 const SMALL: u32 = 8;
@@ -427,7 +427,7 @@ mod tests {
     use bvh_core::{Vec3, sah_cost};
 
     use super::*;
-    use crate::pass::Scratch;
+    use crate::scratch::Scratch;
     use crate::strategy::{Rotate, Strategy, update};
 
     const N: usize = 20_000;

@@ -9,13 +9,13 @@ use thiserror::Error;
 
 use crate::auto::{self, Auto};
 use crate::background::{self, Background};
-use crate::block::{LISTED, Tally};
 use crate::decision::Decision;
 use crate::degraded::{self, Degraded};
 use crate::leaves::{self, Leaves};
-use crate::pass::{Scratch, pass};
-use crate::raw;
+use crate::refit::shared as raw;
+use crate::refit::{Tally, pass};
 use crate::regrow::{self, Open, Regrow};
+use crate::scratch::Scratch;
 
 /// What to do with a tree between two frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,44 +71,6 @@ pub struct Rotate {
 impl Default for Rotate {
     fn default() -> Self {
         Self { period: 1 }
-    }
-}
-
-/// Which nodes rotations are tried at in one update.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Turn {
-    mask: usize,
-    turn: usize,
-}
-
-impl Turn {
-    pub(crate) fn new(rotate: Rotate, updates: u32) -> Self {
-        let period = rotate.period.clamp(1, 1 << 31).next_power_of_two();
-        Self { mask: period as usize - 1, turn: updates as usize }
-    }
-
-    /// Whether it is every node's turn.
-    pub(crate) fn is_always(self) -> bool {
-        self.mask == 0
-    }
-
-    /// Parts a list of inner nodes into those whose turn it is, and the others.
-    pub(crate) fn split<'a>(self, list: &[u32], lists: &'a mut [[u32; LISTED]; 2]) -> [&'a [u32]; 2] {
-        let [now, later] = lists;
-        let mut count = 0;
-        for (i, &slot) in list.iter().enumerate() {
-            // Written to both and counted in one, as a branch would be mispredicted. The remainders spare checks.
-            now[count % LISTED] = slot;
-            later[(i - count) % LISTED] = slot;
-            count += usize::from(self.includes(slot as usize));
-        }
-        [&now[..count], &later[..list.len() - count]]
-    }
-
-    /// Whether it is the turn of the node in this slot.
-    #[inline]
-    pub(crate) fn includes(self, slot: usize) -> bool {
-        (slot / 2).wrapping_add(self.turn) & self.mask == 0
     }
 }
 

@@ -9,8 +9,8 @@ use bvh_core::{Bvh, History, Layout, LeafHistory, MAX_HEIGHT, Node, Primitives};
 use crate::apart::keep;
 use crate::best::LONGEST;
 use crate::cut::{CutScratch, NodeMeasure, Regrown, reference};
-use crate::pass::Scratch;
-use crate::raw::{self, SharedNodes};
+use crate::refit::shared::{self as raw, SharedNodes};
+use crate::scratch::Scratch;
 
 /// Subtrees of a new top that are higher than this are written by two tasks.
 const FORKED: u32 = 8;
@@ -167,7 +167,7 @@ impl<M: NodeMeasure> Graft<'_, M> {
         }
         let first = node.first();
         if let Some(&soon) = self.pairs.get(first / 2 + AHEAD) {
-            self.nodes.prefetch::<false>(soon as usize);
+            self.nodes.prefetch(soon as usize);
         }
         let [l, r] = if node.height() > FORKED {
             rayon::join(|| self.write(first), || self.write(first + 1)).into()

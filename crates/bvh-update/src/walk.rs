@@ -9,8 +9,8 @@ use std::sync::{Mutex, PoisonError};
 use bvh_core::{Bvh, Node, prefetch};
 use rayon::prelude::*;
 
-use crate::block::{LISTED, NESTED, ROOTS};
 use crate::cut::{CutScratch, NodeMeasure};
+use crate::refit::block::{LISTED, NESTED, ROOTS};
 use crate::top::InnerAreas;
 
 /// Roots of a part.
@@ -295,7 +295,8 @@ mod tests {
 
     use crate::cut::{area, size_now, take_references};
     use crate::divergent::divergence;
-    use crate::pass::{Scratch, pass};
+    use crate::refit::pass;
+    use crate::scratch::Scratch;
 
     use super::*;
 

@@ -12,8 +12,8 @@
 use bvh_core::rotation::{self, area_changes_at, best};
 use bvh_core::{Aabb, Bvh, Layout, Node, Primitives};
 
-use crate::raw;
-use crate::strategy::{Rotate, Turn};
+use super::{RotationSchedule, shared};
+use crate::strategy::Rotate;
 
 /// Refits every box above primitives that move; with `rotate`, also rotates at such nodes. Gives the rotations applied, by
 /// kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
@@ -29,9 +29,9 @@ pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Opt
         bvh.len(),
         primitives.len()
     );
-    let mut unfinished = raw::Unfinished::new(bvh);
-    let parts = raw::parts(unfinished.bvh);
-    let rotations = rotate.map(|rotate| Turn::new(rotate, parts.history.updates));
+    let mut unfinished = shared::Unfinished::new(bvh);
+    let parts = shared::parts(unfinished.bvh);
+    let rotations = rotate.map(|rotate| RotationSchedule::new(rotate, parts.history.updates));
     parts.history.updates = parts.history.updates.wrapping_add(1);
     if rotate.is_some() {
         parts.history.layout = Layout::Other;
@@ -49,7 +49,7 @@ struct Walk<'a, P: ?Sized> {
     nodes: &'a mut [Node],
     order: &'a [u32],
     primitives: &'a P,
-    rotations: Option<Turn>,
+    rotations: Option<RotationSchedule>,
     applied: [u64; 6],
     still_area: f64,
 }
@@ -69,7 +69,7 @@ impl<P: Primitives + ?Sized> Walk<'_, P> {
         }
         self.node(first, depth + 1);
         self.node(first + 1, depth + 1);
-        if self.rotations.is_some_and(|turn| turn.includes(n))
+        if self.rotations.is_some_and(|schedule| schedule.includes(n))
             && let Some(rotation) = best(area_changes_at(self.nodes, first))
             && let Some(still_area) = rotation::rotate(self.nodes, first, rotation, depth)
         {

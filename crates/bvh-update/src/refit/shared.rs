@@ -1,9 +1,10 @@
-//! The unsafe parts: a node arena that tasks on several threads share, and the calls into AVX2 code.
+//! The unsafe parts: a node arena that tasks on several threads share, and the calls into code for a SIMD level.
 
 #[cfg(target_arch = "x86_64")]
-use std::arch::x86_64::__m256;
+use std::arch::x86_64::{__m256, __m512};
 use std::marker::PhantomData;
 
+use bvh_core::glam::Vec4;
 use bvh_core::rotation::Slots;
 use bvh_core::{Bvh, Node, Parts, SimdLevel};
 
@@ -70,75 +71,118 @@ impl<'a> SharedNodes<'a> {
         }
     }
 
-    /// The node in slot `n` as one register. To be inlined into AVX2 code.
-    #[cfg(target_arch = "x86_64")]
+    /// The link and aux words of the nodes in slots `n` and `n + 1`.
     #[inline(always)]
-    pub(crate) fn lanes(&self, n: usize) -> __m256 {
+    pub(crate) fn pair_words(&self, n: usize) -> [[u32; 2]; 2] {
+        self.pair(n).map(|node| {
+            let [.., link, _, _, _, aux]: [u32; 8] = bytemuck::cast(node);
+            [link, aux]
+        })
+    }
+
+    /// Stores a whole node, given as its two corners with the words in their fourth lanes.
+    #[inline(always)]
+    pub(crate) fn set_corners(&self, n: usize, corners: [Vec4; 2]) {
+        self.set(n, bytemuck::cast(corners));
+    }
+
+    /// Replaces the height of the node in slot `n`.
+    #[inline(always)]
+    pub(crate) fn set_height(&self, n: usize, height: u32) {
         assert!(n < self.len, "node out of range");
-        // SAFETY: as in `get`; a node has the size and the alignment of a register, and any bits make one.
-        #[expect(unsafe_code, reason = "reads the shared arena")]
+        // SAFETY: as in `set`; the height is the first byte of a node's last word, on a little-endian machine.
+        #[cfg(target_endian = "little")]
+        #[expect(unsafe_code, reason = "writes the shared arena")]
         unsafe {
-            self.start.add(n).cast::<__m256>().read()
+            self.start.add(n).cast::<u8>().add(28).write(height as u8);
+        }
+        #[cfg(target_endian = "big")]
+        {
+            let mut words: [u32; 8] = bytemuck::cast(self.get(n));
+            words[7] = words[7] & !Node::HEIGHT | height;
+            self.set(n, bytemuck::cast(words));
         }
     }
 
-    /// The nodes in slots `n` and `n + 1`, as [`lanes`](Self::lanes).
+    /// The nodes in slots `n` and `n + 1`, a register each.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(crate) fn pair_lanes(&self, n: usize) -> [__m256; 2] {
         assert!(n + 1 < self.len, "pair out of range");
-        // SAFETY: as in `lanes`, for both.
+        // SAFETY: as in `pair`; a node has the size and the alignment of a register.
         #[expect(unsafe_code, reason = "reads the shared arena")]
         unsafe {
-            let first = self.start.add(n).cast::<__m256>();
-            [first.read(), first.add(1).read()]
+            self.start.add(n).cast::<[__m256; 2]>().read()
         }
     }
 
-    /// The pairs at slots `n`, `n + 2`, `n + 4` and `n + 6`, but no one behind the pair at `last`.
+    /// The children of a node with that link word, as [`pair_lanes`](Self::pair_lanes); for a leaf, boxes around everything.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
-    pub(crate) fn four_pairs_lanes(&self, n: usize, last: usize) -> [[__m256; 2]; 4] {
-        if n + 6 <= last && last + 1 < self.len {
-            // SAFETY: as in `lanes`, for all.
-            #[expect(unsafe_code, reason = "reads the shared arena")]
-            unsafe {
-                self.start.add(n).cast::<[[__m256; 2]; 4]>().read()
-            }
-        } else {
-            [0, 2, 4, 6].map(|i| self.pair_lanes((n + i).min(last)))
-        }
-    }
-
-    /// Stores a register as the node in slot `n`.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    pub(crate) fn set_lanes(&self, n: usize, node: __m256) {
-        assert!(n < self.len, "node out of range");
-        // SAFETY: as in `set`; a register has the size and the alignment of a node, and any bits make one.
-        #[expect(unsafe_code, reason = "writes the shared arena")]
+    pub(crate) fn child_lanes(&self, link: u32) -> [__m256; 2] {
+        // SAFETY: as in `pair_lanes`, for a pair that is in range or a constant.
+        #[expect(unsafe_code, reason = "reads the shared arena")]
         unsafe {
-            self.start.add(n).cast::<__m256>().write(node);
+            self.children_or_everything(link).cast::<[__m256; 2]>().read()
         }
     }
 
-    /// Brings the pair that starts at slot `n` into the cache; if that is for later, no nearer than the second level. Any
-    /// `n` will do.
+    /// The nodes in slots `n` and `n + 1`, in one register.
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
-    pub(crate) fn prefetch<const FOR_LATER: bool>(&self, n: usize) {
+    pub(crate) fn pair_wide(&self, n: usize) -> __m512 {
+        assert!(n + 1 < self.len, "pair out of range");
+        // SAFETY: as in `pair`; two nodes have the size of a register, at any alignment.
+        #[expect(unsafe_code, reason = "reads the shared arena")]
+        unsafe {
+            self.start.add(n).cast::<__m512>().read_unaligned()
+        }
+    }
+
+    /// The children of a node with that link word, as [`pair_wide`](Self::pair_wide); for a leaf, boxes around everything.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub(crate) fn child_wide(&self, link: u32) -> __m512 {
+        // SAFETY: as in `pair_wide`, for a pair that is in range or a constant.
+        #[expect(unsafe_code, reason = "reads the shared arena")]
+        unsafe {
+            self.children_or_everything(link).cast::<__m512>().read_unaligned()
+        }
+    }
+
+    /// Where the children of a node with that link word are; for a leaf, where two boxes around everything are.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    fn children_or_everything(&self, link: u32) -> *const Node {
+        let is_leaf = link & Node::LEAF != 0;
+        let first = (link & Node::INDEX) as usize;
+        assert!(is_leaf | (first + 1 < self.len), "pair out of range");
+        std::hint::select_unpredictable(is_leaf, EVERYTHING.0.as_ptr().cast(), self.start.wrapping_add(first))
+    }
+
+    /// Brings the pair that starts at slot `n` into the cache. Any `n` will do.
+    #[inline(always)]
+    pub(crate) fn prefetch(&self, n: usize) {
         #[cfg(target_arch = "x86_64")]
         #[expect(unsafe_code, reason = "prefetching needs a pointer")]
         // SAFETY: prefetching reads nothing architecturally, whatever the address, and `wrapping_add` makes no
         // claim about it. SSE is part of x86-64.
         unsafe {
-            use std::arch::x86_64::{_MM_HINT_T0, _MM_HINT_T1, _mm_prefetch};
-            let pair = self.start.wrapping_add(n).cast();
-            if FOR_LATER { _mm_prefetch::<_MM_HINT_T1>(pair) } else { _mm_prefetch::<_MM_HINT_T0>(pair) }
+            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+            _mm_prefetch::<_MM_HINT_T0>(self.start.wrapping_add(n).cast());
         }
         #[cfg(not(target_arch = "x86_64"))]
         let _ = n;
     }
 }
+
+/// Two boxes around everything: in the place of a leaf's children they make every rotation a loss.
+#[cfg(target_arch = "x86_64")]
+static EVERYTHING: Everything = Everything([[[f32::NEG_INFINITY; 4], [f32::INFINITY; 4]]; 2]);
+
+#[cfg(target_arch = "x86_64")]
+#[repr(align(64))]
+struct Everything([[[f32; 4]; 2]; 2]);
 
 /// Shares the nodes of one tree between the tasks of one pass, or of one new top.
 pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
@@ -146,7 +190,7 @@ pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
     // thread before its tasks start and after all have ended; a task touches only the nodes below its roots, and reads the
     // root and node 1, which none writes; and as every pair of a valid tree has one parent, and no root is below
     // another, tasks share no node that one of them writes. Where the tree is swept the tasks are the pieces of the arena
-    // that `sweep::Pieces` cuts it into: whole subtrees of a linear tree, each in one place. A new top (`top.rs`) is
+    // that `linear` divides it into: whole subtrees of a linear tree, each in one place. A new top (`top.rs`) is
     // written by tasks that read no node, each to pairs of its own: `rebuild_top` makes sure that none is there twice.
     #[expect(unsafe_code, reason = "shares the arena between tasks")]
     unsafe {
@@ -177,7 +221,7 @@ impl Drop for Unfinished<'_> {
 
 /// The parts of a tree, for a pass that keeps its structure valid.
 pub(crate) fn parts(bvh: &mut Bvh) -> Parts<'_> {
-    // SAFETY: the pass writes boxes, and structure only by `kernels::apply`, which swaps two slots and refits
+    // SAFETY: the pass writes boxes, and structure only by `Accepted::apply`, which swaps two slots and refits
     // heights and moving bits on the way up, as the plain pass does. `top.rs` and `settle.rs` put a tree over the same
     // slots or subtrees in the place of another, in pairs that were that one's or spare, with heights and bits refitted.
     // Whoever has moved nodes sets the layout to `Other`. Others write references and the history alone. Where primitives
@@ -210,26 +254,27 @@ impl Available {
         Self(level.min(SimdLevel::best()))
     }
 
-    /// Whether AVX2 code may run.
     #[inline]
-    pub(crate) fn avx2(self) -> bool {
-        self.0 >= SimdLevel::Avx2
+    pub(crate) fn is(self, level: SimdLevel) -> bool {
+        self.0 >= level
     }
 }
 
-/// Calls `avx2::$name` where the [`Available`] level allows it, else `portable::$name`.
+/// Calls `$name` of the module for the [`Available`] level.
 macro_rules! dispatch {
-    ($level:expr, $name:ident $(::<$($generic:tt),*>)? ($($argument:expr),* $(,)?)) => {{
-        #[cfg(target_arch = "x86_64")]
-        if $level.avx2() {
+    ($level:expr, $name:ident ($($argument:expr),* $(,)?)) => {{
+        let level = $level;
+        match () {
             // SAFETY: an `Available` level is one that the machine has.
+            #[cfg(target_arch = "x86_64")]
+            #[expect(unsafe_code, reason = "calls code compiled for AVX-512")]
+            () if level.is(bvh_core::SimdLevel::Avx512) => unsafe { $crate::refit::avx512::$name($($argument),*) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
             #[expect(unsafe_code, reason = "calls code compiled for AVX2")]
-            unsafe { $crate::avx2::$name $(::<$($generic),*>)? ($($argument),*) }
-        } else {
-            $crate::portable::$name $(::<$($generic),*>)? ($($argument),*)
+            () if level.is(bvh_core::SimdLevel::Avx2) => unsafe { $crate::refit::avx2::$name($($argument),*) },
+            () => $crate::refit::scalar::$name($($argument),*),
         }
-        #[cfg(not(target_arch = "x86_64"))]
-        $crate::portable::$name $(::<$($generic),*>)? ($($argument),*)
     }};
 }
 pub(crate) use dispatch;

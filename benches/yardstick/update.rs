@@ -1,0 +1,44 @@
+//! This project's side of an outside program that times refits and rotations beside its own.
+//!
+//! Triangles are put into the order of the leaves once, after the build, as that program does with its own.
+//! Rotations are held to AVX2 where it holds its own (variant `blksse`).
+use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::{Bvh, SimdLevel, Triangles, Vec3, sah_cost};
+use bvh_update::{Rotate, Scratch, Strategy, update};
+
+pub struct Pivot {
+    bvh: Bvh,
+    scratch: Scratch,
+    strategy: Strategy,
+    indices: Vec<[u32; 3]>,
+}
+
+fn vectors(positions: &[[f32; 3]]) -> &[Vec3] {
+    unsafe { std::slice::from_raw_parts(positions.as_ptr().cast(), positions.len()) }
+}
+
+impl Pivot {
+    /// A binned tree over the triangles, which are then put into its order.
+    pub fn new(positions: &[[f32; 3]], indices: &[[u32; 3]], rotate: bool) -> Self {
+        let strategy = if rotate { Strategy::RefitRotate(Rotate::default()) } else { Strategy::Refit };
+        let triangles = Triangles { positions: vectors(positions), indices };
+        let mut bvh = build(&triangles, Builder::BinnedParallel, &BuildOptions::default(), None).unwrap();
+        let mut indices = indices.to_vec();
+        if std::env::var_os("KEEP_ORDER").is_none() {
+            indices = bvh.renumber().into_iter().map(|p| indices[p as usize]).collect();
+        }
+        let held = std::env::args().any(|argument| argument.contains("blksse"));
+        let level = if held { SimdLevel::Avx2 } else { SimdLevel::best() };
+        Self { bvh, scratch: Scratch::with_level(level), strategy, indices }
+    }
+
+    /// Called in a rayon pool; this is what is timed.
+    pub fn update(&mut self, positions: &[[f32; 3]]) {
+        let triangles = Triangles { positions: vectors(positions), indices: &self.indices };
+        update(&mut self.bvh, &triangles, &self.strategy, &mut self.scratch).unwrap();
+    }
+
+    pub fn sah_cost(&self) -> f64 {
+        sah_cost(&self.bvh)
+    }
+}

@@ -1,0 +1,77 @@
+//! The kernels in AVX2: one node in one register.
+//!
+//! A node's eight words are `[min.x min.y min.z link | max.x max.y max.z aux]`. Sums and products are taken in the
+//! order of `Aabb::half_area` and without fused multiply-add, so the bits are those of the scalar kernels.
+
+use std::arch::x86_64::*;
+
+use bvh_core::Primitives;
+
+use super::Tally;
+use super::block::{Entry, Leaves};
+use super::kernels::{self, Accepted};
+use super::shared::SharedNodes;
+
+/// See [`kernels::fit_leaves`].
+#[target_feature(enable = "avx2")]
+pub(super) fn fit_leaves<P: Primitives + ?Sized>(
+    nodes: SharedNodes<'_>,
+    primitives: &P,
+    leaves: &mut Leaves,
+    tally: &mut Tally,
+) {
+    kernels::fit_leaves(nodes, primitives, leaves, tally);
+}
+
+/// See [`kernels::refit_boxes`].
+#[target_feature(enable = "avx2")]
+pub(super) fn refit_boxes(nodes: SharedNodes<'_>, parents_first: &[Entry], tally: &mut Tally) {
+    kernels::refit_boxes(nodes, parents_first, tally);
+}
+
+/// See [`scalar::judge`](super::scalar::judge).
+#[target_feature(enable = "avx2")]
+pub(super) fn judge(nodes: SharedNodes<'_>, list: &[Entry], accepted: &mut Accepted) {
+    let zero = _mm256_setzero_ps();
+    // With the minima negated a union is one maximum, and extents are sums.
+    let minima = _mm256_setr_ps(-0.0, -0.0, -0.0, -0.0, 0.0, 0.0, 0.0, 0.0);
+    for &entry in list {
+        let negated = |pair: [__m256; 2]| pair.map(|lanes| _mm256_xor_ps(lanes, minima));
+        let [[link_l, _], [link_r, _]] = nodes.pair_words(entry.first());
+        let [l, r] = negated(nodes.pair_lanes(entry.first()));
+        let ([ll, lr], [rl, rr]) = (negated(nodes.child_lanes(link_l)), negated(nodes.child_lanes(link_r)));
+        // Extents of two boxes; those of an empty box are 0.
+        let extents = |a, b| {
+            let sides =
+                _mm256_add_ps(_mm256_permute2f128_ps::<0x20>(a, b), _mm256_permute2f128_ps::<0x31>(a, b));
+            _mm256_max_ps(sides, zero)
+        };
+        let unions = |a, b, c, d| extents(_mm256_max_ps(a, b), _mm256_max_ps(c, d));
+        let e0 = unions(l, rr, r, lr); // L<->RL  R<->LL
+        let e1 = unions(rl, l, ll, r); // L<->RR  R<->LR
+        let e4 = unions(rl, lr, ll, rr); // LL<->RL, both children
+        let e5 = unions(rr, lr, rl, ll); // LL<->RR, both children
+        let (t0, t1) = (_mm256_unpacklo_ps(e0, e1), _mm256_unpackhi_ps(e0, e1));
+        let (t4, t5) = (_mm256_unpacklo_ps(e4, e5), _mm256_unpackhi_ps(e4, e5));
+        let x = _mm256_shuffle_ps::<0x44>(t0, t4);
+        let y = _mm256_shuffle_ps::<0xee>(t0, t4);
+        let z = _mm256_shuffle_ps::<0x44>(t1, t5);
+        let areas =
+            _mm256_add_ps(_mm256_add_ps(_mm256_mul_ps(x, y), _mm256_mul_ps(y, z)), _mm256_mul_ps(z, x));
+
+        // Lanes: 0 1 4 5 | 2 3 4 5, where the last two are sums over both halves.
+        let both = _mm256_add_ps(areas, _mm256_permute2f128_ps::<0x01>(areas, areas));
+        let then = _mm256_blend_ps::<0b1100_1100>(areas, both);
+        // The words may be denormal as floats, and slow: out of the product.
+        let own = _mm256_blend_ps::<0b1000_1000>(extents(l, r), zero);
+        let products = _mm256_mul_ps(own, _mm256_permute_ps::<0b11_00_10_01>(own));
+        let xy_yz = _mm256_add_ps(products, _mm256_permute_ps::<0b01>(products));
+        let of_l_r = _mm256_permute_ps::<0>(_mm256_add_ps(xy_yz, _mm256_permute_ps::<0b10>(products)));
+        let of_r_l = _mm256_permute2f128_ps::<0x01>(of_l_r, of_l_r);
+        let now = _mm256_blend_ps::<0b1100_1100>(of_r_l, _mm256_add_ps(of_l_r, of_r_l));
+        let changes = _mm256_sub_ps(then, now);
+        let is_gain = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(changes, zero)) != 0;
+        let in_order = _mm256_setr_epi32(0, 1, 4, 5, 2, 3, 6, 7);
+        accepted.push_if(entry, bytemuck::cast(_mm256_permutevar8x32_ps(changes, in_order)), is_gain);
+    }
+}

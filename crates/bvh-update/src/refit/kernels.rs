@@ -1,0 +1,262 @@
+//! The loops of the pass, each over a list of nodes: leaves, boxes of inner nodes, heights, rotations.
+//!
+//! Leaves and boxes are written once, in vectors of four that every target has, and compiled for each SIMD level; only
+//! the judging of rotations has a version of its own for each.
+
+use bvh_core::glam::Vec4;
+use bvh_core::rotation::{Rotation, best, rotate};
+use bvh_core::{Aabb, Node, Primitives};
+
+use super::Tally;
+use super::block::{Entry, LISTED, Leaves};
+use super::shared::SharedNodes;
+
+/// How many leaves ahead the corners of triangles are fetched, and twice as many ahead the indices.
+pub(crate) const AHEAD: usize = 24;
+
+/// A sum of half areas, as sums of products `xy`, `yz`, `zx`, and one without meaning.
+///
+/// Kept apart, the products need no sum across a vector. A few are added in `f32`, their sums in `f64`; the order is
+/// that of the lists, so every SIMD level has the same bits.
+#[derive(Default)]
+struct AreaSum {
+    total: [f64; 4],
+    part: Vec4,
+}
+
+/// Products added in `f32`: the error is 7 roundings at most, 4e-7.
+const PART: usize = 8;
+
+impl AreaSum {
+    /// Adds the area of a box that is number `i` of its list and not empty. What is in the fourth lanes of its corners
+    /// does not matter.
+    #[inline(always)]
+    fn add(&mut self, i: usize, min: Vec4, max: Vec4) {
+        self.add_extent(i, max - min, 1.0);
+    }
+
+    #[inline(always)]
+    fn add_extent(&mut self, i: usize, extent: Vec4, weight: f32) {
+        self.part += extent * Vec4::new(extent.y, extent.z, extent.x, extent.w) * weight;
+        if i % PART == PART - 1 {
+            self.flush();
+        }
+    }
+
+    #[inline(always)]
+    fn flush(&mut self) {
+        let part = std::mem::take(&mut self.part).to_array();
+        self.total.iter_mut().zip(part).for_each(|(total, part)| *total += f64::from(part));
+    }
+
+    fn total(mut self) -> f64 {
+        self.flush();
+        let [xy, yz, zx, _] = self.total;
+        xy + yz + zx
+    }
+}
+
+/// A box in lanes, with a node's words in the fourth.
+type Corners = [Vec4; 2];
+
+#[inline(always)]
+fn with_words([min, max]: Corners, link: u32, aux: u32) -> Corners {
+    [min.with_w(f32::from_bits(link)), max.with_w(f32::from_bits(aux))]
+}
+
+/// Fits leaves to their primitives, which are numbered by slot in the tree's order.
+#[inline(always)]
+pub(super) fn fit_leaves<P: Primitives + ?Sized>(
+    nodes: SharedNodes<'_>,
+    primitives: &P,
+    leaves: &mut Leaves,
+    tally: &mut Tally,
+) {
+    let (mut sum, mut validity) = (AreaSum::default(), Vec4::ZERO);
+    let (count, have_one_each) = (leaves.len(), leaves.have_one_primitive_each());
+    let entries = leaves.with_next();
+    let ahead = entries[AHEAD..].iter().zip(&entries[2 * AHEAD..]);
+    entries.iter().take(2 * AHEAD).for_each(|entry| primitives.prefetch_index(entry.first()));
+    entries.iter().take(AHEAD).for_each(|entry| primitives.prefetch_data(entry.first()));
+    for (i, (entry, (soon, later))) in entries[..count].iter().zip(ahead).enumerate() {
+        primitives.prefetch_index(later.first());
+        primitives.prefetch_data(soon.first());
+        if have_one_each {
+            let [min, max, doubt] = primitives.aabb_lanes(entry.first());
+            // A number less itself is 0 if it is finite, else NaN.
+            validity += doubt - doubt;
+            nodes.set_corners(entry.slot(), with_words([min, max], entry.link(), 1 << 8));
+            sum.add(i, min, max);
+        } else {
+            let aux = nodes.get(entry.slot());
+            let Some(last) = aux.count().checked_sub(1) else {
+                validity = Vec4::NAN;
+                break;
+            };
+            // The first and the last are always looked at, be they the same: one or two cannot be predicted.
+            let (first, last) = (entry.first(), entry.first() + last);
+            let [mut min, mut max, doubt] = primitives.aabb_lanes(first);
+            validity += doubt - doubt;
+            for primitive in (first + 1..last).chain([last]) {
+                let [next_min, next_max, doubt] = primitives.aabb_lanes(primitive);
+                (min, max) = (min.min(next_min), max.max(next_max));
+                validity += doubt - doubt;
+            }
+            let weight = aux.weight() as f32;
+            let [_, own_max]: Corners = bytemuck::cast(aux);
+            nodes.set_corners(entry.slot(), with_words([min, max], entry.link(), own_max.w.to_bits()));
+            sum.add_extent(i, max - min, weight);
+        }
+    }
+    if validity.truncate().is_nan() {
+        fit_carefully(nodes, primitives, leaves.all(), tally);
+        return;
+    }
+    let area = sum.total();
+    tally.leaves += count as u64;
+    tally.leaf_area += area;
+    tally.area += area;
+}
+
+/// Fits leaves of which some have primitives without a box, or none.
+#[cold]
+#[inline(never)]
+fn fit_carefully<P: Primitives + ?Sized>(
+    nodes: SharedNodes<'_>,
+    primitives: &P,
+    leaves: &[Entry],
+    tally: &mut Tally,
+) {
+    leaves.iter().for_each(|entry| fit_leaf(nodes, primitives, entry.slot(), tally));
+}
+
+/// Fits one leaf.
+pub(super) fn fit_leaf<P: Primitives + ?Sized>(
+    nodes: SharedNodes<'_>,
+    primitives: &P,
+    slot: usize,
+    tally: &mut Tally,
+) {
+    let mut node = nodes.get(slot);
+    let mut aabb = Aabb::EMPTY;
+    for primitive in node.first()..node.first() + node.count() {
+        let next = primitives.aabb(primitive);
+        // A sanitised box is empty only if it is `Aabb::EMPTY`.
+        tally.dropped += u64::from(next.min.x == f32::INFINITY);
+        aabb = aabb.union(next);
+    }
+    node.set_aabb(aabb);
+    nodes.set(slot, node);
+    let area = f64::from(aabb.half_area()) * node.weight();
+    tally.leaves += 1;
+    tally.leaf_area += area;
+    tally.area += area;
+}
+
+/// Refits the boxes of inner nodes, children before parents; words stay as they are.
+#[inline(always)]
+pub(super) fn refit_boxes(nodes: SharedNodes<'_>, parents_first: &[Entry], tally: &mut Tally) {
+    let mut sum = AreaSum::default();
+    for (i, entry) in parents_first.iter().rev().enumerate() {
+        let [l, r]: [Corners; 2] = nodes.pair(entry.first()).map(bytemuck::cast);
+        let [own_min, own_max]: Corners = bytemuck::cast(nodes.get(entry.slot()));
+        let corners = [l[0].min(r[0]).with_w(own_min.w), l[1].max(r[1]).with_w(own_max.w)];
+        nodes.set_corners(entry.slot(), corners);
+        // An empty box has negative extents.
+        sum.add_extent(i, (corners[1] - corners[0]).max(Vec4::ZERO), 1.0);
+    }
+    tally.inner += parents_first.len() as u64;
+    tally.area += sum.total();
+}
+
+/// Gives a node the height that follows from its children's.
+#[inline(always)]
+pub(super) fn refit_height(nodes: SharedNodes<'_>, entry: Entry) {
+    let [[_, l], [_, r]] = nodes.pair_words(entry.first());
+    let height = 1 + (l & Node::HEIGHT).max(r & Node::HEIGHT);
+    nodes.set_height(entry.slot(), height);
+}
+
+/// Nodes at which some rotation is a gain, and how the area would change under each, in the order of `Rotation::ALL`.
+pub(crate) struct Accepted {
+    entries: [Entry; 2 * LISTED],
+    changes: [[f32; 8]; 2 * LISTED],
+    count: usize,
+}
+
+impl Default for Accepted {
+    fn default() -> Self {
+        Self { entries: [Entry::default(); 2 * LISTED], changes: [[0.0; 8]; 2 * LISTED], count: 0 }
+    }
+}
+
+impl Accepted {
+    pub(super) fn clear(&mut self) {
+        self.count = 0;
+    }
+
+    /// Appends a node if `is_gain`, without a branch. The last two changes mean nothing.
+    #[inline(always)]
+    pub(super) fn push_if(&mut self, entry: Entry, changes: [f32; 8], is_gain: bool) {
+        let end = self.count % (2 * LISTED);
+        (self.entries[end], self.changes[end]) = (entry, changes);
+        self.count += usize::from(is_gain);
+    }
+
+    /// Applies the best rotation of each node; `depth` is that of the nodes.
+    pub(super) fn apply(
+        &self,
+        mut nodes: SharedNodes<'_>,
+        depth: u32,
+        is_partly_static: bool,
+        tally: &mut Tally,
+    ) {
+        for (&entry, &changes) in self.entries.iter().zip(&self.changes).take(self.count) {
+            let [c0, c1, c2, c3, c4, c5, ..] = changes;
+            let Some(rotation) = best([c0, c1, c2, c3, c4, c5]) else { continue };
+            let mut grown = 0.0;
+            // A rotation makes a tree higher by one at most.
+            if is_partly_static || nodes.get(entry.slot()).height() + depth >= bvh_core::MAX_HEIGHT {
+                match rotate(&mut nodes, entry.first(), rotation, depth) {
+                    Some(still_area) => grown = still_area,
+                    None => continue,
+                }
+            } else {
+                swap(nodes, entry.first(), rotation);
+            }
+            refit_height(nodes, entry);
+            let change = f64::from(changes[rotation as usize]);
+            tally.rotations[rotation as usize] += 1;
+            tally.area += change - grown;
+            tally.gain -= change;
+            tally.still_area += grown;
+        }
+    }
+}
+
+/// As [`rotate`], where the height is known to be in bounds and all nodes move: without branches.
+#[inline(always)]
+fn swap(nodes: SharedNodes<'_>, pair: usize, rotation: Rotation) {
+    // Family (N's children, L's, R's) and side of both nodes that change places, and children with a new child.
+    const SWAPS: [[(usize, usize); 2]; 6] = [
+        [(0, 0), (2, 0)],
+        [(0, 0), (2, 1)],
+        [(0, 1), (1, 0)],
+        [(0, 1), (1, 1)],
+        [(1, 0), (2, 0)],
+        [(1, 0), (2, 1)],
+    ];
+    const TOUCHED: [[usize; 2]; 6] = [[1, 1], [1, 1], [0, 0], [0, 0], [0, 1], [0, 1]];
+    let [l, r] = nodes.pair(pair);
+    let families = [pair, l.first(), r.first()];
+    let [a, b] = SWAPS[rotation as usize].map(|(family, side)| families[family] + side);
+    let (at_a, at_b) = (nodes.get(a), nodes.get(b));
+    nodes.set(a, at_b);
+    nodes.set(b, at_a);
+    for child in TOUCHED[rotation as usize] {
+        let mut node = nodes.get(pair + child);
+        let [l, r] = nodes.pair(node.first());
+        node.refit(&l, &r);
+        nodes.set(pair + child, node);
+    }
+}

@@ -1,0 +1,102 @@
+//! Refitting a tree that lies in depth-first order: a sweep through the arena from its end.
+//!
+//! Every pair lies behind its parent there, so whoever comes from behind meets children before parents and needs no
+//! walk. Subtrees are pieces of the arena, which are divided until they are small enough for one thread.
+//! Builders leave trees in that order, and rotations end it.
+
+use std::ops::Range;
+
+use bvh_core::{History, Layout, MAX_HEIGHT, Node, Primitives};
+
+use super::block::{Entry, Lists, list_pair};
+use super::shared::dispatch;
+use super::{Tally, Task, kernels};
+
+/// Pairs that are looked at together: first which nodes are leaves, then these, then the others.
+const STRETCH: usize = 512;
+
+/// Most pairs of a piece.
+const PIECE: usize = 4096;
+
+/// Whether a tree is to be swept. Looks at it where that is not known.
+pub(crate) fn is_linear(nodes: &[Node], history: &mut History) -> bool {
+    if history.layout == Layout::Unknown {
+        history.layout = if lies_in_order(nodes) { Layout::Linear } else { Layout::Other };
+    }
+    history.layout == Layout::Linear
+}
+
+/// Whether a tree is as [`Layout::Linear`] says. O(n).
+fn lies_in_order(nodes: &[Node]) -> bool {
+    // Where the pairs are that are still to come, the next one last: right children on the way down, and one left.
+    let (mut todo, mut count) = ([0; MAX_HEIGHT as usize + 1], 0);
+    let mut moving = 0;
+    for (pair, children) in nodes.chunks_exact(2).enumerate() {
+        if pair > 0 {
+            if count == 0 || todo[count - 1] != 2 * pair {
+                return false;
+            }
+            count -= 1;
+        }
+        for node in children.iter().rev() {
+            moving += usize::from(node.moves());
+            if !node.is_leaf() {
+                todo[count] = node.first();
+                count += 1;
+            }
+        }
+    }
+    count == 0 && 2 * moving >= nodes.len()
+}
+
+impl<P: Primitives + ?Sized> Task<'_, P> {
+    /// Refits the whole of a linear tree.
+    pub(super) fn sweep_all(&self) -> Tally {
+        // The slot beside the root is a static leaf without primitives, and may stand in the first stretch.
+        self.sweep(0..self.nodes.pairs())
+    }
+
+    /// Refits a piece of the arena: a pair and all below it.
+    fn sweep(&self, piece: Range<usize>) -> Tally {
+        if piece.len() <= PIECE {
+            let mut tally = Tally::default();
+            self.with_worker(|worker| {
+                for start in piece.clone().step_by(STRETCH).rev() {
+                    self.sweep_stretch(start..piece.end.min(start + STRETCH), &mut worker.lists, &mut tally);
+                }
+            });
+            return tally;
+        }
+        let pair = 2 * piece.start;
+        let [l, r] = self.nodes.pair(pair);
+        let middle = if r.is_leaf() { piece.end } else { r.first() / 2 };
+        let below = |node: Node, pairs: Range<usize>| {
+            if node.moves() && !node.is_leaf() { self.sweep(pairs) } else { Tally::default() }
+        };
+        let (l_tally, r_tally) =
+            rayon::join(|| below(l, piece.start + 1..middle), || below(r, middle..piece.end));
+        let mut tally = l_tally.and(&r_tally);
+        for (slot, node) in [(pair, l), (pair + 1, r)] {
+            if node.moves() && node.is_leaf() {
+                kernels::fit_leaf(self.nodes, self.primitives, slot, &mut tally);
+            } else if node.moves() {
+                let [[link_l, _], [link_r, _]] = self.nodes.pair_words(pair);
+                let entry = Entry::new(slot, [link_l, link_r][slot - pair]);
+                kernels::refit_boxes(self.nodes, &[entry], &mut tally);
+            }
+        }
+        tally
+    }
+
+    fn sweep_stretch(&self, pairs: Range<usize>, lists: &mut Lists, tally: &mut Tally) {
+        let Lists { leaves, inner, .. } = lists;
+        leaves.clear();
+        inner.clear();
+        for pair in pairs {
+            // Also where all move: node 1 does not.
+            list_pair::<true>(self.nodes, 2 * pair, inner, leaves);
+        }
+        dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, tally));
+        dispatch!(self.level, refit_boxes(self.nodes, inner.all(), tally));
+    }
+}

@@ -1,0 +1,248 @@
+//! The pass over a whole tree: refits every box to the primitives' new positions and rotates on the way up.
+//!
+//! ```text
+//! subtrees(roots):  more than a few roots: both halves of them, in parallel
+//!                   else a block: walk down from the roots (block.rs)
+//!                                 fit the leaves found     (kernels.rs)
+//!                                 subtrees(what is below the block)
+//!                                 refit the block's inner nodes, then rotate level by level, deepest first
+//! ```
+//!
+//! How subtrees are divided depends on the tree alone, never on threads or time: so do sums of floats, and so does every
+//! bit of the result. A tree in the order of its builder is refitted by a sweep instead ([`linear`]).
+
+use std::sync::{Mutex, PoisonError};
+
+use bvh_core::{Bvh, InOrder, Layout, Primitives, SimdLevel};
+
+use self::block::{Block, Entry, LISTED, Lists, ROOTS};
+use self::kernels::refit_height;
+use self::shared::{Available, SharedNodes, dispatch};
+use crate::strategy::Rotate;
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+pub(crate) mod block;
+mod kernels;
+pub(crate) mod linear;
+pub mod plain;
+mod scalar;
+pub(crate) mod shared;
+
+/// Nodes that the first block lists: the part of the pass that one thread does alone.
+const TOP_LISTED: usize = 128;
+
+/// Roots of a block below the first.
+const TOP_ROOTS: usize = 4;
+
+/// What a pass, or a part of it, has done.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Tally {
+    pub(crate) rotations: [u64; 6],
+    pub(crate) leaves: u64,
+    pub(crate) inner: u64,
+    /// Primitives without a box.
+    pub(crate) dropped: u64,
+    /// Sum of half area times weight over all nodes visited.
+    pub(crate) area: f64,
+    /// The part of it that is due to leaves.
+    pub(crate) leaf_area: f64,
+    /// By how much rotations have lowered it.
+    pub(crate) gain: f64,
+    /// Growth of the same sum over static nodes.
+    pub(crate) still_area: f64,
+}
+
+impl Tally {
+    fn and(mut self, other: &Self) -> Self {
+        self.rotations.iter_mut().zip(other.rotations).for_each(|(a, b)| *a += b);
+        self.leaves += other.leaves;
+        self.inner += other.inner;
+        self.dropped += other.dropped;
+        self.area += other.area;
+        self.leaf_area += other.leaf_area;
+        self.gain += other.gain;
+        self.still_area += other.still_area;
+        self
+    }
+}
+
+/// At which nodes rotations are tried in one update.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RotationSchedule {
+    mask: usize,
+    turn: usize,
+}
+
+impl RotationSchedule {
+    pub(crate) fn new(rotate: Rotate, updates: u32) -> Self {
+        let period = rotate.period.clamp(1, 1 << 31).next_power_of_two();
+        Self { mask: period as usize - 1, turn: updates as usize }
+    }
+
+    /// Whether every node is included.
+    pub(crate) fn is_always(self) -> bool {
+        self.mask == 0
+    }
+
+    /// Whether the node in this slot is included.
+    #[inline]
+    pub(crate) fn includes(self, slot: usize) -> bool {
+        (slot / 2).wrapping_add(self.turn) & self.mask == 0
+    }
+}
+
+/// Memory that passes keep from one to the next: some ten blocks a thread, whatever the size of the tree.
+pub(crate) struct RefitScratch {
+    level: Available,
+    workers: Vec<Mutex<Worker>>,
+}
+
+impl RefitScratch {
+    /// For `level`, or the best below it that the machine has.
+    pub(crate) fn with_level(level: SimdLevel) -> Self {
+        Self { level: Available::at_most(level), workers: Vec::new() }
+    }
+}
+
+/// What one thread needs.
+struct Worker {
+    /// Those not in use. A thread has one in use for each block that it is below of: also where it waits for another
+    /// thread and takes up other blocks meanwhile.
+    blocks: Vec<Box<Block>>,
+    lists: Box<Lists>,
+}
+
+impl Worker {
+    fn new() -> Self {
+        Self { blocks: std::iter::repeat_with(Block::new).take(8).collect(), lists: Lists::new() }
+    }
+}
+
+/// What all parts of a pass are given.
+pub(crate) struct Task<'a, P: ?Sized> {
+    nodes: SharedNodes<'a>,
+    /// Numbered by slot of the order.
+    primitives: &'a P,
+    /// At which nodes rotations are tried, if at any.
+    schedule: Option<RotationSchedule>,
+    is_partly_static: bool,
+    level: Available,
+    /// One for each thread of the pool.
+    workers: &'a [Mutex<Worker>],
+}
+
+/// Refits what moves; with `rotate`, rotates on the way up. The caller has checked that there are
+/// as many primitives as the tree holds.
+pub(crate) fn pass<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    rotate: Option<Rotate>,
+    scratch: &mut impl AsMut<RefitScratch>,
+) -> Tally {
+    let (is_in_order, is_partly_static) = (bvh.is_in_order(), !bvh.all_move());
+    let mut unfinished = shared::Unfinished::new(bvh);
+    let parts = shared::parts(unfinished.bvh);
+    let is_linear = rotate.is_none() && linear::is_linear(parts.nodes, parts.history);
+    if rotate.is_some() {
+        // Rotations end it: beforehand, as primitives may panic half-way.
+        parts.history.layout = Layout::Other;
+    }
+    let schedule = rotate.map(|rotate| RotationSchedule::new(rotate, parts.history.updates));
+    parts.history.updates = parts.history.updates.wrapping_add(1);
+    let RefitScratch { level, workers } = scratch.as_mut();
+    let threads = rayon::current_num_threads();
+    while workers.len() < threads {
+        workers.push(Mutex::new(Worker::new()));
+    }
+    let (level, nodes) = (*level, shared::share(parts.nodes));
+    let tally = if is_in_order {
+        Task { nodes, primitives, schedule, is_partly_static, level, workers }.run(is_linear)
+    } else {
+        let primitives = &InOrder { primitives, order: parts.order };
+        Task { nodes, primitives, schedule, is_partly_static, level, workers }.run(is_linear)
+    };
+    *parts.still_area += tally.still_area;
+    unfinished.done = true;
+    tally
+}
+
+impl<P: Primitives + ?Sized> Task<'_, P> {
+    fn run(&self, is_linear: bool) -> Tally {
+        let root = self.nodes.get(0);
+        if !root.moves() {
+            Tally::default()
+        } else if root.is_leaf() {
+            let mut tally = Tally::default();
+            kernels::fit_leaf(self.nodes, self.primitives, 0, &mut tally);
+            tally
+        } else if is_linear {
+            self.sweep_all()
+        } else {
+            let [[link, _], _] = self.nodes.pair_words(0);
+            self.block(&[Entry::new(0, link)], 0, TOP_LISTED, TOP_ROOTS)
+        }
+    }
+
+    /// Updates the subtrees below roots of one depth, `most` of them in a block.
+    fn subtrees(&self, roots: &[Entry], depth: u32, most: usize) -> Tally {
+        if roots.len() <= most {
+            return if roots.is_empty() { Tally::default() } else { self.block(roots, depth, LISTED, ROOTS) };
+        }
+        let (a, b) = roots.split_at(roots.len() / 2);
+        let (a, b) = rayon::join(|| self.subtrees(a, depth, most), || self.subtrees(b, depth, most));
+        a.and(&b)
+    }
+
+    /// Updates the subtrees below a few roots of one depth: a block of at most `limit` nodes, and what is below it.
+    fn block(&self, roots: &[Entry], depth: u32, limit: usize, most_below: usize) -> Tally {
+        let mut tally = Tally::default();
+        let mut block = self.with_worker(|worker| {
+            let mut block = worker.blocks.pop().unwrap_or_else(Block::new);
+            let leaves = &mut worker.lists.leaves;
+            if self.is_partly_static {
+                block.walk::<true>(self.nodes, roots, depth, limit, leaves);
+            } else {
+                block.walk::<false>(self.nodes, roots, depth, limit, leaves);
+            }
+            dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, &mut tally));
+            block
+        });
+        let [(rest, rest_depth), (below, below_depth)] = block.frontier();
+        tally = tally.and(&self.subtrees(rest, rest_depth, most_below));
+        tally = tally.and(&self.subtrees(below, below_depth, most_below));
+        self.with_worker(|worker| {
+            self.ascend(&mut block, &mut worker.lists, &mut tally);
+            worker.blocks.push(block);
+        });
+        tally
+    }
+
+    /// Refits the block's inner nodes, and rotates at them.
+    fn ascend(&self, block: &mut Block, lists: &mut Lists, tally: &mut Tally) {
+        let nodes = self.nodes;
+        dispatch!(self.level, refit_boxes(nodes, block.own(), tally));
+        let Some(schedule) = self.schedule else { return };
+        let Lists { inner: included, accepted, .. } = lists;
+        for (level, depth) in block.levels() {
+            included.clear();
+            for &entry in level {
+                refit_height(nodes, entry);
+                included.push_if(entry, schedule.includes(entry.slot()));
+            }
+            let level = if schedule.is_always() { level } else { included.all() };
+            accepted.clear();
+            dispatch!(self.level, judge(nodes, level, accepted));
+            accepted.apply(nodes, depth, self.is_partly_static, tally);
+        }
+    }
+
+    /// Lends what belongs to this thread.
+    fn with_worker<T>(&self, work: impl FnOnce(&mut Worker) -> T) -> T {
+        let worker = &self.workers[rayon::current_thread_index().unwrap_or(0)];
+        // No other thread takes it, but one outside of the pool; and no work leaves it in disorder.
+        work(&mut worker.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}

@@ -1,0 +1,33 @@
+//! The kernels for any processor.
+
+use bvh_core::Primitives;
+use bvh_core::rotation::{area_changes_at, best};
+
+use super::Tally;
+use super::block::{Entry, Leaves};
+use super::kernels::{self, Accepted};
+use super::shared::SharedNodes;
+
+/// See [`kernels::fit_leaves`].
+pub(super) fn fit_leaves<P: Primitives + ?Sized>(
+    nodes: SharedNodes<'_>,
+    primitives: &P,
+    leaves: &mut Leaves,
+    tally: &mut Tally,
+) {
+    kernels::fit_leaves(nodes, primitives, leaves, tally);
+}
+
+/// See [`kernels::refit_boxes`].
+pub(super) fn refit_boxes(nodes: SharedNodes<'_>, parents_first: &[Entry], tally: &mut Tally) {
+    kernels::refit_boxes(nodes, parents_first, tally);
+}
+
+/// Accepts the nodes at which some rotation is a gain.
+pub(super) fn judge(nodes: SharedNodes<'_>, list: &[Entry], accepted: &mut Accepted) {
+    for &entry in list {
+        let changes = area_changes_at(&nodes, entry.first());
+        let [c0, c1, c2, c3, c4, c5] = changes;
+        accepted.push_if(entry, [c0, c1, c2, c3, c4, c5, 0.0, 0.0], best(changes).is_some());
+    }
+}
