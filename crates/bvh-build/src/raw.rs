@@ -2,7 +2,7 @@
 
 use std::marker::PhantomData;
 
-use bvh_core::{Bvh, Layout, Node};
+use bvh_core::{Bvh, Node};
 
 use crate::nearest::Window;
 
@@ -23,9 +23,8 @@ pub(crate) fn edit<T>(bvh: &mut Bvh, f: impl FnOnce(&mut [Node]) -> T) -> T {
     #[expect(unsafe_code, reason = "promises a valid tree")]
     let parts = unsafe { bvh.parts_mut() };
     let result = f(parts.nodes);
-    // Spare pairs may be in use now.
-    (parts.history.spare_pair, parts.history.spare_pair_count) = (0, 0);
-    parts.history.layout = Layout::Unknown;
+    let structure = &mut parts.state.changes.structure;
+    *structure = structure.wrapping_add(1);
     bvh.sum_still_area();
     result
 }

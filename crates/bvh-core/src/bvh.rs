@@ -1,7 +1,7 @@
 //! The tree: an arena of node pairs and an order of primitives.
 
 use crate::structure::Malformed;
-use crate::{History, Layout, Node};
+use crate::{Node, UpdateState};
 
 /// Greatest height of a tree: no leaf is more edges than this below the root.
 ///
@@ -36,7 +36,7 @@ pub struct Bvh {
     /// Whether no primitive stands still.
     pub(crate) all_move: bool,
     pub(crate) still_area: f64,
-    pub(crate) history: History,
+    pub(crate) update_state: UpdateState,
 }
 
 /// The parts of a tree that an update writes and reads, from [`Bvh::parts_mut`].
@@ -48,8 +48,8 @@ pub struct Parts<'a> {
     pub order: &'a [u32],
     /// Sum of half area times [`Node::weight`] over all nodes that do not move.
     pub still_area: &'a mut f64,
-    /// What updates remember.
-    pub history: &'a mut History,
+    /// What updates keep with the tree.
+    pub state: &'a mut UpdateState,
 }
 
 impl Bvh {
@@ -101,7 +101,7 @@ impl Bvh {
         let used = fill(bytemuck::cast_slice_mut(&mut bvh.pairs), &mut bvh.order);
         bvh.pairs.truncate(used.div_ceil(2).max(1));
         bvh.in_order = bvh.order.iter().enumerate().all(|(s, &p)| s == p as usize);
-        (bvh.all_move, bvh.still_area, bvh.history) = (true, 0.0, History::default());
+        (bvh.all_move, bvh.still_area, bvh.update_state) = (true, 0.0, UpdateState::default());
         *done = true;
     }
 
@@ -120,8 +120,8 @@ impl Bvh {
     ///
     /// # Safety
     /// When the borrow ends the structure must be valid as [`Bvh`] says, with heights and moving bits right and no
-    /// primitive moving or standing still that did not before, and so must be [`History::layout`]: updates that share the
-    /// arena between threads rely on it.
+    /// primitive moving or standing still that did not before: updates that share the arena between threads rely on it.
+    /// Whoever moves pairs of nodes adds one to [`Changes::structure`](crate::Changes::structure).
     #[must_use]
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
     pub unsafe fn parts_mut(&mut self) -> Parts<'_> {
@@ -129,7 +129,7 @@ impl Bvh {
             nodes: bytemuck::cast_slice_mut(&mut self.pairs),
             order: &self.order,
             still_area: &mut self.still_area,
-            history: &mut self.history,
+            state: &mut self.update_state,
         }
     }
 
@@ -197,7 +197,8 @@ impl Bvh {
     pub fn renumber(&mut self) -> Vec<u32> {
         self.in_order = true;
         // A tree that is being built in the background knows primitives by their old numbers.
-        self.history.background_job = 0;
+        let numbering = &mut self.update_state.changes.numbering;
+        *numbering = numbering.wrapping_add(1);
         let identity = (0..self.order.len() as u32).collect();
         std::mem::replace(&mut self.order, identity)
     }
@@ -218,8 +219,8 @@ impl Bvh {
                 if !*done {
                     bvh.mark_moving(&|_| true);
                 }
-                (bvh.history.has_other_moving, bvh.history.layout) = (true, Layout::Unknown);
-                bvh.history.background_knows_moving = false;
+                let dynamic = &mut bvh.update_state.changes.dynamic;
+                *dynamic = dynamic.wrapping_add(1);
             }
         }
         let mut guard = Guard(self, false);
@@ -252,10 +253,10 @@ impl Bvh {
         self.sum_still_area();
     }
 
-    /// What updates remember of the tree.
+    /// What updates keep with the tree.
     #[must_use]
-    pub fn history(&self) -> &History {
-        &self.history
+    pub fn update_state(&self) -> &UpdateState {
+        &self.update_state
     }
 
     /// Sum of half area times [`Node::weight`] over all nodes that stand still: their part of the SAH cost.
@@ -327,7 +328,7 @@ impl Default for Bvh {
             in_order: true,
             all_move: true,
             still_area: 0.0,
-            history: History::default(),
+            update_state: UpdateState::default(),
         }
     }
 }

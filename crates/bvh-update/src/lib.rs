@@ -3,46 +3,61 @@
 //! The centre of this crate is one pass over the tree that *refits* every box to the primitives' new positions
 //! and *rotates* at every node on the way up (Kopta, Ize, Spjut, Brunvand, Davis, Kensler: *Fast, Effective BVH
 //! Updates for Animated Scenes*, I3D 2012). Around it stand the updates that it is
-//! measured against, refitting alone and rebuilding every frame, and those that repair what rotations do not reach.
+//! measured against, and those that repair what rotations do not reach.
 //!
-//! [`update`] does what a [`Strategy`] says and tells what it did. Refits and rotations do not visit subtrees without
-//! moving primitives ([`Bvh::set_moving`](bvh_core::Bvh::set_moving)). The tree that results depends on the tree
-//! before and the primitives alone: not on the number of threads (the pass runs in the current rayon pool) and
-//! not on the SIMD level; but for [`Strategy::Background`], where it depends on how long builds take, and [`Auto`], which
-//! learns from what it is told of rays ([`Scratch::visited`]) and, if asked, from the clock.
+//! An [`Updater`] does in each frame what its [`Strategy`] says:
+//!
+//! ```text
+//! refit/      the pass: refits and rotations                 the paper
+//! quality/    how good a tree is: its cost beside a baseline
+//! repair/     a new top above subtrees that are still good
+//! leaves/     leaves merged and split
+//! rebuild/    a new tree: now, once this one is bad, or from the background
+//! auto/       which of these, decided in each frame
+//! ```
+//!
+//! ```
+//! use bvh_build::{BuildOptions, Builder, build};
+//! use bvh_core::{Aabb, Vec3};
+//! use bvh_update::Updater;
+//!
+//! let boxes = |time: f32| -> Vec<Aabb> {
+//!     let corner = |i: usize| Vec3::new(i as f32, (i as f32 * 0.1 + time).sin(), 0.0);
+//!     (0..100).map(corner).map(|corner| Aabb::new(corner, corner + 0.5)).collect()
+//! };
+//! let mut bvh = build(&boxes(0.0), Builder::Sweep, &BuildOptions::default(), None)?;
+//! let mut updater = Updater::default();
+//! for frame in 1..5 {
+//!     updater.update(&mut bvh, &boxes(frame as f32))?;
+//! }
+//! assert!(bvh.validate(&boxes(4.0)).is_ok());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! Static subtrees are not visited ([`Bvh::set_moving`](bvh_core::Bvh::set_moving)). The tree that results depends on the
+//! tree before, the primitives and the reported load alone: not on the number of threads (the pass runs in the current rayon
+//! pool) and not on the SIMD level. The exception is [`Strategy::Background`], where it depends on how long builds take.
 #![deny(unsafe_code)]
 
-mod apart;
 mod auto;
-mod background;
-mod best;
-mod clock;
-mod cut;
-mod decision;
-mod degraded;
-mod divergent;
-mod growth;
 mod leaves;
-mod merge;
-mod model;
+mod quality;
+mod rebuild;
 mod refit;
-mod regrow;
-mod scratch;
-mod selective;
-mod settle;
-mod slope;
+mod repair;
+mod report;
+mod ski_rental;
+mod state;
 mod strategy;
-mod top;
-mod walk;
+mod update;
+mod workspace;
 
-pub use auto::Auto;
-pub use background::{Background, BackgroundCost};
+pub use auto::{Auto, Load};
 pub use bvh_build::{BuildError, BuildOptions, Builder, UnknownBuilder};
-pub use clock::Calibration;
-pub use decision::Decision;
-pub use degraded::Degraded;
 pub use leaves::Leaves;
-pub use refit::plain;
-pub use regrow::{Open, Regrow};
-pub use scratch::Scratch;
-pub use strategy::{Reinsertion, Rotate, Strategy, UnknownStrategy, Update, UpdateError, update};
+pub use rebuild::{Background, BackgroundCost, Degraded};
+pub use refit::{Rotate, plain};
+pub use repair::{PartialRebuild, RepairScore};
+pub use report::{Decision, Reason, Update, UpdateError};
+pub use strategy::{Reinsertion, Strategy, UnknownStrategy};
+pub use update::{Updater, refit, refit_and_rotate};

@@ -3,7 +3,7 @@
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Aabb, Bvh, SimdLevel, Vec3, sah_cost, stats};
-use bvh_update::{Rotate, Scratch, Strategy, UpdateError, plain, update};
+use bvh_update::{Rotate, Strategy, UpdateError, Updater, plain};
 use proptest::prelude::*;
 
 /// A 64-bit mix (splitmix64), so that inputs need no state.
@@ -59,7 +59,13 @@ fn check(
         let mut contestants: Vec<_> = SimdLevel::available()
             .flat_map(|level| [1, 2, 3, 8].map(|threads| (level, threads)))
             .map(|(level, threads)| {
-                (level, threads, pool(threads), expected.clone(), Scratch::with_level(level))
+                (
+                    level,
+                    threads,
+                    pool(threads),
+                    expected.clone(),
+                    Updater::with_level(Strategy::default(), level),
+                )
             })
             .collect();
         for frame in 1..=frames {
@@ -68,8 +74,9 @@ fn check(
             expected.validate(&now).expect("the plain pass leaves a valid, tight tree");
             let cost = sah_cost(&expected);
             let mut told_first = None;
-            for (level, threads, pool, bvh, scratch) in &mut contestants {
-                let done = pool.install(|| update(bvh, &now, &strategy, scratch)).expect("same count");
+            for (level, threads, pool, bvh, updater) in &mut contestants {
+                let done =
+                    pool.install(|| updater.set_strategy(strategy).update(bvh, &now)).expect("same count");
                 assert_eq!(bvh.hash(), expected.hash(), "{n} {level:?} {threads} threads, frame {frame}");
                 assert_eq!(done.rotations, applied);
                 assert_eq!(done.height, expected.height());
@@ -78,12 +85,12 @@ fn check(
                     expected.visit(|_, node, _| moving += u64::from(node.moves()));
                     assert_eq!(done.nodes_visited, moving);
                 }
-                let told = done.sah_cost.expect("known");
-                assert!((told - cost).abs() <= 1e-6 * cost, "told {told}, is {cost}");
+                let report = done.sah_cost.expect("known");
+                assert!((report - cost).abs() <= 1e-6 * cost, "report {report}, is {cost}");
                 // Decisions rest on it, so it must be the same to the bit.
                 assert_eq!(
-                    told.to_bits(),
-                    told_first.get_or_insert(told).to_bits(),
+                    report.to_bits(),
+                    told_first.get_or_insert(report).to_bits(),
                     "{level:?} {threads} threads"
                 );
                 bvh.validate(&now).expect("valid and tight");
@@ -124,20 +131,26 @@ fn same_tree_when_only_some_move() {
 fn what_stands_still_is_not_visited() {
     let start = boxes(20_000, 1, 0.0);
     let mut bvh = tree(&start, 1);
-    let mut scratch = Scratch::new();
-    let all = update(&mut bvh, &start, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
+    let mut updater = Updater::default();
+    let all = updater
+        .set_strategy(Strategy::RefitRotate(Rotate::default()))
+        .update(&mut bvh, &start)
         .expect("same count");
     assert_eq!(all.nodes_visited as usize, 2 * 20_000 - 1);
     bvh.set_moving(|p| p == 77);
-    let one = update(&mut bvh, &start, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
+    let one = updater
+        .set_strategy(Strategy::RefitRotate(Rotate::default()))
+        .update(&mut bvh, &start)
         .expect("same count");
     assert!(one.nodes_visited <= u64::from(bvh.height()) + 1, "visited {}", one.nodes_visited);
     bvh.set_moving(|_| false);
-    let none = update(&mut bvh, &start, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
+    let none = updater
+        .set_strategy(Strategy::RefitRotate(Rotate::default()))
+        .update(&mut bvh, &start)
         .expect("same count");
     assert_eq!(none.nodes_visited, 0);
-    let (told, cost) = (none.sah_cost.expect("known"), sah_cost(&bvh));
-    assert!((told - cost).abs() < 1e-6 * cost, "told {told}, is {cost}");
+    let (report, cost) = (none.sah_cost.expect("known"), sah_cost(&bvh));
+    assert!((report - cost).abs() < 1e-6 * cost, "report {report}, is {cost}");
 }
 
 #[test]
@@ -145,9 +158,11 @@ fn rotations_happen_where_they_are_needed_and_lower_the_cost() {
     let (start, end) = (boxes(5000, 9, 0.0), boxes(5000, 9, 80.0));
     let mut refitted = tree(&start, 1);
     let mut rotated = refitted.clone();
-    let mut scratch = Scratch::new();
-    let refit = update(&mut refitted, &end, &Strategy::Refit, &mut scratch).expect("same count");
-    let rotate = update(&mut rotated, &end, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
+    let mut updater = Updater::default();
+    let refit = updater.set_strategy(Strategy::Refit).update(&mut refitted, &end).expect("same count");
+    let rotate = updater
+        .set_strategy(Strategy::RefitRotate(Rotate::default()))
+        .update(&mut rotated, &end)
         .expect("same count");
     assert!(refit.rotations_applied() == 0 && rotate.rotations_applied() > 500);
     assert!(rotate.rotations.iter().all(|&kind| kind > 0), "{:?}", rotate.rotations);
@@ -158,10 +173,12 @@ fn rotations_happen_where_they_are_needed_and_lower_the_cost() {
 fn a_still_scene_converges_and_stays() {
     let end = boxes(3000, 9, 200.0);
     let mut bvh = tree(&boxes(3000, 9, 0.0), 1);
-    let mut scratch = Scratch::new();
+    let mut updater = Updater::default();
     let mut cost = f64::INFINITY;
     for pass in 0.. {
-        let done = update(&mut bvh, &end, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
+        let done = updater
+            .set_strategy(Strategy::RefitRotate(Rotate::default()))
+            .update(&mut bvh, &end)
             .expect("same count");
         assert!(sah_cost(&bvh) <= cost, "a rotation raised the cost");
         cost = sah_cost(&bvh);
@@ -171,7 +188,10 @@ fn a_still_scene_converges_and_stays() {
         assert!(pass < 200, "still rotating after {pass} passes over a still scene");
     }
     let settled = bvh.hash();
-    update(&mut bvh, &end, &Strategy::RefitRotate(Rotate::default()), &mut scratch).expect("same count");
+    updater
+        .set_strategy(Strategy::RefitRotate(Rotate::default()))
+        .update(&mut bvh, &end)
+        .expect("same count");
     assert_eq!(bvh.hash(), settled);
 }
 
@@ -181,13 +201,13 @@ fn renumbered_primitives_give_the_same_tree() {
     let mut plain_numbers = tree(&start, 1);
     let mut in_order = plain_numbers.clone();
     let map = in_order.renumber();
-    let mut scratch = Scratch::new();
+    let mut updater = Updater::default();
     for frame in 1..4 {
         let now = boxes(3000, 4, frame as f32 * 20.0);
         let arranged: Vec<_> = map.iter().map(|&p| now[p as usize]).collect();
         for strategy in [Strategy::Refit, Strategy::RefitRotate(Rotate::default())] {
-            update(&mut plain_numbers, &now, &strategy, &mut scratch).expect("same count");
-            update(&mut in_order, &arranged, &strategy, &mut scratch).expect("same count");
+            updater.set_strategy(strategy).update(&mut plain_numbers, &now).expect("same count");
+            updater.set_strategy(strategy).update(&mut in_order, &arranged).expect("same count");
             assert_eq!(plain_numbers.nodes(), in_order.nodes());
         }
     }
@@ -204,12 +224,12 @@ fn primitives_that_are_not_finite_are_dropped_and_come_back() {
     {
         let mut bvh = tree(&start, max_leaf_size);
         let mut expected = bvh.clone();
-        let mut scratch = Scratch::with_level(level);
+        let mut updater = Updater::with_level(Strategy::default(), level);
         for (strategy, rotate) in
             [(Strategy::Refit, None), (Strategy::RefitRotate(Rotate::default()), Some(Rotate::default()))]
         {
             for (now, dropped) in [(&broken, 20), (&start, 0)] {
-                let done = update(&mut bvh, now, &strategy, &mut scratch).expect("same count");
+                let done = updater.set_strategy(strategy).update(&mut bvh, now).expect("same count");
                 plain::update(&mut expected, now, rotate);
                 assert_eq!(bvh.hash(), expected.hash());
                 assert_eq!(done.dropped, dropped);
@@ -222,19 +242,26 @@ fn primitives_that_are_not_finite_are_dropped_and_come_back() {
 }
 
 #[test]
-fn every_strategy_leaves_a_valid_tree_and_another_count_is_refused() {
+fn every_strategy_leaves_a_valid_tree_and_another_count_is_refused_or_rebuilt() {
     let (start, end) = (boxes(2000, 8, 0.0), boxes(2000, 8, 30.0));
     for strategy in Strategy::all() {
         let mut bvh = tree(&start, 1);
-        let mut scratch = Scratch::new();
-        let done = update(&mut bvh, &end, &strategy, &mut scratch).expect("same count");
+        let mut updater = Updater::default();
+        let done = updater.set_strategy(strategy).update(&mut bvh, &end).expect("same count");
         bvh.validate(&end).expect("valid and tight");
         assert_eq!(done.height, bvh.height());
         assert_eq!(strategy.name().parse(), Ok(strategy));
         let before = bvh.hash();
-        let error = update(&mut bvh, &end[1..], &strategy, &mut scratch).expect_err("one too few");
-        assert_eq!(error, UpdateError::Count { tree: 2000, given: 1999 });
-        assert_eq!(bvh.hash(), before);
+        match (strategy, updater.set_strategy(strategy).update(&mut bvh, &end[1..])) {
+            (Strategy::Rebuild(..) | Strategy::Auto(_), done) => {
+                assert!(done.is_ok_and(|done| done.rebuilt), "{strategy}");
+                bvh.validate(&end[1..]).expect("a new tree");
+            }
+            (_, done) => {
+                assert_eq!(done.expect_err("one too few"), UpdateError::Count { tree: 2000, given: 1999 });
+                assert_eq!(bvh.hash(), before);
+            }
+        }
     }
 }
 

@@ -1,11 +1,11 @@
-//! Updates allocate nothing once their scratch memory is large enough.
+//! Updates allocate nothing once their updater memory is large enough.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Aabb, Vec3};
-use bvh_update::{Decision, Leaves, Open, Regrow, Rotate, Scratch, Strategy, update};
+use bvh_update::{Decision, Leaves, PartialRebuild, RepairScore, Rotate, Strategy, Updater};
 
 /// Counts what is asked of the system's allocator.
 struct Counting;
@@ -44,24 +44,24 @@ fn pose(step: usize) -> Vec<Aabb> {
 fn a_motion_seen_before_allocates_nothing() {
     let poses: Vec<_> = (0..8).map(pose).collect();
     let built = build(&poses[0], Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
-    let regrow = |open| Strategy::Regrow(Regrow { open, ..Regrow::default() });
+    let regrow = |score| Strategy::PartialRebuild(PartialRebuild { score, ..PartialRebuild::default() });
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
     for strategy in [
         Strategy::Refit,
         Strategy::RefitRotate(Rotate::default()),
-        regrow(Open::Grown),
-        regrow(Open::Overlapping),
-        regrow(Open::Divergent),
+        regrow(RepairScore::Area),
+        regrow(RepairScore::Overlap),
+        regrow(RepairScore::Divergence),
         Strategy::Leaves(Leaves { period: 1, ..Leaves::default() }),
     ] {
-        let mut scratch = Scratch::new();
+        let mut updater = Updater::default();
         let mut play = || {
             let mut bvh = built.clone();
             let mut step = |pose: &Vec<Aabb>| {
                 let before = ALLOCATIONS.load(Relaxed);
-                let told = update(&mut bvh, pose, &strategy, &mut scratch).expect("same count");
-                assert!(!told.rebuilt, "a new tree takes new memory");
-                (ALLOCATIONS.load(Relaxed) - before, told.decision != Decision::AsAlways)
+                let report = updater.set_strategy(strategy).update(&mut bvh, pose).expect("same count");
+                assert!(!report.rebuilt, "a new tree takes new memory");
+                (ALLOCATIONS.load(Relaxed) - before, report.decision != Decision::AsAlways)
             };
             // The first update of a tree takes a look at it.
             step(&poses[0]);
@@ -69,6 +69,6 @@ fn a_motion_seen_before_allocates_nothing() {
         };
         let [_, (allocations, repaired)] = pool.install(|| [play(), play()]);
         assert_eq!(allocations, 0, "{}", strategy.name());
-        assert_eq!(repaired, matches!(strategy, Strategy::Regrow(_)), "{}", strategy.name());
+        assert_eq!(repaired, matches!(strategy, Strategy::PartialRebuild(_)), "{}", strategy.name());
     }
 }

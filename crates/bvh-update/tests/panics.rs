@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Aabb, Bvh, Primitives, Vec3};
-use bvh_update::{Scratch, Strategy, plain, update};
+use bvh_update::{Strategy, Updater, plain};
 
 const N: usize = 3000;
 
@@ -40,11 +40,11 @@ impl Primitives for Fragile {
 fn check(bvh: &Bvh, what: &str) {
     let again = Bvh::new(bvh.nodes(), bvh.order().to_vec()).unwrap_or_else(|e| panic!("{what}: {e}"));
     again.visit(|n, node, _| {
-        let told = &bvh.nodes()[n];
-        assert_eq!((told.height(), told.moves()), (node.height(), node.moves()), "{what}, node {n}");
+        let report = &bvh.nodes()[n];
+        assert_eq!((report.height(), report.moves()), (node.height(), node.moves()), "{what}, node {n}");
     });
-    let (told, sum) = (bvh.still_area(), again.still_area());
-    assert!((told - sum).abs() <= 1e-9 * sum, "{what}: {told} stands still, not {sum}");
+    let (report, sum) = (bvh.still_area(), again.still_area());
+    assert!((report - sum).abs() <= 1e-9 * sum, "{what}: {report} stands still, not {sum}");
 }
 
 #[test]
@@ -57,17 +57,19 @@ fn a_panic_in_the_middle_of_an_update_leaves_a_valid_tree() {
                 let mut bvh =
                     build(&start, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
                 bvh.set_moving(|p| p % 10 > 0);
-                let mut scratch = Scratch::new();
+                let mut updater = Updater::default();
                 let fragile = Fragile { boxes: end.clone(), left: AtomicUsize::new(calls) };
                 let updated = catch_unwind(AssertUnwindSafe(|| {
-                    pool.install(|| update(&mut bvh, &fragile, &strategy, &mut scratch))
+                    pool.install(|| updater.set_strategy(strategy).update(&mut bvh, &fragile))
                 }));
                 let what = format!("{}, {calls} calls, {threads} threads", strategy.name());
                 assert!(updated.is_err() || calls >= N * 9 / 10, "{what}");
                 // Builders leave an empty tree.
                 if !bvh.is_empty() {
                     check(&bvh, &what);
-                    update(&mut bvh, &after, &strategy, &mut scratch)
+                    updater
+                        .set_strategy(strategy)
+                        .update(&mut bvh, &after)
                         .unwrap_or_else(|e| panic!("{what}: {e}"));
                     check(&bvh, &what);
                 }

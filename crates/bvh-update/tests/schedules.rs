@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU8, Ordering};
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Aabb, Primitives, Vec3};
-use bvh_update::{Scratch, Strategy, update};
+use bvh_update::{Strategy, Updater};
 
 /// Boxes that give way to other threads when they are asked for, and remember whom.
 struct Waiting<'a> {
@@ -49,18 +49,19 @@ fn no_schedule_changes_a_bit() {
         let strategy: Strategy = name.parse().expect("known");
         let run = |threads: usize, seed: u64| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-            let (mut bvh, mut scratch, mut told) = (first.clone(), Scratch::new(), Vec::new());
+            let (mut bvh, mut updater, mut report) = (first.clone(), Updater::default(), Vec::new());
             let mut schedule = Vec::new();
             for boxes in &frames {
                 let asked_by = boxes.iter().map(|_| AtomicU8::new(0)).collect();
                 let waiting = Waiting { boxes, seed, asked_by };
-                told.push(
-                    pool.install(|| update(&mut bvh, &waiting, &strategy, &mut scratch)).expect("same count"),
+                report.push(
+                    pool.install(|| updater.set_strategy(strategy).update(&mut bvh, &waiting))
+                        .expect("same count"),
                 );
                 schedule.extend(waiting.asked_by.into_iter().map(AtomicU8::into_inner));
             }
             bvh.validate(&frames[FRAMES - 1]).expect("valid and tight");
-            ((bvh.hash(), told), schedule)
+            ((bvh.hash(), report), schedule)
         };
         let (alone, _) = run(1, 0);
         let mut schedules = HashSet::new();

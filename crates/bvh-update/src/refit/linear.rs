@@ -6,7 +6,9 @@
 
 use std::ops::Range;
 
-use bvh_core::{History, Layout, MAX_HEIGHT, Node, Primitives};
+use bvh_core::{MAX_HEIGHT, Node, Primitives};
+
+use crate::state::{Layout, State};
 
 use super::block::{Entry, Lists, list_pair};
 use super::shared::dispatch;
@@ -19,11 +21,11 @@ const STRETCH: usize = 512;
 const PIECE: usize = 4096;
 
 /// Whether a tree is to be swept. Looks at it where that is not known.
-pub(crate) fn is_linear(nodes: &[Node], history: &mut History) -> bool {
-    if history.layout == Layout::Unknown {
-        history.layout = if lies_in_order(nodes) { Layout::Linear } else { Layout::Other };
+pub(crate) fn is_linear(nodes: &[Node], state: &mut State) -> bool {
+    if state.layout() == Layout::Unknown {
+        state.set_layout(if lies_in_order(nodes) { Layout::Linear } else { Layout::Other });
     }
-    history.layout == Layout::Linear
+    state.layout() == Layout::Linear
 }
 
 /// Whether a tree is as [`Layout::Linear`] says. O(n).

@@ -13,29 +13,48 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use bvh_core::{Bvh, InOrder, Layout, Primitives, SimdLevel};
+use bvh_core::{Bvh, InOrder, Primitives, SimdLevel, sah_cost};
 
-use self::block::{Block, Entry, LISTED, Lists, ROOTS};
+use self::block::{Block, Entry, Lists};
 use self::kernels::refit_height;
-use self::shared::{Available, SharedNodes, dispatch};
-use crate::strategy::Rotate;
+use self::shared::{Available, dispatch};
+use crate::report::Update;
+use crate::state::{Layout, State};
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
-pub(crate) mod block;
+mod block;
 mod kernels;
-pub(crate) mod linear;
+mod linear;
 pub mod plain;
 mod scalar;
-pub(crate) mod shared;
+mod shared;
+
+pub(crate) use block::{LISTED, NESTED, ROOTS};
+pub(crate) use linear::is_linear;
+pub(crate) use shared::{SharedNodes, parts, share};
 
 /// Nodes that the first block lists: the part of the pass that one thread does alone.
 const TOP_LISTED: usize = 128;
 
 /// Roots of a block below the first.
 const TOP_ROOTS: usize = 4;
+
+/// The budget of rotations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rotate {
+    /// Rotations are tried at each node in one of this many updates, at different nodes each time; a power of two,
+    /// else the next one. 1, every node in every update, by default.
+    pub period: u32,
+}
+
+impl Default for Rotate {
+    fn default() -> Self {
+        Self { period: 1 }
+    }
+}
 
 /// What a pass, or a part of it, has done.
 #[derive(Clone, Copy, Debug, Default)]
@@ -56,6 +75,21 @@ pub(crate) struct Tally {
 }
 
 impl Tally {
+    /// What the pass reports; `bvh` is the tree after it.
+    pub(crate) fn report(&self, bvh: &Bvh) -> Update {
+        // Static areas are among those of the tree.
+        let cost = (self.area + bvh.still_area()) / bvh.root().aabb().half_area_f64();
+        Update {
+            rotations: self.rotations,
+            // Areas beyond the range of f32, or a root without area.
+            sah_cost: Some(if cost.is_finite() { cost } else { sah_cost(bvh) }),
+            height: bvh.height(),
+            nodes_visited: self.leaves + self.inner,
+            dropped: self.dropped,
+            ..Update::default()
+        }
+    }
+
     fn and(mut self, other: &Self) -> Self {
         self.rotations.iter_mut().zip(other.rotations).for_each(|(a, b)| *a += b);
         self.leaves += other.leaves;
@@ -101,6 +135,11 @@ pub(crate) struct RefitScratch {
 }
 
 impl RefitScratch {
+    #[cfg(test)]
+    pub(crate) fn new() -> Self {
+        Self::with_level(SimdLevel::best())
+    }
+
     /// For `level`, or the best below it that the machine has.
     pub(crate) fn with_level(level: SimdLevel) -> Self {
         Self { level: Available::at_most(level), workers: Vec::new() }
@@ -140,24 +179,25 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     rotate: Option<Rotate>,
-    scratch: &mut impl AsMut<RefitScratch>,
+    scratch: &mut RefitScratch,
 ) -> Tally {
     let (is_in_order, is_partly_static) = (bvh.is_in_order(), !bvh.all_move());
     let mut unfinished = shared::Unfinished::new(bvh);
-    let parts = shared::parts(unfinished.bvh);
-    let is_linear = rotate.is_none() && linear::is_linear(parts.nodes, parts.history);
+    let parts = parts(unfinished.bvh);
+    let state = State::of_mut(parts.state);
+    let is_linear = rotate.is_none() && is_linear(parts.nodes, state);
     if rotate.is_some() {
         // Rotations end it: beforehand, as primitives may panic half-way.
-        parts.history.layout = Layout::Other;
+        state.set_layout(Layout::Other);
     }
-    let schedule = rotate.map(|rotate| RotationSchedule::new(rotate, parts.history.updates));
-    parts.history.updates = parts.history.updates.wrapping_add(1);
-    let RefitScratch { level, workers } = scratch.as_mut();
+    let schedule = rotate.map(|rotate| RotationSchedule::new(rotate, state.updates));
+    state.updates = state.updates.wrapping_add(1);
+    let RefitScratch { level, workers } = scratch;
     let threads = rayon::current_num_threads();
     while workers.len() < threads {
         workers.push(Mutex::new(Worker::new()));
     }
-    let (level, nodes) = (*level, shared::share(parts.nodes));
+    let (level, nodes) = (*level, share(parts.nodes));
     let tally = if is_in_order {
         Task { nodes, primitives, schedule, is_partly_static, level, workers }.run(is_linear)
     } else {

@@ -10,10 +10,11 @@
 //! The paper refits N first and then rotates; N's box is the same either way, and its height is known last.
 
 use bvh_core::rotation::{self, area_changes_at, best};
-use bvh_core::{Aabb, Bvh, Layout, Node, Primitives};
+use bvh_core::{Aabb, Bvh, Node, Primitives};
 
+use super::Rotate;
 use super::{RotationSchedule, shared};
-use crate::strategy::Rotate;
+use crate::state::{Layout, State};
 
 /// Refits every box above primitives that move; with `rotate`, also rotates at such nodes. Gives the rotations applied, by
 /// kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
@@ -31,10 +32,11 @@ pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Opt
     );
     let mut unfinished = shared::Unfinished::new(bvh);
     let parts = shared::parts(unfinished.bvh);
-    let rotations = rotate.map(|rotate| RotationSchedule::new(rotate, parts.history.updates));
-    parts.history.updates = parts.history.updates.wrapping_add(1);
+    let state = State::of_mut(parts.state);
+    let rotations = rotate.map(|rotate| RotationSchedule::new(rotate, state.updates));
+    state.updates = state.updates.wrapping_add(1);
     if rotate.is_some() {
-        parts.history.layout = Layout::Other;
+        state.set_layout(Layout::Other);
     }
     let (nodes, order) = (parts.nodes, parts.order);
     let mut walk = Walk { nodes, order, primitives, rotations, applied: [0; 6], still_area: 0.0 };

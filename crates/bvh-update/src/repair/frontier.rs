@@ -1,4 +1,4 @@
-//! The walk that finds a cut (`cut.rs`): breadth-first in blocks that fit a cache, in parts that threads share out.
+//! The walk that finds the frontier of a repair: breadth-first in blocks that fit a cache, in parts that threads share out.
 //!
 //! A block lists nodes on its way down, so that memory is asked for well before, and sums up their excess on its way back
 //! up. Only nodes that are opened are looked at again; these are few.
@@ -9,9 +9,9 @@ use std::sync::{Mutex, PoisonError};
 use bvh_core::{Bvh, Node, prefetch};
 use rayon::prelude::*;
 
-use crate::cut::{CutScratch, NodeMeasure};
-use crate::refit::block::{LISTED, NESTED, ROOTS};
-use crate::top::InnerAreas;
+use super::RepairScratch;
+use crate::quality::{NodeMeasure, TreeCost};
+use crate::refit::{LISTED, NESTED, ROOTS};
 
 /// Roots of a part.
 const PER_PART: usize = 8;
@@ -24,7 +24,7 @@ const LARGE: f32 = 0.005;
 
 /// Memory of the walk.
 #[derive(Default)]
-pub(crate) struct WalkScratch {
+pub(crate) struct FrontierScratch {
     top: Listing,
     parts: Vec<Part>,
     /// Nested blocks, of as many workers as there have been at a time.
@@ -39,13 +39,14 @@ pub(crate) fn open(
     scale: f64,
     threshold: f64,
     most: usize,
-    scratch: &mut CutScratch,
+    scratch: &mut RepairScratch,
 ) -> f64 {
-    let CutScratch { walk: WalkScratch { top, parts, workers }, cut, pairs, opened, .. } = scratch;
+    let RepairScratch { walk: FrontierScratch { top, parts, workers }, frontier, pairs, opened, .. } =
+        scratch;
     let workers = &*workers;
-    cut.clear();
+    frontier.clear();
     pairs.clear();
-    *opened = InnerAreas::default();
+    *opened = TreeCost::default();
     if bvh.height() < 2 {
         return 0.0;
     }
@@ -74,7 +75,7 @@ pub(crate) fn open(
     for part in parts.iter() {
         *opened = opened.and(part.opened);
         if found.bad.load(Ordering::Relaxed) > 0 {
-            cut.extend_from_slice(&part.cut);
+            frontier.extend_from_slice(&part.kept);
             pairs.extend_from_slice(&part.pairs);
         }
     }
@@ -84,32 +85,32 @@ pub(crate) fn open(
 /// A part of the walk, and what it has found.
 #[derive(Default)]
 struct Part {
-    cut: Vec<u32>,
+    kept: Vec<u32>,
     pairs: Vec<u32>,
     /// Sum of references of nodes that are not opened.
     references: f64,
     /// Areas of those that are.
-    opened: InnerAreas,
+    opened: TreeCost,
     /// How many were opened for their excess.
     bad: usize,
-    /// How many in the cut and how many bad ones others know of.
-    told: [usize; 2],
+    /// How many kept subtrees and how many bad nodes other parts know of.
+    reported: [usize; 2],
 }
 
 impl Part {
     fn clear(&mut self) {
-        self.cut.clear();
+        self.kept.clear();
         self.pairs.clear();
-        (self.references, self.opened) = (0.0, InnerAreas::default());
-        (self.bad, self.told) = (0, [0; 2]);
+        (self.references, self.opened) = (0.0, TreeCost::default());
+        (self.bad, self.reported) = (0, [0; 2]);
     }
 }
 
 /// What all parts have found so far.
 #[derive(Default)]
 struct Found {
-    /// How many subtrees are in their cuts.
-    cut: AtomicUsize,
+    /// How many subtrees are kept.
+    kept: AtomicUsize,
     /// How many nodes were opened for their excess.
     bad: AtomicUsize,
 }
@@ -154,7 +155,7 @@ struct Walk<'a, M> {
     threshold: f64,
     large: f32,
     most: usize,
-    /// The walk ends early where there is something bad and the cut has more than `most`.
+    /// The walk ends early where there is something bad and more than `most` subtrees are kept.
     found: &'a Found,
 }
 
@@ -168,8 +169,8 @@ impl<M: NodeMeasure> Walk<'_, M> {
         blocks: &mut [Listing],
         part: &mut Part,
     ) {
-        let [cut, bad] = [&self.found.cut, &self.found.bad].map(|found| found.load(Ordering::Relaxed));
-        if cut > self.most && bad > 0 {
+        let [kept, bad] = [&self.found.kept, &self.found.bad].map(|found| found.load(Ordering::Relaxed));
+        if kept > self.most && bad > 0 {
             return;
         }
         let (block, deeper) = blocks.split_first_mut().expect("as many as nest");
@@ -195,7 +196,7 @@ impl<M: NodeMeasure> Walk<'_, M> {
         if excess > 0.0 { excess } else { 0.0 }
     }
 
-    /// Lists nodes until there is no more room, and settles those children of theirs that have no grandchildren.
+    /// Lists nodes until there is no more room, and judges those of their children that have no grandchildren.
     fn descend(&self, block: &mut Listing, part: &mut Part) {
         let Listing { slots, pairs, kinds, excess, listed, done } = block;
         while *done < *listed && *listed + 2 <= LISTED {
@@ -226,10 +227,10 @@ impl<M: NodeMeasure> Walk<'_, M> {
             excess[*done] = sum;
             *done += 1;
         }
-        self.tell(part);
+        self.report(part);
     }
 
-    /// Settles the nodes of a block, once the excess of those below it is known.
+    /// Judges the nodes of a block, once the excess of those below it is known.
     fn ascend(&self, block: &mut Listing, part: &mut Part) {
         let Listing { slots, pairs, kinds, excess, listed, done } = block;
         let mut end = *listed;
@@ -252,15 +253,15 @@ impl<M: NodeMeasure> Walk<'_, M> {
                 self.open(&self.nodes[slots[i] as usize], total, below, part);
             }
         }
-        self.tell(part);
+        self.report(part);
     }
 
-    /// Tells other parts what this one has found.
-    fn tell(&self, part: &mut Part) {
-        let now = [part.cut.len(), part.bad];
-        self.found.cut.fetch_add(now[0] - part.told[0], Ordering::Relaxed);
-        self.found.bad.fetch_add(now[1] - part.told[1], Ordering::Relaxed);
-        part.told = now;
+    /// Reports to other parts what this one has found.
+    fn report(&self, part: &mut Part) {
+        let now = [part.kept.len(), part.bad];
+        self.found.kept.fetch_add(now[0] - part.reported[0], Ordering::Relaxed);
+        self.found.bad.fetch_add(now[1] - part.reported[1], Ordering::Relaxed);
+        part.reported = now;
     }
 
     /// Whether a node is opened, given the excess at and below it.
@@ -282,7 +283,7 @@ impl<M: NodeMeasure> Walk<'_, M> {
         part.pairs.push(pair as u32);
         for (child, below) in (pair..).zip(below) {
             if !self.is_opened(&self.nodes[child], below) {
-                part.cut.push(child as u32);
+                part.kept.push(child as u32);
             }
         }
     }
@@ -293,37 +294,36 @@ mod tests {
     use bvh_build::{BuildOptions, Builder, build};
     use bvh_core::{Aabb, Vec3};
 
-    use crate::cut::{area, size_now, take_references};
-    use crate::divergent::divergence;
-    use crate::refit::pass;
-    use crate::scratch::Scratch;
-
+    use super::super::divergence::divergence;
     use super::*;
+    use crate::quality::{area, take_baseline};
+    use crate::refit::{RefitScratch, pass};
+    use crate::state::State;
 
-    /// The walk as `cut.rs` has it.
+    /// The recursion of `repair/mod.rs`.
     #[derive(Default)]
     struct Plain {
-        cut: Vec<u32>,
+        kept: Vec<u32>,
         pairs: Vec<u32>,
         references: f64,
-        opened: InnerAreas,
+        opened: TreeCost,
         is_bad: bool,
     }
 
     impl Plain {
         /// Gives the excess at and below a node.
-        fn cut<M: NodeMeasure>(&mut self, walk: &Walk<'_, M>, node: &Node) -> f64 {
+        fn frontier<M: NodeMeasure>(&mut self, walk: &Walk<'_, M>, node: &Node) -> f64 {
             if node.is_leaf() {
                 return 0.0;
             }
             let pair = node.first();
-            let below = [pair, pair + 1].map(|child| self.cut(walk, &walk.nodes[child]));
+            let below = [pair, pair + 1].map(|child| self.frontier(walk, &walk.nodes[child]));
             let total = walk.excess(node) + below[0] + below[1];
             self.is_bad |= total > walk.threshold;
             if walk.is_opened(node, total) {
                 let kept =
                     (pair..).zip(below).filter(|&(child, below)| !walk.is_opened(&walk.nodes[child], below));
-                self.cut.extend(kept.map(|(child, _)| child as u32));
+                self.kept.extend(kept.map(|(child, _)| child as u32));
                 self.pairs.push(pair as u32);
                 self.opened.add(node);
             } else {
@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_opened_is_what_the_recursion_opens() {
+    fn the_walk_opens_what_the_recursion_opens() {
         let at = |i: usize, k: usize| (i.wrapping_mul(k) % 99_991) as f32 * 1e-3;
         // The largest takes blocks below blocks.
         for (n, builder) in [(3, Builder::Sweep), (500, Builder::Lbvh), (400_000, Builder::Lbvh)] {
@@ -345,9 +345,9 @@ mod tests {
             };
             let mut bvh = build(&pose(0.0), builder, &BuildOptions::default(), None).expect("few enough");
             bvh.set_moving(|p| p % 7 != 0);
-            take_references(&mut bvh);
-            let tally = pass(&mut bvh, &pose(0.1), None, &mut Scratch::new());
-            let scale = size_now(&bvh, tally.leaf_area);
+            take_baseline(&mut bvh, area);
+            let tally = pass(&mut bvh, &pose(0.1), None, &mut RefitScratch::new());
+            let scale = State::of(&bvh).baseline.scale_now(&bvh, tally.leaf_area);
             let [mut fewest, mut most] = [usize::MAX, 0];
             for threshold in [0.0, 0.1, 1.0, 30.0] {
                 let cuts = [check(&bvh, area, scale, threshold), check(&bvh, divergence, scale, threshold)];
@@ -366,18 +366,18 @@ mod tests {
             (0..100_000).map(|i| at(i) + away(i)).map(|p| Aabb::new(p, p + 0.5)).collect()
         };
         let mut bvh = build(&boxes(0.0), Builder::Lbvh, &BuildOptions::default(), None).expect("few enough");
-        take_references(&mut bvh);
-        pass(&mut bvh, &boxes(1.0), None, &mut Scratch::new());
+        take_baseline(&mut bvh, area);
+        pass(&mut bvh, &boxes(1.0), None, &mut RefitScratch::new());
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
-        let mut scratch = CutScratch::default();
-        let mut cut = |most| {
+        let mut scratch = RepairScratch::default();
+        let mut kept = |most| {
             pool.install(|| {
                 open(&bvh, area, 1.0, 0.0, most, &mut scratch);
-                scratch.cut.len()
+                scratch.frontier.len()
             })
         };
-        let all = cut(usize::MAX);
-        let some = cut(1000);
+        let all = kept(usize::MAX);
+        let some = kept(1000);
         assert!(all > 50_000 && (1001..all / 4).contains(&some), "{some} of {all}");
     }
 
@@ -386,18 +386,18 @@ mod tests {
         let (mut plain, found) = (Plain::default(), Found::default());
         let large = LARGE * bvh.root().aabb().half_area();
         let walk = Walk { nodes: bvh.nodes(), measure, scale, threshold, large, most: 0, found: &found };
-        plain.cut(&walk, bvh.root());
-        let mut scratch = CutScratch::default();
+        plain.frontier(&walk, bvh.root());
+        let mut scratch = RepairScratch::default();
         let references = open(bvh, measure, scale, threshold, usize::MAX, &mut scratch);
         let is_close = |a: f64, b: f64| (a - b).abs() <= 1e-9 * a.abs().max(b.abs());
         assert!(is_close(references, plain.references), "{references} {}", plain.references);
         assert!(is_close(scratch.opened.all, plain.opened.all));
         if !plain.is_bad {
-            assert!(scratch.cut.is_empty() && scratch.pairs.is_empty());
+            assert!(scratch.frontier.is_empty() && scratch.pairs.is_empty());
             return 0;
         }
-        let count = plain.cut.len();
-        for (mut fast, mut plain) in [(scratch.cut, plain.cut), (scratch.pairs, plain.pairs)] {
+        let count = plain.kept.len();
+        for (mut fast, mut plain) in [(scratch.frontier, plain.kept), (scratch.pairs, plain.pairs)] {
             fast.sort_unstable();
             plain.sort_unstable();
             assert_eq!(fast, plain, "{threshold}");

@@ -5,8 +5,8 @@
 //! subtree if its SAH cost is lower:
 //!
 //! ```text
-//! best(i..j) = min( COST_INTERSECT * A(i..j) * (j - i),
-//!                   COST_TRAVERSE  * A(i..j) + min over k of best(i..k) + best(k..j) )
+//! cost(i..j) = min( COST_INTERSECT * A(i..j) * (j - i),
+//!                   COST_TRAVERSE  * A(i..j) + min over k of cost(i..k) + cost(k..j) )
 //! ```
 //!
 //! So leaves merge where triangles move together, and split where they do not any more, in one step. Both sides of the
@@ -17,23 +17,25 @@
 //! rotations brought together from afar cannot merge. Nor can rotations take apart what has merged: a tree that
 //! recovers from chaos may end a few per cent above one that has not. A tree that was built with larger leaves splits
 //! them as far as it has pairs of nodes to spare; those that are not needed are kept in a list within the arena
-//! (`History::spare_pair`).
+//! (`State::spare_pair`).
 //!
 //! Meshes end with 1.2 to 1.4 nodes a triangle instead of 2, a cost some 2 % lower, and rays 2 to 8 % faster. Updates
 //! take 1.0 to 1.4 times as long as with rotations alone (means of `cargo xtask compare frame`). Where nothing stays
-//! together it only costs. O(n) for the n nodes above primitives that move, after the pass; `best.rs` finds
-//! the trees, `settle.rs` goes through the nodes.
+//! together it only costs. O(n) for the n nodes above primitives that move, after the pass; `small_tree.rs` finds
+//! the trees, `collapse.rs` goes through the nodes.
 
-use bvh_core::{Bvh, History, Primitives};
+use bvh_core::{Bvh, Primitives};
 
-use crate::best::LONGEST;
-use crate::cut::scale;
-use crate::refit::RotationSchedule as Turn;
-use crate::refit::pass;
-use crate::refit::shared as raw;
-use crate::scratch::Scratch;
-use crate::settle::settle;
-use crate::strategy::{Rotate, Update, UpdateError};
+use crate::quality::unit;
+use crate::refit::{self, RefitScratch, Rotate, RotationSchedule, pass};
+use crate::report::Update;
+use crate::state::State;
+
+mod collapse;
+mod small_tree;
+
+pub(crate) use collapse::{LeafScratch, LeafStep, change_leaves};
+pub(crate) use small_tree::LONGEST;
 
 /// How leaves are split and merged: subtrees of a few primitives that are neighbours in the tree's order, as they were
 /// built, become the cheapest tree with leaves of any size, by the SAH.
@@ -43,8 +45,8 @@ pub struct Leaves {
     pub rotate: Option<Rotate>,
     /// Most primitives in a leaf that is merged, and in one that is split; at most, and by default, 4.
     pub max_leaf_size: u32,
-    /// Leaves are seen to in one of this many updates, different ones each time; a power of two, else the next one. 16
-    /// by default. All are seen to when their areas have grown by a tenth.
+    /// Leaves are looked at in one of this many updates, different ones each time; a power of two, else the next one. 16
+    /// by default. All are looked at when their areas have grown by a tenth.
     pub period: u32,
 }
 
@@ -54,27 +56,32 @@ impl Default for Leaves {
     }
 }
 
-/// Once the sum of the areas of leaves has grown by this part, it is the turn of all of them: what has merged is coming
-/// apart.
-pub(crate) const STRETCHED: f64 = 0.1;
+/// Once the areas of leaves have grown by this part, all of them are looked at: what has merged is tearing open.
+const STRETCHED: f64 = 0.1;
 
 pub(crate) fn update<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     options: &Leaves,
-    scratch: &mut Scratch,
-) -> Result<Update, UpdateError> {
-    let History { updates, reference, .. } = *bvh.history();
-    let mut tally = pass(bvh, primitives, options.rotate, scratch);
-    let stretched = reference > 0.0 && tally.leaf_area > reference * (1.0 + STRETCHED);
-    let turn = Turn::new(Rotate { period: if stretched { 1 } else { options.period } }, updates);
-    let unit = scale(tally.leaf_area);
-    let change = settle(bvh, primitives, turn, true, options.max_leaf_size, unit, &mut scratch.settle);
+    refit: &mut RefitScratch,
+    scratch: &mut LeafScratch,
+) -> Update {
+    let State { updates, baseline, .. } = *State::of(bvh);
+    // Leaves are of one measure whichever primitives are dynamic.
+    let reference = if baseline.has_other_dynamic != 0 { 0.0 } else { baseline.cost };
+    let mut tally = pass(bvh, primitives, options.rotate, refit);
+    let is_stretched = reference > 0.0 && tally.leaf_area > reference * (1.0 + STRETCHED);
+    let period = if is_stretched { 1 } else { options.period };
+    let schedule = RotationSchedule::new(Rotate { period }, updates);
+    let scale = unit(tally.leaf_area);
+    let change =
+        change_leaves(bvh, primitives, schedule, LeafStep::Either, options.max_leaf_size, scale, scratch);
     let leaf_area = tally.leaf_area + change.leaves;
-    let is_first = stretched || reference == 0.0;
-    let history = raw::parts(bvh).history;
-    history.reference = if is_first { leaf_area } else { reference.min(leaf_area) };
-    history.largest_leaf = 0;
+    let is_first = is_stretched || reference == 0.0;
+    let state = State::of_mut(refit::parts(bvh).state);
+    state.baseline.cost = if is_first { leaf_area } else { reference.min(leaf_area) };
+    state.baseline.has_other_dynamic = 0;
+    state.largest_leaf = 0;
     tally.area += change.all;
-    Ok(tally.update(bvh))
+    tally.report(bvh)
 }

@@ -1,15 +1,16 @@
-//! One step of splitting and merging leaves (`leaves.rs`).
+//! One step of merging and splitting leaves.
 //!
-//! Parts of the tree are looked at by many threads, breadth-first, so that memory is asked for well before. They change
-//! nothing but write down what is to become of it; then the changes are made one after the other, as pairs of nodes are
-//! taken from one list. So the tree is the same for every number of threads, and as it was should the primitives panic.
+//! Parts of the tree are looked at by many threads, breadth-first, so that memory is fetched ahead. They change nothing
+//! but write down what is to become of it; then the changes are made one after the other, as pairs of nodes are taken from
+//! one list. So the tree is the same for every number of threads, and as it was should the primitives panic.
 
-use bvh_core::{Aabb, Bvh, Layout, MAX_HEIGHT, Node, Parts, Primitives, prefetch};
+use bvh_core::{Aabb, Bvh, MAX_HEIGHT, Node, Parts, Primitives, prefetch};
 use rayon::prelude::*;
 
-use crate::best::{Best, Few, LONGEST};
-use crate::refit::RotationSchedule as Turn;
-use crate::refit::shared as raw;
+use super::small_tree::{LONGEST, OptimalTree, SmallTree};
+use crate::quality::sah_term;
+use crate::refit::{RotationSchedule, parts};
+use crate::state::{Layout, State};
 
 /// Subtrees of this height or less are parts, which take turns; what is above them is walked through each time.
 const SMALL: u32 = 8;
@@ -22,61 +23,65 @@ const AHEAD: usize = 8;
 
 /// Memory that this keeps.
 #[derive(Default)]
-pub(crate) struct SettleScratch {
+pub(crate) struct LeafScratch {
     /// Nodes above the parts, each before those below it.
     top: Vec<u32>,
     parts: Vec<Part>,
     plans: Vec<Plans>,
 }
 
-/// By how much the sum of half areas times weights has changed.
+/// By how much the cost of the tree has changed.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct Change {
+pub(crate) struct LeafChange {
     pub(crate) all: f64,
     /// The part of it that is due to leaves.
     pub(crate) leaves: f64,
-    /// By how much the areas of the leaves seen to are greater than those of leaves of one primitive each would be.
-    pub(crate) merged: f64,
-    /// How many nodes were looked at, and by how many they have become fewer.
-    pub(crate) seen: i64,
+    /// By how many nodes the tree has become smaller.
     pub(crate) fewer: i64,
 }
 
-/// Splits and merges the leaves whose turn it is, or splits those of them that are better apart, in a tree that has been
-/// fitted; references are in this unit of areas.
-pub(crate) fn settle<P: Primitives + ?Sized>(
+/// What becomes of leaves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum LeafStep {
+    /// They are merged or split, whichever costs less.
+    Either,
+    /// They are split where that costs less.
+    Split,
+}
+
+/// Merges or splits the leaves that are scheduled, in a tree that has been fitted; references are in units of `scale`.
+pub(crate) fn change_leaves<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
-    turn: Turn,
-    merges: bool,
+    schedule: RotationSchedule,
+    step: LeafStep,
     max_leaf_size: u32,
-    unit: f64,
-    scratch: &mut SettleScratch,
-) -> Change {
-    let SettleScratch { top, parts, plans } = scratch;
+    scale: f64,
+    scratch: &mut LeafScratch,
+) -> LeafChange {
+    let LeafScratch { top, parts: small, plans } = scratch;
     top.clear();
-    parts.clear();
-    find_parts(bvh.nodes(), 0, 0, turn, top, parts);
-    let per_task = parts.len().div_ceil(TASKS).next_multiple_of(GROUP).max(1);
+    small.clear();
+    find_parts(bvh.nodes(), 0, 0, schedule, top, small);
+    let per_task = small.len().div_ceil(TASKS).next_multiple_of(GROUP).max(1);
     plans.resize_with(TASKS, Plans::default);
-    let Parts { nodes, order, history, .. } = raw::parts(bvh);
+    let Parts { nodes, order, state, .. } = parts(bvh);
+    let state = State::of_mut(state);
     let longest = max_leaf_size.min(LONGEST as u32);
-    let view = View { nodes, order, primitives, merges, longest, unit };
+    let view = View { nodes, order, primitives, merges: step == LeafStep::Either, longest, scale };
     plans.iter_mut().for_each(Plans::clear);
-    plans.par_iter_mut().zip(parts.par_chunks(per_task)).for_each(|(plans, parts)| {
+    plans.par_iter_mut().zip(small.par_chunks(per_task)).for_each(|(plans, parts)| {
         parts.chunks(GROUP).for_each(|group| view.look(group, plans));
     });
-    let mut writer = Writer { nodes, spare: history.spare_pair, change: Change::default() };
+    let mut writer = Writer { nodes, spare: state.spare_pair, change: LeafChange::default() };
     if plans.iter().any(|plans| !plans.runs.is_empty()) {
-        history.layout = Layout::Other;
+        state.set_layout(Layout::Other);
     }
     let is_changed = plans.iter().map(|plans| writer.carry_out(plans)).fold(false, |any, is| any | is);
     if is_changed {
         top.iter().rev().for_each(|&n| writer.refit(n as usize));
     }
-    history.spare_pair = writer.spare;
-    let more = writer.change.fewer / 2;
-    history.spare_pair_count = history.spare_pair_count.saturating_add_signed(more as i32);
+    state.spare_pair = writer.spare;
     writer.change
 }
 
@@ -87,21 +92,28 @@ struct Part {
     depth: u32,
 }
 
-/// Finds the parts at and below node `n` whose turn it is, from left to right.
-fn find_parts(nodes: &[Node], n: usize, depth: u32, turn: Turn, top: &mut Vec<u32>, parts: &mut Vec<Part>) {
+/// Finds the parts at and below node `n` that are scheduled, from left to right.
+fn find_parts(
+    nodes: &[Node],
+    n: usize,
+    depth: u32,
+    schedule: RotationSchedule,
+    top: &mut Vec<u32>,
+    parts: &mut Vec<Part>,
+) {
     let node = &nodes[n];
     if !node.moves() {
         return;
     }
     if node.height() <= SMALL {
-        if node.is_leaf() || turn.includes(n) {
+        if node.is_leaf() || schedule.includes(n) {
             parts.push(Part { n: n as u32, depth });
         }
         return;
     }
     top.push(n as u32);
     for child in [node.first(), node.first() + 1] {
-        find_parts(nodes, child, depth + 1, turn, top, parts);
+        find_parts(nodes, child, depth + 1, schedule, top, parts);
     }
 }
 
@@ -117,18 +129,14 @@ struct Plans {
     nodes: Vec<Node>,
     /// The nodes above new runs, each after those below it.
     above: Vec<u32>,
-    /// As in [`Change`], with all new runs.
-    merged: f64,
-    seen: i64,
 }
 
 impl Plans {
     fn clear(&mut self) {
-        let Self { runs, nodes, above, merged, seen, .. } = self;
+        let Self { runs, nodes, above, .. } = self;
         runs.clear();
         nodes.clear();
         above.clear();
-        (*merged, *seen) = (0.0, 0);
     }
 }
 
@@ -163,7 +171,7 @@ struct NewRun {
     n: u32,
     /// Number of nodes.
     len: u32,
-    /// As in [`Change`].
+    /// As in [`LeafChange`].
     all: f64,
     leaves: f64,
 }
@@ -176,8 +184,8 @@ struct View<'a, P: ?Sized> {
     /// Whether leaves are merged, and not only split.
     merges: bool,
     longest: u32,
-    /// The unit of references.
-    unit: f64,
+    /// The scene's scale.
+    scale: f64,
 }
 
 /// The slots of a subtree, and the sum of half areas times weights over its nodes.
@@ -193,11 +201,11 @@ struct Run {
 impl<P: Primitives + ?Sized> View<'_, P> {
     /// Plans for a group of parts. Whatever is needed is asked for well before.
     fn look(&self, parts: &[Part], plans: &mut Plans) {
-        let Plans { group, longest, runs, nodes, above, merged, seen } = plans;
+        let Plans { group, longest, runs, nodes, above } = plans;
         group.clear();
         longest.clear();
         group.extend(parts.iter().map(|part| Seen::new(part.n as usize, part.depth)));
-        *seen += self.walk(group);
+        self.walk(group);
         self.find_longest(group, parts.len(), longest);
         for i in 0..longest.len() {
             self.prefetch_slots(group, longest.get(i + 2 * AHEAD), |p| self.primitives.prefetch_index(p));
@@ -205,8 +213,7 @@ impl<P: Primitives + ?Sized> View<'_, P> {
             let root = &mut group[longest[i] as usize];
             let run = &root.run;
             let (first, count) = (run.first as usize, run.count as usize);
-            let few = Few::new(self.primitives, &self.order[first..][..count]);
-            *merged += run.leaves - few.single;
+            let few = SmallTree::new(self.primitives, &self.order[first..][..count]);
             if root.children == 0 && few.are_best_as_leaf(run.cost) {
                 continue;
             }
@@ -215,7 +222,6 @@ impl<P: Primitives + ?Sized> View<'_, P> {
             if cost < run.cost {
                 root.changes = true;
                 let leaves = best.leaves(0, count) - run.leaves;
-                *merged += leaves;
                 let start = nodes.len();
                 nodes.extend([Node::NOTHING; 2]);
                 nodes[start] = self.write(&best, run.first, 0, count, start, nodes);
@@ -233,14 +239,13 @@ impl<P: Primitives + ?Sized> View<'_, P> {
         }
     }
 
-    /// Adds the nodes below those seen, and the runs of leaves; gives how many nodes move.
-    fn walk(&self, seen: &mut Vec<Seen>) -> i64 {
-        let (mut i, mut moving) = (0, 0);
+    /// Adds the nodes below those seen, and the runs of leaves.
+    fn walk(&self, seen: &mut Vec<Seen>) {
+        let mut i = 0;
         while i < seen.len() {
             let node = &self.nodes[seen[i].n as usize];
-            moving += i64::from(node.moves());
             if node.moves() && node.is_leaf() {
-                let cost = node.aabb().half_area_f64() * node.weight();
+                let cost = sah_term(node);
                 prefetch(self.order, node.first());
                 if (1..=self.longest as usize).contains(&node.count()) {
                     let (first, count) = (node.first() as u32, node.count() as u32);
@@ -255,7 +260,6 @@ impl<P: Primitives + ?Sized> View<'_, P> {
             }
             i += 1;
         }
-        moving
     }
 
     /// Finds the longest runs below the first `roots` of the nodes seen, and these.
@@ -272,7 +276,7 @@ impl<P: Primitives + ?Sized> View<'_, P> {
                 let meet = l.first + l.count == r.first || r.first + r.count == l.first;
                 if are_runs && meet && l.count + r.count <= self.longest {
                     let node = &self.nodes[seen[i].n as usize];
-                    let own = node.aabb().half_area_f64() * node.weight();
+                    let own = sah_term(node);
                     let (first, count) = (l.first.min(r.first), l.count + r.count);
                     let (cost, leaves) = (own + (l.cost + r.cost), l.leaves + r.leaves);
                     seen[i].run = Run { first, count, cost, leaves };
@@ -297,7 +301,7 @@ impl<P: Primitives + ?Sized> View<'_, P> {
     /// The root of the best tree over primitives `from..to`; writes the nodes below it behind the others.
     fn write(
         &self,
-        best: &Best,
+        best: &OptimalTree,
         first: u32,
         from: usize,
         to: usize,
@@ -313,7 +317,7 @@ impl<P: Primitives + ?Sized> View<'_, P> {
         nodes[pair] = self.write(best, first, from, split, start, nodes);
         nodes[pair + 1] = self.write(best, first, split, to, start, nodes);
         let mut node = Node::parent(&nodes[pair], &nodes[pair + 1], (pair - start) as u32);
-        node.set_reference((node.aabb().half_area_f64() / self.unit) as f32);
+        node.set_reference((node.aabb().half_area_f64() / self.scale) as f32);
         node
     }
 }
@@ -323,15 +327,13 @@ struct Writer<'a> {
     nodes: &'a mut [Node],
     /// The first of the pairs that are kept for later (`History::spare_pair`).
     spare: u32,
-    change: Change,
+    change: LeafChange,
 }
 
 impl Writer<'_> {
     /// Whether anything has changed.
     fn carry_out(&mut self, plans: &Plans) -> bool {
         let (mut rest, mut is_changed) = (&plans.nodes[..], false);
-        self.change.merged += plans.merged;
-        self.change.seen += plans.seen;
         for (i, run) in plans.runs.iter().enumerate() {
             if let Some(soon) = plans.runs.get(i + 2 * AHEAD) {
                 prefetch(self.nodes, soon.n as usize);
@@ -351,8 +353,6 @@ impl Writer<'_> {
                 self.change.all += run.all;
                 self.change.leaves += run.leaves;
                 is_changed = true;
-            } else {
-                self.change.merged -= run.leaves;
             }
         }
         if is_changed {
@@ -427,8 +427,7 @@ mod tests {
     use bvh_core::{Vec3, sah_cost};
 
     use super::*;
-    use crate::scratch::Scratch;
-    use crate::strategy::{Rotate, Strategy, update};
+    use crate::refit::{RefitScratch, Rotate, pass};
 
     const N: usize = 20_000;
 
@@ -447,9 +446,9 @@ mod tests {
             .collect()
     }
 
-    fn see_to<P: Primitives>(bvh: &mut Bvh, primitives: &P, merges: bool) -> Change {
-        let always = Turn::new(Rotate { period: 1 }, 0);
-        settle(bvh, primitives, always, merges, LONGEST as u32, 1.0, &mut SettleScratch::default())
+    fn step<P: Primitives>(bvh: &mut Bvh, primitives: &P, step: LeafStep) -> LeafChange {
+        let always = RotationSchedule::new(Rotate { period: 1 }, 0);
+        change_leaves(bvh, primitives, always, step, LONGEST as u32, 1.0, &mut LeafScratch::default())
     }
 
     fn in_use(bvh: &Bvh) -> usize {
@@ -468,15 +467,15 @@ mod tests {
             pool.install(|| {
                 let mut bvh = start.clone();
                 bvh.set_moving(moves);
-                for (boxes, merges) in [(&together, true), (&apart, false)] {
-                    update(&mut bvh, boxes, &Strategy::Refit, &mut Scratch::new()).expect("same count");
+                for (boxes, kind) in [(&together, LeafStep::Either), (&apart, LeafStep::Split)] {
+                    pass(&mut bvh, boxes, None, &mut RefitScratch::new());
                     let (cost, nodes) = (sah_cost(&bvh), in_use(&bvh));
                     let root = bvh.root().aabb().half_area_f64();
-                    let change = see_to(&mut bvh, boxes, merges);
+                    let change = step(&mut bvh, boxes, kind);
                     bvh.validate(boxes).expect("valid");
                     assert!(((cost + change.all / root) / sah_cost(&bvh) - 1.0).abs() < 1e-9);
                     let pairs = 2 * (N / 2 * 4 / 5);
-                    let expected = if merges { nodes - pairs } else { nodes + pairs };
+                    let expected = if kind == LeafStep::Either { nodes - pairs } else { nodes + pairs };
                     assert_eq!(in_use(&bvh), expected);
                     assert_eq!(change.fewer, nodes as i64 - expected as i64);
                 }
@@ -505,14 +504,14 @@ mod tests {
     fn nothing_has_changed_if_primitives_panic() {
         let together = boxes(0.0);
         let mut bvh = build(&together, Builder::Sweep, &BuildOptions::default(), None).expect("few");
-        let (hash, history) = (bvh.hash(), *bvh.history());
+        let (hash, state) = (bvh.hash(), *bvh.update_state());
         for calls in [0, 10, N / 2, N - 1] {
             let fragile = Fragile(together.clone(), calls.into());
-            let panics = AssertUnwindSafe(|| see_to(&mut bvh, &fragile, true));
+            let panics = AssertUnwindSafe(|| step(&mut bvh, &fragile, LeafStep::Either));
             assert!(catch_unwind(panics).is_err());
-            assert_eq!((bvh.hash(), *bvh.history()), (hash, history));
+            assert_eq!((bvh.hash(), *bvh.update_state()), (hash, state));
         }
-        see_to(&mut bvh, &Fragile(together.clone(), N.into()), true);
+        step(&mut bvh, &Fragile(together.clone(), N.into()), LeafStep::Either);
         assert_ne!(bvh.hash(), hash);
     }
 }

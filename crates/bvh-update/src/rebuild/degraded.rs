@@ -7,11 +7,10 @@
 use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
-use crate::decision::Decision;
-use crate::refit::pass;
-use crate::refit::shared as raw;
-use crate::scratch::Scratch;
-use crate::strategy::{Rotate, Update, UpdateError, new_tree, options_like};
+use super::{RebuildScratch, new_tree, options_like};
+use crate::refit::{RefitScratch, Rotate, parts, pass};
+use crate::report::{Decision, Update, UpdateError};
+use crate::state::State;
 
 /// When to build a new tree.
 ///
@@ -23,7 +22,7 @@ pub struct Degraded {
     /// Growth of the mean ratio of a node's area to its children's at which the tree is built anew. 0.4 by default, as
     /// published.
     pub threshold: f64,
-    /// Who builds it.
+    /// The builder used.
     pub builder: Builder,
 }
 
@@ -37,15 +36,16 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     degraded: &Degraded,
-    scratch: &mut Scratch,
+    refit: &mut RefitScratch,
+    scratch: &mut RebuildScratch,
 ) -> Result<Update, UpdateError> {
-    if bvh.history().reference == 0.0 {
+    if State::of(bvh).baseline.cost == 0.0 {
         let ratio = mean_ratio(bvh);
-        raw::parts(bvh).history.reference = ratio;
+        State::of_mut(parts(bvh).state).baseline.cost = ratio;
     }
-    let tally = pass(bvh, primitives, degraded.rotate, scratch);
-    if mean_ratio(bvh) - bvh.history().reference <= degraded.threshold {
-        return Ok(tally.update(bvh));
+    let tally = pass(bvh, primitives, degraded.rotate, refit);
+    if mean_ratio(bvh) - State::of(bvh).baseline.cost <= degraded.threshold {
+        return Ok(tally.report(bvh));
     }
     let options = options_like(bvh);
     let update = new_tree(bvh, primitives, degraded.builder, &options, scratch)?;

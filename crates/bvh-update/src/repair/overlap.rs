@@ -1,26 +1,23 @@
-//! Where nodes get in each other's way (Yoon, Curtis, Manocha 2007, "Ray tracing dynamic scenes using selective
-//! restructuring").
+//! Nodes that get in each other's way.
 //!
-//! Rays in the overlap of two boxes enter both. A tree culls well if there is little of it, and where there is much,
-//! the two subtrees are worth taking apart. All pairs of nodes with much overlap are found from the top down:
+//! Rays in the overlap of two boxes enter both. All pairs of nodes with much overlap are found from the top down:
 //!
 //! ```text
-//! apart(N, N):   if A(N) > threshold:       apart(L, L), apart(R, R), apart(L, R)
-//! apart(N, M):   if A(N and M) > threshold: open the larger of the two; apart each of its children and the other
+//! separate(N, N):   if A(N) > threshold:       separate(L, L), separate(R, R), separate(L, R)
+//! separate(N, M):   if A(N and M) > threshold: open the larger of the two; separate each of its children and the other
 //! ```
 //!
-//! What is opened, and all above it, is built anew over the subtrees that are left, no two of which overlap much. The
+//! What is opened, and all above it, is built again over the subtrees that are left, no two of which overlap much. The
 //! benefit of opening a node is the half area of an overlap, its price one more subtree, so the threshold is their
 //! ratio. O(p) for p pairs that overlap by more than it, on one thread, plus the build.
 //!
-//! Published are finer metrics of the culling efficiency of a pair and of the benefit of restructuring it, and small
-//! parts of the tree are restructured by them one at a time. Here the whole top is built at once, so the order does not
-//! matter, and subtrees may end up anywhere in it.
+//! The idea is that of selective restructuring (Yoon, Curtis, Manocha 2007), whose metric of culling efficiency and
+//! restructuring pair by pair are not followed here.
 
 use bvh_core::{Aabb, Node};
 
-use crate::cut::CutScratch;
-use crate::top::InnerAreas;
+use super::RepairScratch;
+use crate::quality::TreeCost;
 
 /// Memory of the search.
 #[derive(Default)]
@@ -30,25 +27,25 @@ pub(crate) struct Overlaps {
     opened: Vec<u64>,
 }
 
-/// Two nodes are taken apart if the half area of their overlap exceeds this part of the share that an average primitive
+/// Two nodes are separated if the half area of their overlap exceeds this part of the share that an average primitive
 /// had in the sum of areas when the tree was last built.
 const OPENED: f64 = 0.5;
 
-/// Most pairs of nodes taken apart, for each subtree of the largest cut.
+/// Most pairs of nodes separated, for each subtree of the largest frontier.
 const PAIRS: usize = 8;
 
 /// Finds what to open, where primitives have that share, and puts the subtrees that are left and the pairs of nodes
 /// above them into `scratch`; gives up, with `false`, where there will be more than `most`.
-pub(crate) fn open(nodes: &[Node], share: f64, most: usize, scratch: &mut CutScratch) -> bool {
-    let CutScratch { cut, pairs, opened, overlaps, .. } = scratch;
+pub(crate) fn open(nodes: &[Node], share: f64, most: usize, scratch: &mut RepairScratch) -> bool {
+    let RepairScratch { frontier, pairs, opened, overlaps, .. } = scratch;
     let threshold = (OPENED * share) as f32;
-    cut.clear();
+    frontier.clear();
     pairs.clear();
-    *opened = InnerAreas::default();
+    *opened = TreeCost::default();
     if !overlaps.find(nodes, threshold, PAIRS * most) {
         return false;
     }
-    Opened { nodes, threshold, is_opened: &overlaps.opened, cut, pairs, areas: opened }.collect(0);
+    Opened { nodes, threshold, is_opened: &overlaps.opened, frontier, pairs, cost: opened }.collect(0);
     true
 }
 
@@ -96,9 +93,9 @@ struct Opened<'a> {
     nodes: &'a [Node],
     threshold: f32,
     is_opened: &'a [u64],
-    cut: &'a mut Vec<u32>,
+    frontier: &'a mut Vec<u32>,
     pairs: &'a mut Vec<u32>,
-    areas: &'a mut InnerAreas,
+    cost: &'a mut TreeCost,
 }
 
 impl Opened<'_> {
@@ -114,8 +111,9 @@ impl Opened<'_> {
         let is_open = self.is_opened[n / 64] >> (n % 64) & 1 == 1 || below.contains(&true);
         if is_open {
             self.pairs.push(pair as u32);
-            self.areas.add(node);
-            self.cut.extend((pair as u32..).zip(below).filter(|&(_, below)| !below).map(|(child, _)| child));
+            self.cost.add(node);
+            self.frontier
+                .extend((pair as u32..).zip(below).filter(|&(_, below)| !below).map(|(child, _)| child));
         }
         is_open
     }
@@ -143,9 +141,9 @@ mod tests {
         let bvh = tangle();
         let nodes = bvh.nodes();
         for share in [100.0, 400.0, 1600.0] {
-            let mut scratch = CutScratch::default();
+            let mut scratch = RepairScratch::default();
             assert!(open(nodes, share, 3000, &mut scratch));
-            let cut = &scratch.cut;
+            let cut = &scratch.frontier;
             assert!((10..3000).contains(&cut.len()) && scratch.pairs.len() == cut.len() - 1, "{}", cut.len());
             let kept: Vec<_> = cut.iter().map(|&n| &nodes[n as usize]).collect();
             for (i, n) in kept.iter().enumerate() {
@@ -168,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn boxes_that_are_apart_do_not_overlap() {
+    fn separate_boxes_do_not_overlap() {
         let at = |x: f32| Aabb::new(Vec3::new(x, 0.0, 0.0), Vec3::new(x + 2.0, 2.0, 2.0));
         assert_eq!([0.0, 1.0, 2.0, 2.5, 7.0].map(|x| overlap(at(0.0), at(x))), [12.0, 8.0, 4.0, 0.0, 0.0]);
         // In rows, with gaps between: nothing is in the way of anything.
@@ -177,15 +175,15 @@ mod tests {
         let boxes: Vec<_> =
             boxes.iter().enumerate().map(|(i, b)| Aabb::new(b.min + place(i), b.max + place(i))).collect();
         let bvh = build(&boxes, Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
-        let mut scratch = CutScratch::default();
-        assert!(open(bvh.nodes(), 0.0, 3000, &mut scratch) && scratch.cut.is_empty());
+        let mut scratch = RepairScratch::default();
+        assert!(open(bvh.nodes(), 0.0, 3000, &mut scratch) && scratch.frontier.is_empty());
     }
 
     #[test]
     fn too_many_pairs_are_given_up() {
-        let mut scratch = CutScratch::default();
+        let mut scratch = RepairScratch::default();
         assert!(!open(tangle().nodes(), 1.0, 10, &mut scratch));
         // Where no area is large enough to count, nothing is found.
-        assert!(open(tangle().nodes(), f64::NAN, 10, &mut scratch) && scratch.cut.is_empty());
+        assert!(open(tangle().nodes(), f64::NAN, 10, &mut scratch) && scratch.frontier.is_empty());
     }
 }

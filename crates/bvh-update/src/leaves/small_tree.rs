@@ -1,19 +1,19 @@
-//! The best trees over a few primitives that are neighbours in the tree's order (`leaves.rs`).
+//! The cheapest trees over a few primitives that are neighbours in the tree's order, by dynamic programming.
 
-use bvh_core::{Aabb, COST_INTERSECT, COST_TRAVERSE, Node, Primitives};
+use bvh_core::{Aabb, COST_INTERSECT, COST_TRAVERSE, Primitives};
 
 /// Most primitives of a run.
 pub(crate) const LONGEST: usize = 4;
 
 /// The best trees over all parts of a run, by their first and their last primitive.
-pub(crate) struct Best {
-    pub(crate) aabb: [[Aabb; LONGEST]; LONGEST],
-    pub(crate) cost: [[f64; LONGEST]; LONGEST],
+pub(super) struct OptimalTree {
+    pub(super) aabb: [[Aabb; LONGEST]; LONGEST],
+    pub(super) cost: [[f64; LONGEST]; LONGEST],
     /// Where the second child begins; 0 for a leaf.
-    pub(crate) split: [[usize; LONGEST]; LONGEST],
+    pub(super) split: [[usize; LONGEST]; LONGEST],
 }
 
-impl Best {
+impl OptimalTree {
     fn new(boxes: &[Aabb]) -> Self {
         let mut best = Self {
             aabb: [[Aabb::EMPTY; LONGEST]; LONGEST],
@@ -40,7 +40,7 @@ impl Best {
     }
 
     /// The part of the cost over the primitives `from..to` that is due to leaves.
-    pub(crate) fn leaves(&self, from: usize, to: usize) -> f64 {
+    pub(super) fn leaves(&self, from: usize, to: usize) -> f64 {
         let mut sum = 0.0;
         self.for_each_leaf(from, to, &mut |from, to| sum += self.cost[from][to - 1]);
         sum
@@ -59,16 +59,16 @@ impl Best {
 }
 
 /// The boxes of a few primitives, and what they cost in leaves of one each.
-pub(crate) struct Few {
+pub(super) struct SmallTree {
     boxes: [Aabb; LONGEST],
     count: usize,
-    pub(crate) single: f64,
+    pub(super) single: f64,
 }
 
-impl Few {
+impl SmallTree {
     /// The primitives in these slots, at most [`LONGEST`].
     #[inline]
-    pub(crate) fn new<P: Primitives + ?Sized>(primitives: &P, slots: &[u32]) -> Self {
+    pub(super) fn new<P: Primitives + ?Sized>(primitives: &P, slots: &[u32]) -> Self {
         let mut few = Self { boxes: [Aabb::EMPTY; LONGEST], count: slots.len(), single: 0.0 };
         few.boxes.iter_mut().zip(slots).for_each(|(aabb, &p)| *aabb = primitives.aabb(p as usize));
         few.single = few.boxes[..few.count].iter().map(|aabb| aabb.half_area_f64() * COST_INTERSECT).sum();
@@ -76,36 +76,12 @@ impl Few {
     }
 
     /// Whether one leaf of this cost cannot be better, as a tree has a root at least, and leaves of one primitive at best.
-    pub(crate) fn are_best_as_leaf(&self, cost: f64) -> bool {
+    pub(super) fn are_best_as_leaf(&self, cost: f64) -> bool {
         let area = cost / (COST_INTERSECT * self.count as f64);
         cost <= area * COST_TRAVERSE + self.single
     }
 
-    pub(crate) fn best(&self) -> Best {
-        Best::new(&self.boxes[..self.count])
+    pub(super) fn best(&self) -> OptimalTree {
+        OptimalTree::new(&self.boxes[..self.count])
     }
-}
-
-/// Adds the leaves of the best tree over the primitives of a leaf that moves, if that is better than the leaf; gives by how
-/// much they cost less.
-pub(crate) fn set_apart<P: Primitives + ?Sized>(
-    order: &[u32],
-    primitives: &P,
-    leaf: &Node,
-    pieces: &mut Vec<Node>,
-) -> f64 {
-    let (first, count) = (leaf.first(), leaf.count());
-    let few = Few::new(primitives, &order[first..][..count]);
-    let cost = leaf.aabb().half_area_f64() * leaf.weight();
-    if few.are_best_as_leaf(cost) {
-        return 0.0;
-    }
-    let best = few.best();
-    if best.cost[0][count - 1] >= cost {
-        return 0.0;
-    }
-    best.for_each_leaf(0, count, &mut |from, to| {
-        pieces.push(Node::leaf(best.aabb[from][to - 1], (first + from) as u32, (to - from) as u32));
-    });
-    cost - best.leaves(0, count)
 }

@@ -1,22 +1,20 @@
-//! Where motion diverges (Garanzha 2008, "Efficient clustered BVH update algorithm for highly-dynamic models").
+//! Where motion diverges.
 //!
 //! Primitives that move together are a *cluster*, and a cluster's subtree is still good wherever it goes; bad is what
 //! is above clusters that have parted. Two children part as far as their centres have moved away from each other since
-//! their parent was built. The square of that distance is an area, and takes the place of the node's own in `cut.rs`:
-//! nodes with divergence at or below them are opened, the rest are the clusters. O(n).
+//! their parent was built. The square of that distance is an area, and takes the place of the node's own area in the search
+//! for the frontier: nodes with divergence at or below them are opened, the rest are the clusters. O(n).
 //!
-//! Published is more: the roots of clusters are put back into the tree one by one, and clusters that have come apart
-//! are rebuilt, each in a place of its own. Here all that is above the clusters is built anew at once. Motion is what
-//! has added up since a node was built, for which a node has room, rather than that of each primitive.
+//! The idea is that of clustered updates (Garanzha 2008), whose reinsertion of cluster roots is not followed here.
 
 use bvh_core::Node;
 
 /// A node is opened if divergence at and below it exceeds this part of the share that an average primitive had in
 /// the sum of areas when the tree was last built.
-pub(crate) const OPENED: f64 = 0.5;
+pub(super) const OPENED: f64 = 0.5;
 
 /// Square of the distance between the centres of a node's children; 0 for a leaf, or if one of them is empty.
-pub(crate) fn divergence(nodes: &[Node], node: &Node) -> f64 {
+pub(super) fn divergence(nodes: &[Node], node: &Node) -> f64 {
     // Node slots that are not in use may hold anything.
     let Some([l, r]) = nodes.get(node.first()..node.first() + 2) else { return 0.0 };
     let (l, r) = (l.aabb(), r.aabb());
@@ -31,12 +29,11 @@ mod tests {
     use bvh_build::{BuildOptions, Builder, build};
     use bvh_core::{Aabb, Vec3, sah_cost};
 
-    use crate::cut::{CutScratch, take_references_of};
-    use crate::refit::pass;
-    use crate::scratch::Scratch;
-    use crate::walk::open;
-
+    use super::super::RepairScratch;
+    use super::super::frontier::open;
     use super::*;
+    use crate::quality::take_baseline;
+    use crate::refit::{RefitScratch, pass};
 
     #[test]
     fn clusters_are_what_moves_together() {
@@ -47,14 +44,14 @@ mod tests {
             (0..1600).map(at).map(|corner| Aabb::new(corner, corner + 0.9)).collect()
         };
         let mut bvh = build(&pose(0.0), Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
-        take_references_of(&mut bvh, divergence);
+        take_baseline(&mut bvh, divergence);
         let before = sah_cost(&bvh);
-        let tally = pass(&mut bvh, &pose(50.0), None, &mut Scratch::new());
+        let tally = pass(&mut bvh, &pose(50.0), None, &mut RefitScratch::new());
         assert!(sah_cost(&bvh) > 2.0 * before);
-        let mut scratch = CutScratch::default();
+        let mut scratch = RepairScratch::default();
         open(&bvh, divergence, tally.leaf_area, 1.0, 1600, &mut scratch);
         let mut covered = 0;
-        for &kept in &scratch.cut {
+        for &kept in &scratch.frontier {
             let (mut below, mut clusters) = (vec![kept as usize], [false; 2]);
             while let Some(n) = below.pop() {
                 let node = &bvh.nodes()[n];
@@ -68,7 +65,7 @@ mod tests {
             }
             assert!(clusters != [true; 2], "a cluster of primitives that have parted");
         }
-        assert!(covered == 1600 && scratch.cut.len() < 600, "{} clusters", scratch.cut.len());
+        assert!(covered == 1600 && scratch.frontier.len() < 600, "{} clusters", scratch.frontier.len());
     }
 
     #[test]

@@ -1,0 +1,109 @@
+//! What work costs, in nanoseconds of one core: the one table that [`Auto`](super::Auto) decides by.
+//!
+//! Only ratios matter to decisions, and they vary little between machines. `cargo run --release -p pivot-benches --example
+//! unit_costs` measures every line on the machine at hand.
+
+use std::time::Duration;
+
+use bvh_build::Builder;
+
+/// Looking at a node for the frontier of a repair.
+pub(super) const FRONTIER_NODE: f64 = 9.0;
+/// Building a new top, for each subtree below it.
+pub(super) const TOP_SUBTREE: f64 = 400.0;
+/// Building a good tree, and a fast one, for each primitive.
+pub(super) const GOOD_BUILD: f64 = 85.0;
+pub(super) const FAST_BUILD: f64 = 45.0;
+/// Looking at a node whose leaves may be merged or split.
+const LEAF_NODE: f64 = 50.0;
+/// A ray of a coherent packet through a good tree, a ray alone, and a node that a query visits.
+const PACKET_RAY: f64 = 25.0;
+const SINGLE_RAY: f64 = 1000.0;
+const QUERY_NODE: f64 = 15.0;
+/// Finding all overlapping pairs, for each primitive.
+const PAIRS: f64 = 100.0;
+
+/// By what part queries take longer in a tree of the fast builder than in one of the good one.
+const FAST_BUILD_LOSS: f64 = 0.1;
+/// By what part queries take longer in a tree of twice the SAH cost: all of it, as the cost model has it, but for coherent
+/// packets, which look at a part of the scene and share what they visit.
+const QUERY_SLOPE: f64 = 1.0;
+const PACKET_SLOPE: f64 = 0.4;
+/// By what part queries are faster once leaves are merged.
+const MERGED_LEAVES_GAIN: f64 = 0.04;
+
+/// What will be asked of the tree before the next update. The more it is, the more a better tree is worth.
+///
+/// Even without queries a tree is kept as good as for one search of all pairs an update, so that it never rots.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Load {
+    /// So many rays in coherent packets.
+    PacketRays(u64),
+    /// So many rays, one by one.
+    SingleRays(u64),
+    /// All overlapping pairs, once.
+    Pairs,
+    /// As many visits of nodes as the queries since the last update report.
+    Nodes(u64),
+    /// As much time of one core as the queries since the last update took.
+    Time(Duration),
+}
+
+/// A load in time: what queries take in a good tree, in nanoseconds, and how much more in a worse one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct QueryCost {
+    ns: f64,
+    slope: f64,
+}
+
+impl QueryCost {
+    /// Of a tree over so many primitives; loads that were measured were so in a tree with this excess.
+    pub(super) fn new(load: Load, primitives: f64, excess: f64) -> Self {
+        let measured = |ns: f64| ns / (1.0 + QUERY_SLOPE * excess.max(0.0));
+        let (ns, slope) = match load {
+            Load::PacketRays(rays) => (rays as f64 * PACKET_RAY, PACKET_SLOPE),
+            Load::SingleRays(rays) => (rays as f64 * SINGLE_RAY, QUERY_SLOPE),
+            Load::Pairs => (0.0, QUERY_SLOPE),
+            Load::Nodes(nodes) => (measured(nodes as f64 * QUERY_NODE), QUERY_SLOPE),
+            Load::Time(time) => (measured(time.as_secs_f64() * 1e9), QUERY_SLOPE),
+        };
+        Self { ns: ns.max(primitives * PAIRS), slope }
+    }
+
+    /// Time lost in one frame to a tree of this excess.
+    pub(super) fn lost(self, excess: f64) -> f64 {
+        self.ns * self.slope * excess
+    }
+
+    /// Time lost in one frame to a tree of the fast builder.
+    pub(super) fn lost_to_fast_build(self) -> f64 {
+        self.ns * FAST_BUILD_LOSS
+    }
+
+    /// Time that merged leaves save in one frame.
+    pub(super) fn saved_by_merging(self) -> f64 {
+        self.ns * MERGED_LEAVES_GAIN
+    }
+
+    /// The builder for a tree that is to serve for so many frames: the fast one only where the good one does not pay.
+    pub(super) fn builder(self, primitives: f64, frames: u32) -> Builder {
+        let extra = primitives * (GOOD_BUILD - FAST_BUILD);
+        if self.lost_to_fast_build() * f64::from(frames) < extra { Builder::Lbvh } else { Builder::Ploc }
+    }
+}
+
+/// What a rebuild costs.
+pub(super) fn rebuild(builder: Builder, primitives: f64) -> f64 {
+    primitives * if builder == Builder::Lbvh { FAST_BUILD } else { GOOD_BUILD }
+}
+
+/// What a repair costs that keeps so many subtrees of a tree with so many dynamic nodes.
+pub(super) fn repair(nodes: f64, subtrees: u32) -> f64 {
+    nodes * FRONTIER_NODE + f64::from(subtrees) * TOP_SUBTREE
+}
+
+/// What merging or splitting the leaves costs.
+pub(super) fn change_leaves(nodes: f64) -> f64 {
+    nodes * LEAF_NODE
+}

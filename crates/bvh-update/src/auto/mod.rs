@@ -1,0 +1,209 @@
+//! The strategy that chooses, so that updates and queries together take the least time.
+//!
+//! ```text
+//! builder = decide_blindly(ledger)      rebuilds in a row: a new tree, no pass
+//! seen    = pass(tree, primitives)      refit and rotate, and note what that shows
+//! ledger.charge(seen)                   what queries lose to this tree
+//! plan    = decide(ledger, seen)        pure: policy.rs
+//! outcome = execute(plan)               a new top, a new tree, leaves merged or split, or nothing
+//! ledger learns from the outcome
+//! ```
+//!
+//! The ledger lies in the tree, so a clone goes on as the original would. Work is priced by constants (`cost_model.rs`), and
+//! queries by what the caller says of them ([`Load`]), so decisions are reproducible.
+
+use bvh_build::Builder;
+use bvh_core::{Bvh, Primitives};
+
+use crate::leaves::{LONGEST, LeafScratch, LeafStep, change_leaves};
+use crate::quality::{area, cost_after, cost_of, in_units_of, take_baseline};
+use crate::rebuild::{RebuildScratch, new_tree, options_like};
+use crate::refit::{RefitScratch, Rotate, RotationSchedule, Tally, parts, pass};
+use crate::repair::{LARGEST_FRONTIER, RepairScratch, Repaired, open_grown};
+use crate::report::{Decision, Update, UpdateError};
+use crate::state::{Baseline, Ledger, State};
+
+mod cost_model;
+mod policy;
+
+pub use cost_model::Load;
+use cost_model::QueryCost;
+use policy::{Observation, Plan, decide, decide_blindly, reason};
+
+/// Settings of [`Strategy::Auto`](crate::Strategy::Auto).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Auto {
+    /// What will be asked of the tree before the next update; by default two rays in coherent packets for each pixel of
+    /// 1024 x 1024. [`Updater::report`](crate::Updater::report) changes it from frame to frame.
+    pub load: Load,
+}
+
+impl Default for Auto {
+    fn default() -> Self {
+        Self { load: Load::PacketRays(2 << 20) }
+    }
+}
+
+/// In how many updates all leaves are merged or split, a part of the tree in each, so that frames are alike.
+const LEAF_TURNS: u32 = 8;
+
+/// The memory of what `Auto` may do.
+pub(crate) struct AutoScratch<'a> {
+    pub(crate) refit: &'a mut RefitScratch,
+    pub(crate) repair: &'a mut RepairScratch,
+    pub(crate) rebuild: &'a mut RebuildScratch,
+    pub(crate) leaves: &'a mut LeafScratch,
+}
+
+/// Updates a tree; `last_excess` is that of the tree which a measured load was measured in.
+pub(crate) fn update<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    auto: &Auto,
+    last_excess: f64,
+    scratch: &mut AutoScratch<'_>,
+) -> Result<Update, UpdateError> {
+    let count = bvh.len() as f64;
+    let queries = QueryCost::new(auto.load, count, last_excess);
+    if let Some(builder) = decide_blindly(&State::of(bvh).ledger, count, queries) {
+        return rebuild(bvh, primitives, builder, None, scratch);
+    }
+    take_baseline(bvh, area);
+    let mut tally = pass(bvh, primitives, Some(Rotate::default()), scratch.refit);
+    let seen = observe(bvh, &tally, queries);
+    let ledger = &mut State::of_mut(parts(bvh).state).ledger;
+    ledger.charge(&seen);
+    let (plan, reason) = (decide(ledger, &seen), reason(ledger, &seen));
+    let update = execute(plan, bvh, primitives, &seen, &mut tally, scratch)?;
+    Ok(Update { reason: Some(reason), ..update })
+}
+
+/// What a pass shows of a tree; notes its scale and, where the tree has become better, its baseline.
+fn observe(bvh: &mut Bvh, tally: &Tally, queries: QueryCost) -> Observation {
+    let (before, cost) = (*State::of(bvh), cost_after(bvh, tally));
+    let scale = before.baseline.scale_now(bvh, tally.leaf_area);
+    let state = State::of_mut(parts(bvh).state);
+    let (baseline, ledger) = (&mut state.baseline, &mut state.ledger);
+    let now = in_units_of(cost, scale);
+    baseline.scale = scale;
+    let was_built_over_points = baseline.cost == 0.0 && now > 0.0;
+    if now > 0.0 {
+        baseline.cost = if was_built_over_points { now } else { baseline.cost.min(now) };
+    }
+    // Leaves that are not merged grow by themselves.
+    let is_calm = ledger.is_merged == 0 || ledger.leaf_area == 0.0;
+    ledger.leaf_area = if is_calm { tally.leaf_area } else { ledger.leaf_area.min(tally.leaf_area) };
+    let good = before.baseline.cost * scale;
+    let growth = (tally.leaf_area - ledger.leaf_area) / good;
+    Observation {
+        primitives: bvh.len() as f64,
+        nodes: (tally.leaves + tally.inner) as f64,
+        excess: before.baseline.excess(cost, scale),
+        leaf_growth: if good > 0.0 { growth } else { 0.0 },
+        was_built_over_points,
+        queries,
+    }
+}
+
+/// Does what was decided, and keeps the ledger of it.
+fn execute<P: Primitives + ?Sized>(
+    plan: Plan,
+    bvh: &mut Bvh,
+    primitives: &P,
+    seen: &Observation,
+    tally: &mut Tally,
+    scratch: &mut AutoScratch<'_>,
+) -> Result<Update, UpdateError> {
+    let decision = match plan {
+        Plan::Keep => Decision::AsAlways,
+        Plan::Rebuild(builder) => return rebuild(bvh, primitives, builder, Some(tally), scratch),
+        Plan::MergeLeaves | Plan::SplitLeaves => {
+            step_leaves(plan, bvh, primitives, seen, tally, scratch.leaves);
+            if plan == Plan::MergeLeaves { Decision::MergeLeaves } else { Decision::SplitLeaves }
+        }
+        Plan::Repair { threshold, or_rebuild } => {
+            let Baseline { cost, scale, .. } = State::of(bvh).baseline;
+            let most = (LARGEST_FRONTIER * seen.primitives) as usize;
+            let repaired = open_grown(bvh, tally, threshold * cost * scale, most, scratch.repair);
+            let ledger = &mut State::of_mut(parts(bvh).state).ledger;
+            match (repaired, or_rebuild) {
+                (Repaired::Top { subtrees }, _) => {
+                    ledger.repaired(subtrees);
+                    let decision = Decision::PartialRebuild { subtrees };
+                    // The cost is not known for free.
+                    return Ok(Update { decision, sah_cost: None, ..tally.report(bvh) });
+                }
+                (Repaired::TooLarge, Some(builder)) => {
+                    return rebuild(bvh, primitives, builder, Some(tally), scratch);
+                }
+                (Repaired::TooLarge, None) => ledger.is_beyond_repair = 1,
+                (Repaired::Nothing, _) => ledger.repair.failed(),
+            }
+            Decision::AsAlways
+        }
+    };
+    Ok(Update { decision, ..tally.report(bvh) })
+}
+
+/// Builds a new tree; after a pass, what that found says whether the new tree is better.
+fn rebuild<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    builder: Builder,
+    tally: Option<&Tally>,
+    scratch: &mut AutoScratch<'_>,
+) -> Result<Update, UpdateError> {
+    let (before, cost_before) = (State::of(bvh).ledger, tally.map(|tally| cost_after(bvh, tally)));
+    let options = options_like(bvh);
+    let update = new_tree(bvh, primitives, builder, &options, scratch.rebuild)?;
+    let is_better = cost_before.is_none_or(|before| cost_of(bvh) < before);
+    State::of_mut(parts(bvh).state).ledger = Ledger::rebuilt(&before, builder, is_better);
+    Ok(Update { decision: Decision::Rebuild { builder }, ..update })
+}
+
+/// Merges or splits the leaves whose turn it is.
+fn step_leaves<P: Primitives + ?Sized>(
+    plan: Plan,
+    bvh: &mut Bvh,
+    primitives: &P,
+    seen: &Observation,
+    tally: &mut Tally,
+    scratch: &mut LeafScratch,
+) {
+    // New trees are to have leaves as they were.
+    options_like(bvh);
+    let merges = plan == Plan::MergeLeaves;
+    let ledger = State::of(bvh).ledger;
+    let before = if merges { ledger.merge_turns } else { ledger.split_turns };
+    let left = if before > 0 { before } else { LEAF_TURNS } - 1;
+    let step = if merges { LeafStep::Either } else { LeafStep::Split };
+    let schedule = RotationSchedule::new(Rotate { period: LEAF_TURNS }, left);
+    let scale = State::of(bvh).baseline.scale;
+    let cost_before = cost_after(bvh, tally);
+    let change = change_leaves(bvh, primitives, schedule, step, LONGEST as u32, scale, scratch);
+    tally.area += change.all;
+    tally.leaf_area += change.leaves;
+    let root = bvh.root().aabb().half_area_f64();
+    let growth = cost_after(bvh, tally) / cost_before;
+    let state = State::of_mut(parts(bvh).state);
+    let baseline = &mut state.baseline;
+    baseline.take_sizes([tally.leaf_area, root, baseline.sizes[2]]);
+    let ledger = &mut state.ledger;
+    ledger.leaf_area = tally.leaf_area;
+    if merges {
+        // The tree is held to what it is with leaves like these.
+        if growth > 0.0 && growth.is_finite() {
+            baseline.cost *= growth;
+        }
+        ledger.merge_turns = left;
+        if left == 0 {
+            ledger.is_merged = 1;
+            ledger.merge.restart();
+        }
+    } else {
+        ledger.split_turns = left;
+        if left == 0 {
+            ledger.leaves_split(seen.price_of_leaves());
+        }
+    }
+}

@@ -1,0 +1,291 @@
+//! What to do about a tree: a pure function of what was lost so far and what a pass has seen.
+//!
+//! Each remedy has an account of what its absence has cost ([`SkiRental`](crate::ski_rental::SkiRental)), and is due once that
+//! exceeds its price:
+//!
+//! ```text
+//! a new top         lost: excess of the tree over its baseline      price: finding the frontier, building the top
+//! a new tree        lost: the same, and what a fast build costs     price: a build
+//! merged leaves     lost: what they would save                      price: looking at every leaf
+//! split leaves      lost: growth of merged leaves                   price: the same
+//! ```
+
+use bvh_build::Builder;
+
+use super::cost_model::{self, QueryCost, TOP_SUBTREE};
+use crate::report::Reason;
+use crate::state::Ledger;
+
+/// Two rebuilds at most this many updates apart are in a row. After that many in a row the next ones are made without a
+/// pass before.
+const SOON: u32 = 2;
+/// One in this many rebuilds in a row is made after a pass that looks whether it is needed.
+const LOOK_AGAIN: u32 = 16;
+/// A subtree is opened if that pays within the frames since the last repair, but at most within this many.
+const LONGEST_PAYBACK: u32 = 8;
+
+/// What a pass has seen.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Observation {
+    pub(super) primitives: f64,
+    /// Nodes visited: the dynamic ones.
+    pub(super) nodes: f64,
+    /// By what part the tree costs more than its baseline.
+    pub(super) excess: f64,
+    /// By what part of the baseline the dynamic leaves have grown since they were last merged or split.
+    pub(super) leaf_growth: f64,
+    /// Whether the tree had no cost when it was built, and has one now: no baseline at all.
+    pub(super) was_built_over_points: bool,
+    pub(super) queries: QueryCost,
+}
+
+impl Observation {
+    /// What merging or splitting all leaves costs.
+    pub(super) fn price_of_leaves(&self) -> f64 {
+        cost_model::change_leaves(self.nodes)
+    }
+}
+
+/// What is to be done.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Plan {
+    Keep,
+    /// Build the tree again above the subtrees whose excess, as part of the baseline, is at most `threshold`; if there are too
+    /// many, the whole of it.
+    Repair {
+        threshold: f64,
+        or_rebuild: Option<Builder>,
+    },
+    Rebuild(Builder),
+    MergeLeaves,
+    SplitLeaves,
+}
+
+/// The builder of a tree that is built without a pass before, as those before it were bad again at once.
+pub(super) fn decide_blindly(ledger: &Ledger, primitives: f64, queries: QueryCost) -> Option<Builder> {
+    let row = ledger.rebuilds_in_a_row;
+    (row >= SOON && !row.is_multiple_of(LOOK_AGAIN)).then(|| queries.builder(primitives, 1))
+}
+
+/// What to do after a pass, with its losses already charged.
+pub(super) fn decide(ledger: &Ledger, seen: &Observation) -> Plan {
+    let builder = seen.queries.builder(seen.primitives, ledger.since_repair);
+    let price_of_rebuild = cost_model::rebuild(builder, seen.primitives);
+    let rebuild = ledger.rebuild.is_due(price_of_rebuild).then_some(builder);
+    if seen.was_built_over_points {
+        return Plan::Rebuild(builder);
+    }
+    match rebuild {
+        Some(builder) if ledger.is_beyond_repair != 0 || ledger.is_fast_build != 0 => {
+            return Plan::Rebuild(builder);
+        }
+        _ => {}
+    }
+    if ledger.is_beyond_repair == 0 && ledger.repair.is_due(cost_model::repair(seen.nodes, ledger.kept)) {
+        let frames = f64::from(ledger.since_repair.clamp(1, LONGEST_PAYBACK)) * ledger.repair.patience();
+        let threshold = TOP_SUBTREE / (seen.queries.lost(1.0) * frames);
+        return Plan::Repair { threshold, or_rebuild: rebuild };
+    }
+    let is_merged = ledger.is_merged != 0;
+    if ledger.split_turns > 0 || is_merged && ledger.split.is_due(seen.price_of_leaves()) {
+        Plan::SplitLeaves
+    } else if ledger.merge_turns > 0 || !is_merged && ledger.merge.is_due(seen.price_of_leaves()) {
+        Plan::MergeLeaves
+    } else {
+        Plan::Keep
+    }
+}
+
+/// What `decide` compares for a new top, or for a new tree where the top is beyond repair.
+pub(super) fn reason(ledger: &Ledger, seen: &Observation) -> Reason {
+    let (account, price) = if ledger.is_beyond_repair == 0 {
+        (ledger.repair, cost_model::repair(seen.nodes, ledger.kept))
+    } else {
+        let builder = seen.queries.builder(seen.primitives, ledger.since_repair);
+        (ledger.rebuild, cost_model::rebuild(builder, seen.primitives))
+    };
+    let ms = 1e-6;
+    Reason { lost_ms: account.lost() * ms, price_ms: price * account.patience() * ms, excess: seen.excess }
+}
+
+impl Ledger {
+    /// Charges what this frame loses.
+    pub(super) fn charge(&mut self, seen: &Observation) {
+        let lost = seen.queries.lost(seen.excess.max(0.0));
+        self.repair.charge(lost);
+        self.rebuild.charge(lost);
+        if self.is_fast_build != 0 {
+            self.rebuild.charge(seen.queries.lost_to_fast_build());
+        }
+        self.merge.charge(seen.queries.saved_by_merging());
+        if self.is_merged != 0 {
+            self.split.charge(seen.queries.lost(seen.leaf_growth.max(0.0)));
+        }
+        self.since_repair = self.since_repair.saturating_add(1);
+    }
+
+    /// A new top stands above so many subtrees.
+    pub(super) fn repaired(&mut self, subtrees: usize) {
+        self.repair.paid_off();
+        self.rebuild.paid_off();
+        (self.kept, self.since_repair) = (subtrees as u32, 0);
+        (self.rebuilds_in_a_row, self.is_beyond_repair) = (0, 0);
+    }
+
+    /// A new tree has taken the place of one with the ledger `before`; it `is_better`, as far as is known.
+    pub(super) fn rebuilt(before: &Self, builder: Builder, is_better: bool) -> Self {
+        let mut rebuild = before.rebuild;
+        if is_better {
+            rebuild.paid_off();
+        } else {
+            rebuild.failed();
+        }
+        let row = before.rebuilds_in_a_row;
+        Self {
+            rebuild,
+            merge: before.merge,
+            kept: before.kept,
+            rebuilds_in_a_row: if before.since_repair <= SOON { row.saturating_add(1) } else { 1 },
+            is_fast_build: u32::from(builder == Builder::Lbvh),
+            ..Self::default()
+        }
+    }
+
+    /// Leaves have been split; merging them has paid for itself or not.
+    pub(super) fn leaves_split(&mut self, price: f64) {
+        if self.merge.lost() > price {
+            self.merge.paid_off();
+        } else {
+            self.merge.failed();
+        }
+        self.split.paid_off();
+        self.is_merged = 0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::cost_model::Load;
+    use super::*;
+
+    const N: f64 = 1000.0;
+
+    fn seen(excess: f64) -> Observation {
+        let queries = QueryCost::new(Load::SingleRays(1000), N, 0.0);
+        Observation {
+            primitives: N,
+            nodes: 2.0 * N,
+            excess,
+            leaf_growth: 0.0,
+            was_built_over_points: false,
+            queries,
+        }
+    }
+
+    /// A ledger that nothing is due in, after ten quiet frames.
+    fn quiet() -> Ledger {
+        let mut ledger = Ledger { since_repair: 10, ..Ledger::default() };
+        ledger.merge.failed();
+        ledger
+    }
+
+    /// A ledger after one frame.
+    fn after(mut ledger: Ledger, seen: &Observation) -> Ledger {
+        ledger.charge(seen);
+        ledger
+    }
+
+    #[test]
+    fn a_good_tree_is_kept_and_a_bad_one_repaired_once_that_pays() {
+        let price = cost_model::repair(2.0 * N, 0);
+        let little = price / seen(0.0).queries.lost(1.0);
+        for (excess, expected) in [(0.0, false), (0.5 * little, false), (1.5 * little, true)] {
+            let plan = decide(&after(quiet(), &seen(excess)), &seen(excess));
+            assert_eq!(matches!(plan, Plan::Repair { .. }), expected, "{excess}: {plan:?}");
+        }
+        // Twice half of it.
+        let ledger = after(after(quiet(), &seen(0.6 * little)), &seen(0.6 * little));
+        assert!(matches!(decide(&ledger, &seen(0.6 * little)), Plan::Repair { or_rebuild: None, .. }));
+    }
+
+    #[test]
+    fn a_failed_repair_waits_twice_as_long_and_opens_more() {
+        let mut ledger = after(quiet(), &seen(1.0));
+        let Plan::Repair { threshold, .. } = decide(&ledger, &seen(1.0)) else { panic!("{ledger:?}") };
+        ledger.repair.failed();
+        let price = cost_model::repair(2.0 * N, 0);
+        ledger.repair.charge(1.5 * price);
+        assert_eq!(decide(&ledger, &seen(0.0)), Plan::Keep);
+        ledger.repair.charge(price);
+        let Plan::Repair { threshold: lower, .. } = decide(&ledger, &seen(0.0)) else { panic!("{ledger:?}") };
+        assert_eq!(lower, 0.5 * threshold);
+    }
+
+    #[test]
+    fn a_tree_beyond_repair_is_rebuilt_once_that_pays() {
+        let beyond = Ledger { is_beyond_repair: 1, ..quiet() };
+        assert_eq!(decide(&after(beyond, &seen(0.01)), &seen(0.01)), Plan::Keep);
+        assert!(matches!(decide(&after(beyond, &seen(10.0)), &seen(10.0)), Plan::Rebuild(_)));
+    }
+
+    #[test]
+    fn a_fast_build_is_replaced_by_a_good_one() {
+        let mut ledger = Ledger { is_fast_build: 1, since_repair: 0, ..quiet() };
+        let rebuilds = (0..100).find_map(|frame| {
+            ledger.charge(&seen(0.0));
+            match decide(&ledger, &seen(0.0)) {
+                Plan::Rebuild(builder) => Some((frame, builder)),
+                _ => None,
+            }
+        });
+        assert!(matches!(rebuilds, Some((_, Builder::Ploc))), "{rebuilds:?}");
+    }
+
+    #[test]
+    fn a_tree_built_over_points_is_rebuilt_at_once() {
+        let seen = Observation { was_built_over_points: true, ..seen(0.0) };
+        assert!(matches!(decide(&quiet(), &seen), Plan::Rebuild(_)));
+    }
+
+    #[test]
+    fn rebuilds_in_a_row_need_no_pass_but_for_a_look_now_and_then() {
+        let queries = seen(0.0).queries;
+        let blind = |row| decide_blindly(&Ledger { rebuilds_in_a_row: row, ..quiet() }, N, queries).is_some();
+        assert_eq!([0, 1, 2, 15, 16, 17].map(blind), [false, false, true, true, false, true]);
+        let soon = Ledger { since_repair: SOON, rebuilds_in_a_row: 3, ..quiet() };
+        assert_eq!(Ledger::rebuilt(&soon, Builder::Lbvh, true).rebuilds_in_a_row, 4);
+        assert_eq!(Ledger::rebuilt(&quiet(), Builder::Lbvh, true).rebuilds_in_a_row, 1);
+    }
+
+    #[test]
+    fn calm_leaves_merge_and_torn_ones_split() {
+        let price = cost_model::change_leaves(2.0 * N);
+        let mut ledger = Ledger::default();
+        ledger.merge.charge(1.1 * price);
+        assert_eq!(decide(&ledger, &seen(0.0)), Plan::MergeLeaves);
+        let mut merged = Ledger { is_merged: 1, ..ledger };
+        assert_eq!(decide(&merged, &seen(0.0)), Plan::Keep);
+        merged.split.charge(1.1 * price);
+        assert_eq!(decide(&merged, &seen(0.0)), Plan::SplitLeaves);
+        // Merging paid for itself, so it may come again as soon; else it waits twice as long.
+        let mut again = merged;
+        again.leaves_split(price);
+        assert_eq!((again.is_merged, again.merge.patience()), (0, 1.0));
+        merged.leaves_split(2.0 * price);
+        assert_eq!(merged.merge.patience(), 2.0);
+    }
+
+    #[test]
+    fn no_load_is_as_much_as_a_search_of_pairs() {
+        let lost = |load| QueryCost::new(load, N, 0.0).lost(0.1);
+        assert_eq!(lost(Load::PacketRays(0)) / lost(Load::Pairs), 0.4);
+        assert_eq!([Load::SingleRays(0), Load::Nodes(0)].map(lost), [lost(Load::Pairs); 2]);
+    }
+
+    #[test]
+    fn losses_that_are_no_numbers_lead_nowhere() {
+        for excess in [f64::NAN, f64::INFINITY] {
+            assert_eq!(decide(&after(quiet(), &seen(excess)), &seen(excess)), Plan::Keep);
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! How good a tree is: its cost beside a baseline, on the scale of the scene.
+//!
+//! The cost of a tree is the sum of half area times weight over its nodes. A scene that grows as a whole makes every tree
+//! cost more, so costs are compared in units of the scene's *scale*:
+//!
+//! ```text
+//! scale  = half area of the dynamic leaves at first * growth that leaves and root have in common
+//! excess = cost / (baseline * scale) - 1
+//! ```
+//!
+//! Leaves that grow within a room, and pieces that fly apart, leave the scale as it is.
+
+use bvh_core::{Bvh, Node};
+
+use crate::refit::{Tally, parts};
+use crate::state::{Baseline, State};
+
+/// Sums of half area times weight over nodes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct TreeCost {
+    pub(crate) all: f64,
+    /// The part of it that is due to leaves.
+    pub(crate) leaves: f64,
+    /// The part of it that is due to static nodes.
+    pub(crate) fixed: f64,
+}
+
+impl TreeCost {
+    pub(crate) fn add(&mut self, node: &Node) {
+        let term = sah_term(node);
+        self.all += term;
+        self.leaves += if node.is_leaf() { term } else { 0.0 };
+        self.fixed += if node.moves() { 0.0 } else { term };
+    }
+
+    pub(crate) fn and(self, other: Self) -> Self {
+        let Self { all, leaves, fixed } = other;
+        Self { all: self.all + all, leaves: self.leaves + leaves, fixed: self.fixed + fixed }
+    }
+}
+
+/// What a node adds to the cost of a tree.
+pub(crate) fn sah_term(node: &Node) -> f64 {
+    node.aabb().half_area_f64() * node.weight()
+}
+
+/// What a node is judged by, in the dimension of areas.
+pub(crate) trait NodeMeasure: Fn(&[Node], &Node) -> f64 + Copy + Sync {}
+impl<F: Fn(&[Node], &Node) -> f64 + Copy + Sync> NodeMeasure for F {}
+
+/// A node's half area.
+pub(crate) fn area(_: &[Node], node: &Node) -> f64 {
+    f64::from(node.aabb().half_area())
+}
+
+/// Measures a tree that has no baseline: every inner node keeps its measure, in units of the scale, as its reference. O(n)
+/// where there is no baseline, or other primitives are dynamic than before.
+pub(crate) fn take_baseline(bvh: &mut Bvh, measure: impl NodeMeasure) {
+    let Baseline { cost, has_other_dynamic, .. } = State::of(bvh).baseline;
+    if cost != 0.0 && has_other_dynamic == 0 {
+        return;
+    }
+    let (mut all, mut dynamic_leaves, mut static_leaves) = (0.0, 0.0, 0.0);
+    bvh.visit(|_, node, _| {
+        let term = sah_term(node);
+        all += term;
+        match (node.is_leaf(), node.moves()) {
+            (true, true) => dynamic_leaves += term,
+            (true, false) => static_leaves += term,
+            (false, _) => {}
+        }
+    });
+    let root = bvh.root().aabb().half_area_f64();
+    let parts = parts(bvh);
+    let baseline = &mut State::of_mut(parts.state).baseline;
+    let sizes = [dynamic_leaves, root, static_leaves];
+    if cost != 0.0 {
+        baseline.take_sizes(sizes);
+        return;
+    }
+    let per_scale = 1.0 / common_growth(sizes, [1.0; 2]);
+    for n in 0..parts.nodes.len() {
+        let reference = (measure(parts.nodes, &parts.nodes[n]) * per_scale) as f32;
+        parts.nodes[n].set_reference(reference);
+    }
+    *baseline = Baseline {
+        cost: all * per_scale,
+        sizes,
+        scale: common_growth(sizes, [1.0; 2]),
+        scale_factor: 1.0,
+        ..Baseline::default()
+    };
+}
+
+impl Baseline {
+    /// From now on the scale grows as leaves and root of these sizes do; it is what it was, so references hold.
+    pub(crate) fn take_sizes(&mut self, sizes: [f64; 3]) {
+        self.sizes = sizes;
+        self.scale_factor = unit(self.scale / common_growth(sizes, [1.0; 2]));
+        self.has_other_dynamic = 0;
+    }
+
+    /// The scale of the scene, given the area of its dynamic leaves now.
+    pub(crate) fn scale_now(&self, bvh: &Bvh, leaf_area: f64) -> f64 {
+        let [leaves, root, _] = self.sizes;
+        let growth = |now: f64, first: f64| if first > 0.0 { now / first } else { 1.0 };
+        let growth = [growth(leaf_area, leaves), growth(bvh.root().aabb().half_area_f64(), root)];
+        unit(common_growth(self.sizes, growth) * self.scale_factor)
+    }
+
+    /// By what part a cost is above that of a tree as good as the baseline; 0 where there is none.
+    pub(crate) fn excess(&self, cost: f64, scale: f64) -> f64 {
+        let good = self.cost * scale;
+        if good > 0.0 { (cost - good) / good } else { 0.0 }
+    }
+}
+
+/// The cost of a tree after a pass.
+pub(crate) fn cost_after(bvh: &Bvh, tally: &Tally) -> f64 {
+    tally.area + bvh.still_area()
+}
+
+/// The cost of a tree. O(n).
+pub(crate) fn cost_of(bvh: &Bvh) -> f64 {
+    let mut cost = TreeCost::default();
+    bvh.visit(|_, node, _| cost.add(node));
+    cost.all
+}
+
+/// Half area of all dynamic leaves, as it was at first, times the growth that leaves and root have in common: that of
+/// the one that has changed less, none if one has grown and the other shrunk. 1 where that is no area.
+fn common_growth([first, ..]: [f64; 3], [leaves, root]: [f64; 2]) -> f64 {
+    unit(first * leaves.min(root).max(leaves.max(root).min(1.0)))
+}
+
+/// A cost in units of a scale; 0, to be measured again, where that is not finite.
+pub(crate) fn in_units_of(cost: f64, scale: f64) -> f64 {
+    let cost = cost / scale;
+    if cost.is_finite() { cost } else { 0.0 }
+}
+
+/// A unit of areas: 1 in place of none.
+pub(crate) fn unit(area: f64) -> f64 {
+    if area > 0.0 && area.is_finite() { area } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_scale_follows_what_leaves_and_root_have_in_common() {
+        let first = [2.0, 100.0, 0.0];
+        for (growth, expected) in [
+            ([1.0, 1.0], 2.0),
+            ([3.0, 3.0], 6.0),
+            ([0.5, 0.25], 1.0),
+            ([1.5, 4.0], 3.0),
+            // Leaves that grow within a room, pieces that fly apart.
+            ([5.0, 1.0], 2.0),
+            ([1.0, 50.0], 2.0),
+            ([0.5, 2.0], 2.0),
+            ([0.0, 0.0], 1.0),
+            ([f64::INFINITY, f64::INFINITY], 1.0),
+        ] {
+            assert_eq!(common_growth(first, growth), expected, "{growth:?}");
+        }
+        assert_eq!(common_growth([0.0; 3], [1.0; 2]), 1.0);
+    }
+
+    #[test]
+    fn excess_is_relative_to_the_baseline() {
+        let baseline = Baseline { cost: 4.0, ..Baseline::default() };
+        assert_eq!(baseline.excess(12.0, 2.0), 0.5);
+        assert_eq!(Baseline::default().excess(12.0, 2.0), 0.0);
+    }
+}

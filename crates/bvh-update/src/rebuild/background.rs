@@ -1,0 +1,194 @@
+//! Rebuilding in the background (Ize, Wald, Parker 2007; with a parallel builder: Wald, Ize, Parker 2008).
+//!
+//! A copy of all boxes goes to a thread of its own, which builds a tree over it while updates go on with the old tree.
+//! The update that finds the new tree ready fits it to the present primitives, puts it in the place of the old one and
+//! sends the next copy. No update waits. The price, measured: [`BackgroundCost`].
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use bvh_build::{BuildScratch, Builder, rebuild};
+use bvh_core::{Aabb, Bvh, Parts, Primitives};
+use rayon::prelude::*;
+
+use super::{RebuildScratch, note_dynamic, options_like};
+use crate::refit::{RefitScratch, Rotate, is_linear, parts, pass};
+use crate::report::{Decision, Update};
+use crate::state::State;
+
+/// How trees are built in the background. An [`Updater`](crate::Updater) has one build under way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Background {
+    /// The budget of rotations between one new tree and the next, if any are wanted.
+    pub rotate: Option<Rotate>,
+    /// The builder used. A parallel builder gets a rayon pool of its own, of as many threads as the caller's pool; of
+    /// several such builds in one process each waits for the one before.
+    pub builder: Builder,
+}
+
+impl Default for Background {
+    fn default() -> Self {
+        Self { rotate: None, builder: Builder::Binned }
+    }
+}
+
+/// What the last tree that was built in the background cost, from [`Updater::background_cost`](crate::Updater::background_cost).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BackgroundCost {
+    /// Memory beside the tree in use, in bytes: the second tree, the copy of all boxes, and what the builder keeps. With
+    /// the default builder and one primitive a leaf 68, 24 and 64 or more a primitive, and one more where some are static.
+    pub bytes: usize,
+    /// Updates from the copy of the boxes to the one that put the tree in place: how many frames older than the
+    /// primitives its structure is by then. Until the next one comes it grows older.
+    pub delay: u32,
+    /// Time that its thread was busy, by the wall clock: what was taken from the cores, as far as there was one free; of a
+    /// parallel builder the thread's own part.
+    pub build_time: Duration,
+}
+
+/// A copy of the boxes, and a tree over them once it is built.
+#[derive(Default)]
+struct Job {
+    /// Unlike that of any other, and kept in the state of the tree it is for; 0 if it is for none.
+    number: u64,
+    boxes: Vec<Aabb>,
+    /// Which primitives are dynamic; empty if all are.
+    dynamic: Vec<bool>,
+    bvh: Bvh,
+    scratch: BuildScratch,
+    took: Duration,
+}
+
+impl Job {
+    fn bytes(&self) -> usize {
+        let Self { boxes, dynamic, bvh, scratch, .. } = self;
+        boxes.capacity() * size_of::<Aabb>() + dynamic.capacity() + bvh.bytes() + scratch.bytes()
+    }
+}
+
+/// The build under way, if any, and the memory of the one before.
+#[derive(Default)]
+pub(crate) struct Builds {
+    current: Option<JoinHandle<Job>>,
+    spare: Job,
+    /// Updates since it was started.
+    age: u32,
+    /// Of the last tree that took over.
+    pub(crate) cost: Option<BackgroundCost>,
+}
+
+impl Builds {
+    /// Starts a build over a copy of the boxes, if the system has a thread to give.
+    fn start<P: Primitives + ?Sized>(&mut self, bvh: &mut Bvh, primitives: &P, builder: Builder) {
+        static NUMBER: AtomicU64 = AtomicU64::new(1);
+        let mut job = std::mem::take(&mut self.spare);
+        let options = options_like(bvh);
+        let state = State::of(bvh);
+        let is_known =
+            state.background_knows_dynamic() && job.number > 0 && job.number == state.background_job;
+        if !is_known && !note_dynamic(bvh, &mut job.dynamic) {
+            job.dynamic.clear();
+        }
+        job.number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let number = job.number;
+        // With all threads: the update that swaps trees does this, too.
+        (0..primitives.len()).into_par_iter().map(|i| primitives.aabb(i)).collect_into_vec(&mut job.boxes);
+        let build = move || {
+            let start = Instant::now();
+            let Job { boxes, dynamic, bvh, scratch, .. } = &mut job;
+            let built = rebuild(bvh, boxes, builder, &options, scratch);
+            built.expect("as many primitives as a tree holds");
+            // What the update that finds it would otherwise have to do.
+            if !dynamic.is_empty() {
+                bvh.set_moving(|p| dynamic[p]);
+            }
+            let changes = bvh.update_state().changes;
+            let Parts { nodes, state, .. } = parts(bvh);
+            let state = State::of_mut(state);
+            state.note_changes(changes);
+            state.largest_leaf = options.max_leaf_size;
+            is_linear(nodes, state);
+            job.took = start.elapsed();
+            job
+        };
+        let threads = rayon::current_num_threads();
+        let run = move || if is_serial(builder) { build() } else { in_own_pool(threads, build) };
+        self.age = 0;
+        self.current = std::thread::Builder::new().spawn(run).ok();
+        State::of_mut(parts(bvh).state).background_began(if self.current.is_some() { number } else { 0 });
+    }
+
+    /// The tree of build `number`, if it is ready; trees of other builds are of no use to who asks.
+    fn take(&mut self, number: u64) -> Option<&mut Bvh> {
+        let thread = self.current.take_if(|thread| thread.is_finished())?;
+        // A panic there has been reported already; the next build starts from nothing.
+        self.spare = thread.join().unwrap_or_default();
+        (number > 0 && self.spare.number == number).then_some(&mut self.spare.bvh)
+    }
+}
+
+/// Builders that start no task of a rayon pool when a plain thread calls them.
+fn is_serial(builder: Builder) -> bool {
+    matches!(builder, Builder::Sweep | Builder::Binned)
+}
+
+/// Runs a build in a new rayon pool. If the system has no threads to give, the build panics, and the next update starts
+/// another one.
+///
+/// One build at a time: workers that wait for a part of one build would otherwise begin others on the same stack.
+fn in_own_pool<T: Send>(threads: usize, build: impl FnOnce() -> T + Send) -> T {
+    static TURN: Mutex<()> = Mutex::new(());
+    // A build that panicked leaves nothing behind.
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads for a pool");
+    pool.install(build)
+}
+
+impl Drop for Builds {
+    /// Waits for the build under way, so that no thread outlives what started it.
+    ///
+    /// The wait blocks. It runs no other task of the caller's pool, since such a task could drop another `Scratch` on the
+    /// same stack, or ask for a lock that the caller holds. It ends, since a build needs no thread of any other pool.
+    fn drop(&mut self) {
+        if let Some(thread) = self.current.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+pub(crate) fn update<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    background: &Background,
+    refit: &mut RefitScratch,
+    rebuild: &mut RebuildScratch,
+    builds: &mut Builds,
+) -> Update {
+    let mut decision = Decision::AsAlways;
+    let (number, knows_dynamic) = (State::of(bvh).background_job, State::of(bvh).background_knows_dynamic());
+    builds.age = builds.age.saturating_add(1);
+    // The memory may have served another tree in between.
+    if let Some(new) = builds.take(number).filter(|new| new.len() == primitives.len()) {
+        if !knows_dynamic {
+            let has_static = note_dynamic(bvh, &mut rebuild.dynamic);
+            new.set_moving(|p| !has_static || rebuild.dynamic[p]);
+        }
+        std::mem::swap(bvh, new);
+        let changes = bvh.update_state().changes;
+        let state = State::of_mut(parts(bvh).state);
+        state.note_changes(changes);
+        if knows_dynamic {
+            state.background_began(number);
+        }
+        decision = Decision::Swap;
+        let Builds { spare, age, cost, .. } = builds;
+        *cost = Some(BackgroundCost { bytes: spare.bytes(), delay: *age, build_time: spare.took });
+    }
+    let tally = pass(bvh, primitives, background.rotate, refit);
+    if builds.current.is_none() {
+        builds.start(bvh, primitives, background.builder);
+    }
+    Update { decision, rebuilt: decision == Decision::Swap, ..tally.report(bvh) }
+}

@@ -1,0 +1,72 @@
+//! A new tree in the place of the old one: at once, when the old one has degraded, or from the background.
+
+use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
+use bvh_core::{Bvh, Node, Primitives};
+
+use crate::refit::parts;
+use crate::report::{Update, UpdateError};
+use crate::state::State;
+
+pub(crate) mod background;
+pub(crate) mod degraded;
+
+pub use background::{Background, BackgroundCost};
+pub use degraded::Degraded;
+
+/// Memory that rebuilds keep.
+#[derive(Default)]
+pub(crate) struct RebuildScratch {
+    build: BuildScratch,
+    /// Which primitives are dynamic, while the tree that knows it is built again.
+    dynamic: Vec<bool>,
+}
+
+/// Options for a tree in the place of `bvh`, whose builder is not known: with leaves as large as its largest. O(n) if
+/// that is not known.
+pub(crate) fn options_like(bvh: &mut Bvh) -> BuildOptions {
+    let parts = parts(bvh);
+    let state = State::of_mut(parts.state);
+    if state.largest_leaf == 0 {
+        state.largest_leaf = parts.nodes.iter().map(Node::count).max().unwrap_or(1) as u32;
+    }
+    BuildOptions { max_leaf_size: state.largest_leaf, ..BuildOptions::default() }
+}
+
+/// Builds a new tree in which the same primitives are dynamic; where their number changed, all are.
+pub(crate) fn new_tree<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    builder: Builder,
+    options: &BuildOptions,
+    scratch: &mut RebuildScratch,
+) -> Result<Update, UpdateError> {
+    let measure = State::of(bvh).measure();
+    let has_static = note_dynamic(bvh, &mut scratch.dynamic) && primitives.len() == bvh.len();
+    rebuild(bvh, primitives, builder, options, &mut scratch.build)?;
+    if has_static {
+        bvh.set_moving(|p| scratch.dynamic[p]);
+    }
+    let changes = bvh.update_state().changes;
+    let state = State::of_mut(parts(bvh).state);
+    state.note_changes(changes);
+    state.set_measure(measure);
+    state.largest_leaf = options.max_leaf_size;
+    let (nodes_visited, dropped) = (bvh.nodes().len() as u64 - 1, scratch.build.dropped() as u64);
+    Ok(Update { rebuilt: true, height: bvh.height(), nodes_visited, dropped, ..Update::default() })
+}
+
+/// Notes which primitives are dynamic, unless all are. Looks at what is in the tree: slots that are not in use may hold
+/// anything.
+pub(crate) fn note_dynamic(bvh: &Bvh, dynamic: &mut Vec<bool>) -> bool {
+    if bvh.all_move() {
+        return false;
+    }
+    dynamic.clear();
+    dynamic.resize(bvh.len(), false);
+    bvh.visit(|_, node, _| {
+        if node.moves() {
+            bvh.primitives(node).iter().for_each(|&p| dynamic[p as usize] = true);
+        }
+    });
+    true
+}

@@ -1,0 +1,173 @@
+//! A new top for a tree: a builder's tree over the boxes of the subtrees that are kept.
+//!
+//! The opened nodes form the top of the tree, k - 1 of them over k kept subtrees. The new top takes the pairs of the old
+//! one. Where solids burst into pieces it is a few per cent of the tree.
+
+use bvh_build::{BuildOptions, Builder, rebuild};
+use bvh_core::{Bvh, MAX_HEIGHT, Node};
+use rayon::prelude::*;
+
+use super::{RepairScratch, Repaired};
+use crate::quality::{NodeMeasure, TreeCost, in_units_of};
+use crate::refit::{SharedNodes, parts, share};
+use crate::state::{Layout, State};
+
+/// Subtrees of a new top that are higher than this are written by two tasks.
+const FORKED: u32 = 8;
+
+/// How many pairs ahead their places are fetched.
+const AHEAD: usize = 16;
+
+/// What is known of a new top.
+pub(crate) struct NewTop {
+    /// Sum of the references of its nodes.
+    pub(crate) references: f64,
+    /// By how much the cost of the tree has changed.
+    pub(crate) change: f64,
+}
+
+/// Builds the tree again above the frontier, if there are at most `most` subtrees to keep; `judge` gives the new baseline.
+pub(crate) fn rebuild_top(
+    bvh: &mut Bvh,
+    measure: impl NodeMeasure,
+    scale: f64,
+    most: usize,
+    scratch: &mut RepairScratch,
+    judge: impl FnOnce(&NewTop) -> f64,
+) -> Repaired {
+    let RepairScratch { boxes, kept, frontier, pairs, opened, top, build, .. } = scratch;
+    if frontier.len() > most {
+        return Repaired::TooLarge;
+    }
+    if frontier.is_empty() {
+        return Repaired::Nothing;
+    }
+    // Room for the largest top at once: memory that grows with a burst is moved in the updates that take longest anyway.
+    kept.reserve_exact(most.saturating_sub(kept.len()));
+    boxes.reserve_exact(most.saturating_sub(boxes.len()));
+    for slots in [&mut *frontier, &mut *pairs] {
+        slots.reserve_exact(most.saturating_sub(slots.len()));
+    }
+    top.reserve(most);
+    build.reserve(most);
+    // In memory order, as builders number pairs.
+    frontier.par_sort_unstable();
+    pairs.par_sort_unstable();
+    let nodes = bvh.nodes();
+    frontier.par_iter().map(|&n| nodes[n as usize]).collect_into_vec(kept);
+    boxes.clear();
+    boxes.extend(kept.iter().map(Node::aabb));
+    if rebuild(top, boxes, Builder::BinnedParallel, &BuildOptions::default(), build).is_err()
+        || top.height() + kept.iter().map(Node::height).max().unwrap_or(0) > MAX_HEIGHT
+    {
+        return Repaired::TooLarge;
+    }
+    let mut after = TreeCost::default();
+    top.nodes().iter().filter(|node| !node.is_leaf()).for_each(|node| after.add(node));
+    if after.all - opened.all >= 0.0 {
+        return Repaired::Nothing;
+    }
+    // A tree over k subtrees has k - 1 pairs below the root, each its own, as tasks write to them (`refit::share`). They
+    // may be fewer in a tree that was given with inner boxes which do not hold what is in them.
+    let has_places = pairs.first().is_none_or(|&pair| pair > 1) && pairs.is_sorted_by(|a, b| a < b);
+    if !has_places || top.nodes().len() != 2 * pairs.len() + 2 {
+        return Repaired::TooLarge;
+    }
+    let parts = parts(bvh);
+    let graft = Graft { nodes: share(parts.nodes), measure, top, kept, pairs, scale };
+    let Grafted { root, cost, references } = graft.write(0);
+    graft.nodes.set(0, root);
+    *parts.still_area += cost.fixed - opened.fixed;
+    let change = cost.all - opened.all;
+    let state = State::of_mut(parts.state);
+    state.baseline.cost = in_units_of(judge(&NewTop { references, change }), 1.0);
+    state.baseline.scale = scale;
+    state.set_layout(Layout::Other);
+    Repaired::Top { subtrees: kept.len() }
+}
+
+/// A new top, to be written to the place of the old one.
+struct Graft<'a, M> {
+    nodes: SharedNodes<'a>,
+    measure: M,
+    top: &'a Bvh,
+    kept: &'a [Node],
+    /// A place for each pair of the new top.
+    pairs: &'a [u32],
+    scale: f64,
+}
+
+/// A node of the new top below which all is written, and sums over the inner nodes there.
+struct Grafted {
+    /// It has yet to be put in its place.
+    root: Node,
+    cost: TreeCost,
+    references: f64,
+}
+
+impl<M: NodeMeasure> Graft<'_, M> {
+    /// Writes what is below node `n` of the new top. The order of the sums does not depend on the number of threads.
+    fn write(&self, n: usize) -> Grafted {
+        let node = &self.top.nodes()[n];
+        if let &[subtree] = self.top.primitives(node) {
+            let root = self.kept[subtree as usize];
+            return Grafted { root, cost: TreeCost::default(), references: 0.0 };
+        }
+        let first = node.first();
+        if let Some(&soon) = self.pairs.get(first / 2 + AHEAD) {
+            self.nodes.prefetch(soon as usize);
+        }
+        let [l, r] = if node.height() > FORKED {
+            rayon::join(|| self.write(first), || self.write(first + 1)).into()
+        } else {
+            [self.write(first), self.write(first + 1)]
+        };
+        let (place, pair) = (self.pairs[first / 2 - 1], [l.root, r.root]);
+        self.nodes.set(place as usize, pair[0]);
+        self.nodes.set(place as usize + 1, pair[1]);
+        let mut root = Node::parent(&pair[0], &pair[1], place);
+        // As if there were but this pair.
+        let measured = (self.measure)(&pair, &Node::parent(&pair[0], &pair[1], 0));
+        root.set_reference((measured / self.scale) as f32);
+        let mut cost = l.cost.and(r.cost);
+        cost.add(&root);
+        Grafted { root, cost, references: l.references + r.references + f64::from(root.reference()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bvh_build::build;
+    use bvh_core::{Aabb, Vec3};
+
+    use super::super::open_grown;
+    use super::*;
+    use crate::quality::{area, take_baseline};
+    use crate::refit::{RefitScratch, pass};
+
+    #[test]
+    fn tops_that_grow_with_a_burst_stay_where_they_are_in_memory() {
+        // A sheet, of which ever more is scattered.
+        let boxes = |scattered: usize| -> Vec<Aabb> {
+            let corner = |i: usize| {
+                let z = if i.wrapping_mul(7919) % 10_000 < scattered { (i % 89) as f32 + 9.0 } else { 0.0 };
+                Vec3::new((i % 100) as f32, (i / 100) as f32, z)
+            };
+            (0..10_000).map(corner).map(|corner| Aabb::new(corner, corner + 1.1)).collect()
+        };
+        let mut bvh = build(&boxes(0), Builder::Sweep, &BuildOptions::default(), None).expect("few");
+        take_baseline(&mut bvh, area);
+        let (mut scratch, mut kept, mut memory) = (RepairScratch::default(), Vec::new(), Vec::new());
+        for step in 0..10 {
+            let tally = pass(&mut bvh, &boxes(1 << step), None, &mut RefitScratch::new());
+            if let Repaired::Top { subtrees } = open_grown(&mut bvh, &tally, 1.0, 2000, &mut scratch) {
+                let RepairScratch { boxes, kept: nodes, top, build, .. } = &scratch;
+                kept.push(subtrees);
+                memory.push((boxes.as_ptr(), nodes.as_ptr(), top.nodes().as_ptr(), build.bytes()));
+            }
+        }
+        assert!(kept.len() > 2 && kept[kept.len() - 1] > 2 * kept[0], "{kept:?}");
+        memory.dedup();
+        assert_eq!(memory.len(), 1, "{memory:?}");
+    }
+}

@@ -1,0 +1,110 @@
+//! What an update did and why, and why it may fail.
+
+use std::fmt;
+
+use bvh_build::{BuildError, Builder};
+use thiserror::Error;
+
+/// What an update did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Update {
+    /// Whether the whole tree is a new one.
+    pub rebuilt: bool,
+    /// What was decided, where the strategy decides.
+    pub decision: Decision,
+    /// The figures that [`Auto`](crate::Auto) decided by.
+    pub reason: Option<Reason>,
+    /// Rotations applied, by kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
+    pub rotations: [u64; 6],
+    /// SAH cost of the tree as it is now, where the update knows it for free:
+    /// [`sah_cost`](bvh_core::sah_cost), but from `f32` areas where those are finite. `None` after a rebuild.
+    pub sah_cost: Option<f64>,
+    /// Height of the tree as it is now.
+    pub height: u32,
+    /// Nodes whose boxes were recomputed.
+    pub nodes_visited: u64,
+    /// Primitives without finite coordinates, which are dropped at present: of those visited, or after a rebuild of all.
+    pub dropped: u64,
+}
+
+impl Update {
+    /// Rotations applied, of all kinds.
+    #[must_use]
+    pub fn rotations_applied(&self) -> u64 {
+        self.rotations.iter().sum()
+    }
+}
+
+/// What an update decided to do about the tree.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub enum Decision {
+    /// What the strategy does every time.
+    #[default]
+    AsAlways,
+    /// Refitted and rotated, and leaves merged.
+    MergeLeaves,
+    /// Refitted and rotated, and leaves split.
+    SplitLeaves,
+    /// Refitted, and the tree built again above subtrees that are still good.
+    PartialRebuild {
+        /// How many of them there are.
+        subtrees: usize,
+    },
+    /// The whole tree was built again.
+    Rebuild {
+        /// The builder used.
+        builder: Builder,
+    },
+    /// A tree from the background took the place of this one.
+    Swap,
+}
+
+/// What [`Auto`](crate::Auto) compared: a decision to act was made because `lost_ms` exceeded `price_ms`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct Reason {
+    /// Milliseconds of one core that queries have lost to the excess cost of the tree since it was last repaired.
+    pub lost_ms: f64,
+    /// Milliseconds of one core that the repair or the rebuild takes, times two for each that failed before.
+    pub price_ms: f64,
+    /// By what part the tree costs more than when it was good.
+    pub excess: f64,
+}
+
+impl fmt::Display for Decision {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::AsAlways => f.write_str("as always"),
+            Self::MergeLeaves => f.write_str("leaves merged"),
+            Self::SplitLeaves => f.write_str("leaves split"),
+            Self::PartialRebuild { subtrees } => write!(f, "built again above {subtrees} subtrees"),
+            Self::Swap => f.write_str("a tree built in the background took over"),
+            Self::Rebuild { builder } => write!(f, "built again by {}", builder.name()),
+        }
+    }
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { lost_ms, price_ms, excess } = self;
+        write!(f, "lost {lost_ms:.3} ms, the price is {price_ms:.3} ms, excess {:.1} %", 100.0 * excess)
+    }
+}
+
+/// Why a tree was not updated. It is as it was, or refitted if a rebuild was to follow.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[non_exhaustive]
+pub enum UpdateError {
+    /// Another number of primitives than the tree holds, for a strategy that cannot build a new tree.
+    #[error("the tree holds {tree} primitives, but {given} were given: build a new tree")]
+    Count {
+        /// Primitives of the tree.
+        tree: usize,
+        /// Primitives given.
+        given: usize,
+    },
+    /// A rebuild failed.
+    #[error(transparent)]
+    Build(#[from] BuildError),
+}

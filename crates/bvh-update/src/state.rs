@@ -1,0 +1,177 @@
+//! What updates keep with a tree from frame to frame, as the words that `bvh-core` stores unread.
+//!
+//! It is plain data: a tree that is cloned or saved goes on as the original would. What the parts mean is implemented where
+//! they are used: [`Baseline`] in `quality/`, [`Ledger`] in `auto/`.
+
+use bvh_core::{Bvh, Changes, UpdateState};
+use bytemuck::{Pod, Zeroable};
+
+use crate::ski_rental::SkiRental;
+
+/// Everything that updates keep with a tree.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub(crate) struct State {
+    pub(crate) baseline: Baseline,
+    pub(crate) ledger: Ledger,
+    /// Number of the build in the background that is for this tree; 0 for none.
+    pub(crate) background_job: u64,
+    /// Updates since the tree was built.
+    pub(crate) updates: u32,
+    /// What `baseline` measures: a [`Measure`].
+    measure: u32,
+    /// How the tree lies in its arena: a [`Layout`].
+    layout: u32,
+    /// Left node of the first of those pairs that merged leaves left over, 0 if there is none. The left node of each is
+    /// a leaf without primitives, whose first slot is the left node of the next.
+    pub(crate) spare_pair: u32,
+    /// A new tree in the place of this one gets no larger leaves than this; 0 if no update has asked yet.
+    pub(crate) largest_leaf: u32,
+    /// Changes seen, of the dynamic primitives, of numbers and of structure: see [`Changes`].
+    seen_dynamic: u32,
+    seen_numbering: u32,
+    seen_structure: u32,
+    /// The dynamic primitives that the build in the background knows of.
+    background_dynamic: u32,
+    padding: u32,
+}
+
+/// What a tree's cost was when it was good.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub(crate) struct Baseline {
+    /// The cost in units of the scale, 0 until it is measured; or another measure of the strategy's own.
+    pub(crate) cost: f64,
+    /// Half area of the dynamic leaves, of the root, and of the static leaves, when the tree was measured.
+    pub(crate) sizes: [f64; 3],
+    /// The scene's scale after the last update.
+    pub(crate) scale: f64,
+    /// What the scale that follows from `sizes` is multiplied by: other than 1 once `sizes` were taken again.
+    pub(crate) scale_factor: f64,
+    /// Whether other primitives are dynamic since `sizes` were taken: 0 or 1.
+    pub(crate) has_other_dynamic: u32,
+    pub(crate) padding: u32,
+}
+
+/// What `Auto` keeps with a tree: what was lost, and what was done about it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub(crate) struct Ledger {
+    /// What queries lose to excess cost: for a new top, and for a new tree.
+    pub(crate) repair: SkiRental,
+    pub(crate) rebuild: SkiRental,
+    /// What merged leaves would save, and what they lose once they tear open.
+    pub(crate) merge: SkiRental,
+    pub(crate) split: SkiRental,
+    /// Half area of the dynamic leaves, the least since leaves were last merged or split.
+    pub(crate) leaf_area: f64,
+    /// Updates since the last repair or rebuild.
+    pub(crate) since_repair: u32,
+    /// Subtrees that the last repair kept; 0 if there was none.
+    pub(crate) kept: u32,
+    /// Rebuilds in a row, each soon after the one before.
+    pub(crate) rebuilds_in_a_row: u32,
+    /// Turns of merging, or of splitting, that are left.
+    pub(crate) merge_turns: u32,
+    pub(crate) split_turns: u32,
+    /// 0 or 1: whether a repair would be too large, the builder was the fast one, leaves are merged.
+    pub(crate) is_beyond_repair: u32,
+    pub(crate) is_fast_build: u32,
+    pub(crate) is_merged: u32,
+}
+
+const _: () = assert!(size_of::<State>() <= size_of::<[u64; UpdateState::WORDS]>());
+
+/// How a tree lies in its arena, as far as updates have looked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Layout {
+    /// Not looked at yet.
+    Unknown,
+    /// In depth-first order, left before right and without gaps, and at least half of the nodes are dynamic.
+    Linear,
+    /// Otherwise.
+    Other,
+}
+
+/// What a baseline measures. A strategy that finds another's measure takes its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Measure {
+    /// Nothing yet.
+    None,
+    /// Areas of nodes.
+    Areas,
+    /// Distances between the centres of nodes' children.
+    Divergence,
+    /// The mean ratio of nodes' areas to their children's.
+    Ratio,
+    /// Areas of leaves.
+    Leaves,
+}
+
+impl State {
+    /// The state of a tree.
+    pub(crate) fn of(bvh: &Bvh) -> &Self {
+        bytemuck::from_bytes(&bytemuck::bytes_of(&bvh.update_state().words)[..size_of::<Self>()])
+    }
+
+    /// The state of a tree, to be changed.
+    pub(crate) fn of_mut(state: &mut UpdateState) -> &mut Self {
+        bytemuck::from_bytes_mut(&mut bytemuck::bytes_of_mut(&mut state.words)[..size_of::<Self>()])
+    }
+
+    pub(crate) fn layout(&self) -> Layout {
+        [Layout::Unknown, Layout::Linear, Layout::Other][self.layout.min(2) as usize]
+    }
+
+    pub(crate) fn set_layout(&mut self, layout: Layout) {
+        self.layout = layout as u32;
+    }
+
+    pub(crate) fn set_measure(&mut self, measure: Measure) {
+        self.measure = measure as u32;
+    }
+
+    /// A build in the background has begun for this tree and the primitives that are dynamic now; number 0 if none could.
+    pub(crate) fn background_began(&mut self, number: u64) {
+        (self.background_job, self.background_dynamic) = (number, self.seen_dynamic);
+    }
+
+    /// Whether the build in the background knows which primitives are dynamic.
+    pub(crate) fn background_knows_dynamic(&self) -> bool {
+        self.background_job != 0 && self.background_dynamic == self.seen_dynamic
+    }
+
+    pub(crate) fn measure(&self) -> Measure {
+        use Measure::{Areas, Divergence, Leaves, None, Ratio};
+        [None, Areas, Divergence, Ratio, Leaves][self.measure.min(4) as usize]
+    }
+
+    /// Forgets what another strategy has measured.
+    pub(crate) fn expect_measure(&mut self, measure: Measure) {
+        if self.measure != measure as u32 {
+            (self.baseline, self.ledger) = (Baseline::zeroed(), Ledger::zeroed());
+            self.measure = measure as u32;
+        }
+    }
+
+    /// Takes note of what others have changed since the last update.
+    pub(crate) fn note_changes(&mut self, now: Changes) {
+        if self.seen_dynamic != now.dynamic {
+            self.baseline.has_other_dynamic = 1;
+            self.set_layout(Layout::Unknown);
+        }
+        if self.seen_numbering != now.numbering {
+            self.background_job = 0;
+        }
+        if self.seen_structure != now.structure {
+            self.spare_pair = 0;
+            self.set_layout(Layout::Unknown);
+        }
+        self.see(now);
+    }
+
+    fn see(&mut self, now: Changes) {
+        (self.seen_dynamic, self.seen_numbering, self.seen_structure) =
+            (now.dynamic, now.numbering, now.structure);
+    }
+}

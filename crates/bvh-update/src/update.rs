@@ -1,0 +1,236 @@
+//! The entry points: an updater that keeps one tree good, and the two passes alone.
+
+use std::fmt;
+
+use bvh_build::{Reinsert, reinsert};
+use bvh_core::{Bvh, Primitives, SimdLevel};
+
+use crate::auto::{self, Auto, AutoScratch, Load};
+use crate::rebuild::background;
+use crate::rebuild::{BackgroundCost, degraded, new_tree, options_like};
+use crate::refit::{RefitScratch, Rotate, parts, pass};
+use crate::report::{Update, UpdateError};
+use crate::state::{Measure, State};
+use crate::strategy::Strategy;
+use crate::workspace::Workspace;
+use crate::{leaves, repair};
+
+/// Keeps a tree good while its primitives move: one strategy, its memory, and what was reported to it.
+///
+/// One updater serves one tree. (It may serve others, too; only a build in the background belongs to one of them.)
+///
+/// ```
+/// use bvh_build::{BuildOptions, Builder, build};
+/// use bvh_core::{Aabb, Vec3};
+/// use bvh_update::{Load, Strategy, Updater};
+///
+/// let boxes = |time: f32| -> Vec<Aabb> {
+///     let corner = |i: usize| Vec3::new(i as f32, time * (i % 7) as f32, 0.0);
+///     (0..1000).map(corner).map(|corner| Aabb::new(corner, corner + 0.5)).collect()
+/// };
+/// let mut bvh = build(&boxes(0.0), Builder::Sweep, &BuildOptions::default(), None)?;
+/// let mut updater = Updater::new(Strategy::default());
+/// for frame in 1..10 {
+///     let done = updater.update(&mut bvh, &boxes(frame as f32))?;
+///     assert_eq!(done.dropped, 0);
+///     // So many single rays are cast through the tree before the next update.
+///     updater.report(Load::SingleRays(1000));
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct Updater {
+    strategy: Strategy,
+    workspace: Workspace,
+    load: Option<Load>,
+    last_excess: f64,
+}
+
+impl Updater {
+    /// An updater that uses the best SIMD level of this machine.
+    #[must_use]
+    pub fn new(strategy: Strategy) -> Self {
+        Self::with_level(strategy, SimdLevel::best())
+    }
+
+    /// An updater that uses `level`, or the best below it that the machine has. Every level leaves the same tree.
+    #[must_use]
+    pub fn with_level(strategy: Strategy, level: SimdLevel) -> Self {
+        Self { strategy, workspace: Workspace::with_level(level), load: None, last_excess: 0.0 }
+    }
+
+    /// Changes what to do between two frames, from now on.
+    pub fn set_strategy(&mut self, strategy: Strategy) -> &mut Self {
+        self.strategy = strategy;
+        self
+    }
+
+    /// Reports what is asked of the tree between two updates, for [`Strategy::Auto`]; in the place of [`Auto::load`] until
+    /// the next report.
+    pub fn report(&mut self, load: Load) {
+        self.load = Some(load);
+    }
+
+    /// What the last tree that was built in the background cost; `None` before there was one.
+    #[must_use]
+    pub fn background_cost(&self) -> Option<BackgroundCost> {
+        self.workspace.background.cost
+    }
+
+    /// Brings `bvh` up to date with primitives that have moved.
+    ///
+    /// Primitives without finite coordinates are dropped from all boxes, counted in [`Update::dropped`], and back in the
+    /// first update that finds them finite. After it every box is tight, wherever the primitives went: onto one point, far
+    /// from the origin, beyond the range of `f32` areas. A rotation is applied only if it lowers the area, strictly, and
+    /// leaves the tree no higher than [`MAX_HEIGHT`](bvh_core::MAX_HEIGHT).
+    ///
+    /// Runs in the current rayon pool. The tree that results is the same, bit for bit, for every number of threads and
+    /// every SIMD level; only [`Strategy::Background`] depends on time. Refits, with or without rotations, take O(n) time for
+    /// the n nodes above dynamic primitives, and allocate nothing after the first call. A rebuild keeps the old tree's
+    /// largest leaf size, and which primitives are dynamic.
+    ///
+    /// [`Strategy::Rebuild`] and [`Strategy::Auto`] take another number of primitives than the tree holds and build a new tree,
+    /// in which all primitives are dynamic.
+    ///
+    /// # Errors
+    /// If the number of primitives is not that of the tree and the strategy does not rebuild, or if a build fails. The tree
+    /// is as it was then, or refitted if a rebuild was to follow.
+    pub fn update<P: Primitives + ?Sized>(
+        &mut self,
+        bvh: &mut Bvh,
+        primitives: &P,
+    ) -> Result<Update, UpdateError> {
+        let strategy = match (self.strategy, self.load) {
+            (Strategy::Auto(_), Some(load)) => Strategy::Auto(Auto { load }),
+            (strategy, _) => strategy,
+        };
+        let update = update(bvh, primitives, &strategy, self.last_excess, &mut self.workspace)?;
+        self.last_excess = update.reason.map_or(0.0, |reason| reason.excess);
+        Ok(update)
+    }
+}
+
+impl Default for Updater {
+    /// An updater that chooses: [`Strategy::Auto`].
+    fn default() -> Self {
+        Self::new(Strategy::default())
+    }
+}
+
+impl fmt::Debug for Updater {
+    /// The strategy and the load alone: the rest is memory.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { strategy, load, .. } = self;
+        f.debug_struct("Updater").field("strategy", strategy).field("load", load).finish_non_exhaustive()
+    }
+}
+
+/// Refits all boxes to the primitives' new positions, structure fixed; see [`Updater::update`]. Allocates its memory in each
+/// call, less than 1 MiB a thread: an [`Updater`] keeps it.
+///
+/// # Errors
+/// If the number of primitives is not that of the tree.
+pub fn refit<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P) -> Result<Update, UpdateError> {
+    once(bvh, primitives, None)
+}
+
+/// Refits all boxes and rotates at every node on the way up (Kopta et al. 2012), as [`refit`] does.
+///
+/// ```
+/// use bvh_build::{BuildOptions, Builder, build};
+/// use bvh_core::{Aabb, Vec3};
+///
+/// let at = |x: f32| Aabb::new(Vec3::new(x, 0.0, 0.0), Vec3::new(x + 1.0, 1.0, 1.0));
+/// let mut bvh = build(&[at(0.0), at(1.0), at(10.0)], Builder::Sweep, &BuildOptions::default(), None)?;
+/// // The second box joins the third.
+/// let done = bvh_update::refit_and_rotate(&mut bvh, &[at(0.0), at(9.0), at(10.0)])?;
+/// assert_eq!(done.rotations_applied(), 1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+/// If the number of primitives is not that of the tree.
+pub fn refit_and_rotate<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+) -> Result<Update, UpdateError> {
+    once(bvh, primitives, Some(Rotate::default()))
+}
+
+fn once<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    rotate: Option<Rotate>,
+) -> Result<Update, UpdateError> {
+    ensure_count(bvh, primitives)?;
+    note_changes(bvh);
+    Ok(pass(bvh, primitives, rotate, &mut RefitScratch::with_level(SimdLevel::best())).report(bvh))
+}
+
+fn ensure_count<P: Primitives + ?Sized>(bvh: &Bvh, primitives: &P) -> Result<(), UpdateError> {
+    let (tree, given) = (bvh.len(), primitives.len());
+    if tree == given { Ok(()) } else { Err(UpdateError::Count { tree, given }) }
+}
+
+/// Takes note of what was done to the tree since the last update.
+fn note_changes(bvh: &mut Bvh) {
+    let changes = bvh.update_state().changes;
+    State::of_mut(parts(bvh).state).note_changes(changes);
+}
+
+fn update<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    strategy: &Strategy,
+    last_excess: f64,
+    workspace: &mut Workspace,
+) -> Result<Update, UpdateError> {
+    note_changes(bvh);
+    let Workspace { refit, repair, rebuild, leaves, reinsert: reinsertion, background } = workspace;
+    if let (Strategy::Auto(_), Err(_)) = (strategy, ensure_count(bvh, primitives)) {
+        let options = options_like(bvh);
+        return new_tree(bvh, primitives, bvh_build::Builder::Ploc, &options, rebuild);
+    }
+    if let Strategy::Rebuild(builder, options) = strategy {
+        return new_tree(bvh, primitives, *builder, options, rebuild);
+    }
+    ensure_count(bvh, primitives)?;
+    if let Some(measure) = measure_of(strategy) {
+        State::of_mut(parts(bvh).state).expect_measure(measure);
+    }
+    match strategy {
+        Strategy::Refit => Ok(pass(bvh, primitives, None, refit).report(bvh)),
+        Strategy::RefitRotate(rotate) => Ok(pass(bvh, primitives, Some(*rotate), refit).report(bvh)),
+        Strategy::Rebuild(builder, options) => new_tree(bvh, primitives, *builder, options, rebuild),
+        Strategy::Degraded(options) => degraded::update(bvh, primitives, options, refit, rebuild),
+        Strategy::PartialRebuild(options) => repair::update(bvh, primitives, options, refit, repair, rebuild),
+        Strategy::Reinsert(options) => {
+            let tally = pass(bvh, primitives, options.rotate, refit);
+            reinsert(bvh, &Reinsert { part: options.part, passes: 1 }, reinsertion);
+            // The cost is not known for free.
+            Ok(Update { sah_cost: None, ..tally.report(bvh) })
+        }
+        Strategy::Leaves(options) => Ok(leaves::update(bvh, primitives, options, refit, leaves)),
+        Strategy::Background(options) => {
+            Ok(background::update(bvh, primitives, options, refit, rebuild, background))
+        }
+        Strategy::Auto(options) => {
+            let mut scratch = AutoScratch { refit, repair, rebuild, leaves };
+            auto::update(bvh, primitives, options, last_excess, &mut scratch)
+        }
+    }
+}
+
+/// What a strategy measures, if anything.
+fn measure_of(strategy: &Strategy) -> Option<Measure> {
+    use crate::repair::{PartialRebuild, RepairScore};
+    match strategy {
+        Strategy::Refit | Strategy::RefitRotate(_) | Strategy::Rebuild(..) => None,
+        Strategy::Reinsert(_) | Strategy::Background(_) => None,
+        Strategy::Degraded(_) => Some(Measure::Ratio),
+        Strategy::PartialRebuild(PartialRebuild { score: RepairScore::Divergence, .. }) => {
+            Some(Measure::Divergence)
+        }
+        Strategy::PartialRebuild(_) | Strategy::Auto(_) => Some(Measure::Areas),
+        Strategy::Leaves(_) => Some(Measure::Leaves),
+    }
+}
