@@ -3,7 +3,10 @@
 use bvh_core::{Aabb, Bvh, MAX_HEIGHT, MAX_PRIMITIVES, Node, Primitives, Triangles, Vec3, sah_cost, stats};
 use proptest::prelude::*;
 
-use crate::{Anneal, BuildError, BuildOptions, BuildScratch, Builder, CodeBits, Reinsert, build, rebuild};
+use crate::{
+    Anneal, BuildError, BuildOptions, BuildScratch, Builder, CodeBits, Decomposition, Pose, Reinsert, build,
+    build_by_motion, build_over_poses, rebuild,
+};
 
 const BUILDERS: usize = Builder::ALL.len();
 
@@ -411,3 +414,63 @@ fn recycled_memory_gives_the_same_tree() {
         }
     }
 }
+
+/// Fingerprints of trees, one after the other, as one number.
+fn combined(fingerprints: impl Iterator<Item = u64>) -> u64 {
+    fingerprints.fold(0, |all, one| (all.rotate_left(5) ^ one).wrapping_mul(0x9e37_79b9_7f4a_7c15))
+}
+
+#[test]
+fn trees_have_the_recorded_bits() {
+    let mut dropped = random_boxes(700, 0.1);
+    dropped[300..320].fill(Aabb::EMPTY);
+    let tiny: Vec<_> = streets(900).iter().map(|b| Aabb::new(b.min * 1e-30, b.max * 1e-30)).collect();
+    let mut inputs: Vec<_> = [0, 1, 2, 3, 4, 5, 31, 33, 300, 5000].map(|n| random_boxes(n, 0.1)).into();
+    inputs.extend([streets(12_000), random_boxes(30_000, 0.01), dropped, tiny, vec![Aabb::EMPTY; 9]]);
+    let mut settings = vec![options(1), options(4), options(u32::MAX)];
+    for code_bits in [CodeBits::Bits30, CodeBits::Bits63] {
+        settings.push(BuildOptions { code_bits, bins: 7, search_radius: 3, ..options(1) });
+    }
+    let found = |builder| {
+        let tree = |boxes, options| build(boxes, builder, options, None).expect("few enough").hash();
+        combined(inputs.iter().flat_map(|boxes| settings.iter().map(move |options| tree(boxes, options))))
+    };
+    let poses = |n: usize| {
+        [0.0, 0.5, 2.0].map(|time: f32| {
+            let shift =
+                |i: usize| Vec3::new((i / 30 % 7) as f32, (i / 30 % 5) as f32, (i / 90) as f32) * time;
+            let boxes = streets(n).into_iter().enumerate();
+            boxes.map(|(i, b)| Aabb::new(b.min + shift(i), b.max + shift(i))).collect::<Vec<_>>()
+        })
+    };
+    let over_time = || {
+        combined([1, 50, 2000].into_iter().flat_map(|n| {
+            let all = poses(n);
+            let poses = all.each_ref().map(Pose::new);
+            let over = build_over_poses(&poses, &Reinsert::default()).expect("poses");
+            let by_motion = build_by_motion(&poses, &Decomposition::default()).expect("poses");
+            [over.hash(), by_motion.hash()]
+        }))
+    };
+    for threads in [1, 3] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        let fingerprints = pool.install(|| (Builder::ALL.map(found), over_time()));
+        assert_eq!(fingerprints, RECORDED, "{threads} threads");
+    }
+}
+
+/// Of each builder, and of trees over poses.
+const RECORDED: ([u64; BUILDERS], u64) = (
+    [
+        4019990886514033193,
+        18069542221528233886,
+        18069542221528233886,
+        17392886196089850468,
+        7535884677781612236,
+        14557593470671171953,
+        10208645791612190463,
+        18371189869987053715,
+        4617722729955846702,
+    ],
+    494375829449133551,
+);
