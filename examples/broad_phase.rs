@@ -3,6 +3,7 @@
 //! it is built anew whenever its cost has doubled (as Lauterbach et al. 2006 do with refitting alone).
 
 use std::error::Error;
+use std::ops::ControlFlow;
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Aabb, Vec3, sah_cost};
@@ -22,7 +23,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         centers.iter().map(|&c| Aabb::new(c - RADIUS, c + RADIUS)).collect()
     };
 
-    let mut bvh = build(&boxes(&centers), Builder::BinnedParallel, &BuildOptions::default(), None)?;
+    let mut bvh = build(&boxes(&centers), Builder::BinnedParallel)?;
     let mut fresh_cost = sah_cost(&bvh);
     let mut scratch = Scratch::new();
     for step in 0..60 {
@@ -46,7 +47,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
 
         let (mut pairs, mut contacts) = (0, 0);
-        bvh.overlapping_pairs(|a, b| {
+        bvh.for_each_pair(boxes.as_slice(), |a, b| {
             pairs += 1;
             // The narrow phase: balls that overlap and approach each other bounce, as equal masses do.
             let (apart, closing) = (centers[b] - centers[a], speeds[b] - speeds[a]);
@@ -57,6 +58,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 speeds[b] -= impulse;
                 contacts += 1;
             }
+            ControlFlow::Continue(())
         });
         if step % 10 == 0 {
             println!(

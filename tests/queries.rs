@@ -1,8 +1,9 @@
 //! Queries through closures against the same questions asked of every primitive, on trees fresh and updated.
 
 use std::collections::BTreeSet;
+use std::ops::ControlFlow::{Break, Continue};
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{BuildOptions, Builder, build, build_with};
 use bvh_core::{Aabb, Bvh, Primitives, Ray, Triangles, Vec3};
 use bvh_update::{Rotate, Scratch, Strategy, update};
 use pivot_tests::{Motion, Soup, closest_hit, noise};
@@ -14,8 +15,8 @@ fn moved(n: usize, seed: u64, motion: Motion, max_leaf_size: u32) -> (Bvh, Soup,
     let soup = Soup::new(n, seed);
     let start = soup.pose(motion, 0);
     let triangles = Triangles { positions: &start, indices: &soup.triangles };
-    let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
-    let mut bvh = build(&triangles, Builder::Binned, &options, None).expect("few enough");
+    let options = BuildOptions::default().with_max_leaf_size(max_leaf_size);
+    let mut bvh = build_with(&triangles, Builder::Binned, &options).expect("few enough");
     let now = soup.pose(motion, 3);
     let triangles = Triangles { positions: &now, indices: &soup.triangles };
     let strategy = Strategy::RefitRotate(Rotate::default());
@@ -23,9 +24,12 @@ fn moved(n: usize, seed: u64, motion: Motion, max_leaf_size: u32) -> (Bvh, Soup,
     (bvh, soup, now)
 }
 
-fn overlapping(bvh: &Bvh, query: &Aabb) -> Vec<usize> {
+fn overlapping(bvh: &Bvh, primitives: &dyn Primitives, query: &Aabb) -> Vec<usize> {
     let mut found = Vec::new();
-    bvh.overlaps(query, |p| found.push(p));
+    bvh.for_each_overlap(primitives, query, |p| {
+        found.push(p);
+        Continue(())
+    });
     found.sort_unstable();
     found
 }
@@ -42,18 +46,18 @@ proptest! {
         let corner = noise(seed ^ 5, at) * 10.0;
         let query = Aabb::new(corner, corner + noise(seed ^ 6, at) * 5.0);
         let expected: Vec<_> = (0..n).filter(|&i| triangles.aabb(i).overlaps(&query)).collect();
-        prop_assert_eq!(overlapping(&bvh, &query), expected);
-        prop_assert_eq!(overlapping(&bvh, &Aabb::EMPTY), Vec::<usize>::new());
+        prop_assert_eq!(overlapping(&bvh, &triangles, &query), expected);
+        prop_assert_eq!(overlapping(&bvh, &triangles, &Aabb::EMPTY), Vec::<usize>::new());
     }
 
     #[test]
-    fn larger_leaves_bring_neighbours_along_but_lose_nothing(n in 0usize..300, seed: u64) {
+    fn larger_leaves_give_the_same(n in 0usize..300, seed: u64) {
         let (bvh, soup, now) = moved(n, seed, Motion::Divergent, 4);
         let triangles = Triangles { positions: &now, indices: &soup.triangles };
         let query = Aabb::new(Vec3::splat(2.0), Vec3::splat(6.0));
-        let found = overlapping(&bvh, &query);
-        prop_assert!(found.windows(2).all(|w| w[0] < w[1]), "each once: {found:?}");
-        prop_assert!((0..n).all(|i| !triangles.aabb(i).overlaps(&query) || found.contains(&i)));
+        let found = overlapping(&bvh, &triangles, &query);
+        let expected: Vec<_> = (0..n).filter(|&i| triangles.aabb(i).overlaps(&query)).collect();
+        prop_assert_eq!(found, expected);
     }
 
     #[test]
@@ -64,7 +68,10 @@ proptest! {
         let triangles = Triangles { positions: &now, indices: &soup.triangles };
         let mut found = BTreeSet::new();
         let mut twice = 0;
-        bvh.overlapping_pairs(|a, b| twice += usize::from(!found.insert((a.min(b), a.max(b)))));
+        bvh.for_each_pair(&triangles, |a, b| {
+            twice += usize::from(!found.insert((a.min(b), a.max(b))));
+            Continue(())
+        });
         let expected: BTreeSet<_> = (0..n)
             .flat_map(|a| (a + 1..n).map(move |b| (a, b)))
             .filter(|&(a, b)| triangles.aabb(a).overlaps(&triangles.aabb(b)))
@@ -91,19 +98,19 @@ proptest! {
                     Some((t, _)) if nearest.is_none_or(|(best, _)| t < best) => {
                         nearest = Some((t, p));
                         // Rounded up, so that a nearer one is not lost.
-                        (t as f32).next_up().min(t_max)
+                        Continue((t as f32).next_up().min(t_max))
                     }
-                    _ => t_max,
+                    _ => Continue(t_max),
                 }
             });
             prop_assert_eq!(nearest, closest_hit(&now, &soup.triangles, from, to - from));
             let mut any = 0;
-            let end = bvh.cast_ray(&ray, f32::INFINITY, |_, _| { any += 1; -1.0 });
+            let (end, _) = bvh.cast_ray(&ray, f32::INFINITY, |_, _| { any += 1; Break(-1.0) });
             prop_assert!(any <= 1 && (any == 0) == (end == f32::INFINITY), "{any} tests, then {end}");
             prop_assert!(tested >= any);
             let fours = moved(n, seed, motion, 4).0;
             let mut any_of_four = 0;
-            fours.cast_ray(&ray, f32::INFINITY, |_, _| { any_of_four += 1; -1.0 });
+            fours.cast_ray(&ray, f32::INFINITY, |_, _| { any_of_four += 1; Break(-1.0) });
             prop_assert!(any_of_four <= 1, "a walk goes on within its leaf");
             let brute = closest_hit_brute(&triangles, &ray, f32::INFINITY, TriangleTest::Double);
             prop_assert!(brute.is_none() || any == 1, "a ray that hits enters a leaf");
@@ -121,20 +128,20 @@ fn leaves_at_t_max_are_tested() {
         let middle = ray.direction() * 3.0;
         let flat = |distance| Aabb::new(middle * distance - corner, middle * distance + corner);
         let boxes = [flat(1.0), flat(1.0), flat(2.0)];
-        let bvh = build(&boxes, Builder::Sweep, &BuildOptions::default(), None).expect("few");
+        let bvh = build(&boxes, Builder::Sweep).expect("few");
         let entry = ray.enters(&boxes[0], 3.0).expect("reached");
         by_rounding += u32::from(entry > 3.0);
         let mut tested = [0; 3];
         bvh.cast_ray(&ray, 3.0, |p, t_max| {
             tested[p] += 1;
-            t_max
+            Continue(t_max)
         });
         assert_eq!(tested, [1, 1, 0], "direction {i}");
         // The same after a hit at 3, when the other is on the stack.
         let mut tested = [0; 3];
         bvh.cast_ray(&ray, f32::INFINITY, |p, _| {
             tested[p] += 1;
-            3.0
+            Continue(3.0)
         });
         assert_eq!(tested, [1, 1, 0], "direction {i}");
     }
@@ -144,18 +151,19 @@ fn leaves_at_t_max_are_tested() {
 #[test]
 fn queries_that_are_empty_or_not_finite_find_nothing() {
     let (bvh, soup, now) = moved(100, 3, Motion::PartlyNonFinite, 1);
+    let triangles = Triangles { positions: &now, indices: &soup.triangles };
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         for axis in 0..3 {
             let (mut min, mut max) = (Vec3::MIN, Vec3::MAX);
             min[axis] = if bad == f32::NEG_INFINITY { f32::NAN } else { bad };
-            assert!(overlapping(&bvh, &Aabb::new(min, Vec3::MAX)).is_empty(), "{min}");
+            assert!(overlapping(&bvh, &triangles, &Aabb::new(min, Vec3::MAX)).is_empty(), "{min}");
             max[axis] = if bad == f32::INFINITY { f32::NAN } else { bad };
-            assert!(overlapping(&bvh, &Aabb::new(Vec3::MIN, max)).is_empty(), "{max}");
+            assert!(overlapping(&bvh, &triangles, &Aabb::new(Vec3::MIN, max)).is_empty(), "{max}");
         }
     }
     let target = Aabb::around(&soup.triangles[1].map(|v| now[v as usize])).center();
     let ray = Ray::new(Vec3::splat(-20.0), target + 20.0);
-    assert!(bvh.cast_ray(&ray, f32::INFINITY, |_, _| -1.0) < 0.0, "it goes right through");
+    assert!(bvh.cast_ray(&ray, f32::INFINITY, |_, _| Break(-1.0)).0 < 0.0, "it goes right through");
     for t_max in [f32::NAN, -1.0, f32::NEG_INFINITY] {
         bvh.cast_ray(&ray, t_max, |p, _| panic!("{p} before {t_max}"));
     }
@@ -166,8 +174,8 @@ fn queries_that_are_empty_or_not_finite_find_nothing() {
 fn nothing_is_found_in_an_empty_tree() {
     let bvh = Bvh::default();
     let everywhere = Aabb::new(Vec3::MIN, Vec3::MAX);
-    assert!(overlapping(&bvh, &everywhere).is_empty());
-    bvh.overlapping_pairs(|a, b| panic!("{a} and {b}"));
+    assert!(overlapping(&bvh, &[], &everywhere).is_empty());
+    bvh.for_each_pair(&[], |a, b| panic!("{a} and {b}"));
     let ray = Ray::new(Vec3::ZERO, Vec3::X);
-    assert_eq!(bvh.cast_ray(&ray, 5.0, |p, _| panic!("{p}")), 5.0);
+    assert_eq!(bvh.cast_ray(&ray, 5.0, |p, _| panic!("{p}")).0, 5.0);
 }

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{SimdLevel, Triangles, Vec3};
 use bvh_update::{Scratch, Strategy, update};
 use pivot_tests::{Motion, Soup, noise};
@@ -104,13 +104,8 @@ fn effects_on_what_is_not_finite() {
         let start = soup.pose(Motion::PartlyNonFinite, turn);
         let positions = soup.pose(Motion::PartlyNonFinite, turn + 1);
         let triangles = Triangles { positions: &positions, indices: &soup.triangles };
-        let mut bvh = build(
-            &Triangles { positions: &start, ..triangles },
-            Builder::Binned,
-            &BuildOptions::default(),
-            None,
-        )
-        .expect("few enough");
+        let first = Triangles { positions: &start, ..triangles };
+        let mut bvh = build(&first, Builder::Binned).expect("few enough");
         update(&mut bvh, &triangles, &strategy, &mut Scratch::new()).expect("same count");
 
         let mut pointed = positions.clone();
@@ -119,7 +114,7 @@ fn effects_on_what_is_not_finite() {
         }
         assert!(pointed != positions, "some are not finite in every frame");
         let without = Triangles { positions: &pointed, ..triangles };
-        let fresh = build(&without, Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
+        let fresh = build(&without, Builder::Sweep).expect("few enough");
 
         let mesh = |triangles| Mesh {
             triangles,
@@ -145,9 +140,9 @@ fn an_image_of_nothing_finite_is_empty() {
     let soup = Soup::new(50, 8);
     let positions = vec![Vec3::NAN; 150];
     let triangles = Triangles { positions: &positions, indices: &soup.triangles };
-    let bvh = build(&triangles, Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
+    let bvh = build(&triangles, Builder::Sweep).expect("few enough");
     let none = Triangles { indices: &[], ..triangles };
-    let empty = build(&none, Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
+    let empty = build(&none, Builder::Sweep).expect("few enough");
     for effects in effects() {
         let [seen, nothing] = [(&bvh, triangles), (&empty, none)].map(|(bvh, triangles)| {
             let (mesh, test) = (Mesh::new(triangles), TriangleTest::Watertight);
@@ -164,7 +159,7 @@ fn cameras_and_lights_of_any_kind() {
     let soup = Soup::new(200, 9);
     let positions = soup.pose(Motion::Smooth, 0);
     let triangles = Triangles { positions: &positions, indices: &soup.triangles };
-    let bvh = build(&triangles, Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
+    let bvh = build(&triangles, Builder::Sweep).expect("few enough");
     let mesh = Mesh::new(triangles);
     let (eye, target, up, pi) = (Vec3::new(5.0, 6.0, 19.0), Vec3::splat(5.0), Vec3::Y, std::f32::consts::PI);
     let tiny = f32::from_bits(1);

@@ -1,19 +1,21 @@
-//! Hierarchical linear BVH: a top by the surface area heuristic over clusters along the Morton curve (Pantaleoni and
-//! Luebke 2010, "HLBVH: hierarchical LBVH construction for real-time ray tracing of dynamic geometry"; binned, as Garanzha,
-//! Pantaleoni, McAllister 2011, "Simpler and faster HLBVH with work queues").
+//! Hierarchical linear BVH: a top by the surface area heuristic over clusters along the Morton
+//! curve (Pantaleoni and Luebke 2010, "HLBVH: hierarchical LBVH construction for real-time ray
+//! tracing of dynamic geometry"; binned, as Garanzha, Pantaleoni, McAllister 2011, "Simpler and
+//! faster HLBVH with work queues").
 //!
-//! Departure: a cluster is not what has some number of leading bits in common, but the largest node of the linear
-//! tree of at most [`CLUSTER`] primitives. So there are as many clusters where primitives are dense as where they are not.
+//! Departure: a cluster is not what has some number of leading bits in common, but the largest node
+//! of the linear tree of at most [`CLUSTER`] primitives. So there are as many clusters where
+//! primitives are dense as where they are not.
 
 use bvh_core::MAX_HEIGHT;
 use rayon::prelude::*;
 
 use crate::binned::{self, Bins, Leaves};
 use crate::bytes_of;
-use crate::item::{Hull, Item};
 use crate::morton::{self, Sorted};
-use crate::plot::Plot;
+use crate::prim_ref::{Bounds, PrimRef};
 use crate::radix::Key;
+use crate::subtree_slot::SubtreeSlot;
 
 /// Most primitives in a cluster.
 const CLUSTER: usize = 32;
@@ -23,57 +25,58 @@ const PART: usize = 256;
 
 /// Memory for clusters.
 #[derive(Default)]
-pub(crate) struct Tops {
-    items: Vec<Item>,
+pub(crate) struct ClusterMemory {
+    prims: Vec<PrimRef>,
     /// Where each cluster begins and ends along the curve.
     ranges: Vec<[u32; 2]>,
 }
 
-impl Tops {
-    pub(crate) fn bytes(&self) -> usize {
-        bytes_of(&self.items) + bytes_of(&self.ranges)
+impl ClusterMemory {
+    pub(crate) fn memory_usage(&self) -> usize {
+        bytes_of(&self.prims) + bytes_of(&self.ranges)
     }
 }
 
-/// Builds the tree over `items`, which have boxes and lie along the curve as `sorted` says; gives its hull.
+/// Builds the tree over `prims`, which have boxes and lie along the curve as `sorted` says; gives
+/// its bounds.
 pub(crate) fn build(
-    items: &[Item],
+    prims: &[PrimRef],
     sorted: &Sorted<'_>,
-    (tops, spare, all_bins): (&mut Tops, &mut Vec<Item>, &mut Vec<Bins>),
+    (tops, spare, all_bins): (&mut ClusterMemory, &mut Vec<PrimRef>, &mut Vec<Bins>),
     bins: u32,
     threads: usize,
-    plot: Plot,
-) -> Hull {
+    slot: SubtreeSlot,
+) -> Bounds {
     match sorted {
-        Sorted::Short(keys) => grow(items, keys, (tops, spare, all_bins), bins, threads, plot),
-        Sorted::Long(keys) => grow(items, keys, (tops, spare, all_bins), bins, threads, plot),
+        Sorted::Short(keys) => grow(prims, keys, (tops, spare, all_bins), bins, threads, slot),
+        Sorted::Long(keys) => grow(prims, keys, (tops, spare, all_bins), bins, threads, slot),
     }
 }
 
 fn grow<K: Key>(
-    items: &[Item],
+    prims: &[PrimRef],
     keys: &[K],
-    (tops, spare, all_bins): (&mut Tops, &mut Vec<Item>, &mut Vec<Bins>),
+    (tops, spare, all_bins): (&mut ClusterMemory, &mut Vec<PrimRef>, &mut Vec<Bins>),
     bins: u32,
     threads: usize,
-    plot: Plot,
-) -> Hull {
+    slot: SubtreeSlot,
+) -> Bounds {
     tops.ranges.clear();
     cut(keys, 0, &mut tops.ranges);
-    tops.items.resize(tops.ranges.len(), Item::NOTHING);
+    tops.prims.resize(tops.ranges.len(), PrimRef::NOTHING);
     let ranges = &tops.ranges;
-    let gather = |(i, top): (usize, &mut Item)| {
+    let gather = |(i, top): (usize, &mut PrimRef)| {
         let [start, end] = ranges[i].map(|i| i as usize);
-        let hulls = keys[start..end].iter().map(|key| items[key.number() as usize].hull());
-        *top = Item::cluster(hulls.fold(Hull::EMPTY, Hull::union), i as u32, (end - start) as u32);
+        let boxes = keys[start..end].iter().map(|key| prims[key.number() as usize].bounds());
+        *top = PrimRef::cluster(boxes.fold(Bounds::EMPTY, Bounds::union), i as u32, (end - start) as u32);
     };
     if threads > 1 {
-        tops.items.par_iter_mut().with_min_len(PART).enumerate().for_each(gather);
+        tops.prims.par_iter_mut().with_min_len(PART).enumerate().for_each(gather);
     } else {
-        tops.items.iter_mut().enumerate().for_each(gather);
+        tops.prims.iter_mut().enumerate().for_each(gather);
     }
-    let clusters = Clusters { items, keys, ranges };
-    binned::build(&mut tops.items, (spare, all_bins), &clusters, bins, threads, plot)
+    let clusters = Clusters { prims, keys, ranges };
+    binned::build(&mut tops.prims, (spare, all_bins), &clusters, bins, threads, slot)
 }
 
 /// Lists the clusters of a node of the linear tree that begins at `start`.
@@ -88,7 +91,7 @@ fn cut<K: Key>(keys: &[K], start: u32, ranges: &mut Vec<[u32; 2]>) {
 }
 
 struct Clusters<'a, K> {
-    items: &'a [Item],
+    prims: &'a [PrimRef],
     keys: &'a [K],
     ranges: &'a [[u32; 2]],
 }
@@ -96,18 +99,18 @@ struct Clusters<'a, K> {
 impl<K: Key> Leaves for Clusters<'_, K> {
     const MOST: usize = CLUSTER;
 
-    fn slots(&self, clusters: &[Item]) -> usize {
+    fn slots(&self, clusters: &[PrimRef]) -> usize {
         clusters.iter().map(|cluster| cluster.size() as usize).sum()
     }
 
-    fn grow(&self, cluster: &Item, plot: Plot) -> Hull {
+    fn grow(&self, cluster: &PrimRef, slot: SubtreeSlot) -> Bounds {
         let [start, end] = self.ranges[cluster.number() as usize].map(|i| i as usize);
         let keys = &self.keys[start..end];
-        if plot.depth() as usize + keys.len() - 1 > MAX_HEIGHT as usize {
-            let mut items = [Item::NOTHING; CLUSTER];
-            items.iter_mut().zip(keys).for_each(|(item, key)| *item = self.items[key.number() as usize]);
-            return plot.halve(&items[..keys.len()]);
+        if slot.depth as usize + keys.len() - 1 > MAX_HEIGHT as usize {
+            let mut prims = [PrimRef::NOTHING; CLUSTER];
+            prims.iter_mut().zip(keys).for_each(|(prim, key)| *prim = self.prims[key.number() as usize]);
+            return slot.halve(&prims[..keys.len()]);
         }
-        morton::grow(keys, self.items, false, plot)
+        morton::grow(keys, self.prims, false, slot)
     }
 }

@@ -2,8 +2,8 @@
 
 use bvh_core::Node;
 
-/// Moves the pairs of a tree into depth-first order, left before right, from node 2 on, and fills what is left over with
-/// nothing. Leaves keep their slots. O(n); `spare` is memory to use.
+/// Moves the pairs of a tree into depth-first order, left before right, from node 2 on, and sets
+/// the rest to [`Node::NOTHING`]. Leaves keep their slots. O(n); `spare` is memory to use.
 pub(crate) fn depth_first(nodes: &mut [Node], spare: &mut Vec<Node>) {
     spare.clear();
     spare.resize(nodes.len(), Node::NOTHING);
@@ -26,7 +26,8 @@ pub(crate) fn depth_first(nodes: &mut [Node], spare: &mut Vec<Node>) {
     nodes.copy_from_slice(spare);
 }
 
-/// Gives the leaves of a tree in depth-first order their slots in that order, each of one primitive.
+/// Gives the leaves of a tree in depth-first order their slots in that order, each of one
+/// primitive.
 pub(crate) fn slots_in_order(nodes: &mut [Node], order: &mut [u32]) {
     let before = order.to_vec();
     let mut todo = vec![0];

@@ -2,11 +2,11 @@
 
 use bvh_core::{COST_INTERSECT, COST_TRAVERSE, MAX_LEAF_SIZE, Node};
 
-/// Makes a leaf of every subtree of at most `max` primitives that the SAH finds no cheaper than one leaf, and
-/// closes the gaps; gives the number of node slots still in use.
+/// Makes a leaf of every subtree of at most `max` primitives that the SAH finds no cheaper than one
+/// leaf, and closes the gaps; gives the number of node slots still in use.
 ///
-/// Decided from the leaves up, so it is the best of all ways to cut the tree off. `nodes` must be depth first,
-/// each subtree over neighbouring slots.
+/// Decided from the leaves up, so it is the best of all ways to cut the tree off. `nodes` must be
+/// depth first, each subtree over neighbouring slots.
 pub(crate) fn merge(nodes: &mut [Node], max: u32) -> usize {
     let max = max.min(MAX_LEAF_SIZE) as usize;
     if max <= 1 {
@@ -37,8 +37,8 @@ fn cut(nodes: &mut [Node], at: usize, max: usize) -> (f64, usize, usize) {
     }
 }
 
-/// Moves the pairs below a node down to `next` and on. Pairs are met in the order in which they lie, so none
-/// is overwritten before it has been moved.
+/// Moves the pairs below a node down to `next` and on. Pairs are met in the order in which they
+/// lie, so none is overwritten before it has been moved.
 fn pack(nodes: &mut [Node], at: usize, next: &mut usize) {
     let node = nodes[at];
     if node.is_leaf() {
@@ -56,14 +56,14 @@ fn pack(nodes: &mut [Node], at: usize, next: &mut usize) {
 mod tests {
     use bvh_core::{Aabb, Bvh, Vec3, sah_cost};
 
-    use crate::{BuildOptions, Builder, build};
+    use crate::{BuildOptions, Builder, build_with};
 
     #[test]
     fn close_pairs_share_a_leaf_and_distant_ones_do_not() {
         let at = |x: f32| Aabb::new(Vec3::new(x, 0.0, 0.0), Vec3::new(x + 1.0, 1.0, 1.0));
         let boxes = [at(0.0), at(0.1), at(100.0), at(150.0)];
-        let options = BuildOptions { max_leaf_size: 4, ..BuildOptions::default() };
-        let bvh: Bvh = build(&boxes[..], Builder::Sweep, &options, None).expect("few");
+        let options = BuildOptions::default().with_max_leaf_size(4);
+        let bvh: Bvh = build_with(&boxes[..], Builder::Sweep, &options).expect("few");
         let mut sizes = Vec::new();
         bvh.visit(|_, node, _| {
             if node.is_leaf() {
@@ -73,8 +73,8 @@ mod tests {
         assert_eq!(sizes, [2, 1, 1]);
         assert!(sah_cost(&bvh) < 4.0);
         // Together they cost 4 areas of the whole.
-        let options = BuildOptions { max_leaf_size: u32::MAX, ..options };
-        let one = build([at(0.0); 9].as_slice(), Builder::Binned, &options, None).expect("few");
+        let options = options.with_max_leaf_size(u32::MAX);
+        let one = build_with([at(0.0); 9].as_slice(), Builder::Binned, &options).expect("few");
         assert_eq!((one.root().count(), one.nodes().len()), (9, 2));
     }
 }

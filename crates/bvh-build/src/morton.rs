@@ -1,18 +1,19 @@
-//! Linear BVH: splits along the Morton curve through the centres of the boxes (Lauterbach, Garland, Sengupta, Luebke,
-//! Manocha 2009, "Fast BVH construction on GPUs").
+//! Linear BVH: splits along the Morton curve through the centres of the boxes (Lauterbach, Garland,
+//! Sengupta, Luebke, Manocha 2009, "Fast BVH construction on GPUs").
 //!
-//! A node holds all primitives whose codes agree in some leading bits and its children differ in the next one that is
-//! not the same for all. Where codes are equal, the bits of the primitives' numbers follow: halves of the order in which
-//! they were given. No path is longer than a key has bits of either, at most 63 + 29.
+//! A node holds all primitives whose codes agree in some leading bits and its children differ in
+//! the next one that is not the same for all. Where codes are equal, the bits of the primitives'
+//! numbers follow: halves of the order in which they were given. No path is longer than a key has
+//! bits of either, at most 63 + 29.
 
 use bvh_core::glam::Vec4;
-use bvh_core::{MAX_HEIGHT, Node, prefetch};
+use bvh_core::{MAX_HEIGHT, Node, prefetch, prefetch_ahead};
 use rayon::prelude::*;
 
-use crate::item::{Hull, Item};
-use crate::plot::{Plot, Site};
+use crate::bytes_of;
+use crate::prim_ref::{Bounds, PrimRef};
 use crate::radix::{Counts, Key, sort};
-use crate::{CodeBits, bytes_of};
+use crate::subtree_slot::SubtreeSlot;
 
 /// Subtrees of fewer primitives are built by one thread.
 const GRAIN: usize = 4096;
@@ -30,49 +31,45 @@ pub(crate) struct Codes {
     counts: Vec<Counts>,
 }
 
-/// The items' places along the curve.
+/// The primitives' places along the curve.
 pub(crate) enum Sorted<'a> {
     Short(&'a [u64]),
     Long(&'a [u128]),
 }
 
 impl Codes {
-    pub(crate) fn bytes(&self) -> usize {
+    pub(crate) fn memory_usage(&self) -> usize {
         let Self { short, short_spare, long, long_spare, counts } = self;
         let short = bytes_of(short) + bytes_of(short_spare);
         short + bytes_of(long) + bytes_of(long_spare) + bytes_of(counts)
     }
 
-    /// Sorts items with the given hull of centres along the curve.
-    pub(crate) fn sort(
-        &mut self,
-        items: &[Item],
-        centers: &Hull,
-        bits: CodeBits,
-        threads: usize,
-    ) -> Sorted<'_> {
+    /// Sorts primitives along the curve; `centers` are the bounds of their centres.
+    ///
+    /// Codes have 39 bits, what fits into 64 beside the number of one in 16 million. They have 63
+    /// if there are more primitives, or if more than half of them would share their code with the
+    /// one before.
+    pub(crate) fn sort(&mut self, prims: &[PrimRef], centers: &Bounds, threads: usize) -> Sorted<'_> {
         let Self { short, short_spare, long, long_spare, counts } = self;
-        let n = items.len();
-        if bits != CodeBits::Bits63 && n <= 1 << u64::LOW {
-            let axis = if bits == CodeBits::Bits30 { 10 } else { u64::AXIS };
-            encode(items, centers, axis, short, threads);
-            sort(short, short_spare, counts, 3 * axis, threads);
-            if bits == CodeBits::Bits30 || equal(short, threads) <= n / 2 {
+        if prims.len() <= 1 << u64::LOW {
+            encode(prims, centers, short, threads);
+            sort(short, short_spare, counts, threads);
+            if equal(short, threads) <= prims.len() / 2 {
                 return Sorted::Short(short);
             }
         }
-        let axis = if bits == CodeBits::Bits30 { 10 } else { u128::AXIS };
-        encode(items, centers, axis, long, threads);
-        sort(long, long_spare, counts, 3 * axis, threads);
+        encode(prims, centers, long, threads);
+        sort(long, long_spare, counts, threads);
         Sorted::Long(long)
     }
 }
 
-/// Builds the tree over `items`, which have boxes and lie along the curve as `sorted` says; gives its hull.
-pub(crate) fn build(items: &[Item], sorted: &Sorted<'_>, threads: usize, plot: Plot) -> Hull {
+/// Builds the tree over `prims`, which have boxes and lie along the curve as `sorted` says; gives
+/// its bounds.
+pub(crate) fn build(prims: &[PrimRef], sorted: &Sorted<'_>, threads: usize, slot: SubtreeSlot) -> Bounds {
     match sorted {
-        Sorted::Short(keys) => grow(keys, items, threads > 1, plot),
-        Sorted::Long(keys) => grow(keys, items, threads > 1, plot),
+        Sorted::Short(keys) => grow(keys, prims, threads > 1, slot),
+        Sorted::Long(keys) => grow(keys, prims, threads > 1, slot),
     }
 }
 
@@ -82,7 +79,7 @@ fn equal(keys: &[u64], threads: usize) -> usize {
     if threads > 1 { keys.par_chunks(GRAIN).map(equal).sum() } else { keys.chunks(GRAIN).map(equal).sum() }
 }
 
-/// The cells of the curve: cubes, as what is far on a long axis is far on a short one.
+/// The cells of the curve: cubes, so that equal distances count alike on all axes.
 #[derive(Clone, Copy)]
 struct Grid {
     min: Vec4,
@@ -91,7 +88,7 @@ struct Grid {
 }
 
 impl Grid {
-    fn new(centers: &Hull, bits: u32) -> Self {
+    fn new(centers: &Bounds, bits: u32) -> Self {
         let extent = (centers.max - centers.min).truncate().max_element();
         let cells = (1u32 << bits) as f32;
         let scale = cells / extent;
@@ -99,33 +96,34 @@ impl Grid {
         Self { min: centers.min, scale, last: Vec4::splat(cells - 1.0) }
     }
 
-    /// The keys of items, the first of which has the place `first`.
+    /// The keys of primitives, the first of which has the place `first`.
     // Not inlined into what shares it out, where the compiler keeps less of it in registers.
     #[inline(never)]
-    fn encode<K: Key>(self, items: &[Item], first: usize, keys: &mut [K]) {
-        for ((item, key), number) in items.iter().zip(keys).zip(first as u32..) {
-            let cell = floor(((item.center() - self.min) * self.scale).min(self.last));
+    fn encode<K: Key>(self, prims: &[PrimRef], first: usize, keys: &mut [K]) {
+        for ((prim, key), number) in prims.iter().zip(keys).zip(first as u32..) {
+            let cell = floor(((prim.center() - self.min) * self.scale).min(self.last));
             *key = K::new(interleave::<K>(cell), number);
         }
     }
 }
 
-/// The keys of all items: codes of `bits` bits an axis, and below them the items' places.
-fn encode<K: Key>(items: &[Item], centers: &Hull, bits: u32, keys: &mut Vec<K>, threads: usize) {
-    keys.resize(items.len(), K::ZERO);
-    let grid = Grid::new(centers, bits);
+/// The keys of all primitives: codes, and below them the places in `prims`.
+fn encode<K: Key>(prims: &[PrimRef], centers: &Bounds, keys: &mut Vec<K>, threads: usize) {
+    keys.resize(prims.len(), K::ZERO);
+    let grid = Grid::new(centers, K::AXIS);
     if threads > 1 {
-        let parts = items.par_chunks(GRAIN).zip(keys.par_chunks_mut(GRAIN)).enumerate();
-        parts.for_each(|(i, (items, keys))| grid.encode(items, i * GRAIN, keys));
+        let parts = prims.par_chunks(GRAIN).zip(keys.par_chunks_mut(GRAIN)).enumerate();
+        parts.for_each(|(i, (prims, keys))| grid.encode(prims, i * GRAIN, keys));
     } else {
-        grid.encode(items, 0, keys);
+        grid.encode(prims, 0, keys);
     }
 }
 
 /// The integers below numbers from 0 to 2^22, in the lowest bits of each lane.
 #[inline]
 fn floor(v: Vec4) -> [u32; 4] {
-    // At 2^23 the lowest bit of a number counts ones. A conversion to integers would go lane by lane.
+    // At 2^23 the lowest bit of a number counts ones. A conversion to integers would go lane by
+    // lane.
     let unit = Vec4::splat((1 << 23) as f32);
     let rounded = v + unit;
     let above = (rounded - unit).cmpgt(v);
@@ -151,14 +149,14 @@ fn interleave<K: Key>([x, y, z, _]: [u32; 4]) -> u64 {
     (0..K::AXIS).step_by(7).fold(0, |code, bit| code | seven(bit))
 }
 
-/// Builds the subtree over neighbours along the curve; gives its hull.
-pub(crate) fn grow<K: Key>(keys: &[K], items: &[Item], parallel: bool, plot: Plot) -> Hull {
+/// Builds the subtree over neighbours along the curve; gives its bounds.
+pub(crate) fn grow<K: Key>(keys: &[K], prims: &[PrimRef], parallel: bool, slot: SubtreeSlot) -> Bounds {
     if !parallel || keys.len() < GRAIN {
-        return emit(keys, items, plot);
+        return emit(keys, prims, slot);
     }
     let (l, r) = split(keys);
-    plot.fork(l.len(), |plot_l, plot_r| {
-        rayon::join(|| grow(l, items, parallel, plot_l), || grow(r, items, parallel, plot_r))
+    slot.fork(l.len(), |slot_l, slot_r| {
+        rayon::join(|| grow(l, prims, parallel, slot_l), || grow(r, prims, parallel, slot_r))
     })
 }
 
@@ -170,24 +168,24 @@ pub(crate) fn split<K: Key>(keys: &[K]) -> (&[K], &[K]) {
 
 /// Builds the subtree over neighbours along the curve in one pass from the last to the first.
 ///
-/// Two neighbouring subtrees become one as soon as the keys on either side of both differ in a higher bit than those
-/// between them. Nodes come about children first, the right ones before the left ones, and are written from the
-/// end: that is depth first, parents first and left before right, when read from the start.
-fn emit<K: Key>(keys: &[K], items: &[Item], plot: Plot) -> Hull {
-    let Site { root, below, first_node, order, first_slot } = plot.site();
-    // Subtrees to the right that are yet to become part of another, the next one last, and how the keys differ
-    // between each and what is left of it. Differences decrease, so there are no more than bits in a key.
+/// Two neighbouring subtrees become one as soon as the keys on either side of both differ in a
+/// higher bit than those between them. Nodes come about children first, the right ones before the
+/// left ones, and are written from the end: that is depth first, parents first and left before
+/// right, when read from the start.
+fn emit<K: Key>(keys: &[K], prims: &[PrimRef], slot: SubtreeSlot) -> Bounds {
+    let SubtreeSlot { root, below, first_node, order, first_slot, .. } = slot;
+    // Subtrees to the right that are yet to become part of another, the next one last, and how the
+    // keys differ between each and what is left of it. Differences decrease, so there are no more
+    // than bits in a key.
     let mut pending = [(Node::NOTHING, K::MAX); MAX_HEIGHT as usize];
     let mut count = 0;
     let mut next = below.len();
     let mut node = Node::NOTHING;
-    for s in (0..keys.len()).rev() {
-        if s >= AHEAD {
-            prefetch(items, keys[s - AHEAD].number() as usize);
-        }
-        let item = &items[keys[s].number() as usize];
-        order[s] = item.number();
-        node = Node::leaf(item.hull().aabb(), first_slot + s as u32, 1);
+    let fetch = |s: usize| prefetch(prims, keys[s].number() as usize);
+    for s in prefetch_ahead((0..keys.len()).rev(), AHEAD, fetch) {
+        let prim = &prims[keys[s].number() as usize];
+        order[s] = prim.number();
+        node = Node::leaf(prim.bounds().aabb(), first_slot + s as u32, 1);
         let difference = if s > 0 { keys[s - 1] ^ keys[s] } else { K::MAX };
         while count > 0 && pending[count - 1].1 < difference {
             count -= 1;
@@ -200,5 +198,5 @@ fn emit<K: Key>(keys: &[K], items: &[Item], plot: Plot) -> Hull {
         count += 1;
     }
     *root = node;
-    Hull::of(node.aabb())
+    Bounds::of(node.aabb())
 }

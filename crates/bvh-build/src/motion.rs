@@ -1,5 +1,5 @@
-//! Motion decomposition (Günther, Friedrich, Wald, Seidel, Slusallek 2006, "Ray tracing animated scenes using motion
-//! decomposition"): primitives that move alike share a subtree.
+//! Motion decomposition (Günther, Friedrich, Wald, Seidel, Slusallek 2006, "Ray tracing animated
+//! scenes using motion decomposition"): primitives that move alike share a subtree.
 //!
 //! ```text
 //! decompose(S):  for each pose k: the rotation and shift that take the centres of S in the first pose nearest to those in k
@@ -8,34 +8,39 @@
 //!                else split S by the sign of the residuals along their widest direction;
 //!                     a few times: fit both parts, let each primitive go where its residual is less   (Lloyd)
 //!                     decompose(left), decompose(right)
-//! parts:         clusters come apart where they are in several places, and neighbours that are alike are joined
+//! parts:         a cluster in several places is split; neighbours that move alike are joined
 //! tree:          a sweep over each part, its boxes grown by the residuals; above them one tree, T-SAH over all poses
 //! ```
 //!
-//! Departures: clusters are split in two again and again, where the paper adds seeds until residuals are small; motions are
-//! rigid, not affine, as boxes in world space grow where a map stretches; of primitives only the centres of their boxes are
-//! known; there are no local coordinates and no tree over the clusters built in each frame: one tree, which is refitted.
+//! Departures: clusters are split in two recursively, where the paper adds seeds until residuals
+//! are small. Motions are rigid, not affine, because boxes in world space grow where a map
+//! stretches. Only the centres of the primitives' boxes are known. There are no local coordinates
+//! and no tree over the clusters in each frame, but one tree, which is refitted.
 
 use bvh_core::glam::{DMat3, DVec3};
 use bvh_core::{Aabb, Bvh, Node, Primitives};
 use rayon::prelude::*;
 
+use crate::options::with_methods;
 use crate::poses::{best_start, check};
 use crate::rigid::{Motion, outer, widest};
-use crate::{
-    BuildError, BuildOptions, Builder, Pose, Reinsert, ReinsertScratch, build, optimize_over_poses, refit,
-};
+use crate::{BuildError, Builder, Pose, Reinsert, ReinsertScratch, build, optimize_over_poses, refit};
 
-/// When primitives count as moving alike.
+/// Settings of [`build_by_motion`]: when primitives count as moving alike.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Decomposition {
-    /// Largest root mean square of a cluster's residuals, in diagonals of an average primitive of it. 0.5 by default.
+    /// Largest root mean square of a cluster's residuals, in diagonals of its average primitive;
+    /// 0.5 by default.
     pub tolerance: f64,
-    /// A cluster of at most so many primitives is not split. 8 by default.
+    /// A cluster of at most this number of primitives is not split; 8 by default.
     pub smallest: u32,
     /// The budget of the tree above the clusters.
     pub top: Reinsert,
 }
+
+with_methods!(Decomposition: with_tolerance(tolerance: f64), with_smallest(smallest: u32),
+    with_top(top: Reinsert));
 
 impl Default for Decomposition {
     fn default() -> Self {
@@ -43,21 +48,38 @@ impl Default for Decomposition {
     }
 }
 
-/// Builds one tree for all poses, to be refitted from frame to frame: subtrees over what moves alike, and a tree above
-/// them of little cost over all poses. One primitive a leaf; boxes fit the first pose.
+/// Builds one tree for all poses, to be refitted from frame to frame (Günther et al. 2006): a
+/// subtree over each group of primitives that move alike, and a tree of low cost over all poses
+/// above them. One primitive a leaf; boxes fit the first pose.
 ///
-/// For pieces that fly apart, as a start: [`optimize_over_poses`] improves it further, and gets as far from other starts.
-/// Runs on all threads of the current rayon pool; the tree is the same for any number of them. O(k n log n) for k poses in practice.
+/// For pieces that fly apart. [`optimize_over_poses`] improves the tree further, but gets as far
+/// from other trees. Runs on all threads of the current rayon pool; the tree is the same for any
+/// number of them. O(k n log n) for k poses in practice.
 ///
 /// # Errors
-/// If there are no poses, too many primitives, or not as many in each pose.
+/// If there are no poses, too many primitives, or poses of different numbers of primitives.
+///
+/// ```
+/// use bvh_build::{Decomposition, Pose, build_by_motion};
+/// use bvh_core::{Aabb, Vec3};
+///
+/// // Two pieces, mixed at first, that part along x.
+/// let pose = |time: f32| -> Vec<Aabb> {
+///     let corner = |i: i32| Vec3::new(i as f32 + (i % 2 * 2 - 1) as f32 * time, 0.0, 0.0);
+///     (0..40).map(|i| Aabb::new(corner(i), corner(i) + Vec3::ONE)).collect()
+/// };
+/// let (first, last) = (pose(0.0), pose(100.0));
+/// let bvh = build_by_motion(&[Pose::new(&first), Pose::new(&last)], &Decomposition::default())?;
+/// assert!(bvh.validate(&first).is_ok());
+/// # Ok::<(), bvh_build::BuildError>(())
+/// ```
 pub fn build_by_motion<P: Primitives + ?Sized>(
     poses: &[Pose<'_, P>],
     options: &Decomposition,
 ) -> Result<Bvh, BuildError> {
     let first = poses.first().ok_or(BuildError::NoPoses)?.primitives;
     check(first.len(), poses)?;
-    let fallback = || build(first, Builder::Sweep, &BuildOptions::default(), None);
+    let fallback = || build(first, Builder::Sweep);
     let has_box = |p: &u32| !first.aabb(*p as usize).sanitized().is_empty();
     let (moving, dropped): (Vec<u32>, Vec<u32>) = (0..first.len() as u32).partition(has_box);
     let paths = Paths::new(poses);
@@ -87,11 +109,11 @@ pub fn build_by_motion<P: Primitives + ?Sized>(
     Bvh::new(&nodes, order).or_else(|_| fallback())
 }
 
-/// Parts a cluster where it is in several places: where two subtrees of the tree over it together have less area than
-/// their parent.
+/// Splits a cluster that is in several places: where two subtrees of the tree over it have together
+/// less area than their parent.
 fn part<P: Primitives + ?Sized>(set: &[u32], first: &P) -> Result<Vec<Vec<u32>>, BuildError> {
     let boxes: Vec<_> = set.iter().map(|&p| first.aabb(p as usize)).collect();
-    let bvh = build(&boxes, Builder::Sweep, &BuildOptions::default(), None)?;
+    let bvh = build(&boxes, Builder::Sweep)?;
     let (mut parts, mut todo) = (Vec::new(), vec![0]);
     while let Some(n) = todo.pop() {
         let node = &bvh.nodes()[n];
@@ -118,29 +140,29 @@ fn is_compact(bvh: &Bvh, node: &Node) -> bool {
     })
 }
 
-/// The tree over clusters of least cost over all poses.
+/// The tree of least cost over all poses above the clusters.
 fn top<P: Primitives + ?Sized>(
     parts: &[Vec<u32>],
     poses: &[Pose<'_, P>],
     options: &Reinsert,
 ) -> Result<Bvh, BuildError> {
-    let hull = |set: &Vec<u32>, primitives: &P| {
+    let bounds = |set: &Vec<u32>, primitives: &P| {
         let boxes = set.iter().map(|&p| primitives.aabb(p as usize).sanitized());
         boxes.fold(Aabb::EMPTY, Aabb::union)
     };
-    let hulls: Vec<Vec<Aabb>> =
-        poses.iter().map(|pose| parts.iter().map(|set| hull(set, pose.primitives)).collect()).collect();
+    let boxes: Vec<Vec<Aabb>> =
+        poses.iter().map(|pose| parts.iter().map(|set| bounds(set, pose.primitives)).collect()).collect();
     let poses: Vec<_> = poses
         .iter()
-        .zip(&hulls)
-        .map(|(pose, hulls)| Pose { primitives: hulls, weight: pose.weight })
+        .zip(&boxes)
+        .map(|(pose, boxes)| Pose { primitives: boxes, weight: pose.weight })
         .collect();
     let mut top = best_start(&poses, Builder::Sweep)?;
     optimize_over_poses(&mut top, &poses, options, &mut ReinsertScratch::new())?;
     Ok(top)
 }
 
-/// The tree that has, in the place of each leaf of `top`, the tree over that cluster, as nodes and an order.
+/// Puts the tree over each cluster in the place of its leaf in `top`; gives nodes and order.
 fn graft(top: &Bvh, subtrees: &[Bvh], parts: &[Vec<u32>]) -> (Vec<Node>, Vec<u32>) {
     let (mut nodes, mut order) = (vec![Node::NOTHING; 2], Vec::new());
     let mut todo = vec![(top, None, 0, 0)];
@@ -166,7 +188,7 @@ fn graft(top: &Bvh, subtrees: &[Bvh], parts: &[Vec<u32>]) -> (Vec<Node>, Vec<u32
 
 /// Where the centre of each primitive is in each pose.
 struct Paths {
-    /// Those of one primitive together; NaN where it has no box.
+    /// All poses of one primitive together; NaN where its box is empty.
     centers: Vec<DVec3>,
     /// Squared diagonal of each primitive in the first pose.
     sizes: Vec<f64>,
@@ -176,7 +198,7 @@ struct Paths {
 /// Rounds of assigning primitives to the nearer of two motions.
 const ROUNDS: usize = 8;
 
-/// A set is split at most so many times: each split may take off one primitive only.
+/// Largest depth of splits: each split may take off one primitive only.
 const DEEPEST: u32 = 64;
 
 /// Sets of fewer primitives are decomposed by one thread.
@@ -206,7 +228,8 @@ impl Paths {
         (0..self.poses).map(|k| Motion::fit(pairs(k))).collect()
     }
 
-    /// From where a motion puts a primitive in pose `k` to where it is; zero if it has no box.
+    /// Vector from where a motion puts a primitive in pose `k` to where it is; zero for an empty
+    /// box.
     fn residual(&self, p: u32, k: usize, motion: &Motion) -> DVec3 {
         let residual = self.of(p)[k] - motion.apply(self.of(p)[0]);
         if residual.is_nan() { DVec3::ZERO } else { residual }
@@ -250,8 +273,9 @@ impl Paths {
         }
     }
 
-    /// Joins clusters that are neighbours in a tree over them, in one place and alike: splitting cuts some pieces. Gives the
-    /// one that is all below node `n`, if it is one; others go to `whole`.
+    /// Joins clusters that are neighbours in the tree `top`, in one place, and move alike:
+    /// splitting cuts some pieces. Gives the cluster of all primitives below node `n`, if they are
+    /// one cluster; other clusters go to `whole`.
     fn merge(
         &self,
         top: &Bvh,
@@ -289,10 +313,10 @@ impl Paths {
             Aabb::new(aabb.min - reach, aabb.max + reach).sanitized()
         };
         let boxes: Vec<_> = set.iter().map(grown).collect();
-        build(&boxes, Builder::Sweep, &BuildOptions::default(), None)
+        build(&boxes, Builder::Sweep)
     }
 
-    /// Parts a set in two that each move more alike; `None` if residuals do not tell its primitives apart.
+    /// Splits a set in two that each move more alike; `None` if the residuals do not separate it.
     fn split(&self, set: &[u32], motions: &[Motion]) -> Option<[Vec<u32>; 2]> {
         let sum_in =
             |k: usize| set.iter().map(|&p| self.residual(p, k, &motions[k]).length_squared()).sum::<f64>();
@@ -329,10 +353,11 @@ mod tests {
     use bvh_core::glam::DQuat;
 
     use super::*;
-    use crate::tests::{options, streets};
+    use crate::tests::streets;
     use crate::{build_over_poses, cost_over_poses};
 
-    /// Cubes of 3 x 3 x 3 boxes each, tightly packed, that fly off in all directions and turn as they go.
+    /// Cubes of 3 x 3 x 3 boxes each, tightly packed, that fly off in all directions and turn as
+    /// they go.
     fn burst(pieces: usize, time: f32) -> Vec<Aabb> {
         let at = |i: usize| Vec3::new((i % 27 % 3) as f32, (i % 9 / 3) as f32, (i % 27 / 9) as f32) - 1.0;
         let piece = |i: usize| {
@@ -355,11 +380,11 @@ mod tests {
     }
 
     fn tree(boxes: &Vec<Aabb>) -> Bvh {
-        build(boxes, Builder::Sweep, &options(1), None).expect("few enough")
+        build(boxes, Builder::Sweep).expect("few enough")
     }
 
     #[test]
-    fn pieces_that_fly_apart() {
+    fn pieces_that_fly_apart_get_a_cheaper_tree() {
         let all: Vec<_> = [0.0, 0.3, 1.0].into_iter().map(|time| burst(200, time)).collect();
         let poses = poses(&all);
         let cost = |bvh: &Bvh| cost_over_poses(bvh, &poses).expect("poses");
@@ -371,12 +396,12 @@ mod tests {
         for threads in [1, 3] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
             let again = pool.install(|| build_by_motion(&poses, &Decomposition::default()));
-            assert_eq!(again.expect("poses").hash(), bvh.hash());
+            assert_eq!(again.expect("poses").fingerprint(), bvh.fingerprint());
         }
     }
 
     #[test]
-    fn rigid_pieces_are_told_apart_and_not_cut() {
+    fn rigid_pieces_become_clusters_of_their_own() {
         let all = [0.0, 0.5, 1.0].map(|time| burst(60, time));
         let mut clusters = Vec::new();
         let set = (0..60 * 27).collect();
@@ -392,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn what_moves_as_one_is_built_as_one() {
+    fn a_rigid_scene_gets_the_tree_of_its_first_pose() {
         let turn = |time: f32| -> Vec<Aabb> {
             let turn = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -2.0) / 3.0, f64::from(time)).as_quat();
             streets(300)
@@ -403,11 +428,11 @@ mod tests {
         };
         let all = [0.0, 1.0, 2.5].map(turn);
         let bvh = build_by_motion(&poses(&all), &Decomposition::default()).expect("poses");
-        assert_eq!(bvh.hash(), tree(&all[0]).hash());
+        assert_eq!(bvh.fingerprint(), tree(&all[0]).fingerprint());
     }
 
     #[test]
-    fn hard_cases() {
+    fn hard_input_gives_valid_trees() {
         let same = vec![Aabb::new(Vec3::ZERO, Vec3::ONE); 500];
         let huge = |s: f32| streets(300).iter().map(|b| Aabb::new(b.min * s, b.max * s)).collect::<Vec<_>>();
         let mut gone = burst(10, 1.0);

@@ -1,30 +1,31 @@
-//! Parallel locally-ordered clustering (Meister and Bittner 2018, "Parallel locally-ordered clustering for bounding
-//! volume hierarchy construction"; Benthin, Drabinski, Tessari, Dittebrandt 2022, "PLOC++").
+//! Parallel locally-ordered clustering (Meister and Bittner 2018, "Parallel locally-ordered
+//! clustering for bounding volume hierarchy construction"; Benthin, Drabinski, Tessari, Dittebrandt
+//! 2022, "PLOC++").
 //!
 //! ```text
 //! clusters = the primitives, sorted along the Morton curve
 //! while there is more than one:
-//!     each looks among the `radius` before it and the `radius` behind it for the one with which its hull is smallest
+//!     each looks among the `radius` before it and the `radius` behind it for the one with which its bounds are smallest
 //!     two that chose each other become one, in the place of the first
 //! ```
 //!
-//! Departures: equal areas are told apart by an order of all pairs of places in which no two pairs with a place in
-//! common are equal, so that some two always choose each other, and, where all areas are equal, every two neighbours do.
-//! Where few do nevertheless, the next round joins neighbours whatever their areas: the number of rounds is
-//! logarithmic. Nodes are numbered depth first at the end.
+//! Departures: pairs of equal area are ordered by their places. No two pairs with a place in common
+//! are equal in that order. So in each round some two clusters choose each other, and where all
+//! areas are equal, all neighbours do. After a round with few such pairs, the next round joins all
+//! neighbours. So the number of rounds is logarithmic. Nodes are numbered depth first at the end.
 
 use std::hint::select_unpredictable;
 use std::ops::Range;
 
-use bvh_core::{MAX_HEIGHT, Node, prefetch};
+use bvh_core::{MAX_HEIGHT, Node, prefetch, prefetch_ahead};
 use rayon::prelude::*;
 
 use crate::bytes_of;
-use crate::item::{Hull, Item};
 use crate::morton::{AHEAD, Sorted};
-use crate::nearest::{self, MAX_RADIUS};
-use crate::plot::{Plot, Site};
+use crate::neighbor_search::{self, MAX_RADIUS};
+use crate::prim_ref::{Bounds, PrimRef};
 use crate::radix::Key;
+use crate::subtree_slot::SubtreeSlot;
 
 /// Clusters for a task.
 const PART: usize = 2048;
@@ -32,11 +33,11 @@ const PART: usize = 2048;
 /// Subtrees of fewer primitives are written by one thread.
 const GRAIN: usize = 4096;
 
-/// A round that joins fewer than one in so many is followed by one that joins all neighbours.
+/// After a round that joins fewer than one cluster in this number, a round joins all neighbours.
 const SLOW: usize = 32;
 
-/// Two clusters that became one, and the number of primitives in it. A cluster's number is the place of
-/// its only leaf, or the number of leaves plus that of its merger.
+/// Two clusters that became one, and the number of primitives in it. A cluster's number is the
+/// place of its only leaf, or the number of leaves plus that of its merger.
 #[derive(Clone, Copy)]
 pub(crate) struct Merger {
     pub(crate) left: u32,
@@ -46,17 +47,17 @@ pub(crate) struct Merger {
 
 /// Memory for clusters.
 #[derive(Default)]
-pub(crate) struct Clusters {
-    /// The items along the curve.
-    pub(crate) leaves: Vec<Item>,
-    spare: Vec<Item>,
+pub(crate) struct PlocMemory {
+    /// The primitives along the curve.
+    pub(crate) leaves: Vec<PrimRef>,
+    spare: Vec<PrimRef>,
     nearest: Vec<u32>,
     pub(crate) mergers: Vec<Merger>,
     parts: Vec<Kept>,
 }
 
-impl Clusters {
-    pub(crate) fn bytes(&self) -> usize {
+impl PlocMemory {
+    pub(crate) fn memory_usage(&self) -> usize {
         let Self { leaves, spare, nearest, mergers, parts } = self;
         bytes_of(leaves) + bytes_of(spare) + bytes_of(nearest) + bytes_of(mergers) + bytes_of(parts)
     }
@@ -69,28 +70,28 @@ struct Kept {
     mergers: usize,
 }
 
-/// Builds the tree over `items`, which have boxes and lie along the curve as `sorted` says; gives its hull. Other
-/// items are left in their place.
+/// Builds the tree over `prims`, which have boxes and lie along the curve as `sorted` says; gives
+/// its bounds. Other primitives are left in their place.
 pub(crate) fn build(
-    items: &mut [Item],
+    prims: &mut [PrimRef],
     sorted: &Sorted<'_>,
     radius: u32,
-    clusters: &mut Clusters,
+    memory: &mut PlocMemory,
     threads: usize,
-    plot: Plot,
-) -> Hull {
-    let n = items.len();
+    slot: SubtreeSlot,
+) -> Bounds {
+    let n = prims.len();
     let radius = radius.clamp(1, MAX_RADIUS as u32) as usize;
-    let Clusters { leaves, spare, nearest, mergers, parts } = clusters;
-    leaves.resize(n, Item::NOTHING);
-    spare.resize(n, Item::NOTHING);
+    let PlocMemory { leaves, spare, nearest, mergers, parts } = memory;
+    leaves.resize(n, PrimRef::NOTHING);
+    spare.resize(n, PrimRef::NOTHING);
     nearest.resize(n, 0);
     mergers.resize(n - 1, Merger { left: 0, right: 0, size: 0 });
     match sorted {
-        Sorted::Short(keys) => gather(keys, items, leaves, threads),
-        Sorted::Long(keys) => gather(keys, items, leaves, threads),
+        Sorted::Short(keys) => gather(keys, prims, leaves, threads),
+        Sorted::Long(keys) => gather(keys, prims, leaves, threads),
     }
-    let (mut from, mut to) = (&mut spare[..], items);
+    let (mut from, mut to) = (&mut spare[..], prims);
     let (mut count, mut merged) = (n, 0);
     let mut slow = false;
     while count > 1 {
@@ -100,7 +101,7 @@ pub(crate) fn build(
         if slow {
             join_neighbours(nearest);
         } else {
-            nearest::find(clusters, radius, nearest, threads);
+            neighbor_search::find(clusters, radius, nearest, threads);
         }
         let round = Round { clusters, nearest, is_first: merged == 0, number: (n + merged) as u32 };
         let kept = round.run(to, &mut mergers[merged..], parts, threads);
@@ -110,26 +111,24 @@ pub(crate) fn build(
         std::mem::swap(&mut from, &mut to);
     }
     let root = (n + merged - 1) as u32;
-    Tree { leaves, mergers }.grow(if n == 1 { 0 } else { root }, threads > 1, plot)
+    Tree { leaves, mergers }.grow(if n == 1 { 0 } else { root }, threads > 1, slot)
 }
 
-/// Copies the items in the order of the curve.
-pub(crate) fn gather<K: Key>(keys: &[K], items: &[Item], sorted: &mut [Item], threads: usize) {
+/// Copies the primitives in the order of the curve.
+pub(crate) fn gather<K: Key>(keys: &[K], prims: &[PrimRef], sorted: &mut [PrimRef], threads: usize) {
     if threads > 1 {
-        keys.par_chunks(PART).zip(sorted.par_chunks_mut(PART)).for_each(|(keys, to)| copy(keys, items, to));
+        keys.par_chunks(PART).zip(sorted.par_chunks_mut(PART)).for_each(|(keys, to)| copy(keys, prims, to));
     } else {
-        copy(keys, items, sorted);
+        copy(keys, prims, sorted);
     }
 }
 
 // Not inlined into what shares it out, where the compiler keeps less of it in registers.
 #[inline(never)]
-fn copy<K: Key>(keys: &[K], items: &[Item], sorted: &mut [Item]) {
-    for (i, (key, to)) in keys.iter().zip(sorted).enumerate() {
-        if let Some(key) = keys.get(i + AHEAD) {
-            prefetch(items, key.number() as usize);
-        }
-        *to = items[key.number() as usize];
+fn copy<K: Key>(keys: &[K], prims: &[PrimRef], sorted: &mut [PrimRef]) {
+    let fetch = |key: &K| prefetch(prims, key.number() as usize);
+    for (key, to) in prefetch_ahead(keys.iter(), AHEAD, fetch).zip(sorted) {
+        *to = prims[key.number() as usize];
     }
 }
 
@@ -144,7 +143,7 @@ fn join_neighbours(nearest: &mut [u32]) {
 /// The clusters of a round and the place that each chose.
 #[derive(Clone, Copy)]
 struct Round<'a> {
-    clusters: &'a [Item],
+    clusters: &'a [PrimRef],
     nearest: &'a [u32],
     /// Whether the clusters are the leaves.
     is_first: bool,
@@ -153,9 +152,9 @@ struct Round<'a> {
 }
 
 impl Round<'_> {
-    /// Joins all that chose each other. Clusters that stay are written to `to` in the order they have, those that are new
-    /// to `mergers`, too.
-    fn run(self, to: &mut [Item], mergers: &mut [Merger], parts: &mut Vec<Kept>, threads: usize) -> Kept {
+    /// Joins all that chose each other. Clusters that stay are written to `to` in the order they
+    /// have, those that are new to `mergers`, too.
+    fn run(self, to: &mut [PrimRef], mergers: &mut [Merger], parts: &mut Vec<Kept>, threads: usize) -> Kept {
         let n = self.clusters.len();
         if threads == 1 {
             return self.join(0..n, to, mergers);
@@ -180,7 +179,7 @@ impl Round<'_> {
     }
 
     /// As [`run`](Self::run) for some of the parts, the first of which begins at `start`.
-    fn join_parts(self, parts: &[Kept], start: usize, to: &mut [Item], mergers: &mut [Merger]) {
+    fn join_parts(self, parts: &[Kept], start: usize, to: &mut [PrimRef], mergers: &mut [Merger]) {
         let half = parts.len() / 2;
         if half == 0 {
             self.join(start..self.clusters.len().min(start + PART), to, mergers);
@@ -198,7 +197,7 @@ impl Round<'_> {
     }
 
     /// As [`run`](Self::run) for the clusters at some of the places.
-    fn join(&self, range: Range<usize>, to: &mut [Item], mergers: &mut [Merger]) -> Kept {
+    fn join(&self, range: Range<usize>, to: &mut [PrimRef], mergers: &mut [Merger]) -> Kept {
         if self.is_first {
             self.join_if::<true>(range, to, mergers)
         } else {
@@ -209,19 +208,20 @@ impl Round<'_> {
     fn join_if<const FIRST: bool>(
         &self,
         range: Range<usize>,
-        to: &mut [Item],
+        to: &mut [PrimRef],
         mergers: &mut [Merger],
     ) -> Kept {
         let mut kept = Kept::default();
         let (clusters, nearest) = (self.clusters, &self.nearest[..self.clusters.len()]);
-        // Who chose whom cannot be predicted, so there is no branch on it: what is not to be kept is written over.
+        // Mutual choices are unpredictable, so there is no branch on them: unwanted output is
+        // overwritten.
         for i in range {
             let j = nearest[i] as usize;
             let mutual = nearest[j] as usize == i;
             let other = select_unpredictable(mutual, j, i);
             let (a, b) = (&clusters[i], &clusters[other]);
-            let number = |cluster: &Item, i| if FIRST { i as u32 } else { cluster.number() };
-            let size = |cluster: &Item| if FIRST { 1 } else { cluster.size() };
+            let number = |cluster: &PrimRef, i| if FIRST { i as u32 } else { cluster.number() };
+            let size = |cluster: &PrimRef| if FIRST { 1 } else { cluster.size() };
             let is_new = mutual & (i < j);
             let (left, right) = (number(a, i), number(b, other));
             let size = size(a) + select_unpredictable(is_new, size(b), 0);
@@ -230,7 +230,7 @@ impl Round<'_> {
             }
             let number = select_unpredictable(is_new, self.number + kept.mergers as u32, left);
             if let Some(place) = to.get_mut(kept.clusters) {
-                *place = Item::cluster(a.hull().union(b.hull()), number, size);
+                *place = PrimRef::cluster(a.bounds().union(b.bounds()), number, size);
             }
             kept.mergers += usize::from(is_new);
             kept.clusters += usize::from(!mutual | (i <= j));
@@ -251,7 +251,7 @@ impl Kept {
 /// All mergers over all leaves.
 #[derive(Clone, Copy)]
 pub(crate) struct Tree<'a> {
-    pub(crate) leaves: &'a [Item],
+    pub(crate) leaves: &'a [PrimRef],
     pub(crate) mergers: &'a [Merger],
 }
 
@@ -262,35 +262,34 @@ impl Tree<'_> {
         (cluster as usize).checked_sub(self.leaves.len()).map(|i| &self.mergers[i])
     }
 
-    /// Writes the tree below a cluster; gives its hull.
-    pub(crate) fn grow(self, cluster: u32, parallel: bool, plot: Plot) -> Hull {
+    /// Writes the tree below a cluster; gives its bounds.
+    pub(crate) fn grow(self, cluster: u32, parallel: bool, slot: SubtreeSlot) -> Bounds {
         match self.merger(cluster) {
             Some(&Merger { left, right, size })
-                if parallel && size as usize >= GRAIN && plot.any_split_fits(1) =>
+                if parallel && size as usize >= GRAIN && slot.any_split_fits(1) =>
             {
                 let left_size = self.merger(left).map_or(1, |merger| merger.size as usize);
-                plot.fork(left_size, |plot_l, plot_r| {
-                    rayon::join(|| self.grow(left, true, plot_l), || self.grow(right, true, plot_r))
+                slot.fork(left_size, |slot_l, slot_r| {
+                    rayon::join(|| self.grow(left, true, slot_l), || self.grow(right, true, slot_r))
                 })
             }
             _ => {
-                let depth = plot.depth();
-                let site = plot.site();
-                let slots = site.first_slot + site.order.len() as u32;
-                let mut writer = Writer { tree: self, next: site.below.len(), slots, site };
+                let depth = slot.depth;
+                let slots = slot.first_slot + slot.order.len() as u32;
+                let mut writer = Writer { tree: self, next: slot.below.len(), slots, slot };
                 let node = writer.write(cluster, depth);
-                *writer.site.root = node;
-                Hull::of(node.aabb())
+                *writer.slot.root = node;
+                Bounds::of(node.aabb())
             }
         }
     }
 }
 
-/// Writes a subtree from its end: children before parents, the right ones before the left ones, which is depth first,
-/// parents first, when read from the start.
+/// Writes a subtree from its end: children before parents, the right ones before the left ones,
+/// which is depth first, parents first, when read from the start.
 struct Writer<'a> {
     tree: Tree<'a>,
-    site: Site<'a>,
+    slot: SubtreeSlot<'a>,
     /// First of the nodes below the root that are written.
     next: usize,
     /// First slot that is written, in the tree.
@@ -301,7 +300,8 @@ impl Writer<'_> {
     fn write(&mut self, cluster: u32, depth: u32) -> Node {
         match self.tree.merger(cluster) {
             None => self.leaf(cluster),
-            // Two leaves: nearly half of all mergers, for which calls would take longer than the work.
+            // Two leaves: nearly half of all mergers, for which calls would take longer than the
+            // work.
             Some(&Merger { left, right, size: 2 }) => {
                 let r = self.leaf(right);
                 let l = self.leaf(left);
@@ -319,7 +319,8 @@ impl Writer<'_> {
                 self.halve(&leaves)
             }
             Some(&Merger { left, right, .. }) => {
-                // Mergers of one round lie along the curve, and so do subtrees: what is before these is soon to come.
+                // Mergers of one round lie along the curve, and so do subtrees: the mergers before
+                // these come next.
                 for child in [left, right] {
                     let place = (child as usize).saturating_sub(self.tree.leaves.len() + AHEAD);
                     prefetch(self.tree.mergers, place);
@@ -345,17 +346,17 @@ impl Writer<'_> {
     #[inline]
     fn leaf(&mut self, cluster: u32) -> Node {
         prefetch(self.tree.leaves, (cluster as usize).saturating_sub(AHEAD));
-        let item = &self.tree.leaves[cluster as usize];
+        let prim = &self.tree.leaves[cluster as usize];
         self.slots -= 1;
-        self.site.order[(self.slots - self.site.first_slot) as usize] = item.number();
-        Node::leaf(item.hull().aabb(), self.slots, 1)
+        self.slot.order[(self.slots - self.slot.first_slot) as usize] = prim.number();
+        Node::leaf(prim.bounds().aabb(), self.slots, 1)
     }
 
     #[inline]
     fn parent(&mut self, l: Node, r: Node) -> Node {
         self.next -= 2;
-        self.site.below[self.next] = l;
-        self.site.below[self.next + 1] = r;
-        Node::parent(&l, &r, self.site.first_node + self.next as u32)
+        self.slot.below[self.next] = l;
+        self.slot.below[self.next + 1] = r;
+        Node::parent(&l, &r, self.slot.first_node + self.next as u32)
     }
 }

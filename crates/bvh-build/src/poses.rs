@@ -1,25 +1,26 @@
-//! One tree for an animation known in advance: the SAH cost over several poses (T-SAH: Bittner and Meister 2015, "T-SAH:
-//! animation optimized bounding volume hierarchies"), minimised by insertion.
+//! One tree for an animation known in advance: the SAH cost over several poses (Bittner and Meister
+//! 2015, "T-SAH: animation optimized bounding volume hierarchies"), minimised by insertion.
 //!
 //! ```text
 //! cost(T) = sum over poses k of w(k) * SAH cost of T refitted to pose k, over the sum of w
 //! ```
 //!
-//! As the root's area in each pose is the same for all trees, this is the cost of a tree whose nodes have one box in each
-//! pose, with sums of areas for areas: `reinsert.rs` does the rest. Departures: it starts from the best of the trees
-//! built on each pose alone; poses are the caller's choice, not picked from the animation in rounds.
+//! The root's area in each pose is the same for all trees. So this is the cost of a tree whose
+//! nodes have one box in each pose, with weighted sums of areas instead of areas, and `reinsert.rs`
+//! lowers it. Departures: it starts from the best of the trees built on each pose alone. The caller
+//! chooses the poses; they are not picked from the animation in rounds.
 
 use bvh_core::{Aabb, Bvh, MAX_PRIMITIVES, Node, Primitives};
 
 use crate::tree::{self, Tree};
-use crate::{BuildError, BuildOptions, Builder, Optimized, Reinsert, ReinsertScratch, build, raw, reinsert};
+use crate::{BuildError, Builder, Optimized, Reinsert, ReinsertScratch, build, raw, reinsert};
 
-/// Primitives as they are at some time of an animation.
+/// Primitives at one time of an animation.
 #[derive(Debug)]
 pub struct Pose<'a, P: ?Sized> {
     /// The primitives: as many in each pose.
     pub primitives: &'a P,
-    /// How much the pose counts, against the others'. Below zero or NaN counts as 0.
+    /// Weight of the pose, relative to the other poses. Below zero or NaN counts as 0.
     pub weight: f64,
 }
 
@@ -38,11 +39,27 @@ impl<'a, P: ?Sized> Pose<'a, P> {
     }
 }
 
-/// Builds one tree for all poses, to be refitted from frame to frame: the best of those that [`Builder::Binned`] makes of
-/// each pose alone, then [`optimize_over_poses`]. One primitive a leaf; boxes fit the first pose.
+/// Builds one tree for all poses, to be refitted from frame to frame (Bittner and Meister 2015):
+/// the best of the trees that [`Builder::Binned`] makes of each pose alone, then
+/// [`optimize_over_poses`]. One primitive a leaf; boxes fit the first pose.
 ///
 /// # Errors
-/// If there are no poses, too many primitives, or not as many in each pose.
+/// If there are no poses, too many primitives, or poses of different numbers of primitives.
+///
+/// ```
+/// use bvh_build::{Pose, Reinsert, build_over_poses, cost_over_poses};
+/// use bvh_core::{Aabb, Vec3};
+///
+/// let pose = |time: f32| -> Vec<Aabb> {
+///     let corner = |i: usize| Vec3::new(i as f32, (i * 37 % 50) as f32 * time, 0.0);
+///     (0..50).map(|i| Aabb::new(corner(i), corner(i) + Vec3::ONE)).collect()
+/// };
+/// let (first, last) = (pose(0.0), pose(1.0));
+/// let poses = [Pose::new(&first), Pose { primitives: &last, weight: 2.0 }];
+/// let bvh = build_over_poses(&poses, &Reinsert::default())?;
+/// assert!(bvh.validate(&first).is_ok() && cost_over_poses(&bvh, &poses)? > 0.0);
+/// # Ok::<(), bvh_build::BuildError>(())
+/// ```
 pub fn build_over_poses<P: Primitives + ?Sized>(
     poses: &[Pose<'_, P>],
     options: &Reinsert,
@@ -52,14 +69,14 @@ pub fn build_over_poses<P: Primitives + ?Sized>(
     Ok(bvh)
 }
 
-/// Of the trees built on each pose alone the one of the least cost over all poses.
+/// The tree of least cost over all poses among those built on each pose alone.
 pub(crate) fn best_start<P: Primitives + ?Sized>(
     poses: &[Pose<'_, P>],
     builder: Builder,
 ) -> Result<Bvh, BuildError> {
     let mut best: Option<(f64, Bvh)> = None;
     for pose in poses {
-        let bvh = build(pose.primitives, builder, &BuildOptions::default(), None)?;
+        let bvh = build(pose.primitives, builder)?;
         let cost = cost_over_poses(&bvh, poses)?;
         if best.as_ref().is_none_or(|best| cost < best.0) {
             best = Some((cost, bvh));
@@ -68,38 +85,68 @@ pub(crate) fn best_start<P: Primitives + ?Sized>(
     best.map(|(_, bvh)| bvh).ok_or(BuildError::NoPoses)
 }
 
-/// As [`reinsert`](fn@crate::reinsert), with the weighted mean of SAH costs over `poses` for cost; boxes then fit the first
-/// pose. Takes about as many times longer as there are poses, and 48 bytes a primitive and pose.
+/// Lowers the weighted mean of the SAH costs over `poses` as [`reinsert`](fn@crate::reinsert)
+/// lowers the SAH cost. Boxes then fit the first pose. For k poses it takes about k times the time,
+/// and 48 k bytes a primitive.
 ///
 /// # Errors
-/// If there are no poses, or not as many primitives in each as the tree has; the tree is then as it was.
+/// If there are no poses, or if a pose has another number of primitives than the tree; the tree is
+/// then as it was.
+///
+/// ```
+/// use bvh_build::{Builder, Pose, Reinsert, ReinsertScratch, build, optimize_over_poses};
+/// use bvh_core::{Aabb, Vec3};
+///
+/// let pose = |time: f32| -> Vec<Aabb> {
+///     let corner = |i: usize| Vec3::new(i as f32, (i * 37 % 50) as f32 * time, 0.0);
+///     (0..50).map(|i| Aabb::new(corner(i), corner(i) + Vec3::ONE)).collect()
+/// };
+/// let (first, last) = (pose(0.0), pose(1.0));
+/// let mut bvh = build(&first, Builder::default())?;
+/// let poses = [Pose::new(&first), Pose::new(&last)];
+/// let scratch = &mut ReinsertScratch::new();
+/// let done = optimize_over_poses(&mut bvh, &poses, &Reinsert::default(), scratch)?;
+/// assert!(done.after <= done.before);
+/// # Ok::<(), bvh_build::BuildError>(())
+/// ```
 pub fn optimize_over_poses<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     poses: &[Pose<'_, P>],
     options: &Reinsert,
     scratch: &mut ReinsertScratch,
 ) -> Result<Optimized, BuildError> {
-    let hulls = Hulls::new(bvh, poses)?;
+    let boxes = PoseBoxes::new(bvh, poses)?;
     Ok(raw::edit(bvh, |nodes| {
-        for (node, hull) in nodes.iter_mut().zip(hulls.boxes.chunks_exact(hulls.count())) {
-            node.set_aabb(hull[0]);
+        for (node, bounds) in nodes.iter_mut().zip(boxes.boxes.chunks_exact(boxes.count())) {
+            node.set_aabb(bounds[0]);
         }
-        reinsert::optimize(&mut Posed { nodes, hulls }, options, scratch)
+        reinsert::optimize(&mut Posed { nodes, boxes }, options, scratch)
     }))
 }
 
-/// The weighted mean of the SAH costs that the tree has when it is refitted to each of `poses`. O(n) for each.
+/// Computes the weighted mean of the SAH costs of the tree refitted to each of `poses`; `bvh` is
+/// not changed. O(k n) for k poses.
 ///
 /// # Errors
-/// If there are no poses, or not as many primitives in each as the tree has.
+/// If there are no poses, or if a pose has another number of primitives than the tree.
+///
+/// ```
+/// use bvh_build::{Builder, Pose, build, cost_over_poses};
+/// use bvh_core::{Aabb, Vec3, sah_cost};
+///
+/// let boxes = [0.0, 2.0].map(|x| Aabb::new(Vec3::X * x, Vec3::X * x + Vec3::ONE));
+/// let bvh = build(&boxes, Builder::default())?;
+/// assert_eq!(cost_over_poses(&bvh, &[Pose::new(&boxes)])?, sah_cost(&bvh));
+/// # Ok::<(), bvh_build::BuildError>(())
+/// ```
 pub fn cost_over_poses<P: Primitives + ?Sized>(bvh: &Bvh, poses: &[Pose<'_, P>]) -> Result<f64, BuildError> {
-    let hulls = Hulls::new(bvh, poses)?;
+    let boxes = PoseBoxes::new(bvh, poses)?;
     let mut cost = 0.0;
-    bvh.visit(|n, node, _| cost += hulls.area(hulls.get(n)) * node.weight());
+    bvh.visit(|n, node, _| cost += boxes.area(boxes.get(n)) * node.weight());
     Ok(cost)
 }
 
-/// Fails unless there are poses, of `n` primitives each, which are not too many.
+/// Fails unless there are poses, each of `n` primitives, and `n` is not too large.
 pub(crate) fn check<P: Primitives + ?Sized>(n: usize, poses: &[Pose<'_, P>]) -> Result<(), BuildError> {
     if poses.is_empty() {
         return Err(BuildError::NoPoses);
@@ -114,37 +161,37 @@ pub(crate) fn check<P: Primitives + ?Sized>(n: usize, poses: &[Pose<'_, P>]) -> 
 }
 
 /// The boxes of all nodes in all poses: those of one node together.
-struct Hulls {
+struct PoseBoxes {
     boxes: Vec<Aabb>,
-    /// For each pose its part of the weights over the root's area; 0 if the root has none.
+    /// For each pose its share of the weights over the root's area; 0 if the root has no area.
     scales: Vec<f64>,
 }
 
-impl Hulls {
+impl PoseBoxes {
     fn new<P: Primitives + ?Sized>(bvh: &Bvh, poses: &[Pose<'_, P>]) -> Result<Self, BuildError> {
         check(bvh.len(), poses)?;
         let k = poses.len();
-        let mut hulls = Self { boxes: vec![Aabb::EMPTY; k * bvh.nodes().len()], scales: vec![0.0; k] };
+        let mut boxes = Self { boxes: vec![Aabb::EMPTY; k * bvh.nodes().len()], scales: vec![0.0; k] };
         let mut slots = Vec::new();
         bvh.visit(|n, _, _| slots.push(n));
         for &n in slots.iter().rev() {
             let node = &bvh.nodes()[n];
             if node.is_leaf() {
-                for (hull, pose) in hulls.boxes[k * n..].iter_mut().zip(poses) {
+                for (bounds, pose) in boxes.boxes[k * n..].iter_mut().zip(poses) {
                     let boxes = bvh.primitives(node).iter().map(|&p| pose.primitives.aabb(p as usize));
-                    *hull = boxes.fold(Aabb::EMPTY, |hull, aabb| hull.union(aabb.sanitized()));
+                    *bounds = boxes.fold(Aabb::EMPTY, |bounds, aabb| bounds.union(aabb.sanitized()));
                 }
             } else {
-                hulls.join(n, node.first());
+                boxes.join(n, node.first());
             }
         }
         let weight = |pose: &Pose<'_, P>| if pose.weight > 0.0 { pose.weight } else { 0.0 };
         let sum: f64 = poses.iter().map(weight).sum();
-        for ((scale, pose), root) in hulls.scales.iter_mut().zip(poses).zip(&hulls.boxes) {
+        for ((scale, pose), root) in boxes.scales.iter_mut().zip(poses).zip(&boxes.boxes) {
             let over = weight(pose) / sum / root.half_area_f64();
             *scale = if over.is_finite() { over } else { 0.0 };
         }
-        Ok(hulls)
+        Ok(boxes)
     }
 
     fn count(&self) -> usize {
@@ -158,11 +205,12 @@ impl Hulls {
     }
 
     #[inline]
-    fn area(&self, hull: &[Aabb]) -> f64 {
-        hull.iter().zip(&self.scales).map(|(hull, scale)| hull.half_area_f64() * scale).sum()
+    fn area(&self, bounds: &[Aabb]) -> f64 {
+        bounds.iter().zip(&self.scales).map(|(bounds, scale)| bounds.half_area_f64() * scale).sum()
     }
 
-    /// Makes the boxes of node `n` those around the nodes `pair` and `pair + 1`; whether they changed.
+    /// Makes the boxes of node `n` those around the nodes `pair` and `pair + 1`; whether they
+    /// changed.
     fn join(&mut self, n: usize, pair: usize) -> bool {
         let k = self.count();
         let mut changed = false;
@@ -177,11 +225,11 @@ impl Hulls {
 /// Nodes whose area is the sum over poses.
 struct Posed<'a> {
     nodes: &'a mut [Node],
-    hulls: Hulls,
+    boxes: PoseBoxes,
 }
 
 impl Tree for Posed<'_> {
-    type Hull = Vec<Aabb>;
+    type Bounds = Vec<Aabb>;
 
     fn nodes(&self) -> &[Node] {
         self.nodes
@@ -192,31 +240,31 @@ impl Tree for Posed<'_> {
     fn root(&self) -> usize {
         0
     }
-    fn hull(&self, n: usize) -> Vec<Aabb> {
-        self.hulls.get(n).to_vec()
+    fn bounds(&self, n: usize) -> Vec<Aabb> {
+        self.boxes.get(n).to_vec()
     }
-    fn grow(&self, hull: &mut Vec<Aabb>, n: usize) {
-        for (hull, other) in hull.iter_mut().zip(self.hulls.get(n)) {
-            *hull = hull.union(*other);
+    fn grow(&self, bounds: &mut Vec<Aabb>, n: usize) {
+        for (bounds, other) in bounds.iter_mut().zip(self.boxes.get(n)) {
+            *bounds = bounds.union(*other);
         }
     }
-    fn area(&self, hull: &Vec<Aabb>) -> f64 {
-        self.hulls.area(hull)
+    fn area(&self, bounds: &Vec<Aabb>) -> f64 {
+        self.boxes.area(bounds)
     }
     fn area_of(&self, n: usize) -> f64 {
-        self.hulls.area(self.hulls.get(n))
+        self.boxes.area(self.boxes.get(n))
     }
-    fn area_with(&self, n: usize, hull: &Vec<Aabb>) -> f64 {
-        let both = self.hulls.get(n).iter().zip(hull).zip(&self.hulls.scales);
+    fn area_with(&self, n: usize, bounds: &Vec<Aabb>) -> f64 {
+        let both = self.boxes.get(n).iter().zip(bounds).zip(&self.boxes.scales);
         both.map(|((a, b), scale)| a.union(*b).half_area_f64() * scale).sum()
     }
     fn copy(&mut self, from: usize, to: usize) {
         self.nodes[to] = self.nodes[from];
-        let k = self.hulls.count();
-        self.hulls.boxes.copy_within(k * from..k * from + k, k * to);
+        let k = self.boxes.count();
+        self.boxes.boxes.copy_within(k * from..k * from + k, k * to);
     }
     fn refit(&mut self, n: usize) -> bool {
-        self.hulls.join(n, self.nodes[n].first()) | tree::refit(self.nodes, n)
+        self.boxes.join(n, self.nodes[n].first()) | tree::refit(self.nodes, n)
     }
     fn unit(&self) -> f64 {
         1.0
@@ -228,6 +276,7 @@ mod tests {
     use bvh_core::{Vec3, sah_cost};
 
     use super::*;
+    use crate::build_with;
     use crate::tests::{options, streets};
 
     /// Boxes that all go somewhere else.
@@ -239,7 +288,7 @@ mod tests {
     #[test]
     fn the_cost_is_that_of_the_refitted_trees() {
         let all = [0.0, 1.0, 3.0].map(|time| moved(300, time));
-        let bvh = build(&all[1], Builder::Sweep, &options(4), None).expect("few enough");
+        let bvh = build_with(&all[1], Builder::Sweep, &options(4)).expect("few enough");
         let poses: Vec<_> = all
             .iter()
             .zip([1.0, 3.0, f64::NAN])
@@ -248,12 +297,15 @@ mod tests {
         let refitted = |boxes: &Vec<Aabb>| {
             let mut nodes = bvh.nodes().to_vec();
             for n in (0..nodes.len()).rev().filter(|&n| n != 1) {
-                let hull =
+                let bounds =
                     bvh.primitives(&nodes[n]).iter().fold(Aabb::EMPTY, |h, &p| h.union(boxes[p as usize]));
                 let pair = nodes[n].first();
-                let hull =
-                    if nodes[n].is_leaf() { hull } else { nodes[pair].aabb().union(nodes[pair + 1].aabb()) };
-                nodes[n].set_aabb(hull);
+                let bounds = if nodes[n].is_leaf() {
+                    bounds
+                } else {
+                    nodes[pair].aabb().union(nodes[pair + 1].aabb())
+                };
+                nodes[n].set_aabb(bounds);
             }
             sah_cost(&Bvh::new(&nodes, bvh.order().to_vec()).expect("a tree"))
         };
@@ -271,22 +323,22 @@ mod tests {
         let bvh = build_over_poses(&poses, &Reinsert::default()).expect("poses");
         bvh.validate(&all[0]).expect("valid");
         for boxes in &all {
-            let alone = build(boxes, Builder::Sweep, &options(1), None).expect("few enough");
+            let alone = build_with(boxes, Builder::Sweep, &options(1)).expect("few enough");
             assert!(cost(&bvh) < 0.95 * cost(&alone), "{} to {}", cost(&bvh), cost(&alone));
         }
         for threads in [1, 3] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
             let again = pool.install(|| build_over_poses(&poses, &Reinsert::default())).expect("poses");
-            assert_eq!(again.hash(), bvh.hash());
+            assert_eq!(again.fingerprint(), bvh.fingerprint());
         }
     }
 
     #[test]
-    fn any_tree_gets_better_and_keeps_what_it_knows() {
+    fn any_tree_gets_cheaper_and_keeps_its_dynamic_bits() {
         let all = [0.0, 1.0, 3.0].map(|time| moved(1000, time));
         let poses = all.each_ref().map(Pose::new);
-        let mut bvh = build(&all[2], Builder::Lbvh, &options(3), None).expect("few enough");
-        bvh.set_moving(|p| p % 2 == 0);
+        let mut bvh = build_with(&all[2], Builder::Lbvh, &options(3)).expect("few enough");
+        bvh.set_dynamic(|p| p % 2 == 0);
         let before = cost_over_poses(&bvh, &poses).expect("poses");
         let done = optimize_over_poses(&mut bvh, &poses, &Reinsert::default(), &mut ReinsertScratch::new());
         let done = done.expect("poses");
@@ -294,9 +346,9 @@ mod tests {
         bvh.validate(&all[0]).expect("valid");
         assert!((done.before / before - 1.0).abs() < 1e-9 && (done.after / after - 1.0).abs() < 1e-9);
         assert!(after < 0.9 * before);
-        let still = bvh.still_area();
-        bvh.set_moving(|p| p % 2 == 0);
-        assert!((still / bvh.still_area() - 1.0).abs() < 1e-12);
+        let sum = bvh.static_area();
+        bvh.set_dynamic(|p| p % 2 == 0);
+        assert!((sum / bvh.static_area() - 1.0).abs() < 1e-12);
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! Sorting keys by their bits, on one thread or several: by their highest bits, least significant digit first, and then
-//! the few that agree in these among themselves.
+//! Sorting keys by their bits, on one thread or several: by their highest bits, least significant
+//! digit first, and then the few that agree in these among themselves.
 
 use std::ops::BitXor;
 
@@ -62,24 +62,22 @@ macro_rules! key {
 key!(u64, 24);
 key!(u128, 64);
 
-/// Sorts keys whose numbers are in order by their codes of `bits` bits; equal codes stay in the order of their numbers.
+/// Sorts keys whose numbers are in order by their codes of `bits` bits; equal codes stay in the
+/// order of their numbers.
 ///
-/// Codes differ in their highest bits, but for those of neighbours: sorting these in their place takes less than passes
-/// over all keys by the lower digits.
+/// Most codes differ in their highest bits. Sorting the few runs that agree in them in place takes
+/// less time than passes over all keys by the lower digits. The sort is written here because it
+/// must reuse memory from build to build, on several threads; crates for radix sorts allocate in
+/// each call.
 ///
 /// `spare` and `counts` are memory to use.
-pub(crate) fn sort<K: Key>(
-    keys: &mut Vec<K>,
-    spare: &mut Vec<K>,
-    counts: &mut Vec<Counts>,
-    bits: u32,
-    threads: usize,
-) {
+pub(crate) fn sort<K: Key>(keys: &mut Vec<K>, spare: &mut Vec<K>, counts: &mut Vec<Counts>, threads: usize) {
     spare.resize(keys.len(), K::ZERO);
     let parts = (keys.len() / PART).clamp(1, threads);
     counts.resize(parts, [0; 1 << DIGIT]);
-    let lowest = K::LOW + bits.saturating_sub(DIGITS * DIGIT);
-    for bit in (lowest..K::LOW + bits).step_by(DIGIT as usize) {
+    let end = K::LOW + 3 * K::AXIS;
+    let lowest = end.saturating_sub(DIGITS * DIGIT).max(K::LOW);
+    for bit in (lowest..end).step_by(DIGIT as usize) {
         if pass(keys, spare, counts, bit) {
             std::mem::swap(keys, spare);
         }
@@ -134,8 +132,8 @@ fn pass<K: Key>(keys: &[K], sorted: &mut [K], counts: &mut [Counts], bit: u32) -
             return false;
         }
     }
-    // SAFETY: a part's places for a digit follow those of the parts before and end where those of the next begin, as
-    // they have been counted on the same keys: each place is written once.
+    // SAFETY: a part's places for a digit follow those of the parts before and end where those of
+    // the next begin, as they have been counted on the same keys: each place is written once.
     #[expect(unsafe_code, reason = "threads write to all places")]
     let sorted = unsafe { Scatter::new(sorted) };
     if let [counts] = counts {
@@ -181,16 +179,16 @@ mod tests {
         for threads in [1, 2, 3, 8] {
             let (mut spare, mut counts) = (Vec::new(), Vec::new());
             let mut sorted = keys.clone();
-            sort(&mut sorted, &mut spare, &mut counts, 63, threads);
+            sort(&mut sorted, &mut spare, &mut counts, threads);
             assert!(sorted == expected, "{threads} parts");
             let mut sorted = short.clone();
-            sort(&mut sorted, &mut Vec::new(), &mut counts, 30, threads);
+            sort(&mut sorted, &mut Vec::new(), &mut counts, threads);
             assert!(sorted == short_expected, "{threads} parts");
             // Most are in one run.
             let mut sorted: Vec<u128> = (0..n).map(|i| Key::new(code(i) >> (i % 4 * 12), i as u32)).collect();
             let mut expected = sorted.clone();
             expected.sort_unstable();
-            sort(&mut sorted, &mut spare, &mut counts, 63, threads);
+            sort(&mut sorted, &mut spare, &mut counts, threads);
             assert!(sorted == expected, "{threads} parts, long runs");
         }
     }
@@ -199,10 +197,10 @@ mod tests {
     fn equal_codes_and_no_keys_are_left_alone() {
         let mut keys: Vec<u64> = (0..100).map(|i| Key::new(7, i)).collect();
         let expected = keys.clone();
-        sort(&mut keys, &mut Vec::new(), &mut Vec::new(), 30, 1);
+        sort(&mut keys, &mut Vec::new(), &mut Vec::new(), 1);
         assert_eq!(keys, expected);
         let mut none: Vec<u64> = Vec::new();
-        sort(&mut none, &mut Vec::new(), &mut Vec::new(), 30, 3);
+        sort(&mut none, &mut Vec::new(), &mut Vec::new(), 3);
         assert!(none.is_empty());
     }
 }

@@ -1,31 +1,33 @@
-//! The unsafe parts: trees that are trusted to be trees, when built and when changed, and items that several threads scatter over one slice.
+//! The unsafe parts: trees that are trusted to be trees, when built and when changed, and values
+//! that several threads scatter over one slice.
 
 use std::marker::PhantomData;
 
 use bvh_core::{Bvh, Node};
 
-use crate::nearest::Window;
+use crate::neighbor_search::Window;
 
 /// Lets a builder write a tree over `primitives` primitives of one or more a leaf.
 pub(crate) fn write(bvh: &mut Bvh, primitives: usize, fill: impl FnOnce(&mut [Node], &mut [u32]) -> usize) {
-    // SAFETY: builders write nodes by `Plot` alone, which gives out each pair and each slot once, and takes heights from
-    // the children; `leaves::merge` keeps this up. Tests build the same tree by `Bvh::new`, which checks everything.
+    // SAFETY: builders write nodes by `SubtreeSlot` alone, which gives out each pair and each slot
+    // once, and takes heights from the children; `leaves::merge` keeps this up. Tests build the
+    // same tree by `Bvh::new`, which checks everything.
     #[expect(unsafe_code, reason = "promises a valid tree")]
     unsafe {
         bvh.replace_with(2 * primitives.max(1), primitives, fill);
     }
 }
 
-/// Lets `f` move nodes about in a tree, and sums up anew what stands still in it.
+/// Lets `f` move nodes within a tree, and recomputes the static area.
 pub(crate) fn edit<T>(bvh: &mut Bvh, f: impl FnOnce(&mut [Node]) -> T) -> T {
-    // SAFETY: `climb`, `layout` and `reinsert` swap whole subtrees and refit all nodes above, to the root. Tests build the
-    // same tree by `Bvh::new`, which checks everything.
+    // SAFETY: `climb`, `layout` and `reinsert` swap whole subtrees and refit all nodes above, to
+    // the root. Tests build the same tree by `Bvh::new`, which checks everything.
     #[expect(unsafe_code, reason = "promises a valid tree")]
     let parts = unsafe { bvh.parts_mut() };
     let result = f(parts.nodes);
     let structure = &mut parts.state.changes.structure;
     *structure = structure.wrapping_add(1);
-    bvh.sum_still_area();
+    bvh.sum_static_area();
     result
 }
 
@@ -36,8 +38,8 @@ pub(crate) struct Scatter<'a, T> {
     places: PhantomData<&'a mut [T]>,
 }
 
-// SAFETY: sharing one lets threads write items into a slice that is borrowed mutably for as long, which is sound if
-// items may be sent and, as `new` demands, no place is written by two threads.
+// SAFETY: sharing one lets threads write values into a slice that is borrowed mutably for as long,
+// which is sound if values may be sent and, as `new` demands, no place is written by two threads.
 #[expect(unsafe_code, reason = "threads share the slice")]
 unsafe impl<T: Send> Sync for Scatter<'_, T> {}
 
@@ -50,12 +52,13 @@ impl<'a, T: Copy> Scatter<'a, T> {
     }
 
     #[inline]
-    pub(crate) fn write(&self, i: usize, item: T) {
+    pub(crate) fn write(&self, i: usize, prim: T) {
         assert!(i < self.len, "place out of range");
-        // SAFETY: in range by the assertion; not written elsewhere by the promise to `new`, and not read while borrowed.
+        // SAFETY: in range by the assertion; not written elsewhere by the promise to `new`, and not
+        // read while borrowed.
         #[expect(unsafe_code, reason = "writes the shared slice")]
         unsafe {
-            self.start.add(i).write(item);
+            self.start.add(i).write(prim);
         }
     }
 }
@@ -82,13 +85,13 @@ mod tests {
     use bvh_core::{Aabb, Vec3};
 
     use super::*;
-    use crate::item::{Hull, Item};
+    use crate::prim_ref::{Bounds, PrimRef};
 
     #[test]
     fn all_levels_find_the_same() {
         let place = |i: u32| Vec3::new((i % 7) as f32, (i % 11) as f32 * 0.3, (i / 5) as f32 * 0.1);
         let boxes = (0..300).map(place).map(|p| Aabb::new(p, p + Vec3::new(0.1, 0.2, 0.3)));
-        let clusters: Vec<_> = boxes.zip(0..).map(|(b, i)| Item::cluster(Hull::of(b), i, 1)).collect();
+        let clusters: Vec<_> = boxes.zip(0..).map(|(b, i)| PrimRef::cluster(Bounds::of(b), i, 1)).collect();
         let mut window = Window::new();
         window.fill(&clusters[..290], 1000);
         let [mut here, mut anywhere] = [[0; 250]; 2];

@@ -1,5 +1,6 @@
-//! Optimisation by insertion (Bittner, Hapala, Havran 2013, "Fast insertion-based optimization of bounding volume
-//! hierarchies"; in parallel: Meister and Bittner 2018, "Parallel reinsertion for bounding volume hierarchy optimization").
+//! Optimisation by insertion (Bittner, Hapala, Havran 2013, "Fast insertion-based optimization of
+//! bounding volume hierarchies"; in parallel: Meister and Bittner 2018, "Parallel reinsertion for
+//! bounding volume hierarchy optimization").
 //!
 //! ```text
 //! in each pass:
@@ -10,25 +11,31 @@
 //!         put it back in beside what is now at the place found, if the tree as it is now gets cheaper; else where it was
 //! ```
 //!
-//! Departures: conflicts between moves found in parallel are not locked out but judged by their real saving, one after
-//! the other, so no move makes the tree worse, and the tree does not depend on the number of threads. Any ancestor is a
-//! place, too, not only what lies beside the path to the root. The search goes depth first.
+//! Departures: moves found in parallel are not locked against each other. They are applied one
+//! after the other and only if the tree as it is then gets cheaper. So no move makes the tree
+//! worse, and the tree does not depend on the number of threads. Any ancestor is a place, too, not
+//! only the nodes beside the path to the root. The search goes depth first.
 
 use bvh_core::{Bvh, COST_TRAVERSE, MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
+use crate::options::with_methods;
 use crate::tree::{Boxes, Tree};
 use crate::{Optimized, raw};
 
 /// The budget of [`reinsert`](fn@reinsert).
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Reinsert {
-    /// Part of the nodes tried in each pass, those of the greatest inefficiency: 1, the default, for all of them. A repair
-    /// of a tree that is refitted every frame may want 0.01.
+    /// Fraction of the inner nodes whose children are tried in each pass, those of the greatest
+    /// inefficiency; 1 by default. 0.01 suits a repair of a tree that is refitted in every frame.
     pub part: f64,
-    /// Most passes; it ends before when a pass saves less than a thousandth. 20 by default.
+    /// Largest number of passes, 20 by default. A pass that saves less than a thousandth of the
+    /// cost is the last.
     pub passes: u32,
 }
+
+with_methods!(Reinsert: with_part(part: f64), with_passes(passes: u32));
 
 impl Default for Reinsert {
     fn default() -> Self {
@@ -36,11 +43,11 @@ impl Default for Reinsert {
     }
 }
 
-/// A pass that saves less than this part of the cost is the last.
-const LITTLE: f64 = 1e-3;
+/// A pass that saves less than this fraction of the cost is the last.
+const MIN_SAVING: f64 = 1e-3;
 
-/// Memory that [`reinsert`](fn@reinsert) keeps from one call to the next, about 50 bytes a primitive if all nodes are tried. It has no
-/// influence on results.
+/// Memory that [`reinsert`](fn@reinsert) keeps from one call to the next, about 50 bytes a
+/// primitive if all nodes are tried. It has no influence on results.
 #[derive(Default)]
 pub struct ReinsertScratch {
     parents: Vec<u32>,
@@ -49,39 +56,53 @@ pub struct ReinsertScratch {
 }
 
 impl std::fmt::Debug for ReinsertScratch {
-    /// The name alone: what is in it means nothing between calls.
+    /// The name alone: the content means nothing between calls.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("ReinsertScratch").finish_non_exhaustive()
     }
 }
 
 impl ReinsertScratch {
-    /// No memory as yet.
+    /// No memory yet.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 }
 
-/// Takes subtrees out of the tree and puts them back where they cost least, within a budget; for trees that are made once
-/// as for those that degrade from frame to frame.
+/// Takes subtrees out of the tree and puts them back where they cost least, within a budget
+/// (Bittner et al. 2013, Meister and Bittner 2018).
 ///
-/// Boxes must be up to date; the order of primitives is kept. A parent that moves with its child takes along its reference
-/// area. What would make the tree higher than [`MAX_HEIGHT`] is not done. Searches on all threads of the current rayon
-/// pool; the tree is the same for any number of them. O(n) a pass, some 30 ns a primitive, and some 400 ns for each node
-/// tried; O(n) for one at worst.
+/// Boxes must be up to date, and the order of primitives is kept. A parent that moves with its
+/// child takes along its reference area. A move that would make the tree higher than [`MAX_HEIGHT`]
+/// is refused. Searches on all threads of the current rayon pool; the tree is the same for any
+/// number of them. O(n) a pass, and a search for each node tried, O(n) at worst.
+///
+/// ```
+/// use bvh_build::{Builder, Reinsert, ReinsertScratch, build, reinsert};
+/// use bvh_core::{Aabb, Vec3};
+///
+/// let corner = |i: usize| Vec3::new((i * 37 % 100) as f32, (i * 61 % 100) as f32, 0.0);
+/// let boxes: Vec<_> = (0..500).map(|i| Aabb::new(corner(i), corner(i) + Vec3::ONE)).collect();
+/// let mut bvh = build(&boxes, Builder::fast())?;
+/// // The worst tenth of the nodes, once.
+/// let budget = Reinsert::default().with_part(0.1).with_passes(1);
+/// let done = reinsert(&mut bvh, &budget, &mut ReinsertScratch::new());
+/// assert!(done.changes > 0 && done.after < done.before);
+/// # Ok::<(), bvh_build::BuildError>(())
+/// ```
 pub fn reinsert(bvh: &mut Bvh, options: &Reinsert, scratch: &mut ReinsertScratch) -> Optimized {
     raw::edit(bvh, |nodes| optimize(&mut Boxes { nodes, root: 0 }, options, scratch))
 }
 
-/// An inner node and how bad it is.
+/// An inner node and its inefficiency.
 #[derive(Clone, Copy)]
 struct Worst {
     inefficiency: f64,
     pair: u32,
 }
 
-/// A node and the place to put it, and what area that saves.
+/// A node, the place to put it, and the area saved by that.
 #[derive(Clone, Copy, Debug, Default)]
 struct Move {
     saving: f64,
@@ -128,14 +149,15 @@ pub(crate) fn optimize<T: Tree>(
         }
         report.passes += 1;
         report.after = cost(left - saved);
-        if saved <= LITTLE * left {
+        if saved <= MIN_SAVING * left {
             break;
         }
     }
     report
 }
 
-/// Fills in the number of the node above each pair, and how bad it is; gives the sum of all areas times weights.
+/// Lists the number of the node above each pair, and the inefficiency of each inner node; gives the
+/// sum of all areas times weights.
 fn rank<T: Tree>(tree: &T, parents: &mut Vec<u32>, worst: &mut Vec<Worst>) -> f64 {
     let nodes = tree.nodes();
     parents.clear();
@@ -157,33 +179,34 @@ fn rank<T: Tree>(tree: &T, parents: &mut Vec<u32>, worst: &mut Vec<Worst>) -> f6
     sum
 }
 
-/// How bad a node is: the product of its area with what that is over its children's, at the mean and at the least (Bittner
-/// et al. 2013). Infinite if a child has no area.
+/// Inefficiency of a node: its area times its ratios to the mean and to the least area of its
+/// children (Bittner et al. 2013). Infinite if a child has no area.
 fn inefficiency(area: f64, [l, r]: [f64; 2]) -> f64 {
     let (mean, least) = (0.5 * (l + r), l.min(r));
     if area > 0.0 { area * (area / mean) * (area / least) } else { 0.0 }
 }
 
-/// The place where the node in slot `n` saves most area, if it saves any.
+/// Finds the place where the node in slot `n` saves most area, if it saves any.
 ///
-/// Places are looked at from its parent upwards: at each ancestor, as it is without the node, its other child and what is
-/// below, and the ancestor itself. To put the node beside X costs the area of both together and what the nodes between X
-/// and that ancestor grow; the latter bounds all that is below.
+/// The search goes from the node's parent upwards. At each ancestor it tries the ancestor itself,
+/// without the node, and the nodes in the ancestor's other subtree. Beside a node X the node costs
+/// the area of both together, plus the growth of the nodes between X and the ancestor. That growth
+/// is a lower bound for all places below X.
 fn best_move<T: Tree>(tree: &T, parents: &[u32], n: usize, stack: &mut Vec<(f64, u32)>) -> Move {
     let nodes = tree.nodes();
-    let hull = tree.hull(n);
-    let own = tree.area(&hull);
+    let bounds = tree.bounds(n);
+    let own = tree.area(&bounds);
     let mut best = Move { saving: 0.0, from: n as u32, to: 0 };
     let mut sibling = n ^ 1;
     let mut pivot = parents[n / 2] as usize;
-    // What taking the node out saves, up to the pivot; and the pivot without the node.
+    // The area saved by taking the node out, up to the pivot; and the pivot without the node.
     let mut freed = tree.area_of(pivot);
-    let mut rest = tree.hull(sibling);
+    let mut rest = tree.bounds(sibling);
     let mut is_parent = true;
     loop {
         stack.push((freed, sibling as u32));
         while let Some((left, at)) = stack.pop() {
-            // What is beside it costs at least its own area.
+            // Any place costs at least the node's own area.
             if left - own <= best.saving {
                 continue;
             }
@@ -192,7 +215,7 @@ fn best_move<T: Tree>(tree: &T, parents: &[u32], n: usize, stack: &mut Vec<(f64,
             if !node.is_leaf() {
                 prefetch(nodes, first);
             }
-            let below = left - tree.area_with(at as usize, &hull);
+            let below = left - tree.area_with(at as usize, &bounds);
             if below > best.saving {
                 (best.saving, best.to) = (below, at);
             }
@@ -219,7 +242,8 @@ fn best_move<T: Tree>(tree: &T, parents: &[u32], n: usize, stack: &mut Vec<(f64,
     }
 }
 
-/// Moves the node in slot `n` beside the one in slot `to`, if that saves area in the tree as it is; gives how much.
+/// Moves the node in slot `n` beside the node in slot `to` if that saves area in the tree as it is
+/// now; gives the saving.
 fn apply<T: Tree>(tree: &mut T, parents: &mut [u32], n: usize, to: usize) -> f64 {
     let (pair, sibling, parent) = (n & !1, n ^ 1, parents[n / 2] as usize);
     if to == n || to == sibling || to == parent {
@@ -231,7 +255,7 @@ fn apply<T: Tree>(tree: &mut T, parents: &mut [u32], n: usize, to: usize) -> f64
     adopt(tree, parents, parent);
     let freed = taken - grown_above(tree, parents, parent);
     let saving = COST_TRAVERSE * price(tree, parents, n, to).map_or(f64::NEG_INFINITY, |price| freed - price);
-    // Back to where it was undoes it exactly: hulls are least and greatest coordinates.
+    // Moving it back undoes everything exactly, because bounds are minima and maxima.
     let to = if saving > 0.0 { to } else { parent };
     tree.copy(to, sibling);
     adopt(tree, parents, sibling);
@@ -244,11 +268,11 @@ fn apply<T: Tree>(tree: &mut T, parents: &mut [u32], n: usize, to: usize) -> f64
     saving.max(0.0)
 }
 
-/// What area it costs to put the node in slot `n`, which is in no place, beside the one in slot `to`; `None` if that is below
-/// it, or if the tree would get too high.
+/// Area that it costs to put the node in slot `n`, which has been taken out, beside the node in
+/// slot `to`. `None` if `to` is below `n`, or if the tree would get too high.
 fn price<T: Tree>(tree: &T, parents: &[u32], n: usize, to: usize) -> Option<f64> {
-    let hull = tree.hull(n);
-    let mut price = tree.area_with(to, &hull);
+    let bounds = tree.bounds(n);
+    let mut price = tree.area_with(to, &bounds);
     let (mut at, mut depth) = (to, u32::from(tree.root() != 0));
     while at != tree.root() {
         at = parents[at / 2] as usize;
@@ -256,13 +280,13 @@ fn price<T: Tree>(tree: &T, parents: &[u32], n: usize, to: usize) -> Option<f64>
         if at == n {
             return None;
         }
-        price += tree.area_with(at, &hull) - tree.area_of(at);
+        price += tree.area_with(at, &bounds) - tree.area_of(at);
     }
     let height = 1 + tree.nodes()[n].height().max(tree.nodes()[to].height());
     (depth + height <= MAX_HEIGHT).then_some(price)
 }
 
-/// Notes the place of a node for its children.
+/// Lists node `n` as the parent of its children.
 fn adopt<T: Tree>(tree: &T, parents: &mut [u32], n: usize) {
     let node = &tree.nodes()[n];
     if !node.is_leaf() {
@@ -270,7 +294,7 @@ fn adopt<T: Tree>(tree: &T, parents: &mut [u32], n: usize) {
     }
 }
 
-/// Refits all nodes above slot `n` that change; gives what area they gain.
+/// Refits all nodes above slot `n` that change; gives the growth of their area.
 fn grown_above<T: Tree>(tree: &mut T, parents: &[u32], mut n: usize) -> f64 {
     let mut grown = 0.0;
     while n != tree.root() {
@@ -290,11 +314,11 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::tests::{chain, options, streets};
+    use crate::tests::{chain, streets};
     use crate::{Builder, build};
 
     fn start(boxes: &Vec<Aabb>) -> Bvh {
-        build(boxes, Builder::Lbvh, &options(1), None).expect("few enough")
+        build(boxes, Builder::Lbvh).expect("few enough")
     }
 
     fn all(passes: u32) -> Reinsert {
@@ -305,22 +329,22 @@ mod tests {
     fn moved_by_hand(bvh: &Bvh, n: usize, to: usize) -> f64 {
         fn area(bvh: &Bvh, at: usize, n: usize, to: usize) -> (Aabb, f64) {
             let node = &bvh.nodes()[at];
-            let (mut hull, mut sum) = (node.aabb(), 0.0);
+            let (mut bounds, mut sum) = (node.aabb(), 0.0);
             if !node.is_leaf() {
                 let children = [node.first(), node.first() + 1];
                 let parts = children.map(|child| (child != n).then(|| area(bvh, child, n, to)));
                 sum = parts.iter().flatten().map(|part| part.1).sum();
-                hull = parts.iter().flatten().fold(Aabb::EMPTY, |hull, part| hull.union(part.0));
+                bounds = parts.iter().flatten().fold(Aabb::EMPTY, |bounds, part| bounds.union(part.0));
                 if !children.contains(&n) {
-                    sum += hull.half_area_f64();
+                    sum += bounds.half_area_f64();
                 }
             }
             if at == to {
                 let (other, below) = area(bvh, n, usize::MAX, usize::MAX);
-                hull = hull.union(other);
-                sum += below + hull.half_area_f64();
+                bounds = bounds.union(other);
+                sum += below + bounds.half_area_f64();
             }
-            (hull, sum)
+            (bounds, sum)
         }
         area(bvh, 0, n, to).1
     }
@@ -396,19 +420,20 @@ mod tests {
         let boxes = streets(5000);
         let over = |options: Reinsert| {
             let mut bvh = start(&boxes);
-            bvh.set_moving(|p| p % 16 == 0);
+            bvh.set_dynamic(|p| p % 16 == 0);
             let done = reinsert(&mut bvh, &options, &mut ReinsertScratch::new());
             bvh.validate(&boxes).expect("valid");
             assert!((done.after / sah_cost(&bvh) - 1.0).abs() < 1e-9, "{done:?}");
-            let still = bvh.still_area();
-            bvh.set_moving(|p| p % 16 == 0);
-            assert!(still > 0.0 && (still / bvh.still_area() - 1.0).abs() < 1e-12);
+            let still = bvh.static_area();
+            bvh.set_dynamic(|p| p % 16 == 0);
+            assert!(still > 0.0 && (still / bvh.static_area() - 1.0).abs() < 1e-12);
             done.after / done.before
         };
-        let [none, few, most] = [all(0), Reinsert { part: 0.05, passes: 3 }, all(20)].map(over);
+        let [none, few, most] =
+            [all(0), Reinsert::default().with_part(0.05).with_passes(3), all(20)].map(over);
         assert!(none == 1.0 && few < 0.95 && most < few, "{few}, {most}");
-        assert_eq!(over(Reinsert { part: f64::NAN, passes: 2 }), 1.0);
-        assert_eq!(over(Reinsert { part: 7.0, passes: 2 }), over(all(2)));
+        assert_eq!(over(Reinsert::default().with_part(f64::NAN).with_passes(2)), 1.0);
+        assert_eq!(over(Reinsert::default().with_part(7.0).with_passes(2)), over(all(2)));
     }
 
     #[test]

@@ -35,8 +35,9 @@ pub(crate) fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
-/// The rotation that turns the points `a` nearest to the points `b`, from the sum of the products of `a` and `b`
-/// transposed: the dominant eigenvector of a matrix of quaternions (Horn 1987), by repeated squaring.
+/// The rotation that turns the points `a` nearest to the points `b`, from the sum of the products
+/// of `a` and `b` transposed: the dominant eigenvector of a matrix of quaternions (Horn 1987), by
+/// repeated squaring.
 fn rotation(products: DMat3) -> DQuat {
     let [x, y, z] = products.to_cols_array_2d();
     let row = |w: f64, x: f64, y: f64, z: f64| DVec4::new(w, x, y, z);

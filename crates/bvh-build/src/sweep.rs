@@ -4,16 +4,16 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
-use crate::item::{Hull, Item};
-use crate::plot::Plot;
+use crate::prim_ref::{Bounds, PrimRef};
+use crate::subtree_slot::SubtreeSlot;
 
 /// Subtrees of fewer primitives are built by one thread.
 const GRAIN: usize = 4096;
 
-/// Builds the tree over `items`, which have boxes and numbers below `count`; gives its hull.
-pub(crate) fn build(items: &[Item], count: usize, parallel: bool, plot: Plot) -> Hull {
+/// Builds the tree over `prims`, which have boxes and numbers below `count`; gives its bounds.
+pub(crate) fn build(prims: &[PrimRef], count: usize, parallel: bool, slot: SubtreeSlot) -> Bounds {
     let sweep = Sweep { parallel, is_left: (0..count).map(|_| AtomicBool::new(false)).collect() };
-    sweep.build(items, plot)
+    sweep.build(prims, slot)
 }
 
 struct Sweep {
@@ -25,8 +25,8 @@ struct Sweep {
 
 /// The primitives of a subtree: sorted on each axis, and room for as many.
 struct Lists<'a> {
-    sorted: [&'a mut [Item]; 3],
-    spare: &'a mut [Item],
+    sorted: [&'a mut [PrimRef]; 3],
+    spare: &'a mut [PrimRef],
     costs: &'a mut [f32],
 }
 
@@ -42,64 +42,65 @@ impl<'a> Lists<'a> {
 }
 
 impl Sweep {
-    fn build(&self, items: &[Item], plot: Plot) -> Hull {
-        let mut sorted = [0, 1, 2].map(|axis| self.sort(items, axis));
-        let mut spare = items.to_vec();
+    fn build(&self, prims: &[PrimRef], slot: SubtreeSlot) -> Bounds {
+        let mut sorted = [0, 1, 2].map(|axis| self.sort(prims, axis));
+        let mut spare = prims.to_vec();
         let mut costs = vec![0.0; spare.len()];
         let sorted = sorted.each_mut().map(Vec::as_mut_slice);
-        self.grow(Lists { sorted, spare: &mut spare, costs: &mut costs }, plot)
+        self.grow(Lists { sorted, spare: &mut spare, costs: &mut costs }, slot)
     }
 
-    /// The items by their centres on an axis; ties by number.
-    fn sort(&self, items: &[Item], axis: usize) -> Vec<Item> {
-        let key = |(place, item): (usize, &Item)| {
-            let bits = item.center_on(axis).to_bits();
+    /// The primitives by their centres on an axis; ties by number.
+    fn sort(&self, prims: &[PrimRef], axis: usize) -> Vec<PrimRef> {
+        let key = |(place, prim): (usize, &PrimRef)| {
+            let bits = prim.center_on(axis).to_bits();
             // The order of these bits as integers is that of the numbers.
             let ordered = if bits >> 31 == 0 { bits | 1 << 31 } else { !bits };
             u64::from(ordered) << 32 | place as u64
         };
-        let mut keys: Vec<u64> = items.iter().enumerate().map(key).collect();
+        let mut keys: Vec<u64> = prims.iter().enumerate().map(key).collect();
         if self.parallel {
             keys.par_sort_unstable();
         } else {
             keys.sort_unstable();
         }
-        keys.into_iter().map(|key| items[key as u32 as usize]).collect()
+        keys.into_iter().map(|key| prims[key as u32 as usize]).collect()
     }
 
-    fn grow(&self, mut lists: Lists, plot: Plot) -> Hull {
+    fn grow(&self, mut lists: Lists, slot: SubtreeSlot) -> Bounds {
         let n = lists.costs.len();
         if n == 1 {
-            return plot.leaf(&lists.sorted[0][0]);
+            return slot.leaf(&lists.sorted[0][0]);
         }
-        let split = if plot.any_split_fits(1) { best_split(&mut lists) } else { None };
+        let split = if slot.any_split_fits(1) { best_split(&mut lists) } else { None };
         let (axis, left) = split.unwrap_or_else(|| (widest(&lists), n / 2));
         if n > 2 {
             self.partition(&mut lists, axis, left);
         }
         let (l, r) = lists.split_at(left);
-        plot.fork(left, |plot_l, plot_r| {
+        slot.fork(left, |slot_l, slot_r| {
             if self.parallel && n > GRAIN {
-                rayon::join(|| self.grow(l, plot_l), || self.grow(r, plot_r))
+                rayon::join(|| self.grow(l, slot_l), || self.grow(r, slot_r))
             } else {
-                (self.grow(l, plot_l), self.grow(r, plot_r))
+                (self.grow(l, slot_l), self.grow(r, slot_r))
             }
         })
     }
 
-    /// Brings the first `left` items of one axis' list to the front of the others', keeping their order.
+    /// Brings the first `left` primitives of one axis' list to the front of the others', keeping
+    /// their order.
     fn partition(&self, lists: &mut Lists, axis: usize, left: usize) {
-        for (i, item) in lists.sorted[axis].iter().enumerate() {
-            self.is_left[item.number() as usize].store(i < left, Relaxed);
+        for (i, prim) in lists.sorted[axis].iter().enumerate() {
+            self.is_left[prim.number() as usize].store(i < left, Relaxed);
         }
         for other in (0..3).filter(|&other| other != axis) {
             let list = &mut *lists.sorted[other];
             let (mut l, mut r) = (0, 0);
             for i in 0..list.len() {
-                let item = list[i];
-                let is_left = self.is_left[item.number() as usize].load(Relaxed);
-                list[l] = item;
-                lists.spare[r] = item;
+                let prim = list[i];
+                let is_left = self.is_left[prim.number() as usize].load(Relaxed);
+                list[l] = prim;
+                lists.spare[r] = prim;
                 l += usize::from(is_left);
                 r += usize::from(!is_left);
             }
@@ -108,8 +109,8 @@ impl Sweep {
     }
 }
 
-/// The cheapest split, as an axis and how many of its list are left of it; of equals the most even, then the
-/// first, x before y before z. None if no centres differ.
+/// The cheapest split, as an axis and how many of its list are left of it; of equals the most even,
+/// then the first, x before y before z. None if no centres differ.
 fn best_split(lists: &mut Lists) -> Option<(usize, usize)> {
     let n = lists.costs.len();
     let (mut best, mut unevenness) = (f32::INFINITY, n);
@@ -118,15 +119,15 @@ fn best_split(lists: &mut Lists) -> Option<(usize, usize)> {
         if spread(list, axis) <= 0.0 {
             continue;
         }
-        let mut hull = Hull::EMPTY;
+        let mut bounds = Bounds::EMPTY;
         for i in (1..n).rev() {
-            hull = hull.union(list[i].hull());
-            lists.costs[i] = hull.half_area() * (n - i) as f32;
+            bounds = bounds.union(list[i].bounds());
+            lists.costs[i] = bounds.half_area() * (n - i) as f32;
         }
-        hull = Hull::EMPTY;
+        bounds = Bounds::EMPTY;
         for i in 1..n {
-            hull = hull.union(list[i - 1].hull());
-            let cost = hull.half_area() * i as f32 + lists.costs[i];
+            bounds = bounds.union(list[i - 1].bounds());
+            let cost = bounds.half_area() * i as f32 + lists.costs[i];
             if cost < best || cost == best && i.abs_diff(n - i) < unevenness {
                 (best, unevenness) = (cost, i.abs_diff(n - i));
                 split = Some((axis, i));
@@ -137,7 +138,7 @@ fn best_split(lists: &mut Lists) -> Option<(usize, usize)> {
 }
 
 /// How far the centres spread on an axis.
-fn spread(list: &[Item], axis: usize) -> f32 {
+fn spread(list: &[PrimRef], axis: usize) -> f32 {
     match list {
         [first, .., last] => last.center_on(axis) - first.center_on(axis),
         _ => 0.0,
@@ -155,9 +156,9 @@ mod tests {
     use bvh_core::{Aabb, Vec3};
     use proptest::prelude::*;
 
-    use crate::{BuildOptions, Builder, build};
+    use crate::{Builder, build};
 
-    /// Cost of splitting before each item, tried one by one in double precision.
+    /// Cost of splitting before each prim, tried one by one in double precision.
     fn cheapest_by_force(boxes: &[Aabb]) -> f64 {
         let cost = |part: &[Aabb]| {
             part.iter().copied().fold(Aabb::EMPTY, Aabb::union).half_area_f64() * part.len() as f64
@@ -182,7 +183,7 @@ mod tests {
                 .iter()
                 .map(|c| Aabb::around(&[Vec3::new(c[0], c[1], c[2]), Vec3::new(c[3], c[4], c[5])]))
                 .collect();
-            let bvh = build(&boxes, Builder::Sweep, &BuildOptions::default(), None).expect("few");
+            let bvh = build(&boxes, Builder::Sweep).expect("few");
             let [l, r] = bvh.children(bvh.root()).expect("two primitives or more");
             let mut count = [0usize; 2];
             for (side, child) in [l, r].into_iter().enumerate() {

@@ -3,7 +3,10 @@
 use bvh_core::{Aabb, Bvh, MAX_HEIGHT, MAX_PRIMITIVES, Node, Primitives, Triangles, Vec3, sah_cost, stats};
 use proptest::prelude::*;
 
-use crate::{Anneal, BuildError, BuildOptions, BuildScratch, Builder, CodeBits, Reinsert, build, rebuild};
+use crate::{
+    Anneal, BuildError, BuildOptions, BuildScratch, Builder, Decomposition, Pose, Reinsert, build_by_motion,
+    build_over_poses, build_with, rebuild,
+};
 
 const BUILDERS: usize = Builder::ALL.len();
 
@@ -69,26 +72,26 @@ fn point_box(p: Vec3) -> Aabb {
 
 pub(crate) fn options(max_leaf_size: u32) -> BuildOptions {
     // Fewer passes than a tree that is made once deserves.
-    let anneal = Anneal { passes: 10, ..Anneal::default() };
-    let reinsert = Reinsert { part: 0.1, passes: 2 };
+    let anneal = Anneal::default().with_passes(10);
+    let reinsert = Reinsert::default().with_part(0.1).with_passes(2);
     BuildOptions { max_leaf_size, anneal, reinsert, ..BuildOptions::default() }
 }
 
 /// Builds with every builder and checks the trees.
 fn check(boxes: &[Aabb], options: &BuildOptions) -> [Bvh; BUILDERS] {
     let trees = Builder::ALL.map(|builder| {
-        let bvh = build(boxes, builder, options, None).expect("few enough");
+        let bvh = build_with(boxes, builder, options).expect("few enough");
         bvh.validate(boxes).unwrap_or_else(|e| panic!("{}: {e}", builder.name()));
         // What builders are trusted with: structure, heights and moving bits.
         let checked = Bvh::new(bvh.nodes(), bvh.order().to_vec()).expect("a tree");
-        assert_eq!(checked.hash(), bvh.hash(), "{}", builder.name());
+        assert_eq!(checked.fingerprint(), bvh.fingerprint(), "{}", builder.name());
         if options.max_leaf_size == 1 {
             assert_eq!(bvh.nodes().len(), 2 * boxes.len().max(1), "{}", builder.name());
         }
         assert!(stats(&bvh).largest_leaf <= options.max_leaf_size as usize, "{}", builder.name());
         bvh
     });
-    assert_eq!(trees[1].hash(), trees[2].hash(), "binned-parallel differs from binned");
+    assert_eq!(trees[1].fingerprint(), trees[2].fingerprint(), "binned-parallel differs from binned");
     trees
 }
 
@@ -114,10 +117,9 @@ proptest! {
         boxes in prop::collection::vec(any_box(), 0..80),
         max_leaf_size in 1u32..10,
         bins in 0u32..300,
-        code_bits in prop::sample::select(vec![CodeBits::Auto, CodeBits::Bits30, CodeBits::Bits63]),
         search_radius in 0u32..40,
     ) {
-        check(&boxes, &BuildOptions { max_leaf_size, bins, code_bits, search_radius, ..options(1) });
+        check(&boxes, &BuildOptions { max_leaf_size, bins, search_radius, ..options(1) });
     }
 }
 
@@ -164,12 +166,12 @@ fn too_many_primitives_are_refused() {
         fn len(&self) -> usize {
             MAX_PRIMITIVES + 1
         }
-        fn aabb(&self, _: usize) -> Aabb {
+        fn bounds(&self, _: usize) -> Aabb {
             unreachable!("refused before")
         }
     }
     for builder in Builder::ALL {
-        let error = build(&Many, builder, &options(1), None).expect_err("too many");
+        let error = build_with(&Many, builder, &options(1)).expect_err("too many");
         assert_eq!(error, BuildError::TooManyPrimitives(MAX_PRIMITIVES + 1));
         assert_eq!(error.to_string(), "536870913 primitives given; at most 536870912 fit");
     }
@@ -232,7 +234,7 @@ impl Primitives for Careless {
     fn len(&self) -> usize {
         self.0.len()
     }
-    fn aabb(&self, i: usize) -> Aabb {
+    fn bounds(&self, i: usize) -> Aabb {
         self.0[i]
     }
 }
@@ -247,7 +249,7 @@ fn boxes_that_are_not_sanitized_are_set_apart_too() {
     }
     boxes.push(Aabb::new(Vec3::ONE, Vec3::ZERO));
     for builder in Builder::ALL {
-        let bvh = build(&Careless(boxes.clone()), builder, &options(1), None).expect("few enough");
+        let bvh = build_with(&Careless(boxes.clone()), builder, &options(1)).expect("few enough");
         let [l, r] = bvh.children(bvh.root()).expect("inner");
         assert_eq!(r.aabb(), Aabb::EMPTY, "{}", builder.name());
         assert!(Aabb::new(Vec3::ZERO, Vec3::splat(1.2)).contains(&l.aabb()), "{}", builder.name());
@@ -310,42 +312,27 @@ fn no_builder_costs_much_more_than_sweep() {
     }
 }
 
-#[test]
-fn long_codes_are_taken_where_short_ones_are_equal() {
-    // Three quarters of all in one cell of ten thousand on each axis.
+/// Three quarters of all boxes in one cell of ten thousand on each axis: short codes are equal
+/// there.
+fn clustered() -> Vec<Aabb> {
     let mut boxes = random_boxes(4000, 0.02);
     let small = random_boxes(12_000, 0.02).into_iter().map(|b| Aabb::new(b.min * 3e-5, b.max * 3e-5));
     boxes.extend(
         small.enumerate().map(|(i, b)| if i % 2 == 0 { b } else { Aabb::new(b.min * 0.5, b.max * 0.5) }),
     );
-    for builder in [Builder::Lbvh, Builder::Hlbvh, Builder::Ploc] {
-        let tree = |code_bits| {
-            let options = BuildOptions { code_bits, ..BuildOptions::default() };
-            build(&boxes, builder, &options, None).expect("few enough")
-        };
-        let [auto, short, long] = [CodeBits::Auto, CodeBits::Bits30, CodeBits::Bits63].map(tree);
-        assert_eq!(auto.hash(), long.hash(), "{}", builder.name());
-        let inner = |bvh: &Bvh| {
-            let mut area = 0.0;
-            bvh.visit(|_, node, _| {
-                let half = node.aabb().half_area_f64();
-                area += if half < 1e-6 { half } else { 0.0 };
-            });
-            area
-        };
-        assert!(inner(&long) < 0.7 * inner(&short), "{}", builder.name());
-        // Where codes tell all apart, short ones will do.
-        let apart = |code_bits| {
-            let options = BuildOptions { code_bits, ..BuildOptions::default() };
-            build(&boxes[..4000].to_vec(), builder, &options, None).expect("few enough").hash()
-        };
-        assert_eq!(apart(CodeBits::Auto), apart(CodeBits::Bits30), "{}", builder.name());
-    }
+    boxes
+}
+
+#[test]
+fn long_codes_tell_clusters_apart() {
+    let [sweep, _, _, others @ ..] = check(&clustered(), &options(1)).map(|bvh| sah_cost(&bvh));
+    assert!(others.iter().all(|cost| *cost < 1.3 * sweep), "{others:?} to {sweep}");
 }
 
 #[test]
 fn clusters_that_wait_for_each_other_do_not_take_forever() {
-    // Each is nearer to the next one than to the one before: left alone, two would join in each round.
+    // Each is nearer to the next one than to the one before: left alone, two would join in each
+    // round.
     let n = 50_000;
     let place = |i: i32| 4.0 * f64::from(i) - f64::from(i).powi(2) / f64::from(n);
     let boxes: Vec<_> = (0..n).map(|i| Vec3::new(place(i) as f32, 0.0, 0.0)).collect();
@@ -357,8 +344,8 @@ fn clusters_that_wait_for_each_other_do_not_take_forever() {
 fn more_bins_cost_less() {
     let boxes = random_boxes(20_000, 0.03);
     let cost = |bins| {
-        let options = BuildOptions { bins, ..BuildOptions::default() };
-        sah_cost(&build(&boxes, Builder::Binned, &options, None).expect("few enough"))
+        let options = BuildOptions::default().with_bins(bins);
+        sah_cost(&build_with(&boxes, Builder::Binned, &options).expect("few enough"))
     };
     assert!(cost(2) > cost(8) && cost(8) > cost(32));
 }
@@ -369,7 +356,7 @@ fn trees_do_not_depend_on_the_number_of_threads() {
     boxes.extend(random_boxes(3000, 0.8));
     boxes.extend([Aabb::EMPTY; 5]);
     for options in [options(1), options(6)] {
-        let hash = |builder| build(&boxes, builder, &options, None).expect("few enough").hash();
+        let hash = |builder| build_with(&boxes, builder, &options).expect("few enough").fingerprint();
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
             pool.install(|| Builder::ALL.map(hash))
@@ -400,14 +387,119 @@ fn recycled_memory_gives_the_same_tree() {
     let mut scratch = BuildScratch::new();
     for builder in Builder::ALL {
         for (old, new) in [(&few, &many), (&many, &few)] {
-            let fresh = build(new, builder, &options(2), None).expect("few enough");
-            let old = build(old, builder, &options(1), None).expect("few enough");
-            let mut recycled = build(new, builder, &options(2), Some(old)).expect("few enough");
-            assert_eq!(fresh.hash(), recycled.hash());
+            let fresh = build_with(new, builder, &options(2)).expect("few enough");
+            let old = build_with(old, builder, &options(1)).expect("few enough");
+            let mut recycled = old;
             for size in [1, 2] {
                 rebuild(&mut recycled, new, builder, &options(size), &mut scratch).expect("few enough");
             }
-            assert_eq!(fresh.hash(), recycled.hash());
+            assert_eq!(fresh.fingerprint(), recycled.fingerprint());
+        }
+    }
+}
+
+/// Fingerprints of trees, one after the other, as one number.
+fn combined(fingerprints: impl Iterator<Item = u64>) -> u64 {
+    fingerprints.fold(0, |all, one| (all.rotate_left(5) ^ one).wrapping_mul(0x9e37_79b9_7f4a_7c15))
+}
+
+#[test]
+fn trees_have_the_recorded_bits() {
+    let mut dropped = random_boxes(700, 0.1);
+    dropped[300..320].fill(Aabb::EMPTY);
+    let tiny: Vec<_> = streets(900).iter().map(|b| Aabb::new(b.min * 1e-30, b.max * 1e-30)).collect();
+    let mut inputs: Vec<_> = [0, 1, 2, 3, 4, 5, 31, 33, 300, 5000].map(|n| random_boxes(n, 0.1)).into();
+    inputs.extend([
+        streets(12_000),
+        random_boxes(30_000, 0.01),
+        dropped,
+        tiny,
+        clustered(),
+        vec![Aabb::EMPTY; 9],
+    ]);
+    let mut settings = vec![options(1), options(4), options(u32::MAX)];
+    settings.push(BuildOptions { bins: 7, search_radius: 3, ..options(1) });
+    let found = |builder| {
+        let tree = |boxes, options| build_with(boxes, builder, options).expect("few enough").fingerprint();
+        combined(inputs.iter().flat_map(|boxes| settings.iter().map(move |options| tree(boxes, options))))
+    };
+    let poses = |n: usize| {
+        [0.0, 0.5, 2.0].map(|time: f32| {
+            let shift =
+                |i: usize| Vec3::new((i / 30 % 7) as f32, (i / 30 % 5) as f32, (i / 90) as f32) * time;
+            let boxes = streets(n).into_iter().enumerate();
+            boxes.map(|(i, b)| Aabb::new(b.min + shift(i), b.max + shift(i))).collect::<Vec<_>>()
+        })
+    };
+    let over_time = || {
+        combined([1, 50, 2000].into_iter().flat_map(|n| {
+            let all = poses(n);
+            let poses = all.each_ref().map(Pose::new);
+            let over = build_over_poses(&poses, &Reinsert::default()).expect("poses");
+            let by_motion = build_by_motion(&poses, &Decomposition::default()).expect("poses");
+            [over.fingerprint(), by_motion.fingerprint()]
+        }))
+    };
+    for threads in [1, 3] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        let fingerprints = pool.install(|| (Builder::ALL.map(found), over_time()));
+        assert_eq!(fingerprints, RECORDED, "{threads} threads");
+    }
+}
+
+/// Of each builder, and of trees over poses.
+const RECORDED: ([u64; BUILDERS], u64) = (
+    [
+        507752670387339701,
+        1015269251409889371,
+        1015269251409889371,
+        16282481283302893487,
+        7956648727570482824,
+        1431451613882314260,
+        17980395928278572633,
+        16378328106242461967,
+        3574502549255439901,
+    ],
+    494375829449133551,
+);
+
+/// Gives another number of primitives each time it is asked.
+struct Liar {
+    boxes: Vec<Aabb>,
+    asked: std::sync::atomic::AtomicUsize,
+}
+
+impl Primitives for Liar {
+    fn len(&self) -> usize {
+        let asked = self.asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        [300, 297, 20, 3, 400][asked % 5]
+    }
+    fn bounds(&self, i: usize) -> Aabb {
+        self.boxes[i]
+    }
+}
+
+#[test]
+fn the_number_of_primitives_is_asked_once_a_build() {
+    for builder in Builder::ALL {
+        for first in 0..5 {
+            let liar = Liar { boxes: random_boxes(400, 0.1), asked: first.into() };
+            let bvh = build_with(&liar, builder, &options(3)).expect("few enough");
+            let checked = Bvh::new(bvh.nodes(), bvh.order().to_vec()).expect("a tree");
+            assert_eq!(
+                (bvh.len(), checked.fingerprint()),
+                ([300, 297, 20, 3, 400][first], bvh.fingerprint())
+            );
+            let poses = [Pose::new(&liar), Pose::new(&liar)];
+            for tree in [
+                build_over_poses(&poses, &Reinsert::default()),
+                build_by_motion(&poses, &Decomposition::default()),
+            ]
+            .into_iter()
+            .flatten()
+            {
+                Bvh::new(tree.nodes(), tree.order().to_vec()).expect("a tree");
+            }
         }
     }
 }

@@ -1,27 +1,28 @@
-//! Trees as the optimisation by insertion sees them: nodes that have areas, of their boxes or otherwise.
+//! Trees as the optimisation by insertion sees them: nodes that have areas, of their boxes or
+//! otherwise.
 
 use bvh_core::{Aabb, Node};
 
 /// A tree of nodes that have areas: of their boxes, or over several poses.
 pub(crate) trait Tree: Sync {
     /// A box, or one for each pose.
-    type Hull: Send;
+    type Bounds: Send;
 
     fn nodes(&self) -> &[Node];
     fn nodes_mut(&mut self) -> &mut [Node];
     /// Slot of the node above all that may move: 0, or a child of that.
     fn root(&self) -> usize;
-    /// The hull of the node in slot `n`.
-    fn hull(&self, n: usize) -> Self::Hull;
-    /// Grows `hull` around the node in slot `n`.
-    fn grow(&self, hull: &mut Self::Hull, n: usize);
-    /// Area of a hull.
-    fn area(&self, hull: &Self::Hull) -> f64;
+    /// The bounds of the node in slot `n`.
+    fn bounds(&self, n: usize) -> Self::Bounds;
+    /// Grows `bounds` around the node in slot `n`.
+    fn grow(&self, bounds: &mut Self::Bounds, n: usize);
+    /// Area of a bounds.
+    fn area(&self, bounds: &Self::Bounds) -> f64;
     /// Area of the node in slot `n`.
     fn area_of(&self, n: usize) -> f64;
-    /// Area of the node in slot `n` grown around `hull`.
-    fn area_with(&self, n: usize, hull: &Self::Hull) -> f64;
-    /// Copies a node to another slot, with its hull.
+    /// Area of the node in slot `n` grown around `bounds`.
+    fn area_with(&self, n: usize, bounds: &Self::Bounds) -> f64;
+    /// Copies a node to another slot, with its bounds.
     fn copy(&mut self, from: usize, to: usize);
     /// Makes the node in slot `n` fit its children; whether that changed it.
     fn refit(&mut self, n: usize) -> bool;
@@ -36,7 +37,7 @@ pub(crate) struct Boxes<'a> {
 }
 
 impl Tree for Boxes<'_> {
-    type Hull = Aabb;
+    type Bounds = Aabb;
 
     #[inline]
     fn nodes(&self) -> &[Node] {
@@ -51,24 +52,24 @@ impl Tree for Boxes<'_> {
         self.root
     }
     #[inline]
-    fn hull(&self, n: usize) -> Aabb {
+    fn bounds(&self, n: usize) -> Aabb {
         self.nodes[n].aabb()
     }
     #[inline]
-    fn grow(&self, hull: &mut Aabb, n: usize) {
-        *hull = hull.union(self.nodes[n].aabb());
+    fn grow(&self, bounds: &mut Aabb, n: usize) {
+        *bounds = bounds.union(self.nodes[n].aabb());
     }
     #[inline]
-    fn area(&self, hull: &Aabb) -> f64 {
-        hull.half_area_f64()
+    fn area(&self, bounds: &Aabb) -> f64 {
+        bounds.half_area_f64()
     }
     #[inline]
     fn area_of(&self, n: usize) -> f64 {
         self.nodes[n].aabb().half_area_f64()
     }
     #[inline]
-    fn area_with(&self, n: usize, hull: &Aabb) -> f64 {
-        self.nodes[n].aabb().union(*hull).half_area_f64()
+    fn area_with(&self, n: usize, bounds: &Aabb) -> f64 {
+        self.nodes[n].aabb().union(*bounds).half_area_f64()
     }
     #[inline]
     fn copy(&mut self, from: usize, to: usize) {

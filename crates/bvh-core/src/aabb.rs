@@ -4,8 +4,19 @@ use glam::Vec3;
 
 /// An axis-aligned box, both ends inclusive.
 ///
-/// A box is empty if `min > max` on any axis. Boxes of finite primitives have finite corners, and none of
-/// their coordinates is a negative zero (see [`Aabb::sanitized`]).
+/// A box is empty if `min > max` on any axis. Boxes in a tree are [`sanitized`](Self::sanitized):
+/// finite and without negative zeros, or [`EMPTY`](Self::EMPTY).
+///
+/// ```
+/// use bvh_core::{Aabb, Vec3};
+///
+/// let unit = Aabb::new(Vec3::ZERO, Vec3::ONE);
+/// let both = unit.union(Aabb::around(&[Vec3::splat(2.0), Vec3::splat(3.0)]));
+/// assert_eq!(both.extent(), Vec3::splat(3.0));
+/// assert_eq!(unit.half_area(), 3.0);
+/// assert!(unit.overlaps(&both) && both.contains(&unit));
+/// assert_eq!(unit.distance_squared(Vec3::new(3.0, 0.5, 0.5)), 4.0);
+/// ```
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Aabb {
@@ -25,22 +36,22 @@ impl Aabb {
         Self { min, max }
     }
 
-    /// The smallest box around `points`, sanitised: [`EMPTY`](Self::EMPTY) if there is none or if any has a
-    /// NaN or infinite coordinate.
+    /// The smallest box around `points`, sanitised. It is [`EMPTY`](Self::EMPTY) if there are no
+    /// points or if any point has a NaN or infinite coordinate.
     #[must_use]
     #[inline]
     pub fn around(points: &[Vec3]) -> Self {
-        let hull = |b: Self, &p: &Vec3| Self { min: b.min.min(p), max: b.max.max(p) };
+        let with_point = |b: Self, &p: &Vec3| Self { min: b.min.min(p), max: b.max.max(p) };
         if points.iter().all(|p| p.is_finite()) {
-            points.iter().fold(Self::EMPTY, hull).sanitized()
+            points.iter().fold(Self::EMPTY, with_point).sanitized()
         } else {
             Self::EMPTY
         }
     }
 
-    /// The box as trees store it: [`EMPTY`](Self::EMPTY) unless finite and `min <= max` on every axis, and
-    /// with negative zeros made positive, so that minima and maxima have the same bits in any order and at
-    /// any SIMD level.
+    /// The box as trees store it: [`EMPTY`](Self::EMPTY) unless it is finite and `min <= max` on
+    /// every axis. Negative zeros become positive, so that minima and maxima have the same bits in
+    /// any order and at any SIMD level.
     #[must_use]
     #[inline]
     pub fn sanitized(self) -> Self {
@@ -66,16 +77,18 @@ impl Aabb {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
-    /// Extent along each axis; 0 along those where `min` is above `max`, so that of [`EMPTY`](Self::EMPTY) is 0.
+    /// Extent along each axis; 0 where `min` is above `max`.
     #[must_use]
     #[inline]
     pub fn extent(&self) -> Vec3 {
         (self.max - self.min).max(Vec3::ZERO)
     }
 
-    /// Half the surface area, `xy + yz + zx` of the extents; 0 for [`EMPTY`](Self::EMPTY), infinite if it exceeds the
-    /// range of `f32` (extents above about 1e19), NaN if an extent exceeds that range and another is 0. See
-    /// [`half_area_f64`](Self::half_area_f64) for such boxes.
+    /// Half the surface area, `xy + yz + zx` of the extents; 0 for [`EMPTY`](Self::EMPTY).
+    ///
+    /// The area is infinite if it exceeds the range of `f32` (extents above about 1e19). It is NaN
+    /// if one extent exceeds that range and another is 0. For such boxes use
+    /// [`half_area_f64`](Self::half_area_f64).
     ///
     /// The order of operations is part of the contract: every SIMD level computes these bits.
     #[must_use]
@@ -85,7 +98,7 @@ impl Aabb {
         (e.x * e.y + e.y * e.z) + e.z * e.x
     }
 
-    /// Half the surface area in double precision; finite for all finite boxes.
+    /// Half the surface area in double precision; finite for every finite box.
     #[must_use]
     #[inline]
     pub fn half_area_f64(&self) -> f64 {
@@ -113,6 +126,37 @@ impl Aabb {
     pub fn contains(&self, other: &Self) -> bool {
         other.is_empty() || (self.min.cmple(other.min).all() && other.max.cmple(self.max).all())
     }
+
+    /// Whether `point` is inside (on the surface counts); false for a NaN.
+    #[must_use]
+    #[inline]
+    pub fn contains_point(&self, point: Vec3) -> bool {
+        self.min.cmple(point).all() && point.cmple(self.max).all()
+    }
+
+    /// The point of the box nearest to `point`: `point` itself if it is inside. Not finite if the
+    /// box is [`EMPTY`](Self::EMPTY).
+    #[must_use]
+    #[inline]
+    pub fn closest_point(&self, point: Vec3) -> Vec3 {
+        point.max(self.min).min(self.max)
+    }
+
+    /// Squared distance from `point` to the box: 0 inside, infinite for [`EMPTY`](Self::EMPTY), NaN
+    /// for a NaN.
+    #[must_use]
+    #[inline]
+    pub fn distance_squared(&self, point: Vec3) -> f32 {
+        point.distance_squared(self.closest_point(point))
+    }
+
+    /// The box with each side moved outwards by `margin`, inwards if `margin` is negative: what a
+    /// sphere of that radius must touch to touch the box.
+    #[must_use]
+    #[inline]
+    pub fn grown(self, margin: f32) -> Self {
+        Self { min: self.min - margin, max: self.max + margin }
+    }
 }
 
 impl Default for Aabb {
@@ -138,7 +182,26 @@ mod tests {
     }
 
     #[test]
-    fn non_finite_points_give_the_empty_box_wherever_they_stand() {
+    fn distances_are_those_to_the_closest_point() {
+        let b = Aabb::new(Vec3::ZERO, Vec3::new(1.0, 2.0, 3.0));
+        for (p, closest) in [
+            (Vec3::new(0.5, 1.0, 2.0), Vec3::new(0.5, 1.0, 2.0)),
+            (Vec3::new(-2.0, 1.0, 4.0), Vec3::new(0.0, 1.0, 3.0)),
+            (Vec3::splat(9.0), b.max),
+        ] {
+            assert_eq!(b.closest_point(p), closest);
+            assert_eq!(b.distance_squared(p), p.distance_squared(closest));
+            assert_eq!(b.contains_point(p), p == closest);
+            assert_eq!(Aabb::EMPTY.distance_squared(p), f32::INFINITY);
+        }
+        assert!(!b.contains_point(Vec3::NAN) && !Aabb::EMPTY.contains_point(Vec3::ZERO));
+        assert!(b.distance_squared(Vec3::NAN).is_nan());
+        assert_eq!(b.grown(1.0), Aabb::new(Vec3::splat(-1.0), Vec3::new(2.0, 3.0, 4.0)));
+        assert!(b.grown(-0.6).is_empty() && Aabb::EMPTY.grown(5.0).is_empty());
+    }
+
+    #[test]
+    fn a_point_that_is_not_finite_makes_the_box_empty() {
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             for corner in 0..3 {
                 for axis in 0..3 {

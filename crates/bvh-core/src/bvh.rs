@@ -1,9 +1,11 @@
 //! The tree: an arena of node pairs and an order of primitives.
 
+use std::ops::Range;
+
 use crate::structure::Malformed;
 use crate::{Node, UpdateState};
 
-/// Greatest height of a tree: no leaf is more edges than this below the root.
+/// Greatest height of a tree, in edges between the root and a leaf.
 ///
 /// Builders and updates keep to it, so a traversal stack of this many entries never overflows.
 pub const MAX_HEIGHT: u32 = 96;
@@ -20,44 +22,66 @@ const _: () = assert!(size_of::<Pair>() == 64 && align_of::<Pair>() == 64);
 
 /// A bounding volume hierarchy over primitives that are known by number.
 ///
-/// Node 0 is the root and node 1 is unused; every other pair `2k, 2k + 1` holds the children of one inner
-/// node, or is unused. A leaf covers a run of *slots*; slot `s` holds primitive number `order()[s]`. A tree
-/// without primitives is a root with an empty leaf.
+/// Node 0 is the root and node 1 is unused. Every other pair `2k, 2k + 1` holds the children of one
+/// inner node, or is unused. A leaf covers a run of *slots*; slot `s` holds primitive `order()[s]`.
+/// A tree without primitives is a root with an empty leaf.
 ///
-/// A tree is plain data: its clone behaves as the original would. Its structure is valid at all times: every
-/// pair has one parent, every slot is in one leaf, every primitive in one slot, and the height is at most
-/// [`MAX_HEIGHT`]. Whether the boxes fit primitives that may have moved since is another matter; see
-/// [`validate`](Self::validate).
+/// A tree is plain data: its clone behaves as the original would. Its structure is valid at all
+/// times: every pair has one parent, every slot is in one leaf, every primitive in one slot, and
+/// the height is at most [`MAX_HEIGHT`]. Whether boxes fit primitives that have moved since the
+/// last update is another matter; see [`validate`](Self::validate).
+///
+/// ```
+/// use bvh_core::{Aabb, Bvh, Node, Vec3};
+///
+/// let unit = Aabb::new(Vec3::ZERO, Vec3::ONE);
+/// let (l, r) = (Node::leaf(unit, 0, 1), Node::leaf(unit, 1, 1));
+/// let bvh = Bvh::new(&[Node::parent(&l, &r, 2), Node::NOTHING, l, r], vec![1, 0])?;
+/// let [left, right] = bvh.children(bvh.root()).expect("an inner node");
+/// assert_eq!((bvh.primitives(left), bvh.primitives(right)), (&[1][..], &[0][..]));
+/// assert_eq!((bvh.len(), bvh.height()), (2, 1));
+/// assert!(bvh.validate(&[unit; 2]).is_ok());
+/// # Ok::<(), bvh_core::Malformed>(())
+/// ```
 #[derive(Clone)]
 pub struct Bvh {
     pub(crate) pairs: Vec<Pair>,
     pub(crate) order: Vec<u32>,
     pub(crate) in_order: bool,
-    /// Whether no primitive stands still.
-    pub(crate) all_move: bool,
-    pub(crate) still_area: f64,
+    pub(crate) all_dynamic: bool,
+    pub(crate) static_area: f64,
     pub(crate) update_state: UpdateState,
 }
 
 /// The parts of a tree that an update writes and reads, from [`Bvh::parts_mut`].
+#[doc(hidden)]
 #[derive(Debug)]
 pub struct Parts<'a> {
     /// All node slots.
     pub nodes: &'a mut [Node],
     /// For each slot, the number of the primitive in it.
     pub order: &'a [u32],
-    /// Sum of half area times [`Node::weight`] over all nodes that do not move.
-    pub still_area: &'a mut f64,
+    /// Sum of [`Node::sah_term`] over all static nodes.
+    pub static_area: &'a mut f64,
     /// What updates keep with the tree.
     pub state: &'a mut UpdateState,
 }
 
+/// Calls a function when it is dropped by a panic; forgotten otherwise.
+struct OnPanic<'a>(&'a mut Bvh, fn(&mut Bvh));
+
+impl Drop for OnPanic<'_> {
+    fn drop(&mut self) {
+        self.1(self.0);
+    }
+}
+
 impl Bvh {
-    /// A tree of the given nodes over `order.len()` primitives; see [`Bvh`] for the layout.
+    /// Makes a tree of the given nodes over `order.len()` primitives; see [`Bvh`] for the layout.
     ///
-    /// Boxes are taken as they are, but [`sanitized`](crate::Aabb::sanitized). Heights and moving bits are computed here, the
-    /// latter from the leaves'; slots that are in no subtree become [`Node::NOTHING`].
-    /// O(n) time and temporary memory.
+    /// Boxes are [`sanitized`](crate::Aabb::sanitized) and otherwise taken as they are. Heights are
+    /// computed, and so are the dynamic bits of inner nodes. Pairs that are in no subtree become
+    /// [`Node::NOTHING`]. O(n) time and temporary memory.
     ///
     /// # Errors
     /// If the structure is not that of a tree.
@@ -66,18 +90,19 @@ impl Bvh {
             return Err(Malformed::NodeCount(nodes.len()));
         }
         let pairs = nodes.chunks_exact(2).map(|p| Pair([p[0], p[1]])).collect();
-        Self::from_pairs(pairs, order)
+        Self { pairs, order, ..Self::default() }.checked()
     }
 
-    /// Replaces the tree by one that `fill` writes into the same memory: it gets room for `nodes` nodes (rounded up to
-    /// even) and the order of `primitives` primitives, both with any content, and says how many node slots it used.
+    /// Replaces the tree by one that `fill` writes into the same memory.
     ///
-    /// Allocates only if there is less memory than asked for, and takes no time beyond that of `fill`. If `fill` panics,
-    /// the tree is empty afterwards.
+    /// `fill` gets room for `nodes` nodes (rounded up to even) and the order of `primitives`
+    /// primitives, both with any content, and gives the number of node slots it used. Allocates
+    /// only if the memory is too small. If `fill` panics, the tree is empty afterwards.
     ///
     /// # Safety
-    /// What `fill` leaves in the node slots that it says are used, and in the order, must be a tree as [`Bvh`] describes
-    /// it, with heights right and every primitive moving: updates that share the arena between threads rely on it.
+    /// The used node slots and the order must form a tree as [`Bvh`] describes it, with right
+    /// heights and every node dynamic: updates that share the arena between threads rely on it.
+    #[doc(hidden)]
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
     pub unsafe fn replace_with(
         &mut self,
@@ -85,24 +110,15 @@ impl Bvh {
         primitives: usize,
         fill: impl FnOnce(&mut [Node], &mut [u32]) -> usize,
     ) {
-        /// Leaves an empty tree unless told that all went well.
-        struct Guard<'a>(&'a mut Bvh, bool);
-        impl Drop for Guard<'_> {
-            fn drop(&mut self) {
-                if !self.1 {
-                    *self.0 = Bvh::default();
-                }
-            }
-        }
-        let mut guard = Guard(self, false);
-        let Guard(bvh, done) = &mut guard;
+        let guard = OnPanic(self, |bvh| *bvh = Self::default());
+        let bvh = &mut *guard.0;
         bvh.pairs.resize(nodes.div_ceil(2).max(1), Pair([Node::NOTHING; 2]));
         bvh.order.resize(primitives, 0);
         let used = fill(bytemuck::cast_slice_mut(&mut bvh.pairs), &mut bvh.order);
         bvh.pairs.truncate(used.div_ceil(2).max(1));
-        bvh.in_order = bvh.order.iter().enumerate().all(|(s, &p)| s == p as usize);
-        (bvh.all_move, bvh.still_area, bvh.update_state) = (true, 0.0, UpdateState::default());
-        *done = true;
+        bvh.in_order = is_identity(&bvh.order);
+        (bvh.all_dynamic, bvh.static_area, bvh.update_state) = (true, 0.0, UpdateState::default());
+        std::mem::forget(guard);
     }
 
     /// All node slots; see [`Bvh`] for what is where.
@@ -116,19 +132,21 @@ impl Bvh {
         bytemuck::cast_slice_mut(&mut self.pairs)
     }
 
-    /// What an update needs to change nodes in place.
+    /// The parts that an update changes in place.
     ///
     /// # Safety
-    /// When the borrow ends the structure must be valid as [`Bvh`] says, with heights and moving bits right and no
-    /// primitive moving or standing still that did not before: updates that share the arena between threads rely on it.
-    /// Whoever moves pairs of nodes adds one to [`Changes::structure`](crate::Changes::structure).
+    /// When the borrow ends, the structure must be valid as [`Bvh`] says, heights and dynamic bits
+    /// must be right, each primitive as dynamic as before: updates that share the arena
+    /// between threads rely on it. Whoever moves pairs of nodes adds one to
+    /// [`Changes::structure`](crate::Changes::structure).
+    #[doc(hidden)]
     #[must_use]
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
     pub unsafe fn parts_mut(&mut self) -> Parts<'_> {
         Parts {
             nodes: bytemuck::cast_slice_mut(&mut self.pairs),
             order: &self.order,
-            still_area: &mut self.still_area,
+            static_area: &mut self.static_area,
             state: &mut self.update_state,
         }
     }
@@ -182,19 +200,33 @@ impl Bvh {
         self.root().height()
     }
 
-    /// Whether slot `s` holds primitive `s` for every `s`, so that updates skip the look-up.
+    /// Whether slot `s` holds primitive `s` for every `s`; updates then skip the look-up.
     #[must_use]
     #[inline]
     pub fn is_in_order(&self) -> bool {
         self.in_order
     }
 
-    /// Renumbers the primitives in the order of the leaves and gives the new order: what was primitive
-    /// `order[s]` is primitive `s` from now on.
+    /// Renumbers the primitives in the order of the leaves and gives the old numbers: primitive `s`
+    /// is now what was primitive `order[s]`.
     ///
-    /// The caller rearranges its data in the same way and keeps the returned map for its own numbers. Updates
-    /// then stream through that data instead of jumping about in it.
-    pub fn renumber(&mut self) -> Vec<u32> {
+    /// The caller rearranges its data in the same way and keeps the returned map for its own
+    /// numbers. Updates then stream through that data instead of jumping about in it. O(n).
+    ///
+    /// ```
+    /// use bvh_core::{Aabb, Bvh, Node, Vec3};
+    ///
+    /// let mut points = vec![Vec3::X, Vec3::ZERO];
+    /// let leaf = |i: usize, slot| Node::leaf(Aabb::new(points[i], points[i]), slot, 1);
+    /// let (l, r) = (leaf(1, 0), leaf(0, 1));
+    /// let mut bvh = Bvh::new(&[Node::parent(&l, &r, 2), Node::NOTHING, l, r], vec![1, 0])?;
+    /// let old_numbers = bvh.reorder_primitives();
+    /// points = old_numbers.iter().map(|&p| points[p as usize]).collect();
+    /// assert_eq!(points, [Vec3::ZERO, Vec3::X]);
+    /// assert_eq!(bvh.order(), [0, 1]);
+    /// # Ok::<(), bvh_core::Malformed>(())
+    /// ```
+    pub fn reorder_primitives(&mut self) -> Vec<u32> {
         self.in_order = true;
         // A tree that is being built in the background knows primitives by their old numbers.
         let numbering = &mut self.update_state.changes.numbering;
@@ -203,54 +235,111 @@ impl Bvh {
         std::mem::replace(&mut self.order, identity)
     }
 
-    /// Says which primitives may move from now on, by number; at first all of them do. From a mask this is
-    /// `set_moving(|p| mask[p])`, from a few ranges `set_moving(|p| ranges.iter().any(|r| r.contains(&p)))`.
+    /// Sets which primitives are dynamic, that is, may move. At first all are.
     ///
-    /// A leaf moves if any primitive in it does. Refits and rotations do not visit subtrees without a moving primitive.
-    /// Saying it takes O(n) time and allocates nothing, and in the next update O(n) once more where that is by a strategy
-    /// that repairs. It lasts until it is said anew, through rebuilds too, but to the grain of leaves: what shares a leaf with
-    /// something that moves is taken to move by a tree built in the place of this one. If `moves` panics, all primitives move.
-    pub fn set_moving(&mut self, moves: impl Fn(usize) -> bool) {
-        /// Sets everything in motion unless told that all went well.
-        struct Guard<'a>(&'a mut Bvh, bool);
-        impl Drop for Guard<'_> {
-            fn drop(&mut self) {
-                let Self(bvh, done) = self;
-                if !*done {
-                    bvh.mark_moving(&|_| true);
-                }
-                let dynamic = &mut bvh.update_state.changes.dynamic;
-                *dynamic = dynamic.wrapping_add(1);
-            }
+    /// Updates do not visit static subtrees, and their boxes stay as they are. A leaf is dynamic if
+    /// any primitive in it is. The setting survives rebuilds at leaf granularity: a primitive that
+    /// shares a leaf with a dynamic one counts as dynamic in the next tree. If `is_dynamic` panics,
+    /// all primitives are dynamic. O(n), no allocation.
+    ///
+    /// ```
+    /// use bvh_core::{Aabb, Bvh, Node, Vec3};
+    ///
+    /// let unit = Aabb::new(Vec3::ZERO, Vec3::ONE);
+    /// let (l, r) = (Node::leaf(unit, 0, 1), Node::leaf(unit, 1, 1));
+    /// let mut bvh = Bvh::new(&[Node::parent(&l, &r, 2), Node::NOTHING, l, r], vec![0, 1])?;
+    /// let mask = [false, true];
+    /// bvh.set_dynamic(|p| mask[p]);
+    /// assert!(!bvh.nodes()[2].is_dynamic() && bvh.nodes()[3].is_dynamic());
+    /// # Ok::<(), bvh_core::Malformed>(())
+    /// ```
+    pub fn set_dynamic(&mut self, is_dynamic: impl Fn(usize) -> bool) {
+        let dynamic = &mut self.update_state.changes.dynamic;
+        *dynamic = dynamic.wrapping_add(1);
+        let guard = OnPanic(self, |bvh| bvh.mark_dynamic(&|_| true));
+        guard.0.mark_dynamic(&is_dynamic);
+        std::mem::forget(guard);
+    }
+
+    /// Makes the primitives in any of `ranges` dynamic and all others static; see
+    /// [`set_dynamic`](Self::set_dynamic). Ranges may overlap and exceed the number of primitives.
+    /// O(n log r) for r ranges.
+    ///
+    /// ```
+    /// use bvh_core::{Aabb, Bvh, Node, Vec3};
+    ///
+    /// let unit = Aabb::new(Vec3::ZERO, Vec3::ONE);
+    /// let mut bvh = Bvh::new(&[Node::leaf(unit, 0, 1), Node::NOTHING], vec![0])?;
+    /// bvh.set_dynamic_ranges(&[3..7]);
+    /// assert!(!bvh.root().is_dynamic());
+    /// # Ok::<(), bvh_core::Malformed>(())
+    /// ```
+    pub fn set_dynamic_ranges(&mut self, ranges: &[Range<usize>]) {
+        let mut sorted: Vec<_> = ranges.iter().map(|r| (r.start, r.end)).collect();
+        sorted.sort_unstable();
+        // From here on each end is the greatest of all ranges up to there.
+        let mut end = 0;
+        for range in &mut sorted {
+            end = end.max(range.1);
+            range.1 = end;
         }
-        let mut guard = Guard(self, false);
-        let Guard(bvh, done) = &mut guard;
-        bvh.mark_moving(&moves);
-        *done = true;
+        self.set_dynamic(|p| {
+            let begun = sorted.partition_point(|&(start, _)| start <= p);
+            begun > 0 && p < sorted[begun - 1].1
+        });
     }
 
-    fn mark_moving(&mut self, moves: &impl Fn(usize) -> bool) {
-        let mut still = Still { any: false, area: 0.0 };
-        mark(bytemuck::cast_slice_mut(&mut self.pairs), &self.order, 0, moves, &mut still);
-        (self.all_move, self.still_area) = (!still.any, still.area);
+    fn mark_dynamic(&mut self, is_dynamic: &impl Fn(usize) -> bool) {
+        (self.all_dynamic, self.static_area) = (true, 0.0);
+        self.mark(0, is_dynamic);
     }
 
-    /// Whether every primitive may move, as is so until [`set_moving`](Self::set_moving) says otherwise.
+    /// Sets the dynamic bits at and below node `n`, and adds up the static nodes there; gives that
+    /// of `n`. As deep as the tree is high.
+    fn mark(&mut self, n: usize, is_dynamic: &impl Fn(usize) -> bool) -> bool {
+        let node = self.nodes()[n];
+        let first = node.first();
+        let dynamic = if node.is_leaf() {
+            self.primitives(&node).iter().any(|&p| is_dynamic(p as usize))
+        } else {
+            // Both, whatever the first one gives.
+            self.mark(first, is_dynamic) | self.mark(first + 1, is_dynamic)
+        };
+        self.raw_nodes_mut()[n].set_dynamic(dynamic);
+        if !dynamic {
+            self.all_dynamic &= node.count() == 0;
+            self.static_area += node.sah_term();
+        }
+        dynamic
+    }
+
+    /// Whether every primitive is dynamic, as is so until [`set_dynamic`](Self::set_dynamic) makes
+    /// some static.
     #[must_use]
     #[inline]
-    pub fn all_move(&self) -> bool {
-        self.all_move
+    pub fn all_dynamic(&self) -> bool {
+        self.all_dynamic
     }
 
-    /// Computes heights, moving bits and the sum over what stands still anew from the leaves: what is left to do after a
-    /// panic in the middle of an update. Boxes are as they are then. O(n) time and temporary memory.
-    pub fn mend(&mut self) {
-        let inner = self.check_structure().expect("links are those of a tree at any time");
+    /// Recomputes heights, dynamic bits and the static part of the cost from the leaves, after a
+    /// panic in the middle of an update. Boxes stay as they are. If the structure is broken, too,
+    /// the tree becomes empty. O(n) time and temporary memory.
+    #[doc(hidden)]
+    pub fn recompute_metadata(&mut self) {
+        let Ok(inner) = self.check_structure() else {
+            *self = Self::default();
+            return;
+        };
+        self.refit_metadata(&inner);
+        self.sum_static_area();
+    }
+
+    /// Sets heights and dynamic bits of inner nodes, which are listed parents first.
+    pub(crate) fn refit_metadata(&mut self, inner: &[u32]) {
         for &n in inner.iter().rev() {
-            let [l, r] = self.children(&self.nodes()[n as usize]).copied().expect("an inner node");
-            self.raw_nodes_mut()[n as usize].set_height_and_moves(&l, &r);
+            let Pair([l, r]) = self.pairs[self.nodes()[n as usize].first() / 2];
+            self.raw_nodes_mut()[n as usize].refit_metadata(&l, &r);
         }
-        self.sum_still_area();
     }
 
     /// What updates keep with the tree.
@@ -259,42 +348,48 @@ impl Bvh {
         &self.update_state
     }
 
-    /// Sum of half area times [`Node::weight`] over all nodes that stand still: their part of the SAH cost.
+    /// Sum of [`Node::sah_term`] over all static nodes: their part of the SAH cost.
+    #[doc(hidden)]
     #[must_use]
-    pub fn still_area(&self) -> f64 {
-        self.still_area
+    pub fn static_area(&self) -> f64 {
+        self.static_area
     }
 
-    /// Sums up [`still_area`](Self::still_area) anew. O(n) where something stands still.
-    pub fn sum_still_area(&mut self) {
+    /// Recomputes [`static_area`](Self::static_area). O(n) if there are static primitives, else
+    /// O(1).
+    #[doc(hidden)]
+    pub fn sum_static_area(&mut self) {
         let mut sum = 0.0;
-        if !self.all_move {
-            self.visit(|_, n, _| {
-                if !n.moves() {
-                    sum += n.aabb().half_area_f64() * n.weight();
-                }
-            });
+        if !self.all_dynamic {
+            self.visit(|_, n, _| sum += if n.is_dynamic() { 0.0 } else { n.sah_term() });
         }
-        self.still_area = sum;
+        self.static_area = sum;
     }
 
-    /// Memory of its nodes and its order, in bytes.
+    /// Memory of the nodes and the order, in bytes.
     #[must_use]
-    pub fn bytes(&self) -> usize {
+    pub fn memory_usage(&self) -> usize {
         size_of_val(self.nodes()) + size_of_val(self.order())
     }
 
-    /// Makes room for trees over up to so many primitives, so that to build one of them in this place allocates nothing.
-    /// Such room is address space, until it is written to.
+    /// Reserves room for trees over up to `primitives` primitives, so that building one in the same
+    /// place allocates nothing. The room is address space until it is written to.
     ///
     /// # Panics
-    /// If it would take more than `isize::MAX` bytes.
+    /// If the room exceeds `isize::MAX` bytes.
     pub fn reserve(&mut self, primitives: usize) {
         self.pairs.reserve_exact(primitives.saturating_sub(self.pairs.len()));
         self.order.reserve_exact(primitives.saturating_sub(self.order.len()));
     }
 
-    /// Calls `f` with the number, the node and the depth of every node, parents first, left before right. O(n).
+    /// Calls `f` with the number, the node and the depth of every node, parents first, left before
+    /// right. O(n).
+    ///
+    /// ```
+    /// let mut leaves = 0;
+    /// bvh_core::Bvh::default().visit(|_, node, _| leaves += usize::from(node.is_leaf()));
+    /// assert_eq!(leaves, 1);
+    /// ```
     pub fn visit(&self, mut f: impl FnMut(usize, &Node, u32)) {
         let nodes = self.nodes();
         let mut todo = vec![(0, 0)];
@@ -307,10 +402,10 @@ impl Bvh {
         }
     }
 
-    /// A number that depends on every bit of the tree's nodes and order (64-bit FNV-1a over 32-bit words): equal
-    /// trees have equal hashes on every machine.
+    /// A number that depends on every bit of the nodes and the order (64-bit FNV-1a over 32-bit
+    /// words): equal trees have equal fingerprints on every machine. O(n).
     #[must_use]
-    pub fn hash(&self) -> u64 {
+    pub fn fingerprint(&self) -> u64 {
         let words: &[u32] = bytemuck::cast_slice(&self.pairs);
         words
             .iter()
@@ -326,8 +421,8 @@ impl Default for Bvh {
             pairs: vec![Pair([Node::NOTHING; 2])],
             order: Vec::new(),
             in_order: true,
-            all_move: true,
-            still_area: 0.0,
+            all_dynamic: true,
+            static_area: 0.0,
             update_state: UpdateState::default(),
         }
     }
@@ -344,34 +439,9 @@ impl std::fmt::Debug for Bvh {
     }
 }
 
-/// What stands still: whether any leaf with primitives does, and the sum of half area times weight.
-struct Still {
-    any: bool,
-    area: f64,
-}
-
-/// Sets the moving bits at and below a node, and adds up what stands still there. As deep as the tree is high.
-fn mark(
-    nodes: &mut [Node],
-    order: &[u32],
-    n: usize,
-    moves: &impl Fn(usize) -> bool,
-    still: &mut Still,
-) -> bool {
-    let node = nodes[n];
-    let first = node.first();
-    let any = if node.is_leaf() {
-        order[first..first + node.count()].iter().any(|&p| moves(p as usize))
-    } else {
-        let l = mark(nodes, order, first, moves, still);
-        mark(nodes, order, first + 1, moves, still) | l
-    };
-    nodes[n].set_moves(any);
-    if !any {
-        still.any |= node.count() > 0;
-        still.area += node.aabb().half_area_f64() * node.weight();
-    }
-    any
+/// Whether each slot holds the primitive of its own number.
+pub(crate) fn is_identity(order: &[u32]) -> bool {
+    order.iter().enumerate().all(|(s, &p)| s == p as usize)
 }
 
 #[cfg(test)]
@@ -394,7 +464,7 @@ mod tests {
     }
 
     #[test]
-    fn a_valid_tree_is_taken_and_its_heights_computed() {
+    fn heights_of_a_valid_tree_are_computed() {
         let bvh = Bvh::new(&three(), vec![2, 0, 1]).expect("valid");
         assert_eq!((bvh.height(), bvh.nodes()[2].height(), bvh.nodes()[3].height()), (2, 1, 0));
         assert_eq!(bvh.primitives(&bvh.nodes()[4]), [2]);
@@ -404,7 +474,7 @@ mod tests {
     }
 
     #[test]
-    fn leaves_have_no_height_and_unused_slots_hold_nothing() {
+    fn leaf_heights_and_unused_slots_are_reset() {
         let mut nodes = [three().as_slice(), &[Node::inner(BOX, 2), Node::leaf(BOX, 0, 1)]].concat();
         nodes[1] = Node::inner(BOX, 100);
         // A leaf of height 2, as safe code can make one.
@@ -423,28 +493,28 @@ mod tests {
         nodes[4].set_aabb(Aabb { min: Vec3::NAN, max: Vec3::ONE });
         let mut bvh = Bvh::new(&nodes, vec![2, 0, 1]).expect("valid");
         assert_eq!(bvh.nodes()[4].aabb(), Aabb::EMPTY);
-        bvh.set_moving(|_| false);
-        assert!(bvh.still_area().is_finite());
+        bvh.set_dynamic(|_| false);
+        assert!(bvh.static_area().is_finite());
     }
 
     #[test]
-    fn whether_all_move_is_known_and_outlives_the_nodes() {
+    fn all_dynamic_follows_the_leaves() {
         let mut bvh = Bvh::new(&three(), vec![2, 0, 1]).expect("valid");
-        assert!(bvh.all_move() && Bvh::default().all_move());
-        for still in 0..3 {
-            bvh.set_moving(|p| p != still);
+        assert!(bvh.all_dynamic() && Bvh::default().all_dynamic());
+        for fixed in 0..3 {
+            bvh.set_dynamic(|p| p != fixed);
             let again = Bvh::new(bvh.nodes(), bvh.order().to_vec()).expect("valid");
-            assert!(!bvh.all_move() && !again.all_move());
+            assert!(!bvh.all_dynamic() && !again.all_dynamic());
         }
         let boxes = [BOX; 3].as_slice();
-        bvh.all_move = true;
-        assert!(matches!(bvh.validate(&boxes), Err(Invalid::Moves { .. })));
-        bvh.set_moving(|_| true);
-        assert!(bvh.all_move() && bvh.validate(&boxes).is_ok());
+        bvh.all_dynamic = true;
+        assert!(matches!(bvh.validate(&boxes), Err(Invalid::Dynamic { .. })));
+        bvh.set_dynamic(|_| true);
+        assert!(bvh.all_dynamic() && bvh.validate(&boxes).is_ok());
     }
 
     #[test]
-    fn a_tree_is_written_into_the_memory_of_another() {
+    fn replace_with_reuses_memory_and_empties_the_tree_on_panic() {
         let mut bvh = Bvh::new(&three(), vec![2, 0, 1]).expect("valid");
         let rebuild = |bvh: &mut Bvh, fill: fn(&mut [Node], &mut [u32]) -> usize| {
             // SAFETY: what is written is a tree.
@@ -527,31 +597,60 @@ mod tests {
     }
 
     #[test]
-    fn moving_bits_follow_the_primitives() {
+    fn dynamic_bits_follow_the_primitives() {
         let mut bvh = Bvh::new(&three(), vec![2, 0, 1]).expect("valid");
-        assert!(bvh.root().moves());
-        bvh.set_moving(|p| p == 1);
-        let moves = |n: usize| bvh.nodes()[n].moves();
-        assert!(moves(0) && !moves(2) && moves(3) && !moves(4) && !moves(5));
-        bvh.set_moving(|_| false);
-        assert!(!bvh.root().moves());
+        assert!(bvh.root().is_dynamic());
+        bvh.set_dynamic(|p| p == 1);
+        let is_dynamic = |n: usize| bvh.nodes()[n].is_dynamic();
+        assert!(is_dynamic(0) && !is_dynamic(2) && is_dynamic(3) && !is_dynamic(4) && !is_dynamic(5));
+        bvh.set_dynamic(|_| false);
+        assert!(!bvh.root().is_dynamic());
     }
 
     #[test]
-    fn renumbering_keeps_the_leaves_and_tells_the_old_numbers() {
+    fn ranges_set_what_a_predicate_would() {
+        let nodes: Vec<_> = (0..16).map(|i| Node::leaf(BOX, i, 1)).collect();
+        let mut all = vec![Node::inner(BOX, 2), Node::NOTHING];
+        (0..15).for_each(|i| {
+            all.push(nodes[i as usize]);
+            all.push(if i < 14 { Node::inner(BOX, 2 * i + 4) } else { nodes[15] });
+        });
+        let mut bvh = Bvh::new(&all, (0..16).collect()).expect("valid");
+        for ranges in [vec![], vec![3..5, 0..1], vec![9..12, 2..11, 4..5, 15..99], vec![7..7, 12..20]] {
+            bvh.set_dynamic(|p| ranges.iter().any(|r| r.contains(&p)));
+            let (expected, area) = (bvh.fingerprint(), bvh.static_area());
+            bvh.set_dynamic(|_| true);
+            bvh.set_dynamic_ranges(&ranges);
+            assert_eq!((bvh.fingerprint(), bvh.static_area()), (expected, area), "{ranges:?}");
+        }
+    }
+
+    #[test]
+    fn a_panic_in_a_predicate_makes_all_dynamic() {
         let mut bvh = Bvh::new(&three(), vec![2, 0, 1]).expect("valid");
-        assert_eq!(bvh.renumber(), [2, 0, 1]);
+        bvh.set_dynamic(|_| false);
+        let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            bvh.set_dynamic(|p| p == 0 && panic!("half way"));
+        }));
+        assert!(caught.is_err() && bvh.all_dynamic() && bvh.static_area() == 0.0);
+        bvh.validate(&[BOX; 3]).expect("valid");
+    }
+
+    #[test]
+    fn reordering_keeps_the_leaves_and_gives_the_old_numbers() {
+        let mut bvh = Bvh::new(&three(), vec![2, 0, 1]).expect("valid");
+        assert_eq!(bvh.reorder_primitives(), [2, 0, 1]);
         assert!(bvh.is_in_order());
         assert_eq!(bvh.order(), [0, 1, 2]);
     }
 
     #[test]
-    fn the_hash_sees_every_node_and_the_order() {
+    fn the_fingerprint_depends_on_nodes_and_order() {
         let a = Bvh::new(&three(), vec![0, 1, 2]).expect("valid");
         let b = Bvh::new(&three(), vec![0, 2, 1]).expect("valid");
         let mut c = a.clone();
-        assert_eq!(a.hash(), c.hash());
-        c.set_moving(|p| p == 0);
-        assert!(a.hash() != b.hash() && a.hash() != c.hash());
+        assert_eq!(a.fingerprint(), c.fingerprint());
+        c.set_dynamic(|p| p == 0);
+        assert!(a.fingerprint() != b.fingerprint() && a.fingerprint() != c.fingerprint());
     }
 }

@@ -8,19 +8,30 @@ pub const COST_TRAVERSE: f64 = 1.0;
 /// Cost of testing one primitive.
 pub const COST_INTERSECT: f64 = 1.0;
 
-/// The expected cost of a ray that hits the root's box (Goldsmith and Salmon 1987):
+/// Computes the SAH cost of a tree, the expected cost of a ray that hits the root's box (Goldsmith
+/// and Salmon 1987):
 ///
 /// ```text
 /// ( COST_TRAVERSE  * sum over inner nodes of A(n)
 /// + COST_INTERSECT * sum over leaves of A(l) * |l| ) / A(root)
 /// ```
 ///
-/// with `A` the half area, computed and summed in double precision: finite for all trees. 0 if the root has no area.
-/// O(n).
+/// `A` is the half area in double precision, so the cost is finite for every tree. It is 0 if the
+/// root has no area. O(n).
+///
+/// ```
+/// use bvh_core::{Aabb, Bvh, Node, Vec3, sah_cost};
+///
+/// let unit = Aabb::new(Vec3::ZERO, Vec3::ONE);
+/// let (l, r) = (Node::leaf(unit, 0, 1), Node::leaf(unit, 1, 1));
+/// let bvh = Bvh::new(&[Node::parent(&l, &r, 2), Node::NOTHING, l, r], vec![0, 1])?;
+/// assert_eq!(sah_cost(&bvh), 1.0 + 1.0 + 1.0);
+/// # Ok::<(), bvh_core::Malformed>(())
+/// ```
 #[must_use]
 pub fn sah_cost(bvh: &Bvh) -> f64 {
     let mut sum = 0.0;
-    bvh.visit(|_, node, _| sum += node.aabb().half_area_f64() * node.weight());
+    bvh.visit(|_, node, _| sum += node.sah_term());
     let root = bvh.root().aabb().half_area_f64();
     if root > 0.0 { sum / root } else { 0.0 }
 }

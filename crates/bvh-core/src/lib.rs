@@ -1,23 +1,44 @@
-//! A bounding volume hierarchy (BVH) meant for geometry that moves.
+//! A bounding volume hierarchy (BVH) for geometry that moves.
 //!
-//! The tree is binary, its nodes 32 bytes, siblings adjacent ([`Bvh`], [`Node`]). This crate holds what every
-//! user of such a tree needs: boxes ([`Aabb`]), the surface area heuristic ([`sah_cost`]), the six tree
-//! rotations of Kensler 2008 ([`rotation`]), validation ([`Bvh::validate`]), statistics ([`stats`]) and
-//! queries through closures ([`Bvh::overlaps`], [`Bvh::cast_ray`]). Trees are made by the crate `bvh-build`
-//! and kept good by `bvh-update`.
+//! The tree is binary, its nodes have 32 bytes, and siblings are adjacent ([`Bvh`], [`Node`]). This
+//! crate holds what every user of such a tree needs:
 //!
-//! Primitives are numbered from 0 and known by their boxes only ([`Primitives`]). Coordinates are `f32`;
-//! any axis convention will do.
+//! * boxes ([`Aabb`]) and primitives, which a tree knows by number and box only ([`Primitives`]);
+//! * queries: boxes ([`Bvh::for_each_overlap`]), pairs ([`Bvh::for_each_pair`]), rays
+//!   ([`Bvh::cast_ray`]) and the nearest primitive ([`Bvh::nearest`]);
+//! * the surface area heuristic ([`sah_cost`]), the six tree rotations of Kensler 2008
+//!   ([`rotation`]), validation ([`Bvh::validate`]) and statistics ([`stats()`]).
 //!
-//! # What hard input gives
+//! The crate `bvh-build` makes trees and `bvh-update` keeps them good. Coordinates are `f32` in any
+//! unit and any axis convention. Numbers of primitives are `usize` wherever a function takes or
+//! gives one; the tree stores them as `u32`.
 //!
-//! Primitives with a NaN or an infinite coordinate are *dropped*: they stay in their leaf with an empty box, are never
-//! hit by a ray, and come back when they are finite again. (Queries by box give all primitives of a leaf, whose own
-//! boxes the caller tests: in leaves of several a dropped one may be among them.) Primitives without extent are like
-//! any other. Areas that exceed the range of `f32` are infinite as [`Aabb::half_area`]; costs are summed from `f64`
-//! areas, which never do. Areas may underflow to 0; a tree without area has the cost 0. Far from the origin boxes are
-//! as exact as the coordinates they are given. No tree is higher than [`MAX_HEIGHT`], so walks keep their stack in an
-//! array of that size.
+//! ```
+//! use bvh_core::{Aabb, Bvh, Node, Vec3};
+//! use std::ops::ControlFlow;
+//!
+//! // Two boxes and a tree over them, by hand.
+//! let boxes = [0.0, 5.0].map(|x| Aabb::new(Vec3::X * x, Vec3::X * x + Vec3::ONE));
+//! let (l, r) = (Node::leaf(boxes[0], 0, 1), Node::leaf(boxes[1], 1, 1));
+//! let bvh = Bvh::new(&[Node::parent(&l, &r, 2), Node::NOTHING, l, r], vec![0, 1])?;
+//!
+//! let mut found = Vec::new();
+//! bvh.for_each_overlap(&boxes, &boxes[1].grown(1.0), |p| {
+//!     found.push(p);
+//!     ControlFlow::Continue(())
+//! });
+//! assert_eq!(found, [1]);
+//! # Ok::<(), bvh_core::Malformed>(())
+//! ```
+//!
+//! # Hard input
+//!
+//! * A primitive with a NaN or an infinite coordinate is *dropped*: it stays in its leaf with an empty
+//!   box, no query finds it, and it comes back once it is finite again.
+//! * A primitive without extent is like any other.
+//! * An area beyond the range of `f32` is infinite as [`Aabb::half_area`]. Costs are sums of `f64`
+//!   areas, which are always finite. A tree without area has the cost 0.
+//! * No tree is higher than [`MAX_HEIGHT`], so a traversal stack is an array of that size.
 //!
 //! Throughout, a node is `N`, its children `L` and `R`, its grandchildren `LL LR RL RR`.
 
@@ -42,8 +63,9 @@ pub use cost::{COST_INTERSECT, COST_TRAVERSE, sah_cost};
 pub use glam;
 pub use glam::Vec3;
 pub use node::{MAX_LEAF_SIZE, Node};
-pub use prefetch::prefetch;
+pub use prefetch::{prefetch, prefetch_ahead};
 pub use primitives::{InOrder, Primitives, Triangles};
+pub use query::Visits;
 pub use ray::Ray;
 pub use rotation::Rotation;
 pub use simd::SimdLevel;

@@ -8,7 +8,7 @@ use crate::{Aabb, COST_INTERSECT, COST_TRAVERSE};
 pub const MAX_LEAF_SIZE: u32 = (1 << 24) - 1;
 
 const LEAF: u32 = Node::LEAF;
-const MOVES: u32 = Node::MOVES;
+const DYNAMIC: u32 = Node::DYNAMIC;
 const INDEX: u32 = Node::INDEX;
 const HEIGHT: u32 = Node::HEIGHT;
 
@@ -17,7 +17,7 @@ const HEIGHT: u32 = Node::HEIGHT;
 /// ```text
 /// byte  0  min   3 x f32
 ///      12  link  bit 31     leaf
-///                bit 30     a primitive below may move
+///                bit 30     dynamic: a primitive below may move
 ///                bits 0-29  inner: number of the left child node (even; the right child follows it)
 ///                           leaf:  first slot in the tree's order of primitives
 ///      16  max   3 x f32
@@ -26,8 +26,18 @@ const HEIGHT: u32 = Node::HEIGHT;
 ///                bits 0-7   height: 0 for a leaf, else 1 + the greater height of the children
 /// ```
 ///
-/// Everything a rotation must carry along with a node is in these 32 bytes, so swapping two slots of the
-/// arena moves whole subtrees.
+/// A node holds all that a rotation must carry along with it. So swapping two slots of the arena
+/// moves two whole subtrees.
+///
+/// ```
+/// use bvh_core::{Aabb, Node, Vec3};
+///
+/// let unit = Aabb::new(Vec3::ZERO, Vec3::ONE);
+/// let leaf = Node::leaf(unit, 0, 2);
+/// assert_eq!((leaf.is_leaf(), leaf.count(), leaf.sah_term()), (true, 2, 6.0));
+/// let inner = Node::parent(&leaf, &Node::leaf(unit.grown(1.0), 2, 1), 2);
+/// assert_eq!((inner.first(), inner.height(), inner.sah_term()), (2, 1, 27.0));
+/// ```
 #[repr(C, align(32))]
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Node {
@@ -40,22 +50,22 @@ pub struct Node {
 const _: () = assert!(size_of::<Node>() == 32 && align_of::<Node>() == 32);
 
 impl Node {
-    /// The bit of the link word, for SIMD kernels, that [`is_leaf`](Self::is_leaf) tells.
+    /// Bit of the link word, for SIMD kernels: [`is_leaf`](Self::is_leaf).
     pub const LEAF: u32 = 1 << 31;
 
-    /// The bit of the link word, for SIMD kernels, that [`moves`](Self::moves) tells.
-    pub const MOVES: u32 = 1 << 30;
+    /// Bit of the link word, for SIMD kernels: [`is_dynamic`](Self::is_dynamic).
+    pub const DYNAMIC: u32 = 1 << 30;
 
-    /// The bits of the link word, for SIMD kernels, that [`first`](Self::first) tells.
-    pub const INDEX: u32 = Self::MOVES - 1;
+    /// Bits of the link word, for SIMD kernels: [`first`](Self::first).
+    pub const INDEX: u32 = Self::DYNAMIC - 1;
 
-    /// The bits of the aux word, for SIMD kernels, that [`height`](Self::height) tells.
+    /// Bits of the aux word, for SIMD kernels: [`height`](Self::height).
     pub const HEIGHT: u32 = 0xff;
 
     /// A leaf without primitives: the root of an empty tree, and what fills unused slots.
     pub const NOTHING: Self = Self { min: Vec3::INFINITY, link: LEAF, max: Vec3::NEG_INFINITY, aux: 0 };
 
-    /// A leaf over the slots `first .. first + count` of the tree's order, counted as moving.
+    /// A dynamic leaf over the slots `first .. first + count` of the tree's order.
     ///
     /// # Panics
     /// In debug builds, if `first` exceeds 30 bits or `count` exceeds [`MAX_LEAF_SIZE`].
@@ -63,11 +73,10 @@ impl Node {
     #[inline]
     pub const fn leaf(aabb: Aabb, first: u32, count: u32) -> Self {
         debug_assert!(first <= INDEX && count <= MAX_LEAF_SIZE, "leaf out of range");
-        Self { min: aabb.min, link: LEAF | MOVES | first & INDEX, max: aabb.max, aux: count << 8 }
+        Self { min: aabb.min, link: LEAF | DYNAMIC | first & INDEX, max: aabb.max, aux: count << 8 }
     }
 
-    /// An inner node over the child nodes `left` and `left + 1`, counted as moving, of height 1 until it is
-    /// set.
+    /// A dynamic inner node over the child nodes `left` and `left + 1`, of height 1.
     ///
     /// # Panics
     /// In debug builds, if `left` is odd or exceeds 30 bits.
@@ -75,7 +84,7 @@ impl Node {
     #[inline]
     pub fn inner(aabb: Aabb, left: u32) -> Self {
         debug_assert!(left <= INDEX && left.is_multiple_of(2), "child pair {left} out of range");
-        Self { min: aabb.min, link: MOVES | left & INDEX, max: aabb.max, aux: 1 }
+        Self { min: aabb.min, link: DYNAMIC | left & INDEX, max: aabb.max, aux: 1 }
     }
 
     /// The node's box.
@@ -85,17 +94,18 @@ impl Node {
         Aabb { min: self.min, max: self.max }
     }
 
-    /// Whether this is a leaf that moves and holds one primitive, as most do.
+    /// Whether this is a dynamic leaf of one primitive, as most nodes are.
     #[must_use]
     #[inline]
-    pub fn is_single_and_moves(&self) -> bool {
-        self.link & MOVES != 0 && self.aux == 1 << 8
+    pub fn is_dynamic_single(&self) -> bool {
+        self.link & DYNAMIC != 0 && self.aux == 1 << 8
     }
 
     /// Replaces the box.
     #[inline]
     pub fn set_aabb(&mut self, aabb: Aabb) {
-        // Whole-node store: a store of part of a node, followed by a wider load, stalls the pipeline.
+        // Whole-node store: a store of part of a node, followed by a wider load, stalls the
+        // pipeline.
         *self = Self { min: aabb.min, link: self.link, max: aabb.max, aux: self.aux };
     }
 
@@ -106,19 +116,21 @@ impl Node {
         self.link & LEAF != 0
     }
 
-    /// Whether any primitive at or below this node may move (see [`Bvh::set_moving`](crate::Bvh::set_moving)).
+    /// Whether any primitive at or below this node may move; see
+    /// [`Bvh::set_dynamic`](crate::Bvh::set_dynamic).
     #[must_use]
     #[inline]
-    pub fn moves(&self) -> bool {
-        self.link & MOVES != 0
+    pub fn is_dynamic(&self) -> bool {
+        self.link & DYNAMIC != 0
     }
 
     #[inline]
-    pub(crate) fn set_moves(&mut self, moves: bool) {
-        self.link = self.link & !MOVES | if moves { MOVES } else { 0 };
+    pub(crate) fn set_dynamic(&mut self, dynamic: bool) {
+        self.link = self.link & !DYNAMIC | if dynamic { DYNAMIC } else { 0 };
     }
 
-    /// Inner: number of the left child node; the right one follows it. Leaf: first slot in the tree's order.
+    /// Inner node: number of the left child; the right child follows it. Leaf: first slot in the
+    /// tree's order.
     #[must_use]
     #[inline]
     pub fn first(&self) -> usize {
@@ -132,15 +144,16 @@ impl Node {
         if self.is_leaf() { (self.aux >> 8) as usize } else { 0 }
     }
 
-    /// The reference area of an inner node: what its half area was, in units that the update chooses, when the node
-    /// was last built. 0 until it is set, and for a leaf. Rotations carry it along.
+    /// The reference area of an inner node: its half area when the node was last built, in a unit
+    /// that the update chooses. 0 until it is set, and for a leaf. Rotations carry it along.
     #[must_use]
     #[inline]
     pub fn reference(&self) -> f32 {
         if self.is_leaf() { 0.0 } else { f32::from_bits(self.aux & !HEIGHT) }
     }
 
-    /// Sets the reference area of an inner node, with 16 bits of precision, rounded down. Does nothing to a leaf.
+    /// Sets the reference area of an inner node, rounded down to 16 bits of precision. Does nothing
+    /// to a leaf.
     #[inline]
     pub fn set_reference(&mut self, area: f32) {
         if !self.is_leaf() {
@@ -148,14 +161,23 @@ impl Node {
         }
     }
 
-    /// What the node's half area counts in the SAH cost: see [`sah_cost`](crate::sah_cost).
+    /// The factor of the node's half area in the SAH cost: [`COST_TRAVERSE`] for an inner node,
+    /// [`COST_INTERSECT`] times the number of primitives for a leaf.
     #[must_use]
     #[inline]
     pub fn weight(&self) -> f64 {
         if self.is_leaf() { COST_INTERSECT * self.count() as f64 } else { COST_TRAVERSE }
     }
 
-    /// Number of edges on the longest way down to a leaf.
+    /// The node's term of the SAH cost before normalisation, [`weight`](Self::weight) times half
+    /// area; see [`sah_cost`](crate::sah_cost).
+    #[must_use]
+    #[inline]
+    pub fn sah_term(&self) -> f64 {
+        self.aabb().half_area_f64() * self.weight()
+    }
+
+    /// Number of edges on the longest path down to a leaf.
     #[must_use]
     #[inline]
     pub fn height(&self) -> u32 {
@@ -170,8 +192,9 @@ impl Node {
         }
     }
 
+    /// Sets height and dynamic bit from the children and keeps the box.
     #[inline]
-    pub(crate) fn set_height_and_moves(&mut self, l: &Self, r: &Self) {
+    pub(crate) fn refit_metadata(&mut self, l: &Self, r: &Self) {
         let aabb = self.aabb();
         self.refit(l, r);
         self.set_aabb(aabb);
@@ -189,20 +212,19 @@ impl Node {
         node
     }
 
-    /// Makes this inner node the parent of `l` and `r` as far as box, height and motion go.
+    /// Sets box, height and dynamic bit of this inner node from its children.
     #[inline]
     pub fn refit(&mut self, l: &Self, r: &Self) {
         let height = 1 + l.height().max(r.height());
-        let moves = (l.link | r.link) & MOVES;
-        let link = self.link & !MOVES | moves;
+        let link = self.link & !DYNAMIC | (l.link | r.link) & DYNAMIC;
         let aux = self.aux & !HEIGHT | height;
-        // Boxes by the vector; what comes of the fourth lanes is replaced.
+        // Vector operations; the fourth lanes are overwritten.
         let [[l_min, l_max], [r_min, r_max]]: [[Vec4; 2]; 2] = [bytemuck::cast(*l), bytemuck::cast(*r)];
         let (min, max) = (l_min.min(r_min), l_max.max(r_max));
         *self = Self::from_lanes(min, max, link, aux);
     }
 
-    /// The first three lanes of the vectors, with the other two words in their fourth.
+    /// A node of the first three lanes of the vectors and two words.
     #[inline]
     fn from_lanes(min: Vec4, max: Vec4, link: u32, aux: u32) -> Self {
         bytemuck::cast([min.with_w(f32::from_bits(link)), max.with_w(f32::from_bits(aux))])

@@ -1,14 +1,37 @@
-//! What a tree holds, seen from the outside: numbered boxes.
+//! What a tree holds, seen from outside: numbered boxes.
 
 use glam::{Vec3, Vec4};
 
 use crate::{Aabb, prefetch};
 
-/// The primitives of a tree: how many, and the box of each.
+/// The primitives of a tree: their number, and the box of each.
 ///
-/// Builders and updates ask for boxes whenever they need them, so an implementation streams its vertices and
-/// nobody keeps a second array of boxes. The number of primitives must not change while a tree refers to
-/// them; boxes may.
+/// Primitives are numbered from 0. Builders and updates ask for a box whenever they need it, so an
+/// implementation can compute boxes from vertices, and nobody keeps a second array of boxes. The
+/// number of primitives must not change while a tree refers to them; boxes may.
+///
+/// An implementation gives [`len`](Self::len) and [`bounds`](Self::bounds). Any box will do: the
+/// library asks through [`aabb`](Self::aabb), which drops boxes that are not finite.
+///
+/// ```
+/// use bvh_core::{Aabb, Primitives, Vec3};
+///
+/// struct Balls(Vec<(Vec3, f32)>);
+///
+/// impl Primitives for Balls {
+///     fn len(&self) -> usize {
+///         self.0.len()
+///     }
+///     fn bounds(&self, i: usize) -> Aabb {
+///         let (center, radius) = self.0[i];
+///         Aabb::new(center, center).grown(radius)
+///     }
+/// }
+///
+/// let balls = Balls(vec![(Vec3::ZERO, 1.0), (Vec3::NAN, 1.0)]);
+/// assert_eq!(balls.aabb(0), Aabb::new(-Vec3::ONE, Vec3::ONE));
+/// assert!(balls.aabb(1).is_empty());
+/// ```
 pub trait Primitives: Sync {
     /// Number of primitives.
     fn len(&self) -> usize;
@@ -18,30 +41,41 @@ pub trait Primitives: Sync {
         self.len() == 0
     }
 
-    /// Box of primitive `i`, already [`sanitized`](Aabb::sanitized).
+    /// Box of primitive `i`. A box with a NaN, an infinity or `min > max` counts as empty.
     ///
     /// # Panics
-    /// If `i` is not below [`len`](Self::len).
-    fn aabb(&self, i: usize) -> Aabb;
+    /// May panic if `i` is not below [`len`](Self::len).
+    fn bounds(&self, i: usize) -> Aabb;
 
-    /// The same box for SIMD kernels, each in the first three of four lanes: minimum, maximum, and a *doubt*, which is
-    /// finite only if the box is not empty; where it is not finite, the other two mean nothing and
-    /// [`aabb`](Self::aabb) tells. What is in the fourth lanes does not matter.
+    /// Box of primitive `i` as trees store it: [`bounds`](Self::bounds),
+    /// [`sanitized`](Aabb::sanitized). Override it only where the result is the same and faster.
     ///
     /// # Panics
-    /// If `i` is not below [`len`](Self::len).
+    /// As [`bounds`](Self::bounds).
+    #[inline]
+    fn aabb(&self, i: usize) -> Aabb {
+        self.bounds(i).sanitized()
+    }
+
+    /// The same box for SIMD kernels: minimum, maximum and *validity*, each in the first three of
+    /// four lanes. A validity that is not finite means that the kernel must ask
+    /// [`aabb`](Self::aabb) instead; it must not be finite if the box is empty. The fourth lanes
+    /// may hold anything. Override it only where the result is the same and faster.
+    ///
+    /// # Panics
+    /// As [`bounds`](Self::bounds).
     #[inline]
     fn aabb_lanes(&self, i: usize) -> [Vec4; 3] {
         let aabb = self.aabb(i);
-        let doubt = if aabb.is_empty() { Vec4::NAN } else { Vec4::ZERO };
-        [aabb.min.extend(0.0), aabb.max.extend(0.0), doubt]
+        let validity = if aabb.is_empty() { Vec4::NAN } else { Vec4::ZERO };
+        [aabb.min.extend(0.0), aabb.max.extend(0.0), validity]
     }
 
-    /// A hint that `aabb(i)` will be asked for soon: whatever tells where its data lies.
+    /// Hint that `aabb(i)` will be asked for soon: prefetch the index that locates its data.
     #[inline]
     fn prefetch_index(&self, _i: usize) {}
 
-    /// A hint that `aabb(i)` will be asked for very soon, given after `prefetch_index`: the data itself.
+    /// Hint that `aabb(i)` will be asked for very soon, after `prefetch_index`: prefetch the data.
     #[inline]
     fn prefetch_data(&self, _i: usize) {}
 }
@@ -53,8 +87,8 @@ impl Primitives for [Aabb] {
     }
 
     #[inline]
-    fn aabb(&self, i: usize) -> Aabb {
-        self[i].sanitized()
+    fn bounds(&self, i: usize) -> Aabb {
+        self[i]
     }
 
     #[inline]
@@ -63,12 +97,17 @@ impl Primitives for [Aabb] {
     }
 }
 
-/// Passes everything on to what `$this` is a way to.
+/// Forwards all methods to `$this`.
 macro_rules! forward {
     ($self:ident => $this:expr) => {
         #[inline]
         fn len(&$self) -> usize {
             Primitives::len($this)
+        }
+
+        #[inline]
+        fn bounds(&$self, i: usize) -> Aabb {
+            $this.bounds(i)
         }
 
         #[inline]
@@ -111,7 +150,20 @@ impl<P: Primitives + Send + ?Sized> Primitives for Box<P> {
 
 /// Triangles that share vertices: triangle `i` has the corners `positions[indices[i][0..3]]`.
 ///
-/// A triangle that names a vertex out of range has an empty box, like one with a vertex at infinity.
+/// A triangle has an empty box if it names a vertex out of range or a vertex that is not finite.
+///
+/// ```
+/// use bvh_core::{Aabb, Primitives, Triangles, Vec3};
+///
+/// let positions = [Vec3::ZERO, Vec3::X, Vec3::Y];
+/// let triangles = Triangles { positions: &positions, indices: &[[0, 1, 2], [0, 1, 9]] };
+/// assert_eq!(triangles.aabb(0), Aabb::new(Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0)));
+/// assert!(triangles.aabb(1).is_empty());
+///
+/// let flat = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+/// let same = Triangles::from_flat(&flat, &[0, 1, 2]).expect("multiples of three");
+/// assert_eq!(same.aabb(0), triangles.aabb(0));
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Triangles<'a> {
     /// Vertex positions.
@@ -120,7 +172,16 @@ pub struct Triangles<'a> {
     pub indices: &'a [[u32; 3]],
 }
 
-impl Triangles<'_> {
+impl<'a> Triangles<'a> {
+    /// Triangles from flat arrays: three coordinates a vertex, three vertex numbers a triangle.
+    /// `None` if the length of either is no multiple of three.
+    #[must_use]
+    pub fn from_flat(positions: &'a [f32], indices: &'a [u32]) -> Option<Self> {
+        let (indices, rest) = indices.as_chunks();
+        let positions = bytemuck::try_cast_slice(positions).ok()?;
+        rest.is_empty().then_some(Self { positions, indices })
+    }
+
     /// Corners of triangle `i`, NaN where it names a vertex out of range.
     ///
     /// # Panics
@@ -133,13 +194,11 @@ impl Triangles<'_> {
         let at = |v: u32| self.positions.get(v as usize).copied().unwrap_or(Vec3::NAN);
         [at(a), at(b), at(c)]
     }
-}
 
-impl Triangles<'_> {
     /// Position `v` in the first three of four lanes, NaN if there is none.
     #[inline(always)]
     fn lanes(&self, v: usize) -> Vec4 {
-        // One load of four floats, but for the last vertex, behind which there is no fourth.
+        // One load of four floats, except for the last vertex, which no fourth float follows.
         match self.positions.get(v..v.saturating_add(2)) {
             Some(two) => Vec4::from_slice(&bytemuck::cast_slice(two)[..4]),
             None => self.last(v),
@@ -159,6 +218,11 @@ impl Primitives for Triangles<'_> {
     }
 
     #[inline]
+    fn bounds(&self, i: usize) -> Aabb {
+        self.aabb(i)
+    }
+
+    #[inline]
     #[expect(clippy::eq_op, reason = "a number less itself is NaN if it is not finite")]
     fn aabb(&self, i: usize) -> Aabb {
         let [a, b, c] = self.indices[i].map(|v| self.lanes(v as usize));
@@ -172,12 +236,12 @@ impl Primitives for Triangles<'_> {
         Aabb::new(min.truncate(), max.truncate())
     }
 
-    // Used twice in one loop it is not inlined otherwise, and then half of an update goes into calls.
+    // Kernels use it twice in one loop. Not inlined there, calls take half of an update.
     #[inline(always)]
     fn aabb_lanes(&self, i: usize) -> [Vec4; 3] {
         let [a, b, c] = self.indices[i];
         let (a, b, c) = (self.lanes(a as usize), self.lanes(b as usize), self.lanes(c as usize));
-        // The sum is not finite if one of them is not, and seldom else.
+        // The sum is not finite if a corner is not, and rarely otherwise.
         [a.min(b).min(c) + 0.0, a.max(b).max(c) + 0.0, a + b + c]
     }
 
@@ -188,7 +252,7 @@ impl Primitives for Triangles<'_> {
 
     #[inline]
     fn prefetch_data(&self, i: usize) {
-        // Of three corners two are neighbours in most meshes, so that the third's line is one of theirs.
+        // In most meshes two of three corners are neighbours in memory.
         if let Some(&[a, _, c]) = self.indices.get(i) {
             prefetch(self.positions, a as usize);
             prefetch(self.positions, c as usize);
@@ -196,7 +260,8 @@ impl Primitives for Triangles<'_> {
     }
 }
 
-/// Primitives seen through a tree's order: number `s` here is primitive `order[s]` there.
+/// Primitives in the order of a tree's slots: number `s` here is primitive `order[s]` there.
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 pub struct InOrder<'a, P: ?Sized> {
     /// The primitives, by their own numbers.
@@ -209,6 +274,11 @@ impl<P: Primitives + ?Sized> Primitives for InOrder<'_, P> {
     #[inline]
     fn len(&self) -> usize {
         self.order.len()
+    }
+
+    #[inline]
+    fn bounds(&self, i: usize) -> Aabb {
+        self.primitives.bounds(self.order[i] as usize)
     }
 
     #[inline]
@@ -241,13 +311,42 @@ mod tests {
     use super::*;
 
     #[test]
-    fn triangles_with_wild_indices_are_dropped_not_fatal() {
+    fn triangles_with_wild_indices_are_dropped() {
         let positions = [Vec3::ZERO, Vec3::X, Vec3::Y];
         let indices = [[0, 1, 2], [0, 1, 9], [u32::MAX, 1, 2]];
         let t = Triangles { positions: &positions, indices: &indices };
         assert_eq!(t.aabb(0), Aabb::new(Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0)));
         assert!(t.aabb(1).is_empty() && t.aabb(2).is_empty());
         (0..10).for_each(|i| t.prefetch_data(i));
+    }
+
+    #[test]
+    fn flat_arrays_of_other_lengths_are_refused() {
+        let positions = [0.0, 0.0, 0.0, 1.0, 2.0, 3.0];
+        let t = Triangles::from_flat(&positions, &[0, 1, 1]).expect("multiples of three");
+        assert_eq!(t.corners(0), [Vec3::ZERO, Vec3::new(1.0, 2.0, 3.0), Vec3::new(1.0, 2.0, 3.0)]);
+        assert!(Triangles::from_flat(&positions[..5], &[0, 1, 1]).is_none());
+        assert!(Triangles::from_flat(&positions, &[0, 1]).is_none());
+        assert!(Triangles::from_flat(&[], &[]).is_some_and(|t| t.is_empty()));
+    }
+
+    #[test]
+    fn boxes_that_are_not_sanitized_are_dropped_on_all_ways() {
+        struct Careless;
+        impl Primitives for Careless {
+            fn len(&self) -> usize {
+                3
+            }
+            fn bounds(&self, i: usize) -> Aabb {
+                Aabb::new(Vec3::splat(-0.0), Vec3::new(1.0, [f32::NAN, f32::INFINITY, 1.0][i], 1.0))
+            }
+        }
+        for i in 0..2 {
+            assert_eq!(Careless.aabb(i), Aabb::EMPTY);
+            assert!(!Careless.aabb_lanes(i)[2].truncate().is_finite());
+        }
+        assert!(Careless.aabb(2).min.to_array().iter().all(|x| x.is_sign_positive()));
+        assert_eq!(InOrder { primitives: &Careless, order: &[1, 2] }.aabb(0), Aabb::EMPTY);
     }
 
     #[test]
@@ -262,8 +361,8 @@ mod tests {
         for i in 0..t.len() {
             assert_eq!(bits(t.aabb(i)), bits(Aabb::around(&t.corners(i))), "{:?}", t.corners(i));
             dropped += usize::from(t.aabb(i).is_empty());
-            let [min, max, doubt] = t.aabb_lanes(i);
-            if doubt.truncate().is_finite() {
+            let [min, max, validity] = t.aabb_lanes(i);
+            if validity.truncate().is_finite() {
                 assert_eq!(bits(Aabb::new(min.truncate(), max.truncate())), bits(t.aabb(i)));
                 certain += 1;
             }

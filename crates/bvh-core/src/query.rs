@@ -1,19 +1,73 @@
-//! Queries through closures: boxes that overlap, rays, pairs.
+//! Queries through closures: overlapping boxes, overlapping pairs, rays, nearest primitive.
 
-use crate::{Aabb, Bvh, MAX_HEIGHT, Node, Ray};
+use std::iter::Sum;
+use std::ops::{AddAssign, ControlFlow};
 
-/// Enough for a walk that keeps one node a level.
-type Stack = [u32; MAX_HEIGHT as usize + 1];
+use crate::{Aabb, Bvh, MAX_HEIGHT, Node, Primitives, Ray};
+
+/// Entries of a stack that keeps one node for each level.
+const STACK: usize = MAX_HEIGHT as usize + 1;
+
+/// The work of queries: what they cost, in the unit of the SAH.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Visits {
+    /// Number of queries.
+    pub queries: u64,
+    /// Inner nodes opened by them; in a pair query, once for each pair of nodes.
+    pub nodes: u64,
+}
+
+impl AddAssign for Visits {
+    fn add_assign(&mut self, other: Self) {
+        self.queries += other.queries;
+        self.nodes += other.nodes;
+    }
+}
+
+impl Sum for Visits {
+    fn sum<I: Iterator<Item = Self>>(visits: I) -> Self {
+        visits.fold(Self::default(), |mut sum, one| {
+            sum += one;
+            sum
+        })
+    }
+}
 
 impl Bvh {
-    /// Calls `found` with the number of every primitive in a leaf whose box overlaps `query` (touching counts).
+    /// Calls `found` with the number of each primitive whose box overlaps `query` (touching
+    /// counts), until it breaks.
     ///
-    /// With one primitive a leaf these are the primitives whose boxes overlap; larger leaves may bring
-    /// neighbours along. Each primitive is reported once, in no particular order. A query that is empty or has a NaN
-    /// finds nothing. O(log n + found) for scattered primitives; O(n) at worst.
-    pub fn overlaps(&self, query: &Aabb, mut found: impl FnMut(usize)) {
+    /// Each primitive comes once, in no particular order. A dropped primitive is not found, and a
+    /// query that is empty or has a NaN finds nothing. `primitives` are those of the last update;
+    /// they are asked only about leaves of several primitives. O(log n + found) for scattered
+    /// primitives, O(n) at worst. Allocates nothing.
+    ///
+    /// # Panics
+    /// May panic if there are fewer `primitives` than the tree holds.
+    ///
+    /// ```
+    /// use bvh_core::{Aabb, Bvh, Node, Vec3};
+    /// use std::ops::ControlFlow;
+    ///
+    /// let boxes = [Aabb::new(Vec3::ZERO, Vec3::ONE); 1];
+    /// let bvh = Bvh::new(&[Node::leaf(boxes[0], 0, 1), Node::NOTHING], vec![0])?;
+    /// let mut is_blocked = false;
+    /// bvh.for_each_overlap(&boxes, &boxes[0], |_| {
+    ///     is_blocked = true;
+    ///     ControlFlow::Break(())
+    /// });
+    /// assert!(is_blocked);
+    /// # Ok::<(), bvh_core::Malformed>(())
+    /// ```
+    pub fn for_each_overlap<P: Primitives + ?Sized>(
+        &self,
+        primitives: &P,
+        query: &Aabb,
+        mut found: impl FnMut(usize) -> ControlFlow<()>,
+    ) -> Visits {
         let nodes = self.nodes();
-        let mut stack: Stack = [0; MAX_HEIGHT as usize + 1];
+        let mut visits = Visits { queries: 1, nodes: 0 };
+        let mut stack = [0; STACK];
         let mut top = 1;
         while top > 0 {
             top -= 1;
@@ -21,111 +75,233 @@ impl Bvh {
             if !node.aabb().overlaps(query) {
                 continue;
             }
-            if node.is_leaf() {
-                self.primitives(node).iter().for_each(|&p| found(p as usize));
-            } else {
+            if !node.is_leaf() {
+                visits.nodes += 1;
                 stack[top] = node.first() as u32 + 1;
                 stack[top + 1] = node.first() as u32;
                 top += 2;
+                continue;
+            }
+            for p in self.primitives(node).iter().map(|&p| p as usize) {
+                let overlaps = node.count() == 1 || primitives.aabb(p).overlaps(query);
+                if overlaps && found(p).is_break() {
+                    return visits;
+                }
             }
         }
+        visits
     }
 
-    /// Calls `found` once with every pair of different primitives that lie in one leaf or in two whose boxes
-    /// overlap: the broad phase of a collision loop.
+    /// Calls `found` once with each pair of different primitives whose boxes overlap (touching
+    /// counts), until it breaks: the broad phase of a collision loop.
     ///
-    /// O(n + pairs) for scattered primitives. Pairs come in no particular order, nor do the two of a pair. A dropped
-    /// primitive is in pairs with those of its own leaf only.
-    pub fn overlapping_pairs(&self, mut found: impl FnMut(usize, usize)) {
+    /// Pairs come in no particular order, and so do the two of a pair. A dropped primitive is in no
+    /// pair. `primitives` are those of the last update; they are asked only about leaves of several
+    /// primitives. O(n + pairs) for scattered primitives. Allocates nothing.
+    ///
+    /// # Panics
+    /// May panic if there are fewer `primitives` than the tree holds.
+    ///
+    /// ```
+    /// use bvh_core::{Aabb, Bvh, Node, Vec3};
+    /// use std::ops::ControlFlow;
+    ///
+    /// let boxes = [0.0, 0.5, 9.0].map(|x| Aabb::new(Vec3::X * x, Vec3::X * x + Vec3::ONE));
+    /// let all = boxes[0].union(boxes[2]);
+    /// let bvh = Bvh::new(&[Node::leaf(all, 0, 3), Node::NOTHING], vec![0, 1, 2])?;
+    /// let mut pairs = Vec::new();
+    /// bvh.for_each_pair(&boxes, |a, b| {
+    ///     pairs.push((a, b));
+    ///     ControlFlow::Continue(())
+    /// });
+    /// assert_eq!(pairs, [(0, 1)]);
+    /// # Ok::<(), bvh_core::Malformed>(())
+    /// ```
+    pub fn for_each_pair<P: Primitives + ?Sized>(
+        &self,
+        primitives: &P,
+        mut found: impl FnMut(usize, usize) -> ControlFlow<()>,
+    ) -> Visits {
         let nodes = self.nodes();
-        // A pair of equal numbers stands for "within this subtree".
-        let mut todo = vec![(0, 0)];
-        while let Some((a, b)) = todo.pop() {
-            let (na, nb): (&Node, &Node) = (&nodes[a], &nodes[b]);
-            if a == b {
-                if na.is_leaf() {
-                    let p = self.primitives(na);
-                    for (i, &x) in p.iter().enumerate() {
-                        p[i + 1..].iter().for_each(|&y| found(x as usize, y as usize));
-                    }
-                } else {
-                    let (l, r) = (na.first(), na.first() + 1);
-                    todo.extend([(l, l), (r, r), (l, r)]);
-                }
-            } else if na.aabb().overlaps(&nb.aabb()) {
-                match (na.is_leaf(), nb.is_leaf()) {
-                    (true, true) => {
-                        for &x in self.primitives(na) {
-                            self.primitives(nb).iter().for_each(|&y| found(x as usize, y as usize));
+        let mut visits = Visits { queries: 1, nodes: 0 };
+        // Two equal numbers stand for the pairs within a subtree. Those pend twice for each level
+        // above, and below them pend two different nodes, one for each level of either.
+        let mut stack = [(0, 0); 2 * STACK];
+        let mut top = 1;
+        while top > 0 {
+            top -= 1;
+            let (a, b) = stack[top];
+            let (na, nb) = (&nodes[a as usize], &nodes[b as usize]);
+            if a != b && !na.aabb().overlaps(&nb.aabb()) {
+                continue;
+            }
+            let mut push = |pair| {
+                stack[top] = pair;
+                top += 1;
+            };
+            let (l, r) = (na.first() as u32, na.first() as u32 + 1);
+            // The larger one, so that the boxes compared stay alike in size.
+            let opens_a =
+                !na.is_leaf() && (a == b || nb.is_leaf() || na.aabb().half_area() >= nb.aabb().half_area());
+            if opens_a && a == b {
+                [(l, l), (r, r), (l, r)].into_iter().for_each(&mut push);
+            } else if opens_a {
+                [(l, b), (r, b)].into_iter().for_each(&mut push);
+            } else if !nb.is_leaf() {
+                let first = nb.first() as u32;
+                [(a, first), (a, first + 1)].into_iter().for_each(&mut push);
+            } else {
+                let aabb = |leaf: &Node, p: u32| {
+                    if leaf.count() == 1 { leaf.aabb() } else { primitives.aabb(p as usize) }
+                };
+                for (i, &x) in self.primitives(na).iter().enumerate() {
+                    let own = aabb(na, x);
+                    for &y in &self.primitives(nb)[if a == b { i + 1 } else { 0 }..] {
+                        if own.overlaps(&aabb(nb, y)) && found(x as usize, y as usize).is_break() {
+                            return visits;
                         }
                     }
-                    // Open the larger, so that the boxes compared stay alike in size.
-                    (false, leaf) if leaf || na.aabb().half_area() >= nb.aabb().half_area() => {
-                        todo.extend([(na.first(), b), (na.first() + 1, b)]);
-                    }
-                    _ => todo.extend([(a, nb.first()), (a, nb.first() + 1)]),
                 }
+                continue;
             }
+            visits.nodes += 1;
         }
+        visits
     }
 
-    /// Casts a ray: calls `test` with the number of each primitive in a leaf that the ray enters before
-    /// `t_max`, nearest leaves first as far as boxes tell.
+    /// Casts a ray: calls `test` with the number of each primitive in a leaf that the ray enters
+    /// before `t_max`, near leaves first. Gives the last `t_max` and the work.
     ///
-    /// `test` gets the present `t_max` and returns the new one: smaller after a hit (for the closest hit), negative or NaN to
-    /// end the walk there (for any hit), unchanged otherwise. Returns the last `t_max`. An invalid ray, or a `t_max` that is
-    /// negative or NaN, meets nothing. Rounding keeps no leaf from being tested, not even one at `t_max`
-    /// ([`Ray::WIDEN`]), so a few may be that lie just behind it.
+    /// `test` gets the present `t_max` and gives the next one: `Continue` with the distance of a
+    /// nearer hit, or with the same `t_max`, finds the closest hit; `Break` ends the walk with any
+    /// hit. Distances are in multiples of the ray's direction.
     ///
-    /// O(log n) for a ray that meets little; O(n) at worst.
-    pub fn cast_ray(&self, ray: &Ray, mut t_max: f32, mut test: impl FnMut(usize, f32) -> f32) -> f32 {
+    /// An invalid ray, or a `t_max` that is negative or NaN, meets nothing. Rounding never skips a
+    /// leaf, not even one exactly at `t_max` ([`Ray::WIDEN`]), so a few leaves just behind it may
+    /// be tested. O(log n) for a ray that meets little, O(n) at worst. Allocates nothing.
+    ///
+    /// ```
+    /// use bvh_core::{Aabb, Bvh, Node, Ray, Vec3};
+    /// use std::ops::ControlFlow::{Break, Continue};
+    ///
+    /// let unit = Aabb::new(Vec3::ZERO, Vec3::ONE);
+    /// let bvh = Bvh::new(&[Node::leaf(unit, 0, 1), Node::NOTHING], vec![0])?;
+    /// let ray = Ray::new(Vec3::new(0.5, 0.5, -2.0), Vec3::Z);
+    /// // The primitive is its box.
+    /// let mut closest = None;
+    /// let (t, visits) = bvh.cast_ray(&ray, f32::INFINITY, |p, t_max| match ray.enters(&unit, t_max) {
+    ///     Some(t) if t < t_max => {
+    ///         closest = Some(p);
+    ///         Continue(t)
+    ///     }
+    ///     _ => Continue(t_max),
+    /// });
+    /// assert_eq!((t, closest, visits.queries), (2.0, Some(0), 1));
+    ///
+    /// let mut is_hit = false;
+    /// bvh.cast_ray(&ray, 1.0, |_, t_max| {
+    ///     is_hit = true;
+    ///     Break(t_max)
+    /// });
+    /// assert!(!is_hit, "the box begins at 2");
+    /// # Ok::<(), bvh_core::Malformed>(())
+    /// ```
+    pub fn cast_ray(
+        &self,
+        ray: &Ray,
+        t_max: f32,
+        test: impl FnMut(usize, f32) -> ControlFlow<f32, f32>,
+    ) -> (f32, Visits) {
+        self.walk_nearest_first(t_max, |aabb, t_max| ray.enters(aabb, t_max), Ray::WIDEN, test)
+    }
+
+    /// Finds the primitive of least distance below `max` by walking near boxes first. Gives its
+    /// number and distance, if there is one, and the work.
+    ///
+    /// `to_box` is a lower bound of the distance of everything in a box, and `to_primitive` the
+    /// distance of a primitive, which may stop early once it exceeds the limit it is given. Any
+    /// unit will do, squared distances too. A NaN is never nearer. Of equal distances the first one
+    /// met is taken. O(log n) for scattered primitives, O(n) at worst. Allocates nothing.
+    ///
+    /// ```
+    /// use bvh_core::{Aabb, Bvh, Node, Vec3};
+    ///
+    /// let boxes = [0.0, 5.0].map(|x| Aabb::new(Vec3::X * x, Vec3::X * x + Vec3::ONE));
+    /// let (l, r) = (Node::leaf(boxes[0], 0, 1), Node::leaf(boxes[1], 1, 1));
+    /// let bvh = Bvh::new(&[Node::parent(&l, &r, 2), Node::NOTHING, l, r], vec![0, 1])?;
+    /// let point = Vec3::new(4.0, 0.5, 0.5);
+    /// let (nearest, _) = bvh.nearest(
+    ///     f32::INFINITY,
+    ///     |aabb| aabb.distance_squared(point),
+    ///     |p, _| boxes[p].distance_squared(point),
+    /// );
+    /// assert_eq!(nearest, Some((1, 1.0)));
+    /// # Ok::<(), bvh_core::Malformed>(())
+    /// ```
+    pub fn nearest(
+        &self,
+        max: f32,
+        to_box: impl Fn(&Aabb) -> f32,
+        mut to_primitive: impl FnMut(usize, f32) -> f32,
+    ) -> (Option<(usize, f32)>, Visits) {
+        let mut nearest = None;
+        let enters = |aabb: &Aabb, max| Some(to_box(aabb)).filter(|&distance| distance < max);
+        let (_, visits) = self.walk_nearest_first(max, enters, 1.0, |p, max| {
+            let distance = to_primitive(p, max);
+            if distance < max {
+                nearest = Some((p, distance));
+            }
+            ControlFlow::Continue(distance.min(max))
+        });
+        (nearest, visits)
+    }
+
+    /// Calls `test` with the primitives of each leaf whose box `enters` below the limit that `test`
+    /// gave last, near boxes first. A node waits on the stack until its entry exceeds `widen`
+    /// limits.
+    #[inline]
+    fn walk_nearest_first(
+        &self,
+        mut limit: f32,
+        enters: impl Fn(&Aabb, f32) -> Option<f32>,
+        widen: f32,
+        mut test: impl FnMut(usize, f32) -> ControlFlow<f32, f32>,
+    ) -> (f32, Visits) {
         let nodes = self.nodes();
-        let mut stack: [(f32, u32); MAX_HEIGHT as usize + 1] = [(0.0, 0); MAX_HEIGHT as usize + 1];
+        let mut visits = Visits { queries: 1, nodes: 0 };
+        let mut stack = [(0.0, 0); STACK];
         let mut top = 0;
-        let Some(mut t) = ray.enters(&self.root().aabb(), t_max) else {
-            return t_max;
-        };
-        let mut n = 0;
-        loop {
-            let node = &nodes[n];
-            if t > t_max * Ray::WIDEN {
+        let mut next = enters(&self.root().aabb(), limit).map(|t| (t, 0));
+        while let Some((t, n)) = next.take() {
+            let node = &nodes[n as usize];
+            if t > limit * widen {
                 // A nearer hit was found since.
             } else if node.is_leaf() {
                 for &p in self.primitives(node) {
-                    t_max = test(p as usize, t_max);
-                    if t_max < 0.0 || t_max.is_nan() {
-                        return t_max;
+                    match test(p as usize, limit) {
+                        ControlFlow::Continue(t) if t >= 0.0 => limit = t,
+                        ControlFlow::Continue(t) | ControlFlow::Break(t) => return (t, visits),
                     }
                 }
             } else {
-                let first = node.first();
-                let l = ray.enters(&nodes[first].aabb(), t_max);
-                let r = ray.enters(&nodes[first + 1].aabb(), t_max);
-                match (l, r) {
-                    (Some(tl), Some(tr)) => {
-                        let right_first = tr < tl;
-                        let (near, far) = if right_first { (tr, tl) } else { (tl, tr) };
-                        stack[top] = (far, (first + usize::from(!right_first)) as u32);
+                visits.nodes += 1;
+                let (l, r) = (node.first() as u32, node.first() as u32 + 1);
+                let enters = |n: u32| enters(&nodes[n as usize].aabb(), limit).map(|t| (t, n));
+                next = match (enters(l), enters(r)) {
+                    (Some(l), Some(r)) => {
+                        let (near, far) = if r.0 < l.0 { (r, l) } else { (l, r) };
+                        stack[top] = far;
                         top += 1;
-                        (n, t) = (first + usize::from(right_first), near);
-                        continue;
+                        Some(near)
                     }
-                    (Some(tl), None) => {
-                        (n, t) = (first, tl);
-                        continue;
-                    }
-                    (None, Some(tr)) => {
-                        (n, t) = (first + 1, tr);
-                        continue;
-                    }
-                    (None, None) => {}
-                }
+                    (l, r) => l.or(r),
+                };
             }
-            if top == 0 {
-                return t_max;
+            if next.is_none() && top > 0 {
+                top -= 1;
+                next = Some(stack[top]);
             }
-            top -= 1;
-            (t, n) = (stack[top].0, stack[top].1 as usize);
         }
+        (limit, visits)
     }
 }

@@ -13,15 +13,17 @@ pub struct Ray {
 }
 
 impl Ray {
-    /// How much later than computed a ray leaves a box: 1 + 16 u, where u = 2^-24 bounds one rounding.
+    /// How much later than computed a ray leaves a box: 1 + 16 u, where u = 2^-24 bounds one
+    /// rounding.
     ///
-    /// Entry and exit carry three roundings each (Ize, *Robust BVH Ray Traversal*, 2013), and a watertight triangle test
-    /// (Woop, Benthin, Wald 2013) moves a vertex close to the ray by up to four in each of two axes; 15 u in all with
-    /// the rounding of this product itself.
+    /// Entry and exit carry three roundings each (Ize, *Robust BVH Ray Traversal*, 2013), and a
+    /// watertight triangle test (Woop, Benthin, Wald 2013) moves a vertex close to the ray by up to
+    /// four in each of two axes; 15 u in all with the rounding of this product itself.
     pub const WIDEN: f32 = 1.0 + 1.0 / (1 << 20) as f32;
 
-    /// A ray from `origin` along `direction`, which need not have unit length: distances along the ray are in
-    /// multiples of its length. A ray with a NaN or infinite component, or of zero direction, hits nothing.
+    /// A ray from `origin` along `direction`, which need not have unit length: distances along the
+    /// ray are in multiples of its length. A ray with a NaN or infinite component, or of zero
+    /// direction, hits nothing.
     #[must_use]
     #[inline]
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
@@ -44,7 +46,8 @@ impl Ray {
         self.direction
     }
 
-    /// One over each component of the direction; infinite, with the sign of the zero, where it is zero.
+    /// One over each component of the direction; infinite, with the sign of the zero, where it is
+    /// zero.
     #[must_use]
     #[inline]
     pub fn inverse(&self) -> Vec3 {
@@ -58,15 +61,16 @@ impl Ray {
         !self.origin.is_nan()
     }
 
-    /// The distance at which the ray enters `aabb` between 0 and `t_max`, or `None`: always so for an empty box, an
-    /// invalid ray, and a `t_max` that is negative or NaN.
+    /// The distance at which the ray enters `aabb` between 0 and `t_max`, or `None`: always so for
+    /// an empty box, an invalid ray, and a `t_max` that is negative or NaN.
     ///
-    /// Conservative by [`WIDEN`](Self::WIDEN): rounding never turns a hit into a miss, not even one at `t_max`.
+    /// Conservative by [`WIDEN`](Self::WIDEN): rounding never turns a hit into a miss, not even one
+    /// at `t_max`.
     #[must_use]
     #[inline]
     pub fn enters(&self, aabb: &Aabb, t_max: f32) -> Option<f32> {
-        // Nearest by the direction's sign, not by the lesser product: a ray inside the plane of a side has
-        // 0 * inf = NaN there, and `max` and `min` then ignore just that side.
+        // Nearest by the direction's sign, not by the lesser product: a ray inside the plane of a
+        // side has 0 * inf = NaN there, and `max` and `min` then ignore just that side.
         let (mut near, mut far) = (0.0f32, f32::INFINITY);
         for axis in 0..3 {
             let (first, last) = if self.inverse[axis].is_sign_negative() {
@@ -77,7 +81,8 @@ impl Ray {
             near = near.max((first - self.origin[axis]) * self.inverse[axis]);
             far = far.min((last - self.origin[axis]) * self.inverse[axis]);
         }
-        // Written so that a `t_max` of NaN meets nothing. Widening the least gives the least of the widened.
+        // Written so that a `t_max` of NaN meets nothing. Widening the least gives the least of the
+        // widened.
         let far = if t_max < far {
             t_max
         } else if t_max >= far {

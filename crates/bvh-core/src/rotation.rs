@@ -11,12 +11,12 @@
 //!
 //! `LR <-> RL` and `LR <-> RR` would give mirror images of the last two, which cost the same.
 //!
-//! A rotation leaves N's box and everything below the swapped nodes as they are, so the change of the tree's
-//! SAH cost is the change of half area of the one or two inner children whose boxes are new (times
-//! [`COST_TRAVERSE`](crate::COST_TRAVERSE), over the root's area). *That* is what is compared here, not the
-//! areas of N's two new children. Nothing is divided, and a change `x - y` of two `f32` is negative only if
-//! `x < y` exactly, so each rotation lowers the exact sum of the rounded areas: on a still scene rotations
-//! come to an end.
+//! A rotation leaves N's box and everything below the swapped nodes as they are, so the change of
+//! the tree's SAH cost is the change of half area of the one or two inner children whose boxes are
+//! new (times [`COST_TRAVERSE`](crate::COST_TRAVERSE), over the root's area). *That* is what is
+//! compared here, not the areas of N's two new children. Nothing is divided, and a change `x - y`
+//! of two `f32` is negative only if `x < y` exactly, so each rotation lowers the exact sum of the
+//! rounded areas: on a still scene rotations come to an end.
 
 use crate::{Aabb, MAX_HEIGHT, Node};
 
@@ -73,12 +73,22 @@ impl std::fmt::Display for Rotation {
     }
 }
 
-/// How the half areas of N's inner children would change under each rotation, in the order of
+/// Computes the change of the half areas of N's inner children under each rotation, in the order of
 /// [`Rotation::ALL`]; infinite where the swapped nodes do not exist.
 ///
-/// `l` and `r` are the boxes of N's children; `below_l` and `below_r` those of their children, `None` for a
-/// leaf. An area beyond the range of `f32` makes a change infinite or NaN; neither is ever below zero but
-/// where the change is a gain beyond doubt.
+/// `l` and `r` are the boxes of N's children. `below_l` and `below_r` are those of the
+/// grandchildren, `None` below a leaf. An area beyond the range of `f32` makes a change infinite or
+/// NaN; such a change is below zero only where the rotation is certain to gain.
+///
+/// ```
+/// use bvh_core::rotation::{Rotation, area_changes, best};
+/// use bvh_core::{Aabb, Vec3};
+///
+/// let at = |x: f32| Aabb::new(Vec3::X * x, Vec3::X * x + Vec3::ONE);
+/// // L is a leaf at 0; R has one leaf beside it and one far away.
+/// let changes = area_changes(at(0.0), at(1.0).union(at(9.0)), None, Some([at(1.0), at(9.0)]));
+/// assert_eq!(best(changes), Some(Rotation::LForRr));
+/// ```
 #[must_use]
 #[inline]
 pub fn area_changes(l: Aabb, r: Aabb, below_l: Option<[Aabb; 2]>, below_r: Option<[Aabb; 2]>) -> [f32; 6] {
@@ -100,7 +110,8 @@ pub fn area_changes(l: Aabb, r: Aabb, below_l: Option<[Aabb; 2]>, below_r: Optio
     change
 }
 
-/// The rotation with the smallest change, if that is a gain; the first in order on a tie. A NaN is no gain.
+/// Chooses the rotation of the smallest change, if it is below zero; the first in order on a tie. A
+/// NaN is no gain.
 #[must_use]
 #[inline]
 pub fn best(changes: [f32; 6]) -> Option<Rotation> {
@@ -133,7 +144,8 @@ impl Slots for [Node] {
     }
 }
 
-/// The changes of all rotations at the inner node whose children are in slots `pair` and `pair + 1`.
+/// Computes the changes of all rotations at the inner node whose children are in slots `pair` and
+/// `pair + 1`.
 #[must_use]
 #[inline]
 pub fn area_changes_at<S: Slots + ?Sized>(nodes: &S, pair: usize) -> [f32; 6] {
@@ -142,13 +154,13 @@ pub fn area_changes_at<S: Slots + ?Sized>(nodes: &S, pair: usize) -> [f32; 6] {
     area_changes(l.aabb(), r.aabb(), below(l), below(r))
 }
 
-/// Rotates at the inner node N whose children are in slots `pair` and `pair + 1`: one swap of two slots, and
-/// new boxes, heights and moving bits for the children that got a new child. The caller refits N itself, whose
-/// height may have changed.
+/// Rotates at the inner node N whose children are in slots `pair` and `pair + 1`: swaps two slots
+/// and refits the children that got a new child. The caller refits N, whose height may have
+/// changed.
 ///
-/// `depth` is N's own depth. Gives by how much the sum of half areas of nodes that stand still grew
-/// ([`Parts::still_area`](crate::Parts)); `None`, with nothing changed, if the tree would become higher than
-/// [`MAX_HEIGHT`], or if a swapped node does not exist because L or R is a leaf.
+/// `depth` is N's own depth. Gives the change of [`Bvh::static_area`](crate::Bvh::static_area).
+/// Gives `None` and changes nothing if the tree would become higher than [`MAX_HEIGHT`], or if L or
+/// R is a leaf where a grandchild is to be swapped.
 pub fn rotate<S: Slots + ?Sized>(nodes: &mut S, pair: usize, rotation: Rotation, depth: u32) -> Option<f64> {
     let children = [nodes.get(pair), nodes.get(pair + 1)];
     let below = |child: usize| (!children[child].is_leaf()).then(|| children[child].first());
@@ -173,7 +185,7 @@ pub fn rotate<S: Slots + ?Sized>(nodes: &mut S, pair: usize, rotation: Rotation,
         nodes.set(a, at_b);
         nodes.set(b, at_a);
     };
-    let still = |node: Node| if node.moves() { 0.0 } else { node.aabb().half_area_f64() * node.weight() };
+    let static_term = |node: Node| if node.is_dynamic() { 0.0 } else { node.sah_term() };
     swap_slots(nodes);
     let mut grown = 0.0;
     for i in touched.clone() {
@@ -181,7 +193,7 @@ pub fn rotate<S: Slots + ?Sized>(nodes: &mut S, pair: usize, rotation: Rotation,
         let mut after = before;
         after.refit(&nodes.get(before.first()), &nodes.get(before.first() + 1));
         nodes.set(pair + i, after);
-        grown += still(after) - still(children[i]);
+        grown += static_term(after) - static_term(children[i]);
     }
     let height = 1 + nodes.get(pair).height().max(nodes.get(pair + 1).height());
     if depth + height > MAX_HEIGHT {
@@ -271,15 +283,15 @@ mod tests {
     }
 
     #[test]
-    fn what_a_rotation_brings_to_rest_is_told() {
+    fn static_area_follows_a_rotation() {
         let mut bvh = four([[0.0; 3], [2.0; 3], [4.0; 3], [6.0; 3]]);
-        bvh.set_moving(|p| p == 0);
+        bvh.set_dynamic(|p| p == 0);
         let mut nodes = bvh.nodes().to_vec();
-        // R = (2, 3) stood still and becomes (0, 3), which moves; L = (0, 1) becomes (2, 1), which does not.
+        // R = (2, 3) is static and becomes (0, 3), dynamic; L = (0, 1) becomes (2, 1), static.
         let before = nodes[3].aabb().half_area_f64();
         let grown = rotate(nodes.as_mut_slice(), 2, Rotation::LlForRl, 0);
         assert_eq!(grown, Some(nodes[2].aabb().half_area_f64() - before));
-        assert!(!nodes[2].moves() && nodes[3].moves());
+        assert!(!nodes[2].is_dynamic() && nodes[3].is_dynamic());
     }
 
     proptest! {

@@ -4,23 +4,24 @@ use crate::{Bvh, sah_cost};
 
 /// Figures of one tree.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct Stats {
     /// Primitives, dropped ones included.
     pub primitives: usize,
-    /// Primitives in leaves whose box is empty: not finite, or of a leaf without any finite one.
+    /// Primitives in leaves with an empty box: none of them is finite.
     pub dropped: usize,
     /// Inner nodes.
     pub inner: usize,
     /// Leaves.
     pub leaves: usize,
-    /// Most primitives in one leaf.
+    /// Number of primitives in the largest leaf.
     pub largest_leaf: usize,
     /// Edges from the root to the deepest leaf.
     pub height: u32,
     /// Mean depth of the leaves.
     pub mean_leaf_depth: f64,
-    /// Inner nodes with at least one grandchild, where a rotation is possible (Kopta et al. 2012, section 3:
-    /// about a quarter of all nodes).
+    /// Inner nodes with at least one grandchild, where a rotation is possible (Kopta et al. 2012,
+    /// section 3: about a quarter of all nodes).
     pub candidates: usize,
     /// SAH cost; see [`sah_cost`].
     pub sah_cost: f64,
@@ -28,14 +29,19 @@ pub struct Stats {
     pub bytes: usize,
 }
 
-/// Computes the figures of a tree; O(n).
+/// Computes the figures of a tree. O(n).
+///
+/// ```
+/// let stats = bvh_core::stats(&bvh_core::Bvh::default());
+/// assert_eq!((stats.primitives, stats.leaves, stats.sah_cost), (0, 1, 0.0));
+/// ```
 #[must_use]
 pub fn stats(bvh: &Bvh) -> Stats {
     let mut s = Stats {
         primitives: bvh.len(),
         height: bvh.height(),
         sah_cost: sah_cost(bvh),
-        bytes: bvh.bytes(),
+        bytes: bvh.memory_usage(),
         ..Stats::default()
     };
     let mut depths = 0u64;

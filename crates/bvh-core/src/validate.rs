@@ -39,9 +39,10 @@ pub enum Invalid {
         /// What it is.
         expected: u32,
     },
-    /// A moving bit that is not that of the children together, or a leaf that stands still where all primitives move.
-    #[error("node {node} says moving = {found}; its children, or the tree, say otherwise")]
-    Moves {
+    /// A dynamic bit that is not the union of the children's, or a static leaf in a tree of dynamic
+    /// primitives only.
+    #[error("node {node} says dynamic = {found}; its children, or the tree, say otherwise")]
+    Dynamic {
         /// The node.
         node: usize,
         /// What it says.
@@ -50,13 +51,24 @@ pub enum Invalid {
 }
 
 impl Bvh {
-    /// Checks everything a tree promises: a valid structure, every primitive in one leaf, every box *tight*
-    /// (equal to the union of what is below it, not merely containing it), heights and moving bits right.
+    /// Checks everything a tree promises: a valid structure, every primitive in one leaf, every box
+    /// *tight* (equal to the union of the boxes below it), heights and dynamic bits right.
     ///
-    /// O(n). Boxes of primitives come from `primitives` as they are now.
+    /// Boxes of primitives come from `primitives` as they are now. O(n).
     ///
     /// # Errors
-    /// The first thing found wrong.
+    /// The first fault found.
+    ///
+    /// ```
+    /// use bvh_core::{Aabb, Bvh, Invalid, Node, Vec3};
+    ///
+    /// let mut boxes = [Aabb::new(Vec3::ZERO, Vec3::ONE)];
+    /// let bvh = Bvh::new(&[Node::leaf(boxes[0], 0, 1), Node::NOTHING], vec![0])?;
+    /// assert_eq!(bvh.validate(&boxes), Ok(()));
+    /// boxes[0] = boxes[0].grown(1.0);
+    /// assert!(matches!(bvh.validate(&boxes), Err(Invalid::NotTight { node: 0, .. })));
+    /// # Ok::<(), bvh_core::Malformed>(())
+    /// ```
     pub fn validate<P: Primitives + ?Sized>(&self, primitives: &P) -> Result<(), Invalid> {
         if primitives.len() != self.len() {
             return Err(Invalid::Count { tree: self.len(), given: primitives.len() });
@@ -64,15 +76,17 @@ impl Bvh {
         Self::new(self.nodes(), self.order().to_vec())?;
         let mut wrong = Ok(());
         self.visit(|n, node, _| {
-            let (expected, height, moves) = match self.children(node) {
+            let (expected, height, dynamic) = match self.children(node) {
                 None => {
                     let boxes = self.primitives(node).iter().map(|&p| primitives.aabb(p as usize));
-                    let moves = node.moves() || self.all_move() && node.count() > 0;
-                    (boxes.fold(Aabb::EMPTY, Aabb::union), 0, moves)
+                    let dynamic = node.is_dynamic() || self.all_dynamic() && node.count() > 0;
+                    (boxes.fold(Aabb::EMPTY, Aabb::union), 0, dynamic)
                 }
-                Some([l, r]) => {
-                    (l.aabb().union(r.aabb()), 1 + l.height().max(r.height()), l.moves() || r.moves())
-                }
+                Some([l, r]) => (
+                    l.aabb().union(r.aabb()),
+                    1 + l.height().max(r.height()),
+                    l.is_dynamic() || r.is_dynamic(),
+                ),
             };
             let found = node.aabb();
             if wrong.is_err() {
@@ -80,8 +94,8 @@ impl Bvh {
                 wrong = Err(Invalid::NotTight { node: n, found, expected });
             } else if node.height() != height {
                 wrong = Err(Invalid::Height { node: n, found: node.height(), expected: height });
-            } else if node.moves() != moves {
-                wrong = Err(Invalid::Moves { node: n, found: node.moves() });
+            } else if node.is_dynamic() != dynamic {
+                wrong = Err(Invalid::Dynamic { node: n, found: node.is_dynamic() });
             }
         });
         wrong

@@ -1,9 +1,9 @@
-//! For each cluster the one nearby with which its hull is smallest.
+//! For each cluster the nearby cluster with which its common bounds are smallest.
 
 use bvh_core::glam::{Mat4, Vec4};
 use rayon::prelude::*;
 
-use crate::item::{Hull, Item};
+use crate::prim_ref::{Bounds, PrimRef};
 use crate::raw;
 
 /// Largest search radius.
@@ -12,18 +12,19 @@ pub(crate) const MAX_RADIUS: usize = 32;
 /// Clusters that are handled at a time.
 const PART: usize = 256;
 
-/// Of a cluster's place and another's: which is the nearest is decided by area and then by this, in the lowest bits of
-/// the area. First the distance, then, as there are two at each, the parity of the lower place in units of the
-/// greatest power of two that divides the distance. The two have different ones.
+/// Of a cluster's place and another's: which is the nearest is decided by area and then by this, in
+/// the lowest bits of the area. First the distance, then, as there are two at each, the parity of
+/// the lower place in units of the greatest power of two that divides the distance. The two have
+/// different ones.
 const RANK: u32 = 2 * MAX_RADIUS as u32 - 1;
 
 /// Boxes of some clusters and of those near them, coordinate by coordinate.
 #[repr(align(32))]
 pub(crate) struct Window {
     /// Minima and maxima.
-    bounds: [[f32; Window::SIZE]; 6],
-    /// For each, behind [`MAX_RADIUS`] that are greatest, area and rank with another at some distance behind it, as
-    /// bits whose order is that of areas and of equal ones of ranks.
+    coordinates: [[f32; Window::SIZE]; 6],
+    /// For each, behind [`MAX_RADIUS`] that are greatest, area and rank with another at some
+    /// distance behind it, as bits whose order is that of areas and of equal ones of ranks.
     keys: [u32; Window::SIZE + MAX_RADIUS],
     /// The least key.
     least: [u32; Window::SIZE],
@@ -37,7 +38,7 @@ impl Window {
 
     pub(crate) fn new() -> Self {
         Self {
-            bounds: [[0.0; Self::SIZE]; 6],
+            coordinates: [[0.0; Self::SIZE]; 6],
             keys: [u32::MAX; Self::SIZE + MAX_RADIUS],
             least: [u32::MAX; Self::SIZE],
             start: 0,
@@ -45,38 +46,39 @@ impl Window {
         }
     }
 
-    pub(crate) fn fill(&mut self, clusters: &[Item], start: usize) {
+    pub(crate) fn fill(&mut self, clusters: &[PrimRef], start: usize) {
         (self.start, self.len) = (start, clusters.len());
         let (fours, rest) = clusters.as_chunks::<4>();
         for (i, four) in fours.iter().enumerate() {
-            let hulls = four.each_ref().map(Item::hull);
-            let min = columns(hulls.map(|hull| hull.min));
-            let max = columns(hulls.map(|hull| hull.max));
+            let boxes = four.each_ref().map(PrimRef::bounds);
+            let min = columns(boxes.map(|bounds| bounds.min));
+            let max = columns(boxes.map(|bounds| bounds.max));
             let axes = [min.x_axis, min.y_axis, min.z_axis, max.x_axis, max.y_axis, max.z_axis];
-            for (to, axis) in self.bounds.iter_mut().zip(axes) {
+            for (to, axis) in self.coordinates.iter_mut().zip(axes) {
                 to[4 * i..4 * i + 4].copy_from_slice(&axis.to_array());
             }
         }
-        for (i, item) in (4 * fours.len()..).zip(rest) {
-            let Hull { min, max } = item.hull();
-            let bounds = [min.x, min.y, min.z, max.x, max.y, max.z];
-            for (to, bound) in self.bounds.iter_mut().zip(bounds) {
+        for (i, prim) in (4 * fours.len()..).zip(rest) {
+            let Bounds { min, max } = prim.bounds();
+            let coordinates = [min.x, min.y, min.z, max.x, max.y, max.z];
+            for (to, bound) in self.coordinates.iter_mut().zip(coordinates) {
                 to[i] = bound;
             }
         }
     }
 
-    /// For the clusters from place `from` on, finds the places of those with the least keys, within `radius` and the
-    /// window. One code for all SIMD levels: loops over plain arrays, which compilers turn into vector instructions.
+    /// For the clusters from place `from` on, finds the places of those with the least keys, within
+    /// `radius` and the window. One code for all SIMD levels: loops over plain arrays, which
+    /// compilers turn into vector instructions.
     #[inline(always)]
     pub(crate) fn search(&mut self, radius: usize, from: usize, nearest: &mut [u32]) {
-        let Self { bounds, keys, least, start, len } = self;
+        let Self { coordinates, keys, least, start, len } = self;
         let n = *len;
         least[..n].fill(u32::MAX);
         for distance in 1..=radius.min(n - 1) {
             let m = n - distance;
-            let [a, b, c, d, e, f] = bounds.each_ref().map(|b| &b[..m]);
-            let [a2, b2, c2, d2, e2, f2] = bounds.each_ref().map(|b| &b[distance..][..m]);
+            let [a, b, c, d, e, f] = coordinates.each_ref().map(|b| &b[..m]);
+            let [a2, b2, c2, d2, e2, f2] = coordinates.each_ref().map(|b| &b[distance..][..m]);
             let first = *start as u32;
             let shift = distance.trailing_zeros();
             let rank = 2 * (distance as u32 - 1);
@@ -89,7 +91,8 @@ impl Window {
                 let parity = (first + i as u32) >> shift & 1;
                 forward[i] = area.to_bits() & !RANK | rank | parity;
             }
-            // Not in the loop above, where a vector of keys at an odd place would span two that are still to be stored.
+            // Not in the loop above, where a vector of keys at an odd place would span two that are
+            // still to be stored.
             keys[MAX_RADIUS + m..][..distance].fill(u32::MAX);
             let forward = keys[MAX_RADIUS..][..n].iter();
             let backward = keys[MAX_RADIUS - distance..][..n].iter();
@@ -126,9 +129,9 @@ fn columns(rows: [Vec4; 4]) -> Mat4 {
     Mat4::from_cols(a, b, c, d).transpose()
 }
 
-/// Finds for each of at least two clusters the place of the one, at most `radius` places away, with which it has the
-/// smallest hull.
-pub(crate) fn find(clusters: &[Item], radius: usize, nearest: &mut [u32], threads: usize) {
+/// Finds for each of at least two clusters the place of the one, at most `radius` places away, with
+/// which it has the smallest bounds.
+pub(crate) fn find(clusters: &[PrimRef], radius: usize, nearest: &mut [u32], threads: usize) {
     let find = |window: &mut Window, (part, nearest): (usize, &mut [u32])| {
         let start = part * PART;
         let first = start.saturating_sub(radius);
@@ -151,11 +154,11 @@ mod tests {
 
     use super::*;
 
-    fn clusters(boxes: &[Aabb]) -> Vec<Item> {
-        boxes.iter().enumerate().map(|(i, &b)| Item::cluster(Hull::of(b), i as u32, 1)).collect()
+    fn clusters(boxes: &[Aabb]) -> Vec<PrimRef> {
+        boxes.iter().enumerate().map(|(i, &b)| PrimRef::cluster(Bounds::of(b), i as u32, 1)).collect()
     }
 
-    fn nearest(clusters: &[Item], radius: usize, threads: usize) -> Vec<u32> {
+    fn nearest(clusters: &[PrimRef], radius: usize, threads: usize) -> Vec<u32> {
         let mut nearest = vec![u32::MAX; clusters.len()];
         find(clusters, radius, &mut nearest, threads);
         nearest
@@ -171,7 +174,7 @@ mod tests {
             let clusters = clusters(&boxes);
             let nearest = nearest(&clusters, radius, 1);
             for (i, &j) in nearest.iter().enumerate() {
-                let area = |j: usize| clusters[i].hull().union(clusters[j].hull()).half_area();
+                let area = |j: usize| clusters[i].bounds().union(clusters[j].bounds()).half_area();
                 let near = (i.saturating_sub(radius)..boxes.len().min(i + radius + 1)).filter(|&k| k != i);
                 let least = near.map(area).fold(f32::INFINITY, f32::min);
                 prop_assert!(j as usize != i && (j as usize).abs_diff(i) <= radius);

@@ -1,20 +1,20 @@
 //! The best trees over two, three and four primitives, found by trying all.
 
-use crate::item::{Hull, Item};
-use crate::plot::Plot;
+use crate::prim_ref::{Bounds, PrimRef};
+use crate::subtree_slot::SubtreeSlot;
 
 /// Most primitives that [`grow`] takes.
 pub(crate) const MOST: usize = 4;
 
 /// Builds the cheapest tree over two to four primitives, the first of equals; O(1);
-/// gives its hull. The plot must allow any split.
+/// gives its bounds. The slot must allow any split.
 ///
 /// All such trees have the same leaves, so only their inner nodes below the root count.
-pub(crate) fn grow(items: &[Item], plot: Plot) -> Hull {
-    match items {
-        [a, b] => pair(a, b, plot),
+pub(crate) fn grow(prims: &[PrimRef], slot: SubtreeSlot) -> Bounds {
+    match prims {
+        [a, b] => pair(a, b, slot),
         [a, b, c] => {
-            let area = |a: &Item, b: &Item| a.hull().union(b.hull()).half_area();
+            let area = |a: &PrimRef, b: &PrimRef| a.bounds().union(b.bounds()).half_area();
             let (ab, ac, bc) = (area(a, b), area(a, c), area(b, c));
             let [a, b, c] = if ab <= ac && ab <= bc {
                 [a, b, c]
@@ -23,26 +23,27 @@ pub(crate) fn grow(items: &[Item], plot: Plot) -> Hull {
             } else {
                 [b, c, a]
             };
-            plot.fork(2, |l, r| (pair(a, b, l), r.leaf(c)))
+            slot.fork(2, |l, r| (pair(a, b, l), r.leaf(c)))
         }
         [a, b, c, d] => {
             let (even, [a, b, c, d]) = best_of_four([a, b, c, d]);
             if even {
-                plot.fork(2, |l, r| (pair(a, b, l), pair(c, d, r)))
+                slot.fork(2, |l, r| (pair(a, b, l), pair(c, d, r)))
             } else {
-                plot.fork(3, |l, r| (l.fork(2, |l, r| (pair(a, b, l), r.leaf(c))), r.leaf(d)))
+                slot.fork(3, |l, r| (l.fork(2, |l, r| (pair(a, b, l), r.leaf(c))), r.leaf(d)))
             }
         }
-        _ => plot.halve(items),
+        _ => slot.halve(prims),
     }
 }
 
-fn pair(a: &Item, b: &Item, plot: Plot) -> Hull {
-    plot.fork(1, |l, r| (l.leaf(a), r.leaf(b)))
+fn pair(a: &PrimRef, b: &PrimRef, slot: SubtreeSlot) -> Bounds {
+    slot.fork(1, |l, r| (l.leaf(a), r.leaf(b)))
 }
 
-/// The fifteen trees over 0 1 2 3 by the two hulls that each has below its root, as indices into the list that
-/// [`best_of_four`] makes, and the order of the leaves. The first three are `(a b) (c d)`, the others `((a b) c) d`.
+/// The fifteen trees over 0 1 2 3 by the two boxes that each has below its root, as indices into
+/// the list that [`best_of_four`] makes, and the order of the leaves. The first three are `(a b) (c
+/// d)`, the others `((a b) c) d`.
 const TREES: [([usize; 2], [usize; 4]); 15] = [
     ([0, 5], [0, 1, 2, 3]),
     ([1, 4], [0, 2, 1, 3]),
@@ -62,10 +63,10 @@ const TREES: [([usize; 2], [usize; 4]); 15] = [
 ];
 
 /// Whether the best tree is `(a b) (c d)` and not `((a b) c) d`, and its leaves.
-fn best_of_four(items: [&Item; 4]) -> (bool, [&Item; 4]) {
-    let [a, b, c, d] = items.map(Item::hull);
+fn best_of_four(prims: [&PrimRef; 4]) -> (bool, [&PrimRef; 4]) {
+    let [a, b, c, d] = prims.map(PrimRef::bounds);
     let (ab, cd) = (a.union(b), c.union(d));
-    let hulls = [
+    let boxes = [
         ab,
         a.union(c),
         a.union(d),
@@ -77,7 +78,7 @@ fn best_of_four(items: [&Item; 4]) -> (bool, [&Item; 4]) {
         cd.union(a),
         cd.union(b),
     ];
-    let area = hulls.map(|hull| hull.half_area());
+    let area = boxes.map(|bounds| bounds.half_area());
     let mut best = 0;
     let mut least = f32::INFINITY;
     for (i, ([x, y], _)) in TREES.iter().enumerate() {
@@ -86,7 +87,7 @@ fn best_of_four(items: [&Item; 4]) -> (bool, [&Item; 4]) {
             (best, least) = (i, cost);
         }
     }
-    (best < 3, TREES[best].1.map(|i| items[i]))
+    (best < 3, TREES[best].1.map(|i| prims[i]))
 }
 
 #[cfg(test)]
@@ -94,7 +95,7 @@ mod tests {
     use bvh_core::{Aabb, Bvh, Vec3};
     use proptest::prelude::*;
 
-    use crate::{BuildOptions, Builder, build};
+    use crate::{Builder, build};
 
     /// Least area of the inner nodes of any tree over `boxes`, by trying all.
     fn least(boxes: &[Aabb]) -> f64 {
@@ -132,7 +133,7 @@ mod tests {
                 .iter()
                 .map(|c| Aabb::around(&[Vec3::new(c[0], c[1], c[2]), Vec3::new(c[3], c[4], c[5])]))
                 .collect();
-            let bvh = build(&boxes, Builder::Binned, &BuildOptions::default(), None).expect("few");
+            let bvh = build(&boxes, Builder::Binned).expect("few");
             prop_assert!(inner_area(&bvh) <= least(&boxes) * (1.0 + 1e-6));
         }
     }

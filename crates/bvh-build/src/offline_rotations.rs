@@ -1,6 +1,6 @@
-//! Offline rotations (Kensler 2008, "Tree rotations for improving bounding volume hierarchies"; Kopta et al. 2012, section
-//! 1.1): passes over a whole tree that stands still, by hill climbing or by simulated annealing (Kirkpatrick, Gelatt,
-//! Vecchi 1983).
+//! Offline rotations (Kensler 2008, "Tree rotations for improving bounding volume hierarchies";
+//! Kopta et al. 2012, section 1.1): passes over a whole static tree, by hill climbing or by
+//! simulated annealing (Kirkpatrick, Gelatt, Vecchi 1983).
 //!
 //! ```text
 //! pass(N):    pass(L), pass(R)
@@ -11,22 +11,26 @@
 //! anneal:     climb; passes with T falling; back to the best tree seen; climb
 //! ```
 //!
-//! Departures: annealing draws from all rotations at a node at once (a heat bath: the odds of a rotation that costs d
-//! against none are exp(-d / T) : 1, and cold it is the climb), and its schedule is ours. It starts from the
-//! climbed tree and keeps the best, so it is never worse than climbing.
+//! Departures: annealing draws from all rotations at a node at once (a heat bath: the odds of a
+//! rotation that costs d against none are exp(-d / T) : 1). Its schedule is ours. It starts from
+//! the climbed tree and keeps the best, so it is never worse than climbing.
 
 use bvh_core::rotation::{area_changes_at, best, rotate};
-use bvh_core::{Bvh, COST_TRAVERSE, Node, Rotation, sah_cost};
+use bvh_core::{Bvh, Node, Rotation, sah_cost};
 
 use crate::layout::depth_first;
+use crate::options::with_methods;
 use crate::{Optimized, raw};
 
-/// How long [`hill_climb`] may take.
+/// The budget of [`hill_climb`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct HillClimb {
-    /// Most passes over the tree; it ends before when a pass finds nothing to gain. 200 by default.
+    /// Largest number of passes over the tree, 200 by default. A pass without a gain is the last.
     pub passes: u32,
 }
+
+with_methods!(HillClimb: with_passes(passes: u32));
 
 impl Default for HillClimb {
     fn default() -> Self {
@@ -34,20 +38,25 @@ impl Default for HillClimb {
     }
 }
 
-/// How [`anneal`] cools down.
+/// The schedule of [`anneal`].
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Anneal {
-    /// Passes over the tree while it cools, besides those of climbing before and after. 400 by default.
+    /// Passes over the tree while it cools, besides those of the climbs. 400 by default.
     pub passes: u32,
-    /// Temperature at the start, in half areas of an average inner node: a rotation that costs as much is taken once where
-    /// leaving things as they are is taken e times. 0.1 by default; it falls geometrically to 1e-5 of that, as areas spread
-    /// over as many scales. Hotter pays with more passes and on uneven scenes. With 0 or NaN it is all climbing.
+    /// Temperature at the start, in half areas of an average inner node; 0.1 by default. The odds
+    /// of a rotation that costs one temperature are 1 : e against none. The temperature falls
+    /// geometrically to 1e-5 of its start, because areas spread over about as many scales. Hotter
+    /// pays with more passes and on uneven scenes. With 0 or NaN all passes climb.
     pub temperature: f64,
     /// Seed of the random numbers: equal seeds give equal trees.
     pub seed: u64,
-    /// The climbs before and after.
+    /// The budget of the climbs before and after.
     pub climb: HillClimb,
 }
+
+with_methods!(Anneal: with_passes(passes: u32), with_temperature(temperature: f64), with_seed(seed: u64),
+    with_climb(climb: HillClimb));
 
 impl Default for Anneal {
     fn default() -> Self {
@@ -55,21 +64,46 @@ impl Default for Anneal {
     }
 }
 
-/// Rotates wherever that lowers the SAH cost, the best rotation at each node, pass after pass over the whole tree, until
-/// nothing is left to gain (Kensler 2008).
+/// Applies the best rotation at each node, in passes over the whole tree, until none lowers the SAH
+/// cost (Kensler 2008).
 ///
-/// Boxes must be up to date; the order of primitives is kept, nodes come to lie depth first. A rotation that would make
-/// the tree higher than [`MAX_HEIGHT`](bvh_core::MAX_HEIGHT) is refused. Areas beyond the range of `f32` are never a gain.
-/// Serial and deterministic. O(n) a pass, some 30 ns a primitive; ten or so will do.
+/// Boxes must be up to date. The order of primitives is kept, and nodes come to lie depth first. A
+/// rotation that would make the tree higher than [`MAX_HEIGHT`](bvh_core::MAX_HEIGHT) is refused.
+/// Areas beyond the range of `f32` are never a gain. Serial and deterministic. O(n) a pass; about
+/// ten passes are usual.
+///
+/// ```
+/// use bvh_build::{Builder, HillClimb, build, hill_climb};
+/// use bvh_core::{Aabb, Vec3};
+///
+/// let corner = |i: usize| Vec3::new((i * 37 % 100) as f32, (i * 61 % 100) as f32, 0.0);
+/// let boxes: Vec<_> = (0..500).map(|i| Aabb::new(corner(i), corner(i) + Vec3::ONE)).collect();
+/// let mut bvh = build(&boxes, Builder::fast())?;
+/// let done = hill_climb(&mut bvh, &HillClimb::default());
+/// assert!(done.changes > 0 && done.after < done.before);
+/// # Ok::<(), bvh_build::BuildError>(())
+/// ```
 pub fn hill_climb(bvh: &mut Bvh, options: &HillClimb) -> Optimized {
     improve(bvh, |nodes| climb(nodes, 0, options))
 }
 
-/// As [`hill_climb`], and then passes that take worsening rotations at random, the fewer the colder it gets, so that the
-/// tree leaves local minima (Kensler 2008).
+/// Climbs as [`hill_climb`], then leaves local minima by random rotations, with fewer that raise
+/// the cost as it gets colder (Kensler 2008).
 ///
-/// The tree is the best seen at the end of any pass, climbed again; never worse than hill climbing would leave it. Serial
-/// and deterministic. O(n) a pass, some 60 ns a primitive, and memory for a second tree.
+/// The result is the best tree after any pass, climbed again: never worse than by [`hill_climb`]
+/// alone. Serial and deterministic. O(n) a pass, with memory for a second tree.
+///
+/// ```
+/// use bvh_build::{Anneal, Builder, anneal, build};
+/// use bvh_core::{Aabb, Vec3};
+///
+/// let corner = |i: usize| Vec3::new((i * 37 % 100) as f32, (i * 61 % 100) as f32, 0.0);
+/// let boxes: Vec<_> = (0..500).map(|i| Aabb::new(corner(i), corner(i) + Vec3::ONE)).collect();
+/// let mut bvh = build(&boxes, Builder::fast())?;
+/// let done = anneal(&mut bvh, &Anneal::default().with_passes(20).with_seed(7));
+/// assert!(done.after < done.before);
+/// # Ok::<(), bvh_build::BuildError>(())
+/// ```
 pub fn anneal(bvh: &mut Bvh, options: &Anneal) -> Optimized {
     improve(bvh, |nodes| cool(nodes, 0, options))
 }
@@ -80,10 +114,11 @@ fn improve(bvh: &mut Bvh, f: impl FnOnce(&mut [Node]) -> (u32, u64)) -> Optimize
     Optimized { passes, changes, before, after: sah_cost(bvh) }
 }
 
-/// Passes between two that put the nodes back in depth-first order: rotations scatter them.
+/// Passes from one depth-first reordering of the nodes to the next: rotations scatter them.
 const TIDY: u32 = 16;
 
-/// Climbs below the node in slot `root`, which is 0 or a child of that; gives the numbers of passes and rotations.
+/// Climbs below the node in slot `root`, which is 0 or a child of that; gives the numbers of passes
+/// and rotations.
 pub(crate) fn climb(nodes: &mut [Node], root: usize, options: &HillClimb) -> (u32, u64) {
     let mut spare = Vec::new();
     let (depth, mut rotations) = (u32::from(root != 0), 0);
@@ -128,8 +163,9 @@ pub(crate) fn cool(nodes: &mut [Node], root: usize, options: &Anneal) -> (u32, u
     (first.0 + options.passes + last.0, first.1 + rotations + last.1)
 }
 
-/// Visits the nodes from `n` on down, which is `depth` below the root, children first, and rotates at each as `choose` says
-/// from the changes of area; gives the number of rotations. As deep as the tree is high.
+/// Rotates at node `n`, which is `depth` below the root, and at all nodes below it, children first.
+/// `choose` chooses by the changes of area. Gives the number of rotations. As deep as the tree is
+/// high.
 fn pass(
     nodes: &mut [Node],
     n: usize,
@@ -149,12 +185,12 @@ fn pass(
     below + u64::from(rotated)
 }
 
-/// One of the rotations, or none, each with odds of exp(-change / temperature); 0 if it changes nothing.
+/// Draws a rotation, or none, with odds of exp(-change / temperature); 0 for a change of 0.
 fn draw(changes: [f32; 6], temperature: f64, random: &mut Random) -> Option<Rotation> {
     if temperature <= 0.0 {
         return best(changes);
     }
-    // Odds relative to the best keep the exponential in range. NaN has none.
+    // Odds relative to the best keep the exponential in range. A NaN has the odds 0.
     let least = changes.iter().fold(0.0, |least: f32, &change| least.min(change));
     let odds = |change: f32| {
         let change = (f64::from(change) - f64::from(least)) / temperature;
@@ -173,14 +209,14 @@ fn draw(changes: [f32; 6], temperature: f64, random: &mut Random) -> Option<Rota
     weights.iter().position(|&weight| place < weight).map(|i| Rotation::ALL[i])
 }
 
-/// What costs so many temperatures more than the best is never taken.
+/// A rotation that costs this number of temperatures more than the best is never taken.
 const COLD: f64 = 30.0;
 
-/// Natural logarithm of how many times colder the last pass is than the first: 1e5.
+/// Natural logarithm of 1e5, the first temperature over the last.
 const COOLING: f64 = 11.5;
 
-/// exp(-x) for x in 0..[`COLD`], to a few thousandths where that is not next to nothing; with the same bits on every machine,
-/// unlike the mathematical libraries'.
+/// exp(-x) for x in 0..[`COLD`] as (1 - x / 4096)^4096, exact to a few thousandths where it is not
+/// near 0. Unlike that of mathematical libraries it has the same bits on every machine.
 fn exp_minus(x: f64) -> f64 {
     (0..12).fold(1.0 - x / 4096.0, |power, _| power * power)
 }
@@ -193,7 +229,7 @@ fn inner_nodes(nodes: &[Node], root: usize) -> (usize, f64) {
         let node: &Node = &nodes[n];
         if !node.is_leaf() {
             number += 1;
-            area += node.aabb().half_area_f64() * COST_TRAVERSE;
+            area += node.sah_term();
             todo.extend([node.first() + 1, node.first()]);
         }
     }
@@ -218,11 +254,11 @@ mod tests {
     use bvh_core::{Aabb, Vec3};
 
     use super::*;
-    use crate::tests::{options, streets};
+    use crate::tests::streets;
     use crate::{Builder, build};
 
     fn start(boxes: &Vec<Aabb>) -> Bvh {
-        build(boxes, Builder::Lbvh, &options(1), None).expect("few enough")
+        build(boxes, Builder::Lbvh).expect("few enough")
     }
 
     #[test]
@@ -250,17 +286,17 @@ mod tests {
             let done = anneal(&mut bvh, &options);
             bvh.validate(&boxes).expect("valid");
             assert_eq!(done.after, sah_cost(&bvh));
-            (done, bvh.hash())
+            (done, bvh.fingerprint())
         };
         let (first, hash) = annealed(Anneal::default());
         assert!(first.after < 0.998 * climb.after, "{first:?} {climb:?}");
         assert_eq!(annealed(Anneal::default()).1, hash);
-        assert_ne!(annealed(Anneal { seed: 1, ..Anneal::default() }).1, hash);
+        assert_ne!(annealed(Anneal::default().with_seed(1)).1, hash);
         for temperature in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            let (done, hash) = annealed(Anneal { temperature, ..Anneal::default() });
+            let (done, hash) = annealed(Anneal::default().with_temperature(temperature));
             assert!(done.after <= climb.after);
             if !temperature.is_infinite() {
-                assert_eq!(hash, climbed.hash());
+                assert_eq!(hash, climbed.fingerprint());
             }
         }
     }
@@ -282,15 +318,15 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_still_is_summed_anew() {
+    fn the_static_area_is_summed_again() {
         let boxes = streets(500);
         let mut bvh = start(&boxes);
-        bvh.set_moving(|p| p % 16 == 0);
+        bvh.set_dynamic(|p| p % 16 == 0);
         hill_climb(&mut bvh, &HillClimb::default());
         bvh.validate(&boxes).expect("valid");
-        let still = bvh.still_area();
-        bvh.set_moving(|p| p % 16 == 0);
-        assert!(still > 0.0 && (still / bvh.still_area() - 1.0).abs() < 1e-12);
+        let sum = bvh.static_area();
+        bvh.set_dynamic(|p| p % 16 == 0);
+        assert!(sum > 0.0 && (sum / bvh.static_area() - 1.0).abs() < 1e-12);
     }
 
     #[test]
@@ -306,7 +342,7 @@ mod tests {
         hill_climb(&mut climbed, &HillClimb::default());
         climbed.validate(&boxes).expect("valid");
         let mut annealed = bvh.clone();
-        anneal(&mut annealed, &Anneal { passes: 50, ..Anneal::default() });
+        anneal(&mut annealed, &Anneal::default().with_passes(50));
         annealed.validate(&boxes).expect("valid");
         assert!(sah_cost(&climbed) < sah_cost(&bvh) && sah_cost(&annealed) <= sah_cost(&climbed));
     }

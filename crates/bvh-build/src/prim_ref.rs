@@ -1,4 +1,5 @@
-//! Primitives as builders move them about: box and number in 32 bytes, and hulls of many in SIMD lanes.
+//! Primitives as builders move them about: box and number in 32 bytes, and boxes of many in SIMD
+//! lanes.
 
 use bvh_core::glam::{Vec4, Vec4Swizzles};
 use bvh_core::{Aabb, Primitives, Vec3};
@@ -6,19 +7,19 @@ use rayon::prelude::*;
 
 /// A primitive's box and number.
 ///
-/// The fourth lane of `min` is the number with bit 30 set: as an `f32` it is then an ordinary one, neither
-/// NaN nor denormal, so that arithmetic on whole vectors never stumbles over it. That of `max` is -infinity, so
-/// that a maximum with it changes nothing.
+/// The fourth lane of `min` is the number with bit 30 set: as an `f32` it is then an ordinary one,
+/// neither NaN nor denormal, so that arithmetic on whole vectors never stumbles over it. That of
+/// `max` is -infinity, so that a maximum with it changes nothing.
 #[repr(C, align(32))]
 #[derive(Clone, Copy)]
-pub(crate) struct Item {
+pub(crate) struct PrimRef {
     min: Vec4,
     max: Vec4,
 }
 
 const MARK: u32 = 1 << 30;
 
-impl Item {
+impl PrimRef {
     /// Fills memory that is yet to be used.
     pub(crate) const NOTHING: Self = Self { min: Vec4::ZERO, max: Vec4::ZERO };
 
@@ -31,9 +32,9 @@ impl Item {
     /// A primitive; its box is infinite where it has none.
     #[inline]
     fn of<P: Primitives + ?Sized>(primitives: &P, i: usize) -> Self {
-        let [min, max, doubt] = primitives.aabb_lanes(i);
-        // Zero times what is not finite is NaN.
-        if (doubt * 0.0).is_nan_mask().bitmask() & 0b111 == 0 {
+        let [min, max, validity] = primitives.aabb_lanes(i);
+        // Zero times a number that is not finite is NaN.
+        if (validity * 0.0).is_nan_mask().bitmask() & 0b111 == 0 {
             return Self::new([min, max], i);
         }
         let aabb = primitives.aabb(i);
@@ -43,12 +44,13 @@ impl Item {
         Self::new([corner(aabb.min, -1.0), corner(aabb.max, 1.0)], i)
     }
 
-    /// A cluster of primitives: with their number in the fourth lane of `max`, where no arithmetic is done on it.
+    /// A cluster of primitives: with their number in the fourth lane of `max`, where no arithmetic
+    /// is done on it.
     #[inline]
-    pub(crate) fn cluster(hull: Hull, number: u32, size: u32) -> Self {
+    pub(crate) fn cluster(bounds: Bounds, number: u32, size: u32) -> Self {
         Self {
-            min: hull.min.with_w(f32::from_bits(number | MARK)),
-            max: hull.max.with_w(f32::from_bits(size)),
+            min: bounds.min.with_w(f32::from_bits(number | MARK)),
+            max: bounds.max.with_w(f32::from_bits(size)),
         }
     }
 
@@ -64,8 +66,8 @@ impl Item {
     }
 
     #[inline]
-    pub(crate) fn hull(&self) -> Hull {
-        Hull { min: self.min, max: self.max }
+    pub(crate) fn bounds(&self) -> Bounds {
+        Bounds { min: self.min, max: self.max }
     }
 
     /// Twice the centre of the box; the fourth lane is of no meaning.
@@ -90,12 +92,12 @@ impl Item {
 
 /// A box in SIMD lanes; the fourth lanes are of no meaning.
 #[derive(Clone, Copy)]
-pub(crate) struct Hull {
+pub(crate) struct Bounds {
     pub(crate) min: Vec4,
     pub(crate) max: Vec4,
 }
 
-impl Hull {
+impl Bounds {
     pub(crate) const EMPTY: Self = Self { min: Vec4::INFINITY, max: Vec4::NEG_INFINITY };
 
     #[inline]
@@ -113,7 +115,7 @@ impl Hull {
         Self { min: self.min.min(p), max: self.max.max(p) }
     }
 
-    /// Half the surface area; not for empty hulls.
+    /// Half the surface area; not for empty boxes.
     #[inline]
     pub(crate) fn half_area(&self) -> f32 {
         let e = self.max - self.min;
@@ -130,26 +132,26 @@ impl Hull {
 /// What a builder needs to know of all primitives.
 #[derive(Clone, Copy)]
 struct Summary {
-    /// Hull of the origin and of all boxes; infinite if any of these is.
-    all: Hull,
-    /// Hull of the centres.
-    centers: Hull,
+    /// Bounds of the origin and of all boxes; infinite if any of these is.
+    all: Bounds,
+    /// Bounds of the centres.
+    centers: Bounds,
 }
 
 impl Summary {
-    const NOTHING: Self = Self { all: Hull { min: Vec4::ZERO, max: Vec4::ZERO }, centers: Hull::EMPTY };
+    const NOTHING: Self = Self { all: Bounds { min: Vec4::ZERO, max: Vec4::ZERO }, centers: Bounds::EMPTY };
 
     #[inline]
-    fn with(self, item: &Item) -> Self {
-        Self { all: self.all.union(item.hull()), centers: self.centers.with_point(item.center()) }
+    fn with(self, prim: &PrimRef) -> Self {
+        Self { all: self.all.union(prim.bounds()), centers: self.centers.with_point(prim.center()) }
     }
 
     fn and(self, other: Self) -> Self {
         Self { all: self.all.union(other.all), centers: self.centers.union(other.centers) }
     }
 
-    fn of(items: &[Item]) -> Self {
-        items.iter().fold(Self::NOTHING, Self::with)
+    fn of(prims: &[PrimRef]) -> Self {
+        prims.iter().fold(Self::NOTHING, Self::with)
     }
 
     /// Greatest absolute coordinate.
@@ -160,31 +162,31 @@ impl Summary {
 
 /// The primitives as builders want them, each list in the order of the numbers.
 pub(crate) struct Gathered {
-    /// Hull of the centres of those that have a box.
-    pub(crate) centers: Hull,
+    /// Bounds of the centres of those that have a box.
+    pub(crate) centers: Bounds,
     /// Whether the boxes are those of the primitives, and not scaled.
     pub(crate) exact: bool,
 }
 
-/// Coordinates up to this are neither so large nor, if the largest is above its inverse, so small that areas leave
-/// the range of `f32`.
+/// Coordinates up to this are neither so large nor, if the largest is above its inverse, so small
+/// that areas leave the range of `f32`.
 const LARGE: f32 = (1u64 << 40) as f32;
 
 /// Fewest primitives for a task to copy.
 const PART: usize = 4096;
 
-/// Copies the primitives: to `boxed` those with a box, to `dropped` the others. Where all coordinates are tiny or some
-/// huge, they are scaled by a power of two, which changes no decision but those that would drown in overflow or
-/// underflow.
+/// Copies the primitives: to `boxed` those with a box, to `dropped` the others. Where all
+/// coordinates are tiny or some huge, they are scaled by a power of two, which changes no decision
+/// but those that would drown in overflow or underflow.
 pub(crate) fn gather<P: Primitives + ?Sized>(
     primitives: &P,
-    boxed: &mut Vec<Item>,
-    dropped: &mut Vec<Item>,
+    n: usize,
+    boxed: &mut Vec<PrimRef>,
+    dropped: &mut Vec<PrimRef>,
     threads: usize,
 ) -> Gathered {
-    let n = primitives.len();
     dropped.clear();
-    boxed.resize(n, Item::NOTHING);
+    boxed.resize(n, PrimRef::NOTHING);
     let mut all = if threads > 1 && n > PART {
         let parts = boxed.par_chunks_mut(PART).enumerate();
         parts.map(|(i, part)| copy(primitives, i * PART, part)).reduce(|| Summary::NOTHING, Summary::and)
@@ -192,10 +194,10 @@ pub(crate) fn gather<P: Primitives + ?Sized>(
         copy(primitives, 0, boxed)
     };
     if all.largest() == f32::INFINITY {
-        boxed.retain(|item| {
-            let drop = item.hull().aabb().sanitized().is_empty();
+        boxed.retain(|prim| {
+            let drop = prim.bounds().aabb().sanitized().is_empty();
             if drop {
-                dropped.push(Item::new([Hull::EMPTY.min, Hull::EMPTY.max], item.number() as usize));
+                dropped.push(PrimRef::new([Bounds::EMPTY.min, Bounds::EMPTY.max], prim.number() as usize));
             }
             !drop
         });
@@ -206,20 +208,20 @@ pub(crate) fn gather<P: Primitives + ?Sized>(
     if !exact {
         // The reciprocal of the power of two below `size`, or the largest there is.
         let unit = f32::from_bits((254 - (size.to_bits() >> 23)).clamp(1, 253) << 23);
-        boxed.iter_mut().for_each(|item| item.scale(unit));
+        boxed.iter_mut().for_each(|prim| prim.scale(unit));
         all = Summary::of(boxed);
     }
     Gathered { centers: all.centers, exact }
 }
 
-/// Copies as many primitives as there are items, from number `first` on.
+/// Copies as many primitives as there are primitives, from number `first` on.
 // Not inlined into what shares it out, where the compiler keeps less of it in registers.
 #[inline(never)]
-fn copy<P: Primitives + ?Sized>(primitives: &P, first: usize, items: &mut [Item]) -> Summary {
+fn copy<P: Primitives + ?Sized>(primitives: &P, first: usize, prims: &mut [PrimRef]) -> Summary {
     let mut all = Summary::NOTHING;
-    for (item, i) in items.iter_mut().zip(first..) {
-        *item = Item::of(primitives, i);
-        all = all.with(item);
+    for (prim, i) in prims.iter_mut().zip(first..) {
+        *prim = PrimRef::of(primitives, i);
+        all = all.with(prim);
     }
     all
 }
