@@ -5,6 +5,7 @@
 //! sends the next copy. No update waits. The price, measured: [`BackgroundCost`].
 
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -23,7 +24,8 @@ use crate::sweep::is_linear;
 pub struct Background {
     /// The budget of rotations between one new tree and the next, if any are wanted.
     pub rotate: Option<Rotate>,
-    /// Who builds them. A parallel builder runs in the global rayon pool, where it may get in the way of the caller.
+    /// Who builds them. A parallel builder gets a rayon pool of its own, of as many threads as the caller's pool; of
+    /// several such builds in one process each waits for the one before.
     pub builder: Builder,
 }
 
@@ -108,8 +110,10 @@ impl Builds {
             job.took = start.elapsed();
             job
         };
+        let threads = rayon::current_num_threads();
+        let run = move || if is_serial(builder) { build() } else { in_own_pool(threads, build) };
         self.age = 0;
-        self.current = std::thread::Builder::new().spawn(build).ok();
+        self.current = std::thread::Builder::new().spawn(run).ok();
         let history = raw::parts(bvh).history;
         history.background_job = if self.current.is_some() { number } else { 0 };
         history.background_knows_moving = true;
@@ -133,15 +137,32 @@ impl Scratch {
     }
 }
 
+/// Builders that start no task of a rayon pool when a plain thread calls them.
+fn is_serial(builder: Builder) -> bool {
+    matches!(builder, Builder::Sweep | Builder::Binned)
+}
+
+/// Runs a build in a new rayon pool. If the system has no threads to give, the build panics, and the next update starts
+/// another one.
+///
+/// One build at a time: workers that wait for a part of one build would otherwise begin others on the same stack.
+fn in_own_pool<T: Send>(threads: usize, build: impl FnOnce() -> T + Send) -> T {
+    static TURN: Mutex<()> = Mutex::new(());
+    // A build that panicked leaves nothing behind.
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads for a pool");
+    pool.install(build)
+}
+
 impl Drop for Builds {
     /// Waits for the build under way, so that no thread outlives what started it.
+    ///
+    /// The wait blocks. It runs no other task of the caller's pool, since such a task could drop another `Scratch` on the
+    /// same stack, or ask for a lock that the caller holds. It ends, since a build needs no thread of any other pool.
     fn drop(&mut self) {
-        let Some(thread) = self.current.take() else { return };
-        // A parallel builder may be waiting for this very worker of the pool.
-        while !thread.is_finished() && rayon::yield_now().is_some() {
-            std::thread::yield_now();
+        if let Some(thread) = self.current.take() {
+            let _ = thread.join();
         }
-        let _ = thread.join();
     }
 }
 
