@@ -6,6 +6,7 @@
 mod adaptor;
 mod arithmetic;
 mod check;
+mod hard_input;
 mod rounding;
 mod scenes;
 mod seeded;
