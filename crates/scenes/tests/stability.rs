@@ -1,0 +1,110 @@
+//! Simulations stay stable: finite positions, bounded stretch, energy and penetration, from steps that are far too large to
+//! 10,000 frames of small ones. The bounds shrink with the step.
+
+use anim::glam::Vec3;
+use scenes::{Scene, SceneOptions, load};
+
+/// Key frames in a loop, and simulation steps between two of them: 1, 59, 236, 3776 and 9999 steps in all.
+const STEPS: [(usize, usize); 5] = [(2, 1), (60, 1), (60, 4), (60, 64), (10_000, 1)];
+
+fn simulated(name: &str, (key_frames, substeps): (usize, usize)) -> Scene {
+    let options = SceneOptions {
+        detail: Some(0.01),
+        key_frames: Some(key_frames),
+        substeps: Some(substeps),
+        ..SceneOptions::default()
+    };
+    load(name, None, &options).unwrap()
+}
+
+/// Seconds of one simulation step.
+fn step_time(scene: &Scene, (key_frames, substeps): (usize, usize)) -> f32 {
+    scene.animation.duration() as f32 / ((key_frames - 1) * substeps) as f32
+}
+
+/// Calls `check` with the positions at every key frame.
+fn each_frame(scene: &Scene, keys: usize, mut check: impl FnMut(&[Vec3])) {
+    let mut positions = scene.animation.rest();
+    for frame in 0..keys {
+        scene.animation.pose(scene.animation.duration() * frame as f64 / (keys - 1) as f64, &mut positions);
+        assert!(positions.iter().all(|p| p.is_finite()), "{} at key frame {frame}", scene.name);
+        check(&positions);
+    }
+}
+
+#[test]
+fn n_body_keeps_its_energy_and_its_balls_at_every_step_size() {
+    let mut drifts = Vec::new();
+    // The fourth takes as long as the others together, and the fifth is finer.
+    for steps in STEPS.into_iter().filter(|&steps| steps != STEPS[3]) {
+        let scene = simulated("n-body", steps);
+        let mut out = 0.0f32;
+        each_frame(&scene, steps.0, |positions| {
+            for p in positions {
+                out = out.max(p.x.abs() - 5.3).max(p.z.abs() - 5.3).max(-p.y).max(p.y - 10.0);
+            }
+        });
+        println!("{steps:?}: drift {:.1e}, {out} out of the box", scene.measures[0].value);
+        drifts.push(scene.measures[0].value);
+        // A ball may be out by the way of one step.
+        assert!(out < 0.01 + 200.0 * step_time(&scene, steps), "{steps:?}: {out} out of the box");
+    }
+    assert!(drifts.windows(2).all(|w| w[1] < w[0]), "smaller steps, less drift: {drifts:?}");
+    assert!(drifts[1] < 0.1 && drifts[2] < 1e-3 && drifts[3] < 1e-6, "{drifts:?}");
+}
+
+#[test]
+fn cloth_stretches_less_with_smaller_steps_and_never_enters_ball_or_floor() {
+    let mut strains = Vec::new();
+    for steps in STEPS {
+        let scene = simulated("cloth-ball", steps);
+        let cloth = &scene.animation.topology().parts[0];
+        assert_eq!(cloth.name, "cloth");
+        let vertices = cloth.vertices.start as usize..cloth.vertices.end as usize;
+        let (mut lowest, mut nearest, mut farthest) = (f32::MAX, f32::MAX, 0.0f32);
+        each_frame(&scene, steps.0, |positions| {
+            for p in &positions[vertices.clone()] {
+                lowest = lowest.min(p.y);
+                nearest = nearest.min(p.distance(Vec3::new(0.0, 6.68, 0.0)));
+                farthest = farthest.max(p.length());
+            }
+        });
+        println!("{steps:?}: stretch {:?}, {lowest} high, {nearest} from the ball", scene.measures);
+        assert!(
+            lowest >= 0.0 && nearest >= 5.0 && farthest < 100.0,
+            "{steps:?}: {lowest} {nearest} {farthest}"
+        );
+        strains.push(scene.measures[0].value);
+    }
+    // In one step the cloth hardly moves at all.
+    assert!(strains[1..].windows(2).all(|w| w[1] < w[0]), "smaller steps, less stretch: {strains:?}");
+    assert!(strains[1] < 1.0 && strains[4] < 1e-3, "{strains:?}");
+}
+
+#[test]
+fn shards_stay_rigid_and_sink_no_deeper_than_one_step_falls() {
+    for name in ["exploding-dragon", "lion"] {
+        for steps in STEPS {
+            let scene = simulated(name, steps);
+            let topology = scene.animation.topology();
+            let rest = scene.animation.rest();
+            let (mut depth, mut bent, mut far) = (0.0f32, 0.0f32, 0.0f32);
+            let frames = steps.0.min(200);
+            each_frame(&scene, frames, |positions| {
+                for &[a, b, _] in &topology.triangles {
+                    let (a, b) = (a as usize, b as usize);
+                    bent = bent.max((rest[a].distance(rest[b]) - positions[a].distance(positions[b])).abs());
+                }
+                depth = positions.iter().map(|p| -p.y).fold(depth, f32::max);
+                far = positions.iter().map(|p| p.length()).fold(far, f32::max);
+            });
+            println!("{name}, {steps:?}: {depth} deep, {bent} bent, {far} away");
+            // Nothing falls faster than 25 a second from these heights; 0.1 is what contact gives way.
+            assert!(depth < 0.1 + 25.0 * step_time(&scene, steps), "{name}, {steps:?}: {depth} deep");
+            // Rounding of coordinates grows with the distance.
+            assert!(bent < 1e-3 + 1e-6 * far, "{name}, {steps:?}: bent by {bent}");
+            // A few shards are flung out when the stone's sphere pushes them: far, but no farther with other steps.
+            assert!(far < 200.0, "{name}, {steps:?}: {far} away");
+        }
+    }
+}

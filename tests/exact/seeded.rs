@@ -1,0 +1,453 @@
+//! Defects that are put in on purpose, between a sound tree and the checks, each to be found by a check. The same checks
+//! pass on the same tree without the defect: `sound` sees to that in each test.
+
+use std::cell::Cell;
+
+use crate::adaptor::{Hit, Line, Mesh, Picture, PlainTree, Real, Report, Subject, Test, Way, levels};
+use crate::arithmetic::Point;
+use crate::check::{
+    Tally, Truth, check_boxes, check_pictures, check_rays, check_tree, exact_cost, triangle_box,
+};
+use crate::scenes::{Random, add, cube, extent, line, soup};
+
+/// What is wrong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Defect {
+    None,
+    /// One hit in this many is lost.
+    HitLost(u64),
+    /// One hit in so many is that of the triangle behind the nearest.
+    FartherHit(u64),
+    /// Distances are two parts in a million too large.
+    Distance,
+    /// The last pixel that hits something, of the pictures of the highest SIMD level alone, is empty.
+    LaneLost,
+    /// Of triangles that are the same, the last is hit.
+    LastOfTwins,
+    /// Any hit does not count one exactly at `t_max`.
+    HitAtEnd,
+    /// The box of one node is one unit in the last place too small.
+    BoxTooSmall,
+    /// The box of one leaf has a NaN.
+    BoxNaN,
+    /// A triangle with a NaN is hit.
+    HitNaN,
+    /// The box of one node is that of the frame before.
+    BoxOfBefore,
+    /// One primitive is in two leaves, another in none.
+    PrimitiveTwice,
+    /// The tree says it is one level lower than it is.
+    HeightTooSmall,
+    /// A chain of all primitives, higher than is allowed.
+    HeightTooLarge,
+    /// Boxes that only touch do not overlap.
+    TouchLost,
+    /// One pair comes twice.
+    PairTwice,
+    /// Dropped primitives are one too many.
+    Dropped,
+    /// The cost that is reported is one part in a thousand too low.
+    Cost,
+    /// A ray does not visit leaves that it enters exactly at an edge of their box.
+    CornerLost,
+}
+
+struct Seeded<'a> {
+    real: &'a Real,
+    before: PlainTree,
+    mesh: &'a Mesh,
+    defect: Defect,
+    count: Cell<u64>,
+}
+
+impl<'a> Seeded<'a> {
+    fn new(real: &'a Real, mesh: &'a Mesh, defect: Defect) -> Self {
+        Self { real, before: real.tree(), mesh, defect, count: Cell::new(0) }
+    }
+
+    /// Whether this is one of every `n` times.
+    fn is_turn(&self, n: u64) -> bool {
+        self.count.set(self.count.get() + 1);
+        self.count.get().is_multiple_of(n)
+    }
+}
+
+/// The first leaf with something finite in it.
+fn a_leaf(tree: &PlainTree) -> usize {
+    let is_leaf =
+        |n: &usize| tree.nodes[*n].count == Some(1) && tree.nodes[*n].min[0] <= tree.nodes[*n].max[0];
+    (2..tree.nodes.len()).find(is_leaf).expect("a leaf")
+}
+
+impl Subject for Seeded<'_> {
+    fn tree(&self) -> PlainTree {
+        let mut tree = self.real.tree();
+        let leaf = a_leaf(&tree);
+        match self.defect {
+            Defect::BoxTooSmall => tree.nodes[leaf].max[1] = tree.nodes[leaf].max[1].next_down(),
+            Defect::BoxNaN => tree.nodes[leaf].min[2] = f32::NAN,
+            Defect::BoxOfBefore => tree.nodes[leaf] = self.before.nodes[leaf],
+            Defect::PrimitiveTwice => tree.order[5] = tree.order[6],
+            Defect::HeightTooSmall => tree.height -= 1,
+            Defect::HeightTooLarge => tree = chain(self.mesh),
+            _ => {}
+        }
+        tree
+    }
+
+    fn report(&self) -> Report {
+        let mut report = self.real.report();
+        match self.defect {
+            Defect::Dropped => report.dropped += 1,
+            Defect::Cost => report.cost = report.cost.map(|cost| cost * 0.999),
+            Defect::HeightTooLarge => report.height = None,
+            _ => {}
+        }
+        report
+    }
+
+    fn closest(&self, way: Way, test: Test, lines: &[Line]) -> Vec<Option<Hit>> {
+        let mut hits = self.real.closest(way, test, lines);
+        for (hit, line) in hits.iter_mut().zip(lines) {
+            let Some(found) = *hit else { continue };
+            match self.defect {
+                Defect::HitLost(n) if self.is_turn(n) => *hit = None,
+                Defect::FartherHit(n) if self.is_turn(n) => {
+                    let beyond = found.t * 1.001;
+                    let origin = [0, 1, 2].map(|k| line.origin[k] + line.direction[k] * beyond);
+                    let rest = Line { origin, ..*line };
+                    let next = self.real.closest(Way::Tree, test, &[rest])[0];
+                    *hit = next.map(|next| Hit { t: next.t + beyond, ..next });
+                }
+                Defect::Distance => *hit = Some(Hit { t: found.t * (1.0 + 2e-6), ..found }),
+                Defect::LastOfTwins => {
+                    let same = |i: &usize| self.mesh.corners(*i) == self.mesh.corners(found.primitive);
+                    let last = (0..self.mesh.triangles.len()).rev().find(same);
+                    *hit = last.map(|primitive| Hit { primitive, ..found });
+                }
+                Defect::HitNaN => {
+                    let bad = (0..self.mesh.triangles.len()).find(|&i| !self.mesh.is_finite(i));
+                    *hit = bad.map(|primitive| Hit { primitive, ..found });
+                }
+                _ => {}
+            }
+        }
+        hits
+    }
+
+    fn any(&self, way: Way, test: Test, line: &Line) -> bool {
+        if self.defect == Defect::HitAtEnd {
+            let before = Line { t_max: line.t_max.next_down(), ..*line };
+            return self.real.any(way, test, &before);
+        }
+        self.real.any(way, test, line)
+    }
+
+    fn visited(&self, line: &Line) -> Vec<usize> {
+        let mut visited = self.real.visited(line);
+        if self.defect == Defect::CornerLost {
+            // A box test that is not conservative loses boxes that the ray only touches.
+            let is_inside = |p: &usize| {
+                let Some((low, high)) = triangle_box(self.mesh, *p) else { return false };
+                (0..3)
+                    .all(|k| line.direction[k] != 0.0 || low[k] < line.origin[k] && line.origin[k] < high[k])
+            };
+            visited.retain(is_inside);
+        }
+        visited
+    }
+
+    fn overlaps(&self, min: Point, max: Point) -> Vec<usize> {
+        let mut found = self.real.overlaps(min, max);
+        if self.defect == Defect::TouchLost {
+            let beyond = |p: &usize| triangle_box(self.mesh, *p).is_some_and(|(low, _)| low[0] < max[0]);
+            let before = |p: &usize| triangle_box(self.mesh, *p).is_some_and(|(_, high)| high[0] > min[0]);
+            found.retain(|p| beyond(p) && before(p));
+        }
+        found
+    }
+
+    fn pairs(&self) -> Vec<(usize, usize)> {
+        let mut pairs = self.real.pairs();
+        if self.defect == Defect::PairTwice {
+            pairs.extend(pairs.first().map(|&(a, b)| (b, a)));
+        }
+        pairs
+    }
+
+    fn pictures(&self, test: Test, eye: Point, target: Point, width: u32) -> Vec<Picture> {
+        let mut pictures = self.real.pictures(test, eye, target, width);
+        if self.defect == Defect::LaneLost {
+            let hit = pictures.last_mut().and_then(|p| p.hits.iter_mut().rev().find(|hit| hit.is_some()));
+            *hit.expect("something is seen") = None;
+        }
+        pictures
+    }
+}
+
+/// A tree in which every inner node has a leaf: as high as there are primitives, less one.
+fn chain(mesh: &Mesh) -> PlainTree {
+    use crate::adaptor::PlainNode;
+    let n = mesh.triangles.len();
+    let empty = PlainNode { min: [f32::INFINITY; 3], max: [f32::NEG_INFINITY; 3], first: 0, count: Some(0) };
+    let mut nodes = vec![empty; 2 * n];
+    let mut rest = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for i in (0..n).rev() {
+        let (low, high) = triangle_box(mesh, i).expect("finite");
+        let leaf = PlainNode { min: low, max: high, first: i, count: Some(1) };
+        rest = ([0, 1, 2].map(|k| rest.0[k].min(low[k])), [0, 1, 2].map(|k| rest.1[k].max(high[k])));
+        let inner = PlainNode { min: rest.0, max: rest.1, first: 2 * i + 2, count: None };
+        // The inner node `i` is the right child of the one before; the root is node 0.
+        let at = if i == 0 { 0 } else { 2 * i + 1 };
+        if i == n - 1 {
+            nodes[at] = leaf;
+        } else {
+            nodes[at] = inner;
+            nodes[2 * i + 2] = leaf;
+        }
+    }
+    PlainTree { nodes, order: (0..n).collect(), height: n as u32 - 1 }
+}
+
+/// A soup in which every third triangle comes twice, after an update.
+fn twins() -> (Mesh, Real) {
+    let mesh = |frame| {
+        let mut mesh = soup(120, frame, 11);
+        (0..20).for_each(|i| mesh.triangles[60 + i] = mesh.triangles[3 * i]);
+        mesh
+    };
+    updated(mesh, "refit+rotate")
+}
+
+fn updated(mesh: impl Fn(usize) -> Mesh, strategy: &str) -> (Mesh, Real) {
+    let level = levels().last().copied().expect("one at least");
+    let mut real = Real::new(&mesh(0), 1, level);
+    real.update(&mesh(1), strategy);
+    (mesh(1), real)
+}
+
+/// All checks, as the oracle runs them.
+fn check(subject: &Seeded<'_>) -> Result<(), String> {
+    let mesh = subject.mesh;
+    check_tree(subject, mesh)?;
+    let (bounds, mut random, mut tally) = (extent(mesh), Random(3), Tally::default());
+    let lines: Vec<_> = (0..300).map(|_| line(mesh, bounds, &mut random)).collect();
+    check_rays(subject, mesh, &lines, false, &mut tally)?;
+    let middle = [0, 1, 2].map(|k| 0.5 * (bounds.0[k] + bounds.1[k]));
+    let eye = add(middle, [3.0, 5.0, 20.0]);
+    check_pictures(subject, mesh, Test::Watertight, [eye, middle], 16, &mut tally)?;
+    let boxes = (0..mesh.triangles.len()).filter_map(|i| triangle_box(mesh, i));
+    let touching: Vec<_> = boxes.map(|(_, high)| (high, add(high, [2.0; 3]))).collect();
+    check_boxes(subject, mesh, &touching)
+}
+
+/// Asserts that the checks pass without the defect, and that they find it, by a message that begins so or has it after the
+/// name of the query.
+fn is_found(mesh: &Mesh, real: &Real, defect: Defect, by: &str) {
+    check(&Seeded::new(real, mesh, Defect::None)).expect("sound");
+    let found = check(&Seeded::new(real, mesh, defect)).expect_err("the defect is not found");
+    println!("{defect:?}: {found}");
+    assert!(found.contains(by), "{defect:?} is found by other means: {found}");
+}
+
+/// A million rays from the middle of a closed mesh, all of which hit; one hit is dropped.
+#[test]
+fn one_hit_in_a_million_that_is_lost_is_found() {
+    const HITS: u64 = 1_000_000;
+    let (mesh, real) = updated(|frame| cube(1, frame, [0.0; 3], 4.0), "refit");
+    let lost = |defect| {
+        let seeded = Seeded::new(&real, &mesh, defect);
+        let (mut random, mut tally, mut hits) = (Random(9), Tally::default(), 0);
+        while hits <= HITS {
+            let direction = |_| add(random.point(), [-0.5; 3]);
+            let lines: Vec<_> = (0..1000)
+                .map(direction)
+                .map(|direction| Line { origin: [0.1, 0.2, 0.3], direction, t_max: f32::INFINITY })
+                .collect();
+            let answers = seeded.closest(Way::Tree, Test::Watertight, &lines);
+            hits += answers.iter().flatten().count() as u64;
+            for (answer, line) in answers.into_iter().zip(&lines).filter(|(answer, _)| answer.is_none()) {
+                let truth = Truth::of(&mesh, line, false, &mut tally);
+                truth.check_closest(&mesh, Test::Watertight, answer, &mut tally)?;
+            }
+        }
+        Ok(())
+    };
+    lost(Defect::None).unwrap_or_else(|e: String| panic!("sound: {e}"));
+    let found = lost(Defect::HitLost(HITS)).expect_err("the defect is not found");
+    assert!(found.contains("hit: lost"), "{found}");
+}
+
+#[test]
+fn a_farther_hit_in_place_of_the_nearest_is_found() {
+    let (mesh, real) = twins();
+    is_found(&mesh, &real, Defect::FartherHit(50), "hit: ");
+}
+
+#[test]
+fn a_distance_off_by_two_millionths_is_found() {
+    let (mesh, real) = twins();
+    is_found(&mesh, &real, Defect::Distance, "distance: ");
+}
+
+#[test]
+fn a_pixel_lost_at_one_simd_level_is_found() {
+    let (mesh, real) = twins();
+    is_found(&mesh, &real, Defect::LaneLost, "hit: lost");
+}
+
+#[test]
+fn the_last_of_equal_hits_is_found() {
+    let (mesh, real) = twins();
+    is_found(&mesh, &real, Defect::LastOfTwins, "order: ");
+}
+
+/// A triangle exactly at `t_max`, in numbers that no test rounds.
+#[test]
+fn a_hit_lost_at_the_end_of_a_ray_is_found() {
+    let mesh = |_| Mesh {
+        positions: vec![[0.0, 0.0, 0.0], [8.0, 0.0, 0.0], [0.0, 8.0, 0.0]],
+        triangles: vec![[0, 1, 2]; 12],
+    };
+    let (mesh, real) = updated(mesh, "refit");
+    let line = Line { origin: [1.0, 1.0, 2.0], direction: [0.0, 0.0, -1.0], t_max: 2.0 };
+    for test in Test::ALL {
+        for way in Way::ALL {
+            let any = |defect| Seeded::new(&real, &mesh, defect).any(way, test, &line);
+            assert!(any(Defect::None), "{test:?}, {way:?}");
+            assert!(!any(Defect::HitAtEnd), "{test:?}, {way:?}");
+        }
+    }
+}
+
+#[test]
+fn a_box_one_unit_in_the_last_place_too_small_is_found() {
+    let (mesh, real) = twins();
+    is_found(&mesh, &real, Defect::BoxTooSmall, "box: ");
+}
+
+#[test]
+fn a_nan_in_a_box_is_found() {
+    let (mesh, real) = twins();
+    is_found(&mesh, &real, Defect::BoxNaN, "box: ");
+}
+
+#[test]
+fn a_hit_of_a_triangle_with_a_nan_is_found() {
+    let mesh = |frame| {
+        let mut mesh = soup(120, frame, 11);
+        mesh.positions[30][1] = f32::NAN;
+        mesh
+    };
+    let (mesh, real) = updated(mesh, "refit+rotate");
+    is_found(&mesh, &real, Defect::HitNaN, "hit: ");
+}
+
+#[test]
+fn a_box_that_was_not_refitted_is_found() {
+    let (mesh, mut real) = twins();
+    let before = real.tree();
+    let next = soup(120, 2, 11);
+    let mesh = Mesh { triangles: mesh.triangles, positions: next.positions };
+    real.update(&mesh, "refit");
+    check(&Seeded::new(&real, &mesh, Defect::None)).expect("sound");
+    let seeded = Seeded { before, ..Seeded::new(&real, &mesh, Defect::BoxOfBefore) };
+    let found = check(&seeded).expect_err("the defect is not found");
+    assert!(found.contains("box: "), "{found}");
+}
+
+#[test]
+fn a_primitive_in_two_leaves_is_found() {
+    let (mesh, real) = twins();
+    // Its box is wrong, too, unless the two are the same.
+    is_found(&mesh, &real, Defect::PrimitiveTwice, ": ");
+}
+
+#[test]
+fn a_height_that_is_not_that_of_the_tree_is_found() {
+    let (mesh, real) = twins();
+    is_found(&mesh, &real, Defect::HeightTooSmall, "height: ");
+}
+
+#[test]
+fn a_tree_higher_than_allowed_is_found() {
+    let (mesh, real) = twins();
+    is_found(&mesh, &real, Defect::HeightTooLarge, "height: ");
+}
+
+#[test]
+fn boxes_that_touch_and_are_lost_are_found() {
+    let (mesh, real) = twins();
+    is_found(&mesh, &real, Defect::TouchLost, "overlap: ");
+}
+
+#[test]
+fn a_pair_reported_twice_is_found() {
+    let (mesh, real) = twins();
+    is_found(&mesh, &real, Defect::PairTwice, "pair: ");
+}
+
+#[test]
+fn a_wrong_count_of_dropped_primitives_is_found() {
+    let (mesh, real) = twins();
+    is_found(&mesh, &real, Defect::Dropped, "dropped: ");
+}
+
+#[test]
+fn a_cost_off_by_a_thousandth_is_found() {
+    let (mesh, real) = twins();
+    is_found(&mesh, &real, Defect::Cost, "cost: ");
+}
+
+/// A box test that is not conservative, on rays along axes through corners of boxes.
+#[test]
+fn leaves_lost_at_an_edge_of_their_box_are_found() {
+    let (mesh, real) = updated(|frame| cube(3, frame, [0.0; 3], 4.0), "refit+rotate");
+    is_found(&mesh, &real, Defect::CornerLost, "visit: ");
+}
+
+/// Rotations only ever lower the cost, by the exact boxes: a rotation whose gain has the wrong sign raises it.
+#[test]
+fn no_rotation_raises_the_exact_cost() {
+    let mut lower = 0;
+    for seed in 0..40 {
+        let mesh = |frame: usize| soup(200, 4 * frame, seed);
+        let (now, refitted) = updated(mesh, "refit");
+        let (_, rotated) = updated(mesh, "refit+rotate");
+        let [before, after] = [&refitted, &rotated].map(|real| exact_cost(&real.tree(), &now));
+        assert!(after <= before, "seed {seed}: {before} before, {after} after");
+        lower += usize::from(after < before);
+    }
+    assert_eq!(lower, 40);
+}
+
+/// The same with one rotation turned the wrong way: seen by the same comparison.
+#[test]
+fn one_rotation_with_the_wrong_sign_is_found() {
+    let mesh = |frame: usize| soup(200, frame / 4, 3);
+    let (now, real) = updated(mesh, "refit");
+    let tree = real.tree();
+    // A child and a grandchild whose exchange makes the inner box between them larger.
+    let worse = (0..tree.nodes.len()).find_map(|n| {
+        let node = tree.nodes[n];
+        if node.count.is_some() || tree.nodes[node.first].count.is_some() {
+            return None;
+        }
+        let mut wrong = tree.clone();
+        wrong.nodes.swap(node.first + 1, tree.nodes[node.first].first);
+        refit(&mut wrong, 0);
+        (exact_cost(&wrong, &now) > exact_cost(&tree, &now)).then_some(wrong)
+    });
+    let worse = worse.expect("a rotation that loses");
+    assert!(exact_cost(&worse, &now).is_finite(), "its boxes are sound: only the cost shows it");
+}
+
+fn refit(tree: &mut PlainTree, n: usize) -> (Point, Point) {
+    let node = tree.nodes[n];
+    if node.count.is_none() {
+        let (l, r) = (refit(tree, node.first), refit(tree, node.first + 1));
+        tree.nodes[n].min = [0, 1, 2].map(|k| l.0[k].min(r.0[k]));
+        tree.nodes[n].max = [0, 1, 2].map(|k| l.1[k].max(r.1[k]));
+    }
+    (tree.nodes[n].min, tree.nodes[n].max)
+}
