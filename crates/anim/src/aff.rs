@@ -34,6 +34,8 @@ pub struct AffAnimation {
     frames: Option<usize>,
     camera: Option<(Camera, Option<Arc<Track>>)>,
     light: Option<PlacedLight>,
+    /// Lists of keys that were put in order.
+    disordered: usize,
 }
 
 /// An animated transform that does move.
@@ -84,7 +86,7 @@ pub fn load_aff(file: &Path) -> Result<AffAnimation, LoadError> {
 
 impl AffAnimation {
     fn new(scene: Scene) -> Self {
-        let Scene { geometry, nodes: named_nodes, tracks, camera, lights, time } = scene;
+        let Scene { geometry, nodes: named_nodes, tracks, camera, lights, time, disordered } = scene;
         let (mut topology, mut rest) = (geometry.topology, geometry.positions);
         let track = |name: &[u8]| tracks.get(name).filter(|track| !track.is_identity()).map(Arc::clone);
 
@@ -162,6 +164,7 @@ impl AffAnimation {
             frames: time.map(|time| time.frames),
             camera,
             light,
+            disordered,
         };
         animation.pose(0.0, &mut rest);
         animation.rest = rest;
@@ -215,6 +218,12 @@ impl Animation for AffAnimation {
 
     fn duration(&self) -> f64 {
         self.duration
+    }
+
+    fn notes(&self) -> Vec<String> {
+        let lists = if self.disordered == 1 { "list" } else { "lists" };
+        let note = || format!("{} {lists} of keys out of order: put in order of time", self.disordered);
+        (self.disordered > 0).then(note).into_iter().collect()
     }
 
     /// As the benchmark prescribes.

@@ -93,12 +93,24 @@ pub fn load_gltf(file: &Path, clip: Option<&str>) -> Result<GltfAnimation, LoadE
     parse_gltf(file, &read_file(file)?, clip)
 }
 
+/// As [`load_gltf`], without reading textures: surfaces keep the factors of their materials.
+///
+/// # Errors
+/// As [`load_gltf`].
+pub(crate) fn load_untextured(file: &Path, clip: Option<&str>) -> Result<GltfAnimation, LoadError> {
+    parse(file, &read_file(file)?, clip, false)
+}
+
 /// As [`load_gltf`], from the `bytes` of the file; `file` names them in errors, and buffers and images are sought
 /// beside it.
 ///
 /// # Errors
 /// As [`load_gltf`].
 pub fn parse_gltf(file: &Path, bytes: &[u8], clip: Option<&str>) -> Result<GltfAnimation, LoadError> {
+    parse(file, bytes, clip, true)
+}
+
+fn parse(file: &Path, bytes: &[u8], clip: Option<&str>, textures: bool) -> Result<GltfAnimation, LoadError> {
     let (root, buffers) = source::open(file, bytes)?;
     let size = buffers.iter().fold(bytes.len(), |size, buffer| size.saturating_add(buffer.len()));
     let clips: Vec<String> =
@@ -119,7 +131,7 @@ pub fn parse_gltf(file: &Path, bytes: &[u8], clip: Option<&str>) -> Result<GltfA
     };
     let folder = file.parent().unwrap_or(Path::new(""));
     let budget = Budget::for_input(size as u64);
-    let accessors = Accessors { root: &root, buffers: &buffers, folder, budget };
+    let accessors = Accessors { root: &root, buffers: &buffers, folder, budget, textures };
     GltfAnimation::build(&accessors, chosen.unwrap_or(0), clips).map_err(|problem| problem.in_file(file))
 }
 
@@ -189,10 +201,10 @@ impl GltfAnimation {
             animation.topology.texcoords.resize(animation.topology.vertex_count, Vec2::ZERO);
         }
         let blended = animation.topology.parts.iter().any(|part| is_blended(root, part.material));
-        let without_image = add_textures(&mut animation.topology, accessors)?;
+        let (without_image, missing) = add_textures(&mut animation.topology, accessors)?;
         animation.camera = Camera::first(root, &scene);
         animation.light = LightSource::first(root, &scene, &animation.rest)?;
-        animation.notes = animation.remarks(blended, without_image);
+        animation.notes = animation.remarks(blended, without_image, &missing);
         let seen_from = [animation.camera.as_ref().map(|c| c.node), animation.light.as_ref().map(|l| l.node)];
         let any_moves = seen_from.into_iter().flatten().any(|node| animation.nodes.moves[node]);
         if any_moves || !animation.moving.is_empty() {
@@ -410,7 +422,7 @@ impl GltfAnimation {
         out.iter_mut().for_each(|normal| *normal = normal.normalize_or_zero());
     }
 
-    fn remarks(&self, blended: bool, textures_without_image: usize) -> Vec<String> {
+    fn remarks(&self, blended: bool, textures_without_image: usize, missing: &[String]) -> Vec<String> {
         let mut notes = Vec::new();
         if self.ignored_primitives > 0 {
             notes.push(format!("{} primitives of points or lines are left out", self.ignored_primitives));
@@ -420,6 +432,12 @@ impl GltfAnimation {
         }
         if textures_without_image > 0 {
             notes.push(format!("{textures_without_image} textures are neither PNG nor JPEG and left out"));
+        }
+        if let Some(first) = missing.first() {
+            let count = missing.len();
+            notes.push(format!(
+                "{count} image files cannot be read, first {first:?}: surfaces keep their plain colours"
+            ));
         }
         notes.extend(self.light.iter().flat_map(LightSource::notes));
         notes

@@ -27,7 +27,7 @@ pub use error::LoadError;
 pub use glam;
 pub use gltf::{GltfAnimation, load_gltf, parse_gltf};
 pub use key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, KeyFramesError, LoopMode};
-pub use load::load;
+pub use load::{load, load_with};
 pub use mesh_file::{load_mesh, parse_mesh};
 pub use normals::vertex_normals;
 pub use pose::{Pose, PoseStats, Work};

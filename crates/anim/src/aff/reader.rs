@@ -1,4 +1,4 @@
-//! The statements of AFF files and the files they include, gathered into one scene.
+//! The statements of AFF files and the files they include, as one scene.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -32,6 +32,8 @@ pub(super) struct Scene {
     pub(super) camera: Option<Camera>,
     pub(super) lights: Vec<AffLight>,
     pub(super) time: Option<TimeSpan>,
+    /// Lists of keys that were put in order.
+    pub(super) disordered: usize,
 }
 
 pub(super) struct Node {
@@ -86,6 +88,7 @@ pub(super) fn read(root: &Path) -> Result<Scene, LoadError> {
             camera: None,
             lights: Vec::new(),
             time: None,
+            disordered: 0,
         },
     };
     reader.set_material(DVec3::from(Material::default().base_color.map(f64::from)), DVec3::ZERO);
@@ -150,6 +153,7 @@ impl Reader {
             return Err(tokens.problem(None, "\"}\"").in_file(file));
         }
         self.open.pop();
+        self.scene.disordered += tokens.disordered;
         Ok(())
     }
 
@@ -325,13 +329,11 @@ impl Reader {
         let mut keys: Vec<PatchKey> = Vec::new();
         for _ in 0..count {
             let time = tokens.number()?;
-            if let Some(last) = keys.last().filter(|last| last.time > time) {
-                return Err(tokens.because(format!("time {time} after {}", last.time), "times in order"));
-            }
             let vertices = vectors(tokens, 3, 3)?;
             let corner = |i: usize| self.frame.fixed.transform_point3(vertices[i]).as_vec3();
             keys.push(PatchKey { time, corners: [0, 1, 2].map(corner) });
         }
+        put_in_order(&mut keys, |key| key.time, tokens);
         self.scene.geometry.add_patch(self.group(part), Patch(keys)).ok_or_else(too_large)
     }
 
@@ -436,7 +438,16 @@ fn spline<'a, T: Value>(
             bias: tokens.number()?,
         });
     }
-    new(keys).ok_or_else(|| tokens.because("keys whose times go back", "times in order"))
+    put_in_order(&mut keys, |key| key.time, tokens);
+    new(keys).ok_or_else(|| tokens.because(count.to_string(), expected))
+}
+
+/// Sorts keys by time, and counts the lists that were not sorted. Scenes of BART itself have such lists.
+fn put_in_order<T>(keys: &mut [T], time: impl Fn(&T) -> f64, tokens: &mut Tokens<'_>) {
+    if !keys.is_sorted_by(|a, b| time(a) <= time(b)) {
+        keys.sort_by(|a, b| time(a).total_cmp(&time(b)));
+        tokens.disordered += 1;
+    }
 }
 
 fn visibility(tokens: &mut Tokens<'_>) -> Result<Vec<(f64, bool)>, Problem> {
@@ -444,9 +455,6 @@ fn visibility(tokens: &mut Tokens<'_>) -> Result<Vec<(f64, bool)>, Problem> {
     let mut keys: Vec<(f64, bool)> = Vec::new();
     for _ in 0..count {
         let time = tokens.number()?;
-        if let Some(last) = keys.last().filter(|last| last.0 > time) {
-            return Err(tokens.because(format!("time {time} after {}", last.0), "times in order"));
-        }
         let visible = match tokens.next() {
             Some(b"0") => false,
             Some(b"1") => true,
@@ -454,6 +462,7 @@ fn visibility(tokens: &mut Tokens<'_>) -> Result<Vec<(f64, bool)>, Problem> {
         };
         keys.push((time, visible));
     }
+    put_in_order(&mut keys, |key| key.0, tokens);
     Ok(keys)
 }
 

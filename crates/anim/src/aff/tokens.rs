@@ -9,11 +9,13 @@ use crate::error::Problem;
 pub(super) struct Tokens<'a> {
     rest: &'a [u8],
     line: usize,
+    /// Lists of keys that were not in the order of their times.
+    pub(super) disordered: usize,
 }
 
 impl<'a> Tokens<'a> {
     pub(super) fn new(text: &'a [u8]) -> Self {
-        Self { rest: text, line: 1 }
+        Self { rest: text, line: 1, disordered: 0 }
     }
 
     /// The next word, `{` or `}`; comments run from `#` or `%` to the end of the line.

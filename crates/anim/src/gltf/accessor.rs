@@ -17,7 +17,7 @@ const FREE_BYTES: u64 = 256 << 20;
 const BYTES_PER_BYTE: u64 = 256;
 
 /// How much more may be decoded. Instancing and accessors without bytes let a small file declare any amount
-/// of geometry, so memory is held to a multiple of the size of the input.
+/// of geometry, so memory is limited to a multiple of the size of the input.
 pub(super) struct Budget {
     left: Cell<u64>,
     limit: Cell<u64>,
@@ -30,7 +30,7 @@ impl Budget {
         budget
     }
 
-    /// Allows for so many more bytes of input.
+    /// Allows for more bytes of input.
     pub(super) fn allow_for(&self, bytes: u64) {
         let more = bytes.saturating_mul(BYTES_PER_BYTE);
         for count in [&self.left, &self.limit] {
@@ -59,6 +59,8 @@ pub(super) struct Accessors<'a> {
     /// The folder of the file.
     pub(super) folder: &'a Path,
     pub(super) budget: Budget,
+    /// Whether textures are read.
+    pub(super) textures: bool,
 }
 
 impl<'a> Accessors<'a> {

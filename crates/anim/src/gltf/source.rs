@@ -10,7 +10,7 @@ use ::gltf::json::Root;
 use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
-use crate::error::{LoadError, Problem, read_file};
+use crate::error::{LoadError, Problem, read_beside};
 
 /// Extensions that may be required: those that only change looks, and those that are understood here.
 fn is_supported(extension: &str) -> bool {
@@ -90,7 +90,7 @@ fn read_buffers(root: &Root, mut blob: Blob<'_>, file: &Path) -> Result<Vec<Byte
                 match external.get(&path) {
                     Some(bytes) => Arc::clone(bytes),
                     None => {
-                        let bytes = Arc::new(read_file(&file.parent().unwrap_or(Path::new("")).join(&path))?);
+                        let bytes = Arc::new(read_beside(file.parent().unwrap_or(Path::new("")), &path)?);
                         external.insert(path, Arc::clone(&bytes));
                         bytes
                     }
