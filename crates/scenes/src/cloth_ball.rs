@@ -146,7 +146,7 @@ fn angle(time: f32) -> f32 {
     if t < ramp { speed * t * t / (2.0 * ramp) } else { speed * (t - 0.5 * ramp) }
 }
 
-/// Pushes a particle out of ball and floor, and lets it slip only as far as friction allows.
+/// Pushes a particle out of ball and floor, and lets it slip no further than friction allows.
 fn contact(before: Vec3, now: Vec3, angle_before: f32, angle_now: f32) -> Vec3 {
     let mut x = now;
     let out = x - CENTER;

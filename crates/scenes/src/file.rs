@@ -14,9 +14,11 @@ use crate::{Effects, LightEffects, MotionEffects, Scene};
 const BOUND_SAMPLES: usize = 32;
 /// Frames per second of animations that do not come with a number of frames.
 const FRAME_RATE: f64 = 24.0;
+/// Frames of an animation that lasts longer are further apart.
+const MOST_FRAMES: f64 = 1e6;
 
-pub(crate) fn scene(path: &Path, clip: Option<&str>) -> Result<Scene, LoadError> {
-    let animation = anim::load(path, clip)?;
+pub(crate) fn scene(path: &Path, clip: Option<&str>, textures: bool) -> Result<Scene, LoadError> {
+    let animation = anim::load_with(path, clip, textures)?;
     let (view, light) = default_view(&*animation);
     let remark = |note: String| format!("{}: {note}", path.display());
     let mut notes: Vec<String> = animation.notes().into_iter().map(remark).collect();
@@ -26,7 +28,7 @@ pub(crate) fn scene(path: &Path, clip: Option<&str>) -> Result<Scene, LoadError>
     }
     if animation.light(0.0).is_none() {
         // Mesh files cannot say what lights there are; of what can and names none, none casts a shadow.
-        shadows = path.is_dir() || path.extension().is_some_and(|e| e == "obj" || e == "ply");
+        shadows = path.is_dir() || path.extension().is_some_and(|e| e == "obj" || e == "ply" || e == "stl");
         let cast = if shadows { "" } else { " that casts no shadow" };
         notes.push(format!("{} has no light; the light is a default{cast}", path.display()));
     }
@@ -39,9 +41,9 @@ pub(crate) fn scene(path: &Path, clip: Option<&str>) -> Result<Scene, LoadError>
             motion: MotionEffects::of(animation.topology()),
             light: LightEffects { shadows, ..LightEffects::of(animation.topology()) },
         },
-        frames: animation
-            .frames()
-            .unwrap_or_else(|| (animation.duration() * FRAME_RATE).round().max(0.0) as usize + 1),
+        frames: animation.frames().unwrap_or_else(|| {
+            (animation.duration() * FRAME_RATE).round().clamp(0.0, MOST_FRAMES) as usize + 1
+        }),
         measures: Vec::new(),
         key_bytes: 0,
         notes,

@@ -1,4 +1,7 @@
 //! Writes binary glTF 2.0 files: meshes with skins and morph targets, nodes, one clip, a camera and a light.
+//!
+//! The document is written as JSON text: with the types of `gltf-json`, which want every optional field of every object,
+//! this file was longer.
 
 use glam::{Mat4, Quat, Vec3};
 use serde_json::{Value, json};

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anim::{Animation, Light, View};
+use serde::{Deserialize, Serialize};
 
 use crate::{Effects, bart_museum, cloth_ball, exploding_dragon, fairy_forest, file, lion, n_body};
 
@@ -32,7 +33,7 @@ pub struct Scene {
 }
 
 /// An error of a simulation against a quantity that it should keep.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measure {
     /// What is measured, such as "energy drift".
     pub name: String,
@@ -73,6 +74,8 @@ pub struct SceneOptions<'a> {
     pub start_shape: usize,
     /// Fraction of the triangles of cloth and statues to make, above 0 and at most 1. `None` is all.
     pub detail: Option<f32>,
+    /// Whether to leave the textures of a file unread; its surfaces then keep the factors of their materials.
+    pub without_textures: bool,
     /// Called with the fraction done, 0 to 1, while a scene is simulated.
     pub progress: Option<&'a (dyn Fn(f32) + Sync)>,
 }
@@ -159,7 +162,9 @@ pub fn load(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) 
         "fairy-forest" => return fairy_forest::scene(clip, options),
         "lion" => lion::scene,
         "n-body" => n_body::scene,
-        path if Path::new(path).exists() => return Ok(file::scene(Path::new(path), clip)?),
+        path if Path::new(path).exists() => {
+            return Ok(file::scene(Path::new(path), clip, !options.without_textures)?);
+        }
         name => {
             let known = SCENES.iter().map(|info| info.name).collect::<Vec<_>>().join(", ");
             return Err(SceneError::Unknown { name: name.to_owned(), known });
