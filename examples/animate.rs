@@ -1,5 +1,5 @@
 //! Tears a sphere to pieces and follows three trees through it: one only refitted, one refitted and rotated, one
-//! built anew for every frame. Prints the SAH cost of each: the expected work of a ray.
+//! rebuilt for every frame. Prints the SAH cost of each: the expected work of a ray.
 
 use std::error::Error;
 use std::time::Instant;

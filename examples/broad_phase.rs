@@ -1,6 +1,6 @@
 //! The broad phase of a physics loop: balls fly about in a box, and every step asks which of their bounding boxes
 //! overlap. Refitting and rotating keeps the tree good for many steps; as the balls mix thoroughly it does grow worse, so
-//! it is built anew whenever its cost has doubled (as Lauterbach et al. 2006 do with refitting alone).
+//! it is rebuilt whenever its cost has doubled (as Lauterbach et al. 2006 do with refitting alone).
 
 use std::error::Error;
 
@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             let rebuild = Strategy::Rebuild(Builder::BinnedParallel, BuildOptions::default());
             update(&mut bvh, boxes.as_slice(), &rebuild, &mut scratch)?;
             fresh_cost = sah_cost(&bvh);
-            println!("step {step:2}: the cost had doubled to {cost:.1}; built anew at {fresh_cost:.1}");
+            println!("step {step:2}: the cost had doubled to {cost:.1}; rebuilt at {fresh_cost:.1}");
         }
 
         let (mut pairs, mut contacts) = (0, 0);

@@ -1,4 +1,4 @@
-//! Every strategy, through every kind of motion: valid and tight trees, costs as told, and the hits of brute force.
+//! Every strategy, through every kind of motion: valid and tight trees, costs as reported, and the hits of brute force.
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Bvh, Ray, Triangles, Vec3};
@@ -53,10 +53,10 @@ fn play(n: usize, seed: u64, motion: Motion, frames: usize, threads: usize, max_
                 let done = update(&mut bvh, &primitives, &strategy, &mut scratch).expect("same count");
                 bvh.validate(&primitives).expect("valid and tight");
                 let cost = sah_cost(&bvh, &positions, &soup.triangles);
-                let told = done.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(&bvh));
+                let reported = done.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(&bvh));
                 assert!(
-                    (told - cost).abs() <= 1e-5 * cost,
-                    "{strategy:?}, {motion:?}: told {told}, is {cost}"
+                    (reported - cost).abs() <= 1e-5 * cost,
+                    "{strategy:?}, {motion:?}: reported {reported}, is {cost}"
                 );
                 check_hits(&bvh, &primitives, seed ^ frame as u64, 20);
             }

@@ -16,7 +16,7 @@ use crate::check::pool;
 
 const SIDE: u32 = 20;
 
-/// Everything at once, then the two that exclude one another, once with so many rays that they get a view of the tree.
+/// Everything at once, then the two that exclude one another, once with enough rays to get a view of the tree.
 fn effects() -> [Effects; 3] {
     let all = Effects { textures: true, alpha: true, mirror: true, ..Effects::default() };
     let occlusion = |samples| Some(AmbientOcclusion { samples, distance: f32::INFINITY });

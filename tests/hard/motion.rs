@@ -132,7 +132,7 @@ fn ten_thousand_frames_in_a_loop() {
     let fresh: Vec<_> =
         (0..PER_LOOP).map(|f| build(&at(f), Builder::Sweep, &options, None).expect("few enough")).collect();
     for strategy in Strategy::all() {
-        // What builds anew each frame knows nothing of the frames before.
+        // What rebuilds each frame knows nothing of the frames before.
         let frames = if matches!(strategy, Strategy::Rebuild(..)) { 1500 } else { 10_000 };
         let mut bvh = fresh[0].clone();
         let nodes = bvh.nodes().len();

@@ -34,8 +34,8 @@ fn two_primitives() {
 
 #[test]
 fn all_primitives_identical() {
-    let told = hold(&Case::still(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]; 700]));
-    assert!(told.iter().all(|(_, update)| update.height <= MAX_HEIGHT));
+    let reported = hold(&Case::still(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]; 700]));
+    assert!(reported.iter().all(|(_, update)| update.height <= MAX_HEIGHT));
 }
 
 /// More than 16 bits can count, in one place, by each builder and each strategy.
@@ -189,8 +189,8 @@ fn exponentially_spaced() {
     // Each split by surface area takes one primitive off: as high as there are primitives, but for the bound.
     let places = (0..250).map(|i| Vec3::new((i as f32 - 125.0).exp2(), 0.0, 0.0));
     let positions: Vec<_> = places.flat_map(|p| [p, p * 1.01, p + Vec3::Y * p.x * 0.01]).collect();
-    let told = hold(&soup(positions));
-    assert!(told.iter().all(|(_, update)| update.height <= MAX_HEIGHT));
+    let reported = hold(&soup(positions));
+    assert!(reported.iter().all(|(_, update)| update.height <= MAX_HEIGHT));
 }
 
 #[test]

@@ -60,11 +60,11 @@ pub fn play_bytes(bytes: &[u8]) {
             Strategy::Rebuild(builder, _) if strategy & 0x80 != 0 => Strategy::Rebuild(builder, options),
             as_it_is => as_it_is,
         };
-        let told = update(&mut bvh, &triangles, &strategy, &mut scratch[0]).expect("same count");
+        let reported = update(&mut bvh, &triangles, &strategy, &mut scratch[0]).expect("same count");
         let twins = update(&mut twin, &triangles, &strategy, &mut scratch[1]).expect("same count");
-        assert_eq!((told, bvh.hash()), (twins, twin.hash()), "{}: another SIMD level", strategy.name());
+        assert_eq!((reported, bvh.hash()), (twins, twin.hash()), "{}: another SIMD level", strategy.name());
         bvh.validate(&triangles).unwrap_or_else(|e| panic!("{}: {e}", strategy.name()));
-        let cost = told.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(&bvh));
+        let cost = reported.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(&bvh));
         assert!(cost.is_finite() && cost >= 0.0, "{}: cost {cost}", strategy.name());
         let extent = bvh.root().aabb().extent().max_element();
         let real = sah_cost(&bvh, &positions, &indices);

@@ -1,0 +1,6 @@
+#![doc = include_str!("../README.md")]
+#![forbid(unsafe_code)]
+
+pub use bvh_build::*;
+pub use bvh_core::*;
+pub use bvh_update::*;
