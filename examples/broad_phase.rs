@@ -1,6 +1,7 @@
-//! The broad phase of a physics loop: balls fly about in a box, and every step asks which of their bounding boxes
-//! overlap. Refitting and rotating keeps the tree good for many steps; as the balls mix thoroughly it does grow worse, so
-//! it is rebuilt whenever its cost has doubled (as Lauterbach et al. 2006 do with refitting alone).
+//! The broad phase of a physics loop: balls fly about in a box, and every step asks which of their
+//! bounding boxes overlap. Refitting and rotating keeps the tree good for many steps; as the balls
+//! mix thoroughly it does grow worse, so it is rebuilt whenever its cost has doubled (as Lauterbach
+//! et al. 2006 do with refitting alone).
 
 use std::error::Error;
 
@@ -48,7 +49,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         let (mut pairs, mut contacts) = (0, 0);
         bvh.overlapping_pairs(|a, b| {
             pairs += 1;
-            // The narrow phase: balls that overlap and approach each other bounce, as equal masses do.
+            // The narrow phase: balls that overlap and approach each other bounce, as equal masses
+            // do.
             let (apart, closing) = (centers[b] - centers[a], speeds[b] - speeds[a]);
             if apart.length_squared() < 4.0 * RADIUS * RADIUS && apart.dot(closing) < 0.0 {
                 let normal = apart.normalize_or_zero();

@@ -27,7 +27,8 @@ pub(crate) fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Checks that there is a regular file at a path, or nothing: a folder cannot be replaced, and a device must not be.
+/// Checks that there is a regular file at a path, or nothing: a folder cannot be replaced, and a
+/// device must not be.
 pub(crate) fn ensure_replaceable(path: &Path) -> Result<()> {
     let free = fs::metadata(path).map_or(true, |kind| kind.is_file());
     ensure!(free, "{}: is no regular file, so it cannot be replaced by one", path.display());

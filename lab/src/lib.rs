@@ -1,4 +1,5 @@
-//! Pivot's experiments. Each command of `cargo xtask` is a module with its arguments and a function `run`.
+//! Pivot's experiments. Each command of `cargo xtask` is a module with its arguments and a function
+//! `run`.
 //!
 //! `docs/EXTENDING.md` shows how to add an experiment, a claim, a chart, a contestant or a scene.
 #![forbid(unsafe_code)]

@@ -20,7 +20,8 @@ pub(crate) struct Machine {
     pub(crate) memory_gib: Option<f64>,
     pub(crate) os: String,
     pub(crate) rustc: Option<String>,
-    /// Mean number of processes that wanted to run in the minute before: other work disturbs timings.
+    /// Mean number of processes that wanted to run in the minute before: other work disturbs
+    /// timings.
     pub(crate) load: Option<f64>,
     /// Start of the run, UTC.
     pub(crate) started: String,

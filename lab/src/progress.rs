@@ -19,15 +19,6 @@ pub(crate) struct Progress {
     last: Mutex<Instant>,
 }
 
-/// A time in words, as exact as a forecast may be.
-pub(crate) fn about(time: Duration) -> String {
-    match time.as_secs() {
-        s if s < 90 => format!("{} s", s.div_ceil(5) * 5),
-        s if s < 90 * 60 => format!("{} min", s.div_ceil(60)),
-        s => format!("{:.1} h", s as f64 / 3600.0),
-    }
-}
-
 impl Progress {
     /// Starts work on `what`, in `total` steps.
     pub(crate) fn new(what: impl Into<String>, total: u64) -> Self {
@@ -44,20 +35,13 @@ impl Progress {
 
     /// Says how many steps are done.
     pub(crate) fn at(&self, done: u64) {
-        self.at_with(done, String::new);
-    }
-
-    /// The same, with something to add, which is only asked for when it is shown.
-    pub(crate) fn at_with(&self, done: u64, note: impl FnOnce() -> String) {
         if let Some(bar) = &self.bar {
             bar.set_position(done);
-            bar.set_message(format!("{}{}", self.what, note()));
-            return;
-        }
-        let Ok(mut last) = self.last.lock() else { return };
-        if last.elapsed() >= QUIET {
+        } else if let Ok(mut last) = self.last.lock()
+            && last.elapsed() >= QUIET
+        {
             *last = Instant::now();
-            files::remark(&format!("{}: {done} of {}{}", self.what, self.total, note()));
+            files::remark(&format!("{}: {done} of {}", self.what, self.total));
         }
     }
 }

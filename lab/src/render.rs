@@ -26,13 +26,15 @@ pub struct Args {
     /// Frames from A up to but without B; a long range can be split over machines
     #[arg(long, value_name = "A..B", value_parser = range)]
     frames: Option<Range<usize>>,
-    /// How the tree is brought to the frame: updates run from frame 0, rebuilds build the frame's own tree
+    /// How the tree is brought to the frame: updates run from frame 0, rebuilds build the frame's
+    /// own tree
     #[arg(long, value_name = "NAME", default_value = "refit+rotate")]
     strategy: Strategy,
     /// Size of the image in pixels
     #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size)]
     size: (u32, u32),
-    /// A .png or .exr file, a .gif of all frames, or a folder for PNG files [default: target/render]
+    /// A .png or .exr file, a .gif of all frames, or a folder for PNG files [default:
+    /// target/render]
     #[arg(long, value_name = "FILE|DIR")]
     out: Option<PathBuf>,
     /// Clip of a glTF file, by name or number [default: its first]
@@ -50,8 +52,8 @@ pub struct Args {
     /// Show each triangle's own normal
     #[arg(long, overrides_with = "smooth")]
     flat: bool,
-    /// What light does: some of shadows, textures, alpha, mirror, ambient-occlusion, diffuse-bounces with commas
-    /// between them, or none [default: what the scene calls for]
+    /// What light does: some of shadows, textures, alpha, mirror, ambient-occlusion,
+    /// diffuse-bounces with commas between them, or none [default: what the scene calls for]
     #[arg(long, value_name = "LIST", value_parser = effects)]
     effects: Option<LightEffects>,
     /// Samples of each pixel [default: 64 with diffuse-bounces, 4 with ambient-occlusion, else 1]

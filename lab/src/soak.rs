@@ -1,4 +1,5 @@
-//! `cargo xtask soak`: many loops of a scene under each strategy, with bounds on what must not grow.
+//! `cargo xtask soak`: many loops of a scene under each strategy, with bounds on what must not
+//! grow.
 //!
 //! A short form of it is a test, `hard_cases::motion::ten_thousand_frames_in_a_loop`.
 
@@ -17,11 +18,11 @@ use crate::{CheckFailed, files, interrupt, pool};
 /// Arguments of `soak`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// A scene's name, or an animation file; repeatable [default: n-body]
-    #[arg(long = "scene", value_name = "NAME|FILE")]
+    /// A scene's name, or an animation file; repeatable
+    #[arg(long = "scene", value_name = "NAME|FILE", default_value = "n-body")]
     scenes: Vec<String>,
-    /// A strategy's name; repeatable [default: refit+rotate, refit+rotate+regrow, auto]
-    #[arg(long = "strategy", value_name = "NAME")]
+    /// A strategy's name; repeatable
+    #[arg(long = "strategy", value_name = "NAME", default_values = ["refit+rotate", "refit+rotate+regrow", "auto"])]
     strategies: Vec<String>,
     /// Frames to play
     #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(400..))]
@@ -37,8 +38,8 @@ pub struct Args {
     threads: Option<u32>,
 }
 
-/// Most frames at the start that as many at the end are compared with: the whole loops in them, since the
-/// work depends on where in the loop a frame is.
+/// Most frames at the start that as many at the end are compared with: the whole loops in them,
+/// since the work depends on where in the loop a frame is.
 const FIRST: usize = 100;
 /// What must hold at the end, against those first frames.
 const SLOWER: f64 = 1.1;
@@ -52,43 +53,23 @@ const MORE_MEMORY: f64 = 1.05;
 ///
 /// Bad input, or a check that failed.
 pub fn run(args: &Args) -> Result<()> {
-    let default = |given: &[String], default: &[&str]| -> Vec<String> {
-        if given.is_empty() { default.iter().map(|&s| s.to_owned()).collect() } else { given.to_vec() }
-    };
-    let names = default(&args.strategies, &["refit+rotate", "refit+rotate+regrow", "auto"]);
-    let strategies: Vec<Strategy> = names
-        .iter()
-        .map(|name| name.parse().map_err(|e: UnknownStrategy| anyhow!("{name}: {e}")))
-        .collect::<Result<_>>()?;
+    let parse = |name: &String| name.parse().map_err(|e: UnknownStrategy| anyhow!("{name}: {e}"));
+    let strategies: Vec<Strategy> = args.strategies.iter().map(parse).collect::<Result<_>>()?;
     let load = |source: &str| stage::load_at(source, None, 0, args.detail);
     let mut loaded = Vec::new();
-    for source in default(&args.scenes, &["n-body"]) {
-        let scene = stage::load_first(&source, || load(&source))?;
-        loaded.push((source, scene));
+    for source in &args.scenes {
+        loaded.push((source, stage::load_first(source, || load(source))?));
     }
     let pool = pool::pool(args.threads.map_or_else(pool::default_threads, |n| n as usize))?;
-    files::print(&format!(
-        "{:<28} {:<22} {:>7} {:>9} {:>9} {:>11} {:>11} {:>13} {:>12} {:>9} {:>9}",
-        "scene",
-        "strategy",
-        "frames",
-        "first ms",
-        "last ms",
-        "cost first",
-        "cost last",
-        "height first",
-        "height last",
-        "MiB",
-        "MiB end"
-    ))?;
+    files::print("scene, strategy, frames: first and last ms a frame; cost over a fresh tree; height; MiB")?;
     let mut broken = Vec::new();
     for (source, scene) in loaded {
-        let mut stage = Stage::new(scene.map_or_else(|| load(&source), Ok)?)?;
+        let mut stage = Stage::new(scene.map_or_else(|| load(source), Ok)?)?;
         for strategy in &strategies {
             if interrupt::requested() {
                 break;
             }
-            broken.extend(pool.install(|| soak(&source, &mut stage, strategy, args))?);
+            broken.extend(pool.install(|| soak(source, &mut stage, strategy, args))?);
         }
     }
     ensure!(broken.is_empty(), CheckFailed(broken.join("; ")));
@@ -111,7 +92,8 @@ impl Window {
         self.times.get(self.times.len() / 2).copied().unwrap_or(0.0)
     }
 
-    /// Mean cost over a fresh tree's: of what is rebuilt now and then the greatest is a matter of luck.
+    /// Mean cost over a fresh tree's: of what is rebuilt now and then the greatest is a matter of
+    /// luck.
     fn cost(&self) -> f64 {
         self.costs.iter().sum::<f64>() / self.costs.len().max(1) as f64
     }
@@ -157,17 +139,16 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
     memory[1] = resident_mib();
     drop(progress);
     let (times, costs) = ([first.time(), last.time()], [first.cost(), last.cost()]);
+    let heights = [first.height, last.height];
     files::print(&format!(
-        "{label:<28} {:<22} {done:>7} {:>9.3} {:>9.3} {:>11.3} {:>11.3} {:>13} {:>12} {:>9.1} {:>9.1}",
+        "{label}, {}, {done}: {:.3} {:.3} ms; {:.3} {:.3}; {heights:?}; {:.1} {:.1} MiB",
         strategy.name(),
         times[0],
         times[1],
         costs[0],
         costs[1],
-        first.height,
-        last.height,
         memory[0],
-        memory[1],
+        memory[1]
     ))?;
     if done < frames {
         return Ok(Vec::new());

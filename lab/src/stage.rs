@@ -1,4 +1,5 @@
-//! A scene made ready for tracing: triangles in the order of the first tree's leaves, looks, camera, light.
+//! A scene made ready for tracing: triangles in the order of the first tree's leaves, looks,
+//! camera, light.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -39,8 +40,8 @@ pub(crate) fn load_with(name_or_path: &str, clip: Option<&str>, options: SceneOp
     Ok(scenes::load(name_or_path, clip, &options)?)
 }
 
-/// Loads a source that may not be there or be broken, so that this shows before anything else is done; scenes of the
-/// registry, which may take long, only when their turn comes.
+/// Loads a source that may not be there or be broken, so that this shows before anything else is
+/// done; scenes of the registry, which may take long, only when their turn comes.
 pub(crate) fn load_first(source: &str, load: impl FnOnce() -> Result<Scene>) -> Result<Option<Scene>> {
     let is_known = scenes::list().iter().any(|info| info.name == source);
     (!is_known).then(load).transpose()
@@ -48,12 +49,14 @@ pub(crate) fn load_first(source: &str, load: impl FnOnce() -> Result<Scene>) -> 
 
 /// A scene at one moment.
 ///
-/// Triangle `i` is the primitive in leaf slot `i` of the first tree, so that updates stream through memory.
+/// Triangle `i` is the primitive in leaf slot `i` of the first tree, so that updates stream through
+/// memory.
 pub(crate) struct Stage {
     pub(crate) scene: Scene,
     /// What a frame of it runs.
     pub(crate) plan: FramePlan,
-    /// The tree over the first frame, by the sweep builder, one primitive a leaf; still parts are marked as still.
+    /// The tree over the first frame, by the sweep builder, one primitive a leaf; still parts are
+    /// marked as still.
     pub(crate) first_tree: Bvh,
     /// Time that building it took.
     pub(crate) build_ms: f64,
@@ -96,7 +99,8 @@ impl Stage {
         })
     }
 
-    /// Time of frame `frame` of a loop of `frames`: the first and the last frame are the loop's ends.
+    /// Time of frame `frame` of a loop of `frames`: the first and the last frame are the loop's
+    /// ends.
     pub(crate) fn time_of(&self, frame: usize, frames: usize) -> f64 {
         let last = frames.saturating_sub(1).max(1);
         self.scene.animation.duration() * frame as f64 / last as f64
@@ -168,7 +172,8 @@ impl Stage {
     }
 }
 
-/// How far ambient occlusion looks, as a part of the diagonal of the scene, and with how many rays a sample.
+/// How far ambient occlusion looks, as a part of the diagonal of the scene, and with how many rays
+/// a sample.
 const OCCLUSION_DISTANCE: f32 = 0.1;
 const OCCLUSION_RAYS: u32 = 16;
 

@@ -39,7 +39,8 @@ fn has_box(positions: &[Vec3], triangle: &[u32; 3]) -> bool {
     triangle.iter().all(|&v| positions[v as usize].is_finite())
 }
 
-/// Checks everything that must hold of the case; gives the report of the last update of each strategy.
+/// Checks everything that must hold of the case; gives the report of the last update of each
+/// strategy.
 pub(crate) fn hold(case: &Case) -> Vec<(Strategy, Update)> {
     let mut reported = Vec::new();
     for (turn, (threads, max_leaf_size)) in [(1, 1), (3, 1), (2, 4)].into_iter().enumerate() {
@@ -87,7 +88,8 @@ fn check_tree(bvh: &Bvh, case: &Case, frame: usize, strategy: &Strategy, reporte
     let positions = &case.frames[frame];
     let real = sah_cost(bvh, positions, &case.triangles);
     let cost = reported.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(bvh));
-    // Sums of areas from `f32` coordinates; where extents are denormal, so are areas, and nothing is promised.
+    // Sums of areas from `f32` coordinates; where extents are denormal, so are areas, and nothing
+    // is promised.
     let extent = bvh.root().aabb().extent().max_element();
     if extent == 0.0 || extent > 1e-15 {
         assert!((cost - real).abs() <= 1e-4 * real, "{name}, frame {frame}: reported {cost}, is {real}");
@@ -107,7 +109,8 @@ fn bounds(bvh: &Bvh) -> (Vec3, Vec3) {
     }
 }
 
-/// Rays from around the scene and from within, some along axes and with zero components, by every triangle test.
+/// Rays from around the scene and from within, some along axes and with zero components, by every
+/// triangle test.
 fn check_rays(bvh: &Bvh, triangles: &Triangles<'_>, name: &str) {
     let (center, extent) = bounds(bvh);
     let mut wide = Bvh8::new();

@@ -82,8 +82,9 @@ fn strips(n: usize, frame: usize, per_loop: usize) -> Vec<Vec3> {
     (0..3 * n).map(vertex).collect()
 }
 
-/// A tree is plain data. What is not finite in some frames leaves nothing behind in what it remembers: a copy of it goes
-/// on as it does, with other memory and on other threads, and so do two that are renumbered.
+/// A tree is plain data. What is not finite in some frames leaves nothing behind in what it
+/// remembers: a copy of it goes on as it does, with other memory and on other threads, and so do
+/// two that are renumbered.
 #[test]
 fn copies_go_on_alike_after_frames_that_are_not_finite() {
     const FRAMES: usize = 9;

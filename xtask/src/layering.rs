@@ -45,7 +45,8 @@ struct Dependency {
     kind: Option<String>,
 }
 
-/// Every edge between crates of the workspace that is not allowed, and every crate that is not known here.
+/// Every edge between crates of the workspace that is not allowed, and every crate that is not
+/// known here.
 pub(crate) fn violations(metadata: &str) -> Result<Vec<String>> {
     let metadata: Metadata =
         serde_json::from_str(metadata).context("cargo metadata printed something unexpected")?;

@@ -1,7 +1,8 @@
-//! `cargo xtask`: reruns the paper's experiments, renders scenes, lists what there is, checks the tree.
+//! `cargo xtask`: reruns the paper's experiments, renders scenes, lists what there is, checks the
+//! tree.
 //!
-//! This file is the command line and the exit codes: 0 for success, 1 if a check failed, 2 for bad input (one line
-//! says what, where, and what would be right), 130 after an interrupt.
+//! This file is the command line and the exit codes: 0 for success, 1 if a check failed, 2 for bad
+//! input (one line says what, where, and what would be right), 130 after an interrupt.
 
 mod ci;
 mod layering;
@@ -39,7 +40,8 @@ enum Command {
     Ci,
 }
 
-/// The command line. A negative number is a value that an option refuses, not an option that nobody knows.
+/// The command line. A negative number is a value that an option refuses, not an option that nobody
+/// knows.
 fn parse() -> Result<Cli, clap::Error> {
     let negative = |arg: Arg| {
         let takes_value = arg.get_action().takes_values();

@@ -397,7 +397,8 @@ fn frames_are_rendered_to_png_and_exr() {
         assert_eq!(render(&png, &["--strategy", strategy, "--threads", "3"]), smooth, "{strategy}");
     }
     let film = temporary.path().join("film.gif");
-    succeeds(&["render", str(&sheet), "--frames", "0..3", "--size", "8x8", "--out", str(&film)]);
+    let toys = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/toys.glb");
+    succeeds(&["render", toys, "--frames", "0..3", "--size", "8x8", "--out", str(&film)]);
     assert!(fs::read(&film).expect("a film").starts_with(b"GIF89a"));
     let range = temporary.path().join("range");
     succeeds(&["render", str(&sheet), "--frames", "1..3", "--size", "8x8", "--out", str(&range)]);

@@ -1,7 +1,8 @@
-//! Full disks, unreadable files and killed runs: nothing half-written is ever taken for whole, measured rows survive.
+//! Full disks, unreadable files and killed runs: nothing half-written is ever taken for whole,
+//! measured rows survive.
 //!
-//! The system provokes them: `ulimit -f` ends a write in the middle of a file, by an error or by a signal; SIGKILL ends a
-//! process at any moment.
+//! The system provokes them: `ulimit -f` ends a write in the middle of a file, by an error or by a
+//! signal; SIGKILL ends a process at any moment.
 #![cfg(target_os = "linux")]
 
 mod program;
@@ -165,7 +166,8 @@ fn rows_survive_a_run_that_is_killed_and_killed_again() {
     is_whole(&out, &all);
 }
 
-/// A new run in the folder of a finished one, killed before its first scene is through, is not taken for that one.
+/// A new run in the folder of a finished one, killed before its first scene is through, is not
+/// taken for that one.
 #[test]
 fn an_old_summary_does_not_speak_for_new_rows() {
     let (temporary, sheet) = folder();
@@ -183,7 +185,8 @@ fn an_old_summary_does_not_speak_for_new_rows() {
 fn a_full_disk_leaves_no_half_file_and_the_report_can_be_drawn_later() {
     let (temporary, sheet) = folder();
     let base = temporary.path();
-    // In blocks of 512 bytes: room for rows and pictures, but not for the report with all pictures in it.
+    // In blocks of 512 bytes: room for rows and pictures, but not for the report with all pictures
+    // in it.
     let full = "trap '' XFSZ; ulimit -f 40";
     let out = base.join("out");
     let run = ["reproduce", "fig4", "--preset", "quick", "--scene", str(&sheet), "--strategy", "refit"];

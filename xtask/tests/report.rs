@@ -27,7 +27,7 @@ fn fixed(row: &str) -> Vec<&str> {
 }
 
 #[test]
-fn results_are_gone_on_with_drawn_again_compared_and_opened() {
+fn results_are_resumed_redrawn_and_compared() {
     let (temporary, sheet) = folder();
     let out = temporary.path().join("results");
     let [sheet, path] = [str(&sheet), str(&out)];
@@ -38,7 +38,8 @@ fn results_are_gone_on_with_drawn_again_compared_and_opened() {
         summary["claims"].as_array().expect("claims").iter().map(|c| c["verdict"].clone()).collect()
     };
 
-    // Drawn again elsewhere: the same claims, figures and pictures, and the same page but for rounding.
+    // Drawn again elsewhere: the same claims, figures and pictures, and the same page but for
+    // rounding.
     let redrawn = temporary.path().join("redrawn");
     succeeds(&["reproduce", "--from", path, "--out", str(&redrawn)]);
     let after = summary(&redrawn);

@@ -10,17 +10,20 @@ use crate::mesh_file::{Format, load_mesh};
 use crate::sequence::load_sequence;
 
 /// Loads what is at `path`: a .glb or .gltf file ([`load_gltf`]), a directory of key frames
-/// ([`load_sequence`]), a scene of BART in .aff files ([`load_aff`]), or a single .obj, .ply or .stl file ([`load_mesh`]).
+/// ([`load_sequence`]), a scene of BART in .aff files ([`load_aff`]), or a single .obj, .ply or
+/// .stl file ([`load_mesh`]).
 ///
 /// `clip` chooses a clip of a glTF file by name or number; nothing else has clips.
 ///
 /// # Errors
-/// As those functions; if it is nothing of the kind; if `clip` is given for something without clips.
+/// As those functions; if it is nothing of the kind; if `clip` is given for something without
+/// clips.
 pub fn load(path: &Path, clip: Option<&str>) -> Result<Box<dyn Animation>, LoadError> {
     load_with(path, clip, true)
 }
 
-/// As [`load`], reading textures only if they are wanted; without them surfaces keep the factors of their materials.
+/// As [`load`], reading textures only if they are wanted; without them surfaces keep the factors of
+/// their materials.
 ///
 /// # Errors
 /// As [`load`].

@@ -43,10 +43,10 @@ impl Format {
 
 /// Loads one mesh from an .obj, .ply or .stl file, which then stands still.
 ///
-/// PLY may be ascii or binary of either byte order, with coordinates of any number type (rounded to the nearest
-/// f32). Polygons become fans of triangles. An OBJ file gives a part for each run of faces of one object and
-/// material, with the `Kd` of its .mtl file, if that is beside it. Corners of STL triangles in one place become one
-/// vertex.
+/// PLY may be ascii or binary of either byte order, with coordinates of any number type (rounded to
+/// the nearest f32). Polygons become fans of triangles. An OBJ file gives a part for each run of
+/// faces of one object and material, with the `Kd` of its .mtl file, if that is beside it. Corners
+/// of STL triangles in one place become one vertex.
 ///
 /// # Errors
 /// If the file cannot be read, is malformed, or has no triangles.
@@ -91,7 +91,8 @@ impl Mesh {
         Self { topology: Topology { materials, ..Topology::default() }, positions: Vec::new() }
     }
 
-    /// Adds a part whose `triangles` number its own `positions`. `None` if there are too many in all.
+    /// Adds a part whose `triangles` number its own `positions`. `None` if there are too many in
+    /// all.
     fn add_part(
         &mut self,
         name: String,

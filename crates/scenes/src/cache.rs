@@ -1,7 +1,8 @@
 //! Recorded simulations, and the cache of them on disk.
 //!
-//! A file holds the source hash of this crate, the scene with its parameters as text, and the record, in the format of
-//! `postcard`, and behind them their XXH3 checksum. What does not match in every part is simulated again and overwritten.
+//! A file holds the source hash of this crate, the scene with its parameters as text, and the
+//! record, in the format of `postcard`, and behind them their XXH3 checksum. What does not match in
+//! every part is simulated again and overwritten.
 
 use std::fs;
 use std::io::{self, Write};
@@ -24,8 +25,8 @@ pub(crate) struct Record {
 
 /// The record of `simulate` from the cache, or fresh, and then written to the cache.
 ///
-/// `parameters` names the scene and every option that `simulate` depends on. A note is pushed if the cache
-/// cannot be written.
+/// `parameters` names the scene and every option that `simulate` depends on. A note is pushed if
+/// the cache cannot be written.
 pub(crate) fn recorded(
     parameters: &str,
     options: &SceneOptions<'_>,
@@ -52,7 +53,8 @@ fn cache_path(dir: &Path, parameters: &str) -> PathBuf {
     dir.join(format!("{scene}-{:016x}.keys", xxh3_64(parameters.as_bytes())))
 }
 
-/// Writes under a temporary name and renames, so that no reader ever sees half a file, not even after a power failure.
+/// Writes under a temporary name and renames, so that no reader ever sees half a file, not even
+/// after a power failure.
 fn write_whole(dir: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
     fs::create_dir_all(dir)?;
     let mut file = tempfile::NamedTempFile::new_in(dir)?;

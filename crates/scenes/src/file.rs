@@ -1,4 +1,5 @@
-//! Animations from files, framed by a default view and lit by a default light where the file has none.
+//! Animations from files, framed by a default view and lit by a default light where the file has
+//! none.
 //!
 //! The view shows what moves, or all of it where nothing does; of a room it shows the inside.
 
@@ -27,7 +28,8 @@ pub(crate) fn scene(path: &Path, clip: Option<&str>, textures: bool) -> Result<S
         notes.push(format!("{} has no camera; the view is a default", path.display()));
     }
     if animation.light(0.0).is_none() {
-        // Mesh files cannot say what lights there are; of what can and names none, none casts a shadow.
+        // Mesh files cannot say what lights there are; of what can and names none, none casts a
+        // shadow.
         shadows = path.is_dir() || path.extension().is_some_and(|e| e == "obj" || e == "ply" || e == "stl");
         let cast = if shadows { "" } else { " that casts no shadow" };
         notes.push(format!("{} has no light; the light is a default{cast}", path.display()));
@@ -64,8 +66,8 @@ fn default_view(animation: &dyn Animation) -> (View, Light) {
     })
 }
 
-/// The corners of the box around all finite positions of what moves, or of all if nothing does, at times that sample
-/// the animation.
+/// The corners of the box around all finite positions of what moves, or of all if nothing does, at
+/// times that sample the animation.
 fn bounds(animation: &dyn Animation) -> (Vec3, Vec3) {
     let mut positions = animation.rest();
     let (mut low, mut high) = (Vec3::MAX, Vec3::MIN);
@@ -84,7 +86,8 @@ fn bounds(animation: &dyn Animation) -> (Vec3, Vec3) {
     (low, high)
 }
 
-/// A three-quarter view from slightly above that holds a sphere in an image at least as wide as high.
+/// A three-quarter view from slightly above that holds a sphere in an image at least as wide as
+/// high.
 fn framing(center: Vec3, radius: f32) -> View {
     let fov_y = 40_f32.to_radians();
     let direction = vec3(0.62, 0.38, 0.69).normalize();

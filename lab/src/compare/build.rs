@@ -1,4 +1,5 @@
-//! Builds from nothing: every measured frame gets new contestants, with no memory from the frame before.
+//! Builds from nothing: every measured frame gets new contestants, with no memory from the frame
+//! before.
 
 use anyhow::Result;
 use pivot_benches::{Answers, Contest};

@@ -1,4 +1,5 @@
-//! Whole frames: an update and a picture, in measured frames of a loop at the scene's own pace, played once or more.
+//! Whole frames: an update and a picture, in measured frames of a loop at the scene's own pace,
+//! played once or more.
 
 use std::time::Instant;
 

@@ -1,7 +1,8 @@
-//! The hard cases, given to everyone: each contestant and case in a process of its own, because some do not survive.
+//! The hard cases, given to everyone: each contestant and case in a process of its own, because
+//! some do not survive.
 //!
-//! What is counted is rays of which brute force says that they hit a finite triangle, and where the contestant finds
-//! nothing, or something else; and rays that hit nothing and do in its eyes.
+//! What is counted is rays of which brute force says that they hit a finite triangle, and where the
+//! contestant finds nothing, or something else; and rays that hit nothing and do in its eyes.
 
 use std::io::Read;
 use std::path::Path;
@@ -118,7 +119,8 @@ pub(super) fn run(embree: Option<&Path>) -> Result<()> {
     Ok(())
 }
 
-/// What a child process says of one case, or how it ended; nothing after an interrupt, which the child gets, too.
+/// What a child process says of one case, or how it ended; nothing after an interrupt, which the
+/// child gets, too.
 fn in_a_process(case: &str, contestant: &str, embree: Option<&Path>) -> Result<Option<String>> {
     let mut command = Command::new(std::env::current_exe()?);
     command.args(["compare", "hard", "--case", case, "--contestant", contestant]);

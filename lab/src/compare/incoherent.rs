@@ -1,4 +1,5 @@
-//! Tracing rays that have little in common: one diffuse bounce from what primary rays hit, the same rays for everyone.
+//! Tracing rays that have little in common: one diffuse bounce from what primary rays hit, the same
+//! rays for everyone.
 
 use std::time::Instant;
 

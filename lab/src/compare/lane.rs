@@ -132,7 +132,8 @@ pub(super) fn view(stage: &Stage, size: u32) -> View {
     View { camera: stage.camera(size, size), light }
 }
 
-/// Frames to measure, spread evenly over the frames `1..frames` of a loop; frame 0 is where everyone starts.
+/// Frames to measure, spread evenly over the frames `1..frames` of a loop; frame 0 is where
+/// everyone starts.
 pub(super) fn spread(frames: usize, measured: usize) -> Vec<usize> {
     let last = frames.saturating_sub(1).max(1);
     let mut all: Vec<usize> = (1..=measured).map(|i| (i * last).div_ceil(measured).max(1)).collect();

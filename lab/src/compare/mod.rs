@@ -1,7 +1,9 @@
-//! `cargo xtask compare`: this project beside other libraries, in one run, on the same work, with the same hits.
+//! `cargo xtask compare`: this project beside other libraries, in one run, on the same work, with
+//! the same hits.
 //!
-//! All contestants of a scene live at the same time and take turns, frame by frame and in an order that rotates, so
-//! that whatever else the machine does hits all of them alike. Poses are computed outside of what is timed.
+//! All contestants of a scene live at the same time and take turns, frame by frame and in an order
+//! that rotates, so that whatever else the machine does hits all of them alike. Poses are computed
+//! outside of what is timed.
 
 mod build;
 mod frame;
@@ -45,10 +47,11 @@ enum What {
     All,
 }
 
-/// Scenes compared unless others are named: the motions and sizes that the update was made for. Whole frames are
-/// compared on every scene: what a strategy must not do is fail on one of them.
+/// Scenes compared unless others are named: the motions and sizes that the update was made for.
+/// Whole frames are compared on every scene: what a strategy must not do is fail on one of them.
 const SCENES: [&str; 4] = ["cloth-ball", "n-body", "exploding-dragon", "lion"];
-/// Measured frames of a loop: of updates and of whole frames, whose worst ones count, too; and of the rest.
+/// Measured frames of a loop: of updates and of whole frames, whose worst ones count, too; and of
+/// the rest.
 const UPDATE_FRAMES: usize = 20;
 const OTHER_FRAMES: usize = 5;
 /// Pixels on each side of the traced image.
@@ -60,8 +63,8 @@ pub struct Args {
     /// What to compare
     #[arg(value_enum, default_value_t = What::All)]
     what: What,
-    /// A scene's name, a .glb, .gltf, .obj, .ply or .aff file, or a folder of key frames; repeatable
-    /// [default: cloth-ball, n-body, exploding-dragon, lion; all for whole frames]
+    /// A scene's name, a .glb, .gltf, .obj, .ply or .aff file, or a folder of key frames;
+    /// repeatable [default: cloth-ball, n-body, exploding-dragon, lion; all for whole frames]
     #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
     scenes: Vec<String>,
     /// Only contestants whose names contain this; repeatable
@@ -70,7 +73,8 @@ pub struct Args {
     /// Threads; repeatable [default: 1 and as many as there are cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Vec<u32>,
-    /// Embree's library, version 3 or 4, or a folder with it [default: PIVOT_EMBREE, else the system's]
+    /// Embree's library, version 3 or 4, or a folder with it [default: PIVOT_EMBREE, else the
+    /// system's]
     #[arg(long, value_name = "PATH")]
     embree: Option<PathBuf>,
     /// File for the results
@@ -82,8 +86,8 @@ pub struct Args {
     /// File for a chart (SVG) of the times per triangle
     #[arg(long, value_name = "FILE")]
     chart: Option<PathBuf>,
-    /// Frames to measure, spread over a loop that is played in full [default: 20 updates, 20 whole frames, 5 of the
-    /// rest]
+    /// Frames to measure, spread over a loop that is played in full [default: 20 updates, 20 whole
+    /// frames, 5 of the rest]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: Option<u32>,
     /// Times to play a loop of whole frames; each frame then counts by its median
@@ -249,7 +253,8 @@ fn draw(args: &Args, report: &Report) -> Result<()> {
     files::print(&files::shown(path))
 }
 
-/// Updates and whole frames of every contestant on one scene, for those who keep the rows themselves.
+/// Updates and whole frames of every contestant on one scene, for those who keep the rows
+/// themselves.
 pub(crate) fn beside(
     label: &str,
     stage: &mut Stage,

@@ -3,7 +3,8 @@
 use super::row::Row;
 use super::table::threads_of;
 
-/// What is measured, one contestant over another; `*` stands for the best of all others whose names begin so.
+/// What is measured, one contestant over another; `*` stands for the best of all others whose names
+/// begin so.
 const RATIOS: [[&str; 3]; 19] = [
     ["update", "pivot refit", "memory limit"],
     ["update", "pivot refit", "embree refit"],
@@ -26,7 +27,8 @@ const RATIOS: [[&str; 3]; 19] = [
     ["frame", "pivot auto", "pivot *"],
 ];
 
-/// Means of whole frames, since repairs make a median leave out what they cost; medians of all else.
+/// Means of whole frames, since repairs make a median leave out what they cost; medians of all
+/// else.
 fn time(row: &Row) -> f64 {
     if row.what == "frame" { row.mean_ms } else { row.median_ms }
 }

@@ -11,8 +11,8 @@ use crate::reproduce::chart::{Chart, Kind, Point, Series, figure};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Row {
     pub(crate) scene: String,
-    /// `update`, `limit` (what the memory takes for an update's bytes), `build`, `trace`, `incoherent`, `view` (making the
-    /// wide view for that) or `frame`.
+    /// `update`, `limit` (what the memory takes for an update's bytes), `build`, `trace`,
+    /// `incoherent`, `view` (making the wide view for that) or `frame`.
     pub(crate) what: String,
     pub(crate) contestant: String,
     pub(crate) threads: usize,
@@ -23,12 +23,13 @@ pub(crate) struct Row {
     pub(crate) max_ms: f64,
     /// Says more than the median where frames do different work.
     pub(crate) mean_ms: f64,
-    /// Mean over the measured frames of the tree's SAH cost over that of a full sweep build of the same frame;
-    /// nothing where the tree cannot be read.
+    /// Mean over the measured frames of the tree's SAH cost over that of a full sweep build of the
+    /// same frame; nothing where the tree cannot be read.
     pub(crate) sah_over_sweep: Option<f64>,
     /// Primary rays that hit something, in all measured frames of all runs.
     pub(crate) hits: u64,
-    /// Primary rays with another answer than the reference: hit or miss, or a distance off by more than 0.1 %.
+    /// Primary rays with another answer than the reference: hit or miss, or a distance off by more
+    /// than 0.1 %.
     pub(crate) different: u64,
     /// Primary rays cast for comparison.
     pub(crate) rays: u64,

@@ -2,8 +2,8 @@
 
 use super::row::Row;
 
-/// Rows of one measurement; first the figure that can be compared between scenes: nanoseconds a triangle, or rays a
-/// second.
+/// Rows of one measurement; first the figure that can be compared between scenes: nanoseconds a
+/// triangle, or rays a second.
 pub(super) fn table(rows: &[Row]) -> String {
     let Some(first) = rows.first() else { return String::new() };
     let what = if first.what == "limit" { "update" } else { first.what.as_str() };

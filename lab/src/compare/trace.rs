@@ -1,4 +1,5 @@
-//! Tracing: primary rays and shadow rays towards the point light, through trees fresh in each measured frame.
+//! Tracing: primary rays and shadow rays towards the point light, through trees fresh in each
+//! measured frame.
 
 use std::time::Instant;
 

@@ -1,8 +1,8 @@
 //! Updates: one loop, played at the scene's own pace.
 //!
-//! Contestants that keep their tree see every frame; those that rebuild see only the measured ones. What counts is
-//! the time from new positions to a tree that can be traced, with whatever that library wants on the way, such as
-//! boxes of all triangles.
+//! Contestants that keep their tree see every frame; those that rebuild see only the measured ones.
+//! What counts is the time from new positions to a tree that can be traced, with whatever that
+//! library wants on the way, such as boxes of all triangles.
 
 use anyhow::Result;
 use pivot_benches::{Answers, Contest, LIMIT};

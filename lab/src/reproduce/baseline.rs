@@ -1,9 +1,10 @@
 //! Two runs laid over each other: what got worse beyond noise.
 //!
-//! Frames are paired by loop and number. Of their ratios, now over before, the median counts. Times are first divided by
-//! the median of these medians over all strategies of the scene, which is how busy the machine was then, since only ratios
-//! within a run mean something; a slowdown of all strategies looks the same, so it is listed. SAH costs are
-//! compared as they are: they do not depend on the machine.
+//! Frames are paired by loop and number. Of their ratios, now over before, the median counts. Times
+//! are first divided by the median of these medians over all strategies of the scene, which is how
+//! busy the machine was then, since only ratios within a run mean something; a slowdown of all
+//! strategies looks the same, so it is listed. SAH costs are compared as they are: they do not
+//! depend on the machine.
 
 use maud::{Markup, html};
 use serde::Serialize;
@@ -15,7 +16,8 @@ use super::results::{Results, SceneRun, Spread};
 
 /// A time has changed if its ratio is further from 1 than this, and than three standard errors.
 const TIME_NOISE: f64 = 0.10;
-/// Costs are the same to the last digit, unless the tree is another; differences below this do not matter.
+/// Costs are the same to the last digit, unless the tree is another; differences below this do not
+/// matter.
 const COST_NOISE: f64 = 0.005;
 
 /// What differs between two runs.

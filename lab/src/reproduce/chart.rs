@@ -1,4 +1,5 @@
-//! Charts as SVG, drawn by `plotters`: lines, bars in groups, and scattered marks, each with a legend beside it.
+//! Charts as SVG, drawn by `plotters`: lines, bars in groups, and scattered marks, each with a
+//! legend beside it.
 
 use std::ops::Range;
 
@@ -14,7 +15,8 @@ pub(crate) struct Chart {
     pub(crate) x_label: String,
     pub(crate) y_label: String,
     pub(crate) series: Vec<Series>,
-    /// Names of the places 0, 1, 2 ... on the horizontal axis, where it has names instead of numbers.
+    /// Names of the places 0, 1, 2 ... on the horizontal axis, where it has names instead of
+    /// numbers.
     pub(crate) places: Vec<String>,
     /// Where to rule vertical lines.
     pub(crate) rules: Vec<f64>,
@@ -187,8 +189,8 @@ impl Chart {
     }
 }
 
-/// Coordinates along an axis, with ticks where this module wants them: `plotters` has none that are round on a logarithmic
-/// scale.
+/// Coordinates along an axis, with ticks where this module wants them: `plotters` has none that are
+/// round on a logarithmic scale.
 struct Places {
     range: Range<f64>,
     ticks: Vec<f64>,
@@ -230,7 +232,8 @@ impl Axis {
         }
     }
 
-    /// With some room on both sides of the positive values; logarithmic if they span more than a factor of ten.
+    /// With some room on both sides of the positive values; logarithmic if they span more than a
+    /// factor of ten.
     fn around(values: impl Iterator<Item = f64>) -> Self {
         let usable = values.filter(|&v| v > 0.0);
         let (low, high) = usable.fold((f64::INFINITY, 0.0_f64), |(low, high), v| (low.min(v), high.max(v)));

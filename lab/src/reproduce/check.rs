@@ -1,4 +1,5 @@
-//! What every strategy must agree on: pictures among themselves, hits with brute force, boxes with the primitives.
+//! What every strategy must agree on: pictures among themselves, hits with brute force, boxes with
+//! the primitives.
 
 use bvh_core::{Bvh, Ray, Triangles};
 use rayon::prelude::*;

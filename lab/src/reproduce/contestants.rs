@@ -1,7 +1,7 @@
 //! The rows of every table: strategies as measured, and two kinds of accounting the paper uses.
 //!
-//! A strategy of `bvh_update` is a contestant by itself; one that lives elsewhere is a line in [`Contestant::all`].
-//! `docs/EXTENDING.md` shows how.
+//! A strategy of `bvh_update` is a contestant by itself; one that lives elsewhere is a line in
+//! [`Contestant::all`]. `docs/EXTENDING.md` shows how.
 
 use anyhow::{Context, Result};
 use bvh_core::{Bvh, Triangles};
@@ -42,15 +42,16 @@ pub(crate) enum Counted {
 
 /// The strategy that chooses, its weights corrected by the clock: not reproducible.
 const AUTO_BY_CLOCK: &str = "auto-by-clock";
-/// An instant sweep rebuild: the bound for every update (Kopta et al. 2012, section 3, "ideal update").
+/// An instant sweep rebuild: the bound for every update (Kopta et al. 2012, section 3, "ideal
+/// update").
 pub(crate) const IDEAL: &str = "ideal";
 /// A binned rebuild that scales perfectly (there, "ideal parallel binned").
 pub(crate) const IDEAL_PARALLEL_BINNED: &str = "ideal-parallel-binned";
 /// The serial binned rebuild as the paper's code had it.
 pub(crate) const PAPER_BINNED: &str = "paper-binned";
 
-/// What runs unless something else is asked for: the paper's experiments and what it suggests, today's fastest
-/// rebuilds, and this project's own.
+/// What runs unless something else is asked for: the paper's experiments and what it suggests,
+/// today's fastest rebuilds, and this project's own.
 const DEFAULT: [&str; 13] = [
     "refit",
     "refit+rotate",

@@ -18,7 +18,8 @@ pub(crate) struct Decided {
 /// What does the same in every frame decides this.
 pub(super) const ALWAYS: &str = "as always";
 
-/// The decisions of a strategy on a scene, most frequent first; none if it does the same in every frame.
+/// The decisions of a strategy on a scene, most frequent first; none if it does the same in every
+/// frame.
 pub(crate) fn decisions(scene: &SceneRun, strategy: &str) -> Vec<Decided> {
     struct Kind {
         pattern: String,

@@ -26,7 +26,8 @@ pub(crate) struct Journal<T> {
 }
 
 impl<T: Line> Journal<T> {
-    /// A file with a header and the rows that an earlier run has left, in place of any that is there.
+    /// A file with a header and the rows that an earlier run has left, in place of any that is
+    /// there.
     pub(crate) fn create<'a>(path: &Path, kept: impl IntoIterator<Item = &'a T>) -> Result<Self>
     where
         T: 'a,
@@ -40,6 +41,18 @@ impl<T: Line> Journal<T> {
         let file = File::options().append(true).open(path);
         let file = file.with_context(|| format!("{}: cannot be written", path.display()))?;
         Ok(Self { path: path.to_owned(), file, length: start.len() as u64, of: PhantomData })
+    }
+
+    /// The same if it is wanted; otherwise removes the file of an earlier run.
+    pub(crate) fn if_wanted<'a>(
+        wanted: bool,
+        path: &Path,
+        kept: impl IntoIterator<Item = &'a T>,
+    ) -> Result<Option<Self>>
+    where
+        T: 'a,
+    {
+        if wanted { Self::create(path, kept).map(Some) } else { files::remove_old(path).map(|()| None) }
     }
 
     /// Appends rows, all or none.

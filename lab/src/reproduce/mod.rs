@@ -12,7 +12,6 @@ mod journal;
 mod offline;
 mod options;
 mod output;
-mod pace;
 mod paper_binned;
 mod peers;
 mod pictures;
@@ -30,7 +29,6 @@ use scenes::Scene;
 
 use self::journal::Journal;
 use self::output::Output;
-use self::pace::Pace;
 use self::protocol::{Log, Named, Plan};
 use self::record::Row;
 use self::results::{Picture, Results, SceneFacts, SceneRun, Settings};
@@ -46,7 +44,8 @@ pub use self::options::Args;
 const SPEEDS: [usize; 3] = [20, 100, 500];
 /// The strategy of figure 5.
 const SPEED_STRATEGY: &str = "refit+rotate";
-/// The scene that starts from a bad tree, and the same from its other key frames, for the claim that this mends it.
+/// The scene that starts from a bad tree, and the same from its other key frames, for the claim
+/// that this mends it.
 const MUSEUM: &str = "bart-museum";
 const OTHER_KEYS: [&str; 4] = ["bart-museum:1", "bart-museum:2", "bart-museum:3", "bart-museum:4"];
 /// What runs on those.
@@ -91,7 +90,10 @@ pub fn run(args: &Args) -> Result<()> {
     let mut kept = Vec::new();
     for entry in &entries {
         let finished = saved.as_mut().and_then(|saved| saved.finished(&entry.label));
-        let begun = saved.as_mut().filter(|_| finished.is_none()).map(|saved| saved.begun(&entry.label));
+        let strategies =
+            if entry.supplement { KEY_STRATEGIES.len() } else { results.settings.strategies.len() };
+        let begun = saved.as_mut().filter(|_| finished.is_none());
+        let begun = begun.map(|saved| saved.begun(&entry.label, strategies));
         kept.push((finished, begun.unwrap_or_default()));
     }
     let rows = |of: usize| -> Vec<Row> {
@@ -106,39 +108,26 @@ pub fn run(args: &Args) -> Result<()> {
         // First of all: with new rows beside it, it would name scenes as finished that have none.
         files::remove_old(&out.file("summary.json"))?;
     }
-    let mut frames = Journal::create(&out.file("frames.csv"), &rows(0))?;
+    let finished = || kept.iter().flat_map(|(finished, _)| finished);
     let any_speeds = entries.iter().any(|entry| args.runs_speeds(&entry.label));
-    let mut speeds = any_speeds.then(|| Journal::create(&out.file("fig5.csv"), &rows(1))).transpose()?;
-    if speeds.is_none() {
-        files::remove_old(&out.file("fig5.csv"))?;
-    }
-    let points = || kept.iter().flat_map(|(finished, _)| finished).flat_map(|run| &run.accuracy);
-    let mut points =
-        args.runs_accuracy().then(|| Journal::create(&out.file("accuracy.csv"), points())).transpose()?;
-    if points.is_none() {
-        files::remove_old(&out.file("accuracy.csv"))?;
-    }
-    let peers_kept = || kept.iter().flat_map(|(finished, _)| finished).flat_map(|run| &run.peers);
-    let mut beside =
-        args.runs_peers().then(|| Journal::create(&out.file("peers.csv"), peers_kept())).transpose()?;
-    if beside.is_none() {
-        files::remove_old(&out.file("peers.csv"))?;
-    }
-    let mut pace = Pace::new(entries.iter().map(|entry| entry.work(args)).sum());
+    let mut frames = Journal::create(&out.file("frames.csv"), &rows(0))?;
+    let mut speeds = Journal::if_wanted(any_speeds, &out.file("fig5.csv"), &rows(1))?;
+    let points = finished().flat_map(|run| &run.accuracy);
+    let mut points = Journal::if_wanted(args.runs_accuracy(), &out.file("accuracy.csv"), points)?;
+    let beside = finished().flat_map(|run| &run.peers);
+    let mut beside = Journal::if_wanted(args.runs_peers(), &out.file("peers.csv"), beside)?;
 
     for (entry, (finished, begun)) in entries.into_iter().zip(kept) {
         if interrupt::requested() {
             break;
         }
         if let Some(finished) = finished {
-            pace.skip(entry.work(args));
             results.scenes.push(finished);
             continue;
         }
         // Before each scene, so that a run that is killed leaves all but one of them.
         out.write_summary(&results)?;
         files::remark(&entry.label);
-        pace.pause();
         let scene = entry.loaded.map_or_else(|| args.load(&entry.source), Ok)?;
         let run = pool.install(|| {
             let mut stage = Stage::new(scene)?;
@@ -147,14 +136,13 @@ pub fn run(args: &Args) -> Result<()> {
             run.facts.supplement = entry.supplement;
             let [begun, begun_speeds] = begun;
             if args.runs_frames() {
-                let mut log = Log { done: begun, journal: &mut frames, pace: &mut pace };
+                let mut log = Log { done: begun, journal: &mut frames };
                 run_frames(&mut run, &mut stage, &plan, args, &mut log, &out)?;
             }
             if let Some(journal) = speeds.as_mut().filter(|_| args.runs_speeds(&run.facts.label)) {
-                let mut log = Log { done: begun_speeds, journal, pace: &mut pace };
+                let mut log = Log { done: begun_speeds, journal };
                 run_speeds(&mut run, &mut stage, &plan, args.values().speed_loops, &mut log)?;
             }
-            pace.pause();
             let is_static = args.runs_claims() && !entry.supplement;
             if is_static && run.facts.triangles <= args.values().offline && !interrupt::requested() {
                 run.offline = offline::measure(&mut stage, plan.size)?;
@@ -182,7 +170,6 @@ pub fn run(args: &Args) -> Result<()> {
             run.facts.finished = !interrupt::requested();
         }
     }
-    drop(pace);
     results.interrupted = interrupt::requested();
     out.write(&results, baseline.as_ref())
 }
@@ -237,22 +224,6 @@ fn entries(args: &Args) -> Result<Vec<Entry>> {
         entries.extend(supplements);
     }
     Ok(entries)
-}
-
-impl Entry {
-    /// How much there is to do, by what is known before it is loaded.
-    fn work(&self, args: &Args) -> f64 {
-        let values = args.values();
-        let name = self.source.split(':').next().unwrap_or_default();
-        let info = scenes::list().iter().find(|info| info.name == name);
-        let loaded = || self.loaded.as_ref().map_or(0, |s| s.animation.topology().triangles.len());
-        let triangles = info.map_or_else(loaded, |info| info.triangles);
-        let plan = plan(args, &args.settings(), triangles, self.supplement);
-        let work = |strategies| pace::work(triangles, strategies);
-        let frames = if args.runs_frames() { plan.steps() as f64 * work(plan.weight()) } else { 0.0 };
-        let speeds = SPEEDS.map(|n| n as f64).iter().sum::<f64>() * values.speed_loops * work(1);
-        frames + if args.runs_speeds(&self.label) { speeds } else { 0.0 }
-    }
 }
 
 fn plan(args: &Args, settings: &Settings, triangles: usize, supplement: bool) -> Plan {
@@ -333,8 +304,6 @@ fn run_frames(
             "resumed after loop {round}, frame {frame}: pictures of strategies up to there were compared in the run before"
         ));
     }
-    let work = pace::work(facts.triangles, plan.weight());
-    log.pace.begin(format!("{}, frames", facts.label), plan.steps(), work);
     let (rows, checks) = protocol::measure(&facts.label, stage, plan, log.take(plan.frames), take)?;
     run.rows = rows;
     run.checks.add(&checks);
@@ -358,8 +327,6 @@ fn run_speeds(
         let measure_every = if plan.measure_every == 1 { 1 } else { frames / SPEEDS[0] };
         let contestants = contestants.clone();
         let plan = Plan { contestants, frames, loops, measure_every, pictures: 0, ..plan.clone() };
-        let what = format!("{}, {frames} frames a loop", run.facts.label);
-        log.pace.begin(what, plan.steps(), pace::work(run.facts.triangles, 1));
         let (rows, checks) =
             protocol::measure(&run.facts.label, stage, &plan, log.take(frames), |_, _, _| Ok(()))?;
         run.speeds.push((frames, rows));

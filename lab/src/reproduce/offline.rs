@@ -1,4 +1,5 @@
-//! Trees that are built once, with all the time in the world: what annealing is worth with path tracing (Kensler 2008).
+//! Trees that are built once, with all the time in the world: what annealing is worth with path
+//! tracing (Kensler 2008).
 
 use std::time::Instant;
 
@@ -30,8 +31,8 @@ pub(crate) struct OfflineTree {
     pub(crate) path_ms: f64,
 }
 
-/// Builds a tree by every offline builder there is, and traces paths through all of them in turn; nothing if there is
-/// none.
+/// Builds a tree by every offline builder there is, and traces paths through all of them in turn;
+/// nothing if there is none.
 pub(crate) fn measure(stage: &mut Stage, size: u32) -> Result<Vec<OfflineTree>> {
     stage.pose(0.0);
     let others = OFFLINE.iter().filter_map(|name| name.parse().ok());

@@ -31,17 +31,9 @@ enum Experiment {
     Peers,
 }
 
-impl Experiment {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Fig4 => "fig4",
-            Self::Fig5 => "fig5",
-            Self::Fig6 => "fig6",
-            Self::Claims => "claims",
-            Self::Accuracy => "accuracy",
-            Self::Peers => "peers",
-        }
-    }
+/// The name of a choice on the command line.
+fn name(choice: &impl ValueEnum) -> String {
+    choice.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }
 
 /// The scene of figure 5.
@@ -56,10 +48,12 @@ pub struct Args {
     /// How much: quick takes half a minute, standard six minutes, full is the paper's protocol
     #[arg(long, value_enum, default_value_t = Preset::Standard)]
     preset: Preset,
-    /// A scene's name, a .glb, .gltf, .obj, .ply or .aff file, or a folder of key frames; repeatable [default: all]
+    /// A scene's name, a .glb, .gltf, .obj, .ply or .aff file, or a folder of key frames;
+    /// repeatable [default: all]
     #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
     pub(super) scenes: Vec<String>,
-    /// A strategy's name, as `list` gives them, or `all`; repeatable [default: those of the paper, and the best]
+    /// A strategy's name, as `list` gives them, or `all`; repeatable [default: those of the paper,
+    /// and the best]
     #[arg(long = "strategy", value_name = "NAME", value_parser = strategy)]
     strategies: Vec<Choice>,
     /// Clip of a glTF file, by name or number [default: its first]
@@ -83,10 +77,12 @@ pub struct Args {
     /// Folder for the results [default: target/reproduce]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Go on where an interrupted run with the same settings has stopped: what its folder holds is not measured again
+    /// Go on where an interrupted run with the same settings has stopped: what its folder holds is
+    /// not measured again
     #[arg(long)]
     pub(super) resume: bool,
-    /// Measure nothing: draw figures and report again from what a folder holds, into it or into --out
+    /// Measure nothing: draw figures and report again from what a folder holds, into it or into
+    /// --out
     #[arg(
         long,
         value_name = "DIR",
@@ -96,7 +92,8 @@ pub struct Args {
         ]
     )]
     pub(super) from: Option<PathBuf>,
-    /// Embree's library for `peers`, version 3 or 4, or a folder with it [default: PIVOT_EMBREE, else the system's]
+    /// Embree's library for `peers`, version 3 or 4, or a folder with it [default: PIVOT_EMBREE,
+    /// else the system's]
     #[arg(long, value_name = "PATH")]
     embree: Option<PathBuf>,
     /// Compare with the results in another folder, and name what got worse
@@ -186,8 +183,8 @@ impl Args {
             speeds.then_some(SPEED_STRATEGY).into_iter().collect()
         };
         Settings {
-            preset: self.preset.name().to_owned(),
-            experiments: all.iter().filter(|e| self.runs(**e)).map(|e| e.name().to_owned()).collect(),
+            preset: name(&self.preset),
+            experiments: all.iter().filter(|e| self.runs(**e)).map(name).collect(),
             strategies: strategies.into_iter().map(str::to_owned).collect(),
             frames: values.frames,
             loops: values.loops,
@@ -201,8 +198,8 @@ impl Args {
         }
     }
 
-    /// Whether an experiment runs: as it is named, or as part of everything, which other libraries never are and figure 5
-    /// and accuracy are not where time is short.
+    /// Whether an experiment runs: as it is named, or as part of everything, which other libraries
+    /// never are and figure 5 and accuracy are not where time is short.
     fn runs(&self, experiment: Experiment) -> bool {
         if !self.experiments.is_empty() {
             return self.experiments.contains(&experiment);
@@ -230,7 +227,8 @@ impl Args {
         self.runs(Experiment::Peers)
     }
 
-    /// Embree for those, if there is one; an error if it is not where it was said to be, or does not work.
+    /// Embree for those, if there is one; an error if it is not where it was said to be, or does
+    /// not work.
     pub(super) fn embree(&self, threads: usize) -> Result<Option<Device>> {
         if self.runs_peers() { compare::embree(self.embree.as_deref(), threads) } else { Ok(None) }
     }
@@ -245,13 +243,15 @@ impl Args {
         self.runs(Experiment::Claims)
     }
 
-    /// Whether figure 5 is to be run on that scene: on its own, and on any other if it is asked for by name.
+    /// Whether figure 5 is to be run on that scene: on its own, and on any other if it is asked for
+    /// by name.
     pub(super) fn runs_speeds(&self, label: &str) -> bool {
         let named = self.experiments.contains(&Experiment::Fig5);
         self.may_run_speeds() && (label == SPEED_SCENE || named && !self.scenes.is_empty())
     }
 
-    /// Whether figure 5 is to be run on some scene: if it is asked for, or claims that rest on it are.
+    /// Whether figure 5 is to be run on some scene: if it is asked for, or claims that rest on it
+    /// are.
     fn may_run_speeds(&self) -> bool {
         let for_claims = self.experiments.contains(&Experiment::Claims) && self.has_speed_scene();
         self.runs(Experiment::Fig5) || for_claims

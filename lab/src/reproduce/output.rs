@@ -18,7 +18,8 @@ pub(super) struct Output {
 }
 
 impl Output {
-    /// Makes the folder and those in it, and removes a report that would be mistaken for this run's.
+    /// Makes the folder and those in it, and removes a report that would be mistaken for this
+    /// run's.
     pub(super) fn prepare(folder: PathBuf) -> Result<Self> {
         files::make_folder(&folder)?;
         let out = Self { _lock: files::lock(&folder)?, folder };

@@ -1,9 +1,9 @@
 //! A serial binned rebuild of 2012: bins along one axis, and a sort at every node.
 //!
-//! Serial, top down: the longest axis of the hull of the centres, 16 bins along it, the cheapest of the 15 planes
-//! between them by surface area; then the node's primitives are sorted along the axis and cut where the plane falls.
-//! One primitive a leaf. The authors' code partitioned where this sorts, so
-//! theirs was faster. It decides no verdict.
+//! Serial, top down: the longest axis of the hull of the centres, 16 bins along it, the cheapest of
+//! the 15 planes between them by surface area; then the node's primitives are sorted along the axis
+//! and cut where the plane falls. One primitive a leaf. The authors' code partitioned where this
+//! sorts, so theirs was faster. It decides no verdict.
 
 use anyhow::Result;
 use bvh_core::{Aabb, Bvh, MAX_HEIGHT, Node, Primitives, Triangles, Vec3};
@@ -57,8 +57,8 @@ fn grow(items: &mut [Item], slot: u32, depth: u32, nodes: &mut Vec<Node>) -> Nod
     Node::parent(&nodes[pair], &nodes[pair + 1], pair as u32)
 }
 
-/// Sorts the items along the longest axis of their centres, and says how many go to the left; `None` if the bins do
-/// not separate any two.
+/// Sorts the items along the longest axis of their centres, and says how many go to the left;
+/// `None` if the bins do not separate any two.
 fn split(items: &mut [Item]) -> Option<usize> {
     let (min, max) = items
         .iter()

@@ -1,4 +1,5 @@
-//! The same scenes beside other libraries: updates, and whole frames, as `cargo xtask compare` measures them.
+//! The same scenes beside other libraries: updates, and whole frames, as `cargo xtask compare`
+//! measures them.
 
 use maud::{Markup, html};
 

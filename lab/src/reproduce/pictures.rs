@@ -14,7 +14,8 @@ use crate::stage::Stage;
 /// Strategies whose trees are shown as heat maps; the last is that of a fresh build.
 pub(crate) const HEAT_MAPS: [&str; 4] = ["refit", "refit+rotate", "auto", "sweep"];
 
-/// Nodes visited for a pixel that heat maps show white, over the mean of the first frame with its fresh tree.
+/// Nodes visited for a pixel that heat maps show white, over the mean of the first frame with its
+/// fresh tree.
 const HOTTEST: u64 = 8;
 
 /// Makes a picture of the stage as it is, smooth, and gives the PNG file's bytes.

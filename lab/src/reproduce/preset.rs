@@ -47,14 +47,6 @@ pub(crate) struct Values {
 pub(crate) const MANY: usize = 500_000;
 
 impl Preset {
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Quick => "quick",
-            Self::Standard => "standard",
-            Self::Full => "full",
-        }
-    }
-
     pub(crate) fn values(self) -> Values {
         match self {
             Self::Quick => Values {

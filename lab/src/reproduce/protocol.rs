@@ -1,13 +1,15 @@
 //! How frames are measured.
 //!
-//! The tree is built once, by the sweep builder over the first frame, and every strategy starts from a copy of it.
-//! Then, frame by frame, the scene is posed once, and each strategy in turn updates its own tree and renders with
-//! primary and shadow rays. Strategies take turns within a frame, a different one first each time, so that whatever
-//! else the machine does hits all of them alike. Before the first frame each runs once on a copy that is thrown
-//! away. Checks, costs and pictures are made outside of what is timed.
+//! The tree is built once, by the sweep builder over the first frame, and every strategy starts
+//! from a copy of it. Then, frame by frame, the scene is posed once, and each strategy in turn
+//! updates its own tree and renders with primary and shadow rays. Strategies take turns within a
+//! frame, a different one first each time, so that whatever else the machine does hits all of them
+//! alike. Before the first frame each runs once on a copy that is thrown away. Checks, costs and
+//! pictures are made outside of what is timed.
 //!
-//! Frames that an earlier run has measured, and those between frames to measure, are only played: strategies whose trees
-//! depend on the frames before update them, and nothing is rendered or timed.
+//! Frames that an earlier run has measured, and those between frames to measure, are only played:
+//! strategies whose trees depend on the frames before update them, and nothing is rendered or
+//! timed.
 
 use std::time::Instant;
 
@@ -19,10 +21,10 @@ use rt_cpu::{Image, RenderOptions, RenderStats, render};
 use super::check::{self, Checks};
 use super::contestants::{Contestant, Counted, Method};
 use super::journal::Journal;
-use super::pace::Pace;
 use super::record::Row;
 use super::stages::primitives_refit;
 use crate::interrupt;
+use crate::progress::Progress;
 use crate::stage::{Stage, ms};
 
 /// What to measure.
@@ -33,8 +35,8 @@ pub(crate) struct Plan {
     pub(crate) frames: usize,
     /// Loops, not necessarily whole.
     pub(crate) loops: f64,
-    /// One frame of the loop in this number is measured. On the others strategies whose trees depend on the past update them,
-    /// unmeasured.
+    /// One frame of the loop in this number is measured. On the others strategies whose trees
+    /// depend on the past update them, unmeasured.
     pub(crate) measure_every: usize,
     /// Pixels on each side of the image.
     pub(crate) size: u32,
@@ -51,15 +53,6 @@ impl Plan {
     /// Frames in all loops together.
     pub(crate) fn steps(&self) -> usize {
         ((self.frames as f64 * self.loops).round() as usize).max(1)
-    }
-
-    /// How many updates and pictures a frame takes, on average, rebuilds and pictures counted as two updates.
-    pub(crate) fn weight(&self) -> usize {
-        let lanes = |rebuilds| {
-            let run = self.contestants.iter().filter(|c| c.name == c.of && c.method.rebuilds() == rebuilds);
-            run.count()
-        };
-        (lanes(false) + 2 * (lanes(false) + 2 * lanes(true)) / self.measure_every).max(1)
     }
 
     /// Rays that a picture may take: from the eye, and from the light.
@@ -116,27 +109,28 @@ pub(crate) struct Log<'a> {
     /// Rows of an earlier run, of whole steps from the first on; in `journal` already.
     pub(crate) done: Vec<Row>,
     pub(crate) journal: &'a mut Journal<Row>,
-    pub(crate) pace: &'a mut Pace,
 }
 
 impl Log<'_> {
     /// The log of one run: rows of as many frames a loop.
     pub(crate) fn take(&mut self, frames: usize) -> Log<'_> {
         let done = self.done.extract_if(.., |row| row.frames_per_loop == frames).collect();
-        Log { done, journal: self.journal, pace: self.pace }
+        Log { done, journal: self.journal }
     }
 }
 
-/// Measures all frames of a scene; rows go to the log frame by frame. `picture` sees the stage, posed, with the trees of
-/// all strategies, on each frame that is to have its picture taken. Ends early when interrupted.
+/// Measures all frames of a scene; rows go to the log frame by frame. `picture` sees the stage,
+/// posed, with the trees of all strategies, on each frame that is to have its picture taken. Ends
+/// early when interrupted.
 pub(crate) fn measure(
     label: &str,
     stage: &mut Stage,
     plan: &Plan,
-    Log { done, journal, pace }: Log<'_>,
+    Log { done, journal }: Log<'_>,
     mut picture: impl FnMut(&mut Stage, &[Named<'_>], usize) -> Result<()>,
 ) -> Result<(Vec<Row>, Checks)> {
     let steps = plan.steps();
+    let progress = Progress::new(format!("{label}, {} frames a loop", plan.frames), steps as u64);
     let replayed = done.last().map_or(0, |row| row.round * plan.frames + row.frame + 1);
     let flat = RenderOptions { smooth: false, timed: true, ..stage.render_options() };
     let mut lanes = lanes(stage, plan);
@@ -217,7 +211,7 @@ pub(crate) fn measure(
             let trees: Vec<_> = current.map(|lane| (lane.name, &lane.tree)).collect();
             picture(stage, &trees, frame)?;
         }
-        pace.step(step >= replayed);
+        progress.at(step as u64 + 1);
     }
     Ok((all_rows, checks))
 }
@@ -251,7 +245,8 @@ impl Lane {
             .with_context(|| format!("{}: {} failed", stage.scene.name, self.name))
     }
 
-    /// Reports the rays of a frame that an earlier run has measured, so that the tree takes the same course.
+    /// Reports the rays of a frame that an earlier run has measured, so that the tree takes the
+    /// same course.
     fn recall(&mut self, rows: &[Row], round: usize, frame: usize) {
         let is_it = |row: &&Row| row.strategy == self.name && [row.round, row.frame] == [round, frame];
         if let Some(row) = rows.iter().find(is_it) {

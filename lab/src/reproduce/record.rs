@@ -51,7 +51,8 @@ pub(crate) struct Row {
     pub(crate) rigid_ms: f64,
     /// Primitives whose boxes the update asked for.
     pub(crate) primitives_refit: u64,
-    /// What the update decided to do, in words without commas; `as always` for what does the same every time.
+    /// What the update decided to do, in words without commas; `as always` for what does the same
+    /// every time.
     #[serde(default)]
     pub(crate) decision: String,
     /// Surfaces with a colour from a texture.

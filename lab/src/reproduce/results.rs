@@ -99,7 +99,8 @@ pub(crate) struct SceneFacts {
 #[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct Picture {
     pub(crate) frame: usize,
-    /// Of whose tree this is the heat map: nodes visited for each pixel. The frame as it looks if `None`.
+    /// Of whose tree this is the heat map: nodes visited for each pixel. The frame as it looks if
+    /// `None`.
     pub(crate) strategy: Option<String>,
     /// Name in the folder `images`.
     pub(crate) file: String,

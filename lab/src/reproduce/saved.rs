@@ -1,5 +1,5 @@
-//! The results of an earlier run, read back from their folder: to draw the report again, to go on after an interrupt,
-//! to compare with.
+//! The results of an earlier run, read back from their folder: to draw the report again, to go on
+//! after an interrupt, to compare with.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -125,15 +125,17 @@ fn by_speed(rows: Vec<Row>) -> Vec<(usize, Vec<Row>)> {
 }
 
 impl Saved {
-    /// Rows that a scene has already, if it was not finished, but for those of its last step, which may be incomplete.
-    pub(super) fn begun(&mut self, label: &str) -> [Vec<Row>; 2] {
+    /// Rows that a scene has already, if it was not finished, without those of an incomplete last
+    /// step: a step has `strategies` rows, of figure 5 one.
+    pub(super) fn begun(&mut self, label: &str, strategies: usize) -> [Vec<Row>; 2] {
         let from_scene = |run: &mut SceneRun| {
             let speeds = std::mem::take(&mut run.speeds).into_iter().flat_map(|(_, rows)| rows).collect();
             [std::mem::take(&mut run.rows), speeds]
         };
         let known = self.results.scenes.iter_mut().find(|run| run.facts.label == label).map(from_scene);
         let rows = known.unwrap_or_else(|| [&mut self.rows, &mut self.speed_rows].map(|r| take(r, label)));
-        rows.map(without_last_step)
+        let [frames, speeds] = rows;
+        [whole_steps(frames, strategies), whole_steps(speeds, 1)]
     }
 
     /// The scene, if everything was measured on it.
@@ -166,9 +168,11 @@ impl Saved {
     }
 }
 
-fn without_last_step(mut rows: Vec<Row>) -> Vec<Row> {
+fn whole_steps(mut rows: Vec<Row>, rows_a_step: usize) -> Vec<Row> {
     let step = |row: &Row| (row.frames_per_loop, row.round, row.frame);
-    if let Some(last) = rows.last().map(step) {
+    if let Some(last) = rows.last().map(step)
+        && rows.iter().filter(|row| step(row) == last).count() < rows_a_step
+    {
         rows.retain(|row| step(row) != last);
     }
     rows
@@ -179,11 +183,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_last_step_is_measured_again() {
+    fn only_an_incomplete_last_step_is_measured_again() {
         let row = |frames_per_loop, round, frame| Row { round, frame, frames_per_loop, ..Row::default() };
         let rows = vec![row(20, 0, 1), row(20, 1, 1), row(100, 0, 1), row(100, 0, 1)];
-        assert_eq!(without_last_step(rows.clone()), rows[..2]);
-        assert_eq!(without_last_step(Vec::new()), []);
+        assert_eq!(whole_steps(rows.clone(), 2), rows);
+        assert_eq!(whole_steps(rows.clone(), 3), rows[..2]);
+        assert_eq!(whole_steps(Vec::new(), 3), []);
         assert_eq!(
             by_speed(rows).iter().map(|(n, rows)| (*n, rows.len())).collect::<Vec<_>>(),
             [(20, 2), (100, 2)]

@@ -80,8 +80,8 @@ impl Row {
         }
     }
 
-    /// The same row with what rendering its frame did in `trace_ms`. Times of stages are added up over threads; their
-    /// parts of the sum are their parts of the time that passed.
+    /// The same row with what rendering its frame did in `trace_ms`. Times of stages are added up
+    /// over threads; their parts of the sum are their parts of the time that passed.
     pub(crate) fn traced(self, stats: &RenderStats, trace_ms: f64) -> Self {
         let total = stats.times.total().as_secs_f64();
         let ms = |time: Duration| if total > 0.0 { trace_ms * time.as_secs_f64() / total } else { 0.0 };

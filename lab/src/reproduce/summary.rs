@@ -1,6 +1,7 @@
 //! `summary.json`: a run in brief, for programs; and in a few lines, for the terminal.
 //!
-//! The schema is described in `docs/RESULTS.md`; a change that could break a reader raises [`SCHEMA`].
+//! The schema is described in `docs/RESULTS.md`; a change that could break a reader raises
+//! [`SCHEMA`].
 
 use std::collections::BTreeMap;
 

@@ -15,12 +15,15 @@ use crate::error::{LoadError, Problem, read_file};
 
 /// Files that may include each other in a row.
 const DEEPEST_INCLUDE: usize = 64;
-/// A scene may grow to this many bytes, whatever its files are like, ...
-const ALWAYS_ALLOWED: usize = 64 << 20;
-/// ... or to this many times the bytes of its files, each counted once. Without repetition no file can get there:
-/// what grows most is a sphere, whose ten bytes become less than five thousand.
+/// A scene may take this many bytes, whatever its files are like, ...
+const ALWAYS_ALLOWED: usize = 1 << 30;
+/// ... and this many times the bytes of its files, each counted once.
 const LARGEST_GROWTH: usize = 512;
-/// Bytes that a statement stands for, beyond the triangles it makes. Most of it is time: to find a file, say.
+/// Bytes that a vertex or a triangle takes in a whole program: its coordinates and the tree over
+/// it.
+const BYTES_PER_ELEMENT: usize = 120;
+/// Bytes that a statement stands for, beyond the triangles it makes. Most of it is time: to find a
+/// file, say.
 const COST_OF_STATEMENT: usize = 512;
 
 /// All that the files say, with motion still by name.
@@ -161,7 +164,7 @@ impl Reader {
     fn size(&self) -> usize {
         let geometry = &self.scene.geometry;
         let elements = geometry.positions.len() + geometry.topology.triangles.len();
-        self.bytes.saturating_add(elements.saturating_mul(size_of::<[u32; 3]>()))
+        self.bytes.saturating_add(elements.saturating_mul(BYTES_PER_ELEMENT))
     }
 
     /// `part` is the name of the parts that triangles go to.
@@ -442,7 +445,8 @@ fn spline<'a, T: Value>(
     new(keys).ok_or_else(|| tokens.because(count.to_string(), expected))
 }
 
-/// Sorts keys by time, and counts the lists that were not sorted. Scenes of BART itself have such lists.
+/// Sorts keys by time, and counts the lists that were not sorted. Scenes of BART itself have such
+/// lists.
 fn put_in_order<T>(keys: &mut [T], time: impl Fn(&T) -> f64, tokens: &mut Tokens<'_>) {
     if !keys.is_sorted_by(|a, b| time(a) <= time(b)) {
         keys.sort_by(|a, b| time(a).total_cmp(&time(b)));

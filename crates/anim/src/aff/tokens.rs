@@ -1,4 +1,5 @@
-//! The words of an AFF file: separated by white space, with braces on their own and comments left out.
+//! The words of an AFF file: separated by white space, with braces on their own and comments left
+//! out.
 
 use glam::DVec3;
 

@@ -17,15 +17,16 @@ use super::source::{decode_data_uri, relative_path};
 use crate::error::{LoadError, Problem, read_beside};
 use crate::{Filter, Image, Material, Texture, Topology, Wrap};
 
-/// Metals at least this metallic, and no rougher than that, are mirrors. Most are somewhere between, and shown
-/// as diffuse.
+/// Metals at least this metallic, and no rougher than that, are mirrors. Most are somewhere
+/// between, and shown as diffuse.
 const MIRROR_METALLIC: f32 = 0.9;
 const MIRROR_ROUGHNESS: f32 = 0.1;
 
 /// Opacity from which a blended surface is there.
 const BLEND_CUTOFF: f32 = 0.5;
 
-/// The materials of the file, and behind them the one for primitives without. They have no textures yet.
+/// The materials of the file, and behind them the one for primitives without. They have no textures
+/// yet.
 pub(super) fn materials(root: &Root) -> Vec<Material> {
     let fallback = Material::default();
     let component =
@@ -68,8 +69,8 @@ pub(super) fn material_of(primitive: &Primitive, root: &Root, place: &str) -> Re
     Ok(number as u32)
 }
 
-/// Which set of a primitive's texture coordinates its base colour texture takes, and what becomes of them
-/// (extension KHR_texture_transform).
+/// Which set of a primitive's texture coordinates its base colour texture takes, and what becomes
+/// of them (extension KHR_texture_transform).
 pub(super) struct Mapping {
     pub(super) set: u32,
     transform: Option<TextureTransform>,
@@ -97,10 +98,12 @@ fn texture_info(root: &Root, material: u32) -> Option<&Info> {
     root.materials.get(material as usize)?.pbr_metallic_roughness.base_color_texture.as_ref()
 }
 
-/// Decodes the textures of the materials that parts use, and finds out which cutoffs cut something off.
+/// Decodes the textures of the materials that parts use, and finds out which cutoffs cut something
+/// off.
 ///
-/// Gives the number of textures left out because they have no image, only one that an extension would supply, and the
-/// files of images that cannot be read. Surfaces without their texture keep the factors of their material.
+/// Gives the number of textures left out because they have no image, only one that an extension
+/// would supply, and the files of images that cannot be read. Surfaces without their texture keep
+/// the factors of their material.
 pub(super) fn add_textures(
     topology: &mut Topology,
     accessors: &Accessors<'_>,

@@ -12,7 +12,8 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
 use crate::error::{LoadError, Problem, read_beside};
 
-/// Extensions that may be required: those that only change looks, and those that are understood here.
+/// Extensions that may be required: those that only change looks, and those that are understood
+/// here.
 fn is_supported(extension: &str) -> bool {
     matches!(extension, "KHR_mesh_quantization" | "KHR_lights_punctual" | "KHR_xmp_json_ld")
         || ["KHR_materials_", "KHR_texture_", "EXT_texture_"]

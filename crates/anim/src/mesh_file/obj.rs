@@ -57,8 +57,8 @@ pub(super) fn read(bytes: &[u8], file: &Path) -> Result<Mesh, Problem> {
 
 /// The lines that say where triangles are, with nothing on them but that.
 ///
-/// Texture coordinates and normals go because vertices would be split where they differ, and vertex colours
-/// because they would have to be complete.
+/// Texture coordinates and normals go because vertices would be split where they differ, and vertex
+/// colours because they would have to be complete.
 fn positions_and_faces(text: &str) -> String {
     let mut kept = String::with_capacity(text.len());
     // A backslash at the end of a line continues it.

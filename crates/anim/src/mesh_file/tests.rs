@@ -16,7 +16,8 @@ fn error(name: &str, bytes: &[u8]) -> String {
     message
 }
 
-/// A square of two triangles in any encoding; what is not asked for is in the way and has to be skipped.
+/// A square of two triangles in any encoding; what is not asked for is in the way and has to be
+/// skipped.
 fn square_ply(format: &str, float: &str, index: &str) -> Vec<u8> {
     let mut bytes = format!(
         "ply\nformat {format} 1.0\ncomment test\nelement vertex 4\nproperty {float} x\nproperty uchar red\n\

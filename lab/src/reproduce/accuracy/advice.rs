@@ -29,7 +29,8 @@ impl Cost {
     }
 }
 
-/// The settings on the Pareto front of mean cost and greatest error over all conditions, and whether the default is one.
+/// The settings on the Pareto front of mean cost and greatest error over all conditions, and
+/// whether the default is one.
 pub(super) fn sentence(family: &Family<'_>) -> String {
     let cost = Cost::of(family);
     let mut choices: Vec<(&str, bool, f64, f64)> = Vec::new();

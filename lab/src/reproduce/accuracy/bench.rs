@@ -76,8 +76,8 @@ impl<'a> Bench<'a> {
         RenderOptions { smooth: false, ..self.stage.render_options() }
     }
 
-    /// Renders a frame `times` times: the image, and the time of the fastest, which is what least of the machine's other
-    /// work got into.
+    /// Renders a frame `times` times: the image, and the time of the fastest, which is what least
+    /// of the machine's other work got into.
     pub(super) fn trace(&self, tree: &Bvh, options: &RenderOptions, size: u32, times: usize) -> (Image, f64) {
         let stage = &*self.stage;
         let (mesh, camera, light) = (stage.mesh(), stage.camera(size, size), stage.light());
@@ -94,11 +94,13 @@ impl<'a> Bench<'a> {
             .with_context(|| format!("{}: no tree", self.label))
     }
 
-    /// SAH cost and trace time of trees over those of a fresh one, `sweep`; nothing after an interrupt.
+    /// SAH cost and trace time of trees over those of a fresh one, `sweep`; nothing after an
+    /// interrupt.
     ///
-    /// Trees are traced in rounds, the fresh one several times among them. A ratio is the median over rounds of a time over
-    /// the median of the fresh tree's in the same round, so that what else the machine does hits both alike, and one
-    /// outlier nothing. The fresh tree's turns over one another show the noise.
+    /// Trees are traced in rounds, the fresh one several times among them. A ratio is the median
+    /// over rounds of a time over the median of the fresh tree's in the same round, so that what
+    /// else the machine does hits both alike, and one outlier nothing. The fresh tree's turns over
+    /// one another show the noise.
     pub(super) fn over(&self, sweep: &Bvh, trees: &[&Bvh]) -> Option<Over> {
         let part = trees.len().div_ceil(FRESH).max(1);
         // Nothing stands for the fresh one.

@@ -45,9 +45,9 @@ impl Family<'_> {
     }
 }
 
-/// Of points (cost, error), less of either being better: whether each is on the Pareto front, that is, none is at least as
-/// good in both and better in one, where errors that differ by no more than a factor `noise` are equal. Points that are
-/// not numbers never are. O(n log n).
+/// Of points (cost, error), less of either being better: whether each is on the Pareto front, that
+/// is, none is at least as good in both and better in one, where errors that differ by no more than
+/// a factor `noise` are equal. Points that are not numbers never are. O(n log n).
 pub(super) fn pareto_front(points: &[(f64, f64)], noise: f64) -> Vec<bool> {
     let mut order: Vec<usize> =
         (0..points.len()).filter(|&i| !points[i].0.is_nan() && !points[i].1.is_nan()).collect();

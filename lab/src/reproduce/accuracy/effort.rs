@@ -27,8 +27,8 @@ pub(crate) struct Effort {
     pub(super) detail: f32,
     /// Simulation steps between two key frames, beside the scene's own number.
     pub(super) substeps: &'static [usize],
-    /// Spaces between key frames, as multiples of the scene's own number; near ones are taken where they divide that of
-    /// the reference.
+    /// Spaces between key frames, as multiples of the scene's own number; near ones are taken where
+    /// they divide that of the reference.
     pub(super) spaces: &'static [f64],
     /// Spaces between key frames of the reference, as a multiple, and simulation steps in each.
     pub(super) fine: [usize; 2],
@@ -36,13 +36,15 @@ pub(crate) struct Effort {
     pub(super) moments: usize,
     /// Pixels on a side of the images whose error is measured.
     pub(super) noise_size: u32,
-    /// Most samples per pixel of ambient occlusion and of diffuse bounces, and samples of their references.
+    /// Most samples per pixel of ambient occlusion and of diffuse bounces, and samples of their
+    /// references.
     pub(super) samples: [(usize, usize); 2],
     pub(super) seed: u64,
 }
 
 impl Effort {
-    /// For a scene of `triangles` triangles: of large ones [`Preset::Standard`] plays a fifth of the loop, and anneals none.
+    /// For a scene of `triangles` triangles: of large ones [`Preset::Standard`] plays a fifth of
+    /// the loop, and anneals none.
     pub(crate) fn new(preset: Preset, values: &Values, triangles: usize, seed: u64) -> Self {
         let effort = Self::of_small(preset, values, seed);
         if preset == Preset::Full || triangles <= MANY {

@@ -1,9 +1,11 @@
-//! What accuracy costs in time: for every knob that buys accuracy, its settings with their errors and their times.
+//! What accuracy costs in time: for every knob that buys accuracy, its settings with their errors
+//! and their times.
 //!
-//! A knob is a function that measures all of its settings on one scene, one of [`KNOBS`]; its points make a curve per
-//! error, which becomes a panel of the figures and a sentence of the report. Errors are taken against something
-//! independent and finer: a fresh sweep build, `f64` arithmetic, topology, a simulation with many more key frames, an image
-//! with many more samples of another seed.
+//! A knob is a function that measures all of its settings on one scene, one of [`KNOBS`]; its
+//! points make a curve per error, which becomes a panel of the figures and a sentence of the
+//! report. Errors are taken against something independent and finer: a fresh sweep build, `f64`
+//! arithmetic, topology, a simulation with many more key frames, an image with many more samples of
+//! another seed.
 
 mod advice;
 mod bench;

@@ -16,8 +16,8 @@ fn simulated(source: &str) -> Option<&'static SceneInfo> {
     scenes::list().iter().find(|info| info.name == source && info.effects.motion.gravity)
 }
 
-/// Simulates it with a number of key frames, and of steps between two of them. Gives the scene and the milliseconds from the first
-/// to the last of its key frames: meshing is not among them.
+/// Simulates it with a number of key frames, and of steps between two of them. Gives the scene and
+/// the milliseconds from the first to the last of its key frames: meshing is not among them.
 fn simulate(bench: &Bench<'_>, key_frames: usize, substeps: Option<usize>) -> Result<(Scene, f64)> {
     let reported: Mutex<Option<[Instant; 2]>> = Mutex::new(None);
     let progress = |_| {
@@ -126,7 +126,8 @@ pub(super) fn key_frames(bench: &mut Bench<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Numbers of spaces near the multiples of `own` that divide `finest`, so that all can have the same steps; ascending.
+/// Numbers of spaces near the multiples of `own` that divide `finest`, so that all can have the
+/// same steps; ascending.
 fn spaces(own: usize, finest: usize, multiples: &[f64]) -> Vec<usize> {
     let off = |spaces: usize, wanted: f64| (spaces as f64 / wanted).ln().abs();
     let mut all: Vec<usize> = multiples

@@ -18,6 +18,7 @@ pub(crate) struct Point {
     pub(crate) note: String,
     /// Memory that the setting takes, where that is what it costs.
     pub(crate) bytes: Option<u64>,
-    /// The factor within which errors are equal, where they are times: by so much the reference differs from itself.
+    /// The factor within which errors are equal, where they are times: by so much the reference
+    /// differs from itself.
     pub(crate) noise: Option<f64>,
 }

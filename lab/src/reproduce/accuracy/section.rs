@@ -1,4 +1,5 @@
-//! What the points look like: a chart of scattered settings for each family, and a sentence on what to choose.
+//! What the points look like: a chart of scattered settings for each family, and a sentence on what
+//! to choose.
 
 use super::advice::{Cost, sentence};
 use super::curve::{Family, families, pareto_front};

@@ -27,8 +27,9 @@ struct Entrant {
     errors: [f64; 2],
 }
 
-/// All strategies whose trees depend on the motion alone, rotations at four budgets among them. Each updates its tree
-/// frame by frame through a loop; on some frames the trees are compared with a fresh one.
+/// All strategies whose trees depend on the motion alone, rotations at four budgets among them.
+/// Each updates its tree frame by frame through a loop; on some frames the trees are compared with
+/// a fresh one.
 pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
     let strategies = Strategy::all().into_iter().filter(|strategy| match strategy {
         // Trees that arrive from the background depend on what else the machine does.
@@ -145,8 +146,8 @@ impl Entrant {
     }
 }
 
-/// All builders, the binned one with 4 to 256 bins and the clustering one with radii of 1 to 32, and annealing for
-/// more or less long, in the middle of the loop.
+/// All builders, the binned one with 4 to 256 bins and the clustering one with radii of 1 to 32,
+/// and annealing for more or less long, in the middle of the loop.
 pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
     let default = BuildOptions::default();
     let of = |builder, options, name: String, is_default| (builder, options, name, is_default);

@@ -1,7 +1,9 @@
-//! Triangle tests, near the origin and far from it: rays that leak out of a closed mesh, and errors of distance.
+//! Triangle tests, near the origin and far from it: rays that leak out of a closed mesh, and errors
+//! of distance.
 //!
-//! The mesh is a closed bumpy sphere around the point that all rays start from, so every ray must hit it. Distances are
-//! compared with a test of every triangle in `f64`, which shares no code with the tests measured.
+//! The mesh is a closed bumpy sphere around the point that all rays start from, so every ray must
+//! hit it. Distances are compared with a test of every triangle in `f64`, which shares no code with
+//! the tests measured.
 
 use std::f64::consts::{PI, TAU};
 
@@ -142,8 +144,8 @@ fn at_offset(bench: &mut Bench<'_>, triangles: &Triangles<'_>, from: Vec3, condi
     Ok(())
 }
 
-/// The distance at which a ray first hits, by testing every triangle: where it meets the plane, and on which side of it the
-/// edges are.
+/// The distance at which a ray first hits, by testing every triangle: where it meets the plane, and
+/// on which side of it the edges are.
 fn nearest(ray: &Ray, triangles: &Triangles<'_>) -> Option<f64> {
     let (origin, direction) = (ray.origin().as_dvec3(), ray.direction().as_dvec3());
     let distances = (0..triangles.indices.len()).filter_map(|i| {

@@ -26,10 +26,12 @@ const OVERHEAD: f64 = 2.0 * NOISE;
 const GREAT_OVERHEAD: f64 = 3.0;
 /// Costs that differ by less are "stable".
 const STABLE: f64 = 1.1;
-/// The least that annealing gains where it gains "up to 18 %": nearer to that than to nothing, with noise.
+/// The least that annealing gains where it gains "up to 18 %": nearer to that than to nothing, with
+/// noise.
 const ANNEALED: f64 = 0.93;
 
-/// Scenes that deform extensively, by the paper (section 3); the museum, its exception, is judged apart.
+/// Scenes that deform extensively, by the paper (section 3); the museum, its exception, is judged
+/// apart.
 const DEFORMING: [&str; 3] = ["exploding-dragon", "lion", "n-body"];
 /// Scenes that deform a little (section 3).
 const GENTLE: [&str; 2] = ["cloth-ball", "fairy-forest"];

@@ -1,9 +1,10 @@
 //! The paper's claims, each judged by a stated rule from what was measured.
 //!
-//! A ratio of times is that of their sums over the frames that both strategies were measured on. Times that differ by
-//! less than [`ratios::NOISE`] count as equal, and every bound is plain; a value of a time that alone would change the
-//! verdict, were it [`table::BAND`] more or less, is named as near the bound. SAH costs do not depend on the machine and
-//! are the same in every run. `docs/PAPER.md` lists the rules.
+//! A ratio of times is that of their sums over the frames that both strategies were measured on.
+//! Times that differ by less than [`ratios::NOISE`] count as equal, and every bound is plain; a
+//! value of a time that alone would change the verdict, were it [`table::BAND`] more or less, is
+//! named as near the bound. SAH costs do not depend on the machine and are the same in every run.
+//! `docs/PAPER.md` lists the rules.
 
 mod findings;
 mod museum;

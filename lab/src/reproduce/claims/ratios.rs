@@ -100,8 +100,9 @@ pub(super) fn in_words(ratio: f64) -> &'static str {
     }
 }
 
-/// What decides where the ideally parallel rebuild is compared with, and the figures were it counted otherwise: divided
-/// by the threads that the run had, as the paper's code had it, and really parallel. `table` is given the rebuild.
+/// What decides where the ideally parallel rebuild is compared with, and the figures were it
+/// counted otherwise: divided by the threads that the run had, as the paper's code had it, and
+/// really parallel. `table` is given the rebuild.
 pub(super) fn other_views(results: &Results, table: impl Fn(Timed) -> Table) -> String {
     let threads = results.settings.threads;
     let mut text =

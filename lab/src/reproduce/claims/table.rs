@@ -77,8 +77,8 @@ pub(super) fn graded(holds: bool, in_part: bool) -> Verdict {
     }
 }
 
-/// The verdict that a rule gives on tables of times, and in words which values are near a bound that decides: those that
-/// would change the verdict, were they alone [`BAND`] more or less.
+/// The verdict that a rule gives on tables of times, and in words which values are near a bound
+/// that decides: those that would change the verdict, were they alone [`BAND`] more or less.
 pub(super) fn by_times<const N: usize>(
     tables: [&Table; N],
     rule: impl Fn([&Table; N]) -> Verdict,

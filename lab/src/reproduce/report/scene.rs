@@ -1,4 +1,5 @@
-//! What the report says of each scene: its frame plan, a film with heat maps, a table of strategies, their decisions.
+//! What the report says of each scene: its frame plan, a film with heat maps, a table of
+//! strategies, their decisions.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
