@@ -78,7 +78,12 @@ fn quotations_stand_in_the_files_they_are_from() {
     let mut parts = text.split("```");
     let (mut quoted, mut before) = (0, parts.next().unwrap_or_default());
     while let (Some(code), Some(after)) = (parts.next(), parts.next()) {
-        let link = before.rsplit("](").next().and_then(|rest| rest.split_once(')')).expect("a link before the code").0;
+        let link = before
+            .rsplit("](")
+            .next()
+            .and_then(|rest| rest.split_once(')'))
+            .expect("a link before the code")
+            .0;
         let file = fs::read_to_string(docs.join(link)).unwrap_or_else(|error| panic!("{link}: {error}"));
         let code = words(code.strip_prefix("rust").expect("a language"));
         assert!(words(&file).contains(&code), "{link} has no {code}");

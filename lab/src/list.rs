@@ -30,7 +30,8 @@ pub fn run(args: &Args) -> Result<()> {
 
 fn listing() -> Value {
     let scene = |info: &SceneInfo| {
-        let effects: Vec<_> = info.effects.row().into_iter().filter_map(|(name, on)| on.then_some(name)).collect();
+        let effects: Vec<_> =
+            info.effects.row().into_iter().filter_map(|(name, on)| on.then_some(name)).collect();
         let plan: Vec<_> = FramePlan::new(&info.effects).stages().iter().map(|stage| stage.name()).collect();
         let SceneInfo { name, about, triangles, frames, key_bytes, .. } = info;
         json!({
@@ -55,18 +56,27 @@ fn listing() -> Value {
 
 /// A heading for each list; an entry a line, its name first.
 fn text(listing: &Value) -> String {
-    let mut out = String::from("A scene is also any .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of key frames.\n");
+    let mut out = String::from(
+        "A scene is also any .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of key frames.\n",
+    );
     for (heading, entries) in listing.as_object().into_iter().flatten() {
         out += &format!("\n{}\n", heading.replace('_', " "));
         for entry in entries.as_array().into_iter().flatten() {
             let words = |value: &Value| match value {
-                Value::Array(values) => values.iter().filter_map(Value::as_str).collect::<Vec<_>>().join(", "),
+                Value::Array(values) => {
+                    values.iter().filter_map(Value::as_str).collect::<Vec<_>>().join(", ")
+                }
                 Value::String(text) => text.clone(),
                 other => other.to_string(),
             };
             let name = entry.as_str().or(entry["name"].as_str()).unwrap_or_default();
-            let facts = entry.as_object().into_iter().flatten().filter(|(key, value)| *key != "name" && !value.is_null());
-            let facts: Vec<_> = facts.map(|(key, value)| format!("{}: {}", key.replace('_', " "), words(value))).collect();
+            let facts = entry
+                .as_object()
+                .into_iter()
+                .flatten()
+                .filter(|(key, value)| *key != "name" && !value.is_null());
+            let facts: Vec<_> =
+                facts.map(|(key, value)| format!("{}: {}", key.replace('_', " "), words(value))).collect();
             out += format!("  {name:<24}{}", facts.join("; ")).trim_end();
             out.push('\n');
         }

@@ -49,7 +49,13 @@ const GRAVITY: f32 = 12.0;
 
 /// What a breaking statue calls for.
 pub(crate) const EFFECTS: Effects = Effects {
-    motion: MotionEffects { gravity: true, contact: true, fracture: true, rigid: true, ..MotionEffects::NONE },
+    motion: MotionEffects {
+        gravity: true,
+        contact: true,
+        fracture: true,
+        rigid: true,
+        ..MotionEffects::NONE
+    },
     light: LightEffects::SHADOWS,
 };
 

@@ -54,7 +54,8 @@ const CASES: [Case; 8] = [
     ),
 ];
 
-/// A number in 0 .. 1 (splitmix64).
+/// A number in 0 .. 1 for a place (splitmix64); a generator of a crate would have to be run up to
+/// the place.
 fn noise(i: usize) -> f32 {
     let mut x = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -5,7 +5,7 @@ use super::ratios::{
     update_time, worst_cost,
 };
 use super::table::{Table, by_times, graded};
-use super::{Finding, Verdict};
+use super::{Finding, Rule, Verdict};
 use crate::reproduce::MUSEUM;
 use crate::reproduce::contestants::{IDEAL, IDEAL_PARALLEL_BINNED};
 use crate::reproduce::offline;
@@ -51,7 +51,16 @@ fn moving(results: &Results) -> impl Iterator<Item = &SceneRun> {
     results.main_scenes().filter(|scene| scene.moves())
 }
 
-pub(super) fn rotation_overhead(results: &Results) -> Finding {
+pub(super) const ROTATION_OVERHEAD: Rule = Rule {
+    claim: "Rotations add little to the time of refitting",
+    source: "section 3, figure 4",
+    paper: "1.6 to 2 times refit",
+    rule: "Sum of the update times over refit's. Holds if at most 2.1 in every scene that moves; in part if at most 3 in more than \
+           half of them.",
+    judge: rotation_overhead,
+};
+
+fn rotation_overhead(results: &Results) -> Finding {
     let table = Table::of(moving(results), |s| update_time(s, ROTATE, REFIT));
     if table.is_empty() {
         return nothing_compared();
@@ -69,7 +78,16 @@ pub(super) fn rotation_overhead(results: &Results) -> Finding {
     Finding(table.text(), verdict, why)
 }
 
-pub(super) fn rotation_against_rebuild(results: &Results) -> Finding {
+pub(super) const ROTATION_AGAINST_REBUILD: Rule = Rule {
+    claim: "An update with rotations costs an order of magnitude less than an ideally parallel rebuild",
+    source: "section 3, figure 4",
+    paper: "usually about 10 times cheaper",
+    rule: "Sum of the update times of ideal-parallel-binned over refit+rotate's. Holds if at least 5 in more than half of the scenes \
+           that move; in part if at least 1.05 in as many.",
+    judge: rotation_against_rebuild,
+};
+
+fn rotation_against_rebuild(results: &Results) -> Finding {
     let table = Table::of(moving(results), |s| update_time(s, IDEAL_PARALLEL_BINNED, ROTATE));
     if table.is_empty() {
         return nothing_compared();
@@ -89,7 +107,16 @@ fn almost_all(table: &Table, holds: impl Fn(f64) -> bool) -> bool {
     6 * table.count(holds) >= 5 * table.len()
 }
 
-pub(super) fn frames_against_refit(results: &Results) -> Finding {
+pub(super) const FRAMES_AGAINST_REFIT: Rule = Rule {
+    claim: "With rotations frames are almost always as fast as with refitting, or faster",
+    source: "section 3, figure 6a",
+    paper: "almost always better",
+    rule: "Sum of the frame times over refit's. Holds if at most 1.05 in at least five sixths (\"almost always\") of the \
+           scenes that move; in part if in more than half of them.",
+    judge: frames_against_refit,
+};
+
+fn frames_against_refit(results: &Results) -> Finding {
     let table = Table::of(moving(results), |s| frame_time(s, ROTATE, REFIT));
     if table.is_empty() {
         return nothing_compared();
@@ -99,7 +126,16 @@ pub(super) fn frames_against_refit(results: &Results) -> Finding {
     Finding(table.text(), verdict, table.scenes_where(&format!("at most {NOISE}"), passes) + &near)
 }
 
-pub(super) fn frames_against_rebuild(results: &Results) -> Finding {
+pub(super) const FRAMES_AGAINST_REBUILD: Rule = Rule {
+    claim: "Rotations match or beat even an ideally parallel rebuild, but for the museum",
+    source: "section 5",
+    paper: "on all but the BART scene",
+    rule: "Sum of the frame times over ideal-parallel-binned's. Holds if at most 1.1 (not \"significantly slower\") in every \
+           scene that moves other than bart-museum; in part if in more than half of them.",
+    judge: frames_against_rebuild,
+};
+
+fn frames_against_rebuild(results: &Results) -> Finding {
     let others = || moving(results).filter(|s| s.facts.label != MUSEUM);
     let table = Table::of(others(), |s| frame_time(s, ROTATE, IDEAL_PARALLEL_BINNED));
     if table.is_empty() {
@@ -115,7 +151,16 @@ pub(super) fn frames_against_rebuild(results: &Results) -> Finding {
     Finding(table.text(), verdict, why)
 }
 
-pub(super) fn frames_against_ideal(results: &Results) -> Finding {
+pub(super) const FRAMES_AGAINST_IDEAL: Rule = Rule {
+    claim: "Never faster than the ideal update, often close to it",
+    source: "section 3, figure 6a",
+    paper: "never; often fairly close",
+    rule: "Sum of the frame times over ideal's. Holds if at least 0.952 (1/1.05) in every scene that moves and at most 1.5 (\"fairly \
+           close\") in half of them; in part if one of the two.",
+    judge: frames_against_ideal,
+};
+
+fn frames_against_ideal(results: &Results) -> Finding {
     let table = Table::of(moving(results), |s| frame_time(s, ROTATE, IDEAL));
     if table.is_empty() {
         return nothing_compared();
@@ -133,7 +178,16 @@ pub(super) fn frames_against_ideal(results: &Results) -> Finding {
     Finding(table.text(), verdict, why + &near)
 }
 
-pub(super) fn gentle_scenes(results: &Results) -> Finding {
+pub(super) const GENTLE_SCENES: Rule = Rule {
+    claim: "Where deformation is slight, rotations track the ideal and the parallel rebuild is slower",
+    source: "section 3, figure 6a",
+    paper: "cloth ball, fairy forest: very close to ideal",
+    rule: "Sum of the frame times on cloth-ball and fairy-forest. Holds if on both at most 1.25 of ideal's, and \
+           ideal-parallel-binned's on both at least 1.1 of it (\"significantly slower\"); in part if one of the two.",
+    judge: gentle_scenes,
+};
+
+fn gentle_scenes(results: &Results) -> Finding {
     let chosen: Vec<_> = GENTLE.iter().filter_map(|name| results.scene(name)).collect();
     let of_rebuild = |rebuild| Table::of(chosen.iter().copied(), |s| frame_time(s, rebuild, ROTATE));
     let ideal = Table::of(chosen.iter().copied(), |s| frame_time(s, ROTATE, IDEAL));
@@ -164,7 +218,16 @@ fn only(run: &[&SceneRun], named: &[&str]) -> String {
     format!("; of the scenes named only {} was run", names.join(", "))
 }
 
-pub(super) fn deforming_scenes(results: &Results) -> Finding {
+pub(super) const DEFORMING_SCENES: Rule = Rule {
+    claim: "Under large deformation the cost of refitting explodes, with rotations it does not",
+    source: "section 3, figure 6b",
+    paper: "orders of magnitude against far less",
+    rule: "Worst SAH cost over that of a fresh sweep build on the same frame, on exploding-dragon, lion and n-body. \
+           Holds if 10 or more for refit and below 10 with rotations on each; in part if on one of them.",
+    judge: deforming_scenes,
+};
+
+fn deforming_scenes(results: &Results) -> Finding {
     let chosen: Vec<_> = DEFORMING.iter().filter_map(|name| results.scene(name)).collect();
     let refit = Table::of(chosen.iter().copied(), |s| worst_cost(s, REFIT));
     let rotate = Table::of(chosen.iter().copied(), |s| worst_cost(s, ROTATE));
@@ -178,7 +241,16 @@ pub(super) fn deforming_scenes(results: &Results) -> Finding {
     Finding(ours, graded(held == refit.len(), held > 0), why + &only(&chosen, &DEFORMING))
 }
 
-pub(super) fn lion(results: &Results) -> Finding {
+pub(super) const LION: Rule = Rule {
+    claim: "On the largest scene even refitting beats the ideally parallel rebuild",
+    source: "section 3, lion",
+    paper: "refit faster than ideal parallel binned",
+    rule: "Sum of the frame times on lion. Holds if ideal-parallel-binned's is at least 1.05 of refit's; in part if it is on half of \
+           the frames measured (their median). refit+rotate is judged with the other scenes, above.",
+    judge: lion,
+};
+
+fn lion(results: &Results) -> Finding {
     const NAME: &str = "lion";
     let Some(scene) = results.scene(NAME) else { return missing(&[NAME]) };
     let both = |rebuild| {
@@ -206,7 +278,16 @@ pub(super) fn lion(results: &Results) -> Finding {
     Finding(ours, verdict, why + &other_views(results, both))
 }
 
-pub(super) fn speeds(results: &Results) -> Finding {
+pub(super) const SPEEDS: Rule = Rule {
+    claim: "The speed of the animation matters little, and loops heal what fast motion does",
+    source: "section 3, figure 5",
+    paper: "100 and 500 frames a loop alike; 20 worse at first, nearly as good after a few loops",
+    rule: "Mean SAH cost with rotations. Holds if 100 frames a loop are within 1.25 of 500 in the last loop, and 20 \
+           frames a loop are worse in the first loop and within 1.25 of 500 in the last; in part if one of these.",
+    judge: speeds,
+};
+
+fn speeds(results: &Results) -> Finding {
     /// Mean cost in the first loop and in the last whole one.
     fn ends(scene: &SceneRun, frames: usize) -> Option<(f64, f64)> {
         let (_, rows) = scene.speeds.iter().find(|(n, _)| *n == frames)?;
@@ -242,7 +323,16 @@ pub(super) fn speeds(results: &Results) -> Finding {
     Finding(ours, graded(alike && heals, alike || heals), why)
 }
 
-pub(super) fn below_sweep(results: &Results) -> Finding {
+pub(super) const BELOW_SWEEP: Rule = Rule {
+    claim: "Rotations can end below the cost of a fresh sweep build",
+    source: "section 4, fairy-forest",
+    paper: "a higher quality tree than a sweeping rebuild",
+    rule: "SAH cost over a fresh sweep build's on the same frame of fairy-forest. Holds if below 1 on the last \
+           frame measured; in part if on any frame after the first.",
+    judge: below_sweep,
+};
+
+fn below_sweep(results: &Results) -> Finding {
     const NAME: &str = "fairy-forest";
     let ratios: Vec<f64> = results
         .scene(NAME)
@@ -256,7 +346,16 @@ pub(super) fn below_sweep(results: &Results) -> Finding {
     Finding(ours, verdict, format!("the last frame’s tree costs {last:.3} of a fresh one"))
 }
 
-pub(super) fn candidates(results: &Results) -> Finding {
+pub(super) const CANDIDATES: Rule = Rule {
+    claim: "Only nodes with grandchildren can be rotated, a quarter of all",
+    source: "section 3",
+    paper: "about one quarter",
+    rule: "Nodes of the first tree with grandchildren, as a part of all. Holds if between 0.2 and 0.3 in every \
+           scene; in part if in more than half.",
+    judge: candidates,
+};
+
+fn candidates(results: &Results) -> Finding {
     let table = Table::of(results.main_scenes(), |s| Some(s.facts.candidates));
     if table.is_empty() {
         return Finding::not_run("no scene was run");
@@ -266,7 +365,16 @@ pub(super) fn candidates(results: &Results) -> Finding {
     Finding(table.text_to(4), verdict, table.scenes_where("between 0.2 and 0.3", quarter))
 }
 
-pub(super) fn stability(results: &Results) -> Finding {
+pub(super) const STABILITY: Rule = Rule {
+    claim: "Quality is stable over loops, although the jump from the last frame to the first is large",
+    source: "section 3, figure 6b",
+    paper: "stable over 2.3 loops",
+    rule: "Mean SAH cost with rotations in later loops over that on the same frames of the first. Holds if at most \
+           1.1 in every scene that moves; in part if in more than half.",
+    judge: stability,
+};
+
+fn stability(results: &Results) -> Finding {
     let table = Table::of(moving(results), |s| {
         let rows = s.of(ROTATE);
         let later: Vec<_> = rows.iter().filter(|r| r.round > 0).collect();
@@ -283,7 +391,17 @@ pub(super) fn stability(results: &Results) -> Finding {
     Finding(table.text(), verdict, format!("{why}; {} loops", results.settings.loops))
 }
 
-pub(super) fn annealing(results: &Results) -> Finding {
+pub(super) const ANNEALING: Rule = Rule {
+    claim: "Annealed rotations improve a static tree, where triangles are heterogeneous",
+    source: "section 1.1, after Kensler 2008",
+    paper: "up to 18 % with path tracing",
+    rule: "Time of a path-traced picture of the first frame through the annealed tree over that through the swept one. \
+           Holds if at most 0.93 on bart-museum or fairy-forest (heterogeneous), and above that on exploding-dragon and \
+           lion (as if scanned), or on the one of them that was measured; in part if the first alone.",
+    judge: annealing,
+};
+
+fn annealing(results: &Results) -> Finding {
     let [climbed, annealed] = offline::OFFLINE;
     let tree = |scene: &'_ SceneRun, name| scene.offline.iter().find(|t| t.builder == name).cloned();
     let ratio =

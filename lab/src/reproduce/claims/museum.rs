@@ -1,11 +1,11 @@
 //! What the paper says of its exception, the chaotic museum.
 
-use super::Finding;
 use super::findings::missing;
 use super::ratios::{
     BINNED_PARALLEL, REBUILD, REFIT, ROTATE, faster, frame_time, in_words, mean_cost, slower,
 };
 use super::table::{Table, by_times, graded};
+use super::{Finding, Rule};
 use crate::reproduce::contestants::{IDEAL, PAPER_BINNED};
 use crate::reproduce::results::Results;
 use crate::reproduce::{MUSEUM, OTHER_KEYS};
@@ -15,7 +15,16 @@ fn over(results: &Results, strategy: &'static str, other: &'static str) -> Optio
     results.scene(MUSEUM).and_then(|scene| frame_time(scene, strategy, other))
 }
 
-pub(super) fn chaos(results: &Results) -> Finding {
+pub(super) const CHAOS: Rule = Rule {
+    claim: "In utter chaos rotations beat refitting but lose to rebuilding, even serially",
+    source: "section 3, bart-museum",
+    paper: "better than refit, worse than a serial binned rebuild",
+    rule: "Sum of the frame times on bart-museum. Holds if refit's is at least 1.05 of it, and it is at least 1.05 of binned's; in \
+           part if one of the two.",
+    judge: chaos,
+};
+
+fn chaos(results: &Results) -> Finding {
     let (Some(refit), Some(binned)) = (over(results, ROTATE, REFIT), over(results, ROTATE, "binned")) else {
         return missing(&[MUSEUM]);
     };
@@ -33,7 +42,16 @@ pub(super) fn chaos(results: &Results) -> Finding {
     Finding(ours, verdict, why)
 }
 
-pub(super) fn other_keys(results: &Results) -> Finding {
+pub(super) const OTHER_KEY_FRAMES: Rule = Rule {
+    claim: "In the museum it is the first tree that is bad: starting from another key frame mends it",
+    source: "section 3, bart-museum",
+    paper: "drastically better results",
+    rule: "Mean SAH cost over the first loop with rotations, started from the best other key frame, over that from the \
+           first. Holds if at most 0.5; in part if at most 0.9.",
+    judge: other_keys,
+};
+
+fn other_keys(results: &Results) -> Finding {
     let cost = |label: &str| results.scene(label).and_then(|s| mean_cost(s, ROTATE));
     let Some(first) = cost(MUSEUM) else { return missing(&[MUSEUM]) };
     let others = OTHER_KEYS.iter().filter_map(|&key| results.scene(key));
@@ -48,7 +66,16 @@ pub(super) fn other_keys(results: &Results) -> Finding {
     Finding(table.text(), graded(best <= 0.5, best <= 0.9), why)
 }
 
-pub(super) fn with_rebuilds(results: &Results) -> Finding {
+pub(super) const WITH_REBUILDS: Rule = Rule {
+    claim: "In the museum, rotations with a rebuild when quality is poor beat rebuilding every frame",
+    source: "section 3, after Lauterbach et al. 2006",
+    paper: "likely better frame rates than per frame rebuilds",
+    rule: "Sum of the frame times of refit+rotate+rebuild on bart-museum. Holds if binned-parallel's and refit+rotate's are each at \
+           least 1.05 of it; in part if one of the two.",
+    judge: with_rebuilds,
+};
+
+fn with_rebuilds(results: &Results) -> Finding {
     let found = (over(results, REBUILD, BINNED_PARALLEL), over(results, REBUILD, ROTATE));
     let (Some(rebuilt), Some(rotated)) = found else { return missing(&[MUSEUM]) };
     let tables = [("against binned-parallel", rebuilt), ("against refit+rotate", rotated)].map(Table::single);
