@@ -47,7 +47,7 @@ const AUTO_BY_CLOCK: &str = "auto-by-clock";
 pub(crate) const IDEAL: &str = "ideal";
 /// A binned rebuild that scales perfectly (there, "ideal parallel binned").
 pub(crate) const IDEAL_PARALLEL_BINNED: &str = "ideal-parallel-binned";
-/// The serial binned rebuild as the paper's code had it.
+/// A serial binned rebuild of 2012, with bins along one axis.
 pub(crate) const PAPER_BINNED: &str = "paper-binned";
 
 /// What runs unless something else is asked for: the paper's experiments and what it suggests,
@@ -80,7 +80,7 @@ impl Contestant {
         let by_clock = Strategy::Auto(Auto { clock: true, ..Auto::default() });
         all.push(named(AUTO_BY_CLOCK, AUTO_BY_CLOCK, Method::Strategy(by_clock), Counted::Measured));
         let paper_binned =
-            Method::Rebuild(paper_binned::update, "serial binned rebuild as the paper’s code had it");
+            Method::Rebuild(paper_binned::update, "serial binned rebuild with bins along one axis");
         all.push(named(PAPER_BINNED, PAPER_BINNED, paper_binned, Counted::Measured));
         for (name, of, counted) in
             [(IDEAL, "sweep", Counted::Free), (IDEAL_PARALLEL_BINNED, "binned", Counted::Divided)]

@@ -103,6 +103,7 @@ impl Output {
             files::write_whole(&self.file("figures").join(format!("{name}.svg")), svg.as_bytes())?;
         }
         self.summarise(results, &claims, comparison.as_ref())?;
+        files::write_whole(&self.file("tables.md"), summary::tables(results, &claims).as_bytes())?;
         let report = self.file("report.html");
         files::write_whole(
             &report,

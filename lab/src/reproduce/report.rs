@@ -165,8 +165,8 @@ fn colophon(results: &Results) -> Markup {
                  threads, whatever number of threads the others had. Both are accounting, not measurement. "
                 b { "sweep" } ", " b { "binned-parallel" } ", " b { "lbvh" } " and " b { "ploc" }
                 " rebuild on all threads, " b { "binned" } " on one. " b { "paper-binned" }
-                " is a serial binned rebuild of 2012: bins along the longest axis only. It sorts at every node, which the \
-                 authors’ code may not have done. It explains verdicts and decides none."
+                " is a serial binned rebuild of 2012, with bins along the longest axis only. It shows what rebuilds cost then, and \
+                 decides no verdict."
             }
             @if !settings.reductions.is_empty() {
                 p { "Less than the paper’s protocol: " (settings.reductions.join("; ")) "." }

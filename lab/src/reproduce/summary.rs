@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use super::accuracy;
 use super::baseline::Comparison;
 use super::chart::count;
 use super::check::Checks;
@@ -150,6 +151,25 @@ pub(crate) fn json(
 pub(crate) fn claims_in_lines(claims: &[Claim]) -> String {
     let line = |c: &Claim| format!("{:18}  {}: {}", c.verdict.words(), c.claim, c.ours);
     claims.iter().map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// Verdicts, and what accuracy costs, as Markdown tables for a document.
+pub(crate) fn tables(results: &Results, claims: &[Claim]) -> String {
+    let (machine, settings) = (&results.machine, &results.settings);
+    let mut text = format!(
+        "{}, {} threads, {}, revision {}, preset {}\n\n| claim | in the paper | here |\n|---|---|---|\n",
+        machine.cpu,
+        settings.threads,
+        machine.started.get(..10).unwrap_or_default(),
+        results.revision.short(),
+        settings.preset
+    );
+    text.extend(claims.iter().map(|c| format!("| {} | {} | {} |\n", c.claim, c.paper, c.verdict.words())));
+    for scene in results.scenes.iter().filter(|scene| !scene.accuracy.is_empty()) {
+        text += &format!("\n| {}: error of | settings that nothing beats |\n|---|---|\n", scene.facts.label);
+        text.extend(accuracy::sentences(scene).map(|(knob, words)| format!("| {knob} | {words} |\n")));
+    }
+    text
 }
 
 /// What was checked, in one sentence.

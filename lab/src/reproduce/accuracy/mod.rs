@@ -23,7 +23,7 @@ use anyhow::Result;
 use self::bench::Bench;
 pub(crate) use self::effort::Effort;
 pub(crate) use self::point::Point;
-pub(crate) use self::section::charts;
+pub(crate) use self::section::{charts, sentences};
 use super::journal::Journal;
 use crate::interrupt;
 use crate::stage::Stage;

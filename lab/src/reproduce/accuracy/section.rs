@@ -6,11 +6,15 @@ use super::curve::{Family, families, pareto_front};
 use crate::reproduce::chart::{Chart, Kind, Point, Series};
 use crate::reproduce::results::SceneRun;
 
+/// Each knob with its error, and what to choose.
+pub(crate) fn sentences(scene: &SceneRun) -> impl Iterator<Item = (String, String)> {
+    families(&scene.accuracy).into_iter().map(|f| (format!("{}, {}", f.knob, f.error_name), sentence(&f)))
+}
+
 /// The charts of a scene, and what they say.
 pub(crate) fn charts(scene: &SceneRun) -> (Vec<Chart>, String) {
     let families = families(&scene.accuracy);
-    let sentences: Vec<_> =
-        families.iter().map(|f| format!("{}, {}: {}", f.knob, f.error_name, sentence(f))).collect();
+    let sentences: Vec<_> = sentences(scene).map(|(knob, words)| format!("{knob}: {words}")).collect();
     let legend = "Lower left is better. Filled: on the Pareto front. Ringed: the default. accuracy.csv holds every point \
                   and what was timed.";
     (families.iter().map(chart).collect(), format!("{legend} {}", sentences.join(" ")))

@@ -37,7 +37,7 @@ fn chaos(results: &Results) -> Finding {
     let mut why =
         format!("{} against refit, {} against the serial rebuild{near}", in_words(refit), in_words(binned));
     if let Some(paper) = over(results, ROTATE, PAPER_BINNED) {
-        why += &format!("; {paper:.2} of a serial rebuild as the paper’s code had it");
+        why += &format!("; {paper:.2} of a serial rebuild with bins along one axis");
     }
     Finding(ours, verdict, why)
 }

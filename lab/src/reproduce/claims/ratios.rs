@@ -101,7 +101,7 @@ pub(super) fn in_words(ratio: f64) -> &'static str {
 }
 
 /// What decides where the ideally parallel rebuild is compared with, and the figures were it
-/// counted otherwise: divided by the threads that the run had, as the paper's code had it, and
+/// counted otherwise: divided by the threads that the run had, with bins along one axis, and
 /// really parallel. `table` is given the rebuild.
 pub(super) fn other_views(results: &Results, table: impl Fn(Timed) -> Table) -> String {
     let threads = results.settings.threads;
@@ -117,7 +117,7 @@ pub(super) fn other_views(results: &Results, table: impl Fn(Timed) -> Table) -> 
         views.push((format!("its time / {threads}, the threads of this run"), divided));
     }
     let as_published = Timed { strategy: PAPER_BINNED, factor: 1.0 / paper };
-    views.push((format!("the rebuild of the paper’s code / {PAPER_THREADS}"), as_published));
+    views.push((format!("the serial rebuild with bins along one axis / {PAPER_THREADS}"), as_published));
     views.push(("the parallel rebuild as measured".to_owned(), BINNED_PARALLEL.into()));
     let tables = views.into_iter().map(|(words, rebuild)| (words, table(rebuild)));
     let measured = tables.filter(|(_, table)| !table.is_empty());
