@@ -1,5 +1,5 @@
-//! Tears a sphere to pieces and follows three trees through it: one only refitted, one refitted and rotated, one
-//! built anew for every frame. Prints the SAH cost of each: the expected work of a ray.
+//! Tears a sphere to pieces and follows three trees through it: one only refitted, one refitted and
+//! rotated, one rebuilt for every frame. Prints the SAH cost of each: the expected work of a ray.
 
 use std::error::Error;
 use std::time::Instant;
@@ -18,7 +18,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let triangles = Triangles { positions: &corners, indices: &indices };
     let mut refitted = build(&triangles, Builder::Sweep, &BuildOptions::default(), None)?;
-    // In the order of the leaves, updates stream through the triangles. `order` has the old numbers.
+    // In the order of the leaves, updates stream through the triangles. `order` has the old
+    // numbers.
     let order = refitted.renumber();
     indices = order.iter().map(|&old| indices[old as usize]).collect();
     let mut rotated = refitted.clone();

@@ -1,6 +1,7 @@
-//! The broad phase of a physics loop: balls fly about in a box, and every step asks which of their bounding boxes
-//! overlap. Refitting and rotating keeps the tree good for many steps; as the balls mix thoroughly it does grow worse, so
-//! it is built anew whenever its cost has doubled (as Lauterbach et al. 2006 do with refitting alone).
+//! The broad phase of a physics loop: balls fly about in a box, and every step asks which of their
+//! bounding boxes overlap. Refitting and rotating keeps the tree good for many steps; as the balls
+//! mix thoroughly it does grow worse, so it is rebuilt whenever its cost has doubled (as Lauterbach
+//! et al. 2006 do with refitting alone).
 
 use std::error::Error;
 use std::ops::ControlFlow;
@@ -43,13 +44,14 @@ fn main() -> Result<(), Box<dyn Error>> {
             let rebuild = Strategy::Rebuild(Builder::BinnedParallel, BuildOptions::default());
             update(&mut bvh, boxes.as_slice(), &rebuild, &mut scratch)?;
             fresh_cost = sah_cost(&bvh);
-            println!("step {step:2}: the cost had doubled to {cost:.1}; built anew at {fresh_cost:.1}");
+            println!("step {step:2}: the cost had doubled to {cost:.1}; rebuilt at {fresh_cost:.1}");
         }
 
         let (mut pairs, mut contacts) = (0, 0);
         bvh.for_each_pair(boxes.as_slice(), |a, b| {
             pairs += 1;
-            // The narrow phase: balls that overlap and approach each other bounce, as equal masses do.
+            // The narrow phase: balls that overlap and approach each other bounce, as equal masses
+            // do.
             let (apart, closing) = (centers[b] - centers[a], speeds[b] - speeds[a]);
             if apart.length_squared() < 4.0 * RADIUS * RADIUS && apart.dot(closing) < 0.0 {
                 let normal = apart.normalize_or_zero();

@@ -1,4 +1,5 @@
-//! Builds a tree over the triangles of a sphere, casts a grid of rays at it and draws what they hit.
+//! Builds a tree over the triangles of a sphere, casts a grid of rays at it and draws what they
+//! hit.
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Ray, Triangles, Vec3, stats};

@@ -4,12 +4,14 @@
 //! * `animate`: keep a tree good while its triangles move, by refitting and rotating,
 //! * `broad_phase`: overlapping boxes, for the collision loop of a physics engine.
 //!
-//! Run one with `cargo run --release --example cast_rays`. This library holds the meshes they share.
+//! Run one with `cargo run --release --example cast_rays`. This library holds the meshes they
+//! share.
 #![forbid(unsafe_code)]
 
 use bvh_core::Vec3;
 
-/// A sphere of radius 1 around the origin: positions, and `2 * rings * rings` triangles, seen from outside.
+/// A sphere of radius 1 around the origin: positions, and `2 * rings * rings` triangles, seen from
+/// outside.
 #[must_use]
 pub fn sphere(rings: u32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
     let around = 2 * rings;

@@ -1,4 +1,4 @@
-//! The documents name tests that exist.
+//! The documents name tests that exist, and quote code that exists.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -64,4 +64,30 @@ fn every_test_named_in_the_documents_exists() {
         }
     }
     assert!(named > 60, "{named}");
+}
+
+/// Words, so that indentation does not matter.
+fn words(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn quotations_stand_in_the_files_they_are_from() {
+    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
+    let text = fs::read_to_string(docs.join("EXTENDING.md")).expect("a document");
+    let mut parts = text.split("```");
+    let (mut quoted, mut before) = (0, parts.next().unwrap_or_default());
+    while let (Some(code), Some(after)) = (parts.next(), parts.next()) {
+        let link = before
+            .rsplit("](")
+            .next()
+            .and_then(|rest| rest.split_once(')'))
+            .expect("a link before the code")
+            .0;
+        let file = fs::read_to_string(docs.join(link)).unwrap_or_else(|error| panic!("{link}: {error}"));
+        let code = words(code.strip_prefix("rust").expect("a language"));
+        assert!(words(&file).contains(&code), "{link} has no {code}");
+        (quoted, before) = (quoted + 1, after);
+    }
+    assert!(quoted >= 8, "{quoted} quotations");
 }

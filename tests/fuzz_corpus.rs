@@ -1,4 +1,5 @@
-//! What the fuzzer starts from and what it once broke, and random bytes besides: none of it may panic.
+//! What the fuzzer starts from and what it once broke, and random bytes besides: none of it may
+//! panic.
 
 use std::path::Path;
 

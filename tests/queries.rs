@@ -1,4 +1,5 @@
-//! Queries through closures against the same questions asked of every primitive, on trees fresh and updated.
+//! Queries through closures against the same questions asked of every primitive, on trees fresh and
+//! updated.
 
 use std::collections::BTreeSet;
 use std::ops::ControlFlow::{Break, Continue};

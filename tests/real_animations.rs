@@ -1,4 +1,5 @@
-//! The whole loop on real models, found through the environment variable `PIVOT_DATA`; skipped where it is unset.
+//! The whole loop on real models, found through the environment variable `PIVOT_DATA`; skipped
+//! where it is unset.
 
 use std::path::PathBuf;
 
@@ -16,8 +17,8 @@ fn data() -> Option<PathBuf> {
     data
 }
 
-/// Plays a file with every strategy for 2.3 loops of `per_loop` frames, as the paper does with 100: valid trees, the
-/// hits of brute force, and rotations that pay.
+/// Plays a file with every strategy for 2.3 loops of `per_loop` frames, as the paper does with 100:
+/// valid trees, the hits of brute force, and rotations that pay.
 fn play(file: &str, per_loop: usize, moves: bool, rotation_pays: bool) {
     let Some(data) = data() else { return };
     let animation = anim::load(&data.join(file), None).expect("loads");

@@ -20,8 +20,9 @@ fn with_heights(nodes: &[Node], order: &[u32]) -> Bvh {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
-    /// At any node of any tree, each rotation changes the cost of the whole tree, recomputed from the triangles in
-    /// double precision, by exactly what was claimed, within rounding of single precision.
+    /// At any node of any tree, each rotation changes the cost of the whole tree, recomputed from
+    /// the triangles in double precision, by exactly what was claimed, within rounding of single
+    /// precision.
     #[test]
     fn claimed_change_of_cost_is_the_recomputed_one(n in 4usize..60, seed: u64, frame in 0usize..6) {
         let soup = Soup::new(n, seed);

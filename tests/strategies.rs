@@ -1,4 +1,5 @@
-//! Every strategy, through every kind of motion: valid and tight trees, costs as told, and the hits of brute force.
+//! Every strategy, through every kind of motion: valid and tight trees, costs as reported, and the
+//! hits of brute force.
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Bvh, Ray, Triangles, Vec3};
@@ -21,7 +22,8 @@ fn check_hits(bvh: &Bvh, triangles: &Triangles<'_>, seed: u64, rays: usize) -> u
         let found = rt_cpu::closest_hit(bvh, triangles, &ray, f32::INFINITY, TriangleTest::Watertight);
         let brute = rt_cpu::closest_hit_brute(triangles, &ray, f32::INFINITY, TriangleTest::Watertight);
         assert_eq!(found, brute, "ray {i}: the tree does not find what brute force finds");
-        // Single precision may decide otherwise within rounding of an edge; nothing else may differ.
+        // Single precision may decide otherwise within rounding of an edge; nothing else may
+        // differ.
         if let (Some((t, _)), Some(hit)) = (expected, found) {
             if (f64::from(hit.t) - t).abs() > 1e-5 * t.max(1.0) {
                 let [a, b, c] = triangles.corners(hit.primitive as usize);
@@ -53,10 +55,10 @@ fn play(n: usize, seed: u64, motion: Motion, frames: usize, threads: usize, max_
                 let done = update(&mut bvh, &primitives, &strategy, &mut scratch).expect("same count");
                 bvh.validate(&primitives).expect("valid and tight");
                 let cost = sah_cost(&bvh, &positions, &soup.triangles);
-                let told = done.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(&bvh));
+                let reported = done.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(&bvh));
                 assert!(
-                    (told - cost).abs() <= 1e-5 * cost,
-                    "{strategy:?}, {motion:?}: told {told}, is {cost}"
+                    (reported - cost).abs() <= 1e-5 * cost,
+                    "{strategy:?}, {motion:?}: reported {reported}, is {cost}"
                 );
                 check_hits(&bvh, &primitives, seed ^ frame as u64, 20);
             }

@@ -1,4 +1,5 @@
-//! Stamps the crate with a hash of its sources, so that key frames cached by other code are never reused.
+//! Stamps the crate with a hash of its sources, so that key frames cached by other code are never
+//! reused.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::PathBuf;

@@ -39,18 +39,19 @@ fn has_box(positions: &[Vec3], triangle: &[u32; 3]) -> bool {
     triangle.iter().all(|&v| positions[v as usize].is_finite())
 }
 
-/// Checks everything that must hold of the case; gives what the last update of each strategy told.
+/// Checks everything that must hold of the case; gives the report of the last update of each
+/// strategy.
 pub(crate) fn hold(case: &Case) -> Vec<(Strategy, Update)> {
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     for (turn, (threads, max_leaf_size)) in [(1, 1), (3, 1), (2, 4)].into_iter().enumerate() {
-        told = pool(threads).install(|| hold_here(case, max_leaf_size, turn));
+        reported = pool(threads).install(|| hold_here(case, max_leaf_size, turn));
     }
-    told
+    reported
 }
 
 fn hold_here(case: &Case, max_leaf_size: u32, turn: usize) -> Vec<(Strategy, Update)> {
     let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     for (number, strategy) in Strategy::all().into_iter().enumerate() {
         let builder = if let Strategy::Rebuild(builder, _) = strategy { builder } else { Builder::Sweep };
         let built = build(&case.at(0), builder, &options, None).expect("few enough");
@@ -71,30 +72,31 @@ fn hold_here(case: &Case, max_leaf_size: u32, turn: usize) -> Vec<(Strategy, Upd
                 // Each strategy comes to all three tests, in turn.
                 let test = TriangleTest::ALL[(number + turn) % TriangleTest::ALL.len()];
                 check_image(&bvh, &triangles, strategy.name(), test);
-                told.push((strategy, last));
+                reported.push((strategy, last));
             }
         }
         // What comes from the background depends on time.
         let same = hashes.iter().all(|&hash| hash == hashes[0]);
         assert!(same || matches!(strategy, Strategy::Background(_)), "{strategy:?} at other SIMD levels");
     }
-    told
+    reported
 }
 
-fn check_tree(bvh: &Bvh, case: &Case, frame: usize, strategy: &Strategy, told: &Update) {
+fn check_tree(bvh: &Bvh, case: &Case, frame: usize, strategy: &Strategy, reported: &Update) {
     let name = strategy.name();
     bvh.validate(&case.at(frame)).unwrap_or_else(|e| panic!("{name}, frame {frame}: {e}"));
     let positions = &case.frames[frame];
     let real = sah_cost(bvh, positions, &case.triangles);
-    let cost = told.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(bvh));
-    // Sums of areas from `f32` coordinates; where extents are denormal, so are areas, and nothing is promised.
+    let cost = reported.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(bvh));
+    // Sums of areas from `f32` coordinates; where extents are denormal, so are areas, and nothing
+    // is promised.
     let extent = bvh.root().aabb().extent().max_element();
     if extent == 0.0 || extent > 1e-15 {
-        assert!((cost - real).abs() <= 1e-4 * real, "{name}, frame {frame}: told {cost}, is {real}");
+        assert!((cost - real).abs() <= 1e-4 * real, "{name}, frame {frame}: reported {cost}, is {real}");
     }
     assert!(cost.is_finite() && cost >= 0.0, "{name}, frame {frame}: cost {cost}");
     let dropped = case.triangles.iter().filter(|t| !has_box(positions, t)).count();
-    assert_eq!(told.dropped, dropped as u64, "{name}, frame {frame}: dropped");
+    assert_eq!(reported.dropped, dropped as u64, "{name}, frame {frame}: dropped");
 }
 
 /// The middle and the extent of what is in a tree; the extent is nowhere zero.
@@ -107,7 +109,8 @@ fn bounds(bvh: &Bvh) -> (Vec3, Vec3) {
     }
 }
 
-/// Rays from around the scene and from within, some along axes and with zero components, by every triangle test.
+/// Rays from around the scene and from within, some along axes and with zero components, by every
+/// triangle test.
 fn check_rays(bvh: &Bvh, triangles: &Triangles<'_>, name: &str) {
     let (center, extent) = bounds(bvh);
     let mut wide = Bvh8::new();

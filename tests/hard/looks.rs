@@ -1,4 +1,5 @@
-//! Whole images, with every effect, of what is not finite: vertices, normals, texture coordinates, cameras, lights.
+//! Whole images, with every effect, of what is not finite: vertices, normals, texture coordinates,
+//! cameras, lights.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -16,7 +17,8 @@ use crate::check::pool;
 
 const SIDE: u32 = 20;
 
-/// Everything at once, then the two that exclude one another, once with so many rays that they get a view of the tree.
+/// Everything at once, then the two that exclude one another, once with enough rays to get a view
+/// of the tree.
 fn effects() -> [Effects; 3] {
     let all = Effects { textures: true, alpha: true, mirror: true, ..Effects::default() };
     let occlusion = |samples| Some(AmbientOcclusion { samples, distance: f32::INFINITY });
@@ -55,8 +57,8 @@ fn checks() -> Texture {
     }
 }
 
-/// The image by every traversal, at every SIMD level, on one thread and on two, which must be one and the same, and
-/// finite.
+/// The image by every traversal, at every SIMD level, on one thread and on two, which must be one
+/// and the same, and finite.
 fn image(
     bvh: &bvh_core::Bvh,
     mesh: &Mesh<'_>,
@@ -88,8 +90,9 @@ fn image(
     first.expect("at least one level")
 }
 
-/// Triangles that are not finite are not there, whatever the effect: the image is that of the mesh in which they are
-/// points. Normals and texture coordinates that are not finite change the colours of their own triangles at most.
+/// Triangles that are not finite are not there, whatever the effect: the image is that of the mesh
+/// in which they are points. Normals and texture coordinates that are not finite change the colours
+/// of their own triangles at most.
 #[test]
 fn effects_on_what_is_not_finite() {
     let soup = Soup::new(300, 8);
@@ -152,8 +155,8 @@ fn an_image_of_nothing_finite_is_empty() {
     }
 }
 
-/// Whatever a camera or a light is made of, every way to the image gives the same, finite one, and from a camera that
-/// is not finite nothing is seen.
+/// Whatever a camera or a light is made of, every way to the image gives the same, finite one, and
+/// from a camera that is not finite nothing is seen.
 #[test]
 fn cameras_and_lights_of_any_kind() {
     let soup = Soup::new(200, 9);

@@ -82,8 +82,9 @@ fn strips(n: usize, frame: usize, per_loop: usize) -> Vec<Vec3> {
     (0..3 * n).map(vertex).collect()
 }
 
-/// A tree is plain data. What is not finite in some frames leaves nothing behind in what it remembers: a copy of it goes
-/// on as it does, with other memory and on other threads, and so do two that are renumbered.
+/// A tree is plain data. What is not finite in some frames leaves nothing behind in what it
+/// remembers: a copy of it goes on as it does, with other memory and on other threads, and so do
+/// two that are renumbered.
 #[test]
 fn copies_go_on_alike_after_frames_that_are_not_finite() {
     const FRAMES: usize = 9;
@@ -132,7 +133,7 @@ fn ten_thousand_frames_in_a_loop() {
     let fresh: Vec<_> =
         (0..PER_LOOP).map(|f| build(&at(f), Builder::Sweep, &options, None).expect("few enough")).collect();
     for strategy in Strategy::all() {
-        // What builds anew each frame knows nothing of the frames before.
+        // What rebuilds each frame knows nothing of the frames before.
         let frames = if matches!(strategy, Strategy::Rebuild(..)) { 1500 } else { 10_000 };
         let mut bvh = fresh[0].clone();
         let nodes = bvh.nodes().len();

@@ -135,8 +135,9 @@ fn directions_of_extreme_length() {
     });
 }
 
-/// Directions so short that one over them is infinite, and origins so near zero that products vanish: nothing is promised
-/// of what is hit, but that the tree hits what brute force hits, at a finite distance.
+/// Directions so short that one over them is infinite, and origins so near zero that products
+/// vanish: nothing is promised of what is hit, but that the tree hits what brute force hits, at a
+/// finite distance.
 #[test]
 fn subnormal_directions_and_origins() {
     with_floor(|bvh, triangles, test| {

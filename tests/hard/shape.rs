@@ -34,8 +34,8 @@ fn two_primitives() {
 
 #[test]
 fn all_primitives_identical() {
-    let told = hold(&Case::still(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]; 700]));
-    assert!(told.iter().all(|(_, update)| update.height <= MAX_HEIGHT));
+    let reported = hold(&Case::still(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]; 700]));
+    assert!(reported.iter().all(|(_, update)| update.height <= MAX_HEIGHT));
 }
 
 /// More than 16 bits can count, in one place, by each builder and each strategy.
@@ -133,7 +133,8 @@ fn far_from_the_origin() {
     }
 }
 
-/// Far out numbers are far apart: the same detail as near the origin is lost there, or is some of the last bits.
+/// Far out numbers are far apart: the same detail as near the origin is lost there, or is some of
+/// the last bits.
 #[test]
 fn coordinates_of_1e30_and_1e38() {
     for offset in [1e30, 1e38] {
@@ -186,11 +187,12 @@ fn all_on_a_line() {
 
 #[test]
 fn exponentially_spaced() {
-    // Each split by surface area takes one primitive off: as high as there are primitives, but for the bound.
+    // Each split by surface area takes one primitive off: as high as there are primitives, but for
+    // the bound.
     let places = (0..250).map(|i| Vec3::new((i as f32 - 125.0).exp2(), 0.0, 0.0));
     let positions: Vec<_> = places.flat_map(|p| [p, p * 1.01, p + Vec3::Y * p.x * 0.01]).collect();
-    let told = hold(&soup(positions));
-    assert!(told.iter().all(|(_, update)| update.height <= MAX_HEIGHT));
+    let reported = hold(&soup(positions));
+    assert!(reported.iter().all(|(_, update)| update.height <= MAX_HEIGHT));
 }
 
 #[test]

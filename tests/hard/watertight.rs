@@ -1,5 +1,5 @@
-//! Closed meshes let no ray through: rays from inside, aimed at edges and vertices, near the origin and far from it,
-//! through refitting and rotations.
+//! Closed meshes let no ray through: rays from inside, aimed at edges and vertices, near the origin
+//! and far from it, through refitting and rotations.
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::glam::Vec3Swizzles;
@@ -47,8 +47,8 @@ fn ball(offset: Vec3, time: f32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
     (positions, triangles)
 }
 
-/// How many of the rays from the middle, aimed at edges and vertices, leave the ball: closest and any hit, of the tree
-/// and of its eight-wide view.
+/// How many of the rays from the middle, aimed at edges and vertices, leave the ball: closest and
+/// any hit, of the tree and of its eight-wide view.
 fn leaks(offset: f32, strategy: Strategy, test: TriangleTest, rays: usize) -> usize {
     let offset = Vec3::new(offset, -0.7 * offset, 0.3 * offset);
     let (start, triangles) = ball(offset, 0.0);
@@ -99,8 +99,8 @@ fn the_fast_test_leaks_at_edges() {
     assert!(found > 0 && found < RAYS / 4, "{found}");
 }
 
-/// Light that bounces about in a closed mesh never comes to the sky, whatever made the tree, at every SIMD level: the sky
-/// alone is blue.
+/// Light that bounces about in a closed mesh never comes to the sky, whatever made the tree, at
+/// every SIMD level: the sky alone is blue.
 #[test]
 fn no_light_of_the_sky_enters_a_closed_mesh() {
     const WIDTH: u32 = 24;
@@ -136,8 +136,9 @@ fn no_light_of_the_sky_enters_a_closed_mesh() {
 /// Half the side of [`room`], and pixels from the middle of an image to its edge.
 const HALF: i32 = 64;
 
-/// A closed cube of 65 x 65 quads a side. Seen from its middle with a right angle of view in `2 * HALF` pixels, one pixel
-/// in four looks at a vertex, the others at the middle of an edge, as exactly as `f32` allows.
+/// A closed cube of 65 x 65 quads a side. Seen from its middle with a right angle of view in `2 *
+/// HALF` pixels, one pixel in four looks at a vertex, the others at the middle of an edge, as
+/// exactly as `f32` allows.
 fn room(offset: Vec3) -> (Vec<Vec3>, Vec<[u32; 3]>) {
     let inside = (0..HALF).map(|i| (2 * i - HALF) as f32 + 0.5);
     let places: Vec<f32> = [-HALF as f32].into_iter().chain(inside).chain([HALF as f32]).collect();

@@ -1,4 +1,5 @@
-//! Tests driven by bytes, for fuzzing and for its corpus: whatever the bytes, nothing panics and every promise holds.
+//! Tests driven by bytes, for fuzzing and for its corpus: whatever the bytes, nothing panics and
+//! every promise holds.
 
 use std::path::Path;
 
@@ -10,8 +11,9 @@ use rt_cpu::{Bvh8, TriangleTest};
 
 use crate::{noise, sah_cost};
 
-/// Plays a sequence of updates, at the lowest and the highest SIMD level side by side. The first bytes give the size, the
-/// leaves and the builder; then each update takes one byte for its strategy, one for what happens, and one for how much.
+/// Plays a sequence of updates, at the lowest and the highest SIMD level side by side. The first
+/// bytes give the size, the leaves and the builder; then each update takes one byte for its
+/// strategy, one for what happens, and one for how much.
 ///
 /// # Panics
 /// If anything does not hold: that is what it is for.
@@ -19,7 +21,8 @@ pub fn play_bytes(bytes: &[u8]) {
     let mut bytes = bytes.iter().copied();
     let mut next = || bytes.next();
     let (Some(n), Some(leaf), Some(builder)) = (next(), next(), next()) else { return };
-    // Few enough to be played often, but for the last numbers: threads share out a pass from a thousand pairs on.
+    // Few enough to be played often, but for the last numbers: threads share out a pass from a
+    // thousand pairs on.
     let n = if n < 240 { usize::from(n % 96) } else { usize::from(n - 239) * 160 };
     let options = BuildOptions { max_leaf_size: u32::from(leaf % 5), ..BuildOptions::default() };
     let builder = Builder::ALL[usize::from(builder) % Builder::ALL.len()];
@@ -60,11 +63,11 @@ pub fn play_bytes(bytes: &[u8]) {
             Strategy::Rebuild(builder, _) if strategy & 0x80 != 0 => Strategy::Rebuild(builder, options),
             as_it_is => as_it_is,
         };
-        let told = update(&mut bvh, &triangles, &strategy, &mut scratch[0]).expect("same count");
+        let reported = update(&mut bvh, &triangles, &strategy, &mut scratch[0]).expect("same count");
         let twins = update(&mut twin, &triangles, &strategy, &mut scratch[1]).expect("same count");
-        assert_eq!((told, bvh.hash()), (twins, twin.hash()), "{}: another SIMD level", strategy.name());
+        assert_eq!((reported, bvh.hash()), (twins, twin.hash()), "{}: another SIMD level", strategy.name());
         bvh.validate(&triangles).unwrap_or_else(|e| panic!("{}: {e}", strategy.name()));
-        let cost = told.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(&bvh));
+        let cost = reported.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(&bvh));
         assert!(cost.is_finite() && cost >= 0.0, "{}: cost {cost}", strategy.name());
         let extent = bvh.root().aabb().extent().max_element();
         let real = sah_cost(&bvh, &positions, &indices);

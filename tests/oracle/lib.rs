@@ -1,5 +1,5 @@
-//! Naive oracles and small inputs for the cross-crate tests: everything here is written the obvious way, in double
-//! precision, and shares no code with what it checks.
+//! Naive oracles and small inputs for the cross-crate tests: everything here is written the obvious
+//! way, in double precision, and shares no code with what it checks.
 #![forbid(unsafe_code)]
 
 mod bytes;
@@ -11,8 +11,9 @@ use bvh_core::{Bvh, Node};
 pub use bytes::{load_bytes, play_bytes};
 pub use motion::{Motion, Soup, noise};
 
-/// The nearest triangle that a ray hits, by testing them all in double precision (Möller and Trumbore 1997):
-/// distance and number, or `None`. Triangles with a corner that is not finite are not hit.
+/// The nearest triangle that a ray hits, by testing them all in double precision (Möller and
+/// Trumbore 1997): distance and number, or `None`. Triangles with a corner that is not finite are
+/// not hit.
 #[must_use]
 pub fn closest_hit(
     positions: &[Vec3],
@@ -36,8 +37,8 @@ pub fn closest_hit(
     hits.min_by(|a, b| a.partial_cmp(b).expect("finite distances"))
 }
 
-/// SAH cost of a tree over triangles as they are now, from its structure and the triangles alone: no box of the tree
-/// is read. Both constants are 1.
+/// SAH cost of a tree over triangles as they are now, from its structure and the triangles alone:
+/// no box of the tree is read. Both constants are 1.
 #[must_use]
 pub fn sah_cost(bvh: &Bvh, positions: &[Vec3], triangles: &[[u32; 3]]) -> f64 {
     type Corners = (DVec3, DVec3);

@@ -4,7 +4,9 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 
-use crate::{CheckFailed, files, layering};
+use lab::{CheckFailed, files};
+
+use crate::layering;
 
 /// The one command that runs all tests; the README names it.
 const TESTS: &str = "cargo test --workspace";
@@ -22,12 +24,12 @@ pub(crate) fn run() -> Result<()> {
     let mut failed = Vec::new();
     let violations = layering::violations(&metadata()?)?;
     for violation in &violations {
-        files::tell(&format!("layering: {violation}"));
+        files::remark(&format!("layering: {violation}"));
     }
     failed.extend((!violations.is_empty()).then_some("layering"));
     failed.extend((!readme_names(TESTS)?).then_some("README (it must name the test command)"));
     for (command, environment) in COMMANDS {
-        files::tell(&format!("> {command}"));
+        files::remark(&format!("> {command}"));
         let mut words = command.split_whitespace();
         let status = program(words.next().unwrap_or_default())
             .args(words)

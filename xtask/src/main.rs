@@ -1,29 +1,18 @@
-//! `cargo xtask`: reruns the paper's experiments, renders scenes, lists what there is, checks the tree.
+//! `cargo xtask`: reruns the paper's experiments, renders scenes, lists what there is, checks the
+//! tree.
 //!
-//! This file is the command line and the exit codes: 0 for success, 1 if a check failed, 2 for bad input (one line
-//! says what, where, and what would be right), 130 after an interrupt.
+//! This file is the command line and the exit codes: 0 for success, 1 if a check failed, 2 for bad
+//! input (one line says what, where, and what would be right), 130 after an interrupt.
 
 mod ci;
-mod compare;
-mod contact_sheet;
-mod export;
-mod files;
-mod interrupt;
 mod layering;
-mod list;
-mod machine;
-mod pool;
-mod progress;
-mod render;
-mod reproduce;
-mod soak;
-mod stage;
 
 use std::io;
 use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use clap::{Arg, CommandFactory, FromArgMatches, Parser, Subcommand};
+use lab::{CheckFailed, compare, export, files, interrupt, list, render, reproduce, soak};
 
 #[derive(Parser)]
 #[command(name = "cargo xtask", bin_name = "cargo xtask", version, about, max_term_width = 100)]
@@ -39,8 +28,6 @@ enum Command {
     Reproduce(reproduce::Args),
     /// Render frames of a scene to PNG or EXR files
     Render(render::Args),
-    /// Write a picture of five frames of each scene, side by side
-    ContactSheet(contact_sheet::Args),
     /// Write the scene fairy-forest as a glTF file
     Export(export::Args),
     /// Measure this project beside other libraries: same work, same hits, one run
@@ -53,19 +40,8 @@ enum Command {
     Ci,
 }
 
-/// A check that did not hold: exit code 1, where bad input has 2.
-#[derive(Debug)]
-struct CheckFailed(String);
-
-impl std::fmt::Display for CheckFailed {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl std::error::Error for CheckFailed {}
-
-/// The command line. A negative number is a value that an option refuses, not an option that nobody knows.
+/// The command line. A negative number is a value that an option refuses, not an option that nobody
+/// knows.
 fn parse() -> Result<Cli, clap::Error> {
     let negative = |arg: Arg| {
         let takes_value = arg.get_action().takes_values();
@@ -84,7 +60,6 @@ fn main() -> ExitCode {
     let result = match &cli.command {
         Command::Reproduce(args) => reproduce::run(args),
         Command::Render(args) => render::run(args),
-        Command::ContactSheet(args) => contact_sheet::run(args),
         Command::Export(args) => export::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Soak(args) => soak::run(args),
@@ -96,7 +71,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if reader_left(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            files::tell(&format!("error: {}", one_line(&error)));
+            files::remark(&format!("error: {}", one_line(&error)));
             ExitCode::from(if error.is::<CheckFailed>() { 1 } else { 2 })
         }
     }
@@ -118,7 +93,7 @@ fn usage(error: &clap::Error) -> ExitCode {
         let message = text.split("\n\nUsage:").next().unwrap_or_default();
         let message = message.split("\n\nFor more information").next().unwrap_or_default();
         let line = message.split_whitespace().collect::<Vec<_>>().join(" ");
-        files::tell(&format!("{line}; see --help"));
+        files::remark(&format!("{line}; see --help"));
     }
     ExitCode::from(error.exit_code().clamp(0, 255) as u8)
 }

@@ -21,9 +21,9 @@ use crate::{Animation, Light, PoseStats, Topology, View};
 
 /// A scene of BART; from [`load_aff`].
 ///
-/// Time 0 is the start that the file gives. What stands still is placed once; a pose moves the parts under
-/// animated transforms, and blends the triangles that have keys of their own linearly. It takes time linear in the
-/// numbers of transforms and of vertices that move.
+/// Time 0 is the start that the file gives. What stands still is placed once; a pose moves the
+/// parts under animated transforms, and blends the triangles that have keys of their own linearly.
+/// It takes time linear in the numbers of transforms and of vertices that move.
 pub struct AffAnimation {
     topology: Topology,
     rest: Vec<Vec3>,
@@ -34,6 +34,8 @@ pub struct AffAnimation {
     frames: Option<usize>,
     camera: Option<(Camera, Option<Arc<Track>>)>,
     light: Option<PlacedLight>,
+    /// Lists of keys that were put in order.
+    disordered: usize,
 }
 
 /// An animated transform that does move.
@@ -61,19 +63,23 @@ struct PlacedLight {
     color: [f32; 3],
 }
 
-/// Loads a scene of BART, for those who have it: the file that `file` names, and the files it includes.
+/// Loads a scene of BART, for those who have it: the file that `file` names, and the files it
+/// includes.
 ///
-/// The format is that of J. Lext, U. Assarsson and T. Möller, "A Benchmark for Animated Ray Tracing" (IEEE Computer
-/// Graphics and Applications 21(2), 2001), which extends E. Haines' NFF. Meshes, polygons, textured and animated
-/// triangles are taken as they are (polygons as fans), spheres and cones are cut into triangles. Transforms may be
-/// fixed or animated by splines; what a `visibility` key hides shrinks to a point. Materials keep their diffuse
-/// colour, or their specular one if that is all they have; textures are ignored. Without an `a` statement the animation lasts as long as its keys.
+/// The format is that of J. Lext, U. Assarsson and T. Möller, "A Benchmark for Animated Ray
+/// Tracing" (IEEE Computer Graphics and Applications 21(2), 2001), which extends E. Haines' NFF.
+/// Meshes, polygons, textured and animated triangles are taken as they are (polygons as fans),
+/// spheres and cones are cut into triangles. Transforms may be fixed or animated by splines; what a
+/// `visibility` key hides shrinks to a point. Materials keep their diffuse colour, or their
+/// specular one if that is all they have; textures are ignored. Without an `a` statement the
+/// animation lasts as long as its keys.
 ///
-/// Included files are looked for beside the file that includes them, and must lie below the folder of `file`.
+/// Included files are looked for beside the file that includes them, and must lie below the folder
+/// of `file`.
 ///
 /// # Errors
-/// If a file cannot be read, or is malformed; if files include each other in a circle, or so often that the scene
-/// outgrows them; if there are no triangles.
+/// If a file cannot be read, or is malformed; if files include each other in a circle, or so often
+/// that the scene outgrows them; if there are no triangles.
 pub fn load_aff(file: &Path) -> Result<AffAnimation, LoadError> {
     let scene = reader::read(file)?;
     if scene.geometry.topology.triangles.is_empty() {
@@ -84,7 +90,7 @@ pub fn load_aff(file: &Path) -> Result<AffAnimation, LoadError> {
 
 impl AffAnimation {
     fn new(scene: Scene) -> Self {
-        let Scene { geometry, nodes: named_nodes, tracks, camera, lights, time } = scene;
+        let Scene { geometry, nodes: named_nodes, tracks, camera, lights, time, disordered } = scene;
         let (mut topology, mut rest) = (geometry.topology, geometry.positions);
         let track = |name: &[u8]| tracks.get(name).filter(|track| !track.is_identity()).map(Arc::clone);
 
@@ -162,6 +168,7 @@ impl AffAnimation {
             frames: time.map(|time| time.frames),
             camera,
             light,
+            disordered,
         };
         animation.pose(0.0, &mut rest);
         animation.rest = rest;
@@ -217,6 +224,12 @@ impl Animation for AffAnimation {
         self.duration
     }
 
+    fn notes(&self) -> Vec<String> {
+        let lists = if self.disordered == 1 { "list" } else { "lists" };
+        let note = || format!("{} {lists} of keys out of order: put in order of time", self.disordered);
+        (self.disordered > 0).then(note).into_iter().collect()
+    }
+
     /// As the benchmark prescribes.
     fn frames(&self) -> Option<usize> {
         self.frames
@@ -253,7 +266,8 @@ impl Animation for AffAnimation {
         stats
     }
 
-    /// The `v` block, moved by the track named `camera`; the camera of that track looks along its negative z axis.
+    /// The `v` block, moved by the track named `camera`; the camera of that track looks along its
+    /// negative z axis.
     fn view(&self, time: f64) -> Option<View> {
         let (camera, track) = self.camera.as_ref()?;
         let time = self.key_time(time);

@@ -21,8 +21,8 @@ pub struct Topology {
     pub materials: Vec<Material>,
     /// Textures, named by [`Material::texture`].
     pub textures: Vec<Texture>,
-    /// Where in its texture each vertex lies: (0, 0) is the upper left corner of the image, (1, 1) the lower right
-    /// one. Empty if there are no textures; of no meaning for vertices without.
+    /// Where in its texture each vertex lies: (0, 0) is the upper left corner of the image, (1, 1)
+    /// the lower right one. Empty if there are no textures; of no meaning for vertices without.
     pub texcoords: Vec<Vec2>,
 }
 
@@ -68,7 +68,8 @@ impl Motion {
 /// How the surface of a part looks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
-    /// Linear diffuse colour (red, green, blue), each 0 to 1; times that of the texture, if there is one.
+    /// Linear diffuse colour (red, green, blue), each 0 to 1; times that of the texture, if there
+    /// is one.
     pub base_color: [f32; 3],
     /// Opacity, 0 to 1; times that of the texture, if there is one. It counts only with a cutoff.
     pub opacity: f32,
@@ -121,16 +122,19 @@ pub trait Animation: Send + Sync {
     /// Still vertices have these positions at all times.
     fn rest(&self) -> Vec<Vec3>;
 
-    /// Moves `positions`, which came from [`rest`](Self::rest), to `time` (seconds; clamped to 0 ..= duration).
+    /// Moves `positions`, which came from [`rest`](Self::rest), to `time` (seconds; clamped to 0
+    /// ..= duration).
     ///
-    /// The result depends on `time` only, never on earlier calls. Vertices of still parts are not written. Gives what
-    /// was done; [`Pose::advance`](crate::Pose::advance) does nothing at all where the time is the same as before.
+    /// The result depends on `time` only, never on earlier calls. Vertices of still parts are not
+    /// written. Gives what was done; [`Pose::advance`](crate::Pose::advance) does nothing at all
+    /// where the time is the same as before.
     ///
     /// # Panics
     /// If `positions` is not as long as `topology().vertex_count`.
     fn pose(&self, time: f64, positions: &mut [Vec3]) -> PoseStats;
 
-    /// Number of frames that the source says it is to be shown in, first and last included, if it does.
+    /// Number of frames that the source says it is to be shown in, first and last included, if it
+    /// does.
     fn frames(&self) -> Option<usize> {
         None
     }
@@ -146,8 +150,9 @@ pub trait Animation: Send + Sync {
     }
 
     /// Overwrites the entries of `normals` for which the source has better ones than
-    /// [`vertex_normals`](crate::vertex_normals) makes, such as a file's own or those of pieces that were one surface,
-    /// with unit vectors as they are at `time`. The others are left as they are.
+    /// [`vertex_normals`](crate::vertex_normals) makes, such as a file's own or those of pieces
+    /// that were one surface, with unit vectors as they are at `time`. The others are left as they
+    /// are.
     ///
     /// # Panics
     /// If `normals` is not as long as `topology().vertex_count`.

@@ -116,6 +116,19 @@ fn one_line(message: &str) -> String {
     line
 }
 
+/// Reads a whole regular file below `folder`; a link that leads out of the folder is refused.
+pub(crate) fn read_beside(folder: &Path, relative: &Path) -> Result<Vec<u8>, LoadError> {
+    let file = folder.join(relative);
+    let io = |source| LoadError::Io { file: file.clone(), source };
+    let home = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let home = home.canonicalize().map_err(io)?;
+    if !file.canonicalize().map_err(io)?.starts_with(home) {
+        let found = "a link that leads out of the folder of the file that names it".into();
+        return Err(LoadError::Unsupported { file, found });
+    }
+    read_file(&file)
+}
+
 /// Reads a whole regular file. (Anything else, such as a device, may never end.)
 pub(crate) fn read_file(file: &Path) -> Result<Vec<u8>, LoadError> {
     let io = |source| LoadError::Io { file: file.to_owned(), source };

@@ -1,10 +1,13 @@
-//! glTF 2.0 playback: one clip of a .gltf or .glb file, its nodes, skins and morph targets evaluated on demand.
+//! glTF 2.0 playback: one clip of a .gltf or .glb file, its nodes, skins and morph targets
+//! evaluated on demand.
 //!
-//! Sections are those of the [glTF 2.0 specification](https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html).
-//! Read are triangles (lists, strips, fans), normals, base colours and their textures (3.9.2), alpha masks (3.9.4),
-//! transforms, skins (3.7.3.3), morph targets (3.7.2.2), clips (3.11), sparse and quantised accessors (3.6.2), the
-//! first perspective camera and the first light. Blended surfaces are there where at least half opaque; smooth
-//! metals are mirrors, and all other surfaces diffuse, with two sides.
+//! Sections are those of the [glTF 2.0
+//! specification](https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html). Read are triangles
+//! (lists, strips, fans), normals, base colours and their textures (3.9.2), alpha masks (3.9.4),
+//! transforms, skins (3.7.3.3), morph targets (3.7.2.2), clips (3.11), sparse and quantised
+//! accessors (3.6.2), the first perspective camera and the first light. Blended surfaces are there
+//! where at least half opaque; smooth metals are mirrors, and all other surfaces diffuse, with two
+//! sides.
 
 mod accessor;
 mod material;
@@ -24,7 +27,7 @@ use ::gltf::json::accessor::Type;
 use ::gltf::json::{Index, Mesh, Root};
 use glam::{Affine3A, Mat3A, Vec2, Vec3};
 
-use self::accessor::{Accessors, Budget};
+use self::accessor::{Accessors, BYTES_PER_TRIANGLE, BYTES_PER_VERTEX, Budget};
 use self::material::{Mapping, add_textures, is_blended, material_of, materials};
 use self::nodes::{Channels, Nodes, affine, node_name, target_count};
 use self::primitive::Geometry;
@@ -35,8 +38,8 @@ use crate::{Animation, Light, Motion, Part, PoseStats, Topology, View, Work};
 
 /// A clip of a glTF file, ready to be posed at any time.
 ///
-/// A primitive is a [`Part`], once for each node that shows its mesh. Parts that nothing in the clip moves are
-/// transformed once, when loading.
+/// A primitive is a [`Part`], once for each node that shows its mesh. Parts that nothing in the
+/// clip moves are transformed once, when loading.
 pub struct GltfAnimation {
     topology: Topology,
     rest: Vec<Vec3>,
@@ -60,9 +63,10 @@ struct Instance {
     /// Where its vertices begin.
     first_vertex: usize,
     skin: Option<usize>,
-    /// The node whose transform counts, after the skin. With a skin none does (3.7.3.3), unless the joints are
-    /// outside of the scene. The specification does not allow that, but such files exist; such joints have no
-    /// place in the scene of their own and are taken relative to the node that shows the mesh.
+    /// The node whose transform counts, after the skin. With a skin none does (3.7.3.3), unless the
+    /// joints are outside of the scene. The specification does not allow that, but such files
+    /// exist; such joints have no place in the scene of their own and are taken relative to the
+    /// node that shows the mesh.
     node: Option<usize>,
     /// Index into the weights of its node, if it has morph targets.
     weights: Option<usize>,
@@ -81,24 +85,38 @@ struct Weights {
     track: Option<Track>,
 }
 
-/// Loads a clip of the glTF 2.0 file `file` (.gltf or .glb), with the buffers and images it names beside it.
+/// Loads a clip of the glTF 2.0 file `file` (.gltf or .glb), with the buffers and images it names
+/// beside it.
 ///
-/// `clip` is the name or else the number of a clip, counted from 0; without it the first is taken. A file
-/// without clips stands still. Memory stays below a fixed multiple of the size of the input (plus 256 MiB).
+/// `clip` is the name or else the number of a clip, counted from 0; without it the first is taken.
+/// A file without clips stands still. Memory stays below a fixed multiple of the size of the input
+/// (plus 1 GiB), that of a tree over the triangles included.
 ///
 /// # Errors
-/// If a file cannot be read, is not valid where it matters here, needs an extension that is not supported, has
-/// no triangles, or does not have the clip.
+/// If a file cannot be read, is not valid where it matters here, needs an extension that is not
+/// supported, has no triangles, or does not have the clip.
 pub fn load_gltf(file: &Path, clip: Option<&str>) -> Result<GltfAnimation, LoadError> {
     parse_gltf(file, &read_file(file)?, clip)
 }
 
-/// As [`load_gltf`], from the `bytes` of the file; `file` names them in errors, and buffers and images are sought
-/// beside it.
+/// As [`load_gltf`], without reading textures: surfaces keep the factors of their materials.
+///
+/// # Errors
+/// As [`load_gltf`].
+pub(crate) fn load_untextured(file: &Path, clip: Option<&str>) -> Result<GltfAnimation, LoadError> {
+    parse(file, &read_file(file)?, clip, false)
+}
+
+/// As [`load_gltf`], from the `bytes` of the file; `file` names them in errors, and buffers and
+/// images are sought beside it.
 ///
 /// # Errors
 /// As [`load_gltf`].
 pub fn parse_gltf(file: &Path, bytes: &[u8], clip: Option<&str>) -> Result<GltfAnimation, LoadError> {
+    parse(file, bytes, clip, true)
+}
+
+fn parse(file: &Path, bytes: &[u8], clip: Option<&str>, textures: bool) -> Result<GltfAnimation, LoadError> {
     let (root, buffers) = source::open(file, bytes)?;
     let size = buffers.iter().fold(bytes.len(), |size, buffer| size.saturating_add(buffer.len()));
     let clips: Vec<String> =
@@ -119,7 +137,7 @@ pub fn parse_gltf(file: &Path, bytes: &[u8], clip: Option<&str>) -> Result<GltfA
     };
     let folder = file.parent().unwrap_or(Path::new(""));
     let budget = Budget::for_input(size as u64);
-    let accessors = Accessors { root: &root, buffers: &buffers, folder, budget };
+    let accessors = Accessors { root: &root, buffers: &buffers, folder, budget, textures };
     GltfAnimation::build(&accessors, chosen.unwrap_or(0), clips).map_err(|problem| problem.in_file(file))
 }
 
@@ -189,10 +207,10 @@ impl GltfAnimation {
             animation.topology.texcoords.resize(animation.topology.vertex_count, Vec2::ZERO);
         }
         let blended = animation.topology.parts.iter().any(|part| is_blended(root, part.material));
-        let without_image = add_textures(&mut animation.topology, accessors)?;
+        let (without_image, missing) = add_textures(&mut animation.topology, accessors)?;
         animation.camera = Camera::first(root, &scene);
         animation.light = LightSource::first(root, &scene, &animation.rest)?;
-        animation.notes = animation.remarks(blended, without_image);
+        animation.notes = animation.remarks(blended, without_image, &missing);
         let seen_from = [animation.camera.as_ref().map(|c| c.node), animation.light.as_ref().map(|l| l.node)];
         let any_moves = seen_from.into_iter().flatten().any(|node| animation.nodes.moves[node]);
         if any_moves || !animation.moving.is_empty() {
@@ -272,7 +290,9 @@ impl GltfAnimation {
                 weights,
                 motion: Motion::STILL,
             };
-            let bytes = geometry.positions.len() * 46 + geometry.triangles.len() * 13 + name.len();
+            let bytes = geometry.positions.len() * BYTES_PER_VERTEX
+                + geometry.triangles.len() * BYTES_PER_TRIANGLE
+                + name.len();
             accessors.budget.spend(bytes as u64, &place)?;
             let Some(motion) = self.add_part(name, &instance, material, weights_vary) else {
                 let found = "too many vertices or triangles in all";
@@ -284,7 +304,8 @@ impl GltfAnimation {
         Ok(())
     }
 
-    /// Adds `instance` to the topology and finds out how it moves. `None` if its numbers do not fit 32 bits.
+    /// Adds `instance` to the topology and finds out how it moves. `None` if its numbers do not fit
+    /// 32 bits.
     fn add_part(
         &mut self,
         name: String,
@@ -346,7 +367,8 @@ impl GltfAnimation {
 
     /// Writes the positions of `instances` at `time`.
     fn write(&self, instances: &[Instance], time: f64, positions: &mut [Vec3]) -> PoseStats {
-        // Beside what is called for there is what stays the same but has to be done again, as under a still node.
+        // Beside what is called for there is what stays the same but has to be done again, as under
+        // a still node.
         let (mut stats, mut again) = (PoseStats::default(), Work::default());
         let globals = self.nodes.globals(time);
         let mut joint_matrices: Vec<Option<Vec<Affine3A>>> = vec![None; self.skins.len()];
@@ -410,7 +432,7 @@ impl GltfAnimation {
         out.iter_mut().for_each(|normal| *normal = normal.normalize_or_zero());
     }
 
-    fn remarks(&self, blended: bool, textures_without_image: usize) -> Vec<String> {
+    fn remarks(&self, blended: bool, textures_without_image: usize, missing: &[String]) -> Vec<String> {
         let mut notes = Vec::new();
         if self.ignored_primitives > 0 {
             notes.push(format!("{} primitives of points or lines are left out", self.ignored_primitives));
@@ -420,6 +442,12 @@ impl GltfAnimation {
         }
         if textures_without_image > 0 {
             notes.push(format!("{textures_without_image} textures are neither PNG nor JPEG and left out"));
+        }
+        if let Some(first) = missing.first() {
+            let count = missing.len();
+            notes.push(format!(
+                "{count} image files cannot be read, first {first:?}: surfaces keep their plain colours"
+            ));
         }
         notes.extend(self.light.iter().flat_map(LightSource::notes));
         notes
@@ -458,7 +486,8 @@ impl Animation for GltfAnimation {
         camera.view(&self.nodes.global(camera.node, self.clamp(time)))
     }
 
-    /// The first light of the scene, with its colour but not its intensity, which would need an exposure.
+    /// The first light of the scene, with its colour but not its intensity, which would need an
+    /// exposure.
     ///
     /// A directional light is put far away; a spot light shines all round.
     fn light(&self, time: f64) -> Option<Light> {
@@ -494,8 +523,8 @@ fn overwrite(normals: &mut [Vec3], with: &[Vec3]) {
     }
 }
 
-/// What transforms normals when `m` transforms points: the inverse transpose times the determinant, which
-/// exists for every matrix.
+/// What transforms normals when `m` transforms points: the inverse transpose times the determinant,
+/// which exists for every matrix.
 fn cofactors(m: Mat3A) -> Mat3A {
     let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
     Mat3A::from_cols(y.cross(z), z.cross(x), x.cross(y))
@@ -551,7 +580,8 @@ impl Skin {
 }
 
 impl Weights {
-    /// Weights of the mesh at `node`, from its channel, else from the node, else from the mesh, else 0.
+    /// Weights of the mesh at `node`, from its channel, else from the node, else from the mesh,
+    /// else 0.
     fn read(
         node: usize,
         mesh: &Mesh,
@@ -588,7 +618,8 @@ impl Weights {
     }
 }
 
-/// The nodes of the default scene, else of the first, else all; each once, parents before their children.
+/// The nodes of the default scene, else of the first, else all; each once, parents before their
+/// children.
 fn scene_nodes(root: &Root) -> Result<Vec<usize>, Problem> {
     let scene = match root.scene {
         Some(scene) => Some(root.scenes.get(scene.value()).ok_or_else(|| {

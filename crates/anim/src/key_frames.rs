@@ -12,7 +12,8 @@ pub const DEFAULT_SECONDS_PER_FRAME: f64 = 1.0 / 24.0;
 /// What follows the last key frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LoopMode {
-    /// The loop ends there; the next begins with a jump back to the first key frame, as in the paper (section 4).
+    /// The loop ends there; the next begins with a jump back to the first key frame, as in the
+    /// paper (section 4).
     Restart,
     /// The same way back to the first key frame, as part of the loop.
     BackAndForth,
@@ -61,7 +62,8 @@ pub enum KeyFramesError {
         /// The topology's number of vertices.
         vertex_count: usize,
     },
-    /// The parts do not cover the triangles in order, reach beyond the vertices or name a missing material.
+    /// The parts do not cover the triangles in order, reach beyond the vertices or name a missing
+    /// material.
     #[error("part {part}: found {found}, expected {expected}")]
     Part {
         /// Number of the part; the number of parts if something is missing behind the last.
@@ -79,12 +81,13 @@ pub enum KeyFramesError {
 impl KeyFrames {
     /// An animation through `frames`, each with one position per vertex, `seconds_per_frame` apart.
     ///
-    /// Which vertices move is found out here, by comparing the frames bit for bit: `moves` of `topology` and
-    /// the motion of its parts are set accordingly, whatever they were. A single frame is a still mesh.
-    /// O(vertices * frames); beside the result, memory for one more frame.
+    /// Which vertices move is found out here, by comparing the frames bit for bit: `moves` of
+    /// `topology` and the motion of its parts are set accordingly, whatever they were. A single
+    /// frame is a still mesh. O(vertices * frames); beside the result, memory for one more frame.
     ///
     /// # Errors
-    /// If there are no frames, frames and topology do not fit each other, or the time is not positive.
+    /// If there are no frames, frames and topology do not fit each other, or the time is not
+    /// positive.
     pub fn new(
         mut topology: Topology,
         mut frames: Vec<Vec<Vec3>>,

@@ -1,12 +1,12 @@
 //! Animated triangle meshes: triangles once, positions per time, and which of them can move at all.
 //!
 //! Every source (a glTF file, a directory of key frames, a simulation in the crate `scenes`) is an
-//! [`Animation`]. Coordinates are right-handed with y up, lengths in the source's own unit (metres in
-//! glTF), times in seconds from the start of the animation.
+//! [`Animation`]. Coordinates are right-handed with y up, lengths in the source's own unit (metres
+//! in glTF), times in seconds from the start of the animation.
 //!
-//! [`load`] takes whatever can be loaded. Files are not trusted: what is malformed is a [`LoadError`] that says
-//! what, where, and what would be right, and memory stays within a multiple of the size of the file. Positions
-//! that are not finite are passed on as they are.
+//! [`load`] takes whatever can be loaded. Files are not trusted: what is malformed is a
+//! [`LoadError`] that says what, where, and what would be right, and memory stays within a multiple
+//! of the size of the file. Positions that are not finite are passed on as they are.
 #![forbid(unsafe_code)]
 
 mod aff;
@@ -27,7 +27,7 @@ pub use error::LoadError;
 pub use glam;
 pub use gltf::{GltfAnimation, load_gltf, parse_gltf};
 pub use key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, KeyFramesError, LoopMode};
-pub use load::load;
+pub use load::{load, load_with};
 pub use mesh_file::{load_mesh, parse_mesh};
 pub use normals::vertex_normals;
 pub use pose::{Pose, PoseStats, Work};

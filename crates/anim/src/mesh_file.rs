@@ -1,7 +1,8 @@
-//! Single meshes from .obj and .ply files: positions and triangles, nothing else but the diffuse colour.
+//! Single meshes from .obj, .ply and .stl files: positions, triangles and diffuse colours.
 
 mod obj;
 mod ply;
+mod stl;
 #[cfg(test)]
 mod tests;
 
@@ -24,6 +25,7 @@ pub(crate) struct Mesh {
 pub(crate) enum Format {
     Obj,
     Ply,
+    Stl,
 }
 
 impl Format {
@@ -33,16 +35,18 @@ impl Format {
         match () {
             () if extension.eq_ignore_ascii_case("obj") => Some(Self::Obj),
             () if extension.eq_ignore_ascii_case("ply") => Some(Self::Ply),
+            () if extension.eq_ignore_ascii_case("stl") => Some(Self::Stl),
             () => None,
         }
     }
 }
 
-/// Loads one mesh from an .obj or .ply file, which then stands still.
+/// Loads one mesh from an .obj, .ply or .stl file, which then stands still.
 ///
-/// PLY may be ascii or binary of either byte order, with coordinates of any number type (rounded to the nearest
-/// f32). Polygons become fans of triangles. An OBJ file gives a part for each run of faces of one object and
-/// material, with the `Kd` of its .mtl file, if that is beside it.
+/// PLY may be ascii or binary of either byte order, with coordinates of any number type (rounded to
+/// the nearest f32). Polygons become fans of triangles. An OBJ file gives a part for each run of
+/// faces of one object and material, with the `Kd` of its .mtl file, if that is beside it. Corners
+/// of STL triangles in one place become one vertex.
 ///
 /// # Errors
 /// If the file cannot be read, is malformed, or has no triangles.
@@ -64,7 +68,7 @@ pub(crate) fn read_mesh(file: &Path, bytes: &[u8]) -> Result<Mesh, LoadError> {
     let Some(format) = Format::of(file) else {
         return Err(LoadError::Unsupported {
             file: file.to_owned(),
-            found: "not an .obj or .ply file".into(),
+            found: "not an .obj, .ply or .stl file".into(),
         });
     };
     if bytes.is_empty() {
@@ -73,6 +77,7 @@ pub(crate) fn read_mesh(file: &Path, bytes: &[u8]) -> Result<Mesh, LoadError> {
     let mesh = match format {
         Format::Obj => obj::read(bytes, file),
         Format::Ply => ply::read(bytes, file),
+        Format::Stl => stl::read(bytes),
     };
     let mesh = mesh.map_err(|problem| problem.in_file(file))?;
     if mesh.topology.triangles.is_empty() {
@@ -86,7 +91,8 @@ impl Mesh {
         Self { topology: Topology { materials, ..Topology::default() }, positions: Vec::new() }
     }
 
-    /// Adds a part whose `triangles` number its own `positions`. `None` if there are too many in all.
+    /// Adds a part whose `triangles` number its own `positions`. `None` if there are too many in
+    /// all.
     fn add_part(
         &mut self,
         name: String,

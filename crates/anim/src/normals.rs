@@ -2,13 +2,15 @@
 
 use glam::{DVec3, Vec3};
 
-/// Writes a unit normal for each vertex to `out`: the mean of the normals of its triangles, weighted by area.
+/// Writes a unit normal for each vertex to `out`: the mean of the normals of its triangles,
+/// weighted by area.
 ///
-/// Triangles are counter-clockwise seen from outside. Those of zero area, with a vertex that is not finite or
-/// out of range contribute nothing; a vertex to which nothing contributes gets the zero vector. `out` is made as
-/// long as `positions`. O(triangles + vertices).
+/// Triangles are counter-clockwise seen from outside. Those of zero area, with a vertex that is not
+/// finite or out of range contribute nothing; a vertex to which nothing contributes gets the zero
+/// vector. `out` is made as long as `positions`. O(triangles + vertices).
 pub fn vertex_normals(triangles: &[[u32; 3]], positions: &[Vec3], out: &mut Vec<Vec3>) {
-    // Twice the area is the length of the cross product, which overflows f32 for edges of 1e19 and vanishes at 1e-23.
+    // Twice the area is the length of the cross product, which overflows f32 for edges of 1e19 and
+    // vanishes at 1e-23.
     let mut sums = vec![DVec3::ZERO; positions.len()];
     for corners in triangles {
         let [Some(a), Some(b), Some(c)] = corners.map(|corner| positions.get(corner as usize)) else {

@@ -15,7 +15,8 @@ pub struct Work {
     pub time: Duration,
 }
 
-/// What moving an animation to a time took, by the kind of motion: zero for each that is not called for.
+/// What moving an animation to a time took, by the kind of motion: zero for each that is not called
+/// for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PoseStats {
     /// Vertices blended between key frames.
@@ -74,9 +75,11 @@ impl Pose {
         self.time
     }
 
-    /// Moves the animation this is a pose of to `time` (seconds; clamped to 0 ..= duration, NaN is 0).
+    /// Moves the animation this is a pose of to `time` (seconds; clamped to 0 ..= duration, NaN is
+    /// 0).
     ///
-    /// Nothing is done at the time it is at already: all work is zero then, as it is where nothing moves.
+    /// Nothing is done at the time it is at already: all work is zero then, as it is where nothing
+    /// moves.
     ///
     /// # Panics
     /// If it is the pose of an animation with another number of vertices.

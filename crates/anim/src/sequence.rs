@@ -9,16 +9,17 @@ use crate::mesh_file::{Format, Mesh, read_mesh};
 
 /// Loads the .ply or .obj files of the directory `directory` as the key frames of one animation.
 ///
-/// Files are taken in the natural order of their names (`frame2` before `frame10`); all must have the same
-/// vertices and faces, and be of the same kind. Key frames are [`DEFAULT_SECONDS_PER_FRAME`] apart, see
-/// [`KeyFrames::with_seconds_per_frame`]. Two frames are played back and forth (0, 1, 0), since a loop that jumps
-/// back after a single step would be no motion; more are played from the first to the last, and a loop then jumps
-/// back to the first, which is the paper's protocol (section 4). Other files in the directory are ignored.
-/// Materials and names are those of the first file.
+/// Files are taken in the natural order of their names (`frame2` before `frame10`); all must have
+/// the same vertices and faces, and be of the same kind. Key frames are
+/// [`DEFAULT_SECONDS_PER_FRAME`] apart, see [`KeyFrames::with_seconds_per_frame`]. Two frames are
+/// played back and forth (0, 1, 0), since a loop that jumps back after a single step would be no
+/// motion; more are played from the first to the last, and a loop then jumps back to the first,
+/// which is the paper's protocol (section 4). Other files in the directory are ignored. Materials
+/// and names are those of the first file.
 ///
 /// # Errors
-/// If the directory cannot be read or holds no mesh files, a file cannot be loaded, or two files differ in more
-/// than positions.
+/// If the directory cannot be read or holds no mesh files, a file cannot be loaded, or two files
+/// differ in more than positions.
 pub fn load_sequence(directory: &Path) -> Result<KeyFrames, LoadError> {
     let files = mesh_files(directory)?;
     let (first_file, others) = files.split_first().ok_or_else(|| LoadError::Unsupported {

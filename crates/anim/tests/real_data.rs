@@ -1,4 +1,5 @@
-//! Real files: counts, bounds and motion as measured by independent parsers. Skipped without `PIVOT_DATA`.
+//! Real files: counts, bounds and motion as measured by independent parsers. Skipped without
+//! `PIVOT_DATA`.
 
 use std::path::PathBuf;
 
@@ -44,7 +45,8 @@ fn check(animation: &dyn Animation, name: &str) {
     animation.pose(0.0, &mut positions);
     assert_eq!(bits(&positions), bits(&rest), "{name}: the pose at 0 is the rest pose");
 
-    // Sampled over the loop, in an order that is not that of time: what moves, and only that, moves.
+    // Sampled over the loop, in an order that is not that of time: what moves, and only that,
+    // moves.
     let steps = if animation.duration() > 0.0 { 31 } else { 1 };
     let times = (0..steps).map(|step| animation.duration() * f64::from(step * 12 % steps) / f64::from(steps));
     let mut seen_moving = vec![false; topology.triangles.len()];

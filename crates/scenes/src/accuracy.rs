@@ -10,16 +10,19 @@ pub struct Distance {
     pub rms: f64,
     /// The greatest, as a fraction of the extent.
     pub max: f64,
-    /// Diagonal of the box around the moving vertices of the second animation at all the times, a length.
+    /// Diagonal of the box around the moving vertices of the second animation at all the times, a
+    /// length.
     pub extent: f64,
 }
 
-/// The distance of the moving vertices of `coarse` from those of `fine` at `samples` times, evenly spread over the
-/// loop from its first to its last.
+/// The distance of the moving vertices of `coarse` from those of `fine` at `samples` times, evenly
+/// spread over the loop from its first to its last.
 ///
-/// This is the error of the accuracy knob [`SceneOptions::key_frames`](crate::SceneOptions::key_frames) where `fine`
-/// is the same scene with many more of them and as many simulation steps in all. Positions that are not finite in
-/// either are left out. `None` if the two do not have the same vertices, or none of them moves. O(vertices * samples).
+/// This is the error of the accuracy knob
+/// [`SceneOptions::key_frames`](crate::SceneOptions::key_frames) where `fine` is the same scene
+/// with many more of them and as many simulation steps in all. Positions that are not finite in
+/// either are left out. `None` if the two do not have the same vertices, or none of them moves.
+/// O(vertices * samples).
 #[must_use]
 pub fn distance(coarse: &dyn Animation, fine: &dyn Animation, samples: usize) -> Option<Distance> {
     let moving = |animation: &dyn Animation| -> Vec<usize> {

@@ -1,8 +1,9 @@
-//! `bart-museum`: a sculpture of triangles that each travel between unrelated places in five shapes, in a still room.
+//! `bart-museum`: a sculpture of triangles that each travel between unrelated places in five
+//! shapes, in a still room.
 //!
-//! In the museum of the Benchmark for Animated Ray Tracing (Lext, Assarsson, Möller 2001) every animated triangle
-//! has five keys of its own. At the first two its neighbours are anybody; in the last three they are those next
-//! to it in the order of the triangles.
+//! In the museum of the Benchmark for Animated Ray Tracing (Lext, Assarsson, Möller 2001) every
+//! animated triangle has five keys of its own. At the first two its neighbours are anybody; in the
+//! last three they are those next to it in the order of the triangles.
 
 use std::f32::consts::{PI, TAU};
 

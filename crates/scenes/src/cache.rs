@@ -1,23 +1,22 @@
 //! Recorded simulations, and the cache of them on disk.
 //!
-//! A file is: magic, source hash of this crate, the scene with its parameters as text, the measures, the
-//! arrays, and an XXH3 checksum of all before it; little-endian. Whatever does not match in every part
-//! is simulated again and overwritten.
+//! A file holds the source hash of this crate, the scene with its parameters as text, and the
+//! record, in the format of `postcard`, and behind them their XXH3 checksum. What does not match in
+//! every part is simulated again and overwritten.
 
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
 
+use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::xxh3_64;
 
 use crate::{Measure, SceneOptions};
 
-const MAGIC: &[u8; 8] = b"PIVOTKEY";
 const SOURCE_HASH: &str = env!("SCENES_SOURCE_HASH");
 
 /// What a simulation leaves behind: arrays of its own layout, and its errors.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Record {
     pub(crate) floats: Vec<Vec<f32>>,
     pub(crate) ints: Vec<Vec<u32>>,
@@ -26,8 +25,8 @@ pub(crate) struct Record {
 
 /// The record of `simulate` from the cache, or fresh, and then written to the cache.
 ///
-/// `parameters` names the scene and every option that `simulate` depends on. A note is pushed if the cache
-/// cannot be written.
+/// `parameters` names the scene and every option that `simulate` depends on. A note is pushed if
+/// the cache cannot be written.
 pub(crate) fn recorded(
     parameters: &str,
     options: &SceneOptions<'_>,
@@ -42,7 +41,8 @@ pub(crate) fn recorded(
         return record;
     }
     let record = simulate();
-    if let Err(error) = write_whole(dir, &path, &encode(&record, parameters)) {
+    let encoded = encode(&record, parameters).map_err(io::Error::other);
+    if let Err(error) = encoded.and_then(|bytes| write_whole(dir, &path, &bytes)) {
         notes.push(format!("key frames could not be cached at {}: {error}", path.display()));
     }
     record
@@ -53,92 +53,31 @@ fn cache_path(dir: &Path, parameters: &str) -> PathBuf {
     dir.join(format!("{scene}-{:016x}.keys", xxh3_64(parameters.as_bytes())))
 }
 
-/// Writes under a name that no other writer uses and renames, so that no reader ever sees half a file, not even after the
-/// power has failed.
+/// Writes under a temporary name and renames, so that no reader ever sees half a file, not even
+/// after a power failure.
 fn write_whole(dir: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
-    static WRITES: AtomicUsize = AtomicUsize::new(0);
     fs::create_dir_all(dir)?;
-    let number = WRITES.fetch_add(1, Ordering::Relaxed);
-    let temporary = path.with_extension(format!("{}-{number}.tmp", std::process::id()));
-    let write = || {
-        let mut file = File::create(&temporary)?;
-        file.write_all(bytes)?;
-        // Some file systems say as late as this that the disk is full.
-        file.sync_all()?;
-        fs::rename(&temporary, path)
-    };
-    write().inspect_err(|_| {
-        // The error that is reported is the first one; a leftover temporary file harms nobody.
-        let _ = fs::remove_file(&temporary);
-    })
+    let mut file = tempfile::NamedTempFile::new_in(dir)?;
+    file.write_all(bytes)?;
+    // Some file systems report a full disk only here.
+    file.as_file().sync_all()?;
+    file.persist(path)?;
+    Ok(())
 }
 
-fn encode(record: &Record, parameters: &str) -> Vec<u8> {
-    let mut out = MAGIC.to_vec();
-    put(&mut out, SOURCE_HASH.as_bytes());
-    put(&mut out, parameters.as_bytes());
-    out.extend((record.measures.len() as u64).to_le_bytes());
-    for measure in &record.measures {
-        put(&mut out, measure.name.as_bytes());
-        out.extend(measure.value.to_le_bytes());
-    }
-    out.extend((record.floats.len() as u64).to_le_bytes());
-    for array in &record.floats {
-        put(&mut out, bytemuck::cast_slice(array));
-    }
-    out.extend((record.ints.len() as u64).to_le_bytes());
-    for array in &record.ints {
-        put(&mut out, bytemuck::cast_slice(array));
-    }
-    let checksum = xxh3_64(&out);
-    out.extend(checksum.to_le_bytes());
-    out
-}
-
-fn put(out: &mut Vec<u8>, bytes: &[u8]) {
-    out.extend((bytes.len() as u64).to_le_bytes());
-    out.extend(bytes);
+fn encode(record: &Record, parameters: &str) -> Result<Vec<u8>, postcard::Error> {
+    let mut bytes = postcard::to_stdvec(&(SOURCE_HASH, parameters, record))?;
+    bytes.extend(xxh3_64(&bytes).to_le_bytes());
+    Ok(bytes)
 }
 
 fn decode(bytes: &[u8], parameters: &str) -> Option<Record> {
-    let (mut rest, checksum) = bytes.split_last_chunk::<8>()?;
-    if xxh3_64(rest) != u64::from_le_bytes(*checksum) || take(&mut rest, 8)? != MAGIC {
+    let (rest, checksum) = bytes.split_last_chunk::<8>()?;
+    if xxh3_64(rest) != u64::from_le_bytes(*checksum) {
         return None;
     }
-    if block(&mut rest)? != SOURCE_HASH.as_bytes() || block(&mut rest)? != parameters.as_bytes() {
-        return None;
-    }
-    let mut record = Record::default();
-    for _ in 0..number(&mut rest)? {
-        let name = String::from_utf8(block(&mut rest)?.to_vec()).ok()?;
-        let value = f64::from_le_bytes(take(&mut rest, 8)?.try_into().ok()?);
-        record.measures.push(Measure { name, value });
-    }
-    for _ in 0..number(&mut rest)? {
-        record.floats.push(words(block(&mut rest)?, f32::from_le_bytes)?);
-    }
-    for _ in 0..number(&mut rest)? {
-        record.ints.push(words(block(&mut rest)?, u32::from_le_bytes)?);
-    }
-    rest.is_empty().then_some(record)
-}
-
-fn words<T>(bytes: &[u8], word: impl Fn([u8; 4]) -> T) -> Option<Vec<T>> {
-    let (words, rest) = bytes.as_chunks::<4>();
-    rest.is_empty().then(|| words.iter().map(|&w| word(w)).collect())
-}
-
-fn block<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
-    let length = usize::try_from(number(rest)?).ok()?;
-    take(rest, length)
-}
-
-fn number(rest: &mut &[u8]) -> Option<u64> {
-    Some(u64::from_le_bytes(take(rest, 8)?.try_into().ok()?))
-}
-
-fn take<'a>(rest: &mut &'a [u8], length: usize) -> Option<&'a [u8]> {
-    rest.split_off(..length)
+    let (source, made_with, record): (&str, &str, Record) = postcard::from_bytes(rest).ok()?;
+    (source == SOURCE_HASH && made_with == parameters).then_some(record)
 }
 
 #[cfg(test)]
@@ -157,7 +96,7 @@ mod tests {
 
     #[test]
     fn decode_gives_back_what_was_encoded_and_rejects_every_damage() {
-        let bytes = encode(&sample(), "test 1");
+        let bytes = encode(&sample(), "test 1").unwrap();
         assert_eq!(decode(&bytes, "test 1"), Some(sample()));
         assert_eq!(decode(&bytes, "test 2"), None, "other parameters");
         for at in 0..bytes.len() {

@@ -1,8 +1,9 @@
-//! A square cloth by extended position-based dynamics with small steps, one iteration each (Macklin et al. 2019,
-//! "Small Steps in Physics Simulation"), with contact against whatever the scene is made of, and against itself.
+//! A square cloth by extended position-based dynamics with small steps, one iteration each (Macklin
+//! et al. 2019, "Small Steps in Physics Simulation"), with contact against whatever the scene is
+//! made of, and against itself.
 //!
-//! All parallel work is over fixed strips of rows or over single particles that read a snapshot, so that
-//! the result does not depend on the number of threads.
+//! All parallel work is over fixed strips of rows or over single particles that read a snapshot, so
+//! that the result does not depend on the number of threads.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -35,7 +36,8 @@ pub(crate) struct Cloth {
 }
 
 impl Cloth {
-    /// A cloth at rest, flat or nearly so. `positions` are `side * side`, `spacing` apart where flat.
+    /// A cloth at rest, flat or nearly so. `positions` are `side * side`, `spacing` apart where
+    /// flat.
     pub(crate) fn new(side: usize, spacing: f32, positions: Vec<Vec3>, fabric: Fabric) -> Self {
         Self {
             side,
@@ -50,7 +52,8 @@ impl Cloth {
 
     /// Advances by `steps` steps of `dt` seconds.
     ///
-    /// `contact(step, before, now)` gives where a particle that moved from `before` to `now` in that step is to go.
+    /// `contact(step, before, now)` gives where a particle that moved from `before` to `now` in
+    /// that step is to go.
     pub(crate) fn advance(
         &mut self,
         steps: usize,
@@ -58,8 +61,8 @@ impl Cloth {
         contact: impl Fn(usize, Vec3, Vec3) -> Vec3 + Sync,
     ) {
         let Fabric { gravity, drag, thickness, .. } = self.fabric;
-        // In one step no particle crosses a fold, and until the next search none comes from beyond its reach, unless
-        // two meet head on at full speed.
+        // In one step no particle crosses a fold, and until the next search none comes from beyond
+        // its reach, unless two meet head on at full speed.
         let top_speed = self.fabric.top_speed.min(0.2 * thickness / dt);
         let search = (0.8 * thickness / (top_speed * dt)).round() as usize;
         let reach = 1.8 * thickness;
@@ -93,8 +96,8 @@ impl Cloth {
 
     /// One sweep over all distance constraints.
     ///
-    /// A row owns the constraints to itself and to the next two rows. Strips of four rows serve the two
-    /// rows they begin with; then strips that begin two rows later serve the others.
+    /// A row owns the constraints to itself and to the next two rows. Strips of four rows serve the
+    /// two rows they begin with; then strips that begin two rows later serve the others.
     fn hold_together(&mut self, dt: f32) {
         let side = self.side;
         let (one, two) = (self.spacing, 2.0 * self.spacing);
@@ -130,7 +133,8 @@ impl Cloth {
         }
     }
 
-    /// Moves particles of folds that are too close apart, all at once, and slows them relative to each other.
+    /// Moves particles of folds that are too close apart, all at once, and slows them relative to
+    /// each other.
     fn keep_folds_apart(&mut self) {
         const FRICTION: f32 = 0.1;
         let (thickness, side) = (self.fabric.thickness, self.side);
@@ -162,7 +166,8 @@ impl Cloth {
         }
     }
 
-    /// Root of the mean square of the strain of the edges along rows and columns, and the greatest strain.
+    /// Root of the mean square of the strain of the edges along rows and columns, and the greatest
+    /// strain.
     pub(crate) fn strain(&self) -> (f64, f64) {
         let (mut sum, mut most, mut count) = (0.0, 0.0_f64, 0);
         for i in 0..self.positions.len() {
@@ -179,7 +184,8 @@ impl Cloth {
     }
 }
 
-/// Moves two particles of equal mass towards `rest` apart; `give` is the compliance over the step squared.
+/// Moves two particles of equal mass towards `rest` apart; `give` is the compliance over the step
+/// squared.
 fn hold(x: &mut [Vec3], i: usize, j: usize, rest: f32, give: f32) {
     let apart = x[j] - x[i];
     let length = apart.length();

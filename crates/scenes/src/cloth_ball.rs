@@ -22,7 +22,8 @@ const CENTER: Vec3 = Vec3::new(0.0, 6.68, 0.0);
 const SKIN: f32 = 0.08;
 /// Coefficients of friction on the ball and on the floor.
 const FRICTION: (f32, f32) = (0.65, 0.4);
-/// Second at which the ball begins to turn, seconds until it is at full speed, and that speed in radians per second.
+/// Second at which the ball begins to turn, seconds until it is at full speed, and that speed in
+/// radians per second.
 const TURN: (f32, f32, f32) = (0.9, 0.5, 2.0);
 
 pub(crate) const INFO: SceneInfo = SceneInfo {
@@ -79,7 +80,8 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     })
 }
 
-/// The cloth before it falls: just above the ball, a little askew and not quite flat, as the seed has it.
+/// The cloth before it falls: just above the ball, a little askew and not quite flat, as the seed
+/// has it.
 fn flat(side: usize, seed: u64) -> Mesh {
     let mut random = fastrand::Rng::with_seed(seed);
     let (sin, cos) = libm::sincosf(0.3 + 0.2 * random.f32());
@@ -146,7 +148,7 @@ fn angle(time: f32) -> f32 {
     if t < ramp { speed * t * t / (2.0 * ramp) } else { speed * (t - 0.5 * ramp) }
 }
 
-/// Pushes a particle out of ball and floor, and lets it slip only as far as friction allows.
+/// Pushes a particle out of ball and floor, and lets it slip no further than friction allows.
 fn contact(before: Vec3, now: Vec3, angle_before: f32, angle_now: f32) -> Vec3 {
     let mut x = now;
     let out = x - CENTER;

@@ -1,5 +1,6 @@
-//! Simplification by edge collapses in order of quadric error (Garland and Heckbert 1997), which leaves
-//! large triangles where a surface is flat and small ones where it bends, as on simplified scans.
+//! Simplification by edge collapses in order of quadric error (Garland and Heckbert 1997), which
+//! leaves large triangles where a surface is flat and small ones where it bends, as on simplified
+//! scans.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -50,14 +51,17 @@ struct Simplifier {
     /// Counts the changes of a vertex; an edge queued before its ends changed is out of date.
     version: Vec<u32>,
     queue: BinaryHeap<Reverse<Candidate>>,
-    /// Error per length to the fourth of every edge, so that flat parts are not left with next to no triangles.
+    /// Error per length to the fourth of every edge, so that flat parts are not left with next to
+    /// no triangles.
     evenness: f64,
 }
 
-/// Bits of the error (never negative, so that their order is that of the numbers), the ends, their versions.
+/// Bits of the error (never negative, so that their order is that of the numbers), the ends, their
+/// versions.
 type Candidate = (u32, u32, u32, u32, u32);
 
-/// Collapses edges until at most `target` triangles are left, or no edge can go without folding the surface.
+/// Collapses edges until at most `target` triangles are left, or no edge can go without folding the
+/// surface.
 pub(crate) fn decimate(mesh: &Mesh, target: usize) -> Mesh {
     let mut s = Simplifier::new(mesh, target);
     let mut left = mesh.triangles.len();
@@ -163,7 +167,8 @@ impl Simplifier {
         gone
     }
 
-    /// Two common neighbours across two triangles (the link condition), and no triangle turned over.
+    /// Two common neighbours across two triangles (the link condition), and no triangle turned
+    /// over.
     fn is_allowed(&self, a: u32, b: u32, at: DVec3) -> bool {
         let shared =
             self.around[a as usize].iter().filter(|&&t| self.triangles[t as usize].contains(&b)).count();

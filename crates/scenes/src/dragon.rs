@@ -1,4 +1,5 @@
-//! The solid of a winged dragon, about 12 wide, 7 high, and 11 long; it looks along +z and stands on y = 0.
+//! The solid of a winged dragon, about 12 wide, 7 high, and 11 long; it looks along +z and stands
+//! on y = 0.
 
 use glam::{Quat, Vec3, vec3};
 

@@ -110,7 +110,8 @@ impl LightEffects {
 }
 
 impl Effects {
-    /// Every effect's name and whether the scene calls for it, always in the same order: one row of a table.
+    /// Every effect's name and whether the scene calls for it, always in the same order: one row of
+    /// a table.
     #[must_use]
     pub fn row(&self) -> [(&'static str, bool); 14] {
         let (m, l) = (self.motion, self.light);

@@ -1,4 +1,5 @@
-//! The fairy: a body of blended limbs with a dress, skinned to a skeleton that dances, and wings that morph.
+//! The fairy: a body of blended limbs with a dress, skinned to a skeleton that dances, and wings
+//! that morph.
 
 use std::f32::consts::{PI, TAU};
 
@@ -203,7 +204,8 @@ fn wing(side: f32, reach: f32, rise: f32, sweep: f32) -> Mesh {
     mesh
 }
 
-/// Keys for every joint: the hips rise, sink, and turn once; arms and legs swing, in time with them.
+/// Keys for every joint: the hips rise, sink, and turn once; arms and legs swing, in time with
+/// them.
 fn dance(glb: &mut Glb, joints: &[usize], seconds: f32) {
     let keys = |value: &dyn Fn(f32) -> Quat| -> Vec<Quat> {
         (0..KEYS).map(|k| value(TAU * k as f32 / (KEYS - 1) as f32)).collect()

@@ -1,4 +1,5 @@
-//! `fairy-forest`: in a still forest a skinned fairy dances, a dragonfly circles, and a caterpillar creeps.
+//! `fairy-forest`: in a still forest a skinned fairy dances, a dragonfly circles, and a caterpillar
+//! creeps.
 //!
 //! The scene is a glTF file made here and played back as any other file is.
 

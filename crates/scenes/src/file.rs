@@ -1,4 +1,5 @@
-//! Animations from files, framed by a default view and lit by a default light where the file has none.
+//! Animations from files, framed by a default view and lit by a default light where the file has
+//! none.
 //!
 //! The view shows what moves, or all of it where nothing does; of a room it shows the inside.
 
@@ -14,9 +15,11 @@ use crate::{Effects, LightEffects, MotionEffects, Scene};
 const BOUND_SAMPLES: usize = 32;
 /// Frames per second of animations that do not come with a number of frames.
 const FRAME_RATE: f64 = 24.0;
+/// Frames of an animation that lasts longer are further apart.
+const MOST_FRAMES: f64 = 1e6;
 
-pub(crate) fn scene(path: &Path, clip: Option<&str>) -> Result<Scene, LoadError> {
-    let animation = anim::load(path, clip)?;
+pub(crate) fn scene(path: &Path, clip: Option<&str>, textures: bool) -> Result<Scene, LoadError> {
+    let animation = anim::load_with(path, clip, textures)?;
     let (view, light) = default_view(&*animation);
     let remark = |note: String| format!("{}: {note}", path.display());
     let mut notes: Vec<String> = animation.notes().into_iter().map(remark).collect();
@@ -25,8 +28,9 @@ pub(crate) fn scene(path: &Path, clip: Option<&str>) -> Result<Scene, LoadError>
         notes.push(format!("{} has no camera; the view is a default", path.display()));
     }
     if animation.light(0.0).is_none() {
-        // Mesh files cannot say what lights there are; of what can and names none, none casts a shadow.
-        shadows = path.is_dir() || path.extension().is_some_and(|e| e == "obj" || e == "ply");
+        // Mesh files cannot say what lights there are; of what can and names none, none casts a
+        // shadow.
+        shadows = path.is_dir() || path.extension().is_some_and(|e| e == "obj" || e == "ply" || e == "stl");
         let cast = if shadows { "" } else { " that casts no shadow" };
         notes.push(format!("{} has no light; the light is a default{cast}", path.display()));
     }
@@ -39,9 +43,9 @@ pub(crate) fn scene(path: &Path, clip: Option<&str>) -> Result<Scene, LoadError>
             motion: MotionEffects::of(animation.topology()),
             light: LightEffects { shadows, ..LightEffects::of(animation.topology()) },
         },
-        frames: animation
-            .frames()
-            .unwrap_or_else(|| (animation.duration() * FRAME_RATE).round().max(0.0) as usize + 1),
+        frames: animation.frames().unwrap_or_else(|| {
+            (animation.duration() * FRAME_RATE).round().clamp(0.0, MOST_FRAMES) as usize + 1
+        }),
         measures: Vec::new(),
         key_bytes: 0,
         notes,
@@ -62,8 +66,8 @@ fn default_view(animation: &dyn Animation) -> (View, Light) {
     })
 }
 
-/// The corners of the box around all finite positions of what moves, or of all if nothing does, at times that sample
-/// the animation.
+/// The corners of the box around all finite positions of what moves, or of all if nothing does, at
+/// times that sample the animation.
 fn bounds(animation: &dyn Animation) -> (Vec3, Vec3) {
     let mut positions = animation.rest();
     let (mut low, mut high) = (Vec3::MAX, Vec3::MIN);
@@ -82,7 +86,8 @@ fn bounds(animation: &dyn Animation) -> (Vec3, Vec3) {
     (low, high)
 }
 
-/// A three-quarter view from slightly above that holds a sphere in an image at least as wide as high.
+/// A three-quarter view from slightly above that holds a sphere in an image at least as wide as
+/// high.
 fn framing(center: Vec3, radius: f32) -> View {
     let fov_y = 40_f32.to_radians();
     let direction = vec3(0.62, 0.38, 0.69).normalize();

@@ -8,10 +8,11 @@ use glam::Vec3;
 
 use crate::shape::Mesh;
 
-/// Cuts a mesh into about `count` connected patches around random seeds, more of them where `density` is high.
+/// Cuts a mesh into about `count` connected patches around random seeds, more of them where
+/// `density` is high.
 ///
-/// Each triangle goes to the seed that is nearest along the surface, over edges of random cost, which makes
-/// the cracks ragged. Gives the patch of each triangle and the number of patches.
+/// Each triangle goes to the seed that is nearest along the surface, over edges of random cost,
+/// which makes the cracks ragged. Gives the patch of each triangle and the number of patches.
 pub(crate) fn patches(
     mesh: &Mesh,
     count: usize,
@@ -78,7 +79,8 @@ fn renumber(mut patch: Vec<u32>) -> (Vec<u32>, usize) {
     (patch, next as usize)
 }
 
-/// For each triangle the triangles across its edges (0-1, 1-2, 2-0); `u32::MAX` where there is none.
+/// For each triangle the triangles across its edges (0-1, 1-2, 2-0); `u32::MAX` where there is
+/// none.
 fn neighbours_across_edges(mesh: &Mesh) -> Vec<[u32; 3]> {
     let mut edges: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * mesh.triangles.len());
     for (t, triangle) in mesh.triangles.iter().enumerate() {
@@ -100,16 +102,17 @@ fn neighbours_across_edges(mesh: &Mesh) -> Vec<[u32; 3]> {
 /// A closed piece of a surface's wall.
 pub(crate) struct Shard {
     pub(crate) mesh: Mesh,
-    /// For each vertex the place on the surface whose normal it has: equal for vertices of neighbouring shards that
-    /// were one, so that an unbroken surface looks unbroken. [`ALONE`] on the rim.
+    /// For each vertex the place on the surface whose normal it has: equal for vertices of
+    /// neighbouring shards that were one, so that an unbroken surface looks unbroken. [`ALONE`] on
+    /// the rim.
     pub(crate) weld: Vec<u32>,
 }
 
 /// The weld of a vertex that shares its normal with no other.
 pub(crate) const ALONE: u32 = u32::MAX;
 
-/// A shard per patch: the patch, its copy further in by the thickness at each vertex, and a rim between them, which
-/// has vertices of its own.
+/// A shard per patch: the patch, its copy further in by the thickness at each vertex, and a rim
+/// between them, which has vertices of its own.
 ///
 /// `thickness` is asked with a vertex and its outward normal.
 pub(crate) fn shards(

@@ -1,4 +1,8 @@
-//! Writes binary glTF 2.0 files: meshes with skins and morph targets, nodes, one clip, a camera and a light.
+//! Writes binary glTF 2.0 files: meshes with skins and morph targets, nodes, one clip, a camera and
+//! a light.
+//!
+//! The document is written as JSON text: with the types of `gltf-json`, which want every optional
+//! field of every object, this file was longer.
 
 use glam::{Mat4, Quat, Vec3};
 use serde_json::{Value, json};
@@ -123,7 +127,8 @@ impl Glb {
         node
     }
 
-    /// Makes the mesh of a node follow `joints`, which now stand as they do where the mesh is undeformed.
+    /// Makes the mesh of a node follow `joints`, which now stand as they do where the mesh is
+    /// undeformed.
     ///
     /// `places` are the joints' positions in the space of the mesh; joints are not turned there.
     pub(crate) fn skin(&mut self, node: usize, joints: &[usize], places: &[Vec3]) {

@@ -1,7 +1,8 @@
-//! Solids as signed distance functions: rounded primitives blended smoothly, some of them carved away.
+//! Solids as signed distance functions: rounded primitives blended smoothly, some of them carved
+//! away.
 //!
-//! Distances are bounds, negative inside (Quilez, "Distance functions"); blends are his polynomial smooth
-//! minimum.
+//! Distances are bounds, negative inside (Quilez, "Distance functions"); blends are his polynomial
+//! smooth minimum.
 
 use glam::{Quat, Vec3, vec3};
 
@@ -111,7 +112,8 @@ impl Solid {
             .filter(|e| !e.carve)
             .map(|e| e.shape.distance(center))
             .fold(f32::MAX, f32::min);
-        // Elements farther away than the nearest can still pull at it, through those that they blend with.
+        // Elements farther away than the nearest can still pull at it, through those that they
+        // blend with.
         let widest = self.elements.iter().map(|e| e.blend).fold(0.0, f32::max);
         let slack = 2.2 * radius + 1.5 * widest;
         let elements = self
@@ -126,7 +128,8 @@ impl Solid {
         Self { elements, blend: self.blend }
     }
 
-    /// Outward unit normal of the surface through a point, from differences over `step` to a tetrahedron's corners.
+    /// Outward unit normal of the surface through a point, from differences over `step` to a
+    /// tetrahedron's corners.
     pub(crate) fn normal(&self, p: Vec3, step: f32) -> Vec3 {
         let corners = [vec3(1.0, -1.0, -1.0), vec3(-1.0, -1.0, 1.0), vec3(-1.0, 1.0, -1.0), Vec3::ONE];
         corners.into_iter().map(|c| c * self.distance(p + c * step)).sum::<Vec3>().normalize_or_zero()

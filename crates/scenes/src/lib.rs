@@ -1,9 +1,10 @@
-//! The animated scenes of Pivot's experiments, and animations from files, behind one call: [`load`].
+//! The animated scenes of Pivot's experiments, and animations from files, behind one call:
+//! [`load`].
 //!
 //! The animations that papers on dynamic geometry use cannot be shipped. This crate makes stand-ins
 //! with the same triangle counts and the same kind of motion. Every scene is a pure function of its
-//! options and of time: the same on any number of threads, seekable, and loopable. Scenes that need a
-//! simulation run it once, with small fixed steps, and keep it as key frames in a cache folder.
+//! options and of time: the same on any number of threads, seekable, and loopable. Scenes that need
+//! a simulation run it once, with small fixed steps, and keep it as key frames in a cache folder.
 //!
 //! Coordinates are right-handed with y up. Units are each scene's own; times are in seconds.
 #![forbid(unsafe_code)]
@@ -36,9 +37,11 @@ mod scene;
 mod shape;
 mod shatter;
 mod statue;
+mod toys;
 
 pub use accuracy::{Distance, distance};
 pub use effects::{Effects, LightEffects, MotionEffects};
 pub use fairy_forest::fairy_forest_glb;
 pub use frame_plan::{FramePlan, FrameStage};
 pub use scene::{Measure, Scene, SceneError, SceneInfo, SceneOptions, list, load};
+pub use toys::toys_glb;

@@ -1,4 +1,5 @@
-//! The solid of a lion that sits on a plinth, about 9 high; it looks along +z, and the plinth stands on y = 0.
+//! The solid of a lion that sits on a plinth, about 9 high; it looks along +z, and the plinth
+//! stands on y = 0.
 
 use std::f32::consts::TAU;
 

@@ -10,8 +10,8 @@ use crate::shape::Mesh;
 
 /// Meshes the part of a solid inside of a box, with cubic cells of the given edge.
 ///
-/// The solid must not reach the faces of the box. Cells are sampled only near the surface: far away, a block of
-/// cells takes the distance at its centre.
+/// The solid must not reach the faces of the box. Cells are sampled only near the surface: far
+/// away, a block of cells takes the distance at its centre.
 pub(crate) fn mesh(solid: &Solid, low: Vec3, high: Vec3, cell: f32) -> Mesh {
     const BLOCK: usize = 8;
     let size = ((high - low) / cell).ceil().as_uvec3() + 2;

@@ -1,4 +1,5 @@
-//! `n-body`: balls under mutual gravity that collide with one another, with still pillars, and with the walls.
+//! `n-body`: balls under mutual gravity that collide with one another, with still pillars, and with
+//! the walls.
 
 use std::f32::consts::FRAC_PI_2;
 
@@ -209,7 +210,8 @@ fn gravity(balls: &[Ball], force: &mut [DVec3]) -> f64 {
     potential
 }
 
-/// Elastic, frictionless collisions: whatever touches and approaches has its normal velocity reversed.
+/// Elastic, frictionless collisions: whatever touches and approaches has its normal velocity
+/// reversed.
 ///
 /// Only velocities change, and kinetic energy is kept exactly.
 fn collide(balls: &mut [Ball]) {

@@ -17,9 +17,9 @@ impl Neighbours {
 
     /// Finds for each point `i` all other points `j` within `reach` for which `wanted(i, j)`.
     ///
-    /// Points are sorted by the hash of their cell of a grid (Teschner et al. 2003), one in which cells that
-    /// follow each other along x have hashes that do: what is near is read from nine runs. A list is in an order
-    /// that depends on nothing but the positions.
+    /// Points are sorted by the hash of their cell of a grid (Teschner et al. 2003), one in which
+    /// cells that follow each other along x have hashes that do: what is near is read from nine
+    /// runs. A list is in an order that depends on nothing but the positions.
     pub(crate) fn search(
         &mut self,
         points: &[Vec3],

@@ -8,10 +8,11 @@ const DIRECTIONS: usize = 64;
 /// Part of them in which there must be one.
 const WALLED: f32 = 0.75;
 
-/// A view from one end of a still room to the other and a light in its middle, or `None` if the model is no room.
+/// A view from one end of a still room to the other and a light in its middle, or `None` if the
+/// model is no room.
 ///
-/// It is one if from the middle of its box, `low` to `high`, the front of a surface is seen almost everywhere; from
-/// the middle of a body that would be the back. O(triangles).
+/// It is one if from the middle of its box, `low` to `high`, the front of a surface is seen almost
+/// everywhere; from the middle of a body that would be the back. O(triangles).
 pub(crate) fn inside(animation: &dyn Animation, low: Vec3, high: Vec3) -> Option<(View, Light)> {
     if animation.duration() > 0.0 {
         return None;
@@ -76,7 +77,8 @@ mod tests {
 
     use super::*;
 
-    /// A cuboid of 12 triangles, 4 long, 2 high and 2 deep, seen from outside, or turned inside out.
+    /// A cuboid of 12 triangles, 4 long, 2 high and 2 deep, seen from outside, or turned inside
+    /// out.
     fn cuboid(inside_out: bool) -> Box<dyn Animation> {
         let mut text = String::new();
         for i in 0..8 {

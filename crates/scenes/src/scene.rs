@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anim::{Animation, Light, View};
+use serde::{Deserialize, Serialize};
 
 use crate::{Effects, bart_museum, cloth_ball, exploding_dragon, fairy_forest, file, lion, n_body};
 
@@ -24,15 +25,15 @@ pub struct Scene {
     pub frames: usize,
     /// How well the simulation kept what it should keep; empty where nothing is simulated.
     pub measures: Vec<Measure>,
-    /// Bytes of key frames held in memory: positions or placements, but neither still geometry nor topology, and
-    /// not what was loaded from a file.
+    /// Bytes of key frames held in memory: positions or placements, but neither still geometry nor
+    /// topology, and not what was loaded from a file.
     pub key_bytes: usize,
     /// Remarks for the user, one line each, such as that the light is a default.
     pub notes: Vec<String>,
 }
 
 /// An error of a simulation against a quantity that it should keep.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measure {
     /// What is measured, such as "energy drift".
     pub name: String,
@@ -53,8 +54,8 @@ pub struct SceneInfo {
     pub frames: usize,
     /// What the scene calls for.
     pub effects: Effects,
-    /// Bytes of key frames that playback keeps in memory with default options, to within 2 %; 0 where everything is
-    /// evaluated from the tracks of a file. See [`Scene::key_bytes`].
+    /// Bytes of key frames that playback keeps in memory with default options, to within 2 %; 0
+    /// where everything is evaluated from the tracks of a file. See [`Scene::key_bytes`].
     pub key_bytes: usize,
 }
 
@@ -63,16 +64,22 @@ pub struct SceneInfo {
 pub struct SceneOptions<'a> {
     /// Seed of everything random.
     pub seed: u64,
-    /// Folder for key frames of simulations, made if it does not exist; `None` simulates every time.
+    /// Folder for key frames of simulations, made if it does not exist; `None` simulates every
+    /// time.
     pub cache_dir: Option<PathBuf>,
-    /// Simulation steps per key frame, at least 1; more is more accurate. `None` is the scene's default.
+    /// Simulation steps per key frame, at least 1; more is more accurate. `None` is the scene's
+    /// default.
     pub substeps: Option<usize>,
     /// Key frames per loop, at least 2. `None` is the scene's default.
     pub key_frames: Option<usize>,
     /// Of a scene that blends between shapes: the shape to start from, modulo their number.
     pub start_shape: usize,
-    /// Fraction of the triangles of cloth and statues to make, above 0 and at most 1. `None` is all.
+    /// Fraction of the triangles of cloth and statues to make, above 0 and at most 1. `None` is
+    /// all.
     pub detail: Option<f32>,
+    /// Whether to leave the textures of a file unread; its surfaces then keep the factors of their
+    /// materials.
+    pub without_textures: bool,
     /// Called with the fraction done, 0 to 1, while a scene is simulated.
     pub progress: Option<&'a (dyn Fn(f32) + Sync)>,
 }
@@ -132,10 +139,11 @@ pub fn list() -> &'static [SceneInfo] {
 
 /// Makes the scene of a known name, or loads the file or folder of key frames at a path.
 ///
-/// `bart-museum:3` is the museum started from its fourth shape, as [`SceneOptions::start_shape`] has it.
+/// `bart-museum:3` is the museum started from its fourth shape, as [`SceneOptions::start_shape`]
+/// has it.
 ///
-/// `clip` picks one of a file's animations by name. A simulated scene takes up to two minutes when it
-/// is not in the cache. Failing to write the cache is a note in [`Scene::notes`], not an error.
+/// `clip` picks one of a file's animations by name. A simulated scene takes up to two minutes when
+/// it is not in the cache. Failing to write the cache is a note in [`Scene::notes`], not an error.
 ///
 /// # Errors
 /// If the name is neither a scene's nor a path that exists, an option is out of range, or the file
@@ -159,7 +167,9 @@ pub fn load(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) 
         "fairy-forest" => return fairy_forest::scene(clip, options),
         "lion" => lion::scene,
         "n-body" => n_body::scene,
-        path if Path::new(path).exists() => return Ok(file::scene(Path::new(path), clip)?),
+        path if Path::new(path).exists() => {
+            return Ok(file::scene(Path::new(path), clip, !options.without_textures)?);
+        }
         name => {
             let known = SCENES.iter().map(|info| info.name).collect::<Vec<_>>().join(", ");
             return Err(SceneError::Unknown { name: name.to_owned(), known });

@@ -80,7 +80,8 @@ pub(crate) fn sphere(radius: f32, around: usize, down: usize) -> Mesh {
     turned(&profile, around)
 }
 
-/// The surface of revolution about the y axis of a profile of (distance from the axis, height), top first.
+/// The surface of revolution about the y axis of a profile of (distance from the axis, height), top
+/// first.
 ///
 /// The first and the last point of the profile are taken to lie on the axis.
 pub(crate) fn turned(profile: &[(f32, f32)], around: usize) -> Mesh {
@@ -120,7 +121,8 @@ pub(crate) fn square(side: f32, cells: usize) -> Mesh {
     mesh
 }
 
-/// The triangles of a square grid of vertices, row after row; up if columns go along x and rows along z.
+/// The triangles of a square grid of vertices, row after row; up if columns go along x and rows
+/// along z.
 pub(crate) fn grid_triangles(cells: usize) -> Vec<[u32; 3]> {
     let at = |row: usize, column: usize| (row * (cells + 1) + column) as u32;
     let quads = (0..cells).flat_map(|row| (0..cells).map(move |column| (row, column)));

@@ -1,9 +1,10 @@
-//! Rigid bodies that break off, fly, spin, and come to rest: extended position-based dynamics for rigid bodies
-//! (Müller et al. 2020, "Detailed Rigid Body Simulation with Extended Position Based Dynamics").
+//! Rigid bodies that break off, fly, spin, and come to rest: extended position-based dynamics for
+//! rigid bodies (Müller et al. 2020, "Detailed Rigid Body Simulation with Extended Position Based
+//! Dynamics").
 //!
-//! Contact with the ground is at corners of the body, with friction and bounce. Contact between bodies is
-//! between one sphere each. Every parallel pass reads a snapshot or a single body, so that the result does
-//! not depend on the number of threads.
+//! Contact with the ground is at corners of the body, with friction and bounce. Contact between
+//! bodies is between one sphere each. Every parallel pass reads a snapshot or a single body, so
+//! that the result does not depend on the number of threads.
 
 use glam::{IVec3, Mat3, Quat, Vec3};
 use rayon::prelude::*;
@@ -36,7 +37,8 @@ pub(crate) struct Body {
 }
 
 impl Body {
-    /// The body of a closed or open surface of the given mass per area, and the surface relative to its centre.
+    /// The body of a closed or open surface of the given mass per area, and the surface relative to
+    /// its centre.
     pub(crate) fn new(mut surface: Mesh, mass_per_area: f32) -> (Self, Mesh) {
         let thirds = |t: &[u32; 3], x: &[Vec3]| {
             let [a, b, c] = t.map(|v| x[v as usize]);
@@ -146,7 +148,8 @@ impl Body {
     }
 }
 
-/// The points that are farthest in 98 directions: from the centre of a cube to a grid of 5 by 5 points on each side.
+/// The points that are farthest in 98 directions: from the centre of a cube to a grid of 5 by 5
+/// points on each side.
 fn extreme_points(points: &[Vec3]) -> Vec<Vec3> {
     let k = 2;
     let mut chosen: Vec<usize> = Vec::new();
@@ -161,7 +164,8 @@ fn extreme_points(points: &[Vec3]) -> Vec<Vec3> {
     chosen.into_iter().map(|i| points[i]).collect()
 }
 
-/// Bodies under gravity above the ground at y = 0. The last body may be much larger than the others.
+/// Bodies under gravity above the ground at y = 0. The last body may be much larger than the
+/// others.
 pub(crate) struct Bodies {
     pub(crate) bodies: Vec<Body>,
     gravity: f32,
@@ -170,7 +174,8 @@ pub(crate) struct Bodies {
 }
 
 impl Bodies {
-    /// `bodies` where they stand; all but the last get the largest spheres that do not touch each other, up to `limit`.
+    /// `bodies` where they stand; all but the last get the largest spheres that do not touch each
+    /// other, up to `limit`.
     pub(crate) fn new(mut bodies: Vec<Body>, gravity: f32, limit: f32) -> Self {
         let shards = bodies.len() - 1;
         let centers: Vec<Vec3> = bodies[..shards].iter().map(|b| b.at.position).collect();
@@ -223,7 +228,8 @@ impl Bodies {
             {
                 let share = if other.free { other.mass / (other.mass + b.mass) } else { 1.0 };
                 let slip = (b.at.position - b.before.position) - (other.at.position - other.before.position);
-                // A tenth of the slip goes, as friction; overlaps are undone gently, for they also come from behind.
+                // A tenth of the slip goes, as friction; overlaps are undone gently, for they also
+                // come from behind.
                 sum += (normal * (0.5 * overlap) - 0.1 * slip) * share;
                 count += 1.0;
             }

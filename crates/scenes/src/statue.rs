@@ -1,19 +1,109 @@
-//! A hollow statue that a falling stone breaks: from its surface to shards, their motion, and its playback.
+//! A hollow statue that a falling stone breaks: from its surface to shards, their motion, and its
+//! playback.
 
-use anim::{Animation, Motion, vertex_normals};
+use anim::{Animation, Light, Motion, View, vertex_normals};
 use glam::Vec3;
 
-use crate::cache::Record;
+use crate::cache::{Record, recorded};
 use crate::decimate::decimate;
 use crate::fracture::{ALONE, Shard, patches, shards};
 use crate::implicit::Solid;
 use crate::rigid::{self, RigidBodies};
 use crate::shape::{Assembly, Mesh};
 use crate::shatter::{Bodies, Body};
-use crate::{Measure, SceneOptions, meshing, shape};
+use crate::{
+    Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, meshing, shape,
+};
 
 /// Steps between checks for pieces that nothing holds up.
 const SUPPORT: usize = 8;
+
+/// What a scene with a breaking statue is made from.
+pub(crate) struct Statue {
+    pub(crate) info: &'static SceneInfo,
+    pub(crate) seconds: f64,
+    pub(crate) substeps: usize,
+    pub(crate) solid: fn() -> Solid,
+    /// Corners of the box that the solid is meshed in, and the size of a cell.
+    pub(crate) meshed: (Vec3, Vec3, f32),
+    /// Triangles of the surface before it is cut into shards, which have an inside and a rim too.
+    pub(crate) surface: f32,
+    /// Pieces asked for; fewer come out of the cutting.
+    pub(crate) pieces: f32,
+    pub(crate) thickness: f32,
+    pub(crate) density: fn(Vec3) -> f32,
+    pub(crate) stone: (Vec3, f32, f32),
+    pub(crate) stone_density: f32,
+    pub(crate) delay: fn(Vec3, Vec3, &mut fastrand::Rng) -> f32,
+    pub(crate) kick: fn(Vec3, Vec3, &mut fastrand::Rng) -> (Vec3, Vec3),
+    pub(crate) colors: Colors,
+    pub(crate) ground: f32,
+    pub(crate) eye: Vec3,
+    pub(crate) target: Vec3,
+    pub(crate) light: Vec3,
+}
+
+/// Triangles of the ground.
+pub(crate) const GROUND: usize = 512;
+const GRAVITY: f32 = 12.0;
+
+/// What a breaking statue calls for.
+pub(crate) const EFFECTS: Effects = Effects {
+    motion: MotionEffects {
+        gravity: true,
+        contact: true,
+        fracture: true,
+        rigid: true,
+        ..MotionEffects::NONE
+    },
+    light: LightEffects::SHADOWS,
+};
+
+impl Statue {
+    pub(crate) fn scene(&self, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
+        let info = self.info;
+        let keys = options.key_frames.unwrap_or(info.frames);
+        let substeps = options.substeps.unwrap_or(self.substeps);
+        let detail = options.detail.unwrap_or(1.0);
+        let mut notes = Vec::new();
+        let parameters =
+            format!("{} seed {} keys {keys} substeps {substeps} detail {detail}", info.name, options.seed);
+        let record = recorded(&parameters, options, &mut notes, || {
+            let (solid, (low, high, cell)) = ((self.solid)(), self.meshed);
+            let fine = meshing::mesh(&solid, low, high, cell / detail.sqrt());
+            let breaking = Breaking {
+                solid: &solid,
+                surface: decimate(&fine, (self.surface * detail) as usize),
+                thickness: self.thickness,
+                pieces: (self.pieces * detail) as usize,
+                density: &self.density,
+                triangles: ((info.triangles - GROUND) as f32 * detail) as usize,
+                stone: self.stone,
+                stone_density: self.stone_density,
+                gravity: GRAVITY,
+                delay: &self.delay,
+                kick: &self.kick,
+                seconds: self.seconds as f32,
+                keys,
+                substeps,
+            };
+            breaking.simulate(&mut fastrand::Rng::with_seed(options.seed), options)
+        });
+        let (animation, measures) = playback(record, &self.colors, self.ground, self.seconds);
+        Ok(Scene {
+            name: info.name.to_owned(),
+            about: info.about,
+            key_bytes: size_of_val(&animation.keys[..]),
+            animation: Box::new(animation),
+            view: View { eye: self.eye, target: self.target, up: Vec3::Y, fov_y: 42_f32.to_radians() },
+            light: Light { position: self.light, color: [1.0; 3] },
+            effects: info.effects,
+            frames: info.frames,
+            measures,
+            notes,
+        })
+    }
+}
 
 /// A statue, the stone that breaks it, and how.
 pub(crate) struct Breaking<'a> {
@@ -60,9 +150,9 @@ struct Cracks {
 impl Breaking<'_> {
     /// Breaks the statue.
     ///
-    /// The record holds positions relative to bodies and placements per key frame; then triangles with the
-    /// vertex numbers of their body, the numbers of vertices and triangles of each body, and which vertices share
-    /// a normal.
+    /// The record holds positions relative to bodies and placements per key frame; then triangles
+    /// with the vertex numbers of their body, the numbers of vertices and triangles of each body,
+    /// and which vertices share a normal.
     pub(crate) fn simulate(self, random: &mut fastrand::Rng, options: &SceneOptions<'_>) -> Record {
         let (patch, count) = patches(&self.surface, self.pieces, self.density, random);
         let shards = shards(&self.surface, &patch, count, |p, n| self.wall(p, n));
@@ -77,7 +167,8 @@ impl Breaking<'_> {
         let shard_triangles: usize = shards.iter().map(|m| m.triangles.len()).sum();
         let (mut bodies, mut meshes): (Vec<Body>, Vec<Mesh>) =
             shards.into_iter().map(|mesh| Body::new(mesh, 1.0)).unzip();
-        // The stone takes what is left, so that the number of triangles does not hang on how the cracks run.
+        // The stone takes what is left, so that the number of triangles does not hang on how the
+        // cracks run.
         let (stone, mesh) = self.stone(self.triangles.saturating_sub(shard_triangles).max(200), random);
         bodies.push(stone);
         meshes.push(mesh);
@@ -104,7 +195,8 @@ impl Breaking<'_> {
         record(meshes, welds.concat(), placed, depth)
     }
 
-    /// Frees the pieces whose time has come, that the stone hits, or that nothing holds up any more.
+    /// Frees the pieces whose time has come, that the stone hits, or that nothing holds up any
+    /// more.
     fn break_off(
         &self,
         cracks: &mut Cracks,
@@ -145,7 +237,8 @@ impl Breaking<'_> {
         }
     }
 
-    /// The thickness at a point of the surface: less than half of the solid's own, so that no inside shows.
+    /// The thickness at a point of the surface: less than half of the solid's own, so that no
+    /// inside shows.
     fn wall(&self, p: Vec3, normal: Vec3) -> f32 {
         let near = self.solid.near(p, 2.0 * self.thickness);
         let mut depth = self.thickness;

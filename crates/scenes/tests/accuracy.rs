@@ -2,7 +2,7 @@
 
 use scenes::{Distance, Scene, SceneOptions, distance, load};
 
-/// A scene with so many spaces between key frames and 960 simulation steps in all.
+/// A scene with that number of spaces between key frames and 960 simulation steps in all.
 fn scene(name: &str, spaces: usize) -> Scene {
     let options = SceneOptions {
         key_frames: Some(spaces + 1),

@@ -1,4 +1,5 @@
-//! What must hold of every scene: size, determinism, seeking, finite positions, still parts, and clear errors.
+//! What must hold of every scene: size, determinism, seeking, finite positions, still parts, and
+//! clear errors.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::PathBuf;
@@ -7,7 +8,8 @@ use std::sync::LazyLock;
 use anim::glam::Vec3;
 use scenes::{Scene, SceneError, SceneOptions, list, load};
 
-/// Options that make a scene small and its simulation short; of scenes that are quick as they are, nothing changes.
+/// Options that make a scene small and its simulation short; of scenes that are quick as they are,
+/// nothing changes.
 fn reduced() -> SceneOptions<'static> {
     SceneOptions { detail: Some(0.03), substeps: Some(12), key_frames: Some(60), ..SceneOptions::default() }
 }

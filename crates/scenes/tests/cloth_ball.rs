@@ -1,4 +1,5 @@
-//! What must hold of the cloth: it keeps its area, stays out of the ball, and moves like the original.
+//! What must hold of the cloth: it keeps its area, stays out of the ball, and moves like the
+//! original.
 
 use anim::glam::Vec3;
 use scenes::{Scene, SceneOptions, load};

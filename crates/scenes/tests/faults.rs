@@ -1,5 +1,5 @@
-//! What can go wrong with the cache: damage, a full disk, a process killed while it writes. The scene is the same all
-//! the same, and nothing half-written is ever taken for whole.
+//! What can go wrong with the cache: damage, a full disk, a process killed while it writes. The
+//! scene is the same all the same, and nothing half-written is ever taken for whole.
 
 use std::fs;
 use std::path::{Path, PathBuf};

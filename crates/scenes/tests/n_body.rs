@@ -1,4 +1,5 @@
-//! What must hold of the n-body scene, against what was measured from the original where it is at hand.
+//! What must hold of the n-body scene, against what was measured from the original where it is at
+//! hand.
 
 use scenes::{SceneOptions, load};
 

@@ -1,4 +1,5 @@
-//! Stand-ins against two consecutive frames each of the originals, where `PIVOT_DATA` names a folder with them.
+//! Stand-ins against two consecutive frames each of the originals, where `PIVOT_DATA` names a
+//! folder with them.
 
 use std::path::Path;
 
@@ -6,7 +7,8 @@ use anim::Animation;
 use anim::glam::Vec3;
 use scenes::{SceneOptions, load};
 
-/// The mean displacement from the first to the second key frame of an original of the given part of its vertices.
+/// The mean displacement from the first to the second key frame of an original of the given part of
+/// its vertices.
 fn original(folder: &str, wanted: impl Fn(Vec3) -> bool) -> Option<f64> {
     let Some(data) = std::env::var_os("PIVOT_DATA").filter(|d| !d.is_empty()) else {
         println!("PIVOT_DATA is not set: nothing is compared with the original {folder}");

@@ -1,4 +1,5 @@
-//! What must hold of the statues that break: shards keep their shape, fall, and stay above the ground.
+//! What must hold of the statues that break: shards keep their shape, fall, and stay above the
+//! ground.
 
 use anim::glam::Vec3;
 use scenes::{Scene, SceneOptions, load};

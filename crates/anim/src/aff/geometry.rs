@@ -153,7 +153,8 @@ pub(super) fn cone(base: (DVec3, f64), apex: (DVec3, f64)) -> Shape {
             center + radius * (cosine * x + sine * y)
         })
     };
-    // A radius of 0 leaves triangles without area, which harm nothing, and keeps the counts the same for all.
+    // A radius of 0 leaves triangles without area, which harm nothing, and keeps the counts the
+    // same for all.
     let vertices = ring(base).chain(ring(apex)).collect();
     (vertices, band(0))
 }
@@ -178,8 +179,8 @@ pub(super) fn sphere(center: DVec3, radius: f64) -> Shape {
     (vertices, triangles.collect())
 }
 
-/// Two triangles for each segment between the ring that starts at vertex `first` and the next one: the first with
-/// an edge on the lower ring, the second with one on the upper.
+/// Two triangles for each segment between the ring that starts at vertex `first` and the next one:
+/// the first with an edge on the lower ring, the second with one on the upper.
 fn band(first: u32) -> Vec<[u32; 3]> {
     let pair = |i| {
         let (low, low_next) = (first + i, first + (i + 1) % SEGMENTS);

@@ -1,4 +1,4 @@
-//! The statements of AFF files and the files they include, gathered into one scene.
+//! The statements of AFF files and the files they include, as one scene.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -15,12 +15,15 @@ use crate::error::{LoadError, Problem, read_file};
 
 /// Files that may include each other in a row.
 const DEEPEST_INCLUDE: usize = 64;
-/// A scene may grow to this many bytes, whatever its files are like, ...
-const ALWAYS_ALLOWED: usize = 64 << 20;
-/// ... or to this many times the bytes of its files, each counted once. Without repetition no file can get there:
-/// what grows most is a sphere, whose ten bytes become less than five thousand.
+/// A scene may take this many bytes, whatever its files are like, ...
+const ALWAYS_ALLOWED: usize = 1 << 30;
+/// ... and this many times the bytes of its files, each counted once.
 const LARGEST_GROWTH: usize = 512;
-/// Bytes that a statement stands for, beyond the triangles it makes. Most of it is time: to find a file, say.
+/// Bytes that a vertex or a triangle takes in a whole program: its coordinates and the tree over
+/// it.
+const BYTES_PER_ELEMENT: usize = 120;
+/// Bytes that a statement stands for, beyond the triangles it makes. Most of it is time: to find a
+/// file, say.
 const COST_OF_STATEMENT: usize = 512;
 
 /// All that the files say, with motion still by name.
@@ -32,6 +35,8 @@ pub(super) struct Scene {
     pub(super) camera: Option<Camera>,
     pub(super) lights: Vec<AffLight>,
     pub(super) time: Option<TimeSpan>,
+    /// Lists of keys that were put in order.
+    pub(super) disordered: usize,
 }
 
 pub(super) struct Node {
@@ -86,6 +91,7 @@ pub(super) fn read(root: &Path) -> Result<Scene, LoadError> {
             camera: None,
             lights: Vec::new(),
             time: None,
+            disordered: 0,
         },
     };
     reader.set_material(DVec3::from(Material::default().base_color.map(f64::from)), DVec3::ZERO);
@@ -150,6 +156,7 @@ impl Reader {
             return Err(tokens.problem(None, "\"}\"").in_file(file));
         }
         self.open.pop();
+        self.scene.disordered += tokens.disordered;
         Ok(())
     }
 
@@ -157,7 +164,7 @@ impl Reader {
     fn size(&self) -> usize {
         let geometry = &self.scene.geometry;
         let elements = geometry.positions.len() + geometry.topology.triangles.len();
-        self.bytes.saturating_add(elements.saturating_mul(size_of::<[u32; 3]>()))
+        self.bytes.saturating_add(elements.saturating_mul(BYTES_PER_ELEMENT))
     }
 
     /// `part` is the name of the parts that triangles go to.
@@ -325,13 +332,11 @@ impl Reader {
         let mut keys: Vec<PatchKey> = Vec::new();
         for _ in 0..count {
             let time = tokens.number()?;
-            if let Some(last) = keys.last().filter(|last| last.time > time) {
-                return Err(tokens.because(format!("time {time} after {}", last.time), "times in order"));
-            }
             let vertices = vectors(tokens, 3, 3)?;
             let corner = |i: usize| self.frame.fixed.transform_point3(vertices[i]).as_vec3();
             keys.push(PatchKey { time, corners: [0, 1, 2].map(corner) });
         }
+        put_in_order(&mut keys, |key| key.time, tokens);
         self.scene.geometry.add_patch(self.group(part), Patch(keys)).ok_or_else(too_large)
     }
 
@@ -436,7 +441,17 @@ fn spline<'a, T: Value>(
             bias: tokens.number()?,
         });
     }
-    new(keys).ok_or_else(|| tokens.because("keys whose times go back", "times in order"))
+    put_in_order(&mut keys, |key| key.time, tokens);
+    new(keys).ok_or_else(|| tokens.because(count.to_string(), expected))
+}
+
+/// Sorts keys by time, and counts the lists that were not sorted. Scenes of BART itself have such
+/// lists.
+fn put_in_order<T>(keys: &mut [T], time: impl Fn(&T) -> f64, tokens: &mut Tokens<'_>) {
+    if !keys.is_sorted_by(|a, b| time(a) <= time(b)) {
+        keys.sort_by(|a, b| time(a).total_cmp(&time(b)));
+        tokens.disordered += 1;
+    }
 }
 
 fn visibility(tokens: &mut Tokens<'_>) -> Result<Vec<(f64, bool)>, Problem> {
@@ -444,9 +459,6 @@ fn visibility(tokens: &mut Tokens<'_>) -> Result<Vec<(f64, bool)>, Problem> {
     let mut keys: Vec<(f64, bool)> = Vec::new();
     for _ in 0..count {
         let time = tokens.number()?;
-        if let Some(last) = keys.last().filter(|last| last.0 > time) {
-            return Err(tokens.because(format!("time {time} after {}", last.0), "times in order"));
-        }
         let visible = match tokens.next() {
             Some(b"0") => false,
             Some(b"1") => true,
@@ -454,6 +466,7 @@ fn visibility(tokens: &mut Tokens<'_>) -> Result<Vec<(f64, bool)>, Problem> {
         };
         keys.push((time, visible));
     }
+    put_in_order(&mut keys, |key| key.0, tokens);
     Ok(keys)
 }
 

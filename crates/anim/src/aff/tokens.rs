@@ -1,4 +1,5 @@
-//! The words of an AFF file: separated by white space, with braces on their own and comments left out.
+//! The words of an AFF file: separated by white space, with braces on their own and comments left
+//! out.
 
 use glam::DVec3;
 
@@ -9,11 +10,13 @@ use crate::error::Problem;
 pub(super) struct Tokens<'a> {
     rest: &'a [u8],
     line: usize,
+    /// Lists of keys that were not in the order of their times.
+    pub(super) disordered: usize,
 }
 
 impl<'a> Tokens<'a> {
     pub(super) fn new(text: &'a [u8]) -> Self {
-        Self { rest: text, line: 1 }
+        Self { rest: text, line: 1, disordered: 0 }
     }
 
     /// The next word, `{` or `}`; comments run from `#` or `%` to the end of the line.

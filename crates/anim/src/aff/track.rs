@@ -1,8 +1,10 @@
-//! Motion of a named transform: splines through keys of position, rotation and scale, and visibility.
+//! Motion of a named transform: splines through keys of position, rotation and scale, and
+//! visibility.
 //!
-//! Positions and scales follow D. Kochanek and R. Bartels, "Interpolating Splines with Local Tension, Continuity,
-//! and Bias Control" (SIGGRAPH 1984). Rotations take the same tangents between the logarithms of quaternions, and
-//! go along them by K. Shoemake's squad ("Quaternion Calculus and Fast Animation", SIGGRAPH course notes 1987).
+//! Positions and scales follow D. Kochanek and R. Bartels, "Interpolating Splines with Local
+//! Tension, Continuity, and Bias Control" (SIGGRAPH 1984). Rotations take the same tangents between
+//! the logarithms of quaternions, and go along them by K. Shoemake's squad ("Quaternion Calculus
+//! and Fast Animation", SIGGRAPH course notes 1987).
 
 use glam::{DAffine3, DQuat, DVec3};
 
@@ -44,7 +46,8 @@ impl Track {
     }
 }
 
-/// A value to be at `time`, and how to pass through it: all three parameters 0 for a Catmull-Rom spline.
+/// A value to be at `time`, and how to pass through it: all three parameters 0 for a Catmull-Rom
+/// spline.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Key<T> {
     pub(super) time: f64,
@@ -62,7 +65,8 @@ pub(super) trait Value: Copy {
     /// The way from `self` to `next`.
     fn step(self, next: Self) -> DVec3;
 
-    /// The value at `u` (0 to 1) between `self` and `next`, left and reached along the tangents (per unit of `u`).
+    /// The value at `u` (0 to 1) between `self` and `next`, left and reached along the tangents
+    /// (per unit of `u`).
     fn between(self, next: Self, leaving: DVec3, arriving: DVec3, u: f64) -> Self;
 }
 
@@ -150,8 +154,9 @@ impl<T: Value> Spline<T> {
         }
     }
 
-    /// The tangents with which key `i`, neither the first nor the last, is reached and left (Kochanek and
-    /// Bartels, section 4): each per length of the interval on its side, so that equal ones are equal speeds.
+    /// The tangents with which key `i`, neither the first nor the last, is reached and left
+    /// (Kochanek and Bartels, section 4): each per length of the interval on its side, so that
+    /// equal ones are equal speeds.
     fn tangents(&self, i: usize) -> (DVec3, DVec3) {
         let [previous, key, next] = [&self.0[i - 1], &self.0[i], &self.0[i + 1]];
         let (way_in, way_out) = (previous.value.step(key.value), key.value.step(next.value));
@@ -199,17 +204,19 @@ mod tests {
 
     #[test]
     fn values_by_hand() {
-        // Uniform, all parameters 0: tangents (3 - 0) / 2 and (3 - 1) / 2, so x(0.5) = 0.5 (1 + 3) + (1.5 - 1) / 8.
+        // Uniform, all parameters 0: tangents (3 - 0) / 2 and (3 - 1) / 2, so x(0.5) = 0.5 (1 + 3)
+        // + (1.5 - 1) / 8.
         let mut catmull_rom = spline(&[(0.0, 0.0), (1.0, 1.0), (2.0, 3.0), (3.0, 3.0)]);
         assert!(close(catmull_rom.at(1.5).x, 2.0625));
         assert_eq!(catmull_rom.tangents(1), (DVec3::X * 1.5, DVec3::X * 1.5));
-        // Tension 0.5, continuity 0.5, bias 0.5 at the second key; ways 1 and 2. By the paper's equations:
-        // arriving 0.5 * (0.5 * 0.5 * 1.5 * 1 + 0.5 * 1.5 * 0.5 * 2) = 0.5625,
-        // leaving  0.5 * (0.5 * 1.5 * 1.5 * 1 + 0.5 * 0.5 * 0.5 * 2) = 0.6875.
+        // Tension 0.5, continuity 0.5, bias 0.5 at the second key; ways 1 and 2. By the paper's
+        // equations: arriving 0.5 * (0.5 * 0.5 * 1.5 * 1 + 0.5 * 1.5 * 0.5 * 2) = 0.5625, leaving
+        // 0.5 * (0.5 * 1.5 * 1.5 * 1 + 0.5 * 0.5 * 0.5 * 2) = 0.6875.
         catmull_rom.0[1] = Key { tension: 0.5, continuity: 0.5, bias: 0.5, ..catmull_rom.0[1] };
         let (arriving, leaving) = catmull_rom.tangents(1);
         assert!(close(arriving.x, 0.5625) && close(leaving.x, 0.6875));
-        // Uneven: 1 before and 3 after the key, ways 1 and 2. The plain tangent 1.5 is shared out 1 : 3.
+        // Uneven: 1 before and 3 after the key, ways 1 and 2. The plain tangent 1.5 is shared out 1
+        // : 3.
         let uneven = spline(&[(0.0, 0.0), (1.0, 1.0), (4.0, 3.0), (5.0, 3.0)]);
         assert_eq!(uneven.tangents(1), (DVec3::X * 0.75, DVec3::X * 2.25));
     }

@@ -1,5 +1,5 @@
-//! Checked reading of glTF accessors: strided, sparse, quantised. Nothing the file says is believed before
-//! it has been held against the bytes that are there.
+//! Checked reading of glTF accessors: strided, sparse, quantised. Nothing the file says is believed
+//! before it has been held against the bytes that are there.
 
 use std::cell::Cell;
 use std::path::Path;
@@ -11,13 +11,17 @@ use ::gltf::json::{Accessor, Index, Root, buffer};
 use super::source::Bytes;
 use crate::error::Problem;
 
-/// Bytes that may be decoded however small the file is.
-const FREE_BYTES: u64 = 256 << 20;
+/// Bytes that may be taken however small the file is.
+const FREE_BYTES: u64 = 1 << 30;
+/// Bytes of a vertex and of a triangle in a whole program that shows them: positions, normals and
+/// their copies; the tree, its primitives and its builder.
+pub(super) const BYTES_PER_VERTEX: usize = 100;
+pub(super) const BYTES_PER_TRIANGLE: usize = 120;
 /// Decoded bytes allowed for every byte of the file and its buffers.
 const BYTES_PER_BYTE: u64 = 256;
 
-/// How much more may be decoded. Instancing and accessors without bytes let a small file declare any amount
-/// of geometry, so memory is held to a multiple of the size of the input.
+/// How much more may be decoded. Instancing and accessors without bytes let a small file declare
+/// any amount of geometry, so memory is limited to a multiple of the size of the input.
 pub(super) struct Budget {
     left: Cell<u64>,
     limit: Cell<u64>,
@@ -30,7 +34,7 @@ impl Budget {
         budget
     }
 
-    /// Allows for so many more bytes of input.
+    /// Allows for more bytes of input.
     pub(super) fn allow_for(&self, bytes: u64) {
         let more = bytes.saturating_mul(BYTES_PER_BYTE);
         for count in [&self.left, &self.limit] {
@@ -59,10 +63,13 @@ pub(super) struct Accessors<'a> {
     /// The folder of the file.
     pub(super) folder: &'a Path,
     pub(super) budget: Budget,
+    /// Whether textures are read.
+    pub(super) textures: bool,
 }
 
 impl<'a> Accessors<'a> {
-    /// Elements of `N` floats; integers are converted, and scaled to [-1, 1] or [0, 1] if declared normalised.
+    /// Elements of `N` floats; integers are converted, and scaled to [-1, 1] or [0, 1] if declared
+    /// normalised.
     pub(super) fn floats<const N: usize>(
         &self,
         index: Index<Accessor>,

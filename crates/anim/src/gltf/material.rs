@@ -14,18 +14,19 @@ use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 
 use super::accessor::Accessors;
 use super::source::{decode_data_uri, relative_path};
-use crate::error::{Problem, read_file};
+use crate::error::{LoadError, Problem, read_beside};
 use crate::{Filter, Image, Material, Texture, Topology, Wrap};
 
-/// Metals at least this metallic, and no rougher than that, are mirrors. Most are somewhere between, and shown
-/// as diffuse.
+/// Metals at least this metallic, and no rougher than that, are mirrors. Most are somewhere
+/// between, and shown as diffuse.
 const MIRROR_METALLIC: f32 = 0.9;
 const MIRROR_ROUGHNESS: f32 = 0.1;
 
 /// Opacity from which a blended surface is there.
 const BLEND_CUTOFF: f32 = 0.5;
 
-/// The materials of the file, and behind them the one for primitives without. They have no textures yet.
+/// The materials of the file, and behind them the one for primitives without. They have no textures
+/// yet.
 pub(super) fn materials(root: &Root) -> Vec<Material> {
     let fallback = Material::default();
     let component =
@@ -68,8 +69,8 @@ pub(super) fn material_of(primitive: &Primitive, root: &Root, place: &str) -> Re
     Ok(number as u32)
 }
 
-/// Which set of a primitive's texture coordinates its base colour texture takes, and what becomes of them
-/// (extension KHR_texture_transform).
+/// Which set of a primitive's texture coordinates its base colour texture takes, and what becomes
+/// of them (extension KHR_texture_transform).
 pub(super) struct Mapping {
     pub(super) set: u32,
     transform: Option<TextureTransform>,
@@ -97,22 +98,30 @@ fn texture_info(root: &Root, material: u32) -> Option<&Info> {
     root.materials.get(material as usize)?.pbr_metallic_roughness.base_color_texture.as_ref()
 }
 
-/// Decodes the textures of the materials that parts use, and finds out which cutoffs cut something off.
+/// Decodes the textures of the materials that parts use, and finds out which cutoffs cut something
+/// off.
 ///
-/// Gives the number of textures left out because they have no image, only one that an extension would supply.
-pub(super) fn add_textures(topology: &mut Topology, accessors: &Accessors<'_>) -> Result<usize, Problem> {
+/// Gives the number of textures left out because they have no image, only one that an extension
+/// would supply, and the files of images that cannot be read. Surfaces without their texture keep
+/// the factors of their material.
+pub(super) fn add_textures(
+    topology: &mut Topology,
+    accessors: &Accessors<'_>,
+) -> Result<(usize, Vec<String>), Problem> {
     let mut used: Vec<u32> = topology.parts.iter().map(|part| part.material).collect();
     used.sort_unstable();
     used.dedup();
-    let (mut numbers, mut images, mut without_image) = (HashMap::new(), HashMap::new(), 0);
+    let (mut numbers, mut images, mut without_image) = (HashMap::new(), Images::default(), 0);
+    let mut opacities: HashMap<u32, u8> = HashMap::new();
     for number in used {
-        if let Some(info) = texture_info(accessors.root, number) {
+        if let Some(info) = texture_info(accessors.root, number).filter(|_| accessors.textures) {
             let texture = match numbers.get(&info.index.value()) {
                 Some(&known) => known,
                 None => {
                     let place = format!("material {number}, texture {}", info.index);
                     let texture = read_texture(info.index, accessors, &mut images, &place)?;
-                    without_image += usize::from(texture.is_none());
+                    without_image += usize::from(matches!(texture, Found::NoImage));
+                    let texture = if let Found::Texture(texture) = texture { Some(texture) } else { None };
                     let added = texture.map(|texture| {
                         topology.textures.push(texture);
                         (topology.textures.len() - 1) as u32
@@ -123,25 +132,42 @@ pub(super) fn add_textures(topology: &mut Topology, accessors: &Accessors<'_>) -
             topology.materials[number as usize].texture = texture;
         }
         let material = &mut topology.materials[number as usize];
+        let Some(cutoff) = material.cutoff else { continue };
+        // A large image may have many materials: its texels are searched once.
         let least = material.texture.map_or(u8::MAX, |t| {
-            let image = &topology.textures[t as usize].image;
-            image.texels.iter().map(|texel| texel[3]).min().unwrap_or(u8::MAX)
+            let texels = &topology.textures[t as usize].image.texels;
+            let search = || texels.iter().map(|texel| texel[3]).min().unwrap_or(u8::MAX);
+            *opacities.entry(t).or_insert_with(search)
         });
-        material.cutoff = material.cutoff.filter(|&c| material.opacity * f32::from(least) / 255.0 < c);
+        material.cutoff = (material.opacity * f32::from(least) / 255.0 < cutoff).then_some(cutoff);
     }
     if topology.textures.is_empty() {
         topology.texcoords = Vec::new();
     }
-    Ok(without_image)
+    Ok((without_image, images.missing))
 }
 
-/// `None` if the texture names no image.
+/// Images by number, and the files of those that cannot be read.
+#[derive(Default)]
+struct Images {
+    known: HashMap<usize, Option<Image>>,
+    missing: Vec<String>,
+}
+
+enum Found {
+    Texture(Texture),
+    /// The texture names no image.
+    NoImage,
+    /// The image's file cannot be read.
+    Missing,
+}
+
 fn read_texture(
     index: Index<::gltf::json::Texture>,
     accessors: &Accessors<'_>,
-    images: &mut HashMap<usize, Image>,
+    images: &mut Images,
     place: &str,
-) -> Result<Option<Texture>, Problem> {
+) -> Result<Found, Problem> {
     let root = accessors.root;
     let missing = |what: &str, number: usize, count: usize| {
         Problem::new(place, format!("no {what} {number}"), format!("a number below {count}"))
@@ -152,19 +178,20 @@ fn read_texture(
         .ok_or_else(|| missing("texture", index.value(), root.textures.len()))?;
     let source = texture.source.value();
     if source == u32::MAX as usize {
-        return Ok(None);
+        return Ok(Found::NoImage);
     }
-    let image = match images.get(&source) {
+    let image = match images.known.get(&source) {
         Some(known) => known.clone(),
         None => {
             let image = root.images.get(source).ok_or_else(|| missing("image", source, root.images.len()))?;
-            let image = read_image(image, accessors, &format!("image {source}"))?;
-            images.insert(source, image.clone());
+            let image = read_image(image, accessors, &format!("image {source}"), &mut images.missing)?;
+            images.known.insert(source, image.clone());
             image
         }
     };
+    let Some(image) = image else { return Ok(Found::Missing) };
     let Some(sampler) = texture.sampler else {
-        return Ok(Some(Texture { image, wrap: Default::default(), filter: Filter::default() }));
+        return Ok(Found::Texture(Texture { image, wrap: Default::default(), filter: Filter::default() }));
     };
     let sampler = root
         .samplers
@@ -179,22 +206,34 @@ fn read_texture(
         Some(Checked::Valid(MagFilter::Nearest)) => Filter::Nearest,
         _ => Filter::Linear,
     };
-    Ok(Some(Texture { image, wrap: [wrap(sampler.wrap_s), wrap(sampler.wrap_t)], filter }))
+    Ok(Found::Texture(Texture { image, wrap: [wrap(sampler.wrap_s), wrap(sampler.wrap_t)], filter }))
 }
 
-fn read_image(image: &::gltf::json::Image, accessors: &Accessors<'_>, place: &str) -> Result<Image, Problem> {
-    match (&image.uri, image.buffer_view) {
+/// `None` if the image's file cannot be read; its name is then added to `missing`.
+fn read_image(
+    image: &::gltf::json::Image,
+    accessors: &Accessors<'_>,
+    place: &str,
+    missing: &mut Vec<String>,
+) -> Result<Option<Image>, Problem> {
+    let image = match (&image.uri, image.buffer_view) {
         (Some(uri), _) if uri.starts_with("data:") => decode(&decode_data_uri(uri, place)?, accessors, place),
         (Some(uri), _) => {
-            let path = accessors.folder.join(relative_path(uri, place)?);
-            let bytes = read_file(&path)
-                .map_err(|error| Problem::from_parser(place, &error, "a PNG or JPEG file"))?;
+            let bytes = match read_beside(accessors.folder, &relative_path(uri, place)?) {
+                Ok(bytes) => bytes,
+                Err(LoadError::Io { .. }) => {
+                    missing.push(uri.clone());
+                    return Ok(None);
+                }
+                Err(error) => return Err(Problem::from_parser(place, &error, "a PNG or JPEG file")),
+            };
             accessors.budget.allow_for(bytes.len() as u64);
             decode(&bytes, accessors, place)
         }
         (None, Some(view)) => decode(accessors.view(view, place)?, accessors, place),
         (None, None) => Err(Problem::new(place, "neither a uri nor a bufferView", "one of them")),
-    }
+    };
+    image.map(Some)
 }
 
 fn decode(bytes: &[u8], accessors: &Accessors<'_>, place: &str) -> Result<Image, Problem> {

@@ -160,7 +160,8 @@ pub(super) fn node_name(root: &Root, node: usize) -> String {
 }
 
 impl Nodes {
-    /// Reads the hierarchy, which must be a forest, and takes the tracks of `channels` that move something.
+    /// Reads the hierarchy, which must be a forest, and takes the tracks of `channels` that move
+    /// something.
     pub(super) fn read(root: &Root, channels: &mut Channels) -> Result<Self, Problem> {
         let parent = parents(root)?;
         let order = ancestors_first(root, &parent)?;
@@ -287,7 +288,8 @@ fn parents(root: &Root) -> Result<Vec<Option<usize>>, Problem> {
     Ok(parent)
 }
 
-/// All nodes, each behind its parent. What cannot be reached from a node without a parent lies on a cycle.
+/// All nodes, each behind its parent. What cannot be reached from a node without a parent lies on a
+/// cycle.
 fn ancestors_first(root: &Root, parent: &[Option<usize>]) -> Result<Vec<usize>, Problem> {
     let mut order: Vec<usize> = (0..parent.len()).filter(|&node| parent[node].is_none()).collect();
     let mut next = 0;

@@ -36,7 +36,8 @@ impl Camera {
     }
 }
 
-/// A light at a node. Intensity would need an exposure and is not kept, nor are range and a spot light's cone.
+/// A light at a node. Intensity would need an exposure and is not kept, nor are range and a spot
+/// light's cone.
 pub(super) struct LightSource {
     pub(super) node: usize,
     color: [f32; 3],
@@ -48,7 +49,8 @@ pub(super) struct LightSource {
 }
 
 impl LightSource {
-    /// The first light among the nodes of the scene; `rest` are the positions that a directional one has to light.
+    /// The first light among the nodes of the scene; `rest` are the positions that a directional
+    /// one has to light.
     pub(super) fn first(root: &Root, scene: &[usize], rest: &[Vec3]) -> Result<Option<Self>, Problem> {
         let of_node =
             |node: usize| Some(root.nodes[node].extensions.as_ref()?.khr_lights_punctual.as_ref()?.light);
@@ -77,8 +79,8 @@ impl LightSource {
         Ok(Some(Self { node, color: light.color, directional, is_spot, others }))
     }
 
-    /// Where it shines from when `to_scene` puts its node; a directional light from so far away, against its
-    /// direction, that its rays are all but parallel.
+    /// Where it shines from when `to_scene` puts its node; a directional light from so far away,
+    /// against its direction, that its rays are all but parallel.
     pub(super) fn at(&self, to_scene: &Affine3A) -> Option<Light> {
         let position = match self.directional {
             None => Vec3::from(to_scene.translation),

@@ -10,9 +10,10 @@ use ::gltf::json::Root;
 use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
-use crate::error::{LoadError, Problem, read_file};
+use crate::error::{LoadError, Problem, read_beside};
 
-/// Extensions that may be required: those that only change looks, and those that are understood here.
+/// Extensions that may be required: those that only change looks, and those that are understood
+/// here.
 fn is_supported(extension: &str) -> bool {
     matches!(extension, "KHR_mesh_quantization" | "KHR_lights_punctual" | "KHR_xmp_json_ld")
         || ["KHR_materials_", "KHR_texture_", "EXT_texture_"]
@@ -90,7 +91,7 @@ fn read_buffers(root: &Root, mut blob: Blob<'_>, file: &Path) -> Result<Vec<Byte
                 match external.get(&path) {
                     Some(bytes) => Arc::clone(bytes),
                     None => {
-                        let bytes = Arc::new(read_file(&file.parent().unwrap_or(Path::new("")).join(&path))?);
+                        let bytes = Arc::new(read_beside(file.parent().unwrap_or(Path::new("")), &path)?);
                         external.insert(path, Arc::clone(&bytes));
                         bytes
                     }

@@ -120,7 +120,8 @@ fn rigid_nodes_move_and_still_ones_are_baked() {
     document.triangle();
     let times = document.floats("SCALAR", 1, &[0.0, 2.0]);
     let values = document.floats("VEC3", 3, &[0.0, 0.0, 0.0, 4.0, 0.0, 0.0]);
-    // Node 0 moves and carries node 1, which is scaled by 2; node 2 stands still at y = 5 with the same mesh.
+    // Node 0 moves and carries node 1, which is scaled by 2; node 2 stands still at y = 5 with the
+    // same mesh.
     let animation = document.load(&format!(
         r#"{TRIANGLE_MESH},"scenes":[{{"nodes":[0,2]}}],
         "nodes":[{{"children":[1]}},{{"mesh":0,"scale":[2,2,2],"name":"Mover"}},{{"mesh":0,"translation":[0,5,0]}}],
@@ -162,7 +163,8 @@ fn constant_keys_are_no_motion() {
     assert_close(&animation.rest(), &[[7.0, 0.0, 0.0], [8.0, 0.0, 0.0], [7.0, 1.0, 0.0]]);
 }
 
-/// Two joints along x at 0 and 1 (inverse bind: back by 1), the second turned by 90 degrees about z in one second.
+/// Two joints along x at 0 and 1 (inverse bind: back by 1), the second turned by 90 degrees about z
+/// in one second.
 fn two_joints(weights: &[f32], joints: &[u8], scene: &str, mesh_node: &str) -> GltfAnimation {
     let mut document = Document::default();
     // Vertices at x = 0, 1 and 2.
@@ -186,7 +188,8 @@ fn two_joints(weights: &[f32], joints: &[u8], scene: &str, mesh_node: &str) -> G
 
 #[test]
 fn skin_of_two_joints() {
-    // The vertices follow joint 0, both by halves, and joint 1; the mesh node's own transform does not count.
+    // The vertices follow joint 0, both by halves, and joint 1; the mesh node's own transform does
+    // not count.
     let weights = [[1.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]].concat();
     let joints = [[0, 0, 0, 0], [0, 1, 0, 0], [0, 1, 0, 0]].concat();
     let animation = two_joints(&weights, &joints, "[0,1]", r#","translation":[0,0,9]"#);
@@ -202,7 +205,8 @@ fn skin_of_two_joints() {
 
 #[test]
 fn linear_blend_and_odd_weights() {
-    // Vertex 0: weights 1 and 3, to be scaled to 1/4 and 3/4. Vertex 1: none, so its first joint, 1. Vertex 2: 1/2 each.
+    // Vertex 0: weights 1 and 3, to be scaled to 1/4 and 3/4. Vertex 1: none, so its first joint,
+    // 1. Vertex 2: 1/2 each.
     let weights = [[1.0, 3.0, 0.0, 0.0], [0.0; 4], [0.5, 0.5, 0.0, 0.0]].concat();
     let animation = two_joints(&weights, &[0, 1, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0], "[0,1]", "");
     // Joint 1 takes (0,0,0) to (1,-1,0), (1,0,0) to itself, (2,0,0) to (1,1,0).
@@ -255,7 +259,8 @@ fn morph_weights_from_mesh_node_and_channel() {
     };
     let linear = clip(4, "LINEAR");
     assert_close(&at(&linear, 0.25), &[[0.0, 0.0, 0.5], [1.0, 0.0, 2.0], [0.0, 1.0, 0.0]]);
-    // Keys (0, 0) with out-tangents (1, 0.5) and (1, 0.5) with tangents 0; halfway 1/2 of the way and 1/8 of the tangent.
+    // Keys (0, 0) with out-tangents (1, 0.5) and (1, 0.5) with tangents 0; halfway 1/2 of the way
+    // and 1/8 of the tangent.
     let cubic = clip(5, "CUBICSPLINE");
     assert_close(&at(&cubic, 0.5), &[[0.0, 0.0, 2.0 * 0.625], [1.0, 0.0, 4.0 * 0.3125], [0.0, 1.0, 0.0]]);
 }
@@ -592,7 +597,8 @@ fn instancing_is_held_to_a_multiple_of_the_file() {
     assert!(message.contains("decoded data"), "{message}");
 }
 
-/// Whatever is done to a file, loading ends with a result, and posing what was loaded does not panic.
+/// Whatever is done to a file, loading ends with a result, and posing what was loaded does not
+/// panic.
 #[test]
 fn corrupted_files_do_not_panic() {
     let mut document = Document::default();

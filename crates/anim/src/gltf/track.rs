@@ -1,5 +1,5 @@
-//! One animated value of a glTF clip: key times, key values, and the three interpolations between them
-//! (glTF 2.0 specification, section 3.11 and appendix C).
+//! One animated value of a glTF clip: key times, key values, and the three interpolations between
+//! them (glTF 2.0 specification, section 3.11 and appendix C).
 
 use glam::{Quat, Vec3};
 
@@ -147,8 +147,9 @@ mod tests {
 
     #[test]
     fn cubic_spline_against_hand_computed_values() {
-        // Keys 0 s and 2 s, values 1 and 5, out-tangent 3, in-tangent -1. At u = 1/2 the Hermite weights are
-        // 1/2, 1/8, 1/2, -1/8: 0.5 + 2 * 3/8 + 2.5 + 2 * 1/8 = 4. At u = 1/4: 27/32, 9/64, 5/32, -3/64.
+        // Keys 0 s and 2 s, values 1 and 5, out-tangent 3, in-tangent -1. At u = 1/2 the Hermite
+        // weights are 1/2, 1/8, 1/2, -1/8: 0.5 + 2 * 3/8 + 2.5 + 2 * 1/8 = 4. At u = 1/4: 27/32,
+        // 9/64, 5/32, -3/64.
         let t = track(Interpolation::CubicSpline, 1, &[0.0, 2.0], &[9.0, 1.0, 3.0, -1.0, 5.0, 9.0]);
         let at = |time| {
             let mut out = [0.0];
@@ -195,7 +196,8 @@ mod tests {
         for time in [0.0, 0.5, 1.0] {
             assert_eq!(t.rotation(time), Quat::IDENTITY);
         }
-        // A jump: of two keys at one time the later counts from then on, and an infinite key spoils only its segments.
+        // A jump: of two keys at one time the later counts from then on, and an infinite key spoils
+        // only its segments.
         let t =
             track(Interpolation::Linear, 1, &[0.0, 1.0, 1.0, 2.0, 3.0], &[0.0, 1.0, 7.0, f32::INFINITY, 5.0]);
         let at = |time| {

@@ -6,7 +6,7 @@ use glam::Vec3;
 
 use super::{Mesh, too_large};
 use crate::Material;
-use crate::error::{Problem, read_file};
+use crate::error::{Problem, read_beside};
 
 pub(super) fn read(bytes: &[u8], file: &Path) -> Result<Mesh, Problem> {
     let text = String::from_utf8_lossy(bytes);
@@ -22,7 +22,7 @@ pub(super) fn read(bytes: &[u8], file: &Path) -> Result<Mesh, Problem> {
         if !name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir)) {
             return nothing();
         }
-        let Ok(bytes) = read_file(&file.parent().unwrap_or(Path::new("")).join(name)) else {
+        let Ok(bytes) = read_beside(file.parent().unwrap_or(Path::new("")), name) else {
             return nothing();
         };
         tobj::load_mtl_buf(&mut diffuse_colors(&String::from_utf8_lossy(&bytes)).as_bytes())
@@ -57,8 +57,8 @@ pub(super) fn read(bytes: &[u8], file: &Path) -> Result<Mesh, Problem> {
 
 /// The lines that say where triangles are, with nothing on them but that.
 ///
-/// Texture coordinates and normals go because vertices would be split where they differ, and vertex colours
-/// because they would have to be complete.
+/// Texture coordinates and normals go because vertices would be split where they differ, and vertex
+/// colours because they would have to be complete.
 fn positions_and_faces(text: &str) -> String {
     let mut kept = String::with_capacity(text.len());
     // A backslash at the end of a line continues it.

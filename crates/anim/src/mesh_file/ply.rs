@@ -1,5 +1,5 @@
-//! PLY through `ply-rs-bw`, the maintained fork of `ply-rs`: its allocations grow with what it reads, not with
-//! what a header promises.
+//! PLY through `ply-rs-bw`, the maintained fork of `ply-rs`: its allocations grow with what it
+//! reads, not with what a header promises.
 
 use std::path::Path;
 
@@ -103,7 +103,8 @@ pub(super) fn read(bytes: &[u8], file: &Path) -> Result<Mesh, Problem> {
                     .read_payload_for_element(&mut reader, element, &header)
                     .map_err(failed)?;
             }
-            // Without properties, in a binary file, it takes no bytes, and any number of them can be declared.
+            // Without properties, in a binary file, it takes no bytes, and any number of them can
+            // be declared.
             _ if element.properties.is_empty() && header.encoding != Encoding::Ascii => {}
             _ => {
                 Parser::<Skipped>::new()

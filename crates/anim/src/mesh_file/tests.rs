@@ -16,7 +16,8 @@ fn error(name: &str, bytes: &[u8]) -> String {
     message
 }
 
-/// A square of two triangles in any encoding; what is not asked for is in the way and has to be skipped.
+/// A square of two triangles in any encoding; what is not asked for is in the way and has to be
+/// skipped.
 fn square_ply(format: &str, float: &str, index: &str) -> Vec<u8> {
     let mut bytes = format!(
         "ply\nformat {format} 1.0\ncomment test\nelement vertex 4\nproperty {float} x\nproperty uchar red\n\
@@ -212,4 +213,23 @@ fn corrupted_files_do_not_panic() {
         }
     }
     assert!(loaded > 1000, "some corruptions should leave something to load: {loaded}");
+}
+
+#[test]
+fn stl_in_both_forms_welds_corners() {
+    let ascii = "solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n\
+                 facet normal 0 0 1\nouter loop\nvertex 1 0 0\nvertex 1 1 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid s\n";
+    let mut binary = vec![0; 80];
+    binary.extend(2_u32.to_le_bytes());
+    for corners in [[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [1.0, 1.0], [0.0, 1.0_f32]]] {
+        let floats = [0.0, 0.0, 1.0].into_iter().chain(corners.into_iter().flat_map(|[x, y]| [x, y, 0.0]));
+        binary.extend(floats.flat_map(f32::to_le_bytes));
+        binary.extend([0, 0]);
+    }
+    for bytes in [ascii.as_bytes(), &binary] {
+        let mesh = parse_mesh(Path::new("a.stl"), bytes).unwrap();
+        assert_eq!((mesh.topology().triangles.len(), mesh.topology().vertex_count), (2, 4));
+    }
+    assert!(parse_mesh(Path::new("a.stl"), &binary[..100]).is_err());
+    assert!(parse_mesh(Path::new("a.stl"), b"solid").is_err());
 }

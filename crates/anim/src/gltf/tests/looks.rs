@@ -183,7 +183,8 @@ fn normals_follow_nodes_and_joints() {
     document.floats("VEC4", 4, &[0.0, 0.0, 0.0, 1.0, half, 0.0, 0.0, half]);
     document.accessor("VEC4", U8, 3, &[0; 12], "");
     document.floats("VEC4", 4, &[1.0, 0.0, 0.0, 0.0].repeat(3));
-    // Node 0 stands still, scaled along z; node 1 turns by 90 degrees about x; the skin of node 2 follows node 1.
+    // Node 0 stands still, scaled along z; node 1 turns by 90 degrees about x; the skin of node 2
+    // follows node 1.
     let animation = document.load(
         r#""meshes":[{"primitives":[{"attributes":{"POSITION":0,"NORMAL":1}}]},
         {"primitives":[{"attributes":{"POSITION":0,"NORMAL":1,"JOINTS_0":4,"WEIGHTS_0":5}}]},

@@ -1,0 +1,361 @@
+//! `cargo xtask compare`: this project beside other libraries, in one run, on the same work, with
+//! the same hits.
+//!
+//! All contestants of a scene live at the same time and take turns, frame by frame and in an order
+//! that rotates, so that whatever else the machine does hits all of them alike. Poses are computed
+//! outside of what is timed.
+
+mod build;
+mod frame;
+mod hard;
+mod incoherent;
+mod lane;
+mod ratios;
+mod row;
+mod table;
+mod trace;
+mod update;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use clap::ValueEnum;
+use pivot_benches::embree::{Device, Embree, NotFound};
+use pivot_benches::{Contest, Entry, field};
+
+use self::row::Report;
+pub(crate) use self::row::Row;
+use crate::stage::{self, Stage};
+use crate::{CheckFailed, files, interrupt, pool};
+
+/// What to compare.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum What {
+    /// Keeping a tree up to date: refits, rotations, rebuilds
+    Update,
+    /// Tracing primary and shadow rays through fresh trees
+    Trace,
+    /// Tracing a diffuse bounce: rays that have little in common
+    Incoherent,
+    /// Building a tree from nothing
+    Build,
+    /// Updating and tracing: this project beside every dynamic configuration of Embree
+    Frame,
+    /// Not times but hard cases: triangles that are not finite, all alike, or exponentially spaced
+    Hard,
+    /// All of these but the hard cases
+    All,
+}
+
+/// Scenes compared unless others are named: the motions and sizes that the update was made for.
+/// Whole frames are compared on every scene: what a strategy must not do is fail on one of them.
+const SCENES: [&str; 4] = ["cloth-ball", "n-body", "exploding-dragon", "lion"];
+/// Measured frames of a loop: of updates and of whole frames, whose worst ones count, too; and of
+/// the rest.
+const UPDATE_FRAMES: usize = 20;
+const OTHER_FRAMES: usize = 5;
+/// Pixels on each side of the traced image.
+const SIZE: u32 = 1024;
+
+/// Arguments of `compare`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// What to compare
+    #[arg(value_enum, default_value_t = What::All)]
+    what: What,
+    /// A scene's name, a .glb, .gltf, .obj, .ply or .aff file, or a folder of key frames;
+    /// repeatable [default: cloth-ball, n-body, exploding-dragon, lion; all for whole frames]
+    #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
+    scenes: Vec<String>,
+    /// Only contestants whose names contain this; repeatable
+    #[arg(long, value_name = "NAME")]
+    only: Vec<String>,
+    /// Threads; repeatable [default: 1 and as many as there are cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Vec<u32>,
+    /// Embree's library, version 3 or 4, or a folder with it [default: PIVOT_EMBREE, else the
+    /// system's]
+    #[arg(long, value_name = "PATH")]
+    embree: Option<PathBuf>,
+    /// File for the results
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Measure nothing: print the tables of such a file again
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["scenes", "only", "threads", "embree", "json", "frames", "size"])]
+    from: Option<PathBuf>,
+    /// File for a chart (SVG) of the times per triangle
+    #[arg(long, value_name = "FILE")]
+    chart: Option<PathBuf>,
+    /// Frames to measure, spread over a loop that is played in full [default: 20 updates, 20 whole
+    /// frames, 5 of the rest]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    frames: Option<u32>,
+    /// Times to play a loop of whole frames; each frame then counts by its median
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
+    runs: u32,
+    /// Of the hard cases only this one, for one contestant, in this process
+    #[arg(long, hide = true, requires = "contestant")]
+    case: Option<String>,
+    #[arg(long, hide = true, requires = "case")]
+    contestant: Option<String>,
+    /// Pixels on each side of the image that is traced [default: 1024]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8192))]
+    size: Option<u32>,
+}
+
+/// What one measurement runs on.
+struct Setting {
+    threads: usize,
+    embree: Option<Device>,
+    /// Contestants whose names contain one of these; all if there are none.
+    only: Vec<String>,
+    /// Frames to measure.
+    frames: usize,
+    /// How many times a loop of whole frames is played.
+    runs: u32,
+    /// Pixels on each side of the traced image.
+    size: u32,
+}
+
+impl Setting {
+    /// Who takes part.
+    fn field(&self, contest: Contest) -> Vec<Entry> {
+        let mut entries = field(contest, self.embree.as_ref());
+        entries.retain(|entry| self.is_named(&entry.name));
+        entries
+    }
+
+    fn is_named(&self, contestant: &str) -> bool {
+        self.only.is_empty() || self.only.iter().any(|name| contestant.contains(name.as_str()))
+    }
+}
+
+impl What {
+    fn contests(self) -> &'static [Contest] {
+        match self {
+            Self::Update => &[Contest::Update],
+            Self::Trace => &[Contest::Trace],
+            Self::Incoherent => &[Contest::Incoherent],
+            Self::Build => &[Contest::Build],
+            Self::Frame => &[Contest::Frame],
+            Self::Hard => &[],
+            Self::All => {
+                &[Contest::Update, Contest::Build, Contest::Trace, Contest::Incoherent, Contest::Frame]
+            }
+        }
+    }
+}
+
+/// An error if one of the names is nobody's.
+fn ensure_known(what: What, only: &[String], embree: Option<&Embree>) -> Result<()> {
+    let device = embree.map(|embree| embree.device(1)).transpose()?;
+    let entries = what.contests().iter().flat_map(|&contest| field(contest, device.as_ref()));
+    let names: Vec<String> = entries.map(|entry| entry.name).collect();
+    for wanted in only {
+        ensure!(
+            names.iter().any(|name| name.contains(wanted.as_str())),
+            "--only {wanted}: no contestant of this name; there are {}",
+            names.join("; ")
+        );
+    }
+    Ok(())
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// Bad input, or a check that failed.
+pub fn run(args: &Args) -> Result<()> {
+    if let Some(path) = &args.from {
+        let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+        let report: Report = serde_json::from_slice(&bytes)
+            .with_context(|| format!("{}: not a file that `compare --json` wrote", path.display()))?;
+        files::print(&report.heading())?;
+        for rows in
+            report.rows.chunk_by(|a, b| (&a.what, &a.scene, a.threads) == (&b.what, &b.scene, b.threads))
+        {
+            files::print(&table::table(rows))?;
+        }
+        files::print(&ratios::table(&report.rows))?;
+        return draw(args, &report);
+    }
+    if args.what == What::Hard {
+        for (option, given) in [
+            ("--scene", !args.scenes.is_empty()),
+            ("--only", !args.only.is_empty()),
+            ("--threads", !args.threads.is_empty()),
+            ("--frames", args.frames.is_some()),
+            ("--runs", args.runs > 1),
+            ("--size", args.size.is_some()),
+            ("--json", args.json.is_some()),
+        ] {
+            ensure!(
+                !given,
+                "{option}: the hard cases do not heed it; leave it out, or name other measurements"
+            );
+        }
+        return match (&args.case, &args.contestant) {
+            (Some(case), Some(contestant)) => hard::run_one(case, contestant, args.embree.as_deref()),
+            _ => hard::run(args.embree.as_deref()),
+        };
+    }
+    ensure!(
+        args.runs == 1 || args.what.contests().contains(&Contest::Frame),
+        "--runs: only loops of whole frames are played more than once; leave it out, or compare frame"
+    );
+    let default_scenes: Vec<String> = match args.what {
+        What::Frame => scenes::list().iter().map(|info| info.name.to_owned()).collect(),
+        _ => SCENES.map(str::to_owned).to_vec(),
+    };
+    let sources = if args.scenes.is_empty() { &default_scenes } else { &args.scenes };
+    let mut loaded = Vec::new();
+    for source in sources {
+        let scene = stage::load_first(source, || stage::load(source, None, 0))?;
+        let is_empty = scene.as_ref().is_some_and(|scene| scene.animation.topology().triangles.is_empty());
+        ensure!(!is_empty, "{source}: no triangles, so nothing to compare");
+        loaded.push((source, scene));
+    }
+    let embree = find_embree(args.embree.as_deref())?;
+    ensure_known(args.what, &args.only, embree.as_ref())?;
+    let version = embree.as_ref().map(|e| Ok::<_, NotFound>(e.device(1)?.version())).transpose()?;
+    let mut report = Report::new(version);
+    if let Some(path) = &args.json {
+        // Better to fail now than after the measurements.
+        path.parent().map_or(Ok(()), files::make_folder)?;
+        files::ensure_replaceable(path)?;
+    }
+    files::print(&report.heading())?;
+
+    for (source, scene) in loaded {
+        let stage = Stage::new(scene.map_or_else(|| stage::load(source, None, 0), Ok)?)?;
+        run_scene(args, &stage::label(source), stage, embree.as_ref(), &mut report)?;
+        if interrupt::requested() {
+            break;
+        }
+    }
+    files::print(&ratios::table(&report.rows))?;
+    draw(args, &report)?;
+    let wrong: Vec<_> = report.rows.iter().filter(|row| !row.agrees).map(Row::place).collect();
+    if wrong.is_empty() {
+        Ok(())
+    } else {
+        Err(CheckFailed(format!("not the same hits as the reference: {}", wrong.join("; "))).into())
+    }
+}
+
+/// Draws the chart that was asked for: of the measurement named, or else of updates.
+fn draw(args: &Args, report: &Report) -> Result<()> {
+    let Some(path) = &args.chart else { return Ok(()) };
+    let what = args.what.to_possible_value().filter(|_| args.what != What::All);
+    let svg = report.chart(what.as_ref().map_or("update", |value| value.get_name()))?;
+    files::write_whole(path, svg.as_bytes())?;
+    files::print(&files::shown(path))
+}
+
+/// Updates and whole frames of every contestant on one scene, for those who keep the rows
+/// themselves.
+pub(crate) fn beside(
+    label: &str,
+    stage: &mut Stage,
+    threads: usize,
+    frames: usize,
+    size: u32,
+    embree: Option<Device>,
+) -> Result<Vec<Row>> {
+    let setting = Setting { threads, embree, only: Vec::new(), frames, runs: 1, size };
+    let mut rows = update::measure(label, stage, &setting)?;
+    if !interrupt::requested() {
+        rows.extend(frame::measure(label, stage, &setting)?);
+    }
+    // An interrupt may come before the first measured frame.
+    rows.retain(|row| row.frames > 0);
+    Ok(rows)
+}
+
+/// Embree on that number of threads, for [`beside`]; nothing, and a note, if there is none.
+pub(crate) fn embree(path: Option<&Path>, threads: usize) -> Result<Option<Device>> {
+    Ok(find_embree(path)?.map(|embree| embree.device(threads)).transpose()?)
+}
+
+/// The library, or a note that there is none; an error if it is not where it was said to be.
+fn find_embree(path: Option<&Path>) -> Result<Option<Embree>> {
+    match Embree::load(path) {
+        Ok(embree) => Ok(Some(embree)),
+        Err(reason @ NotFound::Nowhere) => {
+            files::remark(&format!("note: {reason}"));
+            Ok(None)
+        }
+        Err(reason) => Err(reason.into()),
+    }
+}
+
+fn run_scene(
+    args: &Args,
+    label: &str,
+    mut stage: Stage,
+    embree: Option<&Embree>,
+    report: &mut Report,
+) -> Result<()> {
+    let frames = |default| args.frames.map_or(default, |n| n as usize);
+    for threads in threads(args) {
+        let mut setting = Setting {
+            threads,
+            embree: embree.map(|e| e.device(threads)).transpose()?,
+            only: args.only.clone(),
+            frames: frames(UPDATE_FRAMES),
+            runs: args.runs,
+            size: args.size.unwrap_or(SIZE),
+        };
+        let contests = args.what.contests().iter().copied();
+        let asked: Vec<Contest> = contests.filter(|&contest| !setting.field(contest).is_empty()).collect();
+        let asked = |contest| asked.contains(&contest) && !interrupt::requested();
+        let mut keep = |mut rows: Vec<Row>| -> Result<()> {
+            // An interrupt may come before the first measured frame.
+            rows.retain(|row| row.frames > 0);
+            if rows.is_empty() {
+                return Ok(());
+            }
+            let table = table::table(&rows);
+            report.rows.extend(rows);
+            if let Some(path) = &args.json {
+                files::write_whole(path, &serde_json::to_vec_pretty(report)?)?;
+            }
+            files::print(&table)
+        };
+        let pool = pool::pool(threads)?;
+        if asked(Contest::Update) {
+            keep(pool.install(|| update::measure(label, &mut stage, &setting))?)?;
+        }
+        setting.frames = frames(OTHER_FRAMES);
+        if asked(Contest::Build) {
+            keep(pool.install(|| build::measure(label, &mut stage, &setting))?)?;
+        }
+        if asked(Contest::Trace) {
+            keep(pool.install(|| trace::measure(label, &mut stage, &setting))?)?;
+        }
+        if asked(Contest::Incoherent) {
+            let (view, rays) = pool.install(|| incoherent::measure(label, &mut stage, &setting))?;
+            if setting.is_named(&view.contestant) {
+                keep(vec![view])?;
+            }
+            keep(rays)?;
+        }
+        setting.frames = frames(UPDATE_FRAMES);
+        if asked(Contest::Frame) {
+            keep(pool.install(|| frame::measure(label, &mut stage, &setting))?)?;
+        }
+    }
+    Ok(())
+}
+
+/// The numbers of threads to run with, each once.
+fn threads(args: &Args) -> Vec<usize> {
+    let mut threads: Vec<usize> = args.threads.iter().map(|&n| n as usize).collect();
+    if threads.is_empty() {
+        threads = vec![1, std::thread::available_parallelism().map_or(1, usize::from)];
+    }
+    threads.sort_unstable();
+    threads.dedup();
+    threads
+}

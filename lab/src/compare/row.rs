@@ -1,0 +1,231 @@
+//! The rows of the result file.
+
+use anyhow::Result;
+use pivot_benches::Answers;
+use serde::{Deserialize, Serialize};
+
+use crate::machine::{Machine, Revision};
+use crate::reproduce::chart::{Chart, Kind, Point, Series, figure};
+
+/// One contestant on one scene with one number of threads.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Row {
+    pub(crate) scene: String,
+    /// `update`, `limit` (what the memory takes for an update's bytes), `build`, `trace`,
+    /// `incoherent`, `view` (making the wide view for that) or `frame`.
+    pub(crate) what: String,
+    pub(crate) contestant: String,
+    pub(crate) threads: usize,
+    /// Measured frames; of several runs their medians.
+    pub(crate) frames: usize,
+    pub(crate) median_ms: f64,
+    pub(crate) min_ms: f64,
+    pub(crate) max_ms: f64,
+    /// Says more than the median where frames do different work.
+    pub(crate) mean_ms: f64,
+    /// Mean over the measured frames of the tree's SAH cost over that of a full sweep build of the
+    /// same frame; nothing where the tree cannot be read.
+    pub(crate) sah_over_sweep: Option<f64>,
+    /// Primary rays that hit something, in all measured frames of all runs.
+    pub(crate) hits: u64,
+    /// Primary rays with another answer than the reference: hit or miss, or a distance off by more
+    /// than 0.1 %.
+    pub(crate) different: u64,
+    /// Primary rays cast for comparison.
+    pub(crate) rays: u64,
+    /// Whether the number of hits is the reference's within 0.01 %.
+    pub(crate) agrees: bool,
+    pub(crate) triangles: usize,
+    /// Of whole frames: the mean time of the update.
+    pub(crate) mean_update_ms: Option<f64>,
+    /// `sah_over_sweep` in the frame where it is worst.
+    pub(crate) worst_sah_over_sweep: Option<f64>,
+    /// The median over the number of triangles.
+    pub(crate) ns_per_triangle: f64,
+    /// Of tracing: primary and shadow rays over the median time.
+    pub(crate) million_rays_per_s: Option<f64>,
+    /// Pixels that the light reaches.
+    pub(crate) lit: u64,
+    /// Sum of the distances of all hits.
+    pub(crate) t_sum: f64,
+}
+
+impl Row {
+    /// Where a row belongs, for messages.
+    pub(super) fn place(&self) -> String {
+        let Self { what, scene, contestant, threads, different, rays, .. } = self;
+        format!("{what} of {scene}, {contestant}, {threads} threads ({different} of {rays} rays)")
+    }
+}
+
+/// What a contestant did on a scene.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Record {
+    /// Times of the measured frames.
+    pub(super) times_ms: Vec<f64>,
+    /// Of whole frames: the part of these that the update took.
+    pub(super) updates_ms: Vec<f64>,
+    /// Ratios of cost of the same frames.
+    pub(super) costs: Vec<f64>,
+    pub(super) answers: Answers,
+}
+
+impl Record {
+    /// The row, compared to what the reference found.
+    pub(super) fn row(
+        &self,
+        what: &'static str,
+        scene: &str,
+        triangles: usize,
+        contestant: &str,
+        threads: usize,
+        reference: &Answers,
+    ) -> Row {
+        let mut sorted = self.times_ms.clone();
+        sorted.sort_by(f64::total_cmp);
+        let median_ms = median(&sorted);
+        let costs = &self.costs;
+        Row {
+            what: what.to_owned(),
+            scene: scene.to_owned(),
+            triangles,
+            contestant: contestant.to_owned(),
+            threads,
+            median_ms,
+            min_ms: sorted.first().copied().unwrap_or_default(),
+            max_ms: sorted.last().copied().unwrap_or_default(),
+            mean_ms: mean(&sorted).unwrap_or_default(),
+            mean_update_ms: mean(&self.updates_ms),
+            sah_over_sweep: mean(costs),
+            worst_sah_over_sweep: costs.iter().copied().reduce(f64::max),
+            hits: self.answers.hits,
+            ns_per_triangle: median_ms * 1e6 / triangles as f64,
+            million_rays_per_s: None,
+            frames: sorted.len(),
+            rays: self.answers.rays,
+            lit: self.answers.lit,
+            t_sum: self.answers.t_sum,
+            different: self.answers.different,
+            agrees: self.answers.agrees_with(reference),
+        }
+    }
+}
+
+fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+/// Median of sorted values; 0 if there are none.
+pub(super) fn median(sorted: &[f64]) -> f64 {
+    match sorted.len() {
+        0 => 0.0,
+        n if n % 2 == 1 => sorted[n / 2],
+        n => 0.5 * (sorted[n / 2 - 1] + sorted[n / 2]),
+    }
+}
+
+/// Everything that was measured: the result file.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Report {
+    machine: On,
+    pub(super) rows: Vec<Row>,
+}
+
+/// The machine, and the versions of what ran on it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct On {
+    #[serde(flatten)]
+    machine: Machine,
+    #[serde(flatten)]
+    revision: Revision,
+    /// Version of Embree, where it took part.
+    embree: Option<String>,
+}
+
+impl Report {
+    pub(super) fn new(embree: Option<String>) -> Self {
+        let machine = On { machine: Machine::read(), revision: Revision::read(), embree };
+        Self { machine, rows: Vec::new() }
+    }
+
+    /// One line on what ran where and when.
+    pub(super) fn heading(&self) -> String {
+        let On { machine: Machine { cpu, cores, simd, load, started, .. }, revision, embree } = &self.machine;
+        let load = load.map(|l| format!(", load {l:.1}")).unwrap_or_default();
+        let embree = embree.as_ref().map(|v| format!(", Embree {v}")).unwrap_or_default();
+        let day = started.get(..10).unwrap_or_default();
+        format!("{cpu}, {cores} cores, {simd}{load}; {day}; Pivot {}{embree}", revision.short())
+    }
+
+    /// Times of all contestants in one measurement, by scene, on the least number of threads.
+    pub(super) fn chart(&self, what: &str) -> Result<String> {
+        let rows = || self.rows.iter().filter(|row| row.what == what);
+        let threads = rows().map(|row| row.threads).min().unwrap_or(1);
+        let rows = || rows().filter(|row| row.threads == threads);
+        let (mut places, mut names): (Vec<&str>, Vec<&str>) = (Vec::new(), Vec::new());
+        for row in rows() {
+            if !places.contains(&row.scene.as_str()) {
+                places.push(&row.scene);
+            }
+            if !names.contains(&row.contestant.as_str()) {
+                names.push(&row.contestant);
+            }
+        }
+        let series = names.iter().enumerate().map(|(color, name)| {
+            let point = |row: &Row| {
+                let place = places.iter().position(|place| *place == row.scene).unwrap_or_default();
+                let ns = |ms: f64| 1e6 * ms / row.triangles.max(1) as f64;
+                Point {
+                    low: ns(row.min_ms),
+                    high: ns(row.max_ms),
+                    ..Point::at(place as f64, ns(row.median_ms))
+                }
+            };
+            let points = rows().filter(|row| row.contestant == *name).map(point).collect();
+            Series { name: (*name).to_owned(), color, kind: Kind::Bars, points }
+        });
+        let chart = Chart {
+            title: format!("{what}, {}: median, least and most", super::table::threads_of(threads)),
+            y_label: "ns per triangle".to_owned(),
+            series: series.collect(),
+            places: places.iter().map(|&place| place.to_owned()).collect(),
+            ..Chart::default()
+        };
+        figure(&[chart], 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_have_the_columns_that_others_rely_on() {
+        let record =
+            Record { times_ms: vec![4.0, 1.0, 2.0, 3.0], costs: vec![1.0, 2.0], ..Record::default() };
+        let row = record.row("update", "cloth", 1000, "pivot refit", 2, &Answers::default());
+        assert_eq!((row.median_ms, row.min_ms, row.max_ms), (2.5, 1.0, 4.0));
+        assert_eq!((row.ns_per_triangle, row.sah_over_sweep), (2500.0, Some(1.5)));
+        assert_eq!(row.worst_sah_over_sweep, Some(2.0));
+        let mut report = Report::new(None);
+        report.rows.push(row);
+        let file: serde_json::Value = serde_json::to_value(&report).expect("written");
+        assert!(file["machine"]["cpu"].is_string());
+        for column in ["what", "scene", "triangles", "contestant", "threads", "median_ms", "min_ms", "max_ms"]
+        {
+            assert!(!file["rows"][0][column].is_null(), "{column}");
+        }
+        assert_eq!(file["rows"][0]["sah_over_sweep"], 1.5);
+        assert_eq!(file["rows"][0]["hits"], 0);
+    }
+
+    #[test]
+    fn rows_with_missing_hits_do_not_agree() {
+        let reference = Answers { rays: 20_000, hits: 20_000, ..Answers::default() };
+        let row = |hits| {
+            let record = Record { answers: Answers { hits, ..reference }, ..Record::default() };
+            record.row("update", "s", 1, "c", 1, &reference).agrees
+        };
+        assert!(row(19_998) && !row(19_990));
+    }
+}

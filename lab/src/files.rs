@@ -1,0 +1,109 @@
+//! Where files go, and files that appear whole or not at all.
+
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+
+/// The root of the workspace.
+pub fn workspace() -> &'static Path {
+    let lab = Path::new(env!("CARGO_MANIFEST_DIR"));
+    lab.parent().unwrap_or(lab)
+}
+
+/// Folder for recorded simulations.
+pub(crate) fn scene_cache() -> PathBuf {
+    workspace().join("target/scenes")
+}
+
+/// Makes a folder and those above it.
+pub(crate) fn make_folder(path: &Path) -> Result<()> {
+    fs::create_dir_all(path).with_context(|| format!("{}: cannot be made a folder", path.display()))
+}
+
+/// The folder that a file lies in.
+pub(crate) fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Checks that there is a regular file at a path, or nothing: a folder cannot be replaced, and a
+/// device must not be.
+pub(crate) fn ensure_replaceable(path: &Path) -> Result<()> {
+    let free = fs::metadata(path).map_or(true, |kind| kind.is_file());
+    ensure!(free, "{}: is no regular file, so it cannot be replaced by one", path.display());
+    Ok(())
+}
+
+/// Writes a file under a short temporary name beside its final place and renames it.
+pub(crate) fn write_whole(path: &Path, content: &[u8]) -> Result<()> {
+    ensure_replaceable(path)?;
+    let mut builder = tempfile::Builder::new();
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder.prefix(".").suffix(".partial");
+    let write = || {
+        let mut partial = builder.tempfile_in(folder_of(path))?;
+        partial.write_all(content)?;
+        // Some file systems report a full disk only here.
+        partial.as_file().sync_all()?;
+        partial.persist(path)?;
+        Ok::<_, std::io::Error>(())
+    };
+    write().with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+/// Locks a folder for one run at a time; the lock ends with the returned file.
+pub(crate) fn lock(folder: &Path) -> Result<File> {
+    let path = folder.join(".lock");
+    let file = File::create(&path).with_context(|| format!("{}: cannot be written", path.display()))?;
+    match file.try_lock() {
+        Err(fs::TryLockError::WouldBlock) => {
+            anyhow::bail!("{}: another run writes there; name another --out", folder.display())
+        }
+        // A file system without locks is no reason to refuse a run.
+        Err(fs::TryLockError::Error(_)) | Ok(()) => Ok(file),
+    }
+}
+
+/// Removes a file of an earlier run, if there is one.
+pub(crate) fn remove_old(path: &Path) -> Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("{}: cannot be replaced", path.display()))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Removes the files of a folder whose names `is_old` knows.
+pub(crate) fn remove_all(folder: &Path, is_old: impl Fn(&str) -> bool) -> Result<()> {
+    let entries = fs::read_dir(folder).with_context(|| format!("{}: cannot be read", folder.display()))?;
+    for entry in entries.flatten().filter(|entry| entry.file_name().to_str().is_some_and(&is_old)) {
+        remove_old(&entry.path())?;
+    }
+    Ok(())
+}
+
+/// A path as the user would name it: from the workspace's root, if it is below it.
+pub(crate) fn shown(path: &Path) -> String {
+    printable(&path.strip_prefix(workspace()).unwrap_or(path).display().to_string())
+}
+
+/// Text without control characters, which a terminal would obey; line ends and tabs stay.
+fn printable(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() && c != '\n' && c != '\t' { '\u{fffd}' } else { c }).collect()
+}
+
+/// Prints a line to standard output; a reader that has left is an error.
+pub(crate) fn print(text: &str) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "{}", printable(text))
+        .and_then(|()| out.flush())
+        .context("standard output: cannot be written")
+}
+
+/// Prints a line to standard error, if that can be written: a remark is not worth ending a run.
+pub fn remark(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{}", printable(text));
+}

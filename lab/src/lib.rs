@@ -1,0 +1,31 @@
+//! Pivot's experiments. Each command of `cargo xtask` is a module with its arguments and a function
+//! `run`.
+//!
+//! `docs/EXTENDING.md` shows how to add an experiment, a claim, a chart, a contestant or a scene.
+#![forbid(unsafe_code)]
+
+pub mod compare;
+pub mod export;
+pub mod files;
+pub mod interrupt;
+pub mod list;
+pub mod render;
+pub mod reproduce;
+pub mod soak;
+
+mod machine;
+mod pool;
+mod progress;
+mod stage;
+
+/// A check that failed: exit code 1, where bad input has 2.
+#[derive(Debug)]
+pub struct CheckFailed(pub String);
+
+impl std::fmt::Display for CheckFailed {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for CheckFailed {}

@@ -1,0 +1,349 @@
+//! `cargo xtask render`: frames of a scene as files.
+
+use std::ops::Range;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail, ensure};
+use bvh_core::Bvh;
+use bvh_update::{Scratch, Strategy, update};
+use image::codecs::gif::{GifEncoder, Repeat};
+use image::{Delay, Frame, RgbaImage};
+use rt_cpu::{Bvh8, Image, RenderOptions, RenderStats, render, render_with};
+use scenes::{LightEffects, SceneOptions};
+
+use crate::progress::Progress;
+use crate::stage::{self, Stage};
+use crate::{files, interrupt, pool};
+
+/// Arguments of `render`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// A scene's name, a .glb, .gltf, .obj, .ply or .aff file, or a folder of key frames
+    scene: String,
+    /// The frame to render, from 0 [default: 0]
+    #[arg(long, value_name = "N", conflicts_with = "frames")]
+    frame: Option<usize>,
+    /// Frames from A up to but without B; a long range can be split over machines
+    #[arg(long, value_name = "A..B", value_parser = range)]
+    frames: Option<Range<usize>>,
+    /// How the tree is brought to the frame: updates run from frame 0, rebuilds build the frame's
+    /// own tree
+    #[arg(long, value_name = "NAME", default_value = "refit+rotate")]
+    strategy: Strategy,
+    /// Size of the image in pixels
+    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size)]
+    size: (u32, u32),
+    /// A .png or .exr file, a .gif of all frames, or a folder for PNG files [default:
+    /// target/render]
+    #[arg(long, value_name = "FILE|DIR")]
+    out: Option<PathBuf>,
+    /// Clip of a glTF file, by name or number [default: its first]
+    #[arg(long, value_name = "NAME|NUMBER")]
+    clip: Option<String>,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Threads for updates and rendering [default: 8, or the cores there are]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Option<u32>,
+    /// Interpolate normals (the default)
+    #[arg(long, overrides_with = "flat")]
+    smooth: bool,
+    /// Show each triangle's own normal
+    #[arg(long, overrides_with = "smooth")]
+    flat: bool,
+    /// What light does: some of shadows, textures, alpha, mirror, ambient-occlusion,
+    /// diffuse-bounces with commas between them, or none [default: what the scene calls for]
+    #[arg(long, value_name = "LIST", value_parser = effects)]
+    effects: Option<LightEffects>,
+    /// Samples of each pixel [default: 64 with diffuse-bounces, 4 with ambient-occlusion, else 1]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    samples: Option<u32>,
+}
+
+fn range(text: &str) -> Result<Range<usize>, String> {
+    let parse = |n: &str| n.trim().parse::<usize>().ok();
+    match text.split_once("..").map(|(a, b)| (parse(a), parse(b))) {
+        Some((Some(a), Some(b))) if a < b => Ok(a..b),
+        Some((Some(_), Some(_))) => Err("the range is empty; A..B is from A up to but without B".to_owned()),
+        _ => Err("expected two numbers as in 0..50".to_owned()),
+    }
+}
+
+fn size(text: &str) -> Result<(u32, u32), String> {
+    let parse = |n: &str| n.parse::<u32>().ok().filter(|n| (1..=16384).contains(n));
+    text.split_once('x')
+        .and_then(|(w, h)| Some((parse(w)?, parse(h)?)))
+        .ok_or_else(|| "expected WxH as in 1024x1024, each 1 to 16384".to_owned())
+}
+
+fn effects(list: &str) -> Result<LightEffects, String> {
+    let mut effects = LightEffects::NONE;
+    for name in list.split(',').map(str::trim).filter(|&name| name != "none") {
+        *match name {
+            "shadows" => &mut effects.shadows,
+            "textures" => &mut effects.textures,
+            "alpha" => &mut effects.alpha,
+            "mirror" => &mut effects.mirror,
+            "ambient-occlusion" => &mut effects.ambient_occlusion,
+            "diffuse-bounces" => &mut effects.diffuse_bounces,
+            _ => {
+                return Err(format!(
+                    "no such effect as '{name}'; there are shadows, textures, alpha, mirror, ambient-occlusion, \
+                     diffuse-bounces and none"
+                ));
+            }
+        } = true;
+    }
+    Ok(effects)
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// Bad input, or a check that failed.
+pub fn run(args: &Args) -> Result<()> {
+    let target = Target::of(args)?;
+    let pool = pool::pool(args.threads.map_or_else(pool::default_threads, |n| n as usize))?;
+    // A texture is read only for an effect that looks at it.
+    let without_textures = args.effects.is_some_and(|light| !light.textures && !light.alpha);
+    let options = SceneOptions { seed: args.seed, without_textures, ..SceneOptions::default() };
+    let scene = stage::load_with(&args.scene, args.clip.as_deref(), options)?;
+    let (count, label) = (scene.frames.max(1), stage::label(&args.scene));
+    let wanted = match (&args.frames, args.frame.unwrap_or(0)) {
+        (Some(range), _) => range.clone(),
+        (None, frame) => frame..frame + 1,
+    };
+    ensure!(wanted.end <= count, "{label}: no frame {}; its frames are 0 to {}", wanted.end - 1, count - 1);
+    for note in &scene.notes {
+        files::remark(&format!("note: {note}"));
+    }
+    let effects = scenes::Effects { light: args.effects.unwrap_or(scene.effects.light), ..scene.effects };
+    files::remark(&format!("a frame runs {}", scenes::FramePlan::new(&effects)));
+    target.prepare()?;
+    let mut stage = pool.install(|| Stage::new(scene))?;
+    pool.install(|| frames(args, &target, &mut stage, &label, wanted, count))
+}
+
+fn frames(
+    args: &Args,
+    target: &Target,
+    stage: &mut Stage,
+    label: &str,
+    wanted: Range<usize>,
+    count: usize,
+) -> Result<()> {
+    let mut tree = stage.first_tree.clone();
+    let light = args.effects.unwrap_or(stage.scene.effects.light);
+    let samples = args.samples.unwrap_or(default_samples(&light));
+    let options = RenderOptions { smooth: !args.flat, seed: args.seed, ..stage.options_with(&light) };
+    let mut scratch = Scratch::new();
+    let mut film = matches!(target, Target::Film(_)).then(Film::default);
+    let mut picture = Picture {
+        image: Image::new(args.size.0, args.size.1),
+        sample: Image::new(args.size.0, args.size.1),
+        stats: RenderStats::default(),
+    };
+    // A rebuilt tree depends on its own frame only.
+    let first = if matches!(args.strategy, Strategy::Rebuild(..)) { wanted.start } else { 0 };
+    let steps = |frame: usize| {
+        (frame - first) as u64 + frame.saturating_sub(wanted.start) as u64 * u64::from(samples)
+    };
+    let progress = Progress::new(format!("rendering {label}"), steps(wanted.end));
+    for frame in first..wanted.end {
+        if interrupt::requested() {
+            break;
+        }
+        stage.pose(stage.time_of(frame, count));
+        update(&mut tree, &stage.triangles(), &args.strategy, &mut scratch)
+            .with_context(|| format!("{label}, frame {frame}"))?;
+        if wanted.contains(&frame) {
+            if !args.flat {
+                stage.smooth();
+            }
+            let done = |sample: u32| progress.at(steps(frame) + u64::from(sample));
+            if !picture.take(stage, &tree, args.size, &options, samples, done) {
+                break;
+            }
+            match &mut film {
+                Some(film) => film.push(&picture.image)?,
+                None => {
+                    let path = target.file(label, frame);
+                    picture.image.save(&path)?;
+                    files::print(&files::shown(&path))?;
+                }
+            }
+        }
+        progress.at(steps(frame + 1));
+    }
+    drop(progress);
+    if let (Some(film), false) = (film, interrupt::requested()) {
+        let path = target.file(label, wanted.start);
+        files::write_whole(&path, &film.finish()?)?;
+        files::print(&files::shown(&path))?;
+    }
+    let light = scenes::Effects { light, ..Default::default() };
+    files::remark(&format!("effects: {light}; samples: {samples}; rays: {}", rays(&picture.stats)));
+    Ok(())
+}
+
+/// Samples of a pixel with such effects, if none are asked for.
+pub(crate) fn default_samples(light: &LightEffects) -> u32 {
+    match light {
+        LightEffects { diffuse_bounces: true, .. } => 64,
+        LightEffects { ambient_occlusion: true, .. } => 4,
+        _ => 1,
+    }
+}
+
+/// Rays by kind, without kinds that were not cast.
+fn rays(stats: &RenderStats) -> String {
+    let kinds = [
+        (stats.rays_primary, "primary"),
+        (stats.rays_shadow, "shadow"),
+        (stats.rays_mirror, "mirror"),
+        (stats.rays_ambient_occlusion, "ambient occlusion"),
+        (stats.rays_bounce, "bounce"),
+        (stats.rays_again, "again past holes"),
+    ];
+    let used = kinds.into_iter().filter(|&(n, _)| n > 0);
+    used.map(|(n, kind)| format!("{n} {kind}")).collect::<Vec<_>>().join(", ")
+}
+
+/// An image, with room for one of its samples and the rays of all pictures taken so far.
+struct Picture {
+    image: Image,
+    sample: Image,
+    stats: RenderStats,
+}
+
+impl Picture {
+    /// Takes the mean of the samples; false if interrupted before the last.
+    fn take(
+        &mut self,
+        stage: &Stage,
+        tree: &Bvh,
+        (width, height): (u32, u32),
+        options: &RenderOptions,
+        samples: u32,
+        done: impl Fn(u32),
+    ) -> bool {
+        let (mesh, camera, light) = (stage.mesh(), stage.camera(width, height), stage.light());
+        let looks = options.effects.ambient_occlusion.is_some() || options.effects.diffuse_bounces.is_some();
+        let wide = (samples > 1 && looks).then(|| {
+            let mut wide = Bvh8::new();
+            wide.update(tree, &mesh.triangles);
+            wide
+        });
+        let draw = |options: &RenderOptions, image: &mut Image| match &wide {
+            Some(wide) => render_with(tree, wide, &mesh, &camera, Some(&light), options, image),
+            None => render(tree, &mesh, &camera, Some(&light), options, image),
+        };
+        self.stats += draw(options, &mut self.image);
+        for sample in 1..samples {
+            if interrupt::requested() {
+                return false;
+            }
+            done(sample);
+            let options = RenderOptions { sample, ..*options };
+            self.stats += draw(&options, &mut self.sample);
+            self.image.add(&self.sample);
+        }
+        if samples > 1 {
+            self.image.scale(1.0 / samples as f32);
+        }
+        true
+    }
+}
+
+/// Frames of a GIF.
+#[derive(Default)]
+struct Film(Vec<Frame>);
+
+impl Film {
+    /// Adds an image, shown for a 24th of a second.
+    fn push(&mut self, image: &Image) -> Result<()> {
+        let byte = |x: f32| (255.0 * x.clamp(0.0, 1.0).powf(1.0 / 2.2)).round() as u8;
+        let bytes = image.pixels().iter().flat_map(|&[r, g, b]| [byte(r), byte(g), byte(b), 255]).collect();
+        let frame =
+            RgbaImage::from_raw(image.width(), image.height(), bytes).context("an image of another size")?;
+        self.0.push(Frame::from_parts(frame, 0, 0, Delay::from_numer_denom_ms(1000, 24)));
+        Ok(())
+    }
+
+    fn finish(self) -> Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        let mut gif = GifEncoder::new_with_speed(&mut bytes, 10);
+        gif.set_repeat(Repeat::Infinite)?;
+        gif.encode_frames(self.0)?;
+        drop(gif);
+        Ok(bytes)
+    }
+}
+
+/// Where images go.
+enum Target {
+    File(PathBuf),
+    /// A GIF of all frames.
+    Film(PathBuf),
+    Folder(PathBuf),
+}
+
+impl Target {
+    /// A name with a known extension is a file, without any a folder.
+    fn of(args: &Args) -> Result<Self> {
+        let Some(out) = &args.out else {
+            return Ok(Self::Folder(files::workspace().join("target/render")));
+        };
+        let extension = out.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        match extension.as_deref() {
+            _ if out.is_dir() => Ok(Self::Folder(out.clone())),
+            None => Ok(Self::Folder(out.clone())),
+            Some("gif") => Ok(Self::Film(out.clone())),
+            Some("png" | "exr") if args.frames.is_some() => {
+                bail!("{}: a range of frames needs a folder or a .gif to go to", out.display())
+            }
+            Some("png" | "exr") => Ok(Self::File(out.clone())),
+            Some(other) => bail!(
+                "{}: cannot write .{other}; an image is .png, .exr or .gif, or name a folder",
+                out.display()
+            ),
+        }
+    }
+
+    /// Makes the folder, or checks that the file's is there, before anything long begins.
+    fn prepare(&self) -> Result<()> {
+        match self {
+            Self::Folder(folder) => files::make_folder(folder),
+            Self::File(file) | Self::Film(file) => {
+                let folder = files::folder_of(file);
+                ensure!(folder.is_dir(), "{}: there is no folder {}", file.display(), folder.display());
+                Ok(())
+            }
+        }
+    }
+
+    fn file(&self, label: &str, frame: usize) -> PathBuf {
+        match self {
+            Self::File(file) | Self::Film(file) => file.clone(),
+            Self::Folder(folder) => folder.join(format!("{}-{frame:04}.png", stage::slug(label))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn effects_are_named_as_scenes_name_them() {
+        let all = "shadows,textures,alpha,mirror,ambient-occlusion,diffuse-bounces";
+        let light = effects(all).expect("known names");
+        let named = scenes::Effects { light, ..Default::default() }.to_string().replace(", ", ",");
+        assert_eq!(named.replace(' ', "-"), all);
+        assert_eq!(effects("none"), Ok(LightEffects::NONE));
+        assert_eq!(effects("shadows"), Ok(LightEffects::SHADOWS));
+        assert!(effects("caustics").expect_err("unknown").contains("diffuse-bounces"));
+    }
+}

@@ -1,0 +1,111 @@
+//! What every strategy must agree on: pictures among themselves, hits with brute force, boxes with
+//! the primitives.
+
+use bvh_core::{Bvh, Ray, Triangles};
+use rayon::prelude::*;
+use rt_cpu::{Camera, Hit, Image, RenderStats, TriangleTest, closest_hit, closest_hit_brute};
+use serde::{Deserialize, Serialize};
+
+/// What was compared, and what differed.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Checks {
+    /// Pictures of two strategies on one frame, compared pixel by pixel, bit by bit.
+    pub(crate) pictures: u64,
+    pub(crate) pixels: u64,
+    /// Rays whose closest hit was compared with that of a caster that tests every triangle.
+    pub(crate) rays: u64,
+    /// Of those, rays that hit something.
+    pub(crate) rays_hit: u64,
+    /// Updated trees whose structure, boxes, heights and marks were validated.
+    pub(crate) trees: u64,
+    /// Whatever was not equal or not valid.
+    pub(crate) differences: u64,
+    /// The first of them.
+    pub(crate) first_difference: Option<String>,
+}
+
+impl Checks {
+    /// Adds what was checked elsewhere.
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.pictures += other.pictures;
+        self.pixels += other.pixels;
+        self.rays += other.rays;
+        self.rays_hit += other.rays_hit;
+        self.trees += other.trees;
+        self.differences += other.differences;
+        if self.first_difference.is_none() {
+            self.first_difference.clone_from(&other.first_difference);
+        }
+    }
+
+    fn differ(&mut self, place: &str, what: &str) {
+        self.differences += 1;
+        self.first_difference.get_or_insert_with(|| format!("{place}: {what}"));
+    }
+
+    /// Counts of hits and shadow rays of two strategies.
+    pub(crate) fn same_hits(&mut self, place: &str, a: &RenderStats, b: &RenderStats) {
+        for (what, a, b) in [
+            ("hits", a.hits, b.hits),
+            ("shadow rays", a.rays_shadow, b.rays_shadow),
+            ("pixels in shadow", a.shadowed, b.shadowed),
+        ] {
+            if a != b {
+                self.differ(place, &format!("{a} and {b} {what}"));
+            }
+        }
+    }
+
+    /// Pictures of two strategies.
+    pub(crate) fn same_picture(&mut self, place: &str, a: &Image, b: &Image) {
+        self.pictures += 1;
+        self.pixels += a.pixels().len() as u64;
+        let bits = |pixel: &[f32; 3]| pixel.map(f32::to_bits);
+        let different = a.pixels().iter().zip(b.pixels()).filter(|(a, b)| bits(a) != bits(b)).count();
+        if different > 0 {
+            self.differ(place, &format!("{different} pixels differ"));
+        }
+    }
+
+    /// Hits through a tree and by brute force.
+    pub(crate) fn same_as_brute(
+        &mut self,
+        place: &str,
+        tree: &Bvh,
+        triangles: &Triangles<'_>,
+        rays: &[(Ray, Option<Hit>)],
+    ) {
+        for (ray, expected) in rays {
+            self.rays += 1;
+            self.rays_hit += u64::from(expected.is_some());
+            let found = closest_hit(tree, triangles, ray, f32::INFINITY, TriangleTest::default());
+            if found != *expected {
+                self.differ(place, &format!("a ray hits {found:?}, but by brute force {expected:?}"));
+            }
+        }
+    }
+
+    /// Everything a tree promises.
+    pub(crate) fn valid(&mut self, place: &str, tree: &Bvh, triangles: &Triangles<'_>) {
+        self.trees += 1;
+        if let Err(error) = tree.validate(triangles) {
+            self.differ(place, &error.to_string());
+        }
+    }
+}
+
+/// Rays through random pixels, with what they hit if every triangle is tested.
+pub(crate) fn sample(
+    camera: &Camera,
+    triangles: &Triangles<'_>,
+    count: usize,
+    seed: u64,
+) -> Vec<(Ray, Option<Hit>)> {
+    let mut random = fastrand::Rng::with_seed(seed);
+    let rays: Vec<Ray> = (0..count)
+        .map(|_| camera.ray(random.u32(0..camera.width()), random.u32(0..camera.height())))
+        .collect();
+    rays.into_par_iter()
+        .map(|ray| (ray, closest_hit_brute(triangles, &ray, f32::INFINITY, TriangleTest::default())))
+        .collect()
+}

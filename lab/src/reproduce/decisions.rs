@@ -1,0 +1,94 @@
+//! What strategies that decide have decided, counted.
+
+use serde::Serialize;
+
+use super::chart::count;
+use super::results::SceneRun;
+
+/// A decision, with how often it was taken.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Decided {
+    /// In words; where the words hold a number that differs from frame to frame, its range.
+    pub(crate) decision: String,
+    pub(crate) frames: usize,
+    /// The first frame, counted through all loops.
+    pub(crate) first: usize,
+}
+
+/// What does the same in every frame decides this.
+pub(super) const ALWAYS: &str = "as always";
+
+/// The decisions of a strategy on a scene, most frequent first; none if it does the same in every
+/// frame.
+pub(crate) fn decisions(scene: &SceneRun, strategy: &str) -> Vec<Decided> {
+    struct Kind {
+        pattern: String,
+        range: (u64, u64),
+        frames: usize,
+        first: usize,
+    }
+    let mut kinds: Vec<Kind> = Vec::new();
+    for row in scene.of(strategy) {
+        let (pattern, n) = without_number(&row.decision);
+        match kinds.iter_mut().find(|kind| kind.pattern == pattern) {
+            Some(kind) => {
+                kind.frames += 1;
+                kind.range = (kind.range.0.min(n), kind.range.1.max(n));
+            }
+            None => {
+                let first = row.round * scene.facts.frames + row.frame;
+                kinds.push(Kind { pattern, range: (n, n), frames: 1, first });
+            }
+        }
+    }
+    if kinds.iter().all(|kind| kind.pattern == ALWAYS || kind.pattern.is_empty()) {
+        return Vec::new();
+    }
+    kinds.sort_by_key(|kind| (std::cmp::Reverse(kind.frames), kind.first));
+    kinds
+        .into_iter()
+        .map(|Kind { pattern, range: (least, most), frames, first }| {
+            let numbers =
+                if least == most { count(least) } else { format!("{} to {}", count(least), count(most)) };
+            Decided { decision: pattern.replace('#', &numbers), frames, first }
+        })
+        .collect()
+}
+
+/// The words with `#` for the first number in them, and that number.
+fn without_number(words: &str) -> (String, u64) {
+    let Some(start) = words.find(|c: char| c.is_ascii_digit()) else { return (words.to_owned(), 0) };
+    let rest = words[start..].trim_start_matches(|c: char| c.is_ascii_digit());
+    let number = &words[start..words.len() - rest.len()];
+    (format!("{}#{rest}", &words[..start]), number.parse().unwrap_or(u64::MAX))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reproduce::record::Row;
+    use crate::reproduce::results::SceneFacts;
+
+    #[test]
+    fn like_decisions_are_counted_together() {
+        let row = |(frame, decision): (usize, &&str)| Row {
+            strategy: "auto".to_owned(),
+            frame,
+            decision: (*decision).to_owned(),
+            ..Row::default()
+        };
+        let run = |decisions: &[&str]| SceneRun {
+            rows: decisions.iter().enumerate().map(row).collect(),
+            ..SceneRun::new(SceneFacts::default())
+        };
+        let decided =
+            decisions(&run(&["refit", "regrown above 12 trees: x", "regrown above 4000 trees: x"]), "auto");
+        let words = |d: &Decided| format!("{} {} {}", d.decision.replace('\u{202f}', " "), d.frames, d.first);
+        assert_eq!(
+            decided.iter().map(words).collect::<Vec<_>>(),
+            ["regrown above 12 to 4 000 trees: x 2 1", "refit 1 0"]
+        );
+        assert_eq!(decisions(&run(&[ALWAYS, ALWAYS]), "auto"), []);
+        assert_eq!(decisions(&run(&["refit"]), "refit"), []);
+    }
+}

@@ -1,0 +1,169 @@
+//! The paper's figures, drawn so that they can be laid beside it.
+
+use anyhow::Result;
+
+use super::chart::{Chart, Kind, Point, Series, figure};
+use super::contestants::{Contestant, IDEAL, IDEAL_PARALLEL_BINNED};
+use super::record::Row;
+use super::results::{Results, SceneRun, Spread};
+use super::{MUSEUM, OTHER_KEYS, SPEED_STRATEGY, accuracy};
+
+/// A figure: a file, and a part of the report.
+pub(crate) struct Figure {
+    /// Name without extension.
+    pub(crate) name: String,
+    pub(crate) title: String,
+    pub(crate) caption: String,
+    pub(crate) svg: String,
+}
+
+/// Strategies drawn as lines, if any of them was run.
+const LINES: [&str; 6] =
+    ["refit", "refit+rotate", "refit+rotate+regrow", "auto", IDEAL, IDEAL_PARALLEL_BINNED];
+
+/// The place of a strategy in the list of all, which is its colour.
+fn color(strategy: &str) -> usize {
+    Contestant::all().iter().position(|contestant| contestant.name == strategy).unwrap_or(0)
+}
+
+/// A line of a strategy over rows.
+fn line<'a>(
+    name: &str,
+    color: usize,
+    rows: impl IntoIterator<Item = &'a Row>,
+    at: impl Fn(&Row) -> (f64, f64),
+) -> Series {
+    let points = rows.into_iter().map(|row| Point::at(at(row).0, at(row).1)).collect();
+    Series { name: name.to_owned(), color, kind: Kind::Line, points }
+}
+
+/// Figure 4: time to update by scene and strategy, mean over frames.
+fn update_times(results: &Results) -> Option<Chart> {
+    let scenes: Vec<_> = results.main_scenes().filter(|scene| !scene.rows.is_empty()).collect();
+    let timed = results.settings.strategies.iter().filter(|name| *name != IDEAL);
+    let series = timed.map(|name| {
+        let point = |(place, scene): (usize, &&SceneRun)| {
+            let spread = Spread::of(scene.of(name).iter().map(|row| row.update_ms))?;
+            Some(Point { low: spread.p10, high: spread.p90, ..Point::at(place as f64, spread.mean) })
+        };
+        let points = scenes.iter().enumerate().filter_map(point).collect();
+        Series { name: name.clone(), color: color(name), kind: Kind::Bars, points }
+    });
+    (!scenes.is_empty()).then(|| Chart {
+        y_label: "update time, ms".to_owned(),
+        series: series.collect(),
+        places: scenes.iter().map(|scene| scene.facts.label.clone()).collect(),
+        ..Chart::default()
+    })
+}
+
+type Measure = (&'static str, &'static str, fn(&Row) -> f64);
+
+/// What figures 5 and 6 show on the left, and on the right.
+const MEASURES: [Measure; 2] =
+    [("frame time", "update + trace, ms", |row| row.frame_ms), ("SAH cost", "SAH cost", |row| row.sah_cost)];
+
+/// Figure 6 for one scene: (a) frame time, (b) SAH cost, over all loops.
+fn over_frames(results: &Results, scene: &SceneRun) -> Option<[Chart; 2]> {
+    let frames = scene.facts.frames;
+    let last = scene.rows.last().map(|row| row.round * frames + row.frame)?;
+    let all = &results.settings.strategies;
+    let has_lines = all.iter().any(|name| LINES.contains(&name.as_str()));
+    let drawn = || all.iter().filter(|name| !has_lines || LINES.contains(&name.as_str()));
+    Some(MEASURES.map(|(title, y_label, value)| {
+        Chart {
+            title: format!("{}: {title}", scene.facts.label),
+            x_label: "frame".to_owned(),
+            y_label: y_label.to_owned(),
+            series: drawn()
+                .map(|name| {
+                    let at = |row: &Row| ((row.round * frames + row.frame) as f64, value(row));
+                    line(name, color(name), scene.of(name), at)
+                })
+                .collect(),
+            rules: (1..=last / frames).map(|round| (round * frames) as f64).collect(),
+            ..Chart::default()
+        }
+    }))
+}
+
+/// Figure 5 for one scene: refitting with rotations at several speeds, over loops.
+fn over_loops(scene: &SceneRun) -> Option<[Chart; 2]> {
+    let last = scene.speeds.iter().flat_map(|(_, rows)| rows).map(|row| row.round).max()?;
+    Some(MEASURES.map(|(title, y_label, value)| {
+        Chart {
+            title: format!("{}: {title}", scene.facts.label),
+            x_label: "loops of the animation".to_owned(),
+            y_label: y_label.to_owned(),
+            series: (scene.speeds.iter().enumerate())
+                .map(|(i, (frames, rows))| {
+                    let at = |row: &Row| (row.round as f64 + row.frame as f64 / *frames as f64, value(row));
+                    line(&format!("{frames} frames a loop"), i, rows, at)
+                })
+                .collect(),
+            rules: (1..=last).map(|round| round as f64).collect(),
+            ..Chart::default()
+        }
+    }))
+}
+
+/// The museum from all its key frames: cost with rotations, over loops.
+fn from_other_keys(results: &Results) -> Option<Chart> {
+    let runs: Vec<_> = [MUSEUM].iter().chain(&OTHER_KEYS).filter_map(|name| results.scene(name)).collect();
+    let frames = runs.first().filter(|_| runs.len() > 1)?.facts.frames;
+    let at = |row: &Row| ((row.round * frames + row.frame) as f64, row.sah_cost);
+    let line = |(i, scene): (usize, &&SceneRun)| line(&scene.facts.label, i, scene.of(SPEED_STRATEGY), at);
+    Some(Chart {
+        title: "bart-museum, started from each key frame".to_owned(),
+        x_label: "frame".to_owned(),
+        y_label: "SAH cost with rotations".to_owned(),
+        series: runs.iter().enumerate().map(line).collect(),
+        ..Chart::default()
+    })
+}
+
+/// All figures, in the order of the report.
+pub(crate) fn all(results: &Results) -> Result<Vec<Figure>> {
+    let mut figures = Vec::new();
+    let mut add = |name: String, title: &str, caption: &str, charts: &[Chart], columns| {
+        let svg = figure(charts, columns)?;
+        figures.push(Figure { name, title: title.to_owned(), caption: caption.to_owned(), svg });
+        anyhow::Ok(())
+    };
+    if let Some(chart) = update_times(results).filter(|_| wanted(results, "fig4")) {
+        let caption = "Mean over frames; thin lines span the middle 80 %. The paper shows refit, refit+rotate and \
+                       ideal-parallel-binned.";
+        add("fig4".to_owned(), "Time to update (figure 4)", caption, &[chart], 1)?;
+    }
+    for scene in results.main_scenes().filter(|_| wanted(results, "fig6")) {
+        if let Some(charts) = over_frames(results, scene) {
+            let title = format!("Frame time and cost, {} (figure 6)", scene.facts.label);
+            let caption = "Left: time to update and render. Right: SAH cost of the tree rendered. A vertical line \
+                           marks the jump from the end of the animation to its start.";
+            add(format!("fig6-{}", scene.facts.slug), &title, caption, &charts, 2)?;
+        }
+    }
+    for scene in &results.scenes {
+        if let Some(charts) = over_loops(scene) {
+            let title = format!("Speed of the animation, {} (figure 5)", scene.facts.label);
+            let caption = "Refitting with rotations; the same motion in fewer or more frames.";
+            add(format!("fig5-{}", scene.facts.slug), &title, caption, &charts, 2)?;
+        }
+    }
+    if let Some(chart) = from_other_keys(results) {
+        let caption = "The paper blames its exception on the first frame, which makes a poor first tree. Here the loop \
+                       starts from each of the five shapes, with the tree of that shape.";
+        add("museum-keys".to_owned(), "The museum from its other key frames", caption, &[chart], 1)?;
+    }
+    for scene in results.scenes.iter().filter(|scene| !scene.accuracy.is_empty()) {
+        let title = format!("What accuracy costs in time, {}", scene.facts.label);
+        let (charts, caption) = accuracy::charts(scene);
+        add(format!("accuracy-{}", scene.facts.slug), &title, &caption, &charts, 2)?;
+    }
+    Ok(figures)
+}
+
+/// Whether an experiment, or the claims that rest on it, were asked for.
+fn wanted(results: &Results, experiment: &str) -> bool {
+    results.settings.experiments.iter().any(|e| e == experiment || e == "claims")
+}

@@ -1,0 +1,70 @@
+//! Trees that are built once, with all the time in the world: what annealing is worth with path
+//! tracing (Kensler 2008).
+
+use std::time::Instant;
+
+use anyhow::Result;
+use bvh_build::{BuildOptions, build};
+use bvh_core::{Bvh, sah_cost};
+use rt_cpu::{Image, RenderOptions, render};
+use scenes::LightEffects;
+use serde::{Deserialize, Serialize};
+
+use super::results::Spread;
+use crate::interrupt;
+use crate::stage::{Stage, ms};
+
+/// The builder that others are compared with.
+pub(crate) const REFERENCE: &str = "sweep";
+/// Builders that are compared with it.
+pub(crate) const OFFLINE: [&str; 2] = ["hill-climbed", "annealed"];
+/// Pictures taken through each tree; their median time counts.
+const PICTURES: u32 = 5;
+
+/// A tree over the first frame of a scene.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct OfflineTree {
+    pub(crate) builder: String,
+    pub(crate) build_ms: f64,
+    pub(crate) sah_cost: f64,
+    /// A picture of the first frame with one path a pixel, median of several.
+    pub(crate) path_ms: f64,
+}
+
+/// Builds a tree by every offline builder there is, and traces paths through all of them in turn;
+/// nothing if there is none.
+pub(crate) fn measure(stage: &mut Stage, size: u32) -> Result<Vec<OfflineTree>> {
+    stage.pose(0.0);
+    let others = OFFLINE.iter().filter_map(|name| name.parse().ok());
+    let builders: Vec<_> = REFERENCE.parse().into_iter().chain(others).collect();
+    if builders.len() < 2 {
+        return Ok(Vec::new());
+    }
+    let mut trees: Vec<(OfflineTree, Bvh, Vec<f64>)> = Vec::new();
+    for builder in builders {
+        if interrupt::requested() {
+            return Ok(Vec::new());
+        }
+        let start = Instant::now();
+        let bvh = build(&stage.triangles(), builder, &BuildOptions::default(), None)?;
+        let (build_ms, sah_cost) = (ms(start), sah_cost(&bvh));
+        let name = builder.name().to_owned();
+        trees.push((OfflineTree { builder: name, build_ms, sah_cost, path_ms: 0.0 }, bvh, Vec::new()));
+    }
+    let light = LightEffects { diffuse_bounces: true, ..stage.scene.effects.light };
+    let mut image = Image::new(size, size);
+    // The first picture through each tree warms up and does not count.
+    for sample in 0..=PICTURES {
+        for (_, bvh, times) in &mut trees {
+            let options = RenderOptions { smooth: false, sample, ..stage.options_with(&light) };
+            let start = Instant::now();
+            let (camera, lamp) = (stage.camera(size, size), stage.light());
+            render(bvh, &stage.mesh(), &camera, Some(&lamp), &options, &mut image);
+            times.extend((sample > 0).then(|| ms(start)));
+        }
+    }
+    let done = |(tree, _, times): (OfflineTree, Bvh, Vec<f64>)| {
+        Some(OfflineTree { path_ms: Spread::of(times)?.median, ..tree })
+    };
+    Ok(trees.into_iter().filter_map(done).collect())
+}

@@ -1,0 +1,286 @@
+//! What is asked for on the command line.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, ensure};
+use clap::ValueEnum;
+use pivot_benches::embree::Device;
+use scenes::Scene;
+
+use super::SPEED_STRATEGY;
+use super::accuracy::Effort;
+use super::contestants::Contestant;
+use super::preset::{Preset, Values};
+use super::results::Settings;
+use crate::{compare, files, pool, stage};
+
+/// The experiments there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Experiment {
+    /// Time to update, by scene and strategy.
+    Fig4,
+    /// Refitting with rotations at 20, 100 and 500 frames a loop.
+    Fig5,
+    /// Frame time and SAH cost over frames, by scene and strategy.
+    Fig6,
+    /// The paper's claims, judged from all of these.
+    Claims,
+    /// What every knob that buys accuracy costs in time.
+    Accuracy,
+    /// Updates and frames beside other libraries; only if named.
+    Peers,
+}
+
+/// The name of a choice on the command line.
+fn name(choice: &impl ValueEnum) -> String {
+    choice.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+}
+
+/// The scene of figure 5.
+const SPEED_SCENE: &str = "exploding-dragon";
+
+/// Arguments of `reproduce`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// What to rerun; everything but `peers` if nothing is named
+    #[arg(value_name = "EXPERIMENT")]
+    experiments: Vec<Experiment>,
+    /// How much: quick takes half a minute, standard six minutes, full is the paper's protocol
+    #[arg(long, value_enum, default_value_t = Preset::Standard)]
+    preset: Preset,
+    /// A scene's name, a .glb, .gltf, .obj, .ply or .aff file, or a folder of key frames;
+    /// repeatable [default: all]
+    #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
+    pub(super) scenes: Vec<String>,
+    /// A strategy's name, as `list` gives them, or `all`; repeatable [default: those of the paper,
+    /// and the best]
+    #[arg(long = "strategy", value_name = "NAME", value_parser = strategy)]
+    strategies: Vec<Choice>,
+    /// Clip of a glTF file, by name or number [default: its first]
+    #[arg(long, value_name = "NAME|NUMBER")]
+    pub(super) clip: Option<String>,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Frames in a loop [default: by preset]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    frames: Option<u32>,
+    /// Loops, not necessarily whole [default: by preset]
+    #[arg(long, value_name = "X", value_parser = loops)]
+    loops: Option<f64>,
+    /// Pixels on each side of the image [default: by preset]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8192))]
+    size: Option<u32>,
+    /// Threads for updates and rendering [default: the paper's 8, or the cores there are]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Option<u32>,
+    /// Folder for the results [default: target/reproduce]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Go on where an interrupted run with the same settings has stopped: what its folder holds is
+    /// not measured again
+    #[arg(long)]
+    pub(super) resume: bool,
+    /// Measure nothing: draw figures and report again from what a folder holds, into it or into
+    /// --out
+    #[arg(
+        long,
+        value_name = "DIR",
+        conflicts_with_all = [
+            "experiments", "preset", "scenes", "strategies", "clip", "seed", "frames", "loops", "size", "threads",
+            "resume", "embree",
+        ]
+    )]
+    pub(super) from: Option<PathBuf>,
+    /// Embree's library for `peers`, version 3 or 4, or a folder with it [default: PIVOT_EMBREE,
+    /// else the system's]
+    #[arg(long, value_name = "PATH")]
+    embree: Option<PathBuf>,
+    /// Compare with the results in another folder, and name what got worse
+    #[arg(long, value_name = "DIR")]
+    pub(super) baseline: Option<PathBuf>,
+}
+
+/// A strategy, or all there are.
+#[derive(Clone, Copy, Debug)]
+enum Choice {
+    All,
+    One(Contestant),
+}
+
+fn strategy(name: &str) -> Result<Choice, String> {
+    if name == "all" { Ok(Choice::All) } else { Contestant::from_name(name).map(Choice::One) }
+}
+
+impl Args {
+    /// Whether every option given is for something that is to run.
+    pub(super) fn ensure_used(&self) -> Result<()> {
+        let (frames, speeds) = (self.runs_frames(), self.may_run_speeds());
+        for (option, given, used, by) in [
+            ("--strategy", !self.strategies.is_empty(), frames, "fig4, fig6 and claims"),
+            (
+                "--frames",
+                self.frames.is_some(),
+                frames || self.runs_accuracy(),
+                "fig4, fig6, claims and accuracy",
+            ),
+            ("--loops", self.loops.is_some(), frames || speeds, "fig4, fig5, fig6 and claims"),
+            ("--embree", self.embree.is_some(), self.runs_peers(), "peers, which runs only if named"),
+        ] {
+            ensure!(!given || used, "{option}: nothing that is to run heeds it; it is for {by}");
+        }
+        Ok(())
+    }
+
+    /// The preset's settings with those given in their place.
+    pub(super) fn values(&self) -> Values {
+        let preset = self.preset.values();
+        Values {
+            frames: self.frames.map_or(preset.frames, |n| n as usize),
+            loops: self.loops.unwrap_or(preset.loops),
+            speed_loops: self.loops.unwrap_or(preset.speed_loops),
+            size: self.size.unwrap_or(preset.size),
+            ..preset
+        }
+    }
+
+    /// Every strategy asked for, once.
+    pub(super) fn contestants(&self) -> Vec<Contestant> {
+        if self.strategies.is_empty() {
+            return Contestant::default_ones();
+        }
+        let mut once: Vec<Contestant> = Vec::new();
+        for choice in &self.strategies {
+            let chosen = match choice {
+                Choice::All => Contestant::all(),
+                Choice::One(contestant) => vec![*contestant],
+            };
+            for contestant in chosen {
+                if once.iter().all(|c| c.name != contestant.name) {
+                    once.push(contestant);
+                }
+            }
+        }
+        once
+    }
+
+    pub(super) fn load(&self, source: &str) -> Result<Scene> {
+        stage::load_at(source, self.clip.as_deref(), self.seed, self.preset.values().detail)
+    }
+
+    pub(super) fn out(&self) -> PathBuf {
+        let named = self.out.as_ref().or(self.from.as_ref());
+        named.cloned().unwrap_or_else(|| files::workspace().join("target/reproduce"))
+    }
+
+    pub(super) fn settings(&self) -> Settings {
+        let all = Experiment::value_variants();
+        let values = self.values();
+        let speeds = self.may_run_speeds();
+        let strategies: Vec<&str> = if self.runs_frames() {
+            self.contestants().iter().map(|c| c.name).collect()
+        } else {
+            speeds.then_some(SPEED_STRATEGY).into_iter().collect()
+        };
+        Settings {
+            preset: name(&self.preset),
+            experiments: all.iter().filter(|e| self.runs(**e)).map(name).collect(),
+            strategies: strategies.into_iter().map(str::to_owned).collect(),
+            frames: values.frames,
+            loops: values.loops,
+            speed_loops: speeds.then_some(values.speed_loops),
+            size: values.size,
+            threads: self.threads.map_or_else(pool::default_threads, |n| n as usize),
+            seed: self.seed,
+            clip: self.clip.clone(),
+            reductions: values.reductions(speeds),
+            command: command(),
+        }
+    }
+
+    /// Whether an experiment runs: as it is named, or as part of everything, which other libraries
+    /// never are and figure 5 and accuracy are not where time is short.
+    fn runs(&self, experiment: Experiment) -> bool {
+        if !self.experiments.is_empty() {
+            return self.experiments.contains(&experiment);
+        }
+        match experiment {
+            Experiment::Fig4 | Experiment::Fig6 | Experiment::Claims => true,
+            Experiment::Fig5 => self.preset.values().speeds && self.has_speed_scene(),
+            Experiment::Accuracy => self.preset.values().speeds,
+            Experiment::Peers => false,
+        }
+    }
+
+    /// Whether every strategy runs frame by frame.
+    pub(super) fn runs_frames(&self) -> bool {
+        [Experiment::Fig4, Experiment::Fig6, Experiment::Claims].into_iter().any(|e| self.runs(e))
+    }
+
+    /// Whether knobs are to be measured.
+    pub(super) fn runs_accuracy(&self) -> bool {
+        self.runs(Experiment::Accuracy)
+    }
+
+    /// Whether other libraries are to be measured, which takes as long as all the rest.
+    pub(super) fn runs_peers(&self) -> bool {
+        self.runs(Experiment::Peers)
+    }
+
+    /// Embree for those, if there is one; an error if it is not where it was said to be, or does
+    /// not work.
+    pub(super) fn embree(&self, threads: usize) -> Result<Option<Device>> {
+        if self.runs_peers() { compare::embree(self.embree.as_deref(), threads) } else { Ok(None) }
+    }
+
+    /// How much is measured of each knob on a scene of `triangles` triangles.
+    pub(super) fn effort(&self, triangles: usize) -> Effort {
+        Effort::new(self.preset, &self.values(), triangles, self.seed)
+    }
+
+    /// Whether what only the claims need is asked for.
+    pub(super) fn runs_claims(&self) -> bool {
+        self.runs(Experiment::Claims)
+    }
+
+    /// Whether figure 5 is to be run on that scene: on its own, and on any other if it is asked for
+    /// by name.
+    pub(super) fn runs_speeds(&self, label: &str) -> bool {
+        let named = self.experiments.contains(&Experiment::Fig5);
+        self.may_run_speeds() && (label == SPEED_SCENE || named && !self.scenes.is_empty())
+    }
+
+    /// Whether figure 5 is to be run on some scene: if it is asked for, or claims that rest on it
+    /// are.
+    fn may_run_speeds(&self) -> bool {
+        let for_claims = self.experiments.contains(&Experiment::Claims) && self.has_speed_scene();
+        self.runs(Experiment::Fig5) || for_claims
+    }
+
+    fn has_speed_scene(&self) -> bool {
+        self.scenes.is_empty() || self.scenes.iter().any(|scene| scene == SPEED_SCENE)
+    }
+}
+
+fn loops(text: &str) -> Result<f64, String> {
+    let loops: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if loops > 0.0 && loops <= 1000.0 {
+        Ok(loops)
+    } else {
+        Err("must be above 0 and at most 1000".to_owned())
+    }
+}
+
+/// The command line as it was given, but for what is about an earlier run.
+fn command() -> String {
+    let words = std::env::args().skip(1).filter(|word| word != "--resume");
+    let quoted = words.map(|word| {
+        let plain = |c: char| c.is_ascii_alphanumeric() || "-_./+=,:".contains(c);
+        if !word.is_empty() && word.chars().all(plain) {
+            word
+        } else {
+            format!("'{}'", word.replace('\'', r"'\''"))
+        }
+    });
+    format!("cargo xtask {}", quoted.collect::<Vec<_>>().join(" "))
+}

@@ -1,0 +1,152 @@
+//! The folder of results.
+
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+
+use super::baseline::Comparison;
+use super::figures::Figure;
+use super::results::Results;
+use super::{claims, figures, report, summary};
+use crate::{CheckFailed, files};
+
+/// The folder of results, locked for this run.
+pub(super) struct Output {
+    folder: PathBuf,
+    _lock: File,
+}
+
+impl Output {
+    /// Makes the folder and those in it, and removes a report that would be mistaken for this
+    /// run's.
+    pub(super) fn prepare(folder: PathBuf) -> Result<Self> {
+        files::make_folder(&folder)?;
+        let out = Self { _lock: files::lock(&folder)?, folder };
+        for folder in [out.file("figures"), out.file("images")] {
+            files::make_folder(&folder)?;
+        }
+        files::remove_old(&out.file("report.html"))?;
+        Ok(out)
+    }
+
+    /// Takes rows and pictures over from another folder, unless it is this one.
+    pub(super) fn copy_from(self, other: &Path) -> Result<Self> {
+        let same = |a: &Path, b: &Path| {
+            fs::canonicalize(a).ok().is_some_and(|a| Some(a) == fs::canonicalize(b).ok())
+        };
+        if same(other, &self.folder) {
+            return Ok(self);
+        }
+        let images = fs::read_dir(other.join("images")).into_iter().flatten().flatten();
+        let images = images.map(|entry| Path::new("images").join(entry.file_name()));
+        // The summary here is of other rows.
+        files::remove_old(&self.file("summary.json"))?;
+        for name in ["frames.csv", "fig5.csv", "accuracy.csv", "peers.csv"]
+            .map(PathBuf::from)
+            .into_iter()
+            .chain(images)
+        {
+            let (from, to) = (other.join(&name), self.folder.join(&name));
+            if from.is_file() {
+                let content =
+                    fs::read(&from).with_context(|| format!("{}: cannot be read", from.display()))?;
+                files::write_whole(&to, &content)?;
+            } else {
+                files::remove_old(&to)?;
+            }
+        }
+        Ok(self)
+    }
+
+    pub(super) fn file(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    /// Name and path of the picture of a frame.
+    pub(super) fn picture(&self, slug: &str, frame: usize) -> (String, PathBuf) {
+        let name = format!("{slug}-{frame:04}.png");
+        let path = self.file("images").join(&name);
+        (name, path)
+    }
+
+    /// Name and path of a heat map of a frame, of one strategy's tree.
+    pub(super) fn heat_map(&self, slug: &str, frame: usize, strategy: &str) -> (String, PathBuf) {
+        let name = format!("{slug}-{frame:04}-{strategy}.jpg");
+        let path = self.file("images").join(&name);
+        (name, path)
+    }
+
+    /// Writes what is known so far, so that a run that is killed can be gone on with.
+    pub(super) fn write_summary(&self, results: &Results) -> Result<()> {
+        self.summarise(results, &claims::judge(results), None)
+    }
+
+    fn summarise(
+        &self,
+        results: &Results,
+        claims: &[claims::Claim],
+        comparison: Option<&Comparison>,
+    ) -> Result<()> {
+        let summary =
+            summary::json(results, claims, comparison).context("the summary cannot be written as JSON")?;
+        files::write_whole(&self.file("summary.json"), summary.as_bytes())
+    }
+
+    /// Writes figures, summary and report, and says what came out.
+    pub(super) fn write(&self, results: &Results, baseline: Option<&Results>) -> Result<()> {
+        let claims = claims::judge(results);
+        let comparison = baseline.map(|before| Comparison::new(before, results));
+        self.remove_old_pictures(results)?;
+        let figures = figures::all(results)?;
+        for Figure { name, svg, .. } in &figures {
+            files::write_whole(&self.file("figures").join(format!("{name}.svg")), svg.as_bytes())?;
+        }
+        self.summarise(results, &claims, comparison.as_ref())?;
+        files::write_whole(&self.file("tables.md"), summary::tables(results, &claims).as_bytes())?;
+        let report = self.file("report.html");
+        files::write_whole(
+            &report,
+            report::html(results, &claims, &figures, comparison.as_ref()).as_bytes(),
+        )?;
+
+        let checks = results.checks();
+        let mut text = summary::claims_in_lines(&claims);
+        if let Some(comparison) = &comparison {
+            text += &format!("\n{}", comparison.in_lines());
+        }
+        text += &format!("\n{}\n{}", summary::checks_in_words(&checks), files::shown(&report));
+        files::print(&text)?;
+        match checks.first_difference {
+            Some(first) => {
+                let count = checks.differences;
+                Err(CheckFailed(format!("strategies disagree, {count} times, first {first}")).into())
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Removes figures, and pictures that are not of these results.
+    fn remove_old_pictures(&self, results: &Results) -> Result<()> {
+        files::remove_all(&self.file("figures"), is_figure)?;
+        let pictures = || results.scenes.iter().flat_map(|scene| &scene.pictures);
+        files::remove_all(&self.file("images"), |name| {
+            is_picture(name) && pictures().all(|picture| picture.file != name)
+        })
+    }
+}
+
+/// Whether a file's name is one that this program gives to figures.
+fn is_figure(name: &str) -> bool {
+    name.ends_with(".svg") && ["fig", "accuracy-", "museum-"].iter().any(|start| name.starts_with(start))
+}
+
+/// Whether a file's name is one that [`Output::picture`] or [`Output::heat_map`] gives.
+fn is_picture(name: &str) -> bool {
+    let is_frame = |part: &str| part.len() >= 4 && part.bytes().all(|b| b.is_ascii_digit());
+    match name.rsplit_once('.') {
+        Some((stem, "png")) => stem.rsplit('-').next().is_some_and(is_frame),
+        Some((stem, "jpg")) => stem.split('-').any(is_frame),
+        _ => false,
+    }
+}

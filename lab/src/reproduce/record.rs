@@ -1,0 +1,101 @@
+//! A row of measurements.
+
+use serde::{Deserialize, Serialize, Serializer};
+
+/// One strategy on one frame. The names and the order of the columns are relied on by scripts.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Row {
+    pub(crate) scene: String,
+    pub(crate) strategy: String,
+    pub(crate) threads: usize,
+    /// Loop of the animation, from 0.
+    #[serde(rename = "loop")]
+    pub(crate) round: usize,
+    /// Frame in the loop, from 0.
+    pub(crate) frame: usize,
+    /// Posing the scene, once for all strategies; in no other column.
+    #[serde(serialize_with = "microseconds")]
+    pub(crate) animate_ms: f64,
+    #[serde(serialize_with = "microseconds")]
+    pub(crate) update_ms: f64,
+    #[serde(serialize_with = "microseconds")]
+    pub(crate) trace_ms: f64,
+    /// Update and trace.
+    #[serde(serialize_with = "microseconds")]
+    pub(crate) frame_ms: f64,
+    pub(crate) sah_cost: f64,
+    pub(crate) rotations: u64,
+    pub(crate) height: u32,
+    pub(crate) nodes_visited: u64,
+    pub(crate) rays_primary: u64,
+    pub(crate) rays_shadow: u64,
+    pub(crate) hits: u64,
+    /// Primitives without finite coordinates that the update visited.
+    pub(crate) dropped: u64,
+    /// Frames in a loop.
+    pub(crate) frames_per_loop: usize,
+    /// Time in the animation, in seconds.
+    pub(crate) time_s: f64,
+    /// What posing did, once for all strategies.
+    pub(crate) vertices_blended: u64,
+    pub(crate) vertices_morphed: u64,
+    pub(crate) vertices_skinned: u64,
+    pub(crate) vertices_rigid: u64,
+    #[serde(serialize_with = "microseconds")]
+    pub(crate) blend_ms: f64,
+    #[serde(serialize_with = "microseconds")]
+    pub(crate) morph_ms: f64,
+    #[serde(serialize_with = "microseconds")]
+    pub(crate) skin_ms: f64,
+    #[serde(serialize_with = "microseconds")]
+    pub(crate) rigid_ms: f64,
+    /// Primitives whose boxes the update asked for.
+    pub(crate) primitives_refit: u64,
+    /// What the update decided to do, in words without commas; `as always` for what does the same
+    /// every time.
+    #[serde(default)]
+    pub(crate) decision: String,
+    /// Surfaces with a colour from a texture.
+    #[serde(default)]
+    pub(crate) textured: u64,
+    /// Rays traced a second time because of a hole.
+    #[serde(default)]
+    pub(crate) rays_again: u64,
+    #[serde(default)]
+    pub(crate) rays_mirror: u64,
+    #[serde(default)]
+    pub(crate) rays_ambient_occlusion: u64,
+    #[serde(default)]
+    pub(crate) rays_bounce: u64,
+    /// What the stages took of `trace_ms`.
+    #[serde(default, serialize_with = "microseconds")]
+    pub(crate) primary_ms: f64,
+    #[serde(default, serialize_with = "microseconds")]
+    pub(crate) alpha_ms: f64,
+    #[serde(default, serialize_with = "microseconds")]
+    pub(crate) textures_ms: f64,
+    #[serde(default, serialize_with = "microseconds")]
+    pub(crate) shadow_ms: f64,
+    #[serde(default, serialize_with = "microseconds")]
+    pub(crate) mirror_ms: f64,
+    #[serde(default, serialize_with = "microseconds")]
+    pub(crate) ambient_occlusion_ms: f64,
+    #[serde(default, serialize_with = "microseconds")]
+    pub(crate) diffuse_bounces_ms: f64,
+    /// Nodes that the rays opened, once for each ray or packet.
+    #[serde(default)]
+    pub(crate) nodes_opened: u64,
+}
+
+impl Row {
+    /// As [`RenderStats::rays`](rt_cpu::RenderStats::rays).
+    pub(crate) fn rays(&self) -> u64 {
+        let direct = self.rays_primary + self.rays_shadow + self.rays_again;
+        direct + self.rays_mirror + self.rays_ambient_occlusion + self.rays_bounce
+    }
+}
+
+/// Milliseconds, written to a tenth of a microsecond.
+fn microseconds<S: Serializer>(ms: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_f64((ms * 1e4).round() / 1e4)
+}

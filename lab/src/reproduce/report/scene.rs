@@ -1,0 +1,190 @@
+//! What the report says of each scene: its frame plan, a film with heat maps, a table of
+//! strategies, their decisions.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use maud::{Markup, html};
+
+use super::{capital, plural};
+use crate::reproduce::chart::{count, number};
+use crate::reproduce::decisions::ALWAYS;
+use crate::reproduce::results::{Picture, Results, SceneRun, Spread};
+use crate::reproduce::stages::StageSummary;
+use crate::reproduce::summary::{StrategySummary, strategies};
+
+/// The strategy whose stages stand for those of a frame.
+const TYPICAL: &str = "refit+rotate";
+
+pub(super) fn sections(results: &Results) -> Markup {
+    html! {
+        section id="scenes" {
+            h2 { "Scenes" }
+            p {
+                "Times are medians over the frames measured, with the middle 80 % beside them, in milliseconds; × compares \
+                 the SAH cost with that of a fresh sweep build on the same frame."
+            }
+            @for scene in results.main_scenes() {
+                div data-scene=(scene.facts.label) { (section(results, scene)) }
+            }
+        }
+    }
+}
+
+fn section(results: &Results, scene: &SceneRun) -> Markup {
+    let facts = &scene.facts;
+    let rows = strategies(scene, &results.settings);
+    let typical = rows.iter().find(|row| row.strategy == TYPICAL).or(rows.first());
+    html! {
+        h3 { (facts.label) }
+        p {
+            (capital(&facts.about)) ". " (count(facts.triangles as u64)) " triangles, "
+            (count(facts.moving as u64)) " of them can move. First tree built in " (number(facts.build_ms)) " ms."
+            @if facts.measure_every > 1 { " One frame in " (facts.measure_every) " measured, all updated." }
+        }
+        @for note in &facts.notes { p.soft { (capital(note)) "." } }
+        (film(scene))
+        (frame_plan(scene, typical))
+        @if !rows.is_empty() { (table(&rows)) }
+        @for row in rows.iter().filter(|row| !row.decisions.is_empty()) { (decisions(row)) }
+        @if !scene.offline.is_empty() { (offline(scene)) }
+    }
+}
+
+/// What a frame runs, and what its effects are; what is not called for is not in it.
+fn frame_plan(scene: &SceneRun, typical: Option<&StrategySummary>) -> Markup {
+    let facts = &scene.facts;
+    let effects = if facts.effects.is_empty() { "nothing".to_owned() } else { facts.effects.join(", ") };
+    let ran = |name: &str| typical.and_then(|row| row.stages.iter().find(|stage| stage.stage == name));
+    let samples = typical.map_or(1, |row| row.samples.max(1)) as f64;
+    let cell = |stage: &StageSummary| {
+        format!("{} {}, {} ms", number(stage.count as f64 / samples), stage.counts, number(stage.mean_ms))
+    };
+    html! {
+        div.plan {
+            p { b { "Calls for " } (effects) ". " b { "A frame runs" } }
+            ol {
+                @for name in &facts.plan {
+                    li { b { (name) } @if let Some(stage) = ran(name) { span.soft { (cell(stage)) } } }
+                }
+            }
+        }
+        @if let Some(row) = typical {
+            p.soft { "Counts and times a frame, on average, with " (row.strategy) "; no other stage runs." }
+        }
+    }
+}
+
+/// Pictures of some frames, and beneath each heat maps of strategies' trees.
+fn film(scene: &SceneRun) -> Markup {
+    let plain = scene.pictures.iter().filter(|picture| picture.strategy.is_none());
+    let maps = |frame| scene.pictures.iter().filter(move |p| p.frame == frame && p.strategy.is_some());
+    html! {
+        @if !scene.pictures.is_empty() {
+            div.film tabindex="0" role="group" aria-label={ "Frames of " (scene.facts.label) } {
+                @for picture in plain {
+                    div {
+                        (image(picture, &format!("frame {}", picture.frame)))
+                        @for map in maps(picture.frame) { (image(map, map.strategy.as_deref().unwrap_or_default())) }
+                    }
+                }
+            }
+            p.soft {
+                "Below each frame: the nodes that the rays of each pixel visit in the tree of a strategy, from black over \
+                 blue, red and yellow to white at " (count(u64::from(scene.facts.hottest))) " or more."
+            }
+        }
+    }
+}
+
+fn image(picture: &Picture, words: &str) -> Markup {
+    let kind = if picture.file.ends_with(".jpg") { "jpeg" } else { "png" };
+    let words = if words == "sweep" { "fresh tree" } else { words };
+    html! {
+        figure {
+            img src={ "data:image/" (kind) ";base64," (STANDARD.encode(&picture.bytes)) } loading="lazy" alt=(words);
+            figcaption { (words) }
+        }
+    }
+}
+
+fn table(rows: &[StrategySummary]) -> Markup {
+    html! {
+        div.scroll {
+            table {
+                thead {
+                    tr {
+                        th { "Strategy" } th.n { "Update" } th.n { "Trace" } th.n { "Frame" } th.n { "Worst frame" }
+                        th.n { "SAH cost, last" } th.n { "× sweep, mean" } th.n { "× sweep, worst" }
+                        th.n { "Rotations a frame" } th.n { "Height" } th.n { "Frames" }
+                    }
+                }
+                tbody {
+                    @for row in rows {
+                        tr {
+                            th scope="row" {
+                                (row.strategy)
+                                @if let Some(accounting) = &row.accounting { div.soft.light { (accounting) } }
+                            }
+                            td.n { (with_range(&row.update_ms)) }
+                            td.n { (with_range(&row.trace_ms)) }
+                            td.n { (with_range(&row.frame_ms)) }
+                            td.n { (number(row.frame_ms.max)) }
+                            td.n { (number(row.last_cost)) }
+                            @for over in [|s: &Spread| s.mean, |s: &Spread| s.max] {
+                                td.n { (row.sah_over_sweep.as_ref().map_or("–".to_owned(), |s| number(over(s)))) }
+                            }
+                            td.n { (number(row.rotations as f64 / row.samples as f64)) }
+                            td.n { (row.greatest_height) }
+                            td.n { (row.samples) }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn with_range(spread: &Spread) -> Markup {
+    html! {
+        (number(spread.median))
+        @if spread.max > 0.0 { br; span.soft { (number(spread.p10)) " – " (number(spread.p90)) } }
+    }
+}
+
+fn decisions(row: &StrategySummary) -> Markup {
+    html! {
+        p {
+            "What " b { (row.strategy) } " decided, on the frames measured"
+            @if row.decisions.iter().any(|decided| decided.decision == ALWAYS) {
+                " (" (ALWAYS) ": its usual update, and no repair)"
+            }
+            ":"
+        }
+        ul.decisions {
+            @for decided in &row.decisions {
+                li {
+                    b { (plural(decided.frames, "frame")) } ", first " (decided.first) ": " (decided.decision)
+                }
+            }
+        }
+    }
+}
+
+fn offline(scene: &SceneRun) -> Markup {
+    html! {
+        p { "Trees built offline over the first frame, and a path-traced picture through each:" }
+        div.scroll {
+            table {
+                thead { tr { th { "Builder" } th.n { "Build, ms" } th.n { "SAH cost" } th.n { "Picture, ms" } } }
+                tbody {
+                    @for tree in &scene.offline {
+                        tr {
+                            th scope="row" { (tree.builder) }
+                            td.n { (number(tree.build_ms)) } td.n { (number(tree.sah_cost)) } td.n { (number(tree.path_ms)) }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

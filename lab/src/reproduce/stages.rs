@@ -1,0 +1,235 @@
+//! What the stages of a frame did and how long they took, over the frames measured.
+
+use std::time::Duration;
+
+use anim::PoseStats;
+use bvh_core::Bvh;
+use bvh_update::Update;
+use rt_cpu::RenderStats;
+use scenes::FrameStage;
+use serde::Serialize;
+
+use super::record::Row;
+
+/// A stage of a strategy's frames.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct StageSummary {
+    pub(crate) stage: &'static str,
+    /// What it counts.
+    pub(crate) counts: &'static str,
+    /// How many of those in all frames together.
+    pub(crate) count: u64,
+    /// Time a frame, on average.
+    pub(crate) mean_ms: f64,
+}
+
+/// The stages that are planned, and any that ran though it was not, in the order they run.
+pub(crate) fn stages(planned: &[String], rows: &[&Row]) -> Vec<StageSummary> {
+    let count = |of: fn(&Row) -> u64| rows.iter().map(|row| of(row)).sum();
+    let mean = |of: fn(&Row) -> f64| rows.iter().map(|row| of(row)).sum::<f64>() / rows.len().max(1) as f64;
+    let all = [
+        (FrameStage::KeyFrames, "vertices", count(|r| r.vertices_blended), mean(|r| r.blend_ms)),
+        (FrameStage::Morph, "displacements", count(|r| r.vertices_morphed), mean(|r| r.morph_ms)),
+        (FrameStage::Skin, "vertices", count(|r| r.vertices_skinned), mean(|r| r.skin_ms)),
+        (FrameStage::Rigid, "vertices", count(|r| r.vertices_rigid), mean(|r| r.rigid_ms)),
+        (FrameStage::Update, "primitives", count(|r| r.primitives_refit), mean(|r| r.update_ms)),
+        (FrameStage::Primary, "rays", count(|r| r.rays_primary), mean(|r| r.primary_ms)),
+        (FrameStage::Alpha, "rays again", count(|r| r.rays_again), mean(|r| r.alpha_ms)),
+        (FrameStage::Textures, "surfaces", count(|r| r.textured), mean(|r| r.textures_ms)),
+        (FrameStage::Shadow, "rays", count(|r| r.rays_shadow), mean(|r| r.shadow_ms)),
+        (FrameStage::Mirror, "rays", count(|r| r.rays_mirror), mean(|r| r.mirror_ms)),
+        (
+            FrameStage::AmbientOcclusion,
+            "rays",
+            count(|r| r.rays_ambient_occlusion),
+            mean(|r| r.ambient_occlusion_ms),
+        ),
+        (FrameStage::DiffuseBounces, "rays", count(|r| r.rays_bounce), mean(|r| r.diffuse_bounces_ms)),
+    ];
+    all.into_iter()
+        .map(|(stage, counts, count, mean_ms)| StageSummary { stage: stage.name(), counts, count, mean_ms })
+        .filter(|stage| stage.count > 0 || planned.iter().any(|p| p == stage.stage))
+        .collect()
+}
+
+/// Primitives whose boxes an update asks for: those of leaves that move, or all for a new tree.
+pub(crate) fn primitives_refit(tree: &Bvh, update: &Update) -> u64 {
+    if update.rebuilt { tree.len() as u64 } else { moving_primitives(tree) }
+}
+
+fn moving_primitives(tree: &Bvh) -> u64 {
+    let mut count = 0;
+    tree.visit(|_, node, _| count += if node.is_leaf() && node.moves() { node.count() as u64 } else { 0 });
+    count
+}
+
+impl Row {
+    /// The same row with what posing its frame did.
+    pub(crate) fn posed(self, stats: &PoseStats) -> Self {
+        let ms = |work: anim::Work| work.time.as_secs_f64() * 1e3;
+        Self {
+            vertices_blended: stats.key_frames.count,
+            vertices_morphed: stats.morph.count,
+            vertices_skinned: stats.skin.count,
+            vertices_rigid: stats.rigid.count,
+            blend_ms: ms(stats.key_frames),
+            morph_ms: ms(stats.morph),
+            skin_ms: ms(stats.skin),
+            rigid_ms: ms(stats.rigid),
+            ..self
+        }
+    }
+
+    /// The same row with what rendering its frame did in `trace_ms`. Times of stages are added up
+    /// over threads; their parts of the sum are their parts of the time that passed.
+    pub(crate) fn traced(self, stats: &RenderStats, trace_ms: f64) -> Self {
+        let total = stats.times.total().as_secs_f64();
+        let ms = |time: Duration| if total > 0.0 { trace_ms * time.as_secs_f64() / total } else { 0.0 };
+        Self {
+            trace_ms,
+            rays_primary: stats.rays_primary,
+            rays_shadow: stats.rays_shadow,
+            hits: stats.hits,
+            textured: stats.textured,
+            rays_again: stats.rays_again,
+            rays_mirror: stats.rays_mirror,
+            rays_ambient_occlusion: stats.rays_ambient_occlusion,
+            rays_bounce: stats.rays_bounce,
+            primary_ms: ms(stats.times.primary),
+            alpha_ms: ms(stats.times.alpha),
+            textures_ms: ms(stats.times.textures),
+            shadow_ms: ms(stats.times.shadow),
+            mirror_ms: ms(stats.times.mirror),
+            ambient_occlusion_ms: ms(stats.times.ambient_occlusion),
+            diffuse_bounces_ms: ms(stats.times.diffuse_bounces),
+            nodes_opened: stats.nodes_visited,
+            ..self
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    use anim::Motion;
+    use bvh_core::{Aabb, Primitives, Triangles};
+    use bvh_update::{Rotate, Scratch, Strategy, update};
+    use rt_cpu::{Image, RenderOptions, render};
+    use scenes::{LightEffects, Scene, SceneOptions};
+
+    use super::*;
+    use crate::stage::Stage;
+
+    /// Triangles that count how often they are asked for their boxes.
+    struct Asked<'a>(Triangles<'a>, AtomicU64);
+
+    impl Primitives for Asked<'_> {
+        fn len(&self) -> usize {
+            Primitives::len(&self.0)
+        }
+
+        fn aabb(&self, i: usize) -> Aabb {
+            self.1.fetch_add(1, Ordering::Relaxed);
+            self.0.aabb(i)
+        }
+    }
+
+    fn scene(name: &str) -> Scene {
+        let options = SceneOptions {
+            detail: Some(0.02),
+            substeps: Some(4),
+            key_frames: Some(8),
+            ..SceneOptions::default()
+        };
+        scenes::load(name, None, &options).unwrap()
+    }
+
+    fn traced(stage: &Stage) -> RenderStats {
+        let (camera, light, options) = (stage.camera(48, 48), stage.light(), stage.render_options());
+        let mut image = Image::new(48, 48);
+        render(&stage.first_tree, &stage.mesh(), &camera, Some(&light), &options, &mut image)
+    }
+
+    #[test]
+    fn only_planned_stages_run_and_only_what_moves_is_posed_and_refit() {
+        for info in scenes::list() {
+            let mut stage = Stage::new(scene(info.name)).unwrap();
+            let topology = stage.scene.animation.topology();
+            let moving = topology.moves.iter().filter(|&&moves| moves).count() as u64;
+            let vertices = |calls_for: fn(Motion) -> bool| -> u64 {
+                let parts = topology.parts.iter().filter(|p| calls_for(p.motion));
+                parts.map(|p| p.vertices.len() as u64).sum()
+            };
+            let [skinned, rigid] = [vertices(|m| m.skin), vertices(|m| m.rigid)];
+            let moving_vertices = vertices(|m| !m.is_still());
+            // Of the cloth and its ball nothing stands still.
+            let all_move = moving == topology.triangles.len() as u64;
+            assert_eq!(all_move, info.name == "cloth-ball", "{}", info.name);
+
+            assert_eq!(stage.pose(0.0), PoseStats::default(), "{}: it is there already", info.name);
+            let time = stage.time_of(1, 3);
+            let stats = stage.pose(time);
+            for (frame_stage, work) in [
+                (FrameStage::KeyFrames, stats.key_frames),
+                (FrameStage::Morph, stats.morph),
+                (FrameStage::Skin, stats.skin),
+                (FrameStage::Rigid, stats.rigid),
+            ] {
+                let called_for = stage.plan.contains(frame_stage);
+                assert_eq!(work.count > 0, called_for, "{}, {}", info.name, frame_stage.name());
+            }
+            assert_eq!((stats.skin.count, stats.rigid.count), (skinned, rigid), "{}", info.name);
+            assert!(stats.key_frames.count <= moving_vertices, "{}", info.name);
+            assert_eq!(stage.pose(time), PoseStats::default(), "{}: a repeated time", info.name);
+
+            for strategy in [Strategy::Refit, Strategy::RefitRotate(Rotate::default())] {
+                let mut tree = stage.first_tree.clone();
+                let asked = Asked(stage.triangles(), AtomicU64::new(0));
+                let done = update(&mut tree, &asked, &strategy, &mut Scratch::new()).unwrap();
+                assert_eq!(asked.1.into_inner(), moving, "{}", info.name);
+                assert_eq!(primitives_refit(&tree, &done), moving, "{}", info.name);
+                assert!(done.nodes_visited < 3 * moving + 100, "{}: {}", info.name, done.nodes_visited);
+            }
+        }
+    }
+
+    #[test]
+    fn a_scene_without_lights_casts_no_shadow_ray() {
+        let mut lit = scene("n-body");
+        let stats = traced(&Stage::new(scene("n-body")).unwrap());
+        assert!(stats.rays_shadow > 0);
+        lit.effects.light = LightEffects::NONE;
+        let dark = traced(&Stage::new(lit).unwrap());
+        assert_eq!((dark.rays_shadow, dark.rays_primary), (0, stats.rays_primary));
+    }
+
+    #[test]
+    fn stages_of_a_picture_share_its_time() {
+        let stage = Stage::new(scene("n-body")).unwrap();
+        let options = RenderOptions { timed: true, ..stage.render_options() };
+        let mut image = Image::new(48, 48);
+        let (camera, light) = (stage.camera(48, 48), stage.light());
+        let stats = render(&stage.first_tree, &stage.mesh(), &camera, Some(&light), &options, &mut image);
+        let row = Row::default().traced(&stats, 5.0);
+        assert_eq!((row.rays(), row.nodes_opened), (stats.rays(), stats.nodes_visited));
+        assert!(row.primary_ms > 0.0 && row.shadow_ms > 0.0);
+        assert!((row.primary_ms + row.shadow_ms - 5.0).abs() < 1e-9);
+        let absent = [row.alpha_ms, row.textures_ms, row.mirror_ms, row.ambient_occlusion_ms];
+        assert_eq!((absent, row.diffuse_bounces_ms), ([0.0; 4], 0.0));
+        let untimed = Row::default().traced(&traced(&stage), 5.0);
+        assert_eq!((untimed.primary_ms, untimed.shadow_ms, untimed.trace_ms), (0.0, 0.0, 5.0));
+    }
+
+    #[test]
+    fn planned_stages_are_listed_and_unplanned_ones_only_if_they_ran() {
+        let row =
+            Row { vertices_skinned: 7, skin_ms: 3.0, primary_ms: 5.0, rays_primary: 4, ..Row::default() };
+        let names = |planned: &[&str]| -> Vec<_> {
+            let planned: Vec<_> = planned.iter().map(|&name| name.to_owned()).collect();
+            stages(&planned, &[&row, &row]).into_iter().map(|s| (s.stage, s.count, s.mean_ms)).collect()
+        };
+        let (skin, primary) = (("skin", 14, 3.0), ("primary", 8, 5.0));
+        assert_eq!(names(&["primary", "shadow"]), [skin, primary, ("shadow", 0, 0.0)]);
+    }
+}

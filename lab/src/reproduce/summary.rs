@@ -1,0 +1,184 @@
+//! `summary.json`: a run in brief, for programs; and in a few lines, for the terminal.
+//!
+//! The schema is described in `docs/RESULTS.md`; a change that could break a reader raises
+//! [`SCHEMA`].
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::accuracy;
+use super::baseline::Comparison;
+use super::chart::count;
+use super::check::Checks;
+use super::claims::Claim;
+use super::contestants::{Contestant, IDEAL};
+use super::decisions::{Decided, decisions};
+use super::offline::OfflineTree;
+use super::record::Row;
+use super::results::{Picture, Results, SceneFacts, SceneRun, Settings, Spread};
+use super::stages::{StageSummary, stages};
+use crate::machine::{Machine, Revision};
+
+/// Version of the schema.
+pub(crate) const SCHEMA: u32 = 3;
+
+#[derive(Serialize)]
+struct Summary<'a> {
+    schema: u32,
+    interrupted: bool,
+    machine: &'a Machine,
+    revision: &'a Revision,
+    settings: &'a Settings,
+    checks: Checks,
+    claims: &'a [Claim],
+    baseline: Option<&'a Comparison>,
+    scenes: Vec<SceneSummary<'a>>,
+}
+
+#[derive(Serialize)]
+struct SceneSummary<'a> {
+    #[serde(flatten)]
+    facts: &'a SceneFacts,
+    checks: &'a Checks,
+    strategies: Vec<StrategySummary>,
+    /// Figure 5, by frames in a loop.
+    speeds: BTreeMap<usize, StrategySummary>,
+    offline: &'a [OfflineTree],
+    images: &'a [Picture],
+}
+
+/// A strategy on one scene, over the frames it was measured on.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct StrategySummary {
+    pub(crate) strategy: String,
+    /// How its update time comes about, where it is not simply measured.
+    pub(crate) accounting: Option<String>,
+    pub(crate) samples: usize,
+    pub(crate) animate_ms: Spread,
+    pub(crate) update_ms: Spread,
+    pub(crate) trace_ms: Spread,
+    pub(crate) frame_ms: Spread,
+    pub(crate) sah_cost: Spread,
+    /// SAH cost on the last frame.
+    pub(crate) last_cost: f64,
+    /// SAH cost over that of a fresh sweep build, on the frames that both have.
+    pub(crate) sah_over_sweep: Option<Spread>,
+    pub(crate) rotations: u64,
+    pub(crate) greatest_height: u32,
+    /// What it decided, most frequent first; empty if it does the same in every frame.
+    pub(crate) decisions: Vec<Decided>,
+    /// Time and counters of the stages of a frame, in order.
+    pub(crate) stages: Vec<StageSummary>,
+}
+
+/// Every strategy that was measured on a scene.
+pub(crate) fn strategies(scene: &SceneRun, settings: &Settings) -> Vec<StrategySummary> {
+    let summary = |name: &String| {
+        let over = scene.pairs(name, IDEAL).into_iter().map(|(a, b)| a.sah_cost / b.sah_cost);
+        let decisions = decisions(scene, name);
+        strategy(name, &scene.facts, &scene.of(name), Spread::of(over), decisions)
+    };
+    settings.strategies.iter().filter_map(summary).collect()
+}
+
+fn strategy(
+    name: &str,
+    facts: &SceneFacts,
+    rows: &[&Row],
+    over: Option<Spread>,
+    decisions: Vec<Decided>,
+) -> Option<StrategySummary> {
+    let spread = |value: fn(&Row) -> f64| Spread::of(rows.iter().map(|row| value(row)));
+    Some(StrategySummary {
+        strategy: name.to_owned(),
+        accounting: Contestant::from_name(name).ok().and_then(|c| c.accounting()),
+        samples: rows.len(),
+        animate_ms: spread(|row| row.animate_ms)?,
+        update_ms: spread(|row| row.update_ms)?,
+        trace_ms: spread(|row| row.trace_ms)?,
+        frame_ms: spread(|row| row.frame_ms)?,
+        sah_cost: spread(|row| row.sah_cost)?,
+        last_cost: rows.last()?.sah_cost,
+        sah_over_sweep: over,
+        rotations: rows.iter().map(|row| row.rotations).sum(),
+        greatest_height: rows.iter().map(|row| row.height).max()?,
+        decisions,
+        stages: stages(&facts.plan, rows),
+    })
+}
+
+fn speeds(scene: &SceneRun) -> BTreeMap<usize, StrategySummary> {
+    let summary = |rows: &[Row]| {
+        strategy(&rows.first()?.strategy, &scene.facts, &rows.iter().collect::<Vec<_>>(), None, Vec::new())
+    };
+    scene.speeds.iter().filter_map(|(frames, rows)| Some((*frames, summary(rows)?))).collect()
+}
+
+/// The whole summary.
+pub(crate) fn json(
+    results: &Results,
+    claims: &[Claim],
+    baseline: Option<&Comparison>,
+) -> serde_json::Result<String> {
+    let scene = |scene: &'_ SceneRun| strategies(scene, &results.settings);
+    let summary = Summary {
+        schema: SCHEMA,
+        interrupted: results.interrupted,
+        machine: &results.machine,
+        revision: &results.revision,
+        settings: &results.settings,
+        checks: results.checks(),
+        claims,
+        baseline,
+        scenes: results
+            .scenes
+            .iter()
+            .map(|run| SceneSummary {
+                facts: &run.facts,
+                checks: &run.checks,
+                strategies: scene(run),
+                speeds: speeds(run),
+                offline: &run.offline,
+                images: &run.pictures,
+            })
+            .collect(),
+    };
+    Ok(serde_json::to_string_pretty(&summary)? + "\n")
+}
+
+/// A line for each claim.
+pub(crate) fn claims_in_lines(claims: &[Claim]) -> String {
+    let line = |c: &Claim| format!("{:18}  {}: {}", c.verdict.words(), c.claim, c.ours);
+    claims.iter().map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// Verdicts, and what accuracy costs, as Markdown tables for a document.
+pub(crate) fn tables(results: &Results, claims: &[Claim]) -> String {
+    let (machine, settings) = (&results.machine, &results.settings);
+    let mut text = format!(
+        "{}, {} threads, {}, revision {}, preset {}\n\n| claim | in the paper | here |\n|---|---|---|\n",
+        machine.cpu,
+        settings.threads,
+        machine.started.get(..10).unwrap_or_default(),
+        results.revision.short(),
+        settings.preset
+    );
+    text.extend(claims.iter().map(|c| format!("| {} | {} | {} |\n", c.claim, c.paper, c.verdict.words())));
+    for scene in results.scenes.iter().filter(|scene| !scene.accuracy.is_empty()) {
+        text += &format!("\n| {}: error of | settings that nothing beats |\n|---|---|\n", scene.facts.label);
+        text.extend(accuracy::sentences(scene).map(|(knob, words)| format!("| {knob} | {words} |\n")));
+    }
+    text
+}
+
+/// What was checked, in one sentence.
+pub(crate) fn checks_in_words(checks: &Checks) -> String {
+    let [pictures, pixels, rays, hits, trees, differences] =
+        [checks.pictures, checks.pixels, checks.rays, checks.rays_hit, checks.trees, checks.differences]
+            .map(count);
+    format!(
+        "checked: {pictures} pairs of pictures ({pixels} pixels) bit by bit, {rays} rays ({hits} hits) against brute \
+         force, {trees} trees validated: {differences} differences"
+    )
+}

@@ -1,0 +1,167 @@
+//! `cargo xtask soak`: many loops of a scene under each strategy, with bounds on what must not
+//! grow.
+//!
+//! A short form of it is a test, `hard_cases::motion::ten_thousand_frames_in_a_loop`.
+
+use std::time::Instant;
+
+use anyhow::{Result, anyhow, ensure};
+use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::sah_cost;
+use bvh_update::{Scratch, Strategy, UnknownStrategy, update};
+
+use crate::machine::resident_mib;
+use crate::progress::Progress;
+use crate::stage::{self, Stage, ms};
+use crate::{CheckFailed, files, interrupt, pool};
+
+/// Arguments of `soak`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// A scene's name, or an animation file; repeatable
+    #[arg(long = "scene", value_name = "NAME|FILE", default_value = "n-body")]
+    scenes: Vec<String>,
+    /// A strategy's name; repeatable
+    #[arg(long = "strategy", value_name = "NAME", default_values = ["refit+rotate", "refit+rotate+regrow", "auto"])]
+    strategies: Vec<String>,
+    /// Frames to play
+    #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(400..))]
+    frames: u32,
+    /// Frames in a loop
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(2..=100))]
+    per_loop: u32,
+    /// Fraction of the triangles, where the scene can be made coarser
+    #[arg(long, value_name = "F")]
+    detail: Option<f32>,
+    /// Threads [default: 8, or the cores there are]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Option<u32>,
+}
+
+/// Most frames at the start that as many at the end are compared with: the whole loops in them,
+/// since the work depends on where in the loop a frame is.
+const FIRST: usize = 100;
+/// What must hold at the end, against those first frames.
+const SLOWER: f64 = 1.1;
+const COSTLIER: f64 = 1.1;
+const HIGHER: f64 = 1.3;
+const MORE_MEMORY: f64 = 1.05;
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// Bad input, or a check that failed.
+pub fn run(args: &Args) -> Result<()> {
+    let parse = |name: &String| name.parse().map_err(|e: UnknownStrategy| anyhow!("{name}: {e}"));
+    let strategies: Vec<Strategy> = args.strategies.iter().map(parse).collect::<Result<_>>()?;
+    let load = |source: &str| stage::load_at(source, None, 0, args.detail);
+    let mut loaded = Vec::new();
+    for source in &args.scenes {
+        loaded.push((source, stage::load_first(source, || load(source))?));
+    }
+    let pool = pool::pool(args.threads.map_or_else(pool::default_threads, |n| n as usize))?;
+    files::print("scene, strategy, frames: first and last ms a frame; cost over a fresh tree; height; MiB")?;
+    let mut broken = Vec::new();
+    for (source, scene) in loaded {
+        let mut stage = Stage::new(scene.map_or_else(|| load(source), Ok)?)?;
+        for strategy in &strategies {
+            if interrupt::requested() {
+                break;
+            }
+            broken.extend(pool.install(|| soak(source, &mut stage, strategy, args))?);
+        }
+    }
+    ensure!(broken.is_empty(), CheckFailed(broken.join("; ")));
+    Ok(())
+}
+
+/// What is known of some frames.
+#[derive(Default)]
+struct Window {
+    times: Vec<f64>,
+    costs: Vec<f64>,
+    /// The greatest.
+    height: u32,
+}
+
+impl Window {
+    /// Median time, in ms.
+    fn time(&mut self) -> f64 {
+        self.times.sort_by(f64::total_cmp);
+        self.times.get(self.times.len() / 2).copied().unwrap_or(0.0)
+    }
+
+    /// Mean cost over a fresh tree's: of what is rebuilt now and then the greatest is a matter of
+    /// luck.
+    fn cost(&self) -> f64 {
+        self.costs.iter().sum::<f64>() / self.costs.len().max(1) as f64
+    }
+}
+
+fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Result<Vec<String>> {
+    let (frames, per_loop) = (args.frames as usize, args.per_loop as usize);
+    let progress = Progress::new(format!("{label}, {}", strategy.name()), frames as u64);
+    let mut bvh = stage.first_tree.clone();
+    let mut scratch = Scratch::new();
+    let (mut first, mut last) = (Window::default(), Window::default());
+    let (mut memory, mut done) = ([0.0; 2], 0);
+    let compared = FIRST - FIRST % per_loop;
+    for frame in 1..=frames {
+        if interrupt::requested() {
+            break;
+        }
+        // The jump from the last frame of a loop to the first is part of the test.
+        stage.pose(stage.time_of(frame % per_loop, per_loop));
+        let start = Instant::now();
+        let report = update(&mut bvh, &stage.triangles(), strategy, &mut scratch)?;
+        let time = ms(start);
+        let window = if frame <= compared { &mut first } else { &mut last };
+        if frame <= compared || frame + compared > frames {
+            window.times.push(time);
+            window.height = window.height.max(report.height);
+            // By the place in the loop, so that both have the same.
+            if (frame % per_loop).is_multiple_of(5) {
+                let fresh = build(&stage.triangles(), Builder::Sweep, &BuildOptions::default(), None)?;
+                window.costs.push(sah_cost(&bvh) / sah_cost(&fresh));
+            }
+        }
+        if frame % 1000 == 0 || frame == frames {
+            bvh.validate(&stage.triangles())
+                .map_err(|e| CheckFailed(format!("{label}, {}, frame {frame}: {e}", strategy.name())))?;
+        }
+        if frame == FIRST * 2 {
+            memory[0] = resident_mib();
+        }
+        progress.at(frame as u64);
+        done = frame;
+    }
+    memory[1] = resident_mib();
+    drop(progress);
+    let (times, costs) = ([first.time(), last.time()], [first.cost(), last.cost()]);
+    let heights = [first.height, last.height];
+    files::print(&format!(
+        "{label}, {}, {done}: {:.3} {:.3} ms; {:.3} {:.3}; {heights:?}; {:.1} {:.1} MiB",
+        strategy.name(),
+        times[0],
+        times[1],
+        costs[0],
+        costs[1],
+        memory[0],
+        memory[1]
+    ))?;
+    if done < frames {
+        return Ok(Vec::new());
+    }
+    let who = format!("{label}, {}", strategy.name());
+    let grown = |what: &str, from: f64, to: f64, most: f64| {
+        (to > from * most).then(|| format!("{who}: {what} from {from:.3} to {to:.3}, more than {most} times"))
+    };
+    let broken = [
+        grown("time a frame", times[0], times[1], SLOWER),
+        grown("cost over a fresh tree", costs[0], costs[1], COSTLIER),
+        grown("height", first.height.into(), last.height.into(), HIGHER),
+        grown("memory", memory[0], memory[1], MORE_MEMORY),
+    ];
+    Ok(broken.into_iter().flatten().collect())
+}
