@@ -14,6 +14,9 @@ use super::shared::SharedNodes;
 /// How many leaves ahead the corners of triangles are fetched, and twice as many ahead the indices.
 pub(crate) const AHEAD: usize = 24;
 
+/// Cache lines, of a pair each, to fetch for a subtree whose turn is next: they lie in one piece, or nearly so.
+const LINES: usize = 4;
+
 /// A sum of half areas, as sums of products `xy`, `yz`, `zx`, and one without meaning.
 ///
 /// Kept apart, the products need no sum across a vector. A few are added in `f32`, their sums in `f64`; the order is
@@ -70,6 +73,7 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
     leaves: &mut Leaves,
+    next: &[Entry],
     tally: &mut Tally,
 ) {
     let (mut sum, mut validity) = (AreaSum::default(), Vec4::ZERO);
@@ -81,6 +85,9 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     for (i, (entry, (soon, later))) in entries[..count].iter().zip(ahead).enumerate() {
         primitives.prefetch_index(later.first());
         primitives.prefetch_data(soon.first());
+        if let Some(root) = next.get(i / LINES) {
+            nodes.prefetch(root.first() + 2 * (i % LINES));
+        }
         if have_one_each {
             let [min, max, doubt] = primitives.aabb_lanes(entry.first());
             // A number less itself is 0 if it is finite, else NaN.

@@ -96,7 +96,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             // Also where all move: node 1 does not.
             list_pair::<true>(self.nodes, 2 * pair, inner, leaves);
         }
-        dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, tally));
+        dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, &[], tally));
         dispatch!(self.level, refit_boxes(self.nodes, inner.all(), tally));
     }
 }

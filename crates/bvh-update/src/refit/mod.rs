@@ -182,22 +182,26 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             self.sweep_all()
         } else {
             let [[link, _], _] = self.nodes.pair_words(0);
-            self.block(&[Entry::new(0, link)], 0, TOP_LISTED, TOP_ROOTS)
+            self.block(&[Entry::new(0, link)], 0, &[], TOP_LISTED, TOP_ROOTS)
         }
     }
 
-    /// Updates the subtrees below roots of one depth, `most` of them in a block.
-    fn subtrees(&self, roots: &[Entry], depth: u32, most: usize) -> Tally {
+    /// Updates the subtrees below roots of one depth, `most` of them in a block. Then it may be the turn of those below
+    /// `next`.
+    fn subtrees(&self, roots: &[Entry], depth: u32, next: &[Entry], most: usize) -> Tally {
+        if roots.is_empty() {
+            return Tally::default();
+        }
         if roots.len() <= most {
-            return if roots.is_empty() { Tally::default() } else { self.block(roots, depth, LISTED, ROOTS) };
+            return self.block(roots, depth, next, LISTED, ROOTS);
         }
         let (a, b) = roots.split_at(roots.len() / 2);
-        let (a, b) = rayon::join(|| self.subtrees(a, depth, most), || self.subtrees(b, depth, most));
+        let (a, b) = rayon::join(|| self.subtrees(a, depth, b, most), || self.subtrees(b, depth, next, most));
         a.and(&b)
     }
 
     /// Updates the subtrees below a few roots of one depth: a block of at most `limit` nodes, and what is below it.
-    fn block(&self, roots: &[Entry], depth: u32, limit: usize, most_below: usize) -> Tally {
+    fn block(&self, roots: &[Entry], depth: u32, next: &[Entry], limit: usize, most_below: usize) -> Tally {
         let mut tally = Tally::default();
         let mut block = self.with_worker(|worker| {
             let mut block = worker.blocks.pop().unwrap_or_else(Block::new);
@@ -207,12 +211,15 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             } else {
                 block.walk::<false>(self.nodes, roots, depth, limit, leaves);
             }
-            dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, &mut tally));
+            let [(rest, _), (below, _)] = block.frontier();
+            let next = [rest, below, next].into_iter().find(|roots| !roots.is_empty()).unwrap_or_default();
+            dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, next, &mut tally));
             block
         });
         let [(rest, rest_depth), (below, below_depth)] = block.frontier();
-        tally = tally.and(&self.subtrees(rest, rest_depth, most_below));
-        tally = tally.and(&self.subtrees(below, below_depth, most_below));
+        let after_rest = if below.is_empty() { next } else { below };
+        tally = tally.and(&self.subtrees(rest, rest_depth, after_rest, most_below));
+        tally = tally.and(&self.subtrees(below, below_depth, next, most_below));
         self.with_worker(|worker| {
             self.ascend(&mut block, &mut worker.lists, &mut tally);
             worker.blocks.push(block);

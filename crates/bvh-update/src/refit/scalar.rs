@@ -13,9 +13,10 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
     leaves: &mut Leaves,
+    next: &[Entry],
     tally: &mut Tally,
 ) {
-    kernels::fit_leaves(nodes, primitives, leaves, tally);
+    kernels::fit_leaves(nodes, primitives, leaves, next, tally);
 }
 
 /// See [`kernels::refit_boxes`].
