@@ -14,9 +14,6 @@ use super::shared::SharedNodes;
 /// How many leaves ahead the corners of triangles are fetched, and twice as many ahead the indices.
 pub(crate) const AHEAD: usize = 24;
 
-/// Cache lines, of a pair each, to fetch for a subtree whose turn is next: they lie in one piece, or nearly so.
-const LINES: usize = 4;
-
 /// A sum of half areas, as sums of products `xy`, `yz`, `zx`, and one without meaning.
 ///
 /// Kept apart, the products need no sum across a vector. A few are added in `f32`, their sums in `f64`; the order is
@@ -67,13 +64,14 @@ fn with_words([min, max]: Corners, link: u32, aux: u32) -> Corners {
     [min.with_w(f32::from_bits(link)), max.with_w(f32::from_bits(aux))]
 }
 
-/// Fits leaves to their primitives, which are numbered by slot in the tree's order.
+/// Fits leaves to their primitives, which are numbered by slot in the tree's order. `fetch` is called with the number of
+/// each, to ask for what will be needed next.
 #[inline(always)]
 pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
     leaves: &mut Leaves,
-    next: &[Entry],
+    fetch: impl Fn(usize),
     tally: &mut Tally,
 ) {
     let (mut sum, mut validity) = (AreaSum::default(), Vec4::ZERO);
@@ -85,9 +83,7 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     for (i, (entry, (soon, later))) in entries[..count].iter().zip(ahead).enumerate() {
         primitives.prefetch_index(later.first());
         primitives.prefetch_data(soon.first());
-        if let Some(root) = next.get(i / LINES) {
-            nodes.prefetch(root.first() + 2 * (i % LINES));
-        }
+        fetch(i);
         if have_one_each {
             let [min, max, doubt] = primitives.aabb_lanes(entry.first());
             // A number less itself is 0 if it is finite, else NaN.

@@ -8,12 +8,12 @@ use std::ops::Range;
 
 use bvh_core::{History, Layout, MAX_HEIGHT, Node, Primitives};
 
-use super::block::{Entry, Lists, list_pair};
+use super::block::{Entry, Lister, Lists};
 use super::shared::dispatch;
 use super::{Tally, Task, kernels};
 
 /// Pairs that are looked at together: first which nodes are leaves, then these, then the others.
-const STRETCH: usize = 512;
+const STRETCH: usize = 256;
 
 /// Most pairs of a piece.
 const PIECE: usize = 4096;
@@ -90,13 +90,15 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
 
     fn sweep_stretch(&self, pairs: Range<usize>, lists: &mut Lists, tally: &mut Tally) {
         let Lists { leaves, inner, .. } = lists;
-        leaves.clear();
-        inner.clear();
-        for pair in pairs {
+        let mut lister = Lister::new(&[], inner, leaves);
+        for pair in pairs.clone() {
             // Also where all move: node 1 does not.
-            list_pair::<true>(self.nodes, 2 * pair, inner, leaves);
+            lister.pair::<true>(self.nodes, 2 * pair);
         }
-        dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, &[], tally));
+        lister.finish();
+        // There are about as many leaves as pairs.
+        let fetch = |i: usize| self.nodes.prefetch(2 * (pairs.start + i).wrapping_sub(STRETCH));
+        dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, fetch, tally));
         dispatch!(self.level, refit_boxes(self.nodes, inner.all(), tally));
     }
 }

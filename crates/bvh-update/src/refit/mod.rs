@@ -37,6 +37,10 @@ const TOP_LISTED: usize = 128;
 /// Roots of a block below the first.
 const TOP_ROOTS: usize = 4;
 
+/// Cache lines, of a pair each, to fetch for a subtree whose turn is next: as built they lie in one piece, and rotations
+/// leave them nearly so.
+const LINES: usize = 4;
+
 /// What a pass, or a part of it, has done.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Tally {
@@ -213,7 +217,12 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             }
             let [(rest, _), (below, _)] = block.frontier();
             let next = [rest, below, next].into_iter().find(|roots| !roots.is_empty()).unwrap_or_default();
-            dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, next, &mut tally));
+            let fetch = |i: usize| {
+                if let Some(root) = next.get(i / LINES) {
+                    self.nodes.prefetch(root.first() + 2 * (i % LINES));
+                }
+            };
+            dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, fetch, &mut tally));
             block
         });
         let [(rest, rest_depth), (below, below_depth)] = block.frontier();

@@ -13,10 +13,10 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
     leaves: &mut Leaves,
-    next: &[Entry],
+    fetch: impl Fn(usize),
     tally: &mut Tally,
 ) {
-    kernels::fit_leaves(nodes, primitives, leaves, next, tally);
+    kernels::fit_leaves(nodes, primitives, leaves, fetch, tally);
 }
 
 /// See [`kernels::refit_boxes`].
