@@ -165,8 +165,8 @@ pub struct Update {
     pub decision: Decision,
     /// Rotations applied, by kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
     pub rotations: [u64; 6],
-    /// SAH cost of the tree as it is now, where the update knows it for free: [`sah_cost`], but from `f32` areas, as
-    /// far as those are finite. `None` after a rebuild.
+    /// SAH cost of the tree as it is now, where the strategy needs it or [`Scratch::report_cost`] asks for it:
+    /// [`sah_cost`], but from `f32` areas, as far as those are finite. `None` after a rebuild.
     pub sah_cost: Option<f64>,
     /// Height of the tree as it is now.
     pub height: u32,
@@ -228,6 +228,8 @@ pub fn update<P: Primitives + ?Sized>(
         return Err(UpdateError::Count { tree: bvh.len(), given: primitives.len() });
     }
     expect_measure(raw::parts(bvh).history, strategy);
+    scratch.refit.with_sums = scratch.reports_cost
+        || matches!(strategy, Strategy::Regrow(_) | Strategy::Auto(_) | Strategy::Leaves(_));
     scratch.clock.slope.begin();
     scratch.clock.growth.begin();
     match strategy {
@@ -254,10 +256,11 @@ impl Tally {
     pub(crate) fn update(&self, bvh: &Bvh) -> Update {
         // Still areas are already among those of the tree.
         let cost = (self.area + bvh.still_area()) / bvh.root().aabb().half_area_f64();
+        // Areas beyond the range of f32, or a root without area.
+        let known = || if cost.is_finite() { cost } else { sah_cost(bvh) };
         Update {
             rotations: self.rotations,
-            // Areas beyond the range of f32, or a root without area.
-            sah_cost: Some(if cost.is_finite() { cost } else { sah_cost(bvh) }),
+            sah_cost: self.has_sums.then(known),
             height: bvh.height(),
             nodes_visited: self.leaves + self.inner,
             dropped: self.dropped,

@@ -82,7 +82,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             } else if node.moves() {
                 let [[link_l, _], [link_r, _]] = self.nodes.pair_words(pair);
                 let entry = Entry::new(slot, [link_l, link_r][slot - pair]);
-                kernels::refit_boxes(self.nodes, &[entry], &mut tally);
+                kernels::refit_boxes(self.nodes, &[entry], self.with_sums, &mut tally);
             }
         }
         tally
@@ -98,7 +98,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         lister.finish();
         // There are about as many leaves as pairs.
         let fetch = |i: usize| self.nodes.prefetch(2 * (pairs.start + i).wrapping_sub(STRETCH));
-        dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, fetch, tally));
-        dispatch!(self.level, refit_boxes(self.nodes, inner.all(), tally));
+        dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, fetch, self.with_sums, tally));
+        dispatch!(self.level, refit_boxes(self.nodes, inner.all(), self.with_sums, tally));
     }
 }

@@ -49,6 +49,8 @@ pub(crate) struct Tally {
     pub(crate) inner: u64,
     /// Primitives without a box.
     pub(crate) dropped: u64,
+    /// Whether the next two sums were asked for; else they are without meaning.
+    pub(crate) has_sums: bool,
     /// Sum of half area times weight over all nodes visited.
     pub(crate) area: f64,
     /// The part of it that is due to leaves.
@@ -101,13 +103,15 @@ impl RotationSchedule {
 /// Memory that passes keep from one to the next: some ten blocks a thread, whatever the size of the tree.
 pub(crate) struct RefitScratch {
     level: Available,
+    /// Whether tallies have sums of areas.
+    pub(crate) with_sums: bool,
     workers: Vec<Mutex<Worker>>,
 }
 
 impl RefitScratch {
     /// For `level`, or the best below it that the machine has.
     pub(crate) fn with_level(level: SimdLevel) -> Self {
-        Self { level: Available::at_most(level), workers: Vec::new() }
+        Self { level: Available::at_most(level), with_sums: true, workers: Vec::new() }
     }
 }
 
@@ -133,6 +137,7 @@ pub(crate) struct Task<'a, P: ?Sized> {
     /// At which nodes rotations are tried, if at any.
     schedule: Option<RotationSchedule>,
     is_partly_static: bool,
+    with_sums: bool,
     level: Available,
     /// One for each thread of the pool.
     workers: &'a [Mutex<Worker>],
@@ -156,19 +161,21 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     }
     let schedule = rotate.map(|rotate| RotationSchedule::new(rotate, parts.history.updates));
     parts.history.updates = parts.history.updates.wrapping_add(1);
-    let RefitScratch { level, workers } = scratch.as_mut();
+    let RefitScratch { level, with_sums, workers } = scratch.as_mut();
+    let with_sums = *with_sums;
     let threads = rayon::current_num_threads();
     while workers.len() < threads {
         workers.push(Mutex::new(Worker::new()));
     }
     let (level, nodes) = (*level, shared::share(parts.nodes));
-    let tally = if is_in_order {
-        Task { nodes, primitives, schedule, is_partly_static, level, workers }.run(is_linear)
+    let mut tally = if is_in_order {
+        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, workers }.run(is_linear)
     } else {
         let primitives = &InOrder { primitives, order: parts.order };
-        Task { nodes, primitives, schedule, is_partly_static, level, workers }.run(is_linear)
+        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, workers }.run(is_linear)
     };
     *parts.still_area += tally.still_area;
+    tally.has_sums = with_sums;
     unfinished.done = true;
     tally
 }
@@ -222,7 +229,10 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
                     self.nodes.prefetch(root.first() + 2 * (i % LINES));
                 }
             };
-            dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, fetch, &mut tally));
+            dispatch!(
+                self.level,
+                fit_leaves(self.nodes, self.primitives, leaves, fetch, self.with_sums, &mut tally)
+            );
             block
         });
         let [(rest, rest_depth), (below, below_depth)] = block.frontier();
@@ -239,16 +249,20 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     /// Refits the block's inner nodes, and rotates at them.
     fn ascend(&self, block: &mut Block, lists: &mut Lists, tally: &mut Tally) {
         let nodes = self.nodes;
-        dispatch!(self.level, refit_boxes(nodes, block.own(), tally));
+        dispatch!(self.level, refit_boxes(nodes, block.own(), self.with_sums, tally));
         let Some(schedule) = self.schedule else { return };
         let Lists { inner: included, accepted, .. } = lists;
         for (level, depth) in block.levels() {
-            included.clear();
-            for &entry in level {
-                refit_height(nodes, entry);
-                included.push_if(entry, schedule.includes(entry.slot()));
-            }
-            let level = if schedule.is_always() { level } else { included.all() };
+            let level = if schedule.is_always() {
+                level
+            } else {
+                included.clear();
+                for &entry in level {
+                    refit_height(nodes, entry);
+                    included.push_if(entry, schedule.includes(entry.slot()));
+                }
+                included.all()
+            };
             accepted.clear();
             dispatch!(self.level, judge(nodes, level, accepted));
             accepted.apply(nodes, depth, self.is_partly_static, tally);
