@@ -16,8 +16,9 @@ pub struct Update {
     pub reason: Option<Reason>,
     /// Rotations applied, by kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
     pub rotations: [u64; 6],
-    /// SAH cost of the tree as it is now, where the update knows it for free:
-    /// [`sah_cost`](bvh_core::sah_cost), but from `f32` areas where those are finite. `None` after a rebuild.
+    /// SAH cost of the tree as it is now, where the strategy needs it or
+    /// [`Updater::report_cost`](crate::Updater::report_cost) asks for it: [`sah_cost`](bvh_core::sah_cost), but from `f32`
+    /// areas where those are finite. `None` after a rebuild.
     pub sah_cost: Option<f64>,
     /// Height of the tree as it is now.
     pub height: u32,

@@ -43,6 +43,7 @@ pub struct Updater {
     workspace: Workspace,
     load: Option<Load>,
     last_excess: f64,
+    reports_cost: bool,
 }
 
 impl Updater {
@@ -55,7 +56,7 @@ impl Updater {
     /// An updater that uses `level`, or the best below it that the machine has. Every level leaves the same tree.
     #[must_use]
     pub fn with_level(strategy: Strategy, level: SimdLevel) -> Self {
-        Self { strategy, workspace: Workspace::with_level(level), load: None, last_excess: 0.0 }
+        Self { strategy, workspace: Workspace::with_level(level), load: None, last_excess: 0.0, reports_cost: false }
     }
 
     /// Changes what to do between two frames, from now on.
@@ -68,6 +69,13 @@ impl Updater {
     /// the next report.
     pub fn report(&mut self, load: Load) {
         self.load = Some(load);
+    }
+
+    /// Makes every update report the SAH cost ([`Update::sah_cost`]), where strategies that do not need it leave it out:
+    /// summing areas takes a twelfth of a refit.
+    pub fn report_cost(&mut self, report: bool) -> &mut Self {
+        self.reports_cost = report;
+        self
     }
 
     /// What the last tree that was built in the background cost; `None` before there was one.
@@ -103,6 +111,7 @@ impl Updater {
             (Strategy::Auto(_), Some(load)) => Strategy::Auto(Auto { load }),
             (strategy, _) => strategy,
         };
+        self.workspace.refit.with_sums = self.reports_cost || measures_areas(&strategy);
         let update = update(bvh, primitives, &strategy, self.last_excess, &mut self.workspace)?;
         self.last_excess = update.reason.map_or(0.0, |reason| reason.excess);
         Ok(update)
@@ -163,7 +172,8 @@ fn once<P: Primitives + ?Sized>(
 ) -> Result<Update, UpdateError> {
     ensure_count(bvh, primitives)?;
     note_changes(bvh);
-    Ok(pass(bvh, primitives, rotate, &mut RefitScratch::with_level(SimdLevel::best())).report(bvh))
+    let mut scratch = RefitScratch { with_sums: false, ..RefitScratch::with_level(SimdLevel::best()) };
+    Ok(pass(bvh, primitives, rotate, &mut scratch).report(bvh))
 }
 
 fn ensure_count<P: Primitives + ?Sized>(bvh: &Bvh, primitives: &P) -> Result<(), UpdateError> {
@@ -218,6 +228,11 @@ fn update<P: Primitives + ?Sized>(
             auto::update(bvh, primitives, options, last_excess, &mut scratch)
         }
     }
+}
+
+/// Whether a strategy needs the sums of areas that a pass can make.
+fn measures_areas(strategy: &Strategy) -> bool {
+    matches!(strategy, Strategy::PartialRebuild(_) | Strategy::Auto(_) | Strategy::Leaves(_))
 }
 
 /// What a strategy measures, if anything.

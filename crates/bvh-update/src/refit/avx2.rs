@@ -9,7 +9,7 @@ use bvh_core::Primitives;
 
 use super::Tally;
 use super::block::{Entry, Leaves};
-use super::kernels::{self, Accepted};
+use super::kernels::{self, Accepted, refit_height};
 use super::shared::SharedNodes;
 
 /// See [`kernels::fit_leaves`].
@@ -18,15 +18,22 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
     leaves: &mut Leaves,
+    fetch: impl Fn(usize),
+    with_sums: bool,
     tally: &mut Tally,
 ) {
-    kernels::fit_leaves(nodes, primitives, leaves, tally);
+    kernels::fit_leaves(nodes, primitives, leaves, fetch, with_sums, tally);
 }
 
 /// See [`kernels::refit_boxes`].
 #[target_feature(enable = "avx2")]
-pub(super) fn refit_boxes(nodes: SharedNodes<'_>, parents_first: &[Entry], tally: &mut Tally) {
-    kernels::refit_boxes(nodes, parents_first, tally);
+pub(super) fn refit_boxes(
+    nodes: SharedNodes<'_>,
+    parents_first: &[Entry],
+    with_sums: bool,
+    tally: &mut Tally,
+) {
+    kernels::refit_boxes(nodes, parents_first, with_sums, tally);
 }
 
 /// See [`scalar::judge`](super::scalar::judge).
@@ -37,7 +44,7 @@ pub(super) fn judge(nodes: SharedNodes<'_>, list: &[Entry], accepted: &mut Accep
     let minima = _mm256_setr_ps(-0.0, -0.0, -0.0, -0.0, 0.0, 0.0, 0.0, 0.0);
     for &entry in list {
         let negated = |pair: [__m256; 2]| pair.map(|lanes| _mm256_xor_ps(lanes, minima));
-        let [[link_l, _], [link_r, _]] = nodes.pair_words(entry.first());
+        let [link_l, link_r] = refit_height(nodes, entry);
         let [l, r] = negated(nodes.pair_lanes(entry.first()));
         let ([ll, lr], [rl, rr]) = (negated(nodes.child_lanes(link_l)), negated(nodes.child_lanes(link_r)));
         // Extents of two boxes; those of an empty box are 0.

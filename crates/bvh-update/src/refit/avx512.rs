@@ -6,7 +6,7 @@
 use std::arch::x86_64::*;
 
 use super::block::Entry;
-use super::kernels::Accepted;
+use super::kernels::{Accepted, refit_height};
 use super::shared::SharedNodes;
 
 pub(super) use super::avx2::{fit_leaves, refit_boxes};
@@ -19,7 +19,7 @@ pub(super) fn judge(nodes: SharedNodes<'_>, list: &[Entry], accepted: &mut Accep
     // From lanes of singles and doubles to the order of `Rotation::ALL`.
     let in_order = _mm512_setr_epi32(4, 0, 12, 8, 9, 1, 9, 1, 4, 0, 12, 8, 9, 1, 9, 1);
     for &entry in list {
-        let [[link_l, _], [link_r, _]] = nodes.pair_words(entry.first());
+        let [link_l, link_r] = refit_height(nodes, entry);
         let negated = |pair: __m512| _mm512_xor_ps(pair, minima);
         let n = negated(nodes.pair_wide(entry.first()));
         let (l, r) = (negated(nodes.child_wide(link_l)), negated(nodes.child_wide(link_r)));
@@ -31,7 +31,7 @@ pub(super) fn judge(nodes: SharedNodes<'_>, list: &[Entry], accepted: &mut Accep
         // Extents of four boxes, a quarter of the register each, and 0; those of an empty box are 0.
         let extents = |a, b| {
             let sides = (_mm512_shuffle_f32x4::<0x88>(a, b), _mm512_shuffle_f32x4::<0xdd>(a, b));
-            _mm512_max_ps(_mm512_maskz_add_ps(0x7777, sides.0, sides.1), _mm512_setzero_ps())
+            _mm512_max_ps(_mm512_add_ps(sides.0, sides.1), _mm512_setzero_ps())
         };
         // Their products xy, yz, zx, 0.
         let products = |e| _mm512_mul_ps(e, _mm512_permute_ps::<0b11_00_10_01>(e));

@@ -60,11 +60,6 @@ pub(crate) struct Queue {
 }
 
 impl Queue {
-    pub(crate) fn start(&mut self, roots: &[Entry]) {
-        self.count = roots.len();
-        self.entries[..roots.len()].copy_from_slice(roots);
-    }
-
     #[inline(always)]
     pub(crate) fn get(&self, range: Range<usize>) -> &[Entry] {
         &self.entries[range]
@@ -91,10 +86,6 @@ pub(crate) struct Leaves {
 }
 
 impl Leaves {
-    pub(crate) fn clear(&mut self) {
-        (self.count, self.others) = (0, 0);
-    }
-
     pub(crate) fn len(&self) -> usize {
         self.count
     }
@@ -121,30 +112,50 @@ impl Default for Leaves {
     }
 }
 
-/// Lists the two nodes of a pair, each among the leaves or the inner nodes; with `PARTLY_STATIC`, only if it moves.
-/// Gives their link words.
-///
-/// Each is written to both lists and counted in one, as a branch would be mispredicted often.
-#[inline(always)]
-pub(crate) fn list_pair<const PARTLY_STATIC: bool>(
-    nodes: SharedNodes<'_>,
-    pair: usize,
-    inner: &mut Queue,
-    leaves: &mut Leaves,
-) -> [u32; 2] {
-    let words = nodes.pair_words(pair);
-    for (i, [link, aux]) in words.into_iter().enumerate() {
-        let entry = Entry::new(pair + i, link);
-        const { assert!(Node::LEAF == 1 << 31 && Node::MOVES == 1 << 30) };
-        let moves = if PARTLY_STATIC { (link >> 30 & 1) as usize } else { 1 };
-        let is_leaf = (link >> 31) as usize;
-        leaves.entries[leaves.count % (2 * ROOM)] = entry;
-        leaves.count += is_leaf & moves;
-        leaves.others |= (aux ^ 1 << 8) & (link as i32 >> 31) as u32;
-        inner.entries[inner.count % ROOM] = entry;
-        inner.count += (1 - is_leaf) & moves;
+/// Fills lists of inner nodes and leaves. The counts are its own while it does, and so in registers.
+pub(crate) struct Lister<'a> {
+    inner: &'a mut Queue,
+    leaves: &'a mut Leaves,
+    inner_count: usize,
+    leaf_count: usize,
+    others: u32,
+}
+
+impl<'a> Lister<'a> {
+    pub(crate) fn new(roots: &[Entry], inner: &'a mut Queue, leaves: &'a mut Leaves) -> Self {
+        inner.entries[..roots.len()].copy_from_slice(roots);
+        Self { inner, leaves, inner_count: roots.len(), leaf_count: 0, others: 0 }
     }
-    words.map(|[link, _]| link)
+
+    /// Lists the two nodes of a pair, each among the leaves or the inner nodes; with `PARTLY_STATIC`, only if it moves.
+    /// Gives their link words.
+    ///
+    /// Each is written to both lists and counted in one, as a branch would be mispredicted often.
+    #[inline(always)]
+    pub(crate) fn pair<const PARTLY_STATIC: bool>(
+        &mut self,
+        nodes: SharedNodes<'_>,
+        pair: usize,
+    ) -> [u32; 2] {
+        let words = nodes.pair_words(pair);
+        for (i, [link, aux]) in words.into_iter().enumerate() {
+            const { assert!(Node::LEAF == 1 << 31 && Node::MOVES == 1 << 30) };
+            let entry = Entry::new(pair + i, link);
+            let moves = if PARTLY_STATIC { (link >> 30 & 1) as usize } else { 1 };
+            let is_leaf = (link >> 31) as usize;
+            self.leaves.entries[self.leaf_count % (2 * ROOM)] = entry;
+            self.leaf_count += is_leaf & moves;
+            self.others |= (aux ^ 1 << 8) & (link as i32 >> 31) as u32;
+            self.inner.entries[self.inner_count % ROOM] = entry;
+            self.inner_count += (1 - is_leaf) & moves;
+        }
+        words.map(|[link, _]| link)
+    }
+
+    pub(crate) fn finish(self) {
+        self.inner.count = self.inner_count;
+        (self.leaves.count, self.leaves.others) = (self.leaf_count, self.others);
+    }
 }
 
 /// What a block has found on its way down.
@@ -176,26 +187,27 @@ impl Block {
         limit: usize,
         leaves: &mut Leaves,
     ) {
-        let Self { queue, done, last, rotating, levels, .. } = self;
-        queue.start(roots);
-        leaves.clear();
+        let Self { queue, last, rotating, levels, .. } = self;
         levels.clear();
-        (*done, rotating.count) = (0, 0);
-        while *done < queue.count && queue.count < limit {
-            *last = *done..queue.count;
-            while *done < last.end && queue.count < limit {
-                let entry = queue.entries[*done % ROOM];
-                let links = list_pair::<PARTLY_STATIC>(nodes, entry.first(), queue, leaves);
+        let (mut done, mut rotating_count) = (0, 0);
+        let mut lister = Lister::new(roots, queue, leaves);
+        while done < lister.inner_count && lister.inner_count < limit {
+            *last = done..lister.inner_count;
+            while done < last.end && lister.inner_count < limit {
+                let entry = lister.inner.entries[done % ROOM];
+                let links = lister.pair::<PARTLY_STATIC>(nodes, entry.first());
                 for link in links {
                     // A leaf's first primitive is no pair: the root's line is as good as any.
                     nodes.prefetch((link & Node::INDEX & !(link as i32 >> 31) as u32) as usize);
                 }
-                rotating.entries[rotating.count % ROOM] = entry;
-                rotating.count += 1 - (links[0] & links[1] & Node::LEAF != 0) as usize;
-                *done += 1;
+                rotating.entries[rotating_count % ROOM] = entry;
+                rotating_count += 1 - (links[0] & links[1] & Node::LEAF != 0) as usize;
+                done += 1;
             }
-            levels.push(rotating.count);
+            levels.push(rotating_count);
         }
+        lister.finish();
+        (self.done, self.rotating.count) = (done, rotating_count);
         self.depth = depth;
     }
 

@@ -64,29 +64,34 @@ fn with_words([min, max]: Corners, link: u32, aux: u32) -> Corners {
     [min.with_w(f32::from_bits(link)), max.with_w(f32::from_bits(aux))]
 }
 
-/// Fits leaves to their primitives, which are numbered by slot in the tree's order.
+/// Fits leaves to their primitives, which are numbered by slot in the tree's order. `fetch` is called with the number of
+/// each, to ask for what will be needed next.
 #[inline(always)]
 pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
     leaves: &mut Leaves,
+    fetch: impl Fn(usize),
+    with_sums: bool,
     tally: &mut Tally,
 ) {
     let (mut sum, mut validity) = (AreaSum::default(), Vec4::ZERO);
     let (count, have_one_each) = (leaves.len(), leaves.have_one_primitive_each());
     let entries = leaves.with_next();
     let ahead = entries[AHEAD..].iter().zip(&entries[2 * AHEAD..]);
-    entries.iter().take(2 * AHEAD).for_each(|entry| primitives.prefetch_index(entry.first()));
-    entries.iter().take(AHEAD).for_each(|entry| primitives.prefetch_data(entry.first()));
+    entries[..count.min(2 * AHEAD)].iter().for_each(|entry| primitives.prefetch_index(entry.first()));
+    entries[..count.min(AHEAD)].iter().for_each(|entry| primitives.prefetch_data(entry.first()));
     for (i, (entry, (soon, later))) in entries[..count].iter().zip(ahead).enumerate() {
         primitives.prefetch_index(later.first());
         primitives.prefetch_data(soon.first());
+        fetch(i);
         if have_one_each {
             let [min, max, doubt] = primitives.aabb_lanes(entry.first());
-            // A number less itself is 0 if it is finite, else NaN.
-            validity += doubt - doubt;
+            validity += doubt;
             nodes.set_corners(entry.slot(), with_words([min, max], entry.link(), 1 << 8));
-            sum.add(i, min, max);
+            if with_sums {
+                sum.add(i, min, max);
+            }
         } else {
             let aux = nodes.get(entry.slot());
             let Some(last) = aux.count().checked_sub(1) else {
@@ -96,19 +101,21 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
             // The first and the last are always looked at, be they the same: one or two cannot be predicted.
             let (first, last) = (entry.first(), entry.first() + last);
             let [mut min, mut max, doubt] = primitives.aabb_lanes(first);
-            validity += doubt - doubt;
+            validity += doubt;
             for primitive in (first + 1..last).chain([last]) {
                 let [next_min, next_max, doubt] = primitives.aabb_lanes(primitive);
                 (min, max) = (min.min(next_min), max.max(next_max));
-                validity += doubt - doubt;
+                validity += doubt;
             }
             let weight = aux.weight() as f32;
             let [_, own_max]: Corners = bytemuck::cast(aux);
             nodes.set_corners(entry.slot(), with_words([min, max], entry.link(), own_max.w.to_bits()));
-            sum.add_extent(i, max - min, weight);
+            if with_sums {
+                sum.add_extent(i, max - min, weight);
+            }
         }
     }
-    if validity.truncate().is_nan() {
+    if !validity.truncate().is_finite() {
         fit_carefully(nodes, primitives, leaves.all(), tally);
         return;
     }
@@ -155,26 +162,34 @@ pub(super) fn fit_leaf<P: Primitives + ?Sized>(
 
 /// Refits the boxes of inner nodes, children before parents; words stay as they are.
 #[inline(always)]
-pub(super) fn refit_boxes(nodes: SharedNodes<'_>, parents_first: &[Entry], tally: &mut Tally) {
+pub(super) fn refit_boxes(
+    nodes: SharedNodes<'_>,
+    parents_first: &[Entry],
+    with_sums: bool,
+    tally: &mut Tally,
+) {
     let mut sum = AreaSum::default();
     for (i, entry) in parents_first.iter().rev().enumerate() {
         let [l, r]: [Corners; 2] = nodes.pair(entry.first()).map(bytemuck::cast);
         let [own_min, own_max]: Corners = bytemuck::cast(nodes.get(entry.slot()));
         let corners = [l[0].min(r[0]).with_w(own_min.w), l[1].max(r[1]).with_w(own_max.w)];
         nodes.set_corners(entry.slot(), corners);
-        // An empty box has negative extents.
-        sum.add_extent(i, (corners[1] - corners[0]).max(Vec4::ZERO), 1.0);
+        if with_sums {
+            // An empty box has negative extents.
+            sum.add_extent(i, (corners[1] - corners[0]).max(Vec4::ZERO), 1.0);
+        }
     }
     tally.inner += parents_first.len() as u64;
     tally.area += sum.total();
 }
 
-/// Gives a node the height that follows from its children's.
+/// Gives a node the height that follows from its children's, and tells their link words.
 #[inline(always)]
-pub(super) fn refit_height(nodes: SharedNodes<'_>, entry: Entry) {
-    let [[_, l], [_, r]] = nodes.pair_words(entry.first());
+pub(super) fn refit_height(nodes: SharedNodes<'_>, entry: Entry) -> [u32; 2] {
+    let [[link_l, l], [link_r, r]] = nodes.pair_words(entry.first());
     let height = 1 + (l & Node::HEIGHT).max(r & Node::HEIGHT);
     nodes.set_height(entry.slot(), height);
+    [link_l, link_r]
 }
 
 /// Nodes at which some rotation is a gain, and how the area would change under each, in the order of `Rotation::ALL`.

@@ -10,12 +10,12 @@ use bvh_core::{MAX_HEIGHT, Node, Primitives};
 
 use crate::state::{Layout, State};
 
-use super::block::{Entry, Lists, list_pair};
+use super::block::{Entry, Lister, Lists};
 use super::shared::dispatch;
 use super::{Tally, Task, kernels};
 
 /// Pairs that are looked at together: first which nodes are leaves, then these, then the others.
-const STRETCH: usize = 512;
+const STRETCH: usize = 256;
 
 /// Most pairs of a piece.
 const PIECE: usize = 4096;
@@ -84,7 +84,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             } else if node.moves() {
                 let [[link_l, _], [link_r, _]] = self.nodes.pair_words(pair);
                 let entry = Entry::new(slot, [link_l, link_r][slot - pair]);
-                kernels::refit_boxes(self.nodes, &[entry], &mut tally);
+                kernels::refit_boxes(self.nodes, &[entry], self.with_sums, &mut tally);
             }
         }
         tally
@@ -92,13 +92,15 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
 
     fn sweep_stretch(&self, pairs: Range<usize>, lists: &mut Lists, tally: &mut Tally) {
         let Lists { leaves, inner, .. } = lists;
-        leaves.clear();
-        inner.clear();
-        for pair in pairs {
+        let mut lister = Lister::new(&[], inner, leaves);
+        for pair in pairs.clone() {
             // Also where all move: node 1 does not.
-            list_pair::<true>(self.nodes, 2 * pair, inner, leaves);
+            lister.pair::<true>(self.nodes, 2 * pair);
         }
-        dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, tally));
-        dispatch!(self.level, refit_boxes(self.nodes, inner.all(), tally));
+        lister.finish();
+        // There are about as many leaves as pairs.
+        let fetch = |i: usize| self.nodes.prefetch(2 * (pairs.start + i).wrapping_sub(STRETCH));
+        dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, fetch, self.with_sums, tally));
+        dispatch!(self.level, refit_boxes(self.nodes, inner.all(), self.with_sums, tally));
     }
 }

@@ -42,6 +42,10 @@ const TOP_LISTED: usize = 128;
 /// Roots of a block below the first.
 const TOP_ROOTS: usize = 4;
 
+/// Cache lines, of a pair each, to fetch for a subtree whose turn is next: as built they lie in one piece, and rotations
+/// leave them nearly so.
+const LINES: usize = 4;
+
 /// The budget of rotations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rotate {
@@ -64,6 +68,8 @@ pub(crate) struct Tally {
     pub(crate) inner: u64,
     /// Primitives without a box.
     pub(crate) dropped: u64,
+    /// Whether the next two sums were asked for; else they are without meaning.
+    pub(crate) has_sums: bool,
     /// Sum of half area times weight over all nodes visited.
     pub(crate) area: f64,
     /// The part of it that is due to leaves.
@@ -79,10 +85,11 @@ impl Tally {
     pub(crate) fn report(&self, bvh: &Bvh) -> Update {
         // Static areas are among those of the tree.
         let cost = (self.area + bvh.still_area()) / bvh.root().aabb().half_area_f64();
+        // Areas beyond the range of f32, or a root without area.
+        let known = || if cost.is_finite() { cost } else { sah_cost(bvh) };
         Update {
             rotations: self.rotations,
-            // Areas beyond the range of f32, or a root without area.
-            sah_cost: Some(if cost.is_finite() { cost } else { sah_cost(bvh) }),
+            sah_cost: self.has_sums.then(known),
             height: bvh.height(),
             nodes_visited: self.leaves + self.inner,
             dropped: self.dropped,
@@ -131,6 +138,8 @@ impl RotationSchedule {
 /// Memory that passes keep from one to the next: some ten blocks a thread, whatever the size of the tree.
 pub(crate) struct RefitScratch {
     level: Available,
+    /// Whether tallies have sums of areas.
+    pub(crate) with_sums: bool,
     workers: Vec<Mutex<Worker>>,
 }
 
@@ -142,7 +151,7 @@ impl RefitScratch {
 
     /// For `level`, or the best below it that the machine has.
     pub(crate) fn with_level(level: SimdLevel) -> Self {
-        Self { level: Available::at_most(level), workers: Vec::new() }
+        Self { level: Available::at_most(level), with_sums: true, workers: Vec::new() }
     }
 }
 
@@ -168,6 +177,7 @@ pub(crate) struct Task<'a, P: ?Sized> {
     /// At which nodes rotations are tried, if at any.
     schedule: Option<RotationSchedule>,
     is_partly_static: bool,
+    with_sums: bool,
     level: Available,
     /// One for each thread of the pool.
     workers: &'a [Mutex<Worker>],
@@ -192,19 +202,21 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     }
     let schedule = rotate.map(|rotate| RotationSchedule::new(rotate, state.updates));
     state.updates = state.updates.wrapping_add(1);
-    let RefitScratch { level, workers } = scratch;
+    let RefitScratch { level, with_sums, workers } = scratch;
+    let with_sums = *with_sums;
     let threads = rayon::current_num_threads();
     while workers.len() < threads {
         workers.push(Mutex::new(Worker::new()));
     }
     let (level, nodes) = (*level, share(parts.nodes));
-    let tally = if is_in_order {
-        Task { nodes, primitives, schedule, is_partly_static, level, workers }.run(is_linear)
+    let mut tally = if is_in_order {
+        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, workers }.run(is_linear)
     } else {
         let primitives = &InOrder { primitives, order: parts.order };
-        Task { nodes, primitives, schedule, is_partly_static, level, workers }.run(is_linear)
+        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, workers }.run(is_linear)
     };
     *parts.still_area += tally.still_area;
+    tally.has_sums = with_sums;
     unfinished.done = true;
     tally
 }
@@ -222,22 +234,26 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             self.sweep_all()
         } else {
             let [[link, _], _] = self.nodes.pair_words(0);
-            self.block(&[Entry::new(0, link)], 0, TOP_LISTED, TOP_ROOTS)
+            self.block(&[Entry::new(0, link)], 0, &[], TOP_LISTED, TOP_ROOTS)
         }
     }
 
-    /// Updates the subtrees below roots of one depth, `most` of them in a block.
-    fn subtrees(&self, roots: &[Entry], depth: u32, most: usize) -> Tally {
+    /// Updates the subtrees below roots of one depth, `most` of them in a block. Then it may be the turn of those below
+    /// `next`.
+    fn subtrees(&self, roots: &[Entry], depth: u32, next: &[Entry], most: usize) -> Tally {
+        if roots.is_empty() {
+            return Tally::default();
+        }
         if roots.len() <= most {
-            return if roots.is_empty() { Tally::default() } else { self.block(roots, depth, LISTED, ROOTS) };
+            return self.block(roots, depth, next, LISTED, ROOTS);
         }
         let (a, b) = roots.split_at(roots.len() / 2);
-        let (a, b) = rayon::join(|| self.subtrees(a, depth, most), || self.subtrees(b, depth, most));
+        let (a, b) = rayon::join(|| self.subtrees(a, depth, b, most), || self.subtrees(b, depth, next, most));
         a.and(&b)
     }
 
     /// Updates the subtrees below a few roots of one depth: a block of at most `limit` nodes, and what is below it.
-    fn block(&self, roots: &[Entry], depth: u32, limit: usize, most_below: usize) -> Tally {
+    fn block(&self, roots: &[Entry], depth: u32, next: &[Entry], limit: usize, most_below: usize) -> Tally {
         let mut tally = Tally::default();
         let mut block = self.with_worker(|worker| {
             let mut block = worker.blocks.pop().unwrap_or_else(Block::new);
@@ -247,12 +263,23 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             } else {
                 block.walk::<false>(self.nodes, roots, depth, limit, leaves);
             }
-            dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, &mut tally));
+            let [(rest, _), (below, _)] = block.frontier();
+            let next = [rest, below, next].into_iter().find(|roots| !roots.is_empty()).unwrap_or_default();
+            let fetch = |i: usize| {
+                if let Some(root) = next.get(i / LINES) {
+                    self.nodes.prefetch(root.first() + 2 * (i % LINES));
+                }
+            };
+            dispatch!(
+                self.level,
+                fit_leaves(self.nodes, self.primitives, leaves, fetch, self.with_sums, &mut tally)
+            );
             block
         });
         let [(rest, rest_depth), (below, below_depth)] = block.frontier();
-        tally = tally.and(&self.subtrees(rest, rest_depth, most_below));
-        tally = tally.and(&self.subtrees(below, below_depth, most_below));
+        let after_rest = if below.is_empty() { next } else { below };
+        tally = tally.and(&self.subtrees(rest, rest_depth, after_rest, most_below));
+        tally = tally.and(&self.subtrees(below, below_depth, next, most_below));
         self.with_worker(|worker| {
             self.ascend(&mut block, &mut worker.lists, &mut tally);
             worker.blocks.push(block);
@@ -263,16 +290,20 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     /// Refits the block's inner nodes, and rotates at them.
     fn ascend(&self, block: &mut Block, lists: &mut Lists, tally: &mut Tally) {
         let nodes = self.nodes;
-        dispatch!(self.level, refit_boxes(nodes, block.own(), tally));
+        dispatch!(self.level, refit_boxes(nodes, block.own(), self.with_sums, tally));
         let Some(schedule) = self.schedule else { return };
         let Lists { inner: included, accepted, .. } = lists;
         for (level, depth) in block.levels() {
-            included.clear();
-            for &entry in level {
-                refit_height(nodes, entry);
-                included.push_if(entry, schedule.includes(entry.slot()));
-            }
-            let level = if schedule.is_always() { level } else { included.all() };
+            let level = if schedule.is_always() {
+                level
+            } else {
+                included.clear();
+                for &entry in level {
+                    refit_height(nodes, entry);
+                    included.push_if(entry, schedule.includes(entry.slot()));
+                }
+                included.all()
+            };
             accepted.clear();
             dispatch!(self.level, judge(nodes, level, accepted));
             accepted.apply(nodes, depth, self.is_partly_static, tally);

@@ -1,7 +1,7 @@
 //! The unsafe parts: a node arena that tasks on several threads share, and the calls into code for a SIMD level.
 
 #[cfg(target_arch = "x86_64")]
-use std::arch::x86_64::{__m256, __m512};
+use std::arch::x86_64::{__m256, __m512, _mm512_maskz_loadu_ps};
 use std::marker::PhantomData;
 
 use bvh_core::glam::Vec4;
@@ -127,26 +127,28 @@ impl<'a> SharedNodes<'a> {
         }
     }
 
-    /// The nodes in slots `n` and `n + 1`, in one register.
+    /// The boxes of the nodes in slots `n` and `n + 1` in one register, with 0 for words.
     #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
+    #[target_feature(enable = "avx512f")]
+    #[inline]
     pub(crate) fn pair_wide(&self, n: usize) -> __m512 {
         assert!(n + 1 < self.len, "pair out of range");
         // SAFETY: as in `pair`; two nodes have the size of a register, at any alignment.
         #[expect(unsafe_code, reason = "reads the shared arena")]
         unsafe {
-            self.start.add(n).cast::<__m512>().read_unaligned()
+            _mm512_maskz_loadu_ps(0x7777, self.start.add(n).cast())
         }
     }
 
     /// The children of a node with that link word, as [`pair_wide`](Self::pair_wide); for a leaf, boxes around everything.
     #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
+    #[target_feature(enable = "avx512f")]
+    #[inline]
     pub(crate) fn child_wide(&self, link: u32) -> __m512 {
         // SAFETY: as in `pair_wide`, for a pair that is in range or a constant.
         #[expect(unsafe_code, reason = "reads the shared arena")]
         unsafe {
-            self.children_or_everything(link).cast::<__m512>().read_unaligned()
+            _mm512_maskz_loadu_ps(0x7777, self.children_or_everything(link).cast())
         }
     }
 
