@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Triangles, Vec3, sah_cost};
-use bvh_update::{Rotate, Scratch, Strategy, update};
+use bvh_update::{Rotate, Strategy, Updater};
 use pivot_examples::sphere;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -17,14 +17,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         (0..shared.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
 
     let triangles = Triangles { positions: &corners, indices: &indices };
-    let mut refitted = build(&triangles, Builder::Sweep, &BuildOptions::default(), None)?;
+    let mut refitted = build(&triangles, Builder::Sweep)?;
     // In the order of the leaves, updates stream through the triangles. `order` has the old
     // numbers.
-    let order = refitted.renumber();
+    let order = refitted.reorder_primitives();
     indices = order.iter().map(|&old| indices[old as usize]).collect();
     let mut rotated = refitted.clone();
     // Memory that updates keep from frame to frame.
-    let mut scratch = Scratch::new();
+    let mut scratch = Updater::default();
 
     println!("{} triangles\nframe   refit        refit+rotate            rebuild", indices.len());
     for frame in 1..=20 {
@@ -36,14 +36,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         let triangles = Triangles { positions: &corners, indices: &indices };
 
         let timer = Instant::now();
-        let refit = update(&mut refitted, &triangles, &Strategy::Refit, &mut scratch)?;
+        let refit = scratch.set_strategy(Strategy::Refit).update(&mut refitted, &triangles)?;
         let refit_ms = timer.elapsed().as_secs_f64() * 1e3;
         let timer = Instant::now();
         let rotate =
-            update(&mut rotated, &triangles, &Strategy::RefitRotate(Rotate::default()), &mut scratch)?;
+            scratch.set_strategy(Strategy::RefitRotate(Rotate::default())).update(&mut rotated, &triangles)?;
         let rotate_ms = timer.elapsed().as_secs_f64() * 1e3;
         let timer = Instant::now();
-        let fresh = build(&triangles, Builder::Binned, &BuildOptions::default(), None)?;
+        let fresh = build(&triangles, Builder::Binned)?;
         let fresh_ms = timer.elapsed().as_secs_f64() * 1e3;
 
         println!(

@@ -8,7 +8,7 @@ use std::ops::ControlFlow;
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Aabb, Vec3, sah_cost};
-use bvh_update::{Rotate, Scratch, Strategy, update};
+use bvh_update::{Rotate, Strategy, Updater};
 
 const BALLS: usize = 20_000;
 const RADIUS: f32 = 0.2;
@@ -26,7 +26,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let mut bvh = build(&boxes(&centers), Builder::BinnedParallel)?;
     let mut fresh_cost = sah_cost(&bvh);
-    let mut scratch = Scratch::new();
+    let mut scratch = Updater::default();
     for step in 0..60 {
         for (center, speed) in centers.iter_mut().zip(&mut speeds) {
             *center += *speed * 0.2;
@@ -38,11 +38,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         let boxes = boxes(&centers);
         let done =
-            update(&mut bvh, boxes.as_slice(), &Strategy::RefitRotate(Rotate::default()), &mut scratch)?;
+            scratch.set_strategy(Strategy::RefitRotate(Rotate::default())).update(&mut bvh, boxes.as_slice())?;
         let cost = done.sah_cost.unwrap_or_default();
         if cost > 2.0 * fresh_cost {
             let rebuild = Strategy::Rebuild(Builder::BinnedParallel, BuildOptions::default());
-            update(&mut bvh, boxes.as_slice(), &rebuild, &mut scratch)?;
+            scratch.set_strategy(rebuild).update(&mut bvh, boxes.as_slice())?;
             fresh_cost = sah_cost(&bvh);
             println!("step {step:2}: the cost had doubled to {cost:.1}; rebuilt at {fresh_cost:.1}");
         }

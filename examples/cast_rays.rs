@@ -11,7 +11,7 @@ fn main() -> Result<(), bvh_build::BuildError> {
     let triangles = Triangles { positions: &positions, indices: &indices };
 
     // Binned SAH on all threads; `Builder::Sweep` takes longer for a slightly better tree.
-    let bvh = build(&triangles, Builder::BinnedParallel, &BuildOptions::default(), None)?;
+    let bvh = build(&triangles, Builder::BinnedParallel)?;
     println!("{:#?}", stats(&bvh));
 
     // Looking along -z, lit from the upper left.

@@ -6,7 +6,7 @@ use std::ops::ControlFlow::{Break, Continue};
 
 use bvh_build::{BuildOptions, Builder, build, build_with};
 use bvh_core::{Aabb, Bvh, Primitives, Ray, Triangles, Vec3};
-use bvh_update::{Rotate, Scratch, Strategy, update};
+use bvh_update::{Rotate, Strategy, Updater};
 use pivot_tests::{Motion, Soup, closest_hit, noise};
 use proptest::prelude::*;
 use rt_cpu::{TriangleTest, closest_hit_brute};
@@ -21,7 +21,7 @@ fn moved(n: usize, seed: u64, motion: Motion, max_leaf_size: u32) -> (Bvh, Soup,
     let now = soup.pose(motion, 3);
     let triangles = Triangles { positions: &now, indices: &soup.triangles };
     let strategy = Strategy::RefitRotate(Rotate::default());
-    update(&mut bvh, &triangles, &strategy, &mut Scratch::new()).expect("same count");
+    Updater::new(strategy).update(&mut bvh, &triangles).expect("same count");
     (bvh, soup, now)
 }
 

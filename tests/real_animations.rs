@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Triangles, Vec3};
-use bvh_update::{Scratch, Strategy, update};
+use bvh_update::{Strategy, Updater};
 use pivot_tests::{closest_hit, noise};
 use rt_cpu::TriangleTest;
 
@@ -27,9 +27,9 @@ fn play(file: &str, per_loop: usize, moves: bool, rotation_pays: bool) {
     let frames = per_loop * 23 / 10;
     let time = |frame: usize| animation.duration() * (frame % per_loop) as f64 / per_loop as f64;
     let start = Triangles { positions: &positions, indices: &topology.triangles };
-    let mut built = build(&start, Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
-    built.set_moving(|p| topology.moves[p]);
-    let with_tree = |strategy| (strategy, built.clone(), Scratch::new());
+    let mut built = build(&start, Builder::Sweep).expect("few enough");
+    built.set_dynamic(|p| topology.moves[p]);
+    let with_tree = |strategy| (strategy, built.clone(), Updater::default());
     let mut trees: Vec<_> = Strategy::all().into_iter().map(with_tree).collect();
     let (mut rotations, mut costs, mut moved) = (0, [0.0; 2], false);
     for i in 1..=frames {
@@ -38,7 +38,7 @@ fn play(file: &str, per_loop: usize, moves: bool, rotation_pays: bool) {
         moved |= positions != before;
         let triangles = Triangles { positions: &positions, indices: &topology.triangles };
         for (strategy, bvh, scratch) in &mut trees {
-            let done = update(bvh, &triangles, strategy, scratch).expect("same count");
+            let done = scratch.set_strategy(*strategy).update(bvh, &triangles).expect("same count");
             if i % 4 == 1 {
                 bvh.validate(&triangles).expect("valid and tight");
             }

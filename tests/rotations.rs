@@ -3,14 +3,14 @@
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::rotation::{area_changes_at, rotate};
 use bvh_core::{Bvh, Node, Rotation, Triangles, stats};
-use bvh_update::{Rotate, Scratch, Strategy, update};
+use bvh_update::{Rotate, Strategy, Updater};
 use pivot_tests::{Motion, Soup, noise, sah_cost};
 use proptest::prelude::*;
 
 fn tree(soup: &Soup) -> Bvh {
     let positions = soup.pose(Motion::Smooth, 0);
     let primitives = Triangles { positions: &positions, indices: &soup.triangles };
-    build(&primitives, Builder::Binned, &BuildOptions::default(), None).expect("few enough")
+    build(&primitives, Builder::Binned).expect("few enough")
 }
 
 /// Refits all ancestors' heights the slow way, so that the result is a valid tree.
@@ -29,7 +29,7 @@ proptest! {
         let positions = soup.pose(Motion::Divergent, frame);
         let primitives = Triangles { positions: &positions, indices: &soup.triangles };
         let mut bvh = tree(&soup);
-        update(&mut bvh, &primitives, &Strategy::Refit, &mut Scratch::new()).expect("same count");
+        Updater::new(Strategy::Refit).update(&mut bvh, &primitives).expect("same count");
         let before = sah_cost(&bvh, &positions, &soup.triangles);
         let root = bvh.root().aabb().half_area_f64();
         let mut inner = Vec::new();
@@ -58,11 +58,11 @@ fn a_still_tree_comes_to_rest_with_a_lower_cost() {
     for frame in [0, 3, 6] {
         let positions = soup.pose(Motion::Divergent, frame);
         let primitives = Triangles { positions: &positions, indices: &soup.triangles };
-        let (mut bvh, mut scratch) = (tree(&soup), Scratch::new());
-        update(&mut bvh, &primitives, &Strategy::Refit, &mut scratch).expect("same count");
+        let (mut bvh, mut scratch) = (tree(&soup), Updater::default());
+        scratch.set_strategy(Strategy::Refit).update(&mut bvh, &primitives).expect("same count");
         let refitted = sah_cost(&bvh, &positions, &soup.triangles);
         let mut passes = 0;
-        while update(&mut bvh, &primitives, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
+        while scratch.set_strategy(Strategy::RefitRotate(Rotate::default())).update(&mut bvh, &primitives)
             .expect("same count")
             .rotations
             != [0; 6]
@@ -86,7 +86,7 @@ fn about_a_quarter_of_all_nodes_can_rotate() {
 #[test]
 fn height_and_cost_stay_bounded_over_many_loops() {
     let soup = Soup::new(500, 6);
-    let (mut bvh, mut scratch) = (tree(&soup), Scratch::new());
+    let (mut bvh, mut scratch) = (tree(&soup), Updater::default());
     let (mut highest, mut costs) = (0, Vec::new());
     for frame in 0..2000 {
         let swing = (frame % 40) as f32;
@@ -95,7 +95,7 @@ fn height_and_cost_stay_bounded_over_many_loops() {
             *p += (noise(8, i / 3) - 0.5) * swing.min(40.0 - swing);
         }
         let primitives = Triangles { positions: &positions, indices: &soup.triangles };
-        let done = update(&mut bvh, &primitives, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
+        let done = scratch.set_strategy(Strategy::RefitRotate(Rotate::default())).update(&mut bvh, &primitives)
             .expect("same count");
         highest = highest.max(done.height);
         // At rest, once a loop.

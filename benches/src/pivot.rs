@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use bvh_build::{BuildOptions, Builder};
 use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3, sah_cost};
-use bvh_update::{Rotate, Scratch, Strategy, update};
+use bvh_update::{Rotate, Strategy, Updater};
 use rt_cpu::{
     Bvh8, Pixel, PointLight, RenderOptions, RenderStats, Traversal, TriangleTest, any_hit, cast, closest_hit,
 };
@@ -23,12 +23,12 @@ struct Pivot {
     strategy: Strategy,
     /// Most primitives in a leaf of a tree that is kept.
     max_leaf_size: u32,
-    scratch: Scratch,
+    updater: Updater,
     options: RenderOptions,
     rays: RayKind,
     wide: Bvh8,
-    /// Rays of the last picture, and nodes that they visited.
-    visited: [AtomicU64; 2],
+    /// Nodes that the packets of the last picture visited.
+    visited: AtomicU64,
 }
 
 /// How rays are traced that come without a camera.
@@ -50,7 +50,7 @@ impl Pivot {
             is_built: false,
             strategy,
             max_leaf_size: 1,
-            scratch: Scratch::new(),
+            updater: Updater::default(),
             options: RenderOptions { traversal, simd, ..RenderOptions::default() },
             rays: RayKind::Single,
             wide: Bvh8::new(),
@@ -65,9 +65,9 @@ impl Pivot {
             Strategy::Rebuild(builder, options) => (*builder, *options),
             _ => (Builder::Sweep, leaves_of(self.max_leaf_size)),
         };
-        self.tree = bvh_build::build(&self.mesh.triangles(), builder, &options, None).map_err(failure)?;
+        self.tree = bvh_build::build_with(&self.mesh.triangles(), builder, &options).map_err(failure)?;
         if !matches!(self.strategy, Strategy::Rebuild(..)) {
-            let order = self.tree.renumber();
+            let order = self.tree.reorder_primitives();
             self.mesh.indices = order.iter().map(|&p| self.mesh.indices[p as usize]).collect();
         }
         self.is_built = true;
@@ -76,7 +76,7 @@ impl Pivot {
 }
 
 fn leaves_of(max_leaf_size: u32) -> BuildOptions {
-    BuildOptions { max_leaf_size, ..BuildOptions::default() }
+    BuildOptions::default().with_max_leaf_size(max_leaf_size)
 }
 
 fn failure(error: impl std::fmt::Display) -> Failure {
@@ -89,11 +89,13 @@ impl Contestant for Pivot {
     }
 
     fn update(&mut self) -> Result<(), Failure> {
-        let [rays, nodes] = self.visited.each_mut().map(|count| std::mem::take(count.get_mut()));
-        self.scratch.visited(rays, nodes, RenderStats::NODE_NS);
+        let nodes = std::mem::take(self.visited.get_mut());
+        if nodes > 0 {
+            self.updater.report(Load::PacketNodes(nodes));
+        }
         if self.is_built {
             let triangles = self.mesh.triangles();
-            update(&mut self.tree, &triangles, &self.strategy, &mut self.scratch).map_err(failure)?;
+            self.updater.set_strategy(self.strategy).update(&mut self.tree, &triangles).map_err(failure)?;
         } else {
             self.build()?;
         }
@@ -155,7 +157,7 @@ impl Contestant for Pivot {
         let light = view.light.map(|position| PointLight { position, color: [1.0; 3] });
         let stats =
             cast(&self.tree, &self.mesh.triangles(), &view.camera, light.as_ref(), &self.options, pixels);
-        self.visited.iter().zip([stats.rays(), stats.nodes_visited]).for_each(|(to, n)| to.store(n, Relaxed));
+        self.visited.store(stats.nodes_visited, Relaxed);
     }
 }
 

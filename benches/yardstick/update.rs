@@ -4,11 +4,11 @@
 //! Rotations are held to AVX2 where it holds its own (variant `blksse`).
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Bvh, SimdLevel, Triangles, Vec3, sah_cost};
-use bvh_update::{Rotate, Scratch, Strategy, update};
+use bvh_update::{Rotate, Strategy, Updater};
 
 pub struct Pivot {
     bvh: Bvh,
-    scratch: Scratch,
+    scratch: Updater,
     strategy: Strategy,
     indices: Vec<[u32; 3]>,
 }
@@ -22,20 +22,20 @@ impl Pivot {
     pub fn new(positions: &[[f32; 3]], indices: &[[u32; 3]], rotate: bool) -> Self {
         let strategy = if rotate { Strategy::RefitRotate(Rotate::default()) } else { Strategy::Refit };
         let triangles = Triangles { positions: vectors(positions), indices };
-        let mut bvh = build(&triangles, Builder::BinnedParallel, &BuildOptions::default(), None).unwrap();
+        let mut bvh = build(&triangles, Builder::BinnedParallel).unwrap();
         let mut indices = indices.to_vec();
         if std::env::var_os("KEEP_ORDER").is_none() {
-            indices = bvh.renumber().into_iter().map(|p| indices[p as usize]).collect();
+            indices = bvh.reorder_primitives().into_iter().map(|p| indices[p as usize]).collect();
         }
         let held = std::env::args().any(|argument| argument.contains("blksse"));
         let level = if held { SimdLevel::Avx2 } else { SimdLevel::best() };
-        Self { bvh, scratch: Scratch::with_level(level), strategy, indices }
+        Self { bvh, scratch: Updater::with_level(Strategy::default(), level), strategy, indices }
     }
 
     /// Called in a rayon pool; this is what is timed.
     pub fn update(&mut self, positions: &[[f32; 3]]) {
         let triangles = Triangles { positions: vectors(positions), indices: &self.indices };
-        update(&mut self.bvh, &triangles, &self.strategy, &mut self.scratch).unwrap();
+        self.scratch.set_strategy(self.strategy).update(&mut self.bvh, &triangles).unwrap();
     }
 
     pub fn sah_cost(&self) -> f64 {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
 use bvh_core::Bvh;
-use bvh_update::{Scratch, Strategy, update};
+use bvh_update::{Strategy, Updater};
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbaImage};
 use rt_cpu::{Bvh8, Image, RenderOptions, RenderStats, render, render_with};
@@ -138,7 +138,7 @@ fn frames(
     let light = args.effects.unwrap_or(stage.scene.effects.light);
     let samples = args.samples.unwrap_or(default_samples(&light));
     let options = RenderOptions { smooth: !args.flat, seed: args.seed, ..stage.options_with(&light) };
-    let mut scratch = Scratch::new();
+    let mut scratch = Updater::default();
     let mut film = matches!(target, Target::Film(_)).then(Film::default);
     let mut picture = Picture {
         image: Image::new(args.size.0, args.size.1),
@@ -156,7 +156,7 @@ fn frames(
             break;
         }
         stage.pose(stage.time_of(frame, count));
-        update(&mut tree, &stage.triangles(), &args.strategy, &mut scratch)
+        scratch.set_strategy(args.strategy).update(&mut tree, &stage.triangles())
             .with_context(|| format!("{label}, frame {frame}"))?;
         if wanted.contains(&frame) {
             if !args.flat {

@@ -75,11 +75,11 @@ impl Stage {
         let pose = Pose::new(&*scene.animation);
         let start = Instant::now();
         let primitives = Triangles { positions: pose.positions(), indices: &topology.triangles };
-        let mut first_tree = build(&primitives, Builder::Sweep, &BuildOptions::default(), None)
+        let mut first_tree = build(&primitives, Builder::Sweep)
             .with_context(|| format!("{}: no tree", scene.name))?;
         let build_ms = ms(start);
-        let order = first_tree.renumber();
-        first_tree.set_moving(|slot| topology.moves[order[slot] as usize]);
+        let order = first_tree.reorder_primitives();
+        first_tree.set_dynamic(|slot| topology.moves[order[slot] as usize]);
 
         let mut material_of = vec![0; topology.triangles.len()];
         for part in &topology.parts {

@@ -2,7 +2,7 @@
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Aabb, Bvh, Ray, SimdLevel, Triangles, Vec3};
-use bvh_update::{Scratch, Strategy, Update, update};
+use bvh_update::{Strategy, Update, Updater};
 use rt_cpu::{Bvh8, Camera, Pixel, RenderOptions, Traversal, TriangleTest};
 
 use crate::arithmetic::Point;
@@ -138,7 +138,7 @@ pub(crate) fn levels() -> Vec<SimdLevel> {
 /// The real thing.
 pub(crate) struct Real {
     bvh: Bvh,
-    scratch: Scratch,
+    scratch: Updater,
     wide: Bvh8,
     update: Update,
     positions: Vec<Vec3>,
@@ -147,11 +147,11 @@ pub(crate) struct Real {
 
 impl Real {
     pub(crate) fn new(mesh: &Mesh, max_leaf_size: u32, level: SimdLevel) -> Self {
-        let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
-        let bvh = mesh.of_crate(|t| build(t, Builder::Binned, &options, None)).expect("few enough");
+        let options = BuildOptions::default().with_max_leaf_size(max_leaf_size);
+        let bvh = mesh.of_crate(|t| build_with(t, Builder::Binned, &options)).expect("few enough");
         let mut real = Self {
             bvh,
-            scratch: Scratch::with_level(level),
+            scratch: Updater::with_level(Strategy::default(), level),
             wide: Bvh8::new(),
             update: Update::default(),
             positions: Vec::new(),
@@ -167,7 +167,7 @@ impl Real {
         let strategy: Strategy = strategy.parse().expect("a strategy");
         let scratch = &mut self.scratch;
         let bvh = &mut self.bvh;
-        self.update = mesh.of_crate(|t| update(bvh, t, &strategy, scratch)).expect("same count");
+        self.update = mesh.of_crate(|t| scratch.set_strategy(strategy).update(bvh, t)).expect("same count");
         self.show(mesh);
     }
 

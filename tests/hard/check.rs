@@ -2,7 +2,7 @@
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3};
-use bvh_update::{Scratch, Strategy, Update, update};
+use bvh_update::{Strategy, Update, Updater};
 use pivot_tests::{noise, sah_cost};
 use rt_cpu::{Bvh8, Camera, Pixel, PointLight, RenderOptions, Traversal, TriangleTest};
 
@@ -50,22 +50,22 @@ pub(crate) fn hold(case: &Case) -> Vec<(Strategy, Update)> {
 }
 
 fn hold_here(case: &Case, max_leaf_size: u32, turn: usize) -> Vec<(Strategy, Update)> {
-    let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
+    let options = BuildOptions::default().with_max_leaf_size(max_leaf_size);
     let mut reported = Vec::new();
     for (number, strategy) in Strategy::all().into_iter().enumerate() {
         let builder = if let Strategy::Rebuild(builder, _) = strategy { builder } else { Builder::Sweep };
-        let built = build(&case.at(0), builder, &options, None).expect("few enough");
+        let built = build_with(&case.at(0), builder, &options).expect("few enough");
         built.validate(&case.at(0)).unwrap_or_else(|e| panic!("built by {}: {e}", builder.name()));
         // Each level plays the whole case; the trees must be the same.
         let mut hashes = Vec::new();
         for level in SimdLevel::available() {
-            let (mut bvh, mut scratch) = (built.clone(), Scratch::with_level(level));
+            let (mut bvh, mut scratch) = (built.clone(), Updater::with_level(Strategy::default(), level));
             let mut last = Update::default();
             for frame in 1..case.frames.len() {
-                last = update(&mut bvh, &case.at(frame), &strategy, &mut scratch).expect("same count");
+                last = scratch.set_strategy(strategy).update(&mut bvh, &case.at(frame)).expect("same count");
                 check_tree(&bvh, case, frame, &strategy, &last);
             }
-            hashes.push(bvh.hash());
+            hashes.push(bvh.fingerprint());
             if level == SimdLevel::best() {
                 let triangles = case.at(case.frames.len() - 1);
                 check_rays(&bvh, &triangles, strategy.name());

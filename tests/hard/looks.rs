@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use bvh_build::{Builder, build};
 use bvh_core::{SimdLevel, Triangles, Vec3};
-use bvh_update::{Scratch, Strategy, update};
+use bvh_update::{Strategy, Updater};
 use pivot_tests::{Motion, Soup, noise};
 use rt_cpu::{
     AmbientOcclusion, Camera, DiffuseBounces, Effects, Filter, Image, Material, Mesh, PointLight,
@@ -109,7 +109,7 @@ fn effects_on_what_is_not_finite() {
         let triangles = Triangles { positions: &positions, indices: &soup.triangles };
         let first = Triangles { positions: &start, ..triangles };
         let mut bvh = build(&first, Builder::Binned).expect("few enough");
-        update(&mut bvh, &triangles, &strategy, &mut Scratch::new()).expect("same count");
+        Updater::new(strategy).update(&mut bvh, &triangles).expect("same count");
 
         let mut pointed = positions.clone();
         for corners in pointed.chunks_mut(3).filter(|corners| corners.iter().any(|p| !p.is_finite())) {

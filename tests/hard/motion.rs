@@ -2,7 +2,7 @@
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
-use bvh_update::{Scratch, Strategy, update};
+use bvh_update::{Strategy, Updater};
 use pivot_tests::{Motion, Soup, noise};
 
 use crate::check::{Case, hold, pool};
@@ -93,9 +93,9 @@ fn copies_go_on_alike_after_frames_that_are_not_finite() {
         let start = soup.pose(Motion::PartlyNonFinite, 0);
         let mut indices = soup.triangles.clone();
         let first = Triangles { positions: &start, indices: &indices };
-        let bvh = build(&first, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
+        let bvh = build(&first, Builder::Binned).expect("few enough");
         let mut trees = [bvh.clone(), bvh];
-        let mut scratch = [Scratch::new(), Scratch::new()];
+        let mut scratch = [Updater::default(), Updater::default()];
         for frame in 1..FRAMES {
             let mut positions = soup.pose([Motion::PartlyNonFinite, Motion::Divergent][frame / 3 % 2], frame);
             if frame == FRAMES / 2 {
@@ -103,20 +103,20 @@ fn copies_go_on_alike_after_frames_that_are_not_finite() {
             }
             if frame % 3 == 2 {
                 trees[1] = trees[0].clone();
-                scratch[1] = Scratch::new();
+                scratch[1] = Updater::default();
             }
             if frame == FRAMES / 2 + 1 {
-                let [was, same] = trees.each_mut().map(Bvh::renumber);
+                let [was, same] = trees.each_mut().map(Bvh::reorder_primitives);
                 assert_eq!(was, same);
                 indices = was.iter().map(|&p| indices[p as usize]).collect();
             }
             let primitives = Triangles { positions: &positions, indices: &indices };
             for (i, (tree, scratch)) in trees.iter_mut().zip(&mut scratch).enumerate() {
-                pool(1 + i).install(|| update(tree, &primitives, &strategy, scratch)).expect("same count");
+                pool(1 + i).install(|| scratch.set_strategy(strategy).update(tree, &primitives)).expect("same count");
             }
             trees[0].validate(&primitives).unwrap_or_else(|e| panic!("{}, {frame}: {e}", strategy.name()));
-            assert!(trees[0].history() == trees[1].history(), "{}, {frame}", strategy.name());
-            assert_eq!(trees[0].hash(), trees[1].hash(), "{}, {frame}", strategy.name());
+            assert!(trees[0].update_state() == trees[1].update_state(), "{}, {frame}", strategy.name());
+            assert_eq!(trees[0].fingerprint(), trees[1].fingerprint(), "{}, {frame}", strategy.name());
         }
     }
 }
@@ -131,17 +131,17 @@ fn ten_thousand_frames_in_a_loop() {
     let at = |frame: usize| Triangles { positions: &poses[frame % PER_LOOP], indices: &soup.triangles };
     let options = BuildOptions::default();
     let fresh: Vec<_> =
-        (0..PER_LOOP).map(|f| build(&at(f), Builder::Sweep, &options, None).expect("few enough")).collect();
+        (0..PER_LOOP).map(|f| build_with(&at(f), Builder::Sweep, &options).expect("few enough")).collect();
     for strategy in Strategy::all() {
         // What rebuilds each frame knows nothing of the frames before.
         let frames = if matches!(strategy, Strategy::Rebuild(..)) { 1500 } else { 10_000 };
         let mut bvh = fresh[0].clone();
         let nodes = bvh.nodes().len();
-        let mut scratch = Scratch::new();
+        let mut scratch = Updater::default();
         let mut early = [0.0f64; 2];
         let mut late = [0.0f64; 2];
         for frame in 1..=frames {
-            update(&mut bvh, &at(frame), &strategy, &mut scratch).expect("same count");
+            scratch.set_strategy(strategy).update(&mut bvh, &at(frame)).expect("same count");
             if frame <= 500 || frame > frames - 500 {
                 let sums = if frame <= 500 { &mut early } else { &mut late };
                 let over = sah_cost(&bvh) / sah_cost(&fresh[frame % PER_LOOP]);

@@ -25,7 +25,7 @@
 //!     let corner = |i: usize| Vec3::new(i as f32, (i as f32 * 0.1 + time).sin(), 0.0);
 //!     (0..100).map(corner).map(|corner| Aabb::new(corner, corner + 0.5)).collect()
 //! };
-//! let mut bvh = build(&boxes(0.0), Builder::Sweep, &BuildOptions::default(), None)?;
+//! let mut bvh = build(&boxes(0.0), Builder::Sweep)?;
 //! let mut updater = Updater::default();
 //! for frame in 1..5 {
 //!     updater.update(&mut bvh, &boxes(frame as f32))?;
@@ -34,7 +34,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Static subtrees are not visited ([`Bvh::set_moving`](bvh_core::Bvh::set_moving)). The tree that results depends on the
+//! Static subtrees are not visited ([`Bvh::set_dynamic`](bvh_core::Bvh::set_dynamic)). The tree that results depends on the
 //! tree before, the primitives and the reported load alone: not on the number of threads (the pass runs in the current rayon
 //! pool) and not on the SIMD level. The exception is [`Strategy::Background`], where it depends on how long builds take.
 #![deny(unsafe_code)]

@@ -28,7 +28,7 @@ use crate::{leaves, repair};
 ///     let corner = |i: usize| Vec3::new(i as f32, time * (i % 7) as f32, 0.0);
 ///     (0..1000).map(corner).map(|corner| Aabb::new(corner, corner + 0.5)).collect()
 /// };
-/// let mut bvh = build(&boxes(0.0), Builder::Sweep, &BuildOptions::default(), None)?;
+/// let mut bvh = build(&boxes(0.0), Builder::Sweep)?;
 /// let mut updater = Updater::new(Strategy::default());
 /// for frame in 1..10 {
 ///     let done = updater.update(&mut bvh, &boxes(frame as f32))?;
@@ -149,7 +149,7 @@ pub fn refit<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P) -> Result<Up
 /// use bvh_core::{Aabb, Vec3};
 ///
 /// let at = |x: f32| Aabb::new(Vec3::new(x, 0.0, 0.0), Vec3::new(x + 1.0, 1.0, 1.0));
-/// let mut bvh = build(&[at(0.0), at(1.0), at(10.0)], Builder::Sweep, &BuildOptions::default(), None)?;
+/// let mut bvh = build(&[at(0.0), at(1.0), at(10.0)], Builder::Sweep)?;
 /// // The second box joins the third.
 /// let done = bvh_update::refit_and_rotate(&mut bvh, &[at(0.0), at(9.0), at(10.0)])?;
 /// assert_eq!(done.rotations_applied(), 1);
@@ -172,7 +172,8 @@ fn once<P: Primitives + ?Sized>(
 ) -> Result<Update, UpdateError> {
     ensure_count(bvh, primitives)?;
     note_changes(bvh);
-    let mut scratch = RefitScratch { with_sums: false, ..RefitScratch::with_level(SimdLevel::best()) };
+    let mut scratch = RefitScratch::with_level(SimdLevel::best());
+    scratch.with_sums = false;
     Ok(pass(bvh, primitives, rotate, &mut scratch).report(bvh))
 }
 
@@ -215,7 +216,7 @@ fn update<P: Primitives + ?Sized>(
         Strategy::PartialRebuild(options) => repair::update(bvh, primitives, options, refit, repair, rebuild),
         Strategy::Reinsert(options) => {
             let tally = pass(bvh, primitives, options.rotate, refit);
-            reinsert(bvh, &Reinsert { part: options.part, passes: 1 }, reinsertion);
+            reinsert(bvh, &Reinsert::default().with_part(options.part).with_passes(1), reinsertion);
             // The cost is not known for free.
             Ok(Update { sah_cost: None, ..tally.report(bvh) })
         }

@@ -29,8 +29,8 @@ fn boxes(n: usize, seed: u64, time: f32) -> Vec<Aabb> {
 }
 
 fn tree(boxes: &[Aabb], max_leaf_size: u32) -> Bvh {
-    let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
-    build(boxes, Builder::Binned, &options, None).expect("few enough")
+    let options = BuildOptions::default().with_max_leaf_size(max_leaf_size);
+    build_with(boxes, Builder::Binned, &options).expect("few enough")
 }
 
 fn pool(threads: usize) -> rayon::ThreadPool {
@@ -55,7 +55,7 @@ fn check(
     let rotating = budgets.map(|rotate| (Strategy::RefitRotate(rotate), Some(rotate)));
     for (strategy, rotate) in [(Strategy::Refit, None)].into_iter().chain(rotating) {
         let mut expected = tree(&start, max_leaf_size);
-        expected.set_moving(moves);
+        expected.set_dynamic(moves);
         let mut contestants: Vec<_> = SimdLevel::available()
             .flat_map(|level| [1, 2, 3, 8].map(|threads| (level, threads)))
             .map(|(level, threads)| {
@@ -77,12 +77,12 @@ fn check(
             for (level, threads, pool, bvh, updater) in &mut contestants {
                 let done =
                     pool.install(|| updater.set_strategy(strategy).update(bvh, &now)).expect("same count");
-                assert_eq!(bvh.hash(), expected.hash(), "{n} {level:?} {threads} threads, frame {frame}");
+                assert_eq!(bvh.fingerprint(), expected.fingerprint(), "{n} {level:?} {threads} threads, frame {frame}");
                 assert_eq!(done.rotations, applied);
                 assert_eq!(done.height, expected.height());
                 if rotate.is_none() {
                     let mut moving = 0;
-                    expected.visit(|_, node, _| moving += u64::from(node.moves()));
+                    expected.visit(|_, node, _| moving += u64::from(node.is_dynamic()));
                     assert_eq!(done.nodes_visited, moving);
                 }
                 let report = done.sah_cost.expect("known");
@@ -137,13 +137,13 @@ fn what_stands_still_is_not_visited() {
         .update(&mut bvh, &start)
         .expect("same count");
     assert_eq!(all.nodes_visited as usize, 2 * 20_000 - 1);
-    bvh.set_moving(|p| p == 77);
+    bvh.set_dynamic(|p| p == 77);
     let one = updater
         .set_strategy(Strategy::RefitRotate(Rotate::default()))
         .update(&mut bvh, &start)
         .expect("same count");
     assert!(one.nodes_visited <= u64::from(bvh.height()) + 1, "visited {}", one.nodes_visited);
-    bvh.set_moving(|_| false);
+    bvh.set_dynamic(|_| false);
     let none = updater
         .set_strategy(Strategy::RefitRotate(Rotate::default()))
         .update(&mut bvh, &start)
@@ -187,12 +187,12 @@ fn a_still_scene_converges_and_stays() {
         }
         assert!(pass < 200, "still rotating after {pass} passes over a still scene");
     }
-    let settled = bvh.hash();
+    let settled = bvh.fingerprint();
     updater
         .set_strategy(Strategy::RefitRotate(Rotate::default()))
         .update(&mut bvh, &end)
         .expect("same count");
-    assert_eq!(bvh.hash(), settled);
+    assert_eq!(bvh.fingerprint(), settled);
 }
 
 #[test]
@@ -200,7 +200,7 @@ fn renumbered_primitives_give_the_same_tree() {
     let start = boxes(3000, 4, 0.0);
     let mut plain_numbers = tree(&start, 1);
     let mut in_order = plain_numbers.clone();
-    let map = in_order.renumber();
+    let map = in_order.reorder_primitives();
     let mut updater = Updater::default();
     for frame in 1..4 {
         let now = boxes(3000, 4, frame as f32 * 20.0);
@@ -231,7 +231,7 @@ fn primitives_that_are_not_finite_are_dropped_and_come_back() {
             for (now, dropped) in [(&broken, 20), (&start, 0)] {
                 let done = updater.set_strategy(strategy).update(&mut bvh, now).expect("same count");
                 plain::update(&mut expected, now, rotate);
-                assert_eq!(bvh.hash(), expected.hash());
+                assert_eq!(bvh.fingerprint(), expected.fingerprint());
                 assert_eq!(done.dropped, dropped);
                 bvh.validate(now).expect("tight around the others");
                 assert!(bvh.root().aabb().min.is_finite() && done.sah_cost.is_some_and(f64::is_finite));
@@ -251,7 +251,7 @@ fn every_strategy_leaves_a_valid_tree_and_another_count_is_refused_or_rebuilt() 
         bvh.validate(&end).expect("valid and tight");
         assert_eq!(done.height, bvh.height());
         assert_eq!(strategy.name().parse(), Ok(strategy));
-        let before = bvh.hash();
+        let before = bvh.fingerprint();
         match (strategy, updater.set_strategy(strategy).update(&mut bvh, &end[1..])) {
             (Strategy::Rebuild(..) | Strategy::Auto(_), done) => {
                 assert!(done.is_ok_and(|done| done.rebuilt), "{strategy}");
@@ -259,7 +259,7 @@ fn every_strategy_leaves_a_valid_tree_and_another_count_is_refused_or_rebuilt() 
             }
             (_, done) => {
                 assert_eq!(done.expect_err("one too few"), UpdateError::Count { tree: 2000, given: 1999 });
-                assert_eq!(bvh.hash(), before);
+                assert_eq!(bvh.fingerprint(), before);
             }
         }
     }

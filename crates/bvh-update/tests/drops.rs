@@ -29,7 +29,7 @@ fn busy(boxes: &Vec<Aabb>, tree: &Bvh, builder: Builder) -> Updater {
 }
 
 fn tree(boxes: &Vec<Aabb>) -> Bvh {
-    build(boxes, Builder::Lbvh, &BuildOptions::default(), None).expect("few enough")
+    build(boxes, Builder::Lbvh).expect("few enough")
 }
 
 /// More tasks than a stack holds, if one runs on top of another.

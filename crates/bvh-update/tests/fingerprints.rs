@@ -51,13 +51,13 @@ fn indices() -> Vec<[u32; 3]> {
 
 fn play(motion: Motion, strategy: &Strategy, leaf: u32, level: SimdLevel, threads: usize) -> u64 {
     let indices = indices();
-    let options = BuildOptions { max_leaf_size: leaf, ..BuildOptions::default() };
+    let options = BuildOptions::default().with_max_leaf_size(leaf);
     let start = positions(motion, 0);
     let triangles = Triangles { positions: &start, indices: &indices };
-    let mut bvh: Bvh = build(&triangles, Builder::BinnedParallel, &options, None).expect("few enough");
+    let mut bvh: Bvh = build_with(&triangles, Builder::BinnedParallel, &options).expect("few enough");
     if matches!(motion, Motion::Corner) {
         let moves = |p: usize| indices[p].iter().any(|&v| v as usize % SIDE < 46 && v as usize / SIDE < 46);
-        bvh.set_moving(moves);
+        bvh.set_dynamic(moves);
     }
     let mut updater = Updater::with_level(Strategy::default(), level);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
@@ -66,7 +66,7 @@ fn play(motion: Motion, strategy: &Strategy, leaf: u32, level: SimdLevel, thread
         let triangles = Triangles { positions: &now, indices: &indices };
         assert_eq!(triangles.len(), bvh.len());
         pool.install(|| updater.set_strategy(*strategy).update(&mut bvh, &triangles)).expect("same count");
-        sum.rotate_left(9) ^ bvh.hash()
+        sum.rotate_left(9) ^ bvh.fingerprint()
     })
 }
 

@@ -29,7 +29,7 @@ impl Primitives for Fragile {
         self.boxes.len()
     }
 
-    fn aabb(&self, i: usize) -> Aabb {
+    fn bounds(&self, i: usize) -> Aabb {
         let left = self.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1));
         assert!(left.is_ok(), "asked once too often");
         self.boxes[i]
@@ -41,9 +41,9 @@ fn check(bvh: &Bvh, what: &str) {
     let again = Bvh::new(bvh.nodes(), bvh.order().to_vec()).unwrap_or_else(|e| panic!("{what}: {e}"));
     again.visit(|n, node, _| {
         let report = &bvh.nodes()[n];
-        assert_eq!((report.height(), report.moves()), (node.height(), node.moves()), "{what}, node {n}");
+        assert_eq!((report.height(), report.is_dynamic()), (node.height(), node.is_dynamic()), "{what}, node {n}");
     });
-    let (report, sum) = (bvh.still_area(), again.still_area());
+    let (report, sum) = (bvh.static_area(), again.static_area());
     assert!((report - sum).abs() <= 1e-9 * sum, "{what}: {report} stands still, not {sum}");
 }
 
@@ -55,8 +55,8 @@ fn a_panic_in_the_middle_of_an_update_leaves_a_valid_tree() {
         for strategy in Strategy::all() {
             for calls in [0, 10, N / 2, N - 1, N + 100] {
                 let mut bvh =
-                    build(&start, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
-                bvh.set_moving(|p| p % 10 > 0);
+                    build(&start, Builder::Binned).expect("few enough");
+                bvh.set_dynamic(|p| p % 10 > 0);
                 let mut updater = Updater::default();
                 let fragile = Fragile { boxes: end.clone(), left: AtomicUsize::new(calls) };
                 let updated = catch_unwind(AssertUnwindSafe(|| {
@@ -81,7 +81,7 @@ fn a_panic_in_the_middle_of_an_update_leaves_a_valid_tree() {
 #[test]
 fn the_plain_pass_and_a_mask_that_panic_leave_valid_trees() {
     let start = boxes(0.0);
-    let mut bvh = build(&start, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
+    let mut bvh = build(&start, Builder::Binned).expect("few enough");
     let fragile = Fragile { boxes: boxes(1.0), left: AtomicUsize::new(N / 2) };
     let rotate = Some(bvh_update::Rotate::default());
     assert!(catch_unwind(AssertUnwindSafe(|| plain::update(&mut bvh, &fragile, rotate))).is_err());
@@ -92,10 +92,10 @@ fn the_plain_pass_and_a_mask_that_panic_leave_valid_trees() {
         assert!(p != N / 2, "no such primitive");
         p % 2 > 0
     };
-    assert!(catch_unwind(AssertUnwindSafe(|| bvh.set_moving(mask))).is_err());
+    assert!(catch_unwind(AssertUnwindSafe(|| bvh.set_dynamic(mask))).is_err());
     check(&bvh, "mask");
-    assert!(bvh.root().moves() && bvh.still_area() == 0.0);
-    let hash = bvh.hash();
-    bvh.set_moving(|_| true);
-    assert_eq!(bvh.hash(), hash);
+    assert!(bvh.root().is_dynamic() && bvh.static_area() == 0.0);
+    let hash = bvh.fingerprint();
+    bvh.set_dynamic(|_| true);
+    assert_eq!(bvh.fingerprint(), hash);
 }

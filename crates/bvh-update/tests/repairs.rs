@@ -35,7 +35,7 @@ fn chaos(step: usize) -> Vec<Aabb> {
 }
 
 fn tree(boxes: &[Aabb], builder: Builder) -> Bvh {
-    bvh_build::build(boxes, builder, &BuildOptions::default(), None).expect("built")
+    bvh_build::build(boxes, builder).expect("built")
 }
 
 fn over_fresh(bvh: &Bvh, boxes: &[Aabb]) -> f64 {
@@ -45,7 +45,7 @@ fn over_fresh(bvh: &Bvh, boxes: &[Aabb]) -> f64 {
 /// Plays the burst; gives the decisions, and the greatest cost over that of a fresh tree.
 fn play(strategy: Strategy, moves: impl Fn(usize) -> bool) -> (Vec<Decision>, f64) {
     let mut bvh = tree(&burst(0.0), Builder::Sweep);
-    bvh.set_moving(&moves);
+    bvh.set_dynamic(&moves);
     let mut updater = Updater::default();
     let mut worst = 0.0f64;
     let decisions = (1..=20).map(|step| {
@@ -130,8 +130,8 @@ fn new_trees_have_no_larger_leaves_than_those_they_replace_but_as_large_ones() {
         Strategy::Background(Background::default()),
     ];
     for (strategy, max_leaf_size) in strategies.iter().flat_map(|s| [(s, 1), (s, 2)]) {
-        let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
-        let mut bvh = bvh_build::build(&pairs(0), Builder::Sweep, &options, None).expect("built");
+        let options = BuildOptions::default().with_max_leaf_size(max_leaf_size);
+        let mut bvh = bvh_build::build_with(&pairs(0), Builder::Sweep, &options).expect("built");
         let mut updater = Updater::default();
         let is_new = (1..2000).any(|step| {
             let boxes = pairs(step);
@@ -229,7 +229,7 @@ fn static_primitives_stay_static_in_a_new_tree_of_auto() {
     let strategy = Strategy::Auto(Auto::default());
     let (still, moves) = (chaos(0), |i: usize| !i.is_multiple_of(2));
     let mut bvh = tree(&still, Builder::Sweep);
-    bvh.set_moving(moves);
+    bvh.set_dynamic(moves);
     let mut updater = Updater::default();
     let mut rebuilds = 0;
     for step in 1..=6 {
@@ -241,7 +241,7 @@ fn static_primitives_stay_static_in_a_new_tree_of_auto() {
     }
     assert!(rebuilds > 0, "nothing was built anew");
     bvh.visit(|_, node, _| {
-        bvh.primitives(node).iter().for_each(|&p| assert_eq!(node.moves(), moves(p as usize), "{p}"));
+        bvh.primitives(node).iter().for_each(|&p| assert_eq!(node.is_dynamic(), moves(p as usize), "{p}"));
     });
 }
 
@@ -251,16 +251,16 @@ fn static_primitives_stay_static_in_every_new_tree() {
     let still = burst(0.0);
     for strategy in Strategy::all() {
         let mut bvh = tree(&still, Builder::Sweep);
-        bvh.set_moving(moves);
+        bvh.set_dynamic(moves);
         let mut updater = Updater::default();
         for step in 1..=12 {
             let moved = chaos(step);
             let boxes: Vec<_> = (0..N).map(|i| if moves(i) { moved[i] } else { still[i] }).collect();
             updater.set_strategy(strategy).update(&mut bvh, boxes.as_slice()).expect("updated");
-            assert!(!bvh.all_move(), "{}, step {step}", strategy.name());
+            assert!(!bvh.all_dynamic(), "{}, step {step}", strategy.name());
             for leaf in bvh.nodes().iter().filter(|node| node.count() > 0) {
                 let expected = bvh.primitives(leaf).iter().any(|&p| moves(p as usize));
-                assert_eq!(leaf.moves(), expected, "{}, step {step}", strategy.name());
+                assert_eq!(leaf.is_dynamic(), expected, "{}, step {step}", strategy.name());
             }
         }
     }
@@ -316,7 +316,7 @@ fn repairs_do_not_depend_on_threads() {
                     let boxes = burst(step as f32 / 6.0);
                     updater.set_strategy(strategy).update(&mut bvh, boxes.as_slice()).expect("updated");
                 }
-                bvh.hash()
+                bvh.fingerprint()
             })
         });
         assert!(hashes.iter().all(|h| *h == hashes[0]), "{}", strategy.name());
@@ -447,7 +447,7 @@ fn auto_merges_leaves_where_it_is_calm() {
 fn leaves_come_to_rest_and_know_what_stands_still() {
     let boxes = frayed(0);
     let mut bvh = tree(&boxes, Builder::Sweep);
-    bvh.set_moving(|i| i % 200 < 100);
+    bvh.set_dynamic(|i| i % 200 < 100);
     let strategy = Strategy::Leaves(Leaves { period: 1, ..Leaves::default() });
     let mut updater = Updater::default();
     let mut step = || {
@@ -459,13 +459,13 @@ fn leaves_come_to_rest_and_know_what_stands_still() {
             let moving = bvh.primitives(node).iter().filter(|&&i| i % 200 < 100).count();
             assert!(moving == 0 || moving == bvh.primitives(node).len(), "a leaf that moves in part");
         });
-        bvh.hash()
+        bvh.fingerprint()
     };
     let hashes: Vec<_> = (0..40).map(|_| step()).collect();
     assert!(hashes[0] != hashes[39] && hashes[30..].iter().all(|&hash| hash == hashes[39]));
     // A tree that has no pairs to spare is left with the leaves that it has.
-    let options = BuildOptions { max_leaf_size: 4, ..BuildOptions::default() };
-    let mut coarse = bvh_build::build(&boxes, Builder::Sweep, &options, None).expect("built");
+    let options = BuildOptions::default().with_max_leaf_size(4);
+    let mut coarse = bvh_build::build_with(&boxes, Builder::Sweep, &options).expect("built");
     let before = stats(&coarse).leaves;
     let apart = frayed(25);
     updater.set_strategy(strategy).update(&mut coarse, apart.as_slice()).expect("updated");
@@ -499,7 +499,7 @@ fn no_tree_of_old_numbers_takes_over() {
     let mut updater = Updater::default();
     let background = Strategy::Background(Background::default());
     updater.set_strategy(background).update(&mut bvh, &chaos(0)).expect("updated");
-    let order = bvh.renumber();
+    let order = bvh.reorder_primitives();
     let boxes: Vec<_> = order.iter().map(|&p| chaos(0)[p as usize]).collect();
     let fresh = sah_cost(&bvh);
     for _ in 0..50 {
@@ -522,14 +522,14 @@ fn trees_from_the_background_move_as_was_said_last() {
         if step % 23 == 0 {
             asked[which] = 1 + step % 3;
             let period = asked[which];
-            bvh.set_moving(|p| p.is_multiple_of(period));
+            bvh.set_dynamic(|p| p.is_multiple_of(period));
         }
         let report = updater.set_strategy(background).update(bvh, &chaos(0)).expect("updated");
         bvh.validate(&chaos(0)).expect("valid");
         swaps += usize::from(report.decision == Decision::Swap);
-        assert_eq!(bvh.all_move(), asked[which] == 1, "step {step}");
+        assert_eq!(bvh.all_dynamic(), asked[which] == 1, "step {step}");
         let moves = |p: u32| (p as usize).is_multiple_of(asked[which]);
-        bvh.visit(|_, leaf, _| bvh.primitives(leaf).iter().for_each(|&p| assert_eq!(leaf.moves(), moves(p))));
+        bvh.visit(|_, leaf, _| bvh.primitives(leaf).iter().for_each(|&p| assert_eq!(leaf.is_dynamic(), moves(p))));
         if step % 2 == 0 {
             std::thread::sleep(std::time::Duration::from_millis(2));
         }

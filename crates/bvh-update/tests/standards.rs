@@ -16,7 +16,7 @@ fn noise(i: usize) -> Vec3 {
 }
 
 fn tree(boxes: &[Aabb]) -> Bvh {
-    bvh_build::build(boxes, Builder::Sweep, &BuildOptions::default(), None).expect("built")
+    bvh_build::build(boxes, Builder::Sweep).expect("built")
 }
 
 fn over_fresh(bvh: &Bvh, boxes: &[Aabb]) -> f64 {
@@ -38,7 +38,7 @@ fn bodies_that_fall_asleep_in_each_frame_hide_no_damage() {
         let (mut bvh, mut updater, mut repairs) = (tree(&burst(0.0)), Updater::default(), 0);
         for step in 1..=30 {
             if falls_asleep {
-                bvh.set_moving(|p| p < N * 9 / 10 || (p + step) % 7 < 3);
+                bvh.set_dynamic(|p| p < N * 9 / 10 || (p + step) % 7 < 3);
             }
             let boxes = burst(step as f32 / 30.0);
             let report = updater.set_strategy(strategy).update(&mut bvh, &boxes).expect("same count");
@@ -122,7 +122,7 @@ fn huge_boxes_leave_no_trace() {
 fn another_number_of_primitives_gives_a_new_tree() {
     let (all, some) = (burst(0.5), &burst(0.5)[..N / 3]);
     let mut bvh = tree(&burst(0.0));
-    bvh.set_moving(|p| p > 10);
+    bvh.set_dynamic(|p| p > 10);
     let mut updater = Updater::default();
     for boxes in [&all[..], some, &[], &all] {
         updater.update(&mut bvh, boxes).expect("a new tree");

@@ -76,7 +76,7 @@ pub(super) struct Frame {
 impl Frame {
     pub(super) fn new(stage: &Stage, view: &View) -> Result<Self> {
         let triangles = stage.triangles();
-        let tree = build(&triangles, Builder::Sweep, &BuildOptions::default(), None)
+        let tree = build(&triangles, Builder::Sweep)
             .with_context(|| format!("{}: no tree", stage.scene.name))?;
         let mut pixels = vec![Pixel::default(); view.camera.width() as usize * view.camera.height() as usize];
         let light = view.light.map(|position| PointLight { position, color: [1.0; 3] });

@@ -5,7 +5,7 @@
 
 use anyhow::{Context, Result};
 use bvh_core::{Bvh, Triangles};
-use bvh_update::{Auto, Scratch, Strategy, Update, update};
+use bvh_update::{Auto, Strategy, Update, Updater};
 
 use super::paper_binned;
 use crate::pool::PAPER_THREADS;
@@ -40,8 +40,6 @@ pub(crate) enum Counted {
     Divided,
 }
 
-/// The strategy that chooses, its weights corrected by the clock: not reproducible.
-const AUTO_BY_CLOCK: &str = "auto-by-clock";
 /// An instant sweep rebuild: the bound for every update (Kopta et al. 2012, section 3, "ideal
 /// update").
 pub(crate) const IDEAL: &str = "ideal";
@@ -77,8 +75,6 @@ impl Contestant {
             .iter()
             .map(|&s| named(s.name(), s.name(), Method::Strategy(s), Counted::Measured))
             .collect();
-        let by_clock = Strategy::Auto(Auto { clock: true, ..Auto::default() });
-        all.push(named(AUTO_BY_CLOCK, AUTO_BY_CLOCK, Method::Strategy(by_clock), Counted::Measured));
         let paper_binned =
             Method::Rebuild(paper_binned::update, "serial binned rebuild with bins along one axis");
         all.push(named(PAPER_BINNED, PAPER_BINNED, paper_binned, Counted::Measured));
@@ -124,7 +120,7 @@ impl Method {
     /// The same, with the number of rays that each tree is for.
     pub(crate) fn for_rays(self, rays: u64) -> Self {
         match self {
-            Self::Strategy(Strategy::Auto(auto)) => Self::Strategy(Strategy::Auto(Auto { rays, ..auto })),
+            Self::Strategy(Strategy::Auto(_)) => Self::Strategy(Strategy::Auto(Auto { load: Load::PacketRays(rays) })),
             other => other,
         }
     }
@@ -134,10 +130,10 @@ impl Method {
         &self,
         tree: &mut Bvh,
         triangles: &Triangles<'_>,
-        scratch: &mut Scratch,
+        updater: &mut Updater,
     ) -> Result<Update> {
         match self {
-            Self::Strategy(strategy) => update(tree, triangles, strategy, scratch).context(strategy.name()),
+            Self::Strategy(strategy) => updater.set_strategy(*strategy).update(tree, triangles).context(strategy.name()),
             Self::Rebuild(function, _) => function(tree, triangles),
         }
     }
@@ -181,8 +177,8 @@ mod tests {
     fn only_auto_takes_the_number_of_rays() {
         for contestant in Contestant::all() {
             match (contestant.method, contestant.method.for_rays(512)) {
-                (Method::Strategy(Strategy::Auto(before)), Method::Strategy(Strategy::Auto(now))) => {
-                    assert_eq!((now.rays, now.clock), (512, before.clock));
+                (Method::Strategy(Strategy::Auto(_)), Method::Strategy(Strategy::Auto(now))) => {
+                    assert_eq!(now.load, Load::PacketRays(512));
                 }
                 (Method::Strategy(before), Method::Strategy(now)) => assert_eq!(before, now),
                 (Method::Rebuild(..), Method::Rebuild(..)) => {}

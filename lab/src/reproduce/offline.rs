@@ -46,7 +46,7 @@ pub(crate) fn measure(stage: &mut Stage, size: u32) -> Result<Vec<OfflineTree>> 
             return Ok(Vec::new());
         }
         let start = Instant::now();
-        let bvh = build(&stage.triangles(), builder, &BuildOptions::default(), None)?;
+        let bvh = build(&stage.triangles(), builder)?;
         let (build_ms, sah_cost) = (ms(start), sah_cost(&bvh));
         let name = builder.name().to_owned();
         trees.push((OfflineTree { builder: name, build_ms, sah_cost, path_ms: 0.0 }, bvh, Vec::new()));

@@ -119,7 +119,7 @@ mod tests {
         let mut bvh = Bvh::default();
         assert!(update(&mut bvh, &triangles).unwrap().rebuilt);
         bvh.validate(&triangles).unwrap();
-        let sweep = build(&triangles, Builder::Sweep, &BuildOptions::default(), None).unwrap();
+        let sweep = build(&triangles, Builder::Sweep).unwrap();
         let over = sah_cost(&bvh) / sah_cost(&sweep);
         assert!((1.0..1.2).contains(&over), "{over}");
     }

@@ -15,7 +15,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use bvh_core::{Bvh, sah_cost};
-use bvh_update::{Decision, Scratch, Update};
+use bvh_update::{Decision, Update, Updater};
 use rt_cpu::{Image, RenderOptions, RenderStats, render};
 
 use super::check::{self, Checks};
@@ -86,7 +86,7 @@ struct Lane {
     name: &'static str,
     method: Method,
     tree: Bvh,
-    scratch: Scratch,
+    updater: Updater,
     /// Whether the tree fits the present frame.
     is_current: bool,
     last: Option<Measured>,
@@ -236,12 +236,12 @@ fn lanes(stage: &Stage, plan: &Plan) -> Vec<Lane> {
 
 impl Lane {
     fn new(name: &'static str, method: Method, tree: Bvh) -> Self {
-        Self { name, method, tree, scratch: Scratch::new(), is_current: false, last: None }
+        Self { name, method, tree, updater: Updater::default(), is_current: false, last: None }
     }
 
     fn update(&mut self, stage: &Stage) -> Result<Update> {
         self.method
-            .run(&mut self.tree, &stage.triangles(), &mut self.scratch)
+            .run(&mut self.tree, &stage.triangles(), &mut self.updater)
             .with_context(|| format!("{}: {} failed", stage.scene.name, self.name))
     }
 
@@ -250,7 +250,7 @@ impl Lane {
     fn recall(&mut self, rows: &[Row], round: usize, frame: usize) {
         let is_it = |row: &&Row| row.strategy == self.name && [row.round, row.frame] == [round, frame];
         if let Some(row) = rows.iter().find(is_it) {
-            self.scratch.visited(row.rays(), row.nodes_opened, RenderStats::NODE_NS);
+            self.updater.report(Load::PacketNodes(row.nodes_opened));
         }
     }
 
@@ -268,8 +268,7 @@ impl Lane {
         let start = Instant::now();
         let stats = render(&self.tree, &mesh, &camera, Some(&light), options, image);
         let trace_ms = ms(start);
-        self.scratch.traced(stats.rays(), start.elapsed());
-        self.scratch.visited(stats.rays(), stats.nodes_visited, RenderStats::NODE_NS);
+        self.updater.report(Load::PacketNodes(stats.nodes_visited));
         let sah_cost = update.sah_cost.unwrap_or_else(|| sah_cost(&self.tree));
         let primitives_refit = primitives_refit(&self.tree, &update);
         Ok(Measured { update, update_ms, stats, trace_ms, sah_cost, primitives_refit })

@@ -59,7 +59,7 @@ pub(crate) fn primitives_refit(tree: &Bvh, update: &Update) -> u64 {
 
 fn moving_primitives(tree: &Bvh) -> u64 {
     let mut count = 0;
-    tree.visit(|_, node, _| count += if node.is_leaf() && node.moves() { node.count() as u64 } else { 0 });
+    tree.visit(|_, node, _| count += if node.is_leaf() && node.is_dynamic() { node.count() as u64 } else { 0 });
     count
 }
 
@@ -114,7 +114,7 @@ mod tests {
 
     use anim::Motion;
     use bvh_core::{Aabb, Primitives, Triangles};
-    use bvh_update::{Rotate, Scratch, Strategy, update};
+    use bvh_update::{Rotate, Strategy, Updater};
     use rt_cpu::{Image, RenderOptions, render};
     use scenes::{LightEffects, Scene, SceneOptions};
 
@@ -129,7 +129,7 @@ mod tests {
             Primitives::len(&self.0)
         }
 
-        fn aabb(&self, i: usize) -> Aabb {
+        fn bounds(&self, i: usize) -> Aabb {
             self.1.fetch_add(1, Ordering::Relaxed);
             self.0.aabb(i)
         }
@@ -164,8 +164,8 @@ mod tests {
             let [skinned, rigid] = [vertices(|m| m.skin), vertices(|m| m.rigid)];
             let moving_vertices = vertices(|m| !m.is_still());
             // Of the cloth and its ball nothing stands still.
-            let all_move = moving == topology.triangles.len() as u64;
-            assert_eq!(all_move, info.name == "cloth-ball", "{}", info.name);
+            let all_dynamic = moving == topology.triangles.len() as u64;
+            assert_eq!(all_dynamic, info.name == "cloth-ball", "{}", info.name);
 
             assert_eq!(stage.pose(0.0), PoseStats::default(), "{}: it is there already", info.name);
             let time = stage.time_of(1, 3);
@@ -186,7 +186,7 @@ mod tests {
             for strategy in [Strategy::Refit, Strategy::RefitRotate(Rotate::default())] {
                 let mut tree = stage.first_tree.clone();
                 let asked = Asked(stage.triangles(), AtomicU64::new(0));
-                let done = update(&mut tree, &asked, &strategy, &mut Scratch::new()).unwrap();
+                let done = Updater::new(strategy).update(&mut tree, &asked).unwrap();
                 assert_eq!(asked.1.into_inner(), moving, "{}", info.name);
                 assert_eq!(primitives_refit(&tree, &done), moving, "{}", info.name);
                 assert!(done.nodes_visited < 3 * moving + 100, "{}: {}", info.name, done.nodes_visited);

@@ -6,7 +6,7 @@
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3};
-use bvh_update::{Scratch, Strategy, update};
+use bvh_update::{Strategy, Updater};
 use rt_cpu::{
     AmbientOcclusion, Bvh8, Camera, DiffuseBounces, Effects, Image, Mesh, PointLight, RenderOptions,
     Traversal, TriangleTest, any_hit, closest_hit, render,
@@ -106,17 +106,17 @@ fn strategies() -> impl Iterator<Item = Strategy> {
 fn built(scene_name: &str, builder: Builder) -> Bvh {
     let (positions, indices) = scene(scene_name, 0);
     let triangles = Triangles { positions: &positions, indices: &indices };
-    build(&triangles, builder, &BuildOptions::default(), None).expect("few enough")
+    build(&triangles, builder).expect("few enough")
 }
 
 /// The tree after all frames.
 fn updated(scene_name: &str, strategy: &Strategy, level: SimdLevel) -> Bvh {
     let mut bvh = built(scene_name, Builder::Sweep);
-    let mut scratch = Scratch::with_level(level);
+    let mut scratch = Updater::with_level(Strategy::default(), level);
     for frame in 1..FRAMES {
         let (positions, indices) = scene(scene_name, frame);
         let triangles = Triangles { positions: &positions, indices: &indices };
-        update(&mut bvh, &triangles, strategy, &mut scratch).expect("same count");
+        scratch.set_strategy(*strategy).update(&mut bvh, &triangles).expect("same count");
     }
     bvh
 }

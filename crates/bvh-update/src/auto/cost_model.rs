@@ -16,9 +16,11 @@ pub(super) const GOOD_BUILD: f64 = 85.0;
 pub(super) const FAST_BUILD: f64 = 45.0;
 /// Looking at a node whose leaves may be merged or split.
 const LEAF_NODE: f64 = 50.0;
-/// A ray of a coherent packet through a good tree, a ray alone, and a node that a query visits.
+/// A ray of a coherent packet through a good tree, and a ray alone.
 const PACKET_RAY: f64 = 25.0;
 const SINGLE_RAY: f64 = 1000.0;
+/// A node that a packet visits, with the triangles and rays that hang on it, and a node that a single query visits.
+const PACKET_NODE: f64 = 90.0;
 const QUERY_NODE: f64 = 15.0;
 /// Finding all overlapping pairs, for each primitive.
 const PAIRS: f64 = 100.0;
@@ -46,6 +48,8 @@ pub enum Load {
     Pairs,
     /// As many visits of nodes as the queries since the last update report.
     Nodes(u64),
+    /// As many visits of nodes as the packets of rays since the last update report, one for each packet.
+    PacketNodes(u64),
     /// As much time of one core as the queries since the last update took.
     Time(Duration),
 }
@@ -60,13 +64,14 @@ pub(super) struct QueryCost {
 impl QueryCost {
     /// Of a tree over so many primitives; loads that were measured were so in a tree with this excess.
     pub(super) fn new(load: Load, primitives: f64, excess: f64) -> Self {
-        let measured = |ns: f64| ns / (1.0 + QUERY_SLOPE * excess.max(0.0));
+        let measured = |ns: f64, slope: f64| ns / (1.0 + slope * excess.max(0.0));
         let (ns, slope) = match load {
             Load::PacketRays(rays) => (rays as f64 * PACKET_RAY, PACKET_SLOPE),
             Load::SingleRays(rays) => (rays as f64 * SINGLE_RAY, QUERY_SLOPE),
             Load::Pairs => (0.0, QUERY_SLOPE),
-            Load::Nodes(nodes) => (measured(nodes as f64 * QUERY_NODE), QUERY_SLOPE),
-            Load::Time(time) => (measured(time.as_secs_f64() * 1e9), QUERY_SLOPE),
+            Load::Nodes(nodes) => (measured(nodes as f64 * QUERY_NODE, QUERY_SLOPE), QUERY_SLOPE),
+            Load::PacketNodes(nodes) => (measured(nodes as f64 * PACKET_NODE, PACKET_SLOPE), PACKET_SLOPE),
+            Load::Time(time) => (measured(time.as_secs_f64() * 1e9, QUERY_SLOPE), QUERY_SLOPE),
         };
         Self { ns: ns.max(primitives * PAIRS), slope }
     }

@@ -102,7 +102,7 @@ fn find_parts(
     parts: &mut Vec<Part>,
 ) {
     let node = &nodes[n];
-    if !node.moves() {
+    if !node.is_dynamic() {
         return;
     }
     if node.height() <= SMALL {
@@ -244,14 +244,14 @@ impl<P: Primitives + ?Sized> View<'_, P> {
         let mut i = 0;
         while i < seen.len() {
             let node = &self.nodes[seen[i].n as usize];
-            if node.moves() && node.is_leaf() {
+            if node.is_dynamic() && node.is_leaf() {
                 let cost = sah_term(node);
                 prefetch(self.order, node.first());
                 if (1..=self.longest as usize).contains(&node.count()) {
                     let (first, count) = (node.first() as u32, node.count() as u32);
                     seen[i].run = Run { first, count, cost, leaves: cost };
                 }
-            } else if node.moves() {
+            } else if node.is_dynamic() {
                 let pair = node.first();
                 prefetch(self.nodes, pair);
                 seen[i].children = seen.len() as u32;
@@ -460,13 +460,13 @@ mod tests {
     #[test]
     fn leaves_merge_and_split_to_the_same_tree_on_all_numbers_of_threads() {
         let (together, apart) = (boxes(0.0), boxes(30.0));
-        let start = build(&together, Builder::Sweep, &BuildOptions::default(), None).expect("few");
+        let start = build(&together, Builder::Sweep).expect("few");
         let mut trees = Vec::new();
         for threads in [1, 2, 4] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
             pool.install(|| {
                 let mut bvh = start.clone();
-                bvh.set_moving(moves);
+                bvh.set_dynamic(moves);
                 for (boxes, kind) in [(&together, LeafStep::Either), (&apart, LeafStep::Split)] {
                     pass(&mut bvh, boxes, None, &mut RefitScratch::new());
                     let (cost, nodes) = (sah_cost(&bvh), in_use(&bvh));
@@ -479,7 +479,7 @@ mod tests {
                     assert_eq!(in_use(&bvh), expected);
                     assert_eq!(change.fewer, nodes as i64 - expected as i64);
                 }
-                trees.push(bvh.hash());
+                trees.push(bvh.fingerprint());
             });
         }
         assert!(trees.iter().all(|&tree| tree == trees[0]));
@@ -493,7 +493,7 @@ mod tests {
             self.0.len()
         }
 
-        fn aabb(&self, i: usize) -> Aabb {
+        fn bounds(&self, i: usize) -> Aabb {
             let left = self.1.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1));
             assert!(left.is_ok(), "asked once too often");
             self.0[i]
@@ -503,15 +503,15 @@ mod tests {
     #[test]
     fn nothing_has_changed_if_primitives_panic() {
         let together = boxes(0.0);
-        let mut bvh = build(&together, Builder::Sweep, &BuildOptions::default(), None).expect("few");
-        let (hash, state) = (bvh.hash(), *bvh.update_state());
+        let mut bvh = build(&together, Builder::Sweep).expect("few");
+        let (hash, state) = (bvh.fingerprint(), *bvh.update_state());
         for calls in [0, 10, N / 2, N - 1] {
             let fragile = Fragile(together.clone(), calls.into());
             let panics = AssertUnwindSafe(|| step(&mut bvh, &fragile, LeafStep::Either));
             assert!(catch_unwind(panics).is_err());
-            assert_eq!((bvh.hash(), *bvh.update_state()), (hash, state));
+            assert_eq!((bvh.fingerprint(), *bvh.update_state()), (hash, state));
         }
         step(&mut bvh, &Fragile(together.clone(), N.into()), LeafStep::Either);
-        assert_ne!(bvh.hash(), hash);
+        assert_ne!(bvh.fingerprint(), hash);
     }
 }

@@ -30,7 +30,7 @@ impl TreeCost {
         let term = sah_term(node);
         self.all += term;
         self.leaves += if node.is_leaf() { term } else { 0.0 };
-        self.fixed += if node.moves() { 0.0 } else { term };
+        self.fixed += if node.is_dynamic() { 0.0 } else { term };
     }
 
     pub(crate) fn and(self, other: Self) -> Self {
@@ -64,7 +64,7 @@ pub(crate) fn take_baseline(bvh: &mut Bvh, measure: impl NodeMeasure) {
     bvh.visit(|_, node, _| {
         let term = sah_term(node);
         all += term;
-        match (node.is_leaf(), node.moves()) {
+        match (node.is_leaf(), node.is_dynamic()) {
             (true, true) => dynamic_leaves += term,
             (true, false) => static_leaves += term,
             (false, _) => {}
@@ -117,7 +117,7 @@ impl Baseline {
 
 /// The cost of a tree after a pass.
 pub(crate) fn cost_after(bvh: &Bvh, tally: &Tally) -> f64 {
-    tally.area + bvh.still_area()
+    tally.area + bvh.static_area()
 }
 
 /// The cost of a tree. O(n).

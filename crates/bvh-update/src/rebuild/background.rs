@@ -64,7 +64,7 @@ struct Job {
 impl Job {
     fn bytes(&self) -> usize {
         let Self { boxes, dynamic, bvh, scratch, .. } = self;
-        boxes.capacity() * size_of::<Aabb>() + dynamic.capacity() + bvh.bytes() + scratch.bytes()
+        boxes.capacity() * size_of::<Aabb>() + dynamic.capacity() + bvh.memory_usage() + scratch.memory_usage()
     }
 }
 
@@ -102,7 +102,7 @@ impl Builds {
             built.expect("as many primitives as a tree holds");
             // What the update that finds it would otherwise have to do.
             if !dynamic.is_empty() {
-                bvh.set_moving(|p| dynamic[p]);
+                bvh.set_dynamic(|p| dynamic[p]);
             }
             let changes = bvh.update_state().changes;
             let Parts { nodes, state, .. } = parts(bvh);
@@ -173,7 +173,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     if let Some(new) = builds.take(number).filter(|new| new.len() == primitives.len()) {
         if !knows_dynamic {
             let has_static = note_dynamic(bvh, &mut rebuild.dynamic);
-            new.set_moving(|p| !has_static || rebuild.dynamic[p]);
+            new.set_dynamic(|p| !has_static || rebuild.dynamic[p]);
         }
         std::mem::swap(bvh, new);
         let changes = bvh.update_state().changes;

@@ -29,7 +29,7 @@ pub(crate) fn options_like(bvh: &mut Bvh) -> BuildOptions {
     if state.largest_leaf == 0 {
         state.largest_leaf = parts.nodes.iter().map(Node::count).max().unwrap_or(1) as u32;
     }
-    BuildOptions { max_leaf_size: state.largest_leaf, ..BuildOptions::default() }
+    BuildOptions::default().with_max_leaf_size(state.largest_leaf)
 }
 
 /// Builds a new tree in which the same primitives are dynamic; where their number changed, all are.
@@ -44,7 +44,7 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
     let has_static = note_dynamic(bvh, &mut scratch.dynamic) && primitives.len() == bvh.len();
     rebuild(bvh, primitives, builder, options, &mut scratch.build)?;
     if has_static {
-        bvh.set_moving(|p| scratch.dynamic[p]);
+        bvh.set_dynamic(|p| scratch.dynamic[p]);
     }
     let changes = bvh.update_state().changes;
     let state = State::of_mut(parts(bvh).state);
@@ -58,13 +58,13 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
 /// Notes which primitives are dynamic, unless all are. Looks at what is in the tree: slots that are not in use may hold
 /// anything.
 pub(crate) fn note_dynamic(bvh: &Bvh, dynamic: &mut Vec<bool>) -> bool {
-    if bvh.all_move() {
+    if bvh.all_dynamic() {
         return false;
     }
     dynamic.clear();
     dynamic.resize(bvh.len(), false);
     bvh.visit(|_, node, _| {
-        if node.moves() {
+        if node.is_dynamic() {
             bvh.primitives(node).iter().for_each(|&p| dynamic[p as usize] = true);
         }
     });

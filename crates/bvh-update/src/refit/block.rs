@@ -139,7 +139,7 @@ impl<'a> Lister<'a> {
     ) -> [u32; 2] {
         let words = nodes.pair_words(pair);
         for (i, [link, aux]) in words.into_iter().enumerate() {
-            const { assert!(Node::LEAF == 1 << 31 && Node::MOVES == 1 << 30) };
+            const { assert!(Node::LEAF == 1 << 31 && Node::DYNAMIC == 1 << 30) };
             let entry = Entry::new(pair + i, link);
             let moves = if PARTLY_STATIC { (link >> 30 & 1) as usize } else { 1 };
             let is_leaf = (link >> 31) as usize;

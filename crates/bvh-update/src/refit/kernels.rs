@@ -233,7 +233,7 @@ impl Accepted {
             // A rotation makes a tree higher by one at most.
             if is_partly_static || nodes.get(entry.slot()).height() + depth >= bvh_core::MAX_HEIGHT {
                 match rotate(&mut nodes, entry.first(), rotation, depth) {
-                    Some(still_area) => grown = still_area,
+                    Some(static_area) => grown = static_area,
                     None => continue,
                 }
             } else {
@@ -244,7 +244,7 @@ impl Accepted {
             tally.rotations[rotation as usize] += 1;
             tally.area += change - grown;
             tally.gain -= change;
-            tally.still_area += grown;
+            tally.static_area += grown;
         }
     }
 }

@@ -41,7 +41,7 @@ fn lies_in_order(nodes: &[Node]) -> bool {
             count -= 1;
         }
         for node in children.iter().rev() {
-            moving += usize::from(node.moves());
+            moving += usize::from(node.is_dynamic());
             if !node.is_leaf() {
                 todo[count] = node.first();
                 count += 1;
@@ -73,15 +73,15 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         let [l, r] = self.nodes.pair(pair);
         let middle = if r.is_leaf() { piece.end } else { r.first() / 2 };
         let below = |node: Node, pairs: Range<usize>| {
-            if node.moves() && !node.is_leaf() { self.sweep(pairs) } else { Tally::default() }
+            if node.is_dynamic() && !node.is_leaf() { self.sweep(pairs) } else { Tally::default() }
         };
         let (l_tally, r_tally) =
             rayon::join(|| below(l, piece.start + 1..middle), || below(r, middle..piece.end));
         let mut tally = l_tally.and(&r_tally);
         for (slot, node) in [(pair, l), (pair + 1, r)] {
-            if node.moves() && node.is_leaf() {
+            if node.is_dynamic() && node.is_leaf() {
                 kernels::fit_leaf(self.nodes, self.primitives, slot, &mut tally);
-            } else if node.moves() {
+            } else if node.is_dynamic() {
                 let [[link_l, _], [link_r, _]] = self.nodes.pair_words(pair);
                 let entry = Entry::new(slot, [link_l, link_r][slot - pair]);
                 kernels::refit_boxes(self.nodes, &[entry], self.with_sums, &mut tally);

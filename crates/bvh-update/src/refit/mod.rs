@@ -77,14 +77,14 @@ pub(crate) struct Tally {
     /// By how much rotations have lowered it.
     pub(crate) gain: f64,
     /// Growth of the same sum over static nodes.
-    pub(crate) still_area: f64,
+    pub(crate) static_area: f64,
 }
 
 impl Tally {
     /// What the pass reports; `bvh` is the tree after it.
     pub(crate) fn report(&self, bvh: &Bvh) -> Update {
         // Static areas are among those of the tree.
-        let cost = (self.area + bvh.still_area()) / bvh.root().aabb().half_area_f64();
+        let cost = (self.area + bvh.static_area()) / bvh.root().aabb().half_area_f64();
         // Areas beyond the range of f32, or a root without area.
         let known = || if cost.is_finite() { cost } else { sah_cost(bvh) };
         Update {
@@ -105,7 +105,7 @@ impl Tally {
         self.area += other.area;
         self.leaf_area += other.leaf_area;
         self.gain += other.gain;
-        self.still_area += other.still_area;
+        self.static_area += other.static_area;
         self
     }
 }
@@ -191,7 +191,7 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     rotate: Option<Rotate>,
     scratch: &mut RefitScratch,
 ) -> Tally {
-    let (is_in_order, is_partly_static) = (bvh.is_in_order(), !bvh.all_move());
+    let (is_in_order, is_partly_static) = (bvh.is_in_order(), !bvh.all_dynamic());
     let mut unfinished = shared::Unfinished::new(bvh);
     let parts = parts(unfinished.bvh);
     let state = State::of_mut(parts.state);
@@ -215,7 +215,7 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
         let primitives = &InOrder { primitives, order: parts.order };
         Task { nodes, primitives, schedule, is_partly_static, with_sums, level, workers }.run(is_linear)
     };
-    *parts.still_area += tally.still_area;
+    *parts.static_area += tally.static_area;
     tally.has_sums = with_sums;
     unfinished.done = true;
     tally
@@ -224,7 +224,7 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
 impl<P: Primitives + ?Sized> Task<'_, P> {
     fn run(&self, is_linear: bool) -> Tally {
         let root = self.nodes.get(0);
-        if !root.moves() {
+        if !root.is_dynamic() {
             Tally::default()
         } else if root.is_leaf() {
             let mut tally = Tally::default();

@@ -77,7 +77,7 @@ pub(crate) fn rebuild_top(
     let graft = Graft { nodes: share(parts.nodes), measure, top, kept, pairs, scale };
     let Grafted { root, cost, references } = graft.write(0);
     graft.nodes.set(0, root);
-    *parts.still_area += cost.fixed - opened.fixed;
+    *parts.static_area += cost.fixed - opened.fixed;
     let change = cost.all - opened.all;
     let state = State::of_mut(parts.state);
     state.baseline.cost = in_units_of(judge(&NewTop { references, change }), 1.0);
@@ -155,7 +155,7 @@ mod tests {
             };
             (0..10_000).map(corner).map(|corner| Aabb::new(corner, corner + 1.1)).collect()
         };
-        let mut bvh = build(&boxes(0), Builder::Sweep, &BuildOptions::default(), None).expect("few");
+        let mut bvh = build(&boxes(0), Builder::Sweep).expect("few");
         take_baseline(&mut bvh, area);
         let (mut scratch, mut kept, mut memory) = (RepairScratch::default(), Vec::new(), Vec::new());
         for step in 0..10 {

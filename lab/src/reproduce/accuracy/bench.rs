@@ -90,7 +90,7 @@ impl<'a> Bench<'a> {
 
     /// A fresh tree by the sweep builder over the current pose.
     pub(super) fn sweep(&self) -> Result<Bvh> {
-        build(&self.stage.triangles(), Builder::Sweep, &BuildOptions::default(), None)
+        build(&self.stage.triangles(), Builder::Sweep)
             .with_context(|| format!("{}: no tree", self.label))
     }
 

@@ -5,7 +5,7 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use bvh_build::{Anneal, BuildOptions, BuildScratch, Builder, rebuild};
 use bvh_core::Bvh;
-use bvh_update::{Rotate, Scratch, Strategy, update};
+use bvh_update::{Rotate, Strategy, Updater};
 
 use super::bench::{Bench, Over, fastest, noise};
 use super::point::Point;
@@ -20,7 +20,7 @@ struct Entrant {
     name: String,
     strategy: Strategy,
     tree: Bvh,
-    scratch: Scratch,
+    scratch: Updater,
     updates: usize,
     update_ms: f64,
     /// Sums of the errors over the frames compared.
@@ -49,7 +49,7 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
             name,
             strategy,
             tree: bench.stage.first_tree.clone(),
-            scratch: Scratch::new(),
+            scratch: Updater::default(),
             updates: 0,
             update_ms: 0.0,
             errors: [0.0; 2],
@@ -138,7 +138,7 @@ impl Entrant {
     fn update(&mut self, bench: &Bench<'_>) -> Result<()> {
         let triangles = bench.stage.triangles();
         let start = Instant::now();
-        update(&mut self.tree, &triangles, &self.strategy, &mut self.scratch)
+        self.scratch.set_strategy(self.strategy).update(&mut self.tree, &triangles)
             .with_context(|| format!("{} failed", self.name))?;
         self.update_ms += ms(start);
         self.updates += 1;
@@ -153,10 +153,10 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
     let of = |builder, options, name: String, is_default| (builder, options, name, is_default);
     let bins = [4, 8, 16, 32, 64, 256].map(|bins| {
         let name = format!("{bins} bins");
-        of(Builder::BinnedParallel, BuildOptions { bins, ..default }, name, bins == default.bins)
+        of(Builder::BinnedParallel, default.with_bins(bins), name, bins == default.bins)
     });
     let radii = [1, 2, 4, 8, 16, 32].map(|radius| {
-        let options = BuildOptions { search_radius: radius, ..default };
+        let options = default.with_search_radius(radius);
         of(Builder::Ploc, options, format!("ploc radius {radius}"), radius == default.search_radius)
     });
     let others = Builder::ALL
@@ -164,7 +164,7 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
         .filter(|b| ![Builder::Binned, Builder::BinnedParallel, Builder::Ploc, Builder::Annealed].contains(b))
         .map(|builder| of(builder, default, builder.name().to_owned(), false));
     let annealed = bench.effort.anneal_passes.iter().map(|&passes| {
-        let options = BuildOptions { anneal: Anneal { passes, ..default.anneal }, ..default };
+        let options = default.with_anneal(default.anneal.with_passes(passes));
         let is_default = passes == default.anneal.passes;
         of(Builder::Annealed, options, format!("annealed {passes} passes"), is_default)
     });

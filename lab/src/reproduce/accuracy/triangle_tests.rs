@@ -96,7 +96,7 @@ fn within(random: &mut fastrand::Rng) -> [f64; 3] {
 }
 
 fn at_offset(bench: &mut Bench<'_>, triangles: &Triangles<'_>, from: Vec3, condition: &str) -> Result<()> {
-    let tree = build(triangles, Builder::Sweep, &BuildOptions::default(), None).context("no tree")?;
+    let tree = build(triangles, Builder::Sweep).context("no tree")?;
     let mut random = fastrand::Rng::with_seed(bench.effort.seed);
     let [edge_rays, distance_rays] = bench.effort.rays;
     let at_edges = rays(triangles, from, edge_rays, &mut random, on_an_edge);
