@@ -4,7 +4,7 @@
 use std::error::Error;
 use std::time::Instant;
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{Triangles, Vec3, sah_cost};
 use bvh_update::{Rotate, Scratch, Strategy, update};
 use pivot_examples::sphere;
@@ -17,9 +17,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         (0..shared.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
 
     let triangles = Triangles { positions: &corners, indices: &indices };
-    let mut refitted = build(&triangles, Builder::Sweep, &BuildOptions::default(), None)?;
+    let mut refitted = build(&triangles, Builder::Sweep)?;
     // In the order of the leaves, updates stream through the triangles. `order` has the old numbers.
-    let order = refitted.renumber();
+    let order = refitted.reorder_primitives();
     indices = order.iter().map(|&old| indices[old as usize]).collect();
     let mut rotated = refitted.clone();
     // Memory that updates keep from frame to frame.
@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             update(&mut rotated, &triangles, &Strategy::RefitRotate(Rotate::default()), &mut scratch)?;
         let rotate_ms = timer.elapsed().as_secs_f64() * 1e3;
         let timer = Instant::now();
-        let fresh = build(&triangles, Builder::Binned, &BuildOptions::default(), None)?;
+        let fresh = build(&triangles, Builder::Binned)?;
         let fresh_ms = timer.elapsed().as_secs_f64() * 1e3;
 
         println!(

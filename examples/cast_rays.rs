@@ -1,6 +1,6 @@
 //! Builds a tree over the triangles of a sphere, casts a grid of rays at it and draws what they hit.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{Ray, Triangles, Vec3, stats};
 use pivot_examples::sphere;
 use rt_cpu::{TriangleTest, closest_hit};
@@ -10,7 +10,7 @@ fn main() -> Result<(), bvh_build::BuildError> {
     let triangles = Triangles { positions: &positions, indices: &indices };
 
     // Binned SAH on all threads; `Builder::Sweep` takes longer for a slightly better tree.
-    let bvh = build(&triangles, Builder::BinnedParallel, &BuildOptions::default(), None)?;
+    let bvh = build(&triangles, Builder::BinnedParallel)?;
     println!("{:#?}", stats(&bvh));
 
     // Looking along -z, lit from the upper left.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{Triangles, Vec3};
 use bvh_update::{Scratch, Strategy, update};
 use pivot_tests::{closest_hit, noise};
@@ -26,8 +26,8 @@ fn play(file: &str, per_loop: usize, moves: bool, rotation_pays: bool) {
     let frames = per_loop * 23 / 10;
     let time = |frame: usize| animation.duration() * (frame % per_loop) as f64 / per_loop as f64;
     let start = Triangles { positions: &positions, indices: &topology.triangles };
-    let mut built = build(&start, Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
-    built.set_moving(|p| topology.moves[p]);
+    let mut built = build(&start, Builder::Sweep).expect("few enough");
+    built.set_dynamic(|p| topology.moves[p]);
     let with_tree = |strategy| (strategy, built.clone(), Scratch::new());
     let mut trees: Vec<_> = Strategy::all().into_iter().map(with_tree).collect();
     let (mut rotations, mut costs, mut moved) = (0, [0.0; 2], false);

@@ -1,6 +1,6 @@
 //! The claims of the paper that concern rotations themselves, on trees of some size.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::rotation::{area_changes_at, rotate};
 use bvh_core::{Bvh, Node, Rotation, Triangles, stats};
 use bvh_update::{Rotate, Scratch, Strategy, update};
@@ -10,7 +10,7 @@ use proptest::prelude::*;
 fn tree(soup: &Soup) -> Bvh {
     let positions = soup.pose(Motion::Smooth, 0);
     let primitives = Triangles { positions: &positions, indices: &soup.triangles };
-    build(&primitives, Builder::Binned, &BuildOptions::default(), None).expect("few enough")
+    build(&primitives, Builder::Binned).expect("few enough")
 }
 
 /// Refits all ancestors' heights the slow way, so that the result is a valid tree.

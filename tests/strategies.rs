@@ -1,6 +1,6 @@
 //! Every strategy, through every kind of motion: valid and tight trees, costs as told, and the hits of brute force.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{BuildOptions, Builder, build, build_with};
 use bvh_core::{Bvh, Ray, Triangles, Vec3};
 use bvh_update::{Scratch, Strategy, update};
 use pivot_tests::{Motion, Soup, closest_hit, noise, sah_cost};
@@ -42,8 +42,8 @@ fn play(n: usize, seed: u64, motion: Motion, frames: usize, threads: usize, max_
     let soup = Soup::new(n, seed);
     let start = soup.pose(motion, 0);
     let primitives = Triangles { positions: &start, indices: &soup.triangles };
-    let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
-    let built = build(&primitives, Builder::Binned, &options, None).expect("few enough");
+    let options = BuildOptions::default().with_max_leaf_size(max_leaf_size);
+    let built = build_with(&primitives, Builder::Binned, &options).expect("few enough");
     pool(threads).install(|| {
         for strategy in Strategy::all() {
             let (mut bvh, mut scratch) = (built.clone(), Scratch::new());
@@ -79,7 +79,7 @@ fn rays_do_hit() {
     let soup = Soup::new(2000, 3);
     let positions = soup.pose(Motion::Smooth, 0);
     let primitives = Triangles { positions: &positions, indices: &soup.triangles };
-    let bvh = build(&primitives, Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
+    let bvh = build(&primitives, Builder::Sweep).expect("few enough");
     assert!(check_hits(&bvh, &primitives, 1, 300) > 100, "a test of hits needs some");
 }
 
@@ -90,7 +90,7 @@ fn one_hash_for_all_thread_counts() {
         let start = soup.pose(motion, 0);
         let primitives = Triangles { positions: &start, indices: &soup.triangles };
         let options = BuildOptions::default();
-        let built = build(&primitives, Builder::Binned, &options, None).expect("few enough");
+        let built = build_with(&primitives, Builder::Binned, &options).expect("few enough");
         // Trees from the background depend on how long they take.
         for strategy in Strategy::all().into_iter().filter(|s| !matches!(s, Strategy::Background(_))) {
             let hashes = [1, 2, 3, 8].map(|threads| {
@@ -101,7 +101,7 @@ fn one_hash_for_all_thread_counts() {
                         let primitives = Triangles { positions: &positions, indices: &soup.triangles };
                         update(&mut bvh, &primitives, &strategy, &mut scratch).expect("same count");
                     }
-                    bvh.hash()
+                    bvh.fingerprint()
                 })
             });
             assert!(hashes.iter().all(|&h| h == hashes[0]), "{strategy:?} {motion:?} {hashes:x?}");
@@ -124,8 +124,7 @@ fn all_triangles_at_one_point() {
     let triangles = vec![[0, 1, 2]; 500];
     let primitives = Triangles { positions: &positions, indices: &triangles };
     for strategy in Strategy::all() {
-        let mut bvh =
-            build(&primitives, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
+        let mut bvh = build(&primitives, Builder::Binned).expect("few enough");
         let done = update(&mut bvh, &primitives, &strategy, &mut Scratch::new()).expect("same count");
         bvh.validate(&primitives).expect("valid and tight");
         assert_eq!((done.rotations_applied(), bvh_core::sah_cost(&bvh)), (0, 0.0));

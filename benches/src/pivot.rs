@@ -65,9 +65,9 @@ impl Pivot {
             Strategy::Rebuild(builder, options) => (*builder, *options),
             _ => (Builder::Sweep, leaves_of(self.max_leaf_size)),
         };
-        self.tree = bvh_build::build(&self.mesh.triangles(), builder, &options, None).map_err(failure)?;
+        self.tree = bvh_build::build_with(&self.mesh.triangles(), builder, &options).map_err(failure)?;
         if !matches!(self.strategy, Strategy::Rebuild(..)) {
-            let order = self.tree.renumber();
+            let order = self.tree.reorder_primitives();
             self.mesh.indices = order.iter().map(|&p| self.mesh.indices[p as usize]).collect();
         }
         self.is_built = true;
@@ -76,7 +76,7 @@ impl Pivot {
 }
 
 fn leaves_of(max_leaf_size: u32) -> BuildOptions {
-    BuildOptions { max_leaf_size, ..BuildOptions::default() }
+    BuildOptions::default().with_max_leaf_size(max_leaf_size)
 }
 
 fn failure(error: impl std::fmt::Display) -> Failure {

@@ -101,7 +101,7 @@ fn costs_of_all_readable_trees_are_those_of_trees_over_these_triangles() {
     let soup = Soup::new(3000);
     let positions = soup.positions(0.0);
     let triangles = soup.triangles(&positions);
-    let sweep = bvh_build::build(&triangles, bvh_build::Builder::Sweep, &Default::default(), None);
+    let sweep = bvh_build::build(&triangles, bvh_build::Builder::Sweep);
     let sweep = sah_cost(&sweep.expect("few enough"));
     for contest in [Contest::Update, Contest::Build] {
         for entry in field(contest, None).iter().filter(|e| e.name != LIMIT) {

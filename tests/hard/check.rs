@@ -1,6 +1,6 @@
 //! What must hold of a case, whatever it is.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{BuildOptions, Builder, build_with};
 use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3};
 use bvh_update::{Scratch, Strategy, Update, update};
 use pivot_tests::{noise, sah_cost};
@@ -49,11 +49,11 @@ pub(crate) fn hold(case: &Case) -> Vec<(Strategy, Update)> {
 }
 
 fn hold_here(case: &Case, max_leaf_size: u32, turn: usize) -> Vec<(Strategy, Update)> {
-    let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
+    let options = BuildOptions::default().with_max_leaf_size(max_leaf_size);
     let mut told = Vec::new();
     for (number, strategy) in Strategy::all().into_iter().enumerate() {
         let builder = if let Strategy::Rebuild(builder, _) = strategy { builder } else { Builder::Sweep };
-        let built = build(&case.at(0), builder, &options, None).expect("few enough");
+        let built = build_with(&case.at(0), builder, &options).expect("few enough");
         built.validate(&case.at(0)).unwrap_or_else(|e| panic!("built by {}: {e}", builder.name()));
         // Each level plays the whole case; the trees must be the same.
         let mut hashes = Vec::new();
@@ -64,7 +64,7 @@ fn hold_here(case: &Case, max_leaf_size: u32, turn: usize) -> Vec<(Strategy, Upd
                 last = update(&mut bvh, &case.at(frame), &strategy, &mut scratch).expect("same count");
                 check_tree(&bvh, case, frame, &strategy, &last);
             }
-            hashes.push(bvh.hash());
+            hashes.push(bvh.fingerprint());
             if level == SimdLevel::best() {
                 let triangles = case.at(case.frames.len() - 1);
                 check_rays(&bvh, &triangles, strategy.name());

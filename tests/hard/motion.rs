@@ -1,6 +1,6 @@
 //! Hard motion.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{BuildOptions, Builder, build, build_with};
 use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
 use bvh_update::{Scratch, Strategy, update};
 use pivot_tests::{Motion, Soup, noise};
@@ -92,7 +92,7 @@ fn copies_go_on_alike_after_frames_that_are_not_finite() {
         let start = soup.pose(Motion::PartlyNonFinite, 0);
         let mut indices = soup.triangles.clone();
         let first = Triangles { positions: &start, indices: &indices };
-        let bvh = build(&first, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
+        let bvh = build(&first, Builder::Binned).expect("few enough");
         let mut trees = [bvh.clone(), bvh];
         let mut scratch = [Scratch::new(), Scratch::new()];
         for frame in 1..FRAMES {
@@ -105,7 +105,7 @@ fn copies_go_on_alike_after_frames_that_are_not_finite() {
                 scratch[1] = Scratch::new();
             }
             if frame == FRAMES / 2 + 1 {
-                let [was, same] = trees.each_mut().map(Bvh::renumber);
+                let [was, same] = trees.each_mut().map(Bvh::reorder_primitives);
                 assert_eq!(was, same);
                 indices = was.iter().map(|&p| indices[p as usize]).collect();
             }
@@ -115,7 +115,7 @@ fn copies_go_on_alike_after_frames_that_are_not_finite() {
             }
             trees[0].validate(&primitives).unwrap_or_else(|e| panic!("{}, {frame}: {e}", strategy.name()));
             assert!(trees[0].history() == trees[1].history(), "{}, {frame}", strategy.name());
-            assert_eq!(trees[0].hash(), trees[1].hash(), "{}, {frame}", strategy.name());
+            assert_eq!(trees[0].fingerprint(), trees[1].fingerprint(), "{}, {frame}", strategy.name());
         }
     }
 }
@@ -130,7 +130,7 @@ fn ten_thousand_frames_in_a_loop() {
     let at = |frame: usize| Triangles { positions: &poses[frame % PER_LOOP], indices: &soup.triangles };
     let options = BuildOptions::default();
     let fresh: Vec<_> =
-        (0..PER_LOOP).map(|f| build(&at(f), Builder::Sweep, &options, None).expect("few enough")).collect();
+        (0..PER_LOOP).map(|f| build_with(&at(f), Builder::Sweep, &options).expect("few enough")).collect();
     for strategy in Strategy::all() {
         // What builds anew each frame knows nothing of the frames before.
         let frames = if matches!(strategy, Strategy::Rebuild(..)) { 1500 } else { 10_000 };

@@ -1,6 +1,6 @@
 //! Hard rays.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::glam::Vec3Swizzles;
 use bvh_core::{Bvh, Ray, Triangles, Vec3};
 use rt_cpu::{Bvh8, TriangleTest, any_hit, any_hit_brute, closest_hit, closest_hit_brute};
@@ -19,7 +19,7 @@ fn with_floor(check: impl Fn(&Bvh, &Triangles<'_>, TriangleTest)) {
     let (positions, indices) = floor();
     let triangles = Triangles { positions: &positions, indices: &indices };
     for builder in Builder::ALL {
-        let bvh = build(&triangles, builder, &BuildOptions::default(), None).expect("few enough");
+        let bvh = build(&triangles, builder).expect("few enough");
         TriangleTest::ALL.into_iter().for_each(|test| check(&bvh, &triangles, test));
     }
 }
@@ -160,7 +160,7 @@ fn rays_at_a_floor_of_subnormal_size() {
         let positions: Vec<Vec3> = positions.iter().map(|&p| p * scale).collect();
         let triangles = Triangles { positions: &positions, indices: &indices };
         for builder in Builder::ALL {
-            let bvh = build(&triangles, builder, &BuildOptions::default(), None).expect("few enough");
+            let bvh = build(&triangles, builder).expect("few enough");
             for test in TriangleTest::ALL {
                 for length in [1.0, scale] {
                     for (x, y) in [(3.3, 4.7), (7.0, 7.0), (0.0, 0.0)] {

@@ -49,7 +49,7 @@ fn a_hundred_thousand_identical_primitives() {
     let down = Ray::new(Vec3::new(0.2, 1.0, 3.0), Vec3::NEG_Z);
     for strategy in Strategy::all() {
         let builder = if let Strategy::Rebuild(builder, _) = strategy { builder } else { Builder::Binned };
-        let mut bvh = build(&start, builder, &BuildOptions::default(), None).expect("few enough");
+        let mut bvh = build(&start, builder).expect("few enough");
         update(&mut bvh, &end, &strategy, &mut scratch).expect("same count");
         bvh.validate(&end).unwrap_or_else(|e| panic!("{}: {e}", strategy.name()));
         let mut held = 0;

@@ -1,7 +1,7 @@
 //! Closed meshes let no ray through: rays from inside, aimed at edges and vertices, near the origin and far from it,
 //! through refitting and rotations.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::glam::Vec3Swizzles;
 use bvh_core::{Ray, SimdLevel, Triangles, Vec3};
 use bvh_update::{Scratch, Strategy, update};
@@ -53,7 +53,7 @@ fn leaks(offset: f32, strategy: Strategy, test: TriangleTest, rays: usize) -> us
     let offset = Vec3::new(offset, -0.7 * offset, 0.3 * offset);
     let (start, triangles) = ball(offset, 0.0);
     let first = Triangles { positions: &start, indices: &triangles };
-    let mut bvh = build(&first, Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
+    let mut bvh = build(&first, Builder::Sweep).expect("few enough");
     let (positions, _) = ball(offset, 1.0);
     let mesh = Triangles { positions: &positions, indices: &triangles };
     update(&mut bvh, &mesh, &strategy, &mut Scratch::new()).expect("same count");
@@ -110,7 +110,7 @@ fn no_light_of_the_sky_enters_a_closed_mesh() {
         let offset = [0.0, 1e3, 1e5][turn % 3] * Vec3::new(1.0, -0.7, 0.3);
         let [(before, triangles), (positions, _)] = [0.0, 1.0].map(|time| ball(offset, time));
         let first = Triangles { positions: &before, indices: &triangles };
-        let mut bvh = build(&first, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
+        let mut bvh = build(&first, Builder::Binned).expect("few enough");
         let now = Triangles { positions: &positions, indices: &triangles };
         update(&mut bvh, &now, &strategy, &mut Scratch::new()).expect("same count");
         let mesh = Mesh { materials: &materials, material_of: &vec![0; triangles.len()], ..Mesh::new(now) };
@@ -175,7 +175,7 @@ fn no_pixel_of_a_closed_mesh_is_empty_in_packets() {
         let mesh = Triangles { positions: &positions, indices: &triangles };
         let before: Vec<_> = positions.iter().map(|p| p + (p - offset).yzx() * 0.4).collect();
         let first = Triangles { positions: &before, indices: &triangles };
-        let built = build(&first, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
+        let built = build(&first, Builder::Binned).expect("few enough");
         for name in ["refit", "refit+rotate"] {
             let mut bvh = built.clone();
             let strategy: Strategy = name.parse().expect("known");

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{BuildOptions, Builder, build_with};
 use bvh_core::glam::{Vec3, Vec3Swizzles};
 use bvh_core::{Ray, SimdLevel, Triangles};
 use bvh_update::{Scratch, Strategy, update};
@@ -21,11 +21,11 @@ pub fn play_bytes(bytes: &[u8]) {
     let (Some(n), Some(leaf), Some(builder)) = (next(), next(), next()) else { return };
     // Few enough to be played often, but for the last numbers: threads share out a pass from a thousand pairs on.
     let n = if n < 240 { usize::from(n % 96) } else { usize::from(n - 239) * 160 };
-    let options = BuildOptions { max_leaf_size: u32::from(leaf % 5), ..BuildOptions::default() };
+    let options = BuildOptions::default().with_max_leaf_size(u32::from(leaf % 5));
     let builder = Builder::ALL[usize::from(builder) % Builder::ALL.len()];
     let mut positions: Vec<Vec3> = (0..3 * n).map(|i| noise(1, i / 3) * 10.0 + noise(2, i)).collect();
     let mut indices: Vec<[u32; 3]> = (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-    let mut bvh = build(&Triangles { positions: &positions, indices: &indices }, builder, &options, None)
+    let mut bvh = build_with(&Triangles { positions: &positions, indices: &indices }, builder, &options)
         .expect("few enough");
     let mut twin = bvh.clone();
     let mut scratch = [SimdLevel::best(), SimdLevel::Baseline].map(Scratch::with_level);
@@ -38,11 +38,11 @@ pub fn play_bytes(bytes: &[u8]) {
         if what & 0x80 != 0 {
             let (period, phase) = (usize::from(what >> 4 & 7) + 1, usize::from(what & 15));
             moving.iter_mut().enumerate().for_each(|(i, moves)| *moves = (i + phase) % period == 0);
-            bvh.set_moving(|p| moving[p]);
-            twin.set_moving(|p| moving[p]);
+            bvh.set_dynamic(|p| moving[p]);
+            twin.set_dynamic(|p| moving[p]);
         } else if what & 15 == 15 {
-            let was = bvh.renumber();
-            assert_eq!(was, twin.renumber());
+            let was = bvh.reorder_primitives();
+            assert_eq!(was, twin.reorder_primitives());
             indices = was.iter().map(|&p| indices[p as usize]).collect();
             moving = was.iter().map(|&p| moving[p as usize]).collect();
         } else {
@@ -62,7 +62,12 @@ pub fn play_bytes(bytes: &[u8]) {
         };
         let told = update(&mut bvh, &triangles, &strategy, &mut scratch[0]).expect("same count");
         let twins = update(&mut twin, &triangles, &strategy, &mut scratch[1]).expect("same count");
-        assert_eq!((told, bvh.hash()), (twins, twin.hash()), "{}: another SIMD level", strategy.name());
+        assert_eq!(
+            (told, bvh.fingerprint()),
+            (twins, twin.fingerprint()),
+            "{}: another SIMD level",
+            strategy.name()
+        );
         bvh.validate(&triangles).unwrap_or_else(|e| panic!("{}: {e}", strategy.name()));
         let cost = told.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(&bvh));
         assert!(cost.is_finite() && cost >= 0.0, "{}: cost {cost}", strategy.name());

@@ -4,7 +4,7 @@ use std::io::Cursor;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use font8x8::UnicodeFonts;
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::{FilterType, replace, resize};
@@ -63,8 +63,8 @@ fn frames(sheet: &mut RgbImage, top: u32, name: &str) -> Result<()> {
     for column in 0..COLUMNS {
         let frame = last * column as usize / (COLUMNS as usize - 1);
         stage.pose(stage.time_of(frame, last + 1));
-        let tree = build(&stage.triangles(), Builder::BinnedParallel, &BuildOptions::default(), None)
-            .with_context(|| format!("{name}: no tree"))?;
+        let tree =
+            build(&stage.triangles(), Builder::BinnedParallel).with_context(|| format!("{name}: no tree"))?;
         // Rendered twice as large: the mean of four pixels has smoother edges.
         let png = picture(&mut stage, &tree, 2 * SIDE, &folder.join(format!("{name}-{frame:04}.png")))?;
         let small = resize(

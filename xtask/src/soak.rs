@@ -5,7 +5,7 @@
 use std::time::Instant;
 
 use anyhow::{Result, anyhow, ensure};
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::sah_cost;
 use bvh_update::{Scratch, Strategy, UnknownStrategy, update};
 
@@ -133,7 +133,7 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
             window.height = window.height.max(told.height);
             // By the place in the loop, so that both have the same.
             if (frame % per_loop).is_multiple_of(5) {
-                let fresh = build(&stage.triangles(), Builder::Sweep, &BuildOptions::default(), None)?;
+                let fresh = build(&stage.triangles(), Builder::Sweep)?;
                 window.costs.push(sah_cost(&bvh) / sah_cost(&fresh));
             }
         }

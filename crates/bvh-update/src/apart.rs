@@ -130,7 +130,7 @@ impl Pieces {
         order: &[u32],
         primitives: &P,
     ) {
-        let is_merged = |leaf: &&Node| leaf.moves() && (2..=LONGEST).contains(&leaf.count());
+        let is_merged = |leaf: &&Node| leaf.is_dynamic() && (2..=LONGEST).contains(&leaf.count());
         for (i, leaf) in kept.iter().enumerate() {
             let soon = |ahead| {
                 let leaf = kept.get(i + ahead).filter(is_merged);
@@ -156,7 +156,7 @@ impl Pieces {
 
 #[cfg(test)]
 mod tests {
-    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_build::{Builder, build};
     use bvh_core::{Aabb, Vec3, sah_cost};
 
     use super::*;
@@ -189,7 +189,7 @@ mod tests {
     /// A tree whose quadruplets have merged, measured by this strategy.
     fn merged_tree(strategy: &Strategy, scratch: &mut Scratch) -> Bvh {
         let boxes = quadruplets(0.0);
-        let mut bvh = build(&boxes, Builder::Sweep, &BuildOptions::default(), None).expect("few");
+        let mut bvh = build(&boxes, Builder::Sweep).expect("few");
         let merge = Strategy::Leaves(Leaves { rotate: None, period: 1, ..Leaves::default() });
         update(&mut bvh, &boxes, &merge, scratch).expect("same count");
         update(&mut bvh, &boxes, strategy, scratch).expect("same count");
@@ -216,12 +216,12 @@ mod tests {
                     bvh.validate(&apart).expect("valid");
                     let left = N * 3 / 4 * 9 / 10;
                     assert_eq!((merged(&bvh), bvh.history().spare_pair_count as usize), ((left, left), left));
-                    let fresh = build(&apart, Builder::Sweep, &BuildOptions::default(), None).expect("few");
+                    let fresh = build(&apart, Builder::Sweep).expect("few");
                     assert!(sah_cost(&bvh) < 1.05 * sah_cost(&fresh));
                     // It is what the tree is held to.
                     let told = update(&mut bvh, &apart, &strategy, &mut scratch).expect("same count");
                     assert_eq!(told.decision, Decision::AsAlways);
-                    hashes.push(bvh.hash());
+                    hashes.push(bvh.fingerprint());
                 });
             }
             assert!(hashes.iter().all(|&hash| hash == hashes[0]));

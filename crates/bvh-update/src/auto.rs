@@ -322,7 +322,7 @@ mod tests {
     use std::cell::Cell;
     use std::time::{Duration, Instant};
 
-    use bvh_build::{BuildOptions, build};
+    use bvh_build::build;
     use bvh_core::{Aabb, Vec3, sah_cost};
 
     use super::*;
@@ -347,7 +347,7 @@ mod tests {
     /// Plays some steps of chaos, telling after each that a ray takes so many nanoseconds; gives the builder of the last
     /// new tree, the number of these, and the tree.
     fn play(auto: Auto, now: fn() -> Instant, ray: Option<f64>) -> (Option<Builder>, usize, Bvh, Scratch) {
-        let mut bvh = build(&chaos(0), Builder::Sweep, &BuildOptions::default(), None).expect("few");
+        let mut bvh = build(&chaos(0), Builder::Sweep).expect("few");
         let mut scratch = Scratch::new();
         scratch.clock.now = now;
         let mut builders = Vec::new();
@@ -370,11 +370,11 @@ mod tests {
         let (builder, _, plain, _) = play(auto, stopped, None);
         assert_eq!(builder, Some(Builder::Lbvh));
         let (.., told, scratch) = play(auto, stopped, Some(1e4));
-        assert_eq!(plain.hash(), told.hash());
+        assert_eq!(plain.fingerprint(), told.fingerprint());
         assert!(scratch.calibration().rays.is_some_and(|factor| factor > 1.0));
         // A clock that stands still and rays that are not told of leave the model as it is.
         let auto = Auto { clock: true, ..auto };
-        assert_eq!(plain.hash(), play(auto, stopped, None).2.hash());
+        assert_eq!(plain.fingerprint(), play(auto, stopped, None).2.fingerprint());
         assert_eq!(play(auto, stopped, Some(1e4)).0, Some(Builder::Ploc));
         let few = Auto { rays: 1 << 9, ..auto };
         assert!(play(few, stopped, Some(1e-3)).1 < play(few, stopped, None).1);
@@ -395,7 +395,7 @@ mod tests {
         // Drifts apart and comes together again, while rays visit more nodes by so much for each part of the cost that is
         // above a fresh tree's: gives how often the tree was repaired, and by whom it was built anew.
         let play = |slope: f64, rays: u64| {
-            let mut bvh = build(&apart(0.0), Builder::Sweep, &BuildOptions::default(), None).expect("few");
+            let mut bvh = build(&apart(0.0), Builder::Sweep).expect("few");
             let (mut scratch, mut repairs, mut builders) = (Scratch::new(), 0, Vec::new());
             for step in 1..=80 {
                 let boxes = apart(0.02 * (step % 10) as f32);
@@ -406,11 +406,11 @@ mod tests {
                 if let Decision::Rebuild { builder } = told.decision {
                     builders.push(builder);
                 }
-                let fresh = build(&boxes, Builder::Sweep, &BuildOptions::default(), None).expect("few");
+                let fresh = build(&boxes, Builder::Sweep).expect("few");
                 let excess = sah_cost(&bvh) / sah_cost(&fresh) - 1.0;
                 scratch.visited(1000, (1e6 * (1.0 + slope * excess)) as u64, 0.025);
             }
-            (repairs, builders, scratch.visits_per_excess().expect("there were new trees"), bvh.hash())
+            (repairs, builders, scratch.visits_per_excess().expect("there were new trees"), bvh.fingerprint())
         };
         for rays in [1 << 12, 1 << 14] {
             let (few, _, little, _) = play(0.1, rays);
@@ -427,7 +427,7 @@ mod tests {
         // Everything jumps once, so that the tree is built anew, and hardly moves again; yet rays visit more nodes from
         // frame to frame: gives how often the tree is built anew after that.
         let play = |is_due_to_the_tree: bool| {
-            let mut bvh = build(&chaos(0), Builder::Sweep, &BuildOptions::default(), None).expect("few");
+            let mut bvh = build(&chaos(0), Builder::Sweep).expect("few");
             let (mut scratch, mut built, mut rebuilds, mut in_a_row) = (Scratch::new(), 0, 0, 0);
             let strategy = Strategy::Auto(Auto { rays: 1 << 14, clock: false });
             for step in 0..60 {

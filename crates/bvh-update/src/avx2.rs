@@ -78,7 +78,7 @@ pub(crate) fn gather(nodes: SharedNodes<'_>, queue: &mut Queue, twigs: &mut Twig
         near.iter().for_each(|&pair| nodes.prefetch::<false>(pair as usize));
 
         let lanes = |mask| _mm256_movemask_ps(_mm256_castsi256_ps(mask)) as u32;
-        const { assert!(Node::MOVES == 1 << 30) };
+        const { assert!(Node::DYNAMIC == 1 << 30) };
         let moves = lanes(_mm256_slli_epi32::<1>(links)) & ((1 << (2 * count)) - 1);
         let deep = (lanes(is_deep) & moves) as usize;
         let low = (!lanes(is_deep) & !lanes(is_leaf) & moves) as usize;
@@ -160,7 +160,7 @@ pub(crate) fn twigs<P: Primitives + ?Sized>(
         for (&slot, &pair) in list.slots[part(i - 2)].iter().zip(&list.pairs[part(i - 2)]) {
             let (slot, pair) = (slot as usize, pair as usize);
             let leaves = nodes.pair(pair);
-            let [l, r] = if leaves[0].is_single_and_moves() & leaves[1].is_single_and_moves() {
+            let [l, r] = if leaves[0].is_dynamic_single() & leaves[1].is_dynamic_single() {
                 [Leaf::of_one(primitives, leaves[0].first()), Leaf::of_one(primitives, leaves[1].first())]
             } else if is_fit_here(&leaves[0]) & is_fit_here(&leaves[1]) {
                 [Leaf::of_some(primitives, &leaves[0]), Leaf::of_some(primitives, &leaves[1])]
@@ -201,7 +201,7 @@ pub(crate) fn spurs<P: Primitives + ?Sized, const ROTATE: bool>(
         let right = usize::from(!nodes.get(pair).is_leaf());
         let leaf = nodes.get(pair + right);
         if is_fit_here(&leaf) {
-            let leaf = if leaf.is_single_and_moves() {
+            let leaf = if leaf.is_dynamic_single() {
                 Leaf::of_one(primitives, leaf.first())
             } else {
                 Leaf::of_some(primitives, &leaf)
@@ -310,7 +310,7 @@ pub(crate) fn forks<const ROTATE: bool>(
 /// Whether a leaf is one that these kernels fit, unless there is doubt about a primitive.
 #[inline(always)]
 fn is_fit_here(leaf: &Node) -> bool {
-    leaf.moves() & (leaf.count() > 0)
+    leaf.is_dynamic() & (leaf.count() > 0)
 }
 
 /// The box around the primitives of a leaf, unless their doubt is not finite: then it means nothing.

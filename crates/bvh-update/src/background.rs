@@ -63,7 +63,7 @@ struct Job {
 impl Job {
     fn bytes(&self) -> usize {
         let Self { boxes, moving, bvh, scratch, .. } = self;
-        boxes.capacity() * size_of::<Aabb>() + moving.capacity() + bvh.bytes() + scratch.bytes()
+        boxes.capacity() * size_of::<Aabb>() + moving.capacity() + bvh.memory_usage() + scratch.memory_usage()
     }
 }
 
@@ -100,7 +100,7 @@ impl Builds {
             built.expect("as many primitives as a tree holds");
             // What the update that finds it would otherwise have to do.
             if !moving.is_empty() {
-                bvh.set_moving(|p| moving[p]);
+                bvh.set_dynamic(|p| moving[p]);
             }
             let Parts { nodes, history, .. } = raw::parts(bvh);
             history.largest_leaf = options.max_leaf_size;
@@ -158,7 +158,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     if let Some(new) = scratch.background.take(number).filter(|new| new.len() == primitives.len()) {
         if !knows_moving {
             let any_still = note_moving(bvh, &mut scratch.moving);
-            new.set_moving(|p| !any_still || scratch.moving[p]);
+            new.set_dynamic(|p| !any_still || scratch.moving[p]);
         }
         std::mem::swap(bvh, new);
         let history = raw::parts(bvh).history;

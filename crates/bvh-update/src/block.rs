@@ -47,7 +47,7 @@ pub(crate) struct Tally {
     /// By how much rotations have lowered it.
     pub(crate) gain: f64,
     /// Growth of the same sum over nodes that stand still.
-    pub(crate) still_area: f64,
+    pub(crate) static_area: f64,
 }
 
 impl Tally {
@@ -59,7 +59,7 @@ impl Tally {
         self.area += other.area;
         self.leaf_area += other.leaf_area;
         self.gain += other.gain;
-        self.still_area += other.still_area;
+        self.static_area += other.static_area;
     }
 
     pub(crate) fn add_fitted(&mut self, fitted: Fitted) {

@@ -213,7 +213,7 @@ impl Sums {
             self.widths += area.sqrt();
             self.count += 1.0;
         }
-        match (node.is_leaf(), node.moves()) {
+        match (node.is_leaf(), node.is_dynamic()) {
             (true, true) => {
                 self.leaves += area;
                 self.is_merged |= node.count() > 1;

@@ -28,7 +28,7 @@ pub(crate) fn divergence(nodes: &[Node], node: &Node) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_build::{Builder, build};
     use bvh_core::{Aabb, Vec3, sah_cost};
 
     use crate::cut::{CutScratch, take_references_of};
@@ -45,7 +45,7 @@ mod tests {
             let at = |i: usize| Vec3::new((i % 40) as f32, (i / 40) as f32, cluster(i) as f32 * apart);
             (0..1600).map(at).map(|corner| Aabb::new(corner, corner + 0.9)).collect()
         };
-        let mut bvh = build(&pose(0.0), Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
+        let mut bvh = build(&pose(0.0), Builder::Sweep).expect("few enough");
         take_references_of(&mut bvh, divergence);
         let before = sah_cost(&bvh);
         let tally = pass(&mut bvh, &pose(50.0), None, &mut Scratch::new());

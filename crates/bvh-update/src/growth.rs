@@ -129,14 +129,14 @@ fn key(bvh: &Bvh) -> Tree {
 
 #[cfg(test)]
 mod tests {
-    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_build::{Builder, build};
     use bvh_core::{Aabb, Vec3};
 
     use super::*;
 
     fn tree(x: f32) -> Bvh {
         let boxes = [Aabb::new(Vec3::ZERO, Vec3::splat(1.0)), Aabb::new(Vec3::ZERO, Vec3::splat(x))];
-        build(&boxes, Builder::Sweep, &BuildOptions::default(), None).expect("two boxes")
+        build(&boxes, Builder::Sweep).expect("two boxes")
     }
 
     const REFIT: Decision = Decision::Refit { one_in: 1 };

@@ -117,7 +117,7 @@ pub(crate) fn is_usual<P: Primitives + ?Sized>(leaf: &Node, primitives: &P) -> b
         let [_, _, doubt] = primitives.aabb_lanes(primitive);
         doubt.truncate().is_finite()
     };
-    leaf.moves() && leaf.count() > 0 && (leaf.first()..leaf.first() + leaf.count()).all(is_certain)
+    leaf.is_dynamic() && leaf.count() > 0 && (leaf.first()..leaf.first() + leaf.count()).all(is_certain)
 }
 
 /// Fits one leaf.
@@ -151,7 +151,7 @@ pub(crate) fn fit_inner<P: Primitives + ?Sized>(
     let pair = nodes.get(slot).first();
     for child in pair..pair + 2 {
         let node = nodes.get(child);
-        if node.is_leaf() && node.moves() {
+        if node.is_leaf() && node.is_dynamic() {
             fit_leaf(nodes, primitives, child, fitted);
         }
     }
@@ -192,7 +192,7 @@ pub(crate) fn apply(mut nodes: SharedNodes<'_>, depth: u32, accepted: &[Accepted
             let change = f64::from(a.changes[rotation as usize]);
             tally.area += change - grown;
             tally.gain -= change;
-            tally.still_area += grown;
+            tally.static_area += grown;
         }
     }
 }

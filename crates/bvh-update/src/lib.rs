@@ -6,7 +6,7 @@
 //! measured against, refitting alone and rebuilding every frame, and those that repair what rotations do not reach.
 //!
 //! [`update`] does what a [`Strategy`] says and tells what it did. Refits and rotations do not visit subtrees without
-//! moving primitives ([`Bvh::set_moving`](bvh_core::Bvh::set_moving)). The tree that results depends on the tree
+//! moving primitives ([`Bvh::set_dynamic`](bvh_core::Bvh::set_dynamic)). The tree that results depends on the tree
 //! before and the primitives alone: not on the number of threads (the pass runs in the current rayon pool) and
 //! not on the SIMD level; but for [`Strategy::Background`], where it depends on how long builds take, and [`Auto`], which
 //! learns from what it is told of rays ([`Scratch::visited`]) and, if asked, from the clock.

@@ -80,7 +80,7 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     // New trees are to have leaves as they were.
     options_like(bvh);
     let change = settle(bvh, primitives, turn, merges, LONGEST as u32, unit, scratch);
-    let (before, still_area) = (*tally, bvh.still_area());
+    let (before, static_area) = (*tally, bvh.static_area());
     tally.area += change.all;
     tally.leaf_area += change.leaves;
     let history = raw::parts(bvh).history;
@@ -98,7 +98,7 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
             }
         }
         leaves.growth = part_of((1.0 + leaves.growth) * (tally.leaf_area / before.leaf_area) - 1.0);
-        let standard = (tally.area + still_area) / (before.area + still_area);
+        let standard = (tally.area + static_area) / (before.area + static_area);
         leaves.cost = part_of((1.0 + leaves.cost) * standard - 1.0);
         standard
     } else {
@@ -188,7 +188,7 @@ fn was_split(leaves: &mut LeafHistory, was_of_use: bool, has_paid: bool) {
 
 #[cfg(test)]
 mod tests {
-    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_build::{Builder, build};
     use bvh_core::{Aabb, Vec3};
 
     use super::*;
@@ -301,7 +301,7 @@ mod tests {
             };
             (0..20_000).map(corner).map(|corner| Aabb::new(corner, corner + 0.5)).collect()
         };
-        let start = build(&boxes(0), Builder::Sweep, &BuildOptions::default(), None).expect("few");
+        let start = build(&boxes(0), Builder::Sweep).expect("few");
         let play = |rays| {
             let (mut bvh, mut scratch) = (start.clone(), Scratch::new());
             let decide = |step| {

@@ -43,7 +43,7 @@ pub(crate) struct Standing {
 
 impl Standing {
     pub(crate) fn of(bvh: &Bvh, tally: &Tally) -> Self {
-        let (size, sum) = (size_now(bvh, tally.leaf_area), tally.area + bvh.still_area());
+        let (size, sum) = (size_now(bvh, tally.leaf_area), tally.area + bvh.static_area());
         Self { size, sum, excess: excess(bvh.history(), sum, size) }
     }
 }

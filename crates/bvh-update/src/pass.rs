@@ -122,7 +122,7 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
         let primitives = &InOrder { primitives, order: parts.order };
         run(&Task { nodes, primitives, rotations, level }, linear, scratch)
     };
-    *parts.still_area += tally.still_area;
+    *parts.static_area += tally.static_area;
     unfinished.done = true;
     tally
 }
@@ -150,7 +150,7 @@ fn by_sweep<P: Primitives + ?Sized>(task: &Task<'_, P>, scratch: &mut Scratch) -
 fn by_blocks<P: Primitives + ?Sized>(task: &Task<'_, P>, scratch: &mut Scratch) -> Tally {
     let mut tally = Tally::default();
     let root = task.nodes.get(0);
-    if !root.moves() {
+    if !root.is_dynamic() {
         return tally;
     }
     let Scratch { top, top_lists, workers, tallies, .. } = scratch;
@@ -261,8 +261,8 @@ mod tests {
                 .collect();
             let options = bvh_build::BuildOptions::default();
             let mut bvh =
-                bvh_build::build(&boxes, bvh_build::Builder::Lbvh, &options, None).expect("few enough");
-            bvh.set_moving(|p| p % 5 != 0);
+                bvh_build::build_with(&boxes, bvh_build::Builder::Lbvh, &options).expect("few enough");
+            bvh.set_dynamic(|p| p % 5 != 0);
             // Rotations scatter nodes over the arena.
             for _ in 0..3 {
                 pass(&mut bvh, &boxes, Some(Rotate::default()), &mut Scratch::new());

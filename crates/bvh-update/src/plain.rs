@@ -37,9 +37,9 @@ pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Opt
         parts.history.layout = Layout::Other;
     }
     let (nodes, order) = (parts.nodes, parts.order);
-    let mut walk = Walk { nodes, order, primitives, rotations, applied: [0; 6], still_area: 0.0 };
+    let mut walk = Walk { nodes, order, primitives, rotations, applied: [0; 6], static_area: 0.0 };
     walk.node(0, 0);
-    *parts.still_area += walk.still_area;
+    *parts.static_area += walk.static_area;
     let applied = walk.applied;
     unfinished.done = true;
     applied
@@ -51,13 +51,13 @@ struct Walk<'a, P: ?Sized> {
     primitives: &'a P,
     rotations: Option<Turn>,
     applied: [u64; 6],
-    still_area: f64,
+    static_area: f64,
 }
 
 impl<P: Primitives + ?Sized> Walk<'_, P> {
     fn node(&mut self, n: usize, depth: u32) {
         let node = self.nodes[n];
-        if !node.moves() {
+        if !node.is_dynamic() {
             return;
         }
         let first = node.first();
@@ -71,10 +71,10 @@ impl<P: Primitives + ?Sized> Walk<'_, P> {
         self.node(first + 1, depth + 1);
         if self.rotations.is_some_and(|turn| turn.includes(n))
             && let Some(rotation) = best(area_changes_at(self.nodes, first))
-            && let Some(still_area) = rotation::rotate(self.nodes, first, rotation, depth)
+            && let Some(static_area) = rotation::rotate(self.nodes, first, rotation, depth)
         {
             self.applied[rotation as usize] += 1;
-            self.still_area += still_area;
+            self.static_area += static_area;
         }
         let (l, r) = (self.nodes[first], self.nodes[first + 1]);
         self.nodes[n].refit(&l, &r);

@@ -28,7 +28,7 @@ pub(crate) fn gather(nodes: SharedNodes<'_>, queue: &mut Queue, twigs: &mut Twig
                 queue.pairs[queue.listed % LISTED] = child.first() as u32;
                 twigs.slots[twigs.count % (2 * LISTED)] = slot;
                 twigs.pairs[twigs.count % (2 * LISTED)] = child.first() as u32;
-                let inner = usize::from(height > 0) & usize::from(child.moves());
+                let inner = usize::from(height > 0) & usize::from(child.is_dynamic());
                 let beyond_twig = usize::from(height > 1) & inner;
                 queue.listed += beyond_twig;
                 twigs.count += inner - beyond_twig;
@@ -102,7 +102,7 @@ pub(crate) fn sweep<P: Primitives + ?Sized>(
         for of_one in [true, false] {
             for slot in slots.clone() {
                 let node = nodes.get(slot);
-                if node.is_leaf() && node.moves() && (node.count() == 1) == of_one {
+                if node.is_leaf() && node.is_dynamic() && (node.count() == 1) == of_one {
                     let fitted = if is_usual(&node, primitives) { &mut usual } else { &mut others };
                     fit_leaf(nodes, primitives, slot, fitted);
                 }
@@ -110,7 +110,7 @@ pub(crate) fn sweep<P: Primitives + ?Sized>(
         }
         for slot in slots.rev() {
             let node = nodes.get(slot);
-            if !node.is_leaf() && node.moves() {
+            if !node.is_leaf() && node.is_dynamic() {
                 refit(nodes, slot, &mut usual.inner_areas);
                 usual.inner += 1;
             }

@@ -170,7 +170,7 @@ impl<'a> Unfinished<'a> {
 impl Drop for Unfinished<'_> {
     fn drop(&mut self) {
         if !self.done {
-            self.bvh.mend();
+            self.bvh.recompute_metadata();
         }
     }
 }

@@ -65,7 +65,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         Open::Divergent => take_references_of(bvh, divergence),
     }
     let tally = pass(bvh, primitives, options.rotate, scratch);
-    let sum = tally.area + bvh.still_area();
+    let sum = tally.area + bvh.static_area();
     let scale = size_now(bvh, tally.leaf_area);
     raw::parts(bvh).history.size = scale;
     if sum / scale <= bvh.history().reference * (1.0 + options.growth) {

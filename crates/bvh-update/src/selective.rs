@@ -123,7 +123,7 @@ impl Opened<'_> {
 
 #[cfg(test)]
 mod tests {
-    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_build::{Builder, build};
     use bvh_core::{Bvh, Vec3};
 
     use super::*;
@@ -135,7 +135,7 @@ mod tests {
             .map(|i| (Vec3::new(at(i, 7919), at(i, 104_729), at(i, 1_299_709)), 1.0 + (i % 5) as f32))
             .map(|(corner, size)| Aabb::new(corner, corner + size))
             .collect();
-        build(&boxes, Builder::Lbvh, &BuildOptions::default(), None).expect("few enough")
+        build(&boxes, Builder::Lbvh).expect("few enough")
     }
 
     #[test]
@@ -176,7 +176,7 @@ mod tests {
         let place = |i: usize| Vec3::new(0.0, (i / 60) as f32 * 2.5, 0.0);
         let boxes: Vec<_> =
             boxes.iter().enumerate().map(|(i, b)| Aabb::new(b.min + place(i), b.max + place(i))).collect();
-        let bvh = build(&boxes, Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
+        let bvh = build(&boxes, Builder::Sweep).expect("few enough");
         let mut scratch = CutScratch::default();
         assert!(open(bvh.nodes(), 0.0, 3000, &mut scratch) && scratch.cut.is_empty());
     }

@@ -90,7 +90,7 @@ struct Part {
 /// Finds the parts at and below node `n` whose turn it is, from left to right.
 fn find_parts(nodes: &[Node], n: usize, depth: u32, turn: Turn, top: &mut Vec<u32>, parts: &mut Vec<Part>) {
     let node = &nodes[n];
-    if !node.moves() {
+    if !node.is_dynamic() {
         return;
     }
     if node.height() <= SMALL {
@@ -238,15 +238,15 @@ impl<P: Primitives + ?Sized> View<'_, P> {
         let (mut i, mut moving) = (0, 0);
         while i < seen.len() {
             let node = &self.nodes[seen[i].n as usize];
-            moving += i64::from(node.moves());
-            if node.moves() && node.is_leaf() {
+            moving += i64::from(node.is_dynamic());
+            if node.is_dynamic() && node.is_leaf() {
                 let cost = node.aabb().half_area_f64() * node.weight();
                 prefetch(self.order, node.first());
                 if (1..=self.longest as usize).contains(&node.count()) {
                     let (first, count) = (node.first() as u32, node.count() as u32);
                     seen[i].run = Run { first, count, cost, leaves: cost };
                 }
-            } else if node.moves() {
+            } else if node.is_dynamic() {
                 let pair = node.first();
                 prefetch(self.nodes, pair);
                 seen[i].children = seen.len() as u32;
@@ -423,7 +423,7 @@ mod tests {
     use std::panic::{AssertUnwindSafe, catch_unwind};
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_build::{Builder, build};
     use bvh_core::{Vec3, sah_cost};
 
     use super::*;
@@ -461,13 +461,13 @@ mod tests {
     #[test]
     fn leaves_merge_and_split_to_the_same_tree_on_all_numbers_of_threads() {
         let (together, apart) = (boxes(0.0), boxes(30.0));
-        let start = build(&together, Builder::Sweep, &BuildOptions::default(), None).expect("few");
+        let start = build(&together, Builder::Sweep).expect("few");
         let mut trees = Vec::new();
         for threads in [1, 2, 4] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
             pool.install(|| {
                 let mut bvh = start.clone();
-                bvh.set_moving(moves);
+                bvh.set_dynamic(moves);
                 for (boxes, merges) in [(&together, true), (&apart, false)] {
                     update(&mut bvh, boxes, &Strategy::Refit, &mut Scratch::new()).expect("same count");
                     let (cost, nodes) = (sah_cost(&bvh), in_use(&bvh));
@@ -480,7 +480,7 @@ mod tests {
                     assert_eq!(in_use(&bvh), expected);
                     assert_eq!(change.fewer, nodes as i64 - expected as i64);
                 }
-                trees.push(bvh.hash());
+                trees.push(bvh.fingerprint());
             });
         }
         assert!(trees.iter().all(|&tree| tree == trees[0]));
@@ -494,7 +494,7 @@ mod tests {
             self.0.len()
         }
 
-        fn aabb(&self, i: usize) -> Aabb {
+        fn bounds(&self, i: usize) -> Aabb {
             let left = self.1.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1));
             assert!(left.is_ok(), "asked once too often");
             self.0[i]
@@ -504,15 +504,15 @@ mod tests {
     #[test]
     fn nothing_has_changed_if_primitives_panic() {
         let together = boxes(0.0);
-        let mut bvh = build(&together, Builder::Sweep, &BuildOptions::default(), None).expect("few");
-        let (hash, history) = (bvh.hash(), *bvh.history());
+        let mut bvh = build(&together, Builder::Sweep).expect("few");
+        let (hash, history) = (bvh.fingerprint(), *bvh.history());
         for calls in [0, 10, N / 2, N - 1] {
             let fragile = Fragile(together.clone(), calls.into());
             let panics = AssertUnwindSafe(|| see_to(&mut bvh, &fragile, true));
             assert!(catch_unwind(panics).is_err());
-            assert_eq!((bvh.hash(), *bvh.history()), (hash, history));
+            assert_eq!((bvh.fingerprint(), *bvh.history()), (hash, history));
         }
         see_to(&mut bvh, &Fragile(together.clone(), N.into()), true);
-        assert_ne!(bvh.hash(), hash);
+        assert_ne!(bvh.fingerprint(), hash);
     }
 }

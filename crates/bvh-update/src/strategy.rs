@@ -276,7 +276,7 @@ pub fn update<P: Primitives + ?Sized>(
         Strategy::Regrow(regrow) => regrow::update(bvh, primitives, regrow, scratch),
         Strategy::Reinsert(options) => {
             let tally = pass(bvh, primitives, options.rotate, scratch);
-            let budget = Reinsert { part: options.part, passes: 1 };
+            let budget = Reinsert::default().with_part(options.part).with_passes(1);
             reinsert(bvh, &budget, &mut scratch.reinsert);
             // The cost is not known for free.
             Ok(Update { sah_cost: None, ..tally.update(bvh) })
@@ -291,7 +291,7 @@ impl Tally {
     /// What the pass tells of itself; `bvh` is the tree after it.
     pub(crate) fn update(&self, bvh: &Bvh) -> Update {
         // Still areas are already among those of the tree.
-        let cost = (self.area + bvh.still_area()) / bvh.root().aabb().half_area_f64();
+        let cost = (self.area + bvh.static_area()) / bvh.root().aabb().half_area_f64();
         Update {
             rotations: self.rotations,
             // Areas beyond the range of f32, or a root without area.
@@ -345,7 +345,7 @@ pub(crate) fn options_like(bvh: &mut Bvh) -> BuildOptions {
     if parts.history.largest_leaf == 0 {
         parts.history.largest_leaf = parts.nodes.iter().map(Node::count).max().unwrap_or(1) as u32;
     }
-    BuildOptions { max_leaf_size: parts.history.largest_leaf, ..BuildOptions::default() }
+    BuildOptions::default().with_max_leaf_size(parts.history.largest_leaf)
 }
 
 /// Builds a new tree in which the same primitives move.
@@ -360,7 +360,7 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
     let any_still = note_moving(bvh, &mut scratch.moving);
     rebuild(bvh, primitives, builder, options, &mut scratch.build)?;
     if any_still {
-        bvh.set_moving(|p| scratch.moving[p]);
+        bvh.set_dynamic(|p| scratch.moving[p]);
     }
     let history = raw::parts(bvh).history;
     (history.measure, history.largest_leaf) = (measure, options.max_leaf_size);
@@ -370,13 +370,13 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
 
 /// Notes which primitives move, unless all do. Looks at what is in the tree: slots that are not in use may hold anything.
 pub(crate) fn note_moving(bvh: &Bvh, moving: &mut Vec<bool>) -> bool {
-    if bvh.all_move() {
+    if bvh.all_dynamic() {
         return false;
     }
     moving.clear();
     moving.resize(bvh.len(), false);
     bvh.visit(|_, node, _| {
-        if node.moves() {
+        if node.is_dynamic() {
             bvh.primitives(node).iter().for_each(|&p| moving[p as usize] = true);
         }
     });

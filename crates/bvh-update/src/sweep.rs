@@ -42,7 +42,7 @@ fn lies_in_order(nodes: &[Node]) -> bool {
             count -= 1;
         }
         for node in children.iter().rev() {
-            moving += usize::from(node.moves());
+            moving += usize::from(node.is_dynamic());
             if !node.is_leaf() {
                 todo[count] = node.first();
                 count += 1;
@@ -79,7 +79,7 @@ impl Pieces {
             let [l, r] = nodes.pair(2 * pair);
             let l_end = if r.is_leaf() { end } else { r.first() / 2 };
             for (node, end) in [(l, l_end), (r, end)] {
-                if !node.is_leaf() && node.moves() {
+                if !node.is_leaf() && node.is_dynamic() {
                     todo.push((node.first() / 2, end));
                 }
             }
@@ -96,7 +96,7 @@ impl Pieces {
         let mut fitted = Fitted::default();
         for slot in self.tops.iter().rev().flat_map(|&pair| [2 * pair, 2 * pair + 1]) {
             let node = nodes.get(slot);
-            match (node.moves(), node.is_leaf()) {
+            match (node.is_dynamic(), node.is_leaf()) {
                 (false, _) => {}
                 (true, true) => fit_leaf(nodes, primitives, slot, &mut fitted),
                 (true, false) => {
@@ -168,7 +168,7 @@ pub(crate) fn sweep<P: Primitives + ?Sized>(
 
 #[cfg(test)]
 mod tests {
-    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_build::{BuildOptions, Builder, build_with};
     use bvh_core::{Aabb, Bvh, Vec3};
 
     use super::*;
@@ -182,8 +182,8 @@ mod tests {
     }
 
     fn tree(boxes: &[Aabb], builder: Builder, max_leaf_size: u32) -> Bvh {
-        let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
-        build(boxes, builder, &options, None).expect("few enough")
+        let options = BuildOptions::default().with_max_leaf_size(max_leaf_size);
+        build_with(boxes, builder, &options).expect("few enough")
     }
 
     #[test]
@@ -197,9 +197,9 @@ mod tests {
                 bvh.history().layout
             };
             assert_eq!(layout_after(&mut bvh, &end, Strategy::Refit), Layout::Linear, "{}", builder.name());
-            bvh.set_moving(|p| p < 1000);
+            bvh.set_dynamic(|p| p < 1000);
             assert_eq!(layout_after(&mut bvh, &end, Strategy::Refit), Layout::Other, "most stand still");
-            bvh.set_moving(|p| p > 100);
+            bvh.set_dynamic(|p| p > 100);
             assert_eq!(layout_after(&mut bvh, &start, Strategy::Refit), Layout::Linear);
             let rotate = Strategy::RefitRotate(Rotate::default());
             assert_eq!(layout_after(&mut bvh, &end, rotate), Layout::Other, "rotated");
@@ -213,7 +213,7 @@ mod tests {
     fn pieces_are_whole_subtrees() {
         for n in [1, 2, 100, PIECE, PIECE + 1, 40_000] {
             let mut bvh = tree(&boxes(n, 1.0), Builder::Lbvh, 1);
-            bvh.set_moving(|p| p % 9000 < 7000);
+            bvh.set_dynamic(|p| p % 9000 < 7000);
             let tree = bvh.clone();
             assert!(lies_in_order(tree.nodes()));
             let mut pieces = Pieces::default();
@@ -227,7 +227,7 @@ mod tests {
             }
             pieces.tops.iter().for_each(|&pair| [2 * pair, 2 * pair + 1].iter().for_each(|&s| seen[s] += 1));
             tree.visit(|slot, node, _| {
-                assert!(seen[slot] == 1 || seen[slot] == 0 && !node.moves(), "slot {slot} of {n}");
+                assert!(seen[slot] == 1 || seen[slot] == 0 && !node.is_dynamic(), "slot {slot} of {n}");
             });
             assert!(n < 40_000 || pieces.pieces.len() > 4 && !pieces.tops.is_empty());
         }

@@ -31,7 +31,7 @@ impl InnerAreas {
     pub(crate) fn add(&mut self, node: &Node) {
         let area = node.aabb().half_area_f64() * node.weight();
         self.all += area;
-        self.still += if node.moves() { 0.0 } else { area };
+        self.still += if node.is_dynamic() { 0.0 } else { area };
     }
 
     pub(crate) fn and(self, other: Self) -> Self {
@@ -96,7 +96,7 @@ pub(crate) fn rebuild_top<P: Primitives + ?Sized>(
     let graft = Graft { nodes: raw::share(parts.nodes), measure, top, kept, pairs, size };
     let Grafted { root, areas, references } = graft.write(0);
     graft.nodes.set(0, root);
-    *parts.still_area += areas.still - opened.still;
+    *parts.static_area += areas.still - opened.still;
     let change = areas.all - opened.all + apart.change;
     let reference = reference(judge(&NewTop { size, references, change, leaf_change: apart.change }), 1.0);
     let history = parts.history;
@@ -205,7 +205,7 @@ mod tests {
             };
             (0..10_000).map(corner).map(|corner| Aabb::new(corner, corner + 1.1)).collect()
         };
-        let mut bvh = build(&boxes(0), Builder::Sweep, &BuildOptions::default(), None).expect("few");
+        let mut bvh = build(&boxes(0), Builder::Sweep).expect("few");
         let (mut scratch, mut kept, mut memory) = (Scratch::new(), Vec::new(), Vec::new());
         for step in 0..10 {
             let strategy = Strategy::Regrow(Regrow { rotate: None, ..Regrow::default() });
@@ -213,7 +213,12 @@ mod tests {
             if let Decision::Regrow { subtrees } = told.decision {
                 let CutScratch { boxes, kept: nodes, top, .. } = &scratch.cut;
                 kept.push(subtrees);
-                memory.push((boxes.as_ptr(), nodes.as_ptr(), top.nodes().as_ptr(), scratch.build.bytes()));
+                memory.push((
+                    boxes.as_ptr(),
+                    nodes.as_ptr(),
+                    top.nodes().as_ptr(),
+                    scratch.build.memory_usage(),
+                ));
             }
         }
         assert!(kept.len() > 2 && kept[kept.len() - 1] > 2 * kept[0], "{kept:?}");

@@ -290,7 +290,7 @@ impl<M: NodeMeasure> Walk<'_, M> {
 
 #[cfg(test)]
 mod tests {
-    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_build::{Builder, build};
     use bvh_core::{Aabb, Vec3};
 
     use crate::cut::{area, size_now, take_references};
@@ -342,8 +342,8 @@ mod tests {
                 let away = |i: usize| if i.is_multiple_of(50) { moved * at(i, 31) } else { 0.0 };
                 (0..n).map(|i| corner(i) + away(i)).map(|corner| Aabb::new(corner, corner + 0.4)).collect()
             };
-            let mut bvh = build(&pose(0.0), builder, &BuildOptions::default(), None).expect("few enough");
-            bvh.set_moving(|p| p % 7 != 0);
+            let mut bvh = build(&pose(0.0), builder).expect("few enough");
+            bvh.set_dynamic(|p| p % 7 != 0);
             take_references(&mut bvh);
             let tally = pass(&mut bvh, &pose(0.1), None, &mut Scratch::new());
             let scale = size_now(&bvh, tally.leaf_area);
@@ -364,7 +364,7 @@ mod tests {
             let away = |i: usize| moved * (i.wrapping_mul(7919) % 997) as f32;
             (0..100_000).map(|i| at(i) + away(i)).map(|p| Aabb::new(p, p + 0.5)).collect()
         };
-        let mut bvh = build(&boxes(0.0), Builder::Lbvh, &BuildOptions::default(), None).expect("few enough");
+        let mut bvh = build(&boxes(0.0), Builder::Lbvh).expect("few enough");
         take_references(&mut bvh);
         pass(&mut bvh, &boxes(1.0), None, &mut Scratch::new());
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");

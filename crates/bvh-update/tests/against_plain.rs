@@ -1,7 +1,7 @@
 //! The fast pass against the plain recursion: the same tree, bit for bit, on any number of threads and at every
 //! SIMD level, and the same account of what was done.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{BuildOptions, Builder, build_with};
 use bvh_core::{Aabb, Bvh, SimdLevel, Vec3, sah_cost, stats};
 use bvh_update::{Rotate, Scratch, Strategy, UpdateError, plain, update};
 use proptest::prelude::*;
@@ -29,8 +29,8 @@ fn boxes(n: usize, seed: u64, time: f32) -> Vec<Aabb> {
 }
 
 fn tree(boxes: &[Aabb], max_leaf_size: u32) -> Bvh {
-    let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
-    build(boxes, Builder::Binned, &options, None).expect("few enough")
+    let options = BuildOptions::default().with_max_leaf_size(max_leaf_size);
+    build_with(boxes, Builder::Binned, &options).expect("few enough")
 }
 
 fn pool(threads: usize) -> rayon::ThreadPool {
@@ -55,7 +55,7 @@ fn check(
     let rotating = budgets.map(|rotate| (Strategy::RefitRotate(rotate), Some(rotate)));
     for (strategy, rotate) in [(Strategy::Refit, None)].into_iter().chain(rotating) {
         let mut expected = tree(&start, max_leaf_size);
-        expected.set_moving(moves);
+        expected.set_dynamic(moves);
         let mut contestants: Vec<_> = SimdLevel::available()
             .flat_map(|level| [1, 2, 3, 8].map(|threads| (level, threads)))
             .map(|(level, threads)| {
@@ -70,12 +70,16 @@ fn check(
             let mut told_first = None;
             for (level, threads, pool, bvh, scratch) in &mut contestants {
                 let done = pool.install(|| update(bvh, &now, &strategy, scratch)).expect("same count");
-                assert_eq!(bvh.hash(), expected.hash(), "{n} {level:?} {threads} threads, frame {frame}");
+                assert_eq!(
+                    bvh.fingerprint(),
+                    expected.fingerprint(),
+                    "{n} {level:?} {threads} threads, frame {frame}"
+                );
                 assert_eq!(done.rotations, applied);
                 assert_eq!(done.height, expected.height());
                 if rotate.is_none() {
                     let mut moving = 0;
-                    expected.visit(|_, node, _| moving += u64::from(node.moves()));
+                    expected.visit(|_, node, _| moving += u64::from(node.is_dynamic()));
                     assert_eq!(done.nodes_visited, moving);
                 }
                 let told = done.sah_cost.expect("known");
@@ -128,11 +132,11 @@ fn what_stands_still_is_not_visited() {
     let all = update(&mut bvh, &start, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
         .expect("same count");
     assert_eq!(all.nodes_visited as usize, 2 * 20_000 - 1);
-    bvh.set_moving(|p| p == 77);
+    bvh.set_dynamic(|p| p == 77);
     let one = update(&mut bvh, &start, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
         .expect("same count");
     assert!(one.nodes_visited <= u64::from(bvh.height()) + 1, "visited {}", one.nodes_visited);
-    bvh.set_moving(|_| false);
+    bvh.set_dynamic(|_| false);
     let none = update(&mut bvh, &start, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
         .expect("same count");
     assert_eq!(none.nodes_visited, 0);
@@ -170,9 +174,9 @@ fn a_still_scene_converges_and_stays() {
         }
         assert!(pass < 200, "still rotating after {pass} passes over a still scene");
     }
-    let settled = bvh.hash();
+    let settled = bvh.fingerprint();
     update(&mut bvh, &end, &Strategy::RefitRotate(Rotate::default()), &mut scratch).expect("same count");
-    assert_eq!(bvh.hash(), settled);
+    assert_eq!(bvh.fingerprint(), settled);
 }
 
 #[test]
@@ -180,7 +184,7 @@ fn renumbered_primitives_give_the_same_tree() {
     let start = boxes(3000, 4, 0.0);
     let mut plain_numbers = tree(&start, 1);
     let mut in_order = plain_numbers.clone();
-    let map = in_order.renumber();
+    let map = in_order.reorder_primitives();
     let mut scratch = Scratch::new();
     for frame in 1..4 {
         let now = boxes(3000, 4, frame as f32 * 20.0);
@@ -211,7 +215,7 @@ fn primitives_that_are_not_finite_are_dropped_and_come_back() {
             for (now, dropped) in [(&broken, 20), (&start, 0)] {
                 let done = update(&mut bvh, now, &strategy, &mut scratch).expect("same count");
                 plain::update(&mut expected, now, rotate);
-                assert_eq!(bvh.hash(), expected.hash());
+                assert_eq!(bvh.fingerprint(), expected.fingerprint());
                 assert_eq!(done.dropped, dropped);
                 bvh.validate(now).expect("tight around the others");
                 assert!(bvh.root().aabb().min.is_finite() && done.sah_cost.is_some_and(f64::is_finite));
@@ -231,10 +235,10 @@ fn every_strategy_leaves_a_valid_tree_and_another_count_is_refused() {
         bvh.validate(&end).expect("valid and tight");
         assert_eq!(done.height, bvh.height());
         assert_eq!(strategy.name().parse(), Ok(strategy));
-        let before = bvh.hash();
+        let before = bvh.fingerprint();
         let error = update(&mut bvh, &end[1..], &strategy, &mut scratch).expect_err("one too few");
         assert_eq!(error, UpdateError::Count { tree: 2000, given: 1999 });
-        assert_eq!(bvh.hash(), before);
+        assert_eq!(bvh.fingerprint(), before);
     }
 }
 

@@ -3,7 +3,7 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{Aabb, Vec3};
 use bvh_update::{Decision, Leaves, Open, Regrow, Rotate, Scratch, Strategy, update};
 
@@ -43,7 +43,7 @@ fn pose(step: usize) -> Vec<Aabb> {
 #[test]
 fn a_motion_seen_before_allocates_nothing() {
     let poses: Vec<_> = (0..8).map(pose).collect();
-    let built = build(&poses[0], Builder::Sweep, &BuildOptions::default(), None).expect("few enough");
+    let built = build(&poses[0], Builder::Sweep).expect("few enough");
     let regrow = |open| Strategy::Regrow(Regrow { open, ..Regrow::default() });
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
     for strategy in [

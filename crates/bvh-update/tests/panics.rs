@@ -4,7 +4,7 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{Aabb, Bvh, Primitives, Vec3};
 use bvh_update::{Scratch, Strategy, plain, update};
 
@@ -29,7 +29,7 @@ impl Primitives for Fragile {
         self.boxes.len()
     }
 
-    fn aabb(&self, i: usize) -> Aabb {
+    fn bounds(&self, i: usize) -> Aabb {
         let left = self.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1));
         assert!(left.is_ok(), "asked once too often");
         self.boxes[i]
@@ -41,9 +41,13 @@ fn check(bvh: &Bvh, what: &str) {
     let again = Bvh::new(bvh.nodes(), bvh.order().to_vec()).unwrap_or_else(|e| panic!("{what}: {e}"));
     again.visit(|n, node, _| {
         let told = &bvh.nodes()[n];
-        assert_eq!((told.height(), told.moves()), (node.height(), node.moves()), "{what}, node {n}");
+        assert_eq!(
+            (told.height(), told.is_dynamic()),
+            (node.height(), node.is_dynamic()),
+            "{what}, node {n}"
+        );
     });
-    let (told, sum) = (bvh.still_area(), again.still_area());
+    let (told, sum) = (bvh.static_area(), again.static_area());
     assert!((told - sum).abs() <= 1e-9 * sum, "{what}: {told} stands still, not {sum}");
 }
 
@@ -54,9 +58,8 @@ fn a_panic_in_the_middle_of_an_update_leaves_a_valid_tree() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
         for strategy in Strategy::all() {
             for calls in [0, 10, N / 2, N - 1, N + 100] {
-                let mut bvh =
-                    build(&start, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
-                bvh.set_moving(|p| p % 10 > 0);
+                let mut bvh = build(&start, Builder::Binned).expect("few enough");
+                bvh.set_dynamic(|p| p % 10 > 0);
                 let mut scratch = Scratch::new();
                 let fragile = Fragile { boxes: end.clone(), left: AtomicUsize::new(calls) };
                 let updated = catch_unwind(AssertUnwindSafe(|| {
@@ -79,7 +82,7 @@ fn a_panic_in_the_middle_of_an_update_leaves_a_valid_tree() {
 #[test]
 fn the_plain_pass_and_a_mask_that_panic_leave_valid_trees() {
     let start = boxes(0.0);
-    let mut bvh = build(&start, Builder::Binned, &BuildOptions::default(), None).expect("few enough");
+    let mut bvh = build(&start, Builder::Binned).expect("few enough");
     let fragile = Fragile { boxes: boxes(1.0), left: AtomicUsize::new(N / 2) };
     let rotate = Some(bvh_update::Rotate::default());
     assert!(catch_unwind(AssertUnwindSafe(|| plain::update(&mut bvh, &fragile, rotate))).is_err());
@@ -90,10 +93,10 @@ fn the_plain_pass_and_a_mask_that_panic_leave_valid_trees() {
         assert!(p != N / 2, "no such primitive");
         p % 2 > 0
     };
-    assert!(catch_unwind(AssertUnwindSafe(|| bvh.set_moving(mask))).is_err());
+    assert!(catch_unwind(AssertUnwindSafe(|| bvh.set_dynamic(mask))).is_err());
     check(&bvh, "mask");
-    assert!(bvh.root().moves() && bvh.still_area() == 0.0);
-    let hash = bvh.hash();
-    bvh.set_moving(|_| true);
-    assert_eq!(bvh.hash(), hash);
+    assert!(bvh.root().is_dynamic() && bvh.static_area() == 0.0);
+    let hash = bvh.fingerprint();
+    bvh.set_dynamic(|_| true);
+    assert_eq!(bvh.fingerprint(), hash);
 }

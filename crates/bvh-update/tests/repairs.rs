@@ -35,7 +35,7 @@ fn chaos(step: usize) -> Vec<Aabb> {
 }
 
 fn tree(boxes: &[Aabb], builder: Builder) -> Bvh {
-    bvh_build::build(boxes, builder, &BuildOptions::default(), None).expect("built")
+    bvh_build::build(boxes, builder).expect("built")
 }
 
 fn over_fresh(bvh: &Bvh, boxes: &[Aabb]) -> f64 {
@@ -45,7 +45,7 @@ fn over_fresh(bvh: &Bvh, boxes: &[Aabb]) -> f64 {
 /// Plays the burst; gives the decisions, and the greatest cost over that of a fresh tree.
 fn play(strategy: Strategy, moves: impl Fn(usize) -> bool) -> (Vec<Decision>, f64) {
     let mut bvh = tree(&burst(0.0), Builder::Sweep);
-    bvh.set_moving(&moves);
+    bvh.set_dynamic(&moves);
     let mut scratch = Scratch::new();
     let mut worst = 0.0f64;
     let decisions = (1..=20).map(|step| {
@@ -129,8 +129,8 @@ fn new_trees_have_no_larger_leaves_than_those_they_replace_but_as_large_ones() {
         Strategy::Background(Background::default()),
     ];
     for (strategy, max_leaf_size) in strategies.iter().flat_map(|s| [(s, 1), (s, 2)]) {
-        let options = BuildOptions { max_leaf_size, ..BuildOptions::default() };
-        let mut bvh = bvh_build::build(&pairs(0), Builder::Sweep, &options, None).expect("built");
+        let options = BuildOptions::default().with_max_leaf_size(max_leaf_size);
+        let mut bvh = bvh_build::build_with(&pairs(0), Builder::Sweep, &options).expect("built");
         let mut scratch = Scratch::new();
         let is_new = (1..2000).any(|step| {
             let boxes = pairs(step);
@@ -228,7 +228,7 @@ fn what_stands_still_still_does_after_auto_has_built_a_new_tree() {
     let strategy = Strategy::Auto(Auto::default());
     let (still, moves) = (chaos(0), |i: usize| !i.is_multiple_of(2));
     let mut bvh = tree(&still, Builder::Sweep);
-    bvh.set_moving(moves);
+    bvh.set_dynamic(moves);
     let mut scratch = Scratch::new();
     let mut rebuilds = 0;
     for step in 1..=6 {
@@ -240,7 +240,7 @@ fn what_stands_still_still_does_after_auto_has_built_a_new_tree() {
     }
     assert!(rebuilds > 0, "nothing was built anew");
     bvh.visit(|_, node, _| {
-        bvh.primitives(node).iter().for_each(|&p| assert_eq!(node.moves(), moves(p as usize), "{p}"));
+        bvh.primitives(node).iter().for_each(|&p| assert_eq!(node.is_dynamic(), moves(p as usize), "{p}"));
     });
 }
 
@@ -250,16 +250,16 @@ fn what_stands_still_still_does_whatever_the_strategy_builds() {
     let still = burst(0.0);
     for strategy in Strategy::all() {
         let mut bvh = tree(&still, Builder::Sweep);
-        bvh.set_moving(moves);
+        bvh.set_dynamic(moves);
         let mut scratch = Scratch::new();
         for step in 1..=12 {
             let moved = chaos(step);
             let boxes: Vec<_> = (0..N).map(|i| if moves(i) { moved[i] } else { still[i] }).collect();
             update(&mut bvh, boxes.as_slice(), &strategy, &mut scratch).expect("updated");
-            assert!(!bvh.all_move(), "{}, step {step}", strategy.name());
+            assert!(!bvh.all_dynamic(), "{}, step {step}", strategy.name());
             for leaf in bvh.nodes().iter().filter(|node| node.count() > 0) {
                 let expected = bvh.primitives(leaf).iter().any(|&p| moves(p as usize));
-                assert_eq!(leaf.moves(), expected, "{}, step {step}", strategy.name());
+                assert_eq!(leaf.is_dynamic(), expected, "{}, step {step}", strategy.name());
             }
         }
     }
@@ -316,7 +316,7 @@ fn repairs_do_not_depend_on_threads() {
                     let boxes = burst(step as f32 / 6.0);
                     update(&mut bvh, boxes.as_slice(), &strategy, &mut scratch).expect("updated");
                 }
-                bvh.hash()
+                bvh.fingerprint()
             })
         });
         assert!(hashes.iter().all(|h| *h == hashes[0]), "{}", strategy.name());
@@ -441,14 +441,14 @@ fn auto_merges_leaves_where_it_is_calm() {
                 |step| update(bvh, pose(step).as_slice(), &strategy, &mut scratch).expect("updated").decision;
             steps.map(decide).collect()
         };
-        bvh.set_moving(|_| false);
+        bvh.set_dynamic(|_| false);
         let still = [decisions(&mut bvh, 79..80), decisions(&mut bvh, 79..80)].concat();
         assert!(still.iter().all(|d| matches!(d, Decision::Refit { .. })), "{still:?}");
         // What is measured anew is known to be merged.
         let mut bvh = tree(&pose(0), Builder::Sweep);
         let calm = decisions(&mut bvh, 0..20);
         assert!(calm.iter().any(|d| matches!(d, Decision::Merge { .. })) && stats(&bvh).leaves < N * 7 / 10);
-        bvh.set_moving(|_| true);
+        bvh.set_dynamic(|_| true);
         let parted = decisions(&mut bvh, 20..39);
         assert!(parted.iter().any(|d| *d == Decision::Split || is_rebuild(d)), "{parted:?}");
         assert!(stats(&bvh).leaves > N * 9 / 10);
@@ -460,7 +460,7 @@ fn auto_merges_leaves_where_it_is_calm() {
 fn leaves_come_to_rest_and_know_what_stands_still() {
     let boxes = frayed(0);
     let mut bvh = tree(&boxes, Builder::Sweep);
-    bvh.set_moving(|i| i % 200 < 100);
+    bvh.set_dynamic(|i| i % 200 < 100);
     let strategy = Strategy::Leaves(Leaves { period: 1, ..Leaves::default() });
     let mut scratch = Scratch::new();
     let mut step = || {
@@ -472,13 +472,13 @@ fn leaves_come_to_rest_and_know_what_stands_still() {
             let moving = bvh.primitives(node).iter().filter(|&&i| i % 200 < 100).count();
             assert!(moving == 0 || moving == bvh.primitives(node).len(), "a leaf that moves in part");
         });
-        bvh.hash()
+        bvh.fingerprint()
     };
     let hashes: Vec<_> = (0..40).map(|_| step()).collect();
     assert!(hashes[0] != hashes[39] && hashes[30..].iter().all(|&hash| hash == hashes[39]));
     // A tree that has no pairs to spare is left with the leaves that it has.
-    let options = BuildOptions { max_leaf_size: 4, ..BuildOptions::default() };
-    let mut coarse = bvh_build::build(&boxes, Builder::Sweep, &options, None).expect("built");
+    let options = BuildOptions::default().with_max_leaf_size(4);
+    let mut coarse = bvh_build::build_with(&boxes, Builder::Sweep, &options).expect("built");
     let before = stats(&coarse).leaves;
     let apart = frayed(25);
     update(&mut coarse, apart.as_slice(), &strategy, &mut scratch).expect("updated");
@@ -513,7 +513,7 @@ fn no_tree_of_old_numbers_takes_over() {
     let background = Strategy::Background(Background::default());
     update(&mut bvh, &chaos(0), &background, &mut scratch).expect("updated");
     assert!(bvh.history().background_job > 0);
-    let order = bvh.renumber();
+    let order = bvh.reorder_primitives();
     assert_eq!(bvh.history().background_job, 0);
     let boxes: Vec<_> = order.iter().map(|&p| chaos(0)[p as usize]).collect();
     let fresh = sah_cost(&bvh);
@@ -537,14 +537,16 @@ fn trees_from_the_background_move_as_was_said_last() {
         if step % 23 == 0 {
             asked[which] = 1 + step % 3;
             let period = asked[which];
-            bvh.set_moving(|p| p.is_multiple_of(period));
+            bvh.set_dynamic(|p| p.is_multiple_of(period));
         }
         let told = update(bvh, &chaos(0), &background, &mut scratch).expect("updated");
         bvh.validate(&chaos(0)).expect("valid");
         swaps += usize::from(told.decision == Decision::Swap);
-        assert_eq!(bvh.all_move(), asked[which] == 1, "step {step}");
+        assert_eq!(bvh.all_dynamic(), asked[which] == 1, "step {step}");
         let moves = |p: u32| (p as usize).is_multiple_of(asked[which]);
-        bvh.visit(|_, leaf, _| bvh.primitives(leaf).iter().for_each(|&p| assert_eq!(leaf.moves(), moves(p))));
+        bvh.visit(|_, leaf, _| {
+            bvh.primitives(leaf).iter().for_each(|&p| assert_eq!(leaf.is_dynamic(), moves(p)))
+        });
         if step % 2 == 0 {
             std::thread::sleep(std::time::Duration::from_millis(2));
         }

@@ -14,7 +14,7 @@ fn noise(i: usize) -> Vec3 {
 }
 
 fn tree(boxes: &[Aabb]) -> Bvh {
-    bvh_build::build(boxes, Builder::Sweep, &BuildOptions::default(), None).expect("built")
+    bvh_build::build(boxes, Builder::Sweep).expect("built")
 }
 
 fn over_fresh(bvh: &Bvh, boxes: &[Aabb]) -> f64 {
@@ -36,7 +36,7 @@ fn bodies_that_fall_asleep_in_each_frame_hide_no_damage() {
         let (mut bvh, mut scratch, mut repairs) = (tree(&burst(0.0)), Scratch::new(), 0);
         for step in 1..=30 {
             if falls_asleep {
-                bvh.set_moving(|p| p < N * 9 / 10 || (p + step) % 7 < 3);
+                bvh.set_dynamic(|p| p < N * 9 / 10 || (p + step) % 7 < 3);
             }
             let boxes = burst(step as f32 / 30.0);
             let told = update(&mut bvh, &boxes, &strategy, &mut scratch).expect("same count");
@@ -109,7 +109,7 @@ fn a_new_tree_is_kept_only_if_it_is_better_and_tried_ever_more_rarely_if_it_is_n
             match told.decision {
                 Decision::Kept { builder } => {
                     assert!(!told.rebuilt && told.sah_cost.is_some());
-                    let new = bvh_build::build(&boxes, builder, &BuildOptions::default(), None);
+                    let new = bvh_build::build(&boxes, builder);
                     assert!(sah_cost(&bvh) <= sah_cost(&new.expect("built")), "{step}");
                     kept.push(step);
                 }

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Result;
-use bvh_build::{BuildOptions, build};
+use bvh_build::build;
 use bvh_core::{Bvh, sah_cost};
 use rt_cpu::{Image, RenderOptions, render};
 use scenes::LightEffects;
@@ -45,7 +45,7 @@ pub(crate) fn measure(stage: &mut Stage, size: u32) -> Result<Vec<OfflineTree>> 
             return Ok(Vec::new());
         }
         let start = Instant::now();
-        let bvh = build(&stage.triangles(), builder, &BuildOptions::default(), None)?;
+        let bvh = build(&stage.triangles(), builder)?;
         let (build_ms, sah_cost) = (ms(start), sah_cost(&bvh));
         let name = builder.name().to_owned();
         trees.push((OfflineTree { builder: name, build_ms, sah_cost, path_ms: 0.0 }, bvh, Vec::new()));

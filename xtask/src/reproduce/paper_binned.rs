@@ -94,7 +94,7 @@ fn split(items: &mut [Item]) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
-    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_build::{Builder, build};
     use bvh_core::sah_cost;
 
     use super::*;
@@ -115,7 +115,7 @@ mod tests {
         let mut bvh = Bvh::default();
         assert!(update(&mut bvh, &triangles).unwrap().rebuilt);
         bvh.validate(&triangles).unwrap();
-        let sweep = build(&triangles, Builder::Sweep, &BuildOptions::default(), None).unwrap();
+        let sweep = build(&triangles, Builder::Sweep).unwrap();
         let over = sah_cost(&bvh) / sah_cost(&sweep);
         assert!((1.0..1.2).contains(&over), "{over}");
     }

@@ -59,7 +59,9 @@ pub(crate) fn primitives_refit(tree: &Bvh, update: &Update) -> u64 {
 
 fn moving_primitives(tree: &Bvh) -> u64 {
     let mut count = 0;
-    tree.visit(|_, node, _| count += if node.is_leaf() && node.moves() { node.count() as u64 } else { 0 });
+    tree.visit(|_, node, _| {
+        count += if node.is_leaf() && node.is_dynamic() { node.count() as u64 } else { 0 }
+    });
     count
 }
 
@@ -129,7 +131,7 @@ mod tests {
             Primitives::len(&self.0)
         }
 
-        fn aabb(&self, i: usize) -> Aabb {
+        fn bounds(&self, i: usize) -> Aabb {
             self.1.fetch_add(1, Ordering::Relaxed);
             self.0.aabb(i)
         }
@@ -164,8 +166,8 @@ mod tests {
             let [skinned, rigid] = [vertices(|m| m.skin), vertices(|m| m.rigid)];
             let moving_vertices = vertices(|m| !m.is_still());
             // Of the cloth and its ball nothing stands still.
-            let all_move = moving == topology.triangles.len() as u64;
-            assert_eq!(all_move, info.name == "cloth-ball", "{}", info.name);
+            let all_dynamic = moving == topology.triangles.len() as u64;
+            assert_eq!(all_dynamic, info.name == "cloth-ball", "{}", info.name);
 
             assert_eq!(stage.pose(0.0), PoseStats::default(), "{}: it is there already", info.name);
             let time = stage.time_of(1, 3);

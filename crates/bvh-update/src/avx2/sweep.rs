@@ -14,7 +14,7 @@ impl Lists {
     /// Lists what is in a stretch, four pairs at a time.
     #[target_feature(enable = "avx2,popcnt")]
     fn fill(&mut self, nodes: SharedNodes<'_>, stretch: Range<usize>) {
-        const { assert!(Node::LEAF == 1 << 31 && Node::MOVES == 1 << 30) };
+        const { assert!(Node::LEAF == 1 << 31 && Node::DYNAMIC == 1 << 30) };
         [self.ones.count, self.primitives.count, self.others.count, self.inner.count] = [0; 4];
         for first in stretch.clone().step_by(4) {
             for pair in first..first + 4 {

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use bvh_build::{Anneal, BuildOptions, BuildScratch, Builder, rebuild};
+use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
 use bvh_core::Bvh;
 use bvh_update::{Rotate, Scratch, Strategy, update};
 
@@ -152,10 +152,10 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
     let of = |builder, options, name: String, is_default| (builder, options, name, is_default);
     let bins = [4, 8, 16, 32, 64, 256].map(|bins| {
         let name = format!("{bins} bins");
-        of(Builder::BinnedParallel, BuildOptions { bins, ..default }, name, bins == default.bins)
+        of(Builder::BinnedParallel, default.with_bins(bins), name, bins == default.bins)
     });
     let radii = [1, 2, 4, 8, 16, 32].map(|radius| {
-        let options = BuildOptions { search_radius: radius, ..default };
+        let options = default.with_search_radius(radius);
         of(Builder::Ploc, options, format!("ploc radius {radius}"), radius == default.search_radius)
     });
     let others = Builder::ALL
@@ -163,7 +163,7 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
         .filter(|b| ![Builder::Binned, Builder::BinnedParallel, Builder::Ploc, Builder::Annealed].contains(b))
         .map(|builder| of(builder, default, builder.name().to_owned(), false));
     let annealed = bench.effort.anneal_passes.iter().map(|&passes| {
-        let options = BuildOptions { anneal: Anneal { passes, ..default.anneal }, ..default };
+        let options = default.with_anneal(default.anneal.with_passes(passes));
         let is_default = passes == default.anneal.passes;
         of(Builder::Annealed, options, format!("annealed {passes} passes"), is_default)
     });

@@ -1,7 +1,7 @@
 //! Triangle tests, near the origin and far from it: rays that leak out of closed meshes, and errors of distance.
 
 use anyhow::{Context, Result};
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::glam::DVec3;
 use bvh_core::{Bvh, Ray, Triangles, Vec3};
 use rayon::prelude::*;
@@ -118,7 +118,7 @@ fn within(random: &mut fastrand::Rng) -> [f64; 3] {
 
 fn at_offset(bench: &mut Bench<'_>, moved: &Moved<'_>, condition: &str) -> Result<()> {
     let triangles = moved.triangles();
-    let tree = build(&triangles, Builder::Sweep, &BuildOptions::default(), None).context("no tree")?;
+    let tree = build(&triangles, Builder::Sweep).context("no tree")?;
     let mut random = fastrand::Rng::with_seed(bench.effort.seed);
     let [edge_rays, distance_rays] = bench.effort.rays;
     let at_edges = moved.rays(edge_rays, &mut random, on_an_edge);
