@@ -4,7 +4,7 @@
 use std::error::Error;
 use std::time::Instant;
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{Triangles, Vec3, sah_cost};
 use bvh_update::{Rotate, Strategy, Updater};
 use pivot_examples::sphere;
@@ -39,8 +39,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         let refit = scratch.set_strategy(Strategy::Refit).update(&mut refitted, &triangles)?;
         let refit_ms = timer.elapsed().as_secs_f64() * 1e3;
         let timer = Instant::now();
-        let rotate =
-            scratch.set_strategy(Strategy::RefitRotate(Rotate::default())).update(&mut rotated, &triangles)?;
+        let rotate = scratch
+            .set_strategy(Strategy::RefitRotate(Rotate::default()))
+            .update(&mut rotated, &triangles)?;
         let rotate_ms = timer.elapsed().as_secs_f64() * 1e3;
         let timer = Instant::now();
         let fresh = build(&triangles, Builder::Binned)?;

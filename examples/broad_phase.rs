@@ -37,8 +37,9 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
         }
         let boxes = boxes(&centers);
-        let done =
-            scratch.set_strategy(Strategy::RefitRotate(Rotate::default())).update(&mut bvh, boxes.as_slice())?;
+        let done = scratch
+            .set_strategy(Strategy::RefitRotate(Rotate::default()))
+            .update(&mut bvh, boxes.as_slice())?;
         let cost = done.sah_cost.unwrap_or_default();
         if cost > 2.0 * fresh_cost {
             let rebuild = Strategy::Rebuild(Builder::BinnedParallel, BuildOptions::default());

@@ -1,7 +1,7 @@
 //! Builds a tree over the triangles of a sphere, casts a grid of rays at it and draws what they
 //! hit.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{Ray, Triangles, Vec3, stats};
 use pivot_examples::sphere;
 use rt_cpu::{TriangleTest, closest_hit};

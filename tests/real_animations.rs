@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{Triangles, Vec3};
 use bvh_update::{Strategy, Updater};
 use pivot_tests::{closest_hit, noise};

@@ -1,6 +1,6 @@
 //! The claims of the paper that concern rotations themselves, on trees of some size.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::rotation::{area_changes_at, rotate};
 use bvh_core::{Bvh, Node, Rotation, Triangles, stats};
 use bvh_update::{Rotate, Strategy, Updater};
@@ -62,7 +62,9 @@ fn a_still_tree_comes_to_rest_with_a_lower_cost() {
         scratch.set_strategy(Strategy::Refit).update(&mut bvh, &primitives).expect("same count");
         let refitted = sah_cost(&bvh, &positions, &soup.triangles);
         let mut passes = 0;
-        while scratch.set_strategy(Strategy::RefitRotate(Rotate::default())).update(&mut bvh, &primitives)
+        while scratch
+            .set_strategy(Strategy::RefitRotate(Rotate::default()))
+            .update(&mut bvh, &primitives)
             .expect("same count")
             .rotations
             != [0; 6]
@@ -95,7 +97,9 @@ fn height_and_cost_stay_bounded_over_many_loops() {
             *p += (noise(8, i / 3) - 0.5) * swing.min(40.0 - swing);
         }
         let primitives = Triangles { positions: &positions, indices: &soup.triangles };
-        let done = scratch.set_strategy(Strategy::RefitRotate(Rotate::default())).update(&mut bvh, &primitives)
+        let done = scratch
+            .set_strategy(Strategy::RefitRotate(Rotate::default()))
+            .update(&mut bvh, &primitives)
             .expect("same count");
         highest = highest.max(done.height);
         // At rest, once a loop.

@@ -1,7 +1,7 @@
 //! Every strategy, through every kind of motion: valid and tight trees, costs as reported, and the
 //! hits of brute force.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{BuildOptions, Builder, build, build_with};
 use bvh_core::{Bvh, Ray, Triangles, Vec3};
 use bvh_update::{Strategy, Updater};
 use pivot_tests::{Motion, Soup, closest_hit, noise, sah_cost};
@@ -126,8 +126,7 @@ fn all_triangles_at_one_point() {
     let triangles = vec![[0, 1, 2]; 500];
     let primitives = Triangles { positions: &positions, indices: &triangles };
     for strategy in Strategy::all() {
-        let mut bvh =
-            build(&primitives, Builder::Binned).expect("few enough");
+        let mut bvh = build(&primitives, Builder::Binned).expect("few enough");
         let done = Updater::new(strategy).update(&mut bvh, &primitives).expect("same count");
         bvh.validate(&primitives).expect("valid and tight");
         assert_eq!((done.rotations_applied(), bvh_core::sah_cost(&bvh)), (0, 0.0));

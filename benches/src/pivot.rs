@@ -4,10 +4,8 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use bvh_build::{BuildOptions, Builder};
 use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3, sah_cost};
-use bvh_update::{Rotate, Strategy, Updater};
-use rt_cpu::{
-    Bvh8, Pixel, PointLight, RenderOptions, RenderStats, Traversal, TriangleTest, any_hit, cast, closest_hit,
-};
+use bvh_update::{Load, Rotate, Strategy, Updater};
+use rt_cpu::{Bvh8, Pixel, PointLight, RenderOptions, Traversal, TriangleTest, any_hit, cast, closest_hit};
 
 use crate::field::{Contest, Entry};
 use crate::mesh::Mesh;

@@ -2,7 +2,7 @@
 //!
 //! Triangles are put into the order of the leaves once, after the build, as that program does with its own.
 //! Rotations are held to AVX2 where it holds its own (variant `blksse`).
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{Bvh, SimdLevel, Triangles, Vec3, sah_cost};
 use bvh_update::{Rotate, Strategy, Updater};
 

@@ -156,7 +156,9 @@ fn frames(
             break;
         }
         stage.pose(stage.time_of(frame, count));
-        scratch.set_strategy(args.strategy).update(&mut tree, &stage.triangles())
+        scratch
+            .set_strategy(args.strategy)
+            .update(&mut tree, &stage.triangles())
             .with_context(|| format!("{label}, frame {frame}"))?;
         if wanted.contains(&frame) {
             if !args.flat {

@@ -6,7 +6,7 @@
 use std::time::Instant;
 
 use anyhow::{Result, anyhow, ensure};
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::sah_cost;
 use bvh_update::{Strategy, UnknownStrategy, Updater};
 

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use anim::{Pose, PoseStats, View};
 use anyhow::{Context, Result};
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{Bvh, Triangles, Vec3};
 use rt_cpu::{
     AmbientOcclusion, Camera, DiffuseBounces, Effects, Filter, Material, Mesh, PointLight, RenderOptions,
@@ -75,8 +75,8 @@ impl Stage {
         let pose = Pose::new(&*scene.animation);
         let start = Instant::now();
         let primitives = Triangles { positions: pose.positions(), indices: &topology.triangles };
-        let mut first_tree = build(&primitives, Builder::Sweep)
-            .with_context(|| format!("{}: no tree", scene.name))?;
+        let mut first_tree =
+            build(&primitives, Builder::Sweep).with_context(|| format!("{}: no tree", scene.name))?;
         let build_ms = ms(start);
         let order = first_tree.reorder_primitives();
         first_tree.set_dynamic(|slot| topology.moves[order[slot] as usize]);

@@ -1,6 +1,8 @@
 //! The only file of these tests that calls the crates: a tree with everything that can be asked of it, as plain numbers.
 
-use bvh_build::{BuildOptions, Builder, build};
+use std::ops::ControlFlow::Continue;
+
+use bvh_build::{BuildOptions, Builder, build_with};
 use bvh_core::{Aabb, Bvh, Ray, SimdLevel, Triangles, Vec3};
 use bvh_update::{Strategy, Update, Updater};
 use rt_cpu::{Bvh8, Camera, Pixel, RenderOptions, Traversal, TriangleTest};
@@ -240,20 +242,26 @@ impl Subject for Real {
         let mut visited = Vec::new();
         self.bvh.cast_ray(&ray(line), line.t_max, |p, t_max| {
             visited.push(p);
-            t_max
+            Continue(t_max)
         });
         visited
     }
 
     fn overlaps(&self, min: Point, max: Point) -> Vec<usize> {
         let mut found = Vec::new();
-        self.bvh.overlaps(&Aabb::new(min.into(), max.into()), |p| found.push(p));
+        self.bvh.for_each_overlap(&self.triangles(), &Aabb::new(min.into(), max.into()), |p| {
+            found.push(p);
+            Continue(())
+        });
         found
     }
 
     fn pairs(&self) -> Vec<(usize, usize)> {
         let mut found = Vec::new();
-        self.bvh.overlapping_pairs(|a, b| found.push((a, b)));
+        self.bvh.for_each_pair(&self.triangles(), |a, b| {
+            found.push((a, b));
+            Continue(())
+        });
         found
     }
 

@@ -1,6 +1,6 @@
 //! What must hold of a case, whatever it is.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{BuildOptions, Builder, build_with};
 use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3};
 use bvh_update::{Strategy, Update, Updater};
 use pivot_tests::{noise, sah_cost};

@@ -1,6 +1,6 @@
 //! Hard motion.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{BuildOptions, Builder, build, build_with};
 use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
 use bvh_update::{Strategy, Updater};
 use pivot_tests::{Motion, Soup, noise};
@@ -112,7 +112,9 @@ fn copies_go_on_alike_after_frames_that_are_not_finite() {
             }
             let primitives = Triangles { positions: &positions, indices: &indices };
             for (i, (tree, scratch)) in trees.iter_mut().zip(&mut scratch).enumerate() {
-                pool(1 + i).install(|| scratch.set_strategy(strategy).update(tree, &primitives)).expect("same count");
+                pool(1 + i)
+                    .install(|| scratch.set_strategy(strategy).update(tree, &primitives))
+                    .expect("same count");
             }
             trees[0].validate(&primitives).unwrap_or_else(|e| panic!("{}, {frame}: {e}", strategy.name()));
             assert!(trees[0].update_state() == trees[1].update_state(), "{}, {frame}", strategy.name());

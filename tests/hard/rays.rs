@@ -1,6 +1,6 @@
 //! Hard rays.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::glam::Vec3Swizzles;
 use bvh_core::{Bvh, Ray, Triangles, Vec3};
 use rt_cpu::{Bvh8, TriangleTest, any_hit, any_hit_brute, closest_hit, closest_hit_brute};

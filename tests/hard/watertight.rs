@@ -1,7 +1,7 @@
 //! Closed meshes let no ray through: rays from inside, aimed at edges and vertices, near the origin
 //! and far from it, through refitting and rotations.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::glam::Vec3Swizzles;
 use bvh_core::{Ray, SimdLevel, Triangles, Vec3};
 use bvh_update::{Strategy, Updater};

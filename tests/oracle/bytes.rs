@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{BuildOptions, Builder, build_with};
 use bvh_core::glam::{Vec3, Vec3Swizzles};
 use bvh_core::{Ray, SimdLevel, Triangles};
 use bvh_update::{Strategy, Updater};
@@ -31,7 +31,8 @@ pub fn play_bytes(bytes: &[u8]) {
     let mut bvh = build_with(&Triangles { positions: &positions, indices: &indices }, builder, &options)
         .expect("few enough");
     let mut twin = bvh.clone();
-    let mut scratch = [SimdLevel::best(), SimdLevel::Baseline].map(|level| Updater::with_level(Strategy::default(), level));
+    let mut scratch =
+        [SimdLevel::best(), SimdLevel::Baseline].map(|level| Updater::with_level(Strategy::default(), level));
     let mut wide = Bvh8::new();
     let mut moving = vec![true; n];
     // What comes from the background comes when it likes, and could not be played again.
@@ -65,7 +66,12 @@ pub fn play_bytes(bytes: &[u8]) {
         };
         let reported = scratch[0].set_strategy(strategy).update(&mut bvh, &triangles).expect("same count");
         let twins = scratch[1].set_strategy(strategy).update(&mut twin, &triangles).expect("same count");
-        assert_eq!((reported, bvh.fingerprint()), (twins, twin.fingerprint()), "{}: another SIMD level", strategy.name());
+        assert_eq!(
+            (reported, bvh.fingerprint()),
+            (twins, twin.fingerprint()),
+            "{}: another SIMD level",
+            strategy.name()
+        );
         bvh.validate(&triangles).unwrap_or_else(|e| panic!("{}: {e}", strategy.name()));
         let cost = reported.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(&bvh));
         assert!(cost.is_finite() && cost >= 0.0, "{}: cost {cost}", strategy.name());

@@ -7,7 +7,7 @@
 //! bits of either, at most 63 + 29.
 
 use bvh_core::glam::Vec4;
-use bvh_core::{MAX_HEIGHT, Node, prefetch, prefetch_ahead};
+use bvh_core::{MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
 use crate::bytes_of;
@@ -181,8 +181,9 @@ fn emit<K: Key>(keys: &[K], prims: &[PrimRef], slot: SubtreeSlot) -> Bounds {
     let mut count = 0;
     let mut next = below.len();
     let mut node = Node::NOTHING;
-    let fetch = |s: usize| prefetch(prims, keys[s].number() as usize);
-    for s in prefetch_ahead((0..keys.len()).rev(), AHEAD, fetch) {
+    for s in (0..keys.len()).rev() {
+        // Not `prefetch_ahead`, which takes 10 more instructions a primitive here (callgrind).
+        prefetch(prims, keys[s.saturating_sub(AHEAD)].number() as usize);
         let prim = &prims[keys[s].number() as usize];
         order[s] = prim.number();
         node = Node::leaf(prim.bounds().aabb(), first_slot + s as u32, 1);

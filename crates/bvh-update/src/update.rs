@@ -56,7 +56,13 @@ impl Updater {
     /// An updater that uses `level`, or the best below it that the machine has. Every level leaves the same tree.
     #[must_use]
     pub fn with_level(strategy: Strategy, level: SimdLevel) -> Self {
-        Self { strategy, workspace: Workspace::with_level(level), load: None, last_excess: 0.0, reports_cost: false }
+        Self {
+            strategy,
+            workspace: Workspace::with_level(level),
+            load: None,
+            last_excess: 0.0,
+            reports_cost: false,
+        }
     }
 
     /// Changes what to do between two frames, from now on.

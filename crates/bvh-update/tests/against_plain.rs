@@ -1,7 +1,7 @@
 //! The fast pass against the plain recursion: the same tree, bit for bit, on any number of threads and at every
 //! SIMD level, and the same account of what was done.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{BuildOptions, Builder, build_with};
 use bvh_core::{Aabb, Bvh, SimdLevel, Vec3, sah_cost, stats};
 use bvh_update::{Rotate, Strategy, UpdateError, Updater, plain};
 use proptest::prelude::*;
@@ -77,7 +77,11 @@ fn check(
             for (level, threads, pool, bvh, updater) in &mut contestants {
                 let done =
                     pool.install(|| updater.set_strategy(strategy).update(bvh, &now)).expect("same count");
-                assert_eq!(bvh.fingerprint(), expected.fingerprint(), "{n} {level:?} {threads} threads, frame {frame}");
+                assert_eq!(
+                    bvh.fingerprint(),
+                    expected.fingerprint(),
+                    "{n} {level:?} {threads} threads, frame {frame}"
+                );
                 assert_eq!(done.rotations, applied);
                 assert_eq!(done.height, expected.height());
                 if rotate.is_none() {

@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{Aabb, Bvh, Vec3};
 use bvh_update::{Background, Strategy, Updater};
 use rayon::prelude::*;

@@ -3,7 +3,7 @@
 //!
 //! After a change that is meant to change trees, print new ones: `PRINT=1 cargo test -p bvh-update --test fingerprints -- --nocapture`.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{BuildOptions, Builder, build_with};
 use bvh_core::{Bvh, Primitives, SimdLevel, Triangles, Vec3};
 use bvh_update::{Strategy, Updater};
 

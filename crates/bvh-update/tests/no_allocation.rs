@@ -3,7 +3,7 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{Aabb, Vec3};
 use bvh_update::{Decision, Leaves, PartialRebuild, RepairScore, Rotate, Strategy, Updater};
 

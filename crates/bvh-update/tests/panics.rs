@@ -4,7 +4,7 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{Aabb, Bvh, Primitives, Vec3};
 use bvh_update::{Strategy, Updater, plain};
 
@@ -41,7 +41,11 @@ fn check(bvh: &Bvh, what: &str) {
     let again = Bvh::new(bvh.nodes(), bvh.order().to_vec()).unwrap_or_else(|e| panic!("{what}: {e}"));
     again.visit(|n, node, _| {
         let report = &bvh.nodes()[n];
-        assert_eq!((report.height(), report.is_dynamic()), (node.height(), node.is_dynamic()), "{what}, node {n}");
+        assert_eq!(
+            (report.height(), report.is_dynamic()),
+            (node.height(), node.is_dynamic()),
+            "{what}, node {n}"
+        );
     });
     let (report, sum) = (bvh.static_area(), again.static_area());
     assert!((report - sum).abs() <= 1e-9 * sum, "{what}: {report} stands still, not {sum}");
@@ -54,8 +58,7 @@ fn a_panic_in_the_middle_of_an_update_leaves_a_valid_tree() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
         for strategy in Strategy::all() {
             for calls in [0, 10, N / 2, N - 1, N + 100] {
-                let mut bvh =
-                    build(&start, Builder::Binned).expect("few enough");
+                let mut bvh = build(&start, Builder::Binned).expect("few enough");
                 bvh.set_dynamic(|p| p % 10 > 0);
                 let mut updater = Updater::default();
                 let fragile = Fragile { boxes: end.clone(), left: AtomicUsize::new(calls) };

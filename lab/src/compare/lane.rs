@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{Bvh, sah_cost};
 use pivot_benches::{Answers, Contestant, Entry, LIMIT, View, set_up_rays};
 use rt_cpu::{Pixel, PointLight, RenderOptions, RenderStats, Traversal, cast};
@@ -76,8 +76,8 @@ pub(super) struct Frame {
 impl Frame {
     pub(super) fn new(stage: &Stage, view: &View) -> Result<Self> {
         let triangles = stage.triangles();
-        let tree = build(&triangles, Builder::Sweep)
-            .with_context(|| format!("{}: no tree", stage.scene.name))?;
+        let tree =
+            build(&triangles, Builder::Sweep).with_context(|| format!("{}: no tree", stage.scene.name))?;
         let mut pixels = vec![Pixel::default(); view.camera.width() as usize * view.camera.height() as usize];
         let light = view.light.map(|position| PointLight { position, color: [1.0; 3] });
         let options = RenderOptions { traversal: Traversal::Single, ..RenderOptions::default() };

@@ -5,7 +5,7 @@
 
 use anyhow::{Context, Result};
 use bvh_core::{Bvh, Triangles};
-use bvh_update::{Auto, Strategy, Update, Updater};
+use bvh_update::{Auto, Load, Strategy, Update, Updater};
 
 use super::paper_binned;
 use crate::pool::PAPER_THREADS;
@@ -120,7 +120,9 @@ impl Method {
     /// The same, with the number of rays that each tree is for.
     pub(crate) fn for_rays(self, rays: u64) -> Self {
         match self {
-            Self::Strategy(Strategy::Auto(_)) => Self::Strategy(Strategy::Auto(Auto { load: Load::PacketRays(rays) })),
+            Self::Strategy(Strategy::Auto(_)) => {
+                Self::Strategy(Strategy::Auto(Auto { load: Load::PacketRays(rays) }))
+            }
             other => other,
         }
     }
@@ -133,7 +135,9 @@ impl Method {
         updater: &mut Updater,
     ) -> Result<Update> {
         match self {
-            Self::Strategy(strategy) => updater.set_strategy(*strategy).update(tree, triangles).context(strategy.name()),
+            Self::Strategy(strategy) => {
+                updater.set_strategy(*strategy).update(tree, triangles).context(strategy.name())
+            }
             Self::Rebuild(function, _) => function(tree, triangles),
         }
     }

@@ -4,7 +4,7 @@
 use std::time::Instant;
 
 use anyhow::Result;
-use bvh_build::{BuildOptions, build};
+use bvh_build::build;
 use bvh_core::{Bvh, sah_cost};
 use rt_cpu::{Image, RenderOptions, render};
 use scenes::LightEffects;

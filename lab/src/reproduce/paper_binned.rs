@@ -98,7 +98,7 @@ fn split(items: &mut [Item]) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
-    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_build::{Builder, build};
     use bvh_core::sah_cost;
 
     use super::*;

@@ -15,7 +15,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use bvh_core::{Bvh, sah_cost};
-use bvh_update::{Decision, Update, Updater};
+use bvh_update::{Decision, Load, Update, Updater};
 use rt_cpu::{Image, RenderOptions, RenderStats, render};
 
 use super::check::{self, Checks};

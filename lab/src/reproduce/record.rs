@@ -87,14 +87,6 @@ pub(crate) struct Row {
     pub(crate) nodes_opened: u64,
 }
 
-impl Row {
-    /// As [`RenderStats::rays`](rt_cpu::RenderStats::rays).
-    pub(crate) fn rays(&self) -> u64 {
-        let direct = self.rays_primary + self.rays_shadow + self.rays_again;
-        direct + self.rays_mirror + self.rays_ambient_occlusion + self.rays_bounce
-    }
-}
-
 /// Milliseconds, written to a tenth of a microsecond.
 fn microseconds<S: Serializer>(ms: &f64, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_f64((ms * 1e4).round() / 1e4)

@@ -59,7 +59,9 @@ pub(crate) fn primitives_refit(tree: &Bvh, update: &Update) -> u64 {
 
 fn moving_primitives(tree: &Bvh) -> u64 {
     let mut count = 0;
-    tree.visit(|_, node, _| count += if node.is_leaf() && node.is_dynamic() { node.count() as u64 } else { 0 });
+    tree.visit(|_, node, _| {
+        count += if node.is_leaf() && node.is_dynamic() { node.count() as u64 } else { 0 }
+    });
     count
 }
 

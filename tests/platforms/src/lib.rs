@@ -4,7 +4,7 @@
 //! The scenes use integers, the four operations and nothing else, since functions such as the sine differ from one system
 //! to the next.
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3};
 use bvh_update::{Strategy, Updater};
 use rt_cpu::{

@@ -64,7 +64,10 @@ struct Job {
 impl Job {
     fn bytes(&self) -> usize {
         let Self { boxes, dynamic, bvh, scratch, .. } = self;
-        boxes.capacity() * size_of::<Aabb>() + dynamic.capacity() + bvh.memory_usage() + scratch.memory_usage()
+        boxes.capacity() * size_of::<Aabb>()
+            + dynamic.capacity()
+            + bvh.memory_usage()
+            + scratch.memory_usage()
     }
 }
 

@@ -26,7 +26,7 @@ pub(super) fn divergence(nodes: &[Node], node: &Node) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_build::{Builder, build};
     use bvh_core::{Aabb, Vec3, sah_cost};
 
     use super::super::RepairScratch;

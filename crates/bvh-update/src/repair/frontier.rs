@@ -291,7 +291,7 @@ impl<M: NodeMeasure> Walk<'_, M> {
 
 #[cfg(test)]
 mod tests {
-    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_build::{Builder, build};
     use bvh_core::{Aabb, Vec3};
 
     use super::super::divergence::divergence;

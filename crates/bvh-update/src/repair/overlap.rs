@@ -121,7 +121,7 @@ impl Opened<'_> {
 
 #[cfg(test)]
 mod tests {
-    use bvh_build::{BuildOptions, Builder, build};
+    use bvh_build::{Builder, build};
     use bvh_core::{Bvh, Vec3};
 
     use super::*;

@@ -4,7 +4,7 @@ use std::iter::once;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::{Bvh, sah_cost};
 use rt_cpu::{Image, RenderOptions, render};
 
@@ -90,8 +90,7 @@ impl<'a> Bench<'a> {
 
     /// A fresh tree by the sweep builder over the current pose.
     pub(super) fn sweep(&self) -> Result<Bvh> {
-        build(&self.stage.triangles(), Builder::Sweep)
-            .with_context(|| format!("{}: no tree", self.label))
+        build(&self.stage.triangles(), Builder::Sweep).with_context(|| format!("{}: no tree", self.label))
     }
 
     /// SAH cost and trace time of trees over those of a fresh one, `sweep`; nothing after an

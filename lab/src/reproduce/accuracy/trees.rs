@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use bvh_build::{Anneal, BuildOptions, BuildScratch, Builder, rebuild};
+use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
 use bvh_core::Bvh;
 use bvh_update::{Rotate, Strategy, Updater};
 
@@ -138,7 +138,9 @@ impl Entrant {
     fn update(&mut self, bench: &Bench<'_>) -> Result<()> {
         let triangles = bench.stage.triangles();
         let start = Instant::now();
-        self.scratch.set_strategy(self.strategy).update(&mut self.tree, &triangles)
+        self.scratch
+            .set_strategy(self.strategy)
+            .update(&mut self.tree, &triangles)
             .with_context(|| format!("{} failed", self.name))?;
         self.update_ms += ms(start);
         self.updates += 1;

@@ -8,7 +8,7 @@
 use std::f64::consts::{PI, TAU};
 
 use anyhow::{Context, Result};
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{Builder, build};
 use bvh_core::glam::DVec3;
 use bvh_core::{Bvh, Ray, Triangles, Vec3};
 use rayon::prelude::*;
