@@ -160,8 +160,9 @@ mod tests {
     use bvh_core::{Aabb, Vec3, sah_cost};
 
     use super::*;
+    use crate::refit::shared as raw;
     use crate::scratch::Scratch;
-    use crate::{Decision, Leaves, Open, Regrow, Strategy, raw, update};
+    use crate::{Decision, Leaves, Open, Regrow, Strategy, update};
 
     /// So many that those that part are more than one task has to look at.
     const N: usize = 120_000;

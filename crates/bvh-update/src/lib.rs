@@ -42,7 +42,7 @@ pub use clock::Calibration;
 pub use decision::Decision;
 pub use degraded::Degraded;
 pub use leaves::Leaves;
-pub use refit::plain;
+pub use refit::{BlockCost, plain};
 pub use regrow::{Open, Regrow};
 pub use scratch::Scratch;
 pub use strategy::{Reinsertion, Rotate, Strategy, UnknownStrategy, Update, UpdateError, update};

@@ -6,7 +6,7 @@ use bvh_core::SimdLevel;
 use crate::background::Builds;
 use crate::clock::Clock;
 use crate::cut::CutScratch;
-use crate::refit::RefitScratch;
+use crate::refit::{BlockCost, Costs, RefitScratch};
 use crate::settle::SettleScratch;
 
 /// Memory that updates keep from frame to frame: well below 1 MiB a thread, whatever the size of the tree; what rebuilds
@@ -54,6 +54,17 @@ impl Scratch {
             clock: Clock::default(),
             moving: Vec::new(),
         }
+    }
+
+    /// Makes refits, with and without rotations, record what each of their blocks takes, for
+    /// [`take_costs`](Self::take_costs). Sweeps over trees in built order have no blocks.
+    pub fn record_costs(&mut self) {
+        self.refit.costs = Some(Costs::default());
+    }
+
+    /// What the blocks of all passes since the last call took.
+    pub fn take_costs(&mut self) -> Vec<BlockCost> {
+        self.refit.costs.as_mut().map(Costs::take).unwrap_or_default()
     }
 
     /// Makes every update report the SAH cost ([`Update::sah_cost`](crate::Update::sah_cost)), where strategies that do not

@@ -33,6 +33,12 @@ fn tree(boxes: &[Aabb], max_leaf_size: u32) -> Bvh {
     build(boxes, Builder::Binned, &options, None).expect("few enough")
 }
 
+fn reporting(level: SimdLevel) -> Scratch {
+    let mut scratch = Scratch::with_level(level);
+    scratch.report_cost(true);
+    scratch
+}
+
 fn pool(threads: usize) -> rayon::ThreadPool {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads")
 }
@@ -58,9 +64,7 @@ fn check(
         expected.set_moving(moves);
         let mut contestants: Vec<_> = SimdLevel::available()
             .flat_map(|level| [1, 2, 3, 8].map(|threads| (level, threads)))
-            .map(|(level, threads)| {
-                (level, threads, pool(threads), expected.clone(), Scratch::with_level(level))
-            })
+            .map(|(level, threads)| (level, threads, pool(threads), expected.clone(), reporting(level)))
             .collect();
         for frame in 1..=frames {
             let now = pose(frame);
@@ -124,7 +128,7 @@ fn same_tree_when_only_some_move() {
 fn what_stands_still_is_not_visited() {
     let start = boxes(20_000, 1, 0.0);
     let mut bvh = tree(&start, 1);
-    let mut scratch = Scratch::new();
+    let mut scratch = reporting(SimdLevel::best());
     let all = update(&mut bvh, &start, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
         .expect("same count");
     assert_eq!(all.nodes_visited as usize, 2 * 20_000 - 1);
@@ -145,7 +149,7 @@ fn rotations_happen_where_they_are_needed_and_lower_the_cost() {
     let (start, end) = (boxes(5000, 9, 0.0), boxes(5000, 9, 80.0));
     let mut refitted = tree(&start, 1);
     let mut rotated = refitted.clone();
-    let mut scratch = Scratch::new();
+    let mut scratch = reporting(SimdLevel::best());
     let refit = update(&mut refitted, &end, &Strategy::Refit, &mut scratch).expect("same count");
     let rotate = update(&mut rotated, &end, &Strategy::RefitRotate(Rotate::default()), &mut scratch)
         .expect("same count");
@@ -204,7 +208,7 @@ fn primitives_that_are_not_finite_are_dropped_and_come_back() {
     {
         let mut bvh = tree(&start, max_leaf_size);
         let mut expected = bvh.clone();
-        let mut scratch = Scratch::with_level(level);
+        let mut scratch = reporting(level);
         for (strategy, rotate) in
             [(Strategy::Refit, None), (Strategy::RefitRotate(Rotate::default()), Some(Rotate::default()))]
         {
