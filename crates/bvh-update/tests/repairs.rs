@@ -370,6 +370,7 @@ fn leaves_merge_where_boxes_move_together_and_split_where_they_part() {
         let other = rotate.map_or(Strategy::Refit, Strategy::RefitRotate);
         let mut trees =
             [(strategy, singles.clone(), Scratch::new()), (other, singles.clone(), Scratch::new())];
+        trees.iter_mut().for_each(|(_, _, scratch)| scratch.report_cost(true));
         for step in 1..60 {
             let boxes = frayed(step);
             for (strategy, bvh, scratch) in &mut trees {

@@ -14,13 +14,8 @@ use super::{Tally, scalar};
 
 /// See [`scalar::list`].
 #[target_feature(enable = "avx2")]
-pub(super) fn list<const FETCH: bool>(
-    nodes: SharedNodes<'_>,
-    pairs: [usize; GROUP],
-    count: usize,
-    lister: &mut Lister<'_>,
-) -> u8 {
-    scalar::list::<FETCH>(nodes, pairs, count, lister)
+pub(super) fn list(nodes: SharedNodes<'_>, pairs: [usize; GROUP], count: usize, lister: &mut Lister<'_>) {
+    scalar::list(nodes, pairs, count, lister);
 }
 
 /// See [`kernels::fit_leaves`].

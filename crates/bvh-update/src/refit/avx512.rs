@@ -5,22 +5,15 @@
 
 use std::arch::x86_64::*;
 
-use bvh_core::Node;
-
 use super::block::{Entry, GROUP, Lister};
 use super::kernels::{Accepted, refit_height};
 use super::shared::{SharedNodes, entries};
 
 pub(super) use super::avx2::{fit_leaves, refit_boxes};
 
-/// See [`scalar::list`](super::scalar::list).
+/// See [`scalar::list`](super::scalar::list). For walks it is no gain: they wait for memory.
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,popcnt")]
-pub(super) fn list<const FETCH: bool>(
-    nodes: SharedNodes<'_>,
-    pairs: [usize; GROUP],
-    count: usize,
-    lister: &mut Lister<'_>,
-) -> u8 {
+pub(super) fn list(nodes: SharedNodes<'_>, pairs: [usize; GROUP], count: usize, lister: &mut Lister<'_>) {
     // Links and then aux words of two pairs, of four, and links and aux words of all eight.
     let of_two = _mm512_setr_epi32(3, 11, 19, 27, 7, 15, 23, 31, 0, 0, 0, 0, 0, 0, 0, 0);
     let of_four = _mm512_setr_epi32(0, 1, 2, 3, 16, 17, 18, 19, 4, 5, 6, 7, 20, 21, 22, 23);
@@ -32,18 +25,10 @@ pub(super) fn list<const FETCH: bool>(
     let aux = _mm512_shuffle_i64x2::<0xee>(front, back);
 
     let is_leaf = _mm512_movepi32_mask(links);
-    let children = u32::from(is_leaf) & u32::from(is_leaf) >> 1 & 0x5555;
     let moves =
         if cfg!(refit_without = "moving") { !0 } else { _mm512_movepi32_mask(_mm512_slli_epi32::<1>(links)) };
     let listed = moves & ((1_u32 << (2 * count)) - 1) as u16;
     let others = _mm512_mask_cmpneq_epu32_mask(is_leaf, aux, _mm512_set1_epi32(1 << 8));
-    if FETCH {
-        // A leaf's first primitive is no pair: the root's line is as good as any.
-        let first = _mm512_maskz_and_epi32(!is_leaf, links, _mm512_set1_epi32(Node::INDEX as i32));
-        let first: [u32; 16] = bytemuck::cast(entries(first));
-        first.iter().for_each(|&pair| nodes.prefetch(pair as usize));
-    }
-
     let left_slots = _mm512_slli_epi64::<32>(_mm512_setr_epi64(
         a as i64, b as i64, c as i64, d as i64, e as i64, f as i64, g as i64, h as i64,
     ));
@@ -61,11 +46,6 @@ pub(super) fn list<const FETCH: bool>(
         let counts = [leaves, inner].map(|mask| mask.count_ones() as usize);
         lister.append(lists, counts, u32::from(others));
     }
-    // The even bits of those whose children are leaves, side by side.
-    let children = (children | children >> 1) & 0x3333;
-    let children = (children | children >> 2) & 0x0f0f;
-    let children = (children | children >> 4) as u8;
-    !children & ((1_u32 << count) - 1) as u8
 }
 
 /// See [`scalar::judge`](super::scalar::judge).

@@ -12,7 +12,7 @@ use std::ops::Range;
 use bvh_core::{MAX_HEIGHT, Node};
 
 use super::kernels::{AHEAD, Accepted};
-use super::shared::{Available, SharedNodes, dispatch};
+use super::shared::SharedNodes;
 
 /// Inner nodes that one block lists; about half of them are processed in it.
 pub(crate) const LISTED: usize = 1024;
@@ -26,7 +26,7 @@ pub(crate) const NESTED: usize = MAX_HEIGHT as usize / 3 + 2;
 /// Room of a list, a power of two: an index modulo the room needs no check.
 const ROOM: usize = 2 * LISTED;
 
-/// Pairs that are listed together.
+/// Pairs that a sweep lists together.
 pub(super) const GROUP: usize = 8;
 
 /// A node in a list: its slot in the upper half, its link word in the lower.
@@ -190,7 +190,6 @@ impl Block {
     /// Walks down from roots of one depth until `limit` nodes are listed.
     pub(crate) fn walk(
         &mut self,
-        level: Available,
         nodes: SharedNodes<'_>,
         roots: &[Entry],
         depth: u32,
@@ -204,17 +203,15 @@ impl Block {
         while done < lister.inner_count && lister.inner_count < limit {
             *last = done..lister.inner_count;
             while done < last.end && lister.inner_count < limit {
-                let group = &lister.inner.entries[done..done + GROUP];
-                let parents: [Entry; GROUP] = group.try_into().expect("as many");
-                let count = GROUP.min(last.end - done);
-                // What is behind the end counts for nothing, but must be in range.
-                let pairs = std::array::from_fn(|i| if i < count { parents[i].first() } else { 0 });
-                let with_grandchildren = dispatch!(level, list::<true>(nodes, pairs, count, &mut lister));
-                for (i, entry) in parents.into_iter().enumerate() {
-                    rotating.entries[rotating_count % ROOM] = entry;
-                    rotating_count += (with_grandchildren >> i & 1) as usize;
+                let entry = lister.inner.entries[done % ROOM];
+                let links = lister.pair(nodes, entry.first());
+                for link in links {
+                    // A leaf's first primitive is no pair: the root's line is as good as any.
+                    nodes.prefetch((link & Node::INDEX & !(link as i32 >> 31) as u32) as usize);
                 }
-                done += count;
+                rotating.entries[rotating_count % ROOM] = entry;
+                rotating_count += usize::from(links[0] & links[1] & Node::LEAF == 0);
+                done += 1;
             }
             levels.push(rotating_count);
         }

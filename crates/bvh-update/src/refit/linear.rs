@@ -95,7 +95,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             // The last pair takes the place of those behind the end.
             let group = std::array::from_fn(|i| 2 * (first + i).min(pairs.end - 1));
             let count = GROUP.min(pairs.end - first);
-            dispatch!(self.level, list::<false>(self.nodes, group, count, &mut lister));
+            dispatch!(self.level, list(self.nodes, group, count, &mut lister));
         }
         lister.finish();
         // There are about as many leaves as pairs.

@@ -245,7 +245,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         let block = self.with_worker(|worker| {
             let mut block = worker.blocks.pop().unwrap_or_else(Block::new);
             let leaves = &mut worker.lists.leaves;
-            block.walk(self.level, self.nodes, roots, depth, limit, leaves);
+            block.walk(self.nodes, roots, depth, limit, leaves);
             watch.lap(|cost| &mut cost.list);
             let [(rest, _), (below, _)] = block.frontier();
             let next = [rest, below, around.next].into_iter().find(|roots| !roots.is_empty());

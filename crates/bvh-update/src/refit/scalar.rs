@@ -1,34 +1,19 @@
 //! The kernels for any processor.
 
+use bvh_core::Primitives;
 use bvh_core::rotation::{area_changes_at, best};
-use bvh_core::{Node, Primitives};
 
 use super::Tally;
 use super::block::{Entry, GROUP, Leaves, Lister};
 use super::kernels::{self, Accepted, refit_height};
 use super::shared::SharedNodes;
 
-/// Lists the nodes of the first `count` of eight pairs; with `FETCH`, asks for the cache lines of their children. Tells
-/// which of the parents have grandchildren, a bit each.
+/// Lists the nodes of the first `count` of eight pairs.
 #[inline(always)]
-pub(super) fn list<const FETCH: bool>(
-    nodes: SharedNodes<'_>,
-    pairs: [usize; GROUP],
-    count: usize,
-    lister: &mut Lister<'_>,
-) -> u8 {
-    let mut with_grandchildren = 0;
-    for (i, &pair) in pairs[..count].iter().enumerate() {
-        let links = lister.pair(nodes, pair);
-        for link in links {
-            if FETCH {
-                // A leaf's first primitive is no pair: the root's line is as good as any.
-                nodes.prefetch((link & Node::INDEX & !(link as i32 >> 31) as u32) as usize);
-            }
-        }
-        with_grandchildren |= u8::from(links[0] & links[1] & Node::LEAF == 0) << i;
+pub(super) fn list(nodes: SharedNodes<'_>, pairs: [usize; GROUP], count: usize, lister: &mut Lister<'_>) {
+    for &pair in &pairs[..count] {
+        lister.pair(nodes, pair);
     }
-    with_grandchildren
 }
 
 /// See [`kernels::fit_leaves`].
