@@ -56,7 +56,7 @@ pub use auto::{Auto, Load};
 pub use bvh_build::{BuildError, BuildOptions, Builder, UnknownBuilder};
 pub use leaves::Leaves;
 pub use rebuild::{Background, BackgroundCost, Degraded};
-pub use refit::{Rotate, plain};
+pub use refit::{BlockCost, Rotate, plain};
 pub use repair::{PartialRebuild, RepairScore};
 pub use report::{Decision, Reason, Update, UpdateError};
 pub use strategy::{Reinsertion, Strategy, UnknownStrategy};

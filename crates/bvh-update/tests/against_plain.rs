@@ -33,6 +33,12 @@ fn tree(boxes: &[Aabb], max_leaf_size: u32) -> Bvh {
     build_with(boxes, Builder::Binned, &options).expect("few enough")
 }
 
+fn reporting(level: SimdLevel) -> Updater {
+    let mut updater = Updater::with_level(Strategy::default(), level);
+    updater.report_cost(true);
+    updater
+}
+
 fn pool(threads: usize) -> rayon::ThreadPool {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads")
 }
@@ -64,7 +70,7 @@ fn check(
                     threads,
                     pool(threads),
                     expected.clone(),
-                    Updater::with_level(Strategy::default(), level),
+                    reporting(level),
                 )
             })
             .collect();
@@ -135,7 +141,7 @@ fn same_tree_when_only_some_move() {
 fn what_stands_still_is_not_visited() {
     let start = boxes(20_000, 1, 0.0);
     let mut bvh = tree(&start, 1);
-    let mut updater = Updater::default();
+    let mut updater = reporting(SimdLevel::best());
     let all = updater
         .set_strategy(Strategy::RefitRotate(Rotate::default()))
         .update(&mut bvh, &start)
@@ -162,7 +168,7 @@ fn rotations_happen_where_they_are_needed_and_lower_the_cost() {
     let (start, end) = (boxes(5000, 9, 0.0), boxes(5000, 9, 80.0));
     let mut refitted = tree(&start, 1);
     let mut rotated = refitted.clone();
-    let mut updater = Updater::default();
+    let mut updater = reporting(SimdLevel::best());
     let refit = updater.set_strategy(Strategy::Refit).update(&mut refitted, &end).expect("same count");
     let rotate = updater
         .set_strategy(Strategy::RefitRotate(Rotate::default()))
@@ -177,7 +183,7 @@ fn rotations_happen_where_they_are_needed_and_lower_the_cost() {
 fn a_still_scene_converges_and_stays() {
     let end = boxes(3000, 9, 200.0);
     let mut bvh = tree(&boxes(3000, 9, 0.0), 1);
-    let mut updater = Updater::default();
+    let mut updater = reporting(SimdLevel::best());
     let mut cost = f64::INFINITY;
     for pass in 0.. {
         let done = updater
@@ -205,7 +211,7 @@ fn renumbered_primitives_give_the_same_tree() {
     let mut plain_numbers = tree(&start, 1);
     let mut in_order = plain_numbers.clone();
     let map = in_order.reorder_primitives();
-    let mut updater = Updater::default();
+    let mut updater = reporting(SimdLevel::best());
     for frame in 1..4 {
         let now = boxes(3000, 4, frame as f32 * 20.0);
         let arranged: Vec<_> = map.iter().map(|&p| now[p as usize]).collect();
@@ -228,7 +234,7 @@ fn primitives_that_are_not_finite_are_dropped_and_come_back() {
     {
         let mut bvh = tree(&start, max_leaf_size);
         let mut expected = bvh.clone();
-        let mut updater = Updater::with_level(Strategy::default(), level);
+        let mut updater = reporting(level);
         for (strategy, rotate) in
             [(Strategy::Refit, None), (Strategy::RefitRotate(Rotate::default()), Some(Rotate::default()))]
         {
@@ -250,7 +256,7 @@ fn every_strategy_leaves_a_valid_tree_and_another_count_is_refused_or_rebuilt() 
     let (start, end) = (boxes(2000, 8, 0.0), boxes(2000, 8, 30.0));
     for strategy in Strategy::all() {
         let mut bvh = tree(&start, 1);
-        let mut updater = Updater::default();
+        let mut updater = reporting(SimdLevel::best());
         let done = updater.set_strategy(strategy).update(&mut bvh, &end).expect("same count");
         bvh.validate(&end).expect("valid and tight");
         assert_eq!(done.height, bvh.height());

@@ -371,6 +371,9 @@ fn leaves_merge_where_boxes_move_together_and_split_where_they_part() {
         let other = rotate.map_or(Strategy::Refit, Strategy::RefitRotate);
         let mut trees =
             [(strategy, singles.clone(), Updater::default()), (other, singles.clone(), Updater::default())];
+        trees.iter_mut().for_each(|(_, _, updater)| {
+            updater.report_cost(true);
+        });
         for step in 1..60 {
             let boxes = frayed(step);
             for (strategy, bvh, updater) in &mut trees {

@@ -7,10 +7,16 @@ use std::arch::x86_64::*;
 
 use bvh_core::Primitives;
 
-use super::Tally;
-use super::block::{Entry, Leaves};
+use super::block::{Entry, GROUP, Leaves, Lister};
 use super::kernels::{self, Accepted, refit_height};
 use super::shared::SharedNodes;
+use super::{Tally, scalar};
+
+/// See [`scalar::list`].
+#[target_feature(enable = "avx2")]
+pub(super) fn list(nodes: SharedNodes<'_>, pairs: [usize; GROUP], count: usize, lister: &mut Lister<'_>) {
+    scalar::list(nodes, pairs, count, lister);
+}
 
 /// See [`kernels::fit_leaves`].
 #[target_feature(enable = "avx2")]

@@ -26,8 +26,12 @@ pub(crate) const NESTED: usize = MAX_HEIGHT as usize / 3 + 2;
 /// Room of a list, a power of two: an index modulo the room needs no check.
 const ROOM: usize = 2 * LISTED;
 
+/// Pairs that a sweep lists together.
+pub(super) const GROUP: usize = 8;
+
 /// A node in a list: its slot in the upper half, its link word in the lower.
-#[derive(Clone, Copy, Default)]
+#[repr(transparent)]
+#[derive(Clone, Copy, Default, bytemuck::Pod, bytemuck::Zeroable)]
 pub(crate) struct Entry(u64);
 
 impl Entry {
@@ -127,22 +131,17 @@ impl<'a> Lister<'a> {
         Self { inner, leaves, inner_count: roots.len(), leaf_count: 0, others: 0 }
     }
 
-    /// Lists the two nodes of a pair, each among the leaves or the inner nodes; with `PARTLY_STATIC`, only if it moves.
-    /// Gives their link words.
+    /// Lists the two nodes of a pair that move, each among the leaves or the inner nodes. Gives their link words.
     ///
     /// Each is written to both lists and counted in one, as a branch would be mispredicted often.
     #[inline(always)]
-    pub(crate) fn pair<const PARTLY_STATIC: bool>(
-        &mut self,
-        nodes: SharedNodes<'_>,
-        pair: usize,
-    ) -> [u32; 2] {
+    pub(super) fn pair(&mut self, nodes: SharedNodes<'_>, pair: usize) -> [u32; 2] {
         let words = nodes.pair_words(pair);
         for (i, [link, aux]) in words.into_iter().enumerate() {
             const { assert!(Node::LEAF == 1 << 31 && Node::DYNAMIC == 1 << 30) };
             let entry = Entry::new(pair + i, link);
-            let moves = if PARTLY_STATIC { (link >> 30 & 1) as usize } else { 1 };
             let is_leaf = (link >> 31) as usize;
+            let moves = if cfg!(refit_without = "moving") { 1 } else { (link >> 30 & 1) as usize };
             self.leaves.entries[self.leaf_count % (2 * ROOM)] = entry;
             self.leaf_count += is_leaf & moves;
             self.others |= (aux ^ 1 << 8) & (link as i32 >> 31) as u32;
@@ -150,6 +149,16 @@ impl<'a> Lister<'a> {
             self.inner_count += (1 - is_leaf) & moves;
         }
         words.map(|[link, _]| link)
+    }
+
+    /// Appends eight leaves and eight inner nodes, of which the first few count.
+    #[inline(always)]
+    pub(super) fn append(&mut self, [leaves, inner]: [[Entry; GROUP]; 2], counts: [usize; 2], others: u32) {
+        self.leaves.entries[self.leaf_count..self.leaf_count + GROUP].copy_from_slice(&leaves);
+        self.inner.entries[self.inner_count..self.inner_count + GROUP].copy_from_slice(&inner);
+        self.leaf_count += counts[0];
+        self.inner_count += counts[1];
+        self.others |= others;
     }
 
     pub(crate) fn finish(self) {
@@ -179,7 +188,7 @@ impl Block {
     }
 
     /// Walks down from roots of one depth until `limit` nodes are listed.
-    pub(crate) fn walk<const PARTLY_STATIC: bool>(
+    pub(crate) fn walk(
         &mut self,
         nodes: SharedNodes<'_>,
         roots: &[Entry],
@@ -195,13 +204,13 @@ impl Block {
             *last = done..lister.inner_count;
             while done < last.end && lister.inner_count < limit {
                 let entry = lister.inner.entries[done % ROOM];
-                let links = lister.pair::<PARTLY_STATIC>(nodes, entry.first());
+                let links = lister.pair(nodes, entry.first());
                 for link in links {
                     // A leaf's first primitive is no pair: the root's line is as good as any.
                     nodes.prefetch((link & Node::INDEX & !(link as i32 >> 31) as u32) as usize);
                 }
                 rotating.entries[rotating_count % ROOM] = entry;
-                rotating_count += 1 - (links[0] & links[1] & Node::LEAF != 0) as usize;
+                rotating_count += usize::from(links[0] & links[1] & Node::LEAF == 0);
                 done += 1;
             }
             levels.push(rotating_count);

@@ -115,7 +115,7 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
             }
         }
     }
-    if !validity.truncate().is_finite() {
+    if !cfg!(refit_without = "validity") && !validity.truncate().is_finite() {
         fit_carefully(nodes, primitives, leaves.all(), tally);
         return;
     }
@@ -188,7 +188,9 @@ pub(super) fn refit_boxes(
 pub(super) fn refit_height(nodes: SharedNodes<'_>, entry: Entry) -> [u32; 2] {
     let [[link_l, l], [link_r, r]] = nodes.pair_words(entry.first());
     let height = 1 + (l & Node::HEIGHT).max(r & Node::HEIGHT);
-    nodes.set_height(entry.slot(), height);
+    if !cfg!(refit_without = "heights") {
+        nodes.set_height(entry.slot(), height);
+    }
     [link_l, link_r]
 }
 

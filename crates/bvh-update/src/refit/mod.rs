@@ -26,6 +26,7 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod block;
+mod cost;
 mod kernels;
 mod linear;
 pub mod plain;
@@ -35,6 +36,10 @@ mod shared;
 pub(crate) use block::{LISTED, NESTED, ROOTS};
 pub(crate) use linear::is_linear;
 pub(crate) use shared::{SharedNodes, parts, share};
+
+pub use self::cost::BlockCost;
+pub(crate) use self::cost::Costs;
+use self::cost::Stopwatch;
 
 /// Nodes that the first block lists: the part of the pass that one thread does alone.
 const TOP_LISTED: usize = 128;
@@ -140,6 +145,8 @@ pub(crate) struct RefitScratch {
     level: Available,
     /// Whether tallies have sums of areas.
     pub(crate) with_sums: bool,
+    /// What blocks took, where that is recorded.
+    pub(crate) costs: Option<Costs>,
     workers: Vec<Mutex<Worker>>,
 }
 
@@ -151,7 +158,7 @@ impl RefitScratch {
 
     /// For `level`, or the best below it that the machine has.
     pub(crate) fn with_level(level: SimdLevel) -> Self {
-        Self { level: Available::at_most(level), with_sums: true, workers: Vec::new() }
+        Self { level: Available::at_most(level), with_sums: true, costs: None, workers: Vec::new() }
     }
 }
 
@@ -169,6 +176,15 @@ impl Worker {
     }
 }
 
+/// Where some subtrees stand among others.
+#[derive(Clone, Copy, Default)]
+struct Around<'a> {
+    /// Roots whose turn may be next.
+    next: &'a [Entry],
+    /// The block above, if they are counted.
+    block: Option<usize>,
+}
+
 /// What all parts of a pass are given.
 pub(crate) struct Task<'a, P: ?Sized> {
     nodes: SharedNodes<'a>,
@@ -179,6 +195,7 @@ pub(crate) struct Task<'a, P: ?Sized> {
     is_partly_static: bool,
     with_sums: bool,
     level: Available,
+    costs: Option<&'a Costs>,
     /// One for each thread of the pool.
     workers: &'a [Mutex<Worker>],
 }
@@ -202,18 +219,20 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     }
     let schedule = rotate.map(|rotate| RotationSchedule::new(rotate, state.updates));
     state.updates = state.updates.wrapping_add(1);
-    let RefitScratch { level, with_sums, workers } = scratch;
-    let with_sums = *with_sums;
+    let RefitScratch { level, with_sums, costs, workers } = scratch;
+    let (with_sums, costs) = (*with_sums, costs.as_ref());
     let threads = rayon::current_num_threads();
     while workers.len() < threads {
         workers.push(Mutex::new(Worker::new()));
     }
     let (level, nodes) = (*level, share(parts.nodes));
     let mut tally = if is_in_order {
-        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, workers }.run(is_linear)
+        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, costs, workers }
+            .run(is_linear)
     } else {
         let primitives = &InOrder { primitives, order: parts.order };
-        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, workers }.run(is_linear)
+        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, costs, workers }
+            .run(is_linear)
     };
     *parts.static_area += tally.static_area;
     tally.has_sums = with_sums;
@@ -234,37 +253,44 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             self.sweep_all()
         } else {
             let [[link, _], _] = self.nodes.pair_words(0);
-            self.block(&[Entry::new(0, link)], 0, &[], TOP_LISTED, TOP_ROOTS)
+            self.block(&[Entry::new(0, link)], 0, Around::default(), TOP_LISTED, TOP_ROOTS)
         }
     }
 
-    /// Updates the subtrees below roots of one depth, `most` of them in a block. Then it may be the turn of those below
-    /// `next`.
-    fn subtrees(&self, roots: &[Entry], depth: u32, next: &[Entry], most: usize) -> Tally {
+    /// Updates the subtrees below roots of one depth, `most` of them in a block.
+    fn subtrees(&self, roots: &[Entry], depth: u32, around: Around<'_>, most: usize) -> Tally {
         if roots.is_empty() {
             return Tally::default();
         }
         if roots.len() <= most {
-            return self.block(roots, depth, next, LISTED, ROOTS);
+            return self.block(roots, depth, around, LISTED, ROOTS);
         }
         let (a, b) = roots.split_at(roots.len() / 2);
-        let (a, b) = rayon::join(|| self.subtrees(a, depth, b, most), || self.subtrees(b, depth, next, most));
+        let before_b = Around { next: b, ..around };
+        let (a, b) =
+            rayon::join(|| self.subtrees(a, depth, before_b, most), || self.subtrees(b, depth, around, most));
         a.and(&b)
     }
 
-    /// Updates the subtrees below a few roots of one depth: a block of at most `limit` nodes, and what is below it.
-    fn block(&self, roots: &[Entry], depth: u32, next: &[Entry], limit: usize, most_below: usize) -> Tally {
+    /// Updates the subtrees below a few roots of one depth: a block of about `limit` nodes, and what is below it.
+    fn block(
+        &self,
+        roots: &[Entry],
+        depth: u32,
+        around: Around<'_>,
+        limit: usize,
+        most_below: usize,
+    ) -> Tally {
         let mut tally = Tally::default();
-        let mut block = self.with_worker(|worker| {
+        let mut watch = Stopwatch::start(self.costs, around.block);
+        let block = self.with_worker(|worker| {
             let mut block = worker.blocks.pop().unwrap_or_else(Block::new);
             let leaves = &mut worker.lists.leaves;
-            if self.is_partly_static {
-                block.walk::<true>(self.nodes, roots, depth, limit, leaves);
-            } else {
-                block.walk::<false>(self.nodes, roots, depth, limit, leaves);
-            }
+            block.walk(self.nodes, roots, depth, limit, leaves);
+            watch.lap(|cost| &mut cost.list);
             let [(rest, _), (below, _)] = block.frontier();
-            let next = [rest, below, next].into_iter().find(|roots| !roots.is_empty()).unwrap_or_default();
+            let next = [rest, below, around.next].into_iter().find(|roots| !roots.is_empty());
+            let next = next.unwrap_or_default();
             let fetch = |i: usize| {
                 if let Some(root) = next.get(i / LINES) {
                     self.nodes.prefetch(root.first() + 2 * (i % LINES));
@@ -274,23 +300,28 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
                 self.level,
                 fit_leaves(self.nodes, self.primitives, leaves, fetch, self.with_sums, &mut tally)
             );
+            watch.lap(|cost| &mut cost.leaves);
             block
         });
         let [(rest, rest_depth), (below, below_depth)] = block.frontier();
-        let after_rest = if below.is_empty() { next } else { below };
-        tally = tally.and(&self.subtrees(rest, rest_depth, after_rest, most_below));
-        tally = tally.and(&self.subtrees(below, below_depth, next, most_below));
+        let before_next = Around { block: watch.block, ..around };
+        let before_below = if below.is_empty() { before_next } else { Around { next: below, ..before_next } };
+        tally = tally.and(&self.subtrees(rest, rest_depth, before_below, most_below));
+        tally = tally.and(&self.subtrees(below, below_depth, before_next, most_below));
+        watch.skip();
         self.with_worker(|worker| {
-            self.ascend(&mut block, &mut worker.lists, &mut tally);
+            dispatch!(self.level, refit_boxes(self.nodes, block.own(), self.with_sums, &mut tally));
+            watch.lap(|cost| &mut cost.boxes);
+            self.rotate(&block, &mut worker.lists, &mut tally);
+            watch.lap(|cost| &mut cost.rotations);
             worker.blocks.push(block);
         });
         tally
     }
 
-    /// Refits the block's inner nodes, and rotates at them.
-    fn ascend(&self, block: &mut Block, lists: &mut Lists, tally: &mut Tally) {
+    /// Rotates at the block's inner nodes.
+    fn rotate(&self, block: &Block, lists: &mut Lists, tally: &mut Tally) {
         let nodes = self.nodes;
-        dispatch!(self.level, refit_boxes(nodes, block.own(), self.with_sums, tally));
         let Some(schedule) = self.schedule else { return };
         let Lists { inner: included, accepted, .. } = lists;
         for (level, depth) in block.levels() {

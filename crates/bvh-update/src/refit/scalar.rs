@@ -4,9 +4,17 @@ use bvh_core::Primitives;
 use bvh_core::rotation::{area_changes_at, best};
 
 use super::Tally;
-use super::block::{Entry, Leaves};
+use super::block::{Entry, GROUP, Leaves, Lister};
 use super::kernels::{self, Accepted, refit_height};
 use super::shared::SharedNodes;
+
+/// Lists the nodes of the first `count` of eight pairs.
+#[inline(always)]
+pub(super) fn list(nodes: SharedNodes<'_>, pairs: [usize; GROUP], count: usize, lister: &mut Lister<'_>) {
+    for &pair in &pairs[..count] {
+        lister.pair(nodes, pair);
+    }
+}
 
 /// See [`kernels::fit_leaves`].
 pub(super) fn fit_leaves<P: Primitives + ?Sized>(

@@ -1,12 +1,15 @@
 //! The unsafe parts: a node arena that tasks on several threads share, and the calls into code for a SIMD level.
 
 #[cfg(target_arch = "x86_64")]
-use std::arch::x86_64::{__m256, __m512, _mm512_maskz_loadu_ps};
+use std::arch::x86_64::{__m256, __m512, __m512i, _mm512_maskz_loadu_ps};
 use std::marker::PhantomData;
 
 use bvh_core::glam::Vec4;
 use bvh_core::rotation::Slots;
 use bvh_core::{Bvh, Node, Parts, SimdLevel};
+
+#[cfg(target_arch = "x86_64")]
+use super::block::Entry;
 
 /// The nodes of one tree, read and written by tasks that keep to disjoint sets of them.
 #[derive(Clone, Copy)]
@@ -140,6 +143,18 @@ impl<'a> SharedNodes<'a> {
         }
     }
 
+    /// The nodes in slots `n` and `n + 1` in one register, words and all.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub(crate) fn pair_bits(&self, n: usize) -> __m512i {
+        assert!(n + 1 < self.len, "pair out of range");
+        // SAFETY: as in `pair`; two nodes have the size of a register, and any alignment will do.
+        #[expect(unsafe_code, reason = "reads the shared arena")]
+        unsafe {
+            self.start.add(n).cast::<__m512i>().read_unaligned()
+        }
+    }
+
     /// The children of a node with that link word, as [`pair_wide`](Self::pair_wide); for a leaf, boxes around everything.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx512f")]
@@ -175,6 +190,17 @@ impl<'a> SharedNodes<'a> {
         }
         #[cfg(not(target_arch = "x86_64"))]
         let _ = n;
+    }
+}
+
+/// The lanes of a register as list entries.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+pub(super) fn entries(lanes: __m512i) -> [Entry; 8] {
+    // SAFETY: both are 64 bytes of plain data.
+    #[expect(unsafe_code, reason = "no safe cast is at hand")]
+    unsafe {
+        std::mem::transmute(lanes)
     }
 }
 
@@ -264,18 +290,18 @@ impl Available {
 
 /// Calls `$name` of the module for the [`Available`] level.
 macro_rules! dispatch {
-    ($level:expr, $name:ident ($($argument:expr),* $(,)?)) => {{
+    ($level:expr, $name:ident $(::<$($generic:tt),*>)? ($($argument:expr),* $(,)?)) => {{
         let level = $level;
         match () {
             // SAFETY: an `Available` level is one that the machine has.
             #[cfg(target_arch = "x86_64")]
             #[expect(unsafe_code, reason = "calls code compiled for AVX-512")]
-            () if level.is(bvh_core::SimdLevel::Avx512) => unsafe { $crate::refit::avx512::$name($($argument),*) },
+            () if level.is(bvh_core::SimdLevel::Avx512) => unsafe { $crate::refit::avx512::$name$(::<$($generic),*>)?($($argument),*) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             #[expect(unsafe_code, reason = "calls code compiled for AVX2")]
-            () if level.is(bvh_core::SimdLevel::Avx2) => unsafe { $crate::refit::avx2::$name($($argument),*) },
-            () => $crate::refit::scalar::$name($($argument),*),
+            () if level.is(bvh_core::SimdLevel::Avx2) => unsafe { $crate::refit::avx2::$name$(::<$($generic),*>)?($($argument),*) },
+            () => $crate::refit::scalar::$name$(::<$($generic),*>)?($($argument),*),
         }
     }};
 }

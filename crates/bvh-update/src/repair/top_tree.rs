@@ -163,7 +163,7 @@ mod tests {
             if let Repaired::Top { subtrees } = open_grown(&mut bvh, &tally, 1.0, 2000, &mut scratch) {
                 let RepairScratch { boxes, kept: nodes, top, build, .. } = &scratch;
                 kept.push(subtrees);
-                memory.push((boxes.as_ptr(), nodes.as_ptr(), top.nodes().as_ptr(), build.bytes()));
+                memory.push((boxes.as_ptr(), nodes.as_ptr(), top.nodes().as_ptr(), build.memory_usage()));
             }
         }
         assert!(kept.len() > 2 && kept[kept.len() - 1] > 2 * kept[0], "{kept:?}");
