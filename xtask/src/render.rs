@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use bvh_core::Bvh;
 use bvh_update::{Scratch, Strategy, update};
-use rt_cpu::{Bvh8, Image, RenderOptions, RenderStats, render, render_with};
+use rt_cpu::{Bvh8, Image, RenderOptions, RenderStats, Traversal, render, render_with};
 use scenes::LightEffects;
 
 use crate::progress::Progress;
@@ -41,6 +41,9 @@ pub(crate) struct Args {
     /// Threads for updates and rendering [default: 8, or the cores there are]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
+    /// How rays are grouped: tile, packet (8 x 8, as published in 2007) or single; images do not depend on it
+    #[arg(long, value_name = "NAME", default_value = "tile")]
+    traversal: Traversal,
     /// Interpolate normals (the default)
     #[arg(long, overrides_with = "flat")]
     smooth: bool,
@@ -124,7 +127,8 @@ fn frames(
     let mut tree = stage.first_tree.clone();
     let light = args.effects.unwrap_or(stage.scene.effects.light);
     let samples = args.samples.unwrap_or(default_samples(&light));
-    let options = RenderOptions { smooth: !args.flat, seed: args.seed, ..stage.options_with(&light) };
+    let (smooth, seed, traversal) = (!args.flat, args.seed, args.traversal);
+    let options = RenderOptions { smooth, seed, traversal, ..stage.options_with(&light) };
     let mut scratch = Scratch::new();
     let mut picture = Picture {
         image: Image::new(args.size.0, args.size.1),

@@ -3,7 +3,7 @@
 //! The tree is binary, its nodes 32 bytes, siblings adjacent ([`Bvh`], [`Node`]). This crate holds what every
 //! user of such a tree needs: boxes ([`Aabb`]), the surface area heuristic ([`sah_cost`]), the six tree
 //! rotations of Kensler 2008 ([`rotation`]), validation ([`Bvh::validate`]), statistics ([`stats`]) and
-//! queries through closures ([`Bvh::overlaps`], [`Bvh::cast_ray`]). Trees are made by the crate `bvh-build`
+//! queries through closures ([`Bvh::overlaps`], [`Bvh::cast_ray`]) and picking ([`closest_hit`], [`any_hit`]). Trees are made by the crate `bvh-build`
 //! and kept good by `bvh-update`.
 //!
 //! Primitives are numbered from 0 and known by their boxes only ([`Primitives`]). Coordinates are `f32`;
@@ -25,15 +25,22 @@ mod aabb;
 mod bvh;
 mod cost;
 mod history;
+mod hit;
 mod node;
+#[doc(hidden)]
+pub mod pick;
 mod prefetch;
 mod primitives;
 mod query;
 mod ray;
 pub mod rotation;
 mod simd;
+#[doc(hidden)]
+pub mod slab;
 mod stats;
 mod structure;
+#[doc(hidden)]
+pub mod triangle;
 mod validate;
 
 pub use aabb::Aabb;
@@ -42,7 +49,11 @@ pub use cost::{COST_INTERSECT, COST_TRAVERSE, sah_cost};
 pub use glam;
 pub use glam::Vec3;
 pub use history::{History, Layout, LeafHistory, Measure};
+pub use hit::Hit;
 pub use node::{MAX_LEAF_SIZE, Node};
+pub use pick::{
+    Visits, any_hit, any_hit_brute, any_hit_counted, closest_hit, closest_hit_brute, closest_hit_counted,
+};
 pub use prefetch::prefetch;
 pub use primitives::{InOrder, Primitives, Triangles};
 pub use ray::Ray;
@@ -50,4 +61,5 @@ pub use rotation::Rotation;
 pub use simd::SimdLevel;
 pub use stats::{Stats, stats};
 pub use structure::Malformed;
+pub use triangle::{TriangleTest, UnknownName};
 pub use validate::Invalid;

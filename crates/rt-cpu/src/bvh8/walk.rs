@@ -7,10 +7,10 @@ use fearless_simd::{Simd, f32x8};
 
 use super::block::Block;
 use super::{BlockTest, Bvh8, CHILDREN, LEAF, Node8, WIDTH};
+use crate::Hit;
+use crate::scene::Work;
 use crate::simd::{load, max, min};
-use crate::single::Work;
-use crate::slab::WIDEN;
-use crate::triangle::Hit;
+use bvh_core::slab::WIDEN;
 
 /// Most that is put off at a time: seven children a level of the binary tree, and of what large leaves are cut into.
 const STACK: usize = (WIDTH - 1) * (MAX_HEIGHT as usize + 32) + 1;
@@ -50,7 +50,7 @@ impl<S: Simd> Ray8<S> {
         }
     }
 
-    /// Tests eight boxes; see [`slab::enters`](crate::slab::enters).
+    /// Tests eight boxes; see [`slab::enters`](bvh_core::slab::enters).
     #[inline(always)]
     fn enter(&self, simd: S, node: &Node8, t_max: f32) -> Entered {
         // Eight rows, so that there is nothing to check.
