@@ -9,7 +9,7 @@ use crate::render::{place, trace};
 use crate::scene::{Query, Scene, Work, every, with_test};
 use crate::simd::at_level;
 use crate::tile::Scratch;
-use bvh_core::triangle::{Double, MollerTrumbore, Watertight};
+use bvh_core::triangle::Watertight;
 
 use crate::{
     Bvh8, Camera, Image, Material, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render,
