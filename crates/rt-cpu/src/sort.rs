@@ -54,8 +54,8 @@ impl Sorter {
             sum += area(&frustum);
             all = all.union(&frustum);
         }
-        // False for NaN.
-        if !(sum > MIN_OVERLAP * area(&all)) {
+        let overlap = sum / area(&all);
+        if overlap <= MIN_OVERLAP || overlap.is_nan() {
             return;
         }
         let n = S::f32s::LEN;

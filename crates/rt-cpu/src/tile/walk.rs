@@ -12,6 +12,7 @@ use crate::wide::{RayOctant, Slab, WideTest};
 
 /// Walks the subtree at `root` with the rays in `mask`, one of which goes along `along`.
 #[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
 pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
