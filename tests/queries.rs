@@ -5,11 +5,13 @@ use std::collections::BTreeSet;
 use std::ops::ControlFlow::{Break, Continue};
 
 use bvh_build::{BuildOptions, Builder, build, build_with};
-use bvh_core::{Aabb, Bvh, Primitives, Ray, Triangles, Vec3};
+use bvh_core::{
+    Aabb, Bvh, Primitives, Ray, TriangleTest, Triangles, Vec3, Visits, any_hit_counted, closest_hit_brute,
+    closest_hit_counted,
+};
 use bvh_update::{Rotate, Strategy, Updater};
 use pivot_tests::{Motion, Soup, closest_hit, noise};
 use proptest::prelude::*;
-use rt_cpu::{TriangleTest, closest_hit_brute};
 
 /// A tree over a soup that has moved since it was built, and the soup as it is now.
 fn moved(n: usize, seed: u64, motion: Motion, max_leaf_size: u32) -> (Bvh, Soup, Vec<Vec3>) {
@@ -117,6 +119,35 @@ proptest! {
             prop_assert!(brute.is_none() || any == 1, "a ray that hits enters a leaf");
         }
     }
+}
+
+/// What an engine picks with: hits with weights, and what finding them took.
+#[test]
+fn picks_are_those_of_brute_force_and_visits_are_counted() {
+    let (bvh, soup, now) = moved(2000, 5, Motion::Smooth, 1);
+    let triangles = Triangles { positions: &now, indices: &soup.triangles };
+    let mut hits = 0;
+    for triangle in soup.triangles.iter().step_by(20) {
+        let corners = triangle.map(|v| now[v as usize]);
+        let target = (corners[0] + corners[1] + corners[2]) / 3.0;
+        let from = Vec3::splat(-20.0);
+        let ray = Ray::new(from, target - from);
+        let truth = closest_hit_brute(&triangles, &ray, f32::INFINITY, TriangleTest::Watertight);
+        let (mut closest, mut any) = (Visits::default(), Visits::default());
+        let test = TriangleTest::Watertight;
+        assert_eq!(closest_hit_counted(&bvh, &triangles, &ray, f32::INFINITY, test, &mut closest), truth);
+        assert_eq!(any_hit_counted(&bvh, &triangles, &ray, f32::INFINITY, test, &mut any), truth.is_some());
+        assert!(closest.nodes > 0 && closest.nodes < 1000, "{closest:?}");
+        assert!(any.primitives <= closest.primitives && any.nodes <= closest.nodes, "{any:?} {closest:?}");
+        if let Some(hit) = truth {
+            assert!((hit.weights().iter().sum::<f32>() - 1.0).abs() < 1e-5, "{hit:?}");
+            let point = hit.interpolate(triangles.corners(hit.primitive as usize));
+            let along = from + ray.direction() * hit.t;
+            assert!((point - along).length() < 1e-3, "{point} {along}");
+            hits += 1;
+        }
+    }
+    assert!(hits > 90, "{hits}");
 }
 
 /// Rounding puts the entry into these boxes behind `t_max`, but not what is in them.

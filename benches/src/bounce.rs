@@ -16,7 +16,7 @@ use crate::{RAYS, Rays};
 pub fn bounces(camera: &Camera, triangles: &Triangles<'_>, pixels: &[Pixel], seed: u64) -> Vec<Rays> {
     let mut all = vec![Rays::new()];
     for (i, pixel) in pixels.iter().enumerate() {
-        let Some(hit) = pixel.hit else { continue };
+        let Some(hit) = pixel.hit() else { continue };
         let [a, b, c] = triangles.corners(hit.primitive as usize);
         let (ab, ac) = (b - a, c - a);
         let Some(face) = ab.cross(ac).try_normalize() else { continue };

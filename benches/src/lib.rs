@@ -78,6 +78,12 @@ pub trait Contestant: Send + Sync {
     /// The triangles as they are now.
     fn triangles(&self) -> Triangles<'_>;
 
+    /// Whether [`closest`](Self::closest) gives normals of what it hits: shadow rays are made from these then,
+    /// rather than from the triangles.
+    fn gives_normals(&self) -> bool {
+        false
+    }
+
     /// Casts the primary and the shadow rays of every pixel of a view, in tiles over all threads.
     ///
     /// # Panics

@@ -102,6 +102,8 @@ pub struct Hits {
     pub u: [f32; RAYS],
     /// Weight of its third.
     pub v: [f32; RAYS],
+    /// Normal of the triangle, of any length, from those who [give it](crate::Contestant::gives_normals).
+    pub normal: [[f32; RAYS]; 3],
     /// The triangle, or [`Hits::NONE`]; `t`, `u` and `v` have no meaning then.
     pub primitive: [u32; RAYS],
 }
@@ -113,7 +115,13 @@ impl Hits {
     /// No hits.
     #[must_use]
     pub fn new() -> Self {
-        Self { t: [0.0; RAYS], u: [0.0; RAYS], v: [0.0; RAYS], primitive: [Self::NONE; RAYS] }
+        Self {
+            t: [0.0; RAYS],
+            u: [0.0; RAYS],
+            v: [0.0; RAYS],
+            normal: [[0.0; RAYS]; 3],
+            primitive: [Self::NONE; RAYS],
+        }
     }
 
     /// What ray `i` hits.

@@ -1,6 +1,7 @@
 //! Casting the rays of a picture, and comparing what contestants say of them.
 
 use bvh_core::{Triangles, Vec3};
+use fearless_simd::{Level, Simd, dispatch};
 use rayon::prelude::*;
 use rt_cpu::{Camera, Pixel};
 
@@ -38,6 +39,8 @@ trait Teller: Sync {
     fn closest(&self, rays: &Rays, band: usize, places: &[u32], hits: &mut Hits);
     fn occluded(&self, rays: &Rays, band: usize, places: &[u32], blocked: &mut [bool; RAYS]);
     fn triangles(&self) -> Triangles<'_>;
+    /// Whether hits come with normals.
+    fn gives_normals(&self) -> bool;
 }
 
 /// By tracing them.
@@ -55,6 +58,10 @@ impl<C: Contestant + ?Sized> Teller for Tracing<'_, C> {
     fn triangles(&self) -> Triangles<'_> {
         self.0.triangles()
     }
+
+    fn gives_normals(&self) -> bool {
+        self.0.gives_normals()
+    }
 }
 
 /// By heart.
@@ -68,34 +75,45 @@ impl Teller for Known<'_> {
         // Rays that nobody looks at might not be made.
         std::hint::black_box(rays);
         for (i, &place) in places.iter().enumerate() {
-            hits.set(i, self.pixels[band + place as usize].hit);
+            hits.set(i, self.pixels[band + place as usize].hit());
         }
     }
 
     fn occluded(&self, rays: &Rays, band: usize, places: &[u32], blocked: &mut [bool; RAYS]) {
         std::hint::black_box(rays);
         for (blocked, &place) in blocked.iter_mut().zip(places) {
-            *blocked = !self.pixels[band + place as usize].lit;
+            *blocked = !self.pixels[band + place as usize].is_lit();
         }
     }
 
     fn triangles(&self) -> Triangles<'_> {
         self.triangles
     }
+
+    fn gives_normals(&self) -> bool {
+        false
+    }
 }
 
 fn in_bands(teller: &impl Teller, view: &View, pixels: &mut [Pixel]) {
     let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
     assert_eq!(pixels.len(), width * height, "pixels of the camera");
+    let level = Level::new();
     pixels.par_chunks_mut((width * TILE).max(1)).enumerate().for_each(|(row, band)| {
         let mut tile = Tile::new();
         for x in (0..width).step_by(TILE) {
-            tile.cast(teller, view, band, x, row * TILE);
+            // Compiled for the best level of the machine, as a user with much to trace would compile it: the plain
+            // loops over coordinates become SIMD there.
+            dispatch!(level, simd => simd.vectorize(
+                #[inline(always)]
+                || tile.cast(teller, view, band, x, row * TILE),
+            ));
         }
     });
 }
 
 /// What a tile needs, kept from tile to tile.
+#[repr(C, align(64))]
 struct Tile {
     shadows: Shadows,
     rays: Rays,
@@ -119,18 +137,24 @@ impl Tile {
     }
 
     /// The tile with its upper left corner at pixel `x`, `y`; the band starts in row `y`.
+    #[inline(always)]
     fn cast(&mut self, teller: &impl Teller, view: &View, band: &mut [Pixel], x: usize, y: usize) {
         let width = view.camera.width() as usize;
         self.primary_rays(view, band.len(), x, y);
         let band_start = y * width;
-        teller.closest(&self.rays, band_start, &self.seen[..self.rays.len()], &mut self.hits);
-        for (i, &place) in self.seen[..self.rays.len()].iter().enumerate() {
-            let hit = self.hits.get(i);
-            band[place as usize] = Pixel { hit, lit: hit.is_some() && view.light.is_none() };
+        let primary = self.rays.len();
+        teller.closest(&self.rays, band_start, &self.seen[..primary], &mut self.hits);
+        let Hits { t, u, v, primitive, .. } = &self.hits;
+        for (i, &place) in self.seen[..primary].iter().enumerate() {
+            let is_lit = primitive[i] != Hits::NONE && view.light.is_none();
+            band[place as usize] = Pixel::packed([t[i], u[i], v[i]], Pixel::word(primitive[i], is_lit));
         }
         let Some(light) = view.light else { return };
-        let primary = self.rays.len();
-        self.shadows.aim(&teller.triangles(), &self.hits, &self.rays.direction, primary, light);
+        if teller.gives_normals() {
+            self.shadows.aim_by_normals(&self.hits, &self.rays, light);
+        } else {
+            self.shadows.aim(&teller.triangles(), &self.hits, &self.rays.direction, primary, light);
+        }
         let mut count = 0;
         for i in 0..primary {
             // In place of a primary ray that has been looked at already; counted where the surface faces the light.
@@ -141,31 +165,39 @@ impl Tile {
             count += usize::from(self.shadows.faces[i]);
         }
         for axis in 0..3 {
-            self.rays.origin[axis][..count].fill(light[axis]);
+            self.rays.origin[axis].fill(light[axis]);
         }
-        self.rays.t_max[..count].fill(1.0);
+        self.rays.t_max.fill(1.0);
         self.rays.truncate(count);
         teller.occluded(&self.rays, band_start, &self.lit[..count], &mut self.blocked);
         for (&place, blocked) in self.lit[..count].iter().zip(self.blocked) {
-            band[place as usize].lit = !blocked;
+            band[place as usize].set_lit(!blocked);
         }
     }
-}
 
-impl Tile {
     /// The primary rays of the tile at `x`, `y`, as far as it is within the picture.
+    #[inline(always)]
     fn primary_rays(&mut self, view: &View, pixels: usize, x: usize, y: usize) {
         let width = view.camera.width() as usize;
         let (columns, rows) = (&CURVE[0], &CURVE[1]);
-        let mut count = 0;
+        let mut count = RAYS;
         let (mut across, mut along) = ([0.0; RAYS], [0.0; RAYS]);
-        for (&dx, &dy) in columns.iter().zip(rows) {
-            let place = dy as usize * width + x + dx as usize;
-            self.seen[count] = place as u32;
-            (across[count], along[count]) = ((x + dx as usize) as f32 + 0.5, (y + dy as usize) as f32 + 0.5);
-            count += usize::from(x + (dx as usize) < width && place < pixels);
-            if count == RAYS {
-                break;
+        if x + TILE <= width && width * TILE <= pixels {
+            for i in 0..RAYS {
+                self.seen[i] = u32::from(rows[i]) * width as u32 + (x as u32 + u32::from(columns[i]));
+                across[i] = x as f32 + f32::from(columns[i]) + 0.5;
+                along[i] = y as f32 + f32::from(rows[i]) + 0.5;
+            }
+        } else {
+            count = 0;
+            for (&dx, &dy) in columns.iter().zip(rows) {
+                let place = dy as usize * width + x + dx as usize;
+                if x + (dx as usize) < width && place < pixels {
+                    self.seen[count] = place as u32;
+                    across[count] = (x + dx as usize) as f32 + 0.5;
+                    along[count] = (y + dy as usize) as f32 + 0.5;
+                    count += 1;
+                }
             }
         }
         let [corner, right, down] = view.camera.image_plane();
@@ -221,8 +253,21 @@ impl Shadows {
         Self { corner: zero, edges: [zero; 2], way: zero, faces: [false; RAYS] }
     }
 
-    /// From the light to what the rays along `seen` hit. Off the surface by 32 roundings, as [`rt_cpu`] does it, so that
-    /// all contestants cast the same rays.
+    /// From the light to what `rays` hit, by what a library says of the surface: its normal, and the distance.
+    #[inline(always)]
+    fn aim_by_normals(&mut self, hits: &Hits, rays: &Rays, light: Vec3) {
+        let ([nx, ny, nz], [dx, dy, dz], [ox, oy, oz]) = (&hits.normal, &rays.direction, &rays.origin);
+        for i in 0..RAYS {
+            let is_hit = hits.primitive[i] != Hits::NONE;
+            let t = if is_hit { hits.t[i] } else { 0.0 };
+            let point = [ox[i] + dx[i] * t, oy[i] + dy[i] * t, oz[i] + dz[i] * t];
+            let (normal, seen) = ([nx[i], ny[i], nz[i]], [dx[i], dy[i], dz[i]]);
+            self.aim_at(i, is_hit, point, normal, seen, light);
+        }
+    }
+
+    /// From the light to what the rays along `seen` hit, by the corners of the triangles.
+    #[inline(always)]
     fn aim(
         &mut self,
         triangles: &Triangles<'_>,
@@ -238,47 +283,54 @@ impl Shadows {
         for i in 0..count {
             // Of what hits nothing any triangle will do.
             let primitive = hits.primitive[i];
-            let is_hit = primitive != Hits::NONE;
-            let [a, b, c] = triangles.corners(if is_hit { primitive as usize } else { 0 });
+            let [a, b, c] = triangles.corners(if primitive != Hits::NONE { primitive as usize } else { 0 });
             let (ab, ac) = (b - a, c - a);
             for axis in 0..3 {
                 self.corner[axis][i] = a[axis];
                 self.edges[0][axis][i] = ab[axis];
                 self.edges[1][axis][i] = ac[axis];
             }
-            self.faces[i] = is_hit;
         }
-        let [[abx, aby, abz], [acx, acy, acz]] = &self.edges;
-        let [ax, ay, az] = &self.corner;
-        let [sx, sy, sz] = seen;
-        let [wx, wy, wz] = &mut self.way;
-        for i in 0..count.next_multiple_of(8).min(RAYS) {
-            let (nx, ny, nz) = (
-                aby[i] * acz[i] - acy[i] * abz[i],
-                abz[i] * acx[i] - acz[i] * abx[i],
-                abx[i] * acy[i] - acx[i] * aby[i],
-            );
-            // Towards the eye, and of length 1; infinite or NaN for a triangle without area.
-            let scale = 1.0 / (nx * nx + ny * ny + nz * nz).sqrt();
-            let scale = if nx * sx[i] + ny * sy[i] + nz * sz[i] > 0.0 { -scale } else { scale };
-            let (nx, ny, nz) = (nx * scale, ny * scale, nz * scale);
+        for i in 0..RAYS {
+            let [ab, ac] = self.edges.each_ref().map(|edge| edge.each_ref().map(|e| e[i]));
             let (u, v) = (hits.u[i], hits.v[i]);
+            let normal =
+                [ab[1] * ac[2] - ac[1] * ab[2], ab[2] * ac[0] - ac[2] * ab[0], ab[0] * ac[1] - ac[0] * ab[1]];
             let point = [
-                ax[i] + abx[i] * u + acx[i] * v,
-                ay[i] + aby[i] * u + acy[i] * v,
-                az[i] + abz[i] * u + acz[i] * v,
+                self.corner[0][i] + ab[0] * u + ac[0] * v,
+                self.corner[1][i] + ab[1] * u + ac[1] * v,
+                self.corner[2][i] + ab[2] * u + ac[2] * v,
             ];
-            let to_light = [light.x - point[0], light.y - point[1], light.z - point[2]];
-            let greater = |a: f32, b: f32| if a > b { a } else { b };
-            let near = greater(greater(point[0].abs(), point[1].abs()), point[2].abs());
-            let far = greater(greater(to_light[0].abs(), to_light[1].abs()), to_light[2].abs());
-            let size = greater(near, far);
-            let off = size / (1 << 19) as f32;
-            self.faces[i] &= nx * to_light[0] + ny * to_light[1] + nz * to_light[2] > 0.0;
-            wx[i] = point[0] + nx * off - light.x;
-            wy[i] = point[1] + ny * off - light.y;
-            wz[i] = point[2] + nz * off - light.z;
+            let seen = [seen[0][i], seen[1][i], seen[2][i]];
+            self.aim_at(i, hits.primitive[i] != Hits::NONE, point, normal, seen, light);
         }
+    }
+
+    /// Ray `i`, from the light to a point. Off the surface by 32 roundings, as [`rt_cpu`] does it, so that all
+    /// contestants cast the same rays.
+    #[inline(always)]
+    fn aim_at(
+        &mut self,
+        i: usize,
+        is_hit: bool,
+        point: [f32; 3],
+        [nx, ny, nz]: [f32; 3],
+        seen: [f32; 3],
+        light: Vec3,
+    ) {
+        // Towards the eye, and of length 1; infinite or NaN for a triangle without area.
+        let scale = 1.0 / (nx * nx + ny * ny + nz * nz).sqrt();
+        let scale = if nx * seen[0] + ny * seen[1] + nz * seen[2] > 0.0 { -scale } else { scale };
+        let (nx, ny, nz) = (nx * scale, ny * scale, nz * scale);
+        let to_light = [light.x - point[0], light.y - point[1], light.z - point[2]];
+        let greater = |a: f32, b: f32| if a > b { a } else { b };
+        let near = greater(greater(point[0].abs(), point[1].abs()), point[2].abs());
+        let far = greater(greater(to_light[0].abs(), to_light[1].abs()), to_light[2].abs());
+        let off = greater(near, far) / (1 << 19) as f32;
+        self.faces[i] = is_hit & (nx * to_light[0] + ny * to_light[1] + nz * to_light[2] > 0.0);
+        self.way[0][i] = point[0] + nx * off - light.x;
+        self.way[1][i] = point[1] + ny * off - light.y;
+        self.way[2][i] = point[2] + nz * off - light.z;
     }
 }
 
@@ -305,17 +357,17 @@ impl Answers {
     pub fn add(&mut self, pixels: &[Pixel], reference: &[Pixel]) {
         for (pixel, expected) in pixels.iter().zip(reference) {
             self.rays += 1;
-            self.lit += u64::from(pixel.lit);
-            if let Some(hit) = pixel.hit {
+            self.lit += u64::from(pixel.is_lit());
+            if let Some(hit) = pixel.hit() {
                 self.hits += 1;
                 self.t_sum += f64::from(hit.t);
             }
-            let same = match (pixel.hit, expected.hit) {
+            let same = match (pixel.hit(), expected.hit()) {
                 (Some(a), Some(b)) => (a.t - b.t).abs() <= 1e-3 * b.t.abs(),
                 (a, b) => a.is_some() == b.is_some(),
             };
             self.different += u64::from(!same);
-            self.shadows_different += u64::from(pixel.lit != expected.lit);
+            self.shadows_different += u64::from(pixel.is_lit() != expected.is_lit());
         }
     }
 
@@ -357,8 +409,8 @@ mod tests {
 
     #[test]
     fn answers_are_compared_pixel_by_pixel() {
-        let hit = |t| Pixel { hit: Some(Hit { t, u: 0.0, v: 0.0, primitive: 0 }), lit: true };
-        let miss = Pixel { hit: None, lit: false };
+        let hit = |t| Pixel::new(Some(Hit { t, u: 0.0, v: 0.0, primitive: 0 }), true);
+        let miss = Pixel::default();
         let reference = [hit(1.0), hit(2.0), miss];
         let mut answers = Answers::default();
         answers.add(&[hit(1.0), hit(2.1), miss], &reference);

@@ -37,11 +37,11 @@ fn all_contestants_agree_with_brute_force_before_and_after_motion() {
     let poses = [0.0, 1.0, 4.0].map(|time| soup.positions(time));
     let expected = poses.each_ref().map(|p| pixels(&Brute::new(&soup.triangles(p)), &view));
     assert!(
-        expected.iter().flatten().filter(|p| p.hit.is_some()).count() > 3000,
+        expected.iter().flatten().filter(|p| p.hit().is_some()).count() > 3000,
         "an empty view shows nothing"
     );
-    assert!(expected.iter().flatten().filter(|p| p.lit).count() > 500);
-    assert!(expected.iter().flatten().filter(|p| p.hit.is_some() && !p.lit).count() > 500);
+    assert!(expected.iter().flatten().filter(|p| p.is_lit()).count() > 500);
+    assert!(expected.iter().flatten().filter(|p| p.hit().is_some() && !p.is_lit()).count() > 500);
 
     for threads in [1, 2] {
         let device = embree.as_ref().map(|e| e.device(threads).expect("a device"));
@@ -82,7 +82,7 @@ fn hits_name_the_right_triangle_and_place() {
         let triangles = contestant.triangles();
         for (i, pixel) in pixels(&*contestant, &view).iter().enumerate() {
             let ray = view.camera.ray(i as u32 % SIZE, i as u32 / SIZE);
-            let Some(hit) = pixel.hit else { continue };
+            let Some(hit) = pixel.hit() else { continue };
             let [a, b, c] = triangles.corners(hit.primitive as usize);
             let (on_triangle, along_ray) =
                 (a + (b - a) * hit.u + (c - a) * hit.v, ray.origin() + ray.direction() * hit.t);

@@ -8,7 +8,7 @@ use bvh_core::Bvh;
 use bvh_update::{Strategy, Updater};
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbaImage};
-use rt_cpu::{Bvh8, Image, RenderOptions, RenderStats, render, render_with};
+use rt_cpu::{Bvh8, Image, RenderOptions, RenderStats, Traversal, render, render_with};
 use scenes::{LightEffects, SceneOptions};
 
 use crate::progress::Progress;
@@ -46,6 +46,9 @@ pub struct Args {
     /// Threads for updates and rendering [default: 8, or the cores there are]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
+    /// How rays are grouped: tile, packet (8 x 8, as published in 2007) or single; images do not depend on it
+    #[arg(long, value_name = "NAME", default_value = "tile")]
+    traversal: Traversal,
     /// Interpolate normals (the default)
     #[arg(long, overrides_with = "flat")]
     smooth: bool,
@@ -137,7 +140,8 @@ fn frames(
     let mut tree = stage.first_tree.clone();
     let light = args.effects.unwrap_or(stage.scene.effects.light);
     let samples = args.samples.unwrap_or(default_samples(&light));
-    let options = RenderOptions { smooth: !args.flat, seed: args.seed, ..stage.options_with(&light) };
+    let (smooth, seed, traversal) = (!args.flat, args.seed, args.traversal);
+    let options = RenderOptions { smooth, seed, traversal, ..stage.options_with(&light) };
     let mut scratch = Updater::default();
     let mut film = matches!(target, Target::Film(_)).then(Film::default);
     let mut picture = Picture {

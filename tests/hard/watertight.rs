@@ -193,7 +193,7 @@ fn no_pixel_of_a_closed_mesh_is_empty_in_packets() {
                     for triangle_test in [TriangleTest::Watertight, TriangleTest::Double] {
                         let options = RenderOptions { simd, traversal, triangle_test, ..Default::default() };
                         rt_cpu::cast(&bvh, &mesh, &camera, None, &options, &mut pixels);
-                        let empty = pixels.iter().filter(|pixel| pixel.hit.is_none()).count();
+                        let empty = pixels.iter().filter(|pixel| pixel.hit().is_none()).count();
                         let (traversal, test) = (traversal.name(), triangle_test.name());
                         assert_eq!(
                             empty, 0,

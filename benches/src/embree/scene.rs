@@ -126,6 +126,9 @@ impl Scene {
             hits.t[run.clone()].copy_from_slice(&packet.t_far);
             hits.u[run.clone()].copy_from_slice(&packet.u);
             hits.v[run.clone()].copy_from_slice(&packet.v);
+            for axis in 0..3 {
+                hits.normal[axis][run.clone()].copy_from_slice(&packet.normal[axis]);
+            }
             let primitives = packet.primitive.iter().zip(missed).map(|(&p, missed)| p | missed);
             hits.primitive[run].iter_mut().zip(primitives).for_each(|(to, p)| *to = p);
         }
@@ -154,6 +157,9 @@ impl Scene {
             // SAFETY: as above.
             unsafe { query(self.scene, a, b) }
             let hit = Hit { t: ray.t_far[0], u: ray.u[0], v: ray.v[0], primitive: ray.primitive[0] };
+            for axis in 0..3 {
+                hits.normal[axis][i] = ray.normal[axis][0];
+            }
             hits.set(i, (ray.geometry[0] != INVALID_ID).then_some(hit));
         }
     }
@@ -204,11 +210,18 @@ impl<const N: usize> RayHit<N> {
             self.direction[axis].copy_from_slice(&rays.direction[axis][first..first + N]);
         }
         self.t_far.copy_from_slice(&rays.t_max[first..first + N]);
+        if first + N <= rays.len() {
+            return Valid([-1; N]);
+        }
         Valid(std::array::from_fn(|i| -i32::from(first + i < rays.len())))
     }
 }
 
 impl Contestant for Scene {
+    fn gives_normals(&self) -> bool {
+        true
+    }
+
     fn pose(&mut self, positions: &[Vec3]) {
         let count = self.positions.len() - PADDING;
         self.positions[..count].copy_from_slice(positions);

@@ -4,6 +4,7 @@
 //! crate holds what every user of such a tree needs:
 //!
 //! * boxes ([`Aabb`]) and primitives, which a tree knows by number and box only ([`Primitives`]);
+//! * picking: the first triangle along a ray ([`closest_hit`], [`any_hit`], [`Hit`]);
 //! * queries: boxes ([`Bvh::for_each_overlap`]), pairs ([`Bvh::for_each_pair`]), rays
 //!   ([`Bvh::cast_ray`]) and the nearest primitive ([`Bvh::nearest`]);
 //! * the surface area heuristic ([`sah_cost`]), the six tree rotations of Kensler 2008
@@ -45,15 +46,22 @@
 mod aabb;
 mod bvh;
 mod cost;
+mod hit;
 mod node;
+#[doc(hidden)]
+pub mod pick;
 mod prefetch;
 mod primitives;
 mod query;
 mod ray;
 pub mod rotation;
 mod simd;
+#[doc(hidden)]
+pub mod slab;
 mod stats;
 mod structure;
+#[doc(hidden)]
+pub mod triangle;
 mod update_state;
 mod validate;
 
@@ -62,7 +70,9 @@ pub use bvh::{Bvh, MAX_HEIGHT, MAX_PRIMITIVES, Parts};
 pub use cost::{COST_INTERSECT, COST_TRAVERSE, sah_cost};
 pub use glam;
 pub use glam::Vec3;
+pub use hit::Hit;
 pub use node::{MAX_LEAF_SIZE, Node};
+pub use pick::{any_hit, any_hit_brute, any_hit_counted, closest_hit, closest_hit_brute, closest_hit_counted};
 pub use prefetch::{prefetch, prefetch_ahead};
 pub use primitives::{InOrder, Primitives, Triangles};
 pub use query::Visits;
@@ -72,4 +82,5 @@ pub use simd::SimdLevel;
 pub use stats::{Stats, stats};
 pub use structure::Malformed;
 pub use update_state::{Changes, UpdateState};
+pub use triangle::{TriangleTest, UnknownName};
 pub use validate::Invalid;

@@ -15,12 +15,15 @@ pub struct Visits {
     pub queries: u64,
     /// Inner nodes opened by them; in a pair query, once for each pair of nodes.
     pub nodes: u64,
+    /// Primitives tested by them.
+    pub primitives: u64,
 }
 
 impl AddAssign for Visits {
     fn add_assign(&mut self, other: Self) {
         self.queries += other.queries;
         self.nodes += other.nodes;
+        self.primitives += other.primitives;
     }
 }
 
@@ -66,7 +69,7 @@ impl Bvh {
         mut found: impl FnMut(usize) -> ControlFlow<()>,
     ) -> Visits {
         let nodes = self.nodes();
-        let mut visits = Visits { queries: 1, nodes: 0 };
+        let mut visits = Visits { queries: 1, ..Visits::default() };
         let mut stack = [0; STACK];
         let mut top = 1;
         while top > 0 {
@@ -83,6 +86,7 @@ impl Bvh {
                 continue;
             }
             for p in self.primitives(node).iter().map(|&p| p as usize) {
+                visits.primitives += 1;
                 let overlaps = node.count() == 1 || primitives.aabb(p).overlaps(query);
                 if overlaps && found(p).is_break() {
                     return visits;
@@ -123,7 +127,7 @@ impl Bvh {
         mut found: impl FnMut(usize, usize) -> ControlFlow<()>,
     ) -> Visits {
         let nodes = self.nodes();
-        let mut visits = Visits { queries: 1, nodes: 0 };
+        let mut visits = Visits { queries: 1, ..Visits::default() };
         // Two equal numbers stand for the pairs within a subtree. Those pend twice for each level
         // above, and below them pend two different nodes, one for each level of either.
         let mut stack = [(0, 0); 2 * STACK];
@@ -157,6 +161,7 @@ impl Bvh {
                 for (i, &x) in self.primitives(na).iter().enumerate() {
                     let own = aabb(na, x);
                     for &y in &self.primitives(nb)[if a == b { i + 1 } else { 0 }..] {
+                        visits.primitives += 1;
                         if own.overlaps(&aabb(nb, y)) && found(x as usize, y as usize).is_break() {
                             return visits;
                         }
@@ -268,7 +273,7 @@ impl Bvh {
         mut test: impl FnMut(usize, f32) -> ControlFlow<f32, f32>,
     ) -> (f32, Visits) {
         let nodes = self.nodes();
-        let mut visits = Visits { queries: 1, nodes: 0 };
+        let mut visits = Visits { queries: 1, ..Visits::default() };
         let mut stack = [(0.0, 0); STACK];
         let mut top = 0;
         let mut next = enters(&self.root().aabb(), limit).map(|t| (t, 0));
@@ -278,6 +283,7 @@ impl Bvh {
                 // A nearer hit was found since.
             } else if node.is_leaf() {
                 for &p in self.primitives(node) {
+                    visits.primitives += 1;
                     match test(p as usize, limit) {
                         ControlFlow::Continue(t) if t >= 0.0 => limit = t,
                         ControlFlow::Continue(t) | ControlFlow::Break(t) => return (t, visits),

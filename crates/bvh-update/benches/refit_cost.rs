@@ -13,7 +13,7 @@ use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 use std::time::Instant;
 
-use bvh_build::{BuildOptions, Builder, build};
+use bvh_build::{BuildOptions, Builder, build_with};
 use bvh_core::{SimdLevel, Triangles, Vec3};
 use bvh_update::{BlockCost, Rotate, Strategy, Updater};
 

@@ -5,7 +5,7 @@ use bvh_core::{Ray, Vec3};
 use crate::Hit;
 
 /// Rays of a tile.
-pub(crate) const RAYS: usize = 1024;
+pub(crate) const RAYS: usize = 4096;
 
 /// Rays that share their origin.
 #[repr(C, align(64))]

@@ -19,9 +19,10 @@ mod walk;
 use bvh_core::{Aabb, Bvh, Ray, Triangles};
 use rayon::prelude::*;
 
+use crate::scene::{Work, every, with_test};
 use crate::simd::at_level;
-use crate::single::{Work, with_test};
-use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight, every};
+use crate::{Hit, TriangleTest};
+
 use block::Block;
 use collapse::{Plan, collapse};
 

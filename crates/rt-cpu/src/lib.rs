@@ -20,46 +20,47 @@
 //! so a ray that enters the latter enters all the others, no later. Triangles with a NaN or an infinite
 //! coordinate have an empty box and are never hit.
 
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 
-mod beam;
+mod alpha_cutouts;
 mod bundle;
 mod bvh8;
 mod camera;
-mod holes;
+mod frustum;
 mod image;
 mod mesh;
 mod options;
 mod packet;
+mod permute;
+mod pixel;
 mod random;
 mod render;
+mod scene;
 mod shade;
 mod simd;
-mod single;
-mod slab;
+mod sort;
 mod surface;
 mod texture;
 mod tile;
 mod times;
-mod triangle;
-mod waves;
+mod wavefront;
 mod wide;
 
 #[cfg(test)]
 mod tests;
 
 pub use bvh_core::glam::Vec2;
-pub use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3};
+pub use bvh_core::{
+    Bvh, Hit, Ray, SimdLevel, TriangleTest, Triangles, UnknownName, Vec3, any_hit, any_hit_brute,
+    closest_hit, closest_hit_brute,
+};
 pub use bvh8::Bvh8;
 pub use camera::Camera;
 pub use image::{Image, ImageError};
 pub use mesh::{DEFAULT_COLOR, Material, Mesh};
-pub use options::{
-    AmbientOcclusion, DiffuseBounces, Effects, Output, RenderOptions, RenderStats, Traversal, UnknownName,
-};
-pub use render::{Pixel, cast, render, render_with};
+pub use options::{AmbientOcclusion, DiffuseBounces, Effects, Output, RenderOptions, RenderStats, Traversal};
+pub use pixel::Pixel;
+pub use render::{cast, render, render_with};
 pub use shade::{Background, PointLight};
-pub use single::{any_hit, any_hit_brute, closest_hit, closest_hit_brute};
 pub use texture::{Filter, Texture, Wrap};
 pub use times::StageTimes;
-pub use triangle::{Hit, TriangleTest};

@@ -3,13 +3,12 @@
 use std::ops::AddAssign;
 use std::str::FromStr;
 
-use bvh_core::SimdLevel;
-use thiserror::Error;
-
 use crate::TriangleTest;
+use crate::scene::Work;
 use crate::shade::Background;
-use crate::single::Work;
 use crate::times::StageTimes;
+use bvh_core::triangle::by_name;
+use bvh_core::{SimdLevel, UnknownName};
 
 /// How rays are grouped to go through the tree. Images do not depend on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -42,40 +41,11 @@ impl Traversal {
     }
 }
 
-/// A name that stands for nothing.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("unknown {what} '{found}'; expected one of {expected}")]
-pub struct UnknownName {
-    what: &'static str,
-    found: String,
-    expected: String,
-}
-
-fn by_name<T: Copy>(
-    what: &'static str,
-    all: &[T],
-    name: fn(T) -> &'static str,
-    found: &str,
-) -> Result<T, UnknownName> {
-    all.iter().copied().find(|&t| name(t) == found).ok_or_else(|| {
-        let expected = all.iter().map(|&t| name(t)).collect::<Vec<_>>().join(", ");
-        UnknownName { what, found: found.to_owned(), expected }
-    })
-}
-
 impl FromStr for Traversal {
     type Err = UnknownName;
 
     fn from_str(s: &str) -> Result<Self, UnknownName> {
         by_name("traversal", &Self::ALL, Self::name, s)
-    }
-}
-
-impl FromStr for TriangleTest {
-    type Err = UnknownName;
-
-    fn from_str(s: &str) -> Result<Self, UnknownName> {
-        by_name("triangle test", &Self::ALL, Self::name, s)
     }
 }
 
@@ -200,9 +170,6 @@ pub struct RenderStats {
     pub nodes_visited: u64,
     /// Triangles tested, once for each ray or packet.
     pub triangles_tested: u64,
-    /// Times that [`Traversal::Tile`] went on with a small group because few rays of a packet were left: high
-    /// where rays have little in common.
-    pub regrouped: u64,
     /// Surfaces whose colour was read from a texture.
     pub textured: u64,
     /// How long the stages took, if [`RenderOptions::timed`].
@@ -223,8 +190,7 @@ impl RenderStats {
 
     pub(crate) fn count(&mut self, work: &Work) {
         self.nodes_visited += work.nodes;
-        self.triangles_tested += work.triangles;
-        self.regrouped += work.regrouped;
+        self.triangles_tested += work.primitives;
     }
 }
 
@@ -240,7 +206,6 @@ impl AddAssign for RenderStats {
         self.shadowed += other.shadowed;
         self.nodes_visited += other.nodes_visited;
         self.triangles_tested += other.triangles_tested;
-        self.regrouped += other.regrouped;
         self.textured += other.textured;
         self.times += other.times;
     }

@@ -14,19 +14,13 @@
 
 use bvh_core::{Aabb, Bvh, MAX_HEIGHT, Ray, Triangles, Vec3};
 
-use crate::single::Work;
-use crate::slab;
-use crate::triangle::{Hit, Test, intersect};
+use crate::Hit;
+use crate::scene::{Query, Work};
+use bvh_core::slab;
+use bvh_core::triangle::{Test, intersect};
 
 /// Rays of a packet.
 pub(crate) const SIZE: usize = 64;
-
-/// What a packet looks for.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Query {
-    Closest,
-    Any,
-}
 
 /// Traces rays that share their origin; those with a negative `t_max` are absent. For [`Query::Any`] the hits are
 /// any, not the closest.
@@ -71,11 +65,12 @@ pub(crate) fn trace<T: Test>(
                     if p as usize >= triangles.indices.len() {
                         continue;
                     }
-                    work.triangles += 1;
+                    work.primitives += 1;
                     let corners = triangles.corners(p as usize);
                     for i in (first..SIZE).filter(|&i| rays[i].is_valid()) {
                         let hit = intersect(&rays[i], &tests[i], &corners, p, t_max[i]);
-                        if let Some(hit) = hit.filter(|h| best[i].is_none_or(|b| h.before(b.t, b.primitive)))
+                        if let Some(hit) =
+                            hit.filter(|h| best[i].is_none_or(|b| h.is_before(b.t, b.primitive)))
                         {
                             best[i] = Some(hit);
                             t_max[i] = if query == Query::Any { -1.0 } else { hit.t };

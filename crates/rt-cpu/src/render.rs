@@ -2,23 +2,24 @@
 
 use std::cell::RefCell;
 
-use bvh_core::{Bvh, Triangles, Vec3};
-use fearless_simd::Simd;
+use bvh_core::{Bvh, Triangles, Vec3, pick};
+use fearless_simd::{Simd, f32x4};
 use rayon::prelude::*;
 
 use crate::bundle::{Bundle, Hits, RAYS};
 use crate::options::{Effects, Output, RenderOptions, RenderStats, Traversal, sum};
-use crate::packet::{self, Query, SIZE};
+use crate::packet::{self, SIZE};
+use crate::scene::{Query, Scene, Work, every, with_test};
 use crate::shade::{PointLight, Shader};
-use crate::simd::at_level;
-use crate::single::{self, Work, with_test};
+use crate::simd::{at_level, load};
+use crate::sort::Sorter;
 use crate::surface::{Coordinates, Surfaces};
-use crate::tile::{self, Scene, Scratch};
-use crate::times::Laps;
-use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight, every};
-use crate::waves::{Paths, Waves};
+use crate::tile::{self, Scratch};
+use crate::times::StageTimer;
+
+use crate::wavefront::{Paths, Wavefront};
 use crate::wide::WideTest;
-use crate::{Bvh8, Camera, Image, Mesh, holes, random};
+use crate::{Bvh8, Camera, Hit, Image, Mesh, Pixel, alpha_cutouts, random};
 
 /// Renders a frame into `image`, which is replaced if it is not of the camera's size.
 ///
@@ -66,7 +67,7 @@ fn draw(
     if (image.width(), image.height()) != (camera.width(), camera.height()) {
         *image = Image::new(camera.width(), camera.height());
     }
-    let scene = Scene { bvh, triangles: &mesh.triangles };
+    let scene = Scene::new(bvh, &mesh.triangles);
     match options.output {
         Output::Shaded => {
             let RenderOptions { smooth, background, seed, sample, .. } = *options;
@@ -74,8 +75,8 @@ fn draw(
             // With bounces no light is no light, not one at the eye.
             let dark = effects.diffuse_bounces.map(|_| &DARKNESS);
             let shader = Shader { mesh, light: light.or(dark), smooth, background };
-            let holes = Some(mesh).filter(|_| effects.alpha);
-            let frame = Frame { holes, ..Frame::new(scene, camera, light, options, true) };
+            let alpha_cutouts = Some(mesh).filter(|_| effects.alpha);
+            let frame = Frame { alpha_cutouts, ..Frame::new(scene, camera, light, options, true) };
             let direct_only = Effects { alpha: effects.alpha, ..Effects::default() };
             if effects == direct_only {
                 return run(&frame, image.pixels_mut(), &shader);
@@ -88,7 +89,7 @@ fn draw(
                     &own
                 })
             });
-            run(&frame, image.pixels_mut(), &Waves { shader, effects, wide, seed, sample })
+            run(&frame, image.pixels_mut(), &Wavefront { shader, effects, wide, seed, sample })
         }
         Output::NodesVisited { most } => {
             let options = RenderOptions { traversal: Traversal::Single, ..*options };
@@ -119,16 +120,6 @@ fn calls_for_wide(effects: &Effects, camera: &Camera, bvh: &Bvh) -> bool {
     pixels.saturating_mul(of_hit) > bvh.len() as u64 / 6
 }
 
-/// What is seen through a pixel.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Pixel {
-    /// What the ray through its centre hits.
-    pub hit: Option<Hit>,
-    /// Whether light arrives there: false where nothing is hit, in shadow, and on surfaces that face away.
-    /// True for every hit if there is no light or shadows are off.
-    pub lit: bool,
-}
-
 /// Casts the rays that [`render`] would cast without effects, and does not shade: `pixels` are rows from the top.
 ///
 /// # Panics
@@ -142,12 +133,12 @@ pub fn cast(
     pixels: &mut [Pixel],
 ) -> RenderStats {
     assert_eq!(pixels.len(), camera.width() as usize * camera.height() as usize, "pixels of the camera");
-    let scene = Scene { bvh, triangles };
+    let scene = Scene::new(bvh, triangles);
     run(&Frame::new(scene, camera, light, options, false), pixels, &Caster)
 }
 
 /// Side of a tile in pixels: what one thread does at a time.
-const TILE: usize = 32;
+const TILE: usize = 64;
 
 /// The pixels of a rectangle; rows below the image are empty.
 pub(crate) type Rows<'a, P> = [&'a mut [P]; TILE];
@@ -156,7 +147,7 @@ pub(crate) type Rows<'a, P> = [&'a mut [P]; TILE];
 pub(crate) struct Frame<'a> {
     pub(crate) scene: Scene<'a>,
     /// The mesh, if it has holes.
-    pub(crate) holes: Option<&'a Mesh<'a>>,
+    pub(crate) alpha_cutouts: Option<&'a Mesh<'a>>,
     camera: &'a Camera,
     /// Position of the light, if it throws shadows.
     shadows: Option<Vec3>,
@@ -174,21 +165,23 @@ impl<'a> Frame<'a> {
         shaded: bool,
     ) -> Self {
         let shadows = light.filter(|_| options.shadows).map(|l| l.position);
-        Self { scene, holes: None, camera, shadows, options, shaded }
+        Self { scene, alpha_cutouts: None, camera, shadows, options, shaded }
     }
 
     /// Whether a hit is of a surface rather than of a hole in it.
     #[inline(always)]
     pub(crate) fn is_there(&self, hit: &Hit) -> bool {
-        self.holes.is_none_or(|mesh| mesh.is_there(hit))
+        self.alpha_cutouts.is_none_or(|mesh| mesh.is_there(hit))
     }
 }
 
-/// Column and row of a whole tile's pixel `i`: in blocks of 8 x 8 and in these 4 x 4, so that packets are square, and
-/// the groups of rays that one vector holds, too.
+/// Column and row of a whole tile's pixel `i`: in quarters of 32 x 32, which share a cut of the tree, in these in
+/// blocks of 8 x 8, one packet each, and in these in 4 x 4, so that groups of 16 rays are square, too.
 pub(crate) fn place(i: usize) -> (usize, usize) {
-    let (block, quarter, i) = (i / 64, i / 16 % 4, i % 16);
-    (block % 4 * 8 + quarter % 2 * 4 + i % 4, block / 4 * 8 + quarter / 2 * 4 + i / 4)
+    let (quarter, block, group, i) = (i / 1024, i / 64 % 16, i / 16 % 4, i % 16);
+    let column = quarter % 2 * 32 + block % 4 * 8 + group % 2 * 4 + i % 4;
+    let row = quarter / 2 * 32 + block / 4 * 8 + group / 2 * 4 + i / 4;
+    (column, row)
 }
 
 /// Everything about the pixels of a tile, which are in the order of their [`place`]s.
@@ -205,6 +198,7 @@ pub(crate) struct Tile {
     pub(crate) hits: Hits,
     pub(crate) surfaces: Surfaces,
     shadow: Bundle,
+    sorter: Sorter,
     blocked: Hits,
     /// The pixel of each shadow ray.
     whose: [u16; RAYS],
@@ -216,7 +210,7 @@ pub(crate) struct Tile {
     scratch: Scratch,
     /// What effects need; made when they first do.
     pub(crate) paths: Option<Box<Paths>>,
-    pub(crate) laps: Laps,
+    pub(crate) timer: StageTimer,
 }
 
 impl Tile {
@@ -231,6 +225,7 @@ impl Tile {
             hits: Hits::new(),
             surfaces: Surfaces::new(),
             shadow: Bundle::new(),
+            sorter: Sorter::new(),
             blocked: Hits::new(),
             whose: [0; RAYS],
             lit: [0.0; RAYS],
@@ -238,7 +233,7 @@ impl Tile {
             nodes: [0; RAYS],
             scratch: Scratch::new(),
             paths: None,
-            laps: Laps::default(),
+            timer: StageTimer::default(),
         }
     }
 }
@@ -269,7 +264,7 @@ thread_local! {
 }
 
 /// What is made of the pixels of a traced tile.
-pub(crate) trait Finish: Sync {
+pub(crate) trait PixelSink: Sync {
     type Pixel: Send;
 
     /// `corner` is the tile's upper left pixel.
@@ -284,7 +279,7 @@ pub(crate) trait Finish: Sync {
     );
 }
 
-impl Finish for Shader<'_> {
+impl PixelSink for Shader<'_> {
     type Pixel = [f32; 3];
 
     #[inline(always)]
@@ -308,25 +303,44 @@ impl Finish for Shader<'_> {
 /// Gives hits as they are.
 struct Caster;
 
-impl Finish for Caster {
+impl PixelSink for Caster {
     type Pixel = Pixel;
 
     #[inline(always)]
     fn finish<S: Simd, T: WideTest>(
         &self,
-        _: S,
+        simd: S,
         _: &Frame<'_>,
         tile: &mut Tile,
         _: (u32, u32),
         rows: &mut Rows<'_, Pixel>,
         _: &mut RenderStats,
     ) {
-        for (y, row) in rows.iter_mut().take(tile.size.1).enumerate() {
-            for (x, pixel) in row.iter_mut().enumerate() {
-                // The remainder tells the compiler that it is in range.
-                let i = tile.ray[y * TILE + x] as usize % RAYS;
-                let hit = tile.hits.get(i);
-                *pixel = Pixel { hit, lit: hit.is_some() && tile.lit[i] > 0.0 };
+        let Hits { t, u, v, primitive } = &tile.hits;
+        // Numbers of primitives with the bit for light.
+        let mut words = [0.0; RAYS];
+        for (word, (&p, &lit)) in words.iter_mut().zip(primitive.iter().zip(&tile.lit)) {
+            *word = Pixel::word(p, p != Hits::NONE && lit > 0.0);
+        }
+        for (row, rays) in rows.iter_mut().zip(tile.ray.chunks_exact(TILE)).take(tile.size.1) {
+            if row.len() == TILE {
+                // Rays of four neighbours are neighbours.
+                let row: &mut [f32] = bytemuck::cast_slice_mut(row);
+                for (four, rays) in row.as_chunks_mut().0.iter_mut().zip(rays.chunks_exact(4)) {
+                    let first = rays[0] as usize;
+                    let lanes = [
+                        load::<S, f32x4<S>, RAYS>(simd, t, first),
+                        load(simd, u, first),
+                        load(simd, v, first),
+                        load(simd, &words, first),
+                    ];
+                    simd.store_four_interleaved_f32x4(lanes, four);
+                }
+            } else {
+                for (to, &ray) in row.iter_mut().zip(rays) {
+                    let i = ray as usize;
+                    *to = Pixel::packed([t[i], u[i], v[i]], words[i]);
+                }
             }
         }
     }
@@ -337,7 +351,7 @@ struct Heat {
     most: u32,
 }
 
-impl Finish for Heat {
+impl PixelSink for Heat {
     type Pixel = [f32; 3];
 
     #[inline(always)]
@@ -357,7 +371,7 @@ impl Finish for Heat {
 }
 
 /// Fills an image.
-fn run<F: Finish>(frame: &Frame<'_>, pixels: &mut [F::Pixel], finish: &F) -> RenderStats {
+fn run<F: PixelSink>(frame: &Frame<'_>, pixels: &mut [F::Pixel], finish: &F) -> RenderStats {
     let width = frame.camera.width() as usize;
     pixels
         .par_chunks_mut(width.max(1) * TILE)
@@ -372,7 +386,7 @@ fn run<F: Finish>(frame: &Frame<'_>, pixels: &mut [F::Pixel], finish: &F) -> Ren
 }
 
 /// Halves a band of rows until it is a tile. Slices on the stack give each tile its pixels without locks.
-fn tiles<T: WideTest, F: Finish>(
+fn tiles<T: WideTest, F: PixelSink>(
     frame: &Frame<'_>,
     mut rows: Rows<'_, F::Pixel>,
     x: u32,
@@ -405,7 +419,7 @@ fn tiles<T: WideTest, F: Finish>(
 }
 
 #[inline(always)]
-fn fill_tile<S: Simd, T: WideTest, F: Finish>(
+fn fill_tile<S: Simd, T: WideTest, F: PixelSink>(
     simd: S,
     frame: &Frame<'_>,
     tile: &mut Tile,
@@ -414,12 +428,12 @@ fn fill_tile<S: Simd, T: WideTest, F: Finish>(
     y: u32,
     finish: &F,
 ) -> RenderStats {
-    tile.laps = Laps::start(frame.options.timed);
+    tile.timer = StageTimer::start(frame.options.timed);
     tile.resize(rows[0].len(), rows.iter().filter(|r| !r.is_empty()).count());
     let mut stats = cast_tile::<S, T>(simd, frame, tile, (x, y));
     finish.finish::<S, T>(simd, frame, tile, (x, y), rows, &mut stats);
-    tile.laps.end(|t| &mut t.primary);
-    stats.times = tile.laps.times();
+    tile.timer.end(|t| &mut t.primary);
+    stats.times = tile.timer.times();
     stats
 }
 
@@ -431,7 +445,7 @@ fn cast_tile<S: Simd, T: WideTest>(
     tile: &mut Tile,
     corner: (u32, u32),
 ) -> RenderStats {
-    let Frame { scene, holes, camera, shadows, options, shaded } = *frame;
+    let Frame { scene, alpha_cutouts, camera, shadows, options, shaded } = *frame;
     let mut work = Work::default();
     let mut stats = RenderStats::default();
     simd.vectorize(
@@ -441,18 +455,18 @@ fn cast_tile<S: Simd, T: WideTest>(
             tile.seen.count = tile.size.0 * tile.size.1;
             let inside = random::in_pixel(options.sample);
             camera.directions(simd, corner, inside, (&tile.columns, &tile.rows), &mut tile.seen.direction);
-            let Tile { seen, hits, scratch, nodes, laps, .. } = &mut *tile;
+            let Tile { seen, hits, scratch, nodes, timer, .. } = &mut *tile;
             let (traversal, query) = (options.traversal, Query::Closest);
             trace::<S, T>(simd, scene, traversal, query, seen, hits, scratch, nodes, &mut work);
-            if let Some(mesh) = holes {
-                laps.end(|t| &mut t.primary);
+            if let Some(mesh) = alpha_cutouts {
+                timer.end(|t| &mut t.primary);
                 stats.rays_again +=
-                    holes::see_through::<S, T>(simd, scene, mesh, query, seen, hits, &mut work);
-                laps.end(|t| &mut t.alpha);
+                    alpha_cutouts::see_through::<S, T>(simd, scene, mesh, query, seen, hits, &mut work);
+                timer.end(|t| &mut t.alpha);
             }
             let count = seen.count;
             stats.rays_primary = count as u64;
-            stats.hits = hits.primitive[..count].iter().filter(|&&p| p != Hits::NONE).count() as u64;
+            stats.hits = (0..count).step_by(64).map(|at| u64::from(hits.lanes(at, 64).count_ones())).sum();
             if stats.hits > 0 && (shaded || shadows.is_some()) {
                 tile.surfaces.find(simd, scene.triangles, &tile.seen, &tile.hits);
             }
@@ -471,28 +485,42 @@ pub(crate) fn light_arrives<S: Simd, T: WideTest>(
     tile: &mut Tile,
     stats: &mut RenderStats,
 ) {
-    let Frame { scene, holes, shadows, options, .. } = *frame;
+    let Frame { scene, alpha_cutouts, shadows, options, .. } = *frame;
     let count = tile.seen.count;
     tile.lit[..count].fill(if shadows.is_some() { 0.0 } else { 1.0 });
     let any_hits = tile.hits.primitive[..count].iter().any(|&p| p != Hits::NONE);
     let Some(light) = shadows.filter(|_| any_hits) else { return };
     let mut work = Work::default();
-    tile.laps.end(|t| &mut t.primary);
+    tile.timer.end(|t| &mut t.primary);
     simd.vectorize(
         #[inline(always)]
         || {
-            let Tile { surfaces, hits, shadow, blocked, whose, lit, nodes: visited, scratch, laps, .. } =
-                &mut *tile;
+            let Tile {
+                surfaces,
+                hits,
+                shadow,
+                sorter,
+                blocked,
+                whose,
+                lit,
+                nodes: visited,
+                scratch,
+                timer,
+                ..
+            } = &mut *tile;
             shadow.start(light, 1.0);
             surfaces.shadow_rays(simd, hits, count, shadow, whose);
+            if options.traversal == Traversal::Tile {
+                sorter.sort_if_scattered(simd, shadow, whose);
+            }
             let mut nodes = [0; RAYS];
             let (traversal, query) = (options.traversal, Query::Any);
             trace::<S, T>(simd, scene, traversal, query, shadow, blocked, scratch, &mut nodes, &mut work);
-            if let Some(mesh) = holes {
-                laps.end(|t| &mut t.shadow);
+            if let Some(mesh) = alpha_cutouts {
+                timer.end(|t| &mut t.shadow);
                 stats.rays_again +=
-                    holes::see_through::<S, T>(simd, scene, mesh, query, shadow, blocked, &mut work);
-                laps.end(|t| &mut t.alpha);
+                    alpha_cutouts::see_through::<S, T>(simd, scene, mesh, query, shadow, blocked, &mut work);
+                timer.end(|t| &mut t.alpha);
             }
             stats.rays_shadow += shadow.count as u64;
             for (j, &i) in whose[..shadow.count].iter().enumerate() {
@@ -503,7 +531,7 @@ pub(crate) fn light_arrives<S: Simd, T: WideTest>(
             }
         },
     );
-    tile.laps.end(|t| &mut t.shadow);
+    tile.timer.end(|t| &mut t.shadow);
     stats.count(&work);
 }
 
@@ -556,8 +584,10 @@ fn one_by_one<S: Simd, T: WideTest>(
         let before = work.nodes;
         let ray = rays.ray(i);
         let hit = match query {
-            Query::Closest => single::closest::<S, T>(simd, scene, &ray, rays.t_max, work, every),
-            Query::Any => single::any::<S, T>(simd, scene, &ray, rays.t_max, work, every),
+            Query::Closest => {
+                pick::closest::<S, T>(simd, scene.bvh, scene.triangles, &ray, rays.t_max, work, every)
+            }
+            Query::Any => pick::any::<S, T>(simd, scene.bvh, scene.triangles, &ray, rays.t_max, work, every),
         };
         hits.set(i, hit);
         *nodes = (work.nodes - before) as u32;

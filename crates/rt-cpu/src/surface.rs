@@ -5,7 +5,7 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
 use crate::bundle::{Bundle, Hits, RAYS};
-use crate::simd::{Lanes, load3, max};
+use crate::simd::{Lanes, bits, load, load3, max};
 
 /// Coordinates of a tile's pixels, an array for each axis.
 pub(crate) type Coordinates = [[f32; RAYS]; 3];
@@ -27,43 +27,35 @@ impl Surfaces {
     /// Finds the surfaces that the rays of `seen` hit.
     #[inline(always)]
     pub(crate) fn find<S: Simd>(&mut self, simd: S, triangles: &Triangles<'_>, seen: &Bundle, hits: &Hits) {
-        for at in (0..seen.count).step_by(S::f32s::LEN) {
-            // Corner A, and from there to B and C.
-            let (mut a, mut ab, mut ac) = ([[0.0; 16]; 3], [[0.0; 16]; 3], [[0.0; 16]; 3]);
-            let lanes = hits.lanes(at, S::f32s::LEN);
+        let n = S::f32s::LEN;
+        for at in (0..seen.count).step_by(n) {
+            let lanes = hits.lanes(at, n);
             if lanes == 0 {
                 continue;
             }
-            for i in crate::simd::bits(lanes) {
-                let [p, q, r] = triangles.corners(hits.primitive[at + i] as usize);
-                let (q, r) = (q - p, r - p);
-                for k in 0..3 {
-                    (a[k][i], ab[k][i], ac[k][i]) = (p[k], q[k], r[k]);
-                }
-            }
-            let a = load3::<S, S::f32s, 16>(simd, &a, 0);
-            let b = load3::<S, S::f32s, 16>(simd, &ab, 0);
-            let c = load3::<S, S::f32s, 16>(simd, &ac, 0);
-            let n = [b[1] * c[2] - c[1] * b[2], b[2] * c[0] - c[2] * b[0], b[0] * c[1] - c[0] * b[1]];
-            let (mut n, unit) = normalize(simd, n);
-            for i in crate::simd::bits(lanes & !unit) {
+            let [a, b, c] = edges(simd, triangles, &hits.primitive[at..at + n], lanes);
+            let normal = [b[1] * c[2] - c[1] * b[2], b[2] * c[0] - c[2] * b[0], b[0] * c[1] - c[0] * b[1]];
+            let (mut normal, unit) = normalize(simd, normal);
+            for i in bits(lanes & !unit) {
                 // The product does not fit in single precision.
-                let [b, c] = [&ab, &ac].map(|e| Vec3::new(e[0][i], e[1][i], e[2][i]).as_dvec3());
+                let [b, c] = [b, c].map(|e| {
+                    Vec3::new(e[0].as_slice()[i], e[1].as_slice()[i], e[2].as_slice()[i]).as_dvec3()
+                });
                 let exact = b.cross(c).normalize_or_zero().as_vec3();
-                (n[0][i], n[1][i], n[2][i]) = (exact.x, exact.y, exact.z);
+                (normal[0][i], normal[1][i], normal[2][i]) = (exact.x, exact.y, exact.z);
             }
-            let away = dot(n, load3(simd, &seen.direction, at)).simd_gt(0.0);
-            let u: S::f32s = crate::simd::load(simd, &hits.u, at);
-            let v: S::f32s = crate::simd::load(simd, &hits.v, at);
+            let away = dot(normal, load3(simd, &seen.direction, at)).simd_gt(0.0);
+            let u: S::f32s = load(simd, &hits.u, at);
+            let v: S::f32s = load(simd, &hits.v, at);
             for k in 0..3 {
-                away.select(-n[k], n[k]).store_slice(&mut self.face[k][at..at + S::f32s::LEN]);
-                (a[k] + b[k] * u + c[k] * v).store_slice(&mut self.point[k][at..at + S::f32s::LEN]);
+                away.select(-normal[k], normal[k]).store_slice(&mut self.face[k][at..at + n]);
+                (a[k] + b[k] * u + c[k] * v).store_slice(&mut self.point[k][at..at + n]);
             }
         }
     }
 
     /// Adds to `rays` those from their origin, a light, to the surfaces that face it, where they end at `t` = 1;
-    /// surfaces that face away shadow themselves. `whose` gets the pixel of each ray.
+    /// surfaces that face away shadow themselves. `pixels` gets the pixel of each ray.
     ///
     /// The ends are moved off the surfaces by 32 roundings of the coordinates and distances that went into them:
     /// the idea of Wächter and Binder, *A Fast and Robust Method for Avoiding Self-Intersection*, 2019.
@@ -74,10 +66,10 @@ impl Surfaces {
         hits: &Hits,
         count: usize,
         rays: &mut Bundle,
-        whose: &mut [u16; RAYS],
+        pixels: &mut [u16; RAYS],
     ) {
         let light = rays.origin;
-        let mut way = [[0.0; 16]; 3];
+        let mut directions = [[0.0; 16]; 3];
         for at in (0..count).step_by(S::f32s::LEN) {
             let lanes = hits.lanes(at, S::f32s::LEN);
             if lanes == 0 {
@@ -94,14 +86,36 @@ impl Surfaces {
             let facing = dot(face, to_light).simd_gt(0.0).to_bitmask() & lanes;
             for k in 0..3 {
                 let to = (point[k] + face[k] * off) - light[k];
-                to.store_slice(&mut way[k][..S::f32s::LEN]);
+                to.store_slice(&mut directions[k][..S::f32s::LEN]);
             }
-            for i in crate::simd::bits(facing) {
-                whose[rays.count] = (at + i) as u16;
-                rays.push(Vec3::new(way[0][i], way[1][i], way[2][i]));
+            for i in bits(facing) {
+                pixels[rays.count] = (at + i) as u16;
+                rays.push(Vec3::new(directions[0][i], directions[1][i], directions[2][i]));
             }
         }
     }
+}
+
+/// Corner A of the triangles that lanes hit, and the edges from there to B and C.
+///
+/// Neighbours mostly hit the same triangle: each is read once for all lanes that hit it.
+#[inline(always)]
+fn edges<S: Simd>(simd: S, triangles: &Triangles<'_>, hit: &[u32], lanes: u64) -> [[S::f32s; 3]; 3] {
+    let mut edges = [[S::f32s::simd_from(simd, 0.0); 3]; 3];
+    let primitives = S::u32s::from_slice(simd, hit);
+    let mut left = lanes;
+    while left != 0 {
+        let primitive = hit[left.trailing_zeros() as usize % S::f32s::LEN];
+        let same = primitives.simd_eq(primitive);
+        left &= !same.to_bitmask();
+        let [a, b, c] = triangles.corners(primitive as usize);
+        for (edge, of_triangle) in edges.iter_mut().zip([a, b - a, c - a]) {
+            for k in 0..3 {
+                edge[k] = same.select(S::f32s::simd_from(simd, of_triangle[k]), edge[k]);
+            }
+        }
+    }
+    edges
 }
 
 #[inline(always)]

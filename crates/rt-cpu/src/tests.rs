@@ -4,16 +4,18 @@ use bvh_core::{Aabb, Bvh, Node, Primitives, Ray, Triangles, Vec3};
 
 use crate::bundle::{Bundle, Hits, RAYS};
 use crate::bvh8;
-use crate::packet::{self, Query, SIZE};
+use crate::packet::{self, SIZE};
 use crate::render::{place, trace};
+use crate::scene::{Query, Scene, Work, every, with_test};
 use crate::simd::at_level;
-use crate::single::{Work, with_test};
-use crate::tile::{Scene, Scratch};
-use crate::triangle::{Double, Hit, MollerTrumbore, TriangleTest, Watertight, every};
+use crate::tile::Scratch;
+use bvh_core::triangle::Watertight;
+
 use crate::{
     Bvh8, Camera, Image, Material, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render,
 };
 use crate::{Effects, any_hit, any_hit_brute, closest_hit, closest_hit_brute};
+use crate::{Hit, TriangleTest};
 
 mod absent;
 mod effects;

@@ -1,17 +1,16 @@
 //! Rays of a tile of 32 x 32 pixels: the scheme of [`packet`](crate::packet), reworked.
 //!
 //! ```text
-//! cut: open the largest node of the tree's top that the whole tile's beam meets, until there are 48 subtrees
-//! for each packet of 64 rays, in four groups of 16, for each subtree in the cut that the packet's beam meets, front
-//! to back:
-//!   at a node, with a mask of the rays that entered its parent:
-//!     mask of the rays that enter, if any   -> go down
-//!     all of them in one group, or few, which are gathered into one
-//!                                           -> go down with the group, testing both children at once
-//!   at a leaf, test the rays in the mask
+//! cut: open the largest node of the tree's top that the whole tile's frustum meets, until there are 48 subtrees
+//! for each packet of 64 rays, in four groups of 16, for each subtree in the cut that the packet's frustum meets,
+//! front to back:
+//!   at a leaf, test the rays that entered it
+//!   at an inner node, with a mask of the rays that entered it:
+//!     all of them in one group, or few, which are gathered into one -> go down with the group alone
+//!     otherwise, of the children that the packet's frustum meets    -> go down with those rays that enter
 //! ```
 //!
-//! Departures from Wald, Boulos and Shirley 2007: masks in place of first active rays; beams of slopes in place
+//! Departures from Wald, Boulos and Shirley 2007: masks in place of first active rays; frusta of slopes in place
 //! of interval arithmetic on reciprocals, so that rays may go both ways along two axes; the cut, which
 //! shares the top of the tree among 16 packets (in the spirit of Reshetov, Soupikov and Hurley,
 //! *Multi-Level Ray Tracing Algorithm*, 2005); groups, so that rays which have drifted apart cost what
@@ -21,22 +20,25 @@ mod cut;
 mod packet;
 mod walk;
 
-use bvh_core::{Bvh, MAX_HEIGHT, Triangles, Vec3};
+use bvh_core::{MAX_HEIGHT, Vec3};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
 use self::cut::Cut;
 use self::packet::{GROUP, Kinds, PACKET, Packet};
-use crate::beam::{Beam, Frame};
-use crate::bundle::{Bundle, Hits, RAYS};
-use crate::packet::Query;
+use crate::bundle::{Bundle, Hits};
+use crate::frustum::{Frame, Frustum, FrustumPlanes};
+use crate::scene::{Query, Scene, Work};
 use crate::simd::{bits, load, load3, max, min};
-use crate::single::Work;
-use crate::wide::{Way, WideTest};
+use crate::wide::{RayOctant, WideTest};
+
+/// Rays that share a cut: those of 32 x 32 pixels.
+const SHARED: usize = 1024;
 
 /// What is needed again and again; a tile's worth of it.
 pub(crate) struct Scratch {
     packet: Packet,
+    planes: FrustumPlanes,
     stack: [(u32, u64); MAX_HEIGHT as usize + 1],
     group_stack: [(u32, u64); MAX_HEIGHT as usize + 1],
     group_near: [[f32; GROUP]; MAX_HEIGHT as usize + 1],
@@ -47,6 +49,7 @@ impl Scratch {
     pub(crate) fn new() -> Self {
         Self {
             packet: Packet::new(),
+            planes: FrustumPlanes::EVERYTHING,
             stack: [(0, 0); MAX_HEIGHT as usize + 1],
             group_stack: [(0, 0); MAX_HEIGHT as usize + 1],
             group_near: [[0.0; GROUP]; MAX_HEIGHT as usize + 1],
@@ -55,11 +58,15 @@ impl Scratch {
     }
 }
 
-/// What is traced.
-#[derive(Clone, Copy)]
-pub(crate) struct Scene<'a> {
-    pub(crate) bvh: &'a Bvh,
-    pub(crate) triangles: &'a Triangles<'a>,
+impl Scratch {
+    /// Once all rays of the packet have hits, boxes behind the farthest are out of the frustum.
+    #[inline(always)]
+    fn look_up_to_farthest<S: Simd>(&mut self, simd: S) {
+        if !self.packet.some_see_nothing() {
+            let farthest = self.packet.farthest(simd, !0);
+            self.planes.look_up_to(farthest);
+        }
+    }
 }
 
 /// Traces a bundle. For [`Query::Any`] hits are any, not the closest, and only the primitives count.
@@ -91,34 +98,47 @@ fn trace_bundle<S: Simd, T: WideTest, const ANY: bool>(
     let Some(last) = bundle.count.checked_sub(1) else {
         return;
     };
-    let packets = bundle.count.div_ceil(PACKET);
+    let end = bundle.count.next_multiple_of(PACKET);
     for d in &mut bundle.direction {
         let padding = d[last];
-        d[last + 1..packets * PACKET].fill(padding);
+        d[last + 1..end].fill(padding);
     }
-    let frame = common_frame(simd, bundle, packets);
-    let mut beams = [Beam::NONE; RAYS / PACKET];
+    for start in (0..end).step_by(SHARED) {
+        trace_shared::<S, T, ANY>(simd, scene, bundle, (start, end.min(start + SHARED)), hits, scratch, work);
+    }
+}
+
+/// Traces the rays from `start` to `end` with one cut.
+#[inline(always)]
+fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
+    simd: S,
+    scene: Scene<'_>,
+    bundle: &Bundle,
+    (start, end): (usize, usize),
+    hits: &mut Hits,
+    scratch: &mut Scratch,
+    work: &mut Work,
+) {
+    let frame = common_frame(simd, bundle, (start, end));
+    let mut frusta = [Frustum::NONE; SHARED / PACKET];
     if let Some(frame) = &frame {
-        for (i, beam) in beams[..packets].iter_mut().enumerate() {
-            *beam = beam_of(simd, frame, bundle, i * PACKET);
+        for (frustum, at) in frusta.iter_mut().zip((start..end).step_by(PACKET)) {
+            *frustum = frustum_of(simd, frame, bundle, at);
         }
-        let whole = beams.iter().fold(Beam::NONE, |a, b| a.union(b));
+        let whole = frusta.iter().fold(Frustum::NONE, |a, b| a.union(b));
         scratch.cut.fill(simd, scene.bvh.nodes(), frame, &whole, bundle.t_max, work);
-        if scratch.cut.count == 0 {
-            hits.primitive[..packets * PACKET].fill(Hits::NONE);
-            return;
-        }
     }
-    for (i, beam) in beams[..packets].iter().enumerate() {
-        let at = i * PACKET;
-        let present = if bundle.count - at >= PACKET { !0 } else { (1 << (bundle.count - at)) - 1 };
-        let met = if frame.is_some() { Some(scratch.cut.met(simd, beam)) } else { None };
+    for (frustum, at) in frusta.iter().zip((start..end).step_by(PACKET)) {
+        let met = if frame.is_some() { Some(scratch.cut.met(simd, frustum)) } else { None };
         if met == Some(0) {
             hits.primitive[at..at + PACKET].fill(Hits::NONE);
             continue;
         }
+        scratch.planes = frame
+            .map_or(FrustumPlanes::EVERYTHING, |frame| FrustumPlanes::new(&frame, frustum, bundle.t_max));
+        let present = if bundle.count - at >= PACKET { !0 } else { (1 << (bundle.count - at)) - 1 };
         let Kinds { negative, longest } = scratch.packet.load(simd, bundle, at, present);
-        // Rays that go the same way along every axis, and are longest along the same, together: mostly all of them.
+        // Rays of one octant that are longest along the same axis, together: mostly all of them.
         let mut left = scratch.packet.active(0);
         while left != 0 {
             let lane = left.trailing_zeros();
@@ -128,8 +148,8 @@ fn trace_bundle<S: Simd, T: WideTest, const ANY: bool>(
             let same = (0..3).fold(same, |m, k| m & if signs[k] { negative[k] } else { !negative[k] });
             left &= !same;
             let along = Vec3::from([0, 1, 2].map(|k| bundle.direction[k][at + lane as usize]));
-            let way = Way::new(bundle.origin, signs, axis);
-            trace_packet::<S, T, ANY>(simd, scene, &way, along, met, same, scratch, work);
+            let octant = RayOctant::new(bundle.origin, signs, axis);
+            trace_packet::<S, T, ANY>(simd, scene, &octant, along, met, same, scratch, work);
         }
         let p = &scratch.packet;
         if !ANY {
@@ -143,15 +163,15 @@ fn trace_bundle<S: Simd, T: WideTest, const ANY: bool>(
     }
 }
 
-/// A frame for all rays.
+/// A frame for the rays from `start` to `end`, whole packets.
 #[inline(always)]
-fn common_frame<S: Simd>(simd: S, bundle: &Bundle, packets: usize) -> Option<Frame> {
+pub(crate) fn common_frame<S: Simd>(simd: S, bundle: &Bundle, (start, end): (usize, usize)) -> Option<Frame> {
     let mut least = Vec3::ZERO;
     let mut greatest = Vec3::ZERO;
     for k in 0..3 {
         let mut a = S::f32s::simd_from(simd, f32::INFINITY);
         let mut b = -a;
-        for at in (0..packets * PACKET).step_by(S::f32s::LEN) {
+        for at in (start..end).step_by(S::f32s::LEN) {
             let d = load(simd, &bundle.direction[k], at);
             (a, b) = (min(d, a), max(d, b));
         }
@@ -160,9 +180,9 @@ fn common_frame<S: Simd>(simd: S, bundle: &Bundle, packets: usize) -> Option<Fra
     Frame::new(bundle.origin, least, greatest)
 }
 
-/// The beam of the packet that begins with ray `at`.
+/// The frustum of the packet that begins with ray `at`.
 #[inline(always)]
-fn beam_of<S: Simd>(simd: S, frame: &Frame, bundle: &Bundle, at: usize) -> Beam {
+pub(crate) fn frustum_of<S: Simd>(simd: S, frame: &Frame, bundle: &Bundle, at: usize) -> Frustum {
     let infinity = S::f32s::simd_from(simd, f32::INFINITY);
     let mut least = [infinity; 2];
     let mut greatest = [-infinity; 2];
@@ -173,7 +193,7 @@ fn beam_of<S: Simd>(simd: S, frame: &Frame, bundle: &Bundle, at: usize) -> Beam 
             greatest[i] = max(slopes[i], greatest[i]);
         }
     }
-    Beam {
+    Frustum {
         x: [least[0].reduce_min(), greatest[0].reduce_max()],
         y: [least[1].reduce_min(), greatest[1].reduce_max()],
     }
@@ -184,7 +204,7 @@ fn beam_of<S: Simd>(simd: S, frame: &Frame, bundle: &Bundle, at: usize) -> Beam 
 fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
-    way: &Way,
+    octant: &RayOctant,
     along: Vec3,
     met: Option<u64>,
     mask: u64,
@@ -194,7 +214,7 @@ fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
     let Some(met) = met else {
         simd.vectorize(
             #[inline(always)]
-            || walk::walk::<S, T, ANY>(simd, scene, way, along, 0, mask, scratch, work),
+            || walk::walk::<S, T, ANY>(simd, scene, octant, along, 0, mask, scratch, work),
         );
         return;
     };
@@ -205,7 +225,7 @@ fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
         let root = scratch.cut.node[i];
         simd.vectorize(
             #[inline(always)]
-            || walk::walk::<S, T, ANY>(simd, scene, way, along, root, mask, scratch, work),
+            || walk::walk::<S, T, ANY>(simd, scene, octant, along, root, mask, scratch, work),
         );
     }
 }

@@ -46,13 +46,13 @@ impl AddAssign for StageTimes {
 
 /// A clock that gives each stretch of a tile's time to one stage, so that nothing counts twice.
 #[derive(Default)]
-pub(crate) struct Laps {
+pub(crate) struct StageTimer {
     /// When the last stretch ended; `None` if nobody asked for times.
     last: Option<Instant>,
     times: StageTimes,
 }
 
-impl Laps {
+impl StageTimer {
     pub(crate) fn start(timed: bool) -> Self {
         Self { last: timed.then(Instant::now), times: StageTimes::default() }
     }
@@ -92,24 +92,24 @@ mod tests {
 
     #[test]
     fn stretches_of_time_go_to_one_stage_each() {
-        let mut laps = Laps::start(true);
-        let start = laps.last.unwrap();
-        laps.end(|t| &mut t.primary);
+        let mut timer = StageTimer::start(true);
+        let start = timer.last.unwrap();
+        timer.end(|t| &mut t.primary);
         std::thread::sleep(Duration::from_millis(2));
-        laps.end(|t| &mut t.shadow);
+        timer.end(|t| &mut t.shadow);
         std::thread::sleep(Duration::from_millis(2));
-        laps.end_reflected(1, 4);
-        let times = laps.times();
-        assert_eq!(times.total(), laps.last.unwrap() - start);
+        timer.end_reflected(1, 4);
+        let times = timer.times();
+        assert_eq!(times.total(), timer.last.unwrap() - start);
         assert!(times.shadow >= Duration::from_millis(2));
         assert!(times.mirror > Duration::ZERO && times.diffuse_bounces > times.mirror * 2);
     }
 
     #[test]
     fn nobody_asks_nothing_is_timed() {
-        let mut laps = Laps::start(false);
-        laps.end(|t| &mut t.primary);
-        laps.end_reflected(1, 2);
-        assert_eq!(laps.times(), StageTimes::default());
+        let mut timer = StageTimer::start(false);
+        timer.end(|t| &mut t.primary);
+        timer.end_reflected(1, 2);
+        assert_eq!(timer.times(), StageTimes::default());
     }
 }

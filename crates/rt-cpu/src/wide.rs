@@ -7,12 +7,12 @@ use fearless_simd::prelude::*;
 
 use crate::bvh8::BlockTest;
 use crate::simd::{Lanes, bits, max, min};
-use crate::slab::WIDEN;
-use crate::triangle::{DET_RANGE, Double, MollerTrumbore, Test, Watertight};
+use bvh_core::slab::WIDEN;
+use bvh_core::triangle::{DET_RANGE, Double, MollerTrumbore, Test, Watertight};
 
 /// What rays that are tested together have in common.
 #[derive(Clone, Copy)]
-pub(crate) struct Way {
+pub(crate) struct RayOctant {
     pub(crate) origin: Vec3,
     /// Where in a [`Node`]'s words the planes are that the rays meet first along each axis, and those that they meet last.
     first: [usize; 3],
@@ -21,7 +21,7 @@ pub(crate) struct Way {
     pub(crate) axes: [usize; 3],
 }
 
-impl Way {
+impl RayOctant {
     /// `negative` says along which axes the rays go backwards, `longest` along which they are longest.
     #[inline(always)]
     pub(crate) fn new(origin: Vec3, negative: [bool; 3], longest: usize) -> Self {
@@ -35,7 +35,8 @@ impl Way {
     }
 }
 
-/// The planes of a box relative to the rays' origin, in the order in which the rays meet them.
+/// The planes of a box, in the order in which rays meet them, subtracted from the rays' origin: what has to
+/// be subtracted from comes from memory straight into all lanes.
 #[derive(Clone, Copy)]
 pub(crate) struct Slab<V> {
     first: [V; 3],
@@ -45,11 +46,11 @@ pub(crate) struct Slab<V> {
 impl<V> Slab<V> {
     /// The box of a node.
     #[inline(always)]
-    pub(crate) fn of<S: Simd>(simd: S, node: &Node, way: &Way) -> Self
+    pub(crate) fn of<S: Simd>(simd: S, node: &Node, octant: &RayOctant) -> Self
     where
         V: Lanes<S>,
     {
-        Self::between(simd, bytemuck::cast_ref(node), way)
+        Self::between(simd, bytemuck::cast_ref(node), octant)
     }
 
     /// The box of a triangle whose corners are finite.
@@ -57,32 +58,33 @@ impl<V> Slab<V> {
     /// Trees make negative zeros in boxes positive. Here they may stay: they change but the signs of zeros, which no
     /// comparison sees and which [`max`] does not take from where it starts, a positive zero.
     #[inline(always)]
-    pub(crate) fn around<S: Simd>(simd: S, corners: &[Vec3; 3], way: &Way) -> Self
+    pub(crate) fn around<S: Simd>(simd: S, corners: &[Vec3; 3], octant: &RayOctant) -> Self
     where
         V: Lanes<S>,
     {
         let [a, b, c] = corners;
         let (min, max) = (a.min(*b).min(*c), a.max(*b).max(*c));
-        Self::between(simd, &[min.x, min.y, min.z, 0.0, max.x, max.y, max.z, 0.0], way)
+        Self::between(simd, &[min.x, min.y, min.z, 0.0, max.x, max.y, max.z, 0.0], octant)
     }
 
     #[inline(always)]
-    fn between<S: Simd>(simd: S, planes: &[f32; 8], way: &Way) -> Self
+    fn between<S: Simd>(simd: S, planes: &[f32; 8], octant: &RayOctant) -> Self
     where
         V: Lanes<S>,
     {
-        let origin = [way.origin.x, way.origin.y, way.origin.z];
+        let origin = [octant.origin.x, octant.origin.y, octant.origin.z];
         let mut slab = Self { first: [V::simd_from(simd, 0.0); 3], last: [V::simd_from(simd, 0.0); 3] };
         for k in 0..3 {
-            // The mask tells the compiler that it is in range. Vectors are subtracted, since planes get from memory into
-            // all lanes sooner than numbers that have just been computed.
-            slab.first[k] = V::simd_from(simd, planes[way.first[k] & 7]) - origin[k];
-            slab.last[k] = V::simd_from(simd, planes[way.last[k] & 7]) - origin[k];
+            let origin = V::simd_from(simd, origin[k]);
+            // The mask tells the compiler that it is in range.
+            slab.first[k] = origin - V::simd_from(simd, planes[octant.first[k] & 7]);
+            slab.last[k] = origin - V::simd_from(simd, planes[octant.last[k] & 7]);
         }
         slab
     }
 
-    /// Where rays enter, and whether they do before `t_max`; see [`enters`](crate::slab::enters).
+    /// Where rays enter, and whether they do before `t_max`; see [`enters`](bvh_core::slab::enters). `inverse` is minus
+    /// one over the direction: both signs together change nothing but those of zeros.
     #[inline(always)]
     pub(crate) fn enter<S: Simd>(&self, simd: S, inverse: [V; 3], t_max: V) -> (V, V::Mask)
     where
@@ -95,7 +97,7 @@ impl<V> Slab<V> {
             far = min(self.last[k] * inverse, far);
         }
         // Widening the least gives the least of the widened: rounding is monotonic.
-        (near, near.simd_le(far * WIDEN) & near.simd_le(t_max))
+        (near, near.simd_le(min(far * WIDEN, t_max)))
     }
 }
 
@@ -103,7 +105,7 @@ impl<V> Slab<V> {
 #[derive(Clone, Copy)]
 pub(crate) struct Rays<V> {
     pub(crate) direction: [V; 3],
-    /// Of [`Watertight`]: slopes along the two axes after the longest, and one over the extent along that.
+    /// Of [`Watertight`]: slopes along the two axes after the longest, and minus one over the extent along that.
     pub(crate) shear: [V; 3],
 }
 
@@ -122,7 +124,7 @@ pub(crate) trait WideTest: BlockTest {
         simd: S,
         rays: &Rays<V>,
         corners: [&Vec3; 3],
-        way: &Way,
+        octant: &RayOctant,
         active: u64,
     ) -> Found<V>;
 }
@@ -133,18 +135,22 @@ impl WideTest for Watertight {
         simd: S,
         rays: &Rays<V>,
         corners: [&Vec3; 3],
-        way: &Way,
+        octant: &RayOctant,
         active: u64,
     ) -> Found<V> {
-        let [kx, ky, kz] = way.axes;
-        let origin: &[f32; 3] = way.origin.as_ref();
+        let [kx, ky, kz] = octant.axes;
+        let origin: &[f32; 3] = octant.origin.as_ref();
         let zero = V::simd_from(simd, 0.0);
         let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
+        // All of it negated, and the reciprocal too, which changes nothing but the signs of zeros: corners get from
+        // memory straight into all lanes to be subtracted.
+        let (ox, oy) = (V::simd_from(simd, origin[kx]), V::simd_from(simd, origin[ky]));
+        let oz = V::simd_from(simd, origin[kz]);
         for (i, p) in corners.into_iter().enumerate() {
             let p: &[f32; 3] = p.as_ref();
-            z[i] = V::simd_from(simd, p[kz] - origin[kz]);
-            x[i] = V::simd_from(simd, p[kx] - origin[kx]) - rays.shear[0] * z[i];
-            y[i] = V::simd_from(simd, p[ky] - origin[ky]) - rays.shear[1] * z[i];
+            z[i] = oz - V::simd_from(simd, p[kz]);
+            x[i] = ox - V::simd_from(simd, p[kx]) - rays.shear[0] * z[i];
+            y[i] = oy - V::simd_from(simd, p[ky]) - rays.shear[1] * z[i];
         }
         weigh(simd, x, y, z, rays.shear[2], active)
     }
@@ -201,11 +207,11 @@ impl WideTest for MollerTrumbore {
         simd: S,
         rays: &Rays<V>,
         [&a, &b, &c]: [&Vec3; 3],
-        way: &Way,
+        octant: &RayOctant,
         active: u64,
     ) -> Found<V> {
         let (e1, e2) = (b - a, c - a);
-        let s = way.origin - a;
+        let s = octant.origin - a;
         let q = s.cross(e1);
         let d = rays.direction;
         let p = [d[1] * e2.z - d[2] * e2.y, d[2] * e2.x - d[0] * e2.z, d[0] * e2.y - d[1] * e2.x];
@@ -231,14 +237,14 @@ impl WideTest for Double {
         simd: S,
         rays: &Rays<V>,
         [&a, &b, &c]: [&Vec3; 3],
-        way: &Way,
+        octant: &RayOctant,
         active: u64,
     ) -> Found<V> {
         let zero = V::simd_from(simd, 0.0);
         let mut found = Found { lanes: 0, t: zero, u: zero, v: zero };
         for i in bits(active) {
             let ray = Ray::new(
-                way.origin,
+                octant.origin,
                 Vec3::new(rays.direction[0][i], rays.direction[1][i], rays.direction[2][i]),
             );
             if let Some(hit) = Self::new(&ray).test(&[a, b, c]) {

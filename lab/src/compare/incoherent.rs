@@ -98,7 +98,7 @@ fn cast(lane: &Lane, groups: &[Rays], found: &mut [Hits]) {
 /// What the rays hit, in the form that views are compared in.
 fn answers(groups: &[Rays], found: &[Hits]) -> Vec<Pixel> {
     let of = |(rays, hits): (&Rays, &Hits)| {
-        (0..rays.len()).map(|i| Pixel { hit: hits.get(i), lit: false }).collect::<Vec<_>>()
+        (0..rays.len()).map(|i| Pixel::new(hits.get(i), false)).collect::<Vec<_>>()
     };
     groups.iter().zip(found).flat_map(of).collect()
 }

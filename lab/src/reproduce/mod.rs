@@ -239,6 +239,7 @@ fn plan(args: &Args, settings: &Settings, triangles: usize, supplement: bool) ->
         measure_every: values.interval(triangles),
         size: values.size,
         threads: settings.threads,
+        traversal: args.traversal,
         check_frames: values.check_frames,
         check_rays: values.check_rays,
         pictures: if supplement { 0 } else { values.pictures },

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Result, ensure};
 use clap::ValueEnum;
 use pivot_benches::embree::Device;
+use rt_cpu::Traversal;
 use scenes::Scene;
 
 use super::SPEED_STRATEGY;
@@ -74,6 +75,9 @@ pub struct Args {
     /// Threads for updates and rendering [default: the paper's 8, or the cores there are]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
+    /// How rays are grouped: tile, packet (8 x 8, as published in 2007) or single
+    #[arg(long, value_name = "NAME", default_value = "tile")]
+    pub(super) traversal: Traversal,
     /// Folder for the results [default: target/reproduce]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -88,7 +92,7 @@ pub struct Args {
         value_name = "DIR",
         conflicts_with_all = [
             "experiments", "preset", "scenes", "strategies", "clip", "seed", "frames", "loops", "size", "threads",
-            "resume", "embree",
+            "traversal", "resume", "embree",
         ]
     )]
     pub(super) from: Option<PathBuf>,
@@ -191,6 +195,7 @@ impl Args {
             speed_loops: speeds.then_some(values.speed_loops),
             size: values.size,
             threads: self.threads.map_or_else(pool::default_threads, |n| n as usize),
+            traversal: self.traversal.name().to_owned(),
             seed: self.seed,
             clip: self.clip.clone(),
             reductions: values.reductions(speeds),

@@ -16,7 +16,7 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use bvh_core::{Bvh, sah_cost};
 use bvh_update::{Decision, Load, Update, Updater};
-use rt_cpu::{Image, RenderOptions, RenderStats, render};
+use rt_cpu::{Image, RenderOptions, RenderStats, Traversal, render};
 
 use super::check::{self, Checks};
 use super::contestants::{Contestant, Counted, Method};
@@ -41,6 +41,7 @@ pub(crate) struct Plan {
     /// Pixels on each side of the image.
     pub(crate) size: u32,
     pub(crate) threads: usize,
+    pub(crate) traversal: Traversal,
     /// Frames of the first loop to compare with brute force, and rays on each.
     pub(crate) check_frames: usize,
     pub(crate) check_rays: usize,
@@ -132,7 +133,8 @@ pub(crate) fn measure(
     let steps = plan.steps();
     let progress = Progress::new(format!("{label}, {} frames a loop", plan.frames), steps as u64);
     let replayed = done.last().map_or(0, |row| row.round * plan.frames + row.frame + 1);
-    let flat = RenderOptions { smooth: false, timed: true, ..stage.render_options() };
+    let traversal = plan.traversal;
+    let flat = RenderOptions { smooth: false, timed: true, traversal, ..stage.render_options() };
     let mut lanes = lanes(stage, plan);
     // The first strategy's picture, and that of another to compare with.
     let mut images = [(); 2].map(|()| Image::new(plan.size, plan.size));

@@ -35,6 +35,9 @@ pub(crate) struct Settings {
     /// Pixels on each side of the image.
     pub(crate) size: u32,
     pub(crate) threads: usize,
+    /// How rays were grouped; nothing in results of before there was a choice.
+    #[serde(default)]
+    pub(crate) traversal: String,
     pub(crate) seed: u64,
     /// Clip of a glTF file, if one was named.
     pub(crate) clip: Option<String>,

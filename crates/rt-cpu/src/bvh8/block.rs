@@ -4,9 +4,11 @@ use bvh_core::{Primitives, Ray, Triangles, Vec3};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4};
 
+use crate::Hit;
 use crate::simd::{bits, load};
 use crate::surface::dot;
-use crate::triangle::{Double, Hit, MollerTrumbore, Test, Watertight, in_box};
+use bvh_core::triangle::{Double, MollerTrumbore, Test, Watertight, in_box};
+
 use crate::wide::{Found, weigh};
 
 /// Triangles of a block.
@@ -67,7 +69,8 @@ impl Block {
         for i in bits(near) {
             let at = (found.t.as_slice()[i], found.u.as_slice()[i], found.v.as_slice()[i]);
             let hit = in_box(ray, at, &self.corners(i), self.primitive[i], t_max);
-            if let Some(hit) = hit.filter(|h| best.is_none_or(|b| h.before(b.t, b.primitive)) && counts(h)) {
+            if let Some(hit) = hit.filter(|h| best.is_none_or(|b| h.is_before(b.t, b.primitive)) && counts(h))
+            {
                 (best, t_max) = (Some(hit), hit.t);
             }
         }

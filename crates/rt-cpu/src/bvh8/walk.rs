@@ -7,10 +7,10 @@ use fearless_simd::{Simd, f32x8};
 
 use super::block::Block;
 use super::{BlockTest, Bvh8, CHILDREN, LEAF, Node8, WIDTH};
+use crate::Hit;
+use crate::scene::Work;
 use crate::simd::{load, max, min};
-use crate::single::Work;
-use crate::slab::WIDEN;
-use crate::triangle::Hit;
+use bvh_core::slab::WIDEN;
 
 /// Most that is put off at a time: seven children a level of the binary tree, and of what large leaves are cut into.
 const STACK: usize = (WIDTH - 1) * (MAX_HEIGHT as usize + 32) + 1;
@@ -50,7 +50,7 @@ impl<S: Simd> Ray8<S> {
         }
     }
 
-    /// Tests eight boxes; see [`slab::enters`](crate::slab::enters).
+    /// Tests eight boxes; see [`slab::enters`](bvh_core::slab::enters).
     #[inline(always)]
     fn enter(&self, simd: S, node: &Node8, t_max: f32) -> Entered {
         // Eight rows, so that there is nothing to check.
@@ -117,7 +117,7 @@ fn walk<S: Simd>(
         } else {
             let Some(block) = tree.blocks.get((next & !LEAF) as usize >> 2) else { return };
             let count = (next & 3) + 1;
-            work.triangles += u64::from(count);
+            work.primitives += u64::from(count);
             t_max = visit(block, (1 << count) - 1, t_max);
             if t_max < 0.0 {
                 return;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use bvh_core::glam::Vec2;
 
 use super::*;
-use crate::holes::see_through;
+use crate::alpha_cutouts::see_through;
 use crate::{
     AmbientOcclusion, Background, Bvh8, DiffuseBounces, Effects, Filter, Material, RenderStats, StageTimes,
     Texture, Wrap, render_with,
@@ -87,7 +87,7 @@ fn effects_that_nothing_calls_for_cost_nothing_and_change_nothing() {
     assert!(stats.rays_shadow > 0);
 
     let mirror = [Material { mirror: true, ..materials[0] }];
-    let holes = [Material { opacity: 0.0, cutoff: Some(0.5), ..materials[0] }];
+    let alpha_cutouts = [Material { opacity: 0.0, cutoff: Some(0.5), ..materials[0] }];
     let textured = [Material { texture: Some(0), ..materials[0] }];
     let count = |materials: &[Material], effects| {
         of_effects(&shot(&soup, materials, &camera, Some(&light), &with(effects)).1)
@@ -95,14 +95,14 @@ fn effects_that_nothing_calls_for_cost_nothing_and_change_nothing() {
     let occlusion = Effects { ambient_occlusion: Some(OCCLUSION), ..Effects::default() };
     let bounces = Effects { diffuse_bounces: everything(1).diffuse_bounces, ..Effects::default() };
     assert_eq!(count(&mirror, Effects::default()), [0; 5]);
-    assert_eq!(count(&holes, Effects::default()), [0; 5]);
+    assert_eq!(count(&alpha_cutouts, Effects::default()), [0; 5]);
     assert_eq!(count(&textured, Effects::default()), [0; 5]);
     assert_eq!(count(&textured, all), [0, 0, 0, 0, stats.hits]);
     let [reflected, others @ ..] = count(&mirror, all);
     assert!(reflected > 0 && others == [0; 4]);
     assert_eq!(count(&materials, occlusion), [0, 16 * stats.hits, 0, 0, 0]);
     assert_eq!(count(&materials, bounces), [0, 0, stats.hits, 0, 0]);
-    assert_eq!(count(&holes, all), [0, 0, 0, stats.hits, 0], "all of it is a hole");
+    assert_eq!(count(&alpha_cutouts, all), [0, 0, 0, stats.hits, 0], "all of it is a hole");
 }
 
 /// A scene that calls for everything: a textured floor with holes, a mirror in front of it, a ball.
@@ -434,7 +434,7 @@ fn rays_pass_holes_as_the_rule_says() {
         ..Mesh::new(triangles)
     };
     let bvh = tree(&soup, 3);
-    let scene = Scene { bvh: &bvh, triangles: &triangles };
+    let scene = Scene::new(&bvh, &triangles);
     let targets = grid(Vec3::ZERO, Vec3::X, Vec3::Y);
     let (origin, t_max) = (Vec3::new(0.3, 0.2, 2.0), f32::INFINITY);
     let (mut rays, mut hits, mut scratch) = (Bundle::new(), Hits::new(), Scratch::new());
@@ -451,7 +451,7 @@ fn rays_pass_holes_as_the_rule_says() {
                         .map(|h| Hit { primitive: p as u32, ..h })
                         .filter(|h| mesh.is_there(h));
                     if let Some(hit) = hit
-                        && best.is_none_or(|b| hit.before(b.t, b.primitive))
+                        && best.is_none_or(|b| hit.is_before(b.t, b.primitive))
                     {
                         best = Some(hit);
                     }
@@ -478,9 +478,10 @@ fn rays_pass_holes_as_the_rule_says() {
                 }
             }
         }
-        let (solid, holes) = truth.iter().flatten().partition::<Vec<&Hit>, _>(|h| h.primitive % 3 == 0);
-        assert!(solid.len() > 100 && holes.len() > 100, "{} {}", solid.len(), holes.len());
-        assert!(holes.iter().all(|h| h.primitive % 3 == 1));
+        let (solid, alpha_cutouts) =
+            truth.iter().flatten().partition::<Vec<&Hit>, _>(|h| h.primitive % 3 == 0);
+        assert!(solid.len() > 100 && alpha_cutouts.len() > 100, "{} {}", solid.len(), alpha_cutouts.len());
+        assert!(alpha_cutouts.iter().all(|h| h.primitive % 3 == 1));
     }
 }
 

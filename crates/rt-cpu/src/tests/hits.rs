@@ -49,7 +49,7 @@ fn check_packets(soup: &Soup, origin: Vec3, targets: &[Vec3], t_max: f32) -> usi
             found += truth.iter().flatten().count();
             for leaf in [1, 5] {
                 let bvh = tree(soup, leaf);
-                let scene = Scene { bvh: &bvh, triangles: &triangles };
+                let scene = Scene::new(&bvh, &triangles);
                 for options in ways() {
                     for query in [Query::Closest, Query::Any] {
                         rays_of_tile.start(origin, t_max);

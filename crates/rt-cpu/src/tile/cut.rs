@@ -4,12 +4,14 @@ use bvh_core::Node;
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
-use crate::beam::{Beam, Frame, Outline};
+use crate::frustum::{Frame, Frustum, FrustumPlanes};
+use crate::scene::Work;
 use crate::simd::{load, max};
-use crate::single::Work;
 
 /// Subtrees of a cut; a multiple of all vector lengths.
 const CUT: usize = 48;
+
+type V<S> = fearless_simd::f32x16<S>;
 
 /// The top of the tree as a tile sees it: subtrees, nearest first.
 #[repr(C, align(64))]
@@ -22,95 +24,116 @@ pub(super) struct Cut {
     pub(super) count: usize,
 }
 
-/// A subtree of a cut.
-#[derive(Clone, Copy)]
-struct Piece {
-    node: u32,
-    near: f32,
-    outline: Outline,
-}
-
 impl Cut {
     pub(super) fn new() -> Self {
         let none = [0.0; CUT];
         Self { x: [none; 2], y: [none; 2], z: [none; 2], near: none, node: [0; CUT], count: 0 }
     }
 
-    /// Opens the tree's top: the largest inner node first, by half area.
+    /// Opens the tree's top: the largest inner nodes first, by half area.
     #[inline(always)]
     pub(super) fn fill<S: Simd>(
         &mut self,
         simd: S,
         nodes: &[Node],
         frame: &Frame,
-        beam: &Beam,
+        frustum: &Frustum,
         t_max: f32,
         work: &mut Work,
     ) {
-        let nothing = Outline { x: [0.0; 2], y: [0.0; 2], z: [0.0; 2] };
-        let mut pieces = [Piece { node: 0, near: 0.0, outline: nothing }; CUT];
-        // Half areas, 0 for leaves and where they are NaN; apart from the rest because all of them are read again and again.
+        let planes = FrustumPlanes::new(frame, frustum, t_max);
+        let mut opened = [0; CUT];
+        // Half areas, 0 for leaves and where they are NaN.
         let mut sizes = [0.0; CUT];
-        let (mut count, mut n) = (0, 0);
-        loop {
-            let aabb = nodes[n].aabb();
-            let outline = frame.outline(&aabb, beam);
-            let near = frame.enters(&outline);
-            if beam.meets(&outline) && near <= t_max {
-                pieces[count] = Piece { node: n as u32, near, outline };
-                sizes[count] = if nodes[n].is_leaf() { 0.0 } else { f32::max(aabb.half_area(), 0.0) };
-                count += 1;
+        let mut count = 1;
+        sizes[0] = size(&nodes[0]);
+        'open: loop {
+            // From the last on, so that what takes the place of a node is never one still to be opened.
+            let mut large = large(simd, &sizes);
+            if large == 0 {
+                break;
             }
-            if n & 1 == 0 && n != 0 {
-                n += 1;
-                continue;
+            while large != 0 {
+                if count == CUT {
+                    break 'open;
+                }
+                let i = 63 - large.leading_zeros() as usize;
+                large ^= 1 << i;
+                let first = nodes[opened[i] as usize].first();
+                let [l, r] = [nodes[first], nodes[first + 1]];
+                let met = planes.meets(simd, &[l, r]);
+                work.nodes += 1;
+                count -= 1;
+                (opened[i], sizes[i]) = (opened[count], sizes[count]);
+                sizes[count] = 0.0;
+                for (side, child) in [l, r].iter().enumerate() {
+                    if met >> side & 1 != 0 {
+                        (opened[count], sizes[count]) = ((first + side) as u32, size(child));
+                        count += 1;
+                    }
+                }
             }
-            let Some(largest) = largest(simd, &sizes).filter(|_| count < CUT) else { break };
-            n = nodes[pieces[largest].node as usize].first();
-            work.nodes += 1;
-            count -= 1;
-            (pieces[largest], sizes[largest]) = (pieces[count], sizes[count]);
-            sizes[count] = 0.0;
         }
-        let mut order = [0; CUT];
-        for (i, (key, piece)) in order.iter_mut().zip(&pieces[..count]).enumerate() {
-            // Bits of numbers that are not negative are in the order of the numbers.
-            *key = u64::from(piece.near.to_bits()) << 32 | i as u64;
+        let outlines: [_; CUT] = std::array::from_fn(|i| {
+            frame.outline(&nodes[if i < count { opened[i] as usize } else { 0 }].aabb(), frustum)
+        });
+        let mut near = [f32::INFINITY; CUT];
+        for (near, outline) in near[..count].iter_mut().zip(&outlines) {
+            *near = frame.enters(outline);
         }
-        order[..count].sort_unstable();
-        for (i, &key) in order[..count].iter().enumerate() {
-            let Piece { node, near, outline } = pieces[key as u32 as usize];
+        for i in 0..count {
+            let place = rank(simd, &near, i);
             for side in 0..2 {
-                self.x[side][i] = outline.x[side];
-                self.y[side][i] = outline.y[side];
-                self.z[side][i] = outline.z[side];
+                self.x[side][place] = outlines[i].x[side];
+                self.y[side][place] = outlines[i].y[side];
+                self.z[side][place] = outlines[i].z[side];
             }
-            (self.near[i], self.node[i]) = (near, node);
+            (self.near[place], self.node[place]) = (near[i], opened[i]);
         }
         self.count = count;
     }
 
-    /// Bits of the subtrees that a beam meets.
+    /// Bits of the subtrees that a frustum meets.
     #[inline(always)]
-    pub(super) fn met<S: Simd>(&self, simd: S, beam: &Beam) -> u64 {
+    pub(super) fn met<S: Simd>(&self, simd: S, frustum: &Frustum) -> u64 {
         let mut met = 0;
         for at in (0..CUT).step_by(S::f32s::LEN) {
             let x = [load::<S, S::f32s, CUT>(simd, &self.x[0], at), load(simd, &self.x[1], at)];
             let y = [load(simd, &self.y[0], at), load(simd, &self.y[1], at)];
             let z = [load(simd, &self.z[0], at), load(simd, &self.z[1], at)];
-            met |= beam.meets_lanes(simd, x, y, z) << at;
+            met |= frustum.meets(simd, x, y, z) << at;
         }
         met & ((1 << self.count) - 1)
     }
 }
 
-/// The place of the greatest of numbers, unless all are 0.
 #[inline(always)]
-fn largest<S: Simd>(simd: S, sizes: &[f32; CUT]) -> Option<usize> {
-    type V<S> = fearless_simd::f32x16<S>;
+fn size(node: &Node) -> f32 {
+    if node.is_leaf() { 0.0 } else { f32::max(node.aabb().half_area(), 0.0) }
+}
+
+/// The places of all numbers from half the greatest on: opened together, they do not wait for each other's
+/// memory.
+#[inline(always)]
+fn large<S: Simd>(simd: S, sizes: &[f32; CUT]) -> u64 {
     let [a, b, c] = [load::<S, V<S>, CUT>(simd, sizes, 0), load(simd, sizes, 16), load(simd, sizes, 32)];
     let greatest = max(max(a, b), c).reduce_max();
-    let [a, b, c] = [a.simd_eq(greatest), b.simd_eq(greatest), c.simd_eq(greatest)];
-    let places = a.to_bitmask() | b.to_bitmask() << 16 | c.to_bitmask() << 32;
-    (greatest > 0.0).then_some(places.trailing_zeros() as usize)
+    if greatest <= 0.0 {
+        return 0;
+    }
+    let half = greatest * 0.5;
+    let [a, b, c] = [a.simd_ge(half), b.simd_ge(half), c.simd_ge(half)];
+    a.to_bitmask() | b.to_bitmask() << 16 | c.to_bitmask() << 32
+}
+
+/// The place of number `i` when all are sorted, equals in their order.
+#[inline(always)]
+fn rank<S: Simd>(simd: S, numbers: &[f32; CUT], i: usize) -> usize {
+    let (mut less, mut equal) = (0, 0);
+    for at in (0..CUT).step_by(16) {
+        let all: V<S> = load(simd, numbers, at);
+        less |= all.simd_lt(numbers[i]).to_bitmask() << at;
+        equal |= all.simd_eq(numbers[i]).to_bitmask() << at;
+    }
+    (less | equal & ((1 << i) - 1)).count_ones() as usize
 }

@@ -24,6 +24,7 @@ pub(super) type V<S> = fearless_simd::f32x16<S>;
 #[repr(C, align(64))]
 pub(super) struct Packet {
     pub(super) direction: [[f32; LANES]; 3],
+    /// Minus one over the direction; see [`Slab::enter`](crate::wide::Slab::enter).
     pub(super) inverse: [[f32; LANES]; 3],
     pub(super) shear: [[f32; LANES]; 2],
     pub(super) t: [f32; LANES],
@@ -33,6 +34,8 @@ pub(super) struct Packet {
     pub(super) primitive: [f32; LANES],
     /// Masks of the rays that still look for a hit: those of the packet, then those gathered.
     active: [u64; 2],
+    /// Masks of the rays that have hit something; of those gathered, since they were.
+    hit: [u64; 2],
 }
 
 impl Packet {
@@ -47,6 +50,7 @@ impl Packet {
             v: zero,
             primitive: zero,
             active: [0; 2],
+            hit: [0; 2],
         }
     }
 
@@ -85,17 +89,29 @@ impl Packet {
         self.active[at / PACKET] &= !(lanes << (at % PACKET));
     }
 
+    /// These of the group at `at` have hit something.
+    #[inline(always)]
+    pub(super) fn note_hits(&mut self, at: usize, lanes: u64) {
+        self.hit[at / PACKET] |= lanes << (at % PACKET);
+    }
+
+    /// Whether some ray that looks for a hit has none yet.
+    #[inline(always)]
+    pub(super) fn some_see_nothing(&self) -> bool {
+        self.active[0] & !self.hit[0] != 0
+    }
+
     /// Loads the packet that begins with ray `at`.
     #[inline(always)]
     pub(super) fn load<S: Simd>(&mut self, simd: S, bundle: &Bundle, at: usize, present: u64) -> Kinds {
         let zero = S::f32s::simd_from(simd, 0.0);
-        let one = S::f32s::simd_from(simd, 1.0);
+        let minus_one = S::f32s::simd_from(simd, -1.0);
         let n = S::f32s::LEN;
         let (mut negative, mut longest) = ([0; 3], [0; 3]);
         let mut valid = 0;
         for i in (0..PACKET).step_by(n) {
             let d: [S::f32s; 3] = load3(simd, &bundle.direction, at + i);
-            let inverse = [one / d[0], one / d[1], one / d[2]];
+            let inverse = [minus_one / d[0], minus_one / d[1], minus_one / d[2]];
             let finite = d[0].is_finite() & d[1].is_finite() & d[2].is_finite();
             let nowhere = d[0].simd_eq(zero) & d[1].simd_eq(zero) & d[2].simd_eq(zero);
             valid |= (finite & !nowhere).to_bitmask() << i;
@@ -107,7 +123,7 @@ impl Packet {
             for k in 0..3 {
                 d[k].store_slice(&mut self.direction[k][i..i + n]);
                 inverse[k].store_slice(&mut self.inverse[k][i..i + n]);
-                negative[k] |= inverse[k].is_sign_negative().to_bitmask() << i;
+                negative[k] |= d[k].is_sign_negative().to_bitmask() << i;
             }
             let mut shear = [zero; 2];
             for (k, lanes) in [first, second, third].into_iter().enumerate() {
@@ -122,6 +138,7 @@ impl Packet {
             shear[1].store_slice(&mut self.shear[1][i..i + n]);
         }
         self.active[0] = if bundle.origin.is_finite() && bundle.t_max >= 0.0 { present & valid } else { 0 };
+        self.hit[0] = 0;
         self.primitive = [f32::from_bits(Hits::NONE); LANES];
         // No hit is infinitely far.
         self.t = [bundle.t_max.min(f32::MAX); LANES];
@@ -162,10 +179,7 @@ impl Packet {
     #[inline(always)]
     fn gather<S: Simd, const ANY: bool>(&mut self, simd: S, mask: u64) -> u64 {
         let all = (1 << mask.count_ones()) - 1;
-        self.active[1] = all;
-        if ANY {
-            self.primitive[PACKET..PACKET + GROUP].fill(f32::from_bits(Hits::NONE));
-        }
+        (self.active[1], self.hit[1]) = (all, 0);
         let mut to = PACKET;
         for at in (0..PACKET).step_by(S::f32s::LEN) {
             let lanes = mask >> at & ((1 << S::f32s::LEN) - 1);
@@ -180,8 +194,6 @@ impl Packet {
             squeeze(simd, lanes, &mut self.shear[1], at, to);
             squeeze(simd, lanes, &mut self.t, at, to);
             if !ANY {
-                squeeze(simd, lanes, &mut self.u, at, to);
-                squeeze(simd, lanes, &mut self.v, at, to);
                 squeeze(simd, lanes, &mut self.primitive, at, to);
             }
             to += lanes.count_ones() as usize;
@@ -191,23 +203,26 @@ impl Packet {
 
     /// Copies the hits of gathered rays back.
     #[inline(always)]
-    pub(super) fn scatter<S: Simd, const ANY: bool>(&mut self, simd: S, mask: u64) {
-        if ANY {
-            self.active[0] &= !spread_bits(!self.active[1], mask);
-        }
-        let mut from = PACKET;
-        for at in (0..PACKET).step_by(S::f32s::LEN) {
-            let lanes = mask >> at & ((1 << S::f32s::LEN) - 1);
-            if lanes == 0 {
-                continue;
+    pub(super) fn scatter<const ANY: bool>(&mut self, mask: u64) {
+        let (mut mask, mut from, mut hits) = (mask, PACKET, self.hit[1]);
+        while hits != 0 {
+            // Skips the rays before the next that hit.
+            let skipped = hits.trailing_zeros();
+            for _ in 0..skipped {
+                mask &= mask - 1;
             }
-            spread(simd, lanes, &mut self.primitive, from, at);
-            if !ANY {
-                spread(simd, lanes, &mut self.t, from, at);
-                spread(simd, lanes, &mut self.u, from, at);
-                spread(simd, lanes, &mut self.v, from, at);
+            let to = mask.trailing_zeros() as usize % PACKET;
+            from += skipped as usize;
+            self.hit[0] |= 1 << to;
+            self.primitive[to] = self.primitive[from];
+            if ANY {
+                self.active[0] &= !(1 << to);
+            } else {
+                (self.t[to], self.u[to], self.v[to]) = (self.t[from], self.u[from], self.v[from]);
             }
-            from += lanes.count_ones() as usize;
+            mask &= mask - 1;
+            from += 1;
+            hits = hits >> skipped >> 1;
         }
     }
 }
@@ -231,25 +246,4 @@ fn squeeze<S: Simd>(simd: S, chosen: u64, lanes: &mut [f32; LANES], at: usize, t
     let chosen = <S::f32s as SimdBase<S>>::Mask::from_bitmask(simd, chosen);
     let all: S::f32s = load(simd, lanes, at);
     all.compress(chosen).store_slice(&mut lanes[to..to + S::f32s::LEN]);
-}
-
-/// Copies what lies side by side where `from` is to the chosen lanes of the vector at `at`.
-#[inline(always)]
-fn spread<S: Simd>(simd: S, chosen: u64, lanes: &mut [f32; LANES], from: usize, at: usize) {
-    if S::f32s::LEN < 8 {
-        for (j, i) in bits(chosen).enumerate() {
-            lanes[at + i] = lanes[from + j];
-        }
-        return;
-    }
-    let chosen = <S::f32s as SimdBase<S>>::Mask::from_bitmask(simd, chosen);
-    let new: S::f32s = load(simd, lanes, from);
-    let old: S::f32s = load(simd, lanes, at);
-    new.expand_merge(chosen, old).store_slice(&mut lanes[at..at + S::f32s::LEN]);
-}
-
-/// Bits that lie side by side, moved to where those of `mask` are.
-#[inline]
-fn spread_bits(from: u64, mask: u64) -> u64 {
-    bits(mask).enumerate().fold(0, |all, (j, i)| all | (from >> j & 1) << i)
 }

@@ -21,12 +21,13 @@ use crate::bvh8::{self, Bvh8};
 use crate::options::{AmbientOcclusion, DiffuseBounces, Effects, RenderStats};
 use crate::packet::SIZE;
 use crate::random::{Stream, cosine_direction};
-use crate::render::{Finish, Frame, Rows, Tile, light_arrives};
+use crate::render::{Frame, PixelSink, Rows, Tile, light_arrives};
+use crate::scene::Work;
 use crate::shade::{Shader, ambient};
 use crate::simd::{load, load3};
-use crate::single::{self, Work};
 use crate::surface::Coordinates;
 use crate::wide::WideTest;
+use bvh_core::pick;
 
 /// Mirrors in a row that are followed.
 const MIRRORS: u8 = 4;
@@ -39,7 +40,7 @@ const GREATEST_SURVIVAL: f32 = 0.95;
 const NUMBERS: u32 = 8;
 
 /// Shading with the effects that [`Shader`] does not know.
-pub(crate) struct Waves<'a> {
+pub(crate) struct Wavefront<'a> {
     pub(crate) shader: Shader<'a>,
     pub(crate) effects: Effects,
     /// A view of the tree, if so many rays are expected that it was worth making.
@@ -118,7 +119,7 @@ fn set(a: &mut Coordinates, i: usize, v: Vec3) {
     }
 }
 
-impl Finish for Waves<'_> {
+impl PixelSink for Wavefront<'_> {
     type Pixel = [f32; 3];
 
     #[inline(always)]
@@ -139,9 +140,9 @@ impl Finish for Waves<'_> {
         loop {
             self.surfaces(simd, tile, &mut paths, stats);
             if let Some(occlusion) = self.effects.ambient_occlusion {
-                tile.laps.end(|t| &mut t.primary);
+                tile.timer.end(|t| &mut t.primary);
                 self.look_around::<S, T>(simd, frame, tile, &mut paths, occlusion, wave, &mut work, stats);
-                tile.laps.end(|t| &mut t.ambient_occlusion);
+                tile.timer.end(|t| &mut t.ambient_occlusion);
             }
             self.see(simd, tile, &mut paths);
             self.reflect(tile, &mut paths, wave, stats);
@@ -150,13 +151,13 @@ impl Finish for Waves<'_> {
             }
             wave += 1;
             let rays = tile.seen.count;
-            tile.laps.end(|t| &mut t.primary);
+            tile.timer.end(|t| &mut t.primary);
             for i in 0..rays {
                 let ray = paths.ray(i, &tile.seen);
                 let hit = self.closest::<S, T>(simd, frame, &ray, &mut work);
                 tile.hits.set(i, hit);
             }
-            tile.laps.end_reflected(paths.specular[..rays].iter().filter(|&&s| s).count(), rays);
+            tile.timer.end_reflected(paths.specular[..rays].iter().filter(|&&s| s).count(), rays);
             // Vectors may reach beyond the last ray.
             tile.hits.primitive[rays..rays.next_multiple_of(SIZE)].fill(Hits::NONE);
             tile.surfaces.find(simd, frame.scene.triangles, &tile.seen, &tile.hits);
@@ -170,7 +171,7 @@ impl Finish for Waves<'_> {
     }
 }
 
-impl Waves<'_> {
+impl Wavefront<'_> {
     fn is_mirror(&self, primitive: u32) -> bool {
         self.effects.mirror && self.shader.mesh.material(primitive).mirror
     }
@@ -196,9 +197,10 @@ impl Waves<'_> {
                     #[inline(always)]
                     |hit| frame.is_there(hit),
                 ),
-                None => single::closest::<S, T>(
+                None => pick::closest::<S, T>(
                     simd,
-                    frame.scene,
+                    frame.scene.bvh,
+                    frame.scene.triangles,
                     ray,
                     f32::INFINITY,
                     work,
@@ -230,9 +232,10 @@ impl Waves<'_> {
                     #[inline(always)]
                     |hit| frame.is_there(hit),
                 ),
-                None => single::any::<S, T>(
+                None => pick::any::<S, T>(
                     simd,
-                    frame.scene,
+                    frame.scene.bvh,
+                    frame.scene.triangles,
                     ray,
                     t_max,
                     work,
@@ -259,14 +262,14 @@ impl Waves<'_> {
                 normal.store_slice(&mut paths.normal[k][first..first + S::f32s::LEN]);
             }
         }
-        tile.laps.end(|t| &mut t.primary);
+        tile.timer.end(|t| &mut t.primary);
         for i in 0..tile.seen.count {
             let Some(hit) = tile.hits.get(i) else { continue };
             let color = if textures { mesh.textured_color(&hit) } else { mesh.color(hit.primitive) };
             set(&mut paths.albedo, i, color.into());
             stats.textured += u64::from(textures && mesh.material(hit.primitive).texture.is_some());
         }
-        tile.laps.end(|t| if textures { &mut t.textures } else { &mut t.primary });
+        tile.timer.end(|t| if textures { &mut t.textures } else { &mut t.primary });
     }
 
     /// Finds out how much of the sky is open above what a wave hit.

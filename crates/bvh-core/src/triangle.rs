@@ -1,36 +1,8 @@
 //! Tests of one ray against one triangle.
 
-use bvh_core::glam::DVec3;
-use bvh_core::{Aabb, Ray, Vec3};
+use glam::{DVec3, Vec3};
 
-use crate::slab;
-
-/// Where a ray meets a triangle with corners A, B and C.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Hit {
-    /// Distance in multiples of the length of the ray's direction, at least 0 and finite.
-    pub t: f32,
-    /// Weight of B: the point is `(1 - u - v) A + u B + v C`.
-    pub u: f32,
-    /// Weight of C.
-    pub v: f32,
-    /// Number of the triangle.
-    pub primitive: u32,
-}
-
-impl Hit {
-    /// Whether this hit comes before `other`: nearer, or as near and of a lower number.
-    #[inline]
-    pub(crate) fn before(&self, t: f32, primitive: u32) -> bool {
-        self.t < t || (self.t == t && self.primitive < primitive)
-    }
-}
-
-/// All hits count.
-#[inline(always)]
-pub(crate) fn every(_: &Hit) -> bool {
-    true
-}
+use crate::{Aabb, Hit, Ray, slab};
 
 /// How a ray is tested against a triangle. All tests are two-sided.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -64,18 +36,53 @@ impl TriangleTest {
     }
 }
 
+impl std::str::FromStr for TriangleTest {
+    type Err = UnknownName;
+
+    fn from_str(s: &str) -> Result<Self, UnknownName> {
+        by_name("triangle test", &Self::ALL, Self::name, s)
+    }
+}
+
+/// A name that stands for nothing.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("unknown {what} '{found}'; expected one of {expected}")]
+pub struct UnknownName {
+    what: &'static str,
+    found: String,
+    expected: String,
+}
+
+/// Finds the one of `all` that has the name `found`.
+///
+/// # Errors
+/// If none has.
+pub fn by_name<T: Copy>(
+    what: &'static str,
+    all: &[T],
+    name: fn(T) -> &'static str,
+    found: &str,
+) -> Result<T, UnknownName> {
+    all.iter().copied().find(|&t| name(t) == found).ok_or_else(|| {
+        let expected = all.iter().map(|&t| name(t)).collect::<Vec<_>>().join(", ");
+        UnknownName { what, found: found.to_owned(), expected }
+    })
+}
+
 /// Distance and weights of B and C.
-pub(crate) type Found = (f32, f32, f32);
+pub type Found = (f32, f32, f32);
 
 /// A triangle test with what it precomputes for a ray. Hits have `0 <= t < inf`.
-pub(crate) trait Test {
+pub trait Test {
+    /// Precomputes what the test needs of a ray.
     fn new(ray: &Ray) -> Self;
+    /// Where the ray meets the plane inside the triangle.
     fn test(&self, corners: &[Vec3; 3]) -> Option<Found>;
 }
 
 /// A hit as the crate defines it, of the triangle numbered `primitive`.
 #[inline(always)]
-pub(crate) fn intersect<T: Test>(
+pub fn intersect<T: Test>(
     ray: &Ray,
     test: &T,
     corners: &[Vec3; 3],
@@ -87,20 +94,15 @@ pub(crate) fn intersect<T: Test>(
 
 /// What of a triangle test's answer is left by the triangle's box.
 #[inline]
-pub(crate) fn in_box(
-    ray: &Ray,
-    (t, u, v): Found,
-    corners: &[Vec3; 3],
-    primitive: u32,
-    t_max: f32,
-) -> Option<Hit> {
+pub fn in_box(ray: &Ray, (t, u, v): Found, corners: &[Vec3; 3], primitive: u32, t_max: f32) -> Option<Hit> {
     let near = slab::enters(ray, &Aabb::around(corners), t_max)?;
     let t = slab::max(t, near);
     // Along a direction whose reciprocal is infinite, even a box that is near is entered at infinity.
     (t <= t_max && t < f32::INFINITY).then_some(Hit { t, u, v, primitive })
 }
 
-pub(crate) struct MollerTrumbore {
+/// [`TriangleTest::MollerTrumbore`] for a ray.
+pub struct MollerTrumbore {
     origin: Vec3,
     direction: Vec3,
 }
@@ -126,7 +128,7 @@ impl Test for MollerTrumbore {
 
 /// The axis along which a direction is longest; the first of equals.
 #[inline]
-pub(crate) fn longest_axis(d: Vec3) -> usize {
+pub fn longest_axis(d: Vec3) -> usize {
     let d = d.abs();
     if d.x >= d.y && d.x >= d.z {
         0
@@ -139,14 +141,16 @@ pub(crate) fn longest_axis(d: Vec3) -> usize {
 
 /// Least and greatest magnitude of a determinant for which single precision will do: its reciprocal and the
 /// products with it stay normal.
-pub(crate) const DET_RANGE: (f32, f32) = (1.0 / (1u128 << 100) as f32, (1u128 << 100) as f32);
+pub const DET_RANGE: (f32, f32) = (1.0 / (1u128 << 100) as f32, (1u128 << 100) as f32);
 
-pub(crate) struct Watertight {
+/// [`TriangleTest::Watertight`] for a ray.
+pub struct Watertight {
     /// The ray's longest axis last, after the two that follow it.
-    pub(crate) axes: [usize; 3],
-    /// Along these axes.
-    pub(crate) origin: Vec3,
-    pub(crate) shear: Vec3,
+    pub axes: [usize; 3],
+    /// The origin along these axes.
+    pub origin: Vec3,
+    /// Slopes along the first two axes, and one over the extent along the last.
+    pub shear: Vec3,
 }
 
 impl Watertight {
@@ -154,7 +158,7 @@ impl Watertight {
     ///
     /// Products of two single precision numbers are exact in double precision, so signs of edges are.
     #[cold]
-    pub(crate) fn exactly(x: [f32; 3], y: [f32; 3], z: [f32; 3]) -> Option<Found> {
+    pub fn exactly(x: [f32; 3], y: [f32; 3], z: [f32; 3]) -> Option<Found> {
         weigh(x.map(f64::from), y.map(f64::from), z.map(f64::from))
     }
 }
@@ -202,7 +206,8 @@ impl Test for Watertight {
     }
 }
 
-pub(crate) struct Double {
+/// [`TriangleTest::Double`] for a ray.
+pub struct Double {
     origin: DVec3,
     axes: [usize; 3],
     shear: DVec3,
@@ -241,5 +246,28 @@ fn weigh(x: [f64; 3], y: [f64; 3], z: [f64; 3]) -> Option<Found> {
     let t = wa / det * z[0] + u * z[1] + v * z[2];
     // Rounded last, and an infinity if it does not fit.
     let t32 = t as f32;
-    (t >= 0.0 && t32 < f32::INFINITY).then_some((t32, u as f32, v as f32))
+    // Zeros without signs, whatever signs they come from.
+    (t >= 0.0 && t32 < f32::INFINITY).then_some((t32, u as f32 + 0.0, v as f32 + 0.0))
+}
+
+/// Runs `$body` with the type `$test` standing for a [`TriangleTest`].
+#[doc(hidden)]
+#[macro_export]
+macro_rules! with_test {
+    ($which:expr, $test:ident => $body:expr) => {
+        match $which {
+            $crate::TriangleTest::MollerTrumbore => {
+                type $test = $crate::triangle::MollerTrumbore;
+                $body
+            }
+            $crate::TriangleTest::Watertight => {
+                type $test = $crate::triangle::Watertight;
+                $body
+            }
+            $crate::TriangleTest::Double => {
+                type $test = $crate::triangle::Double;
+                $body
+            }
+        }
+    };
 }

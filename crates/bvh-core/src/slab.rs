@@ -1,18 +1,19 @@
 //! The conservative test of a ray against a box, written so that it means the same one ray at a time and many.
 
-use bvh_core::{Aabb, Ray};
+use crate::{Aabb, Ray};
 
-pub(crate) const WIDEN: f32 = Ray::WIDEN;
+/// See [`Ray::WIDEN`].
+pub const WIDEN: f32 = Ray::WIDEN;
 
 /// The greater; `b` if either is NaN.
 #[inline]
-pub(crate) fn max(a: f32, b: f32) -> f32 {
+pub fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
 /// The lesser; `b` if either is NaN.
 #[inline]
-pub(crate) fn min(a: f32, b: f32) -> f32 {
+pub fn min(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
@@ -20,7 +21,7 @@ pub(crate) fn min(a: f32, b: f32) -> f32 {
 ///
 /// A ray in the plane of a side has 0 * inf = NaN there; `max` and `min` then ignore just that side.
 #[inline]
-pub(crate) fn enters(ray: &Ray, aabb: &Aabb, t_max: f32) -> Option<f32> {
+pub fn enters(ray: &Ray, aabb: &Aabb, t_max: f32) -> Option<f32> {
     let (origin, inverse) = (ray.origin(), ray.inverse());
     let (mut near, mut far) = (0.0, t_max);
     for axis in 0..3 {

@@ -7,10 +7,9 @@ use fearless_simd::Simd;
 
 use crate::Mesh;
 use crate::bundle::{Bundle, Hits};
-use crate::packet::Query;
-use crate::single::{self, Work};
-use crate::tile::Scene;
-use crate::triangle::Test;
+use crate::scene::{Query, Scene, Work};
+use bvh_core::pick;
+use bvh_core::triangle::Test;
 
 /// Replaces hits of holes by what is behind them; gives the number of rays traced again. For [`Query::Any`] hits in
 /// surfaces that have holes anywhere count.
@@ -38,18 +37,20 @@ pub(crate) fn see_through<S: Simd, T: Test>(
                 if !stays {
                     let ray = rays.ray(i);
                     let hit = match query {
-                        Query::Closest => single::closest::<S, T>(
+                        Query::Closest => pick::closest::<S, T>(
                             simd,
-                            scene,
+                            scene.bvh,
+                            scene.triangles,
                             &ray,
                             rays.t_max,
                             work,
                             #[inline(always)]
                             |hit| mesh.is_there(hit),
                         ),
-                        Query::Any => single::any::<S, T>(
+                        Query::Any => pick::any::<S, T>(
                             simd,
-                            scene,
+                            scene.bvh,
+                            scene.triangles,
                             &ray,
                             rays.t_max,
                             work,

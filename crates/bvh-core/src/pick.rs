@@ -1,54 +1,34 @@
-//! One ray at a time.
+//! Picking: what one ray hits. Every triangle test, without a renderer.
 
 use std::hint::black_box;
 
-use bvh_core::{Bvh, MAX_HEIGHT, Node, Ray, Triangles, Vec3, prefetch};
 use fearless_simd::prelude::*;
-use fearless_simd::{Simd, f32x4, f32x8, mask32x8};
+use fearless_simd::{Level, Simd, dispatch, f32x4, f32x8, mask32x8};
+use glam::Vec3;
 
-use crate::simd::{self, at_level};
 use crate::slab::{self, WIDEN};
-use crate::tile::Scene;
-use crate::triangle::{Double, Hit, MollerTrumbore, Test, TriangleTest, Watertight, every, intersect};
+use crate::triangle::{Test, intersect};
+use crate::{Bvh, Hit, MAX_HEIGHT, Node, Ray, TriangleTest, Triangles, Visits, prefetch, with_test};
 
-/// What a walk through a tree did.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Work {
-    /// Inner nodes whose children's boxes were tested.
-    pub(crate) nodes: u64,
-    /// Triangles tested.
-    pub(crate) triangles: u64,
-    /// Times that few rays were left of a packet, and walked with by themselves.
-    pub(crate) regrouped: u64,
-}
-
-/// Runs `$body` with the type `$test` standing for a [`TriangleTest`].
-macro_rules! with_test {
-    ($which:expr, $test:ident => $body:expr) => {
-        match $which {
-            TriangleTest::MollerTrumbore => {
-                type $test = MollerTrumbore;
-                $body
-            }
-            TriangleTest::Watertight => {
-                type $test = Watertight;
-                $body
-            }
-            TriangleTest::Double => {
-                type $test = Double;
-                $body
-            }
-        }
-    };
-}
-pub(crate) use with_test;
-
-/// The first triangle along a ray with `0 <= t <= t_max`; of equally near ones that with the lowest number.
+/// Finds the first triangle along a ray with `0 <= t <= t_max`; of equally near ones that with the lowest number.
 ///
 /// `triangles` are the primitives of the tree, by its numbers; triangles that the tree has and `triangles` has
 /// not are never hit. `t_max` may be infinite; if it is negative or NaN there is no hit, nor for a ray that is not
 /// valid ([`Ray::is_valid`]). The tree must be up to date with `triangles`: what has left the boxes since may be
-/// missed. O(log n) for scattered triangles. Many rays are faster through a [`Bvh8`](crate::Bvh8).
+/// missed. O(log n) for scattered triangles.
+///
+/// ```
+/// use bvh_core::{Aabb, Bvh, Node, Ray, TriangleTest, Triangles, Vec3, closest_hit};
+///
+/// let positions = [Vec3::ZERO, Vec3::X, Vec3::Y];
+/// let triangles = Triangles { positions: &positions, indices: &[[0, 1, 2]] };
+/// let leaf = Node::leaf(Aabb::new(Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0)), 0, 1);
+/// let bvh = Bvh::new(&[leaf, Node::NOTHING], vec![0])?;
+/// let ray = Ray::new(Vec3::new(0.25, 0.5, 3.0), -Vec3::Z);
+/// let hit = closest_hit(&bvh, &triangles, &ray, f32::INFINITY, TriangleTest::default());
+/// assert_eq!(hit.map(|h| (h.t, h.weights())), Some((3.0, [0.25, 0.25, 0.5])));
+/// # Ok::<(), bvh_core::Malformed>(())
+/// ```
 #[must_use]
 pub fn closest_hit(
     bvh: &Bvh,
@@ -57,19 +37,50 @@ pub fn closest_hit(
     t_max: f32,
     test: TriangleTest,
 ) -> Option<Hit> {
-    let scene = Scene { bvh, triangles };
-    with_test!(test, T => at_level!(best, simd => {
-        closest::<_, T>(simd, scene, ray, t_max, &mut Work::default(), every)
+    closest_hit_counted(bvh, triangles, ray, t_max, test, &mut Visits::default())
+}
+
+/// Returns whether any triangle lies along a ray with `0 <= t <= t_max`; otherwise as [`closest_hit`].
+#[must_use]
+pub fn any_hit(bvh: &Bvh, triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
+    any_hit_counted(bvh, triangles, ray, t_max, test, &mut Visits::default())
+}
+
+/// Does what [`closest_hit`] does and adds what the ray visited to `visits`.
+#[must_use]
+pub fn closest_hit_counted(
+    bvh: &Bvh,
+    triangles: &Triangles<'_>,
+    ray: &Ray,
+    t_max: f32,
+    test: TriangleTest,
+    visits: &mut Visits,
+) -> Option<Hit> {
+    with_test!(test, T => dispatch!(Level::new(), simd => {
+        closest::<_, T>(simd, bvh, triangles, ray, t_max, visits, every)
     }))
 }
 
-/// Whether any triangle lies along a ray with `0 <= t <= t_max`; otherwise as [`closest_hit`].
+/// Does what [`any_hit`] does and adds what the ray visited to `visits`.
 #[must_use]
-pub fn any_hit(bvh: &Bvh, triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
-    let scene = Scene { bvh, triangles };
-    with_test!(test, T => at_level!(best, simd => {
-        any::<_, T>(simd, scene, ray, t_max, &mut Work::default(), every).is_some()
+pub fn any_hit_counted(
+    bvh: &Bvh,
+    triangles: &Triangles<'_>,
+    ray: &Ray,
+    t_max: f32,
+    test: TriangleTest,
+    visits: &mut Visits,
+) -> bool {
+    with_test!(test, T => dispatch!(Level::new(), simd => {
+        any::<_, T>(simd, bvh, triangles, ray, t_max, visits, every).is_some()
     }))
+}
+
+/// All hits count.
+#[doc(hidden)]
+#[inline(always)]
+pub fn every(_: &Hit) -> bool {
+    true
 }
 
 /// As [`closest_hit`], by testing every triangle: the oracle for everything else. O(n).
@@ -86,7 +97,7 @@ pub fn closest_hit_brute(
         let test = T::new(ray);
         for p in (0..n).filter(|_| ray.is_valid()) {
             if let Some(hit) = intersect(ray, &test, &triangles.corners(p as usize), p, t_max)
-                && best.is_none_or(|b| hit.before(b.t, b.primitive))
+                && best.is_none_or(|b| hit.is_before(b.t, b.primitive))
             {
                 best = Some(hit);
             }
@@ -102,27 +113,31 @@ pub fn any_hit_brute(triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: Tri
 }
 
 /// The closest of the hits that `counts` is true for.
+#[doc(hidden)]
 #[inline(always)]
-pub(crate) fn closest<S: Simd, T: Test>(
+pub fn closest<S: Simd, T: Test>(
     simd: S,
-    scene: Scene<'_>,
+    bvh: &Bvh,
+    triangles: &Triangles<'_>,
     ray: &Ray,
     t_max: f32,
-    work: &mut Work,
+    visits: &mut Visits,
     counts: impl Fn(&Hit) -> bool,
 ) -> Option<Hit> {
     let test = T::new(ray);
     let mut best = None::<Hit>;
     walk(
         simd,
-        scene,
+        bvh,
+        triangles,
         ray,
         t_max,
-        work,
+        visits,
         #[inline(always)]
         |p, t_max| {
-            let hit = intersect(ray, &test, &scene.triangles.corners(p), p as u32, t_max);
-            if let Some(hit) = hit.filter(|h| best.is_none_or(|b| h.before(b.t, b.primitive)) && counts(h)) {
+            let hit = intersect(ray, &test, &triangles.corners(p), p as u32, t_max);
+            if let Some(hit) = hit.filter(|h| best.is_none_or(|b| h.is_before(b.t, b.primitive)) && counts(h))
+            {
                 best = Some(hit);
                 hit.t
             } else {
@@ -134,26 +149,29 @@ pub(crate) fn closest<S: Simd, T: Test>(
 }
 
 /// Any of the hits that `counts` is true for.
+#[doc(hidden)]
 #[inline(always)]
-pub(crate) fn any<S: Simd, T: Test>(
+pub fn any<S: Simd, T: Test>(
     simd: S,
-    scene: Scene<'_>,
+    bvh: &Bvh,
+    triangles: &Triangles<'_>,
     ray: &Ray,
     t_max: f32,
-    work: &mut Work,
+    visits: &mut Visits,
     counts: impl Fn(&Hit) -> bool,
 ) -> Option<Hit> {
     let test = T::new(ray);
     let mut found = None;
     walk(
         simd,
-        scene,
+        bvh,
+        triangles,
         ray,
         t_max,
-        work,
+        visits,
         #[inline(always)]
         |p, t_max| {
-            let hit = intersect(ray, &test, &scene.triangles.corners(p), p as u32, t_max);
+            let hit = intersect(ray, &test, &triangles.corners(p), p as u32, t_max);
             found = hit.filter(|h| counts(h));
             if found.is_some() { -1.0 } else { t_max }
         },
@@ -187,21 +205,34 @@ impl<S: Simd> PairRay<S> {
     /// Where the ray enters each of two boxes, and whether it does before `t_max`; see [`slab::enters`].
     #[inline(always)]
     fn enter(&self, simd: S, pair: &[[f32; 4]; 4], t_max: f32) -> [(f32, bool); 2] {
-        let (min, max) = (both(simd, &pair[0], &pair[2]), both(simd, &pair[1], &pair[3]));
-        let first = self.negative.select(max, min);
-        let last = self.negative.select(min, max);
+        let (lower, upper) = (both(simd, &pair[0], &pair[2]), both(simd, &pair[1], &pair[3]));
+        let first = self.negative.select(upper, lower);
+        let last = self.negative.select(lower, upper);
         let near = (first - self.first_origin) * self.inverse;
         let far = (last - self.last_origin) * self.inverse * WIDEN;
-        let near = simd::max(near, f32x8::splat(simd, 0.0));
-        let far = simd::min(far, f32x8::splat(simd, t_max));
-        let near = simd::max(near, simd.slide_within_blocks_f32x8::<2>(near, near));
-        let near = simd::max(near, simd.slide_within_blocks_f32x8::<1>(near, near));
-        let far = simd::min(far, simd.slide_within_blocks_f32x8::<2>(far, far));
-        let far = simd::min(far, simd.slide_within_blocks_f32x8::<1>(far, far));
+        let near = max(near, f32x8::splat(simd, 0.0));
+        let far = min(far, f32x8::splat(simd, t_max));
+        let near = max(near, simd.slide_within_blocks_f32x8::<2>(near, near));
+        let near = max(near, simd.slide_within_blocks_f32x8::<1>(near, near));
+        let far = min(far, simd.slide_within_blocks_f32x8::<2>(far, far));
+        let far = min(far, simd.slide_within_blocks_f32x8::<1>(far, far));
         let enters = near.simd_le(far).to_bitmask();
         let near = near.as_slice();
         [(near[0], enters & 1 != 0), (near[4], enters & 16 != 0)]
     }
+}
+
+/// The greater; `b` if `a` is NaN.
+#[inline(always)]
+fn max<S: Simd>(a: f32x8<S>, b: f32x8<S>) -> f32x8<S> {
+    // The x86 instruction gives its second operand if either is NaN.
+    if cfg!(target_arch = "x86_64") { a.max(b) } else { a.max_precise(b) }
+}
+
+/// The lesser; `b` if `a` is NaN.
+#[inline(always)]
+fn min<S: Simd>(a: f32x8<S>, b: f32x8<S>) -> f32x8<S> {
+    if cfg!(target_arch = "x86_64") { a.min(b) } else { a.min_precise(b) }
 }
 
 #[inline(always)]
@@ -220,19 +251,20 @@ fn twice<S: Simd>(simd: S, a: Vec3, w: f32) -> f32x8<S> {
 #[inline(always)]
 fn walk<S: Simd>(
     simd: S,
-    scene: Scene<'_>,
+    bvh: &Bvh,
+    triangles: &Triangles<'_>,
     ray: &Ray,
     mut t_max: f32,
-    work: &mut Work,
+    visits: &mut Visits,
     mut visit: impl FnMut(usize, f32) -> f32,
 ) {
-    let (nodes, order, indices) = (scene.bvh.nodes(), scene.bvh.order(), scene.triangles.indices);
-    if !ray.is_valid() || slab::enters(ray, &scene.bvh.root().aabb(), t_max).is_none() {
+    let (nodes, order, indices) = (bvh.nodes(), bvh.order(), triangles.indices);
+    if !ray.is_valid() || slab::enters(ray, &bvh.root().aabb(), t_max).is_none() {
         return;
     }
     let pair_ray = PairRay::new(simd, ray);
     // Where slots are primitives there is no need to wait for which they are.
-    let in_order = scene.bvh.is_in_order();
+    let in_order = bvh.is_in_order();
     // What is wanted next below a child, as bytes, and the size of one.
     let pairs: (&[u8], usize) = (bytemuck::cast_slice(nodes), size_of::<Node>());
     let leaves: (&[u8], usize) = if in_order {
@@ -243,10 +275,10 @@ fn walk<S: Simd>(
     // Where the ray enters in the upper half, the number of the node in the lower.
     let mut stack = [0u64; MAX_HEIGHT as usize + 1];
     let mut top = 0;
-    let mut node = scene.bvh.root();
+    let mut node = bvh.root();
     loop {
-        if let Some(children) = scene.bvh.children(node) {
-            work.nodes += 1;
+        if let Some(children) = bvh.children(node) {
+            visits.nodes += 1;
             let pair = node.first();
             for child in children {
                 let (memory, size) = if child.is_leaf() { leaves } else { pairs };
@@ -280,7 +312,7 @@ fn walk<S: Simd>(
         for slot in node.first()..node.first() + node.count() {
             let p = if in_order { slot } else { order.get(slot).map_or(usize::MAX, |&p| p as usize) };
             if p < indices.len() {
-                work.triangles += 1;
+                visits.primitives += 1;
                 t_max = visit(p, t_max);
                 if t_max < 0.0 {
                     return;

@@ -1,0 +1,252 @@
+//! Rays from one origin as a frustum: boxes that none of them can enter.
+//!
+//! ```text
+//! z       along the axis that all rays follow best, in their direction; x and y along the two others
+//! slopes  [s0, s1] contains dx / dz of every ray; the same for y
+//! a box [x0, x1] x [y0, y1] x [z0, z1], relative to the origin, is missed if
+//!   x1 < least(s0 z) or x0 > greatest(s1 z) for z in [z0, z1]; the same for y
+//!   z1 < 0, or z0 lies beyond what any ray still looks for
+//! ```
+//!
+//! Each comparison is widened by `SLACK`, far more than the rounding of any ray's own box test, relative to
+//! the numbers compared. So no ray enters a box that is missed.
+
+use bvh_core::{Aabb, Node, Vec3};
+use fearless_simd::Simd;
+use fearless_simd::prelude::*;
+
+use crate::permute::permute;
+use crate::simd::{Lanes, load, max, min};
+
+/// The axis z that all rays of a bundle follow, and the origin.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Frame {
+    pub(crate) origin: Vec3,
+    axes: [usize; 3],
+    negative: bool,
+    /// Reciprocal of the greatest extent of a direction along z.
+    least_inverse: f32,
+}
+
+/// Bounds on the slopes of rays in a [`Frame`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Frustum {
+    pub(crate) x: [f32; 2],
+    pub(crate) y: [f32; 2],
+}
+
+/// A box in a [`Frame`], relative to its origin and widened.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Outline {
+    pub(crate) x: [f32; 2],
+    pub(crate) y: [f32; 2],
+    pub(crate) z: [f32; 2],
+}
+
+const SLACK: f32 = 1.0 / (1 << 17) as f32;
+
+impl Frame {
+    /// For directions with these least and greatest coordinates: the best axis, if there is any.
+    pub(crate) fn new(origin: Vec3, least: Vec3, greatest: Vec3) -> Option<Self> {
+        let nearest = |k: usize| f32::max(least[k], -greatest[k]);
+        let k = (0..3).max_by(|&a, &b| nearest(a).total_cmp(&nearest(b)))?;
+        let negative = greatest[k] < 0.0;
+        let reach = if negative { -least[k] } else { greatest[k] };
+        // Slopes must not be so steep that their rounding matters.
+        (nearest(k) > 1e-3 * greatest.max(-least).max_element()).then(|| Self {
+            origin,
+            axes: [(k + 1) % 3, (k + 2) % 3, k],
+            negative,
+            least_inverse: 1.0 / reach,
+        })
+    }
+
+    /// Slopes of directions.
+    #[inline(always)]
+    pub(crate) fn slopes<S: Simd, V: Lanes<S>>(&self, direction: [V; 3]) -> [V; 2] {
+        let [x, y, z] = self.axes;
+        let z = if self.negative { -direction[z] } else { direction[z] };
+        [direction[x] / z, direction[y] / z]
+    }
+
+    /// A box in this frame, for frusta within `frustum`.
+    #[inline(always)]
+    pub(crate) fn outline(&self, aabb: &Aabb, frustum: &Frustum) -> Outline {
+        let (least, greatest) = (aabb.min - self.origin, aabb.max - self.origin);
+        let [x, y, z] = self.axes;
+        let [x, y, z] = [[least[x], greatest[x]], [least[y], greatest[y]], [least[z], greatest[z]]];
+        let z = if self.negative { [-z[1], -z[0]] } else { z };
+        let widen = |x: [f32; 2], slopes: [f32; 2]| {
+            let steepest = f32::max(-slopes[0], slopes[1]).max(1.0);
+            let slack = SLACK * (z[1].abs() * steepest + (x[0].abs() + x[1].abs()));
+            [x[0] - slack, x[1] + slack]
+        };
+        Outline { x: widen(x, frustum.x), y: widen(y, frustum.y), z }
+    }
+
+    /// A lower bound on where rays enter the box; what they compute themselves is no less.
+    #[inline(always)]
+    pub(crate) fn enters(&self, outline: &Outline) -> f32 {
+        // Zero times infinity is no bound.
+        (outline.z[0].max(0.0) * self.least_inverse).max(0.0)
+    }
+}
+
+impl Frustum {
+    pub(crate) const NONE: Self =
+        Self { x: [f32::INFINITY, f32::NEG_INFINITY], y: [f32::INFINITY, f32::NEG_INFINITY] };
+
+    #[inline(always)]
+    pub(crate) fn union(&self, other: &Self) -> Self {
+        let hull = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        Self { x: hull(self.x, other.x), y: hull(self.y, other.y) }
+    }
+
+    /// The bits of the outlines, in lanes, that may be met.
+    #[inline(always)]
+    pub(crate) fn meets<S: Simd, V: Lanes<S>>(&self, simd: S, x: [V; 2], y: [V; 2], z: [V; 2]) -> u64 {
+        let near = max(z[0], V::simd_from(simd, 0.0));
+        let behind = z[1].simd_lt(0.0);
+        (!(behind | misses(self.x, x, near, z[1]) | misses(self.y, y, near, z[1]))).to_bitmask()
+    }
+}
+
+#[inline(always)]
+fn misses<S: Simd, V: Lanes<S>>(slopes: [f32; 2], x: [V; 2], near: V, far: V) -> V::Mask {
+    let least = min(near * slopes[0], far * slopes[0]);
+    let greatest = max(near * slopes[1], far * slopes[1]);
+    x[1].simd_lt(least) | x[0].simd_gt(greatest)
+}
+
+/// A [`Frustum`] as linear forms of the words of a node: a box is missed if for any lane
+/// `a * scale_a + b * scale_b - limit` exceeds the slack, where `a` and `b` are words relative to the
+/// origin. Eight lanes for each of two siblings, six of them in use.
+#[repr(C, align(64))]
+pub(crate) struct FrustumPlanes {
+    words: [[u32; 16]; 2],
+    origins: [[f32; 16]; 2],
+    scales: [[f32; 16]; 2],
+    /// The greater of `|scale_b|` and 1; 0 where there is no `b`.
+    weight: [f32; 16],
+    limit: [f32; 16],
+}
+
+/// The lanes of `limit` that hold the distance.
+const FAR: [usize; 2] = [5, 13];
+
+impl FrustumPlanes {
+    /// Planes that miss nothing.
+    pub(crate) const EVERYTHING: Self = Self {
+        words: [[0; 16]; 2],
+        origins: [[0.0; 16]; 2],
+        scales: [[0.0; 16]; 2],
+        weight: [0.0; 16],
+        limit: [0.0; 16],
+    };
+
+    /// The frustum of rays that look for hits up to `t_max`.
+    #[inline(always)]
+    pub(crate) fn new(frame: &Frame, frustum: &Frustum, t_max: f32) -> Self {
+        let [x, y, z] = frame.axes;
+        let (sign, near, far) = if frame.negative { (-1.0, z + 4, z) } else { (1.0, z, z + 4) };
+        let least = |s: f32| if s > 0.0 { near } else { far };
+        let greatest = |s: f32| if s > 0.0 { far } else { near };
+        let [[x0, x1], [y0, y1]] = [frustum.x, frustum.y];
+        let lanes = [
+            (x + 4, -1.0, least(x0), x0 * sign),
+            (x, 1.0, greatest(x1), -x1 * sign),
+            (y + 4, -1.0, least(y0), y0 * sign),
+            (y, 1.0, greatest(y1), -y1 * sign),
+            (far, -sign, far, 0.0),
+            (near, sign * frame.least_inverse, near, 0.0),
+        ];
+        let mut planes = Self::EVERYTHING;
+        for (i, (a, scale_a, b, scale_b)) in lanes.into_iter().enumerate() {
+            for lane in [i, i + 8] {
+                let half = lane & 8;
+                planes.words[0][lane] = (half + a) as u32;
+                planes.words[1][lane] = (half + b) as u32;
+                planes.origins[0][lane] = frame.origin[a & 3];
+                planes.origins[1][lane] = frame.origin[b & 3];
+                planes.scales[0][lane] = scale_a;
+                planes.scales[1][lane] = scale_b;
+                planes.weight[lane] = if i < 4 { scale_b.abs().max(1.0) } else { 0.0 };
+            }
+        }
+        planes.look_up_to(t_max);
+        planes
+    }
+
+    /// Rays no longer look for hits beyond `t_max`.
+    #[inline(always)]
+    pub(crate) fn look_up_to(&mut self, t_max: f32) {
+        FAR.into_iter().for_each(|lane| self.limit[lane] = t_max);
+    }
+
+    /// Which of two siblings may be met: bit 0 the left, bit 1 the right.
+    #[inline(always)]
+    pub(crate) fn meets<S: Simd>(&self, simd: S, pair: &[Node; 2]) -> u32 {
+        let words: &[f32; 16] = bytemuck::cast_ref(pair);
+        let a = lanes(simd, &permute(simd, words, &self.words[0])) - lanes(simd, &self.origins[0]);
+        let b = lanes(simd, &permute(simd, words, &self.words[1])) - lanes(simd, &self.origins[1]);
+        let a = a * lanes(simd, &self.scales[0]);
+        let outside: fearless_simd::f32x16<S> =
+            a + b * lanes(simd, &self.scales[1]) - lanes(simd, &self.limit);
+        let size: fearless_simd::f32x16<S> = max(a, -a) + max(b, -b) * lanes(simd, &self.weight);
+        let missed = outside.simd_gt(size * SLACK + f32::MIN_POSITIVE).to_bitmask() as u32;
+        u32::from(missed & 0xff == 0) | u32::from(missed & 0xff00 == 0) << 1
+    }
+}
+
+#[inline(always)]
+fn lanes<S: Simd>(simd: S, numbers: &[f32; 16]) -> fearless_simd::f32x16<S> {
+    load(simd, numbers, 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use bvh_core::SimdLevel;
+
+    use super::*;
+    use crate::simd::at_level;
+
+    #[test]
+    fn boxes_are_missed_only_if_every_ray_misses() {
+        let origin = Vec3::new(0.3, -0.2, 0.1);
+        let corners = [[-0.4, -0.1], [0.2, -0.1], [-0.4, 0.3], [0.2, 0.3]];
+        for (axis, sign) in [(0, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)] {
+            let along = |[x, y]: [f32; 2]| {
+                let mut d = Vec3::ZERO;
+                (d[(axis + 1) % 3], d[(axis + 2) % 3], d[axis]) = (x, y, sign);
+                d
+            };
+            let rays = corners.map(along);
+            let least = rays.iter().fold(Vec3::INFINITY, |a, &d| a.min(d));
+            let greatest = rays.iter().fold(Vec3::NEG_INFINITY, |a, &d| a.max(d));
+            let frame = Frame::new(origin, least, greatest).expect("an axis");
+            let frustum = Frustum { x: [-0.4, 0.2], y: [-0.1, 0.3] };
+            let planes = FrustumPlanes::new(&frame, &frustum, 4.0);
+            let (mut met, mut missed) = (0, 0);
+            for n in 0..4000u32 {
+                let at = |k: u32| {
+                    (n.wrapping_mul(2_654_435_761).wrapping_add(k * 40_503) % 1000) as f32 / 100.0 - 5.0
+                };
+                let center = Vec3::new(at(1), at(2 + n), at(3 + 7 * n));
+                let aabb = Aabb::new(center - 0.3, center + 0.3);
+                // Rays densely inside the frustum.
+                let entered = (0..81).any(|i| {
+                    let mix = |a: f32, b: f32, i: usize| a + (b - a) * i as f32 / 8.0;
+                    let d = along([mix(-0.4, 0.2, i % 9), mix(-0.1, 0.3, i / 9)]);
+                    bvh_core::slab::enters(&bvh_core::Ray::new(origin, d), &aabb, 4.0).is_some()
+                });
+                let pair = [Node::leaf(aabb, 0, 1), Node::leaf(Aabb::EMPTY, 1, 1)];
+                for level in SimdLevel::available() {
+                    let meets = at_level!(level, simd => planes.meets(simd, &pair));
+                    assert!(meets & 1 == 1 || !entered, "{aabb:?}");
+                    (met, missed) = (met + (meets & 1), missed + (1 - (meets & 1)));
+                }
+            }
+            assert!(met > 50 && missed > 50, "{met} {missed}");
+        }
+    }
+}
