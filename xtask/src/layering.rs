@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use serde::Deserialize;
 
 /// For each crate of the workspace, those of the workspace that it may depend on, for whatever purpose.
-const ALLOWED: [(&str, &[&str]); 10] = [
+const ALLOWED: [(&str, &[&str]); 11] = [
     ("bvh-core", &[]),
     ("bvh-build", &["bvh-core"]),
     ("bvh-update", &["bvh-core", "bvh-build"]),
@@ -15,6 +15,7 @@ const ALLOWED: [(&str, &[&str]); 10] = [
     ("scenes", &["anim"]),
     ("xtask", DRIVEN),
     ("pivot-tests", LIBRARIES),
+    ("pivot-fingerprints", LIBRARIES),
     ("pivot-benches", LIBRARIES),
     ("pivot-examples", LIBRARIES),
 ];
