@@ -282,7 +282,7 @@ impl Subject for Real {
                 pictures.push(Picture {
                     name: format!("{} at {simd}", traversal.name()),
                     lines: lines.clone(),
-                    hits: pixels.iter().map(|pixel| pixel.hit.map(hit)).collect(),
+                    hits: pixels.iter().map(|pixel| pixel.hit().map(hit)).collect(),
                 });
             }
         }

@@ -199,7 +199,8 @@ impl Truth {
         if !answer {
             return self.allows_none(test);
         }
-        let there = self.of_test(test).any(|(_, _, v)| v.may && !(v.nearest() > self.t_max));
+        let there =
+            self.of_test(test).any(|(_, _, v)| v.may && (v.nearest().is_nan() || v.nearest() <= self.t_max));
         ensure(there, || "hit: any is told, none is".into())
     }
 

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use serde::Deserialize;
 
 /// For each crate of the workspace, the others of the workspace that it may depend on.
-const ALLOWED: [(&str, &[&str]); 12] = [
+const ALLOWED: [(&str, &[&str]); 13] = [
     ("bvh-core", &[]),
     ("bvh-build", &["bvh-core"]),
     ("bvh-update", &["bvh-core", "bvh-build"]),
@@ -17,6 +17,7 @@ const ALLOWED: [(&str, &[&str]); 12] = [
     ("lab", &["bvh-core", "bvh-build", "bvh-update", "rt-cpu", "anim", "scenes", "pivot-benches"]),
     ("xtask", &["lab"]),
     ("pivot-tests", LIBRARIES),
+    ("pivot-fingerprints", LIBRARIES),
     ("pivot-benches", LIBRARIES),
     ("pivot-examples", LIBRARIES),
 ];

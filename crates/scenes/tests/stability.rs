@@ -103,7 +103,7 @@ fn shards_stay_rigid_and_sink_no_deeper_than_one_step_falls() {
             assert!(depth < 0.1 + 25.0 * step_time(&scene, steps), "{name}, {steps:?}: {depth} deep");
             // Rounding of coordinates grows with the distance.
             assert!(bent < 1e-3 + 1e-6 * far, "{name}, {steps:?}: bent by {bent}");
-            // A few shards are flung out when the stone's sphere pushes them: far, but no farther with other steps.
+            // The sphere of the stone flings a few shards out.
             assert!(far < 200.0, "{name}, {steps:?}: {far} away");
         }
     }
