@@ -57,7 +57,8 @@ fn listing() -> Value {
 /// A heading for each list; an entry a line, its name first.
 fn text(listing: &Value) -> String {
     let mut out = String::from(
-        "A scene is also any .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of key frames.\n",
+        "A scene is also any .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of key frames; bart-museum:1 to \
+         bart-museum:4 start from another shape.\n",
     );
     for (heading, entries) in listing.as_object().into_iter().flatten() {
         out += &format!("\n{}\n", heading.replace('_', " "));

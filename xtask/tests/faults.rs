@@ -263,7 +263,13 @@ fn what_cannot_be_read_is_refused() {
     let made = Command::new("mkfifo").args([at("pipe.ply"), at("pipe.gltf"), at("pipe.bin")]).status();
     assert!(made.expect("mkfifo").success());
     let gltf = r#"{"asset":{"version":"2.0"},"buffers":[{"uri":"URI","byteLength":1000000000000}]}"#;
-    for (name, uri) in [("missing.gltf", "missing.bin"), ("piped.gltf", "pipe.bin"), ("foldered.gltf", ".")] {
+    symlink("/etc/passwd", at("link.bin")).expect("a link");
+    for (name, uri) in [
+        ("missing.gltf", "missing.bin"),
+        ("piped.gltf", "pipe.bin"),
+        ("foldered.gltf", "."),
+        ("linked.gltf", "link.bin"),
+    ] {
         fs::write(at(name), gltf.replace("URI", uri)).expect("a file");
     }
     for frames in ["dangling", "piped", "truncated"] {
@@ -290,6 +296,7 @@ fn what_cannot_be_read_is_refused() {
         ("missing.gltf", vec!["missing.bin"]),
         ("piped.gltf", vec!["pipe.bin"]),
         ("foldered.gltf", vec!["gltf"]),
+        ("linked.gltf", vec!["link.bin", "leads out of the folder"]),
         ("dangling", vec!["f2.ply"]),
         ("piped", vec!["f2.ply"]),
         ("truncated", vec!["f2.ply", "expected"]),

@@ -16,7 +16,7 @@ pub enum LoadError {
     },
     /// The kind of file is not one that can be loaded.
     #[error(
-        "{}: {found}; supported are .glb and .gltf (glTF 2.0), .aff (BART), .obj, .ply, and a directory of .obj or .ply key frames",
+        "{}: {found}; supported are .glb and .gltf (glTF 2.0), .aff (BART), .obj, .ply, .stl, and a directory of .obj or .ply key frames",
         file.display()
     )]
     Unsupported {

@@ -72,7 +72,9 @@ pub use glam;
 pub use glam::Vec3;
 pub use hit::Hit;
 pub use node::{MAX_LEAF_SIZE, Node};
-pub use pick::{any_hit, any_hit_brute, any_hit_counted, closest_hit, closest_hit_brute, closest_hit_counted};
+pub use pick::{
+    any_hit, any_hit_brute, any_hit_counted, closest_hit, closest_hit_brute, closest_hit_counted,
+};
 pub use prefetch::{prefetch, prefetch_ahead};
 pub use primitives::{InOrder, Primitives, Triangles};
 pub use query::Visits;
@@ -81,6 +83,6 @@ pub use rotation::Rotation;
 pub use simd::SimdLevel;
 pub use stats::{Stats, stats};
 pub use structure::Malformed;
-pub use update_state::{Changes, UpdateState};
 pub use triangle::{TriangleTest, UnknownName};
+pub use update_state::{Changes, UpdateState};
 pub use validate::Invalid;

@@ -130,7 +130,10 @@ fn measure(scene: &Scene, strategy: &Strategy, level: SimdLevel, with_sums: bool
     if out_of_order {
         // One pass of rotations, so that refits take the way of blocks.
         let triangles = Triangles { positions: &start, indices: &indices };
-        scratch.set_strategy(Strategy::RefitRotate(Rotate::default())).update(&mut bvh, &triangles).expect("same");
+        scratch
+            .set_strategy(Strategy::RefitRotate(Rotate::default()))
+            .update(&mut bvh, &triangles)
+            .expect("same");
     }
     // Other programs interrupt blocks: of several frames the one that took least is the least disturbed.
     let frames = if count > 5e6 { 5 } else { 30 };

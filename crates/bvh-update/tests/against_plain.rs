@@ -64,15 +64,7 @@ fn check(
         expected.set_dynamic(moves);
         let mut contestants: Vec<_> = SimdLevel::available()
             .flat_map(|level| [1, 2, 3, 8].map(|threads| (level, threads)))
-            .map(|(level, threads)| {
-                (
-                    level,
-                    threads,
-                    pool(threads),
-                    expected.clone(),
-                    reporting(level),
-                )
-            })
+            .map(|(level, threads)| (level, threads, pool(threads), expected.clone(), reporting(level)))
             .collect();
         for frame in 1..=frames {
             let now = pose(frame);

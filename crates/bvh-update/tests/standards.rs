@@ -1,9 +1,7 @@
 //! What trees are held to: that no event makes a strategy take a bad tree for a good one.
 
 use bvh_core::{Aabb, Bvh, Vec3, sah_cost};
-use bvh_update::{
-    Auto, BuildOptions, Builder, Decision, Load, PartialRebuild, Reason, RepairScore, Strategy, Updater,
-};
+use bvh_update::{Auto, Builder, Decision, Load, PartialRebuild, Reason, RepairScore, Strategy, Updater};
 
 const N: usize = 4000;
 

@@ -180,7 +180,7 @@ fn malformed_obj() {
     );
     assert!(error("empty.obj", b"").contains("empty file"));
     assert!(error("no faces.obj", triangle.as_bytes()).contains("no triangles"));
-    assert!(error("model.stl", b"solid").contains("supported are"));
+    assert!(error("model.off", b"solid").contains("supported are"));
 }
 
 /// Whatever is done to a file, loading ends with a result.
