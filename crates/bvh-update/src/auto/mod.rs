@@ -44,8 +44,10 @@ impl Default for Auto {
     }
 }
 
-/// In how many updates all leaves are merged or split, a part of the tree in each, so that frames are alike.
-const LEAF_TURNS: u32 = 8;
+/// In how many updates all leaves are merged, and split, a part of the tree in each, so that frames are alike. Torn leaves
+/// cost more than one frame of another length.
+const MERGE_TURNS: u32 = 8;
+const SPLIT_TURNS: u32 = 2;
 
 /// The memory of what `Auto` may do.
 pub(crate) struct AutoScratch<'a> {
@@ -174,10 +176,11 @@ fn step_leaves<P: Primitives + ?Sized>(
     options_like(bvh);
     let merges = plan == Plan::MergeLeaves;
     let ledger = State::of(bvh).ledger;
-    let before = if merges { ledger.merge_turns } else { ledger.split_turns };
-    let left = if before > 0 { before } else { LEAF_TURNS } - 1;
+    let (turns, before) =
+        if merges { (MERGE_TURNS, ledger.merge_turns) } else { (SPLIT_TURNS, ledger.split_turns) };
+    let left = if before > 0 { before } else { turns } - 1;
     let step = if merges { LeafStep::Either } else { LeafStep::Split };
-    let schedule = RotationSchedule::new(Rotate { period: LEAF_TURNS }, left);
+    let schedule = RotationSchedule::new(Rotate { period: turns }, left);
     let scale = State::of(bvh).baseline.scale;
     let cost_before = cost_after(bvh, tally);
     let change = change_leaves(bvh, primitives, schedule, step, LONGEST as u32, scale, scratch);

@@ -81,15 +81,17 @@ pub(super) fn decide(ledger: &Ledger, seen: &Observation) -> Plan {
         }
         _ => {}
     }
+    let is_merged = ledger.is_merged != 0;
+    // No repair reaches what tears open within leaves.
+    if ledger.split_turns > 0 || is_merged && ledger.split.is_due(seen.price_of_leaves()) {
+        return Plan::SplitLeaves;
+    }
     if ledger.is_beyond_repair == 0 && ledger.repair.is_due(cost_model::repair(seen.nodes, ledger.kept)) {
         let frames = f64::from(ledger.since_repair.clamp(1, LONGEST_PAYBACK)) * ledger.repair.patience();
         let threshold = TOP_SUBTREE / (seen.queries.lost(1.0) * frames);
         return Plan::Repair { threshold, or_rebuild: rebuild };
     }
-    let is_merged = ledger.is_merged != 0;
-    if ledger.split_turns > 0 || is_merged && ledger.split.is_due(seen.price_of_leaves()) {
-        Plan::SplitLeaves
-    } else if ledger.merge_turns > 0 || !is_merged && ledger.merge.is_due(seen.price_of_leaves()) {
+    if ledger.merge_turns > 0 || !is_merged && ledger.merge.is_due(seen.price_of_leaves()) {
         Plan::MergeLeaves
     } else {
         Plan::Keep
