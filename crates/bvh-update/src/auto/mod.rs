@@ -44,6 +44,11 @@ impl Default for Auto {
     }
 }
 
+/// A tree whose cost falls to this part of its baseline in one frame is of a scene that was scattered and has gathered, as in
+/// the jump from the last frame of a loop to its first: it may be better than its baseline and still 24 times worse than a new
+/// one (`auto_merges_leaves_where_it_is_calm` in `tests/repairs.rs` plays that).
+const GATHERED: f64 = 0.5;
+
 /// In how many updates all leaves are merged, and split, a part of the tree in each, so that frames are alike. Torn leaves
 /// cost more than one frame of another length.
 const MERGE_TURNS: u32 = 8;
@@ -88,9 +93,9 @@ fn observe(bvh: &mut Bvh, tally: &Tally, queries: QueryCost) -> Observation {
     let (baseline, ledger) = (&mut state.baseline, &mut state.ledger);
     let now = in_units_of(cost, scale);
     baseline.scale = scale;
-    let was_built_over_points = baseline.cost == 0.0 && now > 0.0;
+    let has_no_baseline = now > 0.0 && (baseline.cost == 0.0 || now < GATHERED * baseline.cost);
     if now > 0.0 {
-        baseline.cost = if was_built_over_points { now } else { baseline.cost.min(now) };
+        baseline.cost = if baseline.cost == 0.0 { now } else { baseline.cost.min(now) };
     }
     // Leaves that are not merged grow by themselves.
     let is_calm = ledger.is_merged == 0 || ledger.leaf_area == 0.0;
@@ -102,7 +107,7 @@ fn observe(bvh: &mut Bvh, tally: &Tally, queries: QueryCost) -> Observation {
         nodes: (tally.leaves + tally.inner) as f64,
         excess: before.baseline.excess(cost, scale),
         leaf_growth: if good > 0.0 { growth } else { 0.0 },
-        was_built_over_points,
+        has_no_baseline,
         queries,
     }
 }

@@ -34,8 +34,8 @@ pub(super) struct Observation {
     pub(super) excess: f64,
     /// By what part of the baseline the dynamic leaves have grown since they were last merged or split.
     pub(super) leaf_growth: f64,
-    /// Whether the tree had no cost when it was built, and has one now: no baseline at all.
-    pub(super) was_built_over_points: bool,
+    /// Whether the baseline says nothing: the tree had no cost when it was built, or far more than now.
+    pub(super) has_no_baseline: bool,
     pub(super) queries: QueryCost,
 }
 
@@ -72,7 +72,7 @@ pub(super) fn decide(ledger: &Ledger, seen: &Observation) -> Plan {
     let builder = seen.queries.builder(seen.primitives, ledger.since_repair);
     let price_of_rebuild = cost_model::rebuild(builder, seen.primitives);
     let rebuild = ledger.rebuild.is_due(price_of_rebuild).then_some(builder);
-    if seen.was_built_over_points {
+    if seen.has_no_baseline {
         return Plan::Rebuild(builder);
     }
     match rebuild {
@@ -179,7 +179,7 @@ mod tests {
             nodes: 2.0 * N,
             excess,
             leaf_growth: 0.0,
-            was_built_over_points: false,
+            has_no_baseline: false,
             queries,
         }
     }
@@ -244,8 +244,8 @@ mod tests {
     }
 
     #[test]
-    fn a_tree_built_over_points_is_rebuilt_at_once() {
-        let seen = Observation { was_built_over_points: true, ..seen(0.0) };
+    fn a_tree_without_a_baseline_is_rebuilt_at_once() {
+        let seen = Observation { has_no_baseline: true, ..seen(0.0) };
         assert!(matches!(decide(&quiet(), &seen), Plan::Rebuild(_)));
     }
 
