@@ -68,7 +68,7 @@ impl Scratch {
     }
 
     /// Makes every update report the SAH cost ([`Update::sah_cost`](crate::Update::sah_cost)), where strategies that do not
-    /// need it leave it out: summing areas takes a twelfth of a refit.
+    /// need it leave it out. `docs/UPDATE_COST.md` has what the sums take.
     pub fn report_cost(&mut self, report: bool) {
         self.reports_cost = report;
     }
