@@ -77,8 +77,8 @@ impl Updater {
         self.load = Some(load);
     }
 
-    /// Makes every update report the SAH cost ([`Update::sah_cost`]), where strategies that do not need it leave it out:
-    /// summing areas takes a twelfth of a refit.
+    /// Makes every update report the SAH cost ([`Update::sah_cost`]), where strategies that do not need it leave it out.
+    /// `docs/UPDATE_COST.md` has what the sums take.
     pub fn report_cost(&mut self, report: bool) -> &mut Self {
         self.reports_cost = report;
         self

@@ -106,3 +106,44 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         dispatch!(self.level, refit_boxes(self.nodes, inner.all(), self.with_sums, tally));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use bvh_build::{BuildOptions, Builder, build_with};
+    use bvh_core::{Aabb, Bvh, Vec3};
+
+    use super::super::Rotate;
+    use super::*;
+    use crate::{Strategy, Updater};
+
+    fn boxes(n: usize, scale: f32) -> Vec<Aabb> {
+        let place = |i: usize| Vec3::new((i % 61) as f32, (i % 53) as f32, (i % 47) as f32) * scale;
+        (0..n).map(place).map(|p| Aabb::new(p, p + 0.5)).collect()
+    }
+
+    fn tree(boxes: &[Aabb], builder: Builder, max_leaf_size: u32) -> Bvh {
+        let options = BuildOptions::default().with_max_leaf_size(max_leaf_size);
+        build_with(boxes, builder, &options).expect("few enough")
+    }
+
+    #[test]
+    fn builders_leave_linear_trees_until_rotations_or_static_parts_end_that() {
+        let (start, end) = (boxes(3000, 1.0), boxes(3000, -3.0));
+        let mut updater = Updater::default();
+        for (builder, max_leaf_size) in Builder::PER_FRAME.into_iter().flat_map(|b| [(b, 1), (b, 4)]) {
+            let mut bvh = tree(&start, builder, max_leaf_size);
+            let mut layout_after = |bvh: &mut Bvh, boxes: &[Aabb], strategy| {
+                updater.set_strategy(strategy).update(bvh, boxes).expect("same count");
+                State::of(bvh).layout()
+            };
+            assert_eq!(layout_after(&mut bvh, &end, Strategy::Refit), Layout::Linear, "{}", builder.name());
+            bvh.set_dynamic(|p| p < 1000);
+            assert_eq!(layout_after(&mut bvh, &end, Strategy::Refit), Layout::Other, "most are static");
+            bvh.set_dynamic(|p| p > 100);
+            assert_eq!(layout_after(&mut bvh, &start, Strategy::Refit), Layout::Linear);
+            let rotate = Strategy::RefitRotate(Rotate::default());
+            assert_eq!(layout_after(&mut bvh, &end, rotate), Layout::Other, "rotated");
+            assert_eq!(layout_after(&mut bvh, &end, Strategy::Refit), Layout::Other);
+        }
+    }
+}

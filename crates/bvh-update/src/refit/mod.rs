@@ -348,3 +348,68 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         work(&mut worker.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use bvh_build::{Builder, build};
+    use bvh_core::{Aabb, Vec3};
+
+    use super::*;
+
+    /// A slot that two tasks touch, if there is one, and how many slots are touched at all. A task touches the slots of its
+    /// root and everything below.
+    fn shared_slot(tree: &Bvh, roots: &[usize]) -> (Option<usize>, usize) {
+        let mut is_touched = vec![false; tree.nodes().len()];
+        let (mut shared, mut touched) = (None, 0);
+        for &root in roots {
+            let mut below = vec![root];
+            while let Some(slot) = below.pop() {
+                if std::mem::replace(&mut is_touched[slot], true) {
+                    shared = Some(slot);
+                } else {
+                    touched += 1;
+                }
+                let node = &tree.nodes()[slot];
+                if !node.is_leaf() {
+                    below.extend([node.first(), node.first() + 1]);
+                }
+            }
+        }
+        (shared, touched)
+    }
+
+    /// What `share` promises: no two tasks touch a node. A task is any part of a block's frontier, so it is enough that no two
+    /// roots of a frontier do.
+    #[test]
+    fn tasks_touch_disjoint_nodes() {
+        for n in [100, 5000, 40_000] {
+            let place = |i: usize| Vec3::new((i % 61) as f32, (i % 53) as f32, (i % 47) as f32);
+            let boxes: Vec<Aabb> = (0..n).map(place).map(|p| Aabb::new(p, p + 0.5)).collect();
+            let mut bvh = build(&boxes, Builder::Lbvh).expect("few enough");
+            bvh.set_dynamic(|p| p % 5 != 0);
+            // Rotations scatter nodes over the arena.
+            for _ in 0..3 {
+                pass(&mut bvh, &boxes, Some(Rotate::default()), &mut RefitScratch::new());
+            }
+            let tree = bvh.clone();
+            let nodes = share(parts(&mut bvh).nodes);
+            let (mut block, mut lists) = (Block::new(), Lists::new());
+            let [[link, _], _] = nodes.pair_words(0);
+            block.walk(nodes, &[Entry::new(0, link)], 0, TOP_LISTED, &mut lists.leaves);
+            let [(rest, _), (below, _)] = block.frontier();
+            let mut roots: Vec<usize> = rest.iter().chain(below).map(|entry| entry.slot()).collect();
+            let (shared, touched) = shared_slot(&tree, &roots);
+            assert_eq!(shared, None, "of {n}");
+            if n < 5000 {
+                continue;
+            }
+            assert!(roots.len() > 10 && touched > n / 2, "most nodes belong to tasks");
+            // The check finds a root twice, and a task within another's.
+            for within in [roots[3], tree.nodes()[roots[3]].first()] {
+                roots.push(within);
+                assert!(shared_slot(&tree, &roots).0.is_some());
+                roots.pop();
+            }
+        }
+    }
+}
