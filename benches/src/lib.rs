@@ -58,6 +58,11 @@ pub trait Contestant: Send + Sync {
     /// If the library reports an error.
     fn update(&mut self) -> Result<(), Failure>;
 
+    /// Nodes that rays opened, nodes that updates visited, and primitives that were built anew.
+    fn work(&self) -> [u64; 3] {
+        [0; 3]
+    }
+
     /// Whether updates learn from what is cast: it is to be shown every frame then, measured or not.
     fn learns(&self) -> bool {
         false

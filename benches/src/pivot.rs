@@ -29,6 +29,8 @@ struct Pivot {
     wide: Bvh8,
     /// Rays of the last picture, and nodes that they visited.
     visited: [AtomicU64; 2],
+    /// Nodes that rays opened, nodes that updates visited, and primitives that were built anew.
+    work: [u64; 3],
 }
 
 /// How rays are traced that come without a camera.
@@ -55,6 +57,7 @@ impl Pivot {
             rays: RayKind::Single,
             wide: Bvh8::new(),
             visited: Default::default(),
+            work: [0; 3],
         }
     }
 
@@ -91,9 +94,17 @@ impl Contestant for Pivot {
     fn update(&mut self) -> Result<(), Failure> {
         let [rays, nodes] = self.visited.each_mut().map(|count| std::mem::take(count.get_mut()));
         self.scratch.visited(rays, nodes, RenderStats::NODE_NS);
+        self.work[0] += nodes;
         if self.is_built {
             let triangles = self.mesh.triangles();
-            update(&mut self.tree, &triangles, &self.strategy, &mut self.scratch).map_err(failure)?;
+            let done =
+                update(&mut self.tree, &triangles, &self.strategy, &mut self.scratch).map_err(failure)?;
+            self.work[1] += done.nodes_visited;
+            self.work[2] += match done.decision {
+                bvh_update::Decision::Regrow { subtrees } => subtrees as u64,
+                _ if done.rebuilt => self.tree.len() as u64,
+                _ => 0,
+            };
         } else {
             self.build()?;
         }
@@ -101,6 +112,10 @@ impl Contestant for Pivot {
             self.wide.update(&self.tree, &self.mesh.triangles());
         }
         Ok(())
+    }
+
+    fn work(&self) -> [u64; 3] {
+        self.work
     }
 
     fn learns(&self) -> bool {
@@ -213,6 +228,20 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
         Contest::Frame => {
             for strategy in strategies() {
                 add(strategy.name(), strategy, Traversal::Tile, best);
+            }
+            for (bit, name) in bvh_update::ablation::MECHANISMS.iter().enumerate() {
+                let auto = bvh_update::Auto { without: 1 << bit, ..bvh_update::Auto::default() };
+                add(&format!("auto without {name}"), Strategy::Auto(auto), Traversal::Tile, best);
+            }
+            let bits = |bits: &[u32]| bits.iter().map(|bit| 1 << bit).sum();
+            for (name, without) in [
+                ("growth, slope", bits(&[0, 1])),
+                ("growth, slope, uniformity, clusters", bits(&[0, 1, 3, 4])),
+                ("growth, slope, uniformity, clusters, leaves", bits(&[0, 1, 3, 4, 6])),
+                ("all but the builders", bits(&[0, 1, 3, 4, 5, 6, 9, 10, 11, 12])),
+            ] {
+                let auto = bvh_update::Auto { without, ..bvh_update::Auto::default() };
+                add(&format!("auto without {name}"), Strategy::Auto(auto), Traversal::Tile, best);
             }
         }
     }

@@ -46,11 +46,13 @@ pub struct Auto {
     /// tells of rays ([`Scratch::traced`]). [`Scratch::calibration`] says by how much. Decisions, and with them trees,
     /// are then not reproducible. False by default.
     pub clock: bool,
+    /// Mechanisms left out.
+    pub without: u32,
 }
 
 impl Default for Auto {
     fn default() -> Self {
-        Self { rays: 2 << 20, clock: false }
+        Self { rays: 2 << 20, clock: false, without: 0 }
     }
 }
 
@@ -92,7 +94,7 @@ fn better_tree<P: Primitives + ?Sized>(
     let standing = Standing::of(bvh, tally);
     let old = bvh.clone();
     let update = build_anew(bvh, primitives, builder, scratch)?;
-    if sum_of(bvh) < standing.sum {
+    if crate::ablation::is_off(12) || sum_of(bvh) < standing.sum {
         has_new_tree(bvh, old.history(), builder, model, scratch);
         return Ok(update);
     }
@@ -161,6 +163,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     auto: Auto,
     scratch: &mut Scratch,
 ) -> Result<Update, UpdateError> {
+    crate::ablation::WITHOUT.store(auto.without, std::sync::atomic::Ordering::Relaxed);
     scratch.clock.growth.is_of(bvh);
     let update = choose(bvh, primitives, auto, scratch)?;
     scratch.clock.growth.end(bvh, &update);
@@ -176,10 +179,10 @@ fn choose<P: Primitives + ?Sized>(
     let weights = if auto.clock { scratch.clock.weights() } else { scratch.clock.counted() };
     let model = Model { rays: auto.rays, weights, slope: scratch.clock.slope.get() };
     let history = *bvh.history();
-    let is_time_to_look = history.rebuilds_in_a_row.is_multiple_of(LOOK_AGAIN);
+    let is_time_to_look = !crate::ablation::is_off(5) && history.rebuilds_in_a_row.is_multiple_of(LOOK_AGAIN);
     let (_, price_of_new) = model.builder(bvh.len() as f64, history.since_repair);
-    let lost = scratch.clock.growth.charge(model.rays as f64 * model.weights.ray);
-    if history.is_due || scratch.clock.growth.regret() > price_of_new {
+    let lost = if crate::ablation::is_off(0) { 0.0 } else { 1.0 } * scratch.clock.growth.charge(model.rays as f64 * model.weights.ray);
+    if history.is_due || (!crate::ablation::is_off(0) && scratch.clock.growth.regret() > price_of_new) {
         // A tree that was built in haste and has not degraded since is to be built well.
         let frames = if history.is_hasty { u32::MAX } else { history.since_repair };
         let (builder, _) = model.builder(bvh.len() as f64, frames);
@@ -235,7 +238,7 @@ fn choose<P: Primitives + ?Sized>(
         // A tree that has become better is from now on held to that. One that was built over points is no measure, nor is
         // one of what was scattered then: it may be bad and still be better than that.
         let pays = model.lost(1.0) * GAIN_LASTS > model.builder(found.primitives, u32::MAX).1;
-        history.is_due = history.reference == 0.0 || pays && now < GATHERED * history.measured;
+        history.is_due = history.reference == 0.0 || !crate::ablation::is_off(4) && pays && now < GATHERED * history.measured;
         history.reference = history.reference.min(now);
     }
     history.size = size;
@@ -277,7 +280,7 @@ fn choose<P: Primitives + ?Sized>(
     let threshold = model.threshold(history) * good_area(history, size);
     let growth = history.leaves.growth;
     let start = (scratch.clock.now)();
-    let regrown = regrow(bvh, primitives, &tally, PAYS_BACK * threshold, most as usize, scratch);
+    let regrown = regrow(bvh, primitives, &tally, if crate::ablation::is_off(11) { 1.0 } else { PAYS_BACK } * threshold, most as usize, scratch);
     let took = (scratch.clock.now)().saturating_duration_since(start);
     match regrown {
         Regrown::Top { subtrees: 0, .. } => {
@@ -366,7 +369,7 @@ mod tests {
     #[test]
     fn the_slower_rays_are_by_the_clock_the_better_the_builder_and_without_it_they_do_not_matter() {
         let stopped = || START.with(|start| *start);
-        let auto = Auto { rays: 1 << 13, clock: false };
+        let auto = Auto { rays: 1 << 13, ..Auto::default() };
         let (builder, _, plain, _) = play(auto, stopped, None);
         assert_eq!(builder, Some(Builder::Lbvh));
         let (.., told, scratch) = play(auto, stopped, Some(1e4));
@@ -399,7 +402,7 @@ mod tests {
             let (mut scratch, mut repairs, mut builders) = (Scratch::new(), 0, Vec::new());
             for step in 1..=80 {
                 let boxes = apart(0.02 * (step % 10) as f32);
-                let strategy = Strategy::Auto(Auto { rays, clock: false });
+                let strategy = Strategy::Auto(Auto { rays, ..Auto::default() });
                 let told = crate::update(&mut bvh, &boxes, &strategy, &mut scratch).expect("updated");
                 repairs +=
                     u32::from(matches!(told.decision, Decision::Regrow { .. } | Decision::Rebuild { .. }));
@@ -429,7 +432,7 @@ mod tests {
         let play = |is_due_to_the_tree: bool| {
             let mut bvh = build(&chaos(0), Builder::Sweep, &BuildOptions::default(), None).expect("few");
             let (mut scratch, mut built, mut rebuilds, mut in_a_row) = (Scratch::new(), 0, 0, 0);
-            let strategy = Strategy::Auto(Auto { rays: 1 << 14, clock: false });
+            let strategy = Strategy::Auto(Auto { rays: 1 << 14, ..Auto::default() });
             for step in 0..60 {
                 let mut boxes = chaos(usize::from(step > 3));
                 boxes.iter_mut().for_each(|aabb| aabb.max += 1e-4 * step as f32);

@@ -145,7 +145,7 @@ pub(crate) fn over_good(history: &History, area: f64, size: f64) -> f64 {
 
 /// What areas of a tree are told in, given the size of the scene.
 pub(crate) fn good_area(history: &History, size: f64) -> f64 {
-    history.reference * size * history.evenness.sqrt()
+    history.reference * size * if crate::ablation::is_off(3) { 1.0 } else { history.evenness.sqrt() }
 }
 
 /// The size of the scene now, for a tree with references.

@@ -12,6 +12,7 @@
 //! learns from what it is told of rays ([`Scratch::visited`]) and, if asked, from the clock.
 #![deny(unsafe_code)]
 
+pub mod ablation;
 mod apart;
 mod auto;
 #[cfg(target_arch = "x86_64")]

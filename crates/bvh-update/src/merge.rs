@@ -52,14 +52,14 @@ pub(crate) fn see_to_leaves<P: Primitives + ?Sized>(
     let nodes = (tally.leaves + tally.inner) as f64;
     let History { is_hasty, is_beyond_repair, spare_pair, .. } = *bvh.history();
     // Of what does not move or will soon be built anew there is nothing to be had.
-    if nodes == 0.0 || is_hasty || is_beyond_repair {
+    if crate::ablation::is_off(6) || nodes == 0.0 || is_hasty || is_beyond_repair {
         return None;
     }
     let moving = nodes / bvh.nodes().len() as f64;
     let saved = model.saved(RAYS_SAVED * moving, nodes * NODES_SAVED, one_in);
     let unit = size_now(bvh, tally.leaf_area);
     let history = raw::parts(bvh).history;
-    let good = history.reference * unit * history.evenness.sqrt();
+    let good = history.reference * unit * if crate::ablation::is_off(3) { 1.0 } else { history.evenness.sqrt() };
     let leaves = &mut history.leaves;
     let price = nodes * model.weights.settle_node;
     let pays = f64::from(leaves.calm) * saved > price;
@@ -306,7 +306,7 @@ mod tests {
             let (mut bvh, mut scratch) = (start.clone(), Scratch::new());
             let decide = |step| {
                 let before = bvh.history().leaves.turns;
-                let auto = Strategy::Auto(Auto { rays, clock: false });
+                let auto = Strategy::Auto(Auto { rays, ..Auto::default() });
                 let told = update(&mut bvh, &boxes(step), &auto, &mut scratch).expect("same count");
                 match told.decision {
                     Decision::Merge { .. } => 'm',

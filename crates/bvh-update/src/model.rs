@@ -50,7 +50,7 @@ impl Standing {
 
 /// How many times as long as at first one waits after so many attempts in vain.
 pub(crate) fn doubled(attempts: u32) -> f64 {
-    f64::from(1u32 << attempts.min(16))
+    if crate::ablation::is_off(10) { 1.0 } else { f64::from(1u32 << attempts.min(16)) }
 }
 
 /// What time is expected to be lost and saved.
@@ -92,6 +92,7 @@ impl Model {
 
     /// Chooses how often to try rotations from now on, by what they have saved.
     pub(crate) fn choose_pause(self, history: &mut History, found: &Found) {
+        if crate::ablation::is_off(9) { history.rotation_pause = 0; return; }
         // What a rotation gains is lost again in the next repair, on average half a period from here.
         let period = history.period.max(history.since_repair);
         let lasts = if history.period > 0 { (f64::from(period) - 1.0) / 2.0 } else { GAIN_LASTS };
@@ -123,7 +124,7 @@ impl Model {
     pub(crate) fn builder(self, primitives: f64, frames: u32) -> (Builder, f64) {
         let Weights { rebuild_primitive, hasty_primitive, .. } = self.weights;
         let worse = self.lost(self.hasty_excess()) * f64::from(frames);
-        if worse < primitives * (rebuild_primitive - hasty_primitive) {
+        if crate::ablation::is_off(8) || !crate::ablation::is_off(7) && worse < primitives * (rebuild_primitive - hasty_primitive) {
             (HASTY, primitives * hasty_primitive)
         } else {
             (Builder::Ploc, primitives * rebuild_primitive)

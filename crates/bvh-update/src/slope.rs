@@ -100,11 +100,12 @@ impl Slope {
     }
 
     pub(crate) fn get(&self) -> f64 {
-        self.learned.unwrap_or(USUAL)
+        if crate::ablation::is_off(1) { USUAL } else { self.learned.unwrap_or(USUAL) }
     }
 
     /// What a ray takes through a good tree, in nanoseconds of one core, if counts have told.
     pub(crate) fn ray(&self) -> Option<f64> {
+        if crate::ablation::is_off(2) { return None; }
         self.ray
     }
 

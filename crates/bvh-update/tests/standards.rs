@@ -55,7 +55,7 @@ fn bodies_that_fall_asleep_in_each_frame_hide_no_damage() {
 }
 
 fn auto(rays: u64) -> Strategy {
-    Strategy::Auto(Auto { rays, clock: false })
+    Strategy::Auto(Auto { rays, ..Auto::default() })
 }
 
 #[test]

@@ -60,7 +60,8 @@ impl Lane {
         all: &Answers,
     ) -> Row {
         let triangles = stage.triangles().indices.len();
-        self.record.row(what, scene, triangles, &self.entry.name, threads, all)
+        let work = self.contestant.work();
+        Row { work, ..self.record.row(what, scene, triangles, &self.entry.name, threads, all) }
     }
 }
 

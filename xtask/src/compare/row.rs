@@ -45,6 +45,8 @@ pub(crate) struct Row {
     pub(crate) different: u64,
     /// Whether the number of hits is the reference's within 0.01 %.
     pub(crate) agrees: bool,
+    /// Nodes that rays opened, nodes that updates visited, primitives built anew, over all frames.
+    pub(crate) work: [u64; 3],
 }
 
 impl Row {
@@ -104,6 +106,7 @@ impl Record {
             t_sum: self.answers.t_sum,
             different: self.answers.different,
             agrees: self.answers.agrees_with(reference),
+            work: [0; 3],
         }
     }
 }
