@@ -1,5 +1,5 @@
-//! Tears a sphere to pieces and follows three trees through it: one only refitted, one refitted and
-//! rotated, one rebuilt for every frame. Prints the SAH cost of each: the expected work of a ray.
+//! Tears a sphere to pieces and updates three trees in every frame: one is refitted, one is refitted
+//! and rotated, one is rebuilt. Prints the SAH cost of each: the expected work of a ray.
 
 use std::error::Error;
 use std::time::Instant;
@@ -18,13 +18,13 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let triangles = Triangles { positions: &corners, indices: &indices };
     let mut refitted = build(&triangles, Builder::Sweep)?;
-    // In the order of the leaves, updates stream through the triangles. `order` has the old
+    // In the order of the leaves, updates read triangles one after the other. `order` has the old
     // numbers.
     let order = refitted.reorder_primitives();
     indices = order.iter().map(|&old| indices[old as usize]).collect();
     let mut rotated = refitted.clone();
-    // Memory that updates keep from frame to frame.
-    let mut scratch = Updater::default();
+    // One updater serves both trees: its memory is kept from frame to frame.
+    let mut updater = Updater::default();
 
     println!("{} triangles\nframe   refit        refit+rotate            rebuild", indices.len());
     for frame in 1..=20 {
@@ -36,10 +36,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         let triangles = Triangles { positions: &corners, indices: &indices };
 
         let timer = Instant::now();
-        let refit = scratch.set_strategy(Strategy::Refit).update(&mut refitted, &triangles)?;
+        let refit = updater.set_strategy(Strategy::Refit).update(&mut refitted, &triangles)?;
         let refit_ms = timer.elapsed().as_secs_f64() * 1e3;
         let timer = Instant::now();
-        let rotate = scratch
+        let rotate = updater
             .set_strategy(Strategy::RefitRotate(Rotate::default()))
             .update(&mut rotated, &triangles)?;
         let rotate_ms = timer.elapsed().as_secs_f64() * 1e3;

@@ -1,7 +1,7 @@
 //! The broad phase of a physics loop: balls fly about in a box, and every step asks which of their
-//! bounding boxes overlap. Refitting and rotating keeps the tree good for many steps; as the balls
-//! mix thoroughly it does grow worse, so it is rebuilt whenever its cost has doubled (as Lauterbach
-//! et al. 2006 do with refitting alone).
+//! bounding boxes overlap. Refitting and rotating keeps the tree good for many steps. As the balls
+//! mix, the tree gets worse, so this program rebuilds it whenever its cost has doubled (as Lauterbach
+//! et al. 2006 do with refitting alone). `Strategy::Auto` would decide this itself.
 
 use std::error::Error;
 use std::ops::ControlFlow;
@@ -26,7 +26,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let mut bvh = build(&boxes(&centers), Builder::BinnedParallel)?;
     let mut fresh_cost = sah_cost(&bvh);
-    let mut scratch = Updater::default();
+    let mut updater = Updater::default();
     for step in 0..60 {
         for (center, speed) in centers.iter_mut().zip(&mut speeds) {
             *center += *speed * 0.2;
@@ -37,13 +37,13 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
         }
         let boxes = boxes(&centers);
-        let done = scratch
+        let done = updater
             .set_strategy(Strategy::RefitRotate(Rotate::default()))
             .update(&mut bvh, boxes.as_slice())?;
         let cost = done.sah_cost.unwrap_or_default();
         if cost > 2.0 * fresh_cost {
             let rebuild = Strategy::Rebuild(Builder::BinnedParallel, BuildOptions::default());
-            scratch.set_strategy(rebuild).update(&mut bvh, boxes.as_slice())?;
+            updater.set_strategy(rebuild).update(&mut bvh, boxes.as_slice())?;
             fresh_cost = sah_cost(&bvh);
             println!("step {step:2}: the cost had doubled to {cost:.1}; rebuilt at {fresh_cost:.1}");
         }
@@ -51,8 +51,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         let (mut pairs, mut contacts) = (0, 0);
         bvh.for_each_pair(boxes.as_slice(), |a, b| {
             pairs += 1;
-            // The narrow phase: balls that overlap and approach each other bounce, as equal masses
-            // do.
+            // The narrow phase: balls that overlap and approach each other bounce like equal
+            // masses.
             let (apart, closing) = (centers[b] - centers[a], speeds[b] - speeds[a]);
             if apart.length_squared() < 4.0 * RADIUS * RADIUS && apart.dot(closing) < 0.0 {
                 let normal = apart.normalize_or_zero();

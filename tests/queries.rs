@@ -84,7 +84,7 @@ proptest! {
     }
 
     #[test]
-    fn rays_find_the_nearest_triangle_and_end_when_told(
+    fn rays_find_the_nearest_triangle_and_end_when_asked(
         n in 1usize..300, seed: u64, motion in prop::sample::select(&Motion::ALL[..])
     ) {
         let (bvh, soup, now) = moved(n, seed, motion, 1);

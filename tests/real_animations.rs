@@ -37,8 +37,8 @@ fn play(file: &str, per_loop: usize, moves: bool, rotation_pays: bool) {
         animation.pose(time(i), &mut positions);
         moved |= positions != before;
         let triangles = Triangles { positions: &positions, indices: &topology.triangles };
-        for (strategy, bvh, scratch) in &mut trees {
-            let done = scratch.set_strategy(*strategy).update(bvh, &triangles).expect("same count");
+        for (strategy, bvh, updater) in &mut trees {
+            let done = updater.set_strategy(*strategy).update(bvh, &triangles).expect("same count");
             if i % 4 == 1 {
                 bvh.validate(&triangles).expect("valid and tight");
             }

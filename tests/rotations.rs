@@ -58,11 +58,11 @@ fn a_still_tree_comes_to_rest_with_a_lower_cost() {
     for frame in [0, 3, 6] {
         let positions = soup.pose(Motion::Divergent, frame);
         let primitives = Triangles { positions: &positions, indices: &soup.triangles };
-        let (mut bvh, mut scratch) = (tree(&soup), Updater::default());
-        scratch.set_strategy(Strategy::Refit).update(&mut bvh, &primitives).expect("same count");
+        let (mut bvh, mut updater) = (tree(&soup), Updater::default());
+        updater.set_strategy(Strategy::Refit).update(&mut bvh, &primitives).expect("same count");
         let refitted = sah_cost(&bvh, &positions, &soup.triangles);
         let mut passes = 0;
-        while scratch
+        while updater
             .set_strategy(Strategy::RefitRotate(Rotate::default()))
             .update(&mut bvh, &primitives)
             .expect("same count")
@@ -88,7 +88,7 @@ fn about_a_quarter_of_all_nodes_can_rotate() {
 #[test]
 fn height_and_cost_stay_bounded_over_many_loops() {
     let soup = Soup::new(500, 6);
-    let (mut bvh, mut scratch) = (tree(&soup), Updater::default());
+    let (mut bvh, mut updater) = (tree(&soup), Updater::default());
     let (mut highest, mut costs) = (0, Vec::new());
     for frame in 0..2000 {
         let swing = (frame % 40) as f32;
@@ -97,7 +97,7 @@ fn height_and_cost_stay_bounded_over_many_loops() {
             *p += (noise(8, i / 3) - 0.5) * swing.min(40.0 - swing);
         }
         let primitives = Triangles { positions: &positions, indices: &soup.triangles };
-        let done = scratch
+        let done = updater
             .set_strategy(Strategy::RefitRotate(Rotate::default()))
             .update(&mut bvh, &primitives)
             .expect("same count");

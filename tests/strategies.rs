@@ -48,11 +48,11 @@ fn play(n: usize, seed: u64, motion: Motion, frames: usize, threads: usize, max_
     let built = build_with(&primitives, Builder::Binned, &options).expect("few enough");
     pool(threads).install(|| {
         for strategy in Strategy::all() {
-            let (mut bvh, mut scratch) = (built.clone(), Updater::default());
+            let (mut bvh, mut updater) = (built.clone(), Updater::default());
             for frame in 1..=frames {
                 let positions = soup.pose(motion, frame);
                 let primitives = Triangles { positions: &positions, indices: &soup.triangles };
-                let done = scratch.set_strategy(strategy).update(&mut bvh, &primitives).expect("same count");
+                let done = updater.set_strategy(strategy).update(&mut bvh, &primitives).expect("same count");
                 bvh.validate(&primitives).expect("valid and tight");
                 let cost = sah_cost(&bvh, &positions, &soup.triangles);
                 let reported = done.sah_cost.unwrap_or_else(|| bvh_core::sah_cost(&bvh));
@@ -97,11 +97,11 @@ fn one_hash_for_all_thread_counts() {
         for strategy in Strategy::all().into_iter().filter(|s| !matches!(s, Strategy::Background(_))) {
             let hashes = [1, 2, 3, 8].map(|threads| {
                 pool(threads).install(|| {
-                    let (mut bvh, mut scratch) = (built.clone(), Updater::default());
+                    let (mut bvh, mut updater) = (built.clone(), Updater::default());
                     for frame in 1..3 {
                         let positions = soup.pose(motion, frame);
                         let primitives = Triangles { positions: &positions, indices: &soup.triangles };
-                        scratch.set_strategy(strategy).update(&mut bvh, &primitives).expect("same count");
+                        updater.set_strategy(strategy).update(&mut bvh, &primitives).expect("same count");
                     }
                     bvh.fingerprint()
                 })

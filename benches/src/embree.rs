@@ -40,7 +40,7 @@ impl Embree {
         Ok(Self { api: Arc::new(load::load(path)?) })
     }
 
-    /// A device that builds on so many threads.
+    /// A device that builds on this number of threads.
     ///
     /// # Errors
     /// If Embree gives none, as on processors that it does not support.
@@ -57,7 +57,7 @@ impl Embree {
 #[derive(Clone)]
 pub struct Device {
     handle: Arc<DeviceHandle>,
-    /// One held to AVX2, where the processor has more.
+    /// One limited to AVX2, where the processor has more.
     avx2: Option<Arc<DeviceHandle>>,
 }
 

@@ -72,7 +72,7 @@ pub trait Contestant: Send + Sync {
     /// Finds the first triangle along each ray.
     fn closest(&self, rays: &Rays, hits: &mut Hits);
 
-    /// Finds whether anything lies along each ray; what is told beyond the number of rays is of no meaning.
+    /// Finds whether anything lies along each ray. Answers beyond the number of rays have no meaning.
     fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]);
 
     /// The triangles as they are now.

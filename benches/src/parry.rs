@@ -14,7 +14,7 @@ use crate::{Contestant, Failure, Hits, RAYS, Rays};
 /// What happens to the tree; all but the last two keep it.
 #[derive(Clone, Copy, PartialEq)]
 enum Mode {
-    /// Leaves written one by one, then `refit`, which also lays the nodes out anew.
+    /// Leaves written one by one, then `refit`, which also lays out the nodes again.
     Refit,
     /// The same with `refit_without_opt`, which leaves nodes where they are.
     RefitInPlace,

@@ -34,7 +34,7 @@ pub fn set_up_rays(triangles: &Triangles<'_>, view: &View, known: &[Pixel], pixe
     in_bands(&Known { triangles: *triangles, pixels: known }, view, pixels);
 }
 
-/// Tells what rays find. They belong to the pixels at `places` of the band that starts with pixel `band`.
+/// Reports what rays find. The rays belong to the pixels at `places` of the band that starts with pixel `band`.
 trait Teller: Sync {
     fn closest(&self, rays: &Rays, band: usize, places: &[u32], hits: &mut Hits);
     fn occluded(&self, rays: &Rays, band: usize, places: &[u32], blocked: &mut [bool; RAYS]);
@@ -175,7 +175,7 @@ impl Tile {
         }
     }
 
-    /// The primary rays of the tile at `x`, `y`, as far as it is within the picture.
+    /// The primary rays of the part of the tile at `x`, `y` that is within the picture.
     #[inline(always)]
     fn primary_rays(&mut self, view: &View, pixels: usize, x: usize, y: usize) {
         let width = view.camera.width() as usize;

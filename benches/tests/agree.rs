@@ -17,7 +17,7 @@ fn pixels(contestant: &dyn Contestant, view: &View) -> Vec<Pixel> {
     pixels
 }
 
-/// The library if it is here; that it is not is told, so that nobody believes it was tested.
+/// The library, if it is here. If not, this prints so, so that nobody believes it was tested.
 fn embree() -> Option<Embree> {
     match Embree::load(None) {
         Ok(embree) => Some(embree),

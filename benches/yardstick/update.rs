@@ -1,14 +1,14 @@
 //! This project's side of an outside program that times refits and rotations beside its own.
 //!
 //! Triangles are put into the order of the leaves once, after the build, as that program does with its own.
-//! Rotations are held to AVX2 where it holds its own (variant `blksse`).
+//! Rotations are limited to AVX2 where that program limits its own (variant `blksse`).
 use bvh_build::{Builder, build};
 use bvh_core::{Bvh, SimdLevel, Triangles, Vec3, sah_cost};
 use bvh_update::{Rotate, Strategy, Updater};
 
 pub struct Pivot {
     bvh: Bvh,
-    scratch: Updater,
+    updater: Updater,
     strategy: Strategy,
     indices: Vec<[u32; 3]>,
 }
@@ -29,13 +29,13 @@ impl Pivot {
         }
         let held = std::env::args().any(|argument| argument.contains("blksse"));
         let level = if held { SimdLevel::Avx2 } else { SimdLevel::best() };
-        Self { bvh, scratch: Updater::with_level(Strategy::default(), level), strategy, indices }
+        Self { bvh, updater: Updater::with_level(Strategy::default(), level), strategy, indices }
     }
 
     /// Called in a rayon pool; this is what is timed.
     pub fn update(&mut self, positions: &[[f32; 3]]) {
         let triangles = Triangles { positions: vectors(positions), indices: &self.indices };
-        self.scratch.set_strategy(self.strategy).update(&mut self.bvh, &triangles).unwrap();
+        self.updater.set_strategy(self.strategy).update(&mut self.bvh, &triangles).unwrap();
     }
 
     pub fn sah_cost(&self) -> f64 {

@@ -142,7 +142,7 @@ fn frames(
     let samples = args.samples.unwrap_or(default_samples(&light));
     let (smooth, seed, traversal) = (!args.flat, args.seed, args.traversal);
     let options = RenderOptions { smooth, seed, traversal, ..stage.options_with(&light) };
-    let mut scratch = Updater::default();
+    let mut updater = Updater::default();
     let mut film = matches!(target, Target::Film(_)).then(Film::default);
     let mut picture = Picture {
         image: Image::new(args.size.0, args.size.1),
@@ -160,7 +160,7 @@ fn frames(
             break;
         }
         stage.pose(stage.time_of(frame, count));
-        scratch
+        updater
             .set_strategy(args.strategy)
             .update(&mut tree, &stage.triangles())
             .with_context(|| format!("{label}, frame {frame}"))?;

@@ -103,7 +103,7 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
     let (frames, per_loop) = (args.frames as usize, args.per_loop as usize);
     let progress = Progress::new(format!("{label}, {}", strategy.name()), frames as u64);
     let mut bvh = stage.first_tree.clone();
-    let mut scratch = Updater::default();
+    let mut updater = Updater::default();
     let (mut first, mut last) = (Window::default(), Window::default());
     let (mut memory, mut done) = ([0.0; 2], 0);
     let compared = FIRST - FIRST % per_loop;
@@ -114,7 +114,7 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
         // The jump from the last frame of a loop to the first is part of the test.
         stage.pose(stage.time_of(frame % per_loop, per_loop));
         let start = Instant::now();
-        let report = scratch.set_strategy(*strategy).update(&mut bvh, &stage.triangles())?;
+        let report = updater.set_strategy(*strategy).update(&mut bvh, &stage.triangles())?;
         let time = ms(start);
         let window = if frame <= compared { &mut first } else { &mut last };
         if frame <= compared || frame + compared > frames {

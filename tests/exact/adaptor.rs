@@ -140,7 +140,7 @@ pub(crate) fn levels() -> Vec<SimdLevel> {
 /// The real thing.
 pub(crate) struct Real {
     bvh: Bvh,
-    scratch: Updater,
+    updater: Updater,
     wide: Bvh8,
     update: Update,
     positions: Vec<Vec3>,
@@ -153,7 +153,7 @@ impl Real {
         let bvh = mesh.of_crate(|t| build_with(t, Builder::Binned, &options)).expect("few enough");
         let mut real = Self {
             bvh,
-            scratch: Updater::with_level(Strategy::default(), level),
+            updater: Updater::with_level(Strategy::default(), level),
             wide: Bvh8::new(),
             update: Update::default(),
             positions: Vec::new(),
@@ -167,9 +167,9 @@ impl Real {
 
     pub(crate) fn update(&mut self, mesh: &Mesh, strategy: &str) {
         let strategy: Strategy = strategy.parse().expect("a strategy");
-        let scratch = &mut self.scratch;
+        let updater = &mut self.updater;
         let bvh = &mut self.bvh;
-        self.update = mesh.of_crate(|t| scratch.set_strategy(strategy).update(bvh, t)).expect("same count");
+        self.update = mesh.of_crate(|t| updater.set_strategy(strategy).update(bvh, t)).expect("same count");
         self.show(mesh);
     }
 

@@ -1,5 +1,5 @@
-//! Answers of a tree against exact arithmetic. A check gives what is wrong as text, so that seeded defects can be seen to
-//! be found.
+//! Answers of a tree against exact arithmetic. A check gives what is wrong as text, so that tests can assert that seeded
+//! defects are found.
 
 use std::collections::BTreeSet;
 
@@ -101,15 +101,17 @@ pub(crate) fn check_tree(subject: &dyn Subject, mesh: &Mesh) -> Checked {
     if let Some(p) = times.iter().position(|&t| t != 1) {
         return Err(format!("structure: primitive {p} is in {} leaves", times[p]));
     }
-    ensure(tree.height == found.height, || format!("height: {} is told, {} is", tree.height, found.height))?;
-    if let Some(told) = report.height {
-        ensure(told == found.height, || format!("height: {told} is reported, {} is", found.height))?;
+    ensure(tree.height == found.height, || {
+        format!("height: {} is stored, {} is", tree.height, found.height)
+    })?;
+    if let Some(reported) = report.height {
+        ensure(reported == found.height, || format!("height: {reported} is reported, {} is", found.height))?;
     }
     let dropped = (0..n).filter(|&i| !mesh.is_finite(i)).count() as u64;
     ensure(report.dropped == dropped, || format!("dropped: {} reported, {dropped} are", report.dropped))?;
     let cost = found.cost / found.bounds.map_or(1.0, half_area);
-    if let Some(told) = report.cost.filter(|_| cost.is_finite()) {
-        ensure((told - cost).abs() <= 1e-4 * cost, || format!("cost: {told} reported, {cost} is"))?;
+    if let Some(reported) = report.cost.filter(|_| cost.is_finite()) {
+        ensure((reported - cost).abs() <= 1e-4 * cost, || format!("cost: {reported} reported, {cost} is"))?;
     }
     Ok(())
 }
@@ -201,7 +203,7 @@ impl Truth {
         }
         let there =
             self.of_test(test).any(|(_, _, v)| v.may && (v.nearest().is_nan() || v.nearest() <= self.t_max));
-        ensure(there, || "hit: any is told, none is".into())
+        ensure(there, || "hit: any is reported, none is".into())
     }
 
     /// Every leaf with an exact hit is visited, without any exception for rounding.

@@ -121,7 +121,7 @@ fn every_query_after_every_strategy_at_every_level_is_exact() {
     assert!(fast < 0.2 && watertight < 0.2 && double < 0.1, "{fast} {watertight} {double} are excused");
 }
 
-/// So many exact tests of a ray and a triangle; `PIVOT_EXACT_TESTS` asks for more.
+/// Makes two million exact tests of a ray and a triangle; `PIVOT_EXACT_TESTS` asks for more.
 #[test]
 fn rays_hit_what_they_hit_exactly() {
     let wanted = std::env::var("PIVOT_EXACT_TESTS").ok().and_then(|n| n.parse().ok()).unwrap_or(2_000_000.0);

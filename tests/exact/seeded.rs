@@ -16,7 +16,7 @@ enum Defect {
     None,
     /// One hit in this many is lost.
     HitLost(u64),
-    /// One hit in so many is that of the triangle behind the nearest.
+    /// One hit in this many is that of the triangle behind the nearest.
     FartherHit(u64),
     /// Distances are two parts in a million too large.
     Distance,

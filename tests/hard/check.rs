@@ -59,10 +59,10 @@ fn hold_here(case: &Case, max_leaf_size: u32, turn: usize) -> Vec<(Strategy, Upd
         // Each level plays the whole case; the trees must be the same.
         let mut hashes = Vec::new();
         for level in SimdLevel::available() {
-            let (mut bvh, mut scratch) = (built.clone(), Updater::with_level(Strategy::default(), level));
+            let (mut bvh, mut updater) = (built.clone(), Updater::with_level(Strategy::default(), level));
             let mut last = Update::default();
             for frame in 1..case.frames.len() {
-                last = scratch.set_strategy(strategy).update(&mut bvh, &case.at(frame)).expect("same count");
+                last = updater.set_strategy(strategy).update(&mut bvh, &case.at(frame)).expect("same count");
                 check_tree(&bvh, case, frame, &strategy, &last);
             }
             hashes.push(bvh.fingerprint());

@@ -84,7 +84,7 @@ fn strips(n: usize, frame: usize, per_loop: usize) -> Vec<Vec3> {
 
 /// A tree is plain data. What is not finite in some frames leaves nothing behind in what it
 /// remembers: a copy of it goes on as it does, with other memory and on other threads, and so do
-/// two that are renumbered.
+/// two whose primitives are reordered.
 #[test]
 fn copies_go_on_alike_after_frames_that_are_not_finite() {
     const FRAMES: usize = 9;
@@ -95,7 +95,7 @@ fn copies_go_on_alike_after_frames_that_are_not_finite() {
         let first = Triangles { positions: &start, indices: &indices };
         let bvh = build(&first, Builder::Binned).expect("few enough");
         let mut trees = [bvh.clone(), bvh];
-        let mut scratch = [Updater::default(), Updater::default()];
+        let mut updaters = [Updater::default(), Updater::default()];
         for frame in 1..FRAMES {
             let mut positions = soup.pose([Motion::PartlyNonFinite, Motion::Divergent][frame / 3 % 2], frame);
             if frame == FRAMES / 2 {
@@ -103,7 +103,7 @@ fn copies_go_on_alike_after_frames_that_are_not_finite() {
             }
             if frame % 3 == 2 {
                 trees[1] = trees[0].clone();
-                scratch[1] = Updater::default();
+                updaters[1] = Updater::default();
             }
             if frame == FRAMES / 2 + 1 {
                 let [was, same] = trees.each_mut().map(Bvh::reorder_primitives);
@@ -111,9 +111,9 @@ fn copies_go_on_alike_after_frames_that_are_not_finite() {
                 indices = was.iter().map(|&p| indices[p as usize]).collect();
             }
             let primitives = Triangles { positions: &positions, indices: &indices };
-            for (i, (tree, scratch)) in trees.iter_mut().zip(&mut scratch).enumerate() {
+            for (i, (tree, updater)) in trees.iter_mut().zip(&mut updaters).enumerate() {
                 pool(1 + i)
-                    .install(|| scratch.set_strategy(strategy).update(tree, &primitives))
+                    .install(|| updater.set_strategy(strategy).update(tree, &primitives))
                     .expect("same count");
             }
             trees[0].validate(&primitives).unwrap_or_else(|e| panic!("{}, {frame}: {e}", strategy.name()));
@@ -139,11 +139,11 @@ fn ten_thousand_frames_in_a_loop() {
         let frames = if matches!(strategy, Strategy::Rebuild(..)) { 1500 } else { 10_000 };
         let mut bvh = fresh[0].clone();
         let nodes = bvh.nodes().len();
-        let mut scratch = Updater::default();
+        let mut updater = Updater::default();
         let mut early = [0.0f64; 2];
         let mut late = [0.0f64; 2];
         for frame in 1..=frames {
-            scratch.set_strategy(strategy).update(&mut bvh, &at(frame)).expect("same count");
+            updater.set_strategy(strategy).update(&mut bvh, &at(frame)).expect("same count");
             if frame <= 500 || frame > frames - 500 {
                 let sums = if frame <= 500 { &mut early } else { &mut late };
                 let over = sah_cost(&bvh) / sah_cost(&fresh[frame % PER_LOOP]);

@@ -45,12 +45,12 @@ fn a_hundred_thousand_identical_primitives() {
     let (positions, moved) = ([Vec3::ZERO, Vec3::X, Vec3::Y], [Vec3::Z, Vec3::ONE, Vec3::new(0.0, 2.0, 1.0)]);
     let indices = vec![[0, 1, 2]; N];
     let [start, end] = [&positions, &moved].map(|positions| Triangles { positions, indices: &indices });
-    let (mut scratch, mut wide) = (Updater::default(), Bvh8::new());
+    let (mut updater, mut wide) = (Updater::default(), Bvh8::new());
     let down = Ray::new(Vec3::new(0.2, 1.0, 3.0), Vec3::NEG_Z);
     for strategy in Strategy::all() {
         let builder = if let Strategy::Rebuild(builder, _) = strategy { builder } else { Builder::Binned };
         let mut bvh = build(&start, builder).expect("few enough");
-        scratch.set_strategy(strategy).update(&mut bvh, &end).expect("same count");
+        updater.set_strategy(strategy).update(&mut bvh, &end).expect("same count");
         bvh.validate(&end).unwrap_or_else(|e| panic!("{}: {e}", strategy.name()));
         let mut held = 0;
         bvh.visit(|_, node, _| held += if node.is_leaf() { node.count() } else { 0 });
@@ -63,11 +63,11 @@ fn a_hundred_thousand_identical_primitives() {
     }
 }
 
-/// One tree, one scratch memory and one view of it, for scenes of other sizes one after the other.
+/// One tree, one updater and one view, for scenes of other sizes one after the other.
 #[test]
 fn none_then_some_then_none_in_the_same_memory() {
     let (mut bvh, mut build_memory) = (Bvh::default(), BuildScratch::new());
-    let (mut scratch, mut wide) = (Updater::default(), Bvh8::new());
+    let (mut updater, mut wide) = (Updater::default(), Bvh8::new());
     let down = Ray::new(Vec3::new(4.0, 6.0, 20.0), Vec3::new(0.01, 0.02, -1.0));
     for strategy in Strategy::all() {
         let mut hits = 0;
@@ -80,7 +80,7 @@ fn none_then_some_then_none_in_the_same_memory() {
             rebuild(&mut bvh, &start, builder, &BuildOptions::default(), &mut build_memory)
                 .expect("few enough");
             bvh.validate(&start).unwrap_or_else(|e| panic!("{} of {n}: {e}", builder.name()));
-            scratch.set_strategy(strategy).update(&mut bvh, &end).expect("same count");
+            updater.set_strategy(strategy).update(&mut bvh, &end).expect("same count");
             bvh.validate(&end).unwrap_or_else(|e| panic!("{} of {n}: {e}", strategy.name()));
             wide.update(&bvh, &end);
             for test in TriangleTest::ALL {

@@ -31,7 +31,7 @@ pub fn play_bytes(bytes: &[u8]) {
     let mut bvh = build_with(&Triangles { positions: &positions, indices: &indices }, builder, &options)
         .expect("few enough");
     let mut twin = bvh.clone();
-    let mut scratch =
+    let mut updaters =
         [SimdLevel::best(), SimdLevel::Baseline].map(|level| Updater::with_level(Strategy::default(), level));
     let mut wide = Bvh8::new();
     let mut moving = vec![true; n];
@@ -64,8 +64,8 @@ pub fn play_bytes(bytes: &[u8]) {
             Strategy::Rebuild(builder, _) if strategy & 0x80 != 0 => Strategy::Rebuild(builder, options),
             as_it_is => as_it_is,
         };
-        let reported = scratch[0].set_strategy(strategy).update(&mut bvh, &triangles).expect("same count");
-        let twins = scratch[1].set_strategy(strategy).update(&mut twin, &triangles).expect("same count");
+        let reported = updaters[0].set_strategy(strategy).update(&mut bvh, &triangles).expect("same count");
+        let twins = updaters[1].set_strategy(strategy).update(&mut twin, &triangles).expect("same count");
         assert_eq!(
             (reported, bvh.fingerprint()),
             (twins, twin.fingerprint()),

@@ -22,7 +22,8 @@ const COMMANDS: [(&str, &[(&str, &str)]); 4] = [
 /// Runs everything, and fails with all that failed.
 pub(crate) fn run() -> Result<()> {
     let mut failed = Vec::new();
-    let violations = layering::violations(&metadata()?)?;
+    let mut violations = layering::violations(&metadata()?)?;
+    violations.extend(layering::module_violations(&files::workspace().join("crates/bvh-update/src"))?);
     for violation in &violations {
         files::remark(&format!("layering: {violation}"));
     }

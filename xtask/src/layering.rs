@@ -1,6 +1,8 @@
-//! Which crate may depend on which; arrows go one way only.
+//! Which crate may depend on which, and within `bvh-update` which folder on which; arrows go one way only.
 
 use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
 
 use anyhow::{Context, Result};
 use serde::Deserialize;
@@ -26,6 +28,22 @@ const LIBRARIES: &[&str] = &["bvh-core", "bvh-build", "bvh-update", "pivot-bvh",
 
 /// Dependencies that a crate may have for its tests alone, beyond those.
 const ALLOWED_IN_TESTS: [(&str, &[&str]); 1] = [("rt-cpu", &["bvh-build"])];
+
+/// The folders and files of `bvh-update`, each of which may import only those before it.
+const UPDATE_MODULES: [&str; 12] = [
+    "ski_rental",
+    "state",
+    "report",
+    "refit",
+    "quality",
+    "rebuild",
+    "leaves",
+    "repair",
+    "auto",
+    "strategy",
+    "workspace",
+    "update",
+];
 
 /// The part of `cargo metadata` that is read here.
 #[derive(Deserialize)]
@@ -72,9 +90,64 @@ pub(crate) fn violations(metadata: &str) -> Result<Vec<String>> {
     Ok(found)
 }
 
+/// Every import within `bvh-update` that goes against the order of its modules; `source` is its folder of sources.
+pub(crate) fn module_violations(source: &Path) -> Result<Vec<String>> {
+    let mut found = Vec::new();
+    for (rank, module) in UPDATE_MODULES.iter().enumerate() {
+        let (folder, file) = (source.join(module), source.join(format!("{module}.rs")));
+        let files = if folder.is_dir() { rust_files(&folder)? } else { vec![file] };
+        for file in files {
+            let text =
+                fs::read_to_string(&file).with_context(|| format!("{}: cannot be read", file.display()))?;
+            found.extend(
+                imports_against(&text, rank).map(|to| format!("{} must not import {to}", file.display())),
+            );
+        }
+    }
+    Ok(found)
+}
+
+fn rust_files(folder: &Path) -> Result<Vec<std::path::PathBuf>> {
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder).with_context(|| format!("{}: cannot be read", folder.display()))? {
+        let path = entry?.path();
+        if path.is_dir() {
+            files.extend(rust_files(&path)?);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            files.push(path);
+        }
+    }
+    Ok(files)
+}
+
+/// The modules named after `crate::` outside of tests and comments that a module of this rank may not import.
+fn imports_against(text: &str, rank: usize) -> impl Iterator<Item = &'static str> {
+    let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+    let lines = code.lines().filter(|line| !line.trim_start().starts_with("//"));
+    let named: Vec<&str> = lines.flat_map(|line| line.split("crate::").skip(1)).collect();
+    let is_later = move |module: &&&str| {
+        named.iter().any(|rest| {
+            let name = rest.split(|c: char| !c.is_ascii_alphanumeric() && c != '_').next();
+            name == Some(**module)
+        })
+    };
+    UPDATE_MODULES[rank + 1..].iter().filter(is_later).copied().collect::<Vec<_>>().into_iter()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn modules_import_only_those_before_them() {
+        let quality = UPDATE_MODULES.iter().position(|&m| m == "quality").unwrap();
+        let against = |text: &str| imports_against(text, quality).collect::<Vec<_>>();
+        assert!(against("use crate::refit::pass;\n/// See crate::auto.\n").is_empty());
+        assert_eq!(against("use crate::refit::pass;\nuse crate::repair::{RepairScratch};\n"), ["repair"]);
+        assert!(against("#[cfg(test)]\nmod tests {\n    use crate::auto::Auto;\n}").is_empty());
+        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates/bvh-update/src");
+        assert_eq!(module_violations(&source).unwrap(), Vec::<String>::new());
+    }
 
     fn check(package: &str, dependency: &str, kind: &str) -> Vec<String> {
         let metadata = format!(

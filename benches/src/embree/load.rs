@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_library_is_told_in_one_line() {
+    fn a_file_that_is_no_library_is_refused_in_one_line() {
         let missing = load(Some(Path::new("no/such/place"))).err().expect("not there").to_string();
         assert!(missing.contains("no/such/place") && missing.contains("libembree4"), "{missing}");
         let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.toml");

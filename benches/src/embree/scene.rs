@@ -86,7 +86,7 @@ impl Scene {
         let (positions, indices) = (positions.into_boxed_slice(), Box::from(triangles.indices));
         let api = &device.api;
         // SAFETY: handles are used as Embree gave them. Both buffers live in boxes that are dropped after the scene
-        // is released and have the number of items that is told; vertices have readable padding behind them.
+        // is released and have the number of items that is passed; vertices have readable padding behind them.
         let scene = unsafe {
             let scene = (api.new_scene)(device.handle);
             let geometry = (api.new_geometry)(device.handle, api::GEOMETRY_TRIANGLE);

@@ -324,7 +324,7 @@ fn clustered() -> Vec<Aabb> {
 }
 
 #[test]
-fn long_codes_tell_clusters_apart() {
+fn long_codes_separate_clusters() {
     let [sweep, _, _, others @ ..] = check(&clustered(), &options(1)).map(|bvh| sah_cost(&bvh));
     assert!(others.iter().all(|cost| *cost < 1.3 * sweep), "{others:?} to {sweep}");
 }

@@ -246,8 +246,8 @@ fn twice<S: Simd>(simd: S, a: Vec3, w: f32) -> f32x8<S> {
     both(simd, &a, &a)
 }
 
-/// Calls `visit` with the number of every triangle in a leaf that the ray enters before `t_max`, nearest first
-/// as far as boxes tell, until that is negative. `visit` gets the present `t_max` and returns the new one.
+/// Calls `visit` with the number of every triangle in a leaf that the ray enters before `t_max`, nearest box
+/// first, until `t_max` is negative. `visit` gets the present `t_max` and returns the new one.
 #[inline(always)]
 fn walk<S: Simd>(
     simd: S,

@@ -125,12 +125,12 @@ fn measure(scene: &Scene, strategy: &Strategy, level: SimdLevel, with_sums: bool
     }
     let map = bvh.reorder_primitives();
     let indices: Vec<_> = map.into_iter().map(|p| indices[p as usize]).collect();
-    let mut scratch = Updater::with_level(Strategy::default(), level);
-    scratch.report_cost(with_sums);
+    let mut updater = Updater::with_level(Strategy::default(), level);
+    updater.report_cost(with_sums);
     if out_of_order {
         // One pass of rotations, so that refits take the way of blocks.
         let triangles = Triangles { positions: &start, indices: &indices };
-        scratch
+        updater
             .set_strategy(Strategy::RefitRotate(Rotate::default()))
             .update(&mut bvh, &triangles)
             .expect("same");
@@ -142,10 +142,10 @@ fn measure(scene: &Scene, strategy: &Strategy, level: SimdLevel, with_sums: bool
         let positions = scene.positions(frame as f32 * 0.05);
         let triangles = Triangles { positions: &positions, indices: &indices };
         if frame == frames {
-            scratch.record_costs();
+            updater.record_costs();
         }
         let begin = Instant::now();
-        let report = scratch.set_strategy(*strategy).update(&mut bvh, &triangles).expect("same count");
+        let report = updater.set_strategy(*strategy).update(&mut bvh, &triangles).expect("same count");
         let took = begin.elapsed().as_nanos() as f64;
         let moving = (report.nodes_visited as f64 + 1.0) / 2.0;
         if frame < frames {
@@ -153,7 +153,7 @@ fn measure(scene: &Scene, strategy: &Strategy, level: SimdLevel, with_sums: bool
             plain = plain.min(took / moving);
             continue;
         }
-        let costs = scratch.take_costs();
+        let costs = updater.take_costs();
         let all = scheduled(&costs, 1);
         if all < best.0 {
             best = (all, costs, moving);

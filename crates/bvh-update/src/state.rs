@@ -48,6 +48,8 @@ pub(crate) struct Baseline {
     pub(crate) scale: f64,
     /// What the scale that follows from `sizes` is multiplied by: other than 1 once `sizes` were taken again.
     pub(crate) scale_factor: f64,
+    /// How alike leaves are in size: 1 if all are alike, near 0 if most of the area is in a few.
+    pub(crate) leaf_uniformity: f64,
     /// Whether other primitives are dynamic since `sizes` were taken: 0 or 1.
     pub(crate) has_other_dynamic: u32,
     pub(crate) padding: u32,
@@ -82,7 +84,7 @@ pub(crate) struct Ledger {
 
 const _: () = assert!(size_of::<State>() <= size_of::<[u64; UpdateState::WORDS]>());
 
-/// How a tree lies in its arena, as far as updates have looked.
+/// How a tree lies in its arena, in the state that updates have found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Layout {
     /// Not looked at yet.

@@ -33,7 +33,7 @@ use crate::{leaves, repair};
 /// for frame in 1..10 {
 ///     let done = updater.update(&mut bvh, &boxes(frame as f32))?;
 ///     assert_eq!(done.dropped, 0);
-///     // So many single rays are cast through the tree before the next update.
+///     // A thousand single rays are cast through the tree before the next update.
 ///     updater.report(Load::SingleRays(1000));
 /// }
 /// # Ok::<(), Box<dyn std::error::Error>>(())

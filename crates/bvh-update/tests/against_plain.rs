@@ -130,7 +130,7 @@ fn same_tree_when_only_some_move() {
 }
 
 #[test]
-fn what_stands_still_is_not_visited() {
+fn static_subtrees_are_not_visited() {
     let start = boxes(20_000, 1, 0.0);
     let mut bvh = tree(&start, 1);
     let mut updater = reporting(SimdLevel::best());
@@ -198,7 +198,7 @@ fn a_still_scene_converges_and_stays() {
 }
 
 #[test]
-fn renumbered_primitives_give_the_same_tree() {
+fn reordered_primitives_give_the_same_tree() {
     let start = boxes(3000, 4, 0.0);
     let mut plain_numbers = tree(&start, 1);
     let mut in_order = plain_numbers.clone();

@@ -1,4 +1,4 @@
-//! A `Updater` with a build under way may be dropped anywhere in a rayon pool. Each case runs in a child process, because
+//! An `Updater` with a build under way may be dropped anywhere in a rayon pool. Each case runs in a child process, because
 //! a stack overflow aborts the process and a deadlock never ends.
 
 use std::process::{Command, Stdio};
@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 /// Names the case that a child process runs.
 const CASE: &str = "PIVOT_DROP_CASE";
-/// A child that takes longer is held to be deadlocked. The cases take a second or two.
+/// A child that takes longer counts as deadlocked. The cases take a second or two.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 fn boxes(n: usize) -> Vec<Aabb> {
@@ -20,7 +20,7 @@ fn boxes(n: usize) -> Vec<Aabb> {
     (0..n).map(place).map(|p| Aabb::new(p, p + 0.5)).collect()
 }
 
-/// Memory of a tree with a build under way.
+/// An updater with a build under way.
 fn busy(boxes: &Vec<Aabb>, tree: &Bvh, builder: Builder) -> Updater {
     let (mut bvh, mut updater) = (tree.clone(), Updater::default());
     let strategy = Strategy::Background(Background { rotate: None, builder });
@@ -40,7 +40,7 @@ fn many_drops(builder: Builder) {
     (0..TASKS).into_par_iter().with_max_len(1).for_each(|_| drop(busy(&boxes, &tree, builder)));
 }
 
-/// Tasks that replace a `Updater` while they hold its lock: the old one is dropped under the lock.
+/// Tasks that replace an `Updater` while they hold its lock: the old one is dropped under the lock.
 fn drops_under_a_lock(builder: Builder) {
     const TASKS: usize = 8;
     let boxes = boxes(20_000);
@@ -99,7 +99,7 @@ fn passes(case: &str) {
 }
 
 #[test]
-fn dropping_thousands_of_busy_scratches_in_a_pool_overflows_no_stack() {
+fn dropping_thousands_of_busy_updaters_in_a_pool_overflows_no_stack() {
     passes("many binned 2");
     passes("many binned global");
     passes("many ploc 2");
@@ -107,7 +107,7 @@ fn dropping_thousands_of_busy_scratches_in_a_pool_overflows_no_stack() {
 }
 
 #[test]
-fn dropping_a_busy_scratch_under_a_lock_is_no_deadlock() {
+fn dropping_a_busy_updater_under_a_lock_is_no_deadlock() {
     for builder in Builder::PER_FRAME {
         // With one thread, a build that wanted the caller's pool would wait for ever.
         for pool in ["1", "2", "global"] {

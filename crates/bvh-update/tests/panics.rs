@@ -18,7 +18,7 @@ fn boxes(time: f32) -> Vec<Aabb> {
     (0..N).map(place).map(|p| Aabb::new(p, p + 0.5)).collect()
 }
 
-/// Boxes that can be asked for so many times.
+/// Boxes that panic once they have been asked for a given number of times.
 struct Fragile {
     boxes: Vec<Aabb>,
     left: AtomicUsize,

@@ -76,7 +76,7 @@ fn is_repair(decision: &Decision) -> bool {
 }
 
 #[test]
-fn a_burst_is_regrown_and_stays_nearly_as_good_as_new() {
+fn partial_rebuilds_keep_a_burst_nearly_as_good_as_new() {
     let (_, refitted) = play(Strategy::Refit, |_| true);
     for score in [RepairScore::Area, RepairScore::Overlap, RepairScore::Divergence] {
         for rotate in [None, Some(Rotate::default())] {
@@ -93,7 +93,7 @@ fn a_burst_is_regrown_and_stays_nearly_as_good_as_new() {
 }
 
 #[test]
-fn regrowing_knows_what_stands_still() {
+fn partial_rebuilds_keep_static_primitives_static() {
     // The report costs are checked on the way: they are wrong if areas that stand still are.
     for score in [RepairScore::Area, RepairScore::Overlap, RepairScore::Divergence] {
         let strategy = Strategy::PartialRebuild(PartialRebuild { score, ..PartialRebuild::default() });
@@ -103,7 +103,7 @@ fn regrowing_knows_what_stands_still() {
 }
 
 #[test]
-fn a_degraded_tree_is_built_anew() {
+fn a_degraded_tree_is_rebuilt() {
     let degraded = Degraded { threshold: 0.02, ..Degraded::default() };
     let (decisions, worst) = play(Strategy::Degraded(degraded), |_| true);
     let rebuilds = decisions.iter().filter(|d| is_rebuild(d)).count();
@@ -238,7 +238,7 @@ fn static_primitives_stay_static_in_a_new_tree_of_auto() {
         bvh.validate(boxes.as_slice()).expect("valid");
         rebuilds += usize::from(is_rebuild(&report.decision));
     }
-    assert!(rebuilds > 0, "nothing was built anew");
+    assert!(rebuilds > 0, "nothing was rebuilt");
     bvh.visit(|_, node, _| {
         bvh.primitives(node).iter().for_each(|&p| assert_eq!(node.is_dynamic(), moves(p as usize), "{p}"));
     });
@@ -446,7 +446,7 @@ fn auto_merges_leaves_where_it_is_calm() {
 }
 
 #[test]
-fn leaves_come_to_rest_and_know_what_stands_still() {
+fn leaves_come_to_rest_and_static_leaves_stay() {
     let boxes = frayed(0);
     let mut bvh = tree(&boxes, Builder::Sweep);
     bvh.set_dynamic(|i| i % 200 < 100);
@@ -477,7 +477,7 @@ fn leaves_come_to_rest_and_know_what_stands_still() {
 
 /// Built over points, a tree is any tree; once they have burst apart it must not be held for a good one.
 #[test]
-fn auto_builds_anew_what_was_built_over_points() {
+fn auto_rebuilds_a_tree_built_over_points() {
     let points = vec![Aabb::new(Vec3::ONE, Vec3::ONE); N];
     for (first, steps) in [(points.clone(), 0), (chaos(0), 3)] {
         let mut bvh = tree(&first, Builder::Sweep);
@@ -511,9 +511,10 @@ fn no_tree_of_old_numbers_takes_over() {
     }
 }
 
-/// What moves is said anew now and then, before a tree from the background takes over or after it; two trees take turns.
+/// The mask of what is dynamic changes now and then, before a tree from the background takes over or after it. Two trees
+/// take turns.
 #[test]
-fn trees_from_the_background_move_as_was_said_last() {
+fn trees_from_the_background_have_the_latest_dynamic_mask() {
     let background = Strategy::Background(Background::default());
     let mut trees = [0, 1].map(|_| tree(&chaos(0), Builder::Sweep));
     let mut updater = Updater::default();

@@ -1,4 +1,4 @@
-//! What trees are held to: that no event makes a strategy take a bad tree for a good one.
+//! Baselines: no event makes a strategy take a bad tree for a good one.
 
 use bvh_core::{Aabb, Bvh, Vec3, sah_cost};
 use bvh_update::{Auto, Builder, Decision, Load, PartialRebuild, Reason, RepairScore, Strategy, Updater};

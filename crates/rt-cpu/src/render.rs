@@ -112,7 +112,7 @@ fn called_for(effects: &Effects, mesh: &Mesh<'_>) -> Effects {
     }
 }
 
-/// Whether so many rays will have little in common that making a view for them pays: one for six triangles.
+/// Whether making a view pays: whether at least one ray for six triangles will have little in common with others.
 fn calls_for_wide(effects: &Effects, camera: &Camera, bvh: &Bvh) -> bool {
     let of_hit = effects.ambient_occlusion.map_or(0, |a| u64::from(a.samples))
         + effects.diffuse_bounces.map_or(0, |d| u64::from(d.most));

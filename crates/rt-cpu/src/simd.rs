@@ -1,6 +1,6 @@
 //! Instruction sets, and the few vector operations whose exact meaning matters here.
 //!
-//! Kernels are written once over vectors of [`fearless_simd`] and compiled for every level. They add, subtract,
+//! Each kernel is written once, over vectors of [`fearless_simd`], and compiled for every level. Kernels add, subtract,
 //! multiply and divide, never fuse, and reduce nothing but minima, maxima and masks: each lane computes the same
 //! bits at every level, and those of the scalar code.
 //!
@@ -35,7 +35,7 @@ pub(crate) fn detected(level: SimdLevel) -> Level {
 /// Runs `$body` compiled for a [`SimdLevel`], or for the best of the machine, with `$simd` the token of its vector types.
 macro_rules! at_level {
     (best, $simd:ident => $body:expr) => {
-        // Looked up once and kept, where `SimdLevel::best` asks anew.
+        // Looked up once and kept, where `SimdLevel::best` asks again.
         $crate::simd::at_level!(@ fearless_simd::Level::new(), $simd => $body)
     };
     ($level:expr, $simd:ident => $body:expr) => {

@@ -43,7 +43,7 @@ const NUMBERS: u32 = 8;
 pub(crate) struct Wavefront<'a> {
     pub(crate) shader: Shader<'a>,
     pub(crate) effects: Effects,
-    /// A view of the tree, if so many rays are expected that it was worth making.
+    /// A view of the tree, if enough rays are expected to pay for making it.
     pub(crate) wide: Option<&'a Bvh8>,
     pub(crate) seed: u64,
     pub(crate) sample: u32,

@@ -76,7 +76,7 @@ impl<V> Slab<V> {
         let mut slab = Self { first: [V::simd_from(simd, 0.0); 3], last: [V::simd_from(simd, 0.0); 3] };
         for k in 0..3 {
             let origin = V::simd_from(simd, origin[k]);
-            // The mask tells the compiler that it is in range.
+            // With the mask the compiler knows that the index is in range.
             slab.first[k] = origin - V::simd_from(simd, planes[octant.first[k] & 7]);
             slab.last[k] = origin - V::simd_from(simd, planes[octant.last[k] & 7]);
         }

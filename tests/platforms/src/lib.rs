@@ -112,11 +112,11 @@ fn built(scene_name: &str, builder: Builder) -> Bvh {
 /// The tree after all frames.
 fn updated(scene_name: &str, strategy: &Strategy, level: SimdLevel) -> Bvh {
     let mut bvh = built(scene_name, Builder::Sweep);
-    let mut scratch = Updater::with_level(Strategy::default(), level);
+    let mut updater = Updater::with_level(Strategy::default(), level);
     for frame in 1..FRAMES {
         let (positions, indices) = scene(scene_name, frame);
         let triangles = Triangles { positions: &positions, indices: &indices };
-        scratch.set_strategy(*strategy).update(&mut bvh, &triangles).expect("same count");
+        updater.set_strategy(*strategy).update(&mut bvh, &triangles).expect("same count");
     }
     bvh
 }

@@ -100,13 +100,13 @@ fn observe(bvh: &mut Bvh, tally: &Tally, queries: QueryCost) -> Observation {
     // Leaves that are not merged grow by themselves.
     let is_calm = ledger.is_merged == 0 || ledger.leaf_area == 0.0;
     ledger.leaf_area = if is_calm { tally.leaf_area } else { ledger.leaf_area.min(tally.leaf_area) };
-    let good = before.baseline.cost * scale;
-    let growth = (tally.leaf_area - ledger.leaf_area) / good;
+    let unit = before.baseline.unit(scale);
+    let growth = (tally.leaf_area - ledger.leaf_area) / unit;
     Observation {
         primitives: bvh.len() as f64,
         nodes: (tally.leaves + tally.inner) as f64,
         excess: before.baseline.excess(cost, scale),
-        leaf_growth: if good > 0.0 { growth } else { 0.0 },
+        leaf_growth: if unit > 0.0 { growth } else { 0.0 },
         has_no_baseline,
         queries,
     }
@@ -129,9 +129,10 @@ fn execute<P: Primitives + ?Sized>(
             if plan == Plan::MergeLeaves { Decision::MergeLeaves } else { Decision::SplitLeaves }
         }
         Plan::Repair { threshold, or_rebuild } => {
-            let Baseline { cost, scale, .. } = State::of(bvh).baseline;
+            let baseline: Baseline = State::of(bvh).baseline;
             let most = (LARGEST_FRONTIER * seen.primitives) as usize;
-            let repaired = open_grown(bvh, tally, threshold * cost * scale, most, scratch.repair);
+            let repaired =
+                open_grown(bvh, tally, threshold * baseline.unit(baseline.scale), most, scratch.repair);
             let ledger = &mut State::of_mut(parts(bvh).state).ledger;
             match (repaired, or_rebuild) {
                 (Repaired::Top { subtrees }, _) => {

@@ -8,7 +8,6 @@ use bvh_core::{Aabb, Bvh, MAX_HEIGHT, Node, Parts, Primitives, prefetch};
 use rayon::prelude::*;
 
 use super::small_tree::{LONGEST, OptimalTree, SmallTree};
-use crate::quality::sah_term;
 use crate::refit::{RotationSchedule, parts};
 use crate::state::{Layout, State};
 
@@ -245,7 +244,7 @@ impl<P: Primitives + ?Sized> View<'_, P> {
         while i < seen.len() {
             let node = &self.nodes[seen[i].n as usize];
             if node.is_dynamic() && node.is_leaf() {
-                let cost = sah_term(node);
+                let cost = node.sah_term();
                 prefetch(self.order, node.first());
                 if (1..=self.longest as usize).contains(&node.count()) {
                     let (first, count) = (node.first() as u32, node.count() as u32);
@@ -276,7 +275,7 @@ impl<P: Primitives + ?Sized> View<'_, P> {
                 let meet = l.first + l.count == r.first || r.first + r.count == l.first;
                 if are_runs && meet && l.count + r.count <= self.longest {
                     let node = &self.nodes[seen[i].n as usize];
-                    let own = sah_term(node);
+                    let own = node.sah_term();
                     let (first, count) = (l.first.min(r.first), l.count + r.count);
                     let (cost, leaves) = (own + (l.cost + r.cost), l.leaves + r.leaves);
                     seen[i].run = Run { first, count, cost, leaves };
@@ -485,7 +484,7 @@ mod tests {
         assert!(trees.iter().all(|&tree| tree == trees[0]));
     }
 
-    /// Boxes that can be asked for so many times.
+    /// Boxes that panic once they have been asked for a given number of times.
     struct Fragile(Vec<Aabb>, AtomicUsize);
 
     impl Primitives for Fragile {

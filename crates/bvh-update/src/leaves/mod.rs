@@ -16,7 +16,7 @@
 //! The order of primitives stays as it is, which keeps them streaming through memory; the price is that leaves that
 //! rotations brought together from afar cannot merge. Nor can rotations take apart what has merged: a tree that
 //! recovers from chaos may end a few per cent above one that has not. A tree that was built with larger leaves splits
-//! them as far as it has pairs of nodes to spare; those that are not needed are kept in a list within the arena
+//! them while it has pairs of nodes to spare. Pairs that are not needed are kept in a list within the arena
 //! (`State::spare_pair`).
 //!
 //! Meshes end with 1.2 to 1.4 nodes a triangle instead of 2, a cost some 2 % lower, and rays 2 to 8 % faster. Updates

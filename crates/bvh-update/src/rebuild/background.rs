@@ -43,8 +43,8 @@ pub struct BackgroundCost {
     /// Updates from the copy of the boxes to the one that put the tree in place: how many frames older than the
     /// primitives its structure is by then. Until the next one comes it grows older.
     pub delay: u32,
-    /// Time that its thread was busy, by the wall clock: what was taken from the cores, as far as there was one free; of a
-    /// parallel builder the thread's own part.
+    /// Time that its thread was busy, by the wall clock; where a core was free, this is the time taken from the cores. Of a
+    /// parallel builder it is the thread's own part.
     pub build_time: Duration,
 }
 
@@ -152,7 +152,7 @@ fn in_own_pool<T: Send>(threads: usize, build: impl FnOnce() -> T + Send) -> T {
 impl Drop for Builds {
     /// Waits for the build under way, so that no thread outlives what started it.
     ///
-    /// The wait blocks. It runs no other task of the caller's pool, since such a task could drop another `Scratch` on the
+    /// The wait blocks. It runs no other task of the caller's pool, since such a task could drop another `Updater` on the
     /// same stack, or ask for a lock that the caller holds. It ends, since a build needs no thread of any other pool.
     fn drop(&mut self) {
         if let Some(thread) = self.current.take() {

@@ -1,7 +1,7 @@
 //! Rebuilding when the tree has degraded (Lauterbach, Yoon, Tuft, Manocha 2006, section 4).
 //!
 //! A node's box fits its children badly if they are far apart, or differ much from it: the ratio of its area to the sum
-//! of theirs is then large. The measure is the mean of that ratio over all inner nodes; the tree is built anew once it
+//! of theirs is then large. The measure is the mean of that ratio over all inner nodes; the tree is rebuilt once it
 //! has grown by more than a threshold since the tree was built, 40 per cent of one as published.
 
 use bvh_build::Builder;
@@ -19,7 +19,7 @@ use crate::state::State;
 pub struct Degraded {
     /// The budget of rotations in between, if any are wanted.
     pub rotate: Option<Rotate>,
-    /// Growth of the mean ratio of a node's area to its children's at which the tree is built anew. 0.4 by default, as
+    /// Growth of the mean ratio of a node's area to its children's at which the tree is rebuilt. 0.4 by default, as
     /// published.
     pub threshold: f64,
     /// The builder used.

@@ -183,7 +183,7 @@ pub(super) fn refit_boxes(
     tally.area += sum.total();
 }
 
-/// Gives a node the height that follows from its children's, and tells their link words.
+/// Gives a node the height that follows from its children's, and returns their link words.
 #[inline(always)]
 pub(super) fn refit_height(nodes: SharedNodes<'_>, entry: Entry) -> [u32; 2] {
     let [[link_l, l], [link_r, r]] = nodes.pair_words(entry.first());

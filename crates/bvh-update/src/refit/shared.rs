@@ -218,7 +218,7 @@ pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
     // thread before its tasks start and after all have ended; a task touches only the nodes below its roots, and reads the
     // root and node 1, which none writes; and as every pair of a valid tree has one parent, and no root is below
     // another, tasks share no node that one of them writes. Where the tree is swept the tasks are the pieces of the arena
-    // that `linear` divides it into: whole subtrees of a linear tree, each in one place. A new top (`top.rs`) is
+    // that `linear` divides it into: whole subtrees of a linear tree, each in one place. A new top (`top_tree.rs`) is
     // written by tasks that read no node, each to pairs of its own: `rebuild_top` makes sure that none is there twice.
     #[expect(unsafe_code, reason = "shares the arena between tasks")]
     unsafe {
@@ -226,8 +226,8 @@ pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
     }
 }
 
-/// A tree in the middle of an update: mended if primitives panic before that is done, as rotations leave heights above
-/// them to be told later.
+/// A tree in the middle of an update. If primitives panic before it is done, dropping this recomputes the heights, since
+/// rotations leave the heights of the nodes above them to be updated later.
 pub(crate) struct Unfinished<'a> {
     pub(crate) bvh: &'a mut Bvh,
     pub(crate) done: bool,
@@ -250,10 +250,11 @@ impl Drop for Unfinished<'_> {
 /// The parts of a tree, for a pass that keeps its structure valid.
 pub(crate) fn parts(bvh: &mut Bvh) -> Parts<'_> {
     // SAFETY: the pass writes boxes, and structure only by `Accepted::apply`, which swaps two slots and refits
-    // heights and moving bits on the way up, as the plain pass does. `top.rs` and `settle.rs` put a tree over the same
-    // slots or subtrees in the place of another, in pairs that were that one's or spare, with heights and bits refitted.
+    // heights and moving bits on the way up, as the plain pass does. `repair/top_tree.rs` and
+    // `leaves/collapse.rs` put a tree over the same slots or subtrees in the place of another. They use pairs that were
+    // the other's or spare, and refit heights and bits.
     // Whoever has moved nodes sets the layout to `Other`. Others write references and the history alone. Where primitives
-    // may panic in between, the tree is `Unfinished`; `settle.rs` asks none while it writes.
+    // may panic in between, the tree is `Unfinished`; `leaves/collapse.rs` asks none while it writes.
     #[expect(unsafe_code, reason = "promises to leave a valid tree")]
     unsafe {
         bvh.parts_mut()

@@ -1,9 +1,10 @@
 //! Where motion diverges.
 //!
 //! Primitives that move together are a *cluster*, and a cluster's subtree is still good wherever it goes; bad is what
-//! is above clusters that have parted. Two children part as far as their centres have moved away from each other since
-//! their parent was built. The square of that distance is an area, and takes the place of the node's own area in the search
-//! for the frontier: nodes with divergence at or below them are opened, the rest are the clusters. O(n).
+//! is above clusters that have parted. Two children part by the distance that their centres have moved away from each
+//! other since their parent was built. The square of that distance is an area. It takes the place of the
+//! node's own area in the search for the frontier: nodes with divergence at or below them are opened, the rest are the
+//! clusters. O(n).
 //!
 //! The idea is that of clustered updates (Garanzha 2008), whose reinsertion of cluster roots is not followed here.
 

@@ -37,7 +37,7 @@ pub struct PartialRebuild {
     pub rotate: Option<Rotate>,
     /// Growth of the tree's cost at which it is repaired, as part of that cost. 0.1 by default.
     pub growth: f64,
-    /// What tells subtrees that are still good from the others.
+    /// Which subtrees count as still good.
     pub score: RepairScore,
 }
 
@@ -86,7 +86,7 @@ pub(crate) struct RepairScratch {
 /// What a repair did.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Repaired {
-    /// A new top stands above so many subtrees.
+    /// A new top stands above this number of subtrees.
     Top { subtrees: usize },
     /// The old top was as good.
     Nothing,

@@ -1,4 +1,4 @@
-//! The eight-wide view: made anew, of whatever trees, on any number of threads.
+//! The eight-wide view: made again and again, of any tree, on any number of threads.
 
 use super::*;
 

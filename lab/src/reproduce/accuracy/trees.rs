@@ -20,7 +20,7 @@ struct Entrant {
     name: String,
     strategy: Strategy,
     tree: Bvh,
-    scratch: Updater,
+    updater: Updater,
     updates: usize,
     update_ms: f64,
     /// Sums of the errors over the frames compared.
@@ -49,7 +49,7 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
             name,
             strategy,
             tree: bench.stage.first_tree.clone(),
-            scratch: Updater::default(),
+            updater: Updater::default(),
             updates: 0,
             update_ms: 0.0,
             errors: [0.0; 2],
@@ -138,7 +138,7 @@ impl Entrant {
     fn update(&mut self, bench: &Bench<'_>) -> Result<()> {
         let triangles = bench.stage.triangles();
         let start = Instant::now();
-        self.scratch
+        self.updater
             .set_strategy(self.strategy)
             .update(&mut self.tree, &triangles)
             .with_context(|| format!("{} failed", self.name))?;

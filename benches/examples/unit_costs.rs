@@ -1,0 +1,151 @@
+//! Measures the unit costs that `Strategy::Auto` decides by (`crates/bvh-update/src/auto/cost_model.rs`), on one thread of
+//! this machine: `cargo run --release -p pivot-benches --example unit_costs`.
+
+use std::ops::ControlFlow::Continue;
+use std::time::Instant;
+
+use bvh_build::{BuildOptions, BuildScratch, Builder, build, rebuild};
+use bvh_core::{Bvh, Ray, TriangleTest, Triangles, Vec3, Visits, closest_hit_counted};
+use bvh_update::{Decision, Leaves, PartialRebuild, Rotate, Strategy, Updater};
+use rt_cpu::{Camera, Pixel, RenderOptions, cast};
+
+/// Quads on each side of the sheet.
+const SIDE: usize = 350;
+const PIECE: usize = 10;
+const FRAMES: usize = 24;
+
+/// A number between 0 and 1.
+fn noise(i: usize) -> f32 {
+    let h = i.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    ((h ^ (h >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) as f32 / (1 << 24) as f32
+}
+
+/// A waving sheet of quads with corners of their own, which bursts into square pieces.
+fn positions(frame: usize) -> Vec<Vec3> {
+    let time = frame as f32;
+    let corner = |i: usize| {
+        let (quad, corner) = (i / 4, i % 4);
+        let (x, y) = (quad % SIDE, quad / SIDE);
+        let piece = x / PIECE + SIDE / PIECE * (y / PIECE);
+        let away = Vec3::new(noise(3 * piece), noise(3 * piece + 1), noise(3 * piece + 2)) - 0.5;
+        let (x, y) = ((x + corner % 2) as f32, (y + corner / 2) as f32);
+        Vec3::new(x, y, 4.0 * (0.1 * x + 0.2 * time).sin()) + away * 6.0 * time
+    };
+    (0..4 * SIDE * SIDE).map(corner).collect()
+}
+
+/// Nanoseconds that `work` takes.
+fn ns<T>(work: impl FnOnce() -> T) -> (f64, T) {
+    let start = Instant::now();
+    let result = work();
+    (start.elapsed().as_nanos() as f64, result)
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+fn print(name: &str, value: f64, of: &str) {
+    println!("{name:<16} {value:>10.1} ns  {of}");
+}
+
+/// Plays the burst; gives for each frame the time of an update, the nodes that it visited, and what it decided.
+fn play(strategy: Strategy, first: &Bvh, indices: &[[u32; 3]]) -> Vec<(f64, f64, Decision)> {
+    let (mut bvh, mut updater) = (first.clone(), Updater::new(strategy));
+    let frame = |frame| {
+        let now = positions(frame);
+        let triangles = Triangles { positions: &now, indices };
+        let (time, done) = ns(|| updater.update(&mut bvh, &triangles).expect("same count"));
+        (time, done.nodes_visited as f64, done.decision)
+    };
+    (1..FRAMES).map(frame).collect()
+}
+
+fn measure() {
+    let indices: Vec<[u32; 3]> = (0..SIDE * SIDE)
+        .map(|quad| 4 * quad as u32)
+        .flat_map(|c| [[c, c + 1, c + 2], [c + 1, c + 3, c + 2]])
+        .collect();
+    let start = positions(0);
+    let triangles = Triangles { positions: &start, indices: &indices };
+    let count = indices.len() as f64;
+    let first = build(&triangles, Builder::Sweep).expect("few enough");
+
+    let rotate = play(Strategy::RefitRotate(Rotate::default()), &first, &indices);
+    let partial = play(Strategy::PartialRebuild(PartialRebuild::default()), &first, &indices);
+    // Repairs of many subtrees give the cost of a subtree, those of few that of the frontier.
+    let repairs: Vec<(f64, f64, f64)> = partial
+        .iter()
+        .zip(&rotate)
+        .filter_map(|((time, nodes, decision), (without, ..))| match decision {
+            Decision::PartialRebuild { subtrees } => Some((time - without, *nodes, *subtrees as f64)),
+            _ => None,
+        })
+        .collect();
+    let sum = |f: fn(&(f64, f64, f64)) -> f64| repairs.iter().map(f).sum::<f64>();
+    // Least squares of time = a * nodes + b * subtrees.
+    let (nn, ns_, ss) = (sum(|r| r.1 * r.1), sum(|r| r.1 * r.2), sum(|r| r.2 * r.2));
+    let (tn, ts) = (sum(|r| r.0 * r.1), sum(|r| r.0 * r.2));
+    let determinant = nn * ss - ns_ * ns_;
+    print("FRONTIER_NODE", (tn * ss - ts * ns_) / determinant, "for each node, of repairs");
+    print("TOP_SUBTREE", (nn * ts - ns_ * tn) / determinant, "for each subtree kept");
+
+    for (name, builder) in [("GOOD_BUILD", Builder::Ploc), ("FAST_BUILD", Builder::Lbvh)] {
+        let (mut bvh, mut scratch) = (Bvh::default(), BuildScratch::new());
+        let options = BuildOptions::default();
+        let mut once =
+            || ns(|| rebuild(&mut bvh, &triangles, builder, &options, &mut scratch).expect("few")).0;
+        print(name, median((0..9).map(|_| once()).collect()) / count, "for each primitive");
+    }
+
+    let leaves = play(Strategy::Leaves(Leaves { period: 1, ..Leaves::default() }), &first, &indices);
+    let of_leaves =
+        leaves.iter().zip(&rotate).map(|((time, nodes, _), (without, ..))| (time - without) / nodes);
+    print("LEAF_NODE", median(of_leaves.collect()), "for each node");
+
+    let middle = Vec3::new(0.5, 0.5, 0.0) * SIDE as f32;
+    let camera = Camera::look_at(middle + Vec3::Z * SIDE as f32, middle, Vec3::Y, 0.9, 1024, 1024);
+    let mut pixels = vec![Pixel::default(); 1024 * 1024];
+    let mut once = || ns(|| cast(&first, &triangles, &camera, None, &RenderOptions::default(), &mut pixels));
+    let picture: Vec<_> = (0..5).map(|_| once()).collect();
+    let time = median(picture.iter().map(|(time, _)| *time).collect());
+    print("PACKET_RAY", time / picture[0].1.rays() as f64, "for each primary ray");
+    print("PACKET_NODE", time / picture[0].1.nodes_visited as f64, "for each node of a packet");
+
+    let target = |i: usize| Vec3::new(noise(2 * i), noise(2 * i + 1), 0.0) * SIDE as f32;
+    let mut visits = Visits::default();
+    let rays = 50_000;
+    let (time, ()) = ns(|| {
+        for i in 0..rays {
+            let from = target(i + rays) + Vec3::Z * 50.0;
+            let ray = Ray::new(from, target(i) - from);
+            let test = TriangleTest::default();
+            std::hint::black_box(closest_hit_counted(
+                &first,
+                &triangles,
+                &ray,
+                f32::INFINITY,
+                test,
+                &mut visits,
+            ));
+        }
+    });
+    print("SINGLE_RAY", time / rays as f64, "for each ray, in no order");
+    print("QUERY_NODE", time / visits.nodes as f64, "for each node of such rays");
+
+    let mut pairs = 0;
+    let (time, visits) = ns(|| {
+        first.for_each_pair(&triangles, |_, _| {
+            pairs += 1;
+            Continue(())
+        })
+    });
+    print("PAIRS", time / count, "for each primitive");
+    print("QUERY_NODE", time / visits.nodes as f64, "for each node of a pair search");
+}
+
+fn main() {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    pool.install(measure);
+}
