@@ -29,6 +29,13 @@ impl Test {
     }
 }
 
+/// An updater that reports the cost of every tree.
+fn reporting(level: SimdLevel) -> Updater {
+    let mut updater = Updater::with_level(Strategy::default(), level);
+    updater.report_cost(true);
+    updater
+}
+
 /// How a ray asks for a hit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Way {
@@ -153,7 +160,7 @@ impl Real {
         let bvh = mesh.of_crate(|t| build_with(t, Builder::Binned, &options)).expect("few enough");
         let mut real = Self {
             bvh,
-            updater: Updater::with_level(Strategy::default(), level),
+            updater: reporting(level),
             wide: Bvh8::new(),
             update: Update::default(),
             positions: Vec::new(),

@@ -125,12 +125,16 @@ fn imports_against(text: &str, rank: usize) -> impl Iterator<Item = &'static str
     let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
     let lines = code.lines().filter(|line| !line.trim_start().starts_with("//"));
     let named: Vec<&str> = lines.flat_map(|line| line.split("crate::").skip(1)).collect();
-    let is_later = move |module: &&&str| {
-        named.iter().any(|rest| {
-            let name = rest.split(|c: char| !c.is_ascii_alphanumeric() && c != '_').next();
-            name == Some(**module)
-        })
+    // One name, or several in braces.
+    let names = move |rest: &str| -> Vec<String> {
+        let all = rest.strip_prefix('{').map_or(rest, |list| list.split('}').next().unwrap_or_default());
+        let first = |part: &str| {
+            part.trim().split(|c: char| !c.is_ascii_alphanumeric() && c != '_').next().map(str::to_owned)
+        };
+        all.split(',').filter_map(first).collect()
     };
+    let named: Vec<String> = named.into_iter().flat_map(names).collect();
+    let is_later = move |module: &&&str| named.iter().any(|name| name == **module);
     UPDATE_MODULES[rank + 1..].iter().filter(is_later).copied().collect::<Vec<_>>().into_iter()
 }
 
@@ -144,6 +148,7 @@ mod tests {
         let against = |text: &str| imports_against(text, quality).collect::<Vec<_>>();
         assert!(against("use crate::refit::pass;\n/// See crate::auto.\n").is_empty());
         assert_eq!(against("use crate::refit::pass;\nuse crate::repair::{RepairScratch};\n"), ["repair"]);
+        assert_eq!(against("use crate::{leaves, refit};\n"), ["leaves"]);
         assert!(against("#[cfg(test)]\nmod tests {\n    use crate::auto::Auto;\n}").is_empty());
         let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates/bvh-update/src");
         assert_eq!(module_violations(&source).unwrap(), Vec::<String>::new());

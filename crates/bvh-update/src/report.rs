@@ -61,7 +61,8 @@ pub enum Decision {
     Swap,
 }
 
-/// What [`Auto`](crate::Auto) compared: a decision to act was made because `lost_ms` exceeded `price_ms`.
+/// What [`Auto`](crate::Auto) compared: it builds a new top, or a new tree where that is beyond repair, once `lost_ms` exceeds
+/// `price_ms`. Leaves have accounts of their own, and a tree whose baseline says nothing is rebuilt in any case.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Reason {

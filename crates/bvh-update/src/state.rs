@@ -42,6 +42,8 @@ pub(crate) struct State {
 pub(crate) struct Baseline {
     /// The cost in units of the scale, 0 until it is measured; or another measure of the strategy's own.
     pub(crate) cost: f64,
+    /// `cost` as it was measured: `Auto` lowers `cost` where the tree gets better.
+    pub(crate) measured: f64,
     /// Half area of the dynamic leaves, of the root, and of the static leaves, when the tree was measured.
     pub(crate) sizes: [f64; 3],
     /// The scene's scale after the last update.
@@ -65,8 +67,11 @@ pub(crate) struct Ledger {
     /// What merged leaves would save, and what they lose once they tear open.
     pub(crate) merge: SkiRental,
     pub(crate) split: SkiRental,
-    /// Half area of the dynamic leaves, the least since leaves were last merged or split.
+    /// Half area of the dynamic leaves in units of the scale, the least since leaves were last merged or split; 0 if it has to
+    /// be measured.
     pub(crate) leaf_area: f64,
+    /// What merging leaves has multiplied the baseline by; 0 stands for 1.
+    pub(crate) merged_cost: f64,
     /// Updates since the last repair or rebuild.
     pub(crate) since_repair: u32,
     /// Subtrees that the last repair kept; 0 if there was none.
@@ -160,6 +165,7 @@ impl State {
     pub(crate) fn note_changes(&mut self, now: Changes) {
         if self.seen_dynamic != now.dynamic {
             self.baseline.has_other_dynamic = 1;
+            self.ledger.leaf_area = 0.0;
             self.set_layout(Layout::Unknown);
         }
         if self.seen_numbering != now.numbering {

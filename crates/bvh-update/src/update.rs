@@ -9,7 +9,7 @@ use crate::auto::{self, Auto, AutoScratch, Load};
 use crate::rebuild::background;
 use crate::rebuild::{BackgroundCost, degraded, new_tree, options_like};
 use crate::refit::{BlockCost, Costs, RefitScratch, Rotate, parts, pass};
-use crate::report::{Update, UpdateError};
+use crate::report::{Decision, Update, UpdateError};
 use crate::state::{Measure, State};
 use crate::strategy::Strategy;
 use crate::workspace::Workspace;
@@ -17,7 +17,7 @@ use crate::{leaves, repair};
 
 /// Keeps a tree good while its primitives move: one strategy, its memory, and what was reported to it.
 ///
-/// One updater serves one tree. (It may serve others, too; only a build in the background belongs to one of them.)
+/// Each tree wants an updater of its own: reported loads, and a build in the background, belong to one tree.
 ///
 /// ```
 /// use bvh_build::{BuildOptions, Builder, build};
@@ -130,7 +130,10 @@ impl Updater {
         };
         self.workspace.refit.with_sums = self.reports_cost || measures_areas(&strategy);
         let update = update(bvh, primitives, &strategy, self.last_excess, &mut self.workspace)?;
-        self.last_excess = update.reason.map_or(0.0, |reason| reason.excess);
+        // Queries see the tree as it is now.
+        let is_kept =
+            matches!(update.decision, Decision::AsAlways | Decision::MergeLeaves | Decision::SplitLeaves);
+        self.last_excess = update.reason.filter(|_| is_kept).map_or(0.0, |reason| reason.excess);
         Ok(update)
     }
 }
@@ -214,14 +217,9 @@ fn update<P: Primitives + ?Sized>(
 ) -> Result<Update, UpdateError> {
     note_changes(bvh);
     let Workspace { refit, repair, rebuild, leaves, reinsert: reinsertion, background } = workspace;
-    if let (Strategy::Auto(_), Err(_)) = (strategy, ensure_count(bvh, primitives)) {
-        let options = options_like(bvh);
-        return new_tree(bvh, primitives, bvh_build::Builder::Ploc, &options, rebuild);
+    if !matches!(strategy, Strategy::Rebuild(..) | Strategy::Auto(_)) {
+        ensure_count(bvh, primitives)?;
     }
-    if let Strategy::Rebuild(builder, options) = strategy {
-        return new_tree(bvh, primitives, *builder, options, rebuild);
-    }
-    ensure_count(bvh, primitives)?;
     if let Some(measure) = measure_of(strategy) {
         State::of_mut(parts(bvh).state).expect_measure(measure);
     }

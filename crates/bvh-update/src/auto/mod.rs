@@ -72,7 +72,10 @@ pub(crate) fn update<P: Primitives + ?Sized>(
 ) -> Result<Update, UpdateError> {
     let count = bvh.len() as f64;
     let queries = QueryCost::new(auto.load, count, last_excess);
-    if let Some(builder) = decide_blindly(&State::of(bvh).ledger, count, queries) {
+    let is_another_number = primitives.len() != bvh.len();
+    let frames = State::of(bvh).ledger.since_repair;
+    let other = is_another_number.then(|| queries.builder(primitives.len() as f64, frames));
+    if let Some(builder) = other.or_else(|| decide_blindly(&State::of(bvh).ledger, count, queries)) {
         return rebuild(bvh, primitives, builder, None, scratch);
     }
     take_baseline(bvh, area);
@@ -93,15 +96,15 @@ fn observe(bvh: &mut Bvh, tally: &Tally, queries: QueryCost) -> Observation {
     let (baseline, ledger) = (&mut state.baseline, &mut state.ledger);
     let now = in_units_of(cost, scale);
     baseline.scale = scale;
-    let has_no_baseline = now > 0.0 && (baseline.cost == 0.0 || now < GATHERED * baseline.cost);
+    let has_no_baseline = now > 0.0 && (baseline.cost == 0.0 || now < GATHERED * baseline.measured);
     if now > 0.0 {
         baseline.cost = if baseline.cost == 0.0 { now } else { baseline.cost.min(now) };
     }
     // Leaves that are not merged grow by themselves.
-    let is_calm = ledger.is_merged == 0 || ledger.leaf_area == 0.0;
-    ledger.leaf_area = if is_calm { tally.leaf_area } else { ledger.leaf_area.min(tally.leaf_area) };
+    let (leaf_area, is_calm) = (tally.leaf_area / scale, ledger.is_merged == 0 || ledger.leaf_area == 0.0);
+    ledger.leaf_area = if is_calm { leaf_area } else { ledger.leaf_area.min(leaf_area) };
     let unit = before.baseline.unit(scale);
-    let growth = (tally.leaf_area - ledger.leaf_area) / unit;
+    let growth = (leaf_area - ledger.leaf_area) * scale / unit;
     Observation {
         primitives: bvh.len() as f64,
         nodes: (tally.leaves + tally.inner) as f64,
@@ -141,11 +144,11 @@ fn execute<P: Primitives + ?Sized>(
                     // The cost is not known for free.
                     return Ok(Update { decision, sah_cost: None, ..tally.report(bvh) });
                 }
-                (Repaired::TooLarge, Some(builder)) => {
+                (Repaired::TooLarge | Repaired::Nothing, Some(builder)) => {
                     return rebuild(bvh, primitives, builder, Some(tally), scratch);
                 }
                 (Repaired::TooLarge, None) => ledger.is_beyond_repair = 1,
-                (Repaired::Nothing, _) => ledger.repair.failed(),
+                (Repaired::Nothing, None) => ledger.repair.failed(),
             }
             Decision::AsAlways
         }
@@ -164,7 +167,7 @@ fn rebuild<P: Primitives + ?Sized>(
     let (before, cost_before) = (State::of(bvh).ledger, tally.map(|tally| cost_after(bvh, tally)));
     let options = options_like(bvh);
     let update = new_tree(bvh, primitives, builder, &options, scratch.rebuild)?;
-    let is_better = cost_before.is_none_or(|before| cost_of(bvh) < before);
+    let is_better = cost_before.map(|before| cost_of(bvh) < before);
     State::of_mut(parts(bvh).state).ledger = Ledger::rebuilt(&before, builder, is_better);
     Ok(Update { decision: Decision::Rebuild { builder }, ..update })
 }
@@ -198,21 +201,28 @@ fn step_leaves<P: Primitives + ?Sized>(
     let baseline = &mut state.baseline;
     baseline.take_sizes([tally.leaf_area, root, baseline.sizes[2]]);
     let ledger = &mut state.ledger;
-    ledger.leaf_area = tally.leaf_area;
+    ledger.leaf_area = tally.leaf_area / scale;
     if merges {
         // The tree is held to what it is with leaves like these.
         if growth > 0.0 && growth.is_finite() {
             baseline.cost *= growth;
+            baseline.measured *= growth;
+            ledger.merged_cost = growth * if ledger.merged_cost > 0.0 { ledger.merged_cost } else { 1.0 };
         }
         ledger.merge_turns = left;
         if left == 0 {
-            ledger.is_merged = 1;
+            ledger.is_merged = u32::from(state.spare_pair > 0);
             ledger.merge.restart();
         }
     } else {
         ledger.split_turns = left;
         if left == 0 {
             ledger.leaves_split(seen.price_of_leaves());
+            let merged = std::mem::take(&mut ledger.merged_cost);
+            if merged > 0.0 {
+                baseline.cost /= merged;
+                baseline.measured /= merged;
+            }
         }
     }
 }

@@ -16,8 +16,8 @@ use super::cost_model::{self, QueryCost, TOP_SUBTREE};
 use crate::report::Reason;
 use crate::state::Ledger;
 
-/// Two rebuilds at most this many updates apart are in a row. After that many in a row the next ones are made without a
-/// pass before.
+/// Two rebuilds are in a row if at most this many updates lie between them. Once this many are in a row, the next ones are made
+/// without a pass before.
 const SOON: u32 = 2;
 /// One in this many rebuilds in a row is made after a pass that looks whether it is needed.
 const LOOK_AGAIN: u32 = 16;
@@ -129,18 +129,21 @@ impl Ledger {
     /// A new top stands above so many subtrees.
     pub(super) fn repaired(&mut self, subtrees: usize) {
         self.repair.paid_off();
-        self.rebuild.paid_off();
+        // A new top does not replace a fast build.
+        if self.is_fast_build == 0 {
+            self.rebuild.paid_off();
+        }
         (self.kept, self.since_repair) = (subtrees as u32, 0);
         (self.rebuilds_in_a_row, self.is_beyond_repair) = (0, 0);
     }
 
-    /// A new tree has taken the place of one with the ledger `before`; it `is_better`, as far as is known.
-    pub(super) fn rebuilt(before: &Self, builder: Builder, is_better: bool) -> Self {
+    /// A new tree has taken the place of one with the ledger `before`; whether it is better is known after a pass.
+    pub(super) fn rebuilt(before: &Self, builder: Builder, is_better: Option<bool>) -> Self {
         let mut rebuild = before.rebuild;
-        if is_better {
-            rebuild.paid_off();
-        } else {
-            rebuild.failed();
+        match is_better {
+            Some(true) => rebuild.paid_off(),
+            Some(false) => rebuild.failed(),
+            None => rebuild.restart(),
         }
         let row = before.rebuilds_in_a_row;
         Self {
@@ -255,8 +258,8 @@ mod tests {
         let blind = |row| decide_blindly(&Ledger { rebuilds_in_a_row: row, ..quiet() }, N, queries).is_some();
         assert_eq!([0, 1, 2, 15, 16, 17].map(blind), [false, false, true, true, false, true]);
         let soon = Ledger { since_repair: SOON, rebuilds_in_a_row: 3, ..quiet() };
-        assert_eq!(Ledger::rebuilt(&soon, Builder::Lbvh, true).rebuilds_in_a_row, 4);
-        assert_eq!(Ledger::rebuilt(&quiet(), Builder::Lbvh, true).rebuilds_in_a_row, 1);
+        assert_eq!(Ledger::rebuilt(&soon, Builder::Lbvh, Some(true)).rebuilds_in_a_row, 4);
+        assert_eq!(Ledger::rebuilt(&quiet(), Builder::Lbvh, None).rebuilds_in_a_row, 1);
     }
 
     #[test]

@@ -25,8 +25,6 @@ use crate::state::{Baseline, State};
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct TreeCost {
     pub(crate) all: f64,
-    /// The part of it that is due to leaves.
-    pub(crate) leaves: f64,
     /// The part of it that is due to static nodes.
     pub(crate) fixed: f64,
 }
@@ -35,13 +33,11 @@ impl TreeCost {
     pub(crate) fn add(&mut self, node: &Node) {
         let term = node.sah_term();
         self.all += term;
-        self.leaves += if node.is_leaf() { term } else { 0.0 };
         self.fixed += if node.is_dynamic() { 0.0 } else { term };
     }
 
     pub(crate) fn and(self, other: Self) -> Self {
-        let Self { all, leaves, fixed } = other;
-        Self { all: self.all + all, leaves: self.leaves + leaves, fixed: self.fixed + fixed }
+        Self { all: self.all + other.all, fixed: self.fixed + other.fixed }
     }
 }
 
@@ -91,6 +87,7 @@ pub(crate) fn take_baseline(bvh: &mut Bvh, measure: impl NodeMeasure) {
     }
     *baseline = Baseline {
         cost: all * per_scale,
+        measured: all * per_scale,
         sizes,
         scale: common_growth(sizes, [1.0; 2]),
         scale_factor: 1.0,
@@ -120,10 +117,11 @@ impl Baseline {
         self.cost * scale * self.leaf_uniformity.sqrt()
     }
 
-    /// How far a cost is above that of a tree as good as the baseline, in units; 0 where there is none.
+    /// How far a cost is above that of a tree as good as the baseline, in units; 0 where that is no number.
     pub(crate) fn excess(&self, cost: f64, scale: f64) -> f64 {
         let unit = self.unit(scale);
-        if unit > 0.0 { (cost - self.cost * scale) / unit } else { 0.0 }
+        let excess = (cost - self.cost * scale) / unit;
+        if unit > 0.0 && excess.is_finite() { excess } else { 0.0 }
     }
 }
 

@@ -27,7 +27,7 @@ pub(crate) fn options_like(bvh: &mut Bvh) -> BuildOptions {
     let parts = parts(bvh);
     let state = State::of_mut(parts.state);
     if state.largest_leaf == 0 {
-        state.largest_leaf = parts.nodes.iter().map(Node::count).max().unwrap_or(1) as u32;
+        state.largest_leaf = parts.nodes.iter().map(Node::count).max().unwrap_or(1).max(1) as u32;
     }
     BuildOptions::default().with_max_leaf_size(state.largest_leaf)
 }

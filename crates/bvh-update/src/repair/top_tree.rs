@@ -81,6 +81,7 @@ pub(crate) fn rebuild_top(
     let change = cost.all - opened.all;
     let state = State::of_mut(parts.state);
     state.baseline.cost = in_units_of(judge(&NewTop { references, change }), 1.0);
+    state.baseline.measured = state.baseline.cost;
     state.baseline.scale = scale;
     state.set_layout(Layout::Other);
     Repaired::Top { subtrees: kept.len() }
