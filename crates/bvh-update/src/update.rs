@@ -7,7 +7,7 @@ use bvh_core::{Bvh, Primitives, SimdLevel};
 
 use crate::auto::{self, Auto, AutoScratch, Load};
 use crate::rebuild::background;
-use crate::rebuild::{BackgroundCost, degraded, new_tree, options_like};
+use crate::rebuild::{BackgroundCost, degraded, new_tree};
 use crate::refit::{BlockCost, Costs, RefitScratch, Rotate, parts, pass};
 use crate::report::{Decision, Update, UpdateError};
 use crate::state::{Measure, State};

@@ -533,7 +533,7 @@ fn trees_from_the_background_have_the_latest_dynamic_mask() {
         assert_eq!(bvh.all_dynamic(), asked[which] == 1, "step {step}");
         let moves = |p: u32| (p as usize).is_multiple_of(asked[which]);
         bvh.visit(|_, leaf, _| {
-            bvh.primitives(leaf).iter().for_each(|&p| assert_eq!(leaf.is_dynamic(), moves(p)))
+            bvh.primitives(leaf).iter().for_each(|&p| assert_eq!(leaf.is_dynamic(), moves(p)));
         });
         if step % 2 == 0 {
             std::thread::sleep(std::time::Duration::from_millis(2));
