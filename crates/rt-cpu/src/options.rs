@@ -177,10 +177,6 @@ pub struct RenderStats {
 }
 
 impl RenderStats {
-    /// What one of [`nodes_visited`](Self::nodes_visited) by [`Traversal::Tile`] takes one core, with the triangles and rays
-    /// that hang on it, in nanoseconds, roughly.
-    pub const NODE_NS: f64 = 90.0;
-
     /// Rays of all kinds, those that were traced a second time once more.
     #[must_use]
     pub fn rays(&self) -> u64 {

@@ -90,8 +90,8 @@ impl Tally {
     pub(crate) fn report(&self, bvh: &Bvh) -> Update {
         // Static areas are among those of the tree.
         let cost = (self.area + bvh.static_area()) / bvh.root().aabb().half_area_f64();
-        // Areas beyond the range of f32, or a root without area.
-        let known = || if cost.is_finite() { cost } else { sah_cost(bvh) };
+        // Areas beyond the range of f32 on either side, or a root without area.
+        let known = || if cost.is_finite() && cost >= 0.0 { cost } else { sah_cost(bvh) };
         Update {
             rotations: self.rotations,
             sah_cost: self.has_sums.then(known),
