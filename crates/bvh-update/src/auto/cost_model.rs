@@ -38,13 +38,13 @@ const MERGED_LEAVES_GAIN: f64 = 0.04;
 
 /// What will be asked of the tree before the next update. The more it is, the more a better tree is worth.
 ///
-/// Even without queries a tree is kept as good as for one search of all pairs an update, so that it never rots.
+/// A load counts as at least the time of one search of all pairs, so that a tree never rots.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Load {
-    /// So many rays in coherent packets.
+    /// A number of rays in coherent packets.
     PacketRays(u64),
-    /// So many rays, one by one.
+    /// A number of rays, one by one.
     SingleRays(u64),
     /// All overlapping pairs, once.
     Pairs,
@@ -64,7 +64,7 @@ pub(super) struct QueryCost {
 }
 
 impl QueryCost {
-    /// Of a tree over so many primitives; loads that were measured were so in a tree with this excess.
+    /// The cost of this load in a good tree. `excess` is that of the tree in which a measured load was measured.
     pub(super) fn new(load: Load, primitives: f64, excess: f64) -> Self {
         let measured = |ns: f64, slope: f64| ns / (1.0 + slope * excess.max(0.0));
         let (ns, slope) = match load {
@@ -93,7 +93,7 @@ impl QueryCost {
         self.ns * MERGED_LEAVES_GAIN
     }
 
-    /// The builder for a tree that is to serve for so many frames: the fast one only where the good one does not pay.
+    /// The builder for a tree that will serve for `frames`: the fast one where the good one does not pay.
     pub(super) fn builder(self, primitives: f64, frames: u32) -> Builder {
         let extra = primitives * (GOOD_BUILD - FAST_BUILD);
         if self.lost_to_fast_build() * f64::from(frames) < extra { Builder::Lbvh } else { Builder::Ploc }
@@ -105,7 +105,7 @@ pub(super) fn rebuild(builder: Builder, primitives: f64) -> f64 {
     primitives * if builder == Builder::Lbvh { FAST_BUILD } else { GOOD_BUILD }
 }
 
-/// What a repair costs that keeps so many subtrees of a tree with so many dynamic nodes.
+/// What a repair costs, given the dynamic nodes of the tree and the subtrees kept.
 pub(super) fn repair(nodes: f64, subtrees: u32) -> f64 {
     nodes * FRONTIER_NODE + f64::from(subtrees) * TOP_SUBTREE
 }

@@ -203,7 +203,7 @@ fn step_leaves<P: Primitives + ?Sized>(
     let ledger = &mut state.ledger;
     ledger.leaf_area = tally.leaf_area / scale;
     if merges {
-        // The tree is held to what it is with leaves like these.
+        // Leaves like these are part of a good tree now.
         if growth > 0.0 && growth.is_finite() {
             baseline.cost *= growth;
             baseline.measured *= growth;

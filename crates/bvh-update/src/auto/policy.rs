@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn no_load_is_as_much_as_a_search_of_pairs() {
+    fn a_load_counts_as_at_least_the_time_of_a_search_of_pairs() {
         let lost = |load| QueryCost::new(load, N, 0.0).lost(0.1);
         assert_eq!(lost(Load::PacketRays(0)) / lost(Load::Pairs), 0.4);
         assert_eq!([Load::SingleRays(0), Load::Nodes(0)].map(lost), [lost(Load::Pairs); 2]);

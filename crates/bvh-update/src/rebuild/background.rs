@@ -14,7 +14,7 @@ use bvh_core::{Aabb, Bvh, Parts, Primitives};
 use rayon::prelude::*;
 
 use super::{RebuildScratch, note_dynamic, options_like};
-use crate::refit::{RefitScratch, Rotate, is_linear, parts, pass};
+use crate::refit::{RefitScratch, Rotate, detect_linear, parts, pass};
 use crate::report::{Decision, Update};
 use crate::state::State;
 
@@ -112,7 +112,7 @@ impl Builds {
             let state = State::of_mut(state);
             state.note_changes(changes);
             state.largest_leaf = options.max_leaf_size;
-            is_linear(nodes, state);
+            detect_linear(nodes, state);
             job.took = start.elapsed();
             job
         };

@@ -245,7 +245,6 @@ impl Accepted {
             let change = f64::from(changes[rotation as usize]);
             tally.rotations[rotation as usize] += 1;
             tally.area += change - grown;
-            tally.gain -= change;
             tally.static_area += grown;
         }
     }

@@ -21,7 +21,7 @@ const STRETCH: usize = 256;
 const PIECE: usize = 4096;
 
 /// Whether a tree is to be swept. Looks at it where that is not known.
-pub(crate) fn is_linear(nodes: &[Node], state: &mut State) -> bool {
+pub(crate) fn detect_linear(nodes: &[Node], state: &mut State) -> bool {
     if state.layout() == Layout::Unknown {
         state.set_layout(if lies_in_order(nodes) { Layout::Linear } else { Layout::Other });
     }

@@ -34,7 +34,7 @@ mod scalar;
 mod shared;
 
 pub(crate) use block::{LISTED, NESTED, ROOTS};
-pub(crate) use linear::is_linear;
+pub(crate) use linear::detect_linear;
 pub(crate) use shared::{SharedNodes, parts, share};
 
 pub use self::cost::BlockCost;
@@ -79,8 +79,6 @@ pub(crate) struct Tally {
     pub(crate) area: f64,
     /// The part of it that is due to leaves.
     pub(crate) leaf_area: f64,
-    /// By how much rotations have lowered it.
-    pub(crate) gain: f64,
     /// Growth of the same sum over static nodes.
     pub(crate) static_area: f64,
 }
@@ -109,7 +107,6 @@ impl Tally {
         self.dropped += other.dropped;
         self.area += other.area;
         self.leaf_area += other.leaf_area;
-        self.gain += other.gain;
         self.static_area += other.static_area;
         self
     }
@@ -212,7 +209,7 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     let mut unfinished = shared::Unfinished::new(bvh);
     let parts = parts(unfinished.bvh);
     let state = State::of_mut(parts.state);
-    let is_linear = rotate.is_none() && is_linear(parts.nodes, state);
+    let is_linear = rotate.is_none() && detect_linear(parts.nodes, state);
     if rotate.is_some() {
         // Rotations end it: beforehand, as primitives may panic half-way.
         state.set_layout(Layout::Other);
