@@ -1,9 +1,9 @@
 //! What work costs, in nanoseconds of one core: the one table that [`Auto`](super::Auto) decides by.
 //!
-//! Only ratios matter to decisions, and they vary little between machines. `cargo run --release -p pivot-benches --example
-//! unit_costs` measures every line on the machine at hand. On one thread of an EPYC (Zen 4, 2026-11-23) it printed, for a regular
-//! sheet whose tree is in cache, in the order of this table: 2, 544; 54, 21; 40; 38, 1267; 87, 15 to 60; 165. The constants are of
-//! the six scenes, whose triangles are less regular.
+//! Only ratios matter to decisions, and they vary little between machines. The prices in nanoseconds are printed for the machine
+//! at hand by `cargo run --release -p pivot-benches --example unit_costs`; the gains and slopes have no command yet. On one thread
+//! of an EPYC (Zen 4, 2026-11-23) it printed, for a regular sheet whose tree is in cache, in the order of this table: 2, 544; 54,
+//! 21; 40; 38, 1267; 87, 15 to 60; 165. The constants are of the six scenes, whose triangles are less regular.
 
 use std::time::Duration;
 

@@ -126,7 +126,7 @@ impl Ledger {
         self.since_repair = self.since_repair.saturating_add(1);
     }
 
-    /// A new top stands above so many subtrees.
+    /// A new top stands above `subtrees` subtrees.
     pub(super) fn repaired(&mut self, subtrees: usize) {
         self.repair.paid_off();
         // A new top does not replace a fast build.
