@@ -57,7 +57,7 @@ pub use bvh_build::{BuildError, BuildOptions, Builder, UnknownBuilder};
 pub use leaves::Leaves;
 pub use rebuild::{Background, BackgroundCost, Degraded};
 pub use refit::{BlockCost, Rotate, plain};
-pub use repair::{PartialRebuild, RepairScore};
+pub use repair::PartialRebuild;
 pub use report::{Decision, Reason, Update, UpdateError};
 pub use strategy::{Reinsertion, Strategy, UnknownStrategy};
 pub use update::{Updater, refit, refit_and_rotate};

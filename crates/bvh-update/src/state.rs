@@ -107,8 +107,6 @@ pub(crate) enum Measure {
     None,
     /// Areas of nodes.
     Areas,
-    /// Distances between the centres of nodes' children.
-    Divergence,
     /// The mean ratio of nodes' areas to their children's.
     Ratio,
     /// Areas of leaves.
@@ -149,8 +147,8 @@ impl State {
     }
 
     pub(crate) fn measure(&self) -> Measure {
-        use Measure::{Areas, Divergence, Leaves, None, Ratio};
-        [None, Areas, Divergence, Ratio, Leaves][self.measure.min(4) as usize]
+        use Measure::{Areas, Leaves, None, Ratio};
+        [None, Areas, Ratio, Leaves][self.measure.min(3) as usize]
     }
 
     /// Forgets what another strategy has measured.

@@ -10,7 +10,7 @@ use crate::auto::Auto;
 use crate::leaves::Leaves;
 use crate::rebuild::{Background, Degraded};
 use crate::refit::Rotate;
-use crate::repair::{PartialRebuild, RepairScore};
+use crate::repair::PartialRebuild;
 
 /// What to do with a tree between two frames.
 ///
@@ -74,25 +74,19 @@ impl Strategy {
     #[must_use]
     pub fn all() -> Vec<Self> {
         let rotate = Some(Rotate::default());
-        let partial = |rotate, score| {
-            Self::PartialRebuild(PartialRebuild { rotate, score, ..PartialRebuild::default() })
-        };
+        let partial = |rotate| Self::PartialRebuild(PartialRebuild { rotate, ..PartialRebuild::default() });
         let mut all = vec![
             Self::Refit,
             Self::RefitRotate(Rotate::default()),
             Self::Degraded(Degraded::default()),
             Self::Degraded(Degraded { rotate, ..Degraded::default() }),
-            partial(None, RepairScore::Area),
-            partial(rotate, RepairScore::Area),
+            partial(None),
+            partial(rotate),
             Self::Auto(Auto::default()),
             Self::Background(Background::default()),
             Self::Background(Background { rotate, ..Background::default() }),
             Self::Reinsert(Reinsertion::default()),
             Self::Leaves(Leaves::default()),
-            partial(None, RepairScore::Overlap),
-            partial(rotate, RepairScore::Overlap),
-            partial(None, RepairScore::Divergence),
-            partial(rotate, RepairScore::Divergence),
         ];
         all.extend(Builder::PER_FRAME.map(|builder| Self::Rebuild(builder, BuildOptions::default())));
         all
@@ -107,14 +101,8 @@ impl Strategy {
             Self::Rebuild(builder, _) => builder.name(),
             Self::Degraded(Degraded { rotate: None, .. }) => "refit+rebuild",
             Self::Degraded(_) => "refit+rotate+rebuild",
-            Self::PartialRebuild(PartialRebuild { rotate, score, .. }) => match (score, rotate) {
-                (RepairScore::Area, None) => "refit+regrow",
-                (RepairScore::Area, Some(_)) => "refit+rotate+regrow",
-                (RepairScore::Overlap, None) => "refit+overlap",
-                (RepairScore::Overlap, Some(_)) => "refit+rotate+overlap",
-                (RepairScore::Divergence, None) => "refit+divergence",
-                (RepairScore::Divergence, Some(_)) => "refit+rotate+divergence",
-            },
+            Self::PartialRebuild(PartialRebuild { rotate: None, .. }) => "refit+regrow",
+            Self::PartialRebuild(_) => "refit+rotate+regrow",
             Self::Auto(_) => "auto",
             Self::Reinsert(Reinsertion { rotate: None, .. }) => "refit+reinsert",
             Self::Reinsert(_) => "refit+rotate+reinsert",

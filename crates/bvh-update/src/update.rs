@@ -253,14 +253,10 @@ fn measures_areas(strategy: &Strategy) -> bool {
 
 /// What a strategy measures, if anything.
 fn measure_of(strategy: &Strategy) -> Option<Measure> {
-    use crate::repair::{PartialRebuild, RepairScore};
     match strategy {
         Strategy::Refit | Strategy::RefitRotate(_) | Strategy::Rebuild(..) => None,
         Strategy::Reinsert(_) | Strategy::Background(_) => None,
         Strategy::Degraded(_) => Some(Measure::Ratio),
-        Strategy::PartialRebuild(PartialRebuild { score: RepairScore::Divergence, .. }) => {
-            Some(Measure::Divergence)
-        }
         Strategy::PartialRebuild(_) | Strategy::Auto(_) => Some(Measure::Areas),
         Strategy::Leaves(_) => Some(Measure::Leaves),
     }

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use bvh_build::{Builder, build};
 use bvh_core::{Aabb, Vec3};
-use bvh_update::{Decision, Leaves, PartialRebuild, RepairScore, Rotate, Strategy, Updater};
+use bvh_update::{Decision, Leaves, PartialRebuild, Rotate, Strategy, Updater};
 
 /// Counts what is asked of the system's allocator.
 struct Counting;
@@ -44,14 +44,11 @@ fn pose(step: usize) -> Vec<Aabb> {
 fn a_motion_seen_before_allocates_nothing() {
     let poses: Vec<_> = (0..8).map(pose).collect();
     let built = build(&poses[0], Builder::Sweep).expect("few enough");
-    let regrow = |score| Strategy::PartialRebuild(PartialRebuild { score, ..PartialRebuild::default() });
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
     for strategy in [
         Strategy::Refit,
         Strategy::RefitRotate(Rotate::default()),
-        regrow(RepairScore::Area),
-        regrow(RepairScore::Overlap),
-        regrow(RepairScore::Divergence),
+        Strategy::PartialRebuild(PartialRebuild::default()),
         Strategy::Leaves(Leaves { period: 1, ..Leaves::default() }),
     ] {
         let mut updater = Updater::default();

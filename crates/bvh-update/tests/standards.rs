@@ -1,7 +1,7 @@
 //! Baselines: no event makes a strategy take a bad tree for a good one.
 
 use bvh_core::{Aabb, Bvh, Vec3, sah_cost};
-use bvh_update::{Auto, Builder, Decision, Load, PartialRebuild, Reason, RepairScore, Strategy, Updater};
+use bvh_update::{Auto, Builder, Decision, Load, PartialRebuild, Reason, Strategy, Updater};
 
 const N: usize = 4000;
 
@@ -46,11 +46,8 @@ fn bodies_that_fall_asleep_in_each_frame_hide_no_damage() {
         (repairs, over_fresh(&bvh, &burst(1.0)))
     };
     let (_, refitted) = play(Strategy::Refit, false);
-    let regrow =
-        |score| Strategy::PartialRebuild(PartialRebuild { rotate: None, score, ..PartialRebuild::default() });
-    for strategy in
-        [Strategy::Auto(Auto::default()), regrow(RepairScore::Area), regrow(RepairScore::Divergence)]
-    {
+    let regrow = PartialRebuild { rotate: None, ..PartialRebuild::default() };
+    for strategy in [Strategy::Auto(Auto::default()), Strategy::PartialRebuild(regrow)] {
         let [awake, asleep] = [false, true].map(|falls_asleep| play(strategy, falls_asleep));
         assert!(refitted > 2.0 && awake.1 < 1.2 && asleep.1 < 1.2, "{refitted}, {awake:?}, {asleep:?}");
         assert!(asleep.0 > 0 && asleep.0.abs_diff(awake.0) < 5, "{}: {awake:?}, {asleep:?}", strategy.name());

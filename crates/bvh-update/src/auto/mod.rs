@@ -16,7 +16,7 @@ use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
 use crate::leaves::{LONGEST, LeafScratch, LeafStep, change_leaves};
-use crate::quality::{area, cost_after, cost_of, in_units_of, take_baseline};
+use crate::quality::{cost_after, cost_of, in_units_of, take_baseline};
 use crate::rebuild::{RebuildScratch, new_tree, options_like};
 use crate::refit::{RefitScratch, Rotate, RotationSchedule, Tally, parts, pass};
 use crate::repair::{LARGEST_FRONTIER, RepairScratch, Repaired, open_grown};
@@ -78,7 +78,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     if let Some(builder) = other.or_else(|| decide_blindly(&State::of(bvh).ledger, count, queries)) {
         return rebuild(bvh, primitives, builder, None, scratch);
     }
-    take_baseline(bvh, area);
+    take_baseline(bvh);
     let mut tally = pass(bvh, primitives, Some(Rotate::default()), scratch.refit);
     let seen = observe(bvh, &tally, queries);
     let ledger = &mut State::of_mut(parts(bvh).state).ledger;

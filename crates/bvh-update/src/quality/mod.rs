@@ -41,18 +41,9 @@ impl TreeCost {
     }
 }
 
-/// What a node is judged by, in the dimension of areas.
-pub(crate) trait NodeMeasure: Fn(&[Node], &Node) -> f64 + Copy + Sync {}
-impl<F: Fn(&[Node], &Node) -> f64 + Copy + Sync> NodeMeasure for F {}
-
-/// A node's half area.
-pub(crate) fn area(_: &[Node], node: &Node) -> f64 {
-    f64::from(node.aabb().half_area())
-}
-
-/// Measures a tree that has no baseline: every inner node keeps its measure, in units of the scale, as its reference. O(n)
+/// Measures a tree that has no baseline: every inner node keeps its half area, in units of the scale, as its reference. O(n)
 /// where there is no baseline, or other primitives are dynamic than before.
-pub(crate) fn take_baseline(bvh: &mut Bvh, measure: impl NodeMeasure) {
+pub(crate) fn take_baseline(bvh: &mut Bvh) {
     let Baseline { cost, has_other_dynamic, .. } = State::of(bvh).baseline;
     if cost != 0.0 && has_other_dynamic == 0 {
         return;
@@ -81,9 +72,8 @@ pub(crate) fn take_baseline(bvh: &mut Bvh, measure: impl NodeMeasure) {
         return;
     }
     let per_scale = 1.0 / common_growth(sizes, [1.0; 2]);
-    for n in 0..parts.nodes.len() {
-        let reference = (measure(parts.nodes, &parts.nodes[n]) * per_scale) as f32;
-        parts.nodes[n].set_reference(reference);
+    for node in parts.nodes.iter_mut() {
+        node.set_reference((f64::from(node.aabb().half_area()) * per_scale) as f32);
     }
     *baseline = Baseline {
         cost: all * per_scale,

@@ -20,9 +20,6 @@ pub(crate) const LISTED: usize = 1024;
 /// Roots of one block below another.
 pub(crate) const ROOTS: usize = 64;
 
-/// Blocks nested in each other: 64 roots and 1024 listed nodes make three levels at least.
-pub(crate) const NESTED: usize = MAX_HEIGHT as usize / 3 + 2;
-
 /// Room of a list, a power of two: an index modulo the room needs no check.
 const ROOM: usize = 2 * LISTED;
 

@@ -15,7 +15,7 @@ use std::sync::{Mutex, PoisonError};
 
 use bvh_core::{Bvh, InOrder, Primitives, SimdLevel, sah_cost};
 
-use self::block::{Block, Entry, Lists};
+use self::block::{Block, Entry, LISTED, Lists, ROOTS};
 use self::kernels::refit_height;
 use self::shared::{Available, dispatch};
 use crate::report::Update;
@@ -33,7 +33,6 @@ pub mod plain;
 mod scalar;
 mod shared;
 
-pub(crate) use block::{LISTED, NESTED, ROOTS};
 pub(crate) use linear::detect_linear;
 pub(crate) use shared::{SharedNodes, parts, share};
 

@@ -1,291 +1,187 @@
-//! The walk that finds the frontier of a repair: breadth-first in blocks that fit a cache, in parts that threads share out.
-//!
-//! A block lists nodes on its way down, so that memory is asked for well before, and sums up their excess on its way back
-//! up. Only nodes that are opened are looked at again; these are few.
+//! The walk that finds the frontier of a repair: in parallel over the upper part of the tree, and in a part breadth-first
+//! down, so that nodes can be fetched ahead, and back up.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
 
 use bvh_core::{Bvh, Node, prefetch};
-use rayon::prelude::*;
 
-use super::RepairScratch;
-use crate::quality::{NodeMeasure, TreeCost};
-use crate::refit::{LISTED, NESTED, ROOTS};
+use crate::quality::TreeCost;
 
-/// Roots of a part.
-const PER_PART: usize = 8;
-/// Cache lines, of a pair of nodes each, to fetch for roots whose turn is next: subtrees lie in one piece, or nearly so.
-const LINES: usize = 4;
+/// Parts of the walk, for threads to share. The number is fixed, so the sums do not depend on the number of threads.
+const PARTS: usize = 512;
 
 /// Nodes of more than this part of the root's area are opened in any case. There are few, but a subtree as large as the
 /// room that everything else is in would have to be kept beside all of it.
 const LARGE: f32 = 0.005;
 
-/// Memory of the walk.
+/// Subtrees to keep, and the nodes above them.
 #[derive(Default)]
-pub(crate) struct FrontierScratch {
-    top: Listing,
-    parts: Vec<Part>,
-    /// Nested blocks, of as many workers as there have been at a time.
-    workers: Mutex<Vec<Vec<Listing>>>,
+pub(super) struct Frontier {
+    /// Slots of the subtrees' roots; empty where no node was opened for its excess.
+    pub(super) kept: Vec<u32>,
+    /// The left child of each node above.
+    pub(super) pairs: Vec<u32>,
+    /// Cost of the nodes above.
+    pub(super) opened: TreeCost,
+    /// Sum of the references of the nodes below.
+    pub(super) references: f64,
 }
 
-/// Finds the subtrees whose excess is at most `threshold`; gives the sum of references in them. Where there are more than
-/// `most`, that is all that is known.
-pub(crate) fn open(
-    bvh: &Bvh,
-    measure: impl NodeMeasure,
-    scale: f64,
-    threshold: f64,
-    most: usize,
-    scratch: &mut RepairScratch,
-) -> f64 {
-    let RepairScratch { walk: FrontierScratch { top, parts, workers }, frontier, pairs, opened, .. } =
-        scratch;
-    let workers = &*workers;
-    frontier.clear();
-    pairs.clear();
-    *opened = TreeCost::default();
-    if bvh.height() < 2 {
-        return 0.0;
-    }
-    let large = LARGE * bvh.root().aabb().half_area();
-    let found = Found::default();
-    let walk = Walk { nodes: bvh.nodes(), measure, scale, threshold, large, most, found: &found };
-    parts.resize_with(1 + LISTED.div_ceil(PER_PART), Part::default);
-    parts.iter_mut().for_each(Part::clear);
-    let (top_part, below) = parts.split_first_mut().expect("one for the top");
-    top.roots(&[0], &[bvh.root().first() as u32]);
-    walk.descend(top, top_part);
-    let roots = top.done..top.listed;
-    let Listing { slots, pairs: children, excess, .. } = top;
-    let roots = slots[roots.clone()]
-        .par_chunks(PER_PART)
-        .zip(children[roots.clone()].par_chunks(PER_PART))
-        .zip(excess[roots].par_chunks_mut(PER_PART));
-    roots.zip(below).for_each(|(((slots, pairs), excess), part)| {
-        let take = || workers.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut blocks = take().pop().unwrap_or_default();
-        blocks.resize_with(NESTED, Listing::default);
-        walk.below(slots, pairs, excess, &mut blocks, part);
-        take().push(blocks);
-    });
-    walk.ascend(top, top_part);
-    for part in parts.iter() {
-        *opened = opened.and(part.opened);
-        if found.bad.load(Ordering::Relaxed) > 0 {
-            frontier.extend_from_slice(&part.kept);
-            pairs.extend_from_slice(&part.pairs);
-        }
-    }
-    parts.iter().map(|part| part.references).sum()
-}
-
-/// A part of the walk, and what it has found.
-#[derive(Default)]
-struct Part {
-    kept: Vec<u32>,
-    pairs: Vec<u32>,
-    /// Sum of references of nodes that are not opened.
-    references: f64,
-    /// Areas of those that are.
-    opened: TreeCost,
-    /// How many were opened for their excess.
-    bad: usize,
-    /// How many kept subtrees and how many bad nodes other parts know of.
-    reported: [usize; 2],
-}
-
-impl Part {
+impl Frontier {
     fn clear(&mut self) {
         self.kept.clear();
         self.pairs.clear();
-        (self.references, self.opened) = (0.0, TreeCost::default());
-        (self.bad, self.reported) = (0, [0; 2]);
+        (self.opened, self.references) = Default::default();
     }
 }
 
-/// What all parts have found so far.
+/// An inner node that a part of the walk has listed.
+struct Listed {
+    slot: u32,
+    /// How many of its children are listed.
+    inner_children: u32,
+    /// Its own excess, on the way up also that below it.
+    excess: f64,
+}
+
+/// A part of the walk: its nodes, each before those below it, and what it has found.
 #[derive(Default)]
-struct Found {
-    /// How many subtrees are kept.
-    kept: AtomicUsize,
-    /// How many nodes were opened for their excess.
-    bad: AtomicUsize,
+struct Part {
+    list: Vec<Listed>,
+    found: Frontier,
 }
 
-/// A block: nodes with grandchildren, breadth-first as in `block.rs`; those from `done` on belong to further blocks.
-struct Listing {
-    slots: Box<[u32]>,
-    /// The first child of each.
-    pairs: Box<[u32]>,
-    /// How many children of each are listed, and [`IS_LARGE`] if it is opened in any case.
-    kinds: Box<[u8]>,
-    /// Excess at and below each.
-    excess: Box<[f64]>,
-    listed: usize,
-    done: usize,
+/// Memory of the walk: its parts, and what they have found together.
+#[derive(Default)]
+pub(super) struct FrontierScratch {
+    parts: Vec<Part>,
+    pub(super) found: Frontier,
 }
 
-const IS_LARGE: u8 = 4;
-
-impl Default for Listing {
-    fn default() -> Self {
-        fn places<T: Copy>(nothing: T) -> Box<[T]> {
-            vec![nothing; LISTED].into()
+/// Finds the subtrees whose excess is at most `threshold`. Where there are more than `most`, not all are found. O(n).
+pub(super) fn find(bvh: &Bvh, scale: f64, threshold: f64, most: usize, scratch: &mut FrontierScratch) {
+    let FrontierScratch { parts, found } = scratch;
+    found.clear();
+    if bvh.root().is_leaf() {
+        return;
+    }
+    parts.resize_with(PARTS, Part::default);
+    parts.iter_mut().for_each(|part| part.found.clear());
+    let large = LARGE * bvh.root().aabb().half_area();
+    let kept = AtomicUsize::new(0);
+    let walk = Walk { nodes: bvh.nodes(), scale, threshold, large, most, kept: &kept };
+    let excess = walk.fork(0, parts);
+    for Part { found: part, .. } in parts.iter() {
+        found.opened = found.opened.and(part.opened);
+        found.references += part.references;
+        if excess > threshold {
+            found.kept.extend_from_slice(&part.kept);
+            found.pairs.extend_from_slice(&part.pairs);
         }
-        let [slots, pairs] = [places(0), places(0)];
-        Self { slots, pairs, kinds: places(0), excess: places(0.0), listed: 0, done: 0 }
     }
 }
 
-impl Listing {
-    fn roots(&mut self, slots: &[u32], pairs: &[u32]) {
-        (self.listed, self.done) = (slots.len(), 0);
-        self.slots[..slots.len()].copy_from_slice(slots);
-        self.pairs[..pairs.len()].copy_from_slice(pairs);
-    }
-}
-
-struct Walk<'a, M> {
+struct Walk<'a> {
     nodes: &'a [Node],
-    measure: M,
     scale: f64,
     threshold: f64,
     large: f32,
     most: usize,
-    /// The walk ends early where there is something bad and more than `most` subtrees are kept.
-    found: &'a Found,
+    /// Subtrees kept so far below nodes that were opened for their excess. The walk ends early where more than `most` are.
+    kept: &'a AtomicUsize,
 }
 
-impl<M: NodeMeasure> Walk<'_, M> {
-    /// Finds the excess at and below these nodes.
-    fn below(
-        &self,
-        slots: &[u32],
-        pairs: &[u32],
-        excess: &mut [f64],
-        blocks: &mut [Listing],
-        part: &mut Part,
-    ) {
-        let [kept, bad] = [&self.found.kept, &self.found.bad].map(|found| found.load(Ordering::Relaxed));
-        if kept > self.most && bad > 0 {
-            return;
-        }
-        let (block, deeper) = blocks.split_first_mut().expect("as many as nest");
-        block.roots(slots, pairs);
-        self.descend(block, part);
-        let Listing { slots, pairs, excess: of_all, listed, done, .. } = block;
-        for start in (*done..*listed).step_by(ROOTS) {
-            let end = (start + ROOTS).min(*listed);
-            for i in end..(end + ROOTS).min(*listed) {
-                prefetch(self.nodes, slots[i] as usize);
-                (0..LINES).for_each(|line| prefetch(self.nodes, pairs[i] as usize + 2 * line));
+impl Walk<'_> {
+    /// Gives the excess at and below a node: as [`below`](Self::below), by several threads.
+    fn fork(&self, slot: usize, parts: &mut [Part]) -> f64 {
+        let node = &self.nodes[slot];
+        if parts.len() == 1 || node.height() < 2 {
+            let part = &mut parts[0];
+            if self.kept.load(Ordering::Relaxed) > self.most {
+                // What is found no longer matters, but that there is too much.
+                return f64::INFINITY;
             }
-            self.below(&slots[start..end], &pairs[start..end], &mut of_all[start..end], deeper, part);
+            let excess = self.below(slot, part);
+            if excess > self.threshold {
+                self.kept.fetch_add(part.found.kept.len(), Ordering::Relaxed);
+            }
+            return excess;
         }
-        self.ascend(block, part);
-        excess.copy_from_slice(&block.excess[..excess.len()]);
+        let (left, right) = parts.split_at_mut(parts.len() / 2);
+        let below = rayon::join(|| self.fork(node.first(), left), || self.fork(node.first() + 1, right));
+        let excess = self.own_excess(node) + (below.0 + below.1);
+        self.judge(node, excess, below.into(), &mut parts[0].found);
+        excess
     }
 
-    /// What a node exceeds its reference by.
-    #[inline(always)]
-    fn excess(&self, node: &Node) -> f64 {
-        let excess = (self.measure)(self.nodes, node) - self.scale * f64::from(node.reference());
+    /// Gives the excess at and below a node.
+    fn below(&self, slot: usize, part: &mut Part) -> f64 {
+        let Part { list, found } = part;
+        list.clear();
+        self.push_inner(slot, list);
+        let mut next = 0;
+        while next < list.len() {
+            let node = &self.nodes[list[next].slot as usize];
+            list[next].excess = self.own_excess(node);
+            if node.height() > 1 {
+                let before = list.len();
+                self.push_inner(node.first(), list);
+                self.push_inner(node.first() + 1, list);
+                list[next].inner_children = (list.len() - before) as u32;
+            }
+            next += 1;
+        }
+        // Children stand in the order of their parents, so on the way up they are the last of those not yet taken.
+        let mut end = list.len();
+        for i in (0..list.len()).rev() {
+            let first = end - list[i].inner_children as usize;
+            let (above, children) = list[..end].split_at_mut(first);
+            end = first;
+            let listed = &mut above[i];
+            listed.excess += children.iter().map(|child| child.excess).sum::<f64>();
+            let node = &self.nodes[listed.slot as usize];
+            let of = |slot| children.iter().find(|child| child.slot == slot).map_or(0.0, |c| c.excess);
+            let left = node.first() as u32;
+            self.judge(node, listed.excess, [of(left), of(left + 1)], found);
+        }
+        list.first().map_or(0.0, |root| root.excess)
+    }
+
+    /// Lists a node, unless it is a leaf, and fetches its children if they are inner nodes.
+    fn push_inner(&self, slot: usize, list: &mut Vec<Listed>) {
+        let node = &self.nodes[slot];
+        if node.height() > 1 {
+            prefetch(self.nodes, node.first());
+        }
+        if !node.is_leaf() {
+            list.push(Listed { slot: slot as u32, inner_children: 0, excess: 0.0 });
+        }
+    }
+
+    /// By how much the area of an inner node exceeds its reference.
+    fn own_excess(&self, node: &Node) -> f64 {
+        let excess = f64::from(node.aabb().half_area()) - self.scale * f64::from(node.reference());
         if excess > 0.0 { excess } else { 0.0 }
     }
 
-    /// Lists nodes until there is no more room, and judges those of their children that have no grandchildren.
-    fn descend(&self, block: &mut Listing, part: &mut Part) {
-        let Listing { slots, pairs, kinds, excess, listed, done } = block;
-        while *done < *listed && *listed + 2 <= LISTED {
-            let node = &self.nodes[slots[*done] as usize];
-            let pair = pairs[*done];
-            let children = &self.nodes[pair as usize..][..2];
-            // What is opened is taken off again.
-            part.references += f64::from(node.reference());
-            let before = *listed;
-            let mut sum = self.excess(node);
-            for (slot, child) in (pair..).zip(children) {
-                let height = child.height();
-                let is_listed = height > 1;
-                prefetch(self.nodes, if is_listed { child.first() } else { pair as usize });
-                // Which nodes are listed cannot be predicted.
-                (slots[*listed], pairs[*listed]) = (slot, child.first() as u32);
-                *listed += usize::from(is_listed);
-                if height == 1 {
-                    part.references += f64::from(child.reference());
-                    let excess = self.excess(child);
-                    sum += excess;
-                    if self.is_opened(child, excess) {
-                        self.open(child, excess, [0.0; 2], part);
-                    }
-                }
-            }
-            kinds[*done] = (*listed - before) as u8 | if self.is_large(node) { IS_LARGE } else { 0 };
-            excess[*done] = sum;
-            *done += 1;
+    /// Opens an inner node or leaves it closed, given the excess at and below it, and at and below its children.
+    fn judge(&self, node: &Node, excess: f64, below: [f64; 2], found: &mut Frontier) {
+        if !self.is_opened(node, excess) {
+            found.references += f64::from(node.reference());
+            return;
         }
-        self.report(part);
-    }
-
-    /// Judges the nodes of a block, once the excess of those below it is known.
-    fn ascend(&self, block: &mut Listing, part: &mut Part) {
-        let Listing { slots, pairs, kinds, excess, listed, done } = block;
-        let mut end = *listed;
-        for i in (0..*done).rev() {
-            let count = usize::from(kinds[i] & !IS_LARGE);
-            end -= count;
-            let l = if count > 0 { excess[end] } else { 0.0 };
-            let r = if count > 1 { excess[end + 1] } else { 0.0 };
-            let total = excess[i] + (l + r);
-            excess[i] = total;
-            if total > self.threshold || kinds[i] & IS_LARGE != 0 {
-                let mut listed = excess[end..].iter();
-                let pair = pairs[i] as usize;
-                let below = [pair, pair + 1].map(|n| &self.nodes[n]).map(|child| match child.height() {
-                    // Leaves have no excess.
-                    0 => 0.0,
-                    1 => self.excess(child),
-                    _ => *listed.next().expect("as many as are listed"),
-                });
-                self.open(&self.nodes[slots[i] as usize], total, below, part);
-            }
-        }
-        self.report(part);
-    }
-
-    /// Reports to other parts what this one has found.
-    fn report(&self, part: &mut Part) {
-        let now = [part.kept.len(), part.bad];
-        self.found.kept.fetch_add(now[0] - part.reported[0], Ordering::Relaxed);
-        self.found.bad.fetch_add(now[1] - part.reported[1], Ordering::Relaxed);
-        part.reported = now;
-    }
-
-    /// Whether a node is opened, given the excess at and below it.
-    fn is_opened(&self, node: &Node, excess: f64) -> bool {
-        excess > self.threshold || self.is_large(node)
-    }
-
-    fn is_large(&self, node: &Node) -> bool {
-        node.height() > 0 && node.aabb().half_area() > self.large
-    }
-
-    /// Opens a node, given the excess at and below it and its children.
-    #[cold]
-    fn open(&self, node: &Node, total: f64, below: [f64; 2], part: &mut Part) {
-        part.bad += usize::from(total > self.threshold);
-        part.references -= f64::from(node.reference());
-        part.opened.add(node);
         let pair = node.first();
-        part.pairs.push(pair as u32);
+        found.opened.add(node);
+        found.pairs.push(pair as u32);
         for (child, below) in (pair..).zip(below) {
             if !self.is_opened(&self.nodes[child], below) {
-                part.kept.push(child as u32);
+                found.kept.push(child as u32);
             }
         }
+    }
+
+    fn is_opened(&self, node: &Node, excess: f64) -> bool {
+        excess > self.threshold || !node.is_leaf() && node.aabb().half_area() > self.large
     }
 }
 
@@ -294,50 +190,22 @@ mod tests {
     use bvh_build::{Builder, build};
     use bvh_core::{Aabb, Vec3};
 
-    use super::super::divergence::divergence;
     use super::*;
-    use crate::quality::{area, take_baseline};
+    use crate::quality::take_baseline;
     use crate::refit::{RefitScratch, pass};
     use crate::state::State;
 
-    /// The recursion of `repair/mod.rs`.
-    #[derive(Default)]
-    struct Plain {
-        kept: Vec<u32>,
-        pairs: Vec<u32>,
-        references: f64,
-        opened: TreeCost,
-        is_bad: bool,
-    }
-
-    impl Plain {
-        /// Gives the excess at and below a node.
-        fn frontier<M: NodeMeasure>(&mut self, walk: &Walk<'_, M>, node: &Node) -> f64 {
-            if node.is_leaf() {
-                return 0.0;
-            }
-            let pair = node.first();
-            let below = [pair, pair + 1].map(|child| self.frontier(walk, &walk.nodes[child]));
-            let total = walk.excess(node) + below[0] + below[1];
-            self.is_bad |= total > walk.threshold;
-            if walk.is_opened(node, total) {
-                let kept =
-                    (pair..).zip(below).filter(|&(child, below)| !walk.is_opened(&walk.nodes[child], below));
-                self.kept.extend(kept.map(|(child, _)| child as u32));
-                self.pairs.push(pair as u32);
-                self.opened.add(node);
-            } else {
-                self.references += f64::from(node.reference());
-            }
-            total
-        }
+    /// The excess at and below a node, by definition. O(n).
+    fn excess(bvh: &Bvh, node: &Node, scale: f64) -> f64 {
+        let Some(pair) = bvh.children(node) else { return 0.0 };
+        let own = f64::from(node.aabb().half_area()) - scale * f64::from(node.reference());
+        own.max(0.0) + pair.iter().map(|child| excess(bvh, child, scale)).sum::<f64>()
     }
 
     #[test]
-    fn the_walk_opens_what_the_recursion_opens() {
+    fn the_frontier_is_where_excess_ends() {
         let at = |i: usize, k: usize| (i.wrapping_mul(k) % 99_991) as f32 * 1e-3;
-        // The largest takes blocks below blocks.
-        for (n, builder) in [(3, Builder::Sweep), (500, Builder::Lbvh), (400_000, Builder::Lbvh)] {
+        for (n, builder) in [(3, Builder::Sweep), (500, Builder::Lbvh), (20_000, Builder::Lbvh)] {
             let pose = |moved: f32| -> Vec<Aabb> {
                 let corner = |i: usize| Vec3::new(at(i, 7919), at(i, 104_729), at(i, 1_299_709));
                 let away = |i: usize| if i.is_multiple_of(50) { moved * at(i, 31) } else { 0.0 };
@@ -345,16 +213,40 @@ mod tests {
             };
             let mut bvh = build(&pose(0.0), builder).expect("few enough");
             bvh.set_dynamic(|p| p % 7 != 0);
-            take_baseline(&mut bvh, area);
+            take_baseline(&mut bvh);
             let tally = pass(&mut bvh, &pose(0.1), None, &mut RefitScratch::new());
             let scale = State::of(&bvh).baseline.scale_now(&bvh, tally.leaf_area);
-            let [mut fewest, mut most] = [usize::MAX, 0];
+            let large = LARGE * bvh.root().aabb().half_area();
+            let (mut numbers, mut scratch) = (Vec::new(), FrontierScratch::default());
             for threshold in [0.0, 0.1, 1.0, 30.0] {
-                let cuts = [check(&bvh, area, scale, threshold), check(&bvh, divergence, scale, threshold)];
-                fewest = cuts.into_iter().fold(fewest, usize::min);
-                most = cuts.into_iter().fold(most, usize::max);
+                find(&bvh, scale, threshold, usize::MAX, &mut scratch);
+                let found = &mut scratch.found;
+                numbers.push(found.kept.len());
+                // A node is above the frontier if its excess or its area is large; what is left below counts as kept.
+                let (mut kept, mut pairs, mut references) = (vec![], vec![], 0.0);
+                bvh.visit(|_, node, _| {
+                    let is_opened = |node: &Node| {
+                        let is_large = !node.is_leaf() && node.aabb().half_area() > large;
+                        excess(&bvh, node, scale) > threshold || is_large
+                    };
+                    if !is_opened(node) {
+                        references += f64::from(if node.is_leaf() { 0.0 } else { node.reference() });
+                        return;
+                    }
+                    pairs.push(node.first() as u32);
+                    let children = [node.first(), node.first() + 1];
+                    kept.extend(children.iter().filter(|&&n| !is_opened(&bvh.nodes()[n])).map(|&n| n as u32));
+                });
+                assert!((found.references - references).abs() <= 1e-9 * references, "{threshold}");
+                if excess(&bvh, bvh.root(), scale) <= threshold {
+                    (kept, pairs) = (vec![], vec![]);
+                }
+                for list in [&mut found.kept, &mut found.pairs, &mut kept, &mut pairs] {
+                    list.sort_unstable();
+                }
+                assert_eq!((&found.kept, &found.pairs), (&kept, &pairs), "{threshold}");
             }
-            assert!(n < 1000 || fewest < n / 5 && most > n / 5, "{fewest} to {most} of {n}");
+            assert!(n < 1000 || numbers[3] < n / 5 && numbers[0] > n / 5, "{numbers:?} of {n}");
         }
     }
 
@@ -366,42 +258,15 @@ mod tests {
             (0..100_000).map(|i| at(i) + away(i)).map(|p| Aabb::new(p, p + 0.5)).collect()
         };
         let mut bvh = build(&boxes(0.0), Builder::Lbvh).expect("few enough");
-        take_baseline(&mut bvh, area);
+        take_baseline(&mut bvh);
         pass(&mut bvh, &boxes(1.0), None, &mut RefitScratch::new());
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
-        let mut scratch = RepairScratch::default();
-        let mut kept = |most| {
-            pool.install(|| {
-                open(&bvh, area, 1.0, 0.0, most, &mut scratch);
-                scratch.frontier.len()
-            })
+        let kept = |most| {
+            let mut scratch = FrontierScratch::default();
+            pool.install(|| find(&bvh, 1.0, 0.0, most, &mut scratch));
+            scratch.found.kept.len()
         };
-        let all = kept(usize::MAX);
-        let some = kept(1000);
+        let (all, some) = (kept(usize::MAX), kept(1000));
         assert!(all > 50_000 && (1001..all / 4).contains(&some), "{some} of {all}");
-    }
-
-    /// Gives how many subtrees are kept.
-    fn check(bvh: &Bvh, measure: impl NodeMeasure, scale: f64, threshold: f64) -> usize {
-        let (mut plain, found) = (Plain::default(), Found::default());
-        let large = LARGE * bvh.root().aabb().half_area();
-        let walk = Walk { nodes: bvh.nodes(), measure, scale, threshold, large, most: 0, found: &found };
-        plain.frontier(&walk, bvh.root());
-        let mut scratch = RepairScratch::default();
-        let references = open(bvh, measure, scale, threshold, usize::MAX, &mut scratch);
-        let is_close = |a: f64, b: f64| (a - b).abs() <= 1e-9 * a.abs().max(b.abs());
-        assert!(is_close(references, plain.references), "{references} {}", plain.references);
-        assert!(is_close(scratch.opened.all, plain.opened.all));
-        if !plain.is_bad {
-            assert!(scratch.frontier.is_empty() && scratch.pairs.is_empty());
-            return 0;
-        }
-        let count = plain.kept.len();
-        for (mut fast, mut plain) in [(scratch.frontier, plain.kept), (scratch.pairs, plain.pairs)] {
-            fast.sort_unstable();
-            plain.sort_unstable();
-            assert_eq!(fast, plain, "{threshold}");
-        }
-        count
     }
 }

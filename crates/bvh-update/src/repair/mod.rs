@@ -1,34 +1,27 @@
 //! Partial rebuilds: subtrees that are still good are kept, and the tree above them is built again.
 //!
 //! ```text
-//! frontier(N):  E = frontier(L) + frontier(R) + max(0, M(N) - scale * reference(N))     in post-order
+//! frontier(N):  E = frontier(L) + frontier(R) + max(0, A(N) - scale * reference(N))     in post-order
 //!               if E > threshold: N is opened, and its children that are not are subtrees to keep
 //! ```
 //!
-//! A node's *reference* is what its measure M was when the node was last built, in units of the scene's scale. Rotations
+//! A node's *reference* is what its half area A was when the node was last built, in units of the scene's scale. Rotations
 //! carry references along with the nodes they swap, and leave the reference of the node whose children changed as it is.
-//! M is the half area ([`RepairScore::Area`]) or the distance of the children ([`RepairScore::Divergence`]);
-//! [`RepairScore::Overlap`] opens nodes in a way of its own.
 
 use bvh_build::{BuildScratch, Builder};
 use bvh_core::{Aabb, Bvh, Node, Primitives};
 
-use crate::quality::{TreeCost, area, cost_after, in_units_of, take_baseline};
+use crate::quality::{cost_after, in_units_of, take_baseline};
 use crate::rebuild::{RebuildScratch, new_tree, options_like};
 use crate::refit::{RefitScratch, Rotate, Tally, parts, pass};
 use crate::report::{Decision, Update, UpdateError};
 use crate::state::State;
 
-mod divergence;
 mod frontier;
-mod overlap;
 mod top_tree;
 
-use divergence::divergence;
 use frontier::FrontierScratch;
-use overlap::Overlaps;
-use top_tree::NewTop;
-pub(crate) use top_tree::rebuild_top;
+use top_tree::rebuild_top;
 
 /// When to build the tree again above subtrees that are still good.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,26 +30,12 @@ pub struct PartialRebuild {
     pub rotate: Option<Rotate>,
     /// Growth of the tree's cost at which it is repaired, as part of that cost. 0.1 by default.
     pub growth: f64,
-    /// Which subtrees count as still good.
-    pub score: RepairScore,
 }
 
 impl Default for PartialRebuild {
     fn default() -> Self {
-        Self { rotate: Some(Rotate::default()), growth: 0.1, score: RepairScore::Area }
+        Self { rotate: Some(Rotate::default()), growth: 0.1 }
     }
-}
-
-/// Which nodes are opened, so that the tree above the others is built again.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum RepairScore {
-    /// Nodes whose area has grown, on the scale of the leaves, since they were built.
-    Area,
-    /// Nodes that overlap others.
-    Overlap,
-    /// Nodes whose children have moved apart since they were built.
-    Divergence,
 }
 
 /// A frontier of more than this part of the primitives is not worth its repair.
@@ -71,12 +50,6 @@ const OPENED: f64 = 1.0;
 #[derive(Default)]
 pub(crate) struct RepairScratch {
     walk: FrontierScratch,
-    /// Subtrees to keep, and the pairs of nodes above them.
-    frontier: Vec<u32>,
-    pairs: Vec<u32>,
-    /// Cost of the nodes above them.
-    opened: TreeCost,
-    overlaps: Overlaps,
     boxes: Vec<Aabb>,
     kept: Vec<Node>,
     top: Bvh,
@@ -102,10 +75,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     repair: &mut RepairScratch,
     rebuild: &mut RebuildScratch,
 ) -> Result<Update, UpdateError> {
-    match options.score {
-        RepairScore::Area | RepairScore::Overlap => take_baseline(bvh, area),
-        RepairScore::Divergence => take_baseline(bvh, divergence),
-    }
+    take_baseline(bvh);
     let tally = pass(bvh, primitives, options.rotate, refit);
     let cost = cost_after(bvh, &tally);
     let scale = State::of(bvh).baseline.scale_now(bvh, tally.leaf_area);
@@ -119,17 +89,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let most = (LARGEST_FRONTIER * n) as usize;
     // An average primitive's part of the cost, when the tree was built.
     let share = before * scale / n;
-    let judge = |top: &NewTop| (cost + top.change) / scale;
-    let repaired = match options.score {
-        RepairScore::Area => open_grown(bvh, &tally, OPENED * share, most, repair),
-        RepairScore::Overlap if !overlap::open(bvh.nodes(), share, most, repair) => Repaired::TooLarge,
-        RepairScore::Overlap => rebuild_top(bvh, area, scale, most, repair, judge),
-        RepairScore::Divergence => {
-            frontier::open(bvh, divergence, scale, divergence::OPENED * share, most, repair);
-            rebuild_top(bvh, divergence, scale, most, repair, judge)
-        }
-    };
-    match repaired {
+    match open_grown(bvh, &tally, OPENED * share, most, repair) {
         Repaired::Nothing => {
             // Wait until as much is lost again.
             State::of_mut(parts(bvh).state).baseline.cost = in_units_of(cost, scale);
@@ -159,9 +119,8 @@ pub(crate) fn open_grown(
 ) -> Repaired {
     let baseline = State::of(bvh).baseline;
     let scale = baseline.scale_now(bvh, tally.leaf_area);
-    let references = frontier::open(bvh, area, scale, threshold, most, scratch);
-    rebuild_top(bvh, area, scale, most, scratch, |top| {
-        // Leaves have no references.
-        references + top.references + (tally.leaf_area + baseline.sizes[2]) / scale
-    })
+    frontier::find(bvh, scale, threshold, most, &mut scratch.walk);
+    // Leaves have no references.
+    let leaves = (tally.leaf_area + baseline.sizes[2]) / scale;
+    rebuild_top(bvh, leaves, scale, most, scratch)
 }

@@ -7,8 +7,9 @@ use bvh_build::{BuildOptions, Builder, rebuild};
 use bvh_core::{Bvh, MAX_HEIGHT, Node};
 use rayon::prelude::*;
 
+use super::frontier::{Frontier, FrontierScratch};
 use super::{RepairScratch, Repaired};
-use crate::quality::{NodeMeasure, TreeCost, in_units_of};
+use crate::quality::{TreeCost, in_units_of};
 use crate::refit::{SharedNodes, parts, share};
 use crate::state::{Layout, State};
 
@@ -18,24 +19,17 @@ const FORKED: u32 = 8;
 /// How many pairs ahead their places are fetched.
 const AHEAD: usize = 16;
 
-/// What is known of a new top.
-pub(crate) struct NewTop {
-    /// Sum of the references of its nodes.
-    pub(crate) references: f64,
-    /// By how much the cost of the tree has changed.
-    pub(crate) change: f64,
-}
-
-/// Builds the tree again above the frontier, if there are at most `most` subtrees to keep; `judge` gives the new baseline.
-pub(crate) fn rebuild_top(
+/// Builds the tree again above the frontier that was found, if there are at most `most` subtrees to keep. The baseline becomes the sum of all
+/// references and `leaves`, the cost of the leaves in units of the scale.
+pub(super) fn rebuild_top(
     bvh: &mut Bvh,
-    measure: impl NodeMeasure,
+    leaves: f64,
     scale: f64,
     most: usize,
     scratch: &mut RepairScratch,
-    judge: impl FnOnce(&NewTop) -> f64,
 ) -> Repaired {
-    let RepairScratch { boxes, kept, frontier, pairs, opened, top, build, .. } = scratch;
+    let RepairScratch { walk: FrontierScratch { found, .. }, boxes, kept, top, build } = scratch;
+    let Frontier { kept: frontier, pairs, opened, references } = found;
     if frontier.len() > most {
         return Repaired::TooLarge;
     }
@@ -45,9 +39,6 @@ pub(crate) fn rebuild_top(
     // Room for the largest top at once: memory that grows with a burst is moved in the updates that take longest anyway.
     kept.reserve_exact(most.saturating_sub(kept.len()));
     boxes.reserve_exact(most.saturating_sub(boxes.len()));
-    for slots in [&mut *frontier, &mut *pairs] {
-        slots.reserve_exact(most.saturating_sub(slots.len()));
-    }
     top.reserve(most);
     build.reserve(most);
     // In memory order, as builders number pairs.
@@ -74,13 +65,12 @@ pub(crate) fn rebuild_top(
         return Repaired::TooLarge;
     }
     let parts = parts(bvh);
-    let graft = Graft { nodes: share(parts.nodes), measure, top, kept, pairs, scale };
-    let Grafted { root, cost, references } = graft.write(0);
+    let graft = Graft { nodes: share(parts.nodes), top, kept, pairs, scale };
+    let Grafted { root, cost, references: above } = graft.write(0);
     graft.nodes.set(0, root);
     *parts.static_area += cost.fixed - opened.fixed;
-    let change = cost.all - opened.all;
     let state = State::of_mut(parts.state);
-    state.baseline.cost = in_units_of(judge(&NewTop { references, change }), 1.0);
+    state.baseline.cost = in_units_of(*references + above + leaves, 1.0);
     state.baseline.measured = state.baseline.cost;
     state.baseline.scale = scale;
     state.set_layout(Layout::Other);
@@ -88,9 +78,8 @@ pub(crate) fn rebuild_top(
 }
 
 /// A new top, to be written to the place of the old one.
-struct Graft<'a, M> {
+struct Graft<'a> {
     nodes: SharedNodes<'a>,
-    measure: M,
     top: &'a Bvh,
     kept: &'a [Node],
     /// A place for each pair of the new top.
@@ -106,7 +95,7 @@ struct Grafted {
     references: f64,
 }
 
-impl<M: NodeMeasure> Graft<'_, M> {
+impl Graft<'_> {
     /// Writes what is below node `n` of the new top. The order of the sums does not depend on the number of threads.
     fn write(&self, n: usize) -> Grafted {
         let node = &self.top.nodes()[n];
@@ -127,9 +116,7 @@ impl<M: NodeMeasure> Graft<'_, M> {
         self.nodes.set(place as usize, pair[0]);
         self.nodes.set(place as usize + 1, pair[1]);
         let mut root = Node::parent(&pair[0], &pair[1], place);
-        // As if there were but this pair.
-        let measured = (self.measure)(&pair, &Node::parent(&pair[0], &pair[1], 0));
-        root.set_reference((measured / self.scale) as f32);
+        root.set_reference((f64::from(root.aabb().half_area()) / self.scale) as f32);
         let mut cost = l.cost.and(r.cost);
         cost.add(&root);
         Grafted { root, cost, references: l.references + r.references + f64::from(root.reference()) }
@@ -143,7 +130,7 @@ mod tests {
 
     use super::super::open_grown;
     use super::*;
-    use crate::quality::{area, take_baseline};
+    use crate::quality::take_baseline;
     use crate::refit::{RefitScratch, pass};
 
     #[test]
@@ -157,7 +144,7 @@ mod tests {
             (0..10_000).map(corner).map(|corner| Aabb::new(corner, corner + 1.1)).collect()
         };
         let mut bvh = build(&boxes(0), Builder::Sweep).expect("few");
-        take_baseline(&mut bvh, area);
+        take_baseline(&mut bvh);
         let (mut scratch, mut kept, mut memory) = (RepairScratch::default(), Vec::new(), Vec::new());
         for step in 0..10 {
             let tally = pass(&mut bvh, &boxes(1 << step), None, &mut RefitScratch::new());
