@@ -9,13 +9,15 @@ use std::time::Duration;
 
 use bvh_build::Builder;
 
+/// Refitting and rotating a node.
+const PASS_NODE: f64 = 15.0;
 /// Looking at a node for the frontier of a repair.
 pub(super) const FRONTIER_NODE: f64 = 9.0;
 /// Building a new top, for each subtree below it.
 pub(super) const TOP_SUBTREE: f64 = 400.0;
 /// Building a good tree, and a fast one, for each primitive.
 pub(super) const GOOD_BUILD: f64 = 85.0;
-pub(super) const FAST_BUILD: f64 = 45.0;
+pub(super) const FAST_BUILD: f64 = 32.0;
 /// Looking at a node whose leaves may be merged or split.
 const LEAF_NODE: f64 = 50.0;
 /// A ray of a coherent packet through a good tree, and a ray alone.
@@ -28,7 +30,7 @@ const QUERY_NODE: f64 = 15.0;
 const PAIRS: f64 = 100.0;
 
 /// By what part queries take longer in a tree of the fast builder than in one of the good one.
-const FAST_BUILD_LOSS: f64 = 0.1;
+const FAST_BUILD_LOSS: f64 = 0.05;
 /// By what part queries take longer in a tree of twice the SAH cost: all of it, as the cost model has it, but for coherent
 /// packets, which look at a part of the scene and share what they visit.
 const QUERY_SLOPE: f64 = 1.0;
@@ -93,11 +95,23 @@ impl QueryCost {
         self.ns * MERGED_LEAVES_GAIN
     }
 
+    /// What one frame costs beside the queries, and what they lose, if a new tree is built in each.
+    pub(super) fn rebuild_every_frame(self, primitives: f64) -> f64 {
+        let lost = |builder| if builder == Builder::Lbvh { self.lost_to_fast_build() } else { 0.0 };
+        let builder = self.builder(primitives, 1);
+        rebuild(builder, primitives) + lost(builder)
+    }
+
     /// The builder for a tree that will serve for `frames`: the fast one where the good one does not pay.
     pub(super) fn builder(self, primitives: f64, frames: u32) -> Builder {
         let extra = primitives * (GOOD_BUILD - FAST_BUILD);
         if self.lost_to_fast_build() * f64::from(frames) < extra { Builder::Lbvh } else { Builder::Ploc }
     }
+}
+
+/// What a pass costs, given the dynamic nodes of the tree.
+pub(super) fn pass(nodes: f64) -> f64 {
+    nodes * PASS_NODE
 }
 
 /// What a rebuild costs.
@@ -108,6 +122,11 @@ pub(super) fn rebuild(builder: Builder, primitives: f64) -> f64 {
 /// What a repair costs, given the dynamic nodes of the tree and the subtrees kept.
 pub(super) fn repair(nodes: f64, subtrees: u32) -> f64 {
     nodes * FRONTIER_NODE + f64::from(subtrees) * TOP_SUBTREE
+}
+
+/// How many subtrees a repair may keep that is to cost no more than a rebuild at this price.
+pub(super) fn most_subtrees(nodes: f64, price_of_rebuild: f64) -> usize {
+    ((price_of_rebuild - nodes * FRONTIER_NODE) / TOP_SUBTREE) as usize
 }
 
 /// What merging or splitting the leaves costs.

@@ -1,7 +1,7 @@
 //! The strategy that chooses, so that updates and queries together take the least time.
 //!
 //! ```text
-//! builder = decide_blindly(ledger)      rebuilds in a row: a new tree, no pass
+//! builder = decide_blindly(ledger)      chaos: a new tree, no pass
 //! seen    = pass(tree, primitives)      refit and rotate, and note what that shows
 //! ledger.charge(seen)                   what queries lose to this tree
 //! plan    = decide(ledger, seen)        pure: policy.rs
@@ -19,7 +19,7 @@ use crate::leaves::{LONGEST, LeafScratch, LeafStep, change_leaves};
 use crate::quality::{cost_after, cost_of, in_units_of, take_baseline};
 use crate::rebuild::{RebuildScratch, new_tree, options_like};
 use crate::refit::{RefitScratch, Rotate, RotationSchedule, Tally, parts, pass};
-use crate::repair::{LARGEST_FRONTIER, RepairScratch, Repaired, open_grown};
+use crate::repair::{RepairScratch, Repaired, open_grown};
 use crate::report::{Decision, Update, UpdateError};
 use crate::state::{Baseline, Ledger, State};
 
@@ -28,7 +28,7 @@ mod policy;
 
 pub use cost_model::Load;
 use cost_model::QueryCost;
-use policy::{Observation, Plan, decide, decide_blindly, reason};
+use policy::{Observation, Plan, REBUILDS_IN_A_ROW, decide, decide_blindly, reason};
 
 /// Settings of [`Strategy::Auto`](crate::Strategy::Auto).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -131,9 +131,12 @@ fn execute<P: Primitives + ?Sized>(
             step_leaves(plan, bvh, primitives, seen, tally, scratch.leaves);
             if plan == Plan::MergeLeaves { Decision::MergeLeaves } else { Decision::SplitLeaves }
         }
-        Plan::Repair { threshold, or_rebuild } => {
+        Plan::RebuildEveryFrame => {
+            State::of_mut(parts(bvh).state).ledger.rebuilds_to_come = REBUILDS_IN_A_ROW;
+            Decision::AsAlways
+        }
+        Plan::Repair { threshold, most, or_rebuild } => {
             let baseline: Baseline = State::of(bvh).baseline;
-            let most = (LARGEST_FRONTIER * seen.primitives) as usize;
             let repaired =
                 open_grown(bvh, tally, threshold * baseline.unit(baseline.scale), most, scratch.repair);
             let ledger = &mut State::of_mut(parts(bvh).state).ledger;

@@ -16,11 +16,8 @@ use super::cost_model::{self, QueryCost, TOP_SUBTREE};
 use crate::report::Reason;
 use crate::state::Ledger;
 
-/// Two rebuilds are in a row if at most this many updates lie between them. Once this many are in a row, the next ones are made
-/// without a pass before.
-const SOON: u32 = 2;
-/// One in this many rebuilds in a row is made after a pass that looks whether it is needed.
-const LOOK_AGAIN: u32 = 16;
+/// For so many frames a tree is rebuilt without a pass before, until one looks again whether that still pays.
+pub(super) const REBUILDS_IN_A_ROW: u32 = 16;
 /// A subtree is opened if that pays within the frames since the last repair, but at most within this many.
 const LONGEST_PAYBACK: u32 = 8;
 
@@ -50,21 +47,36 @@ impl Observation {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Plan {
     Keep,
-    /// Build the tree again above the subtrees whose excess, as part of the baseline, is at most `threshold`; if there are too
-    /// many, the whole of it.
+    /// Build the tree again above the subtrees whose excess, as part of the baseline, is at most `threshold`; if there are
+    /// more than `most`, the whole of it.
     Repair {
         threshold: f64,
+        most: usize,
         or_rebuild: Option<Builder>,
     },
     Rebuild(Builder),
+    /// From the next frame on a new tree without a pass before.
+    RebuildEveryFrame,
     MergeLeaves,
     SplitLeaves,
 }
 
-/// The builder of a tree that is built without a pass before, as those before it were bad again at once.
+/// The builder of a tree that is built without a pass before, since trees were bad again at once.
 pub(super) fn decide_blindly(ledger: &Ledger, primitives: f64, queries: QueryCost) -> Option<Builder> {
-    let row = ledger.rebuilds_in_a_row;
-    (row >= SOON && !row.is_multiple_of(LOOK_AGAIN)).then(|| queries.builder(primitives, 1))
+    (ledger.rebuilds_to_come > 0).then(|| queries.builder(primitives, 1))
+}
+
+/// Whether a new tree in every frame costs less than passes and a new tree now and then.
+///
+/// ```text
+/// rate  = 2 lost / (k (k + 1))            lost in k frames, of which each loses as much more than the one before
+/// cycle = pass + sqrt(2 price rate)       per frame, if a tree is rebuilt as soon as as much is lost as that costs
+/// ```
+fn pays_every_frame(ledger: &Ledger, seen: &Observation, price_of_rebuild: f64) -> bool {
+    let frames = f64::from(ledger.since_repair.max(1));
+    let rate = 2.0 * ledger.repair.lost() / (frames * (frames + 1.0));
+    let cycle = cost_model::pass(seen.nodes) + (2.0 * price_of_rebuild * rate).sqrt();
+    cycle > seen.queries.rebuild_every_frame(seen.primitives)
 }
 
 /// What to do after a pass, with its losses already charged.
@@ -74,6 +86,9 @@ pub(super) fn decide(ledger: &Ledger, seen: &Observation) -> Plan {
     let rebuild = ledger.rebuild.is_due(price_of_rebuild).then_some(builder);
     if seen.has_no_baseline {
         return Plan::Rebuild(builder);
+    }
+    if pays_every_frame(ledger, seen, price_of_rebuild) {
+        return Plan::RebuildEveryFrame;
     }
     match rebuild {
         Some(builder) if ledger.is_beyond_repair != 0 || ledger.is_fast_build != 0 => {
@@ -89,7 +104,8 @@ pub(super) fn decide(ledger: &Ledger, seen: &Observation) -> Plan {
     if ledger.is_beyond_repair == 0 && ledger.repair.is_due(cost_model::repair(seen.nodes, ledger.kept)) {
         let frames = f64::from(ledger.since_repair.clamp(1, LONGEST_PAYBACK)) * ledger.repair.patience();
         let threshold = TOP_SUBTREE / (seen.queries.lost(1.0) * frames);
-        return Plan::Repair { threshold, or_rebuild: rebuild };
+        let most = cost_model::most_subtrees(seen.nodes, price_of_rebuild);
+        return Plan::Repair { threshold, most, or_rebuild: rebuild };
     }
     if ledger.merge_turns > 0 || !is_merged && ledger.merge.is_due(seen.price_of_leaves()) {
         Plan::MergeLeaves
@@ -134,7 +150,7 @@ impl Ledger {
             self.rebuild.paid_off();
         }
         (self.kept, self.since_repair) = (subtrees as u32, 0);
-        (self.rebuilds_in_a_row, self.is_beyond_repair) = (0, 0);
+        self.is_beyond_repair = 0;
     }
 
     /// A new tree has taken the place of one with the ledger `before`; whether it is better is known after a pass.
@@ -145,12 +161,15 @@ impl Ledger {
             Some(false) => rebuild.failed(),
             None => rebuild.restart(),
         }
-        let row = before.rebuilds_in_a_row;
+        let mut merge = before.merge;
+        if before.is_merged != 0 || before.merge_turns > 0 {
+            merge.failed();
+        }
         Self {
             rebuild,
-            merge: before.merge,
+            merge,
             kept: before.kept,
-            rebuilds_in_a_row: if before.since_repair <= SOON { row.saturating_add(1) } else { 1 },
+            rebuilds_to_come: before.rebuilds_to_come.saturating_sub(1),
             is_fast_build: u32::from(builder == Builder::Lbvh),
             ..Self::default()
         }
@@ -253,13 +272,23 @@ mod tests {
     }
 
     #[test]
-    fn rebuilds_in_a_row_need_no_pass_but_for_a_look_now_and_then() {
-        let queries = seen(0.0).queries;
-        let blind = |row| decide_blindly(&Ledger { rebuilds_in_a_row: row, ..quiet() }, N, queries).is_some();
-        assert_eq!([0, 1, 2, 15, 16, 17].map(blind), [false, false, true, true, false, true]);
-        let soon = Ledger { since_repair: SOON, rebuilds_in_a_row: 3, ..quiet() };
-        assert_eq!(Ledger::rebuilt(&soon, Builder::Lbvh, Some(true)).rebuilds_in_a_row, 4);
-        assert_eq!(Ledger::rebuilt(&quiet(), Builder::Lbvh, None).rebuilds_in_a_row, 1);
+    fn a_tree_that_is_bad_at_once_is_rebuilt_every_frame_until_it_is_not() {
+        let quiet = Ledger { since_repair: 0, ..quiet() };
+        let price = cost_model::rebuild(Builder::Lbvh, N);
+        let bad = price / seen(0.0).queries.lost(1.0);
+        assert_eq!(decide(&after(quiet, &seen(bad)), &seen(bad)), Plan::RebuildEveryFrame);
+        assert_ne!(decide(&after(quiet, &seen(0.01 * bad)), &seen(0.01 * bad)), Plan::RebuildEveryFrame);
+        // As much in a hundred frames is no reason.
+        let slow = Ledger { since_repair: 100, ..quiet };
+        assert_ne!(decide(&after(slow, &seen(bad)), &seen(bad)), Plan::RebuildEveryFrame);
+        let mut ledger = Ledger { rebuilds_to_come: REBUILDS_IN_A_ROW, ..quiet };
+        let builders: Vec<_> = std::iter::from_fn(|| {
+            let builder = decide_blindly(&ledger, N, seen(0.0).queries)?;
+            ledger = Ledger::rebuilt(&ledger, builder, None);
+            Some(builder)
+        })
+        .collect();
+        assert_eq!(builders, [Builder::Lbvh; REBUILDS_IN_A_ROW as usize]);
     }
 
     #[test]

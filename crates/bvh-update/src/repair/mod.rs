@@ -40,7 +40,7 @@ impl Default for PartialRebuild {
 
 /// A frontier of more than this part of the primitives is not worth its repair.
 // 0.3 repairs more and rebuilds less; the time is the same within the noise: `cargo xtask compare frame`.
-pub(crate) const LARGEST_FRONTIER: f64 = 0.2;
+const LARGEST_FRONTIER: f64 = 0.2;
 
 /// A subtree is opened if its excess is more than this part of the share that an average primitive had in the cost of
 /// the tree when it was built.

@@ -1,0 +1,169 @@
+//! Two loads that are not pictures, and what each strategy makes of them: a torus of 97,200 triangles that shatters under 20,000
+//! single rays a frame, and the broad phase of 20,000 boxes that drift apart. `Auto` is given the load as it is. All
+//! strategies must find the same. One thread: `cargo run --release -p pivot-benches --example loads`.
+
+use std::f32::consts::TAU;
+use std::ops::ControlFlow::Continue;
+use std::time::Instant;
+
+use bvh_build::{BuildOptions, Builder, build};
+use bvh_core::{Aabb, Bvh, Primitives, Ray, TriangleTest, Triangles, Vec3, Visits, closest_hit_counted};
+use bvh_update::{Decision, Load, PartialRebuild, Rotate, Strategy, Updater};
+
+const FRAMES: usize = 120;
+const QUERIES: usize = 20_000;
+
+/// A number between -1 and 1.
+fn noise(seed: usize, i: usize) -> f32 {
+    let h = (i * 8 + seed).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    ((h ^ (h >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) as f32 / (1 << 23) as f32 - 1.0
+}
+
+fn random(seed: usize, i: usize) -> Vec3 {
+    Vec3::from_array([0, 1, 2].map(|axis| noise(3 * seed + axis, i)))
+}
+
+/// A strategy with its tree, the times of its frames, and what it decided.
+struct Lane {
+    strategy: Strategy,
+    updater: Updater,
+    bvh: Bvh,
+    update_ms: f64,
+    query_ms: f64,
+    longest_ms: f64,
+    decisions: usize,
+}
+
+impl Lane {
+    /// The strategies that are compared, all over the same first tree.
+    fn all(primitives: &(impl Primitives + ?Sized)) -> Vec<Self> {
+        let bvh = build(primitives, Builder::BinnedParallel).expect("few enough");
+        let lane = |strategy| {
+            let (updater, bvh) = (Updater::new(strategy), bvh.clone());
+            Self { strategy, updater, bvh, update_ms: 0.0, query_ms: 0.0, longest_ms: 0.0, decisions: 0 }
+        };
+        let rebuild = |builder| Strategy::Rebuild(builder, BuildOptions::default());
+        [
+            Strategy::default(),
+            rebuild(Builder::Lbvh),
+            rebuild(Builder::Ploc),
+            Strategy::RefitRotate(Rotate::default()),
+            Strategy::PartialRebuild(PartialRebuild::default()),
+        ]
+        .map(lane)
+        .into()
+    }
+
+    /// One frame: an update, and `query`, which gives what it found and the load to report.
+    fn frame<T>(
+        &mut self,
+        primitives: &(impl Primitives + ?Sized),
+        query: impl FnOnce(&Bvh) -> (T, Load),
+    ) -> T {
+        let start = Instant::now();
+        let update = self.updater.update(&mut self.bvh, primitives).expect("same count");
+        let updated = start.elapsed().as_secs_f64() * 1e3;
+        let (found, load) = query(&self.bvh);
+        let frame = start.elapsed().as_secs_f64() * 1e3;
+        self.updater.report(load);
+        self.update_ms += updated;
+        self.query_ms += frame - updated;
+        self.longest_ms = self.longest_ms.max(frame);
+        self.decisions += usize::from(update.decision != Decision::AsAlways);
+        found
+    }
+}
+
+fn print(what: &str, lanes: &[Lane]) {
+    println!("{what}\n{:22}  update  queries  frame  longest (ms)  decisions", "");
+    for lane in lanes {
+        let [update, query] = [lane.update_ms, lane.query_ms].map(|sum| sum / FRAMES as f64);
+        let (name, frame) = (lane.strategy.name(), update + query);
+        println!(
+            "{name:22} {update:7.2} {query:8.2} {frame:6.2} {:8.2} {:16}",
+            lane.longest_ms, lane.decisions
+        );
+    }
+    let frames: Vec<f64> = lanes.iter().map(|lane| lane.update_ms + lane.query_ms).collect();
+    println!("auto over lbvh: {:.2}\n", frames[0] / frames[1]);
+}
+
+/// Pieces of a torus fly apart, each also turning away from its neighbours in the end.
+fn torus() {
+    const ROUND: usize = 270;
+    const AROUND: usize = 180;
+    const PIECE: usize = 9;
+    let quads = ROUND * AROUND;
+    let indices: Vec<[u32; 3]> = (0..quads as u32)
+        .flat_map(|q| [[4 * q, 4 * q + 1, 4 * q + 2], [4 * q + 1, 4 * q + 3, 4 * q + 2]])
+        .collect();
+    let positions = |frame: usize| -> Vec<Vec3> {
+        let away = 0.02 * frame.saturating_sub(10) as f32;
+        let corner = |i: usize| {
+            let (quad, corner) = (i / 4, i % 4);
+            let (u, v) = (quad % ROUND, quad / ROUND);
+            let piece = u / PIECE + ROUND / PIECE * (v / PIECE);
+            let (a, b) =
+                (TAU * (u + corner % 2) as f32 / ROUND as f32, TAU * (v + corner / 2) as f32 / AROUND as f32);
+            let ring = 3.0 + b.cos();
+            Vec3::new(ring * a.cos(), ring * a.sin(), b.sin())
+                + (random(1, piece) + random(0, quad) * 0.3) * away
+        };
+        (0..4 * quads).map(corner).collect()
+    };
+    let rays: Vec<Ray> = (0..QUERIES)
+        .map(|i| {
+            let from = random(0, i).normalize_or(Vec3::X) * 12.0;
+            Ray::new(from, random(1, i) * 3.0 - from)
+        })
+        .collect();
+    let first = positions(0);
+    let mut lanes = Lane::all(&Triangles { positions: &first, indices: &indices });
+    for frame in 1..=FRAMES {
+        let now = positions(frame);
+        let triangles = Triangles { positions: &now, indices: &indices };
+        let cast = |bvh: &Bvh| {
+            let (mut hits, mut visits) = (Vec::with_capacity(QUERIES), Visits::default());
+            for ray in &rays {
+                let test = TriangleTest::default();
+                let hit = closest_hit_counted(bvh, &triangles, ray, f32::INFINITY, test, &mut visits);
+                hits.push(hit.map_or(f32::INFINITY, |hit| hit.t));
+            }
+            (hits, Load::SingleRays(QUERIES as u64))
+        };
+        let found: Vec<_> = lanes.iter_mut().map(|lane| lane.frame(&triangles, cast)).collect();
+        assert!(found.iter().all(|hits| *hits == found[0]), "frame {frame}: other hits");
+    }
+    print(&format!("A torus of {} triangles, {QUERIES} single rays", indices.len()), &lanes);
+}
+
+/// Boxes drift, each on its own way.
+fn broad_phase() {
+    let boxes = |frame: usize| -> Vec<Aabb> {
+        let place = |i: usize| (random(0, i) + random(1, i) * 0.02 * frame as f32) * 30.0;
+        (0..QUERIES).map(place).map(|p| Aabb::new(p - 0.4, p + 0.4)).collect()
+    };
+    let mut lanes = Lane::all(&boxes(0)[..]);
+    for frame in 1..=FRAMES {
+        let now = boxes(frame);
+        let pairs = |bvh: &Bvh| {
+            let mut pairs = 0u64;
+            let _ = bvh.for_each_pair(&now[..], |_, _| {
+                pairs += 1;
+                Continue(())
+            });
+            (pairs, Load::Pairs)
+        };
+        let found: Vec<_> = lanes.iter_mut().map(|lane| lane.frame(&now[..], pairs)).collect();
+        assert!(found.iter().all(|pairs| *pairs == found[0]), "frame {frame}: {found:?}");
+    }
+    print(&format!("The broad phase of {QUERIES} boxes"), &lanes);
+}
+
+fn main() {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    pool.install(|| {
+        torus();
+        broad_phase();
+    });
+}
