@@ -76,8 +76,8 @@ pub(crate) struct Ledger {
     pub(crate) since_repair: u32,
     /// Subtrees that the last repair kept; 0 if there was none.
     pub(crate) kept: u32,
-    /// Rebuilds to come without a pass before.
-    pub(crate) rebuilds_to_come: u32,
+    /// Rebuilds in a row, each soon after the one before.
+    pub(crate) rebuilds_in_a_row: u32,
     /// Turns of merging, or of splitting, that are left.
     pub(crate) merge_turns: u32,
     pub(crate) split_turns: u32,

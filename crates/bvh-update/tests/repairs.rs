@@ -208,11 +208,11 @@ fn a_fast_build_is_replaced_by_a_good_one_once_the_chaos_is_over() {
         |boxes: &[Aabb]| updater.set_strategy(strategy).update(&mut bvh, boxes).expect("updated").decision;
     let chaotic: Vec<_> = (1..=6).map(|step| decide(&chaos(step))).collect();
     assert_eq!(chaotic[5], Decision::Rebuild { builder: Builder::Lbvh }, "{chaotic:?}");
-    let calm: Vec<_> = (0..60).map(|_| decide(&chaos(6))).collect();
+    let calm: Vec<_> = (0..90).map(|_| decide(&chaos(6))).collect();
     // It takes a while until it looks whether the chaos is over.
     let rebuilds: Vec<_> = calm.iter().filter(|d| is_rebuild(d)).collect();
     assert_eq!(rebuilds.last(), Some(&&Decision::Rebuild { builder: Builder::Ploc }), "{calm:?}");
-    assert!(!calm[30..].iter().any(is_repair), "{calm:?}");
+    assert!(!calm[60..].iter().any(is_repair), "{calm:?}");
 }
 
 #[test]

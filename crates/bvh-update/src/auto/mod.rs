@@ -28,7 +28,7 @@ mod policy;
 
 pub use cost_model::Load;
 use cost_model::QueryCost;
-use policy::{Observation, Plan, REBUILDS_IN_A_ROW, decide, decide_blindly, reason};
+use policy::{Observation, Plan, decide, decide_blindly, pays_every_frame, reason};
 
 /// Settings of [`Strategy::Auto`](crate::Strategy::Auto).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -126,14 +126,10 @@ fn execute<P: Primitives + ?Sized>(
 ) -> Result<Update, UpdateError> {
     let decision = match plan {
         Plan::Keep => Decision::AsAlways,
-        Plan::Rebuild(builder) => return rebuild(bvh, primitives, builder, Some(tally), scratch),
+        Plan::Rebuild(builder) => return rebuild(bvh, primitives, builder, Some((tally, seen)), scratch),
         Plan::MergeLeaves | Plan::SplitLeaves => {
             step_leaves(plan, bvh, primitives, seen, tally, scratch.leaves);
             if plan == Plan::MergeLeaves { Decision::MergeLeaves } else { Decision::SplitLeaves }
-        }
-        Plan::RebuildEveryFrame => {
-            State::of_mut(parts(bvh).state).ledger.rebuilds_to_come = REBUILDS_IN_A_ROW;
-            Decision::AsAlways
         }
         Plan::Repair { threshold, most, or_rebuild } => {
             let baseline: Baseline = State::of(bvh).baseline;
@@ -148,7 +144,7 @@ fn execute<P: Primitives + ?Sized>(
                     return Ok(Update { decision, sah_cost: None, ..tally.report(bvh) });
                 }
                 (Repaired::TooLarge | Repaired::Nothing, Some(builder)) => {
-                    return rebuild(bvh, primitives, builder, Some(tally), scratch);
+                    return rebuild(bvh, primitives, builder, Some((tally, seen)), scratch);
                 }
                 (Repaired::TooLarge, None) => ledger.is_beyond_repair = 1,
                 (Repaired::Nothing, None) => ledger.repair.failed(),
@@ -159,19 +155,21 @@ fn execute<P: Primitives + ?Sized>(
     Ok(Update { decision, ..tally.report(bvh) })
 }
 
-/// Builds a new tree; after a pass, what that found says whether the new tree is better.
+/// Builds a new tree; after a pass, what that found says whether the new tree is better, and whether it came soon.
 fn rebuild<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     builder: Builder,
-    tally: Option<&Tally>,
+    after_pass: Option<(&Tally, &Observation)>,
     scratch: &mut AutoScratch<'_>,
 ) -> Result<Update, UpdateError> {
-    let (before, cost_before) = (State::of(bvh).ledger, tally.map(|tally| cost_after(bvh, tally)));
+    let before = State::of(bvh).ledger;
+    let cost_before = after_pass.map(|(tally, _)| cost_after(bvh, tally));
+    let is_soon = after_pass.is_none_or(|(_, seen)| pays_every_frame(&before, seen));
     let options = options_like(bvh);
     let update = new_tree(bvh, primitives, builder, &options, scratch.rebuild)?;
     let is_better = cost_before.map(|before| cost_of(bvh) < before);
-    State::of_mut(parts(bvh).state).ledger = Ledger::rebuilt(&before, builder, is_better);
+    State::of_mut(parts(bvh).state).ledger = Ledger::rebuilt(&before, builder, is_better, is_soon);
     Ok(Update { decision: Decision::Rebuild { builder }, ..update })
 }
 

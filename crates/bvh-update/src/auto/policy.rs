@@ -16,8 +16,10 @@ use super::cost_model::{self, QueryCost, TOP_SUBTREE};
 use crate::report::Reason;
 use crate::state::Ledger;
 
-/// For so many frames a tree is rebuilt without a pass before, until one looks again whether that still pays.
-pub(super) const REBUILDS_IN_A_ROW: u32 = 16;
+/// Once so many rebuilds in a row came so soon that one in every frame is cheaper, the next ones are made without a pass before.
+const IN_A_ROW: u32 = 2;
+/// One in this many rebuilds in a row is made after a pass that looks whether it is needed.
+const LOOK_AGAIN: u32 = 16;
 /// A subtree is opened if that pays within the frames since the last repair, but at most within this many.
 const LONGEST_PAYBACK: u32 = 8;
 
@@ -55,15 +57,14 @@ pub(super) enum Plan {
         or_rebuild: Option<Builder>,
     },
     Rebuild(Builder),
-    /// From the next frame on a new tree without a pass before.
-    RebuildEveryFrame,
     MergeLeaves,
     SplitLeaves,
 }
 
 /// The builder of a tree that is built without a pass before, since trees were bad again at once.
 pub(super) fn decide_blindly(ledger: &Ledger, primitives: f64, queries: QueryCost) -> Option<Builder> {
-    (ledger.rebuilds_to_come > 0).then(|| queries.builder(primitives, 1))
+    let row = ledger.rebuilds_in_a_row;
+    (row >= IN_A_ROW && !row.is_multiple_of(LOOK_AGAIN)).then(|| queries.builder(primitives, 1))
 }
 
 /// Whether a new tree in every frame costs less than passes and a new tree now and then.
@@ -72,7 +73,9 @@ pub(super) fn decide_blindly(ledger: &Ledger, primitives: f64, queries: QueryCos
 /// rate  = 2 lost / (k (k + 1))            lost in k frames, of which each loses as much more than the one before
 /// cycle = pass + sqrt(2 price rate)       per frame, if a tree is rebuilt as soon as as much is lost as that costs
 /// ```
-fn pays_every_frame(ledger: &Ledger, seen: &Observation, price_of_rebuild: f64) -> bool {
+pub(super) fn pays_every_frame(ledger: &Ledger, seen: &Observation) -> bool {
+    let builder = seen.queries.builder(seen.primitives, ledger.since_repair);
+    let price_of_rebuild = cost_model::rebuild(builder, seen.primitives);
     let frames = f64::from(ledger.since_repair.max(1));
     let rate = 2.0 * ledger.repair.lost() / (frames * (frames + 1.0));
     let cycle = cost_model::pass(seen.nodes) + (2.0 * price_of_rebuild * rate).sqrt();
@@ -86,9 +89,6 @@ pub(super) fn decide(ledger: &Ledger, seen: &Observation) -> Plan {
     let rebuild = ledger.rebuild.is_due(price_of_rebuild).then_some(builder);
     if seen.has_no_baseline {
         return Plan::Rebuild(builder);
-    }
-    if pays_every_frame(ledger, seen, price_of_rebuild) {
-        return Plan::RebuildEveryFrame;
     }
     match rebuild {
         Some(builder) if ledger.is_beyond_repair != 0 || ledger.is_fast_build != 0 => {
@@ -132,7 +132,10 @@ impl Ledger {
         let lost = seen.queries.lost(seen.excess.max(0.0));
         self.repair.charge(lost);
         self.rebuild.charge(lost);
-        if self.is_fast_build != 0 {
+        // A fast build in the place of a fast build gains nothing.
+        if self.is_fast_build != 0
+            && seen.queries.builder(seen.primitives, self.since_repair) != Builder::Lbvh
+        {
             self.rebuild.charge(seen.queries.lost_to_fast_build());
         }
         self.merge.charge(seen.queries.saved_by_merging());
@@ -150,11 +153,12 @@ impl Ledger {
             self.rebuild.paid_off();
         }
         (self.kept, self.since_repair) = (subtrees as u32, 0);
-        self.is_beyond_repair = 0;
+        (self.rebuilds_in_a_row, self.is_beyond_repair) = (0, 0);
     }
 
-    /// A new tree has taken the place of one with the ledger `before`; whether it is better is known after a pass.
-    pub(super) fn rebuilt(before: &Self, builder: Builder, is_better: Option<bool>) -> Self {
+    /// A new tree has taken the place of one with the ledger `before`; whether it is better is known after a pass. If it
+    /// came soon, it is in a row with the rebuild before.
+    pub(super) fn rebuilt(before: &Self, builder: Builder, is_better: Option<bool>, is_soon: bool) -> Self {
         let mut rebuild = before.rebuild;
         match is_better {
             Some(true) => rebuild.paid_off(),
@@ -169,7 +173,7 @@ impl Ledger {
             rebuild,
             merge,
             kept: before.kept,
-            rebuilds_to_come: before.rebuilds_to_come.saturating_sub(1),
+            rebuilds_in_a_row: if is_soon { before.rebuilds_in_a_row.saturating_add(1) } else { 0 },
             is_fast_build: u32::from(builder == Builder::Lbvh),
             ..Self::default()
         }
@@ -249,7 +253,7 @@ mod tests {
     fn a_tree_beyond_repair_is_rebuilt_once_that_pays() {
         let beyond = Ledger { is_beyond_repair: 1, ..quiet() };
         assert_eq!(decide(&after(beyond, &seen(0.01)), &seen(0.01)), Plan::Keep);
-        assert!(matches!(decide(&after(beyond, &seen(10.0)), &seen(10.0)), Plan::Rebuild(_)));
+        assert!(matches!(decide(&after(beyond, &seen(0.1)), &seen(0.1)), Plan::Rebuild(_)));
     }
 
     #[test]
@@ -272,23 +276,24 @@ mod tests {
     }
 
     #[test]
-    fn a_tree_that_is_bad_at_once_is_rebuilt_every_frame_until_it_is_not() {
-        let quiet = Ledger { since_repair: 0, ..quiet() };
-        let price = cost_model::rebuild(Builder::Lbvh, N);
-        let bad = price / seen(0.0).queries.lost(1.0);
-        assert_eq!(decide(&after(quiet, &seen(bad)), &seen(bad)), Plan::RebuildEveryFrame);
-        assert_ne!(decide(&after(quiet, &seen(0.01 * bad)), &seen(0.01 * bad)), Plan::RebuildEveryFrame);
+    fn a_tree_that_is_bad_at_once_had_better_be_new_in_every_frame() {
+        let bad = cost_model::rebuild(Builder::Ploc, N) / seen(0.0).queries.lost(1.0);
+        let pays = |since_repair, excess| {
+            let ledger = after(Ledger { since_repair, ..quiet() }, &seen(excess));
+            pays_every_frame(&ledger, &seen(excess))
+        };
         // As much in a hundred frames is no reason.
-        let slow = Ledger { since_repair: 100, ..quiet };
-        assert_ne!(decide(&after(slow, &seen(bad)), &seen(bad)), Plan::RebuildEveryFrame);
-        let mut ledger = Ledger { rebuilds_to_come: REBUILDS_IN_A_ROW, ..quiet };
-        let builders: Vec<_> = std::iter::from_fn(|| {
-            let builder = decide_blindly(&ledger, N, seen(0.0).queries)?;
-            ledger = Ledger::rebuilt(&ledger, builder, None);
-            Some(builder)
-        })
-        .collect();
-        assert_eq!(builders, [Builder::Lbvh; REBUILDS_IN_A_ROW as usize]);
+        assert_eq!([pays(0, bad), pays(0, 0.01 * bad), pays(100, bad)], [true, false, false]);
+    }
+
+    #[test]
+    fn rebuilds_in_a_row_need_no_pass_but_for_a_look_now_and_then() {
+        let queries = seen(0.0).queries;
+        let blind = |row| decide_blindly(&Ledger { rebuilds_in_a_row: row, ..quiet() }, N, queries).is_some();
+        assert_eq!([0, 1, 2, 15, 16, 17].map(blind), [false, false, true, true, false, true]);
+        let row = Ledger { rebuilds_in_a_row: 3, ..quiet() };
+        let after = |is_soon| Ledger::rebuilt(&row, Builder::Lbvh, None, is_soon).rebuilds_in_a_row;
+        assert_eq!([true, false].map(after), [4, 0]);
     }
 
     #[test]
