@@ -1,5 +1,5 @@
 //! This project as the yardstick of tracing calls it.
-use bvh_build::{Builder, build_with};
+use bvh_build::{BuildOptions, Builder, build_with};
 use bvh_core::{Bvh, Triangles, Vec3};
 use rt_cpu::{cast, Camera, Pixel, PointLight, RenderOptions, TriangleTest};
 
@@ -9,7 +9,7 @@ impl Pivot {
     /// A full sweep tree, triangles in leaf order.
     pub fn new(positions: &[[f32; 3]], indices: &[[u32; 3]], max_leaf_size: u32, fast: bool, [eye, target, light]: [[f32; 3]; 3], size: u32) -> Self {
         let positions: Vec<Vec3> = positions.iter().map(|&p| Vec3::from(p)).collect();
-        let options = Default::default().with_max_leaf_size(max_leaf_size);
+        let options = BuildOptions::default().with_max_leaf_size(max_leaf_size);
         let mut bvh = build_with(&Triangles { positions: &positions, indices }, Builder::Sweep, &options).unwrap();
         let indices = bvh.reorder_primitives().iter().map(|&p| indices[p as usize]).collect();
         let camera = Camera::look_at(eye.into(), target.into(), Vec3::Y, 45f32.to_radians(), size, size);

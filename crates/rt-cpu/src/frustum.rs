@@ -63,10 +63,10 @@ impl Frame {
 
     /// Slopes of directions.
     #[inline(always)]
-    pub(crate) fn slopes<S: Simd, V: Lanes<S>>(&self, direction: [V; 3]) -> [V; 2] {
+    pub(crate) fn slopes<S: Simd, V: Lanes<S>>(&self, simd: S, direction: [V; 3]) -> [V; 2] {
         let [x, y, z] = self.axes;
-        let z = if self.negative { -direction[z] } else { direction[z] };
-        [direction[x] / z, direction[y] / z]
+        let inverse = V::simd_from(simd, if self.negative { -1.0 } else { 1.0 }) / direction[z];
+        [direction[x] * inverse, direction[y] * inverse]
     }
 
     /// A box in this frame, for frusta within `frustum`.

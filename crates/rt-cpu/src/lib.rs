@@ -26,6 +26,7 @@ mod alpha_cutouts;
 mod bundle;
 mod bvh8;
 mod camera;
+mod cast;
 mod frustum;
 mod image;
 mod mesh;
@@ -38,12 +39,14 @@ mod render;
 mod scene;
 mod shade;
 mod simd;
+mod sink;
 mod sort;
 mod surface;
 mod texture;
 mod tile;
 mod times;
 mod wavefront;
+mod weigh;
 mod wide;
 
 #[cfg(test)]

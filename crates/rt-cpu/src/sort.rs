@@ -60,7 +60,7 @@ impl Sorter {
         }
         let n = S::f32s::LEN;
         for at in (0..count).step_by(n) {
-            let slopes = frame.slopes::<S, S::f32s>(load3(simd, &rays.direction, at));
+            let slopes = frame.slopes::<S, S::f32s>(simd, load3(simd, &rays.direction, at));
             slopes[0].store_slice(&mut self.slopes[0][at..at + n]);
             slopes[1].store_slice(&mut self.slopes[1][at..at + n]);
         }

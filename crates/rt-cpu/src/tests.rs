@@ -4,8 +4,8 @@ use bvh_core::{Aabb, Bvh, Node, Primitives, Ray, Triangles, Vec3};
 
 use crate::bundle::{Bundle, Hits, RAYS};
 use crate::bvh8;
+use crate::cast::{place, trace};
 use crate::packet::{self, SIZE};
-use crate::render::{place, trace};
 use crate::scene::{Query, Scene, Work, every, with_test};
 use crate::simd::at_level;
 use crate::tile::Scratch;

@@ -187,7 +187,7 @@ pub(crate) fn frustum_of<S: Simd>(simd: S, frame: &Frame, bundle: &Bundle, at: u
     let mut least = [infinity; 2];
     let mut greatest = [-infinity; 2];
     for at in (at..at + PACKET).step_by(S::f32s::LEN) {
-        let slopes = frame.slopes::<S, S::f32s>(load3(simd, &bundle.direction, at));
+        let slopes = frame.slopes::<S, S::f32s>(simd, load3(simd, &bundle.direction, at));
         for i in 0..2 {
             least[i] = min(slopes[i], least[i]);
             greatest[i] = max(slopes[i], greatest[i]);

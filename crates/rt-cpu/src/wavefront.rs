@@ -11,6 +11,8 @@
 //!
 //! A wave of fewer rays overwrites the one before: a ray's successor never lies behind it.
 
+use std::cell::Cell;
+
 use bvh_core::{Ray, Vec3};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
@@ -18,13 +20,14 @@ use fearless_simd::prelude::*;
 use crate::Hit;
 use crate::bundle::{Bundle, Hits, RAYS};
 use crate::bvh8::{self, Bvh8};
+use crate::cast::{Frame, Tile, light_arrives};
 use crate::options::{AmbientOcclusion, DiffuseBounces, Effects, RenderStats};
 use crate::packet::SIZE;
 use crate::random::{Stream, cosine_direction};
-use crate::render::{Frame, PixelSink, Rows, Tile, light_arrives};
 use crate::scene::Work;
 use crate::shade::{Shader, ambient};
 use crate::simd::{load, load3};
+use crate::sink::{PixelSink, Rows};
 use crate::surface::Coordinates;
 use crate::wide::WideTest;
 use bvh_core::pick;
@@ -50,7 +53,7 @@ pub(crate) struct Wavefront<'a> {
 }
 
 /// What is known of the rays of a wave besides their directions and hits, which are in the [`Tile`].
-pub(crate) struct Paths {
+struct Paths {
     origin: Coordinates,
     /// The ray of the first wave that each goes back to.
     whose: [u16; RAYS],
@@ -71,7 +74,7 @@ pub(crate) struct Paths {
 }
 
 impl Paths {
-    pub(crate) fn new() -> Self {
+    fn new() -> Self {
         let zero = [[0.0; RAYS]; 3];
         Self {
             origin: zero,
@@ -109,6 +112,11 @@ impl Paths {
     }
 }
 
+thread_local! {
+    /// Made when a thread first needs them, and kept.
+    static THESE_PATHS: Cell<Option<Box<Paths>>> = const { Cell::new(None) };
+}
+
 fn at(a: &Coordinates, i: usize) -> Vec3 {
     Vec3::new(a[0][i], a[1][i], a[2][i])
 }
@@ -134,7 +142,7 @@ impl PixelSink for Wavefront<'_> {
     ) {
         let count = tile.seen.count;
         let mut work = Work::default();
-        let mut paths = tile.paths.take().unwrap_or_else(|| Box::new(Paths::new()));
+        let mut paths = THESE_PATHS.take().unwrap_or_else(|| Box::new(Paths::new()));
         paths.start(tile, self.seed, corner);
         let mut wave = 0;
         loop {
@@ -166,7 +174,7 @@ impl PixelSink for Wavefront<'_> {
         for (i, &[x, y]) in tile.at[..count].iter().enumerate() {
             rows[y as usize][x as usize] = [paths.sum[0][i], paths.sum[1][i], paths.sum[2][i]];
         }
-        tile.paths = Some(paths);
+        THESE_PATHS.set(Some(paths));
         stats.count(&work);
     }
 }

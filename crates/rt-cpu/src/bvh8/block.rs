@@ -9,7 +9,7 @@ use crate::simd::{bits, load};
 use crate::surface::dot;
 use bvh_core::triangle::{Double, MollerTrumbore, Test, Watertight, in_box};
 
-use crate::wide::{Found, weigh};
+use crate::weigh::{Found, weigh};
 
 /// Triangles of a block.
 pub(super) const SIZE: usize = 4;

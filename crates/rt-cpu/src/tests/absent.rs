@@ -6,8 +6,8 @@ use std::time::Instant;
 use fearless_simd::Simd;
 
 use super::*;
+use crate::cast::place;
 use crate::random;
-use crate::render::place;
 use crate::shade::{Background, Shader};
 use crate::surface::{Coordinates, Surfaces};
 use crate::tile;

@@ -1,6 +1,6 @@
 //! The top of the tree, opened once for all packets of a tile.
 
-use bvh_core::Node;
+use bvh_core::{Node, prefetch};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
@@ -69,6 +69,7 @@ impl Cut {
                 for (side, child) in [l, r].iter().enumerate() {
                     if met >> side & 1 != 0 {
                         (opened[count], sizes[count]) = ((first + side) as u32, size(child));
+                        prefetch(nodes, child.first());
                         count += 1;
                     }
                 }
