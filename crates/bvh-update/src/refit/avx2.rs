@@ -4,26 +4,43 @@
 //! order of `Aabb::half_area` and without fused multiply-add, so the bits are those of the scalar kernels.
 
 use std::arch::x86_64::*;
+use std::ops::Range;
 
 use bvh_core::Primitives;
 
-use super::block::{Entry, GROUP, Leaves, Lister};
+use super::block::{Block, Entry, Leaves, Lister};
 use super::kernels::{self, Accepted, refit_height};
 use super::shared::SharedNodes;
 use super::{Tally, scalar};
 
-/// See [`scalar::list`].
+/// See [`Block::walk`].
 #[target_feature(enable = "avx2")]
-pub(super) fn list(nodes: SharedNodes<'_>, pairs: [usize; GROUP], count: usize, lister: &mut Lister<'_>) {
-    scalar::list(nodes, pairs, count, lister);
+#[inline(never)]
+pub(super) fn walk(
+    block: &mut Block,
+    nodes: SharedNodes<'_>,
+    roots: &[Entry],
+    depth: u32,
+    limit: usize,
+    leaves: &mut Leaves,
+) {
+    scalar::walk(block, nodes, roots, depth, limit, leaves);
+}
+
+/// See [`scalar::sweep`].
+#[target_feature(enable = "avx2")]
+#[inline(never)]
+pub(super) fn sweep(nodes: SharedNodes<'_>, pairs: Range<usize>, lister: &mut Lister<'_>) {
+    scalar::sweep(nodes, pairs, lister);
 }
 
 /// See [`kernels::fit_leaves`].
 #[target_feature(enable = "avx2")]
+#[inline(never)]
 pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
-    leaves: &mut Leaves,
+    leaves: &[Entry],
     fetch: impl Fn(usize),
     with_sums: bool,
     tally: &mut Tally,
@@ -33,6 +50,7 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
 
 /// See [`kernels::refit_boxes`].
 #[target_feature(enable = "avx2")]
+#[inline(never)]
 pub(super) fn refit_boxes(
     nodes: SharedNodes<'_>,
     parents_first: &[Entry],
@@ -44,6 +62,7 @@ pub(super) fn refit_boxes(
 
 /// See [`scalar::judge`](super::scalar::judge).
 #[target_feature(enable = "avx2")]
+#[inline(never)]
 pub(super) fn judge(nodes: SharedNodes<'_>, list: &[Entry], accepted: &mut Accepted) {
     let zero = _mm256_setzero_ps();
     // With the minima negated a union is one maximum, and extents are sums.

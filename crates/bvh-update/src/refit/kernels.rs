@@ -8,7 +8,7 @@ use bvh_core::rotation::{Rotation, best, rotate};
 use bvh_core::{Aabb, Node, Primitives};
 
 use super::Tally;
-use super::block::{Entry, LISTED, Leaves};
+use super::block::{Entry, LISTED};
 use super::shared::SharedNodes;
 
 /// How many leaves ahead the corners of triangles are fetched, and twice as many ahead the indices.
@@ -28,13 +28,7 @@ struct AreaSum {
 const PART: usize = 8;
 
 impl AreaSum {
-    /// Adds the area of a box that is number `i` of its list and not empty. What is in the fourth lanes of its corners
-    /// does not matter.
-    #[inline(always)]
-    fn add(&mut self, i: usize, min: Vec4, max: Vec4) {
-        self.add_extent(i, max - min, 1.0);
-    }
-
+    /// Adds the area of a box that is number `i` of its list. What is in the fourth lane does not matter.
     #[inline(always)]
     fn add_extent(&mut self, i: usize, extent: Vec4, weight: f32) {
         self.part += extent * Vec4::new(extent.y, extent.z, extent.x, extent.w) * weight;
@@ -59,68 +53,53 @@ impl AreaSum {
 /// A box in lanes, with a node's words in the fourth.
 type Corners = [Vec4; 2];
 
-#[inline(always)]
-fn with_words([min, max]: Corners, link: u32, aux: u32) -> Corners {
-    [min.with_w(f32::from_bits(link)), max.with_w(f32::from_bits(aux))]
-}
-
 /// Fits leaves to their primitives, which are numbered by slot in the tree's order. `fetch` is called with the number of
 /// each, to ask for what will be needed next.
 #[inline(always)]
 pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
-    leaves: &mut Leaves,
+    leaves: &[Entry],
     fetch: impl Fn(usize),
     with_sums: bool,
     tally: &mut Tally,
 ) {
     let (mut sum, mut validity) = (AreaSum::default(), Vec4::ZERO);
-    let (count, have_one_each) = (leaves.len(), leaves.have_one_primitive_each());
-    let entries = leaves.with_next();
-    let ahead = entries[AHEAD..].iter().zip(&entries[2 * AHEAD..]);
-    entries[..count.min(2 * AHEAD)].iter().for_each(|entry| primitives.prefetch_index(entry.first()));
-    entries[..count.min(AHEAD)].iter().for_each(|entry| primitives.prefetch_data(entry.first()));
-    for (i, (entry, (soon, later))) in entries[..count].iter().zip(ahead).enumerate() {
-        primitives.prefetch_index(later.first());
-        primitives.prefetch_data(soon.first());
+    leaves.iter().take(2 * AHEAD).for_each(|entry| primitives.prefetch_index(entry.first()));
+    leaves.iter().take(AHEAD).for_each(|entry| primitives.prefetch_data(entry.first()));
+    for (i, entry) in leaves.iter().enumerate() {
+        if let Some(later) = leaves.get(i + 2 * AHEAD) {
+            primitives.prefetch_index(later.first());
+        }
+        if let Some(soon) = leaves.get(i + AHEAD) {
+            primitives.prefetch_data(soon.first());
+        }
         fetch(i);
-        if have_one_each {
-            let [min, max, doubt] = primitives.aabb_lanes(entry.first());
+        let node = nodes.get(entry.slot());
+        let first = entry.first();
+        if node.count() == 0 {
+            validity = Vec4::NAN;
+            break;
+        }
+        let [mut min, mut max, doubt] = primitives.aabb_lanes(first);
+        validity += doubt;
+        for primitive in first + 1..first + node.count() {
+            let [next_min, next_max, doubt] = primitives.aabb_lanes(primitive);
+            (min, max) = (min.min(next_min), max.max(next_max));
             validity += doubt;
-            nodes.set_corners(entry.slot(), with_words([min, max], entry.link(), 1 << 8));
-            if with_sums {
-                sum.add(i, min, max);
-            }
-        } else {
-            let aux = nodes.get(entry.slot());
-            let Some(last) = aux.count().checked_sub(1) else {
-                validity = Vec4::NAN;
-                break;
-            };
-            // The first and the last are always looked at, be they the same: one or two cannot be predicted.
-            let (first, last) = (entry.first(), entry.first() + last);
-            let [mut min, mut max, doubt] = primitives.aabb_lanes(first);
-            validity += doubt;
-            for primitive in (first + 1..last).chain([last]) {
-                let [next_min, next_max, doubt] = primitives.aabb_lanes(primitive);
-                (min, max) = (min.min(next_min), max.max(next_max));
-                validity += doubt;
-            }
-            let weight = aux.weight() as f32;
-            let [_, own_max]: Corners = bytemuck::cast(aux);
-            nodes.set_corners(entry.slot(), with_words([min, max], entry.link(), own_max.w.to_bits()));
-            if with_sums {
-                sum.add_extent(i, max - min, weight);
-            }
+        }
+        let [own_min, own_max]: Corners = bytemuck::cast(node);
+        nodes.set_corners(entry.slot(), [min.with_w(own_min.w), max.with_w(own_max.w)]);
+        if with_sums {
+            sum.add_extent(i, max - min, node.weight() as f32);
         }
     }
     if !cfg!(refit_without = "validity") && !validity.truncate().is_finite() {
-        fit_carefully(nodes, primitives, leaves.all(), tally);
+        fit_carefully(nodes, primitives, leaves, tally);
         return;
     }
     let area = sum.total();
-    tally.leaves += count as u64;
+    tally.leaves += leaves.len() as u64;
     tally.leaf_area += area;
     tally.area += area;
 }
@@ -188,7 +167,8 @@ pub(super) fn refit_boxes(
 pub(super) fn refit_height(nodes: SharedNodes<'_>, entry: Entry) -> [u32; 2] {
     let [[link_l, l], [link_r, r]] = nodes.pair_words(entry.first());
     let height = 1 + (l & Node::HEIGHT).max(r & Node::HEIGHT);
-    if !cfg!(refit_without = "heights") {
+    // Few heights change.
+    if !cfg!(refit_without = "heights") && nodes.height(entry.slot()) != height {
         nodes.set_height(entry.slot(), height);
     }
     [link_l, link_r]

@@ -10,7 +10,7 @@ use bvh_core::{MAX_HEIGHT, Node, Primitives};
 
 use crate::state::{Layout, State};
 
-use super::block::{Entry, GROUP, Lister, Lists};
+use super::block::{Entry, Lister, Lists};
 use super::shared::dispatch;
 use super::{Tally, Task, kernels};
 
@@ -91,18 +91,16 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     }
 
     fn sweep_stretch(&self, pairs: Range<usize>, lists: &mut Lists, tally: &mut Tally) {
-        let Lists { leaves, inner, .. } = lists;
-        let mut lister = Lister::new(&[], inner, leaves);
-        for first in pairs.clone().step_by(GROUP) {
-            // The last pair takes the place of those behind the end.
-            let group = std::array::from_fn(|i| 2 * (first + i).min(pairs.end - 1));
-            let count = GROUP.min(pairs.end - first);
-            dispatch!(self.level, list(self.nodes, group, count, &mut lister));
-        }
+        let Lists { leaves, inner, included, .. } = lists;
+        let mut lister = Lister::new(&[], inner, included, leaves);
+        dispatch!(self.level, sweep(self.nodes, pairs.clone(), &mut lister));
         lister.finish();
         // There are about as many leaves as pairs.
         let fetch = |i: usize| self.nodes.prefetch(2 * (pairs.start + i).saturating_sub(STRETCH));
-        dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, fetch, self.with_sums, tally));
+        dispatch!(
+            self.level,
+            fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, self.with_sums, tally)
+        );
         dispatch!(self.level, refit_boxes(self.nodes, inner.all(), self.with_sums, tally));
     }
 }

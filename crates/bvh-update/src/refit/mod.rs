@@ -15,7 +15,7 @@ use std::sync::{Mutex, PoisonError};
 
 use bvh_core::{Bvh, InOrder, Primitives, SimdLevel, sah_cost};
 
-use self::block::{Block, Entry, Lists};
+use self::block::{Block, Entry, LISTED, Lists};
 use self::kernels::refit_height;
 use self::shared::{Available, dispatch};
 use crate::report::Update;
@@ -33,7 +33,6 @@ pub mod plain;
 mod scalar;
 mod shared;
 
-pub(crate) use block::{LISTED, NESTED, ROOTS};
 pub(crate) use linear::detect_linear;
 pub(crate) use shared::{SharedNodes, parts, share};
 
@@ -41,11 +40,11 @@ pub use self::cost::BlockCost;
 pub(crate) use self::cost::Costs;
 use self::cost::Stopwatch;
 
-/// Nodes that the first block lists: the part of the pass that one thread does alone.
+/// Nodes listed by blocks above others: the less, the more can be done at a time.
 const TOP_LISTED: usize = 128;
 
-/// Roots of a block below the first.
-const TOP_ROOTS: usize = 4;
+/// Inner nodes that subtrees of one block have together, as estimated by [`is_heavy`].
+const WEIGHT: u64 = 512;
 
 /// Cache lines, of a pair each, to fetch for a subtree whose turn is next: as built they lie in one piece, and rotations
 /// leave them nearly so.
@@ -250,40 +249,47 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             self.sweep_all()
         } else {
             let [[link, _], _] = self.nodes.pair_words(0);
-            self.block(&[Entry::new(0, link)], 0, Around::default(), TOP_LISTED, TOP_ROOTS)
+            self.subtrees(&[Entry::new(0, link)], 0, Around::default())
         }
     }
 
-    /// Updates the subtrees below roots of one depth, `most` of them in a block.
-    fn subtrees(&self, roots: &[Entry], depth: u32, around: Around<'_>, most: usize) -> Tally {
-        if roots.is_empty() {
-            return Tally::default();
+    /// Updates the subtrees below roots of one depth.
+    fn subtrees(&self, roots: &[Entry], depth: u32, around: Around<'_>) -> Tally {
+        let is_heavy = self.is_heavy(roots);
+        match roots.len() {
+            0 => Tally::default(),
+            len if len == 1 || !is_heavy => {
+                self.block(roots, depth, around, if is_heavy { TOP_LISTED } else { LISTED })
+            }
+            len => {
+                let (a, b) = roots.split_at(len / 2);
+                let before_b = Around { next: b, ..around };
+                let (a, b) =
+                    rayon::join(|| self.subtrees(a, depth, before_b), || self.subtrees(b, depth, around));
+                a.and(&b)
+            }
         }
-        if roots.len() <= most {
-            return self.block(roots, depth, around, LISTED, ROOTS);
-        }
-        let (a, b) = roots.split_at(roots.len() / 2);
-        let before_b = Around { next: b, ..around };
-        let (a, b) =
-            rayon::join(|| self.subtrees(a, depth, before_b, most), || self.subtrees(b, depth, around, most));
-        a.and(&b)
+    }
+
+    /// Whether subtrees are more than enough for one block.
+    ///
+    /// Sizes are not known, heights are: subtrees of height h have 1.5^h inner nodes or so.
+    fn is_heavy(&self, roots: &[Entry]) -> bool {
+        let mut weight = 0;
+        roots.iter().any(|root| {
+            weight += 1 << (self.nodes.height(root.slot()) * 5 / 8);
+            weight > WEIGHT
+        })
     }
 
     /// Updates the subtrees below a few roots of one depth: a block of about `limit` nodes, and what is below it.
-    fn block(
-        &self,
-        roots: &[Entry],
-        depth: u32,
-        around: Around<'_>,
-        limit: usize,
-        most_below: usize,
-    ) -> Tally {
+    fn block(&self, roots: &[Entry], depth: u32, around: Around<'_>, limit: usize) -> Tally {
         let mut tally = Tally::default();
         let mut watch = Stopwatch::start(self.costs, around.block);
         let block = self.with_worker(|worker| {
             let mut block = worker.blocks.pop().unwrap_or_else(Block::new);
             let leaves = &mut worker.lists.leaves;
-            block.walk(self.nodes, roots, depth, limit, leaves);
+            dispatch!(self.level, walk(&mut block, self.nodes, roots, depth, limit, leaves));
             watch.lap(|cost| &mut cost.list);
             let [(rest, _), (below, _)] = block.frontier();
             let next = [rest, below, around.next].into_iter().find(|roots| !roots.is_empty());
@@ -295,7 +301,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             };
             dispatch!(
                 self.level,
-                fit_leaves(self.nodes, self.primitives, leaves, fetch, self.with_sums, &mut tally)
+                fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, self.with_sums, &mut tally)
             );
             watch.lap(|cost| &mut cost.leaves);
             block
@@ -303,8 +309,8 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         let [(rest, rest_depth), (below, below_depth)] = block.frontier();
         let before_next = Around { block: watch.block, ..around };
         let before_below = if below.is_empty() { before_next } else { Around { next: below, ..before_next } };
-        tally = tally.and(&self.subtrees(rest, rest_depth, before_below, most_below));
-        tally = tally.and(&self.subtrees(below, below_depth, before_next, most_below));
+        tally = tally.and(&self.subtrees(rest, rest_depth, before_below));
+        tally = tally.and(&self.subtrees(below, below_depth, before_next));
         watch.skip();
         self.with_worker(|worker| {
             dispatch!(self.level, refit_boxes(self.nodes, block.own(), self.with_sums, &mut tally));
@@ -320,7 +326,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     fn rotate(&self, block: &Block, lists: &mut Lists, tally: &mut Tally) {
         let nodes = self.nodes;
         let Some(schedule) = self.schedule else { return };
-        let Lists { inner: included, accepted, .. } = lists;
+        let Lists { included, accepted, .. } = lists;
         for (level, depth) in block.levels() {
             let level = if schedule.is_always() {
                 level
@@ -392,7 +398,7 @@ mod tests {
             let nodes = share(parts(&mut bvh).nodes);
             let (mut block, mut lists) = (Block::new(), Lists::new());
             let [[link, _], _] = nodes.pair_words(0);
-            block.walk(nodes, &[Entry::new(0, link)], 0, TOP_LISTED, &mut lists.leaves);
+            scalar::walk(&mut block, nodes, &[Entry::new(0, link)], 0, TOP_LISTED, &mut lists.leaves);
             let [(rest, _), (below, _)] = block.frontier();
             let mut roots: Vec<usize> = rest.iter().chain(below).map(|entry| entry.slot()).collect();
             let (shared, touched) = shared_slot(&tree, &roots);

@@ -1,26 +1,41 @@
 //! The kernels for any processor.
 
+use std::ops::Range;
+
 use bvh_core::Primitives;
 use bvh_core::rotation::{area_changes_at, best};
 
 use super::Tally;
-use super::block::{Entry, GROUP, Leaves, Lister};
+use super::block::{Block, Entry, Leaves, Lister};
 use super::kernels::{self, Accepted, refit_height};
 use super::shared::SharedNodes;
 
-/// Lists the nodes of the first `count` of eight pairs.
+/// See [`Block::walk`].
 #[inline(always)]
-pub(super) fn list(nodes: SharedNodes<'_>, pairs: [usize; GROUP], count: usize, lister: &mut Lister<'_>) {
-    for &pair in &pairs[..count] {
-        lister.pair(nodes, pair);
-    }
+pub(super) fn walk(
+    block: &mut Block,
+    nodes: SharedNodes<'_>,
+    roots: &[Entry],
+    depth: u32,
+    limit: usize,
+    leaves: &mut Leaves,
+) {
+    block.walk(nodes, roots, depth, limit, leaves, |parents, count, lister| {
+        parents[..count].iter().for_each(|&parent| lister.children(nodes, parent));
+    });
+}
+
+/// Lists the nodes of successive pairs.
+#[inline(always)]
+pub(super) fn sweep(nodes: SharedNodes<'_>, pairs: Range<usize>, lister: &mut Lister<'_>) {
+    pairs.for_each(|pair| lister.children(nodes, Entry::new(0, 2 * pair as u32)));
 }
 
 /// See [`kernels::fit_leaves`].
 pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
-    leaves: &mut Leaves,
+    leaves: &[Entry],
     fetch: impl Fn(usize),
     with_sums: bool,
     tally: &mut Tally,

@@ -83,6 +83,18 @@ impl<'a> SharedNodes<'a> {
         })
     }
 
+    /// The link words of the nodes in slots `n` and `n + 1`.
+    #[inline(always)]
+    pub(crate) fn links(&self, n: usize) -> [u32; 2] {
+        self.pair_words(n).map(|[link, _]| link)
+    }
+
+    /// The height of the node in slot `n`.
+    #[inline(always)]
+    pub(crate) fn height(&self, n: usize) -> u32 {
+        self.get(n).height()
+    }
+
     /// Stores a whole node, given as its two corners with the words in their fourth lanes.
     #[inline(always)]
     pub(crate) fn set_corners(&self, n: usize, corners: [Vec4; 2]) {
@@ -201,6 +213,17 @@ pub(super) fn entries(lanes: __m512i) -> [Entry; 8] {
     #[expect(unsafe_code, reason = "no safe cast is at hand")]
     unsafe {
         std::mem::transmute(lanes)
+    }
+}
+
+/// List entries as the lanes of a register.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+pub(super) fn lanes(entries: &[Entry; 8]) -> __m512i {
+    // SAFETY: both are 64 bytes of plain data.
+    #[expect(unsafe_code, reason = "no safe cast is at hand")]
+    unsafe {
+        std::mem::transmute(*entries)
     }
 }
 

@@ -6,13 +6,18 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use bvh_core::{Bvh, Node, prefetch};
+use bvh_core::{Bvh, MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
 use super::RepairScratch;
 use crate::quality::{NodeMeasure, TreeCost};
-use crate::refit::{LISTED, NESTED, ROOTS};
 
+/// Inner nodes that one block lists; about half of them are processed in it.
+const LISTED: usize = 1024;
+/// Roots of one block below another.
+const ROOTS: usize = 64;
+/// Blocks nested in each other: 64 roots and 1024 listed nodes make three levels at least.
+const NESTED: usize = MAX_HEIGHT as usize / 3 + 2;
 /// Roots of a part.
 const PER_PART: usize = 8;
 /// Cache lines, of a pair of nodes each, to fetch for roots whose turn is next: subtrees lie in one piece, or nearly so.
