@@ -42,28 +42,34 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     primitives: &P,
     leaves: &[Entry],
     fetch: impl Fn(usize),
-    with_sums: bool,
     tally: &mut Tally,
 ) {
-    kernels::fit_leaves(nodes, primitives, leaves, fetch, with_sums, tally);
+    kernels::fit_leaves(nodes, primitives, leaves, fetch, tally);
 }
 
 /// See [`kernels::refit_boxes`].
 #[target_feature(enable = "avx2")]
 #[inline(never)]
-pub(super) fn refit_boxes(
-    nodes: SharedNodes<'_>,
-    parents_first: &[Entry],
-    with_sums: bool,
-    tally: &mut Tally,
-) {
-    kernels::refit_boxes(nodes, parents_first, with_sums, tally);
+pub(super) fn refit_boxes(nodes: SharedNodes<'_>, parents_first: &[Entry]) {
+    for entry in parents_first.iter().rev() {
+        let [l, r] = nodes.pair_lanes(entry.first());
+        let own = nodes.lanes(entry.slot());
+        let corners = _mm256_blend_ps::<0xf0>(_mm256_min_ps(l, r), _mm256_max_ps(l, r));
+        nodes.set_lanes(entry.slot(), _mm256_blend_ps::<0x88>(corners, own));
+    }
 }
 
-/// See [`scalar::judge`](super::scalar::judge).
+/// See [`scalar::rotate`](super::scalar::rotate).
 #[target_feature(enable = "avx2")]
 #[inline(never)]
-pub(super) fn judge(nodes: SharedNodes<'_>, list: &[Entry], accepted: &mut Accepted) {
+pub(super) fn rotate(
+    nodes: SharedNodes<'_>,
+    list: &[Entry],
+    at: (u32, bool),
+    accepted: &mut Accepted,
+    tally: &mut Tally,
+) {
+    accepted.clear();
     let zero = _mm256_setzero_ps();
     // With the minima negated a union is one maximum, and extents are sums.
     let minima = _mm256_setr_ps(-0.0, -0.0, -0.0, -0.0, 0.0, 0.0, 0.0, 0.0);
@@ -106,4 +112,5 @@ pub(super) fn judge(nodes: SharedNodes<'_>, list: &[Entry], accepted: &mut Accep
         let in_order = _mm256_setr_epi32(0, 1, 4, 5, 2, 3, 6, 7);
         accepted.push_if(entry, bytemuck::cast(_mm256_permutevar8x32_ps(changes, in_order)), is_gain);
     }
+    accepted.apply(nodes, at, tally);
 }

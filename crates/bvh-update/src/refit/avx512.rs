@@ -8,6 +8,7 @@ use std::ops::Range;
 
 use bvh_core::Node;
 
+use super::Tally;
 use super::block::{Block, Entry, GROUP, Leaves, Lister};
 use super::kernels::{Accepted, refit_height};
 use super::shared::{SharedNodes, entries, lanes};
@@ -50,7 +51,7 @@ fn list(nodes: SharedNodes<'_>, parents: &[Entry; GROUP], count: usize, lister: 
     let of_four = |a: Entry, b: Entry, c: Entry, d: Entry| {
         let two = |a: Entry, b: Entry| {
             let two =
-                _mm512_permutex2var_epi32(nodes.pair_bits(a.first()), of_two, nodes.pair_bits(b.first()));
+                _mm512_permutex2var_epi32(nodes.pair_wide(a.first()), of_two, nodes.pair_wide(b.first()));
             _mm512_castsi512_si128(two)
         };
         _mm256_set_m128i(two(c, d), two(a, b))
@@ -87,16 +88,24 @@ fn list(nodes: SharedNodes<'_>, parents: &[Entry; GROUP], count: usize, lister: 
     lister.append(inner, rotating, leaves, [inner_counts, leaf_counts, [rotating_count, 0]]);
 }
 
-/// See [`scalar::judge`](super::scalar::judge).
+/// See [`scalar::rotate`](super::scalar::rotate).
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw")]
-pub(super) fn judge(nodes: SharedNodes<'_>, list: &[Entry], accepted: &mut Accepted) {
+#[inline(never)]
+pub(super) fn rotate(
+    nodes: SharedNodes<'_>,
+    list: &[Entry],
+    at: (u32, bool),
+    accepted: &mut Accepted,
+    tally: &mut Tally,
+) {
+    accepted.clear();
     // With the minima negated a union is one maximum, and extents are sums.
     let minima = _mm512_broadcast_f32x8(_mm256_setr_ps(-0.0, -0.0, -0.0, -0.0, 0.0, 0.0, 0.0, 0.0));
     // From lanes of singles and doubles to the order of `Rotation::ALL`.
     let in_order = _mm512_setr_epi32(4, 0, 12, 8, 9, 1, 9, 1, 4, 0, 12, 8, 9, 1, 9, 1);
     for &entry in list {
         let [link_l, link_r] = refit_height(nodes, entry);
-        let negated = |pair: __m512| _mm512_xor_ps(pair, minima);
+        let negated = |pair: __m512i| _mm512_xor_ps(_mm512_castsi512_ps(pair), minima);
         let n = negated(nodes.pair_wide(entry.first()));
         let (l, r) = (negated(nodes.child_wide(link_l)), negated(nodes.child_wide(link_r)));
         let single_l = _mm512_max_ps(_mm512_shuffle_f32x4::<0x44>(n, n), r); // L u RL, L u RR
@@ -107,7 +116,7 @@ pub(super) fn judge(nodes: SharedNodes<'_>, list: &[Entry], accepted: &mut Accep
         // Extents of four boxes, a quarter of the register each, and 0; those of an empty box are 0.
         let extents = |a, b| {
             let sides = (_mm512_shuffle_f32x4::<0x88>(a, b), _mm512_shuffle_f32x4::<0xdd>(a, b));
-            _mm512_max_ps(_mm512_add_ps(sides.0, sides.1), _mm512_setzero_ps())
+            _mm512_max_ps(_mm512_maskz_add_ps(0x7777, sides.0, sides.1), _mm512_setzero_ps())
         };
         // Their products xy, yz, zx, 0.
         let products = |e| _mm512_mul_ps(e, _mm512_permute_ps::<0b11_00_10_01>(e));
@@ -134,4 +143,5 @@ pub(super) fn judge(nodes: SharedNodes<'_>, list: &[Entry], accepted: &mut Accep
         let changes = _mm512_castps512_ps256(_mm512_permutexvar_ps(in_order, changes));
         accepted.push_if(entry, bytemuck::cast(changes), gains != 0);
     }
+    accepted.apply(nodes, at, tally);
 }

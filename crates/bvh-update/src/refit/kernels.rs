@@ -4,7 +4,7 @@
 //! the judging of rotations has a version of its own for each.
 
 use bvh_core::glam::Vec4;
-use bvh_core::rotation::{Rotation, best, rotate};
+use bvh_core::rotation::{Rotation, rotate};
 use bvh_core::{Aabb, Node, Primitives};
 
 use super::Tally;
@@ -61,10 +61,9 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     primitives: &P,
     leaves: &[Entry],
     fetch: impl Fn(usize),
-    with_sums: bool,
     tally: &mut Tally,
 ) {
-    let (mut sum, mut validity) = (AreaSum::default(), Vec4::ZERO);
+    let mut validity = Vec4::ZERO;
     leaves.iter().take(2 * AHEAD).for_each(|entry| primitives.prefetch_index(entry.first()));
     leaves.iter().take(AHEAD).for_each(|entry| primitives.prefetch_data(entry.first()));
     for (i, entry) in leaves.iter().enumerate() {
@@ -90,18 +89,10 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
         }
         let [own_min, own_max]: Corners = bytemuck::cast(node);
         nodes.set_corners(entry.slot(), [min.with_w(own_min.w), max.with_w(own_max.w)]);
-        if with_sums {
-            sum.add_extent(i, max - min, node.weight() as f32);
-        }
     }
     if !cfg!(refit_without = "validity") && !validity.truncate().is_finite() {
         fit_carefully(nodes, primitives, leaves, tally);
-        return;
     }
-    let area = sum.total();
-    tally.leaves += leaves.len() as u64;
-    tally.leaf_area += area;
-    tally.area += area;
 }
 
 /// Fits leaves of which some have primitives without a box, or none.
@@ -126,40 +117,35 @@ pub(super) fn fit_leaf<P: Primitives + ?Sized>(
     let mut node = nodes.get(slot);
     let mut aabb = Aabb::EMPTY;
     for primitive in node.first()..node.first() + node.count() {
-        let next = primitives.aabb(primitive);
+        let next = primitives.aabb(primitive).sanitized();
         // A sanitised box is empty only if it is `Aabb::EMPTY`.
         tally.dropped += u64::from(next.min.x == f32::INFINITY);
         aabb = aabb.union(next);
     }
     node.set_aabb(aabb);
     nodes.set(slot, node);
-    let area = f64::from(aabb.half_area()) * node.weight();
-    tally.leaves += 1;
-    tally.leaf_area += area;
-    tally.area += area;
+}
+
+/// Sum of half area times weight over nodes whose boxes are known.
+pub(super) fn area(nodes: SharedNodes<'_>, list: &[Entry]) -> f64 {
+    let mut sum = AreaSum::default();
+    for (i, entry) in list.iter().enumerate() {
+        let node = nodes.get(entry.slot());
+        let [min, max]: Corners = bytemuck::cast(node);
+        // An empty box has negative extents.
+        sum.add_extent(i, (max - min).max(Vec4::ZERO), node.weight() as f32);
+    }
+    sum.total()
 }
 
 /// Refits the boxes of inner nodes, children before parents; words stay as they are.
-#[inline(always)]
-pub(super) fn refit_boxes(
-    nodes: SharedNodes<'_>,
-    parents_first: &[Entry],
-    with_sums: bool,
-    tally: &mut Tally,
-) {
-    let mut sum = AreaSum::default();
-    for (i, entry) in parents_first.iter().rev().enumerate() {
+pub(super) fn refit_boxes(nodes: SharedNodes<'_>, parents_first: &[Entry]) {
+    for entry in parents_first.iter().rev() {
         let [l, r]: [Corners; 2] = nodes.pair(entry.first()).map(bytemuck::cast);
         let [own_min, own_max]: Corners = bytemuck::cast(nodes.get(entry.slot()));
         let corners = [l[0].min(r[0]).with_w(own_min.w), l[1].max(r[1]).with_w(own_max.w)];
         nodes.set_corners(entry.slot(), corners);
-        if with_sums {
-            // An empty box has negative extents.
-            sum.add_extent(i, (corners[1] - corners[0]).max(Vec4::ZERO), 1.0);
-        }
     }
-    tally.inner += parents_first.len() as u64;
-    tally.area += sum.total();
 }
 
 /// Gives a node the height that follows from its children's, and returns their link words.
@@ -200,17 +186,16 @@ impl Accepted {
         self.count += usize::from(is_gain);
     }
 
-    /// Applies the best rotation of each node; `depth` is that of the nodes.
+    /// Applies the best rotation of each node; given the nodes' depth, and whether something is static.
+    #[inline(always)]
     pub(super) fn apply(
         &self,
         mut nodes: SharedNodes<'_>,
-        depth: u32,
-        is_partly_static: bool,
+        (depth, is_partly_static): (u32, bool),
         tally: &mut Tally,
     ) {
         for (&entry, &changes) in self.entries.iter().zip(&self.changes).take(self.count) {
-            let [c0, c1, c2, c3, c4, c5, ..] = changes;
-            let Some(rotation) = best([c0, c1, c2, c3, c4, c5]) else { continue };
+            let rotation = best(changes);
             let mut grown = 0.0;
             // A rotation makes a tree higher by one at most.
             if is_partly_static || nodes.get(entry.slot()).height() + depth >= bvh_core::MAX_HEIGHT {
@@ -228,6 +213,18 @@ impl Accepted {
             tally.static_area += grown;
         }
     }
+}
+
+/// As [`rotation::best`](bvh_core::rotation::best), where some change is below zero, without branches. The last two may be
+/// other changes again.
+#[inline(always)]
+fn best(changes: [f32; 8]) -> Rotation {
+    // NaN is no gain, and the minimum of NaN and a number is the number.
+    let [a, b]: [Vec4; 2] = bytemuck::cast(changes);
+    let [a, b] = [a.min(Vec4::INFINITY), b.min(Vec4::INFINITY)];
+    let least = Vec4::splat(a.min(b).min_element());
+    let is_least = a.cmpeq(least).bitmask() | b.cmpeq(least).bitmask() << 4;
+    Rotation::ALL[is_least.trailing_zeros() as usize % Rotation::ALL.len()]
 }
 
 /// As [`rotate`], where the height is known to be in bounds and all nodes move: without branches.

@@ -79,12 +79,13 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             rayon::join(|| below(l, piece.start + 1..middle), || below(r, middle..piece.end));
         let mut tally = l_tally.and(&r_tally);
         for (slot, node) in [(pair, l), (pair + 1, r)] {
+            let entry = [Entry::new(slot, node.first() as u32)];
             if node.is_dynamic() && node.is_leaf() {
                 kernels::fit_leaf(self.nodes, self.primitives, slot, &mut tally);
+                self.count_leaves(&entry, &mut tally);
             } else if node.is_dynamic() {
-                let [[link_l, _], [link_r, _]] = self.nodes.pair_words(pair);
-                let entry = Entry::new(slot, [link_l, link_r][slot - pair]);
-                kernels::refit_boxes(self.nodes, &[entry], self.with_sums, &mut tally);
+                kernels::refit_boxes(self.nodes, &entry);
+                self.count_inner(&entry, &mut tally);
             }
         }
         tally
@@ -97,11 +98,10 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         lister.finish();
         // There are about as many leaves as pairs.
         let fetch = |i: usize| self.nodes.prefetch(2 * (pairs.start + i).saturating_sub(STRETCH));
-        dispatch!(
-            self.level,
-            fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, self.with_sums, tally)
-        );
-        dispatch!(self.level, refit_boxes(self.nodes, inner.all(), self.with_sums, tally));
+        dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, tally));
+        self.count_leaves(leaves.all(), tally);
+        dispatch!(self.level, refit_boxes(self.nodes, inner.all()));
+        self.count_inner(inner.all(), tally);
     }
 }
 

@@ -244,6 +244,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         } else if root.is_leaf() {
             let mut tally = Tally::default();
             kernels::fit_leaf(self.nodes, self.primitives, 0, &mut tally);
+            self.count_leaves(&[Entry::new(0, 0)], &mut tally);
             tally
         } else if is_linear {
             self.sweep_all()
@@ -299,10 +300,8 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
                     self.nodes.prefetch(root.first() + 2 * (i % LINES));
                 }
             };
-            dispatch!(
-                self.level,
-                fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, self.with_sums, &mut tally)
-            );
+            dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, &mut tally));
+            self.count_leaves(leaves.all(), &mut tally);
             watch.lap(|cost| &mut cost.leaves);
             block
         });
@@ -313,13 +312,30 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         tally = tally.and(&self.subtrees(below, below_depth, before_next));
         watch.skip();
         self.with_worker(|worker| {
-            dispatch!(self.level, refit_boxes(self.nodes, block.own(), self.with_sums, &mut tally));
+            dispatch!(self.level, refit_boxes(self.nodes, block.own()));
+            self.count_inner(block.own(), &mut tally);
             watch.lap(|cost| &mut cost.boxes);
             self.rotate(&block, &mut worker.lists, &mut tally);
             watch.lap(|cost| &mut cost.rotations);
             worker.blocks.push(block);
         });
         tally
+    }
+
+    fn count_leaves(&self, leaves: &[Entry], tally: &mut Tally) {
+        tally.leaves += leaves.len() as u64;
+        if self.with_sums {
+            let area = kernels::area(self.nodes, leaves);
+            tally.leaf_area += area;
+            tally.area += area;
+        }
+    }
+
+    fn count_inner(&self, inner: &[Entry], tally: &mut Tally) {
+        tally.inner += inner.len() as u64;
+        if self.with_sums {
+            tally.area += kernels::area(self.nodes, inner);
+        }
     }
 
     /// Rotates at the block's inner nodes.
@@ -338,9 +354,8 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
                 }
                 included.all()
             };
-            accepted.clear();
-            dispatch!(self.level, judge(nodes, level, accepted));
-            accepted.apply(nodes, depth, self.is_partly_static, tally);
+            let at = (depth, self.is_partly_static);
+            dispatch!(self.level, rotate(nodes, level, at, accepted, tally));
         }
     }
 

@@ -37,28 +37,27 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     primitives: &P,
     leaves: &[Entry],
     fetch: impl Fn(usize),
-    with_sums: bool,
     tally: &mut Tally,
 ) {
-    kernels::fit_leaves(nodes, primitives, leaves, fetch, with_sums, tally);
+    kernels::fit_leaves(nodes, primitives, leaves, fetch, tally);
 }
 
-/// See [`kernels::refit_boxes`].
-pub(super) fn refit_boxes(
-    nodes: SharedNodes<'_>,
-    parents_first: &[Entry],
-    with_sums: bool,
-    tally: &mut Tally,
-) {
-    kernels::refit_boxes(nodes, parents_first, with_sums, tally);
-}
+pub(super) use super::kernels::refit_boxes;
 
 /// Refits the heights of nodes, and accepts those at which some rotation is a gain.
-pub(super) fn judge(nodes: SharedNodes<'_>, list: &[Entry], accepted: &mut Accepted) {
+pub(super) fn rotate(
+    nodes: SharedNodes<'_>,
+    list: &[Entry],
+    at: (u32, bool),
+    accepted: &mut Accepted,
+    tally: &mut Tally,
+) {
+    accepted.clear();
     for &entry in list {
         refit_height(nodes, entry);
         let changes = area_changes_at(&nodes, entry.first());
         let [c0, c1, c2, c3, c4, c5] = changes;
         accepted.push_if(entry, [c0, c1, c2, c3, c4, c5, 0.0, 0.0], best(changes).is_some());
     }
+    accepted.apply(nodes, at, tally);
 }

@@ -1,7 +1,7 @@
 //! The unsafe parts: a node arena that tasks on several threads share, and the calls into code for a SIMD level.
 
 #[cfg(target_arch = "x86_64")]
-use std::arch::x86_64::{__m256, __m512, __m512i, _mm512_maskz_loadu_ps};
+use std::arch::x86_64::{__m256, __m512i};
 use std::marker::PhantomData;
 
 use bvh_core::glam::Vec4;
@@ -131,6 +131,20 @@ impl<'a> SharedNodes<'a> {
         }
     }
 
+    /// The node in slot `n`.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub(crate) fn lanes(&self, n: usize) -> __m256 {
+        bytemuck::cast(self.get(n))
+    }
+
+    /// Stores a whole node into slot `n`.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub(crate) fn set_lanes(&self, n: usize, lanes: __m256) {
+        self.set(n, bytemuck::cast(lanes));
+    }
+
     /// The children of a node with that link word, as [`pair_lanes`](Self::pair_lanes); for a leaf, boxes around everything.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
@@ -142,23 +156,10 @@ impl<'a> SharedNodes<'a> {
         }
     }
 
-    /// The boxes of the nodes in slots `n` and `n + 1` in one register, with 0 for words.
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f")]
-    #[inline]
-    pub(crate) fn pair_wide(&self, n: usize) -> __m512 {
-        assert!(n + 1 < self.len, "pair out of range");
-        // SAFETY: as in `pair`; two nodes have the size of a register, at any alignment.
-        #[expect(unsafe_code, reason = "reads the shared arena")]
-        unsafe {
-            _mm512_maskz_loadu_ps(0x7777, self.start.add(n).cast())
-        }
-    }
-
-    /// The nodes in slots `n` and `n + 1` in one register, words and all.
+    /// The nodes in slots `n` and `n + 1` in one register.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
-    pub(crate) fn pair_bits(&self, n: usize) -> __m512i {
+    pub(crate) fn pair_wide(&self, n: usize) -> __m512i {
         assert!(n + 1 < self.len, "pair out of range");
         // SAFETY: as in `pair`; two nodes have the size of a register, and any alignment will do.
         #[expect(unsafe_code, reason = "reads the shared arena")]
@@ -171,11 +172,11 @@ impl<'a> SharedNodes<'a> {
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx512f")]
     #[inline]
-    pub(crate) fn child_wide(&self, link: u32) -> __m512 {
+    pub(crate) fn child_wide(&self, link: u32) -> __m512i {
         // SAFETY: as in `pair_wide`, for a pair that is in range or a constant.
         #[expect(unsafe_code, reason = "reads the shared arena")]
         unsafe {
-            _mm512_maskz_loadu_ps(0x7777, self.children_or_everything(link).cast())
+            self.children_or_everything(link).cast::<__m512i>().read_unaligned()
         }
     }
 
