@@ -69,10 +69,10 @@ pub(super) fn rotate(
     accepted: &mut Accepted,
     tally: &mut Tally,
 ) {
-    accepted.clear();
     let zero = _mm256_setzero_ps();
     // With the minima negated a union is one maximum, and extents are sums.
     let minima = _mm256_setr_ps(-0.0, -0.0, -0.0, -0.0, 0.0, 0.0, 0.0, 0.0);
+    let mut count = 0;
     for &entry in list {
         let negated = |pair: [__m256; 2]| pair.map(|lanes| _mm256_xor_ps(lanes, minima));
         let [link_l, link_r] = refit_height(nodes, entry);
@@ -110,7 +110,8 @@ pub(super) fn rotate(
         let changes = _mm256_sub_ps(then, now);
         let is_gain = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(changes, zero)) != 0;
         let in_order = _mm256_setr_epi32(0, 1, 4, 5, 2, 3, 6, 7);
-        accepted.push_if(entry, bytemuck::cast(_mm256_permutevar8x32_ps(changes, in_order)), is_gain);
+        accepted.set(count, entry, bytemuck::cast(_mm256_permutevar8x32_ps(changes, in_order)));
+        count += usize::from(is_gain);
     }
-    accepted.apply(nodes, at, tally);
+    accepted.apply(count, nodes, at, tally);
 }

@@ -98,11 +98,11 @@ pub(super) fn rotate(
     accepted: &mut Accepted,
     tally: &mut Tally,
 ) {
-    accepted.clear();
     // With the minima negated a union is one maximum, and extents are sums.
     let minima = _mm512_broadcast_f32x8(_mm256_setr_ps(-0.0, -0.0, -0.0, -0.0, 0.0, 0.0, 0.0, 0.0));
     // From lanes of singles and doubles to the order of `Rotation::ALL`.
     let in_order = _mm512_setr_epi32(4, 0, 12, 8, 9, 1, 9, 1, 4, 0, 12, 8, 9, 1, 9, 1);
+    let mut count = 0;
     for &entry in list {
         let [link_l, link_r] = refit_height(nodes, entry);
         let negated = |pair: __m512i| _mm512_xor_ps(_mm512_castsi512_ps(pair), minima);
@@ -113,16 +113,16 @@ pub(super) fn rotate(
         let straight = _mm512_max_ps(l, r); // LL u RL, LR u RR
         let crossed = _mm512_max_ps(l, _mm512_shuffle_f32x4::<0x4e>(r, r)); // LL u RR, LR u RL
 
-        // Extents of four boxes, a quarter of the register each, and 0; those of an empty box are 0.
+        // Extents of four boxes, a quarter of the register each; those of an empty box are 0. What words make of the
+        // fourth lanes stays there.
         let extents = |a, b| {
             let sides = (_mm512_shuffle_f32x4::<0x88>(a, b), _mm512_shuffle_f32x4::<0xdd>(a, b));
-            _mm512_max_ps(_mm512_maskz_add_ps(0x7777, sides.0, sides.1), _mm512_setzero_ps())
+            _mm512_max_ps(_mm512_add_ps(sides.0, sides.1), _mm512_setzero_ps())
         };
-        // Their products xy, yz, zx, 0.
+        // Their products xy, yz, zx.
         let products = |e| _mm512_mul_ps(e, _mm512_permute_ps::<0b11_00_10_01>(e));
         let (singles, doubles) =
             (products(extents(single_l, single_r)), products(extents(straight, crossed)));
-        let now = products(extents(n, n));
         // Half areas in the first lane of each quarter for singles, in the second for doubles.
         let xy_yz = _mm512_unpacklo_ps(singles, doubles);
         let areas = _mm512_add_ps(
@@ -130,8 +130,13 @@ pub(super) fn rotate(
             _mm512_unpackhi_ps(singles, doubles),
         );
         // Those of L R L R, a quarter each, in every lane.
-        let xy_yz = _mm512_add_ps(_mm512_permute_ps::<0>(now), _mm512_permute_ps::<0b01_01_01_01>(now));
-        let now = _mm512_add_ps(xy_yz, _mm512_permute_ps::<0b10_10_10_10>(now));
+        let (l, r) = (_mm512_castps512_ps256(n), _mm512_extractf32x8_ps::<1>(n));
+        let sides = (_mm256_permute2f128_ps::<0x20>(l, r), _mm256_permute2f128_ps::<0x31>(l, r));
+        let now = _mm256_max_ps(_mm256_add_ps(sides.0, sides.1), _mm256_setzero_ps());
+        let now = _mm256_mul_ps(now, _mm256_permute_ps::<0b11_00_10_01>(now));
+        let xy_yz = _mm256_add_ps(_mm256_permute_ps::<0>(now), _mm256_permute_ps::<0b01_01_01_01>(now));
+        let now = _mm256_add_ps(xy_yz, _mm256_permute_ps::<0b10_10_10_10>(now));
+        let now = _mm512_broadcast_f32x8(now);
 
         // Doubles have sums of two boxes, in both of their quarters.
         let neighbors = |v| _mm512_shuffle_f32x4::<0b10_11_00_01>(v, v);
@@ -141,7 +146,8 @@ pub(super) fn rotate(
         let changes = _mm512_sub_ps(then, now);
         let gains = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(then, now) & 0x3333;
         let changes = _mm512_castps512_ps256(_mm512_permutexvar_ps(in_order, changes));
-        accepted.push_if(entry, bytemuck::cast(changes), gains != 0);
+        accepted.set(count, entry, bytemuck::cast(changes));
+        count += usize::from(gains != 0);
     }
-    accepted.apply(nodes, at, tally);
+    accepted.apply(count, nodes, at, tally);
 }

@@ -74,25 +74,30 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
             primitives.prefetch_data(soon.first());
         }
         fetch(i);
-        let node = nodes.get(entry.slot());
-        let first = entry.first();
-        if node.count() == 0 {
-            validity = Vec4::NAN;
-            break;
-        }
-        let [mut min, mut max, doubt] = primitives.aabb_lanes(first);
+        let [own_min, own_max]: Corners = bytemuck::cast(nodes.get(entry.slot()));
+        let count = own_max.w.to_bits() >> 8;
+        let [min, max, doubt] = match count {
+            1 => primitives.aabb_lanes(entry.first()),
+            _ => lanes_of_several(primitives, entry.first(), count as usize),
+        };
         validity += doubt;
-        for primitive in first + 1..first + node.count() {
-            let [next_min, next_max, doubt] = primitives.aabb_lanes(primitive);
-            (min, max) = (min.min(next_min), max.max(next_max));
-            validity += doubt;
-        }
-        let [own_min, own_max]: Corners = bytemuck::cast(node);
         nodes.set_corners(entry.slot(), [min.with_w(own_min.w), max.with_w(own_max.w)]);
     }
     if !cfg!(refit_without = "validity") && !validity.truncate().is_finite() {
         fit_carefully(nodes, primitives, leaves, tally);
     }
+}
+
+/// As [`Primitives::aabb_lanes`], for successive primitives.
+#[inline(always)]
+fn lanes_of_several<P: Primitives + ?Sized>(primitives: &P, first: usize, count: usize) -> [Vec4; 3] {
+    if count == 0 {
+        return [Vec4::NAN; 3];
+    }
+    (first + 1..first + count).fold(primitives.aabb_lanes(first), |[min, max, validity], primitive| {
+        let [next_min, next_max, doubt] = primitives.aabb_lanes(primitive);
+        [min.min(next_min), max.max(next_max), validity + doubt]
+    })
 }
 
 /// Fits leaves of which some have primitives without a box, or none.
@@ -164,37 +169,32 @@ pub(super) fn refit_height(nodes: SharedNodes<'_>, entry: Entry) -> [u32; 2] {
 pub(crate) struct Accepted {
     entries: [Entry; 2 * LISTED],
     changes: [[f32; 8]; 2 * LISTED],
-    count: usize,
 }
 
 impl Default for Accepted {
     fn default() -> Self {
-        Self { entries: [Entry::default(); 2 * LISTED], changes: [[0.0; 8]; 2 * LISTED], count: 0 }
+        Self { entries: [Entry::default(); 2 * LISTED], changes: [[0.0; 8]; 2 * LISTED] }
     }
 }
 
 impl Accepted {
-    pub(super) fn clear(&mut self) {
-        self.count = 0;
-    }
-
-    /// Appends a node if `is_gain`, without a branch. The last two changes mean nothing.
+    /// Replaces number `i`. The last two changes may be others again.
     #[inline(always)]
-    pub(super) fn push_if(&mut self, entry: Entry, changes: [f32; 8], is_gain: bool) {
-        let end = self.count % (2 * LISTED);
-        (self.entries[end], self.changes[end]) = (entry, changes);
-        self.count += usize::from(is_gain);
+    pub(super) fn set(&mut self, i: usize, entry: Entry, changes: [f32; 8]) {
+        let i = i % (2 * LISTED);
+        (self.entries[i], self.changes[i]) = (entry, changes);
     }
 
-    /// Applies the best rotation of each node; given the nodes' depth, and whether something is static.
+    /// Applies the best rotation of each of the first `count` nodes; given the nodes' depth, and whether something is static.
     #[inline(always)]
     pub(super) fn apply(
         &self,
+        count: usize,
         mut nodes: SharedNodes<'_>,
         (depth, is_partly_static): (u32, bool),
         tally: &mut Tally,
     ) {
-        for (&entry, &changes) in self.entries.iter().zip(&self.changes).take(self.count) {
+        for (&entry, &changes) in self.entries.iter().zip(&self.changes).take(count) {
             let rotation = best(changes);
             let mut grown = 0.0;
             // A rotation makes a tree higher by one at most.

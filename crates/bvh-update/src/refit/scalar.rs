@@ -52,12 +52,13 @@ pub(super) fn rotate(
     accepted: &mut Accepted,
     tally: &mut Tally,
 ) {
-    accepted.clear();
+    let mut count = 0;
     for &entry in list {
         refit_height(nodes, entry);
         let changes = area_changes_at(&nodes, entry.first());
         let [c0, c1, c2, c3, c4, c5] = changes;
-        accepted.push_if(entry, [c0, c1, c2, c3, c4, c5, 0.0, 0.0], best(changes).is_some());
+        accepted.set(count, entry, [c0, c1, c2, c3, c4, c5, 0.0, 0.0]);
+        count += usize::from(best(changes).is_some());
     }
-    accepted.apply(nodes, at, tally);
+    accepted.apply(count, nodes, at, tally);
 }

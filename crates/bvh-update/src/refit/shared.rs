@@ -185,8 +185,8 @@ impl<'a> SharedNodes<'a> {
     #[inline(always)]
     fn children_or_everything(&self, link: u32) -> *const Node {
         let is_leaf = link & Node::LEAF != 0;
-        let first = (link & Node::INDEX) as usize;
-        assert!(is_leaf | (first + 1 < self.len), "pair out of range");
+        let first = (link & Node::INDEX & !(link as i32 >> 31) as u32) as usize;
+        assert!(first + 1 < self.len, "pair out of range");
         std::hint::select_unpredictable(is_leaf, EVERYTHING.0.as_ptr().cast(), self.start.wrapping_add(first))
     }
 
