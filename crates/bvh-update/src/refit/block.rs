@@ -47,11 +47,6 @@ impl Entry {
     pub(crate) fn first(self) -> usize {
         self.0 as usize & Node::INDEX as usize
     }
-
-    #[inline(always)]
-    pub(crate) fn link(self) -> u32 {
-        self.0 as u32
-    }
 }
 
 /// Inner nodes, parents before children.
@@ -196,7 +191,10 @@ pub(crate) struct Block {
 }
 
 impl Block {
-    pub(crate) fn new() -> Box<Self> {
+    // A block is large: recursive functions must not have room for one on the stack.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn boxed() -> Box<Self> {
         Box::new(Self { levels: Vec::with_capacity(MAX_HEIGHT as usize + 1), ..Self::default() })
     }
 
@@ -266,6 +264,15 @@ pub(crate) struct Lists {
     pub(crate) accepted: Accepted,
 }
 
+impl Lists {
+    // As `Block::boxed`.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn boxed() -> Box<Self> {
+        Box::default()
+    }
+}
+
 impl Queue {
     pub(crate) fn clear(&mut self) {
         self.count = 0;
@@ -276,11 +283,5 @@ impl Queue {
     pub(crate) fn push_if(&mut self, entry: Entry, condition: bool) {
         self.entries[self.count % ROOM] = entry;
         self.count += usize::from(condition);
-    }
-}
-
-impl Lists {
-    pub(crate) fn new() -> Box<Self> {
-        Box::<Self>::default()
     }
 }

@@ -62,9 +62,9 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     fn sweep(&self, piece: Range<usize>) -> Tally {
         if piece.len() <= PIECE {
             let mut tally = Tally::default();
-            self.with_worker(|worker| {
+            self.with_lists(|lists| {
                 for start in piece.clone().step_by(STRETCH).rev() {
-                    self.sweep_stretch(start..piece.end.min(start + STRETCH), &mut worker.lists, &mut tally);
+                    self.sweep_stretch(start..piece.end.min(start + STRETCH), lists, &mut tally);
                 }
             });
             return tally;

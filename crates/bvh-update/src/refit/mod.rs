@@ -11,7 +11,7 @@
 //! How subtrees are divided depends on the tree alone, never on threads or time: so do sums of floats, and so does every
 //! bit of the result. A tree in the order of its builder is refitted by a sweep instead ([`linear`]).
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use bvh_core::{Bvh, InOrder, Primitives, SimdLevel, sah_cost};
 
@@ -143,7 +143,7 @@ pub(crate) struct RefitScratch {
     pub(crate) with_sums: bool,
     /// What blocks took, where that is recorded.
     pub(crate) costs: Option<Costs>,
-    workers: Vec<Mutex<Worker>>,
+    spare: Vec<Mutex<Spare>>,
 }
 
 impl RefitScratch {
@@ -154,21 +154,20 @@ impl RefitScratch {
 
     /// For `level`, or the best below it that the machine has.
     pub(crate) fn with_level(level: SimdLevel) -> Self {
-        Self { level: Available::at_most(level), with_sums: true, costs: None, workers: Vec::new() }
+        Self { level: Available::at_most(level), with_sums: true, costs: None, spare: Vec::new() }
     }
 }
 
-/// What one thread needs.
-struct Worker {
-    /// Those not in use. A thread has one in use for each block that it is below of: also where it waits for another
-    /// thread and takes up other blocks meanwhile.
+/// What one thread has not in use. It uses one block for each that it is below of: also where it waits for another
+/// thread and takes up other blocks meanwhile. Primitives that start tasks of their own may make it use several lists.
+struct Spare {
     blocks: Vec<Box<Block>>,
-    lists: Box<Lists>,
+    lists: Vec<Box<Lists>>,
 }
 
-impl Worker {
+impl Spare {
     fn new() -> Self {
-        Self { blocks: std::iter::repeat_with(Block::new).take(8).collect(), lists: Lists::new() }
+        Self { blocks: std::iter::repeat_with(Block::boxed).take(8).collect(), lists: vec![Lists::boxed()] }
     }
 }
 
@@ -193,7 +192,7 @@ pub(crate) struct Task<'a, P: ?Sized> {
     level: Available,
     costs: Option<&'a Costs>,
     /// One for each thread of the pool.
-    workers: &'a [Mutex<Worker>],
+    spare: &'a [Mutex<Spare>],
 }
 
 /// Refits what moves; with `rotate`, rotates on the way up. The caller has checked that there are
@@ -215,20 +214,18 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     }
     let schedule = rotate.map(|rotate| RotationSchedule::new(rotate, state.updates));
     state.updates = state.updates.wrapping_add(1);
-    let RefitScratch { level, with_sums, costs, workers } = scratch;
+    let RefitScratch { level, with_sums, costs, spare } = scratch;
     let (with_sums, costs) = (*with_sums, costs.as_ref());
     let threads = rayon::current_num_threads();
-    while workers.len() < threads {
-        workers.push(Mutex::new(Worker::new()));
+    while spare.len() < threads {
+        spare.push(Mutex::new(Spare::new()));
     }
     let (level, nodes) = (*level, share(parts.nodes));
     let mut tally = if is_in_order {
-        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, costs, workers }
-            .run(is_linear)
+        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, costs, spare }.run(is_linear)
     } else {
         let primitives = &InOrder { primitives, order: parts.order };
-        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, costs, workers }
-            .run(is_linear)
+        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, costs, spare }.run(is_linear)
     };
     *parts.static_area += tally.static_area;
     tally.has_sums = with_sums;
@@ -287,9 +284,8 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     fn block(&self, roots: &[Entry], depth: u32, around: Around<'_>, limit: usize) -> Tally {
         let mut tally = Tally::default();
         let mut watch = Stopwatch::start(self.costs, around.block);
-        let block = self.with_worker(|worker| {
-            let mut block = worker.blocks.pop().unwrap_or_else(Block::new);
-            let leaves = &mut worker.lists.leaves;
+        let mut block = self.spare().blocks.pop().unwrap_or_else(Block::boxed);
+        self.with_lists(|Lists { leaves, .. }| {
             dispatch!(self.level, walk(&mut block, self.nodes, roots, depth, limit, leaves));
             watch.lap(|cost| &mut cost.list);
             let [(rest, _), (below, _)] = block.frontier();
@@ -303,22 +299,22 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, &mut tally));
             self.count_leaves(leaves.all(), &mut tally);
             watch.lap(|cost| &mut cost.leaves);
-            block
         });
         let [(rest, rest_depth), (below, below_depth)] = block.frontier();
-        let before_next = Around { block: watch.block, ..around };
-        let before_below = if below.is_empty() { before_next } else { Around { next: below, ..before_next } };
-        tally = tally.and(&self.subtrees(rest, rest_depth, before_below));
-        tally = tally.and(&self.subtrees(below, below_depth, before_next));
+        let after = Around { block: watch.block, ..around };
+        let next = if below.is_empty() { around.next } else { below };
+        let (rest, below) = rayon::join(
+            || self.subtrees(rest, rest_depth, Around { next, ..after }),
+            || self.subtrees(below, below_depth, after),
+        );
+        tally = tally.and(&rest).and(&below);
         watch.skip();
-        self.with_worker(|worker| {
-            dispatch!(self.level, refit_boxes(self.nodes, block.own()));
-            self.count_inner(block.own(), &mut tally);
-            watch.lap(|cost| &mut cost.boxes);
-            self.rotate(&block, &mut worker.lists, &mut tally);
-            watch.lap(|cost| &mut cost.rotations);
-            worker.blocks.push(block);
-        });
+        dispatch!(self.level, refit_boxes(self.nodes, block.own()));
+        self.count_inner(block.own(), &mut tally);
+        watch.lap(|cost| &mut cost.boxes);
+        self.with_lists(|lists| self.rotate(&block, lists, &mut tally));
+        watch.lap(|cost| &mut cost.rotations);
+        self.spare().blocks.push(block);
         tally
     }
 
@@ -359,11 +355,18 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         }
     }
 
-    /// Lends what belongs to this thread.
-    fn with_worker<T>(&self, work: impl FnOnce(&mut Worker) -> T) -> T {
-        let worker = &self.workers[rayon::current_thread_index().unwrap_or(0)];
-        // No other thread takes it, but one outside of the pool; and no work leaves it in disorder.
-        work(&mut worker.lock().unwrap_or_else(PoisonError::into_inner))
+    /// Lends lists to `work`, which may ask primitives: so nothing is locked meanwhile.
+    fn with_lists<T>(&self, work: impl FnOnce(&mut Lists) -> T) -> T {
+        let mut lists = self.spare().lists.pop().unwrap_or_else(Lists::boxed);
+        let result = work(&mut lists);
+        self.spare().lists.push(lists);
+        result
+    }
+
+    /// What belongs to this thread. No other thread takes it, but one outside of the pool.
+    fn spare(&self) -> MutexGuard<'_, Spare> {
+        let spare = &self.spare[rayon::current_thread_index().unwrap_or(0)];
+        spare.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -411,7 +414,7 @@ mod tests {
             }
             let tree = bvh.clone();
             let nodes = share(parts(&mut bvh).nodes);
-            let (mut block, mut lists) = (Block::new(), Lists::new());
+            let (mut block, mut lists) = (Block::boxed(), Lists::boxed());
             let [[link, _], _] = nodes.pair_words(0);
             scalar::walk(&mut block, nodes, &[Entry::new(0, link)], 0, TOP_LISTED, &mut lists.leaves);
             let [(rest, _), (below, _)] = block.frontier();

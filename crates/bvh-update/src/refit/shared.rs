@@ -149,10 +149,20 @@ impl<'a> SharedNodes<'a> {
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(crate) fn child_lanes(&self, link: u32) -> [__m256; 2] {
+        let is_leaf = link & Node::LEAF != 0;
+        // That of a leaf is no pair.
+        let first = if is_leaf { 0 } else { (link & Node::INDEX) as usize };
+        assert!(first + 1 < self.len, "pair out of range");
+        let children = self.start.wrapping_add(first).cast_const().cast();
         // SAFETY: as in `pair_lanes`, for a pair that is in range or a constant.
         #[expect(unsafe_code, reason = "reads the shared arena")]
         unsafe {
-            self.children_or_everything(link).cast::<[__m256; 2]>().read()
+            std::hint::select_unpredictable::<*const [__m256; 2]>(
+                is_leaf,
+                EVERYTHING.0.as_ptr().cast(),
+                children,
+            )
+            .read()
         }
     }
 
@@ -166,28 +176,6 @@ impl<'a> SharedNodes<'a> {
         unsafe {
             self.start.add(n).cast::<__m512i>().read_unaligned()
         }
-    }
-
-    /// The children of a node with that link word, as [`pair_wide`](Self::pair_wide); for a leaf, boxes around everything.
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f")]
-    #[inline]
-    pub(crate) fn child_wide(&self, link: u32) -> __m512i {
-        // SAFETY: as in `pair_wide`, for a pair that is in range or a constant.
-        #[expect(unsafe_code, reason = "reads the shared arena")]
-        unsafe {
-            self.children_or_everything(link).cast::<__m512i>().read_unaligned()
-        }
-    }
-
-    /// Where the children of a node with that link word are; for a leaf, where two boxes around everything are.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    fn children_or_everything(&self, link: u32) -> *const Node {
-        let is_leaf = link & Node::LEAF != 0;
-        let first = (link & Node::INDEX & !(link as i32 >> 31) as u32) as usize;
-        assert!(first + 1 < self.len, "pair out of range");
-        std::hint::select_unpredictable(is_leaf, EVERYTHING.0.as_ptr().cast(), self.start.wrapping_add(first))
     }
 
     /// Brings the pair that starts at slot `n` into the cache. Any `n` will do.
