@@ -1,8 +1,8 @@
 //! A block: some hundred inner nodes that are refitted and rotated together.
 //!
 //! The recursion of the paper ([`plain`](crate::plain)) waits for memory at every node. A block walks the tree
-//! breadth-first from a few roots instead. It asks for the cache line of a pair of children when it lists their
-//! parent, and reads the pair when the parent's turn comes. What lies below the block is handed to further blocks.
+//! breadth-first from a few roots instead. It asks for the cache line of a pair of children some turns before
+//! their parent's turn. What lies below the block is handed to further blocks.
 //! Then the block's boxes follow in reverse order, and its rotations level by level, deepest first.
 //! Nodes of one level touch disjoint slots, and a rotation keeps its own node's box, so the result is bit for bit
 //! that of the recursion.

@@ -1,10 +1,10 @@
 //! The pass over a whole tree: refits every box to the primitives' new positions and rotates on the way up.
 //!
 //! ```text
-//! subtrees(roots):  more than a few roots: both halves of them, in parallel
+//! subtrees(roots):  heavy together: both halves of them, in parallel
 //!                   else a block: walk down from the roots (block.rs)
 //!                                 fit the leaves found     (kernels.rs)
-//!                                 subtrees(what is below the block)
+//!                                 subtrees(what is below the block), in parallel
 //!                                 refit the block's inner nodes, then rotate level by level, deepest first
 //! ```
 //!
@@ -372,7 +372,9 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
 
 #[cfg(test)]
 mod tests {
-    use bvh_build::{Builder, build};
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use bvh_build::{BuildOptions, Builder, build, build_with};
     use bvh_core::{Aabb, Vec3};
 
     use super::*;
@@ -431,6 +433,39 @@ mod tests {
                 assert!(shared_slot(&tree, &roots).0.is_some());
                 roots.pop();
             }
+        }
+    }
+
+    /// Boxes that count how often they are asked for.
+    struct Counted(Vec<Aabb>, AtomicUsize);
+
+    impl Primitives for Counted {
+        fn len(&self) -> usize {
+            self.0.len()
+        }
+
+        fn bounds(&self, i: usize) -> Aabb {
+            self.1.fetch_add(1, Ordering::Relaxed);
+            self.0[i]
+        }
+    }
+
+    #[test]
+    fn each_box_is_asked_for_once() {
+        // Every other place is that of three boxes.
+        let place = |i: usize| i / 4 * 2 + usize::from(i.is_multiple_of(4));
+        let at = |p: usize| Vec3::new((p % 61) as f32, (p % 53) as f32, (p % 47) as f32);
+        let boxes: Vec<Aabb> = (0..5000).map(|i| at(place(i))).map(|p| Aabb::new(p, p + 0.5)).collect();
+        let options = BuildOptions::default().with_max_leaf_size(4);
+        let mut bvh = build_with(&boxes, Builder::Sweep, &options).expect("few enough");
+        let has_leaves_of = |several: bool| {
+            bvh.nodes().iter().any(|node| if several { node.count() > 1 } else { node.count() == 1 })
+        };
+        assert!(has_leaves_of(true) && has_leaves_of(false), "leaves of several sizes");
+        for rotate in [None, Some(Rotate::default()), None] {
+            let boxes = Counted(boxes.clone(), AtomicUsize::new(0));
+            pass(&mut bvh, &boxes, rotate, &mut RefitScratch::new());
+            assert_eq!(boxes.1.into_inner(), 5000, "{rotate:?}");
         }
     }
 }
