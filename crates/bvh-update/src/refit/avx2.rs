@@ -42,21 +42,29 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     primitives: &P,
     leaves: &[Entry],
     fetch: impl Fn(usize),
+    with_sums: bool,
     tally: &mut Tally,
 ) {
-    kernels::fit_leaves(nodes, primitives, leaves, fetch, tally);
+    kernels::fit_leaves(nodes, primitives, leaves, fetch, with_sums, tally);
 }
 
 /// See [`kernels::refit_boxes`].
 #[target_feature(enable = "avx2")]
 #[inline(never)]
-pub(super) fn refit_boxes(nodes: SharedNodes<'_>, parents_first: &[Entry]) {
-    for entry in parents_first.iter().rev() {
+pub(super) fn refit_boxes(
+    nodes: SharedNodes<'_>,
+    parents_first: &[Entry],
+    with_sums: bool,
+    tally: &mut Tally,
+) {
+    kernels::refit_boxes_with(parents_first, with_sums, tally, |entry| {
         let [l, r] = nodes.pair_lanes(entry.first());
         let own = nodes.lanes(entry.slot());
         let corners = _mm256_blend_ps::<0xf0>(_mm256_min_ps(l, r), _mm256_max_ps(l, r));
-        nodes.set_lanes(entry.slot(), _mm256_blend_ps::<0x88>(corners, own));
-    }
+        let corners = _mm256_blend_ps::<0x88>(corners, own);
+        nodes.set_lanes(entry.slot(), corners);
+        bytemuck::cast(corners)
+    });
 }
 
 /// See [`scalar::rotate`](super::scalar::rotate).

@@ -5,7 +5,7 @@
 
 use bvh_core::glam::Vec4;
 use bvh_core::rotation::{Rotation, rotate};
-use bvh_core::{Aabb, Node, Primitives};
+use bvh_core::{Aabb, COST_INTERSECT, Node, Primitives};
 
 use super::Tally;
 use super::block::{Entry, LISTED};
@@ -61,9 +61,10 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     primitives: &P,
     leaves: &[Entry],
     fetch: impl Fn(usize),
+    with_sums: bool,
     tally: &mut Tally,
 ) {
-    let mut validity = Vec4::ZERO;
+    let (mut sum, mut validity) = (AreaSum::default(), Vec4::ZERO);
     leaves.iter().take(2 * AHEAD).for_each(|entry| primitives.prefetch_index(entry.first()));
     leaves.iter().take(AHEAD).for_each(|entry| primitives.prefetch_data(entry.first()));
     for (i, entry) in leaves.iter().enumerate() {
@@ -82,10 +83,18 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
         };
         validity += doubt;
         nodes.set_corners(entry.slot(), [min.with_w(own_min.w), max.with_w(own_max.w)]);
+        if with_sums {
+            sum.add_extent(i, max - min, COST_INTERSECT as f32 * count as f32);
+        }
     }
     if !cfg!(refit_without = "validity") && !validity.truncate().is_finite() {
         fit_carefully(nodes, primitives, leaves, tally);
+        return;
     }
+    let area = sum.total();
+    tally.leaves += leaves.len() as u64;
+    tally.leaf_area += area;
+    tally.area += area;
 }
 
 /// As [`Primitives::aabb_lanes`], for successive primitives.
@@ -129,28 +138,46 @@ pub(super) fn fit_leaf<P: Primitives + ?Sized>(
     }
     node.set_aabb(aabb);
     nodes.set(slot, node);
-}
-
-/// Sum of half area times weight over nodes whose boxes are known.
-pub(super) fn area(nodes: SharedNodes<'_>, list: &[Entry]) -> f64 {
-    let mut sum = AreaSum::default();
-    for (i, entry) in list.iter().enumerate() {
-        let node = nodes.get(entry.slot());
-        let [min, max]: Corners = bytemuck::cast(node);
-        // An empty box has negative extents.
-        sum.add_extent(i, (max - min).max(Vec4::ZERO), node.weight() as f32);
-    }
-    sum.total()
+    tally.leaves += 1;
+    tally.leaf_area += node.sah_term();
+    tally.area += node.sah_term();
 }
 
 /// Refits the boxes of inner nodes, children before parents; words stay as they are.
-pub(super) fn refit_boxes(nodes: SharedNodes<'_>, parents_first: &[Entry]) {
-    for entry in parents_first.iter().rev() {
+#[inline(always)]
+pub(super) fn refit_boxes(
+    nodes: SharedNodes<'_>,
+    parents_first: &[Entry],
+    with_sums: bool,
+    tally: &mut Tally,
+) {
+    refit_boxes_with(parents_first, with_sums, tally, |entry| {
         let [l, r]: [Corners; 2] = nodes.pair(entry.first()).map(bytemuck::cast);
         let [own_min, own_max]: Corners = bytemuck::cast(nodes.get(entry.slot()));
         let corners = [l[0].min(r[0]).with_w(own_min.w), l[1].max(r[1]).with_w(own_max.w)];
         nodes.set_corners(entry.slot(), corners);
+        corners
+    });
+}
+
+/// Calls `refit`, which gives the new box, for each inner node, children before parents.
+#[inline(always)]
+pub(super) fn refit_boxes_with(
+    parents_first: &[Entry],
+    with_sums: bool,
+    tally: &mut Tally,
+    refit: impl Fn(Entry) -> [Vec4; 2],
+) {
+    let mut sum = AreaSum::default();
+    for (i, &entry) in parents_first.iter().rev().enumerate() {
+        let [min, max] = refit(entry);
+        if with_sums {
+            // An empty box has negative extents.
+            sum.add_extent(i, (max - min).max(Vec4::ZERO), 1.0);
+        }
     }
+    tally.inner += parents_first.len() as u64;
+    tally.area += sum.total();
 }
 
 /// Gives a node the height that follows from its children's, and returns their link words.

@@ -82,10 +82,8 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             let entry = [Entry::new(slot, node.first() as u32)];
             if node.is_dynamic() && node.is_leaf() {
                 kernels::fit_leaf(self.nodes, self.primitives, slot, &mut tally);
-                self.count_leaves(&entry, &mut tally);
             } else if node.is_dynamic() {
-                kernels::refit_boxes(self.nodes, &entry);
-                self.count_inner(&entry, &mut tally);
+                kernels::refit_boxes(self.nodes, &entry, self.with_sums, &mut tally);
             }
         }
         tally
@@ -98,10 +96,11 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         lister.finish();
         // There are about as many leaves as pairs.
         let fetch = |i: usize| self.nodes.prefetch(2 * (pairs.start + i).saturating_sub(STRETCH));
-        dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, tally));
-        self.count_leaves(leaves.all(), tally);
-        dispatch!(self.level, refit_boxes(self.nodes, inner.all()));
-        self.count_inner(inner.all(), tally);
+        dispatch!(
+            self.level,
+            fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, self.with_sums, tally)
+        );
+        dispatch!(self.level, refit_boxes(self.nodes, inner.all(), self.with_sums, tally));
     }
 }
 

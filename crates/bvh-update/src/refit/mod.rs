@@ -241,7 +241,6 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         } else if root.is_leaf() {
             let mut tally = Tally::default();
             kernels::fit_leaf(self.nodes, self.primitives, 0, &mut tally);
-            self.count_leaves(&[Entry::new(0, 0)], &mut tally);
             tally
         } else if is_linear {
             self.sweep_all()
@@ -296,8 +295,10 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
                     self.nodes.prefetch(root.first() + 2 * (i % LINES));
                 }
             };
-            dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, &mut tally));
-            self.count_leaves(leaves.all(), &mut tally);
+            dispatch!(
+                self.level,
+                fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, self.with_sums, &mut tally)
+            );
             watch.lap(|cost| &mut cost.leaves);
         });
         let [(rest, rest_depth), (below, below_depth)] = block.frontier();
@@ -309,29 +310,12 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         );
         tally = tally.and(&rest).and(&below);
         watch.skip();
-        dispatch!(self.level, refit_boxes(self.nodes, block.own()));
-        self.count_inner(block.own(), &mut tally);
+        dispatch!(self.level, refit_boxes(self.nodes, block.own(), self.with_sums, &mut tally));
         watch.lap(|cost| &mut cost.boxes);
         self.with_lists(|lists| self.rotate(&block, lists, &mut tally));
         watch.lap(|cost| &mut cost.rotations);
         self.spare().blocks.push(block);
         tally
-    }
-
-    fn count_leaves(&self, leaves: &[Entry], tally: &mut Tally) {
-        tally.leaves += leaves.len() as u64;
-        if self.with_sums {
-            let area = kernels::area(self.nodes, leaves);
-            tally.leaf_area += area;
-            tally.area += area;
-        }
-    }
-
-    fn count_inner(&self, inner: &[Entry], tally: &mut Tally) {
-        tally.inner += inner.len() as u64;
-        if self.with_sums {
-            tally.area += kernels::area(self.nodes, inner);
-        }
     }
 
     /// Rotates at the block's inner nodes.

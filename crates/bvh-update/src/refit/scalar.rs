@@ -37,9 +37,10 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     primitives: &P,
     leaves: &[Entry],
     fetch: impl Fn(usize),
+    with_sums: bool,
     tally: &mut Tally,
 ) {
-    kernels::fit_leaves(nodes, primitives, leaves, fetch, tally);
+    kernels::fit_leaves(nodes, primitives, leaves, fetch, with_sums, tally);
 }
 
 pub(super) use super::kernels::refit_boxes;
