@@ -8,7 +8,7 @@ use bvh_core::Node;
 use super::block::{Block, Entry, GROUP, Leaves, Lister};
 use super::shared::{SharedNodes, entries, lanes};
 
-// Judging rotations in AVX-512 took 7.5 to 8 ns a triangle on Zen 4, in AVX2 7 (docs/UPDATE_COST.md).
+// Rotations: the AVX-512 version that was tried was slower on Zen 4 (docs/UPDATE_COST.md).
 pub(super) use super::avx2::{fit_leaves, refit_boxes, rotate};
 
 /// See [`Block::walk`].
