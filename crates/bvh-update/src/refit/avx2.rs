@@ -4,26 +4,43 @@
 //! order of `Aabb::half_area` and without fused multiply-add, so the bits are those of the scalar kernels.
 
 use std::arch::x86_64::*;
+use std::ops::Range;
 
 use bvh_core::Primitives;
 
-use super::block::{Entry, GROUP, Leaves, Lister};
+use super::block::{Block, Entry, Leaves, Lister};
 use super::kernels::{self, Accepted, refit_height};
 use super::shared::SharedNodes;
 use super::{Tally, scalar};
 
-/// See [`scalar::list`].
+/// See [`Block::walk`].
 #[target_feature(enable = "avx2")]
-pub(super) fn list(nodes: SharedNodes<'_>, pairs: [usize; GROUP], count: usize, lister: &mut Lister<'_>) {
-    scalar::list(nodes, pairs, count, lister);
+#[inline(never)]
+pub(super) fn walk(
+    block: &mut Block,
+    nodes: SharedNodes<'_>,
+    roots: &[Entry],
+    depth: u32,
+    limit: usize,
+    leaves: &mut Leaves,
+) {
+    scalar::walk(block, nodes, roots, depth, limit, leaves);
+}
+
+/// See [`scalar::sweep`].
+#[target_feature(enable = "avx2")]
+#[inline(never)]
+pub(super) fn sweep(nodes: SharedNodes<'_>, pairs: Range<usize>, lister: &mut Lister<'_>) {
+    scalar::sweep(nodes, pairs, lister);
 }
 
 /// See [`kernels::fit_leaves`].
 #[target_feature(enable = "avx2")]
+#[inline(never)]
 pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
-    leaves: &mut Leaves,
+    leaves: &[Entry],
     fetch: impl Fn(usize),
     with_sums: bool,
     tally: &mut Tally,
@@ -33,21 +50,37 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
 
 /// See [`kernels::refit_boxes`].
 #[target_feature(enable = "avx2")]
+#[inline(never)]
 pub(super) fn refit_boxes(
     nodes: SharedNodes<'_>,
     parents_first: &[Entry],
     with_sums: bool,
     tally: &mut Tally,
 ) {
-    kernels::refit_boxes(nodes, parents_first, with_sums, tally);
+    kernels::refit_boxes_with(parents_first, with_sums, tally, |entry| {
+        let [l, r] = nodes.pair_lanes(entry.first());
+        let own = nodes.lanes(entry.slot());
+        let corners = _mm256_blend_ps::<0xf0>(_mm256_min_ps(l, r), _mm256_max_ps(l, r));
+        let corners = _mm256_blend_ps::<0x88>(corners, own);
+        nodes.set_lanes(entry.slot(), corners);
+        bytemuck::cast(corners)
+    });
 }
 
-/// See [`scalar::judge`](super::scalar::judge).
+/// See [`scalar::rotate`](super::scalar::rotate).
 #[target_feature(enable = "avx2")]
-pub(super) fn judge(nodes: SharedNodes<'_>, list: &[Entry], accepted: &mut Accepted) {
+#[inline(never)]
+pub(super) fn rotate(
+    nodes: SharedNodes<'_>,
+    list: &[Entry],
+    at: (u32, bool),
+    accepted: &mut Accepted,
+    tally: &mut Tally,
+) {
     let zero = _mm256_setzero_ps();
     // With the minima negated a union is one maximum, and extents are sums.
     let minima = _mm256_setr_ps(-0.0, -0.0, -0.0, -0.0, 0.0, 0.0, 0.0, 0.0);
+    let mut count = 0;
     for &entry in list {
         let negated = |pair: [__m256; 2]| pair.map(|lanes| _mm256_xor_ps(lanes, minima));
         let [link_l, link_r] = refit_height(nodes, entry);
@@ -85,6 +118,8 @@ pub(super) fn judge(nodes: SharedNodes<'_>, list: &[Entry], accepted: &mut Accep
         let changes = _mm256_sub_ps(then, now);
         let is_gain = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(changes, zero)) != 0;
         let in_order = _mm256_setr_epi32(0, 1, 4, 5, 2, 3, 6, 7);
-        accepted.push_if(entry, bytemuck::cast(_mm256_permutevar8x32_ps(changes, in_order)), is_gain);
+        accepted.set(count, entry, bytemuck::cast(_mm256_permutevar8x32_ps(changes, in_order)));
+        count += usize::from(is_gain);
     }
+    accepted.apply(count, nodes, at, tally);
 }

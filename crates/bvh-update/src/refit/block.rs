@@ -1,8 +1,8 @@
 //! A block: some hundred inner nodes that are refitted and rotated together.
 //!
 //! The recursion of the paper ([`plain`](crate::plain)) waits for memory at every node. A block walks the tree
-//! breadth-first from a few roots instead. It asks for the cache line of a pair of children when it lists their
-//! parent, and reads the pair when the parent's turn comes. What lies below the block is handed to further blocks.
+//! breadth-first from a few roots instead. It asks for the cache line of a pair of children some turns before
+//! their parent's turn. What lies below the block is handed to further blocks.
 //! Then the block's boxes follow in reverse order, and its rotations level by level, deepest first.
 //! Nodes of one level touch disjoint slots, and a rotation keeps its own node's box, so the result is bit for bit
 //! that of the recursion.
@@ -11,19 +11,19 @@ use std::ops::Range;
 
 use bvh_core::{MAX_HEIGHT, Node};
 
-use super::kernels::{AHEAD, Accepted};
+use super::kernels::Accepted;
 use super::shared::SharedNodes;
 
-/// Inner nodes that one block lists; about half of them are processed in it.
+/// Inner nodes that one block lists, but for the last level.
 pub(crate) const LISTED: usize = 1024;
-
-/// Roots of one block below another.
-pub(crate) const ROOTS: usize = 64;
 
 /// Room of a list, a power of two: an index modulo the room needs no check.
 const ROOM: usize = 2 * LISTED;
 
-/// Pairs that a sweep lists together.
+/// How many nodes ahead a walk fetches children.
+const FETCHED: usize = 16;
+
+/// Nodes whose children are listed together.
 pub(super) const GROUP: usize = 8;
 
 /// A node in a list: its slot in the upper half, its link word in the lower.
@@ -47,11 +47,6 @@ impl Entry {
     pub(crate) fn first(self) -> usize {
         self.0 as usize & Node::INDEX as usize
     }
-
-    #[inline(always)]
-    pub(crate) fn link(self) -> u32 {
-        self.0 as u32
-    }
 }
 
 /// Inner nodes, parents before children.
@@ -61,6 +56,13 @@ pub(crate) struct Queue {
 }
 
 impl Queue {
+    /// Eight entries, counted or not.
+    #[inline(always)]
+    fn group(&self, start: usize) -> [Entry; GROUP] {
+        let group = self.entries[start..].first_chunk();
+        *group.expect("lists have room")
+    }
+
     #[inline(always)]
     pub(crate) fn get(&self, range: Range<usize>) -> &[Entry] {
         &self.entries[range]
@@ -79,88 +81,97 @@ impl Default for Queue {
 
 /// Leaves of one block or stretch.
 pub(crate) struct Leaves {
-    /// With room for two children of each listed node, and for what kernels look ahead to.
+    /// With room for two children of each listed node.
     entries: [Entry; 2 * ROOM],
     count: usize,
-    /// Not 0 if some leaf has another number of primitives than one.
-    others: u32,
 }
 
 impl Leaves {
-    pub(crate) fn len(&self) -> usize {
-        self.count
-    }
-
-    pub(crate) fn have_one_primitive_each(&self) -> bool {
-        self.others == 0
-    }
-
     pub(crate) fn all(&self) -> &[Entry] {
         &self.entries[..self.count]
-    }
-
-    /// The leaves, and behind the last the first of `next`, or the last again and again.
-    pub(crate) fn with_next(&mut self) -> &[Entry] {
-        let last = self.entries[self.count.saturating_sub(1)];
-        self.entries[self.count..self.count + 2 * AHEAD].fill(last);
-        &self.entries[..self.count + 2 * AHEAD]
     }
 }
 
 impl Default for Leaves {
     fn default() -> Self {
-        Self { entries: [Entry::default(); 2 * ROOM], count: 0, others: 0 }
+        Self { entries: [Entry::default(); 2 * ROOM], count: 0 }
     }
 }
 
-/// Fills lists of inner nodes and leaves. The counts are its own while it does, and so in registers.
+/// Fills lists of inner nodes, of leaves, and of nodes with grandchildren. The counts are its own while it does, and so in
+/// registers.
 pub(crate) struct Lister<'a> {
     inner: &'a mut Queue,
+    rotating: &'a mut Queue,
     leaves: &'a mut Leaves,
-    inner_count: usize,
-    leaf_count: usize,
-    others: u32,
+    counts: Counts,
+}
+
+/// How long the lists are.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Counts {
+    pub(super) inner: usize,
+    pub(super) rotating: usize,
+    pub(super) leaves: usize,
 }
 
 impl<'a> Lister<'a> {
-    pub(crate) fn new(roots: &[Entry], inner: &'a mut Queue, leaves: &'a mut Leaves) -> Self {
+    pub(crate) fn new(
+        roots: &[Entry],
+        inner: &'a mut Queue,
+        rotating: &'a mut Queue,
+        leaves: &'a mut Leaves,
+    ) -> Self {
         inner.entries[..roots.len()].copy_from_slice(roots);
-        Self { inner, leaves, inner_count: roots.len(), leaf_count: 0, others: 0 }
+        inner.entries[roots.len()..][..GROUP].fill(Entry::default());
+        Self { inner, rotating, leaves, counts: Counts { inner: roots.len(), ..Counts::default() } }
     }
 
-    /// Lists the two nodes of a pair that move, each among the leaves or the inner nodes. Gives their link words.
-    ///
-    /// Each is written to both lists and counted in one, as a branch would be mispredicted often.
+    /// Lists the children of a node, where they move. Each is written to both lists and counted in one, as a branch
+    /// would be mispredicted often.
     #[inline(always)]
-    pub(super) fn pair(&mut self, nodes: SharedNodes<'_>, pair: usize) -> [u32; 2] {
-        let words = nodes.pair_words(pair);
-        for (i, [link, aux]) in words.into_iter().enumerate() {
-            const { assert!(Node::LEAF == 1 << 31 && Node::DYNAMIC == 1 << 30) };
+    pub(super) fn children(&mut self, nodes: SharedNodes<'_>, parent: Entry) {
+        let (pair, counts) = (parent.first(), &mut self.counts);
+        let links = nodes.links(pair);
+        for (i, link) in links.into_iter().enumerate() {
+            const { assert!(Node::LEAF == 1 << 31 && Node::DYNAMIC == 1 << 30) }
             let entry = Entry::new(pair + i, link);
             let is_leaf = (link >> 31) as usize;
             let moves = if cfg!(refit_without = "moving") { 1 } else { (link >> 30 & 1) as usize };
-            self.leaves.entries[self.leaf_count % (2 * ROOM)] = entry;
-            self.leaf_count += is_leaf & moves;
-            self.others |= (aux ^ 1 << 8) & (link as i32 >> 31) as u32;
-            self.inner.entries[self.inner_count % ROOM] = entry;
-            self.inner_count += (1 - is_leaf) & moves;
+            self.leaves.entries[counts.leaves % (2 * ROOM)] = entry;
+            counts.leaves += is_leaf & moves;
+            self.inner.entries[counts.inner % ROOM] = entry;
+            counts.inner += (1 - is_leaf) & moves;
         }
-        words.map(|[link, _]| link)
+        self.rotating.entries[counts.rotating % ROOM] = parent;
+        counts.rotating += usize::from(links[0] & links[1] & Node::LEAF == 0);
     }
 
-    /// Appends eight leaves and eight inner nodes, of which the first few count.
+    /// Appends eight entries to each list, of which the first few count. The others among `inner` are those of the root.
     #[inline(always)]
-    pub(super) fn append(&mut self, [leaves, inner]: [[Entry; GROUP]; 2], counts: [usize; 2], others: u32) {
-        self.leaves.entries[self.leaf_count..self.leaf_count + GROUP].copy_from_slice(&leaves);
-        self.inner.entries[self.inner_count..self.inner_count + GROUP].copy_from_slice(&inner);
-        self.leaf_count += counts[0];
-        self.inner_count += counts[1];
-        self.others |= others;
+    pub(super) fn append(
+        &mut self,
+        inner: [[Entry; GROUP]; 2],
+        rotating: [Entry; GROUP],
+        leaves: [[Entry; GROUP]; 2],
+        counts: [[usize; 2]; 3],
+    ) {
+        let now = &mut self.counts;
+        for i in 0..2 {
+            self.inner.entries[now.inner..][..GROUP].copy_from_slice(&inner[i]);
+            now.inner += counts[0][i];
+            self.leaves.entries[now.leaves..][..GROUP].copy_from_slice(&leaves[i]);
+            now.leaves += counts[1][i];
+        }
+        self.inner.entries[now.inner..][..GROUP].fill(Entry::default());
+        self.rotating.entries[now.rotating..][..GROUP].copy_from_slice(&rotating);
+        now.rotating += counts[2][0];
     }
 
     pub(crate) fn finish(self) {
-        self.inner.count = self.inner_count;
-        (self.leaves.count, self.leaves.others) = (self.leaf_count, self.others);
+        self.inner.count = self.counts.inner;
+        self.rotating.count = self.counts.rotating;
+        self.leaves.count = self.counts.leaves;
     }
 }
 
@@ -180,41 +191,45 @@ pub(crate) struct Block {
 }
 
 impl Block {
-    pub(crate) fn new() -> Box<Self> {
+    // A block is large: recursive functions must not have room for one on the stack.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn boxed() -> Box<Self> {
         Box::new(Self { levels: Vec::with_capacity(MAX_HEIGHT as usize + 1), ..Self::default() })
     }
 
-    /// Walks down from roots of one depth until `limit` nodes are listed.
-    pub(crate) fn walk(
+    /// Walks down from roots of one depth until `limit` nodes are listed; `list` lists the children of the first few of
+    /// eight nodes.
+    #[inline(always)]
+    pub(super) fn walk(
         &mut self,
         nodes: SharedNodes<'_>,
         roots: &[Entry],
         depth: u32,
         limit: usize,
         leaves: &mut Leaves,
+        list: impl Fn(&[Entry; GROUP], usize, &mut Lister<'_>),
     ) {
         let Self { queue, last, rotating, levels, .. } = self;
         levels.clear();
-        let (mut done, mut rotating_count) = (0, 0);
-        let mut lister = Lister::new(roots, queue, leaves);
-        while done < lister.inner_count && lister.inner_count < limit {
-            *last = done..lister.inner_count;
-            while done < last.end && lister.inner_count < limit {
-                let entry = lister.inner.entries[done % ROOM];
-                let links = lister.pair(nodes, entry.first());
-                for link in links {
-                    // A leaf's first primitive is no pair: the root's line is as good as any.
-                    nodes.prefetch((link & Node::INDEX & !(link as i32 >> 31) as u32) as usize);
+        let mut done = 0;
+        let mut lister = Lister::new(roots, queue, rotating, leaves);
+        roots.iter().take(FETCHED).for_each(|root| nodes.prefetch(root.first()));
+        while done < lister.counts.inner && lister.counts.inner < limit {
+            *last = done..lister.counts.inner;
+            while done < last.end && lister.counts.inner < limit {
+                let count = GROUP.min(last.end - done);
+                let group: [Entry; GROUP] = lister.inner.group(done);
+                for entry in lister.inner.group(done + FETCHED) {
+                    nodes.prefetch(entry.first());
                 }
-                rotating.entries[rotating_count % ROOM] = entry;
-                rotating_count += usize::from(links[0] & links[1] & Node::LEAF == 0);
-                done += 1;
+                list(&group, count, &mut lister);
+                done += count;
             }
-            levels.push(rotating_count);
+            levels.push(lister.counts.rotating);
         }
         lister.finish();
-        (self.done, self.rotating.count) = (done, rotating_count);
-        self.depth = depth;
+        (self.done, self.depth) = (done, depth);
     }
 
     /// The block's own nodes, parents before children.
@@ -239,11 +254,23 @@ impl Block {
 }
 
 /// Lists that no block needs while another is at work.
+#[derive(Default)]
 pub(crate) struct Lists {
     pub(crate) leaves: Leaves,
-    /// Inner nodes of a stretch, or those of a level whose turn it is.
+    /// Inner nodes of a stretch.
     pub(crate) inner: Queue,
+    /// Nodes of a level whose turn it is.
+    pub(crate) included: Queue,
     pub(crate) accepted: Accepted,
+}
+
+impl Lists {
+    // As `Block::boxed`.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn boxed() -> Box<Self> {
+        Box::default()
+    }
 }
 
 impl Queue {
@@ -256,11 +283,5 @@ impl Queue {
     pub(crate) fn push_if(&mut self, entry: Entry, condition: bool) {
         self.entries[self.count % ROOM] = entry;
         self.count += usize::from(condition);
-    }
-}
-
-impl Lists {
-    pub(crate) fn new() -> Box<Self> {
-        Box::new(Self { leaves: Leaves::default(), inner: Queue::default(), accepted: Accepted::default() })
     }
 }

@@ -4,11 +4,11 @@
 //! the judging of rotations has a version of its own for each.
 
 use bvh_core::glam::Vec4;
-use bvh_core::rotation::{Rotation, best, rotate};
-use bvh_core::{Aabb, Node, Primitives};
+use bvh_core::rotation::{Rotation, rotate};
+use bvh_core::{Aabb, COST_INTERSECT, Node, Primitives};
 
 use super::Tally;
-use super::block::{Entry, LISTED, Leaves};
+use super::block::{Entry, LISTED};
 use super::shared::SharedNodes;
 
 /// How many leaves ahead the corners of triangles are fetched, and twice as many ahead the indices.
@@ -28,13 +28,7 @@ struct AreaSum {
 const PART: usize = 8;
 
 impl AreaSum {
-    /// Adds the area of a box that is number `i` of its list and not empty. What is in the fourth lanes of its corners
-    /// does not matter.
-    #[inline(always)]
-    fn add(&mut self, i: usize, min: Vec4, max: Vec4) {
-        self.add_extent(i, max - min, 1.0);
-    }
-
+    /// Adds the area of a box that is number `i` of its list. What is in the fourth lane does not matter.
     #[inline(always)]
     fn add_extent(&mut self, i: usize, extent: Vec4, weight: f32) {
         self.part += extent * Vec4::new(extent.y, extent.z, extent.x, extent.w) * weight;
@@ -59,70 +53,60 @@ impl AreaSum {
 /// A box in lanes, with a node's words in the fourth.
 type Corners = [Vec4; 2];
 
-#[inline(always)]
-fn with_words([min, max]: Corners, link: u32, aux: u32) -> Corners {
-    [min.with_w(f32::from_bits(link)), max.with_w(f32::from_bits(aux))]
-}
-
 /// Fits leaves to their primitives, which are numbered by slot in the tree's order. `fetch` is called with the number of
 /// each, to ask for what will be needed next.
 #[inline(always)]
 pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
-    leaves: &mut Leaves,
+    leaves: &[Entry],
     fetch: impl Fn(usize),
     with_sums: bool,
     tally: &mut Tally,
 ) {
     let (mut sum, mut validity) = (AreaSum::default(), Vec4::ZERO);
-    let (count, have_one_each) = (leaves.len(), leaves.have_one_primitive_each());
-    let entries = leaves.with_next();
-    let ahead = entries[AHEAD..].iter().zip(&entries[2 * AHEAD..]);
-    entries[..count.min(2 * AHEAD)].iter().for_each(|entry| primitives.prefetch_index(entry.first()));
-    entries[..count.min(AHEAD)].iter().for_each(|entry| primitives.prefetch_data(entry.first()));
-    for (i, (entry, (soon, later))) in entries[..count].iter().zip(ahead).enumerate() {
-        primitives.prefetch_index(later.first());
-        primitives.prefetch_data(soon.first());
+    leaves.iter().take(2 * AHEAD).for_each(|entry| primitives.prefetch_index(entry.first()));
+    leaves.iter().take(AHEAD).for_each(|entry| primitives.prefetch_data(entry.first()));
+    for (i, entry) in leaves.iter().enumerate() {
+        if let Some(later) = leaves.get(i + 2 * AHEAD) {
+            primitives.prefetch_index(later.first());
+        }
+        if let Some(soon) = leaves.get(i + AHEAD) {
+            primitives.prefetch_data(soon.first());
+        }
         fetch(i);
-        if have_one_each {
-            let [min, max, doubt] = primitives.aabb_lanes(entry.first());
-            validity += doubt;
-            nodes.set_corners(entry.slot(), with_words([min, max], entry.link(), 1 << 8));
-            if with_sums {
-                sum.add(i, min, max);
-            }
-        } else {
-            let aux = nodes.get(entry.slot());
-            let Some(last) = aux.count().checked_sub(1) else {
-                validity = Vec4::NAN;
-                break;
-            };
-            // The first and the last are always looked at, be they the same: one or two cannot be predicted.
-            let (first, last) = (entry.first(), entry.first() + last);
-            let [mut min, mut max, doubt] = primitives.aabb_lanes(first);
-            validity += doubt;
-            for primitive in (first + 1..last).chain([last]) {
-                let [next_min, next_max, doubt] = primitives.aabb_lanes(primitive);
-                (min, max) = (min.min(next_min), max.max(next_max));
-                validity += doubt;
-            }
-            let weight = aux.weight() as f32;
-            let [_, own_max]: Corners = bytemuck::cast(aux);
-            nodes.set_corners(entry.slot(), with_words([min, max], entry.link(), own_max.w.to_bits()));
-            if with_sums {
-                sum.add_extent(i, max - min, weight);
-            }
+        let [own_min, own_max]: Corners = bytemuck::cast(nodes.get(entry.slot()));
+        let count = own_max.w.to_bits() >> 8;
+        let [min, max, doubt] = match count {
+            1 => primitives.aabb_lanes(entry.first()),
+            _ => lanes_of_several(primitives, entry.first(), count as usize),
+        };
+        validity += doubt;
+        nodes.set_corners(entry.slot(), [min.with_w(own_min.w), max.with_w(own_max.w)]);
+        if with_sums {
+            sum.add_extent(i, max - min, COST_INTERSECT as f32 * count as f32);
         }
     }
     if !cfg!(refit_without = "validity") && !validity.truncate().is_finite() {
-        fit_carefully(nodes, primitives, leaves.all(), tally);
+        fit_carefully(nodes, primitives, leaves, tally);
         return;
     }
     let area = sum.total();
-    tally.leaves += count as u64;
+    tally.leaves += leaves.len() as u64;
     tally.leaf_area += area;
     tally.area += area;
+}
+
+/// As [`Primitives::aabb_lanes`], for successive primitives.
+#[inline(always)]
+fn lanes_of_several<P: Primitives + ?Sized>(primitives: &P, first: usize, count: usize) -> [Vec4; 3] {
+    if count == 0 {
+        return [Vec4::NAN; 3];
+    }
+    (first + 1..first + count).fold(primitives.aabb_lanes(first), |[min, max, validity], primitive| {
+        let [next_min, next_max, doubt] = primitives.aabb_lanes(primitive);
+        [min.min(next_min), max.max(next_max), validity + doubt]
+    })
 }
 
 /// Fits leaves of which some have primitives without a box, or none.
@@ -147,17 +131,16 @@ pub(super) fn fit_leaf<P: Primitives + ?Sized>(
     let mut node = nodes.get(slot);
     let mut aabb = Aabb::EMPTY;
     for primitive in node.first()..node.first() + node.count() {
-        let next = primitives.aabb(primitive);
+        let next = primitives.aabb(primitive).sanitized();
         // A sanitised box is empty only if it is `Aabb::EMPTY`.
         tally.dropped += u64::from(next.min.x == f32::INFINITY);
         aabb = aabb.union(next);
     }
     node.set_aabb(aabb);
     nodes.set(slot, node);
-    let area = f64::from(aabb.half_area()) * node.weight();
     tally.leaves += 1;
-    tally.leaf_area += area;
-    tally.area += area;
+    tally.leaf_area += node.sah_term();
+    tally.area += node.sah_term();
 }
 
 /// Refits the boxes of inner nodes, children before parents; words stay as they are.
@@ -168,15 +151,29 @@ pub(super) fn refit_boxes(
     with_sums: bool,
     tally: &mut Tally,
 ) {
-    let mut sum = AreaSum::default();
-    for (i, entry) in parents_first.iter().rev().enumerate() {
+    refit_boxes_with(parents_first, with_sums, tally, |entry| {
         let [l, r]: [Corners; 2] = nodes.pair(entry.first()).map(bytemuck::cast);
         let [own_min, own_max]: Corners = bytemuck::cast(nodes.get(entry.slot()));
         let corners = [l[0].min(r[0]).with_w(own_min.w), l[1].max(r[1]).with_w(own_max.w)];
         nodes.set_corners(entry.slot(), corners);
+        corners
+    });
+}
+
+/// Calls `refit`, which gives the new box, for each inner node, children before parents.
+#[inline(always)]
+pub(super) fn refit_boxes_with(
+    parents_first: &[Entry],
+    with_sums: bool,
+    tally: &mut Tally,
+    refit: impl Fn(Entry) -> [Vec4; 2],
+) {
+    let mut sum = AreaSum::default();
+    for (i, &entry) in parents_first.iter().rev().enumerate() {
+        let [min, max] = refit(entry);
         if with_sums {
             // An empty box has negative extents.
-            sum.add_extent(i, (corners[1] - corners[0]).max(Vec4::ZERO), 1.0);
+            sum.add_extent(i, (max - min).max(Vec4::ZERO), 1.0);
         }
     }
     tally.inner += parents_first.len() as u64;
@@ -188,7 +185,8 @@ pub(super) fn refit_boxes(
 pub(super) fn refit_height(nodes: SharedNodes<'_>, entry: Entry) -> [u32; 2] {
     let [[link_l, l], [link_r, r]] = nodes.pair_words(entry.first());
     let height = 1 + (l & Node::HEIGHT).max(r & Node::HEIGHT);
-    if !cfg!(refit_without = "heights") {
+    // Few heights change.
+    if !cfg!(refit_without = "heights") && nodes.height(entry.slot()) != height {
         nodes.set_height(entry.slot(), height);
     }
     [link_l, link_r]
@@ -198,39 +196,33 @@ pub(super) fn refit_height(nodes: SharedNodes<'_>, entry: Entry) -> [u32; 2] {
 pub(crate) struct Accepted {
     entries: [Entry; 2 * LISTED],
     changes: [[f32; 8]; 2 * LISTED],
-    count: usize,
 }
 
 impl Default for Accepted {
     fn default() -> Self {
-        Self { entries: [Entry::default(); 2 * LISTED], changes: [[0.0; 8]; 2 * LISTED], count: 0 }
+        Self { entries: [Entry::default(); 2 * LISTED], changes: [[0.0; 8]; 2 * LISTED] }
     }
 }
 
 impl Accepted {
-    pub(super) fn clear(&mut self) {
-        self.count = 0;
-    }
-
-    /// Appends a node if `is_gain`, without a branch. The last two changes mean nothing.
+    /// Replaces number `i`. The last two changes may be others again.
     #[inline(always)]
-    pub(super) fn push_if(&mut self, entry: Entry, changes: [f32; 8], is_gain: bool) {
-        let end = self.count % (2 * LISTED);
-        (self.entries[end], self.changes[end]) = (entry, changes);
-        self.count += usize::from(is_gain);
+    pub(super) fn set(&mut self, i: usize, entry: Entry, changes: [f32; 8]) {
+        let i = i % (2 * LISTED);
+        (self.entries[i], self.changes[i]) = (entry, changes);
     }
 
-    /// Applies the best rotation of each node; `depth` is that of the nodes.
+    /// Applies the best rotation of each of the first `count` nodes; given the nodes' depth, and whether something is static.
+    #[inline(always)]
     pub(super) fn apply(
         &self,
+        count: usize,
         mut nodes: SharedNodes<'_>,
-        depth: u32,
-        is_partly_static: bool,
+        (depth, is_partly_static): (u32, bool),
         tally: &mut Tally,
     ) {
-        for (&entry, &changes) in self.entries.iter().zip(&self.changes).take(self.count) {
-            let [c0, c1, c2, c3, c4, c5, ..] = changes;
-            let Some(rotation) = best([c0, c1, c2, c3, c4, c5]) else { continue };
+        for (&entry, &changes) in self.entries.iter().zip(&self.changes).take(count) {
+            let rotation = best(changes);
             let mut grown = 0.0;
             // A rotation makes a tree higher by one at most.
             if is_partly_static || nodes.get(entry.slot()).height() + depth >= bvh_core::MAX_HEIGHT {
@@ -248,6 +240,18 @@ impl Accepted {
             tally.static_area += grown;
         }
     }
+}
+
+/// As [`rotation::best`](bvh_core::rotation::best), where some change is below zero, without branches. The last two may be
+/// other changes again.
+#[inline(always)]
+fn best(changes: [f32; 8]) -> Rotation {
+    // NaN is no gain, and the minimum of NaN and a number is the number.
+    let [a, b]: [Vec4; 2] = bytemuck::cast(changes);
+    let [a, b] = [a.min(Vec4::INFINITY), b.min(Vec4::INFINITY)];
+    let least = Vec4::splat(a.min(b).min_element());
+    let is_least = a.cmpeq(least).bitmask() | b.cmpeq(least).bitmask() << 4;
+    Rotation::ALL[is_least.trailing_zeros() as usize % Rotation::ALL.len()]
 }
 
 /// As [`rotate`], where the height is known to be in bounds and all nodes move: without branches.

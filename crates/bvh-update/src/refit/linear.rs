@@ -10,7 +10,7 @@ use bvh_core::{MAX_HEIGHT, Node, Primitives};
 
 use crate::state::{Layout, State};
 
-use super::block::{Entry, GROUP, Lister, Lists};
+use super::block::{Entry, Lister, Lists};
 use super::shared::dispatch;
 use super::{Tally, Task, kernels};
 
@@ -62,9 +62,9 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     fn sweep(&self, piece: Range<usize>) -> Tally {
         if piece.len() <= PIECE {
             let mut tally = Tally::default();
-            self.with_worker(|worker| {
+            self.with_lists(|lists| {
                 for start in piece.clone().step_by(STRETCH).rev() {
-                    self.sweep_stretch(start..piece.end.min(start + STRETCH), &mut worker.lists, &mut tally);
+                    self.sweep_stretch(start..piece.end.min(start + STRETCH), lists, &mut tally);
                 }
             });
             return tally;
@@ -79,30 +79,27 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             rayon::join(|| below(l, piece.start + 1..middle), || below(r, middle..piece.end));
         let mut tally = l_tally.and(&r_tally);
         for (slot, node) in [(pair, l), (pair + 1, r)] {
+            let entry = [Entry::new(slot, node.first() as u32)];
             if node.is_dynamic() && node.is_leaf() {
                 kernels::fit_leaf(self.nodes, self.primitives, slot, &mut tally);
             } else if node.is_dynamic() {
-                let [[link_l, _], [link_r, _]] = self.nodes.pair_words(pair);
-                let entry = Entry::new(slot, [link_l, link_r][slot - pair]);
-                kernels::refit_boxes(self.nodes, &[entry], self.with_sums, &mut tally);
+                kernels::refit_boxes(self.nodes, &entry, self.with_sums, &mut tally);
             }
         }
         tally
     }
 
     fn sweep_stretch(&self, pairs: Range<usize>, lists: &mut Lists, tally: &mut Tally) {
-        let Lists { leaves, inner, .. } = lists;
-        let mut lister = Lister::new(&[], inner, leaves);
-        for first in pairs.clone().step_by(GROUP) {
-            // The last pair takes the place of those behind the end.
-            let group = std::array::from_fn(|i| 2 * (first + i).min(pairs.end - 1));
-            let count = GROUP.min(pairs.end - first);
-            dispatch!(self.level, list(self.nodes, group, count, &mut lister));
-        }
+        let Lists { leaves, inner, included, .. } = lists;
+        let mut lister = Lister::new(&[], inner, included, leaves);
+        dispatch!(self.level, sweep(self.nodes, pairs.clone(), &mut lister));
         lister.finish();
         // There are about as many leaves as pairs.
         let fetch = |i: usize| self.nodes.prefetch(2 * (pairs.start + i).saturating_sub(STRETCH));
-        dispatch!(self.level, fit_leaves(self.nodes, self.primitives, leaves, fetch, self.with_sums, tally));
+        dispatch!(
+            self.level,
+            fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, self.with_sums, tally)
+        );
         dispatch!(self.level, refit_boxes(self.nodes, inner.all(), self.with_sums, tally));
     }
 }

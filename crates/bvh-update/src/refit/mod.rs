@@ -1,21 +1,21 @@
 //! The pass over a whole tree: refits every box to the primitives' new positions and rotates on the way up.
 //!
 //! ```text
-//! subtrees(roots):  more than a few roots: both halves of them, in parallel
+//! subtrees(roots):  heavy together: both halves of them, in parallel
 //!                   else a block: walk down from the roots (block.rs)
 //!                                 fit the leaves found     (kernels.rs)
-//!                                 subtrees(what is below the block)
+//!                                 subtrees(what is below the block), in parallel
 //!                                 refit the block's inner nodes, then rotate level by level, deepest first
 //! ```
 //!
 //! How subtrees are divided depends on the tree alone, never on threads or time: so do sums of floats, and so does every
 //! bit of the result. A tree in the order of its builder is refitted by a sweep instead ([`linear`]).
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use bvh_core::{Bvh, InOrder, Primitives, SimdLevel, sah_cost};
 
-use self::block::{Block, Entry, LISTED, Lists, ROOTS};
+use self::block::{Block, Entry, LISTED, Lists};
 use self::kernels::refit_height;
 use self::shared::{Available, dispatch};
 use crate::report::Update;
@@ -40,11 +40,11 @@ pub use self::cost::BlockCost;
 pub(crate) use self::cost::Costs;
 use self::cost::Stopwatch;
 
-/// Nodes that the first block lists: the part of the pass that one thread does alone.
+/// Nodes listed by blocks above others: the less, the more can be done at a time.
 const TOP_LISTED: usize = 128;
 
-/// Roots of a block below the first.
-const TOP_ROOTS: usize = 4;
+/// Inner nodes that subtrees of one block have together, as estimated by [`is_heavy`].
+const WEIGHT: u64 = 512;
 
 /// Cache lines, of a pair each, to fetch for a subtree whose turn is next: as built they lie in one piece, and rotations
 /// leave them nearly so.
@@ -143,7 +143,7 @@ pub(crate) struct RefitScratch {
     pub(crate) with_sums: bool,
     /// What blocks took, where that is recorded.
     pub(crate) costs: Option<Costs>,
-    workers: Vec<Mutex<Worker>>,
+    spare: Vec<Mutex<Spare>>,
 }
 
 impl RefitScratch {
@@ -154,21 +154,20 @@ impl RefitScratch {
 
     /// For `level`, or the best below it that the machine has.
     pub(crate) fn with_level(level: SimdLevel) -> Self {
-        Self { level: Available::at_most(level), with_sums: true, costs: None, workers: Vec::new() }
+        Self { level: Available::at_most(level), with_sums: true, costs: None, spare: Vec::new() }
     }
 }
 
-/// What one thread needs.
-struct Worker {
-    /// Those not in use. A thread has one in use for each block that it is below of: also where it waits for another
-    /// thread and takes up other blocks meanwhile.
+/// What one thread has not in use. It uses one block for each that it is below of: also where it waits for another
+/// thread and takes up other blocks meanwhile. Primitives that start tasks of their own may make it use several lists.
+struct Spare {
     blocks: Vec<Box<Block>>,
-    lists: Box<Lists>,
+    lists: Vec<Box<Lists>>,
 }
 
-impl Worker {
+impl Spare {
     fn new() -> Self {
-        Self { blocks: std::iter::repeat_with(Block::new).take(8).collect(), lists: Lists::new() }
+        Self { blocks: std::iter::repeat_with(Block::boxed).take(8).collect(), lists: vec![Lists::boxed()] }
     }
 }
 
@@ -193,7 +192,7 @@ pub(crate) struct Task<'a, P: ?Sized> {
     level: Available,
     costs: Option<&'a Costs>,
     /// One for each thread of the pool.
-    workers: &'a [Mutex<Worker>],
+    spare: &'a [Mutex<Spare>],
 }
 
 /// Refits what moves; with `rotate`, rotates on the way up. The caller has checked that there are
@@ -215,20 +214,18 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     }
     let schedule = rotate.map(|rotate| RotationSchedule::new(rotate, state.updates));
     state.updates = state.updates.wrapping_add(1);
-    let RefitScratch { level, with_sums, costs, workers } = scratch;
+    let RefitScratch { level, with_sums, costs, spare } = scratch;
     let (with_sums, costs) = (*with_sums, costs.as_ref());
     let threads = rayon::current_num_threads();
-    while workers.len() < threads {
-        workers.push(Mutex::new(Worker::new()));
+    while spare.len() < threads {
+        spare.push(Mutex::new(Spare::new()));
     }
     let (level, nodes) = (*level, share(parts.nodes));
     let mut tally = if is_in_order {
-        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, costs, workers }
-            .run(is_linear)
+        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, costs, spare }.run(is_linear)
     } else {
         let primitives = &InOrder { primitives, order: parts.order };
-        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, costs, workers }
-            .run(is_linear)
+        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, costs, spare }.run(is_linear)
     };
     *parts.static_area += tally.static_area;
     tally.has_sums = with_sums;
@@ -249,40 +246,46 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             self.sweep_all()
         } else {
             let [[link, _], _] = self.nodes.pair_words(0);
-            self.block(&[Entry::new(0, link)], 0, Around::default(), TOP_LISTED, TOP_ROOTS)
+            self.subtrees(&[Entry::new(0, link)], 0, Around::default())
         }
     }
 
-    /// Updates the subtrees below roots of one depth, `most` of them in a block.
-    fn subtrees(&self, roots: &[Entry], depth: u32, around: Around<'_>, most: usize) -> Tally {
-        if roots.is_empty() {
-            return Tally::default();
+    /// Updates the subtrees below roots of one depth.
+    fn subtrees(&self, roots: &[Entry], depth: u32, around: Around<'_>) -> Tally {
+        let is_heavy = self.is_heavy(roots);
+        match roots.len() {
+            0 => Tally::default(),
+            len if len == 1 || !is_heavy => {
+                self.block(roots, depth, around, if is_heavy { TOP_LISTED } else { LISTED })
+            }
+            len => {
+                let (a, b) = roots.split_at(len / 2);
+                let before_b = Around { next: b, ..around };
+                let (a, b) =
+                    rayon::join(|| self.subtrees(a, depth, before_b), || self.subtrees(b, depth, around));
+                a.and(&b)
+            }
         }
-        if roots.len() <= most {
-            return self.block(roots, depth, around, LISTED, ROOTS);
-        }
-        let (a, b) = roots.split_at(roots.len() / 2);
-        let before_b = Around { next: b, ..around };
-        let (a, b) =
-            rayon::join(|| self.subtrees(a, depth, before_b, most), || self.subtrees(b, depth, around, most));
-        a.and(&b)
+    }
+
+    /// Whether subtrees are more than enough for one block.
+    ///
+    /// Sizes are not known, heights are: subtrees of height h have 1.5^h inner nodes or so.
+    fn is_heavy(&self, roots: &[Entry]) -> bool {
+        let mut weight = 0;
+        roots.iter().any(|root| {
+            weight += 1 << (self.nodes.height(root.slot()) * 5 / 8);
+            weight > WEIGHT
+        })
     }
 
     /// Updates the subtrees below a few roots of one depth: a block of about `limit` nodes, and what is below it.
-    fn block(
-        &self,
-        roots: &[Entry],
-        depth: u32,
-        around: Around<'_>,
-        limit: usize,
-        most_below: usize,
-    ) -> Tally {
+    fn block(&self, roots: &[Entry], depth: u32, around: Around<'_>, limit: usize) -> Tally {
         let mut tally = Tally::default();
         let mut watch = Stopwatch::start(self.costs, around.block);
-        let block = self.with_worker(|worker| {
-            let mut block = worker.blocks.pop().unwrap_or_else(Block::new);
-            let leaves = &mut worker.lists.leaves;
-            block.walk(self.nodes, roots, depth, limit, leaves);
+        let mut block = self.spare().blocks.pop().unwrap_or_else(Block::boxed);
+        self.with_lists(|Lists { leaves, .. }| {
+            dispatch!(self.level, walk(&mut block, self.nodes, roots, depth, limit, leaves));
             watch.lap(|cost| &mut cost.list);
             let [(rest, _), (below, _)] = block.frontier();
             let next = [rest, below, around.next].into_iter().find(|roots| !roots.is_empty());
@@ -294,24 +297,24 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             };
             dispatch!(
                 self.level,
-                fit_leaves(self.nodes, self.primitives, leaves, fetch, self.with_sums, &mut tally)
+                fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, self.with_sums, &mut tally)
             );
             watch.lap(|cost| &mut cost.leaves);
-            block
         });
         let [(rest, rest_depth), (below, below_depth)] = block.frontier();
-        let before_next = Around { block: watch.block, ..around };
-        let before_below = if below.is_empty() { before_next } else { Around { next: below, ..before_next } };
-        tally = tally.and(&self.subtrees(rest, rest_depth, before_below, most_below));
-        tally = tally.and(&self.subtrees(below, below_depth, before_next, most_below));
+        let after = Around { block: watch.block, ..around };
+        let next = if below.is_empty() { around.next } else { below };
+        let (rest, below) = rayon::join(
+            || self.subtrees(rest, rest_depth, Around { next, ..after }),
+            || self.subtrees(below, below_depth, after),
+        );
+        tally = tally.and(&rest).and(&below);
         watch.skip();
-        self.with_worker(|worker| {
-            dispatch!(self.level, refit_boxes(self.nodes, block.own(), self.with_sums, &mut tally));
-            watch.lap(|cost| &mut cost.boxes);
-            self.rotate(&block, &mut worker.lists, &mut tally);
-            watch.lap(|cost| &mut cost.rotations);
-            worker.blocks.push(block);
-        });
+        dispatch!(self.level, refit_boxes(self.nodes, block.own(), self.with_sums, &mut tally));
+        watch.lap(|cost| &mut cost.boxes);
+        self.with_lists(|lists| self.rotate(&block, lists, &mut tally));
+        watch.lap(|cost| &mut cost.rotations);
+        self.spare().blocks.push(block);
         tally
     }
 
@@ -319,7 +322,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     fn rotate(&self, block: &Block, lists: &mut Lists, tally: &mut Tally) {
         let nodes = self.nodes;
         let Some(schedule) = self.schedule else { return };
-        let Lists { inner: included, accepted, .. } = lists;
+        let Lists { included, accepted, .. } = lists;
         for (level, depth) in block.levels() {
             let level = if schedule.is_always() {
                 level
@@ -331,23 +334,31 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
                 }
                 included.all()
             };
-            accepted.clear();
-            dispatch!(self.level, judge(nodes, level, accepted));
-            accepted.apply(nodes, depth, self.is_partly_static, tally);
+            let at = (depth, self.is_partly_static);
+            dispatch!(self.level, rotate(nodes, level, at, accepted, tally));
         }
     }
 
-    /// Lends what belongs to this thread.
-    fn with_worker<T>(&self, work: impl FnOnce(&mut Worker) -> T) -> T {
-        let worker = &self.workers[rayon::current_thread_index().unwrap_or(0)];
-        // No other thread takes it, but one outside of the pool; and no work leaves it in disorder.
-        work(&mut worker.lock().unwrap_or_else(PoisonError::into_inner))
+    /// Lends lists to `work`, which may ask primitives: so nothing is locked meanwhile.
+    fn with_lists<T>(&self, work: impl FnOnce(&mut Lists) -> T) -> T {
+        let mut lists = self.spare().lists.pop().unwrap_or_else(Lists::boxed);
+        let result = work(&mut lists);
+        self.spare().lists.push(lists);
+        result
+    }
+
+    /// What belongs to this thread. No other thread takes it, but one outside of the pool.
+    fn spare(&self) -> MutexGuard<'_, Spare> {
+        let spare = &self.spare[rayon::current_thread_index().unwrap_or(0)];
+        spare.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use bvh_build::{Builder, build};
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use bvh_build::{BuildOptions, Builder, build, build_with};
     use bvh_core::{Aabb, Vec3};
 
     use super::*;
@@ -389,9 +400,9 @@ mod tests {
             }
             let tree = bvh.clone();
             let nodes = share(parts(&mut bvh).nodes);
-            let (mut block, mut lists) = (Block::new(), Lists::new());
+            let (mut block, mut lists) = (Block::boxed(), Lists::boxed());
             let [[link, _], _] = nodes.pair_words(0);
-            block.walk(nodes, &[Entry::new(0, link)], 0, TOP_LISTED, &mut lists.leaves);
+            scalar::walk(&mut block, nodes, &[Entry::new(0, link)], 0, TOP_LISTED, &mut lists.leaves);
             let [(rest, _), (below, _)] = block.frontier();
             let mut roots: Vec<usize> = rest.iter().chain(below).map(|entry| entry.slot()).collect();
             let (shared, touched) = shared_slot(&tree, &roots);
@@ -406,6 +417,39 @@ mod tests {
                 assert!(shared_slot(&tree, &roots).0.is_some());
                 roots.pop();
             }
+        }
+    }
+
+    /// Boxes that count how often they are asked for.
+    struct Counted(Vec<Aabb>, AtomicUsize);
+
+    impl Primitives for Counted {
+        fn len(&self) -> usize {
+            self.0.len()
+        }
+
+        fn bounds(&self, i: usize) -> Aabb {
+            self.1.fetch_add(1, Ordering::Relaxed);
+            self.0[i]
+        }
+    }
+
+    #[test]
+    fn each_box_is_asked_for_once() {
+        // Every other place is that of three boxes.
+        let place = |i: usize| i / 4 * 2 + usize::from(i.is_multiple_of(4));
+        let at = |p: usize| Vec3::new((p % 61) as f32, (p % 53) as f32, (p % 47) as f32);
+        let boxes: Vec<Aabb> = (0..5000).map(|i| at(place(i))).map(|p| Aabb::new(p, p + 0.5)).collect();
+        let options = BuildOptions::default().with_max_leaf_size(4);
+        let mut bvh = build_with(&boxes, Builder::Sweep, &options).expect("few enough");
+        let has_leaves_of = |several: bool| {
+            bvh.nodes().iter().any(|node| if several { node.count() > 1 } else { node.count() == 1 })
+        };
+        assert!(has_leaves_of(true) && has_leaves_of(false), "leaves of several sizes");
+        for rotate in [None, Some(Rotate::default()), None] {
+            let boxes = Counted(boxes.clone(), AtomicUsize::new(0));
+            pass(&mut bvh, &boxes, rotate, &mut RefitScratch::new());
+            assert_eq!(boxes.1.into_inner(), 5000, "{rotate:?}");
         }
     }
 }

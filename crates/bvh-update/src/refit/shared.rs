@@ -1,7 +1,7 @@
 //! The unsafe parts: a node arena that tasks on several threads share, and the calls into code for a SIMD level.
 
 #[cfg(target_arch = "x86_64")]
-use std::arch::x86_64::{__m256, __m512, __m512i, _mm512_maskz_loadu_ps};
+use std::arch::x86_64::{__m256, __m512i};
 use std::marker::PhantomData;
 
 use bvh_core::glam::Vec4;
@@ -83,6 +83,18 @@ impl<'a> SharedNodes<'a> {
         })
     }
 
+    /// The link words of the nodes in slots `n` and `n + 1`.
+    #[inline(always)]
+    pub(crate) fn links(&self, n: usize) -> [u32; 2] {
+        self.pair_words(n).map(|[link, _]| link)
+    }
+
+    /// The height of the node in slot `n`.
+    #[inline(always)]
+    pub(crate) fn height(&self, n: usize) -> u32 {
+        self.get(n).height()
+    }
+
     /// Stores a whole node, given as its two corners with the words in their fourth lanes.
     #[inline(always)]
     pub(crate) fn set_corners(&self, n: usize, corners: [Vec4; 2]) {
@@ -119,62 +131,51 @@ impl<'a> SharedNodes<'a> {
         }
     }
 
+    /// The node in slot `n`.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub(crate) fn lanes(&self, n: usize) -> __m256 {
+        bytemuck::cast(self.get(n))
+    }
+
+    /// Stores a whole node into slot `n`.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub(crate) fn set_lanes(&self, n: usize, lanes: __m256) {
+        self.set(n, bytemuck::cast(lanes));
+    }
+
     /// The children of a node with that link word, as [`pair_lanes`](Self::pair_lanes); for a leaf, boxes around everything.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(crate) fn child_lanes(&self, link: u32) -> [__m256; 2] {
+        let is_leaf = link & Node::LEAF != 0;
+        // That of a leaf is no pair.
+        let first = if is_leaf { 0 } else { (link & Node::INDEX) as usize };
+        assert!(first + 1 < self.len, "pair out of range");
+        let children = self.start.wrapping_add(first).cast_const().cast();
         // SAFETY: as in `pair_lanes`, for a pair that is in range or a constant.
         #[expect(unsafe_code, reason = "reads the shared arena")]
         unsafe {
-            self.children_or_everything(link).cast::<[__m256; 2]>().read()
+            std::hint::select_unpredictable::<*const [__m256; 2]>(
+                is_leaf,
+                EVERYTHING.0.as_ptr().cast(),
+                children,
+            )
+            .read()
         }
     }
 
-    /// The boxes of the nodes in slots `n` and `n + 1` in one register, with 0 for words.
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f")]
-    #[inline]
-    pub(crate) fn pair_wide(&self, n: usize) -> __m512 {
-        assert!(n + 1 < self.len, "pair out of range");
-        // SAFETY: as in `pair`; two nodes have the size of a register, at any alignment.
-        #[expect(unsafe_code, reason = "reads the shared arena")]
-        unsafe {
-            _mm512_maskz_loadu_ps(0x7777, self.start.add(n).cast())
-        }
-    }
-
-    /// The nodes in slots `n` and `n + 1` in one register, words and all.
+    /// The nodes in slots `n` and `n + 1` in one register.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
-    pub(crate) fn pair_bits(&self, n: usize) -> __m512i {
+    pub(crate) fn pair_wide(&self, n: usize) -> __m512i {
         assert!(n + 1 < self.len, "pair out of range");
         // SAFETY: as in `pair`; two nodes have the size of a register, and any alignment will do.
         #[expect(unsafe_code, reason = "reads the shared arena")]
         unsafe {
             self.start.add(n).cast::<__m512i>().read_unaligned()
         }
-    }
-
-    /// The children of a node with that link word, as [`pair_wide`](Self::pair_wide); for a leaf, boxes around everything.
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f")]
-    #[inline]
-    pub(crate) fn child_wide(&self, link: u32) -> __m512 {
-        // SAFETY: as in `pair_wide`, for a pair that is in range or a constant.
-        #[expect(unsafe_code, reason = "reads the shared arena")]
-        unsafe {
-            _mm512_maskz_loadu_ps(0x7777, self.children_or_everything(link).cast())
-        }
-    }
-
-    /// Where the children of a node with that link word are; for a leaf, where two boxes around everything are.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    fn children_or_everything(&self, link: u32) -> *const Node {
-        let is_leaf = link & Node::LEAF != 0;
-        let first = (link & Node::INDEX) as usize;
-        assert!(is_leaf | (first + 1 < self.len), "pair out of range");
-        std::hint::select_unpredictable(is_leaf, EVERYTHING.0.as_ptr().cast(), self.start.wrapping_add(first))
     }
 
     /// Brings the pair that starts at slot `n` into the cache. Any `n` will do.
@@ -201,6 +202,17 @@ pub(super) fn entries(lanes: __m512i) -> [Entry; 8] {
     #[expect(unsafe_code, reason = "no safe cast is at hand")]
     unsafe {
         std::mem::transmute(lanes)
+    }
+}
+
+/// List entries as the lanes of a register.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+pub(super) fn lanes(entries: &[Entry; 8]) -> __m512i {
+    // SAFETY: both are 64 bytes of plain data.
+    #[expect(unsafe_code, reason = "no safe cast is at hand")]
+    unsafe {
+        std::mem::transmute(*entries)
     }
 }
 
