@@ -189,7 +189,12 @@ mod tests {
                 let mut tree = stage.first_tree.clone();
                 let asked = Asked(stage.triangles(), AtomicU64::new(0));
                 let done = Updater::new(strategy).update(&mut tree, &asked).unwrap();
-                assert_eq!(asked.1.into_inner(), moving, "{}: each is asked once, what is static never", info.name);
+                assert_eq!(
+                    asked.1.into_inner(),
+                    moving,
+                    "{}: each is asked once, what is static never",
+                    info.name
+                );
                 assert_eq!(primitives_refit(&tree, &done), moving, "{}", info.name);
                 assert!(done.nodes_visited < 3 * moving + 100, "{}: {}", info.name, done.nodes_visited);
             }
