@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use serde::Deserialize;
 
 /// For each crate of the workspace, the others of the workspace that it may depend on.
-const ALLOWED: [(&str, &[&str]); 13] = [
+const ALLOWED: [(&str, &[&str]); 17] = [
     ("bvh-core", &[]),
     ("bvh-build", &["bvh-core"]),
     ("bvh-update", &["bvh-core", "bvh-build"]),
@@ -16,7 +16,11 @@ const ALLOWED: [(&str, &[&str]); 13] = [
     ("rt-cpu", &["bvh-core"]),
     ("anim", &[]),
     ("scenes", &["anim"]),
-    ("lab", &["bvh-core", "bvh-build", "bvh-update", "rt-cpu", "anim", "scenes", "pivot-benches"]),
+    ("stage", &["bvh-core", "bvh-build", "rt-cpu", "anim", "scenes"]),
+    ("viewer-core", &["bvh-core", "bvh-build", "bvh-update", "rt-cpu", "anim", "scenes", "stage"]),
+    ("viewer", &["scenes", "stage", "viewer-core"]),
+    ("viewer-web", &["anim", "scenes", "stage", "viewer-core"]),
+    ("lab", &["bvh-core", "bvh-build", "bvh-update", "rt-cpu", "anim", "scenes", "stage", "pivot-benches"]),
     ("xtask", &["lab"]),
     ("pivot-tests", LIBRARIES),
     ("pivot-fingerprints", LIBRARIES),
