@@ -118,9 +118,14 @@ impl Stage {
 
     /// The scene's view now.
     #[must_use]
+    pub fn view(&self) -> View {
+        self.scene.animation.view(self.pose.time()).unwrap_or(self.scene.view)
+    }
+
+    /// The camera of the scene's view now.
+    #[must_use]
     pub fn camera(&self, width: u32, height: u32) -> Camera {
-        let View { eye, target, up, fov_y } =
-            self.scene.animation.view(self.pose.time()).unwrap_or(self.scene.view);
+        let View { eye, target, up, fov_y } = self.view();
         Camera::look_at(eye, target, up, fov_y, width, height)
     }
 
