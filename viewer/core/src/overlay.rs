@@ -158,13 +158,13 @@ impl State {
         };
         let lines = [
             hint.as_str(),
-            "drag: turn  wheel: closer  click: pick",
-            "right drag: look  w a s d q e: fly",
-            "left right: one frame  home: restart",
+            "drag: turn  wheel: near  click: pick",
+            "right drag: look  wasdqe: fly",
+            "arrows: one frame  home: restart",
         ];
         for (i, line) in lines.into_iter().enumerate() {
             let line: String = line.chars().take(PANEL as usize / LETTER.0 as usize).collect();
-            let y = bottom.y + 6 + LINE * i as i32;
+            let y = bottom.y + 5 + LINE * i as i32;
             canvas.fill(Rect { y: y - 1, ..bottom }, DARK, 0.75);
             canvas.text(4, y, &line, if i == 0 { FLASH } else { GRAY });
         }

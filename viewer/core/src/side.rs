@@ -14,7 +14,7 @@ use crate::boxes;
 pub(crate) const LOG: usize = 6;
 
 /// Boxes that flash, at most; more hide what they are drawn over.
-const FLASHES: usize = 200;
+const FLASHES: usize = 60;
 
 /// The strategies to choose from: all but those whose trees depend on time.
 pub(crate) fn strategies() -> Vec<Strategy> {

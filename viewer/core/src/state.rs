@@ -19,7 +19,7 @@ const FRAME_RATE: f64 = 24.0;
 /// Milliseconds that tracing may take while something moves: with updates and the overlay, 25 frames a second.
 const TRACE_BUDGET: f64 = 25.0;
 /// Side of the squares of pixels that are traced as one, at most.
-const COARSEST: u32 = 4;
+const COARSEST: u32 = 8;
 /// What the mouse does: radians for a pixel, factor of the distance for a notch of the wheel, and pixels that a click may
 /// stray. Flying: distances to the target in a second.
 const TURN: f32 = 0.008;
@@ -537,7 +537,7 @@ impl State {
     fn trace(&mut self, shown: &mut Shown) {
         let moves = std::mem::take(&mut self.moved);
         let done = shown.sides.iter().map(|side| side.count).min().unwrap_or(0);
-        let coarse = if moves { self.coarse } else { 1 };
+        let coarse = if moves { self.coarse } else { (self.coarse_now / 2).max(1) };
         if !moves && self.coarse_now == 1 && done >= self.samples() {
             return;
         }
