@@ -472,10 +472,13 @@ impl State {
     /// The parts of the canvas that show a tree each.
     pub(crate) fn ports(&self) -> Vec<Rect> {
         let (width, height) = (self.picture.width as i32, self.picture.height as i32);
-        let half = Rect { x: 0, y: 0, width: width / 2, height };
+        let all = Rect { x: 0, y: 0, width, height };
         match self.settings.right {
-            Some(_) if width > 1 => vec![half, Rect { x: width / 2, width: width - width / 2, ..half }],
-            _ => vec![Rect { width, ..half }],
+            Some(_) => vec![
+                Rect { width: (width / 2).max(1), ..all },
+                Rect { x: width / 2, width: width - width / 2, ..all },
+            ],
+            None => vec![all],
         }
     }
 
@@ -515,9 +518,10 @@ impl State {
     /// pace. Once nothing does, each call adds a sample, until the picture is that of `xtask render`, pixel for pixel.
     pub fn draw(&mut self) -> &Canvas {
         let start = (self.clock)();
+        let (light, samples) = (self.light_effects(), self.samples());
         let mut shown = self.shown.take();
         if let Some(shown) = &mut shown {
-            self.trace(shown);
+            self.trace(shown, &light, samples);
         }
         self.shown = shown;
         self.canvas.clone_from(&self.picture);
@@ -534,11 +538,11 @@ impl State {
         self.canvas = canvas;
     }
 
-    fn trace(&mut self, shown: &mut Shown) {
+    fn trace(&mut self, shown: &mut Shown, light: &LightEffects, samples: u32) {
         let moves = std::mem::take(&mut self.moved);
         let done = shown.sides.iter().map(|side| side.count).min().unwrap_or(0);
         let coarse = if moves { self.coarse } else { (self.coarse_now / 2).max(1) };
-        if !moves && self.coarse_now == 1 && done >= self.samples() {
+        if !moves && self.coarse_now == 1 && done >= samples {
             return;
         }
         if moves || self.coarse_now != coarse {
@@ -556,7 +560,7 @@ impl State {
             triangle_test: self.settings.test,
             output,
             timed: !cfg!(target_family = "wasm"),
-            ..shown.stage.options_with(&self.light_effects())
+            ..shown.stage.options_with(light)
         };
         for (i, port) in self.ports().into_iter().enumerate() {
             let camera = self.camera(shown, port, coarse);
