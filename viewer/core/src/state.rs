@@ -16,8 +16,9 @@ use crate::{Clock, Ready};
 
 /// Frames a second that animations are made for.
 const FRAME_RATE: f64 = 24.0;
-/// Milliseconds that tracing may take while something moves: with updates and the overlay, 25 frames a second.
-const TRACE_BUDGET: f64 = 25.0;
+/// Milliseconds that tracing may take while something moves: with updates and the overlay, 25 frames a second; in a
+/// browser, which has one thread, 12.
+const TRACE_BUDGET: f64 = if cfg!(target_family = "wasm") { 40.0 } else { 25.0 };
 /// Side of the squares of pixels that are traced as one, at most.
 const COARSEST: u32 = 8;
 /// What the mouse does: radians for a pixel, factor of the distance for a notch of the wheel, and pixels that a click may
@@ -103,7 +104,7 @@ enum Drag {
 pub(crate) struct Shown {
     pub(crate) stage: Stage,
     pub(crate) typical: TypicalCost,
-    hottest: u32,
+    pub(crate) hottest: u32,
     pub(crate) sides: Vec<Side>,
     /// Costs of fresh trees by frame, in order.
     fresh: Vec<(usize, f64)>,
@@ -177,7 +178,8 @@ impl State {
     pub fn new(width: u32, height: u32, scenes: Vec<String>, clock: Clock) -> Self {
         let mut state = Self {
             clock,
-            settings: Settings::default(),
+            // The panel takes a fourth of a small picture.
+            settings: Settings { overlay: if width < 800 { 1 } else { 2 }, ..Settings::default() },
             loading: None,
             message: String::new(),
             shown: None,

@@ -39,7 +39,8 @@ pub(crate) fn draw(args: &Args, settings: Settings, out: &Path) -> Result<()> {
             state.apply(Event::Key(Key::Right, true));
         }
         // Trees of every frame, pictures of those that are wanted.
-        while wanted.contains(&frame) {
+        let is_drawn = wanted.contains(&frame) && (frame - wanted.start).is_multiple_of(args.every as usize);
+        while is_drawn {
             let canvas = state.draw().clone();
             if state.is_at_rest() {
                 film.push(&canvas)?;
@@ -104,7 +105,7 @@ pub(crate) fn save(canvas: &Canvas, path: &Path) -> Result<()> {
 /// Colours of a film. Fewer make it smaller.
 const COLORS: usize = 128;
 /// Hundredths of a second that a frame is shown.
-const DELAY: u16 = 5;
+const DELAY: u16 = 8;
 /// Pixels that the colours are chosen from: one in so many.
 const SPARSE: usize = 7;
 

@@ -59,7 +59,10 @@ struct Args {
     /// Frames to draw, from A up to but without B; every one before them is played [default: 0..1, of a .gif all]
     #[arg(long, value_name = "A..B", value_parser = range, requires = "out")]
     frames: Option<Range<usize>>,
-    /// Print the frames a second and the longest pause at the end
+    /// Draw one frame in so many
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), requires = "out")]
+    every: u32,
+    /// Print the pictures a second and the longest pause at the end
     #[arg(long)]
     timing: bool,
 }
