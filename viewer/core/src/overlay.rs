@@ -123,7 +123,7 @@ impl State {
         let mut lines =
             vec![title, format!("update {:.1} ms, trace {:.1} ms{coarse}", sample.update_ms, side.trace_ms)];
         if self.settings.heat {
-            lines.push(format!("heat: nodes that a pixel's rays visit, white {} or more", shown.hottest));
+            lines.push(format!("heat: nodes visited, white is {} a pixel", shown.hottest));
         }
         if let Some(primitive) = self.picked {
             let path = boxes::path(&side.tree, primitive, &shown.triangle(primitive));

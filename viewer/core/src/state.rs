@@ -16,9 +16,10 @@ use crate::{Clock, Ready};
 
 /// Frames a second that animations are made for.
 const FRAME_RATE: f64 = 24.0;
-/// Milliseconds that tracing may take while something moves: with updates and the overlay, 25 frames a second; in a
-/// browser, which has one thread, 12.
-const TRACE_BUDGET: f64 = if cfg!(target_family = "wasm") { 40.0 } else { 25.0 };
+/// Milliseconds that a picture may take while something moves, and the least of them for tracing: 25 frames a second,
+/// and 12 in a browser, which has one thread.
+const PICTURE_BUDGET: f64 = if cfg!(target_family = "wasm") { 75.0 } else { 36.0 };
+const TRACE_BUDGET: f64 = 10.0;
 /// Side of the squares of pixels that are traced as one, at most.
 const COARSEST: u32 = 8;
 /// What the mouse does: radians for a pixel, factor of the distance for a notch of the wheel, and pixels that a click may
@@ -168,8 +169,10 @@ pub struct State {
     table: SrgbTable,
     picture: Canvas,
     canvas: Canvas,
-    /// Milliseconds that drawing the last picture took, all in all.
-    pub(crate) draw_ms: f64,
+    /// Milliseconds that the last step of the animation took with its updates.
+    step_ms: f64,
+    /// Milliseconds that the last picture took without tracing, that step included.
+    other_ms: f64,
 }
 
 impl State {
@@ -199,7 +202,8 @@ impl State {
             table: SrgbTable::new(),
             picture: Canvas::new(width.max(1), height.max(1)),
             canvas: Canvas::default(),
-            draw_ms: 0.0,
+            step_ms: 0.0,
+            other_ms: 0.0,
             scenes,
         };
         let first = state.scenes.first().cloned();
@@ -228,8 +232,18 @@ impl State {
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         let is_done = self.shown.is_none() || self.coarse_now == 1 && self.samples_done() >= self.samples();
-        let plays = self.playing && self.shown.as_ref().is_some_and(|shown| shown.frames() > 1);
-        is_done && !plays && !self.moved && !self.stale && self.held.is_empty()
+        is_done && !self.plays() && !self.moved && !self.stale && self.held.is_empty()
+    }
+
+    /// Seconds until the animation's next frame is due, if there is nothing to draw before; 0 if there is.
+    #[must_use]
+    pub fn idle_seconds(&self) -> f64 {
+        let is_idle = self.plays() && !self.moved && !self.stale && self.held.is_empty();
+        if is_idle { (1.0 - self.due).max(0.0) / (FRAME_RATE * self.settings.speed) } else { 0.0 }
+    }
+
+    fn plays(&self) -> bool {
+        self.playing && self.frame().is_some_and(|(_, frames)| frames > 1)
     }
 
     /// Takes note of what has happened.
@@ -338,6 +352,7 @@ impl State {
 
     /// Moves the animation to a frame and updates the trees once.
     fn go_to(&mut self, frame: usize) {
+        let start = (self.clock)();
         let Some(shown) = &mut self.shown else { return };
         let frames = shown.frames();
         shown.frame = frame.min(frames - 1);
@@ -346,6 +361,7 @@ impl State {
         for side in &mut shown.sides {
             side.update(&shown.stage, shown.frame, self.settings.period, self.settings.flash, self.clock);
         }
+        self.step_ms = 1e3 * ((self.clock)() - start);
         self.moved = true;
     }
 
@@ -389,9 +405,7 @@ impl State {
             };
             self.move_eye(|eye, view| eye.fly(view, direction));
         }
-        let Some((frame, frames)) = self.frame().filter(|&(_, frames)| self.playing && frames > 1) else {
-            return;
-        };
+        let Some((frame, frames)) = self.frame().filter(|_| self.plays()) else { return };
         // Every frame is shown: where drawing takes long, the animation runs slower.
         self.due = (self.due + seconds * FRAME_RATE * self.settings.speed).min(2.0);
         if self.due >= 1.0 {
@@ -520,16 +534,17 @@ impl State {
     /// pace. Once nothing does, each call adds a sample, until the picture is that of `xtask render`, pixel for pixel.
     pub fn draw(&mut self) -> &Canvas {
         let start = (self.clock)();
-        let (light, samples) = (self.light_effects(), self.samples());
+        let (light, samples, plays) = (self.light_effects(), self.samples(), self.plays());
         let mut shown = self.shown.take();
-        if let Some(shown) = &mut shown {
-            self.trace(shown, &light, samples);
-        }
+        let did_trace = shown.as_mut().is_some_and(|shown| self.trace(shown, &light, samples, plays));
         self.shown = shown;
         self.canvas.clone_from(&self.picture);
         self.draw_overlay();
         self.stale = false;
-        self.draw_ms = 1e3 * ((self.clock)() - start);
+        let traced: f64 = self.shown.iter().flat_map(|shown| &shown.sides).map(|side| side.trace_ms).sum();
+        if did_trace {
+            self.other_ms = self.step_ms + 1e3 * ((self.clock)() - start) - traced;
+        }
         &self.canvas
     }
 
@@ -540,13 +555,16 @@ impl State {
         self.canvas = canvas;
     }
 
-    fn trace(&mut self, shown: &mut Shown, light: &LightEffects, samples: u32) {
+    /// Traces a picture or another sample of it, if there is need, and returns whether there was.
+    fn trace(&mut self, shown: &mut Shown, light: &LightEffects, samples: u32, plays: bool) -> bool {
         let moves = std::mem::take(&mut self.moved);
         let done = shown.sides.iter().map(|side| side.count).min().unwrap_or(0);
-        let coarse = if moves { self.coarse } else { (self.coarse_now / 2).max(1) };
-        if !moves && self.coarse_now == 1 && done >= samples {
-            return;
+        // Between two frames of the animation the picture stays, and once nothing moves it becomes finer.
+        let waits = plays && done > 0 || self.coarse_now == 1 && done >= samples;
+        if !moves && waits {
+            return false;
         }
+        let coarse = if moves { self.coarse } else { (self.coarse_now / 2).max(1) };
         if moves || self.coarse_now != coarse {
             shown.sides.iter_mut().for_each(|side| side.count = 0);
         }
@@ -574,14 +592,16 @@ impl State {
             let ms: f64 = shown.sides.iter().map(|side| side.trace_ms).sum();
             self.adapt(ms);
         }
+        true
     }
 
     /// Chooses how coarse pictures are while something moves, from what the last one took.
     fn adapt(&mut self, ms: f64) {
         let pixels = f64::from(self.coarse * self.coarse);
+        let budget = (PICTURE_BUDGET - self.other_ms).max(TRACE_BUDGET);
         let fits = |coarse: u32, budget: f64| ms * pixels / f64::from(coarse * coarse) <= budget;
         // Finer only if there is room to spare, so that it does not go to and fro.
-        let fits = |coarse: u32| fits(coarse, if coarse < self.coarse { 0.8 } else { 1.0 } * TRACE_BUDGET);
+        let fits = |coarse: u32| fits(coarse, if coarse < self.coarse { 0.8 } else { 1.0 } * budget);
         self.coarse = (1..COARSEST).find(|&coarse| fits(coarse)).unwrap_or(COARSEST);
     }
 

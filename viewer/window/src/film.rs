@@ -40,7 +40,10 @@ pub(crate) fn draw(args: &Args, settings: Settings, out: &Path) -> Result<()> {
         }
         // Trees of every frame, pictures of those that are wanted.
         let is_drawn = wanted.contains(&frame) && (frame - wanted.start).is_multiple_of(args.every as usize);
-        while is_drawn {
+        if !is_drawn {
+            continue;
+        }
+        loop {
             let canvas = state.draw().clone();
             if state.is_at_rest() {
                 film.push(&canvas)?;

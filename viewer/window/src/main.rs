@@ -53,6 +53,9 @@ struct Args {
     /// Folder for pictures that are saved from the window, and films
     #[arg(long, value_name = "DIR", default_value = "target/view")]
     folder: PathBuf,
+    /// Frames of the animation in a 24th of a second
+    #[arg(long, value_name = "N", default_value_t = 1.0, value_parser = speed)]
+    speed: f64,
     /// Draw into a .png file, a .gif of all frames or a folder of PNG files, without a window
     #[arg(long, value_name = "FILE|DIR")]
     out: Option<PathBuf>,
@@ -62,7 +65,7 @@ struct Args {
     /// Draw one frame in so many
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), requires = "out")]
     every: u32,
-    /// Print the pictures a second and the longest pause at the end
+    /// Print the pictures a second and the longest waits for one at the end
     #[arg(long)]
     timing: bool,
 }
@@ -71,6 +74,11 @@ fn size(text: &str) -> Result<(u32, u32), String> {
     let parse = |n: &str| n.parse::<u32>().ok().filter(|n| (1..=16384).contains(n));
     let parts = text.split_once('x').and_then(|(w, h)| Some((parse(w)?, parse(h)?)));
     parts.ok_or_else(|| "expected WxH as in 960x540, each 1 to 16384".to_owned())
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let speed = text.parse().ok().filter(|speed| (0.01..=100.0).contains(speed));
+    speed.ok_or_else(|| "expected a number from 0.01 to 100".to_owned())
 }
 
 fn range(text: &str) -> Result<Range<usize>, String> {
@@ -99,6 +107,7 @@ fn run(args: &Args) -> Result<()> {
         boxes: args.boxes,
         flash: args.flash,
         overlay: args.overlay,
+        speed: args.speed,
         ..Settings::default()
     };
     // The pool that the tracer draws in; 0 stands for the cores there are.

@@ -3,14 +3,14 @@
 use std::num::NonZeroU32;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow};
 use softbuffer::Surface;
 use viewer_core::{Button, Event, Key, Request, Settings, State};
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
-use winit::event::{ElementState, MouseButton, MouseScrollDelta, WindowEvent};
+use winit::event::{ElementState, MouseButton, MouseScrollDelta, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::keyboard::{Key as WinitKey, NamedKey};
 use winit::window::{Window, WindowId};
@@ -35,6 +35,7 @@ pub(crate) fn run(args: &Args, settings: Settings) -> Result<()> {
         proxy,
         surface: None,
         last: Instant::now(),
+        rests: true,
         film: None,
         saved: 0,
         failed: None,
@@ -52,8 +53,10 @@ struct App<'a> {
     state: State,
     proxy: EventLoopProxy<Event>,
     surface: Option<Surface<Arc<Window>, Arc<Window>>>,
-    /// When the state was last told the time.
+    /// When the last picture was drawn, or the first event came after a rest.
     last: Instant,
+    /// Whether the last picture stays.
+    rests: bool,
     /// What is being recorded.
     film: Option<Film>,
     saved: usize,
@@ -61,21 +64,20 @@ struct App<'a> {
     timing: Timing,
 }
 
-/// How long pictures took, from one to the next.
+/// How long pictures took, from one to the next, and what was shown.
 #[derive(Default)]
 struct Timing {
-    seconds: Vec<f64>,
+    pictures: Vec<(f64, Option<usize>, &'static str)>,
 }
 
 impl Timing {
-    fn print(&self) {
-        let (count, sum) = (self.seconds.len(), self.seconds.iter().sum::<f64>());
-        let longest = self.seconds.iter().copied().fold(0.0, f64::max);
-        println!(
-            "{count} pictures, {:.1} a second, longest pause {:.0} ms",
-            count as f64 / sum,
-            1e3 * longest
-        );
+    fn print(mut self) {
+        let (count, sum) = (self.pictures.len(), self.pictures.iter().map(|picture| picture.0).sum::<f64>());
+        println!("{count} pictures, {:.1} a second", count as f64 / sum);
+        self.pictures.sort_by(|a, b| b.0.total_cmp(&a.0));
+        for (seconds, frame, strategy) in self.pictures.iter().take(5) {
+            println!("{:.0} ms to a picture of {strategy}, frame {frame:?}", 1e3 * seconds);
+        }
     }
 }
 
@@ -96,7 +98,6 @@ impl App<'_> {
 
     fn draw(&mut self) -> Result<()> {
         let Some(surface) = &mut self.surface else { return Ok(()) };
-        let was_at_rest = self.state.is_at_rest();
         let seconds = std::mem::replace(&mut self.last, Instant::now()).elapsed().as_secs_f64();
         self.state.apply(Event::Tick(seconds));
         let canvas = self.state.draw();
@@ -114,10 +115,23 @@ impl App<'_> {
             *to = u32::from_be_bytes([0, pixel[0], pixel[1], pixel[2]]);
         }
         buffer.present().map_err(error)?;
-        if !was_at_rest {
-            self.timing.seconds.push(seconds);
-        }
+        self.rests = self.state.is_at_rest();
+        let frame = self.state.frame().map(|(frame, _)| frame);
+        self.timing.pictures.push((seconds, frame, self.state.settings().left.name()));
         Ok(())
+    }
+
+    /// Begins to count time anew: what stood still did not take long.
+    fn wake(&mut self) {
+        if std::mem::take(&mut self.rests) {
+            self.last = Instant::now();
+        }
+    }
+
+    fn redraw(&self) {
+        if let Some(surface) = &self.surface {
+            surface.window().request_redraw();
+        }
     }
 
     /// Does what the state asks for. What fails is said in the window.
@@ -185,11 +199,19 @@ impl ApplicationHandler<Event> for App<'_> {
         self.serve(event_loop);
     }
 
+    fn new_events(&mut self, _: &ActiveEventLoop, cause: StartCause) {
+        if matches!(cause, StartCause::ResumeTimeReached { .. }) {
+            self.redraw();
+        }
+    }
+
     fn user_event(&mut self, _: &ActiveEventLoop, event: Event) {
+        self.wake();
         self.state.apply(event);
     }
 
     fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        self.wake();
         match event {
             WindowEvent::CloseRequested => event_loop.exit(),
             WindowEvent::Resized(size) => self.state.apply(Event::Resize(size.width, size.height)),
@@ -225,9 +247,14 @@ impl ApplicationHandler<Event> for App<'_> {
     }
 
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
-        event_loop.set_control_flow(ControlFlow::Wait);
-        if let Some(surface) = self.surface.as_ref().filter(|_| !self.state.is_at_rest()) {
-            surface.window().request_redraw();
+        let idle = Duration::from_secs_f64(self.state.idle_seconds());
+        event_loop.set_control_flow(if idle.is_zero() {
+            ControlFlow::Wait
+        } else {
+            ControlFlow::WaitUntil(Instant::now() + idle)
+        });
+        if idle.is_zero() && !self.state.is_at_rest() {
+            self.redraw();
         }
     }
 }
