@@ -125,7 +125,7 @@ pub fn run(args: &Args) -> Result<()> {
     let effects = scenes::Effects { light: args.effects.unwrap_or(scene.effects.light), ..scene.effects };
     files::remark(&format!("a frame runs {}", scenes::FramePlan::new(&effects)));
     target.prepare()?;
-    let mut stage = pool.install(|| Stage::new(scene))?;
+    let mut stage = pool.install(|| stage::ready(scene))?;
     pool.install(|| frames(args, &target, &mut stage, &label, wanted, count))
 }
 

@@ -64,7 +64,7 @@ pub fn run(args: &Args) -> Result<()> {
     files::print("scene, strategy, frames: first and last ms a frame; cost over a fresh tree; height; MiB")?;
     let mut broken = Vec::new();
     for (source, scene) in loaded {
-        let mut stage = Stage::new(scene.map_or_else(|| load(source), Ok)?)?;
+        let mut stage = stage::ready(scene.map_or_else(|| load(source), Ok)?)?;
         for strategy in &strategies {
             if interrupt::requested() {
                 break;

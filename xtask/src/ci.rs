@@ -44,7 +44,7 @@ pub(crate) fn run() -> Result<()> {
 }
 
 /// The program of that name; for cargo the one that runs this.
-fn program(name: &str) -> Command {
+pub(crate) fn program(name: &str) -> Command {
     let cargo = std::env::var_os("CARGO").filter(|_| name == "cargo");
     Command::new(cargo.unwrap_or_else(|| name.into()))
 }

@@ -6,6 +6,7 @@
 
 mod ci;
 mod layering;
+mod viewer;
 
 use std::io;
 use std::process::ExitCode;
@@ -28,6 +29,10 @@ enum Command {
     Reproduce(reproduce::Args),
     /// Render frames of a scene to PNG or EXR files
     Render(render::Args),
+    /// Play a scene in a window and show how its tree fares
+    View(viewer::View),
+    /// Write the viewer as a page for a browser
+    Web(viewer::Web),
     /// Write the scene fairy-forest as a glTF file
     Export(export::Args),
     /// Measure this project beside other libraries: same work, same hits, one run
@@ -60,6 +65,8 @@ fn main() -> ExitCode {
     let result = match &cli.command {
         Command::Reproduce(args) => reproduce::run(args),
         Command::Render(args) => render::run(args),
+        Command::View(args) => viewer::view(args),
+        Command::Web(args) => viewer::web(args),
         Command::Export(args) => export::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Soak(args) => soak::run(args),

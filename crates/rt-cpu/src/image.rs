@@ -10,6 +10,8 @@ use exr::image::write::WritableImage;
 use exr::math::Vec2;
 use thiserror::Error;
 
+use crate::srgb::srgb;
+
 /// Linear colours (red, green, blue) in rows from the top, each row from the left.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
@@ -145,14 +147,6 @@ fn atomically(
         let _ = std::fs::remove_file(&partial);
         ImageError::Write { path: path.to_owned(), source }
     })
-}
-
-/// One channel from linear to 8-bit sRGB (IEC 61966-2-1).
-fn srgb(linear: f32) -> u8 {
-    let c = linear.clamp(0.0, 1.0);
-    let encoded = if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 };
-    // A NaN casts to 0.
-    (encoded * 255.0 + 0.5) as u8
 }
 
 #[cfg(test)]

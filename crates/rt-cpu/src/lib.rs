@@ -41,6 +41,7 @@ mod shade;
 mod simd;
 mod sink;
 mod sort;
+mod srgb;
 mod surface;
 mod texture;
 mod tile;
@@ -65,5 +66,6 @@ pub use options::{AmbientOcclusion, DiffuseBounces, Effects, Output, RenderOptio
 pub use pixel::Pixel;
 pub use render::{cast, render, render_with};
 pub use shade::{Background, PointLight};
+pub use srgb::{SrgbTable, srgb};
 pub use texture::{Filter, Texture, Wrap};
 pub use times::StageTimes;

@@ -19,7 +19,13 @@ const FRAME_RATE: f64 = 24.0;
 const MOST_FRAMES: f64 = 1e6;
 
 pub(crate) fn scene(path: &Path, clip: Option<&str>, textures: bool) -> Result<Scene, LoadError> {
-    let animation = anim::load_with(path, clip, textures)?;
+    Ok(scene_of(path, anim::load_with(path, clip, textures)?))
+}
+
+/// Makes a scene of an animation that was loaded from `path`, with a default view and a default light
+/// where it has none.
+#[must_use]
+pub fn scene_of(path: &Path, animation: Box<dyn Animation>) -> Scene {
     let (view, light) = default_view(&*animation);
     let remark = |note: String| format!("{}: {note}", path.display());
     let mut notes: Vec<String> = animation.notes().into_iter().map(remark).collect();
@@ -34,7 +40,7 @@ pub(crate) fn scene(path: &Path, clip: Option<&str>, textures: bool) -> Result<S
         let cast = if shadows { "" } else { " that casts no shadow" };
         notes.push(format!("{} has no light; the light is a default{cast}", path.display()));
     }
-    Ok(Scene {
+    Scene {
         name: path.display().to_string(),
         about: "an animation from a file",
         view,
@@ -50,7 +56,7 @@ pub(crate) fn scene(path: &Path, clip: Option<&str>, textures: bool) -> Result<S
         key_bytes: 0,
         notes,
         animation,
-    })
+    }
 }
 
 fn default_view(animation: &dyn Animation) -> (View, Light) {

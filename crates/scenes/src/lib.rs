@@ -42,6 +42,7 @@ mod toys;
 pub use accuracy::{Distance, distance};
 pub use effects::{Effects, LightEffects, MotionEffects};
 pub use fairy_forest::fairy_forest_glb;
+pub use file::scene_of;
 pub use frame_plan::{FramePlan, FrameStage};
 pub use scene::{Measure, Scene, SceneError, SceneInfo, SceneOptions, list, load};
 pub use toys::toys_glb;

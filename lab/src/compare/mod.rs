@@ -228,7 +228,7 @@ pub fn run(args: &Args) -> Result<()> {
     files::print(&report.heading())?;
 
     for (source, scene) in loaded {
-        let stage = Stage::new(scene.map_or_else(|| stage::load(source, None, 0), Ok)?)?;
+        let stage = stage::ready(scene.map_or_else(|| stage::load(source, None, 0), Ok)?)?;
         run_scene(args, &stage::label(source), stage, embree.as_ref(), &mut report)?;
         if interrupt::requested() {
             break;

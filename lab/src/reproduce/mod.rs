@@ -130,9 +130,9 @@ pub fn run(args: &Args) -> Result<()> {
         files::remark(&entry.label);
         let scene = entry.loaded.map_or_else(|| args.load(&entry.source), Ok)?;
         let run = pool.install(|| {
-            let mut stage = Stage::new(scene)?;
+            let (mut stage, build_ms) = stage::timed(scene)?;
             let plan = plan(args, &results.settings, stage.triangles().indices.len(), entry.supplement);
-            let mut run = SceneRun::new(facts(&stage, &plan, entry.label, entry.slug));
+            let mut run = SceneRun::new(facts(&stage, build_ms, &plan, entry.label, entry.slug));
             run.facts.supplement = entry.supplement;
             let [begun, begun_speeds] = begun;
             if args.runs_frames() {
@@ -247,7 +247,7 @@ fn plan(args: &Args, settings: &Settings, triangles: usize, supplement: bool) ->
     }
 }
 
-fn facts(stage: &Stage, plan: &Plan, label: String, slug: String) -> SceneFacts {
+fn facts(stage: &Stage, build_ms: f64, plan: &Plan, label: String, slug: String) -> SceneFacts {
     let scene = &stage.scene;
     let stats = bvh_core::stats(&stage.first_tree);
     SceneFacts {
@@ -268,7 +268,7 @@ fn facts(stage: &Stage, plan: &Plan, label: String, slug: String) -> SceneFacts 
             .collect(),
         frames: plan.frames,
         measure_every: plan.measure_every,
-        build_ms: stage.build_ms,
+        build_ms,
         candidates: stats.candidates as f64 / (stats.inner + stats.leaves).max(1) as f64,
         notes: scene.notes.clone(),
         ..SceneFacts::default()

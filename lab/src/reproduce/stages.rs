@@ -121,7 +121,7 @@ mod tests {
     use scenes::{LightEffects, Scene, SceneOptions};
 
     use super::*;
-    use crate::stage::Stage;
+    use crate::stage::{self, Stage};
 
     /// Triangles that count how often they are asked for their boxes.
     struct Asked<'a>(Triangles<'a>, AtomicU64);
@@ -156,7 +156,7 @@ mod tests {
     #[test]
     fn only_planned_stages_run_and_only_what_moves_is_posed_and_refit() {
         for info in scenes::list() {
-            let mut stage = Stage::new(scene(info.name)).unwrap();
+            let mut stage = stage::ready(scene(info.name)).unwrap();
             let topology = stage.scene.animation.topology();
             let moving = topology.moves.iter().filter(|&&moves| moves).count() as u64;
             let vertices = |calls_for: fn(Motion) -> bool| -> u64 {
@@ -204,16 +204,16 @@ mod tests {
     #[test]
     fn a_scene_without_lights_casts_no_shadow_ray() {
         let mut lit = scene("n-body");
-        let stats = traced(&Stage::new(scene("n-body")).unwrap());
+        let stats = traced(&stage::ready(scene("n-body")).unwrap());
         assert!(stats.rays_shadow > 0);
         lit.effects.light = LightEffects::NONE;
-        let dark = traced(&Stage::new(lit).unwrap());
+        let dark = traced(&stage::ready(lit).unwrap());
         assert_eq!((dark.rays_shadow, dark.rays_primary), (0, stats.rays_primary));
     }
 
     #[test]
     fn stages_of_a_picture_share_its_time() {
-        let stage = Stage::new(scene("n-body")).unwrap();
+        let stage = stage::ready(scene("n-body")).unwrap();
         let options = RenderOptions { timed: true, ..stage.render_options() };
         let mut image = Image::new(48, 48);
         let (camera, light) = (stage.camera(48, 48), stage.light());

@@ -1,0 +1,188 @@
+//! A scene made ready for tracing: triangles in the order of the first tree's leaves, looks,
+//! camera, light. Commands and viewer render from it, so their pictures are the same.
+
+#![forbid(unsafe_code)]
+
+use std::sync::Arc;
+
+use anim::{Pose, PoseStats, View};
+use bvh_build::{BuildError, Builder, build};
+use bvh_core::{Bvh, Triangles, Vec3};
+use rt_cpu::{
+    AmbientOcclusion, Camera, DiffuseBounces, Effects, Filter, Material, Mesh, PointLight, RenderOptions,
+    Texture, Wrap,
+};
+use scenes::{FramePlan, LightEffects, Scene};
+
+/// A scene at one moment.
+///
+/// Triangle `i` is the primitive in leaf slot `i` of the first tree, so that updates stream through
+/// memory.
+pub struct Stage {
+    /// What is shown.
+    pub scene: Scene,
+    /// What a frame of it runs.
+    pub plan: FramePlan,
+    /// The tree over the first frame, by the sweep builder, one primitive a leaf; still parts are
+    /// marked as still.
+    pub first_tree: Bvh,
+    triangles: Vec<[u32; 3]>,
+    materials: Vec<Material>,
+    textures: Vec<Texture>,
+    material_of: Vec<u32>,
+    pose: Pose,
+    normals: Vec<Vec3>,
+}
+
+impl Stage {
+    /// Makes a stage of a scene at time 0.
+    ///
+    /// # Errors
+    /// If the scene has more triangles than a tree can number.
+    pub fn new(scene: Scene) -> Result<Self, BuildError> {
+        Self::with_tree(scene, |triangles| build(triangles, Builder::Sweep))
+    }
+
+    /// Makes a stage of a scene at time 0, with a tree of the caller's making over its triangles.
+    ///
+    /// # Errors
+    /// Those of `build`.
+    pub fn with_tree(
+        scene: Scene,
+        build: impl FnOnce(&Triangles<'_>) -> Result<Bvh, BuildError>,
+    ) -> Result<Self, BuildError> {
+        let topology = scene.animation.topology();
+        let pose = Pose::new(&*scene.animation);
+        let mut first_tree = build(&Triangles { positions: pose.positions(), indices: &topology.triangles })?;
+        let order = first_tree.reorder_primitives();
+        first_tree.set_dynamic(|slot| topology.moves[order[slot] as usize]);
+
+        let mut material_of = vec![0; topology.triangles.len()];
+        for part in &topology.parts {
+            material_of[part.triangles.start as usize..part.triangles.end as usize].fill(part.material);
+        }
+        Ok(Self {
+            triangles: order.iter().map(|&p| topology.triangles[p as usize]).collect(),
+            materials: topology.materials.iter().map(material).collect(),
+            textures: topology.textures.iter().map(texture).collect(),
+            material_of: order.iter().map(|&p| material_of[p as usize]).collect(),
+            normals: Vec::new(),
+            plan: FramePlan::new(&scene.effects),
+            scene,
+            first_tree,
+            pose,
+        })
+    }
+
+    /// Time of frame `frame` of a loop of `frames`: the first and the last frame are the loop's
+    /// ends.
+    #[must_use]
+    pub fn time_of(&self, frame: usize, frames: usize) -> f64 {
+        let last = frames.saturating_sub(1).max(1);
+        self.scene.animation.duration() * frame as f64 / last as f64
+    }
+
+    /// Moves everything to `time`, in seconds; nothing if it is there already.
+    pub fn pose(&mut self, time: f64) -> PoseStats {
+        let stats = self.pose.advance(&*self.scene.animation, time);
+        if stats.count() > 0 {
+            self.normals.clear();
+        }
+        stats
+    }
+
+    /// The triangles as they are now.
+    #[must_use]
+    pub fn triangles(&self) -> Triangles<'_> {
+        Triangles { positions: self.pose.positions(), indices: &self.triangles }
+    }
+
+    /// Makes normals for smooth shading, until the next pose: the source's own where it has some.
+    pub fn smooth(&mut self) {
+        anim::vertex_normals(&self.triangles, self.pose.positions(), &mut self.normals);
+        self.scene.animation.normals(self.pose.time(), &mut self.normals);
+    }
+
+    /// What is rendered now: smooth after [`smooth`](Self::smooth), flat otherwise.
+    #[must_use]
+    pub fn mesh(&self) -> Mesh<'_> {
+        Mesh {
+            triangles: self.triangles(),
+            normals: (!self.normals.is_empty()).then_some(&self.normals),
+            texcoords: &self.scene.animation.topology().texcoords,
+            textures: &self.textures,
+            materials: &self.materials,
+            material_of: &self.material_of,
+        }
+    }
+
+    /// The scene's view now.
+    #[must_use]
+    pub fn view(&self) -> View {
+        self.scene.animation.view(self.pose.time()).unwrap_or(self.scene.view)
+    }
+
+    /// The camera of the scene's view now.
+    #[must_use]
+    pub fn camera(&self, width: u32, height: u32) -> Camera {
+        let View { eye, target, up, fov_y } = self.view();
+        Camera::look_at(eye, target, up, fov_y, width, height)
+    }
+
+    /// The scene's light now.
+    #[must_use]
+    pub fn light(&self) -> PointLight {
+        let light = self.scene.animation.light(self.pose.time()).unwrap_or(self.scene.light);
+        PointLight { position: light.position, color: light.color }
+    }
+
+    /// Rendering with what the scene calls for: shadow rays only where it has shadows.
+    #[must_use]
+    pub fn render_options(&self) -> RenderOptions {
+        self.options_with(&self.scene.effects.light)
+    }
+
+    /// Rendering with the effects of `light`.
+    #[must_use]
+    pub fn options_with(&self, light: &LightEffects) -> RenderOptions {
+        let distance = OCCLUSION_DISTANCE * self.first_tree.root().aabb().extent().length();
+        let effects = Effects {
+            textures: light.textures,
+            alpha: light.alpha,
+            mirror: light.mirror,
+            ambient_occlusion: light
+                .ambient_occlusion
+                .then_some(AmbientOcclusion { samples: OCCLUSION_RAYS, distance }),
+            diffuse_bounces: light.diffuse_bounces.then_some(DiffuseBounces { most: BOUNCES, sky: SKY }),
+        };
+        RenderOptions { shadows: light.shadows, effects, ..RenderOptions::default() }
+    }
+}
+
+/// How far ambient occlusion looks, as a part of the diagonal of the scene, and with how many rays
+/// a sample.
+const OCCLUSION_DISTANCE: f32 = 0.1;
+const OCCLUSION_RAYS: u32 = 16;
+
+/// Diffuse bounces that are followed, and what the sky gives.
+const BOUNCES: u32 = 16;
+const SKY: [f32; 3] = [0.20, 0.22, 0.26];
+
+fn material(material: &anim::Material) -> Material {
+    let anim::Material { base_color: color, opacity, texture, cutoff, mirror } = *material;
+    Material { color, opacity, texture, cutoff, mirror }
+}
+
+fn texture(texture: &anim::Texture) -> Texture {
+    let anim::Image { width, height, ref texels } = texture.image;
+    let wrap = texture.wrap.map(|mode| match mode {
+        anim::Wrap::Repeat => Wrap::Repeat,
+        anim::Wrap::MirroredRepeat => Wrap::MirroredRepeat,
+        anim::Wrap::ClampToEdge => Wrap::ClampToEdge,
+    });
+    let filter = match texture.filter {
+        anim::Filter::Nearest => Filter::Nearest,
+        anim::Filter::Linear => Filter::Linear,
+    };
+    Texture { texels: Arc::clone(texels), width, height, wrap, filter }
+}

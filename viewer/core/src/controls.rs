@@ -1,0 +1,212 @@
+//! What can be set: one table for the panel, the mouse and the keys.
+
+use bvh_update::Strategy;
+use rt_cpu::{StageTimes, TriangleTest};
+use scenes::LightEffects;
+
+use crate::side::strategies;
+use crate::state::{Request, State};
+
+/// Deepest boxes that can be drawn.
+const DEEPEST: u32 = 12;
+/// Frames of the animation in a 24th of a second.
+const SPEEDS: [f64; 6] = [0.125, 0.25, 0.5, 1.0, 2.0, 4.0];
+const PERIODS: [u32; 5] = [1, 2, 4, 8, 16];
+const SAMPLES: [u32; 5] = [1, 4, 16, 64, 256];
+
+/// All that is set by hand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// The strategy of the tree on the left, or of the only one.
+    pub left: Strategy,
+    /// The strategy of the tree on the right, if there is one.
+    pub right: Option<Strategy>,
+    /// Whether the nodes that rays visit are shown in place of the scene.
+    pub heat: bool,
+    /// The depth of the boxes that are drawn, if any are.
+    pub boxes: Option<u32>,
+    /// Whether nodes flash that rotated.
+    pub flash: bool,
+    /// How rays are tested against triangles.
+    pub test: TriangleTest,
+    /// Rotations are tried at each node in one of so many updates.
+    pub period: u32,
+    /// Samples of each pixel once the picture stands still. `None`: as many as the effects call for.
+    pub samples: Option<u32>,
+    /// Frames of the animation in a 24th of a second.
+    pub speed: f64,
+    /// What light does. `None`: what the scene calls for.
+    pub light: Option<LightEffects>,
+    /// How much is drawn over the picture: 0 nothing, 1 titles and graphs, 2 the panel as well.
+    pub overlay: u32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        let named = |name: &str| name.parse().unwrap_or_default();
+        Self {
+            left: named("refit"),
+            right: Some(named("refit+rotate")),
+            heat: false,
+            boxes: None,
+            flash: false,
+            test: TriangleTest::default(),
+            period: 1,
+            samples: None,
+            speed: 1.0,
+            light: None,
+            overlay: 2,
+        }
+    }
+}
+
+/// Samples of a pixel with such effects, if none are asked for: as `xtask render` takes them.
+pub(crate) fn default_samples(light: &LightEffects) -> u32 {
+    match light {
+        LightEffects { diffuse_bounces: true, .. } => 64,
+        LightEffects { ambient_occlusion: true, .. } => 4,
+        _ => 1,
+    }
+}
+
+/// Something that a key or a click changes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Control {
+    Scene,
+    Play,
+    Speed,
+    Left,
+    Right,
+    Heat,
+    Boxes,
+    Flash,
+    Test,
+    Budget,
+    Samples,
+    Effect(usize),
+    Fresh,
+    Eye,
+    Overlay,
+    Save,
+    Record,
+}
+
+/// Every control with its key and its label. With the shift key, or the right button, it goes the other way.
+pub(crate) const CONTROLS: [(char, &str, Control); 22] = [
+    ('n', "scene", Control::Scene),
+    (' ', "play", Control::Play),
+    ('v', "speed", Control::Speed),
+    ('1', "left", Control::Left),
+    ('2', "right", Control::Right),
+    ('h', "heat", Control::Heat),
+    ('b', "boxes", Control::Boxes),
+    ('f', "flash rotated", Control::Flash),
+    ('t', "triangle test", Control::Test),
+    ('r', "rotation budget", Control::Budget),
+    ('m', "samples", Control::Samples),
+    ('l', "shadows", Control::Effect(0)),
+    ('x', "textures", Control::Effect(1)),
+    ('k', "cutouts", Control::Effect(2)),
+    ('i', "mirrors", Control::Effect(3)),
+    ('o', "occlusion", Control::Effect(4)),
+    ('g', "bounces", Control::Effect(5)),
+    ('z', "fresh trees", Control::Fresh),
+    ('c', "scene's camera", Control::Eye),
+    ('u', "overlay", Control::Overlay),
+    ('p', "save picture", Control::Save),
+    ('y', "record", Control::Record),
+];
+
+/// An effect of the light with the time that it took, by its number in the table.
+fn effect<'a>(light: &'a mut LightEffects, times: &StageTimes, number: usize) -> (&'a mut bool, f64) {
+    let (on, time) = match number {
+        0 => (&mut light.shadows, times.shadow),
+        1 => (&mut light.textures, times.textures),
+        2 => (&mut light.alpha, times.alpha),
+        3 => (&mut light.mirror, times.mirror),
+        4 => (&mut light.ambient_occlusion, times.ambient_occlusion),
+        _ => (&mut light.diffuse_bounces, times.diffuse_bounces),
+    };
+    (on, 1e3 * time.as_secs_f64())
+}
+
+/// The next of some values after the present one, or the one before.
+fn next<T: Copy + PartialEq>(values: &[T], now: T, back: bool) -> T {
+    let at = values.iter().position(|&value| value == now).unwrap_or(0);
+    let by = if back { values.len() - 1 } else { 1 };
+    values.get((at + by) % values.len().max(1)).copied().unwrap_or(now)
+}
+
+impl State {
+    /// What a control is set to, for the panel.
+    pub(crate) fn value(&self, control: Control) -> String {
+        let set = &self.settings;
+        let on = |on: bool| if on { "on" } else { "off" }.to_owned();
+        match control {
+            Control::Scene => self.scene_name().to_owned(),
+            Control::Play => on(self.playing),
+            Control::Speed => format!("x {}", set.speed),
+            Control::Left => set.left.name().to_owned(),
+            Control::Right => set.right.map_or("none", |strategy| strategy.name()).to_owned(),
+            Control::Heat => on(set.heat),
+            Control::Boxes => set.boxes.map_or("off".to_owned(), |depth| format!("depth {depth}")),
+            Control::Flash => on(set.flash),
+            Control::Test => set.test.name().to_owned(),
+            Control::Budget => {
+                if set.period == 1 {
+                    "all".to_owned()
+                } else {
+                    format!("1 in {}", set.period)
+                }
+            }
+            Control::Samples => format!("{} of {}", self.samples_done(), self.samples()),
+            Control::Effect(number) => {
+                let (light, times) = (&mut self.light_effects(), self.stage_times());
+                let (is_on, ms) = effect(light, &times, number);
+                if *is_on && ms > 0.0 { format!("on {ms:.1} ms") } else { on(*is_on) }
+            }
+            Control::Record => on(self.recording),
+            Control::Fresh | Control::Eye | Control::Save | Control::Overlay => String::new(),
+        }
+    }
+
+    /// Changes what a control is set to, forwards or back.
+    pub(crate) fn step(&mut self, control: Control, back: bool) {
+        let (all, samples) = (strategies(), self.samples());
+        let set = &mut self.settings;
+        match control {
+            Control::Scene => self.next_scene(back),
+            Control::Play => self.playing = !self.playing,
+            Control::Speed => set.speed = next(&SPEEDS, set.speed, back),
+            Control::Left => set.left = next(&all, set.left, back),
+            Control::Right => {
+                let all: Vec<_> = std::iter::once(None).chain(all.into_iter().map(Some)).collect();
+                set.right = next(&all, set.right, back);
+            }
+            Control::Heat => set.heat = !set.heat,
+            Control::Boxes => {
+                let all: Vec<_> = std::iter::once(None).chain((0..=DEEPEST).map(Some)).collect();
+                set.boxes = next(&all, set.boxes, back);
+            }
+            Control::Flash => set.flash = !set.flash,
+            Control::Test => set.test = next(&TriangleTest::ALL, set.test, back),
+            Control::Budget => set.period = next(&PERIODS, set.period, back),
+            Control::Samples => set.samples = Some(next(&SAMPLES, samples, back)),
+            Control::Effect(number) => {
+                let mut light = self.light_effects();
+                let (on, _) = effect(&mut light, &StageTimes::default(), number);
+                *on = !*on;
+                (self.settings.light, self.settings.samples) = (Some(light), None);
+            }
+            Control::Fresh => self.restart_trees(),
+            Control::Eye => self.eye.reset(),
+            Control::Overlay => set.overlay = next(&[0, 1, 2], set.overlay, !back),
+            Control::Save => self.requests.push(Request::Save),
+            Control::Record => {
+                self.recording = !self.recording;
+                self.requests.push(Request::Record(self.recording));
+            }
+        }
+        self.settings_changed();
+    }
+}

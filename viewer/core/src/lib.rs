@@ -1,0 +1,23 @@
+//! The viewer without a window: events in, pictures out.
+//!
+//! A [`State`] takes [`Event`]s and draws itself onto a [`Canvas`]. It has no window, no threads of its own and no
+//! clock: a shell gives it events, calls it within a rayon pool, shows its pictures, and does what it
+//! [requests](State::take_requests). So tests drive it without a window, and the same code runs in a browser.
+#![forbid(unsafe_code)]
+
+mod boxes;
+mod canvas;
+mod controls;
+mod eye;
+mod overlay;
+mod ready;
+mod side;
+mod state;
+
+pub use canvas::Canvas;
+pub use controls::Settings;
+pub use ready::{FreshCosts, Ready};
+pub use state::{Button, Event, Key, Request, State};
+
+/// Gives the time in seconds since any moment. What takes time is measured by it; nothing else depends on it.
+pub type Clock = fn() -> f64;

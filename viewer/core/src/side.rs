@@ -1,0 +1,143 @@
+//! One tree and what became of it: its strategy, its updates, its picture.
+
+use std::collections::VecDeque;
+
+use bvh_core::{Aabb, Bvh, sah_cost};
+use bvh_update::{Degraded, Leaves, Load, PartialRebuild, Reinsertion, Rotate, Strategy, Update, Updater};
+use rt_cpu::{Camera, Image, PointLight, RenderOptions, RenderStats, render};
+use stage::Stage;
+
+use crate::Clock;
+use crate::boxes;
+
+/// Lines that the log keeps.
+pub(crate) const LOG: usize = 6;
+
+/// Boxes that flash, at most; more hide what they are drawn over.
+const FLASHES: usize = 60;
+
+/// The strategies to choose from: all but those whose trees depend on time.
+pub(crate) fn strategies() -> Vec<Strategy> {
+    Strategy::all().into_iter().filter(|strategy| !strategy.name().ends_with("background")).collect()
+}
+
+/// A strategy that tries rotations at each node in one of `period` updates, if it rotates at all.
+fn with_budget(strategy: Strategy, period: u32) -> Strategy {
+    let budget = |rotate: Option<Rotate>| rotate.map(|_| Rotate { period });
+    match strategy {
+        Strategy::RefitRotate(_) => Strategy::RefitRotate(Rotate { period }),
+        Strategy::Degraded(all) => Strategy::Degraded(Degraded { rotate: budget(all.rotate), ..all }),
+        Strategy::PartialRebuild(all) => {
+            Strategy::PartialRebuild(PartialRebuild { rotate: budget(all.rotate), ..all })
+        }
+        Strategy::Reinsert(all) => Strategy::Reinsert(Reinsertion { rotate: budget(all.rotate), ..all }),
+        Strategy::Leaves(all) => Strategy::Leaves(Leaves { rotate: budget(all.rotate), ..all }),
+        other => other,
+    }
+}
+
+/// What a frame of the animation took, when it was last shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Sample {
+    pub(crate) update_ms: f32,
+    pub(crate) cost: f32,
+    /// 0 until the frame is drawn.
+    pub(crate) trace_ns: f32,
+}
+
+/// A tree with its strategy.
+pub(crate) struct Side {
+    pub(crate) strategy: Strategy,
+    pub(crate) tree: Bvh,
+    updater: Updater,
+    /// The last sample of each frame.
+    pub(crate) samples: Vec<Option<Sample>>,
+    /// What was decided, one line an update, the last one first.
+    pub(crate) log: VecDeque<String>,
+    pub(crate) last: Update,
+    /// Boxes of the nodes that rotated in the last update.
+    pub(crate) flashes: Vec<Aabb>,
+    /// Sum of `count` samples of the picture.
+    pub(crate) sum: Image,
+    pub(crate) count: u32,
+    sample: Image,
+    pub(crate) stats: RenderStats,
+    /// Milliseconds that tracing the last picture took.
+    pub(crate) trace_ms: f64,
+}
+
+impl Side {
+    pub(crate) fn new(stage: &Stage, strategy: Strategy) -> Self {
+        Self {
+            strategy,
+            tree: stage.first_tree.clone(),
+            updater: Updater::new(strategy),
+            samples: vec![None; stage.scene.frames.max(1)],
+            log: VecDeque::new(),
+            last: Update::default(),
+            flashes: Vec::new(),
+            sum: Image::new(0, 0),
+            count: 0,
+            sample: Image::new(0, 0),
+            stats: RenderStats::default(),
+            trace_ms: 0.0,
+        }
+    }
+
+    /// Brings the tree to the stage's frame.
+    pub(crate) fn update(&mut self, stage: &Stage, frame: usize, period: u32, flash: bool, clock: Clock) {
+        let before = flash.then(|| boxes::links(&self.tree));
+        self.updater.report_cost(true).set_strategy(with_budget(self.strategy, period));
+        self.updater.report(Load::PacketNodes(self.stats.nodes_visited));
+        let start = clock();
+        let updated = self.updater.update(&mut self.tree, &stage.triangles());
+        let update_ms = 1e3 * (clock() - start);
+        let line = match updated {
+            Ok(update) => {
+                self.last = update;
+                let cost = update.sah_cost.unwrap_or_else(|| sah_cost(&self.tree));
+                let sample = Sample { update_ms: update_ms as f32, cost: cost as f32, trace_ns: 0.0 };
+                if let Some(place) = self.samples.get_mut(frame) {
+                    *place = Some(sample);
+                }
+                let why = update.reason.map_or_else(String::new, |reason| format!(": {reason}"));
+                format!("frame {frame}: {}{why}; {} rotations", update.decision, update.rotations_applied())
+            }
+            Err(error) => format!("frame {frame}: {error}"),
+        };
+        self.log.push_front(line);
+        self.log.truncate(LOG);
+        let before = before.filter(|before| before.len() == self.tree.nodes().len() && !self.last.rebuilt);
+        self.flashes = before.map(|before| boxes::rotated(&self.tree, &before, FLASHES)).unwrap_or_default();
+        self.count = 0;
+    }
+
+    /// Adds a sample to the picture, or begins a new one.
+    pub(crate) fn trace(
+        &mut self,
+        stage: &Stage,
+        frame: usize,
+        camera: &Camera,
+        options: &RenderOptions,
+        clock: Clock,
+    ) {
+        let options = RenderOptions { sample: self.count, ..*options };
+        let light: PointLight = stage.light();
+        let image = if self.count == 0 { &mut self.sum } else { &mut self.sample };
+        let start = clock();
+        self.stats = render(&self.tree, &stage.mesh(), camera, Some(&light), &options, image);
+        self.trace_ms = 1e3 * (clock() - start);
+        if self.count > 0 {
+            self.sum.add(&self.sample);
+        }
+        self.count += 1;
+        if let Some(Some(sample)) = self.samples.get_mut(frame) {
+            sample.trace_ns = (1e6 * self.trace_ms / self.stats.rays().max(1) as f64) as f32;
+        }
+    }
+
+    /// SAH cost of the tree, where it was updated to a frame.
+    pub(crate) fn sample(&self, frame: usize) -> Sample {
+        self.samples.get(frame).copied().flatten().unwrap_or_default()
+    }
+}

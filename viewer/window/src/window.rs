@@ -1,0 +1,260 @@
+//! The window: passes events to the state and shows its pictures.
+
+use std::num::NonZeroU32;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, anyhow};
+use softbuffer::Surface;
+use viewer_core::{Button, Event, Key, Request, Settings, State};
+use winit::application::ApplicationHandler;
+use winit::dpi::PhysicalSize;
+use winit::event::{ElementState, MouseButton, MouseScrollDelta, StartCause, WindowEvent};
+use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
+use winit::keyboard::{Key as WinitKey, NamedKey};
+use winit::window::{Window, WindowId};
+
+use crate::film::{Film, save};
+use crate::{Args, CLOCK, load};
+
+/// Pixels of a touchpad's scrolling that count as a notch of a wheel.
+const NOTCH: f32 = 40.0;
+
+/// Shows the window until it is closed.
+pub(crate) fn run(args: &Args, settings: Settings) -> Result<()> {
+    let event_loop = EventLoop::<Event>::with_user_event().build().context(
+        "no display for a window (on Linux an X server, named by DISPLAY); --out FILE draws without one",
+    )?;
+    let mut state = State::new(args.size.0, args.size.1, load::names(&args.scene), CLOCK);
+    state.apply(Event::Settings(settings));
+    let proxy = event_loop.create_proxy();
+    let mut app = App {
+        args,
+        state,
+        proxy,
+        surface: None,
+        last: Instant::now(),
+        rests: true,
+        film: None,
+        saved: 0,
+        failed: None,
+        timing: Timing::default(),
+    };
+    event_loop.run_app(&mut app).context("the window's events ended")?;
+    if args.timing {
+        app.timing.print();
+    }
+    app.failed.map_or(Ok(()), Err)
+}
+
+struct App<'a> {
+    args: &'a Args,
+    state: State,
+    proxy: EventLoopProxy<Event>,
+    surface: Option<Surface<Arc<Window>, Arc<Window>>>,
+    /// When the last picture was drawn, or the first event came after a rest.
+    last: Instant,
+    /// Whether the last picture stays.
+    rests: bool,
+    /// What is being recorded.
+    film: Option<Film>,
+    saved: usize,
+    failed: Option<anyhow::Error>,
+    timing: Timing,
+}
+
+/// How long pictures took, from one to the next, and what was shown.
+#[derive(Default)]
+struct Timing {
+    pictures: Vec<(f64, Option<usize>, &'static str)>,
+}
+
+impl Timing {
+    fn print(mut self) {
+        let (count, sum) = (self.pictures.len(), self.pictures.iter().map(|picture| picture.0).sum::<f64>());
+        println!("{count} pictures, {:.1} a second", count as f64 / sum);
+        self.pictures.sort_by(|a, b| b.0.total_cmp(&a.0));
+        for (seconds, frame, strategy) in self.pictures.iter().take(5) {
+            println!("{:.0} ms to a picture of {strategy}, frame {frame:?}", 1e3 * seconds);
+        }
+    }
+}
+
+impl App<'_> {
+    fn open(&mut self, event_loop: &ActiveEventLoop) -> Result<()> {
+        let size = PhysicalSize::new(self.args.size.0, self.args.size.1);
+        let attributes = Window::default_attributes().with_title("Pivot").with_inner_size(size);
+        let window = Arc::new(event_loop.create_window(attributes).context("no window")?);
+        let context =
+            softbuffer::Context::new(Arc::clone(&window)).map_err(|e| anyhow!("no picture: {e}"))?;
+        self.surface =
+            Some(Surface::new(&context, Arc::clone(&window)).map_err(|e| anyhow!("no picture: {e}"))?);
+        let PhysicalSize { width, height } = window.inner_size();
+        self.state.apply(Event::Resize(width, height));
+        window.request_redraw();
+        Ok(())
+    }
+
+    fn draw(&mut self) -> Result<()> {
+        let Some(surface) = &mut self.surface else { return Ok(()) };
+        let seconds = std::mem::replace(&mut self.last, Instant::now()).elapsed().as_secs_f64();
+        self.state.apply(Event::Tick(seconds));
+        let canvas = self.state.draw();
+        let (Some(width), Some(height)) = (NonZeroU32::new(canvas.width), NonZeroU32::new(canvas.height))
+        else {
+            return Ok(());
+        };
+        if let Some(film) = &mut self.film {
+            film.push(canvas)?;
+        }
+        let error = |e| anyhow!("no picture: {e}");
+        surface.resize(width, height).map_err(error)?;
+        let mut buffer = surface.buffer_mut().map_err(error)?;
+        for (to, pixel) in buffer.iter_mut().zip(canvas.rgba.chunks_exact(4)) {
+            *to = u32::from_be_bytes([0, pixel[0], pixel[1], pixel[2]]);
+        }
+        buffer.present().map_err(error)?;
+        self.rests = self.state.is_at_rest();
+        let frame = self.state.frame().map(|(frame, _)| frame);
+        self.timing.pictures.push((seconds, frame, self.state.settings().left.name()));
+        Ok(())
+    }
+
+    /// Begins to count time anew: what stood still did not take long.
+    fn wake(&mut self) {
+        if std::mem::take(&mut self.rests) {
+            self.last = Instant::now();
+        }
+    }
+
+    fn redraw(&self) {
+        if let Some(surface) = &self.surface {
+            surface.window().request_redraw();
+        }
+    }
+
+    /// Does what the state asks for. What fails is said in the window.
+    fn serve(&mut self, event_loop: &ActiveEventLoop) {
+        for request in self.state.take_requests() {
+            let done = match request {
+                Request::Load(name) => {
+                    let proxy = self.proxy.clone();
+                    load::begin(name, move |event| proxy.send_event(event).is_ok());
+                    continue;
+                }
+                Request::Quit => {
+                    event_loop.exit();
+                    continue;
+                }
+                Request::Save => self.save(&self.args.folder.clone()),
+                Request::Record(true) => Film::folder(&self.args.folder.join("film")).map(|film| {
+                    self.film = Some(film);
+                    "recording".to_owned()
+                }),
+                Request::Record(false) => self.film.take().map_or(Ok(String::new()), Film::finish_line),
+            };
+            let message = done.unwrap_or_else(|error| format!("{error:#}"));
+            println!("{message}");
+            self.state.apply(Event::Message(message));
+        }
+    }
+
+    fn save(&mut self, folder: &Path) -> Result<String> {
+        Film::folder(folder)?;
+        let path = folder.join(format!("picture-{:04}.png", self.saved));
+        save(self.state.draw(), &path)?;
+        self.saved += 1;
+        Ok(format!("saved {}", path.display()))
+    }
+}
+
+impl Film {
+    fn finish_line(self) -> Result<String> {
+        Ok(format!("recorded {}", self.finish()?.display()))
+    }
+}
+
+/// The key of the state for a key of the window.
+fn key(key: &WinitKey) -> Option<Key> {
+    match key {
+        WinitKey::Character(text) => text.chars().next().map(Key::Char),
+        WinitKey::Named(NamedKey::Space) => Some(Key::Char(' ')),
+        WinitKey::Named(NamedKey::ArrowLeft) => Some(Key::Left),
+        WinitKey::Named(NamedKey::ArrowRight) => Some(Key::Right),
+        WinitKey::Named(NamedKey::Home) => Some(Key::Home),
+        WinitKey::Named(NamedKey::Escape) => Some(Key::Escape),
+        _ => None,
+    }
+}
+
+impl ApplicationHandler<Event> for App<'_> {
+    fn resumed(&mut self, event_loop: &ActiveEventLoop) {
+        if self.surface.is_none()
+            && let Err(error) = self.open(event_loop)
+        {
+            self.failed = Some(error);
+            event_loop.exit();
+        }
+        self.serve(event_loop);
+    }
+
+    fn new_events(&mut self, _: &ActiveEventLoop, cause: StartCause) {
+        if matches!(cause, StartCause::ResumeTimeReached { .. }) {
+            self.redraw();
+        }
+    }
+
+    fn user_event(&mut self, _: &ActiveEventLoop, event: Event) {
+        self.wake();
+        self.state.apply(event);
+    }
+
+    fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        self.wake();
+        match event {
+            WindowEvent::CloseRequested => event_loop.exit(),
+            WindowEvent::Resized(size) => self.state.apply(Event::Resize(size.width, size.height)),
+            WindowEvent::KeyboardInput { event, .. } => {
+                let down = event.state == ElementState::Pressed;
+                if let Some(key) = key(&event.logical_key).filter(|_| !(event.repeat && down)) {
+                    self.state.apply(Event::Key(key, down));
+                }
+            }
+            WindowEvent::CursorMoved { position, .. } => {
+                self.state.apply(Event::Pointer(position.x as f32, position.y as f32));
+            }
+            WindowEvent::MouseInput { state, button, .. } => {
+                let button = if button == MouseButton::Left { Button::Left } else { Button::Right };
+                self.state.apply(Event::Button(button, state == ElementState::Pressed));
+            }
+            WindowEvent::MouseWheel { delta, .. } => {
+                let notches = match delta {
+                    MouseScrollDelta::LineDelta(_, y) => y,
+                    MouseScrollDelta::PixelDelta(pixels) => pixels.y as f32 / NOTCH,
+                };
+                self.state.apply(Event::Wheel(notches));
+            }
+            WindowEvent::RedrawRequested => {
+                if let Err(error) = self.draw() {
+                    self.failed = Some(error);
+                    event_loop.exit();
+                }
+            }
+            _ => {}
+        }
+        self.serve(event_loop);
+    }
+
+    fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
+        let idle = Duration::from_secs_f64(self.state.idle_seconds());
+        event_loop.set_control_flow(if idle.is_zero() {
+            ControlFlow::Wait
+        } else {
+            ControlFlow::WaitUntil(Instant::now() + idle)
+        });
+        if idle.is_zero() && !self.state.is_at_rest() {
+            self.redraw();
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! `cargo xtask view` and `cargo xtask web`: the viewer in a window, and as a page for a browser.
+//!
+//! Both are built when they are asked for, so that the other commands do not wait for libraries of windows.
+
+use std::fs;
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::{Command, exit};
+
+use anyhow::{Context, Result, ensure};
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use lab::files;
+
+use crate::ci::program;
+
+/// Arguments of `view`.
+#[derive(clap::Args)]
+#[command(disable_help_flag = true)]
+pub(crate) struct View {
+    /// A scene's name or a file, and options; --help shows them
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "SCENE|FILE|OPTION")]
+    args: Vec<String>,
+}
+
+/// Arguments of `web`.
+#[derive(clap::Args)]
+pub(crate) struct Web {
+    /// Folder for the page, made if it does not exist [default: target/web]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+/// Builds the viewer and starts it; ends as it ends.
+pub(crate) fn view(args: &View) -> Result<()> {
+    let status = program("cargo")
+        .args(["run", "--quiet", "--release", "--package", "viewer", "--manifest-path"])
+        .arg(files::workspace().join("Cargo.toml"))
+        .arg("--")
+        .args(&args.args)
+        .status()
+        .context("cargo: cannot be started")?;
+    if status.success() { Ok(()) } else { exit(status.code().unwrap_or(1)) }
+}
+
+const TARGET: &str = "wasm32-unknown-unknown";
+
+/// Writes the page: two files that any file server shows.
+pub(crate) fn web(args: &Web) -> Result<()> {
+    let root = files::workspace();
+    let out = args.out.clone().unwrap_or_else(|| root.join("target/web"));
+    // A folder of its own: flags are part of what is built. Every browser of today has SIMD.
+    let target = root.join("target/wasm+simd128");
+    let mut cargo: Command = program("cargo");
+    cargo.args(["build", "--release", "--package", "viewer-web", "--target", TARGET, "--target-dir"]);
+    cargo.arg(&target).current_dir(root);
+    cargo.args(["--config", "profile.release.strip=\"symbols\""]);
+    cargo.args(["--config", &format!("target.{TARGET}.rustflags=[\"-C\",\"target-feature=+simd128\"]")]);
+    let status = cargo.status().context("cargo: cannot be started")?;
+    ensure!(status.success(), "the page cannot be built; it needs `rustup target add {TARGET}`");
+    let module = target.join(TARGET).join("release/viewer_web.wasm");
+    let module = fs::read(&module).with_context(|| format!("{}: cannot be read", module.display()))?;
+    let mut packed = GzEncoder::new(Vec::new(), Compression::best());
+    packed.write_all(&module)?;
+    let page =
+        fs::read(root.join("viewer/web/index.html")).context("viewer/web/index.html: cannot be read")?;
+    fs::create_dir_all(&out).with_context(|| format!("{}: cannot be made a folder", out.display()))?;
+    let mut bytes = 0;
+    for (name, content) in [("viewer.wasm.gz", packed.finish()?), ("index.html", page)] {
+        let path = out.join(name);
+        fs::write(&path, &content).with_context(|| format!("{}: cannot be written", path.display()))?;
+        bytes += content.len();
+    }
+    files::remark(&format!(
+        "{}: {:.2} MB in all; any file server shows it",
+        out.display(),
+        bytes as f64 / 1e6
+    ));
+    Ok(())
+}
