@@ -1,14 +1,13 @@
 //! The broad phase of a physics loop: balls fly about in a box, and every step asks which of their
-//! bounding boxes overlap. Refitting and rotating keeps the tree good for many steps. As the balls
-//! mix, the tree gets worse, so this program rebuilds it whenever its cost has doubled (as Lauterbach
-//! et al. 2006 do with refitting alone). `Strategy::Auto` would decide this itself.
+//! bounding boxes overlap. The balls mix, so a tree that is only refitted gets worse. The updater
+//! chooses what to do about that: it is given what the step asked of the tree.
 
 use std::error::Error;
 use std::ops::ControlFlow;
 
-use bvh_build::{BuildOptions, Builder, build};
-use bvh_core::{Aabb, Vec3, sah_cost};
-use bvh_update::{Rotate, Strategy, Updater};
+use bvh_build::{Builder, build};
+use bvh_core::{Aabb, Vec3};
+use bvh_update::{Load, Updater};
 
 const BALLS: usize = 20_000;
 const RADIUS: f32 = 0.2;
@@ -25,7 +24,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
 
     let mut bvh = build(&boxes(&centers), Builder::BinnedParallel)?;
-    let mut fresh_cost = sah_cost(&bvh);
     let mut updater = Updater::default();
     for step in 0..60 {
         for (center, speed) in centers.iter_mut().zip(&mut speeds) {
@@ -37,16 +35,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
         }
         let boxes = boxes(&centers);
-        let done = updater
-            .set_strategy(Strategy::RefitRotate(Rotate::default()))
-            .update(&mut bvh, boxes.as_slice())?;
-        let cost = done.sah_cost.unwrap_or_default();
-        if cost > 2.0 * fresh_cost {
-            let rebuild = Strategy::Rebuild(Builder::BinnedParallel, BuildOptions::default());
-            updater.set_strategy(rebuild).update(&mut bvh, boxes.as_slice())?;
-            fresh_cost = sah_cost(&bvh);
-            println!("step {step:2}: the cost had doubled to {cost:.1}; rebuilt at {fresh_cost:.1}");
-        }
+        let done = updater.update(&mut bvh, boxes.as_slice())?;
 
         let (mut pairs, mut contacts) = (0, 0);
         bvh.for_each_pair(boxes.as_slice(), |a, b| {
@@ -63,11 +52,9 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
             ControlFlow::Continue(())
         });
+        updater.report(Load::Pairs);
         if step % 10 == 0 {
-            println!(
-                "step {step:2}: {pairs:6} overlapping pairs, {contacts:5} contacts, {:5} rotations, SAH cost {cost:.1}",
-                done.rotations_applied()
-            );
+            println!("step {step:2}: {pairs:6} overlapping pairs, {contacts:5} contacts; {}", done.decision);
         }
     }
     Ok(())

@@ -74,6 +74,8 @@ fn measure() {
 
     let rotate = play(Strategy::RefitRotate(Rotate::default()), &first, &indices);
     let partial = play(Strategy::PartialRebuild(PartialRebuild::default()), &first, &indices);
+    let of_passes = rotate.iter().map(|(time, nodes, _)| time / nodes);
+    print("PASS_NODE", median(of_passes.collect()), "for each node, of refitting and rotating");
     // Repairs of many subtrees give the cost of a subtree, those of few that of the frontier.
     let repairs: Vec<(f64, f64, f64)> = partial
         .iter()

@@ -67,8 +67,10 @@ pub trait Primitives: Sync {
     #[inline]
     fn aabb_lanes(&self, i: usize) -> [Vec4; 3] {
         let aabb = self.aabb(i);
-        let validity = if aabb.is_empty() { Vec4::NAN } else { Vec4::ZERO };
-        [aabb.min.extend(0.0), aabb.max.extend(0.0), validity]
+        let [min, max] = [aabb.min.extend(0.0), aabb.max.extend(0.0)];
+        // Not finite either where an `aabb` of the caller's own lets an infinity through.
+        let validity = if aabb.is_empty() { Vec4::NAN } else { min + max };
+        [min, max, validity]
     }
 
     /// Hint that `aabb(i)` will be asked for soon: prefetch the index that locates its data.

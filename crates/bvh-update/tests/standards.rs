@@ -1,6 +1,6 @@
 //! Baselines: no event makes a strategy take a bad tree for a good one.
 
-use bvh_core::{Aabb, Bvh, Vec3, sah_cost};
+use bvh_core::{Aabb, Bvh, Primitives, Vec3, sah_cost};
 use bvh_update::{Auto, Builder, Decision, Load, PartialRebuild, Reason, Strategy, Updater};
 
 const N: usize = 4000;
@@ -125,4 +125,39 @@ fn another_number_of_primitives_gives_a_new_tree() {
     }
     let error = Updater::new(Strategy::Refit).update(&mut bvh, some).expect_err("no new tree");
     assert!(error.to_string().contains("build a new tree"), "{error}");
+}
+
+/// Boxes with an `aabb` that forgets to sanitise.
+struct Raw(Vec<Aabb>);
+
+impl Primitives for Raw {
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    fn bounds(&self, i: usize) -> Aabb {
+        self.0[i]
+    }
+
+    fn aabb(&self, i: usize) -> Aabb {
+        self.0[i]
+    }
+}
+
+#[test]
+fn primitives_that_forget_to_sanitise_break_no_tree() {
+    for strategy in Strategy::all() {
+        let mut bvh = tree(&burst(0.0));
+        let mut updater = Updater::new(strategy);
+        for step in 1..4 {
+            let mut boxes = burst(step as f32 * 0.1);
+            boxes[5].max.y = f32::INFINITY;
+            boxes[70].min.x = f32::NEG_INFINITY;
+            boxes[99] = Aabb::new(Vec3::NAN, Vec3::NAN);
+            boxes[200] = Aabb::new(Vec3::splat(f32::NEG_INFINITY), Vec3::splat(f32::INFINITY));
+            let done = updater.update(&mut bvh, &Raw(boxes.clone())).expect("same count");
+            assert_eq!(done.dropped, 4, "{}", strategy.name());
+            bvh.validate(boxes.as_slice()).expect("dropped, not spread");
+        }
+    }
 }
