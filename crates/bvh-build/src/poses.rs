@@ -70,10 +70,7 @@ pub fn build_over_poses<P: Primitives + ?Sized>(
 }
 
 /// The tree of least cost over all poses among those built on each pose alone.
-pub(crate) fn best_start<P: Primitives + ?Sized>(
-    poses: &[Pose<'_, P>],
-    builder: Builder,
-) -> Result<Bvh, BuildError> {
+fn best_start<P: Primitives + ?Sized>(poses: &[Pose<'_, P>], builder: Builder) -> Result<Bvh, BuildError> {
     let mut best: Option<(f64, Bvh)> = None;
     for pose in poses {
         let bvh = build(pose.primitives, builder)?;
