@@ -177,7 +177,7 @@ mod tests {
         with_triangles(&positions, |poses| {
             let (mut system, mut bvh) = Decomposition::new(&poses[..3]).expect("poses");
             bvh.validate(&poses[0]).expect("valid");
-            assert!((BODIES..4 * BODIES).contains(&system.roots.len()), "{}", system.roots.len());
+            assert!((BODIES..8 * BODIES).contains(&system.roots.len()), "{}", system.roots.len());
             for &root in &system.roots {
                 let (mut bodies, mut todo) = (Vec::new(), vec![bvh.nodes()[root]]);
                 while let Some(node) = todo.pop() {

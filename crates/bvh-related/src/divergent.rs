@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! rest(N)      distance between the centres of N's children, and N's diagonal, when N was made
-//! N diverges   if that distance has grown by more than STRETCH diagonals: its children moved apart
+//! N diverges   if that distance has changed by more than STRETCH diagonals: its children moved apart, or into each other
 //! cluster      a largest subtree without a node that diverges: its primitives move together
 //! structural motion: few clusters below a node that diverges
 //!                  the root of one cluster is taken out and put where it costs least, the cluster stays as it is
@@ -24,8 +24,8 @@ use bvh_core::{Aabb, Branch, Bvh};
 
 use crate::part::{is_path, tree_over};
 
-/// Diagonals by which children have to move apart.
-const STRETCH: f32 = 0.5;
+/// Diagonals by which the distance of children has to change.
+const STRETCH: f32 = 0.25;
 
 /// Most clusters below a node that are put elsewhere one by one.
 const FEW: usize = 8;
@@ -91,7 +91,7 @@ impl Divergent {
         if !rest.is_known {
             *rest = Rest { distance, diagonal: node.aabb().extent().length(), is_known: true };
         }
-        let diverges = distance - rest.distance > STRETCH * rest.diagonal;
+        let diverges = (distance - rest.distance).abs() > STRETCH * rest.diagonal;
         let broken = [pair, pair + 1].map(|child| self.observe(bvh, child));
         self.diverges[pair / 2] = diverges;
         self.broken[pair / 2] = diverges || broken[0] || broken[1];
