@@ -50,7 +50,7 @@ pub(crate) const IDEAL: &str = "ideal";
 pub(crate) const IDEAL_PARALLEL_BINNED: &str = "ideal-parallel-binned";
 /// Poses, evenly spread over a loop, that are shown to methods that know the animation in advance.
 pub(crate) const POSES: usize = 9;
-/// A serial binned rebuild of 2012, with bins along one axis.
+/// A serial binned rebuild with bins along one axis, after Wald 2007.
 pub(crate) const PAPER_BINNED: &str = "paper-binned";
 
 /// Trees built in the background by all threads (Wald, Ize, Parker 2008), alone and with rotations

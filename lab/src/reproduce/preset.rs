@@ -2,7 +2,10 @@
 
 use clap::ValueEnum;
 
+use rt_cpu::Traversal;
+
 use super::SPEEDS;
+use crate::pool::PAPER_THREADS;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Preset {
@@ -10,7 +13,7 @@ pub(crate) enum Preset {
     Quick,
     /// Under ten minutes on two cores.
     Standard,
-    /// The paper's protocol to the letter.
+    /// The paper's protocol: its frames, loops, sizes and packets of rays.
     Full,
 }
 
@@ -24,6 +27,8 @@ pub(crate) struct Values {
     pub(crate) loops: f64,
     /// Pixels on each side.
     pub(crate) size: u32,
+    /// How rays are grouped.
+    pub(crate) traversal: Traversal,
     /// One frame in this number is measured; the second number is for scenes of many triangles.
     pub(crate) measure_every: [usize; 2],
     /// Whether figure 5 and accuracy are part of "everything".
@@ -54,6 +59,7 @@ impl Preset {
                 frames: 10,
                 loops: 1.5,
                 size: 160,
+                traversal: Traversal::Tile,
                 measure_every: [1, 1],
                 speeds: false,
                 speed_loops: 2.0,
@@ -69,6 +75,7 @@ impl Preset {
                 frames: 50,
                 loops: 1.5,
                 size: 512,
+                traversal: Traversal::Tile,
                 measure_every: [5, 10],
                 speeds: true,
                 speed_loops: 3.0,
@@ -84,6 +91,7 @@ impl Preset {
                 frames: 100,
                 loops: 2.3,
                 size: 1024,
+                traversal: Traversal::Packet,
                 measure_every: [1, 1],
                 speeds: true,
                 speed_loops: 5.0,
@@ -104,8 +112,8 @@ impl Values {
         self.measure_every[usize::from(triangles > MANY)]
     }
 
-    /// What is less than in the paper's protocol, of figure 5 if that is run, one sentence each.
-    pub(crate) fn reductions(&self, figure_5: bool) -> Vec<String> {
+    /// What differs from the paper's protocol, of figure 5 if that is run, one sentence each.
+    pub(crate) fn departures(&self, figure_5: bool, threads: usize) -> Vec<String> {
         let paper = Preset::Full.values();
         let mut less = Vec::new();
         if let Some(detail) = self.detail {
@@ -120,6 +128,16 @@ impl Values {
         if self.size != paper.size {
             less.push(format!("{0} x {0} pixels instead of {1} x {1}", self.size, paper.size));
         }
+        if self.traversal != paper.traversal {
+            less.push(format!(
+                "rays traced by {} instead of packets of 8 x 8 with interval arithmetic",
+                self.traversal
+            ));
+        }
+        if threads != PAPER_THREADS {
+            less.push(format!("{threads} threads instead of {PAPER_THREADS}"));
+        }
+        less.push("always: scenes are stand-ins, triangles are tested watertight, boxes and rotations are computed with SIMD".to_owned());
         if self.measure_every != paper.measure_every {
             let [few, many] = self.measure_every;
             less.push(format!(

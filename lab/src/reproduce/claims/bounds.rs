@@ -1,7 +1,5 @@
 //! The bounds of all verdicts, from one file that is never changed: `bounds.json`.
 
-use std::collections::BTreeMap;
-
 use serde::Deserialize;
 
 /// The file, in this folder.
@@ -38,10 +36,9 @@ pub(super) struct Bounds {
     pub(super) fast_motion: f64,
 }
 
-/// Both sets, and the words that each bound stands for.
+/// Both sets: as they were first, and as they are.
 #[derive(Clone, Debug, Deserialize)]
 pub(super) struct Both {
-    pub(super) words: BTreeMap<String, String>,
     pub(super) first: Bounds,
     pub(super) present: Bounds,
 }
@@ -85,10 +82,12 @@ mod tests {
         let digest = FILE
             .bytes()
             .fold(0xcbf2_9ce4_8422_2325_u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x100_0000_01b3));
-        assert_eq!(digest, 0, "{digest}");
-        let Both { words, first, present } = Both::read();
+        assert_eq!(digest, 13_389_826_556_511_767_344, "{digest}");
+        let Both { first, present } = Both::read();
+        let file: serde_json::Value = serde_json::from_str(FILE).expect("JSON");
+        let words = file["words"].as_object().expect("the paper's words");
         let fields = |bounds: &Bounds| format!("{bounds:?}").matches(": ").count();
         assert_eq!([fields(&first), fields(&present)], [words.len(); 2]);
-        assert!(words.values().all(|words| !words.is_empty()) && first != present);
+        assert!(words.values().all(serde_json::Value::is_string) && first != present);
     }
 }

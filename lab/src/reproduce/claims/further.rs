@@ -181,7 +181,8 @@ fn fast_motion(results: &Results, b: &Bounds) -> Finding {
     };
     let passes = at_most(b.fast_motion);
     let tables = [("all loops", all), ("later loops", later)].map(Table::single);
-    let (verdict, near) = by_times(tables.each_ref(), |[all, later]| graded(all.all(&passes), later.all(&passes)));
+    let (verdict, near) =
+        by_times(tables.each_ref(), |[all, later]| graded(all.all(&passes), later.all(&passes)));
     let mut why = format!("{later:.2} after the first loop{near}");
     if let Some((middle, slow)) = sum(scene, 100, SPEED_STRATEGY, 0).zip(sum(scene, 500, SPEED_STRATEGY, 0)) {
         why += &format!("; frames of the loop of 100 take {:.2} of those of 500", middle / slow);

@@ -1,7 +1,7 @@
 //! What the paper says of its exception, the chaotic museum.
 
-use super::findings::missing;
 use super::bounds::Bounds;
+use super::findings::missing;
 use super::ratios::{BINNED_PARALLEL, REBUILD, REFIT, ROTATE, frame_time, mean_cost};
 use super::table::{Table, by_times, graded};
 use super::{Finding, Rule};
@@ -33,8 +33,11 @@ fn chaos(results: &Results, b: &Bounds) -> Finding {
         graded(beats && loses, beats || loses)
     });
     let ours = format!("{refit:.2} of refit, {binned:.2} of a serial binned rebuild");
-    let mut why =
-        format!("{} against refit, {} against the serial rebuild{near}", b.in_words(refit), b.in_words(binned));
+    let mut why = format!(
+        "{} against refit, {} against the serial rebuild{near}",
+        b.in_words(refit),
+        b.in_words(binned)
+    );
     if let Some(paper) = over(results, ROTATE, PAPER_BINNED) {
         why += &format!("; {paper:.2} of a serial rebuild with bins along one axis");
     }
