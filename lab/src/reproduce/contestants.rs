@@ -60,7 +60,7 @@ pub(crate) const ROTATE_ASYNCHRONOUS: &str = "rotate+asynchronous";
 
 /// What runs unless something else is asked for: the paper's experiments and what it suggests, the
 /// systems it is measured against, today's fastest rebuilds, and this project's own.
-const DEFAULT: [&str; 22] = [
+const DEFAULT: [&str; 21] = [
     "refit",
     "refit+rotate",
     "refit+rotate+rebuild",
@@ -70,7 +70,6 @@ const DEFAULT: [&str; 22] = [
     "divergent",
     "decomposition",
     "t-sah",
-    "refit+background",
     "refit+rotate+background",
     ASYNCHRONOUS,
     ROTATE_ASYNCHRONOUS,

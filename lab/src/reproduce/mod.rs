@@ -252,6 +252,7 @@ fn entries(args: &Args) -> Result<Vec<Entry>> {
 fn plan(args: &Args, settings: &Settings, triangles: usize, supplement: Option<&str>) -> Plan {
     let values = args.values();
     let mut contestants = args.contestants();
+    contestants.retain(|c| !c.method.knows_animation() || triangles <= values.prepared);
     if let Some(label) = supplement {
         contestants.retain(|c| supplement_strategies(label).contains(&c.name));
     }

@@ -46,6 +46,9 @@ pub(crate) struct Values {
     pub(crate) peer_frames: usize,
     /// Most triangles of a scene for which offline builders are tried.
     pub(crate) offline: usize,
+    /// Most triangles of a scene for which methods that know the animation are prepared: on the lion
+    /// that takes minutes (`reproduce fig6 --preset full --scene lion --strategy t-sah --frames 2`).
+    pub(crate) prepared: usize,
 }
 
 /// Scenes of more triangles count as having many.
@@ -69,6 +72,7 @@ impl Preset {
                 picture_size: [240, 160],
                 peer_frames: 2,
                 offline: 0,
+                prepared: MANY,
             },
             Self::Standard => Values {
                 detail: None,
@@ -85,6 +89,7 @@ impl Preset {
                 picture_size: [400, 240],
                 peer_frames: 5,
                 offline: 200_000,
+                prepared: MANY,
             },
             Self::Full => Values {
                 detail: None,
@@ -101,6 +106,7 @@ impl Preset {
                 picture_size: [400, 240],
                 peer_frames: 20,
                 offline: usize::MAX,
+                prepared: usize::MAX,
             },
         }
     }
@@ -153,6 +159,9 @@ impl Values {
         }
         if !self.speeds && !figure_5 {
             less.push("figure 5 and accuracy only if named".to_owned());
+        }
+        if self.prepared < paper.prepared {
+            less.push(format!("decomposition and t-sah in scenes of at most {} triangles", self.prepared));
         }
         if self.offline < paper.offline {
             less.push(match self.offline {
