@@ -16,13 +16,12 @@
 //! distances of centres do not change where a part turns as a whole. The place of a cluster is
 //! found by branch and bound (Bittner, Hapala, Havran 2013).
 
-use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 use bvh_build::{BuildError, Builder};
 use bvh_core::{Aabb, Branch, Bvh};
 
-use crate::part::{is_path, tree_over};
+use crate::part::{Ranked, is_path, step, tree_over};
 
 /// Diagonals by which the distance of children has to change.
 const STRETCH: f32 = 0.25;
@@ -162,10 +161,6 @@ impl Divergent {
     }
 }
 
-fn step(path: &[usize], n: usize) -> Vec<usize> {
-    path.iter().copied().chain([n]).collect()
-}
-
 /// A reinsertion: `moved` leaves its parent `removed` and goes beside `target`.
 struct Edit<'a> {
     removed: usize,
@@ -205,35 +200,6 @@ impl Edit<'_> {
     }
 }
 
-/// A place that is searched: the path to a node, and what the areas of all nodes above it would
-/// grow by.
-struct Place {
-    grown: f64,
-    number: usize,
-    path: Vec<usize>,
-}
-
-impl Ord for Place {
-    /// The least growth first, the earlier of equal ones.
-    fn cmp(&self, other: &Self) -> Ordering {
-        other.grown.total_cmp(&self.grown).then(other.number.cmp(&self.number))
-    }
-}
-
-impl PartialOrd for Place {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl PartialEq for Place {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for Place {}
-
 /// The path to the node beside which the subtree `moved` adds the least area; `None` if that is
 /// where it is. Its parent is at the end of `path`.
 fn best_place(bvh: &Bvh, path: &[usize], moved: usize) -> Option<Vec<usize>> {
@@ -254,9 +220,11 @@ fn best_place(bvh: &Bvh, path: &[usize], moved: usize) -> Option<Vec<usize>> {
     // Beside its sibling, where it is.
     let here: f64 = shrunk.iter().skip(1).map(|&(n, aabb)| joined(n) - aabb.half_area_f64()).sum();
     let mut best = (here + joined(removed), None);
-    let mut queue = BinaryHeap::from([Place { grown: 0.0, number: 0, path: vec![0] }]);
+    // Paths by what the areas of all nodes above their ends would grow by, the least first.
+    let mut queue = BinaryHeap::from([Ranked { key: -0.0, number: 0, item: vec![0] }]);
     let mut pushed = 0;
-    while let Some(Place { grown, path, .. }) = queue.pop() {
+    while let Some(Ranked { key, item: path, .. }) = queue.pop() {
+        let grown = -key;
         if grown + aabb.half_area_f64() >= best.0 {
             break;
         }
@@ -273,7 +241,7 @@ fn best_place(bvh: &Bvh, path: &[usize], moved: usize) -> Option<Vec<usize>> {
         let below = if n == removed { grown } else { cost - box_of(n).half_area_f64() };
         for child in [node.first(), node.first() + 1].into_iter().filter(|&child| child != moved) {
             pushed += 1;
-            queue.push(Place { grown: below, number: pushed, path: step(&path, child) });
+            queue.push(Ranked { key: -below, number: pushed, item: step(&path, child) });
         }
     }
     best.1

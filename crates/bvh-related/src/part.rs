@@ -1,4 +1,7 @@
-//! Parts of a tree that are to be rewired: trees over kept subtrees, and what a part costs.
+//! Parts of a tree that are to be rewired: trees over kept subtrees, what a part costs, paths, and
+//! queues of them.
+
+use std::cmp::Ordering;
 
 use bvh_build::{BuildError, Builder, build};
 use bvh_core::{Aabb, Branch, Bvh};
@@ -59,3 +62,35 @@ pub(crate) fn is_path(bvh: &Bvh, path: &[usize]) -> bool {
     };
     path.first() == Some(&0) && path.windows(2).all(leads)
 }
+
+/// A path continued to a child of its end.
+pub(crate) fn step(path: &[usize], n: usize) -> Vec<usize> {
+    path.iter().copied().chain([n]).collect()
+}
+
+/// Something in a queue: the greatest key first, the lower number of equal ones.
+pub(crate) struct Ranked<T> {
+    pub(crate) key: f64,
+    pub(crate) number: usize,
+    pub(crate) item: T,
+}
+
+impl<T> Ord for Ranked<T> {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.key.total_cmp(&other.key).then(other.number.cmp(&self.number))
+    }
+}
+
+impl<T> PartialOrd for Ranked<T> {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl<T> PartialEq for Ranked<T> {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl<T> Eq for Ranked<T> {}

@@ -18,13 +18,12 @@
 //! exact saving of SAH cost, not an estimate. The paper's constants are not known here; THRESHOLD
 //! follows from today's costs. The first update takes the tree as it is for good.
 
-use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashMap};
 
 use bvh_build::Builder;
 use bvh_core::{Aabb, Branch, Bvh};
 
-use crate::part::{area_of, is_path, tree_over};
+use crate::part::{Ranked, area_of, is_path, step, tree_over};
 
 /// Least loss, and least benefit, in node visits of a ray through the root, for each subtree that a
 /// trial shares out. Estimated: 0.4 µs a subtree, 5 ns a visit, a picture of a million rays.
@@ -49,38 +48,11 @@ pub(crate) struct Restructure {
 }
 
 /// A pair of nodes, by their paths from the root.
-#[derive(Debug)]
-struct Pair {
-    /// Upper bound of the loss of this pair and of all below it.
-    bound: f64,
-    number: usize,
-    paths: [Vec<usize>; 2],
-}
+type Pair = [Vec<usize>; 2];
 
-impl Ord for Pair {
-    /// The greatest bound first, the earlier of equal ones.
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.bound.total_cmp(&other.bound).then(other.number.cmp(&self.number))
-    }
-}
-
-impl PartialOrd for Pair {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl PartialEq for Pair {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for Pair {}
-
-/// The pairs that wait, and how many there were.
+/// The pairs that wait, by an upper bound of the loss of each and of all below it.
 struct Queue {
-    heap: BinaryHeap<Pair>,
+    heap: BinaryHeap<Ranked<Pair>>,
     pushed: usize,
     root_area: f64,
 }
@@ -94,13 +66,13 @@ impl Restructure {
         let mut shared_out = 0;
         let most = 16 + bvh.nodes().len() * PAIRS / 100;
         for _ in 0..most {
-            let Some(mut pair) = queue.heap.pop() else { break };
+            let Some(Ranked { item: mut pair, .. }) = queue.heap.pop() else { break };
             // An earlier pair may have moved these nodes.
-            if !pair.paths.iter().all(|path| is_path(bvh, path)) {
+            if !pair.iter().all(|path| is_path(bvh, path)) {
                 continue;
             }
-            shared_out += self.look(bvh, &mut pair.paths, root_area);
-            queue.push_below(bvh, &pair.paths);
+            shared_out += self.look(bvh, &mut pair, root_area);
+            queue.push_below(bvh, &pair);
         }
         self.has_begun = true;
         shared_out
@@ -108,8 +80,8 @@ impl Restructure {
 
     /// Shares out the subtrees below a pair whose loss has grown, if that pays; how many there are.
     /// First few, then more, until the loss is no more than it was, or too small for so many.
-    fn look(&mut self, bvh: &mut Bvh, paths: &mut [Vec<usize>; 2], root_area: f64) -> usize {
-        let ends = |paths: &[Vec<usize>; 2]| paths.each_ref().map(|path| path[path.len() - 1]);
+    fn look(&mut self, bvh: &mut Bvh, paths: &mut Pair, root_area: f64) -> usize {
+        let ends = |paths: &Pair| paths.each_ref().map(|path| path[path.len() - 1]);
         let mut now = loss(bvh, ends(paths), root_area);
         let before = self.rest.get(&ends(paths).into()).copied().unwrap_or(0.0);
         let (mut width, mut tried, mut shared_out) = (WIDTH, 0, 0);
@@ -135,7 +107,7 @@ impl Restructure {
     fn share_out(
         &mut self,
         bvh: &mut Bvh,
-        paths: &mut [Vec<usize>; 2],
+        paths: &mut Pair,
         width: usize,
         root_area: f64,
     ) -> Result<usize, usize> {
@@ -173,7 +145,7 @@ impl Restructure {
 
 /// Both ways to share out `kept` between the places where two paths end: shapes of the part of the
 /// tree below the first `top` steps, which the paths have in common.
-fn shapes(bvh: &Bvh, paths: &[Vec<usize>; 2], top: usize, kept: &[usize]) -> Vec<Vec<Branch>> {
+fn shapes(bvh: &Bvh, paths: &Pair, top: usize, kept: &[usize]) -> Vec<Vec<Branch>> {
     // Fails beyond the greatest number of primitives alone.
     let builder = if kept.len() > 8 * WIDTH { Builder::Binned } else { Builder::Sweep };
     let Ok(mut both) = tree_over(bvh, kept, builder) else { return Vec::new() };
@@ -204,9 +176,9 @@ fn continue_up(shape: &mut Vec<Branch>, branch: &mut usize, n: usize) {
 }
 
 impl Queue {
-    fn push(&mut self, bound: f64, paths: [Vec<usize>; 2]) {
+    fn push(&mut self, bound: f64, paths: Pair) {
         if bound > 2.0 * THRESHOLD {
-            self.heap.push(Pair { bound, number: self.pushed, paths });
+            self.heap.push(Ranked { key: bound, number: self.pushed, item: paths });
             self.pushed += 1;
         }
     }
@@ -221,7 +193,7 @@ impl Queue {
     }
 
     /// The pairs below a pair: the children of each, and one of each.
-    fn push_below(&mut self, bvh: &Bvh, [a, b]: &[Vec<usize>; 2]) {
+    fn push_below(&mut self, bvh: &Bvh, [a, b]: &Pair) {
         let are_siblings = a[..a.len() - 1] == b[..b.len() - 1];
         let children = [a, b].map(|path| {
             let node = bvh.nodes()[path[path.len() - 1]];
@@ -245,10 +217,6 @@ impl Queue {
             }
         }
     }
-}
-
-fn step(path: &[usize], n: usize) -> Vec<usize> {
-    path.iter().copied().chain([n]).collect()
 }
 
 /// Node visits that a ray through the root is expected to waste because it hits both nodes.
