@@ -1,7 +1,7 @@
 //! The broad phase of a physics loop: balls fly about in a box, and every step asks which of their
 //! bounding boxes overlap. Refitting and rotating keeps the tree good for many steps. As the balls
-//! mix, the tree gets worse, so this program rebuilds it whenever its cost has doubled (as Lauterbach
-//! et al. 2006 do with refitting alone). `Strategy::Auto` would decide this itself.
+//! mix, the tree gets worse, so this program rebuilds it whenever its cost has doubled.
+//! `Strategy::Auto` would decide this itself.
 
 use std::error::Error;
 use std::ops::ControlFlow;

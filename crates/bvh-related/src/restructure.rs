@@ -34,7 +34,7 @@ const THRESHOLD: f64 = 8e-5;
 const WIDTH: usize = 8;
 
 /// Pairs looked at in an update, at most, for each hundred nodes.
-const PAIRS: usize = 20;
+const PAIRS: usize = 4;
 
 /// Loss has grown if it is above this multiple of what it was.
 const GROWN: f64 = 1.2;

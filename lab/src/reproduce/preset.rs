@@ -11,7 +11,7 @@ use crate::pool::PAPER_THREADS;
 pub(crate) enum Preset {
     /// Under a minute: few frames, small pictures.
     Quick,
-    /// Under ten minutes on two cores.
+    /// A quarter of an hour on two cores.
     Standard,
     /// The paper's protocol: its frames, loops, sizes and packets of rays.
     Full,
