@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use bvh_build::{Builder, build};
 use bvh_core::{Triangles, Vec3};
 use bvh_update::{Strategy, Updater};
-use pivot_tests::{closest_hit, noise};
+use pivot_tests::{closest_hit, margin, noise};
 use rt_cpu::TriangleTest;
 
 fn data() -> Option<PathBuf> {
@@ -68,6 +68,10 @@ fn play(file: &str, per_loop: usize, moves: bool, rotation_pays: bool) {
                     && hit.u.min(hit.v).min(1.0 - hit.u - hit.v) > 1e-3
                 {
                     assert!(f64::from(hit.t) <= t * (1.0 + 1e-4), "{file}: hit at {} behind {t}", hit.t);
+                }
+                if let (Some((_, lost)), None) = (oracle, brute) {
+                    let margin = margin(&positions, topology.triangles[lost], from, to - from);
+                    assert!(margin < 1e-3, "{file}: the oracle hits a triangle {margin} inside");
                 }
             }
         }

@@ -4,7 +4,7 @@
 use bvh_build::{BuildOptions, Builder, build, build_with};
 use bvh_core::{Bvh, Ray, Triangles, Vec3};
 use bvh_update::{Strategy, Updater};
-use pivot_tests::{Motion, Soup, closest_hit, noise, sah_cost};
+use pivot_tests::{Motion, Soup, closest_hit, margin, noise, sah_cost};
 use proptest::prelude::*;
 use rt_cpu::TriangleTest;
 
@@ -34,6 +34,9 @@ fn check_hits(bvh: &Bvh, triangles: &Triangles<'_>, seed: u64, rays: usize) -> u
         } else if let Some(hit) = found {
             let margin = hit.u.min(hit.v).min(1.0 - hit.u - hit.v);
             assert!(margin < 1e-3, "ray {i} hits what the oracle does not");
+        } else if let Some((_, lost)) = expected {
+            let margin = margin(triangles.positions, triangles.indices[lost], from, to - from);
+            assert!(margin < 1e-3, "ray {i} misses what the oracle hits, {margin} inside");
         }
     }
     hits

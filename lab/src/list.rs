@@ -58,7 +58,7 @@ fn listing() -> Value {
 fn text(listing: &Value) -> String {
     let mut out = String::from(
         "A scene is also any .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of key frames; bart-museum:1 to \
-         bart-museum:4 start from another shape.\n",
+         bart-museum:4 start from another shape; exploding-dragon:blended has 16 key frames blended linearly.\n",
     );
     for (heading, entries) in listing.as_object().into_iter().flatten() {
         out += &format!("\n{}\n", heading.replace('_', " "));

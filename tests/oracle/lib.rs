@@ -21,20 +21,33 @@ pub fn closest_hit(
     from: Vec3,
     along: Vec3,
 ) -> Option<(f64, usize)> {
-    let (from, along) = (from.as_dvec3(), along.as_dvec3());
     let hit = |triangle: &[u32; 3]| {
-        let [a, b, c] = triangle.map(|v| positions[v as usize].as_dvec3());
-        let (ab, ac) = (b - a, c - a);
-        let p = along.cross(ac);
-        let det = ab.dot(p);
-        let s = from - a;
-        let u = s.dot(p) / det;
-        let q = s.cross(ab);
-        let (v, t) = (along.dot(q) / det, ac.dot(q) / det);
-        (det != 0.0 && u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= 0.0 && t.is_finite()).then_some(t)
+        let ([u, v], t) = crossing(positions, *triangle, from, along);
+        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= 0.0 && t.is_finite()).then_some(t)
     };
     let hits = triangles.iter().enumerate().filter_map(|(i, t)| hit(t).map(|t| (t, i)));
     hits.min_by(|a, b| a.partial_cmp(b).expect("finite distances"))
+}
+
+/// How far inside of a triangle a ray crosses its plane: the least barycentric coordinate, in double
+/// precision.
+#[must_use]
+pub fn margin(positions: &[Vec3], triangle: [u32; 3], from: Vec3, along: Vec3) -> f64 {
+    let ([u, v], _) = crossing(positions, triangle, from, along);
+    u.min(v).min(1.0 - u - v)
+}
+
+/// Two barycentric coordinates and the distance of where a ray crosses a triangle's plane; not finite
+/// if it does not.
+fn crossing(positions: &[Vec3], triangle: [u32; 3], from: Vec3, along: Vec3) -> ([f64; 2], f64) {
+    let (from, along) = (from.as_dvec3(), along.as_dvec3());
+    let [a, b, c] = triangle.map(|v| positions[v as usize].as_dvec3());
+    let (ab, ac) = (b - a, c - a);
+    let p = along.cross(ac);
+    let det = ab.dot(p);
+    let s = from - a;
+    let q = s.cross(ab);
+    ([s.dot(p) / det, along.dot(q) / det], ac.dot(q) / det)
 }
 
 /// SAH cost of a tree over triangles as they are now, from its structure and the triangles alone:

@@ -29,7 +29,7 @@
 //!
 //! [`hill_climb`], [`anneal`] and [`reinsert`](fn@reinsert) improve any tree; `reinsert` keeps to a
 //! budget that also suits a repair between two frames. For an animation known in advance,
-//! [`build_over_poses`] and [`build_by_motion`] make one tree that is good in all poses.
+//! [`build_over_poses`] makes one tree that is good in all poses.
 //!
 //! Every builder is deterministic: its tree depends on the boxes and the options alone, bit for
 //! bit, not on the number of threads or the machine. Primitives with an empty box (see
@@ -40,7 +40,6 @@ mod hlbvh;
 mod layout;
 mod leaves;
 mod morton;
-mod motion;
 mod neighbor_search;
 mod offline_rotations;
 mod options;
@@ -50,7 +49,6 @@ mod prim_ref;
 mod radix;
 mod raw;
 mod reinsert;
-mod rigid;
 mod small_trees;
 mod subtree_slot;
 mod sweep;
@@ -59,7 +57,6 @@ mod tree;
 use bvh_core::{Bvh, MAX_PRIMITIVES, Node, Primitives};
 use thiserror::Error;
 
-pub use crate::motion::{Decomposition, build_by_motion};
 pub use crate::offline_rotations::{Anneal, HillClimb, anneal, hill_climb};
 pub use crate::options::{BuildOptions, Builder, UnknownBuilder};
 pub use crate::poses::{Pose, build_over_poses, cost_over_poses, optimize_over_poses};

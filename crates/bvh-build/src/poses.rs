@@ -70,10 +70,7 @@ pub fn build_over_poses<P: Primitives + ?Sized>(
 }
 
 /// The tree of least cost over all poses among those built on each pose alone.
-pub(crate) fn best_start<P: Primitives + ?Sized>(
-    poses: &[Pose<'_, P>],
-    builder: Builder,
-) -> Result<Bvh, BuildError> {
+fn best_start<P: Primitives + ?Sized>(poses: &[Pose<'_, P>], builder: Builder) -> Result<Bvh, BuildError> {
     let mut best: Option<(f64, Bvh)> = None;
     for pose in poses {
         let bvh = build(pose.primitives, builder)?;
@@ -360,9 +357,6 @@ mod tests {
         assert_eq!(wrong.to_string(), "pose 1 has 9 primitives; it should have 10");
         assert_eq!(build_over_poses(&none, &Reinsert::default()).unwrap_err(), BuildError::NoPoses);
         assert_eq!(build_over_poses(&uneven, &Reinsert::default()).unwrap_err(), wrong);
-        let options = crate::Decomposition::default();
-        assert_eq!(crate::build_by_motion(&none, &options).unwrap_err(), BuildError::NoPoses);
-        assert_eq!(crate::build_by_motion(&uneven, &options).unwrap_err(), wrong);
         let bvh = Bvh::default();
         let wrong = BuildError::PoseLength { pose: 0, found: 10, expected: 0 };
         assert_eq!(cost_over_poses(&bvh, &uneven).unwrap_err(), wrong);

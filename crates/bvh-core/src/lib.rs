@@ -54,6 +54,7 @@ mod prefetch;
 mod primitives;
 mod query;
 mod ray;
+mod rewire;
 pub mod rotation;
 mod simd;
 #[doc(hidden)]
@@ -79,6 +80,7 @@ pub use prefetch::{prefetch, prefetch_ahead};
 pub use primitives::{InOrder, Primitives, Triangles};
 pub use query::Visits;
 pub use ray::Ray;
+pub use rewire::{Branch, NotRewired};
 pub use rotation::Rotation;
 pub use simd::SimdLevel;
 pub use stats::{Stats, stats};

@@ -13,7 +13,7 @@ use bvh_core::{SimdLevel, UnknownName};
 /// How rays are grouped to go through the tree. Images do not depend on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Traversal {
-    /// One by one.
+    /// One by one, all of them through the tree itself: [`render`](crate::render) makes no wider view of it.
     Single,
     /// In packets of 8 x 8 as Wald, Boulos and Shirley published them in 2007.
     Packet,

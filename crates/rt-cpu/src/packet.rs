@@ -9,8 +9,8 @@
 //! at a leaf, test all rays from `first` on
 //! ```
 //!
-//! One departure: the paper orders children by the axis of their split, which rotations make meaningless.
-//! Here the child whose centre comes first along ray `first` goes first.
+//! One departure: the paper orders children by the axis of their split. Rotations change that axis, and nodes here do not keep
+//! it. Here the child whose centre comes first along ray `first` goes first.
 
 use bvh_core::{Aabb, Bvh, MAX_HEIGHT, Ray, Triangles, Vec3};
 

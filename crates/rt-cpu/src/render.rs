@@ -80,7 +80,8 @@ fn draw(
             let mut own = Bvh8::new();
             let wide = wide.filter(|wide| wide.triangles == mesh.triangles.indices.len());
             let wide = wide.or_else(|| {
-                calls_for_wide(&effects, camera, bvh).then(|| {
+                let may = options.traversal != Traversal::Single;
+                (may && calls_for_wide(&effects, camera, bvh)).then(|| {
                     own.update(bvh, &mesh.triangles);
                     &own
                 })

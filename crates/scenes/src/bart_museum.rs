@@ -38,7 +38,13 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     key_bytes: SHAPES * 3 * TRIANGLES * size_of::<Vec3>(),
 };
 
-const ROOM_TRIANGLES: usize = 4 * ROOM.sides + 8 * 48 + 96 + 6 * 12;
+/// Steps about the axes of pillars and pedestal, and of posts.
+const STEPS: usize = 33;
+const POST_STEPS: usize = 12;
+/// Posts about the pedestal.
+const POSTS: usize = 16;
+/// About as many as the original has, 10,284: walls and flats, pillars, pedestal, posts, paintings.
+const ROOM_TRIANGLES: usize = 4 * ROOM.sides + 8 * 28 * STEPS + 12 * STEPS + POSTS * 12 * POST_STEPS + 6 * 12;
 
 /// A triangle's corners.
 type Corners = [Vec3; 3];
@@ -193,15 +199,40 @@ fn furnish(assembly: &mut Assembly) {
     let [top, foot] = [PEDESTAL, 0.15];
     let profile =
         [(0.0, top), (0.6, top), (0.6, 1.3), (0.45, 1.2), (0.5, foot), (0.75, foot), (0.75, 0.0), (0.0, 0.0)];
-    assembly.part("pedestal", &turned(&profile, 8), Motion::STILL, stone);
+    assembly.part("pedestal", &turned(&profile, STEPS), Motion::STILL, stone);
     for k in 0..8 {
         let (sin, cos) = libm::sincosf(TAU * (k as f32 + 0.5) / 8.0);
         let h = ROOM.height;
-        let mut pillar = turned(&[(0.0, h), (0.3, h), (0.22, h - 0.3), (0.25, 0.0), (0.0, 0.0)], 8);
+        // A capital, and a shaft that swells a little.
+        let shaft = (0..12).map(|i| {
+            let up = 1.0 - i as f32 / 11.0;
+            (0.25 - 0.03 * up * up, (h - 0.3) * up)
+        });
+        let profile: Vec<_> =
+            [(0.0, h), (0.3, h)].into_iter().chain(shaft).chain([(0.28, 0.0), (0.0, 0.0)]).collect();
+        let mut pillar = turned(&profile, STEPS);
         for p in &mut pillar.positions {
             *p += 0.86 * ROOM.radius * vec3(cos, 0.0, sin);
         }
         assembly.part("pillar", &pillar, Motion::STILL, stone);
+    }
+    let post = [
+        (0.0, 0.8),
+        (0.05, 0.76),
+        (0.03, 0.7),
+        (0.03, 0.3),
+        (0.05, 0.2),
+        (0.03, 0.1),
+        (0.08, 0.0),
+        (0.0, 0.0),
+    ];
+    for k in 0..POSTS {
+        let (sin, cos) = libm::sincosf(TAU * k as f32 / POSTS as f32);
+        let mut post = turned(&post, POST_STEPS);
+        for p in &mut post.positions {
+            *p += 1.9 * vec3(cos, 0.0, sin);
+        }
+        assembly.part("post", &post, Motion::STILL, frame);
     }
     for k in 0..6 {
         let turn = rotation(Vec3::Y, TAU * k as f32 / 6.0);

@@ -1,5 +1,6 @@
 //! `exploding-dragon`: a stone drops onto a hollow dragon, which bursts into thousands of pieces.
 
+use anim::{KeyFrames, LoopMode};
 use glam::{Vec3, vec3};
 
 use crate::statue::{Colors, EFFECTS, Statue};
@@ -40,6 +41,28 @@ const DRAGON: Statue = Statue {
 
 pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     DRAGON.scene(options)
+}
+
+/// The scene from so many key frames, between which vertices go straight, as those of the original
+/// do: pieces that spin shear and shrink on the way from one to the next.
+const BLENDED_KEYS: usize = 16;
+
+pub(crate) fn blended(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
+    let rigid = scene(options)?;
+    let seconds = rigid.animation.duration() / (BLENDED_KEYS - 1) as f64;
+    let pose = |key: usize| {
+        let mut positions = rigid.animation.rest();
+        rigid.animation.pose(key as f64 * seconds, &mut positions);
+        positions
+    };
+    let frames: Vec<_> = (0..BLENDED_KEYS).map(pose).collect();
+    let topology = rigid.animation.topology().clone();
+    let moving = topology.parts.iter().filter(|part| !part.motion.is_still());
+    let key_bytes = BLENDED_KEYS * moving.map(|part| part.vertices.len()).sum::<usize>() * size_of::<Vec3>();
+    let animation = KeyFrames::new(topology, frames, seconds, LoopMode::Restart)?;
+    let mut effects = rigid.effects;
+    (effects.motion.rigid, effects.motion.key_frames) = (false, true);
+    Ok(Scene { animation: Box::new(animation), key_bytes, effects, ..rigid })
 }
 
 /// Away from the stone and up, faster where it is near, and spinning.

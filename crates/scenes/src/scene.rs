@@ -140,7 +140,7 @@ pub fn list() -> &'static [SceneInfo] {
 /// Makes the scene of a known name, or loads the file or folder of key frames at a path.
 ///
 /// `bart-museum:3` is the museum started from its fourth shape, as [`SceneOptions::start_shape`]
-/// has it.
+/// has it. `exploding-dragon:blended` is the dragon from 16 key frames, blended linearly.
 ///
 /// `clip` picks one of a file's animations by name. A simulated scene takes up to two minutes when
 /// it is not in the cache. Failing to write the cache is a note in [`Scene::notes`], not an error.
@@ -164,6 +164,7 @@ pub fn load(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) 
         "bart-museum" => bart_museum::scene,
         "cloth-ball" => cloth_ball::scene,
         "exploding-dragon" => exploding_dragon::scene,
+        "exploding-dragon:blended" => exploding_dragon::blended,
         "fairy-forest" => return fairy_forest::scene(clip, options),
         "lion" => lion::scene,
         "n-body" => n_body::scene,

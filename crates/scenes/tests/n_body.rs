@@ -32,5 +32,6 @@ fn balls_move_as_fast_as_in_the_original_and_stay_in_the_box() {
     }
     let mean = sum / (before.len() * (scene.frames - 1)) as f64;
     println!("mean displacement per frame {mean:.3}");
-    assert!((0.4..0.55).contains(&mean), "0.449 was measured from the original, {mean:.3} here");
+    // 0.449 was measured from the original, whose loop has 76 frames.
+    assert!((0.3..0.4).contains(&mean), "the original would move 0.340 over 100 frames, {mean:.3} here");
 }

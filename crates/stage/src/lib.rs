@@ -91,6 +91,18 @@ impl Stage {
         stats
     }
 
+    /// Positions at `count` times, evenly spread over a loop from its start to its end. The stage is
+    /// then at time 0.
+    pub fn positions(&mut self, count: usize) -> Vec<Vec<Vec3>> {
+        let mut all = Vec::with_capacity(count);
+        for i in 0..count {
+            self.pose(self.time_of(i, count));
+            all.push(self.pose.positions().to_vec());
+        }
+        self.pose(0.0);
+        all
+    }
+
     /// The triangles as they are now.
     #[must_use]
     pub fn triangles(&self) -> Triangles<'_> {

@@ -3,9 +3,10 @@
 //! A strategy of `bvh_update` is a contestant by itself; one that lives elsewhere is a line in
 //! [`Contestant::all`]. `docs/EXTENDING.md` shows how.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use bvh_core::{Bvh, Triangles};
-use bvh_update::{Auto, Load, Strategy, Update, Updater};
+use bvh_related::System;
+use bvh_update::{Auto, Background, Builder, Load, Rotate, Strategy, Update, Updater};
 
 use super::paper_binned;
 use crate::pool::PAPER_THREADS;
@@ -27,6 +28,8 @@ pub(crate) enum Method {
     Strategy(Strategy),
     /// A function that builds a new tree, and what it is, in words.
     Rebuild(fn(&mut Bvh, &Triangles<'_>) -> Result<Update>, &'static str),
+    /// A system of another paper.
+    System(System),
 }
 
 /// How the time of an update is counted.
@@ -45,21 +48,36 @@ pub(crate) enum Counted {
 pub(crate) const IDEAL: &str = "ideal";
 /// A binned rebuild that scales perfectly (there, "ideal parallel binned").
 pub(crate) const IDEAL_PARALLEL_BINNED: &str = "ideal-parallel-binned";
-/// A serial binned rebuild of 2012, with bins along one axis.
+/// Poses, evenly spread over a loop, that are shown to methods that know the animation in advance.
+pub(crate) const POSES: usize = 9;
+/// A serial binned rebuild with bins along one axis, after Wald 2007.
 pub(crate) const PAPER_BINNED: &str = "paper-binned";
 
-/// What runs unless something else is asked for: the paper's experiments and what it suggests,
-/// today's fastest rebuilds, and this project's own.
-const DEFAULT: [&str; 13] = [
+/// Trees built in the background by all threads (Wald, Ize, Parker 2008), alone and with rotations
+/// between one tree and the next (Kopta et al. 2012, section 5).
+pub(crate) const ASYNCHRONOUS: &str = "asynchronous";
+pub(crate) const ROTATE_ASYNCHRONOUS: &str = "rotate+asynchronous";
+
+/// What runs unless something else is asked for: the paper's experiments and what it suggests, the
+/// systems it is measured against, today's fastest rebuilds, and this project's own.
+const DEFAULT: [&str; 21] = [
     "refit",
     "refit+rotate",
     "refit+rotate+rebuild",
     "refit+rotate+regrow",
     "auto",
+    "restructure",
+    "divergent",
+    "decomposition",
+    "t-sah",
+    "refit+rotate+background",
+    ASYNCHRONOUS,
+    ROTATE_ASYNCHRONOUS,
     "sweep",
     "binned",
     "binned-parallel",
     "lbvh",
+    "hlbvh",
     "ploc",
     PAPER_BINNED,
     IDEAL,
@@ -78,6 +96,12 @@ impl Contestant {
         let paper_binned =
             Method::Rebuild(paper_binned::update, "serial binned rebuild with bins along one axis");
         all.push(named(PAPER_BINNED, PAPER_BINNED, paper_binned, Counted::Measured));
+        all.extend(System::ALL.map(|s| named(s.name(), s.name(), Method::System(s), Counted::Measured)));
+        for (name, rotate) in [(ASYNCHRONOUS, None), (ROTATE_ASYNCHRONOUS, Some(Rotate::default()))] {
+            let background = Background { rotate, builder: Builder::BinnedParallel };
+            let method = Method::Strategy(Strategy::Background(background));
+            all.push(named(name, name, method, Counted::Measured));
+        }
         for (name, of, counted) in
             [(IDEAL, "sweep", Counted::Free), (IDEAL_PARALLEL_BINNED, "binned", Counted::Divided)]
         {
@@ -108,6 +132,9 @@ impl Contestant {
         match (self.counted, self.method) {
             (Counted::Measured, Method::Strategy(_)) => None,
             (Counted::Measured, Method::Rebuild(_, about)) => Some(about.to_owned()),
+            (Counted::Measured, Method::System(system)) => system
+                .knows_animation()
+                .then(|| format!("knows {POSES} poses in advance; preparation not counted")),
             (Counted::Free, _) => Some(format!("{} rebuild, its time not counted", self.of)),
             (Counted::Divided, _) => {
                 Some(format!("serial {} rebuild, its time divided by {PAPER_THREADS}", self.of))
@@ -127,24 +154,56 @@ impl Method {
         }
     }
 
-    /// Brings a tree up to date with the triangles.
+    /// What the method keeps from frame to frame, prepared for `tree`. Methods that know the animation
+    /// look at `poses` and put a tree of their own in the place of `tree`.
+    pub(crate) fn keeper(self, tree: &mut Bvh, poses: &[Triangles<'_>]) -> Result<Keeper> {
+        Ok(match self {
+            Self::System(system) => Keeper::System(bvh_related::Keeper::new(system, tree, poses)?),
+            Self::Strategy(_) | Self::Rebuild(..) => Keeper::Updater(Updater::default()),
+        })
+    }
+
+    /// Brings a tree up to date with the triangles; `keeper` is one of this method.
     pub(crate) fn run(
         &self,
         tree: &mut Bvh,
         triangles: &Triangles<'_>,
-        updater: &mut Updater,
+        keeper: &mut Keeper,
     ) -> Result<Update> {
-        match self {
-            Self::Strategy(strategy) => {
+        match (self, keeper) {
+            (Self::Strategy(strategy), Keeper::Updater(updater)) => {
                 updater.set_strategy(*strategy).update(tree, triangles).context(strategy.name())
             }
-            Self::Rebuild(function, _) => function(tree, triangles),
+            (Self::Rebuild(function, _), _) => function(tree, triangles),
+            (_, Keeper::System(keeper)) => Ok(keeper.update(tree, triangles)?),
+            (Self::System(system), Keeper::Updater(_)) => bail!("{} was not prepared", system.name()),
         }
+    }
+
+    /// Whether the method has to know the animation in advance.
+    pub(crate) fn knows_animation(&self) -> bool {
+        matches!(self, Self::System(system) if system.knows_animation())
     }
 
     /// Whether the tree depends on the current frame only.
     pub(crate) fn rebuilds(&self) -> bool {
         matches!(self, Self::Strategy(Strategy::Rebuild(..)) | Self::Rebuild(..))
+    }
+}
+
+/// What a method keeps from frame to frame.
+#[derive(Debug)]
+pub(crate) enum Keeper {
+    Updater(Updater),
+    System(bvh_related::Keeper),
+}
+
+impl Keeper {
+    /// Reports the rays of a frame.
+    pub(crate) fn report(&mut self, load: Load) {
+        if let Self::Updater(updater) = self {
+            updater.report(load);
+        }
     }
 }
 
@@ -186,6 +245,7 @@ mod tests {
                 }
                 (Method::Strategy(before), Method::Strategy(now)) => assert_eq!(before, now),
                 (Method::Rebuild(..), Method::Rebuild(..)) => {}
+                (Method::System(before), Method::System(now)) => assert_eq!(before, now),
                 (before, now) => panic!("{before:?} became {now:?}"),
             }
         }

@@ -89,16 +89,17 @@ fn over_frames(results: &Results, scene: &SceneRun) -> Option<[Chart; 2]> {
 
 /// Figure 5 for one scene: refitting with rotations at several speeds, over loops.
 fn over_loops(scene: &SceneRun) -> Option<[Chart; 2]> {
-    let last = scene.speeds.iter().flat_map(|(_, rows)| rows).map(|row| row.round).max()?;
+    let speeds = scene.speeds();
+    let last = speeds.iter().flat_map(|(_, rows)| rows).map(|row| row.round).max()?;
     Some(MEASURES.map(|(title, y_label, value)| {
         Chart {
             title: format!("{}: {title}", scene.facts.label),
             x_label: "loops of the animation".to_owned(),
             y_label: y_label.to_owned(),
-            series: (scene.speeds.iter().enumerate())
+            series: (speeds.iter().enumerate())
                 .map(|(i, (frames, rows))| {
                     let at = |row: &Row| (row.round as f64 + row.frame as f64 / *frames as f64, value(row));
-                    line(&format!("{frames} frames a loop"), i, rows, at)
+                    line(&format!("{frames} frames a loop"), i, rows.iter().copied(), at)
                 })
                 .collect(),
             rules: (1..=last).map(|round| round as f64).collect(),

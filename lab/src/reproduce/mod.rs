@@ -21,6 +21,7 @@ mod record;
 mod report;
 mod results;
 mod saved;
+mod settle;
 mod stages;
 mod summary;
 
@@ -44,12 +45,24 @@ pub use self::options::Args;
 const SPEEDS: [usize; 3] = [20, 100, 500];
 /// The strategy of figure 5.
 const SPEED_STRATEGY: &str = "refit+rotate";
+/// What runs for it: that, and its strongest rival to compare with.
+const SPEED_STRATEGIES: [&str; 2] = [SPEED_STRATEGY, contestants::IDEAL_PARALLEL_BINNED];
 /// The scene that starts from a bad tree, and the same from its other key frames, for the claim
 /// that this mends it.
 const MUSEUM: &str = "bart-museum";
 const OTHER_KEYS: [&str; 4] = ["bart-museum:1", "bart-museum:2", "bart-museum:3", "bart-museum:4"];
 /// What runs on those.
 const KEY_STRATEGIES: [&str; 2] = [SPEED_STRATEGY, contestants::IDEAL];
+/// The dragon whose pieces shear and shrink between few key frames, beside the one of rigid pieces.
+const BLENDED: &str = "exploding-dragon:blended";
+const RIGID: &str = "exploding-dragon";
+/// What runs on that.
+const BLENDED_STRATEGIES: [&str; 3] = ["refit", SPEED_STRATEGY, contestants::IDEAL];
+
+/// What runs on a scene that serves one claim only.
+fn supplement_strategies(label: &str) -> &'static [&'static str] {
+    if label == BLENDED { &BLENDED_STRATEGIES } else { &KEY_STRATEGIES }
+}
 
 /// A scene to run: not loaded until its turn comes, unless it is a file, which may be broken.
 struct Entry {
@@ -90,8 +103,10 @@ pub fn run(args: &Args) -> Result<()> {
     let mut kept = Vec::new();
     for entry in &entries {
         let finished = saved.as_mut().and_then(|saved| saved.finished(&entry.label));
-        let strategies =
-            if entry.supplement { KEY_STRATEGIES.len() } else { results.settings.strategies.len() };
+        let strategies = match entry.supplement {
+            true => supplement_strategies(&entry.label).len(),
+            false => results.settings.strategies.len(),
+        };
         let begun = saved.as_mut().filter(|_| finished.is_none());
         let begun = begun.map(|saved| saved.begun(&entry.label, strategies));
         kept.push((finished, begun.unwrap_or_default()));
@@ -131,7 +146,8 @@ pub fn run(args: &Args) -> Result<()> {
         let scene = entry.loaded.map_or_else(|| args.load(&entry.source), Ok)?;
         let run = pool.install(|| {
             let (mut stage, build_ms) = stage::timed(scene)?;
-            let plan = plan(args, &results.settings, stage.triangles().indices.len(), entry.supplement);
+            let supplement = entry.supplement.then_some(entry.label.as_str());
+            let plan = plan(args, &results.settings, stage.triangles().indices.len(), supplement);
             let mut run = SceneRun::new(facts(&stage, build_ms, &plan, entry.label, entry.slug));
             run.facts.supplement = entry.supplement;
             let [begun, begun_speeds] = begun;
@@ -143,8 +159,11 @@ pub fn run(args: &Args) -> Result<()> {
                 let mut log = Log { done: begun_speeds, journal };
                 run_speeds(&mut run, &mut stage, &plan, args.values().speed_loops, &mut log)?;
             }
-            let is_static = args.runs_claims() && !entry.supplement;
-            if is_static && run.facts.triangles <= args.values().offline && !interrupt::requested() {
+            let for_claims = args.runs_claims() && !entry.supplement;
+            if for_claims && run.moves() && !interrupt::requested() {
+                run.facts.settled = Some(settle::measure(&mut stage, plan.frames)?);
+            }
+            if for_claims && run.facts.triangles <= args.values().offline && !interrupt::requested() {
                 run.offline = offline::measure(&mut stage, plan.size)?;
             }
             if let Some(journal) = points.as_mut().filter(|_| !entry.supplement) {
@@ -209,28 +228,33 @@ fn entries(args: &Args) -> Result<Vec<Entry>> {
         entries.push(Entry { source, slug, label, loaded, supplement: false });
     }
     let chosen = args.contestants();
-    let compared = KEY_STRATEGIES.iter().all(|name| chosen.iter().any(|c| c.name == *name));
-    if args.runs_claims() && compared && entries.iter().any(|e| e.label == MUSEUM) {
-        let others = OTHER_KEYS.into_iter().filter(|key| entries.iter().all(|e| e.label != *key));
-        let supplements: Vec<_> = others
-            .map(|key| Entry {
-                source: key.to_owned(),
-                slug: stage::slug(key),
-                label: key.to_owned(),
-                loaded: None,
-                supplement: true,
-            })
-            .collect();
-        entries.extend(supplements);
+    let supplements = [(MUSEUM, &OTHER_KEYS[..]), (RIGID, &[BLENDED])];
+    for (scene, others) in supplements {
+        for &label in others.iter().filter(|_| args.runs_claims()) {
+            let all_run =
+                supplement_strategies(label).iter().all(|name| chosen.iter().any(|c| c.name == *name));
+            let is_wanted =
+                entries.iter().any(|e| e.label == scene) && entries.iter().all(|e| e.label != label);
+            if all_run && is_wanted {
+                entries.push(Entry {
+                    source: label.to_owned(),
+                    slug: stage::slug(label),
+                    label: label.to_owned(),
+                    loaded: None,
+                    supplement: true,
+                });
+            }
+        }
     }
     Ok(entries)
 }
 
-fn plan(args: &Args, settings: &Settings, triangles: usize, supplement: bool) -> Plan {
+fn plan(args: &Args, settings: &Settings, triangles: usize, supplement: Option<&str>) -> Plan {
     let values = args.values();
     let mut contestants = args.contestants();
-    if supplement {
-        contestants.retain(|c| KEY_STRATEGIES.contains(&c.name));
+    contestants.retain(|c| !c.method.knows_animation() || triangles <= values.prepared);
+    if let Some(label) = supplement {
+        contestants.retain(|c| supplement_strategies(label).contains(&c.name));
     }
     Plan {
         contestants,
@@ -239,10 +263,10 @@ fn plan(args: &Args, settings: &Settings, triangles: usize, supplement: bool) ->
         measure_every: values.interval(triangles),
         size: values.size,
         threads: settings.threads,
-        traversal: args.traversal,
+        traversal: values.traversal,
         check_frames: values.check_frames,
         check_rays: values.check_rays,
-        pictures: if supplement { 0 } else { values.pictures },
+        pictures: if supplement.is_some() { 0 } else { values.pictures },
         seed: settings.seed,
     }
 }
@@ -319,7 +343,8 @@ fn run_speeds(
     loops: f64,
     log: &mut Log<'_>,
 ) -> Result<()> {
-    let contestants: Vec<_> = Contestant::all().into_iter().filter(|c| c.name == SPEED_STRATEGY).collect();
+    let is_run = |c: &Contestant| SPEED_STRATEGIES.contains(&c.name);
+    let contestants: Vec<_> = Contestant::all().into_iter().filter(is_run).collect();
     for frames in SPEEDS {
         if interrupt::requested() {
             break;

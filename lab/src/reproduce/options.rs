@@ -46,7 +46,7 @@ pub struct Args {
     /// What to rerun; everything but `peers` if nothing is named
     #[arg(value_name = "EXPERIMENT")]
     experiments: Vec<Experiment>,
-    /// How much: quick takes half a minute, standard six minutes, full is the paper's protocol
+    /// How much: quick takes a minute, standard a quarter of an hour, full is the paper's protocol
     #[arg(long, value_enum, default_value_t = Preset::Standard)]
     preset: Preset,
     /// A scene's name, a .glb, .gltf, .obj, .ply or .aff file, or a folder of key frames;
@@ -75,9 +75,10 @@ pub struct Args {
     /// Threads for updates and rendering [default: the paper's 8, or the cores there are]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
-    /// How rays are grouped: tile, packet (8 x 8, as published in 2007) or single
-    #[arg(long, value_name = "NAME", default_value = "tile")]
-    pub(super) traversal: Traversal,
+    /// How rays are grouped: tile, packet (8 x 8, as published in 2007) or single [default: tile;
+    /// packet with --preset full]
+    #[arg(long, value_name = "NAME")]
+    traversal: Option<Traversal>,
     /// Folder for the results [default: target/reproduce]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -144,6 +145,7 @@ impl Args {
             loops: self.loops.unwrap_or(preset.loops),
             speed_loops: self.loops.unwrap_or(preset.speed_loops),
             size: self.size.unwrap_or(preset.size),
+            traversal: self.traversal.unwrap_or(preset.traversal),
             ..preset
         }
     }
@@ -181,6 +183,7 @@ impl Args {
         let all = Experiment::value_variants();
         let values = self.values();
         let speeds = self.may_run_speeds();
+        let threads = self.threads.map_or_else(pool::default_threads, |n| n as usize);
         let strategies: Vec<&str> = if self.runs_frames() {
             self.contestants().iter().map(|c| c.name).collect()
         } else {
@@ -194,11 +197,11 @@ impl Args {
             loops: values.loops,
             speed_loops: speeds.then_some(values.speed_loops),
             size: values.size,
-            threads: self.threads.map_or_else(pool::default_threads, |n| n as usize),
-            traversal: self.traversal.name().to_owned(),
+            threads,
+            traversal: values.traversal.name().to_owned(),
             seed: self.seed,
             clip: self.clip.clone(),
-            reductions: values.reductions(speeds),
+            reductions: values.departures(speeds, threads),
             command: command(),
         }
     }

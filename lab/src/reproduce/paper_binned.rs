@@ -1,8 +1,9 @@
-//! A serial binned rebuild of 2012: bins along one axis only.
+//! A serial binned rebuild with bins along one axis only, after Wald 2007.
 //!
 //! Serial, top down: the longest axis of the box around the centres, 16 bins along it, the cheapest
 //! of the 15 planes between them by surface area; then the primitives are partitioned by that
-//! plane. One primitive a leaf. It shows what rebuilds cost then, and decides no verdict.
+//! plane. One primitive a leaf. It shows what a plain rebuild of
+//! that time costs today, is no copy of the authors' code, and decides no verdict.
 
 use anyhow::Result;
 use bvh_core::{Aabb, Bvh, MAX_HEIGHT, Node, Primitives, Triangles, Vec3};
@@ -89,10 +90,16 @@ fn split(items: &mut [Item]) -> Option<usize> {
         .filter(|(_, l, r)| l.1 > 0 && r.1 > 0)
         .map(|(plane, l, r)| (cost(l) + cost(r), plane))
         .min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let (l, r): (Vec<Item>, Vec<Item>) = items.iter().copied().partition(|item| bin(item) < plane);
-    let left = l.len();
-    items[..left].copy_from_slice(&l);
-    items[left..].copy_from_slice(&r);
+    // In place, with two pointers.
+    let (mut left, mut end) = (0, items.len());
+    while left < end {
+        if bin(&items[left]) < plane {
+            left += 1;
+        } else {
+            end -= 1;
+            items.swap(left, end);
+        }
+    }
     Some(left)
 }
 

@@ -2,15 +2,18 @@
 
 use clap::ValueEnum;
 
+use rt_cpu::Traversal;
+
 use super::SPEEDS;
+use crate::pool::PAPER_THREADS;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Preset {
     /// Under a minute: few frames, small pictures.
     Quick,
-    /// Under ten minutes on two cores.
+    /// A quarter of an hour on two cores.
     Standard,
-    /// The paper's protocol to the letter.
+    /// The paper's protocol: its frames, loops, sizes and packets of rays.
     Full,
 }
 
@@ -24,6 +27,8 @@ pub(crate) struct Values {
     pub(crate) loops: f64,
     /// Pixels on each side.
     pub(crate) size: u32,
+    /// How rays are grouped.
+    pub(crate) traversal: Traversal,
     /// One frame in this number is measured; the second number is for scenes of many triangles.
     pub(crate) measure_every: [usize; 2],
     /// Whether figure 5 and accuracy are part of "everything".
@@ -41,6 +46,9 @@ pub(crate) struct Values {
     pub(crate) peer_frames: usize,
     /// Most triangles of a scene for which offline builders are tried.
     pub(crate) offline: usize,
+    /// Most triangles of a scene for which methods that know the animation are prepared: on the lion
+    /// that takes minutes (`reproduce fig6 --preset full --scene lion --strategy t-sah --frames 2`).
+    pub(crate) prepared: usize,
 }
 
 /// Scenes of more triangles count as having many.
@@ -54,6 +62,7 @@ impl Preset {
                 frames: 10,
                 loops: 1.5,
                 size: 160,
+                traversal: Traversal::Tile,
                 measure_every: [1, 1],
                 speeds: false,
                 speed_loops: 2.0,
@@ -63,12 +72,14 @@ impl Preset {
                 picture_size: [240, 160],
                 peer_frames: 2,
                 offline: 0,
+                prepared: MANY,
             },
             Self::Standard => Values {
                 detail: None,
                 frames: 50,
                 loops: 1.5,
                 size: 512,
+                traversal: Traversal::Tile,
                 measure_every: [5, 10],
                 speeds: true,
                 speed_loops: 3.0,
@@ -78,12 +89,14 @@ impl Preset {
                 picture_size: [400, 240],
                 peer_frames: 5,
                 offline: 200_000,
+                prepared: MANY,
             },
             Self::Full => Values {
                 detail: None,
                 frames: 100,
                 loops: 2.3,
                 size: 1024,
+                traversal: Traversal::Packet,
                 measure_every: [1, 1],
                 speeds: true,
                 speed_loops: 5.0,
@@ -93,6 +106,7 @@ impl Preset {
                 picture_size: [400, 240],
                 peer_frames: 20,
                 offline: usize::MAX,
+                prepared: usize::MAX,
             },
         }
     }
@@ -104,8 +118,8 @@ impl Values {
         self.measure_every[usize::from(triangles > MANY)]
     }
 
-    /// What is less than in the paper's protocol, of figure 5 if that is run, one sentence each.
-    pub(crate) fn reductions(&self, figure_5: bool) -> Vec<String> {
+    /// What differs from the paper's protocol, of figure 5 if that is run, one sentence each.
+    pub(crate) fn departures(&self, figure_5: bool, threads: usize) -> Vec<String> {
         let paper = Preset::Full.values();
         let mut less = Vec::new();
         if let Some(detail) = self.detail {
@@ -120,6 +134,16 @@ impl Values {
         if self.size != paper.size {
             less.push(format!("{0} x {0} pixels instead of {1} x {1}", self.size, paper.size));
         }
+        if self.traversal != paper.traversal {
+            less.push(format!(
+                "rays traced by {} instead of packets of 8 x 8 with interval arithmetic",
+                self.traversal
+            ));
+        }
+        if threads != PAPER_THREADS {
+            less.push(format!("{threads} threads instead of {PAPER_THREADS}"));
+        }
+        less.push("always: scenes are stand-ins, triangles are tested watertight, boxes and rotations are computed with SIMD".to_owned());
         if self.measure_every != paper.measure_every {
             let [few, many] = self.measure_every;
             less.push(format!(
@@ -135,6 +159,9 @@ impl Values {
         }
         if !self.speeds && !figure_5 {
             less.push("figure 5 and accuracy only if named".to_owned());
+        }
+        if self.prepared < paper.prepared {
+            less.push(format!("decomposition and t-sah in scenes of at most {} triangles", self.prepared));
         }
         if self.offline < paper.offline {
             less.push(match self.offline {

@@ -14,12 +14,12 @@
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use bvh_core::{Bvh, sah_cost};
-use bvh_update::{Decision, Load, Update, Updater};
+use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
+use bvh_update::{Decision, Load, Update};
 use rt_cpu::{Image, RenderOptions, RenderStats, Traversal, render};
 
 use super::check::{self, Checks};
-use super::contestants::{Contestant, Counted, Method};
+use super::contestants::{Contestant, Counted, Keeper, Method, POSES};
 use super::journal::Journal;
 use super::record::Row;
 use super::stages::primitives_refit;
@@ -87,7 +87,7 @@ struct Lane {
     name: &'static str,
     method: Method,
     tree: Bvh,
-    updater: Updater,
+    keeper: Keeper,
     /// Whether the tree fits the present frame.
     is_current: bool,
     last: Option<Measured>,
@@ -135,12 +135,13 @@ pub(crate) fn measure(
     let replayed = done.last().map_or(0, |row| row.round * plan.frames + row.frame + 1);
     let traversal = plan.traversal;
     let flat = RenderOptions { smooth: false, timed: true, traversal, ..stage.render_options() };
-    let mut lanes = lanes(stage, plan);
+    let mut lanes = lanes(stage, plan)?;
     // The first strategy's picture, and that of another to compare with.
     let mut images = [(); 2].map(|()| Image::new(plan.size, plan.size));
     stage.pose(0.0);
-    for lane in &mut lanes {
-        let mut warm = Lane::new(lane.name, lane.method, lane.tree.clone());
+    // A method that knows the animation refits like the others, and would be prepared again.
+    for lane in lanes.iter().filter(|lane| !lane.method.knows_animation()) {
+        let mut warm = Lane::new(lane.name, lane.method, stage, &[])?;
         warm.run(stage, plan.size, &flat, &mut images[0])?;
     }
 
@@ -225,25 +226,31 @@ pub(crate) fn is_sampled(frame: usize, frames: usize, samples: usize) -> bool {
 }
 
 /// One lane for each strategy, whatever number of contestants share it.
-fn lanes(stage: &Stage, plan: &Plan) -> Vec<Lane> {
+fn lanes(stage: &mut Stage, plan: &Plan) -> Result<Vec<Lane>> {
+    let knows = |c: &Contestant| c.method.knows_animation();
+    let poses = if plan.contestants.iter().any(knows) { stage.positions(POSES) } else { Vec::new() };
     let mut lanes: Vec<Lane> = Vec::new();
     for contestant in &plan.contestants {
         if lanes.iter().all(|lane| lane.name != contestant.of) {
             let method = contestant.method.for_rays(plan.rays());
-            lanes.push(Lane::new(contestant.of, method, stage.first_tree.clone()));
+            lanes.push(Lane::new(contestant.of, method, stage, &poses)?);
         }
     }
-    lanes
+    Ok(lanes)
 }
 
 impl Lane {
-    fn new(name: &'static str, method: Method, tree: Bvh) -> Self {
-        Self { name, method, tree, updater: Updater::default(), is_current: false, last: None }
+    fn new(name: &'static str, method: Method, stage: &Stage, poses: &[Vec<Vec3>]) -> Result<Self> {
+        let mut tree = stage.first_tree.clone();
+        let indices = stage.triangles().indices;
+        let poses: Vec<_> = poses.iter().map(|positions| Triangles { positions, indices }).collect();
+        let keeper = method.keeper(&mut tree, &poses).with_context(|| format!("{name}: not prepared"))?;
+        Ok(Self { name, method, tree, keeper, is_current: false, last: None })
     }
 
     fn update(&mut self, stage: &Stage) -> Result<Update> {
         self.method
-            .run(&mut self.tree, &stage.triangles(), &mut self.updater)
+            .run(&mut self.tree, &stage.triangles(), &mut self.keeper)
             .with_context(|| format!("{}: {} failed", stage.scene.name, self.name))
     }
 
@@ -252,7 +259,7 @@ impl Lane {
     fn recall(&mut self, rows: &[Row], round: usize, frame: usize) {
         let is_it = |row: &&Row| row.strategy == self.name && [row.round, row.frame] == [round, frame];
         if let Some(row) = rows.iter().find(is_it) {
-            self.updater.report(Load::PacketNodes(row.nodes_opened));
+            self.keeper.report(Load::PacketNodes(row.nodes_opened));
         }
     }
 
@@ -270,7 +277,7 @@ impl Lane {
         let start = Instant::now();
         let stats = render(&self.tree, &mesh, &camera, Some(&light), options, image);
         let trace_ms = ms(start);
-        self.updater.report(Load::PacketNodes(stats.nodes_visited));
+        self.keeper.report(Load::PacketNodes(stats.nodes_visited));
         let sah_cost = update.sah_cost.unwrap_or_else(|| sah_cost(&self.tree));
         let primitives_refit = primitives_refit(&self.tree, &update);
         Ok(Measured { update, update_ms, stats, trace_ms, sah_cost, primitives_refit })

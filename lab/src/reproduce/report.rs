@@ -104,6 +104,9 @@ fn claims_table(results: &Results, claims: &[Claim]) -> Markup {
                             td data-name="Here" { (claim.ours) }
                             td {
                                 span class={ "verdict " (verdict_class(claim.verdict)) } { (claim.verdict.words()) }
+                                @if claim.first_verdict != claim.verdict {
+                                    div.soft { "by the bounds written first: " (claim.first_verdict.words()) }
+                                }
                                 div.soft { (claim.why) }
                             }
                         }
@@ -165,11 +168,10 @@ fn colophon(results: &Results) -> Markup {
                  threads, whatever number of threads the others had. Both are accounting, not measurement. "
                 b { "sweep" } ", " b { "binned-parallel" } ", " b { "lbvh" } " and " b { "ploc" }
                 " rebuild on all threads, " b { "binned" } " on one. " b { "paper-binned" }
-                " is a serial binned rebuild of 2012, with bins along the longest axis only. It shows what rebuilds cost then, and \
-                 decides no verdict."
+                " is a serial binned rebuild with bins along the longest axis only, as was common in 2012. It decides no verdict."
             }
             @if !settings.reductions.is_empty() {
-                p { "Less than the paper’s protocol: " (settings.reductions.join("; ")) "." }
+                p { "Other than in the paper’s protocol: " (settings.reductions.join("; ")) "." }
             }
             dl {
                 dt { "Processor" } dd { (machine.cpu) ", " (machine.cores) " hardware threads, " (machine.simd) }

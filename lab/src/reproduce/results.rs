@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::SPEED_STRATEGY;
 use super::accuracy::Point;
 use super::check::Checks;
 use super::offline::OfflineTree;
@@ -96,6 +97,9 @@ pub(crate) struct SceneFacts {
     /// Nodes visited for a pixel that heat maps show white.
     pub(crate) hottest: u32,
     pub(crate) notes: Vec<String>,
+    /// SAH costs with rotations: where motion stopped, after more updates, and of a fresh tree there.
+    #[serde(default)]
+    pub(crate) settled: Option<[f64; 3]>,
 }
 
 /// A rendered frame, or a heat map of it.
@@ -157,6 +161,12 @@ impl SceneRun {
     /// Whether anything moves.
     pub(crate) fn moves(&self) -> bool {
         self.facts.moving > 0
+    }
+
+    /// Rows of figure 5 with the strategy of that figure, by frames in a loop.
+    pub(crate) fn speeds(&self) -> Vec<(usize, Vec<&Row>)> {
+        let is_its = |row: &&Row| row.strategy == SPEED_STRATEGY;
+        self.speeds.iter().map(|(frames, rows)| (*frames, rows.iter().filter(is_its).collect())).collect()
     }
 
     /// Rows of two strategies on the same frames, in order; none if either was not run.

@@ -8,6 +8,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 
+use super::SPEED_STRATEGIES;
 use super::accuracy::Point;
 use super::check::Checks;
 use super::journal;
@@ -89,7 +90,7 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
                 ensure_rows(&folder.join("frames.csv"), &run.facts.label, run.of(strategy).len(), *samples)?;
             }
             for (frames, Samples { samples, .. }) in &speeds {
-                let found = run.speeds.iter().find(|(n, _)| n == frames).map_or(0, |(_, rows)| rows.len());
+                let found = run.speeds().iter().find(|(n, _)| n == frames).map_or(0, |(_, rows)| rows.len());
                 ensure_rows(&folder.join("fig5.csv"), &run.facts.label, found, *samples)?;
             }
         }
@@ -126,7 +127,7 @@ fn by_speed(rows: Vec<Row>) -> Vec<(usize, Vec<Row>)> {
 
 impl Saved {
     /// Rows that a scene has already, if it was not finished, without those of an incomplete last
-    /// step: a step has `strategies` rows, of figure 5 one.
+    /// step: a step has `strategies` rows, of figure 5 one for each of [`SPEED_STRATEGIES`].
     pub(super) fn begun(&mut self, label: &str, strategies: usize) -> [Vec<Row>; 2] {
         let from_scene = |run: &mut SceneRun| {
             let speeds = std::mem::take(&mut run.speeds).into_iter().flat_map(|(_, rows)| rows).collect();
@@ -135,7 +136,7 @@ impl Saved {
         let known = self.results.scenes.iter_mut().find(|run| run.facts.label == label).map(from_scene);
         let rows = known.unwrap_or_else(|| [&mut self.rows, &mut self.speed_rows].map(|r| take(r, label)));
         let [frames, speeds] = rows;
-        [whole_steps(frames, strategies), whole_steps(speeds, 1)]
+        [whole_steps(frames, strategies), whole_steps(speeds, SPEED_STRATEGIES.len())]
     }
 
     /// The scene, if everything was measured on it.

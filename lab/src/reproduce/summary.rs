@@ -109,10 +109,8 @@ fn strategy(
 }
 
 fn speeds(scene: &SceneRun) -> BTreeMap<usize, StrategySummary> {
-    let summary = |rows: &[Row]| {
-        strategy(&rows.first()?.strategy, &scene.facts, &rows.iter().collect::<Vec<_>>(), None, Vec::new())
-    };
-    scene.speeds.iter().filter_map(|(frames, rows)| Some((*frames, summary(rows)?))).collect()
+    let summary = |rows: &[&Row]| strategy(&rows.first()?.strategy, &scene.facts, rows, None, Vec::new());
+    scene.speeds().iter().filter_map(|(frames, rows)| Some((*frames, summary(rows)?))).collect()
 }
 
 /// The whole summary.
@@ -149,7 +147,11 @@ pub(crate) fn json(
 
 /// A line for each claim.
 pub(crate) fn claims_in_lines(claims: &[Claim]) -> String {
-    let line = |c: &Claim| format!("{:18}  {}: {}", c.verdict.words(), c.claim, c.ours);
+    let first = |c: &Claim| match c.first_verdict {
+        first if first == c.verdict => String::new(),
+        first => format!(" (by the bounds written first: {})", first.words()),
+    };
+    let line = |c: &Claim| format!("{:18}  {}: {}{}", c.verdict.words(), c.claim, c.ours, first(c));
     claims.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
@@ -157,14 +159,16 @@ pub(crate) fn claims_in_lines(claims: &[Claim]) -> String {
 pub(crate) fn tables(results: &Results, claims: &[Claim]) -> String {
     let (machine, settings) = (&results.machine, &results.settings);
     let mut text = format!(
-        "{}, {} threads, {}, revision {}, preset {}\n\n| claim | in the paper | here |\n|---|---|---|\n",
+        "{}, {} threads, {}, revision {}, preset {}\n\n| claim | in the paper | here | by the bounds written first |\n|---|---|---|---|\n",
         machine.cpu,
         settings.threads,
         machine.started.get(..10).unwrap_or_default(),
         results.revision.short(),
         settings.preset
     );
-    text.extend(claims.iter().map(|c| format!("| {} | {} | {} |\n", c.claim, c.paper, c.verdict.words())));
+    text.extend(claims.iter().map(|c| {
+        format!("| {} | {} | {} | {} |\n", c.claim, c.paper, c.verdict.words(), c.first_verdict.words())
+    }));
     for scene in results.scenes.iter().filter(|scene| !scene.accuracy.is_empty()) {
         text += &format!("\n| {}: error of | settings that nothing beats |\n|---|---|\n", scene.facts.label);
         text.extend(accuracy::sentences(scene).map(|(knob, words)| format!("| {knob} | {words} |\n")));

@@ -1,34 +1,16 @@
 //! What each claim comes to.
 
+use super::bounds::Bounds;
 use super::ratios::{
-    NOISE, REFIT, ROTATE, at_least, at_most, faster, frame_time, in_words, median_frame_time, other_views,
-    update_time, worst_cost,
+    REFIT, ROTATE, at_least, at_most, frame_time, median_frame_time, other_views, update_time, worst_cost,
 };
 use super::table::{Table, by_times, graded};
 use super::{Finding, Rule, Verdict};
-use crate::reproduce::MUSEUM;
 use crate::reproduce::contestants::{IDEAL, IDEAL_PARALLEL_BINNED};
 use crate::reproduce::offline;
 use crate::reproduce::record::Row;
 use crate::reproduce::results::{Results, SceneRun, Spread};
-
-/// "Fairly close": within a half.
-const FAIRLY_CLOSE: f64 = 1.5;
-/// "Very close", and alike: within a quarter.
-const CLOSE: f64 = 1.25;
-/// "Significantly slower": by a tenth.
-const SIGNIFICANT: f64 = 1.1;
-/// "An order of magnitude": nearer to ten than to one.
-const MAGNITUDE: f64 = 5.0;
-/// "1.6 to 2 times", and noise.
-const OVERHEAD: f64 = 2.0 * NOISE;
-/// Still "little" for most.
-const GREAT_OVERHEAD: f64 = 3.0;
-/// Costs that differ by less are "stable".
-const STABLE: f64 = 1.1;
-/// The least that annealing gains where it gains "up to 18 %": nearer to that than to nothing, with
-/// noise.
-const ANNEALED: f64 = 0.93;
+use crate::reproduce::{BLENDED, MUSEUM};
 
 /// Scenes that deform extensively, by the paper (section 3); the museum, its exception, is judged
 /// apart.
@@ -43,11 +25,11 @@ pub(super) fn missing(names: &[&str]) -> Finding {
     Finding::not_run(format!("needs {} with the strategies it compares", names.join(" and ")))
 }
 
-fn nothing_compared() -> Finding {
+pub(super) fn nothing_compared() -> Finding {
     Finding::not_run("no scene that moves was run with all the strategies it compares")
 }
 
-fn moving(results: &Results) -> impl Iterator<Item = &SceneRun> {
+pub(super) fn moving(results: &Results) -> impl Iterator<Item = &SceneRun> {
     results.main_scenes().filter(|scene| scene.moves())
 }
 
@@ -60,18 +42,19 @@ pub(super) const ROTATION_OVERHEAD: Rule = Rule {
     judge: rotation_overhead,
 };
 
-fn rotation_overhead(results: &Results) -> Finding {
+fn rotation_overhead(results: &Results, b: &Bounds) -> Finding {
     let table = Table::of(moving(results), |s| update_time(s, ROTATE, REFIT));
     if table.is_empty() {
         return nothing_compared();
     }
-    let (little, great) = (at_most(OVERHEAD), at_most(GREAT_OVERHEAD));
+    let (little, great) = (at_most(b.overhead), at_most(b.overhead_in_part));
     let (verdict, near) = by_times([&table], |[t]| graded(t.all(&little), t.most(&great)));
-    let mut why = table.scenes_where(&format!("at most {OVERHEAD}"), &little) + &near;
+    let mut why = table.scenes_where(&format!("at most {}", b.overhead), &little) + &near;
     if verdict != Verdict::Holds {
         why += &format!(
-            "; at most {GREAT_OVERHEAD} in {}; a tree that was never rotated is refitted here in one sweep through \
+            "; at most {} in {}; a tree that was never rotated is refitted here in one sweep through \
              memory, which rotated trees cannot use, so that what is compared with is faster than the paper’s refit",
+            b.overhead_in_part,
             table.count(great)
         );
     }
@@ -87,24 +70,29 @@ pub(super) const ROTATION_AGAINST_REBUILD: Rule = Rule {
     judge: rotation_against_rebuild,
 };
 
-fn rotation_against_rebuild(results: &Results) -> Finding {
+fn rotation_against_rebuild(results: &Results, b: &Bounds) -> Finding {
     let table = Table::of(moving(results), |s| update_time(s, IDEAL_PARALLEL_BINNED, ROTATE));
     if table.is_empty() {
         return nothing_compared();
     }
-    let (large, cheaper) = (at_least(MAGNITUDE), at_least(NOISE));
+    let (large, cheaper) = (at_least(b.magnitude), at_least(b.equal));
     let (verdict, near) = by_times([&table], |[t]| graded(t.most(&large), t.most(&cheaper)));
     let (large, cheaper) = (table.count(large), table.count(cheaper));
-    let why =
-        format!("at least {MAGNITUDE} in {large} and {NOISE} in {cheaper} of {} scenes{near}", table.len());
+    let why = format!(
+        "at least {} in {large} and {} in {cheaper} of {} scenes{near}",
+        b.magnitude,
+        b.equal,
+        table.len()
+    );
     let views =
         other_views(results, |rebuild| Table::of(moving(results), |s| update_time(s, rebuild, ROTATE)));
     Finding(table.text(), verdict, why + &views)
 }
 
-/// "Almost always": in five of six scenes.
-fn almost_all(table: &Table, holds: impl Fn(f64) -> bool) -> bool {
-    6 * table.count(holds) >= 5 * table.len()
+/// Whether something holds in that part of the scenes.
+fn in_part_of(part: f64, table: &Table, holds: impl Fn(f64) -> bool) -> bool {
+    // The part is rounded.
+    table.count(holds) as f64 >= part * table.len() as f64 - 1e-3
 }
 
 pub(super) const FRAMES_AGAINST_REFIT: Rule = Rule {
@@ -116,14 +104,15 @@ pub(super) const FRAMES_AGAINST_REFIT: Rule = Rule {
     judge: frames_against_refit,
 };
 
-fn frames_against_refit(results: &Results) -> Finding {
+fn frames_against_refit(results: &Results, b: &Bounds) -> Finding {
     let table = Table::of(moving(results), |s| frame_time(s, ROTATE, REFIT));
     if table.is_empty() {
         return nothing_compared();
     }
-    let passes = at_most(NOISE);
-    let (verdict, near) = by_times([&table], |[t]| graded(almost_all(t, &passes), t.most(&passes)));
-    Finding(table.text(), verdict, table.scenes_where(&format!("at most {NOISE}"), passes) + &near)
+    let passes = at_most(b.equal);
+    let (verdict, near) =
+        by_times([&table], |[t]| graded(in_part_of(b.refit_scenes, t, &passes), t.most(&passes)));
+    Finding(table.text(), verdict, table.scenes_where(&format!("at most {}", b.equal), passes) + &near)
 }
 
 pub(super) const FRAMES_AGAINST_REBUILD: Rule = Rule {
@@ -135,15 +124,15 @@ pub(super) const FRAMES_AGAINST_REBUILD: Rule = Rule {
     judge: frames_against_rebuild,
 };
 
-fn frames_against_rebuild(results: &Results) -> Finding {
+fn frames_against_rebuild(results: &Results, b: &Bounds) -> Finding {
     let others = || moving(results).filter(|s| s.facts.label != MUSEUM);
     let table = Table::of(others(), |s| frame_time(s, ROTATE, IDEAL_PARALLEL_BINNED));
     if table.is_empty() {
         return nothing_compared();
     }
-    let passes = at_most(SIGNIFICANT);
+    let passes = at_most(b.matches);
     let (verdict, near) = by_times([&table], |[t]| graded(t.all(&passes), t.most(&passes)));
-    let mut why = table.scenes_where(&format!("at most {SIGNIFICANT}"), passes) + &near;
+    let mut why = table.scenes_where(&format!("at most {}", b.matches), passes) + &near;
     if let Some(ratio) = results.scene(MUSEUM).and_then(|s| frame_time(s, ROTATE, IDEAL_PARALLEL_BINNED)) {
         why += &format!("; {ratio:.2} in {MUSEUM}, which the claim leaves out");
     }
@@ -160,18 +149,19 @@ pub(super) const FRAMES_AGAINST_IDEAL: Rule = Rule {
     judge: frames_against_ideal,
 };
 
-fn frames_against_ideal(results: &Results) -> Finding {
+fn frames_against_ideal(results: &Results, b: &Bounds) -> Finding {
     let table = Table::of(moving(results), |s| frame_time(s, ROTATE, IDEAL));
     if table.is_empty() {
         return nothing_compared();
     }
-    let above = at_least(1.0 / NOISE);
-    let close = |t: &Table| t.count(at_most(FAIRLY_CLOSE));
+    let above = at_least(1.0 / b.equal);
+    let close = |t: &Table| t.count(at_most(b.ideal_close));
     let (verdict, near) = by_times([&table], |[t]| {
         let (never_below, often_close) = (t.all(&above), 2 * close(t) >= t.len());
         graded(never_below && often_close, never_below || often_close)
     });
-    let mut why = format!("within a half of ideal in {} of {} scenes", close(&table), table.len());
+    let mut why =
+        format!("at most {} of ideal in {} of {} scenes", b.ideal_close, close(&table), table.len());
     if !table.all(&above) {
         why += &format!("; below it in {}", table.except(above));
     }
@@ -187,7 +177,7 @@ pub(super) const GENTLE_SCENES: Rule = Rule {
     judge: gentle_scenes,
 };
 
-fn gentle_scenes(results: &Results) -> Finding {
+fn gentle_scenes(results: &Results, b: &Bounds) -> Finding {
     let chosen: Vec<_> = GENTLE.iter().filter_map(|name| results.scene(name)).collect();
     let of_rebuild = |rebuild| Table::of(chosen.iter().copied(), |s| frame_time(s, rebuild, ROTATE));
     let ideal = Table::of(chosen.iter().copied(), |s| frame_time(s, ROTATE, IDEAL));
@@ -195,7 +185,7 @@ fn gentle_scenes(results: &Results) -> Finding {
     if ideal.is_empty() || rebuild.is_empty() {
         return missing(&GENTLE);
     }
-    let (close, slower) = (at_most(CLOSE), at_least(SIGNIFICANT));
+    let (close, slower) = (at_most(b.very_close), at_least(b.slower));
     let (verdict, near) = by_times([&ideal, &rebuild], |[ideal, rebuild]| {
         let (tracks, beats) = (ideal.all(&close), rebuild.all(&slower));
         graded(tracks && beats, tracks || beats)
@@ -227,17 +217,28 @@ pub(super) const DEFORMING_SCENES: Rule = Rule {
     judge: deforming_scenes,
 };
 
-fn deforming_scenes(results: &Results) -> Finding {
+fn deforming_scenes(results: &Results, b: &Bounds) -> Finding {
     let chosen: Vec<_> = DEFORMING.iter().filter_map(|name| results.scene(name)).collect();
     let refit = Table::of(chosen.iter().copied(), |s| worst_cost(s, REFIT));
     let rotate = Table::of(chosen.iter().copied(), |s| worst_cost(s, ROTATE));
     if refit.is_empty() || refit.len() != rotate.len() {
         return missing(&DEFORMING);
     }
-    let held =
-        refit.0.iter().zip(&rotate.0).filter(|(refit, rotate)| refit.1 >= 10.0 && rotate.1 < 10.0).count();
+    let held = refit
+        .0
+        .iter()
+        .zip(&rotate.0)
+        .filter(|(refit, rotate)| refit.1 >= b.explodes && rotate.1 < b.explodes)
+        .count();
     let ours = format!("refit: {}; with rotations: {}", refit.text(), rotate.text());
-    let why = format!("so in {held} of {} scenes", refit.len());
+    let mut why = format!("so in {held} of {} scenes", refit.len());
+    if let Some(blended) = results.scene(BLENDED)
+        && let Some((refit, rotate)) = worst_cost(blended, REFIT).zip(worst_cost(blended, ROTATE))
+    {
+        why += &format!(
+            "; {refit:.2} and {rotate:.2} where the dragon's pieces shear and shrink between 16 key frames"
+        );
+    }
     Finding(ours, graded(held == refit.len(), held > 0), why + &only(&chosen, &DEFORMING))
 }
 
@@ -250,7 +251,7 @@ pub(super) const LION: Rule = Rule {
     judge: lion,
 };
 
-fn lion(results: &Results) -> Finding {
+fn lion(results: &Results, b: &Bounds) -> Finding {
     const NAME: &str = "lion";
     let Some(scene) = results.scene(NAME) else { return missing(&[NAME]) };
     let both = |rebuild| {
@@ -262,16 +263,22 @@ fn lion(results: &Results) -> Finding {
         median_frame_time(scene, REFIT, IDEAL_PARALLEL_BINNED),
     ];
     let (Some(all), Some(median)) = (all, median) else { return missing(&[NAME]) };
+    let faster = |ratio| b.faster(ratio);
+    let rotates =
+        b.lion_rotates == 0.0 || frame_time(scene, ROTATE, IDEAL_PARALLEL_BINNED).is_some_and(faster);
     let tables = [("refit", all), ("refit on the median frame", median)].map(Table::single);
     let (verdict, near) =
-        by_times(tables.each_ref(), |[all, median]| graded(all.all(faster), median.all(faster)));
+        by_times(tables.each_ref(), |[all, median]| graded(all.all(faster) && rotates, median.all(faster)));
     let table = both(IDEAL_PARALLEL_BINNED.into());
     let ours = format!("{} of the ideally parallel rebuild", table.text());
     let rows = scene.of(REFIT);
     let sum = |time: fn(&Row) -> f64| rows.iter().map(|row| time(row)).sum::<f64>();
     let traced = 100.0 * sum(|row| row.trace_ms) / sum(|row| row.frame_ms);
-    let mut why =
-        format!("refit is {}; on the median frame {} ({median:.2}){near}", in_words(all), in_words(median));
+    let mut why = format!(
+        "refit is {}; on the median frame {} ({median:.2}){near}",
+        b.in_words(all),
+        b.in_words(median)
+    );
     if verdict != Verdict::Holds {
         why += &format!("; {traced:.0} % of its frame time is tracing, through a tree that gets worse");
     }
@@ -287,10 +294,11 @@ pub(super) const SPEEDS: Rule = Rule {
     judge: speeds,
 };
 
-fn speeds(results: &Results) -> Finding {
+fn speeds(results: &Results, b: &Bounds) -> Finding {
     /// Mean cost in the first loop and in the last whole one.
     fn ends(scene: &SceneRun, frames: usize) -> Option<(f64, f64)> {
-        let (_, rows) = scene.speeds.iter().find(|(n, _)| *n == frames)?;
+        let speeds = scene.speeds();
+        let (_, rows) = speeds.iter().find(|(n, _)| *n == frames)?;
         let measured = |round: usize| rows.iter().filter(|r| r.round == round).count();
         let whole = (0..).take_while(|&round| measured(round) == measured(0).max(1)).count();
         let mean = |round: usize| {
@@ -307,8 +315,8 @@ fn speeds(results: &Results) -> Finding {
             "figure 5 was not run with at least two whole loops of 20, 100 and 500 frames",
         );
     };
-    let alike = middle.1 / slow.1 <= CLOSE;
-    let heals = fast.0 > slow.0 && fast.1 / slow.1 <= CLOSE;
+    let alike = middle.1 / slow.1 <= b.very_close;
+    let heals = fast.0 > slow.0 && fast.1 / slow.1 <= b.very_close;
     let ours = format!(
         "{label}, over 500 frames a loop: 100 frames {:.2}; 20 frames {:.2} in the first loop, {:.2} in the last",
         middle.1 / slow.1,
@@ -332,7 +340,7 @@ pub(super) const BELOW_SWEEP: Rule = Rule {
     judge: below_sweep,
 };
 
-fn below_sweep(results: &Results) -> Finding {
+fn below_sweep(results: &Results, _: &Bounds) -> Finding {
     const NAME: &str = "fairy-forest";
     let ratios: Vec<f64> = results
         .scene(NAME)
@@ -355,14 +363,18 @@ pub(super) const CANDIDATES: Rule = Rule {
     judge: candidates,
 };
 
-fn candidates(results: &Results) -> Finding {
+fn candidates(results: &Results, b: &Bounds) -> Finding {
     let table = Table::of(results.main_scenes(), |s| Some(s.facts.candidates));
     if table.is_empty() {
         return Finding::not_run("no scene was run");
     }
-    let quarter = |part: f64| (0.2..=0.3).contains(&part);
+    let quarter = |part: f64| (b.quarter_low..=b.quarter_high).contains(&part);
     let verdict = graded(table.all(quarter), table.most(quarter));
-    Finding(table.text_to(4), verdict, table.scenes_where("between 0.2 and 0.3", quarter))
+    Finding(
+        table.text_to(4),
+        verdict,
+        table.scenes_where(&format!("between {} and {}", b.quarter_low, b.quarter_high), quarter),
+    )
 }
 
 pub(super) const STABILITY: Rule = Rule {
@@ -374,7 +386,7 @@ pub(super) const STABILITY: Rule = Rule {
     judge: stability,
 };
 
-fn stability(results: &Results) -> Finding {
+fn stability(results: &Results, b: &Bounds) -> Finding {
     let table = Table::of(moving(results), |s| {
         let rows = s.of(ROTATE);
         let later: Vec<_> = rows.iter().filter(|r| r.round > 0).collect();
@@ -385,9 +397,9 @@ fn stability(results: &Results) -> Finding {
     if table.is_empty() {
         return Finding::not_run("needs more than one loop of refit+rotate");
     }
-    let stable = at_most(STABLE);
+    let stable = at_most(b.stable);
     let verdict = graded(table.all(&stable), table.most(&stable));
-    let why = table.scenes_where(&format!("at most {STABLE}"), stable);
+    let why = table.scenes_where(&format!("at most {}", b.stable), stable);
     Finding(table.text(), verdict, format!("{why}; {} loops", results.settings.loops))
 }
 
@@ -401,7 +413,7 @@ pub(super) const ANNEALING: Rule = Rule {
     judge: annealing,
 };
 
-fn annealing(results: &Results) -> Finding {
+fn annealing(results: &Results, b: &Bounds) -> Finding {
     let [climbed, annealed] = offline::OFFLINE;
     let tree = |scene: &'_ SceneRun, name| scene.offline.iter().find(|t| t.builder == name).cloned();
     let ratio =
@@ -411,7 +423,7 @@ fn annealing(results: &Results) -> Finding {
     if mixed.is_empty() {
         return Finding::not_run("annealed trees were not built, or not for bart-museum or fairy-forest");
     }
-    let gains = at_most(ANNEALED);
+    let gains = at_most(b.annealed);
     let (verdict, near) = by_times([&mixed, &scanned], |[mixed, scanned]| {
         let gained = mixed.count(&gains) > 0;
         graded(gained && !scanned.is_empty() && scanned.count(&gains) == 0, gained)

@@ -1,12 +1,14 @@
 //! The paper's claims, each judged by a stated rule from what was measured.
 //!
 //! A ratio of times is that of their sums over the frames that both strategies were measured on.
-//! Times that differ by less than [`ratios::NOISE`] count as equal, and every bound is plain; a
+//! Bounds stand in one file, [`bounds`], as they are and as they were first; a
 //! value of a time that alone would change the verdict, were it [`table::BAND`] more or less, is
 //! named as near the bound. SAH costs do not depend on the machine and are the same in every run.
 //! `docs/PAPER.md` lists the rules.
 
+mod bounds;
 mod findings;
+mod further;
 mod museum;
 mod ratios;
 mod table;
@@ -15,6 +17,7 @@ pub(crate) mod tests;
 
 use serde::Serialize;
 
+use self::bounds::{Both, Bounds};
 use super::results::Results;
 
 /// A claim with what was found.
@@ -28,6 +31,8 @@ pub(crate) struct Claim {
     /// What was measured, scene by scene.
     pub(crate) ours: String,
     pub(crate) verdict: Verdict,
+    /// The verdict by the bounds that were written first.
+    pub(crate) first_verdict: Verdict,
     /// When it holds, and when in part.
     pub(crate) rule: &'static str,
     /// What decided, or why nothing could.
@@ -82,11 +87,11 @@ struct Rule {
     source: &'static str,
     paper: &'static str,
     rule: &'static str,
-    judge: fn(&Results) -> Finding,
+    judge: fn(&Results, &Bounds) -> Finding,
 }
 
 /// All claims, in the paper's order.
-const RULES: [Rule; 16] = [
+const RULES: [Rule; 23] = [
     findings::ROTATION_OVERHEAD,
     findings::ROTATION_AGAINST_REBUILD,
     findings::FRAMES_AGAINST_REFIT,
@@ -103,13 +108,22 @@ const RULES: [Rule; 16] = [
     findings::CANDIDATES,
     findings::STABILITY,
     findings::ANNEALING,
+    further::WORST_FRAME,
+    further::INSENSITIVE,
+    further::MUSEUM_CAUSE,
+    further::SETTLING,
+    further::FEWER_CORES,
+    further::HLBVH,
+    further::FAST_MOTION,
 ];
 
 /// Judges all claims.
 pub(crate) fn judge(results: &Results) -> Vec<Claim> {
+    let Both { first, present, .. } = Both::read();
     let judged = |&Rule { claim, source, paper, rule, judge }: &Rule| {
-        let Finding(ours, verdict, why) = judge(results);
-        Claim { claim, source, paper, ours, verdict, rule, why }
+        let Finding(ours, verdict, why) = judge(results, &present);
+        let Finding(_, first_verdict, _) = judge(results, &first);
+        Claim { claim, source, paper, ours, verdict, first_verdict, rule, why }
     };
     RULES.iter().map(judged).collect()
 }

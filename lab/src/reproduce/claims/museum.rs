@@ -1,9 +1,8 @@
 //! What the paper says of its exception, the chaotic museum.
 
+use super::bounds::Bounds;
 use super::findings::missing;
-use super::ratios::{
-    BINNED_PARALLEL, REBUILD, REFIT, ROTATE, faster, frame_time, in_words, mean_cost, slower,
-};
+use super::ratios::{BINNED_PARALLEL, REBUILD, REFIT, ROTATE, frame_time, mean_cost};
 use super::table::{Table, by_times, graded};
 use super::{Finding, Rule};
 use crate::reproduce::contestants::{IDEAL, PAPER_BINNED};
@@ -24,18 +23,21 @@ pub(super) const CHAOS: Rule = Rule {
     judge: chaos,
 };
 
-fn chaos(results: &Results) -> Finding {
+fn chaos(results: &Results, b: &Bounds) -> Finding {
     let (Some(refit), Some(binned)) = (over(results, ROTATE, REFIT), over(results, ROTATE, "binned")) else {
         return missing(&[MUSEUM]);
     };
     let tables = [("against refit", refit), ("against binned", binned)].map(Table::single);
     let (verdict, near) = by_times(tables.each_ref(), |[refit, binned]| {
-        let (beats, loses) = (refit.all(faster), binned.all(slower));
+        let (beats, loses) = (refit.all(|r| b.faster(r)), binned.all(|r| b.slower_than(r)));
         graded(beats && loses, beats || loses)
     });
     let ours = format!("{refit:.2} of refit, {binned:.2} of a serial binned rebuild");
-    let mut why =
-        format!("{} against refit, {} against the serial rebuild{near}", in_words(refit), in_words(binned));
+    let mut why = format!(
+        "{} against refit, {} against the serial rebuild{near}",
+        b.in_words(refit),
+        b.in_words(binned)
+    );
     if let Some(paper) = over(results, ROTATE, PAPER_BINNED) {
         why += &format!("; {paper:.2} of a serial rebuild with bins along one axis");
     }
@@ -51,7 +53,7 @@ pub(super) const OTHER_KEY_FRAMES: Rule = Rule {
     judge: other_keys,
 };
 
-fn other_keys(results: &Results) -> Finding {
+fn other_keys(results: &Results, b: &Bounds) -> Finding {
     let cost = |label: &str| results.scene(label).and_then(|s| mean_cost(s, ROTATE));
     let Some(first) = cost(MUSEUM) else { return missing(&[MUSEUM]) };
     let others = OTHER_KEYS.iter().filter_map(|&key| results.scene(key));
@@ -63,7 +65,7 @@ fn other_keys(results: &Results) -> Finding {
     let ideal = results.scene(MUSEUM).and_then(|s| mean_cost(s, IDEAL));
     let ideal = ideal.map(|cost| format!("; a fresh tree on every frame {:.2}", cost / first));
     let why = format!("the best other start has {best:.2} of the cost{}", ideal.unwrap_or_default());
-    Finding(table.text(), graded(best <= 0.5, best <= 0.9), why)
+    Finding(table.text(), graded(best <= b.key_frames, best <= b.key_frames_in_part), why)
 }
 
 pub(super) const WITH_REBUILDS: Rule = Rule {
@@ -75,12 +77,12 @@ pub(super) const WITH_REBUILDS: Rule = Rule {
     judge: with_rebuilds,
 };
 
-fn with_rebuilds(results: &Results) -> Finding {
+fn with_rebuilds(results: &Results, b: &Bounds) -> Finding {
     let found = (over(results, REBUILD, BINNED_PARALLEL), over(results, REBUILD, ROTATE));
     let (Some(rebuilt), Some(rotated)) = found else { return missing(&[MUSEUM]) };
     let tables = [("against binned-parallel", rebuilt), ("against refit+rotate", rotated)].map(Table::single);
     let (verdict, near) = by_times(tables.each_ref(), |[rebuilt, rotated]| {
-        let (beats_rebuilds, beats_rotations) = (rebuilt.all(faster), rotated.all(faster));
+        let (beats_rebuilds, beats_rotations) = (rebuilt.all(|r| b.faster(r)), rotated.all(|r| b.faster(r)));
         graded(beats_rebuilds && beats_rotations, beats_rebuilds || beats_rotations)
     });
     let rows = results.scene(MUSEUM).map(|scene| scene.of(REBUILD)).unwrap_or_default();
@@ -90,8 +92,8 @@ fn with_rebuilds(results: &Results) -> Finding {
     let why = format!(
         "{} against the rebuild, {} against rotations alone; the tree was rebuilt on {rebuilds} of {} frames \
          measured{near}",
-        in_words(rebuilt),
-        in_words(rotated),
+        b.in_words(rebuilt),
+        b.in_words(rotated),
         rows.len()
     );
     Finding(ours, verdict, why)

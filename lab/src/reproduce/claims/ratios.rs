@@ -11,9 +11,6 @@ pub(super) const ROTATE: &str = "refit+rotate";
 pub(super) const REBUILD: &str = "refit+rotate+rebuild";
 pub(super) const BINNED_PARALLEL: &str = "binned-parallel";
 
-/// Times that differ by less count as equal.
-pub(super) const NOISE: f64 = 1.05;
-
 /// A strategy, and what its update times are multiplied by: 1 as they stand in the rows.
 #[derive(Clone, Copy)]
 pub(super) struct Timed {
@@ -77,27 +74,6 @@ pub(super) fn at_most(bound: f64) -> impl Fn(f64) -> bool {
 
 pub(super) fn at_least(bound: f64) -> impl Fn(f64) -> bool {
     move |ratio| ratio >= bound
-}
-
-/// Beyond noise.
-pub(super) fn faster(ratio: f64) -> bool {
-    ratio <= 1.0 / NOISE
-}
-
-/// Beyond noise.
-pub(super) fn slower(ratio: f64) -> bool {
-    ratio >= NOISE
-}
-
-/// What a ratio of times says of its numerator.
-pub(super) fn in_words(ratio: f64) -> &'static str {
-    if faster(ratio) {
-        "faster"
-    } else if slower(ratio) {
-        "slower"
-    } else {
-        "as fast"
-    }
 }
 
 /// What decides where the ideally parallel rebuild is compared with, and the figures were it

@@ -374,6 +374,7 @@ fn counts_of_verdicts_are_sentences() {
 fn the_speed_is_judged_by_whole_loops() {
     let rows = |frames: usize, costs: [f64; 3]| -> Vec<Row> {
         let row = |round: usize, frame| Row {
+            strategy: "refit+rotate".to_owned(),
             round,
             frame,
             frames_per_loop: frames,
@@ -396,4 +397,107 @@ fn the_speed_is_judged_by_whole_loops() {
     }
     dragon.speeds = vec![(20, rows(20, [1.0; 3]))];
     assert_eq!(verdict(&results(vec![dragon]), "speed of the animation"), Verdict::NotRun);
+}
+
+/// A scene of which a tenth of the frames takes `worst` times as long as the others with rotations.
+fn uneven(worst: f64) -> Results {
+    let others =
+        [("refit", 2.0, 30.0, 90.0), ("ideal-parallel-binned", 5.0, 9.0, 9.0), ("binned", 40.0, 9.0, 9.0)];
+    let mut run = scene("n-body", &[others.as_slice(), &[("refit+rotate", 4.0, 10.0, 10.0)]].concat());
+    let last = run.rows.iter_mut().rfind(|row| row.strategy == "refit+rotate").expect("a row");
+    (last.update_ms, last.frame_ms) = (4.0 * worst, 14.0 * worst);
+    results(vec![run])
+}
+
+#[test]
+fn worst_frames_and_uneven_updates_are_found() {
+    for (worst, expected) in [(1.0, Verdict::Holds), (1.2, Verdict::Holds), (3.0, Verdict::DoesNotHoldHere)] {
+        for words in ["worst frame", "depends little on the frame"] {
+            assert_eq!(verdict(&uneven(worst), words), expected, "{words} {worst}");
+        }
+    }
+}
+
+#[test]
+fn the_cause_in_the_museum_is_a_cost_as_poor_as_that_of_refitting_elsewhere() {
+    let with = |ideal| {
+        let refit = |label, cost| scene(label, &[("refit", 1.0, 9.0, cost)]);
+        let museum = scene("bart-museum", &[("ideal", 0.0, 9.0, ideal)]);
+        verdict(
+            &results(vec![refit("lion", 100.0), refit("exploding-dragon", 200.0), museum]),
+            "fresh tree is as poor",
+        )
+    };
+    assert_eq!(
+        [with(170.0), with(90.0), with(40.0)],
+        [Verdict::Holds, Verdict::HoldsInPart, Verdict::DoesNotHoldHere]
+    );
+}
+
+#[test]
+fn a_scene_that_stops_has_to_get_better() {
+    let with = |after: [f64; 2]| {
+        let stopped = |(i, after): (usize, f64)| {
+            let mut run = scene(&format!("scene-{i}"), &[("refit", 1.0, 1.0, 1.0)]);
+            run.facts.settled = Some([10.0, after, 9.0]);
+            run
+        };
+        claim(&results(after.into_iter().enumerate().map(stopped).collect()), "motion stops")
+    };
+    assert_eq!(with([9.0, 9.9]).verdict, Verdict::Holds);
+    assert!(with([9.0, 9.9]).why.contains("scene-0 1.000, scene-1 1.100"));
+    assert_eq!(with([9.0, 10.0]).verdict, Verdict::DoesNotHoldHere, "in half of the scenes");
+}
+
+#[test]
+fn combinations_that_the_paper_expects_are_judged() {
+    let trees = |one_core, built, ms| {
+        let trees = [
+            ("refit+rotate", 2.0, 9.0, 10.0),
+            ("refit+rotate+background", 2.0, 9.0, one_core),
+            ("asynchronous", 2.0, 9.0, 10.0),
+            ("ideal", 0.0, 9.0, 9.0),
+            ("hlbvh", ms, 9.0, built),
+        ];
+        results(vec![scene("fairy-forest", &trees)])
+    };
+    for (one_core, expected) in [(9.0, Verdict::Holds), (11.0, Verdict::DoesNotHoldHere)] {
+        assert_eq!(verdict(&trees(one_core, 9.0, 8.0), "needs fewer cores"), expected);
+    }
+    for (built, ms, expected) in [
+        (11.0, 7.0, Verdict::Holds),
+        (9.0, 7.0, Verdict::HoldsInPart),
+        (11.0, 5.0, Verdict::HoldsInPart),
+        (9.0, 5.0, Verdict::DoesNotHoldHere),
+    ] {
+        assert_eq!(verdict(&trees(9.0, built, ms), "HLBVH"), expected, "{built} {ms}");
+    }
+}
+
+#[test]
+fn fast_motion_is_compared_with_a_rebuild() {
+    let with = |first: f64, later: f64| {
+        let row = |strategy: &str, round, frame_ms| Row {
+            strategy: strategy.to_owned(),
+            round,
+            frame_ms,
+            frames_per_loop: 20,
+            ..Row::default()
+        };
+        let rebuild = [0, 1].map(|round| row("ideal-parallel-binned", round, 10.0));
+        let rows = [row("refit+rotate", 0, first), row("refit+rotate", 1, later)].into_iter().chain(rebuild);
+        let run = SceneRun { speeds: vec![(20, rows.collect())], ..scene("exploding-dragon", &[]) };
+        verdict(&results(vec![run]), "loop of 20 frames")
+    };
+    assert_eq!(
+        [with(13.0, 11.0), with(30.0, 12.0), with(30.0, 20.0)],
+        [Verdict::Holds, Verdict::HoldsInPart, Verdict::DoesNotHoldHere]
+    );
+}
+
+#[test]
+fn both_verdicts_stand_beside_each_other() {
+    let run = scene("lion", &[("refit", 1.0, 9.0, 9.0), ("refit+rotate", 2.08, 9.0, 9.0)]);
+    let found = claim(&results(vec![run]), "add little");
+    assert_eq!((found.verdict, found.first_verdict), (Verdict::Holds, Verdict::DoesNotHoldHere));
 }

@@ -20,7 +20,7 @@ pub(super) fn sections(results: &Results) -> Markup {
         section id="scenes" {
             h2 { "Scenes" }
             p {
-                "Times are medians over the frames measured, with the middle 80 % beside them, in milliseconds; × compares \
+                "Times are means over the frames measured, with the middle 80 % beside them, in milliseconds; × compares \
                  the SAH cost with that of a fresh sweep build on the same frame."
             }
             @for scene in results.main_scenes() {
@@ -146,7 +146,7 @@ fn table(rows: &[StrategySummary]) -> Markup {
 
 fn with_range(spread: &Spread) -> Markup {
     html! {
-        (number(spread.median))
+        (number(spread.mean))
         @if spread.max > 0.0 { br; span.soft { (number(spread.p10)) " – " (number(spread.p90)) } }
     }
 }

@@ -28,6 +28,11 @@ impl Motion {
     pub(crate) fn apply(&self, p: DVec3) -> DVec3 {
         self.turn * (p - self.from) + self.to
     }
+
+    /// Where a point was before the motion.
+    pub(crate) fn undo(&self, p: DVec3) -> DVec3 {
+        self.turn.conjugate() * (p - self.to) + self.from
+    }
 }
 
 /// `a` times `b` transposed.
@@ -88,6 +93,8 @@ mod tests {
             let points = [DVec3::X, DVec3::new(0.0, 2.0, 1.0), DVec3::new(-3.0, 1.0, 0.5)];
             let found = rotation(points.iter().fold(DMat3::ZERO, |sum, &p| sum + outer(p, turn * p)));
             assert!(points.iter().all(|&p| (found * p - turn * p).length() < 1e-6), "{found} for {turn}");
+            let motion = Motion { from: DVec3::ONE, to: DVec3::X, turn };
+            assert!(points.iter().all(|&p| (motion.undo(motion.apply(p)) - p).length() < 1e-12));
         }
         assert_eq!(rotation(DMat3::ZERO), DQuat::IDENTITY);
     }

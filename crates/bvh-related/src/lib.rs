@@ -1,0 +1,145 @@
+//! Update methods that Pivot is compared with: each system in a file of its own, in plain safe code.
+//!
+//! The papers could not be read whole. Each file says what was followed from abstracts and from
+//! memory, and where it departs. `docs/PAPER.md` lists the same.
+//!
+//! ```
+//! use bvh_build::{Builder, build};
+//! use bvh_core::{Triangles, Vec3};
+//! use bvh_related::{Keeper, System};
+//!
+//! let indices: Vec<[u32; 3]> = (0..60).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+//! let at = |time: f32| -> Vec<Vec3> {
+//!     let corner = |i: usize| Vec3::new((i / 3) as f32, (i % 3) as f32, (i / 3 * 7 % 5) as f32 * time);
+//!     (0..180).map(corner).collect()
+//! };
+//! let [first, last] = [at(0.0), at(9.0)];
+//! let [first, last] = [&first, &last].map(|positions| Triangles { positions, indices: &indices });
+//! let mut bvh = build(&first, Builder::Sweep)?;
+//! let mut keeper = Keeper::new(System::Restructure, &mut bvh, &[first])?;
+//! keeper.update(&mut bvh, &last)?;
+//! assert!(bvh.validate(&last).is_ok());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+#![forbid(unsafe_code)]
+
+mod clusters;
+mod decomposition;
+mod divergent;
+mod part;
+mod restructure;
+mod rigid;
+
+use bvh_build::{BuildError, Pose, Reinsert, build_over_poses};
+use bvh_core::{Bvh, Triangles};
+use bvh_update::{Decision, Strategy, Update, UpdateError, Updater};
+
+use crate::decomposition::Decomposition;
+use crate::divergent::Divergent;
+use crate::restructure::Restructure;
+
+/// A published method of keeping a tree good.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum System {
+    /// Selective restructuring (Yoon, Curtis, Manocha 2007).
+    Restructure,
+    /// Reinsertion and rebuilding of clusters whose motion diverges (Garanzha 2008).
+    Divergent,
+    /// Motion decomposition (Günther et al. 2006), for an animation known in advance.
+    Decomposition,
+    /// One tree for all poses, T-SAH (Bittner and Meister 2015), for an animation known in advance.
+    TSah,
+}
+
+impl System {
+    /// All systems.
+    pub const ALL: [Self; 4] = [Self::Restructure, Self::Divergent, Self::Decomposition, Self::TSah];
+
+    /// Name as the command line and results have it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Restructure => "restructure",
+            Self::Divergent => "divergent",
+            Self::Decomposition => "decomposition",
+            Self::TSah => "t-sah",
+        }
+    }
+
+    /// Whether it has to know the animation in advance.
+    #[must_use]
+    pub const fn knows_animation(self) -> bool {
+        matches!(self, Self::Decomposition | Self::TSah)
+    }
+}
+
+/// Keeps one tree good by one system.
+#[derive(Debug)]
+pub struct Keeper {
+    state: State,
+    refit: Updater,
+}
+
+#[derive(Debug)]
+enum State {
+    Restructure(Restructure),
+    Divergent(Divergent),
+    Decomposition(Decomposition),
+    TSah,
+}
+
+impl Keeper {
+    /// Prepares a system for `bvh`. A system that knows the animation puts a tree of its own in the
+    /// place of `bvh`, over `poses` of the animation, with the boxes of the first pose; the same
+    /// primitives stay dynamic. Others look at no pose.
+    ///
+    /// # Errors
+    /// If a system that knows the animation is given no poses, or poses of different sizes.
+    pub fn new(system: System, bvh: &mut Bvh, poses: &[Triangles<'_>]) -> Result<Self, BuildError> {
+        let own_tree = |bvh: &mut Bvh, new: Bvh| {
+            let dynamic = part::dynamic(bvh);
+            let has_static = dynamic.contains(&false);
+            *bvh = new;
+            if has_static {
+                bvh.set_dynamic(|p| dynamic.get(p) != Some(&false));
+            }
+        };
+        let state = match system {
+            System::Restructure => State::Restructure(Restructure::default()),
+            System::Divergent => State::Divergent(Divergent::default()),
+            System::Decomposition => {
+                let (decomposition, new) = Decomposition::new(poses)?;
+                own_tree(bvh, new);
+                State::Decomposition(decomposition)
+            }
+            System::TSah => {
+                let poses: Vec<_> = poses.iter().map(Pose::new).collect();
+                own_tree(bvh, build_over_poses(&poses, &Reinsert::default())?);
+                State::TSah
+            }
+        };
+        Ok(Self { state, refit: Updater::new(Strategy::Refit) })
+    }
+
+    /// Brings `bvh` up to date with triangles that have moved: refits it, then does what the system
+    /// does. The refit runs in the current rayon pool, all else on one thread. The tree that results
+    /// does not depend on the number of threads.
+    ///
+    /// # Errors
+    /// If the number of triangles is not that of the tree.
+    pub fn update(&mut self, bvh: &mut Bvh, triangles: &Triangles<'_>) -> Result<Update, UpdateError> {
+        let update = self.refit.update(bvh, triangles)?;
+        let subtrees = match &mut self.state {
+            State::Restructure(system) => system.update(bvh),
+            State::Divergent(system) => system.update(bvh)?,
+            State::Decomposition(system) => system.update(bvh)?,
+            State::TSah => 0,
+        };
+        let decision = match subtrees {
+            0 => update.decision,
+            subtrees => Decision::PartialRebuild { subtrees },
+        };
+        Ok(Update { decision, sah_cost: None, height: bvh.height(), ..update })
+    }
+}
