@@ -1,9 +1,10 @@
 //! What work costs, in nanoseconds of one core: the one table that [`Auto`](super::Auto) decides by.
 //!
-//! Only ratios matter to decisions, and they vary little between machines. The prices in nanoseconds are printed for the machine
-//! at hand by `cargo run --release -p pivot-benches --example unit_costs`; the gains and slopes have no command yet. On one thread
-//! of an EPYC (Zen 4, 2026-11-23) it printed, for a regular sheet whose tree is in cache, in the order of this table: 2, 544; 54,
-//! 21; 40; 38, 1267; 87, 15 to 60; 165. The constants are of the six scenes, whose triangles are less regular.
+//! Only ratios matter to decisions, and they vary little between machines. `cargo run --release -p pivot-benches --example
+//! unit_costs` prints the prices for the machine at hand, over a regular sheet whose tree is in cache. The constants are of the six
+//! scenes, which are less regular: `cargo xtask compare update --threads 1` (EPYC Zen 4, 2026-11-23, revision 31e535c) had 27 to
+//! 39 ns a primitive for refitting and rotating, 30 to 40 for LBVH, and 75 to 94 for PLOC. By `compare frame` of that revision
+//! pictures took 3 to 12 % longer with LBVH than with PLOC, and by `--example loads` single rays no longer.
 
 use std::time::Duration;
 
