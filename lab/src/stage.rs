@@ -115,7 +115,7 @@ impl Stage {
         stats
     }
 
-    /// Positions at so many times, evenly spread over a loop from its start to its end. The stage is
+    /// Positions at `count` times, evenly spread over a loop from its start to its end. The stage is
     /// then at time 0.
     pub(crate) fn positions(&mut self, count: usize) -> Vec<Vec<Vec3>> {
         let mut all = Vec::with_capacity(count);

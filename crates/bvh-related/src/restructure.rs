@@ -37,7 +37,7 @@ const WIDTH: usize = 8;
 /// scenes (`reproduce fig6 --frames 20 --loops 1 --strategy restructure --strategy ideal`).
 const PAIRS: usize = 1;
 
-/// Subtrees that trials share out in an update, at most, are one for so many primitives, and 256.
+/// Trials share out at most 256 subtrees in an update, and one for each of this number of primitives.
 const PRIMITIVES: usize = 8;
 
 /// Loss has grown if it is above this multiple of what it was.
@@ -86,7 +86,7 @@ impl Restructure {
     }
 
     /// Shares out the subtrees below a pair whose loss has grown, if that pays; how many there are.
-    /// First few, then more, until the loss is no more than it was, or too small for so many.
+    /// First few, then more, until the loss is no more than it was, or too small for their number.
     fn look(&mut self, bvh: &mut Bvh, paths: &mut Pair, queue: &mut Queue) -> usize {
         let root_area = queue.root_area;
         let ends = |paths: &Pair| paths.each_ref().map(|path| path[path.len() - 1]);
