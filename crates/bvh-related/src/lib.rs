@@ -143,3 +143,82 @@ impl Keeper {
         Ok(Update { decision, sah_cost: None, height: bvh.height(), ..update })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use bvh_build::{Builder, build};
+    use bvh_core::Vec3;
+
+    use super::*;
+
+    const TRIANGLES: usize = 3000;
+
+    /// Bodies of 30 triangles that fly about and spin; the first third of them stands still.
+    fn pose(time: f32) -> Vec<Vec3> {
+        let random = |i: usize, j: usize| ((i * 7919 + j * 104_729) % 1009) as f32 / 1009.0 - 0.5;
+        let place = |i: usize| {
+            let body = i / 90;
+            let time = if i < TRIANGLES { 0.0 } else { time };
+            let p = Vec3::new(random(i, 1), random(i, 2), random(i, 3));
+            let home = Vec3::new(random(body, 4), random(body, 5), random(body, 6)) * 20.0;
+            let speed = Vec3::new(random(body, 7), random(body, 8), random(body, 9)) * 60.0;
+            let (sin, cos) = (5.0 * random(body, 10) * time).sin_cos();
+            home + speed * time + Vec3::new(cos * p.x - sin * p.y, sin * p.x + cos * p.y, p.z)
+        };
+        (0..3 * TRIANGLES).map(place).collect()
+    }
+
+    /// Plays 12 frames, each a step that changes much; the fingerprint of the last tree.
+    fn play(system: System, threads: usize) -> u64 {
+        let indices: Vec<[u32; 3]> = (0..TRIANGLES as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let known: Vec<_> = [0.0, 0.5, 1.0].map(pose).into();
+        let poses: Vec<_> = known.iter().map(|p| Triangles { positions: p, indices: &indices }).collect();
+        let pool = pool_of(threads);
+        pool.install(|| {
+            let mut bvh = build(&poses[0], Builder::Sweep).expect("few");
+            bvh.set_dynamic(|p| 3 * p >= TRIANGLES);
+            let mut keeper = Keeper::new(system, &mut bvh, &poses).expect("poses");
+            for frame in 0..12 {
+                let positions = pose(frame as f32 / 11.0);
+                let now = Triangles { positions: &positions, indices: &indices };
+                let update = keeper.update(&mut bvh, &now).expect("as many");
+                bvh.validate(&now).unwrap_or_else(|e| panic!("{}, frame {frame}: {e}", system.name()));
+                assert_eq!(update.height, bvh.height());
+                let mut again = bvh.clone();
+                again.sum_static_area();
+                assert!((again.static_area() - bvh.static_area()).abs() <= 1e-6 * again.static_area());
+            }
+            bvh.fingerprint()
+        })
+    }
+
+    fn pool_of(threads: usize) -> rayon::ThreadPool {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads")
+    }
+
+    #[test]
+    fn trees_are_valid_in_each_frame_and_the_same_for_all_numbers_of_threads() {
+        for system in System::ALL {
+            assert_eq!(play(system, 1), play(system, 3), "{}", system.name());
+        }
+    }
+
+    #[test]
+    fn poses_are_asked_for_where_they_are_needed() {
+        let mut bvh = Bvh::default();
+        for system in System::ALL {
+            assert_eq!(
+                Keeper::new(system, &mut bvh, &[]).is_err(),
+                system.knows_animation(),
+                "{}",
+                system.name()
+            );
+        }
+        let (two, one) = ([Vec3::ZERO, Vec3::X, Vec3::Y], [[0, 1, 2], [2, 1, 0]]);
+        let pose = |indices| Triangles { positions: &two, indices };
+        for system in [System::Decomposition, System::TSah] {
+            let uneven = [pose(&one[..]), pose(&one[..1])];
+            assert!(matches!(Keeper::new(system, &mut bvh, &uneven), Err(BuildError::PoseLength { .. })));
+        }
+    }
+}

@@ -33,8 +33,12 @@ const THRESHOLD: f64 = 8e-5;
 /// to the next.
 const WIDTH: usize = 8;
 
-/// Pairs looked at in an update, at most, for each hundred nodes.
-const PAIRS: usize = 4;
+/// Pairs looked at in an update, at most, for each hundred nodes. More give the same costs on three
+/// scenes (`reproduce fig6 --frames 20 --loops 1 --strategy restructure --strategy ideal`).
+const PAIRS: usize = 1;
+
+/// Trials share out at most 256 subtrees in an update, and one for each of this number of primitives.
+const PRIMITIVES: usize = 8;
 
 /// Loss has grown if it is above this multiple of what it was.
 const GROWN: f64 = 1.2;
@@ -55,13 +59,16 @@ struct Queue {
     heap: BinaryHeap<Ranked<Pair>>,
     pushed: usize,
     root_area: f64,
+    /// Subtrees that trials may still share out.
+    budget: usize,
 }
 
 impl Restructure {
     /// Restructures a refitted tree; gives the number of subtrees shared out anew.
     pub(crate) fn update(&mut self, bvh: &mut Bvh) -> usize {
         let root_area = bvh.root().aabb().half_area_f64();
-        let mut queue = Queue { heap: BinaryHeap::new(), pushed: 0, root_area };
+        let budget = 256 + bvh.len() / PRIMITIVES;
+        let mut queue = Queue { heap: BinaryHeap::new(), pushed: 0, root_area, budget };
         queue.push_children(bvh, &[0]);
         let mut shared_out = 0;
         let most = 16 + bvh.nodes().len() * PAIRS / 100;
@@ -71,7 +78,7 @@ impl Restructure {
             if !pair.iter().all(|path| is_path(bvh, path)) {
                 continue;
             }
-            shared_out += self.look(bvh, &mut pair, root_area);
+            shared_out += self.look(bvh, &mut pair, &mut queue);
             queue.push_below(bvh, &pair);
         }
         self.has_begun = true;
@@ -79,8 +86,9 @@ impl Restructure {
     }
 
     /// Shares out the subtrees below a pair whose loss has grown, if that pays; how many there are.
-    /// First few, then more, until the loss is no more than it was, or too small for so many.
-    fn look(&mut self, bvh: &mut Bvh, paths: &mut Pair, root_area: f64) -> usize {
+    /// First few, then more, until the loss is no more than it was, or too small for their number.
+    fn look(&mut self, bvh: &mut Bvh, paths: &mut Pair, queue: &mut Queue) -> usize {
+        let root_area = queue.root_area;
         let ends = |paths: &Pair| paths.each_ref().map(|path| path[path.len() - 1]);
         let mut now = loss(bvh, ends(paths), root_area);
         let before = self.rest.get(&ends(paths).into()).copied().unwrap_or(0.0);
@@ -89,6 +97,9 @@ impl Restructure {
             return 0;
         }
         while self.has_begun && now > GROWN * before && now > THRESHOLD * (2 * width) as f64 {
+            // What is left over is for the next update.
+            let Some(left) = queue.budget.checked_sub(2 * width) else { return shared_out };
+            queue.budget = left;
             match self.share_out(bvh, paths, width, root_area) {
                 Ok(count) => shared_out += count,
                 // No more subtrees than before.

@@ -43,10 +43,11 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     DRAGON.scene(options)
 }
 
-/// The scene from so many key frames, between which vertices go straight, as those of the original
-/// do: pieces that spin shear and shrink on the way from one to the next.
+/// Key frames of the original.
 const BLENDED_KEYS: usize = 16;
 
+/// The scene from few key frames, between which vertices go straight, as those of the original do:
+/// pieces that spin shear and shrink on the way from one to the next.
 pub(crate) fn blended(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let rigid = scene(options)?;
     let seconds = rigid.animation.duration() / (BLENDED_KEYS - 1) as f64;
