@@ -88,7 +88,8 @@ fn results_are_resumed_redrawn_and_compared() {
     assert_eq!(resumed.lines().count(), whole.lines().count());
     let same = resumed.lines().zip(whole.lines()).take_while(|(a, b)| a == b).count();
     assert!(same > rows + 12 && same <= kept.len(), "{same} of {} rows are as before", kept.len());
-    for (a, b) in resumed.lines().zip(whole.lines()) {
+    // Trees from the background depend on time.
+    for (a, b) in resumed.lines().zip(whole.lines()).filter(|(a, _)| !a.contains("asynchronous")) {
         assert_eq!(fixed(a), fixed(b));
     }
     let after = summary(&out);

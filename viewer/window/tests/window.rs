@@ -6,6 +6,7 @@ use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::{Mutex, PoisonError};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -47,6 +48,9 @@ impl Display {
             return None;
         }
         let folder = tempfile::tempdir().expect("a folder");
+        // Servers that look for a free number at the same time may find the same.
+        static NUMBERS: Mutex<()> = Mutex::new(());
+        let turn = NUMBERS.lock().unwrap_or_else(PoisonError::into_inner);
         let mut xvfb = Command::new("Xvfb")
             .args(["-displayfd", "1", "-screen", "0", "640x480x24", "-fbdir"])
             .arg(folder.path())
@@ -56,6 +60,7 @@ impl Display {
             .expect("Xvfb starts");
         let mut number = String::new();
         BufReader::new(xvfb.stdout.take().expect("piped")).read_line(&mut number).expect("a number");
+        drop(turn);
         let name = format!(":{}", number.trim());
         let mut viewer = Command::new(env!("CARGO_BIN_EXE_viewer"))
             .args([scene, "--beside", "none", "--overlay", "0", "--size", "640x480", "--folder"])
