@@ -61,7 +61,7 @@ impl Decomposition {
         Ok((Self { roots }, bvh))
     }
 
-    /// Builds the tree over the roots of a refitted tree anew; gives how many there are.
+    /// Rebuilds the tree over the roots of a refitted tree; gives how many there are.
     pub(crate) fn update(&mut self, bvh: &mut Bvh) -> Result<usize, BuildError> {
         if self.roots.len() < 2 {
             return Ok(0);

@@ -7,7 +7,7 @@
 //! efficiency   = 1 - area(A ∩ B) / area(A ∪ B), the culling efficiency of the pair; loss is its complement, weighted
 //! queue        of pairs, at first the root's children; the greatest loss first
 //! pair (A, B)  whose loss has grown since its nodes were made:
-//!                  the subtrees a few levels below A and B are shared out anew between A and B, trees built over both shares
+//!                  the subtrees a few levels below A and B are divided again between A and B, trees built over both shares
 //!                  kept if it saves more node area than THRESHOLD for each of these subtrees (benefit over cost)
 //!                  else again with more levels, as long as the loss is above THRESHOLD for each subtree
 //!              then the pairs of children: those of A, those of B, and one of A with one of B
@@ -64,7 +64,7 @@ struct Queue {
 }
 
 impl Restructure {
-    /// Restructures a refitted tree; gives the number of subtrees shared out anew.
+    /// Restructures a refitted tree; gives the number of subtrees that were divided again.
     pub(crate) fn update(&mut self, bvh: &mut Bvh) -> usize {
         let root_area = bvh.root().aabb().half_area_f64();
         let budget = 256 + bvh.len() / PRIMITIVES;

@@ -67,7 +67,7 @@ impl Canvas {
         }
     }
 
-    /// Draws a line between two points, as far as it is within `clip`.
+    /// Draws the part of a line between two points that is within `clip`.
     pub(crate) fn line(&mut self, a: [f32; 2], b: [f32; 2], clip: Rect, color: Color, alpha: f32) {
         let Some((a, b)) = clipped(a, b, clip) else { return };
         let (dx, dy) = (b[0] - a[0], b[1] - a[1]);

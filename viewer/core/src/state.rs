@@ -321,7 +321,7 @@ impl State {
         }
     }
 
-    /// Makes the picture anew, with a tree for each strategy that is set.
+    /// Starts the picture again, with a tree for each strategy that is set.
     pub(crate) fn settings_changed(&mut self) {
         let wanted: Vec<Strategy> = std::iter::once(self.settings.left).chain(self.settings.right).collect();
         let Some(shown) = &mut self.shown else { return };

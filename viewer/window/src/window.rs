@@ -121,7 +121,7 @@ impl App<'_> {
         Ok(())
     }
 
-    /// Begins to count time anew: what stood still did not take long.
+    /// Counts time from now on: what stood still did not take long.
     fn wake(&mut self) {
         if std::mem::take(&mut self.rests) {
             self.last = Instant::now();

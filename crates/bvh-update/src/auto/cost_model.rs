@@ -4,7 +4,7 @@
 //! unit_costs` prints the prices for the machine at hand, over a regular sheet whose tree is in cache. The constants are of the six
 //! scenes, which are less regular: `cargo xtask compare update --threads 1` (EPYC Zen 4, 2026-11-23, revision 31e535c) had 27 to
 //! 39 ns a primitive for refitting and rotating, 30 to 40 for LBVH, and 75 to 94 for PLOC. By `compare frame` of that revision
-//! pictures took 3 to 12 % longer with LBVH than with PLOC, and by `--example loads` single rays no longer.
+//! pictures took 3 to 7 % longer with LBVH than with PLOC, and by `--example loads` single rays no longer.
 
 use std::time::Duration;
 

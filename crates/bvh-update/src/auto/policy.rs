@@ -16,7 +16,7 @@ use super::cost_model::{self, QueryCost, TOP_SUBTREE};
 use crate::report::Reason;
 use crate::state::Ledger;
 
-/// Once so many rebuilds in a row came so soon that one in every frame is cheaper, the next ones are made without a pass before.
+/// After this number of rebuilds in a row, each soon enough that one in every frame is cheaper, the next ones need no pass.
 const IN_A_ROW: u32 = 2;
 /// One in this many rebuilds in a row is made after a pass that looks whether it is needed.
 const LOOK_AGAIN: u32 = 16;
