@@ -29,7 +29,7 @@ pub struct Settings {
     pub flash: bool,
     /// How rays are tested against triangles.
     pub test: TriangleTest,
-    /// Rotations are tried at each node in one of so many updates.
+    /// The period of rotations: each node has its turn once in this number of updates.
     pub period: u32,
     /// Samples of each pixel once the picture stands still. `None`: as many as the effects call for.
     pub samples: Option<u32>,

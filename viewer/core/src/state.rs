@@ -61,11 +61,11 @@ pub enum Event {
     Pointer(f32, f32),
     /// A button goes down or up.
     Button(Button, bool),
-    /// The wheel turns up by so many notches.
+    /// The wheel turns up by a number of notches.
     Wheel(f32),
     /// The picture has another size in pixels.
     Resize(u32, u32),
-    /// So many seconds have passed.
+    /// A number of seconds has passed.
     Tick(f64),
     /// A scene is there, to be shown in the place of the present one.
     Scene(Box<Ready>),
@@ -95,7 +95,7 @@ pub enum Request {
 /// What holds a button of the mouse down.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Drag {
-    /// On the scene, after so many pixels.
+    /// On the scene, after a number of pixels.
     Eye(Button, f32),
     Timeline,
     Nothing,

@@ -111,7 +111,7 @@ pub extern "C" fn button(which: u32, down: u32) {
     apply(Event::Button(if which == 0 { Button::Left } else { Button::Right }, down != 0));
 }
 
-/// The wheel turns up by so many notches.
+/// The wheel turns up by a number of notches.
 #[unsafe(no_mangle)]
 pub extern "C" fn wheel(notches: f32) {
     apply(Event::Wheel(notches));
@@ -123,7 +123,7 @@ pub extern "C" fn resize(width: u32, height: u32) {
     apply(Event::Resize(width, height));
 }
 
-/// Room for a file of so many bytes, its name included.
+/// Room for a file of `bytes` bytes, its name included.
 #[unsafe(no_mangle)]
 pub extern "C" fn inbox(bytes: usize) -> *mut u8 {
     PAGE.with_borrow_mut(|page| {
@@ -140,7 +140,7 @@ pub extern "C" fn open(name: usize) {
     show(parsed(&String::from_utf8_lossy(name), bytes));
 }
 
-/// So many seconds have passed: draws, and gives the place of the pixels, four bytes each. 0 before the start.
+/// A number of seconds has passed: draws, and gives the place of the pixels, four bytes each. 0 before the start.
 #[unsafe(no_mangle)]
 pub extern "C" fn draw(seconds: f64) -> *const u8 {
     apply(Event::Tick(seconds));

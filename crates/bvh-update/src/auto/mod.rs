@@ -165,7 +165,9 @@ fn rebuild<P: Primitives + ?Sized>(
 ) -> Result<Update, UpdateError> {
     let before = State::of(bvh).ledger;
     let cost_before = after_pass.map(|(tally, _)| cost_after(bvh, tally));
-    let is_soon = after_pass.is_none_or(|(_, seen)| pays_every_frame(&before, seen));
+    // Another number of primitives says nothing of the trees before.
+    let is_same_number = primitives.len() == bvh.len();
+    let is_soon = after_pass.map_or(is_same_number, |(_, seen)| pays_every_frame(&before, seen));
     let options = options_like(bvh);
     let update = new_tree(bvh, primitives, builder, &options, scratch.rebuild)?;
     let is_better = cost_before.map(|before| cost_of(bvh) < before);

@@ -39,6 +39,12 @@ pub(super) struct Observation {
 }
 
 impl Observation {
+    /// The builder for a new tree now, and what that costs.
+    fn rebuild(&self, ledger: &Ledger) -> (Builder, f64) {
+        let builder = self.queries.builder(self.primitives, ledger.since_repair);
+        (builder, cost_model::rebuild(builder, self.primitives))
+    }
+
     /// What merging or splitting all leaves costs.
     pub(super) fn price_of_leaves(&self) -> f64 {
         cost_model::change_leaves(self.nodes)
@@ -74,8 +80,7 @@ pub(super) fn decide_blindly(ledger: &Ledger, primitives: f64, queries: QueryCos
 /// cycle = pass + sqrt(2 price rate)       per frame, if a tree is rebuilt as soon as as much is lost as that costs
 /// ```
 pub(super) fn pays_every_frame(ledger: &Ledger, seen: &Observation) -> bool {
-    let builder = seen.queries.builder(seen.primitives, ledger.since_repair);
-    let price_of_rebuild = cost_model::rebuild(builder, seen.primitives);
+    let (_, price_of_rebuild) = seen.rebuild(ledger);
     let frames = f64::from(ledger.since_repair.max(1));
     let rate = 2.0 * ledger.repair.lost() / (frames * (frames + 1.0));
     let cycle = cost_model::pass(seen.nodes) + (2.0 * price_of_rebuild * rate).sqrt();
@@ -84,8 +89,7 @@ pub(super) fn pays_every_frame(ledger: &Ledger, seen: &Observation) -> bool {
 
 /// What to do after a pass, with its losses already charged.
 pub(super) fn decide(ledger: &Ledger, seen: &Observation) -> Plan {
-    let builder = seen.queries.builder(seen.primitives, ledger.since_repair);
-    let price_of_rebuild = cost_model::rebuild(builder, seen.primitives);
+    let (builder, price_of_rebuild) = seen.rebuild(ledger);
     let rebuild = ledger.rebuild.is_due(price_of_rebuild).then_some(builder);
     if seen.has_no_baseline {
         return Plan::Rebuild(builder);
@@ -119,8 +123,7 @@ pub(super) fn reason(ledger: &Ledger, seen: &Observation) -> Reason {
     let (account, price) = if ledger.is_beyond_repair == 0 {
         (ledger.repair, cost_model::repair(seen.nodes, ledger.kept))
     } else {
-        let builder = seen.queries.builder(seen.primitives, ledger.since_repair);
-        (ledger.rebuild, cost_model::rebuild(builder, seen.primitives))
+        (ledger.rebuild, seen.rebuild(ledger).1)
     };
     let ms = 1e-6;
     Reason { lost_ms: account.lost() * ms, price_ms: price * account.patience() * ms, excess: seen.excess }
