@@ -48,8 +48,9 @@ const LIBRARIES: &[&str] = &["bvh-core", "bvh-build", "bvh-update", "pivot-bvh",
 const ALLOWED_IN_TESTS: [(&str, &[&str]); 2] = [("rt-cpu", &["bvh-build"]), ("viewer", &["lab"])];
 
 /// The folders and files of `bvh-update`, each of which may import only those before it.
-const UPDATE_MODULES: [&str; 12] = [
+const UPDATE_MODULES: [&str; 13] = [
     "ski_rental",
+    "sleep",
     "state",
     "report",
     "refit",

@@ -95,6 +95,13 @@ impl Updater {
         self.workspace.refit.costs.as_mut().map(Costs::take).unwrap_or_default()
     }
 
+    /// Memory that refits and rotations keep from one update to the next, in bytes: some for each thread, whatever the size
+    /// of the tree. What rebuilds and repairs keep is not counted.
+    #[must_use]
+    pub fn pass_memory(&self) -> usize {
+        self.workspace.refit.memory_usage()
+    }
+
     /// What the last tree that was built in the background cost; `None` before there was one.
     #[must_use]
     pub fn background_cost(&self) -> Option<BackgroundCost> {

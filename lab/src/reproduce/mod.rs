@@ -161,7 +161,8 @@ pub fn run(args: &Args) -> Result<()> {
             }
             let for_claims = args.runs_claims() && !entry.supplement;
             if for_claims && run.moves() && !interrupt::requested() {
-                run.facts.settled = Some(settle::measure(&mut stage, plan.frames)?);
+                let (settled, memory) = settle::measure(&mut stage, plan.frames)?;
+                (run.facts.settled, run.facts.memory) = (Some(settled), Some(memory));
             }
             if for_claims && run.facts.triangles <= args.values().offline && !interrupt::requested() {
                 run.offline = offline::measure(&mut stage, plan.size)?;

@@ -100,6 +100,9 @@ pub(crate) struct SceneFacts {
     /// SAH costs with rotations: where motion stopped, after more updates, and of a fresh tree there.
     #[serde(default)]
     pub(crate) settled: Option<[f64; 3]>,
+    /// Bytes that rotations keep between updates over those of the tree.
+    #[serde(default)]
+    pub(crate) memory: Option<f64>,
 }
 
 /// A rendered frame, or a heat map of it.

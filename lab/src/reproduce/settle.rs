@@ -1,4 +1,4 @@
-//! What rotations do once motion stops (Kopta et al. 2012, section 4).
+//! What rotations do once motion stops (Kopta et al. 2012, section 4), and the memory that they keep.
 
 use anyhow::Result;
 use bvh_build::{Builder, build};
@@ -11,9 +11,10 @@ use crate::stage::Stage;
 const UPDATES: usize = 50;
 
 /// Plays half of a loop of `frames` with rotations and stops. Gives the SAH cost there, after more
-/// updates of the same geometry, and of a fresh sweep build over it. All that may move is still
-/// marked as dynamic, so rotations go on everywhere that they were before.
-pub(super) fn measure(stage: &mut Stage, frames: usize) -> Result<[f64; 3]> {
+/// updates of the same geometry, and of a fresh sweep build over it; then the bytes that the updates
+/// kept over those of the tree. All that may move is still marked as dynamic, so rotations go on
+/// everywhere that they were before.
+pub(super) fn measure(stage: &mut Stage, frames: usize) -> Result<([f64; 3], f64)> {
     let mut tree = stage.first_tree.clone();
     let mut updater = Updater::new(Strategy::RefitRotate(bvh_update::Rotate::default()));
     for frame in 0..=frames / 2 {
@@ -24,5 +25,7 @@ pub(super) fn measure(stage: &mut Stage, frames: usize) -> Result<[f64; 3]> {
     for _ in 0..UPDATES {
         updater.update(&mut tree, &stage.triangles())?;
     }
-    Ok([stopped, sah_cost(&tree), sah_cost(&build(&stage.triangles(), Builder::Sweep)?)])
+    let fresh = build(&stage.triangles(), Builder::Sweep)?;
+    let memory = updater.pass_memory() as f64 / tree.memory_usage() as f64;
+    Ok(([stopped, sah_cost(&tree), sah_cost(&fresh)], memory))
 }

@@ -156,6 +156,11 @@ impl RefitScratch {
     pub(crate) fn with_level(level: SimdLevel) -> Self {
         Self { level: Available::at_most(level), with_sums: true, costs: None, spare: Vec::new() }
     }
+
+    /// Bytes kept.
+    pub(crate) fn memory_usage(&self) -> usize {
+        self.spare.iter().map(|spare| locked(spare).memory_usage()).sum()
+    }
 }
 
 /// What one thread has not in use. It uses one block for each that it is below of: also where it waits for another
@@ -168,6 +173,10 @@ struct Spare {
 impl Spare {
     fn new() -> Self {
         Self { blocks: std::iter::repeat_with(Block::boxed).take(8).collect(), lists: vec![Lists::boxed()] }
+    }
+
+    fn memory_usage(&self) -> usize {
+        self.blocks.len() * size_of::<Block>() + self.lists.len() * size_of::<Lists>()
     }
 }
 
@@ -349,9 +358,12 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
 
     /// What belongs to this thread. No other thread takes it, but one outside of the pool.
     fn spare(&self) -> MutexGuard<'_, Spare> {
-        let spare = &self.spare[rayon::current_thread_index().unwrap_or(0)];
-        spare.lock().unwrap_or_else(PoisonError::into_inner)
+        locked(&self.spare[rayon::current_thread_index().unwrap_or(0)])
     }
+}
+
+fn locked(spare: &Mutex<Spare>) -> MutexGuard<'_, Spare> {
+    spare.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

@@ -112,6 +112,25 @@ fn settling(results: &Results, b: &Bounds) -> Finding {
     Finding(table.text_to(3), graded(table.all(passes), table.most(passes)), why)
 }
 
+pub(super) const MEMORY: Rule = Rule {
+    claim: "Rotations need hardly any memory",
+    source: "abstract",
+    paper: "requires negligible memory",
+    rule: "Bytes that refit+rotate keeps from one update to the next, over those of the tree. Holds if at most 0.1 in every scene \
+           that moves; in part if in more than half of them. They grow with the threads, not with the scene.",
+    judge: memory,
+};
+
+fn memory(results: &Results, b: &Bounds) -> Finding {
+    let table = Table::of(moving(results), |s| s.facts.memory);
+    if table.is_empty() {
+        return Finding::not_run("no scene was stopped");
+    }
+    let passes = at_most(b.memory);
+    let why = table.scenes_where(&format!("at most {}", b.memory), &passes);
+    Finding(table.text_to(3), graded(table.all(&passes), table.most(&passes)), why)
+}
+
 pub(super) const FEWER_CORES: Rule = Rule {
     claim: "With rotations between its trees, asynchronous rebuilding needs fewer cores",
     source: "section 5, after Wald, Ize and Parker 2008",

@@ -450,6 +450,21 @@ fn a_scene_that_stops_has_to_get_better() {
 }
 
 #[test]
+fn memory_is_judged_in_every_scene() {
+    let with = |kept: [f64; 3]| {
+        let scene_with = |(i, kept): (usize, f64)| {
+            let mut run = scene(&format!("scene-{i}"), &[("refit", 1.0, 1.0, 1.0)]);
+            run.facts.memory = Some(kept);
+            run
+        };
+        verdict(&results(kept.into_iter().enumerate().map(scene_with).collect()), "hardly any memory")
+    };
+    assert_eq!(with([0.1, 0.01, 0.0]), Verdict::Holds);
+    assert_eq!(with([0.2, 0.01, 0.0]), Verdict::HoldsInPart);
+    assert_eq!(with([0.2, 0.11, 0.0]), Verdict::DoesNotHoldHere);
+}
+
+#[test]
 fn combinations_that_the_paper_expects_are_judged() {
     let trees = |one_core, built, ms| {
         let trees = [
