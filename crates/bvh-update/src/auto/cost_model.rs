@@ -3,7 +3,8 @@
 //! Only ratios matter to decisions, and they vary little between machines. `cargo run --release -p pivot-benches --example
 //! unit_costs` prints the prices for the machine at hand, over a regular sheet whose tree is in cache. The constants are of the six
 //! scenes, which are less regular: `cargo xtask compare update --threads 1` (EPYC Zen 4, 2026-11-23, revision 31e535c) had 27 to
-//! 39 ns a primitive for refitting and rotating, 30 to 40 for LBVH, and 75 to 94 for PLOC. By `compare frame` of that revision
+//! 39 ns a primitive for refitting and rotating, 30 to 40 for LBVH, and 75 to 94 for PLOC. A picture's node takes 57 to 60
+//! (`unit_costs`; `reproduce fig6 --preset quick --scene lion`: trace time over nodes opened; revision 9c0ad4b). By `compare frame` of 31e535c
 //! pictures took 3 to 7 % longer with LBVH than with PLOC, and by `--example loads` single rays no longer.
 
 use std::time::Duration;
@@ -25,7 +26,7 @@ const LEAF_NODE: f64 = 50.0;
 const PACKET_RAY: f64 = 25.0;
 const SINGLE_RAY: f64 = 1000.0;
 /// A node that a packet visits, with the triangles and rays that hang on it, and a node that a single query visits.
-const PACKET_NODE: f64 = 90.0;
+const PACKET_NODE: f64 = 60.0;
 const QUERY_NODE: f64 = 15.0;
 /// Finding all overlapping pairs, for each primitive.
 const PAIRS: f64 = 100.0;
@@ -41,7 +42,7 @@ const MERGED_LEAVES_GAIN: f64 = 0.04;
 
 /// What will be asked of the tree before the next update. The more it is, the more a better tree is worth.
 ///
-/// A load counts as at least the time of one search of all pairs, so that a tree never rots.
+/// A tree of twice the cost counts as a loss of at least the time of one update, so that no tree rots.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Load {
@@ -73,12 +74,12 @@ impl QueryCost {
         let (ns, slope) = match load {
             Load::PacketRays(rays) => (rays as f64 * PACKET_RAY, PACKET_SLOPE),
             Load::SingleRays(rays) => (rays as f64 * SINGLE_RAY, QUERY_SLOPE),
-            Load::Pairs => (0.0, QUERY_SLOPE),
+            Load::Pairs => (primitives * PAIRS, QUERY_SLOPE),
             Load::Nodes(nodes) => (measured(nodes as f64 * QUERY_NODE, QUERY_SLOPE), QUERY_SLOPE),
             Load::PacketNodes(nodes) => (measured(nodes as f64 * PACKET_NODE, PACKET_SLOPE), PACKET_SLOPE),
             Load::Time(time) => (measured(time.as_secs_f64() * 1e9, QUERY_SLOPE), QUERY_SLOPE),
         };
-        Self { ns: ns.max(primitives * PAIRS), slope }
+        Self { ns: ns.max(pass(2.0 * primitives) / slope), slope }
     }
 
     /// Time lost in one frame to a tree of this excess.

@@ -318,10 +318,12 @@ mod tests {
     }
 
     #[test]
-    fn a_load_counts_as_at_least_the_time_of_a_search_of_pairs() {
-        let lost = |load| QueryCost::new(load, N, 0.0).lost(0.1);
-        assert_eq!(lost(Load::PacketRays(0)) / lost(Load::Pairs), 0.4);
-        assert_eq!([Load::SingleRays(0), Load::Nodes(0)].map(lost), [lost(Load::Pairs); 2]);
+    fn twice_the_cost_loses_at_least_the_time_of_an_update() {
+        let lost = |load| QueryCost::new(load, N, 0.0).lost(1.0);
+        let least = cost_model::pass(2.0 * N);
+        let none = [Load::SingleRays(0), Load::Nodes(0), Load::PacketRays(0), Load::PacketNodes(0)];
+        assert_eq!(none.map(lost), [least; 4]);
+        assert!(lost(Load::Pairs) > least && lost(Load::SingleRays(100)) > least);
     }
 
     #[test]
