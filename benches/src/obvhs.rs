@@ -26,6 +26,8 @@ use crate::{Contestant, Failure, Hits, RAYS, Rays};
 enum Mode {
     /// Built once, then refitted.
     Refit,
+    /// Built once, then each triangle is taken out and put where the library finds a place, with its rotations on the way up.
+    Move,
     /// Built each time.
     Rebuild,
     /// Built each time, and converted to eight children a node.
@@ -91,7 +93,7 @@ impl Obvhs {
             Mode::Wide => {
                 self.wide = bvh2_to_cwbvh(&self.tree, params.max_prims_per_leaf.clamp(1, 3), true, false);
             }
-            Mode::Refit | Mode::Rebuild => {
+            Mode::Refit | Mode::Move | Mode::Rebuild => {
                 collapse(
                     &mut self.tree,
                     params.max_prims_per_leaf.clamp(1, 255),
@@ -125,10 +127,17 @@ impl Obvhs {
         self.tree.refit_all();
     }
 
+    fn move_all(&mut self) {
+        for i in 0..self.mesh.indices.len() {
+            let aabb = self.mesh.aabb(i);
+            self.tree.move_primitive(Aabb::new(aabb.min.into(), aabb.max.into()), i as u32);
+        }
+    }
+
     fn numbers(&self) -> &[u32] {
         match self.mode {
             Mode::Wide => &self.wide.primitive_indices,
-            Mode::Refit | Mode::Rebuild => &self.tree.primitive_indices,
+            _ => &self.tree.primitive_indices,
         }
     }
 
@@ -153,10 +162,10 @@ impl Contestant for Obvhs {
     }
 
     fn update(&mut self) -> Result<(), Failure> {
-        if matches!(self.mode, Mode::Refit) && self.is_built {
-            self.refit();
-        } else {
-            self.build();
+        match self.mode {
+            Mode::Refit if self.is_built => self.refit(),
+            Mode::Move if self.is_built => self.move_all(),
+            _ => self.build(),
         }
         if matches!(self.mode, Mode::Refit) && !self.is_built {
             // Refitting is then one sweep, which the library's documentation calls three times as fast.
@@ -174,7 +183,7 @@ impl Contestant for Obvhs {
     fn sah_cost(&self) -> Option<f64> {
         let nodes = match self.mode {
             Mode::Wide => return None,
-            Mode::Refit | Mode::Rebuild => &self.tree.nodes,
+            _ => &self.tree.nodes,
         };
         let area = |n: usize| half_area(nodes[n].aabb().diagonal().to_array());
         let (mut sah, mut todo) = (Sah::default(), vec![0]);
@@ -207,7 +216,7 @@ impl Contestant for Obvhs {
             let mut found = RayHit::none();
             match self.mode {
                 Mode::Wide => self.wide.ray_traverse(Self::ray(rays, i), &mut found, test),
-                Mode::Refit | Mode::Rebuild => self.tree.ray_traverse(Self::ray(rays, i), &mut found, test),
+                _ => self.tree.ray_traverse(Self::ray(rays, i), &mut found, test),
             };
             hits.set(i, best);
         }
@@ -224,7 +233,7 @@ impl Contestant for Obvhs {
             };
             *blocked = !match self.mode {
                 Mode::Wide => self.wide.ray_traverse_miss(Self::ray(rays, i), test),
-                Mode::Refit | Mode::Rebuild => self.tree.ray_traverse_miss(Self::ray(rays, i), test),
+                _ => self.tree.ray_traverse_miss(Self::ray(rays, i), test),
             };
         }
     }
@@ -239,7 +248,7 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
     let (fastest, fast) = (BvhBuildParams::fastest_build(), BvhBuildParams::fast_build());
     let medium = BvhBuildParams::medium_build();
     let mut add = |name: &str, mode, params, gathers| {
-        let keeps_tree = matches!(mode, Mode::Refit);
+        let keeps_tree = matches!(mode, Mode::Refit | Mode::Move);
         entries.push(Entry::new(format!("obvhs {name}"), keeps_tree, move |triangles| {
             Ok(Box::new(Obvhs::new(triangles, mode, params, gathers)))
         }));
@@ -247,6 +256,7 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
     match contest {
         Contest::Update => {
             add("refit", Mode::Refit, medium, false);
+            add("move", Mode::Move, BvhBuildParams { max_prims_per_leaf: 1, ..medium }, false);
             add("ploc", Mode::Rebuild, fastest, false);
             add("fast", Mode::Rebuild, fast, false);
             add("medium", Mode::Rebuild, medium, false);
