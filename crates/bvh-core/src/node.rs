@@ -94,13 +94,6 @@ impl Node {
         Aabb { min: self.min, max: self.max }
     }
 
-    /// Whether this is a dynamic leaf of one primitive, as most nodes are.
-    #[must_use]
-    #[inline]
-    pub fn is_dynamic_single(&self) -> bool {
-        self.link & DYNAMIC != 0 && self.aux == 1 << 8
-    }
-
     /// Replaces the box.
     #[inline]
     pub fn set_aabb(&mut self, aabb: Aabb) {

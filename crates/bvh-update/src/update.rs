@@ -72,9 +72,9 @@ impl Updater {
     }
 
     /// Reports what is asked of the tree between two updates, for [`Strategy::Auto`]; in the place of [`Auto::load`] until
-    /// the next report.
-    pub fn report(&mut self, load: Load) {
-        self.load = Some(load);
+    /// the next report. `None` takes earlier reports back.
+    pub fn report(&mut self, load: impl Into<Option<Load>>) {
+        self.load = load.into();
     }
 
     /// Makes every update report the SAH cost ([`Update::sah_cost`]), where strategies that do not need it leave it out.

@@ -35,8 +35,6 @@ pub(crate) struct LeafChange {
     pub(crate) all: f64,
     /// The part of it that is due to leaves.
     pub(crate) leaves: f64,
-    /// By how many nodes the tree has become smaller.
-    pub(crate) fewer: i64,
 }
 
 /// What becomes of leaves.
@@ -346,7 +344,6 @@ impl Writer<'_> {
             rest = others;
             let n = run.n as usize;
             if self.has_pairs(nodes.len() / 2 - 1, n) {
-                self.change.fewer += 2 * (pairs_below(self.nodes, n) as i64 - (nodes.len() / 2 - 1) as i64);
                 self.release(n);
                 self.nodes[n] = self.copy(nodes, 0);
                 self.change.all += run.all;
@@ -476,7 +473,6 @@ mod tests {
                     let pairs = 2 * (N / 2 * 4 / 5);
                     let expected = if kind == LeafStep::Either { nodes - pairs } else { nodes + pairs };
                     assert_eq!(in_use(&bvh), expected);
-                    assert_eq!(change.fewer, nodes as i64 - expected as i64);
                 }
                 trees.push(bvh.fingerprint());
             });
