@@ -67,6 +67,21 @@ impl MotionEffects {
         key_frames: false,
     };
 
+    /// These but those that are also in `others`.
+    #[must_use]
+    pub const fn without(self, others: Self) -> Self {
+        Self {
+            cloth: self.cloth && !others.cloth,
+            gravity: self.gravity && !others.gravity,
+            contact: self.contact && !others.contact,
+            fracture: self.fracture && !others.fracture,
+            skin: self.skin && !others.skin,
+            morph: self.morph && !others.morph,
+            rigid: self.rigid && !others.rigid,
+            key_frames: self.key_frames && !others.key_frames,
+        }
+    }
+
     /// The playback effects of a topology's parts.
     #[must_use]
     pub fn of(topology: &Topology) -> Self {

@@ -9,7 +9,7 @@ use anim::{Animation, Light, LoadError, View};
 use glam::{Vec3, vec3};
 
 use crate::room;
-use crate::{Effects, LightEffects, MotionEffects, Scene};
+use crate::{Effects, LightEffects, MotionEffects, Scene, SimulationStats};
 
 /// Times at which the bounds of an animation are taken.
 const BOUND_SAMPLES: usize = 32;
@@ -53,6 +53,7 @@ pub fn scene_of(path: &Path, animation: Box<dyn Animation>) -> Scene {
             (animation.duration() * FRAME_RATE).round().clamp(0.0, MOST_FRAMES) as usize + 1
         }),
         measures: Vec::new(),
+        simulated: SimulationStats::default(),
         key_bytes: 0,
         notes,
         animation,

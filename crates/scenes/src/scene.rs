@@ -5,7 +5,10 @@ use std::path::{Path, PathBuf};
 use anim::{Animation, Light, View};
 use serde::{Deserialize, Serialize};
 
-use crate::{Effects, bart_museum, cloth_ball, exploding_dragon, fairy_forest, file, lion, n_body};
+use crate::{
+    Effects, MotionEffects, SimulationStats, bart_museum, cloth_ball, exploding_dragon, fairy_forest, file,
+    lion, n_body,
+};
 
 /// An animation with what is needed to show it.
 pub struct Scene {
@@ -25,6 +28,8 @@ pub struct Scene {
     pub frames: usize,
     /// How well the simulation kept what it should keep; empty where nothing is simulated.
     pub measures: Vec<Measure>,
+    /// What simulating it did.
+    pub simulated: SimulationStats,
     /// Bytes of key frames held in memory: positions or placements, but neither still geometry nor
     /// topology, and not what was loaded from a file.
     pub key_bytes: usize,
@@ -77,6 +82,9 @@ pub struct SceneOptions<'a> {
     /// Fraction of the triangles of cloth and statues to make, above 0 and at most 1. `None` is
     /// all.
     pub detail: Option<f32>,
+    /// Effects that the scene calls for and that are left out: their stages do not run, neither in
+    /// the simulation nor in a frame.
+    pub without: MotionEffects,
     /// Whether to leave the textures of a file unread; its surfaces then keep the factors of their
     /// materials.
     pub without_textures: bool,
@@ -150,6 +158,12 @@ pub fn list() -> &'static [SceneInfo] {
 /// cannot be loaded.
 pub fn load(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     check(options)?;
+    let mut scene = make(name_or_path, clip, options)?;
+    scene.effects.motion = scene.effects.motion.without(options.without);
+    Ok(scene)
+}
+
+fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     if let Some(shape) =
         name_or_path.strip_prefix("bart-museum:").filter(|_| !Path::new(name_or_path).exists())
     {
@@ -158,7 +172,7 @@ pub fn load(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) 
             let (value, range) = (shape.to_owned(), "a number from 0 to 4, as in bart-museum:3");
             return Err(SceneError::Option { option: "the shape to start from", value, range });
         };
-        return load("bart-museum", clip, &SceneOptions { start_shape, ..options.clone() });
+        return make("bart-museum", clip, &SceneOptions { start_shape, ..options.clone() });
     }
     let make = match name_or_path {
         "bart-museum" => bart_museum::scene,
