@@ -67,6 +67,24 @@ impl MotionEffects {
         key_frames: false,
     };
 
+    /// All kinds of motion.
+    pub const ALL: Self = Self {
+        cloth: true,
+        gravity: true,
+        contact: true,
+        fracture: true,
+        skin: true,
+        morph: true,
+        rigid: true,
+        key_frames: true,
+    };
+
+    /// These and `others`.
+    #[must_use]
+    pub const fn with(self, others: Self) -> Self {
+        Self::ALL.without(Self::ALL.without(self).without(others))
+    }
+
     /// These but those that are also in `others`.
     #[must_use]
     pub const fn without(self, others: Self) -> Self {

@@ -6,8 +6,8 @@ use anim::{Animation, Light, View};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Effects, MotionEffects, SimulationStats, bart_museum, cloth_ball, exploding_dragon, fairy_forest, file,
-    lion, n_body,
+    Effects, LightEffects, MotionEffects, SimulationStats, bart_museum, cloth_ball, exploding_dragon,
+    fairy_forest, file, lion, n_body,
 };
 
 /// An animation with what is needed to show it.
@@ -85,9 +85,9 @@ pub struct SceneOptions<'a> {
     /// Effects that the scene calls for and that are left out: their stages do not run, neither in
     /// the simulation nor in a frame.
     pub without: MotionEffects,
-    /// Whether to leave the textures of a file unread; its surfaces then keep the factors of their
-    /// materials.
-    pub without_textures: bool,
+    /// What light is to do; `None` is what the scene calls for. Where this has neither textures nor
+    /// alpha, the textures of a file are not read: surfaces keep the factors of their materials.
+    pub light: Option<LightEffects>,
     /// Called with the fraction done, 0 to 1, while a scene is simulated.
     pub progress: Option<&'a (dyn Fn(f32) + Sync)>,
 }
@@ -160,6 +160,7 @@ pub fn load(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) 
     check(options)?;
     let mut scene = make(name_or_path, clip, options)?;
     scene.effects.motion = scene.effects.motion.without(options.without);
+    scene.effects.light = options.light.unwrap_or(scene.effects.light);
     Ok(scene)
 }
 
@@ -183,7 +184,8 @@ fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> R
         "lion" => lion::scene,
         "n-body" => n_body::scene,
         path if Path::new(path).exists() => {
-            return Ok(file::scene(Path::new(path), clip, !options.without_textures)?);
+            let textures = options.light.is_none_or(|light| light.textures || light.alpha);
+            return Ok(file::scene(Path::new(path), clip, textures)?);
         }
         name => {
             let known = SCENES.iter().map(|info| info.name).collect::<Vec<_>>().join(", ");

@@ -280,7 +280,7 @@ fn facts(stage: &Stage, build_ms: f64, plan: &Plan, label: String, slug: String)
         about: scene.about.to_owned(),
         triangles: stats.primitives,
         moving: scene.animation.topology().moves.iter().filter(|&&moves| moves).count(),
-        plan: stage.plan.stages().iter().map(|s| s.name().to_owned()).collect(),
+        plan: stage.plan().stages().map(|s| s.name().to_owned()).collect(),
         key_bytes: scene.key_bytes,
         measures: scene.measures.iter().map(|m| (m.name.clone(), m.value)).collect(),
         effects: scene
