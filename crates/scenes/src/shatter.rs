@@ -222,24 +222,29 @@ impl Bodies {
             self.neighbours.search(&centers, 2.5 * largest, |i, _| bodies[i].free);
         }
         self.steps += 1;
-        let pushes: Vec<Vec3> =
+        let pushes: Vec<(Vec3, Vec3)> =
             (0..shards).into_par_iter().with_min_len(512).map(|i| self.pushed(i)).collect();
-        for (body, &push) in self.bodies.iter_mut().zip(&pushes) {
-            body.at.position += push;
+        for (body, &(push, shift)) in self.bodies.iter_mut().zip(&pushes) {
+            body.at.position += push + shift;
+            body.before.position += shift;
         }
         let dt = self.dt;
         let corners: usize = self.bodies.par_iter_mut().with_min_len(256).map(|b| b.touch_ground(dt)).sum();
-        pushes.iter().filter(|&&push| push != Vec3::ZERO).count() + corners
+        pushes.iter().filter(|&&pushes| pushes != (Vec3::ZERO, Vec3::ZERO)).count() + corners
     }
 
-    /// How far its neighbours and the last body push a body.
-    fn pushed(&self, i: usize) -> Vec3 {
+    /// How far its neighbours and the last body push a body, and how far they shift it besides,
+    /// which changes no velocity.
+    ///
+    /// A push undoes an overlap as far as the two approached each other in this step. What overlapped
+    /// before is shifted apart: as a push it would become speed, the more the smaller the step.
+    fn pushed(&self, i: usize) -> (Vec3, Vec3) {
         let b = &self.bodies[i];
         if !b.free {
-            return Vec3::ZERO;
+            return (Vec3::ZERO, Vec3::ZERO);
         }
         let last = self.bodies.len() - 1;
-        let (mut sum, mut count) = (Vec3::ZERO, 0.0_f32);
+        let (mut push, mut shift, mut count) = (Vec3::ZERO, Vec3::ZERO, 0.0_f32);
         for j in self.neighbours.of(i).iter().map(|&j| j as usize).chain([last]) {
             let other = &self.bodies[j];
             let apart = b.at.position - other.at.position;
@@ -249,12 +254,14 @@ impl Bodies {
             {
                 let share = if other.free { other.mass / (other.mass + b.mass) } else { 1.0 };
                 let slip = (b.at.position - b.before.position) - (other.at.position - other.before.position);
-                // A tenth of the slip goes, as friction; overlaps are undone gently, for they also
-                // come from behind.
-                sum += (normal * (0.5 * overlap) - 0.1 * slip) * share;
+                // Half of the overlap: bodies are also pushed from behind.
+                let approach = (-slip.dot(normal)).clamp(0.0, 0.5 * overlap);
+                // A tenth of the slip goes, as friction.
+                push += (normal * approach - 0.1 * slip) * share;
+                shift += normal * ((0.5 * overlap - approach) * share);
                 count += 1.0;
             }
         }
-        sum / count.max(1.0)
+        (push / count.max(1.0), shift / count.max(1.0))
     }
 }
