@@ -30,8 +30,7 @@ pub fn run(args: &Args) -> Result<()> {
 
 fn listing() -> Value {
     let scene = |info: &SceneInfo| {
-        let effects: Vec<_> =
-            info.effects.row().into_iter().filter_map(|(name, on)| on.then_some(name)).collect();
+        let effects: Vec<_> = info.effects.names().collect();
         let plan: Vec<_> = FramePlan::new(&info.effects).stages().map(FrameStage::name).collect();
         let SceneInfo { name, about, triangles, frames, key_bytes, .. } = info;
         json!({

@@ -7,7 +7,7 @@ use crate::cache::{Record, recorded};
 use crate::cloth::{Cloth, Fabric};
 use crate::rigid::rotation;
 use crate::shape::{Assembly, Mesh, grid_triangles, sphere};
-use crate::simulation::{self, Run, Stage, World};
+use crate::simulation::{self, Run, World};
 use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
 const FRAMES: usize = 94;
@@ -105,17 +105,17 @@ struct Winding {
 }
 
 impl World for Winding {
-    const STAGES: &'static [(Stage, Run<Self>)] = &[
-        (Stage::Contact, |w, step| w.cloth.find_folds(step.since_key)),
-        (Stage::Gravity, |w, _| w.cloth.fall()),
-        (Stage::Drift, |w, _| w.cloth.drift()),
-        (Stage::Cloth, |w, _| w.cloth.hold_together()),
-        (Stage::Contact, |w, _| w.cloth.keep_folds_apart()),
-        (Stage::Contact, |w, step| {
+    const STAGES: &'static [(MotionEffects, Run<Self>)] = &[
+        (simulation::CONTACT, |w, step| w.cloth.find_folds(step.since_key)),
+        (simulation::GRAVITY, |w, _| w.cloth.fall()),
+        (simulation::DRIFT, |w, _| w.cloth.drift()),
+        (simulation::CLOTH, |w, _| w.cloth.hold_together()),
+        (simulation::CONTACT, |w, _| w.cloth.keep_folds_apart()),
+        (simulation::CONTACT, |w, step| {
             let [start, end] = [step.index, step.index + 1].map(|index| w.angle(index));
             w.cloth.touch(|before, now| contact(before, now, start, end))
         }),
-        (Stage::Drift, |w, _| w.cloth.set_velocities()),
+        (simulation::DRIFT, |w, _| w.cloth.set_velocities()),
     ];
 
     fn record(&mut self, key: usize) {

@@ -9,7 +9,7 @@ use glam::{DVec3, Quat, Vec3};
 use crate::cache::{Record, recorded};
 use crate::rigid::{self, Placement, RigidBodies};
 use crate::shape::{Assembly, sphere, turned};
-use crate::simulation::{self, Run, Stage};
+use crate::simulation::{self, Run};
 use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
 const BALLS: usize = 300;
@@ -166,17 +166,17 @@ struct World {
 }
 
 impl simulation::World for World {
-    const STAGES: &'static [(Stage, Run<Self>)] = &[
-        (Stage::Gravity, |w, _| w.kick()),
-        (Stage::Drift, |w, _| {
+    const STAGES: &'static [(MotionEffects, Run<Self>)] = &[
+        (simulation::GRAVITY, |w, _| w.kick()),
+        (simulation::DRIFT, |w, _| {
             w.balls.iter_mut().for_each(|ball| ball.position += ball.velocity * w.dt);
             w.balls.len()
         }),
-        (Stage::Gravity, |w, _| {
+        (simulation::GRAVITY, |w, _| {
             w.potential = gravity(&w.balls, &mut w.force);
             w.kick()
         }),
-        (Stage::Contact, |w, _| collide(&mut w.balls)),
+        (simulation::CONTACT, |w, _| collide(&mut w.balls)),
     ];
 
     fn record(&mut self, _: usize) {

@@ -7,16 +7,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::{MotionEffects, SceneOptions};
 
-/// What a stage of a step serves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Stage {
-    /// Positions follow velocities. Runs always.
-    Drift,
-    Cloth,
-    Gravity,
-    Contact,
-    Fracture,
-}
+/// What a part of a step serves: one effect, or none where positions follow velocities.
+pub(crate) const DRIFT: MotionEffects = MotionEffects::NONE;
+pub(crate) const CLOTH: MotionEffects = MotionEffects { cloth: true, ..DRIFT };
+pub(crate) const GRAVITY: MotionEffects = MotionEffects { gravity: true, ..DRIFT };
+pub(crate) const CONTACT: MotionEffects = MotionEffects { contact: true, ..DRIFT };
+pub(crate) const FRACTURE: MotionEffects = MotionEffects { fracture: true, ..DRIFT };
 
 /// Number of a step, and its number since the last key frame.
 #[derive(Clone, Copy)]
@@ -31,7 +27,7 @@ pub(crate) type Run<W> = fn(&mut W, Step) -> usize;
 /// What is simulated.
 pub(crate) trait World: Sized + 'static {
     /// The parts of a step, in the order they run.
-    const STAGES: &'static [(Stage, Run<Self>)];
+    const STAGES: &'static [(MotionEffects, Run<Self>)];
 
     /// Keeps a key frame.
     fn record(&mut self, key: usize);
@@ -53,30 +49,11 @@ pub struct SimulationStats {
     pub fracture: u64,
 }
 
-impl SimulationStats {
-    fn of(&mut self, stage: Stage) -> &mut u64 {
-        match stage {
-            Stage::Drift => &mut self.drift,
-            Stage::Cloth => &mut self.cloth,
-            Stage::Gravity => &mut self.gravity,
-            Stage::Contact => &mut self.contact,
-            Stage::Fracture => &mut self.fracture,
-        }
-    }
-}
-
 /// What a world calls for: the effects of its stages.
 pub(crate) const fn effects<W: World>() -> MotionEffects {
-    let mut effects = MotionEffects::NONE;
-    let mut i = 0;
+    let (mut effects, mut i) = (MotionEffects::NONE, 0);
     while i < W::STAGES.len() {
-        match W::STAGES[i].0 {
-            Stage::Drift => {}
-            Stage::Cloth => effects.cloth = true,
-            Stage::Gravity => effects.gravity = true,
-            Stage::Contact => effects.contact = true,
-            Stage::Fracture => effects.fracture = true,
-        }
+        effects = effects.with(W::STAGES[i].0);
         i += 1;
     }
     effects
@@ -90,15 +67,8 @@ pub(crate) fn simulate<W: World>(
     substeps: usize,
     options: &SceneOptions<'_>,
 ) -> SimulationStats {
-    let without = options.without;
-    let runs = |stage| match stage {
-        Stage::Drift => true,
-        Stage::Cloth => !without.cloth,
-        Stage::Gravity => !without.gravity,
-        Stage::Contact => !without.contact,
-        Stage::Fracture => !without.fracture,
-    };
-    let stages: Vec<_> = W::STAGES.iter().filter(|&&(stage, _)| runs(stage)).collect();
+    let runs = |effect: MotionEffects| effect.without(options.without) == effect;
+    let stages: Vec<_> = W::STAGES.iter().filter(|&&(effect, _)| runs(effect)).collect();
     let mut stats = SimulationStats::default();
     for key in 0..keys {
         if let Some(progress) = options.progress {
@@ -108,8 +78,15 @@ pub(crate) fn simulate<W: World>(
         let steps = if key + 1 < keys { substeps } else { 0 };
         for since_key in 0..steps {
             let step = Step { index: key * substeps + since_key, since_key };
-            for &&(stage, run) in &stages {
-                *stats.of(stage) += run(world, step) as u64;
+            for &&(effect, run) in &stages {
+                let count = match effect {
+                    MotionEffects { cloth: true, .. } => &mut stats.cloth,
+                    MotionEffects { gravity: true, .. } => &mut stats.gravity,
+                    MotionEffects { contact: true, .. } => &mut stats.contact,
+                    MotionEffects { fracture: true, .. } => &mut stats.fracture,
+                    _ => &mut stats.drift,
+                };
+                *count += run(world, step) as u64;
             }
         }
     }

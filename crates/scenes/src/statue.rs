@@ -11,7 +11,7 @@ use crate::implicit::Solid;
 use crate::rigid::{self, RigidBodies};
 use crate::shape::{Assembly, Mesh};
 use crate::shatter::{Bodies, Body};
-use crate::simulation::{self, Run, Stage, World};
+use crate::simulation::{self, Run, World};
 use crate::{
     Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, meshing, shape,
 };
@@ -120,11 +120,11 @@ struct Breaking {
 }
 
 impl World for Breaking {
-    const STAGES: &'static [(Stage, Run<Self>)] = &[
-        (Stage::Fracture, |w, step| w.break_off(step.index)),
-        (Stage::Gravity, |w, _| w.world.fall()),
-        (Stage::Drift, |w, _| w.world.drift()),
-        (Stage::Contact, |w, _| w.world.touch()),
+    const STAGES: &'static [(MotionEffects, Run<Self>)] = &[
+        (simulation::FRACTURE, |w, step| w.break_off(step.index)),
+        (simulation::GRAVITY, |w, _| w.world.fall()),
+        (simulation::DRIFT, |w, _| w.world.drift()),
+        (simulation::CONTACT, |w, _| w.world.touch()),
     ];
 
     fn record(&mut self, _: usize) {
