@@ -279,7 +279,7 @@ const COSTS: &str = "
 
 Simulation: milliseconds and counts of a loop. Motion: milliseconds of pose and update of a frame. Light: milliseconds of a
 picture. Counts of motion and light are those of all frames. *Without*: all effects of the kind but this one. *Alone*: this
-one and no other of the kind. *None*: none of the kind.
+one and no other of the kind. *None*: none of the kind. Other work on the machine shows in the times.
 
 | scene | kind | effect | count: all | without | alone | ms: all | without | alone | none |
 |---|---|---|---|---|---|---|---|---|---|

@@ -103,7 +103,9 @@ fn usage(error: &clap::Error) -> ExitCode {
         let message = text.split("\n\nUsage:").next().unwrap_or_default();
         let message = message.split("\n\nFor more information").next().unwrap_or_default();
         let line = message.split_whitespace().collect::<Vec<_>>().join(" ");
-        files::remark(&format!("{line}; see --help"));
+        // The tip alone would be right for an argument without an option only.
+        let tip = if line.contains("use '-- ") { ", or --OPTION=VALUE where it is an option's" } else { "" };
+        files::remark(&format!("{line}{tip}; see --help"));
     }
     ExitCode::from(error.exit_code().clamp(0, 255) as u8)
 }
