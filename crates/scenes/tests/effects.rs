@@ -71,7 +71,8 @@ fn an_effect_left_out_is_not_simulated_and_changes_the_motion() {
 }
 
 /// The kinds of playback, and the counter of each.
-const KINDS: [(Motion, fn(&PoseStats) -> u64); 4] = [
+type Kind = (Motion, fn(&PoseStats) -> u64);
+const KINDS: [Kind; 4] = [
     (Motion { skin: true, ..Motion::STILL }, |stats| stats.skin.count),
     (Motion { morph: true, ..Motion::STILL }, |stats| stats.morph.count),
     (Motion { rigid: true, ..Motion::STILL }, |stats| stats.rigid.count),
