@@ -142,3 +142,22 @@ fn shards_fly_no_faster_than_they_are_kicked_and_fall() {
         assert!(fastest.iter().all(|&speed| speed < limit), "{name}: a shard at {:?}", fastest.last());
     }
 }
+
+/// 10,000 key frames of every simulation at three step sizes; a few minutes.
+#[test]
+#[ignore = "simulates 840,000 steps"]
+fn ten_thousand_frames_are_finite_and_bounded_at_several_step_sizes() {
+    // The most that each scene's first measure may be with one step a frame: drift, stretch, depths.
+    for (name, most) in [("n-body", 1e-6), ("cloth-ball", 1e-3), ("exploding-dragon", 0.1), ("lion", 0.1)] {
+        for substeps in [1, 4, 16] {
+            let scene = simulated(name, (10_000, substeps));
+            let mut far = 0.0f32;
+            each_frame(&scene, 10_000, |positions| {
+                far = positions.iter().map(|p| p.length()).fold(far, f32::max);
+            });
+            let value = scene.measures[0].value;
+            println!("{name}, {substeps} steps a frame: {} {value:.1e}, {far} away", scene.measures[0].name);
+            assert!(value <= most && far < 60.0, "{name}, {substeps} steps a frame: {value} and {far} away");
+        }
+    }
+}
