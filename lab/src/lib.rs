@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 pub mod compare;
+pub mod effects;
 pub mod export;
 pub mod files;
 pub mod interrupt;

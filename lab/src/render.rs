@@ -9,7 +9,7 @@ use bvh_update::{Strategy, Updater};
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbaImage};
 use rt_cpu::{Bvh8, Image, RenderOptions, RenderStats, Traversal, render, render_with};
-use scenes::{LightEffects, SceneOptions};
+use scenes::{FramePlan, LightEffects, SceneOptions};
 
 use crate::progress::Progress;
 use crate::stage::{self, Stage};
@@ -109,9 +109,7 @@ fn effects(list: &str) -> Result<LightEffects, String> {
 pub fn run(args: &Args) -> Result<()> {
     let target = Target::of(args)?;
     let pool = pool::pool(args.threads.map_or_else(pool::default_threads, |n| n as usize))?;
-    // A texture is read only for an effect that looks at it.
-    let without_textures = args.effects.is_some_and(|light| !light.textures && !light.alpha);
-    let options = SceneOptions { seed: args.seed, without_textures, ..SceneOptions::default() };
+    let options = SceneOptions { seed: args.seed, light: args.effects, ..SceneOptions::default() };
     let scene = stage::load_with(&args.scene, args.clip.as_deref(), options)?;
     let (count, label) = (scene.frames.max(1), stage::label(&args.scene));
     let wanted = match (&args.frames, args.frame.unwrap_or(0)) {
@@ -122,8 +120,11 @@ pub fn run(args: &Args) -> Result<()> {
     for note in &scene.notes {
         files::remark(&format!("note: {note}"));
     }
-    let effects = scenes::Effects { light: args.effects.unwrap_or(scene.effects.light), ..scene.effects };
-    files::remark(&format!("a frame runs {}", scenes::FramePlan::new(&effects)));
+    let plan = FramePlan::new(&scene.effects);
+    files::remark(&format!("a frame runs {plan}"));
+    for (stage, why) in plan.reasons(&scene) {
+        files::remark(&format!("  {}: {why}", stage.name()));
+    }
     target.prepare()?;
     let mut stage = pool.install(|| stage::ready(scene))?;
     pool.install(|| frames(args, &target, &mut stage, &label, wanted, count))
@@ -138,10 +139,10 @@ fn frames(
     count: usize,
 ) -> Result<()> {
     let mut tree = stage.first_tree.clone();
-    let light = args.effects.unwrap_or(stage.scene.effects.light);
+    let light = stage.plan().light();
     let samples = args.samples.unwrap_or(default_samples(&light));
     let (smooth, seed, traversal) = (!args.flat, args.seed, args.traversal);
-    let options = RenderOptions { smooth, seed, traversal, ..stage.options_with(&light) };
+    let options = RenderOptions { smooth, seed, traversal, ..stage.render_options() };
     let mut updater = Updater::default();
     let mut film = matches!(target, Target::Film(_)).then(Film::default);
     let mut picture = Picture {

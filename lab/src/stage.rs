@@ -1,5 +1,6 @@
 //! Scenes by name or path, for the commands: loading with progress, names for tables and files.
 
+use std::sync::Mutex;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
@@ -32,6 +33,21 @@ pub(crate) fn load_with(name_or_path: &str, clip: Option<&str>, options: SceneOp
     let report = |done: f32| progress.at((100.0 * done) as u64);
     let options = SceneOptions { cache_dir: Some(files::scene_cache()), progress: Some(&report), ..options };
     Ok(scenes::load(name_or_path, clip, &options)?)
+}
+
+/// Simulates a scene afresh. Gives it and the milliseconds from the first to the last of its key
+/// frames: meshing is not among them.
+pub(crate) fn simulated(name: &str, options: SceneOptions<'_>) -> Result<(Scene, f64)> {
+    let reported: Mutex<Option<[Instant; 2]>> = Mutex::new(None);
+    let progress = |_| {
+        if let Ok(mut reported) = reported.lock() {
+            let now = Instant::now();
+            *reported = Some(reported.map_or([now; 2], |[first, _]| [first, now]));
+        }
+    };
+    let scene = scenes::load(name, None, &SceneOptions { progress: Some(&progress), ..options })?;
+    let time = reported.into_inner().ok().flatten();
+    Ok((scene, time.map_or(0.0, |[first, last]| 1e3 * (last - first).as_secs_f64())))
 }
 
 /// Loads a source that may not be there or be broken, so that this shows before anything else is

@@ -13,7 +13,7 @@ use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use clap::{Arg, CommandFactory, FromArgMatches, Parser, Subcommand};
-use lab::{CheckFailed, compare, export, files, interrupt, list, render, reproduce, soak};
+use lab::{CheckFailed, compare, effects, export, files, interrupt, list, render, reproduce, soak};
 
 #[derive(Parser)]
 #[command(name = "cargo xtask", bin_name = "cargo xtask", version, about, max_term_width = 100)]
@@ -39,6 +39,8 @@ enum Command {
     Compare(compare::Args),
     /// Play thousands of frames and check that time, cost, height and memory do not grow
     Soak(soak::Args),
+    /// Show what a frame of each scene runs and why, and what each effect costs
+    Effects(effects::Args),
     /// List scenes with the effects each calls for, strategies, builders and SIMD levels
     List(list::Args),
     /// Format, lints, layering, tests and docs, as a change must pass them
@@ -70,6 +72,7 @@ fn main() -> ExitCode {
         Command::Export(args) => export::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Soak(args) => soak::run(args),
+        Command::Effects(args) => effects::run(args),
         Command::List(args) => list::run(args),
         Command::Ci => ci::run(),
     };
@@ -100,7 +103,9 @@ fn usage(error: &clap::Error) -> ExitCode {
         let message = text.split("\n\nUsage:").next().unwrap_or_default();
         let message = message.split("\n\nFor more information").next().unwrap_or_default();
         let line = message.split_whitespace().collect::<Vec<_>>().join(" ");
-        files::remark(&format!("{line}; see --help"));
+        // The tip alone would be right for an argument without an option only.
+        let tip = if line.contains("use '-- ") { ", or --OPTION=VALUE where it is an option's" } else { "" };
+        files::remark(&format!("{line}{tip}; see --help"));
     }
     ExitCode::from(error.exit_code().clamp(0, 255) as u8)
 }

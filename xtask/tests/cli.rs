@@ -94,6 +94,8 @@ fn bad_input_is_refused_in_one_line_that_helps() {
         (vec![sheet, "--strategy", "hope"], vec!["hope", "refit+rotate"]),
         (vec![sheet, "--size", "0x10"], vec!["0x10", "1024x1024"]),
         (vec![sheet, "--threads", "0"], vec!["--threads"]),
+        (vec![sheet, "--size", "-1x1"], vec!["-1", "--OPTION=VALUE"]),
+        (vec![sheet, "--size=-1x1"], vec!["-1x1", "1024x1024"]),
         (vec![broken], vec!["broken.glb"]),
     ] {
         let mut all = vec!["render"];

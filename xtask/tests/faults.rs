@@ -307,6 +307,42 @@ fn what_cannot_be_read_is_refused() {
     }
 }
 
+/// A small file may declare any amount of geometry. The whole command keeps to a limit, or refuses the file at once.
+#[test]
+fn memory_of_a_whole_render_is_in_proportion_to_its_files() {
+    let temporary = tempfile::TempDir::new().expect("a folder");
+    let at = |name: &str| temporary.path().join(name);
+    let out = at("a.png");
+    let gltf = |indices: usize| {
+        format!(
+            r#"{{"asset":{{"version":"2.0"}},"buffers":[{{"uri":"data:;base64,{}","byteLength":36}}],
+            "bufferViews":[{{"buffer":0,"byteLength":36}}],
+            "accessors":[{{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}},
+            {{"componentType":5125,"count":{indices},"type":"SCALAR"}}],
+            "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"indices":1}}]}}],"nodes":[{{"mesh":0}}]}}"#,
+            "A".repeat(48)
+        )
+    };
+    let view = "v\nfrom 0 0 5\nat 0 0 0\nup 0 1 0\nangle 40\nhither 1\nresolution 8 8\n";
+    fs::write(at("few.gltf"), gltf(6_000_000)).expect("a file");
+    fs::write(at("many.gltf"), gltf(30_000_000)).expect("a file");
+    fs::write(at("few.aff"), view.to_owned() + &"s 1 0 0 0\n".repeat(5000)).expect("a file");
+    fs::write(at("many.aff"), view.to_owned() + &"s 1 0 0 0\n".repeat(90_000)).expect("a file");
+    let render = |name: &str| {
+        // In KiB, of address space.
+        after(
+            "ulimit -v 2500000",
+            &["render", str(&at(name)), "--size", "8x8", "--threads", "1", "--out", str(&out)],
+        )
+    };
+    for few in ["few.gltf", "few.aff"] {
+        let output = render(few);
+        assert!(output.status.success(), "{output:?}");
+    }
+    fails(&render("many.gltf"), &["many.gltf", "expected at most"]);
+    fails(&render("many.aff"), &["many.aff", "expected a scene at most"]);
+}
+
 #[test]
 fn damaged_results_are_refused_and_left_alone() {
     let (temporary, sheet) = folder();

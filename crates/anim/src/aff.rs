@@ -17,7 +17,7 @@ use self::geometry::{Frame, Patch, Source};
 use self::reader::{Camera, Scene, TimeSpan};
 use self::track::Track;
 use crate::error::{LoadError, Problem};
-use crate::{Animation, Light, PoseStats, Topology, View};
+use crate::{Animation, Light, Motion, PoseStats, Topology, View, Work};
 
 /// A scene of BART; from [`load_aff`].
 ///
@@ -49,6 +49,7 @@ struct Moving {
     vertices: Range<usize>,
     node: Option<u32>,
     shape: Shape,
+    motion: Motion,
 }
 
 enum Shape {
@@ -136,7 +137,7 @@ impl AffAnimation {
             } else {
                 Shape::Patches(patches)
             };
-            moving.push(Moving { vertices, node: frame.node, shape });
+            moving.push(Moving { vertices, node: frame.node, shape, motion: part.motion });
         }
 
         let camera = camera.map(|camera| (camera, track(b"camera")));
@@ -239,25 +240,35 @@ impl Animation for AffAnimation {
         self.rest.clone()
     }
 
-    fn pose(&self, time: f64, positions: &mut [Vec3]) -> PoseStats {
+    fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
         assert_eq!(positions.len(), self.topology.vertex_count, "positions are those of another animation");
-        let time = self.key_time(time);
-        let to_world: Vec<Affine3A> = self.to_world(time).iter().map(DAffine3::as_affine3a).collect();
-        let mut stats = PoseStats::default();
-        for Moving { vertices, node, shape } in &self.moving {
-            let positions = &mut positions[vertices.clone()];
+        // Beside what is called for there is what stays the same but has to be done again.
+        let (mut stats, mut again) = (PoseStats::default(), Work::default());
+        let at = |on: bool| self.key_time(if on { time } else { 0.0 });
+        let mut moving = self.moving.iter().filter(|part| !part.motion.and(kinds).is_still()).peekable();
+        if moving.peek().is_none() {
+            return stats;
+        }
+        let to_world: Vec<Affine3A> =
+            self.to_world(at(kinds.rigid)).iter().map(DAffine3::as_affine3a).collect();
+        for Moving { vertices, node, shape, motion } in moving {
+            let (positions, motion) = (&mut positions[vertices.clone()], motion.and(kinds));
             match shape {
                 Shape::Rigid(local) => positions.copy_from_slice(local),
-                Shape::Patches(patches) => stats.key_frames.add(|| {
-                    for (corners, patch) in positions.as_chunks_mut::<3>().0.iter_mut().zip(patches) {
-                        *corners = patch.at(time);
-                    }
-                    positions.len()
-                }),
+                Shape::Patches(patches) => {
+                    let work = if motion.key_frames { &mut stats.key_frames } else { &mut again };
+                    work.add(|| {
+                        for (corners, patch) in positions.as_chunks_mut::<3>().0.iter_mut().zip(patches) {
+                            *corners = patch.at(at(kinds.key_frames));
+                        }
+                        positions.len()
+                    });
+                }
             }
             if let Some(node) = *node {
                 let to_world = to_world[node as usize];
-                stats.rigid.add(|| {
+                let work = if motion.rigid { &mut stats.rigid } else { &mut again };
+                work.add(|| {
                     positions.iter_mut().for_each(|p| *p = to_world.transform_point3(*p));
                     positions.len()
                 });

@@ -58,6 +58,20 @@ impl Motion {
     /// No motion at all.
     pub const STILL: Self = Self { rigid: false, skin: false, morph: false, key_frames: false };
 
+    /// All kinds of motion.
+    pub const ALL: Self = Self { rigid: true, skin: true, morph: true, key_frames: true };
+
+    /// The kinds that are in both.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            rigid: self.rigid && other.rigid,
+            skin: self.skin && other.skin,
+            morph: self.morph && other.morph,
+            key_frames: self.key_frames && other.key_frames,
+        }
+    }
+
     /// Whether the part never moves.
     #[must_use]
     pub fn is_still(self) -> bool {
@@ -123,15 +137,24 @@ pub trait Animation: Send + Sync {
     fn rest(&self) -> Vec<Vec3>;
 
     /// Moves `positions`, which came from [`rest`](Self::rest), to `time` (seconds; clamped to 0
-    /// ..= duration).
+    /// ..= duration) by the given kinds of motion; by all others they stay at time 0.
     ///
-    /// The result depends on `time` only, never on earlier calls. Vertices of still parts are not
-    /// written. Gives what was done; [`Pose::advance`](crate::Pose::advance) does nothing at all
-    /// where the time is the same as before.
+    /// The result depends on `time` and `kinds` only, as long as all calls for the same positions
+    /// have the same kinds. Vertices of parts that none of these kinds moves are not written. Gives
+    /// what was done; [`Pose::advance`](crate::Pose::advance) does nothing at all where the time is
+    /// the same as before.
     ///
     /// # Panics
     /// If `positions` is not as long as `topology().vertex_count`.
-    fn pose(&self, time: f64, positions: &mut [Vec3]) -> PoseStats;
+    fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats;
+
+    /// Moves `positions` to `time` by all kinds of motion.
+    ///
+    /// # Panics
+    /// If `positions` is not as long as `topology().vertex_count`.
+    fn pose(&self, time: f64, positions: &mut [Vec3]) -> PoseStats {
+        self.pose_by(Motion::ALL, time, positions)
+    }
 
     /// Number of frames that the source says it is to be shown in, first and last included, if it
     /// does.

@@ -190,8 +190,8 @@ impl GltfAnimation {
         }
 
         let mut rest = vec![Vec3::ZERO; animation.topology.vertex_count];
-        animation.write(&still, 0.0, &mut rest);
-        animation.write(&animation.moving, 0.0, &mut rest);
+        animation.write(&still, Motion::ALL, 0.0, &mut rest);
+        animation.write(&animation.moving, Motion::ALL, 0.0, &mut rest);
         animation.rest = rest;
         let has_normals = |instance: &&Instance| instance.normals().is_some();
         animation.still_normals = still
@@ -365,20 +365,30 @@ impl GltfAnimation {
         moves
     }
 
-    /// Writes the positions of `instances` at `time`.
-    fn write(&self, instances: &[Instance], time: f64, positions: &mut [Vec3]) -> PoseStats {
+    /// Writes the positions of `instances`, where the given kinds of motion are at `time` and all
+    /// others at 0.
+    fn write<'a>(
+        &self,
+        instances: impl IntoIterator<Item = &'a Instance>,
+        kinds: Motion,
+        time: f64,
+        positions: &mut [Vec3],
+    ) -> PoseStats {
         // Beside what is called for there is what stays the same but has to be done again, as under
         // a still node.
         let (mut stats, mut again) = (PoseStats::default(), Work::default());
-        let globals = self.nodes.globals(time);
+        let at = |on: bool| if on { time } else { 0.0 };
+        let joint_globals = self.nodes.globals(at(kinds.skin));
+        let other_time = (kinds.rigid != kinds.skin).then(|| self.nodes.globals(at(kinds.rigid)));
+        let node_globals = other_time.as_ref().unwrap_or(&joint_globals);
         let mut joint_matrices: Vec<Option<Vec<Affine3A>>> = vec![None; self.skins.len()];
         let mut weights = Vec::new();
         for instance in instances {
-            let (geometry, motion) = (&*instance.geometry, instance.motion);
+            let (geometry, motion) = (&*instance.geometry, instance.motion.and(kinds));
             let positions = &mut positions[instance.first_vertex..][..geometry.positions.len()];
             positions.copy_from_slice(&geometry.positions);
             if let Some(of_node) = instance.weights {
-                self.weights[of_node].at(time, &mut weights);
+                self.weights[of_node].at(at(kinds.morph), &mut weights);
                 let work = if motion.morph { &mut stats.morph } else { &mut again };
                 work.add(|| {
                     let mut added = 0;
@@ -395,7 +405,7 @@ impl GltfAnimation {
             }
             if let (Some(skin), Some(influences)) = (instance.skin, &geometry.influences) {
                 let matrices =
-                    joint_matrices[skin].get_or_insert_with(|| self.skins[skin].matrices(&globals));
+                    joint_matrices[skin].get_or_insert_with(|| self.skins[skin].matrices(&joint_globals));
                 let work = if motion.skin { &mut stats.skin } else { &mut again };
                 work.add(|| {
                     influences.skin(matrices, positions);
@@ -403,7 +413,7 @@ impl GltfAnimation {
                 });
             }
             if let Some(node) = instance.node {
-                let to_scene = &globals[node];
+                let to_scene = &node_globals[node];
                 let work = if motion.rigid { &mut stats.rigid } else { &mut again };
                 work.add(|| {
                     positions
@@ -472,12 +482,13 @@ impl Animation for GltfAnimation {
         self.rest.clone()
     }
 
-    fn pose(&self, time: f64, positions: &mut [Vec3]) -> PoseStats {
+    fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
         assert_eq!(positions.len(), self.topology.vertex_count, "positions are those of another animation");
-        if self.moving.is_empty() {
+        let mut moving = self.moving.iter().filter(|part| !part.motion.and(kinds).is_still()).peekable();
+        if moving.peek().is_none() {
             return PoseStats::default();
         }
-        self.write(&self.moving, self.clamp(time), positions)
+        self.write(moving, kinds, self.clamp(time), positions)
     }
 
     /// The first perspective camera of the scene.

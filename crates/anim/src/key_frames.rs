@@ -198,10 +198,12 @@ impl Animation for KeyFrames {
         self.rest.clone()
     }
 
-    fn pose(&self, time: f64, positions: &mut [Vec3]) -> PoseStats {
+    fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
         assert_eq!(positions.len(), self.rest.len(), "positions are those of another animation");
         let mut stats = PoseStats::default();
-        stats.key_frames.add(|| self.blend(time, positions));
+        if kinds.key_frames {
+            stats.key_frames.add(|| self.blend(time, positions));
+        }
         stats
     }
 }

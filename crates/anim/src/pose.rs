@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use glam::Vec3;
 
-use crate::Animation;
+use crate::{Animation, Motion};
 
 /// Work of one stage of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -34,6 +34,7 @@ pub struct PoseStats {
 pub struct Pose {
     positions: Vec<Vec3>,
     time: f64,
+    kinds: Motion,
 }
 
 impl Work {
@@ -61,7 +62,13 @@ impl Pose {
     /// The animation at time 0.
     #[must_use]
     pub fn new(animation: &dyn Animation) -> Self {
-        Self { positions: animation.rest(), time: 0.0 }
+        Self::by(Motion::ALL, animation)
+    }
+
+    /// The animation at time 0, to be moved by these kinds of motion only.
+    #[must_use]
+    pub fn by(kinds: Motion, animation: &dyn Animation) -> Self {
+        Self { positions: animation.rest(), time: 0.0, kinds }
     }
 
     /// All vertices as they are now.
@@ -91,7 +98,7 @@ impl Pose {
             return PoseStats::default();
         }
         self.time = time;
-        animation.pose(time, &mut self.positions)
+        animation.pose_by(self.kinds, time, &mut self.positions)
     }
 }
 

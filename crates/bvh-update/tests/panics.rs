@@ -36,6 +36,40 @@ impl Primitives for Fragile {
     }
 }
 
+/// Gives another number of boxes each time it is asked.
+struct Liar(Vec<Aabb>, AtomicUsize);
+
+impl Primitives for Liar {
+    fn len(&self) -> usize {
+        [N, N - 3, 20, 3, N + 100][self.1.fetch_add(1, Ordering::Relaxed) % 5]
+    }
+
+    fn bounds(&self, i: usize) -> Aabb {
+        self.0[i % N]
+    }
+}
+
+#[test]
+fn a_number_of_primitives_that_changes_leaves_a_valid_tree_which_honest_updates_mend() {
+    let (start, end) = (boxes(0.0), boxes(1.0));
+    for strategy in Strategy::all() {
+        for first in 0..5 {
+            let mut bvh = build(&start, Builder::Sweep).expect("few enough");
+            let liar = Liar(boxes(0.5), first.into());
+            let mut updater = Updater::new(strategy);
+            for _ in 0..4 {
+                // It may refuse the number.
+                let _ = updater.update(&mut bvh, &liar);
+                check(&bvh, strategy.name());
+            }
+            let mut bvh =
+                if bvh.len() == N { bvh } else { build(&start, Builder::Sweep).expect("few enough") };
+            updater.update(&mut bvh, &end).unwrap_or_else(|e| panic!("{}: {e}", strategy.name()));
+            check(&bvh, strategy.name());
+        }
+    }
+}
+
 /// Heights and moving bits are those that the leaves make, and so is the sum over what stands still.
 fn check(bvh: &Bvh, what: &str) {
     let again = Bvh::new(bvh.nodes(), bvh.order().to_vec()).unwrap_or_else(|e| panic!("{what}: {e}"));

@@ -1,7 +1,7 @@
 //! Images in memory and in files.
 
-use std::ffi::OsString;
 use std::fs::File;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
@@ -125,15 +125,20 @@ impl Image {
     }
 }
 
+/// A hidden name beside `path` for a file that is not whole yet. It does not grow with the name of the file, which may be
+/// as long as names can be.
+fn partial(path: &Path) -> PathBuf {
+    let mut hasher = DefaultHasher::new();
+    path.file_name().hash(&mut hasher);
+    path.with_file_name(format!(".{:016x}.{}.partial", hasher.finish(), std::process::id()))
+}
+
 /// Lets `write` fill a file beside `path` and renames that.
 fn atomically(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> Result<(), Box<dyn std::error::Error + Send + Sync>>,
 ) -> Result<(), ImageError> {
-    let mut name = OsString::from(".");
-    name.push(path.file_name().unwrap_or_default());
-    name.push(format!(".{}.partial", std::process::id()));
-    let partial = path.with_file_name(name);
+    let partial = partial(path);
     let fill = || {
         let mut file = BufWriter::new(File::create(&partial)?);
         write(&mut file)?;
@@ -194,13 +199,22 @@ mod tests {
         let dir = std::env::temp_dir().join(format!("rt-cpu-full-{}", std::process::id()));
         std::fs::create_dir_all(&dir).expect("temporary directory");
         for name in ["a.png", "a.exr"] {
-            let partial = dir.join(format!(".{name}.{}.partial", std::process::id()));
-            std::os::unix::fs::symlink("/dev/full", partial).expect("a link");
+            std::os::unix::fs::symlink("/dev/full", partial(&dir.join(name))).expect("a link");
             let error = gradient().save(&dir.join(name)).expect_err("no space");
             let cause = std::error::Error::source(&error).expect("a cause").to_string();
             assert!(error.to_string().contains(name) && cause.contains("No space"), "{error}: {cause}");
         }
         std::fs::remove_dir(&dir).expect("nothing in it");
+    }
+
+    #[test]
+    fn a_name_may_be_as_long_as_names_can_be() {
+        let dir = std::env::temp_dir().join(format!("rt-cpu-long-{}", std::process::id()));
+        std::fs::create_dir_all(&dir).expect("temporary directory");
+        let long = dir.join("n".repeat(251) + ".png");
+        gradient().save(&long).expect("written");
+        std::fs::remove_file(&long).expect("a file");
+        std::fs::remove_dir(&dir).expect("nothing else in it");
     }
 
     #[test]

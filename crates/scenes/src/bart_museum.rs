@@ -12,7 +12,9 @@ use glam::{Vec3, vec3};
 
 use crate::rigid::rotation;
 use crate::shape::{Assembly, Mesh, turned};
-use crate::{Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
+use crate::{
+    Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, SimulationStats,
+};
 
 /// Animated triangles of level 8 of the benchmark: 4 to the power of 8.
 const TRIANGLES: usize = 65_536;
@@ -81,6 +83,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
         effects: INFO.effects,
         frames: FRAMES,
         measures: Vec::new(),
+        simulated: SimulationStats::default(),
         notes: Vec::new(),
     })
 }

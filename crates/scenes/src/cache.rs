@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::xxh3_64;
 
-use crate::{Measure, SceneOptions};
+use crate::{Effects, Measure, SceneOptions, SimulationStats};
 
 const SOURCE_HASH: &str = env!("SCENES_SOURCE_HASH");
 
@@ -21,12 +21,13 @@ pub(crate) struct Record {
     pub(crate) floats: Vec<Vec<f32>>,
     pub(crate) ints: Vec<Vec<u32>>,
     pub(crate) measures: Vec<Measure>,
+    pub(crate) stats: SimulationStats,
 }
 
 /// The record of `simulate` from the cache, or fresh, and then written to the cache.
 ///
-/// `parameters` names the scene and every option that `simulate` depends on. A note is pushed if
-/// the cache cannot be written.
+/// `parameters` names the scene and every option that `simulate` depends on, but for the effects left
+/// out. A note is pushed if the cache cannot be written.
 pub(crate) fn recorded(
     parameters: &str,
     options: &SceneOptions<'_>,
@@ -36,6 +37,8 @@ pub(crate) fn recorded(
     let Some(dir) = &options.cache_dir else {
         return simulate();
     };
+    let without = Effects { motion: options.without, ..Effects::default() };
+    let parameters = &format!("{parameters} without {without}");
     let path = cache_path(dir, parameters);
     if let Some(record) = fs::read(&path).ok().and_then(|bytes| decode(&bytes, parameters)) {
         return record;
@@ -91,6 +94,7 @@ mod tests {
             floats: vec![vec![1.0, -2.5], vec![]],
             ints: vec![vec![7; 100]],
             measures: vec![Measure { name: "drift".to_owned(), value: 1e-3 }],
+            stats: SimulationStats { gravity: 7, ..SimulationStats::default() },
         }
     }
 
@@ -123,7 +127,7 @@ mod tests {
         get();
         get();
         assert_eq!(runs.get(), 1, "the second came from the cache");
-        let path = cache_path(&dir, "test 1");
+        let path = cache_path(&dir, "test 1 without none");
         let mut bytes = fs::read(&path).unwrap();
         bytes[40] ^= 1;
         fs::write(&path, bytes).unwrap();

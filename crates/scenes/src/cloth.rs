@@ -1,6 +1,6 @@
 //! A square cloth by extended position-based dynamics with small steps, one iteration each (Macklin
-//! et al. 2019, "Small Steps in Physics Simulation"), with contact against whatever the scene is
-//! made of, and against itself.
+//! et al. 2019, "Small Steps in Physics Simulation"), in stages: gravity, motion, constraints,
+//! contact with itself and with whatever the scene is made of.
 //!
 //! All parallel work is over fixed strips of rows or over single particles that read a snapshot, so
 //! that the result does not depend on the number of threads.
@@ -29,19 +29,25 @@ pub(crate) struct Cloth {
     pub(crate) side: usize,
     pub(crate) spacing: f32,
     pub(crate) positions: Vec<Vec3>,
+    /// Seconds of a step.
+    pub(crate) dt: f32,
     fabric: Fabric,
+    /// Speed that particles are slowed to, so that in one step none crosses a fold.
+    top_speed: f32,
     before: Vec<Vec3>,
     velocities: Vec<Vec3>,
     neighbours: Neighbours,
 }
 
 impl Cloth {
-    /// A cloth at rest, flat or nearly so. `positions` are `side * side`, `spacing` apart where
-    /// flat.
-    pub(crate) fn new(side: usize, spacing: f32, positions: Vec<Vec3>, fabric: Fabric) -> Self {
+    /// A cloth at rest, flat or nearly so, for steps of `dt` seconds. `positions` are `side * side`,
+    /// `spacing` apart where flat.
+    pub(crate) fn new(side: usize, spacing: f32, positions: Vec<Vec3>, fabric: Fabric, dt: f32) -> Self {
         Self {
             side,
             spacing,
+            dt,
+            top_speed: fabric.top_speed.min(0.2 * fabric.thickness / dt),
             before: positions.clone(),
             velocities: vec![Vec3::ZERO; positions.len()],
             neighbours: Neighbours::default(),
@@ -50,92 +56,113 @@ impl Cloth {
         }
     }
 
-    /// Advances by `steps` steps of `dt` seconds.
-    ///
-    /// `contact(step, before, now)` gives where a particle that moved from `before` to `now` in
-    /// that step is to go.
-    pub(crate) fn advance(
-        &mut self,
-        steps: usize,
-        dt: f32,
-        contact: impl Fn(usize, Vec3, Vec3) -> Vec3 + Sync,
-    ) {
-        let Fabric { gravity, drag, thickness, .. } = self.fabric;
-        // In one step no particle crosses a fold, and until the next search none comes from beyond
-        // its reach, unless two meet head on at full speed.
-        let top_speed = self.fabric.top_speed.min(0.2 * thickness / dt);
-        let search = (0.8 * thickness / (top_speed * dt)).round() as usize;
-        let reach = 1.8 * thickness;
-        for step in 0..steps {
-            if step % search == 0 {
-                let side = self.side;
-                // Particles within two grid steps are held apart by the constraints already.
-                self.neighbours.search(&self.positions, reach, |i, j| {
-                    (i / side).abs_diff(j / side) > 2 || (i % side).abs_diff(j % side) > 2
-                });
-            }
-            (&mut self.positions, &mut self.before, &mut self.velocities)
-                .into_par_iter()
-                .with_min_len(4096)
-                .for_each(|(x, before, v)| {
-                    *v = (*v + Vec3::NEG_Y * (gravity * dt)).clamp_length_max(top_speed) * (1.0 - drag * dt);
-                    *before = *x;
-                    *x += *v * dt;
-                });
-            self.hold_together(dt);
-            self.keep_folds_apart();
-            let before = &self.before;
-            (&mut self.positions, before, &mut self.velocities).into_par_iter().with_min_len(4096).for_each(
-                |(x, &before, v)| {
-                    *x = contact(step, before, *x);
-                    *v = (*x - before) / dt;
-                },
-            );
+    /// Searches for folds that come close, in the first step after a key frame and each time that
+    /// others may have come: until the next search none comes from beyond its reach, unless two meet
+    /// head on at full speed. Gives the number of pairs that are near.
+    pub(crate) fn find_folds(&mut self, since_key: usize) -> usize {
+        let (side, thickness) = (self.side, self.fabric.thickness);
+        let period = (0.8 * thickness / (self.top_speed * self.dt)).round() as usize;
+        if !since_key.is_multiple_of(period) {
+            return 0;
         }
+        // Particles within two grid steps are held apart by the constraints already.
+        self.neighbours.search(&self.positions, 1.8 * thickness, |i, j| {
+            (i / side).abs_diff(j / side) > 2 || (i % side).abs_diff(j % side) > 2
+        });
+        self.neighbours.pairs()
     }
 
-    /// One sweep over all distance constraints.
+    /// Accelerates all particles by gravity.
+    pub(crate) fn fall(&mut self) -> usize {
+        let pull = Vec3::NEG_Y * (self.fabric.gravity * self.dt);
+        self.velocities.par_iter_mut().with_min_len(4096).for_each(|v| *v += pull);
+        self.velocities.len()
+    }
+
+    /// Moves all particles by their velocities, which air slows.
+    pub(crate) fn drift(&mut self) -> usize {
+        let (dt, top_speed, kept) = (self.dt, self.top_speed, 1.0 - self.fabric.drag * self.dt);
+        (&mut self.positions, &mut self.before, &mut self.velocities)
+            .into_par_iter()
+            .with_min_len(4096)
+            .for_each(|(x, before, v)| {
+                *v = v.clamp_length_max(top_speed) * kept;
+                *before = *x;
+                *x += *v * dt;
+            });
+        self.positions.len()
+    }
+
+    /// Puts each particle, which moved from `before` to `now`, where `touch(before, now)` says. Gives
+    /// the number of those that this moves.
+    pub(crate) fn touch(&mut self, touch: impl Fn(Vec3, Vec3) -> Vec3 + Sync) -> usize {
+        let touched = |(x, &before): (&mut Vec3, &Vec3)| {
+            let to = touch(before, *x);
+            usize::from(std::mem::replace(x, to) != to)
+        };
+        (&mut self.positions, &self.before).into_par_iter().with_min_len(4096).map(touched).sum()
+    }
+
+    /// Makes the velocities those of the way that all particles have gone in this step.
+    pub(crate) fn set_velocities(&mut self) -> usize {
+        let dt = self.dt;
+        (&mut self.velocities, &self.positions, &self.before)
+            .into_par_iter()
+            .with_min_len(4096)
+            .for_each(|(v, &x, &before)| *v = (x - before) / dt);
+        self.velocities.len()
+    }
+
+    /// One sweep over all distance constraints, whose number it gives.
     ///
     /// A row owns the constraints to itself and to the next two rows. Strips of four rows serve the
     /// two rows they begin with; then strips that begin two rows later serve the others.
-    fn hold_together(&mut self, dt: f32) {
-        let side = self.side;
+    pub(crate) fn hold_together(&mut self) -> usize {
+        let (side, dt) = (self.side, self.dt);
         let (one, two) = (self.spacing, 2.0 * self.spacing);
         let diagonal = self.spacing * std::f32::consts::SQRT_2;
         let [stretch, shear, bend] =
             [self.fabric.stretch, self.fabric.shear, self.fabric.bend].map(|c| c / (dt * dt));
-        for first in [0, 2] {
-            self.positions[first * side..].par_chunks_mut(4 * side).for_each(|strip| {
-                let rows = strip.len() / side;
-                for row in 0..rows.min(2) {
-                    let (below, below2) = (row + 1 < rows, row + 2 < rows);
-                    for i in row * side..(row + 1) * side {
-                        let right = (row + 1) * side - i - 1;
-                        if right > 0 {
-                            hold(strip, i, i + 1, one, stretch);
-                        }
-                        if below {
-                            hold(strip, i, i + side, one, stretch);
-                        }
-                        if below && right > 0 {
-                            hold(strip, i, i + side + 1, diagonal, shear);
-                            hold(strip, i + 1, i + side, diagonal, shear);
-                        }
-                        if right > 1 {
-                            hold(strip, i, i + 2, two, bend);
-                        }
-                        if below2 {
-                            hold(strip, i, i + 2 * side, two, bend);
-                        }
+        let sweep = |strip: &mut [Vec3]| {
+            let (mut count, len) = (0, strip.len());
+            let mut hold = |i, j, rest, give| {
+                hold(strip, i, j, rest, give);
+                count += 1;
+            };
+            let rows = len / side;
+            for row in 0..rows.min(2) {
+                let (below, below2) = (row + 1 < rows, row + 2 < rows);
+                for i in row * side..(row + 1) * side {
+                    let right = (row + 1) * side - i - 1;
+                    if right > 0 {
+                        hold(i, i + 1, one, stretch);
+                    }
+                    if below {
+                        hold(i, i + side, one, stretch);
+                    }
+                    if below && right > 0 {
+                        hold(i, i + side + 1, diagonal, shear);
+                        hold(i + 1, i + side, diagonal, shear);
+                    }
+                    if right > 1 {
+                        hold(i, i + 2, two, bend);
+                    }
+                    if below2 {
+                        hold(i, i + 2 * side, two, bend);
                     }
                 }
-            });
-        }
+            }
+            count
+        };
+        [0, 2]
+            .into_iter()
+            .map(|first| self.positions[first * side..].par_chunks_mut(4 * side).map(sweep).sum::<usize>())
+            .sum()
     }
 
     /// Moves particles of folds that are too close apart, all at once, and slows them relative to
-    /// each other.
-    fn keep_folds_apart(&mut self) {
+    /// each other. Gives the number of those that it moves.
+    pub(crate) fn keep_folds_apart(&mut self) -> usize {
         const FRICTION: f32 = 0.1;
         let (thickness, side) = (self.fabric.thickness, self.side);
         let (now, before, neighbours) = (&self.positions, &self.before, &self.neighbours);
@@ -161,9 +188,10 @@ impl Cloth {
             })
             .collect();
         debug_assert_eq!(moves.len(), side * side);
-        for (x, m) in self.positions.iter_mut().zip(moves) {
+        for (x, &m) in self.positions.iter_mut().zip(&moves) {
             *x += m;
         }
+        moves.iter().filter(|&&m| m != Vec3::ZERO).count()
     }
 
     /// Root of the mean square of the strain of the edges along rows and columns, and the greatest

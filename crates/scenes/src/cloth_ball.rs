@@ -7,6 +7,7 @@ use crate::cache::{Record, recorded};
 use crate::cloth::{Cloth, Fabric};
 use crate::rigid::rotation;
 use crate::shape::{Assembly, Mesh, grid_triangles, sphere};
+use crate::simulation::{self, Run, World};
 use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
 const FRAMES: usize = 94;
@@ -32,13 +33,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     triangles: 2 * SIDE * SIDE + 760,
     frames: FRAMES,
     effects: Effects {
-        motion: MotionEffects {
-            cloth: true,
-            gravity: true,
-            contact: true,
-            key_frames: true,
-            ..MotionEffects::NONE
-        },
+        motion: MotionEffects { key_frames: true, ..simulation::effects::<Winding>() },
         light: LightEffects::SHADOWS,
     },
     key_bytes: FRAMES * ((SIDE + 1) * (SIDE + 1) + 382) * size_of::<Vec3>(),
@@ -49,7 +44,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let side = ((SIDE as f32 * options.detail.unwrap_or(1.0).sqrt()).round() as usize).max(4);
     let mut notes = Vec::new();
     let parameters = format!("cloth-ball seed {} keys {keys} substeps {substeps} side {side}", options.seed);
-    let Record { floats, measures, .. } =
+    let Record { floats, measures, stats, .. } =
         recorded(&parameters, options, &mut notes, || simulate(side, keys, substeps, options));
     let frames: Vec<Vec<Vec3>> =
         floats.into_iter().map(|x| x.as_chunks::<3>().0.iter().copied().map(Vec3::from).collect()).collect();
@@ -76,6 +71,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
         effects: INFO.effects,
         frames: FRAMES,
         measures,
+        simulated: stats,
         notes,
     })
 }
@@ -98,6 +94,49 @@ fn flat(side: usize, seed: u64) -> Mesh {
     mesh
 }
 
+/// The cloth and the ball that winds it up.
+struct Winding {
+    cloth: Cloth,
+    ball: Mesh,
+    substeps: usize,
+    frames: Vec<Vec<f32>>,
+    /// Greatest so far of the mean and of the greatest strain.
+    strain: (f64, f64),
+}
+
+impl World for Winding {
+    const STAGES: &'static [(MotionEffects, Run<Self>)] = &[
+        (simulation::CONTACT, |w, step| w.cloth.find_folds(step.since_key)),
+        (simulation::GRAVITY, |w, _| w.cloth.fall()),
+        (simulation::DRIFT, |w, _| w.cloth.drift()),
+        (simulation::CLOTH, |w, _| w.cloth.hold_together()),
+        (simulation::CONTACT, |w, _| w.cloth.keep_folds_apart()),
+        (simulation::CONTACT, |w, step| {
+            let [start, end] = [step.index, step.index + 1].map(|index| w.angle(index));
+            w.cloth.touch(|before, now| contact(before, now, start, end))
+        }),
+        (simulation::DRIFT, |w, _| w.cloth.set_velocities()),
+    ];
+
+    fn record(&mut self, key: usize) {
+        if key > 0 {
+            let ((mean, most), strain) = (self.cloth.strain(), &mut self.strain);
+            *strain = (strain.0.max(mean), strain.1.max(most));
+        }
+        let turned = rotation(Vec3::Y, self.angle(key * self.substeps));
+        let mut frame: Vec<f32> = self.cloth.positions.iter().flat_map(Vec3::to_array).collect();
+        frame.extend(self.ball.positions.iter().flat_map(|&p| (CENTER + turned * p).to_array()));
+        self.frames.push(frame);
+    }
+}
+
+impl Winding {
+    /// How far the ball has turned at the start of a step, in radians.
+    fn angle(&self, step: usize) -> f32 {
+        angle(step as f32 * self.cloth.dt)
+    }
+}
+
 fn simulate(side: usize, keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record {
     let spacing = CLOTH / side as f32;
     let fabric = Fabric {
@@ -109,36 +148,17 @@ fn simulate(side: usize, keys: usize, substeps: usize, options: &SceneOptions<'_
         thickness: 0.8 * spacing,
         top_speed: 22.0,
     };
-    let mut cloth = Cloth::new(side + 1, spacing, flat(side, options.seed).positions, fabric);
+    let dt = SECONDS as f32 / ((keys - 1) * substeps) as f32;
+    let cloth = Cloth::new(side + 1, spacing, flat(side, options.seed).positions, fabric, dt);
     let ball = sphere(RADIUS, 20, 20);
-    let step_count = (keys - 1) * substeps;
-    let dt = SECONDS as f32 / step_count as f32;
-    let mut record = Record::default();
-    let (mut mean_strain, mut most_strain) = (0.0_f64, 0.0_f64);
-    for key in 0..keys {
-        if let Some(progress) = options.progress {
-            progress(key as f32 / (keys - 1) as f32);
-        }
-        if key > 0 {
-            let first = (key - 1) * substeps;
-            cloth.advance(substeps, dt, |step, before, now| {
-                let step = first + step;
-                contact(before, now, angle(step as f32 * dt), angle((step + 1) as f32 * dt))
-            });
-            let (mean, most) = cloth.strain();
-            mean_strain = mean_strain.max(mean);
-            most_strain = most_strain.max(most);
-        }
-        let turned = rotation(Vec3::Y, angle((key * substeps) as f32 * dt));
-        let mut frame: Vec<f32> = cloth.positions.iter().flat_map(Vec3::to_array).collect();
-        frame.extend(ball.positions.iter().flat_map(|&p| (CENTER + turned * p).to_array()));
-        record.floats.push(frame);
-    }
-    record.measures = vec![
-        Measure { name: "edge stretch, root mean square".to_owned(), value: mean_strain },
-        Measure { name: "edge stretch, greatest".to_owned(), value: most_strain },
+    let mut world = Winding { cloth, ball, substeps, frames: Vec::new(), strain: (0.0, 0.0) };
+    let stats = simulation::simulate(&mut world, keys, substeps, options);
+    let (mean, most) = world.strain;
+    let measures = vec![
+        Measure { name: "edge stretch, root mean square".to_owned(), value: mean },
+        Measure { name: "edge stretch, greatest".to_owned(), value: most },
     ];
-    record
+    Record { floats: world.frames, measures, stats, ..Record::default() }
 }
 
 /// How far the ball has turned, in radians.

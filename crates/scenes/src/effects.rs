@@ -13,59 +13,89 @@ pub struct Effects {
     pub light: LightEffects,
 }
 
-/// The kinds of motion in a scene; none at all where nothing moves.
-///
-/// Cloth, gravity, contact, and fracture are simulated beforehand and play back from key frames or
-/// rigid transforms; skin and morph are evaluated at every pose.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct MotionEffects {
-    /// Simulated cloth.
-    pub cloth: bool,
-    /// Gravity, uniform or mutual.
-    pub gravity: bool,
-    /// Contact between bodies.
-    pub contact: bool,
-    /// Bodies that break.
-    pub fracture: bool,
-    /// Linear blend skinning.
-    pub skin: bool,
-    /// Morph targets.
-    pub morph: bool,
-    /// Whole parts moved rigidly.
-    pub rigid: bool,
-    /// Vertex positions blended between key frames.
-    pub key_frames: bool,
+/// Declares a set of effects as a struct of switches, with the name of each for tables.
+macro_rules! effects {
+    ($(#[$about:meta])* $set:ident { $($(#[$doc:meta])* $effect:ident: $name:literal,)* }) => {
+        $(#[$about])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        pub struct $set {
+            $($(#[$doc])* pub $effect: bool,)*
+        }
+
+        impl $set {
+            /// None of them.
+            pub const NONE: Self = Self { $($effect: false,)* };
+
+            /// All of them.
+            pub const ALL: Self = Self { $($effect: true,)* };
+
+            /// These and `others`.
+            #[must_use]
+            pub const fn with(self, others: Self) -> Self {
+                Self { $($effect: self.$effect || others.$effect,)* }
+            }
+
+            /// These but those that are also in `others`.
+            #[must_use]
+            pub const fn without(self, others: Self) -> Self {
+                Self { $($effect: self.$effect && !others.$effect,)* }
+            }
+
+            /// Every effect's name and whether it is one of these, always in the same order.
+            pub fn row(self) -> impl Iterator<Item = (&'static str, bool)> {
+                [$(($name, self.$effect)),*].into_iter()
+            }
+        }
+    };
 }
 
-/// The kinds of light transport in a scene.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LightEffects {
-    /// Hard shadows of a point light.
-    pub shadows: bool,
-    /// Textured surfaces.
-    pub textures: bool,
-    /// Surfaces with holes cut out by transparency.
-    pub alpha: bool,
-    /// Mirror reflection.
-    pub mirror: bool,
-    /// Ambient occlusion.
-    pub ambient_occlusion: bool,
-    /// Indirect diffuse light.
-    pub diffuse_bounces: bool,
+effects! {
+    /// The kinds of motion in a scene; none at all where nothing moves.
+    ///
+    /// Cloth, gravity, contact, and fracture are simulated beforehand and play back from key frames
+    /// or rigid transforms; skin and morph are evaluated at every pose.
+    MotionEffects {
+        /// Simulated cloth.
+        cloth: "cloth",
+        /// Gravity, uniform or mutual.
+        gravity: "gravity",
+        /// Contact between bodies.
+        contact: "contact",
+        /// Bodies that break.
+        fracture: "fracture",
+        /// Linear blend skinning.
+        skin: "skin",
+        /// Morph targets.
+        morph: "morph",
+        /// Whole parts moved rigidly.
+        rigid: "rigid",
+        /// Vertex positions blended between key frames.
+        key_frames: "key frames",
+    }
+}
+
+effects! {
+    /// The kinds of light transport in a scene; none at all beyond the first hit.
+    LightEffects {
+        /// Hard shadows of a point light.
+        shadows: "shadows",
+        /// Textured surfaces.
+        textures: "textures",
+        /// Surfaces with holes cut out by transparency.
+        alpha: "alpha",
+        /// Mirror reflection.
+        mirror: "mirror",
+        /// Ambient occlusion.
+        ambient_occlusion: "ambient occlusion",
+        /// Indirect diffuse light.
+        diffuse_bounces: "diffuse bounces",
+    }
 }
 
 impl MotionEffects {
-    /// No motion at all.
-    pub const NONE: Self = Self {
-        cloth: false,
-        gravity: false,
-        contact: false,
-        fracture: false,
-        skin: false,
-        morph: false,
-        rigid: false,
-        key_frames: false,
-    };
+    /// The effects that are simulated beforehand.
+    pub const SIMULATED: Self =
+        Self { cloth: true, gravity: true, contact: true, fracture: true, ..Self::NONE };
 
     /// The playback effects of a topology's parts.
     #[must_use]
@@ -82,16 +112,6 @@ impl MotionEffects {
 }
 
 impl LightEffects {
-    /// No light transport beyond the first hit.
-    pub const NONE: Self = Self {
-        shadows: false,
-        textures: false,
-        alpha: false,
-        mirror: false,
-        ambient_occlusion: false,
-        diffuse_bounces: false,
-    };
-
     /// Hard shadows and nothing else.
     pub const SHADOWS: Self = Self { shadows: true, ..Self::NONE };
 
@@ -110,34 +130,16 @@ impl LightEffects {
 }
 
 impl Effects {
-    /// Every effect's name and whether the scene calls for it, always in the same order: one row of
-    /// a table.
-    #[must_use]
-    pub fn row(&self) -> [(&'static str, bool); 14] {
-        let (m, l) = (self.motion, self.light);
-        [
-            ("cloth", m.cloth),
-            ("gravity", m.gravity),
-            ("contact", m.contact),
-            ("fracture", m.fracture),
-            ("skin", m.skin),
-            ("morph", m.morph),
-            ("rigid", m.rigid),
-            ("key frames", m.key_frames),
-            ("shadows", l.shadows),
-            ("textures", l.textures),
-            ("alpha", l.alpha),
-            ("mirror", l.mirror),
-            ("ambient occlusion", l.ambient_occlusion),
-            ("diffuse bounces", l.diffuse_bounces),
-        ]
+    /// The names of the effects called for.
+    pub fn names(&self) -> impl Iterator<Item = &'static str> {
+        self.motion.row().chain(self.light.row()).filter_map(|(name, on)| on.then_some(name))
     }
 }
 
 /// The names of the effects called for, separated by commas; "none" where there are none.
 impl fmt::Display for Effects {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let names: Vec<_> = self.row().into_iter().filter_map(|(name, on)| on.then_some(name)).collect();
+        let names: Vec<_> = self.names().collect();
         f.pad(&if names.is_empty() { "none".to_owned() } else { names.join(", ") })
     }
 }

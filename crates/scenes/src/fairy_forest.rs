@@ -17,7 +17,8 @@ use crate::implicit::Solid;
 use crate::rigid::rotation;
 use crate::shape::Mesh;
 use crate::{
-    Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, fairy, meshing,
+    Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, SimulationStats, fairy,
+    meshing,
 };
 
 const TRIANGLES: usize = 174_117;
@@ -88,6 +89,7 @@ pub(crate) fn scene(clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Sc
         effects: INFO.effects,
         frames: FRAMES,
         measures: Vec::new(),
+        simulated: SimulationStats::default(),
         key_bytes: 0,
         notes,
     })

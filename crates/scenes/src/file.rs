@@ -9,7 +9,7 @@ use anim::{Animation, Light, LoadError, View};
 use glam::{Vec3, vec3};
 
 use crate::room;
-use crate::{Effects, LightEffects, MotionEffects, Scene};
+use crate::{Effects, LightEffects, MotionEffects, Scene, SimulationStats};
 
 /// Times at which the bounds of an animation are taken.
 const BOUND_SAMPLES: usize = 32;
@@ -53,6 +53,7 @@ pub fn scene_of(path: &Path, animation: Box<dyn Animation>) -> Scene {
             (animation.duration() * FRAME_RATE).round().clamp(0.0, MOST_FRAMES) as usize + 1
         }),
         measures: Vec::new(),
+        simulated: SimulationStats::default(),
         key_bytes: 0,
         notes,
         animation,
@@ -104,4 +105,33 @@ fn light_beside(view: &View) -> Light {
     let back = view.eye - view.target;
     let aside = view.up.cross(back).normalize_or_zero();
     Light { position: view.eye + (0.6 * view.up - 0.6 * aside) * back.length(), color: [1.0; 3] }
+}
+
+#[cfg(test)]
+mod tests {
+    use anim::{KeyFrames, LoopMode, Topology};
+
+    use super::*;
+
+    #[test]
+    fn an_animation_of_any_length_has_a_number_of_frames() {
+        for (seconds, frames) in [(2.0, 49), (1e17, 1_000_001), (8e17, 1_000_001), (1e300, 1_000_001)] {
+            let topology = Topology {
+                triangles: vec![[0, 1, 2]],
+                vertex_count: 3,
+                parts: vec![anim::Part {
+                    name: String::new(),
+                    triangles: 0..1,
+                    vertices: 0..3,
+                    motion: anim::Motion::STILL,
+                    material: 0,
+                }],
+                materials: vec![anim::Material::default()],
+                ..Topology::default()
+            };
+            let keys = [0.0, 1.0].map(|y| vec![Vec3::ZERO, Vec3::X, vec3(0.0, y, 1.0)]).to_vec();
+            let animation = KeyFrames::new(topology, keys, seconds, LoopMode::Restart).unwrap();
+            assert_eq!(scene_of(Path::new("a.glb"), Box::new(animation)).frames, frames, "{seconds} s");
+        }
+    }
 }

@@ -2,7 +2,9 @@
 
 use std::fmt;
 
-use crate::Effects;
+use anim::Motion;
+
+use crate::{Effects, LightEffects, Scene};
 
 /// A stage of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -34,9 +36,12 @@ pub enum FrameStage {
 }
 
 /// The stages of a scene's frame, in the order they run.
-#[derive(Clone, Debug, PartialEq, Eq)]
+///
+/// Whatever plays a scene asks its plan what to do: [`motion`](Self::motion) is all that a pose moves
+/// by, and [`light`](Self::light) all that a picture has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FramePlan {
-    stages: Vec<FrameStage>,
+    effects: Effects,
 }
 
 impl FrameStage {
@@ -74,50 +79,90 @@ impl FrameStage {
             Self::DiffuseBounces => "diffuse bounces",
         }
     }
-
-    /// Whether a scene with these effects needs the stage.
-    fn is_called_for(self, Effects { motion, light }: &Effects) -> bool {
-        match self {
-            Self::KeyFrames => motion.key_frames,
-            Self::Morph => motion.morph,
-            Self::Skin => motion.skin,
-            Self::Rigid => motion.rigid,
-            Self::Update => motion.key_frames || motion.morph || motion.skin || motion.rigid,
-            Self::Primary => true,
-            Self::Alpha => light.alpha,
-            Self::Textures => light.textures,
-            Self::Shadow => light.shadows,
-            Self::Mirror => light.mirror,
-            Self::AmbientOcclusion => light.ambient_occlusion,
-            Self::DiffuseBounces => light.diffuse_bounces,
-        }
-    }
 }
 
 impl FramePlan {
     /// The plan for a scene with these effects.
     #[must_use]
     pub fn new(effects: &Effects) -> Self {
-        Self { stages: FrameStage::ALL.into_iter().filter(|s| s.is_called_for(effects)).collect() }
+        Self { effects: *effects }
     }
 
     /// The stages, in the order they run.
-    #[must_use]
-    pub fn stages(&self) -> &[FrameStage] {
-        &self.stages
+    pub fn stages(&self) -> impl Iterator<Item = FrameStage> {
+        FrameStage::ALL.into_iter().filter(|&stage| self.contains(stage))
     }
 
     /// Whether a stage is to run.
     #[must_use]
     pub fn contains(&self, stage: FrameStage) -> bool {
-        self.stages.contains(&stage)
+        let (motion, light) = (self.motion(), self.light());
+        match stage {
+            FrameStage::KeyFrames => motion.key_frames,
+            FrameStage::Morph => motion.morph,
+            FrameStage::Skin => motion.skin,
+            FrameStage::Rigid => motion.rigid,
+            FrameStage::Update => !motion.is_still(),
+            FrameStage::Primary => true,
+            FrameStage::Alpha => light.alpha,
+            FrameStage::Textures => light.textures,
+            FrameStage::Shadow => light.shadows,
+            FrameStage::Mirror => light.mirror,
+            FrameStage::AmbientOcclusion => light.ambient_occlusion,
+            FrameStage::DiffuseBounces => light.diffuse_bounces,
+        }
+    }
+
+    /// The kinds of motion that are evaluated.
+    #[must_use]
+    pub fn motion(&self) -> Motion {
+        let crate::MotionEffects { skin, morph, rigid, key_frames, .. } = self.effects.motion;
+        Motion { skin, morph, rigid, key_frames }
+    }
+
+    /// What light does.
+    #[must_use]
+    pub fn light(&self) -> LightEffects {
+        self.effects.light
+    }
+
+    /// One line for each stage of the plan that says what of the scene calls for it.
+    #[must_use]
+    pub fn reasons(&self, scene: &Scene) -> Vec<(FrameStage, String)> {
+        let topology = scene.animation.topology();
+        let parts = |calls: fn(Motion) -> bool| {
+            let count = topology.parts.iter().filter(|part| calls(part.motion)).count();
+            format!("{count} of {} parts", topology.parts.len())
+        };
+        let of_parts = |calls: fn(&anim::Material) -> bool| {
+            let calls = |part: &&anim::Part| calls(&topology.materials[part.material as usize]);
+            format!("{} of {} parts", topology.parts.iter().filter(calls).count(), topology.parts.len())
+        };
+        let reason = |stage| match stage {
+            FrameStage::KeyFrames => parts(|motion| motion.key_frames) + " have key frames",
+            FrameStage::Morph => parts(|motion| motion.morph) + " have morph weights that vary",
+            FrameStage::Skin => parts(|motion| motion.skin) + " have joints that move",
+            FrameStage::Rigid => parts(|motion| motion.rigid) + " are moved as a whole",
+            FrameStage::Update => {
+                let moving = topology.moves.iter().filter(|&&moves| moves).count();
+                format!("{moving} of {} triangles move", topology.moves.len())
+            }
+            FrameStage::Primary => "the eye sees".to_owned(),
+            FrameStage::Alpha => of_parts(|material| material.cutoff.is_some()) + " have holes",
+            FrameStage::Textures => of_parts(|material| material.texture.is_some()) + " have textures",
+            FrameStage::Shadow if scene.animation.light(0.0).is_some() => "the file has a light".to_owned(),
+            FrameStage::Shadow => "the scene is lit".to_owned(),
+            FrameStage::Mirror => of_parts(|material| material.mirror) + " are mirrors",
+            FrameStage::AmbientOcclusion | FrameStage::DiffuseBounces => "asked for".to_owned(),
+        };
+        self.stages().map(|stage| (stage, reason(stage))).collect()
     }
 }
 
 /// The names of the stages, in order, separated by commas.
 impl fmt::Display for FramePlan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let names: Vec<_> = self.stages.iter().map(|stage| stage.name()).collect();
+        let names: Vec<_> = self.stages().map(FrameStage::name).collect();
         f.pad(&names.join(", "))
     }
 }
@@ -125,7 +170,7 @@ impl fmt::Display for FramePlan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{LightEffects, MotionEffects};
+    use crate::MotionEffects;
 
     #[test]
     fn a_plan_holds_what_is_called_for_and_nothing_else() {

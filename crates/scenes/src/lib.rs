@@ -36,6 +36,7 @@ mod room;
 mod scene;
 mod shape;
 mod shatter;
+mod simulation;
 mod statue;
 mod toys;
 
@@ -45,4 +46,5 @@ pub use fairy_forest::fairy_forest_glb;
 pub use file::scene_of;
 pub use frame_plan::{FramePlan, FrameStage};
 pub use scene::{Measure, Scene, SceneError, SceneInfo, SceneOptions, list, load};
+pub use simulation::SimulationStats;
 pub use toys::toys_glb;

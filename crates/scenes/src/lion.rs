@@ -17,7 +17,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     key_bytes: FRAMES * 8427 * rigid::WORDS * size_of::<f32>(),
 };
 
-const LION: Statue = Statue {
+static LION: Statue = Statue {
     info: &INFO,
     seconds: 5.0,
     substeps: 14,

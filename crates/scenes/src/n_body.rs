@@ -9,6 +9,7 @@ use glam::{DVec3, Quat, Vec3};
 use crate::cache::{Record, recorded};
 use crate::rigid::{self, Placement, RigidBodies};
 use crate::shape::{Assembly, sphere, turned};
+use crate::simulation::{self, Run};
 use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
 const BALLS: usize = 300;
@@ -41,7 +42,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     triangles: BALLS * 480 + PILLARS.len() * 496,
     frames: FRAMES,
     effects: Effects {
-        motion: MotionEffects { gravity: true, contact: true, rigid: true, ..MotionEffects::NONE },
+        motion: MotionEffects { rigid: true, ..simulation::effects::<World>() },
         light: LightEffects::SHADOWS,
     },
     key_bytes: FRAMES * BALLS * rigid::WORDS * size_of::<f32>(),
@@ -78,7 +79,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
         }
         assembly.part("pillar", &pillar, Motion::STILL, stone);
     }
-    let Record { mut floats, measures, .. } = record;
+    let Record { mut floats, measures, stats, .. } = record;
     let keys = floats.pop().unwrap_or_default();
     Ok(Scene {
         name: INFO.name.to_owned(),
@@ -103,6 +104,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
         effects: INFO.effects,
         frames: FRAMES,
         measures,
+        simulated: stats,
         notes,
     })
 }
@@ -150,45 +152,65 @@ fn nearest_on_axis((x, z, radius, height): (f64, f64, f64, f64), point: DVec3) -
     DVec3::new(x, point.y.min(height - radius), z)
 }
 
-/// Kick, drift, kick (Verlet 1967): symplectic, so that the energy error stays bounded.
-fn simulate(keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record {
-    let mut balls = first_balls(options.seed);
-    let dt = SPAN / ((keys - 1) * substeps) as f64;
-    let mut force = vec![DVec3::ZERO; BALLS];
-    let first_potential = gravity(&balls, &mut force);
-    let first = first_potential + kinetic(&balls);
-    let scale = kinetic(&balls) + first_potential.abs();
-    let mut placed = Vec::new();
-    let mut drift = 0.0_f64;
-    for frame in 0..keys {
-        if let Some(progress) = options.progress {
-            progress(frame as f32 / (keys - 1) as f32);
-        }
-        for ball in &balls {
+/// The balls, stepped by kick, drift, kick (Verlet 1967): symplectic, so that the energy error stays
+/// bounded.
+struct World {
+    balls: Vec<Ball>,
+    force: Vec<DVec3>,
+    dt: f64,
+    potential: f64,
+    /// Energy at first, and what its drift is measured by.
+    first: (f64, f64),
+    drift: f64,
+    placed: Vec<f32>,
+}
+
+impl simulation::World for World {
+    const STAGES: &'static [(MotionEffects, Run<Self>)] = &[
+        (simulation::GRAVITY, |w, _| w.kick()),
+        (simulation::DRIFT, |w, _| {
+            w.balls.iter_mut().for_each(|ball| ball.position += ball.velocity * w.dt);
+            w.balls.len()
+        }),
+        (simulation::GRAVITY, |w, _| {
+            w.potential = gravity(&w.balls, &mut w.force);
+            w.kick()
+        }),
+        (simulation::CONTACT, |w, _| collide(&mut w.balls)),
+    ];
+
+    fn record(&mut self, _: usize) {
+        for ball in &self.balls {
             // Frictionless balls never begin to spin.
             let position = ball.position.as_vec3();
-            rigid::record(&mut placed, &Placement { position, rotation: Quat::IDENTITY });
+            rigid::record(&mut self.placed, &Placement { position, rotation: Quat::IDENTITY });
         }
-        if frame + 1 == keys {
-            break;
-        }
-        let mut potential = 0.0;
-        for _ in 0..substeps {
-            for (ball, f) in balls.iter_mut().zip(&force) {
-                ball.velocity += *f * (0.5 * dt / ball.mass);
-                ball.position += ball.velocity * dt;
-            }
-            potential = gravity(&balls, &mut force);
-            for (ball, f) in balls.iter_mut().zip(&force) {
-                ball.velocity += *f * (0.5 * dt / ball.mass);
-            }
-            collide(&mut balls);
-        }
-        drift = drift.max(((potential + kinetic(&balls) - first) / scale).abs());
+        let (first, scale) = self.first;
+        self.drift = self.drift.max(((self.potential + kinetic(&self.balls) - first) / scale).abs());
     }
-    let radii = balls.iter().map(|b| b.radius as f32).collect();
-    let measures = vec![Measure { name: "energy drift".to_owned(), value: drift }];
-    Record { floats: vec![radii, placed], ints: Vec::new(), measures }
+}
+
+impl World {
+    /// Accelerates all balls for half a step.
+    fn kick(&mut self) -> usize {
+        for (ball, f) in self.balls.iter_mut().zip(&self.force) {
+            ball.velocity += *f * (0.5 * self.dt / ball.mass);
+        }
+        self.balls.len()
+    }
+}
+
+fn simulate(keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record {
+    let balls = first_balls(options.seed);
+    let mut force = vec![DVec3::ZERO; BALLS];
+    let potential = gravity(&balls, &mut force);
+    let first = (potential + kinetic(&balls), kinetic(&balls) + potential.abs());
+    let dt = SPAN / ((keys - 1) * substeps) as f64;
+    let mut world = World { balls, force, dt, potential, first, drift: 0.0, placed: Vec::new() };
+    let stats = simulation::simulate(&mut world, keys, substeps, options);
+    let radii = world.balls.iter().map(|b| b.radius as f32).collect();
+    let measures = vec![Measure { name: "energy drift".to_owned(), value: world.drift }];
+    Record { floats: vec![radii, world.placed], measures, stats, ..Record::default() }
 }
 
 fn kinetic(balls: &[Ball]) -> f64 {
@@ -214,10 +236,11 @@ fn gravity(balls: &[Ball], force: &mut [DVec3]) -> f64 {
 }
 
 /// Elastic, frictionless collisions: whatever touches and approaches has its normal velocity
-/// reversed.
+/// reversed. Gives the number of contacts.
 ///
 /// Only velocities change, and kinetic energy is kept exactly.
-fn collide(balls: &mut [Ball]) {
+fn collide(balls: &mut [Ball]) -> usize {
+    let mut contacts = 0;
     for i in 0..balls.len() {
         let (before, rest) = balls.split_at_mut(i);
         let a = &mut rest[0];
@@ -228,6 +251,7 @@ fn collide(balls: &mut [Ball]) {
                 let normal = apart / distance;
                 let approach = (a.velocity - b.velocity).dot(normal);
                 if approach > 0.0 {
+                    contacts += 1;
                     let impulse = 2.0 * approach * a.mass * b.mass / (a.mass + b.mass);
                     a.velocity -= normal * (impulse / a.mass);
                     b.velocity += normal * (impulse / b.mass);
@@ -238,21 +262,24 @@ fn collide(balls: &mut [Ball]) {
             let apart = a.position - nearest_on_axis(pillar, a.position);
             let distance = apart.length();
             if distance < pillar.2 + a.radius && distance > 0.0 {
-                reflect(&mut a.velocity, apart / distance);
+                contacts += reflect(&mut a.velocity, apart / distance);
             }
         }
         let [low, high] = BOX;
         for normal in DVec3::AXES {
             if (a.position - low).dot(normal) < a.radius {
-                reflect(&mut a.velocity, normal);
+                contacts += reflect(&mut a.velocity, normal);
             } else if (high - a.position).dot(normal) < a.radius {
-                reflect(&mut a.velocity, -normal);
+                contacts += reflect(&mut a.velocity, -normal);
             }
         }
     }
+    contacts
 }
 
-/// Turns the part of a velocity that goes against the normal.
-fn reflect(velocity: &mut DVec3, normal: DVec3) {
-    *velocity -= normal * (2.0 * velocity.dot(normal).min(0.0));
+/// Turns the part of a velocity that goes against the normal. Gives 1 if there is one, else 0.
+fn reflect(velocity: &mut DVec3, normal: DVec3) -> usize {
+    let along = velocity.dot(normal).min(0.0);
+    *velocity -= normal * (2.0 * along);
+    usize::from(along < 0.0)
 }

@@ -3,7 +3,7 @@
 //! Key frames hold one transform per body instead of one position per vertex, which is far smaller
 //! and keeps every body's shape at all times, between key frames too.
 
-use anim::{Animation, PoseStats, Topology};
+use anim::{Animation, Motion, PoseStats, Topology};
 use glam::{Quat, Vec3};
 use rayon::prelude::*;
 
@@ -85,10 +85,12 @@ impl Animation for RigidBodies {
         positions
     }
 
-    fn pose(&self, time: f64, positions: &mut [Vec3]) -> PoseStats {
+    fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
         assert_eq!(positions.len(), self.topology.vertex_count, "one position per vertex");
         let mut stats = PoseStats::default();
-        stats.rigid.add(|| self.place(time, positions));
+        if kinds.rigid {
+            stats.rigid.add(|| self.place(time, positions));
+        }
         stats
     }
 

@@ -5,7 +5,10 @@ use std::path::{Path, PathBuf};
 use anim::{Animation, Light, View};
 use serde::{Deserialize, Serialize};
 
-use crate::{Effects, bart_museum, cloth_ball, exploding_dragon, fairy_forest, file, lion, n_body};
+use crate::{
+    Effects, LightEffects, MotionEffects, SimulationStats, bart_museum, cloth_ball, exploding_dragon,
+    fairy_forest, file, lion, n_body,
+};
 
 /// An animation with what is needed to show it.
 pub struct Scene {
@@ -25,6 +28,8 @@ pub struct Scene {
     pub frames: usize,
     /// How well the simulation kept what it should keep; empty where nothing is simulated.
     pub measures: Vec<Measure>,
+    /// What simulating it did.
+    pub simulated: SimulationStats,
     /// Bytes of key frames held in memory: positions or placements, but neither still geometry nor
     /// topology, and not what was loaded from a file.
     pub key_bytes: usize,
@@ -77,9 +82,12 @@ pub struct SceneOptions<'a> {
     /// Fraction of the triangles of cloth and statues to make, above 0 and at most 1. `None` is
     /// all.
     pub detail: Option<f32>,
-    /// Whether to leave the textures of a file unread; its surfaces then keep the factors of their
-    /// materials.
-    pub without_textures: bool,
+    /// Effects that the scene calls for and that are left out: their stages do not run, neither in
+    /// the simulation nor in a frame.
+    pub without: MotionEffects,
+    /// What light is to do; `None` is what the scene calls for. Where this has neither textures nor
+    /// alpha, the textures of a file are not read: surfaces keep the factors of their materials.
+    pub light: Option<LightEffects>,
     /// Called with the fraction done, 0 to 1, while a scene is simulated.
     pub progress: Option<&'a (dyn Fn(f32) + Sync)>,
 }
@@ -150,6 +158,13 @@ pub fn list() -> &'static [SceneInfo] {
 /// cannot be loaded.
 pub fn load(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     check(options)?;
+    let mut scene = make(name_or_path, clip, options)?;
+    scene.effects.motion = scene.effects.motion.without(options.without);
+    scene.effects.light = options.light.unwrap_or(scene.effects.light);
+    Ok(scene)
+}
+
+fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     if let Some(shape) =
         name_or_path.strip_prefix("bart-museum:").filter(|_| !Path::new(name_or_path).exists())
     {
@@ -158,7 +173,7 @@ pub fn load(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) 
             let (value, range) = (shape.to_owned(), "a number from 0 to 4, as in bart-museum:3");
             return Err(SceneError::Option { option: "the shape to start from", value, range });
         };
-        return load("bart-museum", clip, &SceneOptions { start_shape, ..options.clone() });
+        return make("bart-museum", clip, &SceneOptions { start_shape, ..options.clone() });
     }
     let make = match name_or_path {
         "bart-museum" => bart_museum::scene,
@@ -169,7 +184,8 @@ pub fn load(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) 
         "lion" => lion::scene,
         "n-body" => n_body::scene,
         path if Path::new(path).exists() => {
-            return Ok(file::scene(Path::new(path), clip, !options.without_textures)?);
+            let textures = options.light.is_none_or(|light| light.textures || light.alpha);
+            return Ok(file::scene(Path::new(path), clip, textures)?);
         }
         name => {
             let known = SCENES.iter().map(|info| info.name).collect::<Vec<_>>().join(", ");

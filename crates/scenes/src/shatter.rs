@@ -76,10 +76,9 @@ impl Body {
         (body, surface)
     }
 
-    fn start_step(&mut self, gravity: f32, dt: f32) {
+    fn drift(&mut self, dt: f32) {
         self.before = self.at;
         if self.free {
-            self.velocity.y -= gravity * dt;
             self.at.position += self.velocity * dt;
             self.turn(self.spin * dt);
         }
@@ -91,10 +90,13 @@ impl Body {
         self.at.rotation = (q + Quat::from_vec4((0.5 * by).extend(0.0)) * q).normalize();
     }
 
-    fn finish_step(&mut self, dt: f32) {
+    /// Pushes the body out of the ground, and makes its velocities those of the way it has gone in
+    /// this step. Gives the number of corners that were below the ground.
+    fn touch_ground(&mut self, dt: f32) -> usize {
         if !self.free {
-            return;
+            return 0;
         }
+        let mut contacts = 0;
         let (velocity, spin) = (self.velocity, self.spin);
         let mut lowest: Option<Vec3> = None;
         for k in 0..self.corners.len() {
@@ -102,6 +104,7 @@ impl Body {
             let arm = self.at.rotation * corner;
             let depth = -(self.at.position.y + arm.y);
             if depth > 0.0 {
+                contacts += 1;
                 let normal_push = depth / self.give(arm, Vec3::Y);
                 self.push(arm, Vec3::Y * normal_push);
                 let arm = self.at.rotation * corner;
@@ -129,6 +132,7 @@ impl Body {
             self.spin += self.inverse_inertia_in_world(arm.cross(impulse));
             self.spin *= 1.0 - (4.0 * dt).min(1.0);
         }
+        contacts
     }
 
     /// How far a point moves along a direction per unit of impulse there.
@@ -168,6 +172,8 @@ fn extreme_points(points: &[Vec3]) -> Vec<Vec3> {
 /// others.
 pub(crate) struct Bodies {
     pub(crate) bodies: Vec<Body>,
+    /// Seconds of a step.
+    pub(crate) dt: f32,
     gravity: f32,
     neighbours: Neighbours,
     steps: usize,
@@ -176,7 +182,7 @@ pub(crate) struct Bodies {
 impl Bodies {
     /// `bodies` where they stand; all but the last get the largest spheres that do not touch each
     /// other, up to `limit`.
-    pub(crate) fn new(mut bodies: Vec<Body>, gravity: f32, limit: f32) -> Self {
+    pub(crate) fn new(mut bodies: Vec<Body>, gravity: f32, limit: f32, dt: f32) -> Self {
         let shards = bodies.len() - 1;
         let centers: Vec<Vec3> = bodies[..shards].iter().map(|b| b.at.position).collect();
         let mut neighbours = Neighbours::default();
@@ -189,12 +195,25 @@ impl Bodies {
                 .fold(2.0 * limit, f32::min);
             bodies[i].radius = 0.5 * nearest;
         }
-        Self { bodies, gravity, neighbours, steps: 0 }
+        Self { bodies, dt, gravity, neighbours, steps: 0 }
     }
 
-    pub(crate) fn step(&mut self, dt: f32) {
-        let gravity = self.gravity;
-        self.bodies.par_iter_mut().with_min_len(512).for_each(|b| b.start_step(gravity, dt));
+    /// Accelerates what is free, and gives its number.
+    pub(crate) fn fall(&mut self) -> usize {
+        let speed = self.gravity * self.dt;
+        let free = self.bodies.iter_mut().filter(|b| b.free);
+        free.map(|b| b.velocity.y -= speed).count()
+    }
+
+    /// Moves all bodies by their velocities.
+    pub(crate) fn drift(&mut self) -> usize {
+        let dt = self.dt;
+        self.bodies.par_iter_mut().with_min_len(512).for_each(|b| b.drift(dt));
+        self.bodies.len()
+    }
+
+    /// Resolves contacts of the bodies with one another and with the ground, and gives their number.
+    pub(crate) fn touch(&mut self) -> usize {
         let shards = self.bodies.len() - 1;
         let centers: Vec<Vec3> = self.bodies[..shards].iter().map(|b| b.at.position).collect();
         if self.steps.is_multiple_of(SEARCH) {
@@ -203,22 +222,29 @@ impl Bodies {
             self.neighbours.search(&centers, 2.5 * largest, |i, _| bodies[i].free);
         }
         self.steps += 1;
-        let pushes: Vec<Vec3> =
+        let pushes: Vec<(Vec3, Vec3)> =
             (0..shards).into_par_iter().with_min_len(512).map(|i| self.pushed(i)).collect();
-        for (body, push) in self.bodies.iter_mut().zip(pushes) {
-            body.at.position += push;
+        for (body, &(push, shift)) in self.bodies.iter_mut().zip(&pushes) {
+            body.at.position += push + shift;
+            body.before.position += shift;
         }
-        self.bodies.par_iter_mut().with_min_len(256).for_each(|b| b.finish_step(dt));
+        let dt = self.dt;
+        let corners: usize = self.bodies.par_iter_mut().with_min_len(256).map(|b| b.touch_ground(dt)).sum();
+        pushes.iter().filter(|&&pushes| pushes != (Vec3::ZERO, Vec3::ZERO)).count() + corners
     }
 
-    /// How far its neighbours and the last body push a body.
-    fn pushed(&self, i: usize) -> Vec3 {
+    /// How far its neighbours and the last body push a body, and how far they shift it besides,
+    /// which changes no velocity.
+    ///
+    /// A push undoes an overlap as far as the two approached each other in this step. What overlapped
+    /// before is shifted apart: as a push it would become speed, the more the smaller the step.
+    fn pushed(&self, i: usize) -> (Vec3, Vec3) {
         let b = &self.bodies[i];
         if !b.free {
-            return Vec3::ZERO;
+            return (Vec3::ZERO, Vec3::ZERO);
         }
         let last = self.bodies.len() - 1;
-        let (mut sum, mut count) = (Vec3::ZERO, 0.0_f32);
+        let (mut push, mut shift, mut count) = (Vec3::ZERO, Vec3::ZERO, 0.0_f32);
         for j in self.neighbours.of(i).iter().map(|&j| j as usize).chain([last]) {
             let other = &self.bodies[j];
             let apart = b.at.position - other.at.position;
@@ -228,12 +254,14 @@ impl Bodies {
             {
                 let share = if other.free { other.mass / (other.mass + b.mass) } else { 1.0 };
                 let slip = (b.at.position - b.before.position) - (other.at.position - other.before.position);
-                // A tenth of the slip goes, as friction; overlaps are undone gently, for they also
-                // come from behind.
-                sum += (normal * (0.5 * overlap) - 0.1 * slip) * share;
+                // Half of the overlap: bodies are also pushed from behind.
+                let approach = (-slip.dot(normal)).clamp(0.0, 0.5 * overlap);
+                // A tenth of the slip goes, as friction.
+                push += (normal * approach - 0.1 * slip) * share;
+                shift += normal * ((0.5 * overlap - approach) * share);
                 count += 1.0;
             }
         }
-        sum / count.max(1.0)
+        (push / count.max(1.0), shift / count.max(1.0))
     }
 }

@@ -11,6 +11,7 @@ use crate::implicit::Solid;
 use crate::rigid::{self, RigidBodies};
 use crate::shape::{Assembly, Mesh};
 use crate::shatter::{Bodies, Body};
+use crate::simulation::{self, Run, World};
 use crate::{
     Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, meshing, shape,
 };
@@ -30,11 +31,17 @@ pub(crate) struct Statue {
     pub(crate) surface: f32,
     /// Pieces asked for; fewer come out of the cutting.
     pub(crate) pieces: f32,
+    /// Of the wall, where the solid is at least twice as thick.
     pub(crate) thickness: f32,
+    /// Relative number of pieces per area.
     pub(crate) density: fn(Vec3) -> f32,
+    /// Centre and radius of the stone at first, and its speed downwards.
     pub(crate) stone: (Vec3, f32, f32),
+    /// Mass of the stone per area, that of the statue being 1.
     pub(crate) stone_density: f32,
+    /// Seconds from the impact at a point to when a piece with a centre breaks off.
     pub(crate) delay: fn(Vec3, Vec3, &mut fastrand::Rng) -> f32,
+    /// Velocity and spin of a piece as it breaks off, by centre and point of impact.
     pub(crate) kick: fn(Vec3, Vec3, &mut fastrand::Rng) -> (Vec3, Vec3),
     pub(crate) colors: Colors,
     pub(crate) ground: f32,
@@ -44,23 +51,17 @@ pub(crate) struct Statue {
 }
 
 /// Triangles of the ground.
-pub(crate) const GROUND: usize = 512;
+const GROUND: usize = 512;
 const GRAVITY: f32 = 12.0;
 
 /// What a breaking statue calls for.
 pub(crate) const EFFECTS: Effects = Effects {
-    motion: MotionEffects {
-        gravity: true,
-        contact: true,
-        fracture: true,
-        rigid: true,
-        ..MotionEffects::NONE
-    },
+    motion: MotionEffects { rigid: true, ..simulation::effects::<Breaking>() },
     light: LightEffects::SHADOWS,
 };
 
 impl Statue {
-    pub(crate) fn scene(&self, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
+    pub(crate) fn scene(&'static self, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
         let info = self.info;
         let keys = options.key_frames.unwrap_or(info.frames);
         let substeps = options.substeps.unwrap_or(self.substeps);
@@ -68,27 +69,10 @@ impl Statue {
         let mut notes = Vec::new();
         let parameters =
             format!("{} seed {} keys {keys} substeps {substeps} detail {detail}", info.name, options.seed);
-        let record = recorded(&parameters, options, &mut notes, || {
-            let (solid, (low, high, cell)) = ((self.solid)(), self.meshed);
-            let fine = meshing::mesh(&solid, low, high, cell / detail.sqrt());
-            let breaking = Breaking {
-                solid: &solid,
-                surface: decimate(&fine, (self.surface * detail) as usize),
-                thickness: self.thickness,
-                pieces: (self.pieces * detail) as usize,
-                density: &self.density,
-                triangles: ((info.triangles - GROUND) as f32 * detail) as usize,
-                stone: self.stone,
-                stone_density: self.stone_density,
-                gravity: GRAVITY,
-                delay: &self.delay,
-                kick: &self.kick,
-                seconds: self.seconds as f32,
-                keys,
-                substeps,
-            };
-            breaking.simulate(&mut fastrand::Rng::with_seed(options.seed), options)
-        });
+        let dt = self.seconds as f32 / ((keys - 1) * substeps) as f32;
+        let simulate = || Breaking::new(self, detail, dt, options.seed).simulate(keys, substeps, options);
+        let record = recorded(&parameters, options, &mut notes, simulate);
+        let stats = record.stats;
         let (animation, measures) = playback(record, &self.colors, self.ground, self.seconds);
         Ok(Scene {
             name: info.name.to_owned(),
@@ -100,34 +84,10 @@ impl Statue {
             effects: info.effects,
             frames: info.frames,
             measures,
+            simulated: stats,
             notes,
         })
     }
-}
-
-/// A statue, the stone that breaks it, and how.
-pub(crate) struct Breaking<'a> {
-    pub(crate) solid: &'a Solid,
-    pub(crate) surface: Mesh,
-    /// Of the wall, where the solid is at least twice as thick.
-    pub(crate) thickness: f32,
-    pub(crate) pieces: usize,
-    /// Relative number of pieces per area.
-    pub(crate) density: &'a dyn Fn(Vec3) -> f32,
-    /// Triangles of shards and stone together.
-    pub(crate) triangles: usize,
-    /// Centre and radius of the stone at first, and its speed downwards.
-    pub(crate) stone: (Vec3, f32, f32),
-    /// Mass of the stone per area, that of the statue being 1.
-    pub(crate) stone_density: f32,
-    pub(crate) gravity: f32,
-    /// Seconds from the impact at a point to when a piece with a centre breaks off.
-    pub(crate) delay: &'a dyn Fn(Vec3, Vec3, &mut fastrand::Rng) -> f32,
-    /// Velocity and spin of a piece as it breaks off, by centre and point of impact.
-    pub(crate) kick: &'a dyn Fn(Vec3, Vec3, &mut fastrand::Rng) -> (Vec3, Vec3),
-    pub(crate) seconds: f32,
-    pub(crate) keys: usize,
-    pub(crate) substeps: usize,
 }
 
 /// Colours of the playback.
@@ -147,21 +107,51 @@ struct Cracks {
     hit: Option<(Vec3, Vec<f32>)>,
 }
 
-impl Breaking<'_> {
-    /// Breaks the statue.
-    ///
-    /// The record holds positions relative to bodies and placements per key frame; then triangles
-    /// with the vertex numbers of their body, the numbers of vertices and triangles of each body,
-    /// and which vertices share a normal.
-    pub(crate) fn simulate(self, random: &mut fastrand::Rng, options: &SceneOptions<'_>) -> Record {
-        let (patch, count) = patches(&self.surface, self.pieces, self.density, random);
-        let shards = shards(&self.surface, &patch, count, |p, n| self.wall(p, n));
+/// A statue in pieces, with the stone that breaks it behind them.
+struct Breaking {
+    statue: &'static Statue,
+    world: Bodies,
+    meshes: Vec<Mesh>,
+    welds: Vec<u32>,
+    cracks: Cracks,
+    random: fastrand::Rng,
+    placed: Vec<f32>,
+    depth: f32,
+}
+
+impl World for Breaking {
+    const STAGES: &'static [(MotionEffects, Run<Self>)] = &[
+        (simulation::FRACTURE, |w, step| w.break_off(step.index)),
+        (simulation::GRAVITY, |w, _| w.world.fall()),
+        (simulation::DRIFT, |w, _| w.world.drift()),
+        (simulation::CONTACT, |w, _| w.world.touch()),
+    ];
+
+    fn record(&mut self, _: usize) {
+        for (body, mesh) in self.world.bodies.iter().zip(&self.meshes) {
+            rigid::record(&mut self.placed, &body.at);
+            let deepest = mesh.positions.iter().map(|&p| -body.at.of(p).y).fold(0.0, f32::max);
+            self.depth = self.depth.max(deepest);
+        }
+    }
+}
+
+impl Breaking {
+    /// The statue before anything moves.
+    fn new(statue: &'static Statue, detail: f32, dt: f32, seed: u64) -> Self {
+        let mut random = fastrand::Rng::with_seed(seed);
+        let (solid, (low, high, cell)) = ((statue.solid)(), statue.meshed);
+        let fine = meshing::mesh(&solid, low, high, cell / detail.sqrt());
+        let surface = decimate(&fine, (statue.surface * detail) as usize);
+        let pieces = (statue.pieces * detail) as usize;
+        let (patch, count) = patches(&surface, pieces, statue.density, &mut random);
+        let shards = shards(&surface, &patch, count, |p, normal| statue.wall(&solid, p, normal));
         let (shards, welds): (Vec<Mesh>, Vec<Vec<u32>>) =
             shards.into_iter().map(|Shard { mesh, weld }| (mesh, weld)).unzip();
         let lowest = |m: &Mesh| m.positions.iter().map(|p| p.y).fold(f32::MAX, f32::min);
-        let mut cracks = Cracks {
-            beside: adjacent_patches(&self.surface, &patch, count),
-            rests: shards.iter().map(|m| lowest(m) < self.thickness).collect(),
+        let cracks = Cracks {
+            beside: adjacent_patches(&surface, &patch, count),
+            rests: shards.iter().map(|m| lowest(m) < statue.thickness).collect(),
             hit: None,
         };
         let shard_triangles: usize = shards.iter().map(|m| m.triangles.len()).sum();
@@ -169,52 +159,40 @@ impl Breaking<'_> {
             shards.into_iter().map(|mesh| Body::new(mesh, 1.0)).unzip();
         // The stone takes what is left, so that the number of triangles does not hang on how the
         // cracks run.
-        let (stone, mesh) = self.stone(self.triangles.saturating_sub(shard_triangles).max(200), random);
+        let triangles = ((statue.info.triangles - GROUND) as f32 * detail) as usize;
+        let (stone, mesh) = statue.stone(triangles.saturating_sub(shard_triangles).max(200), &mut random);
         bodies.push(stone);
         meshes.push(mesh);
+        let world = Bodies::new(bodies, GRAVITY, 4.0 * statue.thickness, dt);
+        let (placed, welds) = (Vec::new(), welds.concat());
+        Self { statue, world, meshes, welds, cracks, random, placed, depth: 0.0 }
+    }
 
-        let mut world = Bodies::new(bodies, self.gravity, 4.0 * self.thickness);
-        let step_count = (self.keys - 1) * self.substeps;
-        let dt = self.seconds / step_count as f32;
-        let (mut placed, mut depth) = (Vec::new(), 0.0_f32);
-        for step in 0..=step_count {
-            if step % self.substeps == 0 {
-                if let Some(progress) = options.progress {
-                    progress(step as f32 / step_count as f32);
-                }
-                for (body, mesh) in world.bodies.iter().zip(&meshes) {
-                    rigid::record(&mut placed, &body.at);
-                    depth = depth.max(mesh.positions.iter().map(|&p| -body.at.of(p).y).fold(0.0, f32::max));
-                }
-            }
-            if step < step_count {
-                self.break_off(&mut cracks, &mut world.bodies, step, step as f32 * dt, random);
-                world.step(dt);
-            }
-        }
-        record(meshes, welds.concat(), placed, depth)
+    /// Breaks the statue.
+    ///
+    /// The record holds positions relative to bodies and placements per key frame; then triangles
+    /// with the vertex numbers of their body, the numbers of vertices and triangles of each body,
+    /// and which vertices share a normal.
+    fn simulate(mut self, keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record {
+        let stats = simulation::simulate(&mut self, keys, substeps, options);
+        Record { stats, ..record(self.meshes, self.welds, self.placed, self.depth) }
     }
 
     /// Frees the pieces whose time has come, that the stone hits, or that nothing holds up any
-    /// more.
-    fn break_off(
-        &self,
-        cracks: &mut Cracks,
-        bodies: &mut [Body],
-        step: usize,
-        time: f32,
-        random: &mut fastrand::Rng,
-    ) {
-        let Some((stone, shards)) = bodies.split_last_mut() else { return };
+    /// more. Gives their number.
+    fn break_off(&mut self, step: usize) -> usize {
+        let Self { statue, cracks, random, world, .. } = self;
+        let time = step as f32 * world.dt;
+        let Some((stone, shards)) = world.bodies.split_last_mut() else { return 0 };
         let touches =
             |b: &Body| !b.free && b.at.position.distance(stone.at.position) < b.radius + stone.radius;
         let touched: Vec<bool> = shards.iter().map(touches).collect();
         if cracks.hit.is_none() && touched.contains(&true) {
             let impact = stone.at.position - Vec3::Y * stone.radius;
-            let due = |b: &Body| time + (self.delay)(b.at.position, impact, random);
+            let due = |b: &Body| time + (statue.delay)(b.at.position, impact, random);
             cracks.hit = Some((impact, shards.iter().map(due).collect()));
         }
-        let Some((impact, due)) = &cracks.hit else { return };
+        let Some((impact, due)) = &cracks.hit else { return 0 };
         let mut loose: Vec<bool> = shards
             .iter()
             .zip(due)
@@ -225,22 +203,27 @@ impl Breaking<'_> {
             let held = held_up(&cracks.beside, &cracks.rests, &loose);
             loose = held.into_iter().map(|held| !held).collect();
         }
+        let mut freed = 0;
         for ((body, loose), touched) in shards.iter_mut().zip(loose).zip(touched) {
             if loose && !body.free {
                 body.free = true;
-                (body.velocity, body.spin) = (self.kick)(body.at.position, *impact, random);
+                (body.velocity, body.spin) = (statue.kick)(body.at.position, *impact, random);
+                freed += 1;
             }
             if touched {
                 // The stone is slowed by what it hits.
                 stone.velocity *= stone.mass / (stone.mass + 0.5);
             }
         }
+        freed
     }
+}
 
+impl Statue {
     /// The thickness at a point of the surface: less than half of the solid's own, so that no
     /// inside shows.
-    fn wall(&self, p: Vec3, normal: Vec3) -> f32 {
-        let near = self.solid.near(p, 2.0 * self.thickness);
+    fn wall(&self, solid: &Solid, p: Vec3, normal: Vec3) -> f32 {
+        let near = solid.near(p, 2.0 * self.thickness);
         let mut depth = self.thickness;
         while depth > 0.05 * self.thickness && near.distance(p - normal * depth) > -0.7 * depth {
             depth *= 0.7;
@@ -276,17 +259,12 @@ fn record(meshes: Vec<Mesh>, mut weld: Vec<u32>, placed: Vec<f32>, depth: f32) -
     let triangles = meshes.iter().flat_map(|m| &m.triangles).flatten().copied().collect();
     let measures =
         vec![Measure { name: "greatest depth below the ground, a length".to_owned(), value: depth.into() }];
-    Record { floats: vec![local, placed], ints: vec![triangles, sizes, weld], measures }
+    Record { floats: vec![local, placed], ints: vec![triangles, sizes, weld], measures, ..Record::default() }
 }
 
 /// The animation of a record: a rigid part per shard, the stone, and a still square of ground.
-pub(crate) fn playback(
-    record: Record,
-    colors: &Colors,
-    ground: f32,
-    seconds: f64,
-) -> (RigidBodies, Vec<Measure>) {
-    let Record { floats, ints, measures } = record;
+fn playback(record: Record, colors: &Colors, ground: f32, seconds: f64) -> (RigidBodies, Vec<Measure>) {
+    let Record { floats, ints, measures, .. } = record;
     let [local, keys] = <[Vec<f32>; 2]>::try_from(floats).unwrap_or_default();
     let [triangles, sizes, weld] = <[Vec<u32>; 3]>::try_from(ints).unwrap_or_default();
     let (mut local, mut triangles) = (local.as_chunks::<3>().0, triangles.as_chunks::<3>().0);

@@ -21,11 +21,10 @@ use scenes::{FramePlan, LightEffects, Scene};
 pub struct Stage {
     /// What is shown.
     pub scene: Scene,
-    /// What a frame of it runs.
-    pub plan: FramePlan,
     /// The tree over the first frame, by the sweep builder, one primitive a leaf; still parts are
     /// marked as still.
     pub first_tree: Bvh,
+    plan: FramePlan,
     triangles: Vec<[u32; 3]>,
     materials: Vec<Material>,
     textures: Vec<Texture>,
@@ -52,26 +51,36 @@ impl Stage {
         build: impl FnOnce(&Triangles<'_>) -> Result<Bvh, BuildError>,
     ) -> Result<Self, BuildError> {
         let topology = scene.animation.topology();
-        let pose = Pose::new(&*scene.animation);
+        let plan = FramePlan::new(&scene.effects);
+        let pose = Pose::by(plan.motion(), &*scene.animation);
         let mut first_tree = build(&Triangles { positions: pose.positions(), indices: &topology.triangles })?;
         let order = first_tree.reorder_primitives();
-        first_tree.set_dynamic(|slot| topology.moves[order[slot] as usize]);
-
-        let mut material_of = vec![0; topology.triangles.len()];
+        let (mut moves, mut material_of) = (topology.moves.clone(), vec![0; topology.triangles.len()]);
         for part in &topology.parts {
-            material_of[part.triangles.start as usize..part.triangles.end as usize].fill(part.material);
+            let triangles = part.triangles.start as usize..part.triangles.end as usize;
+            material_of[triangles.clone()].fill(part.material);
+            if part.motion.and(plan.motion()).is_still() {
+                moves[triangles].fill(false);
+            }
         }
+        first_tree.set_dynamic(|slot| moves[order[slot] as usize]);
         Ok(Self {
             triangles: order.iter().map(|&p| topology.triangles[p as usize]).collect(),
             materials: topology.materials.iter().map(material).collect(),
             textures: topology.textures.iter().map(texture).collect(),
             material_of: order.iter().map(|&p| material_of[p as usize]).collect(),
             normals: Vec::new(),
-            plan: FramePlan::new(&scene.effects),
+            plan,
             scene,
             first_tree,
             pose,
         })
+    }
+
+    /// What a frame of it runs: no other stage can.
+    #[must_use]
+    pub fn plan(&self) -> FramePlan {
+        self.plan
     }
 
     /// Time of frame `frame` of a loop of `frames`: the first and the last frame are the loop's
@@ -109,10 +118,14 @@ impl Stage {
         Triangles { positions: self.pose.positions(), indices: &self.triangles }
     }
 
-    /// Makes normals for smooth shading, until the next pose: the source's own where it has some.
+    /// Makes normals for smooth shading, until the next pose: the source's own where it has some and
+    /// the plan leaves out none of its motion.
     pub fn smooth(&mut self) {
         anim::vertex_normals(&self.triangles, self.pose.positions(), &mut self.normals);
-        self.scene.animation.normals(self.pose.time(), &mut self.normals);
+        let by_plan = |part: &anim::Part| part.motion.and(self.plan.motion()) == part.motion;
+        if self.scene.animation.topology().parts.iter().all(by_plan) {
+            self.scene.animation.normals(self.pose.time(), &mut self.normals);
+        }
     }
 
     /// What is rendered now: smooth after [`smooth`](Self::smooth), flat otherwise.
@@ -148,13 +161,13 @@ impl Stage {
         PointLight { position: light.position, color: light.color }
     }
 
-    /// Rendering with what the scene calls for: shadow rays only where it has shadows.
+    /// Rendering as planned: shadow rays only where the scene has shadows.
     #[must_use]
     pub fn render_options(&self) -> RenderOptions {
-        self.options_with(&self.scene.effects.light)
+        self.options_with(&self.plan.light())
     }
 
-    /// Rendering with the effects of `light`.
+    /// Rendering with the effects of `light` in place of the planned ones.
     #[must_use]
     pub fn options_with(&self, light: &LightEffects) -> RenderOptions {
         let distance = OCCLUSION_DISTANCE * self.first_tree.root().aabb().extent().length();

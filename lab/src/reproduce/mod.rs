@@ -281,16 +281,10 @@ fn facts(stage: &Stage, build_ms: f64, plan: &Plan, label: String, slug: String)
         about: scene.about.to_owned(),
         triangles: stats.primitives,
         moving: scene.animation.topology().moves.iter().filter(|&&moves| moves).count(),
-        plan: stage.plan.stages().iter().map(|s| s.name().to_owned()).collect(),
+        plan: stage.plan().stages().map(|s| s.name().to_owned()).collect(),
         key_bytes: scene.key_bytes,
         measures: scene.measures.iter().map(|m| (m.name.clone(), m.value)).collect(),
-        effects: scene
-            .effects
-            .row()
-            .into_iter()
-            .filter(|(_, on)| *on)
-            .map(|(name, _)| name.to_owned())
-            .collect(),
+        effects: scene.effects.names().map(str::to_owned).collect(),
         frames: plan.frames,
         measure_every: plan.measure_every,
         build_ms,

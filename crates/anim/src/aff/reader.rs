@@ -147,7 +147,7 @@ impl Reader {
             }
             if self.size() > ALWAYS_ALLOWED.saturating_add(LARGEST_GROWTH.saturating_mul(self.distinct_bytes))
             {
-                let found = "files included so often that the scene outgrows them";
+                let found = "a scene that outgrows its files";
                 let expected = format!("a scene at most {LARGEST_GROWTH} times as large as its files");
                 return Err(tokens.because(found, expected).in_file(file));
             }

@@ -112,7 +112,7 @@ pub(super) fn add_textures(
     used.sort_unstable();
     used.dedup();
     let (mut numbers, mut images, mut without_image) = (HashMap::new(), Images::default(), 0);
-    let mut opacities: HashMap<u32, u8> = HashMap::new();
+    let mut opacities = Opacities::default();
     for number in used {
         if let Some(info) = texture_info(accessors.root, number).filter(|_| accessors.textures) {
             let texture = match numbers.get(&info.index.value()) {
@@ -133,18 +133,26 @@ pub(super) fn add_textures(
         }
         let material = &mut topology.materials[number as usize];
         let Some(cutoff) = material.cutoff else { continue };
-        // A large image may have many materials: its texels are searched once.
-        let least = material.texture.map_or(u8::MAX, |t| {
-            let texels = &topology.textures[t as usize].image.texels;
-            let search = || texels.iter().map(|texel| texel[3]).min().unwrap_or(u8::MAX);
-            *opacities.entry(t).or_insert_with(search)
-        });
+        let least =
+            material.texture.map_or(u8::MAX, |t| opacities.least(&topology.textures[t as usize].image));
         material.cutoff = (material.opacity * f32::from(least) / 255.0 < cutoff).then_some(cutoff);
     }
     if topology.textures.is_empty() {
         topology.texcoords = Vec::new();
     }
     Ok((without_image, images.missing))
+}
+
+/// The least opacity of each image, by where its texels are: a large image may have many textures and
+/// materials, and is searched once.
+#[derive(Default)]
+struct Opacities(HashMap<*const [u8; 4], u8>);
+
+impl Opacities {
+    fn least(&mut self, Image { texels, .. }: &Image) -> u8 {
+        let search = || texels.iter().map(|texel| texel[3]).min().unwrap_or(u8::MAX);
+        *self.0.entry(texels.as_ptr()).or_insert_with(search)
+    }
 }
 
 /// Images by number, and the files of those that cannot be read.
@@ -251,4 +259,24 @@ fn decode(bytes: &[u8], accessors: &Accessors<'_>, place: &str) -> Result<Image,
     accessors.budget.spend(decoder.total_bytes().max(4 * texels), place)?;
     let texels = DynamicImage::from_decoder(decoder).map_err(|e| wrong(&e))?.into_rgba8().into_raw();
     Ok(Image { width, height, texels: texels.as_chunks().0.into() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_image_is_searched_once_for_all_its_textures_and_materials() {
+        let image =
+            |opacity: u8| Image { width: 2, height: 1, texels: [[0, 0, 0, 255], [9, 9, 9, opacity]].into() };
+        let (a, b) = (image(7), image(8));
+        let mut opacities = Opacities::default();
+        for _ in 0..3 {
+            assert_eq!((opacities.least(&a.clone()), opacities.least(&b)), (7, 8));
+        }
+        assert_eq!(opacities.0.len(), 2);
+        // What is known is not searched for again.
+        opacities.0.insert(a.texels.as_ptr(), 1);
+        assert_eq!(opacities.least(&a), 1);
+    }
 }

@@ -1,15 +1,12 @@
 //! Simulated motion: its time step, and how many key frames are kept of it.
 
-use std::sync::Mutex;
-use std::time::Instant;
-
 use anim::Pose;
 use anyhow::Result;
 use scenes::{Scene, SceneInfo, SceneOptions, distance};
 
 use super::bench::{Bench, fastest};
 use super::point::Point;
-use crate::interrupt;
+use crate::{interrupt, stage};
 
 /// What the registry knows of the scene, if it is one that is simulated.
 fn simulated(source: &str) -> Option<&'static SceneInfo> {
@@ -17,27 +14,16 @@ fn simulated(source: &str) -> Option<&'static SceneInfo> {
 }
 
 /// Simulates it with a number of key frames, and of steps between two of them. Gives the scene and
-/// the milliseconds from the first to the last of its key frames: meshing is not among them.
+/// the milliseconds that took.
 fn simulate(bench: &Bench<'_>, key_frames: usize, substeps: Option<usize>) -> Result<(Scene, f64)> {
-    let reported: Mutex<Option<[Instant; 2]>> = Mutex::new(None);
-    let progress = |_| {
-        if let Ok(mut reported) = reported.lock() {
-            let now = Instant::now();
-            *reported = Some(reported.map_or([now; 2], |[first, _]| [first, now]));
-        }
-    };
     let options = SceneOptions {
         seed: bench.effort.seed,
         key_frames: Some(key_frames),
         substeps,
         detail: Some(bench.effort.detail),
-        progress: Some(&progress),
         ..SceneOptions::default()
     };
-    let scene = scenes::load(bench.source, None, &options)?;
-    let time = reported.into_inner().ok().flatten();
-    let time_ms = time.map_or(0.0, |[first, last]| 1e3 * (last - first).as_secs_f64());
-    Ok((scene, time_ms))
+    stage::simulated(bench.source, options)
 }
 
 /// The time step: what the simulation should keep and does not.

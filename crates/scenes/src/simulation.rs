@@ -1,0 +1,94 @@
+//! The one loop behind all simulated scenes: key frames made of steps, steps made of stages.
+//!
+//! A scene calls for the effects whose stages its world lists. So no scene can declare an effect
+//! that it does not simulate, or simulate one that it does not declare.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{MotionEffects, SceneOptions};
+
+/// What a part of a step serves: one effect, or none where positions follow velocities.
+pub(crate) const DRIFT: MotionEffects = MotionEffects::NONE;
+pub(crate) const CLOTH: MotionEffects = MotionEffects { cloth: true, ..DRIFT };
+pub(crate) const GRAVITY: MotionEffects = MotionEffects { gravity: true, ..DRIFT };
+pub(crate) const CONTACT: MotionEffects = MotionEffects { contact: true, ..DRIFT };
+pub(crate) const FRACTURE: MotionEffects = MotionEffects { fracture: true, ..DRIFT };
+
+/// Number of a step, and its number since the last key frame.
+#[derive(Clone, Copy)]
+pub(crate) struct Step {
+    pub(crate) index: usize,
+    pub(crate) since_key: usize,
+}
+
+/// A part of a step. Gives how often it did what it does.
+pub(crate) type Run<W> = fn(&mut W, Step) -> usize;
+
+/// What is simulated.
+pub(crate) trait World: Sized + 'static {
+    /// The parts of a step, in the order they run.
+    const STAGES: &'static [(MotionEffects, Run<Self>)];
+
+    /// Keeps a key frame.
+    fn record(&mut self, key: usize);
+}
+
+/// What simulating a scene did, by effect: zero for each that the scene does not call for or that
+/// was left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SimulationStats {
+    /// Bodies or particles moved, in all steps.
+    pub drift: u64,
+    /// Constraints between particles of cloth satisfied.
+    pub cloth: u64,
+    /// Bodies, particles or pairs pulled.
+    pub gravity: u64,
+    /// Contacts resolved.
+    pub contact: u64,
+    /// Pieces broken off.
+    pub fracture: u64,
+}
+
+/// What a world calls for: the effects of its stages.
+pub(crate) const fn effects<W: World>() -> MotionEffects {
+    let (mut effects, mut i) = (MotionEffects::NONE, 0);
+    while i < W::STAGES.len() {
+        effects = effects.with(W::STAGES[i].0);
+        i += 1;
+    }
+    effects
+}
+
+/// Simulates `substeps` steps between each two of `keys` key frames, by the stages that the options
+/// do not leave out.
+pub(crate) fn simulate<W: World>(
+    world: &mut W,
+    keys: usize,
+    substeps: usize,
+    options: &SceneOptions<'_>,
+) -> SimulationStats {
+    let runs = |effect: MotionEffects| effect.without(options.without) == effect;
+    let stages: Vec<_> = W::STAGES.iter().filter(|&&(effect, _)| runs(effect)).collect();
+    let mut stats = SimulationStats::default();
+    for key in 0..keys {
+        if let Some(progress) = options.progress {
+            progress(key as f32 / (keys - 1) as f32);
+        }
+        world.record(key);
+        let steps = if key + 1 < keys { substeps } else { 0 };
+        for since_key in 0..steps {
+            let step = Step { index: key * substeps + since_key, since_key };
+            for &&(effect, run) in &stages {
+                let count = match effect {
+                    MotionEffects { cloth: true, .. } => &mut stats.cloth,
+                    MotionEffects { gravity: true, .. } => &mut stats.gravity,
+                    MotionEffects { contact: true, .. } => &mut stats.contact,
+                    MotionEffects { fracture: true, .. } => &mut stats.fracture,
+                    _ => &mut stats.drift,
+                };
+                *count += run(world, step) as u64;
+            }
+        }
+    }
+    stats
+}

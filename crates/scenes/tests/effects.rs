@@ -1,0 +1,146 @@
+//! What a scene calls for runs, what it does not call for does not, and any effect can be left out.
+
+use anim::glam::Vec3;
+use anim::{Animation, Motion, PoseStats};
+use scenes::{MotionEffects, Scene, SceneOptions, SimulationStats, list, load};
+
+/// The effects of simulations.
+const SIMULATED: [MotionEffects; 4] = [
+    MotionEffects { cloth: true, ..MotionEffects::NONE },
+    MotionEffects { gravity: true, ..MotionEffects::NONE },
+    MotionEffects { contact: true, ..MotionEffects::NONE },
+    MotionEffects { fracture: true, ..MotionEffects::NONE },
+];
+
+fn small(name: &str, without: MotionEffects) -> Scene {
+    let (detail, substeps, key_frames) = (Some(0.01), Some(8), Some(40));
+    let options = SceneOptions { detail, substeps, key_frames, without, ..SceneOptions::default() };
+    load(name, None, &options).unwrap()
+}
+
+/// The counters of what can be declared, in the order of [`SIMULATED`].
+fn counters(SimulationStats { cloth, gravity, contact, fracture, .. }: SimulationStats) -> [u64; 4] {
+    [cloth, gravity, contact, fracture]
+}
+
+/// Which of [`SIMULATED`] a scene declares.
+fn declared(motion: MotionEffects) -> [bool; 4] {
+    SIMULATED.map(|effect| motion.without(effect) != motion)
+}
+
+fn at_end(scene: &Scene) -> Vec<Vec3> {
+    let mut positions = scene.animation.rest();
+    scene.animation.pose(scene.animation.duration(), &mut positions);
+    positions
+}
+
+#[test]
+fn what_a_scene_declares_is_simulated_and_nothing_else() {
+    for info in list() {
+        let scene = small(info.name, MotionEffects::NONE);
+        let ran = counters(scene.simulated).map(|count| count > 0);
+        assert_eq!(ran, declared(info.effects.motion), "{}: {:?}", info.name, scene.simulated);
+        assert_eq!(scene.simulated.drift > 0, ran.contains(&true), "{}", info.name);
+    }
+}
+
+#[test]
+fn an_effect_left_out_is_not_simulated_and_changes_the_motion() {
+    for info in list() {
+        let full = small(info.name, MotionEffects::NONE);
+        let ends = at_end(&full);
+        for (i, &effect) in SIMULATED.iter().enumerate() {
+            if !declared(info.effects.motion)[i] {
+                continue;
+            }
+            let scene = small(info.name, effect);
+            assert_eq!(counters(scene.simulated)[i], 0, "{} without {effect:?}", info.name);
+            assert!(!declared(scene.effects.motion)[i], "{} without {effect:?}", info.name);
+            let positions = at_end(&scene);
+            assert!(positions.iter().all(|p| p.is_finite()), "{} without {effect:?}", info.name);
+            assert!(positions != ends, "{} without {effect:?} moves as with it", info.name);
+
+            let others = SIMULATED.iter().filter(|&&other| other != effect);
+            let others = others.fold(MotionEffects::NONE, |all, &other| all.with(other));
+            let alone = counters(small(info.name, others).simulated);
+            let mut rest = alone;
+            rest[i] = 0;
+            assert_eq!(rest, [0; 4], "{} with {effect:?} alone", info.name);
+        }
+    }
+}
+
+/// The kinds of playback, and the counter of each.
+type Kind = (Motion, fn(&PoseStats) -> u64);
+const KINDS: [Kind; 4] = [
+    (Motion { skin: true, ..Motion::STILL }, |stats| stats.skin.count),
+    (Motion { morph: true, ..Motion::STILL }, |stats| stats.morph.count),
+    (Motion { rigid: true, ..Motion::STILL }, |stats| stats.rigid.count),
+    (Motion { key_frames: true, ..Motion::STILL }, |stats| stats.key_frames.count),
+];
+
+/// Poses what was at rest at 0.48 of its loop.
+fn posed(animation: &dyn Animation, kinds: Motion) -> (Vec<Vec3>, PoseStats) {
+    let mut positions = animation.rest();
+    let stats = animation.pose_by(kinds, 0.48 * animation.duration(), &mut positions);
+    (positions, stats)
+}
+
+fn without(kind: Motion) -> Motion {
+    Motion { skin: !kind.skin, morph: !kind.morph, rigid: !kind.rigid, key_frames: !kind.key_frames }
+}
+
+fn check_playback(animation: &dyn Animation, name: &str) {
+    let rest = animation.rest();
+    let (full, all) = posed(animation, Motion::ALL);
+    let (none, nothing) = posed(animation, Motion::STILL);
+    assert!(none == rest && nothing == PoseStats::default(), "{name}: nothing moves by no kind");
+    for (kind, counter) in KINDS {
+        let parts = &animation.topology().parts;
+        let calls = parts.iter().any(|part| !part.motion.and(kind).is_still());
+        let (only, stats) = posed(animation, kind);
+        assert_eq!((counter(&all) > 0, counter(&stats) > 0), (calls, calls), "{name}, {kind:?}");
+        assert_eq!(stats.count(), counter(&stats), "{name}: {kind:?} alone");
+        let (left, stats) = posed(animation, without(kind));
+        assert_eq!(counter(&stats), 0, "{name} without {kind:?}");
+        assert_eq!(stats.count(), all.count() - counter(&all), "{name} without {kind:?}");
+        for part in parts {
+            let vertices = part.vertices.start as usize..part.vertices.end as usize;
+            let same = |a: &[Vec3], b: &[Vec3]| a[vertices.clone()] == b[vertices.clone()];
+            let called = part.motion.and(kind);
+            assert!(!called.is_still() || same(&only, &rest), "{name}: {} by {kind:?}", part.name);
+            assert!(!called.is_still() || same(&left, &full), "{name}: {} without {kind:?}", part.name);
+            assert!(called != part.motion || same(&left, &rest), "{name}: {} without {kind:?}", part.name);
+            assert!(called != part.motion || same(&only, &full), "{name}: {} by {kind:?}", part.name);
+        }
+    }
+}
+
+#[test]
+fn each_kind_of_motion_can_be_left_out_of_a_pose() {
+    for info in list() {
+        check_playback(&*small(info.name, MotionEffects::NONE).animation, info.name);
+    }
+    let toys = anim::parse_gltf("toys.glb".as_ref(), &scenes::toys_glb(), None).unwrap();
+    check_playback(&toys, "toys");
+}
+
+/// Files that are not part of the repository: named by `PIVOT_DATA`.
+#[test]
+fn each_kind_of_motion_can_be_left_out_of_a_pose_of_real_files() {
+    let Some(data) = std::env::var_os("PIVOT_DATA") else {
+        println!("skipped: PIVOT_DATA names no folder");
+        return;
+    };
+    for file in [
+        "gltf/BrainStem.glb",
+        "gltf/CesiumMan.glb",
+        "gltf/Fox.glb",
+        "gltf/MorphStressTest.gltf",
+        "bart/museum/museum5.aff",
+        "bart/kitchen/kitchen.aff",
+    ] {
+        let path = std::path::Path::new(&data).join(file);
+        check_playback(&*anim::load(&path, None).unwrap(), file);
+    }
+}

@@ -1,0 +1,126 @@
+//! Effects that a scene does not call for cost nothing: no work is counted, nothing is allocated, and
+//! the picture is the same, whether they are planned or not.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use anim::PoseStats;
+use rt_cpu::{Image, RenderStats, render};
+use scenes::{Effects, LightEffects, MotionEffects, Scene, SceneOptions};
+use stage::Stage;
+
+/// Counts what a thread asks of the system's allocator.
+struct Counting;
+
+thread_local! {
+    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
+}
+
+// SAFETY: passes everything on to the system's allocator.
+#[expect(unsafe_code, reason = "an allocator is unsafe to write")]
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        // SAFETY: as the caller promises.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, start: *mut u8, layout: Layout) {
+        // SAFETY: as the caller promises.
+        unsafe { System.dealloc(start, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+fn allocations<T>(work: impl FnOnce() -> T) -> (usize, T) {
+    let before = ALLOCATIONS.get();
+    let done = work();
+    (ALLOCATIONS.get() - before, done)
+}
+
+fn scene(name: &str) -> Scene {
+    if name == "toys" {
+        let animation = anim::parse_gltf("toys.glb".as_ref(), &scenes::toys_glb(), None).unwrap();
+        return scenes::scene_of("toys.glb".as_ref(), Box::new(animation));
+    }
+    let (detail, substeps, key_frames) = (Some(0.01), Some(4), Some(8));
+    let options = SceneOptions { detail, substeps, key_frames, ..SceneOptions::default() };
+    scenes::load(name, None, &options).unwrap()
+}
+
+/// What a frame of a scene did and allocated: a pose, then a picture, each for the second time.
+struct Frame {
+    posed: PoseStats,
+    pose_allocations: usize,
+    traced: RenderStats,
+    trace_allocations: usize,
+    image: Image,
+}
+
+fn frame(name: &str, effects: impl FnOnce(Effects) -> Effects) -> Frame {
+    let mut scene = scene(name);
+    scene.effects = effects(scene.effects);
+    let mut stage = Stage::new(scene).unwrap();
+    stage.pose(stage.time_of(1, 50));
+    let time = stage.time_of(24, 50);
+    let (pose_allocations, posed) = allocations(|| stage.pose(time));
+    let mut image = Image::new(64, 48);
+    let (camera, light, options) = (stage.camera(64, 48), stage.light(), stage.render_options());
+    let mut trace = || render(&stage.first_tree, &stage.mesh(), &camera, Some(&light), &options, &mut image);
+    trace();
+    let (trace_allocations, traced) = allocations(&mut trace);
+    Frame { posed, pose_allocations, traced, trace_allocations, image }
+}
+
+/// How often each kind of motion did something.
+fn counts(stats: &PoseStats) -> [u64; 4] {
+    [&stats.key_frames, &stats.morph, &stats.skin, &stats.rigid].map(|work| work.count)
+}
+
+#[test]
+fn effects_that_nothing_calls_for_count_nothing_and_allocate_nothing() {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let names = ["bart-museum", "cloth-ball", "exploding-dragon", "n-body", "toys"];
+    for name in names {
+        pool.install(|| {
+            let own = frame(name, |effects| effects);
+            let all = frame(name, |Effects { light, .. }| Effects {
+                motion: MotionEffects::ALL,
+                light: LightEffects { textures: true, alpha: true, mirror: true, ..light },
+            });
+            assert!(counts(&own.posed).iter().any(|&count| count > 0), "{name} moves");
+            assert_eq!(counts(&all.posed), counts(&own.posed), "{name}");
+            assert_eq!(all.traced, own.traced, "{name}");
+            assert_eq!(all.pose_allocations, own.pose_allocations, "{name}");
+            assert_eq!(all.trace_allocations, own.trace_allocations, "{name}");
+            assert!(all.image.pixels() == own.image.pixels(), "{name}");
+
+            let none = frame(name, |_| Effects::default());
+            assert_eq!((none.posed, none.pose_allocations), (PoseStats::default(), 0), "{name}");
+            let RenderStats { rays_shadow, rays_mirror, rays_bounce, textured, .. } = none.traced;
+            assert_eq!([rays_shadow, rays_mirror, rays_bounce, textured], [0; 4], "{name}");
+            assert!(none.trace_allocations <= own.trace_allocations, "{name}");
+        });
+    }
+}
+
+#[test]
+fn a_tree_is_updated_only_where_planned_motion_moves_it() {
+    let dynamic = |motion: MotionEffects| {
+        let mut scene = scene("toys");
+        scene.effects.motion = motion;
+        let stage = Stage::new(scene).unwrap();
+        let mut count = 0;
+        stage.first_tree.visit(|_, node, _| count += usize::from(node.is_leaf() && node.is_dynamic()));
+        count
+    };
+    let [skin, rest] = [
+        MotionEffects { skin: true, ..MotionEffects::NONE },
+        MotionEffects { skin: false, ..MotionEffects::ALL },
+    ];
+    assert_eq!(dynamic(MotionEffects::NONE), 0);
+    assert!(dynamic(skin) > 0 && dynamic(rest) > 0);
+    assert_eq!(dynamic(skin) + dynamic(rest), dynamic(MotionEffects::ALL));
+}

@@ -1,0 +1,330 @@
+//! `cargo xtask effects`: what a frame of each scene runs and why, and what each effect costs: with
+//! all others, without it, and alone.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anim::PoseStats;
+use anyhow::{Context, Result};
+use bvh_update::{Rotate, Strategy, Updater};
+use rt_cpu::{Image, RenderOptions, RenderStats, render};
+use scenes::{
+    Effects, FramePlan, FrameStage, LightEffects, MotionEffects, Scene, SceneOptions, SimulationStats,
+};
+
+use crate::machine::{Machine, Revision};
+use crate::stage::{self, Stage, ms};
+use crate::{files, interrupt, pool};
+
+/// Arguments of `effects`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// A scene's name, or an animation file; repeatable [default: the six scenes]
+    #[arg(long = "scene", value_name = "NAME|FILE")]
+    scenes: Vec<String>,
+    /// Fraction of the triangles, where the scene can be made coarser
+    #[arg(long, value_name = "F", default_value_t = DETAIL)]
+    detail: f32,
+    /// Frames played
+    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(2..=10_000))]
+    frames: u32,
+    /// Width and height of pictures in pixels
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=16_384))]
+    size: u32,
+    /// Threads [default: 8, or the cores there are]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Option<u32>,
+    /// Write the tables to a file instead of standard output
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+/// Part of the triangles of the scenes in `docs/EFFECTS.md`.
+const DETAIL: f32 = 0.05;
+/// Times that everything is measured; the fastest counts.
+const REPEATS: usize = 3;
+
+/// An effect: its name, its switch, and its counter.
+type Effect<E, S> = (&'static str, fn(&mut E) -> &mut bool, fn(&S) -> u64);
+
+const SIMULATED: [Effect<MotionEffects, SimulationStats>; 4] = [
+    ("fracture", |m| &mut m.fracture, |s| s.fracture),
+    ("gravity", |m| &mut m.gravity, |s| s.gravity),
+    ("cloth", |m| &mut m.cloth, |s| s.cloth),
+    ("contact", |m| &mut m.contact, |s| s.contact),
+];
+const MOTION: [Effect<MotionEffects, PoseStats>; 4] = [
+    ("key frames", |m| &mut m.key_frames, |s| s.key_frames.count),
+    ("morph", |m| &mut m.morph, |s| s.morph.count),
+    ("skin", |m| &mut m.skin, |s| s.skin.count),
+    ("rigid", |m| &mut m.rigid, |s| s.rigid.count),
+];
+const LIGHT: [Effect<LightEffects, RenderStats>; 4] = [
+    ("alpha", |l| &mut l.alpha, |s| s.rays_again),
+    ("textures", |l| &mut l.textures, |s| s.textured),
+    ("shadow", |l| &mut l.shadows, |s| s.rays_shadow),
+    ("mirror", |l| &mut l.mirror, |s| s.rays_mirror),
+];
+
+/// The effects of playback.
+const PLAYBACK: MotionEffects = MotionEffects::ALL.without(MotionEffects::SIMULATED);
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// Bad input.
+pub fn run(args: &Args) -> Result<()> {
+    let mut sources: Vec<&str> = scenes::list().iter().map(|info| info.name).collect();
+    if !args.scenes.is_empty() {
+        sources = args.scenes.iter().map(String::as_str).collect();
+    }
+    let mut plans = Vec::new();
+    for source in &sources {
+        plans.push(plan_row(source, args.detail)?);
+    }
+    let threads = args.threads.map_or_else(pool::default_threads, |n| n as usize);
+    let tables = pool::pool(threads)?.install(|| tables(args, &sources))?;
+    let Machine { cpu, simd, started, .. } = Machine::read();
+    let text = format!(
+        "# Effects\n\nWritten by `cargo xtask effects`: what a frame runs and why, and what each effect costs. {cpu}, {simd}, \
+         threads: {threads}, {started}, revision {}; {} % of the triangles of the six scenes, {} frames, pictures of {} x {} \
+         pixels, the fastest of {REPEATS}.\n\n\
+         ## What runs\n\n| scene | simulated beforehand | a frame runs, and why |\n|---|---|---|\n{}{tables}",
+        Revision::read().short(),
+        100.0 * args.detail,
+        args.frames,
+        args.size,
+        args.size,
+        plans.concat(),
+    );
+    match &args.out {
+        Some(path) => files::write_whole(path, text.as_bytes()),
+        None => files::print(text.trim_end()),
+    }
+}
+
+/// A scene made for its effects alone: with as few steps as there can be.
+fn sketch(source: &str, detail: f32) -> Result<Scene> {
+    let (key_frames, substeps, detail) = (Some(2), Some(1), Some(detail));
+    Ok(scenes::load(source, None, &SceneOptions { key_frames, substeps, detail, ..SceneOptions::default() })?)
+}
+
+/// The row of a scene in the table of what runs.
+fn plan_row(source: &str, detail: f32) -> Result<String> {
+    let scene = sketch(source, detail)?;
+    let simulated = Effects { motion: scene.effects.motion.without(PLAYBACK), ..Effects::default() };
+    let reasons = FramePlan::new(&scene.effects).reasons(&scene);
+    let stages: Vec<_> = reasons.iter().map(|(stage, why)| format!("{} ({why})", stage.name())).collect();
+    Ok(format!("| {} | {simulated} | {} |\n", stage::label(source), stages.join(", ")))
+}
+
+/// What frames did and how long that took, on average.
+#[derive(Clone, Copy, Default)]
+struct Frames {
+    posed: PoseStats,
+    traced: RenderStats,
+    /// Pose and update of the tree.
+    motion_ms: f64,
+    light_ms: f64,
+}
+
+impl Frames {
+    /// The same with the times of another run where they are less.
+    fn faster(self, other: Self) -> Self {
+        let (motion_ms, light_ms) = (self.motion_ms.min(other.motion_ms), self.light_ms.min(other.light_ms));
+        Self { motion_ms, light_ms, ..self }
+    }
+}
+
+/// A scene that is played with any effects.
+struct Player<'a> {
+    args: &'a Args,
+    scene: Option<Scene>,
+}
+
+impl Player<'_> {
+    fn play(&mut self, effects: Effects) -> Result<Frames> {
+        let scene = self.scene.take().context("the scene before failed")?;
+        let mut stage = stage::ready(Scene { effects, ..scene })?;
+        let frames = self.frames(&mut stage);
+        self.scene = Some(stage.scene);
+        frames
+    }
+
+    fn frames(&self, stage: &mut Stage) -> Result<Frames> {
+        let (count, size, mut tree) = (self.args.frames as usize, self.args.size, stage.first_tree.clone());
+        let mut updater = Updater::new(Strategy::RefitRotate(Rotate::default()));
+        let mut image = Image::new(size, size);
+        let options = RenderOptions { smooth: false, ..stage.render_options() };
+        let mut best = Frames { motion_ms: f64::INFINITY, light_ms: f64::INFINITY, ..Frames::default() };
+        for _ in 0..REPEATS {
+            let mut all = Frames::default();
+            for frame in 0..count {
+                let start = Instant::now();
+                let posed = stage.pose(stage.time_of(frame, count));
+                if stage.plan().contains(FrameStage::Update) {
+                    updater.update(&mut tree, &stage.triangles())?;
+                }
+                all.motion_ms += ms(start) / count as f64;
+                all.posed = sum(all.posed, posed);
+                let (camera, light, start) = (stage.camera(size, size), stage.light(), Instant::now());
+                all.traced += render(&tree, &stage.mesh(), &camera, Some(&light), &options, &mut image);
+                all.light_ms += ms(start) / count as f64;
+            }
+            best = all.faster(best);
+        }
+        Ok(best)
+    }
+}
+
+fn sum(mut a: PoseStats, b: PoseStats) -> PoseStats {
+    for (a, b) in [
+        (&mut a.key_frames, b.key_frames),
+        (&mut a.morph, b.morph),
+        (&mut a.skin, b.skin),
+        (&mut a.rigid, b.rigid),
+    ] {
+        a.count += b.count;
+    }
+    a
+}
+
+/// Rows of costs: each of the scene's own effects of a kind with all others, left out, and alone.
+/// `none` is without any of them.
+fn cost_rows<E: Copy, S>(
+    out: &mut String,
+    start: &str,
+    effects: &[Effect<E, S>],
+    [own, none]: [E; 2],
+    mut measure: impl FnMut(E) -> Result<(S, f64)>,
+) -> Result<()> {
+    let switched = |effects: E, switch: fn(&mut E) -> &mut bool, to: bool| {
+        let mut effects = effects;
+        let before = std::mem::replace(switch(&mut effects), to);
+        (effects, before)
+    };
+    let is_own = |switch| switched(own, switch, true).1;
+    if !effects.iter().any(|&(_, switch, _)| is_own(switch)) {
+        return Ok(());
+    }
+    let ((all, all_ms), (_, none_ms)) = (measure(own)?, measure(none)?);
+    for &(name, switch, count) in effects.iter().filter(|&&(_, switch, _)| is_own(switch)) {
+        let (without, without_ms) = measure(switched(own, switch, false).0)?;
+        let (alone, alone_ms) = measure(switched(none, switch, true).0)?;
+        let [all, without, alone] = [&all, &without, &alone].map(count);
+        writeln!(
+            out,
+            "{start} | {name} | {all} | {without} | {alone} | {all_ms:.3} | {without_ms:.3} | {alone_ms:.3} | {none_ms:.3} |"
+        )?;
+    }
+    Ok(())
+}
+
+/// The table of costs, and that of effects which are planned though nothing calls for them.
+fn tables(args: &Args, sources: &[&str]) -> Result<String> {
+    let (mut costs, mut absent) = (COSTS.to_owned(), ABSENT.to_owned());
+    for &source in sources {
+        if interrupt::requested() {
+            break;
+        }
+        files::remark(source);
+        let label = stage::label(source);
+        let options = SceneOptions { detail: Some(args.detail), ..SceneOptions::default() };
+        let scene = stage::load_with(source, None, options.clone())?;
+        let own = scene.effects;
+        let mut player = Player { args, scene: Some(scene) };
+        let mut all = player.play(own)?;
+
+        let start = format!("| {label} | simulation");
+        let kinds = [own.motion, own.motion.without(MotionEffects::SIMULATED)];
+        cost_rows(&mut costs, &start, &SIMULATED, kinds, |motion| {
+            let without = MotionEffects::SIMULATED.without(motion);
+            let (scene, time) = stage::simulated(source, SceneOptions { without, ..options.clone() })?;
+            Ok((scene.simulated, time))
+        })?;
+        let start = format!("| {label} | motion");
+        let kinds = [own.motion, own.motion.without(PLAYBACK)];
+        cost_rows(&mut costs, &start, &MOTION, kinds, |motion| {
+            player.play(Effects { motion, ..own }).map(|f| (f.posed, f.motion_ms))
+        })?;
+        let (start, kinds) = (format!("| {label} | light"), [own.light, LightEffects::NONE]);
+        cost_rows(&mut costs, &start, &LIGHT, kinds, |light| {
+            player.play(Effects { light, ..own }).map(|f| (f.traced, f.light_ms))
+        })?;
+
+        let light = LightEffects { textures: true, alpha: true, mirror: true, ..own.light };
+        let planned = Effects { motion: own.motion.with(PLAYBACK), light };
+        let mut more = player.play(planned)?;
+        // In turn, so that other work on the machine disturbs both.
+        for _ in 0..REPEATS {
+            all = all.faster(player.play(own)?);
+            more = more.faster(player.play(planned)?);
+        }
+        let mut counts = Vec::new();
+        let Effects { mut motion, mut light } = own;
+        let absences = MOTION.iter().filter(|(_, switch, _)| !*switch(&mut motion));
+        counts.extend(absences.map(|(name, _, count)| format!("{name} {}", count(&more.posed))));
+        let absences = LIGHT.iter().filter(|(name, switch, _)| *name != "shadow" && !*switch(&mut light));
+        counts.extend(absences.map(|(name, _, count)| format!("{name} {}", count(&more.traced))));
+        let [own_ms, more_ms] = [all, more].map(|f| f.motion_ms + f.light_ms);
+        writeln!(absent, "| {label} | {} | {own_ms:.3} | {more_ms:.3} |", counts.join(", "))?;
+    }
+    Ok(costs + &absent)
+}
+
+const COSTS: &str = "
+## What each effect costs
+
+Simulation: milliseconds and counts of a loop. Motion: milliseconds of pose and update of a frame. Light: milliseconds of a
+picture. Counts of motion and light are those of all frames. *Without*: all effects of the kind but this one. *Alone*: this
+one and no other of the kind. *None*: none of the kind. Other work on the machine shows in the times.
+
+| scene | kind | effect | count: all | without | alone | ms: all | without | alone | none |
+|---|---|---|---|---|---|---|---|---|---|
+";
+
+const ABSENT: &str = "
+## What nothing calls for
+
+The same frames with the effects of the scene, and with others planned besides that nothing in it calls for. Neither is
+anything counted, nor allocated (`effects_that_nothing_calls_for_count_nothing_and_allocate_nothing`).
+
+| scene | planned though absent, with its count | ms a frame without them | with them |
+|---|---|---|---|
+";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_plans_in_the_document_are_those_of_the_scenes() {
+        let document =
+            std::fs::read_to_string(files::workspace().join("docs/EFFECTS.md")).expect("a document");
+        let has = |source: &str| {
+            let row = plan_row(source, DETAIL).expect("a scene");
+            assert!(document.contains(&row), "docs/EFFECTS.md lacks: {row}");
+        };
+        scenes::list().iter().for_each(|info| has(info.name));
+        has(files::workspace().join("assets/toys.glb").to_str().expect("text"));
+        let Some(data) = std::env::var_os("PIVOT_DATA").map(PathBuf::from) else {
+            println!("real files are skipped: PIVOT_DATA names no folder");
+            return;
+        };
+        for file in REAL {
+            has(data.join(file).to_str().expect("text"));
+        }
+    }
+
+    /// Real models in the document.
+    const REAL: [&str; 6] = [
+        "gltf/BrainStem.glb",
+        "gltf/CesiumMan.glb",
+        "gltf/Fox.glb",
+        "gltf/MorphStressTest.gltf",
+        "static/sponza_dabrovic.obj",
+        "bart/museum/museum5.aff",
+    ];
+}
