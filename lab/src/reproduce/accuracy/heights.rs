@@ -41,8 +41,8 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         return Ok(());
     }
     let lowest = bench.stage.first_tree.height();
-    let bounds: Vec<u32> =
-        [lowest, 32, 40, 48, 64, MAX_HEIGHT].into_iter().filter(|&b| b >= lowest).collect();
+    let bounds: Vec<u32> = [32, 40, 48, 64, MAX_HEIGHT].into_iter().filter(|&b| b > lowest).collect();
+    let bounds = [vec![lowest], bounds].concat();
     let (order, frames) = (bench.stage.first_tree.order().to_vec(), bench.log.effort.frames);
     let mut trees: Vec<(Vec<Node>, f64)> =
         bounds.iter().map(|_| (bench.stage.first_tree.nodes().to_vec(), 0.0)).collect();
@@ -67,11 +67,14 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     };
     for (((bound, tree), (_, time_ms)), errors) in bounds.iter().zip(&built).zip(&trees).zip(errors) {
         let note = format!(
-            "time of the plain update, mean of {}; errors on the last frame; the tree is {} high",
+            "time of the plain update, mean of {}; errors on the last frame; bound {bound}, the tree is {} high",
             played - 1,
             tree.height()
         );
-        let setting = format!("{bound} levels");
+        let setting = match *bound == lowest {
+            true => "height of the first tree".to_owned(),
+            false => format!("{bound} levels"),
+        };
         let point = Point { note, ..Point::new("height bound", setting, *bound == MAX_HEIGHT, *time_ms) };
         for point in tree_points(&point, errors, &selves) {
             bench.log.add(point)?;

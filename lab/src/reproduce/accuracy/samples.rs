@@ -9,7 +9,7 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use bvh_build::{Builder, build};
 use bvh_core::glam::DVec3;
-use bvh_core::{Ray, Triangles, Vec3};
+use bvh_core::{Triangles, Vec3};
 use rt_cpu::{
     AmbientOcclusion, Camera, DiffuseBounces, Effects, Image, Material, Mesh, PointLight, RenderOptions,
     render,
@@ -286,8 +286,7 @@ mod tests {
         let dark = values.iter().filter(|&&v| v < AMBIENT + 1e-9).count();
         assert!((50..700).contains(&dark), "{dark} dark pixels");
         let away = |x: u32, y: u32| {
-            let (eye, way) =
-                (case.camera.eye().as_dvec3(), Ray::direction(&case.camera.ray(x, y)).as_dvec3());
+            let (eye, way) = (case.camera.eye().as_dvec3(), case.camera.ray(x, y).direction().as_dvec3());
             (BALL - eye).cross(way.normalize()).length() > RADIUS
         };
         assert!((0..32).all(|x| (0..32).all(|y| away(x, y))));

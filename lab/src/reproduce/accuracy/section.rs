@@ -84,8 +84,9 @@ fn table(family: &Family<'_>) -> String {
     );
     let mut settings: Vec<(&str, bool)> = Vec::new();
     for point in family.curves.iter().flat_map(|curve| &curve.points) {
-        if settings.iter().all(|(setting, _)| *setting != point.setting) {
-            settings.push((&point.setting, point.is_default));
+        match settings.iter_mut().find(|(setting, _)| *setting == point.setting) {
+            Some((_, is_default)) => *is_default |= point.is_default,
+            None => settings.push((&point.setting, point.is_default)),
         }
     }
     let fronts: Vec<_> = family.curves.iter().map(|curve| front(family, curve)).collect();

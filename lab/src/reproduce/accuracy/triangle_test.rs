@@ -10,11 +10,13 @@ use super::point::Point;
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     bench.pose_in_the_middle();
     let tree = bench.sweep()?;
-    for (condition, traversal) in [("tiles", Traversal::Tile), ("single rays", Traversal::Single)] {
+    for (condition, traversal, rounds) in
+        [("tiles", Traversal::Tile, 6), ("single rays", Traversal::Single, 2)]
+    {
         let with = |triangle_test| RenderOptions { triangle_test, traversal, ..bench.flat() };
         let all = TriangleTest::ALL;
         let times =
-            in_turns(2 * bench.log.effort.rounds, all.len(), |i| Ok(bench.trace(&tree, &with(all[i]))))?;
+            in_turns(rounds * bench.log.effort.rounds, all.len(), |i| Ok(bench.trace(&tree, &with(all[i]))))?;
         let see = |test| bench.see(&tree, &bench.stage.triangles(), &with(test));
         let exact = see(TriangleTest::Double);
         let errors = all.map(|test| differing(&see(test), &exact));
