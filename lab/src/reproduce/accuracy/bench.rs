@@ -13,6 +13,7 @@ use super::point::Point;
 use crate::interrupt;
 use crate::progress::Progress;
 use crate::reproduce::journal::Journal;
+use crate::reproduce::results::Spread;
 use crate::stage::{Stage, ms};
 
 /// Where points go, and how much is to be measured.
@@ -106,9 +107,8 @@ impl Bench<'_> {
     /// SAH cost over that of a fresh tree, `sweep`, and trace time, of trees; nothing after an
     /// interrupt.
     ///
-    /// Trees are traced in rounds, the fresh one several times among them; the shortest of all
-    /// rounds counts, which is what least of the machine's other work got into. The fresh tree's
-    /// turns beside one another show the noise.
+    /// Trees are traced in turns, and the fresh one several times a round: its times beside one
+    /// another show the noise.
     pub(super) fn over(&self, sweep: &Bvh, trees: &[&Bvh]) -> Option<Over> {
         let part = trees.len().div_ceil(FRESH).max(1);
         // Nothing stands for the fresh one.
@@ -187,21 +187,28 @@ pub(super) fn fastest(runs: usize, mut run: impl FnMut()) -> f64 {
     least
 }
 
-/// The least milliseconds of each of `count` contestants that take turns for `rounds` rounds,
-/// another first each time; `run` does a turn and gives its milliseconds. Ends early when
-/// interrupted.
+/// The milliseconds of each of `count` contestants that take turns for `rounds` rounds, another first
+/// each time; `run` does a turn and gives its milliseconds. Ends early when interrupted.
+///
+/// A contestant's time is its median share of a round, times the shortest round: what else the
+/// machine does slows all turns of a round alike.
 pub(super) fn in_turns(
     rounds: usize,
     count: usize,
     mut run: impl FnMut(usize) -> Result<f64>,
 ) -> Result<Vec<f64>> {
-    let mut least = vec![f64::INFINITY; count];
+    let (mut shares, mut shortest) = (vec![Vec::new(); count], f64::INFINITY);
     for round in (0..rounds.max(1)).take_while(|&round| round == 0 || !interrupt::requested()) {
+        let mut times = vec![0.0; count];
         for turn in (0..count).map(|i| (i + round) % count) {
-            least[turn] = least[turn].min(run(turn)?);
+            times[turn] = run(turn)?;
         }
+        let whole: f64 = times.iter().sum();
+        shortest = shortest.min(whole);
+        shares.iter_mut().zip(times).for_each(|(shares, time)| shares.push(time / whole));
     }
-    Ok(least)
+    let median = |shares| Spread::of(shares).map_or(f64::NAN, |spread| spread.median);
+    Ok(shares.into_iter().map(|shares| median(shares) * shortest).collect())
 }
 
 #[cfg(test)]
@@ -216,13 +223,13 @@ mod tests {
     }
 
     #[test]
-    fn contestants_take_turns() {
+    fn contestants_take_turns_and_slow_rounds_count_for_little() {
         let mut order = Vec::new();
         let times = in_turns(3, 2, |turn| {
             order.push(turn);
-            Ok(10.0 / order.len() as f64)
+            // The second round takes nine times as long.
+            Ok([1.0, 3.0][turn] * if (3..=4).contains(&order.len()) { 9.0 } else { 1.0 })
         });
-        let times = times.unwrap();
-        assert_eq!((order, times), (vec![0, 1, 1, 0, 0, 1], vec![2.0, 10.0 / 6.0]));
+        assert_eq!((order, times.unwrap()), (vec![0, 1, 1, 0, 0, 1], vec![1.0, 3.0]));
     }
 }

@@ -82,21 +82,21 @@ fn table(family: &Family<'_>) -> String {
         names.join(" | "),
         "---|".repeat(names.len())
     );
-    let mut settings: Vec<(&str, bool)> = Vec::new();
+    let mut settings: Vec<&str> = Vec::new();
     for point in family.curves.iter().flat_map(|curve| &curve.points) {
-        match settings.iter_mut().find(|(setting, _)| *setting == point.setting) {
-            Some((_, is_default)) => *is_default |= point.is_default,
-            None => settings.push((&point.setting, point.is_default)),
+        if !settings.contains(&point.setting.as_str()) {
+            settings.push(&point.setting);
         }
     }
-    let fronts: Vec<_> = family.curves.iter().map(|curve| front(family, curve)).collect();
-    for (setting, is_default) in settings {
-        text += &format!("| {setting}{} |", if is_default { ", default" } else { "" });
-        for (curve, front) in family.curves.iter().zip(&fronts) {
-            let at = curve.points.iter().position(|point| point.setting == setting);
-            text += &at.map_or(" – |".to_owned(), |i| {
-                let (error, cost) = (precise(curve.points[i].error), precise(cost(curve.points[i])));
-                if front[i] { format!(" **{error}** ({cost}) |") } else { format!(" {error} ({cost}) |") }
+    for setting in settings {
+        text += &format!("| {setting} |");
+        for curve in &family.curves {
+            let at =
+                curve.points.iter().zip(front(family, curve)).find(|(point, _)| point.setting == setting);
+            text += &at.map_or(" – |".to_owned(), |(point, is_best)| {
+                let (bold, default) =
+                    (if is_best { "**" } else { "" }, if point.is_default { "\\*" } else { "" });
+                format!(" {bold}{}{bold} ({}){default} |", precise(point.error), precise(cost(point)))
             });
         }
         text += "\n";
@@ -125,7 +125,7 @@ mod tests {
         for line in [
             "| setting | error | rest |",
             "| 4 steps | **4.00** (4.00) | **0** (4.00) |",
-            "| 8 steps, default | **2.00** (8.00) | – |",
+            "| 8 steps | **2.00** (8.00)\\* | – |",
             "| *order of convergence* | 1.00 | – |",
         ] {
             assert!(section.tables.contains(line), "{}", section.tables);
@@ -146,5 +146,25 @@ mod tests {
                 && tables.contains("| 32 | 1.00")
                 && tables.contains("| slow | 5.00")
         );
+    }
+
+    /// `docs/ACCURACY.md` names the folder that its tables are of.
+    #[test]
+    fn the_page_shows_the_rows_it_links_to() {
+        let docs = crate::files::workspace().join("docs");
+        let page = std::fs::read_to_string(docs.join("ACCURACY.md")).unwrap();
+        let (before, _) = page.split_once("/accuracy.csv)").expect("a link to the rows");
+        let folder = before.rsplit_once('(').map_or("", |(_, link)| link);
+        let points: Vec<Point> =
+            crate::reproduce::journal::read(&docs.join(folder).join("accuracy.csv")).unwrap();
+        let sections = sections(&points);
+        assert!(sections.len() >= 10, "ten knobs");
+        for section in sections {
+            for table in section.tables.trim().split("\n\n").filter(|part| part.starts_with('|')) {
+                assert!(page.contains(table), "the page lacks this table:\n{table}");
+            }
+            let chart = format!("{folder}/figures/accuracy-{}.svg", crate::stage::slug(&section.knob));
+            assert!(page.contains(&chart) && docs.join(&chart).is_file(), "{chart}");
+        }
     }
 }
