@@ -111,7 +111,7 @@ impl Output {
         )?;
 
         let checks = results.checks();
-        let judged = claims.iter().any(|claim| claim.verdict != claims::Verdict::NotRun);
+        let judged = results.scenes.iter().any(|scene| !scene.rows.is_empty() || !scene.speeds.is_empty());
         let mut text = if judged { summary::claims_in_lines(&claims) } else { String::new() };
         for sentence in accuracy::sentences(&results.accuracy) {
             text += &format!("\n{sentence}");

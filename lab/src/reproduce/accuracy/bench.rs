@@ -70,6 +70,11 @@ pub(super) struct Bench<'a> {
 }
 
 impl Bench<'_> {
+    /// Whether anything moves.
+    pub(super) fn moves(&self) -> bool {
+        self.stage.scene.animation.topology().moves.contains(&true)
+    }
+
     /// Moves the scene to the middle of its loop, where it has moved far from where it began.
     pub(super) fn pose_in_the_middle(&mut self) {
         self.stage.pose(0.5 * self.stage.scene.animation.duration());
@@ -114,7 +119,9 @@ impl Bench<'_> {
         // Nothing stands for the fresh one.
         let parts = trees.chunks(part).flat_map(|part| once(None).chain(part.iter().copied().map(Some)));
         let turns: Vec<Option<&Bvh>> = parts.chain([None]).collect();
-        let times = in_turns(self.log.effort.rounds, turns.len(), |turn| {
+        // Short frames are disturbed the most, and more rounds of them cost little.
+        let more = (SHORT / self.trace(sweep, &self.flat())).clamp(1.0, 6.0);
+        let times = in_turns(self.log.effort.rounds * more as usize, turns.len(), |turn| {
             Ok(self.trace(turns[turn].unwrap_or(sweep), &self.flat()))
         });
         let (mut over, times) = (Over { errors: Vec::new(), selves: Vec::new() }, times.ok()?);
@@ -169,6 +176,9 @@ pub(super) fn differing(a: &[Pixel], b: &[Pixel]) -> f64 {
     let seen = |pixel: &Pixel| (pixel.hit().map(|hit| hit.primitive), pixel.is_lit());
     in_a_million(a.iter().zip(b).filter(|(a, b)| seen(a) != seen(b)).count(), a.len())
 }
+
+/// Milliseconds of a frame below which more rounds are measured.
+const SHORT: f64 = 20.0;
 
 /// Milliseconds that are measured well enough in one go.
 const LONG: f64 = 300.0;

@@ -37,7 +37,7 @@ fn update(nodes: &mut [Node], n: usize, depth: u32, order: &[u32], triangles: &T
 
 /// Bounds from the height of the first tree up to the library's.
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
-    if bench.stage.triangles().indices.is_empty() {
+    if !bench.moves() {
         return Ok(());
     }
     let lowest = bench.stage.first_tree.height();

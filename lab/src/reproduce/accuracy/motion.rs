@@ -105,7 +105,7 @@ pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
             let mut points = Vec::new();
             for (key, exact) in &exact {
                 let error = apart(&moved(&*scene.animation, *key, keys), exact);
-                let name = format!("rms distance to a step {finer} times finer than the scene's own");
+                let name = format!("rms distance to steps {finer} times finer");
                 points.push(point(&format!(" at key frame {key}")).with(&name, error, "of the extent"));
             }
             for measure in &scene.measures {

@@ -180,7 +180,7 @@ fn ball(case: &mut Case, rings: u32) {
 impl Case {
     /// The mean of the closed form over each pixel.
     fn expected(&self) -> Vec<f64> {
-        let [corner, right, down] = self.camera.image_plane().map(|v| v.as_dvec3());
+        let [corner, right, down] = self.camera.image_plane().map(Vec3::as_dvec3);
         let (eye, places) = (self.camera.eye().as_dvec3(), self.places);
         let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(places);
         let pixels = (0..self.camera.height()).flat_map(|y| (0..self.camera.width()).map(move |x| (x, y)));

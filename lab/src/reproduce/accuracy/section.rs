@@ -28,7 +28,7 @@ pub(crate) fn sections(points: &[Point]) -> Vec<Section> {
                 section.tables += &table;
             }
             None => {
-                sections.push(Section { knob: family.knob.to_owned(), charts: vec![drawn], tables: table })
+                sections.push(Section { knob: family.knob.to_owned(), charts: vec![drawn], tables: table });
             }
         }
     }

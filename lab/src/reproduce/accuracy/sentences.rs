@@ -7,6 +7,8 @@ use crate::reproduce::chart::{number, precise};
 
 /// The setting that the sentences are about.
 const STRATEGY: &str = "refit+rotate";
+/// Trace times within this factor are equal for advice, if their noise is as large.
+const SAME: f64 = 1.05;
 
 /// The three sentences, or, of points of named scenes alone, advice for each of these.
 pub(crate) fn sentences(points: &[Point]) -> Vec<String> {
@@ -132,18 +134,22 @@ fn advice(points: &[Point], scene: &str) -> Vec<String> {
             false => format!("strategy: {}; the default is {}", shown(best), shown(default)),
         })
     });
+    let strategy = strategy.or(Some("strategy: none, for nothing moves".to_owned()));
     let builder = of("builder", "trace time", "").and_then(|curve| {
         let least = curve.points.iter().map(|point| point.error).fold(f64::INFINITY, f64::min);
-        let equal = curve.points.iter().filter(|point| point.error <= point.noise.unwrap_or(1.0) * least);
+        let equal =
+            curve.points.iter().filter(|point| point.error <= point.noise.unwrap_or(1.0).min(SAME) * least);
         let best = equal.copied().min_by(|a, b| a.time_ms.total_cmp(&b.time_ms))?;
         let sweep = curve.get("sweep")?;
         Some(format!(
-            "builder and leaf size: {}, built in {} ms, traced in {} ms; sweep with leaves of one: {} and {}",
+            "builder and leaf size: {}, built in {} ms, traced in {} ms; sweep with leaves of one: {} and {}; equal \
+             trees differ by up to {:.0} %",
             best.setting,
             number(best.time_ms),
             number(best.error),
             number(sweep.time_ms),
-            number(sweep.error)
+            number(sweep.error),
+            100.0 * (best.noise.unwrap_or(1.0) - 1.0)
         ))
     });
     [strategy, builder, test].into_iter().flatten().map(|line| format!("{scene}: {line}.")).collect()

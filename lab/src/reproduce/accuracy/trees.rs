@@ -29,6 +29,9 @@ struct Entrant {
 /// Each updates its tree frame by frame through a loop; on some frames the trees are compared with
 /// a fresh one.
 pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
+    if !bench.moves() {
+        return Ok(());
+    }
     let strategies = Strategy::all().into_iter().filter(|strategy| match strategy {
         // Trees that arrive from the background depend on what else the machine does.
         Strategy::Background(_) => false,

@@ -101,7 +101,7 @@ impl Wall {
             size,
             size,
         );
-        let [corner, right, down] = camera.image_plane().map(|v| v.as_dvec3());
+        let [corner, right, down] = camera.image_plane().map(Vec3::as_dvec3);
         let columns = i64::from(size) / SPACING + 2 * MARGIN;
         // Edges of about 1: so far away is a pixel 1 / SPACING wide.
         let far = 1.0 / (right.length() * SPACING as f64);
