@@ -340,7 +340,7 @@ fn peers_stand_beside_the_project_and_are_drawn_again() {
 fn accuracy_leaves_points_and_figures() {
     let (temporary, sheet) = folder();
     let out = temporary.path().join("results");
-    succeeds(&[
+    let printed = succeeds(&[
         "reproduce",
         "accuracy",
         "--preset",
@@ -357,10 +357,16 @@ fn accuracy_leaves_points_and_figures() {
     let points = fs::read_to_string(out.join("accuracy.csv")).expect("points");
     let header = "scene,knob,setting,is_default,error_name,error,unit,time_ms,note";
     assert!(points.starts_with(header), "{points}");
-    for knob in ["update strategy", "builder", "samples of ambient occlusion", "samples of diffuse bounces"] {
+    for knob in [
+        "update strategy",
+        "builder",
+        "triangle test at tiles",
+        "guards against NaN at refit",
+        "height bound",
+    ] {
         let of_knob = || points.lines().filter(|line| line.starts_with(&format!("sheet/,{knob},")));
         let defaults = of_knob().filter(|line| line.split(',').nth(3) == Some("true")).count();
-        assert!(of_knob().count() > 2 && (defaults > 0 || knob.starts_with("samples")), "{knob}: {points}");
+        assert!(of_knob().count() > 1 && defaults > 0, "{knob}: {points}");
     }
     // The sweep build is as good as itself.
     let errors = |start: &str| -> Vec<f64> {
@@ -368,13 +374,18 @@ fn accuracy_leaves_points_and_figures() {
         lines.map(|line| line.split(',').nth(5).and_then(|e| e.parse().ok()).expect("a number")).collect()
     };
     assert_eq!(errors(",builder,sweep,false,SAH cost"), [1.0]);
-    assert_eq!(errors(",triangle test at the origin,watertight,true,rays leaking"), [0.0]);
-    assert!(!points.contains("key frames"), "not simulated");
+    assert_eq!(errors(",guards against NaN at refit,on,true,"), [0.0]);
+    assert!(!points.contains("key frames"), "a model of one's own has none to choose");
+    for advice in
+        ["sheet/: strategy: ", "sheet/: builder and leaf size: ", "sheet/: triangle test: watertight"]
+    {
+        assert!(printed.contains(advice), "{printed}");
+    }
 
-    let svg = fs::read_to_string(out.join("figures/accuracy-sheet.svg")).expect("a figure");
+    let svg = fs::read_to_string(out.join("figures/accuracy-update-strategy.svg")).expect("a figure");
     assert!(svg.starts_with("<svg") && svg.ends_with("</svg>") && !svg.contains("NaN"));
     let report = fs::read_to_string(out.join("report.html")).expect("a report");
-    assert!(report.contains("What accuracy costs in time") && report.contains("Nothing beats "));
+    assert!(report.contains("What accuracy costs in time") && report.contains("Ringed: the default"));
     assert!(!out.join("figures/fig4.svg").exists());
 }
 

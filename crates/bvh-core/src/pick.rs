@@ -6,7 +6,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, dispatch, f32x4, f32x8, mask32x8};
 use glam::Vec3;
 
-use crate::slab::{self, WIDEN};
+use crate::slab;
 use crate::triangle::{Test, intersect};
 use crate::{Bvh, Hit, MAX_HEIGHT, Node, Ray, TriangleTest, Triangles, Visits, prefetch, with_test};
 
@@ -56,9 +56,20 @@ pub fn closest_hit_counted(
     test: TriangleTest,
     visits: &mut Visits,
 ) -> Option<Hit> {
-    with_test!(test, T => dispatch!(Level::new(), simd => {
-        closest::<_, T>(simd, bvh, triangles, ray, t_max, visits, every)
-    }))
+    with_test!(test, T => closest_hit_by::<T>(bvh, triangles, ray, t_max, visits))
+}
+
+/// Does what [`closest_hit_counted`] does, by a triangle test that may be the caller's own.
+#[doc(hidden)]
+#[must_use]
+pub fn closest_hit_by<T: Test>(
+    bvh: &Bvh,
+    triangles: &Triangles<'_>,
+    ray: &Ray,
+    t_max: f32,
+    visits: &mut Visits,
+) -> Option<Hit> {
+    dispatch!(Level::new(), simd => closest::<_, T>(simd, bvh, triangles, ray, t_max, visits, every))
 }
 
 /// Does what [`any_hit`] does and adds what the ray visited to `visits`.
@@ -131,7 +142,7 @@ pub fn closest<S: Simd, T: Test>(
         bvh,
         triangles,
         ray,
-        t_max,
+        (t_max, T::WIDEN),
         visits,
         #[inline(always)]
         |p, t_max| {
@@ -167,7 +178,7 @@ pub fn any<S: Simd, T: Test>(
         bvh,
         triangles,
         ray,
-        t_max,
+        (t_max, T::WIDEN),
         visits,
         #[inline(always)]
         |p, t_max| {
@@ -202,14 +213,14 @@ impl<S: Simd> PairRay<S> {
         }
     }
 
-    /// Where the ray enters each of two boxes, and whether it does before `t_max`; see [`slab::enters`].
+    /// Where the ray enters each of two boxes, and whether it does before `t_max`; see [`slab::enters_widened`].
     #[inline(always)]
-    fn enter(&self, simd: S, pair: &[[f32; 4]; 4], t_max: f32) -> [(f32, bool); 2] {
+    fn enter(&self, simd: S, pair: &[[f32; 4]; 4], t_max: f32, widen: f32) -> [(f32, bool); 2] {
         let (lower, upper) = (both(simd, &pair[0], &pair[2]), both(simd, &pair[1], &pair[3]));
         let first = self.negative.select(upper, lower);
         let last = self.negative.select(lower, upper);
         let near = (first - self.first_origin) * self.inverse;
-        let far = (last - self.last_origin) * self.inverse * WIDEN;
+        let far = (last - self.last_origin) * self.inverse * widen;
         let near = max(near, f32x8::splat(simd, 0.0));
         let far = min(far, f32x8::splat(simd, t_max));
         let near = max(near, simd.slide_within_blocks_f32x8::<2>(near, near));
@@ -254,7 +265,7 @@ fn walk<S: Simd>(
     bvh: &Bvh,
     triangles: &Triangles<'_>,
     ray: &Ray,
-    mut t_max: f32,
+    (mut t_max, widen): (f32, f32),
     visits: &mut Visits,
     mut visit: impl FnMut(usize, f32) -> f32,
 ) {
@@ -284,7 +295,7 @@ fn walk<S: Simd>(
                 let (memory, size) = if child.is_leaf() { leaves } else { pairs };
                 prefetch(memory, child.first() * size);
             }
-            let [(l, in_l), (r, in_r)] = pair_ray.enter(simd, bytemuck::cast_ref(children), t_max);
+            let [(l, in_l), (r, in_r)] = pair_ray.enter(simd, bytemuck::cast_ref(children), t_max, widen);
             // Branches on purpose: what is guessed right is fetched before the boxes are tested, and that saves more than
             // wrong guesses cost. The compiler would sooner compute which child comes next; `black_box` keeps it from that.
             if in_l && in_r {

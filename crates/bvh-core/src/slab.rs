@@ -22,6 +22,12 @@ pub fn min(a: f32, b: f32) -> f32 {
 /// A ray in the plane of a side has 0 * inf = NaN there; `max` and `min` then ignore just that side.
 #[inline]
 pub fn enters(ray: &Ray, aabb: &Aabb, t_max: f32) -> Option<f32> {
+    enters_widened(ray, aabb, t_max, WIDEN)
+}
+
+/// The same for rays that leave a box `widen` times as late as computed.
+#[inline]
+pub fn enters_widened(ray: &Ray, aabb: &Aabb, t_max: f32, widen: f32) -> Option<f32> {
     let (origin, inverse) = (ray.origin(), ray.inverse());
     let (mut near, mut far) = (0.0, t_max);
     for axis in 0..3 {
@@ -30,7 +36,7 @@ pub fn enters(ray: &Ray, aabb: &Aabb, t_max: f32) -> Option<f32> {
             (first, last) = (last, first);
         }
         near = max((first - origin[axis]) * inverse[axis], near);
-        far = min((last - origin[axis]) * inverse[axis] * WIDEN, far);
+        far = min((last - origin[axis]) * inverse[axis] * widen, far);
     }
     (near <= far).then_some(near)
 }

@@ -74,6 +74,9 @@ pub type Found = (f32, f32, f32);
 
 /// A triangle test with what it precomputes for a ray. Hits have `0 <= t < inf`.
 pub trait Test {
+    /// How much later than computed a single ray leaves a box, so that rounding loses no hit. With 1 boxes are not
+    /// conservative: `docs/ACCURACY.md` has what that saves and loses.
+    const WIDEN: f32 = slab::WIDEN;
     /// Precomputes what the test needs of a ray.
     fn new(ray: &Ray) -> Self;
     /// Where the ray meets the plane inside the triangle.
@@ -89,13 +92,20 @@ pub fn intersect<T: Test>(
     primitive: u32,
     t_max: f32,
 ) -> Option<Hit> {
-    in_box(ray, test.test(corners)?, corners, primitive, t_max)
+    in_box(ray, test.test(corners)?, corners, primitive, t_max, T::WIDEN)
 }
 
 /// What of a triangle test's answer is left by the triangle's box.
 #[inline]
-pub fn in_box(ray: &Ray, (t, u, v): Found, corners: &[Vec3; 3], primitive: u32, t_max: f32) -> Option<Hit> {
-    let near = slab::enters(ray, &Aabb::around(corners), t_max)?;
+pub fn in_box(
+    ray: &Ray,
+    (t, u, v): Found,
+    corners: &[Vec3; 3],
+    primitive: u32,
+    t_max: f32,
+    widen: f32,
+) -> Option<Hit> {
+    let near = slab::enters_widened(ray, &Aabb::around(corners), t_max, widen)?;
     let t = slab::max(t, near);
     // Along a direction whose reciprocal is infinite, even a box that is near is entered at infinity.
     (t <= t_max && t < f32::INFINITY).then_some(Hit { t, u, v, primitive })

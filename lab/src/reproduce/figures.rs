@@ -2,11 +2,13 @@
 
 use anyhow::Result;
 
+use super::accuracy::Section;
 use super::chart::{Chart, Kind, Point, Series, figure};
 use super::contestants::{Contestant, IDEAL, IDEAL_PARALLEL_BINNED};
 use super::record::Row;
 use super::results::{Results, SceneRun, Spread};
 use super::{MUSEUM, OTHER_KEYS, SPEED_STRATEGY, accuracy};
+use crate::stage;
 
 /// A figure: a file, and a part of the report.
 pub(crate) struct Figure {
@@ -156,10 +158,10 @@ pub(crate) fn all(results: &Results) -> Result<Vec<Figure>> {
                        starts from each of the five shapes, with the tree of that shape.";
         add("museum-keys".to_owned(), "The museum from its other key frames", caption, &[chart], 1)?;
     }
-    for scene in results.scenes.iter().filter(|scene| !scene.accuracy.is_empty()) {
-        let title = format!("What accuracy costs in time, {}", scene.facts.label);
-        let (charts, caption) = accuracy::charts(scene);
-        add(format!("accuracy-{}", scene.facts.slug), &title, &caption, &charts, 2)?;
+    for Section { knob, charts, .. } in accuracy::sections(&results.accuracy) {
+        let title = format!("What accuracy costs in time: {knob}");
+        let columns = charts.len().min(2) as u32;
+        add(format!("accuracy-{}", stage::slug(&knob)), &title, accuracy::LEGEND, &charts, columns)?;
     }
     Ok(figures)
 }

@@ -28,6 +28,7 @@ mod summary;
 use anyhow::{Result, ensure};
 use scenes::Scene;
 
+use self::accuracy::Point;
 use self::journal::Journal;
 use self::output::Output;
 use self::protocol::{Log, Named, Plan};
@@ -92,6 +93,7 @@ pub fn run(args: &Args) -> Result<()> {
         revision: Revision::read(),
         settings: args.settings(),
         scenes: Vec::new(),
+        accuracy: Vec::new(),
         interrupted: true,
     };
     let embree = args.embree(results.settings.threads)?;
@@ -127,8 +129,11 @@ pub fn run(args: &Args) -> Result<()> {
     let any_speeds = entries.iter().any(|entry| args.runs_speeds(&entry.label));
     let mut frames = Journal::create(&out.file("frames.csv"), &rows(0))?;
     let mut speeds = Journal::if_wanted(any_speeds, &out.file("fig5.csv"), &rows(1))?;
-    let points = finished().flat_map(|run| &run.accuracy);
-    let mut points = Journal::if_wanted(args.runs_accuracy(), &out.file("accuracy.csv"), points)?;
+    // Knobs without a scene are measured last, and again.
+    let earlier = saved.map_or(Vec::new(), |saved| saved.results.accuracy);
+    let is_kept = |point: &Point| finished().any(|run| run.facts.label == point.scene);
+    results.accuracy = earlier.into_iter().filter(is_kept).collect();
+    let mut points = Journal::if_wanted(args.runs_accuracy(), &out.file("accuracy.csv"), &results.accuracy)?;
     let beside = finished().flat_map(|run| &run.peers);
     let mut beside = Journal::if_wanted(args.runs_peers(), &out.file("peers.csv"), beside)?;
 
@@ -167,9 +172,11 @@ pub fn run(args: &Args) -> Result<()> {
             if for_claims && run.facts.triangles <= args.values().offline && !interrupt::requested() {
                 run.offline = offline::measure(&mut stage, plan.size)?;
             }
-            if let Some(journal) = points.as_mut().filter(|_| !entry.supplement) {
-                let (label, effort) = (&run.facts.label, args.effort(run.facts.triangles));
-                run.accuracy = accuracy::measure(label, &entry.source, &mut stage, &effort, journal)?;
+            if let Some(journal) =
+                points.as_mut().filter(|_| !entry.supplement && args.measures_accuracy_of(&run.facts.label))
+            {
+                let effort = args.effort(run.facts.triangles);
+                results.accuracy.extend(accuracy::of_scene(&run.facts.label, &mut stage, &effort, journal)?);
             }
             if let Some(journal) = beside.as_mut().filter(|_| !entry.supplement && !interrupt::requested()) {
                 let (threads, frames) = (plan.threads, args.values().peer_frames);
@@ -190,6 +197,9 @@ pub fn run(args: &Args) -> Result<()> {
             run.facts.finished = !interrupt::requested();
         }
     }
+    if let Some(journal) = points.as_mut().filter(|_| args.scenes.is_empty()) {
+        results.accuracy.extend(pool.install(|| accuracy::alone(&args.effort(0), journal))?);
+    }
     results.interrupted = interrupt::requested();
     out.write(&results, baseline.as_ref())
 }
@@ -208,7 +218,7 @@ fn earlier(out: &Output, now: &Results) -> Result<Option<Saved>> {
 
 /// The scenes asked for. Names are checked and files loaded before anything is measured.
 fn entries(args: &Args) -> Result<Vec<Entry>> {
-    let all: Vec<String> = scenes::list().iter().map(|info| info.name.to_owned()).collect();
+    let all = args.default_scenes();
     let sources = if args.scenes.is_empty() { &all } else { &args.scenes };
     ensure!(
         args.clip.is_none() || !args.scenes.is_empty(),

@@ -37,8 +37,10 @@ fn name(choice: &impl ValueEnum) -> String {
     choice.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }
 
-/// The scene of figure 5.
+/// The scene of figure 5, and of accuracy where time is short.
 const SPEED_SCENE: &str = "exploding-dragon";
+/// Scenes of accuracy, unless others are named: gentle motion, many bodies, pieces that fly apart.
+const ACCURACY_SCENES: [&str; 3] = ["cloth-ball", "n-body", SPEED_SCENE];
 
 /// Arguments of `reproduce`.
 #[derive(clap::Args)]
@@ -207,15 +209,14 @@ impl Args {
     }
 
     /// Whether an experiment runs: as it is named, or as part of everything, which other libraries
-    /// never are and figure 5 and accuracy are not where time is short.
+    /// never are and figure 5 is not where time is short.
     fn runs(&self, experiment: Experiment) -> bool {
         if !self.experiments.is_empty() {
             return self.experiments.contains(&experiment);
         }
         match experiment {
-            Experiment::Fig4 | Experiment::Fig6 | Experiment::Claims => true,
+            Experiment::Fig4 | Experiment::Fig6 | Experiment::Claims | Experiment::Accuracy => true,
             Experiment::Fig5 => self.preset.values().speeds && self.has_speed_scene(),
-            Experiment::Accuracy => self.preset.values().speeds,
             Experiment::Peers => false,
         }
     }
@@ -228,6 +229,24 @@ impl Args {
     /// Whether knobs are to be measured.
     pub(super) fn runs_accuracy(&self) -> bool {
         self.runs(Experiment::Accuracy)
+    }
+
+    /// Whether those of the scene are: of all that are named.
+    pub(super) fn measures_accuracy_of(&self, label: &str) -> bool {
+        match self.preset {
+            _ if !self.scenes.is_empty() => true,
+            Preset::Quick => label == SPEED_SCENE,
+            _ => ACCURACY_SCENES.contains(&label),
+        }
+    }
+
+    /// The scenes to run if none is named: all, unless only accuracy is asked for.
+    pub(super) fn default_scenes(&self) -> Vec<String> {
+        let all = scenes::list().iter().map(|info| info.name.to_owned());
+        let only_accuracy = self.experiments.iter().all(|&e| e == Experiment::Accuracy);
+        let is_run =
+            |name: &String| !self.runs_accuracy() || !only_accuracy || self.measures_accuracy_of(name);
+        all.filter(|name| self.experiments.is_empty() || is_run(name)).collect()
     }
 
     /// Whether other libraries are to be measured, which takes as long as all the rest.

@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use super::baseline::Comparison;
 use super::figures::Figure;
 use super::results::Results;
-use super::{claims, figures, report, summary};
+use super::{accuracy, claims, figures, report, summary};
 use crate::{CheckFailed, files};
 
 /// The folder of results, locked for this run.
@@ -111,12 +111,16 @@ impl Output {
         )?;
 
         let checks = results.checks();
-        let mut text = summary::claims_in_lines(&claims);
+        let judged = results.scenes.iter().any(|scene| !scene.rows.is_empty() || !scene.speeds.is_empty());
+        let mut text = if judged { summary::claims_in_lines(&claims) } else { String::new() };
+        for sentence in accuracy::sentences(&results.accuracy) {
+            text += &format!("\n{sentence}");
+        }
         if let Some(comparison) = &comparison {
             text += &format!("\n{}", comparison.in_lines());
         }
         text += &format!("\n{}\n{}", summary::checks_in_words(&checks), files::shown(&report));
-        files::print(&text)?;
+        files::print(text.trim_start())?;
         match checks.first_difference {
             Some(first) => {
                 let count = checks.differences;

@@ -31,7 +31,7 @@ pub(crate) struct Values {
     pub(crate) traversal: Traversal,
     /// One frame in this number is measured; the second number is for scenes of many triangles.
     pub(crate) measure_every: [usize; 2],
-    /// Whether figure 5 and accuracy are part of "everything".
+    /// Whether figure 5 is part of "everything".
     pub(crate) speeds: bool,
     /// Loops of figure 5.
     pub(crate) speed_loops: f64,
@@ -158,7 +158,7 @@ impl Values {
             less.push(format!("of each loop of figure 5 {} frames measured", SPEEDS[0]));
         }
         if !self.speeds && !figure_5 {
-            less.push("figure 5 and accuracy only if named".to_owned());
+            less.push("figure 5 only if named; what accuracy costs on one scene".to_owned());
         }
         if self.prepared < paper.prepared {
             less.push(format!("decomposition and t-sah in scenes of at most {} triangles", self.prepared));

@@ -4,6 +4,7 @@ mod scene;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
+use super::accuracy::sentences;
 use super::baseline::Comparison;
 use super::chart::number;
 use super::claims::{Claim, Verdict};
@@ -46,6 +47,7 @@ pub(crate) fn html(
                 }
                 main {
                     (claims_table(results, claims))
+                    (accuracy(results))
                     @if let Some(comparison) = comparison { (comparison.section()) }
                     (drawn(figures))
                     (peers::html(results))
@@ -112,6 +114,19 @@ fn claims_table(results: &Results, claims: &[Claim]) -> Markup {
                         }
                     }
                 }
+            }
+        }
+    }
+}
+
+/// What accuracy costs, in sentences; the charts are among the figures.
+fn accuracy(results: &Results) -> Markup {
+    let sentences = sentences(&results.accuracy);
+    html! {
+        @if !sentences.is_empty() {
+            section {
+                h2 { "What accuracy costs" }
+                ul { @for sentence in &sentences { li { (sentence) } } }
             }
         }
     }

@@ -18,6 +18,8 @@ pub(crate) struct Results {
     pub(crate) revision: Revision,
     pub(crate) settings: Settings,
     pub(crate) scenes: Vec<SceneRun>,
+    /// Settings of accuracy with what they cost.
+    pub(crate) accuracy: Vec<Point>,
     /// Whether it was stopped before its end, or is under way.
     pub(crate) interrupted: bool,
 }
@@ -56,8 +58,6 @@ pub(crate) struct SceneRun {
     pub(crate) rows: Vec<Row>,
     /// Rows of figure 5, by frames in a loop.
     pub(crate) speeds: Vec<(usize, Vec<Row>)>,
-    /// Settings of accuracy with what they cost.
-    pub(crate) accuracy: Vec<Point>,
     /// Other libraries beside this one.
     pub(crate) peers: Vec<Peer>,
     /// Trees built once and for all, where such builders are there.
@@ -152,8 +152,8 @@ impl SceneRun {
     /// A scene on which nothing is measured yet.
     pub(crate) fn new(facts: SceneFacts) -> Self {
         let (pictures, rows, speeds) = (Vec::new(), Vec::new(), Vec::new());
-        let (accuracy, peers, offline) = (Vec::new(), Vec::new(), Vec::new());
-        Self { facts, pictures, rows, speeds, accuracy, peers, offline, checks: Checks::default() }
+        let (peers, offline) = (Vec::new(), Vec::new());
+        Self { facts, pictures, rows, speeds, peers, offline, checks: Checks::default() }
     }
 
     /// Rows of one strategy, in order.

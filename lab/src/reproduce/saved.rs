@@ -72,7 +72,7 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
     let Summary { interrupted, machine, revision, settings, scenes } = summary;
     let mut rows = journal::read(&folder.join("frames.csv"))?;
     let mut speed_rows = journal::read(&folder.join("fig5.csv"))?;
-    let mut points = journal::read::<Point>(&folder.join("accuracy.csv"))?;
+    let accuracy = journal::read::<Point>(&folder.join("accuracy.csv"))?;
     let mut peers = journal::read::<Peer>(&folder.join("peers.csv"))?;
     let mut runs = Vec::new();
     for Scene { facts, checks, strategies, speeds, offline, mut images } in scenes {
@@ -81,7 +81,6 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
             picture.bytes = fs::read(&path).with_context(|| format!("{}: cannot be read", path.display()))?;
         }
         let mut run = SceneRun { pictures: images, checks, offline, ..SceneRun::new(facts) };
-        run.accuracy = points.extract_if(.., |point| point.scene == run.facts.label).collect();
         run.peers = peers.extract_if(.., |peer| peer.scene == run.facts.label).collect();
         run.rows = take(&mut rows, &run.facts.label);
         run.speeds = by_speed(take(&mut speed_rows, &run.facts.label));
@@ -98,7 +97,7 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
         }
         runs.push(run);
     }
-    let results = Results { machine, revision, settings, scenes: runs, interrupted };
+    let results = Results { machine, revision, settings, scenes: runs, accuracy, interrupted };
     Ok(Saved { results, rows, speed_rows })
 }
 

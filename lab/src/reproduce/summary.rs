@@ -169,10 +169,7 @@ pub(crate) fn tables(results: &Results, claims: &[Claim]) -> String {
     text.extend(claims.iter().map(|c| {
         format!("| {} | {} | {} | {} |\n", c.claim, c.paper, c.verdict.words(), c.first_verdict.words())
     }));
-    for scene in results.scenes.iter().filter(|scene| !scene.accuracy.is_empty()) {
-        text += &format!("\n| {}: error of | settings that nothing beats |\n|---|---|\n", scene.facts.label);
-        text.extend(accuracy::sentences(scene).map(|(knob, words)| format!("| {knob} | {words} |\n")));
-    }
+    text.extend(accuracy::sections(&results.accuracy).into_iter().map(|section| section.tables));
     text
 }
 

@@ -7,6 +7,7 @@ use fearless_simd::{Simd, f32x4};
 use crate::Hit;
 use crate::simd::{bits, load};
 use crate::surface::dot;
+use bvh_core::slab::WIDEN;
 use bvh_core::triangle::{Double, MollerTrumbore, Test, Watertight, in_box};
 
 use crate::weigh::{Found, weigh};
@@ -68,7 +69,7 @@ impl Block {
         let near = found.lanes & found.t.simd_le(t_max).to_bitmask();
         for i in bits(near) {
             let at = (found.t.as_slice()[i], found.u.as_slice()[i], found.v.as_slice()[i]);
-            let hit = in_box(ray, at, &self.corners(i), self.primitive[i], t_max);
+            let hit = in_box(ray, at, &self.corners(i), self.primitive[i], t_max, WIDEN);
             if let Some(hit) = hit.filter(|h| best.is_none_or(|b| h.is_before(b.t, b.primitive)) && counts(h))
             {
                 (best, t_max) = (Some(hit), hit.t);

@@ -1,12 +1,12 @@
-//! What every knob is measured with: the scene, how much to do, and where points go.
+//! What knobs are measured with: how much to do, where points go, and a scene.
 
 use std::iter::once;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
 use bvh_build::{Builder, build};
-use bvh_core::{Bvh, sah_cost};
-use rt_cpu::{Image, RenderOptions, render};
+use bvh_core::{Bvh, Triangles, sah_cost};
+use rt_cpu::{Image, Pixel, RenderOptions, cast, render};
 
 use super::effort::Effort;
 use super::point::Point;
@@ -16,13 +16,10 @@ use crate::reproduce::journal::Journal;
 use crate::reproduce::results::Spread;
 use crate::stage::{Stage, ms};
 
-/// A scene under measurement.
-pub(super) struct Bench<'a> {
-    /// The scene's name in tables.
+/// Where points go, and how much is to be measured.
+pub(super) struct Log<'a> {
+    /// The scene's name in tables; empty if there is none.
     label: &'a str,
-    /// What it was loaded by.
-    pub(super) source: &'a str,
-    pub(super) stage: &'a mut Stage,
     pub(super) effort: &'a Effort,
     journal: &'a mut Journal<Point>,
     progress: Progress,
@@ -33,17 +30,16 @@ pub(super) struct Bench<'a> {
 /// Steps of the progress of each knob.
 const STEPS: f64 = 100.0;
 
-impl<'a> Bench<'a> {
+impl<'a> Log<'a> {
     pub(super) fn new(
         label: &'a str,
-        source: &'a str,
-        stage: &'a mut Stage,
         effort: &'a Effort,
         journal: &'a mut Journal<Point>,
         knobs: usize,
     ) -> Self {
-        let progress = Progress::new(format!("{label}, accuracy"), (knobs as f64 * STEPS) as u64);
-        Self { label, source, stage, effort, journal, progress, knob: 0, points: Vec::new() }
+        let what = format!("{label} accuracy").trim_start().to_owned();
+        let progress = Progress::new(what, (knobs as f64 * STEPS) as u64);
+        Self { label, effort, journal, progress, knob: 0, points: Vec::new() }
     }
 
     /// Takes what was measured; it is in the file when this returns.
@@ -65,6 +61,19 @@ impl<'a> Bench<'a> {
         self.knob += 1;
         self.done(0, 1);
     }
+}
+
+/// A scene under measurement.
+pub(super) struct Bench<'a> {
+    pub(super) stage: &'a mut Stage,
+    pub(super) log: Log<'a>,
+}
+
+impl Bench<'_> {
+    /// Whether anything moves.
+    pub(super) fn moves(&self) -> bool {
+        self.stage.scene.animation.topology().moves.contains(&true)
+    }
 
     /// Moves the scene to the middle of its loop, where it has moved far from where it began.
     pub(super) fn pose_in_the_middle(&mut self) {
@@ -76,83 +85,100 @@ impl<'a> Bench<'a> {
         RenderOptions { smooth: false, ..self.stage.render_options() }
     }
 
-    /// Renders a frame `times` times: the image, and the time of the fastest, which is what least
-    /// of the machine's other work got into.
-    pub(super) fn trace(&self, tree: &Bvh, options: &RenderOptions, size: u32, times: usize) -> (Image, f64) {
-        let stage = &*self.stage;
+    /// Renders a frame and gives the time.
+    pub(super) fn trace(&self, tree: &Bvh, options: &RenderOptions) -> f64 {
+        let (stage, size) = (&*self.stage, self.log.effort.size);
         let (mesh, camera, light) = (stage.mesh(), stage.camera(size, size), stage.light());
         let mut image = Image::new(size, size);
-        let time = fastest(times, || {
-            render(tree, &mesh, &camera, Some(&light), options, &mut image);
-        });
-        (image, time)
+        let start = Instant::now();
+        render(tree, &mesh, &camera, Some(&light), options, &mut image);
+        ms(start)
+    }
+
+    /// What the scene's camera sees of triangles, and where its light arrives.
+    pub(super) fn see(&self, tree: &Bvh, triangles: &Triangles<'_>, options: &RenderOptions) -> Vec<Pixel> {
+        let (stage, size) = (&*self.stage, self.log.effort.size);
+        let mut pixels = vec![Pixel::default(); (size * size) as usize];
+        cast(tree, triangles, &stage.camera(size, size), Some(&stage.light()), options, &mut pixels);
+        pixels
     }
 
     /// A fresh tree by the sweep builder over the current pose.
     pub(super) fn sweep(&self) -> Result<Bvh> {
-        build(&self.stage.triangles(), Builder::Sweep).with_context(|| format!("{}: no tree", self.label))
+        build(&self.stage.triangles(), Builder::Sweep)
+            .with_context(|| format!("{}: no tree", self.stage.scene.name))
     }
 
-    /// SAH cost and trace time of trees over those of a fresh one, `sweep`; nothing after an
+    /// SAH cost over that of a fresh tree, `sweep`, and trace time, of trees; nothing after an
     /// interrupt.
     ///
-    /// Trees are traced in rounds, the fresh one several times among them. A ratio is the median
-    /// over rounds of a time over the median of the fresh tree's in the same round, so that what
-    /// else the machine does hits both alike, and one outlier nothing. The fresh tree's turns over
-    /// one another show the noise.
+    /// Trees are traced in turns, and the fresh one several times a round: its times beside one
+    /// another show the noise.
     pub(super) fn over(&self, sweep: &Bvh, trees: &[&Bvh]) -> Option<Over> {
         let part = trees.len().div_ceil(FRESH).max(1);
         // Nothing stands for the fresh one.
         let parts = trees.chunks(part).flat_map(|part| once(None).chain(part.iter().copied().map(Some)));
         let turns: Vec<Option<&Bvh>> = parts.chain([None]).collect();
-        let mut ratios = vec![Vec::new(); turns.len()];
-        for round in 0..self.effort.rounds {
-            if interrupt::requested() {
-                return None;
-            }
-            let mut times = vec![0.0; turns.len()];
-            // From another one on each time: who comes first may find the machine otherwise.
-            for turn in (0..turns.len()).map(|i| (i + round) % turns.len()) {
-                times[turn] = self.trace(turns[turn].unwrap_or(sweep), &self.flat(), self.effort.size, 1).1;
-            }
-            for (turn, ratios) in ratios.iter_mut().enumerate() {
-                let fresh = (0..turns.len()).filter(|&other| turns[other].is_none() && other != turn);
-                ratios.push(times[turn] / median(fresh.map(|other| times[other]).collect()));
-            }
-        }
-        let mut over = Over { errors: Vec::new(), selves: Vec::new() };
-        for (turn, ratios) in turns.into_iter().zip(ratios) {
-            let ratio = median(ratios);
+        // Short frames are disturbed the most, and more rounds of them cost little.
+        let more = (SHORT / self.trace(sweep, &self.flat())).clamp(1.0, 6.0);
+        let times = in_turns(self.log.effort.rounds * more as usize, turns.len(), |turn| {
+            Ok(self.trace(turns[turn].unwrap_or(sweep), &self.flat()))
+        });
+        let (mut over, times) = (Over { errors: Vec::new(), selves: Vec::new() }, times.ok()?);
+        for (turn, time_ms) in turns.into_iter().zip(times) {
             match turn {
-                Some(tree) => over.errors.push([sah_cost(tree) / sah_cost(sweep), ratio]),
-                None => over.selves.push(ratio),
+                Some(tree) => over.errors.push([sah_cost(tree) / sah_cost(sweep), time_ms]),
+                None => over.selves.push(time_ms),
             }
         }
-        Some(over)
+        (!interrupt::requested()).then_some(over)
     }
 }
 
 /// Turns of the fresh tree in a round, beside one at its end.
 const FRESH: usize = 2;
 
+/// The errors of a tree, and their units.
+pub(super) const TREE_ERRORS: [(&str, &str); 2] =
+    [("SAH cost over a fresh sweep build", "ratio"), ("trace time", "ms")];
+
 /// Trees beside a fresh one.
 pub(super) struct Over {
-    /// Ratios of SAH cost and of trace time, of each tree.
+    /// The [`TREE_ERRORS`] of each tree.
     pub(super) errors: Vec<[f64; 2]>,
-    /// Ratios of the fresh tree's trace times to one another, a number for each of its turns.
+    /// Trace times of the fresh tree in each of its turns.
     pub(super) selves: Vec<f64>,
 }
 
-/// The factor by which ratios differ that should all be 1.
-pub(super) fn noise(selves: &[f64]) -> f64 {
-    let least = selves.iter().copied().fold(1.0, f64::min);
-    selves.iter().copied().fold(1.0, f64::max) / least
+/// Points of a tree with its errors; SAH costs have no noise.
+pub(super) fn tree_points(point: &Point, errors: [f64; 2], selves: &[f64]) -> [Point; 2] {
+    // Digits that say something.
+    let noises = [None, Some((noise(selves) * 1e3).round() / 1e3)];
+    [0, 1].map(|i| {
+        let (name, unit) = TREE_ERRORS[i];
+        Point { noise: noises[i], ..point.with(name, errors[i], unit) }
+    })
 }
 
-/// The median; NaN of nothing.
-fn median(values: Vec<f64>) -> f64 {
-    Spread::of(values).map_or(f64::NAN, |spread| spread.median)
+/// The factor by which times differ that should all be one.
+fn noise(selves: &[f64]) -> f64 {
+    let least = selves.iter().copied().fold(f64::INFINITY, f64::min);
+    selves.iter().fold(1.0, |noise, time| noise.max(time / least))
 }
+
+/// Numbers in a million.
+pub(super) fn in_a_million(count: usize, of: usize) -> f64 {
+    1e6 * count as f64 / of.max(1) as f64
+}
+
+/// How many pixels in a million see another triangle, or are lit otherwise.
+pub(super) fn differing(a: &[Pixel], b: &[Pixel]) -> f64 {
+    let seen = |pixel: &Pixel| (pixel.hit().map(|hit| hit.primitive), pixel.is_lit());
+    in_a_million(a.iter().zip(b).filter(|(a, b)| seen(a) != seen(b)).count(), a.len())
+}
+
+/// Milliseconds of a frame below which more rounds are measured.
+const SHORT: f64 = 20.0;
 
 /// Milliseconds that are measured well enough in one go.
 const LONG: f64 = 300.0;
@@ -171,6 +197,30 @@ pub(super) fn fastest(runs: usize, mut run: impl FnMut()) -> f64 {
     least
 }
 
+/// The milliseconds of each of `count` contestants that take turns for `rounds` rounds, another first
+/// each time; `run` does a turn and gives its milliseconds. Ends early when interrupted.
+///
+/// A contestant's time is its median share of a round, times the shortest round: what else the
+/// machine does slows all turns of a round alike.
+pub(super) fn in_turns(
+    rounds: usize,
+    count: usize,
+    mut run: impl FnMut(usize) -> Result<f64>,
+) -> Result<Vec<f64>> {
+    let (mut shares, mut shortest) = (vec![Vec::new(); count], f64::INFINITY);
+    for round in (0..rounds.max(1)).take_while(|&round| round == 0 || !interrupt::requested()) {
+        let mut times = vec![0.0; count];
+        for turn in (0..count).map(|i| (i + round) % count) {
+            times[turn] = run(turn)?;
+        }
+        let whole: f64 = times.iter().sum();
+        shortest = shortest.min(whole);
+        shares.iter_mut().zip(times).for_each(|(shares, time)| shares.push(time / whole));
+    }
+    let median = |shares| Spread::of(shares).map_or(f64::NAN, |spread| spread.median);
+    Ok(shares.into_iter().map(|shares| median(shares) * shortest).collect())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -178,10 +228,18 @@ mod tests {
     #[test]
     fn noise_is_how_far_apart_equal_trees_are() {
         assert_eq!(noise(&[]), 1.0);
-        assert_eq!(noise(&[1.25, 1.5]), 1.5);
+        assert_eq!(noise(&[1.0, 1.5]), 1.5);
         assert_eq!(noise(&[0.5, 1.25, 0.75]), 2.5);
-        // One outlier among the rounds is none of the median's.
-        assert_eq!(median(vec![1.0, 9.0, 1.0, 1.5, 1.0]), 1.0);
-        assert!(median(Vec::new()).is_nan());
+    }
+
+    #[test]
+    fn contestants_take_turns_and_slow_rounds_count_for_little() {
+        let mut order = Vec::new();
+        let times = in_turns(3, 2, |turn| {
+            order.push(turn);
+            // The second round takes nine times as long.
+            Ok([1.0, 3.0][turn] * if (3..=4).contains(&order.len()) { 9.0 } else { 1.0 })
+        });
+        assert_eq!((order, times.unwrap()), (vec![0, 1, 1, 0, 0, 1], vec![1.0, 3.0]));
     }
 }

@@ -2,7 +2,7 @@
 
 use super::point::Point;
 
-/// One error of one knob on one scene, under all of its conditions.
+/// One error of one knob, on all scenes and under all conditions.
 pub(super) struct Family<'a> {
     pub(super) knob: &'a str,
     pub(super) error_name: &'a str,
@@ -10,14 +10,15 @@ pub(super) struct Family<'a> {
     pub(super) curves: Vec<Curve<'a>>,
 }
 
-/// The settings of a knob under one condition.
+/// The settings of a knob on one scene under one condition.
 pub(super) struct Curve<'a> {
+    pub(super) scene: &'a str,
     /// Empty if there is but one.
     pub(super) condition: &'a str,
     pub(super) points: Vec<&'a Point>,
 }
 
-/// Sorts points of one scene into families, in the order of their first points.
+/// Sorts points into families, in the order of their first points.
 pub(super) fn families(points: &[Point]) -> Vec<Family<'_>> {
     let mut families: Vec<Family<'_>> = Vec::new();
     for point in points {
@@ -28,13 +29,42 @@ pub(super) fn families(points: &[Point]) -> Vec<Family<'_>> {
             families.push(Family { knob, error_name, unit, curves: Vec::new() });
             families.len() - 1
         });
-        let curves = &mut families[at].curves;
-        match curves.iter_mut().find(|curve| curve.condition == condition) {
+        let (curves, scene) = (&mut families[at].curves, point.scene.as_str());
+        match curves.iter_mut().find(|curve| (curve.scene, curve.condition) == (scene, condition)) {
             Some(curve) => curve.points.push(point),
-            None => curves.push(Curve { condition, points: vec![point] }),
+            None => curves.push(Curve { scene, condition, points: vec![point] }),
         }
     }
     families
+}
+
+impl<'a> Curve<'a> {
+    /// The scene and the condition.
+    pub(super) fn name(&self) -> String {
+        let parts = [self.scene, self.condition].into_iter().filter(|part| !part.is_empty());
+        parts.collect::<Vec<_>>().join(", ")
+    }
+
+    pub(super) fn get(&self, setting: &str) -> Option<&'a Point> {
+        self.points.iter().copied().find(|point| point.setting == setting)
+    }
+
+    /// The order of convergence, where settings are numbers of steps: the slope p of the line through
+    /// the logarithms of error = c / number^p that fits best.
+    pub(super) fn order(&self) -> Option<f64> {
+        let place = |point: &&Point| {
+            let number: f64 = point.setting.split(' ').next()?.parse().ok()?;
+            Some((number.ln(), point.error.ln()))
+        };
+        let places: Vec<_> =
+            self.points.iter().filter(|p| p.error > 0.0).map(place).collect::<Option<_>>()?;
+        let count = places.len() as f64;
+        let mean = |of: fn(&(f64, f64)) -> f64| places.iter().map(of).sum::<f64>() / count;
+        let (x, y) = (mean(|p| p.0), mean(|p| p.1));
+        let of = |f: &dyn Fn(&(f64, f64)) -> f64| places.iter().map(f).sum::<f64>();
+        let slope = of(&|p| (p.0 - x) * (p.1 - y)) / of(&|p| (p.0 - x).powi(2));
+        (places.len() > 2 && slope.is_finite()).then_some(-slope)
+    }
 }
 
 impl Family<'_> {
@@ -138,6 +168,22 @@ mod tests {
         let expected =
             [("test", "leaks", vec![1, 2]), ("test", "distance", vec![1]), ("bins", "cost", vec![1])];
         assert_eq!(shape, expected);
-        assert_eq!(families[0].curves[1].condition, "far");
+        assert_eq!(families[0].curves[1].name(), "far");
+    }
+
+    #[test]
+    fn the_order_is_the_slope_of_the_logarithms() {
+        let point = |n: u32| Point {
+            error: 3.0 / f64::from(n * n),
+            ..Point::new("step", format!("{n} steps"), false, 0.0)
+        };
+        let points = [point(4), point(8), point(64)];
+        let order = |points: &[Point]| families(points)[0].curves[0].order();
+        assert!((order(&points).unwrap() - 2.0).abs() < 1e-9);
+        assert_eq!(
+            order(&[point(4), point(8), Point::new("step", "sweep", false, 0.0).with("", 1.0, "")]),
+            None
+        );
+        assert_eq!(order(&points[..2]), None);
     }
 }

@@ -17,28 +17,28 @@ pub(crate) struct Effort {
     pub(super) size: u32,
     /// Runs of which the fastest counts, where one run is short.
     pub(super) repeats: usize,
-    /// Rounds in which trees are traced beside a fresh one.
+    /// Rounds in which contestants take turns.
     pub(super) rounds: usize,
-    /// Triangles of closed meshes.
-    pub(super) solid_triangles: usize,
-    /// Rays aimed at edges and vertices, and rays whose distance is compared.
-    pub(super) rays: [usize; 2],
-    /// Part of the triangles of cloth and statues that are simulated again.
+    /// Pixels on a side of the images of the wall.
+    pub(super) wall: u32,
+    /// Part of the triangles of the cloth that is simulated again.
     pub(super) detail: f32,
-    /// Simulation steps between two key frames, beside the scene's own number.
-    pub(super) substeps: &'static [usize],
+    /// Simulation steps as multiples of the scene's own number, and how many times as many the
+    /// reference has.
+    pub(super) steps: &'static [f64],
+    pub(super) finer: usize,
     /// Spaces between key frames, as multiples of the scene's own number; near ones are taken where
     /// they divide that of the reference.
     pub(super) spaces: &'static [f64],
     /// Spaces between key frames of the reference, as a multiple, and simulation steps in each.
     pub(super) fine: [usize; 2],
-    /// Times at which motions are compared.
+    /// Times at which motions of few and many key frames are compared.
     pub(super) moments: usize,
-    /// Pixels on a side of the images whose error is measured.
+    /// Pixels on a side of the images that have a closed form, most samples of each pixel, and
+    /// seeds.
     pub(super) noise_size: u32,
-    /// Most samples per pixel of ambient occlusion and of diffuse bounces, and samples of their
-    /// references.
-    pub(super) samples: [(usize, usize); 2],
+    pub(super) samples: usize,
+    pub(super) seeds: u64,
     pub(super) seed: u64,
 }
 
@@ -59,38 +59,39 @@ impl Effort {
             frames,
             played: frames,
             compared: 2,
-            anneal_passes: &[20],
+            anneal_passes: &[],
             size: size.min(128),
             repeats: 2,
-            rounds: 3,
-            solid_triangles: 2_000,
-            rays: [20_000, 300],
+            rounds: 5,
+            wall: 160,
             detail: 0.02,
-            substeps: &[4, 16],
-            spaces: &[0.125, 0.5, 1.0],
-            fine: [4, 2],
+            steps: &[0.0625, 0.125, 0.25],
+            finer: 2,
+            spaces: &[0.125, 0.25, 0.5],
+            fine: [2, 2],
             moments: 60,
-            noise_size: size.min(24),
-            samples: [(4, 32), (16, 128)],
+            noise_size: size.min(16),
+            samples: 16,
+            seeds: 4,
             seed,
         };
         match preset {
             Preset::Quick => quick,
             Preset::Standard => Self {
-                compared: 2,
-                anneal_passes: &[25, 100],
-                size: size.min(256),
+                anneal_passes: &[25],
+                size: size.min(512),
                 repeats: 3,
-                rounds: 3,
-                solid_triangles: 10_000,
-                rays: [200_000, 1_000],
+                rounds: 7,
+                wall: 512,
                 detail: 0.05,
-                substeps: &[2, 4, 8, 16, 32, 64],
+                steps: &[0.0625, 0.125, 0.25, 0.5, 1.0, 4.0],
+                finer: 64,
                 spaces: &[0.125, 0.25, 0.5, 1.0, 2.0],
-                fine: [8, 4],
+                fine: [16, 4],
                 moments: 200,
-                noise_size: size.min(48),
-                samples: [(16, 128), (64, 512)],
+                noise_size: size.min(32),
+                samples: 256,
+                seeds: 8,
                 ..quick
             },
             Preset::Full => Self {
@@ -99,15 +100,16 @@ impl Effort {
                 anneal_passes: &[25, 100, 400, 1600],
                 repeats: 5,
                 rounds: 9,
-                solid_triangles: 20_000,
-                rays: [2_000_000, 5_000],
-                detail: 1.0,
-                substeps: &[2, 4, 8, 16, 32, 64, 128, 256],
+                wall: 1024,
+                detail: 0.05,
+                steps: &[0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0],
+                finer: 64,
                 spaces: &[0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0],
-                fine: [16, 16],
+                fine: [32, 4],
                 moments: 500,
-                noise_size: size.min(256),
-                samples: [(64, 1024), (256, 4096)],
+                noise_size: size.min(64),
+                samples: 1024,
+                seeds: 16,
                 ..quick
             },
         }

@@ -1,58 +1,70 @@
 //! What accuracy costs in time: for every knob that buys accuracy, its settings with their errors
 //! and their times.
 //!
-//! A knob is a function that measures all of its settings on one scene, one of [`KNOBS`]; its
-//! points make a curve per error, which becomes a panel of the figures and a sentence of the
-//! report. Errors are taken against something independent and finer: a fresh sweep build, `f64`
-//! arithmetic, topology, a simulation with many more key frames, an image with many more samples of
-//! another seed.
+//! A knob is a function that measures all of its settings, on a scene ([`OF_A_SCENE`]) or on input
+//! of its own ([`ALONE`]). Errors are taken against something independent: a fresh sweep build,
+//! `f64` arithmetic, topology, a simulation with a step many times finer, a closed form.
 
-mod advice;
 mod bench;
 mod curve;
 mod effort;
+mod guards;
+mod heights;
 mod motion;
 mod point;
 mod samples;
 mod section;
+mod sentences;
 mod trees;
-mod triangle_tests;
+mod triangle_test;
+mod wall;
 
 use anyhow::Result;
 
-use self::bench::Bench;
+use self::bench::{Bench, Log};
 pub(crate) use self::effort::Effort;
 pub(crate) use self::point::Point;
-pub(crate) use self::section::{charts, sentences};
+pub(crate) use self::section::{LEGEND, Section, sections};
+pub(crate) use self::sentences::sentences;
 use super::journal::Journal;
 use crate::interrupt;
 use crate::stage::Stage;
 
-/// Every knob, in the order of the report.
-const KNOBS: [fn(&mut Bench<'_>) -> Result<()>; 6] = [
-    trees::strategies,
-    trees::builders,
-    triangle_tests::measure,
-    motion::substeps,
-    motion::key_frames,
-    samples::measure,
-];
+/// The knobs of a scene.
+const OF_A_SCENE: [fn(&mut Bench<'_>) -> Result<()>; 5] =
+    [trees::strategies, trees::builders, triangle_test::measure, guards::measure, heights::measure];
 
-/// Measures every knob that `source`, the scene on the stage, has. Ends early when interrupted.
-pub(crate) fn measure(
+/// The knobs with input of their own. Their points name no scene.
+const ALONE: [fn(&mut Log<'_>) -> Result<()>; 4] =
+    [wall::measure, samples::measure, motion::steps, motion::key_frames];
+
+/// Measures every knob of the scene on the stage. Ends early when interrupted.
+pub(crate) fn of_scene(
     label: &str,
-    source: &str,
     stage: &mut Stage,
     effort: &Effort,
     journal: &mut Journal<Point>,
 ) -> Result<Vec<Point>> {
-    let mut bench = Bench::new(label, source, stage, effort, journal, KNOBS.len());
-    for knob in KNOBS {
+    let mut bench = Bench { stage, log: Log::new(label, effort, journal, OF_A_SCENE.len()) };
+    for knob in OF_A_SCENE {
         if interrupt::requested() {
             break;
         }
         knob(&mut bench)?;
-        bench.next_knob();
+        bench.log.next_knob();
     }
-    Ok(bench.points)
+    Ok(bench.log.points)
+}
+
+/// Measures every other knob. Ends early when interrupted.
+pub(crate) fn alone(effort: &Effort, journal: &mut Journal<Point>) -> Result<Vec<Point>> {
+    let mut log = Log::new("", effort, journal, ALONE.len());
+    for knob in ALONE {
+        if interrupt::requested() {
+            break;
+        }
+        knob(&mut log)?;
+        log.next_knob();
+    }
+    Ok(log.points)
 }

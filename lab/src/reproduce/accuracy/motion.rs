@@ -1,113 +1,160 @@
-//! Simulated motion: its time step, and how many key frames are kept of it.
+//! Simulated motion: its time step against one many times finer, and how many key frames are kept
+//! of it.
 
-use anim::Pose;
-use anyhow::Result;
+use std::sync::Mutex;
+use std::time::Instant;
+
+use anim::{Animation, Pose};
+use anyhow::{Context, Result};
+use bvh_core::Vec3;
 use scenes::{Scene, SceneInfo, SceneOptions, distance};
 
-use super::bench::{Bench, fastest};
+use super::bench::{Log, fastest};
 use super::point::Point;
-use crate::{interrupt, stage};
+use crate::{files, interrupt};
 
-/// What the registry knows of the scene, if it is one that is simulated.
-fn simulated(source: &str) -> Option<&'static SceneInfo> {
-    scenes::list().iter().find(|info| info.name == source && info.effects.motion.gravity)
+/// A simulation whose step is varied.
+struct Simulated {
+    name: &'static str,
+    /// Steps between key frames that it has of its own.
+    own: usize,
+    /// Most times as many that the reference may have. The cloth is simulated in `f32`: with 640
+    /// steps what gravity adds in each is lost to rounding, and the cloth never falls.
+    finest: usize,
 }
 
-/// Simulates it with a number of key frames, and of steps between two of them. Gives the scene and
-/// the milliseconds that took.
-fn simulate(bench: &Bench<'_>, key_frames: usize, substeps: Option<usize>) -> Result<(Scene, f64)> {
-    let options = SceneOptions {
-        seed: bench.effort.seed,
-        key_frames: Some(key_frames),
-        substeps,
-        detail: Some(bench.effort.detail),
-        ..SceneOptions::default()
+const SIMULATED: [Simulated; 2] =
+    [Simulated { name: "cloth-ball", own: 80, finest: 4 }, Simulated { name: "n-body", own: 32, finest: 64 }];
+
+/// Key frames at which motions are compared; the last one, too.
+const COMPARED: [usize; 2] = [2, 10];
+
+fn info(name: &str) -> Result<&'static SceneInfo> {
+    scenes::list().iter().find(|info| info.name == name).with_context(|| format!("no scene {name}"))
+}
+
+/// Simulates a scene with a number of key frames, and of steps between two of them. Gives the scene
+/// and the milliseconds from the first to the last of its key frames.
+fn simulate(log: &Log<'_>, name: &str, key_frames: usize, steps: usize) -> Result<(Scene, f64)> {
+    let reported: Mutex<Option<[Instant; 2]>> = Mutex::new(None);
+    let progress = |_| {
+        if let Ok(mut reported) = reported.lock() {
+            let now = Instant::now();
+            *reported = Some(reported.map_or([now; 2], |[first, _]| [first, now]));
+        }
     };
-    stage::simulated(bench.source, options)
+    let options = SceneOptions { progress: Some(&progress), ..options(log, key_frames, steps) };
+    let scene = scenes::load(name, None, &options)?;
+    let time = reported.into_inner().ok().flatten();
+    let time_ms = time.map_or(0.0, |[first, last]| 1e3 * (last - first).as_secs_f64());
+    Ok((scene, time_ms))
 }
 
-/// The time step: what the simulation should keep and does not.
-pub(super) fn substeps(bench: &mut Bench<'_>) -> Result<()> {
-    let Some(info) = simulated(bench.source) else { return Ok(()) };
-    let settings: Vec<_> = bench.effort.substeps.iter().map(|&n| Some(n)).chain([None]).collect();
-    for (i, &substeps) in settings.iter().enumerate() {
+fn options(log: &Log<'_>, key_frames: usize, steps: usize) -> SceneOptions<'static> {
+    SceneOptions {
+        seed: log.effort.seed,
+        key_frames: Some(key_frames),
+        substeps: Some(steps),
+        detail: Some(log.effort.detail),
+        ..SceneOptions::default()
+    }
+}
+
+/// What moves, at key frame `key` of `key_frames`.
+fn moved(animation: &dyn Animation, key: usize, key_frames: usize) -> Vec<Vec3> {
+    let mut positions = animation.rest();
+    animation.pose(animation.duration() * key as f64 / (key_frames - 1) as f64, &mut positions);
+    let parts = animation.topology().parts.iter().filter(|part| !part.motion.is_still());
+    let vertices = parts.flat_map(|part| part.vertices.start as usize..part.vertices.end as usize);
+    vertices.map(|v| positions[v]).collect()
+}
+
+/// Root mean square of the distances, as a fraction of the extent of `b`.
+fn apart(a: &[Vec3], b: &[Vec3]) -> f64 {
+    let sum: f64 = a.iter().zip(b).map(|(p, q)| p.as_dvec3().distance_squared(q.as_dvec3())).sum();
+    let (low, high) = b.iter().fold((Vec3::MAX, Vec3::MIN), |(low, high), &p| (low.min(p), high.max(p)));
+    (sum / b.len().max(1) as f64).sqrt() / f64::from(low.distance(high))
+}
+
+/// The time step of both simulations, against a step many times finer; and what they should keep.
+pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
+    for (i, Simulated { name, own, finest }) in SIMULATED.into_iter().enumerate() {
         if interrupt::requested() {
             break;
         }
-        let (scene, time_ms) = simulate(bench, info.frames, substeps)?;
-        for measure in &scene.measures {
-            let name = measure.name.split(", a ").collect::<Vec<_>>();
-            bench.add(Point {
-                knob: "simulation substeps".to_owned(),
-                setting: substeps.map_or("the scene's own".to_owned(), |n| format!("{n} substeps")),
-                is_default: substeps.is_none(),
-                error_name: name[0].to_owned(),
-                error: measure.value,
-                unit: name.get(1).map_or("fraction", |unit| unit).to_owned(),
-                time_ms,
-                note: format!("time of simulating a loop, at {}", detail(bench, info)),
-                ..Point::default()
-            })?;
+        let (keys, finer) = (info(name)?.frames, log.effort.finer.min(finest));
+        // It takes long, and its time counts for nothing.
+        let cached =
+            SceneOptions { cache_dir: Some(files::scene_cache()), ..options(log, keys, own * finer) };
+        let converged = scenes::load(name, None, &cached)?.animation;
+        let moments = COMPARED.into_iter().chain([keys - 1]);
+        let exact: Vec<_> = moments.map(|key| (key, moved(&*converged, key, keys))).collect();
+        let finest = log.effort.finer.min(finest) as f64;
+        for &multiple in log.effort.steps.iter().filter(|&&multiple| multiple < 0.5 * finest) {
+            let steps = (multiple * own as f64).round().max(1.0) as usize;
+            let (scene, time_ms) = simulate(log, name, keys, steps)?;
+            let setting = format!("{steps} steps a key frame");
+            let point = |condition: &str| {
+                let note = format!(
+                    "time of simulating a loop, with the cloth at {} of its triangles",
+                    log.effort.detail
+                );
+                let knob = format!("{name} step{condition}");
+                Point { note, ..Point::new(knob, setting.clone(), steps == own, time_ms) }
+            };
+            let mut points = Vec::new();
+            for (key, exact) in &exact {
+                let error = apart(&moved(&*scene.animation, *key, keys), exact);
+                let name = format!("rms distance to steps {finer} times finer");
+                points.push(point(&format!(" at key frame {key}")).with(&name, error, "of the extent"));
+            }
+            for measure in &scene.measures {
+                points.push(point("").with(&measure.name, measure.value, "fraction"));
+            }
+            points.into_iter().try_for_each(|point| log.add(point))?;
         }
-        bench.done(i + 1, settings.len());
+        log.done(i + 1, SIMULATED.len());
     }
     Ok(())
 }
 
-/// How much of the scene is simulated.
-fn detail(bench: &Bench<'_>, info: &SceneInfo) -> String {
-    if info.name == "n-body" || bench.effort.detail == 1.0 {
-        return "full detail".to_owned();
-    }
-    format!("{} % of the triangles", 100.0 * bench.effort.detail)
-}
-
-/// The distance to the same simulation with many more key frames.
-pub(super) fn key_frames(bench: &mut Bench<'_>) -> Result<()> {
-    let Some(info) = simulated(bench.source) else { return Ok(()) };
-    let own = info.frames - 1;
-    let [multiple, steps] = bench.effort.fine;
-    let finest = own * multiple;
-    let (fine, _) = simulate(bench, finest + 1, Some(steps))?;
-    let settings = spaces(own, finest, bench.effort.spaces);
-    for (i, &spaces) in settings.iter().enumerate() {
-        if interrupt::requested() {
-            break;
-        }
-        let (scene, _) = simulate(bench, spaces + 1, Some(steps * finest / spaces))?;
-        let Some(distance) = distance(&*scene.animation, &*fine.animation, bench.effort.moments) else {
-            return Ok(());
-        };
-        let mut pose = Pose::new(&*scene.animation);
-        let duration = scene.animation.duration();
-        let mut moment = 0.0;
-        let time_ms = fastest(10 * bench.effort.repeats, || {
-            moment = (moment + 0.377) % 1.0;
-            pose.advance(&*scene.animation, moment * duration);
-        });
-        for (error_name, error) in [
-            ("rms distance to the finely sampled motion", distance.rms),
-            ("greatest distance to the finely sampled motion", distance.max),
-        ] {
-            bench.add(Point {
-                knob: "key frames".to_owned(),
-                setting: format!("{} a loop", spaces + 1),
-                is_default: spaces == own,
-                error_name: error_name.to_owned(),
-                error,
-                unit: "fraction of the extent".to_owned(),
+/// The distance to the same simulation with many more key frames, all with the same steps.
+pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
+    let [multiple, steps] = log.effort.fine;
+    for (i, Simulated { name, .. }) in SIMULATED.into_iter().enumerate() {
+        let own = info(name)?.frames - 1;
+        let finest = own * multiple;
+        let (fine, _) = simulate(log, name, finest + 1, steps)?;
+        for spaces in spaces(own, finest, log.effort.spaces) {
+            if interrupt::requested() {
+                return Ok(());
+            }
+            let (scene, _) = simulate(log, name, spaces + 1, steps * finest / spaces)?;
+            let far = distance(&*scene.animation, &*fine.animation, log.effort.moments)
+                .context("other vertices")?;
+            let mut pose = Pose::new(&*scene.animation);
+            let duration = scene.animation.duration();
+            let mut moment = 0.0;
+            let time_ms = fastest(10 * log.effort.repeats, || {
+                moment = (moment + 0.377) % 1.0;
+                pose.advance(&*scene.animation, moment * duration);
+            });
+            let note = format!(
+                "time of posing a frame; against {} key frames of the same {} steps",
+                finest + 1,
+                finest * steps
+            );
+            let point = Point::new(
+                format!("key frames at {name}"),
+                format!("{spaces} a loop"),
+                spaces == own,
                 time_ms,
-                note: format!(
-                    "time of posing a frame; against {} key frames, {} simulation steps in all, at {}",
-                    finest + 1,
-                    finest * steps,
-                    detail(bench, info)
-                ),
-                bytes: Some(scene.key_bytes as u64),
-                ..Point::default()
-            })?;
+            );
+            let point = Point { note, bytes: Some(scene.key_bytes as u64), ..point };
+            log.add(point.with("rms distance to the finely sampled motion", far.rms, "of the extent"))?;
+            log.add(point.with("greatest distance to the finely sampled motion", far.max, "of the extent"))?;
         }
-        bench.done(i + 1, settings.len());
+        log.done(i + 1, SIMULATED.len());
     }
     Ok(())
 }
@@ -139,6 +186,23 @@ mod tests {
         for own in [93, 99, 119] {
             let all = spaces(own, 8 * own, &[0.125, 0.5, 1.0]);
             assert!(all.contains(&own) && all.iter().all(|n| (8 * own) % n == 0), "{all:?}");
+        }
+    }
+
+    #[test]
+    fn the_default_step_is_the_scenes_own() {
+        for Simulated { name, own, .. } in SIMULATED {
+            let with = |substeps| {
+                let options = SceneOptions {
+                    key_frames: Some(3),
+                    detail: Some(0.01),
+                    substeps,
+                    ..SceneOptions::default()
+                };
+                moved(&*scenes::load(name, None, &options).unwrap().animation, 2, 3)
+            };
+            assert_eq!(with(None), with(Some(own)), "{name}");
+            assert!(apart(&with(Some(own / 2)), &with(None)) > 0.0);
         }
     }
 }

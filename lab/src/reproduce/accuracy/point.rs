@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 /// One error of one setting. The names and the order of the columns are relied on by scripts.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Point {
+    /// Empty for knobs with input of their own.
     pub(crate) scene: String,
     /// The knob, and after "at" the condition, where there are several.
     pub(crate) knob: String,
@@ -21,4 +22,21 @@ pub(crate) struct Point {
     /// The factor within which errors are equal, where they are times: by so much the reference
     /// differs from itself.
     pub(crate) noise: Option<f64>,
+}
+
+impl Point {
+    /// A setting of a knob and its time, without an error yet.
+    pub(super) fn new(
+        knob: impl Into<String>,
+        setting: impl Into<String>,
+        is_default: bool,
+        time_ms: f64,
+    ) -> Self {
+        Self { knob: knob.into(), setting: setting.into(), is_default, time_ms, ..Self::default() }
+    }
+
+    /// The same setting with this error.
+    pub(super) fn with(&self, error_name: &str, error: f64, unit: &str) -> Self {
+        Self { error_name: error_name.to_owned(), error, unit: unit.to_owned(), ..self.clone() }
+    }
 }

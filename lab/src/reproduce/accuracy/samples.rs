@@ -1,107 +1,309 @@
-//! Samples per pixel of the effects that are computed at random.
+//! Samples per pixel against closed forms: a white furnace, a lit floor beside a wall, the shadow of
+//! a sphere. None of the three references shares code with the renderer.
+//!
+//! Several seeds tell bias (the error of their mean) from noise (their standard deviation).
 
+use std::f64::consts::{PI, TAU};
 use std::time::Instant;
 
-use anyhow::Result;
-use bvh_core::Bvh;
-use rt_cpu::{Bvh8, Image, RenderOptions, render_with};
-use scenes::LightEffects;
+use anyhow::{Context, Result};
+use bvh_build::{Builder, build};
+use bvh_core::glam::DVec3;
+use bvh_core::{Triangles, Vec3};
+use rt_cpu::{
+    AmbientOcclusion, Camera, DiffuseBounces, Effects, Image, Material, Mesh, PointLight, RenderOptions,
+    render,
+};
 
-use super::bench::Bench;
+use super::bench::Log;
 use super::point::Point;
 use crate::interrupt;
 use crate::render::default_samples;
 use crate::stage::ms;
+use scenes::LightEffects;
 
-/// The error of the mean of 1, 2, 4 ... samples against the mean of many more, of another seed.
-pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
-    let own = bench.stage.scene.effects.light;
-    let effects = [
-        ("ambient occlusion", LightEffects { ambient_occlusion: true, diffuse_bounces: false, ..own }),
-        ("diffuse bounces", LightEffects { ambient_occlusion: false, diffuse_bounces: true, ..own }),
-    ];
-    bench.pose_in_the_middle();
-    bench.stage.smooth();
-    let tree = bench.sweep()?;
-    let mut wide = Bvh8::new();
-    wide.update(&tree, &bench.stage.triangles());
-    let counts = bench.effort.samples;
-    let total: usize = counts.iter().map(|(most, reference)| most + reference).sum();
-    let mut done = 0;
-    for ((effect, light), (most, many)) in effects.into_iter().zip(counts) {
-        let seed = bench.effort.seed;
-        let mut converged = Mean::new(bench, &light, seed + 1);
-        while converged.count < many && !interrupt::requested() {
-            converged.add_sample(bench, &tree, &wide);
-            done += 1;
-            bench.done(done, total);
+/// A picture whose every pixel is known.
+struct Case {
+    name: &'static str,
+    positions: Vec<Vec3>,
+    triangles: Vec<[u32; 3]>,
+    camera: Camera,
+    light: Option<PointLight>,
+    effects: Effects,
+    /// Samples of a pixel if none are asked for.
+    default: u32,
+    /// The colour in a direction from the eye.
+    exact: fn(DVec3, DVec3) -> f64,
+    /// Places on a side of each pixel over which `exact` is averaged.
+    places: u32,
+}
+
+/// Light from everywhere on ground that faces up, as the renderer documents it.
+const AMBIENT: f64 = 0.18;
+/// Height of the wall beside the lit floor, which stands at x = 0.
+const WALL: f64 = 1.0;
+const SUN: DVec3 = DVec3::new(3.0, 5.0, 0.5);
+const BALL: DVec3 = DVec3::new(0.0, 1.2, 0.0);
+const RADIUS: f64 = 0.5;
+const LAMP: DVec3 = DVec3::new(0.4, 4.0, 0.3);
+
+/// Where a ray from above meets the ground.
+fn on_ground(eye: DVec3, direction: DVec3) -> DVec3 {
+    eye - direction * (eye.y / direction.y)
+}
+
+/// Lambert's law on white ground.
+fn lambert(point: DVec3, light: DVec3) -> f64 {
+    (light - point).normalize().y
+}
+
+/// The sky that an endless wall of height h hides at distance d is (1 - 1 / sqrt(1 + (h / d)^2)) / 2:
+/// the view factor of an edge.
+fn beside_the_wall(eye: DVec3, direction: DVec3) -> f64 {
+    let point = on_ground(eye, direction);
+    let hidden = 0.5 * (1.0 - 1.0 / (1.0 + (WALL / point.x).powi(2)).sqrt());
+    AMBIENT * (1.0 - hidden) + lambert(point, SUN)
+}
+
+/// The ground is dark where the way to the lamp passes through the ball.
+fn below_the_ball(eye: DVec3, direction: DVec3) -> f64 {
+    let point = on_ground(eye, direction);
+    let way = (LAMP - point).normalize();
+    let nearest = (BALL - point).cross(way).length();
+    AMBIENT + if nearest < RADIUS { 0.0 } else { lambert(point, LAMP) }
+}
+
+/// Two triangles between four corners.
+fn quad(case: &mut Case, corners: [[f32; 3]; 4]) {
+    let n = case.positions.len() as u32;
+    case.positions.extend(corners.map(Vec3::from));
+    case.triangles.extend([[n, n + 1, n + 2], [n, n + 2, n + 3]]);
+}
+
+fn ground(case: &mut Case) {
+    quad(case, [[-50.0, 0.0, -50.0], [-50.0, 0.0, 50.0], [50.0, 0.0, 50.0], [50.0, 0.0, -50.0]]);
+}
+
+/// Five white walls, open to a white sky: everything is white, however often light bounces.
+fn furnace(size: u32) -> Case {
+    let light = LightEffects { diffuse_bounces: true, ..LightEffects::NONE };
+    let mut case = Case {
+        name: "white furnace",
+        positions: Vec::new(),
+        triangles: Vec::new(),
+        camera: Camera::look_at(Vec3::new(0.5, 1.2, 0.5), Vec3::new(0.5, 0.0, 0.5), Vec3::Z, 0.7, size, size),
+        light: None,
+        effects: Effects {
+            // As many bounces as `stage` follows.
+            diffuse_bounces: Some(DiffuseBounces { most: 16, sky: [1.0; 3] }),
+            ..Effects::default()
+        },
+        default: default_samples(&light),
+        exact: |_, _| 1.0,
+        places: 1,
+    };
+    let [a, b, c, d] = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+    let at = |[x, z]: [f32; 2], y: f32| [x, y, z];
+    quad(&mut case, [at(a, 0.0), at(b, 0.0), at(c, 0.0), at(d, 0.0)]);
+    for (from, to) in [(a, b), (b, c), (c, d), (d, a)] {
+        quad(&mut case, [at(from, 0.0), at(to, 0.0), at(to, 1.0), at(from, 1.0)]);
+    }
+    case
+}
+
+fn lit_floor(size: u32) -> Case {
+    let light = LightEffects { ambient_occlusion: true, ..LightEffects::NONE };
+    let mut case = Case {
+        name: "lit floor beside a wall",
+        camera: Camera::look_at(Vec3::new(0.8, 2.0, 0.0), Vec3::new(0.8, 0.0, 0.0), Vec3::Z, 0.6, size, size),
+        light: Some(PointLight { position: SUN.as_vec3(), color: [1.0; 3] }),
+        effects: Effects {
+            ambient_occlusion: Some(AmbientOcclusion { samples: 16, distance: f32::INFINITY }),
+            ..Effects::default()
+        },
+        default: default_samples(&light),
+        exact: beside_the_wall,
+        places: 4,
+        ..furnace(size)
+    };
+    (case.positions, case.triangles) = (Vec::new(), Vec::new());
+    ground(&mut case);
+    let top = WALL as f32;
+    quad(&mut case, [[0.0, 0.0, -50.0], [0.0, 0.0, 50.0], [0.0, top, 50.0], [0.0, top, -50.0]]);
+    case
+}
+
+fn shadow(size: u32) -> Case {
+    let mut case = Case {
+        name: "shadow of a sphere",
+        // Below the sphere, which is out of the picture.
+        camera: Camera::look_at(
+            Vec3::new(0.0, 0.65, 2.2),
+            Vec3::new(-0.15, 0.0, -0.1),
+            Vec3::Y,
+            0.45,
+            size,
+            size,
+        ),
+        light: Some(PointLight { position: LAMP.as_vec3(), color: [1.0; 3] }),
+        effects: Effects::default(),
+        default: 1,
+        exact: below_the_ball,
+        places: 64,
+        ..lit_floor(size)
+    };
+    (case.positions, case.triangles) = (Vec::new(), Vec::new());
+    ground(&mut case);
+    ball(&mut case, 96);
+    case
+}
+
+/// A sphere of `rings` times twice as many quads.
+fn ball(case: &mut Case, rings: u32) {
+    let (first, around) = (case.positions.len() as u32, 2 * rings);
+    for ring in 0..=rings {
+        for i in 0..around {
+            let (polar, angle) =
+                (PI * f64::from(ring) / f64::from(rings), TAU * f64::from(i) / f64::from(around));
+            let way = DVec3::new(polar.sin() * angle.cos(), polar.cos(), polar.sin() * angle.sin());
+            case.positions.push((BALL + RADIUS * way).as_vec3());
         }
-        if converged.count < many {
-            break;
+    }
+    for ring in 0..rings {
+        for i in 0..around {
+            let at = |r: u32, j: u32| first + (ring + r) * around + (i + j) % around;
+            case.triangles.extend([[at(0, 0), at(0, 1), at(1, 0)], [at(0, 1), at(1, 1), at(1, 0)]]);
         }
-        let mut mean = Mean::new(bench, &light, seed);
-        while mean.count < most && !interrupt::requested() {
-            mean.add_sample(bench, &tree, &wide);
-            done += 1;
-            bench.done(done, total);
-            if !mean.count.is_power_of_two() {
-                continue;
+    }
+}
+
+impl Case {
+    /// The mean of the closed form over each pixel.
+    fn expected(&self) -> Vec<f64> {
+        let [corner, right, down] = self.camera.image_plane().map(Vec3::as_dvec3);
+        let (eye, places) = (self.camera.eye().as_dvec3(), self.places);
+        let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(places);
+        let pixels = (0..self.camera.height()).flat_map(|y| (0..self.camera.width()).map(move |x| (x, y)));
+        let value = |(x, y): (u32, u32)| {
+            let all = (0..places).flat_map(|j| (0..places).map(move |i| (i, j)));
+            let sum: f64 = all
+                .map(|(i, j)| {
+                    let (x, y) = (f64::from(x) + middle(i), f64::from(y) + middle(j));
+                    (self.exact)(eye, corner + x * right + y * down)
+                })
+                .sum();
+            sum / f64::from(places * places)
+        };
+        pixels.map(value).collect()
+    }
+
+    /// Means of 1, 4, 16 ... samples, each with the milliseconds so far.
+    fn means(&self, tree: &bvh_core::Bvh, most: usize, seed: u64) -> Vec<(Vec<f64>, f64)> {
+        let white = [Material { color: [1.0; 3], ..Material::DEFAULT }];
+        let triangles = Triangles { positions: &self.positions, indices: &self.triangles };
+        let material_of = vec![0; self.triangles.len()];
+        let mesh = Mesh { materials: &white, material_of: &material_of, ..Mesh::new(triangles) };
+        let (width, height) = (self.camera.width(), self.camera.height());
+        let (mut sum, mut image) = (Image::new(width, height), Image::new(width, height));
+        let (mut means, mut time_ms) = (Vec::new(), 0.0);
+        for sample in 0..most as u32 {
+            let options = RenderOptions { effects: self.effects, seed, sample, ..RenderOptions::default() };
+            let start = Instant::now();
+            render(tree, &mesh, &self.camera, self.light.as_ref(), &options, &mut image);
+            time_ms += ms(start);
+            sum.add(&image);
+            let count = sample + 1;
+            if count.is_power_of_two() && count.trailing_zeros().is_multiple_of(2) {
+                let mean = sum.pixels().iter().map(|pixel| f64::from(pixel[0]) / f64::from(count));
+                means.push((mean.collect(), time_ms));
             }
-            let size = bench.effort.noise_size;
-            bench.add(Point {
-                knob: format!("samples of {effect}"),
-                setting: format!("{} a pixel", mean.count),
-                is_default: mean.count == default_samples(&light) as usize,
-                error_name: "rms image error".to_owned(),
-                error: root_mean_square(&mean, &converged),
-                unit: "linear colour".to_owned(),
-                time_ms: mean.time_ms,
-                note: format!(
-                    "time of {size} x {size} pixels; against {many} samples a pixel of another seed"
-                ),
-                ..Point::default()
-            })?;
+        }
+        means
+    }
+}
+
+/// Bias and noise of pixels, each over several seeds: root mean squares over the pixels. What noise
+/// the mean over the seeds still has is taken off the bias.
+fn bias_and_noise(of_seeds: &[&[f64]], expected: &[f64]) -> [f64; 2] {
+    let (seeds, pixels) = (of_seeds.len() as f64, expected.len() as f64);
+    let (mut bias, mut variance) = (0.0, 0.0);
+    for (i, expected) in expected.iter().enumerate() {
+        let mean = of_seeds.iter().map(|pixels| pixels[i]).sum::<f64>() / seeds;
+        let squares: f64 = of_seeds.iter().map(|pixels| (pixels[i] - mean).powi(2)).sum();
+        let of_pixel = squares / (seeds - 1.0).max(1.0);
+        bias += (mean - expected).powi(2) - of_pixel / seeds;
+        variance += of_pixel;
+    }
+    [(bias / pixels).max(0.0).sqrt(), (variance / pixels).sqrt()]
+}
+
+/// All three cases.
+pub(super) fn measure(log: &mut Log<'_>) -> Result<()> {
+    let size = log.effort.noise_size;
+    for (i, case) in [furnace(size), lit_floor(size), shadow(size)].iter().enumerate() {
+        let triangles = Triangles { positions: &case.positions, indices: &case.triangles };
+        let tree = build(&triangles, Builder::Sweep).context("no tree")?;
+        let expected = case.expected();
+        let mut of_seeds = Vec::new();
+        for seed in 0..log.effort.seeds {
+            if interrupt::requested() {
+                return Ok(());
+            }
+            of_seeds.push(case.means(&tree, log.effort.samples, log.effort.seed + seed));
+            log.done(i * log.effort.seeds as usize + seed as usize, 3 * log.effort.seeds as usize);
+        }
+        for level in 0..of_seeds[0].len() {
+            let samples = 1_u32 << (2 * level);
+            let means: Vec<&[f64]> = of_seeds.iter().map(|means| means[level].0.as_slice()).collect();
+            let time_ms = of_seeds.iter().map(|means| means[level].1).fold(f64::INFINITY, f64::min);
+            let [bias, noise] = bias_and_noise(&means, &expected);
+            let (knob, setting) = (format!("samples a pixel at {}", case.name), format!("{samples} a pixel"));
+            let point = Point::new(knob, setting, samples == case.default, time_ms);
+            let note = format!("time of {size} x {size} pixels; {} seeds", means.len());
+            let point = Point { note, ..point };
+            log.add(point.with("bias, rms over pixels", bias, "linear colour"))?;
+            log.add(point.with("standard deviation, rms over pixels", noise, "linear colour"))?;
         }
     }
     Ok(())
 }
 
-/// The mean of samples taken so far, as their sum.
-struct Mean {
-    options: RenderOptions,
-    sum: Image,
-    sample: Image,
-    count: usize,
-    time_ms: f64,
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-impl Mean {
-    fn new(bench: &Bench<'_>, light: &LightEffects, seed: u64) -> Self {
-        let size = bench.effort.noise_size;
-        let options = RenderOptions { seed, ..bench.stage.options_with(light) };
-        Self { options, sum: Image::new(size, size), sample: Image::new(size, size), count: 0, time_ms: 0.0 }
+    #[test]
+    fn bias_is_told_from_noise() {
+        let [bias, noise] = bias_and_noise(&[&[1.0, 5.0], &[3.0, 7.0]], &[2.0, 6.0]);
+        assert!(bias == 0.0 && (noise - 2f64.sqrt()).abs() < 1e-12);
+        assert_eq!(bias_and_noise(&[&[1.5], &[1.5]], &[1.0]), [0.5, 0.0]);
     }
 
-    fn add_sample(&mut self, bench: &Bench<'_>, tree: &Bvh, wide: &Bvh8) {
-        let stage = &*bench.stage;
-        let (mesh, light) = (stage.mesh(), stage.light());
-        let camera = stage.camera(self.sum.width(), self.sum.height());
-        self.options.sample = self.count as u32;
-        let start = Instant::now();
-        render_with(tree, wide, &mesh, &camera, Some(&light), &self.options, &mut self.sample);
-        self.sum.add(&self.sample);
-        self.time_ms += ms(start);
-        self.count += 1;
+    #[test]
+    fn the_shadow_is_in_the_picture_and_the_ball_is_not() {
+        let case = shadow(32);
+        let values = case.expected();
+        let dark = values.iter().filter(|&&v| v < AMBIENT + 1e-9).count();
+        assert!((50..700).contains(&dark), "{dark} dark pixels");
+        let away = |x: u32, y: u32| {
+            let (eye, way) = (case.camera.eye().as_dvec3(), case.camera.ray(x, y).direction().as_dvec3());
+            (BALL - eye).cross(way.normalize()).length() > RADIUS
+        };
+        assert!((0..32).all(|x| (0..32).all(|y| away(x, y))));
     }
-}
 
-/// Over all pixels and channels.
-fn root_mean_square(a: &Mean, b: &Mean) -> f64 {
-    let channels = |mean: &Mean| {
-        let count = mean.count as f64;
-        mean.sum.pixels().iter().flatten().map(move |&c| f64::from(c) / count).collect::<Vec<_>>()
-    };
-    let (a, b) = (channels(a), channels(b));
-    let sum: f64 = a.iter().zip(&b).map(|(a, b)| (a - b) * (a - b)).sum();
-    (sum / a.len().max(1) as f64).sqrt()
+    #[test]
+    fn pictures_converge_to_the_closed_forms() {
+        let mut endless = furnace(8);
+        // What later bounces would bring is what the furnace lacks.
+        endless.effects.diffuse_bounces = Some(DiffuseBounces { most: u32::MAX, sky: [1.0; 3] });
+        for case in [endless, lit_floor(8), shadow(8)] {
+            let triangles = Triangles { positions: &case.positions, indices: &case.triangles };
+            let tree = build(&triangles, Builder::Sweep).unwrap();
+            let runs: Vec<_> = (0..4).map(|seed| case.means(&tree, 64, seed).pop().unwrap().0).collect();
+            let [bias, noise] =
+                bias_and_noise(&runs.iter().map(Vec::as_slice).collect::<Vec<_>>(), &case.expected());
+            assert!(bias < 0.02 && noise < 0.1, "{}: {bias} {noise}", case.name);
+        }
+    }
 }

@@ -7,13 +7,10 @@ use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
 use bvh_core::Bvh;
 use bvh_update::{Rotate, Strategy, Updater};
 
-use super::bench::{Bench, Over, fastest, noise};
+use super::bench::{Bench, Over, fastest, tree_points};
 use super::point::Point;
 use crate::interrupt;
 use crate::stage::ms;
-
-/// The errors of a tree.
-const ERRORS: [&str; 2] = ["SAH cost over a fresh sweep build", "trace time over a fresh sweep build"];
 
 /// A strategy at work.
 struct Entrant {
@@ -23,6 +20,7 @@ struct Entrant {
     updater: Updater,
     updates: usize,
     update_ms: f64,
+    height: u32,
     /// Sums of the errors over the frames compared.
     errors: [f64; 2],
 }
@@ -31,6 +29,9 @@ struct Entrant {
 /// Each updates its tree frame by frame through a loop; on some frames the trees are compared with
 /// a fresh one.
 pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
+    if !bench.moves() {
+        return Ok(());
+    }
     let strategies = Strategy::all().into_iter().filter(|strategy| match strategy {
         // Trees that arrive from the background depend on what else the machine does.
         Strategy::Background(_) => false,
@@ -52,13 +53,15 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
             updater: Updater::default(),
             updates: 0,
             update_ms: 0.0,
+            height: 0,
             errors: [0.0; 2],
         })
         .collect();
     for entrant in &mut entrants {
         entrant.warm_up(bench)?;
     }
-    let (frames, played, wanted) = (bench.effort.frames, bench.effort.played, bench.effort.compared);
+    let (frames, played, wanted) =
+        (bench.log.effort.frames, bench.log.effort.played, bench.log.effort.compared);
     let mut compared = 0;
     let mut selves: Vec<f64> = Vec::new();
     // On the first frame all trees are fresh.
@@ -82,7 +85,7 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
                 compared += 1;
             }
         }
-        bench.done(frame, played - 1);
+        bench.log.done(frame, played - 1);
         if interrupt::requested() {
             break;
         }
@@ -97,28 +100,17 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
     };
     for entrant in entrants {
         let is_default = entrant.strategy == Strategy::RefitRotate(Rotate::default());
-        for ((error_name, error), noise) in ERRORS.into_iter().zip(entrant.errors).zip(noises(&selves)) {
-            bench.add(Point {
-                knob: "update strategy".to_owned(),
-                setting: entrant.name.clone(),
-                is_default,
-                error_name: error_name.to_owned(),
-                error: error / f64::from(compared),
-                unit: "ratio".to_owned(),
-                time_ms: entrant.update_ms / entrant.updates.max(1) as f64,
-                note: format!("time of an update, mean of {}; error, mean of {frames_seen}", entrant.updates),
-                noise,
-                ..Point::default()
-            })?;
+        let note = format!(
+            "time of an update, mean of {}; errors, mean of {frames_seen}; the tree was at most {} high",
+            entrant.updates, entrant.height
+        );
+        let time_ms = entrant.update_ms / entrant.updates.max(1) as f64;
+        let point = Point { note, ..Point::new("update strategy", entrant.name, is_default, time_ms) };
+        for point in tree_points(&point, entrant.errors.map(|sum| sum / f64::from(compared)), &selves) {
+            bench.log.add(point)?;
         }
     }
     Ok(())
-}
-
-/// That of each of the [`ERRORS`]: SAH costs have none.
-fn noises(selves: &[f64]) -> [Option<f64>; 2] {
-    // Digits that say something.
-    [None, Some((noise(selves) * 1e3).round() / 1e3)]
 }
 
 impl Entrant {
@@ -138,18 +130,16 @@ impl Entrant {
     fn update(&mut self, bench: &Bench<'_>) -> Result<()> {
         let triangles = bench.stage.triangles();
         let start = Instant::now();
-        self.updater
-            .set_strategy(self.strategy)
-            .update(&mut self.tree, &triangles)
-            .with_context(|| format!("{} failed", self.name))?;
+        let done = self.updater.set_strategy(self.strategy).update(&mut self.tree, &triangles);
         self.update_ms += ms(start);
+        self.height = self.height.max(done.with_context(|| format!("{} failed", self.name))?.height);
         self.updates += 1;
         Ok(())
     }
 }
 
-/// All builders, the binned one with 4 to 256 bins and the clustering one with radii of 1 to 32,
-/// and annealing for more or less long, in the middle of the loop.
+/// All builders, the binned one with 4 to 256 bins, the clustering one with radii of 1 to 32, the
+/// sweep with leaves of up to 8, and annealing for more or less long, in the middle of the loop.
 pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
     let default = BuildOptions::default();
     let of = |builder, options, name: String, is_default| (builder, options, name, is_default);
@@ -165,12 +155,16 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
         .into_iter()
         .filter(|b| ![Builder::Binned, Builder::BinnedParallel, Builder::Ploc, Builder::Annealed].contains(b))
         .map(|builder| of(builder, default, builder.name().to_owned(), false));
-    let annealed = bench.effort.anneal_passes.iter().map(|&passes| {
+    let annealed = bench.log.effort.anneal_passes.iter().map(|&passes| {
         let options = default.with_anneal(default.anneal.with_passes(passes));
         let is_default = passes == default.anneal.passes;
         of(Builder::Annealed, options, format!("annealed {passes} passes"), is_default)
     });
-    let settings: Vec<_> = bins.into_iter().chain(radii).chain(others).chain(annealed).collect();
+    let leaves = [2, 4, 8].map(|size| {
+        of(Builder::Sweep, default.with_max_leaf_size(size), format!("sweep, leaves of up to {size}"), false)
+    });
+    let settings: Vec<_> =
+        bins.into_iter().chain(radii).chain(others).chain(leaves).chain(annealed).collect();
 
     bench.pose_in_the_middle();
     let sweep = bench.sweep()?;
@@ -182,32 +176,23 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
         let mut tree = Bvh::default();
         let mut scratch = BuildScratch::new();
         let mut result = Ok(());
-        let time_ms = fastest(bench.effort.repeats, || {
+        let time_ms = fastest(bench.log.effort.repeats, || {
             result = rebuild(&mut tree, &bench.stage.triangles(), *builder, options, &mut scratch);
         });
         result.with_context(|| format!("{setting}: no tree"))?;
         built.push((tree, time_ms));
-        bench.done(i + 1, settings.len());
+        bench.log.done(i + 1, settings.len());
     }
     let trees: Vec<&Bvh> = built.iter().map(|(tree, _)| tree).collect();
     let Some(Over { errors, selves }) = bench.over(&sweep, &trees) else { return Ok(()) };
     for (((_, _, setting, is_default), (_, time_ms)), errors) in settings.iter().zip(&built).zip(errors) {
-        for ((error_name, error), noise) in ERRORS.into_iter().zip(errors).zip(noises(&selves)) {
-            bench.add(Point {
-                knob: "builder".to_owned(),
-                setting: setting.clone(),
-                is_default: *is_default,
-                error_name: error_name.to_owned(),
-                error,
-                unit: "ratio".to_owned(),
-                time_ms: *time_ms,
-                note: format!(
-                    "time of a build, fastest of at most {}; error in the middle of the loop",
-                    bench.effort.repeats
-                ),
-                noise,
-                ..Point::default()
-            })?;
+        let note = format!(
+            "time of a build, fastest of at most {}; errors in the middle of the loop",
+            bench.log.effort.repeats
+        );
+        let point = Point { note, ..Point::new("builder", setting.as_str(), *is_default, *time_ms) };
+        for point in tree_points(&point, errors, &selves) {
+            bench.log.add(point)?;
         }
     }
     Ok(())

@@ -42,7 +42,7 @@ pub(crate) fn results(scenes: Vec<SceneRun>) -> Results {
     let strategies = labels.collect::<std::collections::BTreeSet<_>>().into_iter().collect();
     let settings = Settings { preset: "quick".to_owned(), strategies, threads: 2, ..Settings::default() };
     let (machine, revision) = (Machine::read(), Revision::read());
-    Results { machine, revision, settings, scenes, interrupted: false }
+    Results { machine, revision, settings, scenes, accuracy: Vec::new(), interrupted: false }
 }
 
 fn claim(results: &Results, words: &str) -> Claim {

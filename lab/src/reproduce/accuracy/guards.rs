@@ -1,0 +1,133 @@
+//! The guard against vertices that are not finite: what it costs a refit, and what a few such
+//! vertices do to a picture without it.
+//!
+//! The guard is the *validity* that primitives report to the kernels of an update
+//! (`Primitives::aabb_lanes`). [`Unguarded`] triangles report a constant, so the compiler removes
+//! the guard from the same kernels.
+
+use std::time::Instant;
+
+use anyhow::{Context, Result, ensure};
+use bvh_build::{Builder, build};
+use bvh_core::glam::Vec4;
+use bvh_core::{Aabb, Bvh, Primitives, Triangles, Vec3};
+use bvh_update::{Rotate, Strategy, Updater};
+
+use super::bench::{Bench, differing, in_turns};
+use super::point::Point;
+use crate::stage::ms;
+
+/// Triangles whose boxes are never checked.
+struct Unguarded<'a>(Triangles<'a>);
+
+impl Primitives for Unguarded<'_> {
+    #[inline]
+    fn len(&self) -> usize {
+        self.0.indices.len()
+    }
+
+    #[inline]
+    fn bounds(&self, i: usize) -> Aabb {
+        let [min, max, _] = self.0.aabb_lanes(i);
+        Aabb::new(min.truncate(), max.truncate())
+    }
+
+    #[inline]
+    fn aabb(&self, i: usize) -> Aabb {
+        self.bounds(i)
+    }
+
+    #[inline(always)]
+    fn aabb_lanes(&self, i: usize) -> [Vec4; 3] {
+        let [min, max, _] = self.0.aabb_lanes(i);
+        [min, max, Vec4::ZERO]
+    }
+
+    #[inline]
+    fn prefetch_index(&self, i: usize) {
+        self.0.prefetch_index(i);
+    }
+
+    #[inline]
+    fn prefetch_data(&self, i: usize) {
+        self.0.prefetch_data(i);
+    }
+}
+
+/// One vertex in this many is broken.
+const BROKEN: usize = 1000;
+
+/// A tree that is updated with or without the guard.
+struct Entrant {
+    guarded: bool,
+    tree: Bvh,
+    updater: Updater,
+}
+
+impl Entrant {
+    fn update(&mut self, triangles: Triangles<'_>) -> Result<f64> {
+        let start = Instant::now();
+        let done = if self.guarded {
+            self.updater.update(&mut self.tree, &triangles)
+        } else {
+            self.updater.update(&mut self.tree, &Unguarded(triangles))
+        };
+        done.context("no update")?;
+        Ok(ms(start))
+    }
+}
+
+/// Refits with and without rotations, on sound triangles for the time, on broken ones for the
+/// error.
+pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
+    let last = bench.stage.scene.animation.duration();
+    bench.stage.pose(0.3 * last);
+    if !bench.stage.triangles().positions.iter().all(|p| p.is_finite()) {
+        // Broken already: the time would be that of the careful fit.
+        return Ok(());
+    }
+    for strategy in [Strategy::Refit, Strategy::RefitRotate(Rotate::default())] {
+        bench.stage.pose(0.0);
+        let mut tree = bench.stage.first_tree.clone();
+        tree.set_dynamic(|_| true);
+        let mut entrants = [true, false].map(|guarded| Entrant {
+            guarded,
+            tree: tree.clone(),
+            updater: Updater::new(strategy),
+        });
+        // To and fro between two frames, the same for both contestants.
+        let mut turn = 0;
+        let times = in_turns(8 * bench.log.effort.rounds, 2, |which| {
+            bench.stage.pose(last * [0.30, 0.31][turn / 2 % 2]);
+            turn += 1;
+            entrants[which].update(bench.stage.triangles())
+        })?;
+        let [a, b] = &entrants;
+        ensure!(
+            a.tree.fingerprint() == b.tree.fingerprint(),
+            "sound triangles, but the guard changes a tree"
+        );
+
+        let sound = bench.stage.triangles();
+        let mut positions = sound.positions.to_vec();
+        let mut random = fastrand::Rng::with_seed(bench.log.effort.seed);
+        for _ in 0..positions.len().div_ceil(BROKEN) {
+            let vertex = random.usize(0..positions.len());
+            positions[vertex] = Vec3::NAN;
+        }
+        let broken = Triangles { positions: &positions, ..sound };
+        let fresh = build(&broken, Builder::Sweep).context("no tree")?;
+        let expected = bench.see(&fresh, &broken, &bench.flat());
+        for (entrant, time_ms) in entrants.iter_mut().zip(times) {
+            entrant.update(broken)?;
+            let error = differing(&bench.see(&entrant.tree, &broken, &bench.flat()), &expected);
+            let (on, knob) = (entrant.guarded, format!("guards against NaN at {strategy}"));
+            let note = format!(
+                "time of an update, sound; error with one vertex in {BROKEN} NaN, against a fresh tree"
+            );
+            let point = Point { note, ..Point::new(knob, if on { "on" } else { "off" }, on, time_ms) };
+            bench.log.add(point.with("pixels lost to broken triangles", error, "in a million"))?;
+        }
+    }
+    Ok(())
+}
