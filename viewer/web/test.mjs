@@ -30,7 +30,8 @@ const end = code => {
   browser.kill();
   server.close();
   browser.once("exit", () => {
-    rmSync(profile, { recursive: true, force: true, maxRetries: 5, retryDelay: 200 });
+    // Processes of the browser may still write there.
+    try { rmSync(profile, { recursive: true, force: true, maxRetries: 5, retryDelay: 200 }); } catch { /* left in /tmp */ }
     process.exit(code);
   });
 };

@@ -117,15 +117,15 @@ impl State {
         if let Some(fresh) = shown.fresh_cost(shown.frame).filter(|&fresh| fresh > 0.0) {
             title += &format!("  cost {:.2} x fresh", f64::from(sample.cost) / fresh);
         }
-        let coarse = if self.coarse_now > 1 {
-            format!(", 1/{} px", self.coarse_now * self.coarse_now)
+        let coarse = if side.coarse_now > 1 {
+            format!(", 1/{} px", side.coarse_now * side.coarse_now)
         } else {
             String::new()
         };
         let mut lines =
             vec![title, format!("update {:.1} ms, trace {:.1} ms{coarse}", sample.update_ms, side.trace_ms)];
         if self.settings.heat {
-            lines.push(format!("heat: nodes visited, white is {} a pixel", shown.hottest));
+            lines.push(format!("heat: nodes visited, white is {}", shown.hottest));
         }
         if let Some(primitive) = self.picked {
             let path = boxes::path(&side.tree, primitive, &shown.triangle(primitive));
@@ -156,7 +156,7 @@ impl State {
                 let width = track.width * (at + 1) as i32 / count as i32;
                 canvas.fill(Rect { y: row.y + 1, height: LINE - 2, ..track }, GRAY, 0.25);
                 canvas.fill(Rect { y: row.y + 1, height: LINE - 2, width, ..track }, PICKED, 0.4);
-                canvas.fill(Rect { x: track.x + width - 2, width: 3, ..track }, WHITE, 0.9);
+                canvas.fill(Rect { x: track.x + width - 2, width: 3, ..track }, PICKED, 1.0);
                 canvas.text(4, row.y + LINE + 1, &self.price(control), GRAY);
             }
             let value: String = value.chars().take(15).collect();

@@ -16,6 +16,11 @@ pub(crate) const LOG: usize = 6;
 /// Boxes that flash, at most; more hide what they are drawn over.
 const FLASHES: usize = 60;
 
+/// Side of the squares of pixels that are traced as one, at most.
+const COARSEST: u32 = 8;
+/// And in the first picture, of which it is not known how long it takes.
+const COARSE_AT_FIRST: u32 = 4;
+
 /// The strategies to choose from: all but those whose trees depend on time.
 pub(crate) fn strategies() -> Vec<Strategy> {
     Strategy::all().into_iter().filter(|strategy| !strategy.name().ends_with("background")).collect()
@@ -61,6 +66,9 @@ pub(crate) struct Side {
     pub(crate) sum: Image,
     pub(crate) count: u32,
     sample: Image,
+    /// Side of the squares of pixels that are traced as one while something moves, and in the present picture.
+    coarse: u32,
+    pub(crate) coarse_now: u32,
     /// The sum when it had half as many samples, or as many.
     half: Image,
     /// Distance of the picture from the converged one, as the halves of its samples differ: root mean square over its
@@ -84,6 +92,8 @@ impl Side {
             sum: Image::new(0, 0),
             count: 0,
             sample: Image::new(0, 0),
+            coarse: COARSE_AT_FIRST,
+            coarse_now: COARSEST,
             half: Image::new(0, 0),
             noise: None,
             stats: RenderStats::default(),
@@ -117,6 +127,29 @@ impl Side {
         let before = before.filter(|before| before.len() == self.tree.nodes().len() && !self.last.rebuilt);
         self.flashes = before.map(|before| boxes::rotated(&self.tree, &before, FLASHES)).unwrap_or_default();
         self.count = 0;
+    }
+
+    /// Whether the picture is as fine as it gets, with that many samples.
+    pub(crate) fn is_done(&self, samples: u32) -> bool {
+        self.coarse_now == 1 && self.count >= samples
+    }
+
+    /// Chooses how coarse the next picture is. While something moves or plays it keeps its pace, then it becomes finer.
+    pub(crate) fn choose_coarse(&mut self, moves: bool, plays: bool) {
+        let coarse = if moves || plays { self.coarse } else { (self.coarse_now / 2).max(1) };
+        if moves || coarse != self.coarse_now {
+            self.count = 0;
+        }
+        self.coarse_now = coarse;
+    }
+
+    /// Chooses how coarse pictures are while something moves, from what the last one took and a budget of milliseconds.
+    pub(crate) fn adapt(&mut self, budget: f64) {
+        let pixels = f64::from(self.coarse * self.coarse);
+        let fits = |coarse: u32, budget: f64| self.trace_ms * pixels / f64::from(coarse * coarse) <= budget;
+        // Finer only if there is room to spare, so that it does not go to and fro.
+        let fits = |coarse: u32| fits(coarse, if coarse < self.coarse { 0.8 } else { 1.0 } * budget);
+        self.coarse = (1..COARSEST).find(|&coarse| fits(coarse)).unwrap_or(COARSEST);
     }
 
     /// Adds a sample to the picture, or begins a new one.

@@ -22,10 +22,6 @@ const PICTURE_BUDGET: f64 = if cfg!(target_family = "wasm") { 75.0 } else { 36.0
 const TRACE_BUDGET: f64 = 10.0;
 /// Greatest width of the picture that triangle tests are compared on.
 const PROBE: u32 = 96;
-/// Side of the squares of pixels that are traced as one, at most.
-const COARSEST: u32 = 8;
-/// And in the first picture of a scene, at least.
-const COARSE_AT_FIRST: u32 = 4;
 /// What the mouse does: radians for a pixel, factor of the distance for a notch of the wheel, and pixels that a click may
 /// stray. Flying: distances to the target in a second.
 const TURN: f32 = 0.008;
@@ -179,9 +175,6 @@ pub struct State {
     pub(crate) requests: Vec<Request>,
     /// Whether what is seen has moved since the last picture.
     moved: bool,
-    /// Side of the squares of pixels that are traced as one while something moves, and in the present picture.
-    coarse: u32,
-    pub(crate) coarse_now: u32,
     /// Whether something has changed that is drawn.
     stale: bool,
     table: SrgbTable,
@@ -215,8 +208,6 @@ impl State {
             probe: None,
             requests: Vec::new(),
             moved: false,
-            coarse: 1,
-            coarse_now: 1,
             stale: true,
             table: SrgbTable::new(),
             picture: Canvas::new(width.max(1), height.max(1)),
@@ -250,7 +241,8 @@ impl State {
     /// Whether the picture stays as it is until the next event.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
-        let is_done = self.shown.is_none() || self.coarse_now == 1 && self.samples_done() >= self.samples();
+        let samples = self.samples();
+        let is_done = self.shown.iter().flat_map(|shown| &shown.sides).all(|side| side.is_done(samples));
         is_done && !self.plays() && !self.moved && !self.stale && self.held.is_empty()
     }
 
@@ -317,8 +309,6 @@ impl State {
             hottest,
         });
         (self.loading, self.picked, self.due) = (None, None, 0.0);
-        // How long it takes is not known yet.
-        self.coarse = self.coarse.max(COARSE_AT_FIRST);
         (self.settings.light, self.settings.samples) = (None, None);
         self.eye.reset();
         self.settings_changed();
@@ -584,8 +574,8 @@ impl State {
         times
     }
 
-    /// Draws the viewer as it is now. While something moves the picture is as coarse as it has to be to keep its
-    /// pace. Once nothing does, each call adds a sample, until the picture is that of `xtask render`, pixel for pixel.
+    /// Draws the viewer as it is now. While something moves, the picture of each tree is as coarse as it has to be to keep
+    /// its pace, with as much time for either. Once nothing does, each call adds a sample, until the picture is that of `xtask render`, pixel for pixel.
     pub fn draw(&mut self) -> &Canvas {
         let start = (self.clock)();
         let (light, samples, plays) = (self.light_effects(), self.samples(), self.plays());
@@ -597,7 +587,7 @@ impl State {
         self.stale = false;
         let traced: f64 = self.shown.iter().flat_map(|shown| &shown.sides).map(|side| side.trace_ms).sum();
         if did_trace {
-            self.other_ms = self.step_ms + 1e3 * ((self.clock)() - start) - traced;
+            self.other_ms = (self.step_ms + 1e3 * ((self.clock)() - start) - traced).max(0.0);
         }
         &self.canvas
     }
@@ -614,15 +604,10 @@ impl State {
         let moves = std::mem::take(&mut self.moved);
         let done = shown.sides.iter().map(|side| side.count).min().unwrap_or(0);
         // Between two frames of the animation the picture stays, and once nothing moves it becomes finer.
-        let waits = plays && done > 0 || self.coarse_now == 1 && done >= samples;
+        let waits = plays && done > 0 || shown.sides.iter().all(|side| side.is_done(samples));
         if !moves && waits {
             return false;
         }
-        let coarse = if moves { self.coarse } else { (self.coarse_now / 2).max(1) };
-        if moves || self.coarse_now != coarse {
-            shown.sides.iter_mut().for_each(|side| side.count = 0);
-        }
-        self.coarse_now = coarse;
         let smooth = !self.settings.heat;
         if smooth && !shown.is_smooth {
             shown.stage.smooth();
@@ -637,6 +622,12 @@ impl State {
             ..shown.stage.options_with(light)
         };
         for (i, port) in self.ports().into_iter().enumerate() {
+            // One tree may be done before the other.
+            let Some(side) = shown.sides.get_mut(i).filter(|side| moves || !side.is_done(samples)) else {
+                continue;
+            };
+            side.choose_coarse(moves, plays);
+            let coarse = side.coarse_now;
             let camera = self.camera(shown, port, coarse);
             let Some(side) = shown.sides.get_mut(i) else { continue };
             side.trace(&shown.stage, shown.frame, &camera, &options, self.clock);
@@ -645,14 +636,15 @@ impl State {
             }
             self.copy(side, port, coarse);
         }
+        let is_fine = shown.sides.first().is_some_and(|side| side.coarse_now == 1);
         if moves {
             self.probe = None;
-        } else if smooth && coarse == 1 && self.probe.is_none_or(|probe| probe.test != self.settings.test) {
+        } else if smooth && is_fine && self.probe.is_none_or(|probe| probe.test != self.settings.test) {
             self.probe = self.compare_tests(shown, &options);
         }
         if moves {
-            let ms: f64 = shown.sides.iter().map(|side| side.trace_ms).sum();
-            self.adapt(ms);
+            let budget = (PICTURE_BUDGET - self.other_ms).max(TRACE_BUDGET) / shown.sides.len().max(1) as f64;
+            shown.sides.iter_mut().for_each(|side| side.adapt(budget));
         }
         true
     }
@@ -674,16 +666,6 @@ impl State {
         let seen = |pixel: &[f32; 3]| pixel.map(|c| self.table.encode(c));
         let differ = ours.pixels().iter().zip(exact.pixels()).filter(|(a, b)| seen(a) != seen(b)).count();
         Some(Probe { test: options.triangle_test, ns, exact_ns, differ, pixels: ours.pixels().len() })
-    }
-
-    /// Chooses how coarse pictures are while something moves, from what the last one took.
-    fn adapt(&mut self, ms: f64) {
-        let pixels = f64::from(self.coarse * self.coarse);
-        let budget = (PICTURE_BUDGET - self.other_ms).max(TRACE_BUDGET);
-        let fits = |coarse: u32, budget: f64| ms * pixels / f64::from(coarse * coarse) <= budget;
-        // Finer only if there is room to spare, so that it does not go to and fro.
-        let fits = |coarse: u32| fits(coarse, if coarse < self.coarse { 0.8 } else { 1.0 } * budget);
-        self.coarse = (1..COARSEST).find(|&coarse| fits(coarse)).unwrap_or(COARSEST);
     }
 
     /// Copies a traced picture to its part of the whole, in sRGB.
