@@ -64,7 +64,7 @@ fn marks(claims: &[Claim]) -> Markup {
                         a class={ "verdict " (verdict_class(claim.verdict)) } href={ "#claim-" (i + 1) }
                             aria-label={ (claim.verdict.words()) ": " (claim.claim) } {
                             span.tip {
-                                b { (claim.verdict.words()) } " – " (claim.claim)
+                                b { (claim.verdict.words()) } (claim.claim)
                                 span.soft { "Paper: " (claim.paper) ". Here: " (short(&claim.ours)) }
                             }
                         }
