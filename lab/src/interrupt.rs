@@ -26,3 +26,10 @@ pub fn catch() {
 pub fn requested() -> bool {
     REQUESTED.load(Ordering::Relaxed)
 }
+
+/// After an interrupt, says how to go on.
+pub(crate) fn say_how_to_go_on(how: &str) {
+    if requested() {
+        files::remark(&format!("stopped; what was measured is kept. Go on with: {how}"));
+    }
+}

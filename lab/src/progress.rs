@@ -16,6 +16,7 @@ pub(crate) struct Progress {
     what: String,
     total: u64,
     bar: Option<ProgressBar>,
+    start: Instant,
     last: Mutex<Instant>,
 }
 
@@ -30,7 +31,8 @@ impl Progress {
             bar.enable_steady_tick(Duration::from_millis(200));
             bar
         });
-        Self { what, total, bar, last: Mutex::new(Instant::now()) }
+        let start = Instant::now();
+        Self { what, total, bar, start, last: Mutex::new(start) }
     }
 
     /// Says how many steps are done.
@@ -41,8 +43,18 @@ impl Progress {
             && last.elapsed() >= QUIET
         {
             *last = Instant::now();
-            files::remark(&format!("{}: {done} of {}", self.what, self.total));
+            let left = left(self.start.elapsed(), done as f64, self.total as f64);
+            files::remark(&format!("{}: {done} of {}{left}", self.what, self.total));
         }
+    }
+}
+
+/// What is left at the pace so far, in words; nothing before something is done.
+pub(crate) fn left(elapsed: Duration, done: f64, total: f64) -> String {
+    let seconds = elapsed.as_secs_f64() * (total - done) / done;
+    match Duration::try_from_secs_f64(seconds.round()) {
+        Ok(left) if done > 0.0 => format!(", about {} left", humantime::format_duration(left)),
+        _ => String::new(),
     }
 }
 
@@ -50,6 +62,21 @@ impl Drop for Progress {
     fn drop(&mut self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_left_takes_as_long_as_what_is_done() {
+        let minute = Duration::from_secs(60);
+        assert_eq!(left(minute, 1.0, 3.0), ", about 2m left");
+        assert_eq!(left(minute, 4.0, 4.0), ", about 0s left");
+        for nothing in [left(minute, 0.0, 3.0), left(minute, 0.0, 0.0), left(minute, 5.0, 4.0)] {
+            assert_eq!(nothing, "");
         }
     }
 }

@@ -62,16 +62,24 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let pool = pool::pool(args.threads.map_or_else(pool::default_threads, |n| n as usize))?;
     files::print("scene, strategy, frames: first and last ms a frame; cost over a fresh tree; height; MiB")?;
-    let mut broken = Vec::new();
+    let (mut broken, mut rest) = (Vec::new(), Vec::new());
     for (source, scene) in loaded {
+        if interrupt::requested() {
+            rest.push(format!("--scene {source}"));
+            continue;
+        }
         let mut stage = stage::ready(scene.map_or_else(|| load(source), Ok)?)?;
         for strategy in &strategies {
-            if interrupt::requested() {
-                break;
+            if !interrupt::requested() {
+                broken.extend(pool.install(|| soak(source, &mut stage, strategy, args))?);
             }
-            broken.extend(pool.install(|| soak(source, &mut stage, strategy, args))?);
+            // What was interrupted has played too few frames to be judged.
+            if interrupt::requested() {
+                rest.push(format!("--scene {source} --strategy {}", strategy.name()));
+            }
         }
     }
+    interrupt::say_how_to_go_on(&format!("the same command with {}", rest.join(", then ")));
     ensure!(broken.is_empty(), CheckFailed(broken.join("; ")));
     Ok(())
 }

@@ -34,7 +34,7 @@ pub(crate) struct Web {
 /// Builds the viewer and starts it; ends as it ends.
 pub(crate) fn view(args: &View) -> Result<()> {
     let status = program("cargo")
-        .args(["run", "--quiet", "--release", "--package", "viewer", "--manifest-path"])
+        .args(["run", "--release", "--package", "viewer", "--manifest-path"])
         .arg(files::workspace().join("Cargo.toml"))
         .arg("--")
         .args(&args.args)
@@ -54,7 +54,9 @@ pub(crate) fn web(args: &Web) -> Result<()> {
     let mut cargo: Command = program("cargo");
     cargo.args(["build", "--release", "--package", "viewer-web", "--target", TARGET, "--target-dir"]);
     cargo.arg(&target).current_dir(root);
-    cargo.args(["--config", "profile.release.strip=\"symbols\""]);
+    for setting in ["strip=\"symbols\"", "lto=\"fat\"", "codegen-units=1"] {
+        cargo.args(["--config", &format!("profile.release.{setting}")]);
+    }
     cargo.args(["--config", &format!("target.{TARGET}.rustflags=[\"-C\",\"target-feature=+simd128\"]")]);
     let status = cargo.status().context("cargo: cannot be started")?;
     ensure!(status.success(), "the page cannot be built; it needs `rustup target add {TARGET}`");

@@ -4,6 +4,9 @@ mod program;
 
 use std::fs;
 use std::path::Path;
+use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use program::{folder, refused, str, succeeds};
 use serde_json::Value;
@@ -24,6 +27,93 @@ fn summary(folder: &Path) -> Value {
 fn fixed(row: &str) -> Vec<&str> {
     let columns: Vec<_> = row.split(',').collect();
     [&columns[..5], &columns[9..12], &columns[13..18], &columns[27..34]].concat()
+}
+
+/// Opens the report at the widths of a phone, a tablet and a desktop, in light and dark, and checks there what
+/// `report.js` beside this file checks.
+fn seen_in_a_browser(report: &str, folder: &Path) {
+    let names = ["chromium", "chromium-browser", "google-chrome"];
+    let Some(browser) = names.into_iter().find(|name| Command::new(name).arg("--version").output().is_ok())
+    else {
+        return println!("skipped: no Chromium to see the report in");
+    };
+    let [page, plain] = ["page.html", "plain.html"].map(|name| folder.join(name));
+    let script = format!("<script>{}</script></body>", include_str!("report.js"));
+    fs::write(&page, report.replace("</body>", &script)).expect("written");
+    fs::write(&plain, report).expect("written");
+    let run = |page: &Path, size: &str, scheme: &str, more: &str| {
+        let output = Command::new(browser)
+            .args(["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=3000"])
+            .arg(format!("--user-data-dir={}", folder.join("profile").display()))
+            .arg(format!("--window-size={size}"))
+            .arg(format!("--blink-settings=preferredColorScheme={scheme}"))
+            .arg(more)
+            .arg(format!("file://{}", page.display()))
+            .output();
+        String::from_utf8_lossy(&output.expect("a browser").stdout).into_owned()
+    };
+    for size in ["390,844", "900,900", "1600,900"] {
+        let dom = run(&page, size, "1", "--dump-dom");
+        let title = dom.split_once("<title>").and_then(|(_, rest)| rest.split_once("</title>"));
+        assert_eq!(title.map(|(title, _)| title), Some("failed: ."), "at {size}");
+        let shots = ["0", "1"].map(|scheme| {
+            let shot = folder.join(format!("shot-{scheme}.png"));
+            run(&plain, size, scheme, &format!("--screenshot={}", shot.display()));
+            fs::read(shot).expect("a screenshot")
+        });
+        let sizes = shots.each_ref().map(Vec::len);
+        assert!(
+            sizes.iter().all(|&size| size > 10_000) && shots[0] != shots[1],
+            "at {size}: {sizes:?} bytes"
+        );
+    }
+}
+
+/// An interrupt keeps what was measured, and the way to go on that is named works.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_run_says_how_to_go_on() {
+    let (temporary, sheet) = folder();
+    let out = temporary.path().join("results");
+    let [sheet, path] = [str(&sheet), str(&out)];
+    let all = ["reproduce", "fig6", "--preset", "quick", "--scene", sheet, "--loops", "900", "--out", path];
+    let run = Command::new(env!("CARGO_BIN_EXE_xtask"))
+        .args(all)
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn();
+    let run = run.expect("the program starts");
+    let rows = || fs::read_to_string(out.join("frames.csv")).map_or(0, |rows| rows.lines().count());
+    let start = Instant::now();
+    while rows() < 100 {
+        assert!(start.elapsed() < Duration::from_secs(60), "no rows");
+        sleep(Duration::from_millis(20));
+    }
+    Command::new("kill").args(["-INT", &run.id().to_string()]).status().expect("kill");
+    let ended = run.wait_with_output().expect("the end");
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(130), "{said}");
+    let command =
+        said.lines().find_map(|line| line.split_once("Go on with: cargo xtask ")).expect("how to go on").1;
+    assert!(command.ends_with("--resume"), "{said}");
+    assert!(
+        fs::read_to_string(out.join("report.html")).expect("a report").contains("The run was interrupted.")
+    );
+    let kept = rows();
+    let resumed =
+        Command::new(env!("CARGO_BIN_EXE_xtask")).args(command.split(' ')).stderr(Stdio::piped()).spawn();
+    let resumed = resumed.expect("the program starts");
+    while rows() <= kept + 20 {
+        assert!(
+            start.elapsed() < Duration::from_secs(120),
+            "{} rows, no more than the {kept} before",
+            rows()
+        );
+        sleep(Duration::from_millis(20));
+    }
+    Command::new("kill").args(["-INT", &resumed.id().to_string()]).status().expect("kill");
+    let ended = resumed.wait_with_output().expect("the end");
+    assert_eq!(ended.status.code(), Some(130), "{}", String::from_utf8_lossy(&ended.stderr));
 }
 
 #[test]
@@ -70,9 +160,12 @@ fn results_are_resumed_redrawn_and_compared() {
     let report = fs::read_to_string(out.join("report.html")).expect("a report");
     assert!(
         report.matches("<svg").count() >= 3
-            && !report.contains("<script")
-            && !report.contains("http://www.w3.org/1999")
+            && report.matches("<script").count() == 1
+            && ["src=\"http", "href=\"http", "url(", "@import", "<link"]
+                .iter()
+                .all(|out| !report.contains(out))
     );
+    seen_in_a_browser(&report, temporary.path());
 
     // Killed in the second scene, in the middle of a row, and gone on with.
     let rows = whole.lines().filter(|line| line.starts_with("sheet/,")).count();
@@ -89,7 +182,8 @@ fn results_are_resumed_redrawn_and_compared() {
     let same = resumed.lines().zip(whole.lines()).take_while(|(a, b)| a == b).count();
     assert!(same > rows + 12 && same <= kept.len(), "{same} of {} rows are as before", kept.len());
     // Trees from the background depend on time.
-    for (a, b) in resumed.lines().zip(whole.lines()).filter(|(a, _)| !a.contains("asynchronous")) {
+    let is_timeless = |row: &str| !row.contains("asynchronous") && !row.contains("background");
+    for (a, b) in resumed.lines().zip(whole.lines()).filter(|(a, _)| is_timeless(a)) {
         assert_eq!(fixed(a), fixed(b));
     }
     let after = summary(&out);

@@ -17,6 +17,7 @@ mod trace;
 mod update;
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 use clap::ValueEnum;
@@ -25,6 +26,7 @@ use pivot_benches::{Contest, Entry, field};
 
 use self::row::Report;
 pub(crate) use self::row::Row;
+use crate::progress::left;
 use crate::stage::{self, Stage};
 use crate::{CheckFailed, files, interrupt, pool};
 
@@ -227,15 +229,22 @@ pub fn run(args: &Args) -> Result<()> {
     }
     files::print(&report.heading())?;
 
-    for (source, scene) in loaded {
-        let stage = stage::ready(scene.map_or_else(|| stage::load(source, None, 0), Ok)?)?;
-        run_scene(args, &stage::label(source), stage, embree.as_ref(), &mut report)?;
+    let (start, count) = (Instant::now(), loaded.len());
+    let mut rest = String::new();
+    for (i, (source, scene)) in loaded.into_iter().enumerate() {
+        if !interrupt::requested() {
+            let left = left(start.elapsed(), i as f64, count as f64);
+            files::remark(&format!("{}: scene {} of {count}{left}", stage::label(source), i + 1));
+            let stage = stage::ready(scene.map_or_else(|| stage::load(source, None, 0), Ok)?)?;
+            run_scene(args, &stage::label(source), stage, embree.as_ref(), &mut report)?;
+        }
         if interrupt::requested() {
-            break;
+            rest += &format!(" --scene {source}");
         }
     }
     files::print(&ratios::table(&report.rows))?;
     draw(args, &report)?;
+    interrupt::say_how_to_go_on(&format!("the same command for the other scenes,{rest}"));
     let wrong: Vec<_> = report.rows.iter().filter(|row| !row.agrees).map(Row::place).collect();
     if wrong.is_empty() {
         Ok(())

@@ -64,6 +64,9 @@ impl Point {
 /// Width and height of a panel, and the width of a legend, in pixels.
 const PANEL: (u32, u32) = (520, 310);
 const LEGEND: u32 = 190;
+/// Where a legend begins, and most pixels from one name to the next.
+const LEGEND_TOP: u32 = 24;
+const LEGEND_STEP: usize = 18;
 
 /// Panels in rows of `columns`, with one legend to the right for all names in them.
 pub(crate) fn figure(charts: &[Chart], columns: u32) -> Result<String> {
@@ -83,7 +86,10 @@ pub(crate) fn figure(charts: &[Chart], columns: u32) -> Result<String> {
         for (area, chart) in panels.split_evenly((rows as usize, columns as usize)).iter().zip(charts) {
             chart.draw(area)?;
         }
-        for (y, (name, color)) in (24..).step_by(18).zip(legend) {
+        // Many names stand closer together.
+        let room = (rows * PANEL.1).saturating_sub(LEGEND_TOP) as usize;
+        let step = (room / legend.len().max(1)).clamp(1, LEGEND_STEP);
+        for (y, (name, color)) in (LEGEND_TOP as i32..).step_by(step).zip(legend) {
             side.draw(&Rectangle::new([(4, y), (22, y + 8)], Palette99::pick(color).filled()))?;
             side.draw(&Text::new(name.to_owned(), (28, y - 2), ("sans-serif", 13)))?;
         }

@@ -25,6 +25,8 @@ mod settle;
 mod stages;
 mod summary;
 
+use std::time::Instant;
+
 use anyhow::{Result, ensure};
 use scenes::Scene;
 
@@ -36,6 +38,7 @@ use self::record::Row;
 use self::results::{Picture, Results, SceneFacts, SceneRun, Settings};
 use self::saved::Saved;
 use crate::machine::{Machine, Revision};
+use crate::progress::left;
 use crate::stage::{self, Stage};
 use crate::{compare, files, interrupt, pool};
 
@@ -73,6 +76,20 @@ struct Entry {
     loaded: Option<Scene>,
     /// Whether it serves one claim only.
     supplement: bool,
+}
+
+impl Entry {
+    /// What it may take beside the others: in proportion to its triangles, and something for any.
+    fn weight(&self, detail: Option<f32>) -> f64 {
+        const ANY: f64 = 50_000.0;
+        let known = scenes::list().iter().find(|info| info.name == self.source);
+        let detail = detail.filter(|_| known.is_some_and(|info| info.effects.motion.gravity)).unwrap_or(1.0);
+        let loaded = self.loaded.as_ref().map(|scene| scene.animation.topology().triangles.len());
+        let triangles = loaded.or(known.map(|info| info.triangles)).unwrap_or(0);
+        // Few strategies run on it then.
+        let part = if self.supplement { 0.15 } else { 1.0 };
+        part * (ANY + f64::from(detail) * triangles as f64)
+    }
 }
 
 /// Runs the command.
@@ -137,7 +154,9 @@ pub fn run(args: &Args) -> Result<()> {
     let beside = finished().flat_map(|run| &run.peers);
     let mut beside = Journal::if_wanted(args.runs_peers(), &out.file("peers.csv"), beside)?;
 
-    for (entry, (finished, begun)) in entries.into_iter().zip(kept) {
+    let weights: Vec<f64> = entries.iter().map(|entry| entry.weight(args.values().detail)).collect();
+    let (start, mut done) = (Instant::now(), 0.0);
+    for (i, (entry, (finished, begun))) in entries.into_iter().zip(kept).enumerate() {
         if interrupt::requested() {
             break;
         }
@@ -147,7 +166,10 @@ pub fn run(args: &Args) -> Result<()> {
         }
         // Before each scene, so that a run that is killed leaves all but one of them.
         out.write_summary(&results)?;
-        files::remark(&entry.label);
+        let to_do: f64 = weights[i..].iter().sum();
+        let left = left(start.elapsed(), done, done + to_do);
+        files::remark(&format!("{}: scene {} of {}{left}", entry.label, i + 1, weights.len()));
+        done += weights[i];
         let scene = entry.loaded.map_or_else(|| args.load(&entry.source), Ok)?;
         let run = pool.install(|| {
             let (mut stage, build_ms) = stage::timed(scene)?;
@@ -201,7 +223,9 @@ pub fn run(args: &Args) -> Result<()> {
         results.accuracy.extend(pool.install(|| accuracy::alone(&args.effort(0), journal))?);
     }
     results.interrupted = interrupt::requested();
-    out.write(&results, baseline.as_ref())
+    let written = out.write(&results, baseline.as_ref());
+    interrupt::say_how_to_go_on(&format!("{} --resume", results.settings.command));
+    written
 }
 
 /// The earlier run in the same folder, if there is one, made with the same settings.

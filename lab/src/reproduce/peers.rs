@@ -13,7 +13,6 @@ pub(super) fn html(results: &Results) -> Markup {
     html! {
         @if scenes().next().is_some() {
             section id="peers" {
-                h2 { "Beside other libraries" }
                 p {
                     "The same motion and the same rays; contestants take turns frame by frame. An update is the time from \
                      new positions to a tree that can be traced. A frame is update and trace. “Different” counts rays \

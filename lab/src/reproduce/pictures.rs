@@ -16,7 +16,7 @@ pub(crate) const HEAT_MAPS: [&str; 4] = ["refit", "refit+rotate", "auto", "sweep
 
 /// Nodes visited for a pixel that heat maps show white, over the mean of the first frame with its
 /// fresh tree.
-const HOTTEST: u64 = 8;
+const HOTTEST: u64 = 24;
 
 /// Makes a picture of the stage as it is, smooth, and gives the PNG file's bytes.
 pub(crate) fn picture(stage: &mut Stage, tree: &Bvh, size: u32, path: &Path) -> Result<Vec<u8>> {

@@ -1,5 +1,8 @@
-//! `report.html`: one page with everything in it, readable offline, on a phone and on paper.
+//! `report.html`: one page with everything in it, readable offline, on a phone and on paper. The first
+//! screen has the answer; the rest is folded below it.
 
+mod answer;
+mod first;
 mod scene;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -20,50 +23,50 @@ pub(crate) fn html(
     figures: &[Figure],
     comparison: Option<&Comparison>,
 ) -> String {
-    let title = "Tree rotations on this machine";
     html! {
         (DOCTYPE)
         html lang="en" {
             head {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
-                title { (title) }
+                meta name="color-scheme" content="light dark";
+                title { "Tree rotations on this machine" }
                 style { (PreEscaped(include_str!("report.css"))) }
             }
             body {
-                header {
-                    h1 { (title) }
-                    p {
-                        "What " cite { "Fast, Effective BVH Updates for Dynamic Ray-Traced Scenes Using Tree Rotations" }
-                        " (Kopta, Ize, Spjut, Brunvand, Davis and Kensler, 2012) claims, and what was measured here: "
-                        (plural(results.main_scenes().count(), "scene")) ", preset " b { (results.settings.preset) } ", "
-                        (plural(results.settings.threads, "thread")) ", " (results.machine.started.get(..10).unwrap_or_default())
-                        ", " (results.revision.short()) "."
-                    }
-                    @if results.interrupted {
-                        p.notice { "The run was interrupted. What follows is made from the rows measured until then." }
-                    }
-                    (check_line(results))
-                }
+                (first::screen(results, claims))
                 main {
-                    (claims_table(results, claims))
-                    (accuracy(results))
                     @if let Some(comparison) = comparison { (comparison.section()) }
-                    (drawn(figures))
-                    (peers::html(results))
-                    (scene::sections(results))
-                    (colophon(results))
+                    (folded("The paper’s claims", &claims_table(claims)))
+                    @let accuracy = accuracy(results);
+                    @if !accuracy.0.is_empty() { (folded("What accuracy costs", &accuracy)) }
+                    (folded("Scenes", &scene::sections(results)))
+                    (folded("Figures", &drawn(figures)))
+                    @let peers = peers::html(results);
+                    @if !peers.0.is_empty() { (folded("Beside other libraries", &peers)) }
+                    (folded("How it was measured", &colophon(results)))
                 }
+                script { (PreEscaped(include_str!("report.js"))) }
             }
         }
     }
     .into_string()
 }
 
+/// A part of the page that is closed until it is asked for.
+fn folded(title: &str, content: &Markup) -> Markup {
+    html! {
+        details.part {
+            summary { h2 { (title) } }
+            (content)
+        }
+    }
+}
+
 fn check_line(results: &Results) -> Markup {
     let checks = results.checks();
     html! {
-        p class=[(checks.differences > 0).then_some("notice")] {
+        span class=[(checks.differences > 0).then_some("fails")] {
             "All strategies must see the same. " (capital(&checks_in_words(&checks))) "."
             @if let Some(first) = &checks.first_difference { " The first: " (first) "." }
         }
@@ -79,10 +82,9 @@ fn plural(count: usize, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
-fn claims_table(results: &Results, claims: &[Claim]) -> Markup {
+fn claims_table(claims: &[Claim]) -> Markup {
     html! {
         section {
-            h2 { "The paper’s claims" }
             p {
                 (tally(claims)) ". Each row says by which rule. Of times measured the sums over the frames that both sides \
                 were measured on are compared; where a rule speaks of faster, slower or equal, differences of less than 5 % \
@@ -90,14 +92,11 @@ fn claims_table(results: &Results, claims: &[Claim]) -> Markup {
                 more or less would alone change a verdict, the row says that it is near the bound. SAH costs are the \
                 same in every run."
             }
-            @if results.settings.preset == "quick" {
-                p.soft { "Few frames and small pictures were measured (preset quick): the verdicts are hints." }
-            }
             table.claims {
                 thead { tr { th { "Claim" } th { "In the paper" } th { "Here" } th { "Verdict" } } }
                 tbody {
-                    @for claim in claims {
-                        tr {
+                    @for (i, claim) in claims.iter().enumerate() {
+                        tr id={ "claim-" (i + 1) } {
                             td {
                                 (claim.claim) span.soft { ", " (claim.source) }
                                 details { summary { "Rule" } (claim.rule) }
@@ -124,10 +123,7 @@ fn accuracy(results: &Results) -> Markup {
     let sentences = sentences(&results.accuracy);
     html! {
         @if !sentences.is_empty() {
-            section {
-                h2 { "What accuracy costs" }
-                ul { @for sentence in &sentences { li { (sentence) } } }
-            }
+            ul { @for sentence in &sentences { li { (sentence) } } }
         }
     }
 }
@@ -153,11 +149,10 @@ fn verdict_class(verdict: Verdict) -> &'static str {
 fn drawn(figures: &[Figure]) -> Markup {
     html! {
         section id="figures" {
-            h2 { "Figures" }
             @for Figure { name, title, caption, svg } in figures {
                 h3 id=(name) { (title) }
-                figure {
-                    div.scroll { (PreEscaped(svg)) }
+                figure data-x=[name.starts_with("fig6").then_some("frame")] {
+                    div.scroll tabindex="0" role="img" aria-label=(title) { (PreEscaped(svg)) }
                     figcaption { (caption) }
                 }
             }
@@ -169,7 +164,6 @@ fn colophon(results: &Results) -> Markup {
     let (machine, settings) = (&results.machine, &results.settings);
     html! {
         section {
-            h2 { "How it was measured" }
             p {
                 "The sweep builder makes one tree over the first frame, with one triangle a leaf. Every strategy starts from \
                  a copy of it. On every frame the scene is posed once; then each strategy in turn, a different one first \
@@ -208,6 +202,7 @@ fn colophon(results: &Results) -> Markup {
                     " pixels, " (plural(settings.threads, "thread")) ", seed " (settings.seed)
                 }
             }
+            p { (check_line(results)) }
             h3 { "Again" }
             pre { (settings.command) }
             p.soft {

@@ -4,8 +4,8 @@ use bvh_update::Strategy;
 use rt_cpu::{StageTimes, TriangleTest};
 use scenes::LightEffects;
 
-use crate::side::strategies;
-use crate::state::{Request, State};
+use crate::side::{Side, strategies};
+use crate::state::{Probe, Request, State};
 
 /// Deepest boxes that can be drawn.
 const DEEPEST: u32 = 12;
@@ -69,6 +69,9 @@ pub(crate) fn default_samples(light: &LightEffects) -> u32 {
     }
 }
 
+/// The controls that are sliders: what accuracy costs.
+pub(crate) const SLIDERS: [Control; 3] = [Control::Test, Control::Budget, Control::Samples];
+
 /// Something that a key or a click changes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Control {
@@ -130,9 +133,14 @@ fn effect<'a>(light: &'a mut LightEffects, times: &StageTimes, number: usize) ->
     (on, 1e3 * time.as_secs_f64())
 }
 
+/// The place of a value in a row of them.
+fn place<T: PartialEq>(values: &[T], now: T) -> usize {
+    values.iter().position(|value| *value == now).unwrap_or(0)
+}
+
 /// The next of some values after the present one, or the one before.
 fn next<T: Copy + PartialEq>(values: &[T], now: T, back: bool) -> T {
-    let at = values.iter().position(|&value| value == now).unwrap_or(0);
+    let at = place(values, now);
     let by = if back { values.len() - 1 } else { 1 };
     values.get((at + by) % values.len().max(1)).copied().unwrap_or(now)
 }
@@ -152,13 +160,8 @@ impl State {
             Control::Boxes => set.boxes.map_or("off".to_owned(), |depth| format!("depth {depth}")),
             Control::Flash => on(set.flash),
             Control::Test => set.test.name().to_owned(),
-            Control::Budget => {
-                if set.period == 1 {
-                    "all".to_owned()
-                } else {
-                    format!("1 in {}", set.period)
-                }
-            }
+            Control::Budget if set.period == 1 => "all".to_owned(),
+            Control::Budget => format!("1 in {}", set.period),
             Control::Samples => format!("{} of {}", self.samples_done(), self.samples()),
             Control::Effect(number) => {
                 let (light, times) = (&mut self.light_effects(), self.stage_times());
@@ -167,6 +170,61 @@ impl State {
             }
             Control::Record => on(self.recording),
             Control::Fresh | Control::Eye | Control::Save | Control::Overlay => String::new(),
+        }
+    }
+
+    /// Where a slider stands, and how many places it has; the last one is the most accurate.
+    pub(crate) fn slider(&self, control: Control) -> Option<(usize, usize)> {
+        let set = &self.settings;
+        match control {
+            Control::Test => Some((place(&TriangleTest::ALL, set.test), TriangleTest::ALL.len())),
+            Control::Budget => Some((PERIODS.len() - 1 - place(&PERIODS, set.period), PERIODS.len())),
+            Control::Samples => Some((place(&SAMPLES, self.samples()), SAMPLES.len())),
+            _ => None,
+        }
+    }
+
+    /// Moves a slider to a place.
+    pub(crate) fn slide(&mut self, control: Control, to: usize) {
+        let Some((now, count)) = self.slider(control) else { return };
+        let to = to.min(count - 1);
+        match control {
+            _ if to == now => return,
+            Control::Test => self.settings.test = TriangleTest::ALL[to],
+            Control::Budget => self.settings.period = PERIODS[count - 1 - to],
+            _ => self.settings.samples = Some(SAMPLES[to]),
+        }
+        self.settings_changed();
+    }
+
+    /// What the setting of a slider costs in time, and its error, in words.
+    pub(crate) fn price(&self, control: Control) -> String {
+        let Some(shown) = &self.shown else { return String::new() };
+        let sides = || shown.sides.iter();
+        match control {
+            Control::Test => self.probe.map_or(
+                "compared with f64 at a stop".to_owned(),
+                |Probe { ns, exact_ns, differ, pixels, .. }| {
+                    format!("{ns:.0} ns/ray (f64 {exact_ns:.0}), {differ}/{pixels} off")
+                },
+            ),
+            Control::Budget => {
+                let rotates = |side: &&Side| side.last.rotations_applied() > 0;
+                let Some(side) = sides().rfind(rotates).or(sides().last()) else { return String::new() };
+                let sample = side.sample(shown.frame);
+                let fresh = shown.fresh_cost(shown.frame).filter(|&fresh| fresh > 0.0);
+                let over = fresh.map(|fresh| format!(", cost {:.2} x fresh", f64::from(sample.cost) / fresh));
+                format!("update {:.1} ms{}", sample.update_ms, over.unwrap_or_default())
+            }
+            _ => {
+                let ms: f64 = sides().map(|side| side.trace_ms).sum();
+                let noise = sides()
+                    .filter_map(|side| side.noise)
+                    .fold(None, |a: Option<f64>, b| Some(a.map_or(b, |a| a.max(b))));
+                let error = noise
+                    .map_or("noise not known".to_owned(), |noise| format!("noise {:.2} %", 100.0 * noise));
+                format!("{:.0} ms, {error}", ms * f64::from(self.samples()))
+            }
         }
     }
 

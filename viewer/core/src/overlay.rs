@@ -1,10 +1,8 @@
 //! What is drawn over the picture: boxes, titles, the panel, graphs and the timeline.
 
-use bvh_core::Aabb;
-
 use crate::boxes::{self, Projection, growth_color};
 use crate::canvas::{Canvas, Color, LETTER, Rect};
-use crate::controls::CONTROLS;
+use crate::controls::{CONTROLS, SLIDERS};
 use crate::side::{Sample, Side};
 use crate::state::{Shown, State};
 
@@ -18,13 +16,21 @@ const SIDES: [Color; 2] = [[255, 150, 60], [80, 220, 120]];
 
 const LINE: i32 = LETTER.1 + 2;
 const PANEL: i32 = 38 * LETTER.0;
+/// Where values begin in it.
+const VALUE: i32 = 4 + 22 * LETTER.0;
 const GRAPH: i32 = 72;
 const TIMELINE: i32 = 10;
 
 impl State {
-    /// The row of a control in the panel.
+    /// The row of a control in the panel. Behind the row of a slider there is one for what it costs.
     pub(crate) fn row(i: usize) -> Rect {
-        Rect { x: 0, y: 4 + LINE * i as i32, width: PANEL, height: LINE }
+        let prices = CONTROLS.iter().take(i).filter(|(.., control)| SLIDERS.contains(control)).count();
+        Rect { x: 0, y: 4 + LINE * (i + prices) as i32, width: PANEL, height: LINE }
+    }
+
+    /// The part of a control's row that its value stands in: the track of a slider.
+    pub(crate) fn track(row: Rect) -> Rect {
+        Rect { x: VALUE, width: PANEL - VALUE - 4, ..row }
     }
 
     /// Where the frame is chosen.
@@ -78,11 +84,7 @@ impl State {
 
     fn draw_titles(&self, canvas: &mut Canvas) {
         let Some(shown) = &self.shown else {
-            let text = if self.is_loading() {
-                format!("loading {} ...", self.scene_name())
-            } else {
-                self.message.clone()
-            };
+            let text = self.hint();
             canvas.fill(
                 Rect { x: 0, y: 0, width: canvas.width as i32, height: canvas.height as i32 },
                 DARK,
@@ -115,27 +117,25 @@ impl State {
         if let Some(fresh) = shown.fresh_cost(shown.frame).filter(|&fresh| fresh > 0.0) {
             title += &format!("  cost {:.2} x fresh", f64::from(sample.cost) / fresh);
         }
-        let coarse = if self.coarse_now > 1 {
-            format!(", 1 pixel in {}", self.coarse_now * self.coarse_now)
+        let coarse = if side.coarse_now > 1 {
+            format!(", 1/{} px", side.coarse_now * side.coarse_now)
         } else {
             String::new()
         };
         let mut lines =
             vec![title, format!("update {:.1} ms, trace {:.1} ms{coarse}", sample.update_ms, side.trace_ms)];
         if self.settings.heat {
-            lines.push(format!("heat: nodes visited, white is {} a pixel", shown.hottest));
+            lines.push(format!("heat: nodes visited, white is {}", shown.hottest));
         }
         if let Some(primitive) = self.picked {
             let path = boxes::path(&side.tree, primitive, &shown.triangle(primitive));
-            let leaf = path.last().map_or(0.0, Aabb::half_area_f64);
-            lines.push(format!(
-                "triangle {primitive}: {} nodes to a leaf of half area {leaf:.3e}",
-                path.len()
-            ));
+            lines.push(format!("triangle {primitive}: {} nodes to its leaf", path.len()));
         }
         let most = if self.settings.overlay > 1 { side.log.len() } else { 0 };
         lines.extend(side.log.iter().take(most).cloned());
-        let widest = (self.ports().first().map_or(0, |port| port.width) - 8) / LETTER.0;
+        // The panel hides a part of the first tree's picture; where there are two, both have lines of one length.
+        let hidden = if self.settings.overlay > 1 { PANEL } else { 0 };
+        let widest = (self.ports().first().map_or(0, |port| port.width) - hidden - 8) / LETTER.0;
         lines.iter_mut().for_each(|line| line.truncate(widest.max(1) as usize));
         lines
     }
@@ -151,14 +151,18 @@ impl State {
             let key = if key == ' ' { "space".to_owned() } else { key.to_string() };
             canvas.text(4, row.y + 1, &key, FLASH);
             canvas.text(4 + 6 * LETTER.0, row.y + 1, label, GRAY);
-            let value: String = value.chars().take(16).collect();
-            canvas.text(4 + 22 * LETTER.0, row.y + 1, &value, WHITE);
+            if let Some((at, count)) = self.slider(control) {
+                let track = Self::track(row);
+                let width = track.width * (at + 1) as i32 / count as i32;
+                canvas.fill(Rect { y: row.y + 1, height: LINE - 2, ..track }, GRAY, 0.25);
+                canvas.fill(Rect { y: row.y + 1, height: LINE - 2, width, ..track }, PICKED, 0.4);
+                canvas.fill(Rect { x: track.x + width - 2, width: 3, ..track }, PICKED, 1.0);
+                canvas.text(4, row.y + LINE + 1, &self.price(control), GRAY);
+            }
+            let value: String = value.chars().take(15).collect();
+            canvas.text(VALUE + 2, row.y + 1, &value, WHITE);
         }
-        let hint = if self.is_loading() {
-            format!("loading {} ...", self.scene_name())
-        } else {
-            self.message.clone()
-        };
+        let hint = self.hint();
         let lines = [
             hint.as_str(),
             "drag: turn  wheel: near  click: pick",

@@ -8,8 +8,7 @@ use stage::Stage;
 
 use crate::boxes::TypicalCost;
 
-/// Nodes visited for a pixel that the heat shows white, over the mean of the first frame with its fresh tree: as in the
-/// heat maps of the report.
+/// Nodes visited for a pixel that the heat shows white, over the mean of the first frame with its fresh tree.
 const HOTTEST: u64 = 8;
 /// Side of the picture that this mean is taken from.
 const HEAT_SIZE: u32 = 64;

@@ -16,6 +16,11 @@ pub(crate) const LOG: usize = 6;
 /// Boxes that flash, at most; more hide what they are drawn over.
 const FLASHES: usize = 60;
 
+/// Side of the squares of pixels that are traced as one, at most.
+const COARSEST: u32 = 8;
+/// And in the first picture, of which it is not known how long it takes.
+const COARSE_AT_FIRST: u32 = 4;
+
 /// The strategies to choose from: all but those whose trees depend on time.
 pub(crate) fn strategies() -> Vec<Strategy> {
     Strategy::all().into_iter().filter(|strategy| !strategy.name().ends_with("background")).collect()
@@ -61,6 +66,14 @@ pub(crate) struct Side {
     pub(crate) sum: Image,
     pub(crate) count: u32,
     sample: Image,
+    /// Side of the squares of pixels that are traced as one while something moves, and in the present picture.
+    coarse: u32,
+    pub(crate) coarse_now: u32,
+    /// The sum when it had half as many samples, or as many.
+    half: Image,
+    /// Distance of the picture from the converged one, as the halves of its samples differ: root mean square over its
+    /// pixels, 1 for white. `None` for one sample.
+    pub(crate) noise: Option<f64>,
     pub(crate) stats: RenderStats,
     /// Milliseconds that tracing the last picture took.
     pub(crate) trace_ms: f64,
@@ -79,6 +92,10 @@ impl Side {
             sum: Image::new(0, 0),
             count: 0,
             sample: Image::new(0, 0),
+            coarse: COARSE_AT_FIRST,
+            coarse_now: COARSEST,
+            half: Image::new(0, 0),
+            noise: None,
             stats: RenderStats::default(),
             trace_ms: 0.0,
         }
@@ -112,6 +129,29 @@ impl Side {
         self.count = 0;
     }
 
+    /// Whether the picture is as fine as it gets, with that many samples.
+    pub(crate) fn is_done(&self, samples: u32) -> bool {
+        self.coarse_now == 1 && self.count >= samples
+    }
+
+    /// Chooses how coarse the next picture is. While something moves or plays it keeps its pace, then it becomes finer.
+    pub(crate) fn choose_coarse(&mut self, moves: bool, plays: bool) {
+        let coarse = if moves || plays { self.coarse } else { (self.coarse_now / 2).max(1) };
+        if moves || coarse != self.coarse_now {
+            self.count = 0;
+        }
+        self.coarse_now = coarse;
+    }
+
+    /// Chooses how coarse pictures are while something moves, from what the last one took and a budget of milliseconds.
+    pub(crate) fn adapt(&mut self, budget: f64) {
+        let pixels = f64::from(self.coarse * self.coarse);
+        let fits = |coarse: u32, budget: f64| self.trace_ms * pixels / f64::from(coarse * coarse) <= budget;
+        // Finer only if there is room to spare, so that it does not go to and fro.
+        let fits = |coarse: u32| fits(coarse, if coarse < self.coarse { 0.8 } else { 1.0 } * budget);
+        self.coarse = (1..COARSEST).find(|&coarse| fits(coarse)).unwrap_or(COARSEST);
+    }
+
     /// Adds a sample to the picture, or begins a new one.
     pub(crate) fn trace(
         &mut self,
@@ -131,13 +171,68 @@ impl Side {
             self.sum.add(&self.sample);
         }
         self.count += 1;
+        if self.count == 1 {
+            self.noise = None;
+        }
         if let Some(Some(sample)) = self.samples.get_mut(frame) {
             sample.trace_ns = (1e6 * self.trace_ms / self.stats.rays().max(1) as f64) as f32;
         }
     }
 
+    /// Estimates the noise where the samples have doubled. Were the errors of the two halves independent, their mean
+    /// would be off by half of what they differ by. Samples are spread evenly, so it is somewhat less.
+    pub(crate) fn estimate_noise(&mut self) {
+        if !self.count.is_power_of_two() {
+            return;
+        }
+        if self.count > 1 {
+            let pixels = self.sum.pixels().iter().flatten().zip(self.half.pixels().iter().flatten());
+            let squares: f64 = pixels.map(|(sum, half)| f64::from(sum - 2.0 * half).powi(2)).sum();
+            let values = 3 * self.sum.pixels().len().max(1);
+            self.noise = Some((squares / values as f64).sqrt() / f64::from(self.count));
+        }
+        self.half.clone_from(&self.sum);
+    }
+
     /// SAH cost of the tree, where it was updated to a frame.
     pub(crate) fn sample(&self, frame: usize) -> Sample {
         self.samples.get(frame).copied().flatten().unwrap_or_default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use scenes::LightEffects;
+
+    use super::*;
+
+    #[test]
+    fn noise_is_the_distance_to_the_converged_picture() {
+        let toys = Path::new("toys.glb");
+        let animation = anim::parse_gltf(toys, &scenes::toys_glb(), None).expect("a glTF file");
+        let stage = Stage::new(scenes::scene_of(toys, Box::new(animation))).expect("few triangles");
+        let light = LightEffects { ambient_occlusion: true, ..LightEffects::NONE };
+        let (camera, options) = (stage.camera(48, 36), stage.options_with(&light));
+        let traced = |samples: u32| {
+            let mut side = Side::new(&stage, Strategy::default());
+            for _ in 0..samples {
+                side.trace(&stage, 0, &camera, &options, || 0.0);
+                side.estimate_noise();
+            }
+            side.sum.scale(1.0 / samples as f32);
+            side
+        };
+        let converged = traced(1024);
+        assert_eq!(traced(1).noise, None);
+        for samples in [4, 16, 64] {
+            let side = traced(samples);
+            let pixels = side.sum.pixels().iter().flatten().zip(converged.sum.pixels().iter().flatten());
+            let squares: f64 = pixels.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+            let actual = (squares / (3.0 * 48.0 * 36.0)).sqrt();
+            let ratio = side.noise.expect("two halves") / actual;
+            assert!((0.7..2.0).contains(&ratio), "{samples} samples: {ratio} of {actual}");
+        }
     }
 }

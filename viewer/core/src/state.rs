@@ -1,9 +1,9 @@
 //! The state of the viewer: what events do to it, and its picture.
 
-use bvh_core::{Aabb, closest_hit};
+use bvh_core::{Aabb, TriangleTest, closest_hit};
 use bvh_update::Strategy;
 use rayon::prelude::*;
-use rt_cpu::{Camera, Output, RenderOptions, SrgbTable, StageTimes};
+use rt_cpu::{Camera, Image, Output, RenderOptions, SrgbTable, StageTimes, render};
 use scenes::LightEffects;
 use stage::Stage;
 
@@ -20,8 +20,8 @@ const FRAME_RATE: f64 = 24.0;
 /// and 12 in a browser, which has one thread.
 const PICTURE_BUDGET: f64 = if cfg!(target_family = "wasm") { 75.0 } else { 36.0 };
 const TRACE_BUDGET: f64 = 10.0;
-/// Side of the squares of pixels that are traced as one, at most.
-const COARSEST: u32 = 8;
+/// Greatest width of the picture that triangle tests are compared on.
+const PROBE: u32 = 96;
 /// What the mouse does: radians for a pixel, factor of the distance for a notch of the wheel, and pixels that a click may
 /// stray. Flying: distances to the target in a second.
 const TURN: f32 = 0.008;
@@ -98,6 +98,7 @@ enum Drag {
     /// On the scene, after a number of pixels.
     Eye(Button, f32),
     Timeline,
+    Slider(Control),
     Nothing,
 }
 
@@ -138,6 +139,18 @@ impl Shown {
     }
 }
 
+/// A triangle test beside that in double precision, on a small picture of a view that stands still.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Probe {
+    test: TriangleTest,
+    /// Nanoseconds a ray with either.
+    pub(crate) ns: f64,
+    pub(crate) exact_ns: f64,
+    /// Pixels that differ, and all of them.
+    pub(crate) differ: usize,
+    pub(crate) pixels: usize,
+}
+
 /// A viewer.
 pub struct State {
     clock: Clock,
@@ -158,12 +171,10 @@ pub struct State {
     drag: Drag,
     /// Keys of flight that are down.
     held: Vec<char>,
+    pub(crate) probe: Option<Probe>,
     pub(crate) requests: Vec<Request>,
     /// Whether what is seen has moved since the last picture.
     moved: bool,
-    /// Side of the squares of pixels that are traced as one while something moves, and in the present picture.
-    coarse: u32,
-    pub(crate) coarse_now: u32,
     /// Whether something has changed that is drawn.
     stale: bool,
     table: SrgbTable,
@@ -194,10 +205,9 @@ impl State {
             pointer: (0.0, 0.0),
             drag: Drag::Nothing,
             held: Vec::new(),
+            probe: None,
             requests: Vec::new(),
             moved: false,
-            coarse: 1,
-            coarse_now: 1,
             stale: true,
             table: SrgbTable::new(),
             picture: Canvas::new(width.max(1), height.max(1)),
@@ -231,7 +241,8 @@ impl State {
     /// Whether the picture stays as it is until the next event.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
-        let is_done = self.shown.is_none() || self.coarse_now == 1 && self.samples_done() >= self.samples();
+        let samples = self.samples();
+        let is_done = self.shown.iter().flat_map(|shown| &shown.sides).all(|side| side.is_done(samples));
         is_done && !self.plays() && !self.moved && !self.stale && self.held.is_empty()
     }
 
@@ -240,6 +251,13 @@ impl State {
     pub fn idle_seconds(&self) -> f64 {
         let is_idle = self.plays() && !self.moved && !self.stale && self.held.is_empty();
         if is_idle { (1.0 - self.due).max(0.0) / (FRAME_RATE * self.settings.speed) } else { 0.0 }
+    }
+
+    /// Milliseconds that the last picture took: the step of the animation, tracing, and the rest.
+    #[must_use]
+    pub fn picture_ms(&self) -> [f64; 3] {
+        let traced = self.shown.iter().flat_map(|shown| &shown.sides).map(|side| side.trace_ms).sum();
+        [self.step_ms, traced, self.other_ms - self.step_ms]
     }
 
     fn plays(&self) -> bool {
@@ -299,6 +317,7 @@ impl State {
 
     fn load(&mut self, name: String) {
         self.requests.push(Request::Load(name.clone()));
+        self.message.clear();
         self.loading = Some(name);
     }
 
@@ -308,8 +327,19 @@ impl State {
         self.loading.as_deref().or(shown).unwrap_or("none")
     }
 
-    pub(crate) fn is_loading(&self) -> bool {
+    /// Whether a scene was asked for that is not there yet.
+    #[must_use]
+    pub fn is_loading(&self) -> bool {
         self.loading.is_some()
+    }
+
+    /// What the user should know now.
+    pub(crate) fn hint(&self) -> String {
+        match &self.loading {
+            Some(name) if self.message.is_empty() => format!("loading {name} ..."),
+            None if self.message.is_empty() => "cost 1.00 x fresh: as good as new".to_owned(),
+            _ => self.message.clone(),
+        }
     }
 
     /// Asks for the next scene of the list; not while one is loading.
@@ -437,13 +467,20 @@ impl State {
                 }
             }
             Drag::Timeline => self.scrub(),
+            Drag::Slider(control) => self.slide_to_pointer(control),
             Drag::Nothing => {}
         }
     }
 
     fn press(&mut self, button: Button) {
         let at = self.pointer;
-        if let Some(control) = self.control_at(at) {
+        let track = |row| Self::track(row).contains(at) && button == Button::Left;
+        if let Some((_, control)) =
+            self.control_at(at).filter(|&(row, control)| track(row) && self.slider(control).is_some())
+        {
+            self.drag = Drag::Slider(control);
+            self.slide_to_pointer(control);
+        } else if let Some((_, control)) = self.control_at(at) {
             self.step(control, button == Button::Right);
         } else if self.timeline().contains(at) {
             self.drag = Drag::Timeline;
@@ -460,6 +497,13 @@ impl State {
             self.pick();
         }
         self.drag = Drag::Nothing;
+    }
+
+    /// Moves a slider to where the pointer is.
+    fn slide_to_pointer(&mut self, control: Control) {
+        let (track, count) = (Self::track(Self::row(0)), self.slider(control).map_or(1, |(_, count)| count));
+        let part = (self.pointer.0 - track.x as f32) / track.width as f32;
+        self.slide(control, (part.clamp(0.0, 1.0) * count as f32) as usize);
     }
 
     /// Goes to the frame at the pointer.
@@ -530,8 +574,8 @@ impl State {
         times
     }
 
-    /// Draws the viewer as it is now. While something moves the picture is as coarse as it has to be to keep its
-    /// pace. Once nothing does, each call adds a sample, until the picture is that of `xtask render`, pixel for pixel.
+    /// Draws the viewer as it is now. While something moves, the picture of each tree is as coarse as it has to be to keep
+    /// its pace, with as much time for either. Once nothing does, each call adds a sample, until the picture is that of `xtask render`, pixel for pixel.
     pub fn draw(&mut self) -> &Canvas {
         let start = (self.clock)();
         let (light, samples, plays) = (self.light_effects(), self.samples(), self.plays());
@@ -543,7 +587,7 @@ impl State {
         self.stale = false;
         let traced: f64 = self.shown.iter().flat_map(|shown| &shown.sides).map(|side| side.trace_ms).sum();
         if did_trace {
-            self.other_ms = self.step_ms + 1e3 * ((self.clock)() - start) - traced;
+            self.other_ms = (self.step_ms + 1e3 * ((self.clock)() - start) - traced).max(0.0);
         }
         &self.canvas
     }
@@ -560,15 +604,10 @@ impl State {
         let moves = std::mem::take(&mut self.moved);
         let done = shown.sides.iter().map(|side| side.count).min().unwrap_or(0);
         // Between two frames of the animation the picture stays, and once nothing moves it becomes finer.
-        let waits = plays && done > 0 || self.coarse_now == 1 && done >= samples;
+        let waits = plays && done > 0 || shown.sides.iter().all(|side| side.is_done(samples));
         if !moves && waits {
             return false;
         }
-        let coarse = if moves { self.coarse } else { (self.coarse_now / 2).max(1) };
-        if moves || self.coarse_now != coarse {
-            shown.sides.iter_mut().for_each(|side| side.count = 0);
-        }
-        self.coarse_now = coarse;
         let smooth = !self.settings.heat;
         if smooth && !shown.is_smooth {
             shown.stage.smooth();
@@ -583,26 +622,50 @@ impl State {
             ..shown.stage.options_with(light)
         };
         for (i, port) in self.ports().into_iter().enumerate() {
+            // One tree may be done before the other.
+            let Some(side) = shown.sides.get_mut(i).filter(|side| moves || !side.is_done(samples)) else {
+                continue;
+            };
+            side.choose_coarse(moves, plays);
+            let coarse = side.coarse_now;
             let camera = self.camera(shown, port, coarse);
             let Some(side) = shown.sides.get_mut(i) else { continue };
             side.trace(&shown.stage, shown.frame, &camera, &options, self.clock);
+            if samples > 1 && coarse == 1 {
+                side.estimate_noise();
+            }
             self.copy(side, port, coarse);
         }
+        let is_fine = shown.sides.first().is_some_and(|side| side.coarse_now == 1);
         if moves {
-            let ms: f64 = shown.sides.iter().map(|side| side.trace_ms).sum();
-            self.adapt(ms);
+            self.probe = None;
+        } else if smooth && is_fine && self.probe.is_none_or(|probe| probe.test != self.settings.test) {
+            self.probe = self.compare_tests(shown, &options);
+        }
+        if moves {
+            let budget = (PICTURE_BUDGET - self.other_ms).max(TRACE_BUDGET) / shown.sides.len().max(1) as f64;
+            shown.sides.iter_mut().for_each(|side| side.adapt(budget));
         }
         true
     }
 
-    /// Chooses how coarse pictures are while something moves, from what the last one took.
-    fn adapt(&mut self, ms: f64) {
-        let pixels = f64::from(self.coarse * self.coarse);
-        let budget = (PICTURE_BUDGET - self.other_ms).max(TRACE_BUDGET);
-        let fits = |coarse: u32, budget: f64| ms * pixels / f64::from(coarse * coarse) <= budget;
-        // Finer only if there is room to spare, so that it does not go to and fro.
-        let fits = |coarse: u32| fits(coarse, if coarse < self.coarse { 0.8 } else { 1.0 } * budget);
-        self.coarse = (1..COARSEST).find(|&coarse| fits(coarse)).unwrap_or(COARSEST);
+    /// Traces a small picture with the triangle test that is set, and with that in double precision.
+    fn compare_tests(&self, shown: &Shown, options: &RenderOptions) -> Option<Probe> {
+        let (port, side) = (self.ports()[0], shown.sides.first()?);
+        let camera = self.camera(shown, port, (port.width as u32).div_ceil(PROBE).max(1));
+        let (mesh, light) = (shown.stage.mesh(), shown.stage.light());
+        let (width, height) = (camera.width(), camera.height());
+        let traced = |triangle_test| {
+            let options = RenderOptions { triangle_test, timed: false, ..*options };
+            let mut image = Image::new(width, height);
+            let start = (self.clock)();
+            let stats = render(&side.tree, &mesh, &camera, Some(&light), &options, &mut image);
+            (1e9 * ((self.clock)() - start) / stats.rays().max(1) as f64, image)
+        };
+        let ((ns, ours), (exact_ns, exact)) = (traced(options.triangle_test), traced(TriangleTest::Double));
+        let seen = |pixel: &[f32; 3]| pixel.map(|c| self.table.encode(c));
+        let differ = ours.pixels().iter().zip(exact.pixels()).filter(|(a, b)| seen(a) != seen(b)).count();
+        Some(Probe { test: options.triangle_test, ns, exact_ns, differ, pixels: ours.pixels().len() })
     }
 
     /// Copies a traced picture to its part of the whole, in sRGB.
@@ -621,9 +684,9 @@ impl State {
         });
     }
 
-    /// The control whose row in the panel is at a pixel.
-    fn control_at(&self, at: (f32, f32)) -> Option<Control> {
+    /// The row of the panel that is at a pixel, with its control.
+    fn control_at(&self, at: (f32, f32)) -> Option<(Rect, Control)> {
         let rows = CONTROLS.iter().enumerate().filter(|_| self.settings.overlay == 2);
-        rows.into_iter().find(|(i, _)| Self::row(*i).contains(at)).map(|(_, &(.., control))| control)
+        rows.map(|(i, &(.., control))| (Self::row(i), control)).find(|(row, _)| row.contains(at))
     }
 }

@@ -196,6 +196,15 @@ fn the_panel_and_the_timeline_take_clicks() {
     assert_eq!(state.settings().left.name(), "refit+rotate");
     drag(&mut state, Button::Right, (30.0, 45.0), (30.0, 45.0));
     assert_eq!(state.settings().left.name(), "refit");
+    // The track of the rotation budget, from its middle to its left end and beyond its right one.
+    drag(&mut state, Button::Left, (180.0, 130.0), (138.0, 200.0));
+    assert_eq!(state.settings().period, 16);
+    drag(&mut state, Button::Left, (138.0, 130.0), (600.0, 130.0));
+    assert_eq!(state.settings().period, 1);
+    drag(&mut state, Button::Left, (222.0, 106.0), (138.0, 106.0));
+    assert_eq!(state.settings().test.name(), "fast");
+    drag(&mut state, Button::Left, (138.0, 154.0), (165.0, 154.0));
+    assert_eq!(state.settings().samples, Some(4));
     drag(&mut state, Button::Left, (10.0, 355.0), (639.0, 355.0));
     assert_eq!(state.frame(), Some((48, 49)));
 }

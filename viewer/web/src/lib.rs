@@ -155,6 +155,12 @@ pub extern "C" fn is_at_rest() -> u32 {
     PAGE.with_borrow(|page| page.state.as_ref().map_or(1, |state| u32::from(state.is_at_rest())))
 }
 
+/// Whether a scene was asked for that is not there yet.
+#[unsafe(no_mangle)]
+pub extern "C" fn is_loading() -> u32 {
+    PAGE.with_borrow(|page| page.state.as_ref().map_or(1, |state| u32::from(state.is_loading())))
+}
+
 /// Does what the viewer asks for: makes a scene, which may take seconds. Gives 1 if the page is to save the picture.
 #[unsafe(no_mangle)]
 pub extern "C" fn serve() -> u32 {

@@ -8,13 +8,15 @@ use color_quant::NeuQuant;
 use gif::{DisposalMethod, Encoder, Frame, Repeat};
 use viewer_core::{Canvas, Event, Key, Settings, State};
 
+use crate::load::Pace;
 use crate::{Args, CLOCK, load};
 
 /// Draws frames without a window.
 pub(crate) fn draw(args: &Args, settings: Settings, out: &Path) -> Result<()> {
     let extension = out.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     let mut state = State::new(args.size.0, args.size.1, vec![args.scene.clone()], CLOCK);
-    let mut ready = load::ready(&args.scene, &|_| {})?;
+    let pace = Pace::new();
+    let mut ready = load::ready(&args.scene, &|part| pace.at("simulating", part.into()))?;
     let fresh = ready.take_fresh_costs();
     state.apply(Event::Settings(settings));
     state.apply(Event::Scene(Box::new(ready)));
@@ -34,7 +36,9 @@ pub(crate) fn draw(args: &Args, settings: Settings, out: &Path) -> Result<()> {
     };
     // Plays by hand, one frame at a time.
     state.apply(Event::Key(Key::Char(' '), true));
+    let pace = Pace::new();
     for frame in 0..wanted.end {
+        pace.at("drawing", frame as f64 / wanted.end as f64);
         if frame > 0 {
             state.apply(Event::Key(Key::Right, true));
         }

@@ -1,6 +1,8 @@
 //! Scenes, made ready beside the thread that draws.
 
 use std::path::PathBuf;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use scenes::SceneOptions;
@@ -21,13 +23,45 @@ pub(crate) fn ready(name: &str, progress: &(dyn Fn(f32) + Sync)) -> Result<Ready
     Ready::new(scene).with_context(|| format!("{name}: no tree"))
 }
 
+/// How far something is that began at `start`, and how long it will take.
+fn progress_line(what: &str, part: f64, start: Instant) -> String {
+    let left = start.elapsed().as_secs_f64() * (1.0 - part) / part.max(1e-3);
+    format!("{what}: {:.0} %, about {left:.0} s left", 100.0 * part)
+}
+
+/// Says on standard error how far something is, a line every few seconds.
+pub(crate) struct Pace {
+    start: Instant,
+    last: Mutex<Instant>,
+}
+
+impl Pace {
+    const QUIET: Duration = Duration::from_secs(3);
+
+    pub(crate) fn new() -> Self {
+        let start = Instant::now();
+        Self { start, last: Mutex::new(start) }
+    }
+
+    pub(crate) fn at(&self, what: &str, part: f64) {
+        if let Ok(mut last) = self.last.lock()
+            && last.elapsed() >= Self::QUIET
+        {
+            *last = Instant::now();
+            eprintln!("{}", progress_line(what, part, self.start));
+        }
+    }
+}
+
 /// Loads a scene on a thread of its own, and then looks for the costs of fresh trees. What comes of it goes to `send`,
 /// which is false once nobody listens.
 pub(crate) fn begin(name: String, send: impl Fn(Event) -> bool + Send + Sync + 'static) {
     std::thread::spawn(move || {
         let work = || {
+            step_back();
+            let start = Instant::now();
             let progress = |part: f32| {
-                send(Event::Message(format!("simulating {name}: {:.0} %", 100.0 * part)));
+                send(Event::Message(progress_line(&format!("simulating {name}"), part.into(), start)));
             };
             let fresh = match ready(&name, &progress) {
                 Ok(mut ready) => {
@@ -50,4 +84,17 @@ pub(crate) fn begin(name: String, send: impl Fn(Event) -> bool + Send + Sync + '
             work();
         }
     });
+}
+
+/// How much this thread steps back behind those that draw, which otherwise wait for it: of two cores it then gets a tenth
+/// while they have work, and all that is left else.
+#[cfg(target_os = "linux")]
+const STEP_BACK: i32 = 10;
+
+/// Gives way to the threads that draw. Only on Linux has each thread a priority of its own.
+fn step_back() {
+    #[cfg(target_os = "linux")]
+    if let Err(error) = rustix::process::nice(STEP_BACK) {
+        eprintln!("note: pictures may wait while a scene is made ready: {error}");
+    }
 }

@@ -6,6 +6,7 @@
 
 mod film;
 mod load;
+mod timing;
 mod window;
 
 use std::ops::Range;
@@ -65,9 +66,10 @@ struct Args {
     /// Draw one frame in so many
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), requires = "out")]
     every: u32,
-    /// Print the pictures a second and the longest waits for one at the end
-    #[arg(long)]
-    timing: bool,
+    /// Play for so many seconds, change the strategy twice and the scene once on the way, and print the time to the
+    /// first picture, pictures a second, and the longest waits [default: 10 s]
+    #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "10", value_parser = seconds, conflicts_with = "out")]
+    timing: Option<f64>,
 }
 
 fn size(text: &str) -> Result<(u32, u32), String> {
@@ -79,6 +81,11 @@ fn size(text: &str) -> Result<(u32, u32), String> {
 fn speed(text: &str) -> Result<f64, String> {
     let speed = text.parse().ok().filter(|speed| (0.01..=100.0).contains(speed));
     speed.ok_or_else(|| "expected a number from 0.01 to 100".to_owned())
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds| (0.1..=3600.0).contains(seconds));
+    seconds.ok_or_else(|| "expected seconds from 0.1 to 3600".to_owned())
 }
 
 fn range(text: &str) -> Result<Range<usize>, String> {
@@ -123,6 +130,8 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn main() -> ExitCode {
+    // The clock starts here.
+    CLOCK();
     let args = Args::parse();
     match run(&args) {
         Ok(()) => ExitCode::SUCCESS,

@@ -16,6 +16,7 @@ use winit::keyboard::{Key as WinitKey, NamedKey};
 use winit::window::{Window, WindowId};
 
 use crate::film::{Film, save};
+use crate::timing::Timing;
 use crate::{Args, CLOCK, load};
 
 /// Pixels of a touchpad's scrolling that count as a notch of a wheel.
@@ -39,12 +40,10 @@ pub(crate) fn run(args: &Args, settings: Settings) -> Result<()> {
         film: None,
         saved: 0,
         failed: None,
-        timing: Timing::default(),
+        timing: args.timing.map(Timing::new),
     };
     event_loop.run_app(&mut app).context("the window's events ended")?;
-    if args.timing {
-        app.timing.print();
-    }
+    app.timing.into_iter().for_each(Timing::print);
     app.failed.map_or(Ok(()), Err)
 }
 
@@ -61,24 +60,7 @@ struct App<'a> {
     film: Option<Film>,
     saved: usize,
     failed: Option<anyhow::Error>,
-    timing: Timing,
-}
-
-/// How long pictures took, from one to the next, and what was shown.
-#[derive(Default)]
-struct Timing {
-    pictures: Vec<(f64, Option<usize>, &'static str)>,
-}
-
-impl Timing {
-    fn print(mut self) {
-        let (count, sum) = (self.pictures.len(), self.pictures.iter().map(|picture| picture.0).sum::<f64>());
-        println!("{count} pictures, {:.1} a second", count as f64 / sum);
-        self.pictures.sort_by(|a, b| b.0.total_cmp(&a.0));
-        for (seconds, frame, strategy) in self.pictures.iter().take(5) {
-            println!("{:.0} ms to a picture of {strategy}, frame {frame:?}", 1e3 * seconds);
-        }
-    }
+    timing: Option<Timing>,
 }
 
 impl App<'_> {
@@ -116,8 +98,9 @@ impl App<'_> {
         }
         buffer.present().map_err(error)?;
         self.rests = self.state.is_at_rest();
-        let frame = self.state.frame().map(|(frame, _)| frame);
-        self.timing.pictures.push((seconds, frame, self.state.settings().left.name()));
+        if let Some(timing) = &mut self.timing {
+            timing.shown(&mut self.state, seconds);
+        }
         Ok(())
     }
 

@@ -52,7 +52,8 @@ impl Display {
         static NUMBERS: Mutex<()> = Mutex::new(());
         let turn = NUMBERS.lock().unwrap_or_else(PoisonError::into_inner);
         let mut xvfb = Command::new("Xvfb")
-            .args(["-displayfd", "1", "-screen", "0", "640x480x24", "-fbdir"])
+            // Without a client for a moment, as between two of xdotool's, it would start again and refuse the viewer.
+            .args(["-noreset", "-displayfd", "1", "-screen", "0", "640x480x24", "-fbdir"])
             .arg(folder.path())
             .stdout(Stdio::piped())
             .stderr(Stdio::null())

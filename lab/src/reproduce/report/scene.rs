@@ -18,13 +18,12 @@ const TYPICAL: &str = "refit+rotate";
 pub(super) fn sections(results: &Results) -> Markup {
     html! {
         section id="scenes" {
-            h2 { "Scenes" }
             p {
                 "Times are means over the frames measured, with the middle 80 % beside them, in milliseconds; × compares \
                  the SAH cost with that of a fresh sweep build on the same frame."
             }
             @for scene in results.main_scenes() {
-                div data-scene=(scene.facts.label) { (section(results, scene)) }
+                div id={ "scene-" (scene.facts.slug) } data-scene=(scene.facts.label) { (section(results, scene)) }
             }
         }
     }
@@ -96,7 +95,7 @@ fn film(scene: &SceneRun) -> Markup {
     }
 }
 
-fn image(picture: &Picture, words: &str) -> Markup {
+pub(super) fn image(picture: &Picture, words: &str) -> Markup {
     let kind = if picture.file.ends_with(".jpg") { "jpeg" } else { "png" };
     let words = if words == "sweep" { "fresh tree" } else { words };
     html! {
@@ -120,7 +119,7 @@ fn table(rows: &[StrategySummary]) -> Markup {
                 }
                 tbody {
                     @for row in rows {
-                        tr {
+                        tr data-strategy=(row.strategy) {
                             th scope="row" {
                                 (row.strategy)
                                 @if let Some(accounting) = &row.accounting { div.soft.light { (accounting) } }
