@@ -34,6 +34,8 @@ pub(crate) struct Body {
     /// Points that touch the ground, relative to the centre.
     corners: Vec<Vec3>,
     before: Placement,
+    /// Where it would be now without contact.
+    predicted: Placement,
 }
 
 impl Body {
@@ -72,6 +74,7 @@ impl Body {
             inverse_inertia: inertia.inverse(),
             corners: extreme_points(&surface.positions),
             before: at,
+            predicted: at,
         };
         (body, surface)
     }
@@ -82,6 +85,7 @@ impl Body {
             self.at.position += self.velocity * dt;
             self.turn(self.spin * dt);
         }
+        self.predicted = self.at;
     }
 
     /// Rotates by a small rotation vector in the world.
@@ -90,8 +94,8 @@ impl Body {
         self.at.rotation = (q + Quat::from_vec4((0.5 * by).extend(0.0)) * q).normalize();
     }
 
-    /// Pushes the body out of the ground, and makes its velocities those of the way it has gone in
-    /// this step. Gives the number of corners that were below the ground.
+    /// Pushes the body out of the ground, and adds to its velocities what contact changed in this step.
+    /// Gives the number of corners that were below the ground.
     fn touch_ground(&mut self, dt: f32) -> usize {
         if !self.free {
             return 0;
@@ -119,9 +123,13 @@ impl Body {
                 }
             }
         }
-        self.velocity = (self.at.position - self.before.position) / dt;
-        let turned = self.at.rotation * self.before.rotation.conjugate();
-        self.spin = turned.xyz() * (2.0 * turned.w.signum() / dt);
+        // What contact changes is added: the whole way over the time of a small step would be a speed
+        // rounded to nothing.
+        self.velocity += (self.at.position - self.predicted.position) / dt;
+        if self.at.rotation != self.predicted.rotation {
+            let turned = self.at.rotation * self.predicted.rotation.conjugate();
+            self.spin += turned.xyz() * (2.0 * turned.w.signum() / dt);
+        }
         if let Some(arm) = lowest {
             let arriving = (velocity + spin.cross(arm)).y;
             let leaving = (self.velocity + self.spin.cross(arm)).y;
@@ -227,6 +235,7 @@ impl Bodies {
         for (body, &(push, shift)) in self.bodies.iter_mut().zip(&pushes) {
             body.at.position += push + shift;
             body.before.position += shift;
+            body.predicted.position += shift;
         }
         let dt = self.dt;
         let corners: usize = self.bodies.par_iter_mut().with_min_len(256).map(|b| b.touch_ground(dt)).sum();

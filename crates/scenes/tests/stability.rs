@@ -143,6 +143,12 @@ fn shards_fly_no_faster_than_they_are_kicked_and_fall() {
     }
 }
 
+#[test]
+fn the_smallest_steps_still_make_the_stone_fall() {
+    let scene = simulated("lion", (2, 40_000));
+    assert!(scene.simulated.fracture > 0, "{:?}", scene.simulated);
+}
+
 /// 10,000 key frames of every simulation at three step sizes; a few minutes.
 #[test]
 #[ignore = "simulates 840,000 steps"]
