@@ -137,7 +137,7 @@ impl Obvhs {
     fn numbers(&self) -> &[u32] {
         match self.mode {
             Mode::Wide => &self.wide.primitive_indices,
-            _ => &self.tree.primitive_indices,
+            Mode::Refit | Mode::Move | Mode::Rebuild => &self.tree.primitive_indices,
         }
     }
 
@@ -183,7 +183,7 @@ impl Contestant for Obvhs {
     fn sah_cost(&self) -> Option<f64> {
         let nodes = match self.mode {
             Mode::Wide => return None,
-            _ => &self.tree.nodes,
+            Mode::Refit | Mode::Move | Mode::Rebuild => &self.tree.nodes,
         };
         let area = |n: usize| half_area(nodes[n].aabb().diagonal().to_array());
         let (mut sah, mut todo) = (Sah::default(), vec![0]);
@@ -216,7 +216,9 @@ impl Contestant for Obvhs {
             let mut found = RayHit::none();
             match self.mode {
                 Mode::Wide => self.wide.ray_traverse(Self::ray(rays, i), &mut found, test),
-                _ => self.tree.ray_traverse(Self::ray(rays, i), &mut found, test),
+                Mode::Refit | Mode::Move | Mode::Rebuild => {
+                    self.tree.ray_traverse(Self::ray(rays, i), &mut found, test)
+                }
             };
             hits.set(i, best);
         }
@@ -233,7 +235,9 @@ impl Contestant for Obvhs {
             };
             *blocked = !match self.mode {
                 Mode::Wide => self.wide.ray_traverse_miss(Self::ray(rays, i), test),
-                _ => self.tree.ray_traverse_miss(Self::ray(rays, i), test),
+                Mode::Refit | Mode::Move | Mode::Rebuild => {
+                    self.tree.ray_traverse_miss(Self::ray(rays, i), test)
+                }
             };
         }
     }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anim::PoseStats;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use bvh_update::{Rotate, Strategy, Updater};
 use rt_cpu::{Image, RenderOptions, RenderStats, render};
 use scenes::{
@@ -86,6 +86,9 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let threads = args.threads.map_or_else(pool::default_threads, |n| n as usize);
     let tables = pool::pool(threads)?.install(|| tables(args, &sources))?;
+    if interrupt::requested() {
+        bail!("interrupted; the tables are not complete, so nothing is written");
+    }
     let Machine { cpu, simd, started, .. } = Machine::read();
     let text = format!(
         "# Effects\n\nWritten by `cargo xtask effects`: what a frame runs and why, and what each effect costs. {cpu}, {simd}, \

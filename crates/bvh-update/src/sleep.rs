@@ -5,8 +5,7 @@ use bvh_core::Bvh;
 /// Marks those primitives as dynamic that move, and for some updates those that have stopped.
 ///
 /// Updates skip static subtrees, so rotations never reach what stopped in a bad state. The paper's go on over all nodes, and
-/// quality rises once motion stops (Kopta et al. 2012, section 4): this keeps that. The claim "Once motion stops, quality
-/// keeps rising" in the report of `cargo xtask reproduce` says how much 50 updates gain.
+/// quality rises once motion stops (Kopta et al. 2012, section 4): this keeps that.
 ///
 /// ```
 /// use bvh_build::{Builder, build};
@@ -40,7 +39,8 @@ impl SleepDelay {
 
     /// Marks primitives before an update; `moves` says which have moved since the last one. Gives the number of dynamic ones.
     ///
-    /// O(n). Calls [`Bvh::set_dynamic`] only if some primitive falls asleep or wakes.
+    /// O(n). Calls [`Bvh::set_dynamic`] if some primitive falls asleep or wakes, and for a new tree. Marks set by others are
+    /// replaced then, not before.
     pub fn mark(&mut self, bvh: &mut Bvh, moves: impl Fn(usize) -> bool) -> usize {
         let Self { updates, rested } = self;
         let is_new = rested.len() != bvh.len();
@@ -56,7 +56,7 @@ impl SleepDelay {
             awake += usize::from(is_awake);
             changed |= was_awake != is_awake;
         }
-        // A tree that was built anew has forgotten.
+        // A new tree has all primitives dynamic.
         if changed || bvh.all_dynamic() != (awake == rested.len()) {
             bvh.set_dynamic(|primitive| rested[primitive] <= *updates);
         }

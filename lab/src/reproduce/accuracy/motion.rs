@@ -1,9 +1,6 @@
 //! Simulated motion: its time step against one many times finer, and how many key frames are kept
 //! of it.
 
-use std::sync::Mutex;
-use std::time::Instant;
-
 use anim::{Animation, Pose};
 use anyhow::{Context, Result};
 use bvh_core::Vec3;
@@ -11,7 +8,7 @@ use scenes::{Scene, SceneInfo, SceneOptions, distance};
 
 use super::bench::{Log, fastest};
 use super::point::Point;
-use crate::{files, interrupt};
+use crate::{files, interrupt, stage};
 
 /// A simulation whose step is varied.
 struct Simulated {
@@ -36,18 +33,7 @@ fn info(name: &str) -> Result<&'static SceneInfo> {
 /// Simulates a scene with a number of key frames, and of steps between two of them. Gives the scene
 /// and the milliseconds from the first to the last of its key frames.
 fn simulate(log: &Log<'_>, name: &str, key_frames: usize, steps: usize) -> Result<(Scene, f64)> {
-    let reported: Mutex<Option<[Instant; 2]>> = Mutex::new(None);
-    let progress = |_| {
-        if let Ok(mut reported) = reported.lock() {
-            let now = Instant::now();
-            *reported = Some(reported.map_or([now; 2], |[first, _]| [first, now]));
-        }
-    };
-    let options = SceneOptions { progress: Some(&progress), ..options(log, key_frames, steps) };
-    let scene = scenes::load(name, None, &options)?;
-    let time = reported.into_inner().ok().flatten();
-    let time_ms = time.map_or(0.0, |[first, last]| 1e3 * (last - first).as_secs_f64());
-    Ok((scene, time_ms))
+    stage::simulated(name, options(log, key_frames, steps))
 }
 
 fn options(log: &Log<'_>, key_frames: usize, steps: usize) -> SceneOptions<'static> {

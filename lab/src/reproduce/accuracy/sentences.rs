@@ -68,14 +68,15 @@ fn triangle_test(points: &[Point]) -> Option<String> {
 
 fn guards(points: &[Point]) -> Option<String> {
     let boxes = curves(points, "conservative boxes", "rays leaking");
-    let (at, lost) = (boxes.first()?.condition, boxes.first()?.get("off")?.error);
+    let lost = boxes.first()?.get("off")?.error;
+    let cost = |curve: &Curve<'_>| Some(curve.get("on")?.time_ms / curve.get("off")?.time_ms);
     let guards = curves(points, "guards against NaN", "pixels lost");
     let of_strategy: Vec<_> = guards.iter().filter(|curve| curve.condition == STRATEGY).collect();
     let broken = of_strategy.iter().filter_map(|curve| Some(curve.get("off")?.error));
     Some(format!(
         "Conservative boxes: their cost is {} % of single rays, and they keep {} hits in a million at edges. Guards \
          against NaN: {} % of {STRATEGY}, and they keep up to {} pixels in a million when one vertex in 1000 breaks.",
-        signed(cost_in_percent(&boxes, at, "on", "off")?),
+        signed(mean_in_percent(boxes.iter().filter_map(cost))?),
         precise(lost),
         signed(cost_in_percent(&guards, STRATEGY, "on", "off")?),
         number(broken.fold(0.0, f64::max))
@@ -127,7 +128,7 @@ fn advice(points: &[Point], scene: &str) -> Vec<String> {
         let noise = best.noise.unwrap_or(1.0);
         Some(match frame(&default) <= noise * frame(&best) {
             true => format!(
-                "strategy: {}, which nothing beats by more than the noise; shortest {}",
+                "strategy: {}, which nothing beats by more than the noise; fastest frame: {}",
                 shown(default),
                 shown(best)
             ),
