@@ -245,7 +245,7 @@ impl Bodies {
     /// How far its neighbours and the last body push a body, and how far they shift it besides,
     /// which changes no velocity.
     ///
-    /// A push undoes an overlap as far as the two approached each other in this step. What overlapped
+    /// A push undoes that part of an overlap by which the two approached each other in this step. What overlapped
     /// before is shifted apart: as a push it would become speed, the more the smaller the step.
     fn pushed(&self, i: usize) -> (Vec3, Vec3) {
         let b = &self.bodies[i];

@@ -132,7 +132,7 @@ pub extern "C" fn inbox(bytes: usize) -> *mut u8 {
     })
 }
 
-/// Shows the file in the inbox, whose name has so many bytes.
+/// Shows the file in the inbox, whose name has this number of bytes.
 #[unsafe(no_mangle)]
 pub extern "C" fn open(name: usize) {
     let file = PAGE.with_borrow_mut(|page| std::mem::take(&mut page.inbox));

@@ -113,7 +113,7 @@ pub(crate) fn save(canvas: &Canvas, path: &Path) -> Result<()> {
 const COLORS: usize = 128;
 /// Hundredths of a second that a frame is shown.
 const DELAY: u16 = 8;
-/// Pixels that the colours are chosen from: one in so many.
+/// One pixel in this number is among those that the colours are chosen from.
 const SPARSE: usize = 7;
 
 /// Encodes pictures of one size as a GIF with one palette. Pixels that stay as they are are left out, which makes it

@@ -23,7 +23,7 @@ use crate::stage::ms;
 /// How far the wall is moved along each axis, where its edges are about 1 long.
 const OFFSETS: [(&str, f64); 4] = [("the origin", 0.0), ("1e3", 1e3), ("1e5", 1e5), ("1e7", 1e7)];
 
-/// Of so many rows of rays one is timed: short runs find a quiet moment.
+/// One row of rays in this number is timed: short runs find a quiet moment.
 const PART: usize = 8;
 
 /// Pixels from a vertex to the next, and vertices beyond each side of the picture.
