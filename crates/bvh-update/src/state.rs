@@ -67,24 +67,20 @@ pub(crate) struct Ledger {
     /// What merged leaves would save, and what they lose once they tear open.
     pub(crate) merge: SkiRental,
     pub(crate) split: SkiRental,
-    /// Half area of the dynamic leaves in units of the scale, the least since leaves were last merged or split; 0 if it has to
-    /// be measured.
+    /// The least half area of the dynamic leaves in units of the scale, apart from what merging and splitting changed; 0 if it
+    /// has to be measured.
     pub(crate) leaf_area: f64,
-    /// What merging leaves has multiplied the baseline by; 0 stands for 1.
-    pub(crate) merged_cost: f64,
     /// Updates since the last repair or rebuild.
     pub(crate) since_repair: u32,
     /// Subtrees that the last repair kept; 0 if there was none.
     pub(crate) kept: u32,
     /// Rebuilds in a row, each soon after the one before.
     pub(crate) rebuilds_in_a_row: u32,
-    /// Turns of merging, or of splitting, that are left.
-    pub(crate) merge_turns: u32,
-    pub(crate) split_turns: u32,
-    /// 0 or 1: whether a repair would be too large, the builder was the fast one, leaves are merged.
+    /// Which leaves are looked at next.
+    pub(crate) leaf_turn: u32,
+    /// 0 or 1: whether a repair would be too large, the builder was the fast one.
     pub(crate) is_beyond_repair: u32,
     pub(crate) is_fast_build: u32,
-    pub(crate) is_merged: u32,
 }
 
 const _: () = assert!(size_of::<State>() <= size_of::<[u64; UpdateState::WORDS]>());

@@ -15,7 +15,7 @@
 use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
-use crate::leaves::{LONGEST, LeafScratch, LeafStep, change_leaves};
+use crate::leaves::{LONGEST, LeafScratch, change_leaves};
 use crate::quality::{cost_after, cost_of, in_units_of, take_baseline};
 use crate::rebuild::{RebuildScratch, new_tree, options_like};
 use crate::refit::{RefitScratch, Rotate, RotationSchedule, Tally, parts, pass};
@@ -48,11 +48,6 @@ impl Default for Auto {
 /// the jump from the last frame of a loop to its first: it may be better than its baseline and still 24 times worse than a new
 /// one (`auto_merges_leaves_where_it_is_calm` in `tests/repairs.rs` plays that).
 const GATHERED: f64 = 0.5;
-
-/// In how many updates all leaves are merged, and split, a part of the tree in each, so that frames are alike. Torn leaves
-/// cost more than one frame of another length.
-const MERGE_TURNS: u32 = 8;
-const SPLIT_TURNS: u32 = 2;
 
 /// The memory of what `Auto` may do.
 pub(crate) struct AutoScratch<'a> {
@@ -101,8 +96,8 @@ fn observe(bvh: &mut Bvh, tally: &Tally, queries: QueryCost) -> Observation {
         baseline.cost = if baseline.cost == 0.0 { now } else { baseline.cost.min(now) };
     }
     // Leaves that are not merged grow by themselves.
-    let (leaf_area, is_calm) = (tally.leaf_area / scale, ledger.is_merged == 0 || ledger.leaf_area == 0.0);
-    ledger.leaf_area = if is_calm { leaf_area } else { ledger.leaf_area.min(leaf_area) };
+    let (leaf_area, is_merged) = (tally.leaf_area / scale, before.spare_pair > 0 && ledger.leaf_area > 0.0);
+    ledger.leaf_area = if is_merged { ledger.leaf_area.min(leaf_area) } else { leaf_area };
     let unit = before.baseline.unit(scale);
     let growth = (leaf_area - ledger.leaf_area) * scale / unit;
     Observation {
@@ -127,9 +122,13 @@ fn execute<P: Primitives + ?Sized>(
     let decision = match plan {
         Plan::Keep => Decision::AsAlways,
         Plan::Rebuild(builder) => return rebuild(bvh, primitives, builder, Some((tally, seen)), scratch),
-        Plan::MergeLeaves | Plan::SplitLeaves => {
-            step_leaves(plan, bvh, primitives, seen, tally, scratch.leaves);
-            if plan == Plan::MergeLeaves { Decision::MergeLeaves } else { Decision::SplitLeaves }
+        Plan::ChangeLeaves { period } => {
+            let is_changed = step_leaves(period, bvh, primitives, seen, tally, scratch.leaves);
+            match (is_changed, plan.splits()) {
+                (false, _) => Decision::AsAlways,
+                (true, false) => Decision::MergeLeaves,
+                (true, true) => Decision::SplitLeaves,
+            }
         }
         Plan::Repair { threshold, most, or_rebuild } => {
             let baseline: Baseline = State::of(bvh).baseline;
@@ -175,57 +174,27 @@ fn rebuild<P: Primitives + ?Sized>(
     Ok(Update { decision: Decision::Rebuild { builder }, ..update })
 }
 
-/// Merges or splits the leaves whose turn it is.
+/// Merges or splits the leaves whose turn it is; whether any had to be.
 fn step_leaves<P: Primitives + ?Sized>(
-    plan: Plan,
+    period: u32,
     bvh: &mut Bvh,
     primitives: &P,
     seen: &Observation,
     tally: &mut Tally,
     scratch: &mut LeafScratch,
-) {
+) -> bool {
     // New trees are to have leaves as they were.
     options_like(bvh);
-    let merges = plan == Plan::MergeLeaves;
-    let ledger = State::of(bvh).ledger;
-    let (turns, before) =
-        if merges { (MERGE_TURNS, ledger.merge_turns) } else { (SPLIT_TURNS, ledger.split_turns) };
-    let left = if before > 0 { before } else { turns } - 1;
-    let step = if merges { LeafStep::Either } else { LeafStep::Split };
-    let schedule = RotationSchedule::new(Rotate { period: turns }, left);
-    let scale = State::of(bvh).baseline.scale;
-    let cost_before = cost_after(bvh, tally);
-    let change = change_leaves(bvh, primitives, schedule, step, LONGEST as u32, scale, scratch);
+    let State { ledger, baseline, .. } = *State::of(bvh);
+    let (scale, unit) = (baseline.scale, baseline.unit(baseline.scale));
+    let schedule = RotationSchedule::new(Rotate { period }, ledger.leaf_turn);
+    let change = change_leaves(bvh, primitives, schedule, LONGEST as u32, scale, scratch);
+    let leaves_before = tally.leaf_area;
     tally.area += change.all;
     tally.leaf_area += change.leaves;
-    let root = bvh.root().aabb().half_area_f64();
-    let growth = cost_after(bvh, tally) / cost_before;
-    let state = State::of_mut(parts(bvh).state);
-    let baseline = &mut state.baseline;
-    baseline.take_sizes([tally.leaf_area, root, baseline.sizes[2]]);
-    let ledger = &mut state.ledger;
-    ledger.leaf_area = tally.leaf_area / scale;
-    if merges {
-        // Leaves like these are part of a good tree now.
-        if growth > 0.0 && growth.is_finite() {
-            baseline.cost *= growth;
-            baseline.measured *= growth;
-            ledger.merged_cost = growth * if ledger.merged_cost > 0.0 { ledger.merged_cost } else { 1.0 };
-        }
-        ledger.merge_turns = left;
-        if left == 0 {
-            ledger.is_merged = u32::from(state.spare_pair > 0);
-            ledger.merge.restart();
-        }
-    } else {
-        ledger.split_turns = left;
-        if left == 0 {
-            ledger.leaves_split(seen.price_of_leaves());
-            let merged = std::mem::take(&mut ledger.merged_cost);
-            if merged > 0.0 {
-                baseline.cost /= merged;
-                baseline.measured /= merged;
-            }
-        }
-    }
+    let State { ledger, baseline, .. } = State::of_mut(parts(bvh).state);
+    baseline.leaves_changed(tally.leaf_area / leaves_before);
+    ledger.leaf_area = (ledger.leaf_area + change.leaves / scale).max(0.0);
+    ledger.leaves_changed(period, -change.all / unit, seen);
+    change.all != 0.0
 }

@@ -37,21 +37,11 @@ pub(crate) struct LeafChange {
     pub(crate) leaves: f64,
 }
 
-/// What becomes of leaves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum LeafStep {
-    /// They are merged or split, whichever costs less.
-    Either,
-    /// They are split where that costs less.
-    Split,
-}
-
-/// Merges or splits the leaves that are scheduled, in a tree that has been fitted; references are in units of `scale`.
+/// Merges or splits the leaves that are scheduled, whichever costs less, in a tree that has been fitted; references are in units of `scale`.
 pub(crate) fn change_leaves<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     schedule: RotationSchedule,
-    step: LeafStep,
     max_leaf_size: u32,
     scale: f64,
     scratch: &mut LeafScratch,
@@ -65,7 +55,7 @@ pub(crate) fn change_leaves<P: Primitives + ?Sized>(
     let Parts { nodes, order, state, .. } = parts(bvh);
     let state = State::of_mut(state);
     let longest = max_leaf_size.min(LONGEST as u32);
-    let view = View { nodes, order, primitives, merges: step == LeafStep::Either, longest, scale };
+    let view = View { nodes, order, primitives, longest, scale };
     plans.iter_mut().for_each(Plans::clear);
     plans.par_iter_mut().zip(small.par_chunks(per_task)).for_each(|(plans, parts)| {
         parts.chunks(GROUP).for_each(|group| view.look(group, plans));
@@ -178,8 +168,6 @@ struct View<'a, P: ?Sized> {
     nodes: &'a [Node],
     order: &'a [u32],
     primitives: &'a P,
-    /// Whether leaves are merged, and not only split.
-    merges: bool,
     longest: u32,
     /// The scene's scale.
     scale: f64,
@@ -269,7 +257,7 @@ impl<P: Primitives + ?Sized> View<'_, P> {
         for i in (0..seen.len()).rev() {
             if let Some(children) = seen[i].children() {
                 let [l, r] = children.map(|child| seen[child].run);
-                let are_runs = self.merges && l.count > 0 && r.count > 0;
+                let are_runs = l.count > 0 && r.count > 0;
                 let meet = l.first + l.count == r.first || r.first + r.count == l.first;
                 if are_runs && meet && l.count + r.count <= self.longest {
                     let node = &self.nodes[seen[i].n as usize];
@@ -442,9 +430,9 @@ mod tests {
             .collect()
     }
 
-    fn step<P: Primitives>(bvh: &mut Bvh, primitives: &P, step: LeafStep) -> LeafChange {
+    fn step<P: Primitives>(bvh: &mut Bvh, primitives: &P) -> LeafChange {
         let always = RotationSchedule::new(Rotate { period: 1 }, 0);
-        change_leaves(bvh, primitives, always, step, LONGEST as u32, 1.0, &mut LeafScratch::default())
+        change_leaves(bvh, primitives, always, LONGEST as u32, 1.0, &mut LeafScratch::default())
     }
 
     fn in_use(bvh: &Bvh) -> usize {
@@ -463,15 +451,15 @@ mod tests {
             pool.install(|| {
                 let mut bvh = start.clone();
                 bvh.set_dynamic(moves);
-                for (boxes, kind) in [(&together, LeafStep::Either), (&apart, LeafStep::Split)] {
+                for (boxes, merge) in [(&together, true), (&apart, false)] {
                     pass(&mut bvh, boxes, None, &mut RefitScratch::new());
                     let (cost, nodes) = (sah_cost(&bvh), in_use(&bvh));
                     let root = bvh.root().aabb().half_area_f64();
-                    let change = step(&mut bvh, boxes, kind);
+                    let change = step(&mut bvh, boxes);
                     bvh.validate(boxes).expect("valid");
                     assert!(((cost + change.all / root) / sah_cost(&bvh) - 1.0).abs() < 1e-9);
                     let pairs = 2 * (N / 2 * 4 / 5);
-                    let expected = if kind == LeafStep::Either { nodes - pairs } else { nodes + pairs };
+                    let expected = if merge { nodes - pairs } else { nodes + pairs };
                     assert_eq!(in_use(&bvh), expected);
                 }
                 trees.push(bvh.fingerprint());
@@ -502,11 +490,11 @@ mod tests {
         let (hash, state) = (bvh.fingerprint(), *bvh.update_state());
         for calls in [0, 10, N / 2, N - 1] {
             let fragile = Fragile(together.clone(), calls.into());
-            let panics = AssertUnwindSafe(|| step(&mut bvh, &fragile, LeafStep::Either));
+            let panics = AssertUnwindSafe(|| step(&mut bvh, &fragile));
             assert!(catch_unwind(panics).is_err());
             assert_eq!((bvh.fingerprint(), *bvh.update_state()), (hash, state));
         }
-        step(&mut bvh, &Fragile(together.clone(), N.into()), LeafStep::Either);
+        step(&mut bvh, &Fragile(together.clone(), N.into()));
         assert_ne!(bvh.fingerprint(), hash);
     }
 }

@@ -34,7 +34,7 @@ use crate::state::State;
 mod collapse;
 mod small_tree;
 
-pub(crate) use collapse::{LeafScratch, LeafStep, change_leaves};
+pub(crate) use collapse::{LeafScratch, change_leaves};
 pub(crate) use small_tree::LONGEST;
 
 /// How leaves are split and merged: subtrees of a few primitives that are neighbours in the tree's order, as they were
@@ -74,8 +74,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let period = if is_stretched { 1 } else { options.period };
     let schedule = RotationSchedule::new(Rotate { period }, updates);
     let scale = unit(tally.leaf_area);
-    let change =
-        change_leaves(bvh, primitives, schedule, LeafStep::Either, options.max_leaf_size, scale, scratch);
+    let change = change_leaves(bvh, primitives, schedule, options.max_leaf_size, scale, scratch);
     let leaf_area = tally.leaf_area + change.leaves;
     let is_first = is_stretched || reference == 0.0;
     let state = State::of_mut(refit::parts(bvh).state);

@@ -94,6 +94,14 @@ impl Baseline {
         self.has_other_dynamic = 0;
     }
 
+    /// The area of the dynamic leaves has changed by this factor, and the scale has not: leaves were merged or split.
+    pub(crate) fn leaves_changed(&mut self, factor: f64) {
+        if factor > 0.0 && factor.is_finite() {
+            self.sizes[0] *= factor;
+            self.scale_factor /= factor;
+        }
+    }
+
     /// The scale of the scene, given the area of its dynamic leaves now.
     pub(crate) fn scale_now(&self, bvh: &Bvh, leaf_area: f64) -> f64 {
         let [leaves, root, _] = self.sizes;
