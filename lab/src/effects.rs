@@ -89,9 +89,11 @@ pub fn run(args: &Args) -> Result<()> {
     if interrupt::requested() {
         bail!("interrupted; the tables are not complete, so nothing is written");
     }
+    let chosen: String =
+        args.scenes.iter().map(|source| format!(" --scene {}", stage::label(source))).collect();
     let Machine { cpu, simd, started, .. } = Machine::read();
     let text = format!(
-        "# Effects\n\nWritten by `cargo xtask effects`: what a frame runs and why, and what each effect costs. {cpu}, {simd}, \
+        "# Effects\n\nWritten by `cargo xtask effects{chosen}`: what a frame runs and why, and what each effect costs. {cpu}, {simd}, \
          threads: {threads}, {started}, revision {}; {} % of the triangles of the six scenes, {} frames, pictures of {} x {} \
          pixels, the fastest of {REPEATS}.\n\n\
          ## What runs\n\n| scene | simulated beforehand | a frame runs, and why |\n|---|---|---|\n{}{tables}",
@@ -209,14 +211,24 @@ fn cost_rows<E: Copy, S>(
         (effects, before)
     };
     let is_own = |switch| switched(own, switch, true).1;
-    if !effects.iter().any(|&(_, switch, _)| is_own(switch)) {
+    let number = effects.iter().filter(|&&(_, switch, _)| is_own(switch)).count();
+    if number == 0 {
         return Ok(());
     }
-    let ((all, all_ms), (_, none_ms)) = (measure(own)?, measure(none)?);
+    let (everything, nothing) = (measure(own)?, measure(none)?);
     for &(name, switch, count) in effects.iter().filter(|&&(_, switch, _)| is_own(switch)) {
-        let (without, without_ms) = measure(switched(own, switch, false).0)?;
-        let (alone, alone_ms) = measure(switched(none, switch, true).0)?;
-        let [all, without, alone] = [&all, &without, &alone].map(count);
+        // Without the only effect there is none, and alone it is everything.
+        let (without, alone) = match number {
+            1 => (None, None),
+            _ => {
+                let measured = measure(switched(own, switch, false).0)?;
+                (Some(measured), Some(measure(switched(none, switch, true).0)?))
+            }
+        };
+        let ((all, all_ms), (_, none_ms)) = (&everything, &nothing);
+        let (without, without_ms) = without.as_ref().unwrap_or(&nothing);
+        let (alone, alone_ms) = alone.as_ref().unwrap_or(&everything);
+        let [all, without, alone] = [all, without, alone].map(count);
         writeln!(
             out,
             "{start} | {name} | {all} | {without} | {alone} | {all_ms:.3} | {without_ms:.3} | {alone_ms:.3} | {none_ms:.3} |"
