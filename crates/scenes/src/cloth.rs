@@ -58,18 +58,17 @@ impl Cloth {
 
     /// Searches for folds that come close, in the first step after a key frame and each time that
     /// others may have come: until the next search none comes from beyond its reach, unless two meet
-    /// head on at full speed. Gives the number of pairs that are near.
-    pub(crate) fn find_folds(&mut self, since_key: usize) -> usize {
+    /// head on at full speed.
+    pub(crate) fn find_folds(&mut self, since_key: usize) {
         let (side, thickness) = (self.side, self.fabric.thickness);
         let period = (0.8 * thickness / (self.top_speed * self.dt)).round() as usize;
         if !since_key.is_multiple_of(period) {
-            return 0;
+            return;
         }
         // Particles within two grid steps are held apart by the constraints already.
         self.neighbours.search(&self.positions, 1.8 * thickness, |i, j| {
             (i / side).abs_diff(j / side) > 2 || (i % side).abs_diff(j % side) > 2
         });
-        self.neighbours.pairs()
     }
 
     /// Accelerates all particles by gravity.
@@ -104,13 +103,12 @@ impl Cloth {
     }
 
     /// Makes the velocities those of the way that all particles have gone in this step.
-    pub(crate) fn set_velocities(&mut self) -> usize {
+    pub(crate) fn set_velocities(&mut self) {
         let dt = self.dt;
         (&mut self.velocities, &self.positions, &self.before)
             .into_par_iter()
             .with_min_len(4096)
             .for_each(|(v, &x, &before)| *v = (x - before) / dt);
-        self.velocities.len()
     }
 
     /// One sweep over all distance constraints, whose number it gives.

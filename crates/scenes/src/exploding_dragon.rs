@@ -18,7 +18,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     key_bytes: FRAMES * 2359 * rigid::WORDS * size_of::<f32>(),
 };
 
-static DRAGON: Statue = Statue {
+pub(crate) static DRAGON: Statue = Statue {
     info: &INFO,
     seconds: 2.6,
     substeps: 16,

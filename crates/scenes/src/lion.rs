@@ -17,7 +17,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     key_bytes: FRAMES * 8427 * rigid::WORDS * size_of::<f32>(),
 };
 
-static LION: Statue = Statue {
+pub(crate) static LION: Statue = Statue {
     info: &INFO,
     seconds: 5.0,
     substeps: 14,

@@ -15,11 +15,6 @@ impl Neighbours {
         &self.of[self.start[i] as usize..self.start[i + 1] as usize]
     }
 
-    /// Number of pairs, each counted once for each of its points.
-    pub(crate) fn pairs(&self) -> usize {
-        self.of.len()
-    }
-
     /// Finds for each point `i` all other points `j` within `reach` for which `wanted(i, j)`.
     ///
     /// Points are sorted by the hash of their cell of a grid (Teschner et al. 2003), one in which

@@ -206,6 +206,18 @@ impl Bodies {
         Self { bodies, dt, gravity, neighbours, steps: 0 }
     }
 
+    /// Kinetic and potential energy, the second above the ground.
+    #[cfg(test)]
+    pub(crate) fn energy(&self) -> f64 {
+        let of = |b: &Body| {
+            let spin = b.at.rotation.conjugate() * b.spin;
+            let kinetic =
+                0.5 * (b.mass * b.velocity.length_squared() + spin.dot(b.inverse_inertia.inverse() * spin));
+            f64::from(kinetic + b.mass * self.gravity * b.at.position.y)
+        };
+        self.bodies.iter().map(of).sum()
+    }
+
     /// Accelerates what is free, and gives its number.
     pub(crate) fn fall(&mut self) -> usize {
         let speed = self.gravity * self.dt;
