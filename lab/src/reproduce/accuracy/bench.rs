@@ -42,8 +42,12 @@ impl<'a> Log<'a> {
         Self { label, effort, journal, progress, knob: 0, points: Vec::new() }
     }
 
-    /// Takes what was measured; it is in the file when this returns.
+    /// Takes what was measured; it is in the file when this returns. After an interrupt nothing is
+    /// taken: it may be of fewer rounds or frames than the rest.
     pub(super) fn add(&mut self, point: Point) -> Result<()> {
+        if interrupt::requested() {
+            return Ok(());
+        }
         // To a tenth of a microsecond.
         let time_ms = (point.time_ms * 1e4).round() / 1e4;
         let point = Point { scene: self.label.to_owned(), time_ms, ..point };

@@ -99,7 +99,7 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
         _ => format!("{compared} of the first {played} of {frames} frames a loop, and of none later"),
     };
     for entrant in entrants {
-        let is_default = entrant.strategy == Strategy::RefitRotate(Rotate::default());
+        let is_default = entrant.strategy == Strategy::default();
         let note = format!(
             "time of an update, mean of {}; errors, mean of {frames_seen}; the tree was at most {} high",
             entrant.updates, entrant.height
