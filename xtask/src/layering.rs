@@ -58,9 +58,9 @@ const UPDATE_MODULES: [&str; 13] = [
     "rebuild",
     "leaves",
     "repair",
+    "workspace",
     "auto",
     "strategy",
-    "workspace",
     "update",
 ];
 

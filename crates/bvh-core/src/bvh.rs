@@ -67,8 +67,9 @@ pub struct Parts<'a> {
     pub state: &'a mut UpdateState,
 }
 
-/// Calls a function when it is dropped by a panic; forgotten otherwise.
-struct OnPanic<'a>(&'a mut Bvh, fn(&mut Bvh));
+/// A tree that a function repairs when a panic drops this; whoever gets through forgets it.
+#[doc(hidden)]
+pub struct OnPanic<'a>(pub &'a mut Bvh, pub fn(&mut Bvh));
 
 impl Drop for OnPanic<'_> {
     fn drop(&mut self) {

@@ -67,7 +67,7 @@ mod update_state;
 mod validate;
 
 pub use aabb::Aabb;
-pub use bvh::{Bvh, MAX_HEIGHT, MAX_PRIMITIVES, Parts};
+pub use bvh::{Bvh, MAX_HEIGHT, MAX_PRIMITIVES, OnPanic, Parts};
 pub use cost::{COST_INTERSECT, COST_TRAVERSE, sah_cost};
 pub use glam;
 pub use glam::Vec3;
@@ -76,7 +76,7 @@ pub use node::{MAX_LEAF_SIZE, Node};
 pub use pick::{
     any_hit, any_hit_brute, any_hit_counted, closest_hit, closest_hit_brute, closest_hit_counted,
 };
-pub use prefetch::{prefetch, prefetch_ahead};
+pub use prefetch::{prefetch, prefetch_ahead, prefetch_at};
 pub use primitives::{InOrder, Primitives, Triangles};
 pub use query::Visits;
 pub use ray::Ray;

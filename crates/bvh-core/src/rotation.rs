@@ -38,21 +38,16 @@ pub enum Rotation {
     LlForRr,
 }
 
-/// A place among a node's children and grandchildren.
-#[derive(Clone, Copy)]
-enum Place {
-    L,
-    R,
-    Ll,
-    Lr,
-    Rl,
-    Rr,
-}
+/// A place among a node's children and grandchildren: whose child it is (N's, L's or R's: 0, 1, 2),
+/// and on which side (0, 1).
+type Place = (usize, usize);
 
-use Place::{L, Ll, Lr, R, Rl, Rr};
-
-/// The two places that each rotation swaps.
-const SWAPS: [(Place, Place); 6] = [(L, Rl), (L, Rr), (R, Ll), (R, Lr), (Ll, Rl), (Ll, Rr)];
+const L: Place = (0, 0);
+const R: Place = (0, 1);
+const LL: Place = (1, 0);
+const LR: Place = (1, 1);
+const RL: Place = (2, 0);
+const RR: Place = (2, 1);
 
 impl Rotation {
     /// All six, in the order in which ties are decided: the first of equals is taken.
@@ -63,6 +58,22 @@ impl Rotation {
     #[must_use]
     pub const fn name(self) -> &'static str {
         ["L<->RL", "L<->RR", "R<->LL", "R<->LR", "LL<->RL", "LL<->RR"][self as usize]
+    }
+
+    /// The two places that change nodes.
+    #[doc(hidden)]
+    #[must_use]
+    #[inline]
+    pub const fn places(self) -> [Place; 2] {
+        [[L, RL], [L, RR], [R, LL], [R, LR], [LL, RL], [LL, RR]][self as usize]
+    }
+
+    /// The children of N that get a new child: one of them twice if the other gets none.
+    #[doc(hidden)]
+    #[must_use]
+    #[inline]
+    pub const fn touched(self) -> [usize; 2] {
+        [[1, 1], [1, 1], [0, 0], [0, 0], [0, 1], [0, 1]][self as usize]
     }
 }
 
@@ -163,23 +174,14 @@ pub fn area_changes_at<S: Slots + ?Sized>(nodes: &S, pair: usize) -> [f32; 6] {
 /// R is a leaf where a grandchild is to be swapped.
 pub fn rotate<S: Slots + ?Sized>(nodes: &mut S, pair: usize, rotation: Rotation, depth: u32) -> Option<f64> {
     let children = [nodes.get(pair), nodes.get(pair + 1)];
-    let below = |child: usize| (!children[child].is_leaf()).then(|| children[child].first());
-    let slot = |place| match place {
-        L => Some(pair),
-        R => Some(pair + 1),
-        Ll => below(0),
-        Lr => Some(below(0)? + 1),
-        Rl => below(1),
-        Rr => Some(below(1)? + 1),
+    let slot = |(family, side): Place| match family {
+        0 => Some(pair + side),
+        _ => (!children[family - 1].is_leaf()).then(|| children[family - 1].first() + side),
     };
-    let swap = SWAPS[rotation as usize];
-    let (a, b) = (slot(swap.0)?, slot(swap.1)?);
-    // Which children get a new child.
-    let touched = match rotation {
-        Rotation::LForRl | Rotation::LForRr => 1..2,
-        Rotation::RForLl | Rotation::RForLr => 0..1,
-        Rotation::LlForRl | Rotation::LlForRr => 0..2,
-    };
+    let [a, b] = rotation.places();
+    let (a, b) = (slot(a)?, slot(b)?);
+    let [first, last] = rotation.touched();
+    let touched = first..=last;
     let swap_slots = |nodes: &mut S| {
         let (at_a, at_b) = (nodes.get(a), nodes.get(b));
         nodes.set(a, at_b);

@@ -2,7 +2,7 @@
 //!
 //! The centre of this crate is one pass over the tree that *refits* every box to the primitives' new positions
 //! and *rotates* at every node on the way up (Kopta, Ize, Spjut, Brunvand, Davis, Kensler: *Fast, Effective BVH
-//! Updates for Animated Scenes*, I3D 2012). Around it stand the updates that it is
+//! Updates for Dynamic Ray-Traced Scenes Using Tree Rotations*, 2012). Around it stand the updates that it is
 //! measured against, and those that repair what rotations do not reach.
 //!
 //! An [`Updater`] does in each frame what its [`Strategy`] says:

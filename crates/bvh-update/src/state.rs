@@ -70,6 +70,8 @@ pub(crate) struct Ledger {
     /// The least half area of the dynamic leaves in units of the scale, apart from what merging and splitting changed; 0 if it
     /// has to be measured.
     pub(crate) leaf_area: f64,
+    /// The excess of the tree that queries see; 0 for a new tree or a new top.
+    pub(crate) last_excess: f64,
     /// Updates since the last repair or rebuild.
     pub(crate) since_repair: u32,
     /// Subtrees that the last repair kept; 0 if there was none.
@@ -169,10 +171,6 @@ impl State {
             self.spare_pair = 0;
             self.set_layout(Layout::Unknown);
         }
-        self.see(now);
-    }
-
-    fn see(&mut self, now: Changes) {
         (self.seen_dynamic, self.seen_numbering, self.seen_structure) =
             (now.dynamic, now.numbering, now.structure);
     }

@@ -5,11 +5,11 @@ use std::fmt;
 use bvh_build::{Reinsert, reinsert};
 use bvh_core::{Bvh, Primitives, SimdLevel};
 
-use crate::auto::{self, Auto, AutoScratch, Load};
+use crate::auto::{self, Auto, Load};
 use crate::rebuild::background;
 use crate::rebuild::{BackgroundCost, degraded, new_tree};
 use crate::refit::{BlockCost, Costs, RefitScratch, Rotate, parts, pass};
-use crate::report::{Decision, Update, UpdateError};
+use crate::report::{Update, UpdateError};
 use crate::state::{Measure, State};
 use crate::strategy::Strategy;
 use crate::workspace::Workspace;
@@ -42,7 +42,6 @@ pub struct Updater {
     strategy: Strategy,
     workspace: Workspace,
     load: Option<Load>,
-    last_excess: f64,
     reports_cost: bool,
 }
 
@@ -56,13 +55,7 @@ impl Updater {
     /// An updater that uses `level`, or the best below it that the machine has. Every level leaves the same tree.
     #[must_use]
     pub fn with_level(strategy: Strategy, level: SimdLevel) -> Self {
-        Self {
-            strategy,
-            workspace: Workspace::with_level(level),
-            load: None,
-            last_excess: 0.0,
-            reports_cost: false,
-        }
+        Self { strategy, workspace: Workspace::with_level(level), load: None, reports_cost: false }
     }
 
     /// Changes what to do between two frames, from now on.
@@ -135,13 +128,9 @@ impl Updater {
             (Strategy::Auto(_), Some(load)) => Strategy::Auto(Auto { load }),
             (strategy, _) => strategy,
         };
-        self.workspace.refit.with_sums = self.reports_cost || measures_areas(&strategy);
-        let update = update(bvh, primitives, &strategy, self.last_excess, &mut self.workspace)?;
-        // Queries see the tree as it is now.
-        let is_kept =
-            matches!(update.decision, Decision::AsAlways | Decision::MergeLeaves | Decision::SplitLeaves);
-        self.last_excess = update.reason.filter(|_| is_kept).map_or(0.0, |reason| reason.excess);
-        Ok(update)
+        self.workspace.refit.with_sums =
+            self.reports_cost || matches!(measure_of(&strategy), Some(Measure::Areas | Measure::Leaves));
+        update(bvh, primitives, &strategy, &mut self.workspace)
     }
 }
 
@@ -219,7 +208,6 @@ fn update<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     strategy: &Strategy,
-    last_excess: f64,
     workspace: &mut Workspace,
 ) -> Result<Update, UpdateError> {
     note_changes(bvh);
@@ -246,16 +234,8 @@ fn update<P: Primitives + ?Sized>(
         Strategy::Background(options) => {
             Ok(background::update(bvh, primitives, options, refit, rebuild, background))
         }
-        Strategy::Auto(options) => {
-            let mut scratch = AutoScratch { refit, repair, rebuild, leaves };
-            auto::update(bvh, primitives, options, last_excess, &mut scratch)
-        }
+        Strategy::Auto(options) => auto::update(bvh, primitives, options, workspace),
     }
-}
-
-/// Whether a strategy needs the sums of areas that a pass can make.
-fn measures_areas(strategy: &Strategy) -> bool {
-    matches!(strategy, Strategy::PartialRebuild(_) | Strategy::Auto(_) | Strategy::Leaves(_))
 }
 
 /// What a strategy measures, if anything.

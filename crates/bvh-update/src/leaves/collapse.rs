@@ -8,7 +8,7 @@ use bvh_core::{Aabb, Bvh, MAX_HEIGHT, Node, Parts, Primitives, prefetch};
 use rayon::prelude::*;
 
 use super::small_tree::{LONGEST, OptimalTree, SmallTree};
-use crate::refit::{RotationSchedule, parts};
+use crate::refit::{Turns, parts};
 use crate::state::{Layout, State};
 
 /// Subtrees of this height or less are parts, which take turns; what is above them is walked through each time.
@@ -37,11 +37,11 @@ pub(crate) struct LeafChange {
     pub(crate) leaves: f64,
 }
 
-/// Merges or splits the leaves that are scheduled, whichever costs less, in a tree that has been fitted; references are in units of `scale`.
+/// Merges or splits the leaves that have their turn, whichever costs less, in a tree that has been fitted; references are in units of `scale`.
 pub(crate) fn change_leaves<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
-    schedule: RotationSchedule,
+    turns: Turns,
     max_leaf_size: u32,
     scale: f64,
     scratch: &mut LeafScratch,
@@ -49,7 +49,7 @@ pub(crate) fn change_leaves<P: Primitives + ?Sized>(
     let LeafScratch { top, parts: small, plans } = scratch;
     top.clear();
     small.clear();
-    find_parts(bvh.nodes(), 0, 0, schedule, top, small);
+    find_parts(bvh.nodes(), 0, 0, turns, top, small);
     let per_task = small.len().div_ceil(TASKS).next_multiple_of(GROUP).max(1);
     plans.resize_with(TASKS, Plans::default);
     let Parts { nodes, order, state, .. } = parts(bvh);
@@ -79,28 +79,21 @@ struct Part {
     depth: u32,
 }
 
-/// Finds the parts at and below node `n` that are scheduled, from left to right.
-fn find_parts(
-    nodes: &[Node],
-    n: usize,
-    depth: u32,
-    schedule: RotationSchedule,
-    top: &mut Vec<u32>,
-    parts: &mut Vec<Part>,
-) {
+/// Finds the parts at and below node `n` that have their turn, from left to right.
+fn find_parts(nodes: &[Node], n: usize, depth: u32, turns: Turns, top: &mut Vec<u32>, parts: &mut Vec<Part>) {
     let node = &nodes[n];
     if !node.is_dynamic() {
         return;
     }
     if node.height() <= SMALL {
-        if node.is_leaf() || schedule.includes(n) {
+        if node.is_leaf() || turns.includes(n) {
             parts.push(Part { n: n as u32, depth });
         }
         return;
     }
     top.push(n as u32);
     for child in [node.first(), node.first() + 1] {
-        find_parts(nodes, child, depth + 1, schedule, top, parts);
+        find_parts(nodes, child, depth + 1, turns, top, parts);
     }
 }
 
@@ -158,9 +151,7 @@ struct NewRun {
     n: u32,
     /// Number of nodes.
     len: u32,
-    /// As in [`LeafChange`].
-    all: f64,
-    leaves: f64,
+    change: LeafChange,
 }
 
 /// The tree, to look at.
@@ -206,12 +197,12 @@ impl<P: Primitives + ?Sized> View<'_, P> {
             let cost = best.cost[0][count - 1];
             if cost < run.cost {
                 root.changes = true;
-                let leaves = best.leaves(0, count) - run.leaves;
                 let start = nodes.len();
                 nodes.extend([Node::NOTHING; 2]);
                 nodes[start] = self.write(&best, run.first, 0, count, start, nodes);
                 let len = (nodes.len() - start) as u32;
-                runs.push(NewRun { n: root.n, len, all: cost - run.cost, leaves });
+                let change = LeafChange { all: cost - run.cost, leaves: best.leaves(0, count) - run.leaves };
+                runs.push(NewRun { n: root.n, len, change });
             }
         }
         for i in (0..group.len()).rev() {
@@ -310,7 +301,7 @@ impl<P: Primitives + ?Sized> View<'_, P> {
 /// The tree, to be changed.
 struct Writer<'a> {
     nodes: &'a mut [Node],
-    /// The first of the pairs that are kept for later (`History::spare_pair`).
+    /// The first of the pairs that are kept for later (`State::spare_pair`).
     spare: u32,
     change: LeafChange,
 }
@@ -334,8 +325,8 @@ impl Writer<'_> {
             if self.has_pairs(nodes.len() / 2 - 1, n) {
                 self.release(n);
                 self.nodes[n] = self.copy(nodes, 0);
-                self.change.all += run.all;
-                self.change.leaves += run.leaves;
+                self.change.all += run.change.all;
+                self.change.leaves += run.change.leaves;
                 is_changed = true;
             }
         }
@@ -411,7 +402,7 @@ mod tests {
     use bvh_core::{Vec3, sah_cost};
 
     use super::*;
-    use crate::refit::{RefitScratch, Rotate, pass};
+    use crate::refit::{RefitScratch, pass};
 
     const N: usize = 20_000;
 
@@ -431,7 +422,7 @@ mod tests {
     }
 
     fn step<P: Primitives>(bvh: &mut Bvh, primitives: &P) -> LeafChange {
-        let always = RotationSchedule::new(Rotate { period: 1 }, 0);
+        let always = Turns::new(1, 0);
         change_leaves(bvh, primitives, always, LONGEST as u32, 1.0, &mut LeafScratch::default())
     }
 

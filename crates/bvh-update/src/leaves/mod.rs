@@ -26,8 +26,8 @@
 
 use bvh_core::{Bvh, Primitives};
 
-use crate::quality::unit;
-use crate::refit::{self, RefitScratch, Rotate, RotationSchedule, pass};
+use crate::quality::or_one;
+use crate::refit::{self, RefitScratch, Rotate, Turns, pass};
 use crate::report::Update;
 use crate::state::State;
 
@@ -72,9 +72,9 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let mut tally = pass(bvh, primitives, options.rotate, refit);
     let is_stretched = reference > 0.0 && tally.leaf_area > reference * (1.0 + STRETCHED);
     let period = if is_stretched { 1 } else { options.period };
-    let schedule = RotationSchedule::new(Rotate { period }, updates);
-    let scale = unit(tally.leaf_area);
-    let change = change_leaves(bvh, primitives, schedule, options.max_leaf_size, scale, scratch);
+    let scale = or_one(tally.leaf_area);
+    let change =
+        change_leaves(bvh, primitives, Turns::new(period, updates), options.max_leaf_size, scale, scratch);
     let leaf_area = tally.leaf_area + change.leaves;
     let is_first = is_stretched || reference == 0.0;
     let state = State::of_mut(refit::parts(bvh).state);

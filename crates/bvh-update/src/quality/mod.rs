@@ -1,20 +1,29 @@
 //! How good a tree is: its cost beside a baseline, on the scale of the scene.
 //!
 //! The cost of a tree is the sum of half area times weight over its nodes. A scene that grows as a whole makes every tree
-//! cost more, so costs are compared in units of the scene's *scale*:
+//! cost more, so costs are compared in units of the scene's *scale*, which is an area:
 //!
 //! ```text
-//! scale  = half area of the dynamic leaves at first * growth that leaves and root have in common
+//! scale  = half area of the dynamic leaves at first * growth that leaves and root have in common * scale_factor
 //! unit   = baseline * scale * sqrt(uniformity)
 //! excess = (cost - baseline * scale) / unit
 //! ```
 //!
-//! Leaves that grow within a room, and pieces that fly apart, leave the scale as it is.
+//! Leaves that grow within a room, and pieces that fly apart, leave the scale as it is. `scale_factor` keeps it where merged leaves
+//! or other dynamic primitives change the sizes that growth is measured by; else it is 1.
+//!
+//! What moves the baseline:
+//!
+//! ```text
+//! take_baseline       a tree that has none: built, given by the caller, or measured by another strategy before
+//! repair::open_grown  a new top: the references of all nodes, as if what grew below had not
+//! auto::observe       a tree that costs less than its baseline: `Auto` lowers the baseline to that
+//! ```
 //!
 //! Where a few leaves hold most of the area, as the walls of a room do, they hold most of the cost as well, while rays meet
 //! mostly what is small. *Uniformity* is the square of the mean width of leaves over the mean of the squares. By area what is small
 //! counts for its part of the cost, by number for `1 / uniformity` times as much; the root is the geometric mean of both. Without
-//! it rays open 33 % more nodes in bart-museum and 9 % more on exploding-dragon (`docs/ABLATION.md`).
+//! it updates and rays take 31 % more counted work in bart-museum and 8 % more on exploding-dragon (`docs/ABLATION.md`).
 
 use bvh_core::{Bvh, Node};
 
@@ -90,7 +99,7 @@ impl Baseline {
     /// From now on the scale grows as leaves and root of these sizes do; it is what it was, so references hold.
     pub(crate) fn take_sizes(&mut self, sizes: [f64; 3]) {
         self.sizes = sizes;
-        self.scale_factor = unit(self.scale / common_growth(sizes, [1.0; 2]));
+        self.scale_factor = or_one(self.scale / common_growth(sizes, [1.0; 2]));
         self.has_other_dynamic = 0;
     }
 
@@ -107,7 +116,7 @@ impl Baseline {
         let [leaves, root, _] = self.sizes;
         let growth = |now: f64, first: f64| if first > 0.0 { now / first } else { 1.0 };
         let growth = [growth(leaf_area, leaves), growth(bvh.root().aabb().half_area_f64(), root)];
-        unit(common_growth(self.sizes, growth) * self.scale_factor)
+        or_one(common_growth(self.sizes, growth) * self.scale_factor)
     }
 
     /// What changes of cost are compared with.
@@ -144,17 +153,16 @@ pub(crate) fn cost_of(bvh: &Bvh) -> f64 {
 /// Half area of all dynamic leaves, as it was at first, times the growth that leaves and root have in common: that of
 /// the one that has changed less, none if one has grown and the other shrunk. 1 where that is no area.
 fn common_growth([first, ..]: [f64; 3], [leaves, root]: [f64; 2]) -> f64 {
-    unit(first * leaves.min(root).max(leaves.max(root).min(1.0)))
+    or_one(first * leaves.min(root).max(leaves.max(root).min(1.0)))
 }
 
-/// A cost in units of a scale; 0, to be measured again, where that is not finite.
-pub(crate) fn in_units_of(cost: f64, scale: f64) -> f64 {
-    let cost = cost / scale;
+/// A baseline cost; 0, to be measured again, in the place of one that is not finite.
+pub(crate) fn finite_or_zero(cost: f64) -> f64 {
     if cost.is_finite() { cost } else { 0.0 }
 }
 
-/// A unit of areas: 1 in place of none.
-pub(crate) fn unit(area: f64) -> f64 {
+/// An area to divide by: 1 in the place of one that is no positive number.
+pub(crate) fn or_one(area: f64) -> f64 {
     if area > 0.0 && area.is_finite() { area } else { 1.0 }
 }
 

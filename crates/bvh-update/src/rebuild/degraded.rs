@@ -7,9 +7,9 @@
 use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
-use super::{RebuildScratch, new_tree, options_like};
+use super::{RebuildScratch, build_again};
 use crate::refit::{RefitScratch, Rotate, parts, pass};
-use crate::report::{Decision, Update, UpdateError};
+use crate::report::{Update, UpdateError};
 use crate::state::State;
 
 /// When to build a new tree.
@@ -47,10 +47,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     if mean_ratio(bvh) - State::of(bvh).baseline.cost <= degraded.threshold {
         return Ok(tally.report(bvh));
     }
-    let options = options_like(bvh);
-    let update = new_tree(bvh, primitives, degraded.builder, &options, scratch)?;
-    let decision = Decision::Rebuild { builder: degraded.builder };
-    Ok(Update { decision, ..update })
+    build_again(bvh, primitives, degraded.builder, scratch)
 }
 
 /// Mean over the inner nodes of A(N) / (A(L) + A(R)); 0 for a tree without. A node whose children have no area counts

@@ -4,7 +4,7 @@ use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
 use bvh_core::{Bvh, Node, Primitives};
 
 use crate::refit::parts;
-use crate::report::{Update, UpdateError};
+use crate::report::{Decision, Update, UpdateError};
 use crate::state::State;
 
 pub(crate) mod background;
@@ -53,6 +53,18 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
     state.largest_leaf = options.max_leaf_size;
     let (nodes_visited, dropped) = (bvh.nodes().len() as u64 - 1, scratch.build.dropped() as u64);
     Ok(Update { rebuilt: true, height: bvh.height(), nodes_visited, dropped, ..Update::default() })
+}
+
+/// Builds a new tree with leaves as large as the old one's; that it was built again is the decision.
+pub(crate) fn build_again<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    builder: Builder,
+    scratch: &mut RebuildScratch,
+) -> Result<Update, UpdateError> {
+    let options = options_like(bvh);
+    let update = new_tree(bvh, primitives, builder, &options, scratch)?;
+    Ok(Update { decision: Decision::Rebuild { builder }, ..update })
 }
 
 /// Notes which primitives are dynamic, unless all are. Looks at what is in the tree: slots that are not in use may hold

@@ -59,10 +59,10 @@ pub(super) fn refit_boxes(
 ) {
     kernels::refit_boxes_with(parents_first, with_sums, tally, |entry| {
         let [l, r] = nodes.pair_lanes(entry.first());
-        let own = nodes.lanes(entry.slot());
+        let own = bytemuck::cast(nodes.get(entry.slot()));
         let corners = _mm256_blend_ps::<0xf0>(_mm256_min_ps(l, r), _mm256_max_ps(l, r));
         let corners = _mm256_blend_ps::<0x88>(corners, own);
-        nodes.set_lanes(entry.slot(), corners);
+        nodes.set(entry.slot(), bytemuck::cast(corners));
         bytemuck::cast(corners)
     });
 }

@@ -38,7 +38,7 @@ pub(super) fn sweep(nodes: SharedNodes<'_>, pairs: Range<usize>, lister: &mut Li
     }
 }
 
-/// See [`scalar::list`](super::scalar::list).
+/// See [`Lister::children`].
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,popcnt")]
 #[inline]
 fn list(nodes: SharedNodes<'_>, parents: &[Entry; GROUP], count: usize, lister: &mut Lister<'_>) {

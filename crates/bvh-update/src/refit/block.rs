@@ -49,13 +49,24 @@ impl Entry {
     }
 }
 
-/// Inner nodes, parents before children.
-pub(crate) struct Queue {
-    entries: [Entry; ROOM],
+/// A list with room for `N` entries.
+pub(crate) struct List<const N: usize> {
+    entries: [Entry; N],
     count: usize,
 }
 
-impl Queue {
+/// Inner nodes, parents before children.
+pub(crate) type Queue = List<ROOM>;
+/// Leaves of one block or stretch: with room for two children of each listed node.
+pub(crate) type Leaves = List<{ 2 * ROOM }>;
+
+impl<const N: usize> Default for List<N> {
+    fn default() -> Self {
+        Self { entries: [Entry::default(); N], count: 0 }
+    }
+}
+
+impl<const N: usize> List<N> {
     /// Eight entries, counted or not.
     #[inline(always)]
     fn group(&self, start: usize) -> [Entry; GROUP] {
@@ -63,38 +74,19 @@ impl Queue {
         *group.expect("lists have room")
     }
 
+    pub(crate) fn all(&self) -> &[Entry] {
+        &self.entries[..self.count]
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.count = 0;
+    }
+
+    /// Appends a node if `condition` holds, without a branch.
     #[inline(always)]
-    pub(crate) fn get(&self, range: Range<usize>) -> &[Entry] {
-        &self.entries[range]
-    }
-
-    pub(crate) fn all(&self) -> &[Entry] {
-        &self.entries[..self.count]
-    }
-}
-
-impl Default for Queue {
-    fn default() -> Self {
-        Self { entries: [Entry::default(); ROOM], count: 0 }
-    }
-}
-
-/// Leaves of one block or stretch.
-pub(crate) struct Leaves {
-    /// With room for two children of each listed node.
-    entries: [Entry; 2 * ROOM],
-    count: usize,
-}
-
-impl Leaves {
-    pub(crate) fn all(&self) -> &[Entry] {
-        &self.entries[..self.count]
-    }
-}
-
-impl Default for Leaves {
-    fn default() -> Self {
-        Self { entries: [Entry::default(); 2 * ROOM], count: 0 }
+    pub(crate) fn push_if(&mut self, entry: Entry, condition: bool) {
+        self.entries[self.count % N] = entry;
+        self.count += usize::from(condition);
     }
 }
 
@@ -234,21 +226,21 @@ impl Block {
 
     /// The block's own nodes, parents before children.
     pub(crate) fn own(&self) -> &[Entry] {
-        self.queue.get(0..self.done)
+        &self.queue.entries[..self.done]
     }
 
     /// The nodes below this block, by depth: the rest of its last level, and the level below.
     pub(crate) fn frontier(&self) -> [(&[Entry], u32); 2] {
         let depth = self.depth + self.levels.len() as u32;
         let (rest, below) = (self.done..self.last.end, self.last.end..self.queue.count);
-        [(self.queue.get(rest), depth - 1), (self.queue.get(below), depth)]
+        [(&self.queue.entries[rest], depth - 1), (&self.queue.entries[below], depth)]
     }
 
     /// The block's nodes with grandchildren by depth, deepest first.
     pub(crate) fn levels(&self) -> impl Iterator<Item = (&[Entry], u32)> {
         (0..self.levels.len()).rev().map(|i| {
             let start = if i == 0 { 0 } else { self.levels[i - 1] };
-            (self.rotating.get(start..self.levels[i]), self.depth + i as u32)
+            (&self.rotating.entries[start..self.levels[i]], self.depth + i as u32)
         })
     }
 }
@@ -270,18 +262,5 @@ impl Lists {
     #[inline(never)]
     pub(crate) fn boxed() -> Box<Self> {
         Box::default()
-    }
-}
-
-impl Queue {
-    pub(crate) fn clear(&mut self) {
-        self.count = 0;
-    }
-
-    /// Appends a node if `condition` holds, without a branch.
-    #[inline(always)]
-    pub(crate) fn push_if(&mut self, entry: Entry, condition: bool) {
-        self.entries[self.count % ROOM] = entry;
-        self.count += usize::from(condition);
     }
 }

@@ -77,11 +77,11 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
         fetch(i);
         let [own_min, own_max]: Corners = bytemuck::cast(nodes.get(entry.slot()));
         let count = own_max.w.to_bits() >> 8;
-        let [min, max, doubt] = match count {
+        let [min, max, next_validity] = match count {
             1 => primitives.aabb_lanes(entry.first()),
             _ => lanes_of_several(primitives, entry.first(), count as usize),
         };
-        validity += doubt;
+        validity += next_validity;
         nodes.set_corners(entry.slot(), [min.with_w(own_min.w), max.with_w(own_max.w)]);
         if with_sums {
             sum.add_extent(i, max - min, COST_INTERSECT as f32 * count as f32);
@@ -104,8 +104,8 @@ fn lanes_of_several<P: Primitives + ?Sized>(primitives: &P, first: usize, count:
         return [Vec4::NAN; 3];
     }
     (first + 1..first + count).fold(primitives.aabb_lanes(first), |[min, max, validity], primitive| {
-        let [next_min, next_max, doubt] = primitives.aabb_lanes(primitive);
-        [min.min(next_min), max.max(next_max), validity + doubt]
+        let [next_min, next_max, next_validity] = primitives.aabb_lanes(primitive);
+        [min.min(next_min), max.max(next_max), validity + next_validity]
     })
 }
 
@@ -257,23 +257,13 @@ fn best(changes: [f32; 8]) -> Rotation {
 /// As [`rotate`], where the height is known to be in bounds and all nodes move: without branches.
 #[inline(always)]
 fn swap(nodes: SharedNodes<'_>, pair: usize, rotation: Rotation) {
-    // Family (N's children, L's, R's) and side of both nodes that change places, and children with a new child.
-    const SWAPS: [[(usize, usize); 2]; 6] = [
-        [(0, 0), (2, 0)],
-        [(0, 0), (2, 1)],
-        [(0, 1), (1, 0)],
-        [(0, 1), (1, 1)],
-        [(1, 0), (2, 0)],
-        [(1, 0), (2, 1)],
-    ];
-    const TOUCHED: [[usize; 2]; 6] = [[1, 1], [1, 1], [0, 0], [0, 0], [0, 1], [0, 1]];
     let [l, r] = nodes.pair(pair);
     let families = [pair, l.first(), r.first()];
-    let [a, b] = SWAPS[rotation as usize].map(|(family, side)| families[family] + side);
+    let [a, b] = rotation.places().map(|(family, side)| families[family] + side);
     let (at_a, at_b) = (nodes.get(a), nodes.get(b));
     nodes.set(a, at_b);
     nodes.set(b, at_a);
-    for child in TOUCHED[rotation as usize] {
+    for child in rotation.touched() {
         let mut node = nodes.get(pair + child);
         let [l, r] = nodes.pair(node.first());
         node.refit(&l, &r);

@@ -13,7 +13,7 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use bvh_core::{Bvh, InOrder, Primitives, SimdLevel, sah_cost};
+use bvh_core::{Bvh, InOrder, OnPanic, Primitives, SimdLevel, sah_cost};
 
 use self::block::{Block, Entry, LISTED, Lists};
 use self::kernels::refit_height;
@@ -111,17 +111,17 @@ impl Tally {
     }
 }
 
-/// At which nodes rotations are tried in one update.
+/// Which nodes have their turn: one in `period`, a power of two or else the next one, others in each turn.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct RotationSchedule {
+pub(crate) struct Turns {
     mask: usize,
     turn: usize,
 }
 
-impl RotationSchedule {
-    pub(crate) fn new(rotate: Rotate, updates: u32) -> Self {
-        let period = rotate.period.clamp(1, 1 << 31).next_power_of_two();
-        Self { mask: period as usize - 1, turn: updates as usize }
+impl Turns {
+    pub(crate) fn new(period: u32, turn: u32) -> Self {
+        let period = period.clamp(1, 1 << 31).next_power_of_two();
+        Self { mask: period as usize - 1, turn: turn as usize }
     }
 
     /// Whether every node is included.
@@ -129,7 +129,7 @@ impl RotationSchedule {
         self.mask == 0
     }
 
-    /// Whether the node in this slot is included.
+    /// Whether it is the turn of the node in this slot.
     #[inline]
     pub(crate) fn includes(self, slot: usize) -> bool {
         (slot / 2).wrapping_add(self.turn) & self.mask == 0
@@ -195,7 +195,7 @@ pub(crate) struct Task<'a, P: ?Sized> {
     /// Numbered by slot of the order.
     primitives: &'a P,
     /// At which nodes rotations are tried, if at any.
-    schedule: Option<RotationSchedule>,
+    schedule: Option<Turns>,
     is_partly_static: bool,
     with_sums: bool,
     level: Available,
@@ -213,15 +213,16 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     scratch: &mut RefitScratch,
 ) -> Tally {
     let (is_in_order, is_partly_static) = (bvh.is_in_order(), !bvh.all_dynamic());
-    let mut unfinished = shared::Unfinished::new(bvh);
-    let parts = parts(unfinished.bvh);
+    // Rotations leave the heights of the nodes above them to be updated later, and primitives may panic half-way.
+    let unfinished = OnPanic(bvh, Bvh::recompute_metadata);
+    let parts = parts(unfinished.0);
     let state = State::of_mut(parts.state);
     let is_linear = rotate.is_none() && detect_linear(parts.nodes, state);
     if rotate.is_some() {
-        // Rotations end it: beforehand, as primitives may panic half-way.
+        // Rotations end it: beforehand, for the same reason.
         state.set_layout(Layout::Other);
     }
-    let schedule = rotate.map(|rotate| RotationSchedule::new(rotate, state.updates));
+    let schedule = rotate.map(|rotate| Turns::new(rotate.period, state.updates));
     state.updates = state.updates.wrapping_add(1);
     let RefitScratch { level, with_sums, costs, spare } = scratch;
     let (with_sums, costs) = (*with_sums, costs.as_ref());
@@ -238,7 +239,7 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     };
     *parts.static_area += tally.static_area;
     tally.has_sums = with_sums;
-    unfinished.done = true;
+    std::mem::forget(unfinished);
     tally
 }
 
@@ -279,7 +280,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
 
     /// Whether subtrees are more than enough for one block.
     ///
-    /// Sizes are not known, heights are: subtrees of height h have 1.5^h inner nodes or so.
+    /// Sizes are not known, heights are: subtrees of height h have 2^(5h/8) inner nodes or so.
     fn is_heavy(&self, roots: &[Entry]) -> bool {
         let mut weight = 0;
         roots.iter().any(|root| {

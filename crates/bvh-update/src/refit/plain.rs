@@ -10,10 +10,9 @@
 //! The paper refits N first and then rotates; N's box is the same either way, and its height is known last.
 
 use bvh_core::rotation::{self, area_changes_at, best};
-use bvh_core::{Aabb, Bvh, Node, Primitives};
+use bvh_core::{Aabb, Bvh, Node, OnPanic, Primitives};
 
-use super::Rotate;
-use super::{RotationSchedule, shared};
+use super::{Rotate, Turns, parts};
 use crate::state::{Layout, State};
 
 /// Refits every box above primitives that move; with `rotate`, also rotates at such nodes. Gives the rotations applied, by
@@ -30,10 +29,10 @@ pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Opt
         bvh.len(),
         primitives.len()
     );
-    let mut unfinished = shared::Unfinished::new(bvh);
-    let parts = shared::parts(unfinished.bvh);
+    let unfinished = OnPanic(bvh, Bvh::recompute_metadata);
+    let parts = parts(unfinished.0);
     let state = State::of_mut(parts.state);
-    let rotations = rotate.map(|rotate| RotationSchedule::new(rotate, state.updates));
+    let rotations = rotate.map(|rotate| Turns::new(rotate.period, state.updates));
     state.updates = state.updates.wrapping_add(1);
     if rotate.is_some() {
         state.set_layout(Layout::Other);
@@ -43,7 +42,7 @@ pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Opt
     walk.node(0, 0);
     *parts.static_area += walk.static_area;
     let applied = walk.applied;
-    unfinished.done = true;
+    std::mem::forget(unfinished);
     applied
 }
 
@@ -51,7 +50,7 @@ struct Walk<'a, P: ?Sized> {
     nodes: &'a mut [Node],
     order: &'a [u32],
     primitives: &'a P,
-    rotations: Option<RotationSchedule>,
+    rotations: Option<Turns>,
     applied: [u64; 6],
     static_area: f64,
 }

@@ -131,20 +131,6 @@ impl<'a> SharedNodes<'a> {
         }
     }
 
-    /// The node in slot `n`.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    pub(crate) fn lanes(&self, n: usize) -> __m256 {
-        bytemuck::cast(self.get(n))
-    }
-
-    /// Stores a whole node into slot `n`.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    pub(crate) fn set_lanes(&self, n: usize, lanes: __m256) {
-        self.set(n, bytemuck::cast(lanes));
-    }
-
     /// The children of a node with that link word, as [`pair_lanes`](Self::pair_lanes); for a leaf, boxes around everything.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
@@ -181,16 +167,7 @@ impl<'a> SharedNodes<'a> {
     /// Brings the pair that starts at slot `n` into the cache. Any `n` will do.
     #[inline(always)]
     pub(crate) fn prefetch(&self, n: usize) {
-        #[cfg(target_arch = "x86_64")]
-        #[expect(unsafe_code, reason = "prefetching needs a pointer")]
-        // SAFETY: prefetching reads nothing architecturally, whatever the address, and `wrapping_add` makes no
-        // claim about it. SSE is part of x86-64.
-        unsafe {
-            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-            _mm_prefetch::<_MM_HINT_T0>(self.start.wrapping_add(n).cast());
-        }
-        #[cfg(not(target_arch = "x86_64"))]
-        let _ = n;
+        bvh_core::prefetch_at(self.start, n);
     }
 }
 
@@ -227,8 +204,8 @@ struct Everything([[[f32; 4]; 2]; 2]);
 /// Shares the nodes of one tree between the tasks of one pass, or of one new top.
 pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
     // SAFETY: The nodes are borrowed for as long as the result lives. The pass processes the top block on one
-    // thread before its tasks start and after all have ended; a task touches only the nodes below its roots, and reads the
-    // root and node 1, which none writes; and as every pair of a valid tree has one parent, and no root is below
+    // thread before its tasks start and after all have ended; a task touches only its roots and what is below them, and reads the
+    // tree's root and node 1, which none writes; and as every pair of a valid tree has one parent, and no root is below
     // another, tasks share no node that one of them writes. Where the tree is swept the tasks are the pieces of the arena
     // that `linear` divides it into: whole subtrees of a linear tree, each in one place. A new top (`top_tree.rs`) is
     // written by tasks that read no node, each to pairs of its own: `rebuild_top` makes sure that none is there twice.
@@ -238,35 +215,14 @@ pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
     }
 }
 
-/// A tree in the middle of an update. If primitives panic before it is done, dropping this recomputes the heights, since
-/// rotations leave the heights of the nodes above them to be updated later.
-pub(crate) struct Unfinished<'a> {
-    pub(crate) bvh: &'a mut Bvh,
-    pub(crate) done: bool,
-}
-
-impl<'a> Unfinished<'a> {
-    pub(crate) fn new(bvh: &'a mut Bvh) -> Self {
-        Self { bvh, done: false }
-    }
-}
-
-impl Drop for Unfinished<'_> {
-    fn drop(&mut self) {
-        if !self.done {
-            self.bvh.recompute_metadata();
-        }
-    }
-}
-
 /// The parts of a tree, for a pass that keeps its structure valid.
 pub(crate) fn parts(bvh: &mut Bvh) -> Parts<'_> {
     // SAFETY: the pass writes boxes, and structure only by `Accepted::apply`, which swaps two slots and refits
     // heights and moving bits on the way up, as the plain pass does. `repair/top_tree.rs` and
     // `leaves/collapse.rs` put a tree over the same slots or subtrees in the place of another. They use pairs that were
     // the other's or spare, and refit heights and bits.
-    // Whoever has moved nodes sets the layout to `Other`. Others write references and the history alone. Where primitives
-    // may panic in between, the tree is `Unfinished`; `leaves/collapse.rs` asks none while it writes.
+    // Whoever has moved nodes sets the layout to `Other`. Others write references and the state alone. Where primitives
+    // may panic in between, an `OnPanic` recomputes heights; `leaves/collapse.rs` asks none while it writes.
     #[expect(unsafe_code, reason = "promises to leave a valid tree")]
     unsafe {
         bvh.parts_mut()
@@ -303,18 +259,18 @@ impl Available {
 
 /// Calls `$name` of the module for the [`Available`] level.
 macro_rules! dispatch {
-    ($level:expr, $name:ident $(::<$($generic:tt),*>)? ($($argument:expr),* $(,)?)) => {{
+    ($level:expr, $name:ident($($argument:expr),* $(,)?)) => {{
         let level = $level;
         match () {
             // SAFETY: an `Available` level is one that the machine has.
             #[cfg(target_arch = "x86_64")]
             #[expect(unsafe_code, reason = "calls code compiled for AVX-512")]
-            () if level.is(bvh_core::SimdLevel::Avx512) => unsafe { $crate::refit::avx512::$name$(::<$($generic),*>)?($($argument),*) },
+            () if level.is(bvh_core::SimdLevel::Avx512) => unsafe { $crate::refit::avx512::$name($($argument),*) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             #[expect(unsafe_code, reason = "calls code compiled for AVX2")]
-            () if level.is(bvh_core::SimdLevel::Avx2) => unsafe { $crate::refit::avx2::$name$(::<$($generic),*>)?($($argument),*) },
-            () => $crate::refit::scalar::$name$(::<$($generic),*>)?($($argument),*),
+            () if level.is(bvh_core::SimdLevel::Avx2) => unsafe { $crate::refit::avx2::$name($($argument),*) },
+            () => $crate::refit::scalar::$name($($argument),*),
         }
     }};
 }

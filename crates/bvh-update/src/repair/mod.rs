@@ -11,8 +11,8 @@
 use bvh_build::{BuildScratch, Builder};
 use bvh_core::{Aabb, Bvh, Node, Primitives};
 
-use crate::quality::{cost_after, in_units_of, take_baseline};
-use crate::rebuild::{RebuildScratch, new_tree, options_like};
+use crate::quality::{cost_after, finite_or_zero, take_baseline};
+use crate::rebuild::{RebuildScratch, build_again};
 use crate::refit::{RefitScratch, Rotate, Tally, parts, pass};
 use crate::report::{Decision, Update, UpdateError};
 use crate::state::State;
@@ -92,7 +92,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     match open_grown(bvh, &tally, OPENED * share, most, repair) {
         Repaired::Nothing => {
             // Wait until as much is lost again.
-            State::of_mut(parts(bvh).state).baseline.cost = in_units_of(cost, scale);
+            State::of_mut(parts(bvh).state).baseline.cost = finite_or_zero(cost / scale);
             Ok(tally.report(bvh))
         }
         Repaired::Top { subtrees } => {
@@ -100,11 +100,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
             // The cost is not known for free.
             Ok(Update { decision, sah_cost: None, ..tally.report(bvh) })
         }
-        Repaired::TooLarge => {
-            let options = options_like(bvh);
-            let update = new_tree(bvh, primitives, Builder::Ploc, &options, rebuild)?;
-            Ok(Update { decision: Decision::Rebuild { builder: Builder::Ploc }, ..update })
-        }
+        Repaired::TooLarge => build_again(bvh, primitives, Builder::Ploc, rebuild),
     }
 }
 

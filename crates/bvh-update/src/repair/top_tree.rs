@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::frontier::{Frontier, FrontierScratch};
 use super::{RepairScratch, Repaired};
-use crate::quality::{TreeCost, in_units_of};
+use crate::quality::{TreeCost, finite_or_zero};
 use crate::refit::{SharedNodes, parts, share};
 use crate::state::{Layout, State};
 
@@ -70,7 +70,7 @@ pub(super) fn rebuild_top(
     graft.nodes.set(0, root);
     *parts.static_area += cost.fixed - opened.fixed;
     let state = State::of_mut(parts.state);
-    state.baseline.cost = in_units_of(*references + above + leaves, 1.0);
+    state.baseline.cost = finite_or_zero(*references + above + leaves);
     state.baseline.measured = state.baseline.cost;
     state.baseline.scale = scale;
     state.set_layout(Layout::Other);
