@@ -397,7 +397,7 @@ fn leaves_merge_where_boxes_move_together_and_split_where_they_part() {
     }
 }
 
-/// `Auto` merges what stays together, and splits it when it comes apart, at once or little by little.
+/// `Auto` merges leaves that stay together, and splits them when they separate, at once or slowly.
 #[test]
 fn auto_merges_leaves_where_it_is_calm() {
     // Pairs of boxes that part and meet again.
