@@ -5,9 +5,9 @@ use std::ops::ControlFlow::Continue;
 use std::time::Instant;
 
 use bvh_build::{BuildOptions, BuildScratch, Builder, build, rebuild};
-use bvh_core::{Bvh, Ray, TriangleTest, Triangles, Vec3, Visits, closest_hit_counted};
-use bvh_update::{Decision, Leaves, PartialRebuild, Rotate, Strategy, Updater};
-use rt_cpu::{Camera, Pixel, RenderOptions, cast};
+use bvh_core::{Bvh, Ray, TriangleTest, Triangles, Vec3, Visits, closest_hit_counted, sah_cost};
+use bvh_update::{Decision, Leaves, PartialRebuild, Rotate, Strategy, Updater, refit};
+use rt_cpu::{Camera, Pixel, RenderOptions, RenderStats, cast};
 
 /// Quads on each side of the sheet.
 const SIDE: usize = 350;
@@ -106,34 +106,11 @@ fn measure() {
         leaves.iter().zip(&rotate).map(|((time, nodes, _), (without, ..))| (time - without) / nodes);
     print("LEAF_NODE", median(of_leaves.collect()), "for each node");
 
-    let middle = Vec3::new(0.5, 0.5, 0.0) * SIDE as f32;
-    let camera = Camera::look_at(middle + Vec3::Z * SIDE as f32, middle, Vec3::Y, 0.9, 1024, 1024);
-    let mut pixels = vec![Pixel::default(); 1024 * 1024];
-    let mut once = || ns(|| cast(&first, &triangles, &camera, None, &RenderOptions::default(), &mut pixels));
-    let picture: Vec<_> = (0..5).map(|_| once()).collect();
-    let time = median(picture.iter().map(|(time, _)| *time).collect());
-    print("PACKET_RAY", time / picture[0].1.rays() as f64, "for each primary ray");
-    print("PACKET_NODE", time / picture[0].1.nodes_visited as f64, "for each node of a packet");
-
-    let target = |i: usize| Vec3::new(noise(2 * i), noise(2 * i + 1), 0.0) * SIDE as f32;
-    let mut visits = Visits::default();
-    let rays = 50_000;
-    let (time, ()) = ns(|| {
-        for i in 0..rays {
-            let from = target(i + rays) + Vec3::Z * 50.0;
-            let ray = Ray::new(from, target(i) - from);
-            let test = TriangleTest::default();
-            std::hint::black_box(closest_hit_counted(
-                &first,
-                &triangles,
-                &ray,
-                f32::INFINITY,
-                test,
-                &mut visits,
-            ));
-        }
-    });
-    print("SINGLE_RAY", time / rays as f64, "for each ray, in no order");
+    let (time, stats) = picture(&first, &triangles);
+    print("PACKET_RAY", time / stats.rays() as f64, "for each primary ray");
+    print("PACKET_NODE", time / stats.nodes_visited as f64, "for each node of a packet");
+    let (time, visits) = single_rays(&first, &triangles);
+    print("SINGLE_RAY", time / SINGLE_RAYS as f64, "for each ray, in no order");
     print("QUERY_NODE", time / visits.nodes as f64, "for each node of such rays");
 
     let mut pairs = 0;
@@ -145,6 +122,66 @@ fn measure() {
     });
     print("PAIRS", time / count, "for each primitive");
     print("QUERY_NODE", time / visits.nodes as f64, "for each node of a pair search");
+    measure_losses(&first, &indices);
+}
+
+/// By what part queries take longer or shorter in a worse tree, in one of the fast builder, and with merged leaves.
+fn measure_losses(first: &Bvh, indices: &[[u32; 3]]) {
+    let burst = positions(FRAMES / 2);
+    let triangles = Triangles { positions: &burst, indices };
+    let [good, fast] = [Builder::Ploc, Builder::Lbvh].map(|builder| build(&triangles, builder).expect("few"));
+    let mut refitted = first.clone();
+    refit(&mut refitted, &triangles).expect("same count");
+    let growth = sah_cost(&refitted) / sah_cost(&good) - 1.0;
+    let longer = |bvh: &Bvh, than: &Bvh, triangles: &Triangles<'_>| {
+        let of_picture = picture(bvh, triangles).0 / picture(than, triangles).0 - 1.0;
+        (of_picture, single_rays(bvh, triangles).0 / single_rays(than, triangles).0 - 1.0)
+    };
+    let (of_picture, of_rays) = longer(&refitted, &good, &triangles);
+    let of = format!("of the time, in a tree of {:.2} times the cost", 1.0 + growth);
+    println!("PACKET_SLOPE     {:>10.2}     {of}", of_picture / growth);
+    println!("QUERY_SLOPE      {:>10.2}     {of}", of_rays / growth);
+    let (of_picture, of_rays) = longer(&fast, &good, &triangles);
+    println!("FAST_BUILD_LOSS  {of_picture:>10.2}     of a picture's time, {of_rays:.2} of single rays'");
+    let (calm, mut merged) = (positions(0), first.clone());
+    let triangles = Triangles { positions: &calm, indices };
+    let mut updater = Updater::new(Strategy::Leaves(Leaves { period: 1, ..Leaves::default() }));
+    updater.update(&mut merged, &triangles).expect("same count");
+    let (of_picture, of_rays) = longer(&merged, first, &triangles);
+    println!(
+        "MERGED_LEAVES_GAIN {:>8.2}     of a picture's time, {:.2} of single rays'",
+        -of_picture, -of_rays
+    );
+}
+
+/// The median time of a picture from above, and what it did.
+fn picture(bvh: &Bvh, triangles: &Triangles<'_>) -> (f64, RenderStats) {
+    let middle = Vec3::new(0.5, 0.5, 0.0) * SIDE as f32;
+    let camera = Camera::look_at(middle + Vec3::Z * SIDE as f32, middle, Vec3::Y, 0.9, 1024, 1024);
+    let mut pixels = vec![Pixel::default(); 1024 * 1024];
+    let mut once = || ns(|| cast(bvh, triangles, &camera, None, &RenderOptions::default(), &mut pixels));
+    let pictures: Vec<_> = (0..7).map(|_| once()).collect();
+    (median(pictures.iter().map(|(time, _)| *time).collect()), pictures[0].1)
+}
+
+const SINGLE_RAYS: usize = 50_000;
+
+/// The median time of rays in no order, and the nodes that they visit.
+fn single_rays(bvh: &Bvh, triangles: &Triangles<'_>) -> (f64, Visits) {
+    let target = |i: usize| Vec3::new(noise(2 * i), noise(2 * i + 1), 0.0) * SIDE as f32;
+    let once = || {
+        let mut visits = Visits::default();
+        let cast = |i: usize| {
+            let from = target(i + SINGLE_RAYS) + Vec3::Z * 50.0;
+            let (ray, test) = (Ray::new(from, target(i) - from), TriangleTest::default());
+            closest_hit_counted(bvh, triangles, &ray, f32::INFINITY, test, &mut visits)
+        };
+        let (time, hits) = ns(|| (0..SINGLE_RAYS).filter_map(cast).count());
+        assert!(hits > 0, "rays meet the sheet");
+        (time, visits)
+    };
+    let runs: Vec<_> = (0..5).map(|_| once()).collect();
+    (median(runs.iter().map(|(time, _)| *time).collect()), runs[0].1)
 }
 
 fn main() {

@@ -315,8 +315,11 @@ fn repairs_do_not_depend_on_threads() {
 
 #[test]
 fn trees_from_the_background_take_over_and_none_waits_or_is_mistaken() {
-    let strategy =
-        Strategy::Background(Background { rotate: Some(Rotate::default()), builder: Builder::Binned });
+    [Builder::Binned, Builder::BinnedParallel].into_iter().for_each(trees_take_over);
+}
+
+fn trees_take_over(builder: Builder) {
+    let strategy = Strategy::Background(Background { rotate: Some(Rotate::default()), builder });
     let mut updater = Updater::default();
     let mut trees = [tree(&burst(0.0), Builder::Sweep), tree(&chaos(0), Builder::Sweep)];
     let mut swaps = [0; 2];
