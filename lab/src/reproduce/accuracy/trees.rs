@@ -7,7 +7,7 @@ use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
 use bvh_core::Bvh;
 use bvh_update::{Rotate, Strategy, Updater};
 
-use super::bench::{Bench, Over, fastest, tree_points};
+use super::bench::{Bench, Over, fastest};
 use super::point::Point;
 use crate::interrupt;
 use crate::stage::ms;
@@ -105,10 +105,8 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
             entrant.updates, entrant.height
         );
         let time_ms = entrant.update_ms / entrant.updates.max(1) as f64;
-        let point = Point { note, ..Point::new("update strategy", entrant.name, is_default, time_ms) };
-        for point in tree_points(&point, entrant.errors.map(|sum| sum / f64::from(compared)), &selves) {
-            bench.log.add(point)?;
-        }
+        let point = Point::new("update strategy", entrant.name, is_default, time_ms).noted(note);
+        bench.log.add_tree(&point, entrant.errors.map(|sum| sum / f64::from(compared)), &selves)?;
     }
     Ok(())
 }
@@ -190,10 +188,8 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
             "time of a build, fastest of at most {}; errors in the middle of the loop",
             bench.log.effort.repeats
         );
-        let point = Point { note, ..Point::new("builder", setting.as_str(), *is_default, *time_ms) };
-        for point in tree_points(&point, errors, &selves) {
-            bench.log.add(point)?;
-        }
+        let point = Point::new("builder", setting.as_str(), *is_default, *time_ms).noted(note);
+        bench.log.add_tree(&point, errors, &selves)?;
     }
     Ok(())
 }
