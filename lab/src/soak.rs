@@ -11,9 +11,10 @@ use bvh_core::sah_cost;
 use bvh_update::{Strategy, UnknownStrategy, Updater};
 
 use crate::machine::resident_mib;
+use crate::pool::Threads;
 use crate::progress::Progress;
 use crate::stage::{self, Stage, ms};
-use crate::{CheckFailed, files, interrupt, pool};
+use crate::{CheckFailed, files, interrupt};
 
 /// Arguments of `soak`.
 #[derive(clap::Args)]
@@ -33,9 +34,8 @@ pub struct Args {
     /// Fraction of the triangles, where the scene can be made coarser
     #[arg(long, value_name = "F")]
     detail: Option<f32>,
-    /// Threads [default: 8, or the cores there are]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
-    threads: Option<u32>,
+    #[command(flatten)]
+    threads: Threads,
 }
 
 /// Most frames at the start that as many at the end are compared with: the whole loops in them,
@@ -60,7 +60,7 @@ pub fn run(args: &Args) -> Result<()> {
     for source in &args.scenes {
         loaded.push((source, stage::load_first(source, || load(source))?));
     }
-    let pool = pool::pool(args.threads.map_or_else(pool::default_threads, |n| n as usize))?;
+    let pool = args.threads.pool()?;
     files::print("scene, strategy, frames: first and last ms a frame; cost over a fresh tree; height; MiB")?;
     let (mut broken, mut rest) = (Vec::new(), Vec::new());
     for (source, scene) in loaded {
