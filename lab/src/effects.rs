@@ -214,7 +214,10 @@ fn cost_rows<E: Copy, S>(
             1 => None,
             _ => Some([measure(switched(own, switch, false))?, measure(switched(none, switch, true))?]),
         };
-        let [without, alone] = others.as_ref().map_or([&nothing, &everything], |others| others.each_ref());
+        let [without, alone] = match &others {
+            Some([without, alone]) => [without, alone],
+            None => [&nothing, &everything],
+        };
         let runs = [&everything, without, alone];
         let counts = runs.map(|(stats, _)| count(stats).to_string()).join(" | ");
         let times = runs.map(|(_, ms)| format!("{ms:.3}")).join(" | ");

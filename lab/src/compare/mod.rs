@@ -183,12 +183,7 @@ fn ensure_known(what: What, only: &[String], embree: Option<&Embree>) -> Result<
 /// Bad input, or a check that failed.
 pub fn run(args: &Args) -> Result<()> {
     if let Some(path) = &args.from {
-        let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
-        let report: Report = serde_json::from_slice(&bytes)
-            .with_context(|| format!("{}: not a file that `compare --json` wrote", path.display()))?;
-        files::print(&format!("{}\n{}", report.heading(), table::tables(&report.rows)))?;
-        files::print(&table::ratios(&report.rows))?;
-        return draw(args, &report);
+        return print_saved(args, path);
     }
     if args.what == What::Hard {
         return hard_cases(args);
@@ -242,6 +237,16 @@ pub fn run(args: &Args) -> Result<()> {
     } else {
         Err(CheckFailed(format!("not the same hits as the reference: {}", wrong.join("; "))).into())
     }
+}
+
+/// Prints the tables of a file of results again.
+fn print_saved(args: &Args, path: &Path) -> Result<()> {
+    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let report: Report = serde_json::from_slice(&bytes)
+        .with_context(|| format!("{}: not a file that `compare --json` wrote", path.display()))?;
+    files::print(&format!("{}\n{}", report.heading(), table::tables(&report.rows)))?;
+    files::print(&table::ratios(&report.rows))?;
+    draw(args, &report)
 }
 
 /// Runs the hard cases, or one of them.
