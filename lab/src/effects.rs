@@ -14,8 +14,9 @@ use scenes::{
 };
 
 use crate::machine::{Machine, Revision};
-use crate::stage::{self, Stage, ms};
-use crate::{files, interrupt, pool};
+use crate::pool::Threads;
+use crate::stage::{self, ms};
+use crate::{files, interrupt};
 
 /// Arguments of `effects`.
 #[derive(clap::Args)]
@@ -32,9 +33,8 @@ pub struct Args {
     /// Width and height of pictures in pixels
     #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=16_384))]
     size: u32,
-    /// Threads [default: 8, or the cores there are]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
-    threads: Option<u32>,
+    #[command(flatten)]
+    threads: Threads,
     /// Write the tables to a file instead of standard output
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -84,8 +84,8 @@ pub fn run(args: &Args) -> Result<()> {
     for source in &sources {
         plans.push(plan_row(source, args.detail)?);
     }
-    let threads = args.threads.map_or_else(pool::default_threads, |n| n as usize);
-    let tables = pool::pool(threads)?.install(|| tables(args, &sources))?;
+    let threads = args.threads.count();
+    let tables = args.threads.pool()?.install(|| tables(args, &sources))?;
     if interrupt::requested() {
         bail!("interrupted; the tables are not complete, so nothing is written");
     }
@@ -143,45 +143,33 @@ impl Frames {
     }
 }
 
-/// A scene that is played with any effects.
-struct Player<'a> {
-    args: &'a Args,
-    scene: Option<Scene>,
-}
-
-impl Player<'_> {
-    fn play(&mut self, effects: Effects) -> Result<Frames> {
-        let scene = self.scene.take().context("the scene before failed")?;
-        let mut stage = stage::ready(Scene { effects, ..scene })?;
-        let frames = self.frames(&mut stage);
-        self.scene = Some(stage.scene);
-        frames
-    }
-
-    fn frames(&self, stage: &mut Stage) -> Result<Frames> {
-        let (count, size, mut tree) = (self.args.frames as usize, self.args.size, stage.first_tree.clone());
-        let mut updater = Updater::new(Strategy::RefitRotate(Rotate::default()));
-        let mut image = Image::new(size, size);
-        let options = RenderOptions { smooth: false, ..stage.render_options() };
-        let mut best = Frames { motion_ms: f64::INFINITY, light_ms: f64::INFINITY, ..Frames::default() };
-        for _ in 0..REPEATS {
-            let mut all = Frames::default();
-            for frame in 0..count {
-                let start = Instant::now();
-                let posed = stage.pose(stage.time_of(frame, count));
-                if stage.plan().contains(FrameStage::Update) {
-                    updater.update(&mut tree, &stage.triangles())?;
-                }
-                all.motion_ms += ms(start) / count as f64;
-                all.posed = sum(all.posed, posed);
-                let (camera, light, start) = (stage.camera(size, size), stage.light(), Instant::now());
-                all.traced += render(&tree, &stage.mesh(), &camera, Some(&light), &options, &mut image);
-                all.light_ms += ms(start) / count as f64;
+/// Plays a scene with these effects; gives what is fastest of several times.
+fn play(args: &Args, scene: &mut Option<Scene>, effects: Effects) -> Result<Frames> {
+    let taken = scene.take().context("the scene before failed")?;
+    let mut stage = stage::ready(Scene { effects, ..taken })?;
+    let (count, size, mut tree) = (args.frames as usize, args.size, stage.first_tree.clone());
+    let mut updater = Updater::new(Strategy::RefitRotate(Rotate::default()));
+    let mut image = Image::new(size, size);
+    let options = RenderOptions { smooth: false, ..stage.render_options() };
+    let mut best = Frames { motion_ms: f64::INFINITY, light_ms: f64::INFINITY, ..Frames::default() };
+    for _ in 0..REPEATS {
+        let mut all = Frames::default();
+        for frame in 0..count {
+            let start = Instant::now();
+            let posed = stage.pose(stage.time_of(frame, count));
+            if stage.plan().contains(FrameStage::Update) {
+                updater.update(&mut tree, &stage.triangles())?;
             }
-            best = all.faster(best);
+            all.motion_ms += ms(start) / count as f64;
+            all.posed = sum(all.posed, posed);
+            let (camera, light, start) = (stage.camera(size, size), stage.light(), Instant::now());
+            all.traced += render(&tree, &stage.mesh(), &camera, Some(&light), &options, &mut image);
+            all.light_ms += ms(start) / count as f64;
         }
-        Ok(best)
+        best = all.faster(best);
     }
+    *scene = Some(stage.scene);
+    Ok(best)
 }
 
 fn sum(mut a: PoseStats, b: PoseStats) -> PoseStats {
@@ -205,34 +193,35 @@ fn cost_rows<E: Copy, S>(
     [own, none]: [E; 2],
     mut measure: impl FnMut(E) -> Result<(S, f64)>,
 ) -> Result<()> {
-    let switched = |effects: E, switch: fn(&mut E) -> &mut bool, to: bool| {
-        let mut effects = effects;
-        let before = std::mem::replace(switch(&mut effects), to);
-        (effects, before)
+    let switched = |mut effects: E, switch: fn(&mut E) -> &mut bool, to: bool| {
+        *switch(&mut effects) = to;
+        effects
     };
-    let is_own = |switch| switched(own, switch, true).1;
-    let number = effects.iter().filter(|&&(_, switch, _)| is_own(switch)).count();
-    if number == 0 {
+    let effects: Vec<_> = effects
+        .iter()
+        .filter(|(_, switch, _)| {
+            let mut own = own;
+            *switch(&mut own)
+        })
+        .collect();
+    if effects.is_empty() {
         return Ok(());
     }
     let (everything, nothing) = (measure(own)?, measure(none)?);
-    for &(name, switch, count) in effects.iter().filter(|&&(_, switch, _)| is_own(switch)) {
+    for &&(name, switch, count) in &effects {
         // Without the only effect there is none, and alone it is everything.
-        let (without, alone) = match number {
-            1 => (None, None),
-            _ => {
-                let measured = measure(switched(own, switch, false).0)?;
-                (Some(measured), Some(measure(switched(none, switch, true).0)?))
-            }
+        let others = match effects.len() {
+            1 => None,
+            _ => Some([measure(switched(own, switch, false))?, measure(switched(none, switch, true))?]),
         };
-        let ((all, all_ms), (_, none_ms)) = (&everything, &nothing);
-        let (without, without_ms) = without.as_ref().unwrap_or(&nothing);
-        let (alone, alone_ms) = alone.as_ref().unwrap_or(&everything);
-        let [all, without, alone] = [all, without, alone].map(count);
-        writeln!(
-            out,
-            "{start} | {name} | {all} | {without} | {alone} | {all_ms:.3} | {without_ms:.3} | {alone_ms:.3} | {none_ms:.3} |"
-        )?;
+        let [without, alone] = match &others {
+            Some([without, alone]) => [without, alone],
+            None => [&nothing, &everything],
+        };
+        let runs = [&everything, without, alone];
+        let counts = runs.map(|(stats, _)| count(stats).to_string()).join(" | ");
+        let times = runs.map(|(_, ms)| format!("{ms:.3}")).join(" | ");
+        writeln!(out, "{start} | {name} | {counts} | {times} | {:.3} |", nothing.1)?;
     }
     Ok(())
 }
@@ -249,8 +238,9 @@ fn tables(args: &Args, sources: &[&str]) -> Result<String> {
         let options = SceneOptions { detail: Some(args.detail), ..SceneOptions::default() };
         let scene = stage::load_with(source, None, options.clone())?;
         let own = scene.effects;
-        let mut player = Player { args, scene: Some(scene) };
-        let mut all = player.play(own)?;
+        let mut scene = Some(scene);
+        let mut play = |effects| play(args, &mut scene, effects);
+        let mut all = play(own)?;
 
         let start = format!("| {label} | simulation");
         let kinds = [own.motion, own.motion.without(MotionEffects::SIMULATED)];
@@ -262,20 +252,20 @@ fn tables(args: &Args, sources: &[&str]) -> Result<String> {
         let start = format!("| {label} | motion");
         let kinds = [own.motion, own.motion.without(PLAYBACK)];
         cost_rows(&mut costs, &start, &MOTION, kinds, |motion| {
-            player.play(Effects { motion, ..own }).map(|f| (f.posed, f.motion_ms))
+            play(Effects { motion, ..own }).map(|f| (f.posed, f.motion_ms))
         })?;
         let (start, kinds) = (format!("| {label} | light"), [own.light, LightEffects::NONE]);
         cost_rows(&mut costs, &start, &LIGHT, kinds, |light| {
-            player.play(Effects { light, ..own }).map(|f| (f.traced, f.light_ms))
+            play(Effects { light, ..own }).map(|f| (f.traced, f.light_ms))
         })?;
 
         let light = LightEffects { textures: true, alpha: true, mirror: true, ..own.light };
         let planned = Effects { motion: own.motion.with(PLAYBACK), light };
-        let mut more = player.play(planned)?;
+        let mut more = play(planned)?;
         // In turn, so that other work on the machine disturbs both.
         for _ in 0..REPEATS {
-            all = all.faster(player.play(own)?);
-            more = more.faster(player.play(planned)?);
+            all = all.faster(play(own)?);
+            more = more.faster(play(planned)?);
         }
         let mut counts = Vec::new();
         let Effects { mut motion, mut light } = own;

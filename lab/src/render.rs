@@ -11,9 +11,10 @@ use image::{Delay, Frame, RgbaImage};
 use rt_cpu::{Bvh8, Image, RenderOptions, RenderStats, Traversal, render, render_with};
 use scenes::{FramePlan, LightEffects, SceneOptions};
 
+use crate::pool::Threads;
 use crate::progress::Progress;
 use crate::stage::{self, Stage};
-use crate::{files, interrupt, pool};
+use crate::{files, interrupt};
 
 /// Arguments of `render`.
 #[derive(clap::Args)]
@@ -43,17 +44,13 @@ pub struct Args {
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Threads for updates and rendering [default: 8, or the cores there are]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
-    threads: Option<u32>,
+    #[command(flatten)]
+    threads: Threads,
     /// How rays are grouped: tile, packet (8 x 8, as published in 2007) or single; images do not depend on it
     #[arg(long, value_name = "NAME", default_value = "tile")]
     traversal: Traversal,
-    /// Interpolate normals (the default)
-    #[arg(long, overrides_with = "flat")]
-    smooth: bool,
-    /// Show each triangle's own normal
-    #[arg(long, overrides_with = "smooth")]
+    /// Show each triangle's own normal; else normals are interpolated
+    #[arg(long)]
     flat: bool,
     /// What light does: some of shadows, textures, alpha, mirror, ambient-occlusion,
     /// diffuse-bounces with commas between them, or none [default: what the scene calls for]
@@ -108,7 +105,7 @@ fn effects(list: &str) -> Result<LightEffects, String> {
 /// Bad input, or a check that failed.
 pub fn run(args: &Args) -> Result<()> {
     let target = Target::of(args)?;
-    let pool = pool::pool(args.threads.map_or_else(pool::default_threads, |n| n as usize))?;
+    let pool = args.threads.pool()?;
     let options = SceneOptions { seed: args.seed, light: args.effects, ..SceneOptions::default() };
     let scene = stage::load_with(&args.scene, args.clip.as_deref(), options)?;
     let (count, label) = (scene.frames.max(1), stage::label(&args.scene));

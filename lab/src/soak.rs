@@ -11,9 +11,10 @@ use bvh_core::sah_cost;
 use bvh_update::{Strategy, UnknownStrategy, Updater};
 
 use crate::machine::resident_mib;
+use crate::pool::Threads;
 use crate::progress::Progress;
 use crate::stage::{self, Stage, ms};
-use crate::{CheckFailed, files, interrupt, pool};
+use crate::{CheckFailed, files, interrupt};
 
 /// Arguments of `soak`.
 #[derive(clap::Args)]
@@ -33,9 +34,8 @@ pub struct Args {
     /// Fraction of the triangles, where the scene can be made coarser
     #[arg(long, value_name = "F")]
     detail: Option<f32>,
-    /// Threads [default: 8, or the cores there are]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
-    threads: Option<u32>,
+    #[command(flatten)]
+    threads: Threads,
 }
 
 /// Most frames at the start that as many at the end are compared with: the whole loops in them,
@@ -60,7 +60,7 @@ pub fn run(args: &Args) -> Result<()> {
     for source in &args.scenes {
         loaded.push((source, stage::load_first(source, || load(source))?));
     }
-    let pool = pool::pool(args.threads.map_or_else(pool::default_threads, |n| n as usize))?;
+    let pool = args.threads.pool()?;
     files::print("scene, strategy, frames: first and last ms a frame; cost over a fresh tree; height; MiB")?;
     let (mut broken, mut rest) = (Vec::new(), Vec::new());
     for (source, scene) in loaded {
@@ -146,30 +146,24 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
     }
     memory[1] = resident_mib();
     drop(progress);
-    let (times, costs) = ([first.time(), last.time()], [first.cost(), last.cost()]);
-    let heights = [first.height, last.height];
+    let who = format!("{label}, {}", strategy.name());
+    let measures = [
+        ("time a frame", [first.time(), last.time()], SLOWER),
+        ("cost over a fresh tree", [first.cost(), last.cost()], COSTLIER),
+        ("height", [first.height, last.height].map(f64::from), HIGHER),
+        ("memory", memory, MORE_MEMORY),
+    ];
+    let [(_, times, _), (_, costs, _), (_, heights, _), (_, memory, _)] = measures;
     files::print(&format!(
-        "{label}, {}, {done}: {:.3} {:.3} ms; {:.3} {:.3}; {heights:?}; {:.1} {:.1} MiB",
-        strategy.name(),
-        times[0],
-        times[1],
-        costs[0],
-        costs[1],
-        memory[0],
-        memory[1]
+        "{who}, {done}: {:.3} {:.3} ms; {:.3} {:.3}; [{}, {}]; {:.1} {:.1} MiB",
+        times[0], times[1], costs[0], costs[1], heights[0], heights[1], memory[0], memory[1]
     ))?;
     if done < frames {
         return Ok(Vec::new());
     }
-    let who = format!("{label}, {}", strategy.name());
-    let grown = |what: &str, from: f64, to: f64, most: f64| {
-        (to > from * most).then(|| format!("{who}: {what} from {from:.3} to {to:.3}, more than {most} times"))
-    };
-    let broken = [
-        grown("time a frame", times[0], times[1], SLOWER),
-        grown("cost over a fresh tree", costs[0], costs[1], COSTLIER),
-        grown("height", first.height.into(), last.height.into(), HIGHER),
-        grown("memory", memory[0], memory[1], MORE_MEMORY),
-    ];
-    Ok(broken.into_iter().flatten().collect())
+    let broken = measures.into_iter().filter(|(_, [from, to], most)| *to > from * most);
+    let words = broken.map(|(what, [from, to], most)| {
+        format!("{who}: {what} from {from:.3} to {to:.3}, more than {most} times")
+    });
+    Ok(words.collect())
 }

@@ -1,14 +1,18 @@
-//! A contestant with its record, and the frame that all are compared on.
+//! A contestant with its record, the frame that all are compared on, and the loop that is played.
 
 use std::time::Instant;
 
 use anyhow::{Context, Result};
 use bvh_build::{Builder, build};
 use bvh_core::{Bvh, sah_cost};
-use pivot_benches::{Answers, Contestant, Entry, LIMIT, View, set_up_rays};
+use pivot_benches::{Answers, Contest, Contestant, Entry, LIMIT, View};
 use rt_cpu::{Pixel, PointLight, RenderOptions, RenderStats, Traversal, cast};
 
+use super::Setting;
 use super::row::{Record, Row};
+use crate::interrupt;
+use crate::progress::Progress;
+use crate::reproduce::median;
 use crate::stage::{Stage, ms};
 
 /// Pixels on each side of the view that answers are compared on.
@@ -21,10 +25,20 @@ pub(super) struct Lane {
     pub(super) record: Record,
 }
 
-impl Lane {
-    pub(super) fn new(entry: Entry, stage: &Stage) -> Result<Self> {
+/// Everyone who takes part in a contest.
+pub(super) fn lanes(contest: Contest, stage: &Stage, setting: &Setting) -> Result<Vec<Lane>> {
+    let lane = |entry: Entry| {
         let contestant = entry.make(&stage.triangles())?;
-        Ok(Self { entry, contestant, record: Record::default() })
+        Ok(Lane { entry, contestant, record: Record::default() })
+    };
+    setting.field(contest).into_iter().map(lane).collect()
+}
+
+impl Lane {
+    /// A new contestant in the place of this one; the record stays.
+    pub(super) fn restart(&mut self, stage: &Stage) -> Result<()> {
+        self.contestant = self.entry.make(&stage.triangles())?;
+        Ok(())
     }
 
     /// Takes the positions of the stage, then updates; gives the time of the latter.
@@ -50,18 +64,6 @@ impl Lane {
         let ratio = self.contestant.sah_cost().map(|cost| cost / frame.sweep_cost);
         self.record.costs.extend(ratio.filter(|r| r.is_finite()));
     }
-
-    pub(super) fn row(
-        &self,
-        what: &'static str,
-        scene: &str,
-        stage: &Stage,
-        threads: usize,
-        all: &Answers,
-    ) -> Row {
-        let triangles = stage.triangles().indices.len();
-        self.record.row(what, scene, triangles, &self.entry.name, threads, all)
-    }
 }
 
 /// What everyone is compared to in one frame: a fresh sweep build, and what single rays find in it.
@@ -84,52 +86,68 @@ impl Frame {
         let stats = cast(&tree, &triangles, &view.camera, light.as_ref(), &options, &mut pixels);
         Ok(Self { sweep_cost: sah_cost(&tree), tree, pixels, stats })
     }
-
-    /// What the reference found, added to what it found before.
-    pub(super) fn add_to(&self, all: &mut Answers) {
-        all.add(&self.pixels, &self.pixels);
-    }
 }
 
-/// Name of the row with the time of making rays.
-pub(super) const SET_UP: &str = "ray set-up";
-
-/// What every contestant but this project's packets spends outside of the library: its user's part.
-#[derive(Default)]
-pub(super) struct SetUp {
-    pub(super) record: Record,
-}
-
-impl SetUp {
-    /// Makes the rays of a view three times; the median counts.
-    pub(super) fn measure(&mut self, stage: &Stage, view: &View, frame: &Frame, pixels: &mut [Pixel]) {
-        let mut times = [0.0; 3];
-        for time in &mut times {
-            let start = Instant::now();
-            set_up_rays(&stage.triangles(), view, &frame.pixels, pixels);
-            *time = ms(start);
-        }
-        times.sort_by(f64::total_cmp);
-        self.record.times_ms.push(times[1]);
-        self.record.answers.add(pixels, &frame.pixels);
-    }
-
-    pub(super) fn row(
-        &self,
-        what: &'static str,
-        scene: &str,
-        stage: &Stage,
-        threads: usize,
-        all: &Answers,
-    ) -> Row {
-        self.record.row(what, scene, stage.triangles().indices.len(), SET_UP, threads, all)
-    }
+/// The rows of one measurement: of all lanes, compared with what the reference found.
+pub(super) fn rows(what: &str, lanes: &[Lane], setting: &Setting, all: &Answers) -> Vec<Row> {
+    lanes.iter().map(|lane| lane.record.row(what, &lane.entry.name, setting, all)).collect()
 }
 
 /// The scene's view now, with the light where the scene has shadows.
 pub(super) fn view(stage: &Stage, size: u32) -> View {
     let light = stage.scene.effects.light.shadows.then(|| stage.light().position);
     View { camera: stage.camera(size, size), light }
+}
+
+/// Plays a loop at the scene's own pace: `step` sees the stage posed, the number of steps before, and
+/// whether the frame is to be measured. Frames that are not are left out unless `all` is set.
+pub(super) fn play(
+    what: &str,
+    stage: &mut Stage,
+    setting: &Setting,
+    all: bool,
+    mut step: impl FnMut(&mut Stage, usize, bool) -> Result<()>,
+) -> Result<()> {
+    let frames = stage.scene.frames.max(2);
+    let measured = spread(frames, setting.frames);
+    let name = format!("{what}, {}, {} threads", setting.scene, setting.threads);
+    let progress = Progress::new(name, frames as u64);
+    let wanted = (1..frames).filter(|frame| all || measured.contains(frame));
+    for (number, frame) in wanted.enumerate().take_while(|_| !interrupt::requested()) {
+        stage.pose(stage.time_of(frame, frames));
+        step(stage, number, measured.contains(&frame))?;
+        progress.at(frame as u64 + 1);
+    }
+    Ok(())
+}
+
+/// The order of `count` lanes in a turn: another comes first each time.
+pub(super) fn turns(count: usize, turn: usize) -> impl Iterator<Item = usize> {
+    (0..count).map(move |i| (i + turn) % count)
+}
+
+/// Records the median time of each lane over rounds in which all take turns to `cast` into `found`,
+/// and compares the `answers` of the first round.
+pub(super) fn in_rounds<T>(
+    (rounds, turn): (usize, usize),
+    lanes: &mut [Lane],
+    found: &mut T,
+    expected: &[Pixel],
+    cast: impl Fn(&dyn Contestant, &mut T),
+    answers: impl Fn(&T) -> Vec<Pixel>,
+) {
+    let mut times = vec![Vec::new(); lanes.len()];
+    for round in 0..rounds {
+        for i in turns(lanes.len(), round + turn) {
+            let start = Instant::now();
+            cast(&*lanes[i].contestant, found);
+            times[i].push(ms(start));
+            if round == 0 {
+                lanes[i].record.answers.add(&answers(found), expected);
+            }
+        }
+    }
+    lanes.iter_mut().zip(times).for_each(|(lane, times)| lane.record.times_ms.push(median(times)));
 }
 
 /// Frames to measure, spread evenly over the frames `1..frames` of a loop; frame 0 is where

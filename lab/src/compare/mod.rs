@@ -5,12 +5,9 @@
 //! that rotates, so that whatever else the machine does hits all of them alike. Poses are computed
 //! outside of what is timed.
 
-mod build;
 mod frame;
 mod hard;
-mod incoherent;
 mod lane;
-mod ratios;
 mod row;
 mod table;
 mod trace;
@@ -106,7 +103,11 @@ pub struct Args {
 }
 
 /// What one measurement runs on.
+#[derive(Default)]
 struct Setting {
+    /// The scene's name in tables, and its size.
+    scene: String,
+    triangles: usize,
     threads: usize,
     embree: Option<Device>,
     /// Contestants whose names contain one of these; all if there are none.
@@ -129,6 +130,18 @@ impl Setting {
 
     fn is_named(&self, contestant: &str) -> bool {
         self.only.is_empty() || self.only.iter().any(|name| contestant.contains(name.as_str()))
+    }
+
+    /// The rows of all contestants; none of those that an interrupt has left without a frame.
+    fn measure(&self, contest: Contest, stage: &mut Stage) -> Result<Vec<Row>> {
+        let mut rows = match contest {
+            Contest::Update | Contest::Build => update::measure(contest, stage, self)?,
+            Contest::Trace => trace::primary(stage, self)?,
+            Contest::Incoherent => trace::incoherent(stage, self)?,
+            Contest::Frame => frame::measure(stage, self)?,
+        };
+        rows.retain(|row| row.frames > 0);
+        Ok(rows)
     }
 }
 
@@ -170,37 +183,10 @@ fn ensure_known(what: What, only: &[String], embree: Option<&Embree>) -> Result<
 /// Bad input, or a check that failed.
 pub fn run(args: &Args) -> Result<()> {
     if let Some(path) = &args.from {
-        let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
-        let report: Report = serde_json::from_slice(&bytes)
-            .with_context(|| format!("{}: not a file that `compare --json` wrote", path.display()))?;
-        files::print(&report.heading())?;
-        for rows in
-            report.rows.chunk_by(|a, b| (&a.what, &a.scene, a.threads) == (&b.what, &b.scene, b.threads))
-        {
-            files::print(&table::table(rows))?;
-        }
-        files::print(&ratios::table(&report.rows))?;
-        return draw(args, &report);
+        return print_saved(args, path);
     }
     if args.what == What::Hard {
-        for (option, given) in [
-            ("--scene", !args.scenes.is_empty()),
-            ("--only", !args.only.is_empty()),
-            ("--threads", !args.threads.is_empty()),
-            ("--frames", args.frames.is_some()),
-            ("--runs", args.runs > 1),
-            ("--size", args.size.is_some()),
-            ("--json", args.json.is_some()),
-        ] {
-            ensure!(
-                !given,
-                "{option}: the hard cases do not heed it; leave it out, or name other measurements"
-            );
-        }
-        return match (&args.case, &args.contestant) {
-            (Some(case), Some(contestant)) => hard::run_one(case, contestant, args.embree.as_deref()),
-            _ => hard::run(args.embree.as_deref()),
-        };
+        return hard_cases(args);
     }
     ensure!(
         args.runs == 1 || args.what.contests().contains(&Contest::Frame),
@@ -242,7 +228,7 @@ pub fn run(args: &Args) -> Result<()> {
             rest += &format!(" --scene {source}");
         }
     }
-    files::print(&ratios::table(&report.rows))?;
+    files::print(&table::ratios(&report.rows))?;
     draw(args, &report)?;
     interrupt::say_how_to_go_on(&format!("the same command for the other scenes,{rest}"));
     let wrong: Vec<_> = report.rows.iter().filter(|row| !row.agrees).map(Row::place).collect();
@@ -250,6 +236,35 @@ pub fn run(args: &Args) -> Result<()> {
         Ok(())
     } else {
         Err(CheckFailed(format!("not the same hits as the reference: {}", wrong.join("; "))).into())
+    }
+}
+
+/// Prints the tables of a file of results again.
+fn print_saved(args: &Args, path: &Path) -> Result<()> {
+    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let report: Report = serde_json::from_slice(&bytes)
+        .with_context(|| format!("{}: not a file that `compare --json` wrote", path.display()))?;
+    files::print(&format!("{}\n{}", report.heading(), table::tables(&report.rows)))?;
+    files::print(&table::ratios(&report.rows))?;
+    draw(args, &report)
+}
+
+/// Runs the hard cases, or one of them.
+fn hard_cases(args: &Args) -> Result<()> {
+    for (option, given) in [
+        ("--scene", !args.scenes.is_empty()),
+        ("--only", !args.only.is_empty()),
+        ("--threads", !args.threads.is_empty()),
+        ("--frames", args.frames.is_some()),
+        ("--runs", args.runs > 1),
+        ("--size", args.size.is_some()),
+        ("--json", args.json.is_some()),
+    ] {
+        ensure!(!given, "{option}: the hard cases do not heed it; leave it out, or name other measurements");
+    }
+    match (&args.case, &args.contestant) {
+        (Some(case), Some(contestant)) => hard::run_one(case, contestant, args.embree.as_deref()),
+        _ => hard::run(args.embree.as_deref()),
     }
 }
 
@@ -272,13 +287,12 @@ pub(crate) fn beside(
     size: u32,
     embree: Option<Device>,
 ) -> Result<Vec<Row>> {
-    let setting = Setting { threads, embree, only: Vec::new(), frames, runs: 1, size };
-    let mut rows = update::measure(label, stage, &setting)?;
-    if !interrupt::requested() {
-        rows.extend(frame::measure(label, stage, &setting)?);
+    let (scene, triangles) = (label.to_owned(), stage.triangles().indices.len());
+    let setting = Setting { scene, triangles, threads, embree, only: Vec::new(), frames, runs: 1, size };
+    let mut rows = Vec::new();
+    for contest in [Contest::Update, Contest::Frame].into_iter().take_while(|_| !interrupt::requested()) {
+        rows.extend(setting.measure(contest, stage)?);
     }
-    // An interrupt may come before the first measured frame.
-    rows.retain(|row| row.frames > 0);
     Ok(rows)
 }
 
@@ -306,53 +320,35 @@ fn run_scene(
     embree: Option<&Embree>,
     report: &mut Report,
 ) -> Result<()> {
-    let frames = |default| args.frames.map_or(default, |n| n as usize);
     for threads in threads(args) {
         let mut setting = Setting {
+            scene: label.to_owned(),
+            triangles: stage.triangles().indices.len(),
             threads,
             embree: embree.map(|e| e.device(threads)).transpose()?,
             only: args.only.clone(),
-            frames: frames(UPDATE_FRAMES),
+            frames: 0,
             runs: args.runs,
             size: args.size.unwrap_or(SIZE),
         };
-        let contests = args.what.contests().iter().copied();
-        let asked: Vec<Contest> = contests.filter(|&contest| !setting.field(contest).is_empty()).collect();
-        let asked = |contest| asked.contains(&contest) && !interrupt::requested();
-        let mut keep = |mut rows: Vec<Row>| -> Result<()> {
-            // An interrupt may come before the first measured frame.
-            rows.retain(|row| row.frames > 0);
-            if rows.is_empty() {
-                return Ok(());
+        let pool = pool::pool(threads)?;
+        for &contest in args.what.contests() {
+            if setting.field(contest).is_empty() || interrupt::requested() {
+                continue;
             }
-            let table = table::table(&rows);
+            let default = if matches!(contest, Contest::Update | Contest::Frame) {
+                UPDATE_FRAMES
+            } else {
+                OTHER_FRAMES
+            };
+            setting.frames = args.frames.map_or(default, |n| n as usize);
+            let rows = pool.install(|| setting.measure(contest, &mut stage))?;
+            let tables = table::tables(&rows);
             report.rows.extend(rows);
             if let Some(path) = &args.json {
                 files::write_whole(path, &serde_json::to_vec_pretty(report)?)?;
             }
-            files::print(&table)
-        };
-        let pool = pool::pool(threads)?;
-        if asked(Contest::Update) {
-            keep(pool.install(|| update::measure(label, &mut stage, &setting))?)?;
-        }
-        setting.frames = frames(OTHER_FRAMES);
-        if asked(Contest::Build) {
-            keep(pool.install(|| build::measure(label, &mut stage, &setting))?)?;
-        }
-        if asked(Contest::Trace) {
-            keep(pool.install(|| trace::measure(label, &mut stage, &setting))?)?;
-        }
-        if asked(Contest::Incoherent) {
-            let (view, rays) = pool.install(|| incoherent::measure(label, &mut stage, &setting))?;
-            if setting.is_named(&view.contestant) {
-                keep(vec![view])?;
-            }
-            keep(rays)?;
-        }
-        setting.frames = frames(UPDATE_FRAMES);
-        if asked(Contest::Frame) {
-            keep(pool.install(|| frame::measure(label, &mut stage, &setting))?)?;
+            files::print(&tables)?;
         }
     }
     Ok(())

@@ -4,7 +4,10 @@ use anyhow::Result;
 use pivot_benches::Answers;
 use serde::{Deserialize, Serialize};
 
+use super::Setting;
+use super::table::{threads_of, unique};
 use crate::machine::{Machine, Revision};
+use crate::reproduce::Spread;
 use crate::reproduce::chart::{Chart, Kind, Point, Series, figure};
 
 /// One contestant on one scene with one number of threads.
@@ -72,55 +75,34 @@ pub(super) struct Record {
 
 impl Record {
     /// The row, compared to what the reference found.
-    pub(super) fn row(
-        &self,
-        what: &'static str,
-        scene: &str,
-        triangles: usize,
-        contestant: &str,
-        threads: usize,
-        reference: &Answers,
-    ) -> Row {
-        let mut sorted = self.times_ms.clone();
-        sorted.sort_by(f64::total_cmp);
-        let median_ms = median(&sorted);
-        let costs = &self.costs;
+    pub(super) fn row(&self, what: &str, contestant: &str, on: &Setting, reference: &Answers) -> Row {
+        let times = Spread::of(self.times_ms.iter().copied());
+        let time = |of: fn(Spread) -> f64| times.map_or(0.0, of);
+        let costs = Spread::of(self.costs.iter().copied());
+        let Answers { rays, hits, different, lit, t_sum, .. } = self.answers;
         Row {
             what: what.to_owned(),
-            scene: scene.to_owned(),
-            triangles,
+            scene: on.scene.clone(),
+            triangles: on.triangles,
             contestant: contestant.to_owned(),
-            threads,
-            median_ms,
-            min_ms: sorted.first().copied().unwrap_or_default(),
-            max_ms: sorted.last().copied().unwrap_or_default(),
-            mean_ms: mean(&sorted).unwrap_or_default(),
-            mean_update_ms: mean(&self.updates_ms),
-            sah_over_sweep: mean(costs),
-            worst_sah_over_sweep: costs.iter().copied().reduce(f64::max),
-            hits: self.answers.hits,
-            ns_per_triangle: median_ms * 1e6 / triangles as f64,
+            threads: on.threads,
+            frames: self.times_ms.len(),
+            median_ms: time(|t| t.median),
+            min_ms: time(|t| t.min),
+            max_ms: time(|t| t.max),
+            mean_ms: time(|t| t.mean),
+            mean_update_ms: Spread::of(self.updates_ms.iter().copied()).map(|t| t.mean),
+            sah_over_sweep: costs.map(|c| c.mean),
+            worst_sah_over_sweep: costs.map(|c| c.max),
+            ns_per_triangle: time(|t| t.median) * 1e6 / on.triangles as f64,
             million_rays_per_s: None,
-            frames: sorted.len(),
-            rays: self.answers.rays,
-            lit: self.answers.lit,
-            t_sum: self.answers.t_sum,
-            different: self.answers.different,
+            rays,
+            hits,
+            different,
+            lit,
+            t_sum,
             agrees: self.answers.agrees_with(reference),
         }
-    }
-}
-
-fn mean(values: &[f64]) -> Option<f64> {
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
-}
-
-/// Median of sorted values; 0 if there are none.
-pub(super) fn median(sorted: &[f64]) -> f64 {
-    match sorted.len() {
-        0 => 0.0,
-        n if n % 2 == 1 => sorted[n / 2],
-        n => 0.5 * (sorted[n / 2 - 1] + sorted[n / 2]),
     }
 }
 
@@ -162,15 +144,8 @@ impl Report {
         let rows = || self.rows.iter().filter(|row| row.what == what);
         let threads = rows().map(|row| row.threads).min().unwrap_or(1);
         let rows = || rows().filter(|row| row.threads == threads);
-        let (mut places, mut names): (Vec<&str>, Vec<&str>) = (Vec::new(), Vec::new());
-        for row in rows() {
-            if !places.contains(&row.scene.as_str()) {
-                places.push(&row.scene);
-            }
-            if !names.contains(&row.contestant.as_str()) {
-                names.push(&row.contestant);
-            }
-        }
+        let places = unique(rows().map(|row| row.scene.as_str()));
+        let names = unique(rows().map(|row| row.contestant.as_str()));
         let series = names.iter().enumerate().map(|(color, name)| {
             let point = |row: &Row| {
                 let place = places.iter().position(|place| *place == row.scene).unwrap_or_default();
@@ -185,7 +160,7 @@ impl Report {
             Series { name: (*name).to_owned(), color, kind: Kind::Bars, points }
         });
         let chart = Chart {
-            title: format!("{what}, {}: median, least and most", super::table::threads_of(threads)),
+            title: format!("{what}, {}: median, least and most", threads_of(threads)),
             y_label: "ns per triangle".to_owned(),
             series: series.collect(),
             places: places.iter().map(|&place| place.to_owned()).collect(),
@@ -203,7 +178,8 @@ mod tests {
     fn rows_have_the_columns_that_others_rely_on() {
         let record =
             Record { times_ms: vec![4.0, 1.0, 2.0, 3.0], costs: vec![1.0, 2.0], ..Record::default() };
-        let row = record.row("update", "cloth", 1000, "pivot refit", 2, &Answers::default());
+        let on = Setting { scene: "cloth".to_owned(), triangles: 1000, threads: 2, ..Setting::default() };
+        let row = record.row("update", "pivot refit", &on, &Answers::default());
         assert_eq!((row.median_ms, row.min_ms, row.max_ms), (2.5, 1.0, 4.0));
         assert_eq!((row.ns_per_triangle, row.sah_over_sweep), (2500.0, Some(1.5)));
         assert_eq!(row.worst_sah_over_sweep, Some(2.0));
@@ -224,7 +200,7 @@ mod tests {
         let reference = Answers { rays: 20_000, hits: 20_000, ..Answers::default() };
         let row = |hits| {
             let record = Record { answers: Answers { hits, ..reference }, ..Record::default() };
-            record.row("update", "s", 1, "c", 1, &reference).agrees
+            record.row("update", "c", &Setting::default(), &reference).agrees
         };
         assert!(row(19_998) && !row(19_990));
     }

@@ -1,18 +1,30 @@
-//! Results as text.
+//! Results as text: tables, and ratios of times within one run, where the state of the machine
+//! cancels out.
 
 use super::row::Row;
 
-/// Rows of one measurement; first the figure that can be compared between scenes: nanoseconds a
+/// What a row was measured with: rows of one table agree in it.
+fn measurement(row: &Row) -> (&str, &str, usize) {
+    let what = if row.what == "limit" { "update" } else { row.what.as_str() };
+    (what, &row.scene, row.threads)
+}
+
+/// A table of each measurement; first the figure that can be compared between scenes: nanoseconds a
 /// triangle, or rays a second.
-pub(super) fn table(rows: &[Row]) -> String {
-    let Some(first) = rows.first() else { return String::new() };
-    let what = if first.what == "limit" { "update" } else { first.what.as_str() };
-    let threads =
-        if first.threads == 1 { "1 thread".to_owned() } else { format!("{} threads", first.threads) };
-    let unit = if first.million_rays_per_s.is_some() { "Mrays/s" } else { "ns/tri" };
+pub(super) fn tables(rows: &[Row]) -> String {
+    let tables = rows.chunk_by(|a, b| measurement(a) == measurement(b)).map(table);
+    tables.collect::<Vec<_>>().join("\n")
+}
+
+fn table(rows: &[Row]) -> String {
+    let first = &rows[0];
+    let (what, scene, threads) = measurement(first);
+    let unit = if rows.iter().any(|row| row.million_rays_per_s.is_some()) { "Mrays/s" } else { "ns/tri" };
     let mut text = format!(
-        "\n{what}, {}, {} triangles, {threads}, median of {} frames\n",
-        first.scene, first.triangles, first.frames
+        "\n{what}, {scene}, {} triangles, {}, median of {} frames\n",
+        first.triangles,
+        threads_of(threads),
+        first.frames
     );
     text += &format!(
         "  {:<30} {unit:>8} {:>10} {:>10} {:>10} {:>10} {:>10} {:>8} {:>10} {:>9}\n",
@@ -32,7 +44,112 @@ pub(super) fn table(rows: &[Row]) -> String {
     text.trim_end().to_owned()
 }
 
+/// Each value once, in the order of their first appearance.
+pub(super) fn unique<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
+    let mut all = Vec::new();
+    values.for_each(|value| {
+        if !all.contains(&value) {
+            all.push(value);
+        }
+    });
+    all
+}
+
 /// A number of threads in words.
 pub(super) fn threads_of(threads: usize) -> String {
     format!("{threads} thread{}", if threads == 1 { "" } else { "s" })
+}
+
+/// What is measured, one contestant over another; `*` stands for the best of all others whose names
+/// begin so.
+const RATIOS: [[&str; 3]; 19] = [
+    ["update", "pivot refit", "memory limit"],
+    ["update", "pivot refit", "embree refit"],
+    ["update", "pivot refit", "obvhs refit"],
+    ["update", "pivot refit+rotate", "pivot refit"],
+    ["update", "pivot refit+rotate", "embree low"],
+    ["update", "pivot refit+rotate+regrow", "pivot refit+rotate"],
+    ["update", "pivot lbvh", "embree low"],
+    ["update", "pivot ploc", "embree low"],
+    ["build", "pivot binned-parallel", "obvhs fast"],
+    ["trace", "pivot avx512", "embree packets of 16"],
+    ["trace", "pivot avx2", "embree packets of 8, avx2"],
+    ["trace", "pivot leaves of 4", "embree packets of 16"],
+    ["incoherent", "pivot wide", "embree single"],
+    ["incoherent", "pivot single", "embree single"],
+    ["incoherent", "pivot wide", "obvhs cwbvh"],
+    ["incoherent", "pivot single", "obvhs binary"],
+    ["frame", "pivot refit+rotate", "embree *"],
+    ["frame", "pivot auto", "embree *"],
+    ["frame", "pivot auto", "pivot *"],
+];
+
+/// Means of whole frames, since repairs make a median leave out what they cost; medians of all
+/// else.
+fn time(row: &Row) -> f64 {
+    if row.what == "frame" { row.mean_ms } else { row.median_ms }
+}
+
+/// The time of `over` over that of `under` in one measurement.
+fn ratio(rows: &[Row], on: (&str, usize), what: &str, over: &str, under: &str) -> Option<f64> {
+    let here = |row: &&Row| measurement(row) == (what, on.0, on.1) && time(row) > 0.0;
+    let here = || rows.iter().filter(here);
+    let ours = here().find(|row| row.contestant == over)?;
+    let is_meant = |row: &&Row| match under.strip_suffix('*') {
+        Some(start) => row.contestant != over && row.contestant.starts_with(start),
+        None => row.contestant == under,
+    };
+    Some(time(ours) / here().filter(is_meant).map(time).min_by(f64::total_cmp)?)
+}
+
+/// All ratios that the rows allow, a line each, a column for each scene.
+pub(super) fn ratios(rows: &[Row]) -> String {
+    let scenes = unique(rows.iter().map(|row| row.scene.as_str()));
+    let threads = unique(rows.iter().map(|row| row.threads));
+    let mut text = String::new();
+    for n in threads {
+        for [what, over, under] in RATIOS {
+            let values: Vec<_> =
+                scenes.iter().map(|scene| ratio(rows, (scene, n), what, over, under)).collect();
+            if values.iter().any(Option::is_some) {
+                let cell = |v: &Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.2}"));
+                let cells: String = values.iter().map(|v| format!("{:>18}", cell(v))).collect();
+                let under = under.replace('*', "best of the rest");
+                let title = format!("{what}, {over} / {under}, {}", threads_of(n));
+                text += &format!("\n  {title:<66}{cells}");
+            }
+        }
+    }
+    if text.is_empty() {
+        return text;
+    }
+    let heads: String = scenes.iter().map(|scene| format!("{scene:>18}")).collect();
+    format!("\n  {:<66}{heads}{text}\n", "ratios of times")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_best_of_the_rest_is_the_fastest_other_of_that_name() {
+        let row = |contestant: &str, mean_ms: f64| Row {
+            scene: "n-body".to_owned(),
+            what: "frame".to_owned(),
+            contestant: contestant.to_owned(),
+            threads: 1,
+            mean_ms,
+            ..Row::default()
+        };
+        let rows = [
+            row("pivot auto", 3.0),
+            row("pivot refit", 4.0),
+            row("embree low", 2.0),
+            row("embree refit", 6.0),
+        ];
+        let text = ratios(&rows);
+        let found: Vec<_> = text.lines().skip(2).filter_map(|line| line.split_whitespace().last()).collect();
+        assert_eq!(found, ["1.50", "0.75"], "{text}");
+        assert_eq!(ratios(&[]), "");
+    }
 }

@@ -1,69 +1,122 @@
-//! Tracing: primary rays and shadow rays towards the point light, through trees fresh in each
-//! measured frame.
+//! Tracing through trees that are fresh in each measured frame: primary rays and shadow rays towards
+//! the point light; and rays that have little in common, one diffuse bounce from what primary rays
+//! hit, the same rays for everyone.
 
 use std::time::Instant;
 
 use anyhow::Result;
-use pivot_benches::{Answers, Contest};
-use rt_cpu::Pixel;
+use bvh_core::{Bvh, Ray, Triangles};
+use pivot_benches::{Answers, Contest, Hits, Rays, bounces, set_up_rays};
+use rayon::prelude::*;
+use rt_cpu::{Bvh8, Pixel, TriangleTest, closest_hit};
 
 use super::Setting;
-use super::lane::{Frame, Lane, SetUp, spread, view};
-use super::row::{Row, median};
-use crate::interrupt;
-use crate::progress::Progress;
+use super::lane::{Frame, in_rounds, lanes, play, rows, view};
+use super::row::{Record, Row};
+use crate::reproduce::median;
 use crate::stage::{Stage, ms};
 
-/// Pictures a frame and contestant; their median counts.
+/// Times that everyone traces the rays of a frame, primary ones and bounces; the median counts.
 const ROUNDS: usize = 3;
+const BOUNCE_ROUNDS: usize = 5;
 
-pub(super) fn measure(scene: &str, stage: &mut Stage, setting: &Setting) -> Result<Vec<Row>> {
-    let frames = stage.scene.frames.max(2);
-    let measured = spread(frames, setting.frames);
-    let progress =
-        Progress::new(format!("trace, {scene}, {} threads", setting.threads), measured.len() as u64);
-    let entries = setting.field(Contest::Trace);
-    let mut lanes = entries.into_iter().map(|entry| Lane::new(entry, stage)).collect::<Result<Vec<_>>>()?;
-    let mut reference = Answers::default();
-    let mut set_up = SetUp::default();
-    let (mut rays, mut done) = (0, 0);
+/// Name of the row with the time of making rays: what every contestant but this project's packets
+/// spends outside of the library, its user's part.
+pub(super) const SET_UP: &str = "ray set-up";
+
+/// Milliseconds of the median of `N` runs.
+fn median_of<const N: usize>(mut run: impl FnMut()) -> f64 {
+    median([0.0; N].map(|_: f64| {
+        let start = Instant::now();
+        run();
+        ms(start)
+    }))
+}
+
+/// Makes the rays of a view, and records the time.
+pub(super) fn set_up(record: &mut Record, stage: &Stage, size: u32, expected: &Frame, pixels: &mut [Pixel]) {
+    let view = view(stage, size);
+    let time = median_of::<3>(|| set_up_rays(&stage.triangles(), &view, &expected.pixels, pixels));
+    record.times_ms.push(time);
+    record.answers.add(pixels, &expected.pixels);
+}
+
+/// Rows with the rays a second; as many `rays` were cast in each frame measured, on average.
+fn with_rates(rows: Vec<Row>, rays: u64) -> impl Iterator<Item = Row> {
+    rows.into_iter().map(move |row| {
+        let rays_a_frame = rays as f64 / row.frames.max(1) as f64;
+        Row { million_rays_per_s: Some(rays_a_frame / (row.median_ms * 1e3)), ..row }
+    })
+}
+
+pub(super) fn primary(stage: &mut Stage, setting: &Setting) -> Result<Vec<Row>> {
+    let mut lanes = lanes(Contest::Trace, stage, setting)?;
+    let (mut reference, mut making, mut rays) = (Answers::default(), Record::default(), 0);
     let mut pixels = vec![Pixel::default(); setting.size as usize * setting.size as usize];
-    for (step, &frame) in measured.iter().enumerate() {
-        if interrupt::requested() {
-            break;
-        }
-        stage.pose(stage.time_of(frame, frames));
+    play("trace", stage, setting, false, |stage, turn, _| {
         let view = view(stage, setting.size);
         let expected = Frame::new(stage, &view)?;
-        expected.add_to(&mut reference);
+        reference.add(&expected.pixels, &expected.pixels);
         rays += expected.stats.rays_primary + expected.stats.rays_shadow;
         for lane in &mut lanes {
             lane.update(stage)?;
             lane.add_cost(&expected);
         }
-        set_up.measure(stage, &view, &expected, &mut pixels);
-        done += 1;
-        let mut times = vec![Vec::new(); lanes.len()];
-        for round in 0..ROUNDS {
-            let count = lanes.len();
-            for i in (0..count).map(|i| (i + round + step) % count) {
-                let start = Instant::now();
-                lanes[i].contestant.cast(&view, &mut pixels);
-                times[i].push(ms(start));
-                if round == 0 {
-                    lanes[i].record.answers.add(&pixels, &expected.pixels);
-                }
-            }
+        set_up(&mut making, stage, setting.size, &expected, &mut pixels);
+        let turn = (ROUNDS, turn);
+        in_rounds(turn, &mut lanes, &mut pixels, &expected.pixels, |c, p| c.cast(&view, p), Vec::clone);
+        Ok(())
+    })?;
+    let rows = rows("trace", &lanes, setting, &reference);
+    let making = making.row("trace", SET_UP, setting, &reference);
+    Ok(with_rates(rows, rays).chain([making]).collect())
+}
+
+/// The time that the wide view takes to make, and those of the rays.
+pub(super) fn incoherent(stage: &mut Stage, setting: &Setting) -> Result<Vec<Row>> {
+    let mut lanes = lanes(Contest::Incoherent, stage, setting)?;
+    let (mut wide, mut making) = (Bvh8::new(), Record::default());
+    let (mut reference, mut count) = (Answers::default(), 0);
+    play("incoherent", stage, setting, false, |stage, turn, _| {
+        let view = view(stage, setting.size);
+        let seen = Frame::new(stage, &view)?;
+        let time = median_of::<BOUNCE_ROUNDS>(|| wide.update(&seen.tree, &stage.triangles()));
+        making.times_ms.push(time);
+        let groups = bounces(&view.camera, &stage.triangles(), &seen.pixels, turn as u64);
+        count += groups.iter().map(Rays::len).sum::<usize>() as u64;
+        let mut found: Vec<Hits> = groups.iter().map(|_| Hits::new()).collect();
+        plain(&seen.tree, &stage.triangles(), &groups, &mut found);
+        let expected = answers(&groups, &found);
+        reference.add(&expected, &expected);
+        for lane in &mut lanes {
+            lane.update(stage)?;
+            lane.add_cost(&seen);
         }
-        for (lane, mut times) in lanes.iter_mut().zip(times) {
-            times.sort_by(f64::total_cmp);
-            lane.record.times_ms.push(median(&times));
-        }
-        progress.at(step as u64 + 1);
-    }
-    let rays_a_frame = rays as f64 / f64::from(done.max(1));
-    let with_rate = |row: Row| Row { million_rays_per_s: Some(rays_a_frame / (row.median_ms * 1e3)), ..row };
-    let rows = lanes.iter().map(|lane| lane.row("trace", scene, stage, setting.threads, &reference));
-    let set_up = set_up.row("trace", scene, stage, setting.threads, &reference);
-    Ok(rows.map(with_rate).chain([set_up]).collect())
+        let cast = |contestant: &dyn pivot_benches::Contestant, found: &mut Vec<Hits>| {
+            groups.par_iter().zip(found).for_each(|(rays, hits)| contestant.closest(rays, hits));
+        };
+        let turn = (BOUNCE_ROUNDS, turn);
+        in_rounds(turn, &mut lanes, &mut found, &expected, cast, |found| answers(&groups, found));
+        Ok(())
+    })?;
+    let making = making.row("view", "pivot wide", setting, &Answers::default());
+    let making = Some(making).filter(|row| setting.is_named(&row.contestant));
+    let rows = rows("incoherent", &lanes, setting, &reference);
+    Ok(making.into_iter().chain(with_rates(rows, count)).collect())
+}
+
+/// Ray by ray through the tree itself: what everyone is to find.
+fn plain(tree: &Bvh, triangles: &Triangles<'_>, groups: &[Rays], found: &mut [Hits]) {
+    let closest = |ray: &Ray, t_max| closest_hit(tree, triangles, ray, t_max, TriangleTest::default());
+    groups.par_iter().zip(found).for_each(|(rays, hits)| {
+        (0..rays.len()).for_each(|i| hits.set(i, closest(&rays.ray(i), rays.t_max[i])));
+    });
+}
+
+/// What the rays hit, in the form that views are compared in.
+fn answers(groups: &[Rays], found: &[Hits]) -> Vec<Pixel> {
+    let of = |(rays, hits): (&Rays, &Hits)| {
+        (0..rays.len()).map(|i| Pixel::new(hits.get(i), false)).collect::<Vec<_>>()
+    };
+    groups.iter().zip(found).flat_map(of).collect()
 }

@@ -12,6 +12,7 @@ use serde::Serialize;
 use super::chart::number;
 use super::claims;
 use super::record::Row;
+use super::report::{cell, table};
 use super::results::{Results, SceneRun, Spread};
 
 /// A time has changed if its ratio is further from 1 than this, and than three standard errors.
@@ -58,15 +59,6 @@ pub(crate) struct Machine {
     pub(crate) ratio: f64,
 }
 
-/// A ratio of all frames.
-struct Ratio<'a> {
-    scene: &'a str,
-    strategy: &'a str,
-    what: &'static str,
-    median: f64,
-    error: f64,
-}
-
 type Measure = (&'static str, fn(&Row) -> f64);
 const MEASURES: [Measure; 3] =
     [("update", |row| row.update_ms), ("trace", |row| row.trace_ms), (COST, |row| row.sah_cost)];
@@ -93,19 +85,20 @@ impl Comparison {
         let mut machine = Vec::new();
         for scene in now.scenes.iter().map(|scene| &scene.facts.label) {
             for what in MEASURES.map(|(what, _)| what).into_iter().filter(|&what| what != COST) {
-                let of = |r: &&Ratio<'_>| r.scene == scene && r.what == what;
-                let spread = Spread::of(ratios.iter().filter(of).map(|r| r.median));
+                let of = |r: &&Change| r.scene == *scene && r.what == what;
+                let spread = Spread::of(ratios.iter().filter(of).map(|r| r.ratio));
                 machine.extend(spread.map(|s| Machine { scene: scene.clone(), what, ratio: s.median }));
             }
         }
-        let mut changes: Vec<Change> = ratios.iter().filter_map(|ratio| ratio.change(&machine)).collect();
+        let compared = ratios.len();
+        let mut changes: Vec<Change> = ratios.into_iter().filter_map(|r| r.beyond_noise(&machine)).collect();
         changes.sort_by(|a, b| b.ratio.total_cmp(&a.ratio));
         let (judged_before, judged) = (claims::judge(before), claims::judge(now));
         let verdicts = judged_before.iter().zip(&judged).filter(|(a, b)| a.verdict != b.verdict);
         Self {
             before: format!("{}, {}", before.revision.short(), before.machine.started),
             machine,
-            compared: ratios.len(),
+            compared,
             changes,
             verdicts: verdicts
                 .map(|(a, b)| format!("{}: {}, before {}", b.claim, b.verdict.words(), a.verdict.words()))
@@ -157,28 +150,36 @@ impl Comparison {
                      changed if that is beyond " (format!("{:.0}", 100.0 * TIME_NOISE)) " % and three standard errors, \
                      a cost if beyond " (format!("{:.1}", 100.0 * COST_NOISE)) " %."
                 }
-                @if !self.changes.is_empty() {
-                    div.scroll {
-                        table {
-                            thead { tr { th { "Scene" } th { "Strategy" } th { "What" } th.n { "Now over before" } th.n { "Noise" } } }
-                            tbody {
-                                @for change in &self.changes {
-                                    tr class=(if change.ratio > 1.0 { "worse" } else { "better" }) {
-                                        td { (change.scene) } td { (change.strategy) } td { (change.what) }
-                                        td.n { (number(change.ratio)) } td.n { "± " (number(change.noise)) }
-                                    }
-                                }
-                            }
-                        }
-                    }
-                }
+                @if !self.changes.is_empty() { (table(&HEADS, 3, self.changes.iter().map(Change::cells))) }
                 @for line in self.verdicts.iter().chain(&self.left_out) { p.soft { (line) "." } }
             }
         }
     }
 }
 
+const HEADS: [&str; 5] = ["Scene", "Strategy", "What", "Now over before", "Noise"];
+
 impl Change {
+    fn cells(&self) -> (Option<&str>, Vec<Markup>) {
+        let Self { scene, strategy, what, ratio, noise } = self;
+        let class = if *ratio > 1.0 { "worse" } else { "better" };
+        let ratio = html! { span class=(class) { (number(*ratio)) } };
+        (None, vec![cell(scene), cell(strategy), cell(what), ratio, html! { "± " (number(*noise)) }])
+    }
+
+    /// The same relative to how busy the machine was, if it is beyond noise.
+    fn beyond_noise(self, machine: &[Machine]) -> Option<Self> {
+        let of = |m: &&Machine| (m.scene.as_str(), m.what) == (self.scene.as_str(), self.what);
+        let machine = machine.iter().find(of).map_or(1.0, |m| m.ratio);
+        let (ratio, noise) = match self.what {
+            COST => (self.ratio, COST_NOISE),
+            _ => (self.ratio / machine, TIME_NOISE.max(self.noise / machine)),
+        };
+        // As far below as above: half as much is as great a change as twice as much.
+        let is_beyond = ratio > 1.0 + noise || ratio < 1.0 / (1.0 + noise);
+        is_beyond.then_some(Self { ratio, noise, ..self })
+    }
+
     fn in_words(&self) -> String {
         let Self { scene, strategy, what, ratio, noise } = self;
         format!("{scene}, {strategy}, {what}: {} times as much, noise {}", number(*ratio), number(*noise))
@@ -200,36 +201,18 @@ fn different_work(
     .find_map(|(what, differs)| differs.then_some(what))
 }
 
-fn ratio<'a>(
-    before: &SceneRun,
-    now: &'a SceneRun,
-    strategy: &'a str,
-    &(what, value): &Measure,
-) -> Option<Ratio<'a>> {
+/// The median ratio of all frames, with three of its standard errors as noise.
+fn ratio(before: &SceneRun, now: &SceneRun, strategy: &str, &(what, value): &Measure) -> Option<Change> {
     let old = before.of(strategy);
     let old = |row: &Row| old.iter().find(|r| (r.round, r.frame) == (row.round, row.frame)).map(|r| value(r));
     let pairs = now.of(strategy).into_iter().filter_map(|row| Some(value(row) / old(row)?));
     let ratios: Vec<f64> = pairs.filter(|r| r.is_finite() && *r > 0.0).collect();
-    let median = Spread::of(ratios.iter().copied())?.median;
-    let deviation = Spread::of(ratios.iter().map(|r| (r - median).abs()))?.median;
+    let ratio = Spread::of(ratios.iter().copied())?.median;
+    let deviation = Spread::of(ratios.iter().map(|r| (r - ratio).abs()))?.median;
     // The median's standard error, from the median deviation as if it were normal.
     let error = 1.2533 * 1.4826 * deviation / (ratios.len() as f64).sqrt();
-    Some(Ratio { scene: &now.facts.label, strategy, what, median, error })
-}
-
-impl Ratio<'_> {
-    fn change(&self, machine: &[Machine]) -> Option<Change> {
-        let of = |m: &&Machine| (m.scene.as_str(), m.what) == (self.scene, self.what);
-        let machine = machine.iter().find(of).map_or(1.0, |m| m.ratio);
-        let (ratio, noise) = match self.what {
-            COST => (self.median, COST_NOISE),
-            _ => (self.median / machine, TIME_NOISE.max(3.0 * self.error / machine)),
-        };
-        let (scene, strategy) = (self.scene.to_owned(), self.strategy.to_owned());
-        // As far below as above: half as much is as great a change as twice as much.
-        let is_beyond = ratio > 1.0 + noise || ratio < 1.0 / (1.0 + noise);
-        is_beyond.then_some(Change { scene, strategy, what: self.what, ratio, noise })
-    }
+    let (scene, strategy) = (now.facts.label.clone(), strategy.to_owned());
+    Some(Change { scene, strategy, what, ratio, noise: 3.0 * error })
 }
 
 #[cfg(test)]

@@ -1,12 +1,12 @@
 //! What strategies that decide have decided, counted.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::chart::count;
 use super::results::SceneRun;
 
 /// A decision, with how often it was taken.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Decided {
     /// In words; where the words hold a number that differs from frame to frame, its range.
     pub(crate) decision: String,

@@ -65,6 +65,23 @@ type Measure = (&'static str, &'static str, fn(&Row) -> f64);
 const MEASURES: [Measure; 2] =
     [("frame time", "update + trace, ms", |row| row.frame_ms), ("SAH cost", "SAH cost", |row| row.sah_cost)];
 
+/// A chart of each measure for one scene, with the lines that `series` makes of it.
+fn pair(
+    scene: &SceneRun,
+    x_label: &str,
+    rules: &[f64],
+    series: impl Fn(fn(&Row) -> f64) -> Vec<Series>,
+) -> [Chart; 2] {
+    MEASURES.map(|(title, y_label, value)| Chart {
+        title: format!("{}: {title}", scene.facts.label),
+        x_label: x_label.to_owned(),
+        y_label: y_label.to_owned(),
+        series: series(value),
+        rules: rules.to_vec(),
+        ..Chart::default()
+    })
+}
+
 /// Figure 6 for one scene: (a) frame time, (b) SAH cost, over all loops.
 fn over_frames(results: &Results, scene: &SceneRun) -> Option<[Chart; 2]> {
     let frames = scene.facts.frames;
@@ -72,20 +89,10 @@ fn over_frames(results: &Results, scene: &SceneRun) -> Option<[Chart; 2]> {
     let all = &results.settings.strategies;
     let has_lines = all.iter().any(|name| LINES.contains(&name.as_str()));
     let drawn = || all.iter().filter(|name| !has_lines || LINES.contains(&name.as_str()));
-    Some(MEASURES.map(|(title, y_label, value)| {
-        Chart {
-            title: format!("{}: {title}", scene.facts.label),
-            x_label: "frame".to_owned(),
-            y_label: y_label.to_owned(),
-            series: drawn()
-                .map(|name| {
-                    let at = |row: &Row| ((row.round * frames + row.frame) as f64, value(row));
-                    line(name, color(name), scene.of(name), at)
-                })
-                .collect(),
-            rules: (1..=last / frames).map(|round| (round * frames) as f64).collect(),
-            ..Chart::default()
-        }
+    let rules: Vec<f64> = (1..=last / frames).map(|round| (round * frames) as f64).collect();
+    Some(pair(scene, "frame", &rules, |value| {
+        let at = |row: &Row| ((row.round * frames + row.frame) as f64, value(row));
+        drawn().map(|name| line(name, color(name), scene.of(name), at)).collect()
     }))
 }
 
@@ -93,20 +100,13 @@ fn over_frames(results: &Results, scene: &SceneRun) -> Option<[Chart; 2]> {
 fn over_loops(scene: &SceneRun) -> Option<[Chart; 2]> {
     let speeds = scene.speeds();
     let last = speeds.iter().flat_map(|(_, rows)| rows).map(|row| row.round).max()?;
-    Some(MEASURES.map(|(title, y_label, value)| {
-        Chart {
-            title: format!("{}: {title}", scene.facts.label),
-            x_label: "loops of the animation".to_owned(),
-            y_label: y_label.to_owned(),
-            series: (speeds.iter().enumerate())
-                .map(|(i, (frames, rows))| {
-                    let at = |row: &Row| (row.round as f64 + row.frame as f64 / *frames as f64, value(row));
-                    line(&format!("{frames} frames a loop"), i, rows.iter().copied(), at)
-                })
-                .collect(),
-            rules: (1..=last).map(|round| round as f64).collect(),
-            ..Chart::default()
-        }
+    let rules: Vec<f64> = (1..=last).map(|round| round as f64).collect();
+    Some(pair(scene, "loops of the animation", &rules, |value| {
+        let speed = |(i, (frames, rows)): (usize, &(usize, Vec<&Row>))| {
+            let at = |row: &Row| (row.round as f64 + row.frame as f64 / *frames as f64, value(row));
+            line(&format!("{frames} frames a loop"), i, rows.iter().copied(), at)
+        };
+        speeds.iter().enumerate().map(speed).collect()
     }))
 }
 

@@ -28,15 +28,19 @@ mod summary;
 use std::time::Instant;
 
 use anyhow::{Result, ensure};
+use pivot_benches::embree::Device;
 use scenes::Scene;
 
 use self::accuracy::Point;
 use self::journal::Journal;
+use self::options::Experiment;
 use self::output::Output;
+use self::preset::Values;
 use self::protocol::{Log, Named, Plan};
 use self::record::Row;
 use self::results::{Picture, Results, SceneFacts, SceneRun, Settings};
 use self::saved::Saved;
+use crate::compare::Row as Peer;
 use crate::machine::{Machine, Revision};
 use crate::progress::left;
 use crate::stage::{self, Stage};
@@ -44,6 +48,7 @@ use crate::{compare, files, interrupt, pool};
 
 pub(crate) use self::contestants::Contestant;
 pub use self::options::Args;
+pub(crate) use self::results::{Spread, median};
 
 /// Frames in a loop in figure 5.
 const SPEEDS: [usize; 3] = [20, 100, 500];
@@ -72,23 +77,27 @@ fn supplement_strategies(label: &str) -> &'static [&'static str] {
 struct Entry {
     source: String,
     label: String,
-    slug: String,
     loaded: Option<Scene>,
     /// Whether it serves one claim only.
     supplement: bool,
+    /// What an earlier run has measured: all, or some rows of figures 4 and 6, and of figure 5.
+    finished: Option<SceneRun>,
+    begun: [Vec<Row>; 2],
 }
 
 impl Entry {
-    /// What it may take beside the others: in proportion to its triangles, and something for any.
-    fn weight(&self, detail: Option<f32>) -> f64 {
-        const ANY: f64 = 50_000.0;
-        let known = scenes::list().iter().find(|info| info.name == self.source);
-        let detail = detail.filter(|_| known.is_some_and(|info| info.effects.motion.gravity)).unwrap_or(1.0);
-        let loaded = self.loaded.as_ref().map(|scene| scene.animation.topology().triangles.len());
-        let triangles = loaded.or(known.map(|info| info.triangles)).unwrap_or(0);
-        // Few strategies run on it then.
-        let part = if self.supplement { 0.15 } else { 1.0 };
-        part * (ANY + f64::from(detail) * triangles as f64)
+    fn new(source: &str, label: String, loaded: Option<Scene>, supplement: bool) -> Self {
+        let begun = [Vec::new(), Vec::new()];
+        Self { source: source.to_owned(), label, loaded, supplement, finished: None, begun }
+    }
+
+    /// The rows of figures 4 and 6, or else of figure 5, that need not be measured again.
+    fn rows(&self, of_speeds: bool) -> Vec<&Row> {
+        match &self.finished {
+            Some(run) if of_speeds => run.speeds.iter().flat_map(|(_, rows)| rows).collect(),
+            Some(run) => run.rows.iter().collect(),
+            None => self.begun[usize::from(of_speeds)].iter().collect(),
+        }
     }
 }
 
@@ -104,7 +113,7 @@ pub fn run(args: &Args) -> Result<()> {
         let results = saved::load(folder)?.results;
         return Output::prepare(args.out())?.copy_from(folder)?.write(&results, baseline.as_ref());
     }
-    let entries = entries(args)?;
+    let mut entries = entries(args)?;
     let mut results = Results {
         machine: Machine::read(),
         revision: Revision::read(),
@@ -115,111 +124,35 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let embree = args.embree(results.settings.threads)?;
     let out = Output::prepare(args.out())?;
-    let mut saved = args.resume.then(|| earlier(&out, &results)).transpose()?.flatten();
     let pool = pool::pool(results.settings.threads)?;
-
-    // What is kept of an earlier run: scenes that were finished, and rows of one that was not.
-    let mut kept = Vec::new();
-    for entry in &entries {
-        let finished = saved.as_mut().and_then(|saved| saved.finished(&entry.label));
-        let strategies = match entry.supplement {
-            true => supplement_strategies(&entry.label).len(),
-            false => results.settings.strategies.len(),
-        };
-        let begun = saved.as_mut().filter(|_| finished.is_none());
-        let begun = begun.map(|saved| saved.begun(&entry.label, strategies));
-        kept.push((finished, begun.unwrap_or_default()));
-    }
-    let rows = |of: usize| -> Vec<Row> {
-        let all = kept.iter().flat_map(|(finished, begun)| match (finished, of) {
-            (Some(run), 0) => run.rows.clone(),
-            (Some(run), _) => run.speeds.iter().flat_map(|(_, rows)| rows.clone()).collect(),
-            (None, _) => begun[of].clone(),
-        });
-        all.collect()
-    };
-    if saved.is_none() {
+    match args.resume.then(|| earlier(&out, &results)).transpose()?.flatten() {
+        Some(saved) => results.accuracy = take_over(saved, &mut entries, &results.settings),
         // First of all: with new rows beside it, it would name scenes as finished that have none.
-        files::remove_old(&out.file("summary.json"))?;
+        None => files::remove_old(&out.file("summary.json"))?,
     }
-    let finished = || kept.iter().flat_map(|(finished, _)| finished);
-    let any_speeds = entries.iter().any(|entry| args.runs_speeds(&entry.label));
-    let mut frames = Journal::create(&out.file("frames.csv"), &rows(0))?;
-    let mut speeds = Journal::if_wanted(any_speeds, &out.file("fig5.csv"), &rows(1))?;
-    // Knobs without a scene are measured last, and again.
-    let earlier = saved.map_or(Vec::new(), |saved| saved.results.accuracy);
-    let is_kept = |point: &Point| finished().any(|run| run.facts.label == point.scene);
-    results.accuracy = earlier.into_iter().filter(is_kept).collect();
-    let mut points = Journal::if_wanted(args.runs_accuracy(), &out.file("accuracy.csv"), &results.accuracy)?;
-    let beside = finished().flat_map(|run| &run.peers);
-    let mut beside = Journal::if_wanted(args.runs_peers(), &out.file("peers.csv"), beside)?;
+    let journals = Journals::open(args, &out, &entries, &results.accuracy)?;
+    let settings = results.settings.clone();
+    let mut bench = Bench { args, settings, out: &out, embree, journals };
 
-    let weights: Vec<f64> = entries.iter().map(|entry| entry.weight(args.values().detail)).collect();
-    let (start, mut done) = (Instant::now(), 0.0);
-    for (i, (entry, (finished, begun))) in entries.into_iter().zip(kept).enumerate() {
+    let (start, count) = (Instant::now(), entries.len());
+    for (i, entry) in entries.into_iter().enumerate() {
         if interrupt::requested() {
             break;
         }
-        if let Some(finished) = finished {
+        if let Some(finished) = entry.finished {
             results.scenes.push(finished);
             continue;
         }
         // Before each scene, so that a run that is killed leaves all but one of them.
         out.write_summary(&results)?;
-        let to_do: f64 = weights[i..].iter().sum();
-        let left = left(start.elapsed(), done, done + to_do);
-        files::remark(&format!("{}: scene {} of {}{left}", entry.label, i + 1, weights.len()));
-        done += weights[i];
-        let scene = entry.loaded.map_or_else(|| args.load(&entry.source), Ok)?;
-        let run = pool.install(|| {
-            let (mut stage, build_ms) = stage::timed(scene)?;
-            let supplement = entry.supplement.then_some(entry.label.as_str());
-            let plan = plan(args, &results.settings, stage.triangles().indices.len(), supplement);
-            let mut run = SceneRun::new(facts(&stage, build_ms, &plan, entry.label, entry.slug));
-            run.facts.supplement = entry.supplement;
-            let [begun, begun_speeds] = begun;
-            if args.runs_frames() {
-                let mut log = Log { done: begun, journal: &mut frames };
-                run_frames(&mut run, &mut stage, &plan, args, &mut log, &out)?;
-            }
-            if let Some(journal) = speeds.as_mut().filter(|_| args.runs_speeds(&run.facts.label)) {
-                let mut log = Log { done: begun_speeds, journal };
-                run_speeds(&mut run, &mut stage, &plan, args.values().speed_loops, &mut log)?;
-            }
-            let for_claims = args.runs_claims() && !entry.supplement;
-            if for_claims && run.moves() && !interrupt::requested() {
-                let (settled, memory) = settle::measure(&mut stage, plan.frames)?;
-                (run.facts.settled, run.facts.memory) = (Some(settled), Some(memory));
-            }
-            if for_claims && run.facts.triangles <= args.values().offline && !interrupt::requested() {
-                run.offline = offline::measure(&mut stage, plan.size)?;
-            }
-            if let Some(journal) =
-                points.as_mut().filter(|_| !entry.supplement && args.measures_accuracy_of(&run.facts.label))
-            {
-                let effort = args.effort(run.facts.triangles);
-                results.accuracy.extend(accuracy::of_scene(&run.facts.label, &mut stage, &effort, journal)?);
-            }
-            if let Some(journal) = beside.as_mut().filter(|_| !entry.supplement && !interrupt::requested()) {
-                let (threads, frames) = (plan.threads, args.values().peer_frames);
-                run.peers = compare::beside(
-                    &run.facts.label,
-                    &mut stage,
-                    threads,
-                    frames,
-                    plan.size,
-                    embree.clone(),
-                )?;
-                journal.append(&run.peers)?;
-            }
-            Ok::<_, anyhow::Error>(run)
-        })?;
+        let left = left(start.elapsed(), i as f64, count as f64);
+        files::remark(&format!("{}: scene {} of {count}{left}", entry.label, i + 1));
+        let (run, points) = pool.install(|| bench.scene(entry))?;
         results.scenes.push(run);
-        if let Some(run) = results.scenes.last_mut() {
-            run.facts.finished = !interrupt::requested();
-        }
+        results.accuracy.extend(points);
     }
-    if let Some(journal) = points.as_mut().filter(|_| args.scenes.is_empty()) {
+    if let Some(journal) = bench.journals.points.as_mut().filter(|_| args.scenes.is_empty()) {
+        // Knobs without a scene are measured last, and again.
         results.accuracy.extend(pool.install(|| accuracy::alone(&args.effort(0), journal))?);
     }
     results.interrupted = interrupt::requested();
@@ -240,6 +173,23 @@ fn earlier(out: &Output, now: &Results) -> Result<Option<Saved>> {
     Ok(Some(saved))
 }
 
+/// Gives the entries what an earlier run has measured of them, and returns the points of accuracy of
+/// those that it finished.
+fn take_over(mut saved: Saved, entries: &mut [Entry], settings: &Settings) -> Vec<Point> {
+    for entry in &mut *entries {
+        entry.finished = saved.finished(&entry.label);
+        if entry.finished.is_none() {
+            let strategies = match entry.supplement {
+                true => supplement_strategies(&entry.label).len(),
+                false => settings.strategies.len(),
+            };
+            entry.begun = saved.begun(&entry.label, strategies);
+        }
+    }
+    let is_kept = |point: &Point| entries.iter().any(|e| e.finished.is_some() && e.label == point.scene);
+    saved.results.accuracy.into_iter().filter(is_kept).collect()
+}
+
 /// The scenes asked for. Names are checked and files loaded before anything is measured.
 fn entries(args: &Args) -> Result<Vec<Entry>> {
     let all = args.default_scenes();
@@ -256,62 +206,171 @@ fn entries(args: &Args) -> Result<Vec<Entry>> {
             None => stage::load_first(source, || args.load(source))?,
         };
         // Two files may share a name, but not a row or a picture.
-        let taken = |label: &str| entries.iter().any(|e| e.label == label || e.slug == stage::slug(label));
+        let taken = |name: &str| entries.iter().any(|e| stage::slug(&e.label) == stage::slug(name));
         let mut names = (1..).map(|n| if n == 1 { label.clone() } else { format!("{label}-{n}") });
         let label = names.find(|name| !taken(name)).unwrap_or(label);
-        let (source, slug) = (source.clone(), stage::slug(&label));
-        entries.push(Entry { source, slug, label, loaded, supplement: false });
+        entries.push(Entry::new(source, label, loaded, false));
     }
     let chosen = args.contestants();
-    let supplements = [(MUSEUM, &OTHER_KEYS[..]), (RIGID, &[BLENDED])];
-    for (scene, others) in supplements {
-        for &label in others.iter().filter(|_| args.runs_claims()) {
-            let all_run =
-                supplement_strategies(label).iter().all(|name| chosen.iter().any(|c| c.name == *name));
-            let is_wanted =
-                entries.iter().any(|e| e.label == scene) && entries.iter().all(|e| e.label != label);
-            if all_run && is_wanted {
-                entries.push(Entry {
-                    source: label.to_owned(),
-                    slug: stage::slug(label),
-                    label: label.to_owned(),
-                    loaded: None,
-                    supplement: true,
-                });
+    let runs = |name: &&str| chosen.iter().any(|c| c.name == *name);
+    for (scene, others) in [(MUSEUM, &OTHER_KEYS[..]), (RIGID, &[BLENDED])] {
+        for &label in others.iter().filter(|_| args.runs(Experiment::Claims)) {
+            let has = |label: &str| entries.iter().any(|e| e.label == label);
+            if supplement_strategies(label).iter().all(runs) && has(scene) && !has(label) {
+                entries.push(Entry::new(label, label.to_owned(), None, true));
             }
         }
     }
     Ok(entries)
 }
 
-fn plan(args: &Args, settings: &Settings, triangles: usize, supplement: Option<&str>) -> Plan {
-    let values = args.values();
-    let mut contestants = args.contestants();
-    contestants.retain(|c| !c.method.knows_animation() || triangles <= values.prepared);
-    if let Some(label) = supplement {
-        contestants.retain(|c| supplement_strategies(label).contains(&c.name));
-    }
-    Plan {
-        contestants,
-        frames: values.frames,
-        loops: values.loops,
-        measure_every: values.interval(triangles),
-        size: values.size,
-        threads: settings.threads,
-        traversal: values.traversal,
-        check_frames: values.check_frames,
-        check_rays: values.check_rays,
-        pictures: if supplement.is_some() { 0 } else { values.pictures },
-        seed: settings.seed,
+/// The files that rows go to while they are measured.
+struct Journals {
+    frames: Journal<Row>,
+    speeds: Option<Journal<Row>>,
+    points: Option<Journal<Point>>,
+    peers: Option<Journal<Peer>>,
+}
+
+impl Journals {
+    /// New files with what was measured before.
+    fn open(args: &Args, out: &Output, entries: &[Entry], points: &[Point]) -> Result<Self> {
+        let rows = |of_speeds| entries.iter().flat_map(move |entry| entry.rows(of_speeds));
+        let any_speeds = entries.iter().any(|entry| args.runs_speeds(&entry.label));
+        let peers = entries.iter().filter_map(|e| e.finished.as_ref()).flat_map(|run| &run.peers);
+        let [accuracy, beside] = [Experiment::Accuracy, Experiment::Peers].map(|e| args.runs(e));
+        Ok(Self {
+            frames: Journal::create(&out.file("frames.csv"), rows(false))?,
+            speeds: Journal::if_wanted(any_speeds, &out.file("fig5.csv"), rows(true))?,
+            points: Journal::if_wanted(accuracy, &out.file("accuracy.csv"), points)?,
+            peers: Journal::if_wanted(beside, &out.file("peers.csv"), peers)?,
+        })
     }
 }
 
-fn facts(stage: &Stage, build_ms: f64, plan: &Plan, label: String, slug: String) -> SceneFacts {
+/// What scenes are measured with.
+struct Bench<'a> {
+    args: &'a Args,
+    settings: Settings,
+    out: &'a Output,
+    embree: Option<Device>,
+    journals: Journals,
+}
+
+impl Bench<'_> {
+    /// Measures everything on a scene that was asked for.
+    fn scene(&mut self, entry: Entry) -> Result<(SceneRun, Vec<Point>)> {
+        let args = self.args;
+        let Entry { source, label, loaded, supplement, begun: [begun, begun_speeds], .. } = entry;
+        let (mut stage, build_ms) = stage::timed(loaded.map_or_else(|| args.load(&source), Ok)?)?;
+        let plan = self.plan(stage.triangles().indices.len(), supplement.then_some(label.as_str()));
+        let mut run = SceneRun::new(SceneFacts { supplement, ..facts(&stage, build_ms, &plan, label) });
+        let mut points = Vec::new();
+        if args.runs_frames() {
+            self.frames(&mut run, &mut stage, &plan, begun)?;
+        }
+        if args.runs_speeds(&run.facts.label) {
+            self.speeds(&mut run, &mut stage, &plan, begun_speeds)?;
+        }
+        let for_claims = args.runs(Experiment::Claims) && !supplement;
+        if for_claims && run.moves() && !interrupt::requested() {
+            let (settled, memory) = settle::measure(&mut stage, plan.values.frames)?;
+            (run.facts.settled, run.facts.memory) = (Some(settled), Some(memory));
+        }
+        if for_claims && run.facts.triangles <= plan.values.offline && !interrupt::requested() {
+            run.offline = offline::measure(&mut stage, plan.values.size)?;
+        }
+        let label = run.facts.label.as_str();
+        if let Some(journal) =
+            self.journals.points.as_mut().filter(|_| !supplement && args.measures_accuracy_of(label))
+        {
+            points = accuracy::of_scene(label, &mut stage, &args.effort(run.facts.triangles), journal)?;
+        }
+        if let Some(journal) = self.journals.peers.as_mut().filter(|_| !supplement && !interrupt::requested())
+        {
+            let Values { peer_frames, size, .. } = plan.values;
+            run.peers =
+                compare::beside(label, &mut stage, plan.threads, peer_frames, size, self.embree.clone())?;
+            journal.append(&run.peers)?;
+        }
+        run.facts.finished = !interrupt::requested();
+        run.summarise(&self.settings.strategies);
+        Ok((run, points))
+    }
+
+    fn plan(&self, triangles: usize, supplement: Option<&str>) -> Plan {
+        let mut values = self.args.values();
+        let mut contestants = self.args.contestants();
+        contestants.retain(|c| !c.method.knows_animation() || triangles <= values.prepared);
+        if let Some(label) = supplement {
+            contestants.retain(|c| supplement_strategies(label).contains(&c.name));
+            values.pictures = 0;
+        }
+        let Settings { threads, seed, .. } = self.settings;
+        Plan { contestants, values, measure_every: values.interval(triangles), threads, seed }
+    }
+
+    /// Figures 4 and 6: all strategies, side by side.
+    fn frames(&mut self, run: &mut SceneRun, stage: &mut Stage, plan: &Plan, begun: Vec<Row>) -> Result<()> {
+        let SceneRun { facts, pictures: taken, .. } = run;
+        let [size, map_size] = plan.values.picture_size;
+        facts.hottest = pictures::hottest(stage, map_size);
+        let take = |stage: &mut Stage, trees: &[Named<'_>], frame: usize| {
+            let Some((_, tree)) = trees.first() else { return Ok(()) };
+            let (file, path) = self.out.picture(&facts.label, frame, None);
+            let bytes = pictures::picture(stage, tree, size, &path)?;
+            taken.push(Picture { frame, strategy: None, file, bytes });
+            for (name, tree) in trees.iter().filter(|(name, _)| pictures::HEAT_MAPS.contains(name)) {
+                let (file, path) = self.out.picture(&facts.label, frame, Some(name));
+                let bytes = pictures::heat_map(stage, tree, map_size, facts.hottest, &path)?;
+                taken.push(Picture { frame, strategy: Some((*name).to_owned()), file, bytes });
+            }
+            Ok(())
+        };
+        if let Some(Row { round, frame, .. }) = begun.last() {
+            facts.notes.push(format!(
+                "resumed after loop {round}, frame {frame}: pictures of strategies up to there were compared in the run before"
+            ));
+        }
+        let log = Log { done: begun, journal: &mut self.journals.frames };
+        let (rows, checks) = protocol::measure(&facts.label, stage, plan, log, take)?;
+        run.rows = rows;
+        run.checks.add(&checks);
+        Ok(())
+    }
+
+    /// Figure 5: one strategy, the same motion in fewer or more frames.
+    fn speeds(
+        &mut self,
+        run: &mut SceneRun,
+        stage: &mut Stage,
+        plan: &Plan,
+        mut begun: Vec<Row>,
+    ) -> Result<()> {
+        let Some(journal) = &mut self.journals.speeds else { return Ok(()) };
+        let mut contestants = Contestant::all();
+        contestants.retain(|c| SPEED_STRATEGIES.contains(&c.name));
+        for frames in SPEEDS.into_iter().take_while(|_| !interrupt::requested()) {
+            // As many samples of each, unless every frame is asked for.
+            let measure_every = if plan.measure_every == 1 { 1 } else { frames / SPEEDS[0] };
+            let values = Values { frames, loops: plan.values.speed_loops, pictures: 0, ..plan.values };
+            let plan = Plan { contestants: contestants.clone(), values, measure_every, ..*plan };
+            let done = begun.extract_if(.., |row| row.frames_per_loop == frames).collect();
+            let log = Log { done, journal };
+            let (rows, checks) = protocol::measure(&run.facts.label, stage, &plan, log, |_, _, _| Ok(()))?;
+            run.speeds.push((frames, rows));
+            run.checks.add(&checks);
+        }
+        Ok(())
+    }
+}
+
+fn facts(stage: &Stage, build_ms: f64, plan: &Plan, label: String) -> SceneFacts {
     let scene = &stage.scene;
     let stats = bvh_core::stats(&stage.first_tree);
     SceneFacts {
+        slug: stage::slug(&label),
         label,
-        slug,
         about: scene.about.to_owned(),
         triangles: stats.primitives,
         moving: scene.animation.topology().moves.iter().filter(|&&moves| moves).count(),
@@ -319,73 +378,11 @@ fn facts(stage: &Stage, build_ms: f64, plan: &Plan, label: String, slug: String)
         key_bytes: scene.key_bytes,
         measures: scene.measures.iter().map(|m| (m.name.clone(), m.value)).collect(),
         effects: scene.effects.names().map(str::to_owned).collect(),
-        frames: plan.frames,
+        frames: plan.values.frames,
         measure_every: plan.measure_every,
         build_ms,
         candidates: stats.candidates as f64 / (stats.inner + stats.leaves).max(1) as f64,
         notes: scene.notes.clone(),
         ..SceneFacts::default()
     }
-}
-
-/// Figures 4 and 6: all strategies, side by side.
-fn run_frames(
-    run: &mut SceneRun,
-    stage: &mut Stage,
-    plan: &Plan,
-    args: &Args,
-    log: &mut Log<'_>,
-    out: &Output,
-) -> Result<()> {
-    let SceneRun { facts, pictures: taken, .. } = run;
-    let [size, map_size] = args.values().picture_size;
-    facts.hottest = pictures::hottest(stage, map_size);
-    let take = |stage: &mut Stage, trees: &[Named<'_>], frame: usize| {
-        let (file, path) = out.picture(&facts.slug, frame);
-        let Some((_, tree)) = trees.first() else { return Ok(()) };
-        let bytes = pictures::picture(stage, tree, size, &path)?;
-        taken.push(Picture { frame, strategy: None, file, bytes });
-        for (name, tree) in trees.iter().filter(|(name, _)| pictures::HEAT_MAPS.contains(name)) {
-            let (file, path) = out.heat_map(&facts.slug, frame, name);
-            let bytes = pictures::heat_map(stage, tree, map_size, facts.hottest, &path)?;
-            taken.push(Picture { frame, strategy: Some((*name).to_owned()), file, bytes });
-        }
-        Ok(())
-    };
-    if let Some(last) = log.done.last() {
-        let (round, frame) = (last.round, last.frame);
-        facts.notes.push(format!(
-            "resumed after loop {round}, frame {frame}: pictures of strategies up to there were compared in the run before"
-        ));
-    }
-    let (rows, checks) = protocol::measure(&facts.label, stage, plan, log.take(plan.frames), take)?;
-    run.rows = rows;
-    run.checks.add(&checks);
-    Ok(())
-}
-
-/// Figure 5: one strategy, the same motion in fewer or more frames.
-fn run_speeds(
-    run: &mut SceneRun,
-    stage: &mut Stage,
-    plan: &Plan,
-    loops: f64,
-    log: &mut Log<'_>,
-) -> Result<()> {
-    let is_run = |c: &Contestant| SPEED_STRATEGIES.contains(&c.name);
-    let contestants: Vec<_> = Contestant::all().into_iter().filter(is_run).collect();
-    for frames in SPEEDS {
-        if interrupt::requested() {
-            break;
-        }
-        // As many samples of each, unless every frame is asked for.
-        let measure_every = if plan.measure_every == 1 { 1 } else { frames / SPEEDS[0] };
-        let contestants = contestants.clone();
-        let plan = Plan { contestants, frames, loops, measure_every, pictures: 0, ..plan.clone() };
-        let (rows, checks) =
-            protocol::measure(&run.facts.label, stage, &plan, log.take(frames), |_, _, _| Ok(()))?;
-        run.speeds.push((frames, rows));
-        run.checks.add(&checks);
-    }
-    Ok(())
 }

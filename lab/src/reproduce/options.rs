@@ -13,11 +13,12 @@ use super::accuracy::Effort;
 use super::contestants::Contestant;
 use super::preset::{Preset, Values};
 use super::results::Settings;
-use crate::{compare, files, pool, stage};
+use crate::pool::Threads;
+use crate::{compare, files, stage};
 
 /// The experiments there are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Experiment {
+pub(super) enum Experiment {
     /// Time to update, by scene and strategy.
     Fig4,
     /// Refitting with rotations at 20, 100 and 500 frames a loop.
@@ -74,9 +75,8 @@ pub struct Args {
     /// Pixels on each side of the image [default: by preset]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8192))]
     size: Option<u32>,
-    /// Threads for updates and rendering [default: the paper's 8, or the cores there are]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
-    threads: Option<u32>,
+    #[command(flatten)]
+    threads: Threads,
     /// How rays are grouped: tile, packet (8 x 8, as published in 2007) or single [default: tile;
     /// packet with --preset full]
     #[arg(long, value_name = "NAME")]
@@ -109,30 +109,26 @@ pub struct Args {
 }
 
 /// A strategy, or all there are.
-#[derive(Clone, Copy, Debug)]
-enum Choice {
-    All,
-    One(Contestant),
-}
+#[derive(Clone, Debug)]
+struct Choice(Vec<Contestant>);
 
 fn strategy(name: &str) -> Result<Choice, String> {
-    if name == "all" { Ok(Choice::All) } else { Contestant::from_name(name).map(Choice::One) }
+    match name {
+        "all" => Ok(Choice(Contestant::all())),
+        _ => Contestant::from_name(name).map(|one| Choice(vec![one])),
+    }
 }
 
 impl Args {
     /// Whether every option given is for something that is to run.
     pub(super) fn ensure_used(&self) -> Result<()> {
         let (frames, speeds) = (self.runs_frames(), self.may_run_speeds());
+        let [accuracy, peers] = [Experiment::Accuracy, Experiment::Peers].map(|e| self.runs(e));
         for (option, given, used, by) in [
             ("--strategy", !self.strategies.is_empty(), frames, "fig4, fig6 and claims"),
-            (
-                "--frames",
-                self.frames.is_some(),
-                frames || self.runs_accuracy(),
-                "fig4, fig6, claims and accuracy",
-            ),
+            ("--frames", self.frames.is_some(), frames || accuracy, "fig4, fig6, claims and accuracy"),
             ("--loops", self.loops.is_some(), frames || speeds, "fig4, fig5, fig6 and claims"),
-            ("--embree", self.embree.is_some(), self.runs_peers(), "peers, which runs only if named"),
+            ("--embree", self.embree.is_some(), peers, "peers, which runs only if named"),
         ] {
             ensure!(!given || used, "{option}: nothing that is to run heeds it; it is for {by}");
         }
@@ -158,15 +154,9 @@ impl Args {
             return Contestant::default_ones();
         }
         let mut once: Vec<Contestant> = Vec::new();
-        for choice in &self.strategies {
-            let chosen = match choice {
-                Choice::All => Contestant::all(),
-                Choice::One(contestant) => vec![*contestant],
-            };
-            for contestant in chosen {
-                if once.iter().all(|c| c.name != contestant.name) {
-                    once.push(contestant);
-                }
+        for contestant in self.strategies.iter().flat_map(|Choice(chosen)| chosen) {
+            if once.iter().all(|c| c.name != contestant.name) {
+                once.push(*contestant);
             }
         }
         once
@@ -185,7 +175,7 @@ impl Args {
         let all = Experiment::value_variants();
         let values = self.values();
         let speeds = self.may_run_speeds();
-        let threads = self.threads.map_or_else(pool::default_threads, |n| n as usize);
+        let threads = self.threads.count();
         let strategies: Vec<&str> = if self.runs_frames() {
             self.contestants().iter().map(|c| c.name).collect()
         } else {
@@ -210,7 +200,7 @@ impl Args {
 
     /// Whether an experiment runs: as it is named, or as part of everything, which other libraries
     /// never are and figure 5 is not where time is short.
-    fn runs(&self, experiment: Experiment) -> bool {
+    pub(super) fn runs(&self, experiment: Experiment) -> bool {
         if !self.experiments.is_empty() {
             return self.experiments.contains(&experiment);
         }
@@ -226,11 +216,6 @@ impl Args {
         [Experiment::Fig4, Experiment::Fig6, Experiment::Claims].into_iter().any(|e| self.runs(e))
     }
 
-    /// Whether knobs are to be measured.
-    pub(super) fn runs_accuracy(&self) -> bool {
-        self.runs(Experiment::Accuracy)
-    }
-
     /// Whether those of the scene are: of all that are named.
     pub(super) fn measures_accuracy_of(&self, label: &str) -> bool {
         match self.preset {
@@ -243,31 +228,20 @@ impl Args {
     /// The scenes to run if none is named: all, unless only accuracy is asked for.
     pub(super) fn default_scenes(&self) -> Vec<String> {
         let all = scenes::list().iter().map(|info| info.name.to_owned());
-        let only_accuracy = self.experiments.iter().all(|&e| e == Experiment::Accuracy);
-        let is_run =
-            |name: &String| !self.runs_accuracy() || !only_accuracy || self.measures_accuracy_of(name);
-        all.filter(|name| self.experiments.is_empty() || is_run(name)).collect()
+        let is_accuracy = |&e: &Experiment| e == Experiment::Accuracy;
+        let only_accuracy = !self.experiments.is_empty() && self.experiments.iter().all(is_accuracy);
+        all.filter(|name| !only_accuracy || self.measures_accuracy_of(name)).collect()
     }
 
-    /// Whether other libraries are to be measured, which takes as long as all the rest.
-    pub(super) fn runs_peers(&self) -> bool {
-        self.runs(Experiment::Peers)
-    }
-
-    /// Embree for those, if there is one; an error if it is not where it was said to be, or does
+    /// Embree for `peers`, if there is one; an error if it is not where it was said to be, or does
     /// not work.
     pub(super) fn embree(&self, threads: usize) -> Result<Option<Device>> {
-        if self.runs_peers() { compare::embree(self.embree.as_deref(), threads) } else { Ok(None) }
+        if self.runs(Experiment::Peers) { compare::embree(self.embree.as_deref(), threads) } else { Ok(None) }
     }
 
     /// How much is measured of each knob on a scene of `triangles` triangles.
     pub(super) fn effort(&self, triangles: usize) -> Effort {
         Effort::new(self.preset, &self.values(), triangles, self.seed)
-    }
-
-    /// Whether what only the claims need is asked for.
-    pub(super) fn runs_claims(&self) -> bool {
-        self.runs(Experiment::Claims)
     }
 
     /// Whether figure 5 is to be run on that scene: on its own, and on any other if it is asked for

@@ -9,7 +9,7 @@ use super::baseline::Comparison;
 use super::figures::Figure;
 use super::results::Results;
 use super::{accuracy, claims, figures, report, summary};
-use crate::{CheckFailed, files};
+use crate::{CheckFailed, files, stage};
 
 /// The folder of results, locked for this run.
 pub(super) struct Output {
@@ -63,16 +63,10 @@ impl Output {
         self.folder.join(name)
     }
 
-    /// Name and path of the picture of a frame.
-    pub(super) fn picture(&self, slug: &str, frame: usize) -> (String, PathBuf) {
-        let name = format!("{slug}-{frame:04}.png");
-        let path = self.file("images").join(&name);
-        (name, path)
-    }
-
-    /// Name and path of a heat map of a frame, of one strategy's tree.
-    pub(super) fn heat_map(&self, slug: &str, frame: usize, strategy: &str) -> (String, PathBuf) {
-        let name = format!("{slug}-{frame:04}-{strategy}.jpg");
+    /// Name and path of the picture of a frame, or of the heat map of a strategy's tree.
+    pub(super) fn picture(&self, label: &str, frame: usize, strategy: Option<&str>) -> (String, PathBuf) {
+        let end = strategy.map_or(".png".to_owned(), |strategy| format!("-{strategy}.jpg"));
+        let name = format!("{}-{frame:04}{end}", stage::slug(label));
         let path = self.file("images").join(&name);
         (name, path)
     }
@@ -145,7 +139,7 @@ fn is_figure(name: &str) -> bool {
     name.ends_with(".svg") && ["fig", "accuracy-", "museum-"].iter().any(|start| name.starts_with(start))
 }
 
-/// Whether a file's name is one that [`Output::picture`] or [`Output::heat_map`] gives.
+/// Whether a file's name is one that [`Output::picture`] gives.
 fn is_picture(name: &str) -> bool {
     let is_frame = |part: &str| part.len() >= 4 && part.bytes().all(|b| b.is_ascii_digit());
     match name.rsplit_once('.') {

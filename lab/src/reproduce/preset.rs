@@ -48,6 +48,9 @@ pub(crate) struct Values {
     pub(crate) offline: usize,
     /// Most triangles of a scene for which methods that know the animation are prepared: on the lion
     /// that takes minutes (`reproduce fig6 --preset full --scene lion --strategy t-sah --frames 2`).
+    /// On the museum's 75,796 triangles it takes 28 s of processor time (28.8 s in all with t-sah, 0.6 s
+    /// without: `reproduce fig4 --preset quick --scene bart-museum --frames 1 --loops 1 --strategy
+    /// refit`, and with `--strategy t-sah` besides).
     pub(crate) prepared: usize,
 }
 
@@ -55,59 +58,32 @@ pub(crate) struct Values {
 pub(crate) const MANY: usize = 500_000;
 
 impl Preset {
-    pub(crate) fn values(self) -> Values {
+    /// What belongs to this preset, of three.
+    pub(crate) fn pick<T>(self, [quick, standard, full]: [T; 3]) -> T {
         match self {
-            Self::Quick => Values {
-                detail: Some(0.15),
-                frames: 10,
-                loops: 1.5,
-                size: 160,
-                traversal: Traversal::Tile,
-                measure_every: [1, 1],
-                speeds: false,
-                speed_loops: 2.0,
-                check_frames: 2,
-                check_rays: 100,
-                pictures: 3,
-                picture_size: [240, 160],
-                peer_frames: 2,
-                offline: 0,
-                prepared: MANY,
-            },
-            Self::Standard => Values {
-                detail: None,
-                frames: 50,
-                loops: 1.5,
-                size: 512,
-                traversal: Traversal::Tile,
-                measure_every: [5, 10],
-                speeds: true,
-                speed_loops: 3.0,
-                check_frames: 4,
-                check_rays: 200,
-                pictures: 5,
-                picture_size: [400, 240],
-                peer_frames: 5,
-                offline: 200_000,
-                prepared: MANY,
-            },
-            Self::Full => Values {
-                detail: None,
-                frames: 100,
-                loops: 2.3,
-                size: 1024,
-                traversal: Traversal::Packet,
-                measure_every: [1, 1],
-                speeds: true,
-                speed_loops: 5.0,
-                check_frames: 10,
-                check_rays: 500,
-                pictures: 5,
-                picture_size: [400, 240],
-                peer_frames: 20,
-                offline: usize::MAX,
-                prepared: usize::MAX,
-            },
+            Self::Quick => quick,
+            Self::Standard => standard,
+            Self::Full => full,
+        }
+    }
+
+    pub(crate) fn values(self) -> Values {
+        Values {
+            detail: self.pick([Some(0.15), None, None]),
+            frames: self.pick([10, 50, 100]),
+            loops: self.pick([1.5, 1.5, 2.3]),
+            size: self.pick([160, 512, 1024]),
+            traversal: self.pick([Traversal::Tile, Traversal::Tile, Traversal::Packet]),
+            measure_every: self.pick([[1, 1], [5, 10], [1, 1]]),
+            speeds: self.pick([false, true, true]),
+            speed_loops: self.pick([2.0, 3.0, 5.0]),
+            check_frames: self.pick([2, 4, 10]),
+            check_rays: self.pick([100, 200, 500]),
+            pictures: self.pick([3, 5, 5]),
+            picture_size: self.pick([[240, 160], [400, 240], [400, 240]]),
+            peer_frames: self.pick([2, 5, 20]),
+            offline: self.pick([0, 200_000, usize::MAX]),
+            prepared: self.pick([50_000, MANY, usize::MAX]),
         }
     }
 }
@@ -120,55 +96,42 @@ impl Values {
 
     /// What differs from the paper's protocol, of figure 5 if that is run, one sentence each.
     pub(crate) fn departures(&self, figure_5: bool, threads: usize) -> Vec<String> {
-        let paper = Preset::Full.values();
-        let mut less = Vec::new();
-        if let Some(detail) = self.detail {
-            less.push(format!("cloth and statues at {:.0} % of their triangles", 100.0 * detail));
-        }
-        if self.frames != paper.frames {
-            less.push(format!("{} frames a loop instead of {}", self.frames, paper.frames));
-        }
-        if self.loops != paper.loops {
-            less.push(format!("{} loops instead of {}", self.loops, paper.loops));
-        }
-        if self.size != paper.size {
-            less.push(format!("{0} x {0} pixels instead of {1} x {1}", self.size, paper.size));
-        }
-        if self.traversal != paper.traversal {
-            less.push(format!(
-                "rays traced by {} instead of packets of 8 x 8 with interval arithmetic",
-                self.traversal
-            ));
-        }
-        if threads != PAPER_THREADS {
-            less.push(format!("{threads} threads instead of {PAPER_THREADS}"));
-        }
-        less.push("always: scenes are stand-ins, triangles are tested watertight, boxes and rotations are computed with SIMD".to_owned());
-        if self.measure_every != paper.measure_every {
-            let [few, many] = self.measure_every;
-            less.push(format!(
-                "every frame updated, one in {few} measured, in scenes above {MANY} triangles one in {many}; accuracy of \
-                 trees of those over a fifth of the loop, without annealing"
-            ));
-        }
-        if figure_5 && self.speed_loops != paper.speed_loops {
-            less.push(format!("figure 5 over {} loops instead of {}", self.speed_loops, paper.speed_loops));
-        }
-        if figure_5 && self.measure_every != paper.measure_every {
-            less.push(format!("of each loop of figure 5 {} frames measured", SPEEDS[0]));
-        }
-        if !self.speeds && !figure_5 {
-            less.push("figure 5 only if named; what accuracy costs on one scene".to_owned());
-        }
-        if self.prepared < paper.prepared {
-            less.push(format!("decomposition and t-sah in scenes of at most {} triangles", self.prepared));
-        }
-        if self.offline < paper.offline {
-            less.push(match self.offline {
+        let (paper, [few, many]) = (Preset::Full.values(), self.measure_every);
+        let samples = self.measure_every != paper.measure_every;
+        let less = [
+            self.detail.map(|part| format!("cloth and statues at {:.0} % of their triangles", 100.0 * part)),
+            (self.frames != paper.frames)
+                .then(|| format!("{} frames a loop instead of {}", self.frames, paper.frames)),
+            (self.loops != paper.loops).then(|| format!("{} loops instead of {}", self.loops, paper.loops)),
+            (self.size != paper.size)
+                .then(|| format!("{0} x {0} pixels instead of {1} x {1}", self.size, paper.size)),
+            (self.traversal != paper.traversal).then(|| {
+                let by = self.traversal;
+                format!("rays traced by {by} instead of packets of 8 x 8 with interval arithmetic")
+            }),
+            (threads != PAPER_THREADS).then(|| format!("{threads} threads instead of {PAPER_THREADS}")),
+            Some(
+                "always: scenes are stand-ins, triangles are tested watertight, boxes and rotations are computed with SIMD"
+                    .to_owned(),
+            ),
+            samples.then(|| {
+                format!(
+                    "every frame updated, one in {few} measured, in scenes above {MANY} triangles one in {many}; accuracy of \
+                     trees of those over a fifth of the loop, without annealing"
+                )
+            }),
+            (figure_5 && self.speed_loops != paper.speed_loops)
+                .then(|| format!("figure 5 over {} loops instead of {}", self.speed_loops, paper.speed_loops)),
+            (figure_5 && samples).then(|| format!("of each loop of figure 5 {} frames measured", SPEEDS[0])),
+            (!self.speeds && !figure_5)
+                .then(|| "figure 5 only if named; what accuracy costs on one scene".to_owned()),
+            (self.prepared < paper.prepared)
+                .then(|| format!("decomposition and t-sah in scenes of at most {} triangles", self.prepared)),
+            (self.offline < paper.offline).then(|| match self.offline {
                 0 => "no offline builders".to_owned(),
                 most => format!("offline builders in scenes of at most {most} triangles"),
-            });
-        }
-        less
+            }),
+        ];
+        less.into_iter().flatten().collect()
     }
 }

@@ -15,13 +15,14 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
-use bvh_update::{Decision, Load, Update};
-use rt_cpu::{Image, RenderOptions, RenderStats, Traversal, render};
+use bvh_update::{Load, Update};
+use rt_cpu::{Image, RenderOptions, RenderStats, render};
 
 use super::check::{self, Checks};
-use super::contestants::{Contestant, Counted, Keeper, Method, POSES};
+use super::contestants::{Contestant, Keeper, Method, POSES};
 use super::journal::Journal;
-use super::record::Row;
+use super::preset::Values;
+use super::record::{Row, rounded};
 use super::stages::primitives_refit;
 use crate::interrupt;
 use crate::progress::Progress;
@@ -31,54 +32,33 @@ use crate::stage::{Stage, ms};
 #[derive(Clone, Debug)]
 pub(crate) struct Plan {
     pub(crate) contestants: Vec<Contestant>,
-    /// Frames in a loop.
-    pub(crate) frames: usize,
-    /// Loops, not necessarily whole.
-    pub(crate) loops: f64,
+    pub(crate) values: Values,
     /// One frame of the loop in this number is measured. On the others strategies whose trees
     /// depend on the past update them, unmeasured.
     pub(crate) measure_every: usize,
-    /// Pixels on each side of the image.
-    pub(crate) size: u32,
     pub(crate) threads: usize,
-    pub(crate) traversal: Traversal,
-    /// Frames of the first loop to compare with brute force, and rays on each.
-    pub(crate) check_frames: usize,
-    pub(crate) check_rays: usize,
-    /// Frames of the first loop to take pictures of.
-    pub(crate) pictures: usize,
     pub(crate) seed: u64,
 }
 
 impl Plan {
     /// Frames in all loops together.
     pub(crate) fn steps(&self) -> usize {
-        ((self.frames as f64 * self.loops).round() as usize).max(1)
+        ((self.values.frames as f64 * self.values.loops).round() as usize).max(1)
     }
 
     /// Rays that a picture may take: from the eye, and from the light.
     fn rays(&self) -> u64 {
-        2 * u64::from(self.size).pow(2)
+        2 * u64::from(self.values.size).pow(2)
     }
 
     fn is_measured(&self, frame: usize) -> bool {
         frame.is_multiple_of(self.measure_every)
     }
 
-    /// Whether a frame of the first loop is compared with brute force.
-    fn is_checked(&self, frame: usize) -> bool {
-        self.is_one_of(frame, self.check_frames)
-    }
-
-    /// Whether a frame of the first loop has its picture taken.
-    fn is_pictured(&self, frame: usize) -> bool {
-        self.is_one_of(frame, self.pictures)
-    }
-
     /// Whether a frame is one of some that are spread evenly over those that are measured.
     fn is_one_of(&self, frame: usize, samples: usize) -> bool {
         let every = self.measure_every;
-        self.is_measured(frame) && is_sampled(frame / every, self.frames.div_ceil(every), samples)
+        self.is_measured(frame) && is_sampled(frame / every, self.values.frames.div_ceil(every), samples)
     }
 }
 
@@ -90,18 +70,9 @@ struct Lane {
     keeper: Keeper,
     /// Whether the tree fits the present frame.
     is_current: bool,
-    last: Option<Measured>,
+    last: Option<Row>,
     /// The longest frame so far.
     longest_ms: f64,
-}
-
-struct Measured {
-    update: Update,
-    update_ms: f64,
-    stats: RenderStats,
-    trace_ms: f64,
-    sah_cost: f64,
-    primitives_refit: u64,
 }
 
 /// A tree that fits the frame, and whose it is.
@@ -114,14 +85,6 @@ pub(crate) struct Log<'a> {
     pub(crate) journal: &'a mut Journal<Row>,
 }
 
-impl Log<'_> {
-    /// The log of one run: rows of as many frames a loop.
-    pub(crate) fn take(&mut self, frames: usize) -> Log<'_> {
-        let done = self.done.extract_if(.., |row| row.frames_per_loop == frames).collect();
-        Log { done, journal: self.journal }
-    }
-}
-
 /// Measures all frames of a scene; rows go to the log frame by frame. `picture` sees the stage,
 /// posed, with the trees of all strategies, on each frame that is to have its picture taken. Ends
 /// early when interrupted.
@@ -132,93 +95,131 @@ pub(crate) fn measure(
     Log { done, journal }: Log<'_>,
     mut picture: impl FnMut(&mut Stage, &[Named<'_>], usize) -> Result<()>,
 ) -> Result<(Vec<Row>, Checks)> {
-    let steps = plan.steps();
-    let progress = Progress::new(format!("{label}, {} frames a loop", plan.frames), steps as u64);
-    let replayed = done.last().map_or(0, |row| row.round * plan.frames + row.frame + 1);
-    let traversal = plan.traversal;
-    let flat = RenderOptions { smooth: false, timed: true, traversal, ..stage.render_options() };
-    let mut lanes = lanes(stage, plan)?;
-    // The first strategy's picture, and that of another to compare with.
-    let mut images = [(); 2].map(|()| Image::new(plan.size, plan.size));
-    stage.pose(0.0);
-    // A method that knows the animation refits like the others, and would be prepared again.
-    for lane in lanes.iter().filter(|lane| !lane.method.knows_animation()) {
-        let mut warm = Lane::new(lane.name, lane.method, stage, &[])?;
-        warm.run(stage, plan.size, &flat, &mut images[0])?;
-    }
-
+    let (steps, frames) = (plan.steps(), plan.values.frames);
+    let progress = Progress::new(format!("{label}, {frames} frames a loop"), steps as u64);
+    let replayed = done.last().map_or(0, |row| row.round * frames + row.frame + 1);
+    let mut run = Run::new(label, stage, plan)?;
     let mut all_rows = done;
-    let mut checks = Checks::default();
-    for step in 0..steps {
-        if interrupt::requested() {
-            break;
-        }
-        let (round, frame) = (step / plan.frames, step % plan.frames);
-        let time = stage.time_of(frame, plan.frames);
+    for step in (0..steps).take_while(|_| !interrupt::requested()) {
+        let (round, frame) = (step / frames, step % frames);
+        let time_s = stage.time_of(frame, frames);
         let start = Instant::now();
-        let posed = stage.pose(time);
-        let animate_ms = ms(start);
-
-        let count = lanes.len();
-        let mut reference = None;
-        for i in (0..count).map(|i| (i + step / plan.measure_every) % count) {
-            let lane = &mut lanes[i];
-            (lane.last, lane.is_current) = (None, true);
-            if step < replayed || !plan.is_measured(frame) {
-                lane.is_current = !lane.method.rebuilds() || round == 0 && plan.is_pictured(frame);
-                if lane.is_current {
-                    lane.update(stage)?;
-                    lane.recall(&all_rows, round, frame);
-                }
-                continue;
-            }
-            let [first, other] = &mut images;
-            let Some((reference_name, reference_stats)) = reference else {
-                let measured = lane.run(stage, plan.size, &flat, first)?;
-                reference = Some((lane.name, measured.stats));
-                lane.last = Some(measured);
-                continue;
-            };
-            let measured = lane.run(stage, plan.size, &flat, other)?;
-            let names = [reference_name, lane.name];
-            let place = format!("{label}, loop {round}, frame {frame}, {} and {}", names[0], names[1]);
-            checks.same_hits(&place, &reference_stats, &measured.stats);
-            checks.same_picture(&place, first, other);
-            lane.last = Some(measured);
+        let posed = stage.pose(time_s);
+        let (scene, threads, animate_ms) = (label.to_owned(), plan.threads, rounded(ms(start)));
+        let common = Row {
+            scene,
+            threads,
+            round,
+            frame,
+            animate_ms,
+            frames_per_loop: frames,
+            time_s,
+            ..Row::default()
+        };
+        if step < replayed || !plan.is_measured(frame) {
+            run.replay(stage, &common, &all_rows)?;
+        } else {
+            run.take_turns(stage, step / plan.measure_every, &common.posed(&posed))?;
         }
-
-        if round == 0 && plan.is_checked(frame) {
-            let camera = stage.camera(plan.size, plan.size);
-            let rays = check::sample(&camera, &stage.triangles(), plan.check_rays, plan.seed ^ frame as u64);
-            for lane in lanes.iter().filter(|lane| lane.is_current) {
-                let place = format!("{label}, frame {frame}, {}", lane.name);
-                checks.same_as_brute(&place, &lane.tree, &stage.triangles(), &rays);
-                checks.valid(&place, &lane.tree, &stage.triangles());
-            }
+        if round == 0 && plan.is_one_of(frame, plan.values.check_frames) {
+            run.check(stage, frame);
         }
-
-        let rows: Vec<Row> = plan
-            .contestants
-            .iter()
-            .filter_map(|c| Some((c, lanes.iter().find(|l| l.name == c.of)?.last.as_ref()?)))
-            .map(|(c, measured)| Row {
-                round,
-                frame,
-                animate_ms,
-                time_s: time,
-                ..measured.row(label, c.name, c.counted, plan).posed(&posed)
-            })
-            .collect();
+        let rows = run.rows();
         journal.append(&rows)?;
         all_rows.extend(rows);
-        if round == 0 && plan.is_pictured(frame) {
-            let current = lanes.iter().filter(|lane| lane.is_current);
+        if round == 0 && plan.is_one_of(frame, plan.values.pictures) {
+            let current = run.lanes.iter().filter(|lane| lane.is_current);
             let trees: Vec<_> = current.map(|lane| (lane.name, &lane.tree)).collect();
             picture(stage, &trees, frame)?;
         }
         progress.at(step as u64 + 1);
     }
-    Ok((all_rows, checks))
+    Ok((all_rows, run.checks))
+}
+
+/// All strategies of a scene at work.
+struct Run<'a> {
+    label: &'a str,
+    plan: &'a Plan,
+    lanes: Vec<Lane>,
+    options: RenderOptions,
+    /// The first strategy's picture, and that of another to compare with.
+    images: [Image; 2],
+    checks: Checks,
+}
+
+impl<'a> Run<'a> {
+    /// Makes the lanes, and runs each once on a copy of its tree.
+    fn new(label: &'a str, stage: &mut Stage, plan: &'a Plan) -> Result<Self> {
+        let Values { size, traversal, .. } = plan.values;
+        let options = RenderOptions { smooth: false, timed: true, traversal, ..stage.render_options() };
+        let lanes = lanes(stage, plan)?;
+        let mut images = [(); 2].map(|()| Image::new(size, size));
+        stage.pose(0.0);
+        // A method that knows the animation refits like the others, and would be prepared again.
+        for lane in lanes.iter().filter(|lane| !lane.method.knows_animation()) {
+            let mut warm = Lane::new(lane.name, lane.method, stage, &[])?;
+            warm.run(stage, &Row::default(), &options, &mut images[0])?;
+        }
+        Ok(Self { label, plan, lanes, options, images, checks: Checks::default() })
+    }
+
+    /// Plays a frame that is not measured: updates trees that depend on the past, and those that are
+    /// shown.
+    fn replay(&mut self, stage: &Stage, &Row { round, frame, .. }: &Row, rows: &[Row]) -> Result<()> {
+        let is_shown = round == 0 && self.plan.is_one_of(frame, self.plan.values.pictures);
+        for lane in &mut self.lanes {
+            (lane.last, lane.is_current) = (None, is_shown || !lane.method.rebuilds());
+            if lane.is_current {
+                lane.update(stage)?;
+                lane.recall(rows, round, frame);
+            }
+        }
+        Ok(())
+    }
+
+    /// Measures a frame with all strategies, and compares their pictures with that of the first.
+    fn take_turns(&mut self, stage: &Stage, turn: usize, common: &Row) -> Result<()> {
+        let (count, mut reference) = (self.lanes.len(), None);
+        for i in (0..count).map(|i| (i + turn) % count) {
+            let (lane, [first, other]) = (&mut self.lanes[i], &mut self.images);
+            let image = if reference.is_none() { &mut *first } else { &mut *other };
+            let (row, stats) = lane.run(stage, common, &self.options, image)?;
+            (lane.last, lane.is_current) = (Some(row), true);
+            let Some((name, expected)) = reference else {
+                reference = Some((lane.name, stats));
+                continue;
+            };
+            let Row { round, frame, .. } = common;
+            let place = format!("{}, loop {round}, frame {frame}, {name} and {}", self.label, lane.name);
+            self.checks.same_hits(&place, &expected, &stats);
+            self.checks.same_picture(&place, first, other);
+        }
+        Ok(())
+    }
+
+    /// Compares what every tree finds with brute force.
+    fn check(&mut self, stage: &Stage, frame: usize) {
+        let Values { size, check_rays, .. } = self.plan.values;
+        let (camera, triangles) = (stage.camera(size, size), stage.triangles());
+        let rays = check::sample(&camera, &triangles, check_rays, self.plan.seed ^ frame as u64);
+        for lane in self.lanes.iter().filter(|lane| lane.is_current) {
+            let place = format!("{}, frame {frame}, {}", self.label, lane.name);
+            self.checks.same_as_brute(&place, &lane.tree, &triangles, &rays);
+            self.checks.valid(&place, &lane.tree, &triangles);
+        }
+    }
+
+    /// A row for each contestant of the frame, if it was measured.
+    fn rows(&self) -> Vec<Row> {
+        let row = |c: &Contestant| {
+            let last = self.lanes.iter().find(|lane| lane.name == c.of)?.last.clone()?;
+            let update_ms = rounded(c.counted.of(last.update_ms));
+            let frame_ms = rounded(update_ms + last.trace_ms);
+            Some(Row { strategy: c.name.to_owned(), update_ms, frame_ms, ..last })
+        };
+        self.plan.contestants.iter().filter_map(row).collect()
+    }
 }
 
 /// Whether a frame is one of `samples` that are spread evenly over `frames`.
@@ -265,13 +266,15 @@ impl Lane {
         }
     }
 
+    /// Updates and renders a frame; gives the row, whose other columns are in `common`.
     fn run(
         &mut self,
         stage: &Stage,
-        size: u32,
+        common: &Row,
         options: &RenderOptions,
         image: &mut Image,
-    ) -> Result<Measured> {
+    ) -> Result<(Row, RenderStats)> {
+        let size = image.width();
         let (mesh, camera, light) = (stage.mesh(), stage.camera(size, size), stage.light());
         let start = Instant::now();
         let update = self.update(stage)?;
@@ -287,37 +290,18 @@ impl Lane {
             self.longest_ms = self.longest_ms.max(update_ms + trace_ms);
         }
         self.keeper.report(Load::PacketNodes(stats.nodes_visited));
-        let sah_cost = update.sah_cost.unwrap_or_else(|| sah_cost(&self.tree));
-        let primitives_refit = primitives_refit(&self.tree, &update);
-        Ok(Measured { update, update_ms, stats, trace_ms, sah_cost, primitives_refit })
-    }
-}
-
-impl Measured {
-    /// A row but for the fields that are the same for all strategies.
-    fn row(&self, scene: &str, name: &'static str, counted: Counted, plan: &Plan) -> Row {
-        let update_ms = counted.of(self.update_ms);
-        Row {
-            scene: scene.to_owned(),
-            strategy: name.to_owned(),
-            threads: plan.threads,
+        let row = Row {
             update_ms,
-            frame_ms: update_ms + self.trace_ms,
-            sah_cost: self.sah_cost,
-            rotations: self.update.rotations_applied(),
-            height: self.update.height,
-            nodes_visited: self.update.nodes_visited,
-            dropped: self.update.dropped,
-            frames_per_loop: plan.frames,
-            primitives_refit: self.primitives_refit,
-            decision: in_words(self.update.decision),
-            ..Row::default()
-        }
-        .traced(&self.stats, self.trace_ms)
+            sah_cost: update.sah_cost.unwrap_or_else(|| sah_cost(&self.tree)),
+            rotations: update.rotations_applied(),
+            height: update.height,
+            nodes_visited: update.nodes_visited,
+            dropped: update.dropped,
+            primitives_refit: primitives_refit(&self.tree, &update),
+            // Without commas, which would part columns for a simple reader.
+            decision: update.decision.to_string().replace(',', ";"),
+            ..common.clone()
+        };
+        Ok((row.traced(&stats, rounded(trace_ms)), stats))
     }
-}
-
-/// A decision without commas, which would part columns for a simple reader.
-fn in_words(decision: Decision) -> String {
-    decision.to_string().replace(',', ";")
 }

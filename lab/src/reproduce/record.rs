@@ -1,6 +1,6 @@
 //! A row of measurements.
 
-use serde::{Deserialize, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 
 /// One strategy on one frame. The names and the order of the columns are relied on by scripts.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -14,14 +14,10 @@ pub(crate) struct Row {
     /// Frame in the loop, from 0.
     pub(crate) frame: usize,
     /// Posing the scene, once for all strategies; in no other column.
-    #[serde(serialize_with = "microseconds")]
     pub(crate) animate_ms: f64,
-    #[serde(serialize_with = "microseconds")]
     pub(crate) update_ms: f64,
-    #[serde(serialize_with = "microseconds")]
     pub(crate) trace_ms: f64,
     /// Update and trace.
-    #[serde(serialize_with = "microseconds")]
     pub(crate) frame_ms: f64,
     pub(crate) sah_cost: f64,
     pub(crate) rotations: u64,
@@ -41,53 +37,35 @@ pub(crate) struct Row {
     pub(crate) vertices_morphed: u64,
     pub(crate) vertices_skinned: u64,
     pub(crate) vertices_rigid: u64,
-    #[serde(serialize_with = "microseconds")]
     pub(crate) blend_ms: f64,
-    #[serde(serialize_with = "microseconds")]
     pub(crate) morph_ms: f64,
-    #[serde(serialize_with = "microseconds")]
     pub(crate) skin_ms: f64,
-    #[serde(serialize_with = "microseconds")]
     pub(crate) rigid_ms: f64,
     /// Primitives whose boxes the update asked for.
     pub(crate) primitives_refit: u64,
     /// What the update decided to do, in words without commas; `as always` for what does the same
     /// every time.
-    #[serde(default)]
     pub(crate) decision: String,
     /// Surfaces with a colour from a texture.
-    #[serde(default)]
     pub(crate) textured: u64,
     /// Rays traced a second time because of a hole.
-    #[serde(default)]
     pub(crate) rays_again: u64,
-    #[serde(default)]
     pub(crate) rays_mirror: u64,
-    #[serde(default)]
     pub(crate) rays_ambient_occlusion: u64,
-    #[serde(default)]
     pub(crate) rays_bounce: u64,
     /// What the stages took of `trace_ms`.
-    #[serde(default, serialize_with = "microseconds")]
     pub(crate) primary_ms: f64,
-    #[serde(default, serialize_with = "microseconds")]
     pub(crate) alpha_ms: f64,
-    #[serde(default, serialize_with = "microseconds")]
     pub(crate) textures_ms: f64,
-    #[serde(default, serialize_with = "microseconds")]
     pub(crate) shadow_ms: f64,
-    #[serde(default, serialize_with = "microseconds")]
     pub(crate) mirror_ms: f64,
-    #[serde(default, serialize_with = "microseconds")]
     pub(crate) ambient_occlusion_ms: f64,
-    #[serde(default, serialize_with = "microseconds")]
     pub(crate) diffuse_bounces_ms: f64,
     /// Nodes that the rays opened, once for each ray or packet.
-    #[serde(default)]
     pub(crate) nodes_opened: u64,
 }
 
-/// Milliseconds, written to a tenth of a microsecond.
-fn microseconds<S: Serializer>(ms: &f64, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.serialize_f64((ms * 1e4).round() / 1e4)
+/// Milliseconds to a tenth of a microsecond, as rows have them.
+pub(crate) fn rounded(ms: f64) -> f64 {
+    (ms * 1e4).round() / 1e4
 }

@@ -5,7 +5,7 @@ mod answer;
 mod first;
 mod scene;
 
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 
 use super::accuracy::sentences;
 use super::baseline::Comparison;
@@ -38,12 +38,15 @@ pub(crate) fn html(
                 main {
                     @if let Some(comparison) = comparison { (comparison.section()) }
                     (folded("The paper’s claims", &claims_table(claims)))
-                    @let accuracy = accuracy(results);
-                    @if !accuracy.0.is_empty() { (folded("What accuracy costs", &accuracy)) }
+                    @let sentences = sentences(&results.accuracy);
+                    @if !sentences.is_empty() {
+                        // The charts are among the figures.
+                        (folded("What accuracy costs", &html! { ul { @for line in &sentences { li { (line) } } } }))
+                    }
                     (folded("Scenes", &scene::sections(results)))
                     (folded("Figures", &drawn(figures)))
                     @let peers = peers::html(results);
-                    @if !peers.0.is_empty() { (folded("Beside other libraries", &peers)) }
+                    @if let Some(peers) = peers { (folded("Beside other libraries", &peers)) }
                     (folded("How it was measured", &colophon(results)))
                 }
                 script { (PreEscaped(include_str!("report.js"))) }
@@ -61,6 +64,37 @@ fn folded(title: &str, content: &Markup) -> Markup {
             (content)
         }
     }
+}
+
+/// A table, sorted as it comes until a reader sorts it: `words` columns of words, then numbers. A row
+/// may have a strategy's name, by which the page finds it.
+pub(super) fn table<'a>(
+    heads: &[&str],
+    words: usize,
+    rows: impl IntoIterator<Item = (Option<&'a str>, Vec<Markup>)>,
+) -> Markup {
+    let class = |i: usize| (i >= words).then_some("n");
+    html! {
+        div.scroll {
+            table {
+                thead { tr { @for (i, head) in heads.iter().enumerate() { th class=[class(i)] { (head) } } } }
+                tbody {
+                    @for (strategy, cells) in rows {
+                        tr data-strategy=[strategy] {
+                            @for (i, cell) in cells.iter().enumerate() {
+                                @if i == 0 { th scope="row" { (cell) } } @else { td class=[class(i)] { (cell) } }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// A cell with nothing but text.
+pub(super) fn cell(text: impl Render) -> Markup {
+    html! { (text) }
 }
 
 fn check_line(results: &Results) -> Markup {
@@ -114,16 +148,6 @@ fn claims_table(claims: &[Claim]) -> Markup {
                     }
                 }
             }
-        }
-    }
-}
-
-/// What accuracy costs, in sentences; the charts are among the figures.
-fn accuracy(results: &Results) -> Markup {
-    let sentences = sentences(&results.accuracy);
-    html! {
-        @if !sentences.is_empty() {
-            ul { @for sentence in &sentences { li { (sentence) } } }
         }
     }
 }

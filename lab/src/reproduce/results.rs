@@ -9,16 +9,19 @@ use super::accuracy::Point;
 use super::check::Checks;
 use super::offline::OfflineTree;
 use super::record::Row;
+use super::summary::StrategySummary;
 use crate::compare::Row as Peer;
 use crate::machine::{Machine, Revision};
 
-/// A whole run.
+/// A whole run; but for the rows, which have files of their own, also what `summary.json` has of it.
+#[derive(Serialize, Deserialize)]
 pub(crate) struct Results {
     pub(crate) machine: Machine,
     pub(crate) revision: Revision,
     pub(crate) settings: Settings,
     pub(crate) scenes: Vec<SceneRun>,
     /// Settings of accuracy with what they cost.
+    #[serde(skip)]
     pub(crate) accuracy: Vec<Point>,
     /// Whether it was stopped before its end, or is under way.
     pub(crate) interrupted: bool,
@@ -38,8 +41,7 @@ pub(crate) struct Settings {
     /// Pixels on each side of the image.
     pub(crate) size: u32,
     pub(crate) threads: usize,
-    /// How rays were grouped; nothing in results of before there was a choice.
-    #[serde(default)]
+    /// How rays were grouped.
     pub(crate) traversal: String,
     pub(crate) seed: u64,
     /// Clip of a glTF file, if one was named.
@@ -51,18 +53,28 @@ pub(crate) struct Settings {
 }
 
 /// A scene and what was measured on it.
+#[derive(Default, Serialize, Deserialize)]
 pub(crate) struct SceneRun {
+    #[serde(flatten)]
     pub(crate) facts: SceneFacts,
-    pub(crate) pictures: Vec<Picture>,
-    /// Rows of figures 4 and 6.
-    pub(crate) rows: Vec<Row>,
-    /// Rows of figure 5, by frames in a loop.
-    pub(crate) speeds: Vec<(usize, Vec<Row>)>,
-    /// Other libraries beside this one.
-    pub(crate) peers: Vec<Peer>,
+    pub(crate) checks: Checks,
+    /// The rows of figures 4 and 6, and of figure 5 by frames in a loop, in brief.
+    pub(crate) strategies: Vec<StrategySummary>,
+    #[serde(rename = "speeds")]
+    pub(crate) speed_summaries: BTreeMap<usize, StrategySummary>,
     /// Trees built once and for all, where such builders are there.
     pub(crate) offline: Vec<OfflineTree>,
-    pub(crate) checks: Checks,
+    #[serde(rename = "images")]
+    pub(crate) pictures: Vec<Picture>,
+    /// Rows of figures 4 and 6.
+    #[serde(skip)]
+    pub(crate) rows: Vec<Row>,
+    /// Rows of figure 5, by frames in a loop.
+    #[serde(skip)]
+    pub(crate) speeds: Vec<(usize, Vec<Row>)>,
+    /// Other libraries beside this one.
+    #[serde(skip)]
+    pub(crate) peers: Vec<Peer>,
 }
 
 /// What is known of a scene apart from timings.
@@ -98,10 +110,8 @@ pub(crate) struct SceneFacts {
     pub(crate) hottest: u32,
     pub(crate) notes: Vec<String>,
     /// SAH costs with rotations: where motion stopped, after more updates, and of a fresh tree there.
-    #[serde(default)]
     pub(crate) settled: Option<[f64; 3]>,
     /// Bytes that rotations keep between updates over those of the tree.
-    #[serde(default)]
     pub(crate) memory: Option<f64>,
 }
 
@@ -120,7 +130,7 @@ pub(crate) struct Picture {
 }
 
 /// Samples in brief.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Spread {
     pub(crate) median: f64,
     /// A tenth of the samples are below.
@@ -148,12 +158,15 @@ impl Spread {
     }
 }
 
+/// The median of samples; 0 of none.
+pub(crate) fn median(samples: impl IntoIterator<Item = f64>) -> f64 {
+    Spread::of(samples).map_or(0.0, |spread| spread.median)
+}
+
 impl SceneRun {
     /// A scene on which nothing is measured yet.
     pub(crate) fn new(facts: SceneFacts) -> Self {
-        let (pictures, rows, speeds) = (Vec::new(), Vec::new(), Vec::new());
-        let (peers, offline) = (Vec::new(), Vec::new());
-        Self { facts, pictures, rows, speeds, peers, offline, checks: Checks::default() }
+        Self { facts, ..Self::default() }
     }
 
     /// Rows of one strategy, in order.

@@ -1,7 +1,6 @@
 //! The results of an earlier run, read back from their folder: to draw the report again, to go on
 //! after an interrupt, to compare with.
 
-use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
@@ -9,47 +8,15 @@ use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 
 use super::SPEED_STRATEGIES;
-use super::accuracy::Point;
-use super::check::Checks;
 use super::journal;
-use super::offline::OfflineTree;
 use super::record::Row;
-use super::results::{Picture, Results, SceneFacts, SceneRun, Settings};
-use super::summary::SCHEMA;
+use super::results::{Results, SceneRun, Settings};
+use super::summary::{SCHEMA, StrategySummary};
 use crate::compare::Row as Peer;
-use crate::machine::{Machine, Revision};
 
 #[derive(Deserialize)]
 struct Version {
     schema: u32,
-}
-
-#[derive(Deserialize)]
-struct Summary {
-    interrupted: bool,
-    machine: Machine,
-    revision: Revision,
-    settings: Settings,
-    scenes: Vec<Scene>,
-}
-
-#[derive(Deserialize)]
-struct Scene {
-    #[serde(flatten)]
-    facts: SceneFacts,
-    checks: Checks,
-    strategies: Vec<Samples>,
-    /// By frames in a loop.
-    speeds: BTreeMap<usize, Samples>,
-    offline: Vec<OfflineTree>,
-    images: Vec<Picture>,
-}
-
-/// How many rows of a strategy there were when the summary was written.
-#[derive(Deserialize)]
-struct Samples {
-    strategy: String,
-    samples: usize,
 }
 
 /// What a folder holds: the scenes it knows all about, and rows of one that was under way.
@@ -67,37 +34,34 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
         .with_context(|| format!("{shown}: cannot be read; name a folder that `reproduce` has written"))?;
     let Version { schema } = serde_json::from_slice(&text).with_context(|| format!("{shown}: no summary"))?;
     ensure!(schema == SCHEMA, "{shown}: schema {schema}, but this program reads {SCHEMA}; measure again");
-    let summary: Summary =
+    let mut results: Results =
         serde_json::from_slice(&text).with_context(|| format!("{shown}: not what schema {SCHEMA} says"))?;
-    let Summary { interrupted, machine, revision, settings, scenes } = summary;
-    let mut rows = journal::read(&folder.join("frames.csv"))?;
-    let mut speed_rows = journal::read(&folder.join("fig5.csv"))?;
-    let accuracy = journal::read::<Point>(&folder.join("accuracy.csv"))?;
+    let [frames, speeds] = ["frames.csv", "fig5.csv"].map(|name| folder.join(name));
+    let (mut rows, mut speed_rows) = (journal::read(&frames)?, journal::read(&speeds)?);
+    results.accuracy = journal::read(&folder.join("accuracy.csv"))?;
     let mut peers = journal::read::<Peer>(&folder.join("peers.csv"))?;
-    let mut runs = Vec::new();
-    for Scene { facts, checks, strategies, speeds, offline, mut images } in scenes {
-        for picture in &mut images {
+    for run in &mut results.scenes {
+        for picture in &mut run.pictures {
             let path = folder.join("images").join(&picture.file);
             picture.bytes = fs::read(&path).with_context(|| format!("{}: cannot be read", path.display()))?;
         }
-        let mut run = SceneRun { pictures: images, checks, offline, ..SceneRun::new(facts) };
-        run.peers = peers.extract_if(.., |peer| peer.scene == run.facts.label).collect();
-        run.rows = take(&mut rows, &run.facts.label);
-        run.speeds = by_speed(take(&mut speed_rows, &run.facts.label));
+        let label = run.facts.label.as_str();
+        run.peers = peers.extract_if(.., |peer| peer.scene == label).collect();
+        run.rows = take(&mut rows, label);
+        run.speeds = by_speed(take(&mut speed_rows, label));
         if run.facts.finished {
-            for Samples { strategy, samples } in &strategies {
-                ensure_rows(&folder.join("frames.csv"), &run.facts.label, run.of(strategy).len(), *samples)?;
+            for StrategySummary { strategy, samples, .. } in &run.strategies {
+                ensure_rows(&frames, label, run.of(strategy).len(), *samples)?;
             }
-            for (frames, Samples { samples, .. }) in &speeds {
+            for (n, StrategySummary { samples, .. }) in &run.speed_summaries {
                 // The summary has the samples of one strategy; the others have as many.
-                let found = run.speeds.iter().find(|(n, _)| n == frames).map_or(0, |(_, rows)| rows.len());
-                let expected = samples * SPEED_STRATEGIES.len();
-                ensure_rows(&folder.join("fig5.csv"), &run.facts.label, found, expected)?;
+                let found =
+                    run.speeds.iter().find(|(frames, _)| frames == n).map_or(0, |(_, rows)| rows.len());
+                ensure_rows(&speeds, label, found, samples * SPEED_STRATEGIES.len())?;
             }
         }
-        runs.push(run);
+        run.summarise(&results.settings.strategies);
     }
-    let results = Results { machine, revision, settings, scenes: runs, accuracy, interrupted };
     Ok(Saved { results, rows, speed_rows })
 }
 

@@ -3,22 +3,18 @@
 //! The schema is described in `docs/RESULTS.md`; a change that could break a reader raises
 //! [`SCHEMA`].
 
-use std::collections::BTreeMap;
+use serde::{Deserialize, Serialize};
 
-use serde::Serialize;
-
-use super::accuracy;
 use super::baseline::Comparison;
 use super::chart::count;
 use super::check::Checks;
 use super::claims::Claim;
 use super::contestants::{Contestant, IDEAL};
 use super::decisions::{Decided, decisions};
-use super::offline::OfflineTree;
 use super::record::Row;
-use super::results::{Picture, Results, SceneFacts, SceneRun, Settings, Spread};
+use super::results::{Results, SceneFacts, SceneRun, Spread};
 use super::stages::{StageSummary, stages};
-use crate::machine::{Machine, Revision};
+use super::{SPEED_STRATEGY, accuracy};
 
 /// Version of the schema.
 pub(crate) const SCHEMA: u32 = 3;
@@ -26,30 +22,15 @@ pub(crate) const SCHEMA: u32 = 3;
 #[derive(Serialize)]
 struct Summary<'a> {
     schema: u32,
-    interrupted: bool,
-    machine: &'a Machine,
-    revision: &'a Revision,
-    settings: &'a Settings,
+    #[serde(flatten)]
+    results: &'a Results,
     checks: Checks,
     claims: &'a [Claim],
     baseline: Option<&'a Comparison>,
-    scenes: Vec<SceneSummary<'a>>,
-}
-
-#[derive(Serialize)]
-struct SceneSummary<'a> {
-    #[serde(flatten)]
-    facts: &'a SceneFacts,
-    checks: &'a Checks,
-    strategies: Vec<StrategySummary>,
-    /// Figure 5, by frames in a loop.
-    speeds: BTreeMap<usize, StrategySummary>,
-    offline: &'a [OfflineTree],
-    images: &'a [Picture],
 }
 
 /// A strategy on one scene, over the frames it was measured on.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct StrategySummary {
     pub(crate) strategy: String,
     /// How its update time comes about, where it is not simply measured.
@@ -72,14 +53,19 @@ pub(crate) struct StrategySummary {
     pub(crate) stages: Vec<StageSummary>,
 }
 
-/// Every strategy that was measured on a scene.
-pub(crate) fn strategies(scene: &SceneRun, settings: &Settings) -> Vec<StrategySummary> {
-    let summary = |name: &String| {
-        let over = scene.pairs(name, IDEAL).into_iter().map(|(a, b)| a.sah_cost / b.sah_cost);
-        let decisions = decisions(scene, name);
-        strategy(name, &scene.facts, &scene.of(name), Spread::of(over), decisions)
-    };
-    settings.strategies.iter().filter_map(summary).collect()
+impl SceneRun {
+    /// Sums up the rows of every strategy that was measured.
+    pub(crate) fn summarise(&mut self, names: &[String]) {
+        let summary = |name: &String| {
+            let over = self.pairs(name, IDEAL).into_iter().map(|(a, b)| a.sah_cost / b.sah_cost);
+            strategy(name, &self.facts, &self.of(name), Spread::of(over), decisions(self, name))
+        };
+        let strategies = names.iter().filter_map(summary).collect();
+        let summary = |rows: &[&Row]| strategy(SPEED_STRATEGY, &self.facts, rows, None, Vec::new());
+        let speeds = self.speeds();
+        let speeds = speeds.iter().filter_map(|(frames, rows)| Some((*frames, summary(rows)?))).collect();
+        (self.strategies, self.speed_summaries) = (strategies, speeds);
+    }
 }
 
 fn strategy(
@@ -108,40 +94,13 @@ fn strategy(
     })
 }
 
-fn speeds(scene: &SceneRun) -> BTreeMap<usize, StrategySummary> {
-    let summary = |rows: &[&Row]| strategy(&rows.first()?.strategy, &scene.facts, rows, None, Vec::new());
-    scene.speeds().iter().filter_map(|(frames, rows)| Some((*frames, summary(rows)?))).collect()
-}
-
 /// The whole summary.
 pub(crate) fn json(
     results: &Results,
     claims: &[Claim],
     baseline: Option<&Comparison>,
 ) -> serde_json::Result<String> {
-    let scene = |scene: &'_ SceneRun| strategies(scene, &results.settings);
-    let summary = Summary {
-        schema: SCHEMA,
-        interrupted: results.interrupted,
-        machine: &results.machine,
-        revision: &results.revision,
-        settings: &results.settings,
-        checks: results.checks(),
-        claims,
-        baseline,
-        scenes: results
-            .scenes
-            .iter()
-            .map(|run| SceneSummary {
-                facts: &run.facts,
-                checks: &run.checks,
-                strategies: scene(run),
-                speeds: speeds(run),
-                offline: &run.offline,
-                images: &run.pictures,
-            })
-            .collect(),
-    };
+    let summary = Summary { schema: SCHEMA, results, checks: results.checks(), claims, baseline };
     Ok(serde_json::to_string_pretty(&summary)? + "\n")
 }
 

@@ -13,7 +13,7 @@ use super::point::Point;
 use crate::interrupt;
 use crate::progress::Progress;
 use crate::reproduce::journal::Journal;
-use crate::reproduce::results::Spread;
+use crate::reproduce::{Spread, median};
 use crate::stage::{Stage, ms};
 
 /// Where points go, and how much is to be measured.
@@ -54,6 +54,19 @@ impl<'a> Log<'a> {
         self.journal.append(std::slice::from_ref(&point))?;
         self.points.push(point);
         Ok(())
+    }
+
+    /// Takes a tree with its errors over a fresh one: SAH cost, which has no noise, and trace time.
+    pub(super) fn add_tree(
+        &mut self,
+        point: &Point,
+        [cost, trace_ms]: [f64; 2],
+        selves: &[f64],
+    ) -> Result<()> {
+        self.add(point.with("SAH cost over a fresh sweep build", cost, "ratio"))?;
+        // Digits that say something.
+        let noise = Some((noise(selves) * 1e3).round() / 1e3);
+        self.add(Point { noise, ..point.with("trace time", trace_ms, "ms") })
     }
 
     /// Shows how much of the current knob is done.
@@ -142,32 +155,17 @@ impl Bench<'_> {
 /// Turns of the fresh tree in a round, beside one at its end.
 const FRESH: usize = 2;
 
-/// The errors of a tree, and their units.
-pub(super) const TREE_ERRORS: [(&str, &str); 2] =
-    [("SAH cost over a fresh sweep build", "ratio"), ("trace time", "ms")];
-
 /// Trees beside a fresh one.
 pub(super) struct Over {
-    /// The [`TREE_ERRORS`] of each tree.
+    /// SAH cost over the fresh tree's, and trace time, of each tree.
     pub(super) errors: Vec<[f64; 2]>,
     /// Trace times of the fresh tree in each of its turns.
     pub(super) selves: Vec<f64>,
 }
 
-/// Points of a tree with its errors; SAH costs have no noise.
-pub(super) fn tree_points(point: &Point, errors: [f64; 2], selves: &[f64]) -> [Point; 2] {
-    // Digits that say something.
-    let noises = [None, Some((noise(selves) * 1e3).round() / 1e3)];
-    [0, 1].map(|i| {
-        let (name, unit) = TREE_ERRORS[i];
-        Point { noise: noises[i], ..point.with(name, errors[i], unit) }
-    })
-}
-
 /// The factor by which times differ that should all be one.
 fn noise(selves: &[f64]) -> f64 {
-    let least = selves.iter().copied().fold(f64::INFINITY, f64::min);
-    selves.iter().fold(1.0, |noise, time| noise.max(time / least))
+    Spread::of(selves.iter().copied()).map_or(1.0, |times| times.max / times.min)
 }
 
 /// Numbers in a million.
@@ -221,7 +219,6 @@ pub(super) fn in_turns(
         shortest = shortest.min(whole);
         shares.iter_mut().zip(times).for_each(|(shares, time)| shares.push(time / whole));
     }
-    let median = |shares| Spread::of(shares).map_or(f64::NAN, |spread| spread.median);
     Ok(shares.into_iter().map(|shares| median(shares) * shortest).collect())
 }
 

@@ -46,72 +46,28 @@ impl Effort {
     /// For a scene of `triangles` triangles: of large ones [`Preset::Standard`] plays a fifth of
     /// the loop, and anneals none.
     pub(crate) fn new(preset: Preset, values: &Values, triangles: usize, seed: u64) -> Self {
-        let effort = Self::of_small(preset, values, seed);
-        if preset == Preset::Full || triangles <= MANY {
-            return effort;
-        }
-        Self { played: effort.frames.div_ceil(5), compared: 1, anneal_passes: &[], ..effort }
-    }
-
-    fn of_small(preset: Preset, values: &Values, seed: u64) -> Self {
         let Values { frames, size, .. } = *values;
-        let quick = Self {
+        let is_cut = preset != Preset::Full && triangles > MANY;
+        let steps: &[f64] = &[0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
+        Self {
             frames,
-            played: frames,
-            compared: 2,
-            anneal_passes: &[],
-            size: size.min(128),
-            repeats: 2,
-            rounds: 5,
-            wall: 160,
-            detail: 0.02,
-            steps: &[0.0625, 0.125, 0.25],
-            finer: 2,
-            spaces: &[0.125, 0.25, 0.5],
-            fine: [2, 2],
-            moments: 60,
-            noise_size: size.min(16),
-            samples: 16,
-            seeds: 4,
+            played: if is_cut { frames.div_ceil(5) } else { frames },
+            compared: if is_cut { 1 } else { preset.pick([2, 2, 20]) },
+            anneal_passes: if is_cut { &[] } else { preset.pick([&[], &[25], &[25, 100, 400, 1600]]) },
+            size: size.min(preset.pick([128, 512, size])),
+            repeats: preset.pick([2, 3, 5]),
+            rounds: preset.pick([5, 7, 9]),
+            wall: preset.pick([160, 512, 1024]),
+            detail: preset.pick([0.02, 0.05, 0.05]),
+            steps: preset.pick([&steps[..3], &[0.0625, 0.125, 0.25, 0.5, 1.0, 4.0], steps]),
+            finer: preset.pick([2, 64, 64]),
+            spaces: preset.pick([&steps[1..4], &steps[1..6], &steps[..7]]),
+            fine: preset.pick([[2, 2], [16, 4], [32, 4]]),
+            moments: preset.pick([60, 200, 500]),
+            noise_size: size.min(preset.pick([16, 32, 64])),
+            samples: preset.pick([16, 256, 1024]),
+            seeds: preset.pick([4, 8, 16]),
             seed,
-        };
-        match preset {
-            Preset::Quick => quick,
-            Preset::Standard => Self {
-                anneal_passes: &[25],
-                size: size.min(512),
-                repeats: 3,
-                rounds: 7,
-                wall: 512,
-                detail: 0.05,
-                steps: &[0.0625, 0.125, 0.25, 0.5, 1.0, 4.0],
-                finer: 64,
-                spaces: &[0.125, 0.25, 0.5, 1.0, 2.0],
-                fine: [16, 4],
-                moments: 200,
-                noise_size: size.min(32),
-                samples: 256,
-                seeds: 8,
-                ..quick
-            },
-            Preset::Full => Self {
-                compared: 20,
-                size,
-                anneal_passes: &[25, 100, 400, 1600],
-                repeats: 5,
-                rounds: 9,
-                wall: 1024,
-                detail: 0.05,
-                steps: &[0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0],
-                finer: 64,
-                spaces: &[0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0],
-                fine: [32, 4],
-                moments: 500,
-                noise_size: size.min(64),
-                samples: 1024,
-                seeds: 16,
-                ..quick
-            },
         }
     }
 }

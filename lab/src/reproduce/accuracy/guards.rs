@@ -125,7 +125,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
             let note = format!(
                 "time of an update, sound; error with one vertex in {BROKEN} NaN, against a fresh tree"
             );
-            let point = Point { note, ..Point::new(knob, if on { "on" } else { "off" }, on, time_ms) };
+            let point = Point::new(knob, if on { "on" } else { "off" }, on, time_ms).noted(note);
             bench.log.add(point.with("pixels lost to broken triangles", error, "in a million"))?;
         }
     }

@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 use bvh_core::rotation::{area_changes_at, best, rotate};
 use bvh_core::{Aabb, Bvh, MAX_HEIGHT, Node, Primitives, Triangles};
 
-use super::bench::{Bench, Over, tree_points};
+use super::bench::{Bench, Over};
 use super::point::Point;
 use crate::interrupt;
 use crate::stage::ms;
@@ -75,10 +75,8 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
             true => "height of the first tree".to_owned(),
             false => format!("{bound} levels"),
         };
-        let point = Point { note, ..Point::new("height bound", setting, *bound == MAX_HEIGHT, *time_ms) };
-        for point in tree_points(&point, errors, &selves) {
-            bench.log.add(point)?;
-        }
+        let point = Point::new("height bound", setting, *bound == MAX_HEIGHT, *time_ms).noted(note);
+        bench.log.add_tree(&point, errors, &selves)?;
     }
     Ok(())
 }

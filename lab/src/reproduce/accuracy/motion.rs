@@ -4,7 +4,7 @@
 use anim::{Animation, Pose};
 use anyhow::{Context, Result};
 use bvh_core::Vec3;
-use scenes::{Scene, SceneInfo, SceneOptions, distance};
+use scenes::{SceneInfo, SceneOptions, distance};
 
 use super::bench::{Log, fastest};
 use super::point::Point;
@@ -30,12 +30,7 @@ fn info(name: &str) -> Result<&'static SceneInfo> {
     scenes::list().iter().find(|info| info.name == name).with_context(|| format!("no scene {name}"))
 }
 
-/// Simulates a scene with a number of key frames, and of steps between two of them. Gives the scene
-/// and the milliseconds from the first to the last of its key frames.
-fn simulate(log: &Log<'_>, name: &str, key_frames: usize, steps: usize) -> Result<(Scene, f64)> {
-    stage::simulated(name, options(log, key_frames, steps))
-}
-
+/// A simulation with a number of key frames, and of steps between two of them.
 fn options(log: &Log<'_>, key_frames: usize, steps: usize) -> SceneOptions<'static> {
     SceneOptions {
         seed: log.effort.seed,
@@ -78,26 +73,22 @@ pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
         let finest = log.effort.finer.min(finest) as f64;
         for &multiple in log.effort.steps.iter().filter(|&&multiple| multiple < 0.5 * finest) {
             let steps = (multiple * own as f64).round().max(1.0) as usize;
-            let (scene, time_ms) = simulate(log, name, keys, steps)?;
+            let (scene, time_ms) = stage::simulated(name, options(log, keys, steps))?;
             let setting = format!("{steps} steps a key frame");
-            let point = |condition: &str| {
-                let note = format!(
-                    "time of simulating a loop, with the cloth at {} of its triangles",
-                    log.effort.detail
-                );
-                let knob = format!("{name} step{condition}");
-                Point { note, ..Point::new(knob, setting.clone(), steps == own, time_ms) }
-            };
-            let mut points = Vec::new();
+            let note = format!(
+                "time of simulating a loop, with the cloth at {} of its triangles",
+                log.effort.detail
+            );
+            let point = Point::new(format!("{name} step"), setting, steps == own, time_ms).noted(note);
             for (key, exact) in &exact {
                 let error = apart(&moved(&*scene.animation, *key, keys), exact);
-                let name = format!("rms distance to steps {finer} times finer");
-                points.push(point(&format!(" at key frame {key}")).with(&name, error, "of the extent"));
+                let error_name = format!("rms distance to steps {finer} times finer");
+                let point = Point { knob: format!("{name} step at key frame {key}"), ..point.clone() };
+                log.add(point.with(&error_name, error, "of the extent"))?;
             }
             for measure in &scene.measures {
-                points.push(point("").with(&measure.name, measure.value, "fraction"));
+                log.add(point.with(&measure.name, measure.value, "fraction"))?;
             }
-            points.into_iter().try_for_each(|point| log.add(point))?;
         }
         log.done(i + 1, SIMULATED.len());
     }
@@ -110,12 +101,12 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
     for (i, Simulated { name, .. }) in SIMULATED.into_iter().enumerate() {
         let own = info(name)?.frames - 1;
         let finest = own * multiple;
-        let (fine, _) = simulate(log, name, finest + 1, steps)?;
+        let (fine, _) = stage::simulated(name, options(log, finest + 1, steps))?;
         for spaces in spaces(own, finest, log.effort.spaces) {
             if interrupt::requested() {
                 return Ok(());
             }
-            let (scene, _) = simulate(log, name, spaces + 1, steps * finest / spaces)?;
+            let (scene, _) = stage::simulated(name, options(log, spaces + 1, steps * finest / spaces))?;
             let far = distance(&*scene.animation, &*fine.animation, log.effort.moments)
                 .context("other vertices")?;
             let mut pose = Pose::new(&*scene.animation);
@@ -130,13 +121,9 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
                 finest + 1,
                 finest * steps
             );
-            let point = Point::new(
-                format!("key frames at {name}"),
-                format!("{spaces} a loop"),
-                spaces == own,
-                time_ms,
-            );
-            let point = Point { note, bytes: Some(scene.key_bytes as u64), ..point };
+            let (knob, setting) = (format!("key frames at {name}"), format!("{spaces} a loop"));
+            let point = Point::new(knob, setting, spaces == own, time_ms).noted(note);
+            let point = Point { bytes: Some(scene.key_bytes as u64), ..point };
             log.add(point.with("rms distance to the finely sampled motion", far.rms, "of the extent"))?;
             log.add(point.with("greatest distance to the finely sampled motion", far.max, "of the extent"))?;
         }

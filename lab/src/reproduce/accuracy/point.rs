@@ -35,6 +35,11 @@ impl Point {
         Self { knob: knob.into(), setting: setting.into(), is_default, time_ms, ..Self::default() }
     }
 
+    /// The same with what there is to say.
+    pub(super) fn noted(self, note: String) -> Self {
+        Self { note, ..self }
+    }
+
     /// The same setting with this error.
     pub(super) fn with(&self, error_name: &str, error: f64, unit: &str) -> Self {
         Self { error_name: error_name.to_owned(), error, unit: unit.to_owned(), ..self.clone() }

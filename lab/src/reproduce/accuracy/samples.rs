@@ -258,9 +258,8 @@ pub(super) fn measure(log: &mut Log<'_>) -> Result<()> {
             let time_ms = of_seeds.iter().map(|means| means[level].1).fold(f64::INFINITY, f64::min);
             let [bias, noise] = bias_and_noise(&means, &expected);
             let (knob, setting) = (format!("samples a pixel at {}", case.name), format!("{samples} a pixel"));
-            let point = Point::new(knob, setting, samples == case.default, time_ms);
             let note = format!("time of {size} x {size} pixels; {} seeds", means.len());
-            let point = Point { note, ..point };
+            let point = Point::new(knob, setting, samples == case.default, time_ms).noted(note);
             log.add(point.with("bias, rms over pixels", bias, "linear colour"))?;
             log.add(point.with("standard deviation, rms over pixels", noise, "linear colour"))?;
         }

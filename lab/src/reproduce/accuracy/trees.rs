@@ -7,12 +7,13 @@ use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
 use bvh_core::Bvh;
 use bvh_update::{Rotate, Strategy, Updater};
 
-use super::bench::{Bench, Over, fastest, tree_points};
+use super::bench::{Bench, Over, fastest};
 use super::point::Point;
 use crate::interrupt;
 use crate::stage::ms;
 
 /// A strategy at work.
+#[derive(Default)]
 struct Entrant {
     name: String,
     strategy: Strategy,
@@ -26,12 +27,7 @@ struct Entrant {
 }
 
 /// All strategies whose trees depend on the motion alone, rotations at four budgets among them.
-/// Each updates its tree frame by frame through a loop; on some frames the trees are compared with
-/// a fresh one.
-pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
-    if !bench.moves() {
-        return Ok(());
-    }
+fn entrants(bench: &Bench<'_>) -> Result<Vec<Entrant>> {
     let strategies = Strategy::all().into_iter().filter(|strategy| match strategy {
         // Trees that arrive from the background depend on what else the machine does.
         Strategy::Background(_) => false,
@@ -39,27 +35,27 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
         Strategy::Rebuild(Builder::Binned, _) => false,
         _ => true,
     });
+    let named = strategies.map(|strategy| (strategy.name().to_owned(), strategy));
     let fewer = [2, 4, 8].map(|period| {
         (format!("refit+rotate at 1 node in {period}"), Strategy::RefitRotate(Rotate { period }))
     });
-    bench.stage.pose(0.0);
-    let mut entrants: Vec<Entrant> = strategies
-        .map(|strategy| (strategy.name().to_owned(), strategy))
-        .chain(fewer)
-        .map(|(name, strategy)| Entrant {
-            name,
-            strategy,
-            tree: bench.stage.first_tree.clone(),
-            updater: Updater::default(),
-            updates: 0,
-            update_ms: 0.0,
-            height: 0,
-            errors: [0.0; 2],
-        })
-        .collect();
-    for entrant in &mut entrants {
+    let entrant = |(name, strategy)| {
+        let mut entrant =
+            Entrant { name, strategy, tree: bench.stage.first_tree.clone(), ..Entrant::default() };
         entrant.warm_up(bench)?;
+        Ok(entrant)
+    };
+    named.chain(fewer).map(entrant).collect()
+}
+
+/// Each strategy updates its tree frame by frame through a loop; on some frames the trees are
+/// compared with a fresh one.
+pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
+    if !bench.moves() {
+        return Ok(());
     }
+    bench.stage.pose(0.0);
+    let mut entrants = entrants(bench)?;
     let (frames, played, wanted) =
         (bench.log.effort.frames, bench.log.effort.played, bench.log.effort.compared);
     let mut compared = 0;
@@ -105,10 +101,8 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
             entrant.updates, entrant.height
         );
         let time_ms = entrant.update_ms / entrant.updates.max(1) as f64;
-        let point = Point { note, ..Point::new("update strategy", entrant.name, is_default, time_ms) };
-        for point in tree_points(&point, entrant.errors.map(|sum| sum / f64::from(compared)), &selves) {
-            bench.log.add(point)?;
-        }
+        let point = Point::new("update strategy", entrant.name, is_default, time_ms).noted(note);
+        bench.log.add_tree(&point, entrant.errors.map(|sum| sum / f64::from(compared)), &selves)?;
     }
     Ok(())
 }
@@ -190,10 +184,8 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
             "time of a build, fastest of at most {}; errors in the middle of the loop",
             bench.log.effort.repeats
         );
-        let point = Point { note, ..Point::new("builder", setting.as_str(), *is_default, *time_ms) };
-        for point in tree_points(&point, errors, &selves) {
-            bench.log.add(point)?;
-        }
+        let point = Point::new("builder", setting.as_str(), *is_default, *time_ms).noted(note);
+        bench.log.add_tree(&point, errors, &selves)?;
     }
     Ok(())
 }

@@ -23,9 +23,9 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         for ((test, time_ms), error) in all.into_iter().zip(times).zip(errors) {
             let knob = format!("triangle test at {condition}");
             let note = "time of a frame with primary and shadow rays, in the middle of the loop".to_owned();
-            let point = Point::new(knob, test.name(), test == TriangleTest::default(), time_ms);
+            let point = Point::new(knob, test.name(), test == TriangleTest::default(), time_ms).noted(note);
             let name = "pixels seen or lit otherwise than with f64";
-            bench.log.add(Point { note, ..point }.with(name, error, "in a million"))?;
+            bench.log.add(point.with(name, error, "in a million"))?;
         }
     }
     Ok(())

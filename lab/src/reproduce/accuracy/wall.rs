@@ -200,9 +200,8 @@ fn triangle_tests(log: &mut Log<'_>, wall: &Wall, tree: &Bvh, condition: &str) -
     for (test, time_ms) in all.into_iter().zip(times) {
         let (hits, _) = wall.tiles(tree, test);
         let knob = format!("triangle test on a wall at {condition}");
-        let point = Point::new(knob, test.name(), test == TriangleTest::default(), time_ms);
         let note = format!("time of {} primary rays in tiles", hits.len());
-        let point = Point { note, ..point };
+        let point = Point::new(knob, test.name(), test == TriangleTest::default(), time_ms).noted(note);
         log.add(point.with(LEAKS.0, leaks(&hits), LEAKS.1))?;
         log.add(point.with("rms distance error", wall.distance_error(&hits), "fraction"))?;
     }
@@ -223,9 +222,9 @@ fn arithmetic(log: &mut Log<'_>, wall: &Wall, tree: &Bvh, condition: &str) -> Re
     ] {
         for (setting, hits, time_ms) in settings {
             let is_default = std::ptr::eq(hits, &raw const plain);
-            let point = Point::new(format!("{knob} at {condition}"), setting, is_default, time_ms);
+            let note = format!("time of {} single rays, one thread", hits.len() / PART);
             let point =
-                Point { note: format!("time of {} single rays, one thread", hits.len() / PART), ..point };
+                Point::new(format!("{knob} at {condition}"), setting, is_default, time_ms).noted(note);
             log.add(point.with(LEAKS.0, leaks(hits), LEAKS.1))?;
             if knob == "fused multiply-add" {
                 log.add(point.with("hits with other bits than without", differ(hits), "in a million"))?;

@@ -1,10 +1,10 @@
 //! The paper's claims, each judged by a stated rule from what was measured.
 //!
-//! A ratio of times is that of their sums over the frames that both strategies were measured on.
-//! Bounds stand in one file, [`bounds`], as they are and as they were first; a
+//! `claims.json` has the paper's words and the rule of each claim; a function of the name it gives
+//! judges. A ratio of times is that of their sums over the frames that both strategies were measured
+//! on. Bounds stand in one file, [`bounds`], as they are and as they were first; a
 //! value of a time that alone would change the verdict, were it [`table::BAND`] more or less, is
 //! named as near the bound. SAH costs do not depend on the machine and are the same in every run.
-//! `docs/PAPER.md` lists the rules.
 
 mod bounds;
 mod findings;
@@ -15,36 +15,45 @@ mod table;
 #[cfg(test)]
 pub(crate) mod tests;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use self::bounds::{Both, Bounds};
+pub(crate) use self::ratios::frame_time;
 use super::results::Results;
 
 /// A claim with what was found.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Claim {
-    pub(crate) claim: &'static str,
+    /// The name of the function that judges it.
+    #[serde(skip_serializing)]
+    judge: String,
+    pub(crate) claim: String,
     /// Where the paper makes it.
-    pub(crate) source: &'static str,
+    pub(crate) source: String,
     /// The paper's figure.
-    pub(crate) paper: &'static str,
+    pub(crate) paper: String,
     /// What was measured, scene by scene.
+    #[serde(skip_deserializing)]
     pub(crate) ours: String,
+    #[serde(skip_deserializing)]
     pub(crate) verdict: Verdict,
     /// The verdict by the bounds that were written first.
+    #[serde(skip_deserializing)]
     pub(crate) first_verdict: Verdict,
     /// When it holds, and when in part.
-    pub(crate) rule: &'static str,
+    pub(crate) rule: String,
     /// What decided, or why nothing could.
+    #[serde(skip_deserializing)]
     pub(crate) why: String,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Verdict {
     Holds,
     HoldsInPart,
     DoesNotHoldHere,
+    #[default]
     NotRun,
 }
 
@@ -72,59 +81,51 @@ impl Verdict {
     }
 }
 
-/// What a claim comes to: ours, verdict, why.
-struct Finding(String, Verdict, String);
+/// What a claim comes to: ours, verdict, why; or else why nothing could be judged.
+type Finding = Result<(String, Verdict, String), String>;
+type Judge = fn(&Results, &Bounds) -> Finding;
 
-impl Finding {
-    fn not_run(why: impl Into<String>) -> Self {
-        Self("–".to_owned(), Verdict::NotRun, why.into())
-    }
-}
-
-/// A claim of the paper, and how it is judged.
-struct Rule {
-    claim: &'static str,
-    source: &'static str,
-    paper: &'static str,
-    rule: &'static str,
-    judge: fn(&Results, &Bounds) -> Finding,
-}
-
-/// All claims, in the paper's order.
-const RULES: [Rule; 24] = [
-    findings::ROTATION_OVERHEAD,
-    findings::ROTATION_AGAINST_REBUILD,
-    findings::FRAMES_AGAINST_REFIT,
-    findings::FRAMES_AGAINST_IDEAL,
-    findings::FRAMES_AGAINST_REBUILD,
-    findings::GENTLE_SCENES,
-    findings::DEFORMING_SCENES,
-    museum::CHAOS,
-    museum::OTHER_KEY_FRAMES,
-    museum::WITH_REBUILDS,
-    findings::LION,
-    findings::SPEEDS,
-    findings::BELOW_SWEEP,
-    findings::CANDIDATES,
-    findings::STABILITY,
-    findings::ANNEALING,
-    further::WORST_FRAME,
-    further::INSENSITIVE,
-    further::MUSEUM_CAUSE,
-    further::SETTLING,
-    further::MEMORY,
-    further::FEWER_CORES,
-    further::HLBVH,
-    further::FAST_MOTION,
+/// The functions that judge, by the names in `claims.json`.
+const JUDGES: [(&str, Judge); 24] = [
+    ("rotation_overhead", findings::rotation_overhead),
+    ("rotation_against_rebuild", findings::rotation_against_rebuild),
+    ("frames_against_refit", findings::frames_against_refit),
+    ("frames_against_ideal", findings::frames_against_ideal),
+    ("frames_against_rebuild", findings::frames_against_rebuild),
+    ("gentle_scenes", findings::gentle_scenes),
+    ("deforming_scenes", findings::deforming_scenes),
+    ("chaos", museum::chaos),
+    ("other_keys", museum::other_keys),
+    ("with_rebuilds", museum::with_rebuilds),
+    ("lion", findings::lion),
+    ("speeds", findings::speeds),
+    ("below_sweep", findings::below_sweep),
+    ("candidates", findings::candidates),
+    ("stability", findings::stability),
+    ("annealing", findings::annealing),
+    ("worst_frame", further::worst_frame),
+    ("insensitive", further::insensitive),
+    ("museum_cause", further::museum_cause),
+    ("settling", further::settling),
+    ("memory", further::memory),
+    ("fewer_cores", further::fewer_cores),
+    ("hlbvh", further::hlbvh),
+    ("fast_motion", further::fast_motion),
 ];
 
-/// Judges all claims.
+/// Judges all claims, in the paper's order.
 pub(crate) fn judge(results: &Results) -> Vec<Claim> {
     let Both { first, present, .. } = Both::read();
-    let judged = |&Rule { claim, source, paper, rule, judge }: &Rule| {
-        let Finding(ours, verdict, why) = judge(results, &present);
-        let Finding(_, first_verdict, _) = judge(results, &first);
-        Claim { claim, source, paper, ours, verdict, first_verdict, rule, why }
-    };
-    RULES.iter().map(judged).collect()
+    let mut claims: Vec<Claim> =
+        serde_json::from_str(include_str!("claims.json")).expect("a file that a test reads");
+    for claim in &mut claims {
+        let judge = JUDGES.into_iter().find(|(name, _)| *name == claim.judge);
+        let (_, judge) = judge.expect("a name that a test looks up");
+        let found = |bounds: &Bounds| {
+            judge(results, bounds).unwrap_or_else(|why| ("–".to_owned(), Verdict::NotRun, why))
+        };
+        (claim.ours, claim.verdict, claim.why) = found(&present);
+        (_, claim.first_verdict, _) = found(&first);
+    }
+    claims
 }

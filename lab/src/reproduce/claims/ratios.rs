@@ -13,7 +13,7 @@ pub(super) const BINNED_PARALLEL: &str = "binned-parallel";
 
 /// A strategy, and what its update times are multiplied by: 1 as they stand in the rows.
 #[derive(Clone, Copy)]
-pub(super) struct Timed {
+pub(crate) struct Timed {
     strategy: &'static str,
     factor: f64,
 }
@@ -43,7 +43,7 @@ fn over(scene: &SceneRun, a: Timed, b: Timed, time: fn(Timed, &Row) -> f64) -> O
 }
 
 /// Time of updates and rendering of `a` over that of `b`.
-pub(super) fn frame_time(scene: &SceneRun, a: impl Into<Timed>, b: impl Into<Timed>) -> Option<f64> {
+pub(crate) fn frame_time(scene: &SceneRun, a: impl Into<Timed>, b: impl Into<Timed>) -> Option<f64> {
     over(scene, a.into(), b.into(), Timed::frame)
 }
 
@@ -68,14 +68,6 @@ pub(super) fn mean_cost(scene: &SceneRun, strategy: &str) -> Option<f64> {
     Some(Spread::of(first.map(|row| row.sah_cost))?.mean)
 }
 
-pub(super) fn at_most(bound: f64) -> impl Fn(f64) -> bool {
-    move |ratio| ratio <= bound
-}
-
-pub(super) fn at_least(bound: f64) -> impl Fn(f64) -> bool {
-    move |ratio| ratio >= bound
-}
-
 /// What decides where the ideally parallel rebuild is compared with, and the figures were it
 /// counted otherwise: divided by the threads that the run had, with bins along one axis, and
 /// really parallel. `table` is given the rebuild.
@@ -96,7 +88,7 @@ pub(super) fn other_views(results: &Results, table: impl Fn(Timed) -> Table) -> 
     views.push((format!("the serial rebuild with bins along one axis / {PAPER_THREADS}"), as_published));
     views.push(("the parallel rebuild as measured".to_owned(), BINNED_PARALLEL.into()));
     let tables = views.into_iter().map(|(words, rebuild)| (words, table(rebuild)));
-    let measured = tables.filter(|(_, table)| !table.is_empty());
+    let measured = tables.filter(|(_, table)| table.len() > 0);
     let lines: Vec<_> = measured.map(|(words, table)| format!("with {words}: {}", table.text())).collect();
     if !lines.is_empty() {
         text += &format!("; other views, which decide nothing, {}", lines.join("; "));

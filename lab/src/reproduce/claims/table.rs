@@ -5,35 +5,59 @@ use crate::reproduce::results::SceneRun;
 
 /// Values by scene, or by whatever else has a name.
 #[derive(Clone)]
-pub(super) struct Table(pub(super) Vec<(String, f64)>);
+pub(super) struct Table {
+    pub(super) rows: Vec<(String, f64)>,
+    /// Decimals in texts.
+    digits: usize,
+    /// Whether the values differ from run to run.
+    are_times: bool,
+}
 
 /// By how much a time may differ from one run to the next on the same machine.
 pub(super) const BAND: f64 = 0.05;
 
 impl Table {
+    /// Ratios of times, where there is one.
+    pub(super) fn new<'a>(rows: impl IntoIterator<Item = (&'a str, Option<f64>)>) -> Self {
+        let rows =
+            rows.into_iter().filter_map(|(name, v)| Some((name.to_owned(), v.filter(|v| v.is_finite())?)));
+        Self { rows: rows.collect(), digits: 2, are_times: true }
+    }
+
+    /// Ratios of times, of the scenes that have one.
     pub(super) fn of<'a>(
         scenes: impl IntoIterator<Item = &'a SceneRun>,
         value: impl Fn(&SceneRun) -> Option<f64>,
     ) -> Self {
-        let rows = scenes.into_iter().filter_map(|s| Some((s.facts.label.clone(), value(s)?)));
-        Self(rows.filter(|(_, v)| v.is_finite()).collect())
+        Self::new(scenes.into_iter().map(|s| (s.facts.label.as_str(), value(s))))
     }
 
-    /// One value.
+    /// One ratio of times.
     pub(super) fn single((name, value): (&str, f64)) -> Self {
-        Self(vec![(name.to_owned(), value)])
+        Self::new([(name, Some(value))])
+    }
+
+    /// The same, of values that are alike in every run, with that many decimals.
+    pub(super) fn exact(self, digits: usize) -> Self {
+        Self { digits, are_times: false, ..self }
+    }
+
+    /// The same; an error if it is empty.
+    pub(super) fn or(self, why: impl Into<String>) -> Result<Self, String> {
+        if self.rows.is_empty() { Err(why.into()) } else { Ok(self) }
+    }
+
+    /// The same; an error if no scene was run with all that is compared.
+    pub(super) fn compared(self) -> Result<Self, String> {
+        self.or("no scene that moves was run with all the strategies it compares")
     }
 
     pub(super) fn len(&self) -> usize {
-        self.0.len()
-    }
-
-    pub(super) fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.rows.len()
     }
 
     pub(super) fn count(&self, holds: impl Fn(f64) -> bool) -> usize {
-        self.0.iter().filter(|(_, v)| holds(*v)).count()
+        self.rows.iter().filter(|(_, v)| holds(*v)).count()
     }
 
     pub(super) fn all(&self, holds: impl Fn(f64) -> bool) -> bool {
@@ -44,17 +68,18 @@ impl Table {
         2 * self.count(holds) > self.len()
     }
 
-    pub(super) fn text(&self) -> String {
-        self.text_to(2)
+    pub(super) fn least(&self) -> f64 {
+        self.rows.iter().map(|(_, value)| *value).fold(f64::INFINITY, f64::min)
     }
 
-    pub(super) fn text_to(&self, digits: usize) -> String {
-        self.0.iter().map(|(name, v)| format!("{name} {v:.digits$}")).collect::<Vec<_>>().join(", ")
+    pub(super) fn text(&self) -> String {
+        let digits = self.digits;
+        self.rows.iter().map(|(name, v)| format!("{name} {v:.digits$}")).collect::<Vec<_>>().join(", ")
     }
 
     /// Names of those for which `holds` is false.
     pub(super) fn except(&self, holds: impl Fn(f64) -> bool) -> String {
-        let names = self.0.iter().filter(|(_, v)| !holds(*v)).map(|(name, _)| name.as_str());
+        let names = self.rows.iter().filter(|(_, v)| !holds(*v)).map(|(name, _)| name.as_str());
         names.collect::<Vec<_>>().join(", ")
     }
 
@@ -66,6 +91,26 @@ impl Table {
             (n, all) => format!("{what} in {n} of {all} scenes; not in {}", self.except(holds)),
         }
     }
+
+    /// The finding by the usual rule: holds if something does in every scene, in part if in more than
+    /// half of them.
+    pub(super) fn everywhere(&self, what: &str, holds: impl Fn(f64) -> bool) -> (String, Verdict, String) {
+        let (verdict, near) = by_times([self], |[t]| graded(t.all(&holds), t.most(&holds)));
+        (self.text(), verdict, self.scenes_where(what, holds) + &near)
+    }
+
+    /// The same of values at most `bound`.
+    pub(super) fn at_most(&self, bound: f64) -> (String, Verdict, String) {
+        self.everywhere(&format!("at most {bound}"), at_most(bound))
+    }
+}
+
+pub(super) fn at_most(bound: f64) -> impl Fn(f64) -> bool {
+    move |ratio| ratio <= bound
+}
+
+pub(super) fn at_least(bound: f64) -> impl Fn(f64) -> bool {
+    move |ratio| ratio >= bound
 }
 
 /// The three verdicts on what was run.
@@ -77,6 +122,11 @@ pub(super) fn graded(holds: bool, in_part: bool) -> Verdict {
     }
 }
 
+/// Holds if both conditions do, in part if one of them.
+pub(super) fn both(a: bool, b: bool) -> Verdict {
+    graded(a && b, a || b)
+}
+
 /// The verdict that a rule gives on tables of times, and in words which values are near a bound
 /// that decides: those that would change the verdict, were they alone [`BAND`] more or less.
 pub(super) fn by_times<const N: usize>(
@@ -85,11 +135,11 @@ pub(super) fn by_times<const N: usize>(
 ) -> (Verdict, String) {
     let verdict = rule(tables);
     let mut near: Vec<&str> = Vec::new();
-    for (at, table) in tables.iter().enumerate() {
-        for (row, (name, value)) in table.0.iter().enumerate() {
+    for (at, table) in tables.iter().enumerate().filter(|(_, table)| table.are_times) {
+        for (row, (name, value)) in table.rows.iter().enumerate() {
             let turns = [value * (1.0 + BAND), value / (1.0 + BAND)].into_iter().any(|other| {
                 let mut changed = Table::clone(table);
-                changed.0[row].1 = other;
+                changed.rows[row].1 = other;
                 let mut tables = tables;
                 tables[at] = &changed;
                 rule(tables) != verdict

@@ -1,5 +1,6 @@
 //! What a run says in two sentences: whether rotations pay, and which strategy to use.
 
+use crate::reproduce::claims::frame_time;
 use crate::reproduce::contestants::Contestant;
 use crate::reproduce::results::{Results, SceneRun};
 
@@ -17,9 +18,7 @@ pub(super) fn moving(results: &Results) -> Vec<&SceneRun> {
 /// How many times as fast frames are with rotations as with refitting alone, on the frames that both
 /// were measured on.
 pub(super) fn speedup(scene: &SceneRun) -> Option<f64> {
-    let pairs = scene.pairs("refit", "refit+rotate");
-    let sums = pairs.iter().fold((0.0, 0.0), |sums, (a, b)| (sums.0 + a.frame_ms, sums.1 + b.frame_ms));
-    Some(sums.0 / sums.1).filter(|ratio| ratio.is_finite())
+    frame_time(scene, "refit", "refit+rotate").filter(|ratio| ratio.is_finite())
 }
 
 /// Whether rotations pay, on how many scenes, by how much.
@@ -76,17 +75,16 @@ fn standings(results: &Results) -> Vec<Standing<'_>> {
     let scenes = moving(results);
     let is_usable = |name: &&String| Contestant::from_name(name).is_ok_and(|c| c.accounting().is_none());
     let usable: Vec<&String> = results.settings.strategies.iter().filter(is_usable).collect();
-    let time = |scene: &SceneRun, name: &str| -> f64 {
+    let time = |scene: &SceneRun, name: &str| {
         let rows = scene.of(name);
         rows.iter().map(|row| row.frame_ms).sum::<f64>() / rows.len() as f64
     };
-    let fastest: Vec<f64> = scenes
-        .iter()
-        .map(|scene| usable.iter().map(|name| time(scene, name)).fold(f64::INFINITY, f64::min))
-        .collect();
-    let standing = |name: &&'_ String| {
-        let over =
-            scenes.iter().zip(&fastest).map(|(s, best)| (time(s, name) / best, s.facts.label.as_str()));
+    let over_fastest = |scene: &SceneRun, strategy: &str| {
+        let fastest = usable.iter().map(|name| time(scene, name)).fold(f64::INFINITY, f64::min);
+        time(scene, strategy) / fastest
+    };
+    let standing = |strategy: &&'_ String| {
+        let over = scenes.iter().map(|scene| (over_fastest(scene, strategy), scene.facts.label.as_str()));
         let over: Vec<_> = over.collect();
         let mean = (over.iter().map(|o| o.0.ln()).sum::<f64>() / over.len() as f64).exp();
         let worst = over.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;

@@ -6,7 +6,7 @@ use super::answer::{advice, headline, moving, speedup};
 use super::{check_line, plural, scene, tally, verdict_class};
 use crate::reproduce::chart::number;
 use crate::reproduce::claims::Claim;
-use crate::reproduce::results::{Picture, Results, SceneRun, Spread};
+use crate::reproduce::results::{Picture, Results, SceneRun};
 
 /// Strategies that the chart shows, each with its class of colour.
 const BARS: [(&str, &str); 3] = [("refit", "refit"), ("refit+rotate", "rotate"), ("auto", "auto")];
@@ -94,11 +94,8 @@ struct Bar<'a> {
 
 fn bars(scene: &SceneRun) -> Vec<Bar<'_>> {
     let bar = |strategy: &'static str, class| {
-        let rows = scene.of(strategy);
-        let mean = |time: fn(&crate::reproduce::record::Row) -> f64| {
-            Some(Spread::of(rows.iter().map(|row| time(row)))?.mean)
-        };
-        Some(Bar { strategy, class, update: mean(|row| row.update_ms)?, trace: mean(|row| row.trace_ms)? })
+        let summary = scene.strategies.iter().find(|summary| summary.strategy == strategy)?;
+        Some(Bar { strategy, class, update: summary.update_ms.mean, trace: summary.trace_ms.mean })
     };
     let mut bars: Vec<_> = BARS.iter().filter_map(|&(strategy, class)| bar(strategy, class)).collect();
     let rebuilds = REBUILDS.iter().filter_map(|strategy| bar(strategy, "rebuild"));

@@ -5,12 +5,13 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
 
-use super::{capital, plural};
+use super::{capital, cell, plural, table};
 use crate::reproduce::chart::{count, number};
 use crate::reproduce::decisions::ALWAYS;
+use crate::reproduce::offline::OfflineTree;
 use crate::reproduce::results::{Picture, Results, SceneRun, Spread};
 use crate::reproduce::stages::StageSummary;
-use crate::reproduce::summary::{StrategySummary, strategies};
+use crate::reproduce::summary::StrategySummary;
 
 /// The strategy whose stages stand for those of a frame.
 const TYPICAL: &str = "refit+rotate";
@@ -23,15 +24,15 @@ pub(super) fn sections(results: &Results) -> Markup {
                  the SAH cost with that of a fresh sweep build on the same frame."
             }
             @for scene in results.main_scenes() {
-                div id={ "scene-" (scene.facts.slug) } data-scene=(scene.facts.label) { (section(results, scene)) }
+                div id={ "scene-" (scene.facts.slug) } data-scene=(scene.facts.label) { (section(scene)) }
             }
         }
     }
 }
 
-fn section(results: &Results, scene: &SceneRun) -> Markup {
+fn section(scene: &SceneRun) -> Markup {
     let facts = &scene.facts;
-    let rows = strategies(scene, &results.settings);
+    let rows = &scene.strategies;
     let typical = rows.iter().find(|row| row.strategy == TYPICAL).or(rows.first());
     html! {
         h3 { (facts.label) }
@@ -43,7 +44,7 @@ fn section(results: &Results, scene: &SceneRun) -> Markup {
         @for note in &facts.notes { p.soft { (capital(note)) "." } }
         (film(scene))
         (frame_plan(scene, typical))
-        @if !rows.is_empty() { (table(&rows)) }
+        @if !rows.is_empty() { (table(&HEADS, 1, rows.iter().map(strategy_row))) }
         @for row in rows.iter().filter(|row| !row.decisions.is_empty()) { (decisions(row)) }
         @if !scene.offline.is_empty() { (offline(scene)) }
     }
@@ -106,41 +107,41 @@ pub(super) fn image(picture: &Picture, words: &str) -> Markup {
     }
 }
 
-fn table(rows: &[StrategySummary]) -> Markup {
-    html! {
-        div.scroll {
-            table {
-                thead {
-                    tr {
-                        th { "Strategy" } th.n { "Update" } th.n { "Trace" } th.n { "Frame" } th.n { "Worst frame" }
-                        th.n { "SAH cost, last" } th.n { "× sweep, mean" } th.n { "× sweep, worst" }
-                        th.n { "Rotations a frame" } th.n { "Height" } th.n { "Frames" }
-                    }
-                }
-                tbody {
-                    @for row in rows {
-                        tr data-strategy=(row.strategy) {
-                            th scope="row" {
-                                (row.strategy)
-                                @if let Some(accounting) = &row.accounting { div.soft.light { (accounting) } }
-                            }
-                            td.n { (with_range(&row.update_ms)) }
-                            td.n { (with_range(&row.trace_ms)) }
-                            td.n { (with_range(&row.frame_ms)) }
-                            td.n { (number(row.frame_ms.max)) }
-                            td.n { (number(row.last_cost)) }
-                            @for over in [|s: &Spread| s.mean, |s: &Spread| s.max] {
-                                td.n { (row.sah_over_sweep.as_ref().map_or("–".to_owned(), |s| number(over(s)))) }
-                            }
-                            td.n { (number(row.rotations as f64 / row.samples as f64)) }
-                            td.n { (row.greatest_height) }
-                            td.n { (row.samples) }
-                        }
-                    }
-                }
-            }
-        }
-    }
+const HEADS: [&str; 11] = [
+    "Strategy",
+    "Update",
+    "Trace",
+    "Frame",
+    "Worst frame",
+    "SAH cost, last",
+    "× sweep, mean",
+    "× sweep, worst",
+    "Rotations a frame",
+    "Height",
+    "Frames",
+];
+
+fn strategy_row(row: &StrategySummary) -> (Option<&str>, Vec<Markup>) {
+    let over =
+        |of: fn(&Spread) -> f64| row.sah_over_sweep.as_ref().map_or("–".to_owned(), |s| number(of(s)));
+    let name = html! {
+        (row.strategy)
+        @if let Some(accounting) = &row.accounting { div.soft.light { (accounting) } }
+    };
+    let cells = vec![
+        name,
+        with_range(&row.update_ms),
+        with_range(&row.trace_ms),
+        with_range(&row.frame_ms),
+        cell(number(row.frame_ms.max)),
+        cell(number(row.last_cost)),
+        cell(over(|s| s.mean)),
+        cell(over(|s| s.max)),
+        cell(number(row.rotations as f64 / row.samples as f64)),
+        cell(row.greatest_height),
+        cell(row.samples),
+    ];
+    (Some(&row.strategy), cells)
 }
 
 fn with_range(spread: &Spread) -> Markup {
@@ -170,20 +171,12 @@ fn decisions(row: &StrategySummary) -> Markup {
 }
 
 fn offline(scene: &SceneRun) -> Markup {
+    let row = |tree: &OfflineTree| {
+        let numbers = [tree.build_ms, tree.sah_cost, tree.path_ms].map(|value| cell(number(value)));
+        (None, [vec![cell(&tree.builder)], numbers.to_vec()].concat())
+    };
     html! {
         p { "Trees built offline over the first frame, and a path-traced picture through each:" }
-        div.scroll {
-            table {
-                thead { tr { th { "Builder" } th.n { "Build, ms" } th.n { "SAH cost" } th.n { "Picture, ms" } } }
-                tbody {
-                    @for tree in &scene.offline {
-                        tr {
-                            th scope="row" { (tree.builder) }
-                            td.n { (number(tree.build_ms)) } td.n { (number(tree.sah_cost)) } td.n { (number(tree.path_ms)) }
-                        }
-                    }
-                }
-            }
-        }
+        (table(&["Builder", "Build, ms", "SAH cost", "Picture, ms"], 1, scene.offline.iter().map(row)))
     }
 }
