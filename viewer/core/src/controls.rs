@@ -4,8 +4,10 @@ use bvh_update::Strategy;
 use rt_cpu::{StageTimes, TriangleTest};
 use scenes::LightEffects;
 
+use crate::draw::Probe;
+use crate::events::Request;
 use crate::side::{Side, strategies};
-use crate::state::{Probe, Request, State};
+use crate::state::State;
 
 /// Deepest boxes that can be drawn.
 const DEEPEST: u32 = 12;

@@ -15,7 +15,7 @@ const PICKED: Color = [90, 200, 255];
 const SIDES: [Color; 2] = [[255, 150, 60], [80, 220, 120]];
 
 const LINE: i32 = LETTER.1 + 2;
-const PANEL: i32 = 38 * LETTER.0;
+const PANEL: i32 = 39 * LETTER.0;
 /// Where values begin in it.
 const VALUE: i32 = 4 + 22 * LETTER.0;
 const GRAPH: i32 = 72;
@@ -159,12 +159,15 @@ impl State {
                 canvas.fill(Rect { x: track.x + width - 2, width: 3, ..track }, PICKED, 1.0);
                 canvas.text(4, row.y + LINE + 1, &self.price(control), GRAY);
             }
-            let value: String = value.chars().take(15).collect();
+            let value: String = value.chars().take(((PANEL - VALUE) / LETTER.0) as usize).collect();
             canvas.text(VALUE + 2, row.y + 1, &value, WHITE);
         }
         let hint = self.hint();
         let lines = [
             hint.as_str(),
+            "refit: boxes grow as triangles scatter",
+            "rotate: swaps nodes, boxes stay small",
+            "stop, and blocks become sharp",
             "drag: turn  wheel: near  click: pick",
             "right drag: look  wasdqe: fly",
             "arrows: one frame  home: restart",
