@@ -4,6 +4,7 @@ use bvh_core::TriangleTest;
 use rayon::prelude::*;
 use rt_cpu::{Camera, Image, Output, RenderOptions, render};
 use scenes::LightEffects;
+use stage::Stage;
 
 use crate::canvas::{Canvas, Rect};
 use crate::side::Side;
@@ -42,8 +43,8 @@ impl State {
         }
     }
 
-    pub(crate) fn camera(&self, shown: &Shown, port: Rect, coarse: u32) -> Camera {
-        let anim::View { eye, target, up, fov_y } = self.eye.view(shown.stage.view());
+    pub(crate) fn camera(&self, stage: &Stage, port: Rect, coarse: u32) -> Camera {
+        let anim::View { eye, target, up, fov_y } = self.eye.view(stage.view());
         let size = |pixels: i32| (pixels as u32).div_ceil(coarse).max(1);
         Camera::look_at(eye, target, up, fov_y, size(port.width), size(port.height))
     }
@@ -61,8 +62,7 @@ impl State {
         self.draw_overlay();
         self.stale = false;
         if did_trace {
-            let traced: f64 =
-                self.shown.iter().flat_map(|shown| &shown.sides).map(|side| side.trace_ms).sum();
+            let traced: f64 = self.sides().map(|side| side.trace_ms).sum();
             let rest = (1e3 * ((self.clock)() - start) - traced).max(0.0);
             self.last_ms = [std::mem::take(&mut self.step_ms), traced, rest];
         }
@@ -100,15 +100,12 @@ impl State {
         // A step that took long, as one with a rebuild, leaves less time to trace.
         let left = (PICTURE_BUDGET - self.step_ms - self.last_ms[2]).max(TRACE_BUDGET);
         let budget = moves.then_some(left / shown.sides.len().max(1) as f64);
-        for (i, port) in self.ports().into_iter().enumerate() {
-            // One tree may be done before the other.
-            let Some(side) = shown.sides.get_mut(i).filter(|side| moves || !side.is_done(samples)) else {
-                continue;
-            };
+        // One tree may be done before the other.
+        let sides = shown.sides.iter_mut().zip(self.ports());
+        for (side, port) in sides.filter(|(side, _)| moves || !side.is_done(samples)) {
             side.choose_coarse(shown.frame, budget, plays);
             let coarse = side.coarse_now;
-            let camera = self.camera(shown, port, coarse);
-            let Some(side) = shown.sides.get_mut(i) else { continue };
+            let camera = self.camera(&shown.stage, port, coarse);
             side.trace(&shown.stage, shown.frame, &camera, &options, self.clock);
             if samples > 1 && coarse == 1 {
                 side.estimate_noise();
@@ -127,7 +124,7 @@ impl State {
     /// Traces a small picture with the triangle test that is set, and with that in double precision.
     fn compare_tests(&self, shown: &Shown, options: &RenderOptions) -> Option<Probe> {
         let (port, side) = (self.ports()[0], shown.sides.first()?);
-        let camera = self.camera(shown, port, (port.width as u32).div_ceil(PROBE).max(1));
+        let camera = self.camera(&shown.stage, port, (port.width as u32).div_ceil(PROBE).max(1));
         let (mesh, light) = (shown.stage.mesh(), shown.stage.light());
         let (width, height) = (camera.width(), camera.height());
         let traced = |triangle_test| {

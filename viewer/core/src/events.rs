@@ -244,7 +244,7 @@ impl State {
     fn pick(&mut self) {
         let found = self.ports().into_iter().zip(0..).find(|(port, _)| port.contains(self.pointer));
         let (Some((port, i)), Some(shown)) = (found, &self.shown) else { return };
-        let camera = self.camera(shown, port, 1);
+        let camera = self.camera(&shown.stage, port, 1);
         let ray =
             camera.ray((self.pointer.0 - port.x as f32) as u32, (self.pointer.1 - port.y as f32) as u32);
         let hit = shown.sides.get(i).and_then(|side: &Side| {

@@ -44,10 +44,8 @@ impl State {
     pub(crate) fn draw_overlay(&mut self) {
         self.on_canvas(|state, canvas| {
             if let Some(shown) = &state.shown {
-                for (i, port) in state.ports().into_iter().enumerate() {
-                    if let Some(side) = shown.sides.get(i) {
-                        state.draw_boxes(canvas, shown, side, port);
-                    }
+                for (side, port) in shown.sides.iter().zip(state.ports()) {
+                    state.draw_boxes(canvas, shown, side, port);
                 }
             }
             if state.settings.overlay > 0 {
@@ -61,7 +59,7 @@ impl State {
     }
 
     fn draw_boxes(&self, canvas: &mut Canvas, shown: &Shown, side: &Side, port: Rect) {
-        let projection = Projection::new(&self.camera(shown, port, 1), port);
+        let projection = Projection::new(&self.camera(&shown.stage, port, 1), port);
         if let Some(depth) = self.settings.boxes {
             let mut boxes = boxes::at_depth(&side.tree, depth, &shown.typical);
             // The worst are drawn last, over the others.
@@ -92,8 +90,7 @@ impl State {
             );
             return canvas.text(PANEL + LETTER.0, canvas.height as i32 / 2, &text, WHITE);
         };
-        for (i, port) in self.ports().into_iter().enumerate() {
-            let Some(side) = shown.sides.get(i) else { continue };
+        for (i, (side, port)) in shown.sides.iter().zip(self.ports()).enumerate() {
             let mut lines = self.figures(shown, side);
             lines.truncate(port.height as usize / (2 * LINE as usize));
             let width = lines.iter().map(|line| line.len() as i32).max().unwrap_or(0) * LETTER.0 + 8;

@@ -133,6 +133,11 @@ impl State {
         state
     }
 
+    /// The trees that are shown.
+    pub(crate) fn sides(&self) -> impl DoubleEndedIterator<Item = &Side> {
+        self.shown.iter().flat_map(|shown| &shown.sides)
+    }
+
     /// Hands over what the shell is asked to do.
     pub fn take_requests(&mut self) -> Vec<Request> {
         std::mem::take(&mut self.requests)
@@ -154,8 +159,11 @@ impl State {
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         let samples = self.samples();
-        let is_done = self.shown.iter().flat_map(|shown| &shown.sides).all(|side| side.is_done(samples));
-        is_done && !self.plays() && !self.moved && !self.stale && self.held.is_empty()
+        self.sides().all(|side| side.is_done(samples))
+            && !self.plays()
+            && !self.moved
+            && !self.stale
+            && self.held.is_empty()
     }
 
     /// Seconds until the animation's next frame is due, if there is nothing to draw before; 0 if there is.
@@ -288,14 +296,13 @@ impl State {
     }
 
     pub(crate) fn samples_done(&self) -> u32 {
-        let sides = self.shown.iter().flat_map(|shown| &shown.sides);
-        sides.map(|side| side.count).min().unwrap_or(0)
+        self.sides().map(|side| side.count).min().unwrap_or(0)
     }
 
     /// What the stages of the last picture took, all trees and threads together.
     pub(crate) fn stage_times(&self) -> StageTimes {
         let mut times = StageTimes::default();
-        self.shown.iter().flat_map(|shown| &shown.sides).for_each(|side| times += side.stats.times);
+        self.sides().for_each(|side| times += side.stats.times);
         times
     }
 }
