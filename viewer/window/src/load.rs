@@ -86,10 +86,10 @@ pub(crate) fn begin(name: String, send: impl Fn(Event) -> bool + Send + Sync + '
     });
 }
 
-/// How much this thread steps back behind those that draw, which otherwise wait for it: a core that both want is then
-/// theirs for all but 1.5 % of the time, and what they leave, as half of the cores while one thread draws, is its own.
+/// How much this thread steps back behind those that draw, which otherwise wait for it: of two cores it then gets a tenth
+/// while they have work, and all that is left else.
 #[cfg(target_os = "linux")]
-const STEP_BACK: i32 = 19;
+const STEP_BACK: i32 = 10;
 
 /// Gives way to the threads that draw. Only on Linux has each thread a priority of its own.
 fn step_back() {
