@@ -4,8 +4,10 @@ use bvh_update::Strategy;
 use rt_cpu::{StageTimes, TriangleTest};
 use scenes::LightEffects;
 
+use crate::draw::Probe;
+use crate::events::Request;
 use crate::side::{Side, strategies};
-use crate::state::{Probe, Request, State};
+use crate::state::State;
 
 /// Deepest boxes that can be drawn.
 const DEEPEST: u32 = 12;
@@ -200,7 +202,6 @@ impl State {
     /// What the setting of a slider costs in time, and its error, in words.
     pub(crate) fn price(&self, control: Control) -> String {
         let Some(shown) = &self.shown else { return String::new() };
-        let sides = || shown.sides.iter();
         match control {
             Control::Test => self.probe.map_or(
                 "compared with f64 at a stop".to_owned(),
@@ -210,19 +211,18 @@ impl State {
             ),
             Control::Budget => {
                 let rotates = |side: &&Side| side.last.rotations_applied() > 0;
-                let Some(side) = sides().rfind(rotates).or(sides().last()) else { return String::new() };
+                let found = self.sides().rfind(rotates).or(self.sides().next_back());
+                let Some(side) = found else { return String::new() };
                 let sample = side.sample(shown.frame);
                 let fresh = shown.fresh_cost(shown.frame).filter(|&fresh| fresh > 0.0);
                 let over = fresh.map(|fresh| format!(", cost {:.2} x fresh", f64::from(sample.cost) / fresh));
                 format!("update {:.1} ms{}", sample.update_ms, over.unwrap_or_default())
             }
             _ => {
-                let ms: f64 = sides().map(|side| side.trace_ms).sum();
-                let noise = sides()
-                    .filter_map(|side| side.noise)
-                    .fold(None, |a: Option<f64>, b| Some(a.map_or(b, |a| a.max(b))));
-                let error = noise
-                    .map_or("noise not known".to_owned(), |noise| format!("noise {:.2} %", 100.0 * noise));
+                let ms: f64 = self.sides().map(|side| side.trace_ms).sum();
+                let noise = self.sides().filter_map(|side| side.noise).max_by(f64::total_cmp);
+                let error =
+                    noise.map_or("noise not known".to_owned(), |n| format!("noise {:.2} %", 100.0 * n));
                 format!("{:.0} ms, {error}", ms * f64::from(self.samples()))
             }
         }

@@ -8,6 +8,8 @@
 mod boxes;
 mod canvas;
 mod controls;
+mod draw;
+mod events;
 mod eye;
 mod overlay;
 mod ready;
@@ -16,8 +18,9 @@ mod state;
 
 pub use canvas::Canvas;
 pub use controls::Settings;
+pub use events::{Button, Event, Key, Request};
 pub use ready::{FreshCosts, Ready};
-pub use state::{Button, Event, Key, Request, State};
+pub use state::State;
 
 /// Gives the time in seconds since any moment. What takes time is measured by it; nothing else depends on it.
 pub type Clock = fn() -> f64;

@@ -15,7 +15,7 @@ const PICKED: Color = [90, 200, 255];
 const SIDES: [Color; 2] = [[255, 150, 60], [80, 220, 120]];
 
 const LINE: i32 = LETTER.1 + 2;
-const PANEL: i32 = 38 * LETTER.0;
+const PANEL: i32 = 39 * LETTER.0;
 /// Where values begin in it.
 const VALUE: i32 = 4 + 22 * LETTER.0;
 const GRAPH: i32 = 72;
@@ -44,10 +44,8 @@ impl State {
     pub(crate) fn draw_overlay(&mut self) {
         self.on_canvas(|state, canvas| {
             if let Some(shown) = &state.shown {
-                for (i, port) in state.ports().into_iter().enumerate() {
-                    if let Some(side) = shown.sides.get(i) {
-                        state.draw_boxes(canvas, shown, side, port);
-                    }
+                for (side, port) in shown.sides.iter().zip(state.ports()) {
+                    state.draw_boxes(canvas, shown, side, port);
                 }
             }
             if state.settings.overlay > 0 {
@@ -61,7 +59,7 @@ impl State {
     }
 
     fn draw_boxes(&self, canvas: &mut Canvas, shown: &Shown, side: &Side, port: Rect) {
-        let projection = Projection::new(&self.camera(shown, port, 1), port);
+        let projection = Projection::new(&self.camera(&shown.stage, port, 1), port);
         if let Some(depth) = self.settings.boxes {
             let mut boxes = boxes::at_depth(&side.tree, depth, &shown.typical);
             // The worst are drawn last, over the others.
@@ -92,8 +90,7 @@ impl State {
             );
             return canvas.text(PANEL + LETTER.0, canvas.height as i32 / 2, &text, WHITE);
         };
-        for (i, port) in self.ports().into_iter().enumerate() {
-            let Some(side) = shown.sides.get(i) else { continue };
+        for (i, (side, port)) in shown.sides.iter().zip(self.ports()).enumerate() {
             let mut lines = self.figures(shown, side);
             lines.truncate(port.height as usize / (2 * LINE as usize));
             let width = lines.iter().map(|line| line.len() as i32).max().unwrap_or(0) * LETTER.0 + 8;
@@ -159,12 +156,15 @@ impl State {
                 canvas.fill(Rect { x: track.x + width - 2, width: 3, ..track }, PICKED, 1.0);
                 canvas.text(4, row.y + LINE + 1, &self.price(control), GRAY);
             }
-            let value: String = value.chars().take(15).collect();
+            let value: String = value.chars().take(((PANEL - VALUE) / LETTER.0) as usize).collect();
             canvas.text(VALUE + 2, row.y + 1, &value, WHITE);
         }
         let hint = self.hint();
         let lines = [
             hint.as_str(),
+            "refit: boxes grow as triangles scatter",
+            "rotate: swaps nodes, boxes stay small",
+            "stop, and blocks become sharp",
             "drag: turn  wheel: near  click: pick",
             "right drag: look  wasdqe: fly",
             "arrows: one frame  home: restart",

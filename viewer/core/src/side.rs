@@ -3,7 +3,9 @@
 use std::collections::VecDeque;
 
 use bvh_core::{Aabb, Bvh, sah_cost};
-use bvh_update::{Degraded, Leaves, Load, PartialRebuild, Reinsertion, Rotate, Strategy, Update, Updater};
+use bvh_update::{
+    Decision, Degraded, Leaves, Load, PartialRebuild, Reinsertion, Rotate, Strategy, Update, Updater,
+};
 use rt_cpu::{Camera, Image, PointLight, RenderOptions, RenderStats, render};
 use stage::Stage;
 
@@ -17,7 +19,7 @@ pub(crate) const LOG: usize = 6;
 const FLASHES: usize = 60;
 
 /// Side of the squares of pixels that are traced as one, at most.
-const COARSEST: u32 = 8;
+const COARSEST: u32 = 16;
 /// And in the first picture, of which it is not known how long it takes.
 const COARSE_AT_FIRST: u32 = 4;
 
@@ -39,6 +41,14 @@ fn with_budget(strategy: Strategy, period: u32) -> Strategy {
         Strategy::Leaves(all) => Strategy::Leaves(Leaves { rotate: budget(all.rotate), ..all }),
         other => other,
     }
+}
+
+/// What was decided in an update and why, the reason first: lines are cut where the picture ends.
+fn log_line(frame: usize, update: &Update) -> String {
+    let why = update.reason.map(|why| format!("lost {:.2} of {:.2} ms: ", why.lost_ms, why.price_ms));
+    let what = (update.decision != Decision::AsAlways).then(|| format!("{}; ", update.decision));
+    let [why, what] = [why, what].map(Option::unwrap_or_default);
+    format!("{frame}: {why}{what}{} rotations", update.rotations_applied())
 }
 
 /// What a frame of the animation took, when it was last shown.
@@ -75,17 +85,20 @@ pub(crate) struct Side {
     /// pixels, 1 for white. `None` for one sample.
     pub(crate) noise: Option<f64>,
     pub(crate) stats: RenderStats,
-    /// Milliseconds that tracing the last picture took.
+    /// Milliseconds that tracing the last picture took, and the SAH cost of the tree then.
     pub(crate) trace_ms: f64,
+    traced_cost: f32,
 }
 
 impl Side {
-    pub(crate) fn new(stage: &Stage, strategy: Strategy) -> Self {
+    /// Makes a side of the first tree of an animation of so many frames, of this SAH cost.
+    pub(crate) fn new(tree: Bvh, strategy: Strategy, frames: usize, cost: f64) -> Self {
+        let first = Sample { cost: cost as f32, ..Sample::default() };
         Self {
             strategy,
-            tree: stage.first_tree.clone(),
+            tree,
             updater: Updater::new(strategy),
-            samples: vec![None; stage.scene.frames.max(1)],
+            samples: (0..frames).map(|frame| (frame == 0).then_some(first)).collect(),
             log: VecDeque::new(),
             last: Update::default(),
             flashes: Vec::new(),
@@ -98,6 +111,7 @@ impl Side {
             noise: None,
             stats: RenderStats::default(),
             trace_ms: 0.0,
+            traced_cost: 1.0,
         }
     }
 
@@ -117,8 +131,7 @@ impl Side {
                 if let Some(place) = self.samples.get_mut(frame) {
                     *place = Some(sample);
                 }
-                let why = update.reason.map_or_else(String::new, |reason| format!(": {reason}"));
-                format!("frame {frame}: {}{why}; {} rotations", update.decision, update.rotations_applied())
+                log_line(frame, &update)
             }
             Err(error) => format!("frame {frame}: {error}"),
         };
@@ -134,22 +147,31 @@ impl Side {
         self.coarse_now == 1 && self.count >= samples
     }
 
-    /// Chooses how coarse the next picture is. While something moves or plays it keeps its pace, then it becomes finer.
-    pub(crate) fn choose_coarse(&mut self, moves: bool, plays: bool) {
-        let coarse = if moves || plays { self.coarse } else { (self.coarse_now / 2).max(1) };
-        if moves || coarse != self.coarse_now {
+    /// Chooses how coarse the next picture is. Where something moves, tracing is to take the milliseconds of a budget, and
+    /// while the scene plays the picture stays so; then it becomes finer.
+    pub(crate) fn choose_coarse(&mut self, frame: usize, budget: Option<f64>, plays: bool) {
+        if let Some(budget) = budget {
+            self.coarse = self.coarse_within(frame, budget);
+        }
+        let coarse = if budget.is_some() || plays { self.coarse } else { (self.coarse_now / 2).max(1) };
+        if budget.is_some() || coarse != self.coarse_now {
             self.count = 0;
         }
         self.coarse_now = coarse;
     }
 
-    /// Chooses how coarse pictures are while something moves, from what the last one took and a budget of milliseconds.
-    pub(crate) fn adapt(&mut self, budget: f64) {
-        let pixels = f64::from(self.coarse * self.coarse);
-        let fits = |coarse: u32, budget: f64| self.trace_ms * pixels / f64::from(coarse * coarse) <= budget;
+    /// The smallest squares whose tracing should take a budget of milliseconds at most. The time of the last picture grows
+    /// with the number of rays and with the tree's cost since.
+    fn coarse_within(&self, frame: usize, budget: f64) -> u32 {
+        if self.trace_ms == 0.0 {
+            return COARSE_AT_FIRST;
+        }
+        let growth = f64::from(self.sample(frame).cost / self.traced_cost).max(1.0);
+        let one_ray_a_pixel = self.trace_ms * growth * f64::from(self.coarse_now * self.coarse_now);
         // Finer only if there is room to spare, so that it does not go to and fro.
-        let fits = |coarse: u32| fits(coarse, if coarse < self.coarse { 0.8 } else { 1.0 } * budget);
-        self.coarse = (1..COARSEST).find(|&coarse| fits(coarse)).unwrap_or(COARSEST);
+        let room = |coarse| if coarse < self.coarse { 0.8 * budget } else { budget };
+        let fits = |&coarse: &u32| one_ray_a_pixel / f64::from(coarse * coarse) <= room(coarse);
+        (1..COARSEST).find(fits).unwrap_or(COARSEST)
     }
 
     /// Adds a sample to the picture, or begins a new one.
@@ -167,6 +189,7 @@ impl Side {
         let start = clock();
         self.stats = render(&self.tree, &stage.mesh(), camera, Some(&light), &options, image);
         self.trace_ms = 1e3 * (clock() - start);
+        self.traced_cost = self.sample(frame).cost.max(f32::MIN_POSITIVE);
         if self.count > 0 {
             self.sum.add(&self.sample);
         }
@@ -209,6 +232,23 @@ mod tests {
     use super::*;
 
     #[test]
+    fn pictures_of_a_tree_whose_cost_grows_are_coarser() {
+        let boxes = [Aabb::new(bvh_core::Vec3::ZERO, bvh_core::Vec3::ONE); 2];
+        let tree = bvh_build::build(&boxes, bvh_build::Builder::Sweep).expect("two boxes");
+        let mut side = Side::new(tree, Strategy::Refit, 2, 1.0);
+        let mut chosen = |cost, trace_ms, frame, budget| {
+            side.samples[1] = Some(Sample { cost, ..Sample::default() });
+            side.trace_ms = trace_ms;
+            side.choose_coarse(frame, Some(budget), true);
+            side.coarse_now
+        };
+        assert_eq!(chosen(1.0, 0.0, 0, 10.0), COARSE_AT_FIRST);
+        assert_eq!(chosen(1.0, 10.0, 0, 10.0), 4, "as before: the time is the budget");
+        assert_eq!(chosen(4.0, 10.0, 1, 10.0), 8, "four times the cost, a fourth of the rays");
+        assert_eq!(chosen(4.0, 1e6, 1, 10.0), COARSEST);
+    }
+
+    #[test]
     fn noise_is_the_distance_to_the_converged_picture() {
         let toys = Path::new("toys.glb");
         let animation = anim::parse_gltf(toys, &scenes::toys_glb(), None).expect("a glTF file");
@@ -216,7 +256,7 @@ mod tests {
         let light = LightEffects { ambient_occlusion: true, ..LightEffects::NONE };
         let (camera, options) = (stage.camera(48, 36), stage.options_with(&light));
         let traced = |samples: u32| {
-            let mut side = Side::new(&stage, Strategy::default());
+            let mut side = Side::new(stage.first_tree.clone(), Strategy::default(), 1, 1.0);
             for _ in 0..samples {
                 side.trace(&stage, 0, &camera, &options, || 0.0);
                 side.estimate_noise();

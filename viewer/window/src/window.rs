@@ -1,7 +1,7 @@
 //! The window: passes events to the state and shows its pictures.
 
 use std::num::NonZeroU32;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -38,7 +38,6 @@ pub(crate) fn run(args: &Args, settings: Settings) -> Result<()> {
         last: Instant::now(),
         rests: true,
         film: None,
-        saved: 0,
         failed: None,
         timing: args.timing.map(Timing::new),
     };
@@ -58,7 +57,6 @@ struct App<'a> {
     rests: bool,
     /// What is being recorded.
     film: Option<Film>,
-    saved: usize,
     failed: Option<anyhow::Error>,
     timing: Option<Timing>,
 }
@@ -130,8 +128,8 @@ impl App<'_> {
                     event_loop.exit();
                     continue;
                 }
-                Request::Save => self.save(&self.args.folder.clone()),
-                Request::Record(true) => Film::folder(&self.args.folder.join("film")).map(|film| {
+                Request::Save => self.save(&self.args.folder),
+                Request::Record(true) => Film::folder(&unused(&self.args.folder, "film", "")).map(|film| {
                     self.film = Some(film);
                     "recording".to_owned()
                 }),
@@ -145,11 +143,16 @@ impl App<'_> {
 
     fn save(&mut self, folder: &Path) -> Result<String> {
         Film::folder(folder)?;
-        let path = folder.join(format!("picture-{:04}.png", self.saved));
+        let path = unused(folder, "picture", ".png");
         save(self.state.draw(), &path)?;
-        self.saved += 1;
         Ok(format!("saved {}", path.display()))
     }
+}
+
+/// The first path of a name and a number that does not exist in a folder: nothing is written over.
+fn unused(folder: &Path, name: &str, extension: &str) -> PathBuf {
+    let path = |number: usize| folder.join(format!("{name}-{number:04}{extension}"));
+    (0..).map(path).find(|path| !path.exists()).unwrap_or_else(|| path(0))
 }
 
 impl Film {
