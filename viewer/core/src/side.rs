@@ -91,7 +91,7 @@ pub(crate) struct Side {
 }
 
 impl Side {
-    /// Makes a side of the first tree of an animation of so many frames, of this SAH cost.
+    /// Makes a side of the first tree of an animation with this number of frames, and of this SAH cost.
     pub(crate) fn new(tree: Bvh, strategy: Strategy, frames: usize, cost: f64) -> Self {
         let first = Sample { cost: cost as f32, ..Sample::default() };
         Self {

@@ -137,7 +137,7 @@ impl Display {
 fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     let start = Instant::now();
     while !is_so() {
-        assert!(start.elapsed() < PATIENCE, "waited in vain for {what}");
+        assert!(start.elapsed() < PATIENCE, "no {what} within {PATIENCE:?}");
         sleep(Duration::from_millis(50));
     }
 }
