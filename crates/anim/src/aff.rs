@@ -32,6 +32,8 @@ pub struct AffAnimation {
     start: f64,
     duration: f64,
     frames: Option<usize>,
+    /// What is subtracted from the coordinates of the file.
+    origin: DVec3,
     camera: Option<(Camera, Option<Arc<Track>>)>,
     light: Option<PlacedLight>,
     /// Lists of keys that were put in order.
@@ -82,15 +84,20 @@ struct PlacedLight {
 /// If a file cannot be read, or is malformed; if files include each other in a circle, or so often
 /// that the scene outgrows them; if there are no triangles.
 pub fn load_aff(file: &Path) -> Result<AffAnimation, LoadError> {
-    let scene = reader::read(file)?;
+    load(file, DVec3::ZERO)
+}
+
+/// As [`load_aff`], relative to `origin`.
+pub(crate) fn load(file: &Path, origin: DVec3) -> Result<AffAnimation, LoadError> {
+    let scene = reader::read(file, origin)?;
     if scene.geometry.topology.triangles.is_empty() {
         return Err(Problem::new("whole scene", "no triangles", "at least one").in_file(file));
     }
-    Ok(AffAnimation::new(scene))
+    Ok(AffAnimation::new(scene, origin))
 }
 
 impl AffAnimation {
-    fn new(scene: Scene) -> Self {
+    fn new(scene: Scene, origin: DVec3) -> Self {
         let Scene { geometry, nodes: named_nodes, tracks, camera, lights, time, disordered } = scene;
         let (mut topology, mut rest) = (geometry.topology, geometry.positions);
         let track = |name: &[u8]| tracks.get(name).filter(|track| !track.is_identity()).map(Arc::clone);
@@ -111,8 +118,6 @@ impl AffAnimation {
 
         let mut span = Span::EMPTY;
         let mut moving = Vec::new();
-        topology.vertex_count = rest.len();
-        topology.moves = vec![false; topology.triangles.len()];
         for (part, Source { node, mut patches }) in topology.parts.iter_mut().zip(geometry.sources) {
             let frame = place(&places, Frame { node, ..Frame::WORLD });
             let vertices = part.vertices.start as usize..part.vertices.end as usize;
@@ -167,6 +172,7 @@ impl AffAnimation {
             start,
             duration: if still { 0.0 } else { (end - start).min(f64::MAX) },
             frames: time.map(|time| time.frames),
+            origin,
             camera,
             light,
             disordered,
@@ -286,6 +292,7 @@ impl Animation for AffAnimation {
         if let Some(translation) = track.as_ref().and_then(|track| track.translation.as_ref()) {
             eye = translation.at(time);
         }
+        eye -= self.origin;
         if let Some(rotation) = track.as_ref().and_then(|track| track.rotation.as_ref()) {
             let rotation = rotation.at(time);
             (forward, up) = (rotation * DVec3::NEG_Z, rotation * DVec3::Y);

@@ -11,7 +11,7 @@ use super::geometry::{Frame, Geometry, Group, Patch, PatchKey, cone, sphere};
 use super::tokens::Tokens;
 use super::track::{FEWEST_KEYS, Key, Spline, Track, Value};
 use crate::Material;
-use crate::error::{LoadError, Problem, read_file};
+use crate::error::{LoadError, NUMBERED, Problem, read_file};
 
 /// Files that may include each other in a row.
 const DEEPEST_INCLUDE: usize = 64;
@@ -71,7 +71,8 @@ pub(super) struct TimeSpan {
     pub(super) frames: usize,
 }
 
-pub(super) fn read(root: &Path) -> Result<Scene, LoadError> {
+/// Reads a scene relative to `origin`; only the camera is left as it stands in the file.
+pub(super) fn read(root: &Path, origin: DVec3) -> Result<Scene, LoadError> {
     let io = |source| LoadError::Io { file: root.to_owned(), source };
     let canonical = root.canonicalize().map_err(io)?;
     let mut reader = Reader {
@@ -83,7 +84,7 @@ pub(super) fn read(root: &Path) -> Result<Scene, LoadError> {
         detail: 0,
         material: 0,
         materials: HashMap::new(),
-        frame: Frame::WORLD,
+        frame: Frame { node: None, fixed: DAffine3::from_translation(DVec3::ZERO - origin) },
         scene: Scene {
             geometry: Geometry::default(),
             nodes: Vec::new(),
@@ -266,7 +267,7 @@ impl Reader {
         tokens.expect("{")?;
         let outer = self.frame;
         let node = u32::try_from(self.scene.nodes.len())
-            .map_err(|_| tokens.because("too many transforms", "as many as 32 bits can number"))?;
+            .map_err(|_| tokens.because("too many transforms", NUMBERED))?;
         self.scene.nodes.push(Node { track, frame: outer });
         self.frame = Frame { node: Some(node), ..Frame::WORLD };
         Ok(outer)
@@ -401,7 +402,7 @@ impl Reader {
 }
 
 fn too_large() -> Problem {
-    Problem::new("whole scene", "too many vertices or triangles", "as many as 32 bits can number")
+    Problem::new("whole scene", "too many vertices or triangles", NUMBERED)
 }
 
 /// As many vectors, each followed by `after` numbers that are left out.

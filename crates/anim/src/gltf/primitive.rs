@@ -1,6 +1,5 @@
 //! The triangles of one mesh primitive, with the joints and morph targets that move its vertices.
 
-use ::gltf::json::accessor::Type;
 use ::gltf::json::mesh::{Mode, Primitive, Semantic};
 use ::gltf::json::validation::Checked;
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
@@ -81,7 +80,7 @@ impl Geometry {
         let Some(position) = attribute(Semantic::Positions) else {
             return Err(Problem::new(place, "no POSITION attribute", "one"));
         };
-        let positions = accessors.floats::<3>(position, Type::Vec3, &format!("{place}, POSITION"))?;
+        let positions = accessors.floats::<3>(position, &format!("{place}, POSITION"))?;
         let count = positions.len();
         let same_count = |what: &str, found: usize| {
             let expected = format!("{count}, one for each position");
@@ -100,7 +99,7 @@ impl Geometry {
             let what = format!("POSITION of morph target {number}");
             let mut displaced = Target::new();
             if let Some(accessor) = target.positions {
-                let all = accessors.floats::<3>(accessor, Type::Vec3, &format!("{place}, {what}"))?;
+                let all = accessors.floats::<3>(accessor, &format!("{place}, {what}"))?;
                 same_count(&what, all.len())?;
                 let deltas = kept.iter().map(|&old| Vec3::from_array(all[old as usize]));
                 displaced = (0..).zip(deltas).filter(|&(_, delta)| delta != Vec3::ZERO).collect();
@@ -116,8 +115,8 @@ impl Geometry {
             else {
                 break;
             };
-            let joints = accessors.integers::<4>(joints, Type::Vec4, &format!("{place}, JOINTS_{set}"))?;
-            let weights = accessors.floats::<4>(weights, Type::Vec4, &format!("{place}, WEIGHTS_{set}"))?;
+            let joints = accessors.integers::<4>(joints, &format!("{place}, JOINTS_{set}"))?;
+            let weights = accessors.floats::<4>(weights, &format!("{place}, WEIGHTS_{set}"))?;
             same_count(&format!("JOINTS_{set}"), joints.len())?;
             same_count(&format!("WEIGHTS_{set}"), weights.len())?;
             sets.push((joints, weights));
@@ -126,7 +125,7 @@ impl Geometry {
         let normals = match attribute(Semantic::Normals) {
             None => None,
             Some(normals) => {
-                let all = accessors.floats::<3>(normals, Type::Vec3, &format!("{place}, NORMAL"))?;
+                let all = accessors.floats::<3>(normals, &format!("{place}, NORMAL"))?;
                 same_count("NORMAL", all.len())?;
                 Some(kept.iter().map(|&old| Vec3::from_array(all[old as usize])).collect())
             }
@@ -135,7 +134,7 @@ impl Geometry {
             None => None,
             Some((mapping, texcoords)) => {
                 let what = format!("TEXCOORD_{}", mapping.set);
-                let all = accessors.floats::<2>(texcoords, Type::Vec2, &format!("{place}, {what}"))?;
+                let all = accessors.floats::<2>(texcoords, &format!("{place}, {what}"))?;
                 same_count(&what, all.len())?;
                 Some(kept.iter().map(|&old| mapping.apply(Vec2::from_array(all[old as usize]))).collect())
             }
@@ -157,9 +156,7 @@ fn triangles(
         Problem::new(place, format!("{count} vertices"), "as many as 32-bit indices can name")
     })?;
     let indices: Vec<u32> = match primitive.indices {
-        Some(indices) => {
-            accessors.integers::<1>(indices, Type::Scalar, &format!("{place}, indices"))?.into_flattened()
-        }
+        Some(indices) => accessors.integers::<1>(indices, &format!("{place}, indices"))?.into_flattened(),
         None => (0..vertices).collect(),
     };
     if let Some((at, index)) = indices.iter().enumerate().find(|&(_, &index)| index >= vertices) {
