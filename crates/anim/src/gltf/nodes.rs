@@ -1,6 +1,6 @@
 //! The node hierarchy: which nodes move in the clip, and where each is at a time.
 
-use ::gltf::json::animation::{Animation, Interpolation, Property};
+use ::gltf::json::animation::{Animation, Channel, Interpolation, Property};
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{Index, Root};
 use glam::{Affine3A, DAffine3, DVec3, Mat4, Quat, Vec3};
@@ -70,54 +70,63 @@ impl Channels {
         let Some(clip) = clip else { return Ok(channels) };
         for (number, channel) in clip.channels.iter().enumerate() {
             let place = format!("clip {:?}, channel {number}", clip.name.as_deref().unwrap_or_default());
-            let node = channel.target.node.value();
-            if node >= nodes.len() {
-                return Err(Problem::missing(place, "node", node, nodes.len()));
-            }
-            let Checked::Valid(property) = channel.target.path else {
-                let expected = "translation, rotation, scale or weights";
-                return Err(Problem::new(place, "an unknown target path", expected));
-            };
-            let sampler = clip
-                .samplers
-                .get(channel.sampler.value())
-                .ok_or_else(|| Problem::missing(&*place, "sampler", channel.sampler, clip.samplers.len()))?;
-            let Checked::Valid(interpolation) = sampler.interpolation else {
-                return Err(Problem::new(place, "an unknown interpolation", "STEP, LINEAR or CUBICSPLINE"));
-            };
-
-            let times = accessors.floats::<1>(sampler.input, &format!("{place}, times"))?.into_flattened();
-            check_times(&times, &place)?;
-            let (place, output) = (&format!("{place}, values"), sampler.output);
-            let (values, width) = match property {
-                Property::Translation | Property::Scale => {
-                    (accessors.floats::<3>(output, place)?.into_flattened(), 3)
-                }
-                Property::Rotation => (accessors.floats::<4>(output, place)?.into_flattened(), 4),
-                Property::MorphTargetWeights => {
-                    let width = target_count(accessors.root, node);
-                    (accessors.floats::<1>(output, place)?.into_flattened(), width)
-                }
-            };
-            let per_key = if interpolation == Interpolation::CubicSpline { 3 * width } else { width };
-            if values.len() != times.len() * per_key {
-                let expected = format!("{} ({} keys of {per_key})", times.len() * per_key, times.len());
-                return Err(Problem::new(place, format!("{} numbers", values.len()), expected));
-            }
-            let track = Some(Track { times, values, width, interpolation });
-            channels.end = channels.end.max(track.as_ref().map_or(0.0, Track::end));
+            let (node, property, track) = channel_of(clip, channel, accessors, place)?;
+            channels.end = channels.end.max(track.end());
             match property {
-                Property::Translation => channels.transforms[node][0] = track,
-                Property::Rotation => channels.transforms[node][1] = track,
-                Property::Scale => channels.transforms[node][2] = track,
+                Property::Translation => channels.transforms[node][0] = Some(track),
+                Property::Rotation => channels.transforms[node][1] = Some(track),
+                Property::Scale => channels.transforms[node][2] = Some(track),
                 // A node without morph targets has no weights to animate.
                 Property::MorphTargetWeights => {
-                    channels.weights[node] = track.filter(|track| track.width > 0);
+                    channels.weights[node] = Some(track).filter(|track| track.width > 0);
                 }
             }
         }
         Ok(channels)
     }
+}
+
+/// The node that a channel moves, by what, and the track.
+fn channel_of(
+    clip: &Animation,
+    channel: &Channel,
+    accessors: &Accessors<'_>,
+    place: String,
+) -> Result<(usize, Property, Track), Problem> {
+    let (root, node) = (accessors.root, channel.target.node.value());
+    if node >= root.nodes.len() {
+        return Err(Problem::missing(place, "node", node, root.nodes.len()));
+    }
+    let Checked::Valid(property) = channel.target.path else {
+        let expected = "translation, rotation, scale or weights";
+        return Err(Problem::new(place, "an unknown target path", expected));
+    };
+    let sampler = clip
+        .samplers
+        .get(channel.sampler.value())
+        .ok_or_else(|| Problem::missing(&*place, "sampler", channel.sampler, clip.samplers.len()))?;
+    let Checked::Valid(interpolation) = sampler.interpolation else {
+        return Err(Problem::new(place, "an unknown interpolation", "STEP, LINEAR or CUBICSPLINE"));
+    };
+
+    let times = accessors.floats::<1>(sampler.input, &format!("{place}, times"))?.into_flattened();
+    check_times(&times, &place)?;
+    let (place, output) = (&format!("{place}, values"), sampler.output);
+    let (values, width) = match property {
+        Property::Translation | Property::Scale => {
+            (accessors.floats::<3>(output, place)?.into_flattened(), 3)
+        }
+        Property::Rotation => (accessors.floats::<4>(output, place)?.into_flattened(), 4),
+        Property::MorphTargetWeights => {
+            (accessors.floats::<1>(output, place)?.into_flattened(), target_count(root, node))
+        }
+    };
+    let per_key = if interpolation == Interpolation::CubicSpline { 3 * width } else { width };
+    if values.len() != times.len() * per_key {
+        let expected = format!("{} ({} keys of {per_key})", times.len() * per_key, times.len());
+        return Err(Problem::new(place, format!("{} numbers", values.len()), expected));
+    }
+    Ok((node, property, Track { times, values, width, interpolation }))
 }
 
 fn check_times(times: &[f32], place: &str) -> Result<(), Problem> {
