@@ -14,7 +14,7 @@ use std::sync::Arc;
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
 
 use self::geometry::{Frame, Patch, Source};
-use self::reader::{Camera, Scene, TimeSpan};
+use self::reader::{Camera, Scene};
 use self::track::Track;
 use crate::error::{LoadError, Problem};
 use crate::{Animation, Light, Motion, PoseStats, Topology, View, Work};
@@ -32,6 +32,8 @@ pub struct AffAnimation {
     start: f64,
     duration: f64,
     frames: Option<usize>,
+    /// What is subtracted from the coordinates of the file.
+    origin: DVec3,
     camera: Option<(Camera, Option<Arc<Track>>)>,
     light: Option<PlacedLight>,
     /// Lists of keys that were put in order.
@@ -82,15 +84,20 @@ struct PlacedLight {
 /// If a file cannot be read, or is malformed; if files include each other in a circle, or so often
 /// that the scene outgrows them; if there are no triangles.
 pub fn load_aff(file: &Path) -> Result<AffAnimation, LoadError> {
-    let scene = reader::read(file)?;
+    load(file, DVec3::ZERO)
+}
+
+/// As [`load_aff`], relative to `origin`.
+pub(crate) fn load(file: &Path, origin: DVec3) -> Result<AffAnimation, LoadError> {
+    let scene = reader::read(file, origin)?;
     if scene.geometry.topology.triangles.is_empty() {
         return Err(Problem::new("whole scene", "no triangles", "at least one").in_file(file));
     }
-    Ok(AffAnimation::new(scene))
+    Ok(AffAnimation::new(scene, origin))
 }
 
 impl AffAnimation {
-    fn new(scene: Scene) -> Self {
+    fn new(scene: Scene, origin: DVec3) -> Self {
         let Scene { geometry, nodes: named_nodes, tracks, camera, lights, time, disordered } = scene;
         let (mut topology, mut rest) = (geometry.topology, geometry.positions);
         let track = |name: &[u8]| tracks.get(name).filter(|track| !track.is_identity()).map(Arc::clone);
@@ -109,10 +116,9 @@ impl AffAnimation {
             });
         }
 
-        let mut span = Span::EMPTY;
+        // The times between which anything has keys.
+        let mut spans = Vec::new();
         let mut moving = Vec::new();
-        topology.vertex_count = rest.len();
-        topology.moves = vec![false; topology.triangles.len()];
         for (part, Source { node, mut patches }) in topology.parts.iter_mut().zip(geometry.sources) {
             let frame = place(&places, Frame { node, ..Frame::WORLD });
             let vertices = part.vertices.start as usize..part.vertices.end as usize;
@@ -130,7 +136,7 @@ impl AffAnimation {
             moves.fill(part.motion.rigid);
             for (moves, patch) in moves.iter_mut().zip(&patches) {
                 *moves |= patch.moves();
-                span.include(patch.span());
+                spans.push(patch.span());
             }
             let shape = if patches.is_empty() {
                 Shape::Rigid(rest[vertices.clone()].to_vec())
@@ -153,12 +159,9 @@ impl AffAnimation {
         let light_track = light.as_ref().and_then(|light| light.track.as_ref());
         let tracks = nodes.iter().map(|node| &node.track).chain(camera_track).chain(light_track);
         let still = moving.is_empty() && tracks.clone().next().is_none();
-        tracks.flat_map(|track| track.spans()).for_each(|times| span.include(times));
-        let (start, end) = match time {
-            Some(TimeSpan { start, end, .. }) => (start, end),
-            None if span.start <= span.end => (span.start, span.end),
-            None => (0.0, 0.0),
-        };
+        spans.extend(tracks.flat_map(|track| track.spans()));
+        let all = spans.into_iter().reduce(|(a, b), (start, end)| (a.min(start), b.max(end)));
+        let (start, end) = time.map(|(start, end, _)| (start, end)).or(all).unwrap_or_default();
         let mut animation = Self {
             topology,
             rest: Vec::new(),
@@ -166,7 +169,8 @@ impl AffAnimation {
             nodes,
             start,
             duration: if still { 0.0 } else { (end - start).min(f64::MAX) },
-            frames: time.map(|time| time.frames),
+            frames: time.map(|(_, _, frames)| frames),
+            origin,
             camera,
             light,
             disordered,
@@ -199,21 +203,6 @@ fn place(places: &[Frame], frame: Frame) -> Frame {
 
 fn resolve(to_world: &[DAffine3], frame: Frame) -> DAffine3 {
     frame.node.map_or(frame.fixed, |node| to_world[node as usize] * frame.fixed)
-}
-
-/// The times between the first and the last key of anything.
-struct Span {
-    start: f64,
-    end: f64,
-}
-
-impl Span {
-    const EMPTY: Self = Self { start: f64::INFINITY, end: f64::NEG_INFINITY };
-
-    fn include(&mut self, (start, end): (f64, f64)) {
-        self.start = self.start.min(start);
-        self.end = self.end.max(end);
-    }
 }
 
 impl Animation for AffAnimation {
@@ -286,6 +275,7 @@ impl Animation for AffAnimation {
         if let Some(translation) = track.as_ref().and_then(|track| track.translation.as_ref()) {
             eye = translation.at(time);
         }
+        eye -= self.origin;
         if let Some(rotation) = track.as_ref().and_then(|track| track.rotation.as_ref()) {
             let rotation = rotation.at(time);
             (forward, up) = (rotation * DVec3::NEG_Z, rotation * DVec3::Y);

@@ -26,6 +26,29 @@ pub struct Topology {
     pub texcoords: Vec<Vec2>,
 }
 
+impl Topology {
+    /// Adds a still part of as many `vertices`, whose `triangles` number its own. `None` if there are
+    /// too many in all.
+    pub(crate) fn add_part(
+        &mut self,
+        name: String,
+        triangles: &[[u32; 3]],
+        vertices: usize,
+        material: u32,
+    ) -> Option<&mut Part> {
+        let range = |begin: usize, count: usize| {
+            Some(u32::try_from(begin).ok()?..u32::try_from(begin.checked_add(count)?).ok()?)
+        };
+        let vertices = range(self.vertex_count, vertices)?;
+        let numbers = range(self.triangles.len(), triangles.len())?;
+        self.triangles.extend(triangles.iter().map(|corners| corners.map(|corner| vertices.start + corner)));
+        self.moves.resize(self.triangles.len(), false);
+        self.vertex_count = vertices.end as usize;
+        self.parts.push(Part { name, triangles: numbers, vertices, motion: Motion::STILL, material });
+        self.parts.last_mut()
+    }
+}
+
 /// A run of triangles that share a material and a kind of motion.
 #[derive(Clone, Debug)]
 pub struct Part {

@@ -26,16 +26,12 @@ pub enum LoadError {
         found: String,
     },
     /// The file says something that cannot be.
-    #[error("{}: {place}: found {found}, expected {expected}", file.display())]
+    #[error("{}: {problem}", file.display())]
     Invalid {
         /// The file.
         file: PathBuf,
-        /// Where in the file, by the names and numbers the file uses.
-        place: String,
-        /// What stands there.
-        found: String,
-        /// What would be right.
-        expected: String,
+        /// What it says, and where.
+        problem: Problem,
     },
     /// The clip asked for is not in the file.
     #[error("{}: no clip {wanted:?}; {}", file.display(), list_clips(clips))]
@@ -71,12 +67,19 @@ fn list_clips(clips: &[String]) -> String {
     format!("there are: {}", listed.join(", "))
 }
 
-/// An error inside a file, before the file's name is known.
-#[derive(Debug)]
-pub(crate) struct Problem {
-    place: String,
-    found: String,
-    expected: String,
+/// How many vertices or triangles there may be.
+pub(crate) const NUMBERED: &str = "as many as 32 bits can number";
+
+/// What is wrong inside of a file or a mesh.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{place}: found {found}, expected {expected}")]
+pub struct Problem {
+    /// Where, by the names and numbers the file uses.
+    pub place: String,
+    /// What stands there.
+    pub found: String,
+    /// What would be right.
+    pub expected: String,
 }
 
 impl Problem {
@@ -93,9 +96,18 @@ impl Problem {
         Self::new(place, one_line(&message.to_string()), expected)
     }
 
+    /// That `place` names something by a number that none of `count` has.
+    pub(crate) fn missing(
+        place: impl Into<String>,
+        what: &str,
+        number: impl std::fmt::Display,
+        count: usize,
+    ) -> Self {
+        Self::new(place, format!("no {what} {number}"), format!("a number below {count}"))
+    }
+
     pub(crate) fn in_file(self, file: &Path) -> LoadError {
-        let Self { place, found, expected } = self;
-        LoadError::Invalid { file: file.to_owned(), place, found, expected }
+        LoadError::Invalid { file: file.to_owned(), problem: self }
     }
 }
 

@@ -23,9 +23,8 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
-use ::gltf::json::accessor::Type;
 use ::gltf::json::{Index, Mesh, Root};
-use glam::{Affine3A, Mat3A, Vec2, Vec3};
+use glam::{Affine3A, DVec3, Mat3A, Vec2, Vec3};
 
 use self::accessor::{Accessors, BYTES_PER_TRIANGLE, BYTES_PER_VERTEX, Budget};
 use self::material::{Mapping, add_textures, is_blended, material_of, materials};
@@ -33,8 +32,8 @@ use self::nodes::{Channels, Nodes, affine, node_name, target_count};
 use self::primitive::Geometry;
 use self::seen::{Camera, LightSource};
 use self::track::Track;
-use crate::error::{LoadError, Problem, read_file};
-use crate::{Animation, Light, Motion, Part, PoseStats, Topology, View, Work};
+use crate::error::{LoadError, NUMBERED, Problem, read_file};
+use crate::{Animation, Light, LoadOptions, Motion, PoseStats, Topology, View, Work};
 
 /// A clip of a glTF file, ready to be posed at any time.
 ///
@@ -99,29 +98,26 @@ pub fn load_gltf(file: &Path, clip: Option<&str>) -> Result<GltfAnimation, LoadE
     parse_gltf(file, &read_file(file)?, clip)
 }
 
-/// As [`load_gltf`], without reading textures: surfaces keep the factors of their materials.
-///
-/// # Errors
-/// As [`load_gltf`].
-pub(crate) fn load_untextured(file: &Path, clip: Option<&str>) -> Result<GltfAnimation, LoadError> {
-    parse(file, &read_file(file)?, clip, false)
-}
-
 /// As [`load_gltf`], from the `bytes` of the file; `file` names them in errors, and buffers and
 /// images are sought beside it.
 ///
 /// # Errors
 /// As [`load_gltf`].
 pub fn parse_gltf(file: &Path, bytes: &[u8], clip: Option<&str>) -> Result<GltfAnimation, LoadError> {
-    parse(file, bytes, clip, true)
+    parse(file, bytes, &LoadOptions { clip, ..LoadOptions::default() })
 }
 
-fn parse(file: &Path, bytes: &[u8], clip: Option<&str>, textures: bool) -> Result<GltfAnimation, LoadError> {
+/// As [`parse_gltf`], by `options`.
+pub(crate) fn parse(
+    file: &Path,
+    bytes: &[u8],
+    options: &LoadOptions<'_>,
+) -> Result<GltfAnimation, LoadError> {
     let (root, buffers) = source::open(file, bytes)?;
     let size = buffers.iter().fold(bytes.len(), |size, buffer| size.saturating_add(buffer.len()));
     let clips: Vec<String> =
         root.animations.iter().map(|clip| clip.name.clone().unwrap_or_default()).collect();
-    let chosen = match clip {
+    let chosen = match options.clip {
         None => None,
         Some(wanted) => {
             let by_number = || wanted.parse().ok().filter(|&number: &usize| number < clips.len());
@@ -137,8 +133,12 @@ fn parse(file: &Path, bytes: &[u8], clip: Option<&str>, textures: bool) -> Resul
     };
     let folder = file.parent().unwrap_or(Path::new(""));
     let budget = Budget::for_input(size as u64);
-    let accessors = Accessors { root: &root, buffers: &buffers, folder, budget, textures };
-    GltfAnimation::build(&accessors, chosen.unwrap_or(0), clips).map_err(|problem| problem.in_file(file))
+    let accessors = Accessors { root: &root, buffers: &buffers, folder, budget, textures: options.textures };
+    let far = (options.origin != DVec3::ZERO)
+        .then(|| source::translations(bytes).map(|exact| (options.origin, exact)))
+        .transpose();
+    far.and_then(|far| GltfAnimation::build(&accessors, chosen.unwrap_or(0), clips, far))
+        .map_err(|problem| problem.in_file(file))
 }
 
 impl GltfAnimation {
@@ -154,13 +154,22 @@ impl GltfAnimation {
         self.ignored_primitives
     }
 
-    fn build(accessors: &Accessors<'_>, clip: usize, clips: Vec<String>) -> Result<Self, Problem> {
+    /// `far` is the origin, if it is another than the file's, and what [`source::translations`]
+    /// gives.
+    fn build(
+        accessors: &Accessors<'_>,
+        clip: usize,
+        clips: Vec<String>,
+        far: Option<(DVec3, Vec<Option<DVec3>>)>,
+    ) -> Result<Self, Problem> {
         let root = accessors.root;
         let mut channels = Channels::read(root.animations.get(clip), accessors)?;
-        let nodes = Nodes::read(root, &mut channels)?;
+        let scene = scene_nodes(root)?;
+        let mut in_scene = vec![false; root.nodes.len()];
+        scene.iter().for_each(|&node| in_scene[node] = true);
+        let nodes = Nodes::read(root, &mut channels, far, &in_scene)?;
         let skins =
             (0..root.skins.len()).map(|skin| Skin::read(skin, accessors)).collect::<Result<Vec<_>, _>>()?;
-        let scene = scene_nodes(root)?;
 
         let mut animation = Self {
             topology: Topology { materials: materials(root), ..Topology::default() },
@@ -179,8 +188,6 @@ impl GltfAnimation {
         };
         let mut still = Vec::new();
         let mut decoded = HashMap::new();
-        let mut in_scene = vec![false; root.nodes.len()];
-        scene.iter().for_each(|&node| in_scene[node] = true);
         for &node in &scene {
             animation.add_mesh(node, &in_scene, &mut channels, accessors, &mut decoded, &mut still)?;
         }
@@ -231,9 +238,7 @@ impl GltfAnimation {
     ) -> Result<(), Problem> {
         let root = accessors.root;
         let place = node_name(root, node);
-        let missing = |what: &str, number: usize, count: usize| {
-            Problem::new(&*place, format!("no {what} {number}"), format!("a number below {count}"))
-        };
+        let missing = |what, number, count| Problem::missing(&*place, what, number, count);
         let Some(mesh_number) = root.nodes[node].mesh.map(|mesh| mesh.value()) else { return Ok(()) };
         let mesh =
             root.meshes.get(mesh_number).ok_or_else(|| missing("mesh", mesh_number, root.meshes.len()))?;
@@ -295,8 +300,7 @@ impl GltfAnimation {
                 + name.len();
             accessors.budget.spend(bytes as u64, &place)?;
             let Some(motion) = self.add_part(name, &instance, material, weights_vary) else {
-                let found = "too many vertices or triangles in all";
-                return Err(Problem::new(place, found, "as many as 32 bits can number"));
+                return Err(Problem::new(place, "too many vertices or triangles in all", NUMBERED));
             };
             instance.motion = motion;
             if motion.is_still() { still.push(instance) } else { self.moving.push(instance) }
@@ -325,21 +329,17 @@ impl GltfAnimation {
         let motion = if vertex_moves.contains(&true) { motion } else { Motion::STILL };
 
         let topology = &mut self.topology;
-        let range = |begin: usize, count: usize| {
-            Some(u32::try_from(begin).ok()?..u32::try_from(begin.checked_add(count)?).ok()?)
-        };
-        let triangles = range(topology.triangles.len(), geometry.triangles.len())?;
-        let vertices = range(topology.vertex_count, geometry.positions.len())?;
-        for corners in &geometry.triangles {
-            topology.moves.push(corners.iter().any(|&corner| vertex_moves[corner as usize]));
-            topology.triangles.push(corners.map(|corner| vertices.start + corner));
+        let (triangles, vertices) = (&geometry.triangles, geometry.positions.len());
+        let part = topology.add_part(name, triangles, vertices, material)?;
+        part.motion = motion;
+        let first = part.triangles.start as usize;
+        for (moves, corners) in topology.moves[first..].iter_mut().zip(triangles) {
+            *moves = corners.iter().any(|&corner| vertex_moves[corner as usize]);
         }
         if let Some(texcoords) = &geometry.texcoords {
-            topology.texcoords.resize(topology.vertex_count, Vec2::ZERO);
+            topology.texcoords.resize(instance.first_vertex, Vec2::ZERO);
             topology.texcoords.extend_from_slice(texcoords);
         }
-        topology.vertex_count += geometry.positions.len();
-        topology.parts.push(Part { name, triangles, vertices, motion, material });
         Some(motion)
     }
 
@@ -560,8 +560,7 @@ impl Skin {
         let inverse_bind = match skin.inverse_bind_matrices {
             None => vec![Affine3A::IDENTITY; joints.len()],
             Some(matrices) => {
-                let matrices =
-                    accessors.floats::<16>(matrices, Type::Mat4, &format!("{place}, inverseBindMatrices"))?;
+                let matrices = accessors.floats::<16>(matrices, &format!("{place}, inverseBindMatrices"))?;
                 if matrices.len() < joints.len() {
                     let expected = format!("{}, one for each joint", joints.len());
                     return Err(Problem::new(
@@ -633,13 +632,11 @@ impl Weights {
 /// children.
 fn scene_nodes(root: &Root) -> Result<Vec<usize>, Problem> {
     let scene = match root.scene {
-        Some(scene) => Some(root.scenes.get(scene.value()).ok_or_else(|| {
-            Problem::new(
-                "scene",
-                format!("no scene {scene}"),
-                format!("a number below {}", root.scenes.len()),
-            )
-        })?),
+        Some(scene) => Some(
+            root.scenes
+                .get(scene.value())
+                .ok_or_else(|| Problem::missing("scene", "scene", scene, root.scenes.len()))?,
+        ),
         None => root.scenes.first(),
     };
     let Some(scene) = scene else { return Ok((0..root.nodes.len()).collect()) };
@@ -647,9 +644,8 @@ fn scene_nodes(root: &Root) -> Result<Vec<usize>, Problem> {
     let mut order = Vec::new();
     let mut waiting: Vec<usize> = scene.nodes.iter().rev().map(Index::value).collect();
     while let Some(node) = waiting.pop() {
-        let seen = seen.get_mut(node).ok_or_else(|| {
-            Problem::new("scene", format!("no node {node}"), format!("a number below {}", root.nodes.len()))
-        })?;
+        let seen =
+            seen.get_mut(node).ok_or_else(|| Problem::missing("scene", "node", node, root.nodes.len()))?;
         if !std::mem::replace(seen, true) {
             order.push(node);
             waiting.extend(root.nodes[node].children.iter().flatten().rev().map(Index::value));

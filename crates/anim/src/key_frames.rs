@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use crate::{Animation, Motion, PoseStats, Topology};
+use crate::{Animation, Motion, PoseStats, Problem, Topology};
 
 /// Time from one key frame to the next where nothing else is known, in seconds.
 pub const DEFAULT_SECONDS_PER_FRAME: f64 = 1.0 / 24.0;
@@ -35,49 +35,6 @@ pub struct KeyFrames {
     loop_mode: LoopMode,
 }
 
-/// Why a set of key frames is not an animation.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum KeyFramesError {
-    /// There are none.
-    #[error("found no key frames, expected at least one")]
-    Empty,
-    /// A key frame has the wrong number of positions.
-    #[error("key frame {frame}: found {found} positions, expected {expected}, one for each vertex")]
-    FrameLength {
-        /// Number of the key frame.
-        frame: usize,
-        /// Its number of positions.
-        found: usize,
-        /// The topology's number of vertices.
-        expected: usize,
-    },
-    /// A triangle names a vertex that does not exist.
-    #[error("triangle {triangle}: found vertex {vertex}, expected one below {vertex_count}")]
-    Vertex {
-        /// Number of the triangle.
-        triangle: usize,
-        /// The vertex it names.
-        vertex: u32,
-        /// The topology's number of vertices.
-        vertex_count: usize,
-    },
-    /// The parts do not cover the triangles in order, reach beyond the vertices or name a missing
-    /// material.
-    #[error("part {part}: found {found}, expected {expected}")]
-    Part {
-        /// Number of the part; the number of parts if something is missing behind the last.
-        part: usize,
-        /// What is wrong.
-        found: String,
-        /// What would be right.
-        expected: String,
-    },
-    /// The time between key frames is not usable.
-    #[error("found {0} seconds between key frames, expected a positive finite number")]
-    SecondsPerFrame(f64),
-}
-
 impl KeyFrames {
     /// An animation through `frames`, each with one position per vertex, `seconds_per_frame` apart.
     ///
@@ -93,16 +50,19 @@ impl KeyFrames {
         mut frames: Vec<Vec<Vec3>>,
         seconds_per_frame: f64,
         loop_mode: LoopMode,
-    ) -> Result<Self, KeyFramesError> {
+    ) -> Result<Self, Problem> {
         check_topology(&topology)?;
         check_seconds(seconds_per_frame)?;
         let expected = topology.vertex_count;
         if let Some((frame, found)) =
             frames.iter().map(Vec::len).enumerate().find(|&(_, found)| found != expected)
         {
-            return Err(KeyFramesError::FrameLength { frame, found, expected });
+            let (found, expected) =
+                (format!("{found} positions"), format!("{expected}, one for each vertex"));
+            return Err(Problem::new(format!("key frame {frame}"), found, expected));
         }
-        let rest = frames.first().ok_or(KeyFramesError::Empty)?.clone();
+        let none = || Problem::new("key frames", "none", "at least one");
+        let rest = frames.first().ok_or_else(none)?.clone();
 
         let mut moves = vec![false; rest.len()];
         let bits = |position: &Vec3| position.to_array().map(f32::to_bits);
@@ -135,7 +95,7 @@ impl KeyFrames {
     ///
     /// # Errors
     /// If the time is not positive and finite.
-    pub fn with_seconds_per_frame(self, seconds_per_frame: f64) -> Result<Self, KeyFramesError> {
+    pub fn with_seconds_per_frame(self, seconds_per_frame: f64) -> Result<Self, Problem> {
         check_seconds(seconds_per_frame)?;
         Ok(Self { seconds_per_frame, ..self })
     }
@@ -234,21 +194,26 @@ impl KeyFrames {
     }
 }
 
-fn check_seconds(seconds: f64) -> Result<(), KeyFramesError> {
-    if seconds > 0.0 && seconds.is_finite() { Ok(()) } else { Err(KeyFramesError::SecondsPerFrame(seconds)) }
+fn check_seconds(seconds: f64) -> Result<(), Problem> {
+    if seconds > 0.0 && seconds.is_finite() {
+        return Ok(());
+    }
+    let found = format!("{seconds} seconds from one to the next");
+    Err(Problem::new("key frames", found, "a positive finite number"))
 }
 
-fn check_topology(topology: &Topology) -> Result<(), KeyFramesError> {
+fn check_topology(topology: &Topology) -> Result<(), Problem> {
     let vertex_count = topology.vertex_count;
     for (triangle, corners) in topology.triangles.iter().enumerate() {
         if let Some(&vertex) = corners.iter().find(|&&corner| corner as usize >= vertex_count) {
-            return Err(KeyFramesError::Vertex { triangle, vertex, vertex_count });
+            let expected = format!("one below {vertex_count}");
+            return Err(Problem::new(format!("triangle {triangle}"), format!("vertex {vertex}"), expected));
         }
     }
     let mut covered = 0;
     for (number, part) in topology.parts.iter().enumerate() {
         let wrong =
-            |found: String, expected: String| Err(KeyFramesError::Part { part: number, found, expected });
+            |found: String, expected: String| Err(Problem::new(format!("part {number}"), found, expected));
         let (triangles, vertices) = (&part.triangles, &part.vertices);
         if triangles.start != covered || triangles.end < covered {
             return wrong(format!("triangles {triangles:?}"), format!("a range that begins at {covered}"));
@@ -265,9 +230,8 @@ fn check_topology(topology: &Topology) -> Result<(), KeyFramesError> {
         }
     }
     if covered as usize != topology.triangles.len() {
-        let (found, expected) =
-            (format!("{covered} triangles covered"), topology.triangles.len().to_string());
-        return Err(KeyFramesError::Part { part: topology.parts.len(), found, expected });
+        let (found, expected) = (format!("{covered} triangles"), topology.triangles.len().to_string());
+        return Err(Problem::new("all parts", found, expected));
     }
     Ok(())
 }
@@ -391,19 +355,20 @@ mod tests {
     #[test]
     fn misfits_are_errors() {
         let new = |topology, frames| KeyFrames::new(topology, frames, 1.0, LoopMode::Restart).unwrap_err();
-        assert_eq!(new(topology(), vec![]), KeyFramesError::Empty);
+        let new = |topology, frames| new(topology, frames).to_string();
+        assert_eq!(new(topology(), vec![]), "key frames: found none, expected at least one");
         let short = vec![frame(0.0), frame(0.0)[..5].to_vec()];
-        assert_eq!(new(topology(), short), KeyFramesError::FrameLength { frame: 1, found: 5, expected: 6 });
+        let expected = "key frame 1: found 5 positions, expected 6, one for each vertex";
+        assert_eq!(new(topology(), short), expected);
         let mut bad = topology();
         bad.triangles[1][2] = 6;
-        let expected = KeyFramesError::Vertex { triangle: 1, vertex: 6, vertex_count: 6 };
-        assert_eq!(new(bad, vec![frame(0.0)]), expected);
+        assert_eq!(new(bad, vec![frame(0.0)]), "triangle 1: found vertex 6, expected one below 6");
         let mut bad = topology();
         bad.parts.pop();
-        assert!(matches!(new(bad, vec![frame(0.0)]), KeyFramesError::Part { part: 1, .. }));
+        assert_eq!(new(bad, vec![frame(0.0)]), "all parts: found 1 triangles, expected 2");
         let mut bad = topology();
         bad.parts[0].vertices = 0..7;
-        assert!(matches!(new(bad, vec![frame(0.0)]), KeyFramesError::Part { part: 0, .. }));
+        assert_eq!(new(bad, vec![frame(0.0)]), "part 0: found vertices 0..7, expected a range up to 6");
         for seconds in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert!(KeyFrames::new(topology(), vec![frame(0.0)], seconds, LoopMode::Restart).is_err());
         }

@@ -23,11 +23,11 @@ mod texture;
 
 pub use aff::{AffAnimation, load_aff};
 pub use animation::{Animation, Light, Material, Motion, Part, Topology, View};
-pub use error::LoadError;
+pub use error::{LoadError, Problem};
 pub use glam;
 pub use gltf::{GltfAnimation, load_gltf, parse_gltf};
-pub use key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, KeyFramesError, LoopMode};
-pub use load::{load, load_with};
+pub use key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, LoopMode};
+pub use load::{LoadOptions, center, load, load_with};
 pub use mesh_file::{load_mesh, parse_mesh};
 pub use normals::vertex_normals;
 pub use pose::{Pose, PoseStats, Work};

@@ -2,50 +2,69 @@
 
 use std::path::Path;
 
-use crate::Animation;
-use crate::aff::load_aff;
-use crate::error::LoadError;
-use crate::gltf::{load_gltf, load_untextured};
-use crate::mesh_file::{Format, load_mesh};
-use crate::sequence::load_sequence;
+use glam::DVec3;
 
-/// Loads what is at `path`: a .glb or .gltf file ([`load_gltf`]), a directory of key frames
-/// ([`load_sequence`]), a scene of BART in .aff files ([`load_aff`]), or a single .obj, .ply or
-/// .stl file ([`load_mesh`]).
-///
-/// `clip` chooses a clip of a glTF file by name or number; nothing else has clips.
+use crate::error::{LoadError, read_file};
+use crate::mesh_file::format_of;
+use crate::{Animation, aff, gltf, mesh_file, sequence};
+
+/// What of a file is loaded, and relative to which point; by default all of it, as it stands there.
+#[derive(Clone, Copy, Debug)]
+pub struct LoadOptions<'a> {
+    /// A clip of a glTF file by name or number; nothing else has clips. `None` is the first.
+    pub clip: Option<&'a str>,
+    /// Whether textures are read; without them surfaces keep the factors of their materials.
+    pub textures: bool,
+    /// The point of the file that becomes the origin, in the file's unit.
+    ///
+    /// An `f32` at the earth's radius knows half a metre. A model there keeps details of a
+    /// millimetre relative to an origin nearby, such as [`center`] gives: it is subtracted from
+    /// coordinates in text and in PLY files, and from composed transforms, before they are rounded
+    /// from `f64` to `f32`. Positions inside a mesh of a glTF file, and all of STL, are `f32` in the
+    /// file.
+    pub origin: DVec3,
+}
+
+impl Default for LoadOptions<'_> {
+    fn default() -> Self {
+        Self { clip: None, textures: true, origin: DVec3::ZERO }
+    }
+}
+
+/// Loads what is at `path`: a .glb or .gltf file ([`load_gltf`](crate::load_gltf)), a directory of
+/// key frames ([`load_sequence`](crate::load_sequence)), a scene of BART in .aff files
+/// ([`load_aff`](crate::load_aff)), or a single .obj, .ply or .stl file
+/// ([`load_mesh`](crate::load_mesh)).
 ///
 /// # Errors
 /// As those functions; if it is nothing of the kind; if `clip` is given for something without
 /// clips.
 pub fn load(path: &Path, clip: Option<&str>) -> Result<Box<dyn Animation>, LoadError> {
-    load_with(path, clip, true)
+    load_with(path, &LoadOptions { clip, ..LoadOptions::default() })
 }
 
-/// As [`load`], reading textures only if they are wanted; without them surfaces keep the factors of
-/// their materials.
+/// As [`load`], by `options`.
 ///
 /// # Errors
 /// As [`load`].
-pub fn load_with(path: &Path, clip: Option<&str>, textures: bool) -> Result<Box<dyn Animation>, LoadError> {
+pub fn load_with(path: &Path, options: &LoadOptions<'_>) -> Result<Box<dyn Animation>, LoadError> {
     let kind = std::fs::metadata(path).map_err(|source| LoadError::Io { file: path.to_owned(), source })?;
+    let unsupported = |found: String| Err(LoadError::Unsupported { file: path.to_owned(), found });
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    if kind.is_file() && matches!(&*extension, "glb" | "gltf") {
-        return Ok(Box::new(if textures { load_gltf(path, clip)? } else { load_untextured(path, clip)? }));
-    }
-    if !kind.is_file() && !kind.is_dir() {
-        return Err(LoadError::Unsupported { file: path.to_owned(), found: "not a regular file".into() });
-    }
     let is_aff = kind.is_file() && extension == "aff";
-    if !is_aff && !kind.is_dir() && Format::of(path).is_none() {
-        let found = if extension.is_empty() {
-            "a file without extension".into()
-        } else {
-            format!("a .{extension} file")
-        };
-        return Err(LoadError::Unsupported { file: path.to_owned(), found });
+    if kind.is_file() {
+        match &*extension {
+            "glb" | "gltf" => return Ok(Box::new(gltf::parse(path, &read_file(path)?, options)?)),
+            "" => return unsupported("a file without extension".into()),
+            _ if !is_aff && format_of(path).is_none() => {
+                return unsupported(format!("a .{extension} file"));
+            }
+            _ => {}
+        }
+    } else if !kind.is_dir() {
+        return unsupported("not a regular file".into());
     }
-    if let Some(clip) = clip {
+    if let Some(clip) = options.clip {
         return Err(LoadError::UnknownClip {
             file: path.to_owned(),
             wanted: clip.to_owned(),
@@ -53,7 +72,18 @@ pub fn load_with(path: &Path, clip: Option<&str>, textures: bool) -> Result<Box<
         });
     }
     if is_aff {
-        return Ok(Box::new(load_aff(path)?));
+        return Ok(Box::new(aff::load(path, options.origin)?));
     }
-    Ok(Box::new(if kind.is_dir() { load_sequence(path)? } else { load_mesh(path)? }))
+    let load = if kind.is_dir() { sequence::load } else { mesh_file::load };
+    Ok(Box::new(load(path, options.origin)?))
+}
+
+/// The middle of the box around all finite positions at time 0, in whole units: an origin for
+/// [`load_with`] that keeps the details of a model far away. O(vertices).
+#[must_use]
+pub fn center(animation: &dyn Animation) -> DVec3 {
+    let rest = animation.rest();
+    let finite = || rest.iter().filter(|position| position.is_finite()).map(|p| p.as_dvec3());
+    let (low, high) = finite().fold((DVec3::MAX, DVec3::MIN), |(low, high), p| (low.min(p), high.max(p)));
+    if low.cmple(high).all() { (0.5 * (low + high)).round() } else { DVec3::ZERO }
 }

@@ -3,9 +3,11 @@
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
+
 use crate::error::{LoadError, Problem, read_file};
 use crate::key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, LoopMode};
-use crate::mesh_file::{Format, Mesh, read_mesh};
+use crate::mesh_file::{Mesh, format_of, read_mesh};
 
 /// Loads the .ply or .obj files of the directory `directory` as the key frames of one animation.
 ///
@@ -21,15 +23,20 @@ use crate::mesh_file::{Format, Mesh, read_mesh};
 /// If the directory cannot be read or holds no mesh files, a file cannot be loaded, or two files
 /// differ in more than positions.
 pub fn load_sequence(directory: &Path) -> Result<KeyFrames, LoadError> {
+    load(directory, DVec3::ZERO)
+}
+
+/// As [`load_sequence`], relative to `origin`.
+pub(crate) fn load(directory: &Path, origin: DVec3) -> Result<KeyFrames, LoadError> {
     let files = mesh_files(directory)?;
     let (first_file, others) = files.split_first().ok_or_else(|| LoadError::Unsupported {
         file: directory.to_owned(),
         found: "a directory without .ply or .obj files".into(),
     })?;
-    let first = read_mesh(first_file, &read_file(first_file)?)?;
+    let first = read_mesh(first_file, &read_file(first_file)?, origin)?;
     let mut frames = vec![first.positions];
     for file in others {
-        let mesh = read_mesh(file, &read_file(file)?)?;
+        let mesh = read_mesh(file, &read_file(file)?, origin)?;
         if let Some(difference) = difference(&mesh, &first.topology) {
             return Err(LoadError::TopologyMismatch {
                 file: file.clone(),
@@ -40,9 +47,8 @@ pub fn load_sequence(directory: &Path) -> Result<KeyFrames, LoadError> {
         frames.push(mesh.positions);
     }
     let loop_mode = if frames.len() == 2 { LoopMode::BackAndForth } else { LoopMode::Restart };
-    KeyFrames::new(first.topology, frames, DEFAULT_SECONDS_PER_FRAME, loop_mode).map_err(|error| {
-        Problem::from_parser("key frames", &error, "a consistent sequence").in_file(directory)
-    })
+    KeyFrames::new(first.topology, frames, DEFAULT_SECONDS_PER_FRAME, loop_mode)
+        .map_err(|problem| problem.in_file(directory))
 }
 
 /// The mesh files of `directory` in natural order.
@@ -54,7 +60,7 @@ fn mesh_files(directory: &Path) -> Result<Vec<PathBuf>, LoadError> {
         // Hidden files are what some systems leave beside the real ones.
         let hidden = file.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
         // A frame that cannot be read must not be missed out, so that what is no folder is tried.
-        if Format::of(&file).is_some() && !hidden && !file.is_dir() {
+        if format_of(&file).is_some() && !hidden && !file.is_dir() {
             files.push(file);
         }
     }
@@ -62,7 +68,7 @@ fn mesh_files(directory: &Path) -> Result<Vec<PathBuf>, LoadError> {
         let name = |file: &PathBuf| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         natural_order(&name(a), &name(b)).then_with(|| a.cmp(b))
     });
-    if files.windows(2).any(|pair| Format::of(&pair[0]) != Format::of(&pair[1])) {
+    if files.windows(2).any(|pair| format_of(&pair[0]) != format_of(&pair[1])) {
         return Err(
             Problem::new("files", "both .ply and .obj", "one kind in one sequence").in_file(directory)
         );

@@ -7,14 +7,12 @@
 
 use std::f32::consts::{PI, TAU};
 
-use anim::{KeyFrames, Light, LoopMode, Motion, View};
+use anim::{KeyFrames, LoopMode, Motion};
 use glam::{Vec3, vec3};
 
 use crate::rigid::rotation;
 use crate::shape::{Assembly, Mesh, turned};
-use crate::{
-    Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, SimulationStats,
-};
+use crate::{Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
 /// Animated triangles of level 8 of the benchmark: 4 to the power of 8.
 const TRIANGLES: usize = 65_536;
@@ -68,24 +66,9 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     furnish(&mut assembly);
     let still = &assembly.positions[3 * TRIANGLES..];
     let frames: Vec<Vec<Vec3>> = shapes.iter().map(|shape| [&shape.concat()[..], still].concat()).collect();
-    Ok(Scene {
-        name: INFO.name.to_owned(),
-        about: INFO.about,
-        key_bytes: INFO.key_bytes,
-        animation: Box::new(KeyFrames::new(assembly.topology, frames, SECONDS_PER_SHAPE, LoopMode::Restart)?),
-        view: View {
-            eye: vec3(0.5, 2.5, 4.9),
-            target: vec3(0.0, 2.15, 0.0),
-            up: Vec3::Y,
-            fov_y: 55_f32.to_radians(),
-        },
-        light: Light { position: vec3(-1.6, 4.7, 2.8), color: [1.0; 3] },
-        effects: INFO.effects,
-        frames: FRAMES,
-        measures: Vec::new(),
-        simulated: SimulationStats::default(),
-        notes: Vec::new(),
-    })
+    let animation = KeyFrames::new(assembly.topology, frames, SECONDS_PER_SHAPE, LoopMode::Restart)?;
+    let seen = (vec3(0.5, 2.5, 4.9), vec3(0.0, 2.15, 0.0));
+    Ok(Scene::new(&INFO, animation, seen, 55_f32.to_radians(), vec3(-1.6, 4.7, 2.8)))
 }
 
 /// Crumbs in a heap on the pedestal.
@@ -213,10 +196,7 @@ fn furnish(assembly: &mut Assembly) {
         });
         let profile: Vec<_> =
             [(0.0, h), (0.3, h)].into_iter().chain(shaft).chain([(0.28, 0.0), (0.0, 0.0)]).collect();
-        let mut pillar = turned(&profile, STEPS);
-        for p in &mut pillar.positions {
-            *p += 0.86 * ROOM.radius * vec3(cos, 0.0, sin);
-        }
+        let pillar = turned(&profile, STEPS).moved(|p| p + 0.86 * ROOM.radius * vec3(cos, 0.0, sin));
         assembly.part("pillar", &pillar, Motion::STILL, stone);
     }
     let post = [
@@ -231,18 +211,13 @@ fn furnish(assembly: &mut Assembly) {
     ];
     for k in 0..POSTS {
         let (sin, cos) = libm::sincosf(TAU * k as f32 / POSTS as f32);
-        let mut post = turned(&post, POST_STEPS);
-        for p in &mut post.positions {
-            *p += 1.9 * vec3(cos, 0.0, sin);
-        }
+        let post = turned(&post, POST_STEPS).moved(|p| p + 1.9 * vec3(cos, 0.0, sin));
         assembly.part("post", &post, Motion::STILL, frame);
     }
     for k in 0..6 {
         let turn = rotation(Vec3::Y, TAU * k as f32 / 6.0);
-        let mut painting = cuboid(vec3(0.05, 0.6, 0.9));
-        for p in &mut painting.positions {
-            *p = turn * (*p + vec3(0.97 * ROOM.radius, 2.4, 0.0));
-        }
+        let painting =
+            cuboid(vec3(0.05, 0.6, 0.9)).moved(|p| turn * (p + vec3(0.97 * ROOM.radius, 2.4, 0.0)));
         assembly.part("painting", &painting, Motion::STILL, frame);
     }
 }

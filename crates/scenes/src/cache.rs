@@ -24,31 +24,30 @@ pub(crate) struct Record {
     pub(crate) stats: SimulationStats,
 }
 
-/// The record of `simulate` from the cache, or fresh, and then written to the cache.
+/// The record of `simulate` from the cache, or fresh, and then written to the cache; with a note if
+/// that fails.
 ///
 /// `parameters` names the scene and every option that `simulate` depends on, but for the effects left
-/// out. A note is pushed if the cache cannot be written.
+/// out.
 pub(crate) fn recorded(
     parameters: &str,
     options: &SceneOptions<'_>,
-    notes: &mut Vec<String>,
     simulate: impl FnOnce() -> Record,
-) -> Record {
+) -> (Record, Vec<String>) {
     let Some(dir) = &options.cache_dir else {
-        return simulate();
+        return (simulate(), Vec::new());
     };
     let without = Effects { motion: options.without, ..Effects::default() };
     let parameters = &format!("{parameters} without {without}");
     let path = cache_path(dir, parameters);
     if let Some(record) = fs::read(&path).ok().and_then(|bytes| decode(&bytes, parameters)) {
-        return record;
+        return (record, Vec::new());
     }
     let record = simulate();
     let encoded = encode(&record, parameters).map_err(io::Error::other);
-    if let Err(error) = encoded.and_then(|bytes| write_whole(dir, &path, &bytes)) {
-        notes.push(format!("key frames could not be cached at {}: {error}", path.display()));
-    }
-    record
+    let failed = encoded.and_then(|bytes| write_whole(dir, &path, &bytes)).err();
+    let note = |error| format!("key frames could not be cached at {}: {error}", path.display());
+    (record, failed.map(note).into_iter().collect())
 }
 
 fn cache_path(dir: &Path, parameters: &str) -> PathBuf {
@@ -116,13 +115,12 @@ mod tests {
         let dir = std::env::temp_dir().join(format!("pivot-cache-test-{}", std::process::id()));
         let options = SceneOptions { cache_dir: Some(dir.clone()), ..SceneOptions::default() };
         let runs = Cell::new(0);
-        let mut notes = Vec::new();
-        let mut get = || {
-            let record = recorded("test 1", &options, &mut notes, || {
+        let get = || {
+            let found = recorded("test 1", &options, || {
                 runs.set(runs.get() + 1);
                 sample()
             });
-            assert_eq!(record, sample());
+            assert_eq!(found, (sample(), Vec::new()));
         };
         get();
         get();
@@ -135,7 +133,6 @@ mod tests {
         get();
         assert_eq!(runs.get(), 2, "the damaged file was made again, once");
         assert_eq!(fs::read_dir(&dir).unwrap().count(), 1, "no temporary files are left");
-        assert!(notes.is_empty());
         fs::remove_dir_all(dir).unwrap();
     }
 
@@ -144,9 +141,8 @@ mod tests {
         let file = std::env::temp_dir().join(format!("pivot-cache-file-{}", std::process::id()));
         fs::write(&file, "not a folder").unwrap();
         let options = SceneOptions { cache_dir: Some(file.clone()), ..SceneOptions::default() };
-        let mut notes = Vec::new();
-        assert_eq!(recorded("test 1", &options, &mut notes, sample), sample());
-        assert_eq!(notes.len(), 1);
+        let (record, notes) = recorded("test 1", &options, sample);
+        assert_eq!((record, notes.len()), (sample(), 1));
         fs::remove_file(file).unwrap();
     }
 }

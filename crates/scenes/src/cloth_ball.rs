@@ -1,12 +1,12 @@
 //! `cloth-ball`: a square cloth falls onto a ball, which then turns and winds it up.
 
-use anim::{KeyFrames, Light, LoopMode, Motion, View};
+use anim::{KeyFrames, LoopMode, Motion};
 use glam::Vec3;
 
 use crate::cache::{Record, recorded};
 use crate::cloth::{Cloth, Fabric};
 use crate::rigid::rotation;
-use crate::shape::{Assembly, Mesh, grid_triangles, sphere};
+use crate::shape::{Assembly, Mesh, grid, sphere};
 use crate::simulation::{self, Run, World};
 use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
@@ -53,10 +53,9 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
         });
     }
     let side = ((SIDE as f32 * options.detail.unwrap_or(1.0).sqrt()).round() as usize).max(4);
-    let mut notes = Vec::new();
     let parameters = format!("cloth-ball seed {} keys {keys} substeps {substeps} side {side}", options.seed);
-    let Record { floats, measures, stats, .. } =
-        recorded(&parameters, options, &mut notes, || simulate(side, keys, substeps, options));
+    let (Record { floats, measures, stats, .. }, notes) =
+        recorded(&parameters, options, || simulate(side, keys, substeps, options));
     let frames: Vec<Vec<Vec3>> =
         floats.into_iter().map(|x| x.as_chunks::<3>().0.iter().copied().map(Vec3::from).collect()).collect();
 
@@ -67,24 +66,12 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     assembly.part("cloth", &flat(side, options.seed), moving, fabric);
     assembly.part("ball", &sphere(RADIUS, 20, 20), moving, ball);
     let seconds_per_key = SECONDS / (keys - 1) as f64;
-    Ok(Scene {
-        name: INFO.name.to_owned(),
-        about: INFO.about,
-        key_bytes: keys * size_of::<Vec3>() * assembly.positions.len(),
-        animation: Box::new(KeyFrames::new(assembly.topology, frames, seconds_per_key, LoopMode::Restart)?),
-        view: View {
-            eye: Vec3::new(15.0, 13.5, 41.0),
-            target: Vec3::new(0.0, 6.0, 0.0),
-            up: Vec3::Y,
-            fov_y: 38_f32.to_radians(),
-        },
-        light: Light { position: Vec3::new(-18.0, 45.0, 22.0), color: [1.0; 3] },
-        effects: INFO.effects,
-        frames: FRAMES,
-        measures,
-        simulated: stats,
-        notes,
-    })
+    let key_bytes = keys * size_of::<Vec3>() * assembly.positions.len();
+    let animation = KeyFrames::new(assembly.topology, frames, seconds_per_key, LoopMode::Restart)?;
+    let (eye, target) = (Vec3::new(15.0, 13.5, 41.0), Vec3::new(0.0, 6.0, 0.0));
+    let scene =
+        Scene::new(&INFO, animation, (eye, target), 38_f32.to_radians(), Vec3::new(-18.0, 45.0, 22.0));
+    Ok(Scene { key_bytes, measures, simulated: stats, notes, ..scene })
 }
 
 /// The cloth before it falls: just above the ball, a little askew and not quite flat, as the seed
@@ -93,16 +80,11 @@ fn flat(side: usize, seed: u64) -> Mesh {
     let mut random = fastrand::Rng::with_seed(seed);
     let (sin, cos) = libm::sincosf(0.3 + 0.2 * random.f32());
     let off = Vec3::new(random.f32() - 0.5, 0.0, random.f32() - 0.5);
-    let mut mesh = Mesh::default();
-    for row in 0..=side {
-        for column in 0..=side {
-            let [u, v] = [column, row].map(|k| CLOTH * (k as f32 / side as f32 - 0.5));
-            let top = CENTER.y + RADIUS + SKIN + 0.1 + 0.02 * random.f32();
-            mesh.positions.push(off + Vec3::new(cos * u + sin * v, top, cos * v - sin * u));
-        }
-    }
-    mesh.triangles = grid_triangles(side);
-    mesh
+    grid(side, |row, column| {
+        let [u, v] = [column, row].map(|k| CLOTH * (k as f32 / side as f32 - 0.5));
+        let top = CENTER.y + RADIUS + SKIN + 0.1 + 0.02 * random.f32();
+        off + Vec3::new(cos * u + sin * v, top, cos * v - sin * u)
+    })
 }
 
 /// The cloth and the ball that winds it up.

@@ -1,7 +1,7 @@
 //! The solid of a winged dragon, about 12 wide, 7 high, and 11 long; it looks along +z and stands
 //! on y = 0.
 
-use glam::{Quat, Vec3, vec3};
+use glam::{Vec3, vec3};
 
 use crate::implicit::{Shape, Solid};
 
@@ -75,7 +75,7 @@ fn body(dragon: &mut Solid) {
 
 fn head(dragon: &mut Solid) {
     dragon.blend(0.2);
-    dragon.ellipsoid(vec3(0.0, 5.9, 3.55), vec3(0.42, 0.38, 0.6), Quat::IDENTITY);
+    dragon.ellipsoid(vec3(0.0, 5.9, 3.55), vec3(0.42, 0.38, 0.6));
     dragon.limb(&[(vec3(0.0, 5.85, 3.9), 0.32), (vec3(0.0, 5.78, 4.85), 0.22)]);
     dragon.blend(0.06);
     dragon.limb(&[(vec3(0.0, 5.6, 3.6), 0.26), (vec3(0.0, 5.2, 4.2), 0.19), (vec3(0.0, 5.08, 4.65), 0.13)]);

@@ -34,14 +34,9 @@ pub(crate) static DRAGON: Statue = Statue {
     kick: burst,
     colors: Colors { statue: [0.25, 0.5, 0.32], stone: [0.5, 0.47, 0.45], ground: [0.75, 0.7, 0.62] },
     ground: 60.0,
-    eye: vec3(9.5, 7.0, 14.0),
-    target: vec3(0.0, 3.4, -0.3),
+    seen: (vec3(9.5, 7.0, 14.0), vec3(0.0, 3.4, -0.3)),
     light: vec3(14.0, 24.0, 16.0),
 };
-
-pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
-    DRAGON.scene(options)
-}
 
 /// Key frames of the original.
 const BLENDED_KEYS: usize = 16;
@@ -49,7 +44,7 @@ const BLENDED_KEYS: usize = 16;
 /// The scene from few key frames, between which vertices go straight, as those of the original do:
 /// pieces that spin shear and shrink on the way from one to the next.
 pub(crate) fn blended(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
-    let rigid = scene(options)?;
+    let rigid = DRAGON.scene(options)?;
     let seconds = rigid.animation.duration() / (BLENDED_KEYS - 1) as f64;
     let pose = |key: usize| {
         let mut positions = rigid.animation.rest();

@@ -10,7 +10,7 @@ use crate::glb::{Glb, Influence};
 use crate::implicit::Solid;
 use crate::meshing;
 use crate::rigid::rotation;
-use crate::shape::{Mesh, grid_triangles};
+use crate::shape::{Mesh, grid};
 
 /// Keys of every track of the dance.
 const KEYS: usize = 49;
@@ -63,11 +63,8 @@ pub(crate) fn add(glb: &mut Glb, place: Vec3, seconds: f32) {
         glb.skin(node, &joints, &places);
     }
     for (name, solid, triangles, material) in [("hair", hair(), 2400, blond), ("eyes", eyes(), 400, dark)] {
-        let mut mesh = decimate(
-            &meshing::mesh(&solid, vec3(-0.25, 1.2, -0.35), vec3(0.25, 1.9, 0.25), 0.006),
-            triangles,
-        );
-        mesh.positions.iter_mut().for_each(|p| *p -= SKELETON[HEAD].2);
+        let fine = meshing::mesh(&solid, vec3(-0.25, 1.2, -0.35), vec3(0.25, 1.9, 0.25), 0.006);
+        let mesh = decimate(&fine, triangles).moved(|p| p - SKELETON[HEAD].2);
         let mesh = glb.mesh(&mesh, material);
         glb.show(name, Some(joints[HEAD]), mesh);
     }
@@ -91,7 +88,7 @@ fn body() -> Solid {
         (vec3(0.38, 1.22, 0.0), 0.036),
         (vec3(0.6, 1.18, 0.02), 0.026),
     ]);
-    half.ellipsoid(vec3(0.65, 1.175, 0.02), vec3(0.05, 0.018, 0.032), Quat::IDENTITY);
+    half.ellipsoid(vec3(0.65, 1.175, 0.02), vec3(0.05, 0.018, 0.032));
     half.limb(&[
         (vec3(0.075, 0.9, 0.0), 0.088),
         (vec3(0.09, 0.5, 0.01), 0.052),
@@ -111,11 +108,11 @@ fn body() -> Solid {
     all.limb(&[(vec3(0.0, 0.93, 0.0), 0.115), (vec3(0.0, 1.08, 0.0), 0.085), (vec3(0.0, 1.22, 0.0), 0.105)]);
     all.blend(0.03);
     all.limb(&[(vec3(0.0, 1.28, 0.0), 0.05), (vec3(0.0, 1.42, 0.01), 0.04)]);
-    all.ellipsoid(vec3(0.0, 1.5, 0.01), vec3(0.1, 0.13, 0.115), Quat::IDENTITY);
-    all.ellipsoid(vec3(0.0, 1.43, 0.04), vec3(0.065, 0.06, 0.07), Quat::IDENTITY);
+    all.ellipsoid(vec3(0.0, 1.5, 0.01), vec3(0.1, 0.13, 0.115));
+    all.ellipsoid(vec3(0.0, 1.43, 0.04), vec3(0.065, 0.06, 0.07));
     all.blend(0.012);
     all.limb(&[(vec3(0.0, 1.515, 0.115), 0.012), (vec3(0.0, 1.475, 0.137), 0.015)]);
-    all.ellipsoid(vec3(0.0, 1.425, 0.103), vec3(0.03, 0.011, 0.014), Quat::IDENTITY);
+    all.ellipsoid(vec3(0.0, 1.425, 0.103), vec3(0.03, 0.011, 0.014));
     all.with(&half).mirrored(&half);
     all
 }
@@ -123,7 +120,7 @@ fn body() -> Solid {
 fn hair() -> Solid {
     let mut hair = Solid::default();
     hair.blend(0.03);
-    hair.ellipsoid(vec3(0.0, 1.545, -0.035), vec3(0.112, 0.115, 0.11), Quat::IDENTITY);
+    hair.ellipsoid(vec3(0.0, 1.545, -0.035), vec3(0.112, 0.115, 0.11));
     hair.ball(vec3(0.0, 1.68, -0.08), 0.055);
     for k in 0..9 {
         let (sin, cos) = libm::sincosf(PI * (k as f32 - 4.0) / 9.0);
@@ -140,7 +137,7 @@ fn hair() -> Solid {
 fn eyes() -> Solid {
     let mut eyes = Solid::default();
     for side in [-1.0, 1.0] {
-        eyes.ellipsoid(vec3(side * 0.042, 1.52, 0.107), vec3(0.017, 0.022, 0.01), Quat::IDENTITY);
+        eyes.ellipsoid(vec3(side * 0.042, 1.52, 0.107), vec3(0.017, 0.022, 0.01));
     }
     eyes
 }
@@ -148,21 +145,17 @@ fn eyes() -> Solid {
 /// From below the arms to a hem of petals; an open surface with `2 * 40 * 40` triangles.
 fn dress() -> Mesh {
     const CELLS: usize = 40;
-    let mut mesh = Mesh { positions: Vec::new(), triangles: grid_triangles(CELLS) };
-    for row in 0..=CELLS {
+    grid(CELLS, |row, column| {
         let t = row as f32 / CELLS as f32;
-        for column in 0..=CELLS {
-            let angle = -TAU * (column % CELLS) as f32 / CELLS as f32;
-            let (sin, cos) = libm::sincosf(angle);
-            let petal = libm::fabsf(libm::sinf(4.0 * angle));
-            let skirt = ((t - 0.35) / 0.65).max(0.0);
-            let waist = 0.118 - 0.02 * libm::sinf(PI * (t / 0.45).min(1.0));
-            let radius = waist + skirt * (0.2 + 0.06 * petal);
-            let y = 1.21 - 0.62 * t - 0.1 * petal * skirt * skirt;
-            mesh.positions.push(vec3(radius * cos, y, 0.92 * radius * sin));
-        }
-    }
-    mesh
+        let angle = -TAU * (column % CELLS) as f32 / CELLS as f32;
+        let (sin, cos) = libm::sincosf(angle);
+        let petal = libm::fabsf(libm::sinf(4.0 * angle));
+        let skirt = ((t - 0.35) / 0.65).max(0.0);
+        let waist = 0.118 - 0.02 * libm::sinf(PI * (t / 0.45).min(1.0));
+        let radius = waist + skirt * (0.2 + 0.06 * petal);
+        let y = 1.21 - 0.62 * t - 0.1 * petal * skirt * skirt;
+        vec3(radius * cos, y, 0.92 * radius * sin)
+    })
 }
 
 /// The four joints with the nearest bones, weighted by the inverse fourth power of distance.
@@ -184,24 +177,16 @@ fn influence(p: Vec3) -> Influence {
 fn wing(side: f32, reach: f32, rise: f32, sweep: f32) -> Mesh {
     const CELLS: usize = 14;
     let (sin, cos) = libm::sincosf(sweep);
-    let mut mesh = Mesh { positions: Vec::new(), triangles: grid_triangles(CELLS) };
     let axis = vec3(1.0, rise, 0.0).normalize();
     let across = vec3(-axis.y, axis.x, 0.0);
-    for row in 0..=CELLS {
+    grid(CELLS, |row, column| {
         let t = row as f32 / CELLS as f32;
         let width = 0.42 * reach * libm::sinf(PI * t.sqrt() * 0.97) + 0.01;
-        for column in 0..=CELLS {
-            let s = column as f32 / CELLS as f32 - 0.5;
-            let flat = reach * t * (1.0 - 0.3 * s * s) * axis + width * s * across;
-            let bow = 0.08 * reach * libm::sinf(PI * t);
-            mesh.positions.push(vec3(
-                side * (0.03 + flat.x * cos),
-                0.14 + flat.y,
-                -0.08 - flat.x * sin - bow,
-            ));
-        }
-    }
-    mesh
+        let s = column as f32 / CELLS as f32 - 0.5;
+        let flat = reach * t * (1.0 - 0.3 * s * s) * axis + width * s * across;
+        let bow = 0.08 * reach * libm::sinf(PI * t);
+        vec3(side * (0.03 + flat.x * cos), 0.14 + flat.y, -0.08 - flat.x * sin - bow)
+    })
 }
 
 /// Keys for every joint: the hips rise, sink, and turn once; arms and legs swing, in time with

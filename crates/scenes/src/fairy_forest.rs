@@ -6,7 +6,6 @@
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use std::path::Path;
 
-use anim::{Light, View};
 use glam::{Quat, Vec3, vec3};
 
 use crate::cache::{Record, recorded};
@@ -17,8 +16,7 @@ use crate::implicit::Solid;
 use crate::rigid::rotation;
 use crate::shape::Mesh;
 use crate::{
-    Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, SimulationStats, fairy,
-    meshing,
+    Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, fairy, meshing,
 };
 
 const TRIANGLES: usize = 174_117;
@@ -72,27 +70,14 @@ pub fn fairy_forest_glb(seed: u64) -> Vec<u8> {
 }
 
 pub(crate) fn scene(clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
-    let mut notes = Vec::new();
     let parameters = format!("fairy-forest seed {}", options.seed);
-    let record = recorded(&parameters, options, &mut notes, || Record {
+    let (record, notes) = recorded(&parameters, options, || Record {
         ints: vec![words(&fairy_forest_glb(options.seed))],
         ..Record::default()
     });
     let bytes: Vec<u8> = record.ints.iter().flatten().flat_map(|word| word.to_le_bytes()).collect();
     let animation = anim::parse_gltf(Path::new("fairy-forest.glb"), &bytes, clip)?;
-    Ok(Scene {
-        name: INFO.name.to_owned(),
-        about: INFO.about,
-        animation: Box::new(animation),
-        view: View { eye: EYE, target: TARGET, up: Vec3::Y, fov_y: FOV_Y },
-        light: Light { position: LIGHT, color: [1.0; 3] },
-        effects: INFO.effects,
-        frames: FRAMES,
-        measures: Vec::new(),
-        simulated: SimulationStats::default(),
-        key_bytes: 0,
-        notes,
-    })
+    Ok(Scene { notes, ..Scene::new(&INFO, animation, (EYE, TARGET), FOV_Y, LIGHT) })
 }
 
 fn words(bytes: &[u8]) -> Vec<u32> {
@@ -176,8 +161,7 @@ fn caterpillar(glb: &mut Glb) {
         solid.limb(&[(vec3(0.87, 0.14, side * 0.03), 0.012), (vec3(0.9, 0.22, side * 0.06), 0.008)]);
     }
     let fine = meshing::mesh(&solid, vec3(-0.1, -0.05, -0.12), vec3(0.98, 0.26, 0.12), 0.009);
-    let mut body = decimate(&fine, 5000);
-    body.positions.iter_mut().for_each(|p| *p *= 0.8);
+    let body = decimate(&fine, 5000).moved(|p| p * 0.8);
     let arch = |height: f32, shorter: f32| -> Vec<Vec3> {
         let along = |p: &Vec3| (p.x / 0.72).clamp(0.0, 1.0);
         let moved = |p: &Vec3| vec3(p.x * shorter, p.y + height * libm::sinf(PI * along(p)), p.z);

@@ -5,11 +5,11 @@
 
 use std::path::Path;
 
-use anim::{Animation, Light, LoadError, View};
+use anim::{Animation, Light, LoadError, LoadOptions, View};
 use glam::{Vec3, vec3};
 
 use crate::room;
-use crate::{Effects, LightEffects, MotionEffects, Scene, SimulationStats};
+use crate::{Effects, LightEffects, MotionEffects, Scene, SceneOptions, SimulationStats};
 
 /// Times at which the bounds of an animation are taken.
 const BOUND_SAMPLES: usize = 32;
@@ -18,8 +18,20 @@ const FRAME_RATE: f64 = 24.0;
 /// Frames of an animation that lasts longer are further apart.
 const MOST_FRAMES: f64 = 1e6;
 
-pub(crate) fn scene(path: &Path, clip: Option<&str>, textures: bool) -> Result<Scene, LoadError> {
-    Ok(scene_of(path, anim::load_with(path, clip, textures)?))
+pub(crate) fn scene(path: &Path, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, LoadError> {
+    let textures = options.light.is_none_or(|light| light.textures || light.alpha);
+    let mut load = LoadOptions { clip, textures, ..LoadOptions::default() };
+    let mut animation = anim::load_with(path, &load)?;
+    if options.local_origin {
+        load.origin = anim::center(&*animation);
+        animation = anim::load_with(path, &load)?;
+    }
+    let mut scene = scene_of(path, animation);
+    if options.local_origin {
+        let [x, y, z] = load.origin.to_array();
+        scene.notes.push(format!("{}: coordinates are relative to ({x}, {y}, {z})", path.display()));
+    }
+    Ok(scene)
 }
 
 /// Makes a scene of an animation that was loaded from `path`, with a default view and a default light

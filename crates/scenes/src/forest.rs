@@ -4,7 +4,7 @@ use std::f32::consts::TAU;
 
 use glam::{Quat, Vec3, vec3};
 
-use crate::shape::{Mesh, grid_triangles, turned};
+use crate::shape::{Mesh, grid, turned};
 
 /// Side of the square of ground, centred on the origin.
 const SIDE: f32 = 30.0;
@@ -33,15 +33,12 @@ pub(crate) fn ground_at(x: f32, z: f32) -> f32 {
 
 /// The forest without grass.
 pub(crate) fn forest(random: &mut fastrand::Rng, eye: Vec3) -> Forest {
-    let mut forest = Forest::default();
-    for row in 0..=CELLS {
-        for column in 0..=CELLS {
-            let [x, z] = [column, row].map(|k| SIDE * (k as f32 / CELLS as f32 - 0.5));
-            let rough = 0.04 * (random.f32() - 0.5);
-            forest.ground.positions.push(vec3(x, ground_at(x, z) + rough, z));
-        }
-    }
-    forest.ground.triangles = grid_triangles(CELLS);
+    let ground = grid(CELLS, |row, column| {
+        let [x, z] = [column, row].map(|k| SIDE * (k as f32 / CELLS as f32 - 0.5));
+        let rough = 0.04 * (random.f32() - 0.5);
+        vec3(x, ground_at(x, z) + rough, z)
+    });
+    let mut forest = Forest { ground, ..Forest::default() };
 
     let mut places: Vec<Vec3> = Vec::new();
     while places.len() < 16 {
@@ -161,11 +158,7 @@ fn mushroom(forest: &mut Forest, x: f32, z: f32, size: f32, random: &mut fastran
         .chain([(0.55, 0.8), (0.2, 0.92), (0.0, 0.95)])
         .collect();
     for (mesh, profile) in [(&mut forest.stems, &stem[..]), (&mut forest.caps, &cap[..])] {
-        let mut part = turned(profile, 16);
-        for p in &mut part.positions {
-            *p = foot + lean * (size * *p);
-        }
-        mesh.join(&part);
+        mesh.join(&turned(profile, 16).moved(|p| foot + lean * (size * p)));
     }
 }
 

@@ -2,37 +2,66 @@
 
 use std::fmt;
 
-use anim::Motion;
+use anim::{Motion, Part};
 
 use crate::{Effects, LightEffects, Scene};
 
-/// A stage of a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum FrameStage {
+/// Declares the stages in the order they run: the name of each for tables, and what calls for it.
+macro_rules! stages {
+    ($($(#[$doc:meta])* $stage:ident: $name:literal, $calls:expr;)*) => {
+        /// A stage of a frame.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        pub enum FrameStage {
+            $($(#[$doc])* $stage,)*
+        }
+
+        impl FrameStage {
+            /// All stages, in the order they run.
+            pub const ALL: [Self; 12] = [$(Self::$stage),*];
+
+            /// A short name for tables.
+            #[must_use]
+            pub fn name(self) -> &'static str {
+                match self {
+                    $(Self::$stage => $name,)*
+                }
+            }
+
+            fn is_called_for(self, motion: Motion, light: LightEffects) -> bool {
+                let calls: fn(Motion, LightEffects) -> bool = match self {
+                    $(Self::$stage => $calls,)*
+                };
+                calls(motion, light)
+            }
+        }
+    };
+}
+
+stages! {
     /// Vertices are blended between key frames.
-    KeyFrames,
+    KeyFrames: "key frames", |motion, _| motion.key_frames;
     /// Vertices are displaced towards morph targets.
-    Morph,
+    Morph: "morph", |motion, _| motion.morph;
     /// Vertices are skinned.
-    Skin,
+    Skin: "skin", |motion, _| motion.skin;
     /// Whole parts are moved.
-    Rigid,
+    Rigid: "rigid", |motion, _| motion.rigid;
     /// The tree is brought up to date.
-    Update,
+    Update: "update", |motion, _| !motion.is_still();
     /// Rays from the eye.
-    Primary,
+    Primary: "primary", |_, _| true;
     /// Hits on what is cut out by transparency are passed over.
-    Alpha,
+    Alpha: "alpha", |_, light| light.alpha;
     /// Colours are read from textures.
-    Textures,
+    Textures: "textures", |_, light| light.textures;
     /// Rays between hits and lights.
-    Shadow,
+    Shadow: "shadow", |_, light| light.shadows;
     /// Rays that mirrors send on.
-    Mirror,
+    Mirror: "mirror", |_, light| light.mirror;
     /// Short rays that ask how open a place is.
-    AmbientOcclusion,
+    AmbientOcclusion: "ambient occlusion", |_, light| light.ambient_occlusion;
     /// Rays that gather light from other surfaces.
-    DiffuseBounces,
+    DiffuseBounces: "diffuse bounces", |_, light| light.diffuse_bounces;
 }
 
 /// The stages of a scene's frame, in the order they run.
@@ -42,43 +71,6 @@ pub enum FrameStage {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FramePlan {
     effects: Effects,
-}
-
-impl FrameStage {
-    /// All stages, in the order they run.
-    pub const ALL: [Self; 12] = [
-        Self::KeyFrames,
-        Self::Morph,
-        Self::Skin,
-        Self::Rigid,
-        Self::Update,
-        Self::Primary,
-        Self::Alpha,
-        Self::Textures,
-        Self::Shadow,
-        Self::Mirror,
-        Self::AmbientOcclusion,
-        Self::DiffuseBounces,
-    ];
-
-    /// A short name for tables.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::KeyFrames => "key frames",
-            Self::Morph => "morph",
-            Self::Skin => "skin",
-            Self::Rigid => "rigid",
-            Self::Update => "update",
-            Self::Primary => "primary",
-            Self::Alpha => "alpha",
-            Self::Textures => "textures",
-            Self::Shadow => "shadow",
-            Self::Mirror => "mirror",
-            Self::AmbientOcclusion => "ambient occlusion",
-            Self::DiffuseBounces => "diffuse bounces",
-        }
-    }
 }
 
 impl FramePlan {
@@ -96,21 +88,7 @@ impl FramePlan {
     /// Whether a stage is to run.
     #[must_use]
     pub fn contains(&self, stage: FrameStage) -> bool {
-        let (motion, light) = (self.motion(), self.light());
-        match stage {
-            FrameStage::KeyFrames => motion.key_frames,
-            FrameStage::Morph => motion.morph,
-            FrameStage::Skin => motion.skin,
-            FrameStage::Rigid => motion.rigid,
-            FrameStage::Update => !motion.is_still(),
-            FrameStage::Primary => true,
-            FrameStage::Alpha => light.alpha,
-            FrameStage::Textures => light.textures,
-            FrameStage::Shadow => light.shadows,
-            FrameStage::Mirror => light.mirror,
-            FrameStage::AmbientOcclusion => light.ambient_occlusion,
-            FrameStage::DiffuseBounces => light.diffuse_bounces,
-        }
+        stage.is_called_for(self.motion(), self.light())
     }
 
     /// The kinds of motion that are evaluated.
@@ -130,29 +108,26 @@ impl FramePlan {
     #[must_use]
     pub fn reasons(&self, scene: &Scene) -> Vec<(FrameStage, String)> {
         let topology = scene.animation.topology();
-        let parts = |calls: fn(Motion) -> bool| {
-            let count = topology.parts.iter().filter(|part| calls(part.motion)).count();
-            format!("{count} of {} parts", topology.parts.len())
+        let parts = |calls: &dyn Fn(&Part) -> bool, are: &str| {
+            let count = topology.parts.iter().filter(|part| calls(part)).count();
+            format!("{count} of {} parts {are}", topology.parts.len())
         };
-        let of_parts = |calls: fn(&anim::Material) -> bool| {
-            let calls = |part: &&anim::Part| calls(&topology.materials[part.material as usize]);
-            format!("{} of {} parts", topology.parts.iter().filter(calls).count(), topology.parts.len())
-        };
+        let material = |part: &Part| topology.materials[part.material as usize];
         let reason = |stage| match stage {
-            FrameStage::KeyFrames => parts(|motion| motion.key_frames) + " have key frames",
-            FrameStage::Morph => parts(|motion| motion.morph) + " have morph weights that vary",
-            FrameStage::Skin => parts(|motion| motion.skin) + " have joints that move",
-            FrameStage::Rigid => parts(|motion| motion.rigid) + " are moved as a whole",
+            FrameStage::KeyFrames => parts(&|part| part.motion.key_frames, "have key frames"),
+            FrameStage::Morph => parts(&|part| part.motion.morph, "have morph weights that vary"),
+            FrameStage::Skin => parts(&|part| part.motion.skin, "have joints that move"),
+            FrameStage::Rigid => parts(&|part| part.motion.rigid, "are moved as a whole"),
             FrameStage::Update => {
                 let moving = topology.moves.iter().filter(|&&moves| moves).count();
                 format!("{moving} of {} triangles move", topology.moves.len())
             }
             FrameStage::Primary => "the eye sees".to_owned(),
-            FrameStage::Alpha => of_parts(|material| material.cutoff.is_some()) + " have holes",
-            FrameStage::Textures => of_parts(|material| material.texture.is_some()) + " have textures",
+            FrameStage::Alpha => parts(&|part| material(part).cutoff.is_some(), "have holes"),
+            FrameStage::Textures => parts(&|part| material(part).texture.is_some(), "have textures"),
             FrameStage::Shadow if scene.animation.light(0.0).is_some() => "the file has a light".to_owned(),
             FrameStage::Shadow => "the scene is lit".to_owned(),
-            FrameStage::Mirror => of_parts(|material| material.mirror) + " are mirrors",
+            FrameStage::Mirror => parts(&|part| material(part).mirror, "are mirrors"),
             FrameStage::AmbientOcclusion | FrameStage::DiffuseBounces => "asked for".to_owned(),
         };
         self.stages().map(|stage| (stage, reason(stage))).collect()

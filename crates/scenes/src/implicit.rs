@@ -4,33 +4,19 @@
 //! Distances are bounds, negative inside (Quilez, "Distance functions"); blends are his polynomial
 //! smooth minimum.
 
-use glam::{Quat, Vec3, vec3};
+use glam::{Vec3, vec3};
 
 /// A primitive shape.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Shape {
     /// A cone between two spheres, rounded by them.
-    Cone {
-        from: Vec3,
-        to: Vec3,
-        radius: (f32, f32),
-    },
-    Ellipsoid {
-        center: Vec3,
-        radii: Vec3,
-        turn: Quat,
-    },
+    Cone { from: Vec3, to: Vec3, radius: (f32, f32) },
+    /// An ellipsoid along the axes.
+    Ellipsoid { center: Vec3, radii: Vec3 },
     /// A triangle grown by a distance.
-    Triangle {
-        corners: [Vec3; 3],
-        grown: f32,
-    },
+    Triangle { corners: [Vec3; 3], grown: f32 },
     /// A box grown by a distance.
-    Block {
-        center: Vec3,
-        half: Vec3,
-        grown: f32,
-    },
+    Block { center: Vec3, half: Vec3, grown: f32 },
 }
 
 /// A shape and how it joins those before it.
@@ -67,11 +53,11 @@ impl Solid {
     }
 
     pub(crate) fn ball(&mut self, center: Vec3, radius: f32) -> &mut Self {
-        self.ellipsoid(center, Vec3::splat(radius), Quat::IDENTITY)
+        self.ellipsoid(center, Vec3::splat(radius))
     }
 
-    pub(crate) fn ellipsoid(&mut self, center: Vec3, radii: Vec3, turn: Quat) -> &mut Self {
-        self.add(Shape::Ellipsoid { center, radii, turn })
+    pub(crate) fn ellipsoid(&mut self, center: Vec3, radii: Vec3) -> &mut Self {
+        self.add(Shape::Ellipsoid { center, radii })
     }
 
     /// A limb through points with a radius at each.
@@ -141,10 +127,7 @@ impl Shape {
         let flip = |v: Vec3| Vec3::new(-v.x, v.y, v.z);
         match self {
             Self::Cone { from, to, radius } => Self::Cone { from: flip(from), to: flip(to), radius },
-            Self::Ellipsoid { center, radii, turn } => {
-                let turn = Quat::from_xyzw(turn.x, -turn.y, -turn.z, turn.w);
-                Self::Ellipsoid { center: flip(center), radii, turn }
-            }
+            Self::Ellipsoid { center, radii } => Self::Ellipsoid { center: flip(center), radii },
             Self::Triangle { corners, grown } => Self::Triangle { corners: corners.map(flip), grown },
             Self::Block { center, half, grown } => Self::Block { center: flip(center), half, grown },
         }
@@ -157,8 +140,8 @@ impl Shape {
                 let along = ((p - from).dot(axis) / axis.length_squared().max(1e-12)).clamp(0.0, 1.0);
                 p.distance(from + axis * along) - (radius.0 + (radius.1 - radius.0) * along)
             }
-            Self::Ellipsoid { center, radii, turn } => {
-                let q = turn.conjugate() * (p - center);
+            Self::Ellipsoid { center, radii } => {
+                let q = p - center;
                 let (k0, k1) = ((q / radii).length(), (q / (radii * radii)).length());
                 if k1 > 0.0 { k0 * (k0 - 1.0) / k1 } else { -radii.min_element() }
             }

@@ -3,7 +3,7 @@
 use glam::{Vec3, vec3};
 
 use crate::statue::{Colors, EFFECTS, Statue};
-use crate::{Scene, SceneError, SceneInfo, SceneOptions, lion_solid, rigid};
+use crate::{SceneInfo, lion_solid, rigid};
 
 const FRAMES: usize = 120;
 
@@ -35,14 +35,9 @@ pub(crate) static LION: Statue = Statue {
     kick: crumble,
     colors: Colors { statue: [0.78, 0.62, 0.42], stone: [0.35, 0.35, 0.38], ground: [0.55, 0.58, 0.5] },
     ground: 70.0,
-    eye: vec3(9.5, 8.0, 16.0),
-    target: vec3(0.0, 5.0, 0.0),
+    seen: (vec3(9.5, 8.0, 16.0), vec3(0.0, 5.0, 0.0)),
     light: vec3(10.0, 26.0, 22.0),
 };
-
-pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
-    LION.scene(options)
-}
 
 /// Seconds by which whole regions hold out longer than others, so that large pieces lose their
 /// hold.

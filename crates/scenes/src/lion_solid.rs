@@ -3,7 +3,7 @@
 
 use std::f32::consts::TAU;
 
-use glam::{Quat, Vec3, vec3};
+use glam::{Vec3, vec3};
 
 use crate::implicit::{Shape, Solid};
 
@@ -46,12 +46,12 @@ fn body(lion: &mut Solid) {
         (vec3(2.2, 1.8, -1.5), 0.18),
         (vec3(2.2, 1.8, -0.6), 0.16),
     ]);
-    lion.ellipsoid(vec3(2.18, 1.86, -0.1), vec3(0.27, 0.25, 0.55), Quat::IDENTITY);
+    lion.ellipsoid(vec3(2.18, 1.86, -0.1), vec3(0.27, 0.25, 0.55));
 }
 
 fn legs(half: &mut Solid) {
     half.blend(0.3);
-    half.ellipsoid(vec3(1.1, 2.75, -0.95), vec3(0.62, 1.15, 1.15), Quat::IDENTITY);
+    half.ellipsoid(vec3(1.1, 2.75, -0.95), vec3(0.62, 1.15, 1.15));
     half.blend(0.15);
     half.limb(&[(vec3(1.35, 1.95, -1.3), 0.4), (vec3(1.45, 1.85, 0.3), 0.3)]);
     paw(half, vec3(1.45, 1.8, 0.5));
@@ -67,15 +67,11 @@ fn legs(half: &mut Solid) {
 
 fn paw(half: &mut Solid, at: Vec3) {
     half.blend(0.12);
-    half.ellipsoid(at, vec3(0.46, 0.3, 0.5), Quat::IDENTITY);
+    half.ellipsoid(at, vec3(0.46, 0.3, 0.5));
     half.blend(0.03);
     for k in 0..4 {
         let side = k as f32 - 1.5;
-        half.ellipsoid(
-            at + vec3(0.21 * side, -0.06, 0.5 - 0.05 * side * side),
-            vec3(0.14, 0.17, 0.24),
-            Quat::IDENTITY,
-        );
+        half.ellipsoid(at + vec3(0.21 * side, -0.06, 0.5 - 0.05 * side * side), vec3(0.14, 0.17, 0.24));
     }
 }
 
@@ -88,7 +84,7 @@ fn mane(lion: &mut Solid) {
         (vec3(0.0, 5.9, 0.0), vec3(1.15, 1.5, 0.9)),
     ];
     for (center, radii) in masses {
-        lion.ellipsoid(center, radii, Quat::IDENTITY);
+        lion.ellipsoid(center, radii);
     }
     lion.blend(0.05);
     // Rings about the axis of the face; hair flows away from it and down.
@@ -125,29 +121,21 @@ fn mane(lion: &mut Solid) {
 
 fn face(lion: &mut Solid) {
     lion.blend(0.12);
-    lion.ellipsoid(vec3(0.0, 7.25, 1.45), vec3(0.86, 0.88, 0.8), Quat::IDENTITY);
+    lion.ellipsoid(vec3(0.0, 7.25, 1.45), vec3(0.86, 0.88, 0.8));
     lion.limb(&[(vec3(0.0, 7.65, 1.95), 0.34), (vec3(0.0, 7.2, 2.6), 0.23)]);
-    lion.ellipsoid(vec3(0.0, 6.62, 2.15), vec3(0.42, 0.26, 0.45), Quat::IDENTITY);
+    lion.ellipsoid(vec3(0.0, 6.62, 2.15), vec3(0.42, 0.26, 0.45));
     for side in [-1.0, 1.0] {
         let at = |x: f32, y: f32, z: f32| vec3(side * x, y, z);
         lion.blend(0.1);
-        lion.ellipsoid(at(0.24, 6.93, 2.38), vec3(0.36, 0.3, 0.42), Quat::IDENTITY);
-        lion.ellipsoid(at(0.5, 7.0, 1.85), vec3(0.36, 0.4, 0.4), Quat::IDENTITY);
+        lion.ellipsoid(at(0.24, 6.93, 2.38), vec3(0.36, 0.3, 0.42));
+        lion.ellipsoid(at(0.5, 7.0, 1.85), vec3(0.36, 0.4, 0.4));
         lion.limb(&[(at(0.14, 7.72, 2.1), 0.14), (at(0.55, 7.66, 1.9), 0.13)]);
         // Ears stand out of the mane.
         lion.blend(0.05);
-        lion.ellipsoid(at(0.82, 8.15, 1.35), vec3(0.32, 0.34, 0.17), Quat::IDENTITY);
-        lion.carve(Shape::Ellipsoid {
-            center: at(0.84, 8.15, 1.55),
-            radii: vec3(0.18, 0.2, 0.16),
-            turn: Quat::IDENTITY,
-        });
+        lion.ellipsoid(at(0.82, 8.15, 1.35), vec3(0.32, 0.34, 0.17));
+        lion.carve(Shape::Ellipsoid { center: at(0.84, 8.15, 1.55), radii: vec3(0.18, 0.2, 0.16) });
         let eye = at(0.36, 7.45, 2.06);
-        lion.carve(Shape::Ellipsoid {
-            center: eye + 0.1 * Vec3::Z,
-            radii: vec3(0.19, 0.12, 0.16),
-            turn: Quat::IDENTITY,
-        });
+        lion.carve(Shape::Ellipsoid { center: eye + 0.1 * Vec3::Z, radii: vec3(0.19, 0.12, 0.16) });
         lion.blend(0.01);
         lion.ball(eye, 0.12);
         // The mouth, from below the nose outwards, and whisker pits.
@@ -159,5 +147,5 @@ fn face(lion: &mut Solid) {
     }
     lion.carve(Shape::Cone { from: vec3(0.0, 7.0, 2.86), to: vec3(0.0, 6.78, 2.84), radius: (0.04, 0.04) });
     lion.blend(0.03);
-    lion.ellipsoid(vec3(0.0, 7.14, 2.72), vec3(0.24, 0.15, 0.15), Quat::IDENTITY);
+    lion.ellipsoid(vec3(0.0, 7.14, 2.72), vec3(0.24, 0.15, 0.15));
 }

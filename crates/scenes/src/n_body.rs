@@ -3,7 +3,7 @@
 
 use std::f32::consts::FRAC_PI_2;
 
-use anim::{Light, Motion, View};
+use anim::Motion;
 use glam::{DVec3, Quat, Vec3};
 
 use crate::cache::{Record, recorded};
@@ -57,10 +57,10 @@ struct Ball {
 
 pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let (keys, substeps) = (options.key_frames.unwrap_or(FRAMES), options.substeps.unwrap_or(SUBSTEPS));
-    let mut notes = Vec::new();
     let parameters = format!("n-body span {SPAN} seed {} keys {keys} substeps {substeps}", options.seed);
-    let record = recorded(&parameters, options, &mut notes, || simulate(keys, substeps, options));
-    let radii = &record.floats[0];
+    let (record, notes) = recorded(&parameters, options, || simulate(keys, substeps, options));
+    let Record { mut floats, measures, stats, .. } = record;
+    let keys = floats.pop().unwrap_or_default();
 
     let mut assembly = Assembly::default();
     let colors = [[0.85, 0.3, 0.2], [0.9, 0.7, 0.25], [0.25, 0.5, 0.8], [0.35, 0.7, 0.4], [0.85, 0.85, 0.8]]
@@ -68,45 +68,28 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let stone = assembly.material([0.55, 0.55, 0.6]);
     let moving = Motion { rigid: true, ..Motion::STILL };
     let mut body = Vec::new();
-    for (i, &radius) in radii.iter().enumerate() {
+    for (i, &radius) in floats.iter().flatten().enumerate() {
         assembly.part("ball", &sphere(radius, 16, 16), moving, colors[i % colors.len()]);
         body.resize(assembly.positions.len(), i as u32);
     }
     for (x, z, radius, height) in PILLARS {
-        let mut pillar = turned(&pillar_profile(radius as f32, height as f32), 31);
-        for p in &mut pillar.positions {
-            *p += Vec3::new(x as f32, 0.0, z as f32);
-        }
+        let foot = Vec3::new(x as f32, 0.0, z as f32);
+        let pillar = turned(&pillar_profile(radius as f32, height as f32), 31).moved(|p| p + foot);
         assembly.part("pillar", &pillar, Motion::STILL, stone);
     }
-    let Record { mut floats, measures, stats, .. } = record;
-    let keys = floats.pop().unwrap_or_default();
-    Ok(Scene {
-        name: INFO.name.to_owned(),
-        about: INFO.about,
-        key_bytes: size_of_val(&keys[..]),
-        animation: Box::new(RigidBodies {
-            normals: assembly.normals(),
-            topology: assembly.topology,
-            local: assembly.positions,
-            body,
-            bodies: BALLS,
-            keys,
-            seconds: SECONDS,
-        }),
-        view: View {
-            eye: Vec3::new(7.0, 10.5, 18.0),
-            target: Vec3::new(0.0, 4.4, 0.0),
-            up: Vec3::Y,
-            fov_y: 40_f32.to_radians(),
-        },
-        light: Light { position: Vec3::new(10.0, 22.0, 16.0), color: [1.0; 3] },
-        effects: INFO.effects,
-        frames: FRAMES,
-        measures,
-        simulated: stats,
-        notes,
-    })
+    let key_bytes = size_of_val(&keys[..]);
+    let animation = RigidBodies {
+        normals: assembly.normals(),
+        topology: assembly.topology,
+        local: assembly.positions,
+        body,
+        bodies: BALLS,
+        keys,
+        seconds: SECONDS,
+    };
+    let seen = (Vec3::new(7.0, 10.5, 18.0), Vec3::new(0.0, 4.4, 0.0));
+    let scene = Scene::new(&INFO, animation, seen, 40_f32.to_radians(), Vec3::new(10.0, 22.0, 16.0));
+    Ok(Scene { key_bytes, measures, simulated: stats, notes, ..scene })
 }
 
 /// A pillar with a domed top and a closed foot, 496 triangles when turned in 31 steps.

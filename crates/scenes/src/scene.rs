@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anim::{Animation, Light, View};
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -35,6 +36,31 @@ pub struct Scene {
     pub key_bytes: usize,
     /// Remarks for the user, one line each, such as that the light is a default.
     pub notes: Vec<String>,
+}
+
+impl Scene {
+    /// What the registry knows as `info`, seen from an eye towards a point, lit from a place.
+    pub(crate) fn new(
+        info: &SceneInfo,
+        animation: impl Animation + 'static,
+        (eye, target): (Vec3, Vec3),
+        fov_y: f32,
+        light: Vec3,
+    ) -> Self {
+        Self {
+            name: info.name.to_owned(),
+            about: info.about,
+            animation: Box::new(animation),
+            view: View { eye, target, up: Vec3::Y, fov_y },
+            light: Light { position: light, color: [1.0; 3] },
+            effects: info.effects,
+            frames: info.frames,
+            measures: Vec::new(),
+            simulated: SimulationStats::default(),
+            key_bytes: info.key_bytes,
+            notes: Vec::new(),
+        }
+    }
 }
 
 /// An error of a simulation against a quantity that it should keep.
@@ -88,6 +114,9 @@ pub struct SceneOptions<'a> {
     /// What light is to do; `None` is what the scene calls for. Where this has neither textures nor
     /// alpha, the textures of a file are not read: surfaces keep the factors of their materials.
     pub light: Option<LightEffects>,
+    /// Whether a file is loaded relative to the middle of the model ([`anim::center`]), which a note
+    /// then names: a model at the earth's radius keeps its details. It is read twice for that.
+    pub local_origin: bool,
     /// Called with the fraction done, 0 to 1, while a scene is simulated.
     pub progress: Option<&'a (dyn Fn(f32) + Sync)>,
 }
@@ -119,7 +148,7 @@ pub enum SceneError {
     Load(#[from] anim::LoadError),
     /// A simulation gave key frames that do not fit together.
     #[error(transparent)]
-    KeyFrames(#[from] anim::KeyFramesError),
+    KeyFrames(#[from] anim::Problem),
     /// A clip was asked for from a scene that has none.
     #[error("scene {scene} has no clips, so none named \"{clip}\"; leave the clip out")]
     NoClips {
@@ -175,17 +204,16 @@ fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> R
         };
         return make("bart-museum", clip, &SceneOptions { start_shape, ..options.clone() });
     }
-    let make = match name_or_path {
+    let make: fn(&SceneOptions<'_>) -> Result<Scene, SceneError> = match name_or_path {
         "bart-museum" => bart_museum::scene,
         "cloth-ball" => cloth_ball::scene,
-        "exploding-dragon" => exploding_dragon::scene,
+        "exploding-dragon" => |options| exploding_dragon::DRAGON.scene(options),
         "exploding-dragon:blended" => exploding_dragon::blended,
         "fairy-forest" => return fairy_forest::scene(clip, options),
-        "lion" => lion::scene,
+        "lion" => |options| lion::LION.scene(options),
         "n-body" => n_body::scene,
         path if Path::new(path).exists() => {
-            let textures = options.light.is_none_or(|light| light.textures || light.alpha);
-            return Ok(file::scene(Path::new(path), clip, textures)?);
+            return Ok(file::scene(Path::new(path), clip, options)?);
         }
         name => {
             let known = SCENES.iter().map(|info| info.name).collect::<Vec<_>>().join(", ");

@@ -22,6 +22,12 @@ impl Mesh {
         }
     }
 
+    /// The mesh with its vertices moved.
+    pub(crate) fn moved(mut self, to: impl Fn(Vec3) -> Vec3) -> Self {
+        self.positions.iter_mut().for_each(|p| *p = to(*p));
+        self
+    }
+
     /// Adds another mesh.
     pub(crate) fn join(&mut self, other: &Self) {
         let first = self.positions.len() as u32;
@@ -110,27 +116,25 @@ pub(crate) fn turned(profile: &[(f32, f32)], around: usize) -> Mesh {
 
 /// A horizontal square about the origin with `2 * cells * cells` triangles.
 pub(crate) fn square(side: f32, cells: usize) -> Mesh {
-    let mut mesh = Mesh::default();
-    for row in 0..=cells {
-        for column in 0..=cells {
-            let [x, z] = [column, row].map(|k| side * (k as f32 / cells as f32 - 0.5));
-            mesh.positions.push(Vec3::new(x, 0.0, z));
-        }
-    }
-    mesh.triangles = grid_triangles(cells);
-    mesh
+    grid(cells, |row, column| {
+        let [x, z] = [column, row].map(|k| side * (k as f32 / cells as f32 - 0.5));
+        Vec3::new(x, 0.0, z)
+    })
 }
 
-/// The triangles of a square grid of vertices, row after row; up if columns go along x and rows
-/// along z.
-pub(crate) fn grid_triangles(cells: usize) -> Vec<[u32; 3]> {
+/// A square grid with its vertices where `place` puts each row and column, row after row; its
+/// triangles face up if columns go along x and rows along z.
+pub(crate) fn grid(cells: usize, mut place: impl FnMut(usize, usize) -> Vec3) -> Mesh {
+    let vertices = (0..=cells).flat_map(|row| (0..=cells).map(move |column| (row, column)));
+    let positions = vertices.map(|(row, column)| place(row, column)).collect();
     let at = |row: usize, column: usize| (row * (cells + 1) + column) as u32;
     let quads = (0..cells).flat_map(|row| (0..cells).map(move |column| (row, column)));
-    quads
+    let triangles = quads
         .flat_map(|(row, column)| {
             let [a, b] = [at(row, column), at(row, column + 1)];
             let [c, d] = [at(row + 1, column), at(row + 1, column + 1)];
             [[a, c, d], [a, d, b]]
         })
-        .collect()
+        .collect();
+    Mesh { positions, triangles }
 }

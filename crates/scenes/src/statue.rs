@@ -1,7 +1,7 @@
 //! A hollow statue that a falling stone breaks: from its surface to shards, their motion, and its
 //! playback.
 
-use anim::{Animation, Light, Motion, View, vertex_normals};
+use anim::{Animation, Motion, vertex_normals};
 use glam::Vec3;
 
 use crate::cache::{Record, recorded};
@@ -45,8 +45,8 @@ pub(crate) struct Statue {
     pub(crate) kick: fn(Vec3, Vec3, &mut fastrand::Rng) -> (Vec3, Vec3),
     pub(crate) colors: Colors,
     pub(crate) ground: f32,
-    pub(crate) eye: Vec3,
-    pub(crate) target: Vec3,
+    /// Eye, and point looked at.
+    pub(crate) seen: (Vec3, Vec3),
     pub(crate) light: Vec3,
 }
 
@@ -66,27 +66,16 @@ impl Statue {
         let keys = options.key_frames.unwrap_or(info.frames);
         let substeps = options.substeps.unwrap_or(self.substeps);
         let detail = options.detail.unwrap_or(1.0);
-        let mut notes = Vec::new();
         let parameters =
             format!("{} seed {} keys {keys} substeps {substeps} detail {detail}", info.name, options.seed);
         let dt = self.seconds as f32 / ((keys - 1) * substeps) as f32;
         let simulate = || Breaking::new(self, detail, dt, options.seed).simulate(keys, substeps, options);
-        let record = recorded(&parameters, options, &mut notes, simulate);
+        let (record, notes) = recorded(&parameters, options, simulate);
         let stats = record.stats;
         let (animation, measures) = playback(record, &self.colors, self.ground, self.seconds);
-        Ok(Scene {
-            name: info.name.to_owned(),
-            about: info.about,
-            key_bytes: size_of_val(&animation.keys[..]),
-            animation: Box::new(animation),
-            view: View { eye: self.eye, target: self.target, up: Vec3::Y, fov_y: 42_f32.to_radians() },
-            light: Light { position: self.light, color: [1.0; 3] },
-            effects: info.effects,
-            frames: info.frames,
-            measures,
-            simulated: stats,
-            notes,
-        })
+        let key_bytes = size_of_val(&animation.keys[..]);
+        let scene = Scene::new(info, animation, self.seen, 42_f32.to_radians(), self.light);
+        Ok(Scene { key_bytes, measures, simulated: stats, notes, ..scene })
     }
 }
 

@@ -337,3 +337,19 @@ fn file_is_framed_from_above_with_all_that_moves_in_the_picture() {
     assert!(view.eye.distance(view.target) < 300.0, "nearer than to see what stands still");
     std::fs::remove_dir_all(dir).unwrap();
 }
+
+#[test]
+fn file_far_away_keeps_its_details_with_a_local_origin() {
+    let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("far.obj");
+    std::fs::write(&path, "v 6400000.3 9 0\nv 6400000.4 9 0\nv 6400000.3 9.1 0\nf 1 2 3\n").unwrap();
+    let side = |local_origin| {
+        let options = SceneOptions { local_origin, ..SceneOptions::default() };
+        let scene = load(path.to_str().unwrap(), None, &options).unwrap();
+        let rest = scene.animation.rest();
+        (rest[0].distance(rest[1]), scene.notes.iter().any(|note| note.contains("(6400001, 9, 0)")))
+    };
+    let ((far, _), (near, noted)) = (side(false), side(true));
+    std::fs::remove_file(&path).unwrap();
+    assert!((far - 0.1).abs() > 0.05 && (near - 0.1).abs() < 1e-6, "{far} {near}");
+    assert!(noted, "the note names the origin");
+}

@@ -136,9 +136,6 @@ fn shards_fly_no_faster_than_they_are_kicked_and_fall() {
         });
         fastest.sort_by(f32::total_cmp);
         println!("{name}: fastest shards {:?}", &fastest[fastest.len() - 5..]);
-        if limit > 1e9 {
-            continue;
-        }
         assert!(fastest.iter().all(|&speed| speed < limit), "{name}: a shard at {:?}", fastest.last());
     }
 }
@@ -170,15 +167,12 @@ fn steps_too_fine_for_the_cloth_to_fall_are_refused() {
 
 /// 10,000 key frames of every simulation at three step sizes; a few minutes.
 #[test]
-#[ignore = "simulates 840,000 steps"]
+#[ignore = "simulates 690,000 steps"]
 fn ten_thousand_frames_are_finite_and_bounded_at_several_step_sizes() {
     // The most that each scene's first measure may be with one step a frame: drift, stretch, depths.
     for (name, most) in [("n-body", 1e-6), ("cloth-ball", 1e-3), ("exploding-dragon", 0.1), ("lion", 0.1)] {
-        for substeps in [1, 4, 16] {
-            // More steps than `f32` can fall by, see `steps_too_fine_for_the_cloth_to_fall_are_refused`.
-            if name == "cloth-ball" && substeps > 1 {
-                continue;
-            }
+        // The cloth cannot fall in more steps, see `steps_too_fine_for_the_cloth_to_fall_are_refused`.
+        for substeps in if name == "cloth-ball" { [1, 2, 3] } else { [1, 4, 16] } {
             let scene = simulated(name, (10_000, substeps));
             let mut far = 0.0f32;
             each_frame(&scene, 10_000, |positions| {

@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DVec3, Vec3};
 
-use crate::{Motion, Part, Topology};
+use crate::Topology;
 
 /// Triangles around a sphere's equator, a cone or a cylinder.
 const SEGMENTS: u32 = 16;
@@ -110,32 +110,22 @@ impl Geometry {
         triangles: &[[u32; 3]],
         patches: bool,
     ) -> Option<()> {
-        let topology = &mut self.topology;
-        let first_vertex = u32::try_from(self.positions.len()).ok()?;
-        let first_triangle = u32::try_from(topology.triangles.len()).ok()?;
-        let vertices_end = first_vertex.checked_add(u32::try_from(vertices).ok()?)?;
-        let triangles_end = first_triangle.checked_add(u32::try_from(triangles.len()).ok()?)?;
-        let same = topology.parts.last().zip(self.sources.last()).is_some_and(|(part, source)| {
+        let parts = &mut self.topology.parts;
+        let same = parts.last().zip(self.sources.last()).is_some_and(|(part, source)| {
             part.name == group.name
                 && part.material == group.material
                 && source.node == group.frame.node
                 && source.patches.is_empty() != patches
         });
-        if !same {
-            topology.parts.push(Part {
-                name: group.name.to_owned(),
-                triangles: first_triangle..first_triangle,
-                vertices: first_vertex..first_vertex,
-                motion: Motion::STILL,
-                material: group.material,
-            });
-            self.sources.push(Source { node: group.frame.node, patches: Vec::new() });
+        let last = if same { parts.pop() } else { None };
+        let name = group.name.to_owned();
+        let part = self.topology.add_part(name, triangles, vertices, group.material)?;
+        match last {
+            Some(last) => {
+                (part.triangles.start, part.vertices.start) = (last.triangles.start, last.vertices.start);
+            }
+            None => self.sources.push(Source { node: group.frame.node, patches: Vec::new() }),
         }
-        let part = topology.parts.last_mut()?;
-        (part.triangles.end, part.vertices.end) = (triangles_end, vertices_end);
-        topology
-            .triangles
-            .extend(triangles.iter().map(|corners| corners.map(|corner| first_vertex + corner)));
         Some(())
     }
 }

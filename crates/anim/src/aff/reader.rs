@@ -11,7 +11,7 @@ use super::geometry::{Frame, Geometry, Group, Patch, PatchKey, cone, sphere};
 use super::tokens::Tokens;
 use super::track::{FEWEST_KEYS, Key, Spline, Track, Value};
 use crate::Material;
-use crate::error::{LoadError, Problem, read_file};
+use crate::error::{LoadError, NUMBERED, Problem, read_file};
 
 /// Files that may include each other in a row.
 const DEEPEST_INCLUDE: usize = 64;
@@ -34,7 +34,8 @@ pub(super) struct Scene {
     pub(super) tracks: HashMap<Vec<u8>, Arc<Track>>,
     pub(super) camera: Option<Camera>,
     pub(super) lights: Vec<AffLight>,
-    pub(super) time: Option<TimeSpan>,
+    /// The `a` statement: first time, last time, number of frames.
+    pub(super) time: Option<(f64, f64, usize)>,
     /// Lists of keys that were put in order.
     pub(super) disordered: usize,
 }
@@ -63,15 +64,8 @@ pub(super) struct AffLight {
     pub(super) color: DVec3,
 }
 
-/// The `a` statement.
-#[derive(Clone, Copy)]
-pub(super) struct TimeSpan {
-    pub(super) start: f64,
-    pub(super) end: f64,
-    pub(super) frames: usize,
-}
-
-pub(super) fn read(root: &Path) -> Result<Scene, LoadError> {
+/// Reads a scene relative to `origin`; only the camera is left as it stands in the file.
+pub(super) fn read(root: &Path, origin: DVec3) -> Result<Scene, LoadError> {
     let io = |source| LoadError::Io { file: root.to_owned(), source };
     let canonical = root.canonicalize().map_err(io)?;
     let mut reader = Reader {
@@ -83,7 +77,7 @@ pub(super) fn read(root: &Path) -> Result<Scene, LoadError> {
         detail: 0,
         material: 0,
         materials: HashMap::new(),
-        frame: Frame::WORLD,
+        frame: Frame { node: None, fixed: DAffine3::from_translation(DVec3::ZERO - origin) },
         scene: Scene {
             geometry: Geometry::default(),
             nodes: Vec::new(),
@@ -129,31 +123,32 @@ impl Reader {
         self.bytes += text.len();
         self.open.push(canonical);
         let part = file.file_stem().unwrap_or_default().to_string_lossy();
+        let in_file = |problem: Problem| problem.in_file(file);
         let mut tokens = Tokens::new(&text);
         // The braces open in this file.
         let mut outer = Vec::new();
         while let Some(word) = tokens.next() {
             self.bytes += COST_OF_STATEMENT;
             match word {
-                b"xs" => outer.push(self.fixed_transform(&mut tokens).map_err(|p| p.in_file(file))?),
-                b"x" => outer.push(self.animated_transform(&mut tokens).map_err(|p| p.in_file(file))?),
+                b"xs" => outer.push(self.fixed_transform(&mut tokens).map_err(in_file)?),
+                b"x" => outer.push(self.animated_transform(&mut tokens).map_err(in_file)?),
                 b"}" => {
-                    self.frame = outer.pop().ok_or_else(|| {
-                        tokens.problem(Some(word), "a statement, as no brace is open").in_file(file)
-                    })?;
+                    let closed = outer.pop();
+                    let none = || tokens.problem(Some(word), "a statement, as no brace is open");
+                    self.frame = closed.ok_or_else(none).map_err(in_file)?;
                 }
                 b"i" => self.include(&mut tokens, file)?,
-                _ => self.statement(word, &mut tokens, &part).map_err(|p| p.in_file(file))?,
+                _ => self.statement(word, &mut tokens, &part).map_err(in_file)?,
             }
             if self.size() > ALWAYS_ALLOWED.saturating_add(LARGEST_GROWTH.saturating_mul(self.distinct_bytes))
             {
                 let found = "a scene that outgrows its files";
                 let expected = format!("a scene at most {LARGEST_GROWTH} times as large as its files");
-                return Err(tokens.because(found, expected).in_file(file));
+                return Err(in_file(tokens.because(found, expected)));
             }
         }
         if !outer.is_empty() {
-            return Err(tokens.problem(None, "\"}\"").in_file(file));
+            return Err(in_file(tokens.problem(None, "\"}\"")));
         }
         self.open.pop();
         self.scene.disordered += tokens.disordered;
@@ -266,7 +261,7 @@ impl Reader {
         tokens.expect("{")?;
         let outer = self.frame;
         let node = u32::try_from(self.scene.nodes.len())
-            .map_err(|_| tokens.because("too many transforms", "as many as 32 bits can number"))?;
+            .map_err(|_| tokens.because("too many transforms", NUMBERED))?;
         self.scene.nodes.push(Node { track, frame: outer });
         self.frame = Frame { node: Some(node), ..Frame::WORLD };
         Ok(outer)
@@ -401,7 +396,7 @@ impl Reader {
 }
 
 fn too_large() -> Problem {
-    Problem::new("whole scene", "too many vertices or triangles", "as many as 32 bits can number")
+    Problem::new("whole scene", "too many vertices or triangles", NUMBERED)
 }
 
 /// As many vectors, each followed by `after` numbers that are left out.
@@ -471,30 +466,28 @@ fn visibility(tokens: &mut Tokens<'_>) -> Result<Vec<(f64, bool)>, Problem> {
 }
 
 fn camera(tokens: &mut Tokens<'_>) -> Result<Camera, Problem> {
-    tokens.expect("from")?;
-    let from = tokens.vector()?;
-    tokens.expect("at")?;
-    let at = tokens.vector()?;
-    tokens.expect("up")?;
-    let up = tokens.vector()?;
+    let mut vector = |word| {
+        tokens.expect(word)?;
+        tokens.vector()
+    };
+    let (from, at, up) = (vector("from")?, vector("at")?, vector("up")?);
     tokens.expect("angle")?;
     let angle = tokens.number()?;
     if !(0.0 < angle && angle < 180.0) {
         return Err(tokens.because(angle.to_string(), "an angle between 0 and 180 degrees"));
     }
-    tokens.expect("hither")?;
-    tokens.skip_numbers(1)?;
-    tokens.expect("resolution")?;
-    tokens.skip_numbers(2)?;
+    for (word, numbers) in [("hither", 1), ("resolution", 2)] {
+        tokens.expect(word)?;
+        tokens.skip_numbers(numbers)?;
+    }
     Ok(Camera { from, at, up, fov_y: angle.to_radians() })
 }
 
-fn time_span(tokens: &mut Tokens<'_>) -> Result<TimeSpan, Problem> {
+fn time_span(tokens: &mut Tokens<'_>) -> Result<(f64, f64, usize), Problem> {
     let (start, end) = (tokens.number()?, tokens.number()?);
     if start > end {
-        return Err(
-            tokens.because(format!("an end {end} before the start {start}"), "the start, then the end")
-        );
+        let found = format!("an end {end} before the start {start}");
+        return Err(tokens.because(found, "the start, then the end"));
     }
-    Ok(TimeSpan { start, end, frames: tokens.count("a number of frames")? })
+    Ok((start, end, tokens.count("a number of frames")?))
 }

@@ -73,28 +73,23 @@ impl<'a> Accessors<'a> {
     pub(super) fn floats<const N: usize>(
         &self,
         index: Index<Accessor>,
-        shape: Type,
         place: &str,
     ) -> Result<Vec<[f32; N]>, Problem> {
-        self.read(index, shape, place, "numbers", |bytes, kind, normalized| {
-            Some(float(bytes, kind, normalized))
-        })
+        self.read(index, place, "numbers", |bytes, kind, normalized| Some(float(bytes, kind, normalized)))
     }
 
     /// Elements of `N` unsigned integers of 8, 16 or 32 bits.
     pub(super) fn integers<const N: usize>(
         &self,
         index: Index<Accessor>,
-        shape: Type,
         place: &str,
     ) -> Result<Vec<[u32; N]>, Problem> {
-        self.read(index, shape, place, "unsigned integers", |bytes, kind, _| unsigned(bytes, kind))
+        self.read(index, place, "unsigned integers", |bytes, kind, _| unsigned(bytes, kind))
     }
 
     fn read<T: Copy + Default, const N: usize>(
         &self,
         index: Index<Accessor>,
-        shape: Type,
         place: &str,
         components: &str,
         decode: impl Fn(&[u8], ComponentType, bool) -> Option<T>,
@@ -103,10 +98,17 @@ impl<'a> Accessors<'a> {
         let accessor = self.root.accessors.get(index.value()).ok_or_else(|| {
             Problem::new(place, "no such accessor", format!("a number below {}", self.root.accessors.len()))
         })?;
-        let wrong =
-            |found: &str| Problem::new(place, found, format!("{components} in elements of {}", name(shape)));
+        // Of the two shapes with four components, MAT2 is never called for.
+        let shape = [Type::Scalar, Type::Vec2, Type::Vec3, Type::Vec4, Type::Mat4]
+            .into_iter()
+            .find(|shape| shape.multiplicity() == N);
+        let name = |shape| format!("{shape:?}").to_uppercase();
+        let wrong = |found: &str| {
+            let expected = format!("{components} in elements of {}", shape.map_or_else(String::new, name));
+            Problem::new(place, found, expected)
+        };
         match accessor.type_ {
-            Checked::Valid(found) if found == shape => {}
+            Checked::Valid(found) if Some(found) == shape => {}
             Checked::Valid(found) => return Err(wrong(&format!("elements of {}", name(found)))),
             Checked::Invalid => return Err(wrong("an unknown element type")),
         }
@@ -148,11 +150,8 @@ impl<'a> Accessors<'a> {
             for (at, value) in at.zip(values) {
                 let at = unsigned(at, index_kind).ok_or_else(unfit)?;
                 let slot = elements.get_mut(at as usize).ok_or_else(|| {
-                    Problem::new(
-                        place,
-                        format!("index {at}"),
-                        format!("an index below the accessor's count {count}"),
-                    )
+                    let expected = format!("an index below the accessor's count {count}");
+                    Problem::new(place, format!("index {at}"), expected)
                 })?;
                 *slot = element(value).ok_or_else(unfit)?;
             }
@@ -162,17 +161,12 @@ impl<'a> Accessors<'a> {
 
     /// The bytes of a buffer view.
     pub(super) fn view(&self, view: Index<buffer::View>, place: &str) -> Result<&'a [u8], Problem> {
-        let missing = |what: &str, number: &dyn std::fmt::Display, count: usize| {
-            Problem::new(place, format!("no {what} {number}"), format!("a number below {count}"))
-        };
-        let views = &self.root.buffer_views;
-        let view = views.get(view.value()).ok_or_else(|| missing("bufferView", &view, views.len()))?;
-        let buffers = self.buffers;
-        let buffer = buffers
-            .get(view.buffer.value())
-            .ok_or_else(|| missing("buffer", &view.buffer, buffers.len()))?
-            .as_slice();
-
+        let missing = |what, number, count| Problem::missing(place, what, number, count);
+        let (views, buffers) = (&self.root.buffer_views, self.buffers);
+        let number = view.value();
+        let view = views.get(number).ok_or_else(|| missing("bufferView", number, views.len()))?;
+        let number = view.buffer.value();
+        let buffer = buffers.get(number).ok_or_else(|| missing("buffer", number, buffers.len()))?;
         let begin = view.byte_offset.unwrap_or_default().0;
         slice(buffer, begin, view.byte_length.0).ok_or_else(|| {
             let found = format!("bytes {begin} + {}", view.byte_length.0);
@@ -218,18 +212,6 @@ impl<'a> Accessors<'a> {
 fn slice(bytes: &[u8], begin: u64, length: u64) -> Option<&[u8]> {
     let begin = usize::try_from(begin).ok()?;
     bytes.get(begin..begin.checked_add(usize::try_from(length).ok()?)?)
-}
-
-fn name(shape: Type) -> &'static str {
-    match shape {
-        Type::Scalar => "SCALAR",
-        Type::Vec2 => "VEC2",
-        Type::Vec3 => "VEC3",
-        Type::Vec4 => "VEC4",
-        Type::Mat2 => "MAT2",
-        Type::Mat3 => "MAT3",
-        Type::Mat4 => "MAT4",
-    }
 }
 
 /// glTF 2.0 specification, section 3.11 (equations for normalised integers).

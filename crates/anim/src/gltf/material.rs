@@ -63,8 +63,7 @@ pub(super) fn is_blended(root: &Root, material: u32) -> bool {
 pub(super) fn material_of(primitive: &Primitive, root: &Root, place: &str) -> Result<u32, Problem> {
     let number = primitive.material.map_or(root.materials.len(), |material| material.value());
     if primitive.material.is_some() && number >= root.materials.len() {
-        let expected = format!("a number below {}", root.materials.len());
-        return Err(Problem::new(place, format!("no material {number}"), expected));
+        return Err(Problem::missing(place, "material", number, root.materials.len()));
     }
     Ok(number as u32)
 }
@@ -111,7 +110,7 @@ pub(super) fn add_textures(
     let mut used: Vec<u32> = topology.parts.iter().map(|part| part.material).collect();
     used.sort_unstable();
     used.dedup();
-    let (mut numbers, mut images, mut without_image) = (HashMap::new(), Images::default(), 0);
+    let (mut numbers, mut images) = (HashMap::new(), Images::default());
     let mut opacities = Opacities::default();
     for number in used {
         if let Some(info) = texture_info(accessors.root, number).filter(|_| accessors.textures) {
@@ -120,8 +119,6 @@ pub(super) fn add_textures(
                 None => {
                     let place = format!("material {number}, texture {}", info.index);
                     let texture = read_texture(info.index, accessors, &mut images, &place)?;
-                    without_image += usize::from(matches!(texture, Found::NoImage));
-                    let texture = if let Found::Texture(texture) = texture { Some(texture) } else { None };
                     let added = texture.map(|texture| {
                         topology.textures.push(texture);
                         (topology.textures.len() - 1) as u32
@@ -140,7 +137,7 @@ pub(super) fn add_textures(
     if topology.textures.is_empty() {
         topology.texcoords = Vec::new();
     }
-    Ok((without_image, images.missing))
+    Ok((images.without, images.missing))
 }
 
 /// The least opacity of each image, by where its texels are: a large image may have many textures and
@@ -155,38 +152,31 @@ impl Opacities {
     }
 }
 
-/// Images by number, and the files of those that cannot be read.
+/// Images by number, the files of those that cannot be read, and how many textures name none.
 #[derive(Default)]
 struct Images {
     known: HashMap<usize, Option<Image>>,
     missing: Vec<String>,
+    without: usize,
 }
 
-enum Found {
-    Texture(Texture),
-    /// The texture names no image.
-    NoImage,
-    /// The image's file cannot be read.
-    Missing,
-}
-
+/// `None` if it names no image, or one whose file cannot be read.
 fn read_texture(
     index: Index<::gltf::json::Texture>,
     accessors: &Accessors<'_>,
     images: &mut Images,
     place: &str,
-) -> Result<Found, Problem> {
+) -> Result<Option<Texture>, Problem> {
     let root = accessors.root;
-    let missing = |what: &str, number: usize, count: usize| {
-        Problem::new(place, format!("no {what} {number}"), format!("a number below {count}"))
-    };
+    let missing = |what, number, count| Problem::missing(place, what, number, count);
     let texture = root
         .textures
         .get(index.value())
         .ok_or_else(|| missing("texture", index.value(), root.textures.len()))?;
     let source = texture.source.value();
     if source == u32::MAX as usize {
-        return Ok(Found::NoImage);
+        images.without += 1;
+        return Ok(None);
     }
     let image = match images.known.get(&source) {
         Some(known) => known.clone(),
@@ -197,9 +187,9 @@ fn read_texture(
             image
         }
     };
-    let Some(image) = image else { return Ok(Found::Missing) };
+    let Some(image) = image else { return Ok(None) };
     let Some(sampler) = texture.sampler else {
-        return Ok(Found::Texture(Texture { image, wrap: Default::default(), filter: Filter::default() }));
+        return Ok(Some(Texture { image, wrap: Default::default(), filter: Filter::default() }));
     };
     let sampler = root
         .samplers
@@ -214,7 +204,7 @@ fn read_texture(
         Some(Checked::Valid(MagFilter::Nearest)) => Filter::Nearest,
         _ => Filter::Linear,
     };
-    Ok(Found::Texture(Texture { image, wrap: [wrap(sampler.wrap_s), wrap(sampler.wrap_t)], filter }))
+    Ok(Some(Texture { image, wrap: [wrap(sampler.wrap_s), wrap(sampler.wrap_t)], filter }))
 }
 
 /// `None` if the image's file cannot be read; its name is then added to `missing`.

@@ -1,13 +1,12 @@
 //! The node hierarchy: which nodes move in the clip, and where each is at a time.
 
-use ::gltf::json::accessor::Type;
-use ::gltf::json::animation::{Animation, Interpolation as JsonInterpolation, Property};
+use ::gltf::json::animation::{Animation, Channel, Interpolation, Property};
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{Index, Root};
-use glam::{Affine3A, Mat4, Quat, Vec3};
+use glam::{Affine3A, DAffine3, DVec3, Mat4, Quat, Vec3};
 
 use super::accessor::Accessors;
-use super::track::{Interpolation, Track};
+use super::track::Track;
 use crate::error::Problem;
 
 /// All nodes of the document, in the scene or not: a skin's joints may lie outside of it.
@@ -20,6 +19,19 @@ pub(super) struct Nodes {
     moving: Vec<usize>,
     /// Node to scene at time 0.
     global_at_rest: Vec<Affine3A>,
+    far: Option<Far>,
+}
+
+/// An origin that lies elsewhere than the file's. Transforms are then composed in `f64`, and the
+/// origin is subtracted before they are rounded: close to it the scene keeps its details.
+struct Far {
+    origin: DVec3,
+    /// Of each node, what holds where no track says otherwise, if it has any.
+    translations: Vec<Option<DVec3>>,
+    /// The nodes that have a place in the scene, and so relative to the origin.
+    in_scene: Vec<bool>,
+    /// All nodes, ancestors first.
+    order: Vec<usize>,
 }
 
 /// Transform of a node relative to its parent.
@@ -58,73 +70,63 @@ impl Channels {
         let Some(clip) = clip else { return Ok(channels) };
         for (number, channel) in clip.channels.iter().enumerate() {
             let place = format!("clip {:?}, channel {number}", clip.name.as_deref().unwrap_or_default());
-            let node = channel.target.node.value();
-            if node >= nodes.len() {
-                let expected = format!("a number below {}", nodes.len());
-                return Err(Problem::new(place, format!("no node {node}"), expected));
-            }
-            let Checked::Valid(property) = channel.target.path else {
-                let expected = "translation, rotation, scale or weights";
-                return Err(Problem::new(place, "an unknown target path", expected));
-            };
-            let sampler = clip.samplers.get(channel.sampler.value()).ok_or_else(|| {
-                let expected = format!("a number below {}", clip.samplers.len());
-                Problem::new(&*place, format!("no sampler {}", channel.sampler), expected)
-            })?;
-            let Checked::Valid(interpolation) = sampler.interpolation else {
-                return Err(Problem::new(place, "an unknown interpolation", "STEP, LINEAR or CUBICSPLINE"));
-            };
-            let interpolation = match interpolation {
-                JsonInterpolation::Step => Interpolation::Step,
-                JsonInterpolation::Linear => Interpolation::Linear,
-                JsonInterpolation::CubicSpline => Interpolation::CubicSpline,
-            };
-
-            let times = accessors
-                .floats::<1>(sampler.input, Type::Scalar, &format!("{place}, times"))?
-                .into_flattened();
-            check_times(&times, &place)?;
-            let place = &format!("{place}, values");
-            let values: Vec<f32> = match property {
-                Property::Translation | Property::Scale => {
-                    accessors.floats::<3>(sampler.output, Type::Vec3, place)?.into_flattened()
-                }
-                Property::Rotation => {
-                    accessors.floats::<4>(sampler.output, Type::Vec4, place)?.into_flattened()
-                }
-                Property::MorphTargetWeights => {
-                    accessors.floats::<1>(sampler.output, Type::Scalar, place)?.into_flattened()
-                }
-            };
-            let per_key = if interpolation == Interpolation::CubicSpline { 3 } else { 1 };
-            let width = match property {
-                Property::Translation | Property::Scale => 3,
-                Property::Rotation => 4,
-                Property::MorphTargetWeights => target_count(accessors.root, node),
-            };
-            if values.len() != times.len() * per_key * width {
-                let expected = format!(
-                    "{} ({} keys of {})",
-                    times.len() * per_key * width,
-                    times.len(),
-                    per_key * width
-                );
-                return Err(Problem::new(place, format!("{} numbers", values.len()), expected));
-            }
-            let track = Some(Track { times, values, width, interpolation });
-            channels.end = channels.end.max(track.as_ref().map_or(0.0, Track::end));
+            let (node, property, track) = channel_of(clip, channel, accessors, place)?;
+            channels.end = channels.end.max(track.end());
             match property {
-                Property::Translation => channels.transforms[node][0] = track,
-                Property::Rotation => channels.transforms[node][1] = track,
-                Property::Scale => channels.transforms[node][2] = track,
+                Property::Translation => channels.transforms[node][0] = Some(track),
+                Property::Rotation => channels.transforms[node][1] = Some(track),
+                Property::Scale => channels.transforms[node][2] = Some(track),
                 // A node without morph targets has no weights to animate.
                 Property::MorphTargetWeights => {
-                    channels.weights[node] = track.filter(|track| track.width > 0);
+                    channels.weights[node] = Some(track).filter(|track| track.width > 0);
                 }
             }
         }
         Ok(channels)
     }
+}
+
+/// The node that a channel moves, by what, and the track.
+fn channel_of(
+    clip: &Animation,
+    channel: &Channel,
+    accessors: &Accessors<'_>,
+    place: String,
+) -> Result<(usize, Property, Track), Problem> {
+    let (root, node) = (accessors.root, channel.target.node.value());
+    if node >= root.nodes.len() {
+        return Err(Problem::missing(place, "node", node, root.nodes.len()));
+    }
+    let Checked::Valid(property) = channel.target.path else {
+        let expected = "translation, rotation, scale or weights";
+        return Err(Problem::new(place, "an unknown target path", expected));
+    };
+    let sampler = clip
+        .samplers
+        .get(channel.sampler.value())
+        .ok_or_else(|| Problem::missing(&*place, "sampler", channel.sampler, clip.samplers.len()))?;
+    let Checked::Valid(interpolation) = sampler.interpolation else {
+        return Err(Problem::new(place, "an unknown interpolation", "STEP, LINEAR or CUBICSPLINE"));
+    };
+
+    let times = accessors.floats::<1>(sampler.input, &format!("{place}, times"))?.into_flattened();
+    check_times(&times, &place)?;
+    let (place, output) = (&format!("{place}, values"), sampler.output);
+    let (values, width) = match property {
+        Property::Translation | Property::Scale => {
+            (accessors.floats::<3>(output, place)?.into_flattened(), 3)
+        }
+        Property::Rotation => (accessors.floats::<4>(output, place)?.into_flattened(), 4),
+        Property::MorphTargetWeights => {
+            (accessors.floats::<1>(output, place)?.into_flattened(), target_count(root, node))
+        }
+    };
+    let per_key = if interpolation == Interpolation::CubicSpline { 3 * width } else { width };
+    if values.len() != times.len() * per_key {
+        let expected = format!("{} ({} keys of {per_key})", times.len() * per_key, times.len());
+        return Err(Problem::new(place, format!("{} numbers", values.len()), expected));
+    }
+    Ok((node, property, Track { times, values, width, interpolation }))
 }
 
 fn check_times(times: &[f32], place: &str) -> Result<(), Problem> {
@@ -162,9 +164,23 @@ pub(super) fn node_name(root: &Root, node: usize) -> String {
 impl Nodes {
     /// Reads the hierarchy, which must be a forest, and takes the tracks of `channels` that move
     /// something.
-    pub(super) fn read(root: &Root, channels: &mut Channels) -> Result<Self, Problem> {
+    pub(super) fn read(
+        root: &Root,
+        channels: &mut Channels,
+        far: Option<(DVec3, Vec<Option<DVec3>>)>,
+        in_scene: &[bool],
+    ) -> Result<Self, Problem> {
         let parent = parents(root)?;
         let order = ancestors_first(root, &parent)?;
+        let far = far.map(|(origin, mut translations)| {
+            // What a track of the translation says, be it the same at all times, takes its place.
+            for (translation, _) in
+                translations.iter_mut().zip(&channels.transforms).filter(|(_, tracks)| tracks[0].is_some())
+            {
+                *translation = None;
+            }
+            Far { origin, translations, in_scene: in_scene.to_vec(), order: order.clone() }
+        });
         let local: Vec<Local> = root
             .nodes
             .iter()
@@ -177,6 +193,7 @@ impl Nodes {
             global_at_rest: vec![Affine3A::IDENTITY; local.len()],
             parent,
             local,
+            far,
         };
         for node in order {
             let parent = nodes.parent[node];
@@ -193,6 +210,9 @@ impl Nodes {
 
     /// Node to scene at `time`, of every node.
     pub(super) fn globals(&self, time: f64) -> Vec<Affine3A> {
+        if let Some(far) = &self.far {
+            return self.globals_from(far, time);
+        }
         let mut globals = self.global_at_rest.clone();
         for &node in &self.moving {
             let local = self.local[node].at(time);
@@ -201,8 +221,27 @@ impl Nodes {
         globals
     }
 
+    /// As [`globals`](Self::globals), relative to an origin.
+    fn globals_from(&self, far: &Far, time: f64) -> Vec<Affine3A> {
+        let mut globals = vec![DAffine3::IDENTITY; self.local.len()];
+        for &node in &far.order {
+            let mut local = self.local[node].at(time).as_daffine3();
+            if let Some(translation) = far.translations[node] {
+                local.translation = translation;
+            }
+            globals[node] = self.parent[node].map_or(local, |parent| globals[parent] * local);
+        }
+        for (global, _) in globals.iter_mut().zip(&far.in_scene).filter(|&(_, &in_scene)| in_scene) {
+            global.translation -= far.origin;
+        }
+        globals.iter().map(DAffine3::as_affine3a).collect()
+    }
+
     /// Node to scene at `time`, of one node.
     pub(super) fn global(&self, node: usize, time: f64) -> Affine3A {
+        if self.far.is_some() {
+            return self.globals(time)[node];
+        }
         // Up to the first ancestor that stands still. A loop, since hierarchies can be very deep.
         let (mut node, mut below) = (node, Affine3A::IDENTITY);
         while self.moves[node] {
@@ -276,8 +315,7 @@ fn parents(root: &Root) -> Result<Vec<Option<usize>>, Problem> {
     {
         for child in children {
             let slot = parent.get_mut(child.value()).ok_or_else(|| {
-                let expected = format!("a number below {}", root.nodes.len());
-                Problem::new(node_name(root, node), format!("no child node {child}"), expected)
+                Problem::missing(node_name(root, node), "child node", child, root.nodes.len())
             })?;
             if let Some(other) = slot.replace(node) {
                 let found = format!("two parents, {} and {}", node_name(root, other), node_name(root, node));

@@ -1,6 +1,5 @@
 //! The triangles of one mesh primitive, with the joints and morph targets that move its vertices.
 
-use ::gltf::json::accessor::Type;
 use ::gltf::json::mesh::{Mode, Primitive, Semantic};
 use ::gltf::json::validation::Checked;
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
@@ -81,68 +80,79 @@ impl Geometry {
         let Some(position) = attribute(Semantic::Positions) else {
             return Err(Problem::new(place, "no POSITION attribute", "one"));
         };
-        let positions = accessors.floats::<3>(position, Type::Vec3, &format!("{place}, POSITION"))?;
+        let positions = accessors.floats::<3>(position, &format!("{place}, POSITION"))?;
         let count = positions.len();
-        let same_count = |what: &str, found: usize| {
-            let expected = format!("{count}, one for each position");
-            if found == count {
-                Ok(())
-            } else {
-                Err(Problem::new(format!("{place}, {what}"), format!("{found} elements"), expected))
-            }
-        };
-
         let mut triangles = triangles(primitive, mode, accessors, count, place)?;
         let kept = keep_used(&mut triangles, count);
-
-        let mut targets = Vec::new();
-        for (number, target) in primitive.targets.iter().flatten().enumerate() {
-            let what = format!("POSITION of morph target {number}");
-            let mut displaced = Target::new();
-            if let Some(accessor) = target.positions {
-                let all = accessors.floats::<3>(accessor, Type::Vec3, &format!("{place}, {what}"))?;
-                same_count(&what, all.len())?;
-                let deltas = kept.iter().map(|&old| Vec3::from_array(all[old as usize]));
-                displaced = (0..).zip(deltas).filter(|&(_, delta)| delta != Vec3::ZERO).collect();
-                accessors.budget.spend((displaced.len() * size_of::<(u32, Vec3)>()) as u64, place)?;
-            }
-            targets.push(displaced);
-        }
-
-        let mut sets = Vec::new();
-        for set in 0.. {
-            let (Some(joints), Some(weights)) =
-                (attribute(Semantic::Joints(set)), attribute(Semantic::Weights(set)))
-            else {
-                break;
-            };
-            let joints = accessors.integers::<4>(joints, Type::Vec4, &format!("{place}, JOINTS_{set}"))?;
-            let weights = accessors.floats::<4>(weights, Type::Vec4, &format!("{place}, WEIGHTS_{set}"))?;
-            same_count(&format!("JOINTS_{set}"), joints.len())?;
-            same_count(&format!("WEIGHTS_{set}"), weights.len())?;
-            sets.push((joints, weights));
-        }
-        let influences = if sets.is_empty() { None } else { Some(influences(&sets, &kept, place)?) };
-        let normals = match attribute(Semantic::Normals) {
-            None => None,
-            Some(normals) => {
-                let all = accessors.floats::<3>(normals, Type::Vec3, &format!("{place}, NORMAL"))?;
-                same_count("NORMAL", all.len())?;
-                Some(kept.iter().map(|&old| Vec3::from_array(all[old as usize])).collect())
-            }
-        };
-        let texcoords = match mapping.and_then(|m| Some((m, attribute(Semantic::TexCoords(m.set))?))) {
-            None => None,
-            Some((mapping, texcoords)) => {
-                let what = format!("TEXCOORD_{}", mapping.set);
-                let all = accessors.floats::<2>(texcoords, Type::Vec2, &format!("{place}, {what}"))?;
-                same_count(&what, all.len())?;
-                Some(kept.iter().map(|&old| mapping.apply(Vec2::from_array(all[old as usize]))).collect())
-            }
-        };
+        let targets = targets(primitive, accessors, count, &kept, place)?;
+        let influences = influences(&joint_sets(primitive, accessors, count, place)?, &kept, place)?;
+        let normals = attribute(Semantic::Normals).map(|normals| {
+            let place = &format!("{place}, NORMAL");
+            let all = one_each(accessors.floats::<3>(normals, place)?, count, place)?;
+            Ok(kept.iter().map(|&old| Vec3::from_array(all[old as usize])).collect())
+        });
+        let texcoords = mapping.and_then(|m| Some((m, attribute(Semantic::TexCoords(m.set))?)));
+        let texcoords = texcoords.map(|(mapping, texcoords)| {
+            let place = &format!("{place}, TEXCOORD_{}", mapping.set);
+            let all = one_each(accessors.floats::<2>(texcoords, place)?, count, place)?;
+            Ok(kept.iter().map(|&old| mapping.apply(Vec2::from_array(all[old as usize]))).collect())
+        });
+        let (normals, texcoords) = (normals.transpose()?, texcoords.transpose()?);
         let positions = kept.iter().map(|&old| Vec3::from_array(positions[old as usize])).collect();
         Ok(Some(Self { positions, triangles, influences, targets, normals, texcoords }))
     }
+}
+
+/// All of `elements`, if there is one for each of `count` positions.
+fn one_each<T>(elements: Vec<T>, count: usize, place: &str) -> Result<Vec<T>, Problem> {
+    if elements.len() == count {
+        return Ok(elements);
+    }
+    let expected = format!("{count}, one for each position");
+    Err(Problem::new(place, format!("{} elements", elements.len()), expected))
+}
+
+/// The morph targets, for the kept vertices.
+fn targets(
+    primitive: &Primitive,
+    accessors: &Accessors<'_>,
+    count: usize,
+    kept: &[u32],
+    place: &str,
+) -> Result<Vec<Target>, Problem> {
+    let mut targets = Vec::new();
+    for (number, target) in primitive.targets.iter().flatten().enumerate() {
+        let mut displaced = Target::new();
+        if let Some(accessor) = target.positions {
+            let place = &format!("{place}, POSITION of morph target {number}");
+            let all = one_each(accessors.floats::<3>(accessor, place)?, count, place)?;
+            let deltas = kept.iter().map(|&old| Vec3::from_array(all[old as usize]));
+            displaced = (0..).zip(deltas).filter(|&(_, delta)| delta != Vec3::ZERO).collect();
+            accessors.budget.spend((displaced.len() * size_of::<(u32, Vec3)>()) as u64, place)?;
+        }
+        targets.push(displaced);
+    }
+    Ok(targets)
+}
+
+/// The joints and weights of all vertices.
+fn joint_sets(
+    primitive: &Primitive,
+    accessors: &Accessors<'_>,
+    count: usize,
+    place: &str,
+) -> Result<Vec<JointSet>, Problem> {
+    let attribute = |semantic| primitive.attributes.get(&Checked::Valid(semantic)).copied();
+    let mut sets = Vec::new();
+    for set in 0.. {
+        let both = attribute(Semantic::Joints(set)).zip(attribute(Semantic::Weights(set)));
+        let Some((joints, weights)) = both else { break };
+        let [at_joints, at_weights] = ["JOINTS", "WEIGHTS"].map(|what| format!("{place}, {what}_{set}"));
+        let joints = one_each(accessors.integers::<4>(joints, &at_joints)?, count, &at_joints)?;
+        let weights = one_each(accessors.floats::<4>(weights, &at_weights)?, count, &at_weights)?;
+        sets.push((joints, weights));
+    }
+    Ok(sets)
 }
 
 /// Vertex numbers of the triangles, each below `count`.
@@ -157,9 +167,7 @@ fn triangles(
         Problem::new(place, format!("{count} vertices"), "as many as 32-bit indices can name")
     })?;
     let indices: Vec<u32> = match primitive.indices {
-        Some(indices) => {
-            accessors.integers::<1>(indices, Type::Scalar, &format!("{place}, indices"))?.into_flattened()
-        }
+        Some(indices) => accessors.integers::<1>(indices, &format!("{place}, indices"))?.into_flattened(),
         None => (0..vertices).collect(),
     };
     if let Some((at, index)) = indices.iter().enumerate().find(|&(_, &index)| index >= vertices) {
@@ -209,8 +217,12 @@ type JointSet = (Vec<[u32; 4]>, Vec<[f32; 4]>);
 
 /// Gathers the joints of the kept vertices from all sets, scaling their weights to a sum of 1.
 ///
-/// A vertex whose weights do not add up to something positive follows its first joint.
-fn influences(sets: &[JointSet], kept: &[u32], place: &str) -> Result<Influences, Problem> {
+/// A vertex whose weights do not add up to something positive follows its first joint. `None` without
+/// sets.
+fn influences(sets: &[JointSet], kept: &[u32], place: &str) -> Result<Option<Influences>, Problem> {
+    if sets.is_empty() {
+        return Ok(None);
+    }
     let mut influences = Influences { first: vec![0], joints: Vec::new() };
     for &vertex in kept {
         let vertex = vertex as usize;
@@ -240,5 +252,5 @@ fn influences(sets: &[JointSet], kept: &[u32], place: &str) -> Result<Influences
             .map_err(|_| Problem::new(place, "more joint weights than 32 bits can count", "fewer"))?;
         influences.first.push(end);
     }
-    Ok(influences)
+    Ok(Some(influences))
 }

@@ -60,10 +60,9 @@ impl LightSource {
         };
         let lights = root.extensions.as_ref().and_then(|extensions| extensions.khr_lights_punctual.as_ref());
         let lights = lights.map_or(&[][..], |lights| &lights.lights);
-        let light = lights.get(number.value()).ok_or_else(|| {
-            let expected = format!("a number below {}", lights.len());
-            Problem::new(node_name(root, node), format!("no light {number}"), expected)
-        })?;
+        let light = lights
+            .get(number.value())
+            .ok_or_else(|| Problem::missing(node_name(root, node), "light", number, lights.len()))?;
         let is = |kind| matches!(light.type_, Checked::Valid(found) if found == kind);
         let directional = is(LightType::Directional).then(|| {
             let finite = || rest.iter().filter(|position| position.is_finite());

@@ -1,14 +1,8 @@
 //! One animated value of a glTF clip: key times, key values, and the three interpolations between
 //! them (glTF 2.0 specification, section 3.11 and appendix C).
 
+use ::gltf::json::animation::Interpolation;
 use glam::{Quat, Vec3};
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Interpolation {
-    Step,
-    Linear,
-    CubicSpline,
-}
 
 /// `width` numbers per key, or with cubic splines `3 * width`: in-tangent, value, out-tangent.
 #[derive(Clone, Debug)]

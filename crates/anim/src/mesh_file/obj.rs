@@ -2,13 +2,13 @@
 
 use std::path::{Component, Path};
 
-use glam::Vec3;
+use glam::DVec3;
 
-use super::{Mesh, too_large};
+use super::Mesh;
 use crate::Material;
 use crate::error::{Problem, read_beside};
 
-pub(super) fn read(bytes: &[u8], file: &Path) -> Result<Mesh, Problem> {
+pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Problem> {
     let text = String::from_utf8_lossy(bytes);
     let options = tobj::LoadOptions {
         triangulate: true,
@@ -36,7 +36,7 @@ pub(super) fn read(bytes: &[u8], file: &Path) -> Result<Mesh, Problem> {
     let materials = materials.unwrap_or_default();
     let colors = materials.iter().map(|material| {
         material.diffuse.map_or_else(Material::default, |diffuse| Material {
-            base_color: diffuse.map(|value| if value.is_finite() { value.clamp(0.0, 1.0) } else { 0.8 }),
+            base_color: diffuse.map(|x| if x.is_finite() { x.clamp(0.0, 1.0) as f32 } else { 0.8 }),
             ..Material::default()
         })
     });
@@ -46,11 +46,11 @@ pub(super) fn read(bytes: &[u8], file: &Path) -> Result<Mesh, Problem> {
         if triangles.is_empty() {
             continue;
         }
-        let positions: Vec<Vec3> =
-            model.positions.as_chunks().0.iter().copied().map(Vec3::from_array).collect();
+        let positions = model.positions.as_chunks().0;
+        let positions = positions.iter().map(|&p| (DVec3::from_array(p) - origin).as_vec3());
         let material =
             model.material_id.filter(|&material| material < materials.len()).unwrap_or(materials.len());
-        mesh.add_part(name, triangles, &positions, material).ok_or_else(too_large)?;
+        mesh.add_part(name, triangles, positions, material)?;
     }
     Ok(mesh)
 }

@@ -3,13 +3,11 @@
 
 use std::path::Path;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
-use ply_rs_bw::ply::{
-    ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType,
-};
+use ply_rs_bw::ply::{Encoding, Header, Property, PropertyAccess, PropertyAccessResult};
 
-use super::{Mesh, too_large};
+use super::Mesh;
 use crate::Material;
 use crate::error::Problem;
 
@@ -75,7 +73,7 @@ impl PropertyAccess for Skipped {
     }
 }
 
-pub(super) fn read(bytes: &[u8], file: &Path) -> Result<Mesh, Problem> {
+pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Problem> {
     let mut reader = Reader::new(bytes);
     let header = Parser::<Skipped>::new()
         .read_header(&mut reader)
@@ -85,18 +83,14 @@ pub(super) fn read(bytes: &[u8], file: &Path) -> Result<Mesh, Problem> {
     let mut positions = Vec::new();
     let mut faces: Vec<Face> = Vec::new();
     for (name, element) in &header.elements {
-        check_size(element, &header, reader.get_ref().len())?;
-        let failed =
-            |error: ParseError| Problem::from_parser(name, &error, "the elements that the header declares");
+        let failed = |error: ParseError| {
+            Problem::from_parser(&format!("element {name}"), &error, "the elements that the header declares")
+        };
         match name.as_str() {
             "vertex" => {
-                let vertices =
-                    Parser::<Vertex>::new().read_payload_for_element(&mut reader, element, &header);
-                positions = vertices
-                    .map_err(failed)?
-                    .into_iter()
-                    .map(|vertex| vertex.0.as_vec3())
-                    .collect::<Vec<Vec3>>();
+                positions = Parser::<Vertex>::new()
+                    .read_payload_for_element(&mut reader, element, &header)
+                    .map_err(failed)?;
             }
             "face" => {
                 faces = Parser::<Face>::new()
@@ -116,7 +110,8 @@ pub(super) fn read(bytes: &[u8], file: &Path) -> Result<Mesh, Problem> {
     let triangles = fans(&faces, positions.len())?;
     let name = file.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
     let mut mesh = Mesh::with_materials(vec![Material::default()]);
-    mesh.add_part(name, &triangles, &positions, 0).ok_or_else(too_large)?;
+    let positions = positions.iter().map(|vertex| (vertex.0 - origin).as_vec3());
+    mesh.add_part(name, &triangles, positions, 0)?;
     Ok(mesh)
 }
 
@@ -133,34 +128,6 @@ fn check_header(header: &Header) -> Result<(), Problem> {
         return Err(Problem::new("header, element face", "no list of vertices", expected));
     }
     Ok(())
-}
-
-/// Holds the declared number of elements against the bytes that are left, before anything is read.
-fn check_size(element: &ElementDef, header: &Header, left: usize) -> Result<(), Problem> {
-    let smallest: usize = match header.encoding {
-        // A digit each and what parts it from the next.
-        Encoding::Ascii => (2 * element.properties.len()).max(1),
-        _ => element.properties.values().map(|property| smallest_size(&property.data_type)).sum(),
-    };
-    // The last line needs no end.
-    if element.count.saturating_mul(smallest) > left.saturating_add(1) {
-        let found = format!("{} elements declared, but {left} bytes left in the file", element.count);
-        let expected = format!("at least {smallest} bytes for each");
-        return Err(Problem::new(format!("element {}", element.name), found, expected));
-    }
-    Ok(())
-}
-
-fn smallest_size(data_type: &PropertyType) -> usize {
-    // An empty list is nothing but its length.
-    match data_type {
-        PropertyType::Scalar(scalar) | PropertyType::List(scalar, _) => match scalar {
-            ScalarType::Char | ScalarType::UChar => 1,
-            ScalarType::Short | ScalarType::UShort => 2,
-            ScalarType::Int | ScalarType::UInt | ScalarType::Float => 4,
-            ScalarType::Double => 8,
-        },
-    }
 }
 
 /// Polygons as fans around their first corner.

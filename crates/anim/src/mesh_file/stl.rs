@@ -2,20 +2,19 @@
 
 use std::io::Cursor;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 use super::Mesh;
 use crate::Material;
 use crate::error::Problem;
 
-pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Problem> {
-    let wrong =
-        |error: &dyn std::fmt::Display| Problem::from_parser("STL", error, "triangles, ascii or binary");
-    let read = stl_io::read_stl(&mut Cursor::new(bytes)).map_err(|error| wrong(&error))?;
-    let positions: Vec<Vec3> = read.vertices.iter().map(|&vertex| Vec3::from_array(vertex.into())).collect();
+pub(super) fn read(bytes: &[u8], origin: DVec3) -> Result<Mesh, Problem> {
+    let read = stl_io::read_stl(&mut Cursor::new(bytes))
+        .map_err(|error| Problem::from_parser("STL", &error, "triangles, ascii or binary"))?;
+    let relative = |&vertex: &stl_io::Vertex| (Vec3::from_array(vertex.into()).as_dvec3() - origin).as_vec3();
+    let positions = read.vertices.iter().map(relative);
     let triangles: Vec<[u32; 3]> = read.faces.iter().map(|face| face.vertices.map(|v| v as u32)).collect();
     let mut mesh = Mesh::with_materials(vec![Material::default()]);
-    let added = mesh.add_part("mesh".to_owned(), &triangles, &positions, 0);
-    added.ok_or_else(|| wrong(&"more vertices than 32 bits can number"))?;
+    mesh.add_part("mesh".to_owned(), &triangles, positions, 0)?;
     Ok(mesh)
 }
