@@ -37,7 +37,7 @@ use crate::{Animation, Light, LoadOptions, Motion, PoseStats, Topology, View, Wo
 
 /// A clip of a glTF file, ready to be posed at any time.
 ///
-/// A primitive is a [`Part`], once for each node that shows its mesh. Parts that nothing in the
+/// A primitive is a [`Part`](crate::Part), once for each node that shows its mesh. Parts that nothing in the
 /// clip moves are transformed once, when loading.
 pub struct GltfAnimation {
     topology: Topology,

@@ -9,7 +9,7 @@ use super::table::{Table, at_least, at_most, both, by_times, graded};
 use crate::reproduce::contestants::{ASYNCHRONOUS, IDEAL, IDEAL_PARALLEL_BINNED};
 use crate::reproduce::record::Row;
 use crate::reproduce::results::{Results, SceneRun, Spread};
-use crate::reproduce::{MUSEUM, SPEED_STRATEGY};
+use crate::reproduce::{MUSEUM, SPEED_STRATEGIES, SPEED_STRATEGY};
 
 /// Spread of some measure of a strategy over the frames measured.
 fn spread(scene: &SceneRun, strategy: &str, measure: fn(&Row) -> f64) -> Option<Spread> {
@@ -96,6 +96,11 @@ pub(super) fn fast_motion(results: &Results, b: &Bounds) -> Finding {
         graded(all, later)
     });
     let mut why = format!("{later:.2} after the first loop{near}");
+    let others = SPEED_STRATEGIES.iter().filter(|name| ![SPEED_STRATEGY, IDEAL_PARALLEL_BINNED].contains(name));
+    for (name, time) in others.filter_map(|name| Some((name, sum(scene, 20, name, 0)?))) {
+        let over = sum(scene, 20, SPEED_STRATEGY, 0).map_or(f64::NAN, |own| own / time);
+        why += &format!("; {over:.2} of {name}");
+    }
     if let Some((middle, slow)) = sum(scene, 100, SPEED_STRATEGY, 0).zip(sum(scene, 500, SPEED_STRATEGY, 0)) {
         why += &format!("; frames of the loop of 100 take {:.2} of those of 500", middle / slow);
     }

@@ -500,9 +500,13 @@ fn fast_motion_is_compared_with_a_rebuild() {
             ..Row::default()
         };
         let rebuild = [0, 1].map(|round| row("ideal-parallel-binned", round, 10.0));
-        let rows = [row("refit+rotate", 0, first), row("refit+rotate", 1, later)].into_iter().chain(rebuild);
+        let own = [row("refit+rotate", 0, first), row("refit+rotate", 1, later)];
+        let rows = own.into_iter().chain(rebuild).chain([row("refit", 0, 100.0)]);
         let run = SceneRun { speeds: vec![(20, rows.collect())], ..scene("exploding-dragon", &[]) };
-        verdict(&results(vec![run]), "loop of 20 frames")
+        let run = results(vec![run]);
+        let why = claim(&run, "loop of 20 frames").why;
+        assert!(why.contains(&format!("{:.2} of refit", (first + later) / 100.0)), "{why}");
+        verdict(&run, "loop of 20 frames")
     };
     assert_eq!(
         [with(13.0, 11.0), with(30.0, 12.0), with(30.0, 20.0)],
