@@ -306,7 +306,7 @@ fn only_what_is_asked_for_is_run() {
     assert!(
         report.contains("of each loop of figure 5 20 frames measured") && report.contains("(of figure 5 2)")
     );
-    assert_eq!(rows("fig5.csv"), 2 * 3 * 20 * 2, "twenty frames of each loop, with two strategies");
+    assert_eq!(rows("fig5.csv"), 2 * 3 * 20 * 5, "twenty frames of each loop, with five strategies");
     assert!(out.join("figures/fig5-sheet.svg").exists() && !out.join("figures/fig4.svg").exists());
 }
 
