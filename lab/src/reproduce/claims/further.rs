@@ -96,7 +96,8 @@ pub(super) fn fast_motion(results: &Results, b: &Bounds) -> Finding {
         graded(all, later)
     });
     let mut why = format!("{later:.2} after the first loop{near}");
-    let others = SPEED_STRATEGIES.iter().filter(|name| ![SPEED_STRATEGY, IDEAL_PARALLEL_BINNED].contains(name));
+    let others =
+        SPEED_STRATEGIES.iter().filter(|name| ![SPEED_STRATEGY, IDEAL_PARALLEL_BINNED].contains(name));
     for (name, time) in others.filter_map(|name| Some((name, sum(scene, 20, name, 0)?))) {
         let over = sum(scene, 20, SPEED_STRATEGY, 0).map_or(f64::NAN, |own| own / time);
         why += &format!("; {over:.2} of {name}");
