@@ -109,7 +109,7 @@ fn measure() {
     let (time, stats) = picture(&first, &triangles);
     print("PACKET_RAY", time / stats.rays() as f64, "for each primary ray");
     print("PACKET_NODE", time / stats.nodes_visited as f64, "for each node of a packet");
-    let (time, visits) = single_rays(&first, &triangles);
+    let (time, visits, _) = single_rays(&first, &triangles);
     print("SINGLE_RAY", time / SINGLE_RAYS as f64, "for each ray, in no order");
     print("QUERY_NODE", time / visits.nodes as f64, "for each node of such rays");
 
@@ -135,7 +135,9 @@ fn measure_losses(first: &Bvh, indices: &[[u32; 3]]) {
     let growth = sah_cost(&refitted) / sah_cost(&good) - 1.0;
     let longer = |bvh: &Bvh, than: &Bvh, triangles: &Triangles<'_>| {
         let of_picture = picture(bvh, triangles).0 / picture(than, triangles).0 - 1.0;
-        (of_picture, single_rays(bvh, triangles).0 / single_rays(than, triangles).0 - 1.0)
+        let [(time, _, hits), (than, _, expected)] = [bvh, than].map(|bvh| single_rays(bvh, triangles));
+        assert_eq!(hits, expected, "hits do not depend on the tree");
+        (of_picture, time / than - 1.0)
     };
     let (of_picture, of_rays) = longer(&refitted, &good, &triangles);
     let of = format!("of the time, in a tree of {:.2} times the cost", 1.0 + growth);
@@ -166,8 +168,8 @@ fn picture(bvh: &Bvh, triangles: &Triangles<'_>) -> (f64, RenderStats) {
 
 const SINGLE_RAYS: usize = 50_000;
 
-/// The median time of rays in no order, and the nodes that they visit.
-fn single_rays(bvh: &Bvh, triangles: &Triangles<'_>) -> (f64, Visits) {
+/// The median time of rays in no order, the nodes that they visit, and the triangles that they hit.
+fn single_rays(bvh: &Bvh, triangles: &Triangles<'_>) -> (f64, Visits, Vec<u32>) {
     let target = |i: usize| Vec3::new(noise(2 * i), noise(2 * i + 1), 0.0) * SIDE as f32;
     let once = || {
         let mut visits = Visits::default();
@@ -176,12 +178,15 @@ fn single_rays(bvh: &Bvh, triangles: &Triangles<'_>) -> (f64, Visits) {
             let (ray, test) = (Ray::new(from, target(i) - from), TriangleTest::default());
             closest_hit_counted(bvh, triangles, &ray, f32::INFINITY, test, &mut visits)
         };
-        let (time, hits) = ns(|| (0..SINGLE_RAYS).filter_map(cast).count());
-        assert!(hits > 0, "rays meet the sheet");
-        (time, visits)
+        let (time, hits) =
+            ns(|| (0..SINGLE_RAYS).filter_map(cast).map(|hit| hit.primitive).collect::<Vec<_>>());
+        assert!(!hits.is_empty(), "rays meet the sheet");
+        (time, visits, hits)
     };
     let runs: Vec<_> = (0..5).map(|_| once()).collect();
-    (median(runs.iter().map(|(time, _)| *time).collect()), runs[0].1)
+    let time = median(runs.iter().map(|(time, ..)| *time).collect());
+    let (_, visits, hits) = runs.into_iter().next().expect("five runs");
+    (time, visits, hits)
 }
 
 fn main() {

@@ -6,8 +6,8 @@
 //! 39 ns a primitive for refitting and rotating, 30 to 40 for LBVH, and 75 to 94 for PLOC. By `compare frame` of that revision
 //! pictures took 3 to 7 % longer with LBVH than with PLOC, and by `--example loads` single rays no longer.
 //!
-//! The same program on a machine with slower memory (EPYC Zen 3, virtual, AVX2, 2026-11-24, revision 6ced3ae) printed, in the order
-//! of the constants: 22.5, 3.6, 1288, 97, 40, 58; 97, 1873, 223, 29 to 89, 327; 0.03 (pictures -0.01), 0.72, 0.27 (both in a tree of 16
+//! `unit_costs` on a machine with slower memory (EPYC Zen 3, virtual, AVX2, 2026-11-24, revision 6ced3ae) printed, in the order
+//! of the constants below: 22.5, 3.6, 1288, 97, 40, 58; 97, 1873, 223, 29 to 89, 327; 0.03 (pictures -0.01), 0.72, 0.27 (both in a tree of 16
 //! times the cost), 0.05 (single rays 0.09). There a new top costs twice what is assumed here beside a pass, and packets twice.
 //!
 //! Two prices were kept against what they measure now: `unit_costs` prints 60 ns for a node of a packet, and two threads need 64

@@ -118,7 +118,7 @@ fn execute<P: Primitives + ?Sized>(
         Plan::ChangeLeaves(torn) => {
             match step_leaves(torn, bvh, primitives, seen, tally, &mut workspace.leaves) {
                 false => Decision::AsAlways,
-                true if torn == Torn(true) => Decision::SplitLeaves,
+                true if torn.0 => Decision::SplitLeaves,
                 true => Decision::MergeLeaves,
             }
         }

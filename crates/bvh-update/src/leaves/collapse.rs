@@ -37,7 +37,8 @@ pub(crate) struct LeafChange {
     pub(crate) leaves: f64,
 }
 
-/// Merges or splits the leaves that have their turn, whichever costs less, in a tree that has been fitted; references are in units of `scale`.
+/// Merges or splits the leaves that have their turn, whichever costs less, in a tree that has been
+/// fitted; references are in units of `scale`.
 pub(crate) fn change_leaves<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
