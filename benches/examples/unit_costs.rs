@@ -106,10 +106,11 @@ fn measure() {
         leaves.iter().zip(&rotate).map(|((time, nodes, _), (without, ..))| (time - without) / nodes);
     print("LEAF_NODE", median(of_leaves.collect()), "for each node");
 
-    let (time, stats) = picture(&first, &triangles);
+    let mut pixels = vec![Pixel::default(); PIXELS];
+    let (time, stats) = median_of(|| picture(&first, &triangles, &mut pixels));
     print("PACKET_RAY", time / stats.rays() as f64, "for each primary ray");
     print("PACKET_NODE", time / stats.nodes_visited as f64, "for each node of a packet");
-    let (time, visits, _) = single_rays(&first, &triangles);
+    let (time, (visits, _)) = median_of(|| single_rays(&first, &triangles));
     print("SINGLE_RAY", time / SINGLE_RAYS as f64, "for each ray, in no order");
     print("QUERY_NODE", time / visits.nodes as f64, "for each node of such rays");
 
@@ -133,13 +134,20 @@ fn measure_losses(first: &Bvh, indices: &[[u32; 3]]) {
     let mut refitted = first.clone();
     refit(&mut refitted, &triangles).expect("same count");
     let growth = sah_cost(&refitted) / sah_cost(&good) - 1.0;
-    let longer = |bvh: &Bvh, than: &Bvh, triangles: &Triangles<'_>| {
-        let of_picture = picture(bvh, triangles).0 / picture(than, triangles).0 - 1.0;
-        let [(time, _, hits), (than, _, expected)] = [bvh, than].map(|bvh| single_rays(bvh, triangles));
-        assert_eq!(hits, expected, "hits do not depend on the tree");
-        (of_picture, time / than - 1.0)
+    let mut pixels = vec![Pixel::default(); PIXELS];
+    // Both trees in turns, so that what disturbs the machine disturbs both.
+    let mut longer = |bvh: &Bvh, than: &Bvh, triangles: &Triangles<'_>| {
+        let mut rounds = [Vec::new(), Vec::new()];
+        for _ in 0..ROUNDS {
+            let [of, other] = [bvh, than].map(|bvh| picture(bvh, triangles, &mut pixels).0);
+            rounds[0].push(of / other - 1.0);
+            let [of, other] = [bvh, than].map(|bvh| single_rays(bvh, triangles));
+            assert_eq!(of.1.1, other.1.1, "hits do not depend on the tree");
+            rounds[1].push(of.0 / other.0 - 1.0);
+        }
+        rounds.map(median).into()
     };
-    let (of_picture, of_rays) = longer(&refitted, &good, &triangles);
+    let (of_picture, of_rays): (f64, f64) = longer(&refitted, &good, &triangles);
     let of = format!("of the time, in a tree of {:.2} times the cost", 1.0 + growth);
     println!("PACKET_SLOPE     {:>10.2}     {of}", of_picture / growth);
     println!("QUERY_SLOPE      {:>10.2}     {of}", of_rays / growth);
@@ -156,37 +164,36 @@ fn measure_losses(first: &Bvh, indices: &[[u32; 3]]) {
     );
 }
 
-/// The median time of a picture from above, and what it did.
-fn picture(bvh: &Bvh, triangles: &Triangles<'_>) -> (f64, RenderStats) {
-    let middle = Vec3::new(0.5, 0.5, 0.0) * SIDE as f32;
-    let camera = Camera::look_at(middle + Vec3::Z * SIDE as f32, middle, Vec3::Y, 0.9, 1024, 1024);
-    let mut pixels = vec![Pixel::default(); 1024 * 1024];
-    let mut once = || ns(|| cast(bvh, triangles, &camera, None, &RenderOptions::default(), &mut pixels));
-    let pictures: Vec<_> = (0..7).map(|_| once()).collect();
-    (median(pictures.iter().map(|(time, _)| *time).collect()), pictures[0].1)
-}
-
+const ROUNDS: usize = 9;
+const PIXELS: usize = 1024 * 1024;
 const SINGLE_RAYS: usize = 50_000;
 
-/// The median time of rays in no order, the nodes that they visit, and the triangles that they hit.
-fn single_rays(bvh: &Bvh, triangles: &Triangles<'_>) -> (f64, Visits, Vec<u32>) {
+/// The median time of some runs, and what the first gave.
+fn median_of<T>(mut run: impl FnMut() -> (f64, T)) -> (f64, T) {
+    let (first, result) = run();
+    let others = (1..ROUNDS).map(|_| run().0);
+    (median(std::iter::once(first).chain(others).collect()), result)
+}
+
+/// The time of a picture from above, and what it did.
+fn picture(bvh: &Bvh, triangles: &Triangles<'_>, pixels: &mut [Pixel]) -> (f64, RenderStats) {
+    let middle = Vec3::new(0.5, 0.5, 0.0) * SIDE as f32;
+    let camera = Camera::look_at(middle + Vec3::Z * SIDE as f32, middle, Vec3::Y, 0.9, 1024, 1024);
+    ns(|| cast(bvh, triangles, &camera, None, &RenderOptions::default(), pixels))
+}
+
+/// The time of rays in no order, the nodes that they visit, and the triangles that they hit.
+fn single_rays(bvh: &Bvh, triangles: &Triangles<'_>) -> (f64, (Visits, Vec<u32>)) {
     let target = |i: usize| Vec3::new(noise(2 * i), noise(2 * i + 1), 0.0) * SIDE as f32;
-    let once = || {
-        let mut visits = Visits::default();
-        let cast = |i: usize| {
-            let from = target(i + SINGLE_RAYS) + Vec3::Z * 50.0;
-            let (ray, test) = (Ray::new(from, target(i) - from), TriangleTest::default());
-            closest_hit_counted(bvh, triangles, &ray, f32::INFINITY, test, &mut visits)
-        };
-        let (time, hits) =
-            ns(|| (0..SINGLE_RAYS).filter_map(cast).map(|hit| hit.primitive).collect::<Vec<_>>());
-        assert!(!hits.is_empty(), "rays meet the sheet");
-        (time, visits, hits)
+    let mut visits = Visits::default();
+    let cast = |i: usize| {
+        let from = target(i + SINGLE_RAYS) + Vec3::Z * 50.0;
+        let (ray, test) = (Ray::new(from, target(i) - from), TriangleTest::default());
+        closest_hit_counted(bvh, triangles, &ray, f32::INFINITY, test, &mut visits).map(|hit| hit.primitive)
     };
-    let runs: Vec<_> = (0..5).map(|_| once()).collect();
-    let time = median(runs.iter().map(|(time, ..)| *time).collect());
-    let (_, visits, hits) = runs.into_iter().next().expect("five runs");
-    (time, visits, hits)
+    let (time, hits) = ns(|| (0..SINGLE_RAYS).filter_map(cast).collect::<Vec<_>>());
+    assert!(!hits.is_empty(), "rays meet the sheet");
+    (time, (visits, hits))
 }
 
 fn main() {
