@@ -6,9 +6,10 @@
 //! 39 ns a primitive for refitting and rotating, 30 to 40 for LBVH, and 75 to 94 for PLOC. By `compare frame` of that revision
 //! pictures took 3 to 7 % longer with LBVH than with PLOC, and by `--example loads` single rays no longer.
 //!
-//! `unit_costs` on a machine with slower memory (EPYC Zen 3, virtual, AVX2, 2026-11-24, revision 6ced3ae) printed, in the order
-//! of the constants below: 22.5, 3.6, 1288, 97, 40, 58; 97, 1873, 223, 29 to 89, 327; 0.03 (pictures -0.01), 0.72, 0.27 (both in a tree of 16
-//! times the cost), 0.05 (single rays 0.09). There a new top costs twice what is assumed here beside a pass, and packets twice.
+//! `unit_costs` on a machine with slower memory (EPYC Zen 3, virtual, AVX2, 2026-11-24, two runs) printed, in the order of the
+//! constants below: 28 to 31, 1 to 11, 1046 to 1691, 121 to 123, 41 to 63, 73 to 82; 90 to 97, 1992 to 2356, 207 to 224, 20 to 112, 222 to
+//! 356; 0.02 to 0.05 (single rays 0.08 to 0.12), 0.86, 0.35 (both in a tree of 16 times the cost), 0.06 to 0.09 (single rays 0.11 to 0.15).
+//! Beside a pass, builds cost less there than is assumed here, a new top 1.4 to 2.1 times as much.
 //!
 //! Two prices were kept against what they measure now: `unit_costs` prints 60 ns for a node of a packet, and two threads need 64
 //! to 100 ns to merge the leaves at a node. With 60 and 80 ns the mean frame of cloth-ball took 4 to 9 % longer, those of
