@@ -106,6 +106,7 @@ pub(crate) fn enter(contest: Contest, device: &Device, entries: &mut Vec<Entry>)
                 add(rays, Config { width, ..plain });
             }
             add("packets of 16, robust", Config { width: Width::Sixteen, robust: true, ..plain });
+            add("packets of 16, high", Config { quality: Quality::High, width: Width::Sixteen, ..plain });
             if let Some(avx2) = &device.avx2 {
                 add_with(avx2, "packets of 8, avx2", Config { width: Width::Eight, ..plain });
             }

@@ -12,6 +12,7 @@ use rt_cpu::{Image, RenderOptions, RenderStats, render};
 use scenes::{
     Effects, FramePlan, FrameStage, LightEffects, MotionEffects, Scene, SceneOptions, SimulationStats,
 };
+use serde::{Deserialize, Serialize};
 
 use crate::machine::{Machine, Revision};
 use crate::pool::Threads;
@@ -144,10 +145,10 @@ impl Frames {
 }
 
 /// Plays a scene with these effects; gives what is fastest of several times.
-fn play(args: &Args, scene: &mut Option<Scene>, effects: Effects) -> Result<Frames> {
+fn play(played: Played, scene: &mut Option<Scene>, effects: Effects) -> Result<Frames> {
     let taken = scene.take().context("the scene before failed")?;
     let mut stage = stage::ready(Scene { effects, ..taken })?;
-    let (count, size, mut tree) = (args.frames as usize, args.size, stage.first_tree.clone());
+    let (Played { frames: count, size, .. }, mut tree) = (played, stage.first_tree.clone());
     let mut updater = Updater::new(Strategy::RefitRotate(Rotate::default()));
     let mut image = Image::new(size, size);
     let options = RenderOptions { smooth: false, ..stage.render_options() };
@@ -184,15 +185,37 @@ fn sum(mut a: PoseStats, b: PoseStats) -> PoseStats {
     a
 }
 
-/// Rows of costs: each of the scene's own effects of a kind with all others, left out, and alone.
-/// `none` is without any of them.
-fn cost_rows<E: Copy, S>(
-    out: &mut String,
-    start: &str,
+/// What one effect of a scene costs: counts and milliseconds with all effects of its kind, without this
+/// one, and with it alone; the last milliseconds are without any.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Cost {
+    kind: String,
+    effect: String,
+    counts: [u64; 3],
+    ms: [f64; 4],
+}
+
+impl Cost {
+    /// What stands above [`Cost::cells`].
+    pub(crate) const HEADS: [&str; 9] =
+        ["kind", "effect", "count: all", "without", "alone", "ms: all", "without", "alone", "none"];
+
+    pub(crate) fn cells(&self) -> [String; 9] {
+        let ([all, without, alone], ms) =
+            (self.counts.map(|n| n.to_string()), self.ms.map(|ms| format!("{ms:.3}")));
+        let [ms_all, ms_without, ms_alone, none] = ms;
+        [self.kind.clone(), self.effect.clone(), all, without, alone, ms_all, ms_without, ms_alone, none]
+    }
+}
+
+/// Measures each of the scene's own effects of a kind: with all others, left out, and alone. `none` is
+/// without any of them.
+fn costs<E: Copy, S>(
+    kind: &str,
     effects: &[Effect<E, S>],
     [own, none]: [E; 2],
     mut measure: impl FnMut(E) -> Result<(S, f64)>,
-) -> Result<()> {
+) -> Result<Vec<Cost>> {
     let switched = |mut effects: E, switch: fn(&mut E) -> &mut bool, to: bool| {
         *switch(&mut effects) = to;
         effects
@@ -205,10 +228,10 @@ fn cost_rows<E: Copy, S>(
         })
         .collect();
     if effects.is_empty() {
-        return Ok(());
+        return Ok(Vec::new());
     }
     let (everything, nothing) = (measure(own)?, measure(none)?);
-    for &&(name, switch, count) in &effects {
+    let cost = |&&(name, switch, count): &&Effect<E, S>| {
         // Without the only effect there is none, and alone it is everything.
         let others = match effects.len() {
             1 => None,
@@ -219,64 +242,86 @@ fn cost_rows<E: Copy, S>(
             None => [&nothing, &everything],
         };
         let runs = [&everything, without, alone];
-        let counts = runs.map(|(stats, _)| count(stats).to_string()).join(" | ");
-        let times = runs.map(|(_, ms)| format!("{ms:.3}")).join(" | ");
-        writeln!(out, "{start} | {name} | {counts} | {times} | {:.3} |", nothing.1)?;
+        let [all, without, alone] = runs.map(|(_, ms)| *ms);
+        Ok(Cost {
+            kind: kind.to_owned(),
+            effect: name.to_owned(),
+            counts: runs.map(|(stats, _)| count(stats)),
+            ms: [all, without, alone, nothing.1],
+        })
+    };
+    effects.iter().map(cost).collect()
+}
+
+/// How much of a scene is played, and how large its pictures are.
+#[derive(Clone, Copy)]
+pub(crate) struct Played {
+    /// Part of the triangles, where the scene can be made coarser.
+    pub(crate) detail: f32,
+    pub(crate) frames: usize,
+    pub(crate) size: u32,
+}
+
+/// What each effect of a scene costs, and the row of those that are planned though nothing calls for them.
+pub(crate) fn measure(source: &str, clip: Option<&str>, played: Played) -> Result<(Vec<Cost>, String)> {
+    let options = SceneOptions { detail: Some(played.detail), ..SceneOptions::default() };
+    let scene = stage::load_with(source, clip, options.clone())?;
+    let own = scene.effects;
+    let mut scene = Some(scene);
+    let mut play = |effects| play(played, &mut scene, effects);
+    let mut all = play(own)?;
+
+    let kinds = [own.motion, own.motion.without(MotionEffects::SIMULATED)];
+    let mut found = costs("simulation", &SIMULATED, kinds, |motion| {
+        let without = MotionEffects::SIMULATED.without(motion);
+        let (scene, time) = stage::simulated(source, SceneOptions { without, ..options.clone() })?;
+        Ok((scene.simulated, time))
+    })?;
+    let kinds = [own.motion, own.motion.without(PLAYBACK)];
+    found.extend(costs("motion", &MOTION, kinds, |motion| {
+        play(Effects { motion, ..own }).map(|f| (f.posed, f.motion_ms))
+    })?);
+    found.extend(costs("light", &LIGHT, [own.light, LightEffects::NONE], |light| {
+        play(Effects { light, ..own }).map(|f| (f.traced, f.light_ms))
+    })?);
+
+    let light = LightEffects { textures: true, alpha: true, mirror: true, ..own.light };
+    let planned = Effects { motion: own.motion.with(PLAYBACK), light };
+    let mut more = play(planned)?;
+    // In turn, so that other work on the machine disturbs both.
+    for _ in 0..REPEATS {
+        all = all.faster(play(own)?);
+        more = more.faster(play(planned)?);
     }
-    Ok(())
+    let mut counts = Vec::new();
+    let Effects { mut motion, mut light } = own;
+    let absences = MOTION.iter().filter(|(_, switch, _)| !*switch(&mut motion));
+    counts.extend(absences.map(|(name, _, count)| format!("{name} {}", count(&more.posed))));
+    let absences = LIGHT.iter().filter(|(name, switch, _)| *name != "shadow" && !*switch(&mut light));
+    counts.extend(absences.map(|(name, _, count)| format!("{name} {}", count(&more.traced))));
+    let [own_ms, more_ms] = [all, more].map(|f| f.motion_ms + f.light_ms);
+    Ok((found, format!("{} | {own_ms:.3} | {more_ms:.3}", counts.join(", "))))
 }
 
 /// The table of costs, and that of effects which are planned though nothing calls for them.
 fn tables(args: &Args, sources: &[&str]) -> Result<String> {
-    let (mut costs, mut absent) = (COSTS.to_owned(), ABSENT.to_owned());
+    let mut rows = String::new();
+    let mut absent = ABSENT.to_owned();
+    let played = Played { detail: args.detail, frames: args.frames as usize, size: args.size };
     for &source in sources {
         if interrupt::requested() {
             break;
         }
         files::remark(source);
         let label = stage::label(source);
-        let options = SceneOptions { detail: Some(args.detail), ..SceneOptions::default() };
-        let scene = stage::load_with(source, None, options.clone())?;
-        let own = scene.effects;
-        let mut scene = Some(scene);
-        let mut play = |effects| play(args, &mut scene, effects);
-        let mut all = play(own)?;
-
-        let start = format!("| {label} | simulation");
-        let kinds = [own.motion, own.motion.without(MotionEffects::SIMULATED)];
-        cost_rows(&mut costs, &start, &SIMULATED, kinds, |motion| {
-            let without = MotionEffects::SIMULATED.without(motion);
-            let (scene, time) = stage::simulated(source, SceneOptions { without, ..options.clone() })?;
-            Ok((scene.simulated, time))
-        })?;
-        let start = format!("| {label} | motion");
-        let kinds = [own.motion, own.motion.without(PLAYBACK)];
-        cost_rows(&mut costs, &start, &MOTION, kinds, |motion| {
-            play(Effects { motion, ..own }).map(|f| (f.posed, f.motion_ms))
-        })?;
-        let (start, kinds) = (format!("| {label} | light"), [own.light, LightEffects::NONE]);
-        cost_rows(&mut costs, &start, &LIGHT, kinds, |light| {
-            play(Effects { light, ..own }).map(|f| (f.traced, f.light_ms))
-        })?;
-
-        let light = LightEffects { textures: true, alpha: true, mirror: true, ..own.light };
-        let planned = Effects { motion: own.motion.with(PLAYBACK), light };
-        let mut more = play(planned)?;
-        // In turn, so that other work on the machine disturbs both.
-        for _ in 0..REPEATS {
-            all = all.faster(play(own)?);
-            more = more.faster(play(planned)?);
+        let (costs, row) = measure(source, None, played)?;
+        for cost in &costs {
+            writeln!(rows, "| {label} | {} |", cost.cells().join(" | "))?;
         }
-        let mut counts = Vec::new();
-        let Effects { mut motion, mut light } = own;
-        let absences = MOTION.iter().filter(|(_, switch, _)| !*switch(&mut motion));
-        counts.extend(absences.map(|(name, _, count)| format!("{name} {}", count(&more.posed))));
-        let absences = LIGHT.iter().filter(|(name, switch, _)| *name != "shadow" && !*switch(&mut light));
-        counts.extend(absences.map(|(name, _, count)| format!("{name} {}", count(&more.traced))));
-        let [own_ms, more_ms] = [all, more].map(|f| f.motion_ms + f.light_ms);
-        writeln!(absent, "| {label} | {} | {own_ms:.3} | {more_ms:.3} |", counts.join(", "))?;
+        writeln!(absent, "| {label} | {row} |")?;
     }
-    Ok(costs + &absent)
+    let heads = Cost::HEADS.join(" | ");
+    Ok(format!("{COSTS}\n| scene | {heads} |\n|{}\n{rows}{absent}", "---|".repeat(Cost::HEADS.len() + 1)))
 }
 
 const COSTS: &str = "
@@ -285,9 +330,6 @@ const COSTS: &str = "
 Simulation: milliseconds and counts of a loop. Motion: milliseconds of pose and update of a frame. Light: milliseconds of a
 picture. Counts of motion and light are those of all frames. *Without*: all effects of the kind but this one. *Alone*: this
 one and no other of the kind. *None*: none of the kind. Other work on the machine shows in the times.
-
-| scene | kind | effect | count: all | without | alone | ms: all | without | alone | none |
-|---|---|---|---|---|---|---|---|---|---|
 ";
 
 const ABSENT: &str = "

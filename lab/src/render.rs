@@ -59,6 +59,9 @@ pub struct Args {
     /// Samples of each pixel [default: 64 with diffuse-bounces, 4 with ambient-occlusion, else 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     samples: Option<u32>,
+    /// Load a file relative to the middle of its model: at the earth's radius details stay
+    #[arg(long)]
+    local_origin: bool,
 }
 
 fn range(text: &str) -> Result<Range<usize>, String> {
@@ -106,7 +109,8 @@ fn effects(list: &str) -> Result<LightEffects, String> {
 pub fn run(args: &Args) -> Result<()> {
     let target = Target::of(args)?;
     let pool = args.threads.pool()?;
-    let options = SceneOptions { seed: args.seed, light: args.effects, ..SceneOptions::default() };
+    let &Args { seed, effects: light, local_origin, .. } = args;
+    let options = SceneOptions { seed, light, local_origin, ..SceneOptions::default() };
     let scene = stage::load_with(&args.scene, args.clip.as_deref(), options)?;
     let (count, label) = (scene.frames.max(1), stage::label(&args.scene));
     let wanted = match (&args.frames, args.frame.unwrap_or(0)) {

@@ -41,6 +41,7 @@ use self::record::Row;
 use self::results::{Picture, Results, SceneFacts, SceneRun, Settings};
 use self::saved::Saved;
 use crate::compare::Row as Peer;
+use crate::effects::{self, Played};
 use crate::machine::{Machine, Revision};
 use crate::progress::left;
 use crate::stage::{self, Stage};
@@ -68,6 +69,10 @@ const BLENDED: &str = "exploding-dragon:blended";
 const RIGID: &str = "exploding-dragon";
 /// What runs on that.
 const BLENDED_STRATEGIES: [&str; 3] = ["refit", SPEED_STRATEGY, contestants::IDEAL];
+
+/// How much of a scene is played for what its effects cost: they are compared with one another, so
+/// small scenes and pictures do (`cargo xtask effects` plays more).
+const EFFECTS: Played = Played { detail: 0.05, frames: 6, size: 128 };
 
 /// What runs on a scene that serves one claim only.
 fn supplement_strategies(label: &str) -> &'static [&'static str] {
@@ -280,6 +285,9 @@ impl Bench<'_> {
         }
         if for_claims && run.facts.triangles <= plan.values.offline && !interrupt::requested() {
             run.offline = offline::measure(&mut stage, plan.values.size)?;
+        }
+        if args.runs(Experiment::Effects) && !supplement && !interrupt::requested() {
+            run.facts.effect_costs = effects::measure(&source, args.clip.as_deref(), EFFECTS)?.0;
         }
         let label = run.facts.label.as_str();
         if let Some(journal) =

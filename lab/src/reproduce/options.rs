@@ -29,6 +29,8 @@ pub(super) enum Experiment {
     Claims,
     /// What every knob that buys accuracy costs in time.
     Accuracy,
+    /// What each effect of a scene costs: with all others, without it, alone.
+    Effects,
     /// Updates and frames beside other libraries; only if named.
     Peers,
 }
@@ -199,7 +201,7 @@ impl Args {
     }
 
     /// Whether an experiment runs: as it is named, or as part of everything, which other libraries
-    /// never are and figure 5 is not where time is short.
+    /// never are, and figure 5 and effects are not where time is short.
     pub(super) fn runs(&self, experiment: Experiment) -> bool {
         if !self.experiments.is_empty() {
             return self.experiments.contains(&experiment);
@@ -207,6 +209,7 @@ impl Args {
         match experiment {
             Experiment::Fig4 | Experiment::Fig6 | Experiment::Claims | Experiment::Accuracy => true,
             Experiment::Fig5 => self.preset.values().speeds && self.has_speed_scene(),
+            Experiment::Effects => self.preset != Preset::Quick,
             Experiment::Peers => false,
         }
     }

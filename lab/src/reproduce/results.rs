@@ -11,6 +11,7 @@ use super::offline::OfflineTree;
 use super::record::Row;
 use super::summary::StrategySummary;
 use crate::compare::Row as Peer;
+use crate::effects;
 use crate::machine::{Machine, Revision};
 
 /// A whole run; but for the rows, which have files of their own, also what `summary.json` has of it.
@@ -113,6 +114,9 @@ pub(crate) struct SceneFacts {
     pub(crate) settled: Option<[f64; 3]>,
     /// Bytes that rotations keep between updates over those of the tree.
     pub(crate) memory: Option<f64>,
+    /// What each effect costs.
+    #[serde(default)]
+    pub(crate) effect_costs: Vec<effects::Cost>,
 }
 
 /// A rendered frame, or a heat map of it.

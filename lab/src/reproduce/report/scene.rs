@@ -6,10 +6,11 @@ use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
 
 use super::{capital, cell, plural, table};
+use crate::effects::Cost;
 use crate::reproduce::chart::{count, number};
 use crate::reproduce::decisions::ALWAYS;
 use crate::reproduce::offline::OfflineTree;
-use crate::reproduce::results::{Picture, Results, SceneRun, Spread};
+use crate::reproduce::results::{Picture, Results, SceneFacts, SceneRun, Spread};
 use crate::reproduce::stages::StageSummary;
 use crate::reproduce::summary::StrategySummary;
 
@@ -44,6 +45,7 @@ fn section(scene: &SceneRun) -> Markup {
         @for note in &facts.notes { p.soft { (capital(note)) "." } }
         (film(scene))
         (frame_plan(scene, typical))
+        @if !facts.effect_costs.is_empty() { (effects(facts)) }
         @if !rows.is_empty() { (table(&HEADS, 1, rows.iter().map(strategy_row))) }
         @for row in rows.iter().filter(|row| !row.decisions.is_empty()) { (decisions(row)) }
         @if !scene.offline.is_empty() { (offline(scene)) }
@@ -70,6 +72,21 @@ fn frame_plan(scene: &SceneRun, typical: Option<&StrategySummary>) -> Markup {
         }
         @if let Some(row) = typical {
             p.soft { "Counts and times a frame, on average, with " (row.strategy) "; no other stage runs." }
+        }
+    }
+}
+
+/// What each effect costs, with all others, without it, and alone.
+fn effects(facts: &SceneFacts) -> Markup {
+    let row = |cost: &Cost| (None, cost.cells().map(cell).to_vec());
+    html! {
+        details {
+            summary { "What each effect costs" }
+            p.soft {
+                "At a twentieth of the triangles where the scene can be made coarser. Simulation: a loop; motion and light: a \
+                 frame. Counts are those of all frames."
+            }
+            (table(&Cost::HEADS, 2, facts.effect_costs.iter().map(row)))
         }
     }
 }
