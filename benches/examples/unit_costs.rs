@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use bvh_build::{BuildOptions, BuildScratch, Builder, build, rebuild};
 use bvh_core::{Bvh, Ray, TriangleTest, Triangles, Vec3, Visits, closest_hit_counted, sah_cost};
-use bvh_update::{Decision, Leaves, PartialRebuild, Rotate, Strategy, Updater, refit};
+use bvh_update::{Decision, PartialRebuild, Rotate, Strategy, Updater, refit};
 use rt_cpu::{Camera, Pixel, RenderOptions, RenderStats, cast};
 
 /// Quads on each side of the sheet.
@@ -101,11 +101,6 @@ fn measure() {
         print(name, median((0..9).map(|_| once()).collect()) / count, "for each primitive");
     }
 
-    let leaves = play(Strategy::Leaves(Leaves { period: 1, ..Leaves::default() }), &first, &indices);
-    let of_leaves =
-        leaves.iter().zip(&rotate).map(|((time, nodes, _), (without, ..))| (time - without) / nodes);
-    print("LEAF_NODE", median(of_leaves.collect()), "for each node");
-
     let mut pixels = vec![Pixel::default(); PIXELS];
     let (time, stats) = median_of(|| picture(&first, &triangles, &mut pixels));
     print("PACKET_RAY", time / stats.rays() as f64, "for each primary ray");
@@ -126,7 +121,7 @@ fn measure() {
     measure_losses(&first, &indices);
 }
 
-/// By what part queries take longer or shorter in a worse tree, in one of the fast builder, and with merged leaves.
+/// By what part queries take longer in a worse tree, and in one of the fast builder.
 fn measure_losses(first: &Bvh, indices: &[[u32; 3]]) {
     let burst = positions(FRAMES / 2);
     let triangles = Triangles { positions: &burst, indices };
@@ -153,15 +148,6 @@ fn measure_losses(first: &Bvh, indices: &[[u32; 3]]) {
     println!("QUERY_SLOPE      {:>10.2}     {of}", of_rays / growth);
     let (of_picture, of_rays) = longer(&fast, &good, &triangles);
     println!("FAST_BUILD_LOSS  {of_picture:>10.2}     of a picture's time, {of_rays:.2} of single rays'");
-    let (calm, mut merged) = (positions(0), first.clone());
-    let triangles = Triangles { positions: &calm, indices };
-    let mut updater = Updater::new(Strategy::Leaves(Leaves { period: 1, ..Leaves::default() }));
-    updater.update(&mut merged, &triangles).expect("same count");
-    let (of_picture, of_rays) = longer(&merged, first, &triangles);
-    println!(
-        "MERGED_LEAVES_GAIN {:>8.2}     of a picture's time, {:.2} of single rays'",
-        -of_picture, -of_rays
-    );
 }
 
 const ROUNDS: usize = 9;

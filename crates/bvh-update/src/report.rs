@@ -43,10 +43,6 @@ pub enum Decision {
     /// What the strategy does every time.
     #[default]
     AsAlways,
-    /// Refitted and rotated, and leaves merged.
-    MergeLeaves,
-    /// Refitted and rotated, and leaves split.
-    SplitLeaves,
     /// Refitted, and the tree built again above subtrees that are still good.
     PartialRebuild {
         /// How many of them there are.
@@ -62,7 +58,7 @@ pub enum Decision {
 }
 
 /// What [`Auto`](crate::Auto) compared: it builds a new top, or a new tree where that is beyond repair, once `lost_ms` exceeds
-/// `price_ms`. Leaves have accounts of their own, and a tree whose baseline says nothing is rebuilt in any case.
+/// `price_ms`. A tree whose baseline says nothing is rebuilt in any case.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Reason {
@@ -78,8 +74,6 @@ impl fmt::Display for Decision {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::AsAlways => f.write_str("as always"),
-            Self::MergeLeaves => f.write_str("leaves merged"),
-            Self::SplitLeaves => f.write_str("leaves split"),
             Self::PartialRebuild { subtrees } => write!(f, "built again above {subtrees} subtrees"),
             Self::Swap => f.write_str("a tree built in the background took over"),
             Self::Rebuild { builder } => write!(f, "built again by {}", builder.name()),

@@ -64,12 +64,6 @@ pub(crate) struct Ledger {
     /// What queries lose to excess cost: for a new top, and for a new tree.
     pub(crate) repair: SkiRental,
     pub(crate) rebuild: SkiRental,
-    /// What merged leaves would save, and what they lose once they tear open.
-    pub(crate) merge: SkiRental,
-    pub(crate) split: SkiRental,
-    /// The least half area of the dynamic leaves in units of the scale, apart from what merging and splitting changed; 0 if it
-    /// has to be measured.
-    pub(crate) leaf_area: f64,
     /// The excess of the tree that queries see; 0 for a new tree or a new top.
     pub(crate) last_excess: f64,
     /// Updates since the last repair or rebuild.
@@ -78,11 +72,10 @@ pub(crate) struct Ledger {
     pub(crate) kept: u32,
     /// Rebuilds in a row, each soon after the one before.
     pub(crate) rebuilds_in_a_row: u32,
-    /// Which leaves are looked at next.
-    pub(crate) leaf_turn: u32,
     /// 0 or 1: whether a repair would be too large, the builder was the fast one.
     pub(crate) is_beyond_repair: u32,
     pub(crate) is_fast_build: u32,
+    pub(crate) padding: u32,
 }
 
 const _: () = assert!(size_of::<State>() <= size_of::<[u64; UpdateState::WORDS]>());
@@ -161,7 +154,6 @@ impl State {
     pub(crate) fn note_changes(&mut self, now: Changes) {
         if self.seen_dynamic != now.dynamic {
             self.baseline.has_other_dynamic = 1;
-            self.ledger.leaf_area = 0.0;
             self.set_layout(Layout::Unknown);
         }
         if self.seen_numbering != now.numbering {

@@ -43,7 +43,7 @@ pub enum Strategy {
     /// Refit, with or without rotations, while new trees are built in the background, each in turn put in the place of
     /// the one before (Ize et al. 2007). The trees depend on how long that takes.
     Background(Background),
-    /// Choose from refitting, rotating, merging leaves, partial and full rebuilds what costs the least time.
+    /// Choose from refitting, rotating, partial and full rebuilds what costs the least time.
     Auto(Auto),
 }
 

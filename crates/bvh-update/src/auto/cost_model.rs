@@ -28,8 +28,6 @@ pub(super) const TOP_SUBTREE: f64 = 400.0;
 /// Building a good tree, and a fast one, for each primitive.
 pub(super) const GOOD_BUILD: f64 = 85.0;
 pub(super) const FAST_BUILD: f64 = 32.0;
-/// Looking at a node whose leaves may be merged or split.
-const LEAF_NODE: f64 = 50.0;
 /// A ray of a coherent packet through a good tree, and a ray alone.
 const PACKET_RAY: f64 = 25.0;
 const SINGLE_RAY: f64 = 1000.0;
@@ -45,8 +43,6 @@ const FAST_BUILD_LOSS: f64 = 0.05;
 /// packets, which look at a part of the scene and share what they visit.
 const QUERY_SLOPE: f64 = 1.0;
 const PACKET_SLOPE: f64 = 0.4;
-/// By what part queries are faster once leaves are merged.
-const MERGED_LEAVES_GAIN: f64 = 0.04;
 
 /// What will be asked of the tree before the next update. The more it is, the more a better tree is worth.
 ///
@@ -100,11 +96,6 @@ impl QueryCost {
         self.ns * FAST_BUILD_LOSS
     }
 
-    /// Time that merged leaves save in one frame.
-    pub(super) fn saved_by_merging(self) -> f64 {
-        self.ns * MERGED_LEAVES_GAIN
-    }
-
     /// What one frame costs beside the queries, and what they lose, if a new tree is built in each.
     pub(super) fn rebuild_every_frame(self, primitives: f64) -> f64 {
         let lost = |builder| if builder == Builder::Lbvh { self.lost_to_fast_build() } else { 0.0 };
@@ -137,9 +128,4 @@ pub(super) fn repair(nodes: f64, subtrees: u32) -> f64 {
 /// How many subtrees a repair may keep that is to cost no more than a rebuild at this price.
 pub(super) fn most_subtrees(nodes: f64, price_of_rebuild: f64) -> usize {
     ((price_of_rebuild - nodes * FRONTIER_NODE) / TOP_SUBTREE) as usize
-}
-
-/// What merging or splitting the leaves costs.
-pub(super) fn change_leaves(nodes: f64) -> f64 {
-    nodes * LEAF_NODE
 }

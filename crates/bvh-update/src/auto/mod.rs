@@ -5,7 +5,7 @@
 //! seen    = pass(tree, primitives)      refit and rotate, and note what that shows
 //! ledger.charge(seen)                   what queries lose to this tree
 //! plan    = decide(ledger, seen)        pure: policy.rs
-//! outcome = execute(plan)               a new top, a new tree, leaves merged or split, or nothing
+//! outcome = execute(plan)               a new top, a new tree, or nothing
 //! ledger learns from the outcome
 //! ```
 //!
@@ -15,10 +15,9 @@
 use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
-use crate::leaves::{LONGEST, LeafScratch, change_leaves};
 use crate::quality::{cost_after, cost_of, finite_or_zero, take_baseline};
-use crate::rebuild::{build_again, options_like};
-use crate::refit::{Rotate, Tally, Turns, parts, pass};
+use crate::rebuild::build_again;
+use crate::refit::{Rotate, Tally, parts, pass};
 use crate::repair::{Repaired, open_grown};
 use crate::report::{Decision, Update, UpdateError};
 use crate::state::{Baseline, Ledger, State};
@@ -29,7 +28,7 @@ mod policy;
 
 pub use cost_model::Load;
 use cost_model::QueryCost;
-use policy::{Observation, Plan, Torn, decide, decide_blindly, pays_every_frame};
+use policy::{Observation, Plan, decide, decide_blindly, pays_every_frame};
 
 /// Settings of [`Strategy::Auto`](crate::Strategy::Auto).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,7 +46,7 @@ impl Default for Auto {
 
 /// A tree whose cost falls to this part of its baseline in one frame is of a scene that was scattered and is compact again, as in
 /// the jump from the last frame of a loop to its first: it may be better than its baseline and still 24 times worse than a new
-/// one (`auto_merges_leaves_where_it_is_calm` in `tests/repairs.rs` plays that).
+/// one (`auto_follows_boxes_that_scatter_and_meet_again` in `tests/repairs.rs` plays that).
 const COMPACT_AGAIN: f64 = 0.5;
 
 pub(crate) fn update<P: Primitives + ?Sized>(
@@ -73,7 +72,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     Ok(Update { reason: Some(reason), ..update })
 }
 
-/// Notes the scale of the scene, the least cost of the tree and the least area of its leaves, and gives what `decide` needs.
+/// Notes the scale of the scene and the least cost of the tree, and gives what `decide` needs.
 ///
 /// The excess is that over the baseline before: a tree that is better than any so far has one below 0.
 fn observe(bvh: &mut Bvh, tally: &Tally, queries: QueryCost) -> Observation {
@@ -88,16 +87,10 @@ fn observe(bvh: &mut Bvh, tally: &Tally, queries: QueryCost) -> Observation {
     if now > 0.0 {
         baseline.cost = if baseline.cost == 0.0 { now } else { baseline.cost.min(now) };
     }
-    // Leaves that are not merged grow by themselves.
-    let (leaf_area, is_merged) = (tally.leaf_area / scale, before.spare_pair > 0 && ledger.leaf_area > 0.0);
-    ledger.leaf_area = if is_merged { ledger.leaf_area.min(leaf_area) } else { leaf_area };
-    let unit = before.baseline.unit(scale);
-    let growth = (leaf_area - ledger.leaf_area) * scale / unit;
     Observation {
         primitives,
         nodes: (tally.leaves + tally.inner) as f64,
         excess: ledger.last_excess,
-        leaf_growth: if unit > 0.0 { growth } else { 0.0 },
         has_no_baseline,
         queries,
     }
@@ -115,13 +108,6 @@ fn execute<P: Primitives + ?Sized>(
     let decision = match plan {
         Plan::Keep => Decision::AsAlways,
         Plan::Rebuild(builder) => return rebuild(bvh, primitives, builder, Some((tally, seen)), workspace),
-        Plan::ChangeLeaves(torn) => {
-            match step_leaves(torn, bvh, primitives, seen, tally, &mut workspace.leaves) {
-                false => Decision::AsAlways,
-                true if torn.0 => Decision::SplitLeaves,
-                true => Decision::MergeLeaves,
-            }
-        }
         Plan::Repair { threshold, most, or_rebuild } => {
             let baseline: Baseline = State::of(bvh).baseline;
             let repaired = open_grown(
@@ -168,29 +154,4 @@ fn rebuild<P: Primitives + ?Sized>(
     let is_better = cost_before.map(|before| cost_of(bvh) < before);
     State::of_mut(parts(bvh).state).ledger = Ledger::rebuilt(&before, builder, is_better, is_soon);
     Ok(update)
-}
-
-/// Merges or splits the leaves whose turn it is; whether any had to be.
-fn step_leaves<P: Primitives + ?Sized>(
-    torn: Torn,
-    bvh: &mut Bvh,
-    primitives: &P,
-    seen: &Observation,
-    tally: &mut Tally,
-    scratch: &mut LeafScratch,
-) -> bool {
-    // New trees are to have leaves as they were.
-    options_like(bvh);
-    let State { ledger, baseline, .. } = *State::of(bvh);
-    let (scale, unit) = (baseline.scale, baseline.unit(baseline.scale));
-    let turns = Turns::new(torn.period(), ledger.leaf_turn);
-    let change = change_leaves(bvh, primitives, turns, LONGEST as u32, scale, scratch);
-    let leaves_before = tally.leaf_area;
-    tally.area += change.all;
-    tally.leaf_area += change.leaves;
-    let State { ledger, baseline, .. } = State::of_mut(parts(bvh).state);
-    baseline.leaves_changed(tally.leaf_area / leaves_before);
-    ledger.leaf_area = (ledger.leaf_area + change.leaves / scale).max(0.0);
-    ledger.leaves_changed(torn, -change.all / unit, seen);
-    change.all != 0.0
 }

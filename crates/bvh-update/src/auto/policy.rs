@@ -6,8 +6,6 @@
 //! ```text
 //! a new top         lost: excess of the tree over its baseline      price: finding the frontier, building the top
 //! a new tree        lost: the same, and what a fast build costs     price: a build
-//! merged leaves     lost: what they would save                      price: looking at a sixteenth of the leaves
-//! split leaves      lost: growth of merged leaves                   price: looking at half of them
 //! ```
 
 use bvh_build::Builder;
@@ -26,11 +24,6 @@ const LOOK_AGAIN: u32 = 16;
 /// --scene exploding-dragon --frames 24 --threads 2`).
 const LONGEST_PAYBACK: u32 = 32;
 
-/// One leaf in this many is looked at while leaves are calm, so that frames are alike, and one in `TORN_LEAVES` once merged
-/// leaves tear open, which costs more than one frame of another length.
-const CALM_LEAVES: u32 = 16;
-const TORN_LEAVES: u32 = 2;
-
 /// What a pass has seen.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Observation {
@@ -39,8 +32,6 @@ pub(super) struct Observation {
     pub(super) nodes: f64,
     /// By what part the tree costs more than its baseline.
     pub(super) excess: f64,
-    /// By what part of the baseline the dynamic leaves have grown, where leaves are merged.
-    pub(super) leaf_growth: f64,
     /// Whether the baseline says nothing: the tree had no cost when it was built, or far more than now.
     pub(super) has_no_baseline: bool,
     pub(super) queries: QueryCost,
@@ -51,11 +42,6 @@ impl Observation {
     fn rebuild(&self, ledger: &Ledger) -> (Builder, f64) {
         let builder = self.queries.builder(self.primitives, ledger.since_repair);
         (builder, cost_model::rebuild(builder, self.primitives))
-    }
-
-    /// What looking at a part of the leaves costs.
-    fn price_of_leaves(&self, torn: Torn) -> f64 {
-        cost_model::change_leaves(self.nodes) / f64::from(torn.period())
     }
 }
 
@@ -71,19 +57,6 @@ pub(super) enum Plan {
         or_rebuild: Option<Builder>,
     },
     Rebuild(Builder),
-    /// Merge or split leaves: those of a part of the tree.
-    ChangeLeaves(Torn),
-}
-
-/// Whether leaves are looked at since merged ones tear open, or else since more may merge.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Torn(pub(super) bool);
-
-impl Torn {
-    /// One leaf in this many is looked at.
-    pub(super) fn period(self) -> u32 {
-        if self.0 { TORN_LEAVES } else { CALM_LEAVES }
-    }
 }
 
 /// The builder of a tree that is built without a pass before, since trees were bad again at once.
@@ -114,7 +87,6 @@ pub(super) fn pays_every_frame(ledger: &Ledger, seen: &Observation) -> bool {
 pub(super) fn decide(ledger: &Ledger, seen: &Observation) -> (Plan, Reason) {
     let (builder, price_of_rebuild) = seen.rebuild(ledger);
     let price_of_repair = cost_model::repair(seen.nodes, ledger.kept);
-    let (calm, torn) = (Torn(false), Torn(true));
     let because = |account: SkiRental, price: f64| {
         let ms = 1e-6;
         Reason {
@@ -131,10 +103,6 @@ pub(super) fn decide(ledger: &Ledger, seen: &Observation) -> (Plan, Reason) {
     if let Some(builder) = rebuild.filter(|_| ledger.is_beyond_repair != 0 || ledger.is_fast_build != 0) {
         return (Plan::Rebuild(builder), for_rebuild);
     }
-    // No repair reaches what tears open within leaves.
-    if ledger.split.is_due(seen.price_of_leaves(torn)) {
-        return (Plan::ChangeLeaves(torn), because(ledger.split, seen.price_of_leaves(torn)));
-    }
     let for_repair =
         if ledger.is_beyond_repair == 0 { because(ledger.repair, price_of_repair) } else { for_rebuild };
     if ledger.is_beyond_repair == 0 && ledger.repair.is_due(price_of_repair) {
@@ -143,17 +111,13 @@ pub(super) fn decide(ledger: &Ledger, seen: &Observation) -> (Plan, Reason) {
         let most = cost_model::most_subtrees(seen.nodes, cost_model::rebuild(Builder::Ploc, seen.primitives));
         return (Plan::Repair { threshold, most, or_rebuild: rebuild }, for_repair);
     }
-    if ledger.merge.is_due(seen.price_of_leaves(calm)) {
-        return (Plan::ChangeLeaves(calm), because(ledger.merge, seen.price_of_leaves(calm)));
-    }
     (Plan::Keep, for_repair)
 }
 
 impl Ledger {
     /// Charges what this frame loses.
     pub(super) fn charge(&mut self, seen: &Observation) {
-        // No repair reaches what tears open within leaves.
-        self.repair.charge(seen.queries.lost(seen.excess - seen.leaf_growth.max(0.0)));
+        self.repair.charge(seen.queries.lost(seen.excess));
         self.rebuild.charge(seen.queries.lost(seen.excess));
         // A fast build in the place of a fast build gains nothing.
         if self.is_fast_build != 0
@@ -161,8 +125,6 @@ impl Ledger {
         {
             self.rebuild.charge(seen.queries.lost_to_fast_build());
         }
-        self.merge.charge(seen.queries.saved_by_merging());
-        self.split.charge(seen.queries.lost(seen.leaf_growth));
         self.since_repair = self.since_repair.saturating_add(1);
     }
 
@@ -191,22 +153,6 @@ impl Ledger {
             ..Self::default()
         }
     }
-
-    /// Leaves have been changed, which lowers the excess by `gain`. Whether that pays shows within a turn through all of them.
-    pub(super) fn leaves_changed(&mut self, torn: Torn, gain: f64, seen: &Observation) {
-        let pays = seen.queries.lost(gain) * f64::from(CALM_LEAVES) > seen.price_of_leaves(torn);
-        let account = if torn.0 { &mut self.split } else { &mut self.merge };
-        if pays {
-            account.paid_off();
-        } else {
-            account.failed();
-        }
-        if torn.0 && !pays {
-            // They have grown for good.
-            self.leaf_area = 0.0;
-        }
-        self.leaf_turn = self.leaf_turn.wrapping_add(1);
-    }
 }
 
 #[cfg(test)]
@@ -218,21 +164,12 @@ mod tests {
 
     fn seen(excess: f64) -> Observation {
         let queries = QueryCost::new(Load::SingleRays(1000), N, 0.0);
-        Observation {
-            primitives: N,
-            nodes: 2.0 * N,
-            excess,
-            leaf_growth: 0.0,
-            has_no_baseline: false,
-            queries,
-        }
+        Observation { primitives: N, nodes: 2.0 * N, excess, has_no_baseline: false, queries }
     }
 
     /// A ledger that nothing is due in, after ten quiet frames.
     fn quiet() -> Ledger {
-        let mut ledger = Ledger { since_repair: 10, ..Ledger::default() };
-        (0..10).for_each(|_| ledger.merge.failed());
-        ledger
+        Ledger { since_repair: 10, ..Ledger::default() }
     }
 
     /// A ledger after one frame.
@@ -278,8 +215,6 @@ mod tests {
         };
         let plans = [
             charged(|ledger| ledger.repair.charge(1e9)),
-            charged(|ledger| ledger.split.charge(1e9)),
-            charged(|ledger| ledger.merge.charge(1e9)),
             charged(|ledger| (ledger.is_fast_build, _) = (1, ledger.rebuild.charge(1e9))),
             charged(|ledger| (ledger.is_beyond_repair, _) = (1, ledger.rebuild.charge(1e9))),
         ]
@@ -336,24 +271,6 @@ mod tests {
         let row = Ledger { rebuilds_in_a_row: 3, ..quiet() };
         let after = |is_soon| Ledger::rebuilt(&row, Builder::Lbvh, None, is_soon).rebuilds_in_a_row;
         assert_eq!([true, false].map(after), [4, 0]);
-    }
-
-    #[test]
-    fn calm_leaves_merge_and_torn_ones_split() {
-        let price = |torn| seen(0.0).price_of_leaves(torn);
-        let (calm, torn) = (Torn(false), Torn(true));
-        let mut ledger = Ledger::default();
-        ledger.merge.charge(1.1 * price(calm));
-        assert_eq!(decide(&ledger, &seen(0.0)).0, Plan::ChangeLeaves(calm));
-        ledger.split.charge(1.1 * price(torn));
-        assert_eq!(decide(&ledger, &seen(0.0)).0, Plan::ChangeLeaves(torn));
-        // What pays within a turn may come again as soon; else it waits twice as long.
-        let enough = price(calm) / seen(0.0).queries.lost(f64::from(CALM_LEAVES));
-        for (gain, patience) in [(0.9 * enough, 2.0), (0.9 * enough, 4.0), (1.1 * enough, 1.0)] {
-            ledger.leaves_changed(calm, gain, &seen(0.0));
-            assert_eq!((ledger.merge.patience(), ledger.merge.lost()), (patience, 0.0));
-        }
-        assert_eq!((ledger.leaf_turn, ledger.split.patience()), (3, 1.0));
     }
 
     #[test]

@@ -9,8 +9,8 @@
 //! excess = (cost - baseline * scale) / unit
 //! ```
 //!
-//! Leaves that grow within a room, and pieces that fly apart, leave the scale as it is. `scale_factor` keeps it where merged leaves
-//! or other dynamic primitives change the sizes that growth is measured by; else it is 1.
+//! Leaves that grow within a room, and pieces that fly apart, leave the scale as it is. `scale_factor` keeps it where other
+//! dynamic primitives change the sizes that growth is measured by; else it is 1.
 //!
 //! What moves the baseline:
 //!
@@ -101,14 +101,6 @@ impl Baseline {
         self.sizes = sizes;
         self.scale_factor = or_one(self.scale / common_growth(sizes, [1.0; 2]));
         self.has_other_dynamic = 0;
-    }
-
-    /// The area of the dynamic leaves has changed by this factor, and the scale has not: leaves were merged or split.
-    pub(crate) fn leaves_changed(&mut self, factor: f64) {
-        if factor > 0.0 && factor.is_finite() {
-            self.sizes[0] *= factor;
-            self.scale_factor /= factor;
-        }
     }
 
     /// The scale of the scene, given the area of its dynamic leaves now.
