@@ -1,7 +1,5 @@
 //! The tree: an arena of node pairs and an order of primitives.
 
-use std::ops::Range;
-
 use crate::structure::Malformed;
 use crate::{Node, UpdateState};
 
@@ -262,34 +260,6 @@ impl Bvh {
         std::mem::forget(guard);
     }
 
-    /// Makes the primitives in any of `ranges` dynamic and all others static; see
-    /// [`set_dynamic`](Self::set_dynamic). Ranges may overlap and exceed the number of primitives.
-    /// O(n log r) for r ranges.
-    ///
-    /// ```
-    /// use bvh_core::{Aabb, Bvh, Node, Vec3};
-    ///
-    /// let unit = Aabb::new(Vec3::ZERO, Vec3::ONE);
-    /// let mut bvh = Bvh::new(&[Node::leaf(unit, 0, 1), Node::NOTHING], vec![0])?;
-    /// bvh.set_dynamic_ranges(&[3..7]);
-    /// assert!(!bvh.root().is_dynamic());
-    /// # Ok::<(), bvh_core::Malformed>(())
-    /// ```
-    pub fn set_dynamic_ranges(&mut self, ranges: &[Range<usize>]) {
-        let mut sorted: Vec<_> = ranges.iter().map(|r| (r.start, r.end)).collect();
-        sorted.sort_unstable();
-        // From here on each end is the greatest of all ranges up to there.
-        let mut end = 0;
-        for range in &mut sorted {
-            end = end.max(range.1);
-            range.1 = end;
-        }
-        self.set_dynamic(|p| {
-            let begun = sorted.partition_point(|&(start, _)| start <= p);
-            begun > 0 && p < sorted[begun - 1].1
-        });
-    }
-
     fn mark_dynamic(&mut self, is_dynamic: &impl Fn(usize) -> bool) {
         (self.all_dynamic, self.static_area) = (true, 0.0);
         self.mark(0, is_dynamic);
@@ -362,7 +332,7 @@ impl Bvh {
     pub fn sum_static_area(&mut self) {
         let mut sum = 0.0;
         if !self.all_dynamic {
-            self.visit(|_, n, _| sum += if n.is_dynamic() { 0.0 } else { n.sah_term() });
+            self.visit(|_, node, _| sum += node.static_term());
         }
         self.static_area = sum;
     }
@@ -606,24 +576,6 @@ mod tests {
         assert!(is_dynamic(0) && !is_dynamic(2) && is_dynamic(3) && !is_dynamic(4) && !is_dynamic(5));
         bvh.set_dynamic(|_| false);
         assert!(!bvh.root().is_dynamic());
-    }
-
-    #[test]
-    fn ranges_set_what_a_predicate_would() {
-        let nodes: Vec<_> = (0..16).map(|i| Node::leaf(BOX, i, 1)).collect();
-        let mut all = vec![Node::inner(BOX, 2), Node::NOTHING];
-        (0..15).for_each(|i| {
-            all.push(nodes[i as usize]);
-            all.push(if i < 14 { Node::inner(BOX, 2 * i + 4) } else { nodes[15] });
-        });
-        let mut bvh = Bvh::new(&all, (0..16).collect()).expect("valid");
-        for ranges in [vec![], vec![3..5, 0..1], vec![9..12, 2..11, 4..5, 15..99], vec![7..7, 12..20]] {
-            bvh.set_dynamic(|p| ranges.iter().any(|r| r.contains(&p)));
-            let (expected, area) = (bvh.fingerprint(), bvh.static_area());
-            bvh.set_dynamic(|_| true);
-            bvh.set_dynamic_ranges(&ranges);
-            assert_eq!((bvh.fingerprint(), bvh.static_area()), (expected, area), "{ranges:?}");
-        }
     }
 
     #[test]
