@@ -17,18 +17,16 @@ use crate::report::Reason;
 use crate::ski_rental::SkiRental;
 use crate::state::Ledger;
 
-/// After this number of rebuilds in a row, each soon enough that one in every frame is cheaper, the next ones need no pass.
-const IN_A_ROW: u32 = 2;
-/// One in this many rebuilds in a row is made after a pass that looks whether it is needed.
-const LOOK_AGAIN: u32 = 16;
+/// What may have changed meanwhile is looked at in one of this many frames: whether rebuilds in a row are still needed, by a pass,
+/// and whether calm leaves may merge, a sixteenth of them in each frame so that frames are alike. Without the passes chaos that
+/// ends leaves bart-museum with trees of up to 1.27 times the cost of a new one (`docs/ABLATION.md`, periodic looks).
+const SELDOM: u32 = 16;
 /// A subtree is opened if that pays within the frames since the last repair, but at most within this many. With 8 and the rules
 /// of then, `auto` took 1.11 times as long as the best single strategy on exploding-dragon, now 1.03 (`cargo xtask compare frame
 /// --scene exploding-dragon --frames 24 --threads 2`).
 const LONGEST_PAYBACK: u32 = 32;
 
-/// One leaf in this many is looked at while leaves are calm, so that frames are alike, and one in `TORN_LEAVES` once merged
-/// leaves tear open, which costs more than one frame of another length.
-const CALM_LEAVES: u32 = 16;
+/// One leaf in this many is looked at once merged leaves tear open, which costs more than one frame of another length.
 const TORN_LEAVES: u32 = 2;
 
 /// What a pass has seen.
@@ -82,14 +80,15 @@ pub(super) struct Torn(pub(super) bool);
 impl Torn {
     /// One leaf in this many is looked at.
     pub(super) fn period(self) -> u32 {
-        if self.0 { TORN_LEAVES } else { CALM_LEAVES }
+        if self.0 { TORN_LEAVES } else { SELDOM }
     }
 }
 
-/// The builder of a tree that is built without a pass before, since trees were bad again at once.
+/// The builder of a tree that is built without a pass before, since trees were bad again at once: after two rebuilds in a row, each
+/// soon enough that one in every frame is cheaper, but for a look now and then.
 pub(super) fn decide_blindly(ledger: &Ledger, primitives: f64, queries: QueryCost) -> Option<Builder> {
     let row = ledger.rebuilds_in_a_row;
-    (row >= IN_A_ROW && !row.is_multiple_of(LOOK_AGAIN)).then(|| queries.builder(primitives, 1))
+    (row > 1 && !row.is_multiple_of(SELDOM)).then(|| queries.builder(primitives, 1))
 }
 
 /// Whether a new tree in every frame costs less than passes and a new tree now and then.
@@ -194,7 +193,7 @@ impl Ledger {
 
     /// Leaves have been changed, which lowers the excess by `gain`. Whether that pays shows within a turn through all of them.
     pub(super) fn leaves_changed(&mut self, torn: Torn, gain: f64, seen: &Observation) {
-        let pays = seen.queries.lost(gain) * f64::from(CALM_LEAVES) > seen.price_of_leaves(torn);
+        let pays = seen.queries.lost(gain) * f64::from(SELDOM) > seen.price_of_leaves(torn);
         let account = if torn.0 { &mut self.split } else { &mut self.merge };
         if pays {
             account.paid_off();
@@ -348,7 +347,7 @@ mod tests {
         ledger.split.charge(1.1 * price(torn));
         assert_eq!(decide(&ledger, &seen(0.0)).0, Plan::ChangeLeaves(torn));
         // What pays within a turn may come again as soon; else it waits twice as long.
-        let enough = price(calm) / seen(0.0).queries.lost(f64::from(CALM_LEAVES));
+        let enough = price(calm) / seen(0.0).queries.lost(f64::from(SELDOM));
         for (gain, patience) in [(0.9 * enough, 2.0), (0.9 * enough, 4.0), (1.1 * enough, 1.0)] {
             ledger.leaves_changed(calm, gain, &seen(0.0));
             assert_eq!((ledger.merge.patience(), ledger.merge.lost()), (patience, 0.0));
