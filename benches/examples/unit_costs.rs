@@ -75,7 +75,7 @@ fn measure() {
     let rotate = play(Strategy::RefitRotate(Rotate::default()), &first, &indices);
     let partial = play(Strategy::PartialRebuild(PartialRebuild::default()), &first, &indices);
     let of_passes = rotate.iter().map(|(time, nodes, _)| time / nodes);
-    print("PASS_NODE", median(of_passes.collect()), "for each node, of refitting and rotating");
+    print("NODE", median(of_passes.collect()), "for each node, of refitting and rotating");
     // Repairs of many subtrees give the cost of a subtree, those of few that of the frontier.
     let repairs: Vec<(f64, f64, f64)> = partial
         .iter()
@@ -107,7 +107,7 @@ fn measure() {
     print("PACKET_NODE", time / stats.nodes_visited as f64, "for each node of a packet");
     let (time, (visits, _)) = median_of(|| single_rays(&first, &triangles));
     print("SINGLE_RAY", time / SINGLE_RAYS as f64, "for each ray, in no order");
-    print("QUERY_NODE", time / visits.nodes as f64, "for each node of such rays");
+    print("NODE", time / visits.nodes as f64, "for each node of such rays");
 
     let mut pairs = 0;
     let (time, visits) = ns(|| {
@@ -117,7 +117,7 @@ fn measure() {
         })
     });
     print("PAIRS", time / count, "for each primitive");
-    print("QUERY_NODE", time / visits.nodes as f64, "for each node of a pair search");
+    print("NODE", time / visits.nodes as f64, "for each node of a pair search");
     measure_losses(&first, &indices);
 }
 
@@ -145,7 +145,7 @@ fn measure_losses(first: &Bvh, indices: &[[u32; 3]]) {
     let (of_picture, of_rays): (f64, f64) = longer(&refitted, &good, &triangles);
     let of = format!("of the time, in a tree of {:.2} times the cost", 1.0 + growth);
     println!("PACKET_SLOPE     {:>10.2}     {of}", of_picture / growth);
-    println!("QUERY_SLOPE      {:>10.2}     {of}", of_rays / growth);
+    println!("of single rays   {:>10.2}     {of}", of_rays / growth);
     let (of_picture, of_rays) = longer(&fast, &good, &triangles);
     println!("FAST_BUILD_LOSS  {of_picture:>10.2}     of a picture's time, {of_rays:.2} of single rays'");
 }

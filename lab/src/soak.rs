@@ -8,7 +8,7 @@ use std::time::Instant;
 use anyhow::{Result, anyhow, ensure};
 use bvh_build::{Builder, build};
 use bvh_core::sah_cost;
-use bvh_update::{Strategy, UnknownStrategy, Updater};
+use bvh_update::{Strategy, UnknownName, Updater};
 
 use crate::machine::resident_mib;
 use crate::pool::Threads;
@@ -53,7 +53,7 @@ const MORE_MEMORY: f64 = 1.05;
 ///
 /// Bad input, or a check that failed.
 pub fn run(args: &Args) -> Result<()> {
-    let parse = |name: &String| name.parse().map_err(|e: UnknownStrategy| anyhow!("{name}: {e}"));
+    let parse = |name: &String| name.parse().map_err(|e: UnknownName| anyhow!("{name}: {e}"));
     let strategies: Vec<Strategy> = args.strategies.iter().map(parse).collect::<Result<_>>()?;
     let load = |source: &str| stage::load_at(source, None, 0, args.detail);
     let mut loaded = Vec::new();

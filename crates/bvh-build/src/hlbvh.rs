@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use crate::binned::{self, Bins, Leaves};
 use crate::bytes_of;
-use crate::morton::{self, Sorted};
+use crate::morton;
 use crate::prim_ref::{Bounds, PrimRef};
 use crate::radix::Key;
 use crate::subtree_slot::SubtreeSlot;
@@ -37,23 +37,9 @@ impl ClusterMemory {
     }
 }
 
-/// Builds the tree over `prims`, which have boxes and lie along the curve as `sorted` says; gives
-/// its bounds.
-pub(crate) fn build(
-    prims: &[PrimRef],
-    sorted: &Sorted<'_>,
-    (tops, spare, all_bins): (&mut ClusterMemory, &mut Vec<PrimRef>, &mut Vec<Bins>),
-    bins: u32,
-    threads: usize,
-    slot: SubtreeSlot,
-) -> Bounds {
-    match sorted {
-        Sorted::Short(keys) => grow(prims, keys, (tops, spare, all_bins), bins, threads, slot),
-        Sorted::Long(keys) => grow(prims, keys, (tops, spare, all_bins), bins, threads, slot),
-    }
-}
-
-fn grow<K: Key>(
+/// Builds the tree over `prims`, which have boxes and lie along the curve as `keys` say; gives its
+/// bounds.
+pub(crate) fn build<K: Key>(
     prims: &[PrimRef],
     keys: &[K],
     (tops, spare, all_bins): (&mut ClusterMemory, &mut Vec<PrimRef>, &mut Vec<Bins>),

@@ -58,13 +58,14 @@ use bvh_core::{Bvh, MAX_PRIMITIVES, Node, Primitives};
 use thiserror::Error;
 
 pub use crate::offline_rotations::{Anneal, HillClimb, anneal, hill_climb};
-pub use crate::options::{BuildOptions, Builder, UnknownBuilder};
-pub use crate::poses::{Pose, build_over_poses, cost_over_poses, optimize_over_poses};
+pub use crate::options::{BuildOptions, Builder};
+pub use crate::poses::{build_over_poses, cost_over_poses, optimize_over_poses};
 pub use crate::reinsert::{Reinsert, ReinsertScratch, reinsert};
+pub use bvh_core::UnknownName;
 
 use crate::binned::{Bins, OnePrimitive};
 use crate::hlbvh::ClusterMemory;
-use crate::morton::Codes;
+use crate::morton::{Codes, with_keys};
 use crate::ploc::PlocMemory;
 use crate::prim_ref::{Gathered, PrimRef};
 use crate::subtree_slot::SubtreeSlot;
@@ -280,11 +281,12 @@ pub fn rebuild<P: Primitives + ?Sized>(
             Builder::Binned | Builder::BinnedParallel => {
                 binned::build(prims, (spare, bins), &OnePrimitive, options.bins, threads, slot)
             }
-            Builder::Lbvh => morton::build(prims, &codes.sort(prims, &centers, threads), threads, slot),
-            Builder::Hlbvh => {
-                let sorted = codes.sort(prims, &centers, threads);
-                hlbvh::build(prims, &sorted, (clusters, spare, bins), options.bins, threads, slot)
-            }
+            Builder::Lbvh => with_keys!(codes.sort(prims, &centers, threads), keys => {
+                morton::grow(keys, prims, threads > 1, slot)
+            }),
+            Builder::Hlbvh => with_keys!(codes.sort(prims, &centers, threads), keys => {
+                hlbvh::build(prims, keys, (clusters, spare, bins), options.bins, threads, slot)
+            }),
             Builder::Ploc => {
                 let sorted = codes.sort(prims, &centers, threads);
                 ploc::build(prims, &sorted, options.search_radius, ploc, threads, slot)

@@ -37,6 +37,17 @@ pub(crate) enum Sorted<'a> {
     Long(&'a [u128]),
 }
 
+/// Evaluates `$body` with the keys of a [`Sorted`].
+macro_rules! with_keys {
+    ($sorted:expr, $keys:ident => $body:expr) => {
+        match $sorted {
+            $crate::morton::Sorted::Short($keys) => $body,
+            $crate::morton::Sorted::Long($keys) => $body,
+        }
+    };
+}
+pub(crate) use with_keys;
+
 impl Codes {
     pub(crate) fn memory_usage(&self) -> usize {
         let Self { short, short_spare, long, long_spare, counts } = self;
@@ -61,15 +72,6 @@ impl Codes {
         encode(prims, centers, long, threads);
         sort(long, long_spare, counts, threads);
         Sorted::Long(long)
-    }
-}
-
-/// Builds the tree over `prims`, which have boxes and lie along the curve as `sorted` says; gives
-/// its bounds.
-pub(crate) fn build(prims: &[PrimRef], sorted: &Sorted<'_>, threads: usize, slot: SubtreeSlot) -> Bounds {
-    match sorted {
-        Sorted::Short(keys) => grow(keys, prims, threads > 1, slot),
-        Sorted::Long(keys) => grow(keys, prims, threads > 1, slot),
     }
 }
 
@@ -149,7 +151,8 @@ fn interleave<K: Key>([x, y, z, _]: [u32; 4]) -> u64 {
     (0..K::AXIS).step_by(7).fold(0, |code, bit| code | seven(bit))
 }
 
-/// Builds the subtree over neighbours along the curve; gives its bounds.
+/// Builds the subtree over the primitives with these keys, which are neighbours along the curve; gives
+/// its bounds.
 pub(crate) fn grow<K: Key>(keys: &[K], prims: &[PrimRef], parallel: bool, slot: SubtreeSlot) -> Bounds {
     if !parallel || keys.len() < GRAIN {
         return emit(keys, prims, slot);
@@ -182,7 +185,6 @@ fn emit<K: Key>(keys: &[K], prims: &[PrimRef], slot: SubtreeSlot) -> Bounds {
     let mut next = below.len();
     let mut node = Node::NOTHING;
     for s in (0..keys.len()).rev() {
-        // Not `prefetch_ahead`, which takes 10 more instructions a primitive here (callgrind).
         prefetch(prims, keys[s.saturating_sub(AHEAD)].number() as usize);
         let prim = &prims[keys[s].number() as usize];
         order[s] = prim.number();

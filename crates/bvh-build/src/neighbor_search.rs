@@ -1,6 +1,7 @@
 //! For each cluster the nearby cluster with which its common bounds are smallest.
 
 use bvh_core::glam::{Mat4, Vec4};
+use bvh_core::slab::{max, min};
 use rayon::prelude::*;
 
 use crate::prim_ref::{Bounds, PrimRef};
@@ -112,16 +113,6 @@ impl Window {
             nearest[i] = place + distance - 2 * distance * is_upper;
         }
     }
-}
-
-#[inline(always)]
-fn min(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
-}
-
-#[inline(always)]
-fn max(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
 }
 
 fn columns(rows: [Vec4; 4]) -> Mat4 {

@@ -2,7 +2,8 @@
 
 use std::str::FromStr;
 
-use thiserror::Error;
+use bvh_core::UnknownName;
+use bvh_core::triangle::by_name;
 
 use crate::{Anneal, HillClimb, Reinsert};
 
@@ -120,12 +121,11 @@ impl Builder {
 }
 
 impl FromStr for Builder {
-    type Err = UnknownBuilder;
+    type Err = UnknownName;
 
     /// The builder of that [name](Self::name).
-    fn from_str(name: &str) -> Result<Self, UnknownBuilder> {
-        let unknown = || UnknownBuilder(name.to_owned());
-        Self::ALL.into_iter().find(|builder| builder.name() == name).ok_or_else(unknown)
+    fn from_str(name: &str) -> Result<Self, UnknownName> {
+        by_name("builder", &Self::ALL, Self::name, name)
     }
 }
 
@@ -135,11 +135,6 @@ impl std::fmt::Display for Builder {
         f.pad(self.name())
     }
 }
-
-/// There is no builder of this name.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("unknown builder '{0}'; expected one of {all}", all = Builder::ALL.map(Builder::name).join(", "))]
-pub struct UnknownBuilder(String);
 
 /// Settings of a build. A value out of range counts as the nearest one in range.
 ///

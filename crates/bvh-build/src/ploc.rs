@@ -17,11 +17,11 @@
 use std::hint::select_unpredictable;
 use std::ops::Range;
 
-use bvh_core::{MAX_HEIGHT, Node, prefetch, prefetch_ahead};
+use bvh_core::{MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
 use crate::bytes_of;
-use crate::morton::{AHEAD, Sorted};
+use crate::morton::{AHEAD, Sorted, with_keys};
 use crate::neighbor_search::{self, MAX_RADIUS};
 use crate::prim_ref::{Bounds, PrimRef};
 use crate::radix::Key;
@@ -87,10 +87,7 @@ pub(crate) fn build(
     spare.resize(n, PrimRef::NOTHING);
     nearest.resize(n, 0);
     mergers.resize(n - 1, Merger { left: 0, right: 0, size: 0 });
-    match sorted {
-        Sorted::Short(keys) => gather(keys, prims, leaves, threads),
-        Sorted::Long(keys) => gather(keys, prims, leaves, threads),
-    }
+    with_keys!(sorted, keys => gather(keys, prims, leaves, threads));
     let (mut from, mut to) = (&mut spare[..], prims);
     let (mut count, mut merged) = (n, 0);
     let mut slow = false;
@@ -126,8 +123,10 @@ pub(crate) fn gather<K: Key>(keys: &[K], prims: &[PrimRef], sorted: &mut [PrimRe
 // Not inlined into what shares it out, where the compiler keeps less of it in registers.
 #[inline(never)]
 fn copy<K: Key>(keys: &[K], prims: &[PrimRef], sorted: &mut [PrimRef]) {
-    let fetch = |key: &K| prefetch(prims, key.number() as usize);
-    for (key, to) in prefetch_ahead(keys.iter(), AHEAD, fetch).zip(sorted) {
+    for ((i, key), to) in keys.iter().enumerate().zip(sorted) {
+        if let Some(later) = keys.get(i + AHEAD) {
+            prefetch(prims, later.number() as usize);
+        }
         *to = prims[key.number() as usize];
     }
 }

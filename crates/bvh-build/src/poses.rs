@@ -2,42 +2,18 @@
 //! 2015, "T-SAH: animation optimized bounding volume hierarchies"), minimised by insertion.
 //!
 //! ```text
-//! cost(T) = sum over poses k of w(k) * SAH cost of T refitted to pose k, over the sum of w
+//! cost(T) = mean over poses of the SAH cost of T refitted to the pose
 //! ```
 //!
 //! The root's area in each pose is the same for all trees. So this is the cost of a tree whose
-//! nodes have one box in each pose, with weighted sums of areas instead of areas, and `reinsert.rs`
+//! nodes have one box in each pose, with sums of areas, relative to the root, instead of areas, and `reinsert.rs`
 //! lowers it. Departures: it starts from the best of the trees built on each pose alone. The caller
 //! chooses the poses; they are not picked from the animation in rounds.
 
-use bvh_core::{Aabb, Bvh, MAX_PRIMITIVES, Node, Primitives};
+use bvh_core::{Aabb, Bvh, Node, Primitives};
 
 use crate::tree::{self, Tree};
 use crate::{BuildError, Builder, Optimized, Reinsert, ReinsertScratch, build, raw, reinsert};
-
-/// Primitives at one time of an animation.
-#[derive(Debug)]
-pub struct Pose<'a, P: ?Sized> {
-    /// The primitives: as many in each pose.
-    pub primitives: &'a P,
-    /// Weight of the pose, relative to the other poses. Below zero or NaN counts as 0.
-    pub weight: f64,
-}
-
-impl<P: ?Sized> Clone for Pose<'_, P> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-
-impl<P: ?Sized> Copy for Pose<'_, P> {}
-
-impl<'a, P: ?Sized> Pose<'a, P> {
-    /// A pose of weight 1.
-    pub const fn new(primitives: &'a P) -> Self {
-        Self { primitives, weight: 1.0 }
-    }
-}
 
 /// Builds one tree for all poses, to be refitted from frame to frame (Bittner and Meister 2015):
 /// the best of the trees that [`Builder::Binned`] makes of each pose alone, then
@@ -47,7 +23,7 @@ impl<'a, P: ?Sized> Pose<'a, P> {
 /// If there are no poses, too many primitives, or poses of different numbers of primitives.
 ///
 /// ```
-/// use bvh_build::{Pose, Reinsert, build_over_poses, cost_over_poses};
+/// use bvh_build::{Reinsert, build_over_poses, cost_over_poses};
 /// use bvh_core::{Aabb, Vec3};
 ///
 /// let pose = |time: f32| -> Vec<Aabb> {
@@ -55,25 +31,22 @@ impl<'a, P: ?Sized> Pose<'a, P> {
 ///     (0..50).map(|i| Aabb::new(corner(i), corner(i) + Vec3::ONE)).collect()
 /// };
 /// let (first, last) = (pose(0.0), pose(1.0));
-/// let poses = [Pose::new(&first), Pose { primitives: &last, weight: 2.0 }];
+/// let poses = [&first, &last];
 /// let bvh = build_over_poses(&poses, &Reinsert::default())?;
 /// assert!(bvh.validate(&first).is_ok() && cost_over_poses(&bvh, &poses)? > 0.0);
 /// # Ok::<(), bvh_build::BuildError>(())
 /// ```
-pub fn build_over_poses<P: Primitives + ?Sized>(
-    poses: &[Pose<'_, P>],
-    options: &Reinsert,
-) -> Result<Bvh, BuildError> {
+pub fn build_over_poses<P: Primitives + ?Sized>(poses: &[&P], options: &Reinsert) -> Result<Bvh, BuildError> {
     let mut bvh = best_start(poses, Builder::BinnedParallel)?;
     optimize_over_poses(&mut bvh, poses, options, &mut ReinsertScratch::new())?;
     Ok(bvh)
 }
 
 /// The tree of least cost over all poses among those built on each pose alone.
-fn best_start<P: Primitives + ?Sized>(poses: &[Pose<'_, P>], builder: Builder) -> Result<Bvh, BuildError> {
+fn best_start<P: Primitives + ?Sized>(poses: &[&P], builder: Builder) -> Result<Bvh, BuildError> {
     let mut best: Option<(f64, Bvh)> = None;
     for pose in poses {
-        let bvh = build(pose.primitives, builder)?;
+        let bvh = build(*pose, builder)?;
         let cost = cost_over_poses(&bvh, poses)?;
         if best.as_ref().is_none_or(|best| cost < best.0) {
             best = Some((cost, bvh));
@@ -82,7 +55,7 @@ fn best_start<P: Primitives + ?Sized>(poses: &[Pose<'_, P>], builder: Builder) -
     best.map(|(_, bvh)| bvh).ok_or(BuildError::NoPoses)
 }
 
-/// Lowers the weighted mean of the SAH costs over `poses` as [`reinsert`](fn@crate::reinsert)
+/// Lowers the mean of the SAH costs over `poses` as [`reinsert`](fn@crate::reinsert)
 /// lowers the SAH cost. Boxes then fit the first pose. For k poses it takes about k times the time,
 /// and 48 k bytes a primitive.
 ///
@@ -91,7 +64,7 @@ fn best_start<P: Primitives + ?Sized>(poses: &[Pose<'_, P>], builder: Builder) -
 /// then as it was.
 ///
 /// ```
-/// use bvh_build::{Builder, Pose, Reinsert, ReinsertScratch, build, optimize_over_poses};
+/// use bvh_build::{Builder, Reinsert, ReinsertScratch, build, optimize_over_poses};
 /// use bvh_core::{Aabb, Vec3};
 ///
 /// let pose = |time: f32| -> Vec<Aabb> {
@@ -100,15 +73,14 @@ fn best_start<P: Primitives + ?Sized>(poses: &[Pose<'_, P>], builder: Builder) -
 /// };
 /// let (first, last) = (pose(0.0), pose(1.0));
 /// let mut bvh = build(&first, Builder::default())?;
-/// let poses = [Pose::new(&first), Pose::new(&last)];
 /// let scratch = &mut ReinsertScratch::new();
-/// let done = optimize_over_poses(&mut bvh, &poses, &Reinsert::default(), scratch)?;
+/// let done = optimize_over_poses(&mut bvh, &[&first, &last], &Reinsert::default(), scratch)?;
 /// assert!(done.after <= done.before);
 /// # Ok::<(), bvh_build::BuildError>(())
 /// ```
 pub fn optimize_over_poses<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
-    poses: &[Pose<'_, P>],
+    poses: &[&P],
     options: &Reinsert,
     scratch: &mut ReinsertScratch,
 ) -> Result<Optimized, BuildError> {
@@ -121,38 +93,35 @@ pub fn optimize_over_poses<P: Primitives + ?Sized>(
     }))
 }
 
-/// Computes the weighted mean of the SAH costs of the tree refitted to each of `poses`; `bvh` is
+/// Computes the mean of the SAH costs of the tree refitted to each of `poses`; `bvh` is
 /// not changed. O(k n) for k poses.
 ///
 /// # Errors
 /// If there are no poses, or if a pose has another number of primitives than the tree.
 ///
 /// ```
-/// use bvh_build::{Builder, Pose, build, cost_over_poses};
+/// use bvh_build::{Builder, build, cost_over_poses};
 /// use bvh_core::{Aabb, Vec3, sah_cost};
 ///
 /// let boxes = [0.0, 2.0].map(|x| Aabb::new(Vec3::X * x, Vec3::X * x + Vec3::ONE));
 /// let bvh = build(&boxes, Builder::default())?;
-/// assert_eq!(cost_over_poses(&bvh, &[Pose::new(&boxes)])?, sah_cost(&bvh));
+/// assert_eq!(cost_over_poses(&bvh, &[&boxes])?, sah_cost(&bvh));
 /// # Ok::<(), bvh_build::BuildError>(())
 /// ```
-pub fn cost_over_poses<P: Primitives + ?Sized>(bvh: &Bvh, poses: &[Pose<'_, P>]) -> Result<f64, BuildError> {
+pub fn cost_over_poses<P: Primitives + ?Sized>(bvh: &Bvh, poses: &[&P]) -> Result<f64, BuildError> {
     let boxes = PoseBoxes::new(bvh, poses)?;
     let mut cost = 0.0;
     bvh.visit(|n, node, _| cost += boxes.area(boxes.get(n)) * node.weight());
     Ok(cost)
 }
 
-/// Fails unless there are poses, each of `n` primitives, and `n` is not too large.
-pub(crate) fn check<P: Primitives + ?Sized>(n: usize, poses: &[Pose<'_, P>]) -> Result<(), BuildError> {
+/// Fails unless there are poses, each of `n` primitives.
+fn check<P: Primitives + ?Sized>(n: usize, poses: &[&P]) -> Result<(), BuildError> {
     if poses.is_empty() {
         return Err(BuildError::NoPoses);
     }
-    if n > MAX_PRIMITIVES {
-        return Err(BuildError::TooManyPrimitives(n));
-    }
-    match poses.iter().position(|pose| pose.primitives.len() != n) {
-        Some(pose) => Err(BuildError::PoseLength { pose, found: poses[pose].primitives.len(), expected: n }),
+    match poses.iter().position(|pose| pose.len() != n) {
+        Some(pose) => Err(BuildError::PoseLength { pose, found: poses[pose].len(), expected: n }),
         None => Ok(()),
     }
 }
@@ -160,12 +129,12 @@ pub(crate) fn check<P: Primitives + ?Sized>(n: usize, poses: &[Pose<'_, P>]) -> 
 /// The boxes of all nodes in all poses: those of one node together.
 struct PoseBoxes {
     boxes: Vec<Aabb>,
-    /// For each pose its share of the weights over the root's area; 0 if the root has no area.
+    /// For each pose one over the number of poses and over the root's area; 0 if the root has no area.
     scales: Vec<f64>,
 }
 
 impl PoseBoxes {
-    fn new<P: Primitives + ?Sized>(bvh: &Bvh, poses: &[Pose<'_, P>]) -> Result<Self, BuildError> {
+    fn new<P: Primitives + ?Sized>(bvh: &Bvh, poses: &[&P]) -> Result<Self, BuildError> {
         check(bvh.len(), poses)?;
         let k = poses.len();
         let mut boxes = Self { boxes: vec![Aabb::EMPTY; k * bvh.nodes().len()], scales: vec![0.0; k] };
@@ -175,17 +144,15 @@ impl PoseBoxes {
             let node = &bvh.nodes()[n];
             if node.is_leaf() {
                 for (bounds, pose) in boxes.boxes[k * n..].iter_mut().zip(poses) {
-                    let boxes = bvh.primitives(node).iter().map(|&p| pose.primitives.aabb(p as usize));
+                    let boxes = bvh.primitives(node).iter().map(|&p| pose.aabb(p as usize));
                     *bounds = boxes.fold(Aabb::EMPTY, |bounds, aabb| bounds.union(aabb.sanitized()));
                 }
             } else {
                 boxes.join(n, node.first());
             }
         }
-        let weight = |pose: &Pose<'_, P>| if pose.weight > 0.0 { pose.weight } else { 0.0 };
-        let sum: f64 = poses.iter().map(weight).sum();
-        for ((scale, pose), root) in boxes.scales.iter_mut().zip(poses).zip(&boxes.boxes) {
-            let over = weight(pose) / sum / root.half_area_f64();
+        for (scale, root) in boxes.scales.iter_mut().zip(&boxes.boxes) {
+            let over = 1.0 / k as f64 / root.half_area_f64();
             *scale = if over.is_finite() { over } else { 0.0 };
         }
         Ok(boxes)
@@ -286,11 +253,7 @@ mod tests {
     fn the_cost_is_that_of_the_refitted_trees() {
         let all = [0.0, 1.0, 3.0].map(|time| moved(300, time));
         let bvh = build_with(&all[1], Builder::Sweep, &options(4)).expect("few enough");
-        let poses: Vec<_> = all
-            .iter()
-            .zip([1.0, 3.0, f64::NAN])
-            .map(|(primitives, weight)| Pose { primitives, weight })
-            .collect();
+        let poses = all.each_ref();
         let refitted = |boxes: &Vec<Aabb>| {
             let mut nodes = bvh.nodes().to_vec();
             for n in (0..nodes.len()).rev().filter(|&n| n != 1) {
@@ -306,7 +269,7 @@ mod tests {
             }
             sah_cost(&Bvh::new(&nodes, bvh.order().to_vec()).expect("a tree"))
         };
-        let expected = (refitted(&all[0]) + 3.0 * refitted(&all[1])) / 4.0;
+        let expected = all.iter().map(refitted).sum::<f64>() / 3.0;
         let found = cost_over_poses(&bvh, &poses).expect("poses");
         assert!((found / expected - 1.0).abs() < 1e-9, "{found} for {expected}");
         assert!((cost_over_poses(&bvh, &poses[1..2]).expect("poses") / sah_cost(&bvh) - 1.0).abs() < 1e-9);
@@ -315,7 +278,7 @@ mod tests {
     #[test]
     fn one_tree_for_all_poses_costs_less_than_that_of_any() {
         let all = [0.0, 1.0, 3.0].map(|time| moved(2000, time));
-        let poses = all.each_ref().map(Pose::new);
+        let poses = all.each_ref();
         let cost = |bvh: &Bvh| cost_over_poses(bvh, &poses).expect("poses");
         let bvh = build_over_poses(&poses, &Reinsert::default()).expect("poses");
         bvh.validate(&all[0]).expect("valid");
@@ -333,7 +296,7 @@ mod tests {
     #[test]
     fn any_tree_gets_cheaper_and_keeps_its_dynamic_bits() {
         let all = [0.0, 1.0, 3.0].map(|time| moved(1000, time));
-        let poses = all.each_ref().map(Pose::new);
+        let poses = all.each_ref();
         let mut bvh = build_with(&all[2], Builder::Lbvh, &options(3)).expect("few enough");
         bvh.set_dynamic(|p| p % 2 == 0);
         let before = cost_over_poses(&bvh, &poses).expect("poses");
@@ -351,8 +314,8 @@ mod tests {
     #[test]
     fn poses_that_do_not_fit_are_refused() {
         let (few, many) = (streets(9), streets(10));
-        let none: [Pose<'_, Vec<Aabb>>; 0] = [];
-        let uneven = [Pose::new(&many), Pose::new(&few)];
+        let none: [&Vec<Aabb>; 0] = [];
+        let uneven = [&many, &few];
         let wrong = BuildError::PoseLength { pose: 1, found: 9, expected: 10 };
         assert_eq!(wrong.to_string(), "pose 1 has 9 primitives; it should have 10");
         assert_eq!(build_over_poses(&none, &Reinsert::default()).unwrap_err(), BuildError::NoPoses);

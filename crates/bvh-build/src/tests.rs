@@ -4,8 +4,7 @@ use bvh_core::{Aabb, Bvh, MAX_HEIGHT, MAX_PRIMITIVES, Node, Primitives, Triangle
 use proptest::prelude::*;
 
 use crate::{
-    Anneal, BuildError, BuildOptions, BuildScratch, Builder, Pose, Reinsert, build_over_poses, build_with,
-    rebuild,
+    Anneal, BuildError, BuildOptions, BuildScratch, Builder, Reinsert, build_over_poses, build_with, rebuild,
 };
 
 const BUILDERS: usize = Builder::ALL.len();
@@ -434,7 +433,7 @@ fn trees_have_the_recorded_bits() {
     let over_time = || {
         combined([1, 50, 2000].into_iter().map(|n| {
             let all = poses(n);
-            let poses = all.each_ref().map(Pose::new);
+            let poses = all.each_ref();
             let over = build_over_poses(&poses, &Reinsert::default()).expect("poses");
             over.fingerprint()
         }))
@@ -489,7 +488,7 @@ fn the_number_of_primitives_is_asked_once_a_build() {
                 (bvh.len(), checked.fingerprint()),
                 ([300, 297, 20, 3, 400][first], bvh.fingerprint())
             );
-            let poses = [Pose::new(&liar), Pose::new(&liar)];
+            let poses = [&liar, &liar];
             if let Ok(tree) = build_over_poses(&poses, &Reinsert::default()) {
                 Bvh::new(tree.nodes(), tree.order().to_vec()).expect("a tree");
             }

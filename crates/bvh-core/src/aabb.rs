@@ -127,13 +127,6 @@ impl Aabb {
         other.is_empty() || (self.min.cmple(other.min).all() && other.max.cmple(self.max).all())
     }
 
-    /// Whether `point` is inside (on the surface counts); false for a NaN.
-    #[must_use]
-    #[inline]
-    pub fn contains_point(&self, point: Vec3) -> bool {
-        self.min.cmple(point).all() && point.cmple(self.max).all()
-    }
-
     /// The point of the box nearest to `point`: `point` itself if it is inside. Not finite if the
     /// box is [`EMPTY`](Self::EMPTY).
     #[must_use]
@@ -191,10 +184,8 @@ mod tests {
         ] {
             assert_eq!(b.closest_point(p), closest);
             assert_eq!(b.distance_squared(p), p.distance_squared(closest));
-            assert_eq!(b.contains_point(p), p == closest);
             assert_eq!(Aabb::EMPTY.distance_squared(p), f32::INFINITY);
         }
-        assert!(!b.contains_point(Vec3::NAN) && !Aabb::EMPTY.contains_point(Vec3::ZERO));
         assert!(b.distance_squared(Vec3::NAN).is_nan());
         assert_eq!(b.grown(1.0), Aabb::new(Vec3::splat(-1.0), Vec3::new(2.0, 3.0, 4.0)));
         assert!(b.grown(-0.6).is_empty() && Aabb::EMPTY.grown(5.0).is_empty());

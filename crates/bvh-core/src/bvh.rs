@@ -362,7 +362,7 @@ impl Bvh {
     pub fn sum_static_area(&mut self) {
         let mut sum = 0.0;
         if !self.all_dynamic {
-            self.visit(|_, n, _| sum += if n.is_dynamic() { 0.0 } else { n.sah_term() });
+            self.visit(|_, node, _| sum += node.static_term());
         }
         self.static_area = sum;
     }

@@ -76,7 +76,7 @@ pub use node::{MAX_LEAF_SIZE, Node};
 pub use pick::{
     any_hit, any_hit_brute, any_hit_counted, closest_hit, closest_hit_brute, closest_hit_counted,
 };
-pub use prefetch::{prefetch, prefetch_ahead, prefetch_at};
+pub use prefetch::{prefetch, prefetch_at};
 pub use primitives::{InOrder, Primitives, Triangles};
 pub use query::Visits;
 pub use ray::Ray;

@@ -170,6 +170,15 @@ impl Node {
         self.aabb().half_area_f64() * self.weight()
     }
 
+    /// The node's part of [`Bvh::static_area`](crate::Bvh::static_area): [`sah_term`](Self::sah_term)
+    /// of a static node, else 0.
+    #[doc(hidden)]
+    #[must_use]
+    #[inline]
+    pub fn static_term(&self) -> f64 {
+        if self.is_dynamic() { 0.0 } else { self.sah_term() }
+    }
+
     /// Number of edges on the longest path down to a leaf.
     #[must_use]
     #[inline]
@@ -214,12 +223,6 @@ impl Node {
         // Vector operations; the fourth lanes are overwritten.
         let [[l_min, l_max], [r_min, r_max]]: [[Vec4; 2]; 2] = [bytemuck::cast(*l), bytemuck::cast(*r)];
         let (min, max) = (l_min.min(r_min), l_max.max(r_max));
-        *self = Self::from_lanes(min, max, link, aux);
-    }
-
-    /// A node of the first three lanes of the vectors and two words.
-    #[inline]
-    fn from_lanes(min: Vec4, max: Vec4, link: u32, aux: u32) -> Self {
-        bytemuck::cast([min.with_w(f32::from_bits(link)), max.with_w(f32::from_bits(aux))])
+        *self = bytemuck::cast([min.with_w(f32::from_bits(link)), max.with_w(f32::from_bits(aux))]);
     }
 }

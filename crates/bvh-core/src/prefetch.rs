@@ -25,23 +25,3 @@ pub fn prefetch_at<T>(start: *const T, i: usize) {
     #[cfg(not(target_arch = "x86_64"))]
     let _ = (start, i);
 }
-
-/// Iterates over `list` and calls `hint` with the element that comes `distance` later (at least 1),
-/// to prefetch what that one needs.
-///
-/// ```
-/// let hints = std::cell::RefCell::new(Vec::new());
-/// let seen: Vec<_> = bvh_core::prefetch_ahead(0..4, 3, |i| hints.borrow_mut().push(i)).collect();
-/// assert_eq!((seen, hints.into_inner()), (vec![0, 1, 2, 3], vec![3]));
-/// ```
-#[doc(hidden)]
-#[inline]
-pub fn prefetch_ahead<I: Iterator + Clone>(
-    list: I,
-    distance: usize,
-    hint: impl Fn(I::Item),
-) -> impl Iterator<Item = I::Item> {
-    let mut later = list.clone();
-    later.nth(distance.saturating_sub(1));
-    list.inspect(move |_| later.next().into_iter().for_each(&hint))
-}

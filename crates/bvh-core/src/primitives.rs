@@ -225,17 +225,13 @@ impl Primitives for Triangles<'_> {
     }
 
     #[inline]
-    #[expect(clippy::eq_op, reason = "a number less itself is NaN if it is not finite")]
     fn aabb(&self, i: usize) -> Aabb {
-        let [a, b, c] = self.indices[i].map(|v| self.lanes(v as usize));
-        // +0 where all three corners are finite, else NaN.
-        let zero = (a - a) + (b - b) + (c - c);
-        if zero.is_nan_mask().bitmask() & 0b111 != 0 {
-            return Aabb::EMPTY;
+        let [min, max, validity] = self.aabb_lanes(i);
+        if validity.is_finite_mask().bitmask() & 0b111 == 0b111 {
+            Aabb::new(min.truncate(), max.truncate())
+        } else {
+            Aabb::around(&self.corners(i))
         }
-        // Makes negative zeros positive.
-        let (min, max) = (a.min(b).min(c) + 0.0, a.max(b).max(c) + 0.0);
-        Aabb::new(min.truncate(), max.truncate())
     }
 
     // Kernels use it twice in one loop. Not inlined there, calls take half of an update.
@@ -243,7 +239,7 @@ impl Primitives for Triangles<'_> {
     fn aabb_lanes(&self, i: usize) -> [Vec4; 3] {
         let [a, b, c] = self.indices[i];
         let (a, b, c) = (self.lanes(a as usize), self.lanes(b as usize), self.lanes(c as usize));
-        // The sum is not finite if a corner is not, and rarely otherwise.
+        // Adding 0 makes negative zeros positive. The sum is not finite if a corner is not, and rarely otherwise.
         [a.min(b).min(c) + 0.0, a.max(b).max(c) + 0.0, a + b + c]
     }
 

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::Aabb;
+use crate::{Aabb, slab};
 
 /// A ray with what box tests need precomputed.
 #[derive(Clone, Copy, Debug)]
@@ -69,28 +69,7 @@ impl Ray {
     #[must_use]
     #[inline]
     pub fn enters(&self, aabb: &Aabb, t_max: f32) -> Option<f32> {
-        // Nearest by the direction's sign, not by the lesser product: a ray inside the plane of a
-        // side has 0 * inf = NaN there, and `max` and `min` then ignore just that side.
-        let (mut near, mut far) = (0.0f32, f32::INFINITY);
-        for axis in 0..3 {
-            let (first, last) = if self.inverse[axis].is_sign_negative() {
-                (aabb.max[axis], aabb.min[axis])
-            } else {
-                (aabb.min[axis], aabb.max[axis])
-            };
-            near = near.max((first - self.origin[axis]) * self.inverse[axis]);
-            far = far.min((last - self.origin[axis]) * self.inverse[axis]);
-        }
-        // Written so that a `t_max` of NaN meets nothing. Widening the least gives the least of the
-        // widened.
-        let far = if t_max < far {
-            t_max
-        } else if t_max >= far {
-            far
-        } else {
-            f32::NAN
-        };
-        (near <= far * Self::WIDEN && self.is_valid()).then_some(near)
+        slab::enters(self, aabb, t_max * Self::WIDEN).filter(|_| self.is_valid())
     }
 }
 

@@ -62,30 +62,29 @@ impl Bvh {
         let root = self.end_of(path)?;
         check_shape(shape)?;
         let mut pairs = self.pairs_above(root, shape)?;
-        let kept = |branch| if let Branch::Kept(n) = branch { self.nodes()[n] } else { Node::NOTHING };
-        let mut nodes: Vec<Node> = shape.iter().map(|&branch| kept(branch)).collect();
         // Parents in front of their children, as builders number pairs.
         pairs.sort_unstable();
-        let (mut slots, mut free) = (vec![root; shape.len()], pairs.iter());
-        for (i, &branch) in shape.iter().enumerate().rev() {
-            let Branch::Inner(l, r) = branch else { continue };
-            let Some(&pair) = free.next() else { return Err(NotRewired::Kept(root)) };
+        let inner = |branch: &Branch| if let Branch::Inner(l, r) = *branch { Some([l, r]) } else { None };
+        let mut slots = vec![root; shape.len()];
+        for ([l, r], pair) in shape.iter().rev().filter_map(inner).zip(pairs) {
             (slots[l], slots[r]) = (pair, pair + 1);
-            nodes[i] = Node::inner(nodes[i].aabb(), pair as u32);
         }
-        for (i, &branch) in shape.iter().enumerate() {
-            if let Branch::Inner(l, r) = branch {
-                nodes[i] = Node::parent(&nodes[l], &nodes[r], nodes[i].first() as u32);
-                // Deeper down a height would not fit a node.
-                ensure_low(nodes[i].height())?;
-            }
+        let mut new: Vec<Node> = Vec::with_capacity(shape.len());
+        for &branch in shape {
+            let node = match branch {
+                Branch::Kept(n) => self.nodes()[n],
+                Branch::Inner(l, r) => Node::parent(&new[l], &new[r], slots[l] as u32),
+            };
+            // Deeper down a height would not fit a node.
+            ensure_low(node.height())?;
+            new.push(node);
         }
-        let mut height = nodes[shape.len() - 1].height();
+        let mut height = new[shape.len() - 1].height();
         for &n in path.iter().skip(1).rev() {
             height = 1 + height.max(self.nodes()[n ^ 1].height());
             ensure_low(height)?;
         }
-        self.exchange(path, root, &pairs, shape, &slots, &nodes);
+        self.exchange(path, &slots, &new);
         Ok(slots)
     }
 
@@ -121,35 +120,22 @@ impl Bvh {
         if found == kept.len() && pairs.len() + 1 == found { Ok(pairs) } else { Err(NotRewired::Kept(root)) }
     }
 
-    /// Writes what has been checked.
-    fn exchange(
-        &mut self,
-        path: &[usize],
-        root: usize,
-        pairs: &[usize],
-        shape: &[Branch],
-        slots: &[usize],
-        new: &[Node],
-    ) {
-        let term = |node: &Node| if node.is_dynamic() { 0.0 } else { node.sah_term() };
-        let has_static = !self.all_dynamic();
-        let all = |bvh: &Self| -> f64 {
-            let below = pairs.iter().flat_map(|&pair| [pair, pair + 1]);
-            below.chain([root]).map(|n| term(&bvh.nodes()[n])).sum()
-        };
-        let before = if has_static { all(self) } else { 0.0 };
+    /// Writes what has been checked: each of the old nodes is replaced by one of the `new` ones.
+    fn exchange(&mut self, path: &[usize], slots: &[usize], new: &[Node]) {
+        let mut grown = 0.0;
         for (&slot, node) in slots.iter().zip(new) {
-            self.raw_nodes_mut()[slot] = *node;
+            let old = std::mem::replace(&mut self.raw_nodes_mut()[slot], *node);
+            grown += node.static_term() - old.static_term();
         }
         for &n in path.iter().rev().skip(1) {
             let pair = self.nodes()[n].first();
             let [l, r] = [self.nodes()[pair], self.nodes()[pair + 1]];
             self.raw_nodes_mut()[n].refit_metadata(&l, &r);
         }
-        if has_static {
-            self.static_area += all(self) - before;
+        if !self.all_dynamic {
+            self.static_area += grown;
         }
-        if shape.len() > 1 {
+        if new.len() > 1 {
             let structure = &mut self.update_state.changes.structure;
             *structure = structure.wrapping_add(1);
         }

@@ -54,12 +54,6 @@ impl Rotation {
     pub const ALL: [Self; 6] =
         [Self::LForRl, Self::LForRr, Self::RForLl, Self::RForLr, Self::LlForRl, Self::LlForRr];
 
-    /// Short name, as `L<->RL`.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        ["L<->RL", "L<->RR", "R<->LL", "R<->LR", "LL<->RL", "LL<->RR"][self as usize]
-    }
-
     /// The two places that change nodes.
     #[doc(hidden)]
     #[must_use]
@@ -74,13 +68,6 @@ impl Rotation {
     #[inline]
     pub const fn touched(self) -> [usize; 2] {
         [[1, 1], [1, 1], [0, 0], [0, 0], [0, 1], [0, 1]][self as usize]
-    }
-}
-
-impl std::fmt::Display for Rotation {
-    /// Its [name](Self::name).
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.pad(self.name())
     }
 }
 
@@ -187,7 +174,6 @@ pub fn rotate<S: Slots + ?Sized>(nodes: &mut S, pair: usize, rotation: Rotation,
         nodes.set(a, at_b);
         nodes.set(b, at_a);
     };
-    let static_term = |node: Node| if node.is_dynamic() { 0.0 } else { node.sah_term() };
     swap_slots(nodes);
     let mut grown = 0.0;
     for i in touched.clone() {
@@ -195,7 +181,7 @@ pub fn rotate<S: Slots + ?Sized>(nodes: &mut S, pair: usize, rotation: Rotation,
         let mut after = before;
         after.refit(&nodes.get(before.first()), &nodes.get(before.first() + 1));
         nodes.set(pair + i, after);
-        grown += static_term(after) - static_term(children[i]);
+        grown += after.static_term() - children[i].static_term();
     }
     let height = 1 + nodes.get(pair).height().max(nodes.get(pair + 1).height());
     if depth + height > MAX_HEIGHT {

@@ -30,7 +30,7 @@ mod part;
 mod restructure;
 mod rigid;
 
-use bvh_build::{BuildError, Pose, Reinsert, build_over_poses};
+use bvh_build::{BuildError, Reinsert, build_over_poses};
 use bvh_core::{Bvh, Triangles};
 use bvh_update::{Decision, Strategy, Update, UpdateError, Updater};
 
@@ -114,7 +114,7 @@ impl Keeper {
                 State::Decomposition(decomposition)
             }
             System::TSah => {
-                let poses: Vec<_> = poses.iter().map(Pose::new).collect();
+                let poses: Vec<_> = poses.iter().collect();
                 own_tree(bvh, build_over_poses(&poses, &Reinsert::default())?);
                 State::TSah
             }

@@ -54,12 +54,12 @@ mod update;
 mod workspace;
 
 pub use auto::{Auto, Load};
-pub use bvh_build::{BuildError, BuildOptions, Builder, UnknownBuilder};
+pub use bvh_build::{BuildError, BuildOptions, Builder, UnknownName};
 pub use leaves::Leaves;
 pub use rebuild::{Background, BackgroundCost, Degraded};
-pub use refit::{BlockCost, Rotate, plain};
+pub use refit::{Rotate, StageCost, plain};
 pub use repair::PartialRebuild;
 pub use report::{Decision, Reason, Update, UpdateError};
 pub use sleep::SleepDelay;
-pub use strategy::{Reinsertion, Strategy, UnknownStrategy};
+pub use strategy::{Reinsertion, Strategy};
 pub use update::{Updater, refit, refit_and_rotate};

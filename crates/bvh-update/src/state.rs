@@ -18,10 +18,10 @@ pub(crate) struct State {
     pub(crate) background_job: u64,
     /// Updates since the tree was built.
     pub(crate) updates: u32,
-    /// What `baseline` measures: a [`Measure`].
-    measure: u32,
-    /// How the tree lies in its arena: a [`Layout`].
-    layout: u32,
+    /// What `baseline` measures.
+    pub(crate) measure: Measure,
+    /// How the tree lies in its arena.
+    pub(crate) layout: Layout,
     /// Left node of the first of those pairs that merged leaves left over, 0 if there is none. The left node of each is
     /// a leaf without primitives, whose first slot is the left node of the next.
     pub(crate) spare_pair: u32,
@@ -81,27 +81,31 @@ pub(crate) struct Ledger {
 const _: () = assert!(size_of::<State>() <= size_of::<[u64; UpdateState::WORDS]>());
 
 /// How a tree lies in its arena, in the state that updates have found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Layout {
+#[repr(transparent)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub(crate) struct Layout(u32);
+
+impl Layout {
     /// Not looked at yet.
-    Unknown,
+    pub(crate) const UNKNOWN: Self = Self(0);
     /// In depth-first order, left before right and without gaps, and at least half of the nodes are dynamic.
-    Linear,
+    pub(crate) const LINEAR: Self = Self(1);
     /// Otherwise.
-    Other,
+    pub(crate) const OTHER: Self = Self(2);
 }
 
-/// What a baseline measures. A strategy that finds another's measure takes its own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Measure {
-    /// Nothing yet.
-    None,
+/// What a baseline measures; 0 for nothing yet. A strategy that finds another's measure takes its own.
+#[repr(transparent)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub(crate) struct Measure(u32);
+
+impl Measure {
     /// Areas of nodes.
-    Areas,
+    pub(crate) const AREAS: Self = Self(1);
     /// The mean ratio of nodes' areas to their children's.
-    Ratio,
+    pub(crate) const RATIO: Self = Self(2);
     /// Areas of leaves.
-    Leaves,
+    pub(crate) const LEAVES: Self = Self(3);
 }
 
 impl State {
@@ -115,18 +119,6 @@ impl State {
         bytemuck::from_bytes_mut(&mut bytemuck::bytes_of_mut(&mut state.words)[..size_of::<Self>()])
     }
 
-    pub(crate) fn layout(&self) -> Layout {
-        [Layout::Unknown, Layout::Linear, Layout::Other][self.layout.min(2) as usize]
-    }
-
-    pub(crate) fn set_layout(&mut self, layout: Layout) {
-        self.layout = layout as u32;
-    }
-
-    pub(crate) fn set_measure(&mut self, measure: Measure) {
-        self.measure = measure as u32;
-    }
-
     /// A build in the background has begun for this tree and the primitives that are dynamic now; number 0 if none could.
     pub(crate) fn background_began(&mut self, number: u64) {
         (self.background_job, self.background_dynamic) = (number, self.seen_dynamic);
@@ -137,16 +129,11 @@ impl State {
         self.background_job != 0 && self.background_dynamic == self.seen_dynamic
     }
 
-    pub(crate) fn measure(&self) -> Measure {
-        use Measure::{Areas, Leaves, None, Ratio};
-        [None, Areas, Ratio, Leaves][self.measure.min(3) as usize]
-    }
-
     /// Forgets what another strategy has measured.
     pub(crate) fn expect_measure(&mut self, measure: Measure) {
-        if self.measure != measure as u32 {
+        if self.measure != measure {
             (self.baseline, self.ledger) = (Baseline::zeroed(), Ledger::zeroed());
-            self.measure = measure as u32;
+            self.measure = measure;
         }
     }
 
@@ -154,14 +141,14 @@ impl State {
     pub(crate) fn note_changes(&mut self, now: Changes) {
         if self.seen_dynamic != now.dynamic {
             self.baseline.has_other_dynamic = 1;
-            self.set_layout(Layout::Unknown);
+            self.layout = Layout::UNKNOWN;
         }
         if self.seen_numbering != now.numbering {
             self.background_job = 0;
         }
         if self.seen_structure != now.structure {
             self.spare_pair = 0;
-            self.set_layout(Layout::Unknown);
+            self.layout = Layout::UNKNOWN;
         }
         (self.seen_dynamic, self.seen_numbering, self.seen_structure) =
             (now.dynamic, now.numbering, now.structure);

@@ -4,7 +4,8 @@ use std::fmt;
 use std::str::FromStr;
 
 use bvh_build::{BuildOptions, Builder};
-use thiserror::Error;
+use bvh_core::UnknownName;
+use bvh_core::triangle::by_name;
 
 use crate::auto::Auto;
 use crate::leaves::Leaves;
@@ -115,12 +116,11 @@ impl Strategy {
 }
 
 impl FromStr for Strategy {
-    type Err = UnknownStrategy;
+    type Err = UnknownName;
 
     /// The strategy of that [name](Self::name), with its defaults.
-    fn from_str(name: &str) -> Result<Self, UnknownStrategy> {
-        let found = || UnknownStrategy { found: name.to_owned() };
-        Self::all().into_iter().find(|s| s.name() == name).ok_or_else(found)
+    fn from_str(name: &str) -> Result<Self, UnknownName> {
+        by_name("strategy", &Self::all(), |strategy| strategy.name(), name)
     }
 }
 
@@ -129,15 +129,4 @@ impl fmt::Display for Strategy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(self.name())
     }
-}
-
-/// There is no strategy of this name.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("unknown strategy '{found}'; expected one of {}", names().join(", "))]
-pub struct UnknownStrategy {
-    found: String,
-}
-
-fn names() -> Vec<&'static str> {
-    Strategy::all().iter().map(Strategy::name).collect()
 }

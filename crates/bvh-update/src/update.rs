@@ -8,7 +8,7 @@ use bvh_core::{Bvh, Primitives, SimdLevel};
 use crate::auto::{self, Auto, Load};
 use crate::rebuild::background;
 use crate::rebuild::{BackgroundCost, degraded, new_tree};
-use crate::refit::{BlockCost, Costs, RefitScratch, Rotate, parts, pass};
+use crate::refit::{Costs, RefitScratch, Rotate, StageCost, parts, pass};
 use crate::report::{Update, UpdateError};
 use crate::state::{Measure, State};
 use crate::strategy::Strategy;
@@ -77,14 +77,14 @@ impl Updater {
         self
     }
 
-    /// Makes refits, with and without rotations, record what each of their blocks takes, for
+    /// Makes refits, with and without rotations, record what each of their stages takes, for
     /// [`take_costs`](Self::take_costs). Sweeps over trees in built order have no blocks.
     pub fn record_costs(&mut self) {
         self.workspace.refit.costs = Some(Costs::default());
     }
 
-    /// What the blocks of all passes since the last call took.
-    pub fn take_costs(&mut self) -> Vec<BlockCost> {
+    /// What the stages of all passes since the last call took.
+    pub fn take_costs(&mut self) -> StageCost {
         self.workspace.refit.costs.as_mut().map(Costs::take).unwrap_or_default()
     }
 
@@ -129,7 +129,7 @@ impl Updater {
             (strategy, _) => strategy,
         };
         self.workspace.refit.with_sums =
-            self.reports_cost || matches!(measure_of(&strategy), Some(Measure::Areas | Measure::Leaves));
+            self.reports_cost || matches!(measure_of(&strategy), Some(Measure::AREAS | Measure::LEAVES));
         update(bvh, primitives, &strategy, &mut self.workspace)
     }
 }
@@ -243,8 +243,8 @@ fn measure_of(strategy: &Strategy) -> Option<Measure> {
     match strategy {
         Strategy::Refit | Strategy::RefitRotate(_) | Strategy::Rebuild(..) => None,
         Strategy::Reinsert(_) | Strategy::Background(_) => None,
-        Strategy::Degraded(_) => Some(Measure::Ratio),
-        Strategy::PartialRebuild(_) | Strategy::Auto(_) => Some(Measure::Areas),
-        Strategy::Leaves(_) => Some(Measure::Leaves),
+        Strategy::Degraded(_) => Some(Measure::RATIO),
+        Strategy::PartialRebuild(_) | Strategy::Auto(_) => Some(Measure::AREAS),
+        Strategy::Leaves(_) => Some(Measure::LEAVES),
     }
 }

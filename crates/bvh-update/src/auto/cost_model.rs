@@ -7,8 +7,9 @@
 //! pictures took 3 to 7 % longer with LBVH than with PLOC, and by `--example loads` single rays no longer.
 //!
 //! `unit_costs` on a machine with slower memory (EPYC Zen 3, virtual, AVX2, 2026-11-24, two runs) printed, in the order of the
-//! constants below: 28 to 31, 1 to 11, 1046 to 1691, 121 to 123, 41 to 63, 73 to 82; 90 to 97, 1992 to 2356, 207 to 224, 20 to 112, 222 to
-//! 356; 0.02 to 0.05 (single rays 0.08 to 0.12), 0.86, 0.35 (both in a tree of 16 times the cost), 0.06 to 0.09 (single rays 0.11 to 0.15).
+//! constants below: 28 to 31 (of a query 20 to 112), 1 to 11, 1046 to 1691, 121 to 123, 41 to 63, 73 to 82; 90 to 97, 1992 to 2356, 207 to
+//! 224, 222 to 356; 0.02 to 0.05 (single rays 0.08 to 0.12), 0.35 (single rays 0.86, both in a tree of 16 times the cost), 0.06 to 0.09
+//! (single rays 0.11 to 0.15).
 //! Beside a pass, builds cost less there than is assumed here, a new top 1.4 to 2.1 times as much.
 //!
 //! Two prices were kept against what they measure now: `unit_costs` prints 60 ns for a node of a packet, and two threads need 64
@@ -19,8 +20,8 @@ use std::time::Duration;
 
 use bvh_build::Builder;
 
-/// Refitting and rotating a node.
-const PASS_NODE: f64 = 15.0;
+/// A node that a pass refits and rotates, or that a single query visits.
+const NODE: f64 = 15.0;
 /// Looking at a node for the frontier of a repair.
 pub(super) const FRONTIER_NODE: f64 = 9.0;
 /// Building a new top, for each subtree below it.
@@ -31,17 +32,15 @@ pub(super) const FAST_BUILD: f64 = 32.0;
 /// A ray of a coherent packet through a good tree, and a ray alone.
 const PACKET_RAY: f64 = 25.0;
 const SINGLE_RAY: f64 = 1000.0;
-/// A node that a packet visits, with the triangles and rays that hang on it, and a node that a single query visits.
+/// A node that a packet visits, with the triangles and rays that hang on it.
 const PACKET_NODE: f64 = 90.0;
-const QUERY_NODE: f64 = 15.0;
 /// Finding all overlapping pairs, for each primitive.
 const PAIRS: f64 = 100.0;
 
 /// By what part queries take longer in a tree of the fast builder than in one of the good one.
 const FAST_BUILD_LOSS: f64 = 0.05;
-/// By what part queries take longer in a tree of twice the SAH cost: all of it, as the cost model has it, but for coherent
-/// packets, which look at a part of the scene and share what they visit.
-const QUERY_SLOPE: f64 = 1.0;
+/// By what part packets take longer in a tree of twice the SAH cost: they look at a part of the scene and share what they visit.
+/// Other queries take twice as long there, as the cost model has it.
 const PACKET_SLOPE: f64 = 0.4;
 
 /// What will be asked of the tree before the next update. The more it is, the more a better tree is worth.
@@ -77,11 +76,11 @@ impl QueryCost {
         let measured = |ns: f64, slope: f64| ns / (1.0 + slope * excess.max(0.0));
         let (ns, slope) = match load {
             Load::PacketRays(rays) => (rays as f64 * PACKET_RAY, PACKET_SLOPE),
-            Load::SingleRays(rays) => (rays as f64 * SINGLE_RAY, QUERY_SLOPE),
-            Load::Pairs => (primitives * PAIRS, QUERY_SLOPE),
-            Load::Nodes(nodes) => (measured(nodes as f64 * QUERY_NODE, QUERY_SLOPE), QUERY_SLOPE),
+            Load::SingleRays(rays) => (rays as f64 * SINGLE_RAY, 1.0),
+            Load::Pairs => (primitives * PAIRS, 1.0),
+            Load::Nodes(nodes) => (measured(nodes as f64 * NODE, 1.0), 1.0),
             Load::PacketNodes(nodes) => (measured(nodes as f64 * PACKET_NODE, PACKET_SLOPE), PACKET_SLOPE),
-            Load::Time(time) => (measured(time.as_secs_f64() * 1e9, QUERY_SLOPE), QUERY_SLOPE),
+            Load::Time(time) => (measured(time.as_secs_f64() * 1e9, 1.0), 1.0),
         };
         Self { ns: ns.max(pass(2.0 * primitives) / slope), slope }
     }
@@ -112,7 +111,7 @@ impl QueryCost {
 
 /// What a pass costs, given the dynamic nodes of the tree.
 pub(super) fn pass(nodes: f64) -> f64 {
-    nodes * PASS_NODE
+    nodes * NODE
 }
 
 /// What a rebuild costs.

@@ -121,9 +121,10 @@ fn execute<P: Primitives + ?Sized>(
             match (repaired, or_rebuild) {
                 (Repaired::Top { subtrees }, _) => {
                     ledger.repaired(subtrees);
-                    let decision = Decision::PartialRebuild { subtrees };
-                    // The cost is not known for free.
-                    return Ok(Update { decision, sah_cost: None, ..tally.report(bvh) });
+                    return Ok(Update {
+                        decision: Decision::PartialRebuild { subtrees },
+                        ..tally.report(bvh)
+                    });
                 }
                 (Repaired::TooLarge | Repaired::Nothing, Some(builder)) => {
                     return rebuild(bvh, primitives, builder, Some((tally, seen)), workspace);

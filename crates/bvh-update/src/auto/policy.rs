@@ -15,9 +15,8 @@ use crate::report::Reason;
 use crate::ski_rental::SkiRental;
 use crate::state::Ledger;
 
-/// After this number of rebuilds in a row, each soon enough that one in every frame is cheaper, the next ones need no pass.
-const IN_A_ROW: u32 = 2;
-/// One in this many rebuilds in a row is made after a pass that looks whether it is needed.
+/// One in this many rebuilds in a row is made after a pass that looks whether it is needed. Without the looks chaos that ends leaves
+/// bart-museum with trees of up to 1.27 times the cost of a new one (`docs/ABLATION.md`, periodic looks).
 const LOOK_AGAIN: u32 = 16;
 /// A subtree is opened if that pays within the frames since the last repair, but at most within this many. With 8 and the rules
 /// of then, `auto` took 1.11 times as long as the best single strategy on exploding-dragon, now 1.03 (`cargo xtask compare frame
@@ -59,10 +58,11 @@ pub(super) enum Plan {
     Rebuild(Builder),
 }
 
-/// The builder of a tree that is built without a pass before, since trees were bad again at once.
+/// The builder of a tree that is built without a pass before, since trees were bad again at once: after two rebuilds in a row, each
+/// soon enough that one in every frame is cheaper, but for a look now and then.
 pub(super) fn decide_blindly(ledger: &Ledger, primitives: f64, queries: QueryCost) -> Option<Builder> {
     let row = ledger.rebuilds_in_a_row;
-    (row >= IN_A_ROW && !row.is_multiple_of(LOOK_AGAIN)).then(|| queries.builder(primitives, 1))
+    (row > 1 && !row.is_multiple_of(LOOK_AGAIN)).then(|| queries.builder(primitives, 1))
 }
 
 /// Whether a new tree in every frame costs less than passes and a new tree now and then.

@@ -25,7 +25,8 @@ const AHEAD: usize = 8;
 pub(crate) struct LeafScratch {
     /// Nodes above the parts, each before those below it.
     top: Vec<u32>,
-    parts: Vec<Part>,
+    /// The roots of the parts.
+    parts: Vec<Seen>,
     plans: Vec<Plans>,
 }
 
@@ -63,7 +64,7 @@ pub(crate) fn change_leaves<P: Primitives + ?Sized>(
     });
     let mut writer = Writer { nodes, spare: state.spare_pair, change: LeafChange::default() };
     if plans.iter().any(|plans| !plans.runs.is_empty()) {
-        state.set_layout(Layout::Other);
+        state.layout = Layout::OTHER;
     }
     let is_changed = plans.iter().map(|plans| writer.carry_out(plans)).fold(false, |any, is| any | is);
     if is_changed {
@@ -73,22 +74,15 @@ pub(crate) fn change_leaves<P: Primitives + ?Sized>(
     writer.change
 }
 
-/// A subtree to look at, and how deep it lies.
-#[derive(Clone, Copy)]
-struct Part {
-    n: u32,
-    depth: u32,
-}
-
 /// Finds the parts at and below node `n` that have their turn, from left to right.
-fn find_parts(nodes: &[Node], n: usize, depth: u32, turns: Turns, top: &mut Vec<u32>, parts: &mut Vec<Part>) {
+fn find_parts(nodes: &[Node], n: usize, depth: u32, turns: Turns, top: &mut Vec<u32>, parts: &mut Vec<Seen>) {
     let node = &nodes[n];
     if !node.is_dynamic() {
         return;
     }
     if node.height() <= SMALL {
         if node.is_leaf() || turns.includes(n) {
-            parts.push(Part { n: n as u32, depth });
+            parts.push(Seen::new(n, depth));
         }
         return;
     }
@@ -132,11 +126,13 @@ struct Seen {
     changes: bool,
     /// The run that it is the root of, if any; else one of no slots.
     run: Run,
+    /// Pairs below the root of a run.
+    pairs: u8,
 }
 
 impl Seen {
     fn new(n: usize, depth: u32) -> Self {
-        Self { n: n as u32, depth, children: 0, changes: false, run: Run::default() }
+        Self { n: n as u32, depth, children: 0, changes: false, run: Run::default(), pairs: 0 }
     }
 
     /// Where its children are.
@@ -152,6 +148,8 @@ struct NewRun {
     n: u32,
     /// Number of nodes.
     len: u32,
+    /// Pairs below the old one.
+    pairs: u8,
     change: LeafChange,
 }
 
@@ -177,11 +175,11 @@ struct Run {
 
 impl<P: Primitives + ?Sized> View<'_, P> {
     /// Plans for a group of parts. Whatever is needed is asked for well before.
-    fn look(&self, parts: &[Part], plans: &mut Plans) {
+    fn look(&self, parts: &[Seen], plans: &mut Plans) {
         let Plans { group, longest, runs, nodes, above } = plans;
         group.clear();
         longest.clear();
-        group.extend(parts.iter().map(|part| Seen::new(part.n as usize, part.depth)));
+        group.extend_from_slice(parts);
         self.walk(group);
         self.find_longest(group, parts.len(), longest);
         for i in 0..longest.len() {
@@ -202,8 +200,9 @@ impl<P: Primitives + ?Sized> View<'_, P> {
                 nodes.extend([Node::NOTHING; 2]);
                 nodes[start] = self.write(&best, run.first, 0, count, start, nodes);
                 let len = (nodes.len() - start) as u32;
-                let change = LeafChange { all: cost - run.cost, leaves: best.leaves(0, count) - run.leaves };
-                runs.push(NewRun { n: root.n, len, change });
+                let change =
+                    LeafChange { all: cost - run.cost, leaves: best.add_leaves(0.0, 0, count) - run.leaves };
+                runs.push(NewRun { n: root.n, len, pairs: root.pairs, change });
             }
         }
         for i in (0..group.len()).rev() {
@@ -257,6 +256,7 @@ impl<P: Primitives + ?Sized> View<'_, P> {
                     let (first, count) = (l.first.min(r.first), l.count + r.count);
                     let (cost, leaves) = (own + (l.cost + r.cost), l.leaves + r.leaves);
                     seen[i].run = Run { first, count, cost, leaves };
+                    seen[i].pairs = 1 + children.iter().map(|&child| seen[child].pairs).sum::<u8>();
                 } else {
                     children.into_iter().for_each(|child| found(&seen[child], child));
                 }
@@ -323,7 +323,7 @@ impl Writer<'_> {
             let (nodes, others) = rest.split_at(run.len as usize);
             rest = others;
             let n = run.n as usize;
-            if self.has_pairs(nodes.len() / 2 - 1, n) {
+            if self.has_spare((run.len / 2 - 1).saturating_sub(run.pairs.into())) {
                 self.release(n);
                 self.nodes[n] = self.copy(nodes, 0);
                 self.change.all += run.change.all;
@@ -337,11 +337,10 @@ impl Writer<'_> {
         is_changed
     }
 
-    /// Whether there are `count` pairs, those below node `n` and spare ones together.
-    fn has_pairs(&self, count: usize, n: usize) -> bool {
-        let below = pairs_below(self.nodes, n);
+    /// Whether there are `count` spare pairs.
+    fn has_spare(&self, count: u32) -> bool {
         let mut spare = self.spare;
-        for _ in below..count {
+        for _ in 0..count {
             if spare == 0 {
                 return false;
             }
@@ -382,15 +381,6 @@ impl Writer<'_> {
         let pair = self.nodes[n].first();
         let (l, r) = (self.nodes[pair], self.nodes[pair + 1]);
         self.nodes[n].refit(&l, &r);
-    }
-}
-
-fn pairs_below(nodes: &[Node], n: usize) -> usize {
-    let node = &nodes[n];
-    if node.is_leaf() {
-        0
-    } else {
-        1 + [0, 1].map(|i| pairs_below(nodes, node.first() + i)).iter().sum::<usize>()
     }
 }
 

@@ -39,21 +39,11 @@ impl OptimalTree {
         best
     }
 
-    /// The part of the cost over the primitives `from..to` that is due to leaves.
-    pub(super) fn leaves(&self, from: usize, to: usize) -> f64 {
-        let mut sum = 0.0;
-        self.for_each_leaf(from, to, &mut |from, to| sum += self.cost[from][to - 1]);
-        sum
-    }
-
-    /// Calls `f` with the range of each leaf over the primitives `from..to`.
-    fn for_each_leaf(&self, from: usize, to: usize, f: &mut impl FnMut(usize, usize)) {
+    /// Adds to `sum`, from left to right, the part of the cost over the primitives `from..to` that is due to leaves.
+    pub(super) fn add_leaves(&self, sum: f64, from: usize, to: usize) -> f64 {
         match self.split[from][to - 1] {
-            0 => f(from, to),
-            k => {
-                self.for_each_leaf(from, k, f);
-                self.for_each_leaf(k, to, f);
-            }
+            0 => sum + self.cost[from][to - 1],
+            k => self.add_leaves(self.add_leaves(sum, from, k), k, to),
         }
     }
 }

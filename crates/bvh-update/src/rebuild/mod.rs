@@ -40,7 +40,7 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
     options: &BuildOptions,
     scratch: &mut RebuildScratch,
 ) -> Result<Update, UpdateError> {
-    let measure = State::of(bvh).measure();
+    let measure = State::of(bvh).measure;
     let has_static = note_dynamic(bvh, &mut scratch.dynamic) && primitives.len() == bvh.len();
     rebuild(bvh, primitives, builder, options, &mut scratch.build)?;
     if has_static {
@@ -49,7 +49,7 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
     let changes = bvh.update_state().changes;
     let state = State::of_mut(parts(bvh).state);
     state.note_changes(changes);
-    state.set_measure(measure);
+    state.measure = measure;
     state.largest_leaf = options.max_leaf_size;
     let (nodes_visited, dropped) = (bvh.nodes().len() as u64 - 1, scratch.build.dropped() as u64);
     Ok(Update { rebuilt: true, height: bvh.height(), nodes_visited, dropped, ..Update::default() })

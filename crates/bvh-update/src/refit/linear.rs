@@ -22,13 +22,13 @@ const PIECE: usize = 4096;
 
 /// Whether a tree is to be swept. Looks at it where that is not known.
 pub(crate) fn detect_linear(nodes: &[Node], state: &mut State) -> bool {
-    if state.layout() == Layout::Unknown {
-        state.set_layout(if lies_in_order(nodes) { Layout::Linear } else { Layout::Other });
+    if state.layout == Layout::UNKNOWN {
+        state.layout = if lies_in_order(nodes) { Layout::LINEAR } else { Layout::OTHER };
     }
-    state.layout() == Layout::Linear
+    state.layout == Layout::LINEAR
 }
 
-/// Whether a tree is as [`Layout::Linear`] says. O(n).
+/// Whether a tree is as [`Layout::LINEAR`] says. O(n).
 fn lies_in_order(nodes: &[Node]) -> bool {
     // Where the pairs are that are still to come, the next one last: right children on the way down, and one left.
     let (mut todo, mut count) = ([0; MAX_HEIGHT as usize + 1], 0);
@@ -52,14 +52,8 @@ fn lies_in_order(nodes: &[Node]) -> bool {
 }
 
 impl<P: Primitives + ?Sized> Task<'_, P> {
-    /// Refits the whole of a linear tree.
-    pub(super) fn sweep_all(&self) -> Tally {
-        // The slot beside the root is a static leaf without primitives, and may stand in the first stretch.
-        self.sweep(0..self.nodes.pairs())
-    }
-
-    /// Refits a piece of the arena: a pair and all below it.
-    fn sweep(&self, piece: Range<usize>) -> Tally {
+    /// Refits a piece of the arena of a linear tree: a pair and all below it.
+    pub(super) fn sweep(&self, piece: Range<usize>) -> Tally {
         if piece.len() <= PIECE {
             let mut tally = Tally::default();
             self.with_lists(|lists| {
@@ -131,16 +125,16 @@ mod tests {
             let mut bvh = tree(&start, builder, max_leaf_size);
             let mut layout_after = |bvh: &mut Bvh, boxes: &[Aabb], strategy| {
                 updater.set_strategy(strategy).update(bvh, boxes).expect("same count");
-                State::of(bvh).layout()
+                State::of(bvh).layout
             };
-            assert_eq!(layout_after(&mut bvh, &end, Strategy::Refit), Layout::Linear, "{}", builder.name());
+            assert_eq!(layout_after(&mut bvh, &end, Strategy::Refit), Layout::LINEAR, "{}", builder.name());
             bvh.set_dynamic(|p| p < 1000);
-            assert_eq!(layout_after(&mut bvh, &end, Strategy::Refit), Layout::Other, "most are static");
+            assert_eq!(layout_after(&mut bvh, &end, Strategy::Refit), Layout::OTHER, "most are static");
             bvh.set_dynamic(|p| p > 100);
-            assert_eq!(layout_after(&mut bvh, &start, Strategy::Refit), Layout::Linear);
+            assert_eq!(layout_after(&mut bvh, &start, Strategy::Refit), Layout::LINEAR);
             let rotate = Strategy::RefitRotate(Rotate::default());
-            assert_eq!(layout_after(&mut bvh, &end, rotate), Layout::Other, "rotated");
-            assert_eq!(layout_after(&mut bvh, &end, Strategy::Refit), Layout::Other);
+            assert_eq!(layout_after(&mut bvh, &end, rotate), Layout::OTHER, "rotated");
+            assert_eq!(layout_after(&mut bvh, &end, Strategy::Refit), Layout::OTHER);
         }
     }
 }

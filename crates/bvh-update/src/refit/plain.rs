@@ -35,7 +35,7 @@ pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Opt
     let rotations = rotate.map(|rotate| Turns::new(rotate.period, state.updates));
     state.updates = state.updates.wrapping_add(1);
     if rotate.is_some() {
-        state.set_layout(Layout::Other);
+        state.layout = Layout::OTHER;
     }
     let (nodes, order) = (parts.nodes, parts.order);
     let mut walk = Walk { nodes, order, primitives, rotations, applied: [0; 6], static_area: 0.0 };

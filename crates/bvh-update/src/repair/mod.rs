@@ -42,10 +42,6 @@ impl Default for PartialRebuild {
 // 0.3 repairs more and rebuilds less; the time is the same within the noise: `cargo xtask compare frame`.
 const LARGEST_FRONTIER: f64 = 0.2;
 
-/// A subtree is opened if its excess is more than this part of the share that an average primitive had in the cost of
-/// the tree when it was built.
-const OPENED: f64 = 1.0;
-
 /// Memory that repairs keep.
 #[derive(Default)]
 pub(crate) struct RepairScratch {
@@ -76,7 +72,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     rebuild: &mut RebuildScratch,
 ) -> Result<Update, UpdateError> {
     take_baseline(bvh);
-    let tally = pass(bvh, primitives, options.rotate, refit);
+    let mut tally = pass(bvh, primitives, options.rotate, refit);
     let cost = cost_after(bvh, &tally);
     let scale = State::of(bvh).baseline.scale_now(bvh, tally.leaf_area);
     let baseline = &mut State::of_mut(parts(bvh).state).baseline;
@@ -87,28 +83,25 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     }
     let n = bvh.len() as f64;
     let most = (LARGEST_FRONTIER * n) as usize;
-    // An average primitive's part of the cost, when the tree was built.
-    let share = before * scale / n;
-    match open_grown(bvh, &tally, OPENED * share, most, repair) {
+    // Opened is what exceeds an average primitive's part of the cost when the tree was built.
+    match open_grown(bvh, &mut tally, before * scale / n, most, repair) {
         Repaired::Nothing => {
             // Wait until as much is lost again.
             State::of_mut(parts(bvh).state).baseline.cost = finite_or_zero(cost / scale);
             Ok(tally.report(bvh))
         }
         Repaired::Top { subtrees } => {
-            let decision = Decision::PartialRebuild { subtrees };
-            // The cost is not known for free.
-            Ok(Update { decision, sah_cost: None, ..tally.report(bvh) })
+            Ok(Update { decision: Decision::PartialRebuild { subtrees }, ..tally.report(bvh) })
         }
         Repaired::TooLarge => build_again(bvh, primitives, Builder::Ploc, rebuild),
     }
 }
 
 /// Builds the tree again above the subtrees whose excess of area is at most `threshold`, if there are at most `most` of
-/// them, after a pass that has found this.
+/// them, after a pass that has found this. The cost of the tree is then no longer that of the pass.
 pub(crate) fn open_grown(
     bvh: &mut Bvh,
-    tally: &Tally,
+    tally: &mut Tally,
     threshold: f64,
     most: usize,
     scratch: &mut RepairScratch,
@@ -118,5 +111,7 @@ pub(crate) fn open_grown(
     frontier::find(bvh, scale, threshold, most, &mut scratch.walk);
     // Leaves have no references.
     let leaves = (tally.leaf_area + baseline.sizes[2]) / scale;
-    rebuild_top(bvh, leaves, scale, most, scratch)
+    let repaired = rebuild_top(bvh, leaves, scale, most, scratch);
+    tally.has_sums &= !matches!(repaired, Repaired::Top { .. });
+    repaired
 }

@@ -73,7 +73,7 @@ pub(super) fn rebuild_top(
     state.baseline.cost = finite_or_zero(*references + above + leaves);
     state.baseline.measured = state.baseline.cost;
     state.baseline.scale = scale;
-    state.set_layout(Layout::Other);
+    state.layout = Layout::OTHER;
     Repaired::Top { subtrees: kept.len() }
 }
 
@@ -147,8 +147,8 @@ mod tests {
         take_baseline(&mut bvh);
         let (mut scratch, mut kept, mut memory) = (RepairScratch::default(), Vec::new(), Vec::new());
         for step in 0..10 {
-            let tally = pass(&mut bvh, &boxes(1 << step), None, &mut RefitScratch::new());
-            if let Repaired::Top { subtrees } = open_grown(&mut bvh, &tally, 1.0, 2000, &mut scratch) {
+            let mut tally = pass(&mut bvh, &boxes(1 << step), None, &mut RefitScratch::new());
+            if let Repaired::Top { subtrees } = open_grown(&mut bvh, &mut tally, 1.0, 2000, &mut scratch) {
                 let RepairScratch { boxes, kept: nodes, top, build, .. } = &scratch;
                 kept.push(subtrees);
                 memory.push((boxes.as_ptr(), nodes.as_ptr(), top.nodes().as_ptr(), build.memory_usage()));
