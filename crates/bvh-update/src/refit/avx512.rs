@@ -6,7 +6,7 @@ use std::ops::Range;
 use bvh_core::Node;
 
 use super::block::{Block, Entry, GROUP, Leaves, Lister};
-use super::shared::{SharedNodes, entries, lanes};
+use super::shared::SharedNodes;
 
 // Rotations: the AVX-512 version that was tried was slower on Zen 4 (docs/UPDATE_COST.md).
 pub(super) use super::avx2::{fit_leaves, refit_boxes, rotate};
@@ -59,7 +59,7 @@ fn list(nodes: SharedNodes<'_>, parents: &[Entry; GROUP], count: usize, lister: 
     let moves =
         if cfg!(refit_without = "moving") { !0 } else { _mm512_movepi32_mask(_mm512_slli_epi32::<1>(links)) };
     let listed = moves & ((1_u32 << (2 * count)) - 1) as u16;
-    let parents = lanes(parents);
+    let parents = bytemuck::cast(*parents);
     let left_slots = _mm512_slli_epi64::<34>(parents);
     let left_slots = _mm512_srli_epi64::<2>(left_slots);
     let left = _mm512_or_si512(left_slots, _mm512_maskz_mov_epi32(0x5555, links));
@@ -70,8 +70,9 @@ fn list(nodes: SharedNodes<'_>, parents: &[Entry; GROUP], count: usize, lister: 
     let in_order =
         [_mm512_setr_epi64(0, 8, 1, 9, 2, 10, 3, 11), _mm512_setr_epi64(4, 12, 5, 13, 6, 14, 7, 15)];
     let both = in_order.map(|in_order| _mm512_permutex2var_epi64(left, in_order, right));
-    let compress =
-        |mask: u8, lanes| (entries(_mm512_maskz_compress_epi64(mask, lanes)), mask.count_ones() as usize);
+    let compress = |mask: u8, lanes| {
+        (bytemuck::cast(_mm512_maskz_compress_epi64(mask, lanes)), mask.count_ones() as usize)
+    };
     let halves = |mask: u16| {
         let [(a, i), (b, j)] = [compress(mask as u8, both[0]), compress((mask >> 8) as u8, both[1])];
         ([a, b], [i, j])

@@ -8,9 +8,6 @@ use bvh_core::glam::Vec4;
 use bvh_core::rotation::Slots;
 use bvh_core::{Bvh, Node, Parts, SimdLevel};
 
-#[cfg(target_arch = "x86_64")]
-use super::block::Entry;
-
 /// The nodes of one tree, read and written by tasks that keep to disjoint sets of them.
 #[derive(Clone, Copy)]
 pub(crate) struct SharedNodes<'a> {
@@ -168,28 +165,6 @@ impl<'a> SharedNodes<'a> {
     #[inline(always)]
     pub(crate) fn prefetch(&self, n: usize) {
         bvh_core::prefetch_at(self.start, n);
-    }
-}
-
-/// The lanes of a register as list entries.
-#[cfg(target_arch = "x86_64")]
-#[inline(always)]
-pub(super) fn entries(lanes: __m512i) -> [Entry; 8] {
-    // SAFETY: both are 64 bytes of plain data.
-    #[expect(unsafe_code, reason = "no safe cast is at hand")]
-    unsafe {
-        std::mem::transmute(lanes)
-    }
-}
-
-/// List entries as the lanes of a register.
-#[cfg(target_arch = "x86_64")]
-#[inline(always)]
-pub(super) fn lanes(entries: &[Entry; 8]) -> __m512i {
-    // SAFETY: both are 64 bytes of plain data.
-    #[expect(unsafe_code, reason = "no safe cast is at hand")]
-    unsafe {
-        std::mem::transmute(*entries)
     }
 }
 
