@@ -7,14 +7,12 @@
 //! pictures took 3 to 7 % longer with LBVH than with PLOC, and by `--example loads` single rays no longer.
 //!
 //! `unit_costs` on a machine with slower memory (EPYC Zen 3, virtual, AVX2, 2026-11-24, two runs) printed, in the order of the
-//! constants below: 28 to 31 (of a query 20 to 112), 1 to 11, 1046 to 1691, 121 to 123, 41 to 63, 73 to 82; 90 to 97, 1992 to 2356, 207 to
-//! 224, 222 to 356; 0.02 to 0.05 (single rays 0.08 to 0.12), 0.35 (single rays 0.86, both in a tree of 16 times the cost), 0.06 to 0.09
-//! (single rays 0.11 to 0.15).
-//! Beside a pass, builds cost less there than is assumed here, a new top 1.4 to 2.1 times as much.
+//! constants below: 28 to 31 (of a query 20 to 112), 1 to 11, 1046 to 1691, 121 to 123, 41 to 63; 90 to 97, 1992 to 2356, 207 to 224, 222 to
+//! 356; 0.02 to 0.05 (single rays 0.08 to 0.12), 0.35 (single rays 0.86, both in a tree of 16 times the cost). Beside a pass, builds cost less there than is assumed here, a new top 1.4 to 2.1 times as much.
 //!
-//! Two prices were kept against what they measure now: `unit_costs` prints 60 ns for a node of a packet, and two threads need 64
-//! to 100 ns to merge the leaves at a node. With 60 and 80 ns the mean frame of cloth-ball took 4 to 9 % longer, those of
-//! BrainStem and exploding-dragon as long (`compare frame --frames 24 --threads 2`, two runs each on a quiet machine, 2026-11-23).
+//! The price of a packet's node was kept against the 60 ns that `unit_costs` printed on Zen 4: with 60 the mean frame of cloth-ball
+//! took 4 to 9 % longer, those of BrainStem and exploding-dragon as long (`compare frame --frames 24 --threads 2`, two runs each on a
+//! quiet machine, 2026-11-23). A price of 700 or 1000 ns for a subtree gained nothing on lion and exploding-dragon (2026-11-25).
 
 use std::time::Duration;
 
