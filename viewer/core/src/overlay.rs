@@ -115,7 +115,7 @@ impl State {
             title += &format!("  cost {:.2} x fresh", f64::from(sample.cost) / fresh);
         }
         let coarse = if side.coarse_now > 1 {
-            format!(", 1/{} px", side.coarse_now * side.coarse_now)
+            format!(", a ray for {0}x{0} pixels", side.coarse_now)
         } else {
             String::new()
         };
