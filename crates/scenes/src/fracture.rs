@@ -5,6 +5,7 @@ use std::collections::BinaryHeap;
 
 use anim::vertex_normals;
 use glam::Vec3;
+use rayon::prelude::*;
 
 use crate::shape::Mesh;
 
@@ -114,15 +115,17 @@ pub(crate) const ALONE: u32 = u32::MAX;
 /// A shard per patch: the patch, its copy further in by the thickness at each vertex, and a rim
 /// between them, which has vertices of its own.
 ///
-/// `thickness` is asked with a vertex and its outward normal.
+/// `thickness` is asked with a vertex and its outward normal, once for each vertex.
 pub(crate) fn shards(
     mesh: &Mesh,
     patch: &[u32],
     count: usize,
-    thickness: impl Fn(Vec3, Vec3) -> f32,
+    thickness: impl Fn(Vec3, Vec3) -> f32 + Sync,
 ) -> Vec<Shard> {
     let mut normals = Vec::new();
     vertex_normals(&mesh.triangles, &mesh.positions, &mut normals);
+    let further_in = |(&p, &normal): (&Vec3, &Vec3)| p - normal * thickness(p, normal);
+    let inner: Vec<Vec3> = (&mesh.positions, &normals).into_par_iter().map(further_in).collect();
     let across = neighbours_across_edges(mesh);
     let mut by_patch: Vec<Vec<u32>> = vec![Vec::new(); count];
     for (t, &p) in patch.iter().enumerate() {
@@ -145,10 +148,7 @@ pub(crate) fn shards(
         let layer = used.len() as u32;
         let mut shard = Mesh::default();
         shard.positions.extend(used.iter().map(|&v| mesh.positions[v as usize]));
-        shard.positions.extend(used.iter().map(|&v| {
-            let (p, normal) = (mesh.positions[v as usize], normals[v as usize]);
-            p - normal * thickness(p, normal)
-        }));
+        shard.positions.extend(used.iter().map(|&v| inner[v as usize]));
         shard.triangles.extend(outer.iter().map(|&[a, b, c]| [a + layer, c + layer, b + layer]));
         for (&t, corner) in triangles.iter().zip(&outer) {
             for k in 0..3 {
