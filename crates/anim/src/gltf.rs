@@ -20,6 +20,7 @@ mod tests;
 mod track;
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -225,13 +226,12 @@ impl GltfAnimation {
                 mesh.name.as_deref().unwrap_or_default()
             );
             let material = material_of(primitive, root, &place)?;
-            let geometry = match decoded.get(&(mesh_number, number)) {
-                Some(known) => known.clone(),
-                None => {
+            let geometry = match decoded.entry((mesh_number, number)) {
+                Entry::Occupied(known) => known.get().clone(),
+                Entry::Vacant(unknown) => {
                     let mapping = Mapping::of(root, material);
-                    let geometry =
-                        Geometry::read(primitive, mapping.as_ref(), accessors, &place)?.map(Arc::new);
-                    decoded.entry((mesh_number, number)).or_insert(geometry).clone()
+                    let read = Geometry::read(primitive, mapping.as_ref(), accessors, &place)?;
+                    unknown.insert(read.map(Arc::new)).clone()
                 }
             };
             let Some(geometry) = geometry else {
@@ -402,25 +402,22 @@ impl GltfAnimation {
         }
     }
 
-    fn remarks(&self, blended: bool, textures_without_image: usize, missing: &[String]) -> Vec<String> {
-        let mut notes = Vec::new();
-        if self.ignored_primitives > 0 {
-            notes.push(format!("{} primitives of points or lines are left out", self.ignored_primitives));
-        }
-        if blended {
-            notes.push("blended surfaces are not blended: they are there where at least half opaque".into());
-        }
-        if textures_without_image > 0 {
-            notes.push(format!("{textures_without_image} textures are neither PNG nor JPEG and left out"));
-        }
-        if let Some(first) = missing.first() {
-            let count = missing.len();
-            notes.push(format!(
-                "{count} image files cannot be read, first {first:?}: surfaces keep their plain colours"
-            ));
-        }
-        notes.extend(self.light.iter().flat_map(LightSource::notes));
-        notes
+    fn remarks(&self, blended: bool, without_image: usize, missing: &[String]) -> Vec<String> {
+        let (ignored, count) = (self.ignored_primitives, missing.len());
+        let notes = [
+            (ignored > 0).then(|| format!("{ignored} primitives of points or lines are left out")),
+            blended.then(|| {
+                "blended surfaces are not blended: they are there where at least half opaque".to_owned()
+            }),
+            (without_image > 0)
+                .then(|| format!("{without_image} textures are neither PNG nor JPEG and left out")),
+            missing.first().map(|first| {
+                format!(
+                    "{count} image files cannot be read, first {first:?}: surfaces keep their plain colours"
+                )
+            }),
+        ];
+        notes.into_iter().flatten().chain(self.light.iter().flat_map(LightSource::notes)).collect()
     }
 
     fn clamp(&self, time: f64) -> f64 {

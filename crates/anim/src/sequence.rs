@@ -13,10 +13,10 @@ use crate::mesh_file::{format_of, read_mesh};
 ///
 /// Files are taken in the natural order of their names (`frame2` before `frame10`); all must have
 /// the same vertices and faces, and be of the same kind. Key frames are
-/// [`DEFAULT_SECONDS_PER_FRAME`] apart. Two frames are played back and forth (0, 1, 0), since a loop that jumps back after a single step would be no
-/// motion; more are played from the first to the last, and a loop then jumps back to the first,
-/// which is the paper's protocol (section 4). Other files in the directory are ignored. Materials
-/// and names are those of the first file.
+/// [`DEFAULT_SECONDS_PER_FRAME`] apart. Two frames are played back and forth (0, 1, 0), since a loop
+/// that jumps back after a single step would be no motion; more are played from the first to the
+/// last, and a loop then jumps back to the first, which is the paper's protocol (section 4). Other
+/// files in the directory are ignored. Materials and names are those of the first file.
 ///
 /// # Errors
 /// If the directory cannot be read or holds no mesh files, a file cannot be loaded, or two files

@@ -122,10 +122,7 @@ pub(crate) fn shards(
     count: usize,
     thickness: impl Fn(Vec3, Vec3) -> f32 + Sync,
 ) -> Vec<Shard> {
-    let mut normals = Vec::new();
-    vertex_normals(&mesh.triangles, &mesh.positions, &mut normals);
-    let further_in = |(&p, &normal): (&Vec3, &Vec3)| p - normal * thickness(p, normal);
-    let inner: Vec<Vec3> = (&mesh.positions, &normals).into_par_iter().map(further_in).collect();
+    let inner = further_in(mesh, thickness);
     let across = neighbours_across_edges(mesh);
     let mut by_patch: Vec<Vec<u32>> = vec![Vec::new(); count];
     for (t, &p) in patch.iter().enumerate() {
@@ -177,6 +174,13 @@ pub(crate) fn shards(
         Shard { mesh: shard, weld }
     };
     by_patch.iter().map(shard).collect()
+}
+
+/// The vertices, each further in by the thickness of the wall there.
+fn further_in(mesh: &Mesh, thickness: impl Fn(Vec3, Vec3) -> f32 + Sync) -> Vec<Vec3> {
+    let mut normals = Vec::new();
+    vertex_normals(&mesh.triangles, &mesh.positions, &mut normals);
+    (&mesh.positions, &normals).into_par_iter().map(|(&p, &n)| p - n * thickness(p, n)).collect()
 }
 
 fn corners(mesh: &Mesh, t: usize) -> [Vec3; 3] {

@@ -96,24 +96,7 @@ impl<'a> Accessors<'a> {
     ) -> Result<Vec<[T; N]>, Problem> {
         let place = &format!("{place}, accessor {index}");
         let accessor = numbered(&self.root.accessors, index.value(), "accessor", place)?;
-        // Of the two shapes with four components, MAT2 is never called for.
-        let shape = [Type::Scalar, Type::Vec2, Type::Vec3, Type::Vec4, Type::Mat4]
-            .into_iter()
-            .find(|shape| shape.multiplicity() == N);
-        let name = |shape| format!("{shape:?}").to_uppercase();
-        let wrong = |found: &str| {
-            let expected = format!("{components} in elements of {}", shape.map_or_else(String::new, name));
-            Problem::new(place, found, expected)
-        };
-        match accessor.type_ {
-            Checked::Valid(found) if Some(found) == shape => {}
-            Checked::Valid(found) => return Err(wrong(&format!("elements of {}", name(found)))),
-            Checked::Invalid => return Err(wrong("an unknown element type")),
-        }
-        let Checked::Valid(kind) = accessor.component_type else {
-            return Err(wrong("an unknown component type"));
-        };
-        let kind = kind.0;
+        let kind = component_type::<N>(accessor, components, place)?;
         let element = |bytes: &[u8]| {
             let mut element = [T::default(); N];
             for (value, bytes) in element.iter_mut().zip(bytes.chunks_exact(kind.size())) {
@@ -121,7 +104,7 @@ impl<'a> Accessors<'a> {
             }
             Some(element)
         };
-        let unfit = || wrong(&format!("components of type {kind:?}"));
+        let unfit = || Problem::new(place, format!("components of type {kind:?}"), components);
 
         let count = accessor.count.0;
         self.budget.spend(count.saturating_mul(size_of::<[T; N]>() as u64), place)?;
@@ -190,6 +173,26 @@ impl<'a> Accessors<'a> {
         })?;
         Ok(bytes.chunks(stride).map(move |element| &element[..size]))
     }
+}
+
+/// The type of an accessor's components, of which each element must have `N`.
+fn component_type<const N: usize>(
+    accessor: &Accessor,
+    components: &str,
+    place: &str,
+) -> Result<ComponentType, Problem> {
+    // Of the two shapes with four components, MAT2 is never called for.
+    let shapes = [Type::Scalar, Type::Vec2, Type::Vec3, Type::Vec4, Type::Mat4];
+    let shape = shapes.into_iter().find(|shape| shape.multiplicity() == N);
+    let name = |shape| format!("{shape:?}").to_uppercase();
+    let found = match (accessor.type_, accessor.component_type) {
+        (Checked::Valid(found), Checked::Valid(kind)) if Some(found) == shape => return Ok(kind.0),
+        (Checked::Valid(found), _) if Some(found) != shape => format!("elements of {}", name(found)),
+        (Checked::Valid(_), _) => "an unknown component type".to_owned(),
+        (Checked::Invalid, _) => "an unknown element type".to_owned(),
+    };
+    let expected = format!("{components} in elements of {}", shape.map_or_else(String::new, name));
+    Err(Problem::new(place, found, expected))
 }
 
 fn slice(bytes: &[u8], begin: u64, length: u64) -> Option<&[u8]> {
