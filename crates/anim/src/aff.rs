@@ -7,6 +7,7 @@ mod tests;
 mod tokens;
 mod track;
 
+use std::collections::HashMap;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -14,7 +15,7 @@ use std::sync::Arc;
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
 
 use self::geometry::{Frame, Patch, Source};
-use self::reader::{Camera, Scene};
+use self::reader::{AffLight, Camera, Name, Scene};
 use self::track::Track;
 use crate::error::{LoadError, Problem};
 use crate::{Animation, Light, Motion, PoseStats, Topology, View, Work};
@@ -28,42 +29,29 @@ pub struct AffAnimation {
     topology: Topology,
     rest: Vec<Vec3>,
     moving: Vec<Moving>,
-    nodes: Vec<Node>,
+    /// The animated transforms that do move.
+    nodes: Vec<(Arc<Track>, Frame)>,
+    /// The tracks that move something, by name.
+    tracks: HashMap<Name, Arc<Track>>,
     start: f64,
     duration: f64,
     frames: Option<usize>,
     /// What is subtracted from the coordinates of the file.
     origin: DVec3,
-    camera: Option<(Camera, Option<Arc<Track>>)>,
-    light: Option<PlacedLight>,
+    camera: Option<Camera>,
+    light: Option<AffLight>,
     /// Lists of keys that were put in order.
     disordered: usize,
 }
 
-/// An animated transform that does move.
-struct Node {
-    track: Arc<Track>,
-    frame: Frame,
-}
-
-/// A part that moves.
+/// A part that moves: its triangles have keys of their own, or they all stay where `local` has them
+/// under the node.
 struct Moving {
     vertices: Range<usize>,
     node: Option<u32>,
-    shape: Shape,
+    local: Vec<Vec3>,
+    patches: Vec<Patch>,
     motion: Motion,
-}
-
-enum Shape {
-    Rigid(Vec<Vec3>),
-    Patches(Vec<Patch>),
-}
-
-struct PlacedLight {
-    track: Option<Arc<Track>>,
-    frame: Frame,
-    position: DVec3,
-    color: [f32; 3],
 }
 
 /// Loads a scene of BART, for those who have it: the file that `file` names, and the files it
@@ -90,7 +78,7 @@ pub fn load_aff(file: &Path) -> Result<AffAnimation, LoadError> {
 /// As [`load_aff`], relative to `origin`.
 pub(crate) fn load(file: &Path, origin: DVec3) -> Result<AffAnimation, LoadError> {
     let scene = reader::read(file, origin)?;
-    if scene.geometry.topology.triangles.is_empty() {
+    if scene.topology.triangles.is_empty() {
         return Err(Problem::new("whole scene", "no triangles", "at least one").in_file(file));
     }
     Ok(AffAnimation::new(scene, origin))
@@ -98,86 +86,63 @@ pub(crate) fn load(file: &Path, origin: DVec3) -> Result<AffAnimation, LoadError
 
 impl AffAnimation {
     fn new(scene: Scene, origin: DVec3) -> Self {
-        let Scene { geometry, nodes: named_nodes, tracks, camera, lights, time, disordered } = scene;
-        let (mut topology, mut rest) = (geometry.topology, geometry.positions);
-        let track = |name: &[u8]| tracks.get(name).filter(|track| !track.is_identity()).map(Arc::clone);
-
+        let Scene { mut topology, positions: mut rest, sources, mut tracks, camera, lights, time, .. } =
+            scene;
+        tracks.retain(|_, track| !track.is_identity());
         // Transforms that do not move are folded into what is under them.
-        let mut nodes: Vec<Node> = Vec::new();
-        let mut places: Vec<Frame> = Vec::new();
-        for node in &named_nodes {
-            let frame = place(&places, node.frame);
-            places.push(match track(&node.track) {
+        let (mut nodes, mut places) = (Vec::new(), Vec::new());
+        for (track, frame) in scene.nodes {
+            let frame = place(&places, frame);
+            places.push(match tracks.get(&track) {
                 None => frame,
                 Some(track) => {
-                    nodes.push(Node { track, frame });
-                    Frame { node: Some(nodes.len() as u32 - 1), ..Frame::WORLD }
+                    nodes.push((Arc::clone(track), frame));
+                    Frame { node: Some(nodes.len() as u32 - 1), ..Frame::default() }
                 }
             });
         }
-
-        // The times between which anything has keys.
-        let mut spans = Vec::new();
-        let mut moving = Vec::new();
-        for (part, Source { node, mut patches }) in topology.parts.iter_mut().zip(geometry.sources) {
-            let frame = place(&places, Frame { node, ..Frame::WORLD });
-            let vertices = part.vertices.start as usize..part.vertices.end as usize;
-            let transform = |p: &mut Vec3| *p = frame.fixed.transform_point3(p.as_dvec3()).as_vec3();
-            if frame.fixed != DAffine3::IDENTITY {
-                rest[vertices.clone()].iter_mut().for_each(transform);
-                patches.iter_mut().flat_map(Patch::corners_mut).for_each(transform);
-            }
-            part.motion.rigid = frame.node.is_some();
-            part.motion.key_frames = patches.iter().any(Patch::moves);
-            if part.motion.is_still() {
-                continue;
-            }
-            let moves = &mut topology.moves[part.triangles.start as usize..part.triangles.end as usize];
-            moves.fill(part.motion.rigid);
-            for (moves, patch) in moves.iter_mut().zip(&patches) {
-                *moves |= patch.moves();
-                spans.push(patch.span());
-            }
-            let shape = if patches.is_empty() {
-                Shape::Rigid(rest[vertices.clone()].to_vec())
-            } else {
-                Shape::Patches(patches)
-            };
-            moving.push(Moving { vertices, node: frame.node, shape, motion: part.motion });
-        }
-
-        let camera = camera.map(|camera| (camera, track(b"camera")));
-        let color: DVec3 = lights.iter().map(|light| light.color).sum();
-        let light = lights.first().map(|light| PlacedLight {
-            track: light.track.as_deref().and_then(track),
-            frame: place(&places, light.frame),
-            position: light.position,
-            color: color.as_vec3().to_array().map(|channel| channel.clamp(0.0, 1.0)),
-        });
-
-        let camera_track = camera.as_ref().and_then(|(_, track)| track.as_ref());
-        let light_track = light.as_ref().and_then(|light| light.track.as_ref());
-        let tracks = nodes.iter().map(|node| &node.track).chain(camera_track).chain(light_track);
-        let still = moving.is_empty() && tracks.clone().next().is_none();
-        spans.extend(tracks.flat_map(|track| track.spans()));
-        let all = spans.into_iter().reduce(|(a, b), (start, end)| (a.min(start), b.max(end)));
-        let (start, end) = time.map(|(start, end, _)| (start, end)).or(all).unwrap_or_default();
+        let color = lights.iter().map(|light| light.color).sum();
+        let light = lights.into_iter().next();
         let mut animation = Self {
+            moving: moving_parts(&mut topology, &mut rest, sources, &places),
             topology,
             rest: Vec::new(),
-            moving,
             nodes,
-            start,
-            duration: if still { 0.0 } else { (end - start).min(f64::MAX) },
+            tracks,
+            start: 0.0,
+            duration: 0.0,
             frames: time.map(|(_, _, frames)| frames),
             origin,
             camera,
-            light,
-            disordered,
+            light: light.map(|light| AffLight { frame: place(&places, light.frame), color, ..light }),
+            disordered: scene.disordered,
         };
+        animation.set_times(time.map(|(start, end, _)| (start, end)));
         animation.pose(0.0, &mut rest);
         animation.rest = rest;
         animation
+    }
+
+    /// Sets start and duration as the file says, or else to the times between which anything has keys.
+    fn set_times(&mut self, given: Option<(f64, f64)>) {
+        let nodes = self.nodes.iter().map(|(track, _)| &**track);
+        let tracks = || nodes.clone().chain(self.camera_track()).chain(self.light_track());
+        let patches = self.moving.iter().flat_map(|part| &part.patches);
+        let spans = patches.map(Patch::span).chain(tracks().flat_map(Track::spans));
+        let keys = spans.reduce(|(a, b), (start, end)| (a.min(start), b.max(end)));
+        let (start, end) = given.or(keys).unwrap_or_default();
+        let still = self.moving.is_empty() && tracks().next().is_none();
+        (self.start, self.duration) = (start, if still { 0.0 } else { (end - start).min(f64::MAX) });
+    }
+
+    /// The track of the camera, if it has one that moves.
+    fn camera_track(&self) -> Option<&Track> {
+        self.tracks.get(&b"camera"[..]).map(|track| &**track)
+    }
+
+    /// The track of the light itself.
+    fn light_track(&self) -> Option<&Track> {
+        self.tracks.get(self.light.as_ref()?.track.as_ref()?).map(|track| &**track)
     }
 
     /// The time of the file's keys.
@@ -188,16 +153,49 @@ impl AffAnimation {
     /// From the coordinates under each node to the world.
     fn to_world(&self, key_time: f64) -> Vec<DAffine3> {
         let mut to_world: Vec<DAffine3> = Vec::with_capacity(self.nodes.len());
-        for node in &self.nodes {
-            to_world.push(resolve(&to_world, node.frame) * node.track.transform(key_time));
+        for (track, frame) in &self.nodes {
+            to_world.push(resolve(&to_world, *frame) * track.transform(key_time));
         }
         to_world
     }
 }
 
+/// Places the parts where they are under nodes that move, or in the world, marks what moves, and gives
+/// it.
+fn moving_parts(
+    topology: &mut Topology,
+    rest: &mut [Vec3],
+    sources: Vec<Source>,
+    places: &[Frame],
+) -> Vec<Moving> {
+    let mut moving = Vec::new();
+    for (part, Source { node, mut patches }) in topology.parts.iter_mut().zip(sources) {
+        let Frame { node, fixed } = place(places, Frame { node, ..Frame::default() });
+        let vertices = part.vertices.start as usize..part.vertices.end as usize;
+        let transform = |p: &mut Vec3| *p = fixed.transform_point3(p.as_dvec3()).as_vec3();
+        if fixed != DAffine3::IDENTITY {
+            rest[vertices.clone()].iter_mut().for_each(transform);
+            patches.iter_mut().flat_map(Patch::corners_mut).for_each(transform);
+        }
+        part.motion.rigid = node.is_some();
+        part.motion.key_frames = patches.iter().any(Patch::moves);
+        if part.motion.is_still() {
+            continue;
+        }
+        let moves = &mut topology.moves[part.triangles.start as usize..part.triangles.end as usize];
+        moves.fill(part.motion.rigid);
+        for (moves, patch) in moves.iter_mut().zip(&patches) {
+            *moves |= patch.moves();
+        }
+        let local = if patches.is_empty() { rest[vertices.clone()].to_vec() } else { Vec::new() };
+        moving.push(Moving { vertices, node, local, patches, motion: part.motion });
+    }
+    moving
+}
+
 /// A frame whose node is one of `places`, as one whose node is what that is under.
 fn place(places: &[Frame], frame: Frame) -> Frame {
-    let outer = frame.node.map_or(Frame::WORLD, |node| places[node as usize]);
+    let outer = frame.node.map_or(Frame::default(), |node| places[node as usize]);
     Frame { node: outer.node, fixed: outer.fixed * frame.fixed }
 }
 
@@ -240,19 +238,18 @@ impl Animation for AffAnimation {
         }
         let to_world: Vec<Affine3A> =
             self.to_world(at(kinds.rigid)).iter().map(DAffine3::as_affine3a).collect();
-        for Moving { vertices, node, shape, motion } in moving {
+        for Moving { vertices, node, local, patches, motion } in moving {
             let (positions, motion) = (&mut positions[vertices.clone()], motion.and(kinds));
-            match shape {
-                Shape::Rigid(local) => positions.copy_from_slice(local),
-                Shape::Patches(patches) => {
-                    let work = if motion.key_frames { &mut stats.key_frames } else { &mut again };
-                    work.add(|| {
-                        for (corners, patch) in positions.as_chunks_mut::<3>().0.iter_mut().zip(patches) {
-                            *corners = patch.at(at(kinds.key_frames));
-                        }
-                        positions.len()
-                    });
-                }
+            if patches.is_empty() {
+                positions.copy_from_slice(local);
+            } else {
+                let work = if motion.key_frames { &mut stats.key_frames } else { &mut again };
+                work.add(|| {
+                    for (corners, patch) in positions.as_chunks_mut::<3>().0.iter_mut().zip(patches) {
+                        *corners = patch.at(at(kinds.key_frames));
+                    }
+                    positions.len()
+                });
             }
             if let Some(node) = *node {
                 let to_world = to_world[node as usize];
@@ -269,14 +266,13 @@ impl Animation for AffAnimation {
     /// The `v` block, moved by the track named `camera`; the camera of that track looks along its
     /// negative z axis.
     fn view(&self, time: f64) -> Option<View> {
-        let (camera, track) = self.camera.as_ref()?;
-        let time = self.key_time(time);
+        let (camera, track, time) = (self.camera.as_ref()?, self.camera_track(), self.key_time(time));
         let (mut eye, mut forward, mut up) = (camera.from, camera.at - camera.from, camera.up);
-        if let Some(translation) = track.as_ref().and_then(|track| track.translation.as_ref()) {
+        if let Some(translation) = track.and_then(|track| track.translation.as_ref()) {
             eye = translation.at(time);
         }
         eye -= self.origin;
-        if let Some(rotation) = track.as_ref().and_then(|track| track.rotation.as_ref()) {
+        if let Some(rotation) = track.and_then(|track| track.rotation.as_ref()) {
             let rotation = rotation.at(time);
             (forward, up) = (rotation * DVec3::NEG_Z, rotation * DVec3::Y);
         }
@@ -293,11 +289,11 @@ impl Animation for AffAnimation {
 
     /// One light for all: at the first one's place, with all their colours added up, to 1 at most.
     fn light(&self, time: f64) -> Option<Light> {
-        let light = self.light.as_ref()?;
-        let time = self.key_time(time);
-        let translation = light.track.as_ref().and_then(|track| track.translation.as_ref());
+        let (light, time) = (self.light.as_ref()?, self.key_time(time));
+        let translation = self.light_track().and_then(|track| track.translation.as_ref());
         let position = translation.map_or(light.position, |translation| translation.at(time));
         let position = resolve(&self.to_world(time), light.frame).transform_point3(position).as_vec3();
-        position.is_finite().then_some(Light { position, color: light.color })
+        let color = light.color.as_vec3().to_array().map(|channel| channel.clamp(0.0, 1.0));
+        position.is_finite().then_some(Light { position, color })
     }
 }

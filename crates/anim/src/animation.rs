@@ -27,9 +27,11 @@ pub struct Topology {
 }
 
 impl Topology {
-    /// Adds a still part of as many `vertices`, whose `triangles` number its own. `None` if there are
-    /// too many in all.
-    pub(crate) fn add_part(
+    /// Adds a part of as many `vertices`, whose `triangles` number its own from 0, and gives it. It is
+    /// marked as still.
+    ///
+    /// `None` if there are more vertices or triangles in all than 32 bits can number. O(triangles).
+    pub fn add_part(
         &mut self,
         name: String,
         triangles: &[[u32; 3]],

@@ -59,6 +59,12 @@ pub enum LoadError {
     },
 }
 
+impl LoadError {
+    pub(crate) fn unsupported(file: &Path, found: impl Into<String>) -> Self {
+        Self::Unsupported { file: file.to_owned(), found: found.into() }
+    }
+}
+
 fn list_clips(clips: &[String]) -> String {
     if clips.is_empty() {
         return "there are no clips to choose from".into();
@@ -96,36 +102,31 @@ impl Problem {
         Self::new(place, one_line(&message.to_string()), expected)
     }
 
-    /// That `place` names something by a number that none of `count` has.
-    pub(crate) fn missing(
-        place: impl Into<String>,
-        what: &str,
-        number: impl std::fmt::Display,
-        count: usize,
-    ) -> Self {
-        Self::new(place, format!("no {what} {number}"), format!("a number below {count}"))
-    }
-
     pub(crate) fn in_file(self, file: &Path) -> LoadError {
         LoadError::Invalid { file: file.to_owned(), problem: self }
     }
 }
 
+/// The element of `list` that `place` names by a number.
+pub(crate) fn numbered<'a, T>(
+    list: &'a [T],
+    number: usize,
+    what: &str,
+    place: impl std::fmt::Display,
+) -> Result<&'a T, Problem> {
+    let (found, expected) = (|| format!("no {what} {number}"), || format!("a number below {}", list.len()));
+    list.get(number).ok_or_else(|| Problem::new(place.to_string(), found(), expected()))
+}
+
 /// Parsers quote what they choke on, line breaks, binary and all.
 fn one_line(message: &str) -> String {
     const LONGEST: usize = 200;
-    let mut line = String::new();
-    for word in message.split(|c: char| c.is_whitespace() || c.is_control()).filter(|word| !word.is_empty()) {
-        if !line.is_empty() {
-            line.push(' ');
-        }
-        line.extend(word.chars().take(LONGEST));
-        if line.len() > LONGEST {
-            line.push_str(" ...");
-            break;
-        }
+    let words = message.split(|c: char| c.is_whitespace() || c.is_control()).filter(|word| !word.is_empty());
+    let line = words.collect::<Vec<_>>().join(" ");
+    match line.char_indices().nth(LONGEST) {
+        Some((end, _)) => format!("{} ...", &line[..end]),
+        None => line,
     }
-    line
 }
 
 /// Reads a whole regular file below `folder`; a link that leads out of the folder is refused.
@@ -135,8 +136,8 @@ pub(crate) fn read_beside(folder: &Path, relative: &Path) -> Result<Vec<u8>, Loa
     let home = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let home = home.canonicalize().map_err(io)?;
     if !file.canonicalize().map_err(io)?.starts_with(home) {
-        let found = "a link that leads out of the folder of the file that names it".into();
-        return Err(LoadError::Unsupported { file, found });
+        let found = "a link that leads out of the folder of the file that names it";
+        return Err(LoadError::unsupported(&file, found));
     }
     read_file(&file)
 }
@@ -145,7 +146,7 @@ pub(crate) fn read_beside(folder: &Path, relative: &Path) -> Result<Vec<u8>, Loa
 pub(crate) fn read_file(file: &Path) -> Result<Vec<u8>, LoadError> {
     let io = |source| LoadError::Io { file: file.to_owned(), source };
     if !std::fs::metadata(file).map_err(io)?.is_file() {
-        return Err(LoadError::Unsupported { file: file.to_owned(), found: "not a regular file".into() });
+        return Err(LoadError::unsupported(file, "not a regular file"));
     }
     std::fs::read(file).map_err(io)
 }

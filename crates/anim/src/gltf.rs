@@ -20,6 +20,7 @@ mod tests;
 mod track;
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -32,26 +33,28 @@ use self::nodes::{Channels, Nodes, affine, node_name, target_count};
 use self::primitive::Geometry;
 use self::seen::{Camera, LightSource};
 use self::track::Track;
-use crate::error::{LoadError, NUMBERED, Problem, read_file};
+use crate::error::{LoadError, NUMBERED, Problem, numbered, read_file};
 use crate::{Animation, Light, LoadOptions, Motion, PoseStats, Topology, View, Work};
 
 /// A clip of a glTF file, ready to be posed at any time.
 ///
 /// A primitive is a [`Part`](crate::Part), once for each node that shows its mesh. Parts that nothing in the
 /// clip moves are transformed once, when loading.
+#[derive(Default)]
 pub struct GltfAnimation {
     topology: Topology,
     rest: Vec<Vec3>,
     duration: f64,
     nodes: Nodes,
     skins: Vec<Skin>,
-    weights: Vec<Weights>,
-    moving: Vec<Instance>,
-    /// Normals of still parts that have any, each with the first vertex they are of.
-    still_normals: Vec<(usize, Vec<Vec3>)>,
+    /// Those that move.
+    instances: Vec<Instance>,
+    /// Normals of still parts, zero for vertices without.
+    still_normals: Vec<Vec3>,
     camera: Option<Camera>,
     light: Option<LightSource>,
     clips: Vec<String>,
+    /// Of points or lines, which are left out.
     ignored_primitives: usize,
     notes: Vec<String>,
 }
@@ -67,8 +70,8 @@ struct Instance {
     /// exist; such joints have no place in the scene of their own and are taken relative to the
     /// node that shows the mesh.
     node: Option<usize>,
-    /// Index into the weights of its node, if it has morph targets.
-    weights: Option<usize>,
+    /// Those of its node, if it has morph targets.
+    weights: Option<Arc<Weights>>,
     /// What of all this changes.
     motion: Motion,
 }
@@ -117,27 +120,22 @@ pub(crate) fn parse(
     let size = buffers.iter().fold(bytes.len(), |size, buffer| size.saturating_add(buffer.len()));
     let clips: Vec<String> =
         root.animations.iter().map(|clip| clip.name.clone().unwrap_or_default()).collect();
-    let chosen = match options.clip {
-        None => None,
-        Some(wanted) => {
-            let by_number = || wanted.parse().ok().filter(|&number: &usize| number < clips.len());
-            let Some(found) = clips.iter().position(|name| name == wanted).or_else(by_number) else {
-                return Err(LoadError::UnknownClip {
-                    file: file.to_owned(),
-                    wanted: wanted.to_owned(),
-                    clips,
-                });
-            };
-            Some(found)
-        }
-    };
+    let mut chosen = 0;
+    if let Some(wanted) = options.clip {
+        let by_number = || wanted.parse().ok().filter(|&number: &usize| number < clips.len());
+        let Some(found) = clips.iter().position(|name| name == wanted).or_else(by_number) else {
+            let (file, wanted) = (file.to_owned(), wanted.to_owned());
+            return Err(LoadError::UnknownClip { file, wanted, clips });
+        };
+        chosen = found;
+    }
     let folder = file.parent().unwrap_or(Path::new(""));
     let budget = Budget::for_input(size as u64);
     let accessors = Accessors { root: &root, buffers: &buffers, folder, budget, textures: options.textures };
     let far = (options.origin != DVec3::ZERO)
         .then(|| source::translations(bytes).map(|exact| (options.origin, exact)))
         .transpose();
-    far.and_then(|far| GltfAnimation::build(&accessors, chosen.unwrap_or(0), clips, far))
+    far.and_then(|far| GltfAnimation::build(&accessors, chosen, clips, far))
         .map_err(|problem| problem.in_file(file))
 }
 
@@ -146,12 +144,6 @@ impl GltfAnimation {
     #[must_use]
     pub fn clips(&self) -> &[String] {
         &self.clips
-    }
-
-    /// Number of primitives in the scene that were left out because they are points or lines.
-    #[must_use]
-    pub fn ignored_primitives(&self) -> usize {
-        self.ignored_primitives
     }
 
     /// `far` is the origin, if it is another than the file's, and what [`source::translations`]
@@ -171,25 +163,11 @@ impl GltfAnimation {
         let skins =
             (0..root.skins.len()).map(|skin| Skin::read(skin, accessors)).collect::<Result<Vec<_>, _>>()?;
 
-        let mut animation = Self {
-            topology: Topology { materials: materials(root), ..Topology::default() },
-            rest: Vec::new(),
-            duration: 0.0,
-            nodes,
-            skins,
-            weights: Vec::new(),
-            moving: Vec::new(),
-            still_normals: Vec::new(),
-            camera: None,
-            light: None,
-            clips,
-            ignored_primitives: 0,
-            notes: Vec::new(),
-        };
-        let mut still = Vec::new();
+        let topology = Topology { materials: materials(root), ..Topology::default() };
+        let mut animation = Self { topology, nodes, skins, clips, ..Self::default() };
         let mut decoded = HashMap::new();
         for &node in &scene {
-            animation.add_mesh(node, &in_scene, &mut channels, accessors, &mut decoded, &mut still)?;
+            animation.add_mesh(node, &in_scene, &mut channels, accessors, &mut decoded)?;
         }
         if animation.topology.triangles.is_empty() {
             let found = format!("{} nodes without triangles", scene.len());
@@ -197,19 +175,16 @@ impl GltfAnimation {
         }
 
         let mut rest = vec![Vec3::ZERO; animation.topology.vertex_count];
-        animation.write(&still, Motion::ALL, 0.0, &mut rest);
-        animation.write(&animation.moving, Motion::ALL, 0.0, &mut rest);
+        animation.write(&animation.instances, Motion::ALL, 0.0, &mut rest);
         animation.rest = rest;
-        let has_normals = |instance: &&Instance| instance.normals().is_some();
-        animation.still_normals = still
-            .iter()
-            .filter(has_normals)
-            .map(|instance| {
-                let mut normals = vec![Vec3::ZERO; instance.geometry.positions.len()];
-                animation.write_normals(instance, &animation.nodes.globals(0.0), &mut normals);
-                (instance.first_vertex, normals)
-            })
-            .collect();
+        let still = animation.instances.iter().filter(|instance| instance.motion.is_still());
+        if still.clone().any(|instance| instance.normals().is_some()) {
+            let (mut normals, globals) =
+                (vec![Vec3::ZERO; animation.rest.len()], animation.nodes.globals(0.0));
+            still.for_each(|instance| animation.write_normals(instance, &globals, &mut normals));
+            animation.still_normals = normals;
+        }
+        animation.instances.retain(|instance| !instance.motion.is_still());
         if !animation.topology.texcoords.is_empty() {
             animation.topology.texcoords.resize(animation.topology.vertex_count, Vec2::ZERO);
         }
@@ -220,7 +195,7 @@ impl GltfAnimation {
         animation.notes = animation.remarks(blended, without_image, &missing);
         let seen_from = [animation.camera.as_ref().map(|c| c.node), animation.light.as_ref().map(|l| l.node)];
         let any_moves = seen_from.into_iter().flatten().any(|node| animation.nodes.moves[node]);
-        if any_moves || !animation.moving.is_empty() {
+        if any_moves || !animation.instances.is_empty() {
             animation.duration = channels.end;
         }
         Ok(animation)
@@ -234,26 +209,16 @@ impl GltfAnimation {
         channels: &mut Channels,
         accessors: &Accessors<'_>,
         decoded: &mut HashMap<(usize, usize), Option<Arc<Geometry>>>,
-        still: &mut Vec<Instance>,
     ) -> Result<(), Problem> {
         let root = accessors.root;
         let place = node_name(root, node);
-        let missing = |what, number, count| Problem::missing(&*place, what, number, count);
         let Some(mesh_number) = root.nodes[node].mesh.map(|mesh| mesh.value()) else { return Ok(()) };
-        let mesh =
-            root.meshes.get(mesh_number).ok_or_else(|| missing("mesh", mesh_number, root.meshes.len()))?;
+        let mesh = numbered(&root.meshes, mesh_number, "mesh", &*place)?;
         let skin = root.nodes[node].skin.map(|skin| skin.value());
-        if let Some(skin) = skin
-            && skin >= self.skins.len()
-        {
-            return Err(missing("skin", skin, self.skins.len()));
+        if let Some(skin) = skin {
+            numbered(&self.skins, skin, "skin", place)?;
         }
-        let weights = Weights::read(node, mesh, channels, accessors)?;
-        let weights_vary = weights.as_ref().is_some_and(|weights| weights.track.is_some());
-        let weights = weights.map(|weights| {
-            self.weights.push(weights);
-            self.weights.len() - 1
-        });
+        let weights = Weights::read(node, mesh, channels, accessors)?.map(Arc::new);
 
         for (number, primitive) in mesh.primitives.iter().enumerate() {
             let place = format!(
@@ -261,13 +226,12 @@ impl GltfAnimation {
                 mesh.name.as_deref().unwrap_or_default()
             );
             let material = material_of(primitive, root, &place)?;
-            let geometry = match decoded.get(&(mesh_number, number)) {
-                Some(known) => known.clone(),
-                None => {
+            let geometry = match decoded.entry((mesh_number, number)) {
+                Entry::Occupied(known) => known.get().clone(),
+                Entry::Vacant(unknown) => {
                     let mapping = Mapping::of(root, material);
-                    let geometry =
-                        Geometry::read(primitive, mapping.as_ref(), accessors, &place)?.map(Arc::new);
-                    decoded.entry((mesh_number, number)).or_insert(geometry).clone()
+                    let read = Geometry::read(primitive, mapping.as_ref(), accessors, &place)?;
+                    unknown.insert(read.map(Arc::new)).clone()
                 }
             };
             let Some(geometry) = geometry else {
@@ -287,51 +251,47 @@ impl GltfAnimation {
 
             let skin_places =
                 skin.is_some_and(|skin| self.skins[skin].joints.iter().any(|&joint| in_scene[joint]));
-            let mut instance = Instance {
-                geometry: Arc::clone(&geometry),
+            let instance = Instance {
+                geometry,
                 first_vertex: self.topology.vertex_count,
                 skin,
                 node: (!skin_places).then_some(node),
-                weights,
+                weights: weights.clone(),
                 motion: Motion::STILL,
             };
-            let bytes = geometry.positions.len() * BYTES_PER_VERTEX
-                + geometry.triangles.len() * BYTES_PER_TRIANGLE
-                + name.len();
-            accessors.budget.spend(bytes as u64, &place)?;
-            let Some(motion) = self.add_part(name, &instance, material, weights_vary) else {
-                return Err(Problem::new(place, "too many vertices or triangles in all", NUMBERED));
-            };
-            instance.motion = motion;
-            if motion.is_still() { still.push(instance) } else { self.moving.push(instance) }
+            self.add(instance, name, material, &accessors.budget, &place)?;
         }
         Ok(())
     }
 
-    /// Adds `instance` to the topology and finds out how it moves. `None` if its numbers do not fit
-    /// 32 bits.
-    fn add_part(
+    /// Adds an instance and its part of the topology, and finds out how it moves.
+    fn add(
         &mut self,
+        mut instance: Instance,
         name: String,
-        instance: &Instance,
         material: u32,
-        weights_vary: bool,
-    ) -> Option<Motion> {
-        let geometry = &*instance.geometry;
-        let vertex_moves = self.moving_vertices(instance, weights_vary);
-        let motion = Motion {
+        budget: &Budget,
+        place: &str,
+    ) -> Result<(), Problem> {
+        let geometry = Arc::clone(&instance.geometry);
+        let (triangles, vertices) = (&geometry.triangles, geometry.positions.len());
+        let bytes = vertices * BYTES_PER_VERTEX + triangles.len() * BYTES_PER_TRIANGLE + name.len();
+        budget.spend(bytes as u64, place)?;
+        let weights_vary = instance.weights.as_ref().is_some_and(|weights| weights.track.is_some());
+        let vertex_moves = self.moving_vertices(&instance, weights_vary);
+        let moved_by = Motion {
             rigid: instance.node.is_some_and(|node| self.nodes.moves[node]),
             skin: instance.skin.is_some_and(|skin| self.skins[skin].moves(&self.nodes)),
             morph: weights_vary && geometry.targets.iter().any(|target| !target.is_empty()),
             key_frames: false,
         };
         // What no vertex notices is no motion.
-        let motion = if vertex_moves.contains(&true) { motion } else { Motion::STILL };
+        instance.motion = if vertex_moves.contains(&true) { moved_by } else { Motion::STILL };
 
+        let too_large = || Problem::new(place, "too many vertices or triangles in all", NUMBERED);
         let topology = &mut self.topology;
-        let (triangles, vertices) = (&geometry.triangles, geometry.positions.len());
-        let part = topology.add_part(name, triangles, vertices, material)?;
-        part.motion = motion;
+        let part = topology.add_part(name, triangles, vertices, material).ok_or_else(too_large)?;
+        part.motion = instance.motion;
         let first = part.triangles.start as usize;
         for (moves, corners) in topology.moves[first..].iter_mut().zip(triangles) {
             *moves = corners.iter().any(|&corner| vertex_moves[corner as usize]);
@@ -340,7 +300,8 @@ impl GltfAnimation {
             topology.texcoords.resize(instance.first_vertex, Vec2::ZERO);
             topology.texcoords.extend_from_slice(texcoords);
         }
-        Some(motion)
+        self.instances.push(instance);
+        Ok(())
     }
 
     /// For each vertex of `instance`, whether anything in the clip moves it.
@@ -351,10 +312,8 @@ impl GltfAnimation {
         if let (Some(skin), Some(influences)) = (instance.skin, &geometry.influences) {
             let joints = &self.skins[skin].joints;
             for (vertex, moves) in moves.iter_mut().enumerate() {
-                *moves |= influences
-                    .of(vertex)
-                    .iter()
-                    .any(|&(joint, _)| self.nodes.moves[joints[usize::from(joint)]]);
+                *moves |=
+                    influences.of(vertex).iter().any(|&(joint, _)| self.nodes.moves[joints[joint as usize]]);
             }
         }
         if weights_vary {
@@ -387,8 +346,8 @@ impl GltfAnimation {
             let (geometry, motion) = (&*instance.geometry, instance.motion.and(kinds));
             let positions = &mut positions[instance.first_vertex..][..geometry.positions.len()];
             positions.copy_from_slice(&geometry.positions);
-            if let Some(of_node) = instance.weights {
-                self.weights[of_node].at(at(kinds.morph), &mut weights);
+            if let Some(of_node) = &instance.weights {
+                of_node.at(at(kinds.morph), &mut weights);
                 let work = if motion.morph { &mut stats.morph } else { &mut again };
                 work.add(|| {
                     let mut added = 0;
@@ -426,41 +385,39 @@ impl GltfAnimation {
         stats
     }
 
-    /// Writes the normals of one instance, which has some, where `globals` puts the nodes.
+    /// Writes the normals of one instance that have a direction, where `globals` puts the nodes.
     fn write_normals(&self, instance: &Instance, globals: &[Affine3A], out: &mut [Vec3]) {
-        let Some(normals) = instance.normals() else { return };
-        out.copy_from_slice(normals);
+        let Some(mut normals) = instance.normals().map(<[Vec3]>::to_vec) else { return };
         if let (Some(skin), Some(influences)) = (instance.skin, &instance.geometry.influences) {
             let matrices: Vec<Mat3A> =
                 self.skins[skin].matrices(globals).iter().map(|m| cofactors(m.matrix3)).collect();
-            influences.skin_normals(&matrices, out);
+            influences.skin_normals(&matrices, &mut normals);
         }
         if let Some(node) = instance.node {
             let to_scene = cofactors(globals[node].matrix3);
-            out.iter_mut().for_each(|normal| *normal = to_scene * *normal);
+            normals.iter_mut().for_each(|normal| *normal = to_scene * *normal);
         }
-        out.iter_mut().for_each(|normal| *normal = normal.normalize_or_zero());
+        for (out, normal) in out[instance.first_vertex..].iter_mut().zip(normals) {
+            *out = normal.normalize_or(*out);
+        }
     }
 
-    fn remarks(&self, blended: bool, textures_without_image: usize, missing: &[String]) -> Vec<String> {
-        let mut notes = Vec::new();
-        if self.ignored_primitives > 0 {
-            notes.push(format!("{} primitives of points or lines are left out", self.ignored_primitives));
-        }
-        if blended {
-            notes.push("blended surfaces are not blended: they are there where at least half opaque".into());
-        }
-        if textures_without_image > 0 {
-            notes.push(format!("{textures_without_image} textures are neither PNG nor JPEG and left out"));
-        }
-        if let Some(first) = missing.first() {
-            let count = missing.len();
-            notes.push(format!(
-                "{count} image files cannot be read, first {first:?}: surfaces keep their plain colours"
-            ));
-        }
-        notes.extend(self.light.iter().flat_map(LightSource::notes));
-        notes
+    fn remarks(&self, blended: bool, without_image: usize, missing: &[String]) -> Vec<String> {
+        let (ignored, count) = (self.ignored_primitives, missing.len());
+        let notes = [
+            (ignored > 0).then(|| format!("{ignored} primitives of points or lines are left out")),
+            blended.then(|| {
+                "blended surfaces are not blended: they are there where at least half opaque".to_owned()
+            }),
+            (without_image > 0)
+                .then(|| format!("{without_image} textures are neither PNG nor JPEG and left out")),
+            missing.first().map(|first| {
+                format!(
+                    "{count} image files cannot be read, first {first:?}: surfaces keep their plain colours"
+                )
+            }),
+        ];
+        notes.into_iter().flatten().chain(self.light.iter().flat_map(LightSource::notes)).collect()
     }
 
     fn clamp(&self, time: f64) -> f64 {
@@ -484,7 +441,7 @@ impl Animation for GltfAnimation {
 
     fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
         assert_eq!(positions.len(), self.topology.vertex_count, "positions are those of another animation");
-        let mut moving = self.moving.iter().filter(|part| !part.motion.and(kinds).is_still()).peekable();
+        let mut moving = self.instances.iter().filter(|part| !part.motion.and(kinds).is_still()).peekable();
         if moving.peek().is_none() {
             return PoseStats::default();
         }
@@ -509,28 +466,17 @@ impl Animation for GltfAnimation {
     /// The normals of the file, but not those of parts with morph targets.
     fn normals(&self, time: f64, normals: &mut [Vec3]) {
         assert_eq!(normals.len(), self.topology.vertex_count, "normals are those of another animation");
-        for (first, still) in &self.still_normals {
-            overwrite(&mut normals[*first..], still);
+        for (normal, &still) in
+            normals.iter_mut().zip(&self.still_normals).filter(|(_, still)| **still != Vec3::ZERO)
+        {
+            *normal = still;
         }
         let globals = self.nodes.globals(self.clamp(time));
-        for instance in self.moving.iter().filter(|instance| instance.normals().is_some()) {
-            let mut moved = vec![Vec3::ZERO; instance.geometry.positions.len()];
-            self.write_normals(instance, &globals, &mut moved);
-            overwrite(&mut normals[instance.first_vertex..], &moved);
-        }
+        self.instances.iter().for_each(|instance| self.write_normals(instance, &globals, normals));
     }
 
     fn notes(&self) -> Vec<String> {
         self.notes.clone()
-    }
-}
-
-/// Takes the normals that have a direction.
-fn overwrite(normals: &mut [Vec3], with: &[Vec3]) {
-    for (normal, &with) in normals.iter_mut().zip(with) {
-        if with != Vec3::ZERO {
-            *normal = with;
-        }
     }
 }
 
@@ -562,12 +508,8 @@ impl Skin {
             Some(matrices) => {
                 let matrices = accessors.floats::<16>(matrices, &format!("{place}, inverseBindMatrices"))?;
                 if matrices.len() < joints.len() {
-                    let expected = format!("{}, one for each joint", joints.len());
-                    return Err(Problem::new(
-                        place,
-                        format!("{} inverse bind matrices", matrices.len()),
-                        expected,
-                    ));
+                    let found = format!("{} inverse bind matrices", matrices.len());
+                    return Err(Problem::new(place, found, format!("{}, one for each joint", joints.len())));
                 }
                 matrices[..joints.len()].iter().map(affine).collect()
             }
@@ -581,11 +523,8 @@ impl Skin {
 
     /// From the bind pose to the scene, for each joint.
     fn matrices(&self, globals: &[Affine3A]) -> Vec<Affine3A> {
-        self.joints
-            .iter()
-            .zip(&self.inverse_bind)
-            .map(|(&joint, inverse_bind)| globals[joint] * *inverse_bind)
-            .collect()
+        let joints = self.joints.iter().zip(&self.inverse_bind);
+        joints.map(|(&joint, inverse_bind)| globals[joint] * *inverse_bind).collect()
     }
 }
 
@@ -606,12 +545,9 @@ impl Weights {
         let given = accessors.root.nodes[node].weights.as_ref().or(mesh.weights.as_ref());
         let mut fixed = given.cloned().unwrap_or_else(|| vec![0.0; count]);
         if fixed.len() != count {
-            let expected = format!("{count}, one for each morph target");
-            return Err(Problem::new(
-                node_name(accessors.root, node),
-                format!("{} weights", fixed.len()),
-                expected,
-            ));
+            let (found, expected) =
+                (format!("{} weights", fixed.len()), format!("{count}, one for each morph target"));
+            return Err(Problem::new(node_name(accessors.root, node), found, expected));
         }
         let mut track = channels.weights[node].take();
         if let Some(constant) = track.take_if(|track| track.is_constant()) {
@@ -632,11 +568,7 @@ impl Weights {
 /// children.
 fn scene_nodes(root: &Root) -> Result<Vec<usize>, Problem> {
     let scene = match root.scene {
-        Some(scene) => Some(
-            root.scenes
-                .get(scene.value())
-                .ok_or_else(|| Problem::missing("scene", "scene", scene, root.scenes.len()))?,
-        ),
+        Some(scene) => Some(numbered(&root.scenes, scene.value(), "scene", "scene")?),
         None => root.scenes.first(),
     };
     let Some(scene) = scene else { return Ok((0..root.nodes.len()).collect()) };
@@ -644,9 +576,8 @@ fn scene_nodes(root: &Root) -> Result<Vec<usize>, Problem> {
     let mut order = Vec::new();
     let mut waiting: Vec<usize> = scene.nodes.iter().rev().map(Index::value).collect();
     while let Some(node) = waiting.pop() {
-        let seen =
-            seen.get_mut(node).ok_or_else(|| Problem::missing("scene", "node", node, root.nodes.len()))?;
-        if !std::mem::replace(seen, true) {
+        numbered(&root.nodes, node, "node", "scene")?;
+        if !std::mem::replace(&mut seen[node], true) {
             order.push(node);
             waiting.extend(root.nodes[node].children.iter().flatten().rev().map(Index::value));
         }

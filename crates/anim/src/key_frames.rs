@@ -53,13 +53,10 @@ impl KeyFrames {
     ) -> Result<Self, Problem> {
         check_topology(&topology)?;
         check_seconds(seconds_per_frame)?;
-        let expected = topology.vertex_count;
-        if let Some((frame, found)) =
-            frames.iter().map(Vec::len).enumerate().find(|&(_, found)| found != expected)
-        {
-            let (found, expected) =
-                (format!("{found} positions"), format!("{expected}, one for each vertex"));
-            return Err(Problem::new(format!("key frame {frame}"), found, expected));
+        let count = topology.vertex_count;
+        if let Some((number, frame)) = frames.iter().enumerate().find(|(_, frame)| frame.len() != count) {
+            let (place, found) = (format!("key frame {number}"), format!("{} positions", frame.len()));
+            return Err(Problem::new(place, found, format!("{count}, one for each vertex")));
         }
         let none = || Problem::new("key frames", "none", "at least one");
         let rest = frames.first().ok_or_else(none)?.clone();
@@ -74,12 +71,9 @@ impl KeyFrames {
         let moving = runs(&moves);
         for frame in &mut frames {
             // One after the other, so that never more than one frame is held twice.
-            let count = moving.iter().map(ExactSizeIterator::len).sum();
-            let mut kept = Vec::with_capacity(count);
-            for run in &moving {
-                kept.extend_from_slice(&frame[run.start as usize..run.end as usize]);
-            }
-            *frame = kept;
+            let kept: Vec<&[Vec3]> =
+                moving.iter().map(|run| &frame[run.start as usize..run.end as usize]).collect();
+            *frame = kept.concat();
         }
 
         let corner_moves = |&corner: &u32| moves[corner as usize];
@@ -89,21 +83,6 @@ impl KeyFrames {
             part.motion = Motion { key_frames: moves, ..Motion::STILL };
         }
         Ok(Self { topology, rest, moving, frames, seconds_per_frame, loop_mode })
-    }
-
-    /// The same with another time between key frames.
-    ///
-    /// # Errors
-    /// If the time is not positive and finite.
-    pub fn with_seconds_per_frame(self, seconds_per_frame: f64) -> Result<Self, Problem> {
-        check_seconds(seconds_per_frame)?;
-        Ok(Self { seconds_per_frame, ..self })
-    }
-
-    /// The same with another way to go on after the last key frame.
-    #[must_use]
-    pub fn with_loop_mode(self, loop_mode: LoopMode) -> Self {
-        Self { loop_mode, ..self }
     }
 
     /// Number of key frames, at least 1.
@@ -212,22 +191,18 @@ fn check_topology(topology: &Topology) -> Result<(), Problem> {
     }
     let mut covered = 0;
     for (number, part) in topology.parts.iter().enumerate() {
-        let wrong =
-            |found: String, expected: String| Err(Problem::new(format!("part {number}"), found, expected));
-        let (triangles, vertices) = (&part.triangles, &part.vertices);
-        if triangles.start != covered || triangles.end < covered {
-            return wrong(format!("triangles {triangles:?}"), format!("a range that begins at {covered}"));
-        }
-        covered = triangles.end;
-        if vertices.start > vertices.end || vertices.end as usize > vertex_count {
-            return wrong(format!("vertices {vertices:?}"), format!("a range up to {vertex_count}"));
-        }
-        if part.material as usize >= topology.materials.len() {
-            return wrong(
-                format!("material {}", part.material),
-                format!("one below {}", topology.materials.len()),
-            );
-        }
+        let (triangles, vertices, materials) = (&part.triangles, &part.vertices, topology.materials.len());
+        let (found, expected) = if triangles.start != covered || triangles.end < covered {
+            (format!("triangles {triangles:?}"), format!("a range that begins at {covered}"))
+        } else if vertices.start > vertices.end || vertices.end as usize > vertex_count {
+            (format!("vertices {vertices:?}"), format!("a range up to {vertex_count}"))
+        } else if part.material as usize >= materials {
+            (format!("material {}", part.material), format!("one below {materials}"))
+        } else {
+            covered = triangles.end;
+            continue;
+        };
+        return Err(Problem::new(format!("part {number}"), found, expected));
     }
     if covered as usize != topology.triangles.len() {
         let (found, expected) = (format!("{covered} triangles"), topology.triangles.len().to_string());

@@ -34,7 +34,7 @@ impl Default for LoadOptions<'_> {
 /// Loads what is at `path`: a .glb or .gltf file ([`load_gltf`](crate::load_gltf)), a directory of
 /// key frames ([`load_sequence`](crate::load_sequence)), a scene of BART in .aff files
 /// ([`load_aff`](crate::load_aff)), or a single .obj, .ply or .stl file
-/// ([`load_mesh`](crate::load_mesh)).
+/// ([`parse_mesh`](crate::parse_mesh)).
 ///
 /// # Errors
 /// As those functions; if it is nothing of the kind; if `clip` is given for something without
@@ -49,33 +49,28 @@ pub fn load(path: &Path, clip: Option<&str>) -> Result<Box<dyn Animation>, LoadE
 /// As [`load`].
 pub fn load_with(path: &Path, options: &LoadOptions<'_>) -> Result<Box<dyn Animation>, LoadError> {
     let kind = std::fs::metadata(path).map_err(|source| LoadError::Io { file: path.to_owned(), source })?;
-    let unsupported = |found: String| Err(LoadError::Unsupported { file: path.to_owned(), found });
+    let unsupported = |found: &str| Err(LoadError::unsupported(path, found));
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let is_aff = kind.is_file() && extension == "aff";
-    if kind.is_file() {
-        match &*extension {
-            "glb" | "gltf" => return Ok(Box::new(gltf::parse(path, &read_file(path)?, options)?)),
-            "" => return unsupported("a file without extension".into()),
-            _ if !is_aff && format_of(path).is_none() => {
-                return unsupported(format!("a .{extension} file"));
-            }
-            _ => {}
-        }
-    } else if !kind.is_dir() {
-        return unsupported("not a regular file".into());
+    match &*extension {
+        _ if kind.is_dir() => {}
+        _ if !kind.is_file() => return unsupported("not a regular file"),
+        "glb" | "gltf" => return Ok(Box::new(gltf::parse(path, &read_file(path)?, options)?)),
+        "" => return unsupported("a file without extension"),
+        "aff" => {}
+        _ if format_of(path).is_some() => {}
+        _ => return unsupported(&format!("a .{extension} file")),
     }
     if let Some(clip) = options.clip {
-        return Err(LoadError::UnknownClip {
-            file: path.to_owned(),
-            wanted: clip.to_owned(),
-            clips: Vec::new(),
-        });
+        let (file, wanted) = (path.to_owned(), clip.to_owned());
+        return Err(LoadError::UnknownClip { file, wanted, clips: Vec::new() });
     }
-    if is_aff {
-        return Ok(Box::new(aff::load(path, options.origin)?));
-    }
-    let load = if kind.is_dir() { sequence::load } else { mesh_file::load };
-    Ok(Box::new(load(path, options.origin)?))
+    Ok(if kind.is_dir() {
+        Box::new(sequence::load(path, options.origin)?)
+    } else if extension == "aff" {
+        Box::new(aff::load(path, options.origin)?)
+    } else {
+        Box::new(mesh_file::parse(path, &read_file(path)?, options.origin)?)
+    })
 }
 
 /// The middle of the box around all finite positions at time 0, in whole units: an origin for

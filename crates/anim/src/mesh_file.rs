@@ -10,7 +10,7 @@ use std::path::Path;
 
 use glam::{DVec3, Vec3};
 
-use crate::error::{LoadError, NUMBERED, Problem, read_file};
+use crate::error::{LoadError, NUMBERED, Problem};
 use crate::key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, LoopMode};
 use crate::{Material, Topology};
 
@@ -26,7 +26,8 @@ pub(crate) fn format_of(file: &Path) -> Option<&'static str> {
     ["obj", "ply", "stl"].into_iter().find(|format| extension.eq_ignore_ascii_case(format))
 }
 
-/// Loads one mesh from an .obj, .ply or .stl file, which then stands still.
+/// Reads one mesh, which then stands still, from the `bytes` of an .obj, .ply or .stl file; the
+/// extension of `file` says what they are.
 ///
 /// PLY may be ascii or binary of either byte order, with coordinates of any number type (rounded to
 /// the nearest f32). Polygons become fans of triangles. An OBJ file gives a part for each run of
@@ -34,50 +35,32 @@ pub(crate) fn format_of(file: &Path) -> Option<&'static str> {
 /// of STL triangles in one place become one vertex.
 ///
 /// # Errors
-/// If the file cannot be read, is malformed, or has no triangles.
-pub fn load_mesh(file: &Path) -> Result<KeyFrames, LoadError> {
-    load(file, DVec3::ZERO)
-}
-
-/// As [`load_mesh`], relative to `origin`.
-pub(crate) fn load(file: &Path, origin: DVec3) -> Result<KeyFrames, LoadError> {
-    still(file, read_mesh(file, &read_file(file)?, origin)?)
-}
-
-/// As [`load_mesh`], from the `bytes` of the file; the extension of `file` says what they are.
-///
-/// # Errors
-/// As [`load_mesh`].
+/// If the bytes are malformed or hold no triangles.
 pub fn parse_mesh(file: &Path, bytes: &[u8]) -> Result<KeyFrames, LoadError> {
-    still(file, read_mesh(file, bytes, DVec3::ZERO)?)
+    parse(file, bytes, DVec3::ZERO)
 }
 
-fn still(file: &Path, Mesh { topology, positions }: Mesh) -> Result<KeyFrames, LoadError> {
+/// As [`parse_mesh`], relative to `origin`.
+pub(crate) fn parse(file: &Path, bytes: &[u8], origin: DVec3) -> Result<KeyFrames, LoadError> {
+    let Mesh { topology, positions } = read_mesh(file, bytes, origin)?;
     KeyFrames::new(topology, vec![positions], DEFAULT_SECONDS_PER_FRAME, LoopMode::Restart)
         .map_err(|problem| problem.in_file(file))
 }
 
 /// Reads a mesh whose positions are relative to `origin`.
 pub(crate) fn read_mesh(file: &Path, bytes: &[u8], origin: DVec3) -> Result<Mesh, LoadError> {
-    let Some(format) = format_of(file) else {
-        return Err(LoadError::Unsupported {
-            file: file.to_owned(),
-            found: "not an .obj, .ply or .stl file".into(),
-        });
+    let mesh = match format_of(file) {
+        None => return Err(LoadError::unsupported(file, "not an .obj, .ply or .stl file")),
+        Some(_) if bytes.is_empty() => Err(Problem::new("start of file", "an empty file", "a mesh")),
+        Some("obj") => obj::read(bytes, file, origin),
+        Some("ply") => ply::read(bytes, file, origin),
+        Some(_) => stl::read(bytes, origin),
     };
-    if bytes.is_empty() {
-        return Err(Problem::new("start of file", "an empty file", "a mesh").in_file(file));
-    }
-    let mesh = match format {
-        "obj" => obj::read(bytes, file, origin),
-        "ply" => ply::read(bytes, file, origin),
-        _ => stl::read(bytes, origin),
-    };
-    let mesh = mesh.map_err(|problem| problem.in_file(file))?;
-    if mesh.topology.triangles.is_empty() {
-        return Err(Problem::new("whole file", "no triangles", "at least one").in_file(file));
-    }
-    Ok(mesh)
+    let mesh = mesh.and_then(|mesh| {
+        let none = || Problem::new("whole file", "no triangles", "at least one");
+        if mesh.topology.triangles.is_empty() { Err(none()) } else { Ok(mesh) }
+    });
+    mesh.map_err(|problem| problem.in_file(file))
 }
 
 impl Mesh {

@@ -1,23 +1,22 @@
 //! Key-framed sequences: a directory of mesh files of one topology, a key frame each.
 
-use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
+use crate::Topology;
 use crate::error::{LoadError, Problem, read_file};
 use crate::key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, LoopMode};
-use crate::mesh_file::{Mesh, format_of, read_mesh};
+use crate::mesh_file::{format_of, read_mesh};
 
 /// Loads the .ply or .obj files of the directory `directory` as the key frames of one animation.
 ///
 /// Files are taken in the natural order of their names (`frame2` before `frame10`); all must have
 /// the same vertices and faces, and be of the same kind. Key frames are
-/// [`DEFAULT_SECONDS_PER_FRAME`] apart, see [`KeyFrames::with_seconds_per_frame`]. Two frames are
-/// played back and forth (0, 1, 0), since a loop that jumps back after a single step would be no
-/// motion; more are played from the first to the last, and a loop then jumps back to the first,
-/// which is the paper's protocol (section 4). Other files in the directory are ignored. Materials
-/// and names are those of the first file.
+/// [`DEFAULT_SECONDS_PER_FRAME`] apart. Two frames are played back and forth (0, 1, 0), since a loop
+/// that jumps back after a single step would be no motion; more are played from the first to the
+/// last, and a loop then jumps back to the first, which is the paper's protocol (section 4). Other
+/// files in the directory are ignored. Materials and names are those of the first file.
 ///
 /// # Errors
 /// If the directory cannot be read or holds no mesh files, a file cannot be loaded, or two files
@@ -29,20 +28,15 @@ pub fn load_sequence(directory: &Path) -> Result<KeyFrames, LoadError> {
 /// As [`load_sequence`], relative to `origin`.
 pub(crate) fn load(directory: &Path, origin: DVec3) -> Result<KeyFrames, LoadError> {
     let files = mesh_files(directory)?;
-    let (first_file, others) = files.split_first().ok_or_else(|| LoadError::Unsupported {
-        file: directory.to_owned(),
-        found: "a directory without .ply or .obj files".into(),
-    })?;
+    let none = || LoadError::unsupported(directory, "a directory without .ply or .obj files");
+    let (first_file, others) = files.split_first().ok_or_else(none)?;
     let first = read_mesh(first_file, &read_file(first_file)?, origin)?;
     let mut frames = vec![first.positions];
     for file in others {
         let mesh = read_mesh(file, &read_file(file)?, origin)?;
-        if let Some(difference) = difference(&mesh, &first.topology) {
-            return Err(LoadError::TopologyMismatch {
-                file: file.clone(),
-                first: first_file.clone(),
-                difference,
-            });
+        if let Some(difference) = difference(&mesh.topology, &first.topology) {
+            let (file, first) = (file.clone(), first_file.clone());
+            return Err(LoadError::TopologyMismatch { file, first, difference });
         }
         frames.push(mesh.positions);
     }
@@ -64,64 +58,53 @@ fn mesh_files(directory: &Path) -> Result<Vec<PathBuf>, LoadError> {
             files.push(file);
         }
     }
-    files.sort_by(|a, b| {
-        let name = |file: &PathBuf| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        natural_order(&name(a), &name(b)).then_with(|| a.cmp(b))
+    files.sort_by_cached_key(|file| {
+        (natural_order(&file.file_name().unwrap_or_default().to_string_lossy()), file.clone())
     });
     if files.windows(2).any(|pair| format_of(&pair[0]) != format_of(&pair[1])) {
-        return Err(
-            Problem::new("files", "both .ply and .obj", "one kind in one sequence").in_file(directory)
-        );
+        let problem = Problem::new("files", "both .ply and .obj", "one kind in one sequence");
+        return Err(problem.in_file(directory));
     }
     Ok(files)
 }
 
-/// Compares runs of digits by the number they stand for, everything else by character.
-fn natural_order(a: &str, b: &str) -> Ordering {
-    let (mut a, mut b) = (a, b);
-    loop {
-        let digits = |text: &str| text.len() - text.trim_start_matches(|c: char| c.is_ascii_digit()).len();
-        let ((number_a, rest_a), (number_b, rest_b)) = (a.split_at(digits(a)), b.split_at(digits(b)));
-        if !number_a.is_empty() && !number_b.is_empty() {
-            // Of any length: without leading zeros the longer number is the greater.
-            let (x, y) = (number_a.trim_start_matches('0'), number_b.trim_start_matches('0'));
-            match x.len().cmp(&y.len()).then_with(|| x.cmp(y)) {
-                Ordering::Equal => (a, b) = (rest_a, rest_b),
-                unequal => return unequal,
-            }
-            continue;
-        }
-        let (mut chars_a, mut chars_b) = (a.chars(), b.chars());
-        match (chars_a.next(), chars_b.next()) {
-            (Some(x), Some(y)) if x == y => (a, b) = (chars_a.as_str(), chars_b.as_str()),
-            (x, y) => return x.cmp(&y),
+/// What names are compared by: runs of digits by the number they stand for, which is greater if it is
+/// longer without leading zeros, and everything else by character.
+fn natural_order(name: &str) -> Vec<(char, usize, String)> {
+    let (mut rest, mut order) = (name, Vec::new());
+    while let Some(first) = rest.chars().next() {
+        let behind = rest.trim_start_matches(|c: char| c.is_ascii_digit());
+        if behind.len() < rest.len() {
+            let number = rest[..rest.len() - behind.len()].trim_start_matches('0');
+            order.push(('0', number.len(), number.to_owned()));
+            rest = behind;
+        } else {
+            order.push((first, 0, String::new()));
+            rest = &rest[first.len_utf8()..];
         }
     }
+    order
 }
 
-/// What `mesh` has that the first key frame has otherwise.
-fn difference(mesh: &Mesh, first: &crate::Topology) -> Option<String> {
-    let found = &mesh.topology;
-    let count = |what: &str, found: usize, first: usize| {
-        (found != first).then(|| format!("{found} {what}, not {first}"))
+/// What a key frame has otherwise than the first.
+fn difference(found: &Topology, first: &Topology) -> Option<String> {
+    let counts = |topology: &Topology| {
+        let Topology { vertex_count, triangles, parts, .. } = topology;
+        [("vertices", *vertex_count), ("triangles", triangles.len()), ("parts", parts.len())]
     };
-    let triangle = || {
-        let (number, (a, b)) =
-            found.triangles.iter().zip(&first.triangles).enumerate().find(|(_, (a, b))| a != b)?;
-        Some(format!("triangle {number} joins vertices {a:?}, not {b:?}"))
-    };
-    let part = || {
-        let differs = |(_, (a, b)): &(usize, (&crate::Part, &crate::Part))| {
-            a.triangles != b.triangles || a.vertices != b.vertices
-        };
-        let (number, _) = found.parts.iter().zip(&first.parts).enumerate().find(differs)?;
-        Some(format!("part {number} does not have the same range of triangles and vertices"))
-    };
-    count("vertices", found.vertex_count, first.vertex_count)
-        .or_else(|| count("triangles", found.triangles.len(), first.triangles.len()))
-        .or_else(|| count("parts", found.parts.len(), first.parts.len()))
-        .or_else(triangle)
-        .or_else(part)
+    let pairs = counts(found).into_iter().zip(counts(first));
+    let count = pairs
+        .filter(|(found, first)| found != first)
+        .map(|((what, found), (_, first))| format!("{found} {what}, not {first}"));
+    let pairs = found.triangles.iter().zip(&first.triangles).enumerate();
+    let triangle = pairs
+        .filter(|(_, (a, b))| a != b)
+        .map(|(number, (a, b))| format!("triangle {number} joins vertices {a:?}, not {b:?}"));
+    let pairs = found.parts.iter().zip(&first.parts).enumerate();
+    let part = pairs.filter(|(_, (a, b))| (&a.triangles, &a.vertices) != (&b.triangles, &b.vertices));
+    let part = part
+        .map(|(number, _)| format!("part {number} does not have the same range of triangles and vertices"));
+    count.chain(triangle).chain(part).next()
 }
 
 #[cfg(test)]

@@ -10,19 +10,15 @@ use rayon::prelude::*;
 
 use crate::near::Neighbours;
 
-/// What the cloth is made of. Compliances are in length over force, for particles of mass 1.
-pub(crate) struct Fabric {
-    pub(crate) stretch: f32,
-    pub(crate) shear: f32,
-    pub(crate) bend: f32,
-    /// Fraction of the velocity lost per second.
-    pub(crate) drag: f32,
-    pub(crate) gravity: f32,
-    /// Distance that folds keep from one another; below the rest spacing.
-    pub(crate) thickness: f32,
-    /// Speed that particles are slowed to; the less it is the less often folds are searched for.
-    pub(crate) top_speed: f32,
-}
+/// Compliances of the fabric, in length over force, for particles of mass 1.
+const STRETCH: f32 = 0.0;
+const SHEAR: f32 = 4e-6;
+const BEND: f32 = 2e-5;
+/// Fraction of the velocity lost per second.
+const DRAG: f32 = 0.3;
+const GRAVITY: f32 = 60.0;
+/// Speed that particles are slowed to; the less it is the less often folds are searched for.
+const TOP_SPEED: f32 = 22.0;
 
 /// Particles in a square grid, row after row.
 pub(crate) struct Cloth {
@@ -31,7 +27,8 @@ pub(crate) struct Cloth {
     pub(crate) positions: Vec<Vec3>,
     /// Seconds of a step.
     pub(crate) dt: f32,
-    fabric: Fabric,
+    /// Distance that folds keep from one another; below the rest spacing.
+    thickness: f32,
     /// Speed that particles are slowed to, so that in one step none crosses a fold.
     top_speed: f32,
     before: Vec<Vec3>,
@@ -42,17 +39,18 @@ pub(crate) struct Cloth {
 impl Cloth {
     /// A cloth at rest, flat or nearly so, for steps of `dt` seconds. `positions` are `side * side`,
     /// `spacing` apart where flat.
-    pub(crate) fn new(side: usize, spacing: f32, positions: Vec<Vec3>, fabric: Fabric, dt: f32) -> Self {
+    pub(crate) fn new(side: usize, spacing: f32, positions: Vec<Vec3>, dt: f32) -> Self {
+        let thickness = 0.8 * spacing;
         Self {
             side,
             spacing,
             dt,
-            top_speed: fabric.top_speed.min(0.2 * fabric.thickness / dt),
+            top_speed: TOP_SPEED.min(0.2 * thickness / dt),
             before: positions.clone(),
             velocities: vec![Vec3::ZERO; positions.len()],
             neighbours: Neighbours::default(),
             positions,
-            fabric,
+            thickness,
         }
     }
 
@@ -60,7 +58,7 @@ impl Cloth {
     /// others may have come: until the next search none comes from beyond its reach, unless two meet
     /// head on at full speed.
     pub(crate) fn find_folds(&mut self, since_key: usize) {
-        let (side, thickness) = (self.side, self.fabric.thickness);
+        let (side, thickness) = (self.side, self.thickness);
         let period = (0.8 * thickness / (self.top_speed * self.dt)).round() as usize;
         if !since_key.is_multiple_of(period) {
             return;
@@ -73,14 +71,14 @@ impl Cloth {
 
     /// Accelerates all particles by gravity.
     pub(crate) fn fall(&mut self) -> usize {
-        let pull = Vec3::NEG_Y * (self.fabric.gravity * self.dt);
+        let pull = Vec3::NEG_Y * (GRAVITY * self.dt);
         self.velocities.par_iter_mut().with_min_len(4096).for_each(|v| *v += pull);
         self.velocities.len()
     }
 
     /// Moves all particles by their velocities, which air slows.
     pub(crate) fn drift(&mut self) -> usize {
-        let (dt, top_speed, kept) = (self.dt, self.top_speed, 1.0 - self.fabric.drag * self.dt);
+        let (dt, top_speed, kept) = (self.dt, self.top_speed, 1.0 - DRAG * self.dt);
         (&mut self.positions, &mut self.before, &mut self.velocities)
             .into_par_iter()
             .with_min_len(4096)
@@ -119,8 +117,7 @@ impl Cloth {
         let (side, dt) = (self.side, self.dt);
         let (one, two) = (self.spacing, 2.0 * self.spacing);
         let diagonal = self.spacing * std::f32::consts::SQRT_2;
-        let [stretch, shear, bend] =
-            [self.fabric.stretch, self.fabric.shear, self.fabric.bend].map(|c| c / (dt * dt));
+        let [stretch, shear, bend] = [STRETCH, SHEAR, BEND].map(|c| c / (dt * dt));
         let sweep = |strip: &mut [Vec3]| {
             let (mut count, len) = (0, strip.len());
             let mut hold = |i, j, rest, give| {
@@ -162,7 +159,7 @@ impl Cloth {
     /// each other. Gives the number of those that it moves.
     pub(crate) fn keep_folds_apart(&mut self) -> usize {
         const FRICTION: f32 = 0.1;
-        let (thickness, side) = (self.fabric.thickness, self.side);
+        let thickness = self.thickness;
         let (now, before, neighbours) = (&self.positions, &self.before, &self.neighbours);
         let moves: Vec<Vec3> = (0..now.len())
             .into_par_iter()
@@ -185,7 +182,6 @@ impl Cloth {
                 if count > 0.0 { sum / count.max(1.0) } else { sum }
             })
             .collect();
-        debug_assert_eq!(moves.len(), side * side);
         for (x, &m) in self.positions.iter_mut().zip(&moves) {
             *x += m;
         }

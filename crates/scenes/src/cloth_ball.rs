@@ -4,7 +4,7 @@ use anim::{KeyFrames, LoopMode, Motion};
 use glam::Vec3;
 
 use crate::cache::{Record, recorded};
-use crate::cloth::{Cloth, Fabric};
+use crate::cloth::Cloth;
 use crate::rigid::rotation;
 use crate::shape::{Assembly, Mesh, grid, sphere};
 use crate::simulation::{self, Run, World};
@@ -138,17 +138,8 @@ impl Winding {
 
 fn simulate(side: usize, keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record {
     let spacing = CLOTH / side as f32;
-    let fabric = Fabric {
-        stretch: 0.0,
-        shear: 4e-6,
-        bend: 2e-5,
-        drag: 0.3,
-        gravity: 60.0,
-        thickness: 0.8 * spacing,
-        top_speed: 22.0,
-    };
     let dt = SECONDS as f32 / ((keys - 1) * substeps) as f32;
-    let cloth = Cloth::new(side + 1, spacing, flat(side, options.seed).positions, fabric, dt);
+    let cloth = Cloth::new(side + 1, spacing, flat(side, options.seed).positions, dt);
     let ball = sphere(RADIUS, 20, 20);
     let mut world = Winding { cloth, ball, substeps, frames: Vec::new(), strain: (0.0, 0.0) };
     let stats = simulation::simulate(&mut world, keys, substeps, options);

@@ -9,36 +9,25 @@ use glam::{DVec3, Vec3};
 
 use crate::shape::Mesh;
 
-/// A sum of squared distances to planes: `p·A·p + 2 b·p + c`, with A symmetric.
-#[derive(Clone, Copy, Default)]
-struct Quadric {
-    /// xx, yy, zz, xy, xz, yz.
-    a: [f64; 6],
-    b: DVec3,
-    c: f64,
+/// A sum of squared distances to planes, `p·A·p + 2 b·p + c` with A symmetric: xx, yy, zz, xy, xz and
+/// yz of A, then b, then c.
+type Quadric = [f64; 10];
+
+fn plane(n: DVec3, offset: f64, weight: f64) -> Quadric {
+    let [xx, yy, zz, xy, xz, yz] =
+        [n.x * n.x, n.y * n.y, n.z * n.z, n.x * n.y, n.x * n.z, n.y * n.z].map(|v| v * weight);
+    let b = n * (offset * weight);
+    [xx, yy, zz, xy, xz, yz, b.x, b.y, b.z, offset * offset * weight]
 }
 
-impl Quadric {
-    fn plane(normal: DVec3, offset: f64, weight: f64) -> Self {
-        let n = normal;
-        let a = [n.x * n.x, n.y * n.y, n.z * n.z, n.x * n.y, n.x * n.z, n.y * n.z].map(|v| v * weight);
-        Self { a, b: n * (offset * weight), c: offset * offset * weight }
-    }
+fn sum(a: &Quadric, b: &Quadric) -> Quadric {
+    std::array::from_fn(|i| a[i] + b[i])
+}
 
-    fn plus(&self, other: &Self) -> Self {
-        let mut sum = *self;
-        sum.a.iter_mut().zip(other.a).for_each(|(s, o)| *s += o);
-        sum.b += other.b;
-        sum.c += other.c;
-        sum
-    }
-
-    fn error(&self, p: DVec3) -> f64 {
-        let [xx, yy, zz, xy, xz, yz] = self.a;
-        let squares = xx * p.x * p.x + yy * p.y * p.y + zz * p.z * p.z;
-        let products = xy * p.x * p.y + xz * p.x * p.z + yz * p.y * p.z;
-        (squares + 2.0 * (products + self.b.dot(p)) + self.c).max(0.0)
-    }
+fn error([xx, yy, zz, xy, xz, yz, bx, by, bz, c]: &Quadric, p: DVec3) -> f64 {
+    let squares = xx * p.x * p.x + yy * p.y * p.y + zz * p.z * p.z;
+    let products = xy * p.x * p.y + xz * p.x * p.z + yz * p.y * p.z;
+    (squares + 2.0 * (products + (bx * p.x + by * p.y + bz * p.z)) + c).max(0.0)
 }
 
 struct Simplifier {
@@ -50,15 +39,18 @@ struct Simplifier {
     dead: Vec<bool>,
     /// Counts the changes of a vertex; an edge queued before its ends changed is out of date.
     version: Vec<u32>,
+    /// The edges of the mesh as it was, the least error last. Sorting them once is faster than a queue.
+    first: Vec<Candidate>,
+    /// The edges that changed since.
     queue: BinaryHeap<Reverse<Candidate>>,
     /// Error per length to the fourth of every edge, so that flat parts are not left with next to
     /// no triangles.
     evenness: f64,
 }
 
-/// Bits of the error (never negative, so that their order is that of the numbers), the ends, their
-/// versions.
-type Candidate = (u32, u32, u32, u32, u32);
+/// Two pairs of 32 bits: the error (never negative, so that its bits are in the order of the numbers)
+/// and an end; the other end and the sum of their versions, which only grow.
+type Candidate = [u64; 2];
 
 /// Collapses edges until at most `target` triangles are left, or no edge can go without folding the
 /// surface.
@@ -66,8 +58,9 @@ pub(crate) fn decimate(mesh: &Mesh, target: usize) -> Mesh {
     let mut s = Simplifier::new(mesh, target);
     let mut left = mesh.triangles.len();
     while left > target {
-        let Some(Reverse((_, a, b, version_a, version_b))) = s.queue.pop() else { break };
-        if (s.version[a as usize], s.version[b as usize]) == (version_a, version_b) {
+        let Some([error_a, b_versions]) = s.next() else { break };
+        let (a, b) = (error_a as u32, (b_versions >> 32) as u32);
+        if s.versions(a, b) == b_versions as u32 {
             left -= s.collapse(a, b);
         }
     }
@@ -85,9 +78,9 @@ impl Simplifier {
             let cross = (q - p).cross(r - p);
             area += 0.5 * cross.length();
             let normal = cross.normalize_or_zero();
-            let quadric = Quadric::plane(normal, -normal.dot(p), cross.length());
+            let quadric = plane(normal, -normal.dot(p), cross.length());
             for &v in triangle {
-                quadrics[v as usize] = quadrics[v as usize].plus(&quadric);
+                quadrics[v as usize] = sum(&quadrics[v as usize], &quadric);
                 around[v as usize].push(t as u32);
             }
         }
@@ -99,33 +92,47 @@ impl Simplifier {
             triangles: mesh.triangles.clone(),
             dead: vec![false; mesh.triangles.len()],
             version: vec![0; count],
+            first: Vec::with_capacity(mesh.triangles.len() * 3 / 2),
             queue: BinaryHeap::new(),
             // Lets edges of flat parts grow to several times the length of those at curvature 1.
             evenness: 4e-5 * area / target.max(1) as f64,
         };
-        let mut first = Vec::with_capacity(mesh.triangles.len() * 3 / 2);
         for triangle in &mesh.triangles {
             for k in 0..3 {
                 let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
                 if a < b {
-                    first.push(Reverse(s.candidate(a, b)));
+                    s.first.push(s.candidate(a, b));
                 }
             }
         }
-        s.queue = first.into();
+        s.first.sort_unstable_by_key(|&candidate| Reverse(candidate));
         s
+    }
+
+    /// The candidate of the least error.
+    fn next(&mut self) -> Option<Candidate> {
+        match (self.first.last(), self.queue.peek()) {
+            (Some(first), Some(Reverse(changed))) if first < changed => self.first.pop(),
+            (_, Some(_)) => self.queue.pop().map(|Reverse(candidate)| candidate),
+            (_, None) => self.first.pop(),
+        }
     }
 
     fn candidate(&self, a: u32, b: u32) -> Candidate {
         let error = self.placed(a, b).1 as f32;
-        (error.to_bits(), a, b, self.version[a as usize], self.version[b as usize])
+        let pair = |high: u32, low: u32| u64::from(high) << 32 | u64::from(low);
+        [pair(error.to_bits(), a), pair(b, self.versions(a, b))]
+    }
+
+    fn versions(&self, a: u32, b: u32) -> u32 {
+        self.version[a as usize] + self.version[b as usize]
     }
 
     /// Where the vertex of a collapsed edge goes (an end or the middle), and its error.
     fn placed(&self, a: u32, b: u32) -> (DVec3, f64) {
         let [p, q] = [a, b].map(|v| self.positions[v as usize]);
-        let quadric = self.quadrics[a as usize].plus(&self.quadrics[b as usize]);
-        let tried = [0.5 * (p + q), p, q].map(|x| (x, quadric.error(x)));
+        let quadric = sum(&self.quadrics[a as usize], &self.quadrics[b as usize]);
+        let tried = [0.5 * (p + q), p, q].map(|x| (x, error(&quadric, x)));
         let best = tried.into_iter().fold(tried[0], |best, x| if x.1 < best.1 { x } else { best });
         (best.0, best.1 + self.evenness * p.distance_squared(q) * p.distance_squared(q))
     }
@@ -157,7 +164,7 @@ impl Simplifier {
         let dead = &self.dead;
         self.around[a as usize].retain(|&t| !dead[t as usize]);
         self.positions[a as usize] = at;
-        self.quadrics[a as usize] = self.quadrics[a as usize].plus(&self.quadrics[b as usize]);
+        self.quadrics[a as usize] = sum(&self.quadrics[a as usize], &self.quadrics[b as usize]);
         self.version[a as usize] += 1;
         self.version[b as usize] += 1;
         for v in self.neighbours(a) {

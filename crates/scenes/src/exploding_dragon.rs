@@ -3,7 +3,7 @@
 use anim::{KeyFrames, LoopMode};
 use glam::{Vec3, vec3};
 
-use crate::statue::{Colors, EFFECTS, Statue};
+use crate::statue::{EFFECTS, Statue};
 use crate::{Scene, SceneError, SceneInfo, SceneOptions, dragon, rigid};
 
 const FRAMES: usize = 96;
@@ -32,7 +32,7 @@ pub(crate) static DRAGON: Statue = Statue {
     stone_density: 20.0,
     delay: |center, impact, random| center.distance(impact) / 14.0 + 0.04 * random.f32(),
     kick: burst,
-    colors: Colors { statue: [0.25, 0.5, 0.32], stone: [0.5, 0.47, 0.45], ground: [0.75, 0.7, 0.62] },
+    colors: [[0.25, 0.5, 0.32], [0.5, 0.47, 0.45], [0.75, 0.7, 0.62]],
     ground: 60.0,
     seen: (vec3(9.5, 7.0, 14.0), vec3(0.0, 3.4, -0.3)),
     light: vec3(14.0, 24.0, 16.0),

@@ -5,6 +5,7 @@ use std::collections::BinaryHeap;
 
 use anim::vertex_normals;
 use glam::Vec3;
+use rayon::prelude::*;
 
 use crate::shape::Mesh;
 
@@ -114,15 +115,14 @@ pub(crate) const ALONE: u32 = u32::MAX;
 /// A shard per patch: the patch, its copy further in by the thickness at each vertex, and a rim
 /// between them, which has vertices of its own.
 ///
-/// `thickness` is asked with a vertex and its outward normal.
+/// `thickness` is asked with a vertex and its outward normal, once for each vertex.
 pub(crate) fn shards(
     mesh: &Mesh,
     patch: &[u32],
     count: usize,
-    thickness: impl Fn(Vec3, Vec3) -> f32,
+    thickness: impl Fn(Vec3, Vec3) -> f32 + Sync,
 ) -> Vec<Shard> {
-    let mut normals = Vec::new();
-    vertex_normals(&mesh.triangles, &mesh.positions, &mut normals);
+    let inner = further_in(mesh, thickness);
     let across = neighbours_across_edges(mesh);
     let mut by_patch: Vec<Vec<u32>> = vec![Vec::new(); count];
     for (t, &p) in patch.iter().enumerate() {
@@ -145,10 +145,7 @@ pub(crate) fn shards(
         let layer = used.len() as u32;
         let mut shard = Mesh::default();
         shard.positions.extend(used.iter().map(|&v| mesh.positions[v as usize]));
-        shard.positions.extend(used.iter().map(|&v| {
-            let (p, normal) = (mesh.positions[v as usize], normals[v as usize]);
-            p - normal * thickness(p, normal)
-        }));
+        shard.positions.extend(used.iter().map(|&v| inner[v as usize]));
         shard.triangles.extend(outer.iter().map(|&[a, b, c]| [a + layer, c + layer, b + layer]));
         for (&t, corner) in triangles.iter().zip(&outer) {
             for k in 0..3 {
@@ -177,6 +174,13 @@ pub(crate) fn shards(
         Shard { mesh: shard, weld }
     };
     by_patch.iter().map(shard).collect()
+}
+
+/// The vertices, each further in by the thickness of the wall there.
+fn further_in(mesh: &Mesh, thickness: impl Fn(Vec3, Vec3) -> f32 + Sync) -> Vec<Vec3> {
+    let mut normals = Vec::new();
+    vertex_normals(&mesh.triangles, &mesh.positions, &mut normals);
+    (&mesh.positions, &normals).into_par_iter().map(|(&p, &n)| p - n * thickness(p, n)).collect()
 }
 
 fn corners(mesh: &Mesh, t: usize) -> [Vec3; 3] {

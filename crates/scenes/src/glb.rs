@@ -4,6 +4,8 @@
 //! The document is written as JSON text: with the types of `gltf-json`, which want every optional
 //! field of every object, this file was longer.
 
+use std::collections::BTreeMap;
+
 use glam::{Mat4, Quat, Vec3};
 use serde_json::{Value, json};
 
@@ -18,36 +20,37 @@ const F32: u32 = 5126;
 #[derive(Default)]
 pub(crate) struct Glb {
     bytes: Vec<u8>,
-    views: Vec<Value>,
-    accessors: Vec<Value>,
-    materials: Vec<Value>,
-    meshes: Vec<Value>,
-    nodes: Vec<Value>,
-    skins: Vec<Value>,
-    samplers: Vec<Value>,
-    channels: Vec<Value>,
-    /// Whether each node has a parent.
-    children: Vec<bool>,
+    /// The lists of the document, by name; `lights`, `samplers` and `channels` lie deeper in it.
+    lists: BTreeMap<&'static str, Vec<Value>>,
+    /// The parent of each node.
+    parents: Vec<Option<usize>>,
     triangles: usize,
-    cameras: Vec<Value>,
-    lights: Vec<Value>,
 }
 
 /// Joints and weights of a vertex: up to four, weights that add up to 1.
 pub(crate) type Influence = ([u8; 4], [f32; 4]);
 
 impl Glb {
-    pub(crate) fn material(&mut self, color: [f32; 3]) -> usize {
-        let [r, g, b] = color;
-        push(
-            &mut self.materials,
-            json!({"pbrMetallicRoughness": {"baseColorFactor": [r, g, b, 1.0], "metallicFactor": 0.0}}),
-        )
+    /// Appends to a list and gives the number of what was appended.
+    fn push(&mut self, list: &'static str, value: Value) -> usize {
+        let list = self.lists.entry(list).or_default();
+        list.push(value);
+        list.len() - 1
+    }
+
+    /// Sets a property of something in a list.
+    fn set(&mut self, list: &'static str, number: usize, property: &str, value: Value) {
+        self.lists.entry(list).or_default()[number][property] = value;
+    }
+
+    pub(crate) fn material(&mut self, [r, g, b]: [f32; 3]) -> usize {
+        let pbr = json!({"baseColorFactor": [r, g, b, 1.0], "metallicFactor": 0.0});
+        self.push("materials", json!({"pbrMetallicRoughness": pbr}))
     }
 
     pub(crate) fn mesh(&mut self, mesh: &Mesh, material: usize) -> usize {
         let primitive = self.primitive(mesh, material);
-        push(&mut self.meshes, json!({"primitives": [primitive]}))
+        self.push("meshes", json!({"primitives": [primitive]}))
     }
 
     /// A mesh whose vertices follow joints.
@@ -59,7 +62,7 @@ impl Glb {
         let weights = self.accessor(bytemuck::cast_slice(&weights), F32, "VEC4", influences.len());
         primitive["attributes"]["JOINTS_0"] = json!(joints);
         primitive["attributes"]["WEIGHTS_0"] = json!(weights);
-        push(&mut self.meshes, json!({"primitives": [primitive]}))
+        self.push("meshes", json!({"primitives": [primitive]}))
     }
 
     /// A mesh with morph targets, each the positions of all vertices at full weight.
@@ -70,7 +73,7 @@ impl Glb {
             json!({"POSITION": self.positions(&moves)})
         };
         primitive["targets"] = targets.iter().map(target).collect();
-        push(&mut self.meshes, json!({"primitives": [primitive], "weights": vec![0.0; targets.len()]}))
+        self.push("meshes", json!({"primitives": [primitive], "weights": vec![0.0; targets.len()]}))
     }
 
     fn primitive(&mut self, mesh: &Mesh, material: usize) -> Value {
@@ -85,8 +88,8 @@ impl Glb {
         let number = self.accessor(bytemuck::cast_slice(positions), F32, "VEC3", positions.len());
         let low = positions.iter().fold(Vec3::MAX, |a, &b| a.min(b)).to_array();
         let high = positions.iter().fold(Vec3::MIN, |a, &b| a.max(b)).to_array();
-        self.accessors[number]["min"] = json!(low);
-        self.accessors[number]["max"] = json!(high);
+        self.set("accessors", number, "min", json!(low));
+        self.set("accessors", number, "max", json!(high));
         number
     }
 
@@ -94,11 +97,9 @@ impl Glb {
         let view = json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()});
         self.bytes.extend(bytes);
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
-        let view = push(&mut self.views, view);
-        push(
-            &mut self.accessors,
-            json!({"bufferView": view, "componentType": component, "type": kind, "count": count}),
-        )
+        let view = self.push("bufferViews", view);
+        let accessor = json!({"bufferView": view, "componentType": component, "type": kind, "count": count});
+        self.push("accessors", accessor)
     }
 
     /// Number of triangles of all meshes so far.
@@ -109,21 +110,14 @@ impl Glb {
     /// A node below `parent`, or at the root.
     pub(crate) fn node(&mut self, name: &str, parent: Option<usize>, at: Vec3, turn: Quat) -> usize {
         let node = json!({"name": name, "translation": at.to_array(), "rotation": turn.to_array()});
-        let number = push(&mut self.nodes, node);
-        self.children.push(parent.is_some());
-        if let Some(parent) = parent {
-            match self.nodes[parent]["children"].as_array_mut() {
-                Some(children) => children.push(json!(number)),
-                None => self.nodes[parent]["children"] = json!([number]),
-            }
-        }
-        number
+        self.parents.push(parent);
+        self.push("nodes", node)
     }
 
     /// A node at the root or below `parent`, with a mesh and no transform of its own.
     pub(crate) fn show(&mut self, name: &str, parent: Option<usize>, mesh: usize) -> usize {
         let node = self.node(name, parent, Vec3::ZERO, Quat::IDENTITY);
-        self.nodes[node]["mesh"] = json!(mesh);
+        self.set("nodes", node, "mesh", json!(mesh));
         node
     }
 
@@ -135,8 +129,8 @@ impl Glb {
         let inverse: Vec<f32> =
             places.iter().flat_map(|&p| Mat4::from_translation(-p).to_cols_array()).collect();
         let matrices = self.accessor(bytemuck::cast_slice(&inverse), F32, "MAT4", places.len());
-        let skin = push(&mut self.skins, json!({"joints": joints, "inverseBindMatrices": matrices}));
-        self.nodes[node]["skin"] = json!(skin);
+        let skin = self.push("skins", json!({"joints": joints, "inverseBindMatrices": matrices}));
+        self.set("nodes", node, "skin", json!(skin));
     }
 
     /// Keys of a node's translation, evenly spaced from 0 to `seconds`.
@@ -158,68 +152,57 @@ impl Glb {
     fn channel(&mut self, node: usize, path: &str, kind: &str, seconds: f32, keys: usize, values: &[f32]) {
         let times: Vec<f32> = (0..keys).map(|k| seconds * k as f32 / (keys - 1) as f32).collect();
         let input = self.accessor(bytemuck::cast_slice(&times), F32, "SCALAR", keys);
-        self.accessors[input]["min"] = json!([0.0]);
-        self.accessors[input]["max"] = json!([seconds]);
+        self.set("accessors", input, "min", json!([0.0]));
+        self.set("accessors", input, "max", json!([seconds]));
         let components = if path == "weights" { values.len() } else { keys };
         let output = self.accessor(bytemuck::cast_slice(values), F32, kind, components);
-        let sampler = push(&mut self.samplers, json!({"input": input, "output": output}));
-        self.channels.push(json!({"sampler": sampler, "target": {"node": node, "path": path}}));
+        let sampler = self.push("samplers", json!({"input": input, "output": output}));
+        self.push("channels", json!({"sampler": sampler, "target": {"node": node, "path": path}}));
     }
 
     pub(crate) fn camera(&mut self, eye: Vec3, target: Vec3, fov_y: f32) {
         let camera = json!({"type": "perspective", "perspective": {"yfov": fov_y, "znear": 0.01}});
-        let camera = push(&mut self.cameras, camera);
+        let camera = self.push("cameras", camera);
         let back = (eye - target).normalize();
         let right = Vec3::Y.cross(back).normalize();
         let turn = Quat::from_mat3(&glam::Mat3::from_cols(right, back.cross(right), back));
         let node = self.node("camera", None, eye, turn);
-        self.nodes[node]["camera"] = json!(camera);
+        self.set("nodes", node, "camera", json!(camera));
     }
 
     pub(crate) fn point_light(&mut self, at: Vec3, color: [f32; 3]) {
-        let light = push(&mut self.lights, json!({"type": "point", "color": color}));
+        let light = self.push("lights", json!({"type": "point", "color": color}));
         let node = self.node("light", None, at, Quat::IDENTITY);
-        self.nodes[node]["extensions"] = json!({"KHR_lights_punctual": {"light": light}});
+        self.set("nodes", node, "extensions", json!({"KHR_lights_punctual": {"light": light}}));
     }
 
     /// The bytes of the .glb file, whose number is a multiple of four.
-    pub(crate) fn finish(self) -> Vec<u8> {
-        let roots: Vec<usize> = (0..self.nodes.len()).filter(|&n| !self.children[n]).collect();
-        let document = json!({
-            "asset": {"version": "2.0", "generator": concat!("Pivot scenes ", env!("CARGO_PKG_VERSION"))},
-            "extensionsUsed": ["KHR_lights_punctual"],
-            "extensions": {"KHR_lights_punctual": {"lights": self.lights}},
-            "buffers": [{"byteLength": self.bytes.len()}],
-            "bufferViews": self.views,
-            "accessors": self.accessors,
-            "materials": self.materials,
-            "meshes": self.meshes,
-            "cameras": self.cameras,
-            "skins": self.skins,
-            "nodes": self.nodes,
-            "scenes": [{"nodes": roots}],
-            "scene": 0,
-            "animations": [{"name": "dance", "samplers": self.samplers, "channels": self.channels}],
-        });
+    pub(crate) fn finish(mut self) -> Vec<u8> {
+        let nodes = 0..self.parents.len();
+        let children_of = |parent: Option<usize>| -> Vec<usize> {
+            nodes.clone().filter(|&node| self.parents[node] == parent).collect()
+        };
+        let roots = children_of(None);
+        let children: Vec<Vec<usize>> = nodes.clone().map(|node| children_of(Some(node))).collect();
+        for (node, children) in children.iter().enumerate().filter(|(_, children)| !children.is_empty()) {
+            self.set("nodes", node, "children", json!(children));
+        }
+        let [lights, samplers, channels] =
+            ["lights", "samplers", "channels"].map(|list| self.lists.remove(list).unwrap_or_default());
+        let mut document = json!(self.lists);
+        document["asset"] =
+            json!({"version": "2.0", "generator": concat!("Pivot scenes ", env!("CARGO_PKG_VERSION"))});
+        document["extensionsUsed"] = json!(["KHR_lights_punctual"]);
+        document["extensions"] = json!({"KHR_lights_punctual": {"lights": lights}});
+        document["buffers"] = json!([{"byteLength": self.bytes.len()}]);
+        document["scenes"] = json!([{"nodes": roots}]);
+        document["scene"] = json!(0);
+        document["animations"] = json!([{"name": "dance", "samplers": samplers, "channels": channels}]);
         let mut text = document.to_string().into_bytes();
         text.resize(text.len().next_multiple_of(4), b' ');
-        let mut file = Vec::with_capacity(text.len() + self.bytes.len() + 28);
-        let length = |bytes: &[u8]| (bytes.len() as u32).to_le_bytes();
-        file.extend(b"glTF");
-        file.extend(2_u32.to_le_bytes());
-        file.extend((28 + (text.len() + self.bytes.len()) as u32).to_le_bytes());
-        file.extend(length(&text));
-        file.extend(b"JSON");
-        file.extend(&text);
-        file.extend(length(&self.bytes));
-        file.extend(b"BIN\0");
-        file.extend(&self.bytes);
-        file
+        let chunk = |kind: &[u8], bytes: &[u8]| [&(bytes.len() as u32).to_le_bytes(), kind, bytes].concat();
+        let chunks = [chunk(b"JSON", &text), chunk(b"BIN\0", &self.bytes)].concat();
+        let length = chunks.len() as u32 + 12;
+        [&b"glTF"[..], &2_u32.to_le_bytes(), &length.to_le_bytes(), &chunks].concat()
     }
-}
-
-/// Appends and gives the number of what was appended.
-fn push(list: &mut Vec<Value>, value: Value) -> usize {
-    list.push(value);
-    list.len() - 1
 }

@@ -2,7 +2,7 @@
 
 use glam::{Vec3, vec3};
 
-use crate::statue::{Colors, EFFECTS, Statue};
+use crate::statue::{EFFECTS, Statue};
 use crate::{SceneInfo, lion_solid, rigid};
 
 const FRAMES: usize = 120;
@@ -33,7 +33,7 @@ pub(crate) static LION: Statue = Statue {
         center.distance(impact) / 2.6 + wave(center) + 0.15 * random.f32() * random.f32()
     },
     kick: crumble,
-    colors: Colors { statue: [0.78, 0.62, 0.42], stone: [0.35, 0.35, 0.38], ground: [0.55, 0.58, 0.5] },
+    colors: [[0.78, 0.62, 0.42], [0.35, 0.35, 0.38], [0.55, 0.58, 0.5]],
     ground: 70.0,
     seen: (vec3(9.5, 8.0, 16.0), vec3(0.0, 5.0, 0.0)),
     light: vec3(10.0, 26.0, 22.0),

@@ -67,10 +67,8 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
         .map(|color| assembly.material(color));
     let stone = assembly.material([0.55, 0.55, 0.6]);
     let moving = Motion { rigid: true, ..Motion::STILL };
-    let mut body = Vec::new();
-    for (i, &radius) in floats.iter().flatten().enumerate() {
-        assembly.part("ball", &sphere(radius, 16, 16), moving, colors[i % colors.len()]);
-        body.resize(assembly.positions.len(), i as u32);
+    for (&radius, &color) in floats.iter().flatten().zip(colors.iter().cycle()) {
+        assembly.part("ball", &sphere(radius, 16, 16), moving, color);
     }
     for (x, z, radius, height) in PILLARS {
         let foot = Vec3::new(x as f32, 0.0, z as f32);
@@ -78,15 +76,8 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
         assembly.part("pillar", &pillar, Motion::STILL, stone);
     }
     let key_bytes = size_of_val(&keys[..]);
-    let animation = RigidBodies {
-        normals: assembly.normals(),
-        topology: assembly.topology,
-        local: assembly.positions,
-        body,
-        bodies: BALLS,
-        keys,
-        seconds: SECONDS,
-    };
+    let normals = assembly.normals();
+    let animation = RigidBodies::new(assembly, normals, keys, SECONDS);
     let seen = (Vec3::new(7.0, 10.5, 18.0), Vec3::new(0.0, 4.4, 0.0));
     let scene = Scene::new(&INFO, animation, seen, 40_f32.to_radians(), Vec3::new(10.0, 22.0, 16.0));
     Ok(Scene { key_bytes, measures, simulated: stats, notes, ..scene })

@@ -3,9 +3,13 @@
 //! Key frames hold one transform per body instead of one position per vertex, which is far smaller
 //! and keeps every body's shape at all times, between key frames too.
 
+use std::iter::repeat_n;
+
 use anim::{Animation, Motion, PoseStats, Topology};
 use glam::{Quat, Vec3};
 use rayon::prelude::*;
+
+use crate::shape::Assembly;
 
 /// Where a body is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,20 +49,29 @@ pub(crate) fn record(out: &mut Vec<f32>, placement: &Placement) {
 
 /// Vertices numbered per body, bodies placed per key frame.
 pub(crate) struct RigidBodies {
-    pub(crate) topology: Topology,
+    topology: Topology,
     /// Positions relative to the body's placement; of still vertices, in the world.
-    pub(crate) local: Vec<Vec3>,
+    local: Vec<Vec3>,
     /// Normal of each vertex, relative to its body's placement.
     pub(crate) normals: Vec<Vec3>,
     /// Body of each vertex that moves; the still vertices come after them.
-    pub(crate) body: Vec<u32>,
-    pub(crate) bodies: usize,
+    body: Vec<u32>,
+    bodies: usize,
     /// Recorded placements, `bodies` for each key frame.
     pub(crate) keys: Vec<f32>,
-    pub(crate) seconds: f64,
+    seconds: f64,
 }
 
 impl RigidBodies {
+    /// The moving parts of `assembly`, which come before the still ones, a body each.
+    pub(crate) fn new(assembly: Assembly, normals: Vec<Vec3>, keys: Vec<f32>, seconds: f64) -> Self {
+        let Assembly { topology, positions: local } = assembly;
+        let moving = topology.parts.iter().filter(|part| part.motion.rigid);
+        let bodies = moving.clone().count();
+        let body = (0..).zip(moving).flat_map(|(i, part)| repeat_n(i, part.vertices.len())).collect();
+        Self { topology, local, normals, body, bodies, keys, seconds }
+    }
+
     fn key_count(&self) -> usize {
         self.keys.len() / (WORDS * self.bodies)
     }
@@ -67,6 +80,26 @@ impl RigidBodies {
         let at = (frame * self.bodies + body) * WORDS;
         let k = &self.keys[at..at + WORDS];
         Placement { position: Vec3::from_slice(&k[..3]), rotation: Quat::from_slice(&k[3..]) }
+    }
+
+    /// Where each body is.
+    fn placements(&self, time: f64) -> Vec<Placement> {
+        let (frame, s) = key_at(time / self.seconds, self.key_count());
+        let next = (frame + 1).min(self.key_count() - 1);
+        (0..self.bodies).map(|b| self.key(frame, b).blend(self.key(next, b), s)).collect()
+    }
+
+    /// Writes the vertices of all bodies and gives their number.
+    fn place(&self, time: f64, positions: &mut [Vec3]) -> usize {
+        let placed = self.placements(time);
+        let moving = self.body.len();
+        (&mut positions[..moving], &self.local[..moving], &self.body)
+            .into_par_iter()
+            .with_min_len(8192)
+            .for_each(|(p, &local, &body)| {
+                *p = placed[body as usize].of(local);
+            });
+        moving
     }
 }
 
@@ -100,28 +133,6 @@ impl Animation for RigidBodies {
         for (normal, &body) in normals.iter_mut().zip(&self.body) {
             *normal = placed[body as usize].rotation * *normal;
         }
-    }
-}
-
-impl RigidBodies {
-    /// Where each body is.
-    fn placements(&self, time: f64) -> Vec<Placement> {
-        let (frame, s) = key_at(time / self.seconds, self.key_count());
-        let next = (frame + 1).min(self.key_count() - 1);
-        (0..self.bodies).map(|b| self.key(frame, b).blend(self.key(next, b), s)).collect()
-    }
-
-    /// Writes the vertices of all bodies and gives their number.
-    fn place(&self, time: f64, positions: &mut [Vec3]) -> usize {
-        let placed = self.placements(time);
-        let moving = self.body.len();
-        (&mut positions[..moving], &self.local[..moving], &self.body)
-            .into_par_iter()
-            .with_min_len(8192)
-            .for_each(|(p, &local, &body)| {
-                *p = placed[body as usize].of(local);
-            });
-        moving
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::f32::consts::{PI, TAU};
 
-use anim::{Material, Motion, Part, Topology, vertex_normals};
+use anim::{Material, Motion, Topology, vertex_normals};
 use glam::Vec3;
 
 /// Positions and the triangles between them.
@@ -57,21 +57,18 @@ impl Assembly {
         self.topology.materials.len() as u32 - 1
     }
 
-    /// Adds a part of its own vertices.
+    /// Adds a part of its own vertices, all of which move if any does.
+    ///
+    /// # Panics
+    /// If there are more triangles in all than 32 bits can number; scenes have 1.6 million.
     pub(crate) fn part(&mut self, name: &str, mesh: &Mesh, motion: Motion, material: u32) {
-        let t = &mut self.topology;
-        let (first, first_triangle) = (t.vertex_count as u32, t.triangles.len() as u32);
-        t.triangles.extend(mesh.triangles.iter().map(|tri| tri.map(|v| v + first)));
-        t.moves.resize(t.triangles.len(), !motion.is_still());
-        t.vertex_count += mesh.positions.len();
-        t.parts.push(Part {
-            name: name.to_owned(),
-            triangles: first_triangle..t.triangles.len() as u32,
-            vertices: first..t.vertex_count as u32,
-            motion,
-            material,
-        });
-        self.positions.extend(&mesh.positions);
+        let Self { topology, positions } = self;
+        let part = topology.add_part(name.to_owned(), &mesh.triangles, mesh.positions.len(), material);
+        let part = part.expect("few triangles");
+        part.motion = motion;
+        let first = part.triangles.start as usize;
+        topology.moves[first..].fill(!motion.is_still());
+        positions.extend(&mesh.positions);
     }
 }
 

@@ -31,6 +31,8 @@ pub(crate) struct Body {
     /// Radius of the sphere about the centre that other bodies touch.
     pub(crate) radius: f32,
     inverse_inertia: Mat3,
+    /// Radius of the sphere about the centre that holds it.
+    reach: f32,
     /// Points that touch the ground, relative to the centre.
     corners: Vec<Vec3>,
     before: Placement,
@@ -72,11 +74,17 @@ impl Body {
             mass,
             radius: 0.0,
             inverse_inertia: inertia.inverse(),
+            reach,
             corners: extreme_points(&surface.positions),
             before: at,
             predicted: at,
         };
         (body, surface)
+    }
+
+    /// Whether it may be in the ground: it is not where it is higher than it is large.
+    pub(crate) fn is_low(&self) -> bool {
+        self.at.position.y < 1.001 * self.reach
     }
 
     fn drift(&mut self, dt: f32) {
@@ -103,7 +111,8 @@ impl Body {
         let mut contacts = 0;
         let (velocity, spin) = (self.velocity, self.spin);
         let mut lowest: Option<Vec3> = None;
-        for k in 0..self.corners.len() {
+        let corners = if self.is_low() { self.corners.len() } else { 0 };
+        for k in 0..corners {
             let corner = self.corners[k];
             let arm = self.at.rotation * corner;
             let depth = -(self.at.position.y + arm.y);

@@ -43,7 +43,8 @@ pub(crate) struct Statue {
     pub(crate) delay: fn(Vec3, Vec3, &mut fastrand::Rng) -> f32,
     /// Velocity and spin of a piece as it breaks off, by centre and point of impact.
     pub(crate) kick: fn(Vec3, Vec3, &mut fastrand::Rng) -> (Vec3, Vec3),
-    pub(crate) colors: Colors,
+    /// Colours of the statue, the stone and the ground.
+    pub(crate) colors: [[f32; 3]; 3],
     pub(crate) ground: f32,
     /// Eye, and point looked at.
     pub(crate) seen: (Vec3, Vec3),
@@ -72,28 +73,11 @@ impl Statue {
         let simulate = || Breaking::new(self, detail, dt, options.seed).simulate(keys, substeps, options);
         let (record, notes) = recorded(&parameters, options, simulate);
         let stats = record.stats;
-        let (animation, measures) = playback(record, &self.colors, self.ground, self.seconds);
+        let (animation, measures) = playback(record, self.colors, self.ground, self.seconds);
         let key_bytes = size_of_val(&animation.keys[..]);
         let scene = Scene::new(info, animation, self.seen, 42_f32.to_radians(), self.light);
         Ok(Scene { key_bytes, measures, simulated: stats, notes, ..scene })
     }
-}
-
-/// Colours of the playback.
-pub(crate) struct Colors {
-    pub(crate) statue: [f32; 3],
-    pub(crate) stone: [f32; 3],
-    pub(crate) ground: [f32; 3],
-}
-
-/// How far the breaking has come.
-struct Cracks {
-    /// For each piece, those that touch it.
-    beside: Vec<Vec<u32>>,
-    /// Whether each piece rests on the ground at first.
-    rests: Vec<bool>,
-    /// Where the stone hit first, and when each piece is to break off; `None` before it has hit.
-    hit: Option<(Vec3, Vec<f32>)>,
 }
 
 /// A statue in pieces, with the stone that breaks it behind them.
@@ -102,7 +86,12 @@ struct Breaking {
     world: Bodies,
     meshes: Vec<Mesh>,
     welds: Vec<u32>,
-    cracks: Cracks,
+    /// For each piece, those that touch it.
+    beside: Vec<Vec<u32>>,
+    /// Whether each piece rests on the ground at first.
+    rests: Vec<bool>,
+    /// Where the stone hit first, and when each piece is to break off; `None` before it has hit.
+    hit: Option<(Vec3, Vec<f32>)>,
     random: fastrand::Rng,
     placed: Vec<f32>,
     depth: f32,
@@ -119,8 +108,10 @@ impl World for Breaking {
     fn record(&mut self, _: usize) {
         for (body, mesh) in self.world.bodies.iter().zip(&self.meshes) {
             rigid::record(&mut self.placed, &body.at);
-            let deepest = mesh.positions.iter().map(|&p| -body.at.of(p).y).fold(0.0, f32::max);
-            self.depth = self.depth.max(deepest);
+            if body.is_low() {
+                let depths = mesh.positions.iter().map(|&p| -body.at.of(p).y);
+                self.depth = depths.fold(self.depth, f32::max);
+            }
         }
     }
 }
@@ -138,11 +129,8 @@ impl Breaking {
         let (shards, welds): (Vec<Mesh>, Vec<Vec<u32>>) =
             shards.into_iter().map(|Shard { mesh, weld }| (mesh, weld)).unzip();
         let lowest = |m: &Mesh| m.positions.iter().map(|p| p.y).fold(f32::MAX, f32::min);
-        let cracks = Cracks {
-            beside: adjacent_patches(&surface, &patch, count),
-            rests: shards.iter().map(|m| lowest(m) < statue.thickness).collect(),
-            hit: None,
-        };
+        let beside = adjacent_patches(&surface, &patch, count);
+        let rests = shards.iter().map(|m| lowest(m) < statue.thickness).collect();
         let shard_triangles: usize = shards.iter().map(|m| m.triangles.len()).sum();
         let (mut bodies, mut meshes): (Vec<Body>, Vec<Mesh>) =
             shards.into_iter().map(|mesh| Body::new(mesh, 1.0)).unzip();
@@ -154,7 +142,7 @@ impl Breaking {
         meshes.push(mesh);
         let world = Bodies::new(bodies, GRAVITY, 4.0 * statue.thickness, dt);
         let (placed, welds) = (Vec::new(), welds.concat());
-        Self { statue, world, meshes, welds, cracks, random, placed, depth: 0.0 }
+        Self { statue, world, meshes, welds, beside, rests, hit: None, random, placed, depth: 0.0 }
     }
 
     /// Breaks the statue.
@@ -170,18 +158,18 @@ impl Breaking {
     /// Frees the pieces whose time has come, that the stone hits, or that nothing holds up any
     /// more. Gives their number.
     fn break_off(&mut self, step: usize) -> usize {
-        let Self { statue, cracks, random, world, .. } = self;
+        let Self { statue, beside, rests, hit, random, world, .. } = self;
         let time = step as f32 * world.dt;
         let Some((stone, shards)) = world.bodies.split_last_mut() else { return 0 };
         let touches =
             |b: &Body| !b.free && b.at.position.distance(stone.at.position) < b.radius + stone.radius;
         let touched: Vec<bool> = shards.iter().map(touches).collect();
-        if cracks.hit.is_none() && touched.contains(&true) {
+        if hit.is_none() && touched.contains(&true) {
             let impact = stone.at.position - Vec3::Y * stone.radius;
             let due = |b: &Body| time + (statue.delay)(b.at.position, impact, random);
-            cracks.hit = Some((impact, shards.iter().map(due).collect()));
+            *hit = Some((impact, shards.iter().map(due).collect()));
         }
-        let Some((impact, due)) = &cracks.hit else { return 0 };
+        let Some((impact, due)) = &*hit else { return 0 };
         let mut loose: Vec<bool> = shards
             .iter()
             .zip(due)
@@ -189,7 +177,7 @@ impl Breaking {
             .map(|((b, &due), &touched)| b.free || touched || due <= time)
             .collect();
         if step.is_multiple_of(SUPPORT) {
-            let held = held_up(&cracks.beside, &cracks.rests, &loose);
+            let held = held_up(beside, rests, &loose);
             loose = held.into_iter().map(|held| !held).collect();
         }
         let mut freed = 0;
@@ -252,17 +240,15 @@ fn record(meshes: Vec<Mesh>, mut weld: Vec<u32>, placed: Vec<f32>, depth: f32) -
 }
 
 /// The animation of a record: a rigid part per shard, the stone, and a still square of ground.
-fn playback(record: Record, colors: &Colors, ground: f32, seconds: f64) -> (RigidBodies, Vec<Measure>) {
+fn playback(record: Record, colors: [[f32; 3]; 3], ground: f32, seconds: f64) -> (RigidBodies, Vec<Measure>) {
     let Record { floats, ints, measures, .. } = record;
     let [local, keys] = <[Vec<f32>; 2]>::try_from(floats).unwrap_or_default();
     let [triangles, sizes, weld] = <[Vec<u32>; 3]>::try_from(ints).unwrap_or_default();
     let (mut local, mut triangles) = (local.as_chunks::<3>().0, triangles.as_chunks::<3>().0);
     let sizes = sizes.as_chunks::<2>().0;
     let mut assembly = Assembly::default();
-    let statue = assembly.material(colors.statue);
-    let stone = assembly.material(colors.stone);
+    let [statue, stone, earth] = colors.map(|color| assembly.material(color));
     let moving = Motion { rigid: true, ..Motion::STILL };
-    let mut body = Vec::with_capacity(local.len());
     for (i, &[vertices, count]) in sizes.iter().enumerate() {
         let (l, t);
         (l, local) = local.split_at(vertices as usize);
@@ -270,21 +256,10 @@ fn playback(record: Record, colors: &Colors, ground: f32, seconds: f64) -> (Rigi
         let mesh = Mesh { positions: l.iter().map(|&p| p.into()).collect(), triangles: t.to_vec() };
         let (name, material) = if i + 1 < sizes.len() { ("shard", statue) } else { ("stone", stone) };
         assembly.part(name, &mesh, moving, material);
-        body.resize(assembly.positions.len(), i as u32);
     }
-    let earth = assembly.material(colors.ground);
     assembly.part("ground", &shape::square(ground, 16), Motion::STILL, earth);
-    let Assembly { topology, positions } = assembly;
-    let mut animation = RigidBodies {
-        topology,
-        local: positions,
-        normals: Vec::new(),
-        body,
-        bodies: sizes.len(),
-        keys,
-        seconds,
-    };
-    animation.normals = welded_normals(&animation.topology.triangles, &animation.rest(), &weld);
+    let mut animation = RigidBodies::new(assembly, Vec::new(), keys, seconds);
+    animation.normals = welded_normals(&animation.topology().triangles, &animation.rest(), &weld);
     (animation, measures)
 }
 

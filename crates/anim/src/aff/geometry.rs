@@ -1,10 +1,8 @@
-//! Triangles as they are read: parts in their own coordinates, and round shapes cut into triangles.
+//! Shapes: triangles with keys of their own, and round shapes cut into triangles.
 
 use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DVec3, Vec3};
-
-use crate::Topology;
 
 /// Triangles around a sphere's equator, a cone or a cylinder.
 const SEGMENTS: u32 = 16;
@@ -12,16 +10,12 @@ const SEGMENTS: u32 = 16;
 const BANDS: u32 = 8;
 
 /// Where vertices are given: still, under an animated transform or the world.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 pub(super) struct Frame {
     /// Number of the animated transform.
     pub(super) node: Option<u32>,
     /// From here to there.
     pub(super) fixed: DAffine3,
-}
-
-impl Frame {
-    pub(super) const WORLD: Self = Self { node: None, fixed: DAffine3::IDENTITY };
 }
 
 /// A triangle with keys of its own (`tpa`).
@@ -68,97 +62,24 @@ pub(super) struct Source {
     pub(super) patches: Vec<Patch>,
 }
 
-/// All triangles so far. Positions are as given by [`Frame::node`].
-#[derive(Default)]
-pub(super) struct Geometry {
-    pub(super) topology: Topology,
-    pub(super) positions: Vec<Vec3>,
-    /// One for each part.
-    pub(super) sources: Vec<Source>,
-}
-
-/// What triangles in one part have in common.
-#[derive(Clone, Copy)]
-pub(super) struct Group<'a> {
-    pub(super) name: &'a str,
-    pub(super) frame: Frame,
-    pub(super) material: u32,
-}
-
-impl Geometry {
-    /// Adds triangles that number their own `vertices`. `None` if there are too many in all.
-    pub(super) fn add(&mut self, group: Group<'_>, vertices: &[DVec3], triangles: &[[u32; 3]]) -> Option<()> {
-        self.extend_part(group, vertices.len(), triangles, false)?;
-        let place = |vertex: &DVec3| group.frame.fixed.transform_point3(*vertex).as_vec3();
-        self.positions.extend(vertices.iter().map(place));
-        Some(())
-    }
-
-    /// Adds an animated triangle. `None` if there are too many in all.
-    pub(super) fn add_patch(&mut self, group: Group<'_>, patch: Patch) -> Option<()> {
-        self.extend_part(group, 3, &[[0, 1, 2]], true)?;
-        self.positions.extend(patch.0[0].corners);
-        self.sources.last_mut()?.patches.push(patch);
-        Some(())
-    }
-
-    /// Extends the last part, or starts another if the group is not the same.
-    fn extend_part(
-        &mut self,
-        group: Group<'_>,
-        vertices: usize,
-        triangles: &[[u32; 3]],
-        patches: bool,
-    ) -> Option<()> {
-        let parts = &mut self.topology.parts;
-        let same = parts.last().zip(self.sources.last()).is_some_and(|(part, source)| {
-            part.name == group.name
-                && part.material == group.material
-                && source.node == group.frame.node
-                && source.patches.is_empty() != patches
-        });
-        let last = if same { parts.pop() } else { None };
-        let name = group.name.to_owned();
-        let part = self.topology.add_part(name, triangles, vertices, group.material)?;
-        match last {
-            Some(last) => {
-                (part.triangles.start, part.vertices.start) = (last.triangles.start, last.vertices.start);
-            }
-            None => self.sources.push(Source { node: group.frame.node, patches: Vec::new() }),
-        }
-        Some(())
-    }
-}
-
 /// Vertices and triangles.
 pub(super) type Shape = (Vec<DVec3>, Vec<[u32; 3]>);
 
 /// A cone, truncated cone or cylinder without caps, seen from outside.
 pub(super) fn cone(base: (DVec3, f64), apex: (DVec3, f64)) -> Shape {
-    let axis = (apex.0 - base.0).try_normalize().unwrap_or(DVec3::Y);
-    let (x, y) = axis.any_orthonormal_pair();
-    let ring = |(center, radius): (DVec3, f64)| {
-        (0..SEGMENTS).map(move |i| {
-            let (sine, cosine) = (TAU * f64::from(i) / f64::from(SEGMENTS)).sin_cos();
-            center + radius * (cosine * x + sine * y)
-        })
-    };
+    let across = (apex.0 - base.0).try_normalize().unwrap_or(DVec3::Y).any_orthonormal_pair();
     // A radius of 0 leaves triangles without area, which harm nothing, and keeps the counts the
     // same for all.
-    let vertices = ring(base).chain(ring(apex)).collect();
-    (vertices, band(0))
+    let vertices = [base, apex].into_iter().flat_map(|(center, radius)| ring(center, radius, across));
+    (vertices.collect(), band(0))
 }
 
 /// Vertices in rings of [`SEGMENTS`], poles included, seen from outside.
 pub(super) fn sphere(center: DVec3, radius: f64) -> Shape {
-    let mut vertices = Vec::new();
-    for ring in 0..=BANDS {
-        let (ring_radius, height) = (PI * f64::from(ring) / f64::from(BANDS)).sin_cos();
-        for segment in 0..SEGMENTS {
-            let (sine, cosine) = (TAU * f64::from(segment) / f64::from(SEGMENTS)).sin_cos();
-            vertices.push(center + radius * DVec3::new(ring_radius * sine, -height, ring_radius * cosine));
-        }
-    }
+    let vertices = (0..=BANDS).flat_map(|number| {
+        let (out, height) = (PI * f64::from(number) / f64::from(BANDS)).sin_cos();
+        ring(center - radius * height * DVec3::Y, radius * out, (DVec3::Z, DVec3::X))
+    });
     // At the poles one triangle of each pair would have no area.
     let triangles = (0..BANDS).flat_map(|ring| {
         band(ring * SEGMENTS).into_iter().enumerate().filter_map(move |(number, triangle)| {
@@ -166,7 +87,15 @@ pub(super) fn sphere(center: DVec3, radius: f64) -> Shape {
             (!pole).then_some(triangle)
         })
     });
-    (vertices, triangles.collect())
+    (vertices.collect(), triangles.collect())
+}
+
+/// [`SEGMENTS`] points around `center`, from `x` towards `y`.
+fn ring(center: DVec3, radius: f64, (x, y): (DVec3, DVec3)) -> impl Iterator<Item = DVec3> {
+    (0..SEGMENTS).map(move |i| {
+        let (sine, cosine) = (TAU * f64::from(i) / f64::from(SEGMENTS)).sin_cos();
+        center + radius * (cosine * x + sine * y)
+    })
 }
 
 /// Two triangles for each segment between the ring that starts at vertex `first` and the next one:

@@ -2,16 +2,15 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
 use std::sync::Arc;
 
-use glam::{DAffine3, DQuat, DVec3};
+use glam::{DAffine3, DQuat, DVec3, Vec3};
 
-use super::geometry::{Frame, Geometry, Group, Patch, PatchKey, cone, sphere};
+use super::geometry::{Frame, Patch, PatchKey, Shape, Source, cone, sphere};
 use super::tokens::Tokens;
 use super::track::{FEWEST_KEYS, Key, Spline, Track, Value};
-use crate::Material;
 use crate::error::{LoadError, NUMBERED, Problem, read_file};
+use crate::{Material, Topology};
 
 /// Files that may include each other in a row.
 const DEEPEST_INCLUDE: usize = 64;
@@ -26,12 +25,21 @@ const BYTES_PER_ELEMENT: usize = 120;
 /// file, say.
 const COST_OF_STATEMENT: usize = 512;
 
+/// The name of a track.
+pub(super) type Name = Arc<[u8]>;
+
 /// All that the files say, with motion still by name.
+#[derive(Default)]
 pub(super) struct Scene {
-    pub(super) geometry: Geometry,
-    /// Animated transforms, each after the one it is under.
-    pub(super) nodes: Vec<Node>,
-    pub(super) tracks: HashMap<Vec<u8>, Arc<Track>>,
+    pub(super) topology: Topology,
+    /// As given by the frames' nodes.
+    pub(super) positions: Vec<Vec3>,
+    /// One for each part.
+    pub(super) sources: Vec<Source>,
+    /// Animated transforms, each after the one it is under: the track, and where its own coordinates
+    /// lie before it moves.
+    pub(super) nodes: Vec<(Name, Frame)>,
+    pub(super) tracks: HashMap<Name, Arc<Track>>,
     pub(super) camera: Option<Camera>,
     pub(super) lights: Vec<AffLight>,
     /// The `a` statement: first time, last time, number of frames.
@@ -40,14 +48,7 @@ pub(super) struct Scene {
     pub(super) disordered: usize,
 }
 
-pub(super) struct Node {
-    pub(super) track: Rc<[u8]>,
-    /// Where its own coordinates lie, before it moves.
-    pub(super) frame: Frame,
-}
-
 /// The `v` block.
-#[derive(Clone, Copy)]
 pub(super) struct Camera {
     pub(super) from: DVec3,
     pub(super) at: DVec3,
@@ -57,8 +58,8 @@ pub(super) struct Camera {
 }
 
 pub(super) struct AffLight {
-    /// Name of the track that moves it.
-    pub(super) track: Option<Rc<[u8]>>,
+    /// The track that moves it.
+    pub(super) track: Option<Name>,
     pub(super) frame: Frame,
     pub(super) position: DVec3,
     pub(super) color: DVec3,
@@ -70,33 +71,19 @@ pub(super) fn read(root: &Path, origin: DVec3) -> Result<Scene, LoadError> {
     let canonical = root.canonicalize().map_err(io)?;
     let mut reader = Reader {
         folder: canonical.parent().unwrap_or(Path::new("/")).to_owned(),
-        texts: HashMap::new(),
-        open: Vec::new(),
-        distinct_bytes: 0,
-        bytes: 0,
-        detail: 0,
-        material: 0,
-        materials: HashMap::new(),
         frame: Frame { node: None, fixed: DAffine3::from_translation(DVec3::ZERO - origin) },
-        scene: Scene {
-            geometry: Geometry::default(),
-            nodes: Vec::new(),
-            tracks: HashMap::new(),
-            camera: None,
-            lights: Vec::new(),
-            time: None,
-            disordered: 0,
-        },
+        ..Reader::default()
     };
     reader.set_material(DVec3::from(Material::default().base_color.map(f64::from)), DVec3::ZERO);
     reader.read(root, canonical)?;
     Ok(reader.scene)
 }
 
+#[derive(Default)]
 struct Reader {
     /// Nothing outside is included.
     folder: PathBuf,
-    texts: HashMap<PathBuf, Rc<[u8]>>,
+    texts: HashMap<PathBuf, Arc<[u8]>>,
     /// The file being read, and those that include it.
     open: Vec<PathBuf>,
     distinct_bytes: usize,
@@ -107,17 +94,19 @@ struct Reader {
     material: u32,
     materials: HashMap<([u32; 3], bool), u32>,
     frame: Frame,
+    /// The frames to go back to at closing braces.
+    outer: Vec<Frame>,
     scene: Scene,
 }
 
 impl Reader {
     fn read(&mut self, file: &Path, canonical: PathBuf) -> Result<(), LoadError> {
         let text = match self.texts.get(&canonical) {
-            Some(text) => Rc::clone(text),
+            Some(text) => Arc::clone(text),
             None => {
-                let text: Rc<[u8]> = read_file(file)?.into();
+                let text: Arc<[u8]> = read_file(file)?.into();
                 self.distinct_bytes += text.len();
-                Rc::clone(self.texts.entry(canonical.clone()).or_insert(text))
+                Arc::clone(self.texts.entry(canonical.clone()).or_insert(text))
             }
         };
         self.bytes += text.len();
@@ -125,29 +114,28 @@ impl Reader {
         let part = file.file_stem().unwrap_or_default().to_string_lossy();
         let in_file = |problem: Problem| problem.in_file(file);
         let mut tokens = Tokens::new(&text);
-        // The braces open in this file.
-        let mut outer = Vec::new();
+        // Braces close in the file that opens them.
+        let depth = self.outer.len();
         while let Some(word) = tokens.next() {
             self.bytes += COST_OF_STATEMENT;
             match word {
-                b"xs" => outer.push(self.fixed_transform(&mut tokens).map_err(in_file)?),
-                b"x" => outer.push(self.animated_transform(&mut tokens).map_err(in_file)?),
-                b"}" => {
-                    let closed = outer.pop();
-                    let none = || tokens.problem(Some(word), "a statement, as no brace is open");
-                    self.frame = closed.ok_or_else(none).map_err(in_file)?;
+                b"i" => {
+                    if let Some((included, canonical)) = self.include(&mut tokens, file).map_err(in_file)? {
+                        self.read(&included, canonical)?;
+                    }
                 }
-                b"i" => self.include(&mut tokens, file)?,
+                b"}" if self.outer.len() == depth => {
+                    return Err(in_file(tokens.problem(Some(word), "a statement, as no brace is open")));
+                }
                 _ => self.statement(word, &mut tokens, &part).map_err(in_file)?,
             }
             if self.size() > ALWAYS_ALLOWED.saturating_add(LARGEST_GROWTH.saturating_mul(self.distinct_bytes))
             {
-                let found = "a scene that outgrows its files";
                 let expected = format!("a scene at most {LARGEST_GROWTH} times as large as its files");
-                return Err(in_file(tokens.because(found, expected)));
+                return Err(in_file(tokens.because("a scene that outgrows its files", expected)));
             }
         }
-        if !outer.is_empty() {
+        if self.outer.len() > depth {
             return Err(in_file(tokens.problem(None, "\"}\"")));
         }
         self.open.pop();
@@ -157,14 +145,15 @@ impl Reader {
 
     /// About the bytes read and made so far.
     fn size(&self) -> usize {
-        let geometry = &self.scene.geometry;
-        let elements = geometry.positions.len() + geometry.topology.triangles.len();
+        let elements = self.scene.positions.len() + self.scene.topology.triangles.len();
         self.bytes.saturating_add(elements.saturating_mul(BYTES_PER_ELEMENT))
     }
 
     /// `part` is the name of the parts that triangles go to.
     fn statement(&mut self, word: &[u8], tokens: &mut Tokens<'_>, part: &str) -> Result<(), Problem> {
         match word {
+            b"xs" | b"x" => self.transform(tokens, word == b"x")?,
+            b"}" => self.frame = self.outer.pop().unwrap_or_default(),
             b"v" => self.scene.camera = Some(camera(tokens)?),
             b"l" => self.light(tokens, None)?,
             b"la" => {
@@ -175,8 +164,8 @@ impl Reader {
             // Colours of the background and of the light from everywhere.
             b"b" | b"am" => tokens.skip_numbers(3)?,
             b"f" => {
-                let (color, diffuse, specular) = (tokens.vector()?, tokens.number()?, tokens.number()?);
-                tokens.skip_numbers(3)?;
+                let [red, green, blue, diffuse, specular, _, _, _] = tokens.numbers()?;
+                let color = DVec3::new(red, green, blue);
                 self.set_material(color * diffuse, color * specular);
             }
             b"fm" => {
@@ -189,21 +178,23 @@ impl Reader {
             b"k" => self.track(tokens)?,
             b"s" => {
                 let (center, radius) = (tokens.vector()?, tokens.number()?);
-                let (vertices, triangles) = sphere(center, radius.abs());
-                self.add(&vertices, &triangles, part)?;
+                self.add(sphere(center, radius.abs()), part)?;
             }
             b"c" => {
                 let base = (tokens.vector()?, tokens.number()?.abs());
                 let apex = (tokens.vector()?, tokens.number()?.abs());
-                let (vertices, triangles) = cone(base, apex);
-                self.add(&vertices, &triangles, part)?;
+                self.add(cone(base, apex), part)?;
             }
-            b"p" => self.polygon(tokens, 0, part)?,
-            b"pp" => self.polygon(tokens, 3, part)?,
-            b"tt" => self.textured_triangle(tokens, 2, part)?,
-            b"ttp" => self.textured_triangle(tokens, 5, part)?,
+            b"p" | b"pp" => {
+                let count = tokens.count_from(3, "vertices")?;
+                self.add(fan(tokens, count, if word == b"p" { 0 } else { 3 })?, part)?;
+            }
+            b"tt" | b"ttp" => {
+                tokens.word("the name of a texture")?;
+                self.add(fan(tokens, 3, if word == b"tt" { 2 } else { 5 })?, part)?;
+            }
             b"tpa" => self.animated_triangle(tokens, part)?,
-            b"m" => self.mesh(tokens, part)?,
+            b"m" => self.add(mesh(tokens)?, part)?,
             found => {
                 let known =
                     "a statement: a, am, b, c, d, f, fm, i, k, l, la, m, p, pp, s, tpa, tt, ttp, v, x or xs";
@@ -213,23 +204,18 @@ impl Reader {
         Ok(())
     }
 
-    fn include(&mut self, tokens: &mut Tokens<'_>, file: &Path) -> Result<(), LoadError> {
-        let (level, name) = (|| {
-            let level = tokens.count("a level of detail")?;
-            Ok::<_, Problem>((level, tokens.word("the name of a file")?))
-        })()
-        .map_err(|p| p.in_file(file))?;
+    /// The file to be read now, and its canonical path; `None` for one of too fine a detail.
+    fn include(&self, tokens: &mut Tokens<'_>, file: &Path) -> Result<Option<(PathBuf, PathBuf)>, Problem> {
+        let level = tokens.count("a level of detail")?;
+        let name = tokens.word("the name of a file")?;
         if level > self.detail {
-            return Ok(());
+            return Ok(None);
         }
         let problem = |found: &str, expected: &str| {
-            let found = format!("{found} {:?}", String::from_utf8_lossy(name));
-            tokens.because(found, expected).in_file(file)
+            tokens.because(format!("{found} {:?}", String::from_utf8_lossy(name)), expected)
         };
-        let Ok(name_text) = str::from_utf8(name) else {
-            return Err(problem("include of", "a name in UTF-8"));
-        };
-        let included = file.parent().unwrap_or(Path::new("")).join(name_text);
+        let text = str::from_utf8(name).map_err(|_| problem("include of", "a name in UTF-8"))?;
+        let included = file.parent().unwrap_or(Path::new("")).join(text);
         // A file that is not there has no canonical path either.
         let canonical = included.canonicalize().map_err(|source| {
             problem(&format!("include of a file that cannot be read ({source})"), "a file")
@@ -241,33 +227,29 @@ impl Reader {
             return Err(problem("include in a circle of", "a file that is not being read already"));
         }
         if self.open.len() >= DEEPEST_INCLUDE {
-            let expected = format!("files at most {DEEPEST_INCLUDE} deep");
-            return Err(problem("include of", &expected));
+            return Err(problem("include of", &format!("files at most {DEEPEST_INCLUDE} deep")));
         }
-        self.read(&included, canonical)
+        Ok(Some((included, canonical)))
     }
 
-    /// The frame to go back to at the closing brace.
-    fn fixed_transform(&mut self, tokens: &mut Tokens<'_>) -> Result<Frame, Problem> {
-        let (scale, rotation, translation) = (tokens.vector()?, rotation(tokens)?, tokens.vector()?);
+    fn transform(&mut self, tokens: &mut Tokens<'_>, animated: bool) -> Result<(), Problem> {
+        let mut frame = self.frame;
+        if animated {
+            let track = tokens.word("the name of a transform")?.into();
+            let node = u32::try_from(self.scene.nodes.len());
+            let node = node.map_err(|_| tokens.because("too many transforms", NUMBERED))?;
+            self.scene.nodes.push((track, frame));
+            frame = Frame { node: Some(node), ..Frame::default() };
+        } else {
+            let (scale, rotation, translation) = (tokens.vector()?, rotation(tokens)?, tokens.vector()?);
+            frame.fixed *= DAffine3::from_scale_rotation_translation(scale, rotation, translation);
+        }
         tokens.expect("{")?;
-        let outer = self.frame;
-        self.frame.fixed *= DAffine3::from_scale_rotation_translation(scale, rotation, translation);
-        Ok(outer)
+        self.outer.push(std::mem::replace(&mut self.frame, frame));
+        Ok(())
     }
 
-    fn animated_transform(&mut self, tokens: &mut Tokens<'_>) -> Result<Frame, Problem> {
-        let track = tokens.word("the name of a transform")?.into();
-        tokens.expect("{")?;
-        let outer = self.frame;
-        let node = u32::try_from(self.scene.nodes.len())
-            .map_err(|_| tokens.because("too many transforms", NUMBERED))?;
-        self.scene.nodes.push(Node { track, frame: outer });
-        self.frame = Frame { node: Some(node), ..Frame::WORLD };
-        Ok(outer)
-    }
-
-    fn light(&mut self, tokens: &mut Tokens<'_>, track: Option<Rc<[u8]>>) -> Result<(), Problem> {
+    fn light(&mut self, tokens: &mut Tokens<'_>, track: Option<Name>) -> Result<(), Problem> {
         let position = tokens.vector()?;
         let color = if tokens.next_is_number() { tokens.vector()? } else { DVec3::ONE };
         self.scene.lights.push(AffLight { track, frame: self.frame, position, color });
@@ -279,7 +261,7 @@ impl Reader {
         let mirror = diffuse == DVec3::ZERO && specular != DVec3::ZERO;
         let color = if mirror { specular } else { diffuse };
         let base_color = color.as_vec3().to_array().map(|channel| channel.clamp(0.0, 1.0));
-        let materials = &mut self.scene.geometry.topology.materials;
+        let materials = &mut self.scene.topology.materials;
         self.material = *self.materials.entry((base_color.map(f32::to_bits), mirror)).or_insert_with(|| {
             materials.push(Material { base_color, mirror, ..Material::default() });
             // More than 32 bits can number would take tens of gigabytes of text.
@@ -287,90 +269,59 @@ impl Reader {
         });
     }
 
-    fn group<'a>(&self, part: &'a str) -> Group<'a> {
-        Group { name: part, frame: self.frame, material: self.material }
-    }
-
-    fn add(&mut self, vertices: &[DVec3], triangles: &[[u32; 3]], part: &str) -> Result<(), Problem> {
-        self.scene.geometry.add(self.group(part), vertices, triangles).ok_or_else(too_large)
-    }
-
-    /// `after` numbers follow each vertex.
-    fn polygon(&mut self, tokens: &mut Tokens<'_>, after: usize, part: &str) -> Result<(), Problem> {
-        let expected = "a number of vertices from 3 up";
-        let count = tokens.count(expected)?;
-        if count < 3 {
-            return Err(tokens.because(count.to_string(), expected));
-        }
-        let vertices = vectors(tokens, count, after)?;
-        let fan: Vec<[u32; 3]> = (2..count as u32).map(|corner| [0, corner - 1, corner]).collect();
-        self.add(&vertices, &fan, part)
-    }
-
-    fn textured_triangle(
-        &mut self,
-        tokens: &mut Tokens<'_>,
-        after: usize,
-        part: &str,
-    ) -> Result<(), Problem> {
-        tokens.word("the name of a texture")?;
-        let vertices = vectors(tokens, 3, after)?;
-        self.add(&vertices, &[[0, 1, 2]], part)
+    fn add(&mut self, (vertices, triangles): Shape, part: &str) -> Result<(), Problem> {
+        let fixed = self.frame.fixed;
+        self.extend_part(part, vertices.len(), &triangles, None)?;
+        self.scene.positions.extend(vertices.iter().map(|vertex| fixed.transform_point3(*vertex).as_vec3()));
+        Ok(())
     }
 
     fn animated_triangle(&mut self, tokens: &mut Tokens<'_>, part: &str) -> Result<(), Problem> {
-        let expected = "a number of keys from 1 up";
-        let count = tokens.count(expected)?;
-        if count == 0 {
-            return Err(tokens.because("0", expected));
-        }
         let mut keys: Vec<PatchKey> = Vec::new();
-        for _ in 0..count {
+        for _ in 0..tokens.count_from(1, "keys")? {
             let time = tokens.number()?;
-            let vertices = vectors(tokens, 3, 3)?;
+            let vertices = tokens.vectors(3, 3)?;
             let corner = |i: usize| self.frame.fixed.transform_point3(vertices[i]).as_vec3();
             keys.push(PatchKey { time, corners: [0, 1, 2].map(corner) });
         }
         put_in_order(&mut keys, |key| key.time, tokens);
-        self.scene.geometry.add_patch(self.group(part), Patch(keys)).ok_or_else(too_large)
+        let corners = keys[0].corners;
+        self.extend_part(part, 3, &[[0, 1, 2]], Some(Patch(keys)))?;
+        self.scene.positions.extend(corners);
+        Ok(())
     }
 
-    fn mesh(&mut self, tokens: &mut Tokens<'_>, part: &str) -> Result<(), Problem> {
-        tokens.expect("vertices")?;
-        let count = tokens.count("a number of vertices")?;
-        let vertices = vectors(tokens, count, 0)?;
-        // Numbers after the three vertices of each triangle.
-        let mut after = 0;
-        if tokens.peek() == Some(b"normals") {
-            tokens.expect("normals")?;
-            let count = tokens.count("a number of normals")?;
-            vectors(tokens, count, 0)?;
-            after += 3;
-        }
-        if tokens.peek() == Some(b"texturecoords") {
-            tokens.expect("texturecoords")?;
-            let count = tokens.count("a number of texture coordinates")?;
-            tokens.word("the name of a texture")?;
-            (0..count).try_for_each(|_| tokens.skip_numbers(2))?;
-            after += 3;
-        }
-        tokens.expect("triangles")?;
-        let triangle_count = tokens.count("a number of triangles")?;
-        let mut triangles = Vec::new();
-        for _ in 0..triangle_count {
-            let mut triangle = [0; 3];
-            for corner in &mut triangle {
-                let expected = "the number of a vertex";
-                let vertex = tokens.count(expected)?;
-                if vertex >= count {
-                    return Err(tokens.because(vertex.to_string(), format!("{expected} below {count}")));
-                }
-                *corner = vertex as u32;
+    /// Adds triangles that number their own `vertices` to the last part, or to a new one where that is of
+    /// another file, material, transform or kind.
+    fn extend_part(
+        &mut self,
+        name: &str,
+        vertices: usize,
+        triangles: &[[u32; 3]],
+        patch: Option<Patch>,
+    ) -> Result<(), Problem> {
+        let Self { scene: Scene { topology, sources, .. }, frame, material, .. } = self;
+        let last = topology.parts.pop_if(|part| {
+            sources.last().is_some_and(|source| {
+                part.name == name
+                    && part.material == *material
+                    && source.node == frame.node
+                    && source.patches.is_empty() == patch.is_none()
+            })
+        });
+        let too_large = || Problem::new("whole scene", "too many vertices or triangles", NUMBERED);
+        let part =
+            topology.add_part(name.to_owned(), triangles, vertices, *material).ok_or_else(too_large)?;
+        match last {
+            Some(last) => {
+                (part.triangles.start, part.vertices.start) = (last.triangles.start, last.vertices.start);
             }
-            tokens.skip_numbers(after)?;
-            triangles.push(triangle);
+            None => sources.push(Source { node: frame.node, patches: Vec::new() }),
         }
-        self.add(&vertices, &triangles, part)
+        if let Some(source) = sources.last_mut() {
+            source.patches.extend(patch);
+        }
+        Ok(())
     }
 
     fn track(&mut self, tokens: &mut Tokens<'_>) -> Result<(), Problem> {
@@ -378,8 +329,7 @@ impl Reader {
         tokens.expect("{")?;
         let mut track = Track::default();
         loop {
-            let kind = tokens.next();
-            match kind {
+            match tokens.next() {
                 Some(b"transl") => track.translation = Some(spline(tokens, Tokens::vector, Spline::new)?),
                 Some(b"rot") => track.rotation = Some(spline(tokens, rotation, Spline::of_rotations)?),
                 Some(b"scale") => track.scale = Some(spline(tokens, Tokens::vector, Spline::new)?),
@@ -390,24 +340,50 @@ impl Reader {
                 }
             }
         }
-        self.scene.tracks.insert(name.to_owned(), Arc::new(track));
+        self.scene.tracks.insert(name.into(), Arc::new(track));
         Ok(())
     }
 }
 
-fn too_large() -> Problem {
-    Problem::new("whole scene", "too many vertices or triangles", NUMBERED)
+/// A polygon of `count` vertices, each followed by `after` numbers.
+fn fan(tokens: &mut Tokens<'_>, count: usize, after: usize) -> Result<Shape, Problem> {
+    let vertices = tokens.vectors(count, after)?;
+    Ok((vertices, (2..count as u32).map(|corner| [0, corner - 1, corner]).collect()))
 }
 
-/// As many vectors, each followed by `after` numbers that are left out.
-fn vectors(tokens: &mut Tokens<'_>, count: usize, after: usize) -> Result<Vec<DVec3>, Problem> {
-    // Grows as the vectors come: the count may be a lie.
-    let mut vectors = Vec::new();
-    for _ in 0..count {
-        vectors.push(tokens.vector()?);
-        tokens.skip_numbers(after)?;
+fn mesh(tokens: &mut Tokens<'_>) -> Result<Shape, Problem> {
+    tokens.expect("vertices")?;
+    let count = tokens.count("a number of vertices")?;
+    let vertices = tokens.vectors(count, 0)?;
+    // Numbers after the three vertices of each triangle.
+    let mut after = 0;
+    for (what, numbers) in [("normals", 3), ("texturecoords", 2)] {
+        if tokens.peek() == Some(what.as_bytes()) {
+            tokens.expect(what)?;
+            let count = tokens.count(&format!("a number of {what}"))?;
+            if what == "texturecoords" {
+                tokens.word("the name of a texture")?;
+            }
+            tokens.skip_numbers(count.saturating_mul(numbers))?;
+            after += 3;
+        }
     }
-    Ok(vectors)
+    tokens.expect("triangles")?;
+    let mut triangles = Vec::new();
+    for _ in 0..tokens.count("a number of triangles")? {
+        let mut triangle = [0; 3];
+        for corner in &mut triangle {
+            let expected = "the number of a vertex";
+            let vertex = tokens.count(expected)?;
+            if vertex >= count {
+                return Err(tokens.because(vertex.to_string(), format!("{expected} below {count}")));
+            }
+            *corner = vertex as u32;
+        }
+        tokens.skip_numbers(after)?;
+        triangles.push(triangle);
+    }
+    Ok((vertices, triangles))
 }
 
 /// An axis and an angle in degrees; without an axis there is no rotation.
@@ -421,23 +397,14 @@ fn spline<'a, T: Value>(
     value: fn(&mut Tokens<'a>) -> Result<T, Problem>,
     new: fn(Vec<Key<T>>) -> Option<Spline<T>>,
 ) -> Result<Spline<T>, Problem> {
-    let expected = format!("a number of keys from {FEWEST_KEYS} up");
-    let count = tokens.count(&expected)?;
-    if count < FEWEST_KEYS {
-        return Err(tokens.because(count.to_string(), expected));
-    }
     let mut keys = Vec::new();
-    for _ in 0..count {
-        keys.push(Key {
-            time: tokens.number()?,
-            value: value(tokens)?,
-            tension: tokens.number()?,
-            continuity: tokens.number()?,
-            bias: tokens.number()?,
-        });
+    for _ in 0..tokens.count_from(FEWEST_KEYS, "keys")? {
+        let (time, value) = (tokens.number()?, value(tokens)?);
+        let [tension, continuity, bias] = tokens.numbers()?;
+        keys.push(Key { time, value, tension, continuity, bias });
     }
     put_in_order(&mut keys, |key| key.time, tokens);
-    new(keys).ok_or_else(|| tokens.because(count.to_string(), expected))
+    new(keys).ok_or_else(|| tokens.because("keys of no order", "keys in order of time"))
 }
 
 /// Sorts keys by time, and counts the lists that were not sorted. Scenes of BART itself have such
@@ -450,16 +417,13 @@ fn put_in_order<T>(keys: &mut [T], time: impl Fn(&T) -> f64, tokens: &mut Tokens
 }
 
 fn visibility(tokens: &mut Tokens<'_>) -> Result<Vec<(f64, bool)>, Problem> {
-    let count = tokens.count("a number of keys")?;
     let mut keys: Vec<(f64, bool)> = Vec::new();
-    for _ in 0..count {
+    for _ in 0..tokens.count("a number of keys")? {
         let time = tokens.number()?;
-        let visible = match tokens.next() {
-            Some(b"0") => false,
-            Some(b"1") => true,
+        match tokens.next() {
+            Some(word @ (b"0" | b"1")) => keys.push((time, word == b"1")),
             found => return Err(tokens.problem(found, "0 (invisible) or 1 (visible)")),
-        };
-        keys.push((time, visible));
+        }
     }
     put_in_order(&mut keys, |key| key.0, tokens);
     Ok(keys)
@@ -484,7 +448,7 @@ fn camera(tokens: &mut Tokens<'_>) -> Result<Camera, Problem> {
 }
 
 fn time_span(tokens: &mut Tokens<'_>) -> Result<(f64, f64, usize), Problem> {
-    let (start, end) = (tokens.number()?, tokens.number()?);
+    let [start, end] = tokens.numbers()?;
     if start > end {
         let found = format!("an end {end} before the start {start}");
         return Err(tokens.because(found, "the start, then the end"));

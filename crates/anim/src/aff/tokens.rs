@@ -21,31 +21,21 @@ impl<'a> Tokens<'a> {
 
     /// The next word, `{` or `}`; comments run from `#` or `%` to the end of the line.
     pub(super) fn next(&mut self) -> Option<&'a [u8]> {
-        loop {
-            match *self.rest.first()? {
-                b'\n' => {
-                    self.line += 1;
-                    self.rest = &self.rest[1..];
-                }
-                byte if is_space(byte) => self.rest = &self.rest[1..],
-                b'#' | b'%' => {
-                    let end = self.rest.iter().position(|&byte| byte == b'\n');
-                    self.rest = &self.rest[end.unwrap_or(self.rest.len())..];
-                }
-                _ => break,
+        while let Some(&byte) = self.rest.first() {
+            let until = |ends: fn(u8) -> bool| self.rest.iter().position(|&byte| ends(byte));
+            let length = match byte {
+                b'#' | b'%' => until(|byte| byte == b'\n'),
+                _ if ends_word(byte) => Some(1),
+                _ => until(ends_word),
+            };
+            let (token, rest) = self.rest.split_at(length.unwrap_or(self.rest.len()));
+            self.rest = rest;
+            self.line += usize::from(byte == b'\n');
+            if !is_space(byte) && !matches!(byte, b'#' | b'%') {
+                return Some(token);
             }
         }
-        let end = match self.rest[0] {
-            b'{' | b'}' => 1,
-            _ => self
-                .rest
-                .iter()
-                .position(|&byte| is_space(byte) || matches!(byte, b'{' | b'}'))
-                .unwrap_or(self.rest.len()),
-        };
-        let (token, rest) = self.rest.split_at(end);
-        self.rest = rest;
-        Some(token)
+        None
     }
 
     pub(super) fn peek(mut self) -> Option<&'a [u8]> {
@@ -62,7 +52,7 @@ impl<'a> Tokens<'a> {
                 format!("{shown:?}{}", if token.len() > LONGEST { "..." } else { "" })
             }
         };
-        Problem::new(format!("line {}", self.line), found, expected)
+        self.because(found, expected)
     }
 
     /// That what was read last is wrong in a way its words do not show.
@@ -99,22 +89,46 @@ impl<'a> Tokens<'a> {
         self.peek().and_then(number).is_some()
     }
 
+    pub(super) fn numbers<const N: usize>(&mut self) -> Result<[f64; N], Problem> {
+        let mut numbers = [0.0; N];
+        numbers.iter_mut().try_for_each(|number| self.number().map(|read| *number = read))?;
+        Ok(numbers)
+    }
+
     /// Reads past numbers that nothing here depends on.
     pub(super) fn skip_numbers(&mut self, count: usize) -> Result<(), Problem> {
         (0..count).try_for_each(|_| self.number().map(drop))
     }
 
     pub(super) fn vector(&mut self) -> Result<DVec3, Problem> {
-        Ok(DVec3::new(self.number()?, self.number()?, self.number()?))
+        self.numbers().map(DVec3::from_array)
+    }
+
+    /// As many vectors, each followed by `after` numbers that are left out.
+    pub(super) fn vectors(&mut self, count: usize, after: usize) -> Result<Vec<DVec3>, Problem> {
+        // Grows as the vectors come: the count may be a lie.
+        let mut vectors = Vec::new();
+        for _ in 0..count {
+            vectors.push(self.vector()?);
+            self.skip_numbers(after)?;
+        }
+        Ok(vectors)
     }
 
     /// A whole number that counts or numbers something.
     pub(super) fn count(&mut self, expected: &str) -> Result<usize, Problem> {
         let token = self.next();
-        token
-            .and_then(|token| str::from_utf8(token).ok()?.parse::<u32>().ok())
-            .map(|count| count as usize)
-            .ok_or_else(|| self.problem(token, expected))
+        let count = token.and_then(|token| str::from_utf8(token).ok()?.parse::<u32>().ok());
+        count.map(|count| count as usize).ok_or_else(|| self.problem(token, expected))
+    }
+
+    /// A whole number, at least `fewest`, that counts `what`.
+    pub(super) fn count_from(&mut self, fewest: usize, what: &str) -> Result<usize, Problem> {
+        let expected = format!("a number of {what} from {fewest} up");
+        match self.count(&expected)? {
+            count if count < fewest => Err(self.because(count.to_string(), expected)),
+            count => Ok(count),
+        }
     }
 }
 
@@ -124,4 +138,8 @@ fn number(token: &[u8]) -> Option<f64> {
 
 fn is_space(byte: u8) -> bool {
     byte.is_ascii_whitespace() || byte == 0x0b
+}
+
+fn ends_word(byte: u8) -> bool {
+    is_space(byte) || matches!(byte, b'{' | b'}')
 }

@@ -9,7 +9,7 @@ use ::gltf::json::validation::Checked;
 use ::gltf::json::{Accessor, Index, Root, buffer};
 
 use super::source::Bytes;
-use crate::error::Problem;
+use crate::error::{Problem, numbered};
 
 /// Bytes that may be taken however small the file is.
 const FREE_BYTES: u64 = 1 << 30;
@@ -95,27 +95,8 @@ impl<'a> Accessors<'a> {
         decode: impl Fn(&[u8], ComponentType, bool) -> Option<T>,
     ) -> Result<Vec<[T; N]>, Problem> {
         let place = &format!("{place}, accessor {index}");
-        let accessor = self.root.accessors.get(index.value()).ok_or_else(|| {
-            Problem::new(place, "no such accessor", format!("a number below {}", self.root.accessors.len()))
-        })?;
-        // Of the two shapes with four components, MAT2 is never called for.
-        let shape = [Type::Scalar, Type::Vec2, Type::Vec3, Type::Vec4, Type::Mat4]
-            .into_iter()
-            .find(|shape| shape.multiplicity() == N);
-        let name = |shape| format!("{shape:?}").to_uppercase();
-        let wrong = |found: &str| {
-            let expected = format!("{components} in elements of {}", shape.map_or_else(String::new, name));
-            Problem::new(place, found, expected)
-        };
-        match accessor.type_ {
-            Checked::Valid(found) if Some(found) == shape => {}
-            Checked::Valid(found) => return Err(wrong(&format!("elements of {}", name(found)))),
-            Checked::Invalid => return Err(wrong("an unknown element type")),
-        }
-        let Checked::Valid(kind) = accessor.component_type else {
-            return Err(wrong("an unknown component type"));
-        };
-        let kind = kind.0;
+        let accessor = numbered(&self.root.accessors, index.value(), "accessor", place)?;
+        let kind = component_type::<N>(accessor, components, place)?;
         let element = |bytes: &[u8]| {
             let mut element = [T::default(); N];
             for (value, bytes) in element.iter_mut().zip(bytes.chunks_exact(kind.size())) {
@@ -123,7 +104,7 @@ impl<'a> Accessors<'a> {
             }
             Some(element)
         };
-        let unfit = || wrong(&format!("components of type {kind:?}"));
+        let unfit = || Problem::new(place, format!("components of type {kind:?}"), components);
 
         let count = accessor.count.0;
         self.budget.spend(count.saturating_mul(size_of::<[T; N]>() as u64), place)?;
@@ -142,11 +123,9 @@ impl<'a> Accessors<'a> {
                 return Err(Problem::new(place, "an unknown index type", "unsigned integers"));
             };
             let index_kind = index_kind.0;
-            let (at, values) = (&sparse.indices, &sparse.values);
-            let at =
-                self.elements(at.buffer_view, at.byte_offset.0, sparse.count.0, index_kind.size(), place)?;
-            let values =
-                self.elements(values.buffer_view, values.byte_offset.0, sparse.count.0, size, place)?;
+            let (at, values, few) = (&sparse.indices, &sparse.values, sparse.count.0);
+            let at = self.elements(at.buffer_view, at.byte_offset.0, few, index_kind.size(), place)?;
+            let values = self.elements(values.buffer_view, values.byte_offset.0, few, size, place)?;
             for (at, value) in at.zip(values) {
                 let at = unsigned(at, index_kind).ok_or_else(unfit)?;
                 let slot = elements.get_mut(at as usize).ok_or_else(|| {
@@ -161,20 +140,12 @@ impl<'a> Accessors<'a> {
 
     /// The bytes of a buffer view.
     pub(super) fn view(&self, view: Index<buffer::View>, place: &str) -> Result<&'a [u8], Problem> {
-        let missing = |what, number, count| Problem::missing(place, what, number, count);
-        let (views, buffers) = (&self.root.buffer_views, self.buffers);
-        let number = view.value();
-        let view = views.get(number).ok_or_else(|| missing("bufferView", number, views.len()))?;
-        let number = view.buffer.value();
-        let buffer = buffers.get(number).ok_or_else(|| missing("buffer", number, buffers.len()))?;
+        let view = numbered(&self.root.buffer_views, view.value(), "bufferView", place)?;
+        let buffer = numbered(self.buffers, view.buffer.value(), "buffer", place)?;
         let begin = view.byte_offset.unwrap_or_default().0;
         slice(buffer, begin, view.byte_length.0).ok_or_else(|| {
-            let found = format!("bytes {begin} + {}", view.byte_length.0);
-            Problem::new(
-                place,
-                found,
-                format!("a range within the {} bytes of buffer {}", buffer.len(), view.buffer),
-            )
+            let expected = format!("a range within the {} bytes of buffer {}", buffer.len(), view.buffer);
+            Problem::new(place, format!("bytes {begin} + {}", view.byte_length.0), expected)
         })
     }
 
@@ -191,22 +162,37 @@ impl<'a> Accessors<'a> {
         let bytes = self.view(view, place)?;
         let stride = self.root.buffer_views[view.value()].byte_stride.map_or(size, |stride| stride.0);
         if stride < size {
-            return Err(Problem::new(
-                place,
-                format!("byteStride {stride}"),
-                format!("at least the element size {size}"),
-            ));
+            let expected = format!("at least the element size {size}");
+            return Err(Problem::new(place, format!("byteStride {stride}"), expected));
         }
-        let length = match count.checked_sub(1) {
-            Some(steps) => steps.saturating_mul(stride as u64).saturating_add(size as u64),
-            None => 0,
-        };
+        let to_last = count.saturating_sub(1).saturating_mul(stride as u64);
+        let length = if count == 0 { 0 } else { to_last.saturating_add(size as u64) };
         let bytes = slice(bytes, offset, length).ok_or_else(|| {
             let found = format!("{count} elements of {size} bytes every {stride} bytes from byte {offset}");
             Problem::new(place, found, format!("at most the {} bytes of the view", bytes.len()))
         })?;
         Ok(bytes.chunks(stride).map(move |element| &element[..size]))
     }
+}
+
+/// The type of an accessor's components, of which each element must have `N`.
+fn component_type<const N: usize>(
+    accessor: &Accessor,
+    components: &str,
+    place: &str,
+) -> Result<ComponentType, Problem> {
+    // Of the two shapes with four components, MAT2 is never called for.
+    let shapes = [Type::Scalar, Type::Vec2, Type::Vec3, Type::Vec4, Type::Mat4];
+    let shape = shapes.into_iter().find(|shape| shape.multiplicity() == N);
+    let name = |shape| format!("{shape:?}").to_uppercase();
+    let found = match (accessor.type_, accessor.component_type) {
+        (Checked::Valid(found), Checked::Valid(kind)) if Some(found) == shape => return Ok(kind.0),
+        (Checked::Valid(found), _) if Some(found) != shape => format!("elements of {}", name(found)),
+        (Checked::Valid(_), _) => "an unknown component type".to_owned(),
+        (Checked::Invalid, _) => "an unknown element type".to_owned(),
+    };
+    let expected = format!("{components} in elements of {}", shape.map_or_else(String::new, name));
+    Err(Problem::new(place, found, expected))
 }
 
 fn slice(bytes: &[u8], begin: u64, length: u64) -> Option<&[u8]> {

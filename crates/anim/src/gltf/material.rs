@@ -14,7 +14,7 @@ use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 
 use super::accessor::Accessors;
 use super::source::{decode_data_uri, relative_path};
-use crate::error::{LoadError, Problem, read_beside};
+use crate::error::{LoadError, Problem, numbered, read_beside};
 use crate::{Filter, Image, Material, Texture, Topology, Wrap};
 
 /// Metals at least this metallic, and no rougher than that, are mirrors. Most are somewhere
@@ -33,16 +33,15 @@ pub(super) fn materials(root: &Root) -> Vec<Material> {
         |value: f32, fallback: f32| if value.is_finite() { value.clamp(0.0, 1.0) } else { fallback };
     let read = |material: &::gltf::json::Material| {
         let pbr = &material.pbr_metallic_roughness;
-        let [red, green, blue, opacity] = pbr.base_color_factor.0;
-        let color = [red, green, blue];
+        let factor = pbr.base_color_factor.0;
         let cutoff = match material.alpha_mode {
             Checked::Valid(AlphaMode::Mask) => Some(material.alpha_cutoff.unwrap_or_default().0),
             Checked::Valid(AlphaMode::Blend) => Some(BLEND_CUTOFF),
             _ => None,
         };
         Material {
-            base_color: std::array::from_fn(|i| component(color[i], fallback.base_color[i])),
-            opacity: component(opacity, fallback.opacity),
+            base_color: std::array::from_fn(|i| component(factor[i], fallback.base_color[i])),
+            opacity: component(factor[3], fallback.opacity),
             texture: None,
             cutoff,
             mirror: pbr.metallic_factor.0 >= MIRROR_METALLIC
@@ -61,11 +60,10 @@ pub(super) fn is_blended(root: &Root, material: u32) -> bool {
 
 /// The number of a primitive's material among [`materials`].
 pub(super) fn material_of(primitive: &Primitive, root: &Root, place: &str) -> Result<u32, Problem> {
-    let number = primitive.material.map_or(root.materials.len(), |material| material.value());
-    if primitive.material.is_some() && number >= root.materials.len() {
-        return Err(Problem::missing(place, "material", number, root.materials.len()));
-    }
-    Ok(number as u32)
+    let Some(number) = primitive.material.map(|material| material.value()) else {
+        return Ok(root.materials.len() as u32);
+    };
+    numbered(&root.materials, number, "material", place).map(|_| number as u32)
 }
 
 /// Which set of a primitive's texture coordinates its base colour texture takes, and what becomes
@@ -168,11 +166,7 @@ fn read_texture(
     place: &str,
 ) -> Result<Option<Texture>, Problem> {
     let root = accessors.root;
-    let missing = |what, number, count| Problem::missing(place, what, number, count);
-    let texture = root
-        .textures
-        .get(index.value())
-        .ok_or_else(|| missing("texture", index.value(), root.textures.len()))?;
+    let texture = numbered(&root.textures, index.value(), "texture", place)?;
     let source = texture.source.value();
     if source == u32::MAX as usize {
         images.without += 1;
@@ -181,7 +175,7 @@ fn read_texture(
     let image = match images.known.get(&source) {
         Some(known) => known.clone(),
         None => {
-            let image = root.images.get(source).ok_or_else(|| missing("image", source, root.images.len()))?;
+            let image = numbered(&root.images, source, "image", place)?;
             let image = read_image(image, accessors, &format!("image {source}"), &mut images.missing)?;
             images.known.insert(source, image.clone());
             image
@@ -191,10 +185,7 @@ fn read_texture(
     let Some(sampler) = texture.sampler else {
         return Ok(Some(Texture { image, wrap: Default::default(), filter: Filter::default() }));
     };
-    let sampler = root
-        .samplers
-        .get(sampler.value())
-        .ok_or_else(|| missing("sampler", sampler.value(), root.samplers.len()))?;
+    let sampler = numbered(&root.samplers, sampler.value(), "sampler", place)?;
     let wrap = |mode: Checked<WrappingMode>| match mode {
         Checked::Valid(WrappingMode::ClampToEdge) => Wrap::ClampToEdge,
         Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::MirroredRepeat,

@@ -7,16 +7,17 @@ use glam::{Affine3A, DAffine3, DVec3, Mat4, Quat, Vec3};
 
 use super::accessor::Accessors;
 use super::track::Track;
-use crate::error::Problem;
+use crate::error::{Problem, numbered};
 
 /// All nodes of the document, in the scene or not: a skin's joints may lie outside of it.
+#[derive(Default)]
 pub(super) struct Nodes {
     parent: Vec<Option<usize>>,
     local: Vec<Local>,
     /// Whether the node or an ancestor is animated.
     pub(super) moves: Vec<bool>,
-    /// The moving nodes, ancestors first.
-    moving: Vec<usize>,
+    /// All nodes, ancestors first.
+    order: Vec<usize>,
     /// Node to scene at time 0.
     global_at_rest: Vec<Affine3A>,
     far: Option<Far>,
@@ -30,8 +31,6 @@ struct Far {
     translations: Vec<Option<DVec3>>,
     /// The nodes that have a place in the scene, and so relative to the origin.
     in_scene: Vec<bool>,
-    /// All nodes, ancestors first.
-    order: Vec<usize>,
 }
 
 /// Transform of a node relative to its parent.
@@ -94,17 +93,12 @@ fn channel_of(
     place: String,
 ) -> Result<(usize, Property, Track), Problem> {
     let (root, node) = (accessors.root, channel.target.node.value());
-    if node >= root.nodes.len() {
-        return Err(Problem::missing(place, "node", node, root.nodes.len()));
-    }
+    numbered(&root.nodes, node, "node", &*place)?;
     let Checked::Valid(property) = channel.target.path else {
         let expected = "translation, rotation, scale or weights";
         return Err(Problem::new(place, "an unknown target path", expected));
     };
-    let sampler = clip
-        .samplers
-        .get(channel.sampler.value())
-        .ok_or_else(|| Problem::missing(&*place, "sampler", channel.sampler, clip.samplers.len()))?;
+    let sampler = numbered(&clip.samplers, channel.sampler.value(), "sampler", &*place)?;
     let Checked::Valid(interpolation) = sampler.interpolation else {
         return Err(Problem::new(place, "an unknown interpolation", "STEP, LINEAR or CUBICSPLINE"));
     };
@@ -130,19 +124,16 @@ fn channel_of(
 }
 
 fn check_times(times: &[f32], place: &str) -> Result<(), Problem> {
-    let expected = "at least one key, at finite times in increasing order";
-    if times.is_empty() {
-        return Err(Problem::new(place, "no keys", expected));
-    }
-    if let Some(time) = times.iter().find(|time| !time.is_finite()) {
-        return Err(Problem::new(place, format!("a key at {time} s"), expected));
-    }
-    match times.windows(2).find(|pair| pair[1] < pair[0]) {
-        Some(pair) => {
-            Err(Problem::new(place, format!("a key at {} s before one at {} s", pair[0], pair[1]), expected))
-        }
-        None => Ok(()),
-    }
+    let found = if times.is_empty() {
+        "no keys".to_owned()
+    } else if let Some(time) = times.iter().find(|time| !time.is_finite()) {
+        format!("a key at {time} s")
+    } else if let Some(pair) = times.windows(2).find(|pair| pair[1] < pair[0]) {
+        format!("a key at {} s before one at {} s", pair[0], pair[1])
+    } else {
+        return Ok(());
+    };
+    Err(Problem::new(place, found, "at least one key, at finite times in increasing order"))
 }
 
 /// Number of morph targets of the mesh at `node`.
@@ -171,7 +162,6 @@ impl Nodes {
         in_scene: &[bool],
     ) -> Result<Self, Problem> {
         let parent = parents(root)?;
-        let order = ancestors_first(root, &parent)?;
         let far = far.map(|(origin, mut translations)| {
             // What a track of the translation says, be it the same at all times, takes its place.
             for (translation, _) in
@@ -179,7 +169,7 @@ impl Nodes {
             {
                 *translation = None;
             }
-            Far { origin, translations, in_scene: in_scene.to_vec(), order: order.clone() }
+            Far { origin, translations, in_scene: in_scene.to_vec() }
         });
         let local: Vec<Local> = root
             .nodes
@@ -189,19 +179,16 @@ impl Nodes {
             .collect();
         let mut nodes = Self {
             moves: vec![false; local.len()],
-            moving: Vec::new(),
+            order: ancestors_first(root, &parent)?,
             global_at_rest: vec![Affine3A::IDENTITY; local.len()],
             parent,
             local,
             far,
         };
-        for node in order {
+        for &node in &nodes.order {
             let parent = nodes.parent[node];
             nodes.moves[node] =
                 nodes.local[node].animated.is_some() || parent.is_some_and(|parent| nodes.moves[parent]);
-            if nodes.moves[node] {
-                nodes.moving.push(node);
-            }
             let local = nodes.local[node].at(0.0);
             nodes.global_at_rest[node] = parent.map_or(local, |parent| nodes.global_at_rest[parent] * local);
         }
@@ -214,7 +201,7 @@ impl Nodes {
             return self.globals_from(far, time);
         }
         let mut globals = self.global_at_rest.clone();
-        for &node in &self.moving {
+        for &node in self.order.iter().filter(|&&node| self.moves[node]) {
             let local = self.local[node].at(time);
             globals[node] = self.parent[node].map_or(local, |parent| globals[parent] * local);
         }
@@ -224,7 +211,7 @@ impl Nodes {
     /// As [`globals`](Self::globals), relative to an origin.
     fn globals_from(&self, far: &Far, time: f64) -> Vec<Affine3A> {
         let mut globals = vec![DAffine3::IDENTITY; self.local.len()];
-        for &node in &far.order {
+        for &node in &self.order {
             let mut local = self.local[node].at(time).as_daffine3();
             if let Some(translation) = far.translations[node] {
                 local.translation = translation;
@@ -239,19 +226,7 @@ impl Nodes {
 
     /// Node to scene at `time`, of one node.
     pub(super) fn global(&self, node: usize, time: f64) -> Affine3A {
-        if self.far.is_some() {
-            return self.globals(time)[node];
-        }
-        // Up to the first ancestor that stands still. A loop, since hierarchies can be very deep.
-        let (mut node, mut below) = (node, Affine3A::IDENTITY);
-        while self.moves[node] {
-            below = self.local[node].at(time) * below;
-            match self.parent[node] {
-                Some(parent) => node = parent,
-                None => return below,
-            }
-        }
-        self.global_at_rest[node] * below
+        self.globals(time)[node]
     }
 }
 
@@ -269,15 +244,9 @@ impl Local {
         let mut animated = Animated { translation, rotation, scale, tracks: std::mem::take(tracks) };
         // Exporters like to write keys for everything; a value that stays the same is no motion.
         let any_track = animated.tracks.iter().any(Option::is_some);
-        let [translation, rotation, scale] = &mut animated.tracks;
-        if let Some(track) = translation.take_if(|track| track.is_constant()) {
-            animated.translation = track.vec3(0.0);
-        }
-        if let Some(track) = rotation.take_if(|track| track.is_constant()) {
-            animated.rotation = track.rotation(0.0);
-        }
-        if let Some(track) = scale.take_if(|track| track.is_constant()) {
-            animated.scale = track.vec3(0.0);
+        (animated.scale, animated.rotation, animated.translation) = animated.parts(0.0);
+        for track in &mut animated.tracks {
+            track.take_if(|track| track.is_constant());
         }
         let fixed = match given {
             Some(matrix) if !any_track => matrix,
@@ -294,11 +263,17 @@ impl Local {
 
 impl Animated {
     fn at(&self, time: f64) -> Affine3A {
-        let [translation, rotation, scale] = &self.tracks;
-        Affine3A::from_scale_rotation_translation(
-            scale.as_ref().map_or(self.scale, |track| track.vec3(time)),
-            rotation.as_ref().map_or(self.rotation, |track| track.rotation(time)),
-            translation.as_ref().map_or(self.translation, |track| track.vec3(time)),
+        let (scale, rotation, translation) = self.parts(time);
+        Affine3A::from_scale_rotation_translation(scale, rotation, translation)
+    }
+
+    /// Scale, rotation and translation.
+    fn parts(&self, time: f64) -> (Vec3, Quat, Vec3) {
+        let [translation, rotation, scale] = self.tracks.each_ref().map(Option::as_ref);
+        (
+            scale.map_or(self.scale, |track| track.vec3(time)),
+            rotation.map_or(self.rotation, |track| track.rotation(time)),
+            translation.map_or(self.translation, |track| track.vec3(time)),
         )
     }
 }
@@ -310,16 +285,14 @@ pub(super) fn affine(matrix: &[f32; 16]) -> Affine3A {
 
 fn parents(root: &Root) -> Result<Vec<Option<usize>>, Problem> {
     let mut parent = vec![None; root.nodes.len()];
-    for (node, children) in
-        root.nodes.iter().enumerate().filter_map(|(i, node)| Some((i, node.children.as_ref()?)))
-    {
-        for child in children {
-            let slot = parent.get_mut(child.value()).ok_or_else(|| {
-                Problem::missing(node_name(root, node), "child node", child, root.nodes.len())
-            })?;
-            if let Some(other) = slot.replace(node) {
-                let found = format!("two parents, {} and {}", node_name(root, other), node_name(root, node));
-                return Err(Problem::new(node_name(root, child.value()), found, "at most one"));
+    for (number, node) in root.nodes.iter().enumerate() {
+        for child in node.children.iter().flatten().map(Index::value) {
+            let place = format_args!("node {number} {:?}", node.name.as_deref().unwrap_or_default());
+            numbered(&root.nodes, child, "child node", place)?;
+            if let Some(other) = parent[child].replace(number) {
+                let found =
+                    format!("two parents, {} and {}", node_name(root, other), node_name(root, number));
+                return Err(Problem::new(node_name(root, child), found, "at most one"));
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use ::gltf::json::mesh::{Mode, Primitive, Semantic};
 use ::gltf::json::validation::Checked;
+use ::gltf::json::{Accessor, Index};
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
 
 use super::accessor::Accessors;
@@ -26,17 +27,17 @@ pub(super) type Target = Vec<(u32, Vec3)>;
 pub(super) struct Influences {
     /// Vertex `v` has `joints[first[v]..first[v + 1]]`.
     first: Vec<u32>,
-    joints: Vec<(u16, f32)>,
+    joints: Vec<(u32, f32)>,
 }
 
 impl Influences {
-    pub(super) fn of(&self, vertex: usize) -> &[(u16, f32)] {
+    pub(super) fn of(&self, vertex: usize) -> &[(u32, f32)] {
         &self.joints[self.first[vertex] as usize..self.first[vertex + 1] as usize]
     }
 
     /// The highest joint number.
     pub(super) fn highest_joint(&self) -> usize {
-        self.joints.iter().map(|&(joint, _)| usize::from(joint)).max().unwrap_or(0)
+        self.joints.iter().map(|&(joint, _)| joint as usize).max().unwrap_or(0)
     }
 
     /// Linear blend skinning; `matrices` are from the skin's bind pose to the scene.
@@ -45,7 +46,7 @@ impl Influences {
             let bound = Vec3A::from(*position);
             let mut blended = Vec3A::ZERO;
             for &(joint, weight) in self.of(vertex) {
-                blended += matrices[usize::from(joint)].transform_point3a(bound) * weight;
+                blended += matrices[joint as usize].transform_point3a(bound) * weight;
             }
             *position = blended.into();
         }
@@ -57,7 +58,7 @@ impl Influences {
             let bound = Vec3A::from(*normal);
             let joints = self.of(vertex).iter();
             let blended: Vec3A =
-                joints.map(|&(joint, weight)| matrices[usize::from(joint)] * bound * weight).sum();
+                joints.map(|&(joint, weight)| matrices[joint as usize] * bound * weight).sum();
             *normal = blended.into();
         }
     }
@@ -87,14 +88,12 @@ impl Geometry {
         let targets = targets(primitive, accessors, count, &kept, place)?;
         let influences = influences(&joint_sets(primitive, accessors, count, place)?, &kept, place)?;
         let normals = attribute(Semantic::Normals).map(|normals| {
-            let place = &format!("{place}, NORMAL");
-            let all = one_each(accessors.floats::<3>(normals, place)?, count, place)?;
+            let all = one_each(accessors, normals, count, &format!("{place}, NORMAL"))?;
             Ok(kept.iter().map(|&old| Vec3::from_array(all[old as usize])).collect())
         });
         let texcoords = mapping.and_then(|m| Some((m, attribute(Semantic::TexCoords(m.set))?)));
         let texcoords = texcoords.map(|(mapping, texcoords)| {
-            let place = &format!("{place}, TEXCOORD_{}", mapping.set);
-            let all = one_each(accessors.floats::<2>(texcoords, place)?, count, place)?;
+            let all = one_each(accessors, texcoords, count, &format!("{place}, TEXCOORD_{}", mapping.set))?;
             Ok(kept.iter().map(|&old| mapping.apply(Vec2::from_array(all[old as usize]))).collect())
         });
         let (normals, texcoords) = (normals.transpose()?, texcoords.transpose()?);
@@ -103,8 +102,17 @@ impl Geometry {
     }
 }
 
-/// All of `elements`, if there is one for each of `count` positions.
-fn one_each<T>(elements: Vec<T>, count: usize, place: &str) -> Result<Vec<T>, Problem> {
+/// An element of `N` floats for each of `count` positions.
+fn one_each<const N: usize>(
+    accessors: &Accessors<'_>,
+    accessor: Index<Accessor>,
+    count: usize,
+    place: &str,
+) -> Result<Vec<[f32; N]>, Problem> {
+    counted(accessors.floats(accessor, place)?, count, place)
+}
+
+fn counted<T>(elements: Vec<T>, count: usize, place: &str) -> Result<Vec<T>, Problem> {
     if elements.len() == count {
         return Ok(elements);
     }
@@ -125,7 +133,7 @@ fn targets(
         let mut displaced = Target::new();
         if let Some(accessor) = target.positions {
             let place = &format!("{place}, POSITION of morph target {number}");
-            let all = one_each(accessors.floats::<3>(accessor, place)?, count, place)?;
+            let all = one_each(accessors, accessor, count, place)?;
             let deltas = kept.iter().map(|&old| Vec3::from_array(all[old as usize]));
             displaced = (0..).zip(deltas).filter(|&(_, delta)| delta != Vec3::ZERO).collect();
             accessors.budget.spend((displaced.len() * size_of::<(u32, Vec3)>()) as u64, place)?;
@@ -148,8 +156,8 @@ fn joint_sets(
         let both = attribute(Semantic::Joints(set)).zip(attribute(Semantic::Weights(set)));
         let Some((joints, weights)) = both else { break };
         let [at_joints, at_weights] = ["JOINTS", "WEIGHTS"].map(|what| format!("{place}, {what}_{set}"));
-        let joints = one_each(accessors.integers::<4>(joints, &at_joints)?, count, &at_joints)?;
-        let weights = one_each(accessors.floats::<4>(weights, &at_weights)?, count, &at_weights)?;
+        let joints = counted(accessors.integers(joints, &at_joints)?, count, &at_joints)?;
+        let weights = one_each(accessors, weights, count, &at_weights)?;
         sets.push((joints, weights));
     }
     Ok(sets)
@@ -224,29 +232,15 @@ fn influences(sets: &[JointSet], kept: &[u32], place: &str) -> Result<Option<Inf
         return Ok(None);
     }
     let mut influences = Influences { first: vec![0], joints: Vec::new() };
-    for &vertex in kept {
-        let vertex = vertex as usize;
-        let of_vertex =
-            || sets.iter().flat_map(|(joints, weights)| joints[vertex].into_iter().zip(weights[vertex]));
-        let sum: f32 = of_vertex().map(|(_, weight)| weight).sum();
-        let usable = sum > 0.0 && sum.is_finite();
-        let mut push = |joint: u32, weight: f32| {
-            let joint = u16::try_from(joint).map_err(|_| {
-                Problem::new(
-                    format!("{place}, JOINTS of vertex {vertex}"),
-                    format!("joint {joint}"),
-                    "at most 65535",
-                )
-            })?;
-            influences.joints.push((joint, weight));
-            Ok(())
-        };
-        if usable {
-            for (joint, weight) in of_vertex().filter(|&(_, weight)| weight != 0.0) {
-                push(joint, weight / sum)?;
-            }
+    for vertex in kept.iter().map(|&vertex| vertex as usize) {
+        let joints =
+            sets.iter().flat_map(|(joints, weights)| joints[vertex].into_iter().zip(weights[vertex]));
+        let sum: f32 = joints.clone().map(|(_, weight)| weight).sum();
+        if sum > 0.0 && sum.is_finite() {
+            let joints = joints.filter(|&(_, weight)| weight != 0.0);
+            influences.joints.extend(joints.map(|(joint, weight)| (joint, weight / sum)));
         } else {
-            push(sets[0].0[vertex][0], 1.0)?;
+            influences.joints.push((sets[0].0[vertex][0], 1.0));
         }
         let end = u32::try_from(influences.joints.len())
             .map_err(|_| Problem::new(place, "more joint weights than 32 bits can count", "fewer"))?;

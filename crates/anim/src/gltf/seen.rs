@@ -6,7 +6,7 @@ use ::gltf::json::validation::Checked;
 use glam::{Affine3A, Vec3};
 
 use super::nodes::node_name;
-use crate::error::Problem;
+use crate::error::{Problem, numbered};
 use crate::{Light, View};
 
 /// A perspective camera at a node.
@@ -60,9 +60,7 @@ impl LightSource {
         };
         let lights = root.extensions.as_ref().and_then(|extensions| extensions.khr_lights_punctual.as_ref());
         let lights = lights.map_or(&[][..], |lights| &lights.lights);
-        let light = lights
-            .get(number.value())
-            .ok_or_else(|| Problem::missing(node_name(root, node), "light", number, lights.len()))?;
+        let light = numbered(lights, number.value(), "light", node_name(root, node))?;
         let is = |kind| matches!(light.type_, Checked::Valid(found) if found == kind);
         let directional = is(LightType::Directional).then(|| {
             let finite = || rest.iter().filter(|position| position.is_finite());

@@ -98,32 +98,29 @@ fn read_buffers(root: &Root, mut blob: Blob<'_>, file: &Path) -> Result<Vec<Byte
     let mut buffers = Vec::with_capacity(root.buffers.len());
     for (number, buffer) in root.buffers.iter().enumerate() {
         let place = format!("buffer {number}");
-        let problem = |found: String, expected: &str| Problem::new(&*place, found, expected).in_file(file);
-        let bytes = match &buffer.uri {
-            None if number == 0 => {
-                let blob =
-                    blob.take().ok_or_else(|| problem("no uri and no BIN chunk".into(), "one of them"))?;
-                Arc::new(blob.into_owned())
+        let in_file = |problem: Problem| problem.in_file(file);
+        let bytes = match (&buffer.uri, blob.take()) {
+            // Buffer 0.
+            (None, Some(blob)) => Arc::new(blob.into_owned()),
+            (None, None) => {
+                let expected = "a uri (only buffer 0 can be the BIN chunk)";
+                return Err(in_file(Problem::new(place, "no uri and no BIN chunk", expected)));
             }
-            None => return Err(problem("no uri".into(), "a uri (only buffer 0 can be the BIN chunk)")),
-            Some(uri) if uri.starts_with("data:") => {
-                Arc::new(decode_data_uri(uri, &place).map_err(|problem| problem.in_file(file))?)
+            (Some(uri), _) if uri.starts_with("data:") => {
+                Arc::new(decode_data_uri(uri, &place).map_err(in_file)?)
             }
-            Some(uri) => {
-                let path = relative_path(uri, &place).map_err(|problem| problem.in_file(file))?;
-                match external.get(&path) {
-                    Some(bytes) => Arc::clone(bytes),
-                    None => {
-                        let bytes = Arc::new(read_beside(file.parent().unwrap_or(Path::new("")), &path)?);
-                        external.insert(path, Arc::clone(&bytes));
-                        bytes
-                    }
+            (Some(uri), _) => {
+                let path = relative_path(uri, &place).map_err(in_file)?;
+                if !external.contains_key(&path) {
+                    let folder = file.parent().unwrap_or(Path::new(""));
+                    external.insert(path.clone(), Arc::new(read_beside(folder, &path)?));
                 }
+                Arc::clone(&external[&path])
             }
         };
         if (bytes.len() as u64) < buffer.byte_length.0 {
             let expected = format!("the declared byteLength of {}", buffer.byte_length.0);
-            return Err(problem(format!("{} bytes", bytes.len()), &expected));
+            return Err(in_file(Problem::new(place, format!("{} bytes", bytes.len()), expected)));
         }
         buffers.push(bytes);
     }

@@ -4,8 +4,8 @@
 use std::path::Path;
 
 use glam::DVec3;
-use ply_rs_bw::parser::{ParseError, Parser, Reader};
-use ply_rs_bw::ply::{Encoding, Header, Property, PropertyAccess, PropertyAccessResult};
+use ply_rs_bw::parser::{Parser, Reader};
+use ply_rs_bw::ply::{ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult};
 
 use super::Mesh;
 use crate::Material;
@@ -64,47 +64,34 @@ fn is_corner_list(property: &str) -> bool {
     matches!(property, "vertex_indices" | "vertex_index")
 }
 
-/// An element that is of no interest, but must be read to get behind it.
-struct Skipped;
-
-impl PropertyAccess for Skipped {
-    fn new() -> Self {
-        Self
-    }
+fn payload<E: PropertyAccess>(
+    reader: &mut Reader<&[u8]>,
+    element: &ElementDef,
+    header: &Header,
+) -> Result<Vec<E>, Problem> {
+    Parser::new().read_payload_for_element(reader, element, header).map_err(|error| {
+        let place = format!("element {}", element.name);
+        Problem::from_parser(&place, &error, "the elements that the header declares")
+    })
 }
 
 pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Problem> {
     let mut reader = Reader::new(bytes);
-    let header = Parser::<Skipped>::new()
+    let header = Parser::<Vertex>::new()
         .read_header(&mut reader)
         .map_err(|error| Problem::from_parser("header", &error, "a PLY header"))?;
     check_header(&header)?;
 
-    let mut positions = Vec::new();
-    let mut faces: Vec<Face> = Vec::new();
+    let (mut positions, mut faces): (Vec<Vertex>, Vec<Face>) = (Vec::new(), Vec::new());
     for (name, element) in &header.elements {
-        let failed = |error: ParseError| {
-            Problem::from_parser(&format!("element {name}"), &error, "the elements that the header declares")
-        };
         match name.as_str() {
-            "vertex" => {
-                positions = Parser::<Vertex>::new()
-                    .read_payload_for_element(&mut reader, element, &header)
-                    .map_err(failed)?;
-            }
-            "face" => {
-                faces = Parser::<Face>::new()
-                    .read_payload_for_element(&mut reader, element, &header)
-                    .map_err(failed)?;
-            }
+            "vertex" => positions = payload(&mut reader, element, &header)?,
+            "face" => faces = payload(&mut reader, element, &header)?,
             // Without properties, in a binary file, it takes no bytes, and any number of them can
             // be declared.
             _ if element.properties.is_empty() && header.encoding != Encoding::Ascii => {}
-            _ => {
-                Parser::<Skipped>::new()
-                    .read_payload_for_element(&mut reader, element, &header)
-                    .map_err(failed)?;
-            }
+            // Of no interest, but it must be read to get behind it.
+            _ => drop(payload::<Vertex>(&mut reader, element, &header)?),
         }
     }
     let triangles = fans(&faces, positions.len())?;
@@ -136,11 +123,8 @@ fn fans(faces: &[Face], vertex_count: usize) -> Result<Vec<[u32; 3]>, Problem> {
     for (number, Face(corners)) in faces.iter().enumerate() {
         let place = || format!("face {number}");
         if let Some(corner) = corners.iter().find(|&&corner| corner as usize >= vertex_count) {
-            return Err(Problem::new(
-                place(),
-                format!("vertex {corner}"),
-                format!("one below {vertex_count}"),
-            ));
+            let expected = format!("one below {vertex_count}");
+            return Err(Problem::new(place(), format!("vertex {corner}"), expected));
         }
         if corners.len() < 3 {
             return Err(Problem::new(place(), format!("{} corners", corners.len()), "at least 3"));

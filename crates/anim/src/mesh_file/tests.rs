@@ -151,7 +151,7 @@ fn obj_materials_beside_the_file() {
     std::fs::write(folder.path().join("my colours.mtl"), mtl).unwrap();
     let obj = "mtllib my colours.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nusemtl red\nf 3 2 1\nusemtl broken\nf 1 2 3\n";
     std::fs::write(&file, obj).unwrap();
-    let mesh = load_mesh(&file).unwrap();
+    let mesh = crate::load(&file, None).unwrap();
     let topology = mesh.topology();
     let colors: Vec<_> =
         topology.parts.iter().map(|p| topology.materials[p.material as usize].base_color).collect();
