@@ -34,7 +34,7 @@ pub(crate) fn scene(label: &str, strategies: &[(&'static str, f64, f64, f64)]) -
         ..SceneFacts::default()
     };
     let rows = (0..3).flat_map(|frame| strategies.iter().map(move |s| row(frame, s))).collect();
-    SceneRun { rows, facts, ..SceneRun::default() }
+    SceneRun { facts, rows, ..SceneRun::default() }
 }
 
 pub(crate) fn results(scenes: Vec<SceneRun>) -> Results {
