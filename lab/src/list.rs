@@ -62,12 +62,9 @@ fn text(listing: &Value) -> String {
     for (heading, entries) in listing.as_object().into_iter().flatten() {
         out += &format!("\n{}\n", heading.replace('_', " "));
         for entry in entries.as_array().into_iter().flatten() {
-            let words = |value: &Value| match value {
-                Value::Array(values) => {
-                    values.iter().filter_map(Value::as_str).collect::<Vec<_>>().join(", ")
-                }
-                Value::String(text) => text.clone(),
-                other => other.to_string(),
+            let words = |value: &Value| match value.as_array() {
+                Some(list) => list.iter().filter_map(Value::as_str).collect::<Vec<_>>().join(", "),
+                None => value.as_str().map_or_else(|| value.to_string(), str::to_owned),
             };
             let name = entry.as_str().or(entry["name"].as_str()).unwrap_or_default();
             let facts = entry

@@ -9,10 +9,12 @@ use anyhow::{Result, anyhow, ensure};
 use bvh_build::{Builder, build};
 use bvh_core::sah_cost;
 use bvh_update::{Strategy, UnknownName, Updater};
+use scenes::SceneOptions;
 
 use crate::machine::resident_mib;
 use crate::pool::Threads;
 use crate::progress::Progress;
+use crate::reproduce::median;
 use crate::stage::{self, Stage, ms};
 use crate::{CheckFailed, files, interrupt};
 
@@ -55,7 +57,8 @@ const MORE_MEMORY: f64 = 1.05;
 pub fn run(args: &Args) -> Result<()> {
     let parse = |name: &String| name.parse().map_err(|e: UnknownName| anyhow!("{name}: {e}"));
     let strategies: Vec<Strategy> = args.strategies.iter().map(parse).collect::<Result<_>>()?;
-    let load = |source: &str| stage::load_at(source, None, 0, args.detail);
+    let options = SceneOptions { detail: args.detail, ..SceneOptions::default() };
+    let load = |source: &str| stage::load_with(source, None, options.clone());
     let mut loaded = Vec::new();
     for source in &args.scenes {
         loaded.push((source, stage::load_first(source, || load(source))?));
@@ -94,16 +97,11 @@ struct Window {
 }
 
 impl Window {
-    /// Median time, in ms.
-    fn time(&mut self) -> f64 {
-        self.times.sort_by(f64::total_cmp);
-        self.times.get(self.times.len() / 2).copied().unwrap_or(0.0)
-    }
-
-    /// Mean cost over a fresh tree's: of what is rebuilt now and then the greatest is a matter of
-    /// luck.
-    fn cost(&self) -> f64 {
-        self.costs.iter().sum::<f64>() / self.costs.len().max(1) as f64
+    /// Median time in ms; mean cost over a fresh tree's, since of what is rebuilt now and then the
+    /// greatest is a matter of luck; and height.
+    fn measures(self) -> [f64; 3] {
+        let cost = self.costs.iter().sum::<f64>() / self.costs.len().max(1) as f64;
+        [median(self.times), cost, f64::from(self.height)]
     }
 }
 
@@ -147,17 +145,17 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
     memory[1] = resident_mib();
     drop(progress);
     let who = format!("{label}, {}", strategy.name());
+    let ([time, cost, height], [last_time, last_cost, last_height]) = (first.measures(), last.measures());
+    files::print(&format!(
+        "{who}, {done}: {time:.3} {last_time:.3} ms; {cost:.3} {last_cost:.3}; [{height}, {last_height}]; {:.1} {:.1} MiB",
+        memory[0], memory[1]
+    ))?;
     let measures = [
-        ("time a frame", [first.time(), last.time()], SLOWER),
-        ("cost over a fresh tree", [first.cost(), last.cost()], COSTLIER),
-        ("height", [first.height, last.height].map(f64::from), HIGHER),
+        ("time a frame", [time, last_time], SLOWER),
+        ("cost over a fresh tree", [cost, last_cost], COSTLIER),
+        ("height", [height, last_height], HIGHER),
         ("memory", memory, MORE_MEMORY),
     ];
-    let [(_, times, _), (_, costs, _), (_, heights, _), (_, memory, _)] = measures;
-    files::print(&format!(
-        "{who}, {done}: {:.3} {:.3} ms; {:.3} {:.3}; [{}, {}]; {:.1} {:.1} MiB",
-        times[0], times[1], costs[0], costs[1], heights[0], heights[1], memory[0], memory[1]
-    ))?;
     if done < frames {
         return Ok(Vec::new());
     }

@@ -13,21 +13,6 @@ use crate::files;
 use crate::progress::Progress;
 
 /// Loads a scene by name or path; simulations are recorded under `target/scenes`.
-pub(crate) fn load(name_or_path: &str, clip: Option<&str>, seed: u64) -> Result<Scene> {
-    load_at(name_or_path, clip, seed, None)
-}
-
-/// The same, with a fraction of the triangles where the scene can be made coarser.
-pub(crate) fn load_at(
-    name_or_path: &str,
-    clip: Option<&str>,
-    seed: u64,
-    detail: Option<f32>,
-) -> Result<Scene> {
-    load_with(name_or_path, clip, SceneOptions { seed, detail, ..SceneOptions::default() })
-}
-
-/// The same, with options.
 pub(crate) fn load_with(name_or_path: &str, clip: Option<&str>, options: SceneOptions<'_>) -> Result<Scene> {
     let progress = Progress::new(format!("preparing {name_or_path}"), 100);
     let report = |done: f32| progress.at((100.0 * done) as u64);

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use serde::Deserialize;
+use serde_json::Value;
 
 /// For each crate of the workspace, the others of the workspace that it may depend on.
 const ALLOWED: [(&str, &[&str]); 18] = [
@@ -21,20 +21,7 @@ const ALLOWED: [(&str, &[&str]); 18] = [
     ("viewer-core", &["bvh-core", "bvh-build", "bvh-update", "rt-cpu", "anim", "scenes", "stage"]),
     ("viewer", &["bvh-update", "scenes", "viewer-core"]),
     ("viewer-web", &["anim", "scenes", "viewer-core"]),
-    (
-        "lab",
-        &[
-            "bvh-core",
-            "bvh-build",
-            "bvh-update",
-            "bvh-related",
-            "rt-cpu",
-            "anim",
-            "scenes",
-            "stage",
-            "pivot-benches",
-        ],
-    ),
+    ("lab", LAB),
     ("xtask", &["lab"]),
     ("pivot-tests", LIBRARIES),
     ("pivot-fingerprints", LIBRARIES),
@@ -43,6 +30,18 @@ const ALLOWED: [(&str, &[&str]); 18] = [
 ];
 
 const LIBRARIES: &[&str] = &["bvh-core", "bvh-build", "bvh-update", "pivot-bvh", "rt-cpu", "anim", "scenes"];
+
+const LAB: &[&str] = &[
+    "bvh-core",
+    "bvh-build",
+    "bvh-update",
+    "bvh-related",
+    "rt-cpu",
+    "anim",
+    "scenes",
+    "stage",
+    "pivot-benches",
+];
 
 /// Dependencies that a crate may have for its tests alone, beyond those.
 const ALLOWED_IN_TESTS: [(&str, &[&str]); 2] = [("rt-cpu", &["bvh-build"]), ("viewer", &["lab"])];
@@ -64,45 +63,27 @@ const UPDATE_MODULES: [&str; 13] = [
     "update",
 ];
 
-/// The part of `cargo metadata` that is read here.
-#[derive(Deserialize)]
-struct Metadata {
-    packages: Vec<Package>,
-}
-
-#[derive(Deserialize)]
-struct Package {
-    name: String,
-    dependencies: Vec<Dependency>,
-}
-
-#[derive(Deserialize)]
-struct Dependency {
-    name: String,
-    /// `None` for an ordinary dependency.
-    kind: Option<String>,
-}
-
 /// Every edge between crates of the workspace that is not allowed, and every crate that is not
 /// known here.
 pub(crate) fn violations(metadata: &str) -> Result<Vec<String>> {
-    let metadata: Metadata =
-        serde_json::from_str(metadata).context("cargo metadata printed something unexpected")?;
-    let members: Vec<&str> = metadata.packages.iter().map(|p| p.name.as_str()).collect();
+    let metadata: Value = serde_json::from_str(metadata)?;
+    let list = |of: &Value| of.as_array().cloned().context("cargo metadata printed something unexpected");
+    let name = |of: &Value| of["name"].as_str().unwrap_or_default().to_owned();
+    let packages = list(&metadata["packages"])?;
+    let members: Vec<String> = packages.iter().map(name).collect();
     let (allowed, in_tests) = (BTreeMap::from(ALLOWED), BTreeMap::from(ALLOWED_IN_TESTS));
     let mut found = Vec::new();
-    for package in &metadata.packages {
-        let name = package.name.as_str();
-        let Some(may) = allowed.get(name) else {
-            found.push(format!("{name} is not in the list of crates in xtask/src/layering.rs"));
+    for (package, from) in packages.iter().zip(&members) {
+        let Some(may) = allowed.get(from.as_str()) else {
+            found.push(format!("{from} is not in the list of crates in xtask/src/layering.rs"));
             continue;
         };
-        for dependency in &package.dependencies {
-            let to = dependency.name.as_str();
-            let for_tests = dependency.kind.as_deref() == Some("dev")
-                && in_tests.get(name).is_some_and(|names| names.contains(&to));
-            if members.contains(&to) && !may.contains(&to) && !for_tests {
-                found.push(format!("{name} must not depend on {to}"));
+        for dependency in list(&package["dependencies"])? {
+            let to = name(&dependency);
+            let for_tests = dependency["kind"] == "dev"
+                && in_tests.get(from.as_str()).is_some_and(|names| names.contains(&to.as_str()));
+            if members.contains(&to) && !may.contains(&to.as_str()) && !for_tests {
+                found.push(format!("{from} must not depend on {to}"));
             }
         }
     }
@@ -143,18 +124,16 @@ fn rust_files(folder: &Path) -> Result<Vec<std::path::PathBuf>> {
 fn imports_against(text: &str, rank: usize) -> impl Iterator<Item = &'static str> {
     let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
     let lines = code.lines().filter(|line| !line.trim_start().starts_with("//"));
-    let named: Vec<&str> = lines.flat_map(|line| line.split("crate::").skip(1)).collect();
     // One name, or several in braces.
-    let names = move |rest: &str| -> Vec<String> {
+    let names = |rest: &str| -> Vec<String> {
         let all = rest.strip_prefix('{').map_or(rest, |list| list.split('}').next().unwrap_or_default());
         let first = |part: &str| {
             part.trim().split(|c: char| !c.is_ascii_alphanumeric() && c != '_').next().map(str::to_owned)
         };
         all.split(',').filter_map(first).collect()
     };
-    let named: Vec<String> = named.into_iter().flat_map(names).collect();
-    let is_later = move |module: &&&str| named.iter().any(|name| name == **module);
-    UPDATE_MODULES[rank + 1..].iter().filter(is_later).copied().collect::<Vec<_>>().into_iter()
+    let named: Vec<String> = lines.flat_map(|line| line.split("crate::").skip(1)).flat_map(names).collect();
+    UPDATE_MODULES[rank + 1..].iter().copied().filter(move |module| named.iter().any(|name| name == module))
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! What a run leaves behind, used again: resumed, drawn again, compared.
+//! What a run leaves behind, used again: resumed, drawn again, seen in a browser.
 
 mod program;
 
@@ -117,7 +117,7 @@ fn an_interrupted_run_says_how_to_go_on() {
 }
 
 #[test]
-fn results_are_resumed_redrawn_and_compared() {
+fn results_are_resumed_and_drawn_again() {
     let (temporary, sheet) = folder();
     let out = temporary.path().join("results");
     let [sheet, path] = [str(&sheet), str(&out)];
@@ -139,23 +139,6 @@ fn results_are_resumed_redrawn_and_compared() {
     assert!(length(&redrawn).abs_diff(length(&out)) < 2000);
     let figures = |folder: &Path| fs::read_dir(folder.join("figures")).expect("figures").count();
     assert_eq!(figures(&redrawn), figures(&out));
-
-    // Laid over itself nothing is worse; with an update that took twice as long, that is.
-    let printed = succeeds(&["reproduce", "--from", str(&redrawn), "--baseline", path]);
-    assert!(printed.contains(" 0 worse and 0 better"), "{printed}");
-    let slower = |line: &str| {
-        let mut columns: Vec<_> = line.split(',').map(str::to_owned).collect();
-        if columns[1] == "refit" {
-            columns[6] = (5.0 * columns[6].parse::<f64>().expect("a time")).to_string();
-        }
-        columns.join(",") + "\n"
-    };
-    let mut rows = whole.lines();
-    let header = rows.next().expect("a header").to_owned() + "\n";
-    fs::write(redrawn.join("frames.csv"), header + &rows.map(slower).collect::<String>()).expect("written");
-    let printed = succeeds(&["reproduce", "--from", str(&redrawn), "--baseline", path]);
-    assert!(printed.contains("regression          sheet/, refit, update"), "{printed}");
-    assert!(summary(&redrawn)["baseline"]["changes"].as_array().is_some_and(|c| !c.is_empty()));
 
     let report = fs::read_to_string(out.join("report.html")).expect("a report");
     assert!(

@@ -20,9 +20,11 @@ use anyhow::{Context, Result, ensure};
 use clap::ValueEnum;
 use pivot_benches::embree::{Device, Embree, NotFound};
 use pivot_benches::{Contest, Entry, field};
+use scenes::SceneOptions;
 
 use self::row::Report;
 pub(crate) use self::row::Row;
+pub(crate) use self::table::unique;
 use crate::progress::left;
 use crate::stage::{self, Stage};
 use crate::{CheckFailed, files, interrupt, pool};
@@ -197,9 +199,10 @@ pub fn run(args: &Args) -> Result<()> {
         _ => SCENES.map(str::to_owned).to_vec(),
     };
     let sources = if args.scenes.is_empty() { &default_scenes } else { &args.scenes };
+    let load = |source: &str| stage::load_with(source, None, SceneOptions::default());
     let mut loaded = Vec::new();
     for source in sources {
-        let scene = stage::load_first(source, || stage::load(source, None, 0))?;
+        let scene = stage::load_first(source, || load(source))?;
         let is_empty = scene.as_ref().is_some_and(|scene| scene.animation.topology().triangles.is_empty());
         ensure!(!is_empty, "{source}: no triangles, so nothing to compare");
         loaded.push((source, scene));
@@ -221,7 +224,7 @@ pub fn run(args: &Args) -> Result<()> {
         if !interrupt::requested() {
             let left = left(start.elapsed(), i as f64, count as f64);
             files::remark(&format!("{}: scene {} of {count}{left}", stage::label(source), i + 1));
-            let stage = stage::ready(scene.map_or_else(|| stage::load(source, None, 0), Ok)?)?;
+            let stage = stage::ready(scene.map_or_else(|| load(source), Ok)?)?;
             run_scene(args, &stage::label(source), stage, embree.as_ref(), &mut report)?;
         }
         if interrupt::requested() {
@@ -272,7 +275,7 @@ fn hard_cases(args: &Args) -> Result<()> {
 fn draw(args: &Args, report: &Report) -> Result<()> {
     let Some(path) = &args.chart else { return Ok(()) };
     let what = args.what.to_possible_value().filter(|_| args.what != What::All);
-    let svg = report.chart(what.as_ref().map_or("update", |value| value.get_name()))?;
+    let svg = report.chart(what.as_ref().map_or("update", |value| value.get_name()));
     files::write_whole(path, svg.as_bytes())?;
     files::print(&files::shown(path))
 }

@@ -45,7 +45,7 @@ fn table(rows: &[Row]) -> String {
 }
 
 /// Each value once, in the order of their first appearance.
-pub(super) fn unique<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
+pub(crate) fn unique<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
     let mut all = Vec::new();
     values.for_each(|value| {
         if !all.contains(&value) {

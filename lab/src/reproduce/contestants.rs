@@ -3,7 +3,8 @@
 //! A strategy of `bvh_update` is a contestant by itself; one that lives elsewhere is a line in
 //! [`Contestant::all`]. `docs/EXTENDING.md` shows how.
 
-use anyhow::{Context, Result, bail};
+use anyhow::Result;
+use bvh_build::BuildOptions;
 use bvh_core::{Bvh, Triangles};
 use bvh_related::System;
 use bvh_update::{Auto, Background, Builder, Load, Rotate, Strategy, Update, Updater};
@@ -58,31 +59,10 @@ pub(crate) const PAPER_BINNED: &str = "paper-binned";
 pub(crate) const ASYNCHRONOUS: &str = "asynchronous";
 pub(crate) const ROTATE_ASYNCHRONOUS: &str = "rotate+asynchronous";
 
-/// What runs unless something else is asked for: the paper's experiments and what it suggests, the
-/// systems it is measured against, today's fastest rebuilds, and this project's own.
-const DEFAULT: [&str; 21] = [
-    "refit",
-    "refit+rotate",
-    "refit+rotate+rebuild",
-    "refit+rotate+regrow",
-    "auto",
-    "restructure",
-    "divergent",
-    "decomposition",
-    "t-sah",
-    "refit+rotate+background",
-    ASYNCHRONOUS,
-    ROTATE_ASYNCHRONOUS,
-    "sweep",
-    "binned",
-    "binned-parallel",
-    "lbvh",
-    "hlbvh",
-    "ploc",
-    PAPER_BINNED,
-    IDEAL,
-    IDEAL_PARALLEL_BINNED,
-];
+/// What runs only if asked for. All else runs: the paper's experiments and what it suggests, the systems
+/// it is measured against, today's fastest rebuilds, and this project's own.
+const ON_DEMAND: [&str; 5] =
+    ["refit+rebuild", "refit+regrow", "refit+background", "refit+rotate+reinsert", "refit+rotate+leaves"];
 
 impl Contestant {
     /// All of them.
@@ -102,20 +82,19 @@ impl Contestant {
             let method = Method::Strategy(Strategy::Background(background));
             all.push(named(name, name, method, Counted::Measured));
         }
-        for (name, of, counted) in
-            [(IDEAL, "sweep", Counted::Free), (IDEAL_PARALLEL_BINNED, "binned", Counted::Divided)]
-        {
-            all.extend(strategies.iter().find(|s| s.name() == of).map(|&strategy| {
-                let method = Method::Strategy(strategy);
-                named(name, strategy.name(), method, counted)
-            }));
+        for (name, builder, counted) in [
+            (IDEAL, Builder::Sweep, Counted::Free),
+            (IDEAL_PARALLEL_BINNED, Builder::Binned, Counted::Divided),
+        ] {
+            let method = Method::Strategy(Strategy::Rebuild(builder, BuildOptions::default()));
+            all.push(named(name, builder.name(), method, counted));
         }
         all
     }
 
     /// Those that run unless others are asked for.
     pub(crate) fn default_ones() -> Vec<Self> {
-        Self::all().into_iter().filter(|c| DEFAULT.contains(&c.name)).collect()
+        Self::all().into_iter().filter(|c| !ON_DEMAND.contains(&c.name)).collect()
     }
 
     /// The one of that name.
@@ -154,30 +133,14 @@ impl Method {
         }
     }
 
-    /// What the method keeps from frame to frame, prepared for `tree`. Methods that know the animation
-    /// look at `poses` and put a tree of their own in the place of `tree`.
-    pub(crate) fn keeper(self, tree: &mut Bvh, poses: &[Triangles<'_>]) -> Result<Keeper> {
+    /// The method at work on `tree`. Methods that know the animation look at `poses` and put a tree of
+    /// their own in the place of `tree`.
+    pub(crate) fn start(self, tree: &mut Bvh, poses: &[Triangles<'_>]) -> Result<Worker> {
         Ok(match self {
-            Self::System(system) => Keeper::System(bvh_related::Keeper::new(system, tree, poses)?),
-            Self::Strategy(_) | Self::Rebuild(..) => Keeper::Updater(Updater::default()),
+            Self::Strategy(strategy) => Worker::Updater(Updater::new(strategy)),
+            Self::Rebuild(function, _) => Worker::Rebuild(function),
+            Self::System(system) => Worker::System(bvh_related::Keeper::new(system, tree, poses)?),
         })
-    }
-
-    /// Brings a tree up to date with the triangles; `keeper` is one of this method.
-    pub(crate) fn run(
-        &self,
-        tree: &mut Bvh,
-        triangles: &Triangles<'_>,
-        keeper: &mut Keeper,
-    ) -> Result<Update> {
-        match (self, keeper) {
-            (Self::Strategy(strategy), Keeper::Updater(updater)) => {
-                updater.set_strategy(*strategy).update(tree, triangles).context(strategy.name())
-            }
-            (Self::Rebuild(function, _), _) => function(tree, triangles),
-            (_, Keeper::System(keeper)) => Ok(keeper.update(tree, triangles)?),
-            (Self::System(system), Keeper::Updater(_)) => bail!("{} was not prepared", system.name()),
-        }
     }
 
     /// Whether the method has to know the animation in advance.
@@ -191,14 +154,24 @@ impl Method {
     }
 }
 
-/// What a method keeps from frame to frame.
+/// A method with what it keeps from frame to frame.
 #[derive(Debug)]
-pub(crate) enum Keeper {
+pub(crate) enum Worker {
     Updater(Updater),
+    Rebuild(fn(&mut Bvh, &Triangles<'_>) -> Result<Update>),
     System(bvh_related::Keeper),
 }
 
-impl Keeper {
+impl Worker {
+    /// Brings its tree up to date with the triangles.
+    pub(crate) fn update(&mut self, tree: &mut Bvh, triangles: &Triangles<'_>) -> Result<Update> {
+        match self {
+            Self::Updater(updater) => Ok(updater.update(tree, triangles)?),
+            Self::Rebuild(function) => function(tree, triangles),
+            Self::System(keeper) => Ok(keeper.update(tree, triangles)?),
+        }
+    }
+
     /// Reports the rays of a frame.
     pub(crate) fn report(&mut self, load: Load) {
         if let Self::Updater(updater) = self {
@@ -229,7 +202,7 @@ mod tests {
             assert!(all[..i].iter().all(|b| a.name != b.name), "{} twice", a.name);
             assert!(all.iter().any(|b| b.name == a.of), "{} runs nothing", a.name);
         }
-        assert_eq!(Contestant::default_ones().len(), DEFAULT.len());
+        assert_eq!(Contestant::default_ones().len(), all.len() - ON_DEMAND.len());
         let paper_binned = Contestant::from_name(PAPER_BINNED).unwrap();
         assert!(paper_binned.accounting().unwrap().contains("serial binned rebuild"));
         let another = Contestant { method: Method::Rebuild(paper_binned::update, "another"), ..paper_binned };

@@ -21,38 +21,28 @@ pub(super) const ALWAYS: &str = "as always";
 /// The decisions of a strategy on a scene, most frequent first; none if it does the same in every
 /// frame.
 pub(crate) fn decisions(scene: &SceneRun, strategy: &str) -> Vec<Decided> {
-    struct Kind {
-        pattern: String,
-        range: (u64, u64),
-        frames: usize,
-        first: usize,
-    }
-    let mut kinds: Vec<Kind> = Vec::new();
+    // With the least and the greatest number in the place of `#`.
+    let mut kinds: Vec<(Decided, [u64; 2])> = Vec::new();
     for row in scene.of(strategy) {
-        let (pattern, n) = without_number(&row.decision);
-        match kinds.iter_mut().find(|kind| kind.pattern == pattern) {
-            Some(kind) => {
-                kind.frames += 1;
-                kind.range = (kind.range.0.min(n), kind.range.1.max(n));
-            }
-            None => {
-                let first = row.round * scene.facts.frames + row.frame;
-                kinds.push(Kind { pattern, range: (n, n), frames: 1, first });
-            }
+        let (decision, n) = without_number(&row.decision);
+        if let Some((kind, [least, most])) = kinds.iter_mut().find(|(kind, _)| kind.decision == decision) {
+            kind.frames += 1;
+            (*least, *most) = (n.min(*least), n.max(*most));
+        } else {
+            let first = row.round * scene.facts.frames + row.frame;
+            kinds.push((Decided { decision, frames: 1, first }, [n; 2]));
         }
     }
-    if kinds.iter().all(|kind| kind.pattern == ALWAYS || kind.pattern.is_empty()) {
+    if kinds.iter().all(|(kind, _)| kind.decision == ALWAYS || kind.decision.is_empty()) {
         return Vec::new();
     }
-    kinds.sort_by_key(|kind| (std::cmp::Reverse(kind.frames), kind.first));
-    kinds
-        .into_iter()
-        .map(|Kind { pattern, range: (least, most), frames, first }| {
-            let numbers =
-                if least == most { count(least) } else { format!("{} to {}", count(least), count(most)) };
-            Decided { decision: pattern.replace('#', &numbers), frames, first }
-        })
-        .collect()
+    kinds.sort_by_key(|(kind, _)| (std::cmp::Reverse(kind.frames), kind.first));
+    let with_numbers = |(kind, [least, most]): (Decided, [u64; 2])| {
+        let numbers =
+            if least == most { count(least) } else { format!("{} to {}", count(least), count(most)) };
+        Decided { decision: kind.decision.replace('#', &numbers), ..kind }
+    };
+    kinds.into_iter().map(with_numbers).collect()
 }
 
 /// The words with `#` for the first number in them, and that number.
@@ -67,7 +57,6 @@ fn without_number(words: &str) -> (String, u64) {
 mod tests {
     use super::*;
     use crate::reproduce::record::Row;
-    use crate::reproduce::results::SceneFacts;
 
     #[test]
     fn like_decisions_are_counted_together() {
@@ -79,7 +68,7 @@ mod tests {
         };
         let run = |decisions: &[&str]| SceneRun {
             rows: decisions.iter().enumerate().map(row).collect(),
-            ..SceneRun::new(SceneFacts::default())
+            ..SceneRun::default()
         };
         let decided =
             decisions(&run(&["refit", "regrown above 12 trees: x", "regrown above 4000 trees: x"]), "auto");

@@ -1,16 +1,17 @@
 //! The paper's figures, drawn so that they can be laid beside it.
 
-use anyhow::Result;
+use serde::Serialize;
 
 use super::accuracy::Section;
 use super::chart::{Chart, Kind, Point, Series, figure};
 use super::contestants::{Contestant, IDEAL, IDEAL_PARALLEL_BINNED};
 use super::record::Row;
 use super::results::{Results, SceneRun, Spread};
-use super::{MUSEUM, OTHER_KEYS, SPEED_STRATEGY, accuracy};
+use super::{MUSEUM, OTHER_KEYS, SPEED_STRATEGY, SPEEDS, accuracy};
 use crate::stage;
 
 /// A figure: a file, and a part of the report.
+#[derive(Serialize)]
 pub(crate) struct Figure {
     /// Name without extension.
     pub(crate) name: String,
@@ -98,15 +99,14 @@ fn over_frames(results: &Results, scene: &SceneRun) -> Option<[Chart; 2]> {
 
 /// Figure 5 for one scene: refitting with rotations at several speeds, over loops.
 fn over_loops(scene: &SceneRun) -> Option<[Chart; 2]> {
-    let speeds = scene.speeds();
-    let last = speeds.iter().flat_map(|(_, rows)| rows).map(|row| row.round).max()?;
+    let last = scene.speed_rows.iter().map(|row| row.round).max()?;
     let rules: Vec<f64> = (1..=last).map(|round| round as f64).collect();
     Some(pair(scene, "loops of the animation", &rules, |value| {
-        let speed = |(i, (frames, rows)): (usize, &(usize, Vec<&Row>))| {
+        let speed = |(i, frames): (usize, &usize)| {
             let at = |row: &Row| (row.round as f64 + row.frame as f64 / *frames as f64, value(row));
-            line(&format!("{frames} frames a loop"), i, rows.iter().copied(), at)
+            line(&format!("{frames} frames a loop"), i, scene.at_speed(*frames, SPEED_STRATEGY), at)
         };
-        speeds.iter().enumerate().map(speed).collect()
+        SPEEDS.iter().enumerate().map(speed).collect()
     }))
 }
 
@@ -126,44 +126,43 @@ fn from_other_keys(results: &Results) -> Option<Chart> {
 }
 
 /// All figures, in the order of the report.
-pub(crate) fn all(results: &Results) -> Result<Vec<Figure>> {
+pub(crate) fn all(results: &Results) -> Vec<Figure> {
     let mut figures = Vec::new();
     let mut add = |name: String, title: &str, caption: &str, charts: &[Chart], columns| {
-        let svg = figure(charts, columns)?;
+        let svg = figure(charts, columns);
         figures.push(Figure { name, title: title.to_owned(), caption: caption.to_owned(), svg });
-        anyhow::Ok(())
     };
     if let Some(chart) = update_times(results).filter(|_| wanted(results, "fig4")) {
         let caption = "Mean over frames; thin lines span the middle 80 %. The paper shows refit, refit+rotate and \
                        ideal-parallel-binned.";
-        add("fig4".to_owned(), "Time to update (figure 4)", caption, &[chart], 1)?;
+        add("fig4".to_owned(), "Time to update (figure 4)", caption, &[chart], 1);
     }
     for scene in results.main_scenes().filter(|_| wanted(results, "fig6")) {
         if let Some(charts) = over_frames(results, scene) {
             let title = format!("Frame time and cost, {} (figure 6)", scene.facts.label);
             let caption = "Left: time to update and render. Right: SAH cost of the tree rendered. A vertical line \
                            marks the jump from the end of the animation to its start.";
-            add(format!("fig6-{}", scene.facts.slug), &title, caption, &charts, 2)?;
+            add(format!("fig6-{}", scene.facts.slug), &title, caption, &charts, 2);
         }
     }
     for scene in &results.scenes {
         if let Some(charts) = over_loops(scene) {
             let title = format!("Speed of the animation, {} (figure 5)", scene.facts.label);
             let caption = "Refitting with rotations; the same motion in fewer or more frames.";
-            add(format!("fig5-{}", scene.facts.slug), &title, caption, &charts, 2)?;
+            add(format!("fig5-{}", scene.facts.slug), &title, caption, &charts, 2);
         }
     }
     if let Some(chart) = from_other_keys(results) {
         let caption = "The paper blames its exception on the first frame, which makes a poor first tree. Here the loop \
                        starts from each of the five shapes, with the tree of that shape.";
-        add("museum-keys".to_owned(), "The museum from its other key frames", caption, &[chart], 1)?;
+        add("museum-keys".to_owned(), "The museum from its other key frames", caption, &[chart], 1);
     }
     for Section { knob, charts, .. } in accuracy::sections(&results.accuracy) {
         let title = format!("What accuracy costs in time: {knob}");
-        let columns = charts.len().min(2) as u32;
-        add(format!("accuracy-{}", stage::slug(&knob)), &title, accuracy::LEGEND, &charts, columns)?;
+        let columns = charts.len().min(2);
+        add(format!("accuracy-{}", stage::slug(&knob)), &title, accuracy::LEGEND, &charts, columns);
     }
-    Ok(figures)
+    figures
 }
 
 /// Whether an experiment, or the claims that rest on it, were asked for.

@@ -11,12 +11,7 @@ use serde::de::DeserializeOwned;
 
 use crate::files;
 
-/// What is in a line; the names of its fields are the columns.
-pub(crate) trait Line: Serialize + DeserializeOwned + Default {}
-
-impl<T: Serialize + DeserializeOwned + Default> Line for T {}
-
-/// A file that rows are appended to.
+/// A file that rows are appended to; the names of their fields are the columns.
 pub(crate) struct Journal<T> {
     path: PathBuf,
     file: File,
@@ -25,7 +20,7 @@ pub(crate) struct Journal<T> {
     of: PhantomData<T>,
 }
 
-impl<T: Line> Journal<T> {
+impl<T: Serialize + Default> Journal<T> {
     /// A file with a header and the rows that an earlier run has left, in place of any that is
     /// there.
     pub(crate) fn create<'a>(path: &Path, kept: impl IntoIterator<Item = &'a T>) -> Result<Self>
@@ -75,7 +70,7 @@ fn lines<'a, T: Serialize + 'a>(rows: impl IntoIterator<Item = &'a T>) -> Result
 }
 
 /// The rows of a file, none if there is no such file. What was cut off at its end is left out.
-pub(crate) fn read<T: Line>(path: &Path) -> Result<Vec<T>> {
+pub(crate) fn read<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>> {
     let bytes = match fs::read(path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
         bytes => bytes.with_context(|| format!("{}: cannot be read", path.display()))?,

@@ -1,7 +1,6 @@
 //! `cargo xtask reproduce`: the paper's experiments, rerun and judged.
 
 mod accuracy;
-mod baseline;
 pub(crate) mod chart;
 mod check;
 mod claims;
@@ -13,7 +12,6 @@ mod offline;
 mod options;
 mod output;
 mod paper_binned;
-mod peers;
 mod pictures;
 mod preset;
 mod protocol;
@@ -58,53 +56,36 @@ const SPEED_STRATEGY: &str = "refit+rotate";
 /// What runs for it: that, its strongest rival, and other updates to compare with.
 const SPEED_STRATEGIES: [&str; 5] =
     [SPEED_STRATEGY, contestants::IDEAL_PARALLEL_BINNED, "refit", "refit+rebuild", "refit+rotate+regrow"];
+/// What runs for it with that many frames in a loop: fast motion is judged beside other updates.
+fn speed_strategies(frames: usize) -> &'static [&'static str] {
+    if frames == SPEEDS[0] { &SPEED_STRATEGIES } else { &SPEED_STRATEGIES[..1] }
+}
 /// The scene that starts from a bad tree, and the same from its other key frames, for the claim
 /// that this mends it.
 const MUSEUM: &str = "bart-museum";
 const OTHER_KEYS: [&str; 4] = ["bart-museum:1", "bart-museum:2", "bart-museum:3", "bart-museum:4"];
-/// What runs on those.
-const KEY_STRATEGIES: [&str; 2] = [SPEED_STRATEGY, contestants::IDEAL];
 /// The dragon whose pieces shear and shrink between few key frames, beside the one of rigid pieces.
 const BLENDED: &str = "exploding-dragon:blended";
-const RIGID: &str = "exploding-dragon";
-/// What runs on that.
-const BLENDED_STRATEGIES: [&str; 3] = ["refit", SPEED_STRATEGY, contestants::IDEAL];
+/// Scenes that serve one claim only: beside which scene they run, and with which strategies.
+const SUPPLEMENTS: [(&str, &[&str], &[&str]); 2] = [
+    (MUSEUM, &OTHER_KEYS, &[SPEED_STRATEGY, contestants::IDEAL]),
+    ("exploding-dragon", &[BLENDED], &["refit", SPEED_STRATEGY, contestants::IDEAL]),
+];
 
 /// How much of a scene is played for what its effects cost: they are compared with one another, so
 /// small scenes and pictures do (`cargo xtask effects` plays more).
 const EFFECTS: Played = Played { detail: 0.05, frames: 6, size: 128 };
 
-/// What runs on a scene that serves one claim only.
-fn supplement_strategies(label: &str) -> &'static [&'static str] {
-    if label == BLENDED { &BLENDED_STRATEGIES } else { &KEY_STRATEGIES }
-}
-
 /// A scene to run: not loaded until its turn comes, unless it is a file, which may be broken.
+#[derive(Default)]
 struct Entry {
     source: String,
     label: String,
     loaded: Option<Scene>,
-    /// Whether it serves one claim only.
-    supplement: bool,
-    /// What an earlier run has measured: all, or some rows of figures 4 and 6, and of figure 5.
-    finished: Option<SceneRun>,
-    begun: [Vec<Row>; 2],
-}
-
-impl Entry {
-    fn new(source: &str, label: String, loaded: Option<Scene>, supplement: bool) -> Self {
-        let begun = [Vec::new(), Vec::new()];
-        Self { source: source.to_owned(), label, loaded, supplement, finished: None, begun }
-    }
-
-    /// The rows of figures 4 and 6, or else of figure 5, that need not be measured again.
-    fn rows(&self, of_speeds: bool) -> Vec<&Row> {
-        match &self.finished {
-            Some(run) if of_speeds => run.speeds.iter().flat_map(|(_, rows)| rows).collect(),
-            Some(run) => run.rows.iter().collect(),
-            None => self.begun[usize::from(of_speeds)].iter().collect(),
-        }
-    }
+    /// What runs on it, if it serves one claim only.
+    supplement: Option<&'static [&'static str]>,
+    /// What an earlier run has measured.
+    before: SceneRun,
 }
 
 /// Runs the command.
@@ -114,10 +95,9 @@ impl Entry {
 /// Bad input, or a check that failed.
 pub fn run(args: &Args) -> Result<()> {
     args.ensure_used()?;
-    let baseline = args.baseline.as_deref().map(saved::load).transpose()?.map(|saved| saved.results);
     if let Some(folder) = &args.from {
         let results = saved::load(folder)?.results;
-        return Output::prepare(args.out())?.copy_from(folder)?.write(&results, baseline.as_ref());
+        return Output::prepare(args.out())?.copy_from(folder)?.write(&results);
     }
     let mut entries = entries(args)?;
     let mut results = Results {
@@ -131,22 +111,28 @@ pub fn run(args: &Args) -> Result<()> {
     let embree = args.embree(results.settings.threads)?;
     let out = Output::prepare(args.out())?;
     let pool = pool::pool(results.settings.threads)?;
-    match args.resume.then(|| earlier(&out, &results)).transpose()?.flatten() {
-        Some(saved) => results.accuracy = take_over(saved, &mut entries, &results.settings),
+    let (folder, summary) = (out.file(""), out.file("summary.json"));
+    if args.resume && summary.exists() {
+        let saved = saved::load(&folder)?;
+        saved.ensure_same(&results, &folder)?;
+        results.accuracy = take_over(saved, &mut entries);
+    } else {
+        if args.resume {
+            let folder = folder.display();
+            files::remark(&format!("note: {folder} holds no run to resume; starting a new one"));
+        }
         // First of all: with new rows beside it, it would name scenes as finished that have none.
-        None => files::remove_old(&out.file("summary.json"))?,
+        files::remove_old(&summary)?;
     }
-    let journals = Journals::open(args, &out, &entries, &results.accuracy)?;
-    let settings = results.settings.clone();
-    let mut bench = Bench { args, settings, out: &out, embree, journals };
+    let mut bench = Bench::new(args, &results, &out, embree, &entries)?;
 
     let (start, count) = (Instant::now(), entries.len());
     for (i, entry) in entries.into_iter().enumerate() {
         if interrupt::requested() {
             break;
         }
-        if let Some(finished) = entry.finished {
-            results.scenes.push(finished);
+        if entry.before.facts.finished {
+            results.scenes.push(entry.before);
             continue;
         }
         // Before each scene, so that a run that is killed leaves all but one of them.
@@ -157,42 +143,24 @@ pub fn run(args: &Args) -> Result<()> {
         results.scenes.push(run);
         results.accuracy.extend(points);
     }
-    if let Some(journal) = bench.journals.points.as_mut().filter(|_| args.scenes.is_empty()) {
+    if let Some(journal) = bench.points.as_mut().filter(|_| args.scenes.is_empty()) {
         // Knobs without a scene are measured last, and again.
         results.accuracy.extend(pool.install(|| accuracy::alone(&args.effort(0), journal))?);
     }
     results.interrupted = interrupt::requested();
-    let written = out.write(&results, baseline.as_ref());
+    let written = out.write(&results);
     interrupt::say_how_to_go_on(&format!("{} --resume", results.settings.command));
     written
 }
 
-/// The earlier run in the same folder, if there is one, made with the same settings.
-fn earlier(out: &Output, now: &Results) -> Result<Option<Saved>> {
-    let folder = out.file("");
-    if !out.file("summary.json").exists() {
-        files::remark(&format!("note: {} holds no run to resume; starting a new one", folder.display()));
-        return Ok(None);
-    }
-    let saved = saved::load(&folder)?;
-    saved.ensure_same(now, &folder)?;
-    Ok(Some(saved))
-}
-
 /// Gives the entries what an earlier run has measured of them, and returns the points of accuracy of
 /// those that it finished.
-fn take_over(mut saved: Saved, entries: &mut [Entry], settings: &Settings) -> Vec<Point> {
+fn take_over(mut saved: Saved, entries: &mut [Entry]) -> Vec<Point> {
+    let all = saved.results.settings.strategies.len();
     for entry in &mut *entries {
-        entry.finished = saved.finished(&entry.label);
-        if entry.finished.is_none() {
-            let strategies = match entry.supplement {
-                true => supplement_strategies(&entry.label).len(),
-                false => settings.strategies.len(),
-            };
-            entry.begun = saved.begun(&entry.label, strategies);
-        }
+        entry.before = saved.scene(&entry.label, entry.supplement.map_or(all, <[_]>::len));
     }
-    let is_kept = |point: &Point| entries.iter().any(|e| e.finished.is_some() && e.label == point.scene);
+    let is_kept = |point: &Point| entries.iter().any(|e| e.before.facts.finished && e.label == point.scene);
     saved.results.accuracy.into_iter().filter(is_kept).collect()
 }
 
@@ -215,70 +183,77 @@ fn entries(args: &Args) -> Result<Vec<Entry>> {
         let taken = |name: &str| entries.iter().any(|e| stage::slug(&e.label) == stage::slug(name));
         let mut names = (1..).map(|n| if n == 1 { label.clone() } else { format!("{label}-{n}") });
         let label = names.find(|name| !taken(name)).unwrap_or(label);
-        entries.push(Entry::new(source, label, loaded, false));
+        entries.push(Entry { source: source.clone(), label, loaded, ..Entry::default() });
     }
     let chosen = args.contestants();
     let runs = |name: &&str| chosen.iter().any(|c| c.name == *name);
-    for (scene, others) in [(MUSEUM, &OTHER_KEYS[..]), (RIGID, &[BLENDED])] {
-        for &label in others.iter().filter(|_| args.runs(Experiment::Claims)) {
+    let wanted = |strategies: &[&str]| args.runs(Experiment::Claims) && strategies.iter().all(runs);
+    for (scene, others, strategies) in SUPPLEMENTS.into_iter().filter(|s| wanted(s.2)) {
+        for &label in others {
             let has = |label: &str| entries.iter().any(|e| e.label == label);
-            if supplement_strategies(label).iter().all(runs) && has(scene) && !has(label) {
-                entries.push(Entry::new(label, label.to_owned(), None, true));
+            if has(scene) && !has(label) {
+                let (source, label, supplement) = (label.to_owned(), label.to_owned(), Some(strategies));
+                entries.push(Entry { source, label, supplement, ..Entry::default() });
             }
         }
     }
     Ok(entries)
 }
 
-/// The files that rows go to while they are measured.
-struct Journals {
+/// What scenes are measured with, and the files that rows go to meanwhile.
+struct Bench<'a> {
+    args: &'a Args,
+    settings: Settings,
+    out: &'a Output,
+    embree: Option<Device>,
     frames: Journal<Row>,
     speeds: Option<Journal<Row>>,
     points: Option<Journal<Point>>,
     peers: Option<Journal<Peer>>,
 }
 
-impl Journals {
-    /// New files with what was measured before.
-    fn open(args: &Args, out: &Output, entries: &[Entry], points: &[Point]) -> Result<Self> {
-        let rows = |of_speeds| entries.iter().flat_map(move |entry| entry.rows(of_speeds));
+impl<'a> Bench<'a> {
+    /// With new files, which hold what was measured before.
+    fn new(
+        args: &'a Args,
+        results: &Results,
+        out: &'a Output,
+        embree: Option<Device>,
+        entries: &[Entry],
+    ) -> Result<Self> {
+        let before = || entries.iter().map(|entry| &entry.before);
         let any_speeds = entries.iter().any(|entry| args.runs_speeds(&entry.label));
-        let peers = entries.iter().filter_map(|e| e.finished.as_ref()).flat_map(|run| &run.peers);
+        let speeds = before().flat_map(|run| &run.speed_rows);
         let [accuracy, beside] = [Experiment::Accuracy, Experiment::Peers].map(|e| args.runs(e));
         Ok(Self {
-            frames: Journal::create(&out.file("frames.csv"), rows(false))?,
-            speeds: Journal::if_wanted(any_speeds, &out.file("fig5.csv"), rows(true))?,
-            points: Journal::if_wanted(accuracy, &out.file("accuracy.csv"), points)?,
-            peers: Journal::if_wanted(beside, &out.file("peers.csv"), peers)?,
+            args,
+            settings: results.settings.clone(),
+            out,
+            embree,
+            frames: Journal::create(&out.file("frames.csv"), before().flat_map(|run| &run.rows))?,
+            speeds: Journal::if_wanted(any_speeds, &out.file("fig5.csv"), speeds)?,
+            points: Journal::if_wanted(accuracy, &out.file("accuracy.csv"), &results.accuracy)?,
+            peers: Journal::if_wanted(beside, &out.file("peers.csv"), before().flat_map(|run| &run.peers))?,
         })
     }
-}
 
-/// What scenes are measured with.
-struct Bench<'a> {
-    args: &'a Args,
-    settings: Settings,
-    out: &'a Output,
-    embree: Option<Device>,
-    journals: Journals,
-}
-
-impl Bench<'_> {
     /// Measures everything on a scene that was asked for.
     fn scene(&mut self, entry: Entry) -> Result<(SceneRun, Vec<Point>)> {
         let args = self.args;
-        let Entry { source, label, loaded, supplement, begun: [begun, begun_speeds], .. } = entry;
+        let Entry { source, label, loaded, supplement, before } = entry;
+        let is_main = supplement.is_none();
         let (mut stage, build_ms) = stage::timed(loaded.map_or_else(|| args.load(&source), Ok)?)?;
-        let plan = self.plan(stage.triangles().indices.len(), supplement.then_some(label.as_str()));
-        let mut run = SceneRun::new(SceneFacts { supplement, ..facts(&stage, build_ms, &plan, label) });
+        let plan = self.plan(stage.triangles().indices.len(), supplement);
+        let facts = facts(&stage, build_ms, &plan, label.clone());
+        let mut run = SceneRun { facts: SceneFacts { supplement: !is_main, ..facts }, ..SceneRun::default() };
         let mut points = Vec::new();
         if args.runs_frames() {
-            self.frames(&mut run, &mut stage, &plan, begun)?;
+            self.frames(&mut run, &mut stage, &plan, before.rows)?;
         }
-        if args.runs_speeds(&run.facts.label) {
-            self.speeds(&mut run, &mut stage, &plan, begun_speeds)?;
+        if args.runs_speeds(&label) {
+            self.speeds(&mut run, &mut stage, &plan, before.speed_rows)?;
         }
-        let for_claims = args.runs(Experiment::Claims) && !supplement;
+        let for_claims = args.runs(Experiment::Claims) && is_main;
         if for_claims && run.moves() && !interrupt::requested() {
             let (settled, memory) = settle::measure(&mut stage, plan.values.frames)?;
             (run.facts.settled, run.facts.memory) = (Some(settled), Some(memory));
@@ -286,20 +261,16 @@ impl Bench<'_> {
         if for_claims && run.facts.triangles <= plan.values.offline && !interrupt::requested() {
             run.offline = offline::measure(&mut stage, plan.values.size)?;
         }
-        if args.runs(Experiment::Effects) && !supplement && !interrupt::requested() {
+        if args.runs(Experiment::Effects) && is_main && !interrupt::requested() {
             run.facts.effect_costs = effects::measure(&source, args.clip.as_deref(), EFFECTS)?.0;
         }
-        let label = run.facts.label.as_str();
-        if let Some(journal) =
-            self.journals.points.as_mut().filter(|_| !supplement && args.measures_accuracy_of(label))
-        {
-            points = accuracy::of_scene(label, &mut stage, &args.effort(run.facts.triangles), journal)?;
+        if let Some(journal) = self.points.as_mut().filter(|_| is_main && args.measures_accuracy_of(&label)) {
+            points = accuracy::of_scene(&label, &mut stage, &args.effort(run.facts.triangles), journal)?;
         }
-        if let Some(journal) = self.journals.peers.as_mut().filter(|_| !supplement && !interrupt::requested())
-        {
+        if let Some(journal) = self.peers.as_mut().filter(|_| is_main && !interrupt::requested()) {
             let Values { peer_frames, size, .. } = plan.values;
             run.peers =
-                compare::beside(label, &mut stage, plan.threads, peer_frames, size, self.embree.clone())?;
+                compare::beside(&label, &mut stage, plan.threads, peer_frames, size, self.embree.clone())?;
             journal.append(&run.peers)?;
         }
         run.facts.finished = !interrupt::requested();
@@ -307,12 +278,12 @@ impl Bench<'_> {
         Ok((run, points))
     }
 
-    fn plan(&self, triangles: usize, supplement: Option<&str>) -> Plan {
+    fn plan(&self, triangles: usize, supplement: Option<&[&str]>) -> Plan {
         let mut values = self.args.values();
         let mut contestants = self.args.contestants();
         contestants.retain(|c| !c.method.knows_animation() || triangles <= values.prepared);
-        if let Some(label) = supplement {
-            contestants.retain(|c| supplement_strategies(label).contains(&c.name));
+        if let Some(strategies) = supplement {
+            contestants.retain(|c| strategies.contains(&c.name));
             values.pictures = 0;
         }
         let Settings { threads, seed, .. } = self.settings;
@@ -341,7 +312,7 @@ impl Bench<'_> {
                 "resumed after loop {round}, frame {frame}: pictures of strategies up to there were compared in the run before"
             ));
         }
-        let log = Log { done: begun, journal: &mut self.journals.frames };
+        let log = Log { done: begun, journal: &mut self.frames };
         let (rows, checks) = protocol::measure(&facts.label, stage, plan, log, take)?;
         run.rows = rows;
         run.checks.add(&checks);
@@ -356,18 +327,18 @@ impl Bench<'_> {
         plan: &Plan,
         mut begun: Vec<Row>,
     ) -> Result<()> {
-        let Some(journal) = &mut self.journals.speeds else { return Ok(()) };
-        let mut contestants = Contestant::all();
-        contestants.retain(|c| SPEED_STRATEGIES.contains(&c.name));
+        let Some(journal) = &mut self.speeds else { return Ok(()) };
         for frames in SPEEDS.into_iter().take_while(|_| !interrupt::requested()) {
             // As many samples of each, unless every frame is asked for.
             let measure_every = if plan.measure_every == 1 { 1 } else { frames / SPEEDS[0] };
             let values = Values { frames, loops: plan.values.speed_loops, pictures: 0, ..plan.values };
-            let plan = Plan { contestants: contestants.clone(), values, measure_every, ..*plan };
+            let mut contestants = Contestant::all();
+            contestants.retain(|c| speed_strategies(frames).contains(&c.name));
+            let plan = Plan { contestants, values, measure_every, ..*plan };
             let done = begun.extract_if(.., |row| row.frames_per_loop == frames).collect();
             let log = Log { done, journal };
             let (rows, checks) = protocol::measure(&run.facts.label, stage, &plan, log, |_, _, _| Ok(()))?;
-            run.speeds.push((frames, rows));
+            run.speed_rows.extend(rows);
             run.checks.add(&checks);
         }
         Ok(())

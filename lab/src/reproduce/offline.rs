@@ -4,20 +4,17 @@
 use std::time::Instant;
 
 use anyhow::Result;
-use bvh_build::build;
+use bvh_build::{Builder, build};
 use bvh_core::{Bvh, sah_cost};
 use rt_cpu::{Image, RenderOptions, Traversal, render};
 use scenes::LightEffects;
 use serde::{Deserialize, Serialize};
 
-use super::results::Spread;
 use crate::interrupt;
 use crate::stage::{Stage, ms};
 
-/// The builder that others are compared with.
-pub(crate) const REFERENCE: &str = "sweep";
-/// Builders that are compared with it.
-pub(crate) const OFFLINE: [&str; 2] = ["hill-climbed", "annealed"];
+/// The builder that the others are compared with, and those.
+pub(crate) const BUILDERS: [Builder; 3] = [Builder::Sweep, Builder::HillClimbed, Builder::Annealed];
 /// Pictures taken through each tree; their mean time counts.
 const PICTURES: u32 = 5;
 
@@ -31,17 +28,12 @@ pub(crate) struct OfflineTree {
     pub(crate) path_ms: f64,
 }
 
-/// Builds a tree by every offline builder there is, and traces paths through all of them in turn;
-/// nothing if there is none.
+/// Builds a tree by each builder, and traces paths through all of them in turn; nothing after an
+/// interrupt.
 pub(crate) fn measure(stage: &mut Stage, size: u32) -> Result<Vec<OfflineTree>> {
     stage.pose(0.0);
-    let others = OFFLINE.iter().filter_map(|name| name.parse().ok());
-    let builders: Vec<_> = REFERENCE.parse().into_iter().chain(others).collect();
-    if builders.len() < 2 {
-        return Ok(Vec::new());
-    }
-    let mut trees: Vec<(OfflineTree, Bvh, Vec<f64>)> = Vec::new();
-    for builder in builders {
+    let mut trees: Vec<(OfflineTree, Bvh)> = Vec::new();
+    for builder in BUILDERS {
         if interrupt::requested() {
             return Ok(Vec::new());
         }
@@ -49,24 +41,21 @@ pub(crate) fn measure(stage: &mut Stage, size: u32) -> Result<Vec<OfflineTree>> 
         let bvh = build(&stage.triangles(), builder)?;
         let (build_ms, sah_cost) = (ms(start), sah_cost(&bvh));
         let name = builder.name().to_owned();
-        trees.push((OfflineTree { builder: name, build_ms, sah_cost, path_ms: 0.0 }, bvh, Vec::new()));
+        trees.push((OfflineTree { builder: name, build_ms, sah_cost, path_ms: 0.0 }, bvh));
     }
     let light = LightEffects { diffuse_bounces: true, ..stage.scene.effects.light };
     let mut image = Image::new(size, size);
     // The first picture through each tree warms up and does not count.
     for sample in 0..=PICTURES {
-        for (_, bvh, times) in &mut trees {
+        for (tree, bvh) in &mut trees {
             // One by one, through the tree that was annealed: a wider view of it would be optimised again.
             let traversal = Traversal::Single;
             let options = RenderOptions { smooth: false, sample, traversal, ..stage.options_with(&light) };
             let start = Instant::now();
             let (camera, lamp) = (stage.camera(size, size), stage.light());
             render(bvh, &stage.mesh(), &camera, Some(&lamp), &options, &mut image);
-            times.extend((sample > 0).then(|| ms(start)));
+            tree.path_ms += if sample > 0 { ms(start) / f64::from(PICTURES) } else { 0.0 };
         }
     }
-    let done = |(tree, _, times): (OfflineTree, Bvh, Vec<f64>)| {
-        Some(OfflineTree { path_ms: Spread::of(times)?.mean, ..tree })
-    };
-    Ok(trees.into_iter().filter_map(done).collect())
+    Ok(trees.into_iter().map(|(tree, _)| tree).collect())
 }

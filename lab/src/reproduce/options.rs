@@ -6,7 +6,7 @@ use anyhow::{Result, ensure};
 use clap::ValueEnum;
 use pivot_benches::embree::Device;
 use rt_cpu::Traversal;
-use scenes::Scene;
+use scenes::{Scene, SceneOptions};
 
 use super::SPEED_STRATEGY;
 use super::accuracy::Effort;
@@ -105,9 +105,6 @@ pub struct Args {
     /// else the system's]
     #[arg(long, value_name = "PATH")]
     embree: Option<PathBuf>,
-    /// Compare with the results in another folder, and name what got worse
-    #[arg(long, value_name = "DIR")]
-    pub(super) baseline: Option<PathBuf>,
 }
 
 /// A strategy, or all there are.
@@ -155,17 +152,14 @@ impl Args {
         if self.strategies.is_empty() {
             return Contestant::default_ones();
         }
-        let mut once: Vec<Contestant> = Vec::new();
-        for contestant in self.strategies.iter().flat_map(|Choice(chosen)| chosen) {
-            if once.iter().all(|c| c.name != contestant.name) {
-                once.push(*contestant);
-            }
-        }
-        once
+        let is_chosen = |c: &Contestant| self.strategies.iter().flat_map(|s| &s.0).any(|s| s.name == c.name);
+        Contestant::all().into_iter().filter(is_chosen).collect()
     }
 
     pub(super) fn load(&self, source: &str) -> Result<Scene> {
-        stage::load_at(source, self.clip.as_deref(), self.seed, self.preset.values().detail)
+        let (seed, detail) = (self.seed, self.preset.values().detail);
+        let options = SceneOptions { seed, detail, ..SceneOptions::default() };
+        stage::load_with(source, self.clip.as_deref(), options)
     }
 
     pub(super) fn out(&self) -> PathBuf {

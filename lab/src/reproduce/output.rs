@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
-use super::baseline::Comparison;
 use super::figures::Figure;
 use super::results::Results;
+use super::summary::Summary;
 use super::{accuracy, claims, figures, report, summary};
 use crate::{CheckFailed, files, stage};
 
@@ -32,21 +32,15 @@ impl Output {
 
     /// Takes rows and pictures over from another folder, unless it is this one.
     pub(super) fn copy_from(self, other: &Path) -> Result<Self> {
-        let same = |a: &Path, b: &Path| {
-            fs::canonicalize(a).ok().is_some_and(|a| Some(a) == fs::canonicalize(b).ok())
-        };
-        if same(other, &self.folder) {
+        if fs::canonicalize(other)? == fs::canonicalize(&self.folder)? {
             return Ok(self);
         }
         let images = fs::read_dir(other.join("images")).into_iter().flatten().flatten();
         let images = images.map(|entry| Path::new("images").join(entry.file_name()));
         // The summary here is of other rows.
         files::remove_old(&self.file("summary.json"))?;
-        for name in ["frames.csv", "fig5.csv", "accuracy.csv", "peers.csv"]
-            .map(PathBuf::from)
-            .into_iter()
-            .chain(images)
-        {
+        let rows = ["frames.csv", "fig5.csv", "accuracy.csv", "peers.csv"].map(PathBuf::from);
+        for name in rows.into_iter().chain(images) {
             let (from, to) = (other.join(&name), self.folder.join(&name));
             if from.is_file() {
                 let content =
@@ -73,45 +67,33 @@ impl Output {
 
     /// Writes what is known so far, so that a run that is killed can be gone on with.
     pub(super) fn write_summary(&self, results: &Results) -> Result<()> {
-        self.summarise(results, &claims::judge(results), None)
+        self.summarise(results, &claims::judge(results))
     }
 
-    fn summarise(
-        &self,
-        results: &Results,
-        claims: &[claims::Claim],
-        comparison: Option<&Comparison>,
-    ) -> Result<()> {
-        let summary =
-            summary::json(results, claims, comparison).context("the summary cannot be written as JSON")?;
+    fn summarise(&self, results: &Results, claims: &[claims::Claim]) -> Result<()> {
+        let summary = serde_json::to_string_pretty(&Summary::new(results, claims))? + "\n";
         files::write_whole(&self.file("summary.json"), summary.as_bytes())
     }
 
     /// Writes figures, summary and report, and says what came out.
-    pub(super) fn write(&self, results: &Results, baseline: Option<&Results>) -> Result<()> {
+    pub(super) fn write(&self, results: &Results) -> Result<()> {
         let claims = claims::judge(results);
-        let comparison = baseline.map(|before| Comparison::new(before, results));
         self.remove_old_pictures(results)?;
-        let figures = figures::all(results)?;
+        let figures = figures::all(results);
         for Figure { name, svg, .. } in &figures {
             files::write_whole(&self.file("figures").join(format!("{name}.svg")), svg.as_bytes())?;
         }
-        self.summarise(results, &claims, comparison.as_ref())?;
+        self.summarise(results, &claims)?;
         files::write_whole(&self.file("tables.md"), summary::tables(results, &claims).as_bytes())?;
         let report = self.file("report.html");
-        files::write_whole(
-            &report,
-            report::html(results, &claims, &figures, comparison.as_ref()).as_bytes(),
-        )?;
+        files::write_whole(&report, report::html(results, &claims, &figures)?.as_bytes())?;
 
         let checks = results.checks();
-        let judged = results.scenes.iter().any(|scene| !scene.rows.is_empty() || !scene.speeds.is_empty());
+        let judged =
+            results.scenes.iter().any(|scene| !scene.rows.is_empty() || !scene.speed_rows.is_empty());
         let mut text = if judged { summary::claims_in_lines(&claims) } else { String::new() };
         for sentence in accuracy::sentences(&results.accuracy) {
             text += &format!("\n{sentence}");
-        }
-        if let Some(comparison) = &comparison {
-            text += &format!("\n{}", comparison.in_lines());
         }
         text += &format!("\n{}\n{}", summary::checks_in_words(&checks), files::shown(&report));
         files::print(text.trim_start())?;

@@ -98,18 +98,16 @@ impl Values {
     pub(crate) fn departures(&self, figure_5: bool, threads: usize) -> Vec<String> {
         let (paper, [few, many]) = (Preset::Full.values(), self.measure_every);
         let samples = self.measure_every != paper.measure_every;
+        let instead =
+            |ours: String, papers: String| (ours != papers).then(|| format!("{ours} instead of {papers}"));
+        let other = |words: fn(&Self) -> String| instead(words(self), words(&paper));
         let less = [
             self.detail.map(|part| format!("cloth and statues at {:.0} % of their triangles", 100.0 * part)),
-            (self.frames != paper.frames)
-                .then(|| format!("{} frames a loop instead of {}", self.frames, paper.frames)),
-            (self.loops != paper.loops).then(|| format!("{} loops instead of {}", self.loops, paper.loops)),
-            (self.size != paper.size)
-                .then(|| format!("{0} x {0} pixels instead of {1} x {1}", self.size, paper.size)),
-            (self.traversal != paper.traversal).then(|| {
-                let by = self.traversal;
-                format!("rays traced by {by} instead of packets of 8 x 8 with interval arithmetic")
-            }),
-            (threads != PAPER_THREADS).then(|| format!("{threads} threads instead of {PAPER_THREADS}")),
+            other(|v| format!("{} frames a loop", v.frames)),
+            other(|v| format!("{} loops", v.loops)),
+            other(|v| format!("{0} x {0} pixels", v.size)),
+            other(|v| format!("traversal by {}", v.traversal)),
+            instead(format!("{threads} threads"), format!("{PAPER_THREADS} threads")),
             Some(
                 "always: scenes are stand-ins, triangles are tested watertight, boxes and rotations are computed with SIMD"
                     .to_owned(),
@@ -120,17 +118,14 @@ impl Values {
                      trees of those over a fifth of the loop, without annealing"
                 )
             }),
-            (figure_5 && self.speed_loops != paper.speed_loops)
-                .then(|| format!("figure 5 over {} loops instead of {}", self.speed_loops, paper.speed_loops)),
+            other(|v| format!("{} loops of figure 5", v.speed_loops)).filter(|_| figure_5),
             (figure_5 && samples).then(|| format!("of each loop of figure 5 {} frames measured", SPEEDS[0])),
             (!self.speeds && !figure_5)
                 .then(|| "figure 5 only if named; what accuracy costs on one scene".to_owned()),
             (self.prepared < paper.prepared)
                 .then(|| format!("decomposition and t-sah in scenes of at most {} triangles", self.prepared)),
-            (self.offline < paper.offline).then(|| match self.offline {
-                0 => "no offline builders".to_owned(),
-                most => format!("offline builders in scenes of at most {most} triangles"),
-            }),
+            (self.offline < paper.offline)
+                .then(|| format!("offline builders in scenes of at most {} triangles", self.offline)),
         ];
         less.into_iter().flatten().collect()
     }

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::SPEED_STRATEGY;
 use super::accuracy::Point;
 use super::check::Checks;
 use super::offline::OfflineTree;
@@ -70,9 +69,9 @@ pub(crate) struct SceneRun {
     /// Rows of figures 4 and 6.
     #[serde(skip)]
     pub(crate) rows: Vec<Row>,
-    /// Rows of figure 5, by frames in a loop.
+    /// Rows of figure 5.
     #[serde(skip)]
-    pub(crate) speeds: Vec<(usize, Vec<Row>)>,
+    pub(crate) speed_rows: Vec<Row>,
     /// Other libraries beside this one.
     #[serde(skip)]
     pub(crate) peers: Vec<Peer>,
@@ -168,11 +167,6 @@ pub(crate) fn median(samples: impl IntoIterator<Item = f64>) -> f64 {
 }
 
 impl SceneRun {
-    /// A scene on which nothing is measured yet.
-    pub(crate) fn new(facts: SceneFacts) -> Self {
-        Self { facts, ..Self::default() }
-    }
-
     /// Rows of one strategy, in order.
     pub(crate) fn of(&self, strategy: &str) -> Vec<&Row> {
         self.rows.iter().filter(|row| row.strategy == strategy).collect()
@@ -183,10 +177,10 @@ impl SceneRun {
         self.facts.moving > 0
     }
 
-    /// Rows of figure 5 with the strategy of that figure, by frames in a loop.
-    pub(crate) fn speeds(&self) -> Vec<(usize, Vec<&Row>)> {
-        let is_its = |row: &&Row| row.strategy == SPEED_STRATEGY;
-        self.speeds.iter().map(|(frames, rows)| (*frames, rows.iter().filter(is_its).collect())).collect()
+    /// Rows of figure 5 at a number of frames in a loop.
+    pub(crate) fn at_speed(&self, frames: usize, strategy: &str) -> Vec<&Row> {
+        let is_its = |row: &&Row| row.frames_per_loop == frames && row.strategy == strategy;
+        self.speed_rows.iter().filter(is_its).collect()
     }
 
     /// Rows of two strategies on the same frames, in order; none if either was not run.

@@ -7,10 +7,10 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 
-use super::SPEED_STRATEGIES;
 use super::journal;
 use super::record::Row;
 use super::results::{Results, SceneRun, Settings};
+use super::speed_strategies;
 use super::summary::{SCHEMA, StrategySummary};
 use crate::compare::Row as Peer;
 
@@ -19,11 +19,11 @@ struct Version {
     schema: u32,
 }
 
-/// What a folder holds: the scenes it knows all about, and rows of one that was under way.
+/// What a folder holds: the scenes it knows all about, and rows of figures 4 and 6, and of figure 5,
+/// of one that was under way.
 pub(super) struct Saved {
     pub(super) results: Results,
-    pub(super) rows: Vec<Row>,
-    pub(super) speed_rows: Vec<Row>,
+    rest: [Vec<Row>; 2],
 }
 
 /// Reads a folder.
@@ -36,9 +36,9 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
     ensure!(schema == SCHEMA, "{shown}: schema {schema}, but this program reads {SCHEMA}; measure again");
     let mut results: Results =
         serde_json::from_slice(&text).with_context(|| format!("{shown}: not what schema {SCHEMA} says"))?;
-    let [frames, speeds] = ["frames.csv", "fig5.csv"].map(|name| folder.join(name));
-    let (mut rows, mut speed_rows) = (journal::read(&frames)?, journal::read(&speeds)?);
     results.accuracy = journal::read(&folder.join("accuracy.csv"))?;
+    let [frames, speeds] = ["frames.csv", "fig5.csv"].map(|name| folder.join(name));
+    let mut rest = [journal::read(&frames)?, journal::read(&speeds)?];
     let mut peers = journal::read::<Peer>(&folder.join("peers.csv"))?;
     for run in &mut results.scenes {
         for picture in &mut run.pictures {
@@ -47,22 +47,20 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
         }
         let label = run.facts.label.as_str();
         run.peers = peers.extract_if(.., |peer| peer.scene == label).collect();
-        run.rows = take(&mut rows, label);
-        run.speeds = by_speed(take(&mut speed_rows, label));
+        [run.rows, run.speed_rows] = take(&mut rest, label);
         if run.facts.finished {
             for StrategySummary { strategy, samples, .. } in &run.strategies {
                 ensure_rows(&frames, label, run.of(strategy).len(), *samples)?;
             }
-            for (n, StrategySummary { samples, .. }) in &run.speed_summaries {
+            for (&n, StrategySummary { samples, .. }) in &run.speed_summaries {
                 // The summary has the samples of one strategy; the others have as many.
-                let found =
-                    run.speeds.iter().find(|(frames, _)| frames == n).map_or(0, |(_, rows)| rows.len());
-                ensure_rows(&speeds, label, found, samples * SPEED_STRATEGIES.len())?;
+                let found = run.speed_rows.iter().filter(|row| row.frames_per_loop == n).count();
+                ensure_rows(&speeds, label, found, samples * speed_strategies(n).len())?;
             }
         }
         run.summarise(&results.settings.strategies);
     }
-    Ok(Saved { results, rows, speed_rows })
+    Ok(Saved { results, rest })
 }
 
 /// Checks that no rows are missing of a scene that counts as finished.
@@ -75,40 +73,26 @@ fn ensure_rows(file: &Path, label: &str, found: usize, expected: usize) -> Resul
     Ok(())
 }
 
-fn take(rows: &mut Vec<Row>, label: &str) -> Vec<Row> {
-    rows.extract_if(.., |row| row.scene == label).collect()
-}
-
-fn by_speed(rows: Vec<Row>) -> Vec<(usize, Vec<Row>)> {
-    let mut speeds: Vec<(usize, Vec<Row>)> = Vec::new();
-    for row in rows {
-        match speeds.iter_mut().find(|(frames, _)| *frames == row.frames_per_loop) {
-            Some((_, rows)) => rows.push(row),
-            None => speeds.push((row.frames_per_loop, vec![row])),
-        }
-    }
-    speeds
+fn take(rows: &mut [Vec<Row>; 2], label: &str) -> [Vec<Row>; 2] {
+    rows.each_mut().map(|rows| rows.extract_if(.., |row| row.scene == label).collect())
 }
 
 impl Saved {
-    /// Rows that a scene has already, if it was not finished, without those of an incomplete last
-    /// step: a step has `strategies` rows, of figure 5 one for each of [`SPEED_STRATEGIES`].
-    pub(super) fn begun(&mut self, label: &str, strategies: usize) -> [Vec<Row>; 2] {
-        let from_scene = |run: &mut SceneRun| {
-            let speeds = std::mem::take(&mut run.speeds).into_iter().flat_map(|(_, rows)| rows).collect();
-            [std::mem::take(&mut run.rows), speeds]
-        };
-        let known = self.results.scenes.iter_mut().find(|run| run.facts.label == label).map(from_scene);
-        let rows = known.unwrap_or_else(|| [&mut self.rows, &mut self.speed_rows].map(|r| take(r, label)));
-        let [frames, speeds] = rows;
-        [whole_steps(frames, strategies), whole_steps(speeds, SPEED_STRATEGIES.len())]
-    }
-
-    /// The scene, if everything was measured on it.
-    pub(super) fn finished(&mut self, label: &str) -> Option<SceneRun> {
-        let scenes = &mut self.results.scenes;
-        let at = scenes.iter().position(|run| run.facts.label == label && run.facts.finished)?;
-        Some(scenes.remove(at))
+    /// What was measured on a scene: all, or else rows without those of an incomplete last step. A
+    /// step has `strategies` rows, of figure 5 those of [`speed_strategies`].
+    pub(super) fn scene(&mut self, label: &str, strategies: usize) -> SceneRun {
+        let at = self.results.scenes.iter().position(|run| run.facts.label == label);
+        let run = at.map(|at| self.results.scenes.remove(at)).unwrap_or_else(|| {
+            let [rows, speed_rows] = take(&mut self.rest, label);
+            SceneRun { rows, speed_rows, ..SceneRun::default() }
+        });
+        if run.facts.finished {
+            return run;
+        }
+        let rows = whole_steps(run.rows, strategies);
+        let rows_a_step = run.speed_rows.last().map_or(0, |row| speed_strategies(row.frames_per_loop).len());
+        let speed_rows = whole_steps(run.speed_rows, rows_a_step);
+        SceneRun { rows, speed_rows, ..SceneRun::default() }
     }
 
     /// Whether going on with it makes one run: the same settings, revision and machine.
@@ -155,9 +139,5 @@ mod tests {
         assert_eq!(whole_steps(rows.clone(), 2), rows);
         assert_eq!(whole_steps(rows.clone(), 3), rows[..2]);
         assert_eq!(whole_steps(Vec::new(), 3), []);
-        assert_eq!(
-            by_speed(rows).iter().map(|(n, rows)| (*n, rows.len())).collect::<Vec<_>>(),
-            [(20, 2), (100, 2)]
-        );
     }
 }

@@ -5,7 +5,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::baseline::Comparison;
 use super::chart::count;
 use super::check::Checks;
 use super::claims::Claim;
@@ -14,19 +13,25 @@ use super::decisions::{Decided, decisions};
 use super::record::Row;
 use super::results::{Results, SceneFacts, SceneRun, Spread};
 use super::stages::{StageSummary, stages};
-use super::{SPEED_STRATEGY, accuracy};
+use super::{SPEED_STRATEGY, SPEEDS, accuracy};
 
 /// Version of the schema.
 pub(crate) const SCHEMA: u32 = 3;
 
+/// A run in brief.
 #[derive(Serialize)]
-struct Summary<'a> {
+pub(crate) struct Summary<'a> {
     schema: u32,
     #[serde(flatten)]
     results: &'a Results,
     checks: Checks,
     claims: &'a [Claim],
-    baseline: Option<&'a Comparison>,
+}
+
+impl<'a> Summary<'a> {
+    pub(crate) fn new(results: &'a Results, claims: &'a [Claim]) -> Self {
+        Self { schema: SCHEMA, results, checks: results.checks(), claims }
+    }
 }
 
 /// A strategy on one scene, over the frames it was measured on.
@@ -62,8 +67,8 @@ impl SceneRun {
         };
         let strategies = names.iter().filter_map(summary).collect();
         let summary = |rows: &[&Row]| strategy(SPEED_STRATEGY, &self.facts, rows, None, Vec::new());
-        let speeds = self.speeds();
-        let speeds = speeds.iter().filter_map(|(frames, rows)| Some((*frames, summary(rows)?))).collect();
+        let at = |frames| Some((frames, summary(&self.at_speed(frames, SPEED_STRATEGY))?));
+        let speeds = SPEEDS.into_iter().filter_map(at).collect();
         (self.strategies, self.speed_summaries) = (strategies, speeds);
     }
 }
@@ -92,16 +97,6 @@ fn strategy(
         decisions,
         stages: stages(&facts.plan, rows),
     })
-}
-
-/// The whole summary.
-pub(crate) fn json(
-    results: &Results,
-    claims: &[Claim],
-    baseline: Option<&Comparison>,
-) -> serde_json::Result<String> {
-    let summary = Summary { schema: SCHEMA, results, checks: results.checks(), claims, baseline };
-    Ok(serde_json::to_string_pretty(&summary)? + "\n")
 }
 
 /// A line for each claim.

@@ -11,7 +11,6 @@ use rt_cpu::{Image, Pixel, RenderOptions, cast, render};
 use super::effort::Effort;
 use super::point::Point;
 use crate::interrupt;
-use crate::progress::Progress;
 use crate::reproduce::journal::Journal;
 use crate::reproduce::{Spread, median};
 use crate::stage::{Stage, ms};
@@ -22,24 +21,12 @@ pub(super) struct Log<'a> {
     label: &'a str,
     pub(super) effort: &'a Effort,
     journal: &'a mut Journal<Point>,
-    progress: Progress,
-    knob: u64,
     pub(super) points: Vec<Point>,
 }
 
-/// Steps of the progress of each knob.
-const STEPS: f64 = 100.0;
-
 impl<'a> Log<'a> {
-    pub(super) fn new(
-        label: &'a str,
-        effort: &'a Effort,
-        journal: &'a mut Journal<Point>,
-        knobs: usize,
-    ) -> Self {
-        let what = format!("{label} accuracy").trim_start().to_owned();
-        let progress = Progress::new(what, (knobs as f64 * STEPS) as u64);
-        Self { label, effort, journal, progress, knob: 0, points: Vec::new() }
+    pub(super) fn new(label: &'a str, effort: &'a Effort, journal: &'a mut Journal<Point>) -> Self {
+        Self { label, effort, journal, points: Vec::new() }
     }
 
     /// Takes what was measured; it is in the file when this returns. After an interrupt nothing is
@@ -67,16 +54,6 @@ impl<'a> Log<'a> {
         // Digits that say something.
         let noise = Some((noise(selves) * 1e3).round() / 1e3);
         self.add(Point { noise, ..point.with("trace time", trace_ms, "ms") })
-    }
-
-    /// Shows how much of the current knob is done.
-    pub(super) fn done(&self, steps: usize, of: usize) {
-        self.progress.at(self.knob * STEPS as u64 + (STEPS * steps as f64 / of.max(1) as f64) as u64);
-    }
-
-    pub(super) fn next_knob(&mut self) {
-        self.knob += 1;
-        self.done(0, 1);
     }
 }
 

@@ -57,24 +57,18 @@ impl Primitives for Unguarded<'_> {
 /// One vertex in this many is broken.
 const BROKEN: usize = 1000;
 
-/// A tree that is updated with or without the guard.
-struct Entrant {
-    guarded: bool,
-    tree: Bvh,
-    updater: Updater,
-}
+/// Whether the guard is there, the tree, and what updates it.
+type Entrant = (bool, Bvh, Updater);
 
-impl Entrant {
-    fn update(&mut self, triangles: Triangles<'_>) -> Result<f64> {
-        let start = Instant::now();
-        let done = if self.guarded {
-            self.updater.update(&mut self.tree, &triangles)
-        } else {
-            self.updater.update(&mut self.tree, &Unguarded(triangles))
-        };
-        done.context("no update")?;
-        Ok(ms(start))
-    }
+/// Updates the tree; gives the milliseconds.
+fn update((guarded, tree, updater): &mut Entrant, triangles: Triangles<'_>) -> Result<f64> {
+    let start = Instant::now();
+    let done = match guarded {
+        true => updater.update(tree, &triangles),
+        false => updater.update(tree, &Unguarded(triangles)),
+    };
+    done.context("no update")?;
+    Ok(ms(start))
 }
 
 /// Refits with and without rotations, on sound triangles for the time, on broken ones for the
@@ -90,23 +84,16 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         bench.stage.pose(0.0);
         let mut tree = bench.stage.first_tree.clone();
         tree.set_dynamic(|_| true);
-        let mut entrants = [true, false].map(|guarded| Entrant {
-            guarded,
-            tree: tree.clone(),
-            updater: Updater::new(strategy),
-        });
+        let mut entrants = [true, false].map(|guarded| (guarded, tree.clone(), Updater::new(strategy)));
         // To and fro between two frames, the same for both contestants.
         let mut turn = 0;
         let times = in_turns(8 * bench.log.effort.rounds, 2, |which| {
             bench.stage.pose(last * [0.30, 0.31][turn / 2 % 2]);
             turn += 1;
-            entrants[which].update(bench.stage.triangles())
+            update(&mut entrants[which], bench.stage.triangles())
         })?;
-        let [a, b] = &entrants;
-        ensure!(
-            a.tree.fingerprint() == b.tree.fingerprint(),
-            "sound triangles, but the guard changes a tree"
-        );
+        let [a, b] = entrants.each_ref().map(|(_, tree, _)| tree.fingerprint());
+        ensure!(a == b, "sound triangles, but the guard changes a tree");
 
         let sound = bench.stage.triangles();
         let mut positions = sound.positions.to_vec();
@@ -119,9 +106,9 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         let fresh = build(&broken, Builder::Sweep).context("no tree")?;
         let expected = bench.see(&fresh, &broken, &bench.flat());
         for (entrant, time_ms) in entrants.iter_mut().zip(times) {
-            entrant.update(broken)?;
-            let error = differing(&bench.see(&entrant.tree, &broken, &bench.flat()), &expected);
-            let (on, knob) = (entrant.guarded, format!("guards against NaN at {strategy}"));
+            update(entrant, broken)?;
+            let error = differing(&bench.see(&entrant.1, &broken, &bench.flat()), &expected);
+            let (on, knob) = (entrant.0, format!("guards against NaN at {strategy}"));
             let note = format!(
                 "time of an update, sound; error with one vertex in {BROKEN} NaN, against a fresh tree"
             );

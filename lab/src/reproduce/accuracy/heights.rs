@@ -9,9 +9,8 @@ use anyhow::{Context, Result};
 use bvh_core::rotation::{area_changes_at, best, rotate};
 use bvh_core::{Aabb, Bvh, MAX_HEIGHT, Node, Primitives, Triangles};
 
-use super::bench::{Bench, Over};
-use super::point::Point;
-use crate::interrupt;
+use super::bench::Bench;
+use super::trees::{Entrant, play};
 use crate::stage::ms;
 
 /// Updates the subtree at `n`, which is `depth` below where the bound counts from.
@@ -37,46 +36,24 @@ fn update(nodes: &mut [Node], n: usize, depth: u32, order: &[u32], triangles: &T
 
 /// Bounds from the height of the first tree up to the library's.
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
-    if !bench.moves() {
-        return Ok(());
-    }
-    let lowest = bench.stage.first_tree.height();
-    let bounds: Vec<u32> = [32, 40, 48, 64, MAX_HEIGHT].into_iter().filter(|&b| b > lowest).collect();
-    let bounds = [vec![lowest], bounds].concat();
-    let (order, frames) = (bench.stage.first_tree.order().to_vec(), bench.log.effort.frames);
-    let mut trees: Vec<(Vec<Node>, f64)> =
-        bounds.iter().map(|_| (bench.stage.first_tree.nodes().to_vec(), 0.0)).collect();
-    let played = bench.log.effort.played;
-    for frame in 1..played {
-        if interrupt::requested() {
-            return Ok(());
-        }
-        bench.stage.pose(bench.stage.time_of(frame, frames));
-        for ((nodes, time_ms), bound) in trees.iter_mut().zip(&bounds) {
-            let start = Instant::now();
-            update(nodes, 0, MAX_HEIGHT - bound, &order, &bench.stage.triangles());
-            *time_ms += ms(start) / (played - 1) as f64;
-        }
-        bench.log.done(frame, played);
-    }
-    let built = trees.iter().map(|(nodes, _)| Bvh::new(nodes, order.clone()).context("not a tree"));
-    let built = built.collect::<Result<Vec<Bvh>>>()?;
-    let sweep = bench.sweep()?;
-    let Some(Over { errors, selves }) = bench.over(&sweep, &built.iter().collect::<Vec<_>>()) else {
-        return Ok(());
-    };
-    for (((bound, tree), (_, time_ms)), errors) in bounds.iter().zip(&built).zip(&trees).zip(errors) {
-        let note = format!(
-            "time of the plain update, mean of {}; errors on the last frame; bound {bound}, the tree is {} high",
-            played - 1,
-            tree.height()
-        );
-        let setting = match *bound == lowest {
+    let first = bench.stage.first_tree.clone();
+    let lowest = first.height();
+    let higher = [32, 40, 48, 64, MAX_HEIGHT].into_iter().filter(|&bound| bound > lowest);
+    let entrant = |bound: u32| {
+        let (mut nodes, order) = (first.nodes().to_vec(), first.order().to_vec());
+        let setting = match bound == lowest {
             true => "height of the first tree".to_owned(),
             false => format!("{bound} levels"),
         };
-        let point = Point::new("height bound", setting, *bound == MAX_HEIGHT, *time_ms).noted(note);
-        bench.log.add_tree(&point, errors, &selves)?;
-    }
-    Ok(())
+        let run = move |tree: &mut Bvh, triangles: &Triangles<'_>| {
+            let start = Instant::now();
+            update(&mut nodes, 0, MAX_HEIGHT - bound, &order, triangles);
+            let time_ms = ms(start);
+            *tree = Bvh::new(&nodes, order.clone()).context("not a tree")?;
+            Ok((time_ms, tree.height()))
+        };
+        Entrant::new(setting, bound == MAX_HEIGHT, first.clone(), Box::new(run))
+    };
+    let entrants = std::iter::once(lowest).chain(higher).map(entrant).collect();
+    play(bench, "height bound", entrants)
 }

@@ -28,6 +28,7 @@ pub(crate) use self::section::{LEGEND, Section, sections};
 pub(crate) use self::sentences::sentences;
 use super::journal::Journal;
 use crate::interrupt;
+use crate::progress::Progress;
 use crate::stage::Stage;
 
 /// The knobs of a scene.
@@ -45,26 +46,23 @@ pub(crate) fn of_scene(
     effort: &Effort,
     journal: &mut Journal<Point>,
 ) -> Result<Vec<Point>> {
-    let mut bench = Bench { stage, log: Log::new(label, effort, journal, OF_A_SCENE.len()) };
-    for knob in OF_A_SCENE {
-        if interrupt::requested() {
-            break;
-        }
-        knob(&mut bench)?;
-        bench.log.next_knob();
-    }
+    let mut bench = Bench { stage, log: Log::new(label, effort, journal) };
+    each(label, &OF_A_SCENE, |knob| knob(&mut bench))?;
     Ok(bench.log.points)
 }
 
 /// Measures every other knob. Ends early when interrupted.
 pub(crate) fn alone(effort: &Effort, journal: &mut Journal<Point>) -> Result<Vec<Point>> {
-    let mut log = Log::new("", effort, journal, ALONE.len());
-    for knob in ALONE {
-        if interrupt::requested() {
-            break;
-        }
-        knob(&mut log)?;
-        log.next_knob();
-    }
+    let mut log = Log::new("", effort, journal);
+    each("", &ALONE, |knob| knob(&mut log))?;
     Ok(log.points)
+}
+
+fn each<K>(label: &str, knobs: &[K], mut measure: impl FnMut(&K) -> Result<()>) -> Result<()> {
+    let progress = Progress::new(format!("{label} accuracy").trim_start(), knobs.len() as u64);
+    for (knob, done) in knobs.iter().zip(1..).take_while(|_| !interrupt::requested()) {
+        measure(knob)?;
+        progress.at(done);
+    }
+    Ok(())
 }

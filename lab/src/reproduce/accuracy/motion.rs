@@ -23,11 +23,20 @@ struct Simulated {
 const SIMULATED: [Simulated; 2] =
     [Simulated { name: "cloth-ball", own: 80, finest: 4 }, Simulated { name: "n-body", own: 32, finest: 64 }];
 
+/// Simulation steps, and spaces between key frames, as multiples of the scene's own number. Spaces are
+/// taken near these multiples where they divide those of the reference.
+const MULTIPLES: [f64; 8] = [0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
+
 /// Key frames at which motions are compared; the last one, too.
 const COMPARED: [usize; 2] = [2, 10];
 
 fn info(name: &str) -> Result<&'static SceneInfo> {
     scenes::list().iter().find(|info| info.name == name).with_context(|| format!("no scene {name}"))
+}
+
+/// Part of the triangles of the cloth that is simulated again.
+fn detail(log: &Log<'_>) -> f32 {
+    log.effort.pick([0.02, 0.05, 0.05])
 }
 
 /// A simulation with a number of key frames, and of steps between two of them.
@@ -36,7 +45,7 @@ fn options(log: &Log<'_>, key_frames: usize, steps: usize) -> SceneOptions<'stat
         seed: log.effort.seed,
         key_frames: Some(key_frames),
         substeps: Some(steps),
-        detail: Some(log.effort.detail),
+        detail: Some(detail(log)),
         ..SceneOptions::default()
     }
 }
@@ -59,26 +68,22 @@ fn apart(a: &[Vec3], b: &[Vec3]) -> f64 {
 
 /// The time step of both simulations, against a step many times finer; and what they should keep.
 pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
-    for (i, Simulated { name, own, finest }) in SIMULATED.into_iter().enumerate() {
-        if interrupt::requested() {
-            break;
-        }
-        let (keys, finer) = (info(name)?.frames, log.effort.finer.min(finest));
+    let multiples = log.effort.pick([&MULTIPLES[..3], &[0.0625, 0.125, 0.25, 0.5, 1.0, 4.0], &MULTIPLES]);
+    for Simulated { name, own, finest } in SIMULATED.into_iter().take_while(|_| !interrupt::requested()) {
+        // How many times as many steps the reference has.
+        let (keys, finer) = (info(name)?.frames, log.effort.pick([2, 64, 64]).min(finest));
         // It takes long, and its time counts for nothing.
         let cached =
             SceneOptions { cache_dir: Some(files::scene_cache()), ..options(log, keys, own * finer) };
         let converged = scenes::load(name, None, &cached)?.animation;
         let moments = COMPARED.into_iter().chain([keys - 1]);
         let exact: Vec<_> = moments.map(|key| (key, moved(&*converged, key, keys))).collect();
-        let finest = log.effort.finer.min(finest) as f64;
-        for &multiple in log.effort.steps.iter().filter(|&&multiple| multiple < 0.5 * finest) {
+        for &multiple in multiples.iter().filter(|&&multiple| multiple < 0.5 * finer as f64) {
             let steps = (multiple * own as f64).round().max(1.0) as usize;
             let (scene, time_ms) = stage::simulated(name, options(log, keys, steps))?;
             let setting = format!("{steps} steps a key frame");
-            let note = format!(
-                "time of simulating a loop, with the cloth at {} of its triangles",
-                log.effort.detail
-            );
+            let note =
+                format!("time of simulating a loop, with the cloth at {} of its triangles", detail(log));
             let point = Point::new(format!("{name} step"), setting, steps == own, time_ms).noted(note);
             for (key, exact) in &exact {
                 let error = apart(&moved(&*scene.animation, *key, keys), exact);
@@ -90,25 +95,26 @@ pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
                 log.add(point.with(&measure.name, measure.value, "fraction"))?;
             }
         }
-        log.done(i + 1, SIMULATED.len());
     }
     Ok(())
 }
 
 /// The distance to the same simulation with many more key frames, all with the same steps.
 pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
-    let [multiple, steps] = log.effort.fine;
-    for (i, Simulated { name, .. }) in SIMULATED.into_iter().enumerate() {
+    // Spaces between key frames of the reference, as a multiple, and simulation steps in each.
+    let [multiple, steps] = log.effort.pick([[2, 2], [16, 4], [32, 4]]);
+    let multiples = log.effort.pick([&MULTIPLES[1..4], &MULTIPLES[1..6], &MULTIPLES[..7]]);
+    let moments = log.effort.pick([60, 200, 500]);
+    for Simulated { name, .. } in SIMULATED {
         let own = info(name)?.frames - 1;
         let finest = own * multiple;
         let (fine, _) = stage::simulated(name, options(log, finest + 1, steps))?;
-        for spaces in spaces(own, finest, log.effort.spaces) {
+        for spaces in spaces(own, finest, multiples) {
             if interrupt::requested() {
                 return Ok(());
             }
             let (scene, _) = stage::simulated(name, options(log, spaces + 1, steps * finest / spaces))?;
-            let far = distance(&*scene.animation, &*fine.animation, log.effort.moments)
-                .context("other vertices")?;
+            let far = distance(&*scene.animation, &*fine.animation, moments).context("other vertices")?;
             let mut pose = Pose::new(&*scene.animation);
             let duration = scene.animation.duration();
             let mut moment = 0.0;
@@ -127,7 +133,6 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
             log.add(point.with("rms distance to the finely sampled motion", far.rms, "of the extent"))?;
             log.add(point.with("greatest distance to the finely sampled motion", far.max, "of the extent"))?;
         }
-        log.done(i + 1, SIMULATED.len());
     }
     Ok(())
 }

@@ -25,8 +25,7 @@ use scenes::LightEffects;
 /// A picture whose every pixel is known.
 struct Case {
     name: &'static str,
-    positions: Vec<Vec3>,
-    triangles: Vec<[u32; 3]>,
+    model: Model,
     camera: Camera,
     light: Option<PointLight>,
     effects: Effects,
@@ -37,6 +36,9 @@ struct Case {
     /// Places on a side of each pixel over which `exact` is averaged.
     places: u32,
 }
+
+/// Positions, and the triangles between them.
+type Model = (Vec<Vec3>, Vec<[u32; 3]>);
 
 /// Light from everywhere on ground that faces up, as the renderer documents it.
 const AMBIENT: f64 = 0.18;
@@ -73,111 +75,93 @@ fn below_the_ball(eye: DVec3, direction: DVec3) -> f64 {
     AMBIENT + if nearest < RADIUS { 0.0 } else { lambert(point, LAMP) }
 }
 
-/// Two triangles between four corners.
-fn quad(case: &mut Case, corners: [[f32; 3]; 4]) {
-    let n = case.positions.len() as u32;
-    case.positions.extend(corners.map(Vec3::from));
-    case.triangles.extend([[n, n + 1, n + 2], [n, n + 2, n + 3]]);
+/// Two triangles between each four corners.
+fn quads(all: &[[[f32; 3]; 4]]) -> Model {
+    let faces =
+        (0..all.len() as u32).flat_map(|i| [[0, 1, 2], [0, 2, 3]].map(|face| face.map(|c| 4 * i + c)));
+    (all.iter().flatten().copied().map(Vec3::from).collect(), faces.collect())
 }
 
-fn ground(case: &mut Case) {
-    quad(case, [[-50.0, 0.0, -50.0], [-50.0, 0.0, 50.0], [50.0, 0.0, 50.0], [50.0, 0.0, -50.0]]);
+const GROUND: [[f32; 3]; 4] =
+    [[-50.0, 0.0, -50.0], [-50.0, 0.0, 50.0], [50.0, 0.0, 50.0], [50.0, 0.0, -50.0]];
+
+/// A camera over the ground that looks at a place.
+fn camera(eye: [f32; 3], target: [f32; 3], up: Vec3, angle: f32, size: u32) -> Camera {
+    Camera::look_at(eye.into(), target.into(), up, angle, size, size)
 }
 
 /// Five white walls, open to a white sky: everything is white, however often light bounces.
 fn furnace(size: u32) -> Case {
-    let light = LightEffects { diffuse_bounces: true, ..LightEffects::NONE };
-    let mut case = Case {
-        name: "white furnace",
-        positions: Vec::new(),
-        triangles: Vec::new(),
-        camera: Camera::look_at(Vec3::new(0.5, 1.2, 0.5), Vec3::new(0.5, 0.0, 0.5), Vec3::Z, 0.7, size, size),
-        light: None,
-        effects: Effects {
-            // As many bounces as `stage` follows.
-            diffuse_bounces: Some(DiffuseBounces { most: 16, sky: [1.0; 3] }),
-            ..Effects::default()
-        },
-        default: default_samples(&light),
-        exact: |_, _| 1.0,
-        places: 1,
-    };
     let [a, b, c, d] = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
     let at = |[x, z]: [f32; 2], y: f32| [x, y, z];
-    quad(&mut case, [at(a, 0.0), at(b, 0.0), at(c, 0.0), at(d, 0.0)]);
-    for (from, to) in [(a, b), (b, c), (c, d), (d, a)] {
-        quad(&mut case, [at(from, 0.0), at(to, 0.0), at(to, 1.0), at(from, 1.0)]);
+    let sides = [(a, b), (b, c), (c, d), (d, a)];
+    let sides = sides.map(|(from, to)| [at(from, 0.0), at(to, 0.0), at(to, 1.0), at(from, 1.0)]);
+    let floor = [a, b, c, d].map(|corner| at(corner, 0.0));
+    // As many bounces as `stage` follows.
+    let diffuse_bounces = Some(DiffuseBounces { most: 16, sky: [1.0; 3] });
+    Case {
+        name: "white furnace",
+        model: quads(&[&[floor][..], &sides].concat()),
+        camera: camera([0.5, 1.2, 0.5], [0.5, 0.0, 0.5], Vec3::Z, 0.7, size),
+        light: None,
+        effects: Effects { diffuse_bounces, ..Effects::default() },
+        default: default_samples(&LightEffects { diffuse_bounces: true, ..LightEffects::NONE }),
+        exact: |_, _| 1.0,
+        places: 1,
     }
-    case
 }
 
 fn lit_floor(size: u32) -> Case {
-    let light = LightEffects { ambient_occlusion: true, ..LightEffects::NONE };
-    let mut case = Case {
+    let top = WALL as f32;
+    let wall = [[0.0, 0.0, -50.0], [0.0, 0.0, 50.0], [0.0, top, 50.0], [0.0, top, -50.0]];
+    let ambient_occlusion = Some(AmbientOcclusion { samples: 16, distance: f32::INFINITY });
+    Case {
         name: "lit floor beside a wall",
-        camera: Camera::look_at(Vec3::new(0.8, 2.0, 0.0), Vec3::new(0.8, 0.0, 0.0), Vec3::Z, 0.6, size, size),
+        model: quads(&[GROUND, wall]),
+        camera: camera([0.8, 2.0, 0.0], [0.8, 0.0, 0.0], Vec3::Z, 0.6, size),
         light: Some(PointLight { position: SUN.as_vec3(), color: [1.0; 3] }),
-        effects: Effects {
-            ambient_occlusion: Some(AmbientOcclusion { samples: 16, distance: f32::INFINITY }),
-            ..Effects::default()
-        },
-        default: default_samples(&light),
+        effects: Effects { ambient_occlusion, ..Effects::default() },
+        default: default_samples(&LightEffects { ambient_occlusion: true, ..LightEffects::NONE }),
         exact: beside_the_wall,
         places: 4,
-        ..furnace(size)
-    };
-    (case.positions, case.triangles) = (Vec::new(), Vec::new());
-    ground(&mut case);
-    let top = WALL as f32;
-    quad(&mut case, [[0.0, 0.0, -50.0], [0.0, 0.0, 50.0], [0.0, top, 50.0], [0.0, top, -50.0]]);
-    case
+    }
 }
 
 fn shadow(size: u32) -> Case {
-    let mut case = Case {
+    let mut model = quads(&[GROUND]);
+    ball(&mut model, 96);
+    Case {
         name: "shadow of a sphere",
+        model,
         // Below the sphere, which is out of the picture.
-        camera: Camera::look_at(
-            Vec3::new(0.0, 0.65, 2.2),
-            Vec3::new(-0.15, 0.0, -0.1),
-            Vec3::Y,
-            0.45,
-            size,
-            size,
-        ),
+        camera: camera([0.0, 0.65, 2.2], [-0.15, 0.0, -0.1], Vec3::Y, 0.45, size),
         light: Some(PointLight { position: LAMP.as_vec3(), color: [1.0; 3] }),
         effects: Effects::default(),
         default: 1,
         exact: below_the_ball,
         places: 64,
-        ..lit_floor(size)
-    };
-    (case.positions, case.triangles) = (Vec::new(), Vec::new());
-    ground(&mut case);
-    ball(&mut case, 96);
-    case
+    }
 }
 
 /// A sphere of `rings` times twice as many quads.
-fn ball(case: &mut Case, rings: u32) {
-    let (first, around) = (case.positions.len() as u32, 2 * rings);
-    for ring in 0..=rings {
-        for i in 0..around {
-            let (polar, angle) =
-                (PI * f64::from(ring) / f64::from(rings), TAU * f64::from(i) / f64::from(around));
-            let way = DVec3::new(polar.sin() * angle.cos(), polar.cos(), polar.sin() * angle.sin());
-            case.positions.push((BALL + RADIUS * way).as_vec3());
-        }
-    }
-    for ring in 0..rings {
-        for i in 0..around {
+fn ball((positions, triangles): &mut Model, rings: u32) {
+    let (first, around) = (positions.len() as u32, 2 * rings);
+    for (ring, i) in (0..=rings).flat_map(|ring| (0..around).map(move |i| (ring, i))) {
+        let [polar, angle] = [PI * f64::from(ring), TAU * f64::from(i) / 2.0].map(|x| x / f64::from(rings));
+        let way = DVec3::new(polar.sin() * angle.cos(), polar.cos(), polar.sin() * angle.sin());
+        positions.push((BALL + RADIUS * way).as_vec3());
+        if ring < rings {
             let at = |r: u32, j: u32| first + (ring + r) * around + (i + j) % around;
-            case.triangles.extend([[at(0, 0), at(0, 1), at(1, 0)], [at(0, 1), at(1, 1), at(1, 0)]]);
+            triangles.extend([[at(0, 0), at(0, 1), at(1, 0)], [at(0, 1), at(1, 1), at(1, 0)]]);
         }
     }
 }
 
 impl Case {
+    fn triangles(&self) -> Triangles<'_> {
+        Triangles { positions: &self.model.0, indices: &self.model.1 }
+    }
+
     /// The mean of the closed form over each pixel.
     fn expected(&self) -> Vec<f64> {
         let [corner, right, down] = self.camera.image_plane().map(Vec3::as_dvec3);
@@ -200,9 +184,8 @@ impl Case {
     /// Means of 1, 4, 16 ... samples, each with the milliseconds so far.
     fn means(&self, tree: &bvh_core::Bvh, most: usize, seed: u64) -> Vec<(Vec<f64>, f64)> {
         let white = [Material { color: [1.0; 3], ..Material::DEFAULT }];
-        let triangles = Triangles { positions: &self.positions, indices: &self.triangles };
-        let material_of = vec![0; self.triangles.len()];
-        let mesh = Mesh { materials: &white, material_of: &material_of, ..Mesh::new(triangles) };
+        let material_of = vec![0; self.model.1.len()];
+        let mesh = Mesh { materials: &white, material_of: &material_of, ..Mesh::new(self.triangles()) };
         let (width, height) = (self.camera.width(), self.camera.height());
         let (mut sum, mut image) = (Image::new(width, height), Image::new(width, height));
         let (mut means, mut time_ms) = (Vec::new(), 0.0);
@@ -239,18 +222,17 @@ fn bias_and_noise(of_seeds: &[&[f64]], expected: &[f64]) -> [f64; 2] {
 
 /// All three cases.
 pub(super) fn measure(log: &mut Log<'_>) -> Result<()> {
-    let size = log.effort.noise_size;
-    for (i, case) in [furnace(size), lit_floor(size), shadow(size)].iter().enumerate() {
-        let triangles = Triangles { positions: &case.positions, indices: &case.triangles };
-        let tree = build(&triangles, Builder::Sweep).context("no tree")?;
+    let size = log.effort.size.min(log.effort.pick([16, 32, 64]));
+    let (most, seeds) = (log.effort.pick([16, 256, 1024]), log.effort.pick([4, 8, 16]));
+    for case in [furnace(size), lit_floor(size), shadow(size)] {
+        let tree = build(&case.triangles(), Builder::Sweep).context("no tree")?;
         let expected = case.expected();
         let mut of_seeds = Vec::new();
-        for seed in 0..log.effort.seeds {
+        for seed in 0..seeds {
             if interrupt::requested() {
                 return Ok(());
             }
-            of_seeds.push(case.means(&tree, log.effort.samples, log.effort.seed + seed));
-            log.done(i * log.effort.seeds as usize + seed as usize, 3 * log.effort.seeds as usize);
+            of_seeds.push(case.means(&tree, most, log.effort.seed + seed));
         }
         for level in 0..of_seeds[0].len() {
             let samples = 1_u32 << (2 * level);
@@ -297,8 +279,7 @@ mod tests {
         // What later bounces would bring is what the furnace lacks.
         endless.effects.diffuse_bounces = Some(DiffuseBounces { most: u32::MAX, sky: [1.0; 3] });
         for case in [endless, lit_floor(8), shadow(8)] {
-            let triangles = Triangles { positions: &case.positions, indices: &case.triangles };
-            let tree = build(&triangles, Builder::Sweep).unwrap();
+            let tree = build(&case.triangles(), Builder::Sweep).unwrap();
             let runs: Vec<_> = (0..4).map(|seed| case.means(&tree, 64, seed).pop().unwrap().0).collect();
             let [bias, noise] =
                 bias_and_noise(&runs.iter().map(Vec::as_slice).collect::<Vec<_>>(), &case.expected());

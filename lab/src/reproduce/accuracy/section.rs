@@ -3,6 +3,7 @@
 
 use super::curve::{Curve, Family, families, pareto_front};
 use super::point::Point;
+use crate::compare::unique;
 use crate::reproduce::chart::{self, Chart, Kind, Series, precise};
 
 /// A knob in the report.
@@ -19,20 +20,12 @@ pub(crate) const LEGEND: &str = "Lower left is better. Filled: on the Pareto fro
 
 /// A section for each knob.
 pub(crate) fn sections(points: &[Point]) -> Vec<Section> {
-    let mut sections: Vec<Section> = Vec::new();
-    for family in families(points) {
-        let (drawn, table) = (draw(&family), table(&family));
-        match sections.iter_mut().find(|section| section.knob == family.knob) {
-            Some(section) => {
-                section.charts.push(drawn);
-                section.tables += &table;
-            }
-            None => {
-                sections.push(Section { knob: family.knob.to_owned(), charts: vec![drawn], tables: table });
-            }
-        }
-    }
-    sections
+    let section = |of_knob: &[Family<'_>]| Section {
+        knob: of_knob[0].knob.to_owned(),
+        charts: of_knob.iter().map(draw).collect(),
+        tables: of_knob.iter().map(table).collect(),
+    };
+    families(points).chunk_by(|a, b| a.knob == b.knob).map(section).collect()
 }
 
 /// What a setting costs: memory where it takes some, time otherwise.
@@ -82,12 +75,8 @@ fn table(family: &Family<'_>) -> String {
         names.join(" | "),
         "---|".repeat(names.len())
     );
-    let mut settings: Vec<&str> = Vec::new();
-    for point in family.curves.iter().flat_map(|curve| &curve.points) {
-        if !settings.contains(&point.setting.as_str()) {
-            settings.push(&point.setting);
-        }
-    }
+    let points = family.curves.iter().flat_map(|curve| &curve.points);
+    let settings = unique(points.map(|point| point.setting.as_str()));
     for setting in settings {
         text += &format!("| {setting} |");
         for curve in &family.curves {

@@ -26,75 +26,65 @@ fn curves<'a>(points: &'a [Point], knob: &str, error: &str) -> Vec<Curve<'a>> {
     wanted.map_or(Vec::new(), |family| family.curves)
 }
 
-/// By how much more one setting takes than another, in per cent, over the curves of a condition:
-/// the geometric mean.
-fn cost_in_percent(curves: &[Curve<'_>], condition: &str, more: &str, less: &str) -> Option<f64> {
-    let ratio = |curve: &Curve<'_>| Some(curve.get(more)?.time_ms / curve.get(less)?.time_ms);
-    mean_in_percent(curves.iter().filter(|curve| curve.condition == condition).filter_map(ratio))
-}
-
-fn mean_in_percent(ratios: impl Iterator<Item = f64>) -> Option<f64> {
+/// By how much more the ratios are than 1, in per cent: the geometric mean.
+fn percent(ratios: impl Iterator<Item = f64>) -> Option<f64> {
     let logs: Vec<f64> = ratios.map(f64::ln).collect();
     let mean = logs.iter().sum::<f64>() / logs.len() as f64;
     mean.is_finite().then(|| 100.0 * (mean.exp() - 1.0))
 }
 
-/// "costs 4.0 %", or "saves" that.
-fn costs(percent: f64) -> String {
-    format!("{} {} %", if percent < 0.0 { "saves" } else { "costs" }, shown(percent))
+/// By how much more time one setting takes than another, over the curves of a condition.
+fn cost_in_percent(curves: &[Curve<'_>], condition: &str, more: &str, less: &str) -> Option<f64> {
+    let ratio = |curve: &Curve<'_>| Some(curve.get(more)?.time_ms / curve.get(less)?.time_ms);
+    percent(curves.iter().filter(|curve| curve.condition == condition).filter_map(ratio))
 }
 
-fn shown(percent: f64) -> String {
-    format!("{:.1}", percent.abs())
+/// "costs 4.0 %", or "saves" that.
+fn costs(percent: f64) -> String {
+    format!("{} {:.1} %", if percent < 0.0 { "saves" } else { "costs" }, percent.abs())
 }
 
 fn triangle_test(points: &[Point]) -> Option<String> {
     let frames = curves(points, "triangle test", "pixels seen");
-    let [tiles, single] =
-        ["tiles", "single rays"].map(|condition| cost_in_percent(&frames, condition, "watertight", "fast"));
+    let cost = |condition| cost_in_percent(&frames, condition, "watertight", "fast").map(costs);
     let wall = curves(points, "triangle test on a wall", "rays leaking");
     let leaks = |setting| wall.first().and_then(|curve| Some(curve.get(setting)?.error));
-    let (fast, watertight) = (leaks("fast")?, leaks("watertight")?);
+    let (fast, watertight) = (precise(leaks("fast")?), leaks("watertight")?);
     let removed = match watertight {
-        0.0 => format!("removes all {} leaks", precise(fast)),
-        left => format!("leaves {} of {} leaks", precise(left), precise(fast)),
+        0.0 => format!("removes all {fast} leaks"),
+        left => format!("leaves {} of {fast} leaks", precise(left)),
     };
     Some(format!(
         "The watertight triangle test {} of a frame in tiles ({} ray by ray) and {removed} in a million rays at edges.",
-        costs(tiles?),
-        costs(single?)
+        cost("tiles")?,
+        cost("single rays")?
     ))
 }
 
 fn guards(points: &[Point]) -> Option<String> {
     let boxes = curves(points, "conservative boxes", "rays leaking");
-    let lost = boxes.first()?.get("off")?.error;
+    let lost = precise(boxes.first()?.get("off")?.error);
     let cost = |curve: &Curve<'_>| Some(curve.get("on")?.time_ms / curve.get("off")?.time_ms);
     let guards = curves(points, "guards against NaN", "pixels lost");
-    let of_strategy: Vec<_> = guards.iter().filter(|curve| curve.condition == STRATEGY).collect();
-    let broken = of_strategy.iter().filter_map(|curve| Some(curve.get("off")?.error));
+    let of_strategy = guards.iter().filter(|curve| curve.condition == STRATEGY);
+    let broken = of_strategy.filter_map(|curve| Some(curve.get("off")?.error)).fold(0.0, f64::max);
     Some(format!(
-        "Conservative boxes: their cost is {} % of single rays, and they keep {} hits in a million at edges. Guards \
-         against NaN: {} % of {STRATEGY}, and they keep up to {} pixels in a million when one vertex in 1000 breaks.",
-        signed(mean_in_percent(boxes.iter().filter_map(cost))?),
-        precise(lost),
-        signed(cost_in_percent(&guards, STRATEGY, "on", "off")?),
-        number(broken.fold(0.0, f64::max))
+        "Conservative boxes: their cost is {:+.1} % of single rays, and they keep {lost} hits in a million at edges. Guards \
+         against NaN: {:+.1} % of {STRATEGY}, and they keep up to {} pixels in a million when one vertex in 1000 breaks.",
+        percent(boxes.iter().filter_map(cost))?,
+        cost_in_percent(&guards, STRATEGY, "on", "off")?,
+        number(broken)
     ))
-}
-
-fn signed(percent: f64) -> String {
-    format!("{percent:+.1}")
 }
 
 fn strategy(points: &[Point]) -> Option<String> {
     let curves = curves(points, "update strategy", "trace time");
     let part = 100.0 + cost_in_percent(&curves, "", STRATEGY, "sweep")?;
     let slower = |curve: &Curve<'_>| Some(curve.get(STRATEGY)?.error / curve.get("sweep")?.error);
-    let slower = mean_in_percent(curves.iter().filter_map(slower))?;
+    let slower = percent(curves.iter().filter_map(slower))?;
     Some(format!(
-        "{STRATEGY} takes {part:.1} % of the time of a sweep build in every frame, and its trees trace {} % {}.",
-        shown(slower),
+        "{STRATEGY} takes {part:.1} % of the time of a sweep build in every frame, and its trees trace {:.1} % {}.",
+        slower.abs(),
         if slower < 0.0 { "faster" } else { "slower" }
     ))
 }

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
-use bvh_core::Bvh;
+use bvh_core::{Bvh, Triangles};
 use bvh_update::{Rotate, Strategy, Updater};
 
 use super::bench::{Bench, Over, fastest};
@@ -12,22 +12,49 @@ use super::point::Point;
 use crate::interrupt;
 use crate::stage::ms;
 
-/// A strategy at work.
-#[derive(Default)]
-struct Entrant {
-    name: String,
-    strategy: Strategy,
+/// Brings a tree up to date; gives the milliseconds of that, and the height.
+type Update = Box<dyn FnMut(&mut Bvh, &Triangles<'_>) -> Result<(f64, u32)>>;
+
+/// A way to update a tree, at work.
+pub(super) struct Entrant {
+    setting: String,
+    is_default: bool,
+    /// Whether the tree depends on the current frame only.
+    rebuilds: bool,
+    update: Update,
     tree: Bvh,
-    updater: Updater,
-    updates: usize,
-    update_ms: f64,
+    /// Times of the updates.
+    times_ms: Vec<f64>,
     height: u32,
     /// Sums of the errors over the frames compared.
     errors: [f64; 2],
 }
 
+impl Entrant {
+    pub(super) fn new(setting: String, is_default: bool, tree: Bvh, update: Update) -> Self {
+        let (times_ms, height, errors) = (Vec::new(), 0, [0.0; 2]);
+        Self { setting, is_default, rebuilds: false, update, tree, times_ms, height, errors }
+    }
+
+    fn of(strategy: Strategy, setting: String, bench: &Bench<'_>) -> Result<Self> {
+        let (name, tree) = (setting.clone(), bench.stage.first_tree.clone());
+        let mut updater = Updater::new(strategy);
+        let mut update: Update = Box::new(move |tree, triangles| {
+            let start = Instant::now();
+            let done = updater.update(tree, triangles);
+            let time_ms = ms(start);
+            Ok((time_ms, done.with_context(|| format!("{name} failed"))?.height))
+        });
+        // It finds its memory, on a tree that is thrown away.
+        update(&mut tree.clone(), &bench.stage.triangles())?;
+        let rebuilds = matches!(strategy, Strategy::Rebuild(..));
+        Ok(Self { rebuilds, ..Self::new(setting, strategy == Strategy::default(), tree, update) })
+    }
+}
+
 /// All strategies whose trees depend on the motion alone, rotations at four budgets among them.
-fn entrants(bench: &Bench<'_>) -> Result<Vec<Entrant>> {
+pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
+    bench.stage.pose(0.0);
     let strategies = Strategy::all().into_iter().filter(|strategy| match strategy {
         // Trees that arrive from the background depend on what else the machine does.
         Strategy::Background(_) => false,
@@ -39,97 +66,61 @@ fn entrants(bench: &Bench<'_>) -> Result<Vec<Entrant>> {
     let fewer = [2, 4, 8].map(|period| {
         (format!("refit+rotate at 1 node in {period}"), Strategy::RefitRotate(Rotate { period }))
     });
-    let entrant = |(name, strategy)| {
-        let mut entrant =
-            Entrant { name, strategy, tree: bench.stage.first_tree.clone(), ..Entrant::default() };
-        entrant.warm_up(bench)?;
-        Ok(entrant)
-    };
-    named.chain(fewer).map(entrant).collect()
+    let entrants = named.chain(fewer).map(|(name, strategy)| Entrant::of(strategy, name, bench));
+    let entrants = entrants.collect::<Result<_>>()?;
+    play(bench, "update strategy", entrants)
 }
 
-/// Each strategy updates its tree frame by frame through a loop; on some frames the trees are
-/// compared with a fresh one.
-pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
+/// Each entrant updates its tree frame by frame through a loop; on some frames the trees are
+/// compared with a fresh one. Nothing if nothing moves.
+pub(super) fn play(bench: &mut Bench<'_>, knob: &str, mut entrants: Vec<Entrant>) -> Result<()> {
     if !bench.moves() {
         return Ok(());
     }
-    bench.stage.pose(0.0);
-    let mut entrants = entrants(bench)?;
-    let (frames, played, wanted) =
-        (bench.log.effort.frames, bench.log.effort.played, bench.log.effort.compared);
+    let (frames, is_cut) = (bench.log.effort.frames, bench.log.effort.is_cut);
+    let (played, wanted) =
+        if is_cut { (frames.div_ceil(5), 1) } else { (frames, bench.log.effort.pick([2, 2, 20])) };
     let mut compared = 0;
     let mut selves: Vec<f64> = Vec::new();
     // On the first frame all trees are fresh.
-    for frame in 1..played {
+    for frame in (1..played).take_while(|_| !interrupt::requested()) {
         bench.stage.pose(bench.stage.time_of(frame, frames));
         // `wanted` times, evenly, and on the last frame played.
         let part = |frame: usize| frame * wanted / (played - 1);
         let compare = part(frame) != part(frame - 1);
-        for entrant in entrants.iter_mut().filter(|e| compare || !e.rebuilds()) {
-            entrant.update(bench)?;
+        for entrant in entrants.iter_mut().filter(|e| compare || !e.rebuilds) {
+            let (time_ms, height) = (entrant.update)(&mut entrant.tree, &bench.stage.triangles())?;
+            entrant.times_ms.push(time_ms);
+            entrant.height = entrant.height.max(height);
         }
         if compare {
             let sweep = bench.sweep()?;
             let trees: Vec<&Bvh> = entrants.iter().map(|entrant| &entrant.tree).collect();
-            if let Some(over) = bench.over(&sweep, &trees) {
-                for (entrant, errors) in entrants.iter_mut().zip(over.errors) {
-                    entrant.errors = [0, 1].map(|k| entrant.errors[k] + errors[k]);
-                }
-                selves.resize(over.selves.len(), 0.0);
-                selves.iter_mut().zip(over.selves).for_each(|(sum, ratio)| *sum += ratio);
-                compared += 1;
+            let Some(over) = bench.over(&sweep, &trees) else { break };
+            for (entrant, errors) in entrants.iter_mut().zip(over.errors) {
+                entrant.errors = [0, 1].map(|k| entrant.errors[k] + errors[k]);
             }
-        }
-        bench.log.done(frame, played - 1);
-        if interrupt::requested() {
-            break;
+            selves.resize(over.selves.len(), 0.0);
+            selves.iter_mut().zip(over.selves).for_each(|(sum, ratio)| *sum += ratio);
+            compared += 1;
         }
     }
-    if compared == 0 {
-        return Ok(());
-    }
-    selves.iter_mut().for_each(|sum| *sum /= f64::from(compared));
+    let mean = |sum: f64| sum / f64::from(compared);
+    let selves: Vec<f64> = selves.into_iter().map(mean).collect();
     let frames_seen = match frames - played {
         0 => format!("{compared} of {frames} frames a loop"),
         _ => format!("{compared} of the first {played} of {frames} frames a loop, and of none later"),
     };
-    for entrant in entrants {
-        let is_default = entrant.strategy == Strategy::default();
+    for entrant in entrants.into_iter().filter(|_| compared > 0) {
+        let (updates, height) = (entrant.times_ms.len(), entrant.height);
         let note = format!(
-            "time of an update, mean of {}; errors, mean of {frames_seen}; the tree was at most {} high",
-            entrant.updates, entrant.height
+            "time of an update, mean of {updates}; errors, mean of {frames_seen}; the tree was at most {height} high"
         );
-        let time_ms = entrant.update_ms / entrant.updates.max(1) as f64;
-        let point = Point::new("update strategy", entrant.name, is_default, time_ms).noted(note);
-        bench.log.add_tree(&point, entrant.errors.map(|sum| sum / f64::from(compared)), &selves)?;
+        let time_ms = entrant.times_ms.iter().sum::<f64>() / updates as f64;
+        let point = Point::new(knob, entrant.setting, entrant.is_default, time_ms).noted(note);
+        bench.log.add_tree(&point, entrant.errors.map(mean), &selves)?;
     }
     Ok(())
-}
-
-impl Entrant {
-    /// Whether its tree depends on the current frame only.
-    fn rebuilds(&self) -> bool {
-        matches!(self.strategy, Strategy::Rebuild(..))
-    }
-
-    /// Lets it find its memory, on a tree that is thrown away.
-    fn warm_up(&mut self, bench: &Bench<'_>) -> Result<()> {
-        let tree = self.tree.clone();
-        self.update(bench)?;
-        (self.tree, self.updates, self.update_ms) = (tree, 0, 0.0);
-        Ok(())
-    }
-
-    fn update(&mut self, bench: &Bench<'_>) -> Result<()> {
-        let triangles = bench.stage.triangles();
-        let start = Instant::now();
-        let done = self.updater.set_strategy(self.strategy).update(&mut self.tree, &triangles);
-        self.update_ms += ms(start);
-        self.height = self.height.max(done.with_context(|| format!("{} failed", self.name))?.height);
-        self.updates += 1;
-        Ok(())
-    }
 }
 
 /// All builders, the binned one with 4 to 256 bins, the clustering one with radii of 1 to 32, the
@@ -149,7 +140,9 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
         .into_iter()
         .filter(|b| ![Builder::Binned, Builder::BinnedParallel, Builder::Ploc, Builder::Annealed].contains(b))
         .map(|builder| of(builder, default, builder.name().to_owned(), false));
-    let annealed = bench.log.effort.anneal_passes.iter().map(|&passes| {
+    let passes: [&[u32]; 3] = [&[], &[25], &[25, 100, 400, 1600]];
+    let passes = if bench.log.effort.is_cut { &[] } else { bench.log.effort.pick(passes) };
+    let annealed = passes.iter().map(|&passes| {
         let options = default.with_anneal(default.anneal.with_passes(passes));
         let is_default = passes == default.anneal.passes;
         of(Builder::Annealed, options, format!("annealed {passes} passes"), is_default)
@@ -163,7 +156,7 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
     bench.pose_in_the_middle();
     let sweep = bench.sweep()?;
     let mut built = Vec::new();
-    for (i, (builder, options, setting, _)) in settings.iter().enumerate() {
+    for (builder, options, setting, _) in &settings {
         if interrupt::requested() {
             return Ok(());
         }
@@ -175,7 +168,6 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
         });
         result.with_context(|| format!("{setting}: no tree"))?;
         built.push((tree, time_ms));
-        bench.log.done(i + 1, settings.len());
     }
     let trees: Vec<&Bvh> = built.iter().map(|(tree, _)| tree).collect();
     let Some(Over { errors, selves }) = bench.over(&sweep, &trees) else { return Ok(()) };

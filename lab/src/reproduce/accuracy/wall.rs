@@ -179,15 +179,11 @@ fn leaks(hits: &[Option<Hit>]) -> f64 {
 
 /// All triangle tests in tiles; conservative boxes and fused arithmetic with single rays.
 pub(super) fn measure(log: &mut Log<'_>) -> Result<()> {
-    for (i, (condition, offset)) in OFFSETS.into_iter().enumerate() {
-        if interrupt::requested() {
-            break;
-        }
-        let wall = Wall::new(log.effort.wall, offset, log.effort.seed);
+    for (condition, offset) in OFFSETS.into_iter().take_while(|_| !interrupt::requested()) {
+        let wall = Wall::new(log.effort.pick([160, 512, 1024]), offset, log.effort.seed);
         let tree = build(&wall.triangles(), Builder::Sweep).context("no tree")?;
         triangle_tests(log, &wall, &tree, condition)?;
         arithmetic(log, &wall, &tree, condition)?;
-        log.done(i + 1, OFFSETS.len());
     }
     Ok(())
 }

@@ -1,5 +1,7 @@
 //! What each claim of the paper's results comes to.
 
+use bvh_build::Builder;
+
 use super::bounds::Bounds;
 use super::ratios::{REFIT, ROTATE, frame_time, median_frame_time, other_views, update_time, worst_cost};
 use super::table::{Table, at_least, at_most, both, by_times, graded};
@@ -167,8 +169,7 @@ pub(super) fn lion(results: &Results, b: &Bounds) -> Finding {
 pub(super) fn speeds(results: &Results, b: &Bounds) -> Finding {
     /// Mean cost in the first loop and in the last whole one.
     fn ends(scene: &SceneRun, frames: usize) -> Option<[f64; 2]> {
-        let speeds = scene.speeds();
-        let (_, rows) = speeds.iter().find(|(n, _)| *n == frames)?;
+        let rows = scene.at_speed(frames, ROTATE);
         let of = |round: usize| rows.iter().filter(move |row| row.round == round).map(|row| row.sah_cost);
         let whole = (0..).take_while(|&round| of(round).count() == of(0).count().max(1)).count();
         let mean = |round: usize| Some(Spread::of(of(round))?.mean);
@@ -227,10 +228,9 @@ pub(super) fn stability(results: &Results, b: &Bounds) -> Finding {
 }
 
 pub(super) fn annealing(results: &Results, b: &Bounds) -> Finding {
-    let [climbed, annealed] = offline::OFFLINE;
+    let [swept, climbed, annealed] = offline::BUILDERS.map(Builder::name);
     let tree = |scene: &'_ SceneRun, name| scene.offline.iter().find(|t| t.builder == name).cloned();
-    let ratio =
-        |scene: &SceneRun| Some(tree(scene, annealed)?.path_ms / tree(scene, offline::REFERENCE)?.path_ms);
+    let ratio = |scene: &SceneRun| Some(tree(scene, annealed)?.path_ms / tree(scene, swept)?.path_ms);
     let of = |names: &[&str]| Table::of(names.iter().filter_map(|name| results.scene(name)), ratio);
     let mixed =
         of(&HETEROGENEOUS).or("annealed trees were not built, or not for bart-museum or fairy-forest")?;

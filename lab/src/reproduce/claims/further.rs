@@ -81,8 +81,8 @@ pub(super) fn hlbvh(results: &Results, b: &Bounds) -> Finding {
 
 pub(super) fn fast_motion(results: &Results, b: &Bounds) -> Finding {
     let sum = |scene: &SceneRun, frames: usize, strategy: &str, from: usize| {
-        let (_, rows) = scene.speeds.iter().find(|(n, _)| *n == frames)?;
-        let of = rows.iter().filter(|row| row.strategy == strategy && row.round >= from);
+        let rows = scene.at_speed(frames, strategy);
+        let of = rows.iter().filter(|row| row.round >= from);
         Some(of.map(|row| row.frame_ms).sum::<f64>()).filter(|sum| *sum > 0.0)
     };
     let found = results.scenes.iter().find_map(|s| {

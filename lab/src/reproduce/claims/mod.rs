@@ -66,19 +66,6 @@ impl Verdict {
             Self::NotRun => "not run",
         }
     }
-
-    /// What `count` claims do.
-    pub(crate) fn counted(self, count: usize) -> String {
-        let words = match (self, count) {
-            (Self::NotRun, 1) => "was not run",
-            (Self::NotRun, _) => "were not run",
-            (_, 1) => self.words(),
-            (Self::Holds, _) => "hold",
-            (Self::HoldsInPart, _) => "hold in part",
-            (Self::DoesNotHoldHere, _) => "do not hold here",
-        };
-        format!("{count} {words}")
-    }
 }
 
 /// What a claim comes to: ours, verdict, why; or else why nothing could be judged.

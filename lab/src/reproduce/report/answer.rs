@@ -71,7 +71,7 @@ struct Standing<'a> {
 }
 
 /// Every strategy whose time is simply measured, on every scene that moves; the best comes first.
-fn standings(results: &Results) -> Vec<Standing<'_>> {
+fn standings<'a>(results: &'a Results) -> Vec<Standing<'a>> {
     let scenes = moving(results);
     let is_usable = |name: &&String| Contestant::from_name(name).is_ok_and(|c| c.accounting().is_none());
     let usable: Vec<&String> = results.settings.strategies.iter().filter(is_usable).collect();
@@ -83,18 +83,14 @@ fn standings(results: &Results) -> Vec<Standing<'_>> {
         let fastest = usable.iter().map(|name| time(scene, name)).fold(f64::INFINITY, f64::min);
         time(scene, strategy) / fastest
     };
-    let standing = |strategy: &&'_ String| {
+    let standing = |strategy: &&'a String| {
         let over = scenes.iter().map(|scene| (over_fastest(scene, strategy), scene.facts.label.as_str()));
         let over: Vec<_> = over.collect();
         let mean = (over.iter().map(|o| o.0.ln()).sum::<f64>() / over.len() as f64).exp();
         let worst = over.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-        (mean.is_finite() && worst.0.is_finite()).then_some((mean, worst))
+        (mean.is_finite() && worst.0.is_finite()).then_some(Standing { strategy, mean, worst })
     };
-    let found = usable.iter().filter_map(|name| {
-        let (mean, worst) = standing(name)?;
-        Some(Standing { strategy: name, mean, worst })
-    });
-    let mut all: Vec<_> = found.collect();
+    let mut all: Vec<_> = usable.iter().filter_map(standing).collect();
     all.sort_by(|a, b| a.mean.total_cmp(&b.mean));
     all
 }
