@@ -57,7 +57,7 @@ pub use auto::{Auto, Load};
 pub use bvh_build::{BuildError, BuildOptions, Builder, UnknownName};
 pub use leaves::Leaves;
 pub use rebuild::{Background, BackgroundCost, Degraded};
-pub use refit::{Rotate, StageCost, plain};
+pub use refit::{BlockCost, Rotate, plain};
 pub use repair::PartialRebuild;
 pub use report::{Decision, Reason, Update, UpdateError};
 pub use sleep::SleepDelay;

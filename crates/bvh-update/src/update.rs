@@ -8,7 +8,7 @@ use bvh_core::{Bvh, Primitives, SimdLevel};
 use crate::auto::{self, Auto, Load};
 use crate::rebuild::background;
 use crate::rebuild::{BackgroundCost, degraded, new_tree};
-use crate::refit::{Costs, RefitScratch, Rotate, StageCost, parts, pass};
+use crate::refit::{BlockCost, Costs, RefitScratch, Rotate, parts, pass};
 use crate::report::{Update, UpdateError};
 use crate::state::{Measure, State};
 use crate::strategy::Strategy;
@@ -77,14 +77,14 @@ impl Updater {
         self
     }
 
-    /// Makes refits, with and without rotations, record what each of their stages takes, for
+    /// Makes refits, with and without rotations, record what each of their blocks takes, for
     /// [`take_costs`](Self::take_costs). Sweeps over trees in built order have no blocks.
     pub fn record_costs(&mut self) {
         self.workspace.refit.costs = Some(Costs::default());
     }
 
-    /// What the stages of all passes since the last call took.
-    pub fn take_costs(&mut self) -> StageCost {
+    /// What the blocks of all passes since the last call took.
+    pub fn take_costs(&mut self) -> Vec<BlockCost> {
         self.workspace.refit.costs.as_mut().map(Costs::take).unwrap_or_default()
     }
 

@@ -36,8 +36,8 @@ mod shared;
 pub(crate) use linear::detect_linear;
 pub(crate) use shared::{SharedNodes, parts, share};
 
+pub use self::cost::BlockCost;
 pub(crate) use self::cost::Costs;
-pub use self::cost::StageCost;
 use self::cost::Stopwatch;
 
 /// Nodes listed by blocks above others: the less, the more can be done at a time.
@@ -141,7 +141,7 @@ pub(crate) struct RefitScratch {
     level: Available,
     /// Whether tallies have sums of areas.
     pub(crate) with_sums: bool,
-    /// What stages took, where that is recorded.
+    /// What blocks took, where that is recorded.
     pub(crate) costs: Option<Costs>,
     spare: Vec<Mutex<Spare>>,
 }
@@ -178,6 +178,15 @@ impl Spare {
     fn memory_usage(&self) -> usize {
         self.blocks.len() * size_of::<Block>() + self.lists.len() * size_of::<Lists>()
     }
+}
+
+/// Where some subtrees stand among others.
+#[derive(Clone, Copy, Default)]
+struct Around<'a> {
+    /// Roots whose turn may be next.
+    next: &'a [Entry],
+    /// The block above, if they are counted.
+    block: Option<usize>,
 }
 
 /// What all parts of a pass are given.
@@ -246,21 +255,23 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             self.sweep(0..self.nodes.pairs())
         } else {
             let [[link, _], _] = self.nodes.pair_words(0);
-            self.subtrees(&[Entry::new(0, link)], 0, &[])
+            self.subtrees(&[Entry::new(0, link)], 0, Around::default())
         }
     }
 
-    /// Updates the subtrees below roots of one depth. The turn of the roots in `next` may be next.
-    fn subtrees(&self, roots: &[Entry], depth: u32, next: &[Entry]) -> Tally {
+    /// Updates the subtrees below roots of one depth.
+    fn subtrees(&self, roots: &[Entry], depth: u32, around: Around<'_>) -> Tally {
         let is_heavy = self.is_heavy(roots);
         match roots.len() {
             0 => Tally::default(),
             len if len == 1 || !is_heavy => {
-                self.block(roots, depth, next, if is_heavy { TOP_LISTED } else { LISTED })
+                self.block(roots, depth, around, if is_heavy { TOP_LISTED } else { LISTED })
             }
             len => {
                 let (a, b) = roots.split_at(len / 2);
-                let (a, b) = rayon::join(|| self.subtrees(a, depth, b), || self.subtrees(b, depth, next));
+                let before_b = Around { next: b, ..around };
+                let (a, b) =
+                    rayon::join(|| self.subtrees(a, depth, before_b), || self.subtrees(b, depth, around));
                 a.and(&b)
             }
         }
@@ -278,15 +289,16 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     }
 
     /// Updates the subtrees below a few roots of one depth: a block of about `limit` nodes, and what is below it.
-    fn block(&self, roots: &[Entry], depth: u32, next: &[Entry], limit: usize) -> Tally {
+    fn block(&self, roots: &[Entry], depth: u32, around: Around<'_>, limit: usize) -> Tally {
         let mut tally = Tally::default();
-        let mut watch = Stopwatch::start(self.costs);
+        let mut watch = Stopwatch::start(self.costs, around.block);
         let mut block = self.spare().blocks.pop().unwrap_or_else(Block::boxed);
         self.with_lists(|Lists { leaves, .. }| {
             dispatch!(self.level, walk(&mut block, self.nodes, roots, depth, limit, leaves));
             watch.lap(|cost| &mut cost.list);
             let [(rest, _), (below, _)] = block.frontier();
-            let next = [rest, below, next].into_iter().find(|roots| !roots.is_empty()).unwrap_or_default();
+            let next =
+                [rest, below, around.next].into_iter().find(|roots| !roots.is_empty()).unwrap_or_default();
             let fetch = |i: usize| {
                 if let Some(root) = next.get(i / LINES) {
                     self.nodes.prefetch(root.first() + 2 * (i % LINES));
@@ -299,10 +311,11 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             watch.lap(|cost| &mut cost.leaves);
         });
         let [(rest, rest_depth), (below, below_depth)] = block.frontier();
-        let next_of_rest = if below.is_empty() { next } else { below };
+        let after = Around { block: watch.block, ..around };
+        let next = if below.is_empty() { around.next } else { below };
         let (rest, below) = rayon::join(
-            || self.subtrees(rest, rest_depth, next_of_rest),
-            || self.subtrees(below, below_depth, next),
+            || self.subtrees(rest, rest_depth, Around { next, ..after }),
+            || self.subtrees(below, below_depth, after),
         );
         tally = tally.and(&rest).and(&below);
         watch.skip();
