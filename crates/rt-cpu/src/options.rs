@@ -21,6 +21,13 @@ pub enum Traversal {
     Tile,
 }
 
+impl std::fmt::Display for Traversal {
+    /// Its [name](Self::name).
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.name())
+    }
+}
+
 impl Traversal {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::Single, Self::Packet, Self::Tile];
