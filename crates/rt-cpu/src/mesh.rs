@@ -57,6 +57,7 @@ impl<'a> Mesh<'a> {
         Self { triangles, normals: None, texcoords: &[], textures: &[], materials: &[], material_of: &[] }
     }
 
+    #[inline]
     pub(crate) fn material(&self, primitive: u32) -> &'a Material {
         let material = self.material_of.get(primitive as usize).and_then(|&m| self.materials.get(m as usize));
         material.unwrap_or(&Material::DEFAULT)
@@ -85,6 +86,7 @@ impl<'a> Mesh<'a> {
     }
 
     /// Interpolated normal at a hit: `None` if there is none, or it has no direction.
+    #[inline(always)]
     pub(crate) fn normal(&self, hit: &Hit) -> Option<Vec3> {
         let normals = self.normals?;
         let [a, b, c] = self.triangles.indices[hit.primitive as usize];

@@ -35,15 +35,19 @@ impl Look<'_> {
         tile: &mut Tile,
         tally: &mut Tally,
     ) {
-        simd.vectorize(
-            #[inline(always)]
-            || match self {
-                Self::Hits => {}
-                &Self::Nodes { most } => heat_map(tile, most),
-                Self::Direct(shader) => shader.shade(simd, tile, None),
-                Self::Effects(effects) => effects.follow::<S, T>(simd, frame, tile, tally),
-            },
-        );
+        // Each in a function of its own: together they leave too little to inlining.
+        match self {
+            Self::Hits => {}
+            &Self::Nodes { most } => heat_map(tile, most),
+            Self::Direct(shader) => simd.vectorize(
+                #[inline(always)]
+                || shader.shade(simd, tile, None),
+            ),
+            Self::Effects(effects) => simd.vectorize(
+                #[inline(always)]
+                || effects.follow::<S, T>(simd, frame, tile, tally),
+            ),
+        }
     }
 }
 
