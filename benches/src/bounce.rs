@@ -3,7 +3,7 @@
 use std::f32::consts::TAU;
 
 use bvh_core::Triangles;
-use rt_cpu::{Camera, Pixel};
+use rt_cpu::{Camera, Pixel, splitmix};
 
 use crate::{RAYS, Rays};
 
@@ -39,10 +39,7 @@ pub fn bounces(camera: &Camera, triangles: &Triangles<'_>, pixels: &[Pixel], see
     all
 }
 
-/// From 0 to less than 1: a hash of a number (SplitMix64's).
+/// From 0 to less than 1: a hash of a number.
 fn uniform(n: u64) -> f32 {
-    let z = n.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((z ^ (z >> 31)) >> 40) as f32 / (1 << 24) as f32
+    (splitmix(0, n) >> 40) as f32 / (1 << 24) as f32
 }

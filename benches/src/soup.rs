@@ -1,7 +1,7 @@
 //! A small test scene: triangles that drift apart, each its own way.
 
 use bvh_core::{Triangles, Vec3};
-use rt_cpu::Camera;
+use rt_cpu::{Camera, splitmix};
 
 use crate::View;
 
@@ -58,13 +58,8 @@ impl Soup {
     }
 }
 
-/// A point in the unit cube (splitmix64).
+/// A point in the unit cube.
 fn noise(seed: u64, i: usize) -> Vec3 {
-    let coordinate = |axis: u64| {
-        let mut x = (seed << 40).wrapping_add((i as u64 * 3 + axis + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((x ^ (x >> 31)) >> 40) as f32 / (1 << 24) as f32
-    };
+    let coordinate = |axis: u64| (splitmix(seed << 40, i as u64 * 3 + axis) >> 40) as f32 / (1 << 24) as f32;
     Vec3::new(coordinate(0), coordinate(1), coordinate(2))
 }

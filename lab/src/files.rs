@@ -107,3 +107,23 @@ pub(crate) fn print(text: &str) -> Result<()> {
 pub fn remark(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}", printable(text));
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_may_be_as_long_as_names_can_be() {
+        let folder = tempfile::tempdir().unwrap();
+        let long = folder.path().join("n".repeat(251) + ".png");
+        write_whole(&long, b"content").unwrap();
+        assert_eq!(fs::read(&long).unwrap(), b"content");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing else is left");
+    }
+
+    #[test]
+    fn errors_name_the_file() {
+        let error = write_whole(Path::new("no-such-directory/a.png"), b"").unwrap_err().to_string();
+        assert!(error.contains("no-such-directory"), "{error}");
+    }
+}

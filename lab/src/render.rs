@@ -8,7 +8,7 @@ use bvh_core::Bvh;
 use bvh_update::{Strategy, Updater};
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbaImage};
-use rt_cpu::{Bvh8, Image, RenderOptions, RenderStats, Traversal, render, render_with};
+use rt_cpu::{Bvh8, Image, RenderOptions, RenderStats, Traversal, render_with};
 use scenes::{FramePlan, LightEffects, SceneOptions};
 
 use crate::pool::Threads;
@@ -178,7 +178,10 @@ fn frames(
                 Some(film) => film.push(&picture.image)?,
                 None => {
                     let path = target.file(label, frame);
-                    picture.image.save(&path)?;
+                    let is_exr = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
+                    let file = if is_exr { picture.image.exr() } else { picture.image.png() };
+                    let file = file.with_context(|| format!("{}: cannot be encoded", path.display()))?;
+                    files::write_whole(&path, &file)?;
                     files::print(&files::shown(&path))?;
                 }
             }
@@ -244,9 +247,8 @@ impl Picture {
             wide.update(tree, &mesh.triangles);
             wide
         });
-        let draw = |options: &RenderOptions, image: &mut Image| match &wide {
-            Some(wide) => render_with(tree, wide, &mesh, &camera, Some(&light), options, image),
-            None => render(tree, &mesh, &camera, Some(&light), options, image),
+        let draw = |options: &RenderOptions, image: &mut Image| {
+            render_with(tree, wide.as_ref(), &mesh, &camera, Some(&light), options, image)
         };
         self.stats += draw(options, &mut self.image);
         for sample in 1..samples {

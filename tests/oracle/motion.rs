@@ -2,15 +2,11 @@
 
 use bvh_core::glam::Vec3;
 
-/// A point of the unit cube that depends on `seed` and `i` only (splitmix64).
+/// A point of the unit cube that depends on `seed` and `i` only.
 #[must_use]
 pub fn noise(seed: u64, i: usize) -> Vec3 {
-    let coordinate = |axis: u64| {
-        let mut x = seed.wrapping_add((i as u64 * 3 + axis + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((x ^ (x >> 31)) >> 40) as f32 / (1 << 24) as f32
-    };
+    let coordinate =
+        |axis: u64| (rt_cpu::splitmix(seed, i as u64 * 3 + axis) >> 40) as f32 / (1 << 24) as f32;
     Vec3::new(coordinate(0), coordinate(1), coordinate(2))
 }
 

@@ -1,16 +1,36 @@
 //! The rays of a tile from one origin, and what they hit.
 
 use bvh_core::{Ray, Vec3};
+use bytemuck::Zeroable;
 
 use crate::Hit;
+use crate::packet::SIZE;
 
 /// Rays of a tile.
 pub(crate) const RAYS: usize = 4096;
 
+/// Three coordinates for each ray or pixel of a tile, an array for each axis.
+pub(crate) type Coordinates = [[f32; RAYS]; 3];
+
+/// The coordinates at place `i`.
+#[inline(always)]
+pub(crate) fn at(a: &Coordinates, i: usize) -> Vec3 {
+    Vec3::new(a[0][i], a[1][i], a[2][i])
+}
+
+/// Sets the coordinates at place `i`.
+#[inline(always)]
+pub(crate) fn set(a: &mut Coordinates, i: usize, v: Vec3) {
+    for (axis, v) in a.iter_mut().zip(v.to_array()) {
+        axis[i] = v;
+    }
+}
+
 /// Rays that share their origin.
 #[repr(C, align(64))]
+#[derive(Zeroable)]
 pub(crate) struct Bundle {
-    pub(crate) direction: [[f32; RAYS]; 3],
+    pub(crate) direction: Coordinates,
     pub(crate) origin: Vec3,
     pub(crate) count: usize,
     pub(crate) t_max: f32,
@@ -18,6 +38,7 @@ pub(crate) struct Bundle {
 
 /// The hits of a bundle; without one, the number of the primitive is [`Hits::NONE`].
 #[repr(C, align(64))]
+#[derive(Zeroable)]
 pub(crate) struct Hits {
     pub(crate) t: [f32; RAYS],
     pub(crate) u: [f32; RAYS],
@@ -25,11 +46,16 @@ pub(crate) struct Hits {
     pub(crate) primitive: [u32; RAYS],
 }
 
-impl Bundle {
-    pub(crate) fn new() -> Self {
-        Self { direction: [[0.0; RAYS]; 3], origin: Vec3::ZERO, count: 0, t_max: 0.0 }
-    }
+/// Rays from one origin and what became of them.
+#[derive(Zeroable)]
+pub(crate) struct Wave {
+    pub(crate) rays: Bundle,
+    pub(crate) hits: Hits,
+    /// Inner nodes that each ray visited; of rays that went one by one only.
+    pub(crate) nodes: [u32; RAYS],
+}
 
+impl Bundle {
     /// Makes it an empty bundle of rays from `origin`.
     pub(crate) fn start(&mut self, origin: Vec3, t_max: f32) {
         (self.origin, self.t_max, self.count) = (origin, t_max, 0);
@@ -38,23 +64,26 @@ impl Bundle {
     /// Adds a ray. The bundle must not be full.
     #[inline(always)]
     pub(crate) fn push(&mut self, direction: Vec3) {
-        for (to, from) in self.direction.iter_mut().zip(direction.to_array()) {
-            to[self.count] = from;
-        }
+        set(&mut self.direction, self.count, direction);
         self.count += 1;
     }
 
     pub(crate) fn ray(&self, i: usize) -> Ray {
-        Ray::new(self.origin, Vec3::new(self.direction[0][i], self.direction[1][i], self.direction[2][i]))
+        Ray::new(self.origin, at(&self.direction, i))
+    }
+}
+
+impl Wave {
+    /// Vectors may reach beyond the last ray, where there is no hit.
+    #[inline(always)]
+    pub(crate) fn end(&mut self) {
+        let count = self.rays.count;
+        self.hits.primitive[count..count.next_multiple_of(SIZE)].fill(Hits::NONE);
     }
 }
 
 impl Hits {
     pub(crate) const NONE: u32 = u32::MAX;
-
-    pub(crate) fn new() -> Self {
-        Self { t: [0.0; RAYS], u: [0.0; RAYS], v: [0.0; RAYS], primitive: [Self::NONE; RAYS] }
-    }
 
     #[inline(always)]
     pub(crate) fn get(&self, i: usize) -> Option<Hit> {

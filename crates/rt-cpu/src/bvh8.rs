@@ -17,17 +17,17 @@ mod collapse;
 mod walk;
 
 use bvh_core::{Aabb, Bvh, Ray, Triangles};
+use fearless_simd::{Level, dispatch};
 use rayon::prelude::*;
 
-use crate::scene::{Work, every, with_test};
-use crate::simd::at_level;
+use crate::scene::{Query, Work, every, with_test};
 use crate::{Hit, TriangleTest};
 
 use block::Block;
 use collapse::{Plan, collapse};
 
 pub(crate) use block::BlockTest;
-pub(crate) use walk::{any, closest};
+pub(crate) use walk::hit;
 
 /// Children of a node.
 const WIDTH: usize = 8;
@@ -53,7 +53,7 @@ const WIDTH: usize = 8;
 /// let hit = wide.closest_hit(&ray, f32::INFINITY, TriangleTest::Watertight);
 /// assert_eq!(hit.map(|h| h.t), Some(1.0));
 /// ```
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub struct Bvh8 {
     nodes: Vec<Node8>,
     blocks: Vec<Block>,
@@ -120,23 +120,25 @@ impl Bvh8 {
     }
 }
 
-/// Rays that one thread traces at a time.
+/// Rays that one thread traces at least.
 const BATCH: usize = 256;
 
 impl Bvh8 {
     /// As [`closest_hit`](crate::closest_hit) on the tree that this is a view of.
     #[must_use]
     pub fn closest_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> Option<Hit> {
-        with_test!(test, T => at_level!(best, simd => {
-            closest::<_, T>(simd, self, ray, t_max, &mut Work::default(), every)
-        }))
+        self.hit(Query::Closest, ray, t_max, test)
     }
 
     /// As [`any_hit`](crate::any_hit) on the tree that this is a view of.
     #[must_use]
     pub fn any_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
-        with_test!(test, T => at_level!(best, simd => {
-            any::<_, T>(simd, self, ray, t_max, &mut Work::default(), every).is_some()
+        self.hit(Query::Any, ray, t_max, test).is_some()
+    }
+
+    fn hit(&self, query: Query, ray: &Ray, t_max: f32, test: TriangleTest) -> Option<Hit> {
+        with_test!(test, T => dispatch!(Level::new(), simd => {
+            hit::<_, T>(simd, self, query, ray, t_max, &mut Work::default(), every)
         }))
     }
 
@@ -148,15 +150,7 @@ impl Bvh8 {
     pub fn closest_hits(&self, rays: &[Ray], t_max: &[f32], test: TriangleTest, hits: &mut [Option<Hit>]) {
         assert_eq!(rays.len(), t_max.len(), "one t_max a ray");
         assert_eq!(rays.len(), hits.len(), "one hit a ray");
-        let chunks = (rays.par_chunks(BATCH), t_max.par_chunks(BATCH), hits.par_chunks_mut(BATCH));
-        chunks.into_par_iter().for_each(|(rays, t_max, hits)| {
-            with_test!(test, T => at_level!(best, simd => {
-                for ((ray, &t_max), hit) in rays.iter().zip(t_max).zip(hits) {
-                    *hit = closest::<_, T>(
-                        simd, self, ray, t_max, &mut Work::default(), every,
-                    );
-                }
-            }));
-        });
+        let all = (rays.par_iter(), t_max.par_iter(), hits.par_iter_mut()).into_par_iter();
+        all.with_min_len(BATCH).for_each(|(ray, &t_max, hit)| *hit = self.closest_hit(ray, t_max, test));
     }
 }

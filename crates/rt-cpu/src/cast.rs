@@ -1,24 +1,26 @@
 //! The rays of a tile of pixels: from the eye, and from the light to what these hit.
 
-use bvh_core::{Vec3, pick};
+use bvh_core::Vec3;
+use bvh_core::triangle::Test;
+use bytemuck::Zeroable;
 use fearless_simd::Simd;
 
-use crate::bundle::{Bundle, Hits, RAYS};
-use crate::options::{RenderOptions, RenderStats, Traversal};
+use crate::bundle::{Coordinates, Hits, RAYS, Wave};
+use crate::options::{RenderOptions, Traversal};
 use crate::packet::{self, SIZE};
 use crate::scene::{Query, Scene, Work, every};
-use crate::shade::PointLight;
 use crate::sort::Sorter;
-use crate::surface::{Coordinates, Surfaces};
+use crate::surface::Surfaces;
 use crate::tile::{self, Scratch};
-use crate::times::StageTimer;
+use crate::times::Tally;
 use crate::wide::WideTest;
-use crate::{Camera, Hit, Mesh, alpha_cutouts, random};
+use crate::{Camera, Mesh, random};
 
 /// Side of a tile in pixels: what one thread does at a time.
 pub(crate) const TILE: usize = 64;
 
 /// What all tiles have in common.
+#[derive(Clone, Copy)]
 pub(crate) struct Frame<'a> {
     pub(crate) scene: Scene<'a>,
     /// The mesh, if it has holes.
@@ -31,25 +33,6 @@ pub(crate) struct Frame<'a> {
     pub(crate) shaded: bool,
 }
 
-impl<'a> Frame<'a> {
-    pub(crate) fn new(
-        scene: Scene<'a>,
-        camera: &'a Camera,
-        light: Option<&PointLight>,
-        options: &'a RenderOptions,
-        shaded: bool,
-    ) -> Self {
-        let shadows = light.filter(|_| options.shadows).map(|l| l.position);
-        Self { scene, alpha_cutouts: None, camera, shadows, options, shaded }
-    }
-
-    /// Whether a hit is of a surface rather than of a hole in it.
-    #[inline(always)]
-    pub(crate) fn is_there(&self, hit: &Hit) -> bool {
-        self.alpha_cutouts.is_none_or(|mesh| mesh.is_there(hit))
-    }
-}
-
 /// Column and row of a whole tile's pixel `i`: in quarters of 32 x 32, which share a cut of the tree, in these in
 /// blocks of 8 x 8, one packet each, and in these in 4 x 4, so that groups of 16 rays are square, too.
 pub(crate) fn place(i: usize) -> (usize, usize) {
@@ -60,112 +43,71 @@ pub(crate) fn place(i: usize) -> (usize, usize) {
 }
 
 /// Everything about the pixels of a tile, which are in the order of their [`place`]s.
+#[derive(Zeroable)]
 pub(crate) struct Tile {
+    /// The upper left pixel.
+    pub(crate) corner: (u32, u32),
     /// Pixels in a row and in a column of it.
     pub(crate) size: (usize, usize),
     /// Column and row of each pixel in the tile.
-    pub(crate) at: [[u8; 2]; RAYS],
-    columns: [f32; RAYS],
-    rows: [f32; RAYS],
+    pub(crate) columns: [f32; RAYS],
+    pub(crate) rows: [f32; RAYS],
     /// The ray of the pixel in each row, of `TILE` pixels, and column; without meaning outside the tile.
     pub(crate) ray: [u16; RAYS],
-    pub(crate) seen: Bundle,
-    pub(crate) hits: Hits,
+    pub(crate) seen: Wave,
     pub(crate) surfaces: Surfaces,
-    shadow: Bundle,
+    pub(crate) shadow: Wave,
     sorter: Sorter,
-    blocked: Hits,
     /// The pixel of each shadow ray.
-    whose: [u16; RAYS],
+    pub(crate) whose: [u16; RAYS],
     /// 1 for pixels that light reaches, else 0.
     pub(crate) lit: [f32; RAYS],
     pub(crate) colors: Coordinates,
-    /// Inner nodes visited; for [`Traversal::Single`] only.
-    pub(crate) nodes: [u32; RAYS],
-    scratch: Scratch,
-    pub(crate) timer: StageTimer,
+    pub(crate) scratch: Scratch,
 }
 
 impl Tile {
-    pub(crate) fn new() -> Self {
-        Self {
-            size: (0, 0),
-            at: [[0; 2]; RAYS],
-            columns: [0.0; RAYS],
-            rows: [0.0; RAYS],
-            ray: [0; RAYS],
-            seen: Bundle::new(),
-            hits: Hits::new(),
-            surfaces: Surfaces::new(),
-            shadow: Bundle::new(),
-            sorter: Sorter::new(),
-            blocked: Hits::new(),
-            whose: [0; RAYS],
-            lit: [0.0; RAYS],
-            colors: [[0.0; RAYS]; 3],
-            nodes: [0; RAYS],
-            scratch: Scratch::new(),
-            timer: StageTimer::default(),
-        }
-    }
-
     /// Makes it a tile of this size, without rays yet.
     pub(crate) fn resize(&mut self, width: usize, height: usize) {
         if self.size == (width, height) {
             return;
         }
         self.size = (width, height);
-        let mut count = 0;
-        for i in 0..RAYS {
-            let (x, y) = place(i);
-            if x < width && y < height {
-                self.at[count] = [x as u8, y as u8];
-                (self.columns[count], self.rows[count]) = (x as f32, y as f32);
-                self.ray[y * TILE + x] = count as u16;
-                count += 1;
-            }
+        let places = (0..RAYS).map(place);
+        for (i, (x, y)) in places.filter(|&(x, y)| x < width && y < height).enumerate() {
+            (self.columns[i], self.rows[i]) = (x as f32, y as f32);
+            self.ray[y * TILE + x] = i as u16;
         }
     }
 }
 
-/// Traces the rays of a tile whose upper left pixel is `corner`, and their shadow rays.
+/// Traces the rays of a tile and their shadow rays.
 #[inline(never)]
 pub(crate) fn cast_tile<S: Simd, T: WideTest>(
     simd: S,
     frame: &Frame<'_>,
     tile: &mut Tile,
-    corner: (u32, u32),
-) -> RenderStats {
-    let Frame { scene, alpha_cutouts, camera, shadows, options, shaded } = *frame;
-    let mut work = Work::default();
-    let mut stats = RenderStats::default();
+    tally: &mut Tally,
+) {
     simd.vectorize(
         #[inline(always)]
         || {
-            tile.seen.start(camera.eye(), f32::INFINITY);
-            tile.seen.count = tile.size.0 * tile.size.1;
-            let inside = random::in_pixel(options.sample);
-            camera.directions(simd, corner, inside, (&tile.columns, &tile.rows), &mut tile.seen.direction);
-            let Tile { seen, hits, scratch, nodes, timer, .. } = &mut *tile;
-            let (traversal, query) = (options.traversal, Query::Closest);
-            trace::<S, T>(simd, scene, traversal, query, seen, hits, scratch, nodes, &mut work);
-            if let Some(mesh) = alpha_cutouts {
-                timer.end(|t| &mut t.primary);
-                stats.rays_again +=
-                    alpha_cutouts::see_through::<S, T>(simd, scene, mesh, query, seen, hits, &mut work);
-                timer.end(|t| &mut t.alpha);
-            }
-            let count = seen.count;
-            stats.rays_primary = count as u64;
-            stats.hits = (0..count).step_by(64).map(|at| u64::from(hits.lanes(at, 64).count_ones())).sum();
-            if stats.hits > 0 && (shaded || shadows.is_some()) {
-                tile.surfaces.find(simd, scene.triangles, &tile.seen, &tile.hits);
+            let Tile { corner, size, columns, rows, seen, surfaces, scratch, .. } = &mut *tile;
+            seen.rays.start(frame.camera.eye(), f32::INFINITY);
+            seen.rays.count = size.0 * size.1;
+            let inside = random::in_pixel(frame.options.sample);
+            frame.camera.directions(simd, *corner, inside, (columns, rows), &mut seen.rays.direction);
+            trace_past_holes::<S, T>(simd, frame, Query::Closest, seen, scratch, tally);
+            let count = seen.rays.count;
+            tally.stats.rays_primary = count as u64;
+            let hits = (0..count).step_by(SIZE).map(|at| u64::from(seen.hits.lanes(at, SIZE).count_ones()));
+            tally.stats.hits = hits.sum();
+            if tally.stats.hits > 0 && (frame.shadows.is_some() || frame.shaded) {
+                surfaces.find(simd, frame.scene.triangles, seen);
             }
         },
     );
-    stats.count(&work);
-    light_arrives::<S, T>(simd, frame, tile, &mut stats);
-    stats
+    light_arrives::<S, T>(simd, frame, tile, tally);
 }
 
 /// Finds out at which of the surfaces of a tile light arrives.
@@ -174,113 +116,112 @@ pub(crate) fn light_arrives<S: Simd, T: WideTest>(
     simd: S,
     frame: &Frame<'_>,
     tile: &mut Tile,
-    stats: &mut RenderStats,
+    tally: &mut Tally,
 ) {
-    let Frame { scene, alpha_cutouts, shadows, options, .. } = *frame;
-    let count = tile.seen.count;
-    tile.lit[..count].fill(if shadows.is_some() { 0.0 } else { 1.0 });
-    let any_hits = || tile.hits.primitive[..count].iter().any(|&p| p != Hits::NONE);
-    let Some(light) = shadows.filter(|_| any_hits()) else { return };
-    let mut work = Work::default();
-    tile.timer.end(|t| &mut t.primary);
+    let Tile { surfaces, seen, shadow, sorter, whose, lit, scratch, .. } = tile;
+    let count = seen.rays.count;
+    lit[..count].fill(if frame.shadows.is_some() { 0.0 } else { 1.0 });
+    shadow.rays.count = 0;
+    let any_hits = || seen.hits.primitive[..count].iter().any(|&p| p != Hits::NONE);
+    let Some(light) = frame.shadows.filter(|_| any_hits()) else { return };
+    tally.end(|t| &mut t.primary);
     simd.vectorize(
         #[inline(always)]
         || {
-            let Tile {
-                surfaces,
-                hits,
-                shadow,
-                sorter,
-                blocked,
-                whose,
-                lit,
-                nodes: visited,
-                scratch,
-                timer,
-                ..
-            } = &mut *tile;
-            shadow.start(light, 1.0);
-            surfaces.shadow_rays(simd, hits, count, shadow, whose);
-            if options.traversal == Traversal::Tile {
-                sorter.sort_if_scattered(simd, shadow, whose);
+            shadow.rays.start(light, 1.0);
+            surfaces.shadow_rays(simd, &seen.hits, count, &mut shadow.rays, whose);
+            if frame.options.traversal == Traversal::Tile {
+                sorter.sort_if_scattered(simd, &mut shadow.rays, whose);
             }
-            let mut nodes = [0; RAYS];
-            let (traversal, query) = (options.traversal, Query::Any);
-            trace::<S, T>(simd, scene, traversal, query, shadow, blocked, scratch, &mut nodes, &mut work);
-            if let Some(mesh) = alpha_cutouts {
-                timer.end(|t| &mut t.shadow);
-                stats.rays_again +=
-                    alpha_cutouts::see_through::<S, T>(simd, scene, mesh, query, shadow, blocked, &mut work);
-                timer.end(|t| &mut t.alpha);
-            }
-            stats.rays_shadow += shadow.count as u64;
-            for (j, &i) in whose[..shadow.count].iter().enumerate() {
-                let arrives = blocked.primitive[j] == Hits::NONE;
+            trace_past_holes::<S, T>(simd, frame, Query::Any, shadow, scratch, tally);
+            let blocked = &shadow.hits.primitive[..shadow.rays.count];
+            tally.stats.rays_shadow += blocked.len() as u64;
+            for (&blocked, &i) in blocked.iter().zip(&*whose) {
+                let arrives = blocked == Hits::NONE;
                 lit[i as usize] = if arrives { 1.0 } else { 0.0 };
-                visited[i as usize] += nodes[j];
-                stats.shadowed += u64::from(!arrives);
+                tally.stats.shadowed += u64::from(!arrives);
             }
         },
     );
-    tile.timer.end(|t| &mut t.shadow);
-    stats.count(&work);
+    tally.end(|t| &mut t.shadow);
 }
 
-/// Traces the rays of a tile; `nodes` gets the number of inner nodes that each visits if they go one by one.
+/// Traces a wave. Trees and packets know nothing of holes ([`Material::cutoff`](crate::Material)): rays are first traced
+/// as if there were none, which gives the same result unless what they hit is a hole.
 #[inline(always)]
-#[expect(clippy::too_many_arguments, reason = "parts of a tile, borrowed one by one")]
+fn trace_past_holes<S: Simd, T: WideTest>(
+    simd: S,
+    frame: &Frame<'_>,
+    query: Query,
+    wave: &mut Wave,
+    scratch: &mut Scratch,
+    tally: &mut Tally,
+) {
+    let (scene, mut work) = (frame.scene, Work::default());
+    trace::<S, T>(simd, scene, frame.options.traversal, query, wave, scratch, &mut work);
+    if let Some(mesh) = frame.alpha_cutouts {
+        tally.end(|t| if query == Query::Closest { &mut t.primary } else { &mut t.shadow });
+        tally.stats.rays_again += see_through::<S, T>(simd, scene, mesh, query, wave, &mut work);
+        tally.end(|t| &mut t.alpha);
+    }
+    tally.stats.nodes_visited += work.nodes;
+}
+
+/// Replaces hits of holes by what is behind them, one ray at a time; gives the number of rays traced again. For
+/// [`Query::Any`] hits in surfaces that have holes anywhere count.
+#[inline(never)]
+pub(crate) fn see_through<S: Simd, T: Test>(
+    simd: S,
+    scene: Scene<'_>,
+    mesh: &Mesh<'_>,
+    query: Query,
+    wave: &mut Wave,
+    work: &mut Work,
+) -> u64 {
+    simd.vectorize(
+        #[inline(always)]
+        || {
+            let mut again = 0;
+            for i in 0..wave.rays.count {
+                let stays = wave.hits.get(i).is_none_or(|hit| match query {
+                    Query::Closest => mesh.is_there(&hit),
+                    // Such a hit comes without the place.
+                    Query::Any => mesh.material(hit.primitive).cutoff.is_none(),
+                });
+                if !stays {
+                    let (ray, t_max) = (wave.rays.ray(i), wave.rays.t_max);
+                    let hit = scene.hit::<S, T>(simd, query, &ray, t_max, work, |hit| mesh.is_there(hit));
+                    wave.hits.set(i, hit);
+                    again += 1;
+                }
+            }
+            again
+        },
+    )
+}
+
+/// Traces a wave as if there were no holes.
+#[inline(always)]
 pub(crate) fn trace<S: Simd, T: WideTest>(
     simd: S,
     scene: Scene<'_>,
     traversal: Traversal,
     query: Query,
-    rays: &mut Bundle,
-    hits: &mut Hits,
+    wave: &mut Wave,
     scratch: &mut Scratch,
-    nodes: &mut [u32; RAYS],
     work: &mut Work,
 ) {
+    let Wave { rays, hits, nodes } = &mut *wave;
     match traversal {
         Traversal::Tile => tile::trace::<S, T>(simd, scene, query, rays, hits, scratch, work),
-        Traversal::Packet => packets::<T>(scene, query, rays, hits, work),
-        Traversal::Single => one_by_one::<S, T>(simd, scene, query, rays, hits, nodes, work),
-    }
-    // Vectors may reach beyond the last ray.
-    hits.primitive[rays.count..rays.count.next_multiple_of(SIZE)].fill(Hits::NONE);
-}
-
-fn packets<T: WideTest>(scene: Scene<'_>, query: Query, rays: &Bundle, hits: &mut Hits, work: &mut Work) {
-    for at in (0..rays.count).step_by(SIZE) {
-        let n = SIZE.min(rays.count - at);
-        let packet = std::array::from_fn(|i| rays.ray(at + i.min(n - 1)));
-        let t_max = std::array::from_fn(|i| if i < n { rays.t_max } else { -1.0 });
-        let found = packet::trace::<T>(scene.bvh, scene.triangles, &packet, t_max, query, work);
-        for (i, hit) in found[..n].iter().enumerate() {
-            hits.set(at + i, *hit);
+        Traversal::Packet => packet::trace_all::<T>(scene, query, rays, hits, work),
+        Traversal::Single => {
+            for (i, nodes) in nodes[..rays.count].iter_mut().enumerate() {
+                let before = work.nodes;
+                hits.set(i, scene.hit::<S, T>(simd, query, &rays.ray(i), rays.t_max, work, every));
+                *nodes = (work.nodes - before) as u32;
+            }
         }
     }
-}
-
-#[inline(always)]
-fn one_by_one<S: Simd, T: WideTest>(
-    simd: S,
-    scene: Scene<'_>,
-    query: Query,
-    rays: &Bundle,
-    hits: &mut Hits,
-    nodes: &mut [u32; RAYS],
-    work: &mut Work,
-) {
-    for (i, nodes) in nodes[..rays.count].iter_mut().enumerate() {
-        let before = work.nodes;
-        let ray = rays.ray(i);
-        let hit = match query {
-            Query::Closest => {
-                pick::closest::<S, T>(simd, scene.bvh, scene.triangles, &ray, rays.t_max, work, every)
-            }
-            Query::Any => pick::any::<S, T>(simd, scene.bvh, scene.triangles, &ray, rays.t_max, work, every),
-        };
-        hits.set(i, hit);
-        *nodes = (work.nodes - before) as u32;
-    }
+    wave.end();
 }

@@ -12,6 +12,7 @@
 //! the numbers compared. So no ray enters a box that is missed.
 
 use bvh_core::{Aabb, Node, Vec3};
+use bytemuck::Zeroable;
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
@@ -120,8 +121,9 @@ fn misses<S: Simd, V: Lanes<S>>(slopes: [f32; 2], x: [V; 2], near: V, far: V) ->
 
 /// A [`Frustum`] as linear forms of the words of a node: a box is missed if for any lane
 /// `a * scale_a + b * scale_b - limit` exceeds the slack, where `a` and `b` are words relative to the
-/// origin. Eight lanes for each of two siblings, six of them in use.
+/// origin. Eight lanes for each of two siblings, six of them in use. Zeroed it misses nothing.
 #[repr(C, align(64))]
+#[derive(Zeroable)]
 pub(crate) struct FrustumPlanes {
     words: [[u32; 16]; 2],
     origins: [[f32; 16]; 2],
@@ -135,15 +137,6 @@ pub(crate) struct FrustumPlanes {
 const FAR: [usize; 2] = [5, 13];
 
 impl FrustumPlanes {
-    /// Planes that miss nothing.
-    pub(crate) const EVERYTHING: Self = Self {
-        words: [[0; 16]; 2],
-        origins: [[0.0; 16]; 2],
-        scales: [[0.0; 16]; 2],
-        weight: [0.0; 16],
-        limit: [0.0; 16],
-    };
-
     /// The frustum of rays that look for hits up to `t_max`.
     #[inline(always)]
     pub(crate) fn new(frame: &Frame, frustum: &Frustum, t_max: f32) -> Self {
@@ -160,7 +153,7 @@ impl FrustumPlanes {
             (far, -sign, far, 0.0),
             (near, sign * frame.least_inverse, near, 0.0),
         ];
-        let mut planes = Self::EVERYTHING;
+        let mut planes = Self::zeroed();
         for (i, (a, scale_a, b, scale_b)) in lanes.into_iter().enumerate() {
             for lane in [i, i + 8] {
                 let half = lane & 8;
@@ -208,7 +201,7 @@ mod tests {
     use bvh_core::SimdLevel;
 
     use super::*;
-    use crate::simd::at_level;
+    use crate::simd::detected;
 
     #[test]
     fn boxes_are_missed_only_if_every_ray_misses() {
@@ -241,7 +234,7 @@ mod tests {
                 });
                 let pair = [Node::leaf(aabb, 0, 1), Node::leaf(Aabb::EMPTY, 1, 1)];
                 for level in SimdLevel::available() {
-                    let meets = at_level!(level, simd => planes.meets(simd, &pair));
+                    let meets = fearless_simd::dispatch!(detected(level), simd => planes.meets(simd, &pair));
                     assert!(meets & 1 == 1 || !entered, "{aabb:?}");
                     (met, missed) = (met + (meets & 1), missed + (1 - (meets & 1)));
                 }

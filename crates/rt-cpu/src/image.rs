@@ -1,14 +1,9 @@
-//! Images in memory and in files.
+//! Images in memory, and encoded as files. Writing them is the caller's: a file that appears whole or not at
+//! all needs `tempfile`, which no renderer should have to depend on.
 
-use std::fs::File;
-use std::hash::{DefaultHasher, Hash, Hasher};
-use std::io::BufWriter;
-use std::path::{Path, PathBuf};
+use std::io::Cursor;
 
-use exr::image::SpecificChannels;
-use exr::image::write::WritableImage;
-use exr::math::Vec2;
-use thiserror::Error;
+use image::{ExtendedColorType, ImageFormat, write_buffer_with_format};
 
 use crate::srgb::srgb;
 
@@ -20,22 +15,10 @@ pub struct Image {
     pixels: Vec<[f32; 3]>,
 }
 
-/// Why an image was not written.
-#[derive(Debug, Error)]
-#[non_exhaustive]
-pub enum ImageError {
-    /// A file name that ends in neither `.png` nor `.exr`.
-    #[error("{}: an image file's name must end in .png or .exr", .0.display())]
-    UnknownFormat(PathBuf),
-    /// Encoding or writing failed.
-    #[error("{}: cannot write the image", path.display())]
-    Write {
-        /// The file asked for.
-        path: PathBuf,
-        /// What went wrong.
-        source: Box<dyn std::error::Error + Send + Sync>,
-    },
-}
+/// An image that cannot be encoded: without pixels, or too large for the format.
+#[derive(Debug, thiserror::Error)]
+#[error(transparent)]
+pub struct ImageError(#[from] image::ImageError);
 
 impl Image {
     /// A black image.
@@ -83,146 +66,60 @@ impl Image {
         self.pixels.iter_mut().flatten().for_each(|c| *c *= factor);
     }
 
-    /// Writes a PNG or an EXR file, as the name says; see [`save_png`](Self::save_png) and
-    /// [`save_exr`](Self::save_exr).
+    /// Encodes it as a PNG file, 8 bits a channel in sRGB; values outside 0 to 1 are clamped, NaN becomes 0.
     ///
     /// # Errors
-    /// If the name ends in something else, or as those do.
-    pub fn save(&self, path: &Path) -> Result<(), ImageError> {
-        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-        match extension.as_str() {
-            "png" => self.save_png(path),
-            "exr" => self.save_exr(path),
-            _ => Err(ImageError::UnknownFormat(path.to_owned())),
-        }
+    /// If PNG files cannot be of its size.
+    pub fn png(&self) -> Result<Vec<u8>, ImageError> {
+        let bytes: Vec<u8> = self.pixels.iter().flatten().map(|&c| srgb(c)).collect();
+        self.encoded(&bytes, ExtendedColorType::Rgb8, ImageFormat::Png)
     }
 
-    /// Writes a PNG file, 8 bits a channel in sRGB; values outside 0 to 1 are clamped, NaN becomes 0.
-    ///
-    /// The file appears under its name when it is complete, not before.
+    /// Encodes it as an OpenEXR file, linear, 32 bits a channel.
     ///
     /// # Errors
-    /// If the file cannot be written; nothing is left behind then.
-    pub fn save_png(&self, path: &Path) -> Result<(), ImageError> {
-        atomically(path, |file| {
-            let bytes = self.pixels.iter().flatten().map(|&c| srgb(c)).collect();
-            let png = image::RgbImage::from_raw(self.width, self.height, bytes).ok_or("image too large")?;
-            Ok(png.write_to(file, image::ImageFormat::Png)?)
-        })
+    /// If EXR files cannot be of its size.
+    pub fn exr(&self) -> Result<Vec<u8>, ImageError> {
+        let bytes = bytemuck::cast_slice(&self.pixels);
+        self.encoded(bytes, ExtendedColorType::Rgb32F, ImageFormat::OpenExr)
     }
 
-    /// Writes an OpenEXR file, linear, 32 bits a channel; otherwise as [`save_png`](Self::save_png).
-    ///
-    /// # Errors
-    /// If the file cannot be written; nothing is left behind then.
-    pub fn save_exr(&self, path: &Path) -> Result<(), ImageError> {
-        atomically(path, |file| {
-            let (width, height) = (self.width as usize, self.height as usize);
-            let channels =
-                SpecificChannels::rgb(|Vec2(x, y)| <(f32, f32, f32)>::from(self.pixels[y * width + x]));
-            Ok(exr::image::Image::from_channels((width, height), channels).write().to_buffered(file)?)
-        })
+    fn encoded(
+        &self,
+        bytes: &[u8],
+        color: ExtendedColorType,
+        format: ImageFormat,
+    ) -> Result<Vec<u8>, ImageError> {
+        let mut file = Cursor::new(Vec::new());
+        write_buffer_with_format(&mut file, bytes, self.width, self.height, color, format)?;
+        Ok(file.into_inner())
     }
-}
-
-/// A hidden name beside `path` for a file that is not whole yet. It does not grow with the name of the file, which may be
-/// as long as names can be.
-fn partial(path: &Path) -> PathBuf {
-    let mut hasher = DefaultHasher::new();
-    path.file_name().hash(&mut hasher);
-    path.with_file_name(format!(".{:016x}.{}.partial", hasher.finish(), std::process::id()))
-}
-
-/// Lets `write` fill a file beside `path` and renames that.
-fn atomically(
-    path: &Path,
-    write: impl FnOnce(&mut BufWriter<File>) -> Result<(), Box<dyn std::error::Error + Send + Sync>>,
-) -> Result<(), ImageError> {
-    let partial = partial(path);
-    let fill = || {
-        let mut file = BufWriter::new(File::create(&partial)?);
-        write(&mut file)?;
-        // The last bytes: dropping would write them too, but not say if it cannot. Some file systems say as late as
-        // the sync that the disk is full.
-        file.into_inner().map_err(std::io::IntoInnerError::into_error)?.sync_all()?;
-        Ok(std::fs::rename(&partial, path)?)
-    };
-    fill().map_err(|source| {
-        // It may not even exist, and the first error is the one to tell.
-        let _ = std::fs::remove_file(&partial);
-        ImageError::Write { path: path.to_owned(), source }
-    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn gradient() -> Image {
+    #[test]
+    fn files_hold_what_the_image_holds() {
         let mut image = Image::new(5, 3);
         for (i, p) in image.pixels_mut().iter_mut().enumerate() {
             *p = [i as f32 / 14.0, 0.5, f32::NAN];
         }
-        image
-    }
+        let (png, exr) = (image.png().expect("encoded"), image.exr().expect("encoded"));
 
-    #[test]
-    fn files_hold_what_the_image_holds() {
-        let dir = std::env::temp_dir().join(format!("rt-cpu-image-{}", std::process::id()));
-        std::fs::create_dir_all(&dir).expect("temporary directory");
-        let (png, exr, image) = (dir.join("a.png"), dir.join("a.exr"), gradient());
-        image.save(&png).expect("written");
-        image.save(&exr).expect("written");
-
-        let back = image::open(&png).expect("a PNG").into_rgb8();
+        let back = image::load_from_memory_with_format(&png, ImageFormat::Png).expect("a PNG").into_rgb8();
         assert_eq!((back.width(), back.height()), (5, 3));
         assert_eq!(back.get_pixel(0, 0).0, [0, 188, 0]);
         assert_eq!(back.get_pixel(4, 2).0, [255, 188, 0]);
 
-        let back = exr::prelude::read_first_rgba_layer_from_file(
-            &exr,
-            |size, _| vec![[0.0f32; 3]; size.area()],
-            |pixels, at, (r, g, b, _): (f32, f32, f32, f32)| pixels[at.y() * 5 + at.x()] = [r, g, b],
-        )
-        .expect("an EXR file");
-        let bits = |p: &[[f32; 3]]| p.iter().flatten().map(|c| c.to_bits()).collect::<Vec<_>>();
-        assert_eq!(bits(&back.layer_data.channel_data.pixels), bits(image.pixels()));
-
-        assert_eq!(std::fs::read_dir(&dir).expect("readable").count(), 2, "nothing else is left");
-        std::fs::remove_dir_all(&dir).expect("removable");
-    }
-
-    /// However little of a file is still to be written when the disk is full.
-    #[test]
-    #[cfg(target_os = "linux")]
-    fn a_full_disk_leaves_nothing() {
-        let dir = std::env::temp_dir().join(format!("rt-cpu-full-{}", std::process::id()));
-        std::fs::create_dir_all(&dir).expect("temporary directory");
-        for name in ["a.png", "a.exr"] {
-            std::os::unix::fs::symlink("/dev/full", partial(&dir.join(name))).expect("a link");
-            let error = gradient().save(&dir.join(name)).expect_err("no space");
-            let cause = std::error::Error::source(&error).expect("a cause").to_string();
-            assert!(error.to_string().contains(name) && cause.contains("No space"), "{error}: {cause}");
-        }
-        std::fs::remove_dir(&dir).expect("nothing in it");
+        let back = image::load_from_memory_with_format(&exr, ImageFormat::OpenExr).expect("an EXR file");
+        let bits = |channels: &[f32]| channels.iter().map(|c| c.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(back.as_rgb32f().expect("colours")), bits(image.pixels().as_flattened()));
     }
 
     #[test]
-    fn a_name_may_be_as_long_as_names_can_be() {
-        let dir = std::env::temp_dir().join(format!("rt-cpu-long-{}", std::process::id()));
-        std::fs::create_dir_all(&dir).expect("temporary directory");
-        let long = dir.join("n".repeat(251) + ".png");
-        gradient().save(&long).expect("written");
-        std::fs::remove_file(&long).expect("a file");
-        std::fs::remove_dir(&dir).expect("nothing else in it");
-    }
-
-    #[test]
-    fn errors_name_the_file_and_leave_nothing() {
-        let missing = std::env::temp_dir().join("rt-cpu-no-such-directory/a.png");
-        let error = gradient().save(&missing).expect_err("no such directory").to_string();
-        assert!(error.contains("rt-cpu-no-such-directory"), "{error}");
-        let error = gradient().save(Path::new("a.bmp")).expect_err("unknown format").to_string();
-        assert!(error.contains(".png or .exr"), "{error}");
+    fn images_without_pixels_are_no_files() {
+        assert!(Image::new(0, 3).png().is_err());
     }
 }

@@ -21,8 +21,8 @@
 //! coordinate have an empty box and are never hit.
 
 #![deny(unsafe_code)]
+#![expect(clippy::too_many_arguments, reason = "what is inlined into one loop has no struct for its state")]
 
-mod alpha_cutouts;
 mod bundle;
 mod bvh8;
 mod camera;
@@ -47,7 +47,6 @@ mod texture;
 mod tile;
 mod times;
 mod wavefront;
-mod weigh;
 mod wide;
 
 #[cfg(test)]
@@ -61,11 +60,12 @@ pub use bvh_core::{
 pub use bvh8::Bvh8;
 pub use camera::Camera;
 pub use image::{Image, ImageError};
-pub use mesh::{DEFAULT_COLOR, Material, Mesh};
+pub use mesh::{Material, Mesh};
 pub use options::{AmbientOcclusion, DiffuseBounces, Effects, Output, RenderOptions, RenderStats, Traversal};
 pub use pixel::Pixel;
+pub use random::splitmix;
 pub use render::{cast, render, render_with};
-pub use shade::{Background, PointLight};
+pub use shade::PointLight;
 pub use srgb::{SrgbTable, srgb};
 pub use texture::{Filter, Texture, Wrap};
 pub use times::StageTimes;

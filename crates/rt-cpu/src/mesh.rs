@@ -5,9 +5,6 @@ use bvh_core::{Triangles, Vec3};
 
 use crate::{Hit, Texture};
 
-/// Linear colour of triangles without another.
-pub const DEFAULT_COLOR: [f32; 3] = [0.6, 0.6, 0.6];
-
 /// How a surface looks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
@@ -24,9 +21,9 @@ pub struct Material {
 }
 
 impl Material {
-    /// Diffuse, in [`DEFAULT_COLOR`].
+    /// Diffuse and grey.
     pub const DEFAULT: Self =
-        Self { color: DEFAULT_COLOR, opacity: 1.0, texture: None, cutoff: None, mirror: false };
+        Self { color: [0.6; 3], opacity: 1.0, texture: None, cutoff: None, mirror: false };
 }
 
 impl Default for Material {
@@ -60,21 +57,17 @@ impl<'a> Mesh<'a> {
         Self { triangles, normals: None, texcoords: &[], textures: &[], materials: &[], material_of: &[] }
     }
 
+    #[inline]
     pub(crate) fn material(&self, primitive: u32) -> &'a Material {
         let material = self.material_of.get(primitive as usize).and_then(|&m| self.materials.get(m as usize));
         material.unwrap_or(&Material::DEFAULT)
     }
 
-    /// The colour of the material.
-    pub(crate) fn color(&self, primitive: u32) -> [f32; 3] {
-        self.material(primitive).color
-    }
-
     /// The colour of the surface at a hit, texture and all.
     pub(crate) fn textured_color(&self, hit: &Hit) -> [f32; 3] {
         let material = self.material(hit.primitive);
-        let Some([r, g, b, _]) = self.texel(material, hit) else { return material.color };
-        [material.color[0] * r, material.color[1] * g, material.color[2] * b]
+        let texel = self.texel(material, hit).unwrap_or([1.0; 4]);
+        [0, 1, 2].map(|k| material.color[k] * texel[k])
     }
 
     /// Whether there is a surface at a hit, rather than a hole.
@@ -89,14 +82,15 @@ impl<'a> Mesh<'a> {
         let texture = self.textures.get(material.texture? as usize)?;
         let [a, b, c] = self.triangles.indices[hit.primitive as usize]
             .map(|v| self.texcoords.get(v as usize).copied().unwrap_or_default());
-        Some(texture.sample(a * (1.0 - hit.u - hit.v) + b * hit.u + c * hit.v))
+        Some(texture.sample(hit.interpolate([a, b, c])))
     }
 
     /// Interpolated normal at a hit: `None` if there is none, or it has no direction.
+    #[inline(always)]
     pub(crate) fn normal(&self, hit: &Hit) -> Option<Vec3> {
         let normals = self.normals?;
         let [a, b, c] = self.triangles.indices[hit.primitive as usize];
         let [a, b, c] = [normals.get(a as usize)?, normals.get(b as usize)?, normals.get(c as usize)?];
-        (a * (1.0 - hit.u - hit.v) + b * hit.u + c * hit.v).try_normalize()
+        hit.interpolate([*a, *b, *c]).try_normalize()
     }
 }

@@ -4,8 +4,6 @@ use std::ops::AddAssign;
 use std::str::FromStr;
 
 use crate::TriangleTest;
-use crate::scene::Work;
-use crate::shade::Background;
 use crate::times::StageTimes;
 use bvh_core::triangle::by_name;
 use bvh_core::{SimdLevel, UnknownName};
@@ -113,8 +111,6 @@ pub struct RenderOptions {
     pub shadows: bool,
     /// Whether normals are interpolated where the mesh has them.
     pub smooth: bool,
-    /// What is seen where nothing is hit.
-    pub background: Background,
     /// What the image shows.
     pub output: Output,
     /// What light does beyond being seen directly. Only [`Output::Shaded`] shows it.
@@ -136,7 +132,6 @@ impl Default for RenderOptions {
             simd: SimdLevel::best(),
             shadows: true,
             smooth: true,
-            background: Background::default(),
             output: Output::default(),
             effects: Effects::default(),
             seed: 0,
@@ -168,8 +163,6 @@ pub struct RenderStats {
     pub shadowed: u64,
     /// Inner nodes opened, once for each ray or packet.
     pub nodes_visited: u64,
-    /// Triangles tested, once for each ray or packet.
-    pub triangles_tested: u64,
     /// Surfaces whose colour was read from a texture.
     pub textured: u64,
     /// How long the stages took, if [`RenderOptions::timed`].
@@ -182,11 +175,6 @@ impl RenderStats {
     pub fn rays(&self) -> u64 {
         let direct = self.rays_primary + self.rays_shadow + self.rays_again;
         direct + self.rays_mirror + self.rays_ambient_occlusion + self.rays_bounce
-    }
-
-    pub(crate) fn count(&mut self, work: &Work) {
-        self.nodes_visited += work.nodes;
-        self.triangles_tested += work.primitives;
     }
 }
 
@@ -201,7 +189,6 @@ impl AddAssign for RenderStats {
         self.hits += other.hits;
         self.shadowed += other.shadowed;
         self.nodes_visited += other.nodes_visited;
-        self.triangles_tested += other.triangles_tested;
         self.textured += other.textured;
         self.times += other.times;
     }

@@ -12,21 +12,38 @@
 //! One departure: the paper orders children by the axis of their split. Rotations change that axis, and nodes here do not keep
 //! it. Here the child whose centre comes first along ray `first` goes first.
 
-use bvh_core::{Aabb, Bvh, MAX_HEIGHT, Ray, Triangles, Vec3};
+use arrayvec::ArrayVec;
+use bvh_core::triangle::{Test, intersect};
+use bvh_core::{Aabb, MAX_HEIGHT, Ray, Vec3, slab};
 
 use crate::Hit;
-use crate::scene::{Query, Work};
-use bvh_core::slab;
-use bvh_core::triangle::{Test, intersect};
+use crate::bundle::{Bundle, Hits};
+use crate::scene::{Query, Scene, Work};
 
 /// Rays of a packet.
 pub(crate) const SIZE: usize = 64;
 
+/// Traces a bundle.
+pub(crate) fn trace_all<T: Test>(
+    scene: Scene<'_>,
+    query: Query,
+    rays: &Bundle,
+    hits: &mut Hits,
+    work: &mut Work,
+) {
+    for at in (0..rays.count).step_by(SIZE) {
+        let n = SIZE.min(rays.count - at);
+        let packet = std::array::from_fn(|i| rays.ray(at + i.min(n - 1)));
+        let t_max = std::array::from_fn(|i| if i < n { rays.t_max } else { -1.0 });
+        let found = trace::<T>(scene, &packet, t_max, query, work);
+        found[..n].iter().enumerate().for_each(|(i, &hit)| hits.set(at + i, hit));
+    }
+}
+
 /// Traces rays that share their origin; those with a negative `t_max` are absent. For [`Query::Any`] the hits are
 /// any, not the closest.
 pub(crate) fn trace<T: Test>(
-    bvh: &Bvh,
-    triangles: &Triangles<'_>,
+    scene: Scene<'_>,
     rays: &[Ray; SIZE],
     mut t_max: [f32; SIZE],
     query: Query,
@@ -40,53 +57,40 @@ pub(crate) fn trace<T: Test>(
     let beam = Beam::around(rays[first].origin(), (first..SIZE).filter(present).map(|i| rays[i].inverse()));
     let tests = rays.each_ref().map(T::new);
 
+    let Scene { bvh, triangles, .. } = scene;
     let nodes = bvh.nodes();
-    let mut stack = [(0, 0); MAX_HEIGHT as usize + 1];
-    stack[0] = (0, first);
-    let mut top = 1;
-    while top > 0 {
-        top -= 1;
-        let (mut n, mut first) = stack[top];
-        loop {
-            let node = &nodes[n];
-            let aabb = node.aabb();
-            let enters = |i: usize| rays[i].is_valid() && slab::enters(&rays[i], &aabb, t_max[i]).is_some();
-            if !enters(first) {
-                if beam.misses(&aabb) {
-                    break;
-                }
-                match (first + 1..SIZE).find(|&i| enters(i)) {
-                    Some(i) => first = i,
-                    None => break,
-                }
+    let mut stack = ArrayVec::<_, { MAX_HEIGHT as usize + 2 }>::from_iter([(0, first)]);
+    while let Some((n, mut first)) = stack.pop() {
+        let node = &nodes[n];
+        let aabb = node.aabb();
+        let enters = |i: usize| rays[i].is_valid() && slab::enters(&rays[i], &aabb, t_max[i]).is_some();
+        if !enters(first) {
+            if beam.misses(&aabb) {
+                continue;
             }
-            if node.is_leaf() {
-                for &p in bvh.primitives(node) {
-                    if p as usize >= triangles.indices.len() {
-                        continue;
-                    }
-                    work.primitives += 1;
-                    let corners = triangles.corners(p as usize);
-                    for i in (first..SIZE).filter(|&i| rays[i].is_valid()) {
-                        let hit = intersect(&rays[i], &tests[i], &corners, p, t_max[i]);
-                        if let Some(hit) =
-                            hit.filter(|h| best[i].is_none_or(|b| h.is_before(b.t, b.primitive)))
-                        {
-                            best[i] = Some(hit);
-                            t_max[i] = if query == Query::Any { -1.0 } else { hit.t };
-                        }
-                    }
-                }
-                break;
+            match (first + 1..SIZE).find(|&i| enters(i)) {
+                Some(i) => first = i,
+                None => continue,
             }
+        }
+        if !node.is_leaf() {
             work.nodes += 1;
             let pair = node.first();
             let step = nodes[pair + 1].aabb().center() - nodes[pair].aabb().center();
             // False for the NaN that an empty child gives: any order will do.
-            let right_first = step.dot(rays[first].direction()) < 0.0;
-            stack[top] = (pair + usize::from(!right_first), first);
-            top += 1;
-            n = pair + usize::from(right_first);
+            let near = pair + usize::from(step.dot(rays[first].direction()) < 0.0);
+            stack.extend([(2 * pair + 1 - near, first), (near, first)]);
+            continue;
+        }
+        for &p in bvh.primitives(node).iter().filter(|&&p| (p as usize) < triangles.indices.len()) {
+            let corners = triangles.corners(p as usize);
+            for i in (first..SIZE).filter(|&i| rays[i].is_valid()) {
+                let hit = intersect(&rays[i], &tests[i], &corners, p, t_max[i]);
+                if let Some(hit) = hit.filter(|h| best[i].is_none_or(|b| h.is_before(b.t, b.primitive))) {
+                    best[i] = Some(hit);
+                    t_max[i] = if query == Query::Any { -1.0 } else { hit.t };
+                }
+            }
         }
     }
     best

@@ -2,9 +2,15 @@
 
 use bvh_core::Vec3;
 
-/// Numbers that look random, any of them at once: SplitMix64 (Steele, Lea, Flood, *Fast Splittable Pseudorandom Number
-/// Generators*, 2014), which is a hash of a counter.
-#[derive(Clone, Copy)]
+/// Number `n` of a sequence that looks random, which each `seed` has one of: SplitMix64 (Steele, Lea, Flood, *Fast
+/// Splittable Pseudorandom Number Generators*, 2014), a hash of a counter.
+#[must_use]
+pub fn splitmix(seed: u64, n: u64) -> u64 {
+    mix(seed.wrapping_add(n.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15)))
+}
+
+/// Numbers of [`splitmix`], any of them at once.
+#[derive(Clone, Copy, bytemuck::Zeroable)]
 pub(crate) struct Stream(u64);
 
 impl Stream {
@@ -18,19 +24,15 @@ impl Stream {
         Self(mix(self.0 ^ mix(u64::from(n) + 1)))
     }
 
-    fn bits(self, n: u32) -> u64 {
-        mix(self.0.wrapping_add((u64::from(n) + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15)))
-    }
-
     /// Number `n`, from 0 to less than 1.
     pub(crate) fn uniform(self, n: u32) -> f32 {
-        fraction(self.bits(n))
+        fraction(splitmix(self.0, n.into()))
     }
 
     /// Point `n` of a sequence that fills the unit square evenly, moved about by numbers 0 and 1 of this stream: the
     /// additive recurrence of Roberts, *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018.
     pub(crate) fn even(self, n: u64) -> [f32; 2] {
-        [0, 1].map(|k| fraction(self.bits(k).wrapping_add(n.wrapping_mul(PLASTIC[k as usize]))))
+        [0, 1].map(|k| fraction(splitmix(self.0, k).wrapping_add(n.wrapping_mul(PLASTIC[k as usize]))))
     }
 }
 

@@ -3,16 +3,18 @@
 use std::cell::RefCell;
 
 use bvh_core::{Bvh, Triangles, Vec3};
-use fearless_simd::Simd;
+use bytemuck::zeroed_box;
+use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 
+use crate::bvh8::BlockTest;
 use crate::cast::{Frame, TILE, Tile, cast_tile};
 use crate::options::{Effects, Output, RenderOptions, RenderStats, Traversal, sum};
 use crate::scene::{Scene, with_test};
 use crate::shade::{PointLight, Shader};
-use crate::simd::at_level;
-use crate::sink::{Caster, Heat, PixelSink, Rows};
-use crate::times::StageTimer;
+use crate::simd::detected;
+use crate::sink::{Look, Rows, TilePixel};
+use crate::times::Tally;
 use crate::wavefront::Wavefront;
 use crate::wide::WideTest;
 use crate::{Bvh8, Camera, Image, Mesh, Pixel};
@@ -30,28 +32,16 @@ pub fn render(
     options: &RenderOptions,
     image: &mut Image,
 ) -> RenderStats {
-    draw(bvh, None, mesh, camera, light, options, image)
+    render_with(bvh, None, mesh, camera, light, options, image)
 }
 
-/// [`render`], with a view of the same tree and the same triangles that is there already. Ambient occlusion and diffuse
-/// bounces go through it; without them nobody looks at it.
+/// [`render`], with a view of the same tree and the same triangles, if there is one already. Ambient occlusion and
+/// diffuse bounces go through it; without them nobody looks at it.
 ///
 /// For more than one image of a frame, samples to be averaged for instance: `render` would make a view for each. A view
 /// of something else shows that, where rays have come back from a surface; one of another number of triangles is not
 /// looked at.
 pub fn render_with(
-    bvh: &Bvh,
-    wide: &Bvh8,
-    mesh: &Mesh<'_>,
-    camera: &Camera,
-    light: Option<&PointLight>,
-    options: &RenderOptions,
-    image: &mut Image,
-) -> RenderStats {
-    draw(bvh, Some(wide), mesh, camera, light, options, image)
-}
-
-fn draw(
     bvh: &Bvh,
     wide: Option<&Bvh8>,
     mesh: &Mesh<'_>,
@@ -63,36 +53,44 @@ fn draw(
     if (image.width(), image.height()) != (camera.width(), camera.height()) {
         *image = Image::new(camera.width(), camera.height());
     }
-    let scene = Scene::new(bvh, &mesh.triangles);
-    match options.output {
-        Output::Shaded => {
-            let RenderOptions { smooth, background, seed, sample, .. } = *options;
-            let effects = called_for(&options.effects, mesh);
-            // With bounces no light is no light, not one at the eye.
-            let dark = effects.diffuse_bounces.map(|_| &DARKNESS);
-            let shader = Shader { mesh, light: light.or(dark), smooth, background };
-            let alpha_cutouts = Some(mesh).filter(|_| effects.alpha);
-            let frame = Frame { alpha_cutouts, ..Frame::new(scene, camera, light, options, true) };
-            let direct_only = Effects { alpha: effects.alpha, ..Effects::default() };
-            if effects == direct_only {
-                return run(&frame, image.pixels_mut(), &shader);
-            }
-            let mut own = Bvh8::new();
-            let wide = wide.filter(|wide| wide.triangles == mesh.triangles.indices.len());
-            let wide = wide.or_else(|| {
-                let may = options.traversal != Traversal::Single;
-                (may && calls_for_wide(&effects, camera, bvh)).then(|| {
-                    own.update(bvh, &mesh.triangles);
-                    &own
-                })
-            });
-            run(&frame, image.pixels_mut(), &Wavefront { shader, effects, wide, seed, sample })
-        }
-        Output::NodesVisited { most } => {
-            let options = RenderOptions { traversal: Traversal::Single, ..*options };
-            run(&Frame::new(scene, camera, light, &options, false), image.pixels_mut(), &Heat { most })
-        }
+    if let Output::NodesVisited { most } = options.output {
+        let options = RenderOptions { traversal: Traversal::Single, ..*options };
+        let frame = frame(bvh, &mesh.triangles, camera, light, &options);
+        return run(&frame, &Look::Nodes { most }, image.pixels_mut());
     }
+    let frame = frame(bvh, &mesh.triangles, camera, light, options);
+    let effects = called_for(&options.effects, mesh);
+    // With bounces no light is no light, not one at the eye.
+    let light = light.or(effects.diffuse_bounces.map(|_| &DARKNESS));
+    let smooth = options.smooth && mesh.normals.is_some();
+    let shader = Shader { mesh, light, smooth };
+    let mut own = Bvh8::new();
+    let direct_only = Effects { alpha: effects.alpha, ..Effects::default() };
+    let look = if effects == direct_only {
+        Look::Direct(shader)
+    } else {
+        let mut wide = wide.filter(|wide| wide.triangles == mesh.triangles.indices.len());
+        if wide.is_none() && options.traversal != Traversal::Single && calls_for_wide(&effects, camera, bvh) {
+            own.update(bvh, &mesh.triangles);
+            wide = Some(&own);
+        }
+        Look::Effects(Wavefront { shader, effects, wide })
+    };
+    let alpha_cutouts = effects.alpha.then_some(mesh);
+    run(&Frame { alpha_cutouts, shaded: true, ..frame }, &look, image.pixels_mut())
+}
+
+/// A frame without holes that is not shaded.
+fn frame<'a>(
+    bvh: &'a Bvh,
+    triangles: &'a Triangles<'a>,
+    camera: &'a Camera,
+    light: Option<&PointLight>,
+    options: &'a RenderOptions,
+) -> Frame<'a> {
+    let shadows = light.filter(|_| options.shadows).map(|l| l.position);
+    let scene = Scene::new(bvh, triangles);
+    Frame { scene, alpha_cutouts: None, camera, shadows, options, shaded: false }
 }
 
 const DARKNESS: PointLight = PointLight { position: Vec3::ZERO, color: [0.0; 3] };
@@ -130,78 +128,51 @@ pub fn cast(
     pixels: &mut [Pixel],
 ) -> RenderStats {
     assert_eq!(pixels.len(), camera.width() as usize * camera.height() as usize, "pixels of the camera");
-    let scene = Scene::new(bvh, triangles);
-    run(&Frame::new(scene, camera, light, options, false), pixels, &Caster)
+    run(&frame(bvh, triangles, camera, light, options), &Look::Hits, pixels)
 }
 
 thread_local! {
     /// One for each thread: too large to be set up for every tile.
-    static THIS_TILE: RefCell<Box<Tile>> = RefCell::new(Box::new(Tile::new()));
+    static THIS_TILE: RefCell<Box<Tile>> = RefCell::new(zeroed_box());
 }
 
-/// Fills an image.
-fn run<F: PixelSink>(frame: &Frame<'_>, pixels: &mut [F::Pixel], finish: &F) -> RenderStats {
-    let width = frame.camera.width() as usize;
-    pixels
-        .par_chunks_mut(width.max(1) * TILE)
-        .enumerate()
-        .map(|(i, band)| {
-            let mut rows = band.chunks_mut(width);
-            let rows = std::array::from_fn(|_| rows.next().unwrap_or_default());
-            let y = (i * TILE) as u32;
-            with_test!(frame.options.triangle_test, T => tiles::<T, F>(frame, rows, 0, y, finish))
-        })
-        .reduce(RenderStats::default, sum)
-}
-
-/// Halves a band of rows until it is a tile. Slices on the stack give each tile its pixels without locks.
-fn tiles<T: WideTest, F: PixelSink>(
-    frame: &Frame<'_>,
-    mut rows: Rows<'_, F::Pixel>,
-    x: u32,
-    y: u32,
-    finish: &F,
-) -> RenderStats {
-    let width = rows[0].len();
-    if width <= TILE {
-        return THIS_TILE.with_borrow_mut(|tile| {
-            at_level!(frame.options.simd, simd => {
-                fill_tile::<_, T, F>(simd, frame, tile, &mut rows, x, y, finish)
-            })
-        });
-    }
-    let middle = width.div_ceil(2).next_multiple_of(TILE);
-    let mut right: Rows<'_, F::Pixel> = std::array::from_fn(|_| Default::default());
-    let mut halves = right.iter_mut();
-    let left = rows.map(|row| {
-        let (left, right) = row.split_at_mut(middle.min(row.len()));
-        if let Some(half) = halves.next() {
-            *half = right;
+/// Fills an image, by bands of tiles.
+fn run<P: TilePixel>(frame: &Frame<'_>, look: &Look<'_>, pixels: &mut [P]) -> RenderStats {
+    let width = (frame.camera.width() as usize).max(1);
+    let bands = pixels.par_chunks_mut(width * TILE).enumerate();
+    let of_band = |(band, pixels): (usize, &mut [P])| {
+        let mut tiles: Vec<Rows<'_, P>> = Vec::new();
+        tiles.resize_with(width.div_ceil(TILE), || std::array::from_fn(|_| Default::default()));
+        for (y, row) in pixels.chunks_mut(width).enumerate() {
+            for (tile, part) in tiles.iter_mut().zip(row.chunks_mut(TILE)) {
+                tile[y] = part;
+            }
         }
-        left
-    });
-    let (a, b) = rayon::join(
-        || tiles::<T, F>(frame, left, x, y, finish),
-        || tiles::<T, F>(frame, right, x + middle as u32, y, finish),
-    );
-    sum(a, b)
+        let tiles = tiles.par_iter_mut().enumerate();
+        let stats = tiles.map(|(i, rows)| {
+            with_test!(frame.options.triangle_test, T => THIS_TILE.with_borrow_mut(|tile| {
+                tile.corner = ((i * TILE) as u32, (band * TILE) as u32);
+                dispatch!(detected(frame.options.simd), simd => fill_tile::<_, T, P>(simd, frame, look, tile, rows))
+            }))
+        });
+        stats.reduce(RenderStats::default, sum)
+    };
+    bands.map(of_band).reduce(RenderStats::default, sum)
 }
 
 #[inline(always)]
-fn fill_tile<S: Simd, T: WideTest, F: PixelSink>(
+fn fill_tile<S: Simd, T: WideTest + BlockTest, P: TilePixel>(
     simd: S,
     frame: &Frame<'_>,
+    look: &Look<'_>,
     tile: &mut Tile,
-    rows: &mut Rows<'_, F::Pixel>,
-    x: u32,
-    y: u32,
-    finish: &F,
+    rows: &mut Rows<'_, P>,
 ) -> RenderStats {
-    tile.timer = StageTimer::start(frame.options.timed);
+    let mut tally = Tally::start(frame.options.timed);
     tile.resize(rows[0].len(), rows.iter().filter(|r| !r.is_empty()).count());
-    let mut stats = cast_tile::<S, T>(simd, frame, tile, (x, y));
-    finish.finish::<S, T>(simd, frame, tile, (x, y), rows, &mut stats);
-    tile.timer.end(|t| &mut t.primary);
-    stats.times = tile.timer.times();
-    stats
+    cast_tile::<S, T>(simd, frame, tile, &mut tally);
+    look.color::<S, T>(simd, frame, tile, &mut tally);
+    P::write(simd, tile, rows);
+    tally.end(|t| &mut t.primary);
+    tally.stats
 }

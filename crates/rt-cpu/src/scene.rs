@@ -1,6 +1,12 @@
-//! What is traced, what is looked for, and what it took.
+//! What is traced, what is looked for, and what single rays find of it.
 
-use bvh_core::{Bvh, Triangles};
+pub(crate) use bvh_core::Visits as Work;
+pub(crate) use bvh_core::pick::every;
+pub(crate) use bvh_core::with_test;
+use bvh_core::{Bvh, Ray, Triangles, pick, triangle::Test};
+use fearless_simd::Simd;
+
+use crate::Hit;
 
 /// A tree and the triangles that are its primitives.
 #[derive(Clone, Copy)]
@@ -9,6 +15,13 @@ pub(crate) struct Scene<'a> {
     pub(crate) triangles: &'a Triangles<'a>,
     /// Whether slots of the tree are numbers of triangles: then there is no need to look up which they are.
     is_in_order: bool,
+}
+
+/// What rays look for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Query {
+    Closest,
+    Any,
 }
 
 impl<'a> Scene<'a> {
@@ -21,16 +34,22 @@ impl<'a> Scene<'a> {
     pub(crate) fn primitive(&self, slot: usize) -> u32 {
         if self.is_in_order { slot as u32 } else { self.bvh.order().get(slot).copied().unwrap_or(u32::MAX) }
     }
-}
 
-/// What rays look for.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Query {
-    Closest,
-    Any,
+    /// What one ray hits, through the tree, of that which `counts` is true for.
+    #[inline(always)]
+    pub(crate) fn hit<S: Simd, T: Test>(
+        &self,
+        simd: S,
+        query: Query,
+        ray: &Ray,
+        t_max: f32,
+        work: &mut Work,
+        counts: impl Fn(&Hit) -> bool,
+    ) -> Option<Hit> {
+        let Self { bvh, triangles, .. } = self;
+        match query {
+            Query::Closest => pick::closest::<S, T>(simd, bvh, triangles, ray, t_max, work, counts),
+            Query::Any => pick::any::<S, T>(simd, bvh, triangles, ray, t_max, work, counts),
+        }
+    }
 }
-
-/// What a traversal did.
-pub(crate) use bvh_core::Visits as Work;
-pub(crate) use bvh_core::pick::every;
-pub(crate) use bvh_core::with_test;

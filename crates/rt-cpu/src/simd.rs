@@ -7,7 +7,7 @@
 //! Whatever handles vectors has to be inlined up to where `vectorize` turns the instructions on. Closures and
 //! `array::map` are not, in general; kernels do without.
 
-use bvh_core::SimdLevel;
+use bvh_core::{SimdLevel, Vec3};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd};
 
@@ -17,58 +17,15 @@ use fearless_simd::{Level, Simd};
 pub(crate) fn detected(level: SimdLevel) -> Level {
     let best = Level::new();
     #[cfg(target_arch = "x86_64")]
-    {
-        let lower = match level {
-            SimdLevel::Baseline => best.as_sse2().map(Simd::level),
-            SimdLevel::Avx2 => best.as_avx2().map(Simd::level),
-            SimdLevel::Avx512 => None,
-        };
-        lower.unwrap_or(best)
-    }
+    let lower = match level {
+        SimdLevel::Baseline => best.as_sse2().map(Simd::level),
+        SimdLevel::Avx2 => best.as_avx2().map(Simd::level),
+        SimdLevel::Avx512 => None,
+    };
     #[cfg(not(target_arch = "x86_64"))]
-    {
-        let _ = level;
-        best
-    }
+    let lower = (level != SimdLevel::Baseline).then_some(best);
+    lower.unwrap_or(best)
 }
-
-/// Runs `$body` compiled for a [`SimdLevel`], or for the best of the machine, with `$simd` the token of its vector types.
-macro_rules! at_level {
-    (best, $simd:ident => $body:expr) => {
-        // Looked up once and kept, where `SimdLevel::best` asks again.
-        $crate::simd::at_level!(@ fearless_simd::Level::new(), $simd => $body)
-    };
-    ($level:expr, $simd:ident => $body:expr) => {
-        $crate::simd::at_level!(@ $crate::simd::detected($level), $simd => $body)
-    };
-    (@ $level:expr, $simd:ident => $body:expr) => {{
-        use fearless_simd::{Level, Simd};
-        match $level {
-            #[cfg(target_arch = "x86_64")]
-            Level::Avx512($simd) => $simd.vectorize(
-                #[inline(always)]
-                || $body,
-            ),
-            #[cfg(target_arch = "x86_64")]
-            Level::Avx2($simd) => $simd.vectorize(
-                #[inline(always)]
-                || $body,
-            ),
-            #[cfg(target_arch = "x86_64")]
-            level => {
-                // Always there on x86-64.
-                let $simd = level.as_sse2().expect("SSE2");
-                $simd.vectorize(
-                    #[inline(always)]
-                    || $body,
-                )
-            }
-            #[cfg(not(target_arch = "x86_64"))]
-            level => fearless_simd::dispatch!(level, $simd => $body),
-        }
-    }};
-}
-pub(crate) use at_level;
 
 /// Lanes of single precision numbers.
 pub(crate) trait Lanes<S: Simd>: SimdFloat<S, Element = f32> {}
@@ -102,6 +59,39 @@ pub(crate) fn load3<S: Simd, V: Lanes<S>, const N: usize>(
     at: usize,
 ) -> [V; 3] {
     [load(simd, &from[0], at), load(simd, &from[1], at), load(simd, &from[2], at)]
+}
+
+/// Stores three coordinates from place `at` on.
+#[inline(always)]
+pub(crate) fn store3<S: Simd, V: Lanes<S>, const N: usize>(from: [V; 3], to: &mut [[f32; N]; 3], at: usize) {
+    for (k, from) in from.into_iter().enumerate() {
+        from.store_slice(&mut to[k][at..at + V::LEN]);
+    }
+}
+
+/// A vector in all lanes.
+#[inline(always)]
+pub(crate) fn splat3<S: Simd, V: Lanes<S>>(simd: S, a: Vec3) -> [V; 3] {
+    [V::simd_from(simd, a.x), V::simd_from(simd, a.y), V::simd_from(simd, a.z)]
+}
+
+#[inline(always)]
+pub(crate) fn cross<S: Simd, V: Lanes<S>>(a: [V; 3], b: [V; 3]) -> [V; 3] {
+    [a[1] * b[2] - b[1] * a[2], a[2] * b[0] - b[2] * a[0], a[0] * b[1] - b[0] * a[1]]
+}
+
+#[inline(always)]
+pub(crate) fn dot<S: Simd, V: Lanes<S>>(a: [V; 3], b: [V; 3]) -> V {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Unit vectors, and the lanes where there are such: without overflow or underflow.
+#[inline(always)]
+pub(crate) fn normalize<S: Simd, V: Lanes<S>>(simd: S, a: [V; 3]) -> ([V; 3], u64) {
+    let square = dot(a, a);
+    let unit = square.simd_gt(f32::MIN_POSITIVE) & square.simd_lt(f32::INFINITY);
+    let inverse = V::simd_from(simd, 1.0) / square.sqrt();
+    ([a[0] * inverse, a[1] * inverse, a[2] * inverse], unit.to_bitmask())
 }
 
 /// The numbers of the bits that are set.

@@ -4,14 +4,14 @@ use bvh_core::{Triangles, Vec3};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
-use crate::bundle::{Bundle, Hits, RAYS};
-use crate::simd::{Lanes, bits, load, load3, max};
+use bytemuck::Zeroable;
 
-/// Coordinates of a tile's pixels, an array for each axis.
-pub(crate) type Coordinates = [[f32; RAYS]; 3];
+use crate::bundle::{Bundle, Coordinates, Hits, RAYS, Wave};
+use crate::simd::{Lanes, bits, cross, dot, load, load3, max, normalize};
 
 /// Points seen and the planes they lie in; without meaning where nothing is hit.
 #[repr(C, align(64))]
+#[derive(Zeroable)]
 pub(crate) struct Surfaces {
     /// The point, from the corners, which is more exact than along the ray.
     pub(crate) point: Coordinates,
@@ -20,22 +20,18 @@ pub(crate) struct Surfaces {
 }
 
 impl Surfaces {
-    pub(crate) fn new() -> Self {
-        Self { point: [[0.0; RAYS]; 3], face: [[0.0; RAYS]; 3] }
-    }
-
     /// Finds the surfaces that the rays of `seen` hit.
     #[inline(always)]
-    pub(crate) fn find<S: Simd>(&mut self, simd: S, triangles: &Triangles<'_>, seen: &Bundle, hits: &Hits) {
+    pub(crate) fn find<S: Simd>(&mut self, simd: S, triangles: &Triangles<'_>, seen: &Wave) {
+        let Wave { rays, hits, .. } = seen;
         let n = S::f32s::LEN;
-        for at in (0..seen.count).step_by(n) {
+        for at in (0..rays.count).step_by(n) {
             let lanes = hits.lanes(at, n);
             if lanes == 0 {
                 continue;
             }
             let [a, b, c] = edges(simd, triangles, &hits.primitive[at..at + n], lanes);
-            let normal = [b[1] * c[2] - c[1] * b[2], b[2] * c[0] - c[2] * b[0], b[0] * c[1] - c[0] * b[1]];
-            let (mut normal, unit) = normalize(simd, normal);
+            let (mut normal, unit) = normalize(simd, cross(b, c));
             for i in bits(lanes & !unit) {
                 // The product does not fit in single precision.
                 let [b, c] = [b, c].map(|e| {
@@ -44,7 +40,7 @@ impl Surfaces {
                 let exact = b.cross(c).normalize_or_zero().as_vec3();
                 (normal[0][i], normal[1][i], normal[2][i]) = (exact.x, exact.y, exact.z);
             }
-            let away = dot(normal, load3(simd, &seen.direction, at)).simd_gt(0.0);
+            let away = dot(normal, load3(simd, &rays.direction, at)).simd_gt(0.0);
             let u: S::f32s = load(simd, &hits.u, at);
             let v: S::f32s = load(simd, &hits.v, at);
             for k in 0..3 {
@@ -121,18 +117,4 @@ fn edges<S: Simd>(simd: S, triangles: &Triangles<'_>, hit: &[u32], lanes: u64) -
 #[inline(always)]
 fn size<S: Simd, V: Lanes<S>>(a: V) -> V {
     max(a, -a)
-}
-
-#[inline(always)]
-pub(crate) fn dot<S: Simd, V: Lanes<S>>(a: [V; 3], b: [V; 3]) -> V {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// Unit vectors, and the lanes where there are such: without overflow or underflow.
-#[inline(always)]
-pub(crate) fn normalize<S: Simd, V: Lanes<S>>(simd: S, a: [V; 3]) -> ([V; 3], u64) {
-    let square = dot(a, a);
-    let unit = square.simd_gt(f32::MIN_POSITIVE) & square.simd_lt(f32::INFINITY);
-    let inverse = V::simd_from(simd, 1.0) / square.sqrt();
-    ([a[0] * inverse, a[1] * inverse, a[2] * inverse], unit.to_bitmask())
 }

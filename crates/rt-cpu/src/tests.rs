@@ -2,19 +2,21 @@
 
 use bvh_core::{Aabb, Bvh, Node, Primitives, Ray, Triangles, Vec3};
 
-use crate::bundle::{Bundle, Hits, RAYS};
+use crate::bundle::{Hits, RAYS, Wave};
 use crate::bvh8;
 use crate::cast::{place, trace};
 use crate::packet::{self, SIZE};
 use crate::scene::{Query, Scene, Work, every, with_test};
-use crate::simd::at_level;
+use crate::simd::detected;
 use crate::tile::Scratch;
 use bvh_core::triangle::Watertight;
+use bytemuck::zeroed_box;
+use fearless_simd::{Level, dispatch};
 
 use crate::{
     Bvh8, Camera, Image, Material, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render,
 };
-use crate::{Effects, any_hit, any_hit_brute, closest_hit, closest_hit_brute};
+use crate::{Effects, any_hit, any_hit_brute, closest_hit, closest_hit_brute, splitmix};
 use crate::{Hit, TriangleTest};
 
 mod absent;
@@ -73,15 +75,17 @@ fn tree(soup: &Soup, leaf: usize) -> Bvh {
     Bvh::new(&nodes, order).expect("a valid tree")
 }
 
-/// Small and well mixed; the same on every machine (SplitMix64).
-struct Random(u64);
+/// Small and well mixed; the same on every machine.
+struct Random(u64, u64);
 
 impl Random {
+    fn new(seed: u64) -> Self {
+        Self(seed, 0)
+    }
+
     fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        self.1 += 1;
+        splitmix(self.0, self.1 - 1)
     }
 
     /// From -1 to 1.
@@ -95,7 +99,7 @@ impl Random {
 }
 
 fn random_soup(n: usize, size: f32) -> Soup {
-    let (mut random, mut soup) = (Random(7), Soup::default());
+    let (mut random, mut soup) = (Random::new(7), Soup::default());
     for _ in 0..n {
         let at = random.vec();
         soup.push([at, at + random.vec() * size, at + random.vec() * size]);
@@ -188,7 +192,7 @@ fn axis_rays() -> Vec<Ray> {
 
 /// Rays from twice the unit cube towards points in it.
 fn random_rays(n: usize) -> Vec<Ray> {
-    let mut random = Random(99);
+    let mut random = Random::new(99);
     (0..n)
         .map(|_| {
             let origin = random.vec() * 2.0;
@@ -210,9 +214,9 @@ fn wide_hits(
     level: SimdLevel,
 ) -> (Option<Hit>, bool) {
     let work = &mut Work::default();
-    with_test!(test, T => at_level!(level, simd => (
-        bvh8::closest::<_, T>(simd, wide, ray, t_max, work, every),
-        bvh8::any::<_, T>(simd, wide, ray, t_max, work, every).is_some(),
+    with_test!(test, T => dispatch!(detected(level), simd => (
+        bvh8::hit::<_, T>(simd, wide, Query::Closest, ray, t_max, work, every),
+        bvh8::hit::<_, T>(simd, wide, Query::Any, ray, t_max, work, every).is_some(),
     )))
 }
 

@@ -1,6 +1,6 @@
 //! Images on surfaces.
 
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use bvh_core::glam::Vec2;
 
@@ -93,28 +93,12 @@ fn linear([r, g, b, a]: [u8; 4]) -> [f32; 4] {
 }
 
 /// Linear values of 8-bit sRGB (IEC 61966-2-1).
-const FROM_SRGB: [f32; 256] = {
-    let mut table = [0.0; 256];
-    let mut i = 0;
-    while i < 256 {
-        let c = i as f64 / 255.0;
-        table[i] = if c <= 0.04045 { c / 12.92 } else { power((c + 0.055) / 1.055) } as f32;
-        i += 1;
-    }
-    table
-};
-
-/// `x` to the power of 2.4, for x from 0.09 to 1: x^2 times the fifth root of x^2, by Newton's method.
-const fn power(x: f64) -> f64 {
-    let square = x * x;
-    let mut root = 1.0;
-    let mut i = 0;
-    while i < 40 {
-        root -= (root * root * root * root * root - square) / (5.0 * root * root * root * root);
-        i += 1;
-    }
-    square * root
-}
+static FROM_SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
+    std::array::from_fn(|byte| {
+        let c = byte as f64 / 255.0;
+        (if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }) as f32
+    })
+});
 
 #[cfg(test)]
 mod tests {

@@ -21,6 +21,7 @@ mod packet;
 mod walk;
 
 use bvh_core::{MAX_HEIGHT, Vec3};
+use bytemuck::Zeroable;
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
@@ -36,6 +37,7 @@ use crate::wide::{RayOctant, WideTest};
 const SHARED: usize = 1024;
 
 /// What is needed again and again; a tile's worth of it.
+#[derive(Zeroable)]
 pub(crate) struct Scratch {
     packet: Packet,
     planes: FrustumPlanes,
@@ -43,19 +45,6 @@ pub(crate) struct Scratch {
     group_stack: [(u32, u64); MAX_HEIGHT as usize + 1],
     group_near: [[f32; GROUP]; MAX_HEIGHT as usize + 1],
     cut: Cut,
-}
-
-impl Scratch {
-    pub(crate) fn new() -> Self {
-        Self {
-            packet: Packet::new(),
-            planes: FrustumPlanes::EVERYTHING,
-            stack: [(0, 0); MAX_HEIGHT as usize + 1],
-            group_stack: [(0, 0); MAX_HEIGHT as usize + 1],
-            group_near: [[0.0; GROUP]; MAX_HEIGHT as usize + 1],
-            cut: Cut::new(),
-        }
-    }
 }
 
 impl Scratch {
@@ -80,21 +69,6 @@ pub(crate) fn trace<S: Simd, T: WideTest>(
     scratch: &mut Scratch,
     work: &mut Work,
 ) {
-    match query {
-        Query::Closest => trace_bundle::<S, T, false>(simd, scene, bundle, hits, scratch, work),
-        Query::Any => trace_bundle::<S, T, true>(simd, scene, bundle, hits, scratch, work),
-    }
-}
-
-#[inline(always)]
-fn trace_bundle<S: Simd, T: WideTest, const ANY: bool>(
-    simd: S,
-    scene: Scene<'_>,
-    bundle: &mut Bundle,
-    hits: &mut Hits,
-    scratch: &mut Scratch,
-    work: &mut Work,
-) {
     let Some(last) = bundle.count.checked_sub(1) else {
         return;
     };
@@ -104,7 +78,11 @@ fn trace_bundle<S: Simd, T: WideTest, const ANY: bool>(
         d[last + 1..end].fill(padding);
     }
     for start in (0..end).step_by(SHARED) {
-        trace_shared::<S, T, ANY>(simd, scene, bundle, (start, end.min(start + SHARED)), hits, scratch, work);
+        let range = (start, end.min(start + SHARED));
+        match query {
+            Query::Closest => trace_shared::<S, T, false>(simd, scene, bundle, range, hits, scratch, work),
+            Query::Any => trace_shared::<S, T, true>(simd, scene, bundle, range, hits, scratch, work),
+        }
     }
 }
 
@@ -127,15 +105,19 @@ fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
         }
         let whole = frusta.iter().fold(Frustum::NONE, |a, b| a.union(b));
         scratch.cut.fill(simd, scene.bvh.nodes(), frame, &whole, bundle.t_max, work);
+    } else {
+        // The tree as a whole.
+        (scratch.cut.node[0], scratch.cut.near[0]) = (0, 0.0);
     }
     for (frustum, at) in frusta.iter().zip((start..end).step_by(PACKET)) {
-        let met = if frame.is_some() { Some(scratch.cut.met(simd, frustum)) } else { None };
-        if met == Some(0) {
+        let met = if frame.is_some() { scratch.cut.met(simd, frustum) } else { 1 };
+        if met == 0 {
             hits.primitive[at..at + PACKET].fill(Hits::NONE);
             continue;
         }
-        scratch.planes = frame
-            .map_or(FrustumPlanes::EVERYTHING, |frame| FrustumPlanes::new(&frame, frustum, bundle.t_max));
+        // Without a frame they miss nothing.
+        let planes = frame.map(|frame| FrustumPlanes::new(&frame, frustum, bundle.t_max));
+        scratch.planes = planes.unwrap_or_else(FrustumPlanes::zeroed);
         let present = if bundle.count - at >= PACKET { !0 } else { (1 << (bundle.count - at)) - 1 };
         let Kinds { negative, longest } = scratch.packet.load(simd, bundle, at, present);
         // Rays of one octant that are longest along the same axis, together: mostly all of them.
@@ -200,24 +182,16 @@ pub(crate) fn frustum_of<S: Simd>(simd: S, frame: &Frame, bundle: &Bundle, at: u
 }
 
 #[inline(always)]
-#[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
 fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
     octant: &RayOctant,
     along: Vec3,
-    met: Option<u64>,
+    met: u64,
     mask: u64,
     scratch: &mut Scratch,
     work: &mut Work,
 ) {
-    let Some(met) = met else {
-        simd.vectorize(
-            #[inline(always)]
-            || walk::walk::<S, T, ANY>(simd, scene, octant, along, 0, mask, scratch, work),
-        );
-        return;
-    };
     for i in bits(met) {
         if scratch.cut.near[i] > scratch.packet.farthest(simd, mask) || scratch.packet.active(0) & mask == 0 {
             return;

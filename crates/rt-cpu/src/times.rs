@@ -3,6 +3,8 @@
 use std::ops::AddAssign;
 use std::time::{Duration, Instant};
 
+use crate::RenderStats;
+
 /// Time by what it was spent on, added up over threads: on `n` busy threads it passes `n` times as fast as on a clock.
 /// All zero unless [`RenderOptions::timed`](crate::RenderOptions::timed).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -44,24 +46,24 @@ impl AddAssign for StageTimes {
     }
 }
 
-/// A clock that gives each stretch of a tile's time to one stage, so that nothing counts twice.
+/// Counts of a tile, and a clock that gives each stretch of its time to one stage, so that nothing counts twice.
 #[derive(Default)]
-pub(crate) struct StageTimer {
+pub(crate) struct Tally {
+    pub(crate) stats: RenderStats,
     /// When the last stretch ended; `None` if nobody asked for times.
     last: Option<Instant>,
-    times: StageTimes,
 }
 
-impl StageTimer {
+impl Tally {
     pub(crate) fn start(timed: bool) -> Self {
-        Self { last: timed.then(Instant::now), times: StageTimes::default() }
+        Self { last: timed.then(Instant::now), ..Self::default() }
     }
 
     /// Gives the time since the last call to a stage.
     #[inline]
     pub(crate) fn end(&mut self, stage: impl FnOnce(&mut StageTimes) -> &mut Duration) {
         if let Some(lap) = self.lap() {
-            *stage(&mut self.times) += lap;
+            *stage(&mut self.stats.times) += lap;
         }
     }
 
@@ -69,8 +71,8 @@ impl StageTimer {
     pub(crate) fn end_reflected(&mut self, mirrored: usize, all: usize) {
         if let Some(lap) = self.lap() {
             let mirror = lap.mul_f64(mirrored as f64 / all.max(1) as f64).min(lap);
-            self.times.mirror += mirror;
-            self.times.diffuse_bounces += lap - mirror;
+            self.stats.times.mirror += mirror;
+            self.stats.times.diffuse_bounces += lap - mirror;
         }
     }
 
@@ -78,11 +80,6 @@ impl StageTimer {
         let last = self.last.as_mut()?;
         let now = Instant::now();
         Some(now - std::mem::replace(last, now))
-    }
-
-    /// What was given to stages since the start.
-    pub(crate) fn times(&self) -> StageTimes {
-        self.times
     }
 }
 
@@ -92,24 +89,24 @@ mod tests {
 
     #[test]
     fn stretches_of_time_go_to_one_stage_each() {
-        let mut timer = StageTimer::start(true);
-        let start = timer.last.unwrap();
-        timer.end(|t| &mut t.primary);
+        let mut tally = Tally::start(true);
+        let start = tally.last.unwrap();
+        tally.end(|t| &mut t.primary);
         std::thread::sleep(Duration::from_millis(2));
-        timer.end(|t| &mut t.shadow);
+        tally.end(|t| &mut t.shadow);
         std::thread::sleep(Duration::from_millis(2));
-        timer.end_reflected(1, 4);
-        let times = timer.times();
-        assert_eq!(times.total(), timer.last.unwrap() - start);
+        tally.end_reflected(1, 4);
+        let times = tally.stats.times;
+        assert_eq!(times.total(), tally.last.unwrap() - start);
         assert!(times.shadow >= Duration::from_millis(2));
         assert!(times.mirror > Duration::ZERO && times.diffuse_bounces > times.mirror * 2);
     }
 
     #[test]
     fn nobody_asks_nothing_is_timed() {
-        let mut timer = StageTimer::start(false);
-        timer.end(|t| &mut t.primary);
-        timer.end_reflected(1, 2);
-        assert_eq!(timer.times(), StageTimes::default());
+        let mut tally = Tally::start(false);
+        tally.end(|t| &mut t.primary);
+        tally.end_reflected(1, 2);
+        assert_eq!(tally.stats.times, StageTimes::default());
     }
 }

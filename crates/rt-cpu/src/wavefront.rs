@@ -14,23 +14,21 @@
 use std::cell::Cell;
 
 use bvh_core::{Ray, Vec3};
+use bytemuck::{Zeroable, zeroed_box};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
 use crate::Hit;
-use crate::bundle::{Bundle, Hits, RAYS};
-use crate::bvh8::{self, Bvh8};
+use crate::bundle::{Coordinates, RAYS, at, set};
+use crate::bvh8::{self, BlockTest, Bvh8};
 use crate::cast::{Frame, Tile, light_arrives};
-use crate::options::{AmbientOcclusion, DiffuseBounces, Effects, RenderStats};
-use crate::packet::SIZE;
+use crate::options::{AmbientOcclusion, DiffuseBounces, Effects};
 use crate::random::{Stream, cosine_direction};
-use crate::scene::Work;
-use crate::shade::{Shader, ambient};
-use crate::simd::{load, load3};
-use crate::sink::{PixelSink, Rows};
-use crate::surface::Coordinates;
+use crate::scene::{Query, Work};
+use crate::shade::{Looks, Shader};
+use crate::simd::store3;
+use crate::times::Tally;
 use crate::wide::WideTest;
-use bvh_core::pick;
 
 /// Mirrors in a row that are followed.
 const MIRRORS: u8 = 4;
@@ -48,12 +46,11 @@ pub(crate) struct Wavefront<'a> {
     pub(crate) effects: Effects,
     /// A view of the tree, if enough rays are expected to pay for making it.
     pub(crate) wide: Option<&'a Bvh8>,
-    pub(crate) seed: u64,
-    pub(crate) sample: u32,
 }
 
 /// What is known of the rays of a wave besides their directions and hits, which are in the [`Tile`].
-struct Paths {
+#[derive(Zeroable)]
+pub(crate) struct Paths {
     origin: Coordinates,
     /// The ray of the first wave that each goes back to.
     whose: [u16; RAYS],
@@ -64,51 +61,25 @@ struct Paths {
     /// Mirrors so far, and whether the last surface was one, or the ray comes from the eye.
     mirrors: [u8; RAYS],
     specular: [bool; RAYS],
-    albedo: Coordinates,
-    normal: Coordinates,
-    /// Part of the sky that is not hidden.
-    open: [f32; RAYS],
+    looks: Looks,
     /// What is seen through each pixel.
     sum: Coordinates,
     streams: [Stream; RAYS],
 }
 
 impl Paths {
-    fn new() -> Self {
-        let zero = [[0.0; RAYS]; 3];
-        Self {
-            origin: zero,
-            whose: [0; RAYS],
-            weight: zero,
-            bounces: [0; RAYS],
-            mirrors: [0; RAYS],
-            specular: [true; RAYS],
-            albedo: zero,
-            normal: zero,
-            open: [1.0; RAYS],
-            sum: zero,
-            streams: [Stream::new(0, 0, 0); RAYS],
-        }
-    }
-
-    /// Begins with one ray for each pixel of a tile, whose upper left corner is at `x`, `y`.
-    fn start(&mut self, tile: &Tile, seed: u64, (x, y): (u32, u32)) {
-        for i in 0..tile.seen.count {
-            let [column, row] = tile.at[i].map(u32::from);
+    /// Begins with one ray for each pixel of a tile.
+    fn start(&mut self, tile: &Tile, seed: u64) {
+        let (x, y) = tile.corner;
+        for i in 0..tile.seen.rays.count {
             self.whose[i] = i as u16;
-            self.streams[i] = Stream::new(seed, x + column, y + row);
+            self.streams[i] = Stream::new(seed, x + tile.columns[i] as u32, y + tile.rows[i] as u32);
         }
-        for k in 0..3 {
-            self.weight[k].fill(1.0);
-            self.sum[k].fill(0.0);
-        }
+        self.weight.as_flattened_mut().fill(1.0);
+        self.sum.as_flattened_mut().fill(0.0);
         self.bounces.fill(0);
         self.mirrors.fill(0);
         self.specular.fill(true);
-    }
-
-    fn ray(&self, i: usize, directions: &Bundle) -> Ray {
-        Ray::new(at(&self.origin, i), at(&directions.direction, i))
     }
 }
 
@@ -117,256 +88,156 @@ thread_local! {
     static THESE_PATHS: Cell<Option<Box<Paths>>> = const { Cell::new(None) };
 }
 
-fn at(a: &Coordinates, i: usize) -> Vec3 {
-    Vec3::new(a[0][i], a[1][i], a[2][i])
-}
-
-fn set(a: &mut Coordinates, i: usize, v: Vec3) {
-    for k in 0..3 {
-        a[k][i] = v[k];
-    }
-}
-
-impl PixelSink for Wavefront<'_> {
-    type Pixel = [f32; 3];
-
+impl Wavefront<'_> {
+    /// Finds the colours of a tile's pixels.
     #[inline(always)]
-    fn finish<S: Simd, T: WideTest>(
+    pub(crate) fn follow<S: Simd, T: WideTest + BlockTest>(
         &self,
         simd: S,
         frame: &Frame<'_>,
         tile: &mut Tile,
-        corner: (u32, u32),
-        rows: &mut Rows<'_, [f32; 3]>,
-        stats: &mut RenderStats,
+        tally: &mut Tally,
     ) {
-        let count = tile.seen.count;
         let mut work = Work::default();
-        let mut paths = THESE_PATHS.take().unwrap_or_else(|| Box::new(Paths::new()));
-        paths.start(tile, self.seed, corner);
-        let mut wave = 0;
-        loop {
-            self.surfaces(simd, tile, &mut paths, stats);
+        let mut paths = THESE_PATHS.take().unwrap_or_else(zeroed_box);
+        paths.start(tile, frame.options.seed);
+        paths.looks.open.fill(if self.effects.diffuse_bounces.is_some() { 0.0 } else { 1.0 });
+        for wave in 0.. {
+            self.surfaces(simd, tile, &mut paths, tally);
             if let Some(occlusion) = self.effects.ambient_occlusion {
-                tile.timer.end(|t| &mut t.primary);
-                self.look_around::<S, T>(simd, frame, tile, &mut paths, occlusion, wave, &mut work, stats);
-                tile.timer.end(|t| &mut t.ambient_occlusion);
+                tally.end(|t| &mut t.primary);
+                self.look_around::<S, T>(simd, frame, tile, &mut paths, (occlusion, wave), tally);
+                tally.end(|t| &mut t.ambient_occlusion);
             }
             self.see(simd, tile, &mut paths);
-            self.reflect(tile, &mut paths, wave, stats);
-            if tile.seen.count == 0 {
+            self.reflect(frame, tile, &mut paths, wave, tally);
+            let rays = tile.seen.rays.count;
+            if rays == 0 {
                 break;
             }
-            wave += 1;
-            let rays = tile.seen.count;
-            tile.timer.end(|t| &mut t.primary);
+            tally.end(|t| &mut t.primary);
             for i in 0..rays {
-                let ray = paths.ray(i, &tile.seen);
-                let hit = self.closest::<S, T>(simd, frame, &ray, &mut work);
-                tile.hits.set(i, hit);
+                let ray = Ray::new(at(&paths.origin, i), at(&tile.seen.rays.direction, i));
+                let hit = self.hit::<S, T>(simd, frame, Query::Closest, &ray, f32::INFINITY, &mut work);
+                tile.seen.hits.set(i, hit);
             }
-            tile.timer.end_reflected(paths.specular[..rays].iter().filter(|&&s| s).count(), rays);
-            // Vectors may reach beyond the last ray.
-            tile.hits.primitive[rays..rays.next_multiple_of(SIZE)].fill(Hits::NONE);
-            tile.surfaces.find(simd, frame.scene.triangles, &tile.seen, &tile.hits);
-            light_arrives::<S, T>(simd, frame, tile, stats);
+            tally.end_reflected(paths.specular[..rays].iter().filter(|&&s| s).count(), rays);
+            tile.seen.end();
+            tile.surfaces.find(simd, frame.scene.triangles, &tile.seen);
+            light_arrives::<S, T>(simd, frame, tile, tally);
         }
-        for (i, &[x, y]) in tile.at[..count].iter().enumerate() {
-            rows[y as usize][x as usize] = [paths.sum[0][i], paths.sum[1][i], paths.sum[2][i]];
-        }
+        tile.colors = paths.sum;
         THESE_PATHS.set(Some(paths));
-        stats.count(&work);
+        tally.stats.nodes_visited += work.nodes;
     }
-}
 
-impl Wavefront<'_> {
     fn is_mirror(&self, primitive: u32) -> bool {
         self.effects.mirror && self.shader.mesh.material(primitive).mirror
     }
 
-    // Both are calls on purpose: a walk is large, and inlined it leaves no registers to what is around it.
+    // A call on purpose: a walk is large, and inlined it leaves no registers to what is around it.
     #[inline(never)]
-    fn closest<S: Simd, T: WideTest>(
+    fn hit<S: Simd, T: BlockTest>(
         &self,
         simd: S,
         frame: &Frame<'_>,
-        ray: &Ray,
-        work: &mut Work,
-    ) -> Option<Hit> {
-        simd.vectorize(
-            #[inline(always)]
-            || match self.wide {
-                Some(wide) => bvh8::closest::<S, T>(
-                    simd,
-                    wide,
-                    ray,
-                    f32::INFINITY,
-                    work,
-                    #[inline(always)]
-                    |hit| frame.is_there(hit),
-                ),
-                None => pick::closest::<S, T>(
-                    simd,
-                    frame.scene.bvh,
-                    frame.scene.triangles,
-                    ray,
-                    f32::INFINITY,
-                    work,
-                    #[inline(always)]
-                    |hit| frame.is_there(hit),
-                ),
-            },
-        )
-    }
-
-    #[inline(never)]
-    fn any<S: Simd, T: WideTest>(
-        &self,
-        simd: S,
-        frame: &Frame<'_>,
+        query: Query,
         ray: &Ray,
         t_max: f32,
         work: &mut Work,
     ) -> Option<Hit> {
+        let counts = |hit: &Hit| frame.alpha_cutouts.is_none_or(|mesh| mesh.is_there(hit));
         simd.vectorize(
             #[inline(always)]
             || match self.wide {
-                Some(wide) => bvh8::any::<S, T>(
-                    simd,
-                    wide,
-                    ray,
-                    t_max,
-                    work,
-                    #[inline(always)]
-                    |hit| frame.is_there(hit),
-                ),
-                None => pick::any::<S, T>(
-                    simd,
-                    frame.scene.bvh,
-                    frame.scene.triangles,
-                    ray,
-                    t_max,
-                    work,
-                    #[inline(always)]
-                    |hit| frame.is_there(hit),
-                ),
+                Some(wide) => bvh8::hit::<S, T>(simd, wide, query, ray, t_max, work, counts),
+                None => frame.scene.hit::<S, T>(simd, query, ray, t_max, work, counts),
             },
         )
     }
 
     /// Colours and normals of what a wave hit.
     #[inline(always)]
-    fn surfaces<S: Simd>(&self, simd: S, tile: &mut Tile, paths: &mut Paths, stats: &mut RenderStats) {
+    fn surfaces<S: Simd>(&self, simd: S, tile: &Tile, paths: &mut Paths, tally: &mut Tally) {
         let (mesh, textures) = (self.shader.mesh, self.effects.textures);
-        let smooth = self.shader.is_smooth();
-        for first in (0..tile.seen.count).step_by(S::f32s::LEN) {
-            let lanes = tile.hits.lanes(first, S::f32s::LEN);
-            if lanes == 0 {
-                continue;
-            }
-            let normal: [S::f32s; 3] =
-                self.shader.normal(simd, first, lanes, &tile.hits, &tile.surfaces, smooth);
-            for (k, normal) in normal.iter().enumerate() {
-                normal.store_slice(&mut paths.normal[k][first..first + S::f32s::LEN]);
+        let (count, hits) = (tile.seen.rays.count, &tile.seen.hits);
+        for first in (0..count).step_by(S::f32s::LEN) {
+            let lanes = hits.lanes(first, S::f32s::LEN);
+            if lanes != 0 {
+                let normal: [S::f32s; 3] = self.shader.normal(simd, first, lanes, hits, &tile.surfaces);
+                store3(normal, &mut paths.looks.normal, first);
             }
         }
-        tile.timer.end(|t| &mut t.primary);
-        for i in 0..tile.seen.count {
-            let Some(hit) = tile.hits.get(i) else { continue };
-            let color = if textures { mesh.textured_color(&hit) } else { mesh.color(hit.primitive) };
-            set(&mut paths.albedo, i, color.into());
-            stats.textured += u64::from(textures && mesh.material(hit.primitive).texture.is_some());
+        tally.end(|t| &mut t.primary);
+        for i in 0..count {
+            let Some(hit) = hits.get(i) else { continue };
+            let material = mesh.material(hit.primitive);
+            let color = if textures { mesh.textured_color(&hit) } else { material.color };
+            set(&mut paths.looks.albedo, i, color.into());
+            tally.stats.textured += u64::from(textures && material.texture.is_some());
         }
-        tile.timer.end(|t| if textures { &mut t.textures } else { &mut t.primary });
+        tally.end(|t| if textures { &mut t.textures } else { &mut t.primary });
     }
 
     /// Finds out how much of the sky is open above what a wave hit.
     #[inline(always)]
-    #[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
-    fn look_around<S: Simd, T: WideTest>(
+    fn look_around<S: Simd, T: BlockTest>(
         &self,
         simd: S,
         frame: &Frame<'_>,
         tile: &Tile,
         paths: &mut Paths,
-        occlusion: AmbientOcclusion,
-        wave: u32,
-        work: &mut Work,
-        stats: &mut RenderStats,
+        (AmbientOcclusion { samples, distance }, wave): (AmbientOcclusion, u32),
+        tally: &mut Tally,
     ) {
-        let AmbientOcclusion { samples, distance } = occlusion;
-        let first = u64::from(self.sample) * u64::from(samples);
-        for i in 0..tile.seen.count {
-            let Some(hit) = tile.hits.get(i).filter(|h| !self.is_mirror(h.primitive)) else { continue };
+        let mut work = Work::default();
+        let first = u64::from(frame.options.sample) * u64::from(samples);
+        for i in 0..tile.seen.rays.count {
+            let Some(hit) = tile.seen.hits.get(i).filter(|h| !self.is_mirror(h.primitive)) else { continue };
             let from = self.off_surface(tile, i, hit.primitive);
-            let (face, normal) = (at(&tile.surfaces.face, i), at(&paths.normal, i));
+            let (face, normal) = (at(&tile.surfaces.face, i), at(&paths.looks.normal, i));
             let stream = paths.streams[usize::from(paths.whose[i])].split(wave);
             let mut hidden = 0;
             for n in 0..samples {
                 let direction = cosine_direction(normal, stream.even(first + u64::from(n)));
                 let ray = Ray::new(from, onto_side(direction, face));
-                let hit = self.any::<S, T>(simd, frame, &ray, distance, work);
+                let hit = self.hit::<S, T>(simd, frame, Query::Any, &ray, distance, &mut work);
                 hidden += u32::from(hit.is_some());
             }
-            stats.rays_ambient_occlusion += u64::from(samples);
-            paths.open[i] = 1.0 - hidden as f32 / samples.max(1) as f32;
+            tally.stats.rays_ambient_occlusion += u64::from(samples);
+            paths.looks.open[i] = 1.0 - hidden as f32 / samples.max(1) as f32;
         }
+        tally.stats.nodes_visited += work.nodes;
     }
 
     /// Adds what the rays of a wave see to their pixels.
     #[inline(always)]
     fn see<S: Simd>(&self, simd: S, tile: &mut Tile, paths: &mut Paths) {
-        let n = S::f32s::LEN;
-        for first in (0..tile.seen.count).step_by(n) {
-            let lanes = tile.hits.lanes(first, n);
-            let ray: [S::f32s; 3] = load3(simd, &tile.seen.direction, first);
-            let mut color = self.shader.behind(simd, ray);
-            if lanes != 0 {
-                let normal = load3(simd, &paths.normal, first);
-                let albedo = load3(simd, &paths.albedo, first);
-                let around = if self.effects.diffuse_bounces.is_some() {
-                    S::f32s::simd_from(simd, 0.0)
-                } else if self.effects.ambient_occlusion.is_some() {
-                    ambient(normal) * load::<S, S::f32s, RAYS>(simd, &paths.open, first)
-                } else {
-                    ambient(normal)
-                };
-                let (surfaces, lit) = (&tile.surfaces, &tile.lit);
-                let front = self.shader.lambert(simd, first, ray, surfaces, lit, normal, albedo, around);
-                let mask = <S::f32s as SimdBase<S>>::Mask::from_bitmask(simd, lanes);
-                for k in 0..3 {
-                    color[k] = mask.select(front[k], color[k]);
-                }
-            }
-            for (k, color) in color.iter().enumerate() {
-                color.store_slice(&mut tile.colors[k][first..first + n]);
-            }
-        }
-        for i in 0..tile.seen.count {
-            let color = match (tile.hits.get(i), self.effects.diffuse_bounces) {
+        self.shader.shade(simd, tile, Some(&paths.looks));
+        for i in 0..tile.seen.rays.count {
+            let color = match (tile.seen.hits.get(i), self.effects.diffuse_bounces) {
                 (Some(hit), _) if self.is_mirror(hit.primitive) => continue,
-                (None, Some(DiffuseBounces { sky, .. })) if !paths.specular[i] => sky,
-                _ => [0, 1, 2].map(|k| tile.colors[k][i]),
+                (None, Some(DiffuseBounces { sky, .. })) if !paths.specular[i] => sky.into(),
+                _ => at(&tile.colors, i),
             };
             let pixel = usize::from(paths.whose[i]);
-            for (k, color) in color.iter().enumerate() {
-                paths.sum[k][pixel] += paths.weight[k][i] * color;
-            }
+            let seen = at(&paths.sum, pixel) + at(&paths.weight, i) * color;
+            set(&mut paths.sum, pixel, seen);
         }
     }
 
     /// Replaces the rays of a wave by those of the next.
-    fn reflect(&self, tile: &mut Tile, paths: &mut Paths, wave: u32, stats: &mut RenderStats) {
-        let mut next = 0;
-        for i in 0..tile.seen.count {
-            let Some(hit) = tile.hits.get(i) else { continue };
-            let (face, normal) = (at(&tile.surfaces.face, i), at(&paths.normal, i));
-            let mut weight = at(&paths.weight, i) * at(&paths.albedo, i);
+    fn reflect(&self, frame: &Frame<'_>, tile: &mut Tile, paths: &mut Paths, wave: u32, tally: &mut Tally) {
+        let (mut next, sample, stats) = (0, frame.options.sample, &mut tally.stats);
+        for i in 0..tile.seen.rays.count {
+            let Some(hit) = tile.seen.hits.get(i) else { continue };
+            let (face, normal) = (at(&tile.surfaces.face, i), at(&paths.looks.normal, i));
+            let mut weight = at(&paths.weight, i) * at(&paths.looks.albedo, i);
             let (mut mirrors, mut bounces) = (paths.mirrors[i], paths.bounces[i]);
             let specular = self.is_mirror(hit.primitive);
             let direction = if specular {
                 mirrors += 1;
-                let along = at(&tile.seen.direction, i);
+                let along = at(&tile.seen.rays.direction, i);
                 along - normal * (2.0 * along.dot(normal))
             } else {
                 let Some(DiffuseBounces { most, .. }) = self.effects.diffuse_bounces else { continue };
@@ -375,7 +246,7 @@ impl Wavefront<'_> {
                     continue;
                 }
                 let stream = paths.streams[usize::from(paths.whose[i])];
-                let random = stream.split(self.sample);
+                let random = stream.split(sample);
                 let first_number = wave.wrapping_mul(NUMBERS);
                 if bounces > SURE_BOUNCES {
                     let survival = weight.max_element().min(GREATEST_SURVIVAL);
@@ -386,7 +257,7 @@ impl Wavefront<'_> {
                 }
                 let point = if bounces == 1 {
                     // Over the samples the first directions of a pixel are spread evenly.
-                    stream.even(u64::from(self.sample))
+                    stream.even(u64::from(sample))
                 } else {
                     [1, 2].map(|n| random.uniform(first_number.wrapping_add(n)))
                 };
@@ -396,7 +267,7 @@ impl Wavefront<'_> {
                 continue;
             }
             let from = self.off_surface(tile, i, hit.primitive);
-            set(&mut tile.seen.direction, next, onto_side(direction, face));
+            set(&mut tile.seen.rays.direction, next, onto_side(direction, face));
             set(&mut paths.origin, next, from);
             set(&mut paths.weight, next, weight);
             paths.whose[next] = paths.whose[i];
@@ -405,7 +276,7 @@ impl Wavefront<'_> {
             next += 1;
             *(if specular { &mut stats.rays_mirror } else { &mut stats.rays_bounce }) += 1;
         }
-        tile.seen.count = next;
+        tile.seen.rays.count = next;
     }
 
     /// The point that a ray hit, moved off the surface by 32 roundings of the greatest coordinate of the triangle, which

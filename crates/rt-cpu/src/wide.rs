@@ -1,15 +1,16 @@
 //! Box and triangle tests of many rays at once. All rays share their origin, the signs of their directions and the axis
 //! along which these are longest.
 
-use bvh_core::{Node, Ray, Vec3};
-use fearless_simd::Simd;
-use fearless_simd::prelude::*;
-
-use crate::bvh8::BlockTest;
-use crate::simd::{Lanes, bits, max, min};
-use crate::weigh::{Found, weigh};
 use bvh_core::slab::WIDEN;
-use bvh_core::triangle::{Double, MollerTrumbore, Test, Watertight};
+use bvh_core::triangle::{self, DET_RANGE, Double, MollerTrumbore, Test, Watertight};
+use bvh_core::{Node, Ray, Vec3};
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, mask32x16};
+
+use crate::simd::{Lanes, bits, max, min};
+
+/// Rays that are tested at once.
+pub(crate) type V<S> = fearless_simd::f32x16<S>;
 
 /// What rays that are tested together have in common.
 #[derive(Clone, Copy)]
@@ -39,18 +40,15 @@ impl RayOctant {
 /// The planes of a box, in the order in which rays meet them, subtracted from the rays' origin: what has to
 /// be subtracted from comes from memory straight into all lanes.
 #[derive(Clone, Copy)]
-pub(crate) struct Slab<V> {
-    first: [V; 3],
-    last: [V; 3],
+pub(crate) struct Slab<S: Simd> {
+    first: [V<S>; 3],
+    last: [V<S>; 3],
 }
 
-impl<V> Slab<V> {
+impl<S: Simd> Slab<S> {
     /// The box of a node.
     #[inline(always)]
-    pub(crate) fn of<S: Simd>(simd: S, node: &Node, octant: &RayOctant) -> Self
-    where
-        V: Lanes<S>,
-    {
+    pub(crate) fn of(simd: S, node: &Node, octant: &RayOctant) -> Self {
         Self::between(simd, bytemuck::cast_ref(node), octant)
     }
 
@@ -59,27 +57,21 @@ impl<V> Slab<V> {
     /// Trees make negative zeros in boxes positive. Here they may stay: they change but the signs of zeros, which no
     /// comparison sees and which [`max`] does not take from where it starts, a positive zero.
     #[inline(always)]
-    pub(crate) fn around<S: Simd>(simd: S, corners: &[Vec3; 3], octant: &RayOctant) -> Self
-    where
-        V: Lanes<S>,
-    {
+    pub(crate) fn around(simd: S, corners: &[Vec3; 3], octant: &RayOctant) -> Self {
         let [a, b, c] = corners;
         let (min, max) = (a.min(*b).min(*c), a.max(*b).max(*c));
         Self::between(simd, &[min.x, min.y, min.z, 0.0, max.x, max.y, max.z, 0.0], octant)
     }
 
     #[inline(always)]
-    fn between<S: Simd>(simd: S, planes: &[f32; 8], octant: &RayOctant) -> Self
-    where
-        V: Lanes<S>,
-    {
+    fn between(simd: S, planes: &[f32; 8], octant: &RayOctant) -> Self {
         let origin = [octant.origin.x, octant.origin.y, octant.origin.z];
-        let mut slab = Self { first: [V::simd_from(simd, 0.0); 3], last: [V::simd_from(simd, 0.0); 3] };
+        let mut slab = Self { first: [V::splat(simd, 0.0); 3], last: [V::splat(simd, 0.0); 3] };
         for k in 0..3 {
-            let origin = V::simd_from(simd, origin[k]);
+            let origin = V::splat(simd, origin[k]);
             // With the mask the compiler knows that the index is in range.
-            slab.first[k] = origin - V::simd_from(simd, planes[octant.first[k] & 7]);
-            slab.last[k] = origin - V::simd_from(simd, planes[octant.last[k] & 7]);
+            slab.first[k] = origin - V::splat(simd, planes[octant.first[k] & 7]);
+            slab.last[k] = origin - V::splat(simd, planes[octant.last[k] & 7]);
         }
         slab
     }
@@ -87,12 +79,9 @@ impl<V> Slab<V> {
     /// Where rays enter, and whether they do before `t_max`; see [`enters`](bvh_core::slab::enters). `inverse` is minus
     /// one over the direction: both signs together change nothing but those of zeros.
     #[inline(always)]
-    pub(crate) fn enter<S: Simd>(&self, simd: S, inverse: [V; 3], t_max: V) -> (V, V::Mask)
-    where
-        V: Lanes<S>,
-    {
-        let mut near = V::simd_from(simd, 0.0);
-        let mut far = V::simd_from(simd, f32::INFINITY);
+    pub(crate) fn enter(&self, simd: S, inverse: [V<S>; 3], t_max: V<S>) -> (V<S>, mask32x16<S>) {
+        let mut near = V::splat(simd, 0.0);
+        let mut far = V::splat(simd, f32::INFINITY);
         for (k, inverse) in inverse.into_iter().enumerate() {
             near = max(self.first[k] * inverse, near);
             far = min(self.last[k] * inverse, far);
@@ -104,46 +93,47 @@ impl<V> Slab<V> {
 
 /// Rays in lanes, and what triangle tests need of them.
 #[derive(Clone, Copy)]
-pub(crate) struct Rays<V> {
-    pub(crate) direction: [V; 3],
+pub(crate) struct Rays<S: Simd> {
+    pub(crate) direction: [V<S>; 3],
     /// Of [`Watertight`]: slopes along the two axes after the longest, and minus one over the extent along that.
-    pub(crate) shear: [V; 3],
+    pub(crate) shear: [V<S>; 3],
 }
 
-/// A triangle test of many rays at once, with the bits of [`Test::test`]; [`BlockTest`] is of one ray and several triangles.
-pub(crate) trait WideTest: BlockTest {
+/// A triangle test of many rays at once, with the bits of [`Test::test`];
+/// [`BlockTest`](crate::bvh8::BlockTest) is of one ray and several triangles.
+pub(crate) trait WideTest: Test {
     /// Tests the lanes in `active`.
-    fn wide<S: Simd, V: Lanes<S>>(
+    fn wide<S: Simd>(
         simd: S,
-        rays: &Rays<V>,
+        rays: &Rays<S>,
         corners: [&Vec3; 3],
         octant: &RayOctant,
         active: u64,
-    ) -> Found<V>;
+    ) -> Found<V<S>>;
 }
 
 impl WideTest for Watertight {
     #[inline(always)]
-    fn wide<S: Simd, V: Lanes<S>>(
+    fn wide<S: Simd>(
         simd: S,
-        rays: &Rays<V>,
+        rays: &Rays<S>,
         corners: [&Vec3; 3],
         octant: &RayOctant,
         active: u64,
-    ) -> Found<V> {
+    ) -> Found<V<S>> {
         let [kx, ky, kz] = octant.axes;
         let origin: &[f32; 3] = octant.origin.as_ref();
-        let zero = V::simd_from(simd, 0.0);
+        let zero = V::splat(simd, 0.0);
         let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
         // All of it negated, and the reciprocal too, which changes nothing but the signs of zeros: corners get from
         // memory straight into all lanes to be subtracted.
-        let (ox, oy) = (V::simd_from(simd, origin[kx]), V::simd_from(simd, origin[ky]));
-        let oz = V::simd_from(simd, origin[kz]);
+        let (ox, oy) = (V::splat(simd, origin[kx]), V::splat(simd, origin[ky]));
+        let oz = V::splat(simd, origin[kz]);
         for (i, p) in corners.into_iter().enumerate() {
             let p: &[f32; 3] = p.as_ref();
-            z[i] = oz - V::simd_from(simd, p[kz]);
-            x[i] = ox - V::simd_from(simd, p[kx]) - rays.shear[0] * z[i];
-            y[i] = oy - V::simd_from(simd, p[ky]) - rays.shear[1] * z[i];
+            z[i] = oz - V::splat(simd, p[kz]);
+            x[i] = ox - V::splat(simd, p[kx]) - rays.shear[0] * z[i];
+            y[i] = oy - V::splat(simd, p[ky]) - rays.shear[1] * z[i];
         }
         weigh(simd, x, y, z, rays.shear[2], active)
     }
@@ -151,19 +141,19 @@ impl WideTest for Watertight {
 
 impl WideTest for MollerTrumbore {
     #[inline(always)]
-    fn wide<S: Simd, V: Lanes<S>>(
+    fn wide<S: Simd>(
         simd: S,
-        rays: &Rays<V>,
+        rays: &Rays<S>,
         [&a, &b, &c]: [&Vec3; 3],
         octant: &RayOctant,
         active: u64,
-    ) -> Found<V> {
+    ) -> Found<V<S>> {
         let (e1, e2) = (b - a, c - a);
         let s = octant.origin - a;
         let q = s.cross(e1);
         let d = rays.direction;
         let p = [d[1] * e2.z - d[2] * e2.y, d[2] * e2.x - d[0] * e2.z, d[0] * e2.y - d[1] * e2.x];
-        let inv_det = V::simd_from(simd, 1.0) / dot(p, e1);
+        let inv_det = V::splat(simd, 1.0) / dot(p, e1);
         let u = dot(p, s) * inv_det;
         let v = dot(d, q) * inv_det;
         let t = inv_det * e2.dot(q);
@@ -174,32 +164,94 @@ impl WideTest for MollerTrumbore {
 }
 
 #[inline(always)]
-fn dot<S: Simd, V: Lanes<S>>(a: [V; 3], b: Vec3) -> V {
+fn dot<S: Simd>(a: [V<S>; 3], b: Vec3) -> V<S> {
     a[0] * b.x + a[1] * b.y + a[2] * b.z
 }
 
 impl WideTest for Double {
     /// One by one: a reference need not be fast.
     #[inline(always)]
-    fn wide<S: Simd, V: Lanes<S>>(
+    fn wide<S: Simd>(
         simd: S,
-        rays: &Rays<V>,
+        rays: &Rays<S>,
         [&a, &b, &c]: [&Vec3; 3],
         octant: &RayOctant,
         active: u64,
-    ) -> Found<V> {
-        let zero = V::simd_from(simd, 0.0);
-        let mut found = Found { lanes: 0, t: zero, u: zero, v: zero };
-        for i in bits(active) {
-            let ray = Ray::new(
-                octant.origin,
-                Vec3::new(rays.direction[0][i], rays.direction[1][i], rays.direction[2][i]),
-            );
-            if let Some(hit) = Self::new(&ray).test(&[a, b, c]) {
-                (found.t[i], found.u[i], found.v[i]) = hit;
-                found.lanes |= 1 << i;
-            }
-        }
-        found
+    ) -> Found<V<S>> {
+        one_by_one(simd, active, |i| {
+            let direction = [rays.direction[0][i], rays.direction[1][i], rays.direction[2][i]];
+            Self::new(&Ray::new(octant.origin, direction.into())).test(&[a, b, c])
+        })
     }
+}
+
+/// The lanes that hit, and where.
+pub(crate) struct Found<V> {
+    pub(crate) lanes: u64,
+    pub(crate) t: V,
+    pub(crate) u: V,
+    pub(crate) v: V,
+}
+
+/// The lanes in `active` tested one by one.
+#[inline(always)]
+pub(crate) fn one_by_one<S: Simd, V: Lanes<S>>(
+    simd: S,
+    active: u64,
+    test: impl Fn(usize) -> Option<triangle::Found>,
+) -> Found<V> {
+    let zero = V::simd_from(simd, 0.0);
+    let mut found = Found { lanes: 0, t: zero, u: zero, v: zero };
+    for i in bits(active) {
+        if let Some(hit) = test(i) {
+            (found.t[i], found.u[i], found.v[i]) = hit;
+            found.lanes |= 1 << i;
+        }
+    }
+    found
+}
+
+/// [`Watertight`] for corners at `x` and `y` beside the ray, `z` along its longest axis, one over which is `inverse`.
+#[inline(always)]
+pub(crate) fn weigh<S: Simd, V: Lanes<S>>(
+    simd: S,
+    x: [V; 3],
+    y: [V; 3],
+    mut z: [V; 3],
+    inverse: V,
+    active: u64,
+) -> Found<V> {
+    let zero = V::simd_from(simd, 0.0);
+    let wa = x[2] * y[1] - y[2] * x[1];
+    let wb = x[0] * y[2] - y[0] * x[2];
+    let wc = x[1] * y[0] - y[1] * x[0];
+    let least = min(min(wa, wb), wc);
+    let greatest = max(max(wa, wb), wc);
+    let outside = least.simd_lt(zero) & greatest.simd_gt(zero);
+    let inside = !outside.to_bitmask() & active;
+    if inside == 0 {
+        return Found { lanes: 0, t: zero, u: zero, v: zero };
+    }
+    let det = wa + wb + wc;
+    let size = max(det, -det);
+    let plain = size.simd_ge(DET_RANGE.0) & size.simd_le(DET_RANGE.1);
+    // Inside, a zero is the least or the greatest.
+    let plain = plain & least.simd_ne(zero) & greatest.simd_ne(zero);
+    for z in &mut z {
+        *z = inverse * *z;
+    }
+    let inv_det = V::simd_from(simd, 1.0) / det;
+    let (mut u, mut v) = (wb * inv_det, wc * inv_det);
+    let mut t = wa * inv_det * z[0] + u * z[1] + v * z[2];
+    let ahead = t.simd_ge(zero) & t.simd_lt(f32::INFINITY);
+    let plain = plain.to_bitmask();
+    let mut lanes = inside & plain & ahead.to_bitmask();
+    for i in bits(inside & !plain) {
+        let lane = |a: &[V; 3]| [a[0].as_slice()[i], a[1].as_slice()[i], a[2].as_slice()[i]];
+        if let Some(found) = Watertight::exactly(lane(&x), lane(&y), lane(&z)) {
+            (t[i], u[i], v[i]) = found;
+            lanes |= 1 << i;
+        }
+    }
+    Found { lanes, t, u, v }
 }

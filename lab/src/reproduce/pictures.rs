@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use bvh_core::Bvh;
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
@@ -24,8 +24,9 @@ pub(crate) fn picture(stage: &mut Stage, tree: &Bvh, size: u32, path: &Path) -> 
     let mut image = Image::new(size, size);
     let (mesh, camera, light) = (stage.mesh(), stage.camera(size, size), stage.light());
     render(tree, &mesh, &camera, Some(&light), &stage.render_options(), &mut image);
-    image.save_png(path)?;
-    std::fs::read(path).with_context(|| format!("{}: cannot be read back", path.display()))
+    let png = image.png()?;
+    files::write_whole(path, &png)?;
+    Ok(png)
 }
 
 /// The number of nodes that heat maps of a scene show white.

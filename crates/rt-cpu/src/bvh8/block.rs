@@ -1,16 +1,14 @@
 //! Four triangles, and one ray against all of them.
 
+use bvh_core::slab::WIDEN;
+use bvh_core::triangle::{Double, MollerTrumbore, Test, Watertight, in_box};
 use bvh_core::{Primitives, Ray, Triangles, Vec3};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4};
 
 use crate::Hit;
-use crate::simd::{bits, load};
-use crate::surface::dot;
-use bvh_core::slab::WIDEN;
-use bvh_core::triangle::{Double, MollerTrumbore, Test, Watertight, in_box};
-
-use crate::weigh::{Found, weigh};
+use crate::simd::{bits, cross, dot, load, load3, splat3};
+use crate::wide::{Found, one_by_one, weigh};
 
 /// Triangles of a block.
 pub(super) const SIZE: usize = 4;
@@ -81,90 +79,43 @@ impl Block {
 
 /// A triangle test of one ray against four triangles, with the bits of [`Test::test`].
 pub(crate) trait BlockTest: Test {
-    /// The ray in all lanes.
-    type Lanes<S: Simd>;
-
-    fn lanes<S: Simd>(simd: S, ray: &Ray) -> Self::Lanes<S>;
-
-    /// Tests the triangles in `active`.
-    fn block<S: Simd>(simd: S, ray: &Self::Lanes<S>, block: &Block, active: u64) -> Found<f32x4<S>>;
-}
-
-type Lanes3<S> = [f32x4<S>; 3];
-
-#[inline(always)]
-fn splat<S: Simd>(simd: S, a: Vec3) -> Lanes3<S> {
-    [f32x4::splat(simd, a.x), f32x4::splat(simd, a.y), f32x4::splat(simd, a.z)]
-}
-
-/// Coordinates of corner `i`.
-#[inline(always)]
-fn corner<S: Simd>(simd: S, block: &Block, i: usize) -> Lanes3<S> {
-    let [x, y, z] = &block.corners[i];
-    [load(simd, x, 0), load(simd, y, 0), load(simd, z, 0)]
-}
-
-#[inline(always)]
-fn minus<S: Simd>(a: Lanes3<S>, b: Lanes3<S>) -> Lanes3<S> {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-#[inline(always)]
-fn cross<S: Simd>(a: Lanes3<S>, b: Lanes3<S>) -> Lanes3<S> {
-    [a[1] * b[2] - b[1] * a[2], a[2] * b[0] - b[2] * a[0], a[0] * b[1] - b[0] * a[1]]
-}
-
-/// The ray of [`Watertight`]: its origin and shear along the axes, whose numbers come last.
-pub(crate) struct Sheared<S: Simd> {
-    origin: Lanes3<S>,
-    shear: Lanes3<S>,
-    axes: [usize; 3],
+    /// Tests the triangles in `active`: one by one, unless there is a faster way.
+    #[inline(always)]
+    fn block<S: Simd>(&self, simd: S, _: &Ray, block: &Block, active: u64) -> Found<f32x4<S>> {
+        one_by_one(simd, active, |i| self.test(&block.corners(i)))
+    }
 }
 
 impl BlockTest for Watertight {
-    type Lanes<S: Simd> = Sheared<S>;
-
     #[inline(always)]
-    fn lanes<S: Simd>(simd: S, ray: &Ray) -> Sheared<S> {
-        let Self { origin, axes, shear } = Self::new(ray);
-        Sheared { origin: splat(simd, origin), shear: splat(simd, shear), axes }
-    }
-
-    #[inline(always)]
-    fn block<S: Simd>(simd: S, ray: &Sheared<S>, block: &Block, active: u64) -> Found<f32x4<S>> {
+    fn block<S: Simd>(&self, simd: S, _: &Ray, block: &Block, active: u64) -> Found<f32x4<S>> {
+        let Self { origin, axes, shear } = *self;
         let zero = f32x4::splat(simd, 0.0);
         let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
         for (i, corner) in block.corners.iter().enumerate() {
-            let along = |k: usize| load::<S, f32x4<S>, SIZE>(simd, &corner[ray.axes[k]], 0) - ray.origin[k];
+            let along = |k: usize| load::<S, f32x4<S>, SIZE>(simd, &corner[axes[k]], 0) - origin[k];
             z[i] = along(2);
-            x[i] = along(0) - ray.shear[0] * z[i];
-            y[i] = along(1) - ray.shear[1] * z[i];
+            x[i] = along(0) - z[i] * shear.x;
+            y[i] = along(1) - z[i] * shear.y;
         }
-        weigh(simd, x, y, z, ray.shear[2], active)
+        weigh(simd, x, y, z, f32x4::splat(simd, shear.z), active)
     }
 }
 
+#[inline(always)]
+fn minus<S: Simd>(a: [f32x4<S>; 3], b: [f32x4<S>; 3]) -> [f32x4<S>; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
 impl BlockTest for MollerTrumbore {
-    type Lanes<S: Simd> = [Lanes3<S>; 2];
-
     #[inline(always)]
-    fn lanes<S: Simd>(simd: S, ray: &Ray) -> [Lanes3<S>; 2] {
-        [splat(simd, ray.origin()), splat(simd, ray.direction())]
-    }
-
-    #[inline(always)]
-    fn block<S: Simd>(
-        simd: S,
-        &[origin, direction]: &[Lanes3<S>; 2],
-        block: &Block,
-        active: u64,
-    ) -> Found<f32x4<S>> {
-        let a = corner(simd, block, 0);
-        let (e1, e2) = (minus(corner(simd, block, 1), a), minus(corner(simd, block, 2), a));
-        let p = cross(direction, e2);
+    fn block<S: Simd>(&self, simd: S, ray: &Ray, block: &Block, active: u64) -> Found<f32x4<S>> {
+        let [a, b, c] = &block.corners;
+        let a = load3(simd, a, 0);
+        let (e1, e2) = (minus(load3(simd, b, 0), a), minus(load3(simd, c, 0), a));
+        let (direction, s) = (splat3(simd, ray.direction()), minus(splat3(simd, ray.origin()), a));
+        let (p, q) = (cross(direction, e2), cross(s, e1));
         let inv_det = f32x4::splat(simd, 1.0) / dot(e1, p);
-        let s = minus(origin, a);
-        let q = cross(s, e1);
         let (u, v, t) = (dot(s, p) * inv_det, dot(direction, q) * inv_det, dot(e2, q) * inv_det);
         let inside = u.simd_ge(0.0) & v.simd_ge(0.0) & (u + v).simd_le(1.0);
         let ahead = t.simd_ge(0.0) & t.simd_lt(f32::INFINITY);
@@ -172,25 +123,4 @@ impl BlockTest for MollerTrumbore {
     }
 }
 
-impl BlockTest for Double {
-    type Lanes<S: Simd> = Self;
-
-    #[inline(always)]
-    fn lanes<S: Simd>(_: S, ray: &Ray) -> Self {
-        Self::new(ray)
-    }
-
-    /// One by one: a reference need not be fast.
-    #[inline(always)]
-    fn block<S: Simd>(simd: S, ray: &Self, block: &Block, active: u64) -> Found<f32x4<S>> {
-        let zero = f32x4::splat(simd, 0.0);
-        let mut found = Found { lanes: 0, t: zero, u: zero, v: zero };
-        for i in bits(active) {
-            if let Some(hit) = ray.test(&block.corners(i)) {
-                (found.t[i], found.u[i], found.v[i]) = hit;
-                found.lanes |= 1 << i;
-            }
-        }
-        found
-    }
-}
+impl BlockTest for Double {}

@@ -6,7 +6,7 @@
 //!   what that comes to in nodes of eight and in blocks
 //! fill, from the root down, for each node of eight:
 //!   collect its children from the pairs
-//!   its children's nodes side by side, then what is below the first of them, below the second and so on
+//!   its children's nodes side by side, and behind them what is below the first of them, below the second and so on
 //! ```
 //!
 //! What is below a node has its place in the arrays before it is made, so threads share out subtrees, and the arrays are
@@ -17,6 +17,7 @@ use std::sync::atomic::Ordering::Relaxed;
 
 use arrayvec::ArrayVec;
 use bvh_core::{Aabb, Bvh, Node, Primitives, Triangles};
+use rayon::Scope;
 
 use super::block::{Block, SIZE};
 use super::{LEAF, Node8, WIDTH};
@@ -35,12 +36,6 @@ pub(super) struct Plan {
     /// Byte `i - 1`: how many of `i` children the left sibling gets; 0 where a node of eight is best. Byte 0: how many
     /// of that node's children.
     left: AtomicU64,
-}
-
-impl Clone for Plan {
-    fn clone(&self) -> Self {
-        Self { size: AtomicU64::new(self.size.load(Relaxed)), left: AtomicU64::new(self.left.load(Relaxed)) }
-    }
 }
 
 impl Plan {
@@ -105,8 +100,8 @@ enum Part {
     Slots(u32, u32),
 }
 
-/// A part that is too large for a block, and its size.
-type Job = (Part, Size);
+/// The parts that become one node's children, and their boxes.
+type Parts = ArrayVec<(Aabb, Part), WIDTH>;
 
 /// Where nodes and blocks go, and the numbers of the first of them.
 struct Place<'a> {
@@ -146,14 +141,13 @@ pub(super) fn collapse(
     plans.resize_with(bvh.nodes().len() / 2, Plan::default);
     let source = Source { bvh, triangles, plans };
     source.plan(bvh.root());
-    let root = source.part(bvh.root(), 0);
+    let root = source.part(0);
     let size = source.size(root);
-    let count = size.nodes.max(1);
-    nodes.resize(count as usize, Node8::EMPTY);
+    nodes.resize(size.nodes.max(1) as usize, Node8::EMPTY);
     blocks.resize(size.blocks as usize, Block::default());
     let mut place = Place { nodes, first_node: 0, blocks, first_block: 0 };
     let top = place.take(Size { nodes: 1, blocks: 0 });
-    source.fill(root, &mut top.nodes[0], place);
+    rayon::scope(|scope| source.fill(scope, root, &mut top.nodes[0], place));
 }
 
 impl Source<'_> {
@@ -208,46 +202,40 @@ impl Source<'_> {
         Below { costs, nodes, blocks, count }
     }
 
+    fn node(&self, n: u32) -> &Node {
+        &self.bvh.nodes()[n as usize]
+    }
+
     /// The binary node of number `n` as a part.
-    fn part(&self, node: &Node, n: u32) -> Part {
+    fn part(&self, n: u32) -> Part {
+        let node = self.node(n);
         if node.is_leaf() { Part::Slots(node.first() as u32, node.count() as u32) } else { Part::Node(n) }
     }
 
     fn size(&self, part: Part) -> Size {
         match part {
-            Part::Node(n) => self.plans[self.bvh.nodes()[n as usize].first() / 2].size(),
+            Part::Node(n) => self.plans[self.node(n).first() / 2].size(),
             Part::Slots(_, count) => Size::of(count),
         }
     }
 
     /// Makes a part into the node of eight `to`, with what is below it at `place`.
-    fn fill(&self, part: Part, to: &mut Node8, mut place: Place<'_>) {
-        let mut parts = ArrayVec::new();
-        match part {
-            Part::Node(n) if self.size(part).nodes > 0 => {
-                let node = &self.bvh.nodes()[n as usize];
-                self.collect_below(node, self.plans[node.first() / 2].left(1), WIDTH, &mut parts);
-            }
-            Part::Slots(first, count) if count > SIZE as u32 => {
-                let end = first + count;
-                for first in (first..end).step_by(share(count) as usize) {
-                    let count = share(count).min(end - first);
-                    let order = &self.bvh.order()[first as usize..(first + count) as usize];
-                    let there = order.iter().filter(|&&p| (p as usize) < self.triangles.len());
-                    let aabb = there.fold(Aabb::EMPTY, |b, &p| b.union(self.triangles.aabb(p as usize)));
-                    parts.push((aabb, Part::Slots(first, count)));
-                }
-            }
-            // Only the root may be as small as that.
-            _ => parts.push((self.bvh.root().aabb(), part)),
-        }
-        let mut jobs = ArrayVec::<Job, WIDTH>::new();
+    fn fill<'s>(&'s self, scope: &Scope<'s>, part: Part, to: &mut Node8, mut place: Place<'s>) {
+        let parts = self.children(part);
         *to = Node8::EMPTY;
+        let inner = parts.iter().filter(|&&(_, part)| self.size(part).nodes > 0).count();
+        let mut tops = place.take(Size { nodes: inner as u32, blocks: 0 });
         for (i, (aabb, part)) in parts.into_iter().enumerate() {
             let size = self.size(part);
             if size.nodes > 0 {
-                to.set(i, &aabb, place.first_node + jobs.len() as u32);
-                jobs.push((part, Size { nodes: size.nodes - 1, ..size }));
+                to.set(i, &aabb, tops.first_node);
+                let top = tops.take(Size { nodes: 1, blocks: 0 });
+                let at = place.take(Size { nodes: size.nodes - 1, ..size });
+                if size.blocks >= LARGE {
+                    scope.spawn(move |scope| self.fill(scope, part, &mut top.nodes[0], at));
+                } else {
+                    self.fill(scope, part, &mut top.nodes[0], at);
+                }
             } else {
                 let at = place.take(size);
                 let mut few = ArrayVec::new();
@@ -259,30 +247,41 @@ impl Source<'_> {
                 }
             }
         }
-        let tops = place.take(Size { nodes: jobs.len() as u32, blocks: 0 });
-        self.fill_all(&jobs, tops.nodes, place);
     }
 
-    /// Makes parts into the nodes `to`, with what is below them at `place`.
-    fn fill_all(&self, jobs: &[Job], to: &mut [Node8], mut place: Place<'_>) {
-        match (jobs, to) {
-            ([], _) | (_, []) => {}
-            (&[(part, _)], [to, ..]) => self.fill(part, to, place),
-            (jobs, to) => {
-                let (a, b) = jobs.split_at(jobs.len() / 2);
-                let (to_a, to_b) = to.split_at_mut(a.len());
-                let size = a.iter().fold(Size::default(), |sum, (_, size)| Size {
-                    nodes: sum.nodes + size.nodes,
-                    blocks: sum.blocks + size.blocks,
-                });
-                let at = place.take(size);
-                if size.blocks >= LARGE {
-                    rayon::join(|| self.fill_all(a, to_a, at), || self.fill_all(b, to_b, place));
-                } else {
-                    self.fill_all(a, to_a, at);
-                    self.fill_all(b, to_b, place);
+    /// The children of a part as a node of eight.
+    fn children(&self, part: Part) -> Parts {
+        let mut parts = Parts::new();
+        match part {
+            Part::Node(n) if self.size(part).nodes > 0 => {
+                self.collect(n, self.plans[self.node(n).first() / 2].left(1), WIDTH, &mut parts);
+            }
+            Part::Slots(first, count) if count > SIZE as u32 => {
+                let order = &self.bvh.order()[first as usize..(first + count) as usize];
+                for (i, order) in order.chunks(share(count) as usize).enumerate() {
+                    let there = order.iter().filter(|&&p| (p as usize) < self.triangles.len());
+                    let aabb = there.fold(Aabb::EMPTY, |b, &p| b.union(self.triangles.aabb(p as usize)));
+                    parts.push((aabb, Part::Slots(first + i as u32 * share(count), order.len() as u32)));
                 }
             }
+            // Only the root may be as small as that.
+            _ => parts.push((self.bvh.root().aabb(), part)),
+        }
+        parts
+    }
+
+    /// Collects the parts, `room` at most, that the binary node of number `n` is made into, `left` of them from its left
+    /// child; it is one itself if that is 0.
+    fn collect(&self, n: u32, left: usize, room: usize, parts: &mut Parts) {
+        let pair = self.node(n).first() as u32;
+        if left == 0 {
+            return parts.push((self.node(n).aabb(), self.part(n)));
+        }
+        for (n, room) in [(pair, left), (pair + 1, room - left)] {
+            let node = self.node(n);
+            let may = room > 1 && !node.is_leaf() && self.size(Part::Node(n)).nodes > 0;
+            let left = if may { self.plans[node.first() / 2].left(room) } else { 0 };
+            self.collect(n, left, room, parts);
         }
     }
 
@@ -290,39 +289,12 @@ impl Source<'_> {
     fn primitives(&self, part: Part, few: &mut ArrayVec<u32, SIZE>) {
         match part {
             Part::Node(n) => {
-                let node = &self.bvh.nodes()[n as usize];
-                for child in [0, 1] {
-                    let n = node.first() + child;
-                    self.primitives(self.part(&self.bvh.nodes()[n], n as u32), few);
-                }
+                let pair = self.node(n).first() as u32;
+                [pair, pair + 1].into_iter().for_each(|n| self.primitives(self.part(n), few));
             }
             Part::Slots(first, count) => {
                 few.extend(self.bvh.order()[first as usize..(first + count) as usize].iter().copied());
             }
         }
-    }
-
-    /// The children, `room` at most, that the binary node of number `n` is made into.
-    fn collect(&self, node: &Node, n: u32, room: usize, parts: &mut ArrayVec<(Aabb, Part), WIDTH>) {
-        if room > 1 && !node.is_leaf() {
-            let plan = &self.plans[node.first() / 2];
-            if plan.size().nodes > 0 && plan.left(room) > 0 {
-                return self.collect_below(node, plan.left(room), room, parts);
-            }
-        }
-        parts.push((node.aabb(), self.part(node, n)));
-    }
-
-    fn collect_below(
-        &self,
-        node: &Node,
-        left: usize,
-        room: usize,
-        parts: &mut ArrayVec<(Aabb, Part), WIDTH>,
-    ) {
-        let Some([l, r]) = self.bvh.children(node) else { return };
-        let first = node.first() as u32;
-        self.collect(l, first, left, parts);
-        self.collect(r, first + 1, room - left, parts);
     }
 }

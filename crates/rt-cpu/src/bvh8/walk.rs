@@ -1,16 +1,15 @@
 //! One ray through a tree of eight children a node.
 
 use arrayvec::ArrayVec;
-use bvh_core::{MAX_HEIGHT, Ray, Vec3};
+use bvh_core::slab::WIDEN;
+use bvh_core::{MAX_HEIGHT, Ray};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
 
-use super::block::Block;
 use super::{BlockTest, Bvh8, CHILDREN, LEAF, Node8, WIDTH};
 use crate::Hit;
-use crate::scene::Work;
-use crate::simd::{load, max, min};
-use bvh_core::slab::WIDEN;
+use crate::scene::{Query, Work};
+use crate::simd::{load, max, min, splat3};
 
 /// Most that is put off at a time: seven children a level of the binary tree, and of what large leaves are cut into.
 const STACK: usize = (WIDTH - 1) * (MAX_HEIGHT as usize + 32) + 1;
@@ -24,18 +23,6 @@ struct Ray8<S: Simd> {
     last: [usize; 3],
 }
 
-#[inline(always)]
-fn splat<S: Simd>(simd: S, a: Vec3) -> [f32x8<S>; 3] {
-    [f32x8::splat(simd, a.x), f32x8::splat(simd, a.y), f32x8::splat(simd, a.z)]
-}
-
-/// Where a ray enters the boxes of a node, in the upper half of each key, and what is in them, in the lower.
-struct Entered {
-    keys: [u64; WIDTH],
-    /// The boxes that it does enter.
-    mask: u64,
-}
-
 impl<S: Simd> Ray8<S> {
     #[inline(always)]
     fn new(simd: S, ray: &Ray) -> Self {
@@ -43,16 +30,17 @@ impl<S: Simd> Ray8<S> {
         let row = |axis: usize| axis + if inverse[axis].is_sign_negative() { 3 } else { 0 };
         let first = [row(0), row(1), row(2)];
         Self {
-            origin: splat(simd, origin),
-            inverse: splat(simd, inverse),
+            origin: splat3(simd, origin),
+            inverse: splat3(simd, inverse),
             first,
             last: [3 - first[0], 5 - first[1], 7 - first[2]],
         }
     }
 
-    /// Tests eight boxes; see [`slab::enters`](bvh_core::slab::enters).
+    /// Tests eight boxes; see [`slab::enters`](bvh_core::slab::enters). Gives where the ray enters them, in the upper half
+    /// of each key, and what is in them, in the lower, and the mask of those that it does enter.
     #[inline(always)]
-    fn enter(&self, simd: S, node: &Node8, t_max: f32) -> Entered {
+    fn enter(&self, simd: S, node: &Node8, t_max: f32) -> ([u64; WIDTH], u64) {
         // Eight rows, so that there is nothing to check.
         let row = |i: usize| load::<S, f32x8<S>, WIDTH>(simd, &node.0[i & 7], 0);
         let mut near = f32x8::splat(simd, 0.0);
@@ -68,32 +56,33 @@ impl<S: Simd> Ray8<S> {
         let mut floats = [0.0; 2 * WIDTH];
         low.store_slice(&mut floats[..WIDTH]);
         high.store_slice(&mut floats[WIDTH..]);
-        Entered { keys: bytemuck::cast(floats), mask }
+        (bytemuck::cast(floats), mask)
     }
 }
 
-/// Calls `visit` with blocks that the ray enters before `t_max`, and a mask of the triangles in them, nearest first as
-/// far as boxes tell, until that is negative. `visit` gets the present `t_max` and returns the new one.
+/// What a ray hits of that which `counts` is true for.
 #[inline(always)]
-fn walk<S: Simd>(
+pub(crate) fn hit<S: Simd, T: BlockTest>(
     simd: S,
     tree: &Bvh8,
+    query: Query,
     ray: &Ray,
     mut t_max: f32,
     work: &mut Work,
-    mut visit: impl FnMut(&Block, u64, f32) -> f32,
-) {
+    counts: impl Fn(&Hit) -> bool,
+) -> Option<Hit> {
+    let mut best = None::<Hit>;
     if !ray.is_valid() {
-        return;
+        return best;
     }
-    let ray8 = Ray8::new(simd, ray);
+    let (test, ray8) = (T::new(ray), Ray8::new(simd, ray));
     let mut stack = ArrayVec::<u64, STACK>::new();
     let mut next = 0;
     loop {
         if next & LEAF == 0 {
-            let Some(node) = tree.nodes.get(next as usize) else { return };
+            let Some(node) = tree.nodes.get(next as usize) else { return best };
             work.nodes += 1;
-            let Entered { keys, mut mask } = ray8.enter(simd, node, t_max);
+            let (keys, mut mask) = ray8.enter(simd, node, t_max);
             if mask != 0 {
                 // Bits of positive numbers are in their order: keys are in that of where the ray enters.
                 let mut nearest = keys[mask.trailing_zeros() as usize & (WIDTH - 1)];
@@ -115,76 +104,21 @@ fn walk<S: Simd>(
                 continue;
             }
         } else {
-            let Some(block) = tree.blocks.get((next & !LEAF) as usize >> 2) else { return };
-            let count = (next & 3) + 1;
-            work.primitives += u64::from(count);
-            t_max = visit(block, (1 << count) - 1, t_max);
-            if t_max < 0.0 {
-                return;
+            let Some(block) = tree.blocks.get((next & !LEAF) as usize >> 2) else { return best };
+            let found = test.block(simd, ray, block, (2 << (next & 3)) - 1);
+            best = block.closest(ray, &found, t_max, best, &counts);
+            match best {
+                Some(_) if query == Query::Any => return best,
+                Some(hit) => t_max = hit.t,
+                None => {}
             }
         }
         loop {
-            let Some(key) = stack.pop() else { return };
+            let Some(key) = stack.pop() else { return best };
             if f32::from_bits((key >> 32) as u32) <= t_max {
                 next = key as u32;
                 break;
             }
         }
     }
-}
-
-/// The closest of the hits that `counts` is true for.
-#[inline(always)]
-pub(crate) fn closest<S: Simd, T: BlockTest>(
-    simd: S,
-    tree: &Bvh8,
-    ray: &Ray,
-    t_max: f32,
-    work: &mut Work,
-    counts: impl Fn(&Hit) -> bool,
-) -> Option<Hit> {
-    let test = T::lanes(simd, ray);
-    let mut best = None::<Hit>;
-    walk(
-        simd,
-        tree,
-        ray,
-        t_max,
-        work,
-        #[inline(always)]
-        |block, active, t_max| {
-            let found = T::block(simd, &test, block, active);
-            best = block.closest(ray, &found, t_max, best, &counts);
-            best.map_or(t_max, |h| h.t)
-        },
-    );
-    best
-}
-
-/// Any of the hits that `counts` is true for.
-#[inline(always)]
-pub(crate) fn any<S: Simd, T: BlockTest>(
-    simd: S,
-    tree: &Bvh8,
-    ray: &Ray,
-    t_max: f32,
-    work: &mut Work,
-    counts: impl Fn(&Hit) -> bool,
-) -> Option<Hit> {
-    let test = T::lanes(simd, ray);
-    let mut found = None;
-    walk(
-        simd,
-        tree,
-        ray,
-        t_max,
-        work,
-        #[inline(always)]
-        |block, active, t_max| {
-            let hits = T::block(simd, &test, block, active);
-            found = block.closest(ray, &hits, t_max, None, &counts);
-            if found.is_some() { -1.0 } else { t_max }
-        },
-    );
-    found
 }

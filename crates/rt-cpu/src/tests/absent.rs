@@ -6,114 +6,63 @@ use std::time::Instant;
 use fearless_simd::Simd;
 
 use super::*;
-use crate::cast::place;
+use crate::cast::Tile;
 use crate::random;
-use crate::shade::{Background, Shader};
-use crate::surface::{Coordinates, Surfaces};
+use crate::shade::Shader;
 use crate::tile;
 use crate::wide::WideTest;
 
 const TILE: usize = 32;
 
-/// Everything about a tile for primary rays, shadow rays and Lambert's law.
-struct Plain {
-    size: (usize, usize),
-    at: [[u8; 2]; RAYS],
-    columns: [f32; RAYS],
-    rows: [f32; RAYS],
-    seen: Bundle,
-    hits: Hits,
-    surfaces: Surfaces,
-    shadow: Bundle,
-    blocked: Hits,
-    whose: [u16; RAYS],
-    lit: [f32; RAYS],
-    colors: Coordinates,
-    scratch: Scratch,
+#[inline(never)]
+fn see<S: Simd, T: WideTest>(
+    simd: S,
+    tile: &mut Tile,
+    scene: Scene<'_>,
+    camera: &Camera,
+    corner: (u32, u32),
+) -> bool {
+    let Tile { size, columns, rows, seen, surfaces, scratch, .. } = tile;
+    simd.vectorize(
+        #[inline(always)]
+        || {
+            seen.rays.start(camera.eye(), f32::INFINITY);
+            seen.rays.count = size.0 * size.1;
+            let places = (&*columns, &*rows);
+            camera.directions(simd, corner, random::in_pixel(0), places, &mut seen.rays.direction);
+            let Wave { rays, hits, .. } = seen;
+            tile::trace::<S, T>(simd, scene, Query::Closest, rays, hits, scratch, &mut Work::default());
+            seen.end();
+            let any = seen.hits.primitive[..seen.rays.count].iter().any(|&p| p != Hits::NONE);
+            if any {
+                surfaces.find(simd, scene.triangles, seen);
+            }
+            any
+        },
+    )
 }
 
-impl Plain {
-    fn new() -> Self {
-        Self {
-            size: (0, 0),
-            at: [[0; 2]; RAYS],
-            columns: [0.0; RAYS],
-            rows: [0.0; RAYS],
-            seen: Bundle::new(),
-            hits: Hits::new(),
-            surfaces: Surfaces::new(),
-            shadow: Bundle::new(),
-            blocked: Hits::new(),
-            whose: [0; RAYS],
-            lit: [0.0; RAYS],
-            colors: [[0.0; RAYS]; 3],
-            scratch: Scratch::new(),
-        }
-    }
-
-    /// Places of the pixels.
-    fn resize(&mut self, size: (usize, usize)) {
-        if self.size == size {
-            return;
-        }
-        self.size = size;
-        let places = (0..RAYS).map(place);
-        for (i, (x, y)) in places.filter(|&(x, y)| x < size.0 && y < size.1).enumerate() {
-            self.at[i] = [x as u8, y as u8];
-            (self.columns[i], self.rows[i]) = (x as f32, y as f32);
-        }
-    }
-
-    #[inline(never)]
-    fn see<S: Simd, T: WideTest>(
-        &mut self,
-        simd: S,
-        scene: Scene<'_>,
-        camera: &Camera,
-        corner: (u32, u32),
-    ) -> bool {
-        let Self { seen, hits, .. } = self;
-        simd.vectorize(
-            #[inline(always)]
-            || {
-                seen.start(camera.eye(), f32::INFINITY);
-                seen.count = self.size.0 * self.size.1;
-                let places = (&self.columns, &self.rows);
-                camera.directions(simd, corner, random::in_pixel(0), places, &mut seen.direction);
-                let (scratch, work) = (&mut self.scratch, &mut Work::default());
-                tile::trace::<S, T>(simd, scene, Query::Closest, seen, hits, scratch, work);
-                hits.primitive[seen.count..seen.count.next_multiple_of(SIZE)].fill(Hits::NONE);
-                let any = hits.primitive[..seen.count].iter().any(|&p| p != Hits::NONE);
-                if any {
-                    self.surfaces.find(simd, scene.triangles, seen, hits);
-                }
-                any
-            },
-        )
-    }
-
-    #[inline(never)]
-    fn light<S: Simd, T: WideTest>(&mut self, simd: S, scene: Scene<'_>, light: Vec3) {
-        let Self { shadow, blocked, whose, .. } = self;
-        simd.vectorize(
-            #[inline(always)]
-            || {
-                shadow.start(light, 1.0);
-                self.surfaces.shadow_rays(simd, &self.hits, self.seen.count, shadow, whose);
-                let (scratch, work) = (&mut self.scratch, &mut Work::default());
-                tile::trace::<S, T>(simd, scene, Query::Any, shadow, blocked, scratch, work);
-                for (&blocked, &i) in blocked.primitive.iter().zip(&whose[..shadow.count]) {
-                    self.lit[i as usize] = if blocked == Hits::NONE { 1.0 } else { 0.0 };
-                }
-            },
-        );
-    }
+#[inline(never)]
+fn shine<S: Simd, T: WideTest>(simd: S, tile: &mut Tile, scene: Scene<'_>, light: Vec3) {
+    let Tile { seen, surfaces, shadow, whose, lit, scratch, .. } = tile;
+    simd.vectorize(
+        #[inline(always)]
+        || {
+            shadow.rays.start(light, 1.0);
+            surfaces.shadow_rays(simd, &seen.hits, seen.rays.count, &mut shadow.rays, whose);
+            let Wave { rays, hits, .. } = shadow;
+            tile::trace::<S, T>(simd, scene, Query::Any, rays, hits, scratch, &mut Work::default());
+            for (&blocked, &i) in hits.primitive.iter().zip(&whose[..rays.count]) {
+                lit[i as usize] = if blocked == Hits::NONE { 1.0 } else { 0.0 };
+            }
+        },
+    );
 }
 
 #[inline(never)]
 fn by_hand<S: Simd, T: WideTest>(
     simd: S,
-    tile: &mut Plain,
+    tile: &mut Tile,
     bvh: &Bvh,
     mesh: &Mesh<'_>,
     camera: &Camera,
@@ -121,26 +70,23 @@ fn by_hand<S: Simd, T: WideTest>(
     image: &mut Image,
 ) {
     let scene = Scene::new(bvh, &mesh.triangles);
-    let shader = Shader { mesh, light: Some(light), smooth: true, background: Background::default() };
+    let shader = Shader { mesh, light: Some(light), smooth: true };
     let (width, height) = (camera.width() as usize, camera.height() as usize);
     for y in (0..height).step_by(TILE) {
         for x in (0..width).step_by(TILE) {
-            tile.resize((TILE.min(width - x), TILE.min(height - y)));
-            let any = tile.see::<S, T>(simd, scene, camera, (x as u32, y as u32));
-            tile.lit[..tile.seen.count].fill(0.0);
+            tile.resize(TILE.min(width - x), TILE.min(height - y));
+            let any = see::<S, T>(simd, tile, scene, camera, (x as u32, y as u32));
+            tile.lit[..tile.seen.rays.count].fill(0.0);
             if any {
-                tile.light::<S, T>(simd, scene, light.position);
+                shine::<S, T>(simd, tile, scene, light.position);
             }
             simd.vectorize(
                 #[inline(always)]
-                || {
-                    let Plain { seen, hits, surfaces, lit, colors, .. } = &mut *tile;
-                    shader.shade(simd, seen, hits, surfaces, lit, colors);
-                },
+                || shader.shade(simd, tile, None),
             );
             let [r, g, b] = &tile.colors;
-            for (i, &[column, row]) in tile.at[..tile.seen.count].iter().enumerate() {
-                let pixel = (y + row as usize) * width + x + column as usize;
+            for i in 0..tile.seen.rays.count {
+                let pixel = (y + tile.rows[i] as usize) * width + x + tile.columns[i] as usize;
                 image.pixels_mut()[pixel] = [r[i], g[i], b[i]];
             }
         }
@@ -171,14 +117,14 @@ fn a_frame_without_effects_is_that_of_a_renderer_without_any() {
     let (soup, camera, light) = scene();
     let bvh = tree(&soup, 2);
     let mesh = Mesh { normals: Some(&soup.positions), ..Mesh::new(soup.triangles()) };
-    let mut tile = Box::new(Plain::new());
+    let mut tile: Box<Tile> = zeroed_box();
     for simd in SimdLevel::available() {
         for triangle_test in TriangleTest::ALL {
             let options = RenderOptions { triangle_test, simd, ..allowed() };
             let mut image = Image::new(0, 0);
             by_render(&bvh, &mesh, &camera, &light, &options, &mut image);
             let mut plain = Image::new(camera.width(), camera.height());
-            with_test!(triangle_test, T => at_level!(simd, simd => {
+            with_test!(triangle_test, T => dispatch!(detected(simd), simd => {
                 by_hand::<_, T>(simd, &mut tile, &bvh, &mesh, &camera, &light, &mut plain);
             }));
             assert_eq!(pixel_bits(&image), pixel_bits(&plain));
@@ -200,7 +146,7 @@ fn measure_a_frame_without_effects() {
     let bvh = tree(&soup, 1);
     let mesh = Mesh::new(soup.triangles());
     let (mut image, mut plain) = (Image::new(256, 256), Image::new(256, 256));
-    let mut tile = Box::new(Plain::new());
+    let mut tile: Box<Tile> = zeroed_box();
     let options = allowed();
     let (mut times, mut times_by_hand) = (Vec::new(), Vec::new());
     let mut rays = 0;
@@ -211,7 +157,7 @@ fn measure_a_frame_without_effects() {
             rays = by_render(&bvh, black_box(&mesh), &camera, &light, &options, &mut image);
             times.push(start.elapsed().as_secs_f64());
             let start = Instant::now();
-            at_level!(best, simd => {
+            dispatch!(Level::new(), simd => {
                 by_hand::<_, Watertight>(simd, &mut tile, &bvh, black_box(&mesh), &camera, &light, &mut plain);
             });
             times_by_hand.push(start.elapsed().as_secs_f64());

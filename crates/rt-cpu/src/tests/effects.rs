@@ -5,14 +5,14 @@ use std::sync::Arc;
 use bvh_core::glam::Vec2;
 
 use super::*;
-use crate::alpha_cutouts::see_through;
+use crate::cast::see_through;
+use crate::shade::{NADIR, ZENITH};
 use crate::{
-    AmbientOcclusion, Background, Bvh8, DiffuseBounces, Effects, Filter, Material, RenderStats, StageTimes,
-    Texture, Wrap, render_with,
+    AmbientOcclusion, Bvh8, DiffuseBounces, Effects, Filter, Material, RenderStats, StageTimes, Texture,
+    Wrap, render_with,
 };
 
 const OCCLUSION: AmbientOcclusion = AmbientOcclusion { samples: 16, distance: f32::INFINITY };
-const BLACK: Background = Background { zenith: [0.0; 3], nadir: [0.0; 3] };
 
 fn everything(most: u32) -> Effects {
     Effects {
@@ -165,7 +165,7 @@ fn effects_are_the_same_for_all_threads_traversals_and_simd_levels() {
             let mut wide = Bvh8::new();
             wide.update(&bvh, triangles);
             let mut image = Image::new(0, 0);
-            render_with(&bvh, &wide, &mesh, &camera, Some(&light), &same, &mut image);
+            render_with(&bvh, Some(&wide), &mesh, &camera, Some(&light), &same, &mut image);
             pixel_bits(&image)
         };
         let Triangles { positions, indices } = mesh.triangles;
@@ -229,7 +229,7 @@ fn ambient_occlusion_of_a_plane_and_of_a_closed_box() {
             ambient_occlusion: Some(AmbientOcclusion { samples: 8, distance }),
             ..Effects::default()
         };
-        RenderOptions { background: BLACK, ..with(effects) }
+        with(effects)
     };
     for scale in [1e-3, 1.0, 1e4] {
         let plane = floor(50.0).map(|p| p * scale);
@@ -396,10 +396,9 @@ fn a_mirror_shows_what_is_above_it() {
         let at = ray.origin() - ray.direction() * (ray.origin().y / ray.direction().y);
         let reflected = Ray::new(at, ray.direction() * Vec3::new(1.0, -1.0, 1.0));
         let ball = any_hit_brute(&above, &reflected, f32::INFINITY, TriangleTest::Watertight);
-        let Background { zenith, nadir } = Background::default();
         let up = reflected.direction().normalize().y * 0.5 + 0.5;
         let sky =
-            (0..3).all(|k| (pixel[k] - tint[k] * (nadir[k] + up * (zenith[k] - nadir[k]))).abs() < 1e-4);
+            (0..3).all(|k| (pixel[k] - tint[k] * (NADIR[k] + up * (ZENITH[k] - NADIR[k]))).abs() < 1e-4);
         on_ball += usize::from(ball);
         wrong += usize::from(sky == ball);
     }
@@ -437,7 +436,7 @@ fn rays_pass_holes_as_the_rule_says() {
     let scene = Scene::new(&bvh, &triangles);
     let targets = grid(Vec3::ZERO, Vec3::X, Vec3::Y);
     let (origin, t_max) = (Vec3::new(0.3, 0.2, 2.0), f32::INFINITY);
-    let (mut rays, mut hits, mut scratch) = (Bundle::new(), Hits::new(), Scratch::new());
+    let (mut wave, mut scratch): (Box<Wave>, Box<Scratch>) = (zeroed_box(), zeroed_box());
     for test in TriangleTest::ALL {
         // The nearest of all hits that are there, one triangle at a time.
         let truth: Vec<Option<Hit>> = targets
@@ -461,19 +460,18 @@ fn rays_pass_holes_as_the_rule_says() {
             .collect();
         for options in ways() {
             for query in [Query::Closest, Query::Any] {
-                rays.start(origin, t_max);
-                targets.iter().for_each(|&t| rays.push(t - origin));
-                let again = with_test!(test, T => at_level!(options.simd, simd => {
-                    let (way, work) = (options.traversal, &mut Work::default());
-                    let nodes = &mut [0; RAYS];
-                    trace::<_, T>(simd, scene, way, query, &mut rays, &mut hits, &mut scratch, nodes, work);
-                    see_through::<_, T>(simd, scene, &mesh, query, &rays, &mut hits, work)
+                wave.rays.start(origin, t_max);
+                targets.iter().for_each(|&t| wave.rays.push(t - origin));
+                let (way, work) = (options.traversal, &mut Work::default());
+                let again = with_test!(test, T => dispatch!(detected(options.simd), simd => {
+                    trace::<_, T>(simd, scene, way, query, &mut wave, &mut scratch, work);
+                    see_through::<_, T>(simd, scene, &mesh, query, &mut wave, work)
                 }));
                 assert!(again > 100);
                 for (i, truth) in truth.iter().enumerate() {
                     match query {
-                        Query::Closest => assert_eq!(bits(hits.get(i)), bits(*truth)),
-                        Query::Any => assert_eq!(hits.get(i).is_some(), truth.is_some()),
+                        Query::Closest => assert_eq!(bits(wave.hits.get(i)), bits(*truth)),
+                        Query::Any => assert_eq!(wave.hits.get(i).is_some(), truth.is_some()),
                     }
                 }
             }

@@ -40,7 +40,7 @@ fn check_rays(soup: &Soup, rays: &[Ray]) -> usize {
 fn check_packets(soup: &Soup, origin: Vec3, targets: &[Vec3], t_max: f32) -> usize {
     let triangles = soup.triangles();
     let mut found = 0;
-    let (mut rays_of_tile, mut hits, mut scratch) = (Bundle::new(), Hits::new(), Scratch::new());
+    let (mut wave, mut scratch): (Box<Wave>, Box<Scratch>) = (zeroed_box(), zeroed_box());
     for test in TriangleTest::ALL {
         for targets in targets.chunks(RAYS) {
             let rays: Vec<Ray> = targets.iter().map(|&t| Ray::new(origin, t - origin)).collect();
@@ -52,21 +52,14 @@ fn check_packets(soup: &Soup, origin: Vec3, targets: &[Vec3], t_max: f32) -> usi
                 let scene = Scene::new(&bvh, &triangles);
                 for options in ways() {
                     for query in [Query::Closest, Query::Any] {
-                        rays_of_tile.start(origin, t_max);
-                        targets.iter().for_each(|&t| rays_of_tile.push(t - origin));
-                        with_test!(test, T => at_level!(options.simd, simd => trace::<_, T>(
-                            simd,
-                            scene,
-                            options.traversal,
-                            query,
-                            &mut rays_of_tile,
-                            &mut hits,
-                            &mut scratch,
-                            &mut [0; RAYS],
-                            &mut Work::default(),
-                        )));
+                        wave.rays.start(origin, t_max);
+                        targets.iter().for_each(|&t| wave.rays.push(t - origin));
+                        let (way, work) = (options.traversal, &mut Work::default());
+                        with_test!(test, T => dispatch!(detected(options.simd), simd => {
+                            trace::<_, T>(simd, scene, way, query, &mut wave, &mut scratch, work);
+                        }));
                         for (i, truth) in truth.iter().enumerate() {
-                            let hit = hits.get(i);
+                            let hit = wave.hits.get(i);
                             let way = (test, options.traversal, options.simd, rays[i]);
                             match query {
                                 Query::Closest => assert_eq!(bits(hit), bits(*truth), "{way:?}"),
@@ -87,10 +80,16 @@ fn packets_with_gaps() {
     let soup = random_soup(100, 0.7);
     let (t, bvh) = (soup.triangles(), tree(&soup, 2));
     let origin = Vec3::new(0.1, 0.2, 3.0);
-    let mut random = Random(5);
+    let mut random = Random::new(5);
     let rays: [Ray; SIZE] = std::array::from_fn(|_| Ray::new(origin, random.vec() - origin));
     let limits = std::array::from_fn(|i| if i % 7 == 3 || i < 5 { -1.0 } else { 9.0 });
-    let hits = packet::trace::<Watertight>(&bvh, &t, &rays, limits, Query::Closest, &mut Work::default());
+    let hits = packet::trace::<Watertight>(
+        Scene::new(&bvh, &t),
+        &rays,
+        limits,
+        Query::Closest,
+        &mut Work::default(),
+    );
     for i in 0..SIZE {
         let truth = closest_hit_brute(&t, &rays[i], limits[i], TriangleTest::Watertight);
         assert_eq!(bits(hits[i]), bits(truth));
@@ -254,7 +253,7 @@ fn broken_rays_and_empty_trees_hit_nothing() {
 #[test]
 fn nothing_leaks_out_of_a_closed_sphere() {
     let sphere = icosphere(4);
-    let mut random = Random(3);
+    let mut random = Random::new(3);
     for offset in [0.0, 10.0, 1000.0] {
         let sphere = sphere.map(|p| p + Vec3::splat(offset));
         let (t, bvh) = (sphere.triangles(), tree(&sphere, 1));

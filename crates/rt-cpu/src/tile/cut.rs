@@ -1,20 +1,21 @@
 //! The top of the tree, opened once for all packets of a tile.
 
 use bvh_core::{Node, prefetch};
+use bytemuck::Zeroable;
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
 use crate::frustum::{Frame, Frustum, FrustumPlanes};
 use crate::scene::Work;
 use crate::simd::{load, max};
+use crate::wide::V;
 
 /// Subtrees of a cut; a multiple of all vector lengths.
 const CUT: usize = 48;
 
-type V<S> = fearless_simd::f32x16<S>;
-
 /// The top of the tree as a tile sees it: subtrees, nearest first.
 #[repr(C, align(64))]
+#[derive(Zeroable)]
 pub(super) struct Cut {
     x: [[f32; CUT]; 2],
     y: [[f32; CUT]; 2],
@@ -25,11 +26,6 @@ pub(super) struct Cut {
 }
 
 impl Cut {
-    pub(super) fn new() -> Self {
-        let none = [0.0; CUT];
-        Self { x: [none; 2], y: [none; 2], z: [none; 2], near: none, node: [0; CUT], count: 0 }
-    }
-
     /// Opens the tree's top: the largest inner nodes first, by half area.
     #[inline(always)]
     pub(super) fn fill<S: Simd>(

@@ -1,11 +1,12 @@
 //! Rays of a packet in the form in which they are tested, four groups of 16, and gathering of what is left into one.
 
+use bytemuck::Zeroable;
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
 use crate::bundle::{Bundle, Hits};
 use crate::simd::{bits, load, load3, max};
-use crate::wide::Rays;
+use crate::wide::{Rays, V};
 
 /// Rays of a packet.
 pub(super) const PACKET: usize = 64;
@@ -18,10 +19,9 @@ pub(super) const GROUP_MASK: u64 = (1 << GROUP) - 1;
 /// The groups of a packet; behind them one for rays gathered from several, and room for vectors that reach beyond.
 pub(super) const LANES: usize = PACKET + 2 * GROUP;
 
-pub(super) type V<S> = fearless_simd::f32x16<S>;
-
 /// Rays in a form to be tested, with their best hits so far.
 #[repr(C, align(64))]
+#[derive(Zeroable)]
 pub(super) struct Packet {
     pub(super) direction: [[f32; LANES]; 3],
     /// Minus one over the direction; see [`Slab::enter`](crate::wide::Slab::enter).
@@ -39,21 +39,6 @@ pub(super) struct Packet {
 }
 
 impl Packet {
-    pub(super) fn new() -> Self {
-        let zero = [0.0; LANES];
-        Self {
-            direction: [zero; 3],
-            inverse: [zero; 3],
-            shear: [zero; 2],
-            t: zero,
-            u: zero,
-            v: zero,
-            primitive: zero,
-            active: [0; 2],
-            hit: [0; 2],
-        }
-    }
-
     #[inline(always)]
     pub(super) fn inverse<S: Simd>(&self, simd: S, at: usize) -> [V<S>; 3] {
         load3(simd, &self.inverse, at)
@@ -61,7 +46,7 @@ impl Packet {
 
     /// Rays that are longest along `axis`.
     #[inline(always)]
-    pub(super) fn rays<S: Simd>(&self, simd: S, axis: usize, at: usize) -> Rays<V<S>> {
+    pub(super) fn rays<S: Simd>(&self, simd: S, axis: usize, at: usize) -> Rays<S> {
         Rays {
             direction: load3(simd, &self.direction, at),
             shear: [

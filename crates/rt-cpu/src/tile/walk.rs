@@ -5,14 +5,13 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
 use super::Scratch;
-use super::packet::{GROUP, GROUP_MASK, LANES, PACKET, Packet, V};
+use super::packet::{GROUP, GROUP_MASK, LANES, PACKET, Packet};
 use crate::scene::{Scene, Work};
 use crate::simd::{bits, load, max};
-use crate::wide::{RayOctant, Slab, WideTest};
+use crate::wide::{RayOctant, Slab, V, WideTest};
 
 /// Walks the subtree at `root` with the rays in `mask`, one of which goes along `along`.
 #[inline(always)]
-#[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
 pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
@@ -28,16 +27,8 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
     let mut n = root as usize;
     let mut mask = enter(simd, &scratch.packet, &nodes[n], octant, mask & scratch.packet.active(0));
     if nodes[n].is_leaf() {
-        return test_leaf::<S, T, ANY, PACKET>(
-            simd,
-            scene,
-            octant,
-            &nodes[n],
-            mask,
-            0,
-            &mut scratch.packet,
-            work,
-        );
+        let packet = &mut scratch.packet;
+        return test_leaf::<S, T, ANY, PACKET>(simd, scene, octant, &nodes[n], mask, 0, packet);
     }
     loop {
         if mask == 0 {
@@ -59,16 +50,7 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
             for (side, child) in children.iter().enumerate() {
                 if entered[side] != 0 && child.is_leaf() {
                     let packet = &mut scratch.packet;
-                    test_leaf::<S, T, ANY, PACKET>(
-                        simd,
-                        scene,
-                        octant,
-                        child,
-                        entered[side],
-                        0,
-                        packet,
-                        work,
-                    );
+                    test_leaf::<S, T, ANY, PACKET>(simd, scene, octant, child, entered[side], 0, packet);
                     entered[side] = 0;
                 }
             }
@@ -146,7 +128,6 @@ fn enter<S: Simd>(simd: S, packet: &Packet, node: &Node, octant: &RayOctant, mas
 
 /// Walks the subtree at an inner node with rays of the group at `at`, all of which enter it.
 #[inline(always)]
-#[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
 fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
@@ -169,11 +150,11 @@ fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
         let (tr, mr) = Slab::of(simd, r, octant).enter(simd, inverse, t);
         let (mut ml, mut mr) = (ml.to_bitmask() & mask, mr.to_bitmask() & mask);
         if ml != 0 && l.is_leaf() {
-            test_leaf::<S, T, ANY, GROUP>(simd, scene, octant, l, ml, at, packet, work);
+            test_leaf::<S, T, ANY, GROUP>(simd, scene, octant, l, ml, at, packet);
             ml = 0;
         }
         if mr != 0 && r.is_leaf() {
-            test_leaf::<S, T, ANY, GROUP>(simd, scene, octant, r, mr, at, packet, work);
+            test_leaf::<S, T, ANY, GROUP>(simd, scene, octant, r, mr, at, packet);
             mr = 0;
         }
         fetch_subtree(nodes, l, ml);
@@ -214,7 +195,6 @@ fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
 
 /// Tests the triangles of a leaf against `N` rays from `at` on, those in `mask`.
 #[inline(always)]
-#[expect(clippy::too_many_arguments, reason = "inlined into one loop")]
 fn test_leaf<S: Simd, T: WideTest, const ANY: bool, const N: usize>(
     simd: S,
     scene: Scene<'_>,
@@ -223,7 +203,6 @@ fn test_leaf<S: Simd, T: WideTest, const ANY: bool, const N: usize>(
     mask: u64,
     at: usize,
     packet: &mut Packet,
-    work: &mut Work,
 ) {
     for slot in leaf.first()..leaf.first() + leaf.count() {
         let p = scene.primitive(slot);
@@ -232,7 +211,6 @@ fn test_leaf<S: Simd, T: WideTest, const ANY: bool, const N: usize>(
             return;
         }
         let Some(corners) = corners(scene.triangles, p) else { continue };
-        work.primitives += 1;
         for i in (0..N).step_by(GROUP) {
             let lanes = mask >> i & GROUP_MASK;
             if lanes != 0 {
