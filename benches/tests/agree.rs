@@ -109,7 +109,6 @@ fn costs_of_all_readable_trees_are_those_of_trees_over_these_triangles() {
             contestant.update().expect("updated");
             let cost = contestant.sah_cost().expect("readable");
             let ratio = cost / sweep;
-            println!("COST {} {ratio:.4}", entry.name);
             assert!((0.7..1.5).contains(&ratio), "{}: {ratio} of a sweep build's cost", entry.name);
         }
     }

@@ -73,7 +73,7 @@ fn undisturbed(sheet: &Path, base: &Path) -> [Vec<String>; 2] {
     let out = base.join("undisturbed");
     succeeds(&reproduce(sheet, &out));
     let rows = FILES.map(|name| rows(&out.join(name)));
-    assert_eq!(rows.each_ref().map(Vec::len), [1 + 2 * 150, 1 + 5 * (20 + 100 + 500) * 3 / 2]);
+    assert_eq!(rows.each_ref().map(Vec::len), [1 + 2 * 150, 1 + (5 * 20 + 100 + 500) * 3 / 2]);
     rows
 }
 

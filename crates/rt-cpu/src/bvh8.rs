@@ -17,10 +17,10 @@ mod collapse;
 mod walk;
 
 use bvh_core::{Aabb, Bvh, Ray, Triangles};
-use fearless_simd::{Level, dispatch};
 use rayon::prelude::*;
 
 use crate::scene::{Query, Work, every, with_test};
+use crate::simd::dispatch;
 use crate::{Hit, TriangleTest};
 
 use block::Block;

@@ -234,7 +234,7 @@ mod tests {
                 });
                 let pair = [Node::leaf(aabb, 0, 1), Node::leaf(Aabb::EMPTY, 1, 1)];
                 for level in SimdLevel::available() {
-                    let meets = fearless_simd::dispatch!(detected(level), simd => planes.meets(simd, &pair));
+                    let meets = crate::simd::dispatch!(detected(level), simd => planes.meets(simd, &pair));
                     assert!(meets & 1 == 1 || !entered, "{aabb:?}");
                     (met, missed) = (met + (meets & 1), missed + (1 - (meets & 1)));
                 }

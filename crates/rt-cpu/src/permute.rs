@@ -56,7 +56,7 @@ mod tests {
         let from = std::array::from_fn(|i| i as f32 + 100.0);
         let lanes: [u32; 16] = std::array::from_fn(|i| (i as u32 & 8) + (i as u32 * 5 + 3) % 8);
         for level in SimdLevel::available() {
-            let to = fearless_simd::dispatch!(detected(level), simd => permute(simd, &from, &lanes));
+            let to = crate::simd::dispatch!(detected(level), simd => permute(simd, &from, &lanes));
             assert_eq!(to, lanes.map(|lane| from[lane as usize]), "{level:?}");
         }
     }

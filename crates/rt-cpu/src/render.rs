@@ -4,7 +4,7 @@ use std::cell::RefCell;
 
 use bvh_core::{Bvh, Triangles, Vec3};
 use bytemuck::zeroed_box;
-use fearless_simd::{Simd, dispatch};
+use fearless_simd::Simd;
 use rayon::prelude::*;
 
 use crate::bvh8::BlockTest;
@@ -12,7 +12,7 @@ use crate::cast::{Frame, TILE, Tile, cast_tile};
 use crate::options::{Effects, Output, RenderOptions, RenderStats, Traversal, sum};
 use crate::scene::{Scene, with_test};
 use crate::shade::{PointLight, Shader};
-use crate::simd::detected;
+use crate::simd::{detected, dispatch};
 use crate::sink::{Look, Rows, TilePixel};
 use crate::times::Tally;
 use crate::wavefront::Wavefront;

@@ -27,6 +27,38 @@ pub(crate) fn detected(level: SimdLevel) -> Level {
     lower.unwrap_or(best)
 }
 
+/// Runs `$body` compiled for the level, with `$simd` the token of its vector types: as `fearless_simd::dispatch`, but SSE4.2 counts as
+/// SSE2, since each level makes this crate's tests compile a minute longer.
+macro_rules! dispatch {
+    ($level:expr, $simd:ident => $body:expr) => {{
+        use fearless_simd::{Level, Simd};
+        match $level {
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512($simd) => $simd.vectorize(
+                #[inline(always)]
+                || $body,
+            ),
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2($simd) => $simd.vectorize(
+                #[inline(always)]
+                || $body,
+            ),
+            #[cfg(target_arch = "x86_64")]
+            level => {
+                // Always there on x86-64.
+                let $simd = level.as_sse2().expect("SSE2");
+                $simd.vectorize(
+                    #[inline(always)]
+                    || $body,
+                )
+            }
+            #[cfg(not(target_arch = "x86_64"))]
+            level => fearless_simd::dispatch!(level, $simd => $body),
+        }
+    }};
+}
+pub(crate) use dispatch;
+
 /// Lanes of single precision numbers.
 pub(crate) trait Lanes<S: Simd>: SimdFloat<S, Element = f32> {}
 

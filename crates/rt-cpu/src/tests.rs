@@ -7,11 +7,10 @@ use crate::bvh8;
 use crate::cast::{place, trace};
 use crate::packet::{self, SIZE};
 use crate::scene::{Query, Scene, Work, every, with_test};
-use crate::simd::detected;
+use crate::simd::{detected, dispatch};
 use crate::tile::Scratch;
 use bvh_core::triangle::Watertight;
 use bytemuck::zeroed_box;
-use fearless_simd::{Level, dispatch};
 
 use crate::{
     Bvh8, Camera, Image, Material, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render,
