@@ -197,10 +197,10 @@ pub(crate) struct Cost {
 
 impl Cost {
     /// What stands above [`Cost::cells`].
-    pub(crate) const HEADS: [&str; 9] =
+    const HEADS: [&str; 9] =
         ["kind", "effect", "count: all", "without", "alone", "ms: all", "without", "alone", "none"];
 
-    pub(crate) fn cells(&self) -> [String; 9] {
+    fn cells(&self) -> [String; 9] {
         let ([all, without, alone], ms) =
             (self.counts.map(|n| n.to_string()), self.ms.map(|ms| format!("{ms:.3}")));
         let [ms_all, ms_without, ms_alone, none] = ms;
@@ -262,14 +262,13 @@ pub(crate) struct Played {
     pub(crate) size: u32,
 }
 
-/// What each effect of a scene costs, and the row of those that are planned though nothing calls for them.
-pub(crate) fn measure(source: &str, clip: Option<&str>, played: Played) -> Result<(Vec<Cost>, String)> {
+/// What each effect of a scene costs.
+pub(crate) fn measure(source: &str, clip: Option<&str>, played: Played) -> Result<Vec<Cost>> {
     let options = SceneOptions { detail: Some(played.detail), ..SceneOptions::default() };
     let scene = stage::load_with(source, clip, options.clone())?;
     let own = scene.effects;
     let mut scene = Some(scene);
     let mut play = |effects| play(played, &mut scene, effects);
-    let mut all = play(own)?;
 
     let kinds = [own.motion, own.motion.without(MotionEffects::SIMULATED)];
     let mut found = costs("simulation", &SIMULATED, kinds, |motion| {
@@ -284,10 +283,20 @@ pub(crate) fn measure(source: &str, clip: Option<&str>, played: Played) -> Resul
     found.extend(costs("light", &LIGHT, [own.light, LightEffects::NONE], |light| {
         play(Effects { light, ..own }).map(|f| (f.traced, f.light_ms))
     })?);
+    Ok(found)
+}
 
+/// The counts of effects that nothing in a scene calls for, planned all the same, and the milliseconds of a frame without them
+/// and with them.
+fn absent(source: &str, played: Played) -> Result<String> {
+    let options = SceneOptions { detail: Some(played.detail), ..SceneOptions::default() };
+    let scene = stage::load_with(source, None, options)?;
+    let own = scene.effects;
+    let mut scene = Some(scene);
+    let mut play = |effects| play(played, &mut scene, effects);
     let light = LightEffects { textures: true, alpha: true, mirror: true, ..own.light };
     let planned = Effects { motion: own.motion.with(PLAYBACK), light };
-    let mut more = play(planned)?;
+    let (mut all, mut more) = (play(own)?, play(planned)?);
     // In turn, so that other work on the machine disturbs both.
     for _ in 0..REPEATS {
         all = all.faster(play(own)?);
@@ -300,13 +309,13 @@ pub(crate) fn measure(source: &str, clip: Option<&str>, played: Played) -> Resul
     let absences = LIGHT.iter().filter(|(name, switch, _)| *name != "shadow" && !*switch(&mut light));
     counts.extend(absences.map(|(name, _, count)| format!("{name} {}", count(&more.traced))));
     let [own_ms, more_ms] = [all, more].map(|f| f.motion_ms + f.light_ms);
-    Ok((found, format!("{} | {own_ms:.3} | {more_ms:.3}", counts.join(", "))))
+    Ok(format!("{} | {own_ms:.3} | {more_ms:.3}", counts.join(", ")))
 }
 
 /// The table of costs, and that of effects which are planned though nothing calls for them.
 fn tables(args: &Args, sources: &[&str]) -> Result<String> {
     let mut rows = String::new();
-    let mut absent = ABSENT.to_owned();
+    let mut absences = ABSENT.to_owned();
     let played = Played { detail: args.detail, frames: args.frames as usize, size: args.size };
     for &source in sources {
         if interrupt::requested() {
@@ -314,14 +323,13 @@ fn tables(args: &Args, sources: &[&str]) -> Result<String> {
         }
         files::remark(source);
         let label = stage::label(source);
-        let (costs, row) = measure(source, None, played)?;
-        for cost in &costs {
+        for cost in measure(source, None, played)? {
             writeln!(rows, "| {label} | {} |", cost.cells().join(" | "))?;
         }
-        writeln!(absent, "| {label} | {row} |")?;
+        writeln!(absences, "| {label} | {} |", absent(source, played)?)?;
     }
     let heads = Cost::HEADS.join(" | ");
-    Ok(format!("{COSTS}\n| scene | {heads} |\n|{}\n{rows}{absent}", "---|".repeat(Cost::HEADS.len() + 1)))
+    Ok(format!("{COSTS}\n| scene | {heads} |\n|{}\n{rows}{absences}", "---|".repeat(Cost::HEADS.len() + 1)))
 }
 
 const COSTS: &str = "

@@ -28,7 +28,7 @@ pub(crate) fn detected(level: SimdLevel) -> Level {
 }
 
 /// Runs `$body` compiled for the level, with `$simd` the token of its vector types: as `fearless_simd::dispatch`, but SSE4.2 counts as
-/// SSE2, since each level makes this crate's tests compile a minute longer.
+/// SSE2: kernels are most of what compiling this crate takes, once for each level.
 macro_rules! dispatch {
     ($level:expr, $simd:ident => $body:expr) => {{
         use fearless_simd::{Level, Simd};

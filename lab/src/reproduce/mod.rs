@@ -262,7 +262,7 @@ impl<'a> Bench<'a> {
             run.offline = offline::measure(&mut stage, plan.values.size)?;
         }
         if args.runs(Experiment::Effects) && is_main && !interrupt::requested() {
-            run.facts.effect_costs = effects::measure(&source, args.clip.as_deref(), EFFECTS)?.0;
+            run.facts.effect_costs = effects::measure(&source, args.clip.as_deref(), EFFECTS)?;
         }
         if let Some(journal) = self.points.as_mut().filter(|_| is_main && args.measures_accuracy_of(&label)) {
             points = accuracy::of_scene(&label, &mut stage, &args.effort(run.facts.triangles), journal)?;
