@@ -49,9 +49,31 @@ const ROOM_TRIANGLES: usize = 4 * ROOM.sides + 8 * 28 * STEPS + 12 * STEPS + POS
 /// A triangle's corners.
 type Corners = [Vec3; 3];
 
+/// How many levels of the benchmark the sculpture is below the full one: each has a quarter of the triangles.
+#[derive(Clone, Copy)]
+struct Less(u32);
+
+impl Less {
+    /// The most levels that leave at least this part of the triangles; four at most.
+    fn at_least(detail: f32) -> Self {
+        Self((1..=4).take_while(|&less| 0.25_f32.powi(less) >= detail).count() as u32)
+    }
+
+    fn triangles(self) -> usize {
+        TRIANGLES >> (2 * self.0)
+    }
+
+    /// How much longer the edges of loose triangles are.
+    fn scale(self) -> f32 {
+        (1 << self.0) as f32
+    }
+}
+
 pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let mut random = fastrand::Rng::with_seed(options.seed);
-    let mut shapes: [Vec<Corners>; SHAPES] = [heap(&mut random), flame(&mut random), cube(), ball(), knot()];
+    let less = Less::at_least(options.detail.unwrap_or(1.0));
+    let mut shapes: [Vec<Corners>; SHAPES] =
+        [heap(less, &mut random), flame(less, &mut random), cube(less), ball(less), knot(less)];
     for shape in &mut shapes[..2] {
         random.shuffle(shape);
     }
@@ -60,11 +82,13 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let mut assembly = Assembly::default();
     let bronze = assembly.material([0.75, 0.45, 0.2]);
     let triangle = |k: u32| [3 * k, 3 * k + 1, 3 * k + 2];
-    let sculpture =
-        Mesh { positions: shapes[0].concat(), triangles: (0..TRIANGLES as u32).map(triangle).collect() };
+    let sculpture = Mesh {
+        positions: shapes[0].concat(),
+        triangles: (0..less.triangles() as u32).map(triangle).collect(),
+    };
     assembly.part("sculpture", &sculpture, Motion { key_frames: true, ..Motion::STILL }, bronze);
     furnish(&mut assembly);
-    let still = &assembly.positions[3 * TRIANGLES..];
+    let still = &assembly.positions[3 * less.triangles()..];
     let frames: Vec<Vec<Vec3>> = shapes.iter().map(|shape| [&shape.concat()[..], still].concat()).collect();
     let animation = KeyFrames::new(assembly.topology, frames, SECONDS_PER_SHAPE, LoopMode::Restart)?;
     let seen = (vec3(0.5, 2.5, 4.9), vec3(0.0, 2.15, 0.0));
@@ -72,20 +96,21 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
 }
 
 /// Crumbs in a heap on the pedestal.
-fn heap(random: &mut fastrand::Rng) -> Vec<Corners> {
+fn heap(less: Less, random: &mut fastrand::Rng) -> Vec<Corners> {
     let mut crumb = || {
         let (sin, cos) = libm::sincosf(TAU * random.f32());
         let out = 0.46 * random.f32().sqrt();
         let top = 0.14 * (1.0 - out / 0.46) + 0.02;
         let at = vec3(out * cos, PEDESTAL + top * random.f32(), out * sin);
-        let mut corner = || at + 0.012 * vec3(random.f32() - 0.5, random.f32() - 0.5, random.f32() - 0.5);
+        let mut corner =
+            || at + 0.012 * less.scale() * vec3(random.f32() - 0.5, random.f32() - 0.5, random.f32() - 0.5);
         [corner(), corner(), corner()]
     };
-    (0..TRIANGLES).map(|_| crumb()).collect()
+    (0..less.triangles()).map(|_| crumb()).collect()
 }
 
 /// Slivers along three twisted tongues that rise from the pedestal.
-fn flame(random: &mut fastrand::Rng) -> Vec<Corners> {
+fn flame(less: Less, random: &mut fastrand::Rng) -> Vec<Corners> {
     let mut sliver = || {
         let h = random.f32();
         let tongue = (random.f32() * 3.0).floor();
@@ -93,36 +118,36 @@ fn flame(random: &mut fastrand::Rng) -> Vec<Corners> {
         let (off_sin, off_cos) = libm::sincosf(TAU * random.f32());
         let (axis, width) = (0.42 * libm::sinf(PI * h * 0.9), 0.3 * (1.0 - h) * (0.4 + 1.6 * h).min(1.0));
         let at = vec3(axis * cos + width * off_cos, PEDESTAL + 0.1 + 2.4 * h, axis * sin + width * off_sin);
-        let along = vec3(-sin, 2.0, cos).normalize() * 0.045;
+        let along = vec3(-sin, 2.0, cos).normalize() * 0.045 * less.scale();
         let across = vec3(-off_sin, 0.0, off_cos) * 0.008;
         [at - across, at + across, at + along]
     };
-    (0..TRIANGLES).map(|_| sliver()).collect()
+    (0..less.triangles()).map(|_| sliver()).collect()
 }
 
-fn ball() -> Vec<Corners> {
-    round().into_iter().map(|t| t.map(|p| CENTER + 0.8 * p.normalize())).collect()
+fn ball(less: Less) -> Vec<Corners> {
+    round(less).into_iter().map(|t| t.map(|p| CENTER + 0.8 * p.normalize())).collect()
 }
 
-fn cube() -> Vec<Corners> {
-    round().into_iter().map(|t| t.map(|p| CENTER + 0.6 * p / p.abs().max_element())).collect()
+fn cube(less: Less) -> Vec<Corners> {
+    round(less).into_iter().map(|t| t.map(|p| CENTER + 0.6 * p / p.abs().max_element())).collect()
 }
 
-/// A double pyramid over an octagon, its 16 triangles split into four six times.
-fn round() -> Vec<Corners> {
+/// A double pyramid over an octagon, its 16 triangles split into four six times at full detail.
+fn round(less: Less) -> Vec<Corners> {
     let rim = |k: usize| {
         let (sin, cos) = libm::sincosf(TAU * k as f32 / 8.0);
         vec3(cos, 0.0, sin)
     };
-    let mut all = Vec::with_capacity(TRIANGLES);
+    let mut all = Vec::with_capacity(less.triangles());
     for k in 0..8 {
-        split([rim(k), Vec3::Y, rim(k + 1)], 6, &mut all);
-        split([rim(k), rim(k + 1), Vec3::NEG_Y], 6, &mut all);
+        split([rim(k), Vec3::Y, rim(k + 1)], 6 - less.0, &mut all);
+        split([rim(k), rim(k + 1), Vec3::NEG_Y], 6 - less.0, &mut all);
     }
     all
 }
 
-fn split([a, b, c]: Corners, times: usize, out: &mut Vec<Corners>) {
+fn split([a, b, c]: Corners, times: u32, out: &mut Vec<Corners>) {
     if times == 0 {
         out.push([a, b, c]);
         return;
@@ -133,22 +158,21 @@ fn split([a, b, c]: Corners, times: usize, out: &mut Vec<Corners>) {
     }
 }
 
-/// A trefoil knot, 512 steps along and 64 around.
-fn knot() -> Vec<Corners> {
-    const ALONG: usize = 512;
-    const AROUND: usize = TRIANGLES / 2 / ALONG;
+/// A trefoil knot, 512 steps along and 64 around at full detail.
+fn knot(less: Less) -> Vec<Corners> {
+    let [along, around] = [512, TRIANGLES / 2 / 512].map(|steps| steps >> less.0);
     let curve = |u: f32| {
         let ((s1, c1), (s2, c2)) = (libm::sincosf(TAU * u), libm::sincosf(2.0 * TAU * u));
         CENTER + 0.3 * vec3(s1 + 2.0 * s2, c1 - 2.0 * c2, -libm::sinf(3.0 * TAU * u))
     };
     let point = |i: usize, j: usize| {
-        let u = i as f32 / ALONG as f32;
+        let u = i as f32 / along as f32;
         let tangent = (curve(u + 1e-3) - curve(u - 1e-3)).normalize();
         let side = tangent.cross(Vec3::Z).normalize();
-        let (sin, cos) = libm::sincosf(TAU * j as f32 / AROUND as f32);
+        let (sin, cos) = libm::sincosf(TAU * j as f32 / around as f32);
         curve(u) + 0.2 * (cos * side + sin * side.cross(tangent))
     };
-    let quads = (0..ALONG).flat_map(|i| (0..AROUND).map(move |j| (i, j)));
+    let quads = (0..along).flat_map(|i| (0..around).map(move |j| (i, j)));
     quads
         .flat_map(|(i, j)| {
             let [a, b, c, d] = [point(i, j), point(i + 1, j), point(i, j + 1), point(i + 1, j + 1)];

@@ -44,6 +44,11 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
 /// The same seed gives the same bytes. Takes a few seconds.
 #[must_use]
 pub fn fairy_forest_glb(seed: u64) -> Vec<u8> {
+    with_grass(seed, 1.0)
+}
+
+/// The same with a fraction of the grass.
+fn with_grass(seed: u64, part: f32) -> Vec<u8> {
     let mut random = fastrand::Rng::with_seed(seed);
     let mut glb = Glb::default();
     fairy::add(&mut glb, vec3(0.0, 0.35, 0.0), SECONDS);
@@ -62,7 +67,7 @@ pub fn fairy_forest_glb(seed: u64) -> Vec<u8> {
         show(&mut glb, name, mesh, *color);
     }
     // Blades of grass make up the number.
-    let blades = TRIANGLES.saturating_sub(glb.triangle_count());
+    let blades = (TRIANGLES.saturating_sub(glb.triangle_count()) as f32 * part) as usize;
     show(&mut glb, "grass", &grass(blades, &mut random), [0.3, 0.55, 0.15]);
     glb.camera(EYE, TARGET, FOV_Y);
     glb.point_light(LIGHT, [1.0; 3]);
@@ -70,9 +75,10 @@ pub fn fairy_forest_glb(seed: u64) -> Vec<u8> {
 }
 
 pub(crate) fn scene(clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
-    let parameters = format!("fairy-forest seed {}", options.seed);
+    let detail = options.detail.unwrap_or(1.0);
+    let parameters = format!("fairy-forest seed {} detail {detail}", options.seed);
     let (record, notes) = recorded(&parameters, options, || Record {
-        ints: vec![words(&fairy_forest_glb(options.seed))],
+        ints: vec![words(&with_grass(options.seed, detail))],
         ..Record::default()
     });
     let bytes: Vec<u8> = record.ints.iter().flatten().flat_map(|word| word.to_le_bytes()).collect();

@@ -67,8 +67,9 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
         .map(|color| assembly.material(color));
     let stone = assembly.material([0.55, 0.55, 0.6]);
     let moving = Motion { rigid: true, ..Motion::STILL };
+    let steps = (16.0 * options.detail.unwrap_or(1.0).sqrt()).round().max(4.0) as usize;
     for (&radius, &color) in floats.iter().flatten().zip(colors.iter().cycle()) {
-        assembly.part("ball", &sphere(radius, 16, 16), moving, color);
+        assembly.part("ball", &sphere(radius, steps, steps), moving, color);
     }
     for (x, z, radius, height) in PILLARS {
         let foot = Vec3::new(x as f32, 0.0, z as f32);

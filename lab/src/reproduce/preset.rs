@@ -20,7 +20,7 @@ pub(crate) enum Preset {
 /// The settings that a preset stands for.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Values {
-    /// Fraction of the triangles of scenes that are simulated for minutes; all of them if `None`.
+    /// Fraction of the scenes' triangles ([`scenes::SceneOptions::detail`]); all of them if `None`.
     pub(crate) detail: Option<f32>,
     /// Frames in a loop.
     pub(crate) frames: usize,
@@ -29,6 +29,8 @@ pub(crate) struct Values {
     pub(crate) size: u32,
     /// How rays are grouped.
     pub(crate) traversal: Traversal,
+    /// How often each picture is traced; the fastest counts.
+    pub(crate) traces: usize,
     /// One frame in this number is measured; the second number is for scenes of many triangles.
     pub(crate) measure_every: [usize; 2],
     /// Whether figure 5 is part of "everything".
@@ -69,11 +71,12 @@ impl Preset {
 
     pub(crate) fn values(self) -> Values {
         Values {
-            detail: self.pick([Some(0.15), None, None]),
+            detail: self.pick([Some(0.1), None, None]),
             frames: self.pick([10, 50, 100]),
             loops: self.pick([1.5, 1.5, 2.3]),
-            size: self.pick([160, 512, 1024]),
+            size: self.pick([128, 512, 1024]),
             traversal: self.pick([Traversal::Tile, Traversal::Tile, Traversal::Packet]),
+            traces: self.pick([1, 2, 2]),
             measure_every: self.pick([[1, 1], [5, 10], [1, 1]]),
             speeds: self.pick([false, true, true]),
             speed_loops: self.pick([2.0, 3.0, 5.0]),
@@ -102,7 +105,7 @@ impl Values {
             |ours: String, papers: String| (ours != papers).then(|| format!("{ours} instead of {papers}"));
         let other = |words: fn(&Self) -> String| instead(words(self), words(&paper));
         let less = [
-            self.detail.map(|part| format!("cloth and statues at {:.0} % of their triangles", 100.0 * part)),
+            self.detail.map(|part| format!("scenes at about {:.0} % of their triangles", 100.0 * part)),
             other(|v| format!("{} frames a loop", v.frames)),
             other(|v| format!("{} loops", v.loops)),
             other(|v| format!("{0} x {0} pixels", v.size)),
