@@ -12,15 +12,19 @@ use crate::subtree_slot::{SubtreeSlot, middle};
 const MAX_BINS: usize = 256;
 
 /// Bins of the smallest nodes; one more for every eight primitives.
+// Half and double: docs/TUNING.md.
 const FEWEST_BINS: usize = 4;
 
 /// Subtrees of fewer primitives are built by one thread.
+// Half and double: docs/TUNING.md.
 const GRAIN: usize = 1024;
 
 /// Most tasks a thread, for an even share of the work.
+// Half and double: docs/TUNING.md.
 const TASKS: usize = 16;
 
 /// Fewest primitives to bin or move in a task of their own.
+// Half and double: docs/TUNING.md.
 const PART: usize = 4096;
 
 /// Most primitives that are binned at once; more would not fit the counters.

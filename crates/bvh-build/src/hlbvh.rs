@@ -18,9 +18,11 @@ use crate::radix::Key;
 use crate::subtree_slot::SubtreeSlot;
 
 /// Most primitives in a cluster.
+// Half and double: docs/TUNING.md.
 const CLUSTER: usize = 32;
 
 /// Fewest clusters for a task.
+// Half and double: docs/TUNING.md.
 const PART: usize = 256;
 
 /// Memory for clusters.

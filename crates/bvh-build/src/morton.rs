@@ -16,6 +16,7 @@ use crate::radix::{Counts, Key, sort};
 use crate::subtree_slot::SubtreeSlot;
 
 /// Subtrees of fewer primitives are built by one thread.
+// Half and double: docs/TUNING.md.
 const GRAIN: usize = 4096;
 
 /// How many primitives ahead boxes are fetched.

@@ -11,6 +11,7 @@ use crate::raw;
 pub(crate) const MAX_RADIUS: usize = 32;
 
 /// Clusters that are handled at a time.
+// Half and double: docs/TUNING.md.
 const PART: usize = 256;
 
 /// Of a cluster's place and another's: which is the nearest is decided by area and then by this, in

@@ -28,9 +28,11 @@ use crate::radix::Key;
 use crate::subtree_slot::SubtreeSlot;
 
 /// Clusters for a task.
+// Half and double: docs/TUNING.md.
 const PART: usize = 2048;
 
 /// Subtrees of fewer primitives are written by one thread.
+// Half and double: docs/TUNING.md.
 const GRAIN: usize = 4096;
 
 /// After a round that joins fewer than one cluster in this number, a round joins all neighbours.

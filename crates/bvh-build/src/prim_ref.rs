@@ -173,6 +173,7 @@ pub(crate) struct Gathered {
 const LARGE: f32 = (1u64 << 40) as f32;
 
 /// Fewest primitives for a task to copy.
+// Half and double: docs/TUNING.md.
 const PART: usize = 4096;
 
 /// Copies the primitives: to `boxed` those with a box, to `dropped` the others. Where all

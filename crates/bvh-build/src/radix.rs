@@ -15,6 +15,7 @@ const DIGITS: u32 = 3;
 pub(crate) type Counts = [u32; 1 << DIGIT];
 
 /// Fewest keys for a thread to sort.
+// Half and double: docs/TUNING.md.
 const PART: usize = 8192;
 
 /// A code, and below it in the same integer the number of what has this code.

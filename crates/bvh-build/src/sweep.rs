@@ -8,6 +8,7 @@ use crate::prim_ref::{Bounds, PrimRef};
 use crate::subtree_slot::SubtreeSlot;
 
 /// Subtrees of fewer primitives are built by one thread.
+// Half and double: docs/TUNING.md.
 const GRAIN: usize = 4096;
 
 /// Builds the tree over `prims`, which have boxes and numbers below `count`; gives its bounds.

@@ -20,6 +20,7 @@ use crate::{
 };
 
 const TRIANGLES: usize = 174_117;
+const TREES: usize = 16;
 const FRAMES: usize = 96;
 const SECONDS: f32 = 4.0;
 const EYE: Vec3 = vec3(0.6, 1.25, 4.6);
@@ -44,18 +45,18 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
 /// The same seed gives the same bytes. Takes a few seconds.
 #[must_use]
 pub fn fairy_forest_glb(seed: u64) -> Vec<u8> {
-    with_grass(seed, 1.0)
+    with_trees(TREES, seed)
 }
 
-/// The same with a fraction of the grass.
-fn with_grass(seed: u64, part: f32) -> Vec<u8> {
+/// The same with fewer trees, and then without grass.
+fn with_trees(trees: usize, seed: u64) -> Vec<u8> {
     let mut random = fastrand::Rng::with_seed(seed);
     let mut glb = Glb::default();
     fairy::add(&mut glb, vec3(0.0, 0.35, 0.0), SECONDS);
     dragonfly(&mut glb);
     caterpillar(&mut glb);
 
-    let forest = forest(&mut random, EYE);
+    let forest = forest(trees, &mut random, EYE);
     let still = [
         ("ground", forest.ground, [0.2, 0.24, 0.1]),
         ("bark", forest.bark, [0.33, 0.24, 0.17]),
@@ -66,19 +67,21 @@ fn with_grass(seed: u64, part: f32) -> Vec<u8> {
     for (name, mesh, color) in &still {
         show(&mut glb, name, mesh, *color);
     }
-    // Blades of grass make up the number.
-    let blades = (TRIANGLES.saturating_sub(glb.triangle_count()) as f32 * part) as usize;
-    show(&mut glb, "grass", &grass(blades, &mut random), [0.3, 0.55, 0.15]);
+    if trees == TREES {
+        // Blades of grass make up the number.
+        let blades = TRIANGLES.saturating_sub(glb.triangle_count());
+        show(&mut glb, "grass", &grass(blades, &mut random), [0.3, 0.55, 0.15]);
+    }
     glb.camera(EYE, TARGET, FOV_Y);
     glb.point_light(LIGHT, [1.0; 3]);
     glb.finish()
 }
 
 pub(crate) fn scene(clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
-    let detail = options.detail.unwrap_or(1.0);
-    let parameters = format!("fairy-forest seed {} detail {detail}", options.seed);
+    let trees = (TREES as f32 * options.detail.unwrap_or(1.0)).ceil() as usize;
+    let parameters = format!("fairy-forest seed {} trees {trees}", options.seed);
     let (record, notes) = recorded(&parameters, options, || Record {
-        ints: vec![words(&with_grass(options.seed, detail))],
+        ints: vec![words(&with_trees(trees, options.seed))],
         ..Record::default()
     });
     let bytes: Vec<u8> = record.ints.iter().flatten().flat_map(|word| word.to_le_bytes()).collect();

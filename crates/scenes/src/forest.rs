@@ -32,7 +32,7 @@ pub(crate) fn ground_at(x: f32, z: f32) -> f32 {
 }
 
 /// The forest without grass.
-pub(crate) fn forest(random: &mut fastrand::Rng, eye: Vec3) -> Forest {
+pub(crate) fn forest(trees: usize, random: &mut fastrand::Rng, eye: Vec3) -> Forest {
     let ground = grid(CELLS, |row, column| {
         let [x, z] = [column, row].map(|k| SIDE * (k as f32 / CELLS as f32 - 0.5));
         let rough = 0.04 * (random.f32() - 0.5);
@@ -41,7 +41,7 @@ pub(crate) fn forest(random: &mut fastrand::Rng, eye: Vec3) -> Forest {
     let mut forest = Forest { ground, ..Forest::default() };
 
     let mut places: Vec<Vec3> = Vec::new();
-    while places.len() < 16 {
+    while places.len() < trees {
         let (x, z) = (20.0 * (random.f32() - 0.5), 16.0 * random.f32() - 12.0);
         let p = vec3(x, ground_at(x, z) - 0.05, z);
         let level = vec3(eye.x, p.y, eye.z);

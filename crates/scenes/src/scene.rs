@@ -106,7 +106,7 @@ pub struct SceneOptions<'a> {
     /// Of a scene that blends between shapes: the shape to start from, modulo their number.
     pub start_shape: usize,
     /// Fraction of the triangles to make, above 0 and at most 1, as near as a scene comes to it: the museum's
-    /// sculpture has 4^-n of them, and only the forest's grass is thinned. `None` is all.
+    /// sculpture has 4^-n of them, and the forest fewer trees. `None` is all.
     pub detail: Option<f32>,
     /// Effects that the scene calls for and that are left out: their stages do not run, neither in
     /// the simulation nor in a frame.

@@ -9,7 +9,7 @@ use crate::pool::PAPER_THREADS;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Preset {
-    /// Under a minute: few frames, small pictures.
+    /// Half a minute on two cores: few frames, small scenes and pictures.
     Quick,
     /// A quarter of an hour on two cores.
     Standard,
@@ -71,7 +71,7 @@ impl Preset {
 
     pub(crate) fn values(self) -> Values {
         Values {
-            detail: self.pick([Some(0.1), None, None]),
+            detail: self.pick([Some(0.05), None, None]),
             frames: self.pick([10, 50, 100]),
             loops: self.pick([1.5, 1.5, 2.3]),
             size: self.pick([128, 512, 1024]),
@@ -86,7 +86,7 @@ impl Preset {
             picture_size: self.pick([[240, 160], [400, 240], [400, 240]]),
             peer_frames: self.pick([2, 5, 20]),
             offline: self.pick([0, 200_000, usize::MAX]),
-            prepared: self.pick([50_000, MANY, usize::MAX]),
+            prepared: self.pick([6_000, MANY, usize::MAX]),
         }
     }
 }

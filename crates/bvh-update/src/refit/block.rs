@@ -15,12 +15,14 @@ use super::kernels::Accepted;
 use super::shared::SharedNodes;
 
 /// Inner nodes that one block lists, but for the last level.
+// Half and double: docs/TUNING.md.
 pub(crate) const LISTED: usize = 1024;
 
 /// Room of a list, a power of two: an index modulo the room needs no check.
 const ROOM: usize = 2 * LISTED;
 
 /// How many nodes ahead a walk fetches children.
+// Half and double: docs/TUNING.md.
 const FETCHED: usize = 16;
 
 /// Nodes whose children are listed together.
@@ -120,9 +122,9 @@ impl<'a> Lister<'a> {
     }
 
     /// Lists the children of a node, where they move. Each is written to both lists and counted in one, as a branch
-    /// would be mispredicted often.
+    /// would be mispredicted often. Gives their link words.
     #[inline(always)]
-    pub(super) fn children(&mut self, nodes: SharedNodes<'_>, parent: Entry) {
+    pub(super) fn children(&mut self, nodes: SharedNodes<'_>, parent: Entry) -> [u32; 2] {
         let (pair, counts) = (parent.first(), &mut self.counts);
         let links = nodes.links(pair);
         for (i, link) in links.into_iter().enumerate() {
@@ -135,8 +137,14 @@ impl<'a> Lister<'a> {
             self.inner.entries[counts.inner % ROOM] = entry;
             counts.inner += (1 - is_leaf) & moves;
         }
-        self.rotating.entries[counts.rotating % ROOM] = parent;
-        counts.rotating += usize::from(links[0] & links[1] & Node::LEAF == 0);
+        links
+    }
+
+    /// Lists a node, given the link words of its children, if it has grandchildren.
+    #[inline(always)]
+    pub(super) fn rotating(&mut self, node: Entry, links: [u32; 2]) {
+        self.rotating.entries[self.counts.rotating % ROOM] = node;
+        self.counts.rotating += usize::from(links[0] & links[1] & Node::LEAF == 0);
     }
 
     /// Appends eight entries to each list, of which the first few count. The others among `inner` are those of the root.

@@ -15,9 +15,11 @@ use super::shared::dispatch;
 use super::{Tally, Task, kernels};
 
 /// Pairs that are looked at together: first which nodes are leaves, then these, then the others.
+// Half and double: docs/TUNING.md.
 const STRETCH: usize = 256;
 
 /// Most pairs of a piece.
+// Half and double: docs/TUNING.md.
 const PIECE: usize = 4096;
 
 /// Whether a tree is to be swept. Looks at it where that is not known.

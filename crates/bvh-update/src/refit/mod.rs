@@ -41,13 +41,16 @@ pub(crate) use self::cost::Costs;
 use self::cost::Stopwatch;
 
 /// Nodes listed by blocks above others: the less, the more can be done at a time.
+// Half and double: docs/TUNING.md.
 const TOP_LISTED: usize = 128;
 
 /// Inner nodes that subtrees of one block have together, as estimated by [`is_heavy`].
+// Half and double: docs/TUNING.md.
 const WEIGHT: u64 = 512;
 
 /// Cache lines, of a pair each, to fetch for a subtree whose turn is next: as built they lie in one piece, and rotations
 /// leave them nearly so.
+// Half and double: docs/TUNING.md.
 const LINES: usize = 4;
 
 /// The budget of rotations.

@@ -21,14 +21,19 @@ pub(super) fn walk(
     leaves: &mut Leaves,
 ) {
     block.walk(nodes, roots, depth, limit, leaves, |parents, count, lister| {
-        parents[..count].iter().for_each(|&parent| lister.children(nodes, parent));
+        for &parent in &parents[..count] {
+            let links = lister.children(nodes, parent);
+            lister.rotating(parent, links);
+        }
     });
 }
 
 /// Lists the nodes of successive pairs.
 #[inline(always)]
 pub(super) fn sweep(nodes: SharedNodes<'_>, pairs: Range<usize>, lister: &mut Lister<'_>) {
-    pairs.for_each(|pair| lister.children(nodes, Entry::new(0, 2 * pair as u32)));
+    for pair in pairs {
+        lister.children(nodes, Entry::new(0, 2 * pair as u32));
+    }
 }
 
 /// See [`kernels::fit_leaves`].

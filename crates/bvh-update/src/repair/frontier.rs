@@ -8,10 +8,12 @@ use bvh_core::{Bvh, Node, prefetch};
 use crate::quality::TreeCost;
 
 /// Parts of the walk, for threads to share. The number is fixed, so the sums do not depend on the number of threads.
+// Half and double: docs/TUNING.md.
 const PARTS: usize = 512;
 
 /// Nodes of more than this part of the root's area are opened in any case. There are few, but a subtree as large as the
 /// room that everything else is in would have to be kept beside all of it.
+// Half and double: docs/TUNING.md.
 const LARGE: f32 = 0.005;
 
 /// Subtrees to keep, and the nodes above them.

@@ -14,9 +14,11 @@ use crate::refit::{SharedNodes, parts, share};
 use crate::state::{Layout, State};
 
 /// Subtrees of a new top that are higher than this are written by two tasks.
+// Half and double: docs/TUNING.md.
 const FORKED: u32 = 8;
 
 /// How many pairs ahead their places are fetched.
+// Half and double: docs/TUNING.md.
 const AHEAD: usize = 16;
 
 /// Builds the tree again above the frontier that was found, if there are at most `most` subtrees to keep. The baseline becomes the sum of all

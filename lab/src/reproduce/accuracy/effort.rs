@@ -25,7 +25,7 @@ impl Effort {
         let Values { frames, size, .. } = *values;
         let is_cut = preset != Preset::Full && triangles > MANY;
         let size = size.min(preset.pick([128, 512, size]));
-        let (repeats, rounds) = (preset.pick([2, 3, 5]), preset.pick([5, 7, 9]));
+        let (repeats, rounds) = (preset.pick([1, 3, 5]), preset.pick([3, 7, 9]));
         Self { preset, frames, is_cut, size, repeats, rounds, seed }
     }
 

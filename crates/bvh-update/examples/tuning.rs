@@ -1,0 +1,66 @@
+//! What the numbers in the code are judged by: builders and strategies on triangles that drift apart, in a pool of all cores.
+//! Change a number, and run this before and after: `cargo run --release -p bvh-update --example tuning`.
+//! `docs/TUNING.md` has half and double of each number.
+
+use std::time::Instant;
+
+use bvh_build::{BuildOptions, Builder, build_with};
+use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
+use bvh_update::{Leaves, PartialRebuild, Rotate, Strategy, Updater};
+
+const TRIANGLES: [u32; 2] = [100_000, 1_000_000];
+const REPEATS: usize = 7;
+const FRAMES: usize = 16;
+
+/// Corners of unconnected triangles in a cube, at a time.
+fn positions(n: u32, time: f32) -> Vec<Vec3> {
+    let noise = |i: u32| {
+        (i.wrapping_mul(0x9e37_79b1) ^ 0x5bd1_e995).wrapping_mul(0x85eb_ca6b) as f32 / u32::MAX as f32
+    };
+    let point = |i: u32| Vec3::new(noise(3 * i), noise(3 * i + 1), noise(3 * i + 2)) - 0.5;
+    let size = 4.0 / (n as f32).sqrt();
+    let corner = |i: u32| point(i / 3) + time * point(n + i / 3) + size * point(2 * n + i);
+    (0..3 * n).map(corner).collect()
+}
+
+/// What `work` gives, and the seconds that it takes.
+fn timed<T>(work: impl FnOnce() -> T) -> (f64, T) {
+    let start = Instant::now();
+    let result = work();
+    (start.elapsed().as_secs_f64(), result)
+}
+
+fn print(name: &str, n: u32, seconds: f64, cost: f64) {
+    println!("{name:<24} {n:>8} {:>8.2} ns a triangle, SAH cost {cost:.2}", 1e9 * seconds / f64::from(n));
+}
+
+fn main() {
+    for n in TRIANGLES {
+        let indices: Vec<_> = (0..n).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let frames: Vec<_> = (0..FRAMES).map(|frame| positions(n, 0.1 * frame as f32)).collect();
+        let triangles = |frame: usize| Triangles { positions: &frames[frame], indices: &indices };
+        let build =
+            |builder| build_with(&triangles(0), builder, &BuildOptions::default()).expect("few enough");
+        for builder in Builder::PER_FRAME {
+            let runs: [(f64, Bvh); REPEATS] = std::array::from_fn(|_| timed(|| build(builder)));
+            let least = runs.iter().map(|run| run.0).fold(f64::INFINITY, f64::min);
+            print(builder.name(), n, least, sah_cost(&runs[0].1));
+        }
+        for strategy in [
+            Strategy::Refit,
+            Strategy::RefitRotate(Rotate::default()),
+            Strategy::PartialRebuild(PartialRebuild::default()),
+            Strategy::Leaves(Leaves::default()),
+        ] {
+            let mut least = f64::INFINITY;
+            let mut cost = 0.0;
+            for _ in 0..3 {
+                let (mut bvh, mut updater) = (build(Builder::Ploc), Updater::new(strategy));
+                let mut update = |frame| timed(|| updater.update(&mut bvh, &triangles(frame))).0;
+                least = least.min((0..FRAMES).map(&mut update).sum::<f64>() / FRAMES as f64);
+                cost = sah_cost(&bvh);
+            }
+            print(strategy.name(), n, least, cost);
+        }
+    }
+}
