@@ -149,7 +149,7 @@ fn the_smallest_steps_still_make_the_stone_fall() {
 /// In `f32`, rounding took away what gravity adds in such a step.
 #[test]
 fn the_smallest_steps_still_make_the_cloth_fall() {
-    let steps = (4, 40_000);
+    let steps = (2, 50_000);
     let options = SceneOptions {
         detail: Some(0.001),
         key_frames: Some(steps.0),
