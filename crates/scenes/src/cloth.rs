@@ -2,44 +2,46 @@
 //! et al. 2019, "Small Steps in Physics Simulation"), in stages: gravity, motion, constraints,
 //! contact with itself and with whatever the scene is made of.
 //!
+//! The state is `f64`: in `f32`, rounding takes away what gravity adds in a step of 0.1 ms.
+//!
 //! All parallel work is over fixed strips of rows or over single particles that read a snapshot, so
 //! that the result does not depend on the number of threads.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::near::Neighbours;
 
 /// Compliances of the fabric, in length over force, for particles of mass 1.
-const STRETCH: f32 = 0.0;
-const SHEAR: f32 = 4e-6;
-const BEND: f32 = 2e-5;
+const STRETCH: f64 = 0.0;
+const SHEAR: f64 = 4e-6;
+const BEND: f64 = 2e-5;
 /// Fraction of the velocity lost per second.
-const DRAG: f32 = 0.3;
-const GRAVITY: f32 = 60.0;
+const DRAG: f64 = 0.3;
+const GRAVITY: f64 = 60.0;
 /// Speed that particles are slowed to; the less it is the less often folds are searched for.
-const TOP_SPEED: f32 = 22.0;
+const TOP_SPEED: f64 = 22.0;
 
 /// Particles in a square grid, row after row.
 pub(crate) struct Cloth {
     pub(crate) side: usize,
-    pub(crate) spacing: f32,
-    pub(crate) positions: Vec<Vec3>,
+    pub(crate) spacing: f64,
+    pub(crate) positions: Vec<DVec3>,
     /// Seconds of a step.
-    pub(crate) dt: f32,
+    pub(crate) dt: f64,
     /// Distance that folds keep from one another; below the rest spacing.
-    thickness: f32,
+    thickness: f64,
     /// Speed that particles are slowed to, so that in one step none crosses a fold.
-    top_speed: f32,
-    before: Vec<Vec3>,
-    velocities: Vec<Vec3>,
+    top_speed: f64,
+    before: Vec<DVec3>,
+    velocities: Vec<DVec3>,
     neighbours: Neighbours,
 }
 
 impl Cloth {
     /// A cloth at rest, flat or nearly so, for steps of `dt` seconds. `positions` are `side * side`,
     /// `spacing` apart where flat.
-    pub(crate) fn new(side: usize, spacing: f32, positions: Vec<Vec3>, dt: f32) -> Self {
+    pub(crate) fn new(side: usize, spacing: f64, positions: Vec<DVec3>, dt: f64) -> Self {
         let thickness = 0.8 * spacing;
         Self {
             side,
@@ -47,7 +49,7 @@ impl Cloth {
             dt,
             top_speed: TOP_SPEED.min(0.2 * thickness / dt),
             before: positions.clone(),
-            velocities: vec![Vec3::ZERO; positions.len()],
+            velocities: vec![DVec3::ZERO; positions.len()],
             neighbours: Neighbours::default(),
             positions,
             thickness,
@@ -63,15 +65,16 @@ impl Cloth {
         if !since_key.is_multiple_of(period) {
             return;
         }
+        let points: Vec<Vec3> = self.positions.iter().map(|p| p.as_vec3()).collect();
         // Particles within two grid steps are held apart by the constraints already.
-        self.neighbours.search(&self.positions, 1.8 * thickness, |i, j| {
+        self.neighbours.search(&points, 1.8 * thickness as f32, |i, j| {
             (i / side).abs_diff(j / side) > 2 || (i % side).abs_diff(j % side) > 2
         });
     }
 
     /// Accelerates all particles by gravity.
     pub(crate) fn fall(&mut self) -> usize {
-        let pull = Vec3::NEG_Y * (GRAVITY * self.dt);
+        let pull = DVec3::NEG_Y * (GRAVITY * self.dt);
         self.velocities.par_iter_mut().with_min_len(4096).for_each(|v| *v += pull);
         self.velocities.len()
     }
@@ -92,8 +95,8 @@ impl Cloth {
 
     /// Puts each particle, which moved from `before` to `now`, where `touch(before, now)` says. Gives
     /// the number of those that this moves.
-    pub(crate) fn touch(&mut self, touch: impl Fn(Vec3, Vec3) -> Vec3 + Sync) -> usize {
-        let touched = |(x, &before): (&mut Vec3, &Vec3)| {
+    pub(crate) fn touch(&mut self, touch: impl Fn(DVec3, DVec3) -> DVec3 + Sync) -> usize {
+        let touched = |(x, &before): (&mut DVec3, &DVec3)| {
             let to = touch(before, *x);
             usize::from(std::mem::replace(x, to) != to)
         };
@@ -116,9 +119,9 @@ impl Cloth {
     pub(crate) fn hold_together(&mut self) -> usize {
         let (side, dt) = (self.side, self.dt);
         let (one, two) = (self.spacing, 2.0 * self.spacing);
-        let diagonal = self.spacing * std::f32::consts::SQRT_2;
+        let diagonal = self.spacing * std::f64::consts::SQRT_2;
         let [stretch, shear, bend] = [STRETCH, SHEAR, BEND].map(|c| c / (dt * dt));
-        let sweep = |strip: &mut [Vec3]| {
+        let sweep = |strip: &mut [DVec3]| {
             let (mut count, len) = (0, strip.len());
             let mut hold = |i, j, rest, give| {
                 hold(strip, i, j, rest, give);
@@ -158,15 +161,15 @@ impl Cloth {
     /// Moves particles of folds that are too close apart, all at once, and slows them relative to
     /// each other. Gives the number of those that it moves.
     pub(crate) fn keep_folds_apart(&mut self) -> usize {
-        const FRICTION: f32 = 0.1;
+        const FRICTION: f64 = 0.1;
         let thickness = self.thickness;
         let (now, before, neighbours) = (&self.positions, &self.before, &self.neighbours);
-        let moves: Vec<Vec3> = (0..now.len())
+        let moves: Vec<DVec3> = (0..now.len())
             .into_par_iter()
             .with_min_len(1024)
             .map(|i| {
-                let mut sum = Vec3::ZERO;
-                let mut count = 0.0_f32;
+                let mut sum = DVec3::ZERO;
+                let mut count = 0.0_f64;
                 for &j in neighbours.of(i) {
                     let j = j as usize;
                     let apart = now[i] - now[j];
@@ -185,7 +188,7 @@ impl Cloth {
         for (x, &m) in self.positions.iter_mut().zip(&moves) {
             *x += m;
         }
-        moves.iter().filter(|&&m| m != Vec3::ZERO).count()
+        moves.iter().filter(|&&m| m != DVec3::ZERO).count()
     }
 
     /// Root of the mean square of the strain of the edges along rows and columns, and the greatest
@@ -196,7 +199,7 @@ impl Cloth {
             let right = (i + 1) % self.side != 0;
             let below = i + self.side < self.positions.len();
             for j in [right.then_some(i + 1), below.then_some(i + self.side)].into_iter().flatten() {
-                let strain = f64::from(self.positions[i].distance(self.positions[j]) / self.spacing - 1.0);
+                let strain = self.positions[i].distance(self.positions[j]) / self.spacing - 1.0;
                 sum += strain * strain;
                 most = most.max(strain);
                 count += 1;
@@ -208,7 +211,7 @@ impl Cloth {
 
 /// Moves two particles of equal mass towards `rest` apart; `give` is the compliance over the step
 /// squared.
-fn hold(x: &mut [Vec3], i: usize, j: usize, rest: f32, give: f32) {
+fn hold(x: &mut [DVec3], i: usize, j: usize, rest: f64, give: f64) {
     let apart = x[j] - x[i];
     let length = apart.length();
     if length > 0.0 {

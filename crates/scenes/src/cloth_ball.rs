@@ -1,11 +1,10 @@
 //! `cloth-ball`: a square cloth falls onto a ball, which then turns and winds it up.
 
 use anim::{KeyFrames, LoopMode, Motion};
-use glam::Vec3;
+use glam::{DQuat, DVec3, Vec3};
 
 use crate::cache::{Record, recorded};
 use crate::cloth::Cloth;
-use crate::rigid::rotation;
 use crate::shape::{Assembly, Mesh, grid, sphere};
 use crate::simulation::{self, Run, World};
 use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
@@ -13,23 +12,19 @@ use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, Sc
 const FRAMES: usize = 94;
 const SUBSTEPS: usize = 80;
 const SECONDS: f64 = 3.72;
-/// The most steps of the loop. In a step of `dt` seconds gravity adds `60 * dt * dt` to a way: with
-/// 30,000 steps 9.2e-7, about the distance of `f32` numbers from 8 to 16 (2^-20). Rounding changes
-/// what is smaller, and takes all of it away from 42,000 steps on.
-const MOST_STEPS: usize = 30_000;
 /// Quads along a side of the cloth.
 const SIDE: usize = 214;
 /// Length of a side of the cloth.
-const CLOTH: f32 = 39.0;
-const RADIUS: f32 = 5.0;
-const CENTER: Vec3 = Vec3::new(0.0, 6.68, 0.0);
+const CLOTH: f64 = 39.0;
+const RADIUS: f64 = 5.0;
+const CENTER: DVec3 = DVec3::new(0.0, 6.68, 0.0);
 /// Distance that the cloth keeps from ball and floor.
-const SKIN: f32 = 0.08;
+const SKIN: f64 = 0.08;
 /// Coefficients of friction on the ball and on the floor.
-const FRICTION: (f32, f32) = (0.65, 0.4);
+const FRICTION: (f64, f64) = (0.65, 0.4);
 /// Second at which the ball begins to turn, seconds until it is at full speed, and that speed in
 /// radians per second.
-const TURN: (f32, f32, f32) = (0.9, 0.5, 2.0);
+const TURN: (f64, f64, f64) = (0.9, 0.5, 2.0);
 
 pub(crate) const INFO: SceneInfo = SceneInfo {
     name: "cloth-ball",
@@ -45,13 +40,6 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
 
 pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let (keys, substeps) = (options.key_frames.unwrap_or(FRAMES), options.substeps.unwrap_or(SUBSTEPS));
-    if (keys - 1) * substeps > MOST_STEPS {
-        return Err(SceneError::Option {
-            option: "substeps",
-            value: substeps.to_string(),
-            range: "at most 30000 / (key_frames - 1) for cloth-ball, whose gravity finer steps round away",
-        });
-    }
     let side = ((SIDE as f32 * options.detail.unwrap_or(1.0).sqrt()).round() as usize).max(4);
     let parameters = format!("cloth-ball seed {} keys {keys} substeps {substeps} side {side}", options.seed);
     let (Record { floats, measures, stats, .. }, notes) =
@@ -64,7 +52,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let fabric = assembly.material([0.65, 0.2, 0.22]);
     let ball = assembly.material([0.8, 0.75, 0.6]);
     assembly.part("cloth", &flat(side, options.seed), moving, fabric);
-    assembly.part("ball", &sphere(RADIUS, 20, 20), moving, ball);
+    assembly.part("ball", &sphere(RADIUS as f32, 20, 20), moving, ball);
     let seconds_per_key = SECONDS / (keys - 1) as f64;
     let key_bytes = keys * size_of::<Vec3>() * assembly.positions.len();
     let animation = KeyFrames::new(assembly.topology, frames, seconds_per_key, LoopMode::Restart)?;
@@ -78,12 +66,13 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
 /// has it.
 fn flat(side: usize, seed: u64) -> Mesh {
     let mut random = fastrand::Rng::with_seed(seed);
-    let (sin, cos) = libm::sincosf(0.3 + 0.2 * random.f32());
-    let off = Vec3::new(random.f32() - 0.5, 0.0, random.f32() - 0.5);
+    let mut random = || f64::from(random.f32());
+    let (sin, cos) = libm::sincos(0.3 + 0.2 * random());
+    let off = DVec3::new(random() - 0.5, 0.0, random() - 0.5);
     grid(side, |row, column| {
-        let [u, v] = [column, row].map(|k| CLOTH * (k as f32 / side as f32 - 0.5));
-        let top = CENTER.y + RADIUS + SKIN + 0.1 + 0.02 * random.f32();
-        off + Vec3::new(cos * u + sin * v, top, cos * v - sin * u)
+        let [u, v] = [column, row].map(|k| CLOTH * (k as f64 / side as f64 - 0.5));
+        let top = CENTER.y + RADIUS + SKIN + 0.1 + 0.02 * random();
+        (off + DVec3::new(cos * u + sin * v, top, cos * v - sin * u)).as_vec3()
     })
 }
 
@@ -109,7 +98,8 @@ impl World for Winding {
         (simulation::CONTACT, |w, _| w.cloth.keep_folds_apart()),
         (simulation::CONTACT, |w, step| {
             let [start, end] = [step.index, step.index + 1].map(|index| w.angle(index));
-            w.cloth.touch(|before, now| contact(before, now, start, end))
+            let turned = turn(end - start);
+            w.cloth.touch(|before, now| contact(before, now, turned))
         }),
         (simulation::DRIFT, |w, _| {
             w.cloth.set_velocities();
@@ -122,25 +112,26 @@ impl World for Winding {
             let ((mean, most), strain) = (self.cloth.strain(), &mut self.strain);
             *strain = (strain.0.max(mean), strain.1.max(most));
         }
-        let turned = rotation(Vec3::Y, self.angle(key * self.substeps));
-        let mut frame: Vec<f32> = self.cloth.positions.iter().flat_map(Vec3::to_array).collect();
-        frame.extend(self.ball.positions.iter().flat_map(|&p| (CENTER + turned * p).to_array()));
-        self.frames.push(frame);
+        let turned = turn(self.angle(key * self.substeps));
+        let ball = self.ball.positions.iter().map(|p| CENTER + turned * p.as_dvec3());
+        let all = self.cloth.positions.iter().copied().chain(ball);
+        self.frames.push(all.flat_map(|p| p.as_vec3().to_array()).collect());
     }
 }
 
 impl Winding {
     /// How far the ball has turned at the start of a step, in radians.
-    fn angle(&self, step: usize) -> f32 {
-        angle(step as f32 * self.cloth.dt)
+    fn angle(&self, step: usize) -> f64 {
+        angle(step as f64 * self.cloth.dt)
     }
 }
 
 fn simulate(side: usize, keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record {
-    let spacing = CLOTH / side as f32;
-    let dt = SECONDS as f32 / ((keys - 1) * substeps) as f32;
-    let cloth = Cloth::new(side + 1, spacing, flat(side, options.seed).positions, dt);
-    let ball = sphere(RADIUS, 20, 20);
+    let spacing = CLOTH / side as f64;
+    let dt = SECONDS / ((keys - 1) * substeps) as f64;
+    let positions = flat(side, options.seed).positions.iter().map(|p| p.as_dvec3()).collect();
+    let cloth = Cloth::new(side + 1, spacing, positions, dt);
+    let ball = sphere(RADIUS as f32, 20, 20);
     let mut world = Winding { cloth, ball, substeps, frames: Vec::new(), strain: (0.0, 0.0) };
     let stats = simulation::simulate(&mut world, keys, substeps, options);
     let (mean, most) = world.strain;
@@ -152,33 +143,40 @@ fn simulate(side: usize, keys: usize, substeps: usize, options: &SceneOptions<'_
 }
 
 /// How far the ball has turned, in radians.
-fn angle(time: f32) -> f32 {
+fn angle(time: f64) -> f64 {
     let (start, ramp, speed) = TURN;
     let t = (time - start).max(0.0);
     if t < ramp { speed * t * t / (2.0 * ramp) } else { speed * (t - 0.5 * ramp) }
 }
 
+/// The rotation of the ball by an angle in radians; its sines are the same on every machine.
+fn turn(angle: f64) -> DQuat {
+    let (sin, cos) = libm::sincos(0.5 * angle);
+    DQuat::from_xyzw(0.0, sin, 0.0, cos)
+}
+
 /// Pushes a particle out of ball and floor, and lets it slip no further than friction allows.
-fn contact(before: Vec3, now: Vec3, angle_before: f32, angle_now: f32) -> Vec3 {
+/// In this step the ball has turned by `turned`.
+fn contact(before: DVec3, now: DVec3, turned: DQuat) -> DVec3 {
     let mut x = now;
     let out = x - CENTER;
     let distance = out.length();
     if distance < RADIUS + SKIN && distance > 0.0 {
         let normal = out / distance;
         let depth = RADIUS + SKIN - distance;
-        let dragged = rotation(Vec3::Y, angle_now - angle_before) * (before - CENTER) + CENTER;
+        let dragged = turned * (before - CENTER) + CENTER;
         x += normal * depth;
         x -= rub(x - dragged, normal, FRICTION.0 * depth);
     }
     if x.y < SKIN {
         let depth = SKIN - x.y;
         x.y = SKIN;
-        x -= rub(x - before, Vec3::Y, FRICTION.1 * depth);
+        x -= rub(x - before, DVec3::Y, FRICTION.1 * depth);
     }
     x
 }
 
 /// The part of the slip along a surface that friction undoes, at most `limit` long (Coulomb).
-fn rub(slip: Vec3, normal: Vec3, limit: f32) -> Vec3 {
+fn rub(slip: DVec3, normal: DVec3, limit: f64) -> DVec3 {
     (slip - normal * slip.dot(normal)).clamp_length_max(limit)
 }
