@@ -4,13 +4,14 @@
 
 use std::fs;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, exit};
 
 use anyhow::{Context, Result, ensure};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use lab::files;
+use scenes::SceneOptions;
 
 use crate::ci::program;
 
@@ -45,7 +46,28 @@ pub(crate) fn view(args: &View) -> Result<()> {
 
 const TARGET: &str = "wasm32-unknown-unknown";
 
-/// Writes the page: two files that any file server shows.
+/// The file of the dragon's key frames beside the page.
+const KEYS: &str = "exploding-dragon.keys.gz";
+
+fn pack(content: &[u8]) -> Result<Vec<u8>> {
+    let mut packed = GzEncoder::new(Vec::new(), Compression::best());
+    packed.write_all(content)?;
+    Ok(packed.finish()?)
+}
+
+/// Simulates the page's dragon and gives its record. The page would take seconds for that.
+fn key_frames(root: &Path) -> Result<Vec<u8>> {
+    let folder = root.join("target/web-scenes");
+    if folder.exists() {
+        fs::remove_dir_all(&folder)?;
+    }
+    let options = SceneOptions { cache_dir: Some(folder.clone()), ..SceneOptions::for_page() };
+    scenes::load("exploding-dragon", None, &options)?;
+    let record = fs::read_dir(&folder)?.next().context("no key frames were written")??;
+    Ok(fs::read(record.path())?)
+}
+
+/// Writes the page: three files that any file server shows.
 pub(crate) fn web(args: &Web) -> Result<()> {
     let root = files::workspace();
     let out = args.out.clone().unwrap_or_else(|| root.join("target/web"));
@@ -62,13 +84,12 @@ pub(crate) fn web(args: &Web) -> Result<()> {
     ensure!(status.success(), "the page cannot be built; it needs `rustup target add {TARGET}`");
     let module = target.join(TARGET).join("release/viewer_web.wasm");
     let module = fs::read(&module).with_context(|| format!("{}: cannot be read", module.display()))?;
-    let mut packed = GzEncoder::new(Vec::new(), Compression::best());
-    packed.write_all(&module)?;
     let page =
         fs::read(root.join("viewer/web/index.html")).context("viewer/web/index.html: cannot be read")?;
     fs::create_dir_all(&out).with_context(|| format!("{}: cannot be made a folder", out.display()))?;
     let mut bytes = 0;
-    for (name, content) in [("viewer.wasm.gz", packed.finish()?), ("index.html", page)] {
+    let files = [("viewer.wasm.gz", pack(&module)?), ("index.html", page), (KEYS, pack(&key_frames(root)?)?)];
+    for (name, content) in files {
         let path = out.join(name);
         fs::write(&path, &content).with_context(|| format!("{}: cannot be written", path.display()))?;
         bytes += content.len();

@@ -24,8 +24,8 @@ pub(crate) struct Record {
     pub(crate) stats: SimulationStats,
 }
 
-/// The record of `simulate` from the cache, or fresh, and then written to the cache; with a note if
-/// that fails.
+/// The record from the options' bytes or from the cache. Else it is simulated and written to the
+/// cache, with a note if that fails.
 ///
 /// `parameters` names the scene and every option that `simulate` depends on, but for the effects left
 /// out.
@@ -34,11 +34,14 @@ pub(crate) fn recorded(
     options: &SceneOptions<'_>,
     simulate: impl FnOnce() -> Record,
 ) -> (Record, Vec<String>) {
+    let without = Effects { motion: options.without, ..Effects::default() };
+    let parameters = &format!("{parameters} without {without}");
+    if let Some(record) = options.record.and_then(|bytes| decode(bytes, parameters)) {
+        return (record, Vec::new());
+    }
     let Some(dir) = &options.cache_dir else {
         return (simulate(), Vec::new());
     };
-    let without = Effects { motion: options.without, ..Effects::default() };
-    let parameters = &format!("{parameters} without {without}");
     let path = cache_path(dir, parameters);
     if let Some(record) = fs::read(&path).ok().and_then(|bytes| decode(&bytes, parameters)) {
         return (record, Vec::new());
@@ -134,6 +137,14 @@ mod tests {
         assert_eq!(runs.get(), 2, "the damaged file was made again, once");
         assert_eq!(fs::read_dir(&dir).unwrap().count(), 1, "no temporary files are left");
         fs::remove_dir_all(dir).unwrap();
+    }
+
+    #[test]
+    fn records_in_the_options_are_used_only_for_their_own_scene() {
+        let bytes = encode(&sample(), "test 1 without none").unwrap();
+        let options = SceneOptions { record: Some(&bytes), ..SceneOptions::default() };
+        assert_eq!(recorded("test 1", &options, Record::default), (sample(), Vec::new()));
+        assert_eq!(recorded("test 2", &options, Record::default), (Record::default(), Vec::new()));
     }
 
     #[test]

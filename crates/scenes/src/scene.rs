@@ -98,6 +98,9 @@ pub struct SceneOptions<'a> {
     /// Folder for key frames of simulations, made if it does not exist; `None` simulates every
     /// time.
     pub cache_dir: Option<PathBuf>,
+    /// Content of a file of that folder. It is used if it is of the same scene, options and revision
+    /// of this crate.
+    pub record: Option<&'a [u8]>,
     /// Simulation steps per key frame, at least 1; more is more accurate. `None` is the scene's
     /// default.
     pub substeps: Option<usize>,
@@ -119,6 +122,14 @@ pub struct SceneOptions<'a> {
     pub local_origin: bool,
     /// Called with the fraction done, 0 to 1, while a scene is simulated.
     pub progress: Option<&'a (dyn Fn(f32) + Sync)>,
+}
+
+impl SceneOptions<'_> {
+    /// Options for a browser's page: of exploding-dragon 91,046 triangles and 48 key frames.
+    #[must_use]
+    pub fn for_page() -> Self {
+        Self { detail: Some(0.36), key_frames: Some(48), ..Self::default() }
+    }
 }
 
 /// Why a scene could not be loaded.

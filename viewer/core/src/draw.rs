@@ -80,8 +80,10 @@ impl State {
     fn trace(&mut self, shown: &mut Shown, light: &LightEffects, samples: u32, plays: bool) -> bool {
         let moves = std::mem::take(&mut self.moved);
         let done = shown.sides.iter().map(|side| side.count).min().unwrap_or(0);
-        // Between two frames of the animation the picture stays, and once nothing moves it becomes finer.
-        let waits = plays && done > 0 || shown.sides.iter().all(|side| side.is_done(samples));
+        // Between two frames of the animation the picture stays, and once nothing moves it becomes finer. While a scene is
+        // loading it stays too: a fine picture may take a second, for which the scene would wait.
+        let waits =
+            (plays || self.is_loading()) && done > 0 || shown.sides.iter().all(|side| side.is_done(samples));
         if !moves && waits {
             return false;
         }

@@ -105,6 +105,13 @@ impl State {
                 canvas.fill(Rect { x: port.x, y: 0, width: 1, height: port.height }, DARK, 1.0);
             }
         }
+        // Where there is a panel, it has this line.
+        if self.settings.overlay == 1 && (self.is_loading() || !self.message.is_empty()) {
+            let (hint, line) = (self.hint(), self.timeline());
+            let y = line.y - GRAPH - LINE - 2;
+            canvas.fill(Rect { y, height: LINE, ..line }, DARK, 0.75);
+            canvas.text(line.x + 4, y + 1, &hint, FLASH);
+        }
     }
 
     /// What is said of a tree, line by line.
@@ -114,13 +121,11 @@ impl State {
         if let Some(fresh) = shown.fresh_cost(shown.frame).filter(|&fresh| fresh > 0.0) {
             title += &format!("  cost {:.2} x fresh", f64::from(sample.cost) / fresh);
         }
-        let coarse = if side.coarse_now > 1 {
-            format!(", a ray for {0}x{0} pixels", side.coarse_now)
-        } else {
-            String::new()
-        };
         let mut lines =
-            vec![title, format!("update {:.1} ms, trace {:.1} ms{coarse}", sample.update_ms, side.trace_ms)];
+            vec![title, format!("update {:.1} ms, trace {:.1} ms", sample.update_ms, side.trace_ms)];
+        if side.coarse_now > 1 {
+            lines.push(format!("a ray for {0}x{0} pixels", side.coarse_now));
+        }
         if self.settings.heat {
             lines.push(format!("heat: nodes visited, white is {}", shown.hottest));
         }
@@ -164,7 +169,7 @@ impl State {
             hint.as_str(),
             "refit: boxes grow as triangles scatter",
             "rotate: swaps nodes, boxes stay small",
-            "stop, and blocks become sharp",
+            "space: stop, and blocks become sharp",
             "drag: turn  wheel: near  click: pick",
             "right drag: look  wasdqe: fly",
             "arrows: one frame  home: restart",

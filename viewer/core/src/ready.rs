@@ -41,7 +41,12 @@ impl Ready {
     /// # Errors
     /// If the scene has more triangles than a tree can number.
     pub fn new(scene: Scene) -> Result<Self, BuildError> {
-        let mut stage = Stage::new(scene)?;
+        Stage::new(scene).map(Self::of)
+    }
+
+    /// Makes a stage ready, which must be at time 0. Takes a third of the time that the stage took to make.
+    #[must_use]
+    pub fn of(mut stage: Stage) -> Self {
         let (frames, typical) = (stage.scene.frames.max(1), TypicalCost::of(&stage.first_tree));
         let options = RenderOptions { output: Output::NodesVisited { most: 1 }, ..stage.render_options() };
         let (camera, light) = (stage.camera(HEAT_SIZE, HEAT_SIZE), stage.light());
@@ -59,7 +64,7 @@ impl Ready {
         stage.smooth();
         let (spare, first_cost) = (vec![stage.first_tree.clone(); 2], sah_cost(&stage.first_tree));
         let hottest = mean.clamp(16, 100_000) as u32;
-        Ok(Self { stage, typical, hottest, spare, first_cost, fresh: Some(fresh) })
+        Self { stage, typical, hottest, spare, first_cost, fresh: Some(fresh) }
     }
 
     /// Hands over the costs of fresh trees to be found; `None` the second time. What is found is an

@@ -159,7 +159,7 @@ impl State {
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         let samples = self.samples();
-        self.sides().all(|side| side.is_done(samples))
+        (self.is_loading() || self.sides().all(|side| side.is_done(samples)))
             && !self.plays()
             && !self.moved
             && !self.stale

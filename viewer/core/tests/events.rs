@@ -226,6 +226,29 @@ fn requests_go_to_the_shell_and_errors_into_the_picture() {
 }
 
 #[test]
+fn without_the_panel_too_messages_are_shown() {
+    let mut state = viewer();
+    state.apply(Event::Settings(Settings { right: None, overlay: 1, ..Settings::default() }));
+    let first = at_rest(&mut state);
+    state.apply(Event::Message("saved".to_owned()));
+    assert!(at_rest(&mut state) != first);
+    state.apply(Event::Message(String::new()));
+    assert!(at_rest(&mut state) == first);
+}
+
+#[test]
+fn pictures_become_finer_only_once_a_scene_is_loaded() {
+    let mut state = viewer();
+    state.apply(Event::Key(Key::Right, true));
+    press(&mut state, 'n');
+    state.draw();
+    assert!(state.is_loading() && state.is_at_rest());
+    assert!(state.draw().rgba != rendered(1));
+    state.apply(Event::Failed("not there".to_owned()));
+    assert!(at_rest(&mut state).rgba == rendered(1));
+}
+
+#[test]
 fn no_size_and_no_scene_are_no_reason_to_fail() {
     let mut state = State::new(0, 0, Vec::new(), clock);
     state.draw();

@@ -6,13 +6,15 @@ use std::cell::RefCell;
 use std::path::Path;
 
 use scenes::{Scene, SceneOptions};
+use stage::Stage;
 use viewer_core::{Button, Event, FreshCosts, Key, Ready, Request, State};
 
-/// The scenes of the page. They are made when they are asked for, so the page holds none.
+/// The scenes of the page, made when they are asked for. Key frames of the last one are in a file beside the page.
 const SCENES: [&str; 3] = ["toys", "bart-museum", "exploding-dragon"];
 
-/// Part of the triangles of simulated scenes, and their key frames: of the dragon 91,046 and 48.
-const DETAIL: (f32, usize) = (0.36, 48);
+/// What the page is to do, as bits: save the picture, and fetch the key frames.
+const SAVE: u32 = 1;
+const FETCH: u32 = 2;
 
 /// What lives as long as the page.
 #[derive(Default)]
@@ -22,6 +24,17 @@ struct Page {
     inbox: Vec<u8>,
     /// Costs of fresh trees that are still to be found.
     fresh: Option<FreshCosts>,
+    /// The scene that is being made.
+    making: Option<Making>,
+}
+
+/// How far a scene is that was asked for. Pictures are drawn between one step and the next.
+enum Making {
+    Asked(String),
+    /// It waits for its key frames.
+    Fetching(String),
+    Scene(Box<Scene>),
+    Stage(Box<Stage>),
 }
 
 thread_local! {
@@ -48,24 +61,56 @@ fn apply(event: Event) {
     });
 }
 
-fn show(scene: Result<Scene, String>) {
-    match scene.and_then(|scene| Ready::new(scene).map_err(|error| error.to_string())) {
-        Ok(mut ready) => {
-            let fresh = ready.take_fresh_costs();
-            PAGE.with_borrow_mut(|page| page.fresh = fresh);
-            apply(Event::Scene(Box::new(ready)));
+fn set_making(making: Option<Making>) {
+    PAGE.with_borrow_mut(|page| page.making = making);
+}
+
+/// Takes the next step towards the scene that was asked for. Gives [`FETCH`] if that needs its key frames.
+fn make() -> u32 {
+    let made = match PAGE.with_borrow_mut(|page| page.making.take()) {
+        None => Ok(None),
+        Some(Making::Asked(name)) if name == SCENES[2] => {
+            set_making(Some(Making::Fetching(name)));
+            return FETCH;
         }
+        Some(waiting @ Making::Fetching(_)) => Ok(Some(waiting)),
+        Some(Making::Asked(name)) => named(&name, &[]).map(Some),
+        Some(Making::Scene(scene)) => staged(*scene).map(Some),
+        Some(Making::Stage(stage)) => {
+            show(Ready::of(*stage));
+            Ok(None)
+        }
+    };
+    go_on(made);
+    0
+}
+
+fn go_on(made: Result<Option<Making>, String>) {
+    match made {
+        Ok(making) => set_making(making),
         Err(error) => apply(Event::Failed(error)),
     }
 }
 
-fn named(name: &str) -> Result<Scene, String> {
-    if name == SCENES[0] {
-        return parsed("toys.glb", &scenes::toys_glb()).map(|scene| Scene { name: name.to_owned(), ..scene });
-    }
-    let options =
-        SceneOptions { detail: Some(DETAIL.0), key_frames: Some(DETAIL.1), ..SceneOptions::default() };
-    scenes::load(name, None, &options).map_err(|error| error.to_string())
+fn staged(scene: Scene) -> Result<Making, String> {
+    Stage::new(scene).map(|stage| Making::Stage(Box::new(stage))).map_err(|error| error.to_string())
+}
+
+fn show(mut ready: Ready) {
+    let fresh = ready.take_fresh_costs();
+    PAGE.with_borrow_mut(|page| page.fresh = fresh);
+    apply(Event::Scene(Box::new(ready)));
+}
+
+/// A scene of the page. One that is simulated takes its key frames from `record`, if they are there.
+fn named(name: &str, record: &[u8]) -> Result<Making, String> {
+    let scene = if name == SCENES[0] {
+        parsed("toys.glb", &scenes::toys_glb()).map(|scene| Scene { name: name.to_owned(), ..scene })
+    } else {
+        let options = SceneOptions { record: Some(record), ..SceneOptions::for_page() };
+        scenes::load(name, None, &options).map_err(|error| error.to_string())
+    };
+    scene.map(|scene| Making::Scene(Box::new(scene)))
 }
 
 fn parsed(name: &str, bytes: &[u8]) -> Result<Scene, String> {
@@ -132,12 +177,28 @@ pub extern "C" fn inbox(bytes: usize) -> *mut u8 {
     })
 }
 
+fn take_inbox() -> Vec<u8> {
+    PAGE.with_borrow_mut(|page| std::mem::take(&mut page.inbox))
+}
+
 /// Shows the file in the inbox, whose name has this number of bytes.
 #[unsafe(no_mangle)]
 pub extern "C" fn open(name: usize) {
-    let file = PAGE.with_borrow_mut(|page| std::mem::take(&mut page.inbox));
+    let file = take_inbox();
     let (name, bytes) = file.split_at(name.min(file.len()));
-    show(parsed(&String::from_utf8_lossy(name), bytes));
+    let scene = parsed(&String::from_utf8_lossy(name), bytes);
+    go_on(scene.map(|scene| Some(Making::Scene(Box::new(scene)))));
+}
+
+/// Goes on with the scene that waits for its key frames, which are in the inbox. If that is empty, it is simulated,
+/// which takes seconds.
+#[unsafe(no_mangle)]
+pub extern "C" fn keys() {
+    let record = take_inbox();
+    match PAGE.with_borrow_mut(|page| page.making.take()) {
+        Some(Making::Fetching(name)) => go_on(named(&name, &record).map(Some)),
+        other => set_making(other),
+    }
 }
 
 /// A number of seconds has passed: draws, and gives the place of the pixels, four bytes each. 0 before the start.
@@ -158,24 +219,26 @@ pub extern "C" fn is_at_rest() -> u32 {
 /// Whether a scene was asked for that is not there yet.
 #[unsafe(no_mangle)]
 pub extern "C" fn is_loading() -> u32 {
-    PAGE.with_borrow(|page| page.state.as_ref().map_or(1, |state| u32::from(state.is_loading())))
+    PAGE.with_borrow(|page| {
+        u32::from(page.making.is_some() || page.state.as_ref().is_none_or(State::is_loading))
+    })
 }
 
-/// Does what the viewer asks for: makes a scene, which may take seconds. Gives 1 if the page is to save the picture.
+/// Does what the viewer asks for. A scene is made in steps, one a call. Gives what the page is to do: [`SAVE`], [`FETCH`].
 #[unsafe(no_mangle)]
 pub extern "C" fn serve() -> u32 {
     let requests =
         PAGE.with_borrow_mut(|page| page.state.iter_mut().flat_map(State::take_requests).collect::<Vec<_>>());
-    let mut saves = 0;
+    let mut todo = 0;
     for request in requests {
         match request {
-            Request::Load(name) => show(named(&name)),
-            Request::Save => saves = 1,
+            Request::Load(name) => set_making(Some(Making::Asked(name))),
+            Request::Save => todo |= SAVE,
             Request::Record(_) => apply(Event::Message("only the window records".to_owned())),
             Request::Quit => {}
         }
     }
-    saves
+    todo | make()
 }
 
 /// Finds the cost of one fresh tree; 0 once all are known. Up to 0.3 s.

@@ -54,8 +54,10 @@ impl Timing {
         let Some(first) = self.first else { return println!("no picture") };
         println!("first picture after {first:.2} s");
         let sum = self.pictures.iter().map(|picture| picture.0).sum::<f64>();
-        println!("{} pictures, {:.1} a second", self.pictures.len(), self.pictures.len() as f64 / sum);
         self.pictures.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let (count, median) = (self.pictures.len(), self.pictures.get(self.pictures.len() / 2));
+        let (rate, wait) = (count as f64 / sum, 1e3 * median.map_or(0.0, |picture| picture.0));
+        println!("{count} pictures, {rate:.1} a second, half of them after at most {wait:.0} ms");
         for (wait, what) in self.pictures.iter().take(PRINTED) {
             println!("{:.0} ms, {what}", 1e3 * wait);
         }
