@@ -52,7 +52,7 @@ fn scenes_keep_their_bits() {
         ("bart-museum", 0x1b2e_cdd0_5e4c_956d),
         ("cloth-ball", 0x08d6_9824_fad5_3981),
         ("exploding-dragon", 0xed49_4381_bac6_00a2),
-        ("fairy-forest", 0xdc1c_1b45_fde4_4aee),
+        ("fairy-forest", 0xeb17_9e8b_1243_0931),
         ("lion", 0x52fd_edf7_e3ae_b57d),
         ("n-body", 0xdcbd_939d_68fa_e595),
         ("bart-museum, full", 0x9752_b640_48a4_461e),
