@@ -1,11 +1,11 @@
 // Tests the page in a headless Chromium: it draws, plays, takes keys and the mouse, switches strategies and scenes, and shows
-// a file that is dropped on it.   node viewer/web/test.mjs FOLDER [SCREENSHOTS]
+// a file that is dropped on it, on one thread and on all.   node viewer/web/test.mjs FOLDER [SCREENSHOTS]
 // FOLDER is what `cargo xtask web` wrote. Exit code 1 if anything fails; 0, and it says so, where there is no Chromium.
 import { spawn, spawnSync } from "node:child_process";
 import { mkdtempSync, readdirSync, readFileSync, rmSync, statSync, writeFileSync } from "node:fs";
 import { createServer } from "node:http";
-import { tmpdir } from "node:os";
-import { join } from "node:path";
+import { availableParallelism, tmpdir } from "node:os";
+import { extname, join } from "node:path";
 
 const [, , folder, screenshots] = process.argv;
 const chromium = ["chromium", "chromium-browser", "google-chrome"].find(name => !spawnSync(name, ["--version"]).error);
@@ -13,11 +13,14 @@ if (!chromium) {
   console.log("skipped: no Chromium");
   process.exit(0);
 }
+// A plain file server: without the headers that threads need.
+const types = { ".html": "text/html", ".js": "text/javascript" };
 const server = createServer((request, response) => {
-  const name = request.url === "/" ? "index.html" : request.url.slice(1);
+  const { pathname } = new URL(request.url, "http://localhost");
+  const name = pathname === "/" ? "index.html" : pathname.slice(1);
   try {
     const body = readFileSync(join(folder, name));
-    response.setHeader("Content-Type", name.endsWith(".html") ? "text/html" : "application/octet-stream");
+    response.setHeader("Content-Type", types[extname(name)] ?? "application/octet-stream");
     response.end(body);
   } catch {
     response.writeHead(404).end();
@@ -35,7 +38,7 @@ const end = code => {
     process.exit(code);
   });
 };
-const late = setTimeout(() => { console.log("failed: no end within 90 s"); end(1); }, 90_000);
+const late = setTimeout(() => { console.log("failed: no end within 180 s"); end(1); }, 180_000);
 const sleep = ms => new Promise(done => setTimeout(done, ms));
 
 // The protocol of Chromium's developer tools: JSON between zero bytes.
@@ -100,17 +103,47 @@ const changes = async (what, act) => {
 
 await call("Runtime.enable");
 await call("Page.enable");
-const begun = performance.now();
-await call("Page.navigate", { url: `http://127.0.0.1:${server.address().port}/` });
-const first = await until(async () => (await pixels().catch(() => null))?.colors > 500, 20_000);
-check("the first scene is drawn", first > 0, `after ${(performance.now() - begun).toFixed(0)} ms`);
-await until(() => evaluate("window.rate > 0"), 5000);
-await shoot("first");
-await key(" ");
+// Loads the page and waits for its first scene. Gives the pixels of the first frame with all its samples.
+const visit = async (threads, query) => {
+  const begun = performance.now();
+  await call("Page.navigate", { url: `http://127.0.0.1:${server.address().port}/${query}` });
+  const first = await until(async () => (await pixels().catch(() => null))?.colors > 500, 20_000);
+  check("the first scene is drawn", first > 0, `after ${(performance.now() - begun).toFixed(0)} ms`);
+  check(`threads: ${threads}`, await evaluate("window.threads") === threads);
+  await until(() => evaluate("window.rate > 0"), 5000);
+  await shoot(`first-${threads}`);
+  await key(" ");
+  await call("Input.dispatchKeyEvent", { type: "keyDown", key: "Home" });
+  await key("u"); // Without the overlay, where times stand.
+  let last, still = 0;
+  await until(async () => {
+    const { hash } = await pixels();
+    [last, still] = [hash, hash === last ? still + 1 : 0];
+    return still > 50;
+  }, 20_000);
+  await key("u");
+  await key("u");
+  return last;
+};
+const play = async () => {
+  await key(" ");
+  for (const scene of ["bart-museum", "exploding-dragon"]) {
+    await sleep(300);
+    const scenes = await evaluate("measure(), window.shown"), before = await pixels(), start = Date.now();
+    await key("n");
+    const shown = await until(() => evaluate(`window.shown > ${scenes}`), 30_000);
+    check(`${scene} is shown`, shown > 0 && (await pixels()).hash !== before.hash,
+      `after ${await evaluate("window.shownAt") - start} ms, longest step of making it ${(await evaluate("window.slice")).toFixed(0)} ms`);
+    await sleep(4000);
+    check(`${scene} plays`, await evaluate("window.rate > 1"), `${(await evaluate("window.rate")).toFixed(1)} pictures a second`);
+    await shoot(scene);
+  }
+};
+
+const alone = await visit(1, "?threads=1");
 const calm = await pixels();
-await sleep(400);
 await key("h");
-await sleep(400);
+await sleep(600);
 check("heat", (await pixels()).hash !== calm.hash);
 await key("h");
 await changes("another strategy on the left", () => key("1"));
@@ -119,18 +152,7 @@ await changes("the mouse turns the scene", async () => {
   await mouse("mouseMoved", 440, 170);
   await mouse("mouseReleased", 440, 170);
 });
-await key(" ");
-for (const scene of ["bart-museum", "exploding-dragon"]) {
-  await sleep(300);
-  const scenes = await evaluate("window.slice = 0, window.shown"), before = await pixels(), start = Date.now();
-  await key("n");
-  const shown = await until(() => evaluate(`window.shown > ${scenes}`), 30_000);
-  check(`${scene} is shown`, shown > 0 && (await pixels()).hash !== before.hash, 
-    `after ${await evaluate("window.shownAt") - start} ms, longest step of making it ${(await evaluate("window.slice")).toFixed(0)} ms`);
-  await sleep(4000);
-  check(`${scene} plays`, await evaluate("window.rate > 1"), `${(await evaluate("window.rate")).toFixed(1)} pictures a second`);
-  await shoot(scene);
-}
+await play();
 await key(" ");
 await changes("a dropped file", () => evaluate(`(() => {
   const text = "v -1 0 0\\nv 1 0 0\\nv 0 1 0\\nf 1 2 3\\n", transfer = new DataTransfer();
@@ -143,6 +165,9 @@ await changes("a file that is none of them leaves a message", () => evaluate(`((
   dispatchEvent(new DragEvent("drop", { dataTransfer: transfer, cancelable: true }));
 })()`));
 await shoot("last");
+const together = await visit(availableParallelism(), "");
+check("all threads draw the same picture", alone === together);
+await play();
 const size = readdirSync(folder).reduce((sum, name) => sum + statSync(join(folder, name)).size, 0);
 check("the page has at most 3 MB", size <= 3e6, `${(size / 1e6).toFixed(2)} MB`);
 check("no errors", errors.length === 0, errors.join("; "));

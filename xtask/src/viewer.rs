@@ -44,7 +44,12 @@ pub(crate) fn view(args: &View) -> Result<()> {
     if status.success() { Ok(()) } else { exit(status.code().unwrap_or(1)) }
 }
 
-const TARGET: &str = "wasm32-unknown-unknown";
+/// Threads and a clock in WebAssembly, in stable Rust. `worker.js` answers what such a module asks of its system.
+const TARGET: &str = "wasm32-wasip1-threads";
+
+/// What a page of today has: SIMD, and memory that threads share, in bytes at first and at most. `worker.js` has the same.
+const FLAGS: [&str; 3] =
+    ["target-feature=+simd128", "link-arg=--initial-memory=67108864", "link-arg=--max-memory=2147483648"];
 
 /// The file of the dragon's key frames beside the page.
 const KEYS: &str = "exploding-dragon.keys.gz";
@@ -67,11 +72,19 @@ fn key_frames(root: &Path) -> Result<Vec<u8>> {
     Ok(fs::read(record.path())?)
 }
 
-/// Writes the page: three files that any file server shows.
+/// Where the libraries of the page's target are.
+fn libraries() -> Result<String> {
+    let output = program("rustc").args(["--print", "target-libdir", "--target", TARGET]).output();
+    let output = output.context("rustc: cannot be started")?;
+    ensure!(output.status.success(), "rustc does not know {TARGET}");
+    Ok(String::from_utf8(output.stdout)?.trim_end().to_owned())
+}
+
+/// Writes the page: a few files that any file server shows.
 pub(crate) fn web(args: &Web) -> Result<()> {
     let root = files::workspace();
     let out = args.out.clone().unwrap_or_else(|| root.join("target/web"));
-    // A folder of its own: flags are part of what is built. Every browser of today has SIMD.
+    // A folder of its own: flags are part of what is built.
     let target = root.join("target/wasm+simd128");
     let mut cargo: Command = program("cargo");
     cargo.args(["build", "--release", "--package", "viewer-web", "--target", TARGET, "--target-dir"]);
@@ -79,16 +92,23 @@ pub(crate) fn web(args: &Web) -> Result<()> {
     for setting in ["strip=\"symbols\"", "lto=\"fat\"", "codegen-units=1"] {
         cargo.args(["--config", &format!("profile.release.{setting}")]);
     }
-    cargo.args(["--config", &format!("target.{TARGET}.rustflags=[\"-C\",\"target-feature=+simd128\"]")]);
+    // A library has no beginning of its own: this one sets up memory and threads once.
+    let start = format!("link-arg={}/self-contained/crt1-reactor.o", libraries()?);
+    let flags: Vec<_> =
+        FLAGS.into_iter().chain([start.as_str()]).map(|flag| format!("\"-C\",\"{flag}\"")).collect();
+    let flags = flags.join(",");
+    cargo.args(["--config", &format!("target.{TARGET}.rustflags=[{flags}]")]);
     let status = cargo.status().context("cargo: cannot be started")?;
     ensure!(status.success(), "the page cannot be built; it needs `rustup target add {TARGET}`");
     let module = target.join(TARGET).join("release/viewer_web.wasm");
     let module = fs::read(&module).with_context(|| format!("{}: cannot be read", module.display()))?;
-    let page =
-        fs::read(root.join("viewer/web/index.html")).context("viewer/web/index.html: cannot be read")?;
+    let mut files = vec![("viewer.wasm.gz", pack(&module)?), (KEYS, pack(&key_frames(root)?)?)];
+    for name in ["index.html", "worker.js", "isolate.js"] {
+        let path = root.join("viewer/web").join(name);
+        files.push((name, fs::read(&path).with_context(|| format!("{}: cannot be read", path.display()))?));
+    }
     fs::create_dir_all(&out).with_context(|| format!("{}: cannot be made a folder", out.display()))?;
     let mut bytes = 0;
-    let files = [("viewer.wasm.gz", pack(&module)?), ("index.html", page), (KEYS, pack(&key_frames(root)?)?)];
     for (name, content) in files {
         let path = out.join(name);
         fs::write(&path, &content).with_context(|| format!("{}: cannot be written", path.display()))?;

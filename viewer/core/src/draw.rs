@@ -1,5 +1,7 @@
 //! Pictures: how coarse they are, tracing them, and what is measured on them.
 
+use std::cmp::Reverse;
+
 use bvh_core::TriangleTest;
 use rayon::prelude::*;
 use rt_cpu::{Camera, Image, Output, RenderOptions, render};
@@ -11,7 +13,7 @@ use crate::side::Side;
 use crate::state::{Shown, State};
 
 /// Milliseconds that a picture may take while something moves, and the least of them for tracing: 25 frames a second,
-/// and 15 in a browser, which has one thread and shows pictures at multiples of 17 ms.
+/// and 15 in a browser, which may have one thread.
 const PICTURE_BUDGET: f64 = if cfg!(target_family = "wasm") { 60.0 } else { 36.0 };
 const TRACE_BUDGET: f64 = 10.0;
 /// Greatest width of the picture that triangle tests are compared on.
@@ -96,15 +98,20 @@ impl State {
         let options = RenderOptions {
             triangle_test: self.settings.test,
             output,
-            timed: !cfg!(target_family = "wasm"),
+            timed: true,
             ..shown.stage.options_with(light)
         };
         // A step that took long, as one with a rebuild, leaves less time to trace.
         let left = (PICTURE_BUDGET - self.step_ms - self.last_ms[2]).max(TRACE_BUDGET);
         let budget = moves.then_some(left / shown.sides.len().max(1) as f64);
-        // One tree may be done before the other.
-        let sides = shown.sides.iter_mut().zip(self.ports());
-        for (side, port) in sides.filter(|(side, _)| moves || !side.is_done(samples)) {
+        // A fine picture may take long, and events wait for it: one tree at a time, the one with the coarser picture first.
+        let mut sides: Vec<_> = shown.sides.iter_mut().zip(self.ports()).collect();
+        if !moves {
+            sides.retain(|(side, _)| !side.is_done(samples));
+            sides.sort_by_key(|(side, _)| (Reverse(side.coarse_now), side.count));
+            sides.truncate(1);
+        }
+        for (side, port) in sides {
             side.choose_coarse(shown.frame, budget, plays);
             let coarse = side.coarse_now;
             let camera = self.camera(&shown.stage, port, coarse);

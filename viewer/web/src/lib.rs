@@ -1,9 +1,11 @@
-//! What the page calls: numbers in, numbers out. The page gives a clock and events, and shows the pixels.
-#![cfg(target_family = "wasm")]
-#![expect(unsafe_code, reason = "exported names are global, and the page's clock is a foreign function")]
+//! What the page's worker calls: numbers in, numbers out. It hands over events, and shows the pixels.
+#![cfg(target_os = "wasi")]
+#![expect(unsafe_code, reason = "exported names are global")]
 
 use std::cell::RefCell;
 use std::path::Path;
+use std::sync::LazyLock;
+use std::time::Instant;
 
 use scenes::{Scene, SceneOptions};
 use stage::Stage;
@@ -41,16 +43,10 @@ thread_local! {
     static PAGE: RefCell<Page> = RefCell::default();
 }
 
-mod host {
-    #[link(wasm_import_module = "page")]
-    unsafe extern "C" {
-        /// Seconds since any moment.
-        pub(crate) safe fn now() -> f64;
-    }
-}
-
+/// Seconds since the start.
 fn clock() -> f64 {
-    host::now()
+    static START: LazyLock<Instant> = LazyLock::new(Instant::now);
+    START.elapsed().as_secs_f64()
 }
 
 fn apply(event: Event) {
@@ -125,9 +121,13 @@ fn parsed(name: &str, bytes: &[u8]) -> Result<Scene, String> {
     animation.map(|animation| scenes::scene_of(path, animation)).map_err(|error| error.to_string())
 }
 
-/// Begins, with pictures of a size in pixels.
+/// Begins, with pictures of a size in pixels, on a number of threads. This thread is one of them.
 #[unsafe(no_mangle)]
-pub extern "C" fn start(width: u32, height: u32) {
+pub extern "C" fn start(width: u32, height: u32, threads: u32) {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.max(1) as usize).use_current_thread();
+    if let Err(error) = pool.build_global() {
+        eprintln!("one thread: {error}");
+    }
     let state = State::new(width, height, SCENES.map(str::to_owned).to_vec(), clock);
     PAGE.with_borrow_mut(|page| page.state = Some(state));
 }
@@ -183,7 +183,7 @@ fn take_inbox() -> Vec<u8> {
 
 /// Shows the file in the inbox, whose name has this number of bytes.
 #[unsafe(no_mangle)]
-pub extern "C" fn open(name: usize) {
+pub extern "C" fn open_file(name: usize) {
     let file = take_inbox();
     let (name, bytes) = file.split_at(name.min(file.len()));
     let scene = parsed(&String::from_utf8_lossy(name), bytes);
@@ -214,6 +214,12 @@ pub extern "C" fn draw(seconds: f64) -> *const u8 {
 #[unsafe(no_mangle)]
 pub extern "C" fn is_at_rest() -> u32 {
     PAGE.with_borrow(|page| page.state.as_ref().map_or(1, |state| u32::from(state.is_at_rest())))
+}
+
+/// Seconds in which there is nothing to draw, but for events.
+#[unsafe(no_mangle)]
+pub extern "C" fn idle() -> f64 {
+    PAGE.with_borrow(|page| page.state.as_ref().map_or(0.0, State::idle_seconds))
 }
 
 /// Whether a scene was asked for that is not there yet.

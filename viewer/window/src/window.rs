@@ -121,7 +121,8 @@ impl App<'_> {
             let done = match request {
                 Request::Load(name) => {
                     let proxy = self.proxy.clone();
-                    load::begin(name, move |event| proxy.send_event(event).is_ok());
+                    let detail = self.args.detail.or_else(|| load::lively(&name));
+                    load::begin(name, detail, move |event| proxy.send_event(event).is_ok());
                     continue;
                 }
                 Request::Quit => {
