@@ -56,6 +56,13 @@ impl Checks {
         }
     }
 
+    /// Whether two trees that a strategy has updated alike have the same cost.
+    pub(crate) fn same_twin(&mut self, place: &str, same: bool) {
+        if !same {
+            self.differ(place, "two trees of the same course have different costs");
+        }
+    }
+
     /// Pictures of two strategies.
     pub(crate) fn same_picture(&mut self, place: &str, a: &Image, b: &Image) {
         self.pictures += 1;

@@ -148,6 +148,11 @@ impl Method {
         matches!(self, Self::System(system) if system.knows_animation())
     }
 
+    /// Whether trees depend on how long something takes.
+    pub(crate) fn depends_on_time(&self) -> bool {
+        matches!(self, Self::Strategy(Strategy::Background(_)))
+    }
+
     /// Whether the tree depends on the current frame only.
     pub(crate) fn rebuilds(&self) -> bool {
         matches!(self, Self::Strategy(Strategy::Rebuild(..)) | Self::Rebuild(..))

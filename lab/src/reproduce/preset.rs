@@ -29,8 +29,8 @@ pub(crate) struct Values {
     pub(crate) size: u32,
     /// How rays are grouped.
     pub(crate) traversal: Traversal,
-    /// How often each picture is traced; the fastest counts.
-    pub(crate) traces: usize,
+    /// Turns that each strategy has in a frame, 1 or 2; the shorter times count.
+    pub(crate) turns: usize,
     /// One frame in this number is measured; the second number is for scenes of many triangles.
     pub(crate) measure_every: [usize; 2],
     /// Whether figure 5 is part of "everything".
@@ -76,7 +76,7 @@ impl Preset {
             loops: self.pick([1.5, 1.5, 2.3]),
             size: self.pick([128, 512, 1024]),
             traversal: self.pick([Traversal::Tile, Traversal::Tile, Traversal::Packet]),
-            traces: self.pick([1, 2, 2]),
+            turns: self.pick([1, 2, 2]),
             measure_every: self.pick([[1, 1], [5, 10], [1, 1]]),
             speeds: self.pick([false, true, true]),
             speed_loops: self.pick([2.0, 3.0, 5.0]),
@@ -112,9 +112,17 @@ impl Values {
             other(|v| format!("traversal by {}", v.traversal)),
             instead(format!("{threads} threads"), format!("{PAPER_THREADS} threads")),
             Some(
-                "always: scenes are stand-ins, triangles are tested watertight, boxes and rotations are computed with SIMD"
+                "always: scenes are stand-ins; triangles are tested watertight; boxes and rotations are computed with SIMD; \
+                 subtrees that stand still are skipped; trees have at most 96 levels, and triangles are stored in the order of \
+                 the first tree's leaves; rebuilds try up to 32 bins on three axes; packets go first to the child that is \
+                 nearer along their first ray, and shadow rays form packets of 64 successive hits, from the light"
                     .to_owned(),
             ),
+            (self.turns > 1).then(|| {
+                "each strategy has two equal trees, updated and traced in turns; of either time the shorter counts, but for \
+                 strategies that build in the background"
+                    .to_owned()
+            }),
             samples.then(|| {
                 format!(
                     "every frame updated, one in {few} measured, in scenes above {MANY} triangles one in {many}; accuracy of \
@@ -131,5 +139,30 @@ impl Values {
                 .then(|| format!("offline builders in scenes of at most {} triangles", self.offline)),
         ];
         less.into_iter().flatten().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn full_is_the_papers_protocol_and_says_where_it_departs() {
+        let full = Preset::Full.values();
+        assert_eq!((full.detail, full.frames, full.loops, full.size), (None, 100, 2.3, 1024));
+        assert_eq!((full.traversal, full.measure_every, full.speeds), (Traversal::Packet, [1, 1], true));
+        let [always, twins] = &full.departures(true, PAPER_THREADS)[..] else { panic!("other departures") };
+        for words in
+            ["stand-ins", "watertight", "SIMD", "skipped", "96 levels", "three axes", "64 successive"]
+        {
+            assert!(always.contains(words), "{words}");
+        }
+        assert!(twins.contains("two equal trees"));
+        let few = full.departures(true, 2);
+        assert!(few.contains(&"2 threads instead of 8 threads".to_owned()), "{few:?}");
+        let standard = Preset::Standard.values().departures(true, PAPER_THREADS).join("\n");
+        for words in ["50 frames a loop instead of 100", "512 x 512", "by tile", "one in 5 measured"] {
+            assert!(standard.contains(words), "{words}: {standard}");
+        }
     }
 }

@@ -4,9 +4,10 @@
 //! from a copy of it. Then, frame by frame, the scene is posed once, and each strategy in turn
 //! updates its own tree and renders with primary and shadow rays. Strategies take turns within a
 //! frame, a different one first each time, so that whatever else the machine does hits all of them
-//! alike. Then all render once more, and the faster picture of each counts: other work on the
-//! machine seldom disturbs both. Before the first frame each runs once on a copy that is thrown away. Checks, costs and
-//! pictures are made outside of what is timed.
+//! alike. Then all have a second turn, each with a twin: another tree that has taken the same course.
+//! The shorter update and the shorter picture count, since other work on the machine seldom disturbs
+//! both turns. Before the first frame each runs once on a copy that is thrown away. Checks, costs
+//! and pictures are made outside of what is timed.
 //!
 //! Frames that an earlier run has measured, and those between frames to measure, are only played:
 //! strategies whose trees depend on the frames before update them, and nothing is rendered or
@@ -69,6 +70,9 @@ struct Lane {
     method: Method,
     tree: Bvh,
     worker: Worker,
+    /// The tree of the second turn. None where trees depend on time, or take long to prepare: then
+    /// the first tree is traced once more.
+    twin: Option<(Bvh, Worker)>,
     /// Whether the tree fits the present frame.
     is_current: bool,
     last: Option<Row>,
@@ -157,7 +161,7 @@ impl<'a> Run<'a> {
         stage.pose(0.0);
         // A method that knows the animation refits like the others, and would be prepared again.
         for lane in lanes.iter().filter(|lane| !lane.method.knows_animation()) {
-            let mut warm = Lane::new(lane.name, lane.method, stage, &[])?;
+            let mut warm = Lane::new(lane.name, lane.method, stage, &[], 1)?;
             warm.run(stage, &Row::default(), &options, &mut images[0])?;
         }
         Ok(Self { label, plan, lanes, options, images, checks: Checks::default() })
@@ -194,8 +198,13 @@ impl<'a> Run<'a> {
             self.checks.same_hits(&place, &expected, &stats);
             self.checks.same_picture(&place, first, other);
         }
-        for i in (1..self.plan.values.traces).flat_map(|_| 0..count) {
-            self.lanes[(i + turn) % count].trace_again(stage, &self.options, &mut self.images[1]);
+        if self.plan.values.turns > 1 {
+            for i in (0..count).map(|i| (i + turn) % count) {
+                let same = self.lanes[i].run_again(stage, &self.options, &mut self.images[1])?;
+                let Row { round, frame, .. } = common;
+                let place = format!("{}, loop {round}, frame {frame}, {}", self.label, self.lanes[i].name);
+                self.checks.same_twin(&place, same);
+            }
         }
         Ok(())
     }
@@ -238,25 +247,44 @@ fn lanes(stage: &mut Stage, plan: &Plan) -> Result<Vec<Lane>> {
     for contestant in &plan.contestants {
         if lanes.iter().all(|lane| lane.name != contestant.of) {
             let method = contestant.method.for_rays(plan.rays());
-            lanes.push(Lane::new(contestant.of, method, stage, &poses)?);
+            lanes.push(Lane::new(contestant.of, method, stage, &poses, plan.values.turns)?);
         }
     }
     Ok(lanes)
 }
 
 impl Lane {
-    fn new(name: &'static str, method: Method, stage: &Stage, poses: &[Vec<Vec3>]) -> Result<Self> {
-        let mut tree = stage.first_tree.clone();
+    fn new(
+        name: &'static str,
+        method: Method,
+        stage: &Stage,
+        poses: &[Vec<Vec3>],
+        turns: usize,
+    ) -> Result<Self> {
         let indices = stage.triangles().indices;
         let poses: Vec<_> = poses.iter().map(|positions| Triangles { positions, indices }).collect();
-        let worker = method.start(&mut tree, &poses).with_context(|| format!("{name}: not prepared"))?;
-        Ok(Self { name, method, tree, worker, is_current: false, last: None })
+        let start = || {
+            let mut tree = stage.first_tree.clone();
+            let worker = method.start(&mut tree, &poses).with_context(|| format!("{name}: not prepared"))?;
+            anyhow::Ok((tree, worker))
+        };
+        let (tree, worker) = start()?;
+        let has_twin = turns > 1 && !method.knows_animation() && !method.depends_on_time();
+        let twin = has_twin.then(start).transpose()?;
+        Ok(Self { name, method, tree, worker, twin, is_current: false, last: None })
     }
 
     fn update(&mut self, stage: &Stage) -> Result<Update> {
-        self.worker
-            .update(&mut self.tree, &stage.triangles())
-            .with_context(|| format!("{}: {} failed", stage.scene.name, self.name))
+        let failed = || format!("{}: {} failed", stage.scene.name, self.name);
+        if let Some((tree, worker)) = &mut self.twin {
+            worker.update(tree, &stage.triangles()).with_context(failed)?;
+        }
+        self.worker.update(&mut self.tree, &stage.triangles()).with_context(failed)
+    }
+
+    fn report(&mut self, load: Load) {
+        self.worker.report(load);
+        self.twin.iter_mut().for_each(|(_, worker)| worker.report(load));
     }
 
     /// Reports the rays of a frame that an earlier run has measured, so that the tree takes the
@@ -264,7 +292,7 @@ impl Lane {
     fn recall(&mut self, rows: &[Row], round: usize, frame: usize) {
         let is_it = |row: &&Row| row.strategy == self.name && [row.round, row.frame] == [round, frame];
         if let Some(row) = rows.iter().find(is_it) {
-            self.worker.report(Load::PacketNodes(row.nodes_opened));
+            self.report(Load::PacketNodes(row.nodes_opened));
         }
     }
 
@@ -276,10 +304,8 @@ impl Lane {
         options: &RenderOptions,
         image: &mut Image,
     ) -> Result<(Row, RenderStats)> {
-        let start = Instant::now();
-        let update = self.update(stage)?;
-        let update_ms = ms(start);
-        let (trace_ms, stats) = self.trace(stage, options, image);
+        let (update_ms, update) = timed(self.name, &mut self.tree, &mut self.worker, stage)?;
+        let (trace_ms, stats) = trace(&self.tree, stage, options, image);
         self.worker.report(Load::PacketNodes(stats.nodes_visited));
         let row = Row {
             update_ms,
@@ -296,21 +322,39 @@ impl Lane {
         Ok((row.traced(&stats, trace_ms), stats))
     }
 
-    /// Renders the frame, and gives the time in ms.
-    fn trace(&self, stage: &Stage, options: &RenderOptions, image: &mut Image) -> (f64, RenderStats) {
-        let size = image.width();
-        let (mesh, camera, light) = (stage.mesh(), stage.camera(size, size), stage.light());
-        let start = Instant::now();
-        let stats = render(&self.tree, &mesh, &camera, Some(&light), options, image);
-        (rounded(ms(start)), stats)
+    /// Updates the twin and renders the measured frame once more; the shorter times count. Gives whether
+    /// the twin has the same cost.
+    fn run_again(&mut self, stage: &Stage, options: &RenderOptions, image: &mut Image) -> Result<bool> {
+        let Some(mut row) = self.last.take() else { return Ok(true) };
+        let mut same = true;
+        if let Some((tree, worker)) = &mut self.twin {
+            let (update_ms, update) = timed(self.name, tree, worker, stage)?;
+            same = update.sah_cost.unwrap_or_else(|| sah_cost(tree)) == row.sah_cost;
+            row.update_ms = row.update_ms.min(update_ms);
+        }
+        let tree = self.twin.as_ref().map_or(&self.tree, |(tree, _)| tree);
+        let (trace_ms, stats) = trace(tree, stage, options, image);
+        if let Some((_, worker)) = &mut self.twin {
+            worker.report(Load::PacketNodes(stats.nodes_visited));
+        }
+        self.last = Some(if trace_ms < row.trace_ms { row.traced(&stats, trace_ms) } else { row });
+        Ok(same)
     }
+}
 
-    /// Renders the measured frame once more; the faster picture counts.
-    fn trace_again(&mut self, stage: &Stage, options: &RenderOptions, image: &mut Image) {
-        let (trace_ms, stats) = self.trace(stage, options, image);
-        self.last = self
-            .last
-            .take()
-            .map(|row| if trace_ms < row.trace_ms { row.traced(&stats, trace_ms) } else { row });
-    }
+/// Updates a tree, and gives the time in ms.
+fn timed(name: &str, tree: &mut Bvh, worker: &mut Worker, stage: &Stage) -> Result<(f64, Update)> {
+    let start = Instant::now();
+    let update = worker.update(tree, &stage.triangles());
+    let update_ms = ms(start);
+    Ok((update_ms, update.with_context(|| format!("{}: {name} failed", stage.scene.name))?))
+}
+
+/// Renders a frame, and gives the time in ms.
+fn trace(tree: &Bvh, stage: &Stage, options: &RenderOptions, image: &mut Image) -> (f64, RenderStats) {
+    let size = image.width();
+    let (mesh, camera, light) = (stage.mesh(), stage.camera(size, size), stage.light());
+    let start = Instant::now();
+    let stats = render(tree, &mesh, &camera, Some(&light), options, image);
+    (rounded(ms(start)), stats)
 }

@@ -509,3 +509,31 @@ fn both_verdicts_stand_beside_each_other() {
     let found = claim(&results(vec![run]), "add little");
     assert_eq!((found.verdict, found.first_verdict), (Verdict::Holds, Verdict::DoesNotHoldHere));
 }
+
+#[test]
+fn first_verdicts_are_by_the_first_rules() {
+    let both = |run: &Results, words| {
+        let found = claim(run, words);
+        (found.verdict, found.first_verdict)
+    };
+    // Rotations halve the cost of refitting on the lion, not on the balls.
+    let deforming = results(vec![
+        scene(
+            "lion",
+            &[("ideal", 0.0, 9.0, 1.0), ("refit", 1.0, 9.0, 12.0), ("refit+rotate", 2.0, 9.0, 2.0)],
+        ),
+        scene(
+            "n-body",
+            &[("ideal", 0.0, 9.0, 1.0), ("refit", 1.0, 9.0, 4.75), ("refit+rotate", 2.0, 9.0, 2.38)],
+        ),
+    ]);
+    assert_eq!(both(&deforming, "explodes"), (Verdict::HoldsInPart, Verdict::DoesNotHoldHere));
+    // Refitting is slower than the rebuild, rotations are not.
+    let mut slow = lion([50.0, 50.0, 50.0]);
+    slow.scenes[0]
+        .rows
+        .iter_mut()
+        .filter(|row| row.strategy == "refit+rotate")
+        .for_each(|row| (row.trace_ms, row.frame_ms) = (7.0, 9.0));
+    assert_eq!(both(&slow, "largest scene"), (Verdict::DoesNotHoldHere, Verdict::HoldsInPart));
+}
