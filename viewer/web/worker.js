@@ -56,11 +56,13 @@ function spawn(argument) {
   return thread ? next++ : -1;
 }
 
-// A thread must be running when it is asked for: this one may not return to its events before.
+// A thread must be running when it is asked for: this one may not return to its events before. One that cannot start is not
+// counted.
 function thread(module) {
   return new Promise(ready => {
     const worker = new Worker(import.meta.url, { type: "module" });
     worker.onmessage = () => { idle.push(worker); ready(); };
+    worker.onerror = ready;
     worker.postMessage({ module, shared: memory.shared });
   });
 }
@@ -77,7 +79,7 @@ async function begin(width, height, threads) {
   const main = await instance(module);
   main._initialize();
   await Promise.all(Array.from({ length: threads - 1 }, () => thread(module)));
-  main.start(width, height, threads);
+  main.start(width, height, 1 + idle.length);
   viewer = main;
   size = [width, height];
   wake();

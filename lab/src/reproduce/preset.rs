@@ -120,7 +120,7 @@ impl Values {
             ),
             (self.turns > 1).then(|| {
                 "each strategy has two equal trees, updated and traced in turns; of either time the shorter counts, but for \
-                 strategies that build in the background"
+                 strategies that build in the background or know the animation, whose one tree is traced twice"
                     .to_owned()
             }),
             samples.then(|| {

@@ -16,7 +16,7 @@ pub(crate) fn draw(args: &Args, settings: Settings, out: &Path) -> Result<()> {
     let extension = out.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     let mut state = State::new(args.size.0, args.size.1, vec![args.scene.clone()], CLOCK);
     let pace = Pace::new();
-    let mut ready = load::ready(&args.scene, args.detail, &|part| pace.at("simulating", part.into()))?;
+    let mut ready = load::ready(&args.scene, &|part| pace.at("simulating", part.into()))?;
     let fresh = ready.take_fresh_costs();
     state.apply(Event::Settings(settings));
     state.apply(Event::Scene(Box::new(ready)));

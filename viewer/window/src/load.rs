@@ -14,21 +14,11 @@ pub(crate) fn names(first: &str) -> Vec<String> {
     std::iter::once(first).chain(known).map(str::to_owned).collect()
 }
 
-/// Triangles up to which a rebuild pauses the window for at most 100 ms (docs/VIEWER.md, "Pauses by scene").
-const LIVELY: usize = 252_000;
-
-/// The part of its triangles with which a scene is shown in the window, unless another is asked for.
-pub(crate) fn lively(name: &str) -> Option<f32> {
-    let info = scenes::list().iter().find(|info| info.name == name && info.triangles > LIVELY)?;
-    Some(LIVELY as f32 / info.triangles as f32)
-}
-
-/// Loads a scene with a part of its triangles, or with all, and makes it ready. Simulations are recorded where `cargo xtask`
-/// records them.
-pub(crate) fn ready(name: &str, detail: Option<f32>, progress: &(dyn Fn(f32) + Sync)) -> Result<Ready> {
+/// Loads a scene and makes it ready. Simulations are recorded where `cargo xtask` records them.
+pub(crate) fn ready(name: &str, progress: &(dyn Fn(f32) + Sync)) -> Result<Ready> {
     let cache = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../target/scenes");
     let options =
-        SceneOptions { detail, cache_dir: Some(cache), progress: Some(progress), ..SceneOptions::default() };
+        SceneOptions { cache_dir: Some(cache), progress: Some(progress), ..SceneOptions::default() };
     let scene = scenes::load(name, None, &options)?;
     Ready::new(scene).with_context(|| format!("{name}: no tree"))
 }
@@ -65,7 +55,7 @@ impl Pace {
 
 /// Loads a scene on a thread of its own, and then looks for the costs of fresh trees. What comes of it goes to `send`,
 /// which is false once nobody listens.
-pub(crate) fn begin(name: String, detail: Option<f32>, send: impl Fn(Event) -> bool + Send + Sync + 'static) {
+pub(crate) fn begin(name: String, send: impl Fn(Event) -> bool + Send + Sync + 'static) {
     std::thread::spawn(move || {
         let work = || {
             step_back();
@@ -73,7 +63,7 @@ pub(crate) fn begin(name: String, detail: Option<f32>, send: impl Fn(Event) -> b
             let progress = |part: f32| {
                 send(Event::Message(progress_line(&format!("simulating {name}"), part.into(), start)));
             };
-            let fresh = match ready(&name, detail, &progress) {
+            let fresh = match ready(&name, &progress) {
                 Ok(mut ready) => {
                     let fresh = ready.take_fresh_costs();
                     send(Event::Scene(Box::new(ready)));

@@ -48,10 +48,6 @@ struct Args {
     /// Size of the picture in pixels
     #[arg(long, value_name = "WxH", default_value = "960x540", value_parser = size)]
     size: (u32, u32),
-    /// Part of the triangles of scenes that have a name, above 0 and at most 1 [default: all; in a window no more than
-    /// 252,000, with which it does not stand still for longer than 100 ms]
-    #[arg(long, value_name = "N")]
-    detail: Option<f32>,
     /// Threads for drawing [default: the cores there are]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,

@@ -121,8 +121,7 @@ impl App<'_> {
             let done = match request {
                 Request::Load(name) => {
                     let proxy = self.proxy.clone();
-                    let detail = self.args.detail.or_else(|| load::lively(&name));
-                    load::begin(name, detail, move |event| proxy.send_event(event).is_ok());
+                    load::begin(name, move |event| proxy.send_event(event).is_ok());
                     continue;
                 }
                 Request::Quit => {
