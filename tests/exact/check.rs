@@ -1,7 +1,7 @@
 //! Answers of a tree against exact arithmetic. A check gives what is wrong as text, so that tests can assert that seeded
 //! defects are found.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::adaptor::{Hit, Line, Mesh, PlainTree, Subject, Test, Way};
 use crate::arithmetic::{Passes, Point};
@@ -119,6 +119,49 @@ pub(crate) fn check_tree(subject: &dyn Subject, mesh: &Mesh) -> Checked {
 /// The cost of a tree by its structure and the mesh alone.
 pub(crate) fn exact_cost(tree: &PlainTree, mesh: &Mesh) -> f64 {
     below(tree, mesh, 0, 0, &mut vec![0; mesh.triangles.len()]).map_or(f64::NAN, |found| found.cost)
+}
+
+/// No rotation raised the cost: of every set of primitives that has a subtree of its own both before and after, the
+/// subtree costs no more than it did. A rotation keeps the set of the node that it rotates, so that one which loses
+/// shows below that node, whatever others gain elsewhere.
+pub(crate) fn check_rotations(before: &PlainTree, after: &PlainTree, mesh: &Mesh) -> Checked {
+    let (mut old, mut new) = (BTreeMap::new(), BTreeMap::new());
+    subtree_costs(before, mesh, 0, &mut old);
+    subtree_costs(after, mesh, 0, &mut new);
+    for (primitives, cost) in new {
+        let Some(&before) = old.get(&primitives) else { continue };
+        // Gains are rounded to 24 bits.
+        ensure(cost <= before * (1.0 + 1e-6), || {
+            format!("rotation: the subtree of {primitives:?} cost {before} and costs {cost}")
+        })?;
+    }
+    Ok(())
+}
+
+/// Adds the exact cost of each subtree by the sorted primitives in it. Gives those of node `n`, their box and the cost.
+fn subtree_costs(
+    tree: &PlainTree,
+    mesh: &Mesh,
+    n: usize,
+    costs: &mut BTreeMap<Vec<usize>, f64>,
+) -> (Vec<usize>, Option<(Point, Point)>, f64) {
+    let node = tree.nodes[n];
+    let (mut primitives, bounds, cost);
+    if let Some(count) = node.count {
+        primitives = tree.order[node.first..node.first + count].to_vec();
+        let corners = primitives.iter().filter(|&&p| mesh.is_finite(p)).flat_map(|&p| mesh.corners(p));
+        bounds = around(corners);
+        cost = bounds.map_or(0.0, half_area) * count as f64;
+    } else {
+        let l = subtree_costs(tree, mesh, node.first, costs);
+        let r = subtree_costs(tree, mesh, node.first + 1, costs);
+        primitives = [l.0, r.0].concat();
+        bounds = around([l.1, r.1].into_iter().flatten().flat_map(|(low, high)| [low, high]));
+        cost = l.2 + r.2 + bounds.map_or(0.0, half_area);
+    }
+    primitives.sort_unstable();
+    costs.insert(primitives.clone(), cost);
+    (primitives, bounds, cost)
 }
 
 /// What exact arithmetic says of one ray: for each triangle that it comes near.

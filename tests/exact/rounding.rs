@@ -28,6 +28,10 @@
 //! *Möller and Trumbore* (`fast`). Each of the determinants behind `u`, `v`, `t` and their denominator takes seven
 //! roundings, so each is wrong by at most `8 u` times the sum of the magnitudes of its products.
 //!
+//! *No rounding*. Where all numbers are whole and small, the ray goes along an axis by one and meets the triangle's plane
+//! at a right angle, and the determinant is a power of two, every operation of every test is exact: the distance has no
+//! error.
+//!
 //! In all tests the last term of the distance is the entry into the triangle's own box, to which a hit's distance is raised.
 
 use crate::adaptor::Test;
@@ -109,6 +113,7 @@ pub(crate) fn judge(origin: Point, direction: Point, corners: [Point; 3]) -> (Pa
             }
             Answer::Near { certain, t_error } => {
                 assert!(!certain || exact == Passes::Inside || t <= t_error, "{}", wrong());
+                let t_error = if is_exact(origin, direction, corners) { 0.0 } else { t_error };
                 let must = certain && exact == Passes::Inside && t > t_error;
                 let may = exact != Passes::Outside || !certain || t.abs() <= t_error;
                 Verdict { must, may: may && (t.is_nan() || t >= -t_error), t, t_error }
@@ -116,6 +121,18 @@ pub(crate) fn judge(origin: Point, direction: Point, corners: [Point; 3]) -> (Pa
         }
     });
     (exact, verdicts)
+}
+
+/// Whether no test rounds, as above.
+fn is_exact(origin: Point, direction: Point, corners: [Point; 3]) -> bool {
+    let is_small = |x: &f32| x.fract() == 0.0 && x.abs() < 256.0;
+    let Some(k) = (0..3).find(|&k| direction[k].abs() == 1.0) else { return false };
+    let is_along = (0..3).all(|i| i == k || direction[i] == 0.0);
+    let is_across = corners.iter().all(|corner| corner[k] == corners[0][k]);
+    let [a, b, c] = corners.map(wide);
+    let (det, _) = determinant(less(b, a), wide(direction), less(c, a));
+    let is_power = det != 0.0 && det.abs().log2().fract() == 0.0;
+    origin.iter().chain(corners.iter().flatten()).all(is_small) && is_along && is_across && is_power
 }
 
 /// What double precision says, with the bounds above.
