@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 use crate::RenderStats;
 
 /// Time by what it was spent on, added up over threads: on `n` busy threads it passes `n` times as fast as on a clock.
-/// All zero unless [`RenderOptions::timed`](crate::RenderOptions::timed).
+/// All zero unless [`RenderOptions::timed`](crate::RenderOptions::timed), and on `wasm32-unknown-unknown`, where the
+/// standard library has no clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StageTimes {
     /// Rays from the eye, finding and shading what they hit, and whatever has no stage of its own.
@@ -50,13 +51,15 @@ impl AddAssign for StageTimes {
 #[derive(Default)]
 pub(crate) struct Tally {
     pub(crate) stats: RenderStats,
-    /// When the last stretch ended; `None` if nobody asked for times.
+    /// When the last stretch ended; `None` if nobody asked for times, or there is no clock.
     last: Option<Instant>,
 }
 
 impl Tally {
     pub(crate) fn start(timed: bool) -> Self {
-        Self { last: timed.then(Instant::now), ..Self::default() }
+        // There, asking for the time ends the program.
+        let has_clock = !cfg!(all(target_family = "wasm", target_os = "unknown"));
+        Self { last: (timed && has_clock).then(Instant::now), ..Self::default() }
     }
 
     /// Gives the time since the last call to a stage.
