@@ -3,9 +3,9 @@
 use std::ops::ControlFlow::Continue;
 
 use bvh_build::{BuildOptions, Builder, build_with};
-use bvh_core::{Aabb, Bvh, Ray, SimdLevel, Triangles, Vec3};
+use bvh_core::{Aabb, Bvh, Primitives, Ray, SimdLevel, Triangles, Vec3};
 use bvh_update::{Strategy, Update, Updater};
-use rt_cpu::{Bvh8, Camera, Pixel, RenderOptions, Traversal, TriangleTest};
+use rt_cpu::{Bvh8, Camera, Pixel, PointLight, RenderOptions, Traversal, TriangleTest};
 
 use crate::arithmetic::Point;
 
@@ -96,6 +96,10 @@ pub(crate) struct Picture {
     pub(crate) name: String,
     pub(crate) lines: Vec<Line>,
     pub(crate) hits: Vec<Option<Hit>>,
+    /// Where on its triangle each hit is, as weights of the second and the third corner.
+    pub(crate) places: Vec<[f32; 2]>,
+    /// Whether light arrives there.
+    pub(crate) lit: Vec<bool>,
 }
 
 /// What can be asked. Seeded defects change single answers.
@@ -108,7 +112,10 @@ pub(crate) trait Subject {
     fn visited(&self, line: &Line) -> Vec<usize>;
     fn overlaps(&self, min: Point, max: Point) -> Vec<usize>;
     fn pairs(&self) -> Vec<(usize, usize)>;
-    fn pictures(&self, test: Test, eye: Point, target: Point, width: u32) -> Vec<Picture>;
+    /// The primitive whose box is nearest to a point, with the square of its distance, if that is below `max`.
+    fn nearest(&self, point: Point, max: f32) -> Option<(usize, f32)>;
+    /// Views from an eye towards a target, with a light.
+    fn pictures(&self, test: Test, places: [Point; 3], width: u32) -> Vec<Picture>;
 }
 
 /// A mesh as plain numbers; corners out of range do not occur.
@@ -185,6 +192,11 @@ impl Real {
         self.triangles.clone_from(&mesh.triangles);
         let triangles = Triangles { positions: &self.positions, indices: &self.triangles };
         self.wide.update(&self.bvh, &triangles);
+    }
+
+    /// The square of the distance from a point to the box of primitive `p`.
+    pub(crate) fn distance(&self, p: usize, point: Point) -> f32 {
+        self.triangles().aabb(p).distance_squared(point.into())
     }
 
     fn triangles(&self) -> Triangles<'_> {
@@ -272,7 +284,13 @@ impl Subject for Real {
         found
     }
 
-    fn pictures(&self, test: Test, eye: Point, target: Point, width: u32) -> Vec<Picture> {
+    fn nearest(&self, point: Point, max: f32) -> Option<(usize, f32)> {
+        let to_box = |aabb: &Aabb| aabb.distance_squared(point.into());
+        self.bvh.nearest(max, to_box, |p, _| self.distance(p, point)).0
+    }
+
+    fn pictures(&self, test: Test, [eye, target, light]: [Point; 3], width: u32) -> Vec<Picture> {
+        let light = PointLight { position: light.into(), color: [1.0; 3] };
         let camera = Camera::look_at(eye.into(), target.into(), Vec3::Y, 0.9, width, width);
         let line = |i: u32| {
             let ray = camera.ray(i % width, i / width);
@@ -285,11 +303,13 @@ impl Subject for Real {
                 let options =
                     RenderOptions { traversal, simd, triangle_test: test.of_crate(), ..Default::default() };
                 let mut pixels = vec![Pixel::default(); lines.len()];
-                rt_cpu::cast(&self.bvh, &self.triangles(), &camera, None, &options, &mut pixels);
+                rt_cpu::cast(&self.bvh, &self.triangles(), &camera, Some(&light), &options, &mut pixels);
                 pictures.push(Picture {
                     name: format!("{} at {simd}", traversal.name()),
                     lines: lines.clone(),
                     hits: pixels.iter().map(|pixel| pixel.hit().map(hit)).collect(),
+                    places: pixels.iter().map(|p| p.hit().map_or([0.0; 2], |h| [h.u, h.v])).collect(),
+                    lit: pixels.iter().map(Pixel::is_lit).collect(),
                 });
             }
         }

@@ -19,12 +19,15 @@ pub(crate) struct Tally {
     pub(crate) answers: u64,
     /// Those of them that differ from the exact answer within rounding, by triangle test.
     pub(crate) excused: [u64; 3],
+    /// Shadow rays compared.
+    pub(crate) shadows: u64,
 }
 
 impl Tally {
     pub(crate) fn plus(mut self, other: Self) -> Self {
         self.exact_tests += other.exact_tests;
         self.answers += other.answers;
+        self.shadows += other.shadows;
         (0..3).for_each(|i| self.excused[i] += other.excused[i]);
         self
     }
@@ -287,23 +290,151 @@ pub(crate) fn check_rays(
     Ok(())
 }
 
-/// Images by every traversal at every SIMD level.
+/// Images by every traversal at every SIMD level: what is hit, and whether light arrives there.
 pub(crate) fn check_pictures(
     subject: &dyn Subject,
     mesh: &Mesh,
     test: Test,
-    [eye, target]: [Point; 2],
+    places: [Point; 3],
     width: u32,
     tally: &mut Tally,
 ) -> Checked {
-    let pictures = subject.pictures(test, eye, target, width);
+    let pictures = subject.pictures(test, places, width);
     let lines = pictures.first().map_or(Vec::new(), |picture| picture.lines.clone());
     let truths: Vec<Truth> = lines.iter().map(|line| Truth::of(mesh, line, false, tally)).collect();
     for picture in pictures {
-        for ((truth, hit), line) in truths.iter().zip(picture.hits).zip(&lines) {
-            let checked = truth.check_closest(mesh, test, hit, tally);
-            checked.map_err(|e| format!("{}, {test:?}: {e}; {line:?}", picture.name))?;
+        for (i, (truth, line)) in truths.iter().zip(&lines).enumerate() {
+            let at = |e| format!("{}, {test:?}: {e}; {line:?}", picture.name);
+            truth.check_closest(mesh, test, picture.hits[i], tally).map_err(at)?;
+            let Some(hit) = picture.hits[i] else {
+                ensure(!picture.lit[i], || at("shadow: light arrives at nothing".into()))?;
+                continue;
+            };
+            let surface = Surface::new(mesh.corners(hit.primitive), picture.places[i], line);
+            surface.check_shadow(mesh, test, places[2], picture.lit[i], tally).map_err(at)?;
         }
+    }
+    Ok(())
+}
+
+type Vector = [f64; 3];
+
+fn less(a: Vector, b: Vector) -> Vector {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn dot(a: Vector, b: Vector) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: Vector, b: Vector) -> Vector {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn size(v: Vector) -> f64 {
+    v.iter().fold(0.0, |most: f64, x| most.max(x.abs()))
+}
+
+/// A point of a triangle, seen from one of its sides.
+struct Surface {
+    corners: [Point; 3],
+    point: Vector,
+    /// The unit normal of the side that is seen; `None` if rounding may turn it.
+    normal: Option<Vector>,
+    /// How far rounding may move the normal.
+    normal_error: f64,
+}
+
+impl Surface {
+    fn new(corners: [Point; 3], [u, v]: [f32; 2], line: &Line) -> Self {
+        let [a, b, c] = corners.map(|corner| corner.map(f64::from));
+        let (b, c) = (less(b, a), less(c, a));
+        let point = [0, 1, 2].map(|k| a[k] + b[k] * f64::from(u) + c[k] * f64::from(v));
+        let (across, direction) = (cross(b, c), line.direction.map(f64::from));
+        let length = dot(across, across).sqrt();
+        let normal = across.map(|x| x / length);
+        // The edges are rounded once, their product twice, and its length a few times more.
+        let normal_error = 8.0 * U * size(b) * size(c) / length;
+        let along = dot(normal, direction);
+        let is_known = along.abs() > 4.0 * (normal_error + U) * size(direction);
+        let normal = is_known.then(|| normal.map(|x| x * -along.signum()));
+        Self { corners, point, normal, normal_error }
+    }
+
+    /// Light arrives where the side that is seen faces the light and nothing is between. The ray ends at the point, moved
+    /// along the normal by 2^-19 of the largest coordinate or distance, as `rt_cpu` documents; rounding may move its end
+    /// by a sixth of that, five roundings, on each axis. A triangle never hides itself: that is what the move is for.
+    fn check_shadow(
+        &self,
+        mesh: &Mesh,
+        test: Test,
+        light: Point,
+        is_lit: bool,
+        tally: &mut Tally,
+    ) -> Checked {
+        let Some(normal) = self.normal else { return Ok(()) };
+        let to_light = less(light.map(f64::from), self.point);
+        let size = size(self.point).max(size(to_light));
+        let facing = dot(normal, to_light);
+        if facing.abs() <= 4.0 * (self.normal_error + U) * size {
+            return Ok(());
+        }
+        tally.shadows += 1;
+        if facing < 0.0 {
+            return ensure(!is_lit, || "shadow: light arrives at the side that faces away".into());
+        }
+        let off = size / f64::from(1 << 19);
+        // A tetrahedron around all places where the end may be. What hides a place is convex.
+        let corners = [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]];
+        let rays = corners.map(|corner: Vector| {
+            let end = [0, 1, 2].map(|k| self.point[k] + off * (normal[k] + 0.5 * corner[k]));
+            let direction = less(end, light.map(f64::from)).map(|x| x as f32);
+            Truth::of(mesh, &Line { origin: light, direction, t_max: 1.0 }, false, tally)
+        });
+        let blocks = |ray: &Truth, p: usize| {
+            ray.of_test(test).any(|(i, _, v)| i == p && v.must && v.farthest() <= ray.t_max)
+        };
+        let may_block = |ray: &Truth| {
+            let mut others = ray.of_test(test).filter(|&(p, ..)| mesh.corners(p) != self.corners);
+            others.any(|(.., v)| v.may && (v.nearest().is_nan() || v.nearest() <= ray.t_max))
+        };
+        if is_lit {
+            let blocker = rays[0].near.iter().find(|&&(p, ..)| rays.iter().all(|ray| blocks(ray, p)));
+            return ensure(blocker.is_none(), || format!("shadow: lit through {blocker:?}"));
+        }
+        ensure(rays.iter().any(may_block), || "shadow: dark, but nothing is between".into())
+    }
+}
+
+/// The unit roundoff of single precision.
+const U: f64 = 1.0 / (1u64 << 24) as f64;
+
+/// The primitive with the nearest box, without limit and with limits at its distance and just above.
+pub(crate) fn check_nearest(subject: &dyn Subject, mesh: &Mesh, points: &[Point]) -> Checked {
+    let boxes: Vec<_> = (0..mesh.triangles.len()).map(|i| triangle_box(mesh, i)).collect();
+    let square = |point: Point, (low, high): (Point, Point)| -> f64 {
+        let beyond = |k: usize| f64::from(point[k]) - f64::from(point[k].clamp(low[k], high[k]));
+        (0..3).map(|k| beyond(k) * beyond(k)).sum()
+    };
+    for &point in points {
+        let least = boxes.iter().flatten().map(|&aabb| square(point, aabb)).fold(f64::INFINITY, f64::min);
+        let found = subject.nearest(point, f32::INFINITY);
+        let Some((p, distance)) = found else {
+            ensure(least == f64::INFINITY, || format!("nearest: nothing, but {least} to {point:?}"))?;
+            continue;
+        };
+        // A difference, its square and two sums: five roundings.
+        let error = 8.0 * U * least;
+        let exact = boxes[p].map_or(f64::INFINITY, |aabb| square(point, aabb));
+        ensure((exact - least).abs() <= 2.0 * error && (f64::from(distance) - exact).abs() <= error, || {
+            format!("nearest: {found:?} to {point:?} is at {exact}, the nearest at {least}")
+        })?;
+        let below = subject.nearest(point, distance);
+        ensure(below.is_none(), || format!("nearest: {below:?} to {point:?}, but none is below the limit"))?;
+        let above = subject.nearest(point, distance.next_up());
+        ensure(above.is_some_and(|(_, t)| t == distance), || {
+            format!("nearest: {above:?} to {point:?}, but {found:?} is below the limit")
+        })?;
     }
     Ok(())
 }

@@ -13,7 +13,7 @@ mod seeded;
 
 use adaptor::{Mesh, Real, Test, levels, strategies};
 use arithmetic::Point;
-use check::{Tally, check_boxes, check_pictures, check_rays, check_tree};
+use check::{Tally, check_boxes, check_nearest, check_pictures, check_rays, check_tree};
 use rayon::prelude::*;
 use scenes::{Random, add, cube, extent, line, scale, soup};
 
@@ -80,6 +80,9 @@ fn check_everything(real: &Real, mesh: &Mesh, kind: usize, rays: usize, seed: u6
         }
     }
     check_boxes(real, mesh, &queries).unwrap_or_else(|e| panic!("scene {kind}: {e}"));
+    // Corners of boxes: some are inside of others.
+    let points: Vec<_> = queries.iter().map(|query| query.0).collect();
+    check_nearest(real, mesh, &points).unwrap_or_else(|e| panic!("scene {kind}: {e}"));
     tally
 }
 
@@ -107,7 +110,8 @@ fn every_query_after_every_strategy_at_every_level_is_exact() {
                 let target = middle(low, high);
                 let eye = add(target, scale([3.1, 5.2, 13.7], [1.0, 0.1][usize::from(kind == 2)]));
                 let test = Test::ALL[(number + turn + kind) % 3];
-                check_pictures(&real, &mesh, test, [eye, target], 12, &mut tally)
+                let light = add(target, scale([-4.3, 9.1, 7.7], [1.0, 0.1][usize::from(kind == 2)]));
+                check_pictures(&real, &mesh, test, [eye, target, light], 12, &mut tally)
                     .unwrap_or_else(|e| panic!("{name}, scene {kind}: {e}"));
             }
         }
@@ -115,6 +119,7 @@ fn every_query_after_every_strategy_at_every_level_is_exact() {
     });
     let tally = tally.reduce(Tally::default, Tally::plus);
     println!("{tally:?}");
+    assert!(tally.shadows > 10_000, "{}", tally.shadows);
     assert!(tally.exact_tests > 1_000_000 && tally.answers > 100_000);
     // Rays at edges and corners are a quarter.
     let [fast, watertight, double] = tally.excused.map(|n| n as f64 / (tally.answers as f64 / 3.0));
