@@ -9,9 +9,7 @@ use anim::PoseStats;
 use anyhow::{Context, Result, bail};
 use bvh_update::{Rotate, Strategy, Updater};
 use rt_cpu::{Image, RenderOptions, RenderStats, render};
-use scenes::{
-    Effects, FramePlan, FrameStage, LightEffects, MotionEffects, Scene, SceneOptions, SimulationStats,
-};
+use scenes::{Effects, FramePlan, LightEffects, MotionEffects, Scene, SceneOptions, SimulationStats};
 use serde::{Deserialize, Serialize};
 
 use crate::machine::{Machine, Revision};
@@ -158,9 +156,7 @@ fn play(played: Played, scene: &mut Option<Scene>, effects: Effects) -> Result<F
         for frame in 0..count {
             let start = Instant::now();
             let posed = stage.pose(stage.time_of(frame, count));
-            if stage.plan().contains(FrameStage::Update) {
-                updater.update(&mut tree, &stage.triangles())?;
-            }
+            stage.update(&mut tree, &mut updater)?;
             all.motion_ms += ms(start) / count as f64;
             all.posed = sum(all.posed, posed);
             let (camera, light, start) = (stage.camera(size, size), stage.light(), Instant::now());

@@ -4,6 +4,7 @@ use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use anim::printable;
 use anyhow::{Context, Result, ensure};
 
 /// The root of the workspace.
@@ -88,11 +89,6 @@ pub(crate) fn remove_all(folder: &Path, is_old: impl Fn(&str) -> bool) -> Result
 /// A path as the user would name it: from the workspace's root, if it is below it.
 pub(crate) fn shown(path: &Path) -> String {
     printable(&path.strip_prefix(workspace()).unwrap_or(path).display().to_string())
-}
-
-/// Text without control characters, which a terminal would obey; line ends and tabs stay.
-fn printable(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() && c != '\n' && c != '\t' { '\u{fffd}' } else { c }).collect()
 }
 
 /// Prints a line to standard output; a reader that has left is an error.

@@ -4,6 +4,7 @@ use std::io::{IsTerminal, stderr};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
+use anim::printable;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::files;
@@ -23,7 +24,7 @@ pub(crate) struct Progress {
 impl Progress {
     /// Starts work on `what`, in `total` steps.
     pub(crate) fn new(what: impl Into<String>, total: u64) -> Self {
-        let what = what.into();
+        let what = printable(&what.into());
         let bar = stderr().is_terminal().then(|| {
             let style = ProgressStyle::with_template("{msg} {wide_bar:.blue/dim} {pos}/{len}, {eta} left");
             let bar = ProgressBar::new(total).with_message(what.clone());

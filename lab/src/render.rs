@@ -162,9 +162,8 @@ fn frames(
             break;
         }
         stage.pose(stage.time_of(frame, count));
-        updater
-            .set_strategy(args.strategy)
-            .update(&mut tree, &stage.triangles())
+        stage
+            .update(&mut tree, updater.set_strategy(args.strategy))
             .with_context(|| format!("{label}, frame {frame}"))?;
         if wanted.contains(&frame) {
             if !args.flat {

@@ -120,7 +120,7 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
         // The jump from the last frame of a loop to the first is part of the test.
         stage.pose(stage.time_of(frame % per_loop, per_loop));
         let start = Instant::now();
-        let report = updater.set_strategy(*strategy).update(&mut bvh, &stage.triangles())?;
+        let report = stage.update(&mut bvh, updater.set_strategy(*strategy))?;
         let time = ms(start);
         let window = if frame <= compared { &mut first } else { &mut last };
         if frame <= compared || frame + compared > frames {

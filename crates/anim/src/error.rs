@@ -118,6 +118,12 @@ pub(crate) fn numbered<'a, T>(
     list.get(number).ok_or_else(|| Problem::new(place.to_string(), found(), expected()))
 }
 
+/// Text without control characters, which a terminal would obey; line ends and tabs stay. Names in files may hold any.
+#[must_use]
+pub fn printable(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() && c != '\n' && c != '\t' { '\u{fffd}' } else { c }).collect()
+}
+
 /// Parsers quote what they choke on, line breaks, binary and all.
 fn one_line(message: &str) -> String {
     const LONGEST: usize = 200;

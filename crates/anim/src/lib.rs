@@ -23,7 +23,7 @@ mod texture;
 
 pub use aff::{AffAnimation, load_aff};
 pub use animation::{Animation, Light, Material, Motion, Part, Topology, View};
-pub use error::{LoadError, Problem};
+pub use error::{LoadError, Problem, printable};
 pub use glam;
 pub use gltf::{GltfAnimation, load_gltf, parse_gltf};
 pub use key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, LoopMode};

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use crate::Topology;
-use crate::error::{LoadError, Problem, read_file};
+use crate::error::{LoadError, Problem, read_beside};
 use crate::key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, LoopMode};
 use crate::mesh_file::{format_of, read_mesh};
 
@@ -19,8 +19,8 @@ use crate::mesh_file::{format_of, read_mesh};
 /// files in the directory are ignored. Materials and names are those of the first file.
 ///
 /// # Errors
-/// If the directory cannot be read or holds no mesh files, a file cannot be loaded, or two files
-/// differ in more than positions.
+/// If the directory cannot be read or holds no mesh files, a file cannot be loaded or is a link that
+/// leads out of the directory, or two files differ in more than positions.
 pub fn load_sequence(directory: &Path) -> Result<KeyFrames, LoadError> {
     load(directory, DVec3::ZERO)
 }
@@ -30,10 +30,11 @@ pub(crate) fn load(directory: &Path, origin: DVec3) -> Result<KeyFrames, LoadErr
     let files = mesh_files(directory)?;
     let none = || LoadError::unsupported(directory, "a directory without .ply or .obj files");
     let (first_file, others) = files.split_first().ok_or_else(none)?;
-    let first = read_mesh(first_file, &read_file(first_file)?, origin)?;
+    let read = |file: &Path| read_beside(directory, file.file_name().unwrap_or_default().as_ref());
+    let first = read_mesh(first_file, &read(first_file)?, origin)?;
     let mut frames = vec![first.positions];
     for file in others {
-        let mesh = read_mesh(file, &read_file(file)?, origin)?;
+        let mesh = read_mesh(file, &read(file)?, origin)?;
         if let Some(difference) = difference(&mesh.topology, &first.topology) {
             let (file, first) = (file.clone(), first_file.clone());
             return Err(LoadError::TopologyMismatch { file, first, difference });

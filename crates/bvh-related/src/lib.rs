@@ -168,6 +168,25 @@ mod tests {
         (0..3 * TRIANGLES).map(place).collect()
     }
 
+    /// Over all poses that are known, the tree costs less than one that is made for the first.
+    #[test]
+    fn t_sah_knows_all_poses() {
+        let indices: Vec<[u32; 3]> = (0..TRIANGLES as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let known: Vec<_> = [0.0, 0.5, 1.0].map(pose).into();
+        let poses: Vec<_> = known.iter().map(|p| Triangles { positions: p, indices: &indices }).collect();
+        let cost = |poses_known: &[Triangles<'_>]| {
+            let mut bvh = build(&poses[0], Builder::Sweep).expect("few");
+            let mut keeper = Keeper::new(System::TSah, &mut bvh, poses_known).expect("poses");
+            let costs = poses.iter().map(|now| {
+                keeper.update(&mut bvh, now).expect("as many");
+                bvh_core::sah_cost(&bvh)
+            });
+            costs.sum::<f64>()
+        };
+        let [all, first] = [cost(&poses), cost(&poses[..1])];
+        assert!(all < 0.8 * first, "{all} knowing all poses, {first} knowing the first");
+    }
+
     /// Plays 12 frames, each a step that changes much; the fingerprint of the last tree.
     fn play(system: System, threads: usize) -> u64 {
         let indices: Vec<[u32; 3]> = (0..TRIANGLES as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();

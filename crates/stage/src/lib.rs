@@ -8,11 +8,12 @@ use std::sync::Arc;
 use anim::{Pose, PoseStats, View};
 use bvh_build::{BuildError, Builder, build};
 use bvh_core::{Bvh, Triangles, Vec3};
+use bvh_update::{Update, UpdateError, Updater};
 use rt_cpu::{
     AmbientOcclusion, Camera, DiffuseBounces, Effects, Filter, Material, Mesh, PointLight, RenderOptions,
     Texture, Wrap,
 };
-use scenes::{FramePlan, LightEffects, Scene};
+use scenes::{FramePlan, FrameStage, LightEffects, Scene};
 
 /// A scene at one moment.
 ///
@@ -98,6 +99,19 @@ impl Stage {
             self.normals.clear();
         }
         stats
+    }
+
+    /// Brings a tree over the triangles up to date, if the plan has updates: where nothing moves, no
+    /// strategy runs, not even one that rebuilds.
+    ///
+    /// # Errors
+    /// Those of [`Updater::update`].
+    pub fn update(&self, tree: &mut Bvh, updater: &mut Updater) -> Result<Update, UpdateError> {
+        if self.plan.contains(FrameStage::Update) {
+            updater.update(tree, &self.triangles())
+        } else {
+            Ok(Update { height: tree.height(), ..Update::default() })
+        }
     }
 
     /// Positions at `count` times, evenly spread over a loop from its start to its end. The stage is

@@ -5,6 +5,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
 use anim::PoseStats;
+use bvh_update::Updater;
 use rt_cpu::{Image, RenderStats, render};
 use scenes::{Effects, LightEffects, MotionEffects, Scene, SceneOptions};
 use stage::Stage;
@@ -82,7 +83,7 @@ fn counts(stats: &PoseStats) -> [u64; 4] {
 #[test]
 fn effects_that_nothing_calls_for_count_nothing_and_allocate_nothing() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let names = ["bart-museum", "cloth-ball", "exploding-dragon", "n-body", "toys"];
+    let names = ["bart-museum", "cloth-ball", "exploding-dragon", "fairy-forest", "lion", "n-body", "toys"];
     for name in names {
         pool.install(|| {
             let own = frame(name, |effects| effects);
@@ -99,8 +100,11 @@ fn effects_that_nothing_calls_for_count_nothing_and_allocate_nothing() {
 
             let none = frame(name, |_| Effects::default());
             assert_eq!((none.posed, none.pose_allocations), (PoseStats::default(), 0), "{name}");
-            let RenderStats { rays_shadow, rays_mirror, rays_bounce, textured, .. } = none.traced;
-            assert_eq!([rays_shadow, rays_mirror, rays_bounce, textured], [0; 4], "{name}");
+            let RenderStats {
+                rays_shadow, rays_mirror, rays_bounce, rays_ambient_occlusion, textured, ..
+            } = none.traced;
+            let rays = [rays_shadow, rays_mirror, rays_bounce, rays_ambient_occlusion];
+            assert_eq!((rays, textured), ([0; 4], 0), "{name}");
             assert!(none.trace_allocations <= own.trace_allocations, "{name}");
         });
     }
@@ -123,4 +127,17 @@ fn a_tree_is_updated_only_where_planned_motion_moves_it() {
     assert_eq!(dynamic(MotionEffects::NONE), 0);
     assert!(dynamic(skin) > 0 && dynamic(rest) > 0);
     assert_eq!(dynamic(skin) + dynamic(rest), dynamic(MotionEffects::ALL));
+}
+
+#[test]
+fn no_strategy_runs_where_nothing_moves() {
+    let built_anew = |motion: MotionEffects| {
+        let mut scene = scene("toys");
+        scene.effects.motion = motion;
+        let mut stage = Stage::new(scene).unwrap();
+        stage.pose(stage.time_of(24, 50));
+        let mut tree = stage.first_tree.clone();
+        stage.update(&mut tree, &mut Updater::new("sweep".parse().unwrap())).unwrap().rebuilt
+    };
+    assert_eq!([MotionEffects::ALL, MotionEffects::NONE].map(built_anew), [true, false]);
 }

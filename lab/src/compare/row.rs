@@ -4,7 +4,7 @@ use pivot_benches::Answers;
 use serde::{Deserialize, Serialize};
 
 use super::Setting;
-use super::table::{threads_of, unique};
+use super::table::{middle, threads_of, time, unique};
 use crate::machine::{Machine, Revision};
 use crate::reproduce::Spread;
 use crate::reproduce::chart::{Chart, Kind, Point, Series, figure};
@@ -149,17 +149,14 @@ impl Report {
             let point = |row: &Row| {
                 let place = places.iter().position(|place| *place == row.scene).unwrap_or_default();
                 let ns = |ms: f64| 1e6 * ms / row.triangles.max(1) as f64;
-                Point {
-                    low: ns(row.min_ms),
-                    high: ns(row.max_ms),
-                    ..Point::at(place as f64, ns(row.median_ms))
-                }
+                Point { low: ns(row.min_ms), high: ns(row.max_ms), ..Point::at(place as f64, ns(time(row))) }
             };
             let points = rows().filter(|row| row.contestant == *name).map(point).collect();
             Series { name: (*name).to_owned(), color, kind: Kind::Bars, points }
         });
+        let middle = rows().next().map_or("median", middle);
         let chart = Chart {
-            title: format!("{what}, {}: median, least and most", threads_of(threads)),
+            title: format!("{what}, {}: {middle}, least and most", threads_of(threads)),
             y_label: "ns per triangle".to_owned(),
             series: series.collect(),
             places: places.iter().map(|&place| place.to_owned()).collect(),

@@ -21,17 +21,18 @@ fn table(rows: &[Row]) -> String {
     let (what, scene, threads) = measurement(first);
     let unit = if rows.iter().any(|row| row.million_rays_per_s.is_some()) { "Mrays/s" } else { "ns/tri" };
     let mut text = format!(
-        "\n{what}, {scene}, {} triangles, {}, median of {} frames\n",
+        "\n{what}, {scene}, {} triangles, {}, {} frames; {unit} by the {}\n",
         first.triangles,
         threads_of(threads),
-        first.frames
+        first.frames,
+        middle(first)
     );
     text += &format!(
         "  {:<30} {unit:>8} {:>10} {:>10} {:>10} {:>10} {:>10} {:>8} {:>10} {:>9}\n",
         "", "median ms", "min", "max", "mean", "its update", "SAH", "hits", "different"
     );
     for row in rows {
-        let figure = row.million_rays_per_s.unwrap_or(row.ns_per_triangle);
+        let figure = row.million_rays_per_s.unwrap_or_else(|| 1e6 * time(row) / row.triangles.max(1) as f64);
         let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
         let (cost, update) = (number(row.sah_over_sweep), number(row.mean_update_ms));
         let hits = if row.what == "limit" { "-".to_owned() } else { row.hits.to_string() };
@@ -84,10 +85,15 @@ const RATIOS: [[&str; 3]; 19] = [
     ["frame", "pivot auto", "pivot *"],
 ];
 
-/// Means of whole frames, since repairs make a median leave out what they cost; medians of all
-/// else.
-fn time(row: &Row) -> f64 {
-    if row.what == "frame" { row.mean_ms } else { row.median_ms }
+/// What counts of a measurement: means of whole frames and updates, since a median would leave out
+/// what repairs cost; medians of all else.
+pub(super) fn middle(row: &Row) -> &'static str {
+    if ["frame", "update"].contains(&measurement(row).0) { "mean" } else { "median" }
+}
+
+/// The time that counts.
+pub(super) fn time(row: &Row) -> f64 {
+    if middle(row) == "mean" { row.mean_ms } else { row.median_ms }
 }
 
 /// The time of `over` over that of `under` in one measurement.

@@ -215,6 +215,18 @@ mod tests {
     }
 
     #[test]
+    fn asynchronous_rebuilding_is_by_the_parallel_builder() {
+        for (name, rotates) in [(ASYNCHRONOUS, false), (ROTATE_ASYNCHRONOUS, true)] {
+            let Method::Strategy(Strategy::Background(background)) =
+                Contestant::from_name(name).unwrap().method
+            else {
+                panic!("{name} is another strategy")
+            };
+            assert_eq!((background.builder, background.rotate.is_some()), (Builder::BinnedParallel, rotates));
+        }
+    }
+
+    #[test]
     fn only_auto_takes_the_number_of_rays() {
         for contestant in Contestant::all() {
             match (contestant.method, contestant.method.for_rays(512)) {

@@ -121,7 +121,7 @@ impl Side {
         self.updater.report_cost(true).set_strategy(with_budget(self.strategy, period));
         self.updater.report(Load::PacketNodes(self.stats.nodes_visited));
         let start = clock();
-        let updated = self.updater.update(&mut self.tree, &stage.triangles());
+        let updated = stage.update(&mut self.tree, &mut self.updater);
         let update_ms = 1e3 * (clock() - start);
         let line = match updated {
             Ok(update) => {

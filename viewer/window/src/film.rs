@@ -55,7 +55,7 @@ pub(crate) fn draw(args: &Args, settings: Settings, out: &Path) -> Result<()> {
             }
         }
     }
-    println!("{}", film.finish()?.display());
+    println!("{}", anim::printable(&film.finish()?.display().to_string()));
     Ok(())
 }
 

@@ -48,7 +48,7 @@ impl Pace {
             && last.elapsed() >= Self::QUIET
         {
             *last = Instant::now();
-            eprintln!("{}", progress_line(what, part, self.start));
+            eprintln!("{}", anim::printable(&progress_line(what, part, self.start)));
         }
     }
 }

@@ -136,7 +136,7 @@ fn main() -> ExitCode {
     match run(&args) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            eprintln!("error: {}", anim::printable(&format!("{error:#}")));
             ExitCode::from(2)
         }
     }

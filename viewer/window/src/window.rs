@@ -136,7 +136,7 @@ impl App<'_> {
                 Request::Record(false) => self.film.take().map_or(Ok(String::new()), Film::finish_line),
             };
             let message = done.unwrap_or_else(|error| format!("{error:#}"));
-            println!("{message}");
+            println!("{}", anim::printable(&message));
             self.state.apply(Event::Message(message));
         }
     }
