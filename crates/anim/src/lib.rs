@@ -18,6 +18,7 @@ mod load;
 mod mesh_file;
 mod normals;
 mod pose;
+mod rotation;
 mod sequence;
 mod texture;
 

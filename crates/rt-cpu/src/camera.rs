@@ -40,7 +40,7 @@ impl Camera {
         let side = if side.length_squared() > 1e-12 { side } else { forward.any_orthogonal_vector() };
         let side = side.normalize_or_zero();
         let up = side.cross(forward);
-        let pixel = 2.0 * (0.5 * fov_y).tan() / height.max(1) as f32;
+        let pixel = 2.0 * libm::tanf(0.5 * fov_y) / height.max(1) as f32;
         let (right, down) = (side * pixel, up * -pixel);
         let corner = forward - right * (0.5 * width as f32) - down * (0.5 * height as f32);
         Self { eye, corner, right, down, width, height }

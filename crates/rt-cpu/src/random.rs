@@ -59,7 +59,7 @@ fn fraction(bits: u64) -> f32 {
 /// large, if the numbers are uniform in the unit square.
 pub(crate) fn cosine_direction(normal: Vec3, [a, b]: [f32; 2]) -> Vec3 {
     let (x, y) = normal.any_orthonormal_pair();
-    let (sin, cos) = (std::f32::consts::TAU * b).sin_cos();
+    let (sin, cos) = libm::sincosf(std::f32::consts::TAU * b);
     let radius = a.sqrt();
     x * (radius * cos) + y * (radius * sin) + normal * (1.0 - a).sqrt()
 }

@@ -10,7 +10,7 @@ use std::f32::consts::{PI, TAU};
 use anim::{KeyFrames, LoopMode, Motion};
 use glam::{Vec3, vec3};
 
-use crate::rigid::rotation;
+use crate::rigid::{rotated, rotation};
 use crate::shape::{Assembly, Mesh, turned};
 use crate::{Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
@@ -75,7 +75,8 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let mut shapes: [Vec<Corners>; SHAPES] =
         [heap(less, &mut random), flame(less, &mut random), cube(less), ball(less), knot(less)];
     for shape in &mut shapes[..2] {
-        random.shuffle(shape);
+        // As `Rng::shuffle`, whose numbers depend on the width of `usize`.
+        (1..shape.len()).for_each(|i| shape.swap(i, random.u64(..=i as u64) as usize));
     }
     shapes.rotate_left(options.start_shape % SHAPES);
 
@@ -241,7 +242,7 @@ fn furnish(assembly: &mut Assembly) {
     for k in 0..6 {
         let turn = rotation(Vec3::Y, TAU * k as f32 / 6.0);
         let painting =
-            cuboid(vec3(0.05, 0.6, 0.9)).moved(|p| turn * (p + vec3(0.97 * ROOM.radius, 2.4, 0.0)));
+            cuboid(vec3(0.05, 0.6, 0.9)).moved(|p| rotated(turn, p + vec3(0.97 * ROOM.radius, 2.4, 0.0)));
         assembly.part("painting", &painting, Motion::STILL, frame);
     }
 }

@@ -3,7 +3,7 @@
 
 use std::f32::consts::{PI, TAU};
 
-use glam::{Quat, Vec3, vec3};
+use glam::{DQuat, Vec3, vec3};
 
 use crate::decimate::decimate;
 use crate::glb::{Glb, Influence};
@@ -41,14 +41,14 @@ const HEAD: usize = 2;
 
 /// Adds the fairy to a file, dancing above a place for `seconds`.
 pub(crate) fn add(glb: &mut Glb, place: Vec3, seconds: f32) {
-    let root = glb.node("fairy", None, place, Quat::IDENTITY);
+    let root = glb.node("fairy", None, place, DQuat::IDENTITY);
     let mut joints: Vec<usize> = Vec::new();
     for (name, parent, at, _) in SKELETON {
         let (above, offset) = match parent {
             Some(p) => (joints[p], at - SKELETON[p].2),
             None => (root, at),
         };
-        joints.push(glb.node(name, Some(above), offset, Quat::IDENTITY));
+        joints.push(glb.node(name, Some(above), offset, DQuat::IDENTITY));
     }
     let [skin, cloth, blond, membrane, dark] =
         [[0.85, 0.6, 0.45], [0.3, 0.6, 0.75], [0.85, 0.62, 0.2], [0.8, 0.75, 0.9], [0.08, 0.06, 0.1]]
@@ -192,7 +192,7 @@ fn wing(side: f32, reach: f32, rise: f32, sweep: f32) -> Mesh {
 /// Keys for every joint: the hips rise, sink, and turn once; arms and legs swing, in time with
 /// them.
 fn dance(glb: &mut Glb, joints: &[usize], seconds: f32) {
-    let keys = |value: &dyn Fn(f32) -> Quat| -> Vec<Quat> {
+    let keys = |value: &dyn Fn(f32) -> DQuat| -> Vec<DQuat> {
         (0..KEYS).map(|k| value(TAU * k as f32 / (KEYS - 1) as f32)).collect()
     };
     let turn = |x: f32, y: f32, z: f32| rotation(Vec3::Y, y) * rotation(Vec3::X, x) * rotation(Vec3::Z, z);
@@ -201,7 +201,7 @@ fn dance(glb: &mut Glb, joints: &[usize], seconds: f32) {
     let rise = |a: f32| hips + vec3(0.25 * sin(a), 0.16 * sin(2.0 * a), 0.2 * sin(a + 1.5));
     let path: Vec<Vec3> = (0..KEYS).map(|k| rise(TAU * k as f32 / (KEYS - 1) as f32)).collect();
     glb.translate(joints[0], seconds, &path);
-    let moves: [&dyn Fn(f32) -> Quat; 15] = [
+    let moves: [&dyn Fn(f32) -> DQuat; 15] = [
         &|a| turn(0.15 * sin(2.0 * a), 0.35 + 0.9 * sin(a), 0.12 * sin(a)),
         &|a| turn(0.15 * sin(2.0 * a + 0.5), 0.35 * sin(2.0 * a), 0.15 * sin(a + 1.0)),
         &|a| turn(0.15 * sin(2.0 * a), 0.4 * sin(a + 2.0), 0.2 * sin(a)),

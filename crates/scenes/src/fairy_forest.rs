@@ -6,7 +6,7 @@
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use std::path::Path;
 
-use glam::{Quat, Vec3, vec3};
+use glam::{DQuat, Vec3, vec3};
 
 use crate::cache::{Record, recorded};
 use crate::decimate::decimate;
@@ -111,7 +111,7 @@ fn dragonfly(glb: &mut Glb) {
     let body = meshing::mesh(&solid, -half - 0.55 * Vec3::Z, half + 0.25 * Vec3::Z, 0.005);
     let [blue, glass] = [[0.1, 0.3, 0.65], [0.75, 0.85, 0.9]].map(|color| glb.material(color));
     let body = glb.mesh(&decimate(&body, 3000), blue);
-    let node = glb.node("dragonfly", None, Vec3::ZERO, Quat::IDENTITY);
+    let node = glb.node("dragonfly", None, Vec3::ZERO, DQuat::IDENTITY);
     glb.show("dragonfly body", Some(node), body);
 
     let place = |a: f32| {
@@ -123,16 +123,16 @@ fn dragonfly(glb: &mut Glb) {
         let ahead = place(a - 0.01) - place(a + 0.01);
         rotation(Vec3::Y, libm::atan2f(ahead.x, ahead.z))
     };
-    let turns: Vec<Quat> = angles.iter().map(facing).collect();
+    let turns: Vec<DQuat> = angles.iter().map(facing).collect();
     glb.translate(node, SECONDS, &path);
     glb.rotate(node, SECONDS, &turns);
     for side in [-1.0, 1.0] {
         for (z, ahead) in [(0.03, 0.12), (-0.05, -0.15)] {
-            let hinge = glb.node("dragonfly wing", Some(node), vec3(side * 0.03, 0.05, z), Quat::IDENTITY);
+            let hinge = glb.node("dragonfly wing", Some(node), vec3(side * 0.03, 0.05, z), DQuat::IDENTITY);
             let wing = glb.mesh(&dragonfly_wing(side, ahead), glass);
             glb.show("membrane", Some(hinge), wing);
             let beat = |k: usize| rotation(Vec3::Z, side * 0.6 * libm::sinf(PI * (k as f32 + 2.0 * z) / 2.0));
-            let beats: Vec<Quat> = (0..=128).map(beat).collect();
+            let beats: Vec<DQuat> = (0..=128).map(beat).collect();
             glb.rotate(hinge, SECONDS, &beats);
         }
     }

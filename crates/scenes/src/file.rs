@@ -110,7 +110,7 @@ fn bounds(animation: &dyn Animation) -> (Vec3, Vec3) {
 fn framing(center: Vec3, radius: f32) -> View {
     let fov_y = 40_f32.to_radians();
     let direction = vec3(0.62, 0.38, 0.69).normalize();
-    View { eye: center + direction * (radius / (0.5 * fov_y).sin()), target: center, up: Vec3::Y, fov_y }
+    View { eye: center + direction * (radius / libm::sinf(0.5 * fov_y)), target: center, up: Vec3::Y, fov_y }
 }
 
 fn light_beside(view: &View) -> Light {

@@ -2,8 +2,9 @@
 
 use std::f32::consts::TAU;
 
-use glam::{Quat, Vec3, vec3};
+use glam::{DQuat, DVec3, Vec3, vec3};
 
+use crate::rigid::rotated;
 use crate::shape::{Mesh, grid, turned};
 
 /// Side of the square of ground, centred on the origin.
@@ -147,8 +148,10 @@ fn foliage(leaves: &mut Mesh, path: &[(Vec3, f32)], random: &mut fastrand::Rng) 
 
 fn mushroom(forest: &mut Forest, x: f32, z: f32, size: f32, random: &mut fastrand::Rng) {
     let foot = vec3(x, ground_at(x, z) - 0.03, z);
-    let lean =
-        Quat::from_rotation_arc(Vec3::Y, vec3(random.f32() - 0.5, 4.0, random.f32() - 0.5).normalize());
+    let lean = DQuat::from_rotation_arc(
+        DVec3::Y,
+        vec3(random.f32() - 0.5, 4.0, random.f32() - 0.5).as_dvec3().normalize(),
+    );
     let stem = [(0.0, 1.0), (0.16, 1.0), (0.13, 0.6), (0.2, 0.0), (0.0, 0.0)];
     let cap: Vec<(f32, f32)> = (0..=8)
         .map(|k| {
@@ -158,7 +161,7 @@ fn mushroom(forest: &mut Forest, x: f32, z: f32, size: f32, random: &mut fastran
         .chain([(0.55, 0.8), (0.2, 0.92), (0.0, 0.95)])
         .collect();
     for (mesh, profile) in [(&mut forest.stems, &stem[..]), (&mut forest.caps, &cap[..])] {
-        mesh.join(&turned(profile, 16).moved(|p| foot + lean * (size * p)));
+        mesh.join(&turned(profile, 16).moved(|p| foot + rotated(lean, size * p)));
     }
 }
 

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::{Mat4, Quat, Vec3};
+use glam::{DQuat, Mat4, Vec3};
 use serde_json::{Value, json};
 
 use crate::shape::Mesh;
@@ -108,15 +108,15 @@ impl Glb {
     }
 
     /// A node below `parent`, or at the root.
-    pub(crate) fn node(&mut self, name: &str, parent: Option<usize>, at: Vec3, turn: Quat) -> usize {
-        let node = json!({"name": name, "translation": at.to_array(), "rotation": turn.to_array()});
+    pub(crate) fn node(&mut self, name: &str, parent: Option<usize>, at: Vec3, turn: DQuat) -> usize {
+        let node = json!({"name": name, "translation": at.to_array(), "rotation": turn.as_quat().to_array()});
         self.parents.push(parent);
         self.push("nodes", node)
     }
 
     /// A node at the root or below `parent`, with a mesh and no transform of its own.
     pub(crate) fn show(&mut self, name: &str, parent: Option<usize>, mesh: usize) -> usize {
-        let node = self.node(name, parent, Vec3::ZERO, Quat::IDENTITY);
+        let node = self.node(name, parent, Vec3::ZERO, DQuat::IDENTITY);
         self.set("nodes", node, "mesh", json!(mesh));
         node
     }
@@ -139,8 +139,8 @@ impl Glb {
     }
 
     /// Keys of a node's rotation.
-    pub(crate) fn rotate(&mut self, node: usize, seconds: f32, keys: &[Quat]) {
-        let floats: Vec<f32> = keys.iter().flat_map(Quat::to_array).collect();
+    pub(crate) fn rotate(&mut self, node: usize, seconds: f32, keys: &[DQuat]) {
+        let floats: Vec<f32> = keys.iter().flat_map(|key| key.as_quat().to_array()).collect();
         self.channel(node, "rotation", "VEC4", seconds, keys.len(), &floats);
     }
 
@@ -165,14 +165,14 @@ impl Glb {
         let camera = self.push("cameras", camera);
         let back = (eye - target).normalize();
         let right = Vec3::Y.cross(back).normalize();
-        let turn = Quat::from_mat3(&glam::Mat3::from_cols(right, back.cross(right), back));
+        let turn = DQuat::from_mat3(&glam::Mat3::from_cols(right, back.cross(right), back).as_dmat3());
         let node = self.node("camera", None, eye, turn);
         self.set("nodes", node, "camera", json!(camera));
     }
 
     pub(crate) fn point_light(&mut self, at: Vec3, color: [f32; 3]) {
         let light = self.push("lights", json!({"type": "point", "color": color}));
-        let node = self.node("light", None, at, Quat::IDENTITY);
+        let node = self.node("light", None, at, DQuat::IDENTITY);
         self.set("nodes", node, "extensions", json!({"KHR_lights_punctual": {"light": light}}));
     }
 

@@ -4,7 +4,7 @@
 use std::f32::consts::FRAC_PI_2;
 
 use anim::Motion;
-use glam::{DVec3, Quat, Vec3};
+use glam::{DQuat, DVec3, Vec3};
 
 use crate::cache::{Record, recorded};
 use crate::rigid::{self, Placement, RigidBodies};
@@ -158,7 +158,7 @@ impl simulation::World for World {
         for ball in &self.balls {
             // Frictionless balls never begin to spin.
             let position = ball.position.as_vec3();
-            rigid::record(&mut self.placed, &Placement { position, rotation: Quat::IDENTITY });
+            rigid::record(&mut self.placed, &Placement { position, rotation: DQuat::IDENTITY });
         }
         let (first, scale) = self.first;
         self.drift = self.drift.max(((self.potential + kinetic(&self.balls) - first) / scale).abs());

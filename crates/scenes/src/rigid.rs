@@ -6,36 +6,55 @@
 use std::iter::repeat_n;
 
 use anim::{Animation, Motion, PoseStats, Topology};
-use glam::{Quat, Vec3};
+use glam::{DQuat, Mat3, Quat, Vec3};
 use rayon::prelude::*;
 
 use crate::shape::Assembly;
 
-/// Where a body is.
+/// Where a body is. `glam` computes with quaternions of `f64` in the same way on every machine, and with those of `f32`
+/// by whatever SIMD there is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Placement {
     pub(crate) position: Vec3,
-    pub(crate) rotation: Quat,
+    pub(crate) rotation: DQuat,
 }
 
 impl Placement {
-    /// The place of a point of the body.
-    pub(crate) fn of(&self, point: Vec3) -> Vec3 {
-        self.position + self.rotation * point
+    /// A direction of the body, in the world.
+    pub(crate) fn turned(&self, direction: Vec3) -> Vec3 {
+        rotated(self.rotation, direction)
+    }
+
+    /// A direction in the world, of the body.
+    pub(crate) fn turned_back(&self, direction: Vec3) -> Vec3 {
+        rotated(self.rotation.conjugate(), direction)
+    }
+
+    /// The rotation as a matrix, for many points.
+    fn matrix(&self) -> Mat3 {
+        Mat3::from_quat(self.rotation.as_quat())
     }
 
     /// Straight between positions, along the shorter arc between rotations.
     fn blend(self, to: Self, s: f32) -> Self {
-        Self { position: self.position.lerp(to.position, s), rotation: self.rotation.lerp(to.rotation, s) }
+        Self {
+            position: self.position.lerp(to.position, s),
+            rotation: self.rotation.lerp(to.rotation, s.into()),
+        }
     }
+}
+
+/// A vector after a rotation.
+pub(crate) fn rotated(rotation: DQuat, vector: Vec3) -> Vec3 {
+    (rotation * vector.as_dvec3()).as_vec3()
 }
 
 /// The rotation about a unit axis by an angle in radians.
 ///
 /// Unlike the standard library's, its sines are the same on every machine.
-pub(crate) fn rotation(axis: Vec3, angle: f32) -> Quat {
-    let (sin, cos) = libm::sincosf(0.5 * angle);
-    Quat::from_vec4((axis * sin).extend(cos))
+pub(crate) fn rotation(axis: Vec3, angle: f32) -> DQuat {
+    let (sin, cos) = libm::sincos(0.5 * f64::from(angle));
+    DQuat::from_vec4((axis.as_dvec3() * sin).extend(cos))
 }
 
 /// Number of floats of a [`Placement`] in a record.
@@ -44,7 +63,7 @@ pub(crate) const WORDS: usize = 7;
 /// Appends a placement to a recorded array.
 pub(crate) fn record(out: &mut Vec<f32>, placement: &Placement) {
     out.extend(placement.position.to_array());
-    out.extend(placement.rotation.to_array());
+    out.extend(placement.rotation.as_quat().to_array());
 }
 
 /// Vertices numbered per body, bodies placed per key frame.
@@ -79,7 +98,7 @@ impl RigidBodies {
     fn key(&self, frame: usize, body: usize) -> Placement {
         let at = (frame * self.bodies + body) * WORDS;
         let k = &self.keys[at..at + WORDS];
-        Placement { position: Vec3::from_slice(&k[..3]), rotation: Quat::from_slice(&k[3..]) }
+        Placement { position: Vec3::from_slice(&k[..3]), rotation: Quat::from_slice(&k[3..]).as_dquat() }
     }
 
     /// Where each body is.
@@ -91,13 +110,14 @@ impl RigidBodies {
 
     /// Writes the vertices of all bodies and gives their number.
     fn place(&self, time: f64, positions: &mut [Vec3]) -> usize {
-        let placed = self.placements(time);
+        let placed: Vec<_> = self.placements(time).iter().map(|p| (p.position, p.matrix())).collect();
         let moving = self.body.len();
         (&mut positions[..moving], &self.local[..moving], &self.body)
             .into_par_iter()
             .with_min_len(8192)
             .for_each(|(p, &local, &body)| {
-                *p = placed[body as usize].of(local);
+                let (position, matrix) = placed[body as usize];
+                *p = position + matrix * local;
             });
         moving
     }
@@ -129,9 +149,9 @@ impl Animation for RigidBodies {
 
     fn normals(&self, time: f64, normals: &mut [Vec3]) {
         normals.copy_from_slice(&self.normals);
-        let placed = self.placements(time);
+        let placed: Vec<_> = self.placements(time).iter().map(Placement::matrix).collect();
         for (normal, &body) in normals.iter_mut().zip(&self.body) {
-            *normal = placed[body as usize].rotation * *normal;
+            *normal = placed[body as usize] * *normal;
         }
     }
 }

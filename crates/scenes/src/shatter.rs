@@ -6,7 +6,7 @@
 //! bodies is between one sphere each. Every parallel pass reads a snapshot or a single body, so
 //! that the result does not depend on the number of threads.
 
-use glam::{IVec3, Mat3, Quat, Vec3};
+use glam::{DQuat, IVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
 use crate::near::Neighbours;
@@ -65,7 +65,7 @@ impl Body {
         let reach = surface.positions.iter().map(|p| p.length()).fold(0.0, f32::max);
         // Keeps a body that is all but a line or a point from spinning without bound.
         inertia += Mat3::IDENTITY * (0.02 * mass * reach * reach + 1e-12);
-        let at = Placement { position: center, rotation: Quat::IDENTITY };
+        let at = Placement { position: center, rotation: DQuat::IDENTITY };
         let body = Self {
             at,
             velocity: Vec3::ZERO,
@@ -99,7 +99,7 @@ impl Body {
     /// Rotates by a small rotation vector in the world.
     fn turn(&mut self, by: Vec3) {
         let q = self.at.rotation;
-        self.at.rotation = (q + Quat::from_vec4((0.5 * by).extend(0.0)) * q).normalize();
+        self.at.rotation = (q + DQuat::from_vec4((0.5 * by.as_dvec3()).extend(0.0)) * q).normalize();
     }
 
     /// Pushes the body out of the ground, and adds to its velocities what contact changed in this step.
@@ -114,14 +114,14 @@ impl Body {
         let corners = if self.is_low() { self.corners.len() } else { 0 };
         for k in 0..corners {
             let corner = self.corners[k];
-            let arm = self.at.rotation * corner;
+            let arm = self.at.turned(corner);
             let depth = -(self.at.position.y + arm.y);
             if depth > 0.0 {
                 contacts += 1;
                 let normal_push = depth / self.give(arm, Vec3::Y);
                 self.push(arm, Vec3::Y * normal_push);
-                let arm = self.at.rotation * corner;
-                let slip = (self.at.position + arm) - (self.before.position + self.before.rotation * corner);
+                let arm = self.at.turned(corner);
+                let slip = (self.at.position + arm) - (self.before.position + self.before.turned(corner));
                 let along = Vec3::new(slip.x, 0.0, slip.z);
                 if let Some(direction) = along.try_normalize() {
                     let needed = along.length() / self.give(arm, direction);
@@ -137,7 +137,7 @@ impl Body {
         self.velocity += (self.at.position - self.predicted.position) / dt;
         if self.at.rotation != self.predicted.rotation {
             let turned = self.at.rotation * self.predicted.rotation.conjugate();
-            self.spin += turned.xyz() * (2.0 * turned.w.signum() / dt);
+            self.spin += turned.xyz().as_vec3() * (2.0 * turned.w.signum() as f32 / dt);
         }
         if let Some(arm) = lowest {
             let arriving = (velocity + spin.cross(arm)).y;
@@ -159,8 +159,7 @@ impl Body {
     }
 
     fn inverse_inertia_in_world(&self, torque: Vec3) -> Vec3 {
-        let q = self.at.rotation;
-        q * (self.inverse_inertia * (q.conjugate() * torque))
+        self.at.turned(self.inverse_inertia * self.at.turned_back(torque))
     }
 
     fn push(&mut self, arm: Vec3, impulse: Vec3) {
@@ -219,7 +218,7 @@ impl Bodies {
     #[cfg(test)]
     pub(crate) fn energy(&self) -> f64 {
         let of = |b: &Body| {
-            let spin = b.at.rotation.conjugate() * b.spin;
+            let spin = b.at.turned_back(b.spin);
             let kinetic =
                 0.5 * (b.mass * b.velocity.length_squared() + spin.dot(b.inverse_inertia.inverse() * spin));
             f64::from(kinetic + b.mass * self.gravity * b.at.position.y)

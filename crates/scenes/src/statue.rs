@@ -109,7 +109,7 @@ impl World for Breaking {
         for (body, mesh) in self.world.bodies.iter().zip(&self.meshes) {
             rigid::record(&mut self.placed, &body.at);
             if body.is_low() {
-                let depths = mesh.positions.iter().map(|&p| -body.at.of(p).y);
+                let depths = mesh.positions.iter().map(|&p| -(body.at.position.y + body.at.turned(p).y));
                 self.depth = depths.fold(self.depth, f32::max);
             }
         }

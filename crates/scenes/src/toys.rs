@@ -3,10 +3,10 @@
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
-use glam::{Quat, Vec3, vec3};
+use glam::{DQuat, Vec3, vec3};
 
 use crate::glb::{Glb, Influence};
-use crate::rigid::rotation;
+use crate::rigid::{rotated, rotation};
 use crate::shape::{Mesh, sphere, square, turned};
 
 const SECONDS: f32 = 2.0;
@@ -53,16 +53,16 @@ fn stalk(glb: &mut Glb, place: Vec3) {
     let influences: Vec<Influence> = mesh.positions.iter().map(influence).collect();
     let green = glb.material([0.25, 0.6, 0.2]);
     let mesh = glb.skinned_mesh(&mesh, &influences, green);
-    let foot = glb.node("stalk", None, place, Quat::IDENTITY);
-    let mut joints = vec![glb.node("joint", Some(foot), Vec3::ZERO, Quat::IDENTITY)];
+    let foot = glb.node("stalk", None, place, DQuat::IDENTITY);
+    let mut joints = vec![glb.node("joint", Some(foot), Vec3::ZERO, DQuat::IDENTITY)];
     while joints.len() < JOINTS {
-        joints.push(glb.node("joint", joints.last().copied(), STEP * Vec3::Y, Quat::IDENTITY));
+        joints.push(glb.node("joint", joints.last().copied(), STEP * Vec3::Y, DQuat::IDENTITY));
     }
     let node = glb.show("stalk body", None, mesh);
     let places: Vec<Vec3> = (0..JOINTS).map(|joint| joint as f32 * STEP * Vec3::Y).collect();
     glb.skin(node, &joints, &places);
     for (i, &joint) in joints.iter().enumerate() {
-        let turns: Vec<Quat> = swing(24, 0.6 * i as f32).map(|s| rotation(Vec3::Z, 0.25 * s)).collect();
+        let turns: Vec<DQuat> = swing(24, 0.6 * i as f32).map(|s| rotation(Vec3::Z, 0.25 * s)).collect();
         glb.rotate(joint, SECONDS, &turns);
     }
 }
@@ -84,12 +84,12 @@ fn windmill(glb: &mut Glb, place: Vec3) {
     let [white, brown] = [[0.85, 0.85, 0.8], [0.45, 0.3, 0.2]].map(|color| glb.material(color));
     let tower = turned(&[(0.0, 1.5), (0.16, 1.5), (0.22, 1.0), (0.3, 0.0), (0.0, 0.0)], 24);
     let tower = glb.mesh(&tower, brown);
-    let foot = glb.node("windmill", None, place, Quat::IDENTITY);
+    let foot = glb.node("windmill", None, place, DQuat::IDENTITY);
     glb.show("tower", Some(foot), tower);
     let mut sails = Mesh::default();
     for sail in 0..4 {
         let turn = rotation(Vec3::Z, FRAC_PI_2 * sail as f32);
-        let at = |x: f32, y: f32| turn * vec3(x, y, 0.15 * x);
+        let at = |x: f32, y: f32| rotated(turn, vec3(x, y, 0.15 * x));
         for row in 0..8 {
             let [y, above] = [row, row + 1].map(|row| 0.1 + 0.1 * row as f32);
             let [a, b, c, d] = [at(0.0, y), at(0.2, y), at(0.2, above), at(0.0, above)];
@@ -97,9 +97,9 @@ fn windmill(glb: &mut Glb, place: Vec3) {
         }
     }
     let sails = glb.mesh(&sails, white);
-    let hub = glb.node("hub", Some(foot), vec3(0.0, 1.3, 0.3), Quat::IDENTITY);
+    let hub = glb.node("hub", Some(foot), vec3(0.0, 1.3, 0.3), DQuat::IDENTITY);
     glb.show("sails", Some(hub), sails);
-    let turns: Vec<Quat> = (0..=16).map(|k| rotation(Vec3::Z, TAU * k as f32 / 16.0)).collect();
+    let turns: Vec<DQuat> = (0..=16).map(|k| rotation(Vec3::Z, TAU * k as f32 / 16.0)).collect();
     glb.rotate(hub, SECONDS, &turns);
 }
 

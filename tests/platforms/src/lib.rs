@@ -179,10 +179,9 @@ fn picture(traversal: Traversal, name: &str, level: SimdLevel) -> Fingerprint {
     found
 }
 
-/// Scenes of the experiments that are the same everywhere. The others are the same at every SIMD level of x86-64 only:
-/// exploding-dragon, fairy-forest and lion differ on aarch64 and on wasm32 without SIMD, bart-museum and cloth-ball on
-/// wasm32. Why is not known yet.
-const PORTABLE_SCENES: [&str; 1] = ["n-body"];
+/// The scenes of the experiments.
+const ANIMATIONS: [&str; 6] =
+    ["bart-museum", "cloth-ball", "exploding-dragon", "fairy-forest", "lion", "n-body"];
 
 /// A small scene of the experiments half-way through its loop, after updates by refit and rotations, shaded as it calls
 /// for.
@@ -198,7 +197,7 @@ fn scene_picture(name: &str, level: SimdLevel) -> Fingerprint {
         ..SceneOptions::default()
     };
     let mut stage = Stage::new(scenes::load(name, None, &options).expect("a scene")).expect("few enough");
-    let mut bvh = stage.first_tree.clone();
+    let mut bvh = Bvh::clone(&stage.first_tree);
     let mut updater = Updater::with_level("refit+rotate".parse().expect("a strategy"), level);
     for frame in 1..=LOOP / 2 {
         stage.pose(stage.time_of(frame, LOOP));
@@ -239,7 +238,7 @@ pub fn fingerprints(level: SimdLevel) -> Vec<(String, u64)> {
             all.push((format!("picture/{effects}/{}", traversal.name()), found.0));
         }
     }
-    for name in PORTABLE_SCENES {
+    for name in ANIMATIONS {
         all.push((format!("scene/{name}"), scene_picture(name, level).0));
     }
     all

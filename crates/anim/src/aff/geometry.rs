@@ -77,7 +77,7 @@ pub(super) fn cone(base: (DVec3, f64), apex: (DVec3, f64)) -> Shape {
 /// Vertices in rings of [`SEGMENTS`], poles included, seen from outside.
 pub(super) fn sphere(center: DVec3, radius: f64) -> Shape {
     let vertices = (0..=BANDS).flat_map(|number| {
-        let (out, height) = (PI * f64::from(number) / f64::from(BANDS)).sin_cos();
+        let (out, height) = libm::sincos(PI * f64::from(number) / f64::from(BANDS));
         ring(center - radius * height * DVec3::Y, radius * out, (DVec3::Z, DVec3::X))
     });
     // At the poles one triangle of each pair would have no area.
@@ -93,7 +93,7 @@ pub(super) fn sphere(center: DVec3, radius: f64) -> Shape {
 /// [`SEGMENTS`] points around `center`, from `x` towards `y`.
 fn ring(center: DVec3, radius: f64, (x, y): (DVec3, DVec3)) -> impl Iterator<Item = DVec3> {
     (0..SEGMENTS).map(move |i| {
-        let (sine, cosine) = (TAU * f64::from(i) / f64::from(SEGMENTS)).sin_cos();
+        let (sine, cosine) = libm::sincos(TAU * f64::from(i) / f64::from(SEGMENTS));
         center + radius * (cosine * x + sine * y)
     })
 }

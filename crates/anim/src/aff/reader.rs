@@ -10,6 +10,7 @@ use super::geometry::{Frame, Patch, PatchKey, Shape, Source, cone, sphere};
 use super::tokens::Tokens;
 use super::track::{FEWEST_KEYS, Key, Spline, Track, Value};
 use crate::error::{LoadError, NUMBERED, Problem, read_file};
+use crate::rotation::about;
 use crate::{Material, Topology};
 
 /// Files that may include each other in a row.
@@ -389,7 +390,7 @@ fn mesh(tokens: &mut Tokens<'_>) -> Result<Shape, Problem> {
 /// An axis and an angle in degrees; without an axis there is no rotation.
 fn rotation(tokens: &mut Tokens<'_>) -> Result<DQuat, Problem> {
     let (axis, angle) = (tokens.vector()?, tokens.number()?.to_radians());
-    Ok(axis.try_normalize().map_or(DQuat::IDENTITY, |axis| DQuat::from_axis_angle(axis, angle)))
+    Ok(axis.try_normalize().map_or(DQuat::IDENTITY, |axis| about(axis, angle)))
 }
 
 fn spline<'a, T: Value>(

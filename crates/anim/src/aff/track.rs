@@ -8,6 +8,8 @@
 
 use glam::{DAffine3, DQuat, DVec3};
 
+use crate::rotation::{self, slerp};
+
 /// Keys a spline needs: the first and the last are never reached, they only shape the ends.
 pub(super) const FEWEST_KEYS: usize = 4;
 
@@ -86,33 +88,17 @@ impl Value for DVec3 {
 
 impl Value for DQuat {
     fn step(self, next: Self) -> DVec3 {
-        log(self.conjugate() * next)
+        rotation::step(self, next)
     }
 
     fn between(self, next: Self, leaving: DVec3, arriving: DVec3, u: f64) -> Self {
         let way = self.step(next);
         // The inner quaternions that give squad these derivatives at its ends.
-        let inner = self * exp(0.5 * (leaving - way));
-        let next_inner = next * exp(0.5 * (way - arriving));
+        let inner = self * rotation::exp(0.5 * (leaving - way));
+        let next_inner = next * rotation::exp(0.5 * (way - arriving));
+        // The long way round, too: squad would jump if one of its three took the other way.
         slerp(slerp(self, next, u), slerp(inner, next_inner, u), 2.0 * u * (1.0 - u)).normalize()
     }
-}
-
-/// Logarithm of a unit quaternion: its axis times half its angle.
-fn log(q: DQuat) -> DVec3 {
-    let sine = q.xyz().length();
-    if sine > 0.0 { q.xyz() * (sine.atan2(q.w) / sine) } else { DVec3::ZERO }
-}
-
-fn exp(v: DVec3) -> DQuat {
-    let angle = v.length();
-    let xyz = if angle > 0.0 { v * (angle.sin() / angle) } else { v };
-    DQuat::from_xyzw(xyz.x, xyz.y, xyz.z, angle.cos())
-}
-
-/// As it comes, the long way round too: squad would jump if one of its three took the other way.
-fn slerp(from: DQuat, to: DQuat, u: f64) -> DQuat {
-    from * exp(u * from.step(to))
 }
 
 impl Spline<DQuat> {

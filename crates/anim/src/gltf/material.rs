@@ -84,7 +84,7 @@ impl Mapping {
 
     pub(super) fn apply(&self, at: Vec2) -> Vec2 {
         let Some(transform) = &self.transform else { return at };
-        let (sin, cos) = transform.rotation.0.sin_cos();
+        let (sin, cos) = libm::sincosf(transform.rotation.0);
         let scaled = at * Vec2::from_array(transform.scale.0);
         Vec2::new(cos * scaled.x + sin * scaled.y, cos * scaled.y - sin * scaled.x)
             + Vec2::from_array(transform.offset.0)

@@ -2,7 +2,9 @@
 //! them (glTF 2.0 specification, section 3.11 and appendix C).
 
 use ::gltf::json::animation::Interpolation;
-use glam::{Quat, Vec3};
+use glam::{DQuat, Quat, Vec3};
+
+use crate::rotation::slerp;
 
 /// `width` numbers per key, or with cubic splines `3 * width`: in-tangent, value, out-tangent.
 #[derive(Clone, Debug)]
@@ -49,11 +51,14 @@ impl Track {
             && let Segment::Between { first, u, .. } = self.segment(time)
         {
             let key = |i| unit(self.value(i));
-            return key(first).slerp(key(first + 1), u);
+            let (from, to) = (key(first), key(first + 1));
+            // The short way.
+            let to = if from.dot(to) < 0.0 { -to } else { to };
+            return slerp(from, to, u.into()).as_quat();
         }
         let mut value = [0.0; 4];
         self.sample(time, &mut value);
-        unit(&value)
+        unit(&value).as_quat()
     }
 
     /// Writes the `width` numbers at `time`.
@@ -107,10 +112,10 @@ impl Track {
     }
 }
 
-fn unit(value: &[f32]) -> Quat {
-    let quat = Quat::from_slice(value);
+fn unit(value: &[f32]) -> DQuat {
+    let quat = Quat::from_slice(value).as_dquat();
     let length = quat.length();
-    if length > 0.0 && length.is_finite() { quat / length } else { Quat::IDENTITY }
+    if length > 0.0 && length.is_finite() { quat / length } else { DQuat::IDENTITY }
 }
 
 #[cfg(test)]
