@@ -3,10 +3,12 @@
 
 use std::fmt::Write;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
 use anim::PoseStats;
 use anyhow::{Context, Result, bail};
+use bvh_core::Bvh;
 use bvh_update::{Rotate, Strategy, Updater};
 use rt_cpu::{Image, RenderOptions, RenderStats, render};
 use scenes::{Effects, FramePlan, LightEffects, MotionEffects, Scene, SceneOptions, SimulationStats};
@@ -146,7 +148,7 @@ impl Frames {
 fn play(played: Played, scene: &mut Option<Scene>, effects: Effects) -> Result<Frames> {
     let taken = scene.take().context("the scene before failed")?;
     let mut stage = stage::ready(Scene { effects, ..taken })?;
-    let (Played { frames: count, size, .. }, mut tree) = (played, stage.first_tree.clone());
+    let (Played { frames: count, size, .. }, mut tree) = (played, Bvh::clone(&stage.first_tree));
     let mut updater = Updater::new(Strategy::RefitRotate(Rotate::default()));
     let mut image = Image::new(size, size);
     let options = RenderOptions { smooth: false, ..stage.render_options() };
@@ -165,7 +167,7 @@ fn play(played: Played, scene: &mut Option<Scene>, effects: Effects) -> Result<F
         }
         best = all.faster(best);
     }
-    *scene = Some(stage.scene);
+    *scene = Arc::into_inner(stage.scene);
     Ok(best)
 }
 

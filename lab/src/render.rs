@@ -139,7 +139,7 @@ fn frames(
     wanted: Range<usize>,
     count: usize,
 ) -> Result<()> {
-    let mut tree = stage.first_tree.clone();
+    let mut tree = Bvh::clone(&stage.first_tree);
     let light = stage.plan().light();
     let samples = args.samples.unwrap_or(default_samples(&light));
     let (smooth, seed, traversal) = (!args.flat, args.seed, args.traversal);

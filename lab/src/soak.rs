@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use anyhow::{Result, anyhow, ensure};
 use bvh_build::{Builder, build};
-use bvh_core::sah_cost;
+use bvh_core::{Bvh, sah_cost};
 use bvh_update::{Strategy, UnknownName, Updater};
 use scenes::SceneOptions;
 
@@ -108,7 +108,7 @@ impl Window {
 fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Result<Vec<String>> {
     let (frames, per_loop) = (args.frames as usize, args.per_loop as usize);
     let progress = Progress::new(format!("{label}, {}", strategy.name()), frames as u64);
-    let mut bvh = stage.first_tree.clone();
+    let mut bvh = Bvh::clone(&stage.first_tree);
     let mut updater = Updater::default();
     let (mut first, mut last) = (Window::default(), Window::default());
     let (mut memory, mut done) = ([0.0; 2], 0);

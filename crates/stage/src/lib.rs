@@ -18,18 +18,19 @@ use scenes::{FramePlan, FrameStage, LightEffects, Scene};
 /// A scene at one moment.
 ///
 /// Triangle `i` is the primitive in leaf slot `i` of the first tree, so that updates stream through
-/// memory.
+/// memory. A copy shares all but the positions and normals.
+#[derive(Clone)]
 pub struct Stage {
     /// What is shown.
-    pub scene: Scene,
+    pub scene: Arc<Scene>,
     /// The tree over the first frame, by the sweep builder, one primitive a leaf; still parts are
     /// marked as still.
-    pub first_tree: Bvh,
+    pub first_tree: Arc<Bvh>,
     plan: FramePlan,
-    triangles: Vec<[u32; 3]>,
-    materials: Vec<Material>,
-    textures: Vec<Texture>,
-    material_of: Vec<u32>,
+    triangles: Arc<[[u32; 3]]>,
+    materials: Arc<[Material]>,
+    textures: Arc<[Texture]>,
+    material_of: Arc<[u32]>,
     pose: Pose,
     normals: Vec<Vec3>,
 }
@@ -72,8 +73,8 @@ impl Stage {
             material_of: order.iter().map(|&p| material_of[p as usize]).collect(),
             normals: Vec::new(),
             plan,
-            scene,
-            first_tree,
+            scene: Arc::new(scene),
+            first_tree: Arc::new(first_tree),
             pose,
         })
     }

@@ -5,6 +5,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
 use anim::PoseStats;
+use bvh_core::Bvh;
 use bvh_update::Updater;
 use rt_cpu::{Image, RenderStats, render};
 use scenes::{Effects, LightEffects, MotionEffects, Scene, SceneOptions};
@@ -136,7 +137,7 @@ fn no_strategy_runs_where_nothing_moves() {
         scene.effects.motion = motion;
         let mut stage = Stage::new(scene).unwrap();
         stage.pose(stage.time_of(24, 50));
-        let mut tree = stage.first_tree.clone();
+        let mut tree = Bvh::clone(&stage.first_tree);
         stage.update(&mut tree, &mut Updater::new("sweep".parse().unwrap())).unwrap().rebuilt
     };
     assert_eq!([MotionEffects::ALL, MotionEffects::NONE].map(built_anew), [true, false]);

@@ -264,7 +264,7 @@ impl Lane {
         let indices = stage.triangles().indices;
         let poses: Vec<_> = poses.iter().map(|positions| Triangles { positions, indices }).collect();
         let start = || {
-            let mut tree = stage.first_tree.clone();
+            let mut tree = Bvh::clone(&stage.first_tree);
             let worker = method.start(&mut tree, &poses).with_context(|| format!("{name}: not prepared"))?;
             anyhow::Ok((tree, worker))
         };

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use bvh_build::{Builder, build};
-use bvh_core::sah_cost;
+use bvh_core::{Bvh, sah_cost};
 use bvh_update::{Strategy, Updater};
 
 use crate::stage::Stage;
@@ -15,7 +15,7 @@ const UPDATES: usize = 50;
 /// kept over those of the tree. All that may move is still marked as dynamic, so rotations go on
 /// everywhere that they were before.
 pub(super) fn measure(stage: &mut Stage, frames: usize) -> Result<([f64; 3], f64)> {
-    let mut tree = stage.first_tree.clone();
+    let mut tree = Bvh::clone(&stage.first_tree);
     let mut updater = Updater::new(Strategy::RefitRotate(bvh_update::Rotate::default()));
     for frame in 0..=frames / 2 {
         stage.pose(stage.time_of(frame, frames));

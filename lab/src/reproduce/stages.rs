@@ -189,7 +189,7 @@ mod tests {
             assert_eq!(stage.pose(time), PoseStats::default(), "{}: a repeated time", info.name);
 
             for strategy in [Strategy::Refit, Strategy::RefitRotate(Rotate::default())] {
-                let mut tree = stage.first_tree.clone();
+                let mut tree = Bvh::clone(&stage.first_tree);
                 let asked = Asked(stage.triangles(), AtomicU64::new(0));
                 let done = Updater::new(strategy).update(&mut tree, &asked).unwrap();
                 assert_eq!(

@@ -81,11 +81,12 @@ impl State {
     /// Traces a picture or another sample of it, if there is need, and returns whether there was.
     fn trace(&mut self, shown: &mut Shown, light: &LightEffects, samples: u32, plays: bool) -> bool {
         let moves = std::mem::take(&mut self.moved);
-        let done = shown.sides.iter().map(|side| side.count).min().unwrap_or(0);
+        let frame = shown.frame;
+        let there = || shown.sides.iter().filter(|side| side.frame == frame);
+        let done = there().map(|side| side.count).min().unwrap_or(0);
         // Between two frames of the animation the picture stays, and once nothing moves it becomes finer. While a scene is
         // loading it stays too: a fine picture may take a second, for which the scene would wait.
-        let waits =
-            (plays || self.is_loading()) && done > 0 || shown.sides.iter().all(|side| side.is_done(samples));
+        let waits = (plays || self.is_loading()) && done > 0 || there().all(|side| side.is_done(samples));
         if !moves && waits {
             return false;
         }
@@ -106,6 +107,7 @@ impl State {
         let budget = moves.then_some(left / shown.sides.len().max(1) as f64);
         // A fine picture may take long, and events wait for it: one tree at a time, the one with the coarser picture first.
         let mut sides: Vec<_> = shown.sides.iter_mut().zip(self.ports()).collect();
+        sides.retain(|(side, _)| side.frame == frame);
         if !moves {
             sides.retain(|(side, _)| !side.is_done(samples));
             sides.sort_by_key(|(side, _)| (Reverse(side.coarse_now), side.count));

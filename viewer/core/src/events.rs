@@ -8,6 +8,7 @@ use crate::controls::{CONTROLS, Control, Settings};
 use crate::eye::Eye;
 use crate::side::Side;
 use crate::state::{FRAME_RATE, State};
+use crate::step::Step;
 
 /// What the mouse does: radians for a pixel, factor of the distance for a notch of the wheel, and pixels that a click may
 /// stray. Flying: distances to the target in a second.
@@ -56,6 +57,8 @@ pub enum Event {
     Tick(f64),
     /// A scene is there, to be shown in the place of the present one.
     Scene(Box<Ready>),
+    /// A step was made that was taken by [`State::take_step`].
+    Stepped(Box<Step>),
     /// The SAH cost of a fresh tree at a frame.
     Fresh(usize, f64),
     /// A line for the user.
@@ -107,6 +110,7 @@ impl State {
             }
             Event::Tick(seconds) => self.tick(seconds.clamp(0.0, 1.0)),
             Event::Scene(ready) => self.show(*ready),
+            Event::Stepped(step) => self.stepped(*step),
             Event::Fresh(frame, cost) => {
                 self.shown.iter_mut().for_each(|shown| shown.add_fresh(frame, cost));
             }
@@ -127,7 +131,7 @@ impl State {
             self.held.retain(|&held| held != letter);
             self.held.extend(down.then_some(letter));
         } else if down {
-            let frame = self.frame().map_or(0, |(frame, _)| frame);
+            let frame = self.shown.as_ref().map_or(0, |shown| shown.target);
             match key {
                 Key::Char(letter) => {
                     let found = CONTROLS.iter().find(|(key, ..)| *key == letter.to_ascii_lowercase());
@@ -159,12 +163,13 @@ impl State {
             };
             self.move_eye(|eye, view| eye.fly(view, direction));
         }
-        let Some((frame, frames)) = self.frame().filter(|_| self.plays()) else { return };
+        let Some((_, frames)) = self.frame().filter(|_| self.plays()) else { return };
         // Every frame is shown: where drawing takes long, the animation runs slower.
         self.due = (self.due + seconds * FRAME_RATE * self.settings.speed).min(2.0);
-        if self.due >= 1.0 {
+        if let Some(shown) = self.shown.as_ref().filter(|shown| self.due >= 1.0 && !shown.is_behind()) {
+            let next = (shown.target + 1) % frames;
             self.due -= 1.0;
-            self.go_to((frame + 1) % frames);
+            self.go_to(next);
         }
     }
 
@@ -235,7 +240,7 @@ impl State {
         let (line, frames) = (self.timeline(), self.frame().map_or(1, |(_, frames)| frames));
         let part = (self.pointer.0 - line.x as f32) / line.width.max(1) as f32;
         let frame = (part.clamp(0.0, 1.0) * (frames - 1) as f32).round() as usize;
-        if self.frame().is_some_and(|(now, _)| now != frame) || self.playing {
+        if self.shown.as_ref().is_some_and(|shown| shown.target != frame) || self.playing {
             self.stop_at(frame);
         }
     }

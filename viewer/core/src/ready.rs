@@ -1,7 +1,7 @@
 //! A scene with all that takes long to make: to be made beside the thread that draws.
 
 use bvh_build::{BuildError, Builder, build};
-use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
+use bvh_core::{Triangles, Vec3, sah_cost};
 use rt_cpu::{Image, Output, RenderOptions, render};
 use scenes::Scene;
 use stage::Stage;
@@ -21,8 +21,6 @@ pub struct Ready {
     pub(crate) stage: Stage,
     pub(crate) typical: TypicalCost,
     pub(crate) hottest: u32,
-    /// Copies of the first tree, one for each that is shown at most: to copy a tree takes as long as to update it.
-    pub(crate) spare: Vec<Bvh>,
     /// SAH cost of the first tree.
     pub(crate) first_cost: f64,
     fresh: Option<FreshCosts>,
@@ -62,9 +60,9 @@ impl Ready {
         let poses = poses.collect();
         let fresh = FreshCosts { triangles: stage.triangles().indices.to_vec(), poses };
         stage.smooth();
-        let (spare, first_cost) = (vec![stage.first_tree.clone(); 2], sah_cost(&stage.first_tree));
+        let first_cost = sah_cost(&stage.first_tree);
         let hottest = mean.clamp(16, 100_000) as u32;
-        Self { stage, typical, hottest, spare, first_cost, fresh: Some(fresh) }
+        Self { stage, typical, hottest, first_cost, fresh: Some(fresh) }
     }
 
     /// Hands over the costs of fresh trees to be found; `None` the second time. What is found is an

@@ -1,22 +1,18 @@
 //! One tree and what became of it: its strategy, its updates, its picture.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
-use bvh_core::{Aabb, Bvh, sah_cost};
-use bvh_update::{
-    Decision, Degraded, Leaves, Load, PartialRebuild, Reinsertion, Rotate, Strategy, Update, Updater,
-};
+use bvh_core::{Aabb, Bvh};
+use bvh_update::{Strategy, Update, Updater};
 use rt_cpu::{Camera, Image, PointLight, RenderOptions, RenderStats, render};
 use stage::Stage;
 
 use crate::Clock;
-use crate::boxes;
+use crate::step::Outcome;
 
 /// Lines that the log keeps.
 pub(crate) const LOG: usize = 6;
-
-/// Boxes that flash, at most; more hide what they are drawn over.
-const FLASHES: usize = 60;
 
 /// Side of the squares of pixels that are traced as one, at most.
 const COARSEST: u32 = 16;
@@ -26,29 +22,6 @@ const COARSE_AT_FIRST: u32 = 4;
 /// The strategies to choose from: all but those whose trees depend on time.
 pub(crate) fn strategies() -> Vec<Strategy> {
     Strategy::all().into_iter().filter(|strategy| !strategy.name().ends_with("background")).collect()
-}
-
-/// A strategy that tries rotations at each node in one of `period` updates, if it rotates at all.
-fn with_budget(strategy: Strategy, period: u32) -> Strategy {
-    let budget = |rotate: Option<Rotate>| rotate.map(|_| Rotate { period });
-    match strategy {
-        Strategy::RefitRotate(_) => Strategy::RefitRotate(Rotate { period }),
-        Strategy::Degraded(all) => Strategy::Degraded(Degraded { rotate: budget(all.rotate), ..all }),
-        Strategy::PartialRebuild(all) => {
-            Strategy::PartialRebuild(PartialRebuild { rotate: budget(all.rotate), ..all })
-        }
-        Strategy::Reinsert(all) => Strategy::Reinsert(Reinsertion { rotate: budget(all.rotate), ..all }),
-        Strategy::Leaves(all) => Strategy::Leaves(Leaves { rotate: budget(all.rotate), ..all }),
-        other => other,
-    }
-}
-
-/// What was decided in an update and why, the reason first: lines are cut where the picture ends.
-fn log_line(frame: usize, update: &Update) -> String {
-    let why = update.reason.map(|why| format!("lost {:.2} of {:.2} ms: ", why.lost_ms, why.price_ms));
-    let what = (update.decision != Decision::AsAlways).then(|| format!("{}; ", update.decision));
-    let [why, what] = [why, what].map(Option::unwrap_or_default);
-    format!("{frame}: {why}{what}{} rotations", update.rotations_applied())
 }
 
 /// What a frame of the animation took, when it was last shown.
@@ -62,9 +35,16 @@ pub(crate) struct Sample {
 
 /// A tree with its strategy.
 pub(crate) struct Side {
+    /// No other side has this number.
+    pub(crate) number: u64,
     pub(crate) strategy: Strategy,
-    pub(crate) tree: Bvh,
-    updater: Updater,
+    /// Shared with a step while one is under way.
+    pub(crate) tree: Arc<Bvh>,
+    /// The frame that the tree is of.
+    pub(crate) frame: usize,
+    pub(crate) updater: Updater,
+    /// The tree before, as memory for the next.
+    pub(crate) spare: Option<Bvh>,
     /// The last sample of each frame.
     pub(crate) samples: Vec<Option<Sample>>,
     /// What was decided, one line an update, the last one first.
@@ -92,12 +72,15 @@ pub(crate) struct Side {
 
 impl Side {
     /// Makes a side of the first tree of an animation with this number of frames, and of this SAH cost.
-    pub(crate) fn new(tree: Bvh, strategy: Strategy, frames: usize, cost: f64) -> Self {
+    pub(crate) fn new(number: u64, tree: Arc<Bvh>, strategy: Strategy, frames: usize, cost: f64) -> Self {
         let first = Sample { cost: cost as f32, ..Sample::default() };
         Self {
+            number,
             strategy,
             tree,
+            frame: 0,
             updater: Updater::new(strategy),
+            spare: None,
             samples: (0..frames).map(|frame| (frame == 0).then_some(first)).collect(),
             log: VecDeque::new(),
             last: Update::default(),
@@ -115,31 +98,18 @@ impl Side {
         }
     }
 
-    /// Brings the tree to the stage's frame.
-    pub(crate) fn update(&mut self, stage: &Stage, frame: usize, period: u32, flash: bool, clock: Clock) {
-        let before = flash.then(|| boxes::links(&self.tree));
-        self.updater.report_cost(true).set_strategy(with_budget(self.strategy, period));
-        self.updater.report(Load::PacketNodes(self.stats.nodes_visited));
-        let start = clock();
-        let updated = stage.update(&mut self.tree, &mut self.updater);
-        let update_ms = 1e3 * (clock() - start);
-        let line = match updated {
-            Ok(update) => {
-                self.last = update;
-                let cost = update.sah_cost.unwrap_or_else(|| sah_cost(&self.tree));
-                let sample = Sample { update_ms: update_ms as f32, cost: cost as f32, trace_ns: 0.0 };
-                if let Some(place) = self.samples.get_mut(frame) {
-                    *place = Some(sample);
-                }
-                log_line(frame, &update)
+    /// Takes note of an update to a frame.
+    pub(crate) fn updated(&mut self, frame: usize, outcome: Outcome) {
+        let Outcome { update, line, ms, cost, flashes } = outcome;
+        if let Some(update) = update {
+            self.last = update;
+            if let Some(place) = self.samples.get_mut(frame) {
+                *place = Some(Sample { update_ms: ms as f32, cost: cost as f32, trace_ns: 0.0 });
             }
-            Err(error) => format!("frame {frame}: {error}"),
-        };
+        }
         self.log.push_front(line);
         self.log.truncate(LOG);
-        let before = before.filter(|before| before.len() == self.tree.nodes().len() && !self.last.rebuilt);
-        self.flashes = before.map(|before| boxes::rotated(&self.tree, &before, FLASHES)).unwrap_or_default();
-        self.count = 0;
+        (self.frame, self.flashes, self.count) = (frame, flashes, 0);
     }
 
     /// Whether the picture is as fine as it gets, with that many samples.
@@ -235,7 +205,7 @@ mod tests {
     fn pictures_of_a_tree_whose_cost_grows_are_coarser() {
         let boxes = [Aabb::new(bvh_core::Vec3::ZERO, bvh_core::Vec3::ONE); 2];
         let tree = bvh_build::build(&boxes, bvh_build::Builder::Sweep).expect("two boxes");
-        let mut side = Side::new(tree, Strategy::Refit, 2, 1.0);
+        let mut side = Side::new(0, Arc::new(tree), Strategy::Refit, 2, 1.0);
         let mut chosen = |cost, trace_ms, frame, budget| {
             side.samples[1] = Some(Sample { cost, ..Sample::default() });
             side.trace_ms = trace_ms;
@@ -256,7 +226,7 @@ mod tests {
         let light = LightEffects { ambient_occlusion: true, ..LightEffects::NONE };
         let (camera, options) = (stage.camera(48, 36), stage.options_with(&light));
         let traced = |samples: u32| {
-            let mut side = Side::new(stage.first_tree.clone(), Strategy::default(), 1, 1.0);
+            let mut side = Side::new(0, Arc::clone(&stage.first_tree), Strategy::default(), 1, 1.0);
             for _ in 0..samples {
                 side.trace(&stage, 0, &camera, &options, || 0.0);
                 side.estimate_noise();

@@ -1,7 +1,9 @@
 //! The state of a viewer: the scene that is shown, its trees, and the settings.
 
-use bvh_core::{Aabb, Bvh};
-use bvh_update::Strategy;
+use std::sync::Arc;
+
+use bvh_core::Aabb;
+use bvh_update::{Load, Strategy};
 use rt_cpu::{SrgbTable, StageTimes};
 use scenes::LightEffects;
 use stage::Stage;
@@ -13,6 +15,7 @@ use crate::draw::Probe;
 use crate::events::{Drag, Request};
 use crate::eye::Eye;
 use crate::side::Side;
+use crate::step::{How, Step, update};
 use crate::{Clock, Ready};
 
 /// Frames a second that animations are made for.
@@ -20,6 +23,8 @@ pub(crate) const FRAME_RATE: f64 = 24.0;
 
 /// A scene that is shown.
 pub(crate) struct Shown {
+    /// No other scene has this number.
+    pub(crate) number: u64,
     pub(crate) stage: Stage,
     pub(crate) typical: TypicalCost,
     pub(crate) hottest: u32,
@@ -27,8 +32,12 @@ pub(crate) struct Shown {
     /// Costs of fresh trees by frame, in order.
     fresh: Vec<(usize, f64)>,
     pub(crate) frame: usize,
-    /// Copies of the first tree, for the next that are asked for.
-    spare: Vec<Bvh>,
+    /// The frame that was asked for last. Steps lead there.
+    pub(crate) target: usize,
+    /// Whether a step is under way on another thread.
+    steps: bool,
+    /// The stage before, as memory for the next.
+    pub(crate) spare: Option<Stage>,
     /// SAH cost of the first tree.
     first_cost: f64,
 }
@@ -53,6 +62,11 @@ impl Shown {
         self.fresh.insert(at, (frame, cost));
     }
 
+    /// Whether a step is to be made, or under way.
+    pub(crate) fn is_behind(&self) -> bool {
+        self.frame != self.target || self.sides.iter().any(|side| side.frame != self.target)
+    }
+
     /// The box of the triangle that was picked.
     pub(crate) fn triangle(&self, primitive: u32) -> Aabb {
         let triangles = self.stage.triangles();
@@ -71,6 +85,10 @@ pub struct State {
     scenes: Vec<String>,
     /// The scene that is being loaded.
     pub(crate) loading: Option<String>,
+    /// Whether the shell [takes steps](Self::take_step).
+    beside: bool,
+    /// Scenes and trees so far.
+    count: u64,
     pub(crate) message: String,
     pub(crate) shown: Option<Shown>,
     pub(crate) eye: Eye,
@@ -107,6 +125,8 @@ impl State {
             // The panel takes a fourth of a small picture.
             settings: Settings { overlay: if width < 800 { 1 } else { 2 }, ..Settings::default() },
             loading: None,
+            beside: false,
+            count: 0,
             message: String::new(),
             shown: None,
             eye: Eye::default(),
@@ -143,6 +163,26 @@ impl State {
         std::mem::take(&mut self.requests)
     }
 
+    /// Leaves steps to the shell from now on, which calls [`take_step`](Self::take_step) after each event and picture.
+    /// Otherwise they are made at once, by whoever gives the event.
+    pub fn step_beside(&mut self) {
+        self.beside = true;
+    }
+
+    /// Hands over the next step, to be run on another thread, in a rayon pool that is not the one that draws. There is one
+    /// at a time.
+    pub fn take_step(&mut self) -> Option<Step> {
+        let how = self.how();
+        let shown = self.shown.as_mut().filter(|shown| self.beside && !shown.steps && shown.is_behind())?;
+        shown.steps = true;
+        Some(Step::new(shown, shown.target, how))
+    }
+
+    fn how(&self) -> How {
+        let Settings { period, flash, heat, .. } = self.settings;
+        How { period, flash, smooth: !heat, clock: self.clock }
+    }
+
     /// What is set by hand.
     #[must_use]
     pub fn settings(&self) -> Settings {
@@ -160,17 +200,25 @@ impl State {
     pub fn is_at_rest(&self) -> bool {
         let samples = self.samples();
         (self.is_loading() || self.sides().all(|side| side.is_done(samples)))
+            && !self.shown.as_ref().is_some_and(Shown::is_behind)
             && !self.plays()
             && !self.moved
             && !self.stale
             && self.held.is_empty()
     }
 
-    /// Seconds until the animation's next frame is due, if there is nothing to draw before; 0 if there is.
+    /// Seconds until the animation's next frame is due, if there is nothing to draw before; 0 if there is, and infinite
+    /// while only a step that is under way can bring something.
     #[must_use]
     pub fn idle_seconds(&self) -> f64 {
-        let is_idle = self.plays() && !self.moved && !self.stale && self.held.is_empty();
-        if is_idle { (1.0 - self.due).max(0.0) / (FRAME_RATE * self.settings.speed) } else { 0.0 }
+        let nothing_new = !self.moved && !self.stale && self.held.is_empty();
+        if nothing_new && self.shown.as_ref().is_some_and(|shown| shown.steps) {
+            f64::INFINITY
+        } else if nothing_new && self.plays() {
+            (1.0 - self.due).max(0.0) / (FRAME_RATE * self.settings.speed)
+        } else {
+            0.0
+        }
     }
 
     /// Milliseconds that the last picture took: the step of the animation, tracing, and the rest.
@@ -184,15 +232,23 @@ impl State {
     }
 
     pub(crate) fn show(&mut self, ready: Ready) {
-        let Ready { stage, typical, hottest, spare, first_cost, .. } = ready;
+        let Ready { stage, typical, hottest, first_cost, .. } = ready;
         self.message = stage.scene.notes.first().cloned().unwrap_or_default();
-        let (sides, fresh) = (Vec::new(), Vec::new());
-        let shown = Shown { stage, typical, hottest, sides, fresh, frame: 0, spare, first_cost };
-        let before = self.shown.replace(shown);
-        // Giving back its memory takes as long as a picture.
-        if !cfg!(target_family = "wasm") {
-            rayon::spawn(move || drop(before));
-        }
+        self.count += 1;
+        let before = self.shown.replace(Shown {
+            number: self.count,
+            stage,
+            typical,
+            hottest,
+            sides: Vec::new(),
+            fresh: Vec::new(),
+            frame: 0,
+            target: 0,
+            steps: false,
+            spare: None,
+            first_cost,
+        });
+        give_back(before);
         (self.loading, self.picked, self.due) = (None, None, 0.0);
         (self.settings.light, self.settings.samples) = (None, None);
         self.eye.reset();
@@ -245,40 +301,74 @@ impl State {
             match shown.sides.get_mut(i) {
                 Some(side) => side.strategy = strategy,
                 None => {
-                    let tree = shown.spare.pop().unwrap_or_else(|| shown.stage.first_tree.clone());
-                    let mut side = Side::new(tree, strategy, shown.frames(), shown.first_cost);
-                    if shown.frame > 0 {
-                        side.update(&shown.stage, shown.frame, self.settings.period, false, self.clock);
-                    }
-                    shown.sides.push(side);
+                    self.count += 1;
+                    let (tree, frames) = (Arc::clone(&shown.stage.first_tree), shown.frames());
+                    shown.sides.push(Side::new(self.count, tree, strategy, frames, shown.first_cost));
                 }
             }
         }
         shown.sides.iter_mut().for_each(|side| side.count = 0);
         self.stale = true;
+        self.step_here();
     }
 
     /// Gives all trees back the structure of the first, at the first frame.
     pub(crate) fn restart_trees(&mut self) {
         if let Some(shown) = &mut self.shown {
-            shown.sides.clear();
+            give_back(std::mem::take(&mut shown.sides));
+            shown.target = 0;
         }
-        self.go_to(0);
+        self.moved = true;
         self.settings_changed();
     }
 
-    /// Moves the animation to a frame and updates the trees once.
+    /// Moves the animation to a frame.
     pub(crate) fn go_to(&mut self, frame: usize) {
-        let start = (self.clock)();
-        let Some(shown) = &mut self.shown else { return };
-        let frames = shown.frames();
-        shown.frame = frame.min(frames - 1);
-        shown.stage.pose(shown.stage.time_of(shown.frame, frames));
-        for side in &mut shown.sides {
-            side.update(&shown.stage, shown.frame, self.settings.period, self.settings.flash, self.clock);
+        if let Some(shown) = &mut self.shown {
+            shown.target = frame.min(shown.frames() - 1);
+            self.step_here();
+        }
+    }
+
+    /// Brings everything to the frame that was asked for, unless the shell does: each tree that is not there is updated
+    /// once.
+    fn step_here(&mut self) {
+        let (start, how) = ((self.clock)(), self.how());
+        let Some(shown) = self.shown.as_mut().filter(|shown| !self.beside && shown.is_behind()) else {
+            return;
+        };
+        shown.frame = shown.target;
+        shown.stage.pose(shown.stage.time_of(shown.frame, shown.frames()));
+        for side in shown.sides.iter_mut().filter(|side| side.frame != shown.frame) {
+            let tree = Arc::make_mut(&mut side.tree);
+            let to = (&shown.stage, shown.frame);
+            side.updater.report(Load::PacketNodes(side.stats.nodes_visited));
+            let outcome = update(tree, &mut side.updater, side.strategy, to, how);
+            side.updated(shown.frame, outcome);
         }
         self.step_ms += 1e3 * ((self.clock)() - start);
         self.moved = true;
+    }
+
+    /// Shows what a step has led to, if it is of the scene that is shown.
+    pub(crate) fn stepped(&mut self, mut step: Step) {
+        if let Some(shown) = self.shown.as_mut().filter(|shown| shown.number == step.scene) {
+            (shown.frame, shown.steps) = (step.frame, false);
+            std::mem::swap(&mut shown.stage, &mut step.stage);
+            for work in step.trees.drain(..) {
+                let side = shown.sides.iter_mut().find(|side| side.number == work.side);
+                if let (Some(side), Some(outcome)) = (side, work.outcome) {
+                    side.updater = work.updater;
+                    side.spare = Arc::into_inner(std::mem::replace(&mut side.tree, Arc::new(work.tree)));
+                    side.updated(step.frame, outcome);
+                }
+            }
+            shown.spare = Some(step.stage);
+            self.step_ms += step.ms;
+            self.moved = true;
+        } else {
+            give_back(step);
+        }
     }
 
     pub(crate) fn light_effects(&self) -> LightEffects {
@@ -304,5 +394,12 @@ impl State {
         let mut times = StageTimes::default();
         self.sides().for_each(|side| times += side.stats.times);
         times
+    }
+}
+
+/// Gives back the memory of what is not needed any more, which may take as long as a picture, on another thread.
+fn give_back<T: Send + 'static>(what: T) {
+    if !cfg!(target_family = "wasm") {
+        rayon::spawn(move || drop(what));
     }
 }

@@ -1,70 +1,15 @@
 //! A viewer that is driven by events, without a window.
 
-use std::path::Path;
-use std::sync::atomic::{AtomicU32, Ordering};
+mod common;
 
-use rt_cpu::{Image, render, srgb};
-use stage::Stage;
-use viewer_core::{Button, Canvas, Event, Key, Ready, Request, Settings, State};
-
-/// A clock that is a millisecond later each time.
-fn clock() -> f64 {
-    static CALLS: AtomicU32 = AtomicU32::new(0);
-    f64::from(CALLS.fetch_add(1, Ordering::Relaxed)) * 1e-3
-}
-
-fn toys() -> scenes::Scene {
-    let toys = Path::new("toys.glb");
-    let animation = anim::parse_gltf(toys, &scenes::toys_glb(), None).expect("a glTF file");
-    scenes::Scene { name: "toys".to_owned(), ..scenes::scene_of(toys, Box::new(animation)) }
-}
-
-const SIZE: (u32, u32) = (320, 240);
-
-/// A viewer of the toys at rest in frame 0, with one tree and nothing over the picture.
-fn viewer() -> State {
-    let mut state = State::new(SIZE.0, SIZE.1, vec!["toys".to_owned(), "others".to_owned()], clock);
-    assert_eq!(state.take_requests(), [Request::Load("toys".to_owned())]);
-    state.apply(Event::Scene(Box::new(Ready::new(toys()).expect("few triangles"))));
-    state.apply(Event::Settings(Settings { right: None, overlay: 0, ..Settings::default() }));
-    press(&mut state, ' ');
-    state
-}
-
-fn press(state: &mut State, key: char) {
-    state.apply(Event::Key(Key::Char(key), true));
-    state.apply(Event::Key(Key::Char(key), false));
-}
+use common::{SIZE, at_rest, clock, press, rendered, toys, viewer};
+use viewer_core::{Button, Event, Key, Ready, Request, Settings, State};
 
 fn drag(state: &mut State, button: Button, from: (f32, f32), to: (f32, f32)) {
     state.apply(Event::Pointer(from.0, from.1));
     state.apply(Event::Button(button, true));
     state.apply(Event::Pointer(to.0, to.1));
     state.apply(Event::Button(button, false));
-}
-
-/// The picture once it stays as it is.
-fn at_rest(state: &mut State) -> Canvas {
-    for _ in 0..100 {
-        let canvas = state.draw().clone();
-        if state.is_at_rest() {
-            return canvas;
-        }
-    }
-    panic!("the picture does not come to rest");
-}
-
-/// The picture of a frame, as `xtask render` makes it.
-fn rendered(frame: usize) -> Vec<u8> {
-    let mut stage = Stage::new(toys()).expect("few triangles");
-    stage.pose(stage.time_of(frame, stage.scene.frames));
-    stage.smooth();
-    let mut tree = stage.first_tree.clone();
-    bvh_update::refit(&mut tree, &stage.triangles()).expect("same count");
-    let mut image = Image::new(SIZE.0, SIZE.1);
-    let camera = stage.camera(SIZE.0, SIZE.1);
-    render(&tree, &stage.mesh(), &camera, Some(&stage.light()), &stage.render_options(), &mut image);
-    image.pixels().iter().flat_map(|pixel| [srgb(pixel[0]), srgb(pixel[1]), srgb(pixel[2]), 255]).collect()
 }
 
 #[test]

@@ -66,8 +66,8 @@ struct Args {
     /// Draw one frame in this number
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), requires = "out")]
     every: u32,
-    /// Play for this number of seconds, change the strategy twice and the scene once on the way, and print the time to the
-    /// first picture, pictures a second, and the longest waits [default: 10 s]
+    /// Play for this number of seconds with an eye that turns, change the strategy twice and the scene once on the way, and
+    /// print the time to the first picture, pictures and frames a second, and the longest waits [default: 10 s]
     #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "10", value_parser = seconds, conflicts_with = "out")]
     timing: Option<f64>,
 }

@@ -29,17 +29,22 @@ pub(crate) fn run(args: &Args, settings: Settings) -> Result<()> {
     )?;
     let mut state = State::new(args.size.0, args.size.1, load::names(&args.scene), CLOCK);
     state.apply(Event::Settings(settings));
+    state.step_beside();
+    let threads = args.threads.unwrap_or(0) as usize;
+    let steps =
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().context("threads cannot be started")?;
     let proxy = event_loop.create_proxy();
     let mut app = App {
         args,
         state,
         proxy,
+        steps,
         surface: None,
         last: Instant::now(),
         rests: true,
         film: None,
         failed: None,
-        timing: args.timing.map(Timing::new),
+        timing: args.timing.map(|seconds| Timing::new(seconds, args.size)),
     };
     event_loop.run_app(&mut app).context("the window's events ended")?;
     app.timing.into_iter().for_each(Timing::print);
@@ -50,6 +55,8 @@ struct App<'a> {
     args: &'a Args,
     state: State,
     proxy: EventLoopProxy<Event>,
+    /// Threads for steps, beside those that draw.
+    steps: rayon::ThreadPool,
     surface: Option<Surface<Arc<Window>, Arc<Window>>>,
     /// When the last picture was drawn, or the first event came after a rest.
     last: Instant,
@@ -77,9 +84,13 @@ impl App<'_> {
     }
 
     fn draw(&mut self) -> Result<()> {
-        let Some(surface) = &mut self.surface else { return Ok(()) };
+        if self.surface.is_none() {
+            return Ok(());
+        }
         let seconds = std::mem::replace(&mut self.last, Instant::now()).elapsed().as_secs_f64();
         self.state.apply(Event::Tick(seconds));
+        // The next step, beside the picture of this one.
+        self.begin_step();
         let canvas = self.state.draw();
         let (Some(width), Some(height)) = (NonZeroU32::new(canvas.width), NonZeroU32::new(canvas.height))
         else {
@@ -88,6 +99,7 @@ impl App<'_> {
         if let Some(film) = &mut self.film {
             film.push(canvas)?;
         }
+        let Some(surface) = &mut self.surface else { return Ok(()) };
         let error = |e| anyhow!("no picture: {e}");
         surface.resize(width, height).map_err(error)?;
         let mut buffer = surface.buffer_mut().map_err(error)?;
@@ -115,8 +127,18 @@ impl App<'_> {
         }
     }
 
+    /// Begins a step on the threads for steps, if one is to be made.
+    fn begin_step(&mut self) {
+        if let Some(step) = self.state.take_step() {
+            let proxy = self.proxy.clone();
+            // Nobody listens once the window is closed.
+            self.steps.spawn(move || drop(proxy.send_event(Event::Stepped(Box::new(step.run())))));
+        }
+    }
+
     /// Does what the state asks for. What fails is said in the window.
     fn serve(&mut self, event_loop: &ActiveEventLoop) {
+        self.begin_step();
         for request in self.state.take_requests() {
             let done = match request {
                 Request::Load(name) => {
@@ -191,9 +213,10 @@ impl ApplicationHandler<Event> for App<'_> {
         }
     }
 
-    fn user_event(&mut self, _: &ActiveEventLoop, event: Event) {
+    fn user_event(&mut self, event_loop: &ActiveEventLoop, event: Event) {
         self.wake();
         self.state.apply(event);
+        self.serve(event_loop);
     }
 
     fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
@@ -233,13 +256,13 @@ impl ApplicationHandler<Event> for App<'_> {
     }
 
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
-        let idle = Duration::from_secs_f64(self.state.idle_seconds());
-        event_loop.set_control_flow(if idle.is_zero() {
-            ControlFlow::Wait
+        let idle = self.state.idle_seconds();
+        event_loop.set_control_flow(if idle > 0.0 && idle.is_finite() {
+            ControlFlow::WaitUntil(Instant::now() + Duration::from_secs_f64(idle))
         } else {
-            ControlFlow::WaitUntil(Instant::now() + idle)
+            ControlFlow::Wait
         });
-        if idle.is_zero() && !self.state.is_at_rest() {
+        if idle == 0.0 && !self.state.is_at_rest() {
             self.redraw();
         }
     }

@@ -82,7 +82,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     }
     for strategy in [Strategy::Refit, Strategy::RefitRotate(Rotate::default())] {
         bench.stage.pose(0.0);
-        let mut tree = bench.stage.first_tree.clone();
+        let mut tree = Bvh::clone(&bench.stage.first_tree);
         tree.set_dynamic(|_| true);
         let mut entrants = [true, false].map(|guarded| (guarded, tree.clone(), Updater::new(strategy)));
         // To and fro between two frames, the same for both contestants.

@@ -36,7 +36,7 @@ fn update(nodes: &mut [Node], n: usize, depth: u32, order: &[u32], triangles: &T
 
 /// Bounds from the height of the first tree up to the library's.
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
-    let first = bench.stage.first_tree.clone();
+    let first = Bvh::clone(&bench.stage.first_tree);
     let lowest = first.height();
     let higher = [32, 40, 48, 64, MAX_HEIGHT].into_iter().filter(|&bound| bound > lowest);
     let entrant = |bound: u32| {

@@ -37,7 +37,7 @@ impl Entrant {
     }
 
     fn of(strategy: Strategy, setting: String, bench: &Bench<'_>) -> Result<Self> {
-        let (name, tree) = (setting.clone(), bench.stage.first_tree.clone());
+        let (name, tree) = (setting.clone(), Bvh::clone(&bench.stage.first_tree));
         let mut updater = Updater::new(strategy);
         let mut update: Update = Box::new(move |tree, triangles| {
             let start = Instant::now();
