@@ -1,5 +1,7 @@
 //! What every builder promises, on random and on hard input.
 
+use std::collections::BTreeSet;
+
 use bvh_core::{Aabb, Bvh, MAX_HEIGHT, MAX_PRIMITIVES, Node, Primitives, Triangles, Vec3, sah_cost, stats};
 use proptest::prelude::*;
 
@@ -493,5 +495,35 @@ fn the_number_of_primitives_is_asked_once_a_build() {
                 Bvh::new(tree.nodes(), tree.order().to_vec()).expect("a tree");
             }
         }
+    }
+}
+
+/// An HLBVH is an LBVH below the largest nodes of at most 32 primitives, and a better tree above these.
+#[test]
+fn hlbvh_keeps_morton_clusters_under_a_better_top() {
+    /// The primitives of each node that has at most 32, in order.
+    fn clusters(bvh: &Bvh) -> BTreeSet<Vec<u32>> {
+        fn under(bvh: &Bvh, n: usize, all: &mut BTreeSet<Vec<u32>>) -> Vec<u32> {
+            let node = bvh.nodes()[n];
+            let mut primitives = bvh.primitives(&node).to_vec();
+            if !node.is_leaf() {
+                primitives = [node.first(), node.first() + 1].map(|child| under(bvh, child, all)).concat();
+                primitives.sort_unstable();
+            }
+            if primitives.len() <= 32 {
+                all.insert(primitives.clone());
+            }
+            primitives
+        }
+        let mut all = BTreeSet::new();
+        under(bvh, 0, &mut all);
+        all
+    }
+    for boxes in [random_boxes(5000, 0.02), streets(5000)] {
+        let [lbvh, hlbvh] =
+            [Builder::Lbvh, Builder::Hlbvh].map(|builder| crate::build(&boxes[..], builder).expect("few"));
+        let (wanted, found) = (clusters(&lbvh), clusters(&hlbvh));
+        assert!(wanted.is_subset(&found), "{} of {}", wanted.intersection(&found).count(), wanted.len());
+        assert!(sah_cost(&hlbvh) < sah_cost(&lbvh), "{} {}", sah_cost(&hlbvh), sah_cost(&lbvh));
     }
 }

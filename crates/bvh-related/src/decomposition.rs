@@ -200,6 +200,42 @@ mod tests {
         });
     }
 
+    /// A body turns and flies, and meanwhile its odd and even triangles part: where they will be is known only in the body's
+    /// frame, over all poses.
+    #[test]
+    fn fuzzy_trees_know_residual_motion_in_the_frame_of_the_cluster() {
+        let positions: Vec<_> = [0.0, 0.5, 1.0]
+            .map(|time: f32| {
+                let (sin, cos) = (2.0 * time).sin_cos();
+                let part = |i: usize| if i / 3 % 2 == 0 { 4.0 * time } else { -4.0 * time };
+                let local = burst(1, 0.0).repeat(8).into_iter().enumerate();
+                let local = local.map(|(i, p)| p + Vec3::new((i / 120) as f32, part(i), (i / 360) as f32));
+                local
+                    .map(|p| Vec3::new(cos * p.x - sin * p.y + 90.0 * time, sin * p.x + cos * p.y, p.z))
+                    .collect()
+            })
+            .into();
+        with_triangles(&positions, |poses| {
+            let (paths, all) = (Paths::new(poses), (0..poses[0].len() as u32).collect::<Vec<_>>());
+            let cost = |mut tree: Bvh| -> f64 {
+                let at = |pose: &Triangles<'_>| {
+                    refit(&mut tree, pose).expect("as many");
+                    sah_cost(&tree)
+                };
+                poses.iter().map(at).sum()
+            };
+            let fuzzy = cost(fuzzy_tree(&all, &paths, poses).expect("few"));
+            let first = cost(build(&poses[0], Builder::Sweep).expect("few"));
+            let world =
+                all.iter().map(|&p| poses.iter().fold(Aabb::EMPTY, |b, pose| b.union(pose.aabb(p as usize))));
+            let world = cost(build(&world.collect::<Vec<_>>(), Builder::Sweep).expect("few"));
+            assert!(
+                fuzzy < 0.8 * first && fuzzy < 0.9 * world,
+                "{fuzzy}; first pose {first}, in the world {world}"
+            );
+        });
+    }
+
     #[test]
     fn hard_input_gives_valid_trees() {
         let mut broken = burst(4, 1.0);

@@ -7,7 +7,7 @@ use super::chart::{Chart, Kind, Point, Series, figure};
 use super::contestants::{Contestant, IDEAL, IDEAL_PARALLEL_BINNED};
 use super::record::Row;
 use super::results::{Results, SceneRun, Spread};
-use super::{MUSEUM, OTHER_KEYS, SPEED_STRATEGY, SPEEDS, accuracy};
+use super::{MUSEUM, OTHER_KEYS, SPEED_STRATEGIES, SPEED_STRATEGY, SPEEDS, accuracy};
 use crate::stage;
 
 /// A figure: a file, and a part of the report.
@@ -97,7 +97,7 @@ fn over_frames(results: &Results, scene: &SceneRun) -> Option<[Chart; 2]> {
     }))
 }
 
-/// Figure 5 for one scene: refitting with rotations at several speeds, over loops.
+/// Figure 5 for one scene: refitting with rotations at several speeds, over loops, and other updates at the fastest.
 fn over_loops(scene: &SceneRun) -> Option<[Chart; 2]> {
     let last = scene.speed_rows.iter().map(|row| row.round).max()?;
     let rules: Vec<f64> = (1..=last).map(|round| round as f64).collect();
@@ -106,7 +106,13 @@ fn over_loops(scene: &SceneRun) -> Option<[Chart; 2]> {
             let at = |row: &Row| (row.round as f64 + row.frame as f64 / *frames as f64, value(row));
             line(&format!("{frames} frames a loop"), i, scene.at_speed(*frames, SPEED_STRATEGY), at)
         };
-        SPEEDS.iter().enumerate().map(speed).collect()
+        // Other updates, of the fastest motion.
+        let other = |name: &&str| {
+            let at = |row: &Row| (row.round as f64 + row.frame as f64 / SPEEDS[0] as f64, value(row));
+            line(&format!("{name}, {} frames", SPEEDS[0]), color(name), scene.at_speed(SPEEDS[0], name), at)
+        };
+        let others = SPEED_STRATEGIES[1..].iter().map(other).filter(|line| !line.points.is_empty());
+        SPEEDS.iter().enumerate().map(speed).chain(others).collect()
     }))
 }
 

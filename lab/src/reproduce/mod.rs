@@ -69,7 +69,7 @@ const BLENDED: &str = "exploding-dragon:blended";
 /// Scenes that serve one claim only: beside which scene they run, and with which strategies.
 const SUPPLEMENTS: [(&str, &[&str], &[&str]); 2] = [
     (MUSEUM, &OTHER_KEYS, &[SPEED_STRATEGY, contestants::IDEAL]),
-    ("exploding-dragon", &[BLENDED], &["refit", SPEED_STRATEGY, contestants::IDEAL]),
+    ("exploding-dragon", &[BLENDED], &["refit", SPEED_STRATEGY, "refit+rotate+regrow", contestants::IDEAL]),
 ];
 
 /// How much of a scene is played for what its effects cost: they are compared with one another, so

@@ -19,7 +19,7 @@ const plural = (n, noun) => `${n} ${noun}${n === 1 ? "" : "s"}`;
 const words = verdict => verdict.replaceAll("-", " ");
 
 const { settings, machine, revision, claims, scenes } = run;
-const main = scenes.filter(scene => !scene.supplement);
+const main = scenes.filter(scene => !scene.supplement), supplements = scenes.filter(scene => scene.supplement);
 
 // A table, sorted as it comes: `texts` columns of words, then numbers. A row has its strategy, if it is one's, and its cells.
 const table = (heads, texts, rows) => html`<div class="scroll"><table>
@@ -144,6 +144,11 @@ const described = scene => html`<div id="scene-${scene.slug}" data-scene="${scen
     ["Builder", "Build, ms", "SAH cost", "Picture, ms"], 1, scene.offline.map(tree => [null, tree.builder, number(tree.build_ms), number(tree.sah_cost),
       number(tree.path_ms)]))}`}</div>`;
 
+// A scene that serves one claim: the same with other key frames.
+const supplement = scene => html`<div id="scene-${scene.slug}" data-scene="${scene.label}"><h3>${scene.label}</h3>
+  <p>${capital(scene.about)}. ${thousands(scene.triangles)} triangles. It serves one claim, and no other counts it.</p>
+  ${table(HEADS, 1, scene.strategies.map(strategyRow))}</div>`;
+
 const figures = html`<section id="figures">${run.figures.map(({ name, title, caption, svg }) => html`<h3 id="${name}">${title}</h3>
   <figure ${name.startsWith("fig6") && html`data-x="frame"`}><div class="scroll" tabindex="0" role="img" aria-label="${title}">${new Markup(svg)}</div>
   <figcaption>${caption}</figcaption></figure>`)}</section>`;
@@ -183,7 +188,7 @@ document.body.insertAdjacentHTML("afterbegin", written([first, evidence, html`<m
   ${folded("The paper’s claims", judged)}
   ${folded("What accuracy costs", run.sentences.length > 0 && html`<ul>${run.sentences.map(line => html`<li>${line}</li>`)}</ul>`)}
   ${folded("Scenes", html`<section id="scenes"><p>Times are means over the frames measured, with the middle 80 % beside them, in milliseconds; ×
-    compares the SAH cost with that of a fresh sweep build on the same frame.</p>${main.map(described)}</section>`)}
+    compares the SAH cost with that of a fresh sweep build on the same frame.</p>${main.map(described)}${supplements.map(supplement)}</section>`)}
   ${folded("Figures", figures)}
   ${folded("Beside other libraries", beside.length > 0 && html`<section id="peers"><p>The same motion and the same rays; contestants take turns frame by
     frame. An update is the time from new positions to a tree that can be traced. A frame is update and trace. “Different” counts rays whose answer

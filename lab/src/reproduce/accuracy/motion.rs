@@ -90,7 +90,7 @@ pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
 /// The distance to the same simulation with many more key frames, all with the same steps.
 pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
     // Spaces between key frames of the reference, as a multiple, and simulation steps in each.
-    let [multiple, steps] = log.effort.pick([[2, 2], [16, 4], [32, 4]]);
+    let [multiple, steps] = log.effort.pick([[2, 2], [64, 1], [64, 2]]);
     let multiples = log.effort.pick([&MULTIPLES[1..4], &MULTIPLES[1..6], &MULTIPLES[..7]]);
     let moments = log.effort.pick([60, 200, 500]);
     for (name, _) in SIMULATED {

@@ -10,8 +10,24 @@ const STRATEGY: &str = "refit+rotate";
 /// Trace times within this factor are equal for advice, if their noise is as large.
 const SAME: f64 = 1.05;
 
-/// The three sentences, or, of points of named scenes alone, advice for each of these.
+/// The folder of `docs/benchmarks` with the rows that `docs/ACCURACY.md` shows: date, machine and revision.
+macro_rules! published {
+    () => {
+        "2026-11-23-accuracy-epyc-zen4-cdd7421"
+    };
+}
+
+/// The three sentences, or, of points of named scenes alone, advice for each of these. Where nothing was measured the
+/// sentences are those of the rows that are published.
 pub(crate) fn sentences(points: &[Point]) -> Vec<String> {
+    const ROWS: &str = include_str!(concat!("../../../../docs/benchmarks/", published!(), "/accuracy.csv"));
+    if points.is_empty() {
+        let rows: Vec<Point> =
+            csv::Reader::from_reader(ROWS.as_bytes()).into_deserialize().flatten().collect();
+        let whose =
+            format!("This run did not measure what accuracy costs. In docs/ACCURACY.md ({}):", published!());
+        return std::iter::once(whose).chain(sentences(&rows)).collect();
+    }
     if points.iter().any(|point| point.scene.is_empty()) {
         return [triangle_test(points), guards(points), strategy(points)].into_iter().flatten().collect();
     }
@@ -187,6 +203,14 @@ mod tests {
         );
         assert!(lines[1].contains("16 bins, built in 5.00 ms, traced in 10.5 ms"), "{}", lines[1]);
         assert!(lines[2].contains("watertight, which costs 4.0 % of a frame"), "{}", lines[2]);
+    }
+
+    #[test]
+    fn a_run_that_did_not_measure_it_says_what_is_published() {
+        let lines = sentences(&[]);
+        assert_eq!(lines.len(), 4, "{lines:?}");
+        let page = std::fs::read_to_string(crate::files::workspace().join("docs/ACCURACY.md")).unwrap();
+        assert!(page.contains(concat!("benchmarks/", published!(), "/accuracy.csv")));
     }
 
     #[test]

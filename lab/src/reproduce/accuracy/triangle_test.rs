@@ -6,13 +6,15 @@ use rt_cpu::{RenderOptions, Traversal, TriangleTest};
 use super::bench::{Bench, differing, in_turns};
 use super::point::Point;
 
-/// Every test, in tiles and ray by ray: frames with shadows, against those of `f64`.
+/// Every test, in tiles, in packets and ray by ray: frames with shadows, against those of `f64`.
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     bench.pose_in_the_middle();
     let tree = bench.sweep()?;
-    for (condition, traversal, rounds) in
-        [("tiles", Traversal::Tile, 6), ("single rays", Traversal::Single, 2)]
-    {
+    for (condition, traversal, rounds) in [
+        ("tiles", Traversal::Tile, 6),
+        ("packets", Traversal::Packet, 3),
+        ("single rays", Traversal::Single, 2),
+    ] {
         let with = |triangle_test| RenderOptions { triangle_test, traversal, ..bench.flat() };
         let all = TriangleTest::ALL;
         let times =
