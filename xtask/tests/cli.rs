@@ -424,6 +424,38 @@ fn frames_are_rendered_to_png_and_exr() {
 }
 
 #[test]
+fn render_says_what_runs_and_why_and_keeps_details_far_from_the_origin() {
+    let temporary = tempfile::TempDir::new().expect("a temporary folder");
+    let render = |model: &Path, more: &[&str]| {
+        let out = temporary.path().join("picture.png");
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_xtask"));
+        let output = command.arg("render").arg(model).args(["--size", "32x32", "--out"]).arg(&out).args(more);
+        let output = output.output().expect("it starts");
+        assert!(output.status.success(), "{output:?}");
+        (String::from_utf8(output.stderr).expect("UTF-8"), fs::read(&out).expect("a picture"))
+    };
+    let toys = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/toys.glb"));
+    let (said, _) = render(toys, &[]);
+    for line in ["a frame runs ", "  skin: 1 of 5 parts have joints that move", "  shadow: the file has a light"] {
+        assert!(said.contains(line), "{line}: {said}");
+    }
+    assert!(!render(toys, &["--effects", "none"]).0.contains("shadow:"));
+
+    // A roof of an eighth of a metre, whose coordinates have all their bits as text only.
+    let roof = |name: &str, at: f64| {
+        let corners = [[0.0, 0.0, 0.0], [0.125, 0.0, 0.0], [0.0, 0.125, 0.0625], [0.125, 0.125, 0.0]];
+        let lines = corners.map(|c| format!("v {} {} {}\n", at + c[0], at + c[1], at + c[2]));
+        let path = temporary.path().join(name);
+        fs::write(&path, lines.concat() + "f 1 2 3\nf 2 4 3\n").expect("a file");
+        path
+    };
+    let [near, far] = [("near.obj", 0.0), ("far.obj", 6_378_137.0)].map(|(name, at)| roof(name, at));
+    let picture = render(&near, &["--local-origin"]).1;
+    assert!(render(&far, &["--local-origin"]).1 == picture);
+    assert!(render(&far, &[]).1 != picture, "without it they are lost");
+}
+
+#[test]
 fn a_model_without_its_textures_keeps_its_plain_colours() {
     let temporary = tempfile::TempDir::new().expect("a temporary folder");
     let gltf = temporary.path().join("bare.gltf");

@@ -42,7 +42,8 @@ pub enum Strategy {
     /// [`Leaves`].
     Leaves(Leaves),
     /// Refit, with or without rotations, while new trees are built in the background, each in turn put in the place of
-    /// the one before (Ize et al. 2007). The trees depend on how long that takes.
+    /// the one before (Ize et al. 2007). The trees depend on how long that takes. Where the system has no thread to give, as
+    /// on `wasm32-unknown-unknown`, none is built, and the tree is only updated.
     Background(Background),
     /// Choose from refitting, rotating, partial and full rebuilds what costs the least time.
     Auto(Auto),
