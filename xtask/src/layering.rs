@@ -24,7 +24,7 @@ const ALLOWED: [(&str, &[&str]); 18] = [
     ("lab", LAB),
     ("xtask", &["lab", "scenes"]),
     ("pivot-tests", LIBRARIES),
-    ("pivot-fingerprints", LIBRARIES),
+    ("pivot-fingerprints", &["bvh-core", "bvh-build", "bvh-update", "rt-cpu", "scenes", "stage"]),
     ("pivot-benches", LIBRARIES),
     ("pivot-examples", LIBRARIES),
 ];

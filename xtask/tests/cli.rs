@@ -436,7 +436,9 @@ fn render_says_what_runs_and_why_and_keeps_details_far_from_the_origin() {
     };
     let toys = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/toys.glb"));
     let (said, _) = render(toys, &[]);
-    for line in ["a frame runs ", "  skin: 1 of 5 parts have joints that move", "  shadow: the file has a light"] {
+    for line in
+        ["a frame runs ", "  skin: 1 of 5 parts have joints that move", "  shadow: the file has a light"]
+    {
         assert!(said.contains(line), "{line}: {said}");
     }
     assert!(!render(toys, &["--effects", "none"]).0.contains("shadow:"));

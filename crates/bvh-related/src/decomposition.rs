@@ -207,7 +207,7 @@ mod tests {
         let positions: Vec<_> = [0.0, 0.5, 1.0]
             .map(|time: f32| {
                 let (sin, cos) = (2.0 * time).sin_cos();
-                let part = |i: usize| if i / 3 % 2 == 0 { 4.0 * time } else { -4.0 * time };
+                let part = |i: usize| if (i / 3).is_multiple_of(2) { 4.0 * time } else { -4.0 * time };
                 let local = burst(1, 0.0).repeat(8).into_iter().enumerate();
                 let local = local.map(|(i, p)| p + Vec3::new((i / 120) as f32, part(i), (i / 360) as f32));
                 local
