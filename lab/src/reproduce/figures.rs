@@ -107,11 +107,17 @@ fn over_loops(scene: &SceneRun) -> Option<[Chart; 2]> {
             line(&format!("{frames} frames a loop"), i, scene.at_speed(*frames, SPEED_STRATEGY), at)
         };
         // Other updates, of the fastest motion.
-        let other = |name: &&str| {
+        let other = |(i, name): (usize, &&str)| {
             let at = |row: &Row| (row.round as f64 + row.frame as f64 / SPEEDS[0] as f64, value(row));
-            line(&format!("{name}, {} frames", SPEEDS[0]), color(name), scene.at_speed(SPEEDS[0], name), at)
+            line(
+                &format!("{name}, {} frames", SPEEDS[0]),
+                SPEEDS.len() + i,
+                scene.at_speed(SPEEDS[0], name),
+                at,
+            )
         };
-        let others = SPEED_STRATEGIES[1..].iter().map(other).filter(|line| !line.points.is_empty());
+        let others =
+            SPEED_STRATEGIES[1..].iter().enumerate().map(other).filter(|line| !line.points.is_empty());
         SPEEDS.iter().enumerate().map(speed).chain(others).collect()
     }))
 }

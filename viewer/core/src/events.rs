@@ -106,6 +106,7 @@ impl State {
             }
             Event::Resize(width, height) => {
                 self.picture = Canvas::new(width.clamp(1, 16384), height.clamp(1, 16384));
+                self.moved = true;
                 self.settings_changed();
             }
             Event::Tick(seconds) => self.tick(seconds.clamp(0.0, 1.0)),
@@ -252,7 +253,7 @@ impl State {
         let camera = self.camera(&shown.stage, port, 1);
         let ray =
             camera.ray((self.pointer.0 - port.x as f32) as u32, (self.pointer.1 - port.y as f32) as u32);
-        let hit = shown.sides.get(i).and_then(|side: &Side| {
+        let hit = shown.sides.get(i).filter(|side| side.frame == shown.frame).and_then(|side: &Side| {
             closest_hit(&side.tree, &shown.stage.triangles(), &ray, f32::INFINITY, self.settings.test)
         });
         self.picked = hit.map(|hit| hit.primitive);

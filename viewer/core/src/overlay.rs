@@ -59,6 +59,9 @@ impl State {
     }
 
     fn draw_boxes(&self, canvas: &mut Canvas, shown: &Shown, side: &Side, port: Rect) {
+        if side.frame != shown.frame {
+            return;
+        }
         let projection = Projection::new(&self.camera(&shown.stage, port, 1), port);
         if let Some(depth) = self.settings.boxes {
             let mut boxes = boxes::at_depth(&side.tree, depth, &shown.typical);
@@ -129,7 +132,7 @@ impl State {
         if self.settings.heat {
             lines.push(format!("heat: nodes visited, white is {}", shown.hottest));
         }
-        if let Some(primitive) = self.picked {
+        if let Some(primitive) = self.picked.filter(|_| side.frame == shown.frame) {
             let path = boxes::path(&side.tree, primitive, &shown.triangle(primitive));
             lines.push(format!("triangle {primitive}: {} nodes to its leaf", path.len()));
         }

@@ -170,7 +170,7 @@ impl State {
     }
 
     /// Hands over the next step, to be run on another thread, in a rayon pool that is not the one that draws. There is one
-    /// at a time.
+    /// at a time of each scene.
     pub fn take_step(&mut self) -> Option<Step> {
         let how = self.how();
         let shown = self.shown.as_mut().filter(|shown| self.beside && !shown.steps && shown.is_behind())?;
@@ -211,7 +211,11 @@ impl State {
     /// while only a step that is under way can bring something.
     #[must_use]
     pub fn idle_seconds(&self) -> f64 {
-        let nothing_new = !self.moved && !self.stale && self.held.is_empty();
+        // What was not drawn yet of trees that are there, as after a setting has changed.
+        let undrawn =
+            |shown: &Shown| shown.sides.iter().any(|side| side.frame == shown.frame && side.count == 0);
+        let nothing_new =
+            !self.moved && !self.stale && self.held.is_empty() && !self.shown.as_ref().is_some_and(undrawn);
         if nothing_new && self.shown.as_ref().is_some_and(|shown| shown.steps) {
             f64::INFINITY
         } else if nothing_new && self.plays() {
@@ -317,8 +321,8 @@ impl State {
         if let Some(shown) = &mut self.shown {
             give_back(std::mem::take(&mut shown.sides));
             shown.target = 0;
+            self.moved = true;
         }
-        self.moved = true;
         self.settings_changed();
     }
 

@@ -197,6 +197,9 @@ fn pictures_become_finer_only_once_a_scene_is_loaded() {
 fn no_size_and_no_scene_are_no_reason_to_fail() {
     let mut state = State::new(0, 0, Vec::new(), clock);
     state.draw();
+    state.apply(Event::Key(Key::Home, true));
+    state.draw();
+    assert!(state.is_at_rest());
     let mut state = viewer();
     state.apply(Event::Settings(Settings { boxes: Some(12), flash: true, ..Settings::default() }));
     for (width, height) in [(0, 0), (1, 1), (2, 700), (33, 9), (700, 3)] {

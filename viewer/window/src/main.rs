@@ -48,7 +48,7 @@ struct Args {
     /// Size of the picture in pixels
     #[arg(long, value_name = "WxH", default_value = "960x540", value_parser = size)]
     size: (u32, u32),
-    /// Threads for drawing [default: the cores there are]
+    /// Threads for drawing, and as many for updates beside it [default: the cores there are]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
     /// Folder for pictures that are saved from the window, and films

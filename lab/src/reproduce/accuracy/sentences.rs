@@ -22,8 +22,10 @@ macro_rules! published {
 pub(crate) fn sentences(points: &[Point]) -> Vec<String> {
     const ROWS: &str = include_str!(concat!("../../../../docs/benchmarks/", published!(), "/accuracy.csv"));
     if points.is_empty() {
-        let rows: Vec<Point> =
-            csv::Reader::from_reader(ROWS.as_bytes()).into_deserialize().flatten().collect();
+        let rows =
+            csv::Reader::from_reader(ROWS.as_bytes()).into_deserialize().collect::<Result<Vec<Point>, _>>();
+        // A test reads them.
+        let Some(rows) = rows.ok().filter(|rows| !rows.is_empty()) else { return Vec::new() };
         let whose =
             format!("This run did not measure what accuracy costs. In docs/ACCURACY.md ({}):", published!());
         return std::iter::once(whose).chain(sentences(&rows)).collect();
