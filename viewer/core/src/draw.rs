@@ -102,7 +102,7 @@ impl State {
             timed: true,
             ..shown.stage.options_with(light)
         };
-        // A step that took long, as one with a rebuild, leaves less time to trace.
+        // A step that took long, as one with a rebuild, leaves less time to trace: in place by waiting, beside it by its cores.
         let left = (PICTURE_BUDGET - self.step_ms - self.last_ms[2]).max(TRACE_BUDGET);
         let budget = moves.then_some(left / shown.sides.len().max(1) as f64);
         // A fine picture may take long, and events wait for it: one tree at a time, the one with the coarser picture first.

@@ -110,7 +110,7 @@ pub struct State {
     pub(crate) table: SrgbTable,
     pub(crate) picture: Canvas,
     pub(crate) canvas: Canvas,
-    /// Milliseconds that steps of the animation took with their updates since the last picture.
+    /// Milliseconds that steps of the animation took since the last picture, in place or beside it.
     pub(crate) step_ms: f64,
     /// Milliseconds that the last picture took: such steps, tracing, and the rest.
     pub(crate) last_ms: [f64; 3],

@@ -43,7 +43,7 @@ fn log_line(frame: usize, update: &Update) -> String {
 /// How trees are updated.
 #[derive(Clone, Copy)]
 pub(crate) struct How {
-    /// Rotations are tried at each node in one of so many updates.
+    /// Each node tries rotations once in this number of updates.
     pub(crate) period: u32,
     /// Whether to look for the nodes that rotated.
     pub(crate) flash: bool,
