@@ -168,7 +168,7 @@ impl Real {
         let mut real = Self {
             bvh,
             updater: reporting(level),
-            wide: Bvh8::new(),
+            wide: Bvh8::with_level(level),
             update: Update::default(),
             positions: Vec::new(),
             triangles: Vec::new(),

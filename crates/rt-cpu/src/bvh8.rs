@@ -16,11 +16,12 @@ mod block;
 mod collapse;
 mod walk;
 
-use bvh_core::{Aabb, Bvh, Ray, Triangles};
+use bvh_core::{Aabb, Bvh, Ray, SimdLevel, Triangles};
+use fearless_simd::Level;
 use rayon::prelude::*;
 
 use crate::scene::{Query, Work, every, with_test};
-use crate::simd::dispatch;
+use crate::simd::{detected, dispatch};
 use crate::{Hit, TriangleTest};
 
 use block::Block;
@@ -53,8 +54,9 @@ const WIDTH: usize = 8;
 /// let hit = wide.closest_hit(&ray, f32::INFINITY, TriangleTest::Watertight);
 /// assert_eq!(hit.map(|h| h.t), Some(1.0));
 /// ```
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Bvh8 {
+    level: Level,
     nodes: Vec<Node8>,
     blocks: Vec<Block>,
     plans: Vec<Plan>,
@@ -99,7 +101,15 @@ impl Bvh8 {
     /// A view of nothing.
     #[must_use]
     pub fn new() -> Self {
-        Self::default()
+        Self::with_level(SimdLevel::best())
+    }
+
+    /// A view of nothing, whose rays use the instructions of `level`, or the best that the machine has if that is less.
+    /// Every level finds the same hits.
+    #[must_use]
+    pub fn with_level(level: SimdLevel) -> Self {
+        let (nodes, blocks, plans) = Default::default();
+        Self { level: detected(level), nodes, blocks, plans, triangles: 0 }
     }
 
     /// Makes it a view of `bvh` with `triangles` as its primitives, by its numbers; triangles that the tree has and
@@ -120,6 +130,12 @@ impl Bvh8 {
     }
 }
 
+impl Default for Bvh8 {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 /// Rays that one thread traces at least.
 const BATCH: usize = 256;
 
@@ -137,7 +153,7 @@ impl Bvh8 {
     }
 
     fn hit(&self, query: Query, ray: &Ray, t_max: f32, test: TriangleTest) -> Option<Hit> {
-        with_test!(test, T => dispatch!(Level::new(), simd => {
+        with_test!(test, T => dispatch!(self.level, simd => {
             hit::<_, T>(simd, self, query, ray, t_max, &mut Work::default(), every)
         }))
     }
