@@ -14,7 +14,6 @@ use scenes::SceneOptions;
 use crate::machine::resident_mib;
 use crate::pool::Threads;
 use crate::progress::Progress;
-use crate::reproduce::median;
 use crate::stage::{self, Stage, ms};
 use crate::{CheckFailed, files, interrupt};
 
@@ -41,14 +40,10 @@ pub struct Args {
 }
 
 /// Most frames at the start that as many at the end are compared with: the whole loops in them,
-/// since the work depends on where in the loop a frame is. Medians of 100 frames of 0.3 ms differed by
-/// 12 %: `cargo xtask soak --scene exploding-dragon --detail 0.05 --strategy auto`.
+/// since the work depends on where in the loop a frame is.
 const FIRST: usize = 500;
-/// What must hold at the end, against those first frames.
-const SLOWER: f64 = 1.1;
-const COSTLIER: f64 = 1.1;
-const HIGHER: f64 = 1.3;
-const MORE_MEMORY: f64 = 1.05;
+/// What time, cost, height and memory may be at the end at most, times those of these first frames.
+const MOST: [f64; 4] = [1.1, 1.1, 1.3, 1.05];
 
 /// Runs the command.
 ///
@@ -91,18 +86,24 @@ pub fn run(args: &Args) -> Result<()> {
 /// What is known of some frames.
 #[derive(Default)]
 struct Window {
+    /// The least time in ms at each place in the loop: other work on the machine makes medians of short frames differ by 12 %
+    /// between runs of `cargo xtask soak --scene exploding-dragon --detail 0.05 --strategy auto`.
     times: Vec<f64>,
     costs: Vec<f64>,
     /// The greatest.
     height: u32,
+    /// The most, in MiB: what has been freed goes back to the system late, and not always.
+    memory: f64,
 }
 
 impl Window {
-    /// Median time in ms; mean cost over a fresh tree's, since of what is rebuilt now and then the
-    /// greatest is a matter of luck; and height.
-    fn measures(self) -> [f64; 3] {
-        let cost = self.costs.iter().sum::<f64>() / self.costs.len().max(1) as f64;
-        [median(self.times), cost, f64::from(self.height)]
+    /// Means of time and of cost over a fresh tree's, since of what is rebuilt now and then the greatest is a matter of luck.
+    fn measures(&self) -> [f64; 4] {
+        let mean = |values: &[f64]| {
+            let seen: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
+            seen.iter().sum::<f64>() / seen.len().max(1) as f64
+        };
+        [mean(&self.times), mean(&self.costs), f64::from(self.height), self.memory]
     }
 }
 
@@ -111,8 +112,8 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
     let progress = Progress::new(format!("{label}, {}", strategy.name()), frames as u64);
     let mut bvh = Bvh::clone(&stage.first_tree);
     let mut updater = Updater::default();
-    let (mut first, mut last) = (Window::default(), Window::default());
-    let (mut memory, mut done) = ([0.0; 2], 0);
+    let window = || Window { times: vec![f64::INFINITY; per_loop], ..Window::default() };
+    let (mut first, mut last, mut done) = (window(), window(), 0);
     let compared = FIRST - FIRST % per_loop;
     for frame in 1..=frames {
         if interrupt::requested() {
@@ -125,45 +126,37 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
         let time = ms(start);
         let window = if frame <= compared { &mut first } else { &mut last };
         if frame <= compared || frame + compared > frames {
-            window.times.push(time);
+            let least = &mut window.times[frame % per_loop];
+            *least = least.min(time);
             window.height = window.height.max(report.height);
             // By the place in the loop, so that both have the same.
             if (frame % per_loop).is_multiple_of(5) {
                 let fresh = build(&stage.triangles(), Builder::Sweep)?;
                 window.costs.push(sah_cost(&bvh) / sah_cost(&fresh));
+                window.memory = window.memory.max(resident_mib());
             }
         }
-        if frame % 1000 == 0 || frame == frames {
+        if frame % 100 == 0 || frame == frames {
             bvh.validate(&stage.triangles())
                 .map_err(|e| CheckFailed(format!("{label}, {}, frame {frame}: {e}", strategy.name())))?;
-        }
-        // After a check, which takes memory of its own.
-        if frame == FIRST * 2 {
-            memory[0] = resident_mib();
         }
         progress.at(frame as u64);
         done = frame;
     }
-    memory[1] = resident_mib();
     drop(progress);
     let who = format!("{label}, {}", strategy.name());
-    let ([time, cost, height], [last_time, last_cost, last_height]) = (first.measures(), last.measures());
+    let names = ["time a frame", "cost over a fresh tree", "height", "memory"];
+    let (first, last) = (first.measures(), last.measures());
+    let [time, cost, height, memory] = std::array::from_fn(|i| [first[i], last[i]]);
     files::print(&format!(
-        "{who}, {done}: {time:.3} {last_time:.3} ms; {cost:.3} {last_cost:.3}; [{height}, {last_height}]; {:.1} {:.1} MiB",
-        memory[0], memory[1]
+        "{who}, {done}: {:.3} {:.3} ms; {:.3} {:.3}; {:.0} {:.0}; {:.1} {:.1} MiB",
+        time[0], time[1], cost[0], cost[1], height[0], height[1], memory[0], memory[1]
     ))?;
-    let measures = [
-        ("time a frame", [time, last_time], SLOWER),
-        ("cost over a fresh tree", [cost, last_cost], COSTLIER),
-        ("height", [height, last_height], HIGHER),
-        ("memory", memory, MORE_MEMORY),
-    ];
     if done < frames {
         return Ok(Vec::new());
     }
-    let broken = measures.into_iter().filter(|(_, [from, to], most)| *to > from * most);
-    let words = broken.map(|(what, [from, to], most)| {
-        format!("{who}: {what} from {from:.3} to {to:.3}, more than {most} times")
+    let words = (0..names.len()).filter(|&i| last[i] > first[i] * MOST[i]).map(|i| {
+        format!("{who}: {} from {:.3} to {:.3}, more than {} times", names[i], first[i], last[i], MOST[i])
     });
     Ok(words.collect())
 }
