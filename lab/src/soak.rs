@@ -39,10 +39,7 @@ pub struct Args {
     threads: Threads,
 }
 
-/// Most frames at the start that as many at the end are compared with: the whole loops in them,
-/// since the work depends on where in the loop a frame is.
-const FIRST: usize = 500;
-/// What time, cost, height and memory may be at the end at most, times those of these first frames.
+/// What time, cost, height and memory may be at the end at most, times those of the first tenth of the frames.
 const MOST: [f64; 4] = [1.1, 1.1, 1.3, 1.05];
 
 /// Runs the command.
@@ -86,8 +83,7 @@ pub fn run(args: &Args) -> Result<()> {
 /// What is known of some frames.
 #[derive(Default)]
 struct Window {
-    /// The least time in ms at each place in the loop: other work on the machine makes medians of short frames differ by 12 %
-    /// between runs of `cargo xtask soak --scene exploding-dragon --detail 0.05 --strategy auto`.
+    /// In ms.
     times: Vec<f64>,
     costs: Vec<f64>,
     /// The greatest.
@@ -97,12 +93,9 @@ struct Window {
 }
 
 impl Window {
-    /// Means of time and of cost over a fresh tree's, since of what is rebuilt now and then the greatest is a matter of luck.
+    /// Means of time and of cost over a fresh tree's: strategies that rebuild now and then have rare expensive frames.
     fn measures(&self) -> [f64; 4] {
-        let mean = |values: &[f64]| {
-            let seen: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
-            seen.iter().sum::<f64>() / seen.len().max(1) as f64
-        };
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
         [mean(&self.times), mean(&self.costs), f64::from(self.height), self.memory]
     }
 }
@@ -112,9 +105,9 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
     let progress = Progress::new(format!("{label}, {}", strategy.name()), frames as u64);
     let mut bvh = Bvh::clone(&stage.first_tree);
     let mut updater = Updater::default();
-    let window = || Window { times: vec![f64::INFINITY; per_loop], ..Window::default() };
-    let (mut first, mut last, mut done) = (window(), window(), 0);
-    let compared = FIRST - FIRST % per_loop;
+    let (mut first, mut last, mut done) = (Window::default(), Window::default(), 0);
+    // Whole loops, since the work depends on where in the loop a frame is.
+    let compared = frames / 10 - frames / 10 % per_loop;
     for frame in 1..=frames {
         if interrupt::requested() {
             break;
@@ -126,11 +119,10 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
         let time = ms(start);
         let window = if frame <= compared { &mut first } else { &mut last };
         if frame <= compared || frame + compared > frames {
-            let least = &mut window.times[frame % per_loop];
-            *least = least.min(time);
+            window.times.push(time);
             window.height = window.height.max(report.height);
             // By the place in the loop, so that both have the same.
-            if (frame % per_loop).is_multiple_of(5) {
+            if (frame % per_loop).is_multiple_of(20) {
                 let fresh = build(&stage.triangles(), Builder::Sweep)?;
                 window.costs.push(sah_cost(&bvh) / sah_cost(&fresh));
                 window.memory = window.memory.max(resident_mib());
