@@ -40,7 +40,11 @@ pub struct Args {
 }
 
 /// What time, cost, height and memory may be at the end at most, times those of the first tenth of the frames.
-const MOST: [f64; 4] = [1.1, 1.1, 1.3, 1.05];
+///
+/// Two runs of `cargo xtask soak --scene exploding-dragon --detail 0.05 --strategy refit+rotate` had 0.99 and 1.13 times the
+/// time, for other work on the machine. Memory rises until the largest subtree has been rebuilt that ever is: with
+/// `--scene fairy-forest --strategy auto` to 139 MiB, 1.22 times, after 30,000 frames, and 139 after 60,000.
+const MOST: [f64; 4] = [1.25, 1.1, 1.3, 1.25];
 
 /// Runs the command.
 ///
