@@ -119,8 +119,9 @@ impl Values {
                     .to_owned(),
             ),
             (self.turns > 1).then(|| {
-                "each strategy has two equal trees, updated and traced in turns; of either time the shorter counts, but for \
-                 strategies that build in the background or know the animation, whose one tree is traced twice"
+                "each strategy has two equal trees, updated and traced in turns; of either time the shorter counts (where an \
+                 update takes less than 2 ms, of up to six equal trees); but for strategies that build in the background or \
+                 know the animation, whose one tree is traced twice"
                     .to_owned()
             }),
             samples.then(|| {
