@@ -159,6 +159,11 @@ impl Method {
     }
 }
 
+/// Whether a strategy builds in the background, and plays the loops without the others.
+pub(crate) fn plays_alone(name: &str) -> bool {
+    Contestant::all().iter().any(|c| c.name == name && c.method.depends_on_time())
+}
+
 /// A method with what it keeps from frame to frame.
 #[derive(Debug)]
 pub(crate) enum Worker {

@@ -30,6 +30,7 @@ use pivot_benches::embree::Device;
 use scenes::Scene;
 
 use self::accuracy::Point;
+use self::contestants::plays_alone;
 use self::journal::Journal;
 use self::options::Experiment;
 use self::output::Output;
@@ -156,9 +157,11 @@ pub fn run(args: &Args) -> Result<()> {
 /// Gives the entries what an earlier run has measured of them, and returns the points of accuracy of
 /// those that it finished.
 fn take_over(mut saved: Saved, entries: &mut [Entry]) -> Vec<Point> {
-    let all = saved.results.settings.strategies.len();
+    let rows = |names: &mut dyn Iterator<Item = &str>| names.filter(|name| !plays_alone(name)).count();
+    let all = rows(&mut saved.results.settings.strategies.iter().map(String::as_str));
     for entry in &mut *entries {
-        entry.before = saved.scene(&entry.label, entry.supplement.map_or(all, <[_]>::len));
+        entry.before =
+            saved.scene(&entry.label, entry.supplement.map_or(all, |names| rows(&mut names.iter().copied())));
     }
     let is_kept = |point: &Point| entries.iter().any(|e| e.before.facts.finished && e.label == point.scene);
     saved.results.accuracy.into_iter().filter(is_kept).collect()

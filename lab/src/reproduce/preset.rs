@@ -120,8 +120,8 @@ impl Values {
             ),
             (self.turns > 1).then(|| {
                 "each strategy has two equal trees, updated and traced in turns; of either time the shorter counts (where an \
-                 update takes less than 2 ms, of up to six equal trees); but for strategies that build in the background or \
-                 know the animation, whose one tree is traced twice"
+                 update takes less than 2 ms, of up to six equal trees); strategies that know the animation have one tree, \
+                 which is traced twice, and those that build in the background play the loops by themselves, once"
                     .to_owned()
             }),
             samples.then(|| {

@@ -6,13 +6,16 @@
 //! frame, a different one first each time, so that whatever else the machine does hits all of them
 //! alike. Then all have a second turn, each with a twin: another tree that has taken the same course.
 //! The shortest update and the shorter picture count, since other work on the machine seldom disturbs
-//! both turns; where updates are short, several twins make them. Before the first frame each runs once on a copy that is thrown away. Checks, costs
+//! both turns; where updates are short, several twins make them. What builds in the background would slow
+//! the others, and have their time besides its own: each such strategy plays the loops by itself. Before the first frame each runs once on a copy that is thrown away. Checks, costs
 //! and pictures are made outside of what is timed.
 //!
 //! Frames that an earlier run has measured, and those between frames to measure, are only played:
 //! strategies whose trees depend on the frames before update them, and nothing is rendered or
 //! timed.
 
+use std::collections::HashMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::time::Instant;
 
 use anyhow::{Context, Result};
@@ -53,6 +56,25 @@ impl Plan {
         2 * u64::from(self.values.size).pow(2)
     }
 
+    /// The strategies that take turns, then each that builds in the background.
+    fn loops(&self) -> Vec<Self> {
+        let contestants = self.contestants.iter().copied();
+        let (alone, together): (Vec<_>, Vec<_>) = contestants.partition(|c| c.method.depends_on_time());
+        let groups = std::iter::once(together).chain(alone.into_iter().map(|c| vec![c]));
+        let mut plans: Vec<Self> = groups
+            .filter(|contestants| !contestants.is_empty())
+            .map(|contestants| Self { contestants, ..self.clone() })
+            .collect();
+        for (i, plan) in plans.iter_mut().enumerate() {
+            // The first loop is shown.
+            plan.values.pictures = if i == 0 { plan.values.pictures } else { 0 };
+            // A second picture would let builds catch up, and the shorter time would be that without a build beside it.
+            let builds = plan.contestants[0].method.depends_on_time();
+            plan.values.turns = if builds { 1 } else { plan.values.turns };
+        }
+        plans
+    }
+
     fn is_measured(&self, frame: usize) -> bool {
         frame.is_multiple_of(self.measure_every)
     }
@@ -70,8 +92,8 @@ struct Lane {
     method: Method,
     tree: Bvh,
     worker: Worker,
-    /// Trees of the second turn, of which the first is traced. None where trees depend on time, or take long to
-    /// prepare: then the tree itself is traced once more.
+    /// Trees of the second turn, of which the first is traced. None where trees take long to prepare: then the tree itself
+    /// is traced once more.
     twins: Vec<(Bvh, Worker)>,
     /// Whether the tree fits the present frame.
     is_current: bool,
@@ -94,6 +116,9 @@ pub(crate) struct Log<'a> {
     pub(crate) journal: &'a mut Journal<Row>,
 }
 
+/// What the first strategy has shown of a frame: its name, its counts, and a hash of its picture.
+type Shown = (&'static str, RenderStats, u64);
+
 /// Measures all frames of a scene; rows go to the log frame by frame. `picture` sees the stage,
 /// posed, with the trees of all strategies, on each frame that is to have its picture taken. Ends
 /// early when interrupted.
@@ -101,49 +126,20 @@ pub(crate) fn measure(
     label: &str,
     stage: &mut Stage,
     plan: &Plan,
-    Log { done, journal }: Log<'_>,
+    Log { mut done, journal }: Log<'_>,
     mut picture: impl FnMut(&mut Stage, &[Named<'_>], usize) -> Result<()>,
 ) -> Result<(Vec<Row>, Checks)> {
-    let (steps, frames) = (plan.steps(), plan.values.frames);
-    let progress = Progress::new(format!("{label}, {frames} frames a loop"), steps as u64);
-    let replayed = done.last().map_or(0, |row| row.round * frames + row.frame + 1);
-    let mut run = Run::new(label, stage, plan)?;
-    let mut all_rows = done;
-    for step in (0..steps).take_while(|_| !interrupt::requested()) {
-        let (round, frame) = (step / frames, step % frames);
-        let time_s = stage.time_of(frame, frames);
-        let start = Instant::now();
-        let posed = stage.pose(time_s);
-        let (scene, threads, animate_ms) = (label.to_owned(), plan.threads, rounded(ms(start)));
-        let common = Row {
-            scene,
-            threads,
-            round,
-            frame,
-            animate_ms,
-            frames_per_loop: frames,
-            time_s,
-            ..Row::default()
-        };
-        if step < replayed || !plan.is_measured(frame) {
-            run.replay(stage, &common, &all_rows)?;
-        } else {
-            run.take_turns(stage, step / plan.measure_every, &common.posed(&posed))?;
-        }
-        if round == 0 && plan.is_one_of(frame, plan.values.check_frames) {
-            run.check(stage, frame);
-        }
-        let rows = run.rows();
-        journal.append(&rows)?;
-        all_rows.extend(rows);
-        if round == 0 && plan.is_one_of(frame, plan.values.pictures) {
-            let current = run.lanes.iter().filter(|lane| lane.is_current);
-            let trees: Vec<_> = current.map(|lane| (lane.name, &lane.tree)).collect();
-            picture(stage, &trees, frame)?;
-        }
-        progress.at(step as u64 + 1);
+    let (mut rows, mut checks, mut shown) = (Vec::new(), Checks::default(), HashMap::new());
+    for plan in plan.loops() {
+        let is_of = |row: &mut Row| plan.contestants.iter().any(|c| c.name == row.strategy);
+        let done = done.extract_if(.., is_of).collect();
+        let log = Log { done, journal: &mut *journal };
+        let run = Run::new(label, stage, &plan, &mut shown)?;
+        let (more, checked) = run.measure(stage, log, &mut picture)?;
+        rows.extend(more);
+        checks.add(&checked);
     }
-    Ok((all_rows, run.checks))
+    Ok((rows, checks))
 }
 
 /// All strategies of a scene at work.
@@ -152,34 +148,91 @@ struct Run<'a> {
     plan: &'a Plan,
     lanes: Vec<Lane>,
     options: RenderOptions,
-    /// The first strategy's picture, and that of another to compare with.
-    images: [Image; 2],
+    image: Image,
+    /// By loop and frame.
+    shown: &'a mut HashMap<(usize, usize), Shown>,
     checks: Checks,
 }
 
 impl<'a> Run<'a> {
     /// Makes the lanes, and runs each once on a copy of its tree.
-    fn new(label: &'a str, stage: &mut Stage, plan: &'a Plan) -> Result<Self> {
+    fn new(
+        label: &'a str,
+        stage: &mut Stage,
+        plan: &'a Plan,
+        shown: &'a mut HashMap<(usize, usize), Shown>,
+    ) -> Result<Self> {
         let Values { size, traversal, .. } = plan.values;
         let options = RenderOptions { smooth: false, timed: true, traversal, ..stage.render_options() };
         let mut lanes = lanes(stage, plan)?;
-        let mut images = [(); 2].map(|()| Image::new(size, size));
+        let mut image = Image::new(size, size);
         stage.pose(0.0);
         // A method that knows the animation refits like the others, and would be prepared again.
         for lane in lanes.iter_mut().filter(|lane| !lane.method.knows_animation()) {
             let mut warm = Lane::new(lane.name, lane.method, stage, &[])?;
-            let (row, _) = warm.run(stage, &Row::default(), &options, &mut images[0])?;
-            if plan.values.turns > 1 && !lane.method.depends_on_time() {
+            let (row, _) = warm.run(stage, &Row::default(), &options, &mut image)?;
+            if plan.values.turns > 1 {
                 let twins = (SHORT_MS / row.update_ms).ceil().clamp(1.0, MOST_TWINS) as usize;
                 lane.twins =
                     (0..twins).map(|_| start(lane.name, lane.method, stage, &[])).collect::<Result<_>>()?;
             }
         }
-        Ok(Self { label, plan, lanes, options, images, checks: Checks::default() })
+        Ok(Self { label, plan, lanes, options, image, shown, checks: Checks::default() })
+    }
+
+    /// Plays all frames.
+    fn measure(
+        mut self,
+        stage: &mut Stage,
+        Log { done, journal }: Log<'_>,
+        picture: &mut impl FnMut(&mut Stage, &[Named<'_>], usize) -> Result<()>,
+    ) -> Result<(Vec<Row>, Checks)> {
+        let (label, plan) = (self.label, self.plan);
+        let (steps, frames) = (plan.steps(), plan.values.frames);
+        let alone = self.lanes.first().filter(|lane| lane.method.depends_on_time());
+        let who = alone.map_or(String::new(), |lane| format!(", {}", lane.name));
+        let progress = Progress::new(format!("{label}{who}, {frames} frames a loop"), steps as u64);
+        let replayed = done.last().map_or(0, |row| row.round * frames + row.frame + 1);
+        let mut all_rows = done;
+        for step in (0..steps).take_while(|_| !interrupt::requested()) {
+            let (round, frame) = (step / frames, step % frames);
+            let time_s = stage.time_of(frame, frames);
+            let start = Instant::now();
+            let posed = stage.pose(time_s);
+            let (scene, threads, animate_ms) = (label.to_owned(), plan.threads, rounded(ms(start)));
+            let common = Row {
+                scene,
+                threads,
+                round,
+                frame,
+                animate_ms,
+                frames_per_loop: frames,
+                time_s,
+                ..Row::default()
+            };
+            if step < replayed || !plan.is_measured(frame) {
+                self.replay(stage, &common, &all_rows)?;
+            } else {
+                self.take_turns(stage, step / plan.measure_every, &common.posed(&posed))?;
+            }
+            if round == 0 && plan.is_one_of(frame, plan.values.check_frames) {
+                self.check(stage, frame);
+            }
+            let rows = self.rows();
+            journal.append(&rows)?;
+            all_rows.extend(rows);
+            if round == 0 && plan.is_one_of(frame, plan.values.pictures) {
+                let current = self.lanes.iter().filter(|lane| lane.is_current);
+                let trees: Vec<_> = current.map(|lane| (lane.name, &lane.tree)).collect();
+                picture(stage, &trees, frame)?;
+            }
+            progress.at(step as u64 + 1);
+        }
+        Ok((all_rows, self.checks))
     }
 
     /// Plays a frame that is not measured: updates trees that depend on the past, and those that are
-    /// shown.
+    /// shown. A strategy that builds in the background renders, too, so that as much time goes by.
     fn replay(&mut self, stage: &Stage, &Row { round, frame, .. }: &Row, rows: &[Row]) -> Result<()> {
         let is_shown = round == 0 && self.plan.is_one_of(frame, self.plan.values.pictures);
         for lane in &mut self.lanes {
@@ -188,32 +241,37 @@ impl<'a> Run<'a> {
                 lane.update(stage)?;
                 lane.recall(rows, round, frame);
             }
+            if lane.method.depends_on_time() {
+                trace(&lane.tree, stage, &self.options, &mut self.image);
+            }
         }
         Ok(())
     }
 
     /// Measures a frame with all strategies, and compares their pictures with that of the first.
     fn take_turns(&mut self, stage: &Stage, turn: usize, common: &Row) -> Result<()> {
-        let (count, mut reference) = (self.lanes.len(), None);
-        for i in (0..count).map(|i| (i + turn) % count) {
-            let (lane, [first, other]) = (&mut self.lanes[i], &mut self.images);
-            let image = if reference.is_none() { &mut *first } else { &mut *other };
-            let (row, stats) = lane.run(stage, common, &self.options, image)?;
+        let Row { round, frame, .. } = *common;
+        let order = |count: usize| (0..count).map(move |i| (i + turn) % count);
+        for i in order(self.lanes.len()) {
+            let lane = &mut self.lanes[i];
+            let (row, stats) = lane.run(stage, common, &self.options, &mut self.image)?;
             (lane.last, lane.is_current) = (Some(row), true);
-            let Some((name, expected)) = reference else {
-                reference = Some((lane.name, stats));
-                continue;
-            };
-            let Row { round, frame, .. } = common;
-            let place = format!("{}, loop {round}, frame {frame}, {name} and {}", self.label, lane.name);
-            self.checks.same_hits(&place, &expected, &stats);
-            self.checks.same_picture(&place, first, other);
+            let now = (lane.name, stats, hash(&self.image));
+            let (name, expected, picture) = self.shown.entry((round, frame)).or_insert(now);
+            if *name != lane.name {
+                let place = format!("{}, loop {round}, frame {frame}, {name} and {}", self.label, lane.name);
+                self.checks.same_hits(&place, expected, &stats);
+                self.checks.same_picture(&place, self.image.pixels().len(), *picture == now.2);
+            }
         }
-        if self.plan.values.turns > 1 {
-            for i in (0..count).map(|i| (i + turn) % count) {
-                let same = self.lanes[i].run_again(stage, &self.options, &mut self.images[1])?;
-                let Row { round, frame, .. } = common;
-                let place = format!("{}, loop {round}, frame {frame}, {}", self.label, self.lanes[i].name);
+        // All second turns, then the third ones of short updates, and so on.
+        let twins = self.lanes.iter().map(|lane| lane.twins.len()).max().unwrap_or(0);
+        let again = if self.plan.values.turns > 1 { twins.max(1) } else { 0 };
+        for twin in 0..again {
+            for i in order(self.lanes.len()) {
+                let lane = &mut self.lanes[i];
+                let same = lane.run_again(twin, stage, &self.options, &mut self.image)?;
+                let place = format!("{}, loop {round}, frame {frame}, {}", self.label, lane.name);
                 self.checks.same_twin(&place, same);
             }
         }
@@ -318,24 +376,40 @@ impl Lane {
         Ok((row.traced(&stats, trace_ms), stats))
     }
 
-    /// Updates the twins and renders the measured frame once more; the shortest times count. Gives whether
-    /// all twins have the same cost.
-    fn run_again(&mut self, stage: &Stage, options: &RenderOptions, image: &mut Image) -> Result<bool> {
+    /// Updates a twin, and renders the first or the tree itself once more; the shorter times count. Gives whether the
+    /// twin has the same cost.
+    fn run_again(
+        &mut self,
+        twin: usize,
+        stage: &Stage,
+        options: &RenderOptions,
+        image: &mut Image,
+    ) -> Result<bool> {
         let Some(mut row) = self.last.take() else { return Ok(true) };
-        let mut same = true;
-        for (tree, worker) in &mut self.twins {
+        let (mut same, mut again) = (true, &self.tree);
+        if let Some((tree, worker)) = self.twins.get_mut(twin) {
             let (update_ms, update) = timed(self.name, tree, worker, stage)?;
-            same &= update.sah_cost.unwrap_or_else(|| sah_cost(tree)) == row.sah_cost;
+            worker.report(Load::PacketNodes(row.nodes_opened));
+            same = update.sah_cost.unwrap_or_else(|| sah_cost(tree)) == row.sah_cost;
             row.update_ms = row.update_ms.min(update_ms);
+            again = tree;
         }
-        let tree = self.twins.first().map_or(&self.tree, |(tree, _)| tree);
-        let (trace_ms, stats) = trace(tree, stage, options, image);
-        for (_, worker) in &mut self.twins {
-            worker.report(Load::PacketNodes(stats.nodes_visited));
+        if twin == 0 {
+            let (trace_ms, stats) = trace(again, stage, options, image);
+            if trace_ms < row.trace_ms {
+                row = row.traced(&stats, trace_ms);
+            }
         }
-        self.last = Some(if trace_ms < row.trace_ms { row.traced(&stats, trace_ms) } else { row });
+        self.last = Some(row);
         Ok(same)
     }
+}
+
+/// Of all bits of a picture.
+fn hash(image: &Image) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    image.pixels().iter().flatten().for_each(|value| value.to_bits().hash(&mut hasher));
+    hasher.finish()
 }
 
 /// A copy of the first tree, and what updates it by a method.

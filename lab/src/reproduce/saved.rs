@@ -7,6 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 
+use super::contestants::plays_alone;
 use super::journal;
 use super::record::Row;
 use super::results::{Results, SceneRun, Settings};
@@ -79,7 +80,7 @@ fn take(rows: &mut [Vec<Row>; 2], label: &str) -> [Vec<Row>; 2] {
 
 impl Saved {
     /// What was measured on a scene: all, or else rows without those of an incomplete last step. A
-    /// step has `strategies` rows, of figure 5 those of [`speed_strategies`].
+    /// step of the strategies that take turns has `strategies` rows, of figure 5 those of [`speed_strategies`].
     pub(super) fn scene(&mut self, label: &str, strategies: usize) -> SceneRun {
         let at = self.results.scenes.iter().position(|run| run.facts.label == label);
         let run = at.map(|at| self.results.scenes.remove(at)).unwrap_or_else(|| {
@@ -120,7 +121,7 @@ impl Saved {
 
 fn whole_steps(mut rows: Vec<Row>, rows_a_step: usize) -> Vec<Row> {
     let step = |row: &Row| (row.frames_per_loop, row.round, row.frame);
-    if let Some(last) = rows.last().map(step)
+    if let Some(last) = rows.last().filter(|row| !plays_alone(&row.strategy)).map(step)
         && rows.iter().filter(|row| step(row) == last).count() < rows_a_step
     {
         rows.retain(|row| step(row) != last);
