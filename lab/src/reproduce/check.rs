@@ -114,3 +114,24 @@ pub(crate) fn sample(
         .map(|ray| (ray, closest_hit_brute(triangles, &ray, f32::INFINITY, TriangleTest::default())))
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whatever_differs_is_counted_and_the_first_is_named() {
+        let (mut checks, stats) = (Checks::default(), RenderStats { hits: 3, ..RenderStats::default() });
+        checks.same_hits("equal", &stats, &stats);
+        checks.same_picture("equal", 16, true);
+        checks.same_twin("equal", true);
+        assert_eq!((checks.differences, checks.pictures, checks.pixels), (0, 1, 16));
+        checks.same_twin("twin", false);
+        checks.same_picture("picture", 16, false);
+        checks.same_hits("hits", &stats, &RenderStats { hits: 4, ..stats });
+        let mut all = Checks::default();
+        all.add(&checks);
+        assert_eq!((all.differences, all.pictures, all.pixels), (3, 2, 32));
+        assert!(all.first_difference.unwrap().starts_with("twin: "));
+    }
+}
