@@ -46,6 +46,7 @@
 mod aabb;
 mod bvh;
 mod cost;
+mod dynamic;
 mod hit;
 mod node;
 #[doc(hidden)]

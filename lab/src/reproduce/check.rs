@@ -63,7 +63,7 @@ impl Checks {
         }
     }
 
-    /// Pictures of two strategies, of so many pixels.
+    /// Compares pictures of two strategies. `same` says whether all bits of their `pixels` pixels are equal.
     pub(crate) fn same_picture(&mut self, place: &str, pixels: usize, same: bool) {
         self.pictures += 1;
         self.pixels += pixels as u64;

@@ -157,11 +157,12 @@ pub fn run(args: &Args) -> Result<()> {
 /// Gives the entries what an earlier run has measured of them, and returns the points of accuracy of
 /// those that it finished.
 fn take_over(mut saved: Saved, entries: &mut [Entry]) -> Vec<Point> {
-    let rows = |names: &mut dyn Iterator<Item = &str>| names.filter(|name| !plays_alone(name)).count();
-    let all = rows(&mut saved.results.settings.strategies.iter().map(String::as_str));
+    fn in_turns(names: &[impl AsRef<str>]) -> usize {
+        names.iter().filter(|name| !plays_alone(name.as_ref())).count()
+    }
+    let all = in_turns(&saved.results.settings.strategies);
     for entry in &mut *entries {
-        entry.before =
-            saved.scene(&entry.label, entry.supplement.map_or(all, |names| rows(&mut names.iter().copied())));
+        entry.before = saved.scene(&entry.label, entry.supplement.map_or(all, in_turns));
     }
     let is_kept = |point: &Point| entries.iter().any(|e| e.before.facts.finished && e.label == point.scene);
     saved.results.accuracy.into_iter().filter(is_kept).collect()

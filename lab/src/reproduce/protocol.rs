@@ -56,23 +56,21 @@ impl Plan {
         2 * u64::from(self.values.size).pow(2)
     }
 
-    /// The strategies that take turns, then each that builds in the background.
+    /// The strategies that take turns, then each that builds in the background. The first loop is shown.
     fn loops(&self) -> Vec<Self> {
         let contestants = self.contestants.iter().copied();
         let (alone, together): (Vec<_>, Vec<_>) = contestants.partition(|c| c.method.depends_on_time());
-        let groups = std::iter::once(together).chain(alone.into_iter().map(|c| vec![c]));
-        let mut plans: Vec<Self> = groups
-            .filter(|contestants| !contestants.is_empty())
-            .map(|contestants| Self { contestants, ..self.clone() })
-            .collect();
-        for (i, plan) in plans.iter_mut().enumerate() {
-            // The first loop is shown.
-            plan.values.pictures = if i == 0 { plan.values.pictures } else { 0 };
-            // A second picture would let builds catch up, and the shorter time would be that without a build beside it.
-            let builds = plan.contestants[0].method.depends_on_time();
-            plan.values.turns = if builds { 1 } else { plan.values.turns };
+        let mut loops = Vec::new();
+        if !together.is_empty() {
+            loops.push(Self { contestants: together, ..self.clone() });
         }
-        plans
+        for contestant in alone {
+            let pictures = if loops.is_empty() { self.values.pictures } else { 0 };
+            // In a second turn the build may have ended, and the shorter time would be that without it.
+            let values = Values { pictures, turns: 1, ..self.values };
+            loops.push(Self { contestants: vec![contestant], values, ..self.clone() });
+        }
+        loops
     }
 
     fn is_measured(&self, frame: usize) -> bool {

@@ -140,5 +140,9 @@ mod tests {
         assert_eq!(whole_steps(rows.clone(), 2), rows);
         assert_eq!(whole_steps(rows.clone(), 3), rows[..2]);
         assert_eq!(whole_steps(Vec::new(), 3), []);
+        // What plays alone has one row a step, after all of those that take turns.
+        let strategy = "asynchronous".to_owned();
+        let rows = [rows[..2].to_vec(), vec![Row { strategy, ..row(20, 0, 1) }]].concat();
+        assert_eq!(whole_steps(rows.clone(), 3), rows);
     }
 }
