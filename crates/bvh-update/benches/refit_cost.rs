@@ -1,11 +1,11 @@
 //! What a refit with and without rotations costs, stage by stage, and how its blocks would be scheduled on many workers.
 //!
 //! ```text
-//! cargo bench -p bvh-update --bench refit_cost -- [sheet|pieces|sixteenth|uneven|large ...]
+//! cargo bench -p bvh-update --bench refit_cost -- [sheet|pieces|sixteenth|uneven|large ...] [--threads=N]
 //! RUSTFLAGS='--cfg refit_without="validity"' cargo bench ...      with one guard left out: validity, heights, moving
 //! ```
 //!
-//! Times are of one thread: the median and the least frame, and the stages of the least frame. The schedule is greedy: a worker without work
+//! Times are of one thread, or as many as told: the median and the least frame, and the stages of the least frame. The schedule is greedy: a worker without work
 //! takes the block that has waited longest, after 500 ns. So it is what a work-stealing pool comes close to, were memory
 //! as fast for many cores as for one.
 
@@ -181,7 +181,10 @@ fn measure(scene: &Scene, strategy: &Strategy, level: SimdLevel, with_sums: bool
 }
 
 fn main() {
-    let wanted: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
+    let (flags, wanted): (Vec<String>, Vec<String>) =
+        std::env::args().skip(1).partition(|a| a.starts_with("--"));
+    let threads = flags.iter().find_map(|f| f.strip_prefix("--threads="));
+    let threads = threads.map_or(1, |n| n.parse().expect("a number of threads"));
     let without: Vec<_> = [
         (cfg!(refit_without = "validity"), "validity"),
         (cfg!(refit_without = "heights"), "heights"),
@@ -190,12 +193,12 @@ fn main() {
     .into_iter()
     .filter_map(|(is_out, name)| is_out.then_some(name))
     .collect();
-    println!("ns per moving triangle, one thread; without: {without:?}");
+    println!("ns per moving triangle, threads: {threads}; without: {without:?}");
     println!(
         "{:55} {:>7} {:>7} {:>7} {:>7} {:>7} {:>9} {:>7} efficiency on 8, 16, 64 workers",
         "", "median", "least", "list", "leaves", "boxes", "rotations", "blocks"
     );
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     let rotate = Strategy::RefitRotate(Rotate::default());
     for scene in SCENES
         .iter()
