@@ -5,9 +5,9 @@
 //! RUSTFLAGS='--cfg refit_without="validity"' cargo bench ...      with one guard left out: validity, heights, moving
 //! ```
 //!
-//! Times are of one thread, or as many as told: the median and the least frame, and the stages of the least frame. The schedule is greedy: a worker without work
-//! takes the block that has waited longest, after 500 ns. So it is what a work-stealing pool comes close to, were memory
-//! as fast for many cores as for one.
+//! The bench updates on one thread, or on N with `--threads=N`. It prints the median and the least frame, and the stages of
+//! the least frame that it recorded, as sums over all threads. The schedule is greedy: a worker without work takes the block
+//! that has waited longest, after 500 ns. A work-stealing pool comes close to it if memory is as fast for many cores as for one.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};

@@ -191,13 +191,8 @@ fn corrupted_files_do_not_panic() {
     for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
         files.push(("x.ply", square_ply(format, "float", "int")));
     }
-    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
-    let mut random = |below: usize| {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state % below as u64) as usize
-    };
+    let mut rng = fastrand::Rng::with_seed(2);
+    let mut random = |below: usize| rng.usize(..below);
     let mut loaded = 0;
     for round in 0..10_000 {
         for (name, bytes) in &files {

@@ -1,4 +1,4 @@
-//! Trees made of nodes, refused where they are none.
+//! Tests of making a tree from nodes: heights, memory, order, and the reason why malformed nodes are refused.
 
 use super::*;
 use crate::{Aabb, Vec3};

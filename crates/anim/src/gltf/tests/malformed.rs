@@ -168,13 +168,8 @@ fn corrupted_files_do_not_panic() {
         "animations":[{"channels":[{"sampler":0,"target":{"node":1,"path":"translation"}},{"sampler":1,"target":{"node":2,
         "path":"weights"}}],"samplers":[{"input":3,"output":4},{"input":3,"output":6}]}]"#,
     );
-    let mut state = 0x2545_f491_4f6c_dd1d_u64;
-    let mut random = |below: usize| {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state % below as u64) as usize
-    };
+    let mut rng = fastrand::Rng::with_seed(1);
+    let mut random = |below: usize| rng.usize(..below);
     let mut loaded = 0;
     for round in 0..20_000 {
         let mut bytes = json.clone().into_bytes();
