@@ -21,8 +21,8 @@ const _: () = assert!(size_of::<Pair>() == 64 && align_of::<Pair>() == 64);
 /// A bounding volume hierarchy over primitives that are known by number.
 ///
 /// Node 0 is the root and node 1 is unused. Every other pair `2k, 2k + 1` holds the children of one
-/// inner node, or is unused. A leaf covers a run of *slots*; slot `s` holds primitive `order()[s]`.
-/// A tree without primitives is a root with an empty leaf.
+/// inner node, or is unused: two leaves without primitives or area. A leaf covers a run of *slots*;
+/// slot `s` holds primitive `order()[s]`. A tree without primitives is a root with an empty leaf.
 ///
 /// A tree is plain data: its clone behaves as the original would. Its structure is valid at all
 /// times: every pair has one parent, every slot is in one leaf, every primitive in one slot, and

@@ -15,7 +15,7 @@
 use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
-use crate::quality::{cost_after, cost_of, finite_or_zero, take_baseline};
+use crate::quality::{cost_after, finite_or_zero, take_baseline};
 use crate::rebuild::build_again;
 use crate::refit::{Rotate, Tally, parts, pass};
 use crate::repair::{Repaired, open_grown};
@@ -152,7 +152,10 @@ fn rebuild<P: Primitives + ?Sized>(
     let is_same_number = primitives.len() == bvh.len();
     let is_soon = after_pass.map_or(is_same_number, |(_, seen)| pays_every_frame(&before, seen));
     let update = build_again(bvh, primitives, builder, &mut workspace.rebuild)?;
-    let is_better = cost_before.map(|before| cost_of(bvh) < before);
+    let is_better = cost_before.map(|before| {
+        take_baseline(bvh);
+        State::of(bvh).baseline.measured_cost() < before
+    });
     State::of_mut(parts(bvh).state).ledger = Ledger::rebuilt(&before, builder, is_better, is_soon);
     Ok(update)
 }

@@ -26,6 +26,7 @@
 //! it updates and rays take 31 % more counted work in bart-museum and 8 % more on exploding-dragon (`docs/ABLATION.md`).
 
 use bvh_core::{Bvh, Node};
+use rayon::prelude::*;
 
 use crate::refit::{Tally, parts};
 use crate::state::{Baseline, State};
@@ -50,6 +51,27 @@ impl TreeCost {
     }
 }
 
+/// Nodes whose terms are added up together, so that sums do not depend on the number of threads. Half and double take as long.
+const BLOCK: usize = 4096;
+
+/// Adds up terms of all nodes, those that are not in use among them: these have neither area nor primitives.
+pub(crate) fn sum<const N: usize>(nodes: &[Node], term: impl Fn(&Node) -> [f64; N] + Sync) -> [f64; N] {
+    let and = |sums: [f64; N], terms: [f64; N]| std::array::from_fn(|i| sums[i] + terms[i]);
+    let of_block = |block: &[Node]| block.iter().map(&term).fold([0.0; N], and);
+    let blocks: Vec<_> = nodes.par_chunks(BLOCK).map(of_block).collect();
+    blocks.into_iter().fold([0.0; N], and)
+}
+
+/// A node's part in what a baseline needs: the cost, that of dynamic and of static leaves, the width of leaves, and their number.
+fn terms(node: &Node) -> [f64; 5] {
+    let term = node.sah_term();
+    match (node.count() > 0, node.is_dynamic()) {
+        (true, true) => [term, term, 0.0, term.sqrt(), 1.0],
+        (true, false) => [term, 0.0, term, term.sqrt(), 1.0],
+        (false, _) => [term, 0.0, 0.0, 0.0, 0.0],
+    }
+}
+
 /// Measures a tree that has no baseline: every inner node keeps its half area, in units of the scale, as its reference. O(n)
 /// where there is no baseline, or other primitives are dynamic than before.
 pub(crate) fn take_baseline(bvh: &mut Bvh) {
@@ -57,21 +79,7 @@ pub(crate) fn take_baseline(bvh: &mut Bvh) {
     if cost != 0.0 && has_other_dynamic == 0 {
         return;
     }
-    let (mut all, mut dynamic_leaves, mut static_leaves) = (0.0, 0.0, 0.0);
-    let (mut widths, mut leaves) = (0.0, 0.0);
-    bvh.visit(|_, node, _| {
-        let term = node.sah_term();
-        all += term;
-        if node.is_leaf() {
-            widths += term.sqrt();
-            leaves += 1.0;
-        }
-        match (node.is_leaf(), node.is_dynamic()) {
-            (true, true) => dynamic_leaves += term,
-            (true, false) => static_leaves += term,
-            (false, _) => {}
-        }
-    });
+    let [all, dynamic_leaves, static_leaves, widths, leaves] = sum(bvh.nodes(), terms);
     let root = bvh.root().aabb().half_area_f64();
     let parts = parts(bvh);
     let baseline = &mut State::of_mut(parts.state).baseline;
@@ -81,9 +89,9 @@ pub(crate) fn take_baseline(bvh: &mut Bvh) {
         return;
     }
     let per_scale = 1.0 / common_growth(sizes, [1.0; 2]);
-    for node in parts.nodes.iter_mut() {
+    parts.nodes.par_chunks_mut(BLOCK).flatten_iter().for_each(|node| {
         node.set_reference((f64::from(node.aabb().half_area()) * per_scale) as f32);
-    }
+    });
     *baseline = Baseline {
         cost: all * per_scale,
         measured: all * per_scale,
@@ -116,6 +124,11 @@ impl Baseline {
         self.cost * scale * self.leaf_uniformity.sqrt()
     }
 
+    /// What the tree cost when it was measured.
+    pub(crate) fn measured_cost(&self) -> f64 {
+        self.measured * self.scale
+    }
+
     /// How far a cost is above that of a tree as good as the baseline, in units; 0 where that is no number.
     pub(crate) fn excess(&self, cost: f64, scale: f64) -> f64 {
         let unit = self.unit(scale);
@@ -133,13 +146,6 @@ fn leaf_uniformity(widths: f64, leaves: f64, areas: f64) -> f64 {
 /// The cost of a tree after a pass.
 pub(crate) fn cost_after(bvh: &Bvh, tally: &Tally) -> f64 {
     tally.area + bvh.static_area()
-}
-
-/// The cost of a tree. O(n).
-pub(crate) fn cost_of(bvh: &Bvh) -> f64 {
-    let mut cost = TreeCost::default();
-    bvh.visit(|_, node, _| cost.add(node));
-    cost.all
 }
 
 /// Half area of all dynamic leaves, as it was at first, times the growth that leaves and root have in common: that of
@@ -160,7 +166,44 @@ pub(crate) fn or_one(area: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use bvh_build::{Builder, build};
+    use bvh_core::{Aabb, Vec3};
+
     use super::*;
+    use crate::{Strategy, Updater};
+
+    /// Leaves are merged and divided, and leave pairs that are not in use.
+    #[test]
+    fn sums_are_of_the_nodes_in_the_tree_and_the_same_for_any_number_of_threads() {
+        let at = |i: usize, k: usize| (i.wrapping_mul(k) % 997) as f32;
+        let pose = |frame: usize| -> Vec<Aabb> {
+            let corner =
+                |i: usize| Vec3::new(at(i / 4, 7919), at(i / 4, 31), at(i, frame) * (frame % 2) as f32);
+            (0..10_000).map(corner).map(|corner| Aabb::new(corner, corner + 9.0)).collect()
+        };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+        let mut unused = 0;
+        for strategy in Strategy::all() {
+            let mut bvh = build(&pose(0), Builder::Lbvh).expect("few enough");
+            bvh.set_dynamic(|p| p % 5 != 0);
+            let mut updater = Updater::new(strategy);
+            for frame in 1..8 {
+                updater.update(&mut bvh, &pose(frame)).expect("same count");
+            }
+            let (mut expected, mut in_use) = ([0.0; 5], 1);
+            bvh.visit(|_, node, _| {
+                expected.iter_mut().zip(terms(node)).for_each(|(sum, term)| *sum += term);
+                in_use += 1;
+            });
+            unused += bvh.nodes().len() - in_use;
+            let [sums, on_one] = [sum(bvh.nodes(), terms), pool.install(|| sum(bvh.nodes(), terms))];
+            for (sum, expected) in sums.into_iter().zip(expected) {
+                assert!((sum - expected).abs() <= 1e-12 * expected, "{}: {sum} {expected}", strategy.name());
+            }
+            assert_eq!(sums.map(f64::to_bits), on_one.map(f64::to_bits));
+        }
+        assert!(unused > 1000, "{unused} nodes are not in use");
+    }
 
     #[test]
     fn the_scale_follows_what_leaves_and_root_have_in_common() {

@@ -8,6 +8,7 @@ use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
 use super::{RebuildScratch, build_again};
+use crate::quality::sum;
 use crate::refit::{RefitScratch, Rotate, parts, pass};
 use crate::report::{Update, UpdateError};
 use crate::state::State;
@@ -51,15 +52,12 @@ pub(crate) fn update<P: Primitives + ?Sized>(
 }
 
 /// Mean over the inner nodes of A(N) / (A(L) + A(R)); 0 for a tree without. A node whose children have no area counts
-/// as 1. O(n), in memory order.
+/// as 1. O(n).
 pub(crate) fn mean_ratio(bvh: &Bvh) -> f64 {
-    let (mut sum, mut count) = (0.0, 0u64);
-    for node in bvh.nodes() {
-        if let Some([l, r]) = bvh.children(node) {
-            let below = l.aabb().half_area_f64() + r.aabb().half_area_f64();
-            sum += if below > 0.0 { node.aabb().half_area_f64() / below } else { 1.0 };
-            count += 1;
-        }
-    }
-    if count > 0 { sum / count as f64 } else { 0.0 }
+    let [ratios, count] = sum(bvh.nodes(), |node| {
+        let Some([l, r]) = bvh.children(node) else { return [0.0; 2] };
+        let below = l.aabb().half_area_f64() + r.aabb().half_area_f64();
+        [if below > 0.0 { node.aabb().half_area_f64() / below } else { 1.0 }, 1.0]
+    });
+    if count > 0.0 { ratios / count } else { 0.0 }
 }
