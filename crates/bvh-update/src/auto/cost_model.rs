@@ -24,6 +24,8 @@ const NODE: f64 = 15.0;
 pub(super) const FRONTIER_NODE: f64 = 9.0;
 /// Building a new top, for each subtree below it.
 pub(super) const TOP_SUBTREE: f64 = 400.0;
+/// Subtrees that a first repair is expected to keep, for each node.
+const FIRST_KEPT: f64 = 0.03;
 /// Building a good tree, and a fast one, for each primitive.
 pub(super) const GOOD_BUILD: f64 = 85.0;
 pub(super) const FAST_BUILD: f64 = 32.0;
@@ -117,9 +119,10 @@ pub(super) fn rebuild(builder: Builder, primitives: f64) -> f64 {
     primitives * if builder == Builder::Lbvh { FAST_BUILD } else { GOOD_BUILD }
 }
 
-/// What a repair costs, given the dynamic nodes of the tree and the subtrees kept.
+/// What a repair costs, given the dynamic nodes of the tree and the subtrees that the last one kept, if there was one.
 pub(super) fn repair(nodes: f64, subtrees: u32) -> f64 {
-    nodes * FRONTIER_NODE + f64::from(subtrees) * TOP_SUBTREE
+    let subtrees = if subtrees > 0 { f64::from(subtrees) } else { nodes * FIRST_KEPT };
+    nodes * FRONTIER_NODE + subtrees * TOP_SUBTREE
 }
 
 /// How many subtrees a repair may keep that is to cost no more than a rebuild at this price.
