@@ -119,8 +119,8 @@ fn execute<P: Primitives + ?Sized>(
             );
             let ledger = &mut State::of_mut(parts(bvh).state).ledger;
             match (repaired, or_rebuild) {
-                (Repaired::Top { subtrees }, _) => {
-                    ledger.repaired(subtrees);
+                (Repaired::Top { subtrees, gain }, _) => {
+                    ledger.repaired(subtrees, seen, gain / baseline.unit(baseline.scale));
                     return Ok(Update {
                         decision: Decision::PartialRebuild { subtrees },
                         ..tally.report(bvh)

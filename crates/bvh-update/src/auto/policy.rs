@@ -18,8 +18,8 @@ use crate::state::Ledger;
 /// One in this many rebuilds in a row is made after a pass that looks whether it is needed. Without the looks chaos that ends leaves
 /// bart-museum with trees of up to 1.27 times the cost of a new one (`docs/ABLATION.md`, periodic looks).
 const LOOK_AGAIN: u32 = 16;
-/// A subtree is opened if that pays within the frames since the last repair, but at most within this many. With 8 and the rules
-/// of then, `auto` took 1.11 times as long as the best single strategy on exploding-dragon, now 1.03 (`cargo xtask compare frame
+/// A subtree is opened if that pays within the frames since the last repair, but at most within this many; a repair has failed
+/// if it does not pay within this many. With 8 and the rules of then, `auto` took 1.11 times as long as the best single strategy on exploding-dragon, now 1.03 (`cargo xtask compare frame
 /// --scene exploding-dragon --frames 24 --threads 2`).
 const LONGEST_PAYBACK: u32 = 32;
 
@@ -37,6 +37,11 @@ pub(super) struct Observation {
 }
 
 impl Observation {
+    /// Whether it is worth this price that a tree costs less, by that part of the baseline.
+    fn pays_off(&self, gain: f64, price: f64) -> bool {
+        self.queries.lost(gain) * f64::from(LONGEST_PAYBACK) > price
+    }
+
     /// The builder for a new tree now, and what that costs.
     fn rebuild(&self, ledger: &Ledger) -> (Builder, f64) {
         let builder = self.queries.builder(self.primitives, ledger.since_repair);
@@ -128,10 +133,14 @@ impl Ledger {
         self.since_repair = self.since_repair.saturating_add(1);
     }
 
-    /// A new top stands above `subtrees` subtrees.
-    pub(super) fn repaired(&mut self, subtrees: usize) {
-        self.repair.paid_off();
-        self.rebuild.paid_off();
+    /// A new top stands above `subtrees` subtrees; the tree costs less, by that part of the baseline.
+    pub(super) fn repaired(&mut self, subtrees: usize, seen: &Observation, gain: f64) {
+        if seen.pays_off(gain, cost_model::repair(seen.nodes, subtrees as u32)) {
+            self.repair.paid_off();
+            self.rebuild.paid_off();
+        } else {
+            self.repair.failed();
+        }
         (self.kept, self.since_repair) = (subtrees as u32, 0);
         (self.rebuilds_in_a_row, self.is_beyond_repair, self.last_excess) = (0, 0, 0.0);
     }
@@ -204,6 +213,17 @@ mod tests {
             panic!("{ledger:?}")
         };
         assert_eq!(lower, 0.5 * threshold);
+    }
+
+    #[test]
+    fn a_repair_that_gains_less_than_it_costs_counts_as_failed() {
+        let enough =
+            cost_model::repair(2.0 * N, 7) / (seen(1.0).queries.lost(1.0) * f64::from(LONGEST_PAYBACK));
+        for (gain, patience) in [(1.1 * enough, 1.0), (0.9 * enough, 2.0), (f64::NAN, 2.0)] {
+            let mut ledger = after(quiet(), &seen(1.0));
+            ledger.repaired(7, &seen(1.0), gain);
+            assert_eq!((ledger.repair.lost(), ledger.repair.patience()), (0.0, patience), "{gain}");
+        }
     }
 
     #[test]
