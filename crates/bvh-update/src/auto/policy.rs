@@ -19,8 +19,8 @@ use crate::state::Ledger;
 /// bart-museum with trees of up to 1.27 times the cost of a new one (`docs/ABLATION.md`, periodic looks).
 const LOOK_AGAIN: u32 = 16;
 /// A subtree is opened if that pays within the frames since the last repair, but at most within this many; a repair has failed
-/// if it does not pay within this many. With 8 and the rules of then, `auto` took 1.11 times as long as the best single strategy on exploding-dragon, now 1.03 (`cargo xtask compare frame
-/// --scene exploding-dragon --frames 24 --threads 2`).
+/// if it does not pay within this many. With 8 and the rules of then, `auto` took 1.11 times as long as the best single strategy
+/// on exploding-dragon, now 1.03 (`cargo xtask compare frame --scene exploding-dragon --frames 24 --threads 2`).
 const LONGEST_PAYBACK: u32 = 32;
 
 /// What a pass has seen.
