@@ -21,8 +21,9 @@ const _: () = assert!(size_of::<Pair>() == 64 && align_of::<Pair>() == 64);
 /// A bounding volume hierarchy over primitives that are known by number.
 ///
 /// Node 0 is the root and node 1 is unused. Every other pair `2k, 2k + 1` holds the children of one
-/// inner node, or is unused: two leaves without primitives or area. A leaf covers a run of *slots*;
-/// slot `s` holds primitive `order()[s]`. A tree without primitives is a root with an empty leaf.
+/// inner node, or is unused. Unused nodes are leaves without primitives. A leaf covers a run of
+/// *slots*; slot `s` holds primitive `order()[s]`. A tree without primitives is a root with an empty
+/// leaf.
 ///
 /// A tree is plain data: its clone behaves as the original would. Its structure is valid at all
 /// times: every pair has one parent, every slot is in one leaf, every primitive in one slot, and
@@ -128,6 +129,7 @@ impl Bvh {
         bvh.order.resize(primitives, 0);
         let used = fill(bytemuck::cast_slice_mut(&mut bvh.pairs), &mut bvh.order);
         bvh.pairs.truncate(used.div_ceil(2).max(1));
+        bvh.pairs[0].0[1] = Node::NOTHING;
         bvh.in_order = is_identity(&bvh.order);
         (bvh.all_dynamic, bvh.static_area, bvh.update_state) = (true, 0.0, UpdateState::default());
         std::mem::forget(guard);

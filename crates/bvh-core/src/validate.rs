@@ -48,11 +48,15 @@ pub enum Invalid {
         /// What it says.
         found: bool,
     },
+    /// A node that is not in use and is no leaf, or has primitives.
+    #[error("node {0} is not in use, but no empty leaf")]
+    Unused(usize),
 }
 
 impl Bvh {
     /// Checks everything a tree promises: a valid structure, every primitive in one leaf, every box
-    /// *tight* (equal to the union of the boxes below it), heights and dynamic bits right.
+    /// *tight* (equal to the union of the boxes below it), heights and dynamic bits right, and nothing
+    /// in nodes that are not in use.
     ///
     /// Boxes of primitives come from `primitives` as they are now. O(n).
     ///
@@ -74,8 +78,9 @@ impl Bvh {
             return Err(Invalid::Count { tree: self.len(), given: primitives.len() });
         }
         Self::new(self.nodes(), self.order().to_vec())?;
-        let mut wrong = Ok(());
+        let (mut wrong, mut is_used) = (Ok(()), vec![false; self.nodes().len()]);
         self.visit(|n, node, _| {
+            is_used[n] = true;
             let (expected, height, dynamic) = match self.children(node) {
                 None => {
                     let boxes = self.primitives(node).iter().map(|&p| primitives.aabb(p as usize));
@@ -98,6 +103,12 @@ impl Bvh {
                 wrong = Err(Invalid::Dynamic { node: n, found: node.is_dynamic() });
             }
         });
-        wrong
+        wrong?;
+        let unused = self
+            .nodes()
+            .iter()
+            .zip(is_used)
+            .position(|(node, is_used)| !is_used && (!node.is_leaf() || node.count() > 0));
+        unused.map_or(Ok(()), |n| Err(Invalid::Unused(n)))
     }
 }

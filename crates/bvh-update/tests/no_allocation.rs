@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use bvh_build::{Builder, build};
 use bvh_core::{Aabb, Vec3};
-use bvh_update::{Decision, Leaves, PartialRebuild, Rotate, Strategy, Updater};
+use bvh_update::{Decision, Degraded, Leaves, PartialRebuild, Rotate, Strategy, Updater};
 
 /// Counts what is asked of the system's allocator.
 struct Counting;
@@ -50,6 +50,7 @@ fn a_motion_seen_before_allocates_nothing() {
         Strategy::RefitRotate(Rotate::default()),
         Strategy::PartialRebuild(PartialRebuild::default()),
         Strategy::Leaves(Leaves { period: 1, ..Leaves::default() }),
+        Strategy::Degraded(Degraded { threshold: f64::INFINITY, ..Degraded::default() }),
     ] {
         let mut updater = Updater::default();
         let mut play = || {

@@ -58,6 +58,33 @@ fn auto(rays: u64) -> Strategy {
     Strategy::Auto(Auto { load: Load::PacketRays(rays) })
 }
 
+/// Repairs of a sheet that trembles gain little, and become rare. Once it bursts, it is good again in time all the same.
+#[test]
+fn a_burst_after_a_long_calm_is_seen_soon() {
+    for rays in [0, 1 << 16, 1 << 18] {
+        let (mut bvh, mut updater) = (tree(&burst(0.0)), Updater::new(auto(rays)));
+        let (mut late, mut poor, mut worst) = (0, 0, 0.0_f64);
+        for step in 1..1060 {
+            let is_calm = step < 1000;
+            let tremble = |i: usize| noise(i + step % 10 * N) * 0.5;
+            let still = burst(if is_calm { 0.0 } else { 0.02 });
+            let boxes: Vec<Aabb> = still
+                .iter()
+                .enumerate()
+                .map(|(i, aabb)| Aabb::new(aabb.min + tremble(i), aabb.max + tremble(i)))
+                .collect();
+            let report = updater.update(&mut bvh, &boxes).expect("same count");
+            late += u32::from(is_calm && step > 500 && report.decision != Decision::AsAlways);
+            if !is_calm {
+                let over = over_fresh(&bvh, &boxes);
+                poor += u32::from(over > 1.2);
+                worst = worst.max(over);
+            }
+        }
+        assert!(late < 60 && poor < 20 && worst < 2.5, "{rays} rays: {late}, {poor}, {worst}");
+    }
+}
+
 /// A regular sheet in which everything moves a little, each on its own way, and no further.
 fn shaken(step: usize) -> Vec<Aabb> {
     let time = step.min(30) as f32 / 30.0;

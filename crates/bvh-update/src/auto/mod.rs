@@ -119,8 +119,8 @@ fn execute<P: Primitives + ?Sized>(
             );
             let ledger = &mut State::of_mut(parts(bvh).state).ledger;
             match (repaired, or_rebuild) {
-                (Repaired::Top { subtrees, gain }, _) => {
-                    ledger.repaired(subtrees, seen, gain / baseline.unit(baseline.scale));
+                (Repaired::Top { subtrees, saved }, _) => {
+                    ledger.repaired(subtrees, seen, saved / baseline.unit(baseline.scale));
                     return Ok(Update {
                         decision: Decision::PartialRebuild { subtrees },
                         ..tally.report(bvh)
@@ -146,16 +146,18 @@ fn rebuild<P: Primitives + ?Sized>(
     after_pass: Option<(&Tally, &Observation)>,
     workspace: &mut Workspace,
 ) -> Result<Update, UpdateError> {
-    let before = State::of(bvh).ledger;
+    let State { ledger, baseline, .. } = *State::of(bvh);
     let cost_before = after_pass.map(|(tally, _)| cost_after(bvh, tally));
     // Another number of primitives says nothing of the trees before.
     let is_same_number = primitives.len() == bvh.len();
+    let before = if is_same_number { ledger } else { Ledger::default() };
     let is_soon = after_pass.map_or(is_same_number, |(_, seen)| pays_every_frame(&before, seen));
     let update = build_again(bvh, primitives, builder, &mut workspace.rebuild)?;
-    let is_better = cost_before.map(|before| {
+    let pays = after_pass.zip(cost_before).map(|((_, seen), cost_before)| {
         take_baseline(bvh);
-        State::of(bvh).baseline.measured_cost() < before
+        let saved = cost_before - State::of(bvh).baseline.measured_cost();
+        seen.rebuild_pays_off(saved / baseline.unit(baseline.scale), builder)
     });
-    State::of_mut(parts(bvh).state).ledger = Ledger::rebuilt(&before, builder, is_better, is_soon);
+    State::of_mut(parts(bvh).state).ledger = Ledger::rebuilt(&before, builder, pays, is_soon);
     Ok(update)
 }

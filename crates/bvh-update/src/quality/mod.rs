@@ -51,15 +51,19 @@ impl TreeCost {
     }
 }
 
-/// Nodes whose terms are added up together, so that sums do not depend on the number of threads. Half and double take as long.
+/// Nodes whose terms one task adds up. How the arena is divided depends on its length alone, so sums do not depend on threads.
+// Half and double: docs/TUNING.md.
 const BLOCK: usize = 4096;
 
-/// Adds up terms of all nodes, those that are not in use among them: these have neither area nor primitives.
-pub(crate) fn sum<const N: usize>(nodes: &[Node], term: impl Fn(&Node) -> [f64; N] + Sync) -> [f64; N] {
+/// Adds up terms of all nodes. Those that are not in use are leaves without primitives ([`Bvh`]).
+pub(crate) fn sum<const N: usize>(nodes: &[Node], term: &(impl Fn(&Node) -> [f64; N] + Sync)) -> [f64; N] {
     let and = |sums: [f64; N], terms: [f64; N]| std::array::from_fn(|i| sums[i] + terms[i]);
-    let of_block = |block: &[Node]| block.iter().map(&term).fold([0.0; N], and);
-    let blocks: Vec<_> = nodes.par_chunks(BLOCK).map(of_block).collect();
-    blocks.into_iter().fold([0.0; N], and)
+    if nodes.len() <= BLOCK {
+        return nodes.iter().map(term).fold([0.0; N], and);
+    }
+    let (left, right) = nodes.split_at((nodes.len() / 2).next_multiple_of(BLOCK));
+    let (left, right) = rayon::join(|| sum(left, term), || sum(right, term));
+    and(left, right)
 }
 
 /// A node's part in what a baseline needs: the cost, that of dynamic and of static leaves, the width of leaves, and their number.
@@ -79,7 +83,7 @@ pub(crate) fn take_baseline(bvh: &mut Bvh) {
     if cost != 0.0 && has_other_dynamic == 0 {
         return;
     }
-    let [all, dynamic_leaves, static_leaves, widths, leaves] = sum(bvh.nodes(), terms);
+    let [all, dynamic_leaves, static_leaves, widths, leaves] = sum(bvh.nodes(), &terms);
     let root = bvh.root().aabb().half_area_f64();
     let parts = parts(bvh);
     let baseline = &mut State::of_mut(parts.state).baseline;
@@ -124,7 +128,7 @@ impl Baseline {
         self.cost * scale * self.leaf_uniformity.sqrt()
     }
 
-    /// What the tree cost when it was measured.
+    /// What the tree cost, just after it was measured.
     pub(crate) fn measured_cost(&self) -> f64 {
         self.measured * self.scale
     }
@@ -172,7 +176,7 @@ mod tests {
     use super::*;
     use crate::{Strategy, Updater};
 
-    /// Leaves are merged and divided, and leave pairs that are not in use.
+    /// Where leaves merge, pairs are left over.
     #[test]
     fn sums_are_of_the_nodes_in_the_tree_and_the_same_for_any_number_of_threads() {
         let at = |i: usize, k: usize| (i.wrapping_mul(k) % 997) as f32;
@@ -181,7 +185,6 @@ mod tests {
                 |i: usize| Vec3::new(at(i / 4, 7919), at(i / 4, 31), at(i, frame) * (frame % 2) as f32);
             (0..10_000).map(corner).map(|corner| Aabb::new(corner, corner + 9.0)).collect()
         };
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
         let mut unused = 0;
         for strategy in Strategy::all() {
             let mut bvh = build(&pose(0), Builder::Lbvh).expect("few enough");
@@ -196,7 +199,10 @@ mod tests {
                 in_use += 1;
             });
             unused += bvh.nodes().len() - in_use;
-            let [sums, on_one] = [sum(bvh.nodes(), terms), pool.install(|| sum(bvh.nodes(), terms))];
+            let [sums, on_one] = [3, 1].map(|threads| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+                pool.install(|| sum(bvh.nodes(), &terms))
+            });
             for (sum, expected) in sums.into_iter().zip(expected) {
                 assert!((sum - expected).abs() <= 1e-12 * expected, "{}: {sum} {expected}", strategy.name());
             }

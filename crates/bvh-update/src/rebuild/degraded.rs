@@ -5,7 +5,7 @@
 //! has grown by more than a threshold since the tree was built, 40 per cent of one as published.
 
 use bvh_build::Builder;
-use bvh_core::{Bvh, Primitives};
+use bvh_core::{Bvh, Node, Primitives};
 
 use super::{RebuildScratch, build_again};
 use crate::quality::sum;
@@ -54,7 +54,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
 /// Mean over the inner nodes of A(N) / (A(L) + A(R)); 0 for a tree without. A node whose children have no area counts
 /// as 1. O(n).
 pub(crate) fn mean_ratio(bvh: &Bvh) -> f64 {
-    let [ratios, count] = sum(bvh.nodes(), |node| {
+    let [ratios, count] = sum(bvh.nodes(), &|node: &Node| {
         let Some([l, r]) = bvh.children(node) else { return [0.0; 2] };
         let below = l.aabb().half_area_f64() + r.aabb().half_area_f64();
         [if below > 0.0 { node.aabb().half_area_f64() / below } else { 1.0 }, 1.0]

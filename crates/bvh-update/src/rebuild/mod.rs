@@ -67,8 +67,8 @@ pub(crate) fn build_again<P: Primitives + ?Sized>(
     Ok(Update { decision: Decision::Rebuild { builder }, ..update })
 }
 
-/// Notes which primitives are dynamic, unless all are. Looks at what is in the tree: slots that are not in use may
-/// hold leaves without primitives.
+/// Notes which primitives are dynamic, unless all are. Walks the tree: the first slot of a leaf that is not in use may be out of
+/// range.
 pub(crate) fn note_dynamic(bvh: &Bvh, dynamic: &mut Vec<bool>) -> bool {
     if bvh.all_dynamic() {
         return false;

@@ -55,8 +55,8 @@ pub(crate) struct RepairScratch {
 /// What a repair did.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Repaired {
-    /// A new top stands above this number of subtrees, and the tree costs that much less.
-    Top { subtrees: usize, gain: f64 },
+    /// A new top stands above this number of subtrees, and has saved that much of the tree's cost.
+    Top { subtrees: usize, saved: f64 },
     /// The old top was as good.
     Nothing,
     /// There would be too many subtrees, or the tree might get too high: nothing was changed.
