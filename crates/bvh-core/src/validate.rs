@@ -112,3 +112,23 @@ impl Bvh {
         unused.map_or(Ok(()), |n| Err(Invalid::Unused(n)))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Node, Vec3};
+
+    #[test]
+    fn nodes_that_are_not_in_use_are_empty_leaves() {
+        let unit = Aabb::new(Vec3::ZERO, Vec3::ONE);
+        let (l, r) = (Node::leaf(unit, 0, 1), Node::leaf(unit, 1, 1));
+        let nodes = [Node::parent(&l, &r, 2), l, l, r, l, Node::parent(&l, &r, 2)];
+        let bvh = Bvh::new(&nodes, vec![0, 1]).expect("a tree");
+        assert_eq!(bvh.validate(&[unit; 2]), Ok(()), "what is not in use is emptied");
+        for (n, node) in [(1, l), (4, r), (5, Node::parent(&l, &r, 2))] {
+            let mut broken = bvh.clone();
+            broken.raw_nodes_mut()[n] = node;
+            assert_eq!(broken.validate(&[unit; 2]), Err(Invalid::Unused(n)));
+        }
+    }
+}
