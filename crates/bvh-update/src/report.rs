@@ -62,9 +62,9 @@ pub enum Decision {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Reason {
-    /// Milliseconds of one core that queries have lost to the excess cost of the tree since this remedy was last taken.
+    /// Milliseconds of one core that queries have lost to the excess cost of the tree since it was last repaired.
     pub lost_ms: f64,
-    /// Milliseconds of one core that the repair or the rebuild takes, times two for each that did not pay off before.
+    /// Milliseconds of one core that the repair or the rebuild takes, times two for each that failed before.
     pub price_ms: f64,
     /// By what part the tree costs more than when it was good.
     pub excess: f64,

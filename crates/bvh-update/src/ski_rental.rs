@@ -1,12 +1,12 @@
 //! When to pay once for what costs a little in every frame.
 //!
 //! The rule of the ski rental problem: rent until the rent paid has reached the price, then buy. Whatever the future, that
-//! costs at most twice as much as the best decision in hindsight. Where buying brought less than it cost, the next purchase waits until
+//! costs at most twice as much as the best decision in hindsight. Where buying brought nothing, the next purchase waits until
 //! twice as much has been lost, so that attempts that keep failing cost ever less.
 
 use bytemuck::{Pod, Zeroable};
 
-/// What was lost since the last purchase, and how many purchases in a row brought less than they cost.
+/// What was lost since the last purchase, and how many purchases in a row brought nothing.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub(crate) struct SkiRental {
@@ -51,7 +51,7 @@ impl SkiRental {
         *self = Self::default();
     }
 
-    /// The price was paid, and it did not pay off.
+    /// The price was paid for nothing.
     pub(crate) fn failed(&mut self) {
         (self.lost, self.failures) = (0.0, self.failures.saturating_add(1));
     }

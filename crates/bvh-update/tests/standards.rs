@@ -58,30 +58,25 @@ fn auto(rays: u64) -> Strategy {
     Strategy::Auto(Auto { load: Load::PacketRays(rays) })
 }
 
-/// Repairs of a sheet that trembles gain little, and become rare. Once it bursts, it is good again in time all the same.
+/// A sheet that trembles for 10,000 frames, and then bursts, so that its tree costs twice as much: it is good again soon, whatever repairs
+/// and rebuilds brought before. Where those that pay badly made later ones wait, it took 50 to 130 frames.
 #[test]
 fn a_burst_after_a_long_calm_is_seen_soon() {
-    for rays in [0, 1 << 16, 1 << 18] {
+    for (rays, wild) in [(0, 0.5), (0, 0.2), (1 << 14, 0.5), (1 << 16, 0.2)] {
         let (mut bvh, mut updater) = (tree(&burst(0.0)), Updater::new(auto(rays)));
-        let (mut late, mut poor, mut worst) = (0, 0, 0.0_f64);
-        for step in 1..1060 {
-            let is_calm = step < 1000;
-            let tremble = |i: usize| noise(i + step % 10 * N) * 0.5;
-            let still = burst(if is_calm { 0.0 } else { 0.02 });
-            let boxes: Vec<Aabb> = still
-                .iter()
-                .enumerate()
-                .map(|(i, aabb)| Aabb::new(aabb.min + tremble(i), aabb.max + tremble(i)))
-                .collect();
-            let report = updater.update(&mut bvh, &boxes).expect("same count");
-            late += u32::from(is_calm && step > 500 && report.decision != Decision::AsAlways);
-            if !is_calm {
-                let over = over_fresh(&bvh, &boxes);
-                poor += u32::from(over > 1.2);
-                worst = worst.max(over);
-            }
-        }
-        assert!(late < 60 && poor < 20 && worst < 2.5, "{rays} rays: {late}, {poor}, {worst}");
+        let poor = (1..10_100).filter(|&step| {
+            let has_burst = step >= 10_000;
+            let still = burst(if has_burst { 0.02 } else { 0.0 });
+            let trembling = still.iter().enumerate().map(|(i, aabb)| {
+                let by = noise(i + step % 10 * N) * wild;
+                Aabb::new(aabb.min + by, aabb.max + by)
+            });
+            let boxes: Vec<Aabb> = trembling.collect();
+            updater.update(&mut bvh, &boxes).expect("same count");
+            has_burst && over_fresh(&bvh, &boxes) > 1.1
+        });
+        let poor = poor.count();
+        assert!(poor < 10, "{rays} rays, {wild}: {poor} frames with a poor tree");
     }
 }
 

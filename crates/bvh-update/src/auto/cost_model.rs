@@ -24,8 +24,9 @@ const NODE: f64 = 15.0;
 pub(super) const FRONTIER_NODE: f64 = 9.0;
 /// Building a new top, for each subtree below it.
 pub(super) const TOP_SUBTREE: f64 = 400.0;
-/// Subtrees that a first repair is expected to keep, for each node. First repairs kept 0.02 to 0.09 in five scenes and 0.003 in n-body
-/// (`cargo xtask reproduce fig4 --preset standard`, column `decision`; `docs/ABLATION.md` has what it is worth).
+/// Subtrees that a first repair is expected to keep, for each node. Repairs of `auto` and of `refit+rotate+regrow` kept 0.02 to 0.09
+/// in four scenes, 0.003 in n-body (`cargo xtask reproduce fig4 --preset standard`, column `decision`). `docs/ABLATION.md` says what
+/// this number is worth.
 const FIRST_KEPT: f64 = 0.03;
 /// Building a good tree, and a fast one, for each primitive.
 pub(super) const GOOD_BUILD: f64 = 85.0;

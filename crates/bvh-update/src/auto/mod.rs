@@ -119,8 +119,8 @@ fn execute<P: Primitives + ?Sized>(
             );
             let ledger = &mut State::of_mut(parts(bvh).state).ledger;
             match (repaired, or_rebuild) {
-                (Repaired::Top { subtrees, saved }, _) => {
-                    ledger.repaired(subtrees, seen, saved / baseline.unit(baseline.scale));
+                (Repaired::Top { subtrees }, _) => {
+                    ledger.repaired(subtrees);
                     return Ok(Update {
                         decision: Decision::PartialRebuild { subtrees },
                         ..tally.report(bvh)
@@ -146,18 +146,17 @@ fn rebuild<P: Primitives + ?Sized>(
     after_pass: Option<(&Tally, &Observation)>,
     workspace: &mut Workspace,
 ) -> Result<Update, UpdateError> {
-    let State { ledger, baseline, .. } = *State::of(bvh);
+    let ledger = State::of(bvh).ledger;
     let cost_before = after_pass.map(|(tally, _)| cost_after(bvh, tally));
     // Another number of primitives says nothing of the trees before.
     let is_same_number = primitives.len() == bvh.len();
     let before = if is_same_number { ledger } else { Ledger::default() };
     let is_soon = after_pass.map_or(is_same_number, |(_, seen)| pays_every_frame(&before, seen));
     let update = build_again(bvh, primitives, builder, &mut workspace.rebuild)?;
-    let pays = after_pass.zip(cost_before).map(|((_, seen), cost_before)| {
+    let is_better = cost_before.map(|before| {
         take_baseline(bvh);
-        let saved = cost_before - State::of(bvh).baseline.measured_cost();
-        seen.rebuild_pays_off(saved / baseline.unit(baseline.scale), builder)
+        State::of(bvh).baseline.measured_cost() < before
     });
-    State::of_mut(parts(bvh).state).ledger = Ledger::rebuilt(&before, builder, pays, is_soon);
+    State::of_mut(parts(bvh).state).ledger = Ledger::rebuilt(&before, builder, is_better, is_soon);
     Ok(update)
 }

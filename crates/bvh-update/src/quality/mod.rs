@@ -93,7 +93,7 @@ pub(crate) fn take_baseline(bvh: &mut Bvh) {
         return;
     }
     let per_scale = 1.0 / common_growth(sizes, [1.0; 2]);
-    parts.nodes.par_chunks_mut(BLOCK).flatten_iter().for_each(|node| {
+    parts.nodes.par_iter_mut().with_min_len(BLOCK).for_each(|node| {
         node.set_reference((f64::from(node.aabb().half_area()) * per_scale) as f32);
     });
     *baseline = Baseline {

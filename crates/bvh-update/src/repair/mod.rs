@@ -55,8 +55,8 @@ pub(crate) struct RepairScratch {
 /// What a repair did.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Repaired {
-    /// A new top stands above this number of subtrees, and has saved that much of the tree's cost.
-    Top { subtrees: usize, saved: f64 },
+    /// A new top stands above this number of subtrees.
+    Top { subtrees: usize },
     /// The old top was as good.
     Nothing,
     /// There would be too many subtrees, or the tree might get too high: nothing was changed.
@@ -90,7 +90,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
             State::of_mut(parts(bvh).state).baseline.cost = finite_or_zero(cost / scale);
             Ok(tally.report(bvh))
         }
-        Repaired::Top { subtrees, .. } => {
+        Repaired::Top { subtrees } => {
             Ok(Update { decision: Decision::PartialRebuild { subtrees }, ..tally.report(bvh) })
         }
         Repaired::TooLarge => build_again(bvh, primitives, Builder::Ploc, rebuild),

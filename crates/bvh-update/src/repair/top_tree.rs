@@ -57,8 +57,7 @@ pub(super) fn rebuild_top(
     }
     let mut after = TreeCost::default();
     top.nodes().iter().filter(|node| !node.is_leaf()).for_each(|node| after.add(node));
-    let saved = opened.all - after.all;
-    if saved <= 0.0 {
+    if after.all - opened.all >= 0.0 {
         return Repaired::Nothing;
     }
     // A tree over k subtrees has k - 1 pairs below the root, each its own, as tasks write to them (`refit::share`). They
@@ -77,7 +76,7 @@ pub(super) fn rebuild_top(
     state.baseline.measured = state.baseline.cost;
     state.baseline.scale = scale;
     state.layout = Layout::OTHER;
-    Repaired::Top { subtrees: kept.len(), saved }
+    Repaired::Top { subtrees: kept.len() }
 }
 
 /// A new top, to be written to the place of the old one.
@@ -133,7 +132,7 @@ mod tests {
 
     use super::super::open_grown;
     use super::*;
-    use crate::quality::{sum, take_baseline};
+    use crate::quality::take_baseline;
     use crate::refit::{RefitScratch, pass};
 
     #[test]
@@ -151,12 +150,7 @@ mod tests {
         let (mut scratch, mut kept, mut memory) = (RepairScratch::default(), Vec::new(), Vec::new());
         for step in 0..10 {
             let mut tally = pass(&mut bvh, &boxes(1 << step), None, &mut RefitScratch::new());
-            let cost = |bvh: &Bvh| sum(bvh.nodes(), &|node: &Node| [node.sah_term()])[0];
-            let before = cost(&bvh);
-            if let Repaired::Top { subtrees, saved } =
-                open_grown(&mut bvh, &mut tally, 1.0, 2000, &mut scratch)
-            {
-                assert!((before - cost(&bvh) - saved).abs() < 1e-9 * before, "{before} {saved}");
+            if let Repaired::Top { subtrees } = open_grown(&mut bvh, &mut tally, 1.0, 2000, &mut scratch) {
                 let RepairScratch { boxes, kept: nodes, top, build, .. } = &scratch;
                 kept.push(subtrees);
                 memory.push((boxes.as_ptr(), nodes.as_ptr(), top.nodes().as_ptr(), build.memory_usage()));
