@@ -62,7 +62,7 @@ impl Bundle {
     }
 
     /// Adds a ray. The bundle must not be full.
-    #[inline(always)]
+    #[cfg(test)]
     pub(crate) fn push(&mut self, direction: Vec3) {
         set(&mut self.direction, self.count, direction);
         self.count += 1;

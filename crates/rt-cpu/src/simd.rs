@@ -101,6 +101,20 @@ pub(crate) fn store3<S: Simd, V: Lanes<S>, const N: usize>(from: [V; 3], to: &mu
     }
 }
 
+/// Stores the chosen lanes side by side where `to` begins; behind them, up to a vector's length, anything.
+#[inline(always)]
+pub(crate) fn store_chosen<S: Simd>(simd: S, lanes: S::f32s, chosen: u64, to: &mut [f32]) {
+    if S::f32s::LEN < 8 {
+        // Below AVX2 compression is emulated, and slower than this.
+        for (to, i) in to.iter_mut().zip(bits(chosen)) {
+            *to = lanes[i];
+        }
+    } else {
+        let chosen = <S::f32s as SimdBase<S>>::Mask::from_bitmask(simd, chosen);
+        lanes.compress(chosen).store_slice(&mut to[..S::f32s::LEN]);
+    }
+}
+
 /// A vector in all lanes.
 #[inline(always)]
 pub(crate) fn splat3<S: Simd, V: Lanes<S>>(simd: S, a: Vec3) -> [V; 3] {

@@ -7,7 +7,7 @@ use fearless_simd::prelude::*;
 use bytemuck::Zeroable;
 
 use crate::bundle::{Bundle, Coordinates, Hits, RAYS, Wave};
-use crate::simd::{Lanes, bits, cross, dot, load, load3, max, normalize};
+use crate::simd::{Lanes, bits, cross, dot, load, load3, max, normalize, store_chosen};
 
 /// Points seen and the planes they lie in; without meaning where nothing is hit.
 #[repr(C, align(64))]
@@ -65,7 +65,6 @@ impl Surfaces {
         pixels: &mut [u16; RAYS],
     ) {
         let light = rays.origin;
-        let mut directions = [[0.0; 16]; 3];
         for at in (0..count).step_by(S::f32s::LEN) {
             let lanes = hits.lanes(at, S::f32s::LEN);
             if lanes == 0 {
@@ -80,14 +79,15 @@ impl Surfaces {
             );
             let off = size * (1.0 / (1 << 19) as f32);
             let facing = dot(face, to_light).simd_gt(0.0).to_bitmask() & lanes;
+            let next = rays.count;
             for k in 0..3 {
                 let to = (point[k] + face[k] * off) - light[k];
-                to.store_slice(&mut directions[k][..S::f32s::LEN]);
+                store_chosen(simd, to, facing, &mut rays.direction[k][next..]);
             }
-            for i in bits(facing) {
-                pixels[rays.count] = (at + i) as u16;
-                rays.push(Vec3::new(directions[0][i], directions[1][i], directions[2][i]));
+            for (pixel, i) in pixels[next..].iter_mut().zip(bits(facing)) {
+                *pixel = (at + i) as u16;
             }
+            rays.count += facing.count_ones() as usize;
         }
     }
 }

@@ -17,6 +17,7 @@
 //! they would in small packets.
 
 mod cut;
+mod leaf;
 mod packet;
 mod walk;
 
@@ -26,7 +27,7 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
 use self::cut::Cut;
-use self::packet::{GROUP, Kinds, PACKET, Packet};
+use self::packet::{Kinds, PACKET, Packet};
 use crate::bundle::{Bundle, Hits};
 use crate::frustum::{Frame, Frustum, FrustumPlanes};
 use crate::scene::{Query, Scene, Work};
@@ -43,7 +44,6 @@ pub(crate) struct Scratch {
     planes: FrustumPlanes,
     stack: [(u32, u64); MAX_HEIGHT as usize + 1],
     group_stack: [(u32, u64); MAX_HEIGHT as usize + 1],
-    group_near: [[f32; GROUP]; MAX_HEIGHT as usize + 1],
     cut: Cut,
 }
 
@@ -192,8 +192,9 @@ fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
     scratch: &mut Scratch,
     work: &mut Work,
 ) {
+    let mut farthest = scratch.packet.farthest(simd, mask);
     for i in bits(met) {
-        if scratch.cut.near[i] > scratch.packet.farthest(simd, mask) || scratch.packet.active(0) & mask == 0 {
+        if scratch.cut.near[i] > farthest || scratch.packet.active(0) & mask == 0 {
             return;
         }
         let root = scratch.cut.node[i];
@@ -201,5 +202,8 @@ fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
             #[inline(always)]
             || walk::walk::<S, T, ANY>(simd, scene, octant, along, root, mask, scratch, work),
         );
+        if !ANY && !scratch.packet.some_see_nothing() {
+            farthest = scratch.packet.farthest(simd, mask);
+        }
     }
 }

@@ -2,12 +2,12 @@
 //! along which these are longest.
 
 use bvh_core::slab::WIDEN;
-use bvh_core::triangle::{self, DET_RANGE, Double, MollerTrumbore, Test, Watertight};
-use bvh_core::{Node, Ray, Vec3};
+use bvh_core::triangle::{DET_RANGE, Double, MollerTrumbore, Test, Watertight};
+use bvh_core::{Node, Vec3};
+use fearless_simd::Simd;
 use fearless_simd::prelude::*;
-use fearless_simd::{Simd, mask32x16};
 
-use crate::simd::{Lanes, bits, max, min};
+use crate::simd::{Lanes, max, min};
 
 /// Rays that are tested at once.
 pub(crate) type V<S> = fearless_simd::f32x16<S>;
@@ -40,15 +40,18 @@ impl RayOctant {
 /// The planes of a box, in the order in which rays meet them, subtracted from the rays' origin: what has to
 /// be subtracted from comes from memory straight into all lanes.
 #[derive(Clone, Copy)]
-pub(crate) struct Slab<S: Simd> {
-    first: [V<S>; 3],
-    last: [V<S>; 3],
+pub(crate) struct Slab<V> {
+    first: [V; 3],
+    last: [V; 3],
 }
 
-impl<S: Simd> Slab<S> {
+impl<V> Slab<V> {
     /// The box of a node.
     #[inline(always)]
-    pub(crate) fn of(simd: S, node: &Node, octant: &RayOctant) -> Self {
+    pub(crate) fn of<S: Simd>(simd: S, node: &Node, octant: &RayOctant) -> Self
+    where
+        V: Lanes<S>,
+    {
         Self::between(simd, bytemuck::cast_ref(node), octant)
     }
 
@@ -57,21 +60,27 @@ impl<S: Simd> Slab<S> {
     /// Trees make negative zeros in boxes positive. Here they may stay: they change but the signs of zeros, which no
     /// comparison sees and which [`max`] does not take from where it starts, a positive zero.
     #[inline(always)]
-    pub(crate) fn around(simd: S, corners: &[Vec3; 3], octant: &RayOctant) -> Self {
+    pub(crate) fn around<S: Simd>(simd: S, corners: &[Vec3; 3], octant: &RayOctant) -> Self
+    where
+        V: Lanes<S>,
+    {
         let [a, b, c] = corners;
         let (min, max) = (a.min(*b).min(*c), a.max(*b).max(*c));
         Self::between(simd, &[min.x, min.y, min.z, 0.0, max.x, max.y, max.z, 0.0], octant)
     }
 
     #[inline(always)]
-    fn between(simd: S, planes: &[f32; 8], octant: &RayOctant) -> Self {
+    fn between<S: Simd>(simd: S, planes: &[f32; 8], octant: &RayOctant) -> Self
+    where
+        V: Lanes<S>,
+    {
         let origin = [octant.origin.x, octant.origin.y, octant.origin.z];
-        let mut slab = Self { first: [V::splat(simd, 0.0); 3], last: [V::splat(simd, 0.0); 3] };
+        let mut slab = Self { first: [V::simd_from(simd, 0.0); 3], last: [V::simd_from(simd, 0.0); 3] };
         for k in 0..3 {
-            let origin = V::splat(simd, origin[k]);
+            let origin = V::simd_from(simd, origin[k]);
             // With the mask the compiler knows that the index is in range.
-            slab.first[k] = origin - V::splat(simd, planes[octant.first[k] & 7]);
-            slab.last[k] = origin - V::splat(simd, planes[octant.last[k] & 7]);
+            slab.first[k] = origin - V::simd_from(simd, planes[octant.first[k] & 7]);
+            slab.last[k] = origin - V::simd_from(simd, planes[octant.last[k] & 7]);
         }
         slab
     }
@@ -79,9 +88,12 @@ impl<S: Simd> Slab<S> {
     /// Where rays enter, and whether they do before `t_max`; see [`enters`](bvh_core::slab::enters). `inverse` is minus
     /// one over the direction: both signs together change nothing but those of zeros.
     #[inline(always)]
-    pub(crate) fn enter(&self, simd: S, inverse: [V<S>; 3], t_max: V<S>) -> (V<S>, mask32x16<S>) {
-        let mut near = V::splat(simd, 0.0);
-        let mut far = V::splat(simd, f32::INFINITY);
+    pub(crate) fn enter<S: Simd>(&self, simd: S, inverse: [V; 3], t_max: V) -> (V, V::Mask)
+    where
+        V: Lanes<S>,
+    {
+        let mut near = V::simd_from(simd, 0.0);
+        let mut far = V::simd_from(simd, f32::INFINITY);
         for (k, inverse) in inverse.into_iter().enumerate() {
             near = max(self.first[k] * inverse, near);
             far = min(self.last[k] * inverse, far);
@@ -159,7 +171,7 @@ impl WideTest for MollerTrumbore {
         let t = inv_det * e2.dot(q);
         let inside = u.simd_ge(0.0) & v.simd_ge(0.0) & (u + v).simd_le(1.0);
         let ahead = t.simd_ge(0.0) & t.simd_lt(f32::INFINITY);
-        Found { lanes: (inside & ahead).to_bitmask() & active, t, u, v }
+        Found { lanes: (inside & ahead).to_bitmask() & active, unsure: 0, t, u, v }
     }
 }
 
@@ -171,44 +183,30 @@ fn dot<S: Simd>(a: [V<S>; 3], b: Vec3) -> V<S> {
 impl WideTest for Double {
     /// One by one: a reference need not be fast.
     #[inline(always)]
-    fn wide<S: Simd>(
-        simd: S,
-        rays: &Rays<S>,
-        [&a, &b, &c]: [&Vec3; 3],
-        octant: &RayOctant,
-        active: u64,
-    ) -> Found<V<S>> {
-        one_by_one(simd, active, |i| {
-            let direction = [rays.direction[0][i], rays.direction[1][i], rays.direction[2][i]];
-            Self::new(&Ray::new(octant.origin, direction.into())).test(&[a, b, c])
-        })
+    fn wide<S: Simd>(simd: S, _: &Rays<S>, _: [&Vec3; 3], _: &RayOctant, active: u64) -> Found<V<S>> {
+        Found { unsure: active, ..Found::none(simd) }
     }
 }
 
 /// The lanes that hit, and where.
 pub(crate) struct Found<V> {
     pub(crate) lanes: u64,
+    /// Other lanes that may hit: [`Test::test`] has to tell.
+    pub(crate) unsure: u64,
     pub(crate) t: V,
     pub(crate) u: V,
     pub(crate) v: V,
 }
 
-/// The lanes in `active` tested one by one.
-#[inline(always)]
-pub(crate) fn one_by_one<S: Simd, V: Lanes<S>>(
-    simd: S,
-    active: u64,
-    test: impl Fn(usize) -> Option<triangle::Found>,
-) -> Found<V> {
-    let zero = V::simd_from(simd, 0.0);
-    let mut found = Found { lanes: 0, t: zero, u: zero, v: zero };
-    for i in bits(active) {
-        if let Some(hit) = test(i) {
-            (found.t[i], found.u[i], found.v[i]) = hit;
-            found.lanes |= 1 << i;
-        }
+impl<V> Found<V> {
+    #[inline(always)]
+    pub(crate) fn none<S: Simd>(simd: S) -> Self
+    where
+        V: Lanes<S>,
+    {
+        let zero = V::simd_from(simd, 0.0);
+        Self { lanes: 0, unsure: 0, t: zero, u: zero, v: zero }
     }
-    found
 }
 
 /// [`Watertight`] for corners at `x` and `y` beside the ray, `z` along its longest axis, one over which is `inverse`.
@@ -230,7 +228,7 @@ pub(crate) fn weigh<S: Simd, V: Lanes<S>>(
     let outside = least.simd_lt(zero) & greatest.simd_gt(zero);
     let inside = !outside.to_bitmask() & active;
     if inside == 0 {
-        return Found { lanes: 0, t: zero, u: zero, v: zero };
+        return Found::none(simd);
     }
     let det = wa + wb + wc;
     let size = max(det, -det);
@@ -241,17 +239,9 @@ pub(crate) fn weigh<S: Simd, V: Lanes<S>>(
         *z = inverse * *z;
     }
     let inv_det = V::simd_from(simd, 1.0) / det;
-    let (mut u, mut v) = (wb * inv_det, wc * inv_det);
-    let mut t = wa * inv_det * z[0] + u * z[1] + v * z[2];
+    let (u, v) = (wb * inv_det, wc * inv_det);
+    let t = wa * inv_det * z[0] + u * z[1] + v * z[2];
     let ahead = t.simd_ge(zero) & t.simd_lt(f32::INFINITY);
     let plain = plain.to_bitmask();
-    let mut lanes = inside & plain & ahead.to_bitmask();
-    for i in bits(inside & !plain) {
-        let lane = |a: &[V; 3]| [a[0].as_slice()[i], a[1].as_slice()[i], a[2].as_slice()[i]];
-        if let Some(found) = Watertight::exactly(lane(&x), lane(&y), lane(&z)) {
-            (t[i], u[i], v[i]) = found;
-            lanes |= 1 << i;
-        }
-    }
-    Found { lanes, t, u, v }
+    Found { lanes: inside & plain & ahead.to_bitmask(), unsure: inside & !plain, t, u, v }
 }

@@ -8,7 +8,7 @@ use fearless_simd::{Simd, f32x4};
 
 use crate::Hit;
 use crate::simd::{bits, cross, dot, load, load3, splat3};
-use crate::wide::{Found, one_by_one, weigh};
+use crate::wide::{Found, weigh};
 
 /// Triangles of a block.
 pub(super) const SIZE: usize = 4;
@@ -56,17 +56,24 @@ impl Block {
     pub(super) fn closest<S: Simd>(
         &self,
         ray: &Ray,
+        test: &impl Test,
         found: &Found<f32x4<S>>,
         mut t_max: f32,
         mut best: Option<Hit>,
         counts: &impl Fn(&Hit) -> bool,
     ) -> Option<Hit> {
-        if found.lanes == 0 {
+        if found.lanes | found.unsure == 0 {
             return best;
         }
         let near = found.lanes & found.t.simd_le(t_max).to_bitmask();
-        for i in bits(near) {
-            let at = (found.t.as_slice()[i], found.u.as_slice()[i], found.v.as_slice()[i]);
+        for i in bits(near | found.unsure) {
+            let at = if near >> i & 1 == 1 {
+                (found.t.as_slice()[i], found.u.as_slice()[i], found.v.as_slice()[i])
+            } else if let Some(at) = test.test(&self.corners(i)) {
+                at
+            } else {
+                continue;
+            };
             let hit = in_box(ray, at, &self.corners(i), self.primitive[i], t_max, WIDEN);
             if let Some(hit) = hit.filter(|h| best.is_none_or(|b| h.is_before(b.t, b.primitive)) && counts(h))
             {
@@ -81,8 +88,8 @@ impl Block {
 pub(crate) trait BlockTest: Test {
     /// Tests the triangles in `active`: one by one, unless there is a faster way.
     #[inline(always)]
-    fn block<S: Simd>(&self, simd: S, _: &Ray, block: &Block, active: u64) -> Found<f32x4<S>> {
-        one_by_one(simd, active, |i| self.test(&block.corners(i)))
+    fn block<S: Simd>(&self, simd: S, _: &Ray, _: &Block, active: u64) -> Found<f32x4<S>> {
+        Found { unsure: active, ..Found::none(simd) }
     }
 }
 
@@ -119,7 +126,7 @@ impl BlockTest for MollerTrumbore {
         let (u, v, t) = (dot(s, p) * inv_det, dot(direction, q) * inv_det, dot(e2, q) * inv_det);
         let inside = u.simd_ge(0.0) & v.simd_ge(0.0) & (u + v).simd_le(1.0);
         let ahead = t.simd_ge(0.0) & t.simd_lt(f32::INFINITY);
-        Found { lanes: (inside & ahead).to_bitmask() & active, t, u, v }
+        Found { lanes: (inside & ahead).to_bitmask() & active, unsure: 0, t, u, v }
     }
 }
 

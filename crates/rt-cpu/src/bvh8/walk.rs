@@ -106,7 +106,7 @@ pub(crate) fn hit<S: Simd, T: BlockTest>(
         } else {
             let Some(block) = tree.blocks.get((next & !LEAF) as usize >> 2) else { return best };
             let found = test.block(simd, ray, block, (2 << (next & 3)) - 1);
-            best = block.closest(ray, &found, t_max, best, &counts);
+            best = block.closest(ray, &test, &found, t_max, best, &counts);
             match best {
                 Some(_) if query == Query::Any => return best,
                 Some(hit) => t_max = hit.t,

@@ -5,7 +5,7 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
 use crate::bundle::{Bundle, Hits};
-use crate::simd::{bits, load, load3, max};
+use crate::simd::{Lanes, bits, load, load3, max, store_chosen};
 use crate::wide::{Rays, V};
 
 /// Rays of a packet.
@@ -40,7 +40,7 @@ pub(super) struct Packet {
 
 impl Packet {
     #[inline(always)]
-    pub(super) fn inverse<S: Simd>(&self, simd: S, at: usize) -> [V<S>; 3] {
+    pub(super) fn inverse<S: Simd, V: Lanes<S>>(&self, simd: S, at: usize) -> [V; 3] {
         load3(simd, &self.inverse, at)
     }
 
@@ -58,7 +58,7 @@ impl Packet {
     }
 
     #[inline(always)]
-    pub(super) fn t<S: Simd>(&self, simd: S, at: usize) -> V<S> {
+    pub(super) fn t<S: Simd, V: Lanes<S>>(&self, simd: S, at: usize) -> V {
         load(simd, &self.t, at)
     }
 
@@ -136,7 +136,7 @@ impl Packet {
     /// The greatest distance at which a ray in `mask`, or another of its group, still looks for a hit; or more.
     #[inline(always)]
     pub(super) fn farthest<S: Simd>(&self, simd: S, mask: u64) -> f32 {
-        let mut t = V::simd_from(simd, -1.0);
+        let mut t = V::<S>::simd_from(simd, -1.0);
         for at in (0..PACKET).step_by(GROUP) {
             if mask >> at & GROUP_MASK != 0 {
                 t = max(t, self.t(simd, at));
@@ -221,14 +221,6 @@ pub(super) struct Kinds {
 /// Copies the chosen lanes of the vector at `at` to where `to` is, side by side.
 #[inline(always)]
 fn squeeze<S: Simd>(simd: S, chosen: u64, lanes: &mut [f32; LANES], at: usize, to: usize) {
-    // Below AVX2 compression is emulated, and slower than this.
-    if S::f32s::LEN < 8 {
-        for (j, i) in bits(chosen).enumerate() {
-            lanes[to + j] = lanes[at + i];
-        }
-        return;
-    }
-    let chosen = <S::f32s as SimdBase<S>>::Mask::from_bitmask(simd, chosen);
-    let all: S::f32s = load(simd, lanes, at);
-    all.compress(chosen).store_slice(&mut lanes[to..to + S::f32s::LEN]);
+    let all = load(simd, lanes, at);
+    store_chosen::<S>(simd, all, chosen, &mut lanes[to..]);
 }

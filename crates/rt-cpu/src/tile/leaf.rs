@@ -1,0 +1,154 @@
+//! Testing the triangles of a leaf against rays that enter it.
+
+use std::hint::black_box;
+
+use bvh_core::triangle::intersect;
+use bvh_core::{Node, Ray, Triangles, Vec3};
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, mask32x16};
+
+use super::packet::{GROUP, GROUP_MASK, LANES, Packet};
+use crate::scene::Scene;
+use crate::simd::{bits, load, max};
+use crate::wide::{RayOctant, Slab, V, WideTest};
+
+/// Tests the triangles of a leaf against `N` rays from `at` on, those in `mask`, which enter it. `near` is where, if it is
+/// known.
+#[inline(always)]
+pub(super) fn test_leaf<S: Simd, T: WideTest, const ANY: bool, const N: usize>(
+    simd: S,
+    scene: Scene<'_>,
+    octant: &RayOctant,
+    leaf: &Node,
+    near: Option<V<S>>,
+    mask: u64,
+    at: usize,
+    packet: &mut Packet,
+) {
+    for slot in leaf.first()..leaf.first() + leaf.count() {
+        let p = scene.primitive(slot);
+        let mask = mask & packet.active(at);
+        if ANY && mask == 0 {
+            return;
+        }
+        let Some(corners) = corners(scene.triangles, p) else { continue };
+        for i in (0..N).step_by(GROUP) {
+            let lanes = mask >> i & GROUP_MASK;
+            if lanes != 0 {
+                test_group::<S, T, ANY>(simd, octant, (leaf, near), corners, p, lanes, at + i, packet);
+            }
+        }
+    }
+}
+
+/// The corners of a triangle, unless it is not there.
+#[inline(always)]
+fn corners<'a>(triangles: &Triangles<'a>, i: u32) -> Option<[&'a Vec3; 3]> {
+    let &[a, b, c] = triangles.indices.get(i as usize)?;
+    let positions = triangles.positions;
+    Some([positions.get(a as usize)?, positions.get(b as usize)?, positions.get(c as usize)?])
+}
+
+/// Tests one triangle against the lanes `mask` of the group at `at`.
+#[inline(always)]
+fn test_group<S: Simd, T: WideTest, const ANY: bool>(
+    simd: S,
+    octant: &RayOctant,
+    (leaf, near): (&Node, Option<V<S>>),
+    corners: [&Vec3; 3],
+    primitive: u32,
+    mask: u64,
+    at: usize,
+    packet: &mut Packet,
+) {
+    let found = T::wide(simd, &packet.rays(simd, octant.axes[2], at), corners, octant, mask);
+    if found.unsure != 0 {
+        test_each::<T, ANY>(octant.origin, corners, primitive, found.unsure, at, packet);
+    }
+    if found.lanes == 0 {
+        return;
+    }
+    let best: V<S> = packet.t(simd, at);
+    // The box of a leaf with one triangle is the triangle's.
+    let (near, lanes) = match near.filter(|_| leaf.count() == 1) {
+        Some(near) => (near, found.lanes),
+        None => {
+            let slab = if leaf.count() == 1 {
+                Slab::of(simd, leaf, octant)
+            } else {
+                let [&a, &b, &c] = corners;
+                // A corner that is not finite makes the triangle's box empty.
+                if (a * 0.0 + b * 0.0) + c * 0.0 != Vec3::ZERO {
+                    return;
+                }
+                Slab::around(simd, &[a, b, c], octant)
+            };
+            let (near, inside) = slab.enter(simd, packet.inverse(simd, at), best);
+            (near, found.lanes & inside.to_bitmask())
+        }
+    };
+    let t = max(found.t, near);
+    if ANY {
+        let hit = lanes & t.simd_le(best).to_bitmask();
+        packet.end(at, hit);
+        packet.note_hits(at, hit);
+        for i in bits(hit) {
+            packet.primitive[at + i] = f32::from_bits(primitive);
+        }
+        return;
+    }
+    let mut closer = lanes & t.simd_lt(best).to_bitmask();
+    for i in bits(lanes & t.simd_eq(best).to_bitmask()) {
+        closer |= u64::from(primitive < packet.primitive[at + i].to_bits()) << i;
+    }
+    if closer == 0 {
+        return;
+    }
+    packet.note_hits(at, closer);
+    let closer = mask32x16::from_bitmask(simd, closer);
+    write(simd, closer, t, &mut packet.t, at);
+    write(simd, closer, found.u, &mut packet.u, at);
+    write(simd, closer, found.v, &mut packet.v, at);
+    write(simd, closer, V::simd_from(simd, f32::from_bits(primitive)), &mut packet.primitive, at);
+}
+
+/// Replaces the lanes in `mask`.
+#[inline(always)]
+fn write<S: Simd>(simd: S, mask: mask32x16<S>, new: V<S>, to: &mut [f32; LANES], at: usize) {
+    let mut old: V<S> = load(simd, to, at);
+    if S::f32s::LEN == 8 {
+        // Else the compiler stores with AVX2's masks, for which AMD's processors take many cycles: primary rays took
+        // 15 % longer on Zen 4.
+        old = black_box(old);
+    }
+    mask.select(new, old).store_slice(&mut to[at..at + GROUP]);
+}
+
+/// Tests one triangle against the lanes `mask` of the group at `at`, one by one.
+#[cold]
+#[inline(never)]
+fn test_each<T: WideTest, const ANY: bool>(
+    origin: Vec3,
+    corners: [&Vec3; 3],
+    primitive: u32,
+    mask: u64,
+    at: usize,
+    packet: &mut Packet,
+) {
+    for i in bits(mask) {
+        let lane = at + i;
+        let [x, y, z] = [0, 1, 2].map(|k| packet.direction[k][lane]);
+        let ray = Ray::new(origin, Vec3::new(x, y, z));
+        let best = packet.t[lane];
+        let hit = intersect(&ray, &T::new(&ray), &corners.map(|&c| c), primitive, best);
+        let Some(hit) = hit.filter(|h| ANY || h.is_before(best, packet.primitive[lane].to_bits())) else {
+            continue;
+        };
+        if ANY {
+            packet.end(at, 1 << i);
+        }
+        packet.note_hits(at, 1 << i);
+        (packet.t[lane], packet.u[lane], packet.v[lane]) = (hit.t, hit.u, hit.v);
+        packet.primitive[lane] = f32::from_bits(primitive);
+    }
+}
