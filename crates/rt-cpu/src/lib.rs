@@ -19,6 +19,10 @@
 //! subtraction and multiplication are monotonic and every box above a triangle contains the triangle's own,
 //! so a ray that enters the latter enters all the others, no later. Triangles with a NaN or an infinite
 //! coordinate have an empty box and are never hit.
+//!
+//! The tree has to be up to date, with the smallest boxes around what is below them, as builders and updates leave it
+//! ([`Bvh::validate`](bvh_core::Bvh::validate)): [`Traversal::Tile`] takes the box of a leaf with one triangle for
+//! the triangle's own.
 
 #![deny(unsafe_code)]
 #![expect(clippy::too_many_arguments, reason = "what is inlined into one loop has no struct for its state")]

@@ -101,9 +101,11 @@ pub(crate) fn store3<S: Simd, V: Lanes<S>, const N: usize>(from: [V; 3], to: &mu
     }
 }
 
-/// Stores the chosen lanes side by side where `to` begins; behind them, up to a vector's length, anything.
+/// Stores the chosen lanes side by side at the start of `to`, which must have room for a whole vector; what is behind
+/// them in that room is overwritten.
 #[inline(always)]
 pub(crate) fn store_chosen<S: Simd>(simd: S, lanes: S::f32s, chosen: u64, to: &mut [f32]) {
+    let to = &mut to[..S::f32s::LEN];
     if S::f32s::LEN < 8 {
         // Below AVX2 compression is emulated, and slower than this.
         for (to, i) in to.iter_mut().zip(bits(chosen)) {
@@ -111,7 +113,7 @@ pub(crate) fn store_chosen<S: Simd>(simd: S, lanes: S::f32s, chosen: u64, to: &m
         }
     } else {
         let chosen = <S::f32s as SimdBase<S>>::Mask::from_bitmask(simd, chosen);
-        lanes.compress(chosen).store_slice(&mut to[..S::f32s::LEN]);
+        lanes.compress(chosen).store_slice(to);
     }
 }
 

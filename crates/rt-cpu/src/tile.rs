@@ -51,7 +51,7 @@ impl Scratch {
     /// Once all rays of the packet have hits, boxes behind the farthest are out of the frustum.
     #[inline(always)]
     fn look_up_to_farthest<S: Simd>(&mut self, simd: S) {
-        if !self.packet.some_see_nothing() {
+        if !self.packet.some_see_nothing(!0) {
             let farthest = self.packet.farthest(simd, !0);
             self.planes.look_up_to(farthest);
         }
@@ -202,7 +202,7 @@ fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
             #[inline(always)]
             || walk::walk::<S, T, ANY>(simd, scene, octant, along, root, mask, scratch, work),
         );
-        if !ANY && !scratch.packet.some_see_nothing() {
+        if !ANY && !scratch.packet.some_see_nothing(mask) {
             farthest = scratch.packet.farthest(simd, mask);
         }
     }

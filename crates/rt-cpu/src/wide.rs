@@ -37,8 +37,8 @@ impl RayOctant {
     }
 }
 
-/// The planes of a box, in the order in which rays meet them, subtracted from the rays' origin: what has to
-/// be subtracted from comes from memory straight into all lanes.
+/// The planes of a box, in the order in which rays meet them, subtracted from the rays' origin: what
+/// is subtracted comes from memory straight into all lanes.
 #[derive(Clone, Copy)]
 pub(crate) struct Slab<V> {
     first: [V; 3],
@@ -114,14 +114,11 @@ pub(crate) struct Rays<S: Simd> {
 /// A triangle test of many rays at once, with the bits of [`Test::test`];
 /// [`BlockTest`](crate::bvh8::BlockTest) is of one ray and several triangles.
 pub(crate) trait WideTest: Test {
-    /// Tests the lanes in `active`.
-    fn wide<S: Simd>(
-        simd: S,
-        rays: &Rays<S>,
-        corners: [&Vec3; 3],
-        octant: &RayOctant,
-        active: u64,
-    ) -> Found<V<S>>;
+    /// Tests the lanes in `active`. Unless there is a faster way, all are left to [`Test::test`].
+    #[inline(always)]
+    fn wide<S: Simd>(simd: S, _: &Rays<S>, _: [&Vec3; 3], _: &RayOctant, active: u64) -> Found<V<S>> {
+        Found { unsure: active, ..Found::none(simd) }
+    }
 }
 
 impl WideTest for Watertight {
@@ -180,13 +177,7 @@ fn dot<S: Simd>(a: [V<S>; 3], b: Vec3) -> V<S> {
     a[0] * b.x + a[1] * b.y + a[2] * b.z
 }
 
-impl WideTest for Double {
-    /// One by one: a reference need not be fast.
-    #[inline(always)]
-    fn wide<S: Simd>(simd: S, _: &Rays<S>, _: [&Vec3; 3], _: &RayOctant, active: u64) -> Found<V<S>> {
-        Found { unsure: active, ..Found::none(simd) }
-    }
-}
+impl WideTest for Double {}
 
 /// The lanes that hit, and where.
 pub(crate) struct Found<V> {
@@ -199,6 +190,7 @@ pub(crate) struct Found<V> {
 }
 
 impl<V> Found<V> {
+    /// No lane hits.
     #[inline(always)]
     pub(crate) fn none<S: Simd>(simd: S) -> Self
     where

@@ -50,8 +50,8 @@ impl Block {
         [at(&self.corners[0]), at(&self.corners[1]), at(&self.corners[2])]
     }
 
-    /// The closest of what a triangle test found that comes before `best` and not after `t_max`, and that `counts` is
-    /// true for; else `best`.
+    /// The closest of what a triangle test found, or finds where it was unsure, that comes before `best` and not
+    /// after `t_max`, and that `counts` is true for; else `best`.
     #[inline(always)]
     pub(super) fn closest<S: Simd>(
         &self,
@@ -67,14 +67,13 @@ impl Block {
         }
         let near = found.lanes & found.t.simd_le(t_max).to_bitmask();
         for i in bits(near | found.unsure) {
+            let corners = self.corners(i);
             let at = if near >> i & 1 == 1 {
-                (found.t.as_slice()[i], found.u.as_slice()[i], found.v.as_slice()[i])
-            } else if let Some(at) = test.test(&self.corners(i)) {
-                at
+                Some((found.t.as_slice()[i], found.u.as_slice()[i], found.v.as_slice()[i]))
             } else {
-                continue;
+                test.test(&corners)
             };
-            let hit = in_box(ray, at, &self.corners(i), self.primitive[i], t_max, WIDEN);
+            let hit = at.and_then(|at| in_box(ray, at, &corners, self.primitive[i], t_max, WIDEN));
             if let Some(hit) = hit.filter(|h| best.is_none_or(|b| h.is_before(b.t, b.primitive)) && counts(h))
             {
                 (best, t_max) = (Some(hit), hit.t);
@@ -86,7 +85,7 @@ impl Block {
 
 /// A triangle test of one ray against four triangles, with the bits of [`Test::test`].
 pub(crate) trait BlockTest: Test {
-    /// Tests the triangles in `active`: one by one, unless there is a faster way.
+    /// Tests the triangles in `active`. Unless there is a faster way, all are left to [`Test::test`].
     #[inline(always)]
     fn block<S: Simd>(&self, simd: S, _: &Ray, _: &Block, active: u64) -> Found<f32x4<S>> {
         Found { unsure: active, ..Found::none(simd) }

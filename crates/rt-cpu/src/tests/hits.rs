@@ -38,6 +38,11 @@ fn check_rays(soup: &Soup, rays: &[Ray]) -> usize {
 
 /// Rays that share their origin, traced in all ways, against brute force, in all tests.
 fn check_packets(soup: &Soup, origin: Vec3, targets: &[Vec3], t_max: f32) -> usize {
+    check_packets_in(&[&tree(soup, 1), &tree(soup, 5)], soup, origin, targets, t_max)
+}
+
+/// The same through `trees` of the soup.
+fn check_packets_in(trees: &[&Bvh], soup: &Soup, origin: Vec3, targets: &[Vec3], t_max: f32) -> usize {
     let triangles = soup.triangles();
     let mut found = 0;
     let (mut wave, mut scratch): (Box<Wave>, Box<Scratch>) = (zeroed_box(), zeroed_box());
@@ -47,9 +52,8 @@ fn check_packets(soup: &Soup, origin: Vec3, targets: &[Vec3], t_max: f32) -> usi
             let truth: Vec<_> =
                 rays.iter().map(|ray| closest_hit_brute(&triangles, ray, t_max, test)).collect();
             found += truth.iter().flatten().count();
-            for leaf in [1, 5] {
-                let bvh = tree(soup, leaf);
-                let scene = Scene::new(&bvh, &triangles);
+            for bvh in trees {
+                let scene = Scene::new(bvh, &triangles);
                 for options in ways() {
                     for query in [Query::Closest, Query::Any] {
                         wave.rays.start(origin, t_max);
@@ -295,6 +299,11 @@ fn deep_trees_and_large_leaves() {
     assert_eq!(deep.height(), bvh_core::MAX_HEIGHT);
     let flat = tree(&soup, n);
     assert!(flat.root().is_leaf());
+    let grid: Vec<_> =
+        (0..256).map(|i| Vec3::new((i % 16) as f32 - 8.0, (i / 16) as f32 - 8.0, 0.0) * 0.3).collect();
+    for origin in [Vec3::Z * 5.0, Vec3::new(0.1, -0.2, -1e-3)] {
+        assert!(check_packets_in(&[&deep, &flat], &soup, origin, &grid, f32::INFINITY) > 100);
+    }
     let mut wide = Bvh8::new();
     let mut hits = 0;
     for bvh in [&deep, &flat] {

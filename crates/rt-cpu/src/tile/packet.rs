@@ -80,10 +80,10 @@ impl Packet {
         self.hit[at / PACKET] |= lanes << (at % PACKET);
     }
 
-    /// Whether some ray that looks for a hit has none yet.
+    /// Whether some ray in `mask` that looks for a hit has none yet.
     #[inline(always)]
-    pub(super) fn some_see_nothing(&self) -> bool {
-        self.active[0] & !self.hit[0] != 0
+    pub(super) fn some_see_nothing(&self, mask: u64) -> bool {
+        self.active[0] & !self.hit[0] & mask != 0
     }
 
     /// Loads the packet that begins with ray `at`.

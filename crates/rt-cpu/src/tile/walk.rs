@@ -34,7 +34,7 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
     }
     loop {
         if mask == 0 {
-            // Other hits came in between.
+            // No ray enters the root, or those that were put off have hit something since.
         } else if let Some((at, lanes)) = scratch.packet.group_of::<S, ANY>(simd, mask) {
             walk_group::<S, T, ANY>(simd, scene, octant, along, n, lanes, at, scratch, work);
             if at == PACKET {
@@ -57,7 +57,8 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
                 }
             }
             let active = scratch.packet.active(0);
-            let [near, far] = sort(children, first, along, [entered[0] & active, entered[1] & active]);
+            let [near, far] =
+                near_and_far(children, first, along, [entered[0] & active, entered[1] & active]);
             if far.1 != 0 {
                 scratch.stack[top] = far;
                 top += 1;
@@ -78,13 +79,14 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
     }
 }
 
-/// Two children with the masks of the rays that enter them, numbered from `first` on: the one to go on with, the
-/// nearer along `along`, and the one for later. Without rays for both, the latter has none.
+/// The two children, numbered from `first` on, each with the mask of the rays that enter it: first the one to visit
+/// now, then the one to put off. If rays enter only one, that comes first and the other's mask is 0; if rays enter
+/// both, the nearer along `along` comes first.
 ///
 /// Branches on purpose: what is guessed right is fetched while boxes are still tested. The compiler would sooner
 /// compute which child comes next; `black_box` keeps it from that.
 #[inline(always)]
-fn sort(children: &[Node; 2], first: usize, along: Vec3, [l, r]: [u64; 2]) -> [(u32, u64); 2] {
+fn near_and_far(children: &[Node; 2], first: usize, along: Vec3, [l, r]: [u64; 2]) -> [(u32, u64); 2] {
     let (left, right) = ((first as u32, l), (first as u32 + 1, r));
     if l == 0 {
         black_box(());
@@ -146,7 +148,8 @@ fn enter<S: Simd>(simd: S, packet: &Packet, node: &Node, octant: &RayOctant, mas
     entered & mask
 }
 
-/// Walks the subtree at an inner node with rays of the group at `at`, all of which enter it; one goes along `along`.
+/// Walks the subtree at an inner node with rays of the group at `at`, all of which enter it, children in their order
+/// along `along`.
 #[inline(always)]
 fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
@@ -184,7 +187,7 @@ fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
         if ANY {
             (ml, mr) = (ml & packet.active(at), mr & packet.active(at));
         }
-        let [near, far] = sort(children, first, along, [ml, mr]);
+        let [near, far] = near_and_far(children, first, along, [ml, mr]);
         if far.1 != 0 {
             scratch.group_stack[top] = far;
             top += 1;
