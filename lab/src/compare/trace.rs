@@ -20,8 +20,8 @@ use crate::stage::{Stage, ms};
 const ROUNDS: usize = 3;
 const BOUNCE_ROUNDS: usize = 5;
 
-/// Name of the row with the time of making rays: what every contestant but this project's packets
-/// spends outside of the library, its user's part.
+/// Name of the row with the time of making rays where shadow rays are made from corners: what contestants that return no
+/// normals spend outside of the library, their user's part.
 pub(super) const SET_UP: &str = "ray set-up";
 
 /// Milliseconds of the median of `N` runs.

@@ -83,8 +83,9 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
 /// now, then the one to put off. If rays enter only one, that comes first and the other's mask is 0; if rays enter
 /// both, the nearer along `along` comes first.
 ///
-/// Branches on purpose: what is guessed right is fetched while boxes are still tested. The compiler would sooner
-/// compute which child comes next; `black_box` keeps it from that.
+/// Branches on purpose: what is guessed right is fetched while boxes are still tested, which saves 4 to 6 % of the time
+/// of primary and shadow rays (`compare trace`, row `pivot avx512`). The compiler would sooner compute which child comes
+/// next; `black_box` keeps it from that.
 #[inline(always)]
 fn near_and_far(children: &[Node; 2], first: usize, along: Vec3, [l, r]: [u64; 2]) -> [(u32, u64); 2] {
     let (left, right) = ((first as u32, l), (first as u32 + 1, r));
