@@ -11,8 +11,8 @@
 //! and pictures are made outside of what is timed.
 //!
 //! Frames that an earlier run has measured, and those between frames to measure, are only played:
-//! strategies whose trees depend on the frames before update them, and nothing is rendered or
-//! timed.
+//! strategies whose trees depend on the frames before update them, and nothing is rendered. These
+//! updates are timed, too: few of many may be repairs, and the frames measured could hit or miss them.
 
 use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -96,6 +96,8 @@ struct Lane {
     /// Whether the tree fits the present frame.
     is_current: bool,
     last: Option<Row>,
+    /// Updates since the last frame that was measured, and their time in ms.
+    between: (u64, f64),
 }
 
 /// A tree that fits the frame, and whose it is.
@@ -288,15 +290,22 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// A row for each contestant of the frame, if it was measured.
-    fn rows(&self) -> Vec<Row> {
+    /// A row for each contestant of the frame, if it was measured, with all updates since the one before.
+    fn rows(&mut self) -> Vec<Row> {
         let row = |c: &Contestant| {
-            let last = self.lanes.iter().find(|lane| lane.name == c.of)?.last.clone()?;
+            let lane = self.lanes.iter().find(|lane| lane.name == c.of)?;
+            let last = lane.last.clone()?;
             let update_ms = rounded(c.counted.of(last.update_ms));
+            let updates_ms = rounded(c.counted.of(lane.between.1 + last.update_ms));
             let frame_ms = rounded(update_ms + last.trace_ms);
-            Some(Row { strategy: c.name.to_owned(), update_ms, frame_ms, ..last })
+            let (strategy, updates) = (c.name.to_owned(), lane.between.0 + 1);
+            Some(Row { strategy, update_ms, frame_ms, updates, updates_ms, ..last })
         };
-        self.plan.contestants.iter().filter_map(row).collect()
+        let rows = self.plan.contestants.iter().filter_map(row).collect();
+        for lane in self.lanes.iter_mut().filter(|lane| lane.last.is_some()) {
+            lane.between = (0, 0.0);
+        }
+        rows
     }
 }
 
@@ -323,15 +332,26 @@ fn lanes(stage: &mut Stage, plan: &Plan) -> Result<Vec<Lane>> {
 impl Lane {
     fn new(name: &'static str, method: Method, stage: &Stage, poses: &[Vec<Vec3>]) -> Result<Self> {
         let (tree, worker) = start(name, method, stage, poses)?;
-        Ok(Self { name, method, tree, worker, twins: Vec::new(), is_current: false, last: None })
+        Ok(Self {
+            name,
+            method,
+            tree,
+            worker,
+            twins: Vec::new(),
+            is_current: false,
+            last: None,
+            between: (0, 0.0),
+        })
     }
 
-    fn update(&mut self, stage: &Stage) -> Result<Update> {
-        let failed = || format!("{}: {} failed", stage.scene.name, self.name);
+    /// Updates the tree and its twins, without rendering; of the times the shortest counts.
+    fn update(&mut self, stage: &Stage) -> Result<()> {
+        let (mut least_ms, _) = timed(self.name, &mut self.tree, &mut self.worker, stage)?;
         for (tree, worker) in &mut self.twins {
-            worker.update(tree, &stage.triangles()).with_context(failed)?;
+            least_ms = timed(self.name, tree, worker, stage)?.0.min(least_ms);
         }
-        self.worker.update(&mut self.tree, &stage.triangles()).with_context(failed)
+        self.between = (self.between.0 + 1, self.between.1 + least_ms);
+        Ok(())
     }
 
     fn report(&mut self, load: Load) {
@@ -340,10 +360,11 @@ impl Lane {
     }
 
     /// Reports the rays of a frame that an earlier run has measured, so that the tree takes the
-    /// same course.
+    /// same course. Its row has the updates up to it.
     fn recall(&mut self, rows: &[Row], round: usize, frame: usize) {
         let is_it = |row: &&Row| row.strategy == self.name && [row.round, row.frame] == [round, frame];
         if let Some(row) = rows.iter().find(is_it) {
+            self.between = (0, 0.0);
             self.report(Load::PacketNodes(row.nodes_opened));
         }
     }

@@ -63,6 +63,23 @@ pub(crate) struct Row {
     pub(crate) diffuse_bounces_ms: f64,
     /// Nodes that the rays opened, once for each ray or packet.
     pub(crate) nodes_opened: u64,
+    /// Updates since the row before, with this one, and their time.
+    #[serde(default)]
+    pub(crate) updates: u64,
+    #[serde(default)]
+    pub(crate) updates_ms: f64,
+}
+
+/// Mean time of a strategy's frames: of all updates, as rare ones may be long, and of the pictures
+/// that were rendered. Not a number if there are no rows.
+pub(crate) fn mean_frame_ms(rows: &[&Row]) -> f64 {
+    let sum = |value: fn(&Row) -> f64| rows.iter().map(|row| value(row)).sum::<f64>();
+    let count = rows.len() as f64;
+    let updates = sum(|row| row.updates as f64);
+    // Rows of older revisions do not count updates.
+    let update =
+        if updates > 0.0 { sum(|row| row.updates_ms) / updates } else { sum(|row| row.update_ms) / count };
+    update + sum(|row| row.trace_ms) / count
 }
 
 /// Milliseconds to a tenth of a microsecond, as rows have them.

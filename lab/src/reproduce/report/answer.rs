@@ -2,6 +2,7 @@
 
 use crate::reproduce::claims::frame_time;
 use crate::reproduce::contestants::Contestant;
+use crate::reproduce::record::mean_frame_ms;
 use crate::reproduce::results::{Results, SceneRun};
 
 /// Frame times that differ by less are equal, as in the rules of the claims.
@@ -75,10 +76,7 @@ fn standings<'a>(results: &'a Results) -> Vec<Standing<'a>> {
     let scenes = moving(results);
     let is_usable = |name: &&String| Contestant::from_name(name).is_ok_and(|c| c.accounting().is_none());
     let usable: Vec<&String> = results.settings.strategies.iter().filter(is_usable).collect();
-    let time = |scene: &SceneRun, name: &str| {
-        let rows = scene.of(name);
-        rows.iter().map(|row| row.frame_ms).sum::<f64>() / rows.len() as f64
-    };
+    let time = |scene: &SceneRun, name: &str| mean_frame_ms(&scene.of(name));
     let over_fastest = |scene: &SceneRun, strategy: &str| {
         let fastest = usable.iter().map(|name| time(scene, name)).fold(f64::INFINITY, f64::min);
         time(scene, strategy) / fastest
