@@ -30,6 +30,5 @@ pub fn run(args: &Args) -> Result<()> {
     let is_glb = out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("glb"));
     ensure!(is_glb, "{}: {} is a binary glTF file, name it .glb", out.display(), args.scene);
     let bytes = if args.scene == "toys" { scenes::toys_glb() } else { scenes::fairy_forest_glb(args.seed) };
-    files::write_whole(out, &bytes)?;
-    files::print(&files::shown(out))
+    files::write_and_name(out, &bytes)
 }

@@ -19,7 +19,11 @@ pub(crate) fn scene_cache() -> PathBuf {
 }
 
 /// Makes a folder and those above it.
-pub(crate) fn make_folder(path: &Path) -> Result<()> {
+///
+/// # Errors
+///
+/// If that fails; the message names the folder.
+pub fn make_folder(path: &Path) -> Result<()> {
     fs::create_dir_all(path).with_context(|| format!("{}: cannot be made a folder", path.display()))
 }
 
@@ -52,6 +56,21 @@ pub(crate) fn write_whole(path: &Path, content: &[u8]) -> Result<()> {
         Ok::<_, std::io::Error>(())
     };
     write().with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+/// Writes a file whole, and prints its name.
+pub(crate) fn write_and_name(path: &Path, content: &[u8]) -> Result<()> {
+    write_whole(path, content)?;
+    print(&shown(path))
+}
+
+/// Reads a file.
+///
+/// # Errors
+///
+/// If that fails; the message names the file.
+pub fn read(path: &Path) -> Result<Vec<u8>> {
+    fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))
 }
 
 /// Locks a folder for one run at a time; the lock ends with the returned file.

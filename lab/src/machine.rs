@@ -7,7 +7,7 @@ use bvh_core::SimdLevel;
 use serde::{Deserialize, Serialize};
 use sysinfo::{CpuRefreshKind, MemoryRefreshKind, RefreshKind, System};
 
-use crate::files;
+use crate::{files, pool};
 
 /// The machine and its state when the run began.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -28,7 +28,7 @@ pub(crate) struct Machine {
 }
 
 /// The state of the source tree.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Revision {
     /// Commit, where the tree is a git repository.
     pub(crate) commit: Option<String>,
@@ -43,7 +43,7 @@ impl Machine {
         let cpu = system.cpus().first().map(|cpu| cpu.brand().trim()).filter(|brand| !brand.is_empty());
         Self {
             cpu: cpu.unwrap_or(std::env::consts::ARCH).to_owned(),
-            cores: std::thread::available_parallelism().map_or(1, usize::from),
+            cores: pool::cores(),
             simd: SimdLevel::best().name().to_owned(),
             memory_gib: Some(system.total_memory() as f64 / f64::from(1 << 30)).filter(|gib| *gib > 0.0),
             os: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),

@@ -17,14 +17,18 @@ pub(crate) struct Threads {
 impl Threads {
     /// How many: the paper's number, or as many as this machine has cores, unless something is given.
     pub(crate) fn count(&self) -> usize {
-        let default = || std::thread::available_parallelism().map_or(1, usize::from).min(PAPER_THREADS);
-        self.threads.map_or_else(default, |n| n as usize)
+        self.threads.map_or_else(|| cores().min(PAPER_THREADS), |n| n as usize)
     }
 
     /// A pool of that many threads.
     pub(crate) fn pool(&self) -> Result<ThreadPool> {
         pool(self.count())
     }
+}
+
+/// Hardware threads that this process may use.
+pub(crate) fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 /// A pool of that many threads.

@@ -61,8 +61,6 @@ fn metadata() -> Result<String> {
 }
 
 fn readme_names(command: &str) -> Result<bool> {
-    let readme = files::workspace().join("README.md");
-    let text =
-        std::fs::read_to_string(&readme).with_context(|| format!("{}: cannot be read", readme.display()))?;
-    Ok(text.contains(command))
+    let readme = files::read(&files::workspace().join("README.md"))?;
+    Ok(String::from_utf8(readme)?.contains(command))
 }

@@ -5,6 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use lab::files;
 use serde_json::Value;
 
 /// For each crate of the workspace, the others of the workspace that it may depend on.
@@ -95,13 +96,10 @@ pub(crate) fn module_violations(source: &Path) -> Result<Vec<String>> {
     let mut found = Vec::new();
     for (rank, module) in UPDATE_MODULES.iter().enumerate() {
         let (folder, file) = (source.join(module), source.join(format!("{module}.rs")));
-        let files = if folder.is_dir() { rust_files(&folder)? } else { vec![file] };
-        for file in files {
-            let text =
-                fs::read_to_string(&file).with_context(|| format!("{}: cannot be read", file.display()))?;
-            found.extend(
-                imports_against(&text, rank).map(|to| format!("{} must not import {to}", file.display())),
-            );
+        for file in if folder.is_dir() { rust_files(&folder)? } else { vec![file] } {
+            let text = String::from_utf8(files::read(&file)?)?;
+            let name = file.display();
+            found.extend(imports_against(&text, rank).map(|to| format!("{name} must not import {to}")));
         }
     }
     Ok(found)

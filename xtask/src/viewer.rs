@@ -100,20 +100,17 @@ pub(crate) fn web(args: &Web) -> Result<()> {
     cargo.args(["--config", &format!("target.{TARGET}.rustflags=[{flags}]")]);
     let status = cargo.status().context("cargo: cannot be started")?;
     ensure!(status.success(), "the page cannot be built; it needs `rustup target add {TARGET}`");
-    let module = target.join(TARGET).join("release/viewer_web.wasm");
-    let module = fs::read(&module).with_context(|| format!("{}: cannot be read", module.display()))?;
-    let mut files = vec![("viewer.wasm.gz", pack(&module)?), (KEYS, pack(&key_frames(root)?)?)];
+    let module = files::read(&target.join(TARGET).join("release/viewer_web.wasm"))?;
+    let mut page = vec![("viewer.wasm.gz", pack(&module)?), (KEYS, pack(&key_frames(root)?)?)];
     for name in ["index.html", "worker.js", "isolate.js"] {
-        let path = root.join("viewer/web").join(name);
-        files.push((name, fs::read(&path).with_context(|| format!("{}: cannot be read", path.display()))?));
+        page.push((name, files::read(&root.join("viewer/web").join(name))?));
     }
-    fs::create_dir_all(&out).with_context(|| format!("{}: cannot be made a folder", out.display()))?;
-    let mut bytes = 0;
-    for (name, content) in files {
+    files::make_folder(&out)?;
+    for (name, content) in &page {
         let path = out.join(name);
-        fs::write(&path, &content).with_context(|| format!("{}: cannot be written", path.display()))?;
-        bytes += content.len();
+        fs::write(&path, content).with_context(|| format!("{}: cannot be written", path.display()))?;
     }
+    let bytes: usize = page.iter().map(|(_, content)| content.len()).sum();
     files::remark(&format!(
         "{}: {:.2} MB in all; any file server shows it",
         out.display(),
