@@ -10,7 +10,7 @@ use anim::PoseStats;
 use anyhow::{Context, Result, bail};
 use bvh_core::Bvh;
 use bvh_update::{Rotate, Strategy, Updater};
-use rt_cpu::{Image, RenderOptions, RenderStats, render};
+use rt_cpu::{Image, RenderOptions, RenderStats};
 use scenes::{Effects, FramePlan, LightEffects, MotionEffects, Scene, SceneOptions, SimulationStats};
 use serde::{Deserialize, Serialize};
 
@@ -161,8 +161,8 @@ fn play(played: Played, scene: &mut Option<Scene>, effects: Effects) -> Result<F
             stage.update(&mut tree, &mut updater)?;
             all.motion_ms += ms(start) / count as f64;
             all.posed = sum(all.posed, posed);
-            let (camera, light, start) = (stage.camera(size, size), stage.light(), Instant::now());
-            all.traced += render(&tree, &stage.mesh(), &camera, Some(&light), &options, &mut image);
+            let start = Instant::now();
+            all.traced += stage::draw(&stage, &tree, &options, &mut image);
             all.light_ms += ms(start) / count as f64;
         }
         best = all.faster(best);
@@ -193,22 +193,9 @@ pub(crate) struct Cost {
     ms: [f64; 4],
 }
 
-impl Cost {
-    /// What stands above [`Cost::cells`].
-    const HEADS: [&str; 9] =
-        ["kind", "effect", "count: all", "without", "alone", "ms: all", "without", "alone", "none"];
-
-    fn cells(&self) -> [String; 9] {
-        let ([all, without, alone], ms) =
-            (self.counts.map(|n| n.to_string()), self.ms.map(|ms| format!("{ms:.3}")));
-        let [ms_all, ms_without, ms_alone, none] = ms;
-        [self.kind.clone(), self.effect.clone(), all, without, alone, ms_all, ms_without, ms_alone, none]
-    }
-}
-
 /// Measures each of the scene's own effects of a kind: with all others, left out, and alone. `none` is
 /// without any of them.
-fn costs<E: Copy, S>(
+fn costs<E: Copy, S: Copy>(
     kind: &str,
     effects: &[Effect<E, S>],
     [own, none]: [E; 2],
@@ -218,37 +205,26 @@ fn costs<E: Copy, S>(
         *switch(&mut effects) = to;
         effects
     };
-    let effects: Vec<_> = effects
-        .iter()
-        .filter(|(_, switch, _)| {
-            let mut own = own;
-            *switch(&mut own)
-        })
-        .collect();
+    let is_own = |(_, switch, _): &&Effect<E, S>| {
+        let mut own = own;
+        *switch(&mut own)
+    };
+    let effects: Vec<_> = effects.iter().filter(is_own).collect();
     if effects.is_empty() {
         return Ok(Vec::new());
     }
     let (everything, nothing) = (measure(own)?, measure(none)?);
-    let cost = |&&(name, switch, count): &&Effect<E, S>| {
+    let cost = |&(name, switch, count): &Effect<E, S>| {
         // Without the only effect there is none, and alone it is everything.
-        let others = match effects.len() {
-            1 => None,
-            _ => Some([measure(switched(own, switch, false))?, measure(switched(none, switch, true))?]),
+        let [without, alone] = match effects.len() {
+            1 => [nothing, everything],
+            _ => [measure(switched(own, switch, false))?, measure(switched(none, switch, true))?],
         };
-        let [without, alone] = match &others {
-            Some([without, alone]) => [without, alone],
-            None => [&nothing, &everything],
-        };
-        let runs = [&everything, without, alone];
-        let [all, without, alone] = runs.map(|(_, ms)| *ms);
-        Ok(Cost {
-            kind: kind.to_owned(),
-            effect: name.to_owned(),
-            counts: runs.map(|(stats, _)| count(stats)),
-            ms: [all, without, alone, nothing.1],
-        })
+        let counts = [everything, without, alone].map(|(stats, _)| count(&stats));
+        let ms = [everything.1, without.1, alone.1, nothing.1];
+        Ok(Cost { kind: kind.to_owned(), effect: name.to_owned(), counts, ms })
     };
-    effects.iter().map(cost).collect()
+    effects.iter().copied().map(cost).collect()
 }
 
 /// How much of a scene is played, and how large its pictures are.
@@ -294,27 +270,28 @@ fn absent(source: &str, played: Played) -> Result<String> {
     let mut play = |effects| play(played, &mut scene, effects);
     let light = LightEffects { textures: true, alpha: true, mirror: true, ..own.light };
     let planned = Effects { motion: own.motion.with(PLAYBACK), light };
-    let (mut all, mut again, mut more) = (play(own)?, play(own)?, play(planned)?);
+    let choices = [own, own, planned];
+    let mut runs = [play(own)?, play(own)?, play(planned)?];
     // In turn, so that other work on the machine disturbs all.
     for _ in 0..REPEATS {
-        all = all.faster(play(own)?);
-        again = again.faster(play(own)?);
-        more = more.faster(play(planned)?);
+        for (run, effects) in runs.iter_mut().zip(choices) {
+            *run = run.faster(play(effects)?);
+        }
     }
+    let [.., planned] = runs;
     let mut counts = Vec::new();
     let Effects { mut motion, mut light } = own;
     let absences = MOTION.iter().filter(|(_, switch, _)| !*switch(&mut motion));
-    counts.extend(absences.map(|(name, _, count)| format!("{name} {}", count(&more.posed))));
+    counts.extend(absences.map(|(name, _, count)| format!("{name} {}", count(&planned.posed))));
     let absences = LIGHT.iter().filter(|(name, switch, _)| *name != "shadow" && !*switch(&mut light));
-    counts.extend(absences.map(|(name, _, count)| format!("{name} {}", count(&more.traced))));
-    let [own_ms, again_ms, more_ms] = [all, again, more].map(|f| f.motion_ms + f.light_ms);
-    Ok(format!("{} | {own_ms:.3} | {again_ms:.3} | {more_ms:.3}", counts.join(", ")))
+    counts.extend(absences.map(|(name, _, count)| format!("{name} {}", count(&planned.traced))));
+    let times = runs.map(|run| format!("{:.3}", run.motion_ms + run.light_ms));
+    Ok(format!("{} | {}", counts.join(", "), times.join(" | ")))
 }
 
 /// The table of costs, and that of effects which are planned though nothing calls for them.
 fn tables(args: &Args, sources: &[&str]) -> Result<String> {
-    let mut rows = String::new();
-    let mut absences = ABSENT.to_owned();
+    let (mut rows, mut absences) = (COSTS.to_owned(), ABSENT.to_owned());
     let played = Played { detail: args.detail, frames: args.frames as usize, size: args.size };
     for &source in sources {
         if interrupt::requested() {
@@ -322,13 +299,13 @@ fn tables(args: &Args, sources: &[&str]) -> Result<String> {
         }
         files::remark(source);
         let label = stage::label(source);
-        for cost in measure(source, None, played)? {
-            writeln!(rows, "| {label} | {} |", cost.cells().join(" | "))?;
+        for Cost { kind, effect, counts, ms } in measure(source, None, played)? {
+            let (counts, ms) = (counts.map(|n| n.to_string()), ms.map(|ms| format!("{ms:.3}")));
+            writeln!(rows, "| {label} | {kind} | {effect} | {} | {} |", counts.join(" | "), ms.join(" | "))?;
         }
         writeln!(absences, "| {label} | {} |", absent(source, played)?)?;
     }
-    let heads = Cost::HEADS.join(" | ");
-    Ok(format!("{COSTS}\n| scene | {heads} |\n|{}\n{rows}{absences}", "---|".repeat(Cost::HEADS.len() + 1)))
+    Ok(rows + &absences)
 }
 
 const COSTS: &str = "
@@ -337,6 +314,9 @@ const COSTS: &str = "
 Simulation: milliseconds and counts of a loop. Motion: milliseconds of pose and update of a frame. Light: milliseconds of a
 picture. Counts of motion and light are those of all frames. *Without*: all effects of the kind but this one. *Alone*: this
 one and no other of the kind. *None*: none of the kind. Other work on the machine shows in the times.
+
+| scene | kind | effect | count: all | without | alone | ms: all | without | alone | none |
+|---|---|---|---|---|---|---|---|---|---|
 ";
 
 const ABSENT: &str = "

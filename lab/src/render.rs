@@ -80,25 +80,23 @@ fn size(text: &str) -> Result<(u32, u32), String> {
         .ok_or_else(|| "expected WxH as in 1024x1024, each 1 to 16384".to_owned())
 }
 
+/// What `--effects` knows.
+const EFFECTS: [(&str, LightEffects); 7] = [
+    ("shadows", LightEffects::SHADOWS),
+    ("textures", LightEffects { textures: true, ..LightEffects::NONE }),
+    ("alpha", LightEffects { alpha: true, ..LightEffects::NONE }),
+    ("mirror", LightEffects { mirror: true, ..LightEffects::NONE }),
+    ("ambient-occlusion", LightEffects { ambient_occlusion: true, ..LightEffects::NONE }),
+    ("diffuse-bounces", LightEffects { diffuse_bounces: true, ..LightEffects::NONE }),
+    ("none", LightEffects::NONE),
+];
+
 fn effects(list: &str) -> Result<LightEffects, String> {
-    let mut effects = LightEffects::NONE;
-    for name in list.split(',').map(str::trim).filter(|&name| name != "none") {
-        *match name {
-            "shadows" => &mut effects.shadows,
-            "textures" => &mut effects.textures,
-            "alpha" => &mut effects.alpha,
-            "mirror" => &mut effects.mirror,
-            "ambient-occlusion" => &mut effects.ambient_occlusion,
-            "diffuse-bounces" => &mut effects.diffuse_bounces,
-            _ => {
-                return Err(format!(
-                    "no such effect as '{name}'; there are shadows, textures, alpha, mirror, ambient-occlusion, \
-                     diffuse-bounces and none"
-                ));
-            }
-        } = true;
-    }
-    Ok(effects)
+    list.split(',').map(str::trim).try_fold(LightEffects::NONE, |all, name| {
+        let found = EFFECTS.iter().find(|(known, _)| *known == name);
+        let known = || format!("no such effect as '{name}'; there are {}", EFFECTS.map(|e| e.0).join(", "));
+        Ok(all.with(found.ok_or_else(known)?.1))
+    })
 }
 
 /// Runs the command.
@@ -113,10 +111,8 @@ pub fn run(args: &Args) -> Result<()> {
     let options = SceneOptions { seed, light, local_origin, ..SceneOptions::default() };
     let scene = stage::load_with(&args.scene, args.clip.as_deref(), options)?;
     let (count, label) = (scene.frames.max(1), stage::label(&args.scene));
-    let wanted = match (&args.frames, args.frame.unwrap_or(0)) {
-        (Some(range), _) => range.clone(),
-        (None, frame) => frame..frame + 1,
-    };
+    let frame = args.frame.unwrap_or(0);
+    let wanted = args.frames.clone().unwrap_or(frame..frame + 1);
     ensure!(wanted.end <= count, "{label}: no frame {}; its frames are 0 to {}", wanted.end - 1, count - 1);
     for note in &scene.notes {
         files::remark(&format!("note: {note}"));
@@ -145,12 +141,9 @@ fn frames(
     let (smooth, seed, traversal) = (!args.flat, args.seed, args.traversal);
     let options = RenderOptions { smooth, seed, traversal, ..stage.render_options() };
     let mut updater = Updater::default();
-    let mut film = matches!(target, Target::Film(_)).then(Film::default);
-    let mut picture = Picture {
-        image: Image::new(args.size.0, args.size.1),
-        sample: Image::new(args.size.0, args.size.1),
-        stats: RenderStats::default(),
-    };
+    let mut film = Vec::new();
+    let image = || Image::new(args.size.0, args.size.1);
+    let mut picture = Picture { image: image(), sample: image(), stats: RenderStats::default() };
     // A rebuilt tree depends on its own frame only.
     let first = if matches!(args.strategy, Strategy::Rebuild(..)) { wanted.start } else { 0 };
     let steps = |frame: usize| {
@@ -170,28 +163,24 @@ fn frames(
                 stage.smooth();
             }
             let done = |sample: u32| progress.at(steps(frame) + u64::from(sample));
-            if !picture.take(stage, &tree, args.size, &options, samples, done) {
+            if !picture.take(stage, &tree, &options, samples, done) {
                 break;
             }
-            match &mut film {
-                Some(film) => film.push(&picture.image)?,
-                None => {
-                    let path = target.file(label, frame);
-                    let is_exr = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
-                    let file = if is_exr { picture.image.exr() } else { picture.image.png() };
-                    let file = file.with_context(|| format!("{}: cannot be encoded", path.display()))?;
-                    files::write_whole(&path, &file)?;
-                    files::print(&files::shown(&path))?;
-                }
+            let path = target.file(label, frame);
+            if let Target::Film(_) = target {
+                film.push(film_frame(&picture.image)?);
+            } else {
+                let is_exr = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
+                let file = if is_exr { picture.image.exr() } else { picture.image.png() };
+                let file = file.with_context(|| format!("{}: cannot be encoded", path.display()))?;
+                files::write_and_name(&path, &file)?;
             }
         }
         progress.at(steps(frame + 1));
     }
     drop(progress);
-    if let (Some(film), false) = (film, interrupt::requested()) {
-        let path = target.file(label, wanted.start);
-        files::write_whole(&path, &film.finish()?)?;
-        files::print(&files::shown(&path))?;
+    if let (Target::Film(path), false) = (target, interrupt::requested()) {
+        files::write_and_name(path, &gif(film)?)?;
     }
     let light = scenes::Effects { light, ..Default::default() };
     files::remark(&format!("effects: {light}; samples: {samples}; rays: {}", rays(&picture.stats)));
@@ -234,30 +223,30 @@ impl Picture {
         &mut self,
         stage: &Stage,
         tree: &Bvh,
-        (width, height): (u32, u32),
         options: &RenderOptions,
         samples: u32,
         done: impl Fn(u32),
     ) -> bool {
-        let (mesh, camera, light) = (stage.mesh(), stage.camera(width, height), stage.light());
+        let (mesh, light) = (stage.mesh(), stage.light());
+        let camera = stage.camera(self.image.width(), self.image.height());
         let looks = options.effects.ambient_occlusion.is_some() || options.effects.diffuse_bounces.is_some();
         let wide = (samples > 1 && looks).then(|| {
             let mut wide = Bvh8::new();
             wide.update(tree, &mesh.triangles);
             wide
         });
-        let draw = |options: &RenderOptions, image: &mut Image| {
-            render_with(tree, wide.as_ref(), &mesh, &camera, Some(&light), options, image)
-        };
-        self.stats += draw(options, &mut self.image);
-        for sample in 1..samples {
-            if interrupt::requested() {
+        for sample in 0..samples {
+            if sample > 0 && interrupt::requested() {
                 return false;
             }
             done(sample);
-            let options = RenderOptions { sample, ..*options };
-            self.stats += draw(&options, &mut self.sample);
-            self.image.add(&self.sample);
+            let (image, options) = (&mut self.sample, RenderOptions { sample, ..*options });
+            self.stats += render_with(tree, wide.as_ref(), &mesh, &camera, Some(&light), &options, image);
+            if sample == 0 {
+                std::mem::swap(&mut self.image, &mut self.sample);
+            } else {
+                self.image.add(&self.sample);
+            }
         }
         if samples > 1 {
             self.image.scale(1.0 / samples as f32);
@@ -266,29 +255,26 @@ impl Picture {
     }
 }
 
-/// Frames of a GIF.
-#[derive(Default)]
-struct Film(Vec<Frame>);
+/// An image of a film, shown for a 24th of a second.
+fn film_frame(image: &Image) -> Result<Frame> {
+    let bytes = image.pixels().iter().flat_map(|&[r, g, b]| [byte(r), byte(g), byte(b), 255]).collect();
+    let frame =
+        RgbaImage::from_raw(image.width(), image.height(), bytes).context("an image of another size")?;
+    Ok(Frame::from_parts(frame, 0, 0, Delay::from_numer_denom_ms(1000, 24)))
+}
 
-impl Film {
-    /// Adds an image, shown for a 24th of a second.
-    fn push(&mut self, image: &Image) -> Result<()> {
-        let byte = |x: f32| (255.0 * x.clamp(0.0, 1.0).powf(1.0 / 2.2)).round() as u8;
-        let bytes = image.pixels().iter().flat_map(|&[r, g, b]| [byte(r), byte(g), byte(b), 255]).collect();
-        let frame =
-            RgbaImage::from_raw(image.width(), image.height(), bytes).context("an image of another size")?;
-        self.0.push(Frame::from_parts(frame, 0, 0, Delay::from_numer_denom_ms(1000, 24)));
-        Ok(())
-    }
+fn gif(film: Vec<Frame>) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let mut gif = GifEncoder::new_with_speed(&mut bytes, 10);
+    gif.set_repeat(Repeat::Infinite)?;
+    gif.encode_frames(film)?;
+    drop(gif);
+    Ok(bytes)
+}
 
-    fn finish(self) -> Result<Vec<u8>> {
-        let mut bytes = Vec::new();
-        let mut gif = GifEncoder::new_with_speed(&mut bytes, 10);
-        gif.set_repeat(Repeat::Infinite)?;
-        gif.encode_frames(self.0)?;
-        drop(gif);
-        Ok(bytes)
-    }
+/// A linear colour for files that are not to be compared: by a power, which is close to sRGB.
+pub(crate) fn byte(linear: f32) -> u8 {
+    (255.0 * linear.clamp(0.0, 1.0).powf(1.0 / 2.2)).round() as u8
 }
 
 /// Where images go.

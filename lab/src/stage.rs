@@ -5,6 +5,8 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use bvh_build::{Builder, build};
+use bvh_core::Bvh;
+use rt_cpu::{Image, RenderOptions, RenderStats, render};
 use scenes::{Scene, SceneOptions};
 
 pub(crate) use stage::Stage;
@@ -59,10 +61,18 @@ pub(crate) fn timed(scene: Scene) -> Result<(Stage, f64)> {
     Ok((stage.with_context(|| format!("{name}: no tree"))?, build_ms))
 }
 
+/// Renders the stage as it is, with the scene's camera and light; an image of another size shows more pixels, not more
+/// of the scene.
+pub(crate) fn draw(stage: &Stage, tree: &Bvh, options: &RenderOptions, image: &mut Image) -> RenderStats {
+    let camera = stage.camera(image.width(), image.height());
+    render(tree, &stage.mesh(), &camera, Some(&stage.light()), options, image)
+}
+
 /// Milliseconds since `start`.
 pub(crate) fn ms(start: Instant) -> f64 {
     start.elapsed().as_secs_f64() * 1e3
 }
+
 /// A short name of a scene for tables: its own, or the file's; a folder's ends in a slash.
 pub(crate) fn label(name_or_path: &str) -> String {
     if scenes::list().iter().any(|info| info.name == name_or_path) {

@@ -25,7 +25,7 @@ mod summary;
 
 use std::time::Instant;
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use pivot_benches::embree::Device;
 use scenes::Scene;
 
@@ -37,7 +37,7 @@ use self::output::Output;
 use self::preset::Values;
 use self::protocol::{Log, Named, Plan};
 use self::record::Row;
-use self::results::{Picture, Results, SceneFacts, SceneRun, Settings};
+use self::results::{Results, SceneFacts, SceneRun, Settings};
 use self::saved::Saved;
 use crate::compare::Row as Peer;
 use crate::effects::{self, Played};
@@ -170,24 +170,18 @@ fn take_over(mut saved: Saved, entries: &mut [Entry]) -> Vec<Point> {
 
 /// The scenes asked for. Names are checked and files loaded before anything is measured.
 fn entries(args: &Args) -> Result<Vec<Entry>> {
-    let all = args.default_scenes();
-    let sources = if args.scenes.is_empty() { &all } else { &args.scenes };
-    ensure!(
-        args.clip.is_none() || !args.scenes.is_empty(),
-        "--clip chooses from a glTF file: name the file with --scene"
-    );
     let mut entries: Vec<Entry> = Vec::new();
-    for source in sources {
-        let label = stage::label(source);
+    for source in args.sources() {
+        let label = stage::label(&source);
         let loaded = match &args.clip {
-            Some(_) => Some(args.load(source)?),
-            None => stage::load_first(source, || args.load(source))?,
+            Some(_) => Some(args.load(&source)?),
+            None => stage::load_first(&source, || args.load(&source))?,
         };
         // Two files may share a name, but not a row or a picture.
         let taken = |name: &str| entries.iter().any(|e| stage::slug(&e.label) == stage::slug(name));
         let mut names = (1..).map(|n| if n == 1 { label.clone() } else { format!("{label}-{n}") });
         let label = names.find(|name| !taken(name)).unwrap_or(label);
-        entries.push(Entry { source: source.clone(), label, loaded, ..Entry::default() });
+        entries.push(Entry { source, label, loaded, ..Entry::default() });
     }
     let chosen = args.contestants();
     let runs = |name: &&str| chosen.iter().any(|c| c.name == *name);
@@ -226,18 +220,20 @@ impl<'a> Bench<'a> {
         entries: &[Entry],
     ) -> Result<Self> {
         let before = || entries.iter().map(|entry| &entry.before);
+        let rows = before().flat_map(|run| run.rows.clone()).collect::<Vec<_>>();
+        let speeds = before().flat_map(|run| run.speed_rows.clone()).collect::<Vec<_>>();
+        let peers = before().flat_map(|run| run.peers.clone()).collect::<Vec<_>>();
         let any_speeds = entries.iter().any(|entry| args.runs_speeds(&entry.label));
-        let speeds = before().flat_map(|run| &run.speed_rows);
         let [accuracy, beside] = [Experiment::Accuracy, Experiment::Peers].map(|e| args.runs(e));
         Ok(Self {
             args,
             settings: results.settings.clone(),
             out,
             embree,
-            frames: Journal::create(&out.file("frames.csv"), before().flat_map(|run| &run.rows))?,
-            speeds: Journal::if_wanted(any_speeds, &out.file("fig5.csv"), speeds)?,
+            frames: Journal::create(&out.file("frames.csv"), &rows)?,
+            speeds: Journal::if_wanted(any_speeds, &out.file("fig5.csv"), &speeds)?,
             points: Journal::if_wanted(accuracy, &out.file("accuracy.csv"), &results.accuracy)?,
-            peers: Journal::if_wanted(beside, &out.file("peers.csv"), before().flat_map(|run| &run.peers))?,
+            peers: Journal::if_wanted(beside, &out.file("peers.csv"), &peers)?,
         })
     }
 
@@ -248,8 +244,8 @@ impl<'a> Bench<'a> {
         let is_main = supplement.is_none();
         let (mut stage, build_ms) = stage::timed(loaded.map_or_else(|| args.load(&source), Ok)?)?;
         let plan = self.plan(stage.triangles().indices.len(), supplement);
-        let facts = facts(&stage, build_ms, &plan, label.clone());
-        let mut run = SceneRun { facts: SceneFacts { supplement: !is_main, ..facts }, ..SceneRun::default() };
+        let facts = facts(&stage, build_ms, &plan, label.clone(), !is_main);
+        let mut run = SceneRun { facts, ..SceneRun::default() };
         let mut points = Vec::new();
         if args.runs_frames() {
             self.frames(&mut run, &mut stage, &plan, before.rows)?;
@@ -301,13 +297,11 @@ impl<'a> Bench<'a> {
         facts.hottest = pictures::hottest(stage, map_size);
         let take = |stage: &mut Stage, trees: &[Named<'_>], frame: usize| {
             let Some((_, tree)) = trees.first() else { return Ok(()) };
-            let (file, path) = self.out.picture(&facts.label, frame, None);
-            let bytes = pictures::picture(stage, tree, size, &path)?;
-            taken.push(Picture { frame, strategy: None, file, bytes });
+            let png = pictures::picture(stage, tree, size)?;
+            taken.push(self.out.picture(&facts.label, frame, None, png)?);
             for (name, tree) in trees.iter().filter(|(name, _)| pictures::HEAT_MAPS.contains(name)) {
-                let (file, path) = self.out.picture(&facts.label, frame, Some(name));
-                let bytes = pictures::heat_map(stage, tree, map_size, facts.hottest, &path)?;
-                taken.push(Picture { frame, strategy: Some((*name).to_owned()), file, bytes });
+                let jpeg = pictures::heat_map(stage, tree, map_size, facts.hottest)?;
+                taken.push(self.out.picture(&facts.label, frame, Some(name), jpeg)?);
             }
             Ok(())
         };
@@ -324,14 +318,8 @@ impl<'a> Bench<'a> {
     }
 
     /// Figure 5: one strategy, the same motion in fewer or more frames.
-    fn speeds(
-        &mut self,
-        run: &mut SceneRun,
-        stage: &mut Stage,
-        plan: &Plan,
-        mut begun: Vec<Row>,
-    ) -> Result<()> {
-        let Some(journal) = &mut self.speeds else { return Ok(()) };
+    fn speeds(&mut self, run: &mut SceneRun, stage: &mut Stage, plan: &Plan, begun: Vec<Row>) -> Result<()> {
+        let (Some(journal), mut begun) = (&mut self.speeds, begun) else { return Ok(()) };
         for frames in SPEEDS.into_iter().take_while(|_| !interrupt::requested()) {
             // As many samples of each, unless every frame is asked for.
             let measure_every = if plan.measure_every == 1 { 1 } else { frames / SPEEDS[0] };
@@ -349,12 +337,13 @@ impl<'a> Bench<'a> {
     }
 }
 
-fn facts(stage: &Stage, build_ms: f64, plan: &Plan, label: String) -> SceneFacts {
+fn facts(stage: &Stage, build_ms: f64, plan: &Plan, label: String, supplement: bool) -> SceneFacts {
     let scene = &stage.scene;
     let stats = bvh_core::stats(&stage.first_tree);
     SceneFacts {
         slug: stage::slug(&label),
         label,
+        supplement,
         about: scene.about.to_owned(),
         triangles: stats.primitives,
         moving: scene.animation.topology().moves.iter().filter(|&&moves| moves).count(),

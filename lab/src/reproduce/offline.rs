@@ -6,12 +6,12 @@ use std::time::Instant;
 use anyhow::Result;
 use bvh_build::{Builder, build};
 use bvh_core::{Bvh, sah_cost};
-use rt_cpu::{Image, RenderOptions, Traversal, render};
+use rt_cpu::{Image, RenderOptions, Traversal};
 use scenes::LightEffects;
 use serde::{Deserialize, Serialize};
 
 use crate::interrupt;
-use crate::stage::{Stage, ms};
+use crate::stage::{Stage, draw, ms};
 
 /// The builder that the others are compared with, and those.
 pub(crate) const BUILDERS: [Builder; 3] = [Builder::Sweep, Builder::HillClimbed, Builder::Annealed];
@@ -52,8 +52,7 @@ pub(crate) fn measure(stage: &mut Stage, size: u32) -> Result<Vec<OfflineTree>> 
             let traversal = Traversal::Single;
             let options = RenderOptions { smooth: false, sample, traversal, ..stage.options_with(&light) };
             let start = Instant::now();
-            let (camera, lamp) = (stage.camera(size, size), stage.light());
-            render(bvh, &stage.mesh(), &camera, Some(&lamp), &options, &mut image);
+            draw(stage, bvh, &options, &mut image);
             tree.path_ms += if sample > 0 { ms(start) / f64::from(PICTURES) } else { 0.0 };
         }
     }

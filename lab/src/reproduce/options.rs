@@ -128,6 +128,7 @@ impl Args {
             ("--frames", self.frames.is_some(), frames || accuracy, "fig4, fig6, claims and accuracy"),
             ("--loops", self.loops.is_some(), frames || speeds, "fig4, fig5, fig6 and claims"),
             ("--embree", self.embree.is_some(), peers, "peers, which runs only if named"),
+            ("--clip", self.clip.is_some(), !self.scenes.is_empty(), "a glTF file, named with --scene"),
         ] {
             ensure!(!given || used, "{option}: nothing that is to run heeds it; it is for {by}");
         }
@@ -222,8 +223,11 @@ impl Args {
         }
     }
 
-    /// The scenes to run if none is named: all, unless only accuracy is asked for.
-    pub(super) fn default_scenes(&self) -> Vec<String> {
+    /// The scenes to run. If none is named all, unless only accuracy is asked for.
+    pub(super) fn sources(&self) -> Vec<String> {
+        if !self.scenes.is_empty() {
+            return self.scenes.clone();
+        }
         let all = scenes::list().iter().map(|info| info.name.to_owned());
         let is_accuracy = |&e: &Experiment| e == Experiment::Accuracy;
         let only_accuracy = !self.experiments.is_empty() && self.experiments.iter().all(is_accuracy);

@@ -3,10 +3,10 @@
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Result, bail};
 
 use super::figures::Figure;
-use super::results::Results;
+use super::results::{Picture, Results};
 use super::summary::Summary;
 use super::{accuracy, claims, figures, report, summary};
 use crate::{CheckFailed, files, stage};
@@ -43,9 +43,7 @@ impl Output {
         for name in rows.into_iter().chain(images) {
             let (from, to) = (other.join(&name), self.folder.join(&name));
             if from.is_file() {
-                let content =
-                    fs::read(&from).with_context(|| format!("{}: cannot be read", from.display()))?;
-                files::write_whole(&to, &content)?;
+                files::write_whole(&to, &files::read(&from)?)?;
             } else {
                 files::remove_old(&to)?;
             }
@@ -57,12 +55,18 @@ impl Output {
         self.folder.join(name)
     }
 
-    /// Name and path of the picture of a frame, or of the heat map of a strategy's tree.
-    pub(super) fn picture(&self, label: &str, frame: usize, strategy: Option<&str>) -> (String, PathBuf) {
+    /// Writes the picture of a frame, or the heat map of a strategy's tree.
+    pub(super) fn picture(
+        &self,
+        label: &str,
+        frame: usize,
+        strategy: Option<&str>,
+        bytes: Vec<u8>,
+    ) -> Result<Picture> {
         let end = strategy.map_or(".png".to_owned(), |strategy| format!("-{strategy}.jpg"));
-        let name = format!("{}-{frame:04}{end}", stage::slug(label));
-        let path = self.file("images").join(&name);
-        (name, path)
+        let file = format!("{}-{frame:04}{end}", stage::slug(label));
+        files::write_whole(&self.file("images").join(&file), &bytes)?;
+        Ok(Picture { frame, strategy: strategy.map(str::to_owned), file, bytes })
     }
 
     /// Writes what is known so far, so that a run that is killed can be gone on with.
@@ -97,13 +101,11 @@ impl Output {
         }
         text += &format!("\n{}\n{}", summary::checks_in_words(&checks), files::shown(&report));
         files::print(text.trim_start())?;
-        match checks.first_difference {
-            Some(first) => {
-                let count = checks.differences;
-                Err(CheckFailed(format!("strategies disagree, {count} times, first {first}")).into())
-            }
-            None => Ok(()),
+        if let Some(first) = &checks.first_difference {
+            let count = checks.differences;
+            bail!(CheckFailed(format!("strategies disagree, {count} times, first {first}")));
         }
+        Ok(())
     }
 
     /// Removes figures, and pictures that are not of these results.

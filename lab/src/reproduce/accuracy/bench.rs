@@ -6,14 +6,15 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use bvh_build::{Builder, build};
 use bvh_core::{Bvh, Triangles, sah_cost};
-use rt_cpu::{Image, Pixel, RenderOptions, cast, render};
+use rt_cpu::{Image, Pixel, RenderOptions, cast};
 
 use super::effort::Effort;
 use super::point::Point;
 use crate::interrupt;
 use crate::reproduce::journal::Journal;
+use crate::reproduce::record::rounded;
 use crate::reproduce::{Spread, median};
-use crate::stage::{Stage, ms};
+use crate::stage::{Stage, draw, ms};
 
 /// Where points go, and how much is to be measured.
 pub(super) struct Log<'a> {
@@ -35,9 +36,7 @@ impl<'a> Log<'a> {
         if interrupt::requested() {
             return Ok(());
         }
-        // To a tenth of a microsecond.
-        let time_ms = (point.time_ms * 1e4).round() / 1e4;
-        let point = Point { scene: self.label.to_owned(), time_ms, ..point };
+        let point = Point { scene: self.label.to_owned(), time_ms: rounded(point.time_ms), ..point };
         self.journal.append(std::slice::from_ref(&point))?;
         self.points.push(point);
         Ok(())
@@ -81,11 +80,9 @@ impl Bench<'_> {
 
     /// Renders a frame and gives the time.
     pub(super) fn trace(&self, tree: &Bvh, options: &RenderOptions) -> f64 {
-        let (stage, size) = (&*self.stage, self.log.effort.size);
-        let (mesh, camera, light) = (stage.mesh(), stage.camera(size, size), stage.light());
-        let mut image = Image::new(size, size);
+        let mut image = Image::new(self.log.effort.size, self.log.effort.size);
         let start = Instant::now();
-        render(tree, &mesh, &camera, Some(&light), options, &mut image);
+        draw(self.stage, tree, options, &mut image);
         ms(start)
     }
 
