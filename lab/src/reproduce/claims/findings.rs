@@ -4,7 +4,7 @@ use bvh_build::Builder;
 
 use super::bounds::Bounds;
 use super::ratios::{REFIT, ROTATE, frame_time, median_frame_time, other_views, update_time, worst_cost};
-use super::table::{Table, at_least, at_most, both, by_times, graded};
+use super::table::{Table, at_least, at_most, both, by_ratios, by_times, graded};
 use super::{Finding, Verdict};
 use crate::reproduce::contestants::{IDEAL, IDEAL_PARALLEL_BINNED};
 use crate::reproduce::offline;
@@ -151,10 +151,8 @@ pub(super) fn lion(results: &Results, b: &Bounds) -> Finding {
     let all = frame_time(scene, REFIT, IDEAL_PARALLEL_BINNED);
     let found = all.zip(median_frame_time(scene, REFIT, IDEAL_PARALLEL_BINNED));
     let (all, median) = found.ok_or_else(|| missing(&[NAME]))?;
-    let faster = |ratio| b.faster(ratio);
-    let tables = [("refit", all), ("refit on the median frame", median)].map(Table::single);
-    let (mut verdict, near) =
-        by_times(tables.each_ref(), |[all, median]| graded(all.all(faster), median.all(faster)));
+    let ratios = [("refit", all), ("refit on the median frame", median)];
+    let (mut verdict, near) = by_ratios(ratios, |[all, median]| graded(b.faster(all), b.faster(median)));
     if b.first_rules {
         let rotations = frame_time(scene, ROTATE, IDEAL_PARALLEL_BINNED).is_some_and(|ratio| ratio < 1.0);
         verdict = both(all < 1.0, rotations);

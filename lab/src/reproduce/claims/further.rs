@@ -5,7 +5,7 @@ use super::Finding;
 use super::bounds::Bounds;
 use super::findings::{missing, moving, without_museum};
 use super::ratios::{REFIT, ROTATE, mean_cost, update_time, worst_cost};
-use super::table::{Table, at_least, at_most, both, by_times, graded};
+use super::table::{Table, at_least, both, by_ratios, graded};
 use crate::reproduce::contestants::{ASYNCHRONOUS, IDEAL, IDEAL_PARALLEL_BINNED};
 use crate::reproduce::record::Row;
 use crate::reproduce::results::{Results, SceneRun, Spread};
@@ -73,8 +73,7 @@ pub(super) fn hlbvh(results: &Results, b: &Bounds) -> Finding {
         Some((update_time(scene, "hlbvh", ROTATE)?, worst_cost(scene, "hlbvh")?, worst_cost(scene, ROTATE)?))
     });
     let (times, built, rotated) = found.ok_or_else(|| missing(&[NAME]))?;
-    let (verdict, near) =
-        by_times([&Table::single((NAME, times))], |[t]| both(t.all(at_least(b.hlbvh)), built > rotated));
+    let (verdict, near) = by_ratios([(NAME, times)], |[times]| both(times >= b.hlbvh, built > rotated));
     let why = format!("at worst it costs {built:.3} of a fresh sweep build, rotations {rotated:.3}{near}");
     Ok((format!("{times:.1} times as long"), verdict, why))
 }
@@ -90,11 +89,9 @@ pub(super) fn fast_motion(results: &Results, b: &Bounds) -> Finding {
         Some((s, over(0)?, over(1)?))
     });
     let (scene, all, later) = found.ok_or("figure 5 was not run with two loops of 20 frames")?;
-    let tables = [("all loops", all), ("later loops", later)].map(Table::single);
-    let (verdict, near) = by_times(tables.each_ref(), |tables| {
-        let [all, later] = tables.map(|table| table.all(at_most(b.fast_motion)));
-        graded(all, later)
-    });
+    let ratios = [("all loops", all), ("later loops", later)];
+    let (verdict, near) =
+        by_ratios(ratios, |[all, later]| graded(all <= b.fast_motion, later <= b.fast_motion));
     let mut why = format!("{later:.2} after the first loop{near}");
     let others =
         SPEED_STRATEGIES.iter().filter(|name| ![SPEED_STRATEGY, IDEAL_PARALLEL_BINNED].contains(name));

@@ -4,7 +4,7 @@ use super::Finding;
 use super::bounds::Bounds;
 use super::findings::missing;
 use super::ratios::{BINNED_PARALLEL, REBUILD, REFIT, ROTATE, frame_time, mean_cost};
-use super::table::{Table, both, by_times, graded};
+use super::table::{Table, both, by_ratios, graded};
 use crate::reproduce::contestants::{IDEAL, PAPER_BINNED};
 use crate::reproduce::results::Results;
 use crate::reproduce::{MUSEUM, OTHER_KEYS};
@@ -20,10 +20,9 @@ fn over(results: &Results, strategy: &'static str, other: &'static str) -> Resul
 
 pub(super) fn chaos(results: &Results, b: &Bounds) -> Finding {
     let (refit, binned) = (over(results, ROTATE, REFIT)?, over(results, ROTATE, "binned")?);
-    let tables = [("against refit", refit), ("against binned", binned)].map(Table::single);
-    let (mut verdict, near) = by_times(tables.each_ref(), |[refit, binned]| {
-        both(refit.all(|r| b.faster(r)), binned.all(|r| b.slower_than(r)))
-    });
+    let ratios = [("against refit", refit), ("against binned", binned)];
+    let (mut verdict, near) =
+        by_ratios(ratios, |[refit, binned]| both(b.faster(refit), b.slower_than(binned)));
     if b.first_rules {
         verdict = both(refit < 1.0, binned > 1.0);
     }
@@ -51,11 +50,9 @@ pub(super) fn other_keys(results: &Results, b: &Bounds) -> Finding {
 
 pub(super) fn with_rebuilds(results: &Results, b: &Bounds) -> Finding {
     let (rebuilt, rotated) = (over(results, REBUILD, BINNED_PARALLEL)?, over(results, REBUILD, ROTATE)?);
-    let tables = [("against binned-parallel", rebuilt), ("against refit+rotate", rotated)].map(Table::single);
-    let (mut verdict, near) = by_times(tables.each_ref(), |tables| {
-        let [rebuilt, rotated] = tables.map(|table| table.all(|r| b.faster(r)));
-        both(rebuilt, rotated)
-    });
+    let ratios = [("against binned-parallel", rebuilt), ("against refit+rotate", rotated)];
+    let (mut verdict, near) =
+        by_ratios(ratios, |[rebuilt, rotated]| both(b.faster(rebuilt), b.faster(rotated)));
     if b.first_rules {
         verdict = both(rebuilt <= FIRST_MARGIN, rotated <= 1.0 / FIRST_MARGIN);
     }

@@ -32,11 +32,6 @@ impl Table {
         Self::new(scenes.into_iter().map(|s| (s.facts.label.as_str(), value(s))))
     }
 
-    /// One ratio of times.
-    pub(super) fn single((name, value): (&str, f64)) -> Self {
-        Self::new([(name, Some(value))])
-    }
-
     /// The same, of values that are alike in every run, with that many decimals.
     pub(super) fn exact(self, digits: usize) -> Self {
         Self { digits, are_times: false, ..self }
@@ -125,6 +120,15 @@ pub(super) fn graded(holds: bool, in_part: bool) -> Verdict {
 /// Holds if both conditions do, in part if one of them.
 pub(super) fn both(a: bool, b: bool) -> Verdict {
     graded(a && b, a || b)
+}
+
+/// The verdict that a rule gives on single ratios of times, with the names of those near a bound, as [`by_times`].
+pub(super) fn by_ratios<const N: usize>(
+    named: [(&str, f64); N],
+    rule: impl Fn([f64; N]) -> Verdict,
+) -> (Verdict, String) {
+    let tables = named.map(|(name, ratio)| Table::new([(name, Some(ratio))]));
+    by_times(tables.each_ref(), |tables| rule(tables.map(Table::least)))
 }
 
 /// The verdict that a rule gives on tables of times, and in words which values are near a bound
