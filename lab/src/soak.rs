@@ -5,10 +5,10 @@
 
 use std::time::Instant;
 
-use anyhow::{Result, anyhow, ensure};
+use anyhow::{Result, ensure};
 use bvh_build::{Builder, build};
 use bvh_core::{Bvh, sah_cost};
-use bvh_update::{Strategy, UnknownName, Updater};
+use bvh_update::{Strategy, Updater};
 use scenes::SceneOptions;
 
 use crate::machine::resident_mib;
@@ -25,7 +25,7 @@ pub struct Args {
     scenes: Vec<String>,
     /// A strategy's name; repeatable
     #[arg(long = "strategy", value_name = "NAME", default_values = ["refit+rotate", "refit+rotate+regrow", "auto"])]
-    strategies: Vec<String>,
+    strategies: Vec<Strategy>,
     /// Frames to play
     #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(1000..))]
     frames: u32,
@@ -52,8 +52,6 @@ const MORE_MEMORY: f64 = 1.05;
 ///
 /// Bad input, or a check that failed.
 pub fn run(args: &Args) -> Result<()> {
-    let parse = |name: &String| name.parse().map_err(|e: UnknownName| anyhow!("{name}: {e}"));
-    let strategies: Vec<Strategy> = args.strategies.iter().map(parse).collect::<Result<_>>()?;
     let options = SceneOptions { detail: args.detail, ..SceneOptions::default() };
     let load = |source: &str| stage::load_with(source, None, options.clone());
     let mut loaded = Vec::new();
@@ -71,7 +69,7 @@ pub fn run(args: &Args) -> Result<()> {
             continue;
         }
         let mut stage = stage::ready(scene.map_or_else(|| load(source), Ok)?)?;
-        for strategy in &strategies {
+        for strategy in &args.strategies {
             if !interrupt::requested() {
                 broken.extend(pool.install(|| soak(source, &mut stage, strategy, args))?);
             }

@@ -4,7 +4,6 @@
 //! What is counted is rays of which brute force says that they hit a finite triangle, and where the
 //! contestant finds nothing, or something else; and rays that hit nothing and do in its eyes.
 
-use std::io::Read;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -128,23 +127,22 @@ fn in_a_process(case: &str, contestant: &str, embree: Option<&Path>) -> Result<O
     command.args(embree.iter().flat_map(|path| [Path::new("--embree"), path]));
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn()?;
     let start = Instant::now();
-    let status = loop {
-        let ended = child.try_wait()?;
-        let (stopped, hangs) = (interrupt::requested(), ended.is_none() && start.elapsed() > PATIENCE);
-        if stopped || hangs {
+    while child.try_wait()?.is_none() && !interrupt::requested() {
+        if start.elapsed() > PATIENCE {
             child.kill()?;
             child.wait()?;
-            return Ok((!stopped).then(|| "hangs".to_owned()));
+            return Ok(Some("hangs".to_owned()));
         }
-        match ended {
-            Some(status) => break status,
-            None => std::thread::sleep(Duration::from_millis(20)),
-        }
-    };
-    let mut said = String::new();
-    child.stdout.take().context("no output")?.read_to_string(&mut said)?;
-    Ok(Some(match status.code() {
-        Some(0) => said.trim().to_owned(),
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    if interrupt::requested() {
+        child.kill()?;
+        child.wait()?;
+        return Ok(None);
+    }
+    let output = child.wait_with_output()?;
+    Ok(Some(match output.status.code() {
+        Some(0) => String::from_utf8(output.stdout)?.trim().to_owned(),
         Some(101) => "panics".to_owned(),
         Some(code) => format!("fails ({code})"),
         None => "crashes".to_owned(),

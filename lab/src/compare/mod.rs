@@ -13,6 +13,7 @@ mod table;
 mod trace;
 mod update;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -164,16 +165,12 @@ impl What {
 }
 
 /// An error if one of the names is nobody's.
-fn ensure_known(what: What, only: &[String], embree: Option<&Embree>) -> Result<()> {
-    let device = embree.map(|embree| embree.device(1)).transpose()?;
-    let entries = what.contests().iter().flat_map(|&contest| field(contest, device.as_ref()));
+fn ensure_known(what: What, only: &[String], embree: Option<&Device>) -> Result<()> {
+    let entries = what.contests().iter().flat_map(|&contest| field(contest, embree));
     let names: Vec<String> = entries.map(|entry| entry.name).collect();
     for wanted in only {
-        ensure!(
-            names.iter().any(|name| name.contains(wanted.as_str())),
-            "--only {wanted}: no contestant of this name; there are {}",
-            names.join("; ")
-        );
+        let is_known = names.iter().any(|name| name.contains(wanted));
+        ensure!(is_known, "--only {wanted}: no contestant of this name; there are {}", names.join("; "));
     }
     Ok(())
 }
@@ -208,9 +205,9 @@ pub fn run(args: &Args) -> Result<()> {
         loaded.push((source, scene));
     }
     let embree = find_embree(args.embree.as_deref())?;
-    ensure_known(args.what, &args.only, embree.as_ref())?;
-    let version = embree.as_ref().map(|e| Ok::<_, NotFound>(e.device(1)?.version())).transpose()?;
-    let mut report = Report::new(version);
+    let device = embree.as_ref().map(|embree| embree.device(1)).transpose()?;
+    ensure_known(args.what, &args.only, device.as_ref())?;
+    let mut report = Report::new(device.map(|device| device.version()));
     if let Some(path) = &args.json {
         // Better to fail now than after the measurements.
         path.parent().map_or(Ok(()), files::make_folder)?;
@@ -235,17 +232,16 @@ pub fn run(args: &Args) -> Result<()> {
     draw(args, &report)?;
     interrupt::say_how_to_go_on(&format!("the same command for the other scenes,{rest}"));
     let wrong: Vec<_> = report.rows.iter().filter(|row| !row.agrees).map(Row::place).collect();
-    if wrong.is_empty() {
-        Ok(())
-    } else {
-        Err(CheckFailed(format!("not the same hits as the reference: {}", wrong.join("; "))).into())
-    }
+    ensure!(
+        wrong.is_empty(),
+        CheckFailed(format!("not the same hits as the reference: {}", wrong.join("; ")))
+    );
+    Ok(())
 }
 
 /// Prints the tables of a file of results again.
 fn print_saved(args: &Args, path: &Path) -> Result<()> {
-    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
-    let report: Report = serde_json::from_slice(&bytes)
+    let report: Report = serde_json::from_slice(&files::read(path)?)
         .with_context(|| format!("{}: not a file that `compare --json` wrote", path.display()))?;
     files::print(&format!("{}\n{}", report.heading(), table::tables(&report.rows)))?;
     files::print(&table::ratios(&report.rows))?;
@@ -276,8 +272,7 @@ fn draw(args: &Args, report: &Report) -> Result<()> {
     let Some(path) = &args.chart else { return Ok(()) };
     let what = args.what.to_possible_value().filter(|_| args.what != What::All);
     let svg = report.chart(what.as_ref().map_or("update", |value| value.get_name()));
-    files::write_whole(path, svg.as_bytes())?;
-    files::print(&files::shown(path))
+    files::write_and_name(path, svg.as_bytes())
 }
 
 /// Updates and whole frames of every contestant on one scene, for those who keep the rows
@@ -339,10 +334,9 @@ fn run_scene(
             if setting.field(contest).is_empty() || interrupt::requested() {
                 continue;
             }
-            let default = if matches!(contest, Contest::Update | Contest::Frame) {
-                UPDATE_FRAMES
-            } else {
-                OTHER_FRAMES
+            let default = match contest {
+                Contest::Update | Contest::Frame => UPDATE_FRAMES,
+                _ => OTHER_FRAMES,
             };
             setting.frames = args.frames.map_or(default, |n| n as usize);
             let rows = pool.install(|| setting.measure(contest, &mut stage))?;
@@ -357,13 +351,10 @@ fn run_scene(
     Ok(())
 }
 
-/// The numbers of threads to run with, each once.
-fn threads(args: &Args) -> Vec<usize> {
-    let mut threads: Vec<usize> = args.threads.iter().map(|&n| n as usize).collect();
-    if threads.is_empty() {
-        threads = vec![1, std::thread::available_parallelism().map_or(1, usize::from)];
+/// The numbers of threads to run with.
+fn threads(args: &Args) -> BTreeSet<usize> {
+    if args.threads.is_empty() {
+        return BTreeSet::from([1, pool::cores()]);
     }
-    threads.sort_unstable();
-    threads.dedup();
-    threads
+    args.threads.iter().map(|&n| n as usize).collect()
 }
