@@ -23,10 +23,7 @@ pub(crate) struct Journal<T> {
 impl<T: Serialize + Default> Journal<T> {
     /// A file with a header and the rows that an earlier run has left, in place of any that is
     /// there.
-    pub(crate) fn create<'a>(path: &Path, kept: impl IntoIterator<Item = &'a T>) -> Result<Self>
-    where
-        T: 'a,
-    {
+    pub(crate) fn create(path: &Path, kept: &[T]) -> Result<Self> {
         let mut example = csv::Writer::from_writer(Vec::new());
         example.serialize(T::default())?;
         let mut start = example.into_inner()?;
@@ -39,14 +36,7 @@ impl<T: Serialize + Default> Journal<T> {
     }
 
     /// The same if it is wanted; otherwise removes the file of an earlier run.
-    pub(crate) fn if_wanted<'a>(
-        wanted: bool,
-        path: &Path,
-        kept: impl IntoIterator<Item = &'a T>,
-    ) -> Result<Option<Self>>
-    where
-        T: 'a,
-    {
+    pub(crate) fn if_wanted(wanted: bool, path: &Path, kept: &[T]) -> Result<Option<Self>> {
         if wanted { Self::create(path, kept).map(Some) } else { files::remove_old(path).map(|()| None) }
     }
 
@@ -63,9 +53,9 @@ impl<T: Serialize + Default> Journal<T> {
     }
 }
 
-fn lines<'a, T: Serialize + 'a>(rows: impl IntoIterator<Item = &'a T>) -> Result<Vec<u8>> {
+fn lines<T: Serialize>(rows: &[T]) -> Result<Vec<u8>> {
     let mut lines = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
-    rows.into_iter().try_for_each(|row| lines.serialize(row))?;
+    rows.iter().try_for_each(|row| lines.serialize(row))?;
     Ok(lines.into_inner()?)
 }
 
@@ -134,7 +124,7 @@ mod tests {
             ..Point::default()
         };
         let points = [point(0.1, None), point(1e-300, Some(12))];
-        let mut journal = Journal::create(&path, []).unwrap();
+        let mut journal = Journal::create(&path, &[]).unwrap();
         points.iter().for_each(|point| journal.append(std::slice::from_ref(point)).unwrap());
         assert_eq!(read::<Point>(&path).unwrap(), points);
     }

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use serde::Deserialize;
+use serde_json::Value;
 
 use super::contestants::plays_alone;
 use super::journal;
@@ -14,11 +14,7 @@ use super::results::{Results, SceneRun, Settings};
 use super::speed_strategies;
 use super::summary::{SCHEMA, StrategySummary};
 use crate::compare::Row as Peer;
-
-#[derive(Deserialize)]
-struct Version {
-    schema: u32,
-}
+use crate::files;
 
 /// What a folder holds: the scenes it knows all about, and rows of figures 4 and 6, and of figure 5,
 /// of one that was under way.
@@ -33,18 +29,18 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
     let shown = path.display();
     let text = fs::read(&path)
         .with_context(|| format!("{shown}: cannot be read; name a folder that `reproduce` has written"))?;
-    let Version { schema } = serde_json::from_slice(&text).with_context(|| format!("{shown}: no summary"))?;
-    ensure!(schema == SCHEMA, "{shown}: schema {schema}, but this program reads {SCHEMA}; measure again");
+    let summary: Value = serde_json::from_slice(&text).with_context(|| format!("{shown}: no summary"))?;
+    let schema = &summary["schema"];
+    ensure!(*schema == SCHEMA, "{shown}: schema {schema}, but this program reads {SCHEMA}; measure again");
     let mut results: Results =
-        serde_json::from_slice(&text).with_context(|| format!("{shown}: not what schema {SCHEMA} says"))?;
+        serde_json::from_value(summary).with_context(|| format!("{shown}: not what schema {SCHEMA} says"))?;
     results.accuracy = journal::read(&folder.join("accuracy.csv"))?;
     let [frames, speeds] = ["frames.csv", "fig5.csv"].map(|name| folder.join(name));
     let mut rest = [journal::read(&frames)?, journal::read(&speeds)?];
     let mut peers = journal::read::<Peer>(&folder.join("peers.csv"))?;
     for run in &mut results.scenes {
         for picture in &mut run.pictures {
-            let path = folder.join("images").join(&picture.file);
-            picture.bytes = fs::read(&path).with_context(|| format!("{}: cannot be read", path.display()))?;
+            picture.bytes = files::read(&folder.join("images").join(&picture.file))?;
         }
         let label = run.facts.label.as_str();
         run.peers = peers.extract_if(.., |peer| peer.scene == label).collect();
@@ -98,24 +94,22 @@ impl Saved {
 
     /// Whether going on with it makes one run: the same settings, revision and machine.
     pub(super) fn ensure_same(&self, now: &Results, folder: &Path) -> Result<()> {
-        let settings = |s: &Settings| Settings { command: String::new(), ..s.clone() };
-        let Results { machine, revision, settings: before, .. } = &self.results;
-        let differs = if settings(before) != settings(&now.settings) {
-            "settings"
-        } else if (&revision.commit, revision.dirty) != (&now.revision.commit, now.revision.dirty) {
-            "a revision"
-        } else if (&machine.cpu, &machine.simd, machine.cores)
-            != (&now.machine.cpu, &now.machine.simd, now.machine.cores)
-        {
-            "a machine"
-        } else {
-            return Ok(());
-        };
-        anyhow::bail!(
-            "{}: holds rows measured with {differs} other than now; leave --resume out to start again, or name another \
-             --out",
-            folder.display()
-        )
+        let settings = |of: &Results| Settings { command: String::new(), ..of.settings.clone() };
+        let machine = |of: &Results| (of.machine.cpu.clone(), of.machine.simd.clone(), of.machine.cores);
+        let before = &self.results;
+        for (what, same) in [
+            ("settings", settings(before) == settings(now)),
+            ("a revision", before.revision == now.revision),
+            ("a machine", machine(before) == machine(now)),
+        ] {
+            ensure!(
+                same,
+                "{}: holds rows measured with {what} other than now; leave --resume out to start again, or name \
+                 another --out",
+                folder.display()
+            );
+        }
+        Ok(())
     }
 }
 
