@@ -67,13 +67,11 @@ fn text(listing: &Value) -> String {
                 None => value.as_str().map_or_else(|| value.to_string(), str::to_owned),
             };
             let name = entry.as_str().or(entry["name"].as_str()).unwrap_or_default();
-            let facts = entry
-                .as_object()
-                .into_iter()
-                .flatten()
-                .filter(|(key, value)| *key != "name" && !value.is_null());
-            let facts: Vec<_> =
-                facts.map(|(key, value)| format!("{}: {}", key.replace('_', " "), words(value))).collect();
+            let fact = |(key, value): (&String, &Value)| {
+                let is_shown = key != "name" && !value.is_null();
+                is_shown.then(|| format!("{}: {}", key.replace('_', " "), words(value)))
+            };
+            let facts: Vec<_> = entry.as_object().into_iter().flatten().filter_map(fact).collect();
             out += format!("  {name:<24}{}", facts.join("; ")).trim_end();
             out.push('\n');
         }

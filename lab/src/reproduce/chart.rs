@@ -50,10 +50,6 @@ impl Point {
     pub(crate) fn at(x: f64, y: f64) -> Self {
         Self { x, y, ..Self::default() }
     }
-
-    fn is_drawn(&self) -> bool {
-        self.x.is_finite() && self.y.is_finite()
-    }
 }
 
 /// Width and height of a panel, the left, top, right and bottom of the plot in it, and the width of a
@@ -117,7 +113,16 @@ fn line([x, y]: [f64; 2], [to_x, to_y]: [f64; 2], opacity: f64) -> String {
     format!("<path d=\"M{x:.1} {y:.1}L{to_x:.1} {to_y:.1}\" stroke=\"black\" opacity=\"{opacity}\"/>\n")
 }
 
+fn circle([x, y]: [f64; 2], radius: u32, fill: &str) -> String {
+    format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{fill}\"/>\n")
+}
+
 impl Series {
+    /// The points that have a place.
+    fn drawn(&self) -> impl Iterator<Item = &Point> {
+        self.points.iter().filter(|point| point.x.is_finite() && point.y.is_finite())
+    }
+
     /// The attribute by which the page finds what is drawn of it.
     fn named(&self) -> String {
         format!(" data-strategy=\"{}\"", escaped(&self.name))
@@ -133,7 +138,7 @@ impl Series {
 
 impl Chart {
     fn draw(&self) -> String {
-        let points = || self.series.iter().flat_map(|series| &series.points).filter(|point| point.is_drawn());
+        let points = || self.series.iter().flat_map(Series::drawn);
         let is_scattered = self.series.iter().any(|series| series.kind == Kind::Marks);
         let x = match (self.places.len(), is_scattered) {
             (0, true) => Axis::of(points().map(|point| point.x), true),
@@ -147,16 +152,15 @@ impl Chart {
         let mut svg = self.axes(&x, &y, at);
         let mut labelled: Vec<[f64; 2]> = Vec::new();
         for (i, series) in self.series.iter().enumerate() {
-            let drawn = || series.points.iter().filter(|point| point.is_drawn());
             match series.kind {
                 Kind::Line => {
-                    let places: Vec<_> = drawn().map(|point| at(point.x, point.y)).collect();
+                    let places: Vec<_> = series.drawn().map(|point| at(point.x, point.y)).collect();
                     svg += &series.joined(&places, "stroke-width=\"2\"");
                 }
                 Kind::Bars => {
                     let width = 0.8 / self.series.len() as f64;
                     svg += &format!("<g{} fill=\"{}\">", series.named(), color(series.color));
-                    for point in drawn() {
+                    for point in series.drawn() {
                         let from = point.x + width * i as f64;
                         let ([x, y], [to, _]) = (at(from, point.y), at(from + 0.85 * width, point.y));
                         let (wide, high) = (to - x, bottom - y);
@@ -207,23 +211,20 @@ impl Chart {
 impl Series {
     /// Marks, with names where no other of `labelled` is in the way.
     fn marks(&self, at: impl Fn(f64, f64) -> [f64; 2], labelled: &mut Vec<[f64; 2]>) -> String {
-        let drawn = || self.points.iter().filter(|point| point.is_drawn());
-        let mut front: Vec<_> =
-            drawn().filter(|point| point.is_filled).map(|point| at(point.x, point.y)).collect();
+        let front = self.drawn().filter(|point| point.is_filled);
+        let mut front: Vec<_> = front.map(|point| at(point.x, point.y)).collect();
         front.sort_by(|a, b| a[0].total_cmp(&b[0]));
         let mut svg = self.joined(&front, "opacity=\"0.6\"");
         svg += &format!("<g{} stroke=\"{}\">", self.named(), color(self.color));
-        for point in drawn() {
-            let [x, y] = at(point.x, point.y);
-            let fill = if point.is_filled { color(self.color) } else { "none".to_owned() };
-            for (radius, fill) in
-                [(4, fill.as_str()), (8, "none")].into_iter().take(1 + usize::from(point.is_ringed))
-            {
-                svg += &format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{fill}\"/>\n");
+        for point in self.drawn() {
+            let fill = if point.is_filled { &color(self.color) } else { "none" };
+            svg += &circle(at(point.x, point.y), 4, fill);
+            if point.is_ringed {
+                svg += &circle(at(point.x, point.y), 8, "none");
             }
         }
         svg += "</g>\n";
-        for point in drawn().filter(|point| point.is_filled || point.is_ringed) {
+        for point in self.drawn().filter(|point| point.is_filled || point.is_ringed) {
             let [x, y] = at(point.x, point.y);
             if labelled.iter().all(|other| (other[1] - y).abs() > 12.0 || (other[0] - x).abs() > 130.0) {
                 labelled.push([x, y]);

@@ -1,6 +1,8 @@
 //! What every strategy must agree on: pictures among themselves, hits with brute force, boxes with
 //! the primitives.
 
+use std::fmt;
+
 use bvh_core::{Bvh, Ray, Triangles};
 use rayon::prelude::*;
 use rt_cpu::{Camera, Hit, RenderStats, TriangleTest, closest_hit, closest_hit_brute};
@@ -38,9 +40,12 @@ impl Checks {
         }
     }
 
-    fn differ(&mut self, place: &str, what: &str) {
-        self.differences += 1;
-        self.first_difference.get_or_insert_with(|| format!("{place}: {what}"));
+    /// Counts a difference unless something `holds`.
+    fn expect(&mut self, holds: bool, place: &str, what: fmt::Arguments<'_>) {
+        if !holds {
+            self.differences += 1;
+            self.first_difference.get_or_insert_with(|| format!("{place}: {what}"));
+        }
     }
 
     /// Counts of hits and shadow rays of two strategies.
@@ -50,26 +55,20 @@ impl Checks {
             ("shadow rays", a.rays_shadow, b.rays_shadow),
             ("pixels in shadow", a.shadowed, b.shadowed),
         ] {
-            if a != b {
-                self.differ(place, &format!("{a} and {b} {what}"));
-            }
+            self.expect(a == b, place, format_args!("{a} and {b} {what}"));
         }
     }
 
     /// Whether two trees that a strategy has updated alike have the same cost.
     pub(crate) fn same_twin(&mut self, place: &str, same: bool) {
-        if !same {
-            self.differ(place, "two trees of the same course have different costs");
-        }
+        self.expect(same, place, format_args!("two trees of the same course have different costs"));
     }
 
     /// Compares pictures of two strategies. `same` says whether all bits of their `pixels` pixels are equal.
     pub(crate) fn same_picture(&mut self, place: &str, pixels: usize, same: bool) {
         self.pictures += 1;
         self.pixels += pixels as u64;
-        if !same {
-            self.differ(place, "pixels differ");
-        }
+        self.expect(same, place, format_args!("pixels differ"));
     }
 
     /// Hits through a tree and by brute force.
@@ -84,9 +83,8 @@ impl Checks {
             self.rays += 1;
             self.rays_hit += u64::from(expected.is_some());
             let found = closest_hit(tree, triangles, ray, f32::INFINITY, TriangleTest::default());
-            if found != *expected {
-                self.differ(place, &format!("a ray hits {found:?}, but by brute force {expected:?}"));
-            }
+            let what = format_args!("a ray hits {found:?}, but by brute force {expected:?}");
+            self.expect(found == *expected, place, what);
         }
     }
 
@@ -94,7 +92,7 @@ impl Checks {
     pub(crate) fn valid(&mut self, place: &str, tree: &Bvh, triangles: &Triangles<'_>) {
         self.trees += 1;
         if let Err(error) = tree.validate(triangles) {
-            self.differ(place, &error.to_string());
+            self.expect(false, place, format_args!("{error}"));
         }
     }
 }

@@ -67,27 +67,22 @@ const ON_DEMAND: [&str; 5] =
 impl Contestant {
     /// All of them.
     pub(crate) fn all() -> Vec<Self> {
-        let named = |name, of, method, counted| Self { name, of, method, counted };
+        let measured = |name, method| Self { name, of: name, method, counted: Counted::Measured };
         let strategies = Strategy::all();
-        let mut all: Vec<_> = strategies
-            .iter()
-            .map(|&s| named(s.name(), s.name(), Method::Strategy(s), Counted::Measured))
-            .collect();
-        let paper_binned =
-            Method::Rebuild(paper_binned::update, "serial binned rebuild with bins along one axis");
-        all.push(named(PAPER_BINNED, PAPER_BINNED, paper_binned, Counted::Measured));
-        all.extend(System::ALL.map(|s| named(s.name(), s.name(), Method::System(s), Counted::Measured)));
+        let mut all: Vec<_> = strategies.iter().map(|&s| measured(s.name(), Method::Strategy(s))).collect();
+        let about = "serial binned rebuild with bins along one axis";
+        all.push(measured(PAPER_BINNED, Method::Rebuild(paper_binned::update, about)));
+        all.extend(System::ALL.map(|s| measured(s.name(), Method::System(s))));
         for (name, rotate) in [(ASYNCHRONOUS, None), (ROTATE_ASYNCHRONOUS, Some(Rotate::default()))] {
             let background = Background { rotate, builder: Builder::BinnedParallel };
-            let method = Method::Strategy(Strategy::Background(background));
-            all.push(named(name, name, method, Counted::Measured));
+            all.push(measured(name, Method::Strategy(Strategy::Background(background))));
         }
         for (name, builder, counted) in [
             (IDEAL, Builder::Sweep, Counted::Free),
             (IDEAL_PARALLEL_BINNED, Builder::Binned, Counted::Divided),
         ] {
             let method = Method::Strategy(Strategy::Rebuild(builder, BuildOptions::default()));
-            all.push(named(name, builder.name(), method, counted));
+            all.push(Self { name, of: builder.name(), method, counted });
         }
         all
     }

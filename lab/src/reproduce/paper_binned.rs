@@ -58,6 +58,10 @@ fn grow(items: &mut [Item], slot: u32, depth: u32, nodes: &mut Vec<Node>) -> Nod
     Node::parent(&nodes[pair], &nodes[pair + 1], pair as u32)
 }
 
+fn join(a: (Aabb, usize), b: (Aabb, usize)) -> (Aabb, usize) {
+    (a.0.union(b.0), a.1 + b.1)
+}
+
 /// Partitions the items along the longest axis of their centres, and says how many go to the left;
 /// `None` if the bins do not separate any two.
 fn split(items: &mut [Item]) -> Option<usize> {
@@ -76,20 +80,16 @@ fn split(items: &mut [Item]) -> Option<usize> {
         let (aabb, count) = &mut bins[bin(item)];
         (*aabb, *count) = (aabb.union(item.aabb), *count + 1);
     }
-    let add = |side: &mut (Aabb, usize), (aabb, count): (Aabb, usize)| {
-        *side = (side.0.union(aabb), side.1 + count);
-        *side
-    };
-    let mut side = (Aabb::EMPTY, 0);
-    let mut rest = bins.iter().rev().map(|&b| add(&mut side, b)).collect::<Vec<_>>();
-    rest.reverse();
-    let mut side = (Aabb::EMPTY, 0);
+    // What is in each bin and those before it, and in each bin and those after it.
+    let (mut left, mut right) = (bins, bins);
+    for i in 1..BINS {
+        left[i] = join(left[i - 1], bins[i]);
+        right[BINS - 1 - i] = join(right[BINS - i], bins[BINS - 1 - i]);
+    }
     let cost = |(aabb, count): (Aabb, usize)| f64::from(aabb.half_area()) * count as f64;
-    let sides = (1..BINS).map(|plane| (plane, add(&mut side, bins[plane - 1]), rest[plane]));
-    let (_, plane) = sides
-        .filter(|(_, l, r)| l.1 > 0 && r.1 > 0)
-        .map(|(plane, l, r)| (cost(l) + cost(r), plane))
-        .min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let planes = (1..BINS).filter(|&plane| left[plane - 1].1 > 0 && right[plane].1 > 0);
+    let costs = planes.map(|plane| (cost(left[plane - 1]) + cost(right[plane]), plane));
+    let (_, plane) = costs.min_by(|a, b| a.0.total_cmp(&b.0))?;
     // In place, with two pointers.
     let (mut left, mut end) = (0, items.len());
     while left < end {

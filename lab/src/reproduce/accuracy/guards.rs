@@ -109,9 +109,8 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
             update(entrant, broken)?;
             let error = differing(&bench.see(&entrant.1, &broken, &bench.flat()), &expected);
             let (on, knob) = (entrant.0, format!("guards against NaN at {strategy}"));
-            let note = format!(
-                "time of an update, sound; error with one vertex in {BROKEN} NaN, against a fresh tree"
-            );
+            let against = format!("error with one vertex in {BROKEN} NaN, against a fresh tree");
+            let note = format!("time of an update, sound; {against}");
             let point = Point::new(knob, if on { "on" } else { "off" }, on, time_ms).noted(note);
             bench.log.add(point.with("pixels lost to broken triangles", error, "in a million"))?;
         }

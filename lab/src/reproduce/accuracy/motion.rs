@@ -110,11 +110,8 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
                 moment = (moment + 0.377) % 1.0;
                 pose.advance(&*scene.animation, moment * duration);
             });
-            let note = format!(
-                "time of posing a frame; against {} key frames of the same {} steps",
-                finest + 1,
-                finest * steps
-            );
+            let (keys, all) = (finest + 1, finest * steps);
+            let note = format!("time of posing a frame; against {keys} key frames of the same {all} steps");
             let (knob, setting) = (format!("key frames at {name}"), format!("{spaces} a loop"));
             let point = Point::new(knob, setting, spaces == own, time_ms).noted(note);
             let point = Point { bytes: Some(scene.key_bytes as u64), ..point };

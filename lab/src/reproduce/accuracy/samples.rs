@@ -166,18 +166,14 @@ impl Case {
     fn expected(&self) -> Vec<f64> {
         let [corner, right, down] = self.camera.image_plane().map(Vec3::as_dvec3);
         let (eye, places) = (self.camera.eye().as_dvec3(), self.places);
-        let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(places);
-        let pixels = (0..self.camera.height()).flat_map(|y| (0..self.camera.width()).map(move |x| (x, y)));
-        let value = |(x, y): (u32, u32)| {
-            let all = (0..places).flat_map(|j| (0..places).map(move |i| (i, j)));
-            let sum: f64 = all
-                .map(|(i, j)| {
-                    let (x, y) = (f64::from(x) + middle(i), f64::from(y) + middle(j));
-                    (self.exact)(eye, corner + x * right + y * down)
-                })
-                .sum();
-            sum / f64::from(places * places)
+        let within = |pixel: u32| {
+            (0..places).map(move |i| f64::from(pixel) + (f64::from(i) + 0.5) / f64::from(places))
         };
+        let value = |(x, y): (u32, u32)| {
+            let all = within(y).flat_map(|y| within(x).map(move |x| corner + x * right + y * down));
+            all.map(|direction| (self.exact)(eye, direction)).sum::<f64>() / f64::from(places * places)
+        };
+        let pixels = (0..self.camera.height()).flat_map(|y| (0..self.camera.width()).map(move |x| (x, y)));
         pixels.map(value).collect()
     }
 

@@ -33,9 +33,10 @@ fn cost(point: &Point) -> f64 {
     point.bytes.map_or(point.time_ms, |bytes| bytes as f64 * 1e-6)
 }
 
-fn cost_unit(family: &Family<'_>) -> &'static str {
+/// What [`cost`] is, and its unit.
+fn cost_words(family: &Family<'_>) -> [&'static str; 2] {
     let mut points = family.curves.iter().flat_map(|curve| &curve.points);
-    if points.any(|point| point.bytes.is_some()) { "MB" } else { "ms" }
+    if points.any(|point| point.bytes.is_some()) { ["memory", "MB"] } else { ["time", "ms"] }
 }
 
 fn front(family: &Family<'_>, curve: &Curve<'_>) -> Vec<bool> {
@@ -55,7 +56,7 @@ fn draw(family: &Family<'_>) -> Chart {
     });
     Chart {
         title: family.knob.to_owned(),
-        x_label: if cost_unit(family) == "MB" { "memory, MB" } else { "time, ms" }.to_owned(),
+        x_label: cost_words(family).join(", "),
         y_label: format!("{}, {}", family.error_name, family.unit),
         series: series.collect(),
         ..Chart::default()
@@ -71,7 +72,7 @@ fn table(family: &Family<'_>) -> String {
         family.knob,
         family.error_name,
         family.unit,
-        if cost_unit(family) == "MB" { "memory in MB" } else { "time in ms" },
+        cost_words(family).join(" in "),
         names.join(" | "),
         "---|".repeat(names.len())
     );

@@ -154,7 +154,7 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
         bins.into_iter().chain(radii).chain(others).chain(leaves).chain(annealed).collect();
 
     bench.pose_in_the_middle();
-    let sweep = bench.sweep()?;
+    let (sweep, repeats) = (bench.sweep()?, bench.log.effort.repeats);
     let mut built = Vec::new();
     for (builder, options, setting, _) in &settings {
         if interrupt::requested() {
@@ -163,7 +163,7 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
         let mut tree = Bvh::default();
         let mut scratch = BuildScratch::new();
         let mut result = Ok(());
-        let time_ms = fastest(bench.log.effort.repeats, || {
+        let time_ms = fastest(repeats, || {
             result = rebuild(&mut tree, &bench.stage.triangles(), *builder, options, &mut scratch);
         });
         result.with_context(|| format!("{setting}: no tree"))?;
@@ -172,10 +172,7 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
     let trees: Vec<&Bvh> = built.iter().map(|(tree, _)| tree).collect();
     let Some(Over { errors, selves }) = bench.over(&sweep, &trees) else { return Ok(()) };
     for (((_, _, setting, is_default), (_, time_ms)), errors) in settings.iter().zip(&built).zip(errors) {
-        let note = format!(
-            "time of a build, fastest of at most {}; errors in the middle of the loop",
-            bench.log.effort.repeats
-        );
+        let note = format!("time of a build, fastest of at most {repeats}; errors in the middle of the loop");
         let point = Point::new("builder", setting.as_str(), *is_default, *time_ms).noted(note);
         bench.log.add_tree(&point, errors, &selves)?;
     }

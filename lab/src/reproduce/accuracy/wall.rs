@@ -93,14 +93,8 @@ impl Wall {
     fn new(size: u32, offset: f64, seed: u64) -> Self {
         let mut random = fastrand::Rng::with_seed(seed);
         let eye = DVec3::splat(offset);
-        let camera = Camera::look_at(
-            eye.as_vec3(),
-            (eye + DVec3::new(100.0, 40.0, -70.0)).as_vec3(),
-            Vec3::Y,
-            1.5,
-            size,
-            size,
-        );
+        let target = eye + DVec3::new(100.0, 40.0, -70.0);
+        let camera = Camera::look_at(eye.as_vec3(), target.as_vec3(), Vec3::Y, 1.5, size, size);
         let [corner, right, down] = camera.image_plane().map(Vec3::as_dvec3);
         let columns = i64::from(size) / SPACING + 2 * MARGIN;
         // Edges of about 1: so far away is a pixel 1 / SPACING wide.
@@ -151,17 +145,14 @@ impl Wall {
 
     /// Root mean square of the relative errors of the distances.
     fn distance_error(&self, hits: &[Option<Hit>]) -> f64 {
-        let width = self.camera.width() as usize;
-        let squares: Vec<f64> = hits
-            .iter()
-            .enumerate()
-            .filter_map(|(pixel, hit)| {
-                let hit = hit.as_ref()?;
-                let ray = self.camera.ray((pixel % width) as u32, (pixel / width) as u32);
-                let exact = meets_plane(&ray, &self.triangles().corners(hit.primitive as usize));
-                Some((f64::from(hit.t) / exact - 1.0).powi(2)).filter(|square| square.is_finite())
-            })
-            .collect();
+        let width = self.camera.width();
+        let square = |(hit, pixel): (&Option<Hit>, u32)| {
+            let hit = hit.as_ref()?;
+            let ray = self.camera.ray(pixel % width, pixel / width);
+            let exact = meets_plane(&ray, &self.triangles().corners(hit.primitive as usize));
+            Some((f64::from(hit.t) / exact - 1.0).powi(2)).filter(|square| square.is_finite())
+        };
+        let squares: Vec<f64> = hits.iter().zip(0..).filter_map(square).collect();
         (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
     }
 }

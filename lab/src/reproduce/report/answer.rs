@@ -3,7 +3,7 @@
 use crate::reproduce::claims::frame_time;
 use crate::reproduce::contestants::Contestant;
 use crate::reproduce::record::mean_frame_ms;
-use crate::reproduce::results::{Results, SceneRun};
+use crate::reproduce::results::{Results, SceneRun, Spread};
 
 /// Frame times that differ by less are equal, as in the rules of the claims.
 const NOISE: f64 = 1.05;
@@ -26,30 +26,23 @@ pub(super) fn speedup(scene: &SceneRun) -> Option<f64> {
 pub(super) fn headline(results: &Results) -> String {
     let ratios: Vec<_> =
         moving(results).iter().filter_map(|s| Some((s.facts.label.as_str(), speedup(s)?))).collect();
-    let those = |holds: &dyn Fn(f64) -> bool| -> Vec<_> {
-        ratios.iter().copied().filter(|(_, ratio)| holds(*ratio)).collect()
-    };
-    let (paid, lost) = (those(&|r| r > NOISE), those(&|r| r < 1.0 / NOISE));
+    let paid: Vec<f64> = ratios.iter().map(|(_, ratio)| *ratio).filter(|ratio| *ratio > NOISE).collect();
+    let lost: Vec<_> = ratios.iter().filter(|(_, ratio)| *ratio < 1.0 / NOISE).collect();
     let factor = |ratio: f64| format!("{ratio:.*}", usize::from(ratio < 9.95));
     let all = ratios.len();
-    let mut text = match paid.len() {
-        _ if all == 0 => return "This run does not compare rotations with refitting alone.".to_owned(),
-        0 if all == 1 => "Rotations do not pay on the only scene.".to_owned(),
-        0 => format!("Rotations pay on none of the {all} scenes."),
-        n => {
-            let least = paid.iter().map(|p| p.1).fold(f64::INFINITY, f64::min);
-            let most = paid.iter().map(|p| p.1).fold(0.0, f64::max);
-            let on = match n {
-                1 if all == 1 => "on the only scene".to_owned(),
-                n if n == all => format!("on all {n} scenes"),
-                n => format!("on {n} of {all} scenes"),
+    let mut text = match Spread::of(paid.iter().copied()) {
+        None if all == 0 => return "This run does not compare rotations with refitting alone.".to_owned(),
+        None if all == 1 => "Rotations do not pay on the only scene.".to_owned(),
+        None => format!("Rotations pay on none of the {all} scenes."),
+        Some(Spread { min, max, .. }) => {
+            let on = match paid.len() {
+                1 if all == 1 => "the only scene".to_owned(),
+                n if n == all => format!("all {n} scenes"),
+                n => format!("{n} of {all} scenes"),
             };
-            let range = if factor(least) == factor(most) {
-                factor(most)
-            } else {
-                format!("{} to {}", factor(least), factor(most))
-            };
-            format!("Rotations pay {on}: frames are {range} times as fast as with refitting alone.")
+            let (least, most) = (factor(min), factor(max));
+            let range = if least == most { most } else { format!("{least} to {most}") };
+            format!("Rotations pay on {on}: frames are {range} times as fast as with refitting alone.")
         }
     };
     let equal = all - paid.len() - lost.len();
