@@ -22,7 +22,8 @@ const COMMANDS: [(&str, &[(&str, &str)]); 4] = [
 /// Runs everything, and fails with all that failed.
 pub(crate) fn run() -> Result<()> {
     let mut failed = Vec::new();
-    let mut violations = layering::violations(&metadata()?)?;
+    let metadata = output("cargo", &["metadata", "--format-version", "1", "--no-deps"])?;
+    let mut violations = layering::violations(&metadata)?;
     violations.extend(layering::module_violations(&files::workspace().join("crates/bvh-update/src"))?);
     for violation in &violations {
         files::remark(&format!("layering: {violation}"));
@@ -49,14 +50,12 @@ pub(crate) fn program(name: &str) -> Command {
     Command::new(cargo.unwrap_or_else(|| name.into()))
 }
 
-fn metadata() -> Result<String> {
-    let output = program("cargo")
-        .args(["metadata", "--format-version", "1", "--no-deps"])
-        .current_dir(files::workspace())
-        .output()
-        .context("cargo metadata: cannot be started")?;
+/// What a program prints in the workspace; an error with what it says if it fails.
+pub(crate) fn output(name: &str, arguments: &[&str]) -> Result<String> {
+    let output = program(name).args(arguments).current_dir(files::workspace()).output();
+    let output = output.with_context(|| format!("{name}: cannot be started"))?;
     let error = String::from_utf8_lossy(&output.stderr);
-    ensure!(output.status.success(), "cargo metadata: {error}");
+    ensure!(output.status.success(), "{name} {}: {error}", arguments.join(" "));
     Ok(String::from_utf8(output.stdout)?)
 }
 

@@ -13,7 +13,7 @@ use flate2::write::GzEncoder;
 use lab::files;
 use scenes::SceneOptions;
 
-use crate::ci::program;
+use crate::ci::{output, program};
 
 /// Arguments of `view`.
 #[derive(clap::Args)]
@@ -72,14 +72,6 @@ fn key_frames(root: &Path) -> Result<Vec<u8>> {
     Ok(fs::read(record.path())?)
 }
 
-/// Where the libraries of the page's target are.
-fn libraries() -> Result<String> {
-    let output = program("rustc").args(["--print", "target-libdir", "--target", TARGET]).output();
-    let output = output.context("rustc: cannot be started")?;
-    ensure!(output.status.success(), "rustc does not know {TARGET}");
-    Ok(String::from_utf8(output.stdout)?.trim_end().to_owned())
-}
-
 /// Writes the page: a few files that any file server shows.
 pub(crate) fn web(args: &Web) -> Result<()> {
     let root = files::workspace();
@@ -93,7 +85,8 @@ pub(crate) fn web(args: &Web) -> Result<()> {
         cargo.args(["--config", &format!("profile.release.{setting}")]);
     }
     // A library has no beginning of its own: this one sets up memory and threads once.
-    let start = format!("link-arg={}/self-contained/crt1-reactor.o", libraries()?);
+    let libraries = output("rustc", &["--print", "target-libdir", "--target", TARGET])?;
+    let start = format!("link-arg={}/self-contained/crt1-reactor.o", libraries.trim_end());
     let flags: Vec<_> =
         FLAGS.into_iter().chain([start.as_str()]).map(|flag| format!("\"-C\",\"{flag}\"")).collect();
     let flags = flags.join(",");
