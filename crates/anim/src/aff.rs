@@ -18,7 +18,7 @@ use self::geometry::{Frame, Patch, Source};
 use self::reader::{AffLight, Camera, Name, Scene};
 use self::track::Track;
 use crate::error::{LoadError, Problem};
-use crate::{Animation, Light, Motion, PoseStats, Topology, View, Work};
+use crate::{Animation, Light, Motion, PoseStats, Topology, View};
 
 /// A scene of BART; from [`load_aff`].
 ///
@@ -229,8 +229,7 @@ impl Animation for AffAnimation {
 
     fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
         assert_eq!(positions.len(), self.topology.vertex_count, "positions are those of another animation");
-        // Beside what is called for there is what stays the same but has to be done again.
-        let (mut stats, mut again) = (PoseStats::default(), Work::default());
+        let mut stats = PoseStats::default();
         let at = |on: bool| self.key_time(if on { time } else { 0.0 });
         let mut moving = self.moving.iter().filter(|part| !part.motion.and(kinds).is_still()).peekable();
         if moving.peek().is_none() {
@@ -243,8 +242,7 @@ impl Animation for AffAnimation {
             if patches.is_empty() {
                 positions.copy_from_slice(local);
             } else {
-                let work = if motion.key_frames { &mut stats.key_frames } else { &mut again };
-                work.add(|| {
+                stats.key_frames.add_if(motion.key_frames, || {
                     for (corners, patch) in positions.as_chunks_mut::<3>().0.iter_mut().zip(patches) {
                         *corners = patch.at(at(kinds.key_frames));
                     }
@@ -253,8 +251,7 @@ impl Animation for AffAnimation {
             }
             if let Some(node) = *node {
                 let to_world = to_world[node as usize];
-                let work = if motion.rigid { &mut stats.rigid } else { &mut again };
-                work.add(|| {
+                stats.rigid.add_if(motion.rigid, || {
                     positions.iter_mut().for_each(|p| *p = to_world.transform_point3(*p));
                     positions.len()
                 });

@@ -28,13 +28,13 @@ use ::gltf::json::{Index, Mesh, Root};
 use glam::{Affine3A, DVec3, Mat3A, Vec2, Vec3};
 
 use self::accessor::{Accessors, BYTES_PER_TRIANGLE, BYTES_PER_VERTEX, Budget};
-use self::material::{Mapping, add_textures, is_blended, material_of, materials};
-use self::nodes::{Channels, Nodes, affine, node_name, target_count};
+use self::material::{Mapping, add_textures, material_of, materials};
+use self::nodes::{Channels, Far, Nodes, affine, node_name, target_count};
 use self::primitive::Geometry;
 use self::seen::{Camera, LightSource};
 use self::track::Track;
 use crate::error::{LoadError, NUMBERED, Problem, numbered, read_file};
-use crate::{Animation, Light, LoadOptions, Motion, PoseStats, Topology, View, Work};
+use crate::{Animation, Light, LoadOptions, Motion, PoseStats, Topology, View};
 
 /// A clip of a glTF file, ready to be posed at any time.
 ///
@@ -54,8 +54,6 @@ pub struct GltfAnimation {
     camera: Option<Camera>,
     light: Option<LightSource>,
     clips: Vec<String>,
-    /// Of points or lines, which are left out.
-    ignored_primitives: usize,
     notes: Vec<String>,
 }
 
@@ -132,55 +130,59 @@ pub(crate) fn parse(
     let folder = file.parent().unwrap_or(Path::new(""));
     let budget = Budget::for_input(size as u64);
     let accessors = Accessors { root: &root, buffers: &buffers, folder, budget, textures: options.textures };
-    let far = (options.origin != DVec3::ZERO)
-        .then(|| source::translations(bytes).map(|exact| (options.origin, exact)))
-        .transpose();
-    far.and_then(|far| GltfAnimation::build(&accessors, chosen, clips, far))
-        .map_err(|problem| problem.in_file(file))
+    let animation = || {
+        let far = match options.origin {
+            DVec3::ZERO => None,
+            origin => Some(Far { origin, translations: source::translations(bytes)? }),
+        };
+        Loader::load(&accessors, chosen, clips, far)
+    };
+    animation().map_err(|problem| problem.in_file(file))
 }
 
-impl GltfAnimation {
-    /// Names of all clips in the file, in order; empty where a clip has none.
-    #[must_use]
-    pub fn clips(&self) -> &[String] {
-        &self.clips
-    }
+/// Puts an animation together.
+struct Loader<'a> {
+    animation: GltfAnimation,
+    accessors: &'a Accessors<'a>,
+    channels: Channels,
+    /// Primitives by mesh and number, decoded once for all nodes that show them; `None` for points and
+    /// lines, which are left out.
+    decoded: HashMap<(usize, usize), Option<Arc<Geometry>>>,
+    left_out: usize,
+}
 
-    /// `far` is the origin, if it is another than the file's, and what [`source::translations`]
-    /// gives.
-    fn build(
-        accessors: &Accessors<'_>,
+impl<'a> Loader<'a> {
+    fn load(
+        accessors: &'a Accessors<'a>,
         clip: usize,
         clips: Vec<String>,
-        far: Option<(DVec3, Vec<Option<DVec3>>)>,
-    ) -> Result<Self, Problem> {
+        far: Option<Far>,
+    ) -> Result<GltfAnimation, Problem> {
         let root = accessors.root;
         let mut channels = Channels::read(root.animations.get(clip), accessors)?;
         let scene = scene_nodes(root)?;
-        let mut in_scene = vec![false; root.nodes.len()];
-        scene.iter().for_each(|&node| in_scene[node] = true);
-        let nodes = Nodes::read(root, &mut channels, far, &in_scene)?;
+        let nodes = Nodes::read(root, &scene, &mut channels, far)?;
         let skins =
             (0..root.skins.len()).map(|skin| Skin::read(skin, accessors)).collect::<Result<Vec<_>, _>>()?;
-
         let topology = Topology { materials: materials(root), ..Topology::default() };
-        let mut animation = Self { topology, nodes, skins, clips, ..Self::default() };
-        let mut decoded = HashMap::new();
+        let animation = GltfAnimation { topology, nodes, skins, clips, ..GltfAnimation::default() };
+        let mut loader = Self { animation, accessors, channels, decoded: HashMap::new(), left_out: 0 };
         for &node in &scene {
-            animation.add_mesh(node, &in_scene, &mut channels, accessors, &mut decoded)?;
+            loader.add_mesh(node)?;
         }
+
+        let Self { mut animation, channels, left_out, .. } = loader;
         if animation.topology.triangles.is_empty() {
             let found = format!("{} nodes without triangles", scene.len());
             return Err(Problem::new("scene", found, "at least one triangle"));
         }
-
         let mut rest = vec![Vec3::ZERO; animation.topology.vertex_count];
         animation.write(&animation.instances, Motion::ALL, 0.0, &mut rest);
         animation.rest = rest;
         let still = animation.instances.iter().filter(|instance| instance.motion.is_still());
         if still.clone().any(|instance| instance.normals().is_some()) {
-            let (mut normals, globals) =
-                (vec![Vec3::ZERO; animation.rest.len()], animation.nodes.globals(0.0));
+            let mut normals = vec![Vec3::ZERO; animation.rest.len()];
+            let globals = animation.nodes.globals(0.0);
             still.for_each(|instance| animation.write_normals(instance, &globals, &mut normals));
             animation.still_normals = normals;
         }
@@ -188,11 +190,14 @@ impl GltfAnimation {
         if !animation.topology.texcoords.is_empty() {
             animation.topology.texcoords.resize(animation.topology.vertex_count, Vec2::ZERO);
         }
-        let blended = animation.topology.parts.iter().any(|part| is_blended(root, part.material));
-        let (without_image, missing) = add_textures(&mut animation.topology, accessors)?;
+        animation.notes = add_textures(&mut animation.topology, accessors)?;
+        if left_out > 0 {
+            let note = format!("{left_out} primitives of points or lines are left out");
+            animation.notes.insert(0, note);
+        }
         animation.camera = Camera::first(root, &scene);
         animation.light = LightSource::first(root, &scene, &animation.rest)?;
-        animation.notes = animation.remarks(blended, without_image, &missing);
+        animation.notes.extend(animation.light.iter().flat_map(LightSource::notes));
         let seen_from = [animation.camera.as_ref().map(|c| c.node), animation.light.as_ref().map(|l| l.node)];
         let any_moves = seen_from.into_iter().flatten().any(|node| animation.nodes.moves[node]);
         if any_moves || !animation.instances.is_empty() {
@@ -202,64 +207,49 @@ impl GltfAnimation {
     }
 
     /// Adds the mesh that `node` shows, if any: a part for each primitive with triangles.
-    fn add_mesh(
-        &mut self,
-        node: usize,
-        in_scene: &[bool],
-        channels: &mut Channels,
-        accessors: &Accessors<'_>,
-        decoded: &mut HashMap<(usize, usize), Option<Arc<Geometry>>>,
-    ) -> Result<(), Problem> {
-        let root = accessors.root;
-        let place = node_name(root, node);
+    fn add_mesh(&mut self, node: usize) -> Result<(), Problem> {
+        let (root, place) = (self.accessors.root, node_name(self.accessors.root, node));
         let Some(mesh_number) = root.nodes[node].mesh.map(|mesh| mesh.value()) else { return Ok(()) };
         let mesh = numbered(&root.meshes, mesh_number, "mesh", &*place)?;
         let skin = root.nodes[node].skin.map(|skin| skin.value());
         if let Some(skin) = skin {
-            numbered(&self.skins, skin, "skin", place)?;
+            numbered(&self.animation.skins, skin, "skin", place)?;
         }
-        let weights = Weights::read(node, mesh, channels, accessors)?.map(Arc::new);
+        let weights = Weights::read(node, mesh, &mut self.channels, self.accessors)?.map(Arc::new);
+        let name = root.nodes[node].name.as_ref().or(mesh.name.as_ref());
+        let name = name.cloned().unwrap_or_else(|| format!("node {node}"));
 
         for (number, primitive) in mesh.primitives.iter().enumerate() {
-            let place = format!(
-                "mesh {mesh_number} {:?}, primitive {number}",
-                mesh.name.as_deref().unwrap_or_default()
-            );
+            let mesh_name = mesh.name.as_deref().unwrap_or_default();
+            let place = format!("mesh {mesh_number} {mesh_name:?}, primitive {number}");
             let material = material_of(primitive, root, &place)?;
-            let geometry = match decoded.entry((mesh_number, number)) {
+            let geometry = match self.decoded.entry((mesh_number, number)) {
                 Entry::Occupied(known) => known.get().clone(),
                 Entry::Vacant(unknown) => {
                     let mapping = Mapping::of(root, material);
-                    let read = Geometry::read(primitive, mapping.as_ref(), accessors, &place)?;
+                    let read = Geometry::read(primitive, mapping.as_ref(), self.accessors, &place)?;
                     unknown.insert(read.map(Arc::new)).clone()
                 }
             };
             let Some(geometry) = geometry else {
-                self.ignored_primitives += 1;
+                self.left_out += 1;
                 continue;
             };
+            let Self { animation: GltfAnimation { nodes, skins, topology, .. }, .. } = self;
             let skin = skin.filter(|_| geometry.influences.is_some());
-            if let (Some(skin), Some(influences)) = (skin, &geometry.influences) {
-                let (highest, joints) = (influences.highest_joint(), self.skins[skin].joints.len());
-                if highest >= joints {
-                    let expected = format!("a joint below the {joints} of skin {skin}");
-                    return Err(Problem::new(place, format!("joint {highest}"), expected));
-                }
+            let joints = skin.map_or(&[][..], |skin| &skins[skin].joints);
+            if let (Some(_), Some(influences)) = (skin, &geometry.influences) {
+                numbered(joints, influences.highest_joint(), "joint", &place)?;
             }
-            let name = root.nodes[node].name.as_ref().or(mesh.name.as_ref());
-            let name = name.cloned().unwrap_or_else(|| format!("node {node}"));
-
-            let skin_places =
-                skin.is_some_and(|skin| self.skins[skin].joints.iter().any(|&joint| in_scene[joint]));
             let instance = Instance {
                 geometry,
-                first_vertex: self.topology.vertex_count,
+                first_vertex: topology.vertex_count,
                 skin,
-                node: (!skin_places).then_some(node),
+                node: (!joints.iter().any(|&joint| nodes.in_scene[joint])).then_some(node),
                 weights: weights.clone(),
                 motion: Motion::STILL,
             };
-            self.add(instance, name, material, &accessors.budget, &place)?;
+            self.add(instance, name.clone(), material, &place)?;
         }
         Ok(())
     }
@@ -270,28 +260,19 @@ impl GltfAnimation {
         mut instance: Instance,
         name: String,
         material: u32,
-        budget: &Budget,
         place: &str,
     ) -> Result<(), Problem> {
+        let animation = &mut self.animation;
         let geometry = Arc::clone(&instance.geometry);
         let (triangles, vertices) = (&geometry.triangles, geometry.positions.len());
         let bytes = vertices * BYTES_PER_VERTEX + triangles.len() * BYTES_PER_TRIANGLE + name.len();
-        budget.spend(bytes as u64, place)?;
-        let weights_vary = instance.weights.as_ref().is_some_and(|weights| weights.track.is_some());
-        let vertex_moves = self.moving_vertices(&instance, weights_vary);
-        let moved_by = Motion {
-            rigid: instance.node.is_some_and(|node| self.nodes.moves[node]),
-            skin: instance.skin.is_some_and(|skin| self.skins[skin].moves(&self.nodes)),
-            morph: weights_vary && geometry.targets.iter().any(|target| !target.is_empty()),
-            key_frames: false,
-        };
-        // What no vertex notices is no motion.
-        instance.motion = if vertex_moves.contains(&true) { moved_by } else { Motion::STILL };
-
+        self.accessors.budget.spend(bytes as u64, place)?;
+        let (motion, vertex_moves) = animation.motion_of(&instance);
+        instance.motion = motion;
         let too_large = || Problem::new(place, "too many vertices or triangles in all", NUMBERED);
-        let topology = &mut self.topology;
+        let topology = &mut animation.topology;
         let part = topology.add_part(name, triangles, vertices, material).ok_or_else(too_large)?;
-        part.motion = instance.motion;
+        part.motion = motion;
         let first = part.triangles.start as usize;
         for (moves, corners) in topology.moves[first..].iter_mut().zip(triangles) {
             *moves = corners.iter().any(|&corner| vertex_moves[corner as usize]);
@@ -300,28 +281,37 @@ impl GltfAnimation {
             topology.texcoords.resize(instance.first_vertex, Vec2::ZERO);
             topology.texcoords.extend_from_slice(texcoords);
         }
-        self.instances.push(instance);
+        animation.instances.push(instance);
         Ok(())
     }
+}
 
-    /// For each vertex of `instance`, whether anything in the clip moves it.
-    fn moving_vertices(&self, instance: &Instance, weights_vary: bool) -> Vec<bool> {
-        let geometry = &*instance.geometry;
-        let mut moves =
-            vec![instance.node.is_some_and(|node| self.nodes.moves[node]); geometry.positions.len()];
-        if let (Some(skin), Some(influences)) = (instance.skin, &geometry.influences) {
-            let joints = &self.skins[skin].joints;
+impl GltfAnimation {
+    /// Names of all clips in the file, in order; empty where a clip has none.
+    #[must_use]
+    pub fn clips(&self) -> &[String] {
+        &self.clips
+    }
+
+    /// What of `instance` moves, and for each of its vertices whether anything in the clip moves it.
+    fn motion_of(&self, instance: &Instance) -> (Motion, Vec<bool>) {
+        let (geometry, node_moves) = (&*instance.geometry, &self.nodes.moves);
+        let rigid = instance.node.is_some_and(|node| node_moves[node]);
+        let mut moves = vec![rigid; geometry.positions.len()];
+        let joints = instance.skin.map_or(&[][..], |skin| &self.skins[skin].joints);
+        if let (Some(_), Some(influences)) = (instance.skin, &geometry.influences) {
             for (vertex, moves) in moves.iter_mut().enumerate() {
-                *moves |=
-                    influences.of(vertex).iter().any(|&(joint, _)| self.nodes.moves[joints[joint as usize]]);
+                *moves |= influences.of(vertex).iter().any(|&(joint, _)| node_moves[joints[joint as usize]]);
             }
         }
-        if weights_vary {
-            for &(vertex, _) in geometry.targets.iter().flatten() {
-                moves[vertex as usize] = true;
-            }
-        }
-        moves
+        let weights_vary = instance.weights.as_ref().is_some_and(|weights| weights.track.is_some());
+        let displaced = geometry.targets.iter().flatten().filter(|_| weights_vary);
+        displaced.clone().for_each(|&(vertex, _)| moves[vertex as usize] = true);
+        let (skin, morph) = (joints.iter().any(|&joint| node_moves[joint]), displaced.count() > 0);
+        // What no vertex notices is no motion.
+        let noticed = moves.contains(&true);
+        let motion = Motion { rigid, skin, morph, key_frames: false };
+        (if noticed { motion } else { Motion::STILL }, moves)
     }
 
     /// Writes the positions of `instances`, where the given kinds of motion are at `time` and all
@@ -333,9 +323,7 @@ impl GltfAnimation {
         time: f64,
         positions: &mut [Vec3],
     ) -> PoseStats {
-        // Beside what is called for there is what stays the same but has to be done again, as under
-        // a still node.
-        let (mut stats, mut again) = (PoseStats::default(), Work::default());
+        let mut stats = PoseStats::default();
         let at = |on: bool| if on { time } else { 0.0 };
         let joint_globals = self.nodes.globals(at(kinds.skin));
         let other_time = (kinds.rigid != kinds.skin).then(|| self.nodes.globals(at(kinds.rigid)));
@@ -348,36 +336,20 @@ impl GltfAnimation {
             positions.copy_from_slice(&geometry.positions);
             if let Some(of_node) = &instance.weights {
                 of_node.at(at(kinds.morph), &mut weights);
-                let work = if motion.morph { &mut stats.morph } else { &mut again };
-                work.add(|| {
-                    let mut added = 0;
-                    for (target, &weight) in
-                        geometry.targets.iter().zip(&weights).filter(|&(_, &weight)| weight != 0.0)
-                    {
-                        for &(vertex, delta) in target {
-                            positions[vertex as usize] += weight * delta;
-                        }
-                        added += target.len();
-                    }
-                    added
-                });
+                stats.morph.add_if(motion.morph, || geometry.morph(&weights, positions));
             }
             if let (Some(skin), Some(influences)) = (instance.skin, &geometry.influences) {
                 let matrices =
                     joint_matrices[skin].get_or_insert_with(|| self.skins[skin].matrices(&joint_globals));
-                let work = if motion.skin { &mut stats.skin } else { &mut again };
-                work.add(|| {
-                    influences.skin(matrices, positions);
+                stats.skin.add_if(motion.skin, || {
+                    influences.skin(positions, |joint, bound| matrices[joint].transform_point3a(bound));
                     positions.len()
                 });
             }
             if let Some(node) = instance.node {
                 let to_scene = &node_globals[node];
-                let work = if motion.rigid { &mut stats.rigid } else { &mut again };
-                work.add(|| {
-                    positions
-                        .iter_mut()
-                        .for_each(|position| *position = to_scene.transform_point3(*position));
+                stats.rigid.add_if(motion.rigid, || {
+                    positions.iter_mut().for_each(|p| *p = to_scene.transform_point3(*p));
                     positions.len()
                 });
             }
@@ -391,7 +363,7 @@ impl GltfAnimation {
         if let (Some(skin), Some(influences)) = (instance.skin, &instance.geometry.influences) {
             let matrices: Vec<Mat3A> =
                 self.skins[skin].matrices(globals).iter().map(|m| cofactors(m.matrix3)).collect();
-            influences.skin_normals(&matrices, &mut normals);
+            influences.skin(&mut normals, |joint, bound| matrices[joint] * bound);
         }
         if let Some(node) = instance.node {
             let to_scene = cofactors(globals[node].matrix3);
@@ -400,24 +372,6 @@ impl GltfAnimation {
         for (out, normal) in out[instance.first_vertex..].iter_mut().zip(normals) {
             *out = normal.normalize_or(*out);
         }
-    }
-
-    fn remarks(&self, blended: bool, without_image: usize, missing: &[String]) -> Vec<String> {
-        let (ignored, count) = (self.ignored_primitives, missing.len());
-        let notes = [
-            (ignored > 0).then(|| format!("{ignored} primitives of points or lines are left out")),
-            blended.then(|| {
-                "blended surfaces are not blended: they are there where at least half opaque".to_owned()
-            }),
-            (without_image > 0)
-                .then(|| format!("{without_image} textures are neither PNG nor JPEG and left out")),
-            missing.first().map(|first| {
-                format!(
-                    "{count} image files cannot be read, first {first:?}: surfaces keep their plain colours"
-                )
-            }),
-        ];
-        notes.into_iter().flatten().chain(self.light.iter().flat_map(LightSource::notes)).collect()
     }
 
     fn clamp(&self, time: f64) -> f64 {
@@ -451,7 +405,7 @@ impl Animation for GltfAnimation {
     /// The first perspective camera of the scene.
     fn view(&self, time: f64) -> Option<View> {
         let camera = self.camera.as_ref()?;
-        camera.view(&self.nodes.global(camera.node, self.clamp(time)))
+        camera.view(&self.nodes.globals(self.clamp(time))[camera.node])
     }
 
     /// The first light of the scene, with its colour but not its intensity, which would need an
@@ -460,7 +414,7 @@ impl Animation for GltfAnimation {
     /// A directional light is put far away; a spot light shines all round.
     fn light(&self, time: f64) -> Option<Light> {
         let light = self.light.as_ref()?;
-        light.at(&self.nodes.global(light.node, self.clamp(time)))
+        light.at(&self.nodes.globals(self.clamp(time))[light.node])
     }
 
     /// The normals of the file, but not those of parts with morph targets.
@@ -499,9 +453,8 @@ impl Skin {
         let (skin, nodes) = (&accessors.root.skins[number], &accessors.root.nodes);
         let place = format!("skin {number} {:?}", skin.name.as_deref().unwrap_or_default());
         let joints: Vec<usize> = skin.joints.iter().map(Index::value).collect();
-        if let Some(joint) = joints.iter().find(|&&joint| joint >= nodes.len()) {
-            let expected = format!("a joint below the number of nodes, {}", nodes.len());
-            return Err(Problem::new(place, format!("joint node {joint}"), expected));
+        for &joint in &joints {
+            numbered(nodes, joint, "joint node", &place)?;
         }
         let inverse_bind = match skin.inverse_bind_matrices {
             None => vec![Affine3A::IDENTITY; joints.len()],
@@ -515,10 +468,6 @@ impl Skin {
             }
         };
         Ok(Self { joints, inverse_bind })
-    }
-
-    fn moves(&self, nodes: &Nodes) -> bool {
-        self.joints.iter().any(|&joint| nodes.moves[joint])
     }
 
     /// From the bind pose to the scene, for each joint.

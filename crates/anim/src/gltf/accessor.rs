@@ -23,35 +23,32 @@ const BYTES_PER_BYTE: u64 = 256;
 /// How much more may be decoded. Instancing and accessors without bytes let a small file declare
 /// any amount of geometry, so memory is limited to a multiple of the size of the input.
 pub(super) struct Budget {
-    left: Cell<u64>,
+    spent: Cell<u64>,
     limit: Cell<u64>,
 }
 
 impl Budget {
     pub(super) fn for_input(bytes: u64) -> Self {
-        let budget = Self { left: Cell::new(FREE_BYTES), limit: Cell::new(FREE_BYTES) };
+        let budget = Self { spent: Cell::new(0), limit: Cell::new(FREE_BYTES) };
         budget.allow_for(bytes);
         budget
     }
 
     /// Allows for more bytes of input.
     pub(super) fn allow_for(&self, bytes: u64) {
-        let more = bytes.saturating_mul(BYTES_PER_BYTE);
-        for count in [&self.left, &self.limit] {
-            count.set(count.get().saturating_add(more));
-        }
+        self.limit.set(self.limit.get().saturating_add(bytes.saturating_mul(BYTES_PER_BYTE)));
     }
 
     pub(super) fn left(&self) -> u64 {
-        self.left.get()
+        self.limit.get() - self.spent.get()
     }
 
     pub(super) fn spend(&self, bytes: u64, place: &str) -> Result<(), Problem> {
-        let left = self.left.get().checked_sub(bytes).ok_or_else(|| {
+        if bytes > self.left() {
             let expected = format!("at most {} bytes in all for a file of this size", self.limit.get());
-            Problem::new(place, format!("{bytes} more bytes of decoded data"), expected)
-        })?;
-        self.left.set(left);
+            return Err(Problem::new(place, format!("{bytes} more bytes of decoded data"), expected));
+        }
+        self.spent.set(self.spent.get() + bytes);
         Ok(())
     }
 }

@@ -52,12 +52,6 @@ pub(super) fn materials(root: &Root) -> Vec<Material> {
     root.materials.iter().map(read).chain([fallback]).collect()
 }
 
-/// Whether a material is to be blended with what is behind it.
-pub(super) fn is_blended(root: &Root, material: u32) -> bool {
-    let material = root.materials.get(material as usize);
-    material.is_some_and(|m| matches!(m.alpha_mode, Checked::Valid(AlphaMode::Blend)))
-}
-
 /// The number of a primitive's material among [`materials`].
 pub(super) fn material_of(primitive: &Primitive, root: &Root, place: &str) -> Result<u32, Problem> {
     let Some(number) = primitive.material.map(|material| material.value()) else {
@@ -96,133 +90,136 @@ fn texture_info(root: &Root, material: u32) -> Option<&Info> {
 }
 
 /// Decodes the textures of the materials that parts use, and finds out which cutoffs cut something
-/// off.
+/// off. Gives remarks on what is shown otherwise than the file says.
 ///
-/// Gives the number of textures left out because they have no image, only one that an extension
-/// would supply, and the files of images that cannot be read. Surfaces without their texture keep
-/// the factors of their material.
+/// Surfaces keep the factors of their material where the texture has no image, only one that an
+/// extension would supply, or one whose file cannot be read.
 pub(super) fn add_textures(
     topology: &mut Topology,
     accessors: &Accessors<'_>,
-) -> Result<(usize, Vec<String>), Problem> {
+) -> Result<Vec<String>, Problem> {
     let mut used: Vec<u32> = topology.parts.iter().map(|part| part.material).collect();
     used.sort_unstable();
     used.dedup();
-    let (mut numbers, mut images) = (HashMap::new(), Images::default());
-    let mut opacities = Opacities::default();
-    for number in used {
-        if let Some(info) = texture_info(accessors.root, number).filter(|_| accessors.textures) {
-            let texture = match numbers.get(&info.index.value()) {
-                Some(&known) => known,
+    let root = accessors.root;
+    let mut textures =
+        Textures { accessors, images: HashMap::new(), unreadable: Vec::new(), without_image: 0 };
+    // Those in the topology, and their least opacities.
+    let mut known: HashMap<usize, Option<(u32, u8)>> = HashMap::new();
+    for &number in &used {
+        let material = &mut topology.materials[number as usize];
+        let mut least = u8::MAX;
+        if let Some(info) = texture_info(root, number).filter(|_| accessors.textures) {
+            let texture = match known.get(&info.index.value()) {
+                Some(&texture) => texture,
                 None => {
                     let place = format!("material {number}, texture {}", info.index);
-                    let texture = read_texture(info.index, accessors, &mut images, &place)?;
-                    let added = texture.map(|texture| {
+                    let texture = textures.read(info.index, &place)?.map(|(texture, least)| {
                         topology.textures.push(texture);
-                        (topology.textures.len() - 1) as u32
+                        (topology.textures.len() as u32 - 1, least)
                     });
-                    *numbers.entry(info.index.value()).or_insert(added)
+                    *known.entry(info.index.value()).or_insert(texture)
                 }
             };
-            topology.materials[number as usize].texture = texture;
+            material.texture = texture.map(|(texture, _)| texture);
+            least = texture.map_or(u8::MAX, |(_, least)| least);
         }
-        let material = &mut topology.materials[number as usize];
-        let Some(cutoff) = material.cutoff else { continue };
-        let least =
-            material.texture.map_or(u8::MAX, |t| opacities.least(&topology.textures[t as usize].image));
-        material.cutoff = (material.opacity * f32::from(least) / 255.0 < cutoff).then_some(cutoff);
+        let opacity = material.opacity * f32::from(least) / 255.0;
+        material.cutoff = material.cutoff.filter(|&cutoff| opacity < cutoff);
     }
     if topology.textures.is_empty() {
         topology.texcoords = Vec::new();
     }
-    Ok((images.without, images.missing))
+
+    let is_blended =
+        |material: &::gltf::json::Material| matches!(material.alpha_mode, Checked::Valid(AlphaMode::Blend));
+    let blended = used.iter().filter_map(|&number| root.materials.get(number as usize)).any(is_blended);
+    let Textures { unreadable, without_image, .. } = textures;
+    let notes = [
+        blended.then(|| {
+            "blended surfaces are not blended: they are there where at least half opaque".to_owned()
+        }),
+        (without_image > 0)
+            .then(|| format!("{without_image} textures are neither PNG nor JPEG and left out")),
+        unreadable.first().map(|first| {
+            let count = unreadable.len();
+            format!("{count} image files cannot be read, first {first:?}: surfaces keep their plain colours")
+        }),
+    ];
+    Ok(notes.into_iter().flatten().collect())
 }
 
-/// The least opacity of each image, by where its texels are: a large image may have many textures and
-/// materials, and is searched once.
-#[derive(Default)]
-struct Opacities(HashMap<*const [u8; 4], u8>);
-
-impl Opacities {
-    fn least(&mut self, Image { texels, .. }: &Image) -> u8 {
-        let search = || texels.iter().map(|texel| texel[3]).min().unwrap_or(u8::MAX);
-        *self.0.entry(texels.as_ptr()).or_insert_with(search)
-    }
+/// Reads textures, and each of their images once.
+struct Textures<'a> {
+    accessors: &'a Accessors<'a>,
+    /// Images and their least opacities by number; `None` where the file cannot be read.
+    images: HashMap<usize, Option<(Image, u8)>>,
+    /// The files that cannot be read.
+    unreadable: Vec<String>,
+    /// Textures that name no image.
+    without_image: usize,
 }
 
-/// Images by number, the files of those that cannot be read, and how many textures name none.
-#[derive(Default)]
-struct Images {
-    known: HashMap<usize, Option<Image>>,
-    missing: Vec<String>,
-    without: usize,
-}
-
-/// `None` if it names no image, or one whose file cannot be read.
-fn read_texture(
-    index: Index<::gltf::json::Texture>,
-    accessors: &Accessors<'_>,
-    images: &mut Images,
-    place: &str,
-) -> Result<Option<Texture>, Problem> {
-    let root = accessors.root;
-    let texture = numbered(&root.textures, index.value(), "texture", place)?;
-    let source = texture.source.value();
-    if source == u32::MAX as usize {
-        images.without += 1;
-        return Ok(None);
-    }
-    let image = match images.known.get(&source) {
-        Some(known) => known.clone(),
-        None => {
-            let image = numbered(&root.images, source, "image", place)?;
-            let image = read_image(image, accessors, &format!("image {source}"), &mut images.missing)?;
-            images.known.insert(source, image.clone());
-            image
+impl Textures<'_> {
+    /// A texture and its least opacity; `None` without an image.
+    fn read(
+        &mut self,
+        index: Index<::gltf::json::Texture>,
+        place: &str,
+    ) -> Result<Option<(Texture, u8)>, Problem> {
+        let root = self.accessors.root;
+        let texture = numbered(&root.textures, index.value(), "texture", place)?;
+        let source = texture.source.value();
+        if source == u32::MAX as usize {
+            self.without_image += 1;
+            return Ok(None);
         }
-    };
-    let Some(image) = image else { return Ok(None) };
-    let Some(sampler) = texture.sampler else {
-        return Ok(Some(Texture { image, wrap: Default::default(), filter: Filter::default() }));
-    };
-    let sampler = numbered(&root.samplers, sampler.value(), "sampler", place)?;
-    let wrap = |mode: Checked<WrappingMode>| match mode {
-        Checked::Valid(WrappingMode::ClampToEdge) => Wrap::ClampToEdge,
-        Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::MirroredRepeat,
-        _ => Wrap::Repeat,
-    };
-    let filter = match sampler.mag_filter {
-        Some(Checked::Valid(MagFilter::Nearest)) => Filter::Nearest,
-        _ => Filter::Linear,
-    };
-    Ok(Some(Texture { image, wrap: [wrap(sampler.wrap_s), wrap(sampler.wrap_t)], filter }))
-}
-
-/// `None` if the image's file cannot be read; its name is then added to `missing`.
-fn read_image(
-    image: &::gltf::json::Image,
-    accessors: &Accessors<'_>,
-    place: &str,
-    missing: &mut Vec<String>,
-) -> Result<Option<Image>, Problem> {
-    let image = match (&image.uri, image.buffer_view) {
-        (Some(uri), _) if uri.starts_with("data:") => decode(&decode_data_uri(uri, place)?, accessors, place),
-        (Some(uri), _) => {
-            let bytes = match read_beside(accessors.folder, &relative_path(uri, place)?) {
-                Ok(bytes) => bytes,
-                Err(LoadError::Io { .. }) => {
-                    missing.push(uri.clone());
-                    return Ok(None);
-                }
-                Err(error) => return Err(Problem::from_parser(place, &error, "a PNG or JPEG file")),
-            };
-            accessors.budget.allow_for(bytes.len() as u64);
-            decode(&bytes, accessors, place)
+        if !self.images.contains_key(&source) {
+            let image =
+                self.image(numbered(&root.images, source, "image", place)?, &format!("image {source}"))?;
+            self.images.insert(source, image);
         }
-        (None, Some(view)) => decode(accessors.view(view, place)?, accessors, place),
-        (None, None) => Err(Problem::new(place, "neither a uri nor a bufferView", "one of them")),
-    };
-    image.map(Some)
+        let Some((image, least)) = self.images[&source].clone() else { return Ok(None) };
+        let (mut wrap, mut filter) = Default::default();
+        if let Some(sampler) = texture.sampler {
+            let sampler = numbered(&root.samplers, sampler.value(), "sampler", place)?;
+            wrap = [sampler.wrap_s, sampler.wrap_t].map(|mode| match mode {
+                Checked::Valid(WrappingMode::ClampToEdge) => Wrap::ClampToEdge,
+                Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::MirroredRepeat,
+                _ => Wrap::Repeat,
+            });
+            if let Some(Checked::Valid(MagFilter::Nearest)) = sampler.mag_filter {
+                filter = Filter::Nearest;
+            }
+        }
+        Ok(Some((Texture { image, wrap, filter }, least)))
+    }
+
+    /// An image and its least opacity; `None` if the file cannot be read, which is then `unreadable`.
+    fn image(&mut self, image: &::gltf::json::Image, place: &str) -> Result<Option<(Image, u8)>, Problem> {
+        let accessors = self.accessors;
+        let image = match (&image.uri, image.buffer_view) {
+            (Some(uri), _) if uri.starts_with("data:") => {
+                decode(&decode_data_uri(uri, place)?, accessors, place)
+            }
+            (Some(uri), _) => {
+                let bytes = match read_beside(accessors.folder, &relative_path(uri, place)?) {
+                    Ok(bytes) => bytes,
+                    Err(LoadError::Io { .. }) => {
+                        self.unreadable.push(uri.clone());
+                        return Ok(None);
+                    }
+                    Err(error) => return Err(Problem::from_parser(place, &error, "a PNG or JPEG file")),
+                };
+                accessors.budget.allow_for(bytes.len() as u64);
+                decode(&bytes, accessors, place)
+            }
+            (None, Some(view)) => decode(accessors.view(view, place)?, accessors, place),
+            (None, None) => Err(Problem::new(place, "neither a uri nor a bufferView", "one of them")),
+        }?;
+        let least = image.texels.iter().map(|texel| texel[3]).min().unwrap_or(u8::MAX);
+        Ok(Some((image, least)))
+    }
 }
 
 fn decode(bytes: &[u8], accessors: &Accessors<'_>, place: &str) -> Result<Image, Problem> {
@@ -240,24 +237,4 @@ fn decode(bytes: &[u8], accessors: &Accessors<'_>, place: &str) -> Result<Image,
     accessors.budget.spend(decoder.total_bytes().max(4 * texels), place)?;
     let texels = DynamicImage::from_decoder(decoder).map_err(|e| wrong(&e))?.into_rgba8().into_raw();
     Ok(Image { width, height, texels: texels.as_chunks().0.into() })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_image_is_searched_once_for_all_its_textures_and_materials() {
-        let image =
-            |opacity: u8| Image { width: 2, height: 1, texels: [[0, 0, 0, 255], [9, 9, 9, opacity]].into() };
-        let (a, b) = (image(7), image(8));
-        let mut opacities = Opacities::default();
-        for _ in 0..3 {
-            assert_eq!((opacities.least(&a.clone()), opacities.least(&b)), (7, 8));
-        }
-        assert_eq!(opacities.0.len(), 2);
-        // What is known is not searched for again.
-        opacities.0.insert(a.texels.as_ptr(), 1);
-        assert_eq!(opacities.least(&a), 1);
-    }
 }

@@ -16,6 +16,7 @@ pub(super) struct Nodes {
     local: Vec<Local>,
     /// Whether the node or an ancestor is animated.
     pub(super) moves: Vec<bool>,
+    pub(super) in_scene: Vec<bool>,
     /// All nodes, ancestors first.
     order: Vec<usize>,
     /// Node to scene at time 0.
@@ -24,27 +25,23 @@ pub(super) struct Nodes {
 }
 
 /// An origin that lies elsewhere than the file's. Transforms are then composed in `f64`, and the
-/// origin is subtracted before they are rounded: close to it the scene keeps its details.
-struct Far {
-    origin: DVec3,
+/// origin is subtracted from those of nodes in the scene before they are rounded: close to it the scene
+/// keeps its details.
+pub(super) struct Far {
+    pub(super) origin: DVec3,
     /// Of each node, what holds where no track says otherwise, if it has any.
-    translations: Vec<Option<DVec3>>,
-    /// The nodes that have a place in the scene, and so relative to the origin.
-    in_scene: Vec<bool>,
+    pub(super) translations: Vec<Option<DVec3>>,
 }
 
 /// Transform of a node relative to its parent.
 struct Local {
-    /// What holds while nothing below says otherwise.
+    /// The transform of a node that is not animated.
     fixed: Affine3A,
-    animated: Option<Box<Animated>>,
-}
-
-/// Translation, rotation and scale of a node of which at least one is animated.
-struct Animated {
+    /// What holds where no track says otherwise.
     translation: Vec3,
     rotation: Quat,
     scale: Vec3,
+    /// Of translation, rotation and scale.
     tracks: [Option<Track>; 3],
 }
 
@@ -60,67 +57,63 @@ pub(super) struct Channels {
 
 impl Channels {
     pub(super) fn read(clip: Option<&Animation>, accessors: &Accessors<'_>) -> Result<Self, Problem> {
-        let nodes = &accessors.root.nodes;
-        let mut channels = Self {
-            transforms: nodes.iter().map(|_| [None, None, None]).collect(),
-            weights: nodes.iter().map(|_| None).collect(),
-            end: 0.0,
-        };
+        let count = accessors.root.nodes.len();
+        let (transforms, weights) = (vec![[None, None, None]; count], vec![None; count]);
+        let mut channels = Self { transforms, weights, end: 0.0 };
         let Some(clip) = clip else { return Ok(channels) };
         for (number, channel) in clip.channels.iter().enumerate() {
             let place = format!("clip {:?}, channel {number}", clip.name.as_deref().unwrap_or_default());
-            let (node, property, track) = channel_of(clip, channel, accessors, place)?;
-            channels.end = channels.end.max(track.end());
-            match property {
-                Property::Translation => channels.transforms[node][0] = Some(track),
-                Property::Rotation => channels.transforms[node][1] = Some(track),
-                Property::Scale => channels.transforms[node][2] = Some(track),
-                // A node without morph targets has no weights to animate.
-                Property::MorphTargetWeights => {
-                    channels.weights[node] = Some(track).filter(|track| track.width > 0);
-                }
-            }
+            channels.add(clip, channel, accessors, &place)?;
         }
         Ok(channels)
     }
-}
 
-/// The node that a channel moves, by what, and the track.
-fn channel_of(
-    clip: &Animation,
-    channel: &Channel,
-    accessors: &Accessors<'_>,
-    place: String,
-) -> Result<(usize, Property, Track), Problem> {
-    let (root, node) = (accessors.root, channel.target.node.value());
-    numbered(&root.nodes, node, "node", &*place)?;
-    let Checked::Valid(property) = channel.target.path else {
-        let expected = "translation, rotation, scale or weights";
-        return Err(Problem::new(place, "an unknown target path", expected));
-    };
-    let sampler = numbered(&clip.samplers, channel.sampler.value(), "sampler", &*place)?;
-    let Checked::Valid(interpolation) = sampler.interpolation else {
-        return Err(Problem::new(place, "an unknown interpolation", "STEP, LINEAR or CUBICSPLINE"));
-    };
+    fn add(
+        &mut self,
+        clip: &Animation,
+        channel: &Channel,
+        accessors: &Accessors<'_>,
+        place: &str,
+    ) -> Result<(), Problem> {
+        let (root, node) = (accessors.root, channel.target.node.value());
+        numbered(&root.nodes, node, "node", place)?;
+        let Checked::Valid(property) = channel.target.path else {
+            let expected = "translation, rotation, scale or weights";
+            return Err(Problem::new(place, "an unknown target path", expected));
+        };
+        let sampler = numbered(&clip.samplers, channel.sampler.value(), "sampler", place)?;
+        let Checked::Valid(interpolation) = sampler.interpolation else {
+            return Err(Problem::new(place, "an unknown interpolation", "STEP, LINEAR or CUBICSPLINE"));
+        };
 
-    let times = accessors.floats::<1>(sampler.input, &format!("{place}, times"))?.into_flattened();
-    check_times(&times, &place)?;
-    let (place, output) = (&format!("{place}, values"), sampler.output);
-    let (values, width) = match property {
-        Property::Translation | Property::Scale => {
-            (accessors.floats::<3>(output, place)?.into_flattened(), 3)
+        let times = accessors.floats::<1>(sampler.input, &format!("{place}, times"))?.into_flattened();
+        check_times(&times, place)?;
+        let (place, output) = (&format!("{place}, values"), sampler.output);
+        let (values, width) = match property {
+            Property::Translation | Property::Scale => {
+                (accessors.floats::<3>(output, place)?.into_flattened(), 3)
+            }
+            Property::Rotation => (accessors.floats::<4>(output, place)?.into_flattened(), 4),
+            Property::MorphTargetWeights => {
+                (accessors.floats::<1>(output, place)?.into_flattened(), target_count(root, node))
+            }
+        };
+        let per_key = if interpolation == Interpolation::CubicSpline { 3 * width } else { width };
+        if values.len() != times.len() * per_key {
+            let expected = format!("{} ({} keys of {per_key})", times.len() * per_key, times.len());
+            return Err(Problem::new(place, format!("{} numbers", values.len()), expected));
         }
-        Property::Rotation => (accessors.floats::<4>(output, place)?.into_flattened(), 4),
-        Property::MorphTargetWeights => {
-            (accessors.floats::<1>(output, place)?.into_flattened(), target_count(root, node))
-        }
-    };
-    let per_key = if interpolation == Interpolation::CubicSpline { 3 * width } else { width };
-    if values.len() != times.len() * per_key {
-        let expected = format!("{} ({} keys of {per_key})", times.len() * per_key, times.len());
-        return Err(Problem::new(place, format!("{} numbers", values.len()), expected));
+        let track = match property {
+            Property::Translation => &mut self.transforms[node][0],
+            Property::Rotation => &mut self.transforms[node][1],
+            Property::Scale => &mut self.transforms[node][2],
+            Property::MorphTargetWeights => &mut self.weights[node],
+        };
+        self.end = self.end.max(times.last().map_or(0.0, |&last| last.into()));
+        // A node without morph targets has no weights to animate.
+        *track = (width > 0).then_some(Track { times, values, width, interpolation });
+        Ok(())
     }
-    Ok((node, property, Track { times, values, width, interpolation }))
 }
 
 fn check_times(times: &[f32], place: &str) -> Result<(), Problem> {
@@ -154,42 +147,37 @@ pub(super) fn node_name(root: &Root, node: usize) -> String {
 
 impl Nodes {
     /// Reads the hierarchy, which must be a forest, and takes the tracks of `channels` that move
-    /// something.
+    /// something. `far` is the origin, if it is another than the file's.
     pub(super) fn read(
         root: &Root,
+        scene: &[usize],
         channels: &mut Channels,
-        far: Option<(DVec3, Vec<Option<DVec3>>)>,
-        in_scene: &[bool],
+        mut far: Option<Far>,
     ) -> Result<Self, Problem> {
         let parent = parents(root)?;
-        let far = far.map(|(origin, mut translations)| {
-            // What a track of the translation says, be it the same at all times, takes its place.
-            for (translation, _) in
-                translations.iter_mut().zip(&channels.transforms).filter(|(_, tracks)| tracks[0].is_some())
-            {
-                *translation = None;
+        if let Some(far) = &mut far {
+            for (translation, tracks) in far.translations.iter_mut().zip(&channels.transforms) {
+                // What a track of the translation says, be it the same at all times, takes its place.
+                translation.take_if(|_| tracks[0].is_some());
             }
-            Far { origin, translations, in_scene: in_scene.to_vec() }
-        });
-        let local: Vec<Local> = root
-            .nodes
-            .iter()
-            .zip(&mut channels.transforms)
-            .map(|(node, tracks)| Local::read(node, tracks))
-            .collect();
+        }
+        let tracks = channels.transforms.drain(..);
+        let local: Vec<Local> = root.nodes.iter().zip(tracks).map(Local::read).collect();
+        let count = local.len();
         let mut nodes = Self {
-            moves: vec![false; local.len()],
+            moves: vec![false; count],
+            in_scene: vec![false; count],
             order: ancestors_first(root, &parent)?,
-            global_at_rest: vec![Affine3A::IDENTITY; local.len()],
+            global_at_rest: vec![Affine3A::IDENTITY; count],
             parent,
             local,
             far,
         };
+        scene.iter().for_each(|&node| nodes.in_scene[node] = true);
         for &node in &nodes.order {
-            let parent = nodes.parent[node];
-            nodes.moves[node] =
-                nodes.local[node].animated.is_some() || parent.is_some_and(|parent| nodes.moves[parent]);
-            let local = nodes.local[node].at(0.0);
+            let (parent, local) = (nodes.parent[node], &nodes.local[node]);
+            nodes.moves[node] = local.moves() || parent.is_some_and(|parent| nodes.moves[parent]);
+            let local = local.at(0.0);
             nodes.global_at_rest[node] = parent.map_or(local, |parent| nodes.global_at_rest[parent] * local);
         }
         Ok(nodes)
@@ -213,25 +201,18 @@ impl Nodes {
         let mut globals = vec![DAffine3::IDENTITY; self.local.len()];
         for &node in &self.order {
             let mut local = self.local[node].at(time).as_daffine3();
-            if let Some(translation) = far.translations[node] {
-                local.translation = translation;
-            }
+            local.translation = far.translations[node].unwrap_or(local.translation);
             globals[node] = self.parent[node].map_or(local, |parent| globals[parent] * local);
         }
-        for (global, _) in globals.iter_mut().zip(&far.in_scene).filter(|&(_, &in_scene)| in_scene) {
+        for (global, _) in globals.iter_mut().zip(&self.in_scene).filter(|&(_, &in_scene)| in_scene) {
             global.translation -= far.origin;
         }
         globals.iter().map(DAffine3::as_affine3a).collect()
     }
-
-    /// Node to scene at `time`, of one node.
-    pub(super) fn global(&self, node: usize, time: f64) -> Affine3A {
-        self.globals(time)[node]
-    }
 }
 
 impl Local {
-    fn read(node: &::gltf::json::Node, tracks: &mut [Option<Track>; 3]) -> Self {
+    fn read((node, tracks): (&::gltf::json::Node, [Option<Track>; 3])) -> Self {
         let given = node.matrix.map(|matrix| affine(&matrix));
         let (scale, rotation, translation) = match given {
             Some(matrix) => matrix.to_scale_rotation_translation(),
@@ -241,28 +222,25 @@ impl Local {
                 Vec3::from_array(node.translation.unwrap_or_default()),
             ),
         };
-        let mut animated = Animated { translation, rotation, scale, tracks: std::mem::take(tracks) };
+        let mut local = Self { fixed: Affine3A::IDENTITY, translation, rotation, scale, tracks };
+        local.fixed = given.filter(|_| !local.moves()).unwrap_or_else(|| local.composed(0.0));
         // Exporters like to write keys for everything; a value that stays the same is no motion.
-        let any_track = animated.tracks.iter().any(Option::is_some);
-        (animated.scale, animated.rotation, animated.translation) = animated.parts(0.0);
-        for track in &mut animated.tracks {
+        (local.scale, local.rotation, local.translation) = local.parts(0.0);
+        for track in &mut local.tracks {
             track.take_if(|track| track.is_constant());
         }
-        let fixed = match given {
-            Some(matrix) if !any_track => matrix,
-            _ => animated.at(0.0),
-        };
-        let moves = animated.tracks.iter().any(Option::is_some);
-        Self { fixed, animated: moves.then(|| Box::new(animated)) }
+        local
+    }
+
+    fn moves(&self) -> bool {
+        self.tracks.iter().any(Option::is_some)
     }
 
     fn at(&self, time: f64) -> Affine3A {
-        self.animated.as_ref().map_or(self.fixed, |animated| animated.at(time))
+        if self.moves() { self.composed(time) } else { self.fixed }
     }
-}
 
-impl Animated {
-    fn at(&self, time: f64) -> Affine3A {
+    fn composed(&self, time: f64) -> Affine3A {
         let (scale, rotation, translation) = self.parts(time);
         Affine3A::from_scale_rotation_translation(scale, rotation, translation)
     }
@@ -286,12 +264,11 @@ pub(super) fn affine(matrix: &[f32; 16]) -> Affine3A {
 fn parents(root: &Root) -> Result<Vec<Option<usize>>, Problem> {
     let mut parent = vec![None; root.nodes.len()];
     for (number, node) in root.nodes.iter().enumerate() {
+        let name = node_name(root, number);
         for child in node.children.iter().flatten().map(Index::value) {
-            let place = format_args!("node {number} {:?}", node.name.as_deref().unwrap_or_default());
-            numbered(&root.nodes, child, "child node", place)?;
+            numbered(&root.nodes, child, "child node", &name)?;
             if let Some(other) = parent[child].replace(number) {
-                let found =
-                    format!("two parents, {} and {}", node_name(root, other), node_name(root, number));
+                let found = format!("two parents, {} and {name}", node_name(root, other));
                 return Err(Problem::new(node_name(root, child), found, "at most one"));
             }
         }

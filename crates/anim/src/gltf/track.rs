@@ -24,10 +24,6 @@ enum Segment {
 }
 
 impl Track {
-    pub(super) fn end(&self) -> f64 {
-        self.times.last().map_or(0.0, |&last| f64::from(last))
-    }
-
     /// Whether the value is the same at all times.
     pub(super) fn is_constant(&self) -> bool {
         let same = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
