@@ -52,7 +52,10 @@ impl KeyFrames {
         loop_mode: LoopMode,
     ) -> Result<Self, Problem> {
         check_topology(&topology)?;
-        check_seconds(seconds_per_frame)?;
+        if !(seconds_per_frame > 0.0 && seconds_per_frame.is_finite()) {
+            let found = format!("{seconds_per_frame} seconds from one to the next");
+            return Err(Problem::new("key frames", found, "a positive finite number"));
+        }
         let count = topology.vertex_count;
         if let Some((number, frame)) = frames.iter().enumerate().find(|(_, frame)| frame.len() != count) {
             let (place, found) = (format!("key frame {number}"), format!("{} positions", frame.len()));
@@ -173,14 +176,6 @@ impl KeyFrames {
     }
 }
 
-fn check_seconds(seconds: f64) -> Result<(), Problem> {
-    if seconds > 0.0 && seconds.is_finite() {
-        return Ok(());
-    }
-    let found = format!("{seconds} seconds from one to the next");
-    Err(Problem::new("key frames", found, "a positive finite number"))
-}
-
 fn check_topology(topology: &Topology) -> Result<(), Problem> {
     let vertex_count = topology.vertex_count;
     for (triangle, corners) in topology.triangles.iter().enumerate() {
@@ -209,6 +204,18 @@ fn check_topology(topology: &Topology) -> Result<(), Problem> {
         return Err(Problem::new("all parts", found, expected));
     }
     Ok(())
+}
+
+/// Where `time` falls among keys in order of time: the last key at or before it, else the first; how far
+/// it is from there to the next, in [0, 1]; and how long that way takes. There is no way before the first
+/// key and behind the last.
+pub(crate) fn segment<K>(keys: &[K], time: f64, time_of: impl Fn(&K) -> f64) -> (usize, f32, f64) {
+    let after = keys.partition_point(|key| time_of(key) <= time);
+    let first = after.saturating_sub(1);
+    let Some(next) = keys.get(after).filter(|_| after > 0) else { return (first, 0.0, 0.0) };
+    let begin = time_of(&keys[first]);
+    let length = time_of(next) - begin;
+    (first, ((time - begin) / length) as f32, length)
 }
 
 /// The numbers of the `true` elements as ranges.

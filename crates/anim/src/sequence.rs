@@ -89,23 +89,24 @@ fn natural_order(name: &str) -> Vec<(char, usize, String)> {
 
 /// What a key frame has otherwise than the first.
 fn difference(found: &Topology, first: &Topology) -> Option<String> {
-    let counts = |topology: &Topology| {
-        let Topology { vertex_count, triangles, parts, .. } = topology;
-        [("vertices", *vertex_count), ("triangles", triangles.len()), ("parts", parts.len())]
+    let count = |what: &str, found: usize, first: usize| {
+        (found != first).then(|| format!("{found} {what}, not {first}"))
     };
-    let pairs = counts(found).into_iter().zip(counts(first));
-    let count = pairs
-        .filter(|(found, first)| found != first)
-        .map(|((what, found), (_, first))| format!("{found} {what}, not {first}"));
-    let pairs = found.triangles.iter().zip(&first.triangles).enumerate();
-    let triangle = pairs
-        .filter(|(_, (a, b))| a != b)
-        .map(|(number, (a, b))| format!("triangle {number} joins vertices {a:?}, not {b:?}"));
-    let pairs = found.parts.iter().zip(&first.parts).enumerate();
-    let part = pairs.filter(|(_, (a, b))| (&a.triangles, &a.vertices) != (&b.triangles, &b.vertices));
-    let part = part
-        .map(|(number, _)| format!("part {number} does not have the same range of triangles and vertices"));
-    count.chain(triangle).chain(part).next()
+    let triangle = || {
+        let mut pairs = found.triangles.iter().zip(&first.triangles).enumerate();
+        let (number, (a, b)) = pairs.find(|(_, (a, b))| a != b)?;
+        Some(format!("triangle {number} joins vertices {a:?}, not {b:?}"))
+    };
+    let part = || {
+        let mut pairs = found.parts.iter().zip(&first.parts);
+        let number = pairs.position(|(a, b)| (&a.triangles, &a.vertices) != (&b.triangles, &b.vertices))?;
+        Some(format!("part {number} does not have the same range of triangles and vertices"))
+    };
+    count("vertices", found.vertex_count, first.vertex_count)
+        .or_else(|| count("triangles", found.triangles.len(), first.triangles.len()))
+        .or_else(|| count("parts", found.parts.len(), first.parts.len()))
+        .or_else(triangle)
+        .or_else(part)
 }
 
 #[cfg(test)]

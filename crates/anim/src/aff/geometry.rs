@@ -4,6 +4,8 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DVec3, Vec3};
 
+use crate::key_frames::segment;
+
 /// Triangles around a sphere's equator, a cone or a cylinder.
 const SEGMENTS: u32 = 16;
 /// Bands of triangles from pole to pole of a sphere.
@@ -42,15 +44,13 @@ impl Patch {
 
     /// Linear from key to key, and still before the first and after the last.
     pub(super) fn at(&self, time: f64) -> [Vec3; 3] {
-        let Self(keys) = self;
-        let after = keys.partition_point(|key| key.time <= time);
-        let key = &keys[after.saturating_sub(1)];
-        let Some(next) = keys.get(after).filter(|_| after > 0) else { return key.corners };
-        let u = ((time - key.time) / (next.time - key.time)) as f32;
+        let (first, u, _) = segment(&self.0, time, |key| key.time);
+        let corners = self.0[first].corners;
         if u == 0.0 {
-            return key.corners;
+            return corners;
         }
-        [0, 1, 2].map(|corner| key.corners[corner].lerp(next.corners[corner], u))
+        let next = self.0[first + 1].corners;
+        [0, 1, 2].map(|corner| corners[corner].lerp(next[corner], u))
     }
 }
 

@@ -199,18 +199,16 @@ fn slice(bytes: &[u8], begin: u64, length: u64) -> Option<&[u8]> {
 
 /// glTF 2.0 specification, section 3.11 (equations for normalised integers).
 fn float(bytes: &[u8], kind: ComponentType, normalized: bool) -> f32 {
-    let scale = |value: f32, largest: f32| if normalized { (value / largest).max(-1.0) } else { value };
-    match (kind, bytes) {
-        (ComponentType::I8, &[a]) => scale(f32::from(a as i8), 127.0),
-        (ComponentType::U8, &[a]) => scale(f32::from(a), 255.0),
-        (ComponentType::I16, &[a, b]) => scale(f32::from(i16::from_le_bytes([a, b])), 32767.0),
-        (ComponentType::U16, &[a, b]) => scale(f32::from(u16::from_le_bytes([a, b])), 65535.0),
-        (ComponentType::U32, &[a, b, c, d]) => {
-            scale(u32::from_le_bytes([a, b, c, d]) as f32, u32::MAX as f32)
-        }
-        (ComponentType::F32, &[a, b, c, d]) => f32::from_le_bytes([a, b, c, d]),
-        _ => f32::NAN,
-    }
+    let (value, largest) = match (kind, bytes) {
+        (ComponentType::I8, &[a]) => (f32::from(a as i8), 127.0),
+        (ComponentType::U8, &[a]) => (f32::from(a), 255.0),
+        (ComponentType::I16, &[a, b]) => (f32::from(i16::from_le_bytes([a, b])), 32767.0),
+        (ComponentType::U16, &[a, b]) => (f32::from(u16::from_le_bytes([a, b])), 65535.0),
+        (ComponentType::U32, &[a, b, c, d]) => (u32::from_le_bytes([a, b, c, d]) as f32, u32::MAX as f32),
+        (ComponentType::F32, &[a, b, c, d]) => return f32::from_le_bytes([a, b, c, d]),
+        _ => return f32::NAN,
+    };
+    if normalized { (value / largest).max(-1.0) } else { value }
 }
 
 fn unsigned(bytes: &[u8], kind: ComponentType) -> Option<u32> {

@@ -10,7 +10,7 @@ use ::gltf::json::Root;
 use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use glam::DVec3;
-use serde::Deserialize;
+use serde_json::Value;
 
 use crate::error::{LoadError, Problem, read_beside};
 
@@ -57,22 +57,15 @@ fn document(bytes: &[u8]) -> Result<(Root, Blob<'_>), Problem> {
 /// The translation of each node that has one, with all the digits that stand in the JSON text;
 /// [`Root`] rounds them to `f32`.
 pub(super) fn translations(bytes: &[u8]) -> Result<Vec<Option<DVec3>>, Problem> {
-    #[derive(Deserialize)]
-    struct Document {
-        #[serde(default)]
-        nodes: Vec<Node>,
-    }
-    #[derive(Deserialize)]
-    struct Node {
-        translation: Option<[f64; 3]>,
-        matrix: Option<[f64; 16]>,
-    }
     let json = if bytes.starts_with(b"glTF") { glb_chunks(bytes)?.0 } else { Cow::Borrowed(bytes) };
-    let document: Document = serde_json::from_slice(&json)
+    let document: Value = serde_json::from_slice(&json)
         .map_err(|error| Problem::from_parser("JSON", &error, "nodes of a glTF 2.0 document"))?;
-    let of_matrix = |matrix: [f64; 16]| DVec3::from_slice(&matrix[12..]);
-    let of = |node: Node| node.matrix.map(of_matrix).or(node.translation.map(DVec3::from_array));
-    Ok(document.nodes.into_iter().map(of).collect())
+    let three_from = |first: usize, numbers: &Value| {
+        let number = |i: usize| numbers.get(first + i)?.as_f64();
+        Some(DVec3::new(number(0)?, number(1)?, number(2)?))
+    };
+    let of = |node: &Value| three_from(12, &node["matrix"]).or_else(|| three_from(0, &node["translation"]));
+    Ok(document["nodes"].as_array().into_iter().flatten().map(of).collect())
 }
 
 /// The JSON chunk, and the BIN chunk if there is one.

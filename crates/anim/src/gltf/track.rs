@@ -4,6 +4,7 @@
 use ::gltf::json::animation::Interpolation;
 use glam::{DQuat, Quat, Vec3};
 
+use crate::key_frames::segment;
 use crate::rotation::slerp;
 
 /// `width` numbers per key, or with cubic splines `3 * width`: in-tangent, value, out-tangent.
@@ -13,14 +14,6 @@ pub(super) struct Track {
     pub(super) values: Vec<f32>,
     pub(super) width: usize,
     pub(super) interpolation: Interpolation,
-}
-
-/// Where a time falls among the keys.
-enum Segment {
-    /// On a key, before the first or behind the last.
-    Key(usize),
-    /// Between key `first` and the next, `length` seconds later, at `u` in (0, 1).
-    Between { first: usize, u: f32, length: f32 },
 }
 
 impl Track {
@@ -43,9 +36,8 @@ impl Track {
 
     /// A unit quaternion; one whose length is zero or not finite counts as no rotation.
     pub(super) fn rotation(&self, time: f64) -> Quat {
-        if self.interpolation == Interpolation::Linear
-            && let Segment::Between { first, u, .. } = self.segment(time)
-        {
+        let (first, u, _) = self.segment(time);
+        if self.interpolation == Interpolation::Linear && u > 0.0 {
             let key = |i| unit(self.value(i));
             let (from, to) = (key(first), key(first + 1));
             // The short way.
@@ -59,11 +51,12 @@ impl Track {
 
     /// Writes the `width` numbers at `time`.
     pub(super) fn sample(&self, time: f64, out: &mut [f32]) {
-        let (first, u, length) = match self.segment(time) {
-            Segment::Key(key) => return out.copy_from_slice(self.value(key)),
-            Segment::Between { first, u, length } => (first, u, length),
-        };
-        let (a, b) = (self.value(first), self.value(first + 1));
+        let (first, u, length) = self.segment(time);
+        if u == 0.0 {
+            // On a key exactly, also where the next key is not finite.
+            return out.copy_from_slice(self.value(first));
+        }
+        let (a, b, length) = (self.value(first), self.value(first + 1), length as f32);
         match self.interpolation {
             Interpolation::Step => out.copy_from_slice(a),
             Interpolation::Linear => {
@@ -84,15 +77,9 @@ impl Track {
         }
     }
 
-    fn segment(&self, time: f64) -> Segment {
-        let after = self.times.partition_point(|&key| f64::from(key) <= time);
-        let Some(first) = after.checked_sub(1) else { return Segment::Key(0) };
-        let begin = f64::from(self.times[first]);
-        if after == self.times.len() || begin == time {
-            return Segment::Key(first);
-        }
-        let length = f64::from(self.times[after]) - begin;
-        Segment::Between { first, u: ((time - begin) / length) as f32, length: length as f32 }
+    /// The key before `time`, how far it is to the next, and how many seconds that takes.
+    fn segment(&self, time: f64) -> (usize, f32, f64) {
+        segment(&self.times, time, |&key| key.into())
     }
 
     fn value(&self, key: usize) -> &[f32] {
