@@ -197,7 +197,7 @@ impl<'a> Loader<'a> {
         }
         animation.camera = Camera::first(root, &scene);
         animation.light = LightSource::first(root, &scene, &animation.rest)?;
-        animation.notes.extend(animation.light.iter().flat_map(LightSource::notes));
+        animation.notes.extend(animation.light.iter().flat_map(|light| &light.notes).cloned());
         let seen_from = [animation.camera.as_ref().map(|c| c.node), animation.light.as_ref().map(|l| l.node)];
         let any_moves = seen_from.into_iter().flatten().any(|node| animation.nodes.moves[node]);
         if any_moves || !animation.instances.is_empty() {

@@ -56,11 +56,11 @@ pub(crate) fn read_mesh(file: &Path, bytes: &[u8], origin: DVec3) -> Result<Mesh
         Some("ply") => ply::read(bytes, file, origin),
         Some(_) => stl::read(bytes, origin),
     };
-    let mesh = mesh.and_then(|mesh| {
-        let none = || Problem::new("whole file", "no triangles", "at least one");
-        if mesh.topology.triangles.is_empty() { Err(none()) } else { Ok(mesh) }
-    });
-    mesh.map_err(|problem| problem.in_file(file))
+    let mesh = mesh.map_err(|problem| problem.in_file(file))?;
+    if mesh.topology.triangles.is_empty() {
+        return Err(Problem::new("whole file", "no triangles", "at least one").in_file(file));
+    }
+    Ok(mesh)
 }
 
 impl Mesh {

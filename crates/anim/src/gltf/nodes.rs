@@ -89,26 +89,22 @@ impl Channels {
         let times = accessors.floats::<1>(sampler.input, &format!("{place}, times"))?.into_flattened();
         check_times(&times, place)?;
         let (place, output) = (&format!("{place}, values"), sampler.output);
-        let (values, width) = match property {
-            Property::Translation | Property::Scale => {
-                (accessors.floats::<3>(output, place)?.into_flattened(), 3)
-            }
-            Property::Rotation => (accessors.floats::<4>(output, place)?.into_flattened(), 4),
-            Property::MorphTargetWeights => {
-                (accessors.floats::<1>(output, place)?.into_flattened(), target_count(root, node))
-            }
+        let values = match property {
+            Property::Translation | Property::Scale => accessors.floats::<3>(output, place)?.into_flattened(),
+            Property::Rotation => accessors.floats::<4>(output, place)?.into_flattened(),
+            Property::MorphTargetWeights => accessors.floats::<1>(output, place)?.into_flattened(),
+        };
+        let (track, width) = match property {
+            Property::Translation => (&mut self.transforms[node][0], 3),
+            Property::Rotation => (&mut self.transforms[node][1], 4),
+            Property::Scale => (&mut self.transforms[node][2], 3),
+            Property::MorphTargetWeights => (&mut self.weights[node], target_count(root, node)),
         };
         let per_key = if interpolation == Interpolation::CubicSpline { 3 * width } else { width };
         if values.len() != times.len() * per_key {
             let expected = format!("{} ({} keys of {per_key})", times.len() * per_key, times.len());
             return Err(Problem::new(place, format!("{} numbers", values.len()), expected));
         }
-        let track = match property {
-            Property::Translation => &mut self.transforms[node][0],
-            Property::Rotation => &mut self.transforms[node][1],
-            Property::Scale => &mut self.transforms[node][2],
-            Property::MorphTargetWeights => &mut self.weights[node],
-        };
         self.end = self.end.max(times.last().map_or(0.0, |&last| last.into()));
         // A node without morph targets has no weights to animate.
         *track = (width > 0).then_some(Track { times, values, width, interpolation });

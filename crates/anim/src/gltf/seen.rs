@@ -43,9 +43,8 @@ pub(super) struct LightSource {
     color: [f32; 3],
     /// For a directional light, from where in the scene and how far to stand back.
     directional: Option<(Vec3, f32)>,
-    is_spot: bool,
-    /// Lights of the scene behind this one.
-    others: usize,
+    /// What is not shown as the file has it.
+    pub(super) notes: Vec<String>,
 }
 
 impl LightSource {
@@ -72,8 +71,12 @@ impl LightSource {
                 (Vec3::ZERO, 1.0)
             }
         });
-        let (is_spot, others) = (is(LightType::Spot), of_scene.count());
-        Ok(Some(Self { node, color: light.color, directional, is_spot, others }))
+        let spot = || "the spot light shines all round, without its cone".to_owned();
+        let spot = is(LightType::Spot).then(spot);
+        let others = of_scene.count();
+        let others = (others > 0).then(|| format!("of {} lights only the first shines", others + 1));
+        let notes = spot.into_iter().chain(others).collect();
+        Ok(Some(Self { node, color: light.color, directional, notes }))
     }
 
     /// Where it shines from when `to_scene` puts its node; a directional light from so far away,
@@ -86,13 +89,5 @@ impl LightSource {
             }
         };
         Some(Light { position, color: self.color })
-    }
-
-    /// What is not shown as the file has it.
-    pub(super) fn notes(&self) -> impl Iterator<Item = String> {
-        let spot = self.is_spot.then(|| "the spot light shines all round, without its cone".to_owned());
-        let others = (self.others > 0)
-            .then(|| format!("of {} lights only the first shines", self.others.saturating_add(1)));
-        spot.into_iter().chain(others)
     }
 }

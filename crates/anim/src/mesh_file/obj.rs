@@ -18,13 +18,12 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Pro
     };
     let load_mtl = |name: &Path| {
         // A missing library costs the colours only.
-        let nothing = || Err(tobj::LoadError::OpenFileFailed);
+        let missing = tobj::LoadError::OpenFileFailed;
         if !name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir)) {
-            return nothing();
+            return Err(missing);
         }
-        let Ok(bytes) = read_beside(file.parent().unwrap_or(Path::new("")), name) else {
-            return nothing();
-        };
+        let folder = file.parent().unwrap_or(Path::new(""));
+        let bytes = read_beside(folder, name).map_err(|_| missing)?;
         tobj::load_mtl_buf(&mut diffuse_colors(&String::from_utf8_lossy(&bytes)).as_bytes())
     };
     let (models, materials) =
