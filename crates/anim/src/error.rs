@@ -43,20 +43,6 @@ pub enum LoadError {
         /// Names of the clips there are, in order.
         clips: Vec<String>,
     },
-    /// Two key frames of a sequence are not the same mesh.
-    #[error(
-        "{}: {difference} as in {}; the key frames of a sequence must have the same vertices and faces",
-        file.display(),
-        first.display()
-    )]
-    TopologyMismatch {
-        /// The key frame that differs.
-        file: PathBuf,
-        /// The first key frame of the sequence.
-        first: PathBuf,
-        /// What differs: what `file` has, then what `first` has.
-        difference: String,
-    },
 }
 
 impl LoadError {

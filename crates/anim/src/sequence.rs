@@ -36,8 +36,9 @@ pub(crate) fn load(directory: &Path, origin: DVec3) -> Result<KeyFrames, LoadErr
     for file in others {
         let mesh = read_mesh(file, &read(file)?, origin)?;
         if let Some(difference) = difference(&mesh.topology, &first.topology) {
-            let (file, first) = (file.clone(), first_file.clone());
-            return Err(LoadError::TopologyMismatch { file, first, difference });
+            let found = format!("{difference} as in {}", first_file.display());
+            let expected = "the same vertices and faces in all key frames of a sequence";
+            return Err(Problem::new("whole mesh", found, expected).in_file(file));
         }
         frames.push(mesh.positions);
     }

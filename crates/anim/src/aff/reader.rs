@@ -102,14 +102,12 @@ struct Reader {
 
 impl Reader {
     fn read(&mut self, file: &Path, canonical: PathBuf) -> Result<(), LoadError> {
-        let text = match self.texts.get(&canonical) {
-            Some(text) => Arc::clone(text),
-            None => {
-                let text: Arc<[u8]> = read_file(file)?.into();
-                self.distinct_bytes += text.len();
-                Arc::clone(self.texts.entry(canonical.clone()).or_insert(text))
-            }
-        };
+        if !self.texts.contains_key(&canonical) {
+            let text = read_file(file)?;
+            self.distinct_bytes += text.len();
+            self.texts.insert(canonical.clone(), text.into());
+        }
+        let text = Arc::clone(&self.texts[&canonical]);
         self.bytes += text.len();
         self.open.push(canonical);
         let part = file.file_stem().unwrap_or_default().to_string_lossy();
