@@ -93,12 +93,9 @@ impl Obvhs {
             Mode::Wide => {
                 self.wide = bvh2_to_cwbvh(&self.tree, params.max_prims_per_leaf.clamp(1, 3), true, false);
             }
-            Mode::Refit | Mode::Move | Mode::Rebuild => {
-                collapse(
-                    &mut self.tree,
-                    params.max_prims_per_leaf.clamp(1, 255),
-                    params.collapse_traversal_cost,
-                );
+            _ => {
+                let leaf_size = params.max_prims_per_leaf.clamp(1, 255);
+                collapse(&mut self.tree, leaf_size, params.collapse_traversal_cost);
                 let again =
                     params.reinsertion_batch_ratio * params.post_collapse_reinsertion_batch_ratio_multiplier;
                 self.reinsertion.run(&mut self.tree, again, None);
@@ -137,7 +134,7 @@ impl Obvhs {
     fn numbers(&self) -> &[u32] {
         match self.mode {
             Mode::Wide => &self.wide.primitive_indices,
-            Mode::Refit | Mode::Move | Mode::Rebuild => &self.tree.primitive_indices,
+            _ => &self.tree.primitive_indices,
         }
     }
 
@@ -181,10 +178,10 @@ impl Contestant for Obvhs {
     }
 
     fn sah_cost(&self) -> Option<f64> {
-        let nodes = match self.mode {
-            Mode::Wide => return None,
-            Mode::Refit | Mode::Move | Mode::Rebuild => &self.tree.nodes,
-        };
+        if matches!(self.mode, Mode::Wide) {
+            return None;
+        }
+        let nodes = &self.tree.nodes;
         let area = |n: usize| half_area(nodes[n].aabb().diagonal().to_array());
         let (mut sah, mut todo) = (Sah::default(), vec![0]);
         while let Some(n) = todo.pop() {
@@ -216,9 +213,7 @@ impl Contestant for Obvhs {
             let mut found = RayHit::none();
             match self.mode {
                 Mode::Wide => self.wide.ray_traverse(Self::ray(rays, i), &mut found, test),
-                Mode::Refit | Mode::Move | Mode::Rebuild => {
-                    self.tree.ray_traverse(Self::ray(rays, i), &mut found, test)
-                }
+                _ => self.tree.ray_traverse(Self::ray(rays, i), &mut found, test),
             };
             hits.set(i, best);
         }
@@ -235,9 +230,7 @@ impl Contestant for Obvhs {
             };
             *blocked = !match self.mode {
                 Mode::Wide => self.wide.ray_traverse_miss(Self::ray(rays, i), test),
-                Mode::Refit | Mode::Move | Mode::Rebuild => {
-                    self.tree.ray_traverse_miss(Self::ray(rays, i), test)
-                }
+                _ => self.tree.ray_traverse_miss(Self::ray(rays, i), test),
             };
         }
     }

@@ -177,11 +177,13 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
         }));
     };
     let best = SimdLevel::best();
+    if matches!(contest, Contest::Update | Contest::Frame) {
+        for strategy in strategies() {
+            add(strategy.name(), strategy, Traversal::Tile, best);
+        }
+    }
     match contest {
         Contest::Update => {
-            for strategy in strategies() {
-                add(strategy.name(), strategy, Traversal::Tile, best);
-            }
             for period in [2, 4, 8] {
                 let name = format!("{} every {period}", Strategy::RefitRotate(Rotate::default()).name());
                 add(&name, Strategy::RefitRotate(Rotate { period }), Traversal::Tile, best);
@@ -209,12 +211,7 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
             add("published packets", tree(leaves_of(1)), Traversal::Packet, best);
             add("single", tree(leaves_of(1)), Traversal::Single, best);
         }
-        Contest::Incoherent => {}
-        Contest::Frame => {
-            for strategy in strategies() {
-                add(strategy.name(), strategy, Traversal::Tile, best);
-            }
-        }
+        Contest::Incoherent | Contest::Frame => {}
     }
 }
 

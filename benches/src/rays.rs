@@ -48,11 +48,6 @@ impl Rays {
         self.count = count.min(RAYS);
     }
 
-    /// Keeps the first `count` of as many rays as there are or more.
-    pub fn truncate(&mut self, count: usize) {
-        self.count = count.min(self.count);
-    }
-
     /// Number of rays.
     #[must_use]
     pub fn len(&self) -> usize {

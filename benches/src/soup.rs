@@ -37,12 +37,6 @@ impl Soup {
         parts.flat_map(|((&c, &d), corners)| corners.map(|p| c + d * time + p)).collect()
     }
 
-    /// Vertex numbers of each triangle.
-    #[must_use]
-    pub fn indices(&self) -> &[[u32; 3]] {
-        &self.indices
-    }
-
     /// A view of all of it in `size` x `size` pixels, with a light beside the camera.
     #[must_use]
     pub fn view(size: u32) -> View {

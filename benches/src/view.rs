@@ -168,7 +168,7 @@ impl Tile {
             self.rays.origin[axis].fill(light[axis]);
         }
         self.rays.t_max.fill(1.0);
-        self.rays.truncate(count);
+        self.rays.set_len(count);
         teller.occluded(&self.rays, band_start, &self.lit[..count], &mut self.blocked);
         for (&place, blocked) in self.lit[..count].iter().zip(self.blocked) {
             band[place as usize].set_lit(!blocked);
