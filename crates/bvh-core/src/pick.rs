@@ -69,7 +69,7 @@ pub fn closest_hit_by<T: Test>(
     t_max: f32,
     visits: &mut Visits,
 ) -> Option<Hit> {
-    dispatch!(Level::new(), simd => closest::<_, T>(simd, bvh, triangles, ray, t_max, visits, every))
+    dispatch!(Level::new(), simd => hit::<_, T, false>(simd, bvh, triangles, ray, t_max, visits, every))
 }
 
 /// Does what [`any_hit`] does and adds what the ray visited to `visits`.
@@ -83,7 +83,7 @@ pub fn any_hit_counted(
     visits: &mut Visits,
 ) -> bool {
     with_test!(test, T => dispatch!(Level::new(), simd => {
-        any::<_, T>(simd, bvh, triangles, ray, t_max, visits, every).is_some()
+        hit::<_, T, true>(simd, bvh, triangles, ray, t_max, visits, every).is_some()
     }))
 }
 
@@ -123,10 +123,10 @@ pub fn any_hit_brute(triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: Tri
     closest_hit_brute(triangles, ray, t_max, test).is_some()
 }
 
-/// The closest of the hits that `counts` is true for.
+/// A hit that `counts` is true for: the first one met if `ANY`, else the closest.
 #[doc(hidden)]
 #[inline(always)]
-pub fn closest<S: Simd, T: Test>(
+pub fn hit<S: Simd, T: Test, const ANY: bool>(
     simd: S,
     bvh: &Bvh,
     triangles: &Triangles<'_>,
@@ -150,44 +150,13 @@ pub fn closest<S: Simd, T: Test>(
             if let Some(hit) = hit.filter(|h| best.is_none_or(|b| h.is_before(b.t, b.primitive)) && counts(h))
             {
                 best = Some(hit);
-                hit.t
+                if ANY { -1.0 } else { hit.t }
             } else {
                 t_max
             }
         },
     );
     best
-}
-
-/// Any of the hits that `counts` is true for.
-#[doc(hidden)]
-#[inline(always)]
-pub fn any<S: Simd, T: Test>(
-    simd: S,
-    bvh: &Bvh,
-    triangles: &Triangles<'_>,
-    ray: &Ray,
-    t_max: f32,
-    visits: &mut Visits,
-    counts: impl Fn(&Hit) -> bool,
-) -> Option<Hit> {
-    let test = T::new(ray);
-    let mut found = None;
-    walk(
-        simd,
-        bvh,
-        triangles,
-        ray,
-        (t_max, T::WIDEN),
-        visits,
-        #[inline(always)]
-        |p, t_max| {
-            let hit = intersect(ray, &test, &triangles.corners(p), p as u32, t_max);
-            found = hit.filter(|h| counts(h));
-            if found.is_some() { -1.0 } else { t_max }
-        },
-    );
-    found
 }
 
 /// A ray in both halves of a vector, for a pair of nodes.

@@ -48,8 +48,8 @@ impl<'a> Scene<'a> {
     ) -> Option<Hit> {
         let Self { bvh, triangles, .. } = self;
         match query {
-            Query::Closest => pick::closest::<S, T>(simd, bvh, triangles, ray, t_max, work, counts),
-            Query::Any => pick::any::<S, T>(simd, bvh, triangles, ray, t_max, work, counts),
+            Query::Closest => pick::hit::<S, T, false>(simd, bvh, triangles, ray, t_max, work, counts),
+            Query::Any => pick::hit::<S, T, true>(simd, bvh, triangles, ray, t_max, work, counts),
         }
     }
 }
