@@ -7,11 +7,6 @@ use crate::{Aabb, COST_INTERSECT, COST_TRAVERSE};
 /// Largest number of primitives in one leaf.
 pub const MAX_LEAF_SIZE: u32 = (1 << 24) - 1;
 
-const LEAF: u32 = Node::LEAF;
-const DYNAMIC: u32 = Node::DYNAMIC;
-const INDEX: u32 = Node::INDEX;
-const HEIGHT: u32 = Node::HEIGHT;
-
 /// A node of a [`Bvh`](crate::Bvh), inner or leaf, with its box.
 ///
 /// ```text
@@ -63,7 +58,7 @@ impl Node {
     pub const HEIGHT: u32 = 0xff;
 
     /// A leaf without primitives: the root of an empty tree, and what fills unused slots.
-    pub const NOTHING: Self = Self { min: Vec3::INFINITY, link: LEAF, max: Vec3::NEG_INFINITY, aux: 0 };
+    pub const NOTHING: Self = Self { min: Vec3::INFINITY, link: Self::LEAF, max: Vec3::NEG_INFINITY, aux: 0 };
 
     /// A dynamic leaf over the slots `first .. first + count` of the tree's order.
     ///
@@ -72,8 +67,9 @@ impl Node {
     #[must_use]
     #[inline]
     pub const fn leaf(aabb: Aabb, first: u32, count: u32) -> Self {
-        debug_assert!(first <= INDEX && count <= MAX_LEAF_SIZE, "leaf out of range");
-        Self { min: aabb.min, link: LEAF | DYNAMIC | first & INDEX, max: aabb.max, aux: count << 8 }
+        debug_assert!(first <= Self::INDEX && count <= MAX_LEAF_SIZE, "leaf out of range");
+        let link = Self::LEAF | Self::DYNAMIC | first & Self::INDEX;
+        Self { min: aabb.min, link, max: aabb.max, aux: count << 8 }
     }
 
     /// A dynamic inner node over the child nodes `left` and `left + 1`, of height 1.
@@ -83,8 +79,8 @@ impl Node {
     #[must_use]
     #[inline]
     pub fn inner(aabb: Aabb, left: u32) -> Self {
-        debug_assert!(left <= INDEX && left.is_multiple_of(2), "child pair {left} out of range");
-        Self { min: aabb.min, link: DYNAMIC | left & INDEX, max: aabb.max, aux: 1 }
+        debug_assert!(left <= Self::INDEX && left.is_multiple_of(2), "child pair {left} out of range");
+        Self { min: aabb.min, link: Self::DYNAMIC | left & Self::INDEX, max: aabb.max, aux: 1 }
     }
 
     /// The node's box.
@@ -106,7 +102,7 @@ impl Node {
     #[must_use]
     #[inline]
     pub fn is_leaf(&self) -> bool {
-        self.link & LEAF != 0
+        self.link & Self::LEAF != 0
     }
 
     /// Whether any primitive at or below this node may move; see
@@ -114,12 +110,12 @@ impl Node {
     #[must_use]
     #[inline]
     pub fn is_dynamic(&self) -> bool {
-        self.link & DYNAMIC != 0
+        self.link & Self::DYNAMIC != 0
     }
 
     #[inline]
     pub(crate) fn set_dynamic(&mut self, dynamic: bool) {
-        self.link = self.link & !DYNAMIC | if dynamic { DYNAMIC } else { 0 };
+        self.link = self.link & !Self::DYNAMIC | if dynamic { Self::DYNAMIC } else { 0 };
     }
 
     /// Inner node: number of the left child; the right child follows it. Leaf: first slot in the
@@ -127,7 +123,7 @@ impl Node {
     #[must_use]
     #[inline]
     pub fn first(&self) -> usize {
-        (self.link & INDEX) as usize
+        (self.link & Self::INDEX) as usize
     }
 
     /// Number of primitives of a leaf; 0 for an inner node.
@@ -142,7 +138,7 @@ impl Node {
     #[must_use]
     #[inline]
     pub fn reference(&self) -> f32 {
-        if self.is_leaf() { 0.0 } else { f32::from_bits(self.aux & !HEIGHT) }
+        if self.is_leaf() { 0.0 } else { f32::from_bits(self.aux & !Self::HEIGHT) }
     }
 
     /// Sets the reference area of an inner node, rounded down to 16 bits of precision. Does nothing
@@ -150,7 +146,7 @@ impl Node {
     #[inline]
     pub fn set_reference(&mut self, area: f32) {
         if !self.is_leaf() {
-            self.aux = area.to_bits() & !HEIGHT | self.aux & HEIGHT;
+            self.aux = area.to_bits() & !Self::HEIGHT | self.aux & Self::HEIGHT;
         }
     }
 
@@ -183,14 +179,14 @@ impl Node {
     #[must_use]
     #[inline]
     pub fn height(&self) -> u32 {
-        self.aux & HEIGHT
+        self.aux & Self::HEIGHT
     }
 
     /// A leaf's height is 0.
     #[inline]
     pub(crate) fn clear_leaf_height(&mut self) {
         if self.is_leaf() {
-            self.aux &= !HEIGHT;
+            self.aux &= !Self::HEIGHT;
         }
     }
 
@@ -218,8 +214,8 @@ impl Node {
     #[inline]
     pub fn refit(&mut self, l: &Self, r: &Self) {
         let height = 1 + l.height().max(r.height());
-        let link = self.link & !DYNAMIC | (l.link | r.link) & DYNAMIC;
-        let aux = self.aux & !HEIGHT | height;
+        let link = self.link & !Self::DYNAMIC | (l.link | r.link) & Self::DYNAMIC;
+        let aux = self.aux & !Self::HEIGHT | height;
         // Vector operations; the fourth lanes are overwritten.
         let [[l_min, l_max], [r_min, r_max]]: [[Vec4; 2]; 2] = [bytemuck::cast(*l), bytemuck::cast(*r)];
         let (min, max) = (l_min.min(r_min), l_max.max(r_max));
