@@ -2,12 +2,12 @@
 
 use std::ops::Range;
 
-use bvh_core::Primitives;
 use bvh_core::rotation::{area_changes_at, best};
 
 use super::Tally;
 use super::block::{Block, Entry, Leaves, Lister};
-use super::kernels::{self, Accepted, refit_height};
+use super::kernels::{Accepted, refit_height};
+pub(super) use super::kernels::{fit_leaves, refit_boxes};
 use super::shared::SharedNodes;
 
 /// See [`Block::walk`].
@@ -35,20 +35,6 @@ pub(super) fn sweep(nodes: SharedNodes<'_>, pairs: Range<usize>, lister: &mut Li
         lister.children(nodes, Entry::new(0, 2 * pair as u32));
     }
 }
-
-/// See [`kernels::fit_leaves`].
-pub(super) fn fit_leaves<P: Primitives + ?Sized>(
-    nodes: SharedNodes<'_>,
-    primitives: &P,
-    leaves: &[Entry],
-    fetch: impl Fn(usize),
-    with_sums: bool,
-    tally: &mut Tally,
-) {
-    kernels::fit_leaves(nodes, primitives, leaves, fetch, with_sums, tally);
-}
-
-pub(super) use super::kernels::refit_boxes;
 
 /// Refits the heights of nodes, and accepts those at which some rotation is a gain.
 pub(super) fn rotate(
