@@ -7,7 +7,7 @@
 use bvh_core::{Aabb, Bvh, MAX_HEIGHT, Node, Parts, Primitives, prefetch};
 use rayon::prelude::*;
 
-use super::small_tree::{LONGEST, OptimalTree, SmallTree};
+use super::small_tree::{LONGEST, OptimalTree, are_best_as_leaf};
 use crate::refit::{Turns, parts};
 use crate::state::{Layout, State};
 
@@ -57,12 +57,15 @@ pub(crate) fn change_leaves<P: Primitives + ?Sized>(
     let Parts { nodes, order, state, .. } = parts(bvh);
     let state = State::of_mut(state);
     let longest = max_leaf_size.min(LONGEST as u32);
-    let view = View { nodes, order, primitives, longest, scale };
-    plans.iter_mut().for_each(Plans::clear);
+    let view = View { nodes, order, primitives, longest };
+    for Plans { runs, above, .. } in &mut *plans {
+        runs.clear();
+        above.clear();
+    }
     plans.par_iter_mut().zip(small.par_chunks(per_task)).for_each(|(plans, parts)| {
         parts.chunks(GROUP).for_each(|group| view.look(group, plans));
     });
-    let mut writer = Writer { nodes, spare: state.spare_pair, change: LeafChange::default() };
+    let mut writer = Writer { nodes, scale, spare: state.spare_pair, change: LeafChange::default() };
     if plans.iter().any(|plans| !plans.runs.is_empty()) {
         state.layout = Layout::OTHER;
     }
@@ -100,19 +103,8 @@ struct Plans {
     /// The longest runs in it, as numbers of their roots there.
     longest: Vec<u32>,
     runs: Vec<NewRun>,
-    /// The nodes of new runs, one after the other; each as in an arena, with the root in a pair of its own.
-    nodes: Vec<Node>,
     /// The nodes above new runs, each after those below it.
     above: Vec<u32>,
-}
-
-impl Plans {
-    fn clear(&mut self) {
-        let Self { runs, nodes, above, .. } = self;
-        runs.clear();
-        nodes.clear();
-        above.clear();
-    }
 }
 
 /// A node that was looked at.
@@ -127,7 +119,7 @@ struct Seen {
     /// The run that it is the root of, if any; else one of no slots.
     run: Run,
     /// Pairs below the root of a run.
-    pairs: u8,
+    pairs: u32,
 }
 
 impl Seen {
@@ -146,10 +138,13 @@ impl Seen {
 struct NewRun {
     /// The root of both.
     n: u32,
-    /// Number of nodes.
-    len: u32,
-    /// Pairs below the old one.
-    pairs: u8,
+    run: Run,
+    /// The boxes of the primitives in the slots.
+    boxes: [Aabb; LONGEST],
+    /// As in [`OptimalTree`].
+    split: [[u8; LONGEST]; LONGEST],
+    /// Pairs that it takes beyond those of the old subtree.
+    more_pairs: u32,
     change: LeafChange,
 }
 
@@ -159,8 +154,6 @@ struct View<'a, P: ?Sized> {
     order: &'a [u32],
     primitives: &'a P,
     longest: u32,
-    /// The scene's scale.
-    scale: f64,
 }
 
 /// The slots of a subtree, and the sum of half areas times weights over its nodes.
@@ -173,10 +166,17 @@ struct Run {
     leaves: f64,
 }
 
+impl Run {
+    /// The primitives in its slots.
+    fn slots(self, order: &[u32]) -> &[u32] {
+        &order[self.first as usize..][..self.count as usize]
+    }
+}
+
 impl<P: Primitives + ?Sized> View<'_, P> {
     /// Plans for a group of parts. Whatever is needed is asked for well before.
     fn look(&self, parts: &[Seen], plans: &mut Plans) {
-        let Plans { group, longest, runs, nodes, above } = plans;
+        let Plans { group, longest, runs, above } = plans;
         group.clear();
         longest.clear();
         group.extend_from_slice(parts);
@@ -186,23 +186,22 @@ impl<P: Primitives + ?Sized> View<'_, P> {
             self.prefetch_slots(group, longest.get(i + 2 * AHEAD), |p| self.primitives.prefetch_index(p));
             self.prefetch_slots(group, longest.get(i + AHEAD), |p| self.primitives.prefetch_data(p));
             let root = &mut group[longest[i] as usize];
-            let run = &root.run;
-            let (first, count) = (run.first as usize, run.count as usize);
-            let few = SmallTree::new(self.primitives, &self.order[first..][..count]);
-            if root.children == 0 && few.are_best_as_leaf(run.cost) {
+            let (n, run) = (root.n, root.run);
+            let slots = run.slots(self.order);
+            let mut room = [Aabb::EMPTY; LONGEST];
+            let boxes = &mut room[..slots.len()];
+            boxes.iter_mut().zip(slots).for_each(|(aabb, &p)| *aabb = self.primitives.aabb(p as usize));
+            if root.children == 0 && are_best_as_leaf(boxes, run.cost) {
                 continue;
             }
-            let best = few.best();
-            let cost = best.cost[0][count - 1];
+            let best = OptimalTree::new(boxes);
+            let cost = best.cost[0][slots.len() - 1];
             if cost < run.cost {
                 root.changes = true;
-                let start = nodes.len();
-                nodes.extend([Node::NOTHING; 2]);
-                nodes[start] = self.write(&best, run.first, 0, count, start, nodes);
-                let len = (nodes.len() - start) as u32;
-                let change =
-                    LeafChange { all: cost - run.cost, leaves: best.add_leaves(0.0, 0, count) - run.leaves };
-                runs.push(NewRun { n: root.n, len, pairs: root.pairs, change });
+                let (leaves, number) = best.add_leaves((0.0, 0), 0, slots.len());
+                let more_pairs = (number - 1).saturating_sub(root.pairs);
+                let change = LeafChange { all: cost - run.cost, leaves: leaves - run.leaves };
+                runs.push(NewRun { n, run, boxes: room, split: best.split, more_pairs, change });
             }
         }
         for i in (0..group.len()).rev() {
@@ -256,7 +255,7 @@ impl<P: Primitives + ?Sized> View<'_, P> {
                     let (first, count) = (l.first.min(r.first), l.count + r.count);
                     let (cost, leaves) = (own + (l.cost + r.cost), l.leaves + r.leaves);
                     seen[i].run = Run { first, count, cost, leaves };
-                    seen[i].pairs = 1 + children.iter().map(|&child| seen[child].pairs).sum::<u8>();
+                    seen[i].pairs = 1 + children.iter().map(|&child| seen[child].pairs).sum::<u32>();
                 } else {
                     children.into_iter().for_each(|child| found(&seen[child], child));
                 }
@@ -270,38 +269,16 @@ impl<P: Primitives + ?Sized> View<'_, P> {
     /// Asks for the primitives of a run, if there is one.
     fn prefetch_slots(&self, seen: &[Seen], root: Option<&u32>, ask_for: impl Fn(usize)) {
         if let Some(&root) = root {
-            let Run { first, count, .. } = seen[root as usize].run;
-            self.order[first as usize..][..count as usize].iter().for_each(|&p| ask_for(p as usize));
+            seen[root as usize].run.slots(self.order).iter().for_each(|&p| ask_for(p as usize));
         }
-    }
-
-    /// The root of the best tree over primitives `from..to`; writes the nodes below it behind the others.
-    fn write(
-        &self,
-        best: &OptimalTree,
-        first: u32,
-        from: usize,
-        to: usize,
-        start: usize,
-        nodes: &mut Vec<Node>,
-    ) -> Node {
-        let split = best.split[from][to - 1];
-        if split == 0 {
-            return Node::leaf(best.aabb[from][to - 1], first + from as u32, (to - from) as u32);
-        }
-        let pair = nodes.len();
-        nodes.extend([Node::NOTHING; 2]);
-        nodes[pair] = self.write(best, first, from, split, start, nodes);
-        nodes[pair + 1] = self.write(best, first, split, to, start, nodes);
-        let mut node = Node::parent(&nodes[pair], &nodes[pair + 1], (pair - start) as u32);
-        node.set_reference((node.aabb().half_area_f64() / self.scale) as f32);
-        node
     }
 }
 
 /// The tree, to be changed.
 struct Writer<'a> {
     nodes: &'a mut [Node],
+    /// The scene's scale.
+    scale: f64,
     /// The first of the pairs that are kept for later (`State::spare_pair`).
     spare: u32,
     change: LeafChange,
@@ -310,8 +287,8 @@ struct Writer<'a> {
 impl Writer<'_> {
     /// Whether anything has changed.
     fn carry_out(&mut self, plans: &Plans) -> bool {
-        let (mut rest, mut is_changed) = (&plans.nodes[..], false);
-        for (i, run) in plans.runs.iter().enumerate() {
+        let mut is_changed = false;
+        for (i, new) in plans.runs.iter().enumerate() {
             if let Some(soon) = plans.runs.get(i + 2 * AHEAD) {
                 prefetch(self.nodes, soon.n as usize);
             }
@@ -320,14 +297,12 @@ impl Writer<'_> {
             {
                 prefetch(self.nodes, sooner.first());
             }
-            let (nodes, others) = rest.split_at(run.len as usize);
-            rest = others;
-            let n = run.n as usize;
-            if self.has_spare((run.len / 2 - 1).saturating_sub(run.pairs.into())) {
+            let n = new.n as usize;
+            if self.has_spare(new.more_pairs) {
                 self.release(n);
-                self.nodes[n] = self.copy(nodes, 0);
-                self.change.all += run.change.all;
-                self.change.leaves += run.change.leaves;
+                self.nodes[n] = self.write(new, 0, new.run.count as usize);
+                self.change.all += new.change.all;
+                self.change.leaves += new.change.leaves;
                 is_changed = true;
             }
         }
@@ -361,19 +336,20 @@ impl Writer<'_> {
         }
     }
 
-    /// Node `i` of a new run, with those below it in spare pairs.
-    fn copy(&mut self, run: &[Node], i: usize) -> Node {
-        let node = run[i];
-        if node.is_leaf() {
-            return node;
+    /// The root of a new subtree over the primitives `from..to` of a run, with the nodes below it in spare pairs.
+    fn write(&mut self, new: &NewRun, from: usize, to: usize) -> Node {
+        let split = usize::from(new.split[from][to - 1]);
+        if split == 0 {
+            let aabb = new.boxes[from..to].iter().copied().fold(Aabb::EMPTY, Aabb::union);
+            return Node::leaf(aabb, new.run.first + from as u32, (to - from) as u32);
         }
         let pair = self.spare as usize;
         self.spare = self.nodes[pair].first() as u32;
-        self.nodes[pair] = self.copy(run, node.first());
-        self.nodes[pair + 1] = self.copy(run, node.first() + 1);
-        let mut moved = Node::parent(&self.nodes[pair], &self.nodes[pair + 1], pair as u32);
-        moved.set_reference(node.reference());
-        moved
+        self.nodes[pair] = self.write(new, from, split);
+        self.nodes[pair + 1] = self.write(new, split, to);
+        let mut node = Node::parent(&self.nodes[pair], &self.nodes[pair + 1], pair as u32);
+        node.set_reference((node.aabb().half_area_f64() / self.scale) as f32);
+        node
     }
 
     /// Fits a node to its children. The box is the same; the height may not be.
