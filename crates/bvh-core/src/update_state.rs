@@ -16,7 +16,8 @@ impl UpdateState {
 }
 
 /// How often something about a tree was changed from outside of updates.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Changes {
     /// Which primitives may move.
     pub dynamic: u32,

@@ -27,13 +27,8 @@ pub(crate) struct State {
     pub(crate) spare_pair: u32,
     /// A new tree in the place of this one gets no larger leaves than this; 0 if no update has asked yet.
     pub(crate) largest_leaf: u32,
-    /// Changes seen, of the dynamic primitives, of numbers and of structure: see [`Changes`].
-    seen_dynamic: u32,
-    seen_numbering: u32,
-    seen_structure: u32,
-    /// The dynamic primitives that the build in the background knows of.
-    background_dynamic: u32,
-    padding: u32,
+    /// The changes by others that updates have taken note of.
+    seen: Changes,
 }
 
 /// What a tree's cost was when it was good.
@@ -119,16 +114,6 @@ impl State {
         bytemuck::from_bytes_mut(&mut bytemuck::bytes_of_mut(&mut state.words)[..size_of::<Self>()])
     }
 
-    /// A build in the background has begun for this tree and the primitives that are dynamic now; number 0 if none could.
-    pub(crate) fn background_began(&mut self, number: u64) {
-        (self.background_job, self.background_dynamic) = (number, self.seen_dynamic);
-    }
-
-    /// Whether the build in the background knows which primitives are dynamic.
-    pub(crate) fn background_knows_dynamic(&self) -> bool {
-        self.background_job != 0 && self.background_dynamic == self.seen_dynamic
-    }
-
     /// Forgets what another strategy has measured.
     pub(crate) fn expect_measure(&mut self, measure: Measure) {
         if self.measure != measure {
@@ -137,20 +122,22 @@ impl State {
         }
     }
 
-    /// Takes note of what others have changed since the last update.
-    pub(crate) fn note_changes(&mut self, now: Changes) {
-        if self.seen_dynamic != now.dynamic {
-            self.baseline.has_other_dynamic = 1;
-            self.layout = Layout::UNKNOWN;
+    /// Takes note of what others have changed since the last update; gives the state of the tree.
+    pub(crate) fn note_changes(state: &mut UpdateState) -> &mut Self {
+        let now = state.changes;
+        let known = Self::of_mut(state);
+        if known.seen.dynamic != now.dynamic {
+            known.baseline.has_other_dynamic = 1;
+            known.layout = Layout::UNKNOWN;
         }
-        if self.seen_numbering != now.numbering {
-            self.background_job = 0;
+        if known.seen.numbering != now.numbering {
+            known.background_job = 0;
         }
-        if self.seen_structure != now.structure {
-            self.spare_pair = 0;
-            self.layout = Layout::UNKNOWN;
+        if known.seen.structure != now.structure {
+            known.spare_pair = 0;
+            known.layout = Layout::UNKNOWN;
         }
-        (self.seen_dynamic, self.seen_numbering, self.seen_structure) =
-            (now.dynamic, now.numbering, now.structure);
+        known.seen = now;
+        known
     }
 }

@@ -55,7 +55,9 @@ impl Updater {
     /// An updater that uses `level`, or the best below it that the machine has. Every level leaves the same tree.
     #[must_use]
     pub fn with_level(strategy: Strategy, level: SimdLevel) -> Self {
-        Self { strategy, workspace: Workspace::with_level(level), load: None, reports_cost: false }
+        let refit = RefitScratch::with_level(level);
+        let workspace = Workspace { refit, ..Workspace::default() };
+        Self { strategy, workspace, load: None, reports_cost: false }
     }
 
     /// Changes what to do between two frames, from now on.
@@ -128,9 +130,37 @@ impl Updater {
             (Strategy::Auto(_), Some(load)) => Strategy::Auto(Auto { load }),
             (strategy, _) => strategy,
         };
-        self.workspace.refit.with_sums =
-            self.reports_cost || matches!(measure_of(&strategy), Some(Measure::AREAS | Measure::LEAVES));
-        update(bvh, primitives, &strategy, &mut self.workspace)
+        if !matches!(strategy, Strategy::Rebuild(..) | Strategy::Auto(_)) {
+            ensure_count(bvh, primitives)?;
+        }
+        let workspace = &mut self.workspace;
+        let state = State::note_changes(parts(bvh).state);
+        workspace.refit.with_sums = self.reports_cost;
+        if let Some(measure) = measure_of(&strategy) {
+            state.expect_measure(measure);
+            workspace.refit.with_sums |= measure != Measure::RATIO;
+        }
+        let Workspace { refit, repair, rebuild, leaves, reinsert: reinsertion, background } = workspace;
+        match &strategy {
+            Strategy::Refit => Ok(pass(bvh, primitives, None, refit).report(bvh)),
+            Strategy::RefitRotate(rotate) => Ok(pass(bvh, primitives, Some(*rotate), refit).report(bvh)),
+            Strategy::Rebuild(builder, options) => new_tree(bvh, primitives, *builder, options, rebuild),
+            Strategy::Degraded(options) => degraded::update(bvh, primitives, options, refit, rebuild),
+            Strategy::PartialRebuild(options) => {
+                repair::update(bvh, primitives, options, refit, repair, rebuild)
+            }
+            Strategy::Reinsert(options) => {
+                let tally = pass(bvh, primitives, options.rotate, refit);
+                reinsert(bvh, &Reinsert::default().with_part(options.part).with_passes(1), reinsertion);
+                // The cost is not known for free.
+                Ok(Update { sah_cost: None, ..tally.report(bvh) })
+            }
+            Strategy::Leaves(options) => Ok(leaves::update(bvh, primitives, options, refit, leaves)),
+            Strategy::Background(options) => {
+                Ok(background::update(bvh, primitives, options, refit, rebuild, background))
+            }
+            Strategy::Auto(options) => auto::update(bvh, primitives, options, workspace),
+        }
     }
 }
 
@@ -187,8 +217,8 @@ fn once<P: Primitives + ?Sized>(
     rotate: Option<Rotate>,
 ) -> Result<Update, UpdateError> {
     ensure_count(bvh, primitives)?;
-    note_changes(bvh);
-    let mut scratch = RefitScratch::with_level(SimdLevel::best());
+    State::note_changes(parts(bvh).state);
+    let mut scratch = RefitScratch::default();
     scratch.with_sums = false;
     Ok(pass(bvh, primitives, rotate, &mut scratch).report(bvh))
 }
@@ -196,46 +226,6 @@ fn once<P: Primitives + ?Sized>(
 fn ensure_count<P: Primitives + ?Sized>(bvh: &Bvh, primitives: &P) -> Result<(), UpdateError> {
     let (tree, given) = (bvh.len(), primitives.len());
     if tree == given { Ok(()) } else { Err(UpdateError::Count { tree, given }) }
-}
-
-/// Takes note of what was done to the tree since the last update.
-fn note_changes(bvh: &mut Bvh) {
-    let changes = bvh.update_state().changes;
-    State::of_mut(parts(bvh).state).note_changes(changes);
-}
-
-fn update<P: Primitives + ?Sized>(
-    bvh: &mut Bvh,
-    primitives: &P,
-    strategy: &Strategy,
-    workspace: &mut Workspace,
-) -> Result<Update, UpdateError> {
-    note_changes(bvh);
-    let Workspace { refit, repair, rebuild, leaves, reinsert: reinsertion, background } = workspace;
-    if !matches!(strategy, Strategy::Rebuild(..) | Strategy::Auto(_)) {
-        ensure_count(bvh, primitives)?;
-    }
-    if let Some(measure) = measure_of(strategy) {
-        State::of_mut(parts(bvh).state).expect_measure(measure);
-    }
-    match strategy {
-        Strategy::Refit => Ok(pass(bvh, primitives, None, refit).report(bvh)),
-        Strategy::RefitRotate(rotate) => Ok(pass(bvh, primitives, Some(*rotate), refit).report(bvh)),
-        Strategy::Rebuild(builder, options) => new_tree(bvh, primitives, *builder, options, rebuild),
-        Strategy::Degraded(options) => degraded::update(bvh, primitives, options, refit, rebuild),
-        Strategy::PartialRebuild(options) => repair::update(bvh, primitives, options, refit, repair, rebuild),
-        Strategy::Reinsert(options) => {
-            let tally = pass(bvh, primitives, options.rotate, refit);
-            reinsert(bvh, &Reinsert::default().with_part(options.part).with_passes(1), reinsertion);
-            // The cost is not known for free.
-            Ok(Update { sah_cost: None, ..tally.report(bvh) })
-        }
-        Strategy::Leaves(options) => Ok(leaves::update(bvh, primitives, options, refit, leaves)),
-        Strategy::Background(options) => {
-            Ok(background::update(bvh, primitives, options, refit, rebuild, background))
-        }
-        Strategy::Auto(options) => auto::update(bvh, primitives, options, workspace),
-    }
 }
 
 /// What a strategy measures, if anything.

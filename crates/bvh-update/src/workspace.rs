@@ -1,7 +1,6 @@
 //! Memory that updates keep from frame to frame.
 
 use bvh_build::ReinsertScratch;
-use bvh_core::SimdLevel;
 
 use crate::leaves::LeafScratch;
 use crate::rebuild::RebuildScratch;
@@ -11,6 +10,7 @@ use crate::repair::RepairScratch;
 
 /// Memory that updates keep from frame to frame, without influence on results: below 1 MiB a thread for refits and
 /// rotations, whatever the size of the tree; more for rebuilds, repairs and changes of leaves, if any are made.
+#[derive(Default)]
 pub(crate) struct Workspace {
     pub(crate) refit: RefitScratch,
     pub(crate) repair: RepairScratch,
@@ -18,17 +18,4 @@ pub(crate) struct Workspace {
     pub(crate) leaves: LeafScratch,
     pub(crate) reinsert: ReinsertScratch,
     pub(crate) background: Builds,
-}
-
-impl Workspace {
-    pub(crate) fn with_level(level: SimdLevel) -> Self {
-        Self {
-            refit: RefitScratch::with_level(level),
-            repair: RepairScratch::default(),
-            rebuild: RebuildScratch::default(),
-            leaves: LeafScratch::default(),
-            reinsert: ReinsertScratch::new(),
-            background: Builds::default(),
-        }
-    }
 }

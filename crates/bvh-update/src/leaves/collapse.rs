@@ -410,7 +410,7 @@ mod tests {
                 let mut bvh = start.clone();
                 bvh.set_dynamic(moves);
                 for (boxes, merge) in [(&together, true), (&apart, false)] {
-                    pass(&mut bvh, boxes, None, &mut RefitScratch::new());
+                    pass(&mut bvh, boxes, None, &mut RefitScratch::default());
                     let (cost, nodes) = (sah_cost(&bvh), in_use(&bvh));
                     let root = bvh.root().aabb().half_area_f64();
                     let change = step(&mut bvh, boxes);

@@ -38,7 +38,7 @@ impl Default for Background {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BackgroundCost {
     /// Memory beside the tree in use, in bytes: the second tree, the copy of all boxes, and what the builder keeps. With
-    /// the default builder and one primitive a leaf 68, 24 and 64 or more a primitive, and one more where some are static.
+    /// the default builder and one primitive a leaf 68, 24 and 64 or more a primitive.
     pub bytes: usize,
     /// Updates from the copy of the boxes to the one that put the tree in place: how many frames older than the
     /// primitives its structure is by then. Until the next one comes it grows older.
@@ -54,8 +54,6 @@ struct Job {
     /// Unlike that of any other, and kept in the state of the tree it is for; 0 if it is for none.
     number: u64,
     boxes: Vec<Aabb>,
-    /// Which primitives are dynamic; empty if all are.
-    dynamic: Vec<bool>,
     bvh: Bvh,
     scratch: BuildScratch,
     took: Duration,
@@ -63,11 +61,8 @@ struct Job {
 
 impl Job {
     fn bytes(&self) -> usize {
-        let Self { boxes, dynamic, bvh, scratch, .. } = self;
-        boxes.capacity() * size_of::<Aabb>()
-            + dynamic.capacity()
-            + bvh.memory_usage()
-            + scratch.memory_usage()
+        let Self { boxes, bvh, scratch, .. } = self;
+        boxes.capacity() * size_of::<Aabb>() + bvh.memory_usage() + scratch.memory_usage()
     }
 }
 
@@ -88,29 +83,17 @@ impl Builds {
         static NUMBER: AtomicU64 = AtomicU64::new(1);
         let mut job = std::mem::take(&mut self.spare);
         let options = options_like(bvh);
-        let state = State::of(bvh);
-        let is_known =
-            state.background_knows_dynamic() && job.number > 0 && job.number == state.background_job;
-        if !is_known && !note_dynamic(bvh, &mut job.dynamic) {
-            job.dynamic.clear();
-        }
         job.number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let number = job.number;
         // With all threads: the update that swaps trees does this, too.
         (0..primitives.len()).into_par_iter().map(|i| primitives.aabb(i)).collect_into_vec(&mut job.boxes);
         let build = move || {
             let start = Instant::now();
-            let Job { boxes, dynamic, bvh, scratch, .. } = &mut job;
-            let built = rebuild(bvh, boxes, builder, &options, scratch);
-            built.expect("as many primitives as a tree holds");
+            let Job { boxes, bvh, scratch, .. } = &mut job;
+            rebuild(bvh, boxes, builder, &options, scratch).expect("as many primitives as a tree holds");
             // What the update that finds it would otherwise have to do.
-            if !dynamic.is_empty() {
-                bvh.set_dynamic(|p| dynamic[p]);
-            }
-            let changes = bvh.update_state().changes;
             let Parts { nodes, state, .. } = parts(bvh);
             let state = State::of_mut(state);
-            state.note_changes(changes);
             state.largest_leaf = options.max_leaf_size;
             detect_linear(nodes, state);
             job.took = start.elapsed();
@@ -120,7 +103,8 @@ impl Builds {
         let run = move || if is_serial(builder) { build() } else { in_own_pool(threads, build) };
         self.age = 0;
         self.current = std::thread::Builder::new().spawn(run).ok();
-        State::of_mut(parts(bvh).state).background_began(if self.current.is_some() { number } else { 0 });
+        let is_begun = self.current.is_some();
+        State::of_mut(parts(bvh).state).background_job = if is_begun { number } else { 0 };
     }
 
     /// The tree of build `number`, if it is ready; trees of other builds are of no use to who asks.
@@ -170,21 +154,15 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     builds: &mut Builds,
 ) -> Update {
     let mut decision = Decision::AsAlways;
-    let (number, knows_dynamic) = (State::of(bvh).background_job, State::of(bvh).background_knows_dynamic());
+    let number = State::of(bvh).background_job;
     builds.age = builds.age.saturating_add(1);
     // The memory may have served another tree in between.
     if let Some(new) = builds.take(number).filter(|new| new.len() == primitives.len()) {
-        if !knows_dynamic {
-            let has_static = note_dynamic(bvh, &mut rebuild.dynamic);
-            new.set_dynamic(|p| !has_static || rebuild.dynamic[p]);
+        if note_dynamic(bvh, &mut rebuild.dynamic) {
+            new.set_dynamic(|p| rebuild.dynamic[p]);
         }
         std::mem::swap(bvh, new);
-        let changes = bvh.update_state().changes;
-        let state = State::of_mut(parts(bvh).state);
-        state.note_changes(changes);
-        if knows_dynamic {
-            state.background_began(number);
-        }
+        State::note_changes(parts(bvh).state);
         decision = Decision::Swap;
         let Builds { spare, age, cost, .. } = builds;
         *cost = Some(BackgroundCost { bytes: spare.bytes(), delay: *age, build_time: spare.took });

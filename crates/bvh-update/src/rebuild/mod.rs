@@ -46,9 +46,7 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
     if has_static {
         bvh.set_dynamic(|p| scratch.dynamic[p]);
     }
-    let changes = bvh.update_state().changes;
-    let state = State::of_mut(parts(bvh).state);
-    state.note_changes(changes);
+    let state = State::note_changes(parts(bvh).state);
     state.measure = measure;
     state.largest_leaf = options.max_leaf_size;
     let (nodes_visited, dropped) = (bvh.nodes().len() as u64 - 1, scratch.build.dropped() as u64);

@@ -149,12 +149,14 @@ pub(crate) struct RefitScratch {
     spare: Vec<Mutex<Spare>>,
 }
 
-impl RefitScratch {
-    #[cfg(test)]
-    pub(crate) fn new() -> Self {
+impl Default for RefitScratch {
+    /// For the best level that the machine has.
+    fn default() -> Self {
         Self::with_level(SimdLevel::best())
     }
+}
 
+impl RefitScratch {
     /// For `level`, or the best below it that the machine has.
     pub(crate) fn with_level(level: SimdLevel) -> Self {
         Self { level: Available::at_most(level), with_sums: true, costs: None, spare: Vec::new() }
@@ -411,7 +413,7 @@ mod tests {
             bvh.set_dynamic(|p| p % 5 != 0);
             // Rotations scatter nodes over the arena.
             for _ in 0..3 {
-                pass(&mut bvh, &boxes, Some(Rotate::default()), &mut RefitScratch::new());
+                pass(&mut bvh, &boxes, Some(Rotate::default()), &mut RefitScratch::default());
             }
             let tree = bvh.clone();
             let nodes = share(parts(&mut bvh).nodes);
@@ -463,7 +465,7 @@ mod tests {
         assert!(has_leaves_of(true) && has_leaves_of(false), "leaves of several sizes");
         for rotate in [None, Some(Rotate::default()), None] {
             let boxes = Counted(boxes.clone(), AtomicUsize::new(0));
-            pass(&mut bvh, &boxes, rotate, &mut RefitScratch::new());
+            pass(&mut bvh, &boxes, rotate, &mut RefitScratch::default());
             assert_eq!(boxes.1.into_inner(), 5000, "{rotate:?}");
         }
     }

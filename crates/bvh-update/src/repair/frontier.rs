@@ -216,7 +216,7 @@ mod tests {
             let mut bvh = build(&pose(0.0), builder).expect("few enough");
             bvh.set_dynamic(|p| p % 7 != 0);
             take_baseline(&mut bvh);
-            let tally = pass(&mut bvh, &pose(0.1), None, &mut RefitScratch::new());
+            let tally = pass(&mut bvh, &pose(0.1), None, &mut RefitScratch::default());
             let scale = State::of(&bvh).baseline.scale_now(&bvh, tally.leaf_area);
             let large = LARGE * bvh.root().aabb().half_area();
             let (mut numbers, mut scratch) = (Vec::new(), FrontierScratch::default());
@@ -261,7 +261,7 @@ mod tests {
         };
         let mut bvh = build(&boxes(0.0), Builder::Lbvh).expect("few enough");
         take_baseline(&mut bvh);
-        pass(&mut bvh, &boxes(1.0), None, &mut RefitScratch::new());
+        pass(&mut bvh, &boxes(1.0), None, &mut RefitScratch::default());
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
         let kept = |most| {
             let mut scratch = FrontierScratch::default();

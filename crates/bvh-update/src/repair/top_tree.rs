@@ -149,7 +149,7 @@ mod tests {
         take_baseline(&mut bvh);
         let (mut scratch, mut kept, mut memory) = (RepairScratch::default(), Vec::new(), Vec::new());
         for step in 0..10 {
-            let mut tally = pass(&mut bvh, &boxes(1 << step), None, &mut RefitScratch::new());
+            let mut tally = pass(&mut bvh, &boxes(1 << step), None, &mut RefitScratch::default());
             if let Repaired::Top { subtrees } = open_grown(&mut bvh, &mut tally, 1.0, 2000, &mut scratch) {
                 let RepairScratch { boxes, kept: nodes, top, build, .. } = &scratch;
                 kept.push(subtrees);
