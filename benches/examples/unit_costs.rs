@@ -94,7 +94,7 @@ fn measure() {
     print("TOP_SUBTREE", (nn * ts - ns_ * tn) / determinant, "for each subtree kept");
 
     for (name, builder) in [("GOOD_BUILD", Builder::Ploc), ("FAST_BUILD", Builder::Lbvh)] {
-        let (mut bvh, mut scratch) = (Bvh::default(), BuildScratch::new());
+        let (mut bvh, mut scratch) = (Bvh::default(), BuildScratch::default());
         let options = BuildOptions::default();
         let mut once =
             || ns(|| rebuild(&mut bvh, &triangles, builder, &options, &mut scratch).expect("few")).0;

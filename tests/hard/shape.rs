@@ -66,7 +66,7 @@ fn a_hundred_thousand_identical_primitives() {
 /// One tree, one updater and one view, for scenes of other sizes one after the other.
 #[test]
 fn none_then_some_then_none_in_the_same_memory() {
-    let (mut bvh, mut build_memory) = (Bvh::default(), BuildScratch::new());
+    let (mut bvh, mut build_memory) = (Bvh::default(), BuildScratch::default());
     let (mut updater, mut wide) = (Updater::default(), Bvh8::new());
     let down = Ray::new(Vec3::new(4.0, 6.0, 20.0), Vec3::new(0.01, 0.02, -1.0));
     for strategy in Strategy::all() {

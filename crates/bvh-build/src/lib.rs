@@ -132,12 +132,6 @@ impl std::fmt::Debug for BuildScratch {
 }
 
 impl BuildScratch {
-    /// No memory yet.
-    #[must_use]
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// Reserves room for builds by [`Builder::Binned`] and [`Builder::BinnedParallel`] over up to
     /// `primitives` primitives. The room is address space until it is written to.
     ///
@@ -212,7 +206,7 @@ pub fn build_with<P: Primitives + ?Sized>(
     options: &BuildOptions,
 ) -> Result<Bvh, BuildError> {
     let mut bvh = Bvh::default();
-    rebuild(&mut bvh, primitives, builder, options, &mut BuildScratch::new())?;
+    rebuild(&mut bvh, primitives, builder, options, &mut BuildScratch::default())?;
     Ok(bvh)
 }
 
@@ -237,7 +231,7 @@ pub fn build_with<P: Primitives + ?Sized>(
 /// use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
 /// use bvh_core::{Aabb, Bvh, Vec3};
 ///
-/// let (mut bvh, mut scratch) = (Bvh::default(), BuildScratch::new());
+/// let (mut bvh, mut scratch) = (Bvh::default(), BuildScratch::default());
 /// let options = BuildOptions::default();
 /// for frame in 0..3 {
 ///     let boxes = [0.0, 1.0, 2.0].map(|x| Aabb::new(Vec3::X * x, Vec3::ONE * (x + frame as f32)));
@@ -318,7 +312,7 @@ fn optimize(nodes: &mut [Node], root: usize, builder: Builder, options: &BuildOp
         Builder::Annealed => _ = offline_rotations::cool(nodes, root, &options.anneal),
         Builder::Reinserted => {
             let tree = &mut Boxes { nodes, root };
-            reinsert::optimize(tree, &options.reinsert, &mut ReinsertScratch::new());
+            reinsert::optimize(tree, &options.reinsert, &mut ReinsertScratch::default());
         }
         _ => return false,
     }

@@ -38,7 +38,7 @@ use crate::{BuildError, Builder, Optimized, Reinsert, ReinsertScratch, build, ra
 /// ```
 pub fn build_over_poses<P: Primitives + ?Sized>(poses: &[&P], options: &Reinsert) -> Result<Bvh, BuildError> {
     let mut bvh = best_start(poses, Builder::BinnedParallel)?;
-    optimize_over_poses(&mut bvh, poses, options, &mut ReinsertScratch::new())?;
+    optimize_over_poses(&mut bvh, poses, options, &mut ReinsertScratch::default())?;
     Ok(bvh)
 }
 
@@ -73,7 +73,7 @@ fn best_start<P: Primitives + ?Sized>(poses: &[&P], builder: Builder) -> Result<
 /// };
 /// let (first, last) = (pose(0.0), pose(1.0));
 /// let mut bvh = build(&first, Builder::default())?;
-/// let scratch = &mut ReinsertScratch::new();
+/// let scratch = &mut ReinsertScratch::default();
 /// let done = optimize_over_poses(&mut bvh, &[&first, &last], &Reinsert::default(), scratch)?;
 /// assert!(done.after <= done.before);
 /// # Ok::<(), bvh_build::BuildError>(())
@@ -300,7 +300,8 @@ mod tests {
         let mut bvh = build_with(&all[2], Builder::Lbvh, &options(3)).expect("few enough");
         bvh.set_dynamic(|p| p % 2 == 0);
         let before = cost_over_poses(&bvh, &poses).expect("poses");
-        let done = optimize_over_poses(&mut bvh, &poses, &Reinsert::default(), &mut ReinsertScratch::new());
+        let done =
+            optimize_over_poses(&mut bvh, &poses, &Reinsert::default(), &mut ReinsertScratch::default());
         let done = done.expect("poses");
         let after = cost_over_poses(&bvh, &poses).expect("poses");
         bvh.validate(&all[0]).expect("valid");

@@ -62,14 +62,6 @@ impl std::fmt::Debug for ReinsertScratch {
     }
 }
 
-impl ReinsertScratch {
-    /// No memory yet.
-    #[must_use]
-    pub fn new() -> Self {
-        Self::default()
-    }
-}
-
 /// Takes subtrees out of the tree and puts them back where they cost least, within a budget
 /// (Bittner et al. 2013, Meister and Bittner 2018).
 ///
@@ -87,7 +79,7 @@ impl ReinsertScratch {
 /// let mut bvh = build(&boxes, Builder::fast())?;
 /// // The worst tenth of the nodes, once.
 /// let budget = Reinsert::default().with_part(0.1).with_passes(1);
-/// let done = reinsert(&mut bvh, &budget, &mut ReinsertScratch::new());
+/// let done = reinsert(&mut bvh, &budget, &mut ReinsertScratch::default());
 /// assert!(done.changes > 0 && done.after < done.before);
 /// # Ok::<(), bvh_build::BuildError>(())
 /// ```
@@ -396,7 +388,7 @@ mod tests {
     fn a_move_that_does_not_pay_leaves_everything_as_it_was() {
         let boxes = streets(200);
         let mut bvh = start(&boxes);
-        reinsert(&mut bvh, &all(100), &mut ReinsertScratch::new());
+        reinsert(&mut bvh, &all(100), &mut ReinsertScratch::default());
         let mut nodes = bvh.nodes().to_vec();
         let (mut parents, mut worst) = (Vec::new(), Vec::new());
         let mut tree = Boxes { nodes: &mut nodes, root: 0 };
@@ -421,7 +413,7 @@ mod tests {
         let over = |options: Reinsert| {
             let mut bvh = start(&boxes);
             bvh.set_dynamic(|p| p % 16 == 0);
-            let done = reinsert(&mut bvh, &options, &mut ReinsertScratch::new());
+            let done = reinsert(&mut bvh, &options, &mut ReinsertScratch::default());
             bvh.validate(&boxes).expect("valid");
             assert!((done.after / sah_cost(&bvh) - 1.0).abs() < 1e-9, "{done:?}");
             let still = bvh.static_area();
@@ -447,7 +439,7 @@ mod tests {
         });
         let sum = |bvh: &Bvh| bvh.nodes().iter().map(|node| f64::from(node.reference())).sum::<f64>();
         let before = sum(&bvh);
-        assert!(reinsert(&mut bvh, &all(3), &mut ReinsertScratch::new()).changes > 100);
+        assert!(reinsert(&mut bvh, &all(3), &mut ReinsertScratch::default()).changes > 100);
         assert!((sum(&bvh) / before - 1.0).abs() < 1e-12);
     }
 
@@ -456,7 +448,7 @@ mod tests {
         let at = |i: u32| Vec3::splat((i * 37 % 97) as f32);
         let boxes: Vec<_> = (0..=MAX_HEIGHT).map(at).map(|p| Aabb::new(p, p + Vec3::ONE)).collect();
         let mut bvh = chain(&boxes);
-        let done = reinsert(&mut bvh, &all(20), &mut ReinsertScratch::new());
+        let done = reinsert(&mut bvh, &all(20), &mut ReinsertScratch::default());
         bvh.validate(&boxes).expect("valid");
         assert!(done.after < 0.5 * done.before, "{done:?}");
     }

@@ -385,7 +385,7 @@ fn larger_leaves_lower_cost_and_node_count() {
 #[test]
 fn recycled_memory_gives_the_same_tree() {
     let (few, many) = (random_boxes(300, 0.1), random_boxes(5000, 0.1));
-    let mut scratch = BuildScratch::new();
+    let mut scratch = BuildScratch::default();
     for builder in Builder::ALL {
         for (old, new) in [(&few, &many), (&many, &few)] {
             let fresh = build_with(new, builder, &options(2)).expect("few enough");

@@ -42,7 +42,7 @@ fn builds_after_the_first_allocate_nothing() {
         for builder in Builder::PER_FRAME.into_iter().filter(|&b| b != Builder::Sweep) {
             for boxes in [&boxes, &clustered] {
                 let options = BuildOptions::default().with_max_leaf_size(4);
-                let (mut bvh, mut scratch) = (Bvh::default(), BuildScratch::new());
+                let (mut bvh, mut scratch) = (Bvh::default(), BuildScratch::default());
                 let mut counted = || {
                     let before = ALLOCATIONS.load(Relaxed);
                     rebuild(&mut bvh, boxes, builder, &options, &mut scratch).expect("few enough");

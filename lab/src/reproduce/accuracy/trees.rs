@@ -161,7 +161,7 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
             return Ok(());
         }
         let mut tree = Bvh::default();
-        let mut scratch = BuildScratch::new();
+        let mut scratch = BuildScratch::default();
         let mut result = Ok(());
         let time_ms = fastest(repeats, || {
             result = rebuild(&mut tree, &bench.stage.triangles(), *builder, options, &mut scratch);
