@@ -132,17 +132,6 @@ impl std::fmt::Debug for BuildScratch {
 }
 
 impl BuildScratch {
-    /// Reserves room for builds by [`Builder::Binned`] and [`Builder::BinnedParallel`] over up to
-    /// `primitives` primitives. The room is address space until it is written to.
-    ///
-    /// # Panics
-    /// If the room exceeds `isize::MAX` bytes.
-    pub fn reserve(&mut self, primitives: usize) {
-        for prims in [&mut self.prims, &mut self.spare] {
-            prims.reserve_exact(primitives.saturating_sub(prims.len()));
-        }
-    }
-
     /// Number of primitives of the last build that had an empty box.
     #[must_use]
     pub fn dropped(&self) -> usize {

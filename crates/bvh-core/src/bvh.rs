@@ -282,16 +282,6 @@ impl Bvh {
         size_of_val(self.nodes()) + size_of_val(self.order())
     }
 
-    /// Reserves room for trees over up to `primitives` primitives, so that building one in the same
-    /// place allocates nothing. The room is address space until it is written to.
-    ///
-    /// # Panics
-    /// If the room exceeds `isize::MAX` bytes.
-    pub fn reserve(&mut self, primitives: usize) {
-        self.pairs.reserve_exact(primitives.saturating_sub(self.pairs.len()));
-        self.order.reserve_exact(primitives.saturating_sub(self.order.len()));
-    }
-
     /// Calls `f` with the number, the node and the depth of every node, parents first, left before
     /// right. O(n).
     ///

@@ -32,25 +32,24 @@ pub(crate) fn detect_linear(nodes: &[Node], state: &mut State) -> bool {
 
 /// Whether a tree is as [`Layout::LINEAR`] says. O(n).
 fn lies_in_order(nodes: &[Node]) -> bool {
-    // Where the pairs are that are still to come, the next one last: right children on the way down, and one left.
-    let (mut todo, mut count) = ([0; MAX_HEIGHT as usize + 1], 0);
-    let mut moving = 0;
-    for (pair, children) in nodes.chunks_exact(2).enumerate() {
-        if pair > 0 {
-            if count == 0 || todo[count - 1] != 2 * pair {
-                return false;
-            }
-            count -= 1;
+    // The nodes that are still to come, the next one last.
+    let (mut todo, mut count) = ([0; MAX_HEIGHT as usize + 2], 1);
+    let (mut next_pair, mut dynamic) = (2, 0);
+    while count > 0 {
+        count -= 1;
+        let node = &nodes[todo[count]];
+        dynamic += usize::from(node.is_dynamic());
+        if node.is_leaf() {
+            continue;
         }
-        for node in children.iter().rev() {
-            moving += usize::from(node.is_dynamic());
-            if !node.is_leaf() {
-                todo[count] = node.first();
-                count += 1;
-            }
+        if node.first() != next_pair {
+            return false;
         }
+        todo[count..count + 2].copy_from_slice(&[next_pair + 1, next_pair]);
+        count += 2;
+        next_pair += 2;
     }
-    count == 0 && 2 * moving >= nodes.len()
+    next_pair == nodes.len() && 2 * dynamic >= nodes.len()
 }
 
 impl<P: Primitives + ?Sized> Task<'_, P> {

@@ -38,11 +38,6 @@ pub(super) fn rebuild_top(
     if frontier.is_empty() {
         return Repaired::Nothing;
     }
-    // Room for the largest top at once: memory that grows with a burst is moved in the updates that take longest anyway.
-    kept.reserve_exact(most.saturating_sub(kept.len()));
-    boxes.reserve_exact(most.saturating_sub(boxes.len()));
-    top.reserve(most);
-    build.reserve(most);
     // In memory order, as builders number pairs.
     frontier.par_sort_unstable();
     pairs.par_sort_unstable();
@@ -122,42 +117,5 @@ impl Graft<'_> {
         let mut cost = l.cost.and(r.cost);
         cost.add(&root);
         Grafted { root, cost, references: l.references + r.references + f64::from(root.reference()) }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use bvh_build::build;
-    use bvh_core::{Aabb, Vec3};
-
-    use super::super::open_grown;
-    use super::*;
-    use crate::quality::take_baseline;
-    use crate::refit::{RefitScratch, pass};
-
-    #[test]
-    fn tops_that_grow_with_a_burst_stay_where_they_are_in_memory() {
-        // A sheet, of which ever more is scattered.
-        let boxes = |scattered: usize| -> Vec<Aabb> {
-            let corner = |i: usize| {
-                let z = if i.wrapping_mul(7919) % 10_000 < scattered { (i % 89) as f32 + 9.0 } else { 0.0 };
-                Vec3::new((i % 100) as f32, (i / 100) as f32, z)
-            };
-            (0..10_000).map(corner).map(|corner| Aabb::new(corner, corner + 1.1)).collect()
-        };
-        let mut bvh = build(&boxes(0), Builder::Sweep).expect("few");
-        take_baseline(&mut bvh);
-        let (mut scratch, mut kept, mut memory) = (RepairScratch::default(), Vec::new(), Vec::new());
-        for step in 0..10 {
-            let mut tally = pass(&mut bvh, &boxes(1 << step), None, &mut RefitScratch::default());
-            if let Repaired::Top { subtrees } = open_grown(&mut bvh, &mut tally, 1.0, 2000, &mut scratch) {
-                let RepairScratch { boxes, kept: nodes, top, build, .. } = &scratch;
-                kept.push(subtrees);
-                memory.push((boxes.as_ptr(), nodes.as_ptr(), top.nodes().as_ptr(), build.memory_usage()));
-            }
-        }
-        assert!(kept.len() > 2 && kept[kept.len() - 1] > 2 * kept[0], "{kept:?}");
-        memory.dedup();
-        assert_eq!(memory.len(), 1, "{memory:?}");
     }
 }
