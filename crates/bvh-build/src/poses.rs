@@ -115,17 +115,6 @@ pub fn cost_over_poses<P: Primitives + ?Sized>(bvh: &Bvh, poses: &[&P]) -> Resul
     Ok(cost)
 }
 
-/// Fails unless there are poses, each of `n` primitives.
-fn check<P: Primitives + ?Sized>(n: usize, poses: &[&P]) -> Result<(), BuildError> {
-    if poses.is_empty() {
-        return Err(BuildError::NoPoses);
-    }
-    match poses.iter().position(|pose| pose.len() != n) {
-        Some(pose) => Err(BuildError::PoseLength { pose, found: poses[pose].len(), expected: n }),
-        None => Ok(()),
-    }
-}
-
 /// The boxes of all nodes in all poses: those of one node together.
 struct PoseBoxes {
     boxes: Vec<Aabb>,
@@ -135,8 +124,13 @@ struct PoseBoxes {
 
 impl PoseBoxes {
     fn new<P: Primitives + ?Sized>(bvh: &Bvh, poses: &[&P]) -> Result<Self, BuildError> {
-        check(bvh.len(), poses)?;
-        let k = poses.len();
+        let (n, k) = (bvh.len(), poses.len());
+        if k == 0 {
+            return Err(BuildError::NoPoses);
+        }
+        if let Some(pose) = poses.iter().position(|pose| pose.len() != n) {
+            return Err(BuildError::PoseLength { pose, found: poses[pose].len(), expected: n });
+        }
         let mut boxes = Self { boxes: vec![Aabb::EMPTY; k * bvh.nodes().len()], scales: vec![0.0; k] };
         let mut slots = Vec::new();
         bvh.visit(|n, _, _| slots.push(n));

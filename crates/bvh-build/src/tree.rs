@@ -19,7 +19,10 @@ pub(crate) trait Tree: Sync {
     /// Area of a bounds.
     fn area(&self, bounds: &Self::Bounds) -> f64;
     /// Area of the node in slot `n`.
-    fn area_of(&self, n: usize) -> f64;
+    #[inline]
+    fn area_of(&self, n: usize) -> f64 {
+        self.area(&self.bounds(n))
+    }
     /// Area of the node in slot `n` grown around `bounds`.
     fn area_with(&self, n: usize, bounds: &Self::Bounds) -> f64;
     /// Copies a node to another slot, with its bounds.
@@ -62,10 +65,6 @@ impl Tree for Boxes<'_> {
     #[inline]
     fn area(&self, bounds: &Aabb) -> f64 {
         bounds.half_area_f64()
-    }
-    #[inline]
-    fn area_of(&self, n: usize) -> f64 {
-        self.nodes[n].aabb().half_area_f64()
     }
     #[inline]
     fn area_with(&self, n: usize, bounds: &Aabb) -> f64 {

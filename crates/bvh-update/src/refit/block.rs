@@ -126,7 +126,7 @@ impl<'a> Lister<'a> {
     #[inline(always)]
     pub(super) fn children(&mut self, nodes: SharedNodes<'_>, parent: Entry) -> [u32; 2] {
         let (pair, counts) = (parent.first(), &mut self.counts);
-        let links = nodes.links(pair);
+        let links = nodes.pair_words(pair).map(|[link, _]| link);
         for (i, link) in links.into_iter().enumerate() {
             const { assert!(Node::LEAF == 1 << 31 && Node::DYNAMIC == 1 << 30) }
             let entry = Entry::new(pair + i, link);

@@ -83,7 +83,8 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
             _ => lanes_of_several(primitives, entry.first(), count as usize),
         };
         validity += next_validity;
-        nodes.set_corners(entry.slot(), [min.with_w(own_min.w), max.with_w(own_max.w)]);
+        let corners: Corners = [min.with_w(own_min.w), max.with_w(own_max.w)];
+        nodes.set(entry.slot(), bytemuck::cast(corners));
         if with_sums {
             sum.add_extent(i, max - min, COST_INTERSECT as f32 * count as f32);
         }
@@ -156,7 +157,7 @@ pub(super) fn refit_boxes(
         let [l, r]: [Corners; 2] = nodes.pair(entry.first()).map(bytemuck::cast);
         let [own_min, own_max]: Corners = bytemuck::cast(nodes.get(entry.slot()));
         let corners = [l[0].min(r[0]).with_w(own_min.w), l[1].max(r[1]).with_w(own_max.w)];
-        nodes.set_corners(entry.slot(), corners);
+        nodes.set(entry.slot(), bytemuck::cast(corners));
         corners
     });
 }
@@ -187,7 +188,7 @@ pub(super) fn refit_height(nodes: SharedNodes<'_>, entry: Entry) -> [u32; 2] {
     let [[link_l, l], [link_r, r]] = nodes.pair_words(entry.first());
     let height = 1 + (l & Node::HEIGHT).max(r & Node::HEIGHT);
     // Few heights change.
-    if !cfg!(refit_without = "heights") && nodes.height(entry.slot()) != height {
+    if !cfg!(refit_without = "heights") && nodes.get(entry.slot()).height() != height {
         nodes.set_height(entry.slot(), height);
     }
     [link_l, link_r]

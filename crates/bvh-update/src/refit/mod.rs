@@ -288,7 +288,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     fn is_heavy(&self, roots: &[Entry]) -> bool {
         let mut weight = 0;
         roots.iter().any(|root| {
-            weight += 1 << (self.nodes.height(root.slot()) * 5 / 8);
+            weight += 1 << (self.nodes.get(root.slot()).height() * 5 / 8);
             weight > WEIGHT
         })
     }

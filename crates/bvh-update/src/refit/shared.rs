@@ -4,7 +4,6 @@
 use std::arch::x86_64::{__m256, __m512i};
 use std::marker::PhantomData;
 
-use bvh_core::glam::Vec4;
 use bvh_core::rotation::Slots;
 use bvh_core::{Bvh, Node, Parts, SimdLevel};
 
@@ -78,24 +77,6 @@ impl<'a> SharedNodes<'a> {
             let [.., link, _, _, _, aux]: [u32; 8] = bytemuck::cast(node);
             [link, aux]
         })
-    }
-
-    /// The link words of the nodes in slots `n` and `n + 1`.
-    #[inline(always)]
-    pub(crate) fn links(&self, n: usize) -> [u32; 2] {
-        self.pair_words(n).map(|[link, _]| link)
-    }
-
-    /// The height of the node in slot `n`.
-    #[inline(always)]
-    pub(crate) fn height(&self, n: usize) -> u32 {
-        self.get(n).height()
-    }
-
-    /// Stores a whole node, given as its two corners with the words in their fourth lanes.
-    #[inline(always)]
-    pub(crate) fn set_corners(&self, n: usize, corners: [Vec4; 2]) {
-        self.set(n, bytemuck::cast(corners));
     }
 
     /// Replaces the height of the node in slot `n`.
