@@ -32,14 +32,14 @@ const MAX_PART: usize = 1 << 23;
 
 /// What the primitives that are binned stand for.
 pub(crate) trait Leaves: Sync {
-    /// Most primitives of an prim.
+    /// Most primitives of a prim.
     const MOST: usize;
 
     /// How many primitives the primitives have together.
     fn slots(&self, prims: &[PrimRef]) -> usize;
 
-    /// Builds the subtree over one prim; gives its bounds.
-    fn grow(&self, prim: &PrimRef, slot: SubtreeSlot) -> Bounds;
+    /// Builds the subtree over one prim.
+    fn grow(&self, prim: &PrimRef, slot: SubtreeSlot);
 }
 
 /// Each prim is one primitive.
@@ -54,13 +54,13 @@ impl Leaves for OnePrimitive {
     }
 
     #[inline]
-    fn grow(&self, prim: &PrimRef, slot: SubtreeSlot) -> Bounds {
-        slot.leaf(prim)
+    fn grow(&self, prim: &PrimRef, slot: SubtreeSlot) {
+        slot.leaf(prim);
     }
 }
 
-/// Builds the tree over `prims`, which have boxes; gives its bounds. They are left in disorder;
-/// `spare` and `bins` are memory to use.
+/// Builds the tree over `prims`, which have boxes and are left in disorder; `spare` and `bins` are
+/// memory to use.
 pub(crate) fn build<L: Leaves>(
     prims: &mut [PrimRef],
     (spare, all_bins): (&mut Vec<PrimRef>, &mut Vec<Bins>),
@@ -68,14 +68,14 @@ pub(crate) fn build<L: Leaves>(
     bins: u32,
     threads: usize,
     slot: SubtreeSlot,
-) -> Bounds {
+) {
     let n = prims.len();
     spare.resize(n, PrimRef::NOTHING);
     let tasks = if threads > 1 { (n / GRAIN).min(TASKS * threads) } else { 1 };
     all_bins.resize(tasks.max(bins_for(n)), Bins::EMPTY);
     let bins = bins.clamp(2, MAX_BINS as u32) as usize;
     let binned = Binned { leaves, bins, parallel: threads > 1 };
-    binned.grow(prims, spare, slot, all_bins)
+    binned.grow(prims, spare, slot, all_bins);
 }
 
 /// How many [`Bins`] it takes to split `n` primitives: where they are binned in parts, one more for
@@ -91,15 +91,8 @@ struct Binned<'a, L> {
 }
 
 impl<L: Leaves> Binned<'_, L> {
-    /// Builds the subtree over `prims` and gives its bounds; `spare` is as long, and both are left
-    /// in disorder. With as many tasks as there are `bins`, if in parallel.
-    fn grow(
-        &self,
-        prims: &mut [PrimRef],
-        spare: &mut [PrimRef],
-        slot: SubtreeSlot,
-        bins: &mut [Bins],
-    ) -> Bounds {
+    /// Builds the subtree over `prims`; `spare` is as long, and both are left in disorder. With as many tasks as there are `bins`, if in parallel.
+    fn grow(&self, prims: &mut [PrimRef], spare: &mut [PrimRef], slot: SubtreeSlot, bins: &mut [Bins]) {
         let n = prims.len();
         if let [prim] = prims {
             return self.leaves.grow(prim, slot);
@@ -248,7 +241,7 @@ impl Grid {
         [x, y, z]
     }
 
-    /// Whether an prim is on the left of a cut.
+    /// Whether a prim is on the left of a cut.
     #[inline]
     fn is_left(&self, cut: Cut) -> impl Fn(&PrimRef) -> bool {
         let (min, scale) = (self.min.to_array()[cut.axis], self.scale.to_array()[cut.axis]);

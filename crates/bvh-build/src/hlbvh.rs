@@ -39,8 +39,7 @@ impl ClusterMemory {
     }
 }
 
-/// Builds the tree over `prims`, which have boxes and lie along the curve as `keys` say; gives its
-/// bounds.
+/// Builds the tree over `prims`, which have boxes and lie along the curve as `keys` say.
 pub(crate) fn build<K: Key>(
     prims: &[PrimRef],
     keys: &[K],
@@ -48,7 +47,7 @@ pub(crate) fn build<K: Key>(
     bins: u32,
     threads: usize,
     slot: SubtreeSlot,
-) -> Bounds {
+) {
     tops.ranges.clear();
     cut(keys, 0, &mut tops.ranges);
     tops.prims.resize(tops.ranges.len(), PrimRef::NOTHING);
@@ -64,7 +63,7 @@ pub(crate) fn build<K: Key>(
         tops.prims.iter_mut().enumerate().for_each(gather);
     }
     let clusters = Clusters { prims, keys, ranges };
-    binned::build(&mut tops.prims, (spare, all_bins), &clusters, bins, threads, slot)
+    binned::build(&mut tops.prims, (spare, all_bins), &clusters, bins, threads, slot);
 }
 
 /// Lists the clusters of a node of the linear tree that begins at `start`.
@@ -91,7 +90,7 @@ impl<K: Key> Leaves for Clusters<'_, K> {
         clusters.iter().map(|cluster| cluster.size() as usize).sum()
     }
 
-    fn grow(&self, cluster: &PrimRef, slot: SubtreeSlot) -> Bounds {
+    fn grow(&self, cluster: &PrimRef, slot: SubtreeSlot) {
         let [start, end] = self.ranges[cluster.number() as usize].map(|i| i as usize);
         let keys = &self.keys[start..end];
         if slot.depth as usize + keys.len() - 1 > MAX_HEIGHT as usize {
@@ -99,6 +98,6 @@ impl<K: Key> Leaves for Clusters<'_, K> {
             prims.iter_mut().zip(keys).for_each(|(prim, key)| *prim = self.prims[key.number() as usize]);
             return slot.halve(&prims[..keys.len()]);
         }
-        morton::grow(keys, self.prims, false, slot)
+        morton::grow(keys, self.prims, false, slot);
     }
 }

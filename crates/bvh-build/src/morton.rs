@@ -152,16 +152,15 @@ fn interleave<K: Key>([x, y, z, _]: [u32; 4]) -> u64 {
     (0..K::AXIS).step_by(7).fold(0, |code, bit| code | seven(bit))
 }
 
-/// Builds the subtree over the primitives with these keys, which are neighbours along the curve; gives
-/// its bounds.
-pub(crate) fn grow<K: Key>(keys: &[K], prims: &[PrimRef], parallel: bool, slot: SubtreeSlot) -> Bounds {
+/// Builds the subtree over the primitives with these keys, which are neighbours along the curve.
+pub(crate) fn grow<K: Key>(keys: &[K], prims: &[PrimRef], parallel: bool, slot: SubtreeSlot) {
     if !parallel || keys.len() < GRAIN {
         return emit(keys, prims, slot);
     }
     let (l, r) = split(keys);
     slot.fork(l.len(), |slot_l, slot_r| {
         rayon::join(|| grow(l, prims, parallel, slot_l), || grow(r, prims, parallel, slot_r))
-    })
+    });
 }
 
 /// The two halves of a node of at least two primitives.
@@ -176,7 +175,7 @@ pub(crate) fn split<K: Key>(keys: &[K]) -> (&[K], &[K]) {
 /// higher bit than those between them. Nodes come about children first, the right ones before the
 /// left ones, and are written from the end: that is depth first, parents first and left before
 /// right, when read from the start.
-fn emit<K: Key>(keys: &[K], prims: &[PrimRef], slot: SubtreeSlot) -> Bounds {
+fn emit<K: Key>(keys: &[K], prims: &[PrimRef], slot: SubtreeSlot) {
     let SubtreeSlot { root, below, first_node, order, first_slot, .. } = slot;
     // Subtrees to the right that are yet to become part of another, the next one last, and how the
     // keys differ between each and what is left of it. Differences decrease, so there are no more
@@ -202,5 +201,4 @@ fn emit<K: Key>(keys: &[K], prims: &[PrimRef], slot: SubtreeSlot) -> Bounds {
         count += 1;
     }
     *root = node;
-    Bounds::of(node.aabb())
 }

@@ -147,7 +147,8 @@ mod tests {
     use super::*;
 
     fn clusters(boxes: &[Aabb]) -> Vec<PrimRef> {
-        boxes.iter().enumerate().map(|(i, &b)| PrimRef::cluster(Bounds::of(b), i as u32, 1)).collect()
+        let bounds = |b: &Aabb| Bounds { min: b.min.extend(0.0), max: b.max.extend(0.0) };
+        boxes.iter().zip(0..).map(|(b, i)| PrimRef::cluster(bounds(b), i, 1)).collect()
     }
 
     fn nearest(clusters: &[PrimRef], radius: usize, threads: usize) -> Vec<u32> {

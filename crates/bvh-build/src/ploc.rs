@@ -23,7 +23,7 @@ use rayon::prelude::*;
 use crate::bytes_of;
 use crate::morton::{AHEAD, Sorted, with_keys};
 use crate::neighbor_search::{self, MAX_RADIUS};
-use crate::prim_ref::{Bounds, PrimRef};
+use crate::prim_ref::PrimRef;
 use crate::radix::Key;
 use crate::subtree_slot::SubtreeSlot;
 
@@ -72,8 +72,8 @@ struct Kept {
     mergers: usize,
 }
 
-/// Builds the tree over `prims`, which have boxes and lie along the curve as `sorted` says; gives
-/// its bounds. Other primitives are left in their place.
+/// Builds the tree over `prims`, which have boxes and lie along the curve as `sorted` says. Other
+/// primitives are left in their place.
 pub(crate) fn build(
     prims: &mut [PrimRef],
     sorted: &Sorted<'_>,
@@ -81,7 +81,7 @@ pub(crate) fn build(
     memory: &mut PlocMemory,
     threads: usize,
     slot: SubtreeSlot,
-) -> Bounds {
+) {
     let n = prims.len();
     let radius = radius.clamp(1, MAX_RADIUS as u32) as usize;
     let PlocMemory { leaves, spare, nearest, mergers, parts } = memory;
@@ -110,7 +110,7 @@ pub(crate) fn build(
         std::mem::swap(&mut from, &mut to);
     }
     let root = (n + merged - 1) as u32;
-    Tree { leaves, mergers }.grow(if n == 1 { 0 } else { root }, threads > 1, slot)
+    Tree { leaves, mergers }.grow(if n == 1 { 0 } else { root }, threads > 1, slot);
 }
 
 /// Copies the primitives in the order of the curve.
@@ -263,8 +263,8 @@ impl Tree<'_> {
         (cluster as usize).checked_sub(self.leaves.len()).map(|i| &self.mergers[i])
     }
 
-    /// Writes the tree below a cluster; gives its bounds.
-    pub(crate) fn grow(self, cluster: u32, parallel: bool, slot: SubtreeSlot) -> Bounds {
+    /// Writes the tree below a cluster.
+    pub(crate) fn grow(self, cluster: u32, parallel: bool, slot: SubtreeSlot) {
         match self.merger(cluster) {
             Some(&Merger { left, right, size })
                 if parallel && size as usize >= GRAIN && slot.any_split_fits(1) =>
@@ -280,7 +280,6 @@ impl Tree<'_> {
                 let mut writer = Writer { tree: self, next: slot.below.len(), slots, slot };
                 let node = writer.write(cluster, depth);
                 *writer.slot.root = node;
-                Bounds::of(node.aabb())
             }
         }
     }

@@ -101,11 +101,6 @@ impl Bounds {
     pub(crate) const EMPTY: Self = Self { min: Vec4::INFINITY, max: Vec4::NEG_INFINITY };
 
     #[inline]
-    pub(crate) fn of(aabb: Aabb) -> Self {
-        Self { min: aabb.min.extend(0.0), max: aabb.max.extend(0.0) }
-    }
-
-    #[inline]
     pub(crate) fn union(self, other: Self) -> Self {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }

@@ -82,7 +82,7 @@ pub(crate) fn search(window: &mut Window, radius: usize, from: usize, nearest: &
 
 #[cfg(test)]
 mod tests {
-    use bvh_core::{Aabb, Vec3};
+    use bvh_core::Vec3;
 
     use super::*;
     use crate::prim_ref::{Bounds, PrimRef};
@@ -90,8 +90,9 @@ mod tests {
     #[test]
     fn all_levels_find_the_same() {
         let place = |i: u32| Vec3::new((i % 7) as f32, (i % 11) as f32 * 0.3, (i / 5) as f32 * 0.1);
-        let boxes = (0..300).map(place).map(|p| Aabb::new(p, p + Vec3::new(0.1, 0.2, 0.3)));
-        let clusters: Vec<_> = boxes.zip(0..).map(|(b, i)| PrimRef::cluster(Bounds::of(b), i, 1)).collect();
+        let upper = |p: Vec3| p + Vec3::new(0.1, 0.2, 0.3);
+        let bounds = |p: Vec3| Bounds { min: p.extend(0.0), max: upper(p).extend(0.0) };
+        let clusters: Vec<_> = (0..300).map(|i| PrimRef::cluster(bounds(place(i)), i, 1)).collect();
         let mut window = Window::new();
         window.fill(&clusters[..290], 1000);
         let [mut here, mut anywhere] = [[0; 250]; 2];

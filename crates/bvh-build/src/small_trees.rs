@@ -1,16 +1,16 @@
 //! The best trees over two, three and four primitives, found by trying all.
 
-use crate::prim_ref::{Bounds, PrimRef};
+use crate::prim_ref::PrimRef;
 use crate::subtree_slot::SubtreeSlot;
 
 /// Most primitives that [`grow`] takes.
 pub(crate) const MOST: usize = 4;
 
-/// Builds the cheapest tree over two to four primitives, the first of equals; O(1);
-/// gives its bounds. The slot must allow any split.
+/// Builds the cheapest tree over two to four primitives, the first of equals. O(1). The slot must
+/// allow any split.
 ///
 /// All such trees have the same leaves, so only their inner nodes below the root count.
-pub(crate) fn grow(prims: &[PrimRef], slot: SubtreeSlot) -> Bounds {
+pub(crate) fn grow(prims: &[PrimRef], slot: SubtreeSlot) {
     match prims {
         [a, b] => pair(a, b, slot),
         [a, b, c] => {
@@ -37,8 +37,8 @@ pub(crate) fn grow(prims: &[PrimRef], slot: SubtreeSlot) -> Bounds {
     }
 }
 
-fn pair(a: &PrimRef, b: &PrimRef, slot: SubtreeSlot) -> Bounds {
-    slot.fork(1, |l, r| (l.leaf(a), r.leaf(b)))
+fn pair(a: &PrimRef, b: &PrimRef, slot: SubtreeSlot) {
+    slot.fork(1, |l, r| (l.leaf(a), r.leaf(b)));
 }
 
 /// The fifteen trees over 0 1 2 3 by the two boxes that each has below its root, as indices into

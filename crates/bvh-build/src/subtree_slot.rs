@@ -41,22 +41,17 @@ impl<'a> SubtreeSlot<'a> {
         self.depth + halvings(self.order.len()) + halvings(largest) < MAX_HEIGHT
     }
 
-    /// Makes the root the leaf of the only primitive; gives its bounds.
+    /// Makes the root the leaf of the only primitive.
     #[inline]
-    pub(crate) fn leaf(self, prim: &PrimRef) -> Bounds {
+    pub(crate) fn leaf(self, prim: &PrimRef) {
         self.order[0] = prim.number();
         *self.root = Node::leaf(prim.bounds().aabb(), self.first_slot, 1);
-        prim.bounds()
     }
 
     /// Makes the root an inner node over two subtrees: the left one over the first `n` slots, the
-    /// right one over the rest. `both` builds them in any order or at once and gives their bounds.
+    /// right one over the rest. `both` builds them in any order or at once.
     #[inline]
-    pub(crate) fn fork(
-        self,
-        n: usize,
-        both: impl FnOnce(SubtreeSlot<'_>, SubtreeSlot<'_>) -> (Bounds, Bounds),
-    ) -> Bounds {
+    pub(crate) fn fork(self, n: usize, both: impl FnOnce(SubtreeSlot<'_>, SubtreeSlot<'_>) -> ((), ())) {
         let (pair, below) = self.below.split_at_mut(2);
         let [left_root, right_root] = pair else { unreachable!("split off as two") };
         let (left_below, right_below) = below.split_at_mut(2 * (n - 1));
@@ -78,13 +73,12 @@ impl<'a> SubtreeSlot<'a> {
             first_slot: first_slot + n as u32,
             depth,
         };
-        let (l, r) = both(left, right);
+        both(left, right);
         *self.root = Node::parent(&pair[0], &pair[1], first_node);
-        l.union(r)
     }
 
-    /// Halves the primitives down to the leaves, in the order given; gives their bounds.
-    pub(crate) fn halve(self, prims: &[PrimRef]) -> Bounds {
+    /// Halves the primitives down to the leaves, in the order given.
+    pub(crate) fn halve(self, prims: &[PrimRef]) {
         match prims {
             [prim] => self.leaf(prim),
             _ => {

@@ -11,10 +11,10 @@ use crate::subtree_slot::SubtreeSlot;
 // Half and double: docs/TUNING.md.
 const GRAIN: usize = 4096;
 
-/// Builds the tree over `prims`, which have boxes and numbers below `count`; gives its bounds.
-pub(crate) fn build(prims: &[PrimRef], count: usize, parallel: bool, slot: SubtreeSlot) -> Bounds {
+/// Builds the tree over `prims`, which have boxes and numbers below `count`.
+pub(crate) fn build(prims: &[PrimRef], count: usize, parallel: bool, slot: SubtreeSlot) {
     let sweep = Sweep { parallel, is_left: (0..count).map(|_| AtomicBool::new(false)).collect() };
-    sweep.build(prims, slot)
+    sweep.build(prims, slot);
 }
 
 struct Sweep {
@@ -43,12 +43,12 @@ impl<'a> Lists<'a> {
 }
 
 impl Sweep {
-    fn build(&self, prims: &[PrimRef], slot: SubtreeSlot) -> Bounds {
+    fn build(&self, prims: &[PrimRef], slot: SubtreeSlot) {
         let mut sorted = [0, 1, 2].map(|axis| self.sort(prims, axis));
         let mut spare = prims.to_vec();
         let mut costs = vec![0.0; spare.len()];
         let sorted = sorted.each_mut().map(Vec::as_mut_slice);
-        self.grow(Lists { sorted, spare: &mut spare, costs: &mut costs }, slot)
+        self.grow(Lists { sorted, spare: &mut spare, costs: &mut costs }, slot);
     }
 
     /// The primitives by their centres on an axis; ties by number.
@@ -68,7 +68,7 @@ impl Sweep {
         keys.into_iter().map(|key| prims[key as u32 as usize]).collect()
     }
 
-    fn grow(&self, mut lists: Lists, slot: SubtreeSlot) -> Bounds {
+    fn grow(&self, mut lists: Lists, slot: SubtreeSlot) {
         let n = lists.costs.len();
         if n == 1 {
             return slot.leaf(&lists.sorted[0][0]);

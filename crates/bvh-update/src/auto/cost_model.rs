@@ -99,9 +99,9 @@ impl QueryCost {
 
     /// What one frame costs beside the queries, and what they lose, if a new tree is built in each.
     pub(super) fn rebuild_every_frame(self, primitives: f64) -> f64 {
-        let lost = |builder| if builder == Builder::Lbvh { self.lost_to_fast_build() } else { 0.0 };
         let builder = self.builder(primitives, 1);
-        rebuild(builder, primitives) + lost(builder)
+        let lost = if builder == Builder::Lbvh { self.lost_to_fast_build() } else { 0.0 };
+        rebuild(builder, primitives) + lost
     }
 
     /// The builder for a tree that will serve for `frames`: the fast one where the good one does not pay.
