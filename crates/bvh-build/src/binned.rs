@@ -140,7 +140,7 @@ impl<L: Leaves> Binned<'_, L> {
             } else {
                 (self.grow(l, spare_l, slot_l, bins), self.grow(r, spare_r, slot_r, bins))
             }
-        })
+        });
     }
 
     /// Bins, splits and partitions part by part, on all threads if there are several. Gives the

@@ -259,20 +259,20 @@ pub fn rebuild<P: Primitives + ?Sized>(
         let boxed = prims.len();
         let mut build = |slot: SubtreeSlot<'_>| match builder {
             Builder::Sweep | Builder::HillClimbed | Builder::Annealed | Builder::Reinserted => {
-                sweep::build(prims, n, threads > 1, slot)
+                sweep::build(prims, n, threads > 1, slot);
             }
             Builder::Binned | Builder::BinnedParallel => {
-                binned::build(prims, (spare, bins), &OnePrimitive, options.bins, threads, slot)
+                binned::build(prims, (spare, bins), &OnePrimitive, options.bins, threads, slot);
             }
             Builder::Lbvh => with_keys!(codes.sort(prims, &centers, threads), keys => {
-                morton::grow(keys, prims, threads > 1, slot)
+                morton::grow(keys, prims, threads > 1, slot);
             }),
             Builder::Hlbvh => with_keys!(codes.sort(prims, &centers, threads), keys => {
-                hlbvh::build(prims, keys, (clusters, spare, bins), options.bins, threads, slot)
+                hlbvh::build(prims, keys, (clusters, spare, bins), options.bins, threads, slot);
             }),
             Builder::Ploc => {
                 let sorted = codes.sort(prims, &centers, threads);
-                ploc::build(prims, &sorted, options.search_radius, ploc, threads, slot)
+                ploc::build(prims, &sorted, options.search_radius, ploc, threads, slot);
             }
         };
         let slot = SubtreeSlot::new(nodes, order);

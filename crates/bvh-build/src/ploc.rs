@@ -272,7 +272,7 @@ impl Tree<'_> {
                 let left_size = self.merger(left).map_or(1, |merger| merger.size as usize);
                 slot.fork(left_size, |slot_l, slot_r| {
                     rayon::join(|| self.grow(left, true, slot_l), || self.grow(right, true, slot_r))
-                })
+                });
             }
             _ => {
                 let depth = slot.depth;

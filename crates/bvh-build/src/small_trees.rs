@@ -23,14 +23,14 @@ pub(crate) fn grow(prims: &[PrimRef], slot: SubtreeSlot) {
             } else {
                 [b, c, a]
             };
-            slot.fork(2, |l, r| (pair(a, b, l), r.leaf(c)))
+            slot.fork(2, |l, r| (pair(a, b, l), r.leaf(c)));
         }
         [a, b, c, d] => {
             let (even, [a, b, c, d]) = best_of_four([a, b, c, d]);
             if even {
-                slot.fork(2, |l, r| (pair(a, b, l), pair(c, d, r)))
+                slot.fork(2, |l, r| (pair(a, b, l), pair(c, d, r)));
             } else {
-                slot.fork(3, |l, r| (l.fork(2, |l, r| (pair(a, b, l), r.leaf(c))), r.leaf(d)))
+                slot.fork(3, |l, r| (l.fork(2, |l, r| (pair(a, b, l), r.leaf(c))), r.leaf(d)));
             }
         }
         _ => slot.halve(prims),

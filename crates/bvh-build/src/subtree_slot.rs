@@ -83,7 +83,7 @@ impl<'a> SubtreeSlot<'a> {
             [prim] => self.leaf(prim),
             _ => {
                 let n = prims.len() / 2;
-                self.fork(n, |l, r| (l.halve(&prims[..n]), r.halve(&prims[n..])))
+                self.fork(n, |l, r| (l.halve(&prims[..n]), r.halve(&prims[n..])));
             }
         }
     }

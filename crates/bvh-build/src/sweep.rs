@@ -85,7 +85,7 @@ impl Sweep {
             } else {
                 (self.grow(l, slot_l), self.grow(r, slot_r))
             }
-        })
+        });
     }
 
     /// Brings the first `left` primitives of one axis' list to the front of the others', keeping
