@@ -254,7 +254,7 @@ impl Bvh {
     /// the tree becomes empty. O(n) time and temporary memory.
     #[doc(hidden)]
     pub fn recompute_metadata(&mut self) {
-        let Ok(inner) = self.check_structure() else {
+        let Ok((inner, _)) = self.check_structure() else {
             *self = Self::default();
             return;
         };

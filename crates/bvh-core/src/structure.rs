@@ -50,9 +50,7 @@ impl Bvh {
             node.clear_leaf_height();
             node.set_aabb(node.aabb().sanitized());
         }
-        let inner = self.check_structure()?;
-        let mut used = vec![false; self.pairs.len()];
-        inner.iter().for_each(|&n| used[self.nodes()[n as usize].first() / 2] = true);
+        let (inner, used) = self.check_structure()?;
         self.pairs[0].0[1] = Node::NOTHING;
         // An unused pair must not look like part of a subtree.
         let unused = self.pairs.iter_mut().zip(used).skip(1).filter(|(_, used)| !used);
@@ -78,14 +76,15 @@ impl Bvh {
         Ok(())
     }
 
-    /// Checks links and slots by a walk; gives the inner nodes, parents before children.
-    pub(crate) fn check_structure(&self) -> Result<Vec<u32>, Malformed> {
+    /// Checks links and slots by a walk; gives the inner nodes, parents before children, and whether each
+    /// pair is in use.
+    pub(crate) fn check_structure(&self) -> Result<(Vec<u32>, Vec<bool>), Malformed> {
         let nodes = self.nodes();
         if nodes.is_empty() {
             return Err(Malformed::NodeCount(0));
         }
         let mut covered = vec![false; self.order.len()];
-        let mut reached = vec![false; self.pairs.len()];
+        let mut used = vec![false; self.pairs.len()];
         let mut inner = Vec::with_capacity(self.pairs.len());
         let mut todo = vec![(0u32, 0)];
         while let Some((n, depth)) = todo.pop() {
@@ -106,7 +105,7 @@ impl Bvh {
             if child == 0 || !child.is_multiple_of(2) || child >= nodes.len() {
                 return Err(Malformed::ChildOutOfRange { node: n, child });
             }
-            if std::mem::replace(&mut reached[child / 2], true) {
+            if std::mem::replace(&mut used[child / 2], true) {
                 return Err(Malformed::SharedChild(child));
             }
             inner.push(n as u32);
@@ -114,7 +113,7 @@ impl Bvh {
             todo.extend([(child as u32 + 1, depth + 1), (child as u32, depth + 1)]);
         }
         match covered.iter().filter(|&&c| !c).count() {
-            0 => Ok(inner),
+            0 => Ok((inner, used)),
             n => Err(Malformed::UncoveredSlots(n)),
         }
     }

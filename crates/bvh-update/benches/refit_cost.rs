@@ -13,9 +13,9 @@ use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 use std::time::Instant;
 
-use bvh_build::{BuildOptions, Builder, build_with};
+use bvh_build::{Builder, build};
 use bvh_core::{SimdLevel, Triangles, Vec3};
-use bvh_update::{BlockCost, Rotate, Strategy, Updater};
+use bvh_update::{BlockCost, Rotate, Strategy, Updater, refit_and_rotate};
 
 /// A sheet of triangles of which some parts move.
 struct Scene {
@@ -118,11 +118,8 @@ fn measure(scene: &Scene, strategy: &Strategy, level: SimdLevel, with_sums: bool
     let count = indices.len() as f64;
     let start = scene.positions(0.0);
     let triangles = Triangles { positions: &start, indices: &indices };
-    let options = BuildOptions::default();
-    let mut bvh = build_with(&triangles, Builder::BinnedParallel, &options).expect("few enough");
-    if scene.name == "sixteenth" {
-        bvh.set_dynamic(|p| indices[p].iter().any(|&v| scene.moves(v as usize)));
-    }
+    let mut bvh = build(&triangles, Builder::BinnedParallel).expect("few enough");
+    bvh.set_dynamic(|p| indices[p].iter().any(|&v| scene.moves(v as usize)));
     let map = bvh.reorder_primitives();
     let indices: Vec<_> = map.into_iter().map(|p| indices[p as usize]).collect();
     let mut updater = Updater::with_level(Strategy::default(), level);
@@ -130,10 +127,7 @@ fn measure(scene: &Scene, strategy: &Strategy, level: SimdLevel, with_sums: bool
     if out_of_order {
         // One pass of rotations, so that refits take the way of blocks.
         let triangles = Triangles { positions: &start, indices: &indices };
-        updater
-            .set_strategy(Strategy::RefitRotate(Rotate::default()))
-            .update(&mut bvh, &triangles)
-            .expect("same");
+        refit_and_rotate(&mut bvh, &triangles).expect("same count");
     }
     // Other programs interrupt blocks: of several frames the one that took least is the least disturbed.
     let frames = if count > 5e6 { 5 } else { 30 };

@@ -4,7 +4,7 @@
 
 use std::time::Instant;
 
-use bvh_build::{BuildOptions, Builder, build_with};
+use bvh_build::{Builder, build};
 use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
 use bvh_update::{Leaves, PartialRebuild, Rotate, Strategy, Updater};
 
@@ -39,8 +39,7 @@ fn main() {
         let indices: Vec<_> = (0..n).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         let frames: Vec<_> = (0..FRAMES).map(|frame| positions(n, 0.1 * frame as f32)).collect();
         let triangles = |frame: usize| Triangles { positions: &frames[frame], indices: &indices };
-        let build =
-            |builder| build_with(&triangles(0), builder, &BuildOptions::default()).expect("few enough");
+        let build = |builder| build(&triangles(0), builder).expect("few enough");
         for builder in Builder::PER_FRAME {
             let runs: [(f64, Bvh); REPEATS] = std::array::from_fn(|_| timed(|| build(builder)));
             let least = runs.iter().map(|run| run.0).fold(f64::INFINITY, f64::min);
