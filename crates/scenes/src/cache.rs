@@ -8,6 +8,7 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -15,11 +16,10 @@ use crate::{Effects, Measure, SceneOptions, SimulationStats};
 
 const SOURCE_HASH: &str = env!("SCENES_SOURCE_HASH");
 
-/// What a simulation leaves behind: arrays of its own layout, and its errors.
+/// What a simulation leaves behind: what its scene plays back, and its errors.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Record {
-    pub(crate) floats: Vec<Vec<f32>>,
-    pub(crate) ints: Vec<Vec<u32>>,
+pub(crate) struct Record<T> {
+    pub(crate) data: T,
     pub(crate) measures: Vec<Measure>,
     pub(crate) stats: SimulationStats,
 }
@@ -29,11 +29,11 @@ pub(crate) struct Record {
 ///
 /// `parameters` names the scene and every option that `simulate` depends on, but for the effects left
 /// out.
-pub(crate) fn recorded(
+pub(crate) fn recorded<T: Serialize + DeserializeOwned>(
     parameters: &str,
     options: &SceneOptions<'_>,
-    simulate: impl FnOnce() -> Record,
-) -> (Record, Vec<String>) {
+    simulate: impl FnOnce() -> Record<T>,
+) -> (Record<T>, Vec<String>) {
     let without = Effects { motion: options.without, ..Effects::default() };
     let parameters = &format!("{parameters} without {without}");
     if let Some(record) = options.record.and_then(|bytes| decode(bytes, parameters)) {
@@ -70,18 +70,18 @@ fn write_whole(dir: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
     Ok(())
 }
 
-fn encode(record: &Record, parameters: &str) -> Result<Vec<u8>, postcard::Error> {
+fn encode<T: Serialize>(record: &Record<T>, parameters: &str) -> Result<Vec<u8>, postcard::Error> {
     let mut bytes = postcard::to_stdvec(&(SOURCE_HASH, parameters, record))?;
     bytes.extend(xxh3_64(&bytes).to_le_bytes());
     Ok(bytes)
 }
 
-fn decode(bytes: &[u8], parameters: &str) -> Option<Record> {
+fn decode<T: DeserializeOwned>(bytes: &[u8], parameters: &str) -> Option<Record<T>> {
     let (rest, checksum) = bytes.split_last_chunk::<8>()?;
     if xxh3_64(rest) != u64::from_le_bytes(*checksum) {
         return None;
     }
-    let (source, made_with, record): (&str, &str, Record) = postcard::from_bytes(rest).ok()?;
+    let (source, made_with, record): (&str, &str, Record<T>) = postcard::from_bytes(rest).ok()?;
     (source == SOURCE_HASH && made_with == parameters).then_some(record)
 }
 
@@ -91,10 +91,11 @@ mod tests {
 
     use super::*;
 
-    fn sample() -> Record {
+    type Data = (Vec<f32>, Vec<u32>);
+
+    fn sample() -> Record<Data> {
         Record {
-            floats: vec![vec![1.0, -2.5], vec![]],
-            ints: vec![vec![7; 100]],
+            data: (vec![1.0, -2.5], vec![7; 100]),
             measures: vec![Measure { name: "drift".to_owned(), value: 1e-3 }],
             stats: SimulationStats { gravity: 7, ..SimulationStats::default() },
         }
@@ -104,12 +105,12 @@ mod tests {
     fn decode_gives_back_what_was_encoded_and_rejects_every_damage() {
         let bytes = encode(&sample(), "test 1").unwrap();
         assert_eq!(decode(&bytes, "test 1"), Some(sample()));
-        assert_eq!(decode(&bytes, "test 2"), None, "other parameters");
+        assert_eq!(decode::<Data>(&bytes, "test 2"), None, "other parameters");
         for at in 0..bytes.len() {
             let mut damaged = bytes.clone();
             damaged[at] ^= 0x10;
-            assert_eq!(decode(&damaged, "test 1"), None, "byte {at} flipped");
-            assert_eq!(decode(&bytes[..at], "test 1"), None, "cut at {at}");
+            assert_eq!(decode::<Data>(&damaged, "test 1"), None, "byte {at} flipped");
+            assert_eq!(decode::<Data>(&bytes[..at], "test 1"), None, "cut at {at}");
         }
     }
 
@@ -144,7 +145,7 @@ mod tests {
         let bytes = encode(&sample(), "test 1 without none").unwrap();
         let options = SceneOptions { record: Some(&bytes), ..SceneOptions::default() };
         assert_eq!(recorded("test 1", &options, Record::default), (sample(), Vec::new()));
-        assert_eq!(recorded("test 2", &options, Record::default), (Record::default(), Vec::new()));
+        assert_eq!(recorded("test 2", &options, Record::<Data>::default), (Record::default(), Vec::new()));
     }
 
     #[test]

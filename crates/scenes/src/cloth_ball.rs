@@ -42,10 +42,9 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let (keys, substeps) = (options.key_frames.unwrap_or(FRAMES), options.substeps.unwrap_or(SUBSTEPS));
     let side = ((SIDE as f32 * options.detail.unwrap_or(1.0).sqrt()).round() as usize).max(4);
     let parameters = format!("cloth-ball seed {} keys {keys} substeps {substeps} side {side}", options.seed);
-    let (Record { floats, measures, stats, .. }, notes) =
+    let (Record { data, measures, stats }, notes) =
         recorded(&parameters, options, || simulate(side, keys, substeps, options));
-    let frames: Vec<Vec<Vec3>> =
-        floats.into_iter().map(|x| x.as_chunks::<3>().0.iter().copied().map(Vec3::from).collect()).collect();
+    let frames = data.into_iter().map(bytemuck::cast_vec).collect();
 
     let moving = Motion { key_frames: true, ..Motion::STILL };
     let mut assembly = Assembly::default();
@@ -81,7 +80,7 @@ struct Winding {
     cloth: Cloth,
     ball: Mesh,
     substeps: usize,
-    frames: Vec<Vec<f32>>,
+    frames: Vec<Vec<[f32; 3]>>,
     /// Greatest so far of the mean and of the greatest strain.
     strain: (f64, f64),
 }
@@ -115,7 +114,7 @@ impl World for Winding {
         let turned = turn(self.angle(key * self.substeps));
         let ball = self.ball.positions.iter().map(|p| CENTER + turned * p.as_dvec3());
         let all = self.cloth.positions.iter().copied().chain(ball);
-        self.frames.push(all.flat_map(|p| p.as_vec3().to_array()).collect());
+        self.frames.push(all.map(|p| p.as_vec3().to_array()).collect());
     }
 }
 
@@ -126,7 +125,12 @@ impl Winding {
     }
 }
 
-fn simulate(side: usize, keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record {
+fn simulate(
+    side: usize,
+    keys: usize,
+    substeps: usize,
+    options: &SceneOptions<'_>,
+) -> Record<Vec<Vec<[f32; 3]>>> {
     let spacing = CLOTH / side as f64;
     let dt = SECONDS / ((keys - 1) * substeps) as f64;
     let positions = flat(side, options.seed).positions.iter().map(|p| p.as_dvec3()).collect();
@@ -139,7 +143,7 @@ fn simulate(side: usize, keys: usize, substeps: usize, options: &SceneOptions<'_
         Measure { name: "edge stretch, root mean square".to_owned(), value: mean },
         Measure { name: "edge stretch, greatest".to_owned(), value: most },
     ];
-    Record { floats: world.frames, measures, stats, ..Record::default() }
+    Record { data: world.frames, measures, stats }
 }
 
 /// How far the ball has turned, in radians.

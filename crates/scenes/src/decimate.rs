@@ -3,9 +3,9 @@
 //! scans.
 
 use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use std::collections::{BinaryHeap, HashMap};
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 use crate::shape::Mesh;
 
@@ -212,17 +212,14 @@ impl Simplifier {
 
     /// The triangles left, with vertices renumbered in order of first use.
     fn finish(self) -> Mesh {
-        let mut number = vec![u32::MAX; self.positions.len()];
+        let mut numbers = HashMap::new();
         let mut mesh = Mesh::default();
         for (triangle, _) in self.triangles.iter().zip(&self.dead).filter(|(_, dead)| !**dead) {
             mesh.triangles.push(triangle.map(|v| {
-                let slot = &mut number[v as usize];
-                if *slot == u32::MAX {
-                    *slot = mesh.positions.len() as u32;
-                    let p: Vec3 = self.positions[v as usize].as_vec3();
-                    mesh.positions.push(p);
-                }
-                *slot
+                *numbers.entry(v).or_insert_with(|| {
+                    mesh.positions.push(self.positions[v as usize].as_vec3());
+                    mesh.positions.len() as u32 - 1
+                })
             }));
         }
         mesh
@@ -231,7 +228,7 @@ impl Simplifier {
 
 #[cfg(test)]
 mod tests {
-    use glam::vec3;
+    use glam::{Vec3, vec3};
 
     use super::*;
     use crate::{dragon, meshing};

@@ -3,8 +3,9 @@
 use anim::{KeyFrames, LoopMode};
 use glam::{Vec3, vec3};
 
+use crate::rigid::Key;
 use crate::statue::{EFFECTS, Statue};
-use crate::{Scene, SceneError, SceneInfo, SceneOptions, dragon, rigid};
+use crate::{Scene, SceneError, SceneInfo, SceneOptions, dragon};
 
 const FRAMES: usize = 96;
 
@@ -15,7 +16,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     frames: FRAMES,
     effects: EFFECTS,
     // 2359 bodies.
-    key_bytes: FRAMES * 2359 * rigid::WORDS * size_of::<f32>(),
+    key_bytes: FRAMES * 2359 * size_of::<Key>(),
 };
 
 pub(crate) static DRAGON: Statue = Statue {

@@ -81,16 +81,11 @@ pub(crate) fn scene(clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Sc
     let trees = (TREES as f32 * options.detail.unwrap_or(1.0)).ceil() as usize;
     let parameters = format!("fairy-forest seed {} trees {trees}", options.seed);
     let (record, notes) = recorded(&parameters, options, || Record {
-        ints: vec![words(&with_trees(trees, options.seed))],
+        data: with_trees(trees, options.seed),
         ..Record::default()
     });
-    let bytes: Vec<u8> = record.ints.iter().flatten().flat_map(|word| word.to_le_bytes()).collect();
-    let animation = anim::parse_gltf(Path::new("fairy-forest.glb"), &bytes, clip)?;
+    let animation = anim::parse_gltf(Path::new("fairy-forest.glb"), &record.data, clip)?;
     Ok(Scene { notes, ..Scene::new(&INFO, animation, (EYE, TARGET), FOV_Y, LIGHT) })
-}
-
-fn words(bytes: &[u8]) -> Vec<u32> {
-    bytes.as_chunks::<4>().0.iter().map(|&word| u32::from_le_bytes(word)).collect()
 }
 
 fn show(glb: &mut Glb, name: &str, mesh: &Mesh, color: [f32; 3]) {

@@ -1,7 +1,7 @@
 //! Cutting a surface into connected patches, and making each a closed shard of even thickness.
 
 use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use std::collections::{BinaryHeap, HashMap};
 
 use anim::vertex_normals;
 use glam::Vec3;
@@ -67,35 +67,27 @@ pub(crate) fn patches(
 
 /// Leaves out numbers of patches that got no triangle (two seeds on one).
 fn renumber(mut patch: Vec<u32>) -> (Vec<u32>, usize) {
-    let mut number = vec![u32::MAX; patch.iter().max().map_or(0, |&m| m as usize + 1)];
-    let mut next = 0;
+    let mut numbers = HashMap::new();
     for p in &mut patch {
-        let slot = &mut number[*p as usize];
-        if *slot == u32::MAX {
-            *slot = next;
-            next += 1;
-        }
-        *p = *slot;
+        let next = numbers.len() as u32;
+        *p = *numbers.entry(*p).or_insert(next);
     }
-    (patch, next as usize)
+    (patch, numbers.len())
 }
 
 /// For each triangle the triangles across its edges (0-1, 1-2, 2-0); `u32::MAX` where there is
 /// none.
 fn neighbours_across_edges(mesh: &Mesh) -> Vec<[u32; 3]> {
-    let mut edges: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * mesh.triangles.len());
+    let mut sides = HashMap::with_capacity(3 * mesh.triangles.len() / 2);
+    let mut across = vec![[u32::MAX; 3]; mesh.triangles.len()];
     for (t, triangle) in mesh.triangles.iter().enumerate() {
         for k in 0..3 {
             let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
-            edges.push((a.min(b), a.max(b), (3 * t + k) as u32));
+            if let Some((other, side)) = sides.insert((a.min(b), a.max(b)), (t, k)) {
+                across[t][k] = other as u32;
+                across[other][side] = t as u32;
+            }
         }
-    }
-    edges.sort_unstable();
-    let mut across = vec![[u32::MAX; 3]; mesh.triangles.len()];
-    for pair in edges.windows(2).filter(|e| (e[0].0, e[0].1) == (e[1].0, e[1].1)) {
-        let [x, y] = [pair[0].2, pair[1].2];
-        across[x as usize / 3][x as usize % 3] = y / 3;
-        across[y as usize / 3][y as usize % 3] = x / 3;
     }
     across
 }
@@ -128,17 +120,13 @@ pub(crate) fn shards(
     for (t, &p) in patch.iter().enumerate() {
         by_patch[p as usize].push(t as u32);
     }
-    let mut number = vec![u32::MAX; mesh.positions.len()];
-    let mut rim_number = number.clone();
     let shard = |triangles: &Vec<u32>| {
-        let mut used = Vec::new();
+        let (mut used, mut numbers) = (Vec::new(), HashMap::new());
         let mut local = |v: u32| {
-            let slot = &mut number[v as usize];
-            if *slot == u32::MAX {
-                *slot = used.len() as u32;
+            *numbers.entry(v).or_insert_with(|| {
                 used.push(v);
-            }
-            *slot
+                used.len() as u32 - 1
+            })
         };
         let outer: Vec<[u32; 3]> =
             triangles.iter().map(|&t| mesh.triangles[t as usize].map(&mut local)).collect();
@@ -147,18 +135,17 @@ pub(crate) fn shards(
         shard.positions.extend(used.iter().map(|&v| mesh.positions[v as usize]));
         shard.positions.extend(used.iter().map(|&v| inner[v as usize]));
         shard.triangles.extend(outer.iter().map(|&[a, b, c]| [a + layer, c + layer, b + layer]));
+        let mut rim = HashMap::new();
         for (&t, corner) in triangles.iter().zip(&outer) {
             for k in 0..3 {
                 let next = across[t as usize][k];
                 if next == u32::MAX || patch[next as usize] != patch[t as usize] {
                     let [a, b] = [corner[k], corner[(k + 1) % 3]].map(|c| {
-                        let slot = &mut rim_number[used[c as usize] as usize];
-                        if *slot == u32::MAX {
-                            *slot = shard.positions.len() as u32;
+                        *rim.entry(c).or_insert_with(|| {
                             let pair = [c, c + layer].map(|c| shard.positions[c as usize]);
                             shard.positions.extend(pair);
-                        }
-                        *slot
+                            shard.positions.len() as u32 - 2
+                        })
                     });
                     shard.triangles.extend([[a, a + 1, b], [b, a + 1, b + 1]]);
                 }
@@ -167,10 +154,6 @@ pub(crate) fn shards(
         shard.triangles.extend(outer);
         let mut weld: Vec<u32> = used.iter().map(|v| 2 * v).chain(used.iter().map(|v| 2 * v + 1)).collect();
         weld.resize(shard.positions.len(), ALONE);
-        for v in used {
-            number[v as usize] = u32::MAX;
-            rim_number[v as usize] = u32::MAX;
-        }
         Shard { mesh: shard, weld }
     };
     by_patch.iter().map(shard).collect()

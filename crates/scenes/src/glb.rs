@@ -176,7 +176,7 @@ impl Glb {
         self.set("nodes", node, "extensions", json!({"KHR_lights_punctual": {"light": light}}));
     }
 
-    /// The bytes of the .glb file, whose number is a multiple of four.
+    /// The bytes of the .glb file.
     pub(crate) fn finish(mut self) -> Vec<u8> {
         let nodes = 0..self.parents.len();
         let children_of = |parent: Option<usize>| -> Vec<usize> {

@@ -2,8 +2,9 @@
 
 use glam::{Vec3, vec3};
 
+use crate::rigid::Key;
 use crate::statue::{EFFECTS, Statue};
-use crate::{SceneInfo, lion_solid, rigid};
+use crate::{SceneInfo, lion_solid};
 
 const FRAMES: usize = 120;
 
@@ -14,7 +15,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     frames: FRAMES,
     effects: EFFECTS,
     // 8427 bodies.
-    key_bytes: FRAMES * 8427 * rigid::WORDS * size_of::<f32>(),
+    key_bytes: FRAMES * 8427 * size_of::<Key>(),
 };
 
 pub(crate) static LION: Statue = Statue {

@@ -4,10 +4,10 @@
 use std::f32::consts::FRAC_PI_2;
 
 use anim::Motion;
-use glam::{DQuat, DVec3, Vec3};
+use glam::{DVec3, Quat, Vec3};
 
 use crate::cache::{Record, recorded};
-use crate::rigid::{self, Placement, RigidBodies};
+use crate::rigid::{Key, RigidBodies};
 use crate::shape::{Assembly, sphere, turned};
 use crate::simulation::{self, Run};
 use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
@@ -45,7 +45,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
         motion: MotionEffects { rigid: true, ..simulation::effects::<World>() },
         light: LightEffects::SHADOWS,
     },
-    key_bytes: FRAMES * BALLS * rigid::WORDS * size_of::<f32>(),
+    key_bytes: FRAMES * BALLS * size_of::<Key>(),
 };
 
 struct Ball {
@@ -59,8 +59,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let (keys, substeps) = (options.key_frames.unwrap_or(FRAMES), options.substeps.unwrap_or(SUBSTEPS));
     let parameters = format!("n-body span {SPAN} seed {} keys {keys} substeps {substeps}", options.seed);
     let (record, notes) = recorded(&parameters, options, || simulate(keys, substeps, options));
-    let Record { mut floats, measures, stats, .. } = record;
-    let keys = floats.pop().unwrap_or_default();
+    let Record { data: (radii, keys), measures, stats } = record;
 
     let mut assembly = Assembly::default();
     let colors = [[0.85, 0.3, 0.2], [0.9, 0.7, 0.25], [0.25, 0.5, 0.8], [0.35, 0.7, 0.4], [0.85, 0.85, 0.8]]
@@ -68,7 +67,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let stone = assembly.material([0.55, 0.55, 0.6]);
     let moving = Motion { rigid: true, ..Motion::STILL };
     let steps = (16.0 * options.detail.unwrap_or(1.0).sqrt()).round().max(4.0) as usize;
-    for (&radius, &color) in floats.iter().flatten().zip(colors.iter().cycle()) {
+    for (&radius, &color) in radii.iter().zip(colors.iter().cycle()) {
         assembly.part("ball", &sphere(radius, steps, steps), moving, color);
     }
     for (x, z, radius, height) in PILLARS {
@@ -137,7 +136,7 @@ struct World {
     /// Energy at first, and what its drift is measured by.
     first: (f64, f64),
     drift: f64,
-    placed: Vec<f32>,
+    keys: Vec<Key>,
 }
 
 impl simulation::World for World {
@@ -155,11 +154,9 @@ impl simulation::World for World {
     ];
 
     fn record(&mut self, _: usize) {
-        for ball in &self.balls {
-            // Frictionless balls never begin to spin.
-            let position = ball.position.as_vec3();
-            rigid::record(&mut self.placed, &Placement { position, rotation: DQuat::IDENTITY });
-        }
+        // Frictionless balls never begin to spin.
+        let key = |ball: &Ball| (ball.position.as_vec3().to_array(), Quat::IDENTITY.to_array());
+        self.keys.extend(self.balls.iter().map(key));
         let (first, scale) = self.first;
         self.drift = self.drift.max(((self.potential + kinetic(&self.balls) - first) / scale).abs());
     }
@@ -175,17 +172,17 @@ impl World {
     }
 }
 
-fn simulate(keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record {
+fn simulate(keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record<(Vec<f32>, Vec<Key>)> {
     let balls = first_balls(options.seed);
     let mut force = vec![DVec3::ZERO; BALLS];
     let potential = gravity(&balls, &mut force);
     let first = (potential + kinetic(&balls), kinetic(&balls) + potential.abs());
     let dt = SPAN / ((keys - 1) * substeps) as f64;
-    let mut world = World { balls, force, dt, potential, first, drift: 0.0, placed: Vec::new() };
+    let mut world = World { balls, force, dt, potential, first, drift: 0.0, keys: Vec::new() };
     let stats = simulation::simulate(&mut world, keys, substeps, options);
     let radii = world.balls.iter().map(|b| b.radius as f32).collect();
     let measures = vec![Measure { name: "energy drift".to_owned(), value: world.drift }];
-    Record { floats: vec![radii, world.placed], measures, stats, ..Record::default() }
+    Record { data: (radii, world.keys), measures, stats }
 }
 
 fn kinetic(balls: &[Ball]) -> f64 {

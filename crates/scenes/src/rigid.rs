@@ -20,6 +20,15 @@ pub(crate) struct Placement {
 }
 
 impl Placement {
+    /// As it is recorded.
+    pub(crate) fn key(&self) -> Key {
+        (self.position.to_array(), self.rotation.as_quat().to_array())
+    }
+
+    fn of(&(position, rotation): &Key) -> Self {
+        Self { position: position.into(), rotation: Quat::from_array(rotation).as_dquat() }
+    }
+
     /// A direction of the body, in the world.
     pub(crate) fn turned(&self, direction: Vec3) -> Vec3 {
         rotated(self.rotation, direction)
@@ -57,14 +66,8 @@ pub(crate) fn rotation(axis: Vec3, angle: f32) -> DQuat {
     DQuat::from_vec4((axis.as_dvec3() * sin).extend(cos))
 }
 
-/// Number of floats of a [`Placement`] in a record.
-pub(crate) const WORDS: usize = 7;
-
-/// Appends a placement to a recorded array.
-pub(crate) fn record(out: &mut Vec<f32>, placement: &Placement) {
-    out.extend(placement.position.to_array());
-    out.extend(placement.rotation.as_quat().to_array());
-}
+/// A [`Placement`] as it is recorded: position and rotation.
+pub(crate) type Key = ([f32; 3], [f32; 4]);
 
 /// Vertices numbered per body, bodies placed per key frame.
 pub(crate) struct RigidBodies {
@@ -76,14 +79,14 @@ pub(crate) struct RigidBodies {
     /// Body of each vertex that moves; the still vertices come after them.
     body: Vec<u32>,
     bodies: usize,
-    /// Recorded placements, `bodies` for each key frame.
-    pub(crate) keys: Vec<f32>,
+    /// `bodies` for each key frame.
+    pub(crate) keys: Vec<Key>,
     seconds: f64,
 }
 
 impl RigidBodies {
     /// The moving parts of `assembly`, which come before the still ones, a body each.
-    pub(crate) fn new(assembly: Assembly, normals: Vec<Vec3>, keys: Vec<f32>, seconds: f64) -> Self {
+    pub(crate) fn new(assembly: Assembly, normals: Vec<Vec3>, keys: Vec<Key>, seconds: f64) -> Self {
         let Assembly { topology, positions: local } = assembly;
         let moving = topology.parts.iter().filter(|part| part.motion.rigid);
         let bodies = moving.clone().count();
@@ -91,21 +94,12 @@ impl RigidBodies {
         Self { topology, local, normals, body, bodies, keys, seconds }
     }
 
-    fn key_count(&self) -> usize {
-        self.keys.len() / (WORDS * self.bodies)
-    }
-
-    fn key(&self, frame: usize, body: usize) -> Placement {
-        let at = (frame * self.bodies + body) * WORDS;
-        let k = &self.keys[at..at + WORDS];
-        Placement { position: Vec3::from_slice(&k[..3]), rotation: Quat::from_slice(&k[3..]).as_dquat() }
-    }
-
     /// Where each body is.
     fn placements(&self, time: f64) -> Vec<Placement> {
-        let (frame, s) = key_at(time / self.seconds, self.key_count());
-        let next = (frame + 1).min(self.key_count() - 1);
-        (0..self.bodies).map(|b| self.key(frame, b).blend(self.key(next, b), s)).collect()
+        let (frame, s) = key_at(time / self.seconds, self.keys.len() / self.bodies);
+        let from = &self.keys[frame * self.bodies..];
+        let pairs = from.iter().zip(&from[self.bodies..]).take(self.bodies);
+        pairs.map(|(from, to)| Placement::of(from).blend(Placement::of(to), s)).collect()
     }
 
     /// Writes the vertices of all bodies and gives their number.
@@ -156,12 +150,12 @@ impl Animation for RigidBodies {
     }
 }
 
-/// The key frame at or before a fraction of the loop, and the fraction of the way to the next.
+/// The key frame at or before a fraction of the loop, but never the last, and the fraction of the way to the next.
 ///
-/// Fractions outside of 0 to 1 are clamped, NaN is 0.
-pub(crate) fn key_at(fraction: f64, keys: usize) -> (usize, f32) {
+/// Fractions outside of 0 to 1 are clamped, NaN is 0. There are at least two key frames.
+fn key_at(fraction: f64, keys: usize) -> (usize, f32) {
     let fraction = if fraction > 0.0 { fraction.min(1.0) } else { 0.0 };
     let at = fraction * (keys - 1) as f64;
-    let frame = (at as usize).min(keys.saturating_sub(2));
+    let frame = (at as usize).min(keys - 2);
     (frame, (at - frame as f64) as f32)
 }

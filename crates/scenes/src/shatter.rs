@@ -192,7 +192,6 @@ pub(crate) struct Bodies {
     pub(crate) dt: f32,
     gravity: f32,
     neighbours: Neighbours,
-    steps: usize,
 }
 
 impl Bodies {
@@ -211,7 +210,7 @@ impl Bodies {
                 .fold(2.0 * limit, f32::min);
             bodies[i].radius = 0.5 * nearest;
         }
-        Self { bodies, dt, gravity, neighbours, steps: 0 }
+        Self { bodies, dt, gravity, neighbours }
     }
 
     /// Kinetic and potential energy, the second above the ground.
@@ -240,16 +239,16 @@ impl Bodies {
         self.bodies.len()
     }
 
-    /// Resolves contacts of the bodies with one another and with the ground, and gives their number.
-    pub(crate) fn touch(&mut self) -> usize {
+    /// Resolves contacts of the bodies with one another and with the ground in the step of this number, and gives their
+    /// number.
+    pub(crate) fn touch(&mut self, step: usize) -> usize {
         let shards = self.bodies.len() - 1;
         let centers: Vec<Vec3> = self.bodies[..shards].iter().map(|b| b.at.position).collect();
-        if self.steps.is_multiple_of(SEARCH) {
+        if step.is_multiple_of(SEARCH) {
             let largest = self.bodies[..shards].iter().map(|b| b.radius).fold(0.0, f32::max);
             let bodies = &self.bodies;
             self.neighbours.search(&centers, 2.5 * largest, |i, _| bodies[i].free);
         }
-        self.steps += 1;
         let pushes: Vec<(Vec3, Vec3)> =
             (0..shards).into_par_iter().with_min_len(512).map(|i| self.pushed(i)).collect();
         for (body, &(push, shift)) in self.bodies.iter_mut().zip(&pushes) {

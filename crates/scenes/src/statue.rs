@@ -1,14 +1,17 @@
 //! A hollow statue that a falling stone breaks: from its surface to shards, their motion, and its
 //! playback.
 
+use std::collections::{BTreeSet, HashMap};
+
 use anim::{Animation, Motion, vertex_normals};
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 use crate::cache::{Record, recorded};
 use crate::decimate::decimate;
 use crate::fracture::{ALONE, Shard, patches, shards};
 use crate::implicit::Solid;
-use crate::rigid::{self, RigidBodies};
+use crate::rigid::{Key, RigidBodies};
 use crate::shape::{Assembly, Mesh};
 use crate::shatter::{Bodies, Body};
 use crate::simulation::{self, Run, World};
@@ -72,12 +75,43 @@ impl Statue {
         let dt = self.seconds as f32 / ((keys - 1) * substeps) as f32;
         let simulate = || Breaking::new(self, detail, dt, options.seed).simulate(keys, substeps, options);
         let (record, notes) = recorded(&parameters, options, simulate);
-        let stats = record.stats;
-        let (animation, measures) = playback(record, self.colors, self.ground, self.seconds);
+        let Record { data, measures, stats } = record;
+        let animation = self.playback(data);
         let key_bytes = size_of_val(&animation.keys[..]);
         let scene = Scene::new(info, animation, self.seen, 42_f32.to_radians(), self.light);
         Ok(Scene { key_bytes, measures, simulated: stats, notes, ..scene })
     }
+
+    /// A rigid part per shard, the stone, and a still square of ground.
+    fn playback(&self, Pieces { meshes, welds, keys }: Pieces) -> RigidBodies {
+        let mut assembly = Assembly::default();
+        let [statue, stone, earth] = self.colors.map(|color| assembly.material(color));
+        let moving = Motion { rigid: true, ..Motion::STILL };
+        let count = meshes.len();
+        for (i, (positions, triangles)) in meshes.into_iter().enumerate() {
+            let mesh = Mesh { positions: bytemuck::cast_vec(positions), triangles };
+            let (name, material) = if i + 1 < count { ("shard", statue) } else { ("stone", stone) };
+            assembly.part(name, &mesh, moving, material);
+        }
+        assembly.part("ground", &shape::square(self.ground, 16), Motion::STILL, earth);
+        let mut animation = RigidBodies::new(assembly, Vec::new(), keys, self.seconds);
+        animation.normals = welded_normals(&animation.topology().triangles, &animation.rest(), &welds);
+        animation
+    }
+}
+
+/// A [`Mesh`] as it is recorded: positions and triangles.
+type Arrays = (Vec<[f32; 3]>, Vec<[u32; 3]>);
+
+/// What a broken statue is played back from.
+#[derive(Serialize, Deserialize)]
+struct Pieces {
+    /// Each shard and the stone, relative to their bodies.
+    meshes: Vec<Arrays>,
+    /// Of each vertex of the shards, which others it shares its normal with; see [`Shard::weld`].
+    welds: Vec<u32>,
+    /// Those of all bodies for each key frame.
+    keys: Vec<Key>,
 }
 
 /// A statue in pieces, with the stone that breaks it behind them.
@@ -87,13 +121,14 @@ struct Breaking {
     meshes: Vec<Mesh>,
     welds: Vec<u32>,
     /// For each piece, those that touch it.
-    beside: Vec<Vec<u32>>,
+    beside: Vec<BTreeSet<usize>>,
     /// Whether each piece rests on the ground at first.
     rests: Vec<bool>,
     /// Where the stone hit first, and when each piece is to break off; `None` before it has hit.
     hit: Option<(Vec3, Vec<f32>)>,
     random: fastrand::Rng,
-    placed: Vec<f32>,
+    keys: Vec<Key>,
+    /// Greatest depth of a vertex below the ground so far.
     depth: f32,
 }
 
@@ -102,12 +137,12 @@ impl World for Breaking {
         (simulation::FRACTURE, |w, step| w.break_off(step.index)),
         (simulation::GRAVITY, |w, _| w.world.fall()),
         (simulation::DRIFT, |w, _| w.world.drift()),
-        (simulation::CONTACT, |w, _| w.world.touch()),
+        (simulation::CONTACT, |w, step| w.world.touch(step.index)),
     ];
 
     fn record(&mut self, _: usize) {
         for (body, mesh) in self.world.bodies.iter().zip(&self.meshes) {
-            rigid::record(&mut self.placed, &body.at);
+            self.keys.push(body.at.key());
             if body.is_low() {
                 let depths = mesh.positions.iter().map(|&p| -(body.at.position.y + body.at.turned(p).y));
                 self.depth = depths.fold(self.depth, f32::max);
@@ -141,18 +176,18 @@ impl Breaking {
         bodies.push(stone);
         meshes.push(mesh);
         let world = Bodies::new(bodies, GRAVITY, 4.0 * statue.thickness, dt);
-        let (placed, welds) = (Vec::new(), welds.concat());
-        Self { statue, world, meshes, welds, beside, rests, hit: None, random, placed, depth: 0.0 }
+        let (keys, welds) = (Vec::new(), welds.concat());
+        Self { statue, world, meshes, welds, beside, rests, hit: None, random, keys, depth: 0.0 }
     }
 
     /// Breaks the statue.
-    ///
-    /// The record holds positions relative to bodies and placements per key frame; then triangles
-    /// with the vertex numbers of their body, the numbers of vertices and triangles of each body,
-    /// and which vertices share a normal.
-    fn simulate(mut self, keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record {
+    fn simulate(mut self, keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record<Pieces> {
         let stats = simulation::simulate(&mut self, keys, substeps, options);
-        Record { stats, ..record(self.meshes, self.welds, self.placed, self.depth) }
+        let Self { meshes, welds, keys, depth, .. } = self;
+        let arrays = |mesh: Mesh| (bytemuck::cast_vec(mesh.positions), mesh.triangles);
+        let data = Pieces { meshes: meshes.into_iter().map(arrays).collect(), welds, keys };
+        let name = "greatest depth below the ground, a length".to_owned();
+        Record { data, measures: vec![Measure { name, value: depth.into() }], stats }
     }
 
     /// Frees the pieces whose time has come, that the stone hits, or that nothing holds up any
@@ -229,50 +264,12 @@ impl Statue {
     }
 }
 
-fn record(meshes: Vec<Mesh>, mut weld: Vec<u32>, placed: Vec<f32>, depth: f32) -> Record {
-    weld.resize(meshes.iter().map(|m| m.positions.len()).sum(), ALONE);
-    let sizes = meshes.iter().flat_map(|m| [m.positions.len() as u32, m.triangles.len() as u32]).collect();
-    let local = meshes.iter().flat_map(|m| &m.positions).flat_map(Vec3::to_array).collect();
-    let triangles = meshes.iter().flat_map(|m| &m.triangles).flatten().copied().collect();
-    let measures =
-        vec![Measure { name: "greatest depth below the ground, a length".to_owned(), value: depth.into() }];
-    Record { floats: vec![local, placed], ints: vec![triangles, sizes, weld], measures, ..Record::default() }
-}
-
-/// The animation of a record: a rigid part per shard, the stone, and a still square of ground.
-fn playback(record: Record, colors: [[f32; 3]; 3], ground: f32, seconds: f64) -> (RigidBodies, Vec<Measure>) {
-    let Record { floats, ints, measures, .. } = record;
-    let [local, keys] = <[Vec<f32>; 2]>::try_from(floats).unwrap_or_default();
-    let [triangles, sizes, weld] = <[Vec<u32>; 3]>::try_from(ints).unwrap_or_default();
-    let (mut local, mut triangles) = (local.as_chunks::<3>().0, triangles.as_chunks::<3>().0);
-    let sizes = sizes.as_chunks::<2>().0;
-    let mut assembly = Assembly::default();
-    let [statue, stone, earth] = colors.map(|color| assembly.material(color));
-    let moving = Motion { rigid: true, ..Motion::STILL };
-    for (i, &[vertices, count]) in sizes.iter().enumerate() {
-        let (l, t);
-        (l, local) = local.split_at(vertices as usize);
-        (t, triangles) = triangles.split_at(count as usize);
-        let mesh = Mesh { positions: l.iter().map(|&p| p.into()).collect(), triangles: t.to_vec() };
-        let (name, material) = if i + 1 < sizes.len() { ("shard", statue) } else { ("stone", stone) };
-        assembly.part(name, &mesh, moving, material);
-    }
-    assembly.part("ground", &shape::square(ground, 16), Motion::STILL, earth);
-    let mut animation = RigidBodies::new(assembly, Vec::new(), keys, seconds);
-    animation.normals = welded_normals(&animation.topology().triangles, &animation.rest(), &weld);
-    (animation, measures)
-}
-
 /// Normals of bodies that all stand as they were made; those of welded vertices are one.
 fn welded_normals(triangles: &[[u32; 3]], positions: &[Vec3], weld: &[u32]) -> Vec<Vec3> {
-    let mut first_of = vec![ALONE; weld.iter().filter(|&&w| w != ALONE).max().map_or(0, |&w| w as usize + 1)];
+    let mut first_of = HashMap::new();
     let mut stands_for: Vec<u32> = (0..positions.len() as u32).collect();
-    for (v, &w) in weld.iter().enumerate().filter(|&(_, &w)| w != ALONE) {
-        let first = &mut first_of[w as usize];
-        if *first == ALONE {
-            *first = v as u32;
-        }
-        stands_for[v] = *first;
+    for (v, &w) in stands_for.iter_mut().zip(weld).filter(|&(_, &w)| w != ALONE) {
+        *v = *first_of.entry(w).or_insert(*v);
     }
     let joined: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(|v| stands_for[v as usize])).collect();
     let mut normals = Vec::new();
@@ -281,33 +278,27 @@ fn welded_normals(triangles: &[[u32; 3]], positions: &[Vec3], weld: &[u32]) -> V
 }
 
 /// For each patch those that share a vertex with it.
-fn adjacent_patches(mesh: &Mesh, patch: &[u32], count: usize) -> Vec<Vec<u32>> {
-    let mut first = vec![u32::MAX; mesh.positions.len()];
-    let mut beside = vec![Vec::new(); count];
+fn adjacent_patches(mesh: &Mesh, patch: &[u32], count: usize) -> Vec<BTreeSet<usize>> {
+    let mut first_at = HashMap::new();
+    let mut beside = vec![BTreeSet::new(); count];
     for (triangle, &p) in mesh.triangles.iter().zip(patch) {
         for &v in triangle {
-            let q = &mut first[v as usize];
-            if *q == u32::MAX {
-                *q = p;
-            } else if *q != p {
-                beside[*q as usize].push(p);
-                beside[p as usize].push(*q);
+            let (p, q) = (p as usize, *first_at.entry(v).or_insert(p as usize));
+            if p != q {
+                beside[q].insert(p);
+                beside[p].insert(q);
             }
         }
-    }
-    for list in &mut beside {
-        list.sort_unstable();
-        list.dedup();
     }
     beside
 }
 
 /// Which patches are joined to one that rests on the ground by patches that are not loose.
-fn held_up(beside: &[Vec<u32>], rests: &[bool], loose: &[bool]) -> Vec<bool> {
+fn held_up(beside: &[BTreeSet<usize>], rests: &[bool], loose: &[bool]) -> Vec<bool> {
     let mut held: Vec<bool> = rests.iter().zip(loose).map(|(&rests, &loose)| rests && !loose).collect();
     let mut queue: Vec<usize> = (0..held.len()).filter(|&i| held[i]).collect();
     while let Some(i) = queue.pop() {
-        for j in beside[i].iter().map(|&j| j as usize) {
+        for &j in &beside[i] {
             if !held[j] && !loose[j] {
                 held[j] = true;
                 queue.push(j);
