@@ -39,8 +39,8 @@ const SKELETON: [Joint; 15] = [
 const CHEST: usize = 1;
 const HEAD: usize = 2;
 
-/// Adds the fairy to a file, dancing above a place for `seconds`.
-pub(crate) fn add(glb: &mut Glb, place: Vec3, seconds: f32) {
+/// Adds the fairy to a file, dancing above a place.
+pub(crate) fn add(glb: &mut Glb, place: Vec3) {
     let root = glb.node("fairy", None, place, DQuat::IDENTITY);
     let mut joints: Vec<usize> = Vec::new();
     for (name, parent, at, _) in SKELETON {
@@ -57,27 +57,22 @@ pub(crate) fn add(glb: &mut Glb, place: Vec3, seconds: f32) {
     let body =
         decimate(&meshing::mesh(&body(), vec3(-0.8, -0.06, -0.2), vec3(0.8, 1.75, 0.3), 0.009), 12_000);
     for (name, mesh, material) in [("body", body, skin), ("dress", dress(), cloth)] {
-        let influences: Vec<Influence> = mesh.positions.iter().map(|&p| influence(p)).collect();
-        let mesh = glb.skinned_mesh(&mesh, &influences, material);
-        let node = glb.show(name, None, mesh);
-        glb.skin(node, &joints, &places);
+        glb.skinned(name, &mesh, influence, (&joints, &places), material);
     }
     for (name, solid, triangles, material) in [("hair", hair(), 2400, blond), ("eyes", eyes(), 400, dark)] {
         let fine = meshing::mesh(&solid, vec3(-0.25, 1.2, -0.35), vec3(0.25, 1.9, 0.25), 0.006);
         let mesh = decimate(&fine, triangles).moved(|p| p - SKELETON[HEAD].2);
-        let mesh = glb.mesh(&mesh, material);
-        glb.show(name, Some(joints[HEAD]), mesh);
+        glb.mesh(name, Some(joints[HEAD]), &mesh, material);
     }
     for side in [-1.0, 1.0] {
         for (reach, rise) in [(0.85, 0.75), (0.62, -0.35)] {
             let [open, back] = [0.25, 1.25].map(|sweep| wing(side, reach, rise, sweep));
-            let mesh = glb.morphed_mesh(&open, &[back.positions], membrane);
-            let node = glb.show("wing", Some(joints[CHEST]), mesh);
-            let beats: Vec<f32> = (0..=96).map(|k| 0.5 - 0.5 * libm::cosf(TAU * k as f32 / 8.0)).collect();
-            glb.morph(node, seconds, 1, &beats);
+            let node = glb.morphed("wing", Some(joints[CHEST]), &open, &[back.positions], membrane);
+            let beats = (0..=96).map(|k| [0.5 - 0.5 * libm::cosf(TAU * k as f32 / 8.0)]);
+            glb.morph(node, beats);
         }
     }
-    dance(glb, &joints, seconds);
+    dance(glb, &joints);
 }
 
 fn body() -> Solid {
@@ -191,16 +186,13 @@ fn wing(side: f32, reach: f32, rise: f32, sweep: f32) -> Mesh {
 
 /// Keys for every joint: the hips rise, sink, and turn once; arms and legs swing, in time with
 /// them.
-fn dance(glb: &mut Glb, joints: &[usize], seconds: f32) {
-    let keys = |value: &dyn Fn(f32) -> DQuat| -> Vec<DQuat> {
-        (0..KEYS).map(|k| value(TAU * k as f32 / (KEYS - 1) as f32)).collect()
-    };
+fn dance(glb: &mut Glb, joints: &[usize]) {
+    let angles = (0..KEYS).map(|k| TAU * k as f32 / (KEYS - 1) as f32);
     let turn = |x: f32, y: f32, z: f32| rotation(Vec3::Y, y) * rotation(Vec3::X, x) * rotation(Vec3::Z, z);
     let sin = libm::sinf;
     let (_, _, hips, _) = SKELETON[0];
     let rise = |a: f32| hips + vec3(0.25 * sin(a), 0.16 * sin(2.0 * a), 0.2 * sin(a + 1.5));
-    let path: Vec<Vec3> = (0..KEYS).map(|k| rise(TAU * k as f32 / (KEYS - 1) as f32)).collect();
-    glb.translate(joints[0], seconds, &path);
+    glb.translate(joints[0], angles.clone().map(rise));
     let moves: [&dyn Fn(f32) -> DQuat; 15] = [
         &|a| turn(0.15 * sin(2.0 * a), 0.35 + 0.9 * sin(a), 0.12 * sin(a)),
         &|a| turn(0.15 * sin(2.0 * a + 0.5), 0.35 * sin(2.0 * a), 0.15 * sin(a + 1.0)),
@@ -219,6 +211,6 @@ fn dance(glb: &mut Glb, joints: &[usize], seconds: f32) {
         &|_| turn(0.7, 0.0, 0.0),
     ];
     for (joint, value) in joints.iter().zip(moves) {
-        glb.rotate(*joint, seconds, &keys(value));
+        glb.rotate(*joint, angles.clone().map(value));
     }
 }

@@ -51,8 +51,8 @@ pub fn fairy_forest_glb(seed: u64) -> Vec<u8> {
 /// The same with fewer trees, and then without grass.
 fn with_trees(trees: usize, seed: u64) -> Vec<u8> {
     let mut random = fastrand::Rng::with_seed(seed);
-    let mut glb = Glb::default();
-    fairy::add(&mut glb, vec3(0.0, 0.35, 0.0), SECONDS);
+    let mut glb = Glb::new(SECONDS);
+    fairy::add(&mut glb, vec3(0.0, 0.35, 0.0));
     dragonfly(&mut glb);
     caterpillar(&mut glb);
 
@@ -65,12 +65,14 @@ fn with_trees(trees: usize, seed: u64) -> Vec<u8> {
         ("mushroom caps", forest.caps, [0.75, 0.12, 0.08]),
     ];
     for (name, mesh, color) in &still {
-        show(&mut glb, name, mesh, *color);
+        let material = glb.material(*color);
+        glb.mesh(name, None, mesh, material);
     }
     if trees == TREES {
         // Blades of grass make up the number.
         let blades = TRIANGLES.saturating_sub(glb.triangle_count());
-        show(&mut glb, "grass", &grass(blades, &mut random), [0.3, 0.55, 0.15]);
+        let green = glb.material([0.3, 0.55, 0.15]);
+        glb.mesh("grass", None, &grass(blades, &mut random), green);
     }
     glb.camera(EYE, TARGET, FOV_Y);
     glb.point_light(LIGHT, [1.0; 3]);
@@ -88,12 +90,6 @@ pub(crate) fn scene(clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Sc
     Ok(Scene { notes, ..Scene::new(&INFO, animation, (EYE, TARGET), FOV_Y, LIGHT) })
 }
 
-fn show(glb: &mut Glb, name: &str, mesh: &Mesh, color: [f32; 3]) {
-    let material = glb.material(color);
-    let mesh = glb.mesh(mesh, material);
-    glb.show(name, None, mesh);
-}
-
 /// A body that circles, with four wings that beat: nodes and nothing else.
 fn dragonfly(glb: &mut Glb) {
     let mut solid = Solid::default();
@@ -105,30 +101,25 @@ fn dragonfly(glb: &mut Glb) {
     let half = vec3(0.12, 0.1, 0.0);
     let body = meshing::mesh(&solid, -half - 0.55 * Vec3::Z, half + 0.25 * Vec3::Z, 0.005);
     let [blue, glass] = [[0.1, 0.3, 0.65], [0.75, 0.85, 0.9]].map(|color| glb.material(color));
-    let body = glb.mesh(&decimate(&body, 3000), blue);
     let node = glb.node("dragonfly", None, Vec3::ZERO, DQuat::IDENTITY);
-    glb.show("dragonfly body", Some(node), body);
+    glb.mesh("dragonfly body", Some(node), &decimate(&body, 3000), blue);
 
     let place = |a: f32| {
         vec3(1.35 * libm::cosf(a) - 0.2, 1.45 + 0.25 * libm::sinf(3.0 * a), 0.3 + 1.3 * libm::sinf(a))
     };
-    let angles: Vec<f32> = (0..=48).map(|k| -TAU * k as f32 / 48.0).collect();
-    let path: Vec<Vec3> = angles.iter().map(|&a| place(a)).collect();
-    let facing = |&a: &f32| {
+    let facing = |a: f32| {
         let ahead = place(a - 0.01) - place(a + 0.01);
         rotation(Vec3::Y, libm::atan2f(ahead.x, ahead.z))
     };
-    let turns: Vec<DQuat> = angles.iter().map(facing).collect();
-    glb.translate(node, SECONDS, &path);
-    glb.rotate(node, SECONDS, &turns);
+    let angles = (0..=48).map(|k| -TAU * k as f32 / 48.0);
+    glb.translate(node, angles.clone().map(place));
+    glb.rotate(node, angles.map(facing));
     for side in [-1.0, 1.0] {
         for (z, ahead) in [(0.03, 0.12), (-0.05, -0.15)] {
             let hinge = glb.node("dragonfly wing", Some(node), vec3(side * 0.03, 0.05, z), DQuat::IDENTITY);
-            let wing = glb.mesh(&dragonfly_wing(side, ahead), glass);
-            glb.show("membrane", Some(hinge), wing);
-            let beat = |k: usize| rotation(Vec3::Z, side * 0.6 * libm::sinf(PI * (k as f32 + 2.0 * z) / 2.0));
-            let beats: Vec<DQuat> = (0..=128).map(beat).collect();
-            glb.rotate(hinge, SECONDS, &beats);
+            glb.mesh("membrane", Some(hinge), &dragonfly_wing(side, ahead), glass);
+            let beat = |k| rotation(Vec3::Z, side * 0.6 * libm::sinf(PI * (k as f32 + 2.0 * z) / 2.0));
+            glb.rotate(hinge, (0..=128).map(beat));
         }
     }
 }
@@ -174,16 +165,10 @@ fn caterpillar(glb: &mut Glb) {
     let wave: Vec<Vec3> =
         body.positions.iter().map(|p| *p + vec3(0.0, 0.0, 0.06 * libm::sinf(TAU * p.x / 0.72))).collect();
     let green = glb.material([0.55, 0.75, 0.15]);
-    let mesh = glb.morphed_mesh(&body, &[arch(0.22, 0.7), wave], green);
     let [x, z] = [-1.5, 2.0];
     let place =
         glb.node("caterpillar", None, vec3(x, ground_at(x, z) + 0.03, z), rotation(Vec3::Y, FRAC_PI_2 * 0.3));
-    let node = glb.show("caterpillar body", Some(place), mesh);
-    let weights: Vec<f32> = (0..=24)
-        .flat_map(|k| {
-            let a = TAU * k as f32 / 12.0;
-            [0.5 - 0.5 * libm::cosf(a), libm::sinf(0.5 * a)]
-        })
-        .collect();
-    glb.morph(node, SECONDS, 2, &weights);
+    let node = glb.morphed("caterpillar body", Some(place), &body, &[arch(0.22, 0.7), wave], green);
+    let angles = (0..=24).map(|k| TAU * k as f32 / 12.0);
+    glb.morph(node, angles.map(|a| [0.5 - 0.5 * libm::cosf(a), libm::sinf(0.5 * a)]));
 }

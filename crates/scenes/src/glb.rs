@@ -6,6 +6,7 @@
 
 use std::collections::BTreeMap;
 
+use bytemuck::NoUninit;
 use glam::{DQuat, Mat4, Vec3};
 use serde_json::{Value, json};
 
@@ -19,6 +20,8 @@ const F32: u32 = 5126;
 /// A file under construction. Things are named by their number in the order of their making.
 #[derive(Default)]
 pub(crate) struct Glb {
+    /// Length of the clip.
+    seconds: f32,
     bytes: Vec<u8>,
     /// The lists of the document, by name; `lights`, `samplers` and `channels` lie deeper in it.
     lists: BTreeMap<&'static str, Vec<Value>>,
@@ -31,6 +34,11 @@ pub(crate) struct Glb {
 pub(crate) type Influence = ([u8; 4], [f32; 4]);
 
 impl Glb {
+    /// An empty file whose clip lasts so many seconds.
+    pub(crate) fn new(seconds: f32) -> Self {
+        Self { seconds, ..Self::default() }
+    }
+
     /// Appends to a list and gives the number of what was appended.
     fn push(&mut self, list: &'static str, value: Value) -> usize {
         let list = self.lists.entry(list).or_default();
@@ -48,44 +56,76 @@ impl Glb {
         self.push("materials", json!({"pbrMetallicRoughness": pbr}))
     }
 
-    pub(crate) fn mesh(&mut self, mesh: &Mesh, material: usize) -> usize {
+    /// A node below `parent`, or at the root.
+    pub(crate) fn node(&mut self, name: &str, parent: Option<usize>, at: Vec3, turn: DQuat) -> usize {
+        let node = json!({"name": name, "translation": at.to_array(), "rotation": turn.as_quat().to_array()});
+        self.parents.push(parent);
+        self.push("nodes", node)
+    }
+
+    /// A node at the root or below `parent`, with a mesh and no transform of its own.
+    pub(crate) fn mesh(&mut self, name: &str, parent: Option<usize>, mesh: &Mesh, material: usize) -> usize {
         let primitive = self.primitive(mesh, material);
-        self.push("meshes", json!({"primitives": [primitive]}))
+        self.show(name, parent, json!({"primitives": [primitive]}))
     }
 
-    /// A mesh whose vertices follow joints.
-    pub(crate) fn skinned_mesh(&mut self, mesh: &Mesh, influences: &[Influence], material: usize) -> usize {
+    /// A node with a mesh whose vertices follow `joints`, which now stand as they do where the mesh is undeformed.
+    ///
+    /// `places` are the joints' positions in the space of the mesh; joints are not turned there.
+    pub(crate) fn skinned(
+        &mut self,
+        name: &str,
+        mesh: &Mesh,
+        influence: impl Fn(Vec3) -> Influence,
+        (joints, places): (&[usize], &[Vec3]),
+        material: usize,
+    ) {
         let mut primitive = self.primitive(mesh, material);
-        let joints: Vec<u8> = influences.iter().flat_map(|i| i.0).collect();
-        let weights: Vec<f32> = influences.iter().flat_map(|i| i.1).collect();
-        let joints = self.accessor(&joints, U8, "VEC4", influences.len());
-        let weights = self.accessor(bytemuck::cast_slice(&weights), F32, "VEC4", influences.len());
-        primitive["attributes"]["JOINTS_0"] = json!(joints);
-        primitive["attributes"]["WEIGHTS_0"] = json!(weights);
-        self.push("meshes", json!({"primitives": [primitive]}))
+        let (numbers, weights): (Vec<_>, Vec<_>) = mesh.positions.iter().map(|&p| influence(p)).unzip();
+        primitive["attributes"]["JOINTS_0"] = json!(self.accessor(&numbers, U8, "VEC4"));
+        primitive["attributes"]["WEIGHTS_0"] = json!(self.accessor(&weights, F32, "VEC4"));
+        let node = self.show(name, None, json!({"primitives": [primitive]}));
+        let inverse: Vec<[f32; 16]> =
+            places.iter().map(|&p| Mat4::from_translation(-p).to_cols_array()).collect();
+        let matrices = self.accessor(&inverse, F32, "MAT4");
+        let skin = self.push("skins", json!({"joints": joints, "inverseBindMatrices": matrices}));
+        self.set("nodes", node, "skin", json!(skin));
     }
 
-    /// A mesh with morph targets, each the positions of all vertices at full weight.
-    pub(crate) fn morphed_mesh(&mut self, mesh: &Mesh, targets: &[Vec<Vec3>], material: usize) -> usize {
+    /// A node with a mesh with morph targets, each the positions of all vertices at full weight.
+    pub(crate) fn morphed(
+        &mut self,
+        name: &str,
+        parent: Option<usize>,
+        mesh: &Mesh,
+        targets: &[Vec<Vec3>],
+        material: usize,
+    ) -> usize {
         let mut primitive = self.primitive(mesh, material);
         let target = |target: &Vec<Vec3>| -> Value {
             let moves: Vec<Vec3> = target.iter().zip(&mesh.positions).map(|(t, p)| *t - *p).collect();
             json!({"POSITION": self.positions(&moves)})
         };
         primitive["targets"] = targets.iter().map(target).collect();
-        self.push("meshes", json!({"primitives": [primitive], "weights": vec![0.0; targets.len()]}))
+        self.show(name, parent, json!({"primitives": [primitive], "weights": vec![0.0; targets.len()]}))
+    }
+
+    fn show(&mut self, name: &str, parent: Option<usize>, mesh: Value) -> usize {
+        let mesh = self.push("meshes", mesh);
+        let node = self.node(name, parent, Vec3::ZERO, DQuat::IDENTITY);
+        self.set("nodes", node, "mesh", json!(mesh));
+        node
     }
 
     fn primitive(&mut self, mesh: &Mesh, material: usize) -> Value {
         let positions = self.positions(&mesh.positions);
         self.triangles += mesh.triangles.len();
-        let indices: &[u32] = mesh.triangles.as_flattened();
-        let indices = self.accessor(bytemuck::cast_slice(indices), U32, "SCALAR", indices.len());
+        let indices = self.accessor(mesh.triangles.as_flattened(), U32, "SCALAR");
         json!({"attributes": {"POSITION": positions}, "indices": indices, "material": material})
     }
 
     fn positions(&mut self, positions: &[Vec3]) -> usize {
-        let number = self.accessor(bytemuck::cast_slice(positions), F32, "VEC3", positions.len());
+        let number = self.accessor(positions, F32, "VEC3");
         let low = positions.iter().fold(Vec3::MAX, |a, &b| a.min(b)).to_array();
         let high = positions.iter().fold(Vec3::MIN, |a, &b| a.max(b)).to_array();
         self.set("accessors", number, "min", json!(low));
@@ -93,11 +133,13 @@ impl Glb {
         number
     }
 
-    fn accessor(&mut self, bytes: &[u8], component: u32, kind: &str, count: usize) -> usize {
+    fn accessor<T: NoUninit>(&mut self, values: &[T], component: u32, kind: &str) -> usize {
+        let bytes: &[u8] = bytemuck::cast_slice(values);
         let view = json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()});
         self.bytes.extend(bytes);
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
         let view = self.push("bufferViews", view);
+        let count = values.len();
         let accessor = json!({"bufferView": view, "componentType": component, "type": kind, "count": count});
         self.push("accessors", accessor)
     }
@@ -107,55 +149,30 @@ impl Glb {
         self.triangles
     }
 
-    /// A node below `parent`, or at the root.
-    pub(crate) fn node(&mut self, name: &str, parent: Option<usize>, at: Vec3, turn: DQuat) -> usize {
-        let node = json!({"name": name, "translation": at.to_array(), "rotation": turn.as_quat().to_array()});
-        self.parents.push(parent);
-        self.push("nodes", node)
-    }
-
-    /// A node at the root or below `parent`, with a mesh and no transform of its own.
-    pub(crate) fn show(&mut self, name: &str, parent: Option<usize>, mesh: usize) -> usize {
-        let node = self.node(name, parent, Vec3::ZERO, DQuat::IDENTITY);
-        self.set("nodes", node, "mesh", json!(mesh));
-        node
-    }
-
-    /// Makes the mesh of a node follow `joints`, which now stand as they do where the mesh is
-    /// undeformed.
-    ///
-    /// `places` are the joints' positions in the space of the mesh; joints are not turned there.
-    pub(crate) fn skin(&mut self, node: usize, joints: &[usize], places: &[Vec3]) {
-        let inverse: Vec<f32> =
-            places.iter().flat_map(|&p| Mat4::from_translation(-p).to_cols_array()).collect();
-        let matrices = self.accessor(bytemuck::cast_slice(&inverse), F32, "MAT4", places.len());
-        let skin = self.push("skins", json!({"joints": joints, "inverseBindMatrices": matrices}));
-        self.set("nodes", node, "skin", json!(skin));
-    }
-
-    /// Keys of a node's translation, evenly spaced from 0 to `seconds`.
-    pub(crate) fn translate(&mut self, node: usize, seconds: f32, keys: &[Vec3]) {
-        self.channel(node, "translation", "VEC3", seconds, keys.len(), bytemuck::cast_slice(keys));
+    /// Keys of a node's translation, evenly spaced over the clip.
+    pub(crate) fn translate(&mut self, node: usize, keys: impl Iterator<Item = Vec3>) {
+        let keys: Vec<Vec3> = keys.collect();
+        self.channel(node, "translation", "VEC3", keys.len(), &keys);
     }
 
     /// Keys of a node's rotation.
-    pub(crate) fn rotate(&mut self, node: usize, seconds: f32, keys: &[DQuat]) {
-        let floats: Vec<f32> = keys.iter().flat_map(|key| key.as_quat().to_array()).collect();
-        self.channel(node, "rotation", "VEC4", seconds, keys.len(), &floats);
+    pub(crate) fn rotate(&mut self, node: usize, keys: impl Iterator<Item = DQuat>) {
+        let keys: Vec<[f32; 4]> = keys.map(|key| key.as_quat().to_array()).collect();
+        self.channel(node, "rotation", "VEC4", keys.len(), &keys);
     }
 
-    /// Keys of the weights of a node's `targets` morph targets.
-    pub(crate) fn morph(&mut self, node: usize, seconds: f32, targets: usize, keys: &[f32]) {
-        self.channel(node, "weights", "SCALAR", seconds, keys.len() / targets, keys);
+    /// Keys of the weights of a node's `N` morph targets.
+    pub(crate) fn morph<const N: usize>(&mut self, node: usize, keys: impl Iterator<Item = [f32; N]>) {
+        let keys: Vec<[f32; N]> = keys.collect();
+        self.channel(node, "weights", "SCALAR", keys.len(), keys.as_flattened());
     }
 
-    fn channel(&mut self, node: usize, path: &str, kind: &str, seconds: f32, keys: usize, values: &[f32]) {
-        let times: Vec<f32> = (0..keys).map(|k| seconds * k as f32 / (keys - 1) as f32).collect();
-        let input = self.accessor(bytemuck::cast_slice(&times), F32, "SCALAR", keys);
+    fn channel<T: NoUninit>(&mut self, node: usize, path: &str, kind: &str, keys: usize, values: &[T]) {
+        let times: Vec<f32> = (0..keys).map(|k| self.seconds * k as f32 / (keys - 1) as f32).collect();
+        let input = self.accessor(&times, F32, "SCALAR");
         self.set("accessors", input, "min", json!([0.0]));
-        self.set("accessors", input, "max", json!([seconds]));
-        let components = if path == "weights" { values.len() } else { keys };
-        let output = self.accessor(bytemuck::cast_slice(values), F32, kind, components);
+        self.set("accessors", input, "max", json!([self.seconds]));
+        let output = self.accessor(values, F32, kind);
         let sampler = self.push("samplers", json!({"input": input, "output": output}));
         self.push("channels", json!({"sampler": sampler, "target": {"node": node, "path": path}}));
     }

@@ -20,21 +20,15 @@ const STEP: f32 = HEIGHT / JOINTS as f32;
 /// same bytes.
 #[must_use]
 pub fn toys_glb() -> Vec<u8> {
-    let mut glb = Glb::default();
+    let mut glb = Glb::new(SECONDS);
     stalk(&mut glb, vec3(-1.4, 0.0, 0.0));
     ball(&mut glb, vec3(0.2, 0.0, 0.8));
     windmill(&mut glb, vec3(1.5, 0.0, -0.4));
     let earth = glb.material([0.32, 0.36, 0.22]);
-    let ground = glb.mesh(&square(7.0, 12), earth);
-    glb.show("ground", None, ground);
+    glb.mesh("ground", None, &square(7.0, 12), earth);
     glb.camera(vec3(1.2, 2.0, 5.0), vec3(0.0, 0.8, 0.0), 0.7);
     glb.point_light(vec3(3.0, 5.0, 4.0), [1.0; 3]);
     glb.finish()
-}
-
-/// Angles of a full swing at the key frames.
-fn swing(keys: usize, phase: f32) -> impl Iterator<Item = f32> {
-    (0..=keys).map(move |k| libm::sinf(TAU * k as f32 / keys as f32 - phase))
 }
 
 fn stalk(glb: &mut Glb, place: Vec3) {
@@ -45,25 +39,22 @@ fn stalk(glb: &mut Glb, place: Vec3) {
         })
         .collect();
     let mesh = turned(&profile, 28);
-    let influence = |p: &Vec3| -> Influence {
+    let influence = |p: Vec3| -> Influence {
         let at = (p.y / STEP).clamp(0.0, JOINTS as f32 - 1.001);
         let (joint, part) = (at as u8, at % 1.0);
         ([joint, joint + 1, 0, 0], [1.0 - part, part, 0.0, 0.0])
     };
-    let influences: Vec<Influence> = mesh.positions.iter().map(influence).collect();
     let green = glb.material([0.25, 0.6, 0.2]);
-    let mesh = glb.skinned_mesh(&mesh, &influences, green);
     let foot = glb.node("stalk", None, place, DQuat::IDENTITY);
     let mut joints = vec![glb.node("joint", Some(foot), Vec3::ZERO, DQuat::IDENTITY)];
     while joints.len() < JOINTS {
         joints.push(glb.node("joint", joints.last().copied(), STEP * Vec3::Y, DQuat::IDENTITY));
     }
-    let node = glb.show("stalk body", None, mesh);
     let places: Vec<Vec3> = (0..JOINTS).map(|joint| joint as f32 * STEP * Vec3::Y).collect();
-    glb.skin(node, &joints, &places);
+    glb.skinned("stalk body", &mesh, influence, (&joints, &places), green);
     for (i, &joint) in joints.iter().enumerate() {
-        let turns: Vec<DQuat> = swing(24, 0.6 * i as f32).map(|s| rotation(Vec3::Z, 0.25 * s)).collect();
-        glb.rotate(joint, SECONDS, &turns);
+        let swing = |k| libm::sinf(TAU * k as f32 / 24.0 - 0.6 * i as f32);
+        glb.rotate(joint, (0..=24).map(|k| rotation(Vec3::Z, 0.25 * swing(k))));
     }
 }
 
@@ -71,21 +62,17 @@ fn ball(glb: &mut Glb, place: Vec3) {
     let body = sphere(0.35, 40, 20);
     let flat = body.positions.iter().map(|p| vec3(1.25 * p.x, 0.6 * p.y - 0.14, 1.25 * p.z)).collect();
     let red = glb.material([0.8, 0.2, 0.15]);
-    let mesh = glb.morphed_mesh(&body, &[flat], red);
-    let node = glb.show("ball", None, mesh);
+    let node = glb.morphed("ball", None, &body, &[flat], red);
     let height = |k: usize| libm::fabsf(libm::sinf(PI * k as f32 / 12.0));
-    let path: Vec<Vec3> = (0..=24).map(|k| place + vec3(0.0, 0.35 + 0.9 * height(k), 0.0)).collect();
-    let weights: Vec<f32> = (0..=24).map(|k| (1.0 - 3.0 * height(k)).max(0.0)).collect();
-    glb.translate(node, SECONDS, &path);
-    glb.morph(node, SECONDS, 1, &weights);
+    glb.translate(node, (0..=24).map(|k| place + vec3(0.0, 0.35 + 0.9 * height(k), 0.0)));
+    glb.morph(node, (0..=24).map(|k| [(1.0 - 3.0 * height(k)).max(0.0)]));
 }
 
 fn windmill(glb: &mut Glb, place: Vec3) {
     let [white, brown] = [[0.85, 0.85, 0.8], [0.45, 0.3, 0.2]].map(|color| glb.material(color));
     let tower = turned(&[(0.0, 1.5), (0.16, 1.5), (0.22, 1.0), (0.3, 0.0), (0.0, 0.0)], 24);
-    let tower = glb.mesh(&tower, brown);
     let foot = glb.node("windmill", None, place, DQuat::IDENTITY);
-    glb.show("tower", Some(foot), tower);
+    glb.mesh("tower", Some(foot), &tower, brown);
     let mut sails = Mesh::default();
     for sail in 0..4 {
         let turn = rotation(Vec3::Z, FRAC_PI_2 * sail as f32);
@@ -96,11 +83,9 @@ fn windmill(glb: &mut Glb, place: Vec3) {
             sails.add(&[[a, b, c], [a, c, d]]);
         }
     }
-    let sails = glb.mesh(&sails, white);
     let hub = glb.node("hub", Some(foot), vec3(0.0, 1.3, 0.3), DQuat::IDENTITY);
-    glb.show("sails", Some(hub), sails);
-    let turns: Vec<DQuat> = (0..=16).map(|k| rotation(Vec3::Z, TAU * k as f32 / 16.0)).collect();
-    glb.rotate(hub, SECONDS, &turns);
+    glb.mesh("sails", Some(hub), &sails, white);
+    glb.rotate(hub, (0..=16).map(|k| rotation(Vec3::Z, TAU * k as f32 / 16.0)));
 }
 
 #[cfg(test)]
