@@ -24,7 +24,10 @@ const FRAMES: usize = 200;
 const PEDESTAL: f32 = 1.45;
 /// Middle of the other shapes.
 const CENTER: Vec3 = vec3(0.0, 2.6, 0.0);
-const ROOM: Room = Room { radius: 5.5, height: 5.0, sides: 24 };
+/// The hall: a prism over a regular polygon.
+const RADIUS: f32 = 5.5;
+const HEIGHT: f32 = 5.0;
+const SIDES: usize = 24;
 
 pub(crate) const INFO: SceneInfo = SceneInfo {
     name: "bart-museum",
@@ -44,7 +47,7 @@ const POST_STEPS: usize = 12;
 /// Posts about the pedestal.
 const POSTS: usize = 16;
 /// About as many as the original has, 10,284: walls and flats, pillars, pedestal, posts, paintings.
-const ROOM_TRIANGLES: usize = 4 * ROOM.sides + 8 * 28 * STEPS + 12 * STEPS + POSTS * 12 * POST_STEPS + 6 * 12;
+const ROOM_TRIANGLES: usize = 4 * SIDES + 8 * 28 * STEPS + 12 * STEPS + POSTS * 12 * POST_STEPS + 6 * 12;
 
 /// A triangle's corners.
 type Corners = [Vec3; 3];
@@ -182,25 +185,18 @@ fn knot(less: Less) -> Vec<Corners> {
         .collect()
 }
 
-/// A round hall.
-struct Room {
-    radius: f32,
-    height: f32,
-    sides: usize,
-}
-
 fn furnish(assembly: &mut Assembly) {
     let [wall, floor, stone, frame] =
         [[0.72, 0.7, 0.62], [0.45, 0.33, 0.24], [0.8, 0.8, 0.82], [0.2, 0.3, 0.5]]
             .map(|color| assembly.material(color));
     let on_wall = |k: usize, y: f32| {
-        let (sin, cos) = libm::sincosf(TAU * k as f32 / ROOM.sides as f32);
-        vec3(ROOM.radius * cos, y, ROOM.radius * sin)
+        let (sin, cos) = libm::sincosf(TAU * k as f32 / SIDES as f32);
+        vec3(RADIUS * cos, y, RADIUS * sin)
     };
     let (mut walls, mut flats) = (Mesh::default(), Mesh::default());
-    for k in 0..ROOM.sides {
+    for k in 0..SIDES {
         let [a, b] = [on_wall(k, 0.0), on_wall(k + 1, 0.0)];
-        let up = ROOM.height * Vec3::Y;
+        let up = HEIGHT * Vec3::Y;
         walls.add(&[[a, b, b + up], [a, b + up, a + up]]);
         flats.add(&[[Vec3::ZERO, b, a], [up, a + up, b + up]]);
     }
@@ -213,15 +209,17 @@ fn furnish(assembly: &mut Assembly) {
     assembly.part("pedestal", &turned(&profile, STEPS), Motion::STILL, stone);
     for k in 0..8 {
         let (sin, cos) = libm::sincosf(TAU * (k as f32 + 0.5) / 8.0);
-        let h = ROOM.height;
         // A capital, and a shaft that swells a little.
         let shaft = (0..12).map(|i| {
             let up = 1.0 - i as f32 / 11.0;
-            (0.25 - 0.03 * up * up, (h - 0.3) * up)
+            (0.25 - 0.03 * up * up, (HEIGHT - 0.3) * up)
         });
-        let profile: Vec<_> =
-            [(0.0, h), (0.3, h)].into_iter().chain(shaft).chain([(0.28, 0.0), (0.0, 0.0)]).collect();
-        let pillar = turned(&profile, STEPS).moved(|p| p + 0.86 * ROOM.radius * vec3(cos, 0.0, sin));
+        let profile: Vec<_> = [(0.0, HEIGHT), (0.3, HEIGHT)]
+            .into_iter()
+            .chain(shaft)
+            .chain([(0.28, 0.0), (0.0, 0.0)])
+            .collect();
+        let pillar = turned(&profile, STEPS).moved(|p| p + 0.86 * RADIUS * vec3(cos, 0.0, sin));
         assembly.part("pillar", &pillar, Motion::STILL, stone);
     }
     let post = [
@@ -242,7 +240,7 @@ fn furnish(assembly: &mut Assembly) {
     for k in 0..6 {
         let turn = rotation(Vec3::Y, TAU * k as f32 / 6.0);
         let painting =
-            cuboid(vec3(0.05, 0.6, 0.9)).moved(|p| rotated(turn, p + vec3(0.97 * ROOM.radius, 2.4, 0.0)));
+            cuboid(vec3(0.05, 0.6, 0.9)).moved(|p| rotated(turn, p + vec3(0.97 * RADIUS, 2.4, 0.0)));
         assembly.part("painting", &painting, Motion::STILL, frame);
     }
 }

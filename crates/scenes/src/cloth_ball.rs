@@ -88,7 +88,7 @@ struct Winding {
 impl World for Winding {
     const STAGES: &'static [(MotionEffects, Run<Self>)] = &[
         (simulation::CONTACT, |w, step| {
-            w.cloth.find_folds(step.since_key);
+            w.cloth.find_folds(step % w.substeps);
             0
         }),
         (simulation::GRAVITY, |w, _| w.cloth.fall()),
@@ -96,7 +96,7 @@ impl World for Winding {
         (simulation::CLOTH, |w, _| w.cloth.hold_together()),
         (simulation::CONTACT, |w, _| w.cloth.keep_folds_apart()),
         (simulation::CONTACT, |w, step| {
-            let [start, end] = [step.index, step.index + 1].map(|index| w.angle(index));
+            let [start, end] = [step, step + 1].map(|step| w.angle(step));
             let turned = turn(end - start);
             w.cloth.touch(|before, now| contact(before, now, turned))
         }),
@@ -121,7 +121,9 @@ impl World for Winding {
 impl Winding {
     /// How far the ball has turned at the start of a step, in radians.
     fn angle(&self, step: usize) -> f64 {
-        angle(step as f64 * self.cloth.dt)
+        let (start, ramp, speed) = TURN;
+        let t = (step as f64 * self.cloth.dt - start).max(0.0);
+        if t < ramp { speed * t * t / (2.0 * ramp) } else { speed * (t - 0.5 * ramp) }
     }
 }
 
@@ -144,13 +146,6 @@ fn simulate(
         Measure { name: "edge stretch, greatest".to_owned(), value: most },
     ];
     Record { data: world.frames, measures, stats }
-}
-
-/// How far the ball has turned, in radians.
-fn angle(time: f64) -> f64 {
-    let (start, ramp, speed) = TURN;
-    let t = (time - start).max(0.0);
-    if t < ramp { speed * t * t / (2.0 * ramp) } else { speed * (t - 0.5 * ramp) }
 }
 
 /// The rotation of the ball by an angle in radians; its sines are the same on every machine.

@@ -92,19 +92,13 @@ impl Simplifier {
             triangles: mesh.triangles.clone(),
             dead: vec![false; mesh.triangles.len()],
             version: vec![0; count],
-            first: Vec::with_capacity(mesh.triangles.len() * 3 / 2),
+            first: Vec::new(),
             queue: BinaryHeap::new(),
             // Lets edges of flat parts grow to several times the length of those at curvature 1.
             evenness: 4e-5 * area / target.max(1) as f64,
         };
-        for triangle in &mesh.triangles {
-            for k in 0..3 {
-                let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
-                if a < b {
-                    s.first.push(s.candidate(a, b));
-                }
-            }
-        }
+        let edges = mesh.triangles.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
+        s.first = edges.filter(|(a, b)| a < b).map(|(a, b)| s.candidate(a, b)).collect();
         s.first.sort_unstable_by_key(|&candidate| Reverse(candidate));
         s
     }

@@ -19,7 +19,7 @@ pub(crate) fn solid() -> Solid {
     let mut dragon = Solid::default();
     body(&mut dragon);
     head(&mut dragon);
-    dragon.with(&half).mirrored(&half);
+    dragon.both_sides(&half);
     dragon
 }
 

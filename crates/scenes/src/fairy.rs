@@ -108,7 +108,7 @@ fn body() -> Solid {
     all.blend(0.012);
     all.limb(&[(vec3(0.0, 1.515, 0.115), 0.012), (vec3(0.0, 1.475, 0.137), 0.015)]);
     all.ellipsoid(vec3(0.0, 1.425, 0.103), vec3(0.03, 0.011, 0.014));
-    all.with(&half).mirrored(&half);
+    all.both_sides(&half);
     all
 }
 

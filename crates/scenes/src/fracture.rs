@@ -92,20 +92,14 @@ fn neighbours_across_edges(mesh: &Mesh) -> Vec<[u32; 3]> {
     across
 }
 
-/// A closed piece of a surface's wall.
-pub(crate) struct Shard {
-    pub(crate) mesh: Mesh,
-    /// For each vertex the place on the surface whose normal it has: equal for vertices of
-    /// neighbouring shards that were one, so that an unbroken surface looks unbroken. [`ALONE`] on
-    /// the rim.
-    pub(crate) weld: Vec<u32>,
-}
-
 /// The weld of a vertex that shares its normal with no other.
 pub(crate) const ALONE: u32 = u32::MAX;
 
 /// A shard per patch: the patch, its copy further in by the thickness at each vertex, and a rim
 /// between them, which has vertices of its own.
+///
+/// With each shard comes, for each vertex, the place on the surface whose normal it has: equal for vertices of
+/// neighbouring shards that were one, so that an unbroken surface looks unbroken. [`ALONE`] on the rim.
 ///
 /// `thickness` is asked with a vertex and its outward normal, once for each vertex.
 pub(crate) fn shards(
@@ -113,7 +107,7 @@ pub(crate) fn shards(
     patch: &[u32],
     count: usize,
     thickness: impl Fn(Vec3, Vec3) -> f32 + Sync,
-) -> Vec<Shard> {
+) -> Vec<(Mesh, Vec<u32>)> {
     let inner = further_in(mesh, thickness);
     let across = neighbours_across_edges(mesh);
     let mut by_patch: Vec<Vec<u32>> = vec![Vec::new(); count];
@@ -154,7 +148,7 @@ pub(crate) fn shards(
         shard.triangles.extend(outer);
         let mut weld: Vec<u32> = used.iter().map(|v| 2 * v).chain(used.iter().map(|v| 2 * v + 1)).collect();
         weld.resize(shard.positions.len(), ALONE);
-        Shard { mesh: shard, weld }
+        (shard, weld)
     };
     by_patch.iter().map(shard).collect()
 }
@@ -206,7 +200,7 @@ mod tests {
             };
             mesh.triangles.iter().map(of).sum()
         };
-        for Shard { mesh, weld } in &shards {
+        for (mesh, weld) in &shards {
             // In a closed surface each directed edge has its opposite.
             let place = |v: u32| mesh.positions[v as usize].to_array().map(f32::to_bits);
             let mut edges: Vec<_> = mesh
@@ -223,7 +217,7 @@ mod tests {
                 assert_eq!(p, ball.positions[w as usize / 2], "a vertex is where its weld says");
             }
         }
-        let sum: f32 = shards.iter().map(|shard| volume(&shard.mesh)).sum();
+        let sum: f32 = shards.iter().map(|(mesh, _)| volume(mesh)).sum();
         let wall = 4.0 / 3.0 * std::f32::consts::PI * (1.0 - 0.9_f32.powi(3));
         assert!((sum / wall - 1.0).abs() < 0.02, "shards fill the wall: {sum} of {wall}");
     }

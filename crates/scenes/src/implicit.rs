@@ -69,15 +69,10 @@ impl Solid {
         self
     }
 
-    /// Adds the elements of another solid, mirrored in the plane x = 0.
-    pub(crate) fn mirrored(&mut self, other: &Self) -> &mut Self {
-        self.elements.extend(other.elements.iter().map(|e| Element { shape: e.shape.mirrored(), ..*e }));
-        self
-    }
-
-    pub(crate) fn with(&mut self, other: &Self) -> &mut Self {
-        self.elements.extend(&other.elements);
-        self
+    /// Adds the elements of another solid, and all of them again mirrored in the plane x = 0.
+    pub(crate) fn both_sides(&mut self, half: &Self) {
+        self.elements.extend(&half.elements);
+        self.elements.extend(half.elements.iter().map(|e| Element { shape: e.shape.mirrored(), ..*e }));
     }
 
     /// Distance to the surface, positive outside.

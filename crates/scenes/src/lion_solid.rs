@@ -14,7 +14,7 @@ pub(crate) fn solid() -> Solid {
     let mut lion = Solid::default();
     plinth(&mut lion);
     body(&mut lion);
-    lion.with(&half).mirrored(&half);
+    lion.both_sides(&half);
     mane(&mut lion);
     face(&mut lion);
     lion

@@ -136,53 +136,28 @@ impl SceneOptions<'_> {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SceneError {
-    /// Neither a known name nor an existing path.
-    #[error("no scene or file named \"{name}\"; the scenes are {known}")]
-    Unknown {
-        /// What was asked for.
-        name: String,
-        /// The known names, separated by commas.
-        known: String,
-    },
-    /// An option outside of its range.
-    #[error("{option} is {value} but must be {range}")]
-    Option {
-        /// Name of the option.
-        option: &'static str,
-        /// Its value.
-        value: String,
-        /// What it may be.
-        range: &'static str,
-    },
+    /// What was asked for is not there or out of range; one line that says what would be right.
+    #[error("{0}")]
+    Request(String),
     /// A file could not be loaded.
     #[error(transparent)]
     Load(#[from] anim::LoadError),
     /// A simulation gave key frames that do not fit together.
     #[error(transparent)]
     KeyFrames(#[from] anim::Problem),
-    /// A clip was asked for from a scene that has none.
-    #[error("scene {scene} has no clips, so none named \"{clip}\"; leave the clip out")]
-    NoClips {
-        /// Name of the scene.
-        scene: String,
-        /// What was asked for.
-        clip: String,
-    },
 }
-
-static SCENES: &[SceneInfo] = &[
-    bart_museum::INFO,
-    cloth_ball::INFO,
-    exploding_dragon::INFO,
-    fairy_forest::INFO,
-    lion::INFO,
-    n_body::INFO,
-];
 
 /// The scenes made by this crate.
 #[must_use]
 pub fn list() -> &'static [SceneInfo] {
-    SCENES
+    &[
+        bart_museum::INFO,
+        cloth_ball::INFO,
+        exploding_dragon::INFO,
+        fairy_forest::INFO,
+        lion::INFO,
+        n_body::INFO,
+    ]
 }
 
 /// Makes the scene of a known name, or loads the file or folder of key frames at a path.
@@ -210,8 +185,9 @@ fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> R
     {
         let Some(start_shape) = shape.parse().ok().filter(|&shape: &usize| shape < bart_museum::SHAPES)
         else {
-            let (value, range) = (shape.to_owned(), "a number from 0 to 4, as in bart-museum:3");
-            return Err(SceneError::Option { option: "the shape to start from", value, range });
+            let range = "a number from 0 to 4, as in bart-museum:3";
+            let message = format!("the shape to start from is {shape} but must be {range}");
+            return Err(SceneError::Request(message));
         };
         return make("bart-museum", clip, &SceneOptions { start_shape, ..options.clone() });
     }
@@ -227,28 +203,28 @@ fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> R
             return Ok(file::scene(Path::new(path), clip, options)?);
         }
         name => {
-            let known = SCENES.iter().map(|info| info.name).collect::<Vec<_>>().join(", ");
-            return Err(SceneError::Unknown { name: name.to_owned(), known });
+            let known = list().iter().map(|info| info.name).collect::<Vec<_>>().join(", ");
+            let message = format!("no scene or file named \"{name}\"; the scenes are {known}");
+            return Err(SceneError::Request(message));
         }
     };
     match clip {
         None => make(options),
-        Some(clip) => Err(SceneError::NoClips { scene: name_or_path.to_owned(), clip: clip.to_owned() }),
+        Some(clip) => Err(SceneError::Request(format!(
+            "scene {name_or_path} has no clips, so none named \"{clip}\"; leave the clip out"
+        ))),
     }
 }
 
 fn check(options: &SceneOptions<'_>) -> Result<(), SceneError> {
-    let fail = |option, value: String, range| Err(SceneError::Option { option, value, range });
-    match options {
-        SceneOptions { substeps: Some(n), .. } if !(1..=100_000).contains(n) => {
-            fail("substeps", n.to_string(), "between 1 and 100000")
-        }
-        SceneOptions { key_frames: Some(n), .. } if !(2..=10_000).contains(n) => {
-            fail("key_frames", n.to_string(), "between 2 and 10000")
-        }
-        SceneOptions { detail: Some(x), .. } if !(*x > 0.0 && *x <= 1.0) => {
-            fail("detail", x.to_string(), "above 0 and at most 1")
-        }
-        _ => Ok(()),
-    }
+    let message = if let Some(n) = options.substeps.filter(|n| !(1..=100_000).contains(n)) {
+        format!("substeps is {n} but must be between 1 and 100000")
+    } else if let Some(n) = options.key_frames.filter(|n| !(2..=10_000).contains(n)) {
+        format!("key_frames is {n} but must be between 2 and 10000")
+    } else if let Some(x) = options.detail.filter(|&x| !(x > 0.0 && x <= 1.0)) {
+        format!("detail is {x} but must be above 0 and at most 1")
+    } else {
+        return Ok(());
+    };
+    Err(SceneError::Request(message))
 }

@@ -13,6 +13,7 @@ use crate::near::Neighbours;
 use crate::rigid::Placement;
 use crate::shape::Mesh;
 
+const GRAVITY: f32 = 12.0;
 const GROUND_FRICTION: f32 = 0.6;
 const BOUNCE: f32 = 0.25;
 /// Steps between searches for bodies that come close.
@@ -190,14 +191,13 @@ pub(crate) struct Bodies {
     pub(crate) bodies: Vec<Body>,
     /// Seconds of a step.
     pub(crate) dt: f32,
-    gravity: f32,
     neighbours: Neighbours,
 }
 
 impl Bodies {
     /// `bodies` where they stand; all but the last get the largest spheres that do not touch each
     /// other, up to `limit`.
-    pub(crate) fn new(mut bodies: Vec<Body>, gravity: f32, limit: f32, dt: f32) -> Self {
+    pub(crate) fn new(mut bodies: Vec<Body>, limit: f32, dt: f32) -> Self {
         let shards = bodies.len() - 1;
         let centers: Vec<Vec3> = bodies[..shards].iter().map(|b| b.at.position).collect();
         let mut neighbours = Neighbours::default();
@@ -210,7 +210,7 @@ impl Bodies {
                 .fold(2.0 * limit, f32::min);
             bodies[i].radius = 0.5 * nearest;
         }
-        Self { bodies, dt, gravity, neighbours }
+        Self { bodies, dt, neighbours }
     }
 
     /// Kinetic and potential energy, the second above the ground.
@@ -220,14 +220,14 @@ impl Bodies {
             let spin = b.at.turned_back(b.spin);
             let kinetic =
                 0.5 * (b.mass * b.velocity.length_squared() + spin.dot(b.inverse_inertia.inverse() * spin));
-            f64::from(kinetic + b.mass * self.gravity * b.at.position.y)
+            f64::from(kinetic + b.mass * GRAVITY * b.at.position.y)
         };
         self.bodies.iter().map(of).sum()
     }
 
     /// Accelerates what is free, and gives its number.
     pub(crate) fn fall(&mut self) -> usize {
-        let speed = self.gravity * self.dt;
+        let speed = GRAVITY * self.dt;
         let free = self.bodies.iter_mut().filter(|b| b.free);
         free.map(|b| b.velocity.y -= speed).count()
     }

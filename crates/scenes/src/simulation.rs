@@ -14,15 +14,8 @@ pub(crate) const GRAVITY: MotionEffects = MotionEffects { gravity: true, ..DRIFT
 pub(crate) const CONTACT: MotionEffects = MotionEffects { contact: true, ..DRIFT };
 pub(crate) const FRACTURE: MotionEffects = MotionEffects { fracture: true, ..DRIFT };
 
-/// Number of a step, and its number since the last key frame.
-#[derive(Clone, Copy)]
-pub(crate) struct Step {
-    pub(crate) index: usize,
-    pub(crate) since_key: usize,
-}
-
-/// A part of a step. Gives how often it did what it does.
-pub(crate) type Run<W> = fn(&mut W, Step) -> usize;
+/// A part of a step, which gets the number of the step. Gives how often it did what it does.
+pub(crate) type Run<W> = fn(&mut W, usize) -> usize;
 
 /// What is simulated.
 pub(crate) trait World: Sized + 'static {
@@ -77,8 +70,7 @@ pub(crate) fn simulate<W: World>(
         }
         world.record(key);
         let steps = if key + 1 < keys { substeps } else { 0 };
-        for since_key in 0..steps {
-            let step = Step { index: key * substeps + since_key, since_key };
+        for step in (key * substeps..).take(steps) {
             for &&(effect, run) in &stages {
                 let count = match effect {
                     MotionEffects { cloth: true, .. } => &mut stats.cloth,

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::cache::{Record, recorded};
 use crate::decimate::decimate;
-use crate::fracture::{ALONE, Shard, patches, shards};
+use crate::fracture::{ALONE, patches, shards};
 use crate::implicit::Solid;
 use crate::rigid::{Key, RigidBodies};
 use crate::shape::{Assembly, Mesh};
@@ -56,7 +56,6 @@ pub(crate) struct Statue {
 
 /// Triangles of the ground.
 const GROUND: usize = 512;
-const GRAVITY: f32 = 12.0;
 
 /// What a breaking statue calls for.
 pub(crate) const EFFECTS: Effects = Effects {
@@ -108,7 +107,7 @@ type Arrays = (Vec<[f32; 3]>, Vec<[u32; 3]>);
 struct Pieces {
     /// Each shard and the stone, relative to their bodies.
     meshes: Vec<Arrays>,
-    /// Of each vertex of the shards, which others it shares its normal with; see [`Shard::weld`].
+    /// Of each vertex of the shards, which others it shares its normal with; see [`shards`].
     welds: Vec<u32>,
     /// Those of all bodies for each key frame.
     keys: Vec<Key>,
@@ -134,10 +133,10 @@ struct Breaking {
 
 impl World for Breaking {
     const STAGES: &'static [(MotionEffects, Run<Self>)] = &[
-        (simulation::FRACTURE, |w, step| w.break_off(step.index)),
+        (simulation::FRACTURE, |w, step| w.break_off(step)),
         (simulation::GRAVITY, |w, _| w.world.fall()),
         (simulation::DRIFT, |w, _| w.world.drift()),
-        (simulation::CONTACT, |w, step| w.world.touch(step.index)),
+        (simulation::CONTACT, |w, step| w.world.touch(step)),
     ];
 
     fn record(&mut self, _: usize) {
@@ -161,8 +160,7 @@ impl Breaking {
         let pieces = (statue.pieces * detail) as usize;
         let (patch, count) = patches(&surface, pieces, statue.density, &mut random);
         let shards = shards(&surface, &patch, count, |p, normal| statue.wall(&solid, p, normal));
-        let (shards, welds): (Vec<Mesh>, Vec<Vec<u32>>) =
-            shards.into_iter().map(|Shard { mesh, weld }| (mesh, weld)).unzip();
+        let (shards, welds): (Vec<Mesh>, Vec<Vec<u32>>) = shards.into_iter().unzip();
         let lowest = |m: &Mesh| m.positions.iter().map(|p| p.y).fold(f32::MAX, f32::min);
         let beside = adjacent_patches(&surface, &patch, count);
         let rests = shards.iter().map(|m| lowest(m) < statue.thickness).collect();
@@ -175,7 +173,7 @@ impl Breaking {
         let (stone, mesh) = statue.stone(triangles.saturating_sub(shard_triangles).max(200), &mut random);
         bodies.push(stone);
         meshes.push(mesh);
-        let world = Bodies::new(bodies, GRAVITY, 4.0 * statue.thickness, dt);
+        let world = Bodies::new(bodies, 4.0 * statue.thickness, dt);
         let (keys, welds) = (Vec::new(), welds.concat());
         Self { statue, world, meshes, welds, beside, rests, hit: None, random, keys, depth: 0.0 }
     }
@@ -311,7 +309,6 @@ fn held_up(beside: &[BTreeSet<usize>], rests: &[bool], loose: &[bool]) -> Vec<bo
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulation::Step;
 
     /// Only the fracture gives energy, by its kicks, but for contact: it lifts what overlaps. That came to
     /// 2.3 % at most (lion, 3840 steps).
@@ -321,10 +318,10 @@ mod tests {
             for steps in [60, 240, 960, 3840] {
                 let mut w = Breaking::new(statue, 0.02, statue.seconds as f32 / steps as f32, 0);
                 let (mut put_in, mut excess) = (w.world.energy(), 0.0_f64);
-                for index in 0..steps {
+                for step in 0..steps {
                     for &(effect, run) in Breaking::STAGES {
                         let before = w.world.energy();
-                        run(&mut w, Step { index, since_key: 0 });
+                        run(&mut w, step);
                         if effect == simulation::FRACTURE {
                             put_in += w.world.energy() - before;
                         }
