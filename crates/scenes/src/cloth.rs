@@ -182,7 +182,7 @@ impl Cloth {
                     }
                 }
                 // Each pair alone would be resolved fully; their mean is stable where many act.
-                if count > 0.0 { sum / count.max(1.0) } else { sum }
+                sum / count.max(1.0)
             })
             .collect();
         for (x, &m) in self.positions.iter_mut().zip(&moves) {

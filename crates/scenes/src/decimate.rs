@@ -191,11 +191,10 @@ impl Simplifier {
             })
     }
 
-    /// Neighbours of a vertex in ascending order.
+    /// Neighbours of a vertex without dead triangles, in ascending order.
     fn neighbours(&self, v: u32) -> Vec<u32> {
         let mut all: Vec<u32> = self.around[v as usize]
             .iter()
-            .filter(|&&t| !self.dead[t as usize])
             .flat_map(|&t| self.triangles[t as usize])
             .filter(|&w| w != v)
             .collect();
@@ -222,17 +221,13 @@ impl Simplifier {
 
 #[cfg(test)]
 mod tests {
-    use glam::{Vec3, vec3};
+    use glam::vec3;
 
     use super::*;
     use crate::{dragon, meshing};
 
-    fn corners(mesh: &Mesh) -> impl Iterator<Item = [Vec3; 3]> {
-        mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize]))
-    }
-
     fn volume(mesh: &Mesh) -> f32 {
-        corners(mesh).map(|[a, b, c]| a.cross(b).dot(c) / 6.0).sum()
+        mesh.corners().map(|[a, b, c]| a.cross(b).dot(c) / 6.0).sum()
     }
 
     #[test]
@@ -245,7 +240,7 @@ mod tests {
         assert!(before > 10.0 && (after / before - 1.0).abs() < 0.01, "{before} {after}");
         let spread = |mesh: &Mesh| {
             let mut areas: Vec<f32> =
-                corners(mesh).map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length()).collect();
+                mesh.corners().map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length()).collect();
             areas.sort_by(f32::total_cmp);
             areas[areas.len() * 99 / 100] / areas[areas.len() / 2]
         };

@@ -21,12 +21,12 @@ pub(crate) fn patches(
     random: &mut fastrand::Rng,
 ) -> (Vec<u32>, usize) {
     let across = neighbours_across_edges(mesh);
-    let centers: Vec<Vec3> =
-        (0..mesh.triangles.len()).map(|t| corners(mesh, t).iter().sum::<Vec3>() / 3.0).collect();
+    let centers: Vec<Vec3> = mesh.corners().map(|t| t.iter().sum::<Vec3>() / 3.0).collect();
     let mut weight_up_to = Vec::with_capacity(centers.len());
     let mut total = 0.0_f64;
-    for (t, &center) in centers.iter().enumerate() {
-        total += f64::from(area(mesh, t) * density(center));
+    for ([a, b, c], &center) in mesh.corners().zip(&centers) {
+        let area = 0.5 * (b - a).cross(c - a).length();
+        total += f64::from(area * density(center));
         weight_up_to.push(total);
     }
     let mut patch = vec![u32::MAX; centers.len()];
@@ -160,15 +160,6 @@ fn further_in(mesh: &Mesh, thickness: impl Fn(Vec3, Vec3) -> f32 + Sync) -> Vec<
     (&mesh.positions, &normals).into_par_iter().map(|(&p, &n)| p - n * thickness(p, n)).collect()
 }
 
-fn corners(mesh: &Mesh, t: usize) -> [Vec3; 3] {
-    mesh.triangles[t].map(|v| mesh.positions[v as usize])
-}
-
-fn area(mesh: &Mesh, t: usize) -> f32 {
-    let [a, b, c] = corners(mesh, t);
-    0.5 * (b - a).cross(c - a).length()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -193,13 +184,7 @@ mod tests {
             assert!(members.iter().all(|&t| reached[t]), "patch {p} is connected");
         }
         let shards = shards(&ball, &patch, count, |_, _| 0.1);
-        let volume = |mesh: &Mesh| -> f32 {
-            let of = |t: &[u32; 3]| {
-                let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
-                a.cross(b).dot(c) / 6.0
-            };
-            mesh.triangles.iter().map(of).sum()
-        };
+        let volume = |mesh: &Mesh| -> f32 { mesh.corners().map(|[a, b, c]| a.cross(b).dot(c) / 6.0).sum() };
         for (mesh, weld) in &shards {
             // In a closed surface each directed edge has its opposite.
             let place = |v: u32| mesh.positions[v as usize].to_array().map(f32::to_bits);

@@ -13,6 +13,11 @@ pub(crate) struct Mesh {
 }
 
 impl Mesh {
+    /// The corners of each triangle.
+    pub(crate) fn corners(&self) -> impl Iterator<Item = [Vec3; 3]> {
+        self.triangles.iter().map(|t| t.map(|v| self.positions[v as usize]))
+    }
+
     /// Adds triangles with corners of their own.
     pub(crate) fn add(&mut self, triangles: &[[Vec3; 3]]) {
         for corners in triangles {

@@ -45,21 +45,17 @@ impl Body {
     /// The body of a closed or open surface of the given mass per area, and the surface relative to
     /// its centre.
     pub(crate) fn new(mut surface: Mesh, mass_per_area: f32) -> (Self, Mesh) {
-        let thirds = |t: &[u32; 3], x: &[Vec3]| {
-            let [a, b, c] = t.map(|v| x[v as usize]);
-            (0.5 * (b - a).cross(c - a).length() * mass_per_area, (a + b + c) / 3.0)
-        };
+        let mass_and_center =
+            |[a, b, c]: [Vec3; 3]| (0.5 * (b - a).cross(c - a).length() * mass_per_area, (a + b + c) / 3.0);
         let (mut mass, mut center) = (1e-9, Vec3::ZERO);
-        for t in &surface.triangles {
-            let (m, p) = thirds(t, &surface.positions);
+        for (m, p) in surface.corners().map(mass_and_center) {
             mass += m;
             center += p * m;
         }
         center /= mass;
         surface.positions.iter_mut().for_each(|p| *p -= center);
         let mut inertia = Mat3::ZERO;
-        for t in &surface.triangles {
-            let (m, p) = thirds(t, &surface.positions);
+        for (m, p) in surface.corners().map(mass_and_center) {
             let outer = Mat3::from_cols(p * p.x, p * p.y, p * p.z);
             inertia += (Mat3::IDENTITY * p.length_squared() - outer) * m;
         }
