@@ -250,13 +250,12 @@ fn cuboid(half: Vec3) -> Mesh {
     let mut mesh = Mesh::default();
     for axis in 0..3 {
         for sign in [-1.0, 1.0] {
-            let turn = |v: Vec3| {
-                let mut a = v.to_array();
-                a.rotate_right(axis);
-                Vec3::from(a) * half
+            let corner = |u: f32, v: f32| {
+                let mut corner = [sign, u * sign, v];
+                corner.rotate_right(axis);
+                Vec3::from(corner) * half
             };
-            let [a, b, c, d] = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
-                .map(|(u, v)| turn(vec3(sign, u * sign, v)));
+            let [a, b, c, d] = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
             mesh.add(&[[a, b, c], [a, c, d]]);
         }
     }

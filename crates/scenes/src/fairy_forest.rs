@@ -64,9 +64,9 @@ fn with_trees(trees: usize, seed: u64) -> Vec<u8> {
         ("mushroom stems", forest.stems, [0.85, 0.8, 0.7]),
         ("mushroom caps", forest.caps, [0.75, 0.12, 0.08]),
     ];
-    for (name, mesh, color) in &still {
-        let material = glb.material(*color);
-        glb.mesh(name, None, mesh, material);
+    for (name, mesh, color) in still {
+        let material = glb.material(color);
+        glb.mesh(name, None, &mesh, material);
     }
     if trees == TREES {
         // Blades of grass make up the number.
@@ -75,7 +75,7 @@ fn with_trees(trees: usize, seed: u64) -> Vec<u8> {
         glb.mesh("grass", None, &grass(blades, &mut random), green);
     }
     glb.camera(EYE, TARGET, FOV_Y);
-    glb.point_light(LIGHT, [1.0; 3]);
+    glb.point_light(LIGHT);
     glb.finish()
 }
 

@@ -1,11 +1,11 @@
 //! The still part of the fairy's forest: ground, trees with leaves, mushrooms, and grass.
 
-use std::f32::consts::TAU;
+use std::f32::consts::{FRAC_PI_2, TAU};
 
 use glam::{DQuat, DVec3, Vec3, vec3};
 
 use crate::rigid::rotated;
-use crate::shape::{Mesh, grid, turned};
+use crate::shape::{Mesh, arc, grid, turned};
 
 /// Side of the square of ground, centred on the origin.
 const SIDE: f32 = 30.0;
@@ -153,11 +153,8 @@ fn mushroom(forest: &mut Forest, x: f32, z: f32, size: f32, random: &mut fastran
         vec3(random.f32() - 0.5, 4.0, random.f32() - 0.5).as_dvec3().normalize(),
     );
     let stem = [(0.0, 1.0), (0.16, 1.0), (0.13, 0.6), (0.2, 0.0), (0.0, 0.0)];
-    let cap: Vec<(f32, f32)> = (0..=8)
-        .map(|k| {
-            let (sin, cos) = libm::sincosf(0.25 * TAU * k as f32 / 8.0);
-            (0.62 * sin, 0.85 + 0.5 * cos)
-        })
+    let cap: Vec<(f32, f32)> = arc(FRAC_PI_2, 8)
+        .map(|(sin, cos)| (0.62 * sin, 0.85 + 0.5 * cos))
         .chain([(0.55, 0.8), (0.2, 0.92), (0.0, 0.95)])
         .collect();
     for (mesh, profile) in [(&mut forest.stems, &stem[..]), (&mut forest.caps, &cap[..])] {

@@ -187,8 +187,9 @@ impl Glb {
         self.set("nodes", node, "camera", json!(camera));
     }
 
-    pub(crate) fn point_light(&mut self, at: Vec3, color: [f32; 3]) {
-        let light = self.push("lights", json!({"type": "point", "color": color}));
+    /// A white point light.
+    pub(crate) fn point_light(&mut self, at: Vec3) {
+        let light = self.push("lights", json!({"type": "point", "color": [1.0, 1.0, 1.0]}));
         let node = self.node("light", None, at, DQuat::IDENTITY);
         self.set("nodes", node, "extensions", json!({"KHR_lights_punctual": {"light": light}}));
     }

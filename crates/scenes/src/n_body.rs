@@ -8,7 +8,7 @@ use glam::{DVec3, Quat, Vec3};
 
 use crate::cache::{Record, recorded};
 use crate::rigid::{Key, RigidBodies};
-use crate::shape::{Assembly, sphere, turned};
+use crate::shape::{Assembly, arc, sphere, turned};
 use crate::simulation::{self, Run};
 use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
@@ -86,10 +86,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
 /// A pillar with a domed top and a closed foot, 496 triangles when turned in 31 steps.
 fn pillar_profile(radius: f32, height: f32) -> Vec<(f32, f32)> {
     let straight = height - radius;
-    let dome = (0..=5).map(|i| {
-        let (sin, cos) = libm::sincosf(FRAC_PI_2 * i as f32 / 5.0);
-        (radius * sin, straight + radius * cos)
-    });
+    let dome = arc(FRAC_PI_2, 5).map(|(sin, cos)| (radius * sin, straight + radius * cos));
     let shaft = (1..=3).map(|i| (radius, straight * (1.0 - i as f32 / 3.0)));
     dome.chain(shaft).chain([(0.0, 0.0)]).collect()
 }

@@ -79,13 +79,13 @@ impl Assembly {
 
 /// A sphere about the origin with `2 * around * (down - 1)` triangles, poles on the y axis.
 pub(crate) fn sphere(radius: f32, around: usize, down: usize) -> Mesh {
-    let profile: Vec<(f32, f32)> = (0..=down)
-        .map(|i| {
-            let (sin, cos) = libm::sincosf(PI * i as f32 / down as f32);
-            (radius * sin, radius * cos)
-        })
-        .collect();
+    let profile: Vec<(f32, f32)> = arc(PI, down).map(|(sin, cos)| (radius * sin, radius * cos)).collect();
     turned(&profile, around)
+}
+
+/// Sine and cosine of angles from 0 to `end` in equal steps.
+pub(crate) fn arc(end: f32, steps: usize) -> impl Iterator<Item = (f32, f32)> {
+    (0..=steps).map(move |i| libm::sincosf(end * i as f32 / steps as f32))
 }
 
 /// The surface of revolution about the y axis of a profile of (distance from the axis, height), top

@@ -27,7 +27,7 @@ pub fn toys_glb() -> Vec<u8> {
     let earth = glb.material([0.32, 0.36, 0.22]);
     glb.mesh("ground", None, &square(7.0, 12), earth);
     glb.camera(vec3(1.2, 2.0, 5.0), vec3(0.0, 0.8, 0.0), 0.7);
-    glb.point_light(vec3(3.0, 5.0, 4.0), [1.0; 3]);
+    glb.point_light(vec3(3.0, 5.0, 4.0));
     glb.finish()
 }
 
