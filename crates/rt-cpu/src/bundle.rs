@@ -61,13 +61,6 @@ impl Bundle {
         (self.origin, self.t_max, self.count) = (origin, t_max, 0);
     }
 
-    /// Adds a ray. The bundle must not be full.
-    #[cfg(test)]
-    pub(crate) fn push(&mut self, direction: Vec3) {
-        set(&mut self.direction, self.count, direction);
-        self.count += 1;
-    }
-
     pub(crate) fn ray(&self, i: usize) -> Ray {
         Ray::new(self.origin, at(&self.direction, i))
     }

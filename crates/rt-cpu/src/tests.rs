@@ -2,7 +2,7 @@
 
 use bvh_core::{Aabb, Bvh, Node, Primitives, Ray, Triangles, Vec3};
 
-use crate::bundle::{Hits, RAYS, Wave};
+use crate::bundle::{Hits, RAYS, Wave, set};
 use crate::bvh8;
 use crate::cast::{place, trace};
 use crate::packet::{self, SIZE};
@@ -72,6 +72,15 @@ fn tree(soup: &Soup, leaf: usize) -> Bvh {
     let mut nodes = vec![Node::NOTHING; 2];
     split(&soup.triangles(), &mut nodes, 0, &mut order, 0, leaf);
     Bvh::new(&nodes, order).expect("a valid tree")
+}
+
+/// Makes the rays of a wave those from `origin` to `targets`, no more than it has room for.
+fn aim(wave: &mut Wave, origin: Vec3, t_max: f32, targets: &[Vec3]) {
+    wave.rays.start(origin, t_max);
+    wave.rays.count = targets.len();
+    for (i, &target) in targets.iter().enumerate() {
+        set(&mut wave.rays.direction, i, target - origin);
+    }
 }
 
 /// Small and well mixed; the same on every machine.

@@ -460,8 +460,7 @@ fn rays_pass_holes_as_the_rule_says() {
             .collect();
         for options in ways() {
             for query in [Query::Closest, Query::Any] {
-                wave.rays.start(origin, t_max);
-                targets.iter().for_each(|&t| wave.rays.push(t - origin));
+                aim(&mut wave, origin, t_max, &targets);
                 let (way, work) = (options.traversal, &mut Work::default());
                 let again = with_test!(test, T => dispatch!(detected(options.simd), simd => {
                     trace::<_, T>(simd, scene, way, query, &mut wave, &mut scratch, work);
