@@ -86,3 +86,20 @@ pub(crate) fn mean_frame_ms(rows: &[&Row]) -> f64 {
 pub(crate) fn rounded(ms: f64) -> f64 {
     (ms * 1e4).round() / 1e4
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_frame_counts_updates_between_rows() {
+        let row = Row { update_ms: 1.0, trace_ms: 10.0, ..Row::default() };
+        let later = Row { update_ms: 9.0, ..row.clone() };
+        // Four updates of 1 ms between the two rows.
+        let [first, second] = [(1, 1.0), (5, 13.0)];
+        let with = |row: &Row, (updates, updates_ms)| Row { updates, updates_ms, ..row.clone() };
+        assert_eq!(mean_frame_ms(&[&with(&row, first), &with(&later, second)]), 14.0 / 6.0 + 10.0);
+        assert_eq!(mean_frame_ms(&[&row, &later]), 15.0, "rows of before these columns");
+        assert!(mean_frame_ms(&[]).is_nan());
+    }
+}
