@@ -93,7 +93,7 @@ impl Obvhs {
             Mode::Wide => {
                 self.wide = bvh2_to_cwbvh(&self.tree, params.max_prims_per_leaf.clamp(1, 3), true, false);
             }
-            _ => {
+            Mode::Refit | Mode::Move | Mode::Rebuild => {
                 let leaf_size = params.max_prims_per_leaf.clamp(1, 255);
                 collapse(&mut self.tree, leaf_size, params.collapse_traversal_cost);
                 let again =
@@ -134,7 +134,7 @@ impl Obvhs {
     fn numbers(&self) -> &[u32] {
         match self.mode {
             Mode::Wide => &self.wide.primitive_indices,
-            _ => &self.tree.primitive_indices,
+            Mode::Refit | Mode::Move | Mode::Rebuild => &self.tree.primitive_indices,
         }
     }
 
@@ -213,7 +213,9 @@ impl Contestant for Obvhs {
             let mut found = RayHit::none();
             match self.mode {
                 Mode::Wide => self.wide.ray_traverse(Self::ray(rays, i), &mut found, test),
-                _ => self.tree.ray_traverse(Self::ray(rays, i), &mut found, test),
+                Mode::Refit | Mode::Move | Mode::Rebuild => {
+                    self.tree.ray_traverse(Self::ray(rays, i), &mut found, test)
+                }
             };
             hits.set(i, best);
         }
@@ -230,7 +232,9 @@ impl Contestant for Obvhs {
             };
             *blocked = !match self.mode {
                 Mode::Wide => self.wide.ray_traverse_miss(Self::ray(rays, i), test),
-                _ => self.tree.ray_traverse_miss(Self::ray(rays, i), test),
+                Mode::Refit | Mode::Move | Mode::Rebuild => {
+                    self.tree.ray_traverse_miss(Self::ray(rays, i), test)
+                }
             };
         }
     }

@@ -238,8 +238,8 @@ impl<'a> Loader<'a> {
             let Self { animation: GltfAnimation { nodes, skins, topology, .. }, .. } = self;
             let skin = skin.filter(|_| geometry.influences.is_some());
             let joints = skin.map_or(&[][..], |skin| &skins[skin].joints);
-            if let (Some(_), Some(influences)) = (skin, &geometry.influences) {
-                numbered(joints, influences.highest_joint(), "joint", &place)?;
+            if let (Some(skin), Some(influences)) = (skin, &geometry.influences) {
+                numbered(joints, influences.highest_joint(), "joint", format!("{place}, skin {skin}"))?;
             }
             let instance = Instance {
                 geometry,

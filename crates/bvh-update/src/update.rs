@@ -138,7 +138,7 @@ impl Updater {
         workspace.refit.with_sums = self.reports_cost;
         if let Some(measure) = measure_of(&strategy) {
             state.expect_measure(measure);
-            workspace.refit.with_sums |= measure != Measure::RATIO;
+            workspace.refit.with_sums |= matches!(measure, Measure::AREAS | Measure::LEAVES);
         }
         let Workspace { refit, repair, rebuild, leaves, reinsert: reinsertion, background } = workspace;
         match &strategy {

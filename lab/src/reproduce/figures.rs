@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::accuracy::Section;
 use super::chart::{Chart, Kind, Point, Series, figure};
 use super::contestants::{Contestant, IDEAL, IDEAL_PARALLEL_BINNED};
-use super::record::Row;
+use super::record::{Row, mean_update_ms};
 use super::results::{Results, SceneRun, Spread};
 use super::{MUSEUM, OTHER_KEYS, SPEED_STRATEGIES, SPEED_STRATEGY, SPEEDS, accuracy};
 use crate::stage;
@@ -46,8 +46,13 @@ fn update_times(results: &Results) -> Option<Chart> {
     let timed = results.settings.strategies.iter().filter(|name| *name != IDEAL);
     let series = timed.map(|name| {
         let point = |(place, scene): (usize, &&SceneRun)| {
-            let spread = Spread::of(scene.of(name).iter().map(|row| row.update_ms))?;
-            Some(Point { low: spread.p10, high: spread.p90, ..Point::at(place as f64, spread.mean) })
+            let rows = scene.of(name);
+            let spread = Spread::of(rows.iter().map(|row| row.update_ms))?;
+            Some(Point {
+                low: spread.p10,
+                high: spread.p90,
+                ..Point::at(place as f64, mean_update_ms(&rows))
+            })
         };
         let points = scenes.iter().enumerate().filter_map(point).collect();
         Series { name: name.clone(), color: color(name), kind: Kind::Bars, points }

@@ -318,9 +318,14 @@ impl<'a> Bench<'a> {
     }
 
     /// Figure 5: one strategy, the same motion in fewer or more frames.
-    fn speeds(&mut self, run: &mut SceneRun, stage: &mut Stage, plan: &Plan, begun: Vec<Row>) -> Result<()> {
+    fn speeds(
+        &mut self,
+        run: &mut SceneRun,
+        stage: &mut Stage,
+        plan: &Plan,
+        mut begun: Vec<Row>,
+    ) -> Result<()> {
         let Some(journal) = &mut self.speeds else { return Ok(()) };
-        let mut begun = begun;
         for frames in SPEEDS.into_iter().take_while(|_| !interrupt::requested()) {
             // As many samples of each, unless every frame is asked for.
             let measure_every = if plan.measure_every == 1 { 1 } else { frames / SPEEDS[0] };

@@ -39,7 +39,7 @@ pub(crate) struct Plan {
     pub(crate) contestants: Vec<Contestant>,
     pub(crate) values: Values,
     /// One frame of the loop in this number is measured. On the others strategies whose trees
-    /// depend on the past update them, unmeasured.
+    /// depend on the past update them, and nothing is rendered.
     pub(crate) measure_every: usize,
     pub(crate) threads: usize,
     pub(crate) seed: u64,
@@ -96,8 +96,16 @@ struct Lane {
     /// Whether the tree fits the present frame.
     is_current: bool,
     last: Option<Row>,
-    /// Updates since the last frame that was measured, and their time in ms.
-    between: (u64, f64),
+    between: Between,
+}
+
+/// Updates since the last frame that was measured.
+#[derive(Clone, Copy, Default)]
+struct Between {
+    updates: u64,
+    ms: f64,
+    /// Shortest time so far of the present frame's update.
+    least_ms: f64,
 }
 
 /// A tree that fits the frame, and whose it is.
@@ -218,7 +226,7 @@ impl<'a> Run<'a> {
             if round == 0 && plan.is_one_of(frame, plan.values.check_frames) {
                 self.check(stage, frame);
             }
-            let rows = self.rows();
+            let rows = self.take_rows();
             journal.append(&rows)?;
             all_rows.extend(rows);
             if round == 0 && plan.is_one_of(frame, plan.values.pictures) {
@@ -238,8 +246,28 @@ impl<'a> Run<'a> {
         for lane in &mut self.lanes {
             (lane.last, lane.is_current) = (None, is_shown || !lane.method.rebuilds());
             if lane.is_current {
-                lane.update(stage)?;
+                lane.between.least_ms = f64::INFINITY;
+            }
+        }
+        let turns = 1 + self.lanes.iter().map(|lane| lane.twins.len()).max().unwrap_or(0);
+        for turn in 0..turns {
+            for i in in_turns(self.lanes.len(), frame) {
+                let lane = &mut self.lanes[i];
+                if lane.is_current {
+                    lane.update(turn, stage)?;
+                }
+            }
+        }
+        let is_known = rows.iter().any(|row| [row.round, row.frame] == [round, frame]);
+        for lane in &mut self.lanes {
+            if lane.is_current {
+                lane.between.updates += 1;
+                lane.between.ms += lane.between.least_ms;
                 lane.recall(rows, round, frame);
+            }
+            if is_known {
+                // Rows of an earlier run have the updates up to here.
+                lane.between = Between::default();
             }
             if lane.method.depends_on_time() {
                 trace(&lane.tree, stage, &self.options, &mut self.image);
@@ -251,8 +279,7 @@ impl<'a> Run<'a> {
     /// Measures a frame with all strategies, and compares their pictures with that of the first.
     fn take_turns(&mut self, stage: &Stage, turn: usize, common: &Row) -> Result<()> {
         let Row { round, frame, .. } = *common;
-        let order = |count: usize| (0..count).map(move |i| (i + turn) % count);
-        for i in order(self.lanes.len()) {
+        for i in in_turns(self.lanes.len(), turn) {
             let lane = &mut self.lanes[i];
             let (row, stats) = lane.run(stage, common, &self.options, &mut self.image)?;
             (lane.last, lane.is_current) = (Some(row), true);
@@ -268,7 +295,7 @@ impl<'a> Run<'a> {
         let twins = self.lanes.iter().map(|lane| lane.twins.len()).max().unwrap_or(0);
         let again = if self.plan.values.turns > 1 { twins.max(1) } else { 0 };
         for twin in 0..again {
-            for i in order(self.lanes.len()) {
+            for i in in_turns(self.lanes.len(), turn) {
                 let lane = &mut self.lanes[i];
                 let same = lane.run_again(twin, stage, &self.options, &mut self.image)?;
                 let place = format!("{}, loop {round}, frame {frame}, {}", self.label, lane.name);
@@ -291,22 +318,27 @@ impl<'a> Run<'a> {
     }
 
     /// A row for each contestant of the frame, if it was measured, with all updates since the one before.
-    fn rows(&mut self) -> Vec<Row> {
+    fn take_rows(&mut self) -> Vec<Row> {
         let row = |c: &Contestant| {
             let lane = self.lanes.iter().find(|lane| lane.name == c.of)?;
             let last = lane.last.clone()?;
             let update_ms = rounded(c.counted.of(last.update_ms));
-            let updates_ms = rounded(c.counted.of(lane.between.1 + last.update_ms));
+            let updates_ms = rounded(c.counted.of(lane.between.ms + last.update_ms));
             let frame_ms = rounded(update_ms + last.trace_ms);
-            let (strategy, updates) = (c.name.to_owned(), lane.between.0 + 1);
+            let (strategy, updates) = (c.name.to_owned(), lane.between.updates + 1);
             Some(Row { strategy, update_ms, frame_ms, updates, updates_ms, ..last })
         };
         let rows = self.plan.contestants.iter().filter_map(row).collect();
         for lane in self.lanes.iter_mut().filter(|lane| lane.last.is_some()) {
-            lane.between = (0, 0.0);
+            lane.between = Between::default();
         }
         rows
     }
+}
+
+/// All numbers below `count`, beginning with another one in each turn.
+fn in_turns(count: usize, turn: usize) -> impl Iterator<Item = usize> {
+    (0..count).map(move |i| (i + turn) % count)
 }
 
 /// Whether a frame is one of `samples` that are spread evenly over `frames`.
@@ -340,17 +372,21 @@ impl Lane {
             twins: Vec::new(),
             is_current: false,
             last: None,
-            between: (0, 0.0),
+            between: Between::default(),
         })
     }
 
-    /// Updates the tree and its twins, without rendering; of the times the shortest counts.
-    fn update(&mut self, stage: &Stage) -> Result<()> {
-        let (mut least_ms, _) = timed(self.name, &mut self.tree, &mut self.worker, stage)?;
-        for (tree, worker) in &mut self.twins {
-            least_ms = timed(self.name, tree, worker, stage)?.0.min(least_ms);
-        }
-        self.between = (self.between.0 + 1, self.between.1 + least_ms);
+    /// Updates the tree in the first turn, each twin in one of the others, without rendering.
+    fn update(&mut self, turn: usize, stage: &Stage) -> Result<()> {
+        let (tree, worker) = match turn.checked_sub(1) {
+            None => (&mut self.tree, &mut self.worker),
+            Some(twin) => match self.twins.get_mut(twin) {
+                Some((tree, worker)) => (tree, worker),
+                None => return Ok(()),
+            },
+        };
+        let (update_ms, _) = timed(self.name, tree, worker, stage)?;
+        self.between.least_ms = self.between.least_ms.min(update_ms);
         Ok(())
     }
 
@@ -360,11 +396,10 @@ impl Lane {
     }
 
     /// Reports the rays of a frame that an earlier run has measured, so that the tree takes the
-    /// same course. Its row has the updates up to it.
+    /// same course.
     fn recall(&mut self, rows: &[Row], round: usize, frame: usize) {
         let is_it = |row: &&Row| row.strategy == self.name && [row.round, row.frame] == [round, frame];
         if let Some(row) = rows.iter().find(is_it) {
-            self.between = (0, 0.0);
             self.report(Load::PacketNodes(row.nodes_opened));
         }
     }

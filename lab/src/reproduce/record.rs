@@ -70,16 +70,20 @@ pub(crate) struct Row {
     pub(crate) updates_ms: f64,
 }
 
-/// Mean time of a strategy's frames: of all updates, as rare ones may be long, and of the pictures
-/// that were rendered. Not a number if there are no rows.
-pub(crate) fn mean_frame_ms(rows: &[&Row]) -> f64 {
-    let sum = |value: fn(&Row) -> f64| rows.iter().map(|row| value(row)).sum::<f64>();
-    let count = rows.len() as f64;
-    let updates = sum(|row| row.updates as f64);
+/// Mean time of a strategy's updates up to the last row, those between rows included: rare ones may be
+/// long. Not a number if there are no rows.
+pub(crate) fn mean_update_ms(rows: &[&Row]) -> f64 {
+    let updates = rows.iter().map(|row| row.updates).sum::<u64>();
+    if updates > 0 {
+        return rows.iter().map(|row| row.updates_ms).sum::<f64>() / updates as f64;
+    }
     // Rows of older revisions do not count updates.
-    let update =
-        if updates > 0.0 { sum(|row| row.updates_ms) / updates } else { sum(|row| row.update_ms) / count };
-    update + sum(|row| row.trace_ms) / count
+    rows.iter().map(|row| row.update_ms).sum::<f64>() / rows.len() as f64
+}
+
+/// Mean time of a strategy's frames: that of updates, and of the pictures that were rendered.
+pub(crate) fn mean_frame_ms(rows: &[&Row]) -> f64 {
+    mean_update_ms(rows) + rows.iter().map(|row| row.trace_ms).sum::<f64>() / rows.len() as f64
 }
 
 /// Milliseconds to a tenth of a microsecond, as rows have them.

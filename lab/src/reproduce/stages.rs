@@ -9,7 +9,7 @@ use rt_cpu::RenderStats;
 use scenes::FrameStage;
 use serde::{Deserialize, Serialize};
 
-use super::record::{Row, rounded};
+use super::record::{Row, mean_update_ms, rounded};
 
 /// A stage of a strategy's frames.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,7 +32,7 @@ pub(crate) fn stages(planned: &[String], rows: &[&Row]) -> Vec<StageSummary> {
         (FrameStage::Morph, "displacements", count(|r| r.vertices_morphed), mean(|r| r.morph_ms)),
         (FrameStage::Skin, "vertices", count(|r| r.vertices_skinned), mean(|r| r.skin_ms)),
         (FrameStage::Rigid, "vertices", count(|r| r.vertices_rigid), mean(|r| r.rigid_ms)),
-        (FrameStage::Update, "primitives", count(|r| r.primitives_refit), mean(|r| r.update_ms)),
+        (FrameStage::Update, "primitives", count(|r| r.primitives_refit), mean_update_ms(rows)),
         (FrameStage::Primary, "rays", count(|r| r.rays_primary), mean(|r| r.primary_ms)),
         (FrameStage::Alpha, "rays again", count(|r| r.rays_again), mean(|r| r.alpha_ms)),
         (FrameStage::Textures, "surfaces", count(|r| r.textured), mean(|r| r.textures_ms)),

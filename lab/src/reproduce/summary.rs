@@ -10,7 +10,7 @@ use super::check::Checks;
 use super::claims::Claim;
 use super::contestants::{Contestant, IDEAL};
 use super::decisions::{Decided, decisions};
-use super::record::Row;
+use super::record::{Row, mean_frame_ms, mean_update_ms};
 use super::results::{Results, SceneFacts, SceneRun, Spread};
 use super::stages::{StageSummary, stages};
 use super::{SPEED_STRATEGY, SPEEDS, accuracy};
@@ -42,6 +42,7 @@ pub(crate) struct StrategySummary {
     pub(crate) accounting: Option<String>,
     pub(crate) samples: usize,
     pub(crate) animate_ms: Spread,
+    /// The mean counts updates between the frames measured, too; so does that of `frame_ms`.
     pub(crate) update_ms: Spread,
     pub(crate) trace_ms: Spread,
     pub(crate) frame_ms: Spread,
@@ -86,9 +87,9 @@ fn strategy(
         accounting: Contestant::from_name(name).ok().and_then(|c| c.accounting()),
         samples: rows.len(),
         animate_ms: spread(|row| row.animate_ms)?,
-        update_ms: spread(|row| row.update_ms)?,
+        update_ms: Spread { mean: mean_update_ms(rows), ..spread(|row| row.update_ms)? },
         trace_ms: spread(|row| row.trace_ms)?,
-        frame_ms: spread(|row| row.frame_ms)?,
+        frame_ms: Spread { mean: mean_frame_ms(rows), ..spread(|row| row.frame_ms)? },
         sah_cost: spread(|row| row.sah_cost)?,
         last_cost: rows.last()?.sah_cost,
         sah_over_sweep: over,

@@ -38,7 +38,8 @@ impl Default for Background {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BackgroundCost {
     /// Memory beside the tree in use, in bytes: the second tree, the copy of all boxes, and what the builder keeps. With
-    /// the default builder and one primitive a leaf 68, 24 and 64 or more a primitive.
+    /// the default builder and one primitive a leaf 68, 24 and 64 or more a primitive. Where some are static, the updater has
+    /// one byte a primitive more, which is not counted here.
     pub bytes: usize,
     /// Updates from the copy of the boxes to the one that put the tree in place: how many frames older than the
     /// primitives its structure is by then. Until the next one comes it grows older.

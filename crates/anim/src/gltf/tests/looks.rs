@@ -69,6 +69,35 @@ fn images_from_a_data_uri_a_buffer_view_and_a_file() {
 }
 
 #[test]
+fn textures_and_materials_share_the_texels_of_their_image() {
+    let document = textured_triangle();
+    let primitive =
+        |material| format!(r#"{{"attributes":{{"POSITION":0,"TEXCOORD_0":1}},"material":{material}}}"#);
+    let material = |texture| {
+        format!(
+            r#"{{"pbrMetallicRoughness":{{"baseColorTexture":{{"index":{texture}}}}},"alphaMode":"MASK","alphaCutoff":0.5}}"#
+        )
+    };
+    let animation = document.load(&format!(
+        r#""meshes":[{{"primitives":[{},{},{}]}}],"materials":[{},{},{}],
+        "textures":[{{"source":0}},{{"source":0}}],"images":[{{{}}}],"nodes":[{{"mesh":0}}]"#,
+        primitive(0),
+        primitive(1),
+        primitive(2),
+        material(0),
+        material(1),
+        material(1),
+        data_uri(&png())
+    ));
+    let topology = animation.topology();
+    let [a, b] = &topology.textures[..] else { panic!("{} textures", topology.textures.len()) };
+    // Decoded once, so searched once for its least opacity.
+    assert!(std::sync::Arc::ptr_eq(&a.image.texels, &b.image.texels));
+    let cutoffs: Vec<_> = topology.materials.iter().filter_map(|m| m.cutoff).collect();
+    assert_eq!(cutoffs, [0.5; 3], "each has a texel below it");
+}
+
+#[test]
 fn samplers() {
     let document = textured_triangle();
     let json = textured("", &data_uri(&png()), "", r#","sampler":0"#)
