@@ -56,7 +56,7 @@ fn check_packets_in(trees: &[&Bvh], soup: &Soup, origin: Vec3, targets: &[Vec3],
                 let scene = Scene::new(bvh, &triangles);
                 for options in ways() {
                     for query in [Query::Closest, Query::Any] {
-                        aim(&mut wave, origin, t_max, &targets);
+                        aim(&mut wave, origin, t_max, targets);
                         let (way, work) = (options.traversal, &mut Work::default());
                         with_test!(test, T => dispatch!(detected(options.simd), simd => {
                             trace::<_, T>(simd, scene, way, query, &mut wave, &mut scratch, work);
