@@ -92,7 +92,7 @@ fn textures_and_materials_share_the_texels_of_their_image() {
     let topology = animation.topology();
     let [a, b] = &topology.textures[..] else { panic!("{} textures", topology.textures.len()) };
     // Decoded once, so searched once for its least opacity.
-    assert!(std::sync::Arc::ptr_eq(&a.image.texels, &b.image.texels));
+    assert!(Arc::ptr_eq(&a.image.texels, &b.image.texels));
     let cutoffs: Vec<_> = topology.materials.iter().filter_map(|m| m.cutoff).collect();
     assert_eq!(cutoffs, [0.5; 3], "each has a texel below it");
 }
