@@ -34,7 +34,7 @@ pub(crate) struct Glb {
 pub(crate) type Influence = ([u8; 4], [f32; 4]);
 
 impl Glb {
-    /// An empty file whose clip lasts so many seconds.
+    /// Makes an empty file whose clip takes `seconds`.
     pub(crate) fn new(seconds: f32) -> Self {
         Self { seconds, ..Self::default() }
     }

@@ -30,7 +30,7 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
     let text = fs::read(&path)
         .with_context(|| format!("{shown}: cannot be read; name a folder that `reproduce` has written"))?;
     let summary: Value = serde_json::from_slice(&text).with_context(|| format!("{shown}: no summary"))?;
-    let schema = &summary["schema"];
+    let schema = summary.get("schema").with_context(|| format!("{shown}: no summary"))?;
     ensure!(*schema == SCHEMA, "{shown}: schema {schema}, but this program reads {SCHEMA}; measure again");
     let mut results: Results =
         serde_json::from_value(summary).with_context(|| format!("{shown}: not what schema {SCHEMA} says"))?;

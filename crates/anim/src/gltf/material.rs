@@ -180,7 +180,7 @@ impl Textures<'_> {
             self.images.insert(source, image);
         }
         let Some((image, least)) = self.images[&source].clone() else { return Ok(None) };
-        let (mut wrap, mut filter) = Default::default();
+        let (mut wrap, mut filter) = ([Wrap::Repeat; 2], Filter::Linear);
         if let Some(sampler) = texture.sampler {
             let sampler = numbered(&root.samplers, sampler.value(), "sampler", place)?;
             wrap = [sampler.wrap_s, sampler.wrap_t].map(|mode| match mode {
