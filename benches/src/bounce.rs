@@ -3,7 +3,7 @@
 use std::f32::consts::TAU;
 
 use bvh_core::Triangles;
-use rt_cpu::{Camera, Pixel, splitmix};
+use rt_cpu::{Camera, Pixel, uniform};
 
 use crate::{RAYS, Rays};
 
@@ -25,7 +25,7 @@ pub fn bounces(camera: &Camera, triangles: &Triangles<'_>, pixels: &[Pixel], see
         let normal = if face.dot(seen) > 0.0 { -face } else { face };
         let point = a + ab * hit.u + ac * hit.v;
         let size = a.abs().max(b.abs()).max(c.abs()).max_element();
-        let [x, y] = [0, 1].map(|k| uniform(seed ^ (i as u64) << 1 ^ k));
+        let [x, y] = [0, 1].map(|k| uniform(0, seed ^ (i as u64) << 1 ^ k));
         let (right, up) = normal.any_orthonormal_pair();
         let (sin, cos) = (TAU * x).sin_cos();
         let way = (right * cos + up * sin) * y.sqrt() + normal * (1.0 - y).sqrt();
@@ -37,9 +37,4 @@ pub fn bounces(camera: &Camera, triangles: &Triangles<'_>, pixels: &[Pixel], see
         }
     }
     all
-}
-
-/// From 0 to less than 1: a hash of a number.
-fn uniform(n: u64) -> f32 {
-    (splitmix(0, n) >> 40) as f32 / (1 << 24) as f32
 }

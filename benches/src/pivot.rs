@@ -25,7 +25,9 @@ struct Pivot {
     options: RenderOptions,
     rays: RayKind,
     wide: Bvh8,
-    /// Nodes that the packets of the last picture visited.
+    /// Whether updates learn from the pictures cast.
+    learns: bool,
+    /// Nodes that the packets of the last picture visited, if so.
     visited: AtomicU64,
 }
 
@@ -52,6 +54,7 @@ impl Pivot {
             options: RenderOptions { traversal, simd, ..RenderOptions::default() },
             rays: RayKind::Single,
             wide: Bvh8::new(),
+            learns: false,
             visited: Default::default(),
         }
     }
@@ -104,7 +107,7 @@ impl Contestant for Pivot {
     }
 
     fn learns(&self) -> bool {
-        matches!(self.strategy, Strategy::Auto(_))
+        self.learns
     }
 
     fn sah_cost(&self) -> Option<f64> {
@@ -155,7 +158,9 @@ impl Contestant for Pivot {
         let light = view.light.map(|position| PointLight { position, color: [1.0; 3] });
         let stats =
             cast(&self.tree, &self.mesh.triangles(), &view.camera, light.as_ref(), &self.options, pixels);
-        self.visited.store(stats.nodes_visited, Relaxed);
+        if self.learns {
+            self.visited.store(stats.nodes_visited, Relaxed);
+        }
     }
 }
 
@@ -172,8 +177,10 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
     let rebuild = |builder| Strategy::Rebuild(builder, BuildOptions::default());
     let mut add = |name: &str, strategy: Strategy, traversal, simd| {
         let keeps_tree = !matches!(strategy, Strategy::Rebuild(..));
+        // Pictures beside updates are a check, and no load.
+        let learns = contest == Contest::Frame && matches!(strategy, Strategy::Auto(_));
         entries.push(Entry::new(format!("{WHO} {name}"), keeps_tree, move |triangles| {
-            Ok(Box::new(Pivot::new(triangles, strategy, traversal, simd)))
+            Ok(Box::new(Pivot { learns, ..Pivot::new(triangles, strategy, traversal, simd) }))
         }));
     };
     let best = SimdLevel::best();

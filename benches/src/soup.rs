@@ -1,7 +1,7 @@
 //! A small test scene: triangles that drift apart, each its own way.
 
 use bvh_core::{Triangles, Vec3};
-use rt_cpu::{Camera, splitmix};
+use rt_cpu::{Camera, uniform};
 
 use crate::View;
 
@@ -54,6 +54,6 @@ impl Soup {
 
 /// A point in the unit cube.
 fn noise(seed: u64, i: usize) -> Vec3 {
-    let coordinate = |axis: u64| (splitmix(seed << 40, i as u64 * 3 + axis) >> 40) as f32 / (1 << 24) as f32;
+    let coordinate = |axis: u64| uniform(seed << 40, i as u64 * 3 + axis);
     Vec3::new(coordinate(0), coordinate(1), coordinate(2))
 }

@@ -8,7 +8,7 @@ use bvh_core::Bvh;
 use bvh_update::{Strategy, Updater};
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbaImage};
-use rt_cpu::{Bvh8, Image, RenderOptions, RenderStats, Traversal, render_with};
+use rt_cpu::{Bvh8, Image, RenderOptions, RenderStats, Traversal, render_with, srgb};
 use scenes::{FramePlan, LightEffects, SceneOptions};
 
 use crate::pool::Threads;
@@ -19,7 +19,7 @@ use crate::{files, interrupt};
 /// Arguments of `render`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// A scene's name, a .glb, .gltf, .obj, .ply or .aff file, or a folder of key frames
+    /// A scene's name, a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of key frames
     scene: String,
     /// The frame to render, from 0 [default: 0]
     #[arg(long, value_name = "N", conflicts_with = "frames")]
@@ -257,7 +257,7 @@ impl Picture {
 
 /// An image of a film, shown for a 24th of a second.
 fn film_frame(image: &Image) -> Result<Frame> {
-    let bytes = image.pixels().iter().flat_map(|&[r, g, b]| [byte(r), byte(g), byte(b), 255]).collect();
+    let bytes = image.pixels().iter().flat_map(|&[r, g, b]| [srgb(r), srgb(g), srgb(b), 255]).collect();
     let frame =
         RgbaImage::from_raw(image.width(), image.height(), bytes).context("an image of another size")?;
     Ok(Frame::from_parts(frame, 0, 0, Delay::from_numer_denom_ms(1000, 24)))
@@ -270,11 +270,6 @@ fn gif(film: Vec<Frame>) -> Result<Vec<u8>> {
     gif.encode_frames(film)?;
     drop(gif);
     Ok(bytes)
-}
-
-/// A linear colour for files that are not to be compared: by a power, which is close to sRGB.
-pub(crate) fn byte(linear: f32) -> u8 {
-    (255.0 * linear.clamp(0.0, 1.0).powf(1.0 / 2.2)).round() as u8
 }
 
 /// Where images go.

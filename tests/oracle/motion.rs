@@ -5,8 +5,7 @@ use bvh_core::glam::Vec3;
 /// A point of the unit cube that depends on `seed` and `i` only.
 #[must_use]
 pub fn noise(seed: u64, i: usize) -> Vec3 {
-    let coordinate =
-        |axis: u64| (rt_cpu::splitmix(seed, i as u64 * 3 + axis) >> 40) as f32 / (1 << 24) as f32;
+    let coordinate = |axis: u64| rt_cpu::uniform(seed, i as u64 * 3 + axis);
     Vec3::new(coordinate(0), coordinate(1), coordinate(2))
 }
 

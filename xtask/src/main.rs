@@ -27,13 +27,13 @@ struct Cli {
 enum Command {
     /// Rerun the paper's experiments: every strategy on every scene, checked against brute force
     Reproduce(reproduce::Args),
-    /// Render frames of a scene to PNG or EXR files
+    /// Render frames of a scene to PNG, EXR or GIF files
     Render(render::Args),
     /// Play a scene in a window and show how its tree fares
     View(viewer::View),
     /// Write the viewer as a page for a browser
     Web(viewer::Web),
-    /// Write the scene fairy-forest as a glTF file
+    /// Write the scene fairy-forest or toys as a glTF file
     Export(export::Args),
     /// Measure this project beside other libraries: same work, same hits, one run
     Compare(compare::Args),

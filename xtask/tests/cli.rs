@@ -303,13 +303,13 @@ fn only_what_is_asked_for_is_run() {
     assert_eq!((rows("frames.csv"), ran(&out)), (0, (vec!["fig5".into()], vec!["refit+rotate".into()])));
     let report = fs::read_to_string(out.join("report.html")).expect("a report");
     assert!(
-        report.contains("of each loop of figure 5 20 frames measured")
+        report.contains("of each loop of figure 5 10 frames measured")
             && report.contains("\"speed_loops\":2.0")
     );
     assert_eq!(
         rows("fig5.csv"),
-        2 * 20 * (5 + 1 + 1),
-        "twenty frames of each loop, of the fastest with five strategies"
+        2 * 10 * (5 + 1 + 1),
+        "ten frames of each loop, of the fastest with five strategies"
     );
     assert!(out.join("figures/fig5-sheet.svg").exists() && !out.join("figures/fig4.svg").exists());
 }

@@ -29,7 +29,7 @@ pub use glam;
 pub use gltf::{GltfAnimation, load_gltf, parse_gltf};
 pub use key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, LoopMode};
 pub use load::{LoadOptions, center, load, load_with};
-pub use mesh_file::parse_mesh;
+pub use mesh_file::{is_mesh_file, parse_mesh};
 pub use normals::vertex_normals;
 pub use pose::{Pose, PoseStats, Work};
 pub use sequence::load_sequence;

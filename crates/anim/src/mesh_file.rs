@@ -20,6 +20,13 @@ pub(crate) struct Mesh {
     pub(crate) positions: Vec<Vec3>,
 }
 
+/// Whether [`load`](crate::load) takes a file of this name for a mesh without an animation, camera or lights: .obj, .ply or .stl, in
+/// upper or lower case.
+#[must_use]
+pub fn is_mesh_file(file: &Path) -> bool {
+    format_of(file).is_some()
+}
+
 /// The kind of mesh file, by the extension of its name in upper or lower case.
 pub(crate) fn format_of(file: &Path) -> Option<&'static str> {
     let extension = file.extension()?.to_str()?;

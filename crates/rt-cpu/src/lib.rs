@@ -67,7 +67,7 @@ pub use image::{Image, ImageError};
 pub use mesh::{Material, Mesh};
 pub use options::{AmbientOcclusion, DiffuseBounces, Effects, Output, RenderOptions, RenderStats, Traversal};
 pub use pixel::Pixel;
-pub use random::splitmix;
+pub use random::uniform;
 pub use render::{cast, render, render_with};
 pub use shade::PointLight;
 pub use srgb::{SrgbTable, srgb};

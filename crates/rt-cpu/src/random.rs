@@ -2,10 +2,8 @@
 
 use bvh_core::Vec3;
 
-/// Number `n` of a sequence that looks random, which each `seed` has one of: SplitMix64 (Steele, Lea, Flood, *Fast
-/// Splittable Pseudorandom Number Generators*, 2014), a hash of a counter.
-#[must_use]
-pub fn splitmix(seed: u64, n: u64) -> u64 {
+/// All bits of number `n` of a sequence ([`uniform`]).
+pub(crate) fn splitmix(seed: u64, n: u64) -> u64 {
     mix(seed.wrapping_add(n.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15)))
 }
 
@@ -48,6 +46,13 @@ fn mix(z: u64) -> u64 {
     let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     z ^ (z >> 31)
+}
+
+/// Number `n`, from 0 to less than 1, of a sequence that looks random; each `seed` has another. These are the upper bits of SplitMix64 (Steele,
+/// Lea, Flood, *Fast Splittable Pseudorandom Number Generators*, 2014), a hash of a counter.
+#[must_use]
+pub fn uniform(seed: u64, n: u64) -> f32 {
+    fraction(splitmix(seed, n))
 }
 
 /// The upper bits as a number from 0 to less than 1.

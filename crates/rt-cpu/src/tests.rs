@@ -12,10 +12,11 @@ use crate::tile::Scratch;
 use bvh_core::triangle::Watertight;
 use bytemuck::zeroed_box;
 
+use crate::random::splitmix;
 use crate::{
     Bvh8, Camera, Image, Material, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render,
 };
-use crate::{Effects, any_hit, any_hit_brute, closest_hit, closest_hit_brute, splitmix};
+use crate::{Effects, any_hit, any_hit_brute, closest_hit, closest_hit_brute};
 use crate::{Hit, TriangleTest};
 
 mod absent;

@@ -48,7 +48,7 @@ pub fn scene_of(path: &Path, animation: Box<dyn Animation>) -> Scene {
     if animation.light(0.0).is_none() {
         // Mesh files cannot say what lights there are; of what can and names none, none casts a
         // shadow.
-        shadows = path.is_dir() || path.extension().is_some_and(|e| e == "obj" || e == "ply" || e == "stl");
+        shadows = path.is_dir() || anim::is_mesh_file(path);
         let cast = if shadows { "" } else { " that casts no shadow" };
         notes.push(format!("{} has no light; the light is a default{cast}", path.display()));
     }

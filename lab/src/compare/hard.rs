@@ -12,7 +12,7 @@ use anyhow::{Context, Result, anyhow, ensure};
 use bvh_core::{Ray, Triangles, Vec3};
 use pivot_benches::embree::Device;
 use pivot_benches::{Contest, Entry, Hits, LIMIT, RAYS, Rays, field};
-use rt_cpu::{Hit, TriangleTest, closest_hit_brute};
+use rt_cpu::{Hit, TriangleTest, closest_hit_brute, uniform};
 
 use crate::progress::Progress;
 use crate::{CheckFailed, files, interrupt};
@@ -53,13 +53,9 @@ const CASES: [Case; 8] = [
     ),
 ];
 
-/// A number in 0 .. 1 for a place (splitmix64); a generator of a crate would have to be run up to
-/// the place.
+/// A number in 0 .. 1 for a place.
 fn noise(i: usize) -> f32 {
-    let mut x = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((x ^ (x >> 31)) >> 40) as f32 / (1 << 24) as f32
+    uniform(0, i as u64)
 }
 
 fn point(i: usize) -> Vec3 {

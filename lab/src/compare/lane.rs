@@ -121,8 +121,8 @@ pub(super) fn play(
     Ok(())
 }
 
-/// The order of `count` lanes in a turn: another comes first each time.
-pub(super) fn turns(count: usize, turn: usize) -> impl Iterator<Item = usize> {
+/// The order of `count` contestants in a turn: another comes first each time.
+pub(crate) fn turns(count: usize, turn: usize) -> impl Iterator<Item = usize> {
     (0..count).map(move |i| (i + turn) % count)
 }
 

@@ -23,6 +23,7 @@ use pivot_benches::embree::{Device, Embree, NotFound};
 use pivot_benches::{Contest, Entry, field};
 use scenes::SceneOptions;
 
+pub(crate) use self::lane::turns;
 use self::row::Report;
 pub(crate) use self::row::Row;
 pub(crate) use self::table::unique;
@@ -65,7 +66,7 @@ pub struct Args {
     /// What to compare
     #[arg(value_enum, default_value_t = What::All)]
     what: What,
-    /// A scene's name, a .glb, .gltf, .obj, .ply or .aff file, or a folder of key frames;
+    /// A scene's name, a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of key frames;
     /// repeatable [default: cloth-ball, n-body, exploding-dragon, lion; all for whole frames]
     #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
     scenes: Vec<String>,
@@ -83,7 +84,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Measure nothing: print the tables of such a file again
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["scenes", "only", "threads", "embree", "json", "frames", "size"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["scenes", "only", "threads", "embree", "json", "frames", "runs", "size"])]
     from: Option<PathBuf>,
     /// File for a chart (SVG) of the times per triangle
     #[arg(long, value_name = "FILE")]
@@ -258,6 +259,7 @@ fn hard_cases(args: &Args) -> Result<()> {
         ("--runs", args.runs > 1),
         ("--size", args.size.is_some()),
         ("--json", args.json.is_some()),
+        ("--chart", args.chart.is_some()),
     ] {
         ensure!(!given, "{option}: the hard cases do not heed it; leave it out, or name other measurements");
     }

@@ -35,7 +35,7 @@ pub(crate) struct Row {
     pub(crate) different: u64,
     /// Primary rays cast for comparison.
     pub(crate) rays: u64,
-    /// Whether the number of hits is the reference's within 0.01 %.
+    /// Whether hits, lit pixels and answers are the reference's, within the bounds of [`Answers::agrees_with`].
     pub(crate) agrees: bool,
     pub(crate) triangles: usize,
     /// Of whole frames: the mean time of the update.

@@ -107,17 +107,19 @@ fn over_loops(scene: &SceneRun) -> Option<[Chart; 2]> {
     let last = scene.speed_rows.iter().map(|row| row.round).max()?;
     let rules: Vec<f64> = (1..=last).map(|round| round as f64).collect();
     let speeds = SPEEDS.map(|frames| (format!("{frames} frames a loop"), frames, SPEED_STRATEGY));
-    // Of the fastest motion.
-    let other = |&name: &&'static str| (format!("{name}, {} frames", SPEEDS[0]), SPEEDS[0], name);
-    let others = SPEED_STRATEGIES[1..].iter().map(other);
+    // Of the fastest motion, where they ran.
+    let other = |&name: &&'static str| {
+        let ran = !scene.at_speed(SPEEDS[0], name).is_empty();
+        ran.then(|| (format!("{name}, {} frames", SPEEDS[0]), SPEEDS[0], name))
+    };
+    let others = SPEED_STRATEGIES[1..].iter().filter_map(other);
     let all: Vec<_> = speeds.into_iter().chain(others).collect();
     Some(pair(scene, "loops of the animation", &rules, |value| {
         let drawn = |(color, (name, frames, strategy)): (usize, &(String, usize, &str))| {
             let at = |row: &Row| (row.round as f64 + row.frame as f64 / *frames as f64, value(row));
             line(name, color, scene.at_speed(*frames, strategy), at)
         };
-        let is_shown = |line: &Series| line.color < SPEEDS.len() || !line.points.is_empty();
-        all.iter().enumerate().map(drawn).filter(is_shown).collect()
+        all.iter().enumerate().map(drawn).collect()
     }))
 }
 

@@ -48,13 +48,13 @@ const ACCURACY_SCENES: [&str; 3] = ["cloth-ball", "n-body", SPEED_SCENE];
 /// Arguments of `reproduce`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// What to rerun; everything but `peers` if nothing is named
+    /// What to rerun [default: everything but `peers`, and for `quick` but `fig5` and `effects`]
     #[arg(value_name = "EXPERIMENT")]
     experiments: Vec<Experiment>,
     /// How much: quick takes half a minute, standard a quarter of an hour, full is the paper's protocol
     #[arg(long, value_enum, default_value_t = Preset::Standard)]
     preset: Preset,
-    /// A scene's name, a .glb, .gltf, .obj, .ply or .aff file, or a folder of key frames;
+    /// A scene's name, a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of key frames;
     /// repeatable [default: all]
     #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
     pub(super) scenes: Vec<String>,

@@ -4,9 +4,8 @@ use anyhow::Result;
 use bvh_core::Bvh;
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
-use rt_cpu::{Image, Output, RenderOptions};
+use rt_cpu::{Image, Output, RenderOptions, srgb};
 
-use crate::render::byte;
 use crate::stage::{Stage, draw};
 
 /// Strategies whose trees are shown as heat maps; the last is that of a fresh build.
@@ -34,7 +33,7 @@ pub(crate) fn hottest(stage: &Stage, size: u32) -> u32 {
 /// A heat map of the stage as it is, as a JPEG file.
 pub(crate) fn heat_map(stage: &Stage, tree: &Bvh, size: u32, most: u32) -> Result<Vec<u8>> {
     let (image, _) = nodes_visited(stage, tree, size, most);
-    let bytes: Vec<u8> = image.pixels().iter().flatten().map(|&x| byte(x)).collect();
+    let bytes: Vec<u8> = image.pixels().iter().flatten().map(|&x| srgb(x)).collect();
     let mut jpeg = Vec::new();
     JpegEncoder::new_with_quality(&mut jpeg, 85).encode(&bytes, size, size, ExtendedColorType::Rgb8)?;
     Ok(jpeg)

@@ -4,7 +4,7 @@ use clap::ValueEnum;
 
 use rt_cpu::Traversal;
 
-use super::SPEEDS;
+use super::SPEED_SAMPLES;
 use crate::pool::PAPER_THREADS;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -120,7 +120,7 @@ impl Values {
             ),
             (self.turns > 1).then(|| {
                 "each strategy has two equal trees, updated and traced in turns; of either time the shorter counts (where an \
-                 update takes less than 2 ms, of up to six equal trees); strategies that know the animation have one tree, \
+                 update takes less than 2 ms, of up to six equal trees; what takes more than 40 ms has one turn); strategies that know the animation have one tree, \
                  which is traced twice, and those that build in the background play the loops by themselves, once"
                     .to_owned()
             }),
@@ -131,7 +131,7 @@ impl Values {
                 )
             }),
             other(|v| format!("{} loops of figure 5", v.speed_loops)).filter(|_| figure_5),
-            (figure_5 && samples).then(|| format!("of each loop of figure 5 {} frames measured", SPEEDS[0])),
+            (figure_5 && samples).then(|| format!("of each loop of figure 5 {SPEED_SAMPLES} frames measured")),
             (!self.speeds && !figure_5)
                 .then(|| "figure 5 only if named; what accuracy costs on one scene".to_owned()),
             (self.prepared < paper.prepared)

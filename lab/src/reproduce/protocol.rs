@@ -6,7 +6,7 @@
 //! frame, a different one first each time, so that whatever else the machine does hits all of them
 //! alike. Then all have a second turn, each with a twin: another tree that has taken the same course.
 //! The shortest update and the shorter picture count, since other work on the machine seldom disturbs
-//! both turns; where updates are short, several twins make them. What builds in the background would slow
+//! both turns; where updates are short, several twins make them. What takes long has one turn. What builds in the background would slow
 //! the others, and have their time besides its own: each such strategy plays the loops by itself. Before the first frame each runs once on a copy that is thrown away. Checks, costs
 //! and pictures are made outside of what is timed.
 //!
@@ -15,13 +15,13 @@
 //! updates are timed, too: few of many may be repairs, and the frames measured could hit or miss them.
 
 use std::collections::HashMap;
-use std::hash::{DefaultHasher, Hash, Hasher};
+use std::hash::{DefaultHasher, Hasher};
 use std::time::Instant;
 
 use anyhow::{Context, Result};
 use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
 use bvh_update::{Load, Update};
-use rt_cpu::{Image, RenderOptions, RenderStats, render};
+use rt_cpu::{Image, RenderOptions, RenderStats};
 
 use super::check::{self, Checks};
 use super::contestants::{Contestant, Method, POSES, Worker};
@@ -29,9 +29,10 @@ use super::journal::Journal;
 use super::preset::Values;
 use super::record::{Row, rounded};
 use super::stages::primitives_refit;
+use crate::compare::turns;
 use crate::interrupt;
 use crate::progress::Progress;
-use crate::stage::{Stage, ms};
+use crate::stage::{Stage, draw, ms};
 
 /// What to measure.
 #[derive(Clone, Debug)]
@@ -90,8 +91,8 @@ struct Lane {
     method: Method,
     tree: Bvh,
     worker: Worker,
-    /// Trees of the second turn, of which the first is traced. None where trees take long to prepare: then the tree itself
-    /// is traced once more.
+    /// Trees of the second turn, of which the first is traced. None where trees take long to prepare or to update: then the
+    /// tree itself is traced once more.
     twins: Vec<(Bvh, Worker)>,
     /// Whether the tree fits the present frame.
     is_current: bool,
@@ -116,6 +117,9 @@ pub(crate) type Named<'a> = (&'static str, &'a Bvh);
 /// dependent on the frame in one run of three.
 const SHORT_MS: f64 = 2.0;
 const MOST_TWINS: f64 = 5.0;
+/// Updates and pictures that are longer than this have one turn. Second turns on rows alone took 74 s of a run of 12 min 56 s
+/// (docs/benchmarks/2026-11-26-reproduce-epyc-zen4-a8b1f89).
+const LONG_MS: f64 = 40.0;
 
 /// What is measured already, and where the rest goes.
 pub(crate) struct Log<'a> {
@@ -179,7 +183,7 @@ impl<'a> Run<'a> {
         for lane in lanes.iter_mut().filter(|lane| !lane.method.knows_animation()) {
             let mut warm = Lane::new(lane.name, lane.method, stage, &[])?;
             let (row, _) = warm.run(stage, &Row::default(), &options, &mut image)?;
-            if plan.values.turns > 1 {
+            if plan.values.turns > 1 && row.update_ms <= LONG_MS {
                 let twins = (SHORT_MS / row.update_ms).ceil().clamp(1.0, MOST_TWINS) as usize;
                 lane.twins =
                     (0..twins).map(|_| start(lane.name, lane.method, stage, &[])).collect::<Result<_>>()?;
@@ -249,9 +253,9 @@ impl<'a> Run<'a> {
                 lane.between.least_ms = f64::INFINITY;
             }
         }
-        let turns = 1 + self.lanes.iter().map(|lane| lane.twins.len()).max().unwrap_or(0);
-        for turn in 0..turns {
-            for i in in_turns(self.lanes.len(), frame) {
+        let twins = self.lanes.iter().map(|lane| lane.twins.len()).max().unwrap_or(0);
+        for turn in 0..=twins {
+            for i in turns(self.lanes.len(), frame) {
                 let lane = &mut self.lanes[i];
                 if lane.is_current {
                     lane.update(turn, stage)?;
@@ -279,7 +283,7 @@ impl<'a> Run<'a> {
     /// Measures a frame with all strategies, and compares their pictures with that of the first.
     fn take_turns(&mut self, stage: &Stage, turn: usize, common: &Row) -> Result<()> {
         let Row { round, frame, .. } = *common;
-        for i in in_turns(self.lanes.len(), turn) {
+        for i in turns(self.lanes.len(), turn) {
             let lane = &mut self.lanes[i];
             let (row, stats) = lane.run(stage, common, &self.options, &mut self.image)?;
             (lane.last, lane.is_current) = (Some(row), true);
@@ -295,7 +299,7 @@ impl<'a> Run<'a> {
         let twins = self.lanes.iter().map(|lane| lane.twins.len()).max().unwrap_or(0);
         let again = if self.plan.values.turns > 1 { twins.max(1) } else { 0 };
         for twin in 0..again {
-            for i in in_turns(self.lanes.len(), turn) {
+            for i in turns(self.lanes.len(), turn) {
                 let lane = &mut self.lanes[i];
                 let same = lane.run_again(twin, stage, &self.options, &mut self.image)?;
                 let place = format!("{}, loop {round}, frame {frame}, {}", self.label, lane.name);
@@ -334,11 +338,6 @@ impl<'a> Run<'a> {
         }
         rows
     }
-}
-
-/// All numbers below `count`, beginning with another one in each turn.
-fn in_turns(count: usize, turn: usize) -> impl Iterator<Item = usize> {
-    (0..count).map(move |i| (i + turn) % count)
 }
 
 /// Whether a frame is one of `samples` that are spread evenly over `frames`.
@@ -448,7 +447,7 @@ impl Lane {
             row.update_ms = row.update_ms.min(update_ms);
             again = tree;
         }
-        if twin == 0 {
+        if twin == 0 && row.trace_ms <= LONG_MS {
             let (trace_ms, stats) = trace(again, stage, options, image);
             if trace_ms < row.trace_ms {
                 row = row.traced(&stats, trace_ms);
@@ -462,7 +461,7 @@ impl Lane {
 /// Of all bits of a picture.
 fn hash(image: &Image) -> u64 {
     let mut hasher = DefaultHasher::new();
-    image.pixels().iter().flatten().for_each(|value| value.to_bits().hash(&mut hasher));
+    hasher.write(bytemuck::cast_slice(image.pixels()));
     hasher.finish()
 }
 
@@ -485,9 +484,7 @@ fn timed(name: &str, tree: &mut Bvh, worker: &mut Worker, stage: &Stage) -> Resu
 
 /// Renders a frame, and gives the time in ms.
 fn trace(tree: &Bvh, stage: &Stage, options: &RenderOptions, image: &mut Image) -> (f64, RenderStats) {
-    let size = image.width();
-    let (mesh, camera, light) = (stage.mesh(), stage.camera(size, size), stage.light());
     let start = Instant::now();
-    let stats = render(tree, &mesh, &camera, Some(&light), options, image);
+    let stats = draw(stage, tree, options, image);
     (rounded(ms(start)), stats)
 }

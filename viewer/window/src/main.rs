@@ -24,7 +24,7 @@ use viewer_core::{Clock, Settings};
 #[derive(Parser)]
 #[command(bin_name = "cargo xtask view", max_term_width = 100)]
 struct Args {
-    /// A scene's name, or a .glb, .gltf, .obj, .ply or .aff file, or a folder of key frames
+    /// A scene's name, or a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of key frames
     #[arg(default_value = "exploding-dragon")]
     scene: String,
     /// How the tree on the left is kept good

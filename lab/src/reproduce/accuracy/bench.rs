@@ -10,6 +10,7 @@ use rt_cpu::{Image, Pixel, RenderOptions, cast};
 
 use super::effort::Effort;
 use super::point::Point;
+use crate::compare::turns;
 use crate::interrupt;
 use crate::reproduce::journal::Journal;
 use crate::reproduce::record::rounded;
@@ -186,8 +187,8 @@ pub(super) fn in_turns(
     let (mut shares, mut shortest) = (vec![Vec::new(); count], f64::INFINITY);
     for round in (0..rounds.max(1)).take_while(|&round| round == 0 || !interrupt::requested()) {
         let mut times = vec![0.0; count];
-        for turn in (0..count).map(|i| (i + round) % count) {
-            times[turn] = run(turn)?;
+        for i in turns(count, round) {
+            times[i] = run(i)?;
         }
         let whole: f64 = times.iter().sum();
         shortest = shortest.min(whole);
