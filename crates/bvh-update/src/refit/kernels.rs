@@ -1,7 +1,7 @@
 //! The loops of the pass, each over a list of nodes: leaves, boxes of inner nodes, heights, rotations.
 //!
-//! Leaves and boxes are written once, in vectors of four that every target has, and compiled for each SIMD level; only
-//! the judging of rotations has a version of its own for each.
+//! They are written once, in vectors of four that every target has, and compiled for each SIMD level. Boxes and the judging of
+//! rotations have versions of their own for AVX2 (`avx2.rs`).
 
 use bvh_core::glam::Vec4;
 use bvh_core::rotation::{Rotation, rotate};
@@ -244,13 +244,18 @@ impl Accepted {
     }
 }
 
+#[inline(always)]
+fn gain(changes: Vec4) -> Vec4 {
+    Vec4::select(changes.cmplt(Vec4::ZERO), changes, Vec4::ZERO)
+}
+
 /// As [`rotation::best`](bvh_core::rotation::best), where some change is below zero, without branches. The last two may be
 /// other changes again.
 #[inline(always)]
 fn best(changes: [f32; 8]) -> Rotation {
-    // NaN is no gain, and the minimum of NaN and a number is the number.
     let [a, b]: [Vec4; 2] = bytemuck::cast(changes);
-    let [a, b] = [a.min(Vec4::INFINITY), b.min(Vec4::INFINITY)];
+    // NaN is no gain: a comparison with it is false on every target, while its minimum with a number is either of them.
+    let [a, b] = [gain(a), gain(b)];
     let least = Vec4::splat(a.min(b).min_element());
     let is_least = a.cmpeq(least).bitmask() | b.cmpeq(least).bitmask() << 4;
     Rotation::ALL[is_least.trailing_zeros() as usize % Rotation::ALL.len()]
@@ -270,5 +275,23 @@ fn swap(nodes: SharedNodes<'_>, pair: usize, rotation: Rotation) {
         let [l, r] = nodes.pair(node.first());
         node.refit(&l, &r);
         nodes.set(pair + child, node);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_best_rotation_is_that_of_the_definition() {
+        let values = [f32::NAN, f32::NEG_INFINITY, f32::INFINITY, -2.0, -1.0, 0.0];
+        for case in 0..6_u32.pow(6) {
+            let changes: [f32; 6] =
+                std::array::from_fn(|i| values[(case / 6_u32.pow(i as u32) % 6) as usize]);
+            let Some(expected) = bvh_core::rotation::best(changes) else { continue };
+            let [a, b, ..] = changes;
+            let lanes = std::array::from_fn(|i| changes.get(i).copied().unwrap_or([a, b][i % 2]));
+            assert_eq!(best(lanes), expected, "{changes:?}");
+        }
     }
 }
