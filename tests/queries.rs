@@ -137,6 +137,7 @@ fn picks_are_those_of_brute_force_and_visits_are_counted() {
         let test = TriangleTest::Watertight;
         assert_eq!(closest_hit_counted(&bvh, &triangles, &ray, f32::INFINITY, test, &mut closest), truth);
         assert_eq!(any_hit_counted(&bvh, &triangles, &ray, f32::INFINITY, test, &mut any), truth.is_some());
+        assert_eq!((closest.queries, any.queries), (1, 1));
         assert!(closest.nodes > 0 && closest.nodes < 1000, "{closest:?}");
         assert!(any.primitives <= closest.primitives && any.nodes <= closest.nodes, "{any:?} {closest:?}");
         if let Some(hit) = truth {
@@ -200,6 +201,21 @@ fn queries_that_are_empty_or_not_finite_find_nothing() {
         bvh.cast_ray(&ray, t_max, |p, _| panic!("{p} before {t_max}"));
     }
     bvh.cast_ray(&Ray::new(Vec3::NAN, Vec3::ONE), f32::INFINITY, |p, _| panic!("{p}"));
+}
+
+/// Signed distances to balls, asked for within several of them.
+#[test]
+fn the_nearest_may_be_at_a_negative_distance() {
+    let (center, radius) = (|p: usize| Vec3::X * p as f32, |p: usize| 1.0 + (p * 7 % 10) as f32);
+    let boxes: Vec<_> = (0..10).map(|p| Aabb::new(center(p) - radius(p), center(p) + radius(p))).collect();
+    let bvh = build(&boxes, Builder::Sweep).expect("few enough");
+    let point = Vec3::new(4.5, 0.25, 0.0);
+    let distance = |p: usize| point.distance(center(p)) - radius(p);
+    // No place in a box is deeper in a ball than half its least extent.
+    let bound = |aabb: &Aabb| aabb.distance_squared(point).sqrt() - (aabb.max - aabb.min).min_element() / 2.0;
+    let least = (0..10).map(|p| (p, distance(p))).min_by(|a, b| a.1.total_cmp(&b.1));
+    assert_eq!(bvh.nearest(f32::INFINITY, bound, |p, _| distance(p)).0, least);
+    assert_eq!(bvh.nearest(-1.0, bound, |p, _| distance(p)).0, least, "from a negative limit on");
 }
 
 #[test]

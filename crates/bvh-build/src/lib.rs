@@ -203,7 +203,7 @@ pub fn build_with<P: Primitives + ?Sized>(
 /// matter.
 ///
 /// O(n log n) for common scenes, O([`MAX_HEIGHT`](bvh_core::MAX_HEIGHT) n) at worst. `scratch`
-/// grows to, in bytes a primitive: 64 binned, 48 LBVH, 52 HLBVH, 128 PLOC, 32 more with long codes.
+/// grows to, in bytes a primitive: 64 binned (in parallel up to 96), 48 LBVH, 52 HLBVH, 128 PLOC, 32 more with long codes.
 /// A sweep takes 140 of its own.
 ///
 /// Where the SAH cannot choose (equal centres, a node without area) and where the tree would get
@@ -252,6 +252,7 @@ pub fn rebuild<P: Primitives + ?Sized>(
     let BuildScratch { prims, dropped, spare, bins, codes, clusters, ploc } = scratch;
     raw::write(bvh, n, |nodes, order| {
         if n == 0 {
+            dropped.clear();
             nodes.fill(Node::NOTHING);
             return 2;
         }
@@ -283,7 +284,6 @@ pub fn rebuild<P: Primitives + ?Sized>(
         };
         let root = if boxed == n { 0 } else { 2 };
         if boxed > 0 && optimize(nodes, root, builder, options) {
-            layout::depth_first(nodes, &mut Vec::new());
             layout::slots_in_order(nodes, order);
         }
         if !exact {
@@ -294,7 +294,8 @@ pub fn rebuild<P: Primitives + ?Sized>(
     Ok(())
 }
 
-/// Improves the tree below the node in slot `root` if the builder is one that does; whether it is.
+/// Improves the tree below the node in slot `root`, and leaves its nodes depth first, if the builder is one that does;
+/// whether it is.
 fn optimize(nodes: &mut [Node], root: usize, builder: Builder, options: &BuildOptions) -> bool {
     match builder {
         Builder::HillClimbed => _ = offline_rotations::climb(nodes, root, &options.hill_climb),
@@ -302,6 +303,7 @@ fn optimize(nodes: &mut [Node], root: usize, builder: Builder, options: &BuildOp
         Builder::Reinserted => {
             let tree = &mut Boxes { nodes, root };
             reinsert::optimize(tree, &options.reinsert, &mut ReinsertScratch::default());
+            layout::depth_first(nodes, &mut Vec::new());
         }
         _ => return false,
     }

@@ -63,8 +63,8 @@ macro_rules! key {
 key!(u64, 24);
 key!(u128, 64);
 
-/// Sorts keys whose numbers are in order by their codes of `bits` bits; equal codes stay in the
-/// order of their numbers.
+/// Sorts keys whose numbers are in order by their codes; equal codes stay in the order of their
+/// numbers.
 ///
 /// Most codes differ in their highest bits. Sorting the few runs that agree in them in place takes
 /// less time than passes over all keys by the lower digits. The sort is written here because it

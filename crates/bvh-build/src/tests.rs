@@ -212,6 +212,15 @@ fn exponential_spacing_stays_within_the_height_bound() {
 }
 
 #[test]
+fn a_build_over_nothing_drops_nothing() {
+    let (mut bvh, mut scratch) = (Bvh::default(), BuildScratch::default());
+    for (boxes, dropped) in [(&[Aabb::EMPTY][..], 1), (&[], 0)] {
+        rebuild(&mut bvh, boxes, Builder::Lbvh, &BuildOptions::default(), &mut scratch).expect("few enough");
+        assert_eq!(scratch.dropped(), dropped);
+    }
+}
+
+#[test]
 fn primitives_without_a_box_are_kept_apart() {
     let clean = random_boxes(500, 0.05);
     let mut boxes = clean.clone();

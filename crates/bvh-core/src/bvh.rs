@@ -5,7 +5,8 @@ use crate::{Node, UpdateState};
 
 /// Greatest height of a tree, in edges between the root and a leaf.
 ///
-/// Builders and updates keep to it, so a traversal stack of this many entries never overflows.
+/// Builders and updates keep to it. A traversal that puts off one child at each inner node needs a stack of this many entries; one that
+/// pushes both children and pops one, of one more.
 pub const MAX_HEIGHT: u32 = 96;
 
 /// Greatest number of primitives of a tree.

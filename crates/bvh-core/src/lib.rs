@@ -39,7 +39,7 @@
 //! * A primitive without extent is like any other.
 //! * An area beyond the range of `f32` is infinite as [`Aabb::half_area`]. Costs are sums of `f64`
 //!   areas, which are always finite. A tree without area has the cost 0.
-//! * No tree is higher than [`MAX_HEIGHT`], so a traversal stack is an array of that size.
+//! * No tree is higher than [`MAX_HEIGHT`], so a traversal stack is an array.
 //!
 //! Throughout, a node is `N`, its children `L` and `R`, its grandchildren `LL LR RL RR`.
 

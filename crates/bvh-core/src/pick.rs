@@ -137,6 +137,7 @@ pub fn hit<S: Simd, T: Test, const ANY: bool>(
 ) -> Option<Hit> {
     let test = T::new(ray);
     let mut best = None::<Hit>;
+    visits.queries += 1;
     walk(
         simd,
         bvh,

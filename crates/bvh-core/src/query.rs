@@ -128,8 +128,8 @@ impl Bvh {
     ) -> Visits {
         let nodes = self.nodes();
         let mut visits = Visits { queries: 1, ..Visits::default() };
-        // Two equal numbers stand for the pairs within a subtree. Those pend twice for each level
-        // above, and below them pend two different nodes, one for each level of either.
+        // Two equal numbers stand for the pairs within a subtree. Of those one pends for each level above and two at the
+        // present level; below them pend two different nodes, one for each level of either.
         let mut stack = [(0, 0); 2 * STACK];
         let mut top = 1;
         while top > 0 {
@@ -215,8 +215,12 @@ impl Bvh {
         &self,
         ray: &Ray,
         t_max: f32,
-        test: impl FnMut(usize, f32) -> ControlFlow<f32, f32>,
+        mut test: impl FnMut(usize, f32) -> ControlFlow<f32, f32>,
     ) -> (f32, Visits) {
+        let test = |p, t_max| match test(p, t_max) {
+            ControlFlow::Continue(t) if t.is_nan() || t < 0.0 => ControlFlow::Break(t),
+            next => next,
+        };
         self.walk_nearest_first(t_max, |aabb, t_max| ray.enters(aabb, t_max), Ray::WIDEN, test)
     }
 
@@ -225,7 +229,7 @@ impl Bvh {
     ///
     /// `to_box` is a lower bound of the distance of everything in a box, and `to_primitive` the
     /// distance of a primitive, which may stop early once it exceeds the limit it is given. Any
-    /// unit will do, squared distances too. A NaN is never nearer. Of equal distances the first one
+    /// unit will do, squared distances too, and distances may be negative. A NaN is never nearer. Of equal distances the first one
     /// met is taken. O(log n) for scattered primitives, O(n) at worst. Allocates nothing.
     ///
     /// ```
@@ -285,8 +289,8 @@ impl Bvh {
                 for &p in self.primitives(node) {
                     visits.primitives += 1;
                     match test(p as usize, limit) {
-                        ControlFlow::Continue(t) if t >= 0.0 => limit = t,
-                        ControlFlow::Continue(t) | ControlFlow::Break(t) => return (t, visits),
+                        ControlFlow::Continue(t) => limit = t,
+                        ControlFlow::Break(t) => return (t, visits),
                     }
                 }
             } else {

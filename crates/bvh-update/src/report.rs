@@ -18,7 +18,7 @@ pub struct Update {
     pub rotations: [u64; 6],
     /// SAH cost of the tree as it is now, where the strategy needs it or
     /// [`Updater::report_cost`](crate::Updater::report_cost) asks for it: [`sah_cost`](bvh_core::sah_cost), but from `f32`
-    /// areas where those are finite. `None` after a rebuild.
+    /// areas where those are finite. `None` after a rebuild or a partial rebuild.
     pub sah_cost: Option<f64>,
     /// Height of the tree as it is now.
     pub height: u32,

@@ -28,13 +28,15 @@ pub struct SleepDelay {
     updates: u32,
     /// For each primitive, the updates since it moved.
     rested: Vec<u32>,
+    /// Whether the tree had all leaves dynamic after it was last marked.
+    all_dynamic: bool,
 }
 
 impl SleepDelay {
     /// Primitives stay dynamic for this many updates after they have moved. At first all count as just stopped.
     #[must_use]
     pub fn new(updates: u32) -> Self {
-        Self { updates, rested: Vec::new() }
+        Self { updates, rested: Vec::new(), all_dynamic: true }
     }
 
     /// Marks primitives before an update; `moves` says which have moved since the last one. Gives the number of dynamic ones.
@@ -42,7 +44,7 @@ impl SleepDelay {
     /// O(n). Calls [`Bvh::set_dynamic`] if some primitive falls asleep or wakes, and for a new tree. Marks set by others are
     /// replaced then, not before.
     pub fn mark(&mut self, bvh: &mut Bvh, moves: impl Fn(usize) -> bool) -> usize {
-        let Self { updates, rested } = self;
+        let Self { updates, rested, all_dynamic } = self;
         let is_new = rested.len() != bvh.len();
         if is_new {
             rested.clear();
@@ -56,9 +58,10 @@ impl SleepDelay {
             awake += usize::from(is_awake);
             changed |= was_awake != is_awake;
         }
-        // A new tree has all primitives dynamic.
-        if changed || bvh.all_dynamic() != (awake == rested.len()) {
+        // A new tree has all primitives dynamic. So may one with sleepers, each in a leaf with one that is awake.
+        if changed || bvh.all_dynamic() != *all_dynamic {
             bvh.set_dynamic(|primitive| rested[primitive] <= *updates);
+            *all_dynamic = bvh.all_dynamic();
         }
         awake
     }
@@ -67,7 +70,7 @@ impl SleepDelay {
 #[cfg(test)]
 mod tests {
     use bvh_build::{Builder, build};
-    use bvh_core::{Aabb, Vec3, sah_cost};
+    use bvh_core::{Aabb, Node, Vec3, sah_cost};
 
     use super::*;
     use crate::{Rotate, Strategy, Updater};
@@ -97,6 +100,17 @@ mod tests {
         assert!(with < 0.95 * without, "{with} for {without}");
         // At first, with a delay again for the one that never moves, and for the others.
         assert_eq!((marked_at_once, marked), (2, 3));
+    }
+
+    #[test]
+    fn sleepers_in_leaves_with_others_are_marked_once() {
+        let boxes = vec![Aabb::new(Vec3::ZERO, Vec3::ONE); 2];
+        let mut bvh = Bvh::new(&[Node::leaf(boxes[0], 0, 2), Node::NOTHING], vec![0, 1]).expect("a leaf");
+        let mut delay = SleepDelay::new(0);
+        for _ in 0..9 {
+            assert_eq!(delay.mark(&mut bvh, |i| i == 0), 1);
+        }
+        assert_eq!(bvh.update_state().changes.dynamic, 1, "as one falls asleep");
     }
 
     #[test]

@@ -151,9 +151,9 @@ impl Updater {
             }
             Strategy::Reinsert(options) => {
                 let tally = pass(bvh, primitives, options.rotate, refit);
-                reinsert(bvh, &Reinsert::default().with_part(options.part).with_passes(1), reinsertion);
-                // The cost is not known for free.
-                Ok(Update { sah_cost: None, ..tally.report(bvh) })
+                let options = Reinsert::default().with_part(options.part).with_passes(1);
+                let done = reinsert(bvh, &options, reinsertion);
+                Ok(Update { sah_cost: Some(done.after), ..tally.report(bvh) })
             }
             Strategy::Leaves(options) => Ok(leaves::update(bvh, primitives, options, refit, leaves)),
             Strategy::Background(options) => {
@@ -185,7 +185,7 @@ impl fmt::Debug for Updater {
 /// # Errors
 /// If the number of primitives is not that of the tree.
 pub fn refit<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P) -> Result<Update, UpdateError> {
-    once(bvh, primitives, None)
+    Updater::new(Strategy::Refit).update(bvh, primitives)
 }
 
 /// Refits all boxes and rotates at every node on the way up (Kopta et al. 2012), as [`refit`] does.
@@ -208,19 +208,7 @@ pub fn refit_and_rotate<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
 ) -> Result<Update, UpdateError> {
-    once(bvh, primitives, Some(Rotate::default()))
-}
-
-fn once<P: Primitives + ?Sized>(
-    bvh: &mut Bvh,
-    primitives: &P,
-    rotate: Option<Rotate>,
-) -> Result<Update, UpdateError> {
-    ensure_count(bvh, primitives)?;
-    State::note_changes(parts(bvh).state);
-    let mut scratch = RefitScratch::default();
-    scratch.with_sums = false;
-    Ok(pass(bvh, primitives, rotate, &mut scratch).report(bvh))
+    Updater::new(Strategy::RefitRotate(Rotate::default())).update(bvh, primitives)
 }
 
 fn ensure_count<P: Primitives + ?Sized>(bvh: &Bvh, primitives: &P) -> Result<(), UpdateError> {

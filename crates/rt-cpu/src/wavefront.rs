@@ -58,7 +58,7 @@ pub(crate) struct Paths {
     weight: Coordinates,
     /// Diffuse bounces so far.
     bounces: [u32; RAYS],
-    /// Mirrors so far, and whether the last surface was one, or the ray comes from the eye.
+    /// Mirrors since the last diffuse bounce, and whether the last surface was one, or the ray comes from the eye.
     mirrors: [u8; RAYS],
     specular: [bool; RAYS],
     looks: Looks,
@@ -241,7 +241,7 @@ impl Wavefront<'_> {
                 along - normal * (2.0 * along.dot(normal))
             } else {
                 let Some(DiffuseBounces { most, .. }) = self.effects.diffuse_bounces else { continue };
-                bounces += 1;
+                (mirrors, bounces) = (0, bounces + 1);
                 if bounces > most {
                     continue;
                 }

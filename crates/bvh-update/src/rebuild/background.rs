@@ -119,7 +119,7 @@ impl Builds {
 
 /// Builders that start no task of a rayon pool when a plain thread calls them.
 fn is_serial(builder: Builder) -> bool {
-    matches!(builder, Builder::Sweep | Builder::Binned)
+    matches!(builder, Builder::Sweep | Builder::Binned | Builder::HillClimbed | Builder::Annealed)
 }
 
 /// Runs a build in a new rayon pool. If the system has no threads to give, the build panics, and the next update starts

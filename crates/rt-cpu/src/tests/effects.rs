@@ -416,6 +416,20 @@ fn mirrors_that_face_each_other_end_somewhere() {
     assert_eq!(average(&image), [0.0; 3]);
 }
 
+/// Four mirrors in a row end a path, four with bounces between them do not.
+#[test]
+fn mirrors_are_counted_from_the_last_bounce_on() {
+    let (soup, white) = (cube(), Material { color: [1.0; 3], ..Material::DEFAULT });
+    let materials = [white, Material { mirror: true, ..white }];
+    let material_of: Vec<u32> = (0..12).map(|triangle| u32::from(triangle < 6)).collect();
+    let mesh = Mesh { materials: &materials, material_of: &material_of, ..Mesh::new(soup.triangles()) };
+    let inside = Camera::look_at(Vec3::new(0.2, 0.1, 0.3), Vec3::X, Vec3::Y, 1.0, 20, 20);
+    let bounces = DiffuseBounces { most: 64, sky: [0.0; 3] };
+    let effects = Effects { mirror: true, diffuse_bounces: Some(bounces), ..Effects::default() };
+    let stats = render(&tree(&soup, 2), &mesh, &inside, None, &with(effects), &mut Image::new(0, 0));
+    assert!(stats.rays_mirror > 8 * 400, "{}", stats.rays_mirror);
+}
+
 /// Holes against brute force with the same rule, for all traversals, triangle tests and both kinds of query.
 #[test]
 fn rays_pass_holes_as_the_rule_says() {

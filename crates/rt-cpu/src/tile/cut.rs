@@ -65,7 +65,9 @@ impl Cut {
                 for (side, child) in [l, r].iter().enumerate() {
                     if met >> side & 1 != 0 {
                         (opened[count], sizes[count]) = ((first + side) as u32, size(child));
-                        prefetch(nodes, child.first());
+                        if !child.is_leaf() {
+                            prefetch(nodes, child.first());
+                        }
                         count += 1;
                     }
                 }
