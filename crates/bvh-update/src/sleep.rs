@@ -104,7 +104,7 @@ mod tests {
 
     #[test]
     fn sleepers_in_leaves_with_others_are_marked_once() {
-        let boxes = vec![Aabb::new(Vec3::ZERO, Vec3::ONE); 2];
+        let boxes = [Aabb::new(Vec3::ZERO, Vec3::ONE); 2];
         let mut bvh = Bvh::new(&[Node::leaf(boxes[0], 0, 2), Node::NOTHING], vec![0, 1]).expect("a leaf");
         let mut delay = SleepDelay::new(0);
         for _ in 0..9 {
