@@ -39,7 +39,7 @@ pub(crate) trait Leaves: Sync {
     fn slots(&self, prims: &[PrimRef]) -> usize;
 
     /// Builds the subtree over one prim.
-    fn grow(&self, prim: &PrimRef, slot: SubtreeSlot);
+    fn subtree(&self, prim: &PrimRef, slot: SubtreeSlot);
 }
 
 /// Each prim is one primitive.
@@ -54,7 +54,7 @@ impl Leaves for OnePrimitive {
     }
 
     #[inline]
-    fn grow(&self, prim: &PrimRef, slot: SubtreeSlot) {
+    fn subtree(&self, prim: &PrimRef, slot: SubtreeSlot) {
         slot.leaf(prim);
     }
 }
@@ -75,7 +75,7 @@ pub(crate) fn build<L: Leaves>(
     all_bins.resize(tasks.max(bins_for(n)), Bins::EMPTY);
     let bins = bins.clamp(2, MAX_BINS as u32) as usize;
     let binned = Binned { leaves, bins, parallel: threads > 1 };
-    binned.grow(prims, spare, slot, all_bins);
+    binned.subtree(prims, spare, slot, all_bins);
 }
 
 /// How many [`Bins`] it takes to split `n` primitives: where they are binned in parts, one more for
@@ -93,14 +93,14 @@ struct Binned<'a, L> {
 impl<L: Leaves> Binned<'_, L> {
     /// Builds the subtree over `prims`, in parallel with as many tasks as there are `bins`. `spare` is
     /// as long as `prims`; both are left in disorder.
-    fn grow(&self, prims: &mut [PrimRef], spare: &mut [PrimRef], slot: SubtreeSlot, bins: &mut [Bins]) {
+    fn subtree(&self, prims: &mut [PrimRef], spare: &mut [PrimRef], slot: SubtreeSlot, bins: &mut [Bins]) {
         let n = prims.len();
         if let [prim] = prims {
-            return self.leaves.grow(prim, slot);
+            return self.leaves.subtree(prim, slot);
         }
         let any_split_fits = slot.any_split_fits(L::MOST);
         if L::MOST == 1 && n <= small_trees::MOST && any_split_fits {
-            return small_trees::grow(prims, slot);
+            return small_trees::build(prims, slot);
         }
         let in_parts = self.parallel && bins.len() > 1 && n >= 2 * PART;
         let centers = if in_parts { centers_parallel(prims) } else { centers(prims) };
@@ -135,11 +135,11 @@ impl<L: Leaves> Binned<'_, L> {
                 let tasks = (bins.len() * left / n).clamp(least_l, bins.len() - least_r);
                 let (bins_l, bins_r) = bins.split_at_mut(tasks);
                 rayon::join(
-                    || self.grow(l, spare_l, slot_l, bins_l),
-                    || self.grow(r, spare_r, slot_r, bins_r),
+                    || self.subtree(l, spare_l, slot_l, bins_l),
+                    || self.subtree(r, spare_r, slot_r, bins_r),
                 )
             } else {
-                (self.grow(l, spare_l, slot_l, bins), self.grow(r, spare_r, slot_r, bins))
+                (self.subtree(l, spare_l, slot_l, bins), self.subtree(r, spare_r, slot_r, bins))
             }
         });
     }

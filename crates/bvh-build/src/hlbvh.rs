@@ -90,7 +90,7 @@ impl<K: Key> Leaves for Clusters<'_, K> {
         clusters.iter().map(|cluster| cluster.size() as usize).sum()
     }
 
-    fn grow(&self, cluster: &PrimRef, slot: SubtreeSlot) {
+    fn subtree(&self, cluster: &PrimRef, slot: SubtreeSlot) {
         let [start, end] = self.ranges[cluster.number() as usize].map(|i| i as usize);
         let keys = &self.keys[start..end];
         if slot.depth as usize + keys.len() - 1 > MAX_HEIGHT as usize {
@@ -98,6 +98,6 @@ impl<K: Key> Leaves for Clusters<'_, K> {
             prims.iter_mut().zip(keys).for_each(|(prim, key)| *prim = self.prims[key.number() as usize]);
             return slot.halve(&prims[..keys.len()]);
         }
-        morton::grow(keys, self.prims, false, slot);
+        morton::build(keys, self.prims, false, slot);
     }
 }

@@ -266,7 +266,7 @@ pub fn rebuild<P: Primitives + ?Sized>(
                 binned::build(prims, (spare, bins), &OnePrimitive, options.bins, threads, slot);
             }
             Builder::Lbvh => with_keys!(codes.sort(prims, &centers, threads), keys => {
-                morton::grow(keys, prims, threads > 1, slot);
+                morton::build(keys, prims, threads > 1, slot);
             }),
             Builder::Hlbvh => with_keys!(codes.sort(prims, &centers, threads), keys => {
                 hlbvh::build(prims, keys, (clusters, spare, bins), options.bins, threads, slot);

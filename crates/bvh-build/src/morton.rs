@@ -153,13 +153,13 @@ fn interleave<K: Key>([x, y, z, _]: [u32; 4]) -> u64 {
 }
 
 /// Builds the subtree over the primitives with these keys, which are neighbours along the curve.
-pub(crate) fn grow<K: Key>(keys: &[K], prims: &[PrimRef], parallel: bool, slot: SubtreeSlot) {
+pub(crate) fn build<K: Key>(keys: &[K], prims: &[PrimRef], parallel: bool, slot: SubtreeSlot) {
     if !parallel || keys.len() < GRAIN {
         return emit(keys, prims, slot);
     }
     let (l, r) = split(keys);
     slot.fork(l.len(), |slot_l, slot_r| {
-        rayon::join(|| grow(l, prims, parallel, slot_l), || grow(r, prims, parallel, slot_r))
+        rayon::join(|| build(l, prims, parallel, slot_l), || build(r, prims, parallel, slot_r))
     });
 }
 

@@ -41,20 +41,20 @@ const SLOW: usize = 32;
 /// Two clusters that became one, and the number of primitives in it. A cluster's number is the
 /// place of its only leaf, or the number of leaves plus that of its merger.
 #[derive(Clone, Copy)]
-pub(crate) struct Merger {
-    pub(crate) left: u32,
-    pub(crate) right: u32,
-    pub(crate) size: u32,
+struct Merger {
+    left: u32,
+    right: u32,
+    size: u32,
 }
 
 /// Memory for clusters.
 #[derive(Default)]
 pub(crate) struct PlocMemory {
     /// The primitives along the curve.
-    pub(crate) leaves: Vec<PrimRef>,
+    leaves: Vec<PrimRef>,
     spare: Vec<PrimRef>,
     nearest: Vec<u32>,
-    pub(crate) mergers: Vec<Merger>,
+    mergers: Vec<Merger>,
     parts: Vec<Kept>,
 }
 
@@ -110,11 +110,11 @@ pub(crate) fn build(
         std::mem::swap(&mut from, &mut to);
     }
     let root = (n + merged - 1) as u32;
-    Tree { leaves, mergers }.grow(if n == 1 { 0 } else { root }, threads > 1, slot);
+    Tree { leaves, mergers }.subtree(if n == 1 { 0 } else { root }, threads > 1, slot);
 }
 
 /// Copies the primitives in the order of the curve.
-pub(crate) fn gather<K: Key>(keys: &[K], prims: &[PrimRef], sorted: &mut [PrimRef], threads: usize) {
+fn gather<K: Key>(keys: &[K], prims: &[PrimRef], sorted: &mut [PrimRef], threads: usize) {
     if threads > 1 {
         keys.par_chunks(PART).zip(sorted.par_chunks_mut(PART)).for_each(|(keys, to)| copy(keys, prims, to));
     } else {
@@ -251,9 +251,9 @@ impl Kept {
 
 /// All mergers over all leaves.
 #[derive(Clone, Copy)]
-pub(crate) struct Tree<'a> {
-    pub(crate) leaves: &'a [PrimRef],
-    pub(crate) mergers: &'a [Merger],
+struct Tree<'a> {
+    leaves: &'a [PrimRef],
+    mergers: &'a [Merger],
 }
 
 impl Tree<'_> {
@@ -264,14 +264,14 @@ impl Tree<'_> {
     }
 
     /// Writes the tree below a cluster.
-    pub(crate) fn grow(self, cluster: u32, parallel: bool, slot: SubtreeSlot) {
+    fn subtree(self, cluster: u32, parallel: bool, slot: SubtreeSlot) {
         match self.merger(cluster) {
             Some(&Merger { left, right, size })
                 if parallel && size as usize >= GRAIN && slot.any_split_fits(1) =>
             {
                 let left_size = self.merger(left).map_or(1, |merger| merger.size as usize);
                 slot.fork(left_size, |slot_l, slot_r| {
-                    rayon::join(|| self.grow(left, true, slot_l), || self.grow(right, true, slot_r))
+                    rayon::join(|| self.subtree(left, true, slot_l), || self.subtree(right, true, slot_r))
                 });
             }
             _ => {

@@ -37,16 +37,16 @@ use crate::{BuildError, Builder, Optimized, Reinsert, ReinsertScratch, build, ra
 /// # Ok::<(), bvh_build::BuildError>(())
 /// ```
 pub fn build_over_poses<P: Primitives + ?Sized>(poses: &[&P], options: &Reinsert) -> Result<Bvh, BuildError> {
-    let mut bvh = best_start(poses, Builder::BinnedParallel)?;
+    let mut bvh = best_start(poses)?;
     optimize_over_poses(&mut bvh, poses, options, &mut ReinsertScratch::default())?;
     Ok(bvh)
 }
 
 /// The tree of least cost over all poses among those built on each pose alone.
-fn best_start<P: Primitives + ?Sized>(poses: &[&P], builder: Builder) -> Result<Bvh, BuildError> {
+fn best_start<P: Primitives + ?Sized>(poses: &[&P]) -> Result<Bvh, BuildError> {
     let mut best: Option<(f64, Bvh)> = None;
     for pose in poses {
-        let bvh = build(*pose, builder)?;
+        let bvh = build(*pose, Builder::BinnedParallel)?;
         let cost = cost_over_poses(&bvh, poses)?;
         if best.as_ref().is_none_or(|best| cost < best.0) {
             best = Some((cost, bvh));
@@ -201,7 +201,7 @@ impl Tree for Posed<'_> {
     fn bounds(&self, n: usize) -> Vec<Aabb> {
         self.boxes.get(n).to_vec()
     }
-    fn grow(&self, bounds: &mut Vec<Aabb>, n: usize) {
+    fn enlarge(&self, bounds: &mut Vec<Aabb>, n: usize) {
         for (bounds, other) in bounds.iter_mut().zip(self.boxes.get(n)) {
             *bounds = bounds.union(*other);
         }

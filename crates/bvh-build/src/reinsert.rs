@@ -217,7 +217,7 @@ fn best_move<T: Tree>(tree: &T, parents: &[u32], n: usize, stack: &mut Vec<(f64,
             }
         }
         if !is_parent {
-            tree.grow(&mut rest, sibling);
+            tree.enlarge(&mut rest, sibling);
             let area = tree.area_of(pivot);
             // Beside the pivot itself: their parent is as large as the pivot was.
             freed += area - tree.area(&rest);
@@ -245,7 +245,7 @@ fn apply<T: Tree>(tree: &mut T, parents: &mut [u32], n: usize, to: usize) -> f64
     let taken = tree.area_of(parent);
     tree.copy(sibling, parent);
     adopt(tree, parents, parent);
-    let freed = taken - grown_above(tree, parents, parent);
+    let freed = taken - refit_above(tree, parents, parent);
     let saving = COST_TRAVERSE * price(tree, parents, n, to).map_or(f64::NEG_INFINITY, |price| freed - price);
     // Moving it back undoes everything exactly, because bounds are minima and maxima.
     let to = if saving > 0.0 { to } else { parent };
@@ -256,7 +256,7 @@ fn apply<T: Tree>(tree: &mut T, parents: &mut [u32], n: usize, to: usize) -> f64
     nodes[to].set_reference(reference);
     adopt(tree, parents, to);
     tree.refit(to);
-    grown_above(tree, parents, to);
+    refit_above(tree, parents, to);
     saving.max(0.0)
 }
 
@@ -286,18 +286,18 @@ fn adopt<T: Tree>(tree: &T, parents: &mut [u32], n: usize) {
     }
 }
 
-/// Refits all nodes above slot `n` that change; gives the growth of their area.
-fn grown_above<T: Tree>(tree: &mut T, parents: &[u32], mut n: usize) -> f64 {
-    let mut grown = 0.0;
+/// Refits all nodes above slot `n` that change; gives the change of their area.
+fn refit_above<T: Tree>(tree: &mut T, parents: &[u32], mut n: usize) -> f64 {
+    let mut change = 0.0;
     while n != tree.root() {
         n = parents[n / 2] as usize;
         let before = tree.area_of(n);
         if !tree.refit(n) {
             break;
         }
-        grown += tree.area_of(n) - before;
+        change += tree.area_of(n) - before;
     }
-    grown
+    change
 }
 
 #[cfg(test)]

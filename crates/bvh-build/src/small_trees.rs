@@ -3,14 +3,14 @@
 use crate::prim_ref::PrimRef;
 use crate::subtree_slot::SubtreeSlot;
 
-/// Most primitives that [`grow`] takes.
+/// Most primitives that [`build`] takes.
 pub(crate) const MOST: usize = 4;
 
 /// Builds the cheapest tree over two to four primitives, the first of equals. O(1). The slot must
 /// allow any split.
 ///
 /// All such trees have the same leaves, so only their inner nodes below the root count.
-pub(crate) fn grow(prims: &[PrimRef], slot: SubtreeSlot) {
+pub(crate) fn build(prims: &[PrimRef], slot: SubtreeSlot) {
     match prims {
         [a, b] => pair(a, b, slot),
         [a, b, c] => {

@@ -48,7 +48,7 @@ impl Sweep {
         let mut spare = prims.to_vec();
         let mut costs = vec![0.0; spare.len()];
         let sorted = sorted.each_mut().map(Vec::as_mut_slice);
-        self.grow(Lists { sorted, spare: &mut spare, costs: &mut costs }, slot);
+        self.subtree(Lists { sorted, spare: &mut spare, costs: &mut costs }, slot);
     }
 
     /// The primitives by their centres on an axis; ties by number.
@@ -68,7 +68,7 @@ impl Sweep {
         keys.into_iter().map(|key| prims[key as u32 as usize]).collect()
     }
 
-    fn grow(&self, mut lists: Lists, slot: SubtreeSlot) {
+    fn subtree(&self, mut lists: Lists, slot: SubtreeSlot) {
         let n = lists.costs.len();
         if n == 1 {
             return slot.leaf(&lists.sorted[0][0]);
@@ -81,9 +81,9 @@ impl Sweep {
         let (l, r) = lists.split_at(left);
         slot.fork(left, |slot_l, slot_r| {
             if self.parallel && n > GRAIN {
-                rayon::join(|| self.grow(l, slot_l), || self.grow(r, slot_r))
+                rayon::join(|| self.subtree(l, slot_l), || self.subtree(r, slot_r))
             } else {
-                (self.grow(l, slot_l), self.grow(r, slot_r))
+                (self.subtree(l, slot_l), self.subtree(r, slot_r))
             }
         });
     }

@@ -14,8 +14,8 @@ pub(crate) trait Tree: Sync {
     fn root(&self) -> usize;
     /// The bounds of the node in slot `n`.
     fn bounds(&self, n: usize) -> Self::Bounds;
-    /// Grows `bounds` around the node in slot `n`.
-    fn grow(&self, bounds: &mut Self::Bounds, n: usize);
+    /// Enlarges `bounds` by the node in slot `n`.
+    fn enlarge(&self, bounds: &mut Self::Bounds, n: usize);
     /// Area of a bounds.
     fn area(&self, bounds: &Self::Bounds) -> f64;
     /// Area of the node in slot `n`.
@@ -23,7 +23,7 @@ pub(crate) trait Tree: Sync {
     fn area_of(&self, n: usize) -> f64 {
         self.area(&self.bounds(n))
     }
-    /// Area of the node in slot `n` grown around `bounds`.
+    /// Area of the node in slot `n` enlarged by `bounds`.
     fn area_with(&self, n: usize, bounds: &Self::Bounds) -> f64;
     /// Copies a node to another slot, with its bounds.
     fn copy(&mut self, from: usize, to: usize);
@@ -59,7 +59,7 @@ impl Tree for Boxes<'_> {
         self.nodes[n].aabb()
     }
     #[inline]
-    fn grow(&self, bounds: &mut Aabb, n: usize) {
+    fn enlarge(&self, bounds: &mut Aabb, n: usize) {
         *bounds = bounds.union(self.nodes[n].aabb());
     }
     #[inline]

@@ -122,10 +122,10 @@ impl Bvh {
 
     /// Writes what has been checked: each of the old nodes is replaced by one of the `new` ones.
     fn exchange(&mut self, path: &[usize], slots: &[usize], new: &[Node]) {
-        let mut grown = 0.0;
+        let mut static_change = 0.0;
         for (&slot, node) in slots.iter().zip(new) {
             let old = std::mem::replace(&mut self.raw_nodes_mut()[slot], *node);
-            grown += node.static_term() - old.static_term();
+            static_change += node.static_term() - old.static_term();
         }
         for &n in path.iter().rev().skip(1) {
             let pair = self.nodes()[n].first();
@@ -133,7 +133,7 @@ impl Bvh {
             self.raw_nodes_mut()[n].refit_metadata(&l, &r);
         }
         if !self.all_dynamic {
-            self.static_area += grown;
+            self.static_area += static_change;
         }
         if new.len() > 1 {
             let structure = &mut self.update_state.changes.structure;

@@ -175,13 +175,13 @@ pub fn rotate<S: Slots + ?Sized>(nodes: &mut S, pair: usize, rotation: Rotation,
         nodes.set(b, at_a);
     };
     swap_slots(nodes);
-    let mut grown = 0.0;
+    let mut static_change = 0.0;
     for i in touched.clone() {
         let before = nodes.get(pair + i);
         let mut after = before;
         after.refit(&nodes.get(before.first()), &nodes.get(before.first() + 1));
         nodes.set(pair + i, after);
-        grown += after.static_term() - children[i].static_term();
+        static_change += after.static_term() - children[i].static_term();
     }
     let height = 1 + nodes.get(pair).height().max(nodes.get(pair + 1).height());
     if depth + height > MAX_HEIGHT {
@@ -191,7 +191,7 @@ pub fn rotate<S: Slots + ?Sized>(nodes: &mut S, pair: usize, rotation: Rotation,
         swap_slots(nodes);
         return None;
     }
-    Some(grown)
+    Some(static_change)
 }
 
 #[cfg(test)]
@@ -277,8 +277,8 @@ mod tests {
         let mut nodes = bvh.nodes().to_vec();
         // R = (2, 3) is static and becomes (0, 3), dynamic; L = (0, 1) becomes (2, 1), static.
         let before = nodes[3].aabb().half_area_f64();
-        let grown = rotate(nodes.as_mut_slice(), 2, Rotation::LlForRl, 0);
-        assert_eq!(grown, Some(nodes[2].aabb().half_area_f64() - before));
+        let static_change = rotate(nodes.as_mut_slice(), 2, Rotation::LlForRl, 0);
+        assert_eq!(static_change, Some(nodes[2].aabb().half_area_f64() - before));
         assert!(!nodes[2].is_dynamic() && nodes[3].is_dynamic());
     }
 

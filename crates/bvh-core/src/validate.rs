@@ -78,9 +78,15 @@ impl Bvh {
             return Err(Invalid::Count { tree: self.len(), given: primitives.len() });
         }
         Self::new(self.nodes(), self.order().to_vec())?;
-        let (mut wrong, mut is_used) = (Ok(()), vec![false; self.nodes().len()]);
-        self.visit(|n, node, _| {
-            is_used[n] = true;
+        let mut is_used = vec![false; self.nodes().len()];
+        self.visit(|n, _, _| is_used[n] = true);
+        for (n, (node, is_used)) in self.nodes().iter().zip(is_used).enumerate() {
+            if !is_used {
+                if !node.is_leaf() || node.count() > 0 {
+                    return Err(Invalid::Unused(n));
+                }
+                continue;
+            }
             let (expected, height, dynamic) = match self.children(node) {
                 None => {
                     let boxes = self.primitives(node).iter().map(|&p| primitives.aabb(p as usize));
@@ -94,22 +100,15 @@ impl Bvh {
                 ),
             };
             let found = node.aabb();
-            if wrong.is_err() {
-            } else if found != expected {
-                wrong = Err(Invalid::NotTight { node: n, found, expected });
+            if found != expected {
+                return Err(Invalid::NotTight { node: n, found, expected });
             } else if node.height() != height {
-                wrong = Err(Invalid::Height { node: n, found: node.height(), expected: height });
+                return Err(Invalid::Height { node: n, found: node.height(), expected: height });
             } else if node.is_dynamic() != dynamic {
-                wrong = Err(Invalid::Dynamic { node: n, found: node.is_dynamic() });
+                return Err(Invalid::Dynamic { node: n, found: node.is_dynamic() });
             }
-        });
-        wrong?;
-        let unused = self
-            .nodes()
-            .iter()
-            .zip(is_used)
-            .position(|(node, is_used)| !is_used && (!node.is_leaf() || node.count() > 0));
-        unused.map_or(Ok(()), |n| Err(Invalid::Unused(n)))
+        }
+        Ok(())
     }
 }
 

@@ -8,6 +8,7 @@ mod contestants;
 mod decisions;
 mod figures;
 mod journal;
+mod lane;
 mod offline;
 mod options;
 mod output;

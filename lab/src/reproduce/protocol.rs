@@ -6,9 +6,11 @@
 //! frame, a different one first each time, so that whatever else the machine does hits all of them
 //! alike. Then all have a second turn, each with a twin: another tree that has taken the same course.
 //! The shortest update and the shorter picture count, since other work on the machine seldom disturbs
-//! both turns; where updates are short, several twins make them. What takes long has one turn. What builds in the background would slow
-//! the others, and have their time besides its own: each such strategy plays the loops by itself. Before the first frame each runs once on a copy that is thrown away. Checks, costs
-//! and pictures are made outside of what is timed.
+//! both turns; where updates are short, several twins make them. What takes long has one turn.
+//!
+//! What builds in the background would slow the others, and have their time besides its own: each such
+//! strategy plays the loops by itself. Before the first frame each runs once on a copy that is thrown
+//! away. Checks, costs and pictures are made outside of what is timed.
 //!
 //! Frames that an earlier run has measured, and those between frames to measure, are only played:
 //! strategies whose trees depend on the frames before update them, and nothing is rendered. These
@@ -18,21 +20,20 @@ use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hasher};
 use std::time::Instant;
 
-use anyhow::{Context, Result};
-use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
-use bvh_update::{Load, Update};
+use anyhow::Result;
+use bvh_core::Bvh;
 use rt_cpu::{Image, RenderOptions, RenderStats};
 
 use super::check::{self, Checks};
-use super::contestants::{Contestant, Method, POSES, Worker};
+use super::contestants::{Contestant, POSES};
 use super::journal::Journal;
+use super::lane::{Between, Lane, trace};
 use super::preset::Values;
 use super::record::{Row, rounded};
-use super::stages::primitives_refit;
 use crate::compare::turns;
 use crate::interrupt;
 use crate::progress::Progress;
-use crate::stage::{Stage, draw, ms};
+use crate::stage::{Stage, ms};
 
 /// What to measure.
 #[derive(Clone, Debug)]
@@ -85,41 +86,8 @@ impl Plan {
     }
 }
 
-/// A strategy at work: its tree and its memory.
-struct Lane {
-    name: &'static str,
-    method: Method,
-    tree: Bvh,
-    worker: Worker,
-    /// Trees of the second turn, of which the first is traced. None where trees take long to prepare or to update: then the
-    /// tree itself is traced once more.
-    twins: Vec<(Bvh, Worker)>,
-    /// Whether the tree fits the present frame.
-    is_current: bool,
-    last: Option<Row>,
-    between: Between,
-}
-
-/// Updates since the last frame that was measured.
-#[derive(Clone, Copy, Default)]
-struct Between {
-    updates: u64,
-    ms: f64,
-    /// Shortest time so far of the present frame's update.
-    least_ms: f64,
-}
-
 /// A tree that fits the frame, and whose it is.
 pub(crate) type Named<'a> = (&'static str, &'a Bvh);
-
-/// Updates that are shorter than this have several twins, so that those of a frame take about as long together,
-/// and this many at most. With one twin, `cargo xtask reproduce claims --preset standard` found the forest's refits of 0.25 ms
-/// dependent on the frame in one run of three.
-const SHORT_MS: f64 = 2.0;
-const MOST_TWINS: f64 = 5.0;
-/// Updates and pictures that are longer than this have one turn. Second turns on rows alone took 74 s of a run of 12 min 56 s
-/// (docs/benchmarks/2026-11-26-reproduce-epyc-zen4-a8b1f89).
-const LONG_MS: f64 = 40.0;
 
 /// What is measured already, and where the rest goes.
 pub(crate) struct Log<'a> {
@@ -183,10 +151,8 @@ impl<'a> Run<'a> {
         for lane in lanes.iter_mut().filter(|lane| !lane.method.knows_animation()) {
             let mut warm = Lane::new(lane.name, lane.method, stage, &[])?;
             let (row, _) = warm.run(stage, &Row::default(), &options, &mut image)?;
-            if plan.values.turns > 1 && row.update_ms <= LONG_MS {
-                let twins = (SHORT_MS / row.update_ms).ceil().clamp(1.0, MOST_TWINS) as usize;
-                lane.twins =
-                    (0..twins).map(|_| start(lane.name, lane.method, stage, &[])).collect::<Result<_>>()?;
+            if plan.values.turns > 1 {
+                lane.add_twins(stage, row.update_ms)?;
             }
         }
         Ok(Self { label, plan, lanes, options, image, shown, checks: Checks::default() })
@@ -360,131 +326,9 @@ fn lanes(stage: &mut Stage, plan: &Plan) -> Result<Vec<Lane>> {
     Ok(lanes)
 }
 
-impl Lane {
-    fn new(name: &'static str, method: Method, stage: &Stage, poses: &[Vec<Vec3>]) -> Result<Self> {
-        let (tree, worker) = start(name, method, stage, poses)?;
-        Ok(Self {
-            name,
-            method,
-            tree,
-            worker,
-            twins: Vec::new(),
-            is_current: false,
-            last: None,
-            between: Between::default(),
-        })
-    }
-
-    /// Updates the tree in the first turn, each twin in one of the others, without rendering.
-    fn update(&mut self, turn: usize, stage: &Stage) -> Result<()> {
-        let (tree, worker) = match turn.checked_sub(1) {
-            None => (&mut self.tree, &mut self.worker),
-            Some(twin) => match self.twins.get_mut(twin) {
-                Some((tree, worker)) => (tree, worker),
-                None => return Ok(()),
-            },
-        };
-        let (update_ms, _) = timed(self.name, tree, worker, stage)?;
-        self.between.least_ms = self.between.least_ms.min(update_ms);
-        Ok(())
-    }
-
-    fn report(&mut self, load: Load) {
-        self.worker.report(load);
-        self.twins.iter_mut().for_each(|(_, worker)| worker.report(load));
-    }
-
-    /// Reports the rays of a frame that an earlier run has measured, so that the tree takes the
-    /// same course.
-    fn recall(&mut self, rows: &[Row], round: usize, frame: usize) {
-        let is_it = |row: &&Row| row.strategy == self.name && [row.round, row.frame] == [round, frame];
-        if let Some(row) = rows.iter().find(is_it) {
-            self.report(Load::PacketNodes(row.nodes_opened));
-        }
-    }
-
-    /// Updates and renders a frame; gives the row, whose other columns are in `common`.
-    fn run(
-        &mut self,
-        stage: &Stage,
-        common: &Row,
-        options: &RenderOptions,
-        image: &mut Image,
-    ) -> Result<(Row, RenderStats)> {
-        let (update_ms, update) = timed(self.name, &mut self.tree, &mut self.worker, stage)?;
-        let (trace_ms, stats) = trace(&self.tree, stage, options, image);
-        self.worker.report(Load::PacketNodes(stats.nodes_visited));
-        let row = Row {
-            update_ms,
-            sah_cost: update.sah_cost.unwrap_or_else(|| sah_cost(&self.tree)),
-            rotations: update.rotations_applied(),
-            height: update.height,
-            nodes_visited: update.nodes_visited,
-            dropped: update.dropped,
-            primitives_refit: primitives_refit(&self.tree, &update),
-            // Without commas, which would part columns for a simple reader.
-            decision: update.decision.to_string().replace(',', ";"),
-            ..common.clone()
-        };
-        Ok((row.traced(&stats, trace_ms), stats))
-    }
-
-    /// Updates a twin, and renders the first or the tree itself once more; the shorter times count. Gives whether the
-    /// twin has the same cost.
-    fn run_again(
-        &mut self,
-        twin: usize,
-        stage: &Stage,
-        options: &RenderOptions,
-        image: &mut Image,
-    ) -> Result<bool> {
-        let Some(mut row) = self.last.take() else { return Ok(true) };
-        let (mut same, mut again) = (true, &self.tree);
-        if let Some((tree, worker)) = self.twins.get_mut(twin) {
-            let (update_ms, update) = timed(self.name, tree, worker, stage)?;
-            worker.report(Load::PacketNodes(row.nodes_opened));
-            same = update.sah_cost.unwrap_or_else(|| sah_cost(tree)) == row.sah_cost;
-            row.update_ms = row.update_ms.min(update_ms);
-            again = tree;
-        }
-        if twin == 0 && row.trace_ms <= LONG_MS {
-            let (trace_ms, stats) = trace(again, stage, options, image);
-            if trace_ms < row.trace_ms {
-                row = row.traced(&stats, trace_ms);
-            }
-        }
-        self.last = Some(row);
-        Ok(same)
-    }
-}
-
 /// Of all bits of a picture.
 fn hash(image: &Image) -> u64 {
     let mut hasher = DefaultHasher::new();
     hasher.write(bytemuck::cast_slice(image.pixels()));
     hasher.finish()
-}
-
-/// A copy of the first tree, and what updates it by a method.
-fn start(name: &str, method: Method, stage: &Stage, poses: &[Vec<Vec3>]) -> Result<(Bvh, Worker)> {
-    let indices = stage.triangles().indices;
-    let poses: Vec<_> = poses.iter().map(|positions| Triangles { positions, indices }).collect();
-    let mut tree = Bvh::clone(&stage.first_tree);
-    let worker = method.start(&mut tree, &poses).with_context(|| format!("{name}: not prepared"))?;
-    Ok((tree, worker))
-}
-
-/// Updates a tree, and gives the time in ms.
-fn timed(name: &str, tree: &mut Bvh, worker: &mut Worker, stage: &Stage) -> Result<(f64, Update)> {
-    let start = Instant::now();
-    let update = worker.update(tree, &stage.triangles());
-    let update_ms = ms(start);
-    Ok((update_ms, update.with_context(|| format!("{}: {name} failed", stage.scene.name))?))
-}
-
-/// Renders a frame, and gives the time in ms.
-fn trace(tree: &Bvh, stage: &Stage, options: &RenderOptions, image: &mut Image) -> (f64, RenderStats) {
-    let start = Instant::now();
-    let stats = draw(stage, tree, options, image);
-    (rounded(ms(start)), stats)
 }

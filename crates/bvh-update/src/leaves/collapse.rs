@@ -8,7 +8,7 @@ use bvh_core::{Aabb, Bvh, MAX_HEIGHT, Node, Parts, Primitives, prefetch};
 use rayon::prelude::*;
 
 use super::small_tree::{LONGEST, OptimalTree, are_best_as_leaf};
-use crate::refit::{Turns, parts};
+use crate::refit::{Schedule, parts};
 use crate::state::{Layout, State};
 
 /// Subtrees of this height or less are parts, which take turns; what is above them is walked through each time.
@@ -43,7 +43,7 @@ pub(crate) struct LeafChange {
 pub(crate) fn change_leaves<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
-    turns: Turns,
+    schedule: Schedule,
     max_leaf_size: u32,
     scale: f64,
     scratch: &mut LeafScratch,
@@ -51,7 +51,7 @@ pub(crate) fn change_leaves<P: Primitives + ?Sized>(
     let LeafScratch { top, parts: small, plans } = scratch;
     top.clear();
     small.clear();
-    find_parts(bvh.nodes(), 0, 0, turns, top, small);
+    find_parts(bvh.nodes(), 0, 0, schedule, top, small);
     let per_task = small.len().div_ceil(TASKS).next_multiple_of(GROUP).max(1);
     plans.resize_with(TASKS, Plans::default);
     let Parts { nodes, order, state, .. } = parts(bvh);
@@ -78,20 +78,27 @@ pub(crate) fn change_leaves<P: Primitives + ?Sized>(
 }
 
 /// Finds the parts at and below node `n` that have their turn, from left to right.
-fn find_parts(nodes: &[Node], n: usize, depth: u32, turns: Turns, top: &mut Vec<u32>, parts: &mut Vec<Seen>) {
+fn find_parts(
+    nodes: &[Node],
+    n: usize,
+    depth: u32,
+    schedule: Schedule,
+    top: &mut Vec<u32>,
+    parts: &mut Vec<Seen>,
+) {
     let node = &nodes[n];
     if !node.is_dynamic() {
         return;
     }
     if node.height() <= SMALL {
-        if node.is_leaf() || turns.includes(n) {
+        if node.is_leaf() || schedule.includes(n) {
             parts.push(Seen::new(n, depth));
         }
         return;
     }
     top.push(n as u32);
     for child in [node.first(), node.first() + 1] {
-        find_parts(nodes, child, depth + 1, turns, top, parts);
+        find_parts(nodes, child, depth + 1, schedule, top, parts);
     }
 }
 
@@ -389,7 +396,7 @@ mod tests {
     }
 
     fn step<P: Primitives>(bvh: &mut Bvh, primitives: &P) -> LeafChange {
-        let always = Turns::new(1, 0);
+        let always = Schedule::new(1, 0);
         change_leaves(bvh, primitives, always, LONGEST as u32, 1.0, &mut LeafScratch::default())
     }
 

@@ -27,7 +27,7 @@
 use bvh_core::{Bvh, Primitives};
 
 use crate::quality::or_one;
-use crate::refit::{self, RefitScratch, Rotate, Turns, pass};
+use crate::refit::{self, RefitScratch, Rotate, Schedule, pass};
 use crate::report::Update;
 use crate::state::State;
 
@@ -74,7 +74,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let period = if is_stretched { 1 } else { options.period };
     let scale = or_one(tally.leaf_area);
     let change =
-        change_leaves(bvh, primitives, Turns::new(period, updates), options.max_leaf_size, scale, scratch);
+        change_leaves(bvh, primitives, Schedule::new(period, updates), options.max_leaf_size, scale, scratch);
     let leaf_area = tally.leaf_area + change.leaves;
     let is_first = is_stretched || reference == 0.0;
     let state = State::of_mut(refit::parts(bvh).state);

@@ -56,9 +56,9 @@ fn list(nodes: SharedNodes<'_>, parents: &[Entry; GROUP], count: usize, lister: 
     let links = _mm512_inserti64x4::<1>(_mm512_castsi256_si512(of_four(a, b, c, d)), of_four(e, f, g, h));
 
     let is_leaf = _mm512_movepi32_mask(links);
-    let moves =
+    let is_dynamic =
         if cfg!(refit_without = "moving") { !0 } else { _mm512_movepi32_mask(_mm512_slli_epi32::<1>(links)) };
-    let listed = moves & ((1_u32 << (2 * count)) - 1) as u16;
+    let listed = is_dynamic & ((1_u32 << (2 * count)) - 1) as u16;
     let parents = bytemuck::cast(*parents);
     let left_slots = _mm512_slli_epi64::<34>(parents);
     let left_slots = _mm512_srli_epi64::<2>(left_slots);

@@ -131,11 +131,11 @@ impl<'a> Lister<'a> {
             const { assert!(Node::LEAF == 1 << 31 && Node::DYNAMIC == 1 << 30) }
             let entry = Entry::new(pair + i, link);
             let is_leaf = (link >> 31) as usize;
-            let moves = if cfg!(refit_without = "moving") { 1 } else { (link >> 30 & 1) as usize };
+            let is_dynamic = if cfg!(refit_without = "moving") { 1 } else { (link >> 30 & 1) as usize };
             self.leaves.entries[counts.leaves % (2 * ROOM)] = entry;
-            counts.leaves += is_leaf & moves;
+            counts.leaves += is_leaf & is_dynamic;
             self.inner.entries[counts.inner % ROOM] = entry;
-            counts.inner += (1 - is_leaf) & moves;
+            counts.inner += (1 - is_leaf) & is_dynamic;
         }
         links
     }

@@ -225,11 +225,11 @@ impl Accepted {
     ) {
         for (&entry, &changes) in self.entries.iter().zip(&self.changes).take(count) {
             let rotation = best(changes);
-            let mut grown = 0.0;
+            let mut static_change = 0.0;
             // A rotation makes a tree higher by one at most.
             if is_partly_static || nodes.get(entry.slot()).height() + depth >= bvh_core::MAX_HEIGHT {
                 match rotate(&mut nodes, entry.first(), rotation, depth) {
-                    Some(static_area) => grown = static_area,
+                    Some(change) => static_change = change,
                     None => continue,
                 }
             } else {
@@ -238,8 +238,8 @@ impl Accepted {
             refit_height(nodes, entry);
             let change = f64::from(changes[rotation as usize]);
             tally.rotations[rotation as usize] += 1;
-            tally.area += change - grown;
-            tally.static_area += grown;
+            tally.area += change - static_change;
+            tally.static_area += static_change;
         }
     }
 }

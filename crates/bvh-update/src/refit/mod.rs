@@ -116,12 +116,12 @@ impl Tally {
 
 /// Which nodes have their turn: one in `period`, a power of two or else the next one, others in each turn.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Turns {
+pub(crate) struct Schedule {
     mask: usize,
     turn: usize,
 }
 
-impl Turns {
+impl Schedule {
     pub(crate) fn new(period: u32, turn: u32) -> Self {
         let period = period.clamp(1, 1 << 31).next_power_of_two();
         Self { mask: period as usize - 1, turn: turn as usize }
@@ -200,7 +200,7 @@ pub(crate) struct Task<'a, P: ?Sized> {
     /// Numbered by slot of the order.
     primitives: &'a P,
     /// At which nodes rotations are tried, if at any.
-    schedule: Option<Turns>,
+    schedule: Option<Schedule>,
     is_partly_static: bool,
     with_sums: bool,
     level: Available,
@@ -227,7 +227,7 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
         // Rotations end it: beforehand, for the same reason.
         state.layout = Layout::OTHER;
     }
-    let schedule = rotate.map(|rotate| Turns::new(rotate.period, state.updates));
+    let schedule = rotate.map(|rotate| Schedule::new(rotate.period, state.updates));
     state.updates = state.updates.wrapping_add(1);
     let &mut RefitScratch { level, with_sums, ref costs, ref mut spare } = scratch;
     while spare.len() < rayon::current_num_threads() {

@@ -12,7 +12,7 @@
 use bvh_core::rotation::{self, area_changes_at, best};
 use bvh_core::{Aabb, Bvh, Node, OnPanic, Primitives};
 
-use super::{Rotate, Turns, parts};
+use super::{Rotate, Schedule, parts};
 use crate::state::{Layout, State};
 
 /// Refits every box above primitives that move; with `rotate`, also rotates at such nodes. Gives the rotations applied, by
@@ -32,7 +32,7 @@ pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Opt
     let unfinished = OnPanic(bvh, Bvh::recompute_metadata);
     let parts = parts(unfinished.0);
     let state = State::of_mut(parts.state);
-    let rotations = rotate.map(|rotate| Turns::new(rotate.period, state.updates));
+    let rotations = rotate.map(|rotate| Schedule::new(rotate.period, state.updates));
     state.updates = state.updates.wrapping_add(1);
     if rotate.is_some() {
         state.layout = Layout::OTHER;
@@ -50,7 +50,7 @@ struct Walk<'a, P: ?Sized> {
     nodes: &'a mut [Node],
     order: &'a [u32],
     primitives: &'a P,
-    rotations: Option<Turns>,
+    rotations: Option<Schedule>,
     applied: [u64; 6],
     static_area: f64,
 }

@@ -174,7 +174,7 @@ pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
 /// The parts of a tree, for a pass that keeps its structure valid.
 pub(crate) fn parts(bvh: &mut Bvh) -> Parts<'_> {
     // SAFETY: the pass writes boxes, and structure only by `Accepted::apply`, which swaps two slots and refits
-    // heights and moving bits on the way up, as the plain pass does. `repair/top_tree.rs` and
+    // heights and dynamic bits on the way up, as the plain pass does. `repair/top_tree.rs` and
     // `leaves/collapse.rs` put a tree over the same slots or subtrees in the place of another. They use pairs that were
     // the other's or spare, and refit heights and bits.
     // Whoever has moved nodes sets the layout to `Other`. Others write references and the state alone. Where primitives

@@ -1,0 +1,188 @@
+//! A strategy at work on a scene: its tree, its twins, and what they took.
+
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
+use bvh_update::{Load, Update};
+use rt_cpu::{Image, RenderOptions, RenderStats};
+
+use super::contestants::{Method, Worker};
+use super::record::{Row, rounded};
+use super::stages::primitives_refit;
+use crate::stage::{Stage, draw, ms};
+
+/// A strategy at work: its tree and its memory.
+pub(super) struct Lane {
+    pub(super) name: &'static str,
+    pub(super) method: Method,
+    pub(super) tree: Bvh,
+    worker: Worker,
+    /// Trees of the second turn, of which the first is traced. None where trees take long to prepare or to update: then the
+    /// tree itself is traced once more.
+    pub(super) twins: Vec<(Bvh, Worker)>,
+    /// Whether the tree fits the present frame.
+    pub(super) is_current: bool,
+    pub(super) last: Option<Row>,
+    pub(super) between: Between,
+}
+
+/// Updates since the last frame that was measured.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Between {
+    pub(super) updates: u64,
+    pub(super) ms: f64,
+    /// Shortest time so far of the present frame's update.
+    pub(super) least_ms: f64,
+}
+
+/// Updates that are shorter than this have several twins, so that those of a frame take about as long together,
+/// and this many at most. With one twin, `cargo xtask reproduce claims --preset standard` found the forest's refits of 0.25 ms
+/// dependent on the frame in one run of three.
+const SHORT_MS: f64 = 2.0;
+const MOST_TWINS: f64 = 5.0;
+/// Updates and pictures that are longer than this have one turn. Second turns on rows alone took 74 s of a run of 12 min 56 s
+/// (docs/benchmarks/2026-11-26-reproduce-epyc-zen4-a8b1f89).
+const LONG_MS: f64 = 40.0;
+
+impl Lane {
+    pub(super) fn new(
+        name: &'static str,
+        method: Method,
+        stage: &Stage,
+        poses: &[Vec<Vec3>],
+    ) -> Result<Self> {
+        let (tree, worker) = start(name, method, stage, poses)?;
+        Ok(Self {
+            name,
+            method,
+            tree,
+            worker,
+            twins: Vec::new(),
+            is_current: false,
+            last: None,
+            between: Between::default(),
+        })
+    }
+
+    /// Adds twins, as many as updates of this length are to have.
+    pub(super) fn add_twins(&mut self, stage: &Stage, update_ms: f64) -> Result<()> {
+        if update_ms <= LONG_MS {
+            let twins = (SHORT_MS / update_ms).ceil().clamp(1.0, MOST_TWINS) as usize;
+            self.twins =
+                (0..twins).map(|_| start(self.name, self.method, stage, &[])).collect::<Result<_>>()?;
+        }
+        Ok(())
+    }
+
+    /// Updates the tree in the first turn, each twin in one of the others, without rendering.
+    pub(super) fn update(&mut self, turn: usize, stage: &Stage) -> Result<()> {
+        let (tree, worker) = match turn.checked_sub(1) {
+            None => (&mut self.tree, &mut self.worker),
+            Some(twin) => match self.twins.get_mut(twin) {
+                Some((tree, worker)) => (tree, worker),
+                None => return Ok(()),
+            },
+        };
+        let (update_ms, _) = timed(self.name, tree, worker, stage)?;
+        self.between.least_ms = self.between.least_ms.min(update_ms);
+        Ok(())
+    }
+
+    fn report(&mut self, load: Load) {
+        self.worker.report(load);
+        self.twins.iter_mut().for_each(|(_, worker)| worker.report(load));
+    }
+
+    /// Reports the rays of a frame that an earlier run has measured, so that the tree takes the
+    /// same course.
+    pub(super) fn recall(&mut self, rows: &[Row], round: usize, frame: usize) {
+        let is_it = |row: &&Row| row.strategy == self.name && [row.round, row.frame] == [round, frame];
+        if let Some(row) = rows.iter().find(is_it) {
+            self.report(Load::PacketNodes(row.nodes_opened));
+        }
+    }
+
+    /// Updates and renders a frame; gives the row, whose other columns are in `common`.
+    pub(super) fn run(
+        &mut self,
+        stage: &Stage,
+        common: &Row,
+        options: &RenderOptions,
+        image: &mut Image,
+    ) -> Result<(Row, RenderStats)> {
+        let (update_ms, update) = timed(self.name, &mut self.tree, &mut self.worker, stage)?;
+        let (trace_ms, stats) = trace(&self.tree, stage, options, image);
+        self.worker.report(Load::PacketNodes(stats.nodes_visited));
+        let row = Row {
+            update_ms,
+            sah_cost: update.sah_cost.unwrap_or_else(|| sah_cost(&self.tree)),
+            rotations: update.rotations_applied(),
+            height: update.height,
+            nodes_visited: update.nodes_visited,
+            dropped: update.dropped,
+            primitives_refit: primitives_refit(&self.tree, &update),
+            // Without commas, which would part columns for a simple reader.
+            decision: update.decision.to_string().replace(',', ";"),
+            ..common.clone()
+        };
+        Ok((row.traced(&stats, trace_ms), stats))
+    }
+
+    /// Updates a twin, and renders the first or the tree itself once more; the shorter times count. Gives whether the
+    /// twin has the same cost.
+    pub(super) fn run_again(
+        &mut self,
+        twin: usize,
+        stage: &Stage,
+        options: &RenderOptions,
+        image: &mut Image,
+    ) -> Result<bool> {
+        let Some(mut row) = self.last.take() else { return Ok(true) };
+        let (mut same, mut again) = (true, &self.tree);
+        if let Some((tree, worker)) = self.twins.get_mut(twin) {
+            let (update_ms, update) = timed(self.name, tree, worker, stage)?;
+            worker.report(Load::PacketNodes(row.nodes_opened));
+            same = update.sah_cost.unwrap_or_else(|| sah_cost(tree)) == row.sah_cost;
+            row.update_ms = row.update_ms.min(update_ms);
+            again = tree;
+        }
+        if twin == 0 && row.trace_ms <= LONG_MS {
+            let (trace_ms, stats) = trace(again, stage, options, image);
+            if trace_ms < row.trace_ms {
+                row = row.traced(&stats, trace_ms);
+            }
+        }
+        self.last = Some(row);
+        Ok(same)
+    }
+}
+
+/// A copy of the first tree, and what updates it by a method.
+fn start(name: &str, method: Method, stage: &Stage, poses: &[Vec<Vec3>]) -> Result<(Bvh, Worker)> {
+    let indices = stage.triangles().indices;
+    let poses: Vec<_> = poses.iter().map(|positions| Triangles { positions, indices }).collect();
+    let mut tree = Bvh::clone(&stage.first_tree);
+    let worker = method.start(&mut tree, &poses).with_context(|| format!("{name}: not prepared"))?;
+    Ok((tree, worker))
+}
+
+/// Updates a tree, and gives the time in ms.
+fn timed(name: &str, tree: &mut Bvh, worker: &mut Worker, stage: &Stage) -> Result<(f64, Update)> {
+    let start = Instant::now();
+    let update = worker.update(tree, &stage.triangles());
+    let update_ms = ms(start);
+    Ok((update_ms, update.with_context(|| format!("{}: {name} failed", stage.scene.name))?))
+}
+
+/// Renders a frame, and gives the time in ms.
+pub(super) fn trace(
+    tree: &Bvh,
+    stage: &Stage,
+    options: &RenderOptions,
+    image: &mut Image,
+) -> (f64, RenderStats) {
+    let start = Instant::now();
+    let stats = draw(stage, tree, options, image);
+    (rounded(ms(start)), stats)
+}
