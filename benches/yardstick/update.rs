@@ -14,6 +14,7 @@ pub struct Pivot {
 }
 
 fn vectors(positions: &[[f32; 3]]) -> &[Vec3] {
+    // SAFETY: a `Vec3` is `repr(C)`, three `f32`, as an array of three is.
     unsafe { std::slice::from_raw_parts(positions.as_ptr().cast(), positions.len()) }
 }
 

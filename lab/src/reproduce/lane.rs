@@ -39,11 +39,11 @@ pub(super) struct Between {
 /// Updates that are shorter than this have several twins, so that those of a frame take about as long together,
 /// and this many at most. With one twin, `cargo xtask reproduce claims --preset standard` found the forest's refits of 0.25 ms
 /// dependent on the frame in one run of three.
-const SHORT_MS: f64 = 2.0;
-const MOST_TWINS: f64 = 5.0;
+pub(super) const SHORT_MS: f64 = 2.0;
+pub(super) const MOST_TWINS: f64 = 5.0;
 /// Updates and pictures that are longer than this have one turn. Second turns on rows alone took 74 s of a run of 12 min 56 s
 /// (docs/benchmarks/2026-11-26-reproduce-epyc-zen4-a8b1f89).
-const LONG_MS: f64 = 40.0;
+pub(super) const LONG_MS: f64 = 40.0;
 
 impl Lane {
     pub(super) fn new(

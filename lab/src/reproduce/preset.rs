@@ -5,6 +5,7 @@ use clap::ValueEnum;
 use rt_cpu::Traversal;
 
 use super::SPEED_SAMPLES;
+use super::lane::{LONG_MS, MOST_TWINS, SHORT_MS};
 use crate::pool::PAPER_THREADS;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -119,10 +120,13 @@ impl Values {
                     .to_owned(),
             ),
             (self.turns > 1).then(|| {
-                "each strategy has two equal trees, updated and traced in turns; of either time the shorter counts (where an \
-                 update takes less than 2 ms, of up to six equal trees; what takes more than 40 ms has one turn); strategies that know the animation have one tree, \
-                 which is traced twice, and those that build in the background play the loops by themselves, once"
-                    .to_owned()
+                format!(
+                    "each strategy has two equal trees, updated and traced in turns; of either time the shorter counts (where an \
+                     update takes less than {SHORT_MS} ms, of up to {} equal trees; what takes more than {LONG_MS} ms has one \
+                     turn); strategies that know the animation have one tree, which is traced twice, and those that build in the \
+                     background play the loops by themselves, once",
+                    1.0 + MOST_TWINS
+                )
             }),
             samples.then(|| {
                 format!(

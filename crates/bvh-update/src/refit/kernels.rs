@@ -244,6 +244,8 @@ impl Accepted {
     }
 }
 
+/// What is no gain becomes 0, NaN among it: a comparison with NaN is false on every target, while its minimum with a number is
+/// either of them.
 #[inline(always)]
 fn gain(changes: Vec4) -> Vec4 {
     Vec4::select(changes.cmplt(Vec4::ZERO), changes, Vec4::ZERO)
@@ -254,7 +256,6 @@ fn gain(changes: Vec4) -> Vec4 {
 #[inline(always)]
 fn best(changes: [f32; 8]) -> Rotation {
     let [a, b]: [Vec4; 2] = bytemuck::cast(changes);
-    // NaN is no gain: a comparison with it is false on every target, while its minimum with a number is either of them.
     let [a, b] = [gain(a), gain(b)];
     let least = Vec4::splat(a.min(b).min_element());
     let is_least = a.cmpeq(least).bitmask() | b.cmpeq(least).bitmask() << 4;
