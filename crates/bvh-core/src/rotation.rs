@@ -59,7 +59,8 @@ impl Rotation {
     #[must_use]
     #[inline]
     pub const fn places(self) -> [Place; 2] {
-        [[L, RL], [L, RR], [R, LL], [R, LR], [LL, RL], [LL, RR]][self as usize]
+        const PLACES: &[[Place; 2]; 6] = &[[L, RL], [L, RR], [R, LL], [R, LR], [LL, RL], [LL, RR]];
+        PLACES[self as usize]
     }
 
     /// The children of N that get a new child: one of them twice if the other gets none.
@@ -67,7 +68,8 @@ impl Rotation {
     #[must_use]
     #[inline]
     pub const fn touched(self) -> [usize; 2] {
-        [[1, 1], [1, 1], [0, 0], [0, 0], [0, 1], [0, 1]][self as usize]
+        const TOUCHED: &[[usize; 2]; 6] = &[[1, 1], [1, 1], [0, 0], [0, 0], [0, 1], [0, 1]];
+        TOUCHED[self as usize]
     }
 }
 
