@@ -21,8 +21,9 @@ use std::hash::{DefaultHasher, Hasher};
 use std::time::Instant;
 
 use anyhow::Result;
-use bvh_core::Bvh;
-use rt_cpu::{Image, RenderOptions, RenderStats};
+use bvh_core::{Bvh, Ray};
+use rayon::prelude::*;
+use rt_cpu::{Hit, Image, RenderOptions, RenderStats};
 
 use super::check::{self, Checks};
 use super::contestants::{Contestant, POSES};
@@ -99,6 +100,15 @@ pub(crate) struct Log<'a> {
 /// What the first strategy has shown of a frame: its name, its counts, and a hash of its picture.
 type Shown = (&'static str, RenderStats, u64);
 
+/// What all strategies of a scene are compared with.
+#[derive(Default)]
+struct Expected {
+    /// By loop and frame.
+    shown: HashMap<(usize, usize), Shown>,
+    /// By frame: rays, and what they hit by brute force.
+    rays: HashMap<usize, Vec<(Ray, Option<Hit>)>>,
+}
+
 /// Measures all frames of a scene; rows go to the log frame by frame. `picture` sees the stage,
 /// posed, with the trees of all strategies, on each frame that is to have its picture taken. Ends
 /// early when interrupted.
@@ -109,12 +119,12 @@ pub(crate) fn measure(
     Log { mut done, journal }: Log<'_>,
     mut picture: impl FnMut(&mut Stage, &[Named<'_>], usize) -> Result<()>,
 ) -> Result<(Vec<Row>, Checks)> {
-    let (mut rows, mut checks, mut shown) = (Vec::new(), Checks::default(), HashMap::new());
+    let (mut rows, mut checks, mut expected) = (Vec::new(), Checks::default(), Expected::default());
     for plan in plan.loops() {
         let is_of = |row: &mut Row| plan.contestants.iter().any(|c| c.name == row.strategy);
         let done = done.extract_if(.., is_of).collect();
         let log = Log { done, journal: &mut *journal };
-        let run = Run::new(label, stage, &plan, &mut shown)?;
+        let run = Run::new(label, stage, &plan, &mut expected)?;
         let (more, checked) = run.measure(stage, log, &mut picture)?;
         rows.extend(more);
         checks.add(&checked);
@@ -129,8 +139,7 @@ struct Run<'a> {
     lanes: Vec<Lane>,
     options: RenderOptions,
     image: Image,
-    /// By loop and frame.
-    shown: &'a mut HashMap<(usize, usize), Shown>,
+    expected: &'a mut Expected,
     checks: Checks,
 }
 
@@ -140,7 +149,7 @@ impl<'a> Run<'a> {
         label: &'a str,
         stage: &mut Stage,
         plan: &'a Plan,
-        shown: &'a mut HashMap<(usize, usize), Shown>,
+        expected: &'a mut Expected,
     ) -> Result<Self> {
         let Values { size, traversal, .. } = plan.values;
         let options = RenderOptions { smooth: false, timed: true, traversal, ..stage.render_options() };
@@ -155,7 +164,7 @@ impl<'a> Run<'a> {
                 lane.add_twins(stage, row.update_ms)?;
             }
         }
-        Ok(Self { label, plan, lanes, options, image, shown, checks: Checks::default() })
+        Ok(Self { label, plan, lanes, options, image, expected, checks: Checks::default() })
     }
 
     /// Plays all frames.
@@ -254,7 +263,7 @@ impl<'a> Run<'a> {
             let (row, stats) = lane.run(stage, common, &self.options, &mut self.image)?;
             (lane.last, lane.is_current) = (Some(row), true);
             let now = (lane.name, stats, hash(&self.image));
-            let (name, expected, picture) = self.shown.entry((round, frame)).or_insert(now);
+            let (name, expected, picture) = self.expected.shown.entry((round, frame)).or_insert(now);
             if *name != lane.name {
                 let place = format!("{}, loop {round}, frame {frame}, {name} and {}", self.label, lane.name);
                 self.checks.same_hits(&place, expected, &stats);
@@ -279,12 +288,18 @@ impl<'a> Run<'a> {
     fn check(&mut self, stage: &Stage, frame: usize) {
         let Values { size, check_rays, .. } = self.plan.values;
         let (camera, triangles) = (stage.camera(size, size), stage.triangles());
-        let rays = check::sample(&camera, &triangles, check_rays, self.plan.seed ^ frame as u64);
-        for lane in self.lanes.iter().filter(|lane| lane.is_current) {
-            let place = format!("{}, frame {frame}, {}", self.label, lane.name);
-            self.checks.same_as_brute(&place, &lane.tree, &triangles, &rays);
-            self.checks.valid(&place, &lane.tree, &triangles);
-        }
+        let sample = || check::sample(&camera, &triangles, check_rays, self.plan.seed ^ frame as u64);
+        let rays = self.expected.rays.entry(frame).or_insert_with(sample);
+        let label = self.label;
+        let of_lane = |lane: &Lane| {
+            let (place, mut checks) = (format!("{label}, frame {frame}, {}", lane.name), Checks::default());
+            checks.same_as_brute(&place, &lane.tree, &triangles, rays);
+            checks.valid(&place, &lane.tree, &triangles);
+            checks
+        };
+        let current = self.lanes.par_iter().filter(|lane| lane.is_current);
+        let checked: Vec<_> = current.map(of_lane).collect();
+        checked.iter().for_each(|checks| self.checks.add(checks));
     }
 
     /// A row for each contestant of the frame, if it was measured, with all updates since the one before.
