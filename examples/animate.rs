@@ -1,5 +1,5 @@
-//! Tears a sphere to pieces and updates three trees in every frame: one is refitted, one is refitted
-//! and rotated, one is rebuilt. Prints the SAH cost of each: the expected work of a ray.
+//! Tears a sphere to pieces and updates three trees in every frame: one is refitted, one is
+//! refitted and rotated, one is rebuilt. Prints the SAH cost of each: the expected work of a ray.
 
 use std::error::Error;
 use std::time::Instant;

@@ -1,6 +1,7 @@
-//! Two loads that are not pictures, and what each strategy makes of them: a torus of 97,200 triangles that shatters under 20,000
-//! single rays a frame, and the broad phase of 20,000 boxes that drift apart. `Auto` is given the load as it is. All
-//! strategies must find the same. One thread: `cargo run --release -p pivot-benches --example loads`.
+//! Two loads that are not pictures, and what each strategy makes of them: a torus of 97,200
+//! triangles that shatters under 20,000 single rays a frame, and the broad phase of 20,000 boxes
+//! that drift apart. `Auto` is given the load as it is. All strategies must find the same. One
+//! thread: `cargo run --release -p pivot-benches --example loads`.
 
 use std::f32::consts::TAU;
 use std::ops::ControlFlow::Continue;

@@ -1,5 +1,6 @@
-//! Measures the unit costs that `Strategy::Auto` decides by (`crates/bvh-update/src/auto/cost_model.rs`), on one thread of
-//! this machine: `cargo run --release -p pivot-benches --example unit_costs`.
+//! Measures the unit costs that `Strategy::Auto` decides by
+//! (`crates/bvh-update/src/auto/cost_model.rs`), on one thread of this machine:
+//! `cargo run --release -p pivot-benches --example unit_costs`.
 
 use std::ops::ControlFlow::Continue;
 use std::time::Instant;
@@ -50,7 +51,8 @@ fn print(name: &str, value: f64, of: &str) {
     println!("{name:<16} {value:>10.1} ns  {of}");
 }
 
-/// Plays the burst; gives for each frame the time of an update, the nodes that it visited, and what it decided.
+/// Plays the burst; gives for each frame the time of an update, the nodes that it visited, and what
+/// it decided.
 fn play(strategy: Strategy, first: &Bvh, indices: &[[u32; 3]]) -> Vec<(f64, f64, Decision)> {
     let (mut bvh, mut updater) = (first.clone(), Updater::new(strategy));
     let frame = |frame| {

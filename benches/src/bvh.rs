@@ -50,9 +50,10 @@ fn unboxed(b: &Aabb<f32, 3>) -> bvh_core::Aabb {
 }
 
 impl Contender {
-    /// Calls `test` with the number of every triangle whose leaf the ray enters before `t_max`, near children
-    /// first; `test` gives the new `t_max`, negative to stop. The library's own traversals list all boxes along a ray
-    /// and do not get shorter with a hit, so its tree is walked here.
+    /// Calls `test` with the number of every triangle whose leaf the ray enters before `t_max`,
+    /// near children first; `test` gives the new `t_max`, negative to stop. The library's own
+    /// traversals list all boxes along a ray and do not get shorter with a hit, so its tree is
+    /// walked here.
     fn walk(&self, ray: &Ray, mut t_max: f32, mut test: impl FnMut(u32, f32) -> f32) {
         let mut stack = vec![(0.0, 0)];
         while let Some((near, mut n)) = stack.pop() {
@@ -157,8 +158,8 @@ impl Contestant for Contender {
     }
 }
 
-/// Adds this library's contestant. There is one way to build; its updates remove and add shapes one by one, which is
-/// meant for scenes where few move.
+/// Adds this library's contestant. There is one way to build; its updates remove and add shapes one
+/// by one, which is meant for scenes where few move.
 pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
     let name = if contest == Contest::Update { "bvh rebuild" } else { "bvh" };
     if contest == Contest::Frame {

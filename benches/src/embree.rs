@@ -1,7 +1,7 @@
 //! Embree 3 and 4, loaded at run time.
 //!
-//! Only what is needed of its C interface is declared, by hand, as of versions 3.13 and 4.4. Where the two versions
-//! differ (what goes with a query) the one that is loaded decides.
+//! Only what is needed of its C interface is declared, by hand, as of versions 3.13 and 4.4. Where
+//! the two versions differ (what goes with a query) the one that is loaded decides.
 
 mod api;
 mod load;
@@ -28,9 +28,9 @@ pub struct Embree {
 }
 
 impl Embree {
-    /// Loads the library at a path, which may be the file or a folder that it lies in. Without a path, the one
-    /// that the environment variable `PIVOT_EMBREE` names, else the first of the usual names that the
-    /// system finds.
+    /// Loads the library at a path, which may be the file or a folder that it lies in. Without a
+    /// path, the one that the environment variable `PIVOT_EMBREE` names, else the first of the
+    /// usual names that the system finds.
     ///
     /// A TBB that lies beside the library is loaded first, as wheels from PyPI need it.
     ///

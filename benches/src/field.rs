@@ -16,7 +16,8 @@ pub enum Contest {
     Trace,
     /// Tracing rays that have little in common through a fresh tree.
     Incoherent,
-    /// Updating and tracing, frame after frame: this project and Embree in every dynamic configuration.
+    /// Updating and tracing, frame after frame: this project and Embree in every dynamic
+    /// configuration.
     Frame,
 }
 

@@ -1,13 +1,14 @@
-//! Pivot beside other libraries: every contestant behind one trait, so that all get the same triangles, the same
-//! positions and the same rays, and their answers can be compared.
+//! Pivot beside other libraries: every contestant behind one trait, so that all get the same
+//! triangles, the same positions and the same rays, and their answers can be compared.
 //!
-//! A contestant holds its own copy of the triangles and of the positions. [`Contestant::pose`] writes new
-//! positions into that copy, as an application would write them where the library reads them; it is a plain copy
-//! for everyone and not part of any time. [`Contestant::update`] is what is timed: everything from there until rays
-//! can be traced, and so whatever else that library wants to have, such as an array of boxes.
+//! A contestant holds its own copy of the triangles and of the positions. [`Contestant::pose`]
+//! writes new positions into that copy, as an application would write them where the library reads
+//! them; it is a plain copy for everyone and not part of any time. [`Contestant::update`] is what
+//! is timed: everything from there until rays can be traced, and so whatever else that library
+//! wants to have, such as an array of boxes.
 //!
-//! Triangles are expected in an order that is good for memory (that of the leaves of some tree), the same for all
-//! contestants.
+//! Triangles are expected in an order that is good for memory (that of the leaves of some tree),
+//! the same for all contestants.
 #![deny(unsafe_code)]
 
 mod bounce;
@@ -58,13 +59,14 @@ pub trait Contestant: Send + Sync {
     /// If the library reports an error.
     fn update(&mut self) -> Result<(), Failure>;
 
-    /// Whether updates learn from what is cast: it is to be shown every frame then, measured or not.
+    /// Whether updates learn from what is cast: it is to be shown every frame then, measured or
+    /// not.
     fn learns(&self) -> bool {
         false
     }
 
-    /// SAH cost of the tree as [`bvh_core::sah_cost`] defines it; `None` if the tree cannot be read or has other
-    /// than two children a node.
+    /// SAH cost of the tree as [`bvh_core::sah_cost`] defines it; `None` if the tree cannot be read
+    /// or has other than two children a node.
     fn sah_cost(&self) -> Option<f64> {
         None
     }
@@ -72,14 +74,15 @@ pub trait Contestant: Send + Sync {
     /// Finds the first triangle along each ray.
     fn closest(&self, rays: &Rays, hits: &mut Hits);
 
-    /// Finds whether anything lies along each ray. Answers beyond the number of rays have no meaning.
+    /// Finds whether anything lies along each ray. Answers beyond the number of rays have no
+    /// meaning.
     fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]);
 
     /// The triangles as they are now.
     fn triangles(&self) -> Triangles<'_>;
 
-    /// Whether [`closest`](Self::closest) gives normals of what it hits: shadow rays are made from these then,
-    /// rather than from the triangles.
+    /// Whether [`closest`](Self::closest) gives normals of what it hits: shadow rays are made from
+    /// these then, rather than from the triangles.
     fn gives_normals(&self) -> bool {
         false
     }

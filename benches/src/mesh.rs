@@ -36,8 +36,8 @@ impl Mesh {
         }
     }
 
-    /// Box of a triangle as users of these libraries would make it at best: with SIMD, and without a look at what is
-    /// not finite.
+    /// Box of a triangle as users of these libraries would make it at best: with SIMD, and without
+    /// a look at what is not finite.
     #[inline(always)]
     pub(crate) fn aabb(&self, i: usize) -> Aabb {
         let [min, max, _] = self.triangles().aabb_lanes(i);
@@ -45,8 +45,8 @@ impl Mesh {
     }
 }
 
-/// A ray against a triangle (Möller and Trumbore 1997), two-sided, for libraries that leave the test to their
-/// users. `t` from 0 to `t_max`, both included.
+/// A ray against a triangle (Möller and Trumbore 1997), two-sided, for libraries that leave the
+/// test to their users. `t` from 0 to `t_max`, both included.
 #[inline]
 pub(crate) fn intersect(
     [a, b, c]: [Vec3; 3],

@@ -1,4 +1,5 @@
-//! The crate obvhs: PLOC builds with reinsertion, refitting, binary and eight-wide compressed traversal.
+//! The crate obvhs: PLOC builds with reinsertion, refitting, binary and eight-wide compressed
+//! traversal.
 
 use ::obvhs::BvhBuildParams;
 use ::obvhs::aabb::Aabb;
@@ -26,7 +27,8 @@ use crate::{Contestant, Failure, Hits, RAYS, Rays};
 enum Mode {
     /// Built once, then refitted.
     Refit,
-    /// Built once, then each triangle is taken out and put where the library finds a place, with its rotations on the way up.
+    /// Built once, then each triangle is taken out and put where the library finds a place, with
+    /// its rotations on the way up.
     Move,
     /// Built each time.
     Rebuild,
@@ -165,7 +167,8 @@ impl Contestant for Obvhs {
             _ => self.build(),
         }
         if matches!(self.mode, Mode::Refit) && !self.is_built {
-            // Refitting is then one sweep, which the library's documentation calls three times as fast.
+            // Refitting is then one sweep, which the library's documentation calls three times as
+            // fast.
             self.tree.reorder_in_stack_traversal_order();
         }
         self.is_built = true;

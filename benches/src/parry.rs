@@ -16,7 +16,8 @@ use crate::{Contestant, Failure, Hits, RAYS, Rays};
 enum Mode {
     /// Leaves written one by one, then `refit`, which also lays out the nodes again.
     Refit,
-    /// The same with `refit_without_opt`, which leaves nodes where they are: what `TriMesh::update_vertices` does.
+    /// The same with `refit_without_opt`, which leaves nodes where they are: what
+    /// `TriMesh::update_vertices` does.
     RefitInPlace,
     /// `refit`, then `optimize_incremental`, which rebuilds a few subtrees.
     Optimize,

@@ -59,8 +59,8 @@ impl Pivot {
         }
     }
 
-    /// The first tree: the strategy's own where it builds one. Refitting starts from a full sweep, with the
-    /// triangles in the order of its leaves, and keeps them so.
+    /// The first tree: the strategy's own where it builds one. Refitting starts from a full sweep,
+    /// with the triangles in the order of its leaves, and keeps them so.
     fn build(&mut self) -> Result<(), Failure> {
         let (builder, options) = match &self.strategy {
             Strategy::Rebuild(builder, options) => (*builder, *options),
@@ -231,8 +231,9 @@ fn of_rays(name: &str, rays: RayKind) -> Entry {
     })
 }
 
-/// Those that updates are compared by: a sweep every frame is what all are measured by, trees from the background
-/// come when they like, and rebuilding on degradation is one or the other of two that are there.
+/// Those that updates are compared by: a sweep every frame is what all are measured by, trees from
+/// the background come when they like, and rebuilding on degradation is one or the other of two
+/// that are there.
 fn strategies() -> impl Iterator<Item = Strategy> {
     Strategy::all().into_iter().filter(|strategy| {
         !matches!(

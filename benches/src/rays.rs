@@ -97,7 +97,8 @@ pub struct Hits {
     pub u: [f32; RAYS],
     /// Weight of its third.
     pub v: [f32; RAYS],
-    /// Normal of the triangle, of any length, from those who [give it](crate::Contestant::gives_normals).
+    /// Normal of the triangle, of any length, from those who [give
+    /// it](crate::Contestant::gives_normals).
     pub normal: [[f32; RAYS]; 3],
     /// The triangle, or [`Hits::NONE`]; `t`, `u` and `v` have no meaning then.
     pub primitive: [u32; RAYS],

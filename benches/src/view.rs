@@ -24,8 +24,8 @@ pub(crate) fn cast<C: Contestant + ?Sized>(contestant: &C, view: &View, pixels: 
     in_bands(&Tracing(contestant), view, pixels);
 }
 
-/// Does all that [`Contestant::cast`] does but for tracing: what rays find is `known`. The time that this takes is in
-/// those of all contestants that leave rays to their users.
+/// Does all that [`Contestant::cast`] does but for tracing: what rays find is `known`. The time
+/// that this takes is in those of all contestants that leave rays to their users.
 ///
 /// # Panics
 /// If either number of pixels is not that of the view's camera.
@@ -34,7 +34,8 @@ pub fn set_up_rays(triangles: &Triangles<'_>, view: &View, known: &[Pixel], pixe
     in_bands(&Known { triangles: *triangles, pixels: known }, view, pixels);
 }
 
-/// Reports what rays find. The rays belong to the pixels at `places` of the band that starts with pixel `band`.
+/// Reports what rays find. The rays belong to the pixels at `places` of the band that starts with
+/// pixel `band`.
 trait Teller: Sync {
     fn closest(&self, rays: &Rays, band: usize, places: &[u32], hits: &mut Hits);
     fn occluded(&self, rays: &Rays, band: usize, places: &[u32], blocked: &mut [bool; RAYS]);
@@ -102,8 +103,8 @@ fn in_bands(teller: &impl Teller, view: &View, pixels: &mut [Pixel]) {
     pixels.par_chunks_mut((width * TILE).max(1)).enumerate().for_each(|(row, band)| {
         let mut tile = Tile::new();
         for x in (0..width).step_by(TILE) {
-            // Compiled for the best level of the machine, as a user with much to trace would compile it: the plain
-            // loops over coordinates become SIMD there.
+            // Compiled for the best level of the machine, as a user with much to trace would
+            // compile it: the plain loops over coordinates become SIMD there.
             dispatch!(level, simd => simd.vectorize(
                 #[inline(always)]
                 || tile.cast(teller, view, band, x, row * TILE),
@@ -157,7 +158,8 @@ impl Tile {
         }
         let mut count = 0;
         for i in 0..primary {
-            // In place of a primary ray that has been looked at already; counted where the surface faces the light.
+            // In place of a primary ray that has been looked at already; counted where the surface
+            // faces the light.
             self.lit[count] = self.seen[i];
             for axis in 0..3 {
                 self.rays.direction[axis][count] = self.shadows.way[axis][i];
@@ -226,7 +228,8 @@ static CURVE: [[u8; RAYS]; 2] = {
     curve
 };
 
-/// Pixel `i` of a tile in Morton order, so that 8 in a row are 4 x 2 pixels, 16 are 4 x 4 and 64 are 8 x 8.
+/// Pixel `i` of a tile in Morton order, so that 8 in a row are 4 x 2 pixels, 16 are 4 x 4 and 64
+/// are 8 x 8.
 const fn along_the_curve(i: usize) -> (usize, usize) {
     (every_other(i), every_other(i >> 1))
 }
@@ -235,7 +238,8 @@ const fn every_other(i: usize) -> usize {
     (i & 1) | (i >> 1 & 2) | (i >> 2 & 4) | (i >> 3 & 8)
 }
 
-/// Shadow rays of one tile, coordinate by coordinate, so that the arithmetic is SIMD for those who leave it to us too.
+/// Shadow rays of one tile, coordinate by coordinate, so that the arithmetic is SIMD for those who
+/// leave it to us too.
 #[repr(C, align(64))]
 struct Shadows {
     /// A corner of what each ray hit, and the two edges from there.
@@ -253,7 +257,8 @@ impl Shadows {
         Self { corner: zero, edges: [zero; 2], way: zero, faces: [false; RAYS] }
     }
 
-    /// From the light to what `rays` hit, by what a library says of the surface: its normal, and the distance.
+    /// From the light to what `rays` hit, by what a library says of the surface: its normal, and
+    /// the distance.
     #[inline(always)]
     fn aim_by_normals(&mut self, hits: &Hits, rays: &Rays, light: Vec3) {
         let ([nx, ny, nz], [dx, dy, dz], [ox, oy, oz]) = (&hits.normal, &rays.direction, &rays.origin);
@@ -292,7 +297,8 @@ impl Shadows {
             }
         }
         for i in 0..RAYS {
-            // Not by `map`, whose closures are not inlined here: the loop then took four times as long.
+            // Not by `map`, whose closures are not inlined here: the loop then took four times as
+            // long.
             let [ab, ac] = &self.edges;
             let (ab, ac) = ([ab[0][i], ab[1][i], ab[2][i]], [ac[0][i], ac[1][i], ac[2][i]]);
             let (u, v) = (hits.u[i], hits.v[i]);
@@ -308,8 +314,8 @@ impl Shadows {
         }
     }
 
-    /// Ray `i`, from the light to a point. Off the surface by 32 roundings, as [`rt_cpu`] does it, so that all
-    /// contestants cast the same rays.
+    /// Ray `i`, from the light to a point. Off the surface by 32 roundings, as [`rt_cpu`] does it,
+    /// so that all contestants cast the same rays.
     #[inline(always)]
     fn aim_at(
         &mut self,
@@ -347,8 +353,8 @@ pub struct Answers {
     pub lit: u64,
     /// Sum of `t` over all hits.
     pub t_sum: f64,
-    /// Pixels that say something else than the reference: hit or miss, or a `t` that differs by more than
-    /// 0.1 %.
+    /// Pixels that say something else than the reference: hit or miss, or a `t` that differs by
+    /// more than 0.1 %.
     pub different: u64,
     /// Pixels that are lit in one and in shadow in the other.
     pub shadows_different: u64,
@@ -373,9 +379,10 @@ impl Answers {
         }
     }
 
-    /// Whether the numbers of hits differ by no more than 0.01 % and those of lit pixels by no more than 0.1 % (and
-    /// one, for small views), and the answers of no more than 0.1 % of all pixels: triangle tests that round in other ways may disagree at
-    /// silhouettes, and along the edges of shadows.
+    /// Whether the numbers of hits differ by no more than 0.01 % and those of lit pixels by no more
+    /// than 0.1 % (and one, for small views), and the answers of no more than 0.1 % of all pixels:
+    /// triangle tests that round in other ways may disagree at silhouettes, and along the edges of
+    /// shadows.
     #[must_use]
     pub fn agrees_with(&self, reference: &Self) -> bool {
         let near = |a: u64, b: u64, part: u64| a.abs_diff(b) <= 1 + b / part;

@@ -1,4 +1,5 @@
-//! Every contestant finds what brute force finds, before and after motion, on one thread and on two.
+//! Every contestant finds what brute force finds, before and after motion, on one thread and on
+//! two.
 
 use bvh_core::sah_cost;
 use pivot_benches::embree::{Embree, NotFound};

@@ -1,7 +1,7 @@
 //! This project's side of an outside program that times refits and rotations beside its own.
 //!
-//! Triangles are put into the order of the leaves once, after the build, as that program does with its own.
-//! Rotations are limited to AVX2 where that program limits its own (variant `blksse`).
+//! Triangles are put into the order of the leaves once, after the build, as that program does with
+//! its own. Rotations are limited to AVX2 where that program limits its own (variant `blksse`).
 use bvh_build::{Builder, build};
 use bvh_core::{Bvh, SimdLevel, Triangles, Vec3, sah_cost};
 use bvh_update::{Rotate, Strategy, Updater};

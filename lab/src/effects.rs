@@ -183,8 +183,8 @@ fn sum(mut a: PoseStats, b: PoseStats) -> PoseStats {
     a
 }
 
-/// What one effect of a scene costs: counts and milliseconds with all effects of its kind, without this
-/// one, and with it alone; the last milliseconds are without any.
+/// What one effect of a scene costs: counts and milliseconds with all effects of its kind, without
+/// this one, and with it alone; the last milliseconds are without any.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Cost {
     kind: String,
@@ -193,8 +193,8 @@ pub(crate) struct Cost {
     ms: [f64; 4],
 }
 
-/// Measures each of the scene's own effects of a kind: with all others, left out, and alone. `none` is
-/// without any of them.
+/// Measures each of the scene's own effects of a kind: with all others, left out, and alone. `none`
+/// is without any of them.
 fn costs<E: Copy, S: Copy>(
     kind: &str,
     effects: &[Effect<E, S>],
@@ -260,8 +260,8 @@ pub(crate) fn measure(source: &str, clip: Option<&str>, played: Played) -> Resul
     Ok(found)
 }
 
-/// The counts of effects that nothing in a scene calls for, planned all the same, and the milliseconds of a frame without them,
-/// once more without them, and with them.
+/// The counts of effects that nothing in a scene calls for, planned all the same, and the
+/// milliseconds of a frame without them, once more without them, and with them.
 fn absent(source: &str, played: Played) -> Result<String> {
     let options = SceneOptions { detail: Some(played.detail), ..SceneOptions::default() };
     let scene = stage::load_with(source, None, options)?;

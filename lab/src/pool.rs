@@ -15,7 +15,8 @@ pub(crate) struct Threads {
 }
 
 impl Threads {
-    /// How many: the paper's number, or as many as this machine has cores, unless something is given.
+    /// How many: the paper's number, or as many as this machine has cores, unless something is
+    /// given.
     pub(crate) fn count(&self) -> usize {
         self.threads.map_or_else(|| cores().min(PAPER_THREADS), |n| n as usize)
     }

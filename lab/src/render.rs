@@ -46,7 +46,8 @@ pub struct Args {
     seed: u64,
     #[command(flatten)]
     threads: Threads,
-    /// How rays are grouped: tile, packet (8 x 8, as published in 2007) or single; images do not depend on it
+    /// How rays are grouped: tile, packet (8 x 8, as published in 2007) or single; images do not
+    /// depend on it
     #[arg(long, value_name = "NAME", default_value = "tile")]
     traversal: Traversal,
     /// Show each triangle's own normal; else normals are interpolated

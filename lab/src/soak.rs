@@ -39,8 +39,9 @@ pub struct Args {
     threads: Threads,
 }
 
-/// What must hold at the end: time against a new tree in turns with the old one, cost and height against the first tenth of the
-/// frames, and memory against the middle. What each row measured stands in `docs/HARD_CASES.md`.
+/// What must hold at the end: time against a new tree in turns with the old one, cost and height
+/// against the first tenth of the frames, and memory against the middle. What each row measured
+/// stands in `docs/HARD_CASES.md`.
 const SLOWER: f64 = 1.1;
 const COSTLIER: f64 = 1.1;
 const HIGHER: f64 = 1.3;
@@ -130,8 +131,9 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
         done = frame;
     }
     drop(progress);
-    // Other work on the machine slows both trees: with the first and the last tenth of the frames two runs of
-    // `cargo xtask soak --scene exploding-dragon --detail 0.05 --strategy refit+rotate` had ratios of 0.99 and 1.13.
+    // Other work on the machine slows both trees: with the first and the last tenth of the frames
+    // two runs of `cargo xtask soak --scene exploding-dragon --detail 0.05 --strategy refit+rotate`
+    // had ratios of 0.99 and 1.13.
     let (mut trees, mut times) = ([start(stage), old], [0.0; 2]);
     for frame in (1..=tenth).take_while(|_| !interrupt::requested()) {
         stage.pose(stage.time_of(frame % per_loop, per_loop));

@@ -61,8 +61,8 @@ pub(crate) fn timed(scene: Scene) -> Result<(Stage, f64)> {
     Ok((stage.with_context(|| format!("{name}: no tree"))?, build_ms))
 }
 
-/// Renders the stage as it is, with the scene's camera and light; an image of another size shows more pixels, not more
-/// of the scene.
+/// Renders the stage as it is, with the scene's camera and light; an image of another size shows
+/// more pixels, not more of the scene.
 pub(crate) fn draw(stage: &Stage, tree: &Bvh, options: &RenderOptions, image: &mut Image) -> RenderStats {
     let camera = stage.camera(image.width(), image.height());
     render(tree, &stage.mesh(), &camera, Some(&stage.light()), options, image)

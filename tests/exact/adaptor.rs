@@ -1,4 +1,5 @@
-//! The only file of these tests that calls the crates: a tree with everything that can be asked of it, as plain numbers.
+//! The only file of these tests that calls the crates: a tree with everything that can be asked of
+//! it, as plain numbers.
 
 use std::ops::ControlFlow::Continue;
 
@@ -112,7 +113,8 @@ pub(crate) trait Subject {
     fn visited(&self, line: &Line) -> Vec<usize>;
     fn overlaps(&self, min: Point, max: Point) -> Vec<usize>;
     fn pairs(&self) -> Vec<(usize, usize)>;
-    /// The primitive whose box is nearest to a point, with the square of its distance, if that is below `max`.
+    /// The primitive whose box is nearest to a point, with the square of its distance, if that is
+    /// below `max`.
     fn nearest(&self, point: Point, max: f32) -> Option<(usize, f32)>;
     /// Views from an eye towards a target, with a light.
     fn pictures(&self, test: Test, places: [Point; 3], width: u32) -> Vec<Picture>;

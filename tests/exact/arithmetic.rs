@@ -1,5 +1,5 @@
-//! Exact arithmetic on single precision coordinates: signs of determinants, and the exact answer of one ray and one
-//! triangle. Shares no code with the crates.
+//! Exact arithmetic on single precision coordinates: signs of determinants, and the exact answer of
+//! one ray and one triangle. Shares no code with the crates.
 //!
 //! ```text
 //! a, b, c   corners less the origin of the ray          d   direction of the ray
@@ -24,7 +24,8 @@ pub(crate) enum Passes {
     Outside,
 }
 
-/// The sign of the determinant of three vectors, each the exact difference of two points: -1, 0 or 1.
+/// The sign of the determinant of three vectors, each the exact difference of two points: -1, 0 or
+/// 1.
 pub(crate) fn sign([p, q, r]: [(Point, Point); 3]) -> i32 {
     let (rows, errors): (Vec<_>, Vec<_>) = [p, q, r].iter().map(|v| difference(*v)).unzip();
     if errors.iter().all(|&error| error) {
@@ -98,7 +99,8 @@ pub(crate) fn passes(origin: Point, direction: Point, [a, b, c]: [Point; 3]) -> 
     }
 }
 
-/// The distance of the plane along the ray, to a few units in the last place; NaN if they are parallel.
+/// The distance of the plane along the ray, to a few units in the last place; NaN if they are
+/// parallel.
 pub(crate) fn distance(origin: Point, direction: Point, [a, b, c]: [Point; 3]) -> f64 {
     let d = (direction, [0.0; 3]);
     let v = determinant([(a, origin), (b, origin), (c, origin)]);
@@ -117,8 +119,8 @@ fn leading(x: &BigInt) -> (f64, i32) {
     (top as f64, shift as i32)
 }
 
-/// Both ways to a sign agree, and both know what a sign is: on random input of all magnitudes, and on determinants that
-/// are zero.
+/// Both ways to a sign agree, and both know what a sign is: on random input of all magnitudes, and
+/// on determinants that are zero.
 #[test]
 fn two_exact_ways_to_a_sign_agree() {
     let mut state = 1u64;

@@ -1,5 +1,5 @@
-//! Answers of a tree against exact arithmetic. A check gives what is wrong as text, so that tests can assert that seeded
-//! defects are found.
+//! Answers of a tree against exact arithmetic. A check gives what is wrong as text, so that tests
+//! can assert that seeded defects are found.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -94,8 +94,8 @@ fn below(tree: &PlainTree, mesh: &Mesh, n: usize, depth: u32, times: &mut [u32])
     Ok(found)
 }
 
-/// The tree holds every primitive once, its boxes are exactly those of what is below them, its height is as it says and
-/// within the bound; what the last update reported is so.
+/// The tree holds every primitive once, its boxes are exactly those of what is below them, its
+/// height is as it says and within the bound; what the last update reported is so.
 pub(crate) fn check_tree(subject: &dyn Subject, mesh: &Mesh) -> Checked {
     let (tree, report) = (subject.tree(), subject.report());
     let n = mesh.triangles.len();
@@ -124,9 +124,9 @@ pub(crate) fn exact_cost(tree: &PlainTree, mesh: &Mesh) -> f64 {
     below(tree, mesh, 0, 0, &mut vec![0; mesh.triangles.len()]).map_or(f64::NAN, |found| found.cost)
 }
 
-/// No rotation raised the cost: of every set of primitives that has a subtree of its own both before and after, the
-/// subtree costs no more than it did. A rotation keeps the set of the node that it rotates, so that one which loses
-/// shows below that node, whatever others gain elsewhere.
+/// No rotation raised the cost: of every set of primitives that has a subtree of its own both
+/// before and after, the subtree costs no more than it did. A rotation keeps the set of the node
+/// that it rotates, so that one which loses shows below that node, whatever others gain elsewhere.
 pub(crate) fn check_rotations(before: &PlainTree, after: &PlainTree, mesh: &Mesh) -> Checked {
     let (mut old, mut new) = (BTreeMap::new(), BTreeMap::new());
     subtree_costs(before, mesh, 0, &mut old);
@@ -141,7 +141,8 @@ pub(crate) fn check_rotations(before: &PlainTree, after: &PlainTree, mesh: &Mesh
     Ok(())
 }
 
-/// Adds the exact cost of each subtree by the sorted primitives in it. Gives those of node `n`, their box and the cost.
+/// Adds the exact cost of each subtree by the sorted primitives in it. Gives those of node `n`,
+/// their box and the cost.
 fn subtree_costs(
     tree: &PlainTree,
     mesh: &Mesh,
@@ -361,9 +362,10 @@ impl Surface {
         Self { corners, point, normal, normal_error }
     }
 
-    /// Light arrives where the side that is seen faces the light and nothing is between. The ray ends at the point, moved
-    /// along the normal by 2^-19 of the largest coordinate or distance, as `rt_cpu` documents; rounding may move its end
-    /// by a sixth of that, five roundings, on each axis. A triangle never hides itself: that is what the move is for.
+    /// Light arrives where the side that is seen faces the light and nothing is between. The ray
+    /// ends at the point, moved along the normal by 2^-19 of the largest coordinate or distance, as
+    /// `rt_cpu` documents; rounding may move its end by a sixth of that, five roundings, on each
+    /// axis. A triangle never hides itself: that is what the move is for.
     fn check_shadow(
         &self,
         mesh: &Mesh,
@@ -409,7 +411,8 @@ impl Surface {
 /// The unit roundoff of single precision.
 const U: f64 = 1.0 / (1u64 << 24) as f64;
 
-/// The primitive with the nearest box, without limit and with limits at its distance and just above.
+/// The primitive with the nearest box, without limit and with limits at its distance and just
+/// above.
 pub(crate) fn check_nearest(subject: &dyn Subject, mesh: &Mesh, points: &[Point]) -> Checked {
     let boxes: Vec<_> = (0..mesh.triangles.len()).map(|i| triangle_box(mesh, i)).collect();
     let square = |point: Point, (low, high): (Point, Point)| -> f64 {

@@ -1,5 +1,5 @@
-//! Hard input against exact arithmetic: coordinates of the earth's size, triangles of a nanometre in a scene of a kilometre,
-//! and motion that jumps, stops, runs backwards and scales to nothing.
+//! Hard input against exact arithmetic: coordinates of the earth's size, triangles of a nanometre
+//! in a scene of a kilometre, and motion that jumps, stops, runs backwards and scales to nothing.
 
 use crate::adaptor::{Mesh, Real, levels, strategies};
 use crate::arithmetic::Point;

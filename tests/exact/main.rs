@@ -1,7 +1,7 @@
 //! Trees, hits and queries against exact arithmetic. Nothing here but `adaptor` calls the crates.
 //!
-//! A hit that is lost, too many, or at another distance fails, unless `rounding` says that the triangle test cannot know.
-//! Boxes, heights and box queries are exact, without exceptions.
+//! A hit that is lost, too many, or at another distance fails, unless `rounding` says that the
+//! triangle test cannot know. Boxes, heights and box queries are exact, without exceptions.
 
 mod adaptor;
 mod arithmetic;

@@ -1,38 +1,41 @@
-//! What rounding may change: for each triangle test a bound, in formulas, within which its answer for one triangle may
-//! differ from the exact one. Outside of it every difference is an error.
+//! What rounding may change: for each triangle test a bound, in formulas, within which its answer
+//! for one triangle may differ from the exact one. Outside of it every difference is an error.
 //!
-//! `u` is the unit roundoff of the test: 2^-24 for `fast` and `watertight`, 2^-53 for `f64`. All formulas are evaluated in
-//! double precision.
+//! `u` is the unit roundoff of the test: 2^-24 for `fast` and `watertight`, 2^-53 for `f64`. All
+//! formulas are evaluated in double precision.
 //!
-//! *Projection* (`watertight`, `f64`). `z` is the first axis along which the direction is longest, `P` a corner less the
-//! origin, `s = d / dz`, and `(x, y) = P - s Pz` the corner projected along the ray. Four roundings move a projected corner
-//! by at most
+//! *Projection* (`watertight`, `f64`). `z` is the first axis along which the direction is longest,
+//! `P` a corner less the origin, `s = d / dz`, and `(x, y) = P - s Pz` the corner projected along
+//! the ray. Four roundings move a projected corner by at most
 //!
 //! ```text
 //! e = u (|Px| + 3 |s Pz| + |x|) on each axis
 //! ```
 //!
-//! The sign of an edge function `w = xa yb - ya xb` of the moved corners is computed exactly, or as zero, which counts as
-//! inside. So the side of an edge may be wrong only if
+//! The sign of an edge function `w = xa yb - ya xb` of the moved corners is computed exactly, or as
+//! zero, which counts as inside. So the side of an edge may be wrong only if
 //!
 //! ```text
 //! |w| <= exa |yb| + |xa| eyb + eya |xb| + |ya| exb + exa eyb + eya exb
 //! ```
 //!
-//! The distance is a mean of those of the corners, `zi = Pz / dz`, weighted by `w`, so it is wrong by at most
+//! The distance is a mean of those of the corners, `zi = Pz / dz`, weighted by `w`, so it is wrong
+//! by at most
 //!
 //! ```text
 //! min(max zi - min zi, sum of |error of wi| |zi - t| / (|sum of w| - sum of errors)) + 8 u max |zi| + 8 * 2^-24 |t|
 //! ```
 //!
-//! *Möller and Trumbore* (`fast`). Each of the determinants behind `u`, `v`, `t` and their denominator takes seven
-//! roundings, so each is wrong by at most `8 u` times the sum of the magnitudes of its products.
+//! *Möller and Trumbore* (`fast`). Each of the determinants behind `u`, `v`, `t` and their
+//! denominator takes seven roundings, so each is wrong by at most `8 u` times the sum of the
+//! magnitudes of its products.
 //!
-//! *No rounding*. Where all numbers are whole and small, the ray goes along an axis by one and meets the triangle's plane
-//! at a right angle, and the determinant is a power of two, every operation of every test is exact: the distance has no
-//! error.
+//! *No rounding*. Where all numbers are whole and small, the ray goes along an axis by one and
+//! meets the triangle's plane at a right angle, and the determinant is a power of two, every
+//! operation of every test is exact: the distance has no error.
 //!
-//! In all tests the last term of the distance is the entry into the triangle's own box, to which a hit's distance is raised.
+//! In all tests the last term of the distance is the entry into the triangle's own box, to which a
+//! hit's distance is raised.
 
 use crate::adaptor::Test;
 use crate::arithmetic::{Passes, Point, distance, passes};
@@ -84,13 +87,15 @@ fn determinant(p: Vector, q: Vector, r: Vector) -> (f64, f64) {
     (sum, size)
 }
 
-/// Whether the ray is on the inner side of an edge, or may be, and by how much rounding may move that.
+/// Whether the ray is on the inner side of an edge, or may be, and by how much rounding may move
+/// that.
 struct Weight {
     w: f64,
     error: f64,
 }
 
-/// The exact answer, and what each of the three tests may say. Everything must be finite, far from overflow and underflow.
+/// The exact answer, and what each of the three tests may say. Everything must be finite, far from
+/// overflow and underflow.
 pub(crate) fn judge(origin: Point, direction: Point, corners: [Point; 3]) -> (Passes, [Verdict; 3]) {
     let exact = passes(origin, direction, corners);
     let answers = [
@@ -140,7 +145,8 @@ fn is_exact(origin: Point, direction: Point, corners: [Point; 3]) -> bool {
 enum Answer {
     /// Beyond rounding.
     Miss,
-    /// The line passes the triangle: beyond rounding, if it is certain. The distance may be so far off.
+    /// The line passes the triangle: beyond rounding, if it is certain. The distance may be so far
+    /// off.
     Near { certain: bool, t_error: f64 },
 }
 

@@ -52,7 +52,8 @@ pub(crate) fn soup(n: usize, frame: usize, seed: u64) -> Mesh {
     Mesh { positions, triangles: (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect() }
 }
 
-/// A closed cube of `n` x `n` quads a side around `offset`, 2 x `half` wide; from frame 1 on its corners are dented.
+/// A closed cube of `n` x `n` quads a side around `offset`, 2 x `half` wide; from frame 1 on its
+/// corners are dented.
 pub(crate) fn cube(n: u32, frame: usize, offset: Point, half: f32) -> Mesh {
     let mut numbers = BTreeMap::new();
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
@@ -77,8 +78,8 @@ pub(crate) fn cube(n: u32, frame: usize, offset: Point, half: f32) -> Mesh {
     Mesh { positions, triangles }
 }
 
-/// A ray of one of several kinds: at the inside of a triangle, at an edge, at a corner, anywhere, along an axis; some of
-/// them end near what they hit.
+/// A ray of one of several kinds: at the inside of a triangle, at an edge, at a corner, anywhere,
+/// along an axis; some of them end near what they hit.
 pub(crate) fn line(mesh: &Mesh, (low, high): (Point, Point), random: &mut Random) -> Line {
     let inside = |random: &mut Random| [0, 1, 2].map(|k| low[k] + (high[k] - low[k]) * random.unit());
     let triangle = random.below(mesh.triangles.len());

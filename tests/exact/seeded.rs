@@ -1,5 +1,6 @@
-//! Defects that are put in on purpose, between a sound tree and the checks, each to be found by a check. The same checks
-//! pass on the same tree without the defect: `sound` sees to that in each test.
+//! Defects that are put in on purpose, between a sound tree and the checks, each to be found by a
+//! check. The same checks pass on the same tree without the defect: `sound` sees to that in each
+//! test.
 
 use std::cell::Cell;
 
@@ -21,7 +22,8 @@ enum Defect {
     FartherHit(u64),
     /// Distances are two parts in a million too large.
     Distance,
-    /// The last pixel that hits something, of the pictures of the highest SIMD level alone, is empty.
+    /// The last pixel that hits something, of the pictures of the highest SIMD level alone, is
+    /// empty.
     LaneLost,
     /// Of triangles that are the same, the last is hit.
     LastOfTwins,
@@ -200,7 +202,8 @@ impl Subject for Seeded<'_> {
 
     fn pictures(&self, test: Test, places: [Point; 3], width: u32) -> Vec<Picture> {
         let mut pictures = self.real.pictures(test, places, width);
-        // The last shadow that is cast, or the last light that arrives, is lost at the highest SIMD level.
+        // The last shadow that is cast, or the last light that arrives, is lost at the highest SIMD
+        // level.
         let light = |lit: bool| {
             let last = pictures.last().expect("one at least");
             (0..last.lit.len()).rev().find(|&i| last.hits[i].is_some() && last.lit[i] == lit)
@@ -282,8 +285,8 @@ fn check(subject: &Seeded<'_>) -> Result<(), String> {
     check_boxes(subject, mesh, &touching)
 }
 
-/// Asserts that the checks pass without the defect, and that they find it, by a message that begins so or has it after the
-/// name of the query.
+/// Asserts that the checks pass without the defect, and that they find it, by a message that begins
+/// so or has it after the name of the query.
 fn is_found(mesh: &Mesh, real: &Real, defect: Defect, by: &str) {
     check(&Seeded::new(real, mesh, Defect::None)).expect("sound");
     let found = check(&Seeded::new(real, mesh, defect)).expect_err("the defect is not found");
@@ -484,8 +487,8 @@ fn leaves_lost_at_an_edge_of_their_box_are_found() {
     is_found(&mesh, &real, Defect::CornerLost, "visit: ");
 }
 
-/// The next frame of a tree that rotations have improved for a while: after a refit, and after a refit with the rotations
-/// that the motion of one frame calls for.
+/// The next frame of a tree that rotations have improved for a while: after a refit, and after a
+/// refit with the rotations that the motion of one frame calls for.
 fn rotated(seed: u64) -> (Mesh, PlainTree, PlainTree) {
     let level = levels().last().copied().expect("one at least");
     let now = soup(200, 2, seed);
@@ -498,7 +501,8 @@ fn rotated(seed: u64) -> (Mesh, PlainTree, PlainTree) {
     (now, refitted, rotated)
 }
 
-/// Rotations only ever lower the cost, by the exact boxes: a rotation whose gain has the wrong sign raises it.
+/// Rotations only ever lower the cost, by the exact boxes: a rotation whose gain has the wrong sign
+/// raises it.
 #[test]
 fn no_rotation_raises_the_exact_cost() {
     let mut lower = 0;
@@ -510,9 +514,10 @@ fn no_rotation_raises_the_exact_cost() {
     assert_eq!(lower, 40);
 }
 
-/// Where the gain of one node has the wrong sign, its worst rotation is taken. Every node in turn has that defect, among
-/// the right rotations of all others. The check misses it only where right rotations gained at
-/// least as much in the smallest subtree around the node that kept its primitives.
+/// Where the gain of one node has the wrong sign, its worst rotation is taken. Every node in turn
+/// has that defect, among the right rotations of all others. The check misses it only where right
+/// rotations gained at least as much in the smallest subtree around the node that kept its
+/// primitives.
 #[test]
 fn one_rotation_with_the_wrong_sign_is_found() {
     let (mesh, before, after) = rotated(3);
@@ -533,7 +538,8 @@ fn one_rotation_with_the_wrong_sign_is_found() {
     assert!(hidden_in_the_sum > 50, "{hidden_in_the_sum}");
 }
 
-/// The tree after the exchange of a child and a grandchild of a node that raises the cost most; `None` if none does.
+/// The tree after the exchange of a child and a grandchild of a node that raises the cost most;
+/// `None` if none does.
 fn worst_rotation(tree: &PlainTree, n: usize, mesh: &Mesh) -> Option<PlainTree> {
     let is_inner = |n: usize| tree.nodes[n].count.is_none() && tree.nodes[n].first > 0;
     if !is_inner(n) {

@@ -29,16 +29,16 @@ pub fn closest_hit(
     hits.min_by(|a, b| a.partial_cmp(b).expect("finite distances"))
 }
 
-/// How far inside of a triangle a ray crosses its plane: the least barycentric coordinate, in double
-/// precision.
+/// How far inside of a triangle a ray crosses its plane: the least barycentric coordinate, in
+/// double precision.
 #[must_use]
 pub fn margin(positions: &[Vec3], triangle: [u32; 3], from: Vec3, along: Vec3) -> f64 {
     let ([u, v], _) = crossing(positions, triangle, from, along);
     u.min(v).min(1.0 - u - v)
 }
 
-/// Two barycentric coordinates and the distance of where a ray crosses a triangle's plane; not finite
-/// if it does not.
+/// Two barycentric coordinates and the distance of where a ray crosses a triangle's plane; not
+/// finite if it does not.
 fn crossing(positions: &[Vec3], triangle: [u32; 3], from: Vec3, along: Vec3) -> ([f64; 2], f64) {
     let (from, along) = (from.as_dvec3(), along.as_dvec3());
     let [a, b, c] = triangle.map(|v| positions[v as usize].as_dvec3());

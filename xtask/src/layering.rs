@@ -1,4 +1,5 @@
-//! Which crate may depend on which, and within `bvh-update` which folder on which; arrows go one way only.
+//! Which crate may depend on which, and within `bvh-update` which folder on which; arrows go one
+//! way only.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -91,8 +92,8 @@ pub(crate) fn violations(metadata: &str) -> Result<Vec<String>> {
     Ok(found)
 }
 
-/// Every import within `bvh-update` that goes against the order of its modules, and every module that is not known here; `source`
-/// is its folder of sources.
+/// Every import within `bvh-update` that goes against the order of its modules, and every module
+/// that is not known here; `source` is its folder of sources.
 pub(crate) fn module_violations(source: &Path) -> Result<Vec<String>> {
     let mut found = Vec::new();
     for file in rust_files(source)? {
@@ -124,7 +125,8 @@ fn rust_files(folder: &Path) -> Result<Vec<std::path::PathBuf>> {
     Ok(files)
 }
 
-/// The modules named after `crate::` outside of tests and comments that a module of this rank may not import.
+/// The modules named after `crate::` outside of tests and comments that a module of this rank may
+/// not import.
 fn imports_against(text: &str, rank: usize) -> impl Iterator<Item = &'static str> {
     let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
     let lines = code.lines().filter(|line| !line.trim_start().starts_with("//"));

@@ -1,6 +1,7 @@
 //! `cargo xtask view` and `cargo xtask web`: the viewer in a window, and as a page for a browser.
 //!
-//! Both are built when they are asked for, so that the other commands do not wait for libraries of windows.
+//! Both are built when they are asked for, so that the other commands do not wait for libraries of
+//! windows.
 
 use std::fs;
 use std::io::Write;
@@ -44,10 +45,12 @@ pub(crate) fn view(args: &View) -> Result<()> {
     if status.success() { Ok(()) } else { exit(status.code().unwrap_or(1)) }
 }
 
-/// Threads and a clock in WebAssembly, in stable Rust. `worker.js` answers what such a module asks of its system.
+/// Threads and a clock in WebAssembly, in stable Rust. `worker.js` answers what such a module asks
+/// of its system.
 const TARGET: &str = "wasm32-wasip1-threads";
 
-/// What a page of today has: SIMD, and memory that threads share, in bytes at first and at most. `worker.js` has the same.
+/// What a page of today has: SIMD, and memory that threads share, in bytes at first and at most.
+/// `worker.js` has the same.
 const FLAGS: [&str; 3] =
     ["target-feature=+simd128", "link-arg=--initial-memory=67108864", "link-arg=--max-memory=2147483648"];
 

@@ -307,7 +307,8 @@ fn what_cannot_be_read_is_refused() {
     }
 }
 
-/// A small file may declare any amount of geometry. The whole command keeps to a limit, or refuses the file at once.
+/// A small file may declare any amount of geometry. The whole command keeps to a limit, or refuses
+/// the file at once.
 #[test]
 fn memory_of_a_whole_render_is_in_proportion_to_its_files() {
     let temporary = tempfile::TempDir::new().expect("a folder");

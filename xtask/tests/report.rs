@@ -29,8 +29,8 @@ fn fixed(row: &str) -> Vec<&str> {
     [&columns[..5], &columns[9..12], &columns[13..18], &columns[27..34]].concat()
 }
 
-/// Opens the report at the widths of a phone, a tablet and a desktop, in light and dark, and checks there what
-/// `report.js` beside this file checks.
+/// Opens the report at the widths of a phone, a tablet and a desktop, in light and dark, and checks
+/// there what `report.js` beside this file checks.
 fn seen_in_a_browser(report: &str, folder: &Path) {
     let names = ["chromium", "chromium-browser", "google-chrome"];
     let Some(browser) = names.into_iter().find(|name| Command::new(name).arg("--version").output().is_ok())

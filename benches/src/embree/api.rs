@@ -39,8 +39,8 @@ pub(super) type QueryN = unsafe extern "C" fn(*const i32, Handle, *mut c_void, *
 /// Declares the functions, and how they are looked up by name.
 macro_rules! functions {
     ($($(#[$doc:meta])* $field:ident = $name:literal: $type:ty;)*) => {
-        /// Functions of the library, which is never unloaded: threads of its TBB go on running its code after the
-        /// last device is released.
+        /// Functions of the library, which is never unloaded: threads of its TBB go on running its
+        /// code after the last device is released.
         pub(super) struct Api {
             $($(#[$doc])* pub(super) $field: $type,)*
         }
@@ -48,8 +48,9 @@ macro_rules! functions {
         impl Api {
             /// Looks all functions up.
             pub(super) fn new(library: Library) -> Result<Self, libloading::Error> {
-                // SAFETY: the names are those of Embree's functions, with types written from its headers. The
-                // pointers stay valid, since the library is forgotten and so never unloaded.
+                // SAFETY: the names are those of Embree's functions, with types written from its
+                // headers. The pointers stay valid, since the library is forgotten and so never
+                // unloaded.
                 let api = unsafe { Self { $($field: *library.get::<$type>($name.as_bytes())?,)* } };
                 mem::forget(library);
                 Ok(api)
@@ -184,8 +185,8 @@ unsafe impl Send for DeviceHandle {}
 unsafe impl Sync for DeviceHandle {}
 
 extern "C" fn report(user: *mut c_void, code: c_int, message: *const c_char) {
-    // SAFETY: `user` is what was given along with this function: the device's mutex, which outlives the device.
-    // `message` is null or a C string.
+    // SAFETY: `user` is what was given along with this function: the device's mutex, which outlives
+    // the device. `message` is null or a C string.
     let (error, message) = unsafe {
         let message = (!message.is_null()).then(|| CStr::from_ptr(message).to_string_lossy().into_owned());
         (&*user.cast::<Mutex<Option<String>>>(), message.unwrap_or_default())
@@ -200,7 +201,8 @@ impl DeviceHandle {
         let config = CString::new(format!("threads={threads},start_threads=0,set_affinity=0{isa}"))
             .map_err(|_| NotFound::Device(0))?;
         let mut error = Box::new(Mutex::new(None));
-        // SAFETY: `config` is a C string. The mutex lies in a box that is dropped after the device is released.
+        // SAFETY: `config` is a C string. The mutex lies in a box that is dropped after the device
+        // is released.
         unsafe {
             let handle = (api.new_device)(config.as_ptr());
             if handle.is_null() {

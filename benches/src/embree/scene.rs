@@ -63,7 +63,8 @@ pub(super) struct Scene {
 
 // SAFETY: Embree's scenes may be moved between threads.
 unsafe impl Send for Scene {}
-// SAFETY: through a shared reference a scene is only queried, which Embree allows from several threads.
+// SAFETY: through a shared reference a scene is only queried, which Embree allows from several
+// threads.
 unsafe impl Sync for Scene {}
 
 impl Scene {
@@ -85,8 +86,9 @@ impl Scene {
         positions.resize(positions.len() + PADDING, Vec3::ZERO);
         let (positions, indices) = (positions.into_boxed_slice(), Box::from(triangles.indices));
         let api = &device.api;
-        // SAFETY: handles are used as Embree gave them. Both buffers live in boxes that are dropped after the scene
-        // is released and have the number of items that is passed; vertices have readable padding behind them.
+        // SAFETY: handles are used as Embree gave them. Both buffers live in boxes that are dropped
+        // after the scene is released and have the number of items that is passed; vertices have
+        // readable padding behind them.
         let scene = unsafe {
             let scene = (api.new_scene)(device.handle);
             let geometry = (api.new_geometry)(device.handle, api::GEOMETRY_TRIANGLE);
@@ -118,8 +120,8 @@ impl Scene {
             let valid = packet.load(rays, first);
             packet.geometry = [INVALID_ID; N];
             let (a, b) = extra.with(&mut packet);
-            // SAFETY: the scene is committed; the mask has N entries and an alignment of 64; ray and context are laid
-            // out as the headers say and in the order of the loaded version.
+            // SAFETY: the scene is committed; the mask has N entries and an alignment of 64; ray
+            // and context are laid out as the headers say and in the order of the loaded version.
             unsafe { query(valid.0.as_ptr(), self.scene, a, b) }
             let run = first..first + N;
             let missed = packet.geometry.map(|g| if g == INVALID_ID { Hits::NONE } else { 0 });
@@ -265,8 +267,8 @@ impl Contestant for Scene {
 impl Drop for Scene {
     fn drop(&mut self) {
         let api = &self.device.api;
-        // SAFETY: both handles came from Embree and are released once; it ignores none that is null, so that is
-        // left out.
+        // SAFETY: both handles came from Embree and are released once; it ignores none that is
+        // null, so that is left out.
         unsafe {
             if !self.geometry.is_null() {
                 (api.release_geometry)(self.geometry);

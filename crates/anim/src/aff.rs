@@ -123,7 +123,8 @@ impl AffAnimation {
         animation
     }
 
-    /// Sets start and duration as the file says, or else to the times between which anything has keys.
+    /// Sets start and duration as the file says, or else to the times between which anything has
+    /// keys.
     fn set_times(&mut self, given: Option<(f64, f64)>) {
         let nodes = self.nodes.iter().map(|(track, _)| &**track);
         let tracks = || nodes.clone().chain(self.camera_track()).chain(self.light_track());
@@ -160,8 +161,8 @@ impl AffAnimation {
     }
 }
 
-/// Places the parts where they are under nodes that move, or in the world, marks what moves, and gives
-/// it.
+/// Places the parts where they are under nodes that move, or in the world, marks what moves, and
+/// gives it.
 fn moving_parts(
     topology: &mut Topology,
     rest: &mut [Vec3],

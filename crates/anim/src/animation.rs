@@ -27,8 +27,8 @@ pub struct Topology {
 }
 
 impl Topology {
-    /// Adds a part of as many `vertices`, whose `triangles` number its own from 0, and gives it. It is
-    /// marked as still.
+    /// Adds a part of as many `vertices`, whose `triangles` number its own from 0, and gives it. It
+    /// is marked as still.
     ///
     /// `None` if there are more vertices or triangles in all than 32 bits can number. O(triangles).
     pub fn add_part(

@@ -38,8 +38,8 @@ use crate::{Animation, Light, LoadOptions, Motion, PoseStats, Topology, View};
 
 /// A clip of a glTF file, ready to be posed at any time.
 ///
-/// A primitive is a [`Part`](crate::Part), once for each node that shows its mesh. Parts that nothing in the
-/// clip moves are transformed once, when loading.
+/// A primitive is a [`Part`](crate::Part), once for each node that shows its mesh. Parts that
+/// nothing in the clip moves are transformed once, when loading.
 #[derive(Default)]
 pub struct GltfAnimation {
     topology: Topology,
@@ -145,8 +145,8 @@ struct Loader<'a> {
     animation: GltfAnimation,
     accessors: &'a Accessors<'a>,
     channels: Channels,
-    /// Primitives by mesh and number, decoded once for all nodes that show them; `None` for points and
-    /// lines, which are left out.
+    /// Primitives by mesh and number, decoded once for all nodes that show them; `None` for points
+    /// and lines, which are left out.
     decoded: HashMap<(usize, usize), Option<Arc<Geometry>>>,
     left_out: usize,
 }
@@ -293,7 +293,8 @@ impl GltfAnimation {
         &self.clips
     }
 
-    /// What of `instance` moves, and for each of its vertices whether anything in the clip moves it.
+    /// What of `instance` moves, and for each of its vertices whether anything in the clip moves
+    /// it.
     fn motion_of(&self, instance: &Instance) -> (Motion, Vec<bool>) {
         let (geometry, node_moves) = (&*instance.geometry, &self.nodes.moves);
         let rigid = instance.node.is_some_and(|node| node_moves[node]);

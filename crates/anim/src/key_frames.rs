@@ -206,9 +206,9 @@ fn check_topology(topology: &Topology) -> Result<(), Problem> {
     Ok(())
 }
 
-/// Where `time` falls among keys in order of time: the last key at or before it, else the first; how far
-/// it is from there to the next, in [0, 1]; and how long that way takes. There is no way before the first
-/// key and behind the last.
+/// Where `time` falls among keys in order of time: the last key at or before it, else the first;
+/// how far it is from there to the next, in [0, 1]; and how long that way takes. There is no way
+/// before the first key and behind the last.
 pub(crate) fn segment<K>(keys: &[K], time: f64, time_of: impl Fn(&K) -> f64) -> (usize, f32, f64) {
     let after = keys.partition_point(|key| time_of(key) <= time);
     let first = after.saturating_sub(1);

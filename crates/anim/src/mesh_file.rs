@@ -20,8 +20,8 @@ pub(crate) struct Mesh {
     pub(crate) positions: Vec<Vec3>,
 }
 
-/// Whether [`load`](crate::load) takes a file of this name for a mesh without an animation, camera or lights: .obj, .ply or .stl, in
-/// upper or lower case.
+/// Whether [`load`](crate::load) takes a file of this name for a mesh without an animation, camera
+/// or lights: .obj, .ply or .stl, in upper or lower case.
 #[must_use]
 pub fn is_mesh_file(file: &Path) -> bool {
     format_of(file).is_some()

@@ -38,8 +38,8 @@ pub struct Pose {
 }
 
 impl Work {
-    /// Does `work`, which gives how often it did it, and adds that and its time. In a browser, where
-    /// the standard library has no clock, the time stays zero.
+    /// Does `work`, which gives how often it did it, and adds that and its time. In a browser,
+    /// where the standard library has no clock, the time stays zero.
     pub fn add(&mut self, work: impl FnOnce() -> usize) {
         let start = (!cfg!(all(target_family = "wasm", target_os = "unknown"))).then(Instant::now);
         let count = work();
@@ -49,8 +49,8 @@ impl Work {
         }
     }
 
-    /// Does `work`, and adds it if it `counts`: beside what is called for there is what stays the same but
-    /// has to be done again, as under a still node.
+    /// Does `work`, and adds it if it `counts`: beside what is called for there is what stays the
+    /// same but has to be done again, as under a still node.
     pub(crate) fn add_if(&mut self, counts: bool, work: impl FnOnce() -> usize) {
         if counts {
             self.add(work);

@@ -1,5 +1,5 @@
-//! Rotations, the same on every machine: `glam` computes with quaternions of `f32` by whatever SIMD there is, and with those
-//! of `f64` without; sines are those of `libm`.
+//! Rotations, the same on every machine: `glam` computes with quaternions of `f32` by whatever SIMD
+//! there is, and with those of `f64` without; sines are those of `libm`.
 
 use glam::{DQuat, DVec3};
 

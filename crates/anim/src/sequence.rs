@@ -13,14 +13,14 @@ use crate::mesh_file::{format_of, read_mesh};
 ///
 /// Files are taken in the natural order of their names (`frame2` before `frame10`); all must have
 /// the same vertices and faces, and be of the same kind. Key frames are
-/// [`DEFAULT_SECONDS_PER_FRAME`] apart. Two frames are played back and forth (0, 1, 0), since a loop
-/// that jumps back after a single step would be no motion; more are played from the first to the
-/// last, and a loop then jumps back to the first, which is the paper's protocol (section 4). Other
-/// files in the directory are ignored. Materials and names are those of the first file.
+/// [`DEFAULT_SECONDS_PER_FRAME`] apart. Two frames are played back and forth (0, 1, 0), since a
+/// loop that jumps back after a single step would be no motion; more are played from the first to
+/// the last, and a loop then jumps back to the first, which is the paper's protocol (section 4).
+/// Other files in the directory are ignored. Materials and names are those of the first file.
 ///
 /// # Errors
-/// If the directory cannot be read or holds no mesh files, a file cannot be loaded or is a link that
-/// leads out of the directory, or two files differ in more than positions.
+/// If the directory cannot be read or holds no mesh files, a file cannot be loaded or is a link
+/// that leads out of the directory, or two files differ in more than positions.
 pub fn load_sequence(directory: &Path) -> Result<KeyFrames, LoadError> {
     load(directory, DVec3::ZERO)
 }
@@ -70,8 +70,8 @@ fn mesh_files(directory: &Path) -> Result<Vec<PathBuf>, LoadError> {
     Ok(files)
 }
 
-/// What names are compared by: runs of digits by the number they stand for, which is greater if it is
-/// longer without leading zeros, and everything else by character.
+/// What names are compared by: runs of digits by the number they stand for, which is greater if it
+/// is longer without leading zeros, and everything else by character.
 fn natural_order(name: &str) -> Vec<(char, usize, String)> {
     let (mut rest, mut order) = (name, Vec::new());
     while let Some(first) = rest.chars().next() {

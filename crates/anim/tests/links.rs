@@ -7,7 +7,8 @@ use std::os::unix::fs::symlink;
 use anim::{Animation, load};
 use base64::Engine;
 
-/// Writes a model that names `link`, first as a file in its folder and then as a link to one outside, and loads it both times.
+/// Writes a model that names `link`, first as a file in its folder and then as a link to one
+/// outside, and loads it both times.
 fn loaded(model: &str, text: &str, link: &str, content: &[u8]) -> [Result<Box<dyn Animation>, String>; 2] {
     [false, true].map(|is_link| {
         let (home, outside) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());

@@ -1,5 +1,5 @@
-//! Models at the earth's radius with details of a metre and a centimetre: relative to an origin nearby
-//! their shape is kept to less than a millimetre, as it stands in the file it is not.
+//! Models at the earth's radius with details of a metre and a centimetre: relative to an origin
+//! nearby their shape is kept to less than a millimetre, as it stands in the file it is not.
 
 use std::path::Path;
 
@@ -126,8 +126,8 @@ fn gltf_nodes_are_composed_relative_to_the_origin() {
     ]
     .join(",");
     let DVec3 { x, y, z } = PLACE;
-    // The first triangle lies below the site, on a node that slides. The second follows a joint whose
-    // own translation is that of the site and a metre more, as a matrix.
+    // The first triangle lies below the site, on a node that slides. The second follows a joint
+    // whose own translation is that of the site and a metre more, as a matrix.
     let matrix = format!("[1,0,0,0, 0,1,0,0, 0,0,1,0, {},{y},{z},1]", x + 1.0);
     let text = format!(
         r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0,3,4]}}],

@@ -91,8 +91,8 @@ struct Binned<'a, L> {
 }
 
 impl<L: Leaves> Binned<'_, L> {
-    /// Builds the subtree over `prims`, in parallel with as many tasks as there are `bins`. `spare` is
-    /// as long as `prims`; both are left in disorder.
+    /// Builds the subtree over `prims`, in parallel with as many tasks as there are `bins`. `spare`
+    /// is as long as `prims`; both are left in disorder.
     fn subtree(&self, prims: &mut [PrimRef], spare: &mut [PrimRef], slot: SubtreeSlot, bins: &mut [Bins]) {
         let n = prims.len();
         if let [prim] = prims {

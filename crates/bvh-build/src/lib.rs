@@ -203,8 +203,8 @@ pub fn build_with<P: Primitives + ?Sized>(
 /// matter.
 ///
 /// O(n log n) for common scenes, O([`MAX_HEIGHT`](bvh_core::MAX_HEIGHT) n) at worst. `scratch`
-/// grows to, in bytes a primitive: 64 binned (in parallel up to 96), 48 LBVH, 52 HLBVH, 128 PLOC, 32 more with long codes.
-/// A sweep takes 140 of its own.
+/// grows to, in bytes a primitive: 64 binned (in parallel up to 96), 48 LBVH, 52 HLBVH, 128 PLOC,
+/// 32 more with long codes. A sweep takes 140 of its own.
 ///
 /// Where the SAH cannot choose (equal centres, a node without area) and where the tree would get
 /// too high, a node is split in the middle of its primitives. So no tree is higher than
@@ -294,8 +294,8 @@ pub fn rebuild<P: Primitives + ?Sized>(
     Ok(())
 }
 
-/// Improves the tree below the node in slot `root`, and leaves its nodes depth first, if the builder is one that does;
-/// whether it is.
+/// Improves the tree below the node in slot `root`, and leaves its nodes depth first, if the
+/// builder is one that does; whether it is.
 fn optimize(nodes: &mut [Node], root: usize, builder: Builder, options: &BuildOptions) -> bool {
     match builder {
         Builder::HillClimbed => _ = offline_rotations::climb(nodes, root, &options.hill_climb),

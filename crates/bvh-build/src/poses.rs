@@ -6,9 +6,9 @@
 //! ```
 //!
 //! The root's area in each pose is the same for all trees. So this is the cost of a tree whose
-//! nodes have one box in each pose, with sums of areas, relative to the root, instead of areas, and `reinsert.rs`
-//! lowers it. Departures: it starts from the best of the trees built on each pose alone. The caller
-//! chooses the poses; they are not picked from the animation in rounds.
+//! nodes have one box in each pose, with sums of areas, relative to the root, instead of areas, and
+//! `reinsert.rs` lowers it. Departures: it starts from the best of the trees built on each pose
+//! alone. The caller chooses the poses; they are not picked from the animation in rounds.
 
 use bvh_core::{Aabb, Bvh, Node, Primitives};
 
@@ -120,7 +120,8 @@ struct PoseBoxes {
     boxes: Vec<Aabb>,
     /// For each node the sum of its areas, scaled.
     areas: Vec<f64>,
-    /// For each pose one over the number of poses and over the root's area; 0 if the root has no area.
+    /// For each pose one over the number of poses and over the root's area; 0 if the root has no
+    /// area.
     scales: Vec<f64>,
 }
 

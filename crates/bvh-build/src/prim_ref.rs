@@ -44,8 +44,8 @@ impl PrimRef {
         Self::new([corner(aabb.min, -1.0), corner(aabb.max, 1.0)], i)
     }
 
-    /// A cluster of up to 32 primitives, with their number in the fourth lane of `max`. As a float that is far below 1, so a
-    /// sum or maximum of counts in that lane does not see it.
+    /// A cluster of up to 32 primitives, with their number in the fourth lane of `max`. As a float
+    /// that is far below 1, so a sum or maximum of counts in that lane does not see it.
     #[inline]
     pub(crate) fn cluster(bounds: Bounds, number: u32, size: u32) -> Self {
         Self {

@@ -507,7 +507,8 @@ fn the_number_of_primitives_is_asked_once_a_build() {
     }
 }
 
-/// An HLBVH is an LBVH below the largest nodes of at most 32 primitives, and a better tree above these.
+/// An HLBVH is an LBVH below the largest nodes of at most 32 primitives, and a better tree above
+/// these.
 #[test]
 fn hlbvh_keeps_morton_clusters_under_a_better_top() {
     /// The primitives of each node that has at most 32, in order.

@@ -5,8 +5,8 @@ use crate::{Node, UpdateState};
 
 /// Greatest height of a tree, in edges between the root and a leaf.
 ///
-/// Builders and updates keep to it. A traversal that puts off one child at each inner node needs a stack of this many entries; one that
-/// pushes both children and pops one, of one more.
+/// Builders and updates keep to it. A traversal that puts off one child at each inner node needs a
+/// stack of this many entries; one that pushes both children and pops one, of one more.
 pub const MAX_HEIGHT: u32 = 96;
 
 /// Greatest number of primitives of a tree.
@@ -23,8 +23,8 @@ const _: () = assert!(size_of::<Pair>() == 64 && align_of::<Pair>() == 64);
 ///
 /// Node 0 is the root and node 1 is unused. Every other pair `2k, 2k + 1` holds the children of one
 /// inner node, or is unused. Unused nodes are leaves without primitives. A leaf covers a run of
-/// *slots*; slot `s` holds primitive `order()[s]`. A tree without primitives is a root with an empty
-/// leaf.
+/// *slots*; slot `s` holds primitive `order()[s]`. A tree without primitives is a root with an
+/// empty leaf.
 ///
 /// A tree is plain data: its clone behaves as the original would. Its structure is valid at all
 /// times: every pair has one parent, every slot is in one leaf, every primitive in one slot, and
@@ -57,7 +57,8 @@ impl Clone for Bvh {
         Self { pairs: self.pairs.clone(), order: self.order.clone(), ..*self }
     }
 
-    /// In the memory that `self` has: of a large tree this takes a fraction of the time of a new one.
+    /// In the memory that `self` has: of a large tree this takes a fraction of the time of a new
+    /// one.
     fn clone_from(&mut self, from: &Self) {
         let (mut pairs, mut order) = (std::mem::take(&mut self.pairs), std::mem::take(&mut self.order));
         pairs.clone_from(&from.pairs);

@@ -1,4 +1,5 @@
-//! Which primitives may move: marks in the tree that updates go by, and the cost of all that stands still.
+//! Which primitives may move: marks in the tree that updates go by, and the cost of all that stands
+//! still.
 
 use std::ops::Range;
 

@@ -166,8 +166,8 @@ impl Node {
         self.aabb().half_area_f64() * self.weight()
     }
 
-    /// The node's part of [`Bvh::static_area`](crate::Bvh::static_area): [`sah_term`](Self::sah_term)
-    /// of a static node, else 0.
+    /// The node's part of [`Bvh::static_area`](crate::Bvh::static_area):
+    /// [`sah_term`](Self::sah_term) of a static node, else 0.
     #[doc(hidden)]
     #[must_use]
     #[inline]

@@ -10,12 +10,13 @@ use crate::slab;
 use crate::triangle::{Test, intersect};
 use crate::{Bvh, Hit, MAX_HEIGHT, Node, Ray, TriangleTest, Triangles, Visits, prefetch, with_test};
 
-/// Finds the first triangle along a ray with `0 <= t <= t_max`; of equally near ones that with the lowest number.
+/// Finds the first triangle along a ray with `0 <= t <= t_max`; of equally near ones that with the
+/// lowest number.
 ///
-/// `triangles` are the primitives of the tree, by its numbers; triangles that the tree has and `triangles` has
-/// not are never hit. `t_max` may be infinite; if it is negative or NaN there is no hit, nor for a ray that is not
-/// valid ([`Ray::is_valid`]). The tree must be up to date with `triangles`: what has left the boxes since may be
-/// missed. O(log n) for scattered triangles.
+/// `triangles` are the primitives of the tree, by its numbers; triangles that the tree has and
+/// `triangles` has not are never hit. `t_max` may be infinite; if it is negative or NaN there is no
+/// hit, nor for a ray that is not valid ([`Ray::is_valid`]). The tree must be up to date with
+/// `triangles`: what has left the boxes since may be missed. O(log n) for scattered triangles.
 ///
 /// ```
 /// use bvh_core::{Aabb, Bvh, Node, Ray, TriangleTest, Triangles, Vec3, closest_hit};
@@ -40,7 +41,8 @@ pub fn closest_hit(
     closest_hit_counted(bvh, triangles, ray, t_max, test, &mut Visits::default())
 }
 
-/// Returns whether any triangle lies along a ray with `0 <= t <= t_max`; otherwise as [`closest_hit`].
+/// Returns whether any triangle lies along a ray with `0 <= t <= t_max`; otherwise as
+/// [`closest_hit`].
 #[must_use]
 pub fn any_hit(bvh: &Bvh, triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
     any_hit_counted(bvh, triangles, ray, t_max, test, &mut Visits::default())
@@ -162,8 +164,9 @@ pub fn hit<S: Simd, T: Test, const ANY: bool>(
 
 /// A ray in both halves of a vector, for a pair of nodes.
 ///
-/// In memory a node is `min`, a word, `max`, a word. In the lanes of these words the origins are infinite, so that
-/// whatever they hold, entry comes out as NaN or minus infinity, and exit as NaN or infinity: neither counts.
+/// In memory a node is `min`, a word, `max`, a word. In the lanes of these words the origins are
+/// infinite, so that whatever they hold, entry comes out as NaN or minus infinity, and exit as NaN
+/// or infinity: neither counts.
 struct PairRay<S: Simd> {
     first_origin: f32x8<S>,
     last_origin: f32x8<S>,
@@ -183,7 +186,8 @@ impl<S: Simd> PairRay<S> {
         }
     }
 
-    /// Where the ray enters each of two boxes, and whether it does before `t_max`; see [`slab::enters_widened`].
+    /// Where the ray enters each of two boxes, and whether it does before `t_max`; see
+    /// [`slab::enters_widened`].
     #[inline(always)]
     fn enter(&self, simd: S, pair: &[[f32; 4]; 4], t_max: f32, widen: f32) -> [(f32, bool); 2] {
         let (lower, upper) = (both(simd, &pair[0], &pair[2]), both(simd, &pair[1], &pair[3]));
@@ -227,8 +231,9 @@ fn twice<S: Simd>(simd: S, a: Vec3, w: f32) -> f32x8<S> {
     both(simd, &a, &a)
 }
 
-/// Calls `visit` with the number of every triangle in a leaf that the ray enters before `t_max`, nearest box
-/// first, until `t_max` is negative. `visit` gets the present `t_max` and returns the new one.
+/// Calls `visit` with the number of every triangle in a leaf that the ray enters before `t_max`,
+/// nearest box first, until `t_max` is negative. `visit` gets the present `t_max` and returns the
+/// new one.
 #[inline(always)]
 fn walk<S: Simd>(
     simd: S,
@@ -266,8 +271,9 @@ fn walk<S: Simd>(
                 prefetch(memory, child.first() * size);
             }
             let [(l, in_l), (r, in_r)] = pair_ray.enter(simd, bytemuck::cast_ref(children), t_max, widen);
-            // Branches on purpose: what is guessed right is fetched before the boxes are tested, and that saves more than
-            // wrong guesses cost. The compiler would sooner compute which child comes next; `black_box` keeps it from that.
+            // Branches on purpose: what is guessed right is fetched before the boxes are tested,
+            // and that saves more than wrong guesses cost. The compiler would sooner compute which
+            // child comes next; `black_box` keeps it from that.
             if in_l && in_r {
                 let (far, n) = if r < l {
                     black_box(());

@@ -239,7 +239,8 @@ impl Primitives for Triangles<'_> {
     fn aabb_lanes(&self, i: usize) -> [Vec4; 3] {
         let [a, b, c] = self.indices[i];
         let (a, b, c) = (self.lanes(a as usize), self.lanes(b as usize), self.lanes(c as usize));
-        // Adding 0 makes negative zeros positive. The sum is not finite if a corner is not, and rarely otherwise.
+        // Adding 0 makes negative zeros positive. The sum is not finite if a corner is not, and
+        // rarely otherwise.
         [a.min(b).min(c) + 0.0, a.max(b).max(c) + 0.0, a + b + c]
     }
 

@@ -128,8 +128,9 @@ impl Bvh {
     ) -> Visits {
         let nodes = self.nodes();
         let mut visits = Visits { queries: 1, ..Visits::default() };
-        // Two equal numbers stand for the pairs within a subtree. Of those one pends for each level above and two at the
-        // present level; below them pend two different nodes, one for each level of either.
+        // Two equal numbers stand for the pairs within a subtree. Of those one pends for each level
+        // above and two at the present level; below them pend two different nodes, one for each
+        // level of either.
         let mut stack = [(0, 0); 2 * STACK];
         let mut top = 1;
         while top > 0 {
@@ -229,8 +230,9 @@ impl Bvh {
     ///
     /// `to_box` is a lower bound of the distance of everything in a box, and `to_primitive` the
     /// distance of a primitive, which may stop early once it exceeds the limit it is given. Any
-    /// unit will do, squared distances too, and distances may be negative. A NaN is never nearer. Of equal distances the first one
-    /// met is taken. O(log n) for scattered primitives, O(n) at worst. Allocates nothing.
+    /// unit will do, squared distances too, and distances may be negative. A NaN is never nearer.
+    /// Of equal distances the first one met is taken. O(log n) for scattered primitives, O(n) at
+    /// worst. Allocates nothing.
     ///
     /// ```
     /// use bvh_core::{Aabb, Bvh, Node, Vec3};

@@ -1,4 +1,5 @@
-//! The conservative test of a ray against a box, written so that it means the same one ray at a time and many.
+//! The conservative test of a ray against a box, written so that it means the same one ray at a
+//! time and many.
 
 use crate::{Aabb, Ray};
 
@@ -19,7 +20,8 @@ pub fn min(a: f32, b: f32) -> f32 {
 
 /// Where a valid ray enters a box between 0 and `t_max`, never -0; `None` if it does not.
 ///
-/// A ray in the plane of a side has 0 * inf = NaN there; `max` and `min` then ignore just that side.
+/// A ray in the plane of a side has 0 * inf = NaN there; `max` and `min` then ignore just that
+/// side.
 #[inline]
 pub fn enters(ray: &Ray, aabb: &Aabb, t_max: f32) -> Option<f32> {
     enters_widened(ray, aabb, t_max, WIDEN)

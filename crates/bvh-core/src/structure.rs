@@ -76,8 +76,8 @@ impl Bvh {
         Ok(())
     }
 
-    /// Checks links and slots by a walk; gives the inner nodes, parents before children, and whether each
-    /// pair is in use.
+    /// Checks links and slots by a walk; gives the inner nodes, parents before children, and
+    /// whether each pair is in use.
     pub(crate) fn check_structure(&self) -> Result<(Vec<u32>, Vec<bool>), Malformed> {
         let nodes = self.nodes();
         if nodes.is_empty() {

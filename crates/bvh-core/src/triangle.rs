@@ -7,11 +7,11 @@ use crate::{Aabb, Hit, Ray, slab};
 /// How a ray is tested against a triangle. All tests are two-sided.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum TriangleTest {
-    /// Möller and Trumbore, *Fast, Minimum Storage Ray/Triangle Intersection*, 1997. Rays may slip through
-    /// between neighbours.
+    /// Möller and Trumbore, *Fast, Minimum Storage Ray/Triangle Intersection*, 1997. Rays may slip
+    /// through between neighbours.
     MollerTrumbore,
-    /// Woop, Benthin and Wald, *Watertight Ray/Triangle Intersection*, 2013: no ray passes between triangles
-    /// that share an edge or a vertex.
+    /// Woop, Benthin and Wald, *Watertight Ray/Triangle Intersection*, 2013: no ray passes between
+    /// triangles that share an edge or a vertex.
     #[default]
     Watertight,
     /// The same projection in double precision throughout: a reference to measure the others by.
@@ -74,8 +74,8 @@ pub type Found = (f32, f32, f32);
 
 /// A triangle test with what it precomputes for a ray. Hits have `0 <= t < inf`.
 pub trait Test {
-    /// How much later than computed a single ray leaves a box, so that rounding loses no hit. With 1 boxes are not
-    /// conservative: `docs/ACCURACY.md` has what that saves and loses.
+    /// How much later than computed a single ray leaves a box, so that rounding loses no hit. With
+    /// 1 boxes are not conservative: `docs/ACCURACY.md` has what that saves and loses.
     const WIDEN: f32 = slab::WIDEN;
     /// Precomputes what the test needs of a ray.
     fn new(ray: &Ray) -> Self;
@@ -107,7 +107,8 @@ pub fn in_box(
 ) -> Option<Hit> {
     let near = slab::enters_widened(ray, &Aabb::around(corners), t_max, widen)?;
     let t = slab::max(t, near);
-    // Along a direction whose reciprocal is infinite, even a box that is near is entered at infinity.
+    // Along a direction whose reciprocal is infinite, even a box that is near is entered at
+    // infinity.
     (t <= t_max && t < f32::INFINITY).then_some(Hit { t, u, v, primitive })
 }
 
@@ -149,8 +150,8 @@ pub fn longest_axis(d: Vec3) -> usize {
     }
 }
 
-/// Least and greatest magnitude of a determinant for which single precision will do: its reciprocal and the
-/// products with it stay normal.
+/// Least and greatest magnitude of a determinant for which single precision will do: its reciprocal
+/// and the products with it stay normal.
 pub const DET_RANGE: (f32, f32) = (1.0 / (1u128 << 100) as f32, (1u128 << 100) as f32);
 
 /// [`TriangleTest::Watertight`] for a ray.
@@ -164,9 +165,11 @@ pub struct Watertight {
 }
 
 impl Watertight {
-    /// The test where single precision cannot tell: projected corners, and their distances along the axis.
+    /// The test where single precision cannot tell: projected corners, and their distances along
+    /// the axis.
     ///
-    /// Products of two single precision numbers are exact in double precision, so signs of edges are.
+    /// Products of two single precision numbers are exact in double precision, so signs of edges
+    /// are.
     #[cold]
     pub fn exactly(x: [f32; 3], y: [f32; 3], z: [f32; 3]) -> Option<Found> {
         weigh(x.map(f64::from), y.map(f64::from), z.map(f64::from))
@@ -183,9 +186,10 @@ impl Test for Watertight {
         Self { origin: along(ray.origin()), axes, shear }
     }
 
-    /// Section 3 of the paper. The corners are projected along the ray onto the plane through its origin, each
-    /// by itself, so neighbours agree on where they are; and a rounded difference of rounded products is
-    /// zero or has the right sign, so they agree on which side of an edge the ray is.
+    /// Section 3 of the paper. The corners are projected along the ray onto the plane through its
+    /// origin, each by itself, so neighbours agree on where they are; and a rounded difference of
+    /// rounded products is zero or has the right sign, so they agree on which side of an edge the
+    /// ray is.
     #[inline(always)]
     fn test(&self, [a, b, c]: &[Vec3; 3]) -> Option<Found> {
         let [kx, ky, kz] = self.axes;

@@ -55,8 +55,8 @@ pub enum Invalid {
 
 impl Bvh {
     /// Checks everything a tree promises: a valid structure, every primitive in one leaf, every box
-    /// *tight* (equal to the union of the boxes below it), heights and dynamic bits right, and nothing
-    /// in nodes that are not in use.
+    /// *tight* (equal to the union of the boxes below it), heights and dynamic bits right, and
+    /// nothing in nodes that are not in use.
     ///
     /// Boxes of primitives come from `primitives` as they are now. O(n).
     ///

@@ -168,8 +168,8 @@ mod tests {
         f(&poses)
     }
 
-    /// Each body becomes a subtree, and the tree above is as good as new in a frame that is no pose:
-    /// a refitted tree of any one pose is neither.
+    /// Each body becomes a subtree, and the tree above is as good as new in a frame that is no
+    /// pose: a refitted tree of any one pose is neither.
     #[test]
     fn bodies_become_subtrees_under_a_new_top_in_each_frame() {
         const BODIES: usize = 30;
@@ -200,8 +200,8 @@ mod tests {
         });
     }
 
-    /// A body turns and flies, and meanwhile its odd and even triangles part: where they will be is known only in the body's
-    /// frame, over all poses.
+    /// A body turns and flies, and meanwhile its odd and even triangles part: where they will be is
+    /// known only in the body's frame, over all poses.
     #[test]
     fn fuzzy_trees_know_residual_motion_in_the_frame_of_the_cluster() {
         let positions: Vec<_> = [0.0, 0.5, 1.0]

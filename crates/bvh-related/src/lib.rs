@@ -1,4 +1,5 @@
-//! Update methods that Pivot is compared with: each system in a file of its own, in plain safe code.
+//! Update methods that Pivot is compared with: each system in a file of its own, in plain safe
+//! code.
 //!
 //! The papers could not be read whole. Each file says what was followed from abstracts and from
 //! memory, and where it departs. `docs/PAPER.md` lists the same.
@@ -123,8 +124,8 @@ impl Keeper {
     }
 
     /// Brings `bvh` up to date with triangles that have moved: refits it, then does what the system
-    /// does. The refit runs in the current rayon pool, all else on one thread. The tree that results
-    /// does not depend on the number of threads.
+    /// does. The refit runs in the current rayon pool, all else on one thread. The tree that
+    /// results does not depend on the number of threads.
     ///
     /// # Errors
     /// If the number of triangles is not that of the tree.

@@ -37,7 +37,8 @@ const WIDTH: usize = 8;
 /// scenes (`reproduce fig6 --frames 20 --loops 1 --strategy restructure --strategy ideal`).
 const PAIRS: usize = 1;
 
-/// Trials share out at most 256 subtrees in an update, and one for each of this number of primitives.
+/// Trials share out at most 256 subtrees in an update, and one for each of this number of
+/// primitives.
 const PRIMITIVES: usize = 8;
 
 /// Loss has grown if it is above this multiple of what it was.
@@ -113,8 +114,8 @@ impl Restructure {
         shared_out
     }
 
-    /// Tries to share out about `width` subtrees below each node of a pair; gives their number, as an
-    /// error if it did not pay.
+    /// Tries to share out about `width` subtrees below each node of a pair; gives their number, as
+    /// an error if it did not pay.
     fn share_out(
         &mut self,
         bvh: &mut Bvh,
@@ -303,8 +304,8 @@ mod tests {
         count == 16 * groups.len()
     }
 
-    /// Two neighbouring groups trade places, one half of each: their nodes overlap while the cost of
-    /// the whole tree is hardly above that of a fresh one.
+    /// Two neighbouring groups trade places, one half of each: their nodes overlap while the cost
+    /// of the whole tree is hardly above that of a fresh one.
     #[test]
     fn the_pair_that_overlaps_is_restructured_and_nothing_else() {
         let mut boxes = groups();

@@ -1,13 +1,15 @@
-//! What a refit with and without rotations costs, stage by stage, and how its blocks would be scheduled on many workers.
+//! What a refit with and without rotations costs, stage by stage, and how its blocks would be
+//! scheduled on many workers.
 //!
 //! ```text
 //! cargo bench -p bvh-update --bench refit_cost -- [sheet|pieces|sixteenth|uneven|large ...] [--threads=N]
 //! RUSTFLAGS='--cfg refit_without="validity"' cargo bench ...      with one guard left out: validity, heights, moving
 //! ```
 //!
-//! The bench updates on one thread, or on N with `--threads=N`. It prints the median and the least frame, and the stages of
-//! the least frame that it recorded, as sums over all threads. The schedule is greedy: a worker without work takes the block
-//! that has waited longest, after 500 ns. A work-stealing pool comes close to it if memory is as fast for many cores as for one.
+//! The bench updates on one thread, or on N with `--threads=N`. It prints the median and the least
+//! frame, and the stages of the least frame that it recorded, as sums over all threads. The
+//! schedule is greedy: a worker without work takes the block that has waited longest, after 500 ns.
+//! A work-stealing pool comes close to it if memory is as fast for many cores as for one.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -129,7 +131,8 @@ fn measure(scene: &Scene, strategy: &Strategy, level: SimdLevel, with_sums: bool
         let triangles = Triangles { positions: &start, indices: &indices };
         refit_and_rotate(&mut bvh, &triangles).expect("same count");
     }
-    // Other programs interrupt blocks: of several frames the one that took least is the least disturbed.
+    // Other programs interrupt blocks: of several frames the one that took least is the least
+    // disturbed.
     let frames = if count > 5e6 { 5 } else { 30 };
     let (mut alone, mut plain, mut best) = (Vec::new(), f64::INFINITY, (u64::MAX, Vec::new(), 1.0));
     for frame in 1..=2 * frames {

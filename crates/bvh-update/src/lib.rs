@@ -1,9 +1,10 @@
 //! Keeps a bounding volume hierarchy good while its primitives move.
 //!
-//! The centre of this crate is one pass over the tree that *refits* every box to the primitives' new positions
-//! and *rotates* at every node on the way up (Kopta, Ize, Spjut, Brunvand, Davis, Kensler: *Fast, Effective BVH
-//! Updates for Dynamic Ray-Traced Scenes Using Tree Rotations*, 2012). Around it stand the updates that it is
-//! measured against, and those that repair what rotations do not reach.
+//! The centre of this crate is one pass over the tree that *refits* every box to the primitives'
+//! new positions and *rotates* at every node on the way up (Kopta, Ize, Spjut, Brunvand, Davis,
+//! Kensler: *Fast, Effective BVH Updates for Dynamic Ray-Traced Scenes Using Tree Rotations*,
+//! 2012). Around it stand the updates that it is measured against, and those that repair what
+//! rotations do not reach.
 //!
 //! An [`Updater`] does in each frame what its [`Strategy`] says:
 //!
@@ -34,9 +35,10 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Static subtrees are not visited ([`Bvh::set_dynamic`](bvh_core::Bvh::set_dynamic)). The tree that results depends on the
-//! tree before, the primitives and the reported load alone: not on the number of threads (the pass runs in the current rayon
-//! pool) and not on the SIMD level. The exception is [`Strategy::Background`], where it depends on how long builds take.
+//! Static subtrees are not visited ([`Bvh::set_dynamic`](bvh_core::Bvh::set_dynamic)). The tree
+//! that results depends on the tree before, the primitives and the reported load alone: not on the
+//! number of threads (the pass runs in the current rayon pool) and not on the SIMD level. The
+//! exception is [`Strategy::Background`], where it depends on how long builds take.
 #![deny(unsafe_code)]
 
 mod auto;

@@ -17,14 +17,16 @@ pub struct Update {
     /// Rotations applied, by kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
     pub rotations: [u64; 6],
     /// SAH cost of the tree as it is now, where the strategy needs it or
-    /// [`Updater::report_cost`](crate::Updater::report_cost) asks for it: [`sah_cost`](bvh_core::sah_cost), but from `f32`
-    /// areas where those are finite. `None` after a rebuild or a partial rebuild.
+    /// [`Updater::report_cost`](crate::Updater::report_cost) asks for it:
+    /// [`sah_cost`](bvh_core::sah_cost), but from `f32` areas where those are finite. `None` after
+    /// a rebuild or a partial rebuild.
     pub sah_cost: Option<f64>,
     /// Height of the tree as it is now.
     pub height: u32,
     /// Nodes whose boxes were recomputed.
     pub nodes_visited: u64,
-    /// Primitives without finite coordinates, which are dropped at present: of those visited, or after a rebuild of all.
+    /// Primitives without finite coordinates, which are dropped at present: of those visited, or
+    /// after a rebuild of all.
     pub dropped: u64,
 }
 
@@ -57,14 +59,17 @@ pub enum Decision {
     Swap,
 }
 
-/// What [`Auto`](crate::Auto) compared: it builds a new top, or a new tree where that is beyond repair, once `lost_ms` exceeds
-/// `price_ms`. A tree whose baseline says nothing is rebuilt in any case.
+/// What [`Auto`](crate::Auto) compared: it builds a new top, or a new tree where that is beyond
+/// repair, once `lost_ms` exceeds `price_ms`. A tree whose baseline says nothing is rebuilt in any
+/// case.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Reason {
-    /// Milliseconds of one core that queries have lost to the excess cost of the tree since it was last repaired.
+    /// Milliseconds of one core that queries have lost to the excess cost of the tree since it was
+    /// last repaired.
     pub lost_ms: f64,
-    /// Milliseconds of one core that the repair or the rebuild takes, times two for each that failed before.
+    /// Milliseconds of one core that the repair or the rebuild takes, times two for each that
+    /// failed before.
     pub price_ms: f64,
     /// By what part the tree costs more than when it was good.
     pub excess: f64,
@@ -92,7 +97,8 @@ impl fmt::Display for Reason {
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum UpdateError {
-    /// Another number of primitives than the tree holds, for a strategy that cannot build a new tree.
+    /// Another number of primitives than the tree holds, for a strategy that cannot build a new
+    /// tree.
     #[error("the tree holds {tree} primitives, but {given} were given: build a new tree")]
     Count {
         /// Primitives of the tree.

@@ -1,8 +1,9 @@
 //! When to pay once for what costs a little in every frame.
 //!
-//! The rule of the ski rental problem: rent until the rent paid has reached the price, then buy. Whatever the future, that
-//! costs at most twice as much as the best decision in hindsight. Where buying brought nothing, the next purchase waits until
-//! twice as much has been lost, so that attempts that keep failing cost ever less.
+//! The rule of the ski rental problem: rent until the rent paid has reached the price, then buy.
+//! Whatever the future, that costs at most twice as much as the best decision in hindsight. Where
+//! buying brought nothing, the next purchase waits until twice as much has been lost, so that
+//! attempts that keep failing cost ever less.
 
 use bytemuck::{Pod, Zeroable};
 

@@ -4,8 +4,9 @@ use bvh_core::Bvh;
 
 /// Marks those primitives as dynamic that move, and for some updates those that have stopped.
 ///
-/// Updates skip static subtrees, so rotations never reach what stopped in a bad state. The paper's go on over all nodes, and
-/// quality rises once motion stops (Kopta et al. 2012, section 4): this keeps that.
+/// Updates skip static subtrees, so rotations never reach what stopped in a bad state. The paper's
+/// go on over all nodes, and quality rises once motion stops (Kopta et al. 2012, section 4): this
+/// keeps that.
 ///
 /// ```
 /// use bvh_build::{Builder, build};
@@ -33,16 +34,18 @@ pub struct SleepDelay {
 }
 
 impl SleepDelay {
-    /// Primitives stay dynamic for this many updates after they have moved. At first all count as just stopped.
+    /// Primitives stay dynamic for this many updates after they have moved. At first all count as
+    /// just stopped.
     #[must_use]
     pub fn new(updates: u32) -> Self {
         Self { updates, rested: Vec::new(), all_dynamic: true }
     }
 
-    /// Marks primitives before an update; `moves` says which have moved since the last one. Gives the number of dynamic ones.
+    /// Marks primitives before an update; `moves` says which have moved since the last one. Gives
+    /// the number of dynamic ones.
     ///
-    /// O(n). Calls [`Bvh::set_dynamic`] if some primitive falls asleep or wakes, and for a new tree. Marks set by others are
-    /// replaced then, not before.
+    /// O(n). Calls [`Bvh::set_dynamic`] if some primitive falls asleep or wakes, and for a new
+    /// tree. Marks set by others are replaced then, not before.
     pub fn mark(&mut self, bvh: &mut Bvh, moves: impl Fn(usize) -> bool) -> usize {
         let Self { updates, rested, all_dynamic } = self;
         let is_new = rested.len() != bvh.len();
@@ -58,7 +61,8 @@ impl SleepDelay {
             awake += usize::from(is_awake);
             changed |= was_awake != is_awake;
         }
-        // A new tree has all primitives dynamic. So may one with sleepers, each in a leaf with one that is awake.
+        // A new tree has all primitives dynamic. So may one with sleepers, each in a leaf with one
+        // that is awake.
         if changed || bvh.all_dynamic() != *all_dynamic {
             bvh.set_dynamic(|primitive| rested[primitive] <= *updates);
             *all_dynamic = bvh.all_dynamic();

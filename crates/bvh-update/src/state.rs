@@ -1,7 +1,7 @@
 //! What updates keep with a tree from frame to frame, as the words that `bvh-core` stores unread.
 //!
-//! It is plain data: a tree that is cloned or saved goes on as the original would. What the parts mean is implemented where
-//! they are used: [`Baseline`] in `quality/`, [`Ledger`] in `auto/`.
+//! It is plain data: a tree that is cloned or saved goes on as the original would. What the parts
+//! mean is implemented where they are used: [`Baseline`] in `quality/`, [`Ledger`] in `auto/`.
 
 use bvh_core::{Bvh, Changes, UpdateState};
 use bytemuck::{Pod, Zeroable};
@@ -22,10 +22,12 @@ pub(crate) struct State {
     pub(crate) measure: Measure,
     /// How the tree lies in its arena.
     pub(crate) layout: Layout,
-    /// Left node of the first of those pairs that merged leaves left over, 0 if there is none. The left node of each is
-    /// a leaf without primitives, whose first slot is the left node of the next.
+    /// Left node of the first of those pairs that merged leaves left over, 0 if there is none. The
+    /// left node of each is a leaf without primitives, whose first slot is the left node of the
+    /// next.
     pub(crate) spare_pair: u32,
-    /// A new tree in the place of this one gets no larger leaves than this; 0 if no update has asked yet.
+    /// A new tree in the place of this one gets no larger leaves than this; 0 if no update has
+    /// asked yet.
     pub(crate) largest_leaf: u32,
     /// The changes by others that updates have taken note of.
     seen: Changes,
@@ -35,15 +37,18 @@ pub(crate) struct State {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub(crate) struct Baseline {
-    /// The cost in units of the scale, 0 until it is measured; or another measure of the strategy's own.
+    /// The cost in units of the scale, 0 until it is measured; or another measure of the strategy's
+    /// own.
     pub(crate) cost: f64,
     /// `cost` as it was measured: `Auto` lowers `cost` where the tree gets better.
     pub(crate) measured: f64,
-    /// Half area of the dynamic leaves, of the root, and of the static leaves, when the tree was measured.
+    /// Half area of the dynamic leaves, of the root, and of the static leaves, when the tree was
+    /// measured.
     pub(crate) sizes: [f64; 3],
     /// The scene's scale after the last update.
     pub(crate) scale: f64,
-    /// What the scale that follows from `sizes` is multiplied by: other than 1 once `sizes` were taken again.
+    /// What the scale that follows from `sizes` is multiplied by: other than 1 once `sizes` were
+    /// taken again.
     pub(crate) scale_factor: f64,
     /// How alike leaves are in size: 1 if all are alike, near 0 if most of the area is in a few.
     pub(crate) leaf_uniformity: f64,
@@ -83,13 +88,15 @@ pub(crate) struct Layout(u32);
 impl Layout {
     /// Not looked at yet.
     pub(crate) const UNKNOWN: Self = Self(0);
-    /// In depth-first order, left before right and without gaps, and at least half of the nodes are dynamic.
+    /// In depth-first order, left before right and without gaps, and at least half of the nodes are
+    /// dynamic.
     pub(crate) const LINEAR: Self = Self(1);
     /// Otherwise.
     pub(crate) const OTHER: Self = Self(2);
 }
 
-/// What a baseline measures; 0 for nothing yet. A strategy that finds another's measure takes its own.
+/// What a baseline measures; 0 for nothing yet. A strategy that finds another's measure takes its
+/// own.
 #[repr(transparent)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 pub(crate) struct Measure(u32);

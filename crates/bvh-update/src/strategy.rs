@@ -30,20 +30,22 @@ pub enum Strategy {
     RefitRotate(Rotate),
     /// Build a new tree. The same primitives stay dynamic.
     Rebuild(Builder, BuildOptions),
-    /// Refit, with or without rotations, and build a new tree when this one has degraded (Lauterbach et al. 2006).
+    /// Refit, with or without rotations, and build a new tree when this one has degraded
+    /// (Lauterbach et al. 2006).
     Degraded(Degraded),
-    /// Refit, with or without rotations, and build the tree again above those subtrees that are still good once it has
-    /// degraded: see [`PartialRebuild`].
+    /// Refit, with or without rotations, and build the tree again above those subtrees that are
+    /// still good once it has degraded: see [`PartialRebuild`].
     PartialRebuild(PartialRebuild),
-    /// Refit, with or without rotations, and put the worst few subtrees where they cost least (Bittner et al. 2013;
-    /// Meister and Bittner 2018).
+    /// Refit, with or without rotations, and put the worst few subtrees where they cost least
+    /// (Bittner et al. 2013; Meister and Bittner 2018).
     Reinsert(Reinsertion),
-    /// Refit, with or without rotations, and split and merge leaves (Kopta et al. 2012, section 2, future work): see
-    /// [`Leaves`].
+    /// Refit, with or without rotations, and split and merge leaves (Kopta et al. 2012, section 2,
+    /// future work): see [`Leaves`].
     Leaves(Leaves),
-    /// Refit, with or without rotations, while new trees are built in the background, each in turn put in the place of
-    /// the one before (Ize et al. 2007). The trees depend on how long that takes. Where the system has no thread to give, as
-    /// on `wasm32-unknown-unknown`, none is built, and the tree is only updated.
+    /// Refit, with or without rotations, while new trees are built in the background, each in turn
+    /// put in the place of the one before (Ize et al. 2007). The trees depend on how long that
+    /// takes. Where the system has no thread to give, as on `wasm32-unknown-unknown`, none is
+    /// built, and the tree is only updated.
     Background(Background),
     /// Choose from refitting, rotating, partial and full rebuilds what costs the least time.
     Auto(Auto),

@@ -15,9 +15,11 @@ use crate::strategy::Strategy;
 use crate::workspace::Workspace;
 use crate::{leaves, repair};
 
-/// Keeps a tree good while its primitives move: one strategy, its memory, and what was reported to it.
+/// Keeps a tree good while its primitives move: one strategy, its memory, and what was reported to
+/// it.
 ///
-/// Each tree wants an updater of its own: reported loads, and a build in the background, belong to one tree.
+/// Each tree wants an updater of its own: reported loads, and a build in the background, belong to
+/// one tree.
 ///
 /// ```
 /// use bvh_build::{BuildOptions, Builder, build};
@@ -52,7 +54,8 @@ impl Updater {
         Self::with_level(strategy, SimdLevel::best())
     }
 
-    /// An updater that uses `level`, or the best below it that the machine has. Every level leaves the same tree.
+    /// An updater that uses `level`, or the best below it that the machine has. Every level leaves
+    /// the same tree.
     #[must_use]
     pub fn with_level(strategy: Strategy, level: SimdLevel) -> Self {
         let refit = RefitScratch::with_level(level);
@@ -66,14 +69,14 @@ impl Updater {
         self
     }
 
-    /// Reports what is asked of the tree between two updates, for [`Strategy::Auto`]; in the place of [`Auto::load`] until
-    /// the next report. `None` takes earlier reports back.
+    /// Reports what is asked of the tree between two updates, for [`Strategy::Auto`]; in the place
+    /// of [`Auto::load`] until the next report. `None` takes earlier reports back.
     pub fn report(&mut self, load: impl Into<Option<Load>>) {
         self.load = load.into();
     }
 
-    /// Makes every update report the SAH cost ([`Update::sah_cost`]), where strategies that do not need it leave it out.
-    /// `docs/UPDATE_COST.md` has what the sums take.
+    /// Makes every update report the SAH cost ([`Update::sah_cost`]), where strategies that do not
+    /// need it leave it out. `docs/UPDATE_COST.md` has what the sums take.
     pub fn report_cost(&mut self, report: bool) -> &mut Self {
         self.reports_cost = report;
         self
@@ -90,8 +93,8 @@ impl Updater {
         self.workspace.refit.costs.as_mut().map(Costs::take).unwrap_or_default()
     }
 
-    /// Memory that refits and rotations keep from one update to the next, in bytes: some for each thread, whatever the size
-    /// of the tree. What rebuilds and repairs keep is not counted.
+    /// Memory that refits and rotations keep from one update to the next, in bytes: some for each
+    /// thread, whatever the size of the tree. What rebuilds and repairs keep is not counted.
     #[must_use]
     pub fn pass_memory(&self) -> usize {
         self.workspace.refit.memory_usage()
@@ -105,22 +108,24 @@ impl Updater {
 
     /// Brings `bvh` up to date with primitives that have moved.
     ///
-    /// Primitives without finite coordinates are dropped from all boxes, counted in [`Update::dropped`], and back in the
-    /// first update that finds them finite. After it every box is tight, wherever the primitives went: onto one point, far
-    /// from the origin, beyond the range of `f32` areas. A rotation is applied only if it lowers the area, strictly, and
-    /// leaves the tree no higher than [`MAX_HEIGHT`](bvh_core::MAX_HEIGHT).
+    /// Primitives without finite coordinates are dropped from all boxes, counted in
+    /// [`Update::dropped`], and back in the first update that finds them finite. After it every box
+    /// is tight, wherever the primitives went: onto one point, far from the origin, beyond the
+    /// range of `f32` areas. A rotation is applied only if it lowers the area, strictly, and leaves
+    /// the tree no higher than [`MAX_HEIGHT`](bvh_core::MAX_HEIGHT).
     ///
-    /// Runs in the current rayon pool. The tree that results is the same, bit for bit, for every number of threads and
-    /// every SIMD level; only [`Strategy::Background`] depends on time. Refits, with or without rotations, take O(n) time for
-    /// the n nodes above dynamic primitives, and allocate nothing after the first call. A rebuild keeps the old tree's
-    /// largest leaf size, and which primitives are dynamic.
+    /// Runs in the current rayon pool. The tree that results is the same, bit for bit, for every
+    /// number of threads and every SIMD level; only [`Strategy::Background`] depends on time.
+    /// Refits, with or without rotations, take O(n) time for the n nodes above dynamic primitives,
+    /// and allocate nothing after the first call. A rebuild keeps the old tree's largest leaf size,
+    /// and which primitives are dynamic.
     ///
-    /// [`Strategy::Rebuild`] and [`Strategy::Auto`] take another number of primitives than the tree holds and build a new tree,
-    /// in which all primitives are dynamic.
+    /// [`Strategy::Rebuild`] and [`Strategy::Auto`] take another number of primitives than the tree
+    /// holds and build a new tree, in which all primitives are dynamic.
     ///
     /// # Errors
-    /// If the number of primitives is not that of the tree and the strategy does not rebuild, or if a build fails. The tree
-    /// is as it was then, or refitted if a rebuild was to follow.
+    /// If the number of primitives is not that of the tree and the strategy does not rebuild, or if
+    /// a build fails. The tree is as it was then, or refitted if a rebuild was to follow.
     pub fn update<P: Primitives + ?Sized>(
         &mut self,
         bvh: &mut Bvh,
@@ -179,8 +184,8 @@ impl fmt::Debug for Updater {
     }
 }
 
-/// Refits all boxes to the primitives' new positions, structure fixed; see [`Updater::update`]. Allocates its memory in each
-/// call, less than 1 MiB a thread: an [`Updater`] keeps it.
+/// Refits all boxes to the primitives' new positions, structure fixed; see [`Updater::update`].
+/// Allocates its memory in each call, less than 1 MiB a thread: an [`Updater`] keeps it.
 ///
 /// # Errors
 /// If the number of primitives is not that of the tree.

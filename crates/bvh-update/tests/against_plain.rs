@@ -1,5 +1,5 @@
-//! The fast pass against the plain recursion: the same tree, bit for bit, on any number of threads and at every
-//! SIMD level, and the same account of what was done.
+//! The fast pass against the plain recursion: the same tree, bit for bit, on any number of threads
+//! and at every SIMD level, and the same account of what was done.
 
 use bvh_build::{BuildOptions, Builder, build_with};
 use bvh_core::{Aabb, Bvh, SimdLevel, Vec3, sah_cost, stats};
@@ -43,7 +43,8 @@ fn pool(threads: usize) -> rayon::ThreadPool {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads")
 }
 
-/// Plays `frames` of drift and checks every frame of every level and thread count against the plain pass.
+/// Plays `frames` of drift and checks every frame of every level and thread count against the plain
+/// pass.
 fn check(
     n: usize,
     seed: u64,

@@ -1,5 +1,5 @@
-//! An `Updater` with a build under way may be dropped anywhere in a rayon pool. Each case runs in a child process, because
-//! a stack overflow aborts the process and a deadlock never ends.
+//! An `Updater` with a build under way may be dropped anywhere in a rayon pool. Each case runs in a
+//! child process, because a stack overflow aborts the process and a deadlock never ends.
 
 use std::process::{Command, Stdio};
 use std::sync::Mutex;

@@ -1,7 +1,8 @@
-//! Trees after a few frames of every strategy that does not depend on time, as recorded fingerprints: a change of the
-//! pass that changes a bit of any tree fails here.
+//! Trees after a few frames of every strategy that does not depend on time, as recorded
+//! fingerprints: a change of the pass that changes a bit of any tree fails here.
 //!
-//! After a change that is meant to change trees, print new ones: `PRINT=1 cargo test -p bvh-update --test fingerprints -- --nocapture`.
+//! After a change that is meant to change trees, print new ones: `PRINT=1 cargo test -p bvh-update
+//! --test fingerprints -- --nocapture`.
 
 use bvh_build::{BuildOptions, Builder, build_with};
 use bvh_core::{Bvh, Primitives, SimdLevel, Triangles, Vec3};
@@ -86,7 +87,8 @@ fn trees_have_their_recorded_bits() {
                     let same = play(motion, &strategy, leaf, level, threads);
                     assert_eq!(same, print, "{motion:?} {leaf} {strategy} {level}, {threads} threads");
                 }
-                // What it decides may change; that it is the same on all levels and threads may not.
+                // What it decides may change; that it is the same on all levels and threads may
+                // not.
                 if !matches!(strategy, Strategy::Auto(_)) {
                     lines += &format!("{motion:?} {leaf} {strategy} {print:016x}\n");
                 }

@@ -1,5 +1,5 @@
-//! Primitives that panic in the middle of an update: the tree is a valid one all the same, and the next update makes it
-//! tight.
+//! Primitives that panic in the middle of an update: the tree is a valid one all the same, and the
+//! next update makes it tight.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -70,7 +70,8 @@ fn a_number_of_primitives_that_changes_leaves_a_valid_tree_which_honest_updates_
     }
 }
 
-/// Heights and moving bits are those that the leaves make, and so is the sum over what stands still.
+/// Heights and moving bits are those that the leaves make, and so is the sum over what stands
+/// still.
 fn check(bvh: &Bvh, what: &str) {
     let again = Bvh::new(bvh.nodes(), bvh.order().to_vec()).unwrap_or_else(|e| panic!("{what}: {e}"));
     again.visit(|n, node, _| {

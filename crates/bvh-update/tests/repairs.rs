@@ -1,4 +1,5 @@
-//! Strategies that repair: that they do, that they leave the tree right, and that `Auto` chooses sensibly.
+//! Strategies that repair: that they do, that they leave the tree right, and that `Auto` chooses
+//! sensibly.
 
 use bvh_core::{Aabb, Bvh, Vec3, sah_cost, stats};
 use bvh_update::{
@@ -345,7 +346,8 @@ fn trees_take_over(builder: Builder) {
     panic!("only {swaps:?} trees took over");
 }
 
-/// A sheet of two boxes in each place, which rises and falls, and in between bursts into single boxes.
+/// A sheet of two boxes in each place, which rises and falls, and in between bursts into single
+/// boxes.
 fn frayed(step: usize) -> Vec<Aabb> {
     (0..N)
         .map(|i| {
@@ -380,8 +382,8 @@ fn leaves_merge_where_boxes_move_together_and_split_where_they_part() {
                 assert_eq!((single.leaves, single.largest_leaf), (N, 1));
                 assert!(merged.largest_leaf <= 4);
                 let together = step / 20 != 1;
-                // Rotations put leaves together whose slots are far apart: these cannot merge, and what has merged
-                // cannot be rotated.
+                // Rotations put leaves together whose slots are far apart: these cannot merge, and
+                // what has merged cannot be rotated.
                 let (most, bound) = match (together, rotate) {
                     (false, _) => (N, 1.05),
                     (true, Some(_)) if step > 40 => (N * 8 / 10, 1.1),
@@ -400,7 +402,8 @@ fn leaves_merge_where_boxes_move_together_and_split_where_they_part() {
     }
 }
 
-/// `Auto` keeps a tree good over boxes that scatter and meet again, at once or slowly, and knows what it costs.
+/// `Auto` keeps a tree good over boxes that scatter and meet again, at once or slowly, and knows
+/// what it costs.
 #[test]
 fn auto_follows_boxes_that_scatter_and_meet_again() {
     // Pairs of boxes that part and meet again.
@@ -460,7 +463,8 @@ fn leaves_come_to_rest_and_static_leaves_stay() {
     assert!(before < N && stats(&coarse).leaves <= before);
 }
 
-/// Built over points, a tree is any tree; once they have burst apart it must not be held for a good one.
+/// Built over points, a tree is any tree; once they have burst apart it must not be held for a good
+/// one.
 #[test]
 fn auto_rebuilds_a_tree_built_over_points() {
     let points = vec![Aabb::new(Vec3::ONE, Vec3::ONE); N];
@@ -496,8 +500,8 @@ fn no_tree_of_old_numbers_takes_over() {
     }
 }
 
-/// The mask of what is dynamic changes now and then, before a tree from the background takes over or after it. Two trees
-/// take turns.
+/// The mask of what is dynamic changes now and then, before a tree from the background takes over
+/// or after it. Two trees take turns.
 #[test]
 fn trees_from_the_background_have_the_latest_dynamic_mask() {
     let background = Strategy::Background(Background::default());

@@ -1,5 +1,6 @@
-//! The tasks of a pass in many orders: primitives that keep threads waiting here and there, as a seed says, make the
-//! threads take other tasks at other times. Trees and tallies are those of one thread, bit for bit.
+//! The tasks of a pass in many orders: primitives that keep threads waiting here and there, as a
+//! seed says, make the threads take other tasks at other times. Trees and tallies are those of one
+//! thread, bit for bit.
 
 use std::collections::HashSet;
 use std::sync::atomic::{AtomicU8, Ordering};

@@ -58,8 +58,9 @@ fn auto(rays: u64) -> Strategy {
     Strategy::Auto(Auto { load: Load::PacketRays(rays) })
 }
 
-/// A sheet that trembles for 10,000 frames, and then bursts, so that its tree costs twice as much: it is good again soon, whatever repairs
-/// and rebuilds brought before. Where those that pay badly made later ones wait, it took 50 to 130 frames.
+/// A sheet that trembles for 10,000 frames, and then bursts, so that its tree costs twice as much:
+/// it is good again soon, whatever repairs and rebuilds brought before. Where those that pay badly
+/// made later ones wait, it took 50 to 130 frames.
 #[test]
 fn a_burst_after_a_long_calm_is_seen_soon() {
     for (rays, wild) in [(0, 0.5), (0, 0.2), (1 << 14, 0.5), (1 << 16, 0.2)] {
@@ -146,7 +147,8 @@ fn another_number_of_primitives_gives_a_new_tree() {
         updater.update(&mut bvh, boxes).expect("a new tree");
         bvh.validate(boxes).expect("valid");
     }
-    // Trees that were new for their number are no rebuilds in a row. One may follow, by a better builder.
+    // Trees that were new for their number are no rebuilds in a row. One may follow, by a better
+    // builder.
     let rebuilds = (0..5).filter(|_| updater.update(&mut bvh, &all[..]).expect("updated").rebuilt).count();
     assert!(rebuilds < 2, "{rebuilds} rebuilds of what stands still");
     let error = Updater::new(Strategy::Refit).update(&mut bvh, some).expect_err("no new tree");

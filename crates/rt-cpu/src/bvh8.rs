@@ -1,4 +1,5 @@
-//! A tree of eight children a node with its triangles in blocks of four: what rays without anything in common want.
+//! A tree of eight children a node with its triangles in blocks of four: what rays without anything
+//! in common want.
 //!
 //! ```text
 //! cost of a subtree as one child:   its area, if it fits into a block
@@ -7,10 +8,11 @@
 //!                                   and of cost as i - 1 children
 //! ```
 //!
-//! Collapsing a binary tree is from Wald, Benthin and Boulos, *Getting Rid of Packets*, 2008, in the cheapest way from
-//! Ylitie, Karras and Laine, *Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs*, 2017; going
-//! through eight boxes and four triangles at a time is from Wald, Woop, Benthin, Johnson and Ernst, *Embree: A Kernel
-//! Framework for Efficient CPU Ray Tracing*, 2014.
+//! Collapsing a binary tree is from Wald, Benthin and Boulos, *Getting Rid of Packets*, 2008, in
+//! the cheapest way from Ylitie, Karras and Laine, *Efficient Incoherent Ray Traversal on GPUs
+//! Through Compressed Wide BVHs*, 2017; going through eight boxes and four triangles at a time is
+//! from Wald, Woop, Benthin, Johnson and Ernst, *Embree: A Kernel Framework for Efficient CPU Ray
+//! Tracing*, 2014.
 
 mod block;
 mod collapse;
@@ -33,13 +35,13 @@ pub(crate) use walk::hit;
 /// Children of a node.
 const WIDTH: usize = 8;
 
-/// A second view of a [`Bvh`] and its triangles, for rays that have little in common: about twice as fast for
-/// these as the tree itself, once it is there.
+/// A second view of a [`Bvh`] and its triangles, for rays that have little in common: about twice
+/// as fast for these as the tree itself, once it is there.
 ///
-/// It holds copies of the tree's boxes and of the triangles' corners, about 80 bytes a triangle, and knows nothing of
-/// later changes: [`update`](Self::update) it after each. That pays from about one ray for every six triangles on.
-/// [`render`](crate::render) does so by itself for ambient occlusion and diffuse bounces;
-/// [`render_with`](crate::render_with) takes a view that is there.
+/// It holds copies of the tree's boxes and of the triangles' corners, about 80 bytes a triangle,
+/// and knows nothing of later changes: [`update`](Self::update) it after each. That pays from about
+/// one ray for every six triangles on. [`render`](crate::render) does so by itself for ambient
+/// occlusion and diffuse bounces; [`render_with`](crate::render_with) takes a view that is there.
 ///
 /// ```
 /// use rt_cpu::{Bvh, Bvh8, Ray, TriangleTest, Triangles, Vec3};
@@ -104,19 +106,19 @@ impl Bvh8 {
         Self::with_level(SimdLevel::best())
     }
 
-    /// A view of nothing, whose rays use the instructions of `level`, or the best that the machine has if that is less.
-    /// Every level finds the same hits.
+    /// A view of nothing, whose rays use the instructions of `level`, or the best that the machine
+    /// has if that is less. Every level finds the same hits.
     #[must_use]
     pub fn with_level(level: SimdLevel) -> Self {
         let (nodes, blocks, plans) = Default::default();
         Self { level: detected(level), nodes, blocks, plans, triangles: 0 }
     }
 
-    /// Makes it a view of `bvh` with `triangles` as its primitives, by its numbers; triangles that the tree has and
-    /// `triangles` has not are never hit.
+    /// Makes it a view of `bvh` with `triangles` as its primitives, by its numbers; triangles that
+    /// the tree has and `triangles` has not are never hit.
     ///
-    /// O(n), in the current rayon pool; the view is the same for any number of threads. Uses the memory of the view before,
-    /// and allocates only if that is not enough.
+    /// O(n), in the current rayon pool; the view is the same for any number of threads. Uses the
+    /// memory of the view before, and allocates only if that is not enough.
     pub fn update(&mut self, bvh: &Bvh, triangles: &Triangles<'_>) {
         self.triangles = triangles.indices.len();
         collapse(bvh, triangles, &mut self.plans, &mut self.nodes, &mut self.blocks);
@@ -158,8 +160,8 @@ impl Bvh8 {
         }))
     }
 
-    /// [`closest_hit`](Self::closest_hit) of many rays, in the current rayon pool: `hits[i]` is that of `rays[i]`, with
-    /// `0 <= t <= t_max[i]`.
+    /// [`closest_hit`](Self::closest_hit) of many rays, in the current rayon pool: `hits[i]` is
+    /// that of `rays[i]`, with `0 <= t <= t_max[i]`.
     ///
     /// # Panics
     /// If the slices differ in length.

@@ -19,18 +19,19 @@ pub struct Camera {
     height: u32,
 }
 
-/// A vector of length 1 that points the same way, whatever the length of `v`: its square may be beyond `f32`, or 0. `None`
-/// if `v` itself is 0 or not finite.
+/// A vector of length 1 that points the same way, whatever the length of `v`: its square may be
+/// beyond `f32`, or 0. `None` if `v` itself is 0 or not finite.
 fn direction(v: Vec3) -> Option<Vec3> {
     (v / v.abs().max_element()).try_normalize()
 }
 
 impl Camera {
-    /// A camera at `eye` that has `target` in the middle of its image and sees `fov_y` radians from the lower
-    /// to the upper edge. The part of `up` across the view points up in the image; coordinates are right-handed.
+    /// A camera at `eye` that has `target` in the middle of its image and sees `fov_y` radians from
+    /// the lower to the upper edge. The part of `up` across the view points up in the image;
+    /// coordinates are right-handed.
     ///
-    /// Looks along -z if `target` is `eye`, and takes another vector if `up` is parallel to the view. With NaN or
-    /// infinite input its rays hit nothing.
+    /// Looks along -z if `target` is `eye`, and takes another vector if `up` is parallel to the
+    /// view. With NaN or infinite input its rays hit nothing.
     #[must_use]
     pub fn look_at(eye: Vec3, target: Vec3, up: Vec3, fov_y: f32, width: u32, height: u32) -> Self {
         let way = if (target - eye).is_finite() { target - eye } else { target * 0.5 - eye * 0.5 };
@@ -46,8 +47,8 @@ impl Camera {
         Self { eye, corner, right, down, width, height }
     }
 
-    /// The ray through the centre of pixel `x`, `y`, counted from the top left. Its direction has length 1 along
-    /// the middle of the view, so that `t` is depth.
+    /// The ray through the centre of pixel `x`, `y`, counted from the top left. Its direction has
+    /// length 1 along the middle of the view, so that `t` is depth.
     #[must_use]
     #[inline]
     pub fn ray(&self, x: u32, y: u32) -> Ray {
@@ -55,15 +56,15 @@ impl Camera {
         Ray::new(self.eye, direction)
     }
 
-    /// What directions are made of: the way from the eye to the upper left corner of the image, and from there one pixel
-    /// to the right, and one down.
+    /// What directions are made of: the way from the eye to the upper left corner of the image, and
+    /// from there one pixel to the right, and one down.
     #[must_use]
     pub fn image_plane(&self) -> [Vec3; 3] {
         [self.corner, self.right, self.down]
     }
 
-    /// Sets the directions through the points `inside` pixels `left + columns[i]`, `top + rows[i]`; in the middle with
-    /// the bits of [`ray`](Self::ray), since sums of halves are exact.
+    /// Sets the directions through the points `inside` pixels `left + columns[i]`, `top + rows[i]`;
+    /// in the middle with the bits of [`ray`](Self::ray), since sums of halves are exact.
     #[inline(always)]
     pub(crate) fn directions<S: Simd, const N: usize>(
         &self,

@@ -33,8 +33,9 @@ pub(crate) struct Frame<'a> {
     pub(crate) shaded: bool,
 }
 
-/// Column and row of a whole tile's pixel `i`: in quarters of 32 x 32, which share a cut of the tree, in these in
-/// blocks of 8 x 8, one packet each, and in these in 4 x 4, so that groups of 16 rays are square, too.
+/// Column and row of a whole tile's pixel `i`: in quarters of 32 x 32, which share a cut of the
+/// tree, in these in blocks of 8 x 8, one packet each, and in these in 4 x 4, so that groups of 16
+/// rays are square, too.
 pub(crate) fn place(i: usize) -> (usize, usize) {
     let (quarter, block, group, i) = (i / 1024, i / 64 % 16, i / 16 % 4, i % 16);
     let column = quarter % 2 * 32 + block % 4 * 8 + group % 2 * 4 + i % 4;
@@ -52,7 +53,8 @@ pub(crate) struct Tile {
     /// Column and row of each pixel in the tile.
     pub(crate) columns: [f32; RAYS],
     pub(crate) rows: [f32; RAYS],
-    /// The ray of the pixel in each row, of `TILE` pixels, and column; without meaning outside the tile.
+    /// The ray of the pixel in each row, of `TILE` pixels, and column; without meaning outside the
+    /// tile.
     pub(crate) ray: [u16; RAYS],
     pub(crate) seen: Wave,
     pub(crate) surfaces: Surfaces,
@@ -146,8 +148,9 @@ pub(crate) fn light_arrives<S: Simd, T: WideTest>(
     tally.end(|t| &mut t.shadow);
 }
 
-/// Traces a wave. Trees and packets know nothing of holes ([`Material::cutoff`](crate::Material)): rays are first traced
-/// as if there were none, which gives the same result unless what they hit is a hole.
+/// Traces a wave. Trees and packets know nothing of holes ([`Material::cutoff`](crate::Material)):
+/// rays are first traced as if there were none, which gives the same result unless what they hit is
+/// a hole.
 #[inline(always)]
 fn trace_past_holes<S: Simd, T: WideTest>(
     simd: S,
@@ -167,8 +170,8 @@ fn trace_past_holes<S: Simd, T: WideTest>(
     tally.stats.nodes_visited += work.nodes;
 }
 
-/// Replaces hits of holes by what is behind them, one ray at a time; gives the number of rays traced again. For
-/// [`Query::Any`] hits in surfaces that have holes anywhere count.
+/// Replaces hits of holes by what is behind them, one ray at a time; gives the number of rays
+/// traced again. For [`Query::Any`] hits in surfaces that have holes anywhere count.
 #[inline(never)]
 pub(crate) fn see_through<S: Simd, T: Test>(
     simd: S,

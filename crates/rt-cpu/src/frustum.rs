@@ -8,8 +8,8 @@
 //!   z1 < 0, or z0 lies beyond what any ray still looks for
 //! ```
 //!
-//! Each comparison is widened by `SLACK`, far more than the rounding of any ray's own box test, relative to
-//! the numbers compared. So no ray enters a box that is missed.
+//! Each comparison is widened by `SLACK`, far more than the rounding of any ray's own box test,
+//! relative to the numbers compared. So no ray enters a box that is missed.
 
 use bvh_core::{Aabb, Node, Vec3};
 use bytemuck::Zeroable;
@@ -120,8 +120,8 @@ fn misses<S: Simd, V: Lanes<S>>(slopes: [f32; 2], x: [V; 2], near: V, far: V) ->
 }
 
 /// A [`Frustum`] as linear forms of the words of a node: a box is missed if for any lane
-/// `a * scale_a + b * scale_b - limit` exceeds the slack, where `a` and `b` are words relative to the
-/// origin. Eight lanes for each of two siblings, six of them in use. Zeroed it misses nothing.
+/// `a * scale_a + b * scale_b - limit` exceeds the slack, where `a` and `b` are words relative to
+/// the origin. Eight lanes for each of two siblings, six of them in use. Zeroed it misses nothing.
 #[repr(C, align(64))]
 #[derive(Zeroable)]
 pub(crate) struct FrustumPlanes {

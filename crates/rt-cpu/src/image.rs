@@ -1,5 +1,5 @@
-//! Images in memory, and encoded as files. Writing them is the caller's: a file that appears whole or not at
-//! all needs `tempfile`, which no renderer should have to depend on.
+//! Images in memory, and encoded as files. Writing them is the caller's: a file that appears whole
+//! or not at all needs `tempfile`, which no renderer should have to depend on.
 
 use std::io::Cursor;
 
@@ -61,12 +61,14 @@ impl Image {
         }
     }
 
-    /// Multiplies all colours by `factor`: the mean of n images that were added is their sum scaled by 1 / n.
+    /// Multiplies all colours by `factor`: the mean of n images that were added is their sum scaled
+    /// by 1 / n.
     pub fn scale(&mut self, factor: f32) {
         self.pixels.iter_mut().flatten().for_each(|c| *c *= factor);
     }
 
-    /// Encodes it as a PNG file, 8 bits a channel in sRGB; values outside 0 to 1 are clamped, NaN becomes 0.
+    /// Encodes it as a PNG file, 8 bits a channel in sRGB; values outside 0 to 1 are clamped, NaN
+    /// becomes 0.
     ///
     /// # Errors
     /// If PNG files cannot be of its size.

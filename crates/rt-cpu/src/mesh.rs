@@ -45,8 +45,8 @@ pub struct Mesh<'a> {
     pub textures: &'a [Texture],
     /// Materials, which `material_of` refers to.
     pub materials: &'a [Material],
-    /// For each triangle the number of its material in `materials`. Where either has no such entry it is
-    /// [`Material::DEFAULT`].
+    /// For each triangle the number of its material in `materials`. Where either has no such entry
+    /// it is [`Material::DEFAULT`].
     pub material_of: &'a [u32],
 }
 

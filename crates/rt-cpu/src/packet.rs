@@ -1,5 +1,6 @@
-//! Packets of 8 x 8 rays from one origin, as published: Wald, Boulos and Shirley, *Ray Tracing Deformable
-//! Scenes Using Dynamic Bounding Volume Hierarchies*, 2007, section 4. The reference, kept plain.
+//! Packets of 8 x 8 rays from one origin, as published: Wald, Boulos and Shirley, *Ray Tracing
+//! Deformable Scenes Using Dynamic Bounding Volume Hierarchies*, 2007, section 4. The reference,
+//! kept plain.
 //!
 //! ```text
 //! at a node, with `first` the first ray that entered its parent:
@@ -9,8 +10,9 @@
 //! at a leaf, test all rays from `first` on
 //! ```
 //!
-//! One departure: the paper orders children by the axis of their split. Rotations change that axis, and nodes here do not keep
-//! it. Here the child whose centre comes first along ray `first` goes first.
+//! One departure: the paper orders children by the axis of their split. Rotations change that axis,
+//! and nodes here do not keep it. Here the child whose centre comes first along ray `first` goes
+//! first.
 
 use arrayvec::ArrayVec;
 use bvh_core::triangle::{Test, intersect};
@@ -40,8 +42,8 @@ pub(crate) fn trace_all<T: Test>(
     }
 }
 
-/// Traces rays that share their origin; those with a negative `t_max` are absent. For [`Query::Any`] the hits are
-/// any, not the closest.
+/// Traces rays that share their origin; those with a negative `t_max` are absent. For
+/// [`Query::Any`] the hits are any, not the closest.
 pub(crate) fn trace<T: Test>(
     scene: Scene<'_>,
     rays: &[Ray; SIZE],
@@ -115,7 +117,8 @@ impl Beam {
         Self { origin, least, greatest, usable }
     }
 
-    /// True only if no ray enters. Rounding is monotonic, so the bounds hold for what each ray computes by itself.
+    /// True only if no ray enters. Rounding is monotonic, so the bounds hold for what each ray
+    /// computes by itself.
     fn misses(&self, aabb: &Aabb) -> bool {
         let (mut near, mut far) = (0.0, f32::INFINITY);
         for axis in (0..3).filter(|&k| self.usable[k]) {

@@ -1,5 +1,5 @@
-//! Choosing lanes by number, which `fearless_simd` does not offer in one instruction: the only unsafe
-//! blocks of this crate.
+//! Choosing lanes by number, which `fearless_simd` does not offer in one instruction: the only
+//! unsafe blocks of this crate.
 
 use fearless_simd::Simd;
 
@@ -14,7 +14,8 @@ pub(crate) fn permute<S: Simd>(simd: S, from: &[f32; 16], lanes: &[u32; 16]) -> 
         use std::arch::x86_64::*;
         match simd.level() {
             Level::Avx512(_) => {
-                // SAFETY: the token of the level proves that the processor has AVX-512; all arrays have 16 lanes.
+                // SAFETY: the token of the level proves that the processor has AVX-512; all arrays
+                // have 16 lanes.
                 unsafe {
                     let lanes = _mm512_loadu_si512(lanes.as_ptr().cast());
                     let chosen = _mm512_permutexvar_ps(lanes, _mm512_loadu_ps(from.as_ptr()));
@@ -24,8 +25,8 @@ pub(crate) fn permute<S: Simd>(simd: S, from: &[f32; 16], lanes: &[u32; 16]) -> 
             }
             Level::Avx2(_) => {
                 for half in [0, 8] {
-                    // SAFETY: the token of the level proves that the processor has AVX2; each half has 8 lanes, and
-                    // the instruction takes numbers modulo 8.
+                    // SAFETY: the token of the level proves that the processor has AVX2; each half
+                    // has 8 lanes, and the instruction takes numbers modulo 8.
                     unsafe {
                         let lanes = _mm256_loadu_si256(lanes.as_ptr().add(half).cast());
                         let from = _mm256_loadu_ps(from.as_ptr().add(half));

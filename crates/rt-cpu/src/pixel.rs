@@ -48,8 +48,8 @@ impl Pixel {
         (primitive != NOTHING).then_some(Hit { t: self.t, u: self.u, v: self.v, primitive })
     }
 
-    /// Whether light arrives there: false where nothing is hit, in shadow, and on surfaces that face away.
-    /// True for every hit if there is no light or shadows are off.
+    /// Whether light arrives there: false where nothing is hit, in shadow, and on surfaces that
+    /// face away. True for every hit if there is no light or shadows are off.
     #[must_use]
     #[inline]
     pub fn is_lit(&self) -> bool {

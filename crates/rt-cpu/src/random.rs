@@ -27,8 +27,9 @@ impl Stream {
         fraction(splitmix(self.0, n.into()))
     }
 
-    /// Point `n` of a sequence that fills the unit square evenly, moved about by numbers 0 and 1 of this stream: the
-    /// additive recurrence of Roberts, *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018.
+    /// Point `n` of a sequence that fills the unit square evenly, moved about by numbers 0 and 1 of
+    /// this stream: the additive recurrence of Roberts, *The Unreasonable Effectiveness of
+    /// Quasirandom Sequences*, 2018.
     pub(crate) fn even(self, n: u64) -> [f32; 2] {
         [0, 1].map(|k| fraction(splitmix(self.0, k).wrapping_add(n.wrapping_mul(PLASTIC[k as usize]))))
     }
@@ -48,8 +49,9 @@ fn mix(z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Number `n`, from 0 to less than 1, of a sequence that looks random; each `seed` has another. These are the upper bits of SplitMix64 (Steele,
-/// Lea, Flood, *Fast Splittable Pseudorandom Number Generators*, 2014), a hash of a counter.
+/// Number `n`, from 0 to less than 1, of a sequence that looks random; each `seed` has another.
+/// These are the upper bits of SplitMix64 (Steele, Lea, Flood, *Fast Splittable Pseudorandom Number
+/// Generators*, 2014), a hash of a counter.
 #[must_use]
 pub fn uniform(seed: u64, n: u64) -> f32 {
     fraction(splitmix(seed, n))
@@ -60,8 +62,8 @@ fn fraction(bits: u64) -> f32 {
     (bits >> 40) as f32 / (1 << 24) as f32
 }
 
-/// A direction on the side of the unit vector `normal`, as likely as the cosine of the angle between them is
-/// large, if the numbers are uniform in the unit square.
+/// A direction on the side of the unit vector `normal`, as likely as the cosine of the angle
+/// between them is large, if the numbers are uniform in the unit square.
 pub(crate) fn cosine_direction(normal: Vec3, [a, b]: [f32; 2]) -> Vec3 {
     let (x, y) = normal.any_orthonormal_pair();
     let (sin, cos) = libm::sincosf(std::f32::consts::TAU * b);

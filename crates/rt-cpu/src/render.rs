@@ -21,9 +21,10 @@ use crate::{Bvh8, Camera, Image, Mesh, Pixel};
 
 /// Renders a frame into `image`, which is replaced if it is not of the camera's size.
 ///
-/// `mesh.triangles` are the primitives of the tree, by its numbers. Runs in the current rayon pool, in tiles;
-/// every pixel is the same for any number of threads, any [`Traversal`] and any [`SimdLevel`](bvh_core::SimdLevel).
-/// A camera that is not finite sees the background; triangles that are not finite are not there.
+/// `mesh.triangles` are the primitives of the tree, by its numbers. Runs in the current rayon pool,
+/// in tiles; every pixel is the same for any number of threads, any [`Traversal`] and any
+/// [`SimdLevel`](bvh_core::SimdLevel). A camera that is not finite sees the background; triangles
+/// that are not finite are not there.
 pub fn render(
     bvh: &Bvh,
     mesh: &Mesh<'_>,
@@ -35,12 +36,12 @@ pub fn render(
     render_with(bvh, None, mesh, camera, light, options, image)
 }
 
-/// [`render`], with a view of the same tree and the same triangles, if there is one already. Ambient occlusion and
-/// diffuse bounces go through it; without them nobody looks at it.
+/// [`render`], with a view of the same tree and the same triangles, if there is one already.
+/// Ambient occlusion and diffuse bounces go through it; without them nobody looks at it.
 ///
-/// For more than one image of a frame, samples to be averaged for instance: `render` would make a view for each. A view
-/// of something else shows that, where rays have come back from a surface; one of another number of triangles is not
-/// looked at.
+/// For more than one image of a frame, samples to be averaged for instance: `render` would make a
+/// view for each. A view of something else shows that, where rays have come back from a surface;
+/// one of another number of triangles is not looked at.
 pub fn render_with(
     bvh: &Bvh,
     wide: Option<&Bvh8>,
@@ -107,7 +108,8 @@ fn called_for(effects: &Effects, mesh: &Mesh<'_>) -> Effects {
     }
 }
 
-/// Whether making a view pays: whether at least one ray for six triangles will have little in common with others.
+/// Whether making a view pays: whether at least one ray for six triangles will have little in
+/// common with others.
 fn calls_for_wide(effects: &Effects, camera: &Camera, bvh: &Bvh) -> bool {
     let of_hit = effects.ambient_occlusion.map_or(0, |a| u64::from(a.samples))
         + effects.diffuse_bounces.map_or(0, |d| u64::from(d.most));
@@ -115,7 +117,8 @@ fn calls_for_wide(effects: &Effects, camera: &Camera, bvh: &Bvh) -> bool {
     pixels.saturating_mul(of_hit) > bvh.len() as u64 / 6
 }
 
-/// Casts the rays that [`render`] would cast without effects, and does not shade: `pixels` are rows from the top.
+/// Casts the rays that [`render`] would cast without effects, and does not shade: `pixels` are rows
+/// from the top.
 ///
 /// # Panics
 /// If the number of pixels is not that of the camera.

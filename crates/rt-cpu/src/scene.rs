@@ -13,7 +13,8 @@ use crate::Hit;
 pub(crate) struct Scene<'a> {
     pub(crate) bvh: &'a Bvh,
     pub(crate) triangles: &'a Triangles<'a>,
-    /// Whether slots of the tree are numbers of triangles: then there is no need to look up which they are.
+    /// Whether slots of the tree are numbers of triangles: then there is no need to look up which
+    /// they are.
     is_in_order: bool,
 }
 

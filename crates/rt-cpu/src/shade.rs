@@ -62,8 +62,9 @@ impl Looks {
 }
 
 impl Shader<'_> {
-    /// Colours by Lambert's law, and a little light from everywhere, more from above. Without a light, shading is as if
-    /// there were one at the eye. `looks` has the surfaces, if they are known already.
+    /// Colours by Lambert's law, and a little light from everywhere, more from above. Without a
+    /// light, shading is as if there were one at the eye. `looks` has the surfaces, if they are
+    /// known already.
     #[inline(always)]
     pub(crate) fn shade<S: Simd>(&self, simd: S, tile: &mut Tile, looks: Option<&Looks>) {
         let Tile { seen, surfaces, lit, colors, .. } = tile;

@@ -1,11 +1,11 @@
 //! Instruction sets, and the few vector operations whose exact meaning matters here.
 //!
-//! Each kernel is written once, over vectors of [`fearless_simd`], and compiled for every level. Kernels add, subtract,
-//! multiply and divide, never fuse, and reduce nothing but minima, maxima and masks: each lane computes the same
-//! bits at every level, and those of the scalar code.
+//! Each kernel is written once, over vectors of [`fearless_simd`], and compiled for every level.
+//! Kernels add, subtract, multiply and divide, never fuse, and reduce nothing but minima, maxima
+//! and masks: each lane computes the same bits at every level, and those of the scalar code.
 //!
-//! Whatever handles vectors has to be inlined up to where `vectorize` turns the instructions on. Closures and
-//! `array::map` are not, in general; kernels do without.
+//! Whatever handles vectors has to be inlined up to where `vectorize` turns the instructions on.
+//! Closures and `array::map` are not, in general; kernels do without.
 
 use bvh_core::{SimdLevel, Vec3};
 use fearless_simd::prelude::*;
@@ -27,8 +27,9 @@ pub(crate) fn detected(level: SimdLevel) -> Level {
     lower.unwrap_or(best)
 }
 
-/// Runs `$body` compiled for the level, with `$simd` the token of its vector types: as `fearless_simd::dispatch`, but SSE4.2 counts as
-/// SSE2: kernels are most of what compiling this crate takes, once for each level.
+/// Runs `$body` compiled for the level, with `$simd` the token of its vector types: as
+/// `fearless_simd::dispatch`, but SSE4.2 counts as SSE2: kernels are most of what compiling this
+/// crate takes, once for each level.
 macro_rules! dispatch {
     ($level:expr, $simd:ident => $body:expr) => {{
         use fearless_simd::{Level, Simd};
@@ -67,7 +68,8 @@ impl<S: Simd, V: SimdFloat<S, Element = f32>> Lanes<S> for V {}
 /// The greater; `b` if `a` is NaN.
 #[inline(always)]
 pub(crate) fn max<S: Simd, V: Lanes<S>>(a: V, b: V) -> V {
-    // The x86 instruction gives its second operand if either is NaN; that is one instruction in place of three.
+    // The x86 instruction gives its second operand if either is NaN; that is one instruction in
+    // place of three.
     if cfg!(target_arch = "x86_64") { a.max(b) } else { a.max_precise(b) }
 }
 
@@ -101,8 +103,8 @@ pub(crate) fn store3<S: Simd, V: Lanes<S>, const N: usize>(from: [V; 3], to: &mu
     }
 }
 
-/// Stores the chosen lanes side by side at the start of `to`, which must have room for a whole vector; what is behind
-/// them in that room is overwritten.
+/// Stores the chosen lanes side by side at the start of `to`, which must have room for a whole
+/// vector; what is behind them in that room is overwritten.
 #[inline(always)]
 pub(crate) fn store_chosen<S: Simd>(simd: S, lanes: S::f32s, chosen: u64, to: &mut [f32]) {
     let to = &mut to[..S::f32s::LEN];

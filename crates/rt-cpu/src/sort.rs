@@ -1,7 +1,8 @@
 //! Shadow rays in the order in which they leave the light.
 //!
-//! Neighbouring pixels of a shattered scene see surfaces far apart: packets of their shadow rays overlap as seen
-//! from the light, and each walks much the same part of the tree. Sorted by direction they do not.
+//! Neighbouring pixels of a shattered scene see surfaces far apart: packets of their shadow rays
+//! overlap as seen from the light, and each walks much the same part of the tree. Sorted by
+//! direction they do not.
 
 use bytemuck::Zeroable;
 use fearless_simd::Simd;
@@ -13,8 +14,8 @@ use crate::packet::SIZE;
 use crate::simd::load3;
 use crate::tile::{common_frame, frustum_of};
 
-/// Sorting pays from packets on that overlap this often: 20 to 25 % of the time of shadow rays on shattered scenes; on
-/// cloth, always sorting costs 30 %.
+/// Sorting pays from packets on that overlap this often: 20 to 25 % of the time of shadow rays on
+/// shattered scenes; on cloth, always sorting costs 30 %.
 const MIN_OVERLAP: f32 = 1.5;
 
 /// Cells along one axis.
@@ -29,8 +30,8 @@ pub(crate) struct Sorter {
 }
 
 impl Sorter {
-    /// Sorts rays, and the numbers that go with them, by the cell of their slopes along a curve, if their packets
-    /// overlap.
+    /// Sorts rays, and the numbers that go with them, by the cell of their slopes along a curve, if
+    /// their packets overlap.
     #[inline(always)]
     pub(crate) fn sort_if_scattered<S: Simd>(
         &mut self,

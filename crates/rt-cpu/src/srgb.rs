@@ -1,6 +1,7 @@
 //! Colours as 8-bit sRGB: by formula, and by a table that gives the same bytes.
 
-/// Encodes one channel from linear to 8-bit sRGB (IEC 61966-2-1); what is below 0 or NaN becomes 0, above 1 255.
+/// Encodes one channel from linear to 8-bit sRGB (IEC 61966-2-1); what is below 0 or NaN becomes 0,
+/// above 1 255.
 #[must_use]
 pub fn srgb(linear: f32) -> u8 {
     let c = linear.clamp(0.0, 1.0);
@@ -9,11 +10,12 @@ pub fn srgb(linear: f32) -> u8 {
     (encoded * 255.0 + 0.5) as u8
 }
 
-/// A table that encodes as [`srgb`] does, in less time: for pictures that are shown as they are made. 34 KB.
+/// A table that encodes as [`srgb`] does, in less time: for pictures that are shown as they are
+/// made. 34 KB.
 #[derive(Clone, Debug)]
 pub struct SrgbTable {
-    /// The byte of the first number of each bucket. A bucket holds the numbers whose upper 17 bits are equal. Within
-    /// it numbers differ by at most 0.4 %, and bytes by at most 1.
+    /// The byte of the first number of each bucket. A bucket holds the numbers whose upper 17 bits
+    /// are equal. Within it numbers differ by at most 0.4 %, and bytes by at most 1.
     first: Vec<u8>,
     /// For each byte the least number that has a greater one.
     next: [f32; 256],

@@ -50,11 +50,13 @@ impl Surfaces {
         }
     }
 
-    /// Fills `rays`, which must be empty, with those from their origin, a light, to the surfaces that face it, where
-    /// they end at `t` = 1; surfaces that face away shadow themselves. `pixels` gets the pixel of each ray.
+    /// Fills `rays`, which must be empty, with those from their origin, a light, to the surfaces
+    /// that face it, where they end at `t` = 1; surfaces that face away shadow themselves. `pixels`
+    /// gets the pixel of each ray.
     ///
-    /// The ends are moved off the surfaces by 32 roundings of the coordinates and distances that went into them:
-    /// the idea of Wächter and Binder, *A Fast and Robust Method for Avoiding Self-Intersection*, 2019.
+    /// The ends are moved off the surfaces by 32 roundings of the coordinates and distances that
+    /// went into them: the idea of Wächter and Binder, *A Fast and Robust Method for Avoiding
+    /// Self-Intersection*, 2019.
     #[inline(always)]
     pub(crate) fn shadow_rays<S: Simd>(
         &self,

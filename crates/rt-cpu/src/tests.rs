@@ -165,7 +165,8 @@ fn cube() -> Soup {
     Soup { positions, indices }
 }
 
-/// Rays from `origin` through every vertex, the middles of all edges and triangles, and a little beside.
+/// Rays from `origin` through every vertex, the middles of all edges and triangles, and a little
+/// beside.
 fn rays_at_features(soup: &Soup, origin: Vec3) -> Vec<Ray> {
     let mut targets: Vec<Vec3> = soup.positions.clone();
     for &t in &soup.indices {
@@ -175,8 +176,8 @@ fn rays_at_features(soup: &Soup, origin: Vec3) -> Vec<Ray> {
     targets.iter().map(|&t| Ray::new(origin, t - origin)).collect()
 }
 
-/// Rays along axes and in coordinate planes, with zeros of both signs, through a grid that the cube's corners,
-/// edges and diagonals lie on.
+/// Rays along axes and in coordinate planes, with zeros of both signs, through a grid that the
+/// cube's corners, edges and diagonals lie on.
 fn axis_rays() -> Vec<Ray> {
     let mut rays = Vec::new();
     let steps = [-2.0, -1.0, -0.5, -0.0, 0.0, 0.5, 1.0, 1.5];
@@ -241,7 +242,8 @@ fn grid(center: Vec3, right: Vec3, up: Vec3) -> Vec<Vec3> {
     (0..1024).map(place).map(|(x, y)| center + right * at(x) + up * at(y)).collect()
 }
 
-/// A camera, a mesh and a light that together show shadows, edges of the image and both sides of surfaces.
+/// A camera, a mesh and a light that together show shadows, edges of the image and both sides of
+/// surfaces.
 fn scene() -> (Soup, Camera, PointLight) {
     let mut soup = icosphere(3);
     for t in [[[-4, -1, -4], [4, -1, -4], [4, -1, 4]], [[-4, -1, -4], [4, -1, 4], [-4, -1, 4]]] {

@@ -26,12 +26,12 @@ pub enum Filter {
     Linear,
 }
 
-/// An image and how it is continued between and beyond its texels. There are no smaller versions of it: what is far away
-/// flickers unless pixels get many samples.
+/// An image and how it is continued between and beyond its texels. There are no smaller versions of
+/// it: what is far away flickers unless pixels get many samples.
 #[derive(Clone, Debug)]
 pub struct Texture {
-    /// Red, green and blue in sRGB, and linear opacity, in rows from the top, each row from the left. With fewer than
-    /// `width * height`, or none, the texture is white.
+    /// Red, green and blue in sRGB, and linear opacity, in rows from the top, each row from the
+    /// left. With fewer than `width * height`, or none, the texture is white.
     pub texels: Arc<[[u8; 4]]>,
     /// Texels in a row.
     pub width: u32,
@@ -44,8 +44,8 @@ pub struct Texture {
 }
 
 impl Texture {
-    /// Linear red, green and blue, and opacity, each 0 to 1, at a point: (0, 0) is the upper left corner of the
-    /// image, (1, 1) the lower right one. Coordinates that are not finite count as 0.
+    /// Linear red, green and blue, and opacity, each 0 to 1, at a point: (0, 0) is the upper left
+    /// corner of the image, (1, 1) the lower right one. Coordinates that are not finite count as 0.
     #[must_use]
     pub fn sample(&self, at: Vec2) -> [f32; 4] {
         let (width, height) = (self.width as usize, self.height as usize);
@@ -113,8 +113,8 @@ mod tests {
         }
     }
 
-    /// The texture's value by definition, in double precision: a sum over texel centres near the point of tents of
-    /// width 1, over a plane that is tiled explicitly.
+    /// The texture's value by definition, in double precision: a sum over texel centres near the
+    /// point of tents of width 1, over a plane that is tiled explicitly.
     fn reference(texture: &Texture, u: f64, v: f64) -> [f64; 4] {
         let size = [f64::from(texture.width), f64::from(texture.height)];
         let at = [u * size[0], v * size[1]];

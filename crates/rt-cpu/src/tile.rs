@@ -10,11 +10,11 @@
 //!     otherwise, of the children that the packet's frustum meets    -> go down with those rays that enter
 //! ```
 //!
-//! Departures from Wald, Boulos and Shirley 2007: masks in place of first active rays; frusta of slopes in place
-//! of interval arithmetic on reciprocals, so that rays may go both ways along two axes; the cut, which
-//! shares the top of the tree among 16 packets (in the spirit of Reshetov, Soupikov and Hurley,
-//! *Multi-Level Ray Tracing Algorithm*, 2005); groups, so that rays which have drifted apart cost what
-//! they would in small packets.
+//! Departures from Wald, Boulos and Shirley 2007: masks in place of first active rays; frusta of
+//! slopes in place of interval arithmetic on reciprocals, so that rays may go both ways along two
+//! axes; the cut, which shares the top of the tree among 16 packets (in the spirit of Reshetov,
+//! Soupikov and Hurley, *Multi-Level Ray Tracing Algorithm*, 2005); groups, so that rays which have
+//! drifted apart cost what they would in small packets.
 
 mod cut;
 mod leaf;
@@ -58,7 +58,8 @@ impl Scratch {
     }
 }
 
-/// Traces a bundle. For [`Query::Any`] hits are any, not the closest, and only the primitives count.
+/// Traces a bundle. For [`Query::Any`] hits are any, not the closest, and only the primitives
+/// count.
 #[inline(always)]
 pub(crate) fn trace<S: Simd, T: WideTest>(
     simd: S,

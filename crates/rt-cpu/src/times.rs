@@ -5,9 +5,9 @@ use std::time::{Duration, Instant};
 
 use crate::RenderStats;
 
-/// Time by what it was spent on, added up over threads: on `n` busy threads it passes `n` times as fast as on a clock.
-/// All zero unless [`RenderOptions::timed`](crate::RenderOptions::timed), and on `wasm32-unknown-unknown`, where the
-/// standard library has no clock.
+/// Time by what it was spent on, added up over threads: on `n` busy threads it passes `n` times as
+/// fast as on a clock. All zero unless [`RenderOptions::timed`](crate::RenderOptions::timed), and
+/// on `wasm32-unknown-unknown`, where the standard library has no clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StageTimes {
     /// Rays from the eye, finding and shading what they hit, and whatever has no stage of its own.
@@ -47,7 +47,8 @@ impl AddAssign for StageTimes {
     }
 }
 
-/// Counts of a tile, and a clock that gives each stretch of its time to one stage, so that nothing counts twice.
+/// Counts of a tile, and a clock that gives each stretch of its time to one stage, so that nothing
+/// counts twice.
 #[derive(Default)]
 pub(crate) struct Tally {
     pub(crate) stats: RenderStats,
@@ -70,7 +71,8 @@ impl Tally {
         }
     }
 
-    /// Gives the time since the last call to mirrors and diffuse bounces, by the numbers of their rays.
+    /// Gives the time since the last call to mirrors and diffuse bounces, by the numbers of their
+    /// rays.
     pub(crate) fn end_reflected(&mut self, mirrored: usize, all: usize) {
         if let Some(lap) = self.lap() {
             let mirror = lap.mul_f64(mirrored as f64 / all.max(1) as f64).min(lap);

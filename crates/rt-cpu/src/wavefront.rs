@@ -1,4 +1,5 @@
-//! Light beyond the first hit: mirrors, ambient occlusion and diffuse bounces, a tile's rays at a time.
+//! Light beyond the first hit: mirrors, ambient occlusion and diffuse bounces, a tile's rays at a
+//! time.
 //!
 //! ```text
 //! the first wave: a tile's rays from the eye, traced, with their shadow rays
@@ -48,7 +49,8 @@ pub(crate) struct Wavefront<'a> {
     pub(crate) wide: Option<&'a Bvh8>,
 }
 
-/// What is known of the rays of a wave besides their directions and hits, which are in the [`Tile`].
+/// What is known of the rays of a wave besides their directions and hits, which are in the
+/// [`Tile`].
 #[derive(Zeroable)]
 pub(crate) struct Paths {
     origin: Coordinates,
@@ -58,7 +60,8 @@ pub(crate) struct Paths {
     weight: Coordinates,
     /// Diffuse bounces so far.
     bounces: [u32; RAYS],
-    /// Mirrors since the last diffuse bounce, and whether the last surface was one, or the ray comes from the eye.
+    /// Mirrors since the last diffuse bounce, and whether the last surface was one, or the ray
+    /// comes from the eye.
     mirrors: [u8; RAYS],
     specular: [bool; RAYS],
     looks: Looks,
@@ -279,8 +282,9 @@ impl Wavefront<'_> {
         tile.seen.rays.count = next;
     }
 
-    /// The point that a ray hit, moved off the surface by 32 roundings of the greatest coordinate of the triangle, which
-    /// is what goes into both the point and the next test; as [`Surfaces`](crate::surface::Surfaces) does for shadow rays.
+    /// The point that a ray hit, moved off the surface by 32 roundings of the greatest coordinate
+    /// of the triangle, which is what goes into both the point and the next test; as
+    /// [`Surfaces`](crate::surface::Surfaces) does for shadow rays.
     fn off_surface(&self, tile: &Tile, i: usize, primitive: u32) -> Vec3 {
         let [a, b, c] = self.shader.mesh.triangles.corners(primitive as usize).map(Vec3::abs);
         let off = a.max(b).max(c).max_element() * (1.0 / (1 << 19) as f32);

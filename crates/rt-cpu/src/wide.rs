@@ -1,5 +1,5 @@
-//! Box and triangle tests of many rays at once. All rays share their origin, the signs of their directions and the axis
-//! along which these are longest.
+//! Box and triangle tests of many rays at once. All rays share their origin, the signs of their
+//! directions and the axis along which these are longest.
 
 use bvh_core::slab::WIDEN;
 use bvh_core::triangle::{DET_RANGE, Double, MollerTrumbore, Test, Watertight};
@@ -16,7 +16,8 @@ pub(crate) type V<S> = fearless_simd::f32x16<S>;
 #[derive(Clone, Copy)]
 pub(crate) struct RayOctant {
     pub(crate) origin: Vec3,
-    /// Where in a [`Node`]'s words the planes are that the rays meet first along each axis, and those that they meet last.
+    /// Where in a [`Node`]'s words the planes are that the rays meet first along each axis, and
+    /// those that they meet last.
     first: [usize; 3],
     last: [usize; 3],
     /// The axis along which all directions are longest, after the two that follow it.
@@ -24,7 +25,8 @@ pub(crate) struct RayOctant {
 }
 
 impl RayOctant {
-    /// `negative` says along which axes the rays go backwards, `longest` along which they are longest.
+    /// `negative` says along which axes the rays go backwards, `longest` along which they are
+    /// longest.
     #[inline(always)]
     pub(crate) fn new(origin: Vec3, negative: [bool; 3], longest: usize) -> Self {
         let [mut first, mut last] = [[0, 1, 2], [4, 5, 6]];
@@ -37,8 +39,8 @@ impl RayOctant {
     }
 }
 
-/// The planes of a box, in the order in which rays meet them, subtracted from the rays' origin: what
-/// is subtracted comes from memory straight into all lanes.
+/// The planes of a box, in the order in which rays meet them, subtracted from the rays' origin:
+/// what is subtracted comes from memory straight into all lanes.
 #[derive(Clone, Copy)]
 pub(crate) struct Slab<V> {
     first: [V; 3],
@@ -57,8 +59,9 @@ impl<V> Slab<V> {
 
     /// The box of a triangle whose corners are finite.
     ///
-    /// Trees make negative zeros in boxes positive. Here they may stay: they change but the signs of zeros, which no
-    /// comparison sees and which [`max`] does not take from where it starts, a positive zero.
+    /// Trees make negative zeros in boxes positive. Here they may stay: they change but the signs
+    /// of zeros, which no comparison sees and which [`max`] does not take from where it starts, a
+    /// positive zero.
     #[inline(always)]
     pub(crate) fn around<S: Simd>(simd: S, corners: &[Vec3; 3], octant: &RayOctant) -> Self
     where
@@ -85,8 +88,9 @@ impl<V> Slab<V> {
         slab
     }
 
-    /// Where rays enter, and whether they do before `t_max`; see [`enters`](bvh_core::slab::enters). `inverse` is minus
-    /// one over the direction: both signs together change nothing but those of zeros.
+    /// Where rays enter, and whether they do before `t_max`; see
+    /// [`enters`](bvh_core::slab::enters). `inverse` is minus one over the direction: both signs
+    /// together change nothing but those of zeros.
     #[inline(always)]
     pub(crate) fn enter<S: Simd>(&self, simd: S, inverse: [V; 3], t_max: V) -> (V, V::Mask)
     where
@@ -107,7 +111,8 @@ impl<V> Slab<V> {
 #[derive(Clone, Copy)]
 pub(crate) struct Rays<S: Simd> {
     pub(crate) direction: [V<S>; 3],
-    /// Of [`Watertight`]: slopes along the two axes after the longest, and minus one over the extent along that.
+    /// Of [`Watertight`]: slopes along the two axes after the longest, and minus one over the
+    /// extent along that.
     pub(crate) shear: [V<S>; 3],
 }
 
@@ -134,8 +139,8 @@ impl WideTest for Watertight {
         let origin: &[f32; 3] = octant.origin.as_ref();
         let zero = V::splat(simd, 0.0);
         let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
-        // All of it negated, and the reciprocal too, which changes nothing but the signs of zeros: corners get from
-        // memory straight into all lanes to be subtracted.
+        // All of it negated, and the reciprocal too, which changes nothing but the signs of zeros:
+        // corners get from memory straight into all lanes to be subtracted.
         let (ox, oy) = (V::splat(simd, origin[kx]), V::splat(simd, origin[ky]));
         let oz = V::splat(simd, origin[kz]);
         for (i, p) in corners.into_iter().enumerate() {
@@ -201,7 +206,8 @@ impl<V> Found<V> {
     }
 }
 
-/// [`Watertight`] for corners at `x` and `y` beside the ray, `z` along its longest axis, one over which is `inverse`.
+/// [`Watertight`] for corners at `x` and `y` beside the ray, `z` along its longest axis, one over
+/// which is `inverse`.
 #[inline(always)]
 pub(crate) fn weigh<S: Simd, V: Lanes<S>>(
     simd: S,

@@ -52,7 +52,8 @@ const ROOM_TRIANGLES: usize = 4 * SIDES + 8 * 28 * STEPS + 12 * STEPS + POSTS * 
 /// A triangle's corners.
 type Corners = [Vec3; 3];
 
-/// How many levels of the benchmark the sculpture is below the full one: each has a quarter of the triangles.
+/// How many levels of the benchmark the sculpture is below the full one: each has a quarter of the
+/// triangles.
 #[derive(Clone, Copy)]
 struct Less(u32);
 

@@ -27,8 +27,8 @@ pub(crate) struct Record<T> {
 /// The record from the options' bytes or from the cache. Else it is simulated and written to the
 /// cache, with a note if that fails.
 ///
-/// `parameters` names the scene and every option that `simulate` depends on, but for the effects left
-/// out.
+/// `parameters` names the scene and every option that `simulate` depends on, but for the effects
+/// left out.
 pub(crate) fn recorded<T: Serialize + DeserializeOwned>(
     parameters: &str,
     options: &SceneOptions<'_>,

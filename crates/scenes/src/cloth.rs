@@ -39,8 +39,8 @@ pub(crate) struct Cloth {
 }
 
 impl Cloth {
-    /// A cloth at rest, flat or nearly so, for steps of `dt` seconds. `positions` are `side * side`,
-    /// `spacing` apart where flat.
+    /// A cloth at rest, flat or nearly so, for steps of `dt` seconds. `positions` are
+    /// `side * side`, `spacing` apart where flat.
     pub(crate) fn new(side: usize, spacing: f64, positions: Vec<DVec3>, dt: f64) -> Self {
         let thickness = 0.8 * spacing;
         Self {
@@ -57,8 +57,8 @@ impl Cloth {
     }
 
     /// Searches for folds that come close, in the first step after a key frame and each time that
-    /// others may have come: until the next search none comes from beyond its reach, unless two meet
-    /// head on at full speed.
+    /// others may have come: until the next search none comes from beyond its reach, unless two
+    /// meet head on at full speed.
     pub(crate) fn find_folds(&mut self, since_key: usize) {
         let (side, thickness) = (self.side, self.thickness);
         let period = (0.8 * thickness / (self.top_speed * self.dt)).round() as usize;
@@ -93,8 +93,8 @@ impl Cloth {
         self.positions.len()
     }
 
-    /// Puts each particle, which moved from `before` to `now`, where `touch(before, now)` says. Gives
-    /// the number of those that this moves.
+    /// Puts each particle, which moved from `before` to `now`, where `touch(before, now)` says.
+    /// Gives the number of those that this moves.
     pub(crate) fn touch(&mut self, touch: impl Fn(DVec3, DVec3) -> DVec3 + Sync) -> usize {
         let touched = |(x, &before): (&mut DVec3, &DVec3)| {
             let to = touch(before, *x);

@@ -9,8 +9,8 @@ use glam::DVec3;
 
 use crate::shape::Mesh;
 
-/// A sum of squared distances to planes, `p·A·p + 2 b·p + c` with A symmetric: xx, yy, zz, xy, xz and
-/// yz of A, then b, then c.
+/// A sum of squared distances to planes, `p·A·p + 2 b·p + c` with A symmetric: xx, yy, zz, xy, xz
+/// and yz of A, then b, then c.
 type Quadric = [f64; 10];
 
 fn plane(n: DVec3, offset: f64, weight: f64) -> Quadric {
@@ -39,7 +39,8 @@ struct Simplifier {
     dead: Vec<bool>,
     /// Counts the changes of a vertex; an edge queued before its ends changed is out of date.
     version: Vec<u32>,
-    /// The edges of the mesh as it was, the least error last. Sorting them once is faster than a queue.
+    /// The edges of the mesh as it was, the least error last. Sorting them once is faster than a
+    /// queue.
     first: Vec<Candidate>,
     /// The edges that changed since.
     queue: BinaryHeap<Reverse<Candidate>>,
@@ -48,8 +49,8 @@ struct Simplifier {
     evenness: f64,
 }
 
-/// Two pairs of 32 bits: the error (never negative, so that its bits are in the order of the numbers)
-/// and an end; the other end and the sum of their versions, which only grow.
+/// Two pairs of 32 bits: the error (never negative, so that its bits are in the order of the
+/// numbers) and an end; the other end and the sum of their versions, which only grow.
 type Candidate = [u64; 2];
 
 /// Collapses edges until at most `target` triangles are left, or no edge can go without folding the

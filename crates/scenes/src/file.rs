@@ -34,8 +34,8 @@ pub(crate) fn scene(path: &Path, clip: Option<&str>, options: &SceneOptions<'_>)
     Ok(scene)
 }
 
-/// Makes a scene of an animation that was loaded from `path`, with a default view and a default light
-/// where it has none.
+/// Makes a scene of an animation that was loaded from `path`, with a default view and a default
+/// light where it has none.
 #[must_use]
 pub fn scene_of(path: &Path, animation: Box<dyn Animation>) -> Scene {
     let (view, light) = default_view(&*animation);

@@ -98,8 +98,9 @@ pub(crate) const ALONE: u32 = u32::MAX;
 /// A shard per patch: the patch, its copy further in by the thickness at each vertex, and a rim
 /// between them, which has vertices of its own.
 ///
-/// With each shard comes, for each vertex, the place on the surface whose normal it has: equal for vertices of
-/// neighbouring shards that were one, so that an unbroken surface looks unbroken. [`ALONE`] on the rim.
+/// With each shard comes, for each vertex, the place on the surface whose normal it has: equal for
+/// vertices of neighbouring shards that were one, so that an unbroken surface looks unbroken.
+/// [`ALONE`] on the rim.
 ///
 /// `thickness` is asked with a vertex and its outward normal, once for each vertex.
 pub(crate) fn shards(

@@ -66,8 +66,8 @@ stages! {
 
 /// The stages of a scene's frame, in the order they run.
 ///
-/// Whatever plays a scene asks its plan what to do: [`motion`](Self::motion) is all that a pose moves
-/// by, and [`light`](Self::light) all that a picture has.
+/// Whatever plays a scene asks its plan what to do: [`motion`](Self::motion) is all that a pose
+/// moves by, and [`light`](Self::light) all that a picture has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FramePlan {
     effects: Effects,

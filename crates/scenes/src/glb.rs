@@ -69,7 +69,8 @@ impl Glb {
         self.show(name, parent, json!({"primitives": [primitive]}))
     }
 
-    /// A node with a mesh whose vertices follow `joints`, which now stand as they do where the mesh is undeformed.
+    /// A node with a mesh whose vertices follow `joints`, which now stand as they do where the mesh
+    /// is undeformed.
     ///
     /// `places` are the joints' positions in the space of the mesh; joints are not turned there.
     pub(crate) fn skinned(

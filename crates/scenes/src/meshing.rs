@@ -47,9 +47,9 @@ struct Grid<'a> {
 impl Grid<'_> {
     /// Samples a cube of `edge` cells, [`BLOCK`] or a part of that.
     ///
-    /// Nets take the sign of a sample, and its value only beside the surface. So a cube far from the
-    /// surface takes the distance at its centre: one that is more than twice the way to a corner and a
-    /// cell besides, since distances are bounds.
+    /// Nets take the sign of a sample, and its value only beside the surface. So a cube far from
+    /// the surface takes the distance at its centre: one that is more than twice the way to a
+    /// corner and a cell besides, since distances are bounds.
     fn sample(&mut self, solid: &Solid, [x, y, z]: [usize; 3], edge: usize) {
         let ([nx, ny, nz], cell) = (self.size, self.cell);
         if x >= nx || y >= ny || z >= nz {

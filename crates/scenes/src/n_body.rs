@@ -21,11 +21,13 @@ const BOX: [DVec3; 2] = [DVec3::new(-5.3, 0.0, -5.3), DVec3::new(5.3, 10.0, 5.3)
 /// Time simulated. Over 100 frames the balls then go as far a frame as those of the original, whose
 /// loop has 76 frames, would over 100: 75 steps of its over 99.
 const SPAN: f64 = 75.0 / 99.0;
-/// Product of the gravitational constant and the mean mass, in units of length^3 per unit of time^2.
+/// Product of the gravitational constant and the mean mass, in units of length^3 per unit of
+/// time^2.
 const GRAVITY: f64 = 30.0;
 /// Length below which gravity fades, about a ball's diameter.
 const SOFTENING: f64 = 0.5;
-/// Standard deviation of each component of the first velocities, in units of length per unit of time.
+/// Standard deviation of each component of the first velocities, in units of length per unit of
+/// time.
 const FIRST_SPEED: f64 = 26.0;
 /// Foot, radius, and height of each pillar.
 const PILLARS: [(f64, f64, f64, f64); 5] = [
@@ -123,8 +125,8 @@ fn nearest_on_axis((x, z, radius, height): (f64, f64, f64, f64), point: DVec3) -
     DVec3::new(x, point.y.min(height - radius), z)
 }
 
-/// The balls, stepped by kick, drift, kick (Verlet 1967): symplectic, so that the energy error stays
-/// bounded.
+/// The balls, stepped by kick, drift, kick (Verlet 1967): symplectic, so that the energy error
+/// stays bounded.
 struct World {
     balls: Vec<Ball>,
     force: Vec<DVec3>,

@@ -11,8 +11,8 @@ use rayon::prelude::*;
 
 use crate::shape::Assembly;
 
-/// Where a body is. `glam` computes with quaternions of `f64` in the same way on every machine, and with those of `f32`
-/// by whatever SIMD there is.
+/// Where a body is. `glam` computes with quaternions of `f64` in the same way on every machine, and
+/// with those of `f32` by whatever SIMD there is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Placement {
     pub(crate) position: Vec3,
@@ -150,7 +150,8 @@ impl Animation for RigidBodies {
     }
 }
 
-/// The key frame at or before a fraction of the loop, but never the last, and the fraction of the way to the next.
+/// The key frame at or before a fraction of the loop, but never the last, and the fraction of the
+/// way to the next.
 ///
 /// Fractions outside of 0 to 1 are clamped, NaN is 0. There are at least two key frames.
 fn key_at(fraction: f64, keys: usize) -> (usize, f32) {

@@ -99,8 +99,8 @@ impl Body {
         self.at.rotation = (q + DQuat::from_vec4((0.5 * by.as_dvec3()).extend(0.0)) * q).normalize();
     }
 
-    /// Pushes the body out of the ground, and adds to its velocities what contact changed in this step.
-    /// Gives the number of corners that were below the ground.
+    /// Pushes the body out of the ground, and adds to its velocities what contact changed in this
+    /// step. Gives the number of corners that were below the ground.
     fn touch_ground(&mut self, dt: f32) -> usize {
         if !self.free {
             return 0;
@@ -129,8 +129,8 @@ impl Body {
                 }
             }
         }
-        // What contact changes is added: the whole way over the time of a small step would be a speed
-        // rounded to nothing.
+        // What contact changes is added: the whole way over the time of a small step would be a
+        // speed rounded to nothing.
         self.velocity += (self.at.position - self.predicted.position) / dt;
         if self.at.rotation != self.predicted.rotation {
             let turned = self.at.rotation * self.predicted.rotation.conjugate();
@@ -235,8 +235,8 @@ impl Bodies {
         self.bodies.len()
     }
 
-    /// Resolves contacts of the bodies with one another and with the ground in the step of this number, and gives their
-    /// number.
+    /// Resolves contacts of the bodies with one another and with the ground in the step of this
+    /// number, and gives their number.
     pub(crate) fn touch(&mut self, step: usize) -> usize {
         let shards = self.bodies.len() - 1;
         let centers: Vec<Vec3> = self.bodies[..shards].iter().map(|b| b.at.position).collect();
@@ -260,8 +260,9 @@ impl Bodies {
     /// How far its neighbours and the last body push a body, and how far they shift it besides,
     /// which changes no velocity.
     ///
-    /// A push undoes that part of an overlap by which the two approached each other in this step. What overlapped
-    /// before is shifted apart: as a push it would become speed, the more the smaller the step.
+    /// A push undoes that part of an overlap by which the two approached each other in this step.
+    /// What overlapped before is shifted apart: as a push it would become speed, the more the
+    /// smaller the step.
     fn pushed(&self, i: usize) -> (Vec3, Vec3) {
         let b = &self.bodies[i];
         if !b.free {

@@ -36,8 +36,8 @@ pub struct SimulationStats {
     pub cloth: u64,
     /// Bodies, particles or pairs pulled.
     pub gravity: u64,
-    /// Particles and bodies moved by contact, each time; corners of bodies below the ground; pairs of
-    /// balls that meet.
+    /// Particles and bodies moved by contact, each time; corners of bodies below the ground; pairs
+    /// of balls that meet.
     pub contact: u64,
     /// Pieces broken off.
     pub fracture: u64,

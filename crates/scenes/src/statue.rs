@@ -310,8 +310,8 @@ fn held_up(beside: &[BTreeSet<usize>], rests: &[bool], loose: &[bool]) -> Vec<bo
 mod tests {
     use super::*;
 
-    /// Only the fracture gives energy, by its kicks, but for contact: it lifts what overlaps. That came to
-    /// 2.3 % at most (lion, 3840 steps).
+    /// Only the fracture gives energy, by its kicks, but for contact: it lifts what overlaps. That
+    /// came to 2.3 % at most (lion, 3840 steps).
     #[test]
     fn energy_stays_within_four_per_cent_of_what_was_put_in_at_every_step_size() {
         for statue in [&crate::exploding_dragon::DRAGON, &crate::lion::LION] {

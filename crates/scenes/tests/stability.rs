@@ -1,10 +1,11 @@
-//! Simulations stay stable: finite positions, bounded stretch, energy and penetration, from steps that are far too large to
-//! 10,000 frames of small ones. The bounds shrink with the step.
+//! Simulations stay stable: finite positions, bounded stretch, energy and penetration, from steps
+//! that are far too large to 10,000 frames of small ones. The bounds shrink with the step.
 
 use anim::glam::Vec3;
 use scenes::{Scene, SceneOptions, load};
 
-/// Key frames in a loop, and simulation steps between two of them: 1, 59, 236, 3776 and 9999 steps in all.
+/// Key frames in a loop, and simulation steps between two of them: 1, 59, 236, 3776 and 9999 steps
+/// in all.
 const STEPS: [(usize, usize); 5] = [(2, 1), (60, 1), (60, 4), (60, 64), (10_000, 1)];
 
 fn simulated(name: &str, (key_frames, substeps): (usize, usize)) -> Scene {
@@ -103,7 +104,8 @@ fn shards_stay_rigid_and_sink_no_deeper_than_one_step_falls() {
                 far = positions.iter().map(|p| p.length()).fold(far, f32::max);
             });
             println!("{name}, {steps:?}: {depth} deep, {bent} bent, {far} away");
-            // Nothing falls faster than 25 a second from these heights; 0.1 is what contact gives way.
+            // Nothing falls faster than 25 a second from these heights; 0.1 is what contact gives
+            // way.
             assert!(depth < 0.1 + 25.0 * step_time(&scene, steps), "{name}, {steps:?}: {depth} deep");
             // Rounding of coordinates grows with the distance.
             assert!(bent < 1e-3 + 1e-6 * far, "{name}, {steps:?}: bent by {bent}");
@@ -113,10 +115,12 @@ fn shards_stay_rigid_and_sink_no_deeper_than_one_step_falls() {
     }
 }
 
-/// Contact that undoes overlaps must not turn them into speed: without that, shards leave at 50 a second and more.
+/// Contact that undoes overlaps must not turn them into speed: without that, shards leave at 50 a
+/// second and more.
 #[test]
 fn shards_fly_no_faster_than_they_are_kicked_and_fall() {
-    // Height and gravity give sqrt(2 * 12 * 10) = 15 a second to what falls; a kick of the dragon's is at most 26.
+    // Height and gravity give sqrt(2 * 12 * 10) = 15 a second to what falls; a kick of the dragon's
+    // is at most 26.
     for (name, limit) in [("exploding-dragon", 30.0), ("lion", 20.0)] {
         let scene =
             load(name, None, &SceneOptions { detail: Some(0.05), ..SceneOptions::default() }).unwrap();
@@ -170,7 +174,8 @@ fn the_smallest_steps_still_make_the_cloth_fall() {
 #[test]
 #[ignore = "simulates 840,000 steps"]
 fn ten_thousand_frames_are_finite_and_bounded_at_several_step_sizes() {
-    // The most that each scene's first measure may be with one step a frame: drift, stretch, depths.
+    // The most that each scene's first measure may be with one step a frame: drift, stretch,
+    // depths.
     for (name, most) in [("n-body", 1e-6), ("cloth-ball", 1e-3), ("exploding-dragon", 0.1), ("lion", 0.1)] {
         for substeps in [1, 4, 16] {
             let scene = simulated(name, (10_000, substeps));

@@ -102,8 +102,8 @@ impl Stage {
         stats
     }
 
-    /// Brings a tree over the triangles up to date, if the plan has updates: where nothing moves, no
-    /// strategy runs, not even one that rebuilds.
+    /// Brings a tree over the triangles up to date, if the plan has updates: where nothing moves,
+    /// no strategy runs, not even one that rebuilds.
     ///
     /// # Errors
     /// Those of [`Updater::update`].
@@ -115,8 +115,8 @@ impl Stage {
         }
     }
 
-    /// Positions at `count` times, evenly spread over a loop from its start to its end. The stage is
-    /// then at time 0.
+    /// Positions at `count` times, evenly spread over a loop from its start to its end. The stage
+    /// is then at time 0.
     pub fn positions(&mut self, count: usize) -> Vec<Vec<Vec3>> {
         let mut all = Vec::with_capacity(count);
         for i in 0..count {
@@ -133,8 +133,8 @@ impl Stage {
         Triangles { positions: self.pose.positions(), indices: &self.triangles }
     }
 
-    /// Makes normals for smooth shading, until the next pose: the source's own where it has some and
-    /// the plan leaves out none of its motion.
+    /// Makes normals for smooth shading, until the next pose: the source's own where it has some
+    /// and the plan leaves out none of its motion.
     pub fn smooth(&mut self) {
         anim::vertex_normals(&self.triangles, self.pose.positions(), &mut self.normals);
         let by_plan = |part: &anim::Part| part.motion.and(self.plan.motion()) == part.motion;

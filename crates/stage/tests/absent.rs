@@ -1,5 +1,5 @@
-//! Effects that a scene does not call for cost nothing: no work is counted, nothing is allocated, and
-//! the picture is the same, whether they are planned or not.
+//! Effects that a scene does not call for cost nothing: no work is counted, nothing is allocated,
+//! and the picture is the same, whether they are planned or not.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;

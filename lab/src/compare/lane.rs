@@ -99,8 +99,8 @@ pub(super) fn view(stage: &Stage, size: u32) -> View {
     View { camera: stage.camera(size, size), light }
 }
 
-/// Plays a loop at the scene's own pace: `step` sees the stage posed, the number of steps before, and
-/// whether the frame is to be measured. Frames that are not are left out unless `all` is set.
+/// Plays a loop at the scene's own pace: `step` sees the stage posed, the number of steps before,
+/// and whether the frame is to be measured. Frames that are not are left out unless `all` is set.
 pub(super) fn play(
     what: &str,
     stage: &mut Stage,

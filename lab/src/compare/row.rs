@@ -35,7 +35,8 @@ pub(crate) struct Row {
     pub(crate) different: u64,
     /// Primary rays cast for comparison.
     pub(crate) rays: u64,
-    /// Whether hits, lit pixels and answers are the reference's, within the bounds of [`Answers::agrees_with`].
+    /// Whether hits, lit pixels and answers are the reference's, within the bounds of
+    /// [`Answers::agrees_with`].
     pub(crate) agrees: bool,
     pub(crate) triangles: usize,
     /// Of whole frames: the mean time of the update.

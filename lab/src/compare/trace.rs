@@ -1,6 +1,6 @@
-//! Tracing through trees that are fresh in each measured frame: primary rays and shadow rays towards
-//! the point light; and rays that have little in common, one diffuse bounce from what primary rays
-//! hit, the same rays for everyone.
+//! Tracing through trees that are fresh in each measured frame: primary rays and shadow rays
+//! towards the point light; and rays that have little in common, one diffuse bounce from what
+//! primary rays hit, the same rays for everyone.
 
 use std::time::Instant;
 
@@ -20,8 +20,8 @@ use crate::stage::{Stage, ms};
 const ROUNDS: usize = 3;
 const BOUNCE_ROUNDS: usize = 5;
 
-/// Name of the row with the time of making rays where shadow rays are made from corners: what contestants that return no
-/// normals spend outside of the library, their user's part.
+/// Name of the row with the time of making rays where shadow rays are made from corners: what
+/// contestants that return no normals spend outside of the library, their user's part.
 pub(super) const SET_UP: &str = "ray set-up";
 
 /// Milliseconds of the median of `N` runs.

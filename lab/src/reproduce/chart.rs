@@ -1,7 +1,7 @@
 //! Charts as SVG: lines, bars in groups, and scattered marks, each with a legend beside it.
 //!
-//! Written here, in as many lines as it took with the crate plotters: with that, nothing drawn could bear the name of its strategy,
-//! by which the page links charts and tables.
+//! Written here, in as many lines as it took with the crate plotters: with that, nothing drawn
+//! could bear the name of its strategy, by which the page links charts and tables.
 
 /// One panel.
 #[derive(Default)]
@@ -52,8 +52,8 @@ impl Point {
     }
 }
 
-/// Width and height of a panel, the left, top, right and bottom of the plot in it, and the width of a
-/// legend, in pixels.
+/// Width and height of a panel, the left, top, right and bottom of the plot in it, and the width of
+/// a legend, in pixels.
 const PANEL: [f64; 2] = [520.0, 310.0];
 const PLOT: [f64; 4] = [70.0, 30.0, 504.0, 270.0];
 const LEGEND: f64 = 190.0;

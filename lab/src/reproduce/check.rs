@@ -64,7 +64,8 @@ impl Checks {
         self.expect(same, place, format_args!("two trees of the same course have different costs"));
     }
 
-    /// Compares pictures of two strategies. `same` says whether all bits of their `pixels` pixels are equal.
+    /// Compares pictures of two strategies. `same` says whether all bits of their `pixels` pixels
+    /// are equal.
     pub(crate) fn same_picture(&mut self, place: &str, pixels: usize, same: bool) {
         self.pictures += 1;
         self.pixels += pixels as u64;

@@ -59,8 +59,8 @@ pub(crate) const PAPER_BINNED: &str = "paper-binned";
 pub(crate) const ASYNCHRONOUS: &str = "asynchronous";
 pub(crate) const ROTATE_ASYNCHRONOUS: &str = "rotate+asynchronous";
 
-/// What runs only if asked for. All else runs: the paper's experiments and what it suggests, the systems
-/// it is measured against, today's fastest rebuilds, and this project's own.
+/// What runs only if asked for. All else runs: the paper's experiments and what it suggests, the
+/// systems it is measured against, today's fastest rebuilds, and this project's own.
 const ON_DEMAND: [&str; 5] =
     ["refit+rebuild", "refit+regrow", "refit+background", "refit+rotate+reinsert", "refit+rotate+leaves"];
 
@@ -128,8 +128,8 @@ impl Method {
         }
     }
 
-    /// The method at work on `tree`. Methods that know the animation look at `poses` and put a tree of
-    /// their own in the place of `tree`.
+    /// The method at work on `tree`. Methods that know the animation look at `poses` and put a tree
+    /// of their own in the place of `tree`.
     pub(crate) fn start(self, tree: &mut Bvh, poses: &[Triangles<'_>]) -> Result<Worker> {
         Ok(match self {
             Self::Strategy(strategy) => Worker::Updater(Updater::new(strategy)),

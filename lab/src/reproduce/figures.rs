@@ -102,7 +102,8 @@ fn over_frames(results: &Results, scene: &SceneRun) -> Option<[Chart; 2]> {
     }))
 }
 
-/// Figure 5 for one scene: refitting with rotations at several speeds, over loops, and other updates at the fastest.
+/// Figure 5 for one scene: refitting with rotations at several speeds, over loops, and other
+/// updates at the fastest.
 fn over_loops(scene: &SceneRun) -> Option<[Chart; 2]> {
     let last = scene.speed_rows.iter().map(|row| row.round).max()?;
     let rules: Vec<f64> = (1..=last).map(|round| round as f64).collect();

@@ -18,8 +18,8 @@ pub(super) struct Lane {
     pub(super) method: Method,
     pub(super) tree: Bvh,
     worker: Worker,
-    /// Trees of the second turn, of which the first is traced. None where trees take long to prepare or to update: then the
-    /// tree itself is traced once more.
+    /// Trees of the second turn, of which the first is traced. None where trees take long to
+    /// prepare or to update: then the tree itself is traced once more.
     pub(super) twins: Vec<(Bvh, Worker)>,
     /// Whether the tree fits the present frame.
     pub(super) is_current: bool,
@@ -36,13 +36,15 @@ pub(super) struct Between {
     pub(super) least_ms: f64,
 }
 
-/// Updates that are shorter than this have several twins, so that those of a frame take about as long together,
-/// and this many at most. With one twin, `cargo xtask reproduce claims --preset standard` found the forest's refits of 0.25 ms
-/// dependent on the frame in one run of three.
+/// Updates that are shorter than this have several twins, so that those of a frame take about as
+/// long together, and this many at most. With one twin,
+/// `cargo xtask reproduce claims --preset standard` found the forest's refits of 0.25 ms dependent
+/// on the frame in one run of three.
 pub(super) const SHORT_MS: f64 = 2.0;
 pub(super) const MOST_TWINS: f64 = 5.0;
-/// Updates and pictures that are longer than this have one turn. Second turns of what takes 20 to 40 ms took 23 s of a run of
-/// 7 min 40 s (`cargo xtask reproduce fig4 fig5 fig6 claims --preset standard`, EPYC Zen 4, 2 cores, 2026-11-26, revision 41c499d).
+/// Updates and pictures that are longer than this have one turn. Second turns of what takes 20 to
+/// 40 ms took 23 s of a run of 7 min 40 s (`cargo xtask reproduce fig4 fig5 fig6 claims --preset
+/// standard`, EPYC Zen 4, 2 cores, 2026-11-26, revision 41c499d).
 pub(super) const LONG_MS: f64 = 20.0;
 
 impl Lane {
@@ -129,8 +131,8 @@ impl Lane {
         Ok((row.traced(&stats, trace_ms), stats))
     }
 
-    /// Updates a twin, and renders the first or the tree itself once more; the shorter times count. Gives whether the
-    /// twin has the same cost.
+    /// Updates a twin, and renders the first or the tree itself once more; the shorter times count.
+    /// Gives whether the twin has the same cost.
     pub(super) fn run_again(
         &mut self,
         twin: usize,

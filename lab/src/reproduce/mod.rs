@@ -157,8 +157,8 @@ pub fn run(args: &Args) -> Result<()> {
     written
 }
 
-/// Gives the entries what an earlier run has measured of them, and returns the points of accuracy of
-/// those that it finished.
+/// Gives the entries what an earlier run has measured of them, and returns the points of accuracy
+/// of those that it finished.
 fn take_over(mut saved: Saved, entries: &mut [Entry]) -> Vec<Point> {
     fn in_turns(names: &[impl AsRef<str>]) -> usize {
         names.iter().filter(|name| !plays_alone(name.as_ref())).count()

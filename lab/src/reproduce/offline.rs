@@ -48,7 +48,8 @@ pub(crate) fn measure(stage: &mut Stage, size: u32) -> Result<Vec<OfflineTree>> 
     // The first picture through each tree warms up and does not count.
     for sample in 0..=PICTURES {
         for (tree, bvh) in &mut trees {
-            // One by one, through the tree that was annealed: a wider view of it would be optimised again.
+            // One by one, through the tree that was annealed: a wider view of it would be optimised
+            // again.
             let traversal = Traversal::Single;
             let options = RenderOptions { smooth: false, sample, traversal, ..stage.options_with(&light) };
             let start = Instant::now();

@@ -49,11 +49,11 @@ pub(crate) struct Values {
     pub(crate) peer_frames: usize,
     /// Most triangles of a scene for which offline builders are tried.
     pub(crate) offline: usize,
-    /// Most triangles of a scene for which methods that know the animation are prepared: on the lion
-    /// that takes minutes (`reproduce fig6 --preset full --scene lion --strategy t-sah --frames 2`).
-    /// On the museum's 75,796 triangles it takes 28 s of processor time (28.8 s in all with t-sah, 0.6 s
-    /// without: `reproduce fig4 --preset quick --scene bart-museum --frames 1 --loops 1 --strategy
-    /// refit`, and with `--strategy t-sah` besides).
+    /// Most triangles of a scene for which methods that know the animation are prepared: on the
+    /// lion that takes minutes (`reproduce fig6 --preset full --scene lion --strategy t-sah
+    /// --frames 2`). On the museum's 75,796 triangles it takes 28 s of processor time (28.8 s in
+    /// all with t-sah, 0.6 s without: `reproduce fig4 --preset quick --scene bart-museum --frames 1
+    /// --loops 1 --strategy refit`, and with `--strategy t-sah` besides).
     pub(crate) prepared: usize,
 }
 

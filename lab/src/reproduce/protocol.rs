@@ -4,17 +4,19 @@
 //! from a copy of it. Then, frame by frame, the scene is posed once, and each strategy in turn
 //! updates its own tree and renders with primary and shadow rays. Strategies take turns within a
 //! frame, a different one first each time, so that whatever else the machine does hits all of them
-//! alike. Then all have a second turn, each with a twin: another tree that has taken the same course.
-//! The shortest update and the shorter picture count, since other work on the machine seldom disturbs
-//! both turns; where updates are short, several twins make them. What takes long has one turn.
+//! alike. Then all have a second turn, each with a twin: another tree that has taken the same
+//! course. The shortest update and the shorter picture count, since other work on the machine
+//! seldom disturbs both turns; where updates are short, several twins make them. What takes long
+//! has one turn.
 //!
-//! What builds in the background would slow the others, and have their time besides its own: each such
-//! strategy plays the loops by itself. Before the first frame each runs once on a copy that is thrown
-//! away. Checks, costs and pictures are made outside of what is timed.
+//! What builds in the background would slow the others, and have their time besides its own: each
+//! such strategy plays the loops by itself. Before the first frame each runs once on a copy that is
+//! thrown away. Checks, costs and pictures are made outside of what is timed.
 //!
 //! Frames that an earlier run has measured, and those between frames to measure, are only played:
 //! strategies whose trees depend on the frames before update them, and nothing is rendered. These
-//! updates are timed, too: few of many may be repairs, and the frames measured could hit or miss them.
+//! updates are timed, too: few of many may be repairs, and the frames measured could hit or miss
+//! them.
 
 use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hasher};
@@ -59,7 +61,8 @@ impl Plan {
         2 * u64::from(self.values.size).pow(2)
     }
 
-    /// The strategies that take turns, then each that builds in the background. The first loop is shown.
+    /// The strategies that take turns, then each that builds in the background. The first loop is
+    /// shown.
     fn loops(&self) -> Vec<Self> {
         let contestants = self.contestants.iter().copied();
         let (alone, together): (Vec<_>, Vec<_>) = contestants.partition(|c| c.method.depends_on_time());
@@ -69,7 +72,8 @@ impl Plan {
         }
         for contestant in alone {
             let pictures = if loops.is_empty() { self.values.pictures } else { 0 };
-            // In a second turn the build may have ended, and the shorter time would be that without it.
+            // In a second turn the build may have ended, and the shorter time would be that without
+            // it.
             let values = Values { pictures, turns: 1, ..self.values };
             loops.push(Self { contestants: vec![contestant], values, ..self.clone() });
         }
@@ -145,12 +149,7 @@ struct Run<'a> {
 
 impl<'a> Run<'a> {
     /// Makes the lanes, and runs each once on a copy of its tree.
-    fn new(
-        label: &'a str,
-        stage: &mut Stage,
-        plan: &'a Plan,
-        expected: &'a mut Expected,
-    ) -> Result<Self> {
+    fn new(label: &'a str, stage: &mut Stage, plan: &'a Plan, expected: &'a mut Expected) -> Result<Self> {
         let Values { size, traversal, .. } = plan.values;
         let options = RenderOptions { smooth: false, timed: true, traversal, ..stage.render_options() };
         let mut lanes = lanes(stage, plan)?;
@@ -218,8 +217,9 @@ impl<'a> Run<'a> {
         Ok((all_rows, self.checks))
     }
 
-    /// Plays a frame that is not measured: updates trees that depend on the past, and those that are
-    /// shown. A strategy that builds in the background renders, too, so that as much time goes by.
+    /// Plays a frame that is not measured: updates trees that depend on the past, and those that
+    /// are shown. A strategy that builds in the background renders, too, so that as much time goes
+    /// by.
     fn replay(&mut self, stage: &Stage, &Row { round, frame, .. }: &Row, rows: &[Row]) -> Result<()> {
         let is_shown = round == 0 && self.plan.is_one_of(frame, self.plan.values.pictures);
         for lane in &mut self.lanes {
@@ -302,7 +302,8 @@ impl<'a> Run<'a> {
         checked.iter().for_each(|checks| self.checks.add(checks));
     }
 
-    /// A row for each contestant of the frame, if it was measured, with all updates since the one before.
+    /// A row for each contestant of the frame, if it was measured, with all updates since the one
+    /// before.
     fn take_rows(&mut self) -> Vec<Row> {
         let row = |c: &Contestant| {
             let lane = self.lanes.iter().find(|lane| lane.name == c.of)?;

@@ -70,8 +70,8 @@ pub(crate) struct Row {
     pub(crate) updates_ms: f64,
 }
 
-/// Mean time of a strategy's updates up to the last row, those between rows included: rare ones may be
-/// long. Not a number if there are no rows.
+/// Mean time of a strategy's updates up to the last row, those between rows included: rare ones may
+/// be long. Not a number if there are no rows.
 pub(crate) fn mean_update_ms(rows: &[&Row]) -> f64 {
     let updates = rows.iter().map(|row| row.updates).sum::<u64>();
     if updates > 0 {

@@ -1,5 +1,5 @@
-//! `report.html`: one page with everything in it, readable offline, on a phone and on paper. The page
-//! holds what was measured as data, and `report.js` draws it.
+//! `report.html`: one page with everything in it, readable offline, on a phone and on paper. The
+//! page holds what was measured as data, and `report.js` draws it.
 
 mod answer;
 
@@ -77,7 +77,8 @@ pub(crate) fn html(results: &Results, claims: &[Claim], figures: &[Figure]) -> s
     Ok(page.replace("DATA", &data))
 }
 
-/// Of the frames with heat maps of both trees that on which refitting costs most, over a fresh tree.
+/// Of the frames with heat maps of both trees that on which refitting costs most, over a fresh
+/// tree.
 fn worst(scene: &SceneRun) -> Option<usize> {
     let has = |frame: usize, strategy: &str| {
         scene.pictures.iter().any(|p| p.frame == frame && p.strategy.as_deref() == Some(strategy))

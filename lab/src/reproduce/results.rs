@@ -13,7 +13,8 @@ use crate::compare::Row as Peer;
 use crate::effects;
 use crate::machine::{Machine, Revision};
 
-/// A whole run; but for the rows, which have files of their own, also what `summary.json` has of it.
+/// A whole run; but for the rows, which have files of their own, also what `summary.json` has of
+/// it.
 #[derive(Serialize, Deserialize)]
 pub(crate) struct Results {
     pub(crate) machine: Machine,
@@ -109,7 +110,8 @@ pub(crate) struct SceneFacts {
     /// Nodes visited for a pixel that heat maps show white.
     pub(crate) hottest: u32,
     pub(crate) notes: Vec<String>,
-    /// SAH costs with rotations: where motion stopped, after more updates, and of a fresh tree there.
+    /// SAH costs with rotations: where motion stopped, after more updates, and of a fresh tree
+    /// there.
     pub(crate) settled: Option<[f64; 3]>,
     /// Bytes that rotations keep between updates over those of the tree.
     pub(crate) memory: Option<f64>,

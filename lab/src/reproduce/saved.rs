@@ -16,8 +16,8 @@ use super::summary::{SCHEMA, StrategySummary};
 use crate::compare::Row as Peer;
 use crate::files;
 
-/// What a folder holds: the scenes it knows all about, and rows of figures 4 and 6, and of figure 5,
-/// of one that was under way.
+/// What a folder holds: the scenes it knows all about, and rows of figures 4 and 6, and of figure
+/// 5, of one that was under way.
 pub(super) struct Saved {
     pub(super) results: Results,
     rest: [Vec<Row>; 2],
@@ -76,7 +76,8 @@ fn take(rows: &mut [Vec<Row>; 2], label: &str) -> [Vec<Row>; 2] {
 
 impl Saved {
     /// What was measured on a scene: all, or else rows without those of an incomplete last step. A
-    /// step of the strategies that take turns has `strategies` rows, of figure 5 those of [`speed_strategies`].
+    /// step of the strategies that take turns has `strategies` rows, of figure 5 those of
+    /// [`speed_strategies`].
     pub(super) fn scene(&mut self, label: &str, strategies: usize) -> SceneRun {
         let at = self.results.scenes.iter().position(|run| run.facts.label == label);
         let run = at.map(|at| self.results.scenes.remove(at)).unwrap_or_else(|| {

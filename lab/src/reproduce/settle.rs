@@ -1,4 +1,5 @@
-//! What rotations do once motion stops (Kopta et al. 2012, section 4), and the memory that they keep.
+//! What rotations do once motion stops (Kopta et al. 2012, section 4), and the memory that they
+//! keep.
 
 use anyhow::Result;
 use bvh_build::{Builder, build};
@@ -11,9 +12,9 @@ use crate::stage::Stage;
 const UPDATES: usize = 50;
 
 /// Plays half of a loop of `frames` with rotations and stops. Gives the SAH cost there, after more
-/// updates of the same geometry, and of a fresh sweep build over it; then the bytes that the updates
-/// kept over those of the tree. All that may move is still marked as dynamic, so rotations go on
-/// everywhere that they were before.
+/// updates of the same geometry, and of a fresh sweep build over it; then the bytes that the
+/// updates kept over those of the tree. All that may move is still marked as dynamic, so rotations
+/// go on everywhere that they were before.
 pub(super) fn measure(stage: &mut Stage, frames: usize) -> Result<([f64; 3], f64)> {
     let mut tree = Bvh::clone(&stage.first_tree);
     let mut updater = Updater::new(Strategy::RefitRotate(bvh_update::Rotate::default()));

@@ -1,8 +1,10 @@
-//! Fingerprints of trees, hits and pictures. They are the same on every platform and at every SIMD level: `fingerprints.txt`
-//! lists them, and `run` compares the list with what each platform computes.
+//! Fingerprints of trees, hits and pictures. They are the same on every platform and at every SIMD
+//! level: `fingerprints.txt` lists them, and `run` compares the list with what each platform
+//! computes.
 //!
-//! The test meshes use integers, the four operations and nothing else, since functions such as the sine differ from one
-//! system to the next. The scenes of the experiments take theirs from the crate `libm`.
+//! The test meshes use integers, the four operations and nothing else, since functions such as the
+//! sine differ from one system to the next. The scenes of the experiments take theirs from the
+//! crate `libm`.
 
 use bvh_build::{Builder, build};
 use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3};
@@ -187,8 +189,8 @@ fn picture(traversal: Traversal, name: &str, level: SimdLevel) -> Fingerprint {
 const ANIMATIONS: [&str; 6] =
     ["bart-museum", "cloth-ball", "exploding-dragon", "fairy-forest", "lion", "n-body"];
 
-/// A small scene of the experiments half-way through its loop, after updates by refit and rotations, shaded as it calls
-/// for.
+/// A small scene of the experiments half-way through its loop, after updates by refit and
+/// rotations, shaded as it calls for.
 fn scene_picture(name: &str, level: SimdLevel) -> Fingerprint {
     const LOOP: usize = 9;
     const WIDTH: u32 = 64;

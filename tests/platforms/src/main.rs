@@ -1,5 +1,5 @@
-//! Prints the fingerprints of each SIMD level of this machine, or with `--new` those of the lowest alone, as the list has
-//! them. Exit code 1 if a level differs from the list.
+//! Prints the fingerprints of each SIMD level of this machine, or with `--new` those of the lowest
+//! alone, as the list has them. Exit code 1 if a level differs from the list.
 
 use bvh_core::SimdLevel;
 use pivot_fingerprints::{LIST, fingerprints, text};

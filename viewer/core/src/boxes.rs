@@ -6,8 +6,8 @@ use rt_cpu::Camera;
 
 use crate::canvas::{Canvas, Color, Rect};
 
-/// What a ray that hits a node costs in the first tree, in node visits and triangle tests: the mean over the nodes with
-/// 2^i to 2^(i+1) - 1 triangles below.
+/// What a ray that hits a node costs in the first tree, in node visits and triangle tests: the mean
+/// over the nodes with 2^i to 2^(i+1) - 1 triangles below.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct TypicalCost([f32; 32]);
 
@@ -28,7 +28,8 @@ impl TypicalCost {
         Self(sums.map(|(sum, count)| if count > 0.0 { (sum / count) as f32 } else { 0.0 }))
     }
 
-    /// How many times as much a ray that hits a node costs as in the first tree; 1 where that says nothing.
+    /// How many times as much a ray that hits a node costs as in the first tree; 1 where that says
+    /// nothing.
     fn growth(&self, node: &Node, (count, cost): Below) -> f32 {
         let (area, typical) = (node.aabb().half_area_f64(), self.0[class(count)]);
         if area > 0.0 && typical > 0.0 { (cost / area) as f32 / typical } else { 1.0 }
@@ -39,7 +40,8 @@ fn class(count: usize) -> usize {
     count.max(1).ilog2().min(31) as usize
 }
 
-/// What is below a node; calls `f` with every node on the way, children first. As deep as the tree is high.
+/// What is below a node; calls `f` with every node on the way, children first. As deep as the tree
+/// is high.
 fn below(tree: &Bvh, node: &Node, f: &mut impl FnMut(&Node, Below)) -> Below {
     let sum = match tree.children(node) {
         Some([l, r]) => {
@@ -52,7 +54,8 @@ fn below(tree: &Bvh, node: &Node, f: &mut impl FnMut(&Node, Below)) -> Below {
     sum
 }
 
-/// The boxes at a depth below the root, and the leaves above it, each with the growth of its cost. O(n).
+/// The boxes at a depth below the root, and the leaves above it, each with the growth of its cost.
+/// O(n).
 pub(crate) fn at_depth(tree: &Bvh, depth: u32, typical: &TypicalCost) -> Vec<(Aabb, f32)> {
     let mut nodes = vec![tree.root()];
     for _ in 0..depth {

@@ -33,7 +33,8 @@ pub struct Settings {
     pub test: TriangleTest,
     /// The period of rotations: each node has its turn once in this number of updates.
     pub period: u32,
-    /// Samples of each pixel once the picture stands still. `None`: as many as the effects call for.
+    /// Samples of each pixel once the picture stands still. `None`: as many as the effects call
+    /// for.
     pub samples: Option<u32>,
     /// Frames of the animation in a 24th of a second.
     pub speed: f64,
@@ -96,7 +97,8 @@ pub(crate) enum Control {
     Record,
 }
 
-/// Every control with its key and its label. With the shift key, or the right button, it goes the other way.
+/// Every control with its key and its label. With the shift key, or the right button, it goes the
+/// other way.
 pub(crate) const CONTROLS: [(char, &str, Control); 22] = [
     ('n', "scene", Control::Scene),
     (' ', "play", Control::Play),

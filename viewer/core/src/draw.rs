@@ -12,8 +12,8 @@ use crate::canvas::{Canvas, Rect};
 use crate::side::Side;
 use crate::state::{Shown, State};
 
-/// Milliseconds that a picture may take while something moves, and the least of them for tracing: 25 frames a second,
-/// and 15 in a browser, which may have one thread.
+/// Milliseconds that a picture may take while something moves, and the least of them for tracing:
+/// 25 frames a second, and 15 in a browser, which may have one thread.
 const PICTURE_BUDGET: f64 = if cfg!(target_family = "wasm") { 60.0 } else { 36.0 };
 const TRACE_BUDGET: f64 = 10.0;
 /// Greatest width of the picture that triangle tests are compared on.
@@ -51,9 +51,9 @@ impl State {
         Camera::look_at(eye, target, up, fov_y, size(port.width), size(port.height))
     }
 
-    /// Draws the viewer as it is now. While something moves, the picture of each tree is as coarse as it has to be to keep
-    /// its pace, with as much time for either. Once nothing does, each call adds a sample, until the picture is that of
-    /// `xtask render`, pixel for pixel.
+    /// Draws the viewer as it is now. While something moves, the picture of each tree is as coarse
+    /// as it has to be to keep its pace, with as much time for either. Once nothing does, each call
+    /// adds a sample, until the picture is that of `xtask render`, pixel for pixel.
     pub fn draw(&mut self) -> &Canvas {
         let start = (self.clock)();
         let (light, samples, plays) = (self.light_effects(), self.samples(), self.plays());
@@ -84,8 +84,9 @@ impl State {
         let frame = shown.frame;
         let there = || shown.sides.iter().filter(|side| side.frame == frame);
         let done = there().map(|side| side.count).min().unwrap_or(0);
-        // Between two frames of the animation the picture stays, and once nothing moves it becomes finer. While a scene is
-        // loading it stays too: a fine picture may take a second, for which the scene would wait.
+        // Between two frames of the animation the picture stays, and once nothing moves it becomes
+        // finer. While a scene is loading it stays too: a fine picture may take a second, for which
+        // the scene would wait.
         let waits = (plays || self.is_loading()) && done > 0 || there().all(|side| side.is_done(samples));
         if !moves && waits {
             return false;
@@ -102,10 +103,12 @@ impl State {
             timed: true,
             ..shown.stage.options_with(light)
         };
-        // A step that took long, as one with a rebuild, leaves less time to trace: in place by waiting, beside it by its cores.
+        // A step that took long, as one with a rebuild, leaves less time to trace: in place by
+        // waiting, beside it by its cores.
         let left = (PICTURE_BUDGET - self.step_ms - self.last_ms[2]).max(TRACE_BUDGET);
         let budget = moves.then_some(left / shown.sides.len().max(1) as f64);
-        // A fine picture may take long, and events wait for it: one tree at a time, the one with the coarser picture first.
+        // A fine picture may take long, and events wait for it: one tree at a time, the one with
+        // the coarser picture first.
         let mut sides: Vec<_> = shown.sides.iter_mut().zip(self.ports()).collect();
         sides.retain(|(side, _)| side.frame == frame);
         if !moves {
@@ -132,7 +135,8 @@ impl State {
         true
     }
 
-    /// Traces a small picture with the triangle test that is set, and with that in double precision.
+    /// Traces a small picture with the triangle test that is set, and with that in double
+    /// precision.
     fn compare_tests(&self, shown: &Shown, options: &RenderOptions) -> Option<Probe> {
         let (port, side) = (self.ports()[0], shown.sides.first()?);
         let camera = self.camera(&shown.stage, port, (port.width as u32).div_ceil(PROBE).max(1));

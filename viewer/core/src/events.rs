@@ -10,8 +10,8 @@ use crate::side::Side;
 use crate::state::{FRAME_RATE, State};
 use crate::step::Step;
 
-/// What the mouse does: radians for a pixel, factor of the distance for a notch of the wheel, and pixels that a click may
-/// stray. Flying: distances to the target in a second.
+/// What the mouse does: radians for a pixel, factor of the distance for a notch of the wheel, and
+/// pixels that a click may stray. Flying: distances to the target in a second.
 const TURN: f32 = 0.008;
 const NOTCH: f32 = 0.88;
 const CLICK: f32 = 4.0;

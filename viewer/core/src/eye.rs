@@ -56,7 +56,8 @@ impl Eye {
     }
 }
 
-/// A direction turned about `up` to the left, and away from the horizon downwards, but never to the poles.
+/// A direction turned about `up` to the left, and away from the horizon downwards, but never to the
+/// poles.
 fn turned(direction: Vec3, up: Vec3, left: f32, down: f32) -> Vec3 {
     let up = up.normalize_or(Vec3::Y);
     let from_up = direction.angle_between(up);

@@ -22,7 +22,8 @@ const GRAPH: i32 = 72;
 const TIMELINE: i32 = 10;
 
 impl State {
-    /// The row of a control in the panel. Behind the row of a slider there is one for what it costs.
+    /// The row of a control in the panel. Behind the row of a slider there is one for what it
+    /// costs.
     pub(crate) fn row(i: usize) -> Rect {
         let prices = CONTROLS.iter().take(i).filter(|(.., control)| SLIDERS.contains(control)).count();
         Rect { x: 0, y: 4 + LINE * (i + prices) as i32, width: PANEL, height: LINE }
@@ -138,7 +139,8 @@ impl State {
         }
         let most = if self.settings.overlay > 1 { side.log.len() } else { 0 };
         lines.extend(side.log.iter().take(most).cloned());
-        // The panel hides a part of the first tree's picture; where there are two, both have lines of one length.
+        // The panel hides a part of the first tree's picture; where there are two, both have lines
+        // of one length.
         let hidden = if self.settings.overlay > 1 { PANEL } else { 0 };
         let widest = (self.ports().first().map_or(0, |port| port.width) - hidden - 8) / LETTER.0;
         lines.iter_mut().for_each(|line| line.truncate(widest.max(1) as usize));

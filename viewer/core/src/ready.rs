@@ -8,7 +8,8 @@ use stage::Stage;
 
 use crate::boxes::TypicalCost;
 
-/// Nodes visited for a pixel that the heat shows white, over the mean of the first frame with its fresh tree.
+/// Nodes visited for a pixel that the heat shows white, over the mean of the first frame with its
+/// fresh tree.
 const HOTTEST: u64 = 8;
 /// Side of the picture that this mean is taken from.
 const HEAT_SIZE: u32 = 64;
@@ -26,7 +27,8 @@ pub struct Ready {
     fresh: Option<FreshCosts>,
 }
 
-/// The costs of fresh trees, still to be found: work for another thread, or for moments between frames.
+/// The costs of fresh trees, still to be found: work for another thread, or for moments between
+/// frames.
 pub struct FreshCosts {
     triangles: Vec<[u32; 3]>,
     /// The frames that are left, each with its positions.
@@ -34,7 +36,8 @@ pub struct FreshCosts {
 }
 
 impl Ready {
-    /// Makes a scene ready: builds its first tree and looks at it. Takes about a second for 300,000 triangles.
+    /// Makes a scene ready: builds its first tree and looks at it. Takes about a second for 300,000
+    /// triangles.
     ///
     /// # Errors
     /// If the scene has more triangles than a tree can number.
@@ -42,7 +45,8 @@ impl Ready {
         Stage::new(scene).map(Self::of)
     }
 
-    /// Makes a stage ready, which must be at time 0. Takes a third of the time that the stage took to make.
+    /// Makes a stage ready, which must be at time 0. Takes a third of the time that the stage took
+    /// to make.
     #[must_use]
     pub fn of(mut stage: Stage) -> Self {
         let (frames, typical) = (stage.scene.frames.max(1), TypicalCost::of(&stage.first_tree));
@@ -75,7 +79,8 @@ impl Ready {
 impl Iterator for FreshCosts {
     type Item = (usize, f64);
 
-    /// Builds a tree with the sweep builder and gives the frame and the tree's SAH cost. O(n log n) for n triangles.
+    /// Builds a tree with the sweep builder and gives the frame and the tree's SAH cost. O(n log n)
+    /// for n triangles.
     fn next(&mut self) -> Option<(usize, f64)> {
         let (frame, positions) = self.poses.pop()?;
         let tree = build(&Triangles { positions: &positions, indices: &self.triangles }, Builder::Sweep);

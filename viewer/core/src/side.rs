@@ -56,13 +56,14 @@ pub(crate) struct Side {
     pub(crate) sum: Image,
     pub(crate) count: u32,
     sample: Image,
-    /// Side of the squares of pixels that are traced as one while something moves, and in the present picture.
+    /// Side of the squares of pixels that are traced as one while something moves, and in the
+    /// present picture.
     coarse: u32,
     pub(crate) coarse_now: u32,
     /// The sum when it had half as many samples, or as many.
     half: Image,
-    /// Distance of the picture from the converged one, as the halves of its samples differ: root mean square over its
-    /// pixels, 1 for white. `None` for one sample.
+    /// Distance of the picture from the converged one, as the halves of its samples differ: root
+    /// mean square over its pixels, 1 for white. `None` for one sample.
     pub(crate) noise: Option<f64>,
     pub(crate) stats: RenderStats,
     /// Milliseconds that tracing the last picture took, and the SAH cost of the tree then.
@@ -71,7 +72,8 @@ pub(crate) struct Side {
 }
 
 impl Side {
-    /// Makes a side of the first tree of an animation with this number of frames, and of this SAH cost.
+    /// Makes a side of the first tree of an animation with this number of frames, and of this SAH
+    /// cost.
     pub(crate) fn new(number: u64, tree: Arc<Bvh>, strategy: Strategy, frames: usize, cost: f64) -> Self {
         let first = Sample { cost: cost as f32, ..Sample::default() };
         Self {
@@ -117,8 +119,9 @@ impl Side {
         self.coarse_now == 1 && self.count >= samples
     }
 
-    /// Chooses how coarse the next picture is. Where something moves, tracing is to take the milliseconds of a budget, and
-    /// while the scene plays the picture stays so; then it becomes finer.
+    /// Chooses how coarse the next picture is. Where something moves, tracing is to take the
+    /// milliseconds of a budget, and while the scene plays the picture stays so; then it becomes
+    /// finer.
     pub(crate) fn choose_coarse(&mut self, frame: usize, budget: Option<f64>, plays: bool) {
         if let Some(budget) = budget {
             self.coarse = self.coarse_within(frame, budget);
@@ -130,8 +133,8 @@ impl Side {
         self.coarse_now = coarse;
     }
 
-    /// The smallest squares whose tracing should take a budget of milliseconds at most. The time of the last picture grows
-    /// with the number of rays and with the tree's cost since.
+    /// The smallest squares whose tracing should take a budget of milliseconds at most. The time of
+    /// the last picture grows with the number of rays and with the tree's cost since.
     fn coarse_within(&self, frame: usize, budget: f64) -> u32 {
         if self.trace_ms == 0.0 {
             return COARSE_AT_FIRST;
@@ -172,8 +175,9 @@ impl Side {
         }
     }
 
-    /// Estimates the noise where the samples have doubled. Were the errors of the two halves independent, their mean
-    /// would be off by half of what they differ by. Samples are spread evenly, so it is somewhat less.
+    /// Estimates the noise where the samples have doubled. Were the errors of the two halves
+    /// independent, their mean would be off by half of what they differ by. Samples are spread
+    /// evenly, so it is somewhat less.
     pub(crate) fn estimate_noise(&mut self) {
         if !self.count.is_power_of_two() {
             return;

@@ -47,7 +47,8 @@ impl Shown {
         self.stage.scene.frames.max(1)
     }
 
-    /// The cost of a fresh tree at a frame, from the frames around it; `None` before the first is known.
+    /// The cost of a fresh tree at a frame, from the frames around it; `None` before the first is
+    /// known.
     pub(crate) fn fresh_cost(&self, frame: usize) -> Option<f64> {
         let after = self.fresh.partition_point(|&(at, _)| at < frame);
         let right = self.fresh.get(after).or(self.fresh.last())?;
@@ -117,7 +118,8 @@ pub struct State {
 }
 
 impl State {
-    /// Makes a viewer of pictures of a size in pixels. It knows some scenes by name or path, and asks for the first.
+    /// Makes a viewer of pictures of a size in pixels. It knows some scenes by name or path, and
+    /// asks for the first.
     #[must_use]
     pub fn new(width: u32, height: u32, scenes: Vec<String>, clock: Clock) -> Self {
         let mut state = Self {
@@ -163,14 +165,14 @@ impl State {
         std::mem::take(&mut self.requests)
     }
 
-    /// Leaves steps to the shell from now on, which calls [`take_step`](Self::take_step) after each event and picture.
-    /// Otherwise they are made at once, by whoever gives the event.
+    /// Leaves steps to the shell from now on, which calls [`take_step`](Self::take_step) after each
+    /// event and picture. Otherwise they are made at once, by whoever gives the event.
     pub fn step_beside(&mut self) {
         self.beside = true;
     }
 
-    /// Hands over the next step, to be run on another thread, in a rayon pool that is not the one that draws. There is one
-    /// at a time of each scene.
+    /// Hands over the next step, to be run on another thread, in a rayon pool that is not the one
+    /// that draws. There is one at a time of each scene.
     pub fn take_step(&mut self) -> Option<Step> {
         let how = self.how();
         let shown = self.shown.as_mut().filter(|shown| self.beside && !shown.steps && shown.is_behind())?;
@@ -207,8 +209,8 @@ impl State {
             && self.held.is_empty()
     }
 
-    /// Seconds until the animation's next frame is due, if there is nothing to draw before; 0 if there is, and infinite
-    /// while only a step that is under way can bring something.
+    /// Seconds until the animation's next frame is due, if there is nothing to draw before; 0 if
+    /// there is, and infinite while only a step that is under way can bring something.
     #[must_use]
     pub fn idle_seconds(&self) -> f64 {
         // What was not drawn yet of trees that are there, as after a setting has changed.
@@ -334,8 +336,8 @@ impl State {
         }
     }
 
-    /// Brings everything to the frame that was asked for, unless the shell does: each tree that is not there is updated
-    /// once.
+    /// Brings everything to the frame that was asked for, unless the shell does: each tree that is
+    /// not there is updated once.
     fn step_here(&mut self) {
         let (start, how) = ((self.clock)(), self.how());
         let Some(shown) = self.shown.as_mut().filter(|shown| !self.beside && shown.is_behind()) else {
@@ -401,7 +403,8 @@ impl State {
     }
 }
 
-/// Gives back the memory of what is not needed any more, which may take as long as a picture, on another thread.
+/// Gives back the memory of what is not needed any more, which may take as long as a picture, on
+/// another thread.
 fn give_back<T: Send + 'static>(what: T) {
     if !cfg!(target_family = "wasm") {
         rayon::spawn(move || drop(what));

@@ -1,4 +1,5 @@
-//! A step: everything moves to a frame, and trees are updated to it, in place or beside the thread that draws.
+//! A step: everything moves to a frame, and trees are updated to it, in place or beside the thread
+//! that draws.
 
 use std::sync::Arc;
 
@@ -87,8 +88,8 @@ pub(crate) fn update(
     Outcome { update, line, ms, cost, flashes: flashes.unwrap_or_default() }
 }
 
-/// A step to a frame, for another thread: it works on copies, so that what is shown can be drawn meanwhile. Once it has
-/// [run](Self::run), it is an [`Event::Stepped`](crate::Event::Stepped).
+/// A step to a frame, for another thread: it works on copies, so that what is shown can be drawn
+/// meanwhile. Once it has [run](Self::run), it is an [`Event::Stepped`](crate::Event::Stepped).
 pub struct Step {
     /// Which scene it is of.
     pub(crate) scene: u64,
@@ -122,7 +123,8 @@ impl Step {
         Self { scene: shown.number, stage, frame, how, trees, ms: 0.0 }
     }
 
-    /// Does the work, in the present rayon pool. Takes about as long as the updates of all trees, and copies them before.
+    /// Does the work, in the present rayon pool. Takes about as long as the updates of all trees,
+    /// and copies them before.
     #[must_use]
     pub fn run(mut self) -> Self {
         let start = (self.how.clock)();

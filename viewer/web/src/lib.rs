@@ -1,4 +1,5 @@
-//! What the page's worker calls: numbers in, numbers out. It hands over events, and shows the pixels.
+//! What the page's worker calls: numbers in, numbers out. It hands over events, and shows the
+//! pixels.
 #![cfg(target_os = "wasi")]
 #![expect(unsafe_code, reason = "exported names are global")]
 
@@ -11,7 +12,8 @@ use scenes::{Scene, SceneOptions};
 use stage::Stage;
 use viewer_core::{Button, Event, FreshCosts, Key, Ready, Request, State};
 
-/// The scenes of the page, made when they are asked for. Key frames of the last one are in a file beside the page.
+/// The scenes of the page, made when they are asked for. Key frames of the last one are in a file
+/// beside the page.
 const SCENES: [&str; 3] = ["toys", "bart-museum", "exploding-dragon"];
 
 /// What the page is to do, as bits: save the picture, and fetch the key frames.
@@ -61,7 +63,8 @@ fn set_making(making: Option<Making>) {
     PAGE.with_borrow_mut(|page| page.making = making);
 }
 
-/// Takes the next step towards the scene that was asked for. Gives [`FETCH`] if that needs its key frames.
+/// Takes the next step towards the scene that was asked for. Gives [`FETCH`] if that needs its key
+/// frames.
 fn make() -> u32 {
     let made = match PAGE.with_borrow_mut(|page| page.making.take()) {
         None => Ok(None),
@@ -98,7 +101,8 @@ fn show(mut ready: Ready) {
     apply(Event::Scene(Box::new(ready)));
 }
 
-/// A scene of the page. One that is simulated takes its key frames from `record`, if they are there.
+/// A scene of the page. One that is simulated takes its key frames from `record`, if they are
+/// there.
 fn named(name: &str, record: &[u8]) -> Result<Making, String> {
     let scene = if name == SCENES[0] {
         parsed("toys.glb", &scenes::toys_glb()).map(|scene| Scene { name: name.to_owned(), ..scene })
@@ -190,8 +194,8 @@ pub extern "C" fn open_file(name: usize) {
     go_on(scene.map(|scene| Some(Making::Scene(Box::new(scene)))));
 }
 
-/// Goes on with the scene that waits for its key frames, which are in the inbox. If that is empty, it is simulated,
-/// which takes seconds.
+/// Goes on with the scene that waits for its key frames, which are in the inbox. If that is empty,
+/// it is simulated, which takes seconds.
 #[unsafe(no_mangle)]
 pub extern "C" fn keys() {
     let record = take_inbox();
@@ -201,7 +205,8 @@ pub extern "C" fn keys() {
     }
 }
 
-/// A number of seconds has passed: draws, and gives the place of the pixels, four bytes each. 0 before the start.
+/// A number of seconds has passed: draws, and gives the place of the pixels, four bytes each. 0
+/// before the start.
 #[unsafe(no_mangle)]
 pub extern "C" fn draw(seconds: f64) -> *const u8 {
     apply(Event::Tick(seconds));
@@ -230,7 +235,8 @@ pub extern "C" fn is_loading() -> u32 {
     })
 }
 
-/// Does what the viewer asks for. A scene is made in steps, one a call. Gives what the page is to do: [`SAVE`], [`FETCH`].
+/// Does what the viewer asks for. A scene is made in steps, one a call. Gives what the page is to
+/// do: [`SAVE`], [`FETCH`].
 #[unsafe(no_mangle)]
 pub extern "C" fn serve() -> u32 {
     let requests =

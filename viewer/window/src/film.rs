@@ -116,8 +116,8 @@ const DELAY: u16 = 8;
 /// One pixel in this number is among those that the colours are chosen from.
 const SPARSE: usize = 7;
 
-/// Encodes pictures of one size as a GIF with one palette. Pixels that stay as they are are left out, which makes it
-/// several times smaller.
+/// Encodes pictures of one size as a GIF with one palette. Pixels that stay as they are are left
+/// out, which makes it several times smaller.
 fn encode(frames: &[Canvas]) -> Result<Vec<u8>> {
     let first = frames.first().context("no frames")?;
     let size = |pixels: u32| u16::try_from(pixels).context("too large for a GIF");

@@ -53,8 +53,8 @@ impl Pace {
     }
 }
 
-/// Loads a scene on a thread of its own, and then looks for the costs of fresh trees. What comes of it goes to `send`,
-/// which is false once nobody listens.
+/// Loads a scene on a thread of its own, and then looks for the costs of fresh trees. What comes of
+/// it goes to `send`, which is false once nobody listens.
 pub(crate) fn begin(name: String, send: impl Fn(Event) -> bool + Send + Sync + 'static) {
     std::thread::spawn(move || {
         let work = || {
@@ -86,8 +86,8 @@ pub(crate) fn begin(name: String, send: impl Fn(Event) -> bool + Send + Sync + '
     });
 }
 
-/// How much this thread steps back behind those that draw, which otherwise wait for it: of two cores it then gets a tenth
-/// while they have work, and all that is left else.
+/// How much this thread steps back behind those that draw, which otherwise wait for it: of two
+/// cores it then gets a tenth while they have work, and all that is left else.
 #[cfg(target_os = "linux")]
 const STEP_BACK: i32 = 10;
 

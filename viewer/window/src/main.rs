@@ -1,7 +1,7 @@
 //! `cargo xtask view`: the viewer in a window, or without one into files.
 //!
-//! This file is the command line and the exit codes: 0 for success, 2 for bad input, a display that is missing, and
-//! files that cannot be written.
+//! This file is the command line and the exit codes: 0 for success, 2 for bad input, a display that
+//! is missing, and files that cannot be written.
 #![forbid(unsafe_code)]
 
 mod film;
@@ -60,14 +60,16 @@ struct Args {
     /// Draw into a .png file, a .gif of all frames or a folder of PNG files, without a window
     #[arg(long, value_name = "FILE|DIR")]
     out: Option<PathBuf>,
-    /// Frames to draw, from A up to but without B; every one before them is played [default: 0..1, of a .gif all]
+    /// Frames to draw, from A up to but without B; every one before them is played [default: 0..1,
+    /// of a .gif all]
     #[arg(long, value_name = "A..B", value_parser = range, requires = "out")]
     frames: Option<Range<usize>>,
     /// Draw one frame in this number
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), requires = "out")]
     every: u32,
-    /// Play for this number of seconds with an eye that turns, change the strategy twice and the scene once on the way, and
-    /// print the time to the first picture, pictures and frames a second, and the longest waits [default: 10 s]
+    /// Play for this number of seconds with an eye that turns, change the strategy twice and the
+    /// scene once on the way, and print the time to the first picture, pictures and frames a
+    /// second, and the longest waits [default: 10 s]
     #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "10", value_parser = seconds, conflicts_with = "out")]
     timing: Option<f64>,
 }

@@ -8,7 +8,8 @@ use crate::CLOCK;
 const SCRIPT: [(f64, char); 3] = [(0.3, '1'), (0.45, '1'), (0.6, 'n')];
 /// Waits that are printed, the longest.
 const PRINTED: usize = 5;
-/// Where the mouse is held, as parts of the picture, and pixels that it goes to either side in 60 pictures.
+/// Where the mouse is held, as parts of the picture, and pixels that it goes to either side in 60
+/// pictures.
 const HELD: [f32; 2] = [0.7, 0.5];
 const SWAY: f32 = 12.0;
 
@@ -26,7 +27,8 @@ pub(crate) struct Timing {
     pressed: usize,
     /// What the last picture was, of which frame, and seconds since that frame came.
     before: (String, usize, f64),
-    /// From the start of each picture to that of the next, and from the first picture of a frame to that of the next.
+    /// From the start of each picture to that of the next, and from the first picture of a frame to
+    /// that of the next.
     pictures: Vec<Wait>,
     frames: Vec<Wait>,
 }
@@ -37,7 +39,8 @@ impl Timing {
         Self { seconds, size, first: None, pressed: 0, before, pictures: Vec::new(), frames: Vec::new() }
     }
 
-    /// Notes that a picture was shown, `wait` seconds after the one before, presses what is due, and ends.
+    /// Notes that a picture was shown, `wait` seconds after the one before, presses what is due,
+    /// and ends.
     pub(crate) fn shown(&mut self, state: &mut State, wait: f64) {
         let Some((frame, _)) = state.frame() else { return };
         let [step, trace, rest] = state.picture_ms();

@@ -1,5 +1,5 @@
-//! The window on a display without a screen (Xvfb), with keys and a mouse (xdotool). Skipped, and it says so, where
-//! these are not installed.
+//! The window on a display without a screen (Xvfb), with keys and a mouse (xdotool). Skipped, and
+//! it says so, where these are not installed.
 #![cfg(target_os = "linux")]
 
 use std::fs;
@@ -52,7 +52,8 @@ impl Display {
         static NUMBERS: Mutex<()> = Mutex::new(());
         let turn = NUMBERS.lock().unwrap_or_else(PoisonError::into_inner);
         let mut xvfb = Command::new("Xvfb")
-            // Without a client for a moment, as between two of xdotool's, it would start again and refuse the viewer.
+            // Without a client for a moment, as between two of xdotool's, it would start again and
+            // refuse the viewer.
             .args(["-noreset", "-displayfd", "1", "-screen", "0", "640x480x24", "-fbdir"])
             .arg(folder.path())
             .stdout(Stdio::piped())
@@ -98,7 +99,8 @@ impl Display {
         Pixels(picture.width(), picture.height(), picture.into_raw())
     }
 
-    /// The upper left part of the screen, from the file that Xvfb keeps it in, in the format of xwd.
+    /// The upper left part of the screen, from the file that Xvfb keeps it in, in the format of
+    /// xwd.
     fn screen(&self, width: u32, height: u32) -> Pixels {
         let bytes = fs::read(self.folder.path().join("Xvfb_screen0")).expect("a screen");
         let word =

@@ -37,8 +37,8 @@ pub(super) struct Scene {
     pub(super) positions: Vec<Vec3>,
     /// One for each part.
     pub(super) sources: Vec<Source>,
-    /// Animated transforms, each after the one it is under: the track, and where its own coordinates
-    /// lie before it moves.
+    /// Animated transforms, each after the one it is under: the track, and where its own
+    /// coordinates lie before it moves.
     pub(super) nodes: Vec<(Name, Frame)>,
     pub(super) tracks: HashMap<Name, Arc<Track>>,
     pub(super) camera: Option<Camera>,
@@ -290,8 +290,8 @@ impl Reader {
         Ok(())
     }
 
-    /// Adds triangles that number their own `vertices` to the last part, or to a new one where that is of
-    /// another file, material, transform or kind.
+    /// Adds triangles that number their own `vertices` to the last part, or to a new one where that
+    /// is of another file, material, transform or kind.
     fn extend_part(
         &mut self,
         name: &str,

@@ -195,7 +195,8 @@ impl Textures<'_> {
         Ok(Some((Texture { image, wrap, filter }, least)))
     }
 
-    /// An image and its least opacity; `None` if the file cannot be read, which is then `unreadable`.
+    /// An image and its least opacity; `None` if the file cannot be read, which is then
+    /// `unreadable`.
     fn image(&mut self, image: &::gltf::json::Image, place: &str) -> Result<Option<(Image, u8)>, Problem> {
         let accessors = self.accessors;
         let image = match (&image.uri, image.buffer_view) {

@@ -25,8 +25,8 @@ pub(super) struct Nodes {
 }
 
 /// An origin that lies elsewhere than the file's. Transforms are then composed in `f64`, and the
-/// origin is subtracted from those of nodes in the scene before they are rounded: close to it the scene
-/// keeps its details.
+/// origin is subtracted from those of nodes in the scene before they are rounded: close to it the
+/// scene keeps its details.
 pub(super) struct Far {
     pub(super) origin: DVec3,
     /// Of each node, what holds where no track says otherwise, if it has any.
@@ -153,7 +153,8 @@ impl Nodes {
         let parent = parents(root)?;
         if let Some(far) = &mut far {
             for (translation, tracks) in far.translations.iter_mut().zip(&channels.transforms) {
-                // What a track of the translation says, be it the same at all times, takes its place.
+                // What a track of the translation says, be it the same at all times, takes its
+                // place.
                 translation.take_if(|_| tracks[0].is_some());
             }
         }

@@ -40,8 +40,8 @@ impl Influences {
         self.joints.iter().map(|&(joint, _)| joint as usize).max().unwrap_or(0)
     }
 
-    /// Linear blend skinning of positions or of normals, one for each vertex, by what each joint makes of
-    /// them.
+    /// Linear blend skinning of positions or of normals, one for each vertex, by what each joint
+    /// makes of them.
     pub(super) fn skin(&self, vectors: &mut [Vec3], by_joint: impl Fn(usize, Vec3A) -> Vec3A) {
         for (vertex, vector) in vectors.iter_mut().enumerate() {
             let bound = Vec3A::from(*vector);
@@ -155,7 +155,8 @@ impl Source<'_> {
 
     /// The triangles, with used vertices numbered from 0. Sets which these are.
     ///
-    /// Exporters let the primitives of a mesh share one large vertex array, of which each uses a piece.
+    /// Exporters let the primitives of a mesh share one large vertex array, of which each uses a
+    /// piece.
     fn triangles(&mut self, mode: Mode) -> Result<Vec<[u32; 3]>, Problem> {
         let (place, count) = (self.place, self.count);
         let vertices = u32::try_from(count).map_err(|_| {
@@ -198,8 +199,8 @@ impl Source<'_> {
         })
     }
 
-    /// Gathers the joints of the used vertices from all sets, of which a mesh may have several, scaling
-    /// their weights to a sum of 1.
+    /// Gathers the joints of the used vertices from all sets, of which a mesh may have several,
+    /// scaling their weights to a sum of 1.
     ///
     /// A vertex whose weights do not add up to something positive follows its first joint. `None`
     /// without sets.

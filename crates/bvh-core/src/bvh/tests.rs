@@ -1,4 +1,5 @@
-//! Tests of making a tree from nodes: heights, memory, order, and the reason why malformed nodes are refused.
+//! Tests of making a tree from nodes: heights, memory, order, and the reason why malformed nodes
+//! are refused.
 
 use super::*;
 use crate::{Aabb, Vec3};

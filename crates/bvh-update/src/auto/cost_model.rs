@@ -1,18 +1,24 @@
-//! What work costs, in nanoseconds of one core: the one table that [`Auto`](super::Auto) decides by.
+//! What work costs, in nanoseconds of one core: the one table that [`Auto`](super::Auto) decides
+//! by.
 //!
-//! Only ratios matter to decisions, and they vary little between machines. `cargo run --release -p pivot-benches --example
-//! unit_costs` prints the prices for the machine at hand, over a regular sheet whose tree is in cache. The constants are of the six
-//! scenes, which are less regular: `cargo xtask compare update --threads 1` (EPYC Zen 4, 2026-11-23, revision 31e535c) had 27 to
-//! 39 ns a primitive for refitting and rotating, 30 to 40 for LBVH, and 75 to 94 for PLOC. By `compare frame` of that revision
-//! pictures took 3 to 7 % longer with LBVH than with PLOC, and by `--example loads` single rays no longer.
+//! Only ratios matter to decisions, and they vary little between machines.
+//! `cargo run --release -p pivot-benches --example unit_costs` prints the prices for the machine at
+//! hand, over a regular sheet whose tree is in cache. The constants are of the six scenes, which
+//! are less regular: `cargo xtask compare update --threads 1` (EPYC Zen 4, 2026-11-23, revision
+//! 31e535c) had 27 to 39 ns a primitive for refitting and rotating, 30 to 40 for LBVH, and 75 to 94
+//! for PLOC. By `compare frame` of that revision pictures took 3 to 7 % longer with LBVH than with
+//! PLOC, and by `--example loads` single rays no longer.
 //!
-//! `unit_costs` on a machine with slower memory (EPYC Zen 3, virtual, AVX2, 2026-11-24, two runs) printed, in the order of the
-//! constants below: 28 to 31 (of a query 20 to 112), 1 to 11, 1046 to 1691, 121 to 123, 41 to 63; 90 to 97, 1992 to 2356, 207 to 224, 222 to
-//! 356; 0.02 to 0.05 (single rays 0.08 to 0.12), 0.35 (single rays 0.86, both in a tree of 16 times the cost). Beside a pass, builds cost less there than is assumed here, a new top 1.4 to 2.1 times as much.
+//! `unit_costs` on a machine with slower memory (EPYC Zen 3, virtual, AVX2, 2026-11-24, two runs)
+//! printed, in the order of the constants below: 28 to 31 (of a query 20 to 112), 1 to 11, 1046 to
+//! 1691, 121 to 123, 41 to 63; 90 to 97, 1992 to 2356, 207 to 224, 222 to 356; 0.02 to 0.05 (single
+//! rays 0.08 to 0.12), 0.35 (single rays 0.86, both in a tree of 16 times the cost). Beside a pass,
+//! builds cost less there than is assumed here, a new top 1.4 to 2.1 times as much.
 //!
-//! The price of a packet's node was kept against the 60 ns that `unit_costs` printed on Zen 4: with 60 the mean frame of cloth-ball
-//! took 4 to 9 % longer, those of BrainStem and exploding-dragon as long (`compare frame --frames 24 --threads 2`, two runs each on a
-//! quiet machine, 2026-11-23). A price of 700 or 1000 ns for a subtree gained nothing on lion and exploding-dragon (2026-11-25).
+//! The price of a packet's node was kept against the 60 ns that `unit_costs` printed on Zen 4: with
+//! 60 the mean frame of cloth-ball took 4 to 9 % longer, those of BrainStem and exploding-dragon as
+//! long (`compare frame --frames 24 --threads 2`, two runs each on a quiet machine, 2026-11-23). A
+//! price of 700 or 1000 ns for a subtree gained nothing on lion and exploding-dragon (2026-11-25).
 
 use std::time::Duration;
 
@@ -24,9 +30,10 @@ const NODE: f64 = 15.0;
 pub(super) const FRONTIER_NODE: f64 = 9.0;
 /// Building a new top, for each subtree below it.
 pub(super) const TOP_SUBTREE: f64 = 400.0;
-/// Subtrees that a first repair is expected to keep, for each node. Repairs of `auto` and of `refit+rotate+regrow` kept 0.02 to 0.09
-/// in four scenes, 0.003 in n-body (`cargo xtask reproduce fig4 --preset standard`, column `decision`). `docs/ABLATION.md` says what
-/// this number is worth.
+/// Subtrees that a first repair is expected to keep, for each node. Repairs of `auto` and of
+/// `refit+rotate+regrow` kept 0.02 to 0.09 in four scenes, 0.003 in n-body
+/// (`cargo xtask reproduce fig4 --preset standard`, column `decision`). `docs/ABLATION.md` says
+/// what this number is worth.
 const FIRST_KEPT: f64 = 0.03;
 /// Building a good tree, and a fast one, for each primitive.
 pub(super) const GOOD_BUILD: f64 = 85.0;
@@ -41,13 +48,16 @@ const PAIRS: f64 = 100.0;
 
 /// By what part queries take longer in a tree of the fast builder than in one of the good one.
 const FAST_BUILD_LOSS: f64 = 0.05;
-/// By what part packets take longer in a tree of twice the SAH cost: they look at a part of the scene and share what they visit.
-/// Other queries take twice as long there, as the cost model has it.
+/// By what part packets take longer in a tree of twice the SAH cost: they look at a part of the
+/// scene and share what they visit. Other queries take twice as long there, as the cost model has
+/// it.
 const PACKET_SLOPE: f64 = 0.4;
 
-/// What will be asked of the tree before the next update. The more it is, the more a better tree is worth.
+/// What will be asked of the tree before the next update. The more it is, the more a better tree is
+/// worth.
 ///
-/// A tree of twice the cost counts as a loss of at least the time of one update, so that no tree rots.
+/// A tree of twice the cost counts as a loss of at least the time of one update, so that no tree
+/// rots.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Load {
@@ -59,13 +69,15 @@ pub enum Load {
     Pairs,
     /// As many visits of nodes as the queries since the last update report.
     Nodes(u64),
-    /// As many visits of nodes as the packets of rays since the last update report, one for each packet.
+    /// As many visits of nodes as the packets of rays since the last update report, one for each
+    /// packet.
     PacketNodes(u64),
     /// As much time of one core as the queries since the last update took.
     Time(Duration),
 }
 
-/// A load in time: what queries take in a good tree, in nanoseconds, and how much more in a worse one.
+/// A load in time: what queries take in a good tree, in nanoseconds, and how much more in a worse
+/// one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct QueryCost {
     ns: f64,
@@ -73,7 +85,8 @@ pub(super) struct QueryCost {
 }
 
 impl QueryCost {
-    /// The cost of this load in a good tree. `excess` is that of the tree in which a measured load was measured.
+    /// The cost of this load in a good tree. `excess` is that of the tree in which a measured load
+    /// was measured.
     pub(super) fn new(load: Load, primitives: f64, excess: f64) -> Self {
         let measured = |ns: f64, slope: f64| ns / (1.0 + slope * excess.max(0.0));
         let (ns, slope) = match load {
@@ -104,7 +117,8 @@ impl QueryCost {
         rebuild(builder, primitives) + lost
     }
 
-    /// The builder for a tree that will serve for `frames`: the fast one where the good one does not pay.
+    /// The builder for a tree that will serve for `frames`: the fast one where the good one does
+    /// not pay.
     pub(super) fn builder(self, primitives: f64, frames: u32) -> Builder {
         let extra = primitives * (GOOD_BUILD - FAST_BUILD);
         if self.lost_to_fast_build() * f64::from(frames) < extra { Builder::Lbvh } else { Builder::Ploc }
@@ -121,7 +135,8 @@ pub(super) fn rebuild(builder: Builder, primitives: f64) -> f64 {
     primitives * if builder == Builder::Lbvh { FAST_BUILD } else { GOOD_BUILD }
 }
 
-/// What a repair costs, given the dynamic nodes of the tree and the subtrees that the last one kept, if there was one.
+/// What a repair costs, given the dynamic nodes of the tree and the subtrees that the last one
+/// kept, if there was one.
 pub(super) fn repair(nodes: f64, subtrees: u32) -> f64 {
     let subtrees = if subtrees > 0 { f64::from(subtrees) } else { nodes * FIRST_KEPT };
     nodes * FRONTIER_NODE + subtrees * TOP_SUBTREE

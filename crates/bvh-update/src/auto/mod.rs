@@ -9,8 +9,9 @@
 //! ledger learns from the outcome
 //! ```
 //!
-//! The ledger lies in the tree, so a clone goes on as the original would. Work is priced by constants (`cost_model.rs`), and
-//! queries by what the caller says of them ([`Load`]), so decisions are reproducible.
+//! The ledger lies in the tree, so a clone goes on as the original would. Work is priced by
+//! constants (`cost_model.rs`), and queries by what the caller says of them ([`Load`]), so
+//! decisions are reproducible.
 
 use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
@@ -33,8 +34,9 @@ use policy::{Observation, Plan, decide, decide_blindly, pays_every_frame};
 /// Settings of [`Strategy::Auto`](crate::Strategy::Auto).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Auto {
-    /// What will be asked of the tree before the next update; by default two rays in coherent packets for each pixel of
-    /// 1024 x 1024. [`Updater::report`](crate::Updater::report) changes it from frame to frame.
+    /// What will be asked of the tree before the next update; by default two rays in coherent
+    /// packets for each pixel of 1024 x 1024. [`Updater::report`](crate::Updater::report) changes
+    /// it from frame to frame.
     pub load: Load,
 }
 
@@ -44,9 +46,10 @@ impl Default for Auto {
     }
 }
 
-/// A tree whose cost falls to this part of its baseline in one frame is of a scene that was scattered and is compact again, as in
-/// the jump from the last frame of a loop to its first: it may be better than its baseline and still 24 times worse than a new
-/// one (`auto_follows_boxes_that_scatter_and_meet_again` in `tests/repairs.rs` plays that).
+/// A tree whose cost falls to this part of its baseline in one frame is of a scene that was
+/// scattered and is compact again, as in the jump from the last frame of a loop to its first: it
+/// may be better than its baseline and still 24 times worse than a new one
+/// (`auto_follows_boxes_that_scatter_and_meet_again` in `tests/repairs.rs` plays that).
 const COMPACT_AGAIN: f64 = 0.5;
 
 pub(crate) fn update<P: Primitives + ?Sized>(
@@ -74,7 +77,8 @@ pub(crate) fn update<P: Primitives + ?Sized>(
 
 /// Notes the scale of the scene and the least cost of the tree, and gives what `decide` needs.
 ///
-/// The excess is that over the baseline before: a tree that is better than any so far has one below 0.
+/// The excess is that over the baseline before: a tree that is better than any so far has one below
+/// 0.
 fn observe(bvh: &mut Bvh, tally: &Tally, queries: QueryCost) -> Observation {
     let (before, cost, primitives) = (*State::of(bvh), cost_after(bvh, tally), bvh.len() as f64);
     let scale = before.baseline.scale_now(bvh, tally.leaf_area);
@@ -138,7 +142,8 @@ fn execute<P: Primitives + ?Sized>(
     Ok(Update { decision, ..tally.report(bvh) })
 }
 
-/// Builds a new tree; after a pass, what that found says whether the new tree is better, and whether it came soon.
+/// Builds a new tree; after a pass, what that found says whether the new tree is better, and
+/// whether it came soon.
 fn rebuild<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,

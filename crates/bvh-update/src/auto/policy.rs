@@ -1,7 +1,7 @@
 //! What to do about a tree: a pure function of what was lost so far and what a pass has seen.
 //!
-//! Each remedy has an account of what its absence has cost ([`SkiRental`](crate::ski_rental::SkiRental)), and is due once that
-//! exceeds its price:
+//! Each remedy has an account of what its absence has cost
+//! ([`SkiRental`](crate::ski_rental::SkiRental)), and is due once that exceeds its price:
 //!
 //! ```text
 //! a new top         lost: excess of the tree over its baseline      price: finding the frontier, building the top
@@ -15,12 +15,14 @@ use crate::report::Reason;
 use crate::ski_rental::SkiRental;
 use crate::state::Ledger;
 
-/// One in this many rebuilds in a row is made after a pass that looks whether it is needed. Without the looks chaos that ends leaves
-/// bart-museum with trees of up to 1.27 times the cost of a new one (`docs/ABLATION.md`, periodic looks).
+/// One in this many rebuilds in a row is made after a pass that looks whether it is needed. Without
+/// the looks chaos that ends leaves bart-museum with trees of up to 1.27 times the cost of a new
+/// one (`docs/ABLATION.md`, periodic looks).
 const LOOK_AGAIN: u32 = 16;
-/// A subtree is opened if that pays within the frames since the last repair, but at most within this many. With 8 and the rules
-/// of then, `auto` took 1.11 times as long as the best single strategy on exploding-dragon, now 1.03 (`cargo xtask compare frame
-/// --scene exploding-dragon --frames 24 --threads 2`).
+/// A subtree is opened if that pays within the frames since the last repair, but at most within
+/// this many. With 8 and the rules of then, `auto` took 1.11 times as long as the best single
+/// strategy on exploding-dragon, now 1.03 (`cargo xtask compare frame --scene exploding-dragon
+/// --frames 24 --threads 2`).
 const LONGEST_PAYBACK: u32 = 32;
 
 /// What a pass has seen.
@@ -31,7 +33,8 @@ pub(super) struct Observation {
     pub(super) nodes: f64,
     /// By what part the tree costs more than its baseline.
     pub(super) excess: f64,
-    /// Whether the baseline says nothing: the tree had no cost when it was built, or far more than now.
+    /// Whether the baseline says nothing: the tree had no cost when it was built, or far more than
+    /// now.
     pub(super) has_no_baseline: bool,
     pub(super) queries: QueryCost,
 }
@@ -48,8 +51,8 @@ impl Observation {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Plan {
     Keep,
-    /// Build the tree again above the subtrees whose excess, as part of the baseline, is at most `threshold`; if there are
-    /// more than `most`, the whole of it.
+    /// Build the tree again above the subtrees whose excess, as part of the baseline, is at most
+    /// `threshold`; if there are more than `most`, the whole of it.
     Repair {
         threshold: f64,
         most: usize,
@@ -58,8 +61,9 @@ pub(super) enum Plan {
     Rebuild(Builder),
 }
 
-/// The builder of a tree that is built without a pass before, since trees were bad again at once: after two rebuilds in a row, each
-/// soon enough that one in every frame is cheaper, but for a look now and then.
+/// The builder of a tree that is built without a pass before, since trees were bad again at once:
+/// after two rebuilds in a row, each soon enough that one in every frame is cheaper, but for a look
+/// now and then.
 pub(super) fn decide_blindly(ledger: &Ledger, primitives: f64, queries: QueryCost) -> Option<Builder> {
     let row = ledger.rebuilds_in_a_row;
     (row > 1 && !row.is_multiple_of(LOOK_AGAIN)).then(|| queries.builder(primitives, 1))
@@ -79,12 +83,14 @@ pub(super) fn pays_every_frame(ledger: &Ledger, seen: &Observation) -> bool {
     cycle > seen.queries.rebuild_every_frame(seen.primitives)
 }
 
-/// What to do after a pass, with its losses already charged, and what was compared for that. Where nothing is due, the reason is that
-/// of a new top, or of a new tree where the top is beyond repair.
+/// What to do after a pass, with its losses already charged, and what was compared for that. Where
+/// nothing is due, the reason is that of a new top, or of a new tree where the top is beyond
+/// repair.
 ///
-/// An example: a tree over 100,000 triangles costs 9 % more than it did, and the load is two packet rays for each of a million
-/// pixels. Each frame loses 2^21 rays * 25 ns * 0.4 * 0.09 = 1.9 ms. A new top costs 200,000 nodes * 9 ns and 6,000 subtrees * 400 ns,
-/// which is 4.2 ms: it is due in the third frame.
+/// An example: a tree over 100,000 triangles costs 9 % more than it did, and the load is two packet
+/// rays for each of a million pixels. Each frame loses 2^21 rays * 25 ns * 0.4 * 0.09 = 1.9 ms. A
+/// new top costs 200,000 nodes * 9 ns and 6,000 subtrees * 400 ns, which is 4.2 ms: it is due in
+/// the third frame.
 pub(super) fn decide(ledger: &Ledger, seen: &Observation) -> (Plan, Reason) {
     let (builder, price_of_rebuild) = seen.rebuild(ledger);
     let price_of_repair = cost_model::repair(seen.nodes, ledger.kept);
@@ -137,8 +143,8 @@ impl Ledger {
         (self.rebuilds_in_a_row, self.is_beyond_repair, self.last_excess) = (0, 0, 0.0);
     }
 
-    /// A new tree has taken the place of one with the ledger `before`; whether it is better is known after a pass. If it
-    /// came soon, it is in a row with the rebuild before.
+    /// A new tree has taken the place of one with the ledger `before`; whether it is better is
+    /// known after a pass. If it came soon, it is in a row with the rebuild before.
     pub(super) fn rebuilt(before: &Self, builder: Builder, is_better: Option<bool>, is_soon: bool) -> Self {
         let mut rebuild = before.rebuild;
         match is_better {

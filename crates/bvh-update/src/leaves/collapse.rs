@@ -1,8 +1,9 @@
 //! One step of merging and splitting leaves.
 //!
-//! Parts of the tree are looked at by many threads, breadth-first, so that memory is fetched ahead. They change nothing
-//! but write down what is to become of it; then the changes are made one after the other, as pairs of nodes are taken from
-//! one list. So the tree is the same for every number of threads, and as it was should the primitives panic.
+//! Parts of the tree are looked at by many threads, breadth-first, so that memory is fetched ahead.
+//! They change nothing but write down what is to become of it; then the changes are made one after
+//! the other, as pairs of nodes are taken from one list. So the tree is the same for every number
+//! of threads, and as it was should the primitives panic.
 
 use bvh_core::{Aabb, Bvh, MAX_HEIGHT, Node, Parts, Primitives, prefetch};
 use rayon::prelude::*;
@@ -11,13 +12,15 @@ use super::small_tree::{LONGEST, OptimalTree, are_best_as_leaf};
 use crate::refit::{Schedule, parts};
 use crate::state::{Layout, State};
 
-/// Subtrees of this height or less are parts, which take turns; what is above them is walked through each time.
+/// Subtrees of this height or less are parts, which take turns; what is above them is walked
+/// through each time.
 const SMALL: u32 = 8;
 /// Parts that are looked at together, so that there is something to do while memory answers.
 const GROUP: usize = 32;
 /// Most tasks that parts are dealt out to.
 const TASKS: usize = 64;
-/// How many runs ahead their primitives are asked for, and twice as many where these are to be found.
+/// How many runs ahead their primitives are asked for, and twice as many where these are to be
+/// found.
 const AHEAD: usize = 8;
 
 /// Memory that this keeps.
@@ -343,7 +346,8 @@ impl Writer<'_> {
         }
     }
 
-    /// The root of a new subtree over the primitives `from..to` of a run, with the nodes below it in spare pairs.
+    /// The root of a new subtree over the primitives `from..to` of a run, with the nodes below it
+    /// in spare pairs.
     fn write(&mut self, new: &NewRun, from: usize, to: usize) -> Node {
         let split = usize::from(new.split[from][to - 1]);
         if split == 0 {

@@ -1,4 +1,5 @@
-//! The cheapest trees over a few primitives that are neighbours in the tree's order, by dynamic programming.
+//! The cheapest trees over a few primitives that are neighbours in the tree's order, by dynamic
+//! programming.
 
 use bvh_core::{Aabb, COST_INTERSECT, COST_TRAVERSE};
 
@@ -40,8 +41,8 @@ impl OptimalTree {
         best
     }
 
-    /// Adds to a sum, from left to right, the part of the cost over the primitives `from..to` that is due to leaves, and to a
-    /// number that of the leaves.
+    /// Adds to a sum, from left to right, the part of the cost over the primitives `from..to` that
+    /// is due to leaves, and to a number that of the leaves.
     pub(super) fn add_leaves(&self, (cost, count): (f64, u32), from: usize, to: usize) -> (f64, u32) {
         match self.split[from][to - 1] {
             0 => (cost + self.cost[from][to - 1], count + 1),
@@ -53,7 +54,8 @@ impl OptimalTree {
     }
 }
 
-/// Whether one leaf of this cost cannot be better, as a tree has a root at least, and leaves of one primitive at best.
+/// Whether one leaf of this cost cannot be better, as a tree has a root at least, and leaves of one
+/// primitive at best.
 pub(super) fn are_best_as_leaf(boxes: &[Aabb], cost: f64) -> bool {
     let area = cost / (COST_INTERSECT * boxes.len() as f64);
     let single: f64 = boxes.iter().map(|aabb| aabb.half_area_f64() * COST_INTERSECT).sum();

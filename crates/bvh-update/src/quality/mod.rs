@@ -1,7 +1,8 @@
 //! How good a tree is: its cost beside a baseline, on the scale of the scene.
 //!
-//! The cost of a tree is the sum of half area times weight over its nodes. A scene that grows as a whole makes every tree
-//! cost more, so costs are compared in units of the scene's *scale*, which is an area:
+//! The cost of a tree is the sum of half area times weight over its nodes. A scene that grows as a
+//! whole makes every tree cost more, so costs are compared in units of the scene's *scale*, which
+//! is an area:
 //!
 //! ```text
 //! scale  = half area of the dynamic leaves at first * growth that leaves and root have in common * scale_factor
@@ -9,8 +10,9 @@
 //! excess = (cost - baseline * scale) / unit
 //! ```
 //!
-//! Leaves that grow within a room, and pieces that fly apart, leave the scale as it is. `scale_factor` keeps it where other
-//! dynamic primitives change the sizes that growth is measured by; else it is 1.
+//! Leaves that grow within a room, and pieces that fly apart, leave the scale as it is.
+//! `scale_factor` keeps it where other dynamic primitives change the sizes that growth is measured
+//! by; else it is 1.
 //!
 //! What moves the baseline:
 //!
@@ -20,10 +22,12 @@
 //! auto::observe       a tree that costs less than its baseline: `Auto` lowers the baseline to that
 //! ```
 //!
-//! Where a few leaves hold most of the area, as the walls of a room do, they hold most of the cost as well, while rays meet
-//! mostly what is small. *Uniformity* is the square of the mean width of leaves over the mean of the squares. By area what is small
-//! counts for its part of the cost, by number for `1 / uniformity` times as much; the root is the geometric mean of both. Without
-//! it updates and rays take 31 % more counted work in bart-museum and 8 % more on exploding-dragon (`docs/ABLATION.md`).
+//! Where a few leaves hold most of the area, as the walls of a room do, they hold most of the cost
+//! as well, while rays meet mostly what is small. *Uniformity* is the square of the mean width of
+//! leaves over the mean of the squares. By area what is small counts for its part of the cost, by
+//! number for `1 / uniformity` times as much; the root is the geometric mean of both. Without it
+//! updates and rays take 31 % more counted work in bart-museum and 8 % more on exploding-dragon
+//! (`docs/ABLATION.md`).
 
 use bvh_core::{Bvh, Node};
 use rayon::prelude::*;
@@ -51,7 +55,8 @@ impl TreeCost {
     }
 }
 
-/// Nodes whose terms one task adds up. How the arena is divided depends on its length alone, so sums do not depend on threads.
+/// Nodes whose terms one task adds up. How the arena is divided depends on its length alone, so
+/// sums do not depend on threads.
 // Half and double: docs/TUNING.md.
 const BLOCK: usize = 4096;
 
@@ -66,7 +71,8 @@ pub(crate) fn sum<const N: usize>(nodes: &[Node], term: &(impl Fn(&Node) -> [f64
     and(left, right)
 }
 
-/// A node's part in what a baseline needs: the cost, that of dynamic and of static leaves, the width of leaves, and their number.
+/// A node's part in what a baseline needs: the cost, that of dynamic and of static leaves, the
+/// width of leaves, and their number.
 fn terms(node: &Node) -> [f64; 5] {
     let term = node.sah_term();
     match (node.count() > 0, node.is_dynamic()) {
@@ -76,8 +82,9 @@ fn terms(node: &Node) -> [f64; 5] {
     }
 }
 
-/// Measures a tree that has no baseline: every inner node keeps its half area, in units of the scale, as its reference. O(n)
-/// where there is no baseline, or other primitives are dynamic than before.
+/// Measures a tree that has no baseline: every inner node keeps its half area, in units of the
+/// scale, as its reference. O(n) where there is no baseline, or other primitives are dynamic than
+/// before.
 pub(crate) fn take_baseline(bvh: &mut Bvh) {
     let Baseline { cost, has_other_dynamic, .. } = State::of(bvh).baseline;
     if cost != 0.0 && has_other_dynamic == 0 {
@@ -108,7 +115,8 @@ pub(crate) fn take_baseline(bvh: &mut Bvh) {
 }
 
 impl Baseline {
-    /// From now on the scale grows as leaves and root of these sizes do; it is what it was, so references hold.
+    /// From now on the scale grows as leaves and root of these sizes do; it is what it was, so
+    /// references hold.
     pub(crate) fn take_sizes(&mut self, sizes: [f64; 3]) {
         self.sizes = sizes;
         self.scale_factor = or_one(self.scale / common_growth(sizes, [1.0; 2]));
@@ -133,7 +141,8 @@ impl Baseline {
         self.measured * self.scale
     }
 
-    /// How far a cost is above that of a tree as good as the baseline, in units; 0 where that is no number.
+    /// How far a cost is above that of a tree as good as the baseline, in units; 0 where that is no
+    /// number.
     pub(crate) fn excess(&self, cost: f64, scale: f64) -> f64 {
         let unit = self.unit(scale);
         let excess = (cost - self.cost * scale) / unit;
@@ -152,8 +161,9 @@ pub(crate) fn cost_after(bvh: &Bvh, tally: &Tally) -> f64 {
     tally.area + bvh.static_area()
 }
 
-/// Half area of all dynamic leaves, as it was at first, times the growth that leaves and root have in common: that of
-/// the one that has changed less, none if one has grown and the other shrunk. 1 where that is no area.
+/// Half area of all dynamic leaves, as it was at first, times the growth that leaves and root have
+/// in common: that of the one that has changed less, none if one has grown and the other shrunk. 1
+/// where that is no area.
 fn common_growth([first, ..]: [f64; 3], [leaves, root]: [f64; 2]) -> f64 {
     or_one(first * leaves.min(root).max(leaves.max(root).min(1.0)))
 }

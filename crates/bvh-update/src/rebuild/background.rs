@@ -1,8 +1,10 @@
-//! Rebuilding in the background (Ize, Wald, Parker 2007; with a parallel builder: Wald, Ize, Parker 2008).
+//! Rebuilding in the background (Ize, Wald, Parker 2007; with a parallel builder: Wald, Ize, Parker
+//! 2008).
 //!
-//! A copy of all boxes goes to a thread of its own, which builds a tree over it while updates go on with the old tree.
-//! The update that finds the new tree ready fits it to the present primitives, puts it in the place of the old one and
-//! sends the next copy. No update waits. The price, measured: [`BackgroundCost`].
+//! A copy of all boxes goes to a thread of its own, which builds a tree over it while updates go on
+//! with the old tree. The update that finds the new tree ready fits it to the present primitives,
+//! puts it in the place of the old one and sends the next copy. No update waits. The price,
+//! measured: [`BackgroundCost`].
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -23,8 +25,8 @@ use crate::state::State;
 pub struct Background {
     /// The budget of rotations between one new tree and the next, if any are wanted.
     pub rotate: Option<Rotate>,
-    /// The builder used. A parallel builder gets a rayon pool of its own, of as many threads as the caller's pool; of
-    /// several such builds in one process each waits for the one before.
+    /// The builder used. A parallel builder gets a rayon pool of its own, of as many threads as the
+    /// caller's pool; of several such builds in one process each waits for the one before.
     pub builder: Builder,
 }
 
@@ -34,18 +36,20 @@ impl Default for Background {
     }
 }
 
-/// What the last tree that was built in the background cost, from [`Updater::background_cost`](crate::Updater::background_cost).
+/// What the last tree that was built in the background cost, from
+/// [`Updater::background_cost`](crate::Updater::background_cost).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BackgroundCost {
-    /// Memory beside the tree in use, in bytes: the second tree, the copy of all boxes, and what the builder keeps. With
-    /// the default builder and one primitive a leaf 68, 24 and 64 or more a primitive. Where some are static, the updater has
-    /// one byte a primitive more, which is not counted here.
+    /// Memory beside the tree in use, in bytes: the second tree, the copy of all boxes, and what
+    /// the builder keeps. With the default builder and one primitive a leaf 68, 24 and 64 or more a
+    /// primitive. Where some are static, the updater has one byte a primitive more, which is not
+    /// counted here.
     pub bytes: usize,
-    /// Updates from the copy of the boxes to the one that put the tree in place: how many frames older than the
-    /// primitives its structure is by then. Until the next one comes it grows older.
+    /// Updates from the copy of the boxes to the one that put the tree in place: how many frames
+    /// older than the primitives its structure is by then. Until the next one comes it grows older.
     pub delay: u32,
-    /// Time that its thread was busy, by the wall clock; where a core was free, this is the time taken from the cores. Of a
-    /// parallel builder it is the thread's own part.
+    /// Time that its thread was busy, by the wall clock; where a core was free, this is the time
+    /// taken from the cores. Of a parallel builder it is the thread's own part.
     pub build_time: Duration,
 }
 
@@ -122,10 +126,11 @@ fn is_serial(builder: Builder) -> bool {
     matches!(builder, Builder::Sweep | Builder::Binned | Builder::HillClimbed | Builder::Annealed)
 }
 
-/// Runs a build in a new rayon pool. If the system has no threads to give, the build panics, and the next update starts
-/// another one.
+/// Runs a build in a new rayon pool. If the system has no threads to give, the build panics, and
+/// the next update starts another one.
 ///
-/// One build at a time: workers that wait for a part of one build would otherwise begin others on the same stack.
+/// One build at a time: workers that wait for a part of one build would otherwise begin others on
+/// the same stack.
 fn in_own_pool<T: Send>(threads: usize, build: impl FnOnce() -> T + Send) -> T {
     static TURN: Mutex<()> = Mutex::new(());
     // A build that panicked leaves nothing behind.
@@ -137,8 +142,9 @@ fn in_own_pool<T: Send>(threads: usize, build: impl FnOnce() -> T + Send) -> T {
 impl Drop for Builds {
     /// Waits for the build under way, so that no thread outlives what started it.
     ///
-    /// The wait blocks. It runs no other task of the caller's pool, since such a task could drop another `Updater` on the
-    /// same stack, or ask for a lock that the caller holds. It ends, since a build needs no thread of any other pool.
+    /// The wait blocks. It runs no other task of the caller's pool, since such a task could drop
+    /// another `Updater` on the same stack, or ask for a lock that the caller holds. It ends, since
+    /// a build needs no thread of any other pool.
     fn drop(&mut self) {
         if let Some(thread) = self.current.take() {
             let _ = thread.join();

@@ -1,8 +1,9 @@
 //! Rebuilding when the tree has degraded (Lauterbach, Yoon, Tuft, Manocha 2006, section 4).
 //!
-//! A node's box fits its children badly if they are far apart, or differ much from it: the ratio of its area to the sum
-//! of theirs is then large. The measure is the mean of that ratio over all inner nodes; the tree is rebuilt once it
-//! has grown by more than a threshold since the tree was built, 40 per cent of one as published.
+//! A node's box fits its children badly if they are far apart, or differ much from it: the ratio of
+//! its area to the sum of theirs is then large. The measure is the mean of that ratio over all
+//! inner nodes; the tree is rebuilt once it has grown by more than a threshold since the tree was
+//! built, 40 per cent of one as published.
 
 use bvh_build::Builder;
 use bvh_core::{Bvh, Node, Primitives};
@@ -15,13 +16,14 @@ use crate::state::State;
 
 /// When to build a new tree.
 ///
-/// The measure is the mean, over the inner nodes, of the ratio of a node's area to the sum of its children's.
+/// The measure is the mean, over the inner nodes, of the ratio of a node's area to the sum of its
+/// children's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Degraded {
     /// The budget of rotations in between, if any are wanted.
     pub rotate: Option<Rotate>,
-    /// Growth of the mean ratio of a node's area to its children's at which the tree is rebuilt. 0.4 by default, as
-    /// published.
+    /// Growth of the mean ratio of a node's area to its children's at which the tree is rebuilt.
+    /// 0.4 by default, as published.
     pub threshold: f64,
     /// The builder used.
     pub builder: Builder,
@@ -51,8 +53,8 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     build_again(bvh, primitives, degraded.builder, scratch)
 }
 
-/// Mean over the inner nodes of A(N) / (A(L) + A(R)); 0 for a tree without. A node whose children have no area counts
-/// as 1. O(n).
+/// Mean over the inner nodes of A(N) / (A(L) + A(R)); 0 for a tree without. A node whose children
+/// have no area counts as 1. O(n).
 pub(crate) fn mean_ratio(bvh: &Bvh) -> f64 {
     let [ratios, count] = sum(bvh.nodes(), &|node: &Node| {
         let Some([l, r]) = bvh.children(node) else { return [0.0; 2] };

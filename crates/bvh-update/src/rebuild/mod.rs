@@ -1,4 +1,5 @@
-//! A new tree in the place of the old one: at once, when the old one has degraded, or from the background.
+//! A new tree in the place of the old one: at once, when the old one has degraded, or from the
+//! background.
 
 use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
 use bvh_core::{Bvh, Node, Primitives};
@@ -21,8 +22,8 @@ pub(crate) struct RebuildScratch {
     dynamic: Vec<bool>,
 }
 
-/// Options for a tree in the place of `bvh`, whose builder is not known: with leaves as large as its largest. O(n) if
-/// that is not known.
+/// Options for a tree in the place of `bvh`, whose builder is not known: with leaves as large as
+/// its largest. O(n) if that is not known.
 pub(crate) fn options_like(bvh: &mut Bvh) -> BuildOptions {
     let parts = parts(bvh);
     let state = State::of_mut(parts.state);
@@ -53,7 +54,8 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
     Ok(Update { rebuilt: true, height: bvh.height(), nodes_visited, dropped, ..Update::default() })
 }
 
-/// Builds a new tree with leaves as large as the old one's; that it was built again is the decision.
+/// Builds a new tree with leaves as large as the old one's; that it was built again is the
+/// decision.
 pub(crate) fn build_again<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
@@ -65,8 +67,8 @@ pub(crate) fn build_again<P: Primitives + ?Sized>(
     Ok(Update { decision: Decision::Rebuild { builder }, ..update })
 }
 
-/// Notes which primitives are dynamic, unless all are. Walks the tree: the first slot of a leaf that is not in use may be out of
-/// range.
+/// Notes which primitives are dynamic, unless all are. Walks the tree: the first slot of a leaf
+/// that is not in use may be out of range.
 pub(crate) fn note_dynamic(bvh: &Bvh, dynamic: &mut Vec<bool>) -> bool {
     if bvh.all_dynamic() {
         return false;

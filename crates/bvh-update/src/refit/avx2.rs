@@ -1,7 +1,8 @@
 //! The kernels in AVX2: one node in one register.
 //!
-//! A node's eight words are `[min.x min.y min.z link | max.x max.y max.z aux]`. Sums and products are taken in the
-//! order of `Aabb::half_area` and without fused multiply-add, so the bits are those of the scalar kernels.
+//! A node's eight words are `[min.x min.y min.z link | max.x max.y max.z aux]`. Sums and products
+//! are taken in the order of `Aabb::half_area` and without fused multiply-add, so the bits are
+//! those of the scalar kernels.
 
 use std::arch::x86_64::*;
 use std::ops::Range;

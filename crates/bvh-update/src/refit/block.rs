@@ -1,11 +1,11 @@
 //! A block: some hundred inner nodes that are refitted and rotated together.
 //!
-//! The recursion of the paper ([`plain`](crate::plain)) waits for memory at every node. A block walks the tree
-//! breadth-first from a few roots instead. It asks for the cache line of a pair of children some turns before
-//! their parent's turn. What lies below the block is handed to further blocks.
-//! Then the block's boxes follow in reverse order, and its rotations level by level, deepest first.
-//! Nodes of one level touch disjoint slots, and a rotation keeps its own node's box, so the result is bit for bit
-//! that of the recursion.
+//! The recursion of the paper ([`plain`](crate::plain)) waits for memory at every node. A block
+//! walks the tree breadth-first from a few roots instead. It asks for the cache line of a pair of
+//! children some turns before their parent's turn. What lies below the block is handed to further
+//! blocks. Then the block's boxes follow in reverse order, and its rotations level by level,
+//! deepest first. Nodes of one level touch disjoint slots, and a rotation keeps its own node's box,
+//! so the result is bit for bit that of the recursion.
 
 use std::ops::Range;
 
@@ -92,8 +92,8 @@ impl<const N: usize> List<N> {
     }
 }
 
-/// Fills lists of inner nodes, of leaves, and of nodes with grandchildren. The counts are its own while it does, and so in
-/// registers.
+/// Fills lists of inner nodes, of leaves, and of nodes with grandchildren. The counts are its own
+/// while it does, and so in registers.
 pub(crate) struct Lister<'a> {
     inner: &'a mut Queue,
     rotating: &'a mut Queue,
@@ -121,8 +121,8 @@ impl<'a> Lister<'a> {
         Self { inner, rotating, leaves, counts: Counts { inner: roots.len(), ..Counts::default() } }
     }
 
-    /// Lists the children of a node, where they move. Each is written to both lists and counted in one, as a branch
-    /// would be mispredicted often. Gives their link words.
+    /// Lists the children of a node, where they move. Each is written to both lists and counted in
+    /// one, as a branch would be mispredicted often. Gives their link words.
     #[inline(always)]
     pub(super) fn children(&mut self, nodes: SharedNodes<'_>, parent: Entry) -> [u32; 2] {
         let (pair, counts) = (parent.first(), &mut self.counts);
@@ -147,7 +147,8 @@ impl<'a> Lister<'a> {
         self.counts.rotating += usize::from(links[0] & links[1] & Node::LEAF == 0);
     }
 
-    /// Appends eight entries to each list, of which the first few count. The others among `inner` are those of the root.
+    /// Appends eight entries to each list, of which the first few count. The others among `inner`
+    /// are those of the root.
     #[inline(always)]
     pub(super) fn append(
         &mut self,
@@ -198,8 +199,8 @@ impl Block {
         Box::new(Self { levels: Vec::with_capacity(MAX_HEIGHT as usize + 1), ..Self::default() })
     }
 
-    /// Walks down from roots of one depth until `limit` nodes are listed; `list` lists the children of the first few of
-    /// eight nodes.
+    /// Walks down from roots of one depth until `limit` nodes are listed; `list` lists the children
+    /// of the first few of eight nodes.
     #[inline(always)]
     pub(super) fn walk(
         &mut self,

@@ -1,7 +1,8 @@
-//! The loops of the pass, each over a list of nodes: leaves, boxes of inner nodes, heights, rotations.
+//! The loops of the pass, each over a list of nodes: leaves, boxes of inner nodes, heights,
+//! rotations.
 //!
-//! They are written once, in vectors of four that every target has, and compiled for each SIMD level. Boxes and the judging of
-//! rotations have versions of their own for AVX2 (`avx2.rs`).
+//! They are written once, in vectors of four that every target has, and compiled for each SIMD
+//! level. Boxes and the judging of rotations have versions of their own for AVX2 (`avx2.rs`).
 
 use bvh_core::glam::Vec4;
 use bvh_core::rotation::{Rotation, rotate};
@@ -11,14 +12,15 @@ use super::Tally;
 use super::block::{Entry, LISTED};
 use super::shared::SharedNodes;
 
-/// How many leaves ahead the corners of triangles are fetched, and twice as many ahead the indices. With 24 the refits of
-/// `cargo run --release -p bvh-update --example tuning` took 1.12 (100 K) and 1.22 times as long, with 6 and 16 1.15 (EPYC Zen 3).
+/// How many leaves ahead the corners of triangles are fetched, and twice as many ahead the indices.
+/// With 24 the refits of `cargo run --release -p bvh-update --example tuning` took 1.12 (100 K) and
+/// 1.22 times as long, with 6 and 16 1.15 (EPYC Zen 3).
 pub(crate) const AHEAD: usize = 12;
 
 /// A sum of half areas, as sums of products `xy`, `yz`, `zx`, and one without meaning.
 ///
-/// Kept apart, the products need no sum across a vector. A few are added in `f32`, their sums in `f64`; the order is
-/// that of the lists, so every SIMD level has the same bits.
+/// Kept apart, the products need no sum across a vector. A few are added in `f32`, their sums in
+/// `f64`; the order is that of the lists, so every SIMD level has the same bits.
 #[derive(Default)]
 struct AreaSum {
     total: [f64; 4],
@@ -29,7 +31,8 @@ struct AreaSum {
 const PART: usize = 8;
 
 impl AreaSum {
-    /// Adds the area of a box that is number `i` of its list. What is in the fourth lane does not matter.
+    /// Adds the area of a box that is number `i` of its list. What is in the fourth lane does not
+    /// matter.
     #[inline(always)]
     fn add_extent(&mut self, i: usize, extent: Vec4, weight: f32) {
         self.part += extent * Vec4::new(extent.y, extent.z, extent.x, extent.w) * weight;
@@ -54,8 +57,8 @@ impl AreaSum {
 /// A box in lanes, with a node's words in the fourth.
 type Corners = [Vec4; 2];
 
-/// Fits leaves to their primitives, which are numbered by slot in the tree's order. `fetch` is called with the number of
-/// each, to ask for what will be needed next.
+/// Fits leaves to their primitives, which are numbered by slot in the tree's order. `fetch` is
+/// called with the number of each, to ask for what will be needed next.
 #[inline(always)]
 pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
@@ -194,7 +197,8 @@ pub(super) fn refit_height(nodes: SharedNodes<'_>, entry: Entry) -> [u32; 2] {
     [link_l, link_r]
 }
 
-/// Nodes at which some rotation is a gain, and how the area would change under each, in the order of `Rotation::ALL`.
+/// Nodes at which some rotation is a gain, and how the area would change under each, in the order
+/// of `Rotation::ALL`.
 pub(crate) struct Accepted {
     entries: [Entry; 2 * LISTED],
     changes: [[f32; 8]; 2 * LISTED],
@@ -214,7 +218,8 @@ impl Accepted {
         (self.entries[i], self.changes[i]) = (entry, changes);
     }
 
-    /// Applies the best rotation of each of the first `count` nodes; given the nodes' depth, and whether something is static.
+    /// Applies the best rotation of each of the first `count` nodes; given the nodes' depth, and
+    /// whether something is static.
     #[inline(always)]
     pub(super) fn apply(
         &self,
@@ -244,15 +249,15 @@ impl Accepted {
     }
 }
 
-/// What is no gain becomes 0, NaN among it: a comparison with NaN is false on every target, while its minimum with a number is
-/// either of them.
+/// What is no gain becomes 0, NaN among it: a comparison with NaN is false on every target, while
+/// its minimum with a number is either of them.
 #[inline(always)]
 fn gain(changes: Vec4) -> Vec4 {
     Vec4::select(changes.cmplt(Vec4::ZERO), changes, Vec4::ZERO)
 }
 
-/// As [`rotation::best`](bvh_core::rotation::best), where some change is below zero, without branches. The last two may be
-/// other changes again.
+/// As [`rotation::best`](bvh_core::rotation::best), where some change is below zero, without
+/// branches. The last two may be other changes again.
 #[inline(always)]
 fn best(changes: [f32; 8]) -> Rotation {
     let [a, b]: [Vec4; 2] = bytemuck::cast(changes);

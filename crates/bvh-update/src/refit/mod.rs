@@ -1,4 +1,5 @@
-//! The pass over a whole tree: refits every box to the primitives' new positions and rotates on the way up.
+//! The pass over a whole tree: refits every box to the primitives' new positions and rotates on the
+//! way up.
 //!
 //! ```text
 //! subtrees(roots):  heavy together: both halves of them, in parallel
@@ -8,8 +9,9 @@
 //!                                 refit the block's inner nodes, then rotate level by level, deepest first
 //! ```
 //!
-//! How subtrees are divided depends on the tree alone, never on threads or time: so do sums of floats, and so does every
-//! bit of the result. A tree in the order of its builder is refitted by a sweep instead ([`linear`]).
+//! How subtrees are divided depends on the tree alone, never on threads or time: so do sums of
+//! floats, and so does every bit of the result. A tree in the order of its builder is refitted by a
+//! sweep instead ([`linear`]).
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -48,16 +50,16 @@ const TOP_LISTED: usize = 128;
 // Half and double: docs/TUNING.md.
 const WEIGHT: u64 = 512;
 
-/// Cache lines, of a pair each, to fetch for a subtree whose turn is next: as built they lie in one piece, and rotations
-/// leave them nearly so.
+/// Cache lines, of a pair each, to fetch for a subtree whose turn is next: as built they lie in one
+/// piece, and rotations leave them nearly so.
 // Half and double: docs/TUNING.md.
 const LINES: usize = 4;
 
 /// The budget of rotations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rotate {
-    /// Rotations are tried at each node in one of this many updates, at different nodes each time; a power of two,
-    /// else the next one. 1, every node in every update, by default.
+    /// Rotations are tried at each node in one of this many updates, at different nodes each time;
+    /// a power of two, else the next one. 1, every node in every update, by default.
     pub period: u32,
 }
 
@@ -114,7 +116,8 @@ impl Tally {
     }
 }
 
-/// Which nodes have their turn: one in `period`, a power of two or else the next one, others in each turn.
+/// Which nodes have their turn: one in `period`, a power of two or else the next one, others in
+/// each turn.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Schedule {
     mask: usize,
@@ -139,7 +142,8 @@ impl Schedule {
     }
 }
 
-/// Memory that passes keep from one to the next: some ten blocks a thread, whatever the size of the tree.
+/// Memory that passes keep from one to the next: some ten blocks a thread, whatever the size of the
+/// tree.
 pub(crate) struct RefitScratch {
     level: Available,
     /// Whether tallies have sums of areas.
@@ -168,8 +172,9 @@ impl RefitScratch {
     }
 }
 
-/// What one thread has not in use. It uses one block for each that it is below of: also where it waits for another
-/// thread and takes up other blocks meanwhile. Primitives that start tasks of their own may make it use several lists.
+/// What one thread has not in use. It uses one block for each that it is below of: also where it
+/// waits for another thread and takes up other blocks meanwhile. Primitives that start tasks of
+/// their own may make it use several lists.
 struct Spare {
     blocks: Vec<Box<Block>>,
     lists: Vec<Box<Lists>>,
@@ -218,7 +223,8 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     scratch: &mut RefitScratch,
 ) -> Tally {
     let (is_in_order, is_partly_static) = (bvh.is_in_order(), !bvh.all_dynamic());
-    // Rotations leave the heights of the nodes above them to be updated later, and primitives may panic half-way.
+    // Rotations leave the heights of the nodes above them to be updated later, and primitives may
+    // panic half-way.
     let unfinished = OnPanic(bvh, Bvh::recompute_metadata);
     let parts = parts(unfinished.0);
     let state = State::of_mut(parts.state);
@@ -256,7 +262,8 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             kernels::fit_leaf(self.nodes, self.primitives, 0, &mut tally);
             tally
         } else if is_linear {
-            // The slot beside the root is a static leaf without primitives, and may stand in the first stretch.
+            // The slot beside the root is a static leaf without primitives, and may stand in the
+            // first stretch.
             self.sweep(0..self.nodes.pairs())
         } else {
             let [[link, _], _] = self.nodes.pair_words(0);
@@ -293,7 +300,8 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         })
     }
 
-    /// Updates the subtrees below a few roots of one depth: a block of about `limit` nodes, and what is below it.
+    /// Updates the subtrees below a few roots of one depth: a block of about `limit` nodes, and
+    /// what is below it.
     fn block(&self, roots: &[Entry], depth: u32, around: Around<'_>, limit: usize) -> Tally {
         let mut tally = Tally::default();
         let mut watch = Stopwatch::start(self.costs, around.block);
@@ -380,8 +388,8 @@ mod tests {
 
     use super::*;
 
-    /// A slot that two tasks touch, if there is one, and how many slots are touched at all. A task touches the slots of its
-    /// root and everything below.
+    /// A slot that two tasks touch, if there is one, and how many slots are touched at all. A task
+    /// touches the slots of its root and everything below.
     fn shared_slot(tree: &Bvh, roots: &[usize]) -> (Option<usize>, usize) {
         let mut is_touched = vec![false; tree.nodes().len()];
         let (mut shared, mut touched) = (None, 0);
@@ -402,8 +410,8 @@ mod tests {
         (shared, touched)
     }
 
-    /// What `share` promises: no two tasks touch a node. A task is any part of a block's frontier, so it is enough that no two
-    /// roots of a frontier do.
+    /// What `share` promises: no two tasks touch a node. A task is any part of a block's frontier,
+    /// so it is enough that no two roots of a frontier do.
     #[test]
     fn tasks_touch_disjoint_nodes() {
         for n in [100, 5000, 40_000] {

@@ -1,4 +1,5 @@
-//! The paper's update as a recursion, straight from section 2: what the fast pass is checked against.
+//! The paper's update as a recursion, straight from section 2: what the fast pass is checked
+//! against.
 //!
 //! ```text
 //! update(N):                                 if N is a leaf: fit its box to its primitives
@@ -7,7 +8,8 @@
 //!     refit N from L and R
 //! ```
 //!
-//! The paper refits N first and then rotates; N's box is the same either way, and its height is known last.
+//! The paper refits N first and then rotates; N's box is the same either way, and its height is
+//! known last.
 
 use bvh_core::rotation::{self, area_changes_at, best};
 use bvh_core::{Aabb, Bvh, Node, OnPanic, Primitives};
@@ -15,8 +17,8 @@ use bvh_core::{Aabb, Bvh, Node, OnPanic, Primitives};
 use super::{Rotate, Schedule, parts};
 use crate::state::{Layout, State};
 
-/// Refits every box above primitives that move; with `rotate`, also rotates at such nodes. Gives the rotations applied, by
-/// kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
+/// Refits every box above primitives that move; with `rotate`, also rotates at such nodes. Gives
+/// the rotations applied, by kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
 ///
 /// One thread, O(n).
 ///

@@ -1,4 +1,5 @@
-//! The unsafe parts: a node arena that tasks on several threads share, and the calls into code for a SIMD level.
+//! The unsafe parts: a node arena that tasks on several threads share, and the calls into code for
+//! a SIMD level.
 
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::{__m256, __m512i};
@@ -15,8 +16,8 @@ pub(crate) struct SharedNodes<'a> {
     nodes: PhantomData<&'a mut [Node]>,
 }
 
-// SAFETY: a `SharedNodes` gives access to nodes by value only, and whoever makes one promises that no node is
-// touched by two threads without synchronisation between; `Node` is plain data.
+// SAFETY: a `SharedNodes` gives access to nodes by value only, and whoever makes one promises that
+// no node is touched by two threads without synchronisation between; `Node` is plain data.
 #[expect(unsafe_code, reason = "lets tasks share the arena")]
 unsafe impl Send for SharedNodes<'_> {}
 // SAFETY: as above.
@@ -25,8 +26,8 @@ unsafe impl Sync for SharedNodes<'_> {}
 
 impl<'a> SharedNodes<'a> {
     /// # Safety
-    /// While this and its copies live, no node may be written by one thread and read or written by another,
-    /// unless something between orders the two.
+    /// While this and its copies live, no node may be written by one thread and read or written by
+    /// another, unless something between orders the two.
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
     pub(crate) unsafe fn new(nodes: &'a mut [Node]) -> Self {
         Self { start: nodes.as_mut_ptr(), len: nodes.len(), nodes: PhantomData }
@@ -41,7 +42,8 @@ impl<'a> SharedNodes<'a> {
     #[inline(always)]
     pub(crate) fn get(&self, n: usize) -> Node {
         assert!(n < self.len, "node out of range");
-        // SAFETY: in range by the assertion; valid and not written elsewhere by the promise to `new`.
+        // SAFETY: in range by the assertion; valid and not written elsewhere by the promise to
+        // `new`.
         #[expect(unsafe_code, reason = "reads the shared arena")]
         unsafe {
             self.start.add(n).read()
@@ -83,7 +85,8 @@ impl<'a> SharedNodes<'a> {
     #[inline(always)]
     pub(crate) fn set_height(&self, n: usize, height: u32) {
         assert!(n < self.len, "node out of range");
-        // SAFETY: as in `set`; the height is the first byte of a node's last word, on a little-endian machine.
+        // SAFETY: as in `set`; the height is the first byte of a node's last word, on a
+        // little-endian machine.
         #[cfg(target_endian = "little")]
         #[expect(unsafe_code, reason = "writes the shared arena")]
         unsafe {
@@ -109,7 +112,8 @@ impl<'a> SharedNodes<'a> {
         }
     }
 
-    /// The children of a node with that link word, as [`pair_lanes`](Self::pair_lanes); for a leaf, boxes around everything.
+    /// The children of a node with that link word, as [`pair_lanes`](Self::pair_lanes); for a leaf,
+    /// boxes around everything.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(crate) fn child_lanes(&self, link: u32) -> [__m256; 2] {
@@ -159,12 +163,14 @@ struct Everything([[[f32; 4]; 2]; 2]);
 
 /// Shares the nodes of one tree between the tasks of one pass, or of one new top.
 pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
-    // SAFETY: The nodes are borrowed for as long as the result lives. The pass processes the top block on one
-    // thread before its tasks start and after all have ended; a task touches only its roots and what is below them, and reads the
-    // tree's root and node 1, which none writes; and as every pair of a valid tree has one parent, and no root is below
-    // another, tasks share no node that one of them writes. Where the tree is swept the tasks are the pieces of the arena
-    // that `linear` divides it into: whole subtrees of a linear tree, each in one place. A new top (`top_tree.rs`) is
-    // written by tasks that read no node, each to pairs of its own: `rebuild_top` makes sure that none is there twice.
+    // SAFETY: The nodes are borrowed for as long as the result lives. The pass processes the top
+    // block on one thread before its tasks start and after all have ended; a task touches only its
+    // roots and what is below them, and reads the tree's root and node 1, which none writes; and as
+    // every pair of a valid tree has one parent, and no root is below another, tasks share no node
+    // that one of them writes. Where the tree is swept the tasks are the pieces of the arena that
+    // `linear` divides it into: whole subtrees of a linear tree, each in one place. A new top
+    // (`top_tree.rs`) is written by tasks that read no node, each to pairs of its own:
+    // `rebuild_top` makes sure that none is there twice.
     #[expect(unsafe_code, reason = "shares the arena between tasks")]
     unsafe {
         SharedNodes::new(nodes)
@@ -173,12 +179,13 @@ pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
 
 /// The parts of a tree, for a pass that keeps its structure valid.
 pub(crate) fn parts(bvh: &mut Bvh) -> Parts<'_> {
-    // SAFETY: the pass writes boxes, and structure only by `Accepted::apply`, which swaps two slots and refits
-    // heights and dynamic bits on the way up, as the plain pass does. `repair/top_tree.rs` and
-    // `leaves/collapse.rs` put a tree over the same slots or subtrees in the place of another. They use pairs that were
-    // the other's or spare, and refit heights and bits.
-    // Whoever has moved nodes sets the layout to `Other`. Others write references and the state alone. Where primitives
-    // may panic in between, an `OnPanic` recomputes heights; `leaves/collapse.rs` asks none while it writes.
+    // SAFETY: the pass writes boxes, and structure only by `Accepted::apply`, which swaps two slots
+    // and refits heights and dynamic bits on the way up, as the plain pass does.
+    // `repair/top_tree.rs` and `leaves/collapse.rs` put a tree over the same slots or subtrees in
+    // the place of another. They use pairs that were the other's or spare, and refit heights and
+    // bits. Whoever has moved nodes sets the layout to `Other`. Others write references and the
+    // state alone. Where primitives may panic in between, an `OnPanic` recomputes heights;
+    // `leaves/collapse.rs` asks none while it writes.
     #[expect(unsafe_code, reason = "promises to leave a valid tree")]
     unsafe {
         bvh.parts_mut()

@@ -1,5 +1,5 @@
-//! The walk that finds the frontier of a repair: in parallel over the upper part of the tree, and in a part breadth-first
-//! down, so that nodes can be fetched ahead, and back up.
+//! The walk that finds the frontier of a repair: in parallel over the upper part of the tree, and
+//! in a part breadth-first down, so that nodes can be fetched ahead, and back up.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -7,12 +7,13 @@ use bvh_core::{Bvh, Node, prefetch};
 
 use crate::quality::TreeCost;
 
-/// Parts of the walk, for threads to share. The number is fixed, so the sums do not depend on the number of threads.
+/// Parts of the walk, for threads to share. The number is fixed, so the sums do not depend on the
+/// number of threads.
 // Half and double: docs/TUNING.md.
 const PARTS: usize = 512;
 
-/// Nodes of more than this part of the root's area are opened in any case. There are few, but a subtree as large as the
-/// room that everything else is in would have to be kept beside all of it.
+/// Nodes of more than this part of the root's area are opened in any case. There are few, but a
+/// subtree as large as the room that everything else is in would have to be kept beside all of it.
 // Half and double: docs/TUNING.md.
 const LARGE: f32 = 0.005;
 
@@ -60,7 +61,8 @@ pub(super) struct FrontierScratch {
     pub(super) found: Frontier,
 }
 
-/// Finds the subtrees whose excess is at most `threshold`. Where there are more than `most`, not all are found. O(n).
+/// Finds the subtrees whose excess is at most `threshold`. Where there are more than `most`, not
+/// all are found. O(n).
 pub(super) fn find(bvh: &Bvh, scale: f64, threshold: f64, most: usize, scratch: &mut FrontierScratch) {
     let FrontierScratch { parts, found } = scratch;
     found.clear();
@@ -89,7 +91,8 @@ struct Walk<'a> {
     threshold: f64,
     large: f32,
     most: usize,
-    /// Subtrees kept so far below nodes that were opened for their excess. The walk ends early where more than `most` are.
+    /// Subtrees kept so far below nodes that were opened for their excess. The walk ends early
+    /// where more than `most` are.
     kept: &'a AtomicUsize,
 }
 
@@ -133,7 +136,8 @@ impl Walk<'_> {
             }
             next += 1;
         }
-        // Children stand in the order of their parents, so on the way up they are the last of those not yet taken.
+        // Children stand in the order of their parents, so on the way up they are the last of those
+        // not yet taken.
         let mut end = list.len();
         for i in (0..list.len()).rev() {
             let first = end - list[i].inner_children as usize;
@@ -166,7 +170,8 @@ impl Walk<'_> {
         if excess > 0.0 { excess } else { 0.0 }
     }
 
-    /// Opens an inner node or leaves it closed, given the excess at and below it, and at and below its children.
+    /// Opens an inner node or leaves it closed, given the excess at and below it, and at and below
+    /// its children.
     fn judge(&self, node: &Node, excess: f64, below: [f64; 2], found: &mut Frontier) {
         if !self.is_opened(node, excess) {
             found.references += f64::from(node.reference());
@@ -224,7 +229,8 @@ mod tests {
                 find(&bvh, scale, threshold, usize::MAX, &mut scratch);
                 let found = &mut scratch.found;
                 numbers.push(found.kept.len());
-                // A node is above the frontier if its excess or its area is large; what is left below counts as kept.
+                // A node is above the frontier if its excess or its area is large; what is left
+                // below counts as kept.
                 let (mut kept, mut pairs, mut references) = (vec![], vec![], 0.0);
                 bvh.visit(|_, node, _| {
                     let is_opened = |node: &Node| {

@@ -5,8 +5,9 @@
 //!               if E > threshold: N is opened, and its children that are not are subtrees to keep
 //! ```
 //!
-//! A node's *reference* is what its half area A was when the node was last built, in units of the scene's scale. Rotations
-//! carry references along with the nodes they swap, and leave the reference of the node whose children changed as it is.
+//! A node's *reference* is what its half area A was when the node was last built, in units of the
+//! scene's scale. Rotations carry references along with the nodes they swap, and leave the
+//! reference of the node whose children changed as it is.
 
 use bvh_build::{BuildScratch, Builder};
 use bvh_core::{Aabb, Bvh, Node, Primitives};
@@ -39,7 +40,8 @@ impl Default for PartialRebuild {
 }
 
 /// A frontier of more than this part of the primitives is not worth its repair.
-// 0.3 repairs more and rebuilds less; the time is the same within the noise: `cargo xtask compare frame`.
+// 0.3 repairs more and rebuilds less; the time is the same within the noise:
+// `cargo xtask compare frame`.
 const LARGEST_FRONTIER: f64 = 0.2;
 
 /// Memory that repairs keep.
@@ -97,8 +99,9 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     }
 }
 
-/// Builds the tree again above the subtrees whose excess of area is at most `threshold`, if there are at most `most` of
-/// them, after a pass that has found this. The cost of the tree is then no longer that of the pass.
+/// Builds the tree again above the subtrees whose excess of area is at most `threshold`, if there
+/// are at most `most` of them, after a pass that has found this. The cost of the tree is then no
+/// longer that of the pass.
 pub(crate) fn open_grown(
     bvh: &mut Bvh,
     tally: &mut Tally,

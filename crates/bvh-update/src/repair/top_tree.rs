@@ -1,7 +1,7 @@
 //! A new top for a tree: a builder's tree over the boxes of the subtrees that are kept.
 //!
-//! The opened nodes form the top of the tree, k - 1 of them over k kept subtrees. The new top takes the pairs of the old
-//! one. Where solids burst into pieces it is a few per cent of the tree.
+//! The opened nodes form the top of the tree, k - 1 of them over k kept subtrees. The new top takes
+//! the pairs of the old one. Where solids burst into pieces it is a few per cent of the tree.
 
 use bvh_build::{BuildOptions, Builder, rebuild};
 use bvh_core::{Bvh, MAX_HEIGHT, Node};
@@ -21,8 +21,9 @@ const FORKED: u32 = 8;
 // Half and double: docs/TUNING.md.
 const AHEAD: usize = 16;
 
-/// Builds the tree again above the frontier that was found, if there are at most `most` subtrees to keep. The baseline becomes the sum of all
-/// references and `leaves`, the cost of the leaves in units of the scale.
+/// Builds the tree again above the frontier that was found, if there are at most `most` subtrees to
+/// keep. The baseline becomes the sum of all references and `leaves`, the cost of the leaves in
+/// units of the scale.
 pub(super) fn rebuild_top(
     bvh: &mut Bvh,
     leaves: f64,
@@ -55,8 +56,9 @@ pub(super) fn rebuild_top(
     if after.all - opened.all >= 0.0 {
         return Repaired::Nothing;
     }
-    // A tree over k subtrees has k - 1 pairs below the root, each its own, as tasks write to them (`refit::share`). They
-    // may be fewer in a tree that was given with inner boxes which do not hold what is in them.
+    // A tree over k subtrees has k - 1 pairs below the root, each its own, as tasks write to them
+    // (`refit::share`). They may be fewer in a tree that was given with inner boxes which do not
+    // hold what is in them.
     let has_places = pairs.first().is_none_or(|&pair| pair > 1) && pairs.is_sorted_by(|a, b| a < b);
     if !has_places || top.nodes().len() != 2 * pairs.len() + 2 {
         return Repaired::TooLarge;
@@ -93,7 +95,8 @@ struct Grafted {
 }
 
 impl Graft<'_> {
-    /// Writes what is below node `n` of the new top. The order of the sums does not depend on the number of threads.
+    /// Writes what is below node `n` of the new top. The order of the sums does not depend on the
+    /// number of threads.
     fn write(&self, n: usize) -> Grafted {
         let node = &self.top.nodes()[n];
         if let &[subtree] = self.top.primitives(node) {

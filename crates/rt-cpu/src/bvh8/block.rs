@@ -22,7 +22,8 @@ pub(crate) struct Block {
 }
 
 impl Block {
-    /// A block of those of the primitives that can be hit: that are there and finite. Gives their number, too.
+    /// A block of those of the primitives that can be hit: that are there and finite. Gives their
+    /// number, too.
     pub(super) fn new(triangles: &Triangles<'_>, primitives: &[u32]) -> (Self, usize) {
         let mut block = Self::default();
         let mut count = 0;
@@ -50,8 +51,8 @@ impl Block {
         [at(&self.corners[0]), at(&self.corners[1]), at(&self.corners[2])]
     }
 
-    /// The closest of what a triangle test found, or finds where it was unsure, that comes before `best` and not
-    /// after `t_max`, and that `counts` is true for; else `best`.
+    /// The closest of what a triangle test found, or finds where it was unsure, that comes before
+    /// `best` and not after `t_max`, and that `counts` is true for; else `best`.
     #[inline(always)]
     pub(super) fn closest<S: Simd>(
         &self,
@@ -85,7 +86,8 @@ impl Block {
 
 /// A triangle test of one ray against four triangles, with the bits of [`Test::test`].
 pub(crate) trait BlockTest: Test {
-    /// Tests the triangles in `active`. Unless there is a faster way, all are left to [`Test::test`].
+    /// Tests the triangles in `active`. Unless there is a faster way, all are left to
+    /// [`Test::test`].
     #[inline(always)]
     fn block<S: Simd>(&self, simd: S, _: &Ray, _: &Block, active: u64) -> Found<f32x4<S>> {
         Found { unsure: active, ..Found::none(simd) }

@@ -9,8 +9,8 @@
 //!   its children's nodes side by side, and behind them what is below the first of them, below the second and so on
 //! ```
 //!
-//! What is below a node has its place in the arrays before it is made, so threads share out subtrees, and the arrays are
-//! the same for any number of threads.
+//! What is below a node has its place in the arrays before it is made, so threads share out
+//! subtrees, and the arrays are the same for any number of threads.
 
 use std::sync::atomic::AtomicU64;
 use std::sync::atomic::Ordering::Relaxed;
@@ -22,19 +22,20 @@ use rayon::Scope;
 use super::block::{Block, SIZE};
 use super::{LEAF, Node8, WIDTH};
 
-/// Height from which on the two sides of a binary node are planned at the same time: some thousand nodes in a good tree.
+/// Height from which on the two sides of a binary node are planned at the same time: some thousand
+/// nodes in a good tree.
 const TALL: u32 = 14;
 /// Blocks from which on subtrees are filled at the same time.
 const LARGE: u32 = 512;
 
-/// How to make the subtree below a pair of siblings into nodes of eight. Threads write plans of different pairs and
-/// read them after they have met.
+/// How to make the subtree below a pair of siblings into nodes of eight. Threads write plans of
+/// different pairs and read them after they have met.
 #[derive(Debug, Default)]
 pub(super) struct Plan {
     /// Its size if it becomes a node of eight: nodes in the upper half, blocks in the lower.
     size: AtomicU64,
-    /// Byte `i - 1`: how many of `i` children the left sibling gets; 0 where a node of eight is best. Byte 0: how many
-    /// of that node's children.
+    /// Byte `i - 1`: how many of `i` children the left sibling gets; 0 where a node of eight is
+    /// best. Byte 0: how many of that node's children.
     left: AtomicU64,
 }
 
@@ -75,7 +76,8 @@ fn share(count: u32) -> u32 {
     count.div_ceil(WIDTH as u32).next_multiple_of(SIZE as u32)
 }
 
-/// What planning a subtree gives to the one above: entry `i - 1` is for making it into `i` children.
+/// What planning a subtree gives to the one above: entry `i - 1` is for making it into `i`
+/// children.
 struct Below {
     /// In units of half area.
     costs: [f32; WIDTH],
@@ -169,7 +171,8 @@ impl Source<'_> {
             plan.size.store(1, Relaxed);
             return Below::one(area, count, Size { nodes: 0, blocks: 1 });
         }
-        // Moved right by as many places as the left sibling gets, beyond which nothing can be cheapest.
+        // Moved right by as many places as the left sibling gets, beyond which nothing can be
+        // cheapest.
         let mut moved = ([f32::INFINITY; 2 * WIDTH], [0; 2 * WIDTH]);
         moved.0[WIDTH..].copy_from_slice(&r.costs);
         moved.1[WIDTH..].copy_from_slice(&r.nodes);
@@ -270,8 +273,8 @@ impl Source<'_> {
         parts
     }
 
-    /// Collects the parts, `room` at most, that the binary node of number `n` is made into, `left` of them from its left
-    /// child; it is one itself if that is 0.
+    /// Collects the parts, `room` at most, that the binary node of number `n` is made into, `left`
+    /// of them from its left child; it is one itself if that is 0.
     fn collect(&self, n: u32, left: usize, room: usize, parts: &mut Parts) {
         let pair = self.node(n).first() as u32;
         if left == 0 {

@@ -11,7 +11,8 @@ use crate::Hit;
 use crate::scene::{Query, Work};
 use crate::simd::{load, max, min, splat3};
 
-/// Most that is put off at a time: seven children a level of the binary tree, and of what large leaves are cut into.
+/// Most that is put off at a time: seven children a level of the binary tree, and of what large
+/// leaves are cut into.
 const STACK: usize = (WIDTH - 1) * (MAX_HEIGHT as usize + 32) + 1;
 
 /// A ray in eight lanes, for as many boxes.
@@ -37,8 +38,9 @@ impl<S: Simd> Ray8<S> {
         }
     }
 
-    /// Tests eight boxes; see [`slab::enters`](bvh_core::slab::enters). Gives where the ray enters them, in the upper half
-    /// of each key, and what is in them, in the lower, and the mask of those that it does enter.
+    /// Tests eight boxes; see [`slab::enters`](bvh_core::slab::enters). Gives where the ray enters
+    /// them, in the upper half of each key, and what is in them, in the lower, and the mask of
+    /// those that it does enter.
     #[inline(always)]
     fn enter(&self, simd: S, node: &Node8, t_max: f32) -> ([u64; WIDTH], u64) {
         // Eight rows, so that there is nothing to check.
@@ -84,7 +86,8 @@ pub(crate) fn hit<S: Simd, T: BlockTest>(
             work.nodes += 1;
             let (keys, mut mask) = ray8.enter(simd, node, t_max);
             if mask != 0 {
-                // Bits of positive numbers are in their order: keys are in that of where the ray enters.
+                // Bits of positive numbers are in their order: keys are in that of where the ray
+                // enters.
                 let mut nearest = keys[mask.trailing_zeros() as usize & (WIDTH - 1)];
                 mask &= mask - 1;
                 let before = stack.len();

@@ -1,4 +1,5 @@
-//! What a frame costs for which nothing calls for an effect, beside a renderer that has never heard of any.
+//! What a frame costs for which nothing calls for an effect, beside a renderer that has never heard
+//! of any.
 
 use std::hint::black_box;
 use std::time::Instant;

@@ -247,8 +247,9 @@ fn ambient_occlusion_of_a_plane_and_of_a_closed_box() {
     assert!(near > 0.98 * plain, "{near} {plain}");
 }
 
-/// A wall at right angles to the ground hides half of the sky right at the corner, and at a distance d from it
-/// (1 - sqrt(1 / (1 + (h / d)^2))) / 2 if it is of height h and endless: the view factor of an edge.
+/// A wall at right angles to the ground hides half of the sky right at the corner, and at a
+/// distance d from it (1 - sqrt(1 / (1 + (h / d)^2))) / 2 if it is of height h and endless: the
+/// view factor of an edge.
 #[test]
 fn ambient_occlusion_beside_a_wall() {
     let (height, far) = (1.0, 40.0);
@@ -269,7 +270,8 @@ fn ambient_occlusion_beside_a_wall() {
     }
 }
 
-/// Nothing of a convex body under a constant sky sees anything but the sky: it has the sky's colour times its own.
+/// Nothing of a convex body under a constant sky sees anything but the sky: it has the sky's colour
+/// times its own.
 #[test]
 fn a_convex_body_in_a_furnace() {
     let sky = [0.3, 0.4, 0.5];
@@ -289,8 +291,8 @@ fn a_convex_body_in_a_furnace() {
     }
 }
 
-/// A light in the middle of a closed sphere gives its whole inside the same light c. With a diffuse colour r it looks
-/// r c (1 + r + r^2 + ...).
+/// A light in the middle of a closed sphere gives its whole inside the same light c. With a diffuse
+/// colour r it looks r c (1 + r + r^2 + ...).
 #[test]
 fn light_in_a_closed_sphere() {
     let ball = icosphere(4);
@@ -313,8 +315,9 @@ fn light_in_a_closed_sphere() {
     assert!((red - r / (1.0 - r)).abs() < 0.015 * r / (1.0 - r), "{red}");
 }
 
-/// From any point of a sphere's inside, a part of the sphere is seen with a weight that is its part of the area. If the
-/// part f is open to a sky L and the rest has the colour r, that looks B = r ((1 - f) B + f L).
+/// From any point of a sphere's inside, a part of the sphere is seen with a weight that is its part
+/// of the area. If the part f is open to a sky L and the rest has the colour r, that looks B = r
+/// ((1 - f) B + f L).
 #[test]
 fn an_integrating_sphere() {
     let mut ball = icosphere(4);
@@ -377,7 +380,8 @@ fn a_mirror_shows_what_is_above_it() {
         let stats = render(&bvh, &mesh, &camera, Some(&light), &options, &mut image);
         (image, stats)
     };
-    // The eye, the place on the mirror that it looks at, and the ball's middle, which is what it sees there.
+    // The eye, the place on the mirror that it looks at, and the ball's middle, which is what it
+    // sees there.
     let (eye, target, ball) =
         (Vec3::new(0.5, 3.0, -6.0), Vec3::new(0.5, 0.0, -3.0), Vec3::new(0.5, 3.0, 0.0));
     let (mirrored, stats) = see(eye, target);
@@ -430,7 +434,8 @@ fn mirrors_are_counted_from_the_last_bounce_on() {
     assert!(stats.rays_mirror > 8 * 400, "{}", stats.rays_mirror);
 }
 
-/// Holes against brute force with the same rule, for all traversals, triangle tests and both kinds of query.
+/// Holes against brute force with the same rule, for all traversals, triangle tests and both kinds
+/// of query.
 #[test]
 fn rays_pass_holes_as_the_rule_says() {
     let soup = random_soup(300, 1.5);

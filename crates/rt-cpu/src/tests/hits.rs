@@ -4,7 +4,8 @@ use super::*;
 
 const T_MAX: [f32; 5] = [f32::INFINITY, 1.0, 0.0, -1.0, f32::NAN];
 
-/// Single rays against brute force, in all tests, with small and large leaves. Gives the number of hits.
+/// Single rays against brute force, in all tests, with small and large leaves. Gives the number of
+/// hits.
 fn check_rays(soup: &Soup, rays: &[Ray]) -> usize {
     let t = soup.triangles();
     let mut hits = 0;
@@ -214,7 +215,8 @@ fn coordinates_from_tiny_to_huge() {
     check_rays(&extremes, &random_rays(50));
 }
 
-/// Over a direction so short, or so nearly along a plane, that one over it is infinite, boxes are entered at infinity.
+/// Over a direction so short, or so nearly along a plane, that one over it is infinite, boxes are
+/// entered at infinity.
 #[test]
 fn no_hit_is_infinitely_far() {
     let mut ground = Soup::default();

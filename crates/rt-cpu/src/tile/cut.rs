@@ -44,7 +44,8 @@ impl Cut {
         let mut count = 1;
         sizes[0] = size(&nodes[0]);
         'open: loop {
-            // From the last on, so that what takes the place of a node is never one still to be opened.
+            // From the last on, so that what takes the place of a node is never one still to be
+            // opened.
             let mut large = large(simd, &sizes);
             if large == 0 {
                 break;
@@ -111,8 +112,8 @@ fn size(node: &Node) -> f32 {
     if node.is_leaf() { 0.0 } else { f32::max(node.aabb().half_area(), 0.0) }
 }
 
-/// The places of all numbers from half the greatest on: opened together, they do not wait for each other's
-/// memory.
+/// The places of all numbers from half the greatest on: opened together, they do not wait for each
+/// other's memory.
 #[inline(always)]
 fn large<S: Simd>(simd: S, sizes: &[f32; CUT]) -> u64 {
     let [a, b, c] = [load::<S, V<S>, CUT>(simd, sizes, 0), load(simd, sizes, 16), load(simd, sizes, 32)];

@@ -12,8 +12,8 @@ use crate::scene::Scene;
 use crate::simd::{bits, load, max};
 use crate::wide::{RayOctant, Slab, V, WideTest};
 
-/// Tests the triangles of a leaf against those of the `N` rays from `at` on that are in `mask`: they enter its box, at
-/// `near` if that is known.
+/// Tests the triangles of a leaf against those of the `N` rays from `at` on that are in `mask`:
+/// they enter its box, at `near` if that is known.
 #[inline(always)]
 pub(super) fn test_leaf<S: Simd, T: WideTest, const ANY: bool, const N: usize>(
     simd: S,
@@ -119,8 +119,8 @@ fn test_group<S: Simd, T: WideTest, const ANY: bool>(
 fn write<S: Simd>(simd: S, mask: mask32x16<S>, new: V<S>, to: &mut [f32; LANES], at: usize) {
     let mut old: V<S> = load(simd, to, at);
     if S::f32s::LEN == 8 {
-        // Else the compiler stores with AVX2's masks, for which AMD's processors take many cycles: primary rays took
-        // 8 to 15 % longer on Zen 4 (`compare trace`, row `pivot avx2`).
+        // Else the compiler stores with AVX2's masks, for which AMD's processors take many cycles:
+        // primary rays took 8 to 15 % longer on Zen 4 (`compare trace`, row `pivot avx2`).
         old = black_box(old);
     }
     mask.select(new, old).store_slice(&mut to[at..at + GROUP]);

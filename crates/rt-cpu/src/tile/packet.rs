@@ -1,4 +1,5 @@
-//! Rays of a packet in the form in which they are tested, four groups of 16, and gathering of what is left into one.
+//! Rays of a packet in the form in which they are tested, four groups of 16, and gathering of what
+//! is left into one.
 
 use bytemuck::Zeroable;
 use fearless_simd::Simd;
@@ -16,7 +17,8 @@ pub(super) const GROUP: usize = 16;
 
 pub(super) const GROUP_MASK: u64 = (1 << GROUP) - 1;
 
-/// The groups of a packet; behind them one for rays gathered from several, and room for vectors that reach beyond.
+/// The groups of a packet; behind them one for rays gathered from several, and room for vectors
+/// that reach beyond.
 pub(super) const LANES: usize = PACKET + 2 * GROUP;
 
 /// Rays in a form to be tested, with their best hits so far.
@@ -133,7 +135,8 @@ impl Packet {
         Kinds { negative, longest }
     }
 
-    /// The greatest distance at which a ray in `mask`, or another of its group, still looks for a hit; or more.
+    /// The greatest distance at which a ray in `mask`, or another of its group, still looks for a
+    /// hit; or more.
     #[inline(always)]
     pub(super) fn farthest<S: Simd>(&self, simd: S, mask: u64) -> f32 {
         let mut t = V::<S>::simd_from(simd, -1.0);
@@ -145,8 +148,9 @@ impl Packet {
         t.reduce_max()
     }
 
-    /// The group in which all rays of a mask are, where it begins and which of its lanes they are: one of the packet's, or
-    /// the one behind it if there are few enough to be gathered there. The mask must not be 0.
+    /// The group in which all rays of a mask are, where it begins and which of its lanes they are:
+    /// one of the packet's, or the one behind it if there are few enough to be gathered there. The
+    /// mask must not be 0.
     #[inline(always)]
     pub(super) fn group_of<S: Simd, const ANY: bool>(&mut self, simd: S, mask: u64) -> Option<(usize, u64)> {
         let at = mask.trailing_zeros() as usize / GROUP * GROUP;
@@ -159,8 +163,8 @@ impl Packet {
         }
     }
 
-    /// Copies the rays in `mask`, no more than a group, behind the packet, and gives the mask of the copies. For `ANY`
-    /// hit they have none yet, or would not be looked at.
+    /// Copies the rays in `mask`, no more than a group, behind the packet, and gives the mask of
+    /// the copies. For `ANY` hit they have none yet, or would not be looked at.
     #[inline(always)]
     fn gather<S: Simd, const ANY: bool>(&mut self, simd: S, mask: u64) -> u64 {
         let all = (1 << mask.count_ones()) - 1;
@@ -212,7 +216,8 @@ impl Packet {
     }
 }
 
-/// Masks of the rays of a packet that go backwards along each axis, and of those that are longest along it.
+/// Masks of the rays of a packet that go backwards along each axis, and of those that are longest
+/// along it.
 pub(super) struct Kinds {
     pub(super) negative: [u64; 3],
     pub(super) longest: [u64; 3],

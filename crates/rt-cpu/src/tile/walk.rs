@@ -79,13 +79,13 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
     }
 }
 
-/// The two children, numbered from `first` on, each with the mask of the rays that enter it: first the one to visit
-/// now, then the one to put off. If rays enter only one, that comes first and the other's mask is 0; if rays enter
-/// both, the nearer along `along` comes first.
+/// The two children, numbered from `first` on, each with the mask of the rays that enter it: first
+/// the one to visit now, then the one to put off. If rays enter only one, that comes first and the
+/// other's mask is 0; if rays enter both, the nearer along `along` comes first.
 ///
-/// Branches on purpose: what is guessed right is fetched while boxes are still tested, which saves 4 to 6 % of the time
-/// of primary and shadow rays (`compare trace`, row `pivot avx512`). The compiler would sooner compute which child comes
-/// next; `black_box` keeps it from that.
+/// Branches on purpose: what is guessed right is fetched while boxes are still tested, which saves
+/// 4 to 6 % of the time of primary and shadow rays (`compare trace`, row `pivot avx512`). The
+/// compiler would sooner compute which child comes next; `black_box` keeps it from that.
 #[inline(always)]
 fn near_and_far(children: &[Node; 2], first: usize, along: Vec3, [l, r]: [u64; 2]) -> [(u32, u64); 2] {
     let (left, right) = ((first as u32, l), (first as u32 + 1, r));
@@ -106,7 +106,8 @@ fn near_and_far(children: &[Node; 2], first: usize, along: Vec3, [l, r]: [u64; 2
     [left, right]
 }
 
-/// The children of an inner node and the number of the first; what visiting them will need is asked for.
+/// The children of an inner node and the number of the first; what visiting them will need is asked
+/// for.
 #[inline(always)]
 fn open<'a>(scene: Scene<'a>, node: &Node, work: &mut Work) -> (usize, &'a [Node; 2]) {
     work.nodes += 1;
@@ -127,9 +128,11 @@ fn fetch(scene: Scene<'_>, node: &Node) {
     }
 }
 
-/// Asks for the pairs behind that of a node's children, which trees in depth-first order visit next, if rays enter it.
+/// Asks for the pairs behind that of a node's children, which trees in depth-first order visit
+/// next, if rays enter it.
 ///
-/// Six pairs save 1 to 6 % of the time of primary and shadow rays, three pairs about two thirds of that.
+/// Six pairs save 1 to 6 % of the time of primary and shadow rays, three pairs about two thirds of
+/// that.
 #[inline(always)]
 fn fetch_subtree(nodes: &[Node], node: &Node, mask: u64) {
     if mask != 0 && !node.is_leaf() {
@@ -149,8 +152,8 @@ fn enter<S: Simd>(simd: S, packet: &Packet, node: &Node, octant: &RayOctant, mas
     entered & mask
 }
 
-/// Walks the subtree at an inner node with rays of the group at `at`, all of which enter it, children in their order
-/// along `along`.
+/// Walks the subtree at an inner node with rays of the group at `at`, all of which enter it,
+/// children in their order along `along`.
 #[inline(always)]
 fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,

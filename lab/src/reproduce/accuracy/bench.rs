@@ -174,8 +174,8 @@ pub(super) fn fastest(runs: usize, mut run: impl FnMut()) -> f64 {
     least
 }
 
-/// The milliseconds of each of `count` contestants that take turns for `rounds` rounds, another first
-/// each time; `run` does a turn and gives its milliseconds. Ends early when interrupted.
+/// The milliseconds of each of `count` contestants that take turns for `rounds` rounds, another
+/// first each time; `run` does a turn and gives its milliseconds. Ends early when interrupted.
 ///
 /// A contestant's time is its median share of a round, times the shortest round: what else the
 /// machine does slows all turns of a round alike.

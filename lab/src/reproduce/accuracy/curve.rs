@@ -49,8 +49,8 @@ impl<'a> Curve<'a> {
         self.points.iter().copied().find(|point| point.setting == setting)
     }
 
-    /// The order of convergence, where settings are numbers of steps: the slope p of the line through
-    /// the logarithms of error = c / number^p that fits best.
+    /// The order of convergence, where settings are numbers of steps: the slope p of the line
+    /// through the logarithms of error = c / number^p that fits best.
     pub(super) fn order(&self) -> Option<f64> {
         let place = |point: &&Point| {
             let number: f64 = point.setting.split(' ').next()?.parse().ok()?;

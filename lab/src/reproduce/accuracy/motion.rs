@@ -10,15 +10,16 @@ use super::bench::{Log, fastest};
 use super::point::Point;
 use crate::{files, interrupt, stage};
 
-/// The simulations whose step is varied, and the steps between key frames that they have of their own.
+/// The simulations whose step is varied, and the steps between key frames that they have of their
+/// own.
 const SIMULATED: [(&str, usize); 2] = [("cloth-ball", 80), ("n-body", 32)];
 
 /// Part of the triangles of the cloth that is simulated again: 961 particles, so that the 476,160
 /// steps of its reference take a minute. Those of the balls, 202,752, take as long.
 const DETAIL: f32 = 0.02;
 
-/// Simulation steps, and spaces between key frames, as multiples of the scene's own number. Spaces are
-/// taken near these multiples where they divide those of the reference.
+/// Simulation steps, and spaces between key frames, as multiples of the scene's own number. Spaces
+/// are taken near these multiples where they divide those of the reference.
 const MULTIPLES: [f64; 8] = [0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 
 /// Key frames at which motions are compared; the last one, too.

@@ -1,5 +1,5 @@
-//! Samples per pixel against closed forms: a white furnace, a lit floor beside a wall, the shadow of
-//! a sphere. None of the three references shares code with the renderer.
+//! Samples per pixel against closed forms: a white furnace, a lit floor beside a wall, the shadow
+//! of a sphere. None of the three references shares code with the renderer.
 //!
 //! Several seeds tell bias (the error of their mean) from noise (their standard deviation).
 
@@ -59,8 +59,8 @@ fn lambert(point: DVec3, light: DVec3) -> f64 {
     (light - point).normalize().y
 }
 
-/// The sky that an endless wall of height h hides at distance d is (1 - 1 / sqrt(1 + (h / d)^2)) / 2:
-/// the view factor of an edge.
+/// The sky that an endless wall of height h hides at distance d is (1 - 1 / sqrt(1 + (h / d)^2)) /
+/// 2: the view factor of an edge.
 fn beside_the_wall(eye: DVec3, direction: DVec3) -> f64 {
     let point = on_ground(eye, direction);
     let hidden = 0.5 * (1.0 - 1.0 / (1.0 + (WALL / point.x).powi(2)).sqrt());

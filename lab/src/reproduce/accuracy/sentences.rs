@@ -10,15 +10,16 @@ const STRATEGY: &str = "refit+rotate";
 /// Trace times within this factor are equal for advice, if their noise is as large.
 const SAME: f64 = 1.05;
 
-/// The folder of `docs/benchmarks` with the rows that `docs/ACCURACY.md` shows: date, machine and revision.
+/// The folder of `docs/benchmarks` with the rows that `docs/ACCURACY.md` shows: date, machine and
+/// revision.
 macro_rules! published {
     () => {
         "2026-11-25-accuracy-epyc-zen4-13e1f9a"
     };
 }
 
-/// The three sentences, or, of points of named scenes alone, advice for each of these. Where nothing was measured the
-/// sentences are those of the rows that are published.
+/// The three sentences, or, of points of named scenes alone, advice for each of these. Where
+/// nothing was measured the sentences are those of the rows that are published.
 pub(crate) fn sentences(points: &[Point]) -> Vec<String> {
     const ROWS: &str = include_str!(concat!("../../../../docs/benchmarks/", published!(), "/accuracy.csv"));
     if points.is_empty() {

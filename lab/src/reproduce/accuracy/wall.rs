@@ -1,8 +1,8 @@
 //! Rays at edges and corners of a closed wall: which leak, and how far off distances are.
 //!
 //! The wall stands all across the view, and its vertices lie on rays through the middle of pixels:
-//! most rays of the picture meet an edge or a corner, as nearly as `f32` can tell, and every ray must
-//! hit. Distances are compared with where the ray meets the plane of the triangle in `f64`.
+//! most rays of the picture meet an edge or a corner, as nearly as `f32` can tell, and every ray
+//! must hit. Distances are compared with where the ray meets the plane of the triangle in `f64`.
 
 use std::hint::black_box;
 use std::time::Instant;

@@ -87,8 +87,8 @@ impl Table {
         }
     }
 
-    /// The finding by the usual rule: holds if something does in every scene, in part if in more than
-    /// half of them.
+    /// The finding by the usual rule: holds if something does in every scene, in part if in more
+    /// than half of them.
     pub(super) fn everywhere(&self, what: &str, holds: impl Fn(f64) -> bool) -> (String, Verdict, String) {
         let (verdict, near) = by_times([self], |[t]| graded(t.all(&holds), t.most(&holds)));
         (self.text(), verdict, self.scenes_where(what, holds) + &near)
@@ -122,7 +122,8 @@ pub(super) fn both(a: bool, b: bool) -> Verdict {
     graded(a && b, a || b)
 }
 
-/// The verdict that a rule gives on single ratios of times, with the names of those near a bound, as [`by_times`].
+/// The verdict that a rule gives on single ratios of times, with the names of those near a bound,
+/// as [`by_times`].
 pub(super) fn by_ratios<const N: usize>(
     named: [(&str, f64); N],
     rule: impl Fn([f64; N]) -> Verdict,

@@ -16,8 +16,8 @@ pub(super) fn moving(results: &Results) -> Vec<&SceneRun> {
     results.main_scenes().filter(|scene| scene.moves() && !scene.rows.is_empty()).collect()
 }
 
-/// How many times as fast frames are with rotations as with refitting alone, on the frames that both
-/// were measured on.
+/// How many times as fast frames are with rotations as with refitting alone, on the frames that
+/// both were measured on.
 pub(super) fn speedup(scene: &SceneRun) -> Option<f64> {
     frame_time(scene, "refit", "refit+rotate").filter(|ratio| ratio.is_finite())
 }
