@@ -159,6 +159,8 @@ pub(crate) fn cool(nodes: &mut [Node], root: usize, options: &Anneal) -> (u32, u
         }
     }
     nodes.copy_from_slice(&best);
+    // Not by climbing alone, which may be for no pass.
+    depth_first(nodes, &mut spare);
     let last = climb(nodes, root, &options.climb);
     (first.0 + options.passes + last.0, first.1 + rotations + last.1)
 }
@@ -254,8 +256,8 @@ mod tests {
     use bvh_core::{Aabb, Vec3};
 
     use super::*;
-    use crate::tests::streets;
-    use crate::{Builder, build};
+    use crate::tests::{options, streets};
+    use crate::{BuildOptions, Builder, build, build_with};
 
     fn start(boxes: &Vec<Aabb>) -> Bvh {
         build(boxes, Builder::Lbvh).expect("few enough")
@@ -298,6 +300,23 @@ mod tests {
             if !temperature.is_infinite() {
                 assert_eq!(hash, climbed.fingerprint());
             }
+        }
+    }
+
+    /// Rotations scatter nodes, and what follows needs them depth first.
+    #[test]
+    fn annealing_without_climbing_leaves_a_tree() {
+        let mut boxes = streets(2000);
+        for dropped in [false, true] {
+            if dropped {
+                boxes.iter_mut().step_by(100).for_each(|aabb| *aabb = Aabb::EMPTY);
+            }
+            // Greedy, from the first pass on.
+            let climb = HillClimb::default().with_passes(0);
+            let anneal = Anneal::default().with_passes(1).with_temperature(1e-9).with_climb(climb);
+            let options = BuildOptions { anneal, ..options(4) };
+            let bvh = build_with(&boxes, Builder::Annealed, &options).expect("few enough");
+            bvh.validate(&boxes).expect("valid");
         }
     }
 
