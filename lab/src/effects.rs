@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anim::PoseStats;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use bvh_core::Bvh;
 use bvh_update::{Rotate, Strategy, Updater};
 use rt_cpu::{Image, RenderOptions, RenderStats};
@@ -81,6 +81,7 @@ pub fn run(args: &Args) -> Result<()> {
     if !args.scenes.is_empty() {
         sources = args.scenes.iter().map(String::as_str).collect();
     }
+    args.out.iter().try_for_each(|path| files::ensure_writable(path))?;
     let mut plans = Vec::new();
     for source in &sources {
         plans.push(plan_row(source, args.detail)?);
@@ -88,7 +89,8 @@ pub fn run(args: &Args) -> Result<()> {
     let threads = args.threads.count();
     let tables = args.threads.pool()?.install(|| tables(args, &sources))?;
     if interrupt::requested() {
-        bail!("interrupted; the tables are not complete, so nothing is written");
+        files::remark("interrupted; the tables are not complete, so nothing is written");
+        return Ok(());
     }
     let chosen: String =
         args.scenes.iter().map(|source| format!(" --scene {}", stage::label(source))).collect();
@@ -234,11 +236,18 @@ pub(crate) struct Played {
     pub(crate) detail: f32,
     pub(crate) frames: usize,
     pub(crate) size: u32,
+    pub(crate) seed: u64,
+}
+
+impl Played {
+    fn options(&self) -> SceneOptions<'static> {
+        SceneOptions { detail: Some(self.detail), seed: self.seed, ..SceneOptions::default() }
+    }
 }
 
 /// What each effect of a scene costs.
 pub(crate) fn measure(source: &str, clip: Option<&str>, played: Played) -> Result<Vec<Cost>> {
-    let options = SceneOptions { detail: Some(played.detail), ..SceneOptions::default() };
+    let options = played.options();
     let scene = stage::load_with(source, clip, options.clone())?;
     let own = scene.effects;
     let mut scene = Some(scene);
@@ -263,8 +272,7 @@ pub(crate) fn measure(source: &str, clip: Option<&str>, played: Played) -> Resul
 /// The counts of effects that nothing in a scene calls for, planned all the same, and the
 /// milliseconds of a frame without them, once more without them, and with them.
 fn absent(source: &str, played: Played) -> Result<String> {
-    let options = SceneOptions { detail: Some(played.detail), ..SceneOptions::default() };
-    let scene = stage::load_with(source, None, options)?;
+    let scene = stage::load_with(source, None, played.options())?;
     let own = scene.effects;
     let mut scene = Some(scene);
     let mut play = |effects| play(played, &mut scene, effects);
@@ -292,7 +300,7 @@ fn absent(source: &str, played: Played) -> Result<String> {
 /// The table of costs, and that of effects which are planned though nothing calls for them.
 fn tables(args: &Args, sources: &[&str]) -> Result<String> {
     let (mut rows, mut absences) = (COSTS.to_owned(), ABSENT.to_owned());
-    let played = Played { detail: args.detail, frames: args.frames as usize, size: args.size };
+    let played = Played { detail: args.detail, frames: args.frames as usize, size: args.size, seed: 0 };
     for &source in sources {
         if interrupt::requested() {
             break;

@@ -40,6 +40,12 @@ pub(crate) fn ensure_replaceable(path: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Checks before a measurement that a file can be written after it; makes its folder.
+pub(crate) fn ensure_writable(path: &Path) -> Result<()> {
+    make_folder(folder_of(path))?;
+    ensure_replaceable(path)
+}
+
 /// Writes a file under a short temporary name beside its final place and renames it.
 pub(crate) fn write_whole(path: &Path, content: &[u8]) -> Result<()> {
     ensure_replaceable(path)?;

@@ -113,8 +113,9 @@ pub fn run(args: &Args) -> Result<()> {
     let scene = stage::load_with(&args.scene, args.clip.as_deref(), options)?;
     let (count, label) = (scene.frames.max(1), stage::label(&args.scene));
     let frame = args.frame.unwrap_or(0);
+    let last = args.frames.as_ref().map_or(frame, |frames| frames.end - 1);
+    ensure!(last < count, "{label}: no frame {last}; its frames are 0 to {}", count - 1);
     let wanted = args.frames.clone().unwrap_or(frame..frame + 1);
-    ensure!(wanted.end <= count, "{label}: no frame {}; its frames are 0 to {}", wanted.end - 1, count - 1);
     for note in &scene.notes {
         files::remark(&format!("note: {note}"));
     }

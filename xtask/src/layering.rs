@@ -129,16 +129,29 @@ fn rust_files(folder: &Path) -> Result<Vec<std::path::PathBuf>> {
 /// not import.
 fn imports_against(text: &str, rank: usize) -> impl Iterator<Item = &'static str> {
     let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
-    let lines = code.lines().filter(|line| !line.trim_start().starts_with("//"));
-    // One name, or several in braces.
-    let names = |rest: &str| -> Vec<String> {
-        let all = rest.strip_prefix('{').map_or(rest, |list| list.split('}').next().unwrap_or_default());
-        let first = |part: &str| {
-            part.trim().split(|c: char| !c.is_ascii_alphanumeric() && c != '_').next().map(str::to_owned)
-        };
-        all.split(',').filter_map(first).collect()
+    let lines: Vec<_> = code.lines().filter(|line| !line.trim_start().starts_with("//")).collect();
+    let nesting = |c: char| i32::from(c == '{') - i32::from(c == '}');
+    let first = |part: &str| {
+        let is_name = |c: &char| c.is_ascii_alphanumeric() || *c == '_';
+        part.trim().chars().take_while(is_name).collect::<String>()
     };
-    let named: Vec<String> = lines.flat_map(|line| line.split("crate::").skip(1)).flat_map(names).collect();
+    // One name, or several in braces, some with names in braces behind them.
+    let names = |rest: &str| -> Vec<String> {
+        let Some(list) = rest.strip_prefix('{') else { return vec![first(rest)] };
+        let mut depth = 1;
+        let mut is_end = |c| {
+            depth += nesting(c);
+            depth == 0
+        };
+        let list = &list[..list.find(&mut is_end).unwrap_or(list.len())];
+        let mut depth = 0;
+        let mut is_between = |c| {
+            depth += nesting(c);
+            depth == 0 && c == ','
+        };
+        list.split(&mut is_between).map(first).collect()
+    };
+    let named: Vec<String> = lines.join(" ").split("crate::").skip(1).flat_map(names).collect();
     UPDATE_MODULES[rank + 1..].iter().copied().filter(move |module| named.iter().any(|name| name == module))
 }
 
@@ -153,6 +166,10 @@ mod tests {
         assert!(against("use crate::refit::pass;\n/// See crate::auto.\n").is_empty());
         assert_eq!(against("use crate::refit::pass;\nuse crate::repair::{RepairScratch};\n"), ["repair"]);
         assert_eq!(against("use crate::{leaves, refit};\n"), ["leaves"]);
+        assert_eq!(
+            against("use crate::{\n    refit::{pass, plain},\n    leaves,\n};\nauto(1, 2)"),
+            ["leaves"]
+        );
         assert!(against("#[cfg(test)]\nmod tests {\n    use crate::auto::Auto;\n}").is_empty());
         let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates/bvh-update/src");
         assert_eq!(module_violations(&source).unwrap(), Vec::<String>::new());

@@ -209,11 +209,7 @@ pub fn run(args: &Args) -> Result<()> {
     let device = embree.as_ref().map(|embree| embree.device(1)).transpose()?;
     ensure_known(args.what, &args.only, device.as_ref())?;
     let mut report = Report::new(device.map(|device| device.version()));
-    if let Some(path) = &args.json {
-        // Better to fail now than after the measurements.
-        path.parent().map_or(Ok(()), files::make_folder)?;
-        files::ensure_replaceable(path)?;
-    }
+    args.json.iter().chain(&args.chart).try_for_each(|path| files::ensure_writable(path))?;
     files::print(&report.heading())?;
 
     let (start, count) = (Instant::now(), loaded.len());

@@ -33,6 +33,9 @@ pub(crate) struct Row {
     /// Primary rays with another answer than the reference: hit or miss, or a distance off by more
     /// than 0.1 %.
     pub(crate) different: u64,
+    /// Pixels that are lit in one and in shadow in the other.
+    #[serde(default)]
+    pub(crate) shadows_different: u64,
     /// Primary rays cast for comparison.
     pub(crate) rays: u64,
     /// Whether hits, lit pixels and answers are the reference's, within the bounds of
@@ -57,7 +60,10 @@ impl Row {
     /// Where a row belongs, for messages.
     pub(super) fn place(&self) -> String {
         let Self { what, scene, contestant, threads, different, rays, .. } = self;
-        format!("{what} of {scene}, {contestant}, {threads} threads ({different} of {rays} rays)")
+        let shadows = self.shadows_different;
+        format!(
+            "{what} of {scene}, {contestant}, {threads} threads ({different} of {rays} rays, {shadows} of their shadows)"
+        )
     }
 }
 
@@ -79,7 +85,7 @@ impl Record {
         let times = Spread::of(self.times_ms.iter().copied());
         let time = |of: fn(Spread) -> f64| times.map_or(0.0, of);
         let costs = Spread::of(self.costs.iter().copied());
-        let Answers { rays, hits, different, lit, t_sum, .. } = self.answers;
+        let Answers { rays, hits, different, shadows_different, lit, t_sum } = self.answers;
         Row {
             what: what.to_owned(),
             scene: on.scene.clone(),
@@ -99,6 +105,7 @@ impl Record {
             rays,
             hits,
             different,
+            shadows_different,
             lit,
             t_sum,
             agrees: self.answers.agrees_with(reference),

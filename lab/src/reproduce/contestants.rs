@@ -121,9 +121,7 @@ impl Method {
     /// The same, with the number of rays that each tree is for.
     pub(crate) fn for_rays(self, rays: u64) -> Self {
         match self {
-            Self::Strategy(Strategy::Auto(_)) => {
-                Self::Strategy(Strategy::Auto(Auto { load: Load::PacketRays(rays) }))
-            }
+            Self::Strategy(strategy) => Self::Strategy(for_rays(strategy, rays)),
             other => other,
         }
     }
@@ -151,6 +149,14 @@ impl Method {
     /// Whether the tree depends on the current frame only.
     pub(crate) fn rebuilds(&self) -> bool {
         matches!(self, Self::Strategy(Strategy::Rebuild(..)) | Self::Rebuild(..))
+    }
+}
+
+/// A strategy for trees that are each for that number of rays in packets.
+pub(super) fn for_rays(strategy: Strategy, rays: u64) -> Strategy {
+    match strategy {
+        Strategy::Auto(_) => Strategy::Auto(Auto { load: Load::PacketRays(rays) }),
+        other => other,
     }
 }
 

@@ -42,10 +42,9 @@ pub(super) struct Between {
 /// on the frame in one run of three.
 pub(super) const SHORT_MS: f64 = 2.0;
 pub(super) const MOST_TWINS: f64 = 5.0;
-/// Updates and pictures that are longer than this have one turn. Second turns of what takes 20 to
-/// 40 ms took 23 s of a run of 7 min 40 s (`cargo xtask reproduce fig4 fig5 fig6 claims --preset
-/// standard`, EPYC Zen 4, 2 cores, 2026-11-26, revision 41c499d).
-pub(super) const LONG_MS: f64 = 20.0;
+/// Updates and pictures that are longer than this have one turn. Second turns on rows alone took
+/// 74 s of a run of 12 min 56 s (docs/benchmarks/2026-11-26-reproduce-epyc-zen4-a8b1f89).
+pub(super) const LONG_MS: f64 = 40.0;
 
 impl Lane {
     pub(super) fn new(

@@ -78,7 +78,7 @@ const SUPPLEMENTS: [(&str, &[&str], &[&str]); 2] = [
 
 /// How much of a scene is played for what its effects cost: they are compared with one another, so
 /// small scenes and pictures do (`cargo xtask effects` plays more).
-const EFFECTS: Played = Played { detail: 0.05, frames: 6, size: 128 };
+const EFFECTS: Played = Played { detail: 0.05, frames: 6, size: 128, seed: 0 };
 
 /// A scene to run: not loaded until its turn comes, unless it is a file, which may be broken.
 #[derive(Default)]
@@ -118,7 +118,7 @@ pub fn run(args: &Args) -> Result<()> {
     let (folder, summary) = (out.file(""), out.file("summary.json"));
     if args.resume && summary.exists() {
         let saved = saved::load(&folder)?;
-        saved.ensure_same(&results, &folder)?;
+        saved.ensure_same(&results, &entries, &folder)?;
         results.accuracy = take_over(saved, &mut entries);
     } else {
         if args.resume {
@@ -128,6 +128,8 @@ pub fn run(args: &Args) -> Result<()> {
         // First of all: with new rows beside it, it would name scenes as finished that have none.
         files::remove_old(&summary)?;
     }
+    // It would be mistaken for this run's.
+    files::remove_old(&out.file("report.html"))?;
     let mut bench = Bench::new(args, &results, &out, embree, &entries)?;
 
     let (start, count) = (Instant::now(), entries.len());
@@ -226,7 +228,8 @@ impl<'a> Bench<'a> {
         let rows = before().flat_map(|run| run.rows.clone()).collect::<Vec<_>>();
         let speeds = before().flat_map(|run| run.speed_rows.clone()).collect::<Vec<_>>();
         let peers = before().flat_map(|run| run.peers.clone()).collect::<Vec<_>>();
-        let any_speeds = entries.iter().any(|entry| args.runs_speeds(&entry.label));
+        let any_speeds =
+            entries.iter().any(|entry| entry.supplement.is_none() && args.runs_speeds(&entry.label));
         let [accuracy, beside] = [Experiment::Accuracy, Experiment::Peers].map(|e| args.runs(e));
         Ok(Self {
             args,
@@ -248,12 +251,12 @@ impl<'a> Bench<'a> {
         let (mut stage, build_ms) = stage::timed(loaded.map_or_else(|| args.load(&source), Ok)?)?;
         let plan = self.plan(stage.triangles().indices.len(), supplement);
         let facts = facts(&stage, build_ms, &plan, label.clone(), !is_main);
-        let mut run = SceneRun { facts, ..SceneRun::default() };
+        let mut run = SceneRun { facts, checks: before.checks, ..SceneRun::default() };
         let mut points = Vec::new();
         if args.runs_frames() {
             self.frames(&mut run, &mut stage, &plan, before.rows)?;
         }
-        if args.runs_speeds(&label) {
+        if is_main && args.runs_speeds(&label) {
             self.speeds(&mut run, &mut stage, &plan, before.speed_rows)?;
         }
         let for_claims = args.runs(Experiment::Claims) && is_main;
@@ -265,7 +268,8 @@ impl<'a> Bench<'a> {
             run.offline = offline::measure(&mut stage, plan.values.size)?;
         }
         if args.runs(Experiment::Effects) && is_main && !interrupt::requested() {
-            run.facts.effect_costs = effects::measure(&source, args.clip.as_deref(), EFFECTS)?;
+            let played = Played { seed: self.settings.seed, ..EFFECTS };
+            run.facts.effect_costs = effects::measure(&source, args.clip.as_deref(), played)?;
         }
         if let Some(journal) = self.points.as_mut().filter(|_| is_main && args.measures_accuracy_of(&label)) {
             points = accuracy::of_scene(&label, &mut stage, &args.effort(run.facts.triangles), journal)?;
@@ -290,7 +294,11 @@ impl<'a> Bench<'a> {
             values.pictures = 0;
         }
         let Settings { threads, seed, .. } = self.settings;
-        Plan { contestants, values, measure_every: values.interval(triangles), threads, seed }
+        let measure_every = values.interval(triangles);
+        if measure_every > values.interval(0) {
+            values.turns = 1;
+        }
+        Plan { contestants, values, measure_every, threads, seed }
     }
 
     /// Figures 4 and 6: all strategies, side by side.

@@ -10,6 +10,7 @@ use rt_cpu::{Image, RenderOptions, Traversal};
 use scenes::LightEffects;
 use serde::{Deserialize, Serialize};
 
+use crate::compare::turns;
 use crate::interrupt;
 use crate::stage::{Stage, draw, ms};
 
@@ -47,7 +48,8 @@ pub(crate) fn measure(stage: &mut Stage, size: u32) -> Result<Vec<OfflineTree>> 
     let mut image = Image::new(size, size);
     // The first picture through each tree warms up and does not count.
     for sample in 0..=PICTURES {
-        for (tree, bvh) in &mut trees {
+        for i in turns(trees.len(), sample as usize) {
+            let (tree, bvh) = &mut trees[i];
             // One by one, through the tree that was annealed: a wider view of it would be optimised
             // again.
             let traversal = Traversal::Single;

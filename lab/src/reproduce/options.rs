@@ -75,7 +75,8 @@ pub struct Args {
     /// Loops, not necessarily whole [default: by preset]
     #[arg(long, value_name = "X", value_parser = loops)]
     loops: Option<f64>,
-    /// Pixels on each side of the image [default: by preset]
+    /// Pixels on each side of the image; `accuracy` takes 512 at most without --preset full
+    /// [default: by preset]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8192))]
     size: Option<u32>,
     #[command(flatten)]
@@ -128,6 +129,8 @@ impl Args {
             ("--strategy", !self.strategies.is_empty(), frames, "fig4, fig6 and claims"),
             ("--frames", self.frames.is_some(), frames || accuracy, "fig4, fig6, claims and accuracy"),
             ("--loops", self.loops.is_some(), frames || speeds, "fig4, fig5, fig6 and claims"),
+            ("--size", self.size.is_some(), frames || speeds || accuracy || peers, "all but effects"),
+            ("--traversal", self.traversal.is_some(), frames || speeds, "fig4, fig5, fig6 and claims"),
             ("--embree", self.embree.is_some(), peers, "peers, which runs only if named"),
             ("--clip", self.clip.is_some(), !self.scenes.is_empty(), "a glTF file, named with --scene"),
         ] {

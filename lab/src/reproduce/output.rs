@@ -18,15 +18,13 @@ pub(super) struct Output {
 }
 
 impl Output {
-    /// Makes the folder and those in it, and removes a report that would be mistaken for this
-    /// run's.
+    /// Makes the folder and those in it.
     pub(super) fn prepare(folder: PathBuf) -> Result<Self> {
         files::make_folder(&folder)?;
         let out = Self { _lock: files::lock(&folder)?, folder };
         for folder in [out.file("figures"), out.file("images")] {
             files::make_folder(&folder)?;
         }
-        files::remove_old(&out.file("report.html"))?;
         Ok(out)
     }
 

@@ -130,7 +130,7 @@ impl Values {
             }),
             samples.then(|| {
                 format!(
-                    "every frame updated, one in {few} measured, in scenes above {MANY} triangles one in {many}; accuracy of \
+                    "every frame updated, one in {few} measured, in scenes above {MANY} triangles one in {many}, there in one turn; accuracy of \
                      trees of those over a fifth of the loop, without annealing"
                 )
             }),

@@ -7,6 +7,8 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 
+use super::Entry;
+use super::check::Checks;
 use super::contestants::plays_alone;
 use super::journal;
 use super::record::Row;
@@ -75,9 +77,9 @@ fn take(rows: &mut [Vec<Row>; 2], label: &str) -> [Vec<Row>; 2] {
 }
 
 impl Saved {
-    /// What was measured on a scene: all, or else rows without those of an incomplete last step. A
-    /// step of the strategies that take turns has `strategies` rows, of figure 5 those of
-    /// [`speed_strategies`].
+    /// What was measured on a scene: all, or else rows without those of an incomplete last step,
+    /// and what differed. A step of the strategies that take turns has as many rows as the first,
+    /// at most `strategies`; of figure 5 those of [`speed_strategies`].
     pub(super) fn scene(&mut self, label: &str, strategies: usize) -> SceneRun {
         let at = self.results.scenes.iter().position(|run| run.facts.label == label);
         let run = at.map(|at| self.results.scenes.remove(at)).unwrap_or_else(|| {
@@ -87,19 +89,27 @@ impl Saved {
         if run.facts.finished {
             return run;
         }
-        let rows = whole_steps(run.rows, strategies);
+        let rows_a_step = rows_of_first_step(&run.rows).unwrap_or(strategies);
+        let rows = whole_steps(run.rows, rows_a_step);
         let rows_a_step = run.speed_rows.last().map_or(0, |row| speed_strategies(row.frames_per_loop).len());
         let speed_rows = whole_steps(run.speed_rows, rows_a_step);
-        SceneRun { rows, speed_rows, ..SceneRun::default() }
+        let Checks { differences, first_difference, .. } = run.checks;
+        let checks = Checks { differences, first_difference, ..Checks::default() };
+        SceneRun { rows, speed_rows, checks, ..SceneRun::default() }
     }
 
-    /// Whether going on with it makes one run: the same settings, revision and machine.
-    pub(super) fn ensure_same(&self, now: &Results, folder: &Path) -> Result<()> {
+    /// Whether going on with it makes one run: the same settings, revision and machine, and
+    /// `entries` for all scenes that it has rows of.
+    pub(super) fn ensure_same(&self, now: &Results, entries: &[Entry], folder: &Path) -> Result<()> {
         let settings = |of: &Results| Settings { command: String::new(), ..of.settings.clone() };
         let machine = |of: &Results| (of.machine.cpu.clone(), of.machine.simd.clone(), of.machine.cores);
         let before = &self.results;
+        let of_scenes = before.scenes.iter().map(|run| run.facts.label.as_str());
+        let mut labels = of_scenes.chain(self.rest.iter().flatten().map(|row| row.scene.as_str()));
+        let has_all = labels.all(|label| entries.iter().any(|entry| entry.label == label));
         for (what, same) in [
             ("settings", settings(before) == settings(now)),
+            ("scenes", has_all),
             ("a revision", before.revision == now.revision),
             ("a machine", machine(before) == machine(now)),
         ] {
@@ -112,6 +122,17 @@ impl Saved {
         }
         Ok(())
     }
+}
+
+/// How many rows the first step of the strategies that take turns has, if there are more steps.
+fn rows_of_first_step(rows: &[Row]) -> Option<usize> {
+    let step = |row: &Row| (row.round, row.frame);
+    let first = rows.first().map(step)?;
+    let mut in_turns = rows.iter().filter(|row| !plays_alone(&row.strategy));
+    in_turns
+        .clone()
+        .any(|row| step(row) != first)
+        .then(|| in_turns.by_ref().filter(|row| step(row) == first).count())
 }
 
 fn whole_steps(mut rows: Vec<Row>, rows_a_step: usize) -> Vec<Row> {
@@ -127,6 +148,18 @@ fn whole_steps(mut rows: Vec<Row>, rows_a_step: usize) -> Vec<Row> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_first_step_says_how_many_rows_make_one() {
+        let row = |frame, strategy: &str| Row { frame, strategy: strategy.to_owned(), ..Row::default() };
+        let mut rows = vec![row(0, "refit"), row(0, "auto")];
+        assert_eq!(rows_of_first_step(&rows), None, "it may be incomplete");
+        rows.push(row(0, "asynchronous"));
+        assert_eq!(rows_of_first_step(&rows), None);
+        rows.insert(2, row(5, "refit"));
+        assert_eq!(rows_of_first_step(&rows), Some(2));
+        assert_eq!(rows_of_first_step(&[]), None);
+    }
 
     #[test]
     fn only_an_incomplete_last_step_is_measured_again() {

@@ -10,6 +10,7 @@ use bvh_update::{Rotate, Strategy, Updater};
 use super::bench::{Bench, Over, fastest};
 use super::point::Point;
 use crate::interrupt;
+use crate::reproduce::contestants::for_rays;
 use crate::stage::ms;
 
 /// Brings a tree up to date; gives the milliseconds of that, and the height.
@@ -38,7 +39,9 @@ impl Entrant {
 
     fn of(strategy: Strategy, setting: String, bench: &Bench<'_>) -> Result<Self> {
         let (name, tree) = (setting.clone(), Bvh::clone(&bench.stage.first_tree));
-        let mut updater = Updater::new(strategy);
+        let is_default = name == Strategy::default().name();
+        let rays = 2 * u64::from(bench.log.effort.size).pow(2);
+        let mut updater = Updater::new(for_rays(strategy, rays));
         let mut update: Update = Box::new(move |tree, triangles| {
             let start = Instant::now();
             let done = updater.update(tree, triangles);
@@ -48,7 +51,7 @@ impl Entrant {
         // It finds its memory, on a tree that is thrown away.
         update(&mut tree.clone(), &bench.stage.triangles())?;
         let rebuilds = matches!(strategy, Strategy::Rebuild(..));
-        Ok(Self { rebuilds, ..Self::new(setting, strategy == Strategy::default(), tree, update) })
+        Ok(Self { rebuilds, ..Self::new(setting, is_default, tree, update) })
     }
 }
 

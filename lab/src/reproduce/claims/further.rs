@@ -99,7 +99,12 @@ pub(super) fn fast_motion(results: &Results, b: &Bounds) -> Finding {
         let over = sum(scene, 20, SPEED_STRATEGY, 0).map_or(f64::NAN, |own| own / time);
         why += &format!("; {over:.2} of {name}");
     }
-    if let Some((middle, slow)) = sum(scene, 100, SPEED_STRATEGY, 0).zip(sum(scene, 500, SPEED_STRATEGY, 0)) {
+    let mean = |frames| {
+        let is_of = |row: &&Row| row.frames_per_loop == frames && row.strategy == SPEED_STRATEGY;
+        let count = scene.speed_rows.iter().filter(is_of).count();
+        Some(sum(scene, frames, SPEED_STRATEGY, 0)? / count as f64)
+    };
+    if let Some((middle, slow)) = mean(100).zip(mean(500)) {
         why += &format!("; frames of the loop of 100 take {:.2} of those of 500", middle / slow);
     }
     Ok((format!("{} {all:.2}", scene.facts.label), verdict, why))
