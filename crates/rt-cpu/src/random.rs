@@ -29,19 +29,23 @@ impl Stream {
 
     /// Point `n` of a sequence that fills the unit square evenly, moved about by numbers 0 and 1 of
     /// this stream: the additive recurrence of Roberts, *The Unreasonable Effectiveness of
-    /// Quasirandom Sequences*, 2018.
+    /// Quasirandom Sequences*, 2018, in two dimensions.
     pub(crate) fn even(self, n: u64) -> [f32; 2] {
         [0, 1].map(|k| fraction(splitmix(self.0, k).wrapping_add(n.wrapping_mul(PLASTIC[k as usize]))))
     }
 }
 
-/// Where in a pixel sample `n` is taken: the middle for the first, the same for all pixels.
+/// Where in a pixel sample `n` is taken: the middle for the first, the same for all pixels. Other
+/// steps than those of [`Stream::even`]: with the same, a place in the pixel would have one
+/// direction, and no number of samples would give the mean over both.
 pub(crate) fn in_pixel(n: u32) -> [f32; 2] {
-    PLASTIC.map(|step| fraction((1u64 << 63).wrapping_add(u64::from(n).wrapping_mul(step))))
+    FOURTH.map(|step| fraction((1u64 << 63).wrapping_add(u64::from(n).wrapping_mul(step))))
 }
 
-/// 2^64 times the reciprocals of the plastic number and of its square.
+/// 2^64 times the reciprocals of the plastic number (x^3 = x + 1) and of its square.
 const PLASTIC: [u64; 2] = [0xc13f_a9a9_02a6_328f, 0x91e1_0da5_c79e_7b1c];
+/// 2^64 times the last two steps in four dimensions: x^-3 and x^-4 where x^5 = x + 1.
+const FOURTH: [u64; 2] = [0xa0f2_ec75_a1fe_1575, 0x89e1_8285_7d9e_d688];
 
 fn mix(z: u64) -> u64 {
     let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -84,6 +88,20 @@ mod tests {
             cells[(x * 4.0) as usize * 4 + (y * 4.0) as usize] += 1;
         }
         assert!(cells.iter().all(|&c| (95..=105).contains(&c)), "{cells:?}");
+    }
+
+    /// The half of a pixel and the half of the directions: a quarter of all.
+    #[test]
+    fn places_in_a_pixel_and_directions_are_independent() {
+        const SAMPLES: u32 = 4096;
+        for pixel in 0..100 {
+            let stream = Stream::new(7, pixel, 3);
+            for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                let is_in = |&n: &u32| in_pixel(n)[i] < 0.5 && stream.even(n.into())[j] < 0.5;
+                let part = (0..SAMPLES).filter(is_in).count() as f32 / SAMPLES as f32;
+                assert!((part - 0.25).abs() < 0.01, "{part} of pixel {pixel}, {i} and {j}");
+            }
+        }
     }
 
     #[test]

@@ -527,7 +527,7 @@ fn textures_are_seen_where_texture_coordinates_say() {
     render(&bvh, &mesh, &camera, None, &options, &mut image);
     for (pixel, texel) in image.pixels().iter().zip(TEXELS) {
         // The light is at the eye and the surface faces it, nearly.
-        let factor = |k: usize| pixel[k] / texture.sample(Vec2::ZERO).map(|_| 1.0)[k];
+        let factor = |k: usize| pixel[k];
         let brightest = (0..3).max_by_key(|&k| texel[k]).unwrap_or(0);
         seen.push((0..3).max_by(|&a, &b| factor(a).total_cmp(&factor(b))).unwrap_or(3) == brightest);
     }
