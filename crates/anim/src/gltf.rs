@@ -7,7 +7,7 @@
 //! transforms, skins (3.7.3.3), morph targets (3.7.2.2), clips (3.11), sparse and quantised
 //! accessors (3.6.2), the first perspective camera and the first light. Blended surfaces are there
 //! where at least half opaque; smooth metals are mirrors, and all other surfaces diffuse, with two
-//! sides.
+//! sides. Against 3.7.2.1, primitives without normals are shaded smooth where they share vertices.
 
 mod accessor;
 mod material;
@@ -191,9 +191,13 @@ impl<'a> Loader<'a> {
             animation.topology.texcoords.resize(animation.topology.vertex_count, Vec2::ZERO);
         }
         animation.notes = add_textures(&mut animation.topology, accessors)?;
-        if left_out > 0 {
-            let note = format!("{left_out} primitives of points or lines are left out");
-            animation.notes.insert(0, note);
+        for (left_out, what) in [
+            (channels.left_out, "animation channels for anything but transforms and weights"),
+            (left_out, "primitives of points or lines"),
+        ] {
+            if left_out > 0 {
+                animation.notes.insert(0, format!("{left_out} {what} are left out"));
+            }
         }
         animation.camera = Camera::first(root, &scene);
         animation.light = LightSource::first(root, &scene, &animation.rest)?;

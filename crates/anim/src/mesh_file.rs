@@ -38,8 +38,8 @@ pub(crate) fn format_of(file: &Path) -> Option<&'static str> {
 ///
 /// PLY may be ascii or binary of either byte order, with coordinates of any number type (rounded to
 /// the nearest f32). Polygons become fans of triangles. An OBJ file gives a part for each run of
-/// faces of one object and material, with the `Kd` of its .mtl file, if that is beside it. Corners
-/// of STL triangles in one place become one vertex.
+/// faces of one object and material, with the `Kd` of its .mtl file, if that is beside it. An STL
+/// file gives a part for each solid; corners of its triangles with the same bits become one vertex.
 ///
 /// # Errors
 /// If the bytes are malformed or hold no triangles.

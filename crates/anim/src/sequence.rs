@@ -56,7 +56,8 @@ fn mesh_files(directory: &Path) -> Result<Vec<PathBuf>, LoadError> {
         // Hidden files are what some systems leave beside the real ones.
         let hidden = file.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
         // A frame that cannot be read must not be missed out, so that what is no folder is tried.
-        if format_of(&file).is_some() && !hidden && !file.is_dir() {
+        let is_frame = format_of(&file).is_some_and(|format| format != "stl");
+        if is_frame && !hidden && !file.is_dir() {
             files.push(file);
         }
     }

@@ -59,7 +59,8 @@ pub(crate) fn blended(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let animation = KeyFrames::new(topology, frames, seconds, LoopMode::Restart)?;
     let mut effects = rigid.effects;
     (effects.motion.rigid, effects.motion.key_frames) = (false, true);
-    Ok(Scene { animation: Box::new(animation), key_bytes, effects, ..rigid })
+    let name = "exploding-dragon:blended".to_owned();
+    Ok(Scene { name, animation: Box::new(animation), key_bytes, effects, ..rigid })
 }
 
 /// Away from the stone and up, faster where it is near, and spinning.

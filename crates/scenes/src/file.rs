@@ -16,7 +16,7 @@ const BOUND_SAMPLES: usize = 32;
 /// Frames per second of animations that do not come with a number of frames.
 const FRAME_RATE: f64 = 24.0;
 /// Frames of an animation that lasts longer are further apart.
-const MOST_FRAMES: f64 = 1e6;
+const MOST_FRAMES: usize = 1_000_000;
 
 pub(crate) fn scene(path: &Path, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, LoadError> {
     let textures = options.light.is_none_or(|light| light.textures || light.alpha);
@@ -61,9 +61,12 @@ pub fn scene_of(path: &Path, animation: Box<dyn Animation>) -> Scene {
             motion: MotionEffects::of(animation.topology()),
             light: LightEffects { shadows, ..LightEffects::of(animation.topology()) },
         },
-        frames: animation.frames().unwrap_or_else(|| {
-            (animation.duration() * FRAME_RATE).round().clamp(0.0, MOST_FRAMES) as usize + 1
-        }),
+        frames: animation
+            .frames()
+            .unwrap_or_else(|| {
+                (animation.duration() * FRAME_RATE).round().clamp(0.0, MOST_FRAMES as f64) as usize + 1
+            })
+            .min(MOST_FRAMES + 1),
         measures: Vec::new(),
         simulated: SimulationStats::default(),
         key_bytes: 0,

@@ -189,7 +189,8 @@ fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> R
             let message = format!("the shape to start from is {shape} but must be {range}");
             return Err(SceneError::Request(message));
         };
-        return make("bart-museum", clip, &SceneOptions { start_shape, ..options.clone() });
+        let scene = make("bart-museum", clip, &SceneOptions { start_shape, ..options.clone() })?;
+        return Ok(Scene { name: name_or_path.to_owned(), ..scene });
     }
     let make: fn(&SceneOptions<'_>) -> Result<Scene, SceneError> = match name_or_path {
         "bart-museum" => bart_museum::scene,

@@ -130,3 +130,11 @@ mod linux {
         assert!(positions(&made) == positions(&scene(&other.0)));
     }
 }
+
+#[test]
+fn a_file_has_a_million_frames_at_most() {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("long.aff");
+    fs::write(&path, "p 3  0 0 0  1 0 0  0 1 0\na 0 1 4000000000\n").expect("a folder for tests");
+    let scene = load(path.to_str().expect("UTF-8"), None, &SceneOptions::default()).expect("a scene");
+    assert_eq!(scene.frames, 1_000_001);
+}

@@ -95,7 +95,7 @@ impl Saved {
         let speed_rows = whole_steps(run.speed_rows, rows_a_step);
         let Checks { differences, first_difference, .. } = run.checks;
         let checks = Checks { differences, first_difference, ..Checks::default() };
-        SceneRun { rows, speed_rows, checks, ..SceneRun::default() }
+        SceneRun { checks, rows, speed_rows, ..SceneRun::default() }
     }
 
     /// Whether going on with it makes one run: the same settings, revision and machine, and

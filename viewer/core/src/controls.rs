@@ -97,8 +97,8 @@ pub(crate) enum Control {
     Record,
 }
 
-/// Every control with its key and its label. With the shift key, or the right button, it goes the
-/// other way.
+/// Every control with its key and its label. A letter with the shift key, and the right button, go
+/// the other way.
 pub(crate) const CONTROLS: [(char, &str, Control); 22] = [
     ('n', "scene", Control::Scene),
     (' ', "play", Control::Play),

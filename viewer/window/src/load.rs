@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
@@ -53,9 +54,13 @@ impl Pace {
     }
 }
 
-/// Loads a scene on a thread of its own, and then looks for the costs of fresh trees. What comes of
-/// it goes to `send`, which is false once nobody listens.
+/// Number of the last load.
+static LATEST: AtomicU64 = AtomicU64::new(0);
+
+/// Loads a scene on a thread of its own, and then looks for the costs of fresh trees until another
+/// scene is to be loaded. What comes of it goes to `send`, which is false once nobody listens.
 pub(crate) fn begin(name: String, send: impl Fn(Event) -> bool + Send + Sync + 'static) {
+    let number = LATEST.fetch_add(1, Ordering::Relaxed) + 1;
     std::thread::spawn(move || {
         let work = || {
             step_back();
@@ -75,7 +80,10 @@ pub(crate) fn begin(name: String, send: impl Fn(Event) -> bool + Send + Sync + '
                 }
             };
             let mut costs = fresh.into_iter().flatten();
-            while costs.next().is_some_and(|(frame, cost)| send(Event::Fresh(frame, cost))) {}
+            // Costs of this scene are none of the next.
+            let mut send_cost =
+                |(frame, cost)| LATEST.load(Ordering::Relaxed) == number && send(Event::Fresh(frame, cost));
+            while costs.next().is_some_and(&mut send_cost) {}
         };
         // One thread of its own, so that drawing does not wait for it.
         if let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(1).build() {

@@ -182,9 +182,9 @@ fn a_window_that_is_closed_while_a_scene_is_built_ends_cleanly() {
 }
 
 #[test]
-fn a_scene_that_cannot_be_loaded_leaves_a_window_with_a_message() {
+fn a_scene_that_cannot_be_loaded_leaves_a_window_with_its_panel() {
     let Some(mut display) = Display::start("no-such-scene") else { return };
     display.xdotool("key u");
-    display.shows("a message", |pixels| pixels.2.contains(&255));
+    display.shows("the panel", |pixels| pixels.2.contains(&255));
     assert_eq!(display.end(), Some(0));
 }

@@ -200,6 +200,12 @@ fn animated_triangles_under_transforms() {
 }
 
 #[test]
+fn keys_of_visibility_count_as_keys() {
+    let animation = load_text(&format!("x it {{ {TRIANGLE} }} k it {{ visibility 2  1 0  3 1 }}"));
+    assert_eq!(animation.duration(), 2.0);
+}
+
+#[test]
 fn hidden_objects_shrink_to_a_point() {
     let animation = load_text(&format!("x it {{ {TRIANGLE} }} k it {{ visibility 2  1 0  2 1 }} a 0 3 4"));
     assert_eq!(animation.topology().moves, [true]);

@@ -41,10 +41,12 @@ impl Track {
             && self.visibility.iter().all(|key| key.1)
     }
 
-    /// The times between which the splines run.
+    /// The times between which the splines run, and keys of visibility stand.
     pub(super) fn spans(&self) -> impl Iterator<Item = (f64, f64)> {
         let vectors = [&self.translation, &self.scale].into_iter().flatten().map(Spline::span);
-        vectors.chain(self.rotation.as_ref().map(Spline::span))
+        let visibility = self.visibility.first().zip(self.visibility.last());
+        let visibility = visibility.map(|(first, last)| (first.0, last.0));
+        vectors.chain(self.rotation.as_ref().map(Spline::span)).chain(visibility)
     }
 }
 

@@ -43,6 +43,7 @@ fn document(bytes: &[u8]) -> Result<(Root, Blob<'_>), Problem> {
     let (json, blob) =
         if bytes.starts_with(b"glTF") { glb_chunks(bytes)? } else { (Cow::Borrowed(bytes), None) };
     let root = Root::from_slice(&json)
+        .or_else(|error| without_aimless_channels(&json).ok_or(error))
         .map_err(|error| Problem::from_parser("JSON", &error, "a glTF 2.0 document in JSON"))?;
     if !root.asset.version.starts_with("2.") {
         return Err(Problem::new("asset.version", format!("{:?}", root.asset.version), "2.0"));
@@ -52,6 +53,17 @@ fn document(bytes: &[u8]) -> Result<(Root, Blob<'_>), Problem> {
         return Err(Problem::new("extensionsRequired", format!("{unknown:?}"), expected));
     }
     Ok((root, blob))
+}
+
+/// The document without animation channels that have no node, which are to be ignored (3.11); the
+/// parser refuses them.
+fn without_aimless_channels(json: &[u8]) -> Option<Root> {
+    let mut document: Value = serde_json::from_slice(json).ok()?;
+    for animation in document.get_mut("animations")?.as_array_mut()? {
+        let channels = animation.get_mut("channels")?.as_array_mut()?;
+        channels.retain(|channel| channel["target"].get("node").is_some());
+    }
+    serde_json::from_value(document).ok()
 }
 
 /// The translation of each node that has one, with all the digits that stand in the JSON text;

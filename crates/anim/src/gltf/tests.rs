@@ -340,6 +340,31 @@ fn normalised_rotation_keys() {
 }
 
 #[test]
+fn channels_for_something_else_are_left_out() {
+    let load = |target: &str| {
+        let mut document = Document::default();
+        document.triangle();
+        document.floats("SCALAR", 1, &[0.0, 1.0]);
+        document.floats("VEC3", 3, &[0.0, 0.0, 0.0, 2.0, 0.0, 0.0]);
+        document.load(&format!(
+            r#"{TRIANGLE_MESH},"nodes":[{{"mesh":0}}],"animations":[{{"channels":[
+            {{"sampler":0,"target":{{{target}}}}},{{"sampler":0,"target":{{"node":0,"path":"translation"}}}}],
+            "samplers":[{{"input":1,"output":2}}]}}]"#
+        ))
+    };
+    let aimless = load(r#""path":"pointer","extensions":{"KHR_animation_pointer":{"pointer":"/"}}"#);
+    let unknown = load(r#""node":0,"path":"color""#);
+    for animation in [&aimless, &unknown] {
+        assert_eq!(at(animation, 1.0)[0] - animation.rest()[0], Vec3::X * 2.0);
+    }
+    assert_eq!(aimless.notes(), [""; 0]);
+    assert_eq!(
+        unknown.notes(),
+        ["1 animation channels for anything but transforms and weights are left out"]
+    );
+}
+
+#[test]
 fn strips_fans_points_and_unused_vertices() {
     let mut document = Document::default();
     let corners: Vec<f32> = (0..15).map(|i| i as f32).collect();

@@ -69,7 +69,10 @@ fn positions_and_faces(text: &str) -> String {
             Some("f") => {
                 push_words(&mut kept, "f", words.map(|word| word.split('/').next().unwrap_or_default()));
             }
-            Some("v" | "o" | "g" | "usemtl" | "mtllib") => push_words(&mut kept, line, []),
+            // A space behind the word, which may have been a tab; names may have spaces in them.
+            Some(word @ ("v" | "o" | "g" | "usemtl" | "mtllib")) => {
+                push_words(&mut kept, word, [line[word.len()..].trim_start()]);
+            }
             _ => {}
         }
     }

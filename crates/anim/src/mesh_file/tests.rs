@@ -149,7 +149,7 @@ fn obj_materials_beside_the_file() {
     let file = folder.path().join("model.obj");
     let mtl = "newmtl broken\nKd 0.5\nnewmtl red\nKd 1 0.25 0\nKs 1\n";
     std::fs::write(folder.path().join("my colours.mtl"), mtl).unwrap();
-    let obj = "mtllib my colours.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nusemtl red\nf 3 2 1\nusemtl broken\nf 1 2 3\n";
+    let obj = "mtllib\tmy colours.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nusemtl\tred\nf 3 2 1\nusemtl broken\nf 1 2 3\n";
     std::fs::write(&file, obj).unwrap();
     let mesh = crate::load(&file, None).unwrap();
     let topology = mesh.topology();
@@ -226,5 +226,17 @@ fn stl_in_both_forms_welds_corners() {
         assert_eq!((mesh.topology().triangles.len(), mesh.topology().vertex_count), (2, 4));
     }
     assert!(parse_mesh(Path::new("a.stl"), &binary[..100]).is_err());
+    // A header like that of text, solids without names, and several of them.
+    let mut header = binary.clone();
+    header[..12].copy_from_slice(b"solid text\n ");
+    let nameless: String = ascii
+        .lines()
+        .map(|line| if line.starts_with("solid") { "solid\n" } else { line }.to_owned() + "\n")
+        .collect();
+    for (bytes, parts) in [(header, 1), (nameless.clone().into(), 1), ((nameless + ascii).into(), 2)] {
+        let mesh = parse_mesh(Path::new("a.stl"), &bytes).unwrap();
+        assert_eq!(mesh.topology().parts.len(), parts);
+        assert_eq!(mesh.topology().triangles.len(), parts * 2);
+    }
     assert!(parse_mesh(Path::new("a.stl"), b"solid").is_err());
 }

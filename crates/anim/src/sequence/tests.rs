@@ -27,6 +27,7 @@ fn frames_in_natural_order() {
         fs::write(folder.path().join(format!("frame{number}.ply")), ascii_ply(number as f32)).unwrap();
     }
     fs::write(folder.path().join("notes.txt"), "not a frame").unwrap();
+    fs::write(folder.path().join("print.stl"), "not a frame").unwrap();
     let animation = load_sequence(folder.path()).unwrap();
     assert_eq!((animation.frame_count(), animation.moving_vertex_count()), (3, 1));
     assert_eq!(animation.topology().moves, [true, true]);
