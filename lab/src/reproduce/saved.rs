@@ -128,11 +128,9 @@ impl Saved {
 fn rows_of_first_step(rows: &[Row]) -> Option<usize> {
     let step = |row: &Row| (row.round, row.frame);
     let first = rows.first().map(step)?;
-    let mut in_turns = rows.iter().filter(|row| !plays_alone(&row.strategy));
-    in_turns
-        .clone()
-        .any(|row| step(row) != first)
-        .then(|| in_turns.by_ref().filter(|row| step(row) == first).count())
+    let in_turns = rows.iter().filter(|row| !plays_alone(&row.strategy));
+    let count = in_turns.clone().filter(|row| step(row) == first).count();
+    (count < in_turns.count()).then_some(count)
 }
 
 fn whole_steps(mut rows: Vec<Row>, rows_a_step: usize) -> Vec<Row> {

@@ -38,7 +38,7 @@ fn solids(bytes: &[u8]) -> Vec<Cow<'_, [u8]>> {
         return vec![[&[0; 80], &bytes[80..]].concat().into()];
     }
     let mut solids: Vec<Vec<u8>> = Vec::new();
-    for line in bytes.split_inclusive(|&byte| byte == b'\n') {
+    for line in bytes.trim_ascii_start().split_inclusive(|&byte| byte == b'\n') {
         match solids.last_mut() {
             Some(solid) if !is_solid(line) => solid.extend(line),
             _ => solids.push(b"solid mesh\n".to_vec()),

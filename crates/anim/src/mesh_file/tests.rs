@@ -233,7 +233,9 @@ fn stl_in_both_forms_welds_corners() {
         .lines()
         .map(|line| if line.starts_with("solid") { "solid\n" } else { line }.to_owned() + "\n")
         .collect();
-    for (bytes, parts) in [(header, 1), (nameless.clone().into(), 1), ((nameless + ascii).into(), 2)] {
+    for (bytes, parts) in
+        [(header, 1), (nameless.clone().into(), 1), ((format!("\r\n{nameless}") + ascii).into(), 2)]
+    {
         let mesh = parse_mesh(Path::new("a.stl"), &bytes).unwrap();
         assert_eq!(mesh.topology().parts.len(), parts);
         assert_eq!(mesh.topology().triangles.len(), parts * 2);
