@@ -4,8 +4,8 @@
 use bvh_core::slab::WIDEN;
 use bvh_core::triangle::{DET_RANGE, Double, MollerTrumbore, Test, Watertight};
 use bvh_core::{Node, Vec3};
-use fearless_simd::Simd;
 use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f64x8};
 
 use crate::simd::{Lanes, max, min};
 
@@ -119,11 +119,14 @@ pub(crate) struct Rays<S: Simd> {
 /// A triangle test of many rays at once, with the bits of [`Test::test`];
 /// [`BlockTest`](crate::bvh8::BlockTest) is of one ray and several triangles.
 pub(crate) trait WideTest: Test {
-    /// Tests the lanes in `active`. Unless there is a faster way, all are left to [`Test::test`].
-    #[inline(always)]
-    fn wide<S: Simd>(simd: S, _: &Rays<S>, _: [&Vec3; 3], _: &RayOctant, active: u64) -> Found<V<S>> {
-        Found { unsure: active, ..Found::none(simd) }
-    }
+    /// Tests the lanes in `active`.
+    fn wide<S: Simd>(
+        simd: S,
+        rays: &Rays<S>,
+        corners: [&Vec3; 3],
+        octant: &RayOctant,
+        active: u64,
+    ) -> Found<V<S>>;
 }
 
 impl WideTest for Watertight {
@@ -182,7 +185,63 @@ fn dot<S: Simd>(a: [V<S>; 3], b: Vec3) -> V<S> {
     a[0] * b.x + a[1] * b.y + a[2] * b.z
 }
 
-impl WideTest for Double {}
+impl WideTest for Double {
+    #[inline(always)]
+    fn wide<S: Simd>(
+        simd: S,
+        rays: &Rays<S>,
+        corners: [&Vec3; 3],
+        octant: &RayOctant,
+        active: u64,
+    ) -> Found<V<S>> {
+        let [kx, ky, kz] = octant.axes;
+        let d = rays.direction;
+        let (x, y, z) = (simd.widen_f32x16(d[kx]), simd.widen_f32x16(d[ky]), simd.widen_f32x16(d[kz]));
+        let (low, [t0, u0, v0]) = double(simd, [x.0, y.0, z.0], corners, octant);
+        let (high, [t1, u1, v1]) = double(simd, [x.1, y.1, z.1], corners, octant);
+        let t = simd.narrow_f64x8(t0, t1);
+        // Zeros without signs, whatever signs they come from.
+        let (u, v) = (simd.narrow_f64x8(u0, u1) + 0.0, simd.narrow_f64x8(v0, v1) + 0.0);
+        let near = t.simd_lt(f32::INFINITY).to_bitmask();
+        Found { lanes: (low | high << 8) & near & active, unsure: 0, t, u, v }
+    }
+}
+
+/// [`Double`] for rays along the directions `d`, the longest axis last: the lanes that hit at any
+/// distance, and t, u and v.
+#[inline(always)]
+fn double<S: Simd>(
+    simd: S,
+    d: [f64x8<S>; 3],
+    corners: [&Vec3; 3],
+    octant: &RayOctant,
+) -> (u64, [f64x8<S>; 3]) {
+    let [kx, ky, kz] = octant.axes;
+    let origin = octant.origin.as_dvec3();
+    let shear = [d[0] / d[2], d[1] / d[2]];
+    let zero = f64x8::splat(simd, 0.0);
+    let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
+    for (i, p) in corners.into_iter().enumerate() {
+        let p = p.as_dvec3() - origin;
+        z[i] = f64x8::splat(simd, p[kz]);
+        x[i] = f64x8::splat(simd, p[kx]) - shear[0] * z[i];
+        y[i] = f64x8::splat(simd, p[ky]) - shear[1] * z[i];
+    }
+    let wa = x[2] * y[1] - y[2] * x[1];
+    let wb = x[0] * y[2] - y[0] * x[2];
+    let wc = x[1] * y[0] - y[1] * x[0];
+    let left = wa.simd_ge(zero) & wb.simd_ge(zero) & wc.simd_ge(zero);
+    let right = wa.simd_le(zero) & wb.simd_le(zero) & wc.simd_le(zero);
+    let det = wa + wb + wc;
+    let inside = (left | right) & det.simd_ne(zero);
+    if !inside.any_true() {
+        return (0, [zero; 3]);
+    }
+    let inverse = f64x8::splat(simd, 1.0) / d[2];
+    let (u, v) = (wb / det, wc / det);
+    let t = wa / det * (inverse * z[0]) + u * (inverse * z[1]) + v * (inverse * z[2]);
+    ((inside & t.simd_ge(zero)).to_bitmask(), [t, u, v])
+}
 
 /// The lanes that hit, and where.
 pub(crate) struct Found<V> {
