@@ -14,7 +14,7 @@ use crate::{RAYS, Rays};
 /// [`rt_cpu`] do, and have unit length. Rays of neighbouring pixels are neighbours.
 #[must_use]
 pub fn bounces(camera: &Camera, triangles: &Triangles<'_>, pixels: &[Pixel], seed: u64) -> Vec<Rays> {
-    let mut all = vec![Rays::new()];
+    let mut all = vec![Rays::default()];
     for (i, pixel) in pixels.iter().enumerate() {
         let Some(hit) = pixel.hit() else { continue };
         let [a, b, c] = triangles.corners(hit.primitive as usize);
@@ -30,7 +30,7 @@ pub fn bounces(camera: &Camera, triangles: &Triangles<'_>, pixels: &[Pixel], see
         let (sin, cos) = (TAU * x).sin_cos();
         let way = (right * cos + up * sin) * y.sqrt() + normal * (1.0 - y).sqrt();
         if all.last().is_none_or(|rays| rays.len() == RAYS) {
-            all.push(Rays::new());
+            all.push(Rays::default());
         }
         if let Some(rays) = all.last_mut() {
             rays.push(point + normal * (size / (1 << 19) as f32), way, f32::INFINITY);

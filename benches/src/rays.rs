@@ -1,6 +1,7 @@
 //! Rays and hits of one tile, coordinate by coordinate, as packets want them.
 
 use bvh_core::{Ray, Vec3};
+use bytemuck::Zeroable;
 use rt_cpu::Hit;
 
 /// Most rays at a time: a tile of 16 x 16 pixels. Rays and hits fit into the first level of cache.
@@ -8,6 +9,7 @@ pub const RAYS: usize = 256;
 
 /// Up to [`RAYS`] rays. `t` counts in multiples of the direction's length and starts at 0.
 #[repr(C, align(64))]
+#[derive(Zeroable)]
 pub struct Rays {
     /// Where each starts: all x, all y, all z.
     pub origin: [[f32; RAYS]; 3],
@@ -19,12 +21,6 @@ pub struct Rays {
 }
 
 impl Rays {
-    /// No rays.
-    #[must_use]
-    pub fn new() -> Self {
-        Self { origin: [[0.0; RAYS]; 3], direction: [[0.0; RAYS]; 3], t_max: [0.0; RAYS], count: 0 }
-    }
-
     /// Removes all rays.
     pub fn clear(&mut self) {
         self.count = 0;
@@ -83,13 +79,15 @@ impl Rays {
 }
 
 impl Default for Rays {
+    /// No rays.
     fn default() -> Self {
-        Self::new()
+        Self::zeroed()
     }
 }
 
 /// What rays hit, ray by ray.
 #[repr(C, align(64))]
+#[derive(Zeroable)]
 pub struct Hits {
     /// Where along the ray.
     pub t: [f32; RAYS],
@@ -107,18 +105,6 @@ pub struct Hits {
 impl Hits {
     /// In place of a triangle's number: nothing is hit.
     pub const NONE: u32 = u32::MAX;
-
-    /// No hits.
-    #[must_use]
-    pub fn new() -> Self {
-        Self {
-            t: [0.0; RAYS],
-            u: [0.0; RAYS],
-            v: [0.0; RAYS],
-            normal: [[0.0; RAYS]; 3],
-            primitive: [Self::NONE; RAYS],
-        }
-    }
 
     /// What ray `i` hits.
     #[must_use]
@@ -138,7 +124,8 @@ impl Hits {
 }
 
 impl Default for Hits {
+    /// No hits.
     fn default() -> Self {
-        Self::new()
+        Self { primitive: [Self::NONE; RAYS], ..Self::zeroed() }
     }
 }

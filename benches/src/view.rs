@@ -1,6 +1,7 @@
 //! Casting the rays of a picture, and comparing what contestants say of them.
 
 use bvh_core::{Triangles, Vec3};
+use bytemuck::Zeroable;
 use fearless_simd::{Level, Simd, dispatch};
 use rayon::prelude::*;
 use rt_cpu::{Camera, Pixel};
@@ -101,7 +102,7 @@ fn in_bands(teller: &impl Teller, view: &View, pixels: &mut [Pixel]) {
     assert_eq!(pixels.len(), width * height, "pixels of the camera");
     let level = Level::new();
     pixels.par_chunks_mut((width * TILE).max(1)).enumerate().for_each(|(row, band)| {
-        let mut tile = Tile::new();
+        let mut tile = Tile::zeroed();
         for x in (0..width).step_by(TILE) {
             // Compiled for the best level of the machine, as a user with much to trace would
             // compile it: the plain loops over coordinates become SIMD there.
@@ -115,6 +116,7 @@ fn in_bands(teller: &impl Teller, view: &View, pixels: &mut [Pixel]) {
 
 /// What a tile needs, kept from tile to tile.
 #[repr(C, align(64))]
+#[derive(Zeroable)]
 struct Tile {
     shadows: Shadows,
     rays: Rays,
@@ -126,17 +128,6 @@ struct Tile {
 }
 
 impl Tile {
-    fn new() -> Self {
-        Self {
-            shadows: Shadows::new(),
-            rays: Rays::new(),
-            hits: Hits::new(),
-            blocked: [false; RAYS],
-            seen: [0; RAYS],
-            lit: [0; RAYS],
-        }
-    }
-
     /// The tile with its upper left corner at pixel `x`, `y`; the band starts in row `y`.
     #[inline(always)]
     fn cast(&mut self, teller: &impl Teller, view: &View, band: &mut [Pixel], x: usize, y: usize) {
@@ -241,6 +232,7 @@ const fn every_other(i: usize) -> usize {
 /// Shadow rays of one tile, coordinate by coordinate, so that the arithmetic is SIMD for those who
 /// leave it to us too.
 #[repr(C, align(64))]
+#[derive(Zeroable)]
 struct Shadows {
     /// A corner of what each ray hit, and the two edges from there.
     corner: [[f32; RAYS]; 3],
@@ -252,11 +244,6 @@ struct Shadows {
 }
 
 impl Shadows {
-    fn new() -> Self {
-        let zero = [[0.0; RAYS]; 3];
-        Self { corner: zero, edges: [zero; 2], way: zero, faces: [false; RAYS] }
-    }
-
     /// From the light to what `rays` hit, by what a library says of the surface: its normal, and
     /// the distance.
     #[inline(always)]

@@ -9,7 +9,7 @@ use anyhow::{Result, ensure};
 use bvh_build::{Builder, build};
 use bvh_core::{Bvh, sah_cost};
 use bvh_update::{Strategy, Updater};
-use scenes::SceneOptions;
+use scenes::{FrameStage, SceneOptions};
 
 use crate::machine::resident_mib;
 use crate::pool::Threads;
@@ -135,7 +135,8 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
     // two runs of `cargo xtask soak --scene exploding-dragon --detail 0.05 --strategy refit+rotate`
     // had ratios of 0.99 and 1.13.
     let (mut trees, mut times) = ([start(stage), old], [0.0; 2]);
-    for frame in (1..=tenth).take_while(|_| !interrupt::requested()) {
+    let is_updated = stage.plan().contains(FrameStage::Update);
+    for frame in (1..=tenth).take_while(|_| is_updated && !interrupt::requested()) {
         stage.pose(stage.time_of(frame % per_loop, per_loop));
         for i in [frame % 2, 1 - frame % 2] {
             let (bvh, updater) = &mut trees[i];

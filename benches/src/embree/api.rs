@@ -5,6 +5,7 @@ use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::{mem, ptr};
 
+use bytemuck::Zeroable;
 use libloading::Library;
 
 use super::load::NotFound;
@@ -92,6 +93,7 @@ functions! {
 ///
 /// The last field is there in libraries built with instance arrays, and unused in others.
 #[repr(C, align(64))]
+#[derive(Zeroable)]
 pub(super) struct RayHit<const N: usize> {
     pub(super) origin: [[f32; N]; 3],
     pub(super) t_near: [f32; N],

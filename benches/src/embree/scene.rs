@@ -5,6 +5,7 @@ use std::ffi::c_int;
 use std::sync::Arc;
 
 use bvh_core::{Triangles, Vec3};
+use bytemuck::Zeroable;
 use rt_cpu::Hit;
 
 use super::api::{
@@ -185,23 +186,9 @@ struct Valid<const N: usize>([i32; N]);
 
 impl<const N: usize> RayHit<N> {
     fn new() -> Self {
-        Self {
-            origin: [[0.0; N]; 3],
-            t_near: [0.0; N],
-            direction: [[0.0; N]; 3],
-            time: [0.0; N],
-            t_far: [0.0; N],
-            mask: [u32::MAX; N],
-            id: [0; N],
-            flags: [0; N],
-            normal: [[0.0; N]; 3],
-            u: [0.0; N],
-            v: [0.0; N],
-            primitive: [INVALID_ID; N],
-            geometry: [INVALID_ID; N],
-            instance: [INVALID_ID; N],
-            instance_primitive: [INVALID_ID; N],
-        }
+        let [primitive, geometry, instance, instance_primitive] = [[INVALID_ID; N]; 4];
+        let mask = [u32::MAX; N];
+        Self { mask, primitive, geometry, instance, instance_primitive, ..Self::zeroed() }
     }
 
     /// Takes the rays from number `first` on.

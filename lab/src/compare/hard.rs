@@ -173,7 +173,7 @@ pub(super) fn run_one(case: &str, contestant: &str, embree: Option<&Path>) -> Re
     let last = frames.last().context("no frames")?;
     let triangles = Triangles { positions: last, indices: &indices };
     let (mut wanted, mut lost, mut wrong) = (0, 0, 0);
-    let (mut rays, mut hits) = (Rays::new(), Hits::new());
+    let (mut rays, mut hits) = (Rays::default(), Hits::default());
     for start in (0..CAST).step_by(RAYS) {
         rays.clear();
         for i in start..(start + RAYS).min(CAST) {

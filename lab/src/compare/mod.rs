@@ -227,7 +227,8 @@ pub fn run(args: &Args) -> Result<()> {
     }
     files::print(&table::ratios(&report.rows))?;
     draw(args, &report)?;
-    interrupt::say_how_to_go_on(&format!("the same command for the other scenes,{rest}"));
+    let elsewhere = if args.json.is_some() { ", and another file for --json" } else { "" };
+    interrupt::say_how_to_go_on(&format!("the same command for the other scenes,{rest}{elsewhere}"));
     let wrong: Vec<_> = report.rows.iter().filter(|row| !row.agrees).map(Row::place).collect();
     ensure!(
         wrong.is_empty(),

@@ -84,7 +84,7 @@ pub(super) fn incoherent(stage: &mut Stage, setting: &Setting) -> Result<Vec<Row
         making.times_ms.push(time);
         let groups = bounces(&view.camera, &stage.triangles(), &seen.pixels, turn as u64);
         count += groups.iter().map(Rays::len).sum::<usize>() as u64;
-        let mut found: Vec<Hits> = groups.iter().map(|_| Hits::new()).collect();
+        let mut found: Vec<Hits> = groups.iter().map(|_| Hits::default()).collect();
         plain(&seen.tree, &stage.triangles(), &groups, &mut found);
         let expected = answers(&groups, &found);
         reference.add(&expected, &expected);

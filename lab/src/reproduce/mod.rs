@@ -133,6 +133,7 @@ pub fn run(args: &Args) -> Result<()> {
     let mut bench = Bench::new(args, &results, &out, embree, &entries)?;
 
     let (start, count) = (Instant::now(), entries.len());
+    let finished = entries.iter().filter(|entry| entry.before.facts.finished).count();
     for (i, entry) in entries.into_iter().enumerate() {
         if interrupt::requested() {
             break;
@@ -143,7 +144,9 @@ pub fn run(args: &Args) -> Result<()> {
         }
         // Before each scene, so that a run that is killed leaves all but one of them.
         out.write_summary(&results)?;
-        let left = left(start.elapsed(), i as f64, count as f64);
+        // Those of an earlier run take no time, and come first.
+        let [done, to_do] = [i, count].map(|n| n.saturating_sub(finished) as f64);
+        let left = left(start.elapsed(), done, to_do);
         files::remark(&format!("{}: scene {} of {count}{left}", entry.label, i + 1));
         let (run, points) = pool.install(|| bench.scene(entry))?;
         results.scenes.push(run);

@@ -28,7 +28,7 @@ use rayon::prelude::*;
 use rt_cpu::{Hit, Image, RenderOptions, RenderStats};
 
 use super::check::{self, Checks};
-use super::contestants::{Contestant, POSES};
+use super::contestants::{Contestant, Method, POSES};
 use super::journal::Journal;
 use super::lane::{Between, Lane, trace};
 use super::preset::Values;
@@ -332,14 +332,15 @@ pub(crate) fn is_sampled(frame: usize, frames: usize, samples: usize) -> bool {
 fn lanes(stage: &mut Stage, plan: &Plan) -> Result<Vec<Lane>> {
     let knows = |c: &Contestant| c.method.knows_animation();
     let poses = if plan.contestants.iter().any(knows) { stage.positions(POSES) } else { Vec::new() };
-    let mut lanes: Vec<Lane> = Vec::new();
+    let mut methods: Vec<(&str, Method)> = Vec::new();
     for contestant in &plan.contestants {
-        if lanes.iter().all(|lane| lane.name != contestant.of) {
-            let method = contestant.method.for_rays(plan.rays());
-            lanes.push(Lane::new(contestant.of, method, stage, &poses)?);
+        if methods.iter().all(|(name, _)| *name != contestant.of) {
+            methods.push((contestant.of, contestant.method.for_rays(plan.rays())));
         }
     }
-    Ok(lanes)
+    // Side by side: methods that know the animation take long to prepare, and that is not counted.
+    let stage = &*stage;
+    methods.into_par_iter().map(|(name, method)| Lane::new(name, method, stage, &poses)).collect()
 }
 
 /// Of all bits of a picture.

@@ -41,8 +41,11 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
     let mut rest = [journal::read(&frames)?, journal::read(&speeds)?];
     let mut peers = journal::read::<Peer>(&folder.join("peers.csv"))?;
     for run in &mut results.scenes {
+        let images = folder.join("images");
+        // Published runs have none.
+        run.pictures.retain(|picture| images.join(&picture.file).exists());
         for picture in &mut run.pictures {
-            picture.bytes = files::read(&folder.join("images").join(&picture.file))?;
+            picture.bytes = files::read(&images.join(&picture.file))?;
         }
         let label = run.facts.label.as_str();
         run.peers = peers.extract_if(.., |peer| peer.scene == label).collect();

@@ -25,6 +25,18 @@ use crate::state::{Layout, State};
 /// # Panics
 /// If there are not as many primitives as the tree holds.
 pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Option<Rotate>) -> [u64; 6] {
+    update_below(bvh, primitives, rotate, 0)
+}
+
+/// The same as if the root lay `depth` levels below that of a higher tree: rotations keep the tree
+/// that much lower.
+#[doc(hidden)]
+pub fn update_below<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    rotate: Option<Rotate>,
+    depth: u32,
+) -> [u64; 6] {
     assert!(
         primitives.len() == bvh.len(),
         "the tree holds {} primitives, not {}",
@@ -41,7 +53,7 @@ pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Opt
     }
     let (nodes, order) = (parts.nodes, parts.order);
     let mut walk = Walk { nodes, order, primitives, rotations, applied: [0; 6], static_area: 0.0 };
-    walk.node(0, 0);
+    walk.node(0, depth);
     *parts.static_area += walk.static_area;
     let applied = walk.applied;
     std::mem::forget(unfinished);

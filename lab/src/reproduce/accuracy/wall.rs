@@ -209,7 +209,8 @@ fn arithmetic(log: &mut Log<'_>, wall: &Wall, tree: &Bvh, condition: &str) -> Re
     ] {
         for (setting, hits, time_ms) in settings {
             let is_default = std::ptr::eq(hits, &raw const plain);
-            let note = format!("time of {} single rays, one thread", hits.len() / PART);
+            let rows = wall.camera.height().div_ceil(PART as u32);
+            let note = format!("time of {} single rays, one thread", rows * wall.camera.width());
             let point =
                 Point::new(format!("{knob} at {condition}"), setting, is_default, time_ms).noted(note);
             log.add(point.with(LEAKS.0, leaks(hits), LEAKS.1))?;
