@@ -1,4 +1,4 @@
-//! A tree of eight children a node with its triangles in blocks of four: what rays without anything
+//! A tree of eight children a node with its triangles in small blocks: what rays without anything
 //! in common want.
 //!
 //! ```text
@@ -10,7 +10,7 @@
 //!
 //! Collapsing a binary tree is from Wald, Benthin and Boulos, *Getting Rid of Packets*, 2008, in
 //! the cheapest way from Ylitie, Karras and Laine, *Efficient Incoherent Ray Traversal on GPUs
-//! Through Compressed Wide BVHs*, 2017; going through eight boxes and four triangles at a time is
+//! Through Compressed Wide BVHs*, 2017; going through eight boxes and several triangles at a time is
 //! from Wald, Woop, Benthin, Johnson and Ernst, *Embree: A Kernel Framework for Efficient CPU Ray
 //! Tracing*, 2014.
 
@@ -38,7 +38,7 @@ const WIDTH: usize = 8;
 /// A second view of a [`Bvh`] and its triangles, for rays that have little in common: about twice
 /// as fast for these as the tree itself, once it is there.
 ///
-/// It holds copies of the tree's boxes and of the triangles' corners, about 80 bytes a triangle,
+/// It holds copies of the tree's boxes and of the triangles' corners, 60 to 80 bytes a triangle,
 /// and knows nothing of later changes: [`update`](Self::update) it after each. That pays from about
 /// one ray for every six triangles on. [`render`](crate::render) does so by itself for ambient
 /// occlusion and diffuse bounces; [`render_with`](crate::render_with) takes a view that is there.
@@ -72,7 +72,7 @@ pub struct Bvh8 {
 /// row 0-2  min x, y, z
 ///     3-5  max x, y, z; boxes of absent children are empty
 ///     6    u32: bit 31 clear: number of the child node
-///               bit 31 set:   bits 2-30 number of the block, bits 0-1 triangles in it less one
+///               bit 31 set:   bits 0-30 number of the block
 ///     7    unused, so that a node is four cache lines
 /// ```
 #[repr(C, align(64))]

@@ -146,7 +146,7 @@ pub(super) fn collapse(
     let root = source.part(0);
     let size = source.size(root);
     nodes.resize(size.nodes.max(1) as usize, Node8::EMPTY);
-    blocks.resize(size.blocks as usize, Block::default());
+    blocks.resize(size.blocks as usize, Block::EMPTY);
     let mut place = Place { nodes, first_node: 0, blocks, first_block: 0 };
     let top = place.take(Size { nodes: 1, blocks: 0 });
     rayon::scope(|scope| source.fill(scope, root, &mut top.nodes[0], place));
@@ -243,10 +243,9 @@ impl Source<'_> {
                 let at = place.take(size);
                 let mut few = ArrayVec::new();
                 self.primitives(part, &mut few);
-                let (block, count) = Block::new(self.triangles, &few);
-                at.blocks[0] = block;
-                if count > 0 {
-                    to.set(i, &aabb, LEAF | at.first_block << 2 | (count as u32 - 1));
+                at.blocks[0] = Block::new(self.triangles, &few);
+                if !at.blocks[0].is_empty() {
+                    to.set(i, &aabb, LEAF | at.first_block);
                 }
             }
         }

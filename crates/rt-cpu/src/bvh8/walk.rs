@@ -107,8 +107,8 @@ pub(crate) fn hit<S: Simd, T: BlockTest>(
                 continue;
             }
         } else {
-            let Some(block) = tree.blocks.get((next & !LEAF) as usize >> 2) else { return best };
-            let found = test.block(simd, ray, block, (2 << (next & 3)) - 1);
+            let Some(block) = tree.blocks.get((next & !LEAF) as usize) else { return best };
+            let found = test.block(simd, ray, block, block.present(simd));
             best = block.closest(ray, &test, &found, t_max, best, &counts);
             match best {
                 Some(_) if query == Query::Any => return best,
