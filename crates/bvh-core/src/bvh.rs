@@ -294,13 +294,16 @@ impl Bvh {
     /// ```
     pub fn visit(&self, mut f: impl FnMut(usize, &Node, u32)) {
         let nodes = self.nodes();
-        let mut todo = vec![(0, 0)];
-        while let Some((n, depth)) = todo.pop() {
+        let (mut next, mut later) = (Some((0, 0)), Vec::new());
+        while let Some((n, depth)) = next {
             let node = &nodes[n];
             f(n, node, depth);
-            if !node.is_leaf() {
-                todo.extend([(node.first() + 1, depth + 1), (node.first(), depth + 1)]);
-            }
+            next = if node.is_leaf() {
+                later.pop()
+            } else {
+                later.push((node.first() + 1, depth + 1));
+                Some((node.first(), depth + 1))
+            };
         }
     }
 

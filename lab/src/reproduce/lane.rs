@@ -23,7 +23,10 @@ pub(super) struct Lane {
     pub(super) twins: Vec<(Bvh, Worker)>,
     /// Whether the tree fits the present frame.
     pub(super) is_current: bool,
+    /// The row of the present frame, without what [`weigh`](Self::weigh) adds.
     pub(super) last: Option<Row>,
+    /// What updated the tree in the present frame, and then each twin.
+    updates: Vec<Update>,
     pub(super) between: Between,
 }
 
@@ -62,6 +65,7 @@ impl Lane {
             twins: Vec::new(),
             is_current: false,
             last: None,
+            updates: Vec::new(),
             between: Between::default(),
         })
     }
@@ -117,34 +121,32 @@ impl Lane {
         self.worker.report(Load::PacketNodes(stats.nodes_visited));
         let row = Row {
             update_ms,
-            sah_cost: update.sah_cost.unwrap_or_else(|| sah_cost(&self.tree)),
             rotations: update.rotations_applied(),
             height: update.height,
             nodes_visited: update.nodes_visited,
             dropped: update.dropped,
-            primitives_refit: primitives_refit(&self.tree, &update),
             // Without commas, which would part columns for a simple reader.
             decision: update.decision.to_string().replace(',', ";"),
             ..common.clone()
         };
+        self.updates = vec![update];
         Ok((row.traced(&stats, trace_ms), stats))
     }
 
     /// Updates a twin, and renders the first or the tree itself once more; the shorter times count.
-    /// Gives whether the twin has the same cost.
     pub(super) fn run_again(
         &mut self,
         twin: usize,
         stage: &Stage,
         options: &RenderOptions,
         image: &mut Image,
-    ) -> Result<bool> {
-        let Some(mut row) = self.last.take() else { return Ok(true) };
-        let (mut same, mut again) = (true, &self.tree);
+    ) -> Result<()> {
+        let Some(mut row) = self.last.take() else { return Ok(()) };
+        let mut again = &self.tree;
         if let Some((tree, worker)) = self.twins.get_mut(twin) {
             let (update_ms, update) = timed(self.name, tree, worker, stage)?;
             worker.report(Load::PacketNodes(row.nodes_opened));
-            same = update.sah_cost.unwrap_or_else(|| sah_cost(tree)) == row.sah_cost;
+            self.updates.push(update);
             row.update_ms = row.update_ms.min(update_ms);
             again = tree;
         }
@@ -155,7 +157,18 @@ impl Lane {
             }
         }
         self.last = Some(row);
-        Ok(same)
+        Ok(())
+    }
+
+    /// Adds to the row what takes a look at the whole tree. Gives whether the twins have the same
+    /// cost.
+    pub(super) fn weigh(&mut self) -> bool {
+        let (Some(row), Some(update)) = (&mut self.last, self.updates.first()) else { return true };
+        let cost = |(tree, update): (&Bvh, &Update)| update.sah_cost.unwrap_or_else(|| sah_cost(tree));
+        row.sah_cost = cost((&self.tree, update));
+        row.primitives_refit = primitives_refit(&self.tree, update);
+        let twins = self.twins.iter().map(|(tree, _)| tree);
+        twins.zip(&self.updates[1..]).all(|twin| cost(twin) == row.sah_cost)
     }
 }
 

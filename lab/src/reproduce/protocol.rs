@@ -276,10 +276,13 @@ impl<'a> Run<'a> {
         for twin in 0..again {
             for i in turns(self.lanes.len(), turn) {
                 let lane = &mut self.lanes[i];
-                let same = lane.run_again(twin, stage, &self.options, &mut self.image)?;
-                let place = format!("{}, loop {round}, frame {frame}, {}", self.label, lane.name);
-                self.checks.same_twin(&place, same);
+                lane.run_again(twin, stage, &self.options, &mut self.image)?;
             }
+        }
+        let same: Vec<bool> = self.lanes.par_iter_mut().map(Lane::weigh).collect();
+        for (lane, same) in self.lanes.iter().zip(same) {
+            self.checks
+                .same_twin(&format!("{}, loop {round}, frame {frame}, {}", self.label, lane.name), same);
         }
         Ok(())
     }
