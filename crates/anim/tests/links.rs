@@ -37,12 +37,12 @@ fn is_refused(found: [Result<Box<dyn Animation>, String>; 2], by: &str) {
 const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
 
 #[test]
-fn key_frames_in_a_folder() {
+fn key_frames_are_read_from_their_folder_only() {
     is_refused(loaded("", "", "frame1.obj", TRIANGLE.as_bytes()), "leads out of the folder");
 }
 
 #[test]
-fn images() {
+fn images_are_read_from_the_folder_only() {
     let positions = [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].map(f32::to_le_bytes).concat();
     let buffer = base64::engine::general_purpose::STANDARD.encode(positions);
     let text = format!(
@@ -60,7 +60,7 @@ fn images() {
 }
 
 #[test]
-fn included_files() {
+fn included_files_are_read_from_the_folder_only() {
     let frame = "v\nfrom 0 0 5\nat 0 0 0\nup 0 1 0\nangle 40\nhither 1\nresolution 8 8\n";
     let found = loaded("a.aff", &format!("{frame}i 0 b.aff\n"), "b.aff", b"p 3\n0 0 0\n1 0 0\n0 1 0\n");
     is_refused(found, "below the folder of the first file");
@@ -68,7 +68,7 @@ fn included_files() {
 
 /// A material library is not needed: without it surfaces are grey.
 #[test]
-fn material_libraries() {
+fn material_libraries_are_read_from_the_folder_only() {
     let text = format!("mtllib a.mtl\nusemtl red\n{TRIANGLE}");
     let found = loaded("model.obj", &text, "a.mtl", b"newmtl red\nKd 1 0 0\n");
     let [file, link] = found.map(|animation| animation.unwrap().topology().materials[0].base_color);

@@ -217,7 +217,7 @@ fn hidden_objects_shrink_to_a_point() {
 const VIEW: &str = "v from 0 1 5 at 0 1 0 up 0 1 0 angle 90 hither 0.1 resolution 800 600\n";
 
 #[test]
-fn cameras() {
+fn cameras_move_by_the_keys_of_their_transform() {
     let view = load_text(&format!("{VIEW} {TRIANGLE}")).view(0.0).unwrap();
     assert_eq!((view.eye, view.up), (vec3(0.0, 1.0, 5.0), Vec3::Y));
     assert_close(&[(view.target - view.eye).normalize()], &[Vec3::NEG_Z]);
@@ -235,7 +235,7 @@ fn cameras() {
 }
 
 #[test]
-fn lights() {
+fn lights_add_up_and_move_with_what_carries_them() {
     let slide = along_x("lamp", &[(-2.0, -2.0), (0.0, 0.0), (2.0, 2.0), (4.0, 4.0)]);
     let still = load_text(&format!("l 1 2 3 0.5 0.25 0.125\nl 0 0 0 0.75 0.25 0.25\n{TRIANGLE}"));
     let expected = Light { position: vec3(1.0, 2.0, 3.0), color: [1.0, 0.5, 0.375] };

@@ -101,7 +101,7 @@ fn ply_that_promises_more_than_it_holds() {
 }
 
 #[test]
-fn malformed_ply() {
+fn malformed_ply_is_refused() {
     let ascii = String::from_utf8(square_ply("ascii", "float", "int")).unwrap();
     for (from, to, expected) in [
         ("9 4 0 1 2 3", "9 4 0 1 2 4", "vertex 4"),
@@ -159,7 +159,7 @@ fn obj_materials_beside_the_file() {
 }
 
 #[test]
-fn malformed_obj() {
+fn malformed_obj_is_refused() {
     let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
     for faces in [
         "f 1 2 4",

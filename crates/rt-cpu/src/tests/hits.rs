@@ -102,7 +102,7 @@ fn packets_with_gaps() {
 }
 
 #[test]
-fn random_soups() {
+fn hits_in_random_soups_are_those_of_brute_force() {
     for size in [0.05, 0.5, 3.0] {
         let soup = random_soup(300, size);
         assert!(check_rays(&soup, &random_rays(600)) > 60);

@@ -98,7 +98,7 @@ fn textures_and_materials_share_the_texels_of_their_image() {
 }
 
 #[test]
-fn samplers() {
+fn samplers_set_wrap_and_filter() {
     let document = textured_triangle();
     let json = textured("", &data_uri(&png()), "", r#","sampler":0"#)
         + r#","samplers":[{"magFilter":9728,"wrapS":33071,"wrapT":33648}]"#;
@@ -168,7 +168,7 @@ fn an_image_larger_than_the_file_allows_is_refused() {
 }
 
 #[test]
-fn alpha_modes() {
+fn alpha_modes_set_the_cutoff() {
     let document = textured_triangle();
     let image = data_uri(&png());
     let cutoff = |material: &str| {

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn hierarchies_that_are_not_forests() {
+fn hierarchies_that_are_not_forests_are_errors() {
     let document = Document::default();
     let message = document.error(r#""nodes":[{"children":[1]},{"children":[0]}]"#);
     assert!(message.contains("node 0") && message.contains("own ancestor"), "{message}");
@@ -117,7 +117,7 @@ fn numbers_out_of_range_are_errors() {
 }
 
 #[test]
-fn containers_and_buffers() {
+fn broken_containers_and_buffers_are_errors() {
     let parse = |bytes: &[u8]| parse_gltf(Path::new("inline.glb"), bytes, None).err().unwrap().to_string();
     assert!(parse(b"").contains("empty file"));
     assert!(parse(b"hello").contains("JSON"));
