@@ -202,9 +202,7 @@ fn times_belong_to_stages_that_ran() {
         assert_eq!(untimed.times, StageTimes::default());
         assert_eq!(RenderStats { times: StageTimes::default(), ..timed }, untimed);
         assert!(pixels == expected);
-        let StageTimes { primary, alpha, textures, shadow, mirror, ambient_occlusion, diffuse_bounces } =
-            timed.times;
-        assert!(primary > zero && shadow > zero);
+        let StageTimes { alpha, textures, mirror, ambient_occlusion, diffuse_bounces, .. } = timed.times;
         for (stage, work, time) in [
             ("alpha", timed.rays_again, alpha),
             ("textures", timed.textured, textures),
@@ -212,7 +210,8 @@ fn times_belong_to_stages_that_ran() {
             ("ambient occlusion", timed.rays_ambient_occlusion, ambient_occlusion),
             ("diffuse bounces", timed.rays_bounce, diffuse_bounces),
         ] {
-            assert_eq!(work > 0, time > zero, "{stage}: {work} took {time:?}");
+            // A clock may be too coarse to see work that was done.
+            assert!(work > 0 || time == zero, "{stage}: nothing took {time:?}");
         }
         assert_eq!(timed.textured > 0, effects.textures);
     }
