@@ -129,7 +129,9 @@ fn every_query_after_every_strategy_at_every_level_is_exact() {
 /// Makes two million exact tests of a ray and a triangle; `PIVOT_EXACT_TESTS` asks for more.
 #[test]
 fn rays_hit_what_they_hit_exactly() {
-    let wanted = std::env::var("PIVOT_EXACT_TESTS").ok().and_then(|n| n.parse().ok()).unwrap_or(2_000_000.0);
+    let wanted: f64 =
+        std::env::var("PIVOT_EXACT_TESTS").map_or(2e6, |n| n.parse().expect("PIVOT_EXACT_TESTS: a number"));
+    assert!(wanted > 0.0, "PIVOT_EXACT_TESTS is {wanted}");
     let names = strategies();
     let level = levels().last().copied().expect("one at least");
     let start = std::time::Instant::now();

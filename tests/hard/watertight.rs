@@ -13,7 +13,10 @@ use rt_cpu::{
 
 /// Rays a mesh, offset and strategy; `PIVOT_WATERTIGHT_RAYS` asks for more.
 fn rays() -> usize {
-    std::env::var("PIVOT_WATERTIGHT_RAYS").ok().and_then(|n| n.parse().ok()).unwrap_or(5000)
+    let rays = std::env::var("PIVOT_WATERTIGHT_RAYS")
+        .map_or(5000, |n| n.parse().expect("PIVOT_WATERTIGHT_RAYS: a number"));
+    assert!(rays > 0, "PIVOT_WATERTIGHT_RAYS is 0");
+    rays
 }
 
 /// A dented ball of 2 x 24 x 24 triangles, closed.
