@@ -204,10 +204,42 @@ pub trait Animation: Send + Sync {
     ///
     /// # Panics
     /// If `normals` is not as long as `topology().vertex_count`.
-    fn normals(&self, _time: f64, _normals: &mut [Vec3]) {}
+    fn normals(&self, _time: f64, normals: &mut [Vec3]) {
+        assert_eq!(normals.len(), self.topology().vertex_count, "normals are those of another animation");
+    }
 
     /// What of the source is shown otherwise than it says, or not at all: remarks of one line each.
     fn notes(&self) -> Vec<String> {
         Vec::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+    use std::path::Path;
+
+    use super::*;
+    use crate::{Pose, load};
+
+    #[test]
+    fn positions_and_normals_of_another_number_of_vertices_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let [mesh, aff] = ["a.obj", "a.aff"].map(|name| folder.path().join(name));
+        std::fs::write(&mesh, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+        std::fs::write(&aff, "p 3  0 0 0  1 0 0  0 1 0\n").unwrap();
+        let toys = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/toys.glb");
+        let [mesh, aff, toys] = [mesh, aff, toys].map(|path| load(&path, None).unwrap());
+        let panics = |call: &dyn Fn()| catch_unwind(AssertUnwindSafe(call)).is_err();
+        for animation in [&mesh, &aff, &toys] {
+            for count in [-1, 1].map(|more| animation.topology().vertex_count.saturating_add_signed(more)) {
+                let vectors = || vec![Vec3::ZERO; count];
+                assert!(panics(&|| _ = animation.pose(0.5, &mut vectors())));
+                assert!(panics(&|| animation.normals(0.5, &mut vectors())));
+            }
+        }
+        for time in [0.0, 0.5] {
+            assert!(panics(&|| _ = Pose::new(&*mesh).advance(&*toys, time)), "at {time}");
+        }
     }
 }

@@ -102,6 +102,8 @@ impl Pose {
     /// # Panics
     /// If it is the pose of an animation with another number of vertices.
     pub fn advance(&mut self, animation: &dyn Animation, time: f64) -> PoseStats {
+        let vertices = animation.topology().vertex_count;
+        assert_eq!(self.positions.len(), vertices, "positions are those of another animation");
         // In this order a time that is not a number becomes 0.
         let time = time.max(0.0).min(animation.duration());
         if time == self.time {

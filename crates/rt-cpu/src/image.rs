@@ -121,6 +121,12 @@ mod tests {
     }
 
     #[test]
+    #[should_panic = "images of the same size"]
+    fn an_image_of_another_size_is_not_added() {
+        Image::new(5, 3).add(&Image::new(3, 5));
+    }
+
+    #[test]
     fn images_without_pixels_are_no_files() {
         assert!(Image::new(0, 3).png().is_err());
     }

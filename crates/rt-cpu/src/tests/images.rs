@@ -42,6 +42,14 @@ fn a_lit_sphere_has_no_shadow_on_its_lit_side() {
 }
 
 #[test]
+#[should_panic = "pixels of the camera"]
+fn rays_are_cast_for_all_pixels_of_the_camera() {
+    let (soup, camera, _) = scene();
+    let mut pixels = vec![crate::Pixel::default(); 133 * 71 - 1];
+    crate::cast(&tree(&soup, 2), &soup.triangles(), &camera, None, &RenderOptions::default(), &mut pixels);
+}
+
+#[test]
 fn shadows_fall_where_they_should() {
     let (soup, _, light) = scene();
     let bvh = tree(&soup, 1);

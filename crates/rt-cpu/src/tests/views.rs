@@ -52,6 +52,18 @@ fn batches_are_single_rays_in_order_on_any_number_of_threads() {
     }
 }
 
+#[test]
+#[should_panic = "one t_max a ray"]
+fn a_batch_has_one_t_max_a_ray() {
+    Bvh8::new().closest_hits(&random_rays(3), &[1.0; 4], TriangleTest::Watertight, &mut [None; 3]);
+}
+
+#[test]
+#[should_panic = "one hit a ray"]
+fn a_batch_has_one_hit_a_ray() {
+    Bvh8::new().closest_hits(&random_rays(3), &[1.0; 3], TriangleTest::Watertight, &mut [None; 2]);
+}
+
 /// Large enough to be shared out, with leaves that fit into blocks and leaves that do not.
 #[test]
 fn views_are_the_same_for_any_number_of_threads() {
