@@ -30,25 +30,22 @@ fn more_key_frames_are_nearer_to_the_finely_sampled_motion() {
 
 #[test]
 fn distance_is_in_units_of_the_extent_and_none_where_nothing_can_be_compared() {
-    let dir = std::path::PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("accuracy");
-    std::fs::create_dir_all(&dir).unwrap();
-    // Two key frames 30 apart; and five, of which the middle one is 4 aside of the straight way.
-    let keys = |name: &str, places: &[(f32, f32)]| {
-        let dir = dir.join(name);
-        std::fs::create_dir_all(&dir).unwrap();
+    let keys = |places: &[(f32, f32)]| {
+        let dir = tempfile::tempdir().unwrap();
         for (i, (x, z)) in places.iter().enumerate() {
             let [x1, z1] = [x + 1e-3, z + 1e-3];
             let text = format!("v {x} 0 {z}\nv {x1} 0 {z}\nv {x} 0 {z1}\nf 1 2 3\n");
-            std::fs::write(dir.join(format!("key{i}.obj")), text).unwrap();
+            std::fs::write(dir.path().join(format!("key{i}.obj")), text).unwrap();
         }
-        load(dir.to_str().unwrap(), None, &SceneOptions::default()).unwrap().animation
+        load(dir.path().to_str().unwrap(), None, &SceneOptions::default()).unwrap().animation
     };
-    let straight = keys("straight", &[(0.0, 0.0), (15.0, 0.0), (30.0, 0.0)]);
-    let aside = keys("aside", &[(0.0, 0.0), (15.0, 40.0), (30.0, 0.0)]);
+    // Both of three key frames, from 0 to 30; in the middle the second is 40 aside of the first.
+    let straight = keys(&[(0.0, 0.0), (15.0, 0.0), (30.0, 0.0)]);
+    let aside = keys(&[(0.0, 0.0), (15.0, 40.0), (30.0, 0.0)]);
     let Distance { rms, max, extent } = distance(&*straight, &*aside, 3).unwrap();
     assert!((extent - 50.0).abs() < 0.01, "{extent}");
     assert!((max - 0.8).abs() < 1e-3 && (rms - 0.8 / 3_f64.sqrt()).abs() < 1e-3, "{max} {rms}");
-    let still = keys("still", &[(0.0, 0.0)]);
+    let still = keys(&[(0.0, 0.0)]);
     assert_eq!(distance(&*straight, &*still, 3), None, "nothing moves");
     assert_eq!(
         distance(
@@ -70,5 +67,4 @@ fn distance_is_in_units_of_the_extent_and_none_where_nothing_can_be_compared() {
         None,
         "other vertices"
     );
-    std::fs::remove_dir_all(dir).unwrap();
 }

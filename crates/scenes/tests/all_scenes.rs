@@ -13,14 +13,12 @@ fn reduced() -> SceneOptions<'static> {
 }
 
 /// Where [`SCENES`] are recorded.
-fn cache() -> PathBuf {
-    PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("cached_scene")
-}
+static CACHE: LazyLock<PathBuf> =
+    LazyLock::new(|| tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap().keep());
 
 /// Every scene once, reduced, simulated and recorded, for the tests that only look.
 static SCENES: LazyLock<Vec<Scene>> = LazyLock::new(|| {
-    let _ = std::fs::remove_dir_all(cache());
-    let options = SceneOptions { cache_dir: Some(cache()), ..reduced() };
+    let options = SceneOptions { cache_dir: Some(CACHE.clone()), ..reduced() };
     list().iter().map(|info| load(info.name, None, &options).unwrap()).collect()
 });
 
@@ -172,10 +170,10 @@ fn positions_are_finite_in_500_frames_of_the_full_scenes() {
 
 #[test]
 fn exported_forest_is_the_scene() {
-    let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("fairy-forest.glb");
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("fairy-forest.glb");
     std::fs::write(&path, scenes::fairy_forest_glb(reduced().seed)).unwrap();
     let file = load(path.to_str().unwrap(), None, &SceneOptions::default()).unwrap();
-    std::fs::remove_file(path).unwrap();
     let scene = load("fairy-forest", None, &SceneOptions::default()).unwrap();
     assert_eq!(fingerprint(&file), fingerprint(&scene));
     assert_eq!(file.animation.topology().triangles, scene.animation.topology().triangles);
@@ -226,10 +224,10 @@ fn positions_are_finite_in_500_frames_and_still_parts_stand_still() {
 
 #[test]
 fn cached_scene_is_the_scene() {
-    let options = SceneOptions { cache_dir: Some(cache()), ..reduced() };
+    let options = SceneOptions { cache_dir: Some(CACHE.clone()), ..reduced() };
     let scenes = SCENES.iter();
     let times = || {
-        std::fs::read_dir(cache()).unwrap().map(|file| file.unwrap().metadata().unwrap().modified().unwrap())
+        std::fs::read_dir(&*CACHE).unwrap().map(|file| file.unwrap().metadata().unwrap().modified().unwrap())
     };
     let written: Vec<_> = times().collect();
     assert!(!written.is_empty());
@@ -239,7 +237,7 @@ fn cached_scene_is_the_scene() {
         assert_eq!(cached.measures, scene.measures);
     }
     assert!(times().eq(written), "none was made again");
-    std::fs::remove_dir_all(cache()).unwrap();
+    std::fs::remove_dir_all(&*CACHE).unwrap();
 }
 
 #[test]
@@ -324,14 +322,13 @@ fn errors_say_what_would_be_right() {
 
 #[test]
 fn file_is_framed_from_above_with_all_that_moves_in_the_picture() {
-    let dir = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("framed_file");
-    std::fs::create_dir_all(&dir).unwrap();
+    let dir = tempfile::tempdir().unwrap();
     for (frame, x) in [(0, 5.0), (1, 105.0)] {
         let still = "v -9000 0 9000\nv 9000 0 9000\nv 0 0 -9000\nf 4 5 6\n";
         let text = format!("v {x} 7 0\nv {x} 9 0\nv {x} 7 3\nf 1 2 3\n{still}");
-        std::fs::write(dir.join(format!("frame{frame}.obj")), text).unwrap();
+        std::fs::write(dir.path().join(format!("frame{frame}.obj")), text).unwrap();
     }
-    let scene = load(dir.to_str().unwrap(), None, &SceneOptions::default()).unwrap();
+    let scene = load(dir.path().to_str().unwrap(), None, &SceneOptions::default()).unwrap();
     assert!(scene.effects.motion.key_frames);
     assert_eq!(scene.notes.len(), 2, "view and light are defaults: {:?}", scene.notes);
     let view = scene.view;
@@ -342,12 +339,12 @@ fn file_is_framed_from_above_with_all_that_moves_in_the_picture() {
         assert!(angle < 0.5 * view.fov_y, "{p} is in the picture");
     }
     assert!(view.eye.distance(view.target) < 300.0, "nearer than to see what stands still");
-    std::fs::remove_dir_all(dir).unwrap();
 }
 
 #[test]
 fn file_far_away_keeps_its_details_with_a_local_origin() {
-    let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("far.obj");
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("far.obj");
     std::fs::write(&path, "v 6400000.3 9 0\nv 6400000.4 9 0\nv 6400000.3 9.1 0\nf 1 2 3\n").unwrap();
     let side = |local_origin| {
         let options = SceneOptions { local_origin, ..SceneOptions::default() };
@@ -356,7 +353,6 @@ fn file_far_away_keeps_its_details_with_a_local_origin() {
         (rest[0].distance(rest[1]), scene.notes.iter().any(|note| note.contains("(6400001, 9, 0)")))
     };
     let ((far, _), (near, noted)) = (side(false), side(true));
-    std::fs::remove_file(&path).unwrap();
     assert!((far - 0.1).abs() > 0.05 && (near - 0.1).abs() < 1e-6, "{far} {near}");
     assert!(noted, "the note names the origin");
 }
