@@ -7,6 +7,7 @@
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -15,6 +16,8 @@ use xxhash_rust::xxh3::xxh3_64;
 use crate::{Effects, Measure, SceneOptions, SimulationStats};
 
 const SOURCE_HASH: &str = env!("SCENES_SOURCE_HASH");
+/// How names of temporary files start.
+const TEMPORARY: &str = ".tmp";
 
 /// What a simulation leaves behind: what its scene plays back, and its errors.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -62,12 +65,27 @@ fn cache_path(dir: &Path, parameters: &str) -> PathBuf {
 /// after a power failure.
 fn write_whole(dir: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
     fs::create_dir_all(dir)?;
-    let mut file = tempfile::NamedTempFile::new_in(dir)?;
+    remove_abandoned(dir);
+    let mut file = tempfile::Builder::new().prefix(TEMPORARY).tempfile_in(dir)?;
     file.write_all(bytes)?;
     // Some file systems report a full disk only here.
     file.as_file().sync_all()?;
     file.persist(path)?;
     Ok(())
+}
+
+/// Removes temporary files of processes that were killed while they wrote. No write takes a day.
+fn remove_abandoned(dir: &Path) {
+    const DAY: Duration = Duration::from_secs(24 * 3600);
+    for entry in fs::read_dir(dir).into_iter().flatten().flatten() {
+        let is_temporary = entry.file_name().to_str().is_some_and(|name| name.starts_with(TEMPORARY));
+        let modified = entry.metadata().and_then(|metadata| metadata.modified());
+        let age = modified.ok().and_then(|time| time.elapsed().ok());
+        if is_temporary && age.is_some_and(|age| age > DAY) {
+            // Another process may have removed it.
+            let _ = fs::remove_file(entry.path());
+        }
+    }
 }
 
 fn encode<T: Serialize>(record: &Record<T>, parameters: &str) -> Result<Vec<u8>, postcard::Error> {
@@ -116,8 +134,8 @@ mod tests {
 
     #[test]
     fn damaged_cache_is_rebuilt_and_a_good_one_is_used() {
-        let dir = std::env::temp_dir().join(format!("pivot-cache-test-{}", std::process::id()));
-        let options = SceneOptions { cache_dir: Some(dir.clone()), ..SceneOptions::default() };
+        let dir = tempfile::tempdir().unwrap();
+        let options = SceneOptions { cache_dir: Some(dir.path().to_owned()), ..SceneOptions::default() };
         let runs = Cell::new(0);
         let get = || {
             let found = recorded("test 1", &options, || {
@@ -129,7 +147,7 @@ mod tests {
         get();
         get();
         assert_eq!(runs.get(), 1, "the second came from the cache");
-        let path = cache_path(&dir, "test 1 without none");
+        let path = cache_path(dir.path(), "test 1 without none");
         let mut bytes = fs::read(&path).unwrap();
         bytes[40] ^= 1;
         fs::write(&path, bytes).unwrap();
@@ -137,7 +155,6 @@ mod tests {
         get();
         assert_eq!(runs.get(), 2, "the damaged file was made again, once");
         assert_eq!(fs::read_dir(&dir).unwrap().count(), 1, "no temporary files are left");
-        fs::remove_dir_all(dir).unwrap();
     }
 
     #[test]
@@ -150,11 +167,9 @@ mod tests {
 
     #[test]
     fn cache_that_cannot_be_written_is_noted() {
-        let file = std::env::temp_dir().join(format!("pivot-cache-file-{}", std::process::id()));
-        fs::write(&file, "not a folder").unwrap();
-        let options = SceneOptions { cache_dir: Some(file.clone()), ..SceneOptions::default() };
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let options = SceneOptions { cache_dir: Some(file.path().to_owned()), ..SceneOptions::default() };
         let (record, notes) = recorded("test 1", &options, sample);
         assert_eq!((record, notes.len()), (sample(), 1));
-        fs::remove_file(file).unwrap();
     }
 }
