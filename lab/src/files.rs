@@ -46,13 +46,16 @@ pub(crate) fn ensure_writable(path: &Path) -> Result<()> {
     ensure_replaceable(path)
 }
 
+/// How the temporary names of [`write_whole`] end.
+const PARTIAL: &str = ".partial";
+
 /// Writes a file under a short temporary name beside its final place and renames it.
 pub(crate) fn write_whole(path: &Path, content: &[u8]) -> Result<()> {
     ensure_replaceable(path)?;
     let mut builder = tempfile::Builder::new();
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    builder.prefix(".").suffix(".partial");
+    builder.prefix(".").suffix(PARTIAL);
     let write = || {
         let mut partial = builder.tempfile_in(folder_of(path))?;
         partial.write_all(content)?;
@@ -100,6 +103,11 @@ pub(crate) fn remove_old(path: &Path) -> Result<()> {
         }
         _ => Ok(()),
     }
+}
+
+/// Removes what killed runs have left of files in a folder that is locked for this run.
+pub(crate) fn remove_partial(folder: &Path) -> Result<()> {
+    remove_all(folder, |name| name.starts_with('.') && name.ends_with(PARTIAL))
 }
 
 /// Removes the files of a folder whose names `is_old` knows.

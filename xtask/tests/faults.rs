@@ -8,13 +8,14 @@
 mod program;
 
 use std::fs;
+use std::io::Write;
 use std::os::unix::fs::symlink;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use program::{folder, refused, str, succeeds};
+use program::{Running, folder, refused, str, succeeds};
 
 /// The program, started by a shell after some `preparation`.
 fn after(preparation: &str, arguments: &[&str]) -> Output {
@@ -46,6 +47,12 @@ fn reproduce_frames<'a>(sheet: &'a Path, out: &'a Path, frames: &'a str) -> Vec<
     all.extend(["--strategy", "refit", "--strategy", "refit+rotate", "--threads", "1"]);
     all.extend(["--frames", frames, "--loops", "1.5", "--size", "8"]);
     all
+}
+
+/// The least run.
+fn reproduce_refit<'a>(sheet: &'a Path, out: &'a Path) -> Vec<&'a str> {
+    let all = ["reproduce", "fig4", "--preset", "quick", "--scene", str(sheet), "--out", str(out)];
+    [&all[..], &["--strategy", "refit", "--frames", "5", "--size", "8"]].concat()
 }
 
 fn resumed<'a>(sheet: &'a Path, out: &'a Path) -> Vec<&'a str> {
@@ -84,6 +91,38 @@ fn is_whole(out: &Path, all: &[Vec<String>; 2]) {
     assert_eq!((&summary["interrupted"], &summary["checks"]["differences"]), (&false.into(), &0.into()));
     assert_eq!(summary["scenes"][0]["images"].as_array().expect("a list").len(), 3 * 3);
     assert!(fs::read_to_string(out.join("report.html")).expect("a report").ends_with("</html>"));
+}
+
+/// Waits for what has to come.
+fn wait_for(what: &str, mut is_there: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !is_there() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "no {what}");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+/// Interrupts a process or, by its negative number, a group of processes.
+fn interrupt(target: &str) {
+    assert!(Command::new("kill").args(["-s", "INT", "--", target]).status().expect("kill").success());
+}
+
+fn lines(file: &Path) -> usize {
+    fs::read(file).map_or(0, |bytes| bytes.iter().filter(|&&byte| byte == b'\n').count())
+}
+
+/// Starts a run and kills it in time; whether it ran as long as that.
+fn killed_when(arguments: &[&str], mut it_is_time: impl FnMut() -> bool) -> bool {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_xtask"));
+    command.args(arguments).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut run = Running::new(command.spawn());
+    let mut ended = false;
+    wait_for("rows", || {
+        ended = run.try_wait().expect("a child").is_some();
+        ended || it_is_time()
+    });
+    run.kill().expect("killed");
+    run.wait().expect("a child").code().is_none()
 }
 
 /// Names of files in a folder and those in it that no finished run would leave.
@@ -136,19 +175,12 @@ fn rows_survive_a_run_that_is_killed_and_killed_again() {
     let all = undisturbed(&sheet, temporary.path());
     let out = temporary.path().join("killed");
     let mut before = 0;
-    for (file, wait_for) in [(0, 10), (0, 120), (1, 30), (1, 400)] {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_xtask"));
-        command.args(if before == 0 { reproduce(&sheet, &out) } else { resumed(&sheet, &out) });
-        let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("it starts");
-        let begun = Instant::now();
-        let lines =
-            || fs::read(out.join(FILES[file])).map_or(0, |b| b.iter().filter(|&&b| b == b'\n').count());
-        while lines() < wait_for && child.try_wait().expect("a child").is_none() {
-            assert!(begun.elapsed() < Duration::from_secs(60), "no rows");
-            std::thread::sleep(Duration::from_millis(1));
+    for (file, count) in [(0, 10), (0, 120), (1, 30), (1, 400)] {
+        let run = if before == 0 { reproduce(&sheet, &out) } else { resumed(&sheet, &out) };
+        if !killed_when(&run, || lines(&out.join(FILES[file])) >= count) {
+            // On a busy machine a run may end before it is looked at again.
+            break;
         }
-        child.kill().expect("killed");
-        child.wait().expect("a child");
         let left = FILES.map(|name| rows(&out.join(name)));
         for (left, all) in left.iter().zip(&all) {
             assert!(all.starts_with(left), "rows, in order");
@@ -162,8 +194,41 @@ fn rows_survive_a_run_that_is_killed_and_killed_again() {
         let summary: serde_json::Value = serde_json::from_slice(&summary).expect("JSON");
         assert_eq!(summary["interrupted"], true);
     }
+    assert!(before > 0, "killed at least once");
     succeeds(&resumed(&sheet, &out));
     is_whole(&out, &all);
+}
+
+/// A scene that is not finished is measured again. What is of finished scenes is kept, byte by byte.
+#[test]
+fn points_and_peers_survive_a_run_that_is_killed_in_either_scene() {
+    let (temporary, sheet) = folder();
+    let out = temporary.path().join("killed");
+    let run = ["reproduce", "accuracy", "peers", "--preset", "quick", "--out", str(&out)];
+    let twice = ["--scene", str(&sheet), "--scene", str(&sheet)];
+    let run = [&run[..], &twice, &["--frames", "3", "--size", "8", "--threads", "1"]].concat();
+    let files = ["accuracy.csv", "peers.csv"].map(|name| out.join(name));
+    let of = |scene: &str| {
+        files.each_ref().map(|file| {
+            let text = fs::read_to_string(file).expect("rows");
+            let whole = text.split_inclusive('\n').filter(|line| line.ends_with('\n'));
+            let rows = whole.filter_map(|line| line.strip_prefix(&format!("{scene},")));
+            rows.map(str::to_owned).collect::<Vec<_>>()
+        })
+    };
+    assert!(killed_when(&run, || lines(&files[0]) > 5));
+    let resume = [&run[..], &["--resume"]].concat();
+    assert!(killed_when(&resume, || lines(&files[1]) > 1 && !of("sheet/-2")[0].is_empty()));
+    let first = of("sheet/");
+    succeeds(&resume);
+    assert!(of("sheet/") == first);
+    // Knobs and settings, or times and contestants.
+    let keys = |rows: [Vec<String>; 2]| {
+        let key = |row: String| row.split(',').take(3).collect::<Vec<_>>().join(",");
+        rows.map(|rows| rows.into_iter().map(key).collect::<Vec<_>>())
+    };
+    assert!(first.iter().all(|rows| rows.len() > 5));
+    assert_eq!(keys(of("sheet/-2")), keys(first));
 }
 
 /// A new run in the folder of a finished one, killed before its first scene is through, is not
@@ -189,8 +254,7 @@ fn a_full_disk_leaves_no_half_file_and_the_report_can_be_drawn_later() {
     // in it.
     let full = "trap '' XFSZ; ulimit -f 40";
     let out = base.join("out");
-    let run = ["reproduce", "fig4", "--preset", "quick", "--scene", str(&sheet), "--strategy", "refit"];
-    let run = [&run[..], &["--frames", "5", "--size", "8", "--out", str(&out)]].concat();
+    let run = reproduce_refit(&sheet, &out);
     fails(&after(full, &run), &["too large"]);
     assert!(!out.join("report.html").exists() && half_written(&out).is_empty());
     succeeds(&run);
@@ -208,21 +272,60 @@ fn a_full_disk_leaves_no_half_file_and_the_report_can_be_drawn_later() {
     assert!(!copy.join("frames.csv").exists() && half_written(&copy).is_empty());
 }
 
+#[test]
+fn a_run_removes_what_a_killed_one_has_left_half_written() {
+    let (temporary, sheet) = folder();
+    let out = temporary.path().join("out");
+    let run = reproduce_refit(&sheet, &out);
+    let killed = after("ulimit -c 0; ulimit -f 40", &run);
+    assert!(killed.status.signal().is_some() && half_written(&out).len() == 1, "{killed:?}");
+    for folder in ["figures", "images"] {
+        fs::write(out.join(folder).join(".123456.partial"), "half").expect("a file");
+    }
+    succeeds(&run);
+    assert_eq!(half_written(&out), [] as [PathBuf; 0]);
+}
+
 /// An interrupt reaches the case that runs as well, whose end then says nothing of the library.
 #[test]
 fn an_interrupt_of_the_hard_cases_accuses_nobody() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_xtask"));
     command.args(["compare", "hard"]).process_group(0).stdout(Stdio::piped()).stderr(Stdio::piped());
-    let child = command.spawn().expect("it starts");
-    std::thread::sleep(Duration::from_millis(700));
-    let group = format!("-{}", child.id());
-    assert!(Command::new("kill").args(["-s", "INT", "--", &group]).status().expect("kill").success());
-    let output = child.wait_with_output().expect("a child");
+    let run = Running::new(command.spawn());
+    let children = format!("/proc/{0}/task/{0}/children", run.id());
+    wait_for("case", || !fs::read_to_string(&children).expect("a process").is_empty());
+    interrupt(&format!("-{}", run.id()));
+    let output = run.wait_with_output().expect("a child");
     let (printed, message) =
         (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert_eq!(output.status.code(), Some(130), "{message}");
     assert!(!printed.contains("fails") && !printed.contains("crashes"), "{printed}");
     assert!(!message.contains("error: "), "{message}");
+}
+
+/// The first interrupt stops a run after its step. Here it cannot end then, since nobody reads what
+/// it prints.
+#[test]
+fn a_second_interrupt_ends_a_run_at_once() {
+    let (temporary, sheet) = folder();
+    let out = temporary.path().join("results");
+    let (_unread, mut full) = std::io::pipe().expect("a pipe");
+    let stdout = full.try_clone().expect("a pipe");
+    std::thread::spawn(move || while full.write_all(&[b'\n'; 4096]).is_ok() {});
+    let mut command = Command::new(env!("CARGO_BIN_EXE_xtask"));
+    let arguments = reproduce_frames(&sheet, &out, "5000");
+    let mut run = Running::new(command.args(arguments).stdout(stdout).stderr(Stdio::null()).spawn());
+    wait_for("rows", || lines(&out.join("frames.csv")) > 10);
+    interrupt(&run.id().to_string());
+    wait_for("report", || out.join("report.html").exists());
+    assert!(run.try_wait().expect("a child").is_none(), "the first interrupt ends the run");
+    interrupt(&run.id().to_string());
+    let mut status = None;
+    wait_for("end", || {
+        status = run.try_wait().expect("a child");
+        status.is_some()
+    });
+    assert_eq!(status.and_then(|status| status.code()), Some(130));
 }
 
 #[test]

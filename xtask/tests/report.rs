@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use program::{folder, refused, str, succeeds};
+use program::{Running, folder, refused, str, succeeds};
 use serde_json::Value;
 
 /// Two scenes, few frames.
@@ -82,7 +82,7 @@ fn an_interrupted_run_says_how_to_go_on() {
         .stderr(Stdio::piped())
         .stdout(Stdio::null())
         .spawn();
-    let run = run.expect("the program starts");
+    let run = Running::new(run);
     let rows = || fs::read_to_string(out.join("frames.csv")).map_or(0, |rows| rows.lines().count());
     let start = Instant::now();
     while rows() < 100 {
@@ -102,7 +102,7 @@ fn an_interrupted_run_says_how_to_go_on() {
     let kept = rows();
     let resumed =
         Command::new(env!("CARGO_BIN_EXE_xtask")).args(command.split(' ')).stderr(Stdio::piped()).spawn();
-    let resumed = resumed.expect("the program starts");
+    let resumed = Running::new(resumed);
     while rows() <= kept + 20 {
         assert!(
             start.elapsed() < Duration::from_secs(120),

@@ -18,13 +18,15 @@ pub(super) struct Output {
 }
 
 impl Output {
-    /// Makes the folder and those in it.
+    /// Makes the folder and those in it, without what killed runs have left half-written.
     pub(super) fn prepare(folder: PathBuf) -> Result<Self> {
         files::make_folder(&folder)?;
         let out = Self { _lock: files::lock(&folder)?, folder };
         for folder in [out.file("figures"), out.file("images")] {
             files::make_folder(&folder)?;
+            files::remove_partial(&folder)?;
         }
+        files::remove_partial(&out.folder)?;
         Ok(out)
     }
 

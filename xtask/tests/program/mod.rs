@@ -1,14 +1,54 @@
 //! The program, started as users start it, and something small to run it on.
 
 use std::fmt::Write;
-use std::fs;
+use std::ops::{Deref, DerefMut};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output, Stdio};
+use std::{fs, io};
 
 use tempfile::TempDir;
 
+/// A process that is killed when a test ends before it.
+pub(crate) struct Running(Option<Child>);
+
+impl Running {
+    pub(crate) fn new(started: io::Result<Child>) -> Self {
+        Self(Some(started.expect("the program starts")))
+    }
+
+    pub(crate) fn wait_with_output(mut self) -> io::Result<Output> {
+        self.0.take().expect("a process").wait_with_output()
+    }
+}
+
+impl Deref for Running {
+    type Target = Child;
+
+    fn deref(&self) -> &Child {
+        self.0.as_ref().expect("a process")
+    }
+}
+
+impl DerefMut for Running {
+    fn deref_mut(&mut self) -> &mut Child {
+        self.0.as_mut().expect("a process")
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.0 {
+            // It may have ended already.
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
 fn xtask(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_xtask")).args(arguments).output().expect("the program starts")
+    let mut command = Command::new(env!("CARGO_BIN_EXE_xtask"));
+    let started = command.args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+    Running::new(started).wait_with_output().expect("the end")
 }
 
 fn text(bytes: &[u8]) -> String {
