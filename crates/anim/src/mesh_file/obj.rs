@@ -63,14 +63,17 @@ fn positions_and_faces(text: &str) -> String {
     // A backslash at the end of a line continues it.
     let joined = text.replace("\\\r\n", " ").replace("\\\n", " ");
     for line in joined.lines().map(str::trim) {
-        let mut words = line.split_whitespace();
-        match words.next() {
-            Some("v") if words.clone().count() > 4 => push_words(&mut kept, "v", words.take(3)),
+        match line.split_whitespace().next() {
+            Some("v") => {
+                let kept_numbers = if numbers(line).count() > 4 { 3 } else { 4 };
+                push_words(&mut kept, "v", numbers(line).take(kept_numbers));
+            }
             Some("f") => {
-                push_words(&mut kept, "f", words.map(|word| word.split('/').next().unwrap_or_default()));
+                let positions = numbers(line).map(|word| word.split('/').next().unwrap_or_default());
+                push_words(&mut kept, "f", positions);
             }
             // A space behind the word, which may have been a tab; names may have spaces in them.
-            Some(word @ ("v" | "o" | "g" | "usemtl" | "mtllib")) => {
+            Some(word @ ("o" | "g" | "usemtl" | "mtllib")) => {
                 push_words(&mut kept, word, [line[word.len()..].trim_start()]);
             }
             _ => {}
@@ -79,17 +82,22 @@ fn positions_and_faces(text: &str) -> String {
     kept
 }
 
+/// The words of a line of numbers, without the first word and the comment at the end. (A name may
+/// contain a `#`, so lines with names have no comments.)
+fn numbers(line: &str) -> impl Iterator<Item = &str> {
+    line.split('#').next().unwrap_or_default().split_whitespace().skip(1)
+}
+
 /// The names and diffuse colours of a material library; `tobj` takes incomplete colours badly.
 fn diffuse_colors(text: &str) -> String {
     let mut kept = String::new();
     for line in text.lines().map(str::trim) {
-        let mut words = line.split_whitespace();
-        match words.next() {
+        match line.split_whitespace().next() {
             Some("newmtl") => push_words(&mut kept, line, []),
             Some("Kd")
-                if words.clone().count() >= 3 && words.clone().all(|word| word.parse::<f32>().is_ok()) =>
+                if numbers(line).count() >= 3 && numbers(line).all(|word| word.parse::<f32>().is_ok()) =>
             {
-                push_words(&mut kept, "Kd", words.take(3));
+                push_words(&mut kept, "Kd", numbers(line).take(3));
             }
             _ => {}
         }

@@ -159,6 +159,23 @@ fn obj_materials_beside_the_file() {
 }
 
 #[test]
+fn obj_comments_end_lines_of_numbers_but_not_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("model.obj");
+    std::fs::write(folder.path().join("a #1.mtl"), "newmtl red #1\nKd 1 0 0 # red\n").unwrap();
+    let obj = "mtllib a #1.mtl\no first #1\nv 0 0 0 # origin\nv 1 0 0 #x\nv 0 1 0 1 0 0# 1\nvt 0 0 # corner\n\
+               vn 0 0 1 # up\nusemtl red #1\nf 1/1/1 2/1/1 3/1/1 # 1 2 3\nf 3 2 1# 2\n";
+    std::fs::write(&file, obj).unwrap();
+    let mesh = crate::load(&file, None).unwrap();
+    let topology = mesh.topology();
+    assert_eq!(topology.triangles, [[0, 1, 2], [2, 1, 0]]);
+    assert_eq!(mesh.rest(), [Vec3::ZERO, Vec3::X, Vec3::Y]);
+    let part = &topology.parts[0];
+    let color = topology.materials[part.material as usize].base_color;
+    assert_eq!((&*part.name, color), ("first #1", [1.0, 0.0, 0.0]));
+}
+
+#[test]
 fn malformed_obj_is_refused() {
     let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
     for faces in [
