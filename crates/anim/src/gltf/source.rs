@@ -10,7 +10,7 @@ use ::gltf::json::Root;
 use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use glam::DVec3;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::error::{LoadError, Problem, read_beside};
 
@@ -55,13 +55,16 @@ fn document(bytes: &[u8]) -> Result<(Root, Blob<'_>), Problem> {
     Ok((root, blob))
 }
 
-/// The document without animation channels that have no node, which are to be ignored (3.11); the
-/// parser refuses them.
+/// The document with a channel for an unknown property in place of each animation channel without
+/// a node. Both kinds are to be ignored (3.11), but the parser refuses channels without a node.
+/// Channels for unknown properties are counted, and a note reports them.
 fn without_aimless_channels(json: &[u8]) -> Option<Root> {
     let mut document: Value = serde_json::from_slice(json).ok()?;
     for animation in document.get_mut("animations")?.as_array_mut()? {
         let channels = animation.get_mut("channels")?.as_array_mut()?;
-        channels.retain(|channel| channel["target"].get("node").is_some());
+        for channel in channels.iter_mut().filter(|channel| channel["target"].get("node").is_none()) {
+            *channel = json!({"sampler": 0, "target": {"node": 0, "path": "pointer"}});
+        }
     }
     serde_json::from_value(document).ok()
 }
