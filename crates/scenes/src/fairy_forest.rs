@@ -93,11 +93,11 @@ pub(crate) fn scene(clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Sc
 /// A body that circles, with four wings that beat: nodes and nothing else.
 fn dragonfly(glb: &mut Glb) {
     let mut solid = Solid::default();
-    solid.blend(0.02);
-    solid.limb(&[(vec3(0.0, 0.0, 0.1), 0.045), (vec3(0.0, 0.01, 0.0), 0.05), (vec3(0.0, 0.0, -0.1), 0.03)]);
-    solid.limb(&[(vec3(0.0, 0.0, -0.1), 0.022), (vec3(0.0, -0.02, -0.45), 0.014)]);
-    solid.blend(0.005);
-    solid.ball(vec3(0.03, 0.015, 0.15), 0.035).ball(vec3(-0.03, 0.015, 0.15), 0.035);
+    let trunk = [(vec3(0.0, 0.0, 0.1), 0.045), (vec3(0.0, 0.01, 0.0), 0.05), (vec3(0.0, 0.0, -0.1), 0.03)];
+    solid.limb(0.02, &trunk);
+    solid.limb(0.02, &[(vec3(0.0, 0.0, -0.1), 0.022), (vec3(0.0, -0.02, -0.45), 0.014)]);
+    solid.ball(0.005, vec3(0.03, 0.015, 0.15), 0.035);
+    solid.ball(0.005, vec3(-0.03, 0.015, 0.15), 0.035);
     let half = vec3(0.12, 0.1, 0.0);
     let body = meshing::mesh(&solid, -half - 0.55 * Vec3::Z, half + 0.25 * Vec3::Z, 0.005);
     let [blue, glass] = [[0.1, 0.3, 0.65], [0.75, 0.85, 0.9]].map(|color| glb.material(color));
@@ -141,19 +141,16 @@ fn dragonfly_wing(side: f32, ahead: f32) -> Mesh {
 /// A row of balls that stretches and arches: morph targets and nothing else.
 fn caterpillar(glb: &mut Glb) {
     let mut solid = Solid::default();
-    solid.blend(0.02);
     for k in 0..10 {
         let x = 0.085 * k as f32;
-        solid.ball(vec3(x, 0.055 + 0.002 * (k % 2) as f32, 0.0), 0.058);
-        solid.blend(0.005);
+        solid.ball(0.02, vec3(x, 0.055 + 0.002 * (k % 2) as f32, 0.0), 0.058);
         for side in [-1.0, 1.0] {
-            solid.limb(&[(vec3(x, 0.03, side * 0.03), 0.018), (vec3(x, 0.0, side * 0.045), 0.012)]);
+            solid.limb(0.005, &[(vec3(x, 0.03, side * 0.03), 0.018), (vec3(x, 0.0, side * 0.045), 0.012)]);
         }
-        solid.blend(0.02);
     }
-    solid.ball(vec3(0.85, 0.09, 0.0), 0.075);
+    solid.ball(0.02, vec3(0.85, 0.09, 0.0), 0.075);
     for side in [-1.0, 1.0] {
-        solid.limb(&[(vec3(0.87, 0.14, side * 0.03), 0.012), (vec3(0.9, 0.22, side * 0.06), 0.008)]);
+        solid.limb(0.02, &[(vec3(0.87, 0.14, side * 0.03), 0.012), (vec3(0.9, 0.22, side * 0.06), 0.008)]);
     }
     let fine = meshing::mesh(&solid, vec3(-0.1, -0.05, -0.12), vec3(0.98, 0.26, 0.12), 0.009);
     let body = decimate(&fine, 5000).moved(|p| p * 0.8);

@@ -28,45 +28,38 @@ pub(crate) struct Element {
 }
 
 /// A solid, the elements joined in order.
+///
+/// An element blends with those before it over a distance, the first argument of each function
+/// that adds elements.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Solid {
     elements: Vec<Element>,
-    blend: f32,
 }
 
 impl Solid {
-    /// Sets the distance over which the elements that follow blend with those before them.
-    pub(crate) fn blend(&mut self, distance: f32) -> &mut Self {
-        self.blend = distance;
-        self
-    }
-
-    pub(crate) fn add(&mut self, shape: Shape) -> &mut Self {
-        self.elements.push(Element { shape, blend: self.blend, carve: false });
-        self
+    pub(crate) fn add(&mut self, blend: f32, shape: Shape) {
+        self.elements.push(Element { shape, blend, carve: false });
     }
 
     /// Takes a shape away from the elements before it.
-    pub(crate) fn carve(&mut self, shape: Shape) -> &mut Self {
-        self.elements.push(Element { shape, blend: self.blend, carve: true });
-        self
+    pub(crate) fn carve(&mut self, blend: f32, shape: Shape) {
+        self.elements.push(Element { shape, blend, carve: true });
     }
 
-    pub(crate) fn ball(&mut self, center: Vec3, radius: f32) -> &mut Self {
-        self.ellipsoid(center, Vec3::splat(radius))
+    pub(crate) fn ball(&mut self, blend: f32, center: Vec3, radius: f32) {
+        self.ellipsoid(blend, center, Vec3::splat(radius));
     }
 
-    pub(crate) fn ellipsoid(&mut self, center: Vec3, radii: Vec3) -> &mut Self {
-        self.add(Shape::Ellipsoid { center, radii })
+    pub(crate) fn ellipsoid(&mut self, blend: f32, center: Vec3, radii: Vec3) {
+        self.add(blend, Shape::Ellipsoid { center, radii });
     }
 
     /// A limb through points with a radius at each.
-    pub(crate) fn limb(&mut self, points: &[(Vec3, f32)]) -> &mut Self {
+    pub(crate) fn limb(&mut self, blend: f32, points: &[(Vec3, f32)]) {
         for pair in points.windows(2) {
             let [(from, r0), (to, r1)] = [pair[0], pair[1]];
-            self.add(Shape::Cone { from, to, radius: (r0, r1) });
+            self.add(blend, Shape::Cone { from, to, radius: (r0, r1) });
         }
-        self
     }
 
     /// Adds the elements of another solid, and all of them again mirrored in the plane x = 0.
@@ -96,7 +89,7 @@ impl Solid {
         let slack = 2.2 * radius + 1.5 * widest;
         let limit = |e: &Element| slack + if e.carve { 0.0 } else { nearest.max(0.0) };
         let elements = with_distances().filter(|&(e, &d)| d <= limit(e)).map(|(e, _)| *e).collect();
-        Self { elements, blend: self.blend }
+        Self { elements }
     }
 
     /// Outward unit normal of the surface through a point, from differences over `step` to a

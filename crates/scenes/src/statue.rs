@@ -244,12 +244,13 @@ impl Statue {
     /// A lumpy stone.
     fn stone(&self, triangles: usize, random: &mut fastrand::Rng) -> (Body, Mesh) {
         let (center, radius, speed) = self.stone;
+        let blend = 0.3 * radius;
         let mut solid = Solid::default();
-        solid.blend(0.3 * radius).ball(center, 0.75 * radius);
+        solid.ball(blend, center, 0.75 * radius);
         for _ in 0..14 {
             let mut number = || random.f32() - 0.5;
             let direction = Vec3::new(number(), number(), number()).normalize_or(Vec3::X);
-            solid.ball(center + direction * (0.5 * radius), radius * (0.3 + 0.15 * random.f32()));
+            solid.ball(blend, center + direction * (0.5 * radius), radius * (0.3 + 0.15 * random.f32()));
         }
         let half = Vec3::splat(1.2 * radius);
         let cell = radius * (10.0 / triangles as f32).sqrt();
