@@ -8,7 +8,7 @@ use glam::{DAffine3, DQuat, DVec3, Vec3};
 
 use super::geometry::{Frame, Patch, PatchKey, Shape, Source, cone, sphere};
 use super::tokens::Tokens;
-use super::track::{FEWEST_KEYS, Key, Spline, Track, Value};
+use super::track::{FEWEST_KEYS, Key, Spline, Track};
 use crate::error::{LoadError, NUMBERED, Problem, read_file};
 use crate::rotation::about;
 use crate::{Material, Topology};
@@ -329,9 +329,9 @@ impl Reader {
         let mut track = Track::default();
         loop {
             match tokens.next() {
-                Some(b"transl") => track.translation = Some(spline(tokens, Tokens::vector, Spline::new)?),
-                Some(b"rot") => track.rotation = Some(spline(tokens, rotation, Spline::of_rotations)?),
-                Some(b"scale") => track.scale = Some(spline(tokens, Tokens::vector, Spline::new)?),
+                Some(b"transl") => track.translation = Some(Spline(keys(tokens, Tokens::vector)?)),
+                Some(b"rot") => track.rotation = Some(Spline::of_rotations(keys(tokens, rotation)?)),
+                Some(b"scale") => track.scale = Some(Spline(keys(tokens, Tokens::vector)?)),
                 Some(b"visibility") => track.visibility = visibility(tokens)?,
                 Some(b"}") => break,
                 found => {
@@ -391,11 +391,11 @@ fn rotation(tokens: &mut Tokens<'_>) -> Result<DQuat, Problem> {
     Ok(axis.try_normalize().map_or(DQuat::IDENTITY, |axis| about(axis, angle)))
 }
 
-fn spline<'a, T: Value>(
+/// The keys of a spline, as many as it needs and in order of time.
+fn keys<'a, T>(
     tokens: &mut Tokens<'a>,
     value: fn(&mut Tokens<'a>) -> Result<T, Problem>,
-    new: fn(Vec<Key<T>>) -> Option<Spline<T>>,
-) -> Result<Spline<T>, Problem> {
+) -> Result<Vec<Key<T>>, Problem> {
     let mut keys = Vec::new();
     for _ in 0..tokens.count_from(FEWEST_KEYS, "keys")? {
         let (time, value) = (tokens.number()?, value(tokens)?);
@@ -403,7 +403,7 @@ fn spline<'a, T: Value>(
         keys.push(Key { time, value, tension, continuity, bias });
     }
     put_in_order(&mut keys, |key| key.time, tokens);
-    new(keys).ok_or_else(|| tokens.because("keys of no order", "keys in order of time"))
+    Ok(keys)
 }
 
 /// Sorts keys by time, and counts the lists that were not sorted. Scenes of BART itself have such
