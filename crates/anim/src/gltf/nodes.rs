@@ -91,16 +91,16 @@ impl Channels {
         let times = accessors.floats::<1>(sampler.input, &format!("{place}, times"))?.into_flattened();
         check_times(&times, place)?;
         let (place, output) = (&format!("{place}, values"), sampler.output);
-        let values = match property {
-            Property::Translation | Property::Scale => accessors.floats::<3>(output, place)?.into_flattened(),
-            Property::Rotation => accessors.floats::<4>(output, place)?.into_flattened(),
-            Property::MorphTargetWeights => accessors.floats::<1>(output, place)?.into_flattened(),
-        };
-        let (track, width) = match property {
-            Property::Translation => (&mut self.transforms[node][0], 3),
-            Property::Rotation => (&mut self.transforms[node][1], 4),
-            Property::Scale => (&mut self.transforms[node][2], 3),
-            Property::MorphTargetWeights => (&mut self.weights[node], target_count(root, node)),
+        let vectors = || Ok(accessors.floats::<3>(output, place)?.into_flattened());
+        let [translation, rotation, scale] = &mut self.transforms[node];
+        let (track, width, values) = match property {
+            Property::Translation => (translation, 3, vectors()?),
+            Property::Rotation => (rotation, 4, accessors.floats::<4>(output, place)?.into_flattened()),
+            Property::Scale => (scale, 3, vectors()?),
+            Property::MorphTargetWeights => {
+                let values = accessors.floats::<1>(output, place)?.into_flattened();
+                (&mut self.weights[node], target_count(root, node), values)
+            }
         };
         let per_key = if interpolation == Interpolation::CubicSpline { 3 * width } else { width };
         if values.len() != times.len() * per_key {

@@ -26,13 +26,13 @@ pub(super) type Target = Vec<(u32, Vec3)>;
 /// For each vertex the joints that move it, any number of them, with weights that add up to 1.
 pub(super) struct Influences {
     /// Vertex `v` has `joints[first[v]..first[v + 1]]`.
-    first: Vec<u32>,
+    first: Vec<usize>,
     joints: Vec<(u32, f32)>,
 }
 
 impl Influences {
     pub(super) fn of(&self, vertex: usize) -> &[(u32, f32)] {
-        &self.joints[self.first[vertex] as usize..self.first[vertex + 1] as usize]
+        &self.joints[self.first[vertex]..self.first[vertex + 1]]
     }
 
     /// The highest joint number.
@@ -226,10 +226,7 @@ impl Source<'_> {
             } else {
                 influences.joints.push((sets[0].0[vertex][0], 1.0));
             }
-            let end = u32::try_from(influences.joints.len()).map_err(|_| {
-                Problem::new(self.place, "more joint weights than 32 bits can count", "fewer")
-            })?;
-            influences.first.push(end);
+            influences.first.push(influences.joints.len());
         }
         Ok(Some(influences))
     }
