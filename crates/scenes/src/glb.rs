@@ -25,8 +25,10 @@ pub(crate) struct Glb {
     bytes: Vec<u8>,
     /// The lists of the document, by name; `lights`, `samplers` and `channels` lie deeper in it.
     lists: BTreeMap<&'static str, Vec<Value>>,
-    /// The parent of each node.
-    parents: Vec<Option<usize>>,
+    /// Nodes without a parent.
+    roots: Vec<usize>,
+    /// The children of each node.
+    children: Vec<Vec<usize>>,
     triangles: usize,
 }
 
@@ -59,8 +61,10 @@ impl Glb {
     /// A node below `parent`, or at the root.
     pub(crate) fn node(&mut self, name: &str, parent: Option<usize>, at: Vec3, turn: DQuat) -> usize {
         let node = json!({"name": name, "translation": at.to_array(), "rotation": turn.as_quat().to_array()});
-        self.parents.push(parent);
-        self.push("nodes", node)
+        let node = self.push("nodes", node);
+        self.children.push(Vec::new());
+        parent.map_or(&mut self.roots, |parent| &mut self.children[parent]).push(node);
+        node
     }
 
     /// A node at the root or below `parent`, with a mesh and no transform of its own.
@@ -197,12 +201,7 @@ impl Glb {
 
     /// The bytes of the .glb file.
     pub(crate) fn finish(mut self) -> Vec<u8> {
-        let nodes = 0..self.parents.len();
-        let children_of = |parent: Option<usize>| -> Vec<usize> {
-            nodes.clone().filter(|&node| self.parents[node] == parent).collect()
-        };
-        let roots = children_of(None);
-        let children: Vec<Vec<usize>> = nodes.clone().map(|node| children_of(Some(node))).collect();
+        let children = std::mem::take(&mut self.children);
         for (node, children) in children.iter().enumerate().filter(|(_, children)| !children.is_empty()) {
             self.set("nodes", node, "children", json!(children));
         }
@@ -214,7 +213,7 @@ impl Glb {
         document["extensionsUsed"] = json!(["KHR_lights_punctual"]);
         document["extensions"] = json!({"KHR_lights_punctual": {"lights": lights}});
         document["buffers"] = json!([{"byteLength": self.bytes.len()}]);
-        document["scenes"] = json!([{"nodes": roots}]);
+        document["scenes"] = json!([{"nodes": self.roots}]);
         document["scene"] = json!(0);
         document["animations"] = json!([{"name": "dance", "samplers": samplers, "channels": channels}]);
         let mut text = document.to_string().into_bytes();
