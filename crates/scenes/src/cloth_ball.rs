@@ -5,6 +5,7 @@ use glam::{DQuat, DVec3, Vec3};
 
 use crate::cache::{Record, recorded};
 use crate::cloth::Cloth;
+use crate::rigid::rotation;
 use crate::shape::{Assembly, Mesh, grid, sphere};
 use crate::simulation::{self, Run, World};
 use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
@@ -42,9 +43,8 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let (keys, substeps) = (options.key_frames.unwrap_or(FRAMES), options.substeps.unwrap_or(SUBSTEPS));
     let side = ((SIDE as f32 * options.detail.unwrap_or(1.0).sqrt()).round() as usize).max(4);
     let parameters = format!("cloth-ball seed {} keys {keys} substeps {substeps} side {side}", options.seed);
-    let (Record { data, measures, stats }, notes) =
+    let (Record { data: frames, measures, stats }, notes) =
         recorded(&parameters, options, || simulate(side, keys, substeps, options));
-    let frames = data.into_iter().map(bytemuck::cast_vec).collect();
 
     let moving = Motion { key_frames: true, ..Motion::STILL };
     let mut assembly = Assembly::default();
@@ -56,8 +56,8 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let key_bytes = keys * size_of::<Vec3>() * assembly.positions.len();
     let animation = KeyFrames::new(assembly.topology, frames, seconds_per_key, LoopMode::Restart)?;
     let (eye, target) = (Vec3::new(15.0, 13.5, 41.0), Vec3::new(0.0, 6.0, 0.0));
-    let scene =
-        Scene::new(&INFO, animation, (eye, target), 38_f32.to_radians(), Vec3::new(-18.0, 45.0, 22.0));
+    let (fov_y, light) = (38_f32.to_radians(), Vec3::new(-18.0, 45.0, 22.0));
+    let scene = Scene::new(&INFO, animation, (eye, target), fov_y, light);
     Ok(Scene { key_bytes, measures, simulated: stats, notes, ..scene })
 }
 
@@ -80,7 +80,7 @@ struct Winding {
     cloth: Cloth,
     ball: Mesh,
     substeps: usize,
-    frames: Vec<Vec<[f32; 3]>>,
+    frames: Vec<Vec<Vec3>>,
     /// Greatest so far of the mean and of the greatest strain.
     strain: (f64, f64),
 }
@@ -97,7 +97,7 @@ impl World for Winding {
         (simulation::CONTACT, |w, _| w.cloth.keep_folds_apart()),
         (simulation::CONTACT, |w, step| {
             let [start, end] = [step, step + 1].map(|step| w.angle(step));
-            let turned = turn(end - start);
+            let turned = rotation(Vec3::Y, end - start);
             w.cloth.touch(|before, now| contact(before, now, turned))
         }),
         (simulation::DRIFT, |w, _| {
@@ -111,10 +111,10 @@ impl World for Winding {
             let ((mean, most), strain) = (self.cloth.strain(), &mut self.strain);
             *strain = (strain.0.max(mean), strain.1.max(most));
         }
-        let turned = turn(self.angle(key * self.substeps));
+        let turned = rotation(Vec3::Y, self.angle(key * self.substeps));
         let ball = self.ball.positions.iter().map(|p| CENTER + turned * p.as_dvec3());
         let all = self.cloth.positions.iter().copied().chain(ball);
-        self.frames.push(all.map(|p| p.as_vec3().to_array()).collect());
+        self.frames.push(all.map(|p| p.as_vec3()).collect());
     }
 }
 
@@ -127,12 +127,7 @@ impl Winding {
     }
 }
 
-fn simulate(
-    side: usize,
-    keys: usize,
-    substeps: usize,
-    options: &SceneOptions<'_>,
-) -> Record<Vec<Vec<[f32; 3]>>> {
+fn simulate(side: usize, keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record<Vec<Vec<Vec3>>> {
     let spacing = CLOTH / side as f64;
     let dt = SECONDS / ((keys - 1) * substeps) as f64;
     let positions = flat(side, options.seed).positions.iter().map(|p| p.as_dvec3()).collect();
@@ -146,12 +141,6 @@ fn simulate(
         Measure { name: "edge stretch, greatest".to_owned(), value: most },
     ];
     Record { data: world.frames, measures, stats }
-}
-
-/// The rotation of the ball by an angle in radians; its sines are the same on every machine.
-fn turn(angle: f64) -> DQuat {
-    let (sin, cos) = libm::sincos(0.5 * angle);
-    DQuat::from_xyzw(0.0, sin, 0.0, cos)
 }
 
 /// Pushes a particle out of ball and floor, and lets it slip no further than friction allows.

@@ -61,8 +61,8 @@ pub(crate) fn rotated(rotation: DQuat, vector: Vec3) -> Vec3 {
 /// The rotation about a unit axis by an angle in radians.
 ///
 /// Unlike the standard library's, its sines are the same on every machine.
-pub(crate) fn rotation(axis: Vec3, angle: f32) -> DQuat {
-    let (sin, cos) = libm::sincos(0.5 * f64::from(angle));
+pub(crate) fn rotation(axis: Vec3, angle: impl Into<f64>) -> DQuat {
+    let (sin, cos) = libm::sincos(0.5 * angle.into());
     DQuat::from_vec4((axis.as_dvec3() * sin).extend(cos))
 }
 

@@ -4,9 +4,10 @@ use std::f32::consts::{PI, TAU};
 
 use anim::{Material, Motion, Topology, vertex_normals};
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 /// Positions and the triangles between them.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Mesh {
     pub(crate) positions: Vec<Vec3>,
     pub(crate) triangles: Vec<[u32; 3]>,

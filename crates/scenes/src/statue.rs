@@ -15,9 +15,7 @@ use crate::rigid::{Key, RigidBodies};
 use crate::shape::{Assembly, Mesh};
 use crate::shatter::{Bodies, Body};
 use crate::simulation::{self, Run, World};
-use crate::{
-    Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, meshing, shape,
-};
+use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, meshing, shape};
 
 /// Steps between checks for pieces that nothing holds up.
 const SUPPORT: usize = 8;
@@ -87,10 +85,9 @@ impl Statue {
         let [statue, stone, earth] = self.colors.map(|color| assembly.material(color));
         let moving = Motion { rigid: true, ..Motion::STILL };
         let count = meshes.len();
-        for (i, (positions, triangles)) in meshes.into_iter().enumerate() {
-            let mesh = Mesh { positions: bytemuck::cast_vec(positions), triangles };
+        for (i, mesh) in meshes.iter().enumerate() {
             let (name, material) = if i + 1 < count { ("shard", statue) } else { ("stone", stone) };
-            assembly.part(name, &mesh, moving, material);
+            assembly.part(name, mesh, moving, material);
         }
         assembly.part("ground", &shape::square(self.ground, 16), Motion::STILL, earth);
         let mut animation = RigidBodies::new(assembly, Vec::new(), keys, self.seconds);
@@ -99,14 +96,11 @@ impl Statue {
     }
 }
 
-/// A [`Mesh`] as it is recorded: positions and triangles.
-type Arrays = (Vec<[f32; 3]>, Vec<[u32; 3]>);
-
 /// What a broken statue is played back from.
 #[derive(Serialize, Deserialize)]
 struct Pieces {
     /// Each shard and the stone, relative to their bodies.
-    meshes: Vec<Arrays>,
+    meshes: Vec<Mesh>,
     /// Of each vertex of the shards, which others it shares its normal with; see [`shards`].
     welds: Vec<u32>,
     /// Those of all bodies for each key frame.
@@ -182,8 +176,7 @@ impl Breaking {
     fn simulate(mut self, keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record<Pieces> {
         let stats = simulation::simulate(&mut self, keys, substeps, options);
         let Self { meshes, welds, keys, depth, .. } = self;
-        let arrays = |mesh: Mesh| (bytemuck::cast_vec(mesh.positions), mesh.triangles);
-        let data = Pieces { meshes: meshes.into_iter().map(arrays).collect(), welds, keys };
+        let data = Pieces { meshes, welds, keys };
         let name = "greatest depth below the ground, a length".to_owned();
         Record { data, measures: vec![Measure { name, value: depth.into() }], stats }
     }
