@@ -52,32 +52,21 @@ const ROOM_TRIANGLES: usize = 4 * SIDES + 8 * 28 * STEPS + 12 * STEPS + POSTS * 
 /// A triangle's corners.
 type Corners = [Vec3; 3];
 
-/// How many levels of the benchmark the sculpture is below the full one: each has a quarter of the
-/// triangles.
-#[derive(Clone, Copy)]
-struct Less(u32);
-
-impl Less {
-    /// The most levels that leave at least this part of the triangles; four at most.
-    fn at_least(detail: f32) -> Self {
-        Self((1..=4).take_while(|&less| 0.25_f32.powi(less) >= detail).count() as u32)
-    }
-
-    fn triangles(self) -> usize {
-        TRIANGLES >> (2 * self.0)
-    }
-
-    /// How much longer the edges of loose triangles are.
-    fn scale(self) -> f32 {
-        (1 << self.0) as f32
-    }
-}
-
 pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let mut random = fastrand::Rng::with_seed(options.seed);
-    let less = Less::at_least(options.detail.unwrap_or(1.0));
-    let mut shapes: [Vec<Corners>; SHAPES] =
-        [heap(less, &mut random), flame(less, &mut random), cube(less), ball(less), knot(less)];
+    // Each level of the benchmark has a quarter of the triangles of the one above. This is the
+    // greatest number of levels, four at most, that leaves at least the wanted part of the
+    // triangles. Edges of loose triangles become longer instead.
+    let detail = options.detail.unwrap_or(1.0);
+    let less = (1..=4).take_while(|&less| 0.25_f32.powi(less) >= detail).count() as u32;
+    let (count, scale) = (TRIANGLES >> (2 * less), (1 << less) as f32);
+    let mut shapes: [Vec<Corners>; SHAPES] = [
+        heap(count, scale, &mut random),
+        flame(count, scale, &mut random),
+        cube(less),
+        ball(less),
+        knot(less),
+    ];
     for shape in &mut shapes[..2] {
         // As `Rng::shuffle`, whose numbers depend on the width of `usize`.
         (1..shape.len()).for_each(|i| shape.swap(i, random.u64(..=i as u64) as usize));
@@ -87,13 +76,11 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let mut assembly = Assembly::default();
     let bronze = assembly.material([0.75, 0.45, 0.2]);
     let triangle = |k: u32| [3 * k, 3 * k + 1, 3 * k + 2];
-    let sculpture = Mesh {
-        positions: shapes[0].concat(),
-        triangles: (0..less.triangles() as u32).map(triangle).collect(),
-    };
+    let sculpture =
+        Mesh { positions: shapes[0].concat(), triangles: (0..count as u32).map(triangle).collect() };
     assembly.part("sculpture", &sculpture, Motion { key_frames: true, ..Motion::STILL }, bronze);
     furnish(&mut assembly);
-    let still = &assembly.positions[3 * less.triangles()..];
+    let still = &assembly.positions[3 * count..];
     let frames: Vec<Vec<Vec3>> = shapes.iter().map(|shape| [&shape.concat()[..], still].concat()).collect();
     let animation = KeyFrames::new(assembly.topology, frames, SECONDS_PER_SHAPE, LoopMode::Restart)?;
     let seen = (vec3(0.5, 2.5, 4.9), vec3(0.0, 2.15, 0.0));
@@ -101,21 +88,21 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
 }
 
 /// Crumbs in a heap on the pedestal.
-fn heap(less: Less, random: &mut fastrand::Rng) -> Vec<Corners> {
+fn heap(count: usize, scale: f32, random: &mut fastrand::Rng) -> Vec<Corners> {
     let mut crumb = || {
         let (sin, cos) = libm::sincosf(TAU * random.f32());
         let out = 0.46 * random.f32().sqrt();
         let top = 0.14 * (1.0 - out / 0.46) + 0.02;
         let at = vec3(out * cos, PEDESTAL + top * random.f32(), out * sin);
         let mut corner =
-            || at + 0.012 * less.scale() * vec3(random.f32() - 0.5, random.f32() - 0.5, random.f32() - 0.5);
+            || at + 0.012 * scale * vec3(random.f32() - 0.5, random.f32() - 0.5, random.f32() - 0.5);
         [corner(), corner(), corner()]
     };
-    (0..less.triangles()).map(|_| crumb()).collect()
+    (0..count).map(|_| crumb()).collect()
 }
 
 /// Slivers along three twisted tongues that rise from the pedestal.
-fn flame(less: Less, random: &mut fastrand::Rng) -> Vec<Corners> {
+fn flame(count: usize, scale: f32, random: &mut fastrand::Rng) -> Vec<Corners> {
     let mut sliver = || {
         let h = random.f32();
         let tongue = (random.f32() * 3.0).floor();
@@ -123,31 +110,31 @@ fn flame(less: Less, random: &mut fastrand::Rng) -> Vec<Corners> {
         let (off_sin, off_cos) = libm::sincosf(TAU * random.f32());
         let (axis, width) = (0.42 * libm::sinf(PI * h * 0.9), 0.3 * (1.0 - h) * (0.4 + 1.6 * h).min(1.0));
         let at = vec3(axis * cos + width * off_cos, PEDESTAL + 0.1 + 2.4 * h, axis * sin + width * off_sin);
-        let along = vec3(-sin, 2.0, cos).normalize() * 0.045 * less.scale();
+        let along = vec3(-sin, 2.0, cos).normalize() * 0.045 * scale;
         let across = vec3(-off_sin, 0.0, off_cos) * 0.008;
         [at - across, at + across, at + along]
     };
-    (0..less.triangles()).map(|_| sliver()).collect()
+    (0..count).map(|_| sliver()).collect()
 }
 
-fn ball(less: Less) -> Vec<Corners> {
+fn ball(less: u32) -> Vec<Corners> {
     round(less).into_iter().map(|t| t.map(|p| CENTER + 0.8 * p.normalize())).collect()
 }
 
-fn cube(less: Less) -> Vec<Corners> {
+fn cube(less: u32) -> Vec<Corners> {
     round(less).into_iter().map(|t| t.map(|p| CENTER + 0.6 * p / p.abs().max_element())).collect()
 }
 
 /// A double pyramid over an octagon, its 16 triangles split into four six times at full detail.
-fn round(less: Less) -> Vec<Corners> {
+fn round(less: u32) -> Vec<Corners> {
     let rim = |k: usize| {
         let (sin, cos) = libm::sincosf(TAU * k as f32 / 8.0);
         vec3(cos, 0.0, sin)
     };
-    let mut all = Vec::with_capacity(less.triangles());
+    let mut all = Vec::new();
     for k in 0..8 {
-        split([rim(k), Vec3::Y, rim(k + 1)], 6 - less.0, &mut all);
-        split([rim(k), rim(k + 1), Vec3::NEG_Y], 6 - less.0, &mut all);
+        split([rim(k), Vec3::Y, rim(k + 1)], 6 - less, &mut all);
+        split([rim(k), rim(k + 1), Vec3::NEG_Y], 6 - less, &mut all);
     }
     all
 }
@@ -164,8 +151,8 @@ fn split([a, b, c]: Corners, times: u32, out: &mut Vec<Corners>) {
 }
 
 /// A trefoil knot, 512 steps along and 64 around at full detail.
-fn knot(less: Less) -> Vec<Corners> {
-    let [along, around] = [512, TRIANGLES / 2 / 512].map(|steps| steps >> less.0);
+fn knot(less: u32) -> Vec<Corners> {
+    let [along, around] = [512, TRIANGLES / 2 / 512].map(|steps| steps >> less);
     let curve = |u: f32| {
         let ((s1, c1), (s2, c2)) = (libm::sincosf(TAU * u), libm::sincosf(2.0 * TAU * u));
         CENTER + 0.3 * vec3(s1 + 2.0 * s2, c1 - 2.0 * c2, -libm::sinf(3.0 * TAU * u))
