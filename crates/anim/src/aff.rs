@@ -7,7 +7,6 @@ mod tests;
 mod tokens;
 mod track;
 
-use std::collections::HashMap;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -15,7 +14,7 @@ use std::sync::Arc;
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
 
 use self::geometry::{Frame, Patch, Source};
-use self::reader::{AffLight, Camera, Name, Scene};
+use self::reader::{AffLight, Camera, Scene};
 use self::track::Track;
 use crate::error::{LoadError, Problem};
 use crate::{Animation, Light, Motion, PoseStats, Topology, View};
@@ -31,15 +30,17 @@ pub struct AffAnimation {
     moving: Vec<Moving>,
     /// The animated transforms that do move.
     nodes: Vec<(Arc<Track>, Frame)>,
-    /// The tracks that move something, by name.
-    tracks: HashMap<Name, Arc<Track>>,
     start: f64,
     duration: f64,
     frames: Option<usize>,
     /// What is subtracted from the coordinates of the file.
     origin: DVec3,
     camera: Option<Camera>,
+    /// The track of the camera, if it moves.
+    camera_track: Option<Arc<Track>>,
     light: Option<AffLight>,
+    /// The track of the light itself, if it moves.
+    light_track: Option<Arc<Track>>,
     /// Lists of keys that were put in order.
     disordered: usize,
 }
@@ -103,47 +104,36 @@ impl AffAnimation {
         }
         let color = lights.iter().map(|light| light.color).sum();
         let light = lights.into_iter().next();
+        let light = light.map(|light| AffLight { frame: place(&places, light.frame), color, ..light });
+        let light_track = light.as_ref().and_then(|light| tracks.get(light.track.as_ref()?).cloned());
+        let camera_track = tracks.remove(&b"camera"[..]);
+        let moving = moving_parts(&mut topology, &mut rest, sources, &places);
+
+        // From start to end as the file says, or else as long as anything has keys.
+        let tracks = || nodes.iter().map(|(track, _)| track).chain(&camera_track).chain(&light_track);
+        let patches = moving.iter().flat_map(|part| &part.patches);
+        let spans = patches.map(Patch::span).chain(tracks().flat_map(|track| track.spans()));
+        let keys = spans.reduce(|(a, b), (start, end)| (a.min(start), b.max(end)));
+        let (start, end) = time.map(|(start, end, _)| (start, end)).or(keys).unwrap_or_default();
+        let still = moving.is_empty() && tracks().next().is_none();
         let mut animation = Self {
-            moving: moving_parts(&mut topology, &mut rest, sources, &places),
             topology,
             rest: Vec::new(),
+            moving,
             nodes,
-            tracks,
-            start: 0.0,
-            duration: 0.0,
+            start,
+            duration: if still { 0.0 } else { (end - start).min(f64::MAX) },
             frames: time.map(|(_, _, frames)| frames),
             origin,
             camera,
-            light: light.map(|light| AffLight { frame: place(&places, light.frame), color, ..light }),
+            camera_track,
+            light,
+            light_track,
             disordered: scene.disordered,
         };
-        animation.set_times(time.map(|(start, end, _)| (start, end)));
         animation.pose(0.0, &mut rest);
         animation.rest = rest;
         animation
-    }
-
-    /// Sets start and duration as the file says, or else to the times between which anything has
-    /// keys.
-    fn set_times(&mut self, given: Option<(f64, f64)>) {
-        let nodes = self.nodes.iter().map(|(track, _)| &**track);
-        let tracks = || nodes.clone().chain(self.camera_track()).chain(self.light_track());
-        let patches = self.moving.iter().flat_map(|part| &part.patches);
-        let spans = patches.map(Patch::span).chain(tracks().flat_map(Track::spans));
-        let keys = spans.reduce(|(a, b), (start, end)| (a.min(start), b.max(end)));
-        let (start, end) = given.or(keys).unwrap_or_default();
-        let still = self.moving.is_empty() && tracks().next().is_none();
-        (self.start, self.duration) = (start, if still { 0.0 } else { (end - start).min(f64::MAX) });
-    }
-
-    /// The track of the camera, if it has one that moves.
-    fn camera_track(&self) -> Option<&Track> {
-        self.tracks.get(&b"camera"[..]).map(|track| &**track)
-    }
-
-    /// The track of the light itself.
-    fn light_track(&self) -> Option<&Track> {
-        self.tracks.get(self.light.as_ref()?.track.as_ref()?).map(|track| &**track)
     }
 
     /// The time of the file's keys.
@@ -264,7 +254,8 @@ impl Animation for AffAnimation {
     /// The `v` block, moved by the track named `camera`; the camera of that track looks along its
     /// negative z axis.
     fn view(&self, time: f64) -> Option<View> {
-        let (camera, track, time) = (self.camera.as_ref()?, self.camera_track(), self.key_time(time));
+        let (camera, track) = (self.camera.as_ref()?, self.camera_track.as_ref());
+        let time = self.key_time(time);
         let (mut eye, mut forward, mut up) = (camera.from, camera.at - camera.from, camera.up);
         if let Some(translation) = track.and_then(|track| track.translation.as_ref()) {
             eye = translation.at(time);
@@ -288,7 +279,7 @@ impl Animation for AffAnimation {
     /// One light for all: at the first one's place, with all their colours added up, to 1 at most.
     fn light(&self, time: f64) -> Option<Light> {
         let (light, time) = (self.light.as_ref()?, self.key_time(time));
-        let translation = self.light_track().and_then(|track| track.translation.as_ref());
+        let translation = self.light_track.as_ref().and_then(|track| track.translation.as_ref());
         let position = translation.map_or(light.position, |translation| translation.at(time));
         let position = resolve(&self.to_world(time), light.frame).transform_point3(position).as_vec3();
         let color = light.color.as_vec3().to_array().map(|channel| channel.clamp(0.0, 1.0));
