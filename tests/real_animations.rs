@@ -21,7 +21,7 @@ fn data() -> Option<PathBuf> {
 /// valid trees, the hits of brute force, and rotations that pay.
 fn play(file: &str, per_loop: usize, moves: bool, rotation_pays: bool) {
     let Some(data) = data() else { return };
-    let animation = anim::load(&data.join(file), None).expect("loads");
+    let animation = anim::load(&data.join(file), &Default::default()).expect("loads");
     let topology = animation.topology();
     let mut positions = animation.rest();
     let frames = per_loop * 23 / 10;

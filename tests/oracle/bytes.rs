@@ -121,19 +121,19 @@ fn move_vertex(p: &mut Vec3, i: usize, what: u8, amount: f32) {
 /// If a loader does, or if it gives an animation that does not keep what animations promise.
 pub fn load_bytes(name: &str, bytes: &[u8]) {
     let path = Path::new(name);
-    let loaded: Option<Box<dyn anim::Animation>> = match path.extension().and_then(|e| e.to_str()) {
-        Some("glb") => anim::parse_gltf(path, bytes, None).ok().map(|a| Box::new(a) as _),
+    let options = anim::LoadOptions::default();
+    let loaded = match path.extension().and_then(|e| e.to_str()) {
         Some("aff") => {
             let thread = std::thread::current().id();
             let place = std::env::temp_dir().join(format!("pivot-{}-{thread:?}.aff", std::process::id()));
             std::fs::write(&place, bytes).expect("a temporary file");
-            let loaded = anim::load_aff(&place);
+            let loaded = anim::load(&place, &options);
             std::fs::remove_file(&place).expect("the temporary file");
-            loaded.ok().map(|a| Box::new(a) as _)
+            loaded
         }
-        _ => anim::parse_mesh(path, bytes).ok().map(|a| Box::new(a) as _),
+        _ => anim::parse(path, bytes, &options),
     };
-    let Some(animation) = loaded else { return };
+    let Ok(animation) = loaded else { return };
     let topology = animation.topology();
     let count = topology.vertex_count as u32;
     assert!(topology.triangles.iter().flatten().all(|&v| v < count), "a vertex out of range");

@@ -19,12 +19,12 @@ use self::track::Track;
 use crate::error::{LoadError, Problem};
 use crate::{Animation, Light, Motion, PoseStats, Topology, View};
 
-/// A scene of BART; from [`load_aff`].
+/// A scene of BART; from [`load`].
 ///
 /// Time 0 is the start that the file gives. What stands still is placed once; a pose moves the
 /// parts under animated transforms, and blends the triangles that have keys of their own linearly.
 /// It takes time linear in the numbers of transforms and of vertices that move.
-pub struct AffAnimation {
+pub(crate) struct AffAnimation {
     topology: Topology,
     rest: Vec<Vec3>,
     moving: Vec<Moving>,
@@ -55,28 +55,7 @@ struct Moving {
     motion: Motion,
 }
 
-/// Loads a scene of BART, for those who have it: the file that `file` names, and the files it
-/// includes.
-///
-/// The format is that of J. Lext, U. Assarsson and T. Möller, "A Benchmark for Animated Ray
-/// Tracing" (IEEE Computer Graphics and Applications 21(2), 2001), which extends E. Haines' NFF.
-/// Meshes, polygons, textured and animated triangles are taken as they are (polygons as fans),
-/// spheres and cones are cut into triangles. Transforms may be fixed or animated by splines; what a
-/// `visibility` key hides shrinks to a point. Materials keep their diffuse colour, or their
-/// specular one if that is all they have; textures are ignored. Without an `a` statement the
-/// animation lasts as long as its keys.
-///
-/// Included files are looked for beside the file that includes them, and must lie below the folder
-/// of `file`.
-///
-/// # Errors
-/// If a file cannot be read, or is malformed; if files include each other in a circle, or so often
-/// that the scene outgrows them; if there are no triangles.
-pub fn load_aff(file: &Path) -> Result<AffAnimation, LoadError> {
-    load(file, DVec3::ZERO)
-}
-
-/// As [`load_aff`], relative to `origin`.
+/// Loads the scene that `file` names, relative to `origin`.
 pub(crate) fn load(file: &Path, origin: DVec3) -> Result<AffAnimation, LoadError> {
     let scene = reader::read(file, origin)?;
     if scene.topology.triangles.is_empty() {

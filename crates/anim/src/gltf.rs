@@ -33,7 +33,7 @@ use self::nodes::{Channels, Far, Nodes, affine, node_name, target_count};
 use self::primitive::Geometry;
 use self::seen::{Camera, LightSource};
 use self::track::Track;
-use crate::error::{LoadError, NUMBERED, Problem, numbered, read_file};
+use crate::error::{LoadError, NUMBERED, Problem, numbered};
 use crate::{Animation, Light, LoadOptions, Motion, PoseStats, Topology, View};
 
 /// A clip of a glTF file, ready to be posed at any time.
@@ -41,7 +41,7 @@ use crate::{Animation, Light, LoadOptions, Motion, PoseStats, Topology, View};
 /// A primitive is a [`Part`](crate::Part), once for each node that shows its mesh. Parts that
 /// nothing in the clip moves are transformed once, when loading.
 #[derive(Default)]
-pub struct GltfAnimation {
+pub(crate) struct GltfAnimation {
     topology: Topology,
     rest: Vec<Vec3>,
     duration: f64,
@@ -53,7 +53,6 @@ pub struct GltfAnimation {
     still_normals: Vec<Vec3>,
     camera: Option<Camera>,
     light: Option<LightSource>,
-    clips: Vec<String>,
     notes: Vec<String>,
 }
 
@@ -85,30 +84,7 @@ struct Weights {
     track: Option<Track>,
 }
 
-/// Loads a clip of the glTF 2.0 file `file` (.gltf or .glb), with the buffers and images it names
-/// beside it.
-///
-/// `clip` is the name or else the number of a clip, counted from 0; without it the first is taken.
-/// A file without clips stands still. Memory stays below a fixed multiple of the size of the input
-/// (plus 1 GiB), that of a tree over the triangles included.
-///
-/// # Errors
-/// If a file cannot be read, is not valid where it matters here, needs an extension that is not
-/// supported, has no triangles, or does not have the clip.
-pub fn load_gltf(file: &Path, clip: Option<&str>) -> Result<GltfAnimation, LoadError> {
-    parse_gltf(file, &read_file(file)?, clip)
-}
-
-/// As [`load_gltf`], from the `bytes` of the file; `file` names them in errors, and buffers and
-/// images are sought beside it.
-///
-/// # Errors
-/// As [`load_gltf`].
-pub fn parse_gltf(file: &Path, bytes: &[u8], clip: Option<&str>) -> Result<GltfAnimation, LoadError> {
-    parse(file, bytes, &LoadOptions { clip, ..LoadOptions::default() })
-}
-
-/// As [`parse_gltf`], by `options`.
+/// Reads a clip from the `bytes` of a .gltf or .glb file, by `options`.
 pub(crate) fn parse(
     file: &Path,
     bytes: &[u8],
@@ -116,10 +92,10 @@ pub(crate) fn parse(
 ) -> Result<GltfAnimation, LoadError> {
     let (root, buffers) = source::open(file, bytes)?;
     let size = buffers.iter().fold(bytes.len(), |size, buffer| size.saturating_add(buffer.len()));
-    let clips: Vec<String> =
-        root.animations.iter().map(|clip| clip.name.clone().unwrap_or_default()).collect();
     let mut chosen = 0;
     if let Some(wanted) = options.clip {
+        let clips: Vec<String> =
+            root.animations.iter().map(|clip| clip.name.clone().unwrap_or_default()).collect();
         let by_number = || wanted.parse().ok().filter(|&number: &usize| number < clips.len());
         let Some(found) = clips.iter().position(|name| name == wanted).or_else(by_number) else {
             let (file, wanted) = (file.to_owned(), wanted.to_owned());
@@ -135,7 +111,7 @@ pub(crate) fn parse(
             DVec3::ZERO => None,
             origin => Some(Far { origin, translations: source::translations(bytes)? }),
         };
-        Loader::load(&accessors, chosen, clips, far)
+        Loader::load(&accessors, chosen, far)
     };
     animation().map_err(|problem| problem.in_file(file))
 }
@@ -152,12 +128,7 @@ struct Loader<'a> {
 }
 
 impl<'a> Loader<'a> {
-    fn load(
-        accessors: &'a Accessors<'a>,
-        clip: usize,
-        clips: Vec<String>,
-        far: Option<Far>,
-    ) -> Result<GltfAnimation, Problem> {
+    fn load(accessors: &'a Accessors<'a>, clip: usize, far: Option<Far>) -> Result<GltfAnimation, Problem> {
         let root = accessors.root;
         let mut channels = Channels::read(root.animations.get(clip), accessors)?;
         let scene = scene_nodes(root)?;
@@ -165,7 +136,7 @@ impl<'a> Loader<'a> {
         let skins =
             (0..root.skins.len()).map(|skin| Skin::read(skin, accessors)).collect::<Result<Vec<_>, _>>()?;
         let topology = Topology { materials: materials(root), ..Topology::default() };
-        let animation = GltfAnimation { topology, nodes, skins, clips, ..GltfAnimation::default() };
+        let animation = GltfAnimation { topology, nodes, skins, ..GltfAnimation::default() };
         let mut loader = Self { animation, accessors, channels, decoded: HashMap::new(), left_out: 0 };
         for &node in &scene {
             loader.add_mesh(node)?;
@@ -291,12 +262,6 @@ impl<'a> Loader<'a> {
 }
 
 impl GltfAnimation {
-    /// Names of all clips in the file, in order; empty where a clip has none.
-    #[must_use]
-    pub fn clips(&self) -> &[String] {
-        &self.clips
-    }
-
     /// What of `instance` moves, and for each of its vertices whether anything in the clip moves
     /// it.
     fn motion_of(&self, instance: &Instance) -> (Motion, Vec<bool>) {

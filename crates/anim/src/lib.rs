@@ -4,7 +4,7 @@
 //! [`Animation`]. Coordinates are right-handed with y up, lengths in the source's own unit (metres
 //! in glTF), times in seconds from the start of the animation.
 //!
-//! [`load`] takes whatever can be loaded. Files are not trusted: what is malformed is a
+//! [`load`] takes whatever can be loaded, [`parse`] the bytes of a single file. Files are not trusted: what is malformed is a
 //! [`LoadError`] that says what, where, and what would be right, and memory stays within a multiple
 //! of the size of the file. Positions that are not finite are passed on as they are.
 #![forbid(unsafe_code)]
@@ -22,15 +22,12 @@ mod rotation;
 mod sequence;
 mod texture;
 
-pub use aff::{AffAnimation, load_aff};
 pub use animation::{Animation, Light, Material, Motion, Part, Topology, View};
 pub use error::{LoadError, Problem, printable};
 pub use glam;
-pub use gltf::{GltfAnimation, load_gltf, parse_gltf};
 pub use key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, LoopMode};
-pub use load::{LoadOptions, center, load, load_with};
-pub use mesh_file::{is_mesh_file, parse_mesh};
+pub use load::{LoadOptions, center, load, parse};
+pub use mesh_file::is_mesh_file;
 pub use normals::vertex_normals;
 pub use pose::{Pose, PoseStats, Work};
-pub use sequence::load_sequence;
 pub use texture::{Filter, Image, Texture, Wrap};

@@ -11,7 +11,8 @@ use crate::{Animation, aff, gltf, mesh_file, sequence};
 /// What of a file is loaded, and relative to which point; by default all of it, as it stands there.
 #[derive(Clone, Copy, Debug)]
 pub struct LoadOptions<'a> {
-    /// A clip of a glTF file by name or number; nothing else has clips. `None` is the first.
+    /// A clip of a glTF file by name, or else by number, counted from 0; nothing else has clips.
+    /// `None` is the first.
     pub clip: Option<&'a str>,
     /// Whether textures are read; without them surfaces keep the factors of their materials.
     pub textures: bool,
@@ -31,50 +32,84 @@ impl Default for LoadOptions<'_> {
     }
 }
 
-/// Loads what is at `path`: a .glb or .gltf file ([`load_gltf`](crate::load_gltf)), a directory of
-/// key frames ([`load_sequence`](crate::load_sequence)), a scene of BART in .aff files
-/// ([`load_aff`](crate::load_aff)), or a single .obj, .ply or .stl file
-/// ([`parse_mesh`](crate::parse_mesh)).
+/// Loads what is at `path`.
+///
+/// * A .glb or .gltf file: a clip of glTF 2.0, with the buffers and images that the file names
+///   beside it. Without clips it stands still. Memory stays below a fixed multiple of the size of
+///   the input (plus 1 GiB), that of a tree over the triangles included.
+/// * An .obj, .ply or .stl file: a mesh that stands still. Polygons become fans of triangles. PLY
+///   may be ascii or binary of either byte order, with coordinates of any number type (rounded to
+///   the nearest f32). An OBJ file gives a part for each run of faces of one object and material,
+///   with the `Kd` of its .mtl file, if that is beside it. An STL file gives a part for each solid;
+///   corners of its triangles with the same bits become one vertex.
+/// * A directory: its .ply or .obj files are the key frames of one animation, in the natural order
+///   of their names (`frame2` before `frame10`). All must have the same vertices and faces, and be
+///   of the same kind; other files are ignored. Key frames are
+///   [`DEFAULT_SECONDS_PER_FRAME`](crate::DEFAULT_SECONDS_PER_FRAME) apart. Two frames are played
+///   back and forth (0, 1, 0), since a loop that jumps back after a single step would be no motion;
+///   more are played from the first to the last, and a loop then jumps back to the first, which is
+///   the paper's protocol (section 4). Materials and names are those of the first file.
+/// * An .aff file: a scene of BART, for those who have it, with the files it includes. These are
+///   looked for beside the file that includes them, and must lie below the folder of the first. The
+///   format is that of J. Lext, U. Assarsson and T. Möller, "A Benchmark for Animated Ray Tracing"
+///   (IEEE Computer Graphics and Applications 21(2), 2001), which extends E. Haines' NFF. Spheres
+///   and cones are cut into triangles. What a `visibility` key hides shrinks to a point. Materials
+///   keep their diffuse colour, or their specular one if that is all they have; textures are
+///   ignored. Without an `a` statement the animation lasts as long as its keys.
 ///
 /// # Errors
-/// As those functions; if it is nothing of the kind; if `clip` is given for something without
-/// clips.
-pub fn load(path: &Path, clip: Option<&str>) -> Result<Box<dyn Animation>, LoadError> {
-    load_with(path, &LoadOptions { clip, ..LoadOptions::default() })
-}
-
-/// As [`load`], by `options`.
-///
-/// # Errors
-/// As [`load`].
-pub fn load_with(path: &Path, options: &LoadOptions<'_>) -> Result<Box<dyn Animation>, LoadError> {
+/// If a file cannot be read, is malformed, has no triangles, or needs an extension of glTF that is
+/// not supported; if key frames differ in more than positions; if a link leads out of the folder of
+/// the file that names it; if files include each other in a circle, or so often that the scene
+/// outgrows them; if `path` is nothing of the kind, or does not have the clip.
+pub fn load(path: &Path, options: &LoadOptions<'_>) -> Result<Box<dyn Animation>, LoadError> {
     let kind = std::fs::metadata(path).map_err(|source| LoadError::Io { file: path.to_owned(), source })?;
     let unsupported = |found: &str| Err(LoadError::unsupported(path, found));
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     match &*extension {
         _ if kind.is_dir() => {}
         _ if !kind.is_file() => return unsupported("not a regular file"),
-        "glb" | "gltf" => return Ok(Box::new(gltf::parse(path, &read_file(path)?, options)?)),
+        "glb" | "gltf" => return parse(path, &read_file(path)?, options),
         "" => return unsupported("a file without extension"),
         "aff" => {}
         _ if format_of(path).is_some() => {}
         _ => return unsupported(&format!("a .{extension} file")),
     }
-    if let Some(clip) = options.clip {
-        let (file, wanted) = (path.to_owned(), clip.to_owned());
-        return Err(LoadError::UnknownClip { file, wanted, clips: Vec::new() });
-    }
-    Ok(if kind.is_dir() {
-        Box::new(sequence::load(path, options.origin)?)
+    no_clip(path, options)?;
+    if kind.is_dir() {
+        Ok(Box::new(sequence::load(path, options.origin)?))
     } else if extension == "aff" {
-        Box::new(aff::load(path, options.origin)?)
+        Ok(Box::new(aff::load(path, options.origin)?))
     } else {
-        Box::new(mesh_file::parse(path, &read_file(path)?, options.origin)?)
-    })
+        parse(path, &read_file(path)?, options)
+    }
+}
+
+/// Loads the `bytes` of a .glb, .gltf, .obj, .ply or .stl file as [`load`] does. The extension of
+/// `file` says what they are, `file` names them in errors, and other files are sought beside it.
+///
+/// # Errors
+/// As [`load`].
+pub fn parse(file: &Path, bytes: &[u8], options: &LoadOptions<'_>) -> Result<Box<dyn Animation>, LoadError> {
+    let extension = file.extension().unwrap_or_default();
+    if extension.eq_ignore_ascii_case("glb") || extension.eq_ignore_ascii_case("gltf") {
+        return Ok(Box::new(gltf::parse(file, bytes, options)?));
+    }
+    no_clip(file, options)?;
+    Ok(Box::new(mesh_file::parse(file, bytes, options.origin)?))
+}
+
+/// Refuses a clip of something without clips.
+fn no_clip(file: &Path, options: &LoadOptions<'_>) -> Result<(), LoadError> {
+    let unknown = |wanted: &str| {
+        let (file, wanted) = (file.to_owned(), wanted.to_owned());
+        LoadError::UnknownClip { file, wanted, clips: Vec::new() }
+    };
+    options.clip.map_or(Ok(()), |clip| Err(unknown(clip)))
 }
 
 /// The middle of the box around all finite positions at time 0, in whole units: an origin for
-/// [`load_with`] that keeps the details of a model far away. O(vertices).
+/// [`load`] that keeps the details of a model far away. O(vertices).
 #[must_use]
 pub fn center(animation: &dyn Animation) -> DVec3 {
     let rest = animation.rest();

@@ -33,25 +33,10 @@ pub(crate) fn format_of(file: &Path) -> Option<&'static str> {
     ["obj", "ply", "stl"].into_iter().find(|format| extension.eq_ignore_ascii_case(format))
 }
 
-/// Reads one mesh, which then stands still, from the `bytes` of an .obj, .ply or .stl file; the
-/// extension of `file` says what they are.
-///
-/// PLY may be ascii or binary of either byte order, with coordinates of any number type (rounded to
-/// the nearest f32). Polygons become fans of triangles. An OBJ file gives a part for each run of
-/// faces of one object and material, with the `Kd` of its .mtl file, if that is beside it. An STL
-/// file gives a part for each solid; corners of its triangles with the same bits become one vertex.
-///
-/// # Errors
-/// If the bytes are malformed or hold no triangles.
-pub fn parse_mesh(file: &Path, bytes: &[u8]) -> Result<KeyFrames, LoadError> {
-    parse(file, bytes, DVec3::ZERO)
-}
-
-/// As [`parse_mesh`], relative to `origin`.
+/// Reads a mesh that stands still, relative to `origin`.
 pub(crate) fn parse(file: &Path, bytes: &[u8], origin: DVec3) -> Result<KeyFrames, LoadError> {
     let Mesh { topology, positions } = read_mesh(file, bytes, origin)?;
-    KeyFrames::new(topology, vec![positions], DEFAULT_SECONDS_PER_FRAME, LoopMode::Restart)
-        .map_err(|problem| problem.in_file(file))
+    Ok(KeyFrames::new(topology, vec![positions], DEFAULT_SECONDS_PER_FRAME, LoopMode::Restart))
 }
 
 /// Reads a mesh whose positions are relative to `origin`.

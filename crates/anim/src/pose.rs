@@ -69,15 +69,9 @@ impl PoseStats {
 }
 
 impl Pose {
-    /// The animation at time 0.
-    #[must_use]
-    pub fn new(animation: &dyn Animation) -> Self {
-        Self::by(Motion::ALL, animation)
-    }
-
     /// The animation at time 0, to be moved by these kinds of motion only.
     #[must_use]
-    pub fn by(kinds: Motion, animation: &dyn Animation) -> Self {
+    pub fn new(kinds: Motion, animation: &dyn Animation) -> Self {
         Self { positions: animation.rest(), time: 0.0, kinds }
     }
 
@@ -117,15 +111,16 @@ impl Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::parse_mesh;
+    use crate::{LoadOptions, parse};
     use std::path::Path;
 
     #[test]
     fn a_mesh_that_stands_still_is_never_posed() {
-        let mesh = parse_mesh(Path::new("a.obj"), b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
-        let mut pose = Pose::new(&mesh);
+        let bytes = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+        let mesh = parse(Path::new("a.obj"), bytes, &LoadOptions::default()).unwrap();
+        let mut pose = Pose::new(Motion::ALL, &*mesh);
         for time in [0.0, 1.0, f64::NAN, -1.0, f64::INFINITY] {
-            assert_eq!(pose.advance(&mesh, time), PoseStats::default());
+            assert_eq!(pose.advance(&*mesh, time), PoseStats::default());
             assert_eq!((pose.time(), pose.positions().len()), (0.0, 3));
         }
     }

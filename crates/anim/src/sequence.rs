@@ -9,23 +9,7 @@ use crate::error::{LoadError, Problem, read_beside};
 use crate::key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, LoopMode};
 use crate::mesh_file::{format_of, read_mesh};
 
-/// Loads the .ply or .obj files of the directory `directory` as the key frames of one animation.
-///
-/// Files are taken in the natural order of their names (`frame2` before `frame10`); all must have
-/// the same vertices and faces, and be of the same kind. Key frames are
-/// [`DEFAULT_SECONDS_PER_FRAME`] apart. Two frames are played back and forth (0, 1, 0), since a
-/// loop that jumps back after a single step would be no motion; more are played from the first to
-/// the last, and a loop then jumps back to the first, which is the paper's protocol (section 4).
-/// Other files in the directory are ignored. Materials and names are those of the first file.
-///
-/// # Errors
-/// If the directory cannot be read or holds no mesh files, a file cannot be loaded or is a link
-/// that leads out of the directory, or two files differ in more than positions.
-pub fn load_sequence(directory: &Path) -> Result<KeyFrames, LoadError> {
-    load(directory, DVec3::ZERO)
-}
-
-/// As [`load_sequence`], relative to `origin`.
+/// Loads the files of a directory as key frames, relative to `origin`.
 pub(crate) fn load(directory: &Path, origin: DVec3) -> Result<KeyFrames, LoadError> {
     let files = mesh_files(directory)?;
     let none = || LoadError::unsupported(directory, "a directory without .ply or .obj files");
@@ -43,8 +27,7 @@ pub(crate) fn load(directory: &Path, origin: DVec3) -> Result<KeyFrames, LoadErr
         frames.push(mesh.positions);
     }
     let loop_mode = if frames.len() == 2 { LoopMode::BackAndForth } else { LoopMode::Restart };
-    KeyFrames::new(first.topology, frames, DEFAULT_SECONDS_PER_FRAME, loop_mode)
-        .map_err(|problem| problem.in_file(directory))
+    Ok(KeyFrames::new(first.topology, frames, DEFAULT_SECONDS_PER_FRAME, loop_mode))
 }
 
 /// The mesh files of `directory` in natural order.

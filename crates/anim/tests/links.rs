@@ -4,7 +4,7 @@
 use std::fs;
 use std::os::unix::fs::symlink;
 
-use anim::{Animation, load};
+use anim::{Animation, LoadOptions, load};
 use base64::Engine;
 
 /// Writes a model that names `link`, first as a file in its folder and then as a link to one
@@ -22,7 +22,8 @@ fn loaded(model: &str, text: &str, link: &str, content: &[u8]) -> [Result<Box<dy
         } else {
             fs::write(home.path().join(link), content).unwrap();
         }
-        load(if model.is_empty() { home.path() } else { &file }, None).map_err(|error| error.to_string())
+        let path = if model.is_empty() { home.path() } else { &file };
+        load(path, &LoadOptions::default()).map_err(|error| error.to_string())
     })
 }
 

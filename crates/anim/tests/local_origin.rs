@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use anim::glam::{DVec3, Vec3, dvec3};
-use anim::{Animation, LoadOptions, center, load, load_with};
+use anim::{Animation, LoadOptions, center, load};
 use base64::Engine;
 
 /// A place on the earth, in metres from its centre.
@@ -39,10 +39,10 @@ fn check(name: &str, text: &str, expected: &[(f64, Vec<DVec3>)]) {
 
 #[track_caller]
 fn check_path(path: &Path, expected: &[(f64, Vec<DVec3>)]) {
-    let far = load(path, None).unwrap();
+    let far = load(path, &LoadOptions::default()).unwrap();
     let origin = center(&*far);
     assert!(origin.distance(PLACE) < 100.0, "{origin}");
-    let near = load_with(path, &LoadOptions { origin, ..LoadOptions::default() }).unwrap();
+    let near = load(path, &LoadOptions { origin, ..LoadOptions::default() }).unwrap();
     assert_eq!(far.topology().triangles, near.topology().triangles);
     for (time, expected) in expected {
         let [far, near] =

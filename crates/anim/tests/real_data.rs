@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use anim::glam::Vec3;
-use anim::{Animation, LoadError, load, load_aff, load_gltf};
+use anim::{Animation, LoadError, LoadOptions, load};
 
 fn data(path: &str) -> Option<PathBuf> {
     let Some(root) = std::env::var_os("PIVOT_DATA").filter(|d| !d.is_empty()) else {
@@ -102,7 +102,7 @@ fn everything_loads_with_the_counts_of_the_manifest() {
     ];
     for (name, triangles, moving, duration) in expected {
         let Some(path) = data(name) else { return };
-        let animation = load(&path, None).unwrap_or_else(|error| panic!("{error}"));
+        let animation = load(&path, &LoadOptions::default()).unwrap_or_else(|error| panic!("{error}"));
         let topology = animation.topology();
         let found = topology.moves.iter().filter(|&&moves| moves).count();
         println!(
@@ -122,7 +122,7 @@ fn everything_loads_with_the_counts_of_the_manifest() {
 #[test]
 fn brain_stem_stands_upright() {
     let Some(path) = data("gltf/BrainStem.glb") else { return };
-    let animation = load_gltf(&path, None).unwrap();
+    let animation = load(&path, &LoadOptions::default()).unwrap();
     let mut positions = animation.rest();
     for step in 0..=20 {
         animation.pose(animation.duration() * f64::from(step) / 20.0, &mut positions);
@@ -141,7 +141,7 @@ fn characters_keep_their_shape() {
     for (name, largest) in [("gltf/BrainStem.glb", 0.05), ("gltf/CesiumMan.glb", 0.05), ("gltf/Fox.glb", 0.1)]
     {
         let Some(path) = data(name) else { return };
-        let animation = load_gltf(&path, None).unwrap();
+        let animation = load(&path, &LoadOptions::default()).unwrap();
         let topology = animation.topology();
         let total = |positions: &[Vec3]| -> f64 {
             let edge = |a: u32, b: u32| f64::from(positions[a as usize].distance(positions[b as usize]));
@@ -160,11 +160,12 @@ fn characters_keep_their_shape() {
 #[test]
 fn every_clip_of_the_fox() {
     let Some(path) = data("gltf/Fox.glb") else { return };
-    assert_eq!(load_gltf(&path, None).unwrap().clips(), ["Survey", "Walk", "Run"]);
+    let load = |clip| load(&path, &LoadOptions { clip: Some(clip), ..LoadOptions::default() });
     for clip in ["Survey", "Walk", "Run", "0", "1", "2"] {
-        check(&*load(&path, Some(clip)).unwrap(), clip);
+        check(&*load(clip).unwrap(), clip);
     }
-    assert!(matches!(load(&path, Some("Fly")), Err(LoadError::UnknownClip { .. })));
+    let Err(LoadError::UnknownClip { clips, .. }) = load("Fly") else { panic!("there is no such clip") };
+    assert_eq!(clips, ["Survey", "Walk", "Run"]);
 }
 
 #[test]
@@ -178,7 +179,8 @@ fn broken_files_fail_cleanly() {
                 waiting.extend(std::fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().path()));
                 continue;
             }
-            let message = load(&path, None).err().expect("a broken file loaded").to_string();
+            let message =
+                load(&path, &LoadOptions::default()).err().expect("a broken file loaded").to_string();
             println!("{message}");
             assert!(message.contains(&*path.display().to_string()) && !message.contains('\n'), "{message}");
             count += 1;
@@ -190,8 +192,8 @@ fn broken_files_fail_cleanly() {
 #[test]
 fn bart_museum() {
     let Some(path) = data("bart/museum/museum5.aff") else { return };
-    let animation = load_aff(&path).unwrap();
-    check(&animation, "museum5");
+    let animation = load(&path, &LoadOptions::default()).unwrap();
+    check(&*animation, "museum5");
     let topology = animation.topology();
     let moving = topology.moves.iter().filter(|&&moves| moves).count();
     // 10,284 triangles in the files, and 8 cylinders of 32 each.
@@ -221,20 +223,20 @@ fn bart_museum() {
             }
         }
     }
-    check_views(&animation);
+    check_views(&*animation);
 }
 
 #[test]
 fn bart_kitchen() {
     let Some(path) = data("bart/kitchen/kitchen.aff") else { return };
-    let animation = load_aff(&path).unwrap();
-    check(&animation, "kitchen");
+    let animation = load(&path, &LoadOptions::default()).unwrap();
+    check(&*animation, "kitchen");
     let topology = animation.topology();
     assert_eq!(topology.triangles.len(), 110_561);
     assert_eq!(topology.moves.iter().filter(|&&moves| moves).count(), 7_218);
     assert_eq!((animation.duration(), animation.frames()), (20.0, Some(800)));
     assert!(topology.parts.iter().all(|part| part.motion.is_still() || part.motion.rigid));
-    check_views(&animation);
+    check_views(&*animation);
 
     // The car is in the room all the time, at the file's keys where they say.
     let car: Vec<usize> = topology
@@ -278,7 +280,7 @@ fn check_views(animation: &dyn Animation) {
 fn textures_of_real_files() {
     for (name, sizes, [x, y], color) in TEXTURES {
         let Some(path) = data(name) else { return };
-        let animation = load_gltf(&path, None).unwrap_or_else(|error| panic!("{error}"));
+        let animation = load(&path, &LoadOptions::default()).unwrap_or_else(|error| panic!("{error}"));
         let topology = animation.topology();
         let found: Vec<_> = topology.textures.iter().map(|t| (t.image.width, t.image.height)).collect();
         assert_eq!(found, sizes, "{name}");

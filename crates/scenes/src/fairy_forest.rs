@@ -6,6 +6,7 @@
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use std::path::Path;
 
+use anim::LoadOptions;
 use glam::{DQuat, Vec3, vec3};
 
 use crate::cache::{Record, recorded};
@@ -86,7 +87,8 @@ pub(crate) fn scene(clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Sc
         data: with_trees(trees, options.seed),
         ..Record::default()
     });
-    let animation = anim::parse_gltf(Path::new("fairy-forest.glb"), &record.data, clip)?;
+    let load = LoadOptions { clip, ..LoadOptions::default() };
+    let animation = anim::parse(Path::new("fairy-forest.glb"), &record.data, &load)?;
     Ok(Scene { notes, ..Scene::new(&INFO, animation, (EYE, TARGET), FOV_Y, LIGHT) })
 }
 

@@ -21,10 +21,10 @@ const MOST_FRAMES: usize = 1_000_000;
 pub(crate) fn scene(path: &Path, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, LoadError> {
     let textures = options.light.is_none_or(|light| light.textures || light.alpha);
     let mut load = LoadOptions { clip, textures, ..LoadOptions::default() };
-    let mut animation = anim::load_with(path, &load)?;
+    let mut animation = anim::load(path, &load)?;
     if options.local_origin {
         load.origin = anim::center(&*animation);
-        animation = anim::load_with(path, &load)?;
+        animation = anim::load(path, &load)?;
     }
     let mut scene = scene_of(path, animation);
     if options.local_origin {
@@ -145,7 +145,7 @@ mod tests {
                 ..Topology::default()
             };
             let keys = [0.0, 1.0].map(|y| vec![Vec3::ZERO, Vec3::X, vec3(0.0, y, 1.0)]).to_vec();
-            let animation = KeyFrames::new(topology, keys, seconds, LoopMode::Restart).unwrap();
+            let animation = KeyFrames::new(topology, keys, seconds, LoopMode::Restart);
             assert_eq!(scene_of(Path::new("a.glb"), Box::new(animation)).frames, frames, "{seconds} s");
         }
     }

@@ -10,7 +10,7 @@ use crate::cache::{Record, recorded};
 use crate::rigid::{Key, RigidBodies};
 use crate::shape::{Assembly, arc, sphere, turned};
 use crate::simulation::{self, Run};
-use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
+use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneInfo, SceneOptions};
 
 const BALLS: usize = 300;
 const FRAMES: usize = 100;
@@ -57,7 +57,7 @@ struct Ball {
     velocity: DVec3,
 }
 
-pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
+pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
     let (keys, substeps) = (options.key_frames.unwrap_or(FRAMES), options.substeps.unwrap_or(SUBSTEPS));
     let parameters = format!("n-body span {SPAN} seed {} keys {keys} substeps {substeps}", options.seed);
     let (record, notes) = recorded(&parameters, options, || simulate(keys, substeps, options));
@@ -81,8 +81,9 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let normals = assembly.normals();
     let animation = RigidBodies::new(assembly, normals, keys, SECONDS);
     let seen = (Vec3::new(7.0, 10.5, 18.0), Vec3::new(0.0, 4.4, 0.0));
-    let scene = Scene::new(&INFO, animation, seen, 40_f32.to_radians(), Vec3::new(10.0, 22.0, 16.0));
-    Ok(Scene { key_bytes, measures, simulated: stats, notes, ..scene })
+    let scene =
+        Scene::new(&INFO, Box::new(animation), seen, 40_f32.to_radians(), Vec3::new(10.0, 22.0, 16.0));
+    Scene { key_bytes, measures, simulated: stats, notes, ..scene }
 }
 
 /// A pillar with a domed top and a closed foot, 496 triangles when turned in 31 steps.

@@ -89,7 +89,7 @@ mod tests {
         {
             text += &if inside_out { format!("f {d} {c} {b} {a}\n") } else { format!("f {a} {b} {c} {d}\n") };
         }
-        Box::new(anim::parse_mesh(Path::new("cuboid.obj"), text.as_bytes()).unwrap())
+        anim::parse(Path::new("cuboid.obj"), text.as_bytes(), &Default::default()).unwrap()
     }
 
     #[test]

@@ -42,7 +42,7 @@ impl Scene {
     /// What the registry knows as `info`, seen from an eye towards a point, lit from a place.
     pub(crate) fn new(
         info: &SceneInfo,
-        animation: impl Animation + 'static,
+        animation: Box<dyn Animation>,
         (eye, target): (Vec3, Vec3),
         fov_y: f32,
         light: Vec3,
@@ -50,7 +50,7 @@ impl Scene {
         Self {
             name: info.name.to_owned(),
             about: info.about,
-            animation: Box::new(animation),
+            animation,
             view: View { eye, target, up: Vec3::Y, fov_y },
             light: Light { position: light, color: [1.0; 3] },
             effects: info.effects,
@@ -142,9 +142,6 @@ pub enum SceneError {
     /// A file could not be loaded.
     #[error(transparent)]
     Load(#[from] anim::LoadError),
-    /// A simulation gave key frames that do not fit together.
-    #[error(transparent)]
-    KeyFrames(#[from] anim::Problem),
 }
 
 /// The scenes made by this crate.
@@ -180,6 +177,12 @@ pub fn load(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) 
 }
 
 fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
+    let no_clips = match clip {
+        None => Ok(()),
+        Some(clip) => Err(SceneError::Request(format!(
+            "scene {name_or_path} has no clips, so none named \"{clip}\"; leave the clip out"
+        ))),
+    };
     if let Some(shape) =
         name_or_path.strip_prefix("bart-museum:").filter(|_| !Path::new(name_or_path).exists())
     {
@@ -189,10 +192,11 @@ fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> R
             let message = format!("the shape to start from is {shape} but must be {range}");
             return Err(SceneError::Request(message));
         };
-        let scene = make("bart-museum", clip, &SceneOptions { start_shape, ..options.clone() })?;
+        no_clips?;
+        let scene = bart_museum::scene(&SceneOptions { start_shape, ..options.clone() });
         return Ok(Scene { name: name_or_path.to_owned(), ..scene });
     }
-    let make: fn(&SceneOptions<'_>) -> Result<Scene, SceneError> = match name_or_path {
+    let make: fn(&SceneOptions<'_>) -> Scene = match name_or_path {
         "bart-museum" => bart_museum::scene,
         "cloth-ball" => cloth_ball::scene,
         "exploding-dragon" => |options| exploding_dragon::DRAGON.scene(options),
@@ -209,12 +213,8 @@ fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> R
             return Err(SceneError::Request(message));
         }
     };
-    match clip {
-        None => make(options),
-        Some(clip) => Err(SceneError::Request(format!(
-            "scene {name_or_path} has no clips, so none named \"{clip}\"; leave the clip out"
-        ))),
-    }
+    no_clips?;
+    Ok(make(options))
 }
 
 fn check(options: &SceneOptions<'_>) -> Result<(), SceneError> {

@@ -15,7 +15,7 @@ use crate::rigid::{Key, RigidBodies};
 use crate::shape::{Assembly, Mesh};
 use crate::shatter::{Bodies, Body};
 use crate::simulation::{self, Run, World};
-use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, meshing, shape};
+use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneInfo, SceneOptions, meshing, shape};
 
 /// Steps between checks for pieces that nothing holds up.
 const SUPPORT: usize = 8;
@@ -62,7 +62,7 @@ pub(crate) const EFFECTS: Effects = Effects {
 };
 
 impl Statue {
-    pub(crate) fn scene(&'static self, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
+    pub(crate) fn scene(&'static self, options: &SceneOptions<'_>) -> Scene {
         let info = self.info;
         let keys = options.key_frames.unwrap_or(info.frames);
         let substeps = options.substeps.unwrap_or(self.substeps);
@@ -75,8 +75,8 @@ impl Statue {
         let Record { data, measures, stats } = record;
         let animation = self.playback(data);
         let key_bytes = size_of_val(&animation.keys[..]);
-        let scene = Scene::new(info, animation, self.seen, 42_f32.to_radians(), self.light);
-        Ok(Scene { key_bytes, measures, simulated: stats, notes, ..scene })
+        let scene = Scene::new(info, Box::new(animation), self.seen, 42_f32.to_radians(), self.light);
+        Scene { key_bytes, measures, simulated: stats, notes, ..scene }
     }
 
     /// A rigid part per shard, the stone, and a still square of ground.

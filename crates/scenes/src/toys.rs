@@ -101,9 +101,9 @@ mod tests {
         let written = std::fs::read(asset).unwrap();
         assert!(written == bytes, "run `cargo xtask export toys assets/toys.glb`");
         assert!(bytes.len() < 300_000, "{} bytes", bytes.len());
-        let animation = anim::parse_gltf(Path::new("toys.glb"), &bytes, None).unwrap();
-        let effects = crate::MotionEffects::of(anim::Animation::topology(&animation));
+        let animation = anim::parse(Path::new("toys.glb"), &bytes, &Default::default()).unwrap();
+        let effects = crate::MotionEffects::of(animation.topology());
         assert!(effects.skin && effects.morph && effects.rigid);
-        assert!(anim::Animation::topology(&animation).moves.contains(&false), "the ground stands still");
+        assert!(animation.topology().moves.contains(&false), "the ground stands still");
     }
 }

@@ -121,8 +121,8 @@ fn each_kind_of_motion_can_be_left_out_of_a_pose() {
     for info in list() {
         check_playback(&*small(info.name, MotionEffects::NONE).animation, info.name);
     }
-    let toys = anim::parse_gltf("toys.glb".as_ref(), &scenes::toys_glb(), None).unwrap();
-    check_playback(&toys, "toys");
+    let toys = anim::parse("toys.glb".as_ref(), &scenes::toys_glb(), &Default::default()).unwrap();
+    check_playback(&*toys, "toys");
 }
 
 /// Files that are not part of the repository: named by `PIVOT_DATA`.
@@ -141,6 +141,6 @@ fn each_kind_of_motion_can_be_left_out_of_a_pose_of_real_files() {
         "bart/kitchen/kitchen.aff",
     ] {
         let path = std::path::Path::new(&data).join(file);
-        check_playback(&*anim::load(&path, None).unwrap(), file);
+        check_playback(&*anim::load(&path, &Default::default()).unwrap(), file);
     }
 }

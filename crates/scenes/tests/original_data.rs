@@ -3,7 +3,6 @@
 
 use std::path::Path;
 
-use anim::Animation;
 use anim::glam::Vec3;
 use scenes::{SceneOptions, load};
 
@@ -14,8 +13,8 @@ fn original(folder: &str, wanted: impl Fn(Vec3) -> bool) -> Option<f64> {
         println!("PIVOT_DATA is not set: nothing is compared with the original {folder}");
         return None;
     };
-    let frames = anim::load_sequence(&Path::new(&data).join(folder)).unwrap();
-    assert_eq!(frames.frame_count(), 2);
+    let frames = anim::load(&Path::new(&data).join(folder), &Default::default()).unwrap();
+    assert_eq!(frames.duration(), 2.0 * anim::DEFAULT_SECONDS_PER_FRAME, "two frames, back and forth");
     let (before, mut after) = (frames.rest(), frames.rest());
     // The loop goes there and back.
     frames.pose(0.5 * frames.duration(), &mut after);

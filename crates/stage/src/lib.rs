@@ -54,7 +54,7 @@ impl Stage {
     ) -> Result<Self, BuildError> {
         let topology = scene.animation.topology();
         let plan = FramePlan::new(&scene.effects);
-        let pose = Pose::by(plan.motion(), &*scene.animation);
+        let pose = Pose::new(plan.motion(), &*scene.animation);
         let mut first_tree = build(&Triangles { positions: pose.positions(), indices: &topology.triangles })?;
         let order = first_tree.reorder_primitives();
         let (mut moves, mut material_of) = (topology.moves.clone(), vec![0; topology.triangles.len()]);

@@ -44,8 +44,9 @@ fn allocations<T>(work: impl FnOnce() -> T) -> (usize, T) {
 
 fn scene(name: &str) -> Scene {
     if name == "toys" {
-        let animation = anim::parse_gltf("toys.glb".as_ref(), &scenes::toys_glb(), None).unwrap();
-        return scenes::scene_of("toys.glb".as_ref(), Box::new(animation));
+        let path = "toys.glb".as_ref();
+        let animation = anim::parse(path, &scenes::toys_glb(), &Default::default()).unwrap();
+        return scenes::scene_of(path, animation);
     }
     let (detail, substeps, key_frames) = (Some(0.01), Some(4), Some(8));
     let options = SceneOptions { detail, substeps, key_frames, ..SceneOptions::default() };

@@ -225,8 +225,8 @@ mod tests {
     #[test]
     fn noise_is_the_distance_to_the_converged_picture() {
         let toys = Path::new("toys.glb");
-        let animation = anim::parse_gltf(toys, &scenes::toys_glb(), None).expect("a glTF file");
-        let stage = Stage::new(scenes::scene_of(toys, Box::new(animation))).expect("few triangles");
+        let animation = anim::parse(toys, &scenes::toys_glb(), &Default::default()).expect("a glTF file");
+        let stage = Stage::new(scenes::scene_of(toys, animation)).expect("few triangles");
         let light = LightEffects { ambient_occlusion: true, ..LightEffects::NONE };
         let (camera, options) = (stage.camera(48, 36), stage.options_with(&light));
         let traced = |samples: u32| {

@@ -115,13 +115,7 @@ fn named(name: &str, record: &[u8]) -> Result<Making, String> {
 
 fn parsed(name: &str, bytes: &[u8]) -> Result<Scene, String> {
     let path = Path::new(name);
-    let is_gltf =
-        path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"));
-    let animation: Result<Box<dyn anim::Animation>, _> = if is_gltf {
-        anim::parse_gltf(path, bytes, None).map(|animation| Box::new(animation) as _)
-    } else {
-        anim::parse_mesh(path, bytes).map(|mesh| Box::new(mesh) as _)
-    };
+    let animation = anim::parse(path, bytes, &Default::default());
     animation.map(|animation| scenes::scene_of(path, animation)).map_err(|error| error.to_string())
 }
 

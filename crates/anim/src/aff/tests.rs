@@ -6,7 +6,7 @@ use glam::vec3;
 use tempfile::TempDir;
 
 use super::*;
-use crate::Material;
+use crate::{LoadOptions, Material};
 
 fn folder(files: &[(&str, &str)]) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
@@ -24,14 +24,14 @@ fn load_text(text: &str) -> AffAnimation {
 
 /// The first file is the root.
 fn load_files(files: &[(&str, &str)]) -> AffAnimation {
-    load_aff(&folder(files).path().join(files[0].0)).unwrap()
+    load(&folder(files).path().join(files[0].0), DVec3::ZERO).unwrap()
 }
 
 /// The message, which must be one line that starts with the file's name; that is left out.
 #[track_caller]
 fn error(files: &[(&str, &str)]) -> String {
     let folder = folder(files);
-    let Err(error) = load_aff(&folder.path().join(files[0].0)) else { panic!("it loads") };
+    let Err(error) = load(&folder.path().join(files[0].0), DVec3::ZERO) else { panic!("it loads") };
     let message = error.to_string();
     assert!(!message.contains('\n'), "{message}");
     let folder = format!("{}{}", folder.path().display(), std::path::MAIN_SEPARATOR);
@@ -355,8 +355,10 @@ fn keys_out_of_order_are_sorted_and_reported() {
 fn by_the_extension() {
     let folder = folder(&[("Scene.AFF", TRIANGLE)]);
     let file = folder.path().join("Scene.AFF");
-    assert_eq!(crate::load(&file, None).unwrap().topology().triangles.len(), 1);
-    assert!(matches!(crate::load(&file, Some("clip")), Err(LoadError::UnknownClip { .. })));
+    let options = LoadOptions::default();
+    assert_eq!(crate::load(&file, &options).unwrap().topology().triangles.len(), 1);
+    let clip = LoadOptions { clip: Some("clip"), ..options };
+    assert!(matches!(crate::load(&file, &clip), Err(LoadError::UnknownClip { .. })));
 }
 
 /// Everything at once, to be damaged.
@@ -381,7 +383,7 @@ fn noise_does_not_panic() {
         // Some file systems are slow to write over a file.
         _ = std::fs::remove_file(&file);
         std::fs::write(&file, bytes).unwrap();
-        let Ok(animation) = load_aff(&file) else { return false };
+        let Ok(animation) = load(&file, DVec3::ZERO) else { return false };
         for time in [0.0, 0.3, 1e9] {
             assert_eq!(at(&animation, time).len(), animation.topology().vertex_count);
             assert!(animation.view(time).is_none_or(|view| view.eye.is_finite()));

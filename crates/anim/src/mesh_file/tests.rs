@@ -3,10 +3,10 @@ use std::path::Path;
 use glam::Vec3;
 
 use super::*;
-use crate::Animation;
+use crate::{Animation, LoadOptions};
 
 fn parse(name: &str, bytes: &[u8]) -> Result<KeyFrames, LoadError> {
-    parse_mesh(Path::new(name), bytes)
+    super::parse(Path::new(name), bytes, DVec3::ZERO)
 }
 
 #[track_caller]
@@ -151,7 +151,7 @@ fn obj_materials_beside_the_file() {
     std::fs::write(folder.path().join("my colours.mtl"), mtl).unwrap();
     let obj = "mtllib\tmy colours.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nusemtl\tred\nf 3 2 1\nusemtl broken\nf 1 2 3\n";
     std::fs::write(&file, obj).unwrap();
-    let mesh = crate::load(&file, None).unwrap();
+    let mesh = crate::load(&file, &LoadOptions::default()).unwrap();
     let topology = mesh.topology();
     let colors: Vec<_> =
         topology.parts.iter().map(|p| topology.materials[p.material as usize].base_color).collect();
@@ -166,7 +166,7 @@ fn obj_comments_end_lines_of_numbers_but_not_names() {
     let obj = "mtllib a #1.mtl\no first #1\nv 0 0 0 # origin\nv 1 0 0 #x\nv 0 1 0 1 0 0# 1\nvt 0 0 # corner\n\
                vn 0 0 1 # up\nusemtl red #1\nf 1/1/1 2/1/1 3/1/1 # 1 2 3\nf 3 2 1# 2\n";
     std::fs::write(&file, obj).unwrap();
-    let mesh = crate::load(&file, None).unwrap();
+    let mesh = crate::load(&file, &LoadOptions::default()).unwrap();
     let topology = mesh.topology();
     assert_eq!(topology.triangles, [[0, 1, 2], [2, 1, 0]]);
     assert_eq!(mesh.rest(), [Vec3::ZERO, Vec3::X, Vec3::Y]);
@@ -239,10 +239,10 @@ fn stl_in_both_forms_welds_corners() {
         binary.extend([0, 0]);
     }
     for bytes in [ascii.as_bytes(), &binary] {
-        let mesh = parse_mesh(Path::new("a.stl"), bytes).unwrap();
+        let mesh = parse("a.stl", bytes).unwrap();
         assert_eq!((mesh.topology().triangles.len(), mesh.topology().vertex_count), (2, 4));
     }
-    assert!(parse_mesh(Path::new("a.stl"), &binary[..100]).is_err());
+    assert!(parse("a.stl", &binary[..100]).is_err());
     // A header like that of text, solids without names, and several of them.
     let mut header = binary.clone();
     header[..12].copy_from_slice(b"solid text\n ");
@@ -253,9 +253,9 @@ fn stl_in_both_forms_welds_corners() {
     for (bytes, parts) in
         [(header, 1), (nameless.clone().into(), 1), ((format!("\r\n{nameless}") + ascii).into(), 2)]
     {
-        let mesh = parse_mesh(Path::new("a.stl"), &bytes).unwrap();
+        let mesh = parse("a.stl", &bytes).unwrap();
         assert_eq!(mesh.topology().parts.len(), parts);
         assert_eq!(mesh.topology().triangles.len(), parts * 2);
     }
-    assert!(parse_mesh(Path::new("a.stl"), b"solid").is_err());
+    assert!(parse("a.stl", b"solid").is_err());
 }

@@ -1,7 +1,7 @@
 //! Simulated motion: its time step against one many times finer, and how many key frames are kept
 //! of it.
 
-use anim::{Animation, Pose};
+use anim::{Animation, Motion, Pose};
 use anyhow::{Context, Result};
 use bvh_core::Vec3;
 use scenes::{SceneInfo, SceneOptions, distance};
@@ -104,7 +104,7 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
             }
             let (scene, _) = stage::simulated(name, options(log, spaces + 1, steps * finest / spaces))?;
             let far = distance(&*scene.animation, &*fine.animation, moments).context("other vertices")?;
-            let mut pose = Pose::new(&*scene.animation);
+            let mut pose = Pose::new(Motion::ALL, &*scene.animation);
             let duration = scene.animation.duration();
             let mut moment = 0.0;
             let time_ms = fastest(10 * log.effort.repeats, || {

@@ -17,8 +17,8 @@ pub(crate) fn clock() -> f64 {
 
 pub(crate) fn toys() -> scenes::Scene {
     let toys = Path::new("toys.glb");
-    let animation = anim::parse_gltf(toys, &scenes::toys_glb(), None).expect("a glTF file");
-    scenes::Scene { name: "toys".to_owned(), ..scenes::scene_of(toys, Box::new(animation)) }
+    let animation = anim::parse(toys, &scenes::toys_glb(), &Default::default()).expect("a glTF file");
+    scenes::Scene { name: "toys".to_owned(), ..scenes::scene_of(toys, animation) }
 }
 
 pub(crate) const SIZE: (u32, u32) = (320, 240);

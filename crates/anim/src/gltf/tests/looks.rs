@@ -39,7 +39,7 @@ fn textured(material: &str, image: &str, info: &str, sampler: &str) -> String {
     )
 }
 
-fn only_texture(animation: &GltfAnimation) -> &Texture {
+fn only_texture(animation: &dyn Animation) -> &Texture {
     let topology = animation.topology();
     let material = topology.materials[topology.parts[0].material as usize];
     assert_eq!(topology.textures.len(), 1);
@@ -65,7 +65,8 @@ fn images_from_a_data_uri_a_buffer_view_and_a_file() {
     std::fs::write(folder.path().join("a b.png"), png()).unwrap();
     let file = folder.path().join("model.gltf");
     std::fs::write(&file, document.json(&textured("", r#""uri":"a%20b.png""#, "", ""))).unwrap();
-    assert_eq!(only_texture(&load_gltf(&file, None).unwrap()).image, texture.image);
+    let beside = crate::load(&file, &LoadOptions::default()).unwrap();
+    assert_eq!(only_texture(&*beside).image, texture.image);
 }
 
 #[test]

@@ -118,7 +118,9 @@ fn numbers_out_of_range_are_errors() {
 
 #[test]
 fn broken_containers_and_buffers_are_errors() {
-    let parse = |bytes: &[u8]| parse_gltf(Path::new("inline.glb"), bytes, None).err().unwrap().to_string();
+    let parse = |bytes: &[u8]| {
+        parse(Path::new("inline.glb"), bytes, &LoadOptions::default()).err().unwrap().to_string()
+    };
     assert!(parse(b"").contains("empty file"));
     assert!(parse(b"hello").contains("JSON"));
     assert!(parse(b"{}").contains("JSON"));
@@ -181,7 +183,7 @@ fn corrupted_files_do_not_panic() {
                 other => other,
             };
         }
-        if let Ok(animation) = parse_gltf(Path::new("inline.gltf"), &bytes, None) {
+        if let Ok(animation) = parse(Path::new("inline.gltf"), &bytes, &LoadOptions::default()) {
             loaded += 1;
             at_all_times(&animation);
         }
