@@ -11,7 +11,7 @@ use anyhow::{Context, Result};
 use bvh_core::Bvh;
 use bvh_update::{Rotate, Strategy, Updater};
 use rt_cpu::{Image, RenderOptions, RenderStats};
-use scenes::{Effects, FramePlan, LightEffects, MotionEffects, Scene, SceneOptions, SimulationStats};
+use scenes::{Effects, LightEffects, MotionEffects, Scene, SceneOptions, SimulationStats};
 use serde::{Deserialize, Serialize};
 
 use crate::machine::{Machine, Revision};
@@ -123,7 +123,7 @@ fn sketch(source: &str, detail: f32) -> Result<Scene> {
 fn plan_row(source: &str, detail: f32) -> Result<String> {
     let scene = sketch(source, detail)?;
     let simulated = Effects { motion: scene.effects.motion.without(PLAYBACK), ..Effects::default() };
-    let reasons = FramePlan::new(&scene.effects).reasons(&scene);
+    let reasons = scene.stage_reasons();
     let stages: Vec<_> = reasons.iter().map(|(stage, why)| format!("{} ({why})", stage.name())).collect();
     Ok(format!("| {} | {simulated} | {} |\n", stage::label(source), stages.join(", ")))
 }

@@ -4,7 +4,7 @@ use anyhow::Result;
 use bvh_build::Builder;
 use bvh_core::SimdLevel;
 use rt_cpu::{Traversal, TriangleTest};
-use scenes::{FramePlan, FrameStage, SceneInfo};
+use scenes::{FrameStage, SceneInfo};
 use serde_json::{Value, json};
 
 use crate::files;
@@ -31,7 +31,7 @@ pub fn run(args: &Args) -> Result<()> {
 fn listing() -> Value {
     let scene = |info: &SceneInfo| {
         let effects: Vec<_> = info.effects.names().collect();
-        let plan: Vec<_> = FramePlan::new(&info.effects).stages().map(FrameStage::name).collect();
+        let plan: Vec<_> = info.effects.stages().map(FrameStage::name).collect();
         let SceneInfo { name, about, triangles, frames, key_bytes, .. } = info;
         json!({
             "name": name, "about": about, "triangles": triangles, "frames": frames, "effects": effects, "plan": plan,

@@ -9,7 +9,7 @@ use bvh_update::{Strategy, Updater};
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbaImage};
 use rt_cpu::{Bvh8, Image, RenderOptions, RenderStats, Traversal, render_with, srgb};
-use scenes::{FramePlan, LightEffects, SceneOptions};
+use scenes::{FrameStage, LightEffects, SceneOptions};
 
 use crate::pool::Threads;
 use crate::progress::Progress;
@@ -119,9 +119,9 @@ pub fn run(args: &Args) -> Result<()> {
     for note in &scene.notes {
         files::remark(&format!("note: {note}"));
     }
-    let plan = FramePlan::new(&scene.effects);
-    files::remark(&format!("a frame runs {plan}"));
-    for (stage, why) in plan.reasons(&scene) {
+    let stages: Vec<_> = scene.effects.stages().map(FrameStage::name).collect();
+    files::remark(&format!("a frame runs {}", stages.join(", ")));
+    for (stage, why) in scene.stage_reasons() {
         files::remark(&format!("  {}: {why}", stage.name()));
     }
     target.prepare()?;
@@ -138,7 +138,7 @@ fn frames(
     count: usize,
 ) -> Result<()> {
     let mut tree = Bvh::clone(&stage.first_tree);
-    let light = stage.plan().light();
+    let light = stage.scene.effects.light;
     let samples = args.samples.unwrap_or(default_samples(&light));
     let (smooth, seed, traversal) = (!args.flat, args.seed, args.traversal);
     let options = RenderOptions { smooth, seed, traversal, ..stage.render_options() };

@@ -1,8 +1,8 @@
-//! What a scene calls for: the kinds of motion and of light, from which a frame plan is made.
+//! What a scene calls for: the kinds of motion and of light.
 
 use std::fmt;
 
-use anim::Topology;
+use anim::{Motion, Topology};
 
 /// The effects a scene calls for; a stage of a frame whose effect is not named here need not run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -96,6 +96,13 @@ impl MotionEffects {
     /// The effects that are simulated beforehand.
     pub const SIMULATED: Self =
         Self { cloth: true, gravity: true, contact: true, fracture: true, ..Self::NONE };
+
+    /// The kinds of motion that a pose evaluates.
+    #[must_use]
+    pub fn playback(self) -> Motion {
+        let Self { skin, morph, rigid, key_frames, .. } = self;
+        Motion { skin, morph, rigid, key_frames }
+    }
 
     /// The playback effects of a topology's parts.
     #[must_use]

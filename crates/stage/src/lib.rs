@@ -13,7 +13,7 @@ use rt_cpu::{
     AmbientOcclusion, Camera, DiffuseBounces, Effects, Filter, Material, Mesh, PointLight, RenderOptions,
     Texture, Wrap,
 };
-use scenes::{FramePlan, FrameStage, LightEffects, Scene};
+use scenes::{FrameStage, LightEffects, Scene};
 
 /// A scene at one moment.
 ///
@@ -26,7 +26,6 @@ pub struct Stage {
     /// The tree over the first frame, by the sweep builder, one primitive a leaf; still parts are
     /// marked as still.
     pub first_tree: Arc<Bvh>,
-    plan: FramePlan,
     triangles: Arc<[[u32; 3]]>,
     materials: Arc<[Material]>,
     textures: Arc<[Texture]>,
@@ -53,15 +52,15 @@ impl Stage {
         build: impl FnOnce(&Triangles<'_>) -> Result<Bvh, BuildError>,
     ) -> Result<Self, BuildError> {
         let topology = scene.animation.topology();
-        let plan = FramePlan::new(&scene.effects);
-        let pose = Pose::new(plan.motion(), &*scene.animation);
+        let playback = scene.effects.motion.playback();
+        let pose = Pose::new(playback, &*scene.animation);
         let mut first_tree = build(&Triangles { positions: pose.positions(), indices: &topology.triangles })?;
         let order = first_tree.reorder_primitives();
         let (mut moves, mut material_of) = (topology.moves.clone(), vec![0; topology.triangles.len()]);
         for part in &topology.parts {
             let triangles = part.triangles.start as usize..part.triangles.end as usize;
             material_of[triangles.clone()].fill(part.material);
-            if part.motion.and(plan.motion()).is_still() {
+            if part.motion.and(playback).is_still() {
                 moves[triangles].fill(false);
             }
         }
@@ -72,17 +71,10 @@ impl Stage {
             textures: topology.textures.iter().map(texture).collect(),
             material_of: order.iter().map(|&p| material_of[p as usize]).collect(),
             normals: Vec::new(),
-            plan,
             scene: Arc::new(scene),
             first_tree: Arc::new(first_tree),
             pose,
         })
-    }
-
-    /// What a frame of it runs: no other stage can.
-    #[must_use]
-    pub fn plan(&self) -> FramePlan {
-        self.plan
     }
 
     /// Time of frame `frame` of a loop of `frames`: the first and the last frame are the loop's
@@ -102,13 +94,13 @@ impl Stage {
         stats
     }
 
-    /// Brings a tree over the triangles up to date, if the plan has updates: where nothing moves,
+    /// Brings a tree over the triangles up to date, if a frame has updates: where nothing moves,
     /// no strategy runs, not even one that rebuilds.
     ///
     /// # Errors
     /// Those of [`Updater::update`].
     pub fn update(&self, tree: &mut Bvh, updater: &mut Updater) -> Result<Update, UpdateError> {
-        if self.plan.contains(FrameStage::Update) {
+        if self.scene.effects.calls_for(FrameStage::Update) {
             updater.update(tree, &self.triangles())
         } else {
             Ok(Update { height: tree.height(), ..Update::default() })
@@ -134,11 +126,12 @@ impl Stage {
     }
 
     /// Makes normals for smooth shading, until the next pose: the source's own where it has some
-    /// and the plan leaves out none of its motion.
+    /// and the effects leave out none of its motion.
     pub fn smooth(&mut self) {
         anim::vertex_normals(&self.triangles, self.pose.positions(), &mut self.normals);
-        let by_plan = |part: &anim::Part| part.motion.and(self.plan.motion()) == part.motion;
-        if self.scene.animation.topology().parts.iter().all(by_plan) {
+        let playback = self.scene.effects.motion.playback();
+        let is_whole = |part: &anim::Part| part.motion.and(playback) == part.motion;
+        if self.scene.animation.topology().parts.iter().all(is_whole) {
             self.scene.animation.normals(self.pose.time(), &mut self.normals);
         }
     }
@@ -176,13 +169,13 @@ impl Stage {
         PointLight { position: light.position, color: light.color }
     }
 
-    /// Rendering as planned: shadow rays only where the scene has shadows.
+    /// Rendering as the scene calls for: shadow rays only where it has shadows.
     #[must_use]
     pub fn render_options(&self) -> RenderOptions {
-        self.options_with(&self.plan.light())
+        self.options_with(&self.scene.effects.light)
     }
 
-    /// Rendering with the effects of `light` in place of the planned ones.
+    /// Rendering with the effects of `light` in place of the scene's.
     #[must_use]
     pub fn options_with(&self, light: &LightEffects) -> RenderOptions {
         let distance = OCCLUSION_DISTANCE * self.first_tree.root().aabb().extent().length();

@@ -369,7 +369,7 @@ fn facts(stage: &Stage, build_ms: f64, plan: &Plan, label: String, supplement: b
         about: scene.about.to_owned(),
         triangles: stats.primitives,
         moving: scene.animation.topology().moves.iter().filter(|&&moves| moves).count(),
-        plan: stage.plan().stages().map(|s| s.name().to_owned()).collect(),
+        plan: stage.scene.effects.stages().map(|s| s.name().to_owned()).collect(),
         key_bytes: scene.key_bytes,
         measures: scene.measures.iter().map(|m| (m.name.clone(), m.value)).collect(),
         effects: scene.effects.names().map(str::to_owned).collect(),

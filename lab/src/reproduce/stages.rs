@@ -181,7 +181,7 @@ mod tests {
                 (FrameStage::Skin, stats.skin),
                 (FrameStage::Rigid, stats.rigid),
             ] {
-                let called_for = stage.plan().contains(frame_stage);
+                let called_for = stage.scene.effects.calls_for(frame_stage);
                 assert_eq!(work.count > 0, called_for, "{}, {}", info.name, frame_stage.name());
             }
             assert_eq!((stats.skin.count, stats.rigid.count), (skinned, rigid), "{}", info.name);

@@ -1,7 +1,5 @@
 //! What a frame runs: the stages that a scene's effects call for, in order, and no others.
 
-use std::fmt;
-
 use anim::{Motion, Part};
 
 use crate::{Effects, LightEffects, Scene};
@@ -64,50 +62,24 @@ stages! {
     DiffuseBounces: "diffuse bounces", |_, light| light.diffuse_bounces;
 }
 
-/// The stages of a scene's frame, in the order they run.
-///
-/// Whatever plays a scene asks its plan what to do: [`motion`](Self::motion) is all that a pose
-/// moves by, and [`light`](Self::light) all that a picture has.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FramePlan {
-    effects: Effects,
+impl Effects {
+    /// The stages of a frame of a scene with these effects, in the order they run.
+    pub fn stages(self) -> impl Iterator<Item = FrameStage> {
+        FrameStage::ALL.into_iter().filter(move |&stage| self.calls_for(stage))
+    }
+
+    /// Whether a frame runs a stage.
+    #[must_use]
+    pub fn calls_for(self, stage: FrameStage) -> bool {
+        stage.is_called_for(self.motion.playback(), self.light)
+    }
 }
 
-impl FramePlan {
-    /// The plan for a scene with these effects.
+impl Scene {
+    /// The stages of a frame, each with a line that says what of the scene calls for it.
     #[must_use]
-    pub fn new(effects: &Effects) -> Self {
-        Self { effects: *effects }
-    }
-
-    /// The stages, in the order they run.
-    pub fn stages(&self) -> impl Iterator<Item = FrameStage> {
-        FrameStage::ALL.into_iter().filter(|&stage| self.contains(stage))
-    }
-
-    /// Whether a stage is to run.
-    #[must_use]
-    pub fn contains(&self, stage: FrameStage) -> bool {
-        stage.is_called_for(self.motion(), self.light())
-    }
-
-    /// The kinds of motion that are evaluated.
-    #[must_use]
-    pub fn motion(&self) -> Motion {
-        let crate::MotionEffects { skin, morph, rigid, key_frames, .. } = self.effects.motion;
-        Motion { skin, morph, rigid, key_frames }
-    }
-
-    /// What light does.
-    #[must_use]
-    pub fn light(&self) -> LightEffects {
-        self.effects.light
-    }
-
-    /// One line for each stage of the plan that says what of the scene calls for it.
-    #[must_use]
-    pub fn reasons(&self, scene: &Scene) -> Vec<(FrameStage, String)> {
-        let topology = scene.animation.topology();
+    pub fn stage_reasons(&self) -> Vec<(FrameStage, String)> {
+        let topology = self.animation.topology();
         let parts = |calls: &dyn Fn(&Part) -> bool, are: &str| {
             let count = topology.parts.iter().filter(|part| calls(part)).count();
             format!("{count} of {} parts {are}", topology.parts.len())
@@ -125,20 +97,12 @@ impl FramePlan {
             FrameStage::Primary => "the eye sees".to_owned(),
             FrameStage::Alpha => parts(&|part| material(part).cutoff.is_some(), "have holes"),
             FrameStage::Textures => parts(&|part| material(part).texture.is_some(), "have textures"),
-            FrameStage::Shadow if scene.animation.light(0.0).is_some() => "the file has a light".to_owned(),
+            FrameStage::Shadow if self.animation.light(0.0).is_some() => "the file has a light".to_owned(),
             FrameStage::Shadow => "the scene is lit".to_owned(),
             FrameStage::Mirror => parts(&|part| material(part).mirror, "are mirrors"),
             FrameStage::AmbientOcclusion | FrameStage::DiffuseBounces => "asked for".to_owned(),
         };
-        self.stages().map(|stage| (stage, reason(stage))).collect()
-    }
-}
-
-/// The names of the stages, in order, separated by commas.
-impl fmt::Display for FramePlan {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let names: Vec<_> = self.stages().map(FrameStage::name).collect();
-        f.pad(&names.join(", "))
+        self.effects.stages().map(|stage| (stage, reason(stage))).collect()
     }
 }
 
@@ -148,8 +112,9 @@ mod tests {
     use crate::MotionEffects;
 
     #[test]
-    fn a_plan_holds_what_is_called_for_and_nothing_else() {
-        let plan = |motion, light| FramePlan::new(&Effects { motion, light }).to_string();
+    fn a_frame_runs_what_is_called_for_and_nothing_else() {
+        let names = |effects: Effects| effects.stages().map(FrameStage::name).collect::<Vec<_>>().join(", ");
+        let plan = |motion, light| names(Effects { motion, light });
         assert_eq!(plan(MotionEffects::NONE, LightEffects::NONE), "primary");
         let all_motion = MotionEffects { skin: true, rigid: true, gravity: true, ..MotionEffects::NONE };
         assert_eq!(plan(all_motion, LightEffects::SHADOWS), "skin, rigid, update, primary, shadow");
