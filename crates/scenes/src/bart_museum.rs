@@ -54,9 +54,9 @@ type Corners = [Vec3; 3];
 
 pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
     let mut random = fastrand::Rng::with_seed(options.seed);
-    // Each level of the benchmark has a quarter of the triangles of the one above. This is the
-    // greatest number of levels, four at most, that leaves at least the wanted part of the
-    // triangles. Edges of loose triangles become longer instead.
+    // `less` is the number of levels of the benchmark that the sculpture is below the full one: as
+    // many, up to four, as leave at least the wanted part of the triangles. One level less has a
+    // quarter of the triangles, and edges of loose triangles twice as long.
     let detail = options.detail.unwrap_or(1.0);
     let less = (1..=4).take_while(|&less| 0.25_f32.powi(less) >= detail).count() as u32;
     let (count, scale) = (TRIANGLES >> (2 * less), (1 << less) as f32);
