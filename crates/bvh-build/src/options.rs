@@ -1,10 +1,5 @@
 //! Which builder, and its settings.
 
-use std::str::FromStr;
-
-use bvh_core::UnknownName;
-use bvh_core::triangle::by_name;
-
 use crate::{Anneal, HillClimb, Reinsert};
 
 /// Adds a method for each field that gives the value with another content of that field.
@@ -66,21 +61,21 @@ pub enum Builder {
     Reinserted,
 }
 
-impl Builder {
-    /// All builders: those for [each frame](Self::PER_FRAME), then those for trees that are made
-    /// once.
-    pub const ALL: [Self; 9] = [
-        Self::Sweep,
-        Self::Binned,
-        Self::BinnedParallel,
-        Self::Lbvh,
-        Self::Hlbvh,
-        Self::Ploc,
-        Self::HillClimbed,
-        Self::Annealed,
-        Self::Reinserted,
-    ];
+bvh_core::named!(
+    Builder,
+    "builder",
+    Sweep = "sweep",
+    Binned = "binned",
+    BinnedParallel = "binned-parallel",
+    Lbvh = "lbvh",
+    Hlbvh = "hlbvh",
+    Ploc = "ploc",
+    HillClimbed = "hill-climbed",
+    Annealed = "annealed",
+    Reinserted = "reinserted"
+);
 
+impl Builder {
     /// The builders for a new tree in each frame, and the sweep as their yardstick.
     pub const PER_FRAME: [Self; 6] =
         [Self::Sweep, Self::Binned, Self::BinnedParallel, Self::Lbvh, Self::Hlbvh, Self::Ploc];
@@ -101,38 +96,6 @@ impl Builder {
     #[must_use]
     pub const fn best() -> Self {
         Self::Reinserted
-    }
-
-    /// Name on command lines and in result files.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Sweep => "sweep",
-            Self::Binned => "binned",
-            Self::BinnedParallel => "binned-parallel",
-            Self::Lbvh => "lbvh",
-            Self::Hlbvh => "hlbvh",
-            Self::Ploc => "ploc",
-            Self::HillClimbed => "hill-climbed",
-            Self::Annealed => "annealed",
-            Self::Reinserted => "reinserted",
-        }
-    }
-}
-
-impl FromStr for Builder {
-    type Err = UnknownName;
-
-    /// The builder of that [name](Self::name).
-    fn from_str(name: &str) -> Result<Self, UnknownName> {
-        by_name("builder", &Self::ALL, Self::name, name)
-    }
-}
-
-impl std::fmt::Display for Builder {
-    /// Its [name](Self::name).
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.pad(self.name())
     }
 }
 

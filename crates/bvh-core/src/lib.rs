@@ -48,6 +48,8 @@ mod bvh;
 mod cost;
 mod dynamic;
 mod hit;
+#[doc(hidden)]
+pub mod named;
 mod node;
 #[doc(hidden)]
 pub mod pick;
@@ -73,6 +75,7 @@ pub use cost::{COST_INTERSECT, COST_TRAVERSE, sah_cost};
 pub use glam;
 pub use glam::Vec3;
 pub use hit::Hit;
+pub use named::UnknownName;
 pub use node::{MAX_LEAF_SIZE, Node};
 pub use pick::{
     any_hit, any_hit_brute, any_hit_counted, closest_hit, closest_hit_brute, closest_hit_counted,
@@ -86,6 +89,6 @@ pub use rotation::Rotation;
 pub use simd::SimdLevel;
 pub use stats::{Stats, stats};
 pub use structure::Malformed;
-pub use triangle::{TriangleTest, UnknownName};
+pub use triangle::TriangleTest;
 pub use update_state::{Changes, UpdateState};
 pub use validate::Invalid;

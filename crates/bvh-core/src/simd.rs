@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-/// A set of vector instructions that kernels are instantiated for.
+/// A set of vector instructions that kernels are instantiated for; lowest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum SimdLevel {
     /// What every target has (SSE2 on x86-64).
@@ -13,23 +13,9 @@ pub enum SimdLevel {
     Avx512,
 }
 
-impl std::fmt::Display for SimdLevel {
-    /// Its [name](Self::name).
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.pad(self.name())
-    }
-}
+crate::named!(SimdLevel, "SIMD level", Baseline = "baseline", Avx2 = "avx2", Avx512 = "avx512");
 
 impl SimdLevel {
-    /// All levels, lowest first.
-    pub const ALL: [Self; 3] = [Self::Baseline, Self::Avx2, Self::Avx512];
-
-    /// Name as the command line and results have it.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        ["baseline", "avx2", "avx512"][self as usize]
-    }
-
     /// Whether this machine has it.
     #[must_use]
     pub fn is_available(self) -> bool {

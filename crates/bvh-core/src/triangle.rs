@@ -18,56 +18,13 @@ pub enum TriangleTest {
     Double,
 }
 
-impl std::fmt::Display for TriangleTest {
-    /// Its [name](Self::name).
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.pad(self.name())
-    }
-}
-
-impl TriangleTest {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::MollerTrumbore, Self::Watertight, Self::Double];
-
-    /// Name on a command line.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        ["fast", "watertight", "f64"][self as usize]
-    }
-}
-
-impl std::str::FromStr for TriangleTest {
-    type Err = UnknownName;
-
-    fn from_str(s: &str) -> Result<Self, UnknownName> {
-        by_name("triangle test", &Self::ALL, Self::name, s)
-    }
-}
-
-/// A name that stands for nothing.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("unknown {what} '{found}'; expected one of {expected}")]
-pub struct UnknownName {
-    what: &'static str,
-    found: String,
-    expected: String,
-}
-
-/// Finds the one of `all` that has the name `found`.
-///
-/// # Errors
-/// If none has.
-pub fn by_name<T: Copy>(
-    what: &'static str,
-    all: &[T],
-    name: fn(T) -> &'static str,
-    found: &str,
-) -> Result<T, UnknownName> {
-    all.iter().copied().find(|&t| name(t) == found).ok_or_else(|| {
-        let expected = all.iter().map(|&t| name(t)).collect::<Vec<_>>().join(", ");
-        UnknownName { what, found: found.to_owned(), expected }
-    })
-}
+crate::named!(
+    TriangleTest,
+    "triangle test",
+    MollerTrumbore = "fast",
+    Watertight = "watertight",
+    Double = "f64"
+);
 
 /// Distance and weights of B and C.
 pub type Found = (f32, f32, f32);

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use bvh_build::{BuildOptions, Builder};
 use bvh_core::UnknownName;
-use bvh_core::triangle::by_name;
+use bvh_core::named::by_name;
 
 use crate::auto::Auto;
 use crate::leaves::Leaves;

@@ -1,12 +1,10 @@
 //! How to render, and what it took.
 
 use std::ops::AddAssign;
-use std::str::FromStr;
 
 use crate::TriangleTest;
 use crate::times::StageTimes;
-use bvh_core::triangle::by_name;
-use bvh_core::{SimdLevel, UnknownName};
+use bvh_core::SimdLevel;
 
 /// How rays are grouped to go through the tree. Images do not depend on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -22,31 +20,7 @@ pub enum Traversal {
     Tile,
 }
 
-impl std::fmt::Display for Traversal {
-    /// Its [name](Self::name).
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.pad(self.name())
-    }
-}
-
-impl Traversal {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Single, Self::Packet, Self::Tile];
-
-    /// Name on a command line.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        ["single", "packet", "tile"][self as usize]
-    }
-}
-
-impl FromStr for Traversal {
-    type Err = UnknownName;
-
-    fn from_str(s: &str) -> Result<Self, UnknownName> {
-        by_name("traversal", &Self::ALL, Self::name, s)
-    }
-}
+bvh_core::named!(Traversal, "traversal", Single = "single", Packet = "packet", Tile = "tile");
 
 /// What an image shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
