@@ -1,7 +1,5 @@
 //! SIMD levels, chosen at run time so that a plain `cargo build --release` is the fast build.
 
-use std::sync::OnceLock;
-
 /// A set of vector instructions that kernels are instantiated for; lowest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum SimdLevel {
@@ -19,26 +17,7 @@ impl SimdLevel {
     /// Whether this machine has it.
     #[must_use]
     pub fn is_available(self) -> bool {
-        #[cfg(target_arch = "x86_64")]
-        match self {
-            Self::Baseline => true,
-            Self::Avx2 => {
-                is_x86_feature_detected!("avx2")
-                    && is_x86_feature_detected!("fma")
-                    && is_x86_feature_detected!("popcnt")
-            }
-            Self::Avx512 => {
-                Self::Avx2.is_available()
-                    && is_x86_feature_detected!("avx512f")
-                    && is_x86_feature_detected!("avx512vl")
-                    && is_x86_feature_detected!("avx512bw")
-                    && is_x86_feature_detected!("avx512dq")
-            }
-        }
-        #[cfg(not(target_arch = "x86_64"))]
-        {
-            self == Self::Baseline
-        }
+        self <= Self::best()
     }
 
     /// The levels of this machine, lowest first.
@@ -49,7 +28,17 @@ impl SimdLevel {
     /// The highest level of this machine.
     #[must_use]
     pub fn best() -> Self {
-        static BEST: OnceLock<SimdLevel> = OnceLock::new();
-        *BEST.get_or_init(|| Self::available().last().unwrap_or(Self::Baseline))
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx2")
+            && is_x86_feature_detected!("fma")
+            && is_x86_feature_detected!("popcnt")
+        {
+            let has_avx512 = is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512vl")
+                && is_x86_feature_detected!("avx512bw")
+                && is_x86_feature_detected!("avx512dq");
+            return if has_avx512 { Self::Avx512 } else { Self::Avx2 };
+        }
+        Self::Baseline
     }
 }
