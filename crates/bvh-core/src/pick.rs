@@ -125,7 +125,7 @@ pub fn any_hit_brute(triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: Tri
     closest_hit_brute(triangles, ray, t_max, test).is_some()
 }
 
-/// A hit that `counts` is true for: the first one met if `ANY`, else the closest.
+/// Finds a hit that `counts` is true for: the first one met if `ANY`, else the closest.
 #[doc(hidden)]
 #[inline(always)]
 pub fn hit<S: Simd, T: Test, const ANY: bool>(
@@ -133,33 +133,91 @@ pub fn hit<S: Simd, T: Test, const ANY: bool>(
     bvh: &Bvh,
     triangles: &Triangles<'_>,
     ray: &Ray,
-    t_max: f32,
+    mut t_max: f32,
     visits: &mut Visits,
     counts: impl Fn(&Hit) -> bool,
 ) -> Option<Hit> {
-    let test = T::new(ray);
-    let mut best = None::<Hit>;
     visits.queries += 1;
-    walk(
-        simd,
-        bvh,
-        triangles,
-        ray,
-        (t_max, T::WIDEN),
-        visits,
-        #[inline(always)]
-        |p, t_max| {
-            let hit = intersect(ray, &test, &triangles.corners(p), p as u32, t_max);
-            if let Some(hit) = hit.filter(|h| best.is_none_or(|b| h.is_before(b.t, b.primitive)) && counts(h))
-            {
-                best = Some(hit);
-                if ANY { -1.0 } else { hit.t }
-            } else {
-                t_max
+    let (nodes, order, indices) = (bvh.nodes(), bvh.order(), triangles.indices);
+    if !ray.is_valid() || slab::enters(ray, &bvh.root().aabb(), t_max).is_none() {
+        return None;
+    }
+    let (test, pair_ray) = (T::new(ray), PairRay::new(simd, ray));
+    let mut best = None::<Hit>;
+    // Where slots are primitives there is no need to wait for which they are.
+    let in_order = bvh.is_in_order();
+    // What is wanted next below a child, as bytes, and the size of one.
+    let pairs: (&[u8], usize) = (bytemuck::cast_slice(nodes), size_of::<Node>());
+    let leaves: (&[u8], usize) = if in_order {
+        (bytemuck::cast_slice(indices), size_of::<[u32; 3]>())
+    } else {
+        (bytemuck::cast_slice(order), size_of::<u32>())
+    };
+    // Where the ray enters in the upper half, the number of the node in the lower.
+    let mut stack = [0u64; MAX_HEIGHT as usize + 1];
+    let mut top = 0;
+    let mut node = bvh.root();
+    loop {
+        if let Some(children) = bvh.children(node) {
+            visits.nodes += 1;
+            let pair = node.first();
+            for child in children {
+                let (memory, size) = if child.is_leaf() { leaves } else { pairs };
+                prefetch(memory, child.first() * size);
             }
-        },
-    );
-    best
+            let [(l, in_l), (r, in_r)] = pair_ray.enter(simd, bytemuck::cast_ref(children), t_max, T::WIDEN);
+            // Branches on purpose: what is guessed right is fetched before the boxes are tested,
+            // and that saves more than wrong guesses cost. The compiler would sooner compute which
+            // child comes next; `black_box` keeps it from that.
+            if in_l && in_r {
+                let (far, n) = if r < l {
+                    black_box(());
+                    node = &children[1];
+                    (l, 0)
+                } else {
+                    node = &children[0];
+                    (r, 1)
+                };
+                stack[top] = u64::from(far.to_bits()) << 32 | (pair + n) as u64;
+                top += 1;
+                continue;
+            }
+            if in_l {
+                node = &children[0];
+                continue;
+            }
+            if in_r {
+                node = &children[1];
+                continue;
+            }
+        }
+        for slot in node.first()..node.first() + node.count() {
+            let p = if in_order { slot } else { order.get(slot).map_or(usize::MAX, |&p| p as usize) };
+            if p < indices.len() {
+                visits.primitives += 1;
+                let is_wanted = |h: &Hit| best.is_none_or(|b| h.is_before(b.t, b.primitive)) && counts(h);
+                let hit = intersect(ray, &test, &triangles.corners(p), p as u32, t_max);
+                if let Some(hit) = hit.filter(is_wanted) {
+                    best = Some(hit);
+                    if ANY {
+                        return best;
+                    }
+                    t_max = hit.t;
+                }
+            }
+        }
+        loop {
+            if top == 0 {
+                return best;
+            }
+            top -= 1;
+            let key = stack[top];
+            if f32::from_bits((key >> 32) as u32) <= t_max {
+                node = &nodes[key as u32 as usize];
+                break;
+            }
+        }
+    }
 }
 
 /// A ray in both halves of a vector, for a pair of nodes.
@@ -229,93 +287,4 @@ fn both<S: Simd>(simd: S, l: &[f32; 4], r: &[f32; 4]) -> f32x8<S> {
 fn twice<S: Simd>(simd: S, a: Vec3, w: f32) -> f32x8<S> {
     let a = [a.x, a.y, a.z, w];
     both(simd, &a, &a)
-}
-
-/// Calls `visit` with the number of every triangle in a leaf that the ray enters before `t_max`,
-/// nearest box first, until `t_max` is negative. `visit` gets the present `t_max` and returns the
-/// new one.
-#[inline(always)]
-fn walk<S: Simd>(
-    simd: S,
-    bvh: &Bvh,
-    triangles: &Triangles<'_>,
-    ray: &Ray,
-    (mut t_max, widen): (f32, f32),
-    visits: &mut Visits,
-    mut visit: impl FnMut(usize, f32) -> f32,
-) {
-    let (nodes, order, indices) = (bvh.nodes(), bvh.order(), triangles.indices);
-    if !ray.is_valid() || slab::enters(ray, &bvh.root().aabb(), t_max).is_none() {
-        return;
-    }
-    let pair_ray = PairRay::new(simd, ray);
-    // Where slots are primitives there is no need to wait for which they are.
-    let in_order = bvh.is_in_order();
-    // What is wanted next below a child, as bytes, and the size of one.
-    let pairs: (&[u8], usize) = (bytemuck::cast_slice(nodes), size_of::<Node>());
-    let leaves: (&[u8], usize) = if in_order {
-        (bytemuck::cast_slice(indices), size_of::<[u32; 3]>())
-    } else {
-        (bytemuck::cast_slice(order), size_of::<u32>())
-    };
-    // Where the ray enters in the upper half, the number of the node in the lower.
-    let mut stack = [0u64; MAX_HEIGHT as usize + 1];
-    let mut top = 0;
-    let mut node = bvh.root();
-    loop {
-        if let Some(children) = bvh.children(node) {
-            visits.nodes += 1;
-            let pair = node.first();
-            for child in children {
-                let (memory, size) = if child.is_leaf() { leaves } else { pairs };
-                prefetch(memory, child.first() * size);
-            }
-            let [(l, in_l), (r, in_r)] = pair_ray.enter(simd, bytemuck::cast_ref(children), t_max, widen);
-            // Branches on purpose: what is guessed right is fetched before the boxes are tested,
-            // and that saves more than wrong guesses cost. The compiler would sooner compute which
-            // child comes next; `black_box` keeps it from that.
-            if in_l && in_r {
-                let (far, n) = if r < l {
-                    black_box(());
-                    node = &children[1];
-                    (l, 0)
-                } else {
-                    node = &children[0];
-                    (r, 1)
-                };
-                stack[top] = u64::from(far.to_bits()) << 32 | (pair + n) as u64;
-                top += 1;
-                continue;
-            }
-            if in_l {
-                node = &children[0];
-                continue;
-            }
-            if in_r {
-                node = &children[1];
-                continue;
-            }
-        }
-        for slot in node.first()..node.first() + node.count() {
-            let p = if in_order { slot } else { order.get(slot).map_or(usize::MAX, |&p| p as usize) };
-            if p < indices.len() {
-                visits.primitives += 1;
-                t_max = visit(p, t_max);
-                if t_max < 0.0 {
-                    return;
-                }
-            }
-        }
-        loop {
-            if top == 0 {
-                return;
-            }
-            top -= 1;
-            let key = stack[top];
-            if f32::from_bits((key >> 32) as u32) <= t_max {
-                node = &nodes[key as u32 as usize];
-                break;
-            }
-        }
-    }
 }
