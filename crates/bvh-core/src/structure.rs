@@ -80,9 +80,6 @@ impl Bvh {
     /// whether each pair is in use.
     pub(crate) fn check_structure(&self) -> Result<(Vec<u32>, Vec<bool>), Malformed> {
         let nodes = self.nodes();
-        if nodes.is_empty() {
-            return Err(Malformed::NodeCount(0));
-        }
         let mut covered = vec![false; self.order.len()];
         let mut used = vec![false; self.pairs.len()];
         let mut inner = Vec::with_capacity(self.pairs.len());
