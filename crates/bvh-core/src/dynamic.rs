@@ -92,6 +92,24 @@ impl Bvh {
         self.all_dynamic
     }
 
+    /// Notes in `dynamic` which primitives are dynamic, at leaf granularity, and returns true;
+    /// returns false at once if all are. O(n).
+    #[doc(hidden)]
+    pub fn note_dynamic(&self, dynamic: &mut Vec<bool>) -> bool {
+        if self.all_dynamic {
+            return false;
+        }
+        dynamic.clear();
+        dynamic.resize(self.len(), false);
+        // A walk: the first slot of a leaf that is not in use may be out of range.
+        self.visit(|_, node, _| {
+            if node.is_dynamic() {
+                self.primitives(node).iter().for_each(|&p| dynamic[p as usize] = true);
+            }
+        });
+        true
+    }
+
     /// Sum of [`Node::sah_term`] over all static nodes: their part of the SAH cost.
     #[doc(hidden)]
     #[must_use]

@@ -89,7 +89,11 @@ impl Bvh {
     }
 
     /// The last step of a path from the root.
-    fn end_of(&self, path: &[usize]) -> Result<usize, NotRewired> {
+    ///
+    /// # Errors
+    /// If the path does not lead from the root downwards.
+    #[doc(hidden)]
+    pub fn end_of(&self, path: &[usize]) -> Result<usize, NotRewired> {
         let (Some(&0), Some(&root)) = (path.first(), path.last()) else { return Err(NotRewired::Path(0)) };
         for (step, to) in path.windows(2).enumerate() {
             let from = &self.nodes()[to[0]];

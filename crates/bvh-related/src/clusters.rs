@@ -129,21 +129,17 @@ impl Paths {
         let axis = widest(spread);
         let mut parts: [Vec<u32>; 2] =
             set.iter().partition::<Vec<_>, _>(|&&p| residual(p).dot(axis) < 0.0).into();
+        if parts.iter().any(Vec::is_empty) {
+            return None;
+        }
         for _ in 0..ROUNDS {
-            if parts.iter().any(Vec::is_empty) {
-                return None;
-            }
             let [l, r] = [self.fit(&parts[0]), self.fit(&parts[1])];
             let next: [Vec<u32>; 2] =
                 set.iter().partition::<Vec<_>, _>(|&&p| self.squared(p, &l) < self.squared(p, &r)).into();
-            if next == parts {
+            if next == parts || next.iter().any(Vec::is_empty) {
                 break;
             }
-            if next.iter().all(|part| !part.is_empty()) {
-                parts = next;
-            } else {
-                break;
-            }
+            parts = next;
         }
         Some(parts)
     }

@@ -16,12 +16,13 @@
 //! distances of centres do not change where a part turns as a whole. The place of a cluster is
 //! found by branch and bound (Bittner, Hapala, Havran 2013).
 
+use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use bvh_build::{BuildError, Builder};
 use bvh_core::{Aabb, Branch, Bvh};
 
-use crate::part::{Ranked, is_path, step, tree_over};
+use crate::part::{step, tree_over};
 
 /// Diagonals by which the distance of children has to change.
 const STRETCH: f32 = 0.25;
@@ -75,7 +76,7 @@ impl Divergent {
             }
         }
         for path in lone {
-            clusters += usize::from(is_path(bvh, &path) && self.reinsert(bvh, &path));
+            clusters += usize::from(bvh.end_of(&path).is_ok() && self.reinsert(bvh, &path));
         }
         Ok(clusters)
     }
@@ -220,11 +221,12 @@ fn best_place(bvh: &Bvh, path: &[usize], moved: usize) -> Option<Vec<usize>> {
     // Beside its sibling, where it is.
     let here: f64 = shrunk.iter().skip(1).map(|&(n, aabb)| joined(n) - aabb.half_area_f64()).sum();
     let mut best = (here + joined(removed), None);
-    // Paths by what the areas of all nodes above their ends would grow by, the least first.
-    let mut queue = BinaryHeap::from([Ranked { key: -0.0, number: 0, item: vec![0] }]);
+    // Paths by what the areas of all nodes above their ends would grow by, the least first, of equal
+    // ones the first pushed. Growth is never negative, and so in the order of its bits.
+    let mut queue = BinaryHeap::from([Reverse((0.0_f64.to_bits(), 0, vec![0]))]);
     let mut pushed = 0;
-    while let Some(Ranked { key, item: path, .. }) = queue.pop() {
-        let grown = -key;
+    while let Some(Reverse((grown, _, path))) = queue.pop() {
+        let grown = f64::from_bits(grown);
         if grown + aabb.half_area_f64() >= best.0 {
             break;
         }
@@ -241,7 +243,7 @@ fn best_place(bvh: &Bvh, path: &[usize], moved: usize) -> Option<Vec<usize>> {
         let below = if n == removed { grown } else { cost - box_of(n).half_area_f64() };
         for child in [node.first(), node.first() + 1].into_iter().filter(|&child| child != moved) {
             pushed += 1;
-            queue.push(Ranked { key: -below, number: pushed, item: step(&path, child) });
+            queue.push(Reverse((below.to_bits(), pushed, step(&path, child))));
         }
     }
     best.1

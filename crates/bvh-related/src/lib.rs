@@ -99,8 +99,8 @@ impl Keeper {
     /// If a system that knows the animation is given no poses, or poses of different sizes.
     pub fn new(system: System, bvh: &mut Bvh, poses: &[Triangles<'_>]) -> Result<Self, BuildError> {
         let own_tree = |bvh: &mut Bvh, new: Bvh| {
-            let dynamic = part::dynamic(bvh);
-            let has_static = dynamic.contains(&false);
+            let mut dynamic = Vec::new();
+            let has_static = bvh.note_dynamic(&mut dynamic);
             *bvh = new;
             if has_static {
                 bvh.set_dynamic(|p| dynamic.get(p) != Some(&false));

@@ -1,7 +1,4 @@
-//! Parts of a tree that are to be rewired: trees over kept subtrees, what a part costs, paths, and
-//! queues of them.
-
-use std::cmp::Ordering;
+//! Parts of a tree that are to be rewired: trees over kept subtrees, what a part costs, and paths.
 
 use bvh_build::{BuildError, Builder, build};
 use bvh_core::{Aabb, Branch, Bvh};
@@ -43,54 +40,7 @@ pub(crate) fn area_of(bvh: &Bvh, shape: &[Branch]) -> f64 {
     sum
 }
 
-/// Which primitives are dynamic, at the granularity of leaves.
-pub(crate) fn dynamic(bvh: &Bvh) -> Vec<bool> {
-    let mut dynamic = vec![true; bvh.len()];
-    bvh.visit(|_, node, _| {
-        for &p in bvh.primitives(node) {
-            dynamic[p as usize] = node.is_dynamic();
-        }
-    });
-    dynamic
-}
-
-/// Whether a path of slots leads from the root downwards.
-pub(crate) fn is_path(bvh: &Bvh, path: &[usize]) -> bool {
-    let leads = |to: &[usize]| {
-        let from = &bvh.nodes()[to[0]];
-        !from.is_leaf() && from.first() == to[1] & !1
-    };
-    path.first() == Some(&0) && path.windows(2).all(leads)
-}
-
 /// A path continued to a child of its end.
 pub(crate) fn step(path: &[usize], n: usize) -> Vec<usize> {
     path.iter().copied().chain([n]).collect()
 }
-
-/// Something in a queue: the greatest key first, the lower number of equal ones.
-pub(crate) struct Ranked<T> {
-    pub(crate) key: f64,
-    pub(crate) number: usize,
-    pub(crate) item: T,
-}
-
-impl<T> Ord for Ranked<T> {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.key.total_cmp(&other.key).then(other.number.cmp(&self.number))
-    }
-}
-
-impl<T> PartialOrd for Ranked<T> {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl<T> PartialEq for Ranked<T> {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl<T> Eq for Ranked<T> {}

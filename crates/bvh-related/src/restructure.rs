@@ -18,12 +18,13 @@
 //! exact saving of SAH cost, not an estimate. The paper's constants are not known here; THRESHOLD
 //! follows from today's costs. The first update takes the tree as it is for good.
 
+use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 
 use bvh_build::Builder;
 use bvh_core::{Aabb, Branch, Bvh};
 
-use crate::part::{Ranked, area_of, is_path, step, tree_over};
+use crate::part::{area_of, step, tree_over};
 
 /// Least loss, and least benefit, in node visits of a ray through the root, for each subtree that a
 /// trial shares out. Estimated: 0.4 µs a subtree, 5 ns a visit, a picture of a million rays.
@@ -55,9 +56,11 @@ pub(crate) struct Restructure {
 /// A pair of nodes, by their paths from the root.
 type Pair = [Vec<usize>; 2];
 
-/// The pairs that wait, by an upper bound of the loss of each and of all below it.
+/// The pairs that wait.
 struct Queue {
-    heap: BinaryHeap<Ranked<Pair>>,
+    /// By an upper bound of the loss of a pair and of all below it, the greatest first; of equal
+    /// ones the first pushed. Bounds are above zero, and so in the order of their bits.
+    heap: BinaryHeap<(u64, Reverse<usize>, Pair)>,
     pushed: usize,
     root_area: f64,
     /// Subtrees that trials may still share out.
@@ -74,9 +77,9 @@ impl Restructure {
         let mut shared_out = 0;
         let most = 16 + bvh.nodes().len() * PAIRS / 100;
         for _ in 0..most {
-            let Some(Ranked { item: mut pair, .. }) = queue.heap.pop() else { break };
+            let Some((.., mut pair)) = queue.heap.pop() else { break };
             // An earlier pair may have moved these nodes.
-            if !pair.iter().all(|path| is_path(bvh, path)) {
+            if pair.iter().any(|path| bvh.end_of(path).is_err()) {
                 continue;
             }
             shared_out += self.look(bvh, &mut pair, &mut queue);
@@ -190,7 +193,7 @@ fn continue_up(shape: &mut Vec<Branch>, branch: &mut usize, n: usize) {
 impl Queue {
     fn push(&mut self, bound: f64, paths: Pair) {
         if bound > 2.0 * THRESHOLD {
-            self.heap.push(Ranked { key: bound, number: self.pushed, item: paths });
+            self.heap.push((bound.to_bits(), Reverse(self.pushed), paths));
             self.pushed += 1;
         }
     }

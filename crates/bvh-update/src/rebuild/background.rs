@@ -15,7 +15,7 @@ use bvh_build::{BuildScratch, Builder, rebuild};
 use bvh_core::{Aabb, Bvh, Parts, Primitives};
 use rayon::prelude::*;
 
-use super::{RebuildScratch, note_dynamic, options_like};
+use super::{RebuildScratch, options_like};
 use crate::refit::{RefitScratch, Rotate, detect_linear, parts, pass};
 use crate::report::{Decision, Update};
 use crate::state::State;
@@ -165,7 +165,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     builds.age = builds.age.saturating_add(1);
     // The memory may have served another tree in between.
     if let Some(new) = builds.take(number).filter(|new| new.len() == primitives.len()) {
-        if note_dynamic(bvh, &mut rebuild.dynamic) {
+        if bvh.note_dynamic(&mut rebuild.dynamic) {
             new.set_dynamic(|p| rebuild.dynamic[p]);
         }
         std::mem::swap(bvh, new);

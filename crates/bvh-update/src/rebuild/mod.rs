@@ -42,7 +42,7 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
     scratch: &mut RebuildScratch,
 ) -> Result<Update, UpdateError> {
     let measure = State::of(bvh).measure;
-    let has_static = note_dynamic(bvh, &mut scratch.dynamic) && primitives.len() == bvh.len();
+    let has_static = bvh.note_dynamic(&mut scratch.dynamic) && primitives.len() == bvh.len();
     rebuild(bvh, primitives, builder, options, &mut scratch.build)?;
     if has_static {
         bvh.set_dynamic(|p| scratch.dynamic[p]);
@@ -65,20 +65,4 @@ pub(crate) fn build_again<P: Primitives + ?Sized>(
     let options = options_like(bvh);
     let update = new_tree(bvh, primitives, builder, &options, scratch)?;
     Ok(Update { decision: Decision::Rebuild { builder }, ..update })
-}
-
-/// Notes which primitives are dynamic, unless all are. Walks the tree: the first slot of a leaf
-/// that is not in use may be out of range.
-pub(crate) fn note_dynamic(bvh: &Bvh, dynamic: &mut Vec<bool>) -> bool {
-    if bvh.all_dynamic() {
-        return false;
-    }
-    dynamic.clear();
-    dynamic.resize(bvh.len(), false);
-    bvh.visit(|_, node, _| {
-        if node.is_dynamic() {
-            bvh.primitives(node).iter().for_each(|&p| dynamic[p as usize] = true);
-        }
-    });
-    true
 }
