@@ -35,26 +35,6 @@ use rayon::prelude::*;
 use crate::refit::{Tally, parts};
 use crate::state::{Baseline, State};
 
-/// Sums of half area times weight over nodes.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct TreeCost {
-    pub(crate) all: f64,
-    /// The part of it that is due to static nodes.
-    pub(crate) fixed: f64,
-}
-
-impl TreeCost {
-    pub(crate) fn add(&mut self, node: &Node) {
-        let term = node.sah_term();
-        self.all += term;
-        self.fixed += if node.is_dynamic() { 0.0 } else { term };
-    }
-
-    pub(crate) fn and(self, other: Self) -> Self {
-        Self { all: self.all + other.all, fixed: self.fixed + other.fixed }
-    }
-}
-
 /// Nodes whose terms one task adds up. How the arena is divided depends on its length alone, so
 /// sums do not depend on threads.
 // Half and double: docs/TUNING.md.

@@ -5,8 +5,6 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use bvh_core::{Bvh, Node, prefetch};
 
-use crate::quality::TreeCost;
-
 /// Parts of the walk, for threads to share. The number is fixed, so the sums do not depend on the
 /// number of threads.
 // Half and double: docs/TUNING.md.
@@ -24,8 +22,9 @@ pub(super) struct Frontier {
     pub(super) kept: Vec<u32>,
     /// The left child of each node above.
     pub(super) pairs: Vec<u32>,
-    /// Cost of the nodes above.
-    pub(super) opened: TreeCost,
+    /// Sums of [`Node::sah_term`] and [`Node::static_term`] over the nodes above.
+    pub(super) cost: f64,
+    pub(super) static_cost: f64,
     /// Sum of the references of the nodes below.
     pub(super) references: f64,
 }
@@ -34,7 +33,7 @@ impl Frontier {
     fn clear(&mut self) {
         self.kept.clear();
         self.pairs.clear();
-        (self.opened, self.references) = Default::default();
+        (self.cost, self.static_cost, self.references) = Default::default();
     }
 }
 
@@ -76,7 +75,8 @@ pub(super) fn find(bvh: &Bvh, scale: f64, threshold: f64, most: usize, scratch: 
     let walk = Walk { nodes: bvh.nodes(), scale, threshold, large, most, kept: &kept };
     let excess = walk.fork(0, parts);
     for Part { found: part, .. } in parts.iter() {
-        found.opened = found.opened.and(part.opened);
+        found.cost += part.cost;
+        found.static_cost += part.static_cost;
         found.references += part.references;
         if excess > threshold {
             found.kept.extend_from_slice(&part.kept);
@@ -178,7 +178,8 @@ impl Walk<'_> {
             return;
         }
         let pair = node.first();
-        found.opened.add(node);
+        found.cost += node.sah_term();
+        found.static_cost += node.static_term();
         found.pairs.push(pair as u32);
         for (child, below) in (pair..).zip(below) {
             if !self.is_opened(&self.nodes[child], below) {

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::frontier::{Frontier, FrontierScratch};
 use super::{RepairScratch, Repaired};
-use crate::quality::{TreeCost, finite_or_zero};
+use crate::quality::finite_or_zero;
 use crate::refit::{SharedNodes, parts, share};
 use crate::state::{Layout, State};
 
@@ -32,7 +32,7 @@ pub(super) fn rebuild_top(
     scratch: &mut RepairScratch,
 ) -> Repaired {
     let RepairScratch { walk: FrontierScratch { found, .. }, boxes, kept, top, build } = scratch;
-    let Frontier { kept: frontier, pairs, opened, references } = found;
+    let Frontier { kept: frontier, pairs, cost: before, static_cost, references } = found;
     if frontier.len() > most {
         return Repaired::TooLarge;
     }
@@ -51,9 +51,8 @@ pub(super) fn rebuild_top(
     {
         return Repaired::TooLarge;
     }
-    let mut after = TreeCost::default();
-    top.nodes().iter().filter(|node| !node.is_leaf()).for_each(|node| after.add(node));
-    if after.all - opened.all >= 0.0 {
+    let after: f64 = top.nodes().iter().filter(|node| !node.is_leaf()).map(Node::sah_term).sum();
+    if after - *before >= 0.0 {
         return Repaired::Nothing;
     }
     // A tree over k subtrees has k - 1 pairs below the root, each its own, as tasks write to them
@@ -65,9 +64,9 @@ pub(super) fn rebuild_top(
     }
     let parts = parts(bvh);
     let graft = Graft { nodes: share(parts.nodes), top, kept, pairs, scale };
-    let Grafted { root, cost, references: above } = graft.write(0);
+    let Grafted { root, static_cost: after, references: above } = graft.write(0);
     graft.nodes.set(0, root);
-    *parts.static_area += cost.fixed - opened.fixed;
+    *parts.static_area += after - *static_cost;
     let state = State::of_mut(parts.state);
     state.baseline.cost = finite_or_zero(*references + above + leaves);
     state.baseline.measured = state.baseline.cost;
@@ -90,7 +89,7 @@ struct Graft<'a> {
 struct Grafted {
     /// It has yet to be put in its place.
     root: Node,
-    cost: TreeCost,
+    static_cost: f64,
     references: f64,
 }
 
@@ -101,7 +100,7 @@ impl Graft<'_> {
         let node = &self.top.nodes()[n];
         if let &[subtree] = self.top.primitives(node) {
             let root = self.kept[subtree as usize];
-            return Grafted { root, cost: TreeCost::default(), references: 0.0 };
+            return Grafted { root, static_cost: 0.0, references: 0.0 };
         }
         let first = node.first();
         if let Some(&soon) = self.pairs.get(first / 2 + AHEAD) {
@@ -117,8 +116,7 @@ impl Graft<'_> {
         self.nodes.set(place as usize + 1, pair[1]);
         let mut root = Node::parent(&pair[0], &pair[1], place);
         root.set_reference((f64::from(root.aabb().half_area()) / self.scale) as f32);
-        let mut cost = l.cost.and(r.cost);
-        cost.add(&root);
-        Grafted { root, cost, references: l.references + r.references + f64::from(root.reference()) }
+        let static_cost = (l.static_cost + r.static_cost) + root.static_term();
+        Grafted { root, static_cost, references: l.references + r.references + f64::from(root.reference()) }
     }
 }
