@@ -114,6 +114,8 @@ impl Aabb {
     }
 
     /// Whether the boxes share a point (touching counts); false if either is empty.
+    ///
+    /// A NaN in `other` makes it false, too; a NaN in `self` counts for nothing.
     #[must_use]
     #[inline]
     pub fn overlaps(&self, other: &Self) -> bool {

@@ -46,6 +46,9 @@ impl SleepDelay {
     ///
     /// O(n). Calls [`Bvh::set_dynamic`] if some primitive falls asleep or wakes, and for a new
     /// tree. Marks set by others are replaced then, not before.
+    ///
+    /// After [`Bvh::reorder_primitives`] primitives have other numbers: take a new `SleepDelay`
+    /// then, or what has just stopped may fall asleep at once.
     pub fn mark(&mut self, bvh: &mut Bvh, moves: impl Fn(usize) -> bool) -> usize {
         let Self { updates, rested, all_dynamic } = self;
         let is_new = rested.len() != bvh.len();

@@ -96,7 +96,8 @@ impl Strategy {
         all
     }
 
-    /// Name as the command line and results have it.
+    /// Name as the command line and results have it. Only those of [`all`](Self::all) can be
+    /// parsed, and stand for default settings.
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
