@@ -10,7 +10,7 @@ use crate::rebuild::background;
 use crate::rebuild::{BackgroundCost, degraded, new_tree};
 use crate::refit::{BlockCost, Costs, RefitScratch, Rotate, parts, pass};
 use crate::report::{Update, UpdateError};
-use crate::state::{Measure, State};
+use crate::state::State;
 use crate::strategy::Strategy;
 use crate::workspace::Workspace;
 use crate::{leaves, repair};
@@ -135,16 +135,13 @@ impl Updater {
             (Strategy::Auto(_), Some(load)) => Strategy::Auto(Auto { load }),
             (strategy, _) => strategy,
         };
-        if !matches!(strategy, Strategy::Rebuild(..) | Strategy::Auto(_)) {
-            ensure_count(bvh, primitives)?;
+        let (tree, given) = (bvh.len(), primitives.len());
+        if tree != given && !matches!(strategy, Strategy::Rebuild(..) | Strategy::Auto(_)) {
+            return Err(UpdateError::Count { tree, given });
         }
         let workspace = &mut self.workspace;
-        let state = State::note_changes(parts(bvh).state);
+        State::note_changes(parts(bvh).state);
         workspace.refit.with_sums = self.reports_cost;
-        if let Some(measure) = measure_of(&strategy) {
-            state.expect_measure(measure);
-            workspace.refit.with_sums |= matches!(measure, Measure::AREAS | Measure::LEAVES);
-        }
         let Workspace { refit, repair, rebuild, leaves, reinsert: reinsertion, background } = workspace;
         match &strategy {
             Strategy::Refit => Ok(pass(bvh, primitives, None, refit).report(bvh)),
@@ -214,20 +211,4 @@ pub fn refit_and_rotate<P: Primitives + ?Sized>(
     primitives: &P,
 ) -> Result<Update, UpdateError> {
     Updater::new(Strategy::RefitRotate(Rotate::default())).update(bvh, primitives)
-}
-
-fn ensure_count<P: Primitives + ?Sized>(bvh: &Bvh, primitives: &P) -> Result<(), UpdateError> {
-    let (tree, given) = (bvh.len(), primitives.len());
-    if tree == given { Ok(()) } else { Err(UpdateError::Count { tree, given }) }
-}
-
-/// What a strategy measures, if anything.
-fn measure_of(strategy: &Strategy) -> Option<Measure> {
-    match strategy {
-        Strategy::Refit | Strategy::RefitRotate(_) | Strategy::Rebuild(..) => None,
-        Strategy::Reinsert(_) | Strategy::Background(_) => None,
-        Strategy::Degraded(_) => Some(Measure::RATIO),
-        Strategy::PartialRebuild(_) | Strategy::Auto(_) => Some(Measure::AREAS),
-        Strategy::Leaves(_) => Some(Measure::LEAVES),
-    }
 }

@@ -21,7 +21,7 @@ use crate::rebuild::build_again;
 use crate::refit::{Rotate, Tally, parts, pass};
 use crate::repair::{Repaired, open_grown};
 use crate::report::{Decision, Update, UpdateError};
-use crate::state::{Baseline, Ledger, State};
+use crate::state::{Baseline, Ledger, Measure, State};
 use crate::workspace::Workspace;
 
 mod cost_model;
@@ -58,6 +58,8 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     auto: &Auto,
     workspace: &mut Workspace,
 ) -> Result<Update, UpdateError> {
+    State::of_mut(parts(bvh).state).expect_measure(Measure::AREAS);
+    workspace.refit.with_sums = true;
     let (count, Ledger { last_excess, since_repair: frames, .. }) = (bvh.len() as f64, State::of(bvh).ledger);
     let queries = QueryCost::new(auto.load, count, last_excess);
     let is_another_number = primitives.len() != bvh.len();

@@ -31,7 +31,7 @@ use bvh_core::{Bvh, Primitives};
 use crate::quality::or_one;
 use crate::refit::{self, RefitScratch, Rotate, Schedule, pass};
 use crate::report::Update;
-use crate::state::State;
+use crate::state::{Measure, State};
 
 mod collapse;
 mod small_tree;
@@ -70,6 +70,8 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     refit: &mut RefitScratch,
     scratch: &mut LeafScratch,
 ) -> Update {
+    State::of_mut(refit::parts(bvh).state).expect_measure(Measure::LEAVES);
+    refit.with_sums = true;
     let State { updates, baseline, .. } = *State::of(bvh);
     // Leaves are of one measure whichever primitives are dynamic.
     let reference = if baseline.has_other_dynamic != 0 { 0.0 } else { baseline.cost };

@@ -12,7 +12,7 @@ use super::{RebuildScratch, build_again};
 use crate::quality::sum;
 use crate::refit::{RefitScratch, Rotate, parts, pass};
 use crate::report::{Update, UpdateError};
-use crate::state::State;
+use crate::state::{Measure, State};
 
 /// When to build a new tree.
 ///
@@ -42,6 +42,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     refit: &mut RefitScratch,
     scratch: &mut RebuildScratch,
 ) -> Result<Update, UpdateError> {
+    State::of_mut(parts(bvh).state).expect_measure(Measure::RATIO);
     if State::of(bvh).baseline.cost == 0.0 {
         let ratio = mean_ratio(bvh);
         State::of_mut(parts(bvh).state).baseline.cost = ratio;

@@ -17,15 +17,8 @@ use super::{Tally, scalar};
 /// See [`Block::walk`].
 #[target_feature(enable = "avx2")]
 #[inline(never)]
-pub(super) fn walk(
-    block: &mut Block,
-    nodes: SharedNodes<'_>,
-    roots: &[Entry],
-    depth: u32,
-    limit: usize,
-    leaves: &mut Leaves,
-) {
-    scalar::walk(block, nodes, roots, depth, limit, leaves);
+pub(super) fn walk(block: &mut Block, nodes: SharedNodes<'_>, roots: &[Entry], leaves: &mut Leaves) {
+    scalar::walk(block, nodes, roots, leaves);
 }
 
 /// See [`scalar::sweep`].

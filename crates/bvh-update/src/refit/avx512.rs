@@ -14,15 +14,8 @@ pub(super) use super::avx2::{fit_leaves, refit_boxes, rotate};
 /// See [`Block::walk`].
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,popcnt")]
 #[inline(never)]
-pub(super) fn walk(
-    block: &mut Block,
-    nodes: SharedNodes<'_>,
-    roots: &[Entry],
-    depth: u32,
-    limit: usize,
-    leaves: &mut Leaves,
-) {
-    block.walk(nodes, roots, depth, limit, leaves, |parents, count, lister| {
+pub(super) fn walk(block: &mut Block, nodes: SharedNodes<'_>, roots: &[Entry], leaves: &mut Leaves) {
+    block.walk(nodes, roots, leaves, |parents, count, lister| {
         list(nodes, parents, count, lister);
     });
 }

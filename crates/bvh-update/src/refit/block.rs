@@ -188,7 +188,10 @@ pub(crate) struct Block {
     rotating: Queue,
     /// Where each level ends among them.
     levels: Vec<usize>,
-    depth: u32,
+    /// Depth of the roots.
+    pub(super) depth: u32,
+    /// How many nodes are listed, but for the last level.
+    pub(super) limit: usize,
 }
 
 impl Block {
@@ -199,26 +202,24 @@ impl Block {
         Box::new(Self { levels: Vec::with_capacity(MAX_HEIGHT as usize + 1), ..Self::default() })
     }
 
-    /// Walks down from roots of one depth until `limit` nodes are listed; `list` lists the children
-    /// of the first few of eight nodes.
+    /// Walks down from roots until [`limit`](Self::limit) nodes are listed; `list` lists the
+    /// children of the first few of eight nodes.
     #[inline(always)]
     pub(super) fn walk(
         &mut self,
         nodes: SharedNodes<'_>,
         roots: &[Entry],
-        depth: u32,
-        limit: usize,
         leaves: &mut Leaves,
         list: impl Fn(&[Entry; GROUP], usize, &mut Lister<'_>),
     ) {
-        let Self { queue, last, rotating, levels, .. } = self;
+        let Self { queue, last, rotating, levels, limit, .. } = self;
         levels.clear();
         let mut done = 0;
         let mut lister = Lister::new(roots, queue, rotating, leaves);
         roots.iter().take(FETCHED).for_each(|root| nodes.prefetch(root.first()));
-        while done < lister.counts.inner && lister.counts.inner < limit {
+        while done < lister.counts.inner && lister.counts.inner < *limit {
             *last = done..lister.counts.inner;
-            while done < last.end && lister.counts.inner < limit {
+            while done < last.end && lister.counts.inner < *limit {
                 let count = GROUP.min(last.end - done);
                 let group: [Entry; GROUP] = lister.inner.group(done);
                 for entry in lister.inner.group(done + FETCHED) {
@@ -230,7 +231,7 @@ impl Block {
             levels.push(lister.counts.rotating);
         }
         lister.finish();
-        (self.done, self.depth) = (done, depth);
+        self.done = done;
     }
 
     /// The block's own nodes, parents before children.

@@ -78,7 +78,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             if node.is_dynamic() && node.is_leaf() {
                 kernels::fit_leaf(self.nodes, self.primitives, slot, &mut tally);
             } else if node.is_dynamic() {
-                kernels::refit_boxes(self.nodes, &entry, self.with_sums, &mut tally);
+                kernels::refit_boxes(self.nodes, &entry, self.scratch.with_sums, &mut tally);
             }
         }
         tally
@@ -87,15 +87,15 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     fn sweep_stretch(&self, pairs: Range<usize>, lists: &mut Lists, tally: &mut Tally) {
         let Lists { leaves, inner, included, .. } = lists;
         let mut lister = Lister::new(&[], inner, included, leaves);
-        dispatch!(self.level, sweep(self.nodes, pairs.clone(), &mut lister));
+        dispatch!(self.scratch.level, sweep(self.nodes, pairs.clone(), &mut lister));
         lister.finish();
         // There are about as many leaves as pairs.
         let fetch = |i: usize| self.nodes.prefetch(2 * (pairs.start + i).saturating_sub(STRETCH));
         dispatch!(
-            self.level,
-            fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, self.with_sums, tally)
+            self.scratch.level,
+            fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, self.scratch.with_sums, tally)
         );
-        dispatch!(self.level, refit_boxes(self.nodes, inner.all(), self.with_sums, tally));
+        dispatch!(self.scratch.level, refit_boxes(self.nodes, inner.all(), self.scratch.with_sums, tally));
     }
 }
 

@@ -150,6 +150,7 @@ pub(crate) struct RefitScratch {
     pub(crate) with_sums: bool,
     /// What blocks took, where that is recorded.
     pub(crate) costs: Option<Costs>,
+    /// One for each thread of the pool.
     spare: Vec<Mutex<Spare>>,
 }
 
@@ -207,11 +208,7 @@ pub(crate) struct Task<'a, P: ?Sized> {
     /// At which nodes rotations are tried, if at any.
     schedule: Option<Schedule>,
     is_partly_static: bool,
-    with_sums: bool,
-    level: Available,
-    costs: Option<&'a Costs>,
-    /// One for each thread of the pool.
-    spare: &'a [Mutex<Spare>],
+    scratch: &'a RefitScratch,
 }
 
 /// Refits what moves; with `rotate`, rotates on the way up. The caller has checked that there are
@@ -235,19 +232,18 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     }
     let schedule = rotate.map(|rotate| Schedule::new(rotate.period, state.updates));
     state.updates = state.updates.wrapping_add(1);
-    let &mut RefitScratch { level, with_sums, ref costs, ref mut spare } = scratch;
-    while spare.len() < rayon::current_num_threads() {
-        spare.push(Mutex::new(Spare::new()));
+    while scratch.spare.len() < rayon::current_num_threads() {
+        scratch.spare.push(Mutex::new(Spare::new()));
     }
-    let (nodes, costs) = (share(parts.nodes), costs.as_ref());
+    let (nodes, scratch) = (share(parts.nodes), &*scratch);
     let mut tally = if is_in_order {
-        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, costs, spare }.run(is_linear)
+        Task { nodes, primitives, schedule, is_partly_static, scratch }.run(is_linear)
     } else {
         let primitives = &InOrder { primitives, order: parts.order };
-        Task { nodes, primitives, schedule, is_partly_static, with_sums, level, costs, spare }.run(is_linear)
+        Task { nodes, primitives, schedule, is_partly_static, scratch }.run(is_linear)
     };
     *parts.static_area += tally.static_area;
-    tally.has_sums = with_sums;
+    tally.has_sums = scratch.with_sums;
     std::mem::forget(unfinished);
     tally
 }
@@ -304,10 +300,11 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     /// what is below it.
     fn block(&self, roots: &[Entry], depth: u32, around: Around<'_>, limit: usize) -> Tally {
         let mut tally = Tally::default();
-        let mut watch = Stopwatch::start(self.costs, around.block);
+        let mut watch = Stopwatch::start(self.scratch.costs.as_ref(), around.block);
         let mut block = self.spare().blocks.pop().unwrap_or_else(Block::boxed);
+        (block.depth, block.limit) = (depth, limit);
         self.with_lists(|Lists { leaves, .. }| {
-            dispatch!(self.level, walk(&mut block, self.nodes, roots, depth, limit, leaves));
+            dispatch!(self.scratch.level, walk(&mut block, self.nodes, roots, leaves));
             watch.lap(|cost| &mut cost.list);
             let [(rest, _), (below, _)] = block.frontier();
             let next =
@@ -318,8 +315,15 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
                 }
             };
             dispatch!(
-                self.level,
-                fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, self.with_sums, &mut tally)
+                self.scratch.level,
+                fit_leaves(
+                    self.nodes,
+                    self.primitives,
+                    leaves.all(),
+                    fetch,
+                    self.scratch.with_sums,
+                    &mut tally
+                )
             );
             watch.lap(|cost| &mut cost.leaves);
         });
@@ -332,7 +336,10 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         );
         tally = tally.and(&rest).and(&below);
         watch.skip();
-        dispatch!(self.level, refit_boxes(self.nodes, block.own(), self.with_sums, &mut tally));
+        dispatch!(
+            self.scratch.level,
+            refit_boxes(self.nodes, block.own(), self.scratch.with_sums, &mut tally)
+        );
         watch.lap(|cost| &mut cost.boxes);
         self.with_lists(|lists| self.rotate(&block, lists, &mut tally));
         watch.lap(|cost| &mut cost.rotations);
@@ -357,7 +364,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
                 included.all()
             };
             let at = (depth, self.is_partly_static);
-            dispatch!(self.level, rotate(nodes, level, at, accepted, tally));
+            dispatch!(self.scratch.level, rotate(nodes, level, at, accepted, tally));
         }
     }
 
@@ -371,7 +378,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
 
     /// What belongs to this thread. No other thread takes it, but one outside of the pool.
     fn spare(&self) -> MutexGuard<'_, Spare> {
-        locked(&self.spare[rayon::current_thread_index().unwrap_or(0)])
+        locked(&self.scratch.spare[rayon::current_thread_index().unwrap_or(0)])
     }
 }
 
@@ -427,7 +434,8 @@ mod tests {
             let nodes = share(parts(&mut bvh).nodes);
             let (mut block, mut lists) = (Block::boxed(), Lists::boxed());
             let [[link, _], _] = nodes.pair_words(0);
-            scalar::walk(&mut block, nodes, &[Entry::new(0, link)], 0, TOP_LISTED, &mut lists.leaves);
+            block.limit = TOP_LISTED;
+            scalar::walk(&mut block, nodes, &[Entry::new(0, link)], &mut lists.leaves);
             let [(rest, _), (below, _)] = block.frontier();
             let mut roots: Vec<usize> = rest.iter().chain(below).map(|entry| entry.slot()).collect();
             let (shared, touched) = shared_slot(&tree, &roots);

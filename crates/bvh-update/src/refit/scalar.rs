@@ -12,15 +12,8 @@ use super::shared::SharedNodes;
 
 /// See [`Block::walk`].
 #[inline(always)]
-pub(super) fn walk(
-    block: &mut Block,
-    nodes: SharedNodes<'_>,
-    roots: &[Entry],
-    depth: u32,
-    limit: usize,
-    leaves: &mut Leaves,
-) {
-    block.walk(nodes, roots, depth, limit, leaves, |parents, count, lister| {
+pub(super) fn walk(block: &mut Block, nodes: SharedNodes<'_>, roots: &[Entry], leaves: &mut Leaves) {
+    block.walk(nodes, roots, leaves, |parents, count, lister| {
         for &parent in &parents[..count] {
             let links = lister.children(nodes, parent);
             lister.rotating(parent, links);

@@ -16,7 +16,7 @@ use crate::quality::{cost_after, finite_or_zero, take_baseline};
 use crate::rebuild::{RebuildScratch, build_again};
 use crate::refit::{RefitScratch, Rotate, Tally, parts, pass};
 use crate::report::{Decision, Update, UpdateError};
-use crate::state::State;
+use crate::state::{Measure, State};
 
 mod frontier;
 mod top_tree;
@@ -73,6 +73,8 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     repair: &mut RepairScratch,
     rebuild: &mut RebuildScratch,
 ) -> Result<Update, UpdateError> {
+    State::of_mut(parts(bvh).state).expect_measure(Measure::AREAS);
+    refit.with_sums = true;
     take_baseline(bvh);
     let mut tally = pass(bvh, primitives, options.rotate, refit);
     let cost = cost_after(bvh, &tally);
