@@ -124,33 +124,13 @@ pub fn best(changes: [f32; 6]) -> Option<Rotation> {
     least.1
 }
 
-/// Node slots of a tree, read and written whole: a slice, or an arena that threads share.
-pub trait Slots {
-    /// The node in slot `n`.
-    fn get(&self, n: usize) -> Node;
-    /// Stores a node into slot `n`.
-    fn set(&mut self, n: usize, node: Node);
-}
-
-impl Slots for [Node] {
-    #[inline]
-    fn get(&self, n: usize) -> Node {
-        self[n]
-    }
-
-    #[inline]
-    fn set(&mut self, n: usize, node: Node) {
-        self[n] = node;
-    }
-}
-
 /// Computes the changes of all rotations at the inner node whose children are in slots `pair` and
 /// `pair + 1`.
 #[must_use]
 #[inline]
-pub fn area_changes_at<S: Slots + ?Sized>(nodes: &S, pair: usize) -> [f32; 6] {
-    let (l, r) = (nodes.get(pair), nodes.get(pair + 1));
-    let below = |n: Node| (!n.is_leaf()).then(|| [0, 1].map(|i| nodes.get(n.first() + i).aabb()));
+pub fn area_changes_at(nodes: &[Node], pair: usize) -> [f32; 6] {
+    let (l, r) = (nodes[pair], nodes[pair + 1]);
+    let below = |n: Node| (!n.is_leaf()).then(|| [0, 1].map(|i| nodes[n.first() + i].aabb()));
     area_changes(l.aabb(), r.aabb(), below(l), below(r))
 }
 
@@ -161,8 +141,8 @@ pub fn area_changes_at<S: Slots + ?Sized>(nodes: &S, pair: usize) -> [f32; 6] {
 /// `depth` is N's own depth. Gives the change of [`Bvh::static_area`](crate::Bvh::static_area).
 /// Gives `None` and changes nothing if the tree would become higher than [`MAX_HEIGHT`], or if L or
 /// R is a leaf where a grandchild is to be swapped.
-pub fn rotate<S: Slots + ?Sized>(nodes: &mut S, pair: usize, rotation: Rotation, depth: u32) -> Option<f64> {
-    let children = [nodes.get(pair), nodes.get(pair + 1)];
+pub fn rotate(nodes: &mut [Node], pair: usize, rotation: Rotation, depth: u32) -> Option<f64> {
+    let children = [nodes[pair], nodes[pair + 1]];
     let slot = |(family, side): Place| match family {
         0 => Some(pair + side),
         _ => (!children[family - 1].is_leaf()).then(|| children[family - 1].first() + side),
@@ -171,26 +151,20 @@ pub fn rotate<S: Slots + ?Sized>(nodes: &mut S, pair: usize, rotation: Rotation,
     let (a, b) = (slot(a)?, slot(b)?);
     let [first, last] = rotation.touched();
     let touched = first..=last;
-    let swap_slots = |nodes: &mut S| {
-        let (at_a, at_b) = (nodes.get(a), nodes.get(b));
-        nodes.set(a, at_b);
-        nodes.set(b, at_a);
-    };
-    swap_slots(nodes);
+    nodes.swap(a, b);
     let mut static_change = 0.0;
     for i in touched.clone() {
-        let before = nodes.get(pair + i);
-        let mut after = before;
-        after.refit(&nodes.get(before.first()), &nodes.get(before.first() + 1));
-        nodes.set(pair + i, after);
-        static_change += after.static_term() - children[i].static_term();
+        let mut child = nodes[pair + i];
+        child.refit(&nodes[child.first()], &nodes[child.first() + 1]);
+        nodes[pair + i] = child;
+        static_change += child.static_term() - children[i].static_term();
     }
-    let height = 1 + nodes.get(pair).height().max(nodes.get(pair + 1).height());
+    let height = 1 + nodes[pair].height().max(nodes[pair + 1].height());
     if depth + height > MAX_HEIGHT {
         for i in touched {
-            nodes.set(pair + i, children[i]);
+            nodes[pair + i] = children[i];
         }
-        swap_slots(nodes);
+        nodes.swap(a, b);
         return None;
     }
     Some(static_change)

@@ -5,8 +5,8 @@
 //! level. Boxes and the judging of rotations have versions of their own for AVX2 (`avx2.rs`).
 
 use bvh_core::glam::Vec4;
-use bvh_core::rotation::{Rotation, rotate};
-use bvh_core::{Aabb, COST_INTERSECT, Node, Primitives};
+use bvh_core::rotation::Rotation;
+use bvh_core::{Aabb, COST_INTERSECT, MAX_HEIGHT, Node, Primitives};
 
 use super::Tally;
 use super::block::{Entry, LISTED};
@@ -93,7 +93,8 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
         }
     }
     if !cfg!(refit_without = "validity") && !validity.truncate().is_finite() {
-        fit_carefully(nodes, primitives, leaves, tally);
+        // Some have primitives without a box, or none.
+        leaves.iter().for_each(|entry| fit_leaf(nodes, primitives, entry.slot(), tally));
         return;
     }
     let area = sum.total();
@@ -114,19 +115,9 @@ fn lanes_of_several<P: Primitives + ?Sized>(primitives: &P, first: usize, count:
     })
 }
 
-/// Fits leaves of which some have primitives without a box, or none.
+/// Fits one leaf, whatever its primitives are.
 #[cold]
 #[inline(never)]
-fn fit_carefully<P: Primitives + ?Sized>(
-    nodes: SharedNodes<'_>,
-    primitives: &P,
-    leaves: &[Entry],
-    tally: &mut Tally,
-) {
-    leaves.iter().for_each(|entry| fit_leaf(nodes, primitives, entry.slot(), tally));
-}
-
-/// Fits one leaf.
 pub(super) fn fit_leaf<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
@@ -224,21 +215,28 @@ impl Accepted {
     pub(super) fn apply(
         &self,
         count: usize,
-        mut nodes: SharedNodes<'_>,
+        nodes: SharedNodes<'_>,
         (depth, is_partly_static): (u32, bool),
         tally: &mut Tally,
     ) {
         for (&entry, &changes) in self.entries.iter().zip(&self.changes).take(count) {
-            let rotation = best(changes);
-            let mut static_change = 0.0;
+            let (rotation, pair) = (best(changes), entry.first());
             // A rotation makes a tree higher by one at most.
-            if is_partly_static || nodes.get(entry.slot()).height() + depth >= bvh_core::MAX_HEIGHT {
-                match rotate(&mut nodes, entry.first(), rotation, depth) {
-                    Some(change) => static_change = change,
-                    None => continue,
+            let is_cautious = is_partly_static || nodes.get(entry.slot()).height() + depth >= MAX_HEIGHT;
+            let before = is_cautious.then(|| nodes.pair(pair));
+            swap(nodes, pair, rotation);
+            let mut static_change = 0.0;
+            if let Some(before) = before {
+                let after = nodes.pair(pair);
+                if depth + 1 + after[0].height().max(after[1].height()) > MAX_HEIGHT {
+                    // Back again. A static child may have had a box that was not tight.
+                    swap(nodes, pair, rotation);
+                    (0..2).for_each(|i| nodes.set(pair + i, before[i]));
+                    continue;
                 }
-            } else {
-                swap(nodes, entry.first(), rotation);
+                let [first, last] = rotation.touched();
+                let change = |i: usize| after[i].static_term() - before[i].static_term();
+                static_change = (first..=last).map(change).sum();
             }
             refit_height(nodes, entry);
             let change = f64::from(changes[rotation as usize]);
@@ -267,7 +265,7 @@ fn best(changes: [f32; 8]) -> Rotation {
     Rotation::ALL[is_least.trailing_zeros() as usize % Rotation::ALL.len()]
 }
 
-/// As [`rotate`], where the height is known to be in bounds and all nodes move: without branches.
+/// Rotates at the parent of a pair: swaps two nodes and refits the children that got another child.
 #[inline(always)]
 fn swap(nodes: SharedNodes<'_>, pair: usize, rotation: Rotation) {
     let [l, r] = nodes.pair(pair);
@@ -276,6 +274,7 @@ fn swap(nodes: SharedNodes<'_>, pair: usize, rotation: Rotation) {
     let (at_a, at_b) = (nodes.get(a), nodes.get(b));
     nodes.set(a, at_b);
     nodes.set(b, at_a);
+    // One child twice, where the other gets none: without a branch.
     for child in rotation.touched() {
         let mut node = nodes.get(pair + child);
         let [l, r] = nodes.pair(node.first());

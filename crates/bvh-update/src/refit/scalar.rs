@@ -2,7 +2,8 @@
 
 use std::ops::Range;
 
-use bvh_core::rotation::{area_changes_at, best};
+use bvh_core::Node;
+use bvh_core::rotation::{area_changes, best};
 
 use super::Tally;
 use super::block::{Block, Entry, Leaves, Lister};
@@ -40,7 +41,9 @@ pub(super) fn rotate(
     let mut count = 0;
     for &entry in list {
         refit_height(nodes, entry);
-        let changes = area_changes_at(&nodes, entry.first());
+        let [l, r] = nodes.pair(entry.first());
+        let below = |n: Node| (!n.is_leaf()).then(|| nodes.pair(n.first()).map(|child| child.aabb()));
+        let changes = area_changes(l.aabb(), r.aabb(), below(l), below(r));
         let [c0, c1, c2, c3, c4, c5] = changes;
         accepted.set(count, entry, [c0, c1, c2, c3, c4, c5, 0.0, 0.0]);
         count += usize::from(best(changes).is_some());

@@ -5,7 +5,6 @@
 use std::arch::x86_64::{__m256, __m512i};
 use std::marker::PhantomData;
 
-use bvh_core::rotation::Slots;
 use bvh_core::{Bvh, Node, Parts, SimdLevel};
 
 /// The nodes of one tree, read and written by tasks that keep to disjoint sets of them.
@@ -189,18 +188,6 @@ pub(crate) fn parts(bvh: &mut Bvh) -> Parts<'_> {
     #[expect(unsafe_code, reason = "promises to leave a valid tree")]
     unsafe {
         bvh.parts_mut()
-    }
-}
-
-impl Slots for SharedNodes<'_> {
-    #[inline(always)]
-    fn get(&self, n: usize) -> Node {
-        Self::get(self, n)
-    }
-
-    #[inline(always)]
-    fn set(&mut self, n: usize, node: Node) {
-        Self::set(self, n, node);
     }
 }
 
