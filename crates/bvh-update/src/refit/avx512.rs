@@ -39,9 +39,8 @@ fn list(nodes: SharedNodes<'_>, parents: &[Entry; GROUP], count: usize, lister: 
     let of_two = _mm512_setr_epi32(3, 11, 19, 27, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0);
     let of_four = |a: Entry, b: Entry, c: Entry, d: Entry| {
         let two = |a: Entry, b: Entry| {
-            let two =
-                _mm512_permutex2var_epi32(nodes.pair_wide(a.first()), of_two, nodes.pair_wide(b.first()));
-            _mm512_castsi512_si128(two)
+            let wide = |entry: Entry| bytemuck::cast::<_, __m512i>(nodes.pair(entry.first()));
+            _mm512_castsi512_si128(_mm512_permutex2var_epi32(wide(a), of_two, wide(b)))
         };
         _mm256_set_m128i(two(c, d), two(a, b))
     };

@@ -299,12 +299,13 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     /// Updates the subtrees below a few roots of one depth: a block of about `limit` nodes, and
     /// what is below it.
     fn block(&self, roots: &[Entry], depth: u32, around: Around<'_>, limit: usize) -> Tally {
+        let &RefitScratch { level, with_sums, ref costs, .. } = self.scratch;
         let mut tally = Tally::default();
-        let mut watch = Stopwatch::start(self.scratch.costs.as_ref(), around.block);
+        let mut watch = Stopwatch::start(costs.as_ref(), around.block);
         let mut block = self.spare().blocks.pop().unwrap_or_else(Block::boxed);
         (block.depth, block.limit) = (depth, limit);
         self.with_lists(|Lists { leaves, .. }| {
-            dispatch!(self.scratch.level, walk(&mut block, self.nodes, roots, leaves));
+            dispatch!(level, walk(&mut block, self.nodes, roots, leaves));
             watch.lap(|cost| &mut cost.list);
             let [(rest, _), (below, _)] = block.frontier();
             let next =
@@ -315,15 +316,8 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
                 }
             };
             dispatch!(
-                self.scratch.level,
-                fit_leaves(
-                    self.nodes,
-                    self.primitives,
-                    leaves.all(),
-                    fetch,
-                    self.scratch.with_sums,
-                    &mut tally
-                )
+                level,
+                fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, with_sums, &mut tally)
             );
             watch.lap(|cost| &mut cost.leaves);
         });
@@ -336,10 +330,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         );
         tally = tally.and(&rest).and(&below);
         watch.skip();
-        dispatch!(
-            self.scratch.level,
-            refit_boxes(self.nodes, block.own(), self.scratch.with_sums, &mut tally)
-        );
+        dispatch!(level, refit_boxes(self.nodes, block.own(), with_sums, &mut tally));
         watch.lap(|cost| &mut cost.boxes);
         self.with_lists(|lists| self.rotate(&block, lists, &mut tally));
         watch.lap(|cost| &mut cost.rotations);

@@ -2,7 +2,7 @@
 //! a SIMD level.
 
 #[cfg(target_arch = "x86_64")]
-use std::arch::x86_64::{__m256, __m512i};
+use std::arch::x86_64::__m256;
 use std::marker::PhantomData;
 
 use bvh_core::{Bvh, Node, Parts, SimdLevel};
@@ -84,22 +84,18 @@ impl<'a> SharedNodes<'a> {
     #[inline(always)]
     pub(crate) fn set_height(&self, n: usize, height: u32) {
         assert!(n < self.len, "node out of range");
-        // SAFETY: as in `set`; the height is the first byte of a node's last word, on a
-        // little-endian machine.
-        #[cfg(target_endian = "little")]
+        const { assert!(Node::HEIGHT == 0xff) }
+        // The lowest byte of a node's last word.
+        let byte = if cfg!(target_endian = "little") { 28 } else { 31 };
+        // SAFETY: as in `set`, within a node of 32 bytes of which any byte may have any value.
         #[expect(unsafe_code, reason = "writes the shared arena")]
         unsafe {
-            self.start.add(n).cast::<u8>().add(28).write(height as u8);
-        }
-        #[cfg(target_endian = "big")]
-        {
-            let mut words: [u32; 8] = bytemuck::cast(self.get(n));
-            words[7] = words[7] & !Node::HEIGHT | height;
-            self.set(n, bytemuck::cast(words));
+            self.start.add(n).cast::<u8>().add(byte).write(height as u8);
         }
     }
 
-    /// The nodes in slots `n` and `n + 1`, a register each.
+    /// The nodes in slots `n` and `n + 1`, a register each. Cast from [`pair`](Self::pair), they cost
+    /// the loop of `avx2::rotate` three instructions a node.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(crate) fn pair_lanes(&self, n: usize) -> [__m256; 2] {
@@ -130,18 +126,6 @@ impl<'a> SharedNodes<'a> {
                 children,
             )
             .read()
-        }
-    }
-
-    /// The nodes in slots `n` and `n + 1` in one register.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    pub(crate) fn pair_wide(&self, n: usize) -> __m512i {
-        assert!(n + 1 < self.len, "pair out of range");
-        // SAFETY: as in `pair`; two nodes have the size of a register, and any alignment will do.
-        #[expect(unsafe_code, reason = "reads the shared arena")]
-        unsafe {
-            self.start.add(n).cast::<__m512i>().read_unaligned()
         }
     }
 
