@@ -28,8 +28,8 @@ pub(crate) trait Key: Copy + Ord + Send + Sync + BitXor<Output = Self> {
     const MAX: Self;
     fn new(code: u64, number: u32) -> Self;
     fn number(self) -> u32;
-    /// The lowest bits of the key from `bit` on.
-    fn bits_from(self, bit: u32) -> usize;
+    /// The lowest 64 bits of the key from `bit` on.
+    fn bits_from(self, bit: u32) -> u64;
     /// Position of the highest bit; 0 if there is none.
     fn highest(self) -> u32;
 }
@@ -50,8 +50,8 @@ macro_rules! key {
                 self as u32 & u32::MAX >> 32u32.saturating_sub($low)
             }
             #[inline]
-            fn bits_from(self, bit: u32) -> usize {
-                (self >> bit) as usize
+            fn bits_from(self, bit: u32) -> u64 {
+                (self >> bit) as u64
             }
             #[inline]
             fn highest(self) -> u32 {
@@ -112,17 +112,14 @@ fn sort_runs<K: Key>(keys: &mut [K], bit: u32, parallel: bool) {
 
 #[inline]
 fn digit<K: Key>(key: K, bit: u32) -> usize {
-    key.bits_from(bit) & ((1 << DIGIT) - 1)
+    key.bits_from(bit) as usize & ((1 << DIGIT) - 1)
 }
 
 /// Sorts `keys` into `sorted` by one digit; false, and nothing done, if all have the same.
 fn pass<K: Key>(keys: &[K], sorted: &mut [K], counts: &mut [Counts], bit: u32) -> bool {
     let part = keys.len().div_ceil(counts.len()).max(1);
-    if let [counts] = counts {
-        count(keys, counts, bit);
-    } else {
-        keys.par_chunks(part).zip(&mut *counts).for_each(|(keys, counts)| count(keys, counts, bit));
-    }
+    // One part stays on this thread: rayon hands nothing on where there is nothing to divide.
+    keys.par_chunks(part).zip(&mut *counts).for_each(|(keys, counts)| count(keys, counts, bit));
     let mut start = 0;
     for digit in 0..1 << DIGIT {
         let before = start;
@@ -137,12 +134,8 @@ fn pass<K: Key>(keys: &[K], sorted: &mut [K], counts: &mut [Counts], bit: u32) -
     // the next begin, as they have been counted on the same keys: each place is written once.
     #[expect(unsafe_code, reason = "threads write to all places")]
     let sorted = unsafe { Scatter::new(sorted) };
-    if let [counts] = counts {
-        scatter(keys, counts, bit, &sorted);
-    } else {
-        let parts = keys.par_chunks(part).zip(counts);
-        parts.for_each(|(keys, next)| scatter(keys, next, bit, &sorted));
-    }
+    let parts = keys.par_chunks(part).zip(counts);
+    parts.for_each(|(keys, next)| scatter(keys, next, bit, &sorted));
     true
 }
 
@@ -174,7 +167,7 @@ mod tests {
         let keys = expected.clone();
         expected.sort_unstable();
         let short: Vec<u64> =
-            keys.iter().map(|k| Key::new(k.bits_from(64) as u64 & 0x3fff_ffff, k.number())).collect();
+            keys.iter().map(|k| Key::new(k.bits_from(64) & 0x3fff_ffff, k.number())).collect();
         let mut short_expected = short.clone();
         short_expected.sort_unstable();
         for threads in [1, 2, 3, 8] {
