@@ -59,7 +59,7 @@ use thiserror::Error;
 
 pub use crate::offline_rotations::{Anneal, HillClimb, anneal, hill_climb};
 pub use crate::options::{BuildOptions, Builder};
-pub use crate::poses::{build_over_poses, cost_over_poses, optimize_over_poses};
+pub use crate::poses::build_over_poses;
 pub use crate::reinsert::{Reinsert, ReinsertScratch, reinsert};
 pub use bvh_core::UnknownName;
 
@@ -82,7 +82,7 @@ pub struct Optimized {
     pub passes: u32,
     /// Rotations applied, or subtrees moved.
     pub changes: u64,
-    /// SAH cost before ([`sah_cost`](bvh_core::sah_cost)), or its mean over poses.
+    /// SAH cost before ([`sah_cost`](bvh_core::sah_cost)).
     pub before: f64,
     /// SAH cost after.
     pub after: f64,

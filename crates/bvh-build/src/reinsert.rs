@@ -108,7 +108,7 @@ pub(crate) fn optimize<T: Tree>(
     scratch: &mut ReinsertScratch,
 ) -> Optimized {
     let ReinsertScratch { parents, worst, found } = scratch;
-    let unit = tree.unit();
+    let unit = tree.area_of(tree.root());
     let cost = |area: f64| if unit > 0.0 { area / unit } else { 0.0 };
     let area = rank(tree, parents, worst);
     let mut report = Optimized { passes: 0, changes: 0, before: cost(area), after: cost(area) };

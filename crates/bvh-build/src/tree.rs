@@ -29,8 +29,6 @@ pub(crate) trait Tree: Sync {
     fn copy(&mut self, from: usize, to: usize);
     /// Makes the node in slot `n` fit its children; whether that changed it.
     fn refit(&mut self, n: usize) -> bool;
-    /// What area is divided by to give cost.
-    fn unit(&self) -> f64;
 }
 
 /// The boxes of the nodes themselves, from `root` on down.
@@ -77,9 +75,6 @@ impl Tree for Boxes<'_> {
     #[inline]
     fn refit(&mut self, n: usize) -> bool {
         refit(self.nodes, n)
-    }
-    fn unit(&self) -> f64 {
-        self.area_of(self.root)
     }
 }
 
