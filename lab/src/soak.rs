@@ -135,7 +135,7 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
     // two runs of `cargo xtask soak --scene exploding-dragon --detail 0.05 --strategy refit+rotate`
     // had ratios of 0.99 and 1.13.
     let (mut trees, mut times) = ([start(stage), old], [0.0; 2]);
-    let is_updated = stage.plan().contains(FrameStage::Update);
+    let is_updated = stage.scene.effects.calls_for(FrameStage::Update);
     for frame in (1..=tenth).take_while(|_| is_updated && !interrupt::requested()) {
         stage.pose(stage.time_of(frame % per_loop, per_loop));
         for i in [frame % 2, 1 - frame % 2] {

@@ -114,7 +114,7 @@ impl World for Winding {
         let turned = rotation(Vec3::Y, self.angle(key * self.substeps));
         let ball = self.ball.positions.iter().map(|p| CENTER + turned * p.as_dvec3());
         let all = self.cloth.positions.iter().copied().chain(ball);
-        self.frames.push(all.map(|p| p.as_vec3()).collect());
+        self.frames.push(all.map(DVec3::as_vec3).collect());
     }
 }
 
