@@ -59,3 +59,31 @@ pub fn stats(bvh: &Bvh) -> Stats {
     s.mean_leaf_depth = depths as f64 / s.leaves as f64;
     s
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bvh::tests::three;
+    use crate::{Aabb, Node};
+
+    #[test]
+    fn the_figures_of_a_small_tree() {
+        let mut nodes = three();
+        nodes[3] = Node::leaf(Aabb::EMPTY, 2, 2);
+        let bvh = Bvh::new(&nodes, vec![2, 0, 1, 3]).expect("a tree");
+        let expected = Stats {
+            primitives: 4,
+            dropped: 2,
+            inner: 2,
+            leaves: 3,
+            largest_leaf: 2,
+            height: 2,
+            mean_leaf_depth: 5.0 / 3.0,
+            candidates: 1,
+            // Two inner nodes and two leaves, all as large as the root.
+            sah_cost: 4.0,
+            bytes: 6 * 32 + 4 * 4,
+        };
+        assert_eq!(stats(&bvh), expected);
+    }
+}

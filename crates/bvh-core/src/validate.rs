@@ -115,7 +115,67 @@ impl Bvh {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bvh::tests::{BOX, three};
     use crate::{Node, Vec3};
+
+    fn broken(break_it: impl Fn(&mut Bvh)) -> Invalid {
+        let mut bvh = Bvh::new(&three(), vec![2, 0, 1]).expect("a tree");
+        assert_eq!(bvh.validate(&[BOX; 3]), Ok(()));
+        break_it(&mut bvh);
+        bvh.validate(&[BOX; 3]).expect_err("broken")
+    }
+
+    /// A box one step of `f32` too small is found at its node, a larger one at the parent, which does
+    /// not hold it.
+    #[test]
+    fn a_box_that_is_off_by_one_bit_is_found() {
+        for (n, parent) in [(0, 0), (2, 0), (3, 0), (4, 2), (5, 2)] {
+            for axis in 0..3 {
+                let fault = |min: fn(f32) -> f32, max: fn(f32) -> f32| {
+                    let mut found = BOX;
+                    (found.min[axis], found.max[axis]) = (min(found.min[axis]), max(found.max[axis]));
+                    match broken(|bvh| bvh.raw_nodes_mut()[n].set_aabb(found)) {
+                        Invalid::NotTight { node, .. } => node,
+                        fault => panic!("{fault}"),
+                    }
+                };
+                let same = |x: f32| x;
+                assert_eq!([fault(f32::next_up, same), fault(same, f32::next_down)], [n; 2]);
+                assert_eq!([fault(f32::next_down, same), fault(same, f32::next_up)], [parent; 2]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_wrong_height_is_found() {
+        // The height is the low byte of the last word.
+        let fault = |n: usize, was: u32, is: u32| {
+            broken(|bvh| bytemuck::cast_mut::<Node, [u32; 8]>(&mut bvh.raw_nodes_mut()[n])[7] ^= was ^ is)
+        };
+        let height = |node, found, expected| Invalid::Height { node, found, expected };
+        assert_eq!([fault(0, 2, 1), fault(0, 2, 3)], [height(0, 1, 2), height(0, 3, 2)]);
+        assert_eq!([fault(2, 1, 0), fault(2, 1, 2)], [height(0, 2, 1), height(0, 2, 3)]);
+        assert_eq!(fault(3, 0, 1), height(3, 1, 0));
+    }
+
+    #[test]
+    fn an_inner_node_over_dynamic_leaves_that_says_it_is_static_is_found() {
+        for n in [0, 2] {
+            let fault = broken(|bvh| bvh.raw_nodes_mut()[n].set_dynamic(false));
+            assert_eq!(fault, Invalid::Dynamic { node: n, found: false });
+        }
+    }
+
+    #[test]
+    fn a_broken_structure_and_another_number_of_primitives_are_found() {
+        assert_eq!(broken(|bvh| bvh.order[2] = 2), Malformed::Order(2).into());
+        assert_eq!(
+            broken(|bvh| bvh.raw_nodes_mut()[2] = Node::inner(BOX, 2)),
+            Malformed::SharedChild(2).into()
+        );
+        let bvh = Bvh::new(&three(), vec![2, 0, 1]).expect("a tree");
+        assert_eq!(bvh.validate(&[BOX; 2]), Err(Invalid::Count { tree: 3, given: 2 }));
+    }
 
     #[test]
     fn nodes_that_are_not_in_use_are_empty_leaves() {

@@ -82,6 +82,21 @@ fn replace_with_reuses_memory_and_empties_the_tree_on_panic() {
 }
 
 #[test]
+fn clone_from_copies_everything_into_the_memory_there_is() {
+    let mut from = Bvh::new(&three(), vec![2, 0, 1]).expect("valid");
+    from.set_dynamic(|p| p == 1);
+    from.update_state.words[3] = 7;
+    let mut to = Bvh::new(&[three().as_slice(), &[Node::NOTHING; 2]].concat(), vec![0, 1, 2]).expect("valid");
+    let memory = (to.nodes().as_ptr(), to.order().as_ptr());
+    to.clone_from(&from);
+    assert_eq!((to.nodes(), to.order()), (from.nodes(), from.order()));
+    assert_eq!((to.nodes().as_ptr(), to.order().as_ptr()), memory);
+    assert_eq!((to.is_in_order(), to.all_dynamic()), (false, false));
+    assert!(to.static_area() == from.static_area() && to.static_area() > 0.0);
+    assert!(to.update_state() == from.update_state());
+}
+
+#[test]
 fn malformed_trees_are_refused_with_the_reason() {
     let with = |i: usize, node| {
         let mut nodes = three();
