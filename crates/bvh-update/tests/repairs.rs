@@ -1,33 +1,24 @@
 //! Strategies that repair: that they do, that they leave the tree right, and that `Auto` chooses
 //! sensibly.
 
+mod common;
+
+use std::time::{Duration, Instant};
+
 use bvh_core::{Aabb, Bvh, Vec3, sah_cost, stats};
 use bvh_update::{
     Auto, Background, BuildOptions, Builder, Decision, Degraded, Leaves, Load, PartialRebuild, Reinsertion,
     Rotate, Strategy, Updater,
 };
+use common::{noise, over_fresh, tree};
 
-const PIECES: usize = 40;
-const N: usize = 40 * 50;
+const N: usize = 2000;
 
-fn noise(i: usize) -> Vec3 {
-    let hash = |k: usize| {
-        let h = (i * 3 + k).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ (i << 7);
-        ((h ^ (h >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) as f32 / (1 << 24) as f32
-    };
-    Vec3::new(hash(0), hash(1), hash(2))
-}
+/// How long a test waits for a tree from the background.
+const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A sheet that bursts: pieces of neighbouring boxes, each flying off as one.
 fn burst(time: f32) -> Vec<Aabb> {
-    (0..N)
-        .map(|i| {
-            let piece = i * PIECES / N;
-            let at = Vec3::new((i / 40) as f32, (i % 40) as f32, 0.0);
-            let corner = at + (noise(piece) - 0.5) * 400.0 * time;
-            Aabb::new(corner, corner + 0.8)
-        })
-        .collect()
+    common::burst(N, N, time)
 }
 
 /// Boxes that jump to new places at every step.
@@ -35,17 +26,19 @@ fn chaos(step: usize) -> Vec<Aabb> {
     (0..N).map(|i| noise(i + 7919 * step) * 50.0).map(|corner| Aabb::new(corner, corner + 0.8)).collect()
 }
 
-fn tree(boxes: &[Aabb], builder: Builder) -> Bvh {
-    bvh_build::build(boxes, builder).expect("built")
-}
-
-fn over_fresh(bvh: &Bvh, boxes: &[Aabb]) -> f64 {
-    sah_cost(bvh) / sah_cost(&tree(boxes, Builder::Sweep))
+/// Checks that a leaf is dynamic if one of its primitives moves, and else is not.
+fn check_mask(bvh: &Bvh, moves: impl Fn(usize) -> bool, what: &str) {
+    bvh.visit(|n, node, _| {
+        if node.count() > 0 {
+            let expected = bvh.primitives(node).iter().any(|&p| moves(p as usize));
+            assert_eq!(node.is_dynamic(), expected, "{what}, leaf {n}");
+        }
+    });
 }
 
 /// Plays the burst; gives the decisions, and the greatest cost over that of a fresh tree.
 fn play(strategy: Strategy, moves: impl Fn(usize) -> bool) -> (Vec<Decision>, f64) {
-    let mut bvh = tree(&burst(0.0), Builder::Sweep);
+    let mut bvh = tree(&burst(0.0));
     bvh.set_dynamic(&moves);
     let mut updater = Updater::default();
     let mut worst = 0.0f64;
@@ -54,6 +47,7 @@ fn play(strategy: Strategy, moves: impl Fn(usize) -> bool) -> (Vec<Decision>, f6
         let boxes: Vec<_> = (0..N).map(|i| if moves(i) { moved[i] } else { still[i] }).collect();
         let report = updater.set_strategy(strategy).update(&mut bvh, boxes.as_slice()).expect("updated");
         bvh.validate(boxes.as_slice()).expect("valid");
+        check_mask(&bvh, &moves, strategy.name());
         if let Some(cost) = report.sah_cost {
             let real = sah_cost(&bvh);
             assert!((cost - real).abs() <= 1e-5 * real, "{} report {cost} for {real}", strategy.name());
@@ -90,7 +84,7 @@ fn partial_rebuilds_keep_a_burst_nearly_as_good_as_new() {
 
 #[test]
 fn partial_rebuilds_keep_static_primitives_static() {
-    // The report costs are checked on the way: they are wrong if areas that stand still are.
+    // The mask and the reported costs are checked on the way.
     let (decisions, _) = play(Strategy::PartialRebuild(PartialRebuild::default()), |i| i % 100 < 50);
     assert!(regrown(&decisions) > 0, "{decisions:?}");
 }
@@ -158,7 +152,7 @@ fn auto_repairs_a_burst_where_rays_pay_for_it() {
 fn auto_stops_looking_in_chaos_and_rests_where_nothing_moves() {
     let strategy = Strategy::Auto(Auto::default());
     let mut updater = Updater::default();
-    let mut bvh = tree(&chaos(0), Builder::Sweep);
+    let mut bvh = tree(&chaos(0));
     let mut decide = |bvh: &mut Bvh, boxes: &[Aabb]| {
         let report = updater.set_strategy(strategy).update(bvh, boxes).expect("updated");
         bvh.validate(boxes).expect("valid");
@@ -166,7 +160,9 @@ fn auto_stops_looking_in_chaos_and_rests_where_nothing_moves() {
     };
     let report: Vec<_> = (1..=12).map(|step| decide(&mut bvh, &chaos(step))).collect();
     assert!(report[1..].iter().filter(|t| is_rebuild(&t.decision)).count() >= 9, "{report:?}");
-    // A rebuild without a look visits each node once.
+    // A decision without a look at the tree has no reason.
+    let blind = report[4..].iter().filter(|t| t.reason.is_none()).count();
+    assert!(blind > 4, "{report:?}");
     assert!(over_fresh(&bvh, &chaos(12)) < 1.3);
 
     let boxes = chaos(12);
@@ -181,11 +177,12 @@ fn the_more_rays_the_more_auto_repairs_and_the_better_the_builder() {
         let (decisions, worst) = play_with(rays);
         (decisions.iter().filter(|d| is_repair(d)).count(), worst)
     });
+    assert!(repairs[0].0 < repairs[2].0, "{repairs:?}");
     assert!(repairs.is_sorted_by(|a, b| a.1 >= b.1) && repairs[0].1 > repairs[2].1, "{repairs:?}");
 
     // In chaos: a fast build for few rays, a good one for many.
     let builders = [1 << 13, 2 << 20].map(|rays| {
-        let mut bvh = tree(&chaos(0), Builder::Sweep);
+        let mut bvh = tree(&chaos(0));
         let mut updater = Updater::default();
         let decisions: Vec<_> = (1..=8)
             .map(|step| {
@@ -203,7 +200,7 @@ fn the_more_rays_the_more_auto_repairs_and_the_better_the_builder() {
 #[test]
 fn a_fast_build_is_replaced_by_a_good_one_once_the_chaos_is_over() {
     let strategy = Strategy::Auto(Auto { load: Load::PacketRays(1 << 13) });
-    let mut bvh = tree(&chaos(0), Builder::Sweep);
+    let mut bvh = tree(&chaos(0));
     let mut updater = Updater::default();
     let mut decide =
         |boxes: &[Aabb]| updater.set_strategy(strategy).update(&mut bvh, boxes).expect("updated").decision;
@@ -217,45 +214,46 @@ fn a_fast_build_is_replaced_by_a_good_one_once_the_chaos_is_over() {
 }
 
 #[test]
-fn static_primitives_stay_static_in_a_new_tree_of_auto() {
-    let strategy = Strategy::Auto(Auto::default());
-    let (still, moves) = (chaos(0), |i: usize| !i.is_multiple_of(2));
-    let mut bvh = tree(&still, Builder::Sweep);
-    bvh.set_dynamic(moves);
-    let mut updater = Updater::default();
-    let mut rebuilds = 0;
-    for step in 1..=6 {
-        let moved = chaos(step);
-        let boxes: Vec<_> = (0..N).map(|i| if moves(i) { moved[i] } else { still[i] }).collect();
-        let report = updater.set_strategy(strategy).update(&mut bvh, boxes.as_slice()).expect("updated");
-        bvh.validate(boxes.as_slice()).expect("valid");
-        rebuilds += usize::from(is_rebuild(&report.decision));
-    }
-    assert!(rebuilds > 0, "nothing was rebuilt");
-    bvh.visit(|_, node, _| {
-        bvh.primitives(node).iter().for_each(|&p| assert_eq!(node.is_dynamic(), moves(p as usize), "{p}"));
-    });
-}
-
-#[test]
 fn static_primitives_stay_static_in_every_new_tree() {
     let moves = |i: usize| !i.is_multiple_of(3);
     let still = burst(0.0);
     for strategy in Strategy::all() {
-        let mut bvh = tree(&still, Builder::Sweep);
+        let mut bvh = tree(&still);
         bvh.set_dynamic(moves);
-        let mut updater = Updater::default();
+        let mut updater = Updater::new(strategy);
+        let mut rebuilds = 0;
         for step in 1..=12 {
             let moved = chaos(step);
             let boxes: Vec<_> = (0..N).map(|i| if moves(i) { moved[i] } else { still[i] }).collect();
-            updater.set_strategy(strategy).update(&mut bvh, boxes.as_slice()).expect("updated");
-            assert!(!bvh.all_dynamic(), "{}, step {step}", strategy.name());
-            for leaf in bvh.nodes().iter().filter(|node| node.count() > 0) {
-                let expected = bvh.primitives(leaf).iter().any(|&p| moves(p as usize));
-                assert_eq!(leaf.is_dynamic(), expected, "{}, step {step}", strategy.name());
-            }
+            let report = updater.update(&mut bvh, boxes.as_slice()).expect("updated");
+            bvh.validate(boxes.as_slice()).expect("valid");
+            assert!(!bvh.all_dynamic(), "{strategy}, step {step}");
+            check_mask(&bvh, moves, strategy.name());
+            rebuilds += usize::from(report.rebuilt);
         }
+        let builds = matches!(
+            strategy,
+            Strategy::Rebuild(..) | Strategy::Degraded(_) | Strategy::PartialRebuild(_) | Strategy::Auto(_)
+        );
+        // Trees from the background come when they are ready.
+        assert!(rebuilds > 0 || !builds, "{strategy} built no tree");
     }
+}
+
+#[test]
+fn reported_loads_take_the_place_of_that_of_auto() {
+    let [few, many] = [1 << 13, 2 << 20].map(Load::PacketRays);
+    let play = |load, reports: &[Option<Load>]| {
+        let (mut bvh, mut updater) = (tree(&chaos(0)), Updater::new(Strategy::Auto(Auto { load })));
+        reports.iter().for_each(|&load| updater.report(load));
+        [1, 2, 3, 4, 5, 6].map(|step| {
+            let report = updater.update(&mut bvh, &chaos(step)).expect("updated");
+            (report.decision, bvh.fingerprint())
+        })
+    };
+    assert_ne!(play(few, &[]), play(many, &[]));
+    assert_eq!(play(few, &[Some(many)]), play(many, &[]));
+    assert_eq!(play(few, &[Some(many), None]), play(few, &[]));
 }
 
 #[test]
@@ -264,7 +262,7 @@ fn a_strategy_does_not_trust_what_another_has_measured() {
     let grown = Strategy::PartialRebuild(PartialRebuild { rotate: None, ..PartialRebuild::default() });
     let degraded = Strategy::Degraded(Degraded::default());
     for [first, second] in [[grown, degraded], [degraded, grown]] {
-        let mut bvh = tree(&burst(0.0), Builder::Sweep);
+        let mut bvh = tree(&burst(0.0));
         let mut updater = Updater::default();
         let mut report = |time: f32, strategy: &Strategy| {
             updater
@@ -280,7 +278,7 @@ fn a_strategy_does_not_trust_what_another_has_measured() {
 
 #[test]
 fn decisions_and_reasons_say_what_and_why_in_one_line() {
-    let mut bvh = tree(&burst(0.0), Builder::Sweep);
+    let mut bvh = tree(&burst(0.0));
     let mut updater = Updater::default();
     for step in 1..=20 {
         let report = updater.update(&mut bvh, burst(step as f32 / 20.0).as_slice()).expect("updated");
@@ -301,7 +299,7 @@ fn repairs_do_not_depend_on_threads() {
         let hashes = [1, 2, 3].map(|threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
             pool.install(|| {
-                let mut bvh = tree(&burst(0.0), Builder::Sweep);
+                let mut bvh = tree(&burst(0.0));
                 let mut updater = Updater::default();
                 for step in 1..=6 {
                     let boxes = burst(step as f32 / 6.0);
@@ -322,10 +320,11 @@ fn trees_from_the_background_take_over_and_none_waits_or_is_mistaken() {
 fn trees_take_over(builder: Builder) {
     let strategy = Strategy::Background(Background { rotate: Some(Rotate::default()), builder });
     let mut updater = Updater::default();
-    let mut trees = [tree(&burst(0.0), Builder::Sweep), tree(&chaos(0), Builder::Sweep)];
+    let mut trees = [tree(&burst(0.0)), tree(&chaos(0))];
     let mut swaps = [0; 2];
+    let start = Instant::now();
     // Two trees of one size share the memory, which is allowed, if of no use.
-    for step in 0..4000 {
+    for step in 0.. {
         let which = step / 300 % 2;
         let boxes = if which == 0 { burst((step % 300) as f32 / 300.0) } else { chaos(step / 100) };
         let report =
@@ -340,10 +339,10 @@ fn trees_take_over(builder: Builder) {
             assert!(cost.delay > 0 && cost.delay <= step as u32, "{cost:?}");
         }
         if swaps.iter().all(|&n| n >= 3) {
-            return;
+            break;
         }
+        assert!(start.elapsed() < PATIENCE, "only {swaps:?} trees took over");
     }
-    panic!("only {swaps:?} trees took over");
 }
 
 /// A sheet of two boxes in each place, which rises and falls, and in between bursts into single
@@ -360,7 +359,7 @@ fn frayed(step: usize) -> Vec<Aabb> {
 
 #[test]
 fn leaves_merge_where_boxes_move_together_and_split_where_they_part() {
-    let singles = tree(&frayed(0), Builder::Sweep);
+    let singles = tree(&frayed(0));
     for (period, rotate) in [(1, None), (1, Some(Rotate::default())), (4, Some(Rotate::default()))] {
         let strategy = Strategy::Leaves(Leaves { rotate, period, ..Leaves::default() });
         let other = rotate.map_or(Strategy::Refit, Strategy::RefitRotate);
@@ -414,7 +413,7 @@ fn auto_follows_boxes_that_scatter_and_meet_again() {
         frayed(0).into_iter().enumerate().map(moved).collect()
     };
     for (which, pose) in [&frayed as &dyn Fn(usize) -> Vec<Aabb>, &parting].into_iter().enumerate() {
-        let mut bvh = tree(&pose(0), Builder::Sweep);
+        let mut bvh = tree(&pose(0));
         let mut updater = Updater::default();
         for step in 1..160 {
             let boxes = pose(step % 80);
@@ -436,7 +435,7 @@ fn auto_follows_boxes_that_scatter_and_meet_again() {
 #[test]
 fn leaves_come_to_rest_and_static_leaves_stay() {
     let boxes = frayed(0);
-    let mut bvh = tree(&boxes, Builder::Sweep);
+    let mut bvh = tree(&boxes);
     bvh.set_dynamic(|i| i % 200 < 100);
     let strategy = Strategy::Leaves(Leaves { period: 1, ..Leaves::default() });
     let mut updater = Updater::default();
@@ -469,7 +468,7 @@ fn leaves_come_to_rest_and_static_leaves_stay() {
 fn auto_rebuilds_a_tree_built_over_points() {
     let points = vec![Aabb::new(Vec3::ONE, Vec3::ONE); N];
     for (first, steps) in [(points.clone(), 0), (chaos(0), 3)] {
-        let mut bvh = tree(&first, Builder::Sweep);
+        let mut bvh = tree(&first);
         let mut updater = Updater::default();
         let auto = Strategy::Auto(Auto::default());
         for _ in 0..steps {
@@ -486,17 +485,20 @@ fn auto_rebuilds_a_tree_built_over_points() {
 /// What is built in the background knows primitives by the numbers they had.
 #[test]
 fn no_tree_of_old_numbers_takes_over() {
-    let mut bvh = tree(&chaos(0), Builder::Sweep);
+    let mut bvh = tree(&chaos(0));
     let mut updater = Updater::default();
     let background = Strategy::Background(Background::default());
     updater.set_strategy(background).update(&mut bvh, &chaos(0)).expect("updated");
     let order = bvh.reorder_primitives();
     let boxes: Vec<_> = order.iter().map(|&p| chaos(0)[p as usize]).collect();
-    let fresh = sah_cost(&bvh);
-    for _ in 0..50 {
-        updater.set_strategy(background).update(&mut bvh, &boxes).expect("updated");
-        std::thread::sleep(std::time::Duration::from_millis(1));
+    let (fresh, start) = (sah_cost(&bvh), Instant::now());
+    let mut has_swapped = false;
+    while !has_swapped {
+        assert!(start.elapsed() < PATIENCE, "no tree took over");
+        std::thread::sleep(Duration::from_millis(1));
+        let report = updater.set_strategy(background).update(&mut bvh, &boxes).expect("updated");
         assert!(sah_cost(&bvh) < 1.5 * fresh, "a tree over other numbers");
+        has_swapped = report.decision == Decision::Swap;
     }
 }
 
@@ -505,10 +507,10 @@ fn no_tree_of_old_numbers_takes_over() {
 #[test]
 fn trees_from_the_background_have_the_latest_dynamic_mask() {
     let background = Strategy::Background(Background::default());
-    let mut trees = [0, 1].map(|_| tree(&chaos(0), Builder::Sweep));
-    let mut updater = Updater::default();
-    let (mut swaps, mut asked) = (0, [1; 2]);
-    for step in 0..300 {
+    let mut trees = [0, 1].map(|_| tree(&chaos(0)));
+    let mut updater = Updater::new(background);
+    let (mut swaps, mut asked, start) = (0, [1; 2], Instant::now());
+    for step in 0.. {
         let which = step / 10 % 2;
         let bvh = &mut trees[which];
         if step % 23 == 0 {
@@ -516,32 +518,17 @@ fn trees_from_the_background_have_the_latest_dynamic_mask() {
             let period = asked[which];
             bvh.set_dynamic(|p| p.is_multiple_of(period));
         }
-        let report = updater.set_strategy(background).update(bvh, &chaos(0)).expect("updated");
+        let report = updater.update(bvh, &chaos(0)).expect("updated");
         bvh.validate(&chaos(0)).expect("valid");
         swaps += usize::from(report.decision == Decision::Swap);
         assert_eq!(bvh.all_dynamic(), asked[which] == 1, "step {step}");
-        let moves = |p: u32| (p as usize).is_multiple_of(asked[which]);
-        bvh.visit(|_, leaf, _| {
-            bvh.primitives(leaf).iter().for_each(|&p| assert_eq!(leaf.is_dynamic(), moves(p)));
-        });
+        check_mask(bvh, |p| p.is_multiple_of(asked[which]), "a tree from the background");
+        if step >= 300 && swaps > 2 {
+            break;
+        }
+        assert!(start.elapsed() < PATIENCE, "only {swaps} trees took over");
         if step % 2 == 0 {
-            std::thread::sleep(std::time::Duration::from_millis(2));
+            std::thread::sleep(Duration::from_millis(2));
         }
     }
-    assert!(swaps > 2, "only {swaps} trees took over");
-}
-
-#[test]
-fn every_worker_of_the_pool_that_builds_in_the_background_can_drop_its_memory() {
-    let boxes: Vec<_> = (0..20_000).map(|i| noise(i) * 50.0).map(|p| Aabb::new(p, p + 0.8)).collect();
-    let strategy = Strategy::Background(Background { rotate: None, builder: Builder::BinnedParallel });
-    let start = tree(&boxes, Builder::Lbvh);
-    // All of them at a time, so that no one is left to build.
-    rayon::broadcast(|_| {
-        for _ in 0..4 {
-            let (mut bvh, mut updater) = (start.clone(), Updater::default());
-            updater.set_strategy(strategy).update(&mut bvh, &boxes).expect("same count");
-            drop(updater);
-        }
-    });
 }

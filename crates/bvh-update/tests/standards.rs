@@ -1,33 +1,16 @@
 //! Baselines: no event makes a strategy take a bad tree for a good one.
 
-use bvh_core::{Aabb, Bvh, Primitives, Vec3, sah_cost};
-use bvh_update::{Auto, Builder, Decision, Load, PartialRebuild, Reason, Strategy, Updater};
+mod common;
+
+use bvh_core::{Aabb, Primitives, Vec3};
+use bvh_update::{Auto, BuildOptions, Builder, Decision, Load, PartialRebuild, Reason, Strategy, Updater};
+use common::{noise, over_fresh, tree};
 
 const N: usize = 4000;
 
-fn noise(i: usize) -> Vec3 {
-    let hash = |k: usize| {
-        let h = (i * 3 + k).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ (i << 7);
-        ((h ^ (h >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) as f32 / (1 << 24) as f32
-    };
-    Vec3::new(hash(0), hash(1), hash(2))
-}
-
-fn tree(boxes: &[Aabb]) -> Bvh {
-    bvh_build::build(boxes, Builder::Sweep).expect("built")
-}
-
-fn over_fresh(bvh: &Bvh, boxes: &[Aabb]) -> f64 {
-    sah_cost(bvh) / sah_cost(&tree(boxes))
-}
-
-/// A sheet in pieces, each of which flies off as one; the last tenth stays where it is.
+/// The last tenth stays where it is.
 fn burst(time: f32) -> Vec<Aabb> {
-    let place = |i: usize| {
-        let away = if i < N * 9 / 10 { (noise(i / 50) - 0.5) * 400.0 * time } else { Vec3::ZERO };
-        Vec3::new((i / 50) as f32, (i % 50) as f32, 0.0) + away
-    };
-    (0..N).map(place).map(|corner| Aabb::new(corner, corner + 0.8)).collect()
+    common::burst(N, N * 9 / 10, time)
 }
 
 #[test]
@@ -140,13 +123,18 @@ fn huge_boxes_leave_no_trace() {
 #[test]
 fn another_number_of_primitives_gives_a_new_tree() {
     let (all, some) = (burst(0.5), &burst(0.5)[..N / 3]);
-    let mut bvh = tree(&burst(0.0));
-    bvh.set_dynamic(|p| p > 10);
+    let rebuild = Strategy::Rebuild(Builder::Lbvh, BuildOptions::default());
+    let [mut bvh, _] = [Strategy::default(), rebuild].map(|strategy| {
+        let (mut bvh, mut updater) = (tree(&burst(0.0)), Updater::new(strategy));
+        bvh.set_dynamic(|p| p > 10);
+        for (boxes, is_all_dynamic) in [(&all[..], false), (some, true), (&[], true), (&all, true)] {
+            updater.update(&mut bvh, boxes).expect("a new tree");
+            bvh.validate(boxes).expect("valid");
+            assert_eq!(bvh.all_dynamic(), is_all_dynamic, "{strategy}, {} primitives", boxes.len());
+        }
+        bvh
+    });
     let mut updater = Updater::default();
-    for boxes in [&all[..], some, &[], &all] {
-        updater.update(&mut bvh, boxes).expect("a new tree");
-        bvh.validate(boxes).expect("valid");
-    }
     // Trees that were new for their number are no rebuilds in a row. One may follow, by a better
     // builder.
     let rebuilds = (0..5).filter(|_| updater.update(&mut bvh, &all[..]).expect("updated").rebuilt).count();
