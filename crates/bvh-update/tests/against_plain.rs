@@ -33,6 +33,8 @@ fn tree(boxes: &[Aabb], max_leaf_size: u32) -> Bvh {
     build_with(boxes, Builder::Binned, &options).expect("few enough")
 }
 
+const ROTATE: Strategy = Strategy::RefitRotate(Rotate { period: 1 });
+
 fn reporting(level: SimdLevel) -> Updater {
     let mut updater = Updater::with_level(Strategy::default(), level);
     updater.report_cost(true);
@@ -135,22 +137,13 @@ fn static_subtrees_are_not_visited() {
     let start = boxes(20_000, 1, 0.0);
     let mut bvh = tree(&start, 1);
     let mut updater = reporting(SimdLevel::best());
-    let all = updater
-        .set_strategy(Strategy::RefitRotate(Rotate::default()))
-        .update(&mut bvh, &start)
-        .expect("same count");
+    let all = updater.set_strategy(ROTATE).update(&mut bvh, &start).expect("same count");
     assert_eq!(all.nodes_visited as usize, 2 * 20_000 - 1);
     bvh.set_dynamic(|p| p == 77);
-    let one = updater
-        .set_strategy(Strategy::RefitRotate(Rotate::default()))
-        .update(&mut bvh, &start)
-        .expect("same count");
+    let one = updater.set_strategy(ROTATE).update(&mut bvh, &start).expect("same count");
     assert!(one.nodes_visited <= u64::from(bvh.height()) + 1, "visited {}", one.nodes_visited);
     bvh.set_dynamic(|_| false);
-    let none = updater
-        .set_strategy(Strategy::RefitRotate(Rotate::default()))
-        .update(&mut bvh, &start)
-        .expect("same count");
+    let none = updater.set_strategy(ROTATE).update(&mut bvh, &start).expect("same count");
     assert_eq!(none.nodes_visited, 0);
     let (report, cost) = (none.sah_cost.expect("known"), sah_cost(&bvh));
     assert!((report - cost).abs() < 1e-6 * cost, "report {report}, is {cost}");
@@ -163,10 +156,7 @@ fn rotations_happen_where_they_are_needed_and_lower_the_cost() {
     let mut rotated = refitted.clone();
     let mut updater = reporting(SimdLevel::best());
     let refit = updater.set_strategy(Strategy::Refit).update(&mut refitted, &end).expect("same count");
-    let rotate = updater
-        .set_strategy(Strategy::RefitRotate(Rotate::default()))
-        .update(&mut rotated, &end)
-        .expect("same count");
+    let rotate = updater.set_strategy(ROTATE).update(&mut rotated, &end).expect("same count");
     assert!(refit.rotations_applied() == 0 && rotate.rotations_applied() > 500);
     assert!(rotate.rotations.iter().all(|&kind| kind > 0), "{:?}", rotate.rotations);
     assert!(rotate.sah_cost < refit.sah_cost.map(|c| 0.8 * c));
@@ -179,10 +169,7 @@ fn a_still_scene_converges_and_stays() {
     let mut updater = reporting(SimdLevel::best());
     let mut cost = f64::INFINITY;
     for pass in 0.. {
-        let done = updater
-            .set_strategy(Strategy::RefitRotate(Rotate::default()))
-            .update(&mut bvh, &end)
-            .expect("same count");
+        let done = updater.set_strategy(ROTATE).update(&mut bvh, &end).expect("same count");
         assert!(sah_cost(&bvh) <= cost, "a rotation raised the cost");
         cost = sah_cost(&bvh);
         if done.rotations_applied() == 0 {
@@ -191,11 +178,34 @@ fn a_still_scene_converges_and_stays() {
         assert!(pass < 200, "still rotating after {pass} passes over a still scene");
     }
     let settled = bvh.fingerprint();
-    updater
-        .set_strategy(Strategy::RefitRotate(Rotate::default()))
-        .update(&mut bvh, &end)
-        .expect("same count");
+    updater.set_strategy(ROTATE).update(&mut bvh, &end).expect("same count");
     assert_eq!(bvh.fingerprint(), settled);
+}
+
+#[test]
+fn the_memory_of_passes_does_not_grow_with_the_tree() {
+    let memory = |n| {
+        let (mut bvh, mut updater) = (tree(&boxes(n, 1, 0.0), 1), Updater::new(ROTATE));
+        pool(1).install(|| updater.update(&mut bvh, &boxes(n, 1, 5.0))).expect("same count");
+        updater.pass_memory()
+    };
+    let [few, many] = [20_000, 80_000].map(memory);
+    assert!(few > 0 && few == many && many < 1 << 20, "{few}, {many} bytes");
+}
+
+#[test]
+fn blocks_are_recorded_once_asked_for_and_taken_once() {
+    let (mut bvh, mut updater) = (tree(&boxes(20_000, 1, 0.0), 1), Updater::new(ROTATE));
+    let mut blocks = |updater: &mut Updater| {
+        updater.update(&mut bvh, &boxes(20_000, 1, 5.0)).expect("same count");
+        updater.take_costs().iter().map(|cost| cost.parent).collect::<Vec<_>>()
+    };
+    assert_eq!(blocks(&mut updater), []);
+    updater.record_costs();
+    let parents = blocks(&mut updater);
+    assert!(parents.len() > 10 && parents[0].is_none(), "{parents:?}");
+    assert!((1..parents.len()).all(|i| parents[i].is_some_and(|parent| parent < i)), "{parents:?}");
+    assert!(updater.take_costs().is_empty());
 }
 
 #[test]
@@ -208,7 +218,7 @@ fn reordered_primitives_give_the_same_tree() {
     for frame in 1..4 {
         let now = boxes(3000, 4, frame as f32 * 20.0);
         let arranged: Vec<_> = map.iter().map(|&p| now[p as usize]).collect();
-        for strategy in [Strategy::Refit, Strategy::RefitRotate(Rotate::default())] {
+        for strategy in [Strategy::Refit, ROTATE] {
             updater.set_strategy(strategy).update(&mut plain_numbers, &now).expect("same count");
             updater.set_strategy(strategy).update(&mut in_order, &arranged).expect("same count");
             assert_eq!(plain_numbers.nodes(), in_order.nodes());
@@ -228,9 +238,7 @@ fn primitives_that_are_not_finite_are_dropped_and_come_back() {
         let mut bvh = tree(&start, max_leaf_size);
         let mut expected = bvh.clone();
         let mut updater = reporting(level);
-        for (strategy, rotate) in
-            [(Strategy::Refit, None), (Strategy::RefitRotate(Rotate::default()), Some(Rotate::default()))]
-        {
+        for (strategy, rotate) in [(Strategy::Refit, None), (ROTATE, Some(Rotate::default()))] {
             for (now, dropped) in [(&broken, 20), (&start, 0)] {
                 let done = updater.set_strategy(strategy).update(&mut bvh, now).expect("same count");
                 plain::update(&mut expected, now, rotate);

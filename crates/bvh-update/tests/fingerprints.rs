@@ -7,6 +7,8 @@
 use bvh_build::{BuildOptions, Builder, build_with};
 use bvh_core::{Bvh, Primitives, SimdLevel, Triangles, Vec3};
 use bvh_update::{Strategy, Updater};
+// Those of the systems differ in the last bits.
+use libm::{cosf, sinf};
 
 const SIDE: usize = 90;
 
@@ -28,12 +30,12 @@ fn positions(motion: Motion, frame: usize) -> Vec<Vec3> {
     (0..SIDE * SIDE)
         .map(|i| {
             let (x, y) = ((i % SIDE) as f32, (i / SIDE) as f32);
-            let wave = Vec3::new(x, y, 6.0 * (0.21 * x + 0.4 * t).sin() * (0.17 * y - 0.3 * t).cos());
+            let wave = Vec3::new(x, y, 6.0 * sinf(0.21 * x + 0.4 * t) * cosf(0.17 * y - 0.3 * t));
             match motion {
                 Motion::Waves => wave,
                 Motion::Pieces => {
                     let piece = (i % SIDE / 7 + 13 * (i / SIDE / 5)) as f32;
-                    wave + Vec3::new((piece * 1.7).sin(), (piece * 2.3).cos(), (piece * 3.1).sin()) * 4.0 * t
+                    wave + Vec3::new(sinf(piece * 1.7), cosf(piece * 2.3), sinf(piece * 3.1)) * 4.0 * t
                 }
                 Motion::Corner if x > 45.0 || y > 45.0 => Vec3::new(x, y, 0.0),
                 Motion::Corner => wave,
