@@ -1,13 +1,12 @@
 //! Queries through closures against the same questions asked of every primitive, on trees fresh and
 //! updated.
 
-use std::collections::BTreeSet;
 use std::ops::ControlFlow::{Break, Continue};
 
 use bvh_build::{BuildOptions, Builder, build, build_with};
 use bvh_core::{
-    Aabb, Bvh, Primitives, Ray, TriangleTest, Triangles, Vec3, Visits, any_hit_counted, closest_hit_brute,
-    closest_hit_counted,
+    Aabb, Bvh, MAX_HEIGHT, Node, Primitives, Ray, TriangleTest, Triangles, Vec3, Visits, any_hit_counted,
+    closest_hit_brute, closest_hit_counted,
 };
 use bvh_update::{Rotate, Strategy, Updater};
 use pivot_tests::{Motion, Soup, closest_hit, noise};
@@ -27,60 +26,76 @@ fn moved(n: usize, seed: u64, motion: Motion, max_leaf_size: u32) -> (Bvh, Soup,
     (bvh, soup, now)
 }
 
-fn overlapping(bvh: &Bvh, primitives: &dyn Primitives, query: &Aabb) -> Vec<usize> {
+/// The primitives that a query finds until it has found `most`.
+fn overlapping(bvh: &Bvh, primitives: &dyn Primitives, query: &Aabb, most: usize) -> (Vec<usize>, Visits) {
     let mut found = Vec::new();
-    bvh.for_each_overlap(primitives, query, |p| {
+    let visits = bvh.for_each_overlap(primitives, query, |p| {
         found.push(p);
-        Continue(())
+        if found.len() == most { Break(()) } else { Continue(()) }
     });
     found.sort_unstable();
-    found
+    (found, visits)
+}
+
+/// The pairs that a query finds until it has found `most`.
+fn pairs(bvh: &Bvh, primitives: &dyn Primitives, most: usize) -> (Vec<(usize, usize)>, Visits) {
+    let mut found = Vec::new();
+    let visits = bvh.for_each_pair(primitives, |a, b| {
+        found.push((a.min(b), a.max(b)));
+        if found.len() == most { Break(()) } else { Continue(()) }
+    });
+    found.sort_unstable();
+    (found, visits)
+}
+
+/// All pairs of primitives whose boxes overlap.
+fn all_pairs(primitives: &dyn Primitives) -> Vec<(usize, usize)> {
+    let n = primitives.len();
+    let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
+    pairs.filter(|&(a, b)| primitives.aabb(a).overlaps(&primitives.aabb(b))).collect()
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(48))]
+    #![proptest_config(ProptestConfig::with_cases(96))]
 
     #[test]
-    fn boxes_that_overlap_are_found_once_each(
-        n in 0usize..300, seed: u64, motion in prop::sample::select(&Motion::ALL[..]), at in 0usize..9
+    fn boxes_and_pairs_that_overlap_are_found_once_each_until_the_query_breaks(
+        n in 0usize..150, seed: u64, motion in prop::sample::select(&Motion::ALL[..]),
+        max_leaf_size in prop::sample::select(vec![1u32, 4, 50])
     ) {
-        let (bvh, soup, now) = moved(n, seed, motion, 1);
+        let (bvh, soup, now) = moved(n, seed, motion, max_leaf_size);
         let triangles = Triangles { positions: &now, indices: &soup.triangles };
-        let corner = noise(seed ^ 5, at) * 10.0;
-        let query = Aabb::new(corner, corner + noise(seed ^ 6, at) * 5.0);
+        let corner = noise(seed ^ 5, 0) * 10.0;
+        let query = Aabb::new(corner, corner + noise(seed ^ 6, 0) * 5.0);
         let expected: Vec<_> = (0..n).filter(|&i| triangles.aabb(i).overlaps(&query)).collect();
-        prop_assert_eq!(overlapping(&bvh, &triangles, &query), expected);
-        prop_assert_eq!(overlapping(&bvh, &triangles, &Aabb::EMPTY), Vec::<usize>::new());
+        let (found, all) = overlapping(&bvh, &triangles, &query, usize::MAX);
+        prop_assert_eq!(&found, &expected);
+        prop_assert!(all.queries == 1 && all.nodes < bvh.nodes().len() as u64);
+        let (first, visits) = overlapping(&bvh, &triangles, &query, 1);
+        prop_assert!(first.len() == expected.len().min(1) && visits.nodes <= all.nodes);
+
+        let expected = all_pairs(&triangles);
+        let (found, all) = pairs(&bvh, &triangles, usize::MAX);
+        prop_assert_eq!(&found, &expected);
+        let (first, visits) = pairs(&bvh, &triangles, 2);
+        prop_assert!(first.len() == expected.len().min(2) && visits.nodes <= all.nodes);
     }
 
     #[test]
-    fn larger_leaves_give_the_same(n in 0usize..300, seed: u64) {
-        let (bvh, soup, now) = moved(n, seed, Motion::Divergent, 4);
-        let triangles = Triangles { positions: &now, indices: &soup.triangles };
-        let query = Aabb::new(Vec3::splat(2.0), Vec3::splat(6.0));
-        let found = overlapping(&bvh, &triangles, &query);
-        let expected: Vec<_> = (0..n).filter(|&i| triangles.aabb(i).overlaps(&query)).collect();
-        prop_assert_eq!(found, expected);
-    }
-
-    #[test]
-    fn pairs_that_overlap_are_found_once_each(
-        n in 0usize..150, seed: u64, motion in prop::sample::select(&Motion::ALL[..])
+    fn points_find_the_nearest_box(
+        n in 0usize..150, seed: u64, motion in prop::sample::select(&Motion::ALL[..]),
+        max_leaf_size in prop::sample::select(vec![1u32, 4])
     ) {
-        let (bvh, soup, now) = moved(n, seed, motion, 1);
+        let (bvh, soup, now) = moved(n, seed, motion, max_leaf_size);
         let triangles = Triangles { positions: &now, indices: &soup.triangles };
-        let mut found = BTreeSet::new();
-        let mut twice = 0;
-        bvh.for_each_pair(&triangles, |a, b| {
-            twice += usize::from(!found.insert((a.min(b), a.max(b))));
-            Continue(())
-        });
-        let expected: BTreeSet<_> = (0..n)
-            .flat_map(|a| (a + 1..n).map(move |b| (a, b)))
-            .filter(|&(a, b)| triangles.aabb(a).overlaps(&triangles.aabb(b)))
-            .collect();
-        prop_assert_eq!(twice, 0);
-        prop_assert_eq!(found, expected);
+        let point = noise(seed ^ 5, 0) * 16.0 - 3.0;
+        let distance = |p: usize| triangles.aabb(p).distance_squared(point);
+        let expected = (0..n).map(distance).fold(f32::INFINITY, f32::min);
+        let to_box = |aabb: &Aabb| aabb.distance_squared(point);
+        let (nearest, visits) = bvh.nearest(f32::INFINITY, to_box, |p, _| distance(p));
+        prop_assert_eq!(nearest.map_or(f32::INFINITY, |(_, d)| d), expected);
+        prop_assert!(nearest.is_none_or(|(p, d)| distance(p) == d) && visits.queries == 1);
+        prop_assert_eq!(bvh.nearest(expected, to_box, |p, _| distance(p)).0, None, "nothing is nearer");
     }
 
     #[test]
@@ -118,6 +133,70 @@ proptest! {
             let brute = closest_hit_brute(&triangles, &ray, f32::INFINITY, TriangleTest::Double);
             prop_assert!(brute.is_none() || any == 1, "a ray that hits enters a leaf");
         }
+    }
+}
+
+#[test]
+fn few_nodes_are_visited() {
+    let corner = |i: u32| Vec3::new((i % 100) as f32, (i / 100) as f32, 0.0);
+    let boxes: Vec<_> = (0..10_000).map(|i| Aabb::new(corner(i), corner(i) + 0.5)).collect();
+    let bvh = build(&boxes, Builder::Binned).expect("few enough");
+    let nodes = |i: usize| overlapping(&bvh, &boxes, &boxes[i * 200], usize::MAX).1.nodes;
+    let nodes: u64 = (0..50).map(nodes).sum();
+    assert!(nodes > 50 * 8 && nodes < 50 * 40, "{nodes}");
+    let point = Vec3::new(50.2, 50.2, 3.0);
+    let (nearest, visits) =
+        bvh.nearest(f32::INFINITY, |b| b.distance_squared(point), |p, _| boxes[p].distance_squared(point));
+    assert!(nearest.is_some_and(|(p, _)| p == 5050) && visits.nodes < 60, "{nearest:?} {visits:?}");
+}
+
+/// Two chains below the root, in which every box overlaps every other. The deeper child is the one
+/// that a query turns to first, so that each level leaves an entry on the stack.
+#[test]
+fn the_highest_trees_fit_the_stacks_of_all_queries() {
+    const LEAVES: u32 = MAX_HEIGHT;
+    for deeper_is_left in [true, false] {
+        // The deeper, the nearer to a ray from the left and to its origin.
+        let level = |i: u32| if i == LEAVES - 1 { LEAVES - 2 } else { i };
+        let boxes: Vec<_> = (0..2 * LEAVES)
+            .map(|i| Aabb::new(Vec3::new(-1.0 - level(i % LEAVES) as f32, -1.0, -1.0), Vec3::ONE))
+            .collect();
+        let leaf = |i: u32| Node::leaf(boxes[i as usize], i, 1);
+        let mut nodes = vec![Node::NOTHING; 2];
+        let mut add = |deeper: Node, other: Node| {
+            let pair = if deeper_is_left { [deeper, other] } else { [other, deeper] };
+            nodes.extend(pair);
+            Node::parent(&pair[0], &pair[1], nodes.len() as u32 - 2)
+        };
+        let chains = [0, LEAVES].map(|first| {
+            let rest = (first..first + LEAVES - 1).rev();
+            rest.fold(leaf(first + LEAVES - 1), |deeper, i| add(deeper, leaf(i)))
+        });
+        nodes[0] = add(chains[0], chains[1]);
+        let bvh = Bvh::new(&nodes, (0..2 * LEAVES).collect()).expect("a tree");
+        bvh.validate(&boxes).expect("valid");
+        assert_eq!(bvh.height(), MAX_HEIGHT);
+
+        let everywhere = Aabb::new(Vec3::MIN, Vec3::MAX);
+        let all: Vec<_> = (0..boxes.len()).collect();
+        assert_eq!(overlapping(&bvh, &boxes, &everywhere, usize::MAX).0, all);
+        assert_eq!(pairs(&bvh, &boxes, usize::MAX).0, all_pairs(&boxes));
+        let ray = Ray::new(Vec3::new(-200.0, 0.0, 0.0), Vec3::X);
+        let mut met = Vec::new();
+        bvh.cast_ray(&ray, f32::INFINITY, |p, t_max| {
+            met.push(p);
+            Continue(t_max)
+        });
+        met.sort_unstable();
+        assert_eq!(met, all);
+        let distance = |aabb: &Aabb| aabb.distance_squared(ray.origin());
+        let mut asked = 0;
+        // No distance to a primitive ends the walk early.
+        let (nearest, _) = bvh.nearest(f32::INFINITY, distance, |_, _| {
+            asked += 1;
+            f32::INFINITY
+        });
+        assert_eq!((nearest, asked), (None, all.len()));
     }
 }
 
@@ -185,13 +264,14 @@ fn leaves_at_t_max_are_tested() {
 fn queries_that_are_empty_or_not_finite_find_nothing() {
     let (bvh, soup, now) = moved(100, 3, Motion::PartlyNonFinite, 1);
     let triangles = Triangles { positions: &now, indices: &soup.triangles };
+    assert!(overlapping(&bvh, &triangles, &Aabb::EMPTY, 1).0.is_empty());
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         for axis in 0..3 {
             let (mut min, mut max) = (Vec3::MIN, Vec3::MAX);
             min[axis] = if bad == f32::NEG_INFINITY { f32::NAN } else { bad };
-            assert!(overlapping(&bvh, &triangles, &Aabb::new(min, Vec3::MAX)).is_empty(), "{min}");
+            assert!(overlapping(&bvh, &triangles, &Aabb::new(min, Vec3::MAX), 1).0.is_empty(), "{min}");
             max[axis] = if bad == f32::INFINITY { f32::NAN } else { bad };
-            assert!(overlapping(&bvh, &triangles, &Aabb::new(Vec3::MIN, max)).is_empty(), "{max}");
+            assert!(overlapping(&bvh, &triangles, &Aabb::new(Vec3::MIN, max), 1).0.is_empty(), "{max}");
         }
     }
     let target = Aabb::around(&soup.triangles[1].map(|v| now[v as usize])).center();
@@ -201,6 +281,22 @@ fn queries_that_are_empty_or_not_finite_find_nothing() {
         bvh.cast_ray(&ray, t_max, |p, _| panic!("{p} before {t_max}"));
     }
     bvh.cast_ray(&Ray::new(Vec3::NAN, Vec3::ONE), f32::INFINITY, |p, _| panic!("{p}"));
+}
+
+#[test]
+fn a_negative_or_nan_distance_ends_a_ray() {
+    let boxes = vec![Aabb::new(Vec3::ZERO, Vec3::ONE); 20];
+    let bvh = build_with(&boxes, Builder::Binned, &BuildOptions::default().with_max_leaf_size(4));
+    let bvh = bvh.expect("few enough");
+    let ray = Ray::new(Vec3::new(0.5, 0.5, -1.0), Vec3::Z);
+    for end in [-1.0, f32::NAN] {
+        let mut tested = 0;
+        bvh.cast_ray(&ray, f32::INFINITY, |_, _| {
+            tested += 1;
+            Continue(end)
+        });
+        assert_eq!(tested, 1);
+    }
 }
 
 /// Signed distances to balls, asked for within several of them.
@@ -222,7 +318,7 @@ fn the_nearest_may_be_at_a_negative_distance() {
 fn nothing_is_found_in_an_empty_tree() {
     let bvh = Bvh::default();
     let everywhere = Aabb::new(Vec3::MIN, Vec3::MAX);
-    assert!(overlapping(&bvh, &[], &everywhere).is_empty());
+    assert!(overlapping(&bvh, &[], &everywhere, 1).0.is_empty());
     bvh.for_each_pair(&[], |a, b| panic!("{a} and {b}"));
     let ray = Ray::new(Vec3::ZERO, Vec3::X);
     assert_eq!(bvh.cast_ray(&ray, 5.0, |p, _| panic!("{p}")).0, 5.0);
