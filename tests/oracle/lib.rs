@@ -3,13 +3,24 @@
 #![forbid(unsafe_code)]
 
 mod bytes;
+mod hits;
 mod motion;
 
 use bvh_core::glam::{DVec3, Vec3};
 use bvh_core::{Bvh, Node};
 
 pub use bytes::{load_bytes, play_bytes};
+pub use hits::check_hit;
 pub use motion::{Motion, Soup, noise};
+
+/// A pool of so many threads.
+///
+/// # Panics
+/// If the system has no threads to give.
+#[must_use]
+pub fn pool(threads: usize) -> rayon::ThreadPool {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads")
+}
 
 /// The nearest triangle that a ray hits, by testing them all in double precision (Möller and
 /// Trumbore 1997): distance and number, or `None`. Triangles with a corner that is not finite are
