@@ -1,4 +1,6 @@
 //! The loader of BART's scenes.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| pivot_tests::load_bytes("input.aff", bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    pivot_tests::load_bytes("input.aff", bytes);
+});

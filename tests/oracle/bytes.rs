@@ -115,11 +115,11 @@ fn move_vertex(p: &mut Vec3, i: usize, what: u8, amount: f32) {
     }
 }
 
-/// Loads bytes as a file of that name, and poses what comes of it.
+/// Loads bytes as a file of that name, and poses what comes of it. Whether they are such a file.
 ///
 /// # Panics
 /// If a loader does, or if it gives an animation that does not keep what animations promise.
-pub fn load_bytes(name: &str, bytes: &[u8]) {
+pub fn load_bytes(name: &str, bytes: &[u8]) -> bool {
     let path = Path::new(name);
     let options = anim::LoadOptions::default();
     let loaded = match path.extension().and_then(|e| e.to_str()) {
@@ -133,7 +133,7 @@ pub fn load_bytes(name: &str, bytes: &[u8]) {
         }
         _ => anim::parse(path, bytes, &options),
     };
-    let Ok(animation) = loaded else { return };
+    let Ok(animation) = loaded else { return false };
     let topology = animation.topology();
     let count = topology.vertex_count as u32;
     assert!(topology.triangles.iter().flatten().all(|&v| v < count), "a vertex out of range");
@@ -155,4 +155,5 @@ pub fn load_bytes(name: &str, bytes: &[u8]) {
         assert!(at(after) == end, "at {after}");
     }
     at(f64::MIN_POSITIVE.min(duration));
+    true
 }
