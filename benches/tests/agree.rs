@@ -77,10 +77,11 @@ fn hits_name_the_right_triangle_and_place() {
     let positions = soup.positions(0.0);
     let view = Soup::view(SIZE);
     let device = embree.as_ref().map(|e| e.device(1).expect("a device"));
-    for entry in field(Contest::Trace, device.as_ref()) {
+    for entry in field(Contest::Trace, device.as_ref()).iter().filter(|e| e.name != LIMIT) {
         let mut contestant = entry.make(&soup.triangles(&positions)).expect("made");
         contestant.update().expect("updated");
         let triangles = contestant.triangles();
+        let mut hits = 0;
         for (i, pixel) in pixels(&*contestant, &view).iter().enumerate() {
             let ray = view.camera.ray(i as u32 % SIZE, i as u32 / SIZE);
             let Some(hit) = pixel.hit() else { continue };
@@ -88,12 +89,15 @@ fn hits_name_the_right_triangle_and_place() {
             let (on_triangle, along_ray) =
                 (a + (b - a) * hit.u + (c - a) * hit.v, ray.origin() + ray.direction() * hit.t);
             assert!((on_triangle - along_ray).length() < 1e-2, "{}: {hit:?}", entry.name);
-            assert!(
-                closest_hit_brute(&triangles, &ray, hit.t * 1.001, TriangleTest::default()).is_some(),
-                "{}: {hit:?}",
-                entry.name
-            );
+            // Of two triangles equally near either may be named; on an edge, one may be missed.
+            let nearest = closest_hit_brute(&triangles, &ray, f32::INFINITY, TriangleTest::default());
+            let is_right = nearest.is_some_and(|nearest| {
+                nearest.primitive == hit.primitive || (nearest.t - hit.t).abs() < 1e-3 * nearest.t
+            });
+            assert!(is_right, "{}: {hit:?}, not {nearest:?}", entry.name);
+            hits += 1;
         }
+        assert!(hits > 1000, "{}: {hits} hits", entry.name);
     }
 }
 
