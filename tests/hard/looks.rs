@@ -7,13 +7,11 @@ use std::sync::Arc;
 use bvh_build::{Builder, build};
 use bvh_core::{SimdLevel, Triangles, Vec3};
 use bvh_update::{Strategy, Updater};
-use pivot_tests::{Motion, Soup, noise};
+use pivot_tests::{Motion, Soup, noise, pool};
 use rt_cpu::{
     AmbientOcclusion, Camera, DiffuseBounces, Effects, Filter, Image, Material, Mesh, PointLight,
     RenderOptions, Texture, Traversal, TriangleTest, Vec2, Wrap, render,
 };
-
-use crate::check::pool;
 
 const SIDE: u32 = 20;
 

@@ -3,9 +3,9 @@
 use bvh_build::{BuildOptions, Builder, build, build_with};
 use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
 use bvh_update::{Strategy, Updater};
-use pivot_tests::{Motion, Soup, noise};
+use pivot_tests::{Motion, Soup, noise, pool};
 
-use crate::check::{Case, hold, pool};
+use crate::check::{Case, hold};
 
 fn case(motion: Motion, n: usize, frames: usize) -> Case {
     let soup = Soup::new(n, 21);

@@ -1,12 +1,12 @@
 //! Hard meshes, standing still.
 
 use bvh_build::{BuildOptions, BuildScratch, Builder, build, rebuild};
-use bvh_core::{Bvh, MAX_HEIGHT, Ray, Triangles, Vec3};
+use bvh_core::{Bvh, Ray, Triangles, Vec3};
 use bvh_update::{Strategy, Updater};
-use pivot_tests::{Motion, Soup, noise};
+use pivot_tests::{Motion, Soup, noise, pool};
 use rt_cpu::{Bvh8, TriangleTest, closest_hit};
 
-use crate::check::{Case, hold};
+use crate::check::{Case, hold, hold_hit_or_not};
 
 /// `n` small triangles around places; the corners of one are `size` apart or less.
 fn around(places: impl Iterator<Item = Vec3>, size: f32) -> Vec<Vec3> {
@@ -19,7 +19,7 @@ fn soup(positions: Vec<Vec3>) -> Case {
 
 #[test]
 fn no_primitive() {
-    hold(&Case::still(vec![], vec![]));
+    hold_hit_or_not(&Case::still(vec![], vec![]));
 }
 
 #[test]
@@ -34,8 +34,7 @@ fn two_primitives() {
 
 #[test]
 fn all_primitives_identical() {
-    let reported = hold(&Case::still(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]; 700]));
-    assert!(reported.iter().all(|(_, update)| update.height <= MAX_HEIGHT));
+    hold(&Case::still(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]; 700]));
 }
 
 /// More than 16 bits can count, in one place, by each builder and each strategy.
@@ -113,7 +112,7 @@ fn triangles_without_area() {
             _ => [a, (a + b) * 0.5, b],
         }
     });
-    hold(&soup(degenerate.collect()));
+    hold_hit_or_not(&soup(degenerate.collect()));
 }
 
 #[test]
@@ -122,14 +121,15 @@ fn needles_of_aspect_1e7() {
         let (a, along) = (noise(1, i) * 10.0, (noise(2, i) - 0.5) * 10.0);
         [a, a + along, a + along * 0.5 + (noise(3, i) - 0.5) * 1e-6]
     });
-    hold(&soup(needles.collect()));
+    hold_hit_or_not(&soup(needles.collect()));
 }
 
 #[test]
 fn far_from_the_origin() {
-    for offset in [1e6, 1e12] {
+    // At 1e12 no detail is left.
+    for (offset, check) in [(1e6, hold as fn(&Case)), (1e12, hold_hit_or_not)] {
         let places = (0..300).map(|i| noise(1, i) * 10.0 + Vec3::new(offset, -offset, offset * 0.5));
-        hold(&soup(around(places, 1.0)));
+        check(&soup(around(places, 1.0)));
     }
 }
 
@@ -140,7 +140,7 @@ fn coordinates_of_1e30_and_1e38() {
     for offset in [1e30, 1e38] {
         for detail in [offset * 1e-6, offset] {
             let places = (0..100).map(|i| noise(1, i) * detail + Vec3::new(offset, -offset, offset * 0.5));
-            hold(&soup(around(places, detail * 0.1)));
+            hold_hit_or_not(&soup(around(places, detail * 0.1)));
         }
     }
 }
@@ -156,10 +156,11 @@ fn extents_of_1e18_and_more() {
 
 #[test]
 fn extents_that_are_denormal() {
-    // The last are whole multiples of the least number there is, a hundred at most.
+    // The last are whole multiples of the least number there is, a hundred at most. Rays of this
+    // length have no inverse.
     for scale in [1e-38, 1e-40, 1e-43] {
         let places = (0..200).map(|i| noise(1, i) * scale);
-        hold(&soup(around(places, scale * 0.1)));
+        hold_hit_or_not(&soup(around(places, scale * 0.1)));
     }
 }
 
@@ -182,21 +183,18 @@ fn flat_along_each_axis() {
 #[test]
 fn all_on_a_line() {
     let positions = (0..600).map(|i| Vec3::new(noise(1, i).x * 10.0, 1.0, 2.0));
-    hold(&soup(positions.collect()));
+    hold_hit_or_not(&soup(positions.collect()));
 }
 
 #[test]
 fn exponentially_spaced() {
-    // Each split by surface area takes one primitive off: as high as there are primitives, but for
-    // the bound.
     let places = (0..250).map(|i| Vec3::new((i as f32 - 125.0).exp2(), 0.0, 0.0));
     let positions: Vec<_> = places.flat_map(|p| [p, p * 1.01, p + Vec3::Y * p.x * 0.01]).collect();
-    let reported = hold(&soup(positions));
-    assert!(reported.iter().all(|(_, update)| update.height <= MAX_HEIGHT));
+    hold(&soup(positions));
 }
 
 #[test]
 fn more_subtrees_than_threads_could_want() {
     let positions = around((0..6000).map(|i| noise(1, i) * 100.0), 1.0);
-    crate::check::pool(64).install(|| hold(&Case::soup(vec![positions.clone(), positions])));
+    pool(64).install(|| hold(&Case::soup(vec![positions.clone(), positions])));
 }
