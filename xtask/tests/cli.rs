@@ -5,7 +5,7 @@ mod program;
 use std::fs;
 use std::path::Path;
 
-use program::{folder, refused, str, succeeds};
+use program::{folder, refused, rows, str, succeeds};
 
 /// The columns that scripts rely on, in order; more may follow.
 const COLUMNS: &str = "scene,strategy,threads,loop,frame,animate_ms,update_ms,trace_ms,frame_ms,sah_cost,rotations,\
@@ -299,15 +299,15 @@ fn only_what_is_asked_for_is_run() {
         "--out",
         str(&out),
     ]);
-    let rows = |name: &str| fs::read_to_string(out.join(name)).expect("rows").lines().count() - 1;
-    assert_eq!((rows("frames.csv"), ran(&out)), (0, (vec!["fig5".into()], vec!["refit+rotate".into()])));
+    let count = |name: &str| rows(&out.join(name)).len() - 1;
+    assert_eq!((count("frames.csv"), ran(&out)), (0, (vec!["fig5".into()], vec!["refit+rotate".into()])));
     let report = fs::read_to_string(out.join("report.html")).expect("a report");
     assert!(
         report.contains("of each loop of figure 5 10 frames measured")
             && report.contains("\"speed_loops\":2.0")
     );
     assert_eq!(
-        rows("fig5.csv"),
+        count("fig5.csv"),
         2 * 10 * (5 + 1 + 1),
         "ten frames of each loop, of the fastest with five strategies"
     );

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use program::{Running, folder, refused, str, succeeds};
+use program::{Running, folder, refused, rows, str, succeeds};
 
 /// The program, started by a shell after some `preparation`.
 fn after(preparation: &str, arguments: &[&str]) -> Output {
@@ -57,20 +57,6 @@ fn reproduce_refit<'a>(sheet: &'a Path, out: &'a Path) -> Vec<&'a str> {
 
 fn resumed<'a>(sheet: &'a Path, out: &'a Path) -> Vec<&'a str> {
     [reproduce(sheet, out), vec!["--resume"]].concat()
-}
-
-/// The whole rows of a file but for their times, which no two runs share.
-fn rows(file: &Path) -> Vec<String> {
-    let text = fs::read_to_string(file).expect("rows");
-    let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
-    let header: Vec<&str> = whole.lines().next().unwrap_or_default().split(',').collect();
-    let untimed = |line: &str| {
-        let fields: Vec<&str> = line.split(',').collect();
-        assert_eq!(fields.len(), header.len(), "a torn row: {line}");
-        let kept = fields.iter().zip(&header).filter(|(_, name)| !name.ends_with("_ms"));
-        kept.map(|(field, _)| *field).collect::<Vec<_>>().join(",")
-    };
-    whole.lines().map(untimed).collect()
 }
 
 const FILES: [&str; 2] = ["frames.csv", "fig5.csv"];

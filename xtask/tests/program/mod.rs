@@ -112,3 +112,17 @@ pub(crate) fn folder() -> (TempDir, PathBuf) {
 pub(crate) fn str(path: &Path) -> &str {
     path.to_str().expect("UTF-8")
 }
+
+/// The whole rows of a file but for their times, which no two runs share.
+pub(crate) fn rows(file: &Path) -> Vec<String> {
+    let text = fs::read_to_string(file).expect("rows");
+    let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
+    let header: Vec<&str> = whole.lines().next().unwrap_or_default().split(',').collect();
+    let untimed = |line: &str| {
+        let fields: Vec<&str> = line.split(',').collect();
+        assert_eq!(fields.len(), header.len(), "a torn row: {line}");
+        let kept = fields.iter().zip(&header).filter(|(_, name)| !name.ends_with("_ms"));
+        kept.map(|(field, _)| *field).collect::<Vec<_>>().join(",")
+    };
+    whole.lines().map(untimed).collect()
+}
