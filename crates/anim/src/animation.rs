@@ -220,7 +220,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::{Pose, load};
+    use crate::{LoadOptions, Pose, load};
 
     #[test]
     fn positions_and_normals_of_another_number_of_vertices_are_refused() {
@@ -229,7 +229,7 @@ mod tests {
         std::fs::write(&mesh, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
         std::fs::write(&aff, "p 3  0 0 0  1 0 0  0 1 0\n").unwrap();
         let toys = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/toys.glb");
-        let [mesh, aff, toys] = [mesh, aff, toys].map(|path| load(&path, None).unwrap());
+        let [mesh, aff, toys] = [mesh, aff, toys].map(|path| load(&path, &LoadOptions::default()).unwrap());
         let panics = |call: &dyn Fn()| catch_unwind(AssertUnwindSafe(call)).is_err();
         for animation in [&mesh, &aff, &toys] {
             for count in [-1, 1].map(|more| animation.topology().vertex_count.saturating_add_signed(more)) {
@@ -239,7 +239,7 @@ mod tests {
             }
         }
         for time in [0.0, 0.5] {
-            assert!(panics(&|| _ = Pose::new(&*mesh).advance(&*toys, time)), "at {time}");
+            assert!(panics(&|| _ = Pose::new(Motion::ALL, &*mesh).advance(&*toys, time)), "at {time}");
         }
     }
 }
