@@ -12,7 +12,6 @@
 #![deny(unsafe_code)]
 
 mod bounce;
-mod brute;
 mod bvh;
 pub mod embree;
 mod field;
@@ -23,17 +22,14 @@ mod parry;
 mod pivot;
 mod rays;
 mod sah;
-mod soup;
 mod view;
 
 use bvh_core::{Triangles, Vec3};
 use rt_cpu::Pixel;
 
 pub use bounce::bounces;
-pub use brute::Brute;
 pub use field::{Contest, Entry, LIMIT, field};
 pub use rays::{Hits, RAYS, Rays};
-pub use soup::Soup;
 pub use view::{Answers, View, set_up_rays};
 
 /// Why a contestant could not do its work.

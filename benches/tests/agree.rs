@@ -1,10 +1,14 @@
 //! Every contestant finds what brute force finds, before and after motion, on one thread and on
 //! two.
 
+mod support;
+
 use bvh_core::sah_cost;
 use pivot_benches::embree::{Embree, NotFound};
-use pivot_benches::{Answers, Brute, Contest, Contestant, LIMIT, Soup, View, field};
+use pivot_benches::{Answers, Contest, Contestant, LIMIT, View, field};
 use rt_cpu::{Pixel, TriangleTest, closest_hit_brute};
+
+use support::{Brute, Soup};
 
 const SIZE: u32 = 64;
 

@@ -3,25 +3,24 @@
 use bvh_core::{Triangles, Vec3};
 use rt_cpu::{TriangleTest, any_hit_brute, closest_hit_brute};
 
-use crate::mesh::Mesh;
-use crate::{Contestant, Failure, Hits, RAYS, Rays};
+use pivot_benches::{Contestant, Failure, Hits, RAYS, Rays};
 
 /// Tests every triangle; has no tree.
-pub struct Brute {
-    mesh: Mesh,
+pub(crate) struct Brute {
+    positions: Vec<Vec3>,
+    indices: Vec<[u32; 3]>,
 }
 
 impl Brute {
     /// With its own copy of the triangles.
-    #[must_use]
-    pub fn new(triangles: &Triangles<'_>) -> Self {
-        Self { mesh: Mesh::new(triangles) }
+    pub(crate) fn new(triangles: &Triangles<'_>) -> Self {
+        Self { positions: triangles.positions.to_vec(), indices: triangles.indices.to_vec() }
     }
 }
 
 impl Contestant for Brute {
     fn pose(&mut self, positions: &[Vec3]) {
-        self.mesh.pose(positions);
+        self.positions.copy_from_slice(positions);
     }
 
     fn update(&mut self) -> Result<(), Failure> {
@@ -29,7 +28,7 @@ impl Contestant for Brute {
     }
 
     fn closest(&self, rays: &Rays, hits: &mut Hits) {
-        let triangles = self.mesh.triangles();
+        let triangles = self.triangles();
         for i in 0..rays.len() {
             let hit = closest_hit_brute(&triangles, &rays.ray(i), rays.t_max[i], TriangleTest::default());
             hits.set(i, hit);
@@ -37,13 +36,13 @@ impl Contestant for Brute {
     }
 
     fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]) {
-        let triangles = self.mesh.triangles();
+        let triangles = self.triangles();
         for (i, blocked) in blocked[..rays.len()].iter_mut().enumerate() {
             *blocked = any_hit_brute(&triangles, &rays.ray(i), rays.t_max[i], TriangleTest::default());
         }
     }
 
     fn triangles(&self) -> Triangles<'_> {
-        self.mesh.triangles()
+        Triangles { positions: &self.positions, indices: &self.indices }
     }
 }

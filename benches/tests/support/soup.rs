@@ -3,11 +3,11 @@
 use bvh_core::{Triangles, Vec3};
 use rt_cpu::{Camera, uniform};
 
-use crate::View;
+use pivot_benches::View;
 
 /// Unconnected triangles in a cube of side 10.
 #[derive(Clone, Debug)]
-pub struct Soup {
+pub(crate) struct Soup {
     centers: Vec<Vec3>,
     drifts: Vec<Vec3>,
     corners: Vec<[Vec3; 3]>,
@@ -16,8 +16,7 @@ pub struct Soup {
 
 impl Soup {
     /// `n` triangles, of a size that covers most of the view.
-    #[must_use]
-    pub fn new(n: usize) -> Self {
+    pub(crate) fn new(n: usize) -> Self {
         let size = 10.0 / (n.max(1) as f32).sqrt();
         let noise = |seed: u64| move |i: usize| noise(seed, i);
         let (place, drift) = (noise(1), noise(2));
@@ -31,23 +30,20 @@ impl Soup {
     }
 
     /// Positions of the vertices at a time; at 10, triangles are half a cube from where they were.
-    #[must_use]
-    pub fn positions(&self, time: f32) -> Vec<Vec3> {
+    pub(crate) fn positions(&self, time: f32) -> Vec<Vec3> {
         let parts = self.centers.iter().zip(&self.drifts).zip(&self.corners);
         parts.flat_map(|((&c, &d), corners)| corners.map(|p| c + d * time + p)).collect()
     }
 
     /// A view of all of it in `size` x `size` pixels, with a light beside the camera.
-    #[must_use]
-    pub fn view(size: u32) -> View {
+    pub(crate) fn view(size: u32) -> View {
         let (eye, center) = (Vec3::new(14.0, 12.0, 22.0), Vec3::splat(5.0));
         let camera = Camera::look_at(eye, center, Vec3::Y, 0.8, size, size);
         View { camera, light: Some(Vec3::new(-8.0, 25.0, 16.0)) }
     }
 
     /// The triangles with positions from [`positions`](Self::positions).
-    #[must_use]
-    pub fn triangles<'a>(&'a self, positions: &'a [Vec3]) -> Triangles<'a> {
+    pub(crate) fn triangles<'a>(&'a self, positions: &'a [Vec3]) -> Triangles<'a> {
         Triangles { positions, indices: &self.indices }
     }
 }
