@@ -137,13 +137,13 @@ proptest! {
 }
 
 #[test]
-fn few_nodes_are_visited() {
+fn few_nodes_are_visited_and_their_numbers_add_up() {
     let corner = |i: u32| Vec3::new((i % 100) as f32, (i / 100) as f32, 0.0);
     let boxes: Vec<_> = (0..10_000).map(|i| Aabb::new(corner(i), corner(i) + 0.5)).collect();
     let bvh = build(&boxes, Builder::Binned).expect("few enough");
-    let nodes = |i: usize| overlapping(&bvh, &boxes, &boxes[i * 200], usize::MAX).1.nodes;
-    let nodes: u64 = (0..50).map(nodes).sum();
-    assert!(nodes > 50 * 8 && nodes < 50 * 40, "{nodes}");
+    let queries = (0..50).map(|i| overlapping(&bvh, &boxes, &boxes[i * 200], usize::MAX).1);
+    let visits: Visits = queries.sum();
+    assert!(visits.queries == 50 && visits.nodes > 50 * 8 && visits.nodes < 50 * 40, "{visits:?}");
     let point = Vec3::new(50.2, 50.2, 3.0);
     let (nearest, visits) =
         bvh.nearest(f32::INFINITY, |b| b.distance_squared(point), |p, _| boxes[p].distance_squared(point));

@@ -46,8 +46,8 @@ pub(crate) fn ensure_writable(path: &Path) -> Result<()> {
     ensure_replaceable(path)
 }
 
-/// How the temporary names of [`write_whole`] end.
-const PARTIAL: &str = ".partial";
+/// How the temporary names of [`write_whole`] begin and end.
+const PARTIAL: [&str; 2] = [".pivot-", ".partial"];
 
 /// Writes a file under a short temporary name beside its final place and renames it.
 pub(crate) fn write_whole(path: &Path, content: &[u8]) -> Result<()> {
@@ -55,7 +55,7 @@ pub(crate) fn write_whole(path: &Path, content: &[u8]) -> Result<()> {
     let mut builder = tempfile::Builder::new();
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    builder.prefix(".").suffix(PARTIAL);
+    builder.prefix(PARTIAL[0]).suffix(PARTIAL[1]);
     let write = || {
         let mut partial = builder.tempfile_in(folder_of(path))?;
         partial.write_all(content)?;
@@ -82,16 +82,17 @@ pub fn read(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))
 }
 
-/// Locks a folder for one run at a time; the lock ends with the returned file.
-pub(crate) fn lock(folder: &Path) -> Result<File> {
+/// Locks a folder for one run at a time; the lock ends with the returned file. Nothing if the file
+/// system has no locks, which is no reason to refuse a run.
+pub(crate) fn lock(folder: &Path) -> Result<Option<File>> {
     let path = folder.join(".lock");
     let file = File::create(&path).with_context(|| format!("{}: cannot be written", path.display()))?;
     match file.try_lock() {
         Err(fs::TryLockError::WouldBlock) => {
             anyhow::bail!("{}: another run writes there; name another --out", folder.display())
         }
-        // A file system without locks is no reason to refuse a run.
-        Err(fs::TryLockError::Error(_)) | Ok(()) => Ok(file),
+        Err(fs::TryLockError::Error(_)) => Ok(None),
+        Ok(()) => Ok(Some(file)),
     }
 }
 
@@ -107,7 +108,7 @@ pub(crate) fn remove_old(path: &Path) -> Result<()> {
 
 /// Removes what killed runs have left of files in a folder that is locked for this run.
 pub(crate) fn remove_partial(folder: &Path) -> Result<()> {
-    remove_all(folder, |name| name.starts_with('.') && name.ends_with(PARTIAL))
+    remove_all(folder, |name| name.starts_with(PARTIAL[0]) && name.ends_with(PARTIAL[1]))
 }
 
 /// Removes the files of a folder whose names `is_old` knows.

@@ -269,7 +269,7 @@ fn a_run_removes_what_a_killed_one_has_left_half_written() {
     let killed = after("ulimit -c 0; ulimit -f 40", &run);
     assert!(killed.status.signal().is_some() && half_written(&out).len() == 1, "{killed:?}");
     for folder in ["figures", "images"] {
-        fs::write(out.join(folder).join(".123456.partial"), "half").expect("a file");
+        fs::write(out.join(folder).join(".pivot-123456.partial"), "half").expect("a file");
     }
     succeeds(&run);
     assert_eq!(half_written(&out), [] as [PathBuf; 0]);

@@ -141,6 +141,14 @@ fn results_are_resumed_and_drawn_again() {
     }
     let page = |folder: &Path| fs::read_to_string(folder.join("report.html")).expect("a report");
     assert!(page(&redrawn) == page(&out), "the report drawn again is another one");
+    // Published results have no pictures; otherwise none may be missing.
+    let mut images = fs::read_dir(redrawn.join("images")).expect("images");
+    fs::remove_file(images.next().expect("one").expect("readable").path()).expect("a file");
+    let other = temporary.path().join("again");
+    let again = ["reproduce", "--from", str(&redrawn), "--out", str(&other)];
+    refused(&again, &["images", "cannot be read"]);
+    fs::remove_dir_all(redrawn.join("images")).expect("a folder");
+    succeeds(&again);
 
     let report = page(&out);
     assert!(

@@ -54,6 +54,7 @@ pub(crate) struct GltfAnimation {
     camera: Option<Camera>,
     light: Option<LightSource>,
     notes: Vec<String>,
+    clips: Vec<String>,
 }
 
 /// A primitive placed in the scene.
@@ -92,10 +93,10 @@ pub(crate) fn parse(
 ) -> Result<GltfAnimation, LoadError> {
     let (root, buffers) = source::open(file, bytes)?;
     let size = buffers.iter().fold(bytes.len(), |size, buffer| size.saturating_add(buffer.len()));
+    let clips: Vec<String> =
+        root.animations.iter().map(|clip| clip.name.clone().unwrap_or_default()).collect();
     let mut chosen = 0;
     if let Some(wanted) = options.clip {
-        let clips: Vec<String> =
-            root.animations.iter().map(|clip| clip.name.clone().unwrap_or_default()).collect();
         let by_number = || wanted.parse().ok().filter(|&number: &usize| number < clips.len());
         let Some(found) = clips.iter().position(|name| name == wanted).or_else(by_number) else {
             let (file, wanted) = (file.to_owned(), wanted.to_owned());
@@ -111,9 +112,9 @@ pub(crate) fn parse(
             DVec3::ZERO => None,
             origin => Some(Far { origin, translations: source::translations(bytes)? }),
         };
-        Loader::load(&accessors, chosen, far)
+        Ok(GltfAnimation { clips, ..Loader::load(&accessors, chosen, far)? })
     };
-    animation().map_err(|problem| problem.in_file(file))
+    animation().map_err(|problem: Problem| problem.in_file(file))
 }
 
 /// Puts an animation together.
@@ -401,6 +402,10 @@ impl Animation for GltfAnimation {
 
     fn notes(&self) -> Vec<String> {
         self.notes.clone()
+    }
+
+    fn clips(&self) -> &[String] {
+        &self.clips
     }
 }
 

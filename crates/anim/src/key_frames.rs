@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use crate::{Animation, Motion, PoseStats, Topology};
+use crate::{Animation, Motion, PoseStats, Problem, Topology};
 
 /// Time from one key frame to the next where nothing else is known, in seconds.
 pub const DEFAULT_SECONDS_PER_FRAME: f64 = 1.0 / 24.0;
@@ -42,22 +42,27 @@ impl KeyFrames {
     /// `topology` and the motion of its parts are set accordingly, whatever they were. A single
     /// frame is a still mesh. O(vertices * frames); beside the result, memory for one more frame.
     ///
-    /// # Panics
-    /// If there are no frames, a frame does not have one position per vertex, a triangle names a
-    /// vertex that does not exist, or the time is not positive and finite.
-    #[must_use]
+    /// # Errors
+    /// If there are no frames, frames and topology do not fit each other, or the time is not
+    /// positive.
     pub fn new(
         mut topology: Topology,
         mut frames: Vec<Vec<Vec3>>,
         seconds_per_frame: f64,
         loop_mode: LoopMode,
-    ) -> Self {
+    ) -> Result<Self, Problem> {
+        check_topology(&topology)?;
+        if !(seconds_per_frame > 0.0 && seconds_per_frame.is_finite()) {
+            let found = format!("{seconds_per_frame} seconds from one to the next");
+            return Err(Problem::new("key frames", found, "a positive finite number"));
+        }
         let count = topology.vertex_count;
-        assert!(seconds_per_frame > 0.0 && seconds_per_frame.is_finite(), "{seconds_per_frame} s per frame");
-        assert!(frames.iter().all(|frame| frame.len() == count), "one position per vertex");
-        let corners = topology.triangles.as_flattened();
-        assert!(corners.iter().all(|&corner| (corner as usize) < count), "vertices below {count}");
-        let rest = frames.first().expect("at least one key frame").clone();
+        if let Some((number, frame)) = frames.iter().enumerate().find(|(_, frame)| frame.len() != count) {
+            let (place, found) = (format!("key frame {number}"), format!("{} positions", frame.len()));
+            return Err(Problem::new(place, found, format!("{count}, one for each vertex")));
+        }
+        let none = || Problem::new("key frames", "none", "at least one");
+        let rest = frames.first().ok_or_else(none)?.clone();
 
         let mut moves = vec![false; rest.len()];
         let bits = |position: &Vec3| position.to_array().map(f32::to_bits);
@@ -80,7 +85,19 @@ impl KeyFrames {
             let moves = moves[part.vertices.start as usize..part.vertices.end as usize].contains(&true);
             part.motion = Motion { key_frames: moves, ..Motion::STILL };
         }
-        Self { topology, rest, moving, frames, seconds_per_frame, loop_mode }
+        Ok(Self { topology, rest, moving, frames, seconds_per_frame, loop_mode })
+    }
+
+    /// Number of key frames, at least 1.
+    #[must_use]
+    pub fn frame_count(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Number of vertices that move.
+    #[must_use]
+    pub fn moving_vertex_count(&self) -> usize {
+        self.frames[0].len()
     }
 
     /// The key frame at or before `time`, and how far it is on the way to the next, in [0, 1).
@@ -155,8 +172,38 @@ impl KeyFrames {
                 }
             }
         }
-        self.frames[0].len()
+        self.moving_vertex_count()
     }
+}
+
+fn check_topology(topology: &Topology) -> Result<(), Problem> {
+    let vertex_count = topology.vertex_count;
+    for (triangle, corners) in topology.triangles.iter().enumerate() {
+        if let Some(&vertex) = corners.iter().find(|&&corner| corner as usize >= vertex_count) {
+            let expected = format!("one below {vertex_count}");
+            return Err(Problem::new(format!("triangle {triangle}"), format!("vertex {vertex}"), expected));
+        }
+    }
+    let mut covered = 0;
+    for (number, part) in topology.parts.iter().enumerate() {
+        let (triangles, vertices, materials) = (&part.triangles, &part.vertices, topology.materials.len());
+        let (found, expected) = if triangles.start != covered || triangles.end < covered {
+            (format!("triangles {triangles:?}"), format!("a range that begins at {covered}"))
+        } else if vertices.start > vertices.end || vertices.end as usize > vertex_count {
+            (format!("vertices {vertices:?}"), format!("a range up to {vertex_count}"))
+        } else if part.material as usize >= materials {
+            (format!("material {}", part.material), format!("one below {materials}"))
+        } else {
+            covered = triangles.end;
+            continue;
+        };
+        return Err(Problem::new(format!("part {number}"), found, expected));
+    }
+    if covered as usize != topology.triangles.len() {
+        let (found, expected) = (format!("{covered} triangles"), topology.triangles.len().to_string());
+        return Err(Problem::new("all parts", found, expected));
+    }
+    Ok(())
 }
 
 /// Where `time` falls among keys in order of time: the last key at or before it, else the first;
@@ -221,9 +268,9 @@ mod tests {
     #[test]
     fn interpolates_and_keeps_only_what_moves() {
         let frames = vec![frame(0.0), frame(1.0), frame(3.0)];
-        let animation = KeyFrames::new(topology(), frames, 0.5, LoopMode::Restart);
+        let animation = KeyFrames::new(topology(), frames, 0.5, LoopMode::Restart).unwrap();
         assert_eq!(animation.duration(), 1.0);
-        assert_eq!(animation.frames[0].len(), 2);
+        assert_eq!(animation.moving_vertex_count(), 2);
         assert_eq!(animation.topology().moves, [false, true]);
         assert!(animation.topology().parts[0].motion.is_still());
         assert!(animation.topology().parts[1].motion.key_frames);
@@ -238,7 +285,8 @@ mod tests {
 
     #[test]
     fn vertices_that_stand_still_are_never_written() {
-        let animation = KeyFrames::new(topology(), vec![frame(0.0), frame(1.0)], 1.0, LoopMode::Restart);
+        let animation =
+            KeyFrames::new(topology(), vec![frame(0.0), frame(1.0)], 1.0, LoopMode::Restart).unwrap();
         let mut positions = vec![Vec3::NAN; 6];
         animation.pose(0.3, &mut positions);
         assert_eq!(
@@ -250,7 +298,7 @@ mod tests {
     #[test]
     fn back_and_forth() {
         let frames = vec![frame(0.0), frame(1.0), frame(3.0)];
-        let animation = KeyFrames::new(topology(), frames, 1.0, LoopMode::BackAndForth);
+        let animation = KeyFrames::new(topology(), frames, 1.0, LoopMode::BackAndForth).unwrap();
         assert_eq!(animation.duration(), 4.0);
         for (time, x) in [(1.5, 2.0), (2.0, 3.0), (2.5, 2.0), (3.0, 1.0), (3.5, 0.5), (4.0, 0.0)] {
             assert_eq!(at(&animation, time), frame(x), "at {time}");
@@ -259,7 +307,7 @@ mod tests {
 
     #[test]
     fn a_single_frame_stands_still() {
-        let animation = KeyFrames::new(topology(), vec![frame(2.0)], 1.0, LoopMode::BackAndForth);
+        let animation = KeyFrames::new(topology(), vec![frame(2.0)], 1.0, LoopMode::BackAndForth).unwrap();
         assert_eq!(animation.duration(), 0.0);
         assert_eq!(animation.topology().moves, [false, false]);
         assert_eq!(at(&animation, 5.0), frame(2.0));
@@ -270,7 +318,7 @@ mod tests {
         let mut broken = frame(1.0);
         broken[4] = Vec3::INFINITY;
         let animation =
-            KeyFrames::new(topology(), vec![frame(0.0), broken, frame(3.0)], 1.0, LoopMode::Restart);
+            KeyFrames::new(topology(), vec![frame(0.0), broken, frame(3.0)], 1.0, LoopMode::Restart).unwrap();
         assert_eq!(at(&animation, 0.0), frame(0.0));
         assert!(!at(&animation, 0.5)[4].is_finite());
         assert_eq!(at(&animation, 2.0), frame(3.0));
@@ -279,7 +327,7 @@ mod tests {
     #[test]
     fn key_times_hit_keys_exactly() {
         let frames: Vec<_> = (0..100).map(|i| frame((i as f32).sqrt())).collect();
-        let animation = KeyFrames::new(topology(), frames.clone(), 1.0 / 24.0, LoopMode::Restart);
+        let animation = KeyFrames::new(topology(), frames.clone(), 1.0 / 24.0, LoopMode::Restart).unwrap();
         for (number, frame) in frames.iter().enumerate() {
             assert_eq!(&at(&animation, number as f64 / 24.0), frame);
             assert_eq!(&at(&animation, animation.duration() * number as f64 / 99.0), frame);
@@ -287,19 +335,24 @@ mod tests {
     }
 
     #[test]
-    fn misfits_panic() {
-        #[track_caller]
-        fn check(topology: Topology, frames: Vec<Vec<Vec3>>, seconds: f64) {
-            let new = || KeyFrames::new(topology, frames, seconds, LoopMode::Restart);
-            assert!(std::panic::catch_unwind(new).is_err());
-        }
-        check(topology(), vec![], 1.0);
-        check(topology(), vec![frame(0.0), frame(0.0)[..5].to_vec()], 1.0);
+    fn misfits_are_errors() {
+        let new = |topology, frames| KeyFrames::new(topology, frames, 1.0, LoopMode::Restart).unwrap_err();
+        let new = |topology, frames| new(topology, frames).to_string();
+        assert_eq!(new(topology(), vec![]), "key frames: found none, expected at least one");
+        let short = vec![frame(0.0), frame(0.0)[..5].to_vec()];
+        let expected = "key frame 1: found 5 positions, expected 6, one for each vertex";
+        assert_eq!(new(topology(), short), expected);
         let mut bad = topology();
         bad.triangles[1][2] = 6;
-        check(bad, vec![frame(0.0)], 1.0);
+        assert_eq!(new(bad, vec![frame(0.0)]), "triangle 1: found vertex 6, expected one below 6");
+        let mut bad = topology();
+        bad.parts.pop();
+        assert_eq!(new(bad, vec![frame(0.0)]), "all parts: found 1 triangles, expected 2");
+        let mut bad = topology();
+        bad.parts[0].vertices = 0..7;
+        assert_eq!(new(bad, vec![frame(0.0)]), "part 0: found vertices 0..7, expected a range up to 6");
         for seconds in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            check(topology(), vec![frame(0.0)], seconds);
+            assert!(KeyFrames::new(topology(), vec![frame(0.0)], seconds, LoopMode::Restart).is_err());
         }
     }
 

@@ -36,7 +36,8 @@ pub(crate) fn format_of(file: &Path) -> Option<&'static str> {
 /// Reads a mesh that stands still, relative to `origin`.
 pub(crate) fn parse(file: &Path, bytes: &[u8], origin: DVec3) -> Result<KeyFrames, LoadError> {
     let Mesh { topology, positions } = read_mesh(file, bytes, origin)?;
-    Ok(KeyFrames::new(topology, vec![positions], DEFAULT_SECONDS_PER_FRAME, LoopMode::Restart))
+    KeyFrames::new(topology, vec![positions], DEFAULT_SECONDS_PER_FRAME, LoopMode::Restart)
+        .map_err(|problem| problem.in_file(file))
 }
 
 /// Reads a mesh whose positions are relative to `origin`.

@@ -27,7 +27,8 @@ pub(crate) fn load(directory: &Path, origin: DVec3) -> Result<KeyFrames, LoadErr
         frames.push(mesh.positions);
     }
     let loop_mode = if frames.len() == 2 { LoopMode::BackAndForth } else { LoopMode::Restart };
-    Ok(KeyFrames::new(first.topology, frames, DEFAULT_SECONDS_PER_FRAME, loop_mode))
+    KeyFrames::new(first.topology, frames, DEFAULT_SECONDS_PER_FRAME, loop_mode)
+        .map_err(|problem| problem.in_file(directory))
 }
 
 /// The mesh files of `directory` in natural order.

@@ -20,7 +20,7 @@ use crate::{BuildError, Builder, Optimized, Reinsert, ReinsertScratch, build, ra
 /// all poses lowered as [`reinsert`](fn@crate::reinsert) lowers the SAH cost.
 ///
 /// One primitive a leaf; boxes fit the first pose. For k poses it takes about k times the time of a
-/// build and of a reinsertion, and 96 k + 32 bytes a primitive.
+/// build and of a reinsertion, k² refits to compare the trees, and 96 k + 32 bytes a primitive.
 ///
 /// # Errors
 /// If there are no poses, too many primitives, or poses of different numbers of primitives.

@@ -117,7 +117,11 @@ fn digit<K: Key>(key: K, bit: u32) -> usize {
 
 /// Sorts `keys` into `sorted` by one digit; false, and nothing done, if all have the same.
 fn pass<K: Key>(keys: &[K], sorted: &mut [K], counts: &mut [Counts], bit: u32) -> bool {
-    let part = keys.len().div_ceil(counts.len()).max(1);
+    if keys.is_empty() {
+        // No part would be counted, and counts of another sort would stand.
+        return false;
+    }
+    let part = keys.len().div_ceil(counts.len());
     // One part stays on this thread: rayon hands nothing on where there is nothing to divide.
     keys.par_chunks(part).zip(&mut *counts).for_each(|(keys, counts)| count(keys, counts, bit));
     let mut start = 0;

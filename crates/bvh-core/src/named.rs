@@ -32,10 +32,10 @@ pub fn by_name<T: Copy>(
 macro_rules! named {
     ($type:ident, $what:literal, $($variant:ident = $name:literal),+ $(,)?) => {
         impl $type {
-            /// All values, in the order of their declaration.
+            /// All values.
             pub const ALL: [Self; [$($name),+].len()] = [$(Self::$variant),+];
 
-            /// Returns the name that command lines and result files have.
+            /// Returns the name used on command lines and in result files.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self {
@@ -44,14 +44,14 @@ macro_rules! named {
             }
         }
 
-        impl std::fmt::Display for $type {
+        impl ::std::fmt::Display for $type {
             /// Writes the [name](Self::name).
-            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+            fn fmt(&self, f: &mut ::std::fmt::Formatter<'_>) -> ::std::fmt::Result {
                 f.pad(self.name())
             }
         }
 
-        impl std::str::FromStr for $type {
+        impl ::std::str::FromStr for $type {
             type Err = $crate::UnknownName;
 
             /// Finds the value of that [name](Self::name).

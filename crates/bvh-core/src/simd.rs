@@ -1,6 +1,6 @@
 //! SIMD levels, chosen at run time so that a plain `cargo build --release` is the fast build.
 
-/// A set of vector instructions that kernels are instantiated for; lowest first.
+/// A set of vector instructions that kernels are instantiated for; variants are in ascending order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum SimdLevel {
     /// What every target has (SSE2 on x86-64).

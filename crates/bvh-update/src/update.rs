@@ -118,7 +118,7 @@ impl Updater {
     /// number of threads and every SIMD level; only [`Strategy::Background`] depends on time.
     /// Refits, with or without rotations, take O(n) time for the n nodes above dynamic primitives,
     /// and allocate nothing after the first call. A rebuild keeps which primitives are dynamic, and
-    /// the old tree's largest leaf size; [`Strategy::Rebuild`] has options that say the latter.
+    /// the old tree's largest leaf size; [`Strategy::Rebuild`] takes the leaf size from its options.
     ///
     /// [`Strategy::Rebuild`] and [`Strategy::Auto`] take another number of primitives than the tree
     /// holds and build a new tree, in which all primitives are dynamic.

@@ -207,8 +207,8 @@ impl WideTest for Double {
     }
 }
 
-/// [`Double`] for rays along the directions `d`, the longest axis last: the lanes that hit at any
-/// distance, and t, u and v.
+/// [`Double`] for rays along the directions `d`, the longest axis last: the lanes with t >= 0, even
+/// beyond `f32`, and t, u and v.
 #[inline(always)]
 fn double<S: Simd>(
     simd: S,

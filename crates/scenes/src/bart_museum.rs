@@ -12,7 +12,7 @@ use glam::{Vec3, vec3};
 
 use crate::rigid::{rotated, rotation};
 use crate::shape::{Assembly, Mesh, turned};
-use crate::{Effects, LightEffects, MotionEffects, Scene, SceneInfo, SceneOptions};
+use crate::{Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
 /// Animated triangles of level 8 of the benchmark: 4 to the power of 8.
 const TRIANGLES: usize = 65_536;
@@ -52,7 +52,7 @@ const ROOM_TRIANGLES: usize = 4 * SIDES + 8 * 28 * STEPS + 12 * STEPS + POSTS * 
 /// A triangle's corners.
 type Corners = [Vec3; 3];
 
-pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
+pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let mut random = fastrand::Rng::with_seed(options.seed);
     // `less` is the number of levels of the benchmark that the sculpture is below the full one: as
     // many, up to four, as leave at least the wanted part of the triangles. One level less has a
@@ -82,9 +82,9 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
     furnish(&mut assembly);
     let still = &assembly.positions[3 * count..];
     let frames: Vec<Vec<Vec3>> = shapes.iter().map(|shape| [&shape.concat()[..], still].concat()).collect();
-    let animation = KeyFrames::new(assembly.topology, frames, SECONDS_PER_SHAPE, LoopMode::Restart);
+    let animation = KeyFrames::new(assembly.topology, frames, SECONDS_PER_SHAPE, LoopMode::Restart)?;
     let seen = (vec3(0.5, 2.5, 4.9), vec3(0.0, 2.15, 0.0));
-    Scene::new(&INFO, Box::new(animation), seen, 55_f32.to_radians(), vec3(-1.6, 4.7, 2.8))
+    Ok(Scene::new(&INFO, Box::new(animation), seen, 55_f32.to_radians(), vec3(-1.6, 4.7, 2.8)))
 }
 
 /// Crumbs in a heap on the pedestal.

@@ -16,8 +16,8 @@ use xxhash_rust::xxh3::xxh3_64;
 use crate::{Effects, Measure, SceneOptions, SimulationStats};
 
 const SOURCE_HASH: &str = env!("SCENES_SOURCE_HASH");
-/// How names of temporary files start.
-const TEMPORARY: &str = ".tmp";
+/// How names of temporary files begin and end.
+const TEMPORARY: [&str; 2] = [".pivot-", ".keys.partial"];
 
 /// What a simulation leaves behind: what its scene plays back, and its errors.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -66,7 +66,7 @@ fn cache_path(dir: &Path, parameters: &str) -> PathBuf {
 fn write_whole(dir: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
     fs::create_dir_all(dir)?;
     remove_abandoned(dir);
-    let mut file = tempfile::Builder::new().prefix(TEMPORARY).tempfile_in(dir)?;
+    let mut file = tempfile::Builder::new().prefix(TEMPORARY[0]).suffix(TEMPORARY[1]).tempfile_in(dir)?;
     file.write_all(bytes)?;
     // Some file systems report a full disk only here.
     file.as_file().sync_all()?;
@@ -78,10 +78,10 @@ fn write_whole(dir: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
 fn remove_abandoned(dir: &Path) {
     const DAY: Duration = Duration::from_secs(24 * 3600);
     for entry in fs::read_dir(dir).into_iter().flatten().flatten() {
-        let is_temporary = entry.file_name().to_str().is_some_and(|name| name.starts_with(TEMPORARY));
+        let is_temporary = |name: &str| name.starts_with(TEMPORARY[0]) && name.ends_with(TEMPORARY[1]);
         let modified = entry.metadata().and_then(|metadata| metadata.modified());
         let age = modified.ok().and_then(|time| time.elapsed().ok());
-        if is_temporary && age.is_some_and(|age| age > DAY) {
+        if entry.file_name().to_str().is_some_and(is_temporary) && age.is_some_and(|age| age > DAY) {
             // Another process may have removed it.
             let _ = fs::remove_file(entry.path());
         }

@@ -8,7 +8,7 @@ use crate::cloth::Cloth;
 use crate::rigid::rotation;
 use crate::shape::{Assembly, Mesh, grid, sphere};
 use crate::simulation::{self, Run, World};
-use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneInfo, SceneOptions};
+use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
 const FRAMES: usize = 94;
 const SUBSTEPS: usize = 80;
@@ -39,7 +39,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     key_bytes: FRAMES * ((SIDE + 1) * (SIDE + 1) + 382) * size_of::<Vec3>(),
 };
 
-pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
+pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let (keys, substeps) = (options.key_frames.unwrap_or(FRAMES), options.substeps.unwrap_or(SUBSTEPS));
     let side = ((SIDE as f32 * options.detail.unwrap_or(1.0).sqrt()).round() as usize).max(4);
     let parameters = format!("cloth-ball seed {} keys {keys} substeps {substeps} side {side}", options.seed);
@@ -54,11 +54,11 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
     assembly.part("ball", &sphere(RADIUS as f32, 20, 20), moving, ball);
     let seconds_per_key = SECONDS / (keys - 1) as f64;
     let key_bytes = keys * size_of::<Vec3>() * assembly.positions.len();
-    let animation = KeyFrames::new(assembly.topology, frames, seconds_per_key, LoopMode::Restart);
+    let animation = KeyFrames::new(assembly.topology, frames, seconds_per_key, LoopMode::Restart)?;
     let (eye, target) = (Vec3::new(15.0, 13.5, 41.0), Vec3::new(0.0, 6.0, 0.0));
     let (fov_y, light) = (38_f32.to_radians(), Vec3::new(-18.0, 45.0, 22.0));
     let scene = Scene::new(&INFO, Box::new(animation), (eye, target), fov_y, light);
-    Scene { key_bytes, measures, simulated: stats, notes, ..scene }
+    Ok(Scene { key_bytes, measures, simulated: stats, notes, ..scene })
 }
 
 /// The cloth before it falls: just above the ball, a little askew and not quite flat, as the seed

@@ -5,7 +5,7 @@ use glam::{Vec3, vec3};
 
 use crate::rigid::Key;
 use crate::statue::{EFFECTS, Statue};
-use crate::{Scene, SceneInfo, SceneOptions, dragon};
+use crate::{Scene, SceneError, SceneInfo, SceneOptions, dragon};
 
 const FRAMES: usize = 96;
 
@@ -44,7 +44,7 @@ const BLENDED_KEYS: usize = 16;
 
 /// The scene from few key frames, between which vertices go straight, as those of the original do:
 /// pieces that spin shear and shrink on the way from one to the next.
-pub(crate) fn blended(options: &SceneOptions<'_>) -> Scene {
+pub(crate) fn blended(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let rigid = DRAGON.scene(options);
     let seconds = rigid.animation.duration() / (BLENDED_KEYS - 1) as f64;
     let pose = |key: usize| {
@@ -56,11 +56,11 @@ pub(crate) fn blended(options: &SceneOptions<'_>) -> Scene {
     let topology = rigid.animation.topology().clone();
     let moving = topology.parts.iter().filter(|part| !part.motion.is_still());
     let key_bytes = BLENDED_KEYS * moving.map(|part| part.vertices.len()).sum::<usize>() * size_of::<Vec3>();
-    let animation = KeyFrames::new(topology, frames, seconds, LoopMode::Restart);
+    let animation = KeyFrames::new(topology, frames, seconds, LoopMode::Restart)?;
     let mut effects = rigid.effects;
     (effects.motion.rigid, effects.motion.key_frames) = (false, true);
     let name = "exploding-dragon:blended".to_owned();
-    Scene { name, animation: Box::new(animation), key_bytes, effects, ..rigid }
+    Ok(Scene { name, animation: Box::new(animation), key_bytes, effects, ..rigid })
 }
 
 /// Away from the stone and up, faster where it is near, and spinning.

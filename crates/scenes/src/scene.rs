@@ -142,6 +142,9 @@ pub enum SceneError {
     /// A file could not be loaded.
     #[error(transparent)]
     Load(#[from] anim::LoadError),
+    /// A simulation gave key frames that do not fit together.
+    #[error(transparent)]
+    KeyFrames(#[from] anim::Problem),
 }
 
 /// The scenes made by this crate.
@@ -193,17 +196,17 @@ fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> R
             return Err(SceneError::Request(message));
         };
         no_clips?;
-        let scene = bart_museum::scene(&SceneOptions { start_shape, ..options.clone() });
+        let scene = bart_museum::scene(&SceneOptions { start_shape, ..options.clone() })?;
         return Ok(Scene { name: name_or_path.to_owned(), ..scene });
     }
-    let make: fn(&SceneOptions<'_>) -> Scene = match name_or_path {
+    let make: fn(&SceneOptions<'_>) -> Result<Scene, SceneError> = match name_or_path {
         "bart-museum" => bart_museum::scene,
         "cloth-ball" => cloth_ball::scene,
-        "exploding-dragon" => |options| exploding_dragon::DRAGON.scene(options),
+        "exploding-dragon" => |options| Ok(exploding_dragon::DRAGON.scene(options)),
         "exploding-dragon:blended" => exploding_dragon::blended,
         "fairy-forest" => return fairy_forest::scene(clip, options),
-        "lion" => |options| lion::LION.scene(options),
-        "n-body" => n_body::scene,
+        "lion" => |options| Ok(lion::LION.scene(options)),
+        "n-body" => |options| Ok(n_body::scene(options)),
         path if Path::new(path).exists() => {
             return Ok(file::scene(Path::new(path), clip, options)?);
         }
@@ -214,7 +217,7 @@ fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> R
         }
     };
     no_clips?;
-    Ok(make(options))
+    make(options)
 }
 
 fn check(options: &SceneOptions<'_>) -> Result<(), SceneError> {

@@ -23,7 +23,7 @@ pub(super) struct Lane {
     pub(super) twins: Vec<(Bvh, Worker)>,
     /// Whether the tree fits the present frame.
     pub(super) is_current: bool,
-    /// The row of the present frame, without what [`weigh`](Self::weigh) adds.
+    /// The row of the present frame; [`weigh`](Self::weigh) completes it.
     pub(super) last: Option<Row>,
     /// What updated the tree in the present frame, and then each twin.
     updates: Vec<Update>,

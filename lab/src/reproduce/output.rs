@@ -14,20 +14,22 @@ use crate::{CheckFailed, files, stage};
 /// The folder of results, locked for this run.
 pub(super) struct Output {
     folder: PathBuf,
-    _lock: File,
+    _lock: Option<File>,
 }
 
 impl Output {
-    /// Makes the folder and those in it, without what killed runs have left half-written.
+    /// Makes the folder and those in it. What killed runs have left half-written there goes, if it
+    /// is certain that no other run is writing.
     pub(super) fn prepare(folder: PathBuf) -> Result<Self> {
         files::make_folder(&folder)?;
-        let out = Self { _lock: files::lock(&folder)?, folder };
-        for folder in [out.file("figures"), out.file("images")] {
+        let lock = files::lock(&folder)?;
+        for folder in [folder.join("figures"), folder.join("images"), folder.clone()] {
             files::make_folder(&folder)?;
-            files::remove_partial(&folder)?;
+            if lock.is_some() {
+                files::remove_partial(&folder)?;
+            }
         }
-        files::remove_partial(&out.folder)?;
-        Ok(out)
+        Ok(Self { folder, _lock: lock })
     }
 
     /// Takes rows and pictures over from another folder, unless it is this one.

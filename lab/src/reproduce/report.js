@@ -105,7 +105,7 @@ const judged = html`<section><p>${tally()}. Each row says by which rule. Of time
       && html`<div class="soft">by the bounds written first: ${words(claim.first_verdict)}</div>`}<div class="soft">${claim.why}</div></td></tr>`)}</tbody>
   </table></section>`;
 
-// Of each scene: its frame plan, a film with heat maps, a table of strategies, their decisions, trees built offline.
+// Of each scene: its stages, a film with heat maps, a table of strategies, their decisions, trees built offline.
 const ALWAYS = "as always";
 const HEADS = ["Strategy", "Update", "Trace", "Frame", "Worst frame", "SAH cost, last", "× sweep, mean", "× sweep, worst", "Rotations a frame",
   "Height", "Frames"];

@@ -42,8 +42,10 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
     let mut peers = journal::read::<Peer>(&folder.join("peers.csv"))?;
     for run in &mut results.scenes {
         let images = folder.join("images");
-        // Published runs have none.
-        run.pictures.retain(|picture| images.join(&picture.file).exists());
+        if !images.exists() {
+            // Published without them.
+            run.pictures.clear();
+        }
         for picture in &mut run.pictures {
             picture.bytes = files::read(&images.join(&picture.file))?;
         }

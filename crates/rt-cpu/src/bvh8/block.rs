@@ -10,8 +10,9 @@ use crate::Hit;
 use crate::simd::{bits, cross, dot, load, load3, splat3};
 use crate::wide::{Found, weigh};
 
-/// Triangles of a block: as many as AVX2 and AVX-512 have use for, and no more than NEON has. At
-/// the level of SSE2 alone, which also takes eight, rays take 1.2 to 1.4 times as long as with four.
+/// Triangles of a block: as many as AVX2 and AVX-512 have use for, and no more than NEON has.
+/// x86-64 processors without AVX2 take eight as well, and 1.2 to 1.38 times as long as with four
+/// (`docs/BENCHMARKS.md`, incoherent rays).
 pub(super) const SIZE: usize = if cfg!(target_arch = "x86_64") { 8 } else { 4 };
 
 /// One number for each triangle of a block.
@@ -19,18 +20,25 @@ pub(super) const SIZE: usize = if cfg!(target_arch = "x86_64") { 8 } else { 4 };
 pub(crate) type Each<S> = fearless_simd::f32x8<S>;
 #[cfg(not(target_arch = "x86_64"))]
 pub(crate) type Each<S> = fearless_simd::f32x4<S>;
+#[cfg(target_arch = "x86_64")]
+type EachPrimitive<S> = fearless_simd::u32x8<S>;
+#[cfg(not(target_arch = "x86_64"))]
+type EachPrimitive<S> = fearless_simd::u32x4<S>;
+
+/// In place of a triangle's number: there is none in that lane.
+const NONE: u32 = u32::MAX;
 
 /// Triangles, corner by corner and axis by axis.
 #[repr(C, align(32))]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Block {
     corners: [[[f32; SIZE]; 3]; 3],
-    /// Bits of the numbers of primitives, or NaN where there is none: their numbers never are.
-    primitive: [f32; SIZE],
+    /// Numbers of the primitives, or [`NONE`].
+    primitive: [u32; SIZE],
 }
 
 impl Block {
-    pub(super) const EMPTY: Self = Self { corners: [[[0.0; SIZE]; 3]; 3], primitive: [f32::NAN; SIZE] };
+    pub(super) const EMPTY: Self = Self { corners: [[[0.0; SIZE]; 3]; 3], primitive: [NONE; SIZE] };
 
     /// A block of those of the primitives that can be hit: that are there and finite.
     pub(super) fn new(triangles: &Triangles<'_>, primitives: &[u32]) -> Self {
@@ -43,7 +51,7 @@ impl Block {
                 }
             }
             if corners.iter().all(|c| c.is_finite()) {
-                block.primitive[count] = f32::from_bits(primitive);
+                block.primitive[count] = primitive;
                 count += 1;
             }
         }
@@ -51,14 +59,14 @@ impl Block {
     }
 
     pub(super) fn is_empty(&self) -> bool {
-        self.primitive[0].is_nan()
+        self.primitive[0] == NONE
     }
 
     /// The lanes that hold triangles.
     #[inline(always)]
     pub(super) fn present<S: Simd>(&self, simd: S) -> u64 {
-        let primitive: Each<S> = load(simd, &self.primitive, 0);
-        primitive.simd_eq(primitive).to_bitmask()
+        let primitive = EachPrimitive::from_slice(simd, &self.primitive);
+        (!primitive.simd_eq(NONE)).to_bitmask()
     }
 
     #[cfg(test)]
@@ -95,7 +103,7 @@ impl Block {
             } else {
                 test.test(&corners)
             };
-            let hit = at.and_then(|at| in_box(ray, at, &corners, self.primitive[i].to_bits(), t_max, WIDEN));
+            let hit = at.and_then(|at| in_box(ray, at, &corners, self.primitive[i], t_max, WIDEN));
             if let Some(hit) = hit.filter(|h| best.is_none_or(|b| h.is_before(b.t, b.primitive)) && counts(h))
             {
                 (best, t_max) = (Some(hit), hit.t);
