@@ -14,7 +14,7 @@ const SAME: f64 = 1.05;
 /// revision.
 macro_rules! published {
     () => {
-        "2026-11-26-accuracy-epyc-zen4-1ee7d72"
+        "2026-11-26-accuracy-epyc-zen4-874e318"
     };
 }
 
