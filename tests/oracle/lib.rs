@@ -13,7 +13,7 @@ pub use bytes::{load_bytes, play_bytes};
 pub use hits::check_hit;
 pub use motion::{Motion, Soup, noise};
 
-/// A pool of so many threads.
+/// Makes a pool of `threads` threads.
 ///
 /// # Panics
 /// If the system has no threads to give.
