@@ -7,12 +7,16 @@
 //! ```
 //!
 //! The bench updates on one thread, or on N with `--threads=N`. It prints the median and the least
-//! frame, and the stages of the least frame that it recorded, as sums over all threads. The
-//! schedule is greedy: a worker without work takes the block that has waited longest, after 500 ns.
-//! A work-stealing pool comes close to it if memory is as fast for many cores as for one.
+//! frame, and the stages of the least frame that it recorded, as sums over all threads.
+//!
+//! The schedule is that of a pool whose workers steal, as rayon's do, with the prices of a join and
+//! of a theft that the bench measures first. It takes memory to be as fast for many workers as for
+//! one.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
+use std::hint::{black_box, spin_loop};
+use std::sync::OnceLock;
 use std::time::Instant;
 
 use bvh_build::{Builder, build};
@@ -74,48 +78,142 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// How long the blocks take on some workers.
-fn scheduled(costs: &[BlockCost], workers: usize) -> u64 {
-    const TAKING: u64 = 500;
-    let mut below = vec![Vec::new(); costs.len()];
-    let mut open: Vec<usize> = vec![0; costs.len()];
-    for (block, cost) in costs.iter().enumerate() {
-        if let Some(parent) = cost.parent {
-            below[parent].push(block);
-            open[parent] += 1;
-        }
-    }
-    // A piece of work is the first half of a block, down to its leaves, or the second.
-    let mut waiting: VecDeque<(usize, bool)> =
-        (0..costs.len()).filter(|&b| costs[b].parent.is_none()).map(|b| (b, false)).collect();
-    let mut busy = BinaryHeap::new();
-    let (mut now, mut idle) = (0, workers);
-    loop {
-        while idle > 0 && !waiting.is_empty() {
-            let (block, is_second) = waiting.pop_front().expect("not empty");
-            let cost = costs[block];
-            let takes = if is_second { cost.boxes + cost.rotations } else { cost.list + cost.leaves };
-            busy.push(Reverse((now + takes + TAKING * u64::from(workers > 1), block, is_second)));
-            idle -= 1;
-        }
-        let Some(Reverse((end, block, is_second))) = busy.pop() else { return now };
-        now = end;
-        idle += 1;
-        if !is_second {
-            if below[block].is_empty() {
-                waiting.push_front((block, true));
-            }
-            waiting.extend(below[block].iter().map(|&b| (b, false)));
-        } else if let Some(parent) = costs[block].parent {
-            open[parent] -= 1;
-            if open[parent] == 0 {
-                waiting.push_front((parent, true));
-            }
-        }
+/// What sharing work costs, in nanoseconds.
+#[derive(Clone, Copy)]
+struct Prices {
+    /// A join of which no other thread takes a half.
+    join: u64,
+    /// From a join until another thread, which looks for work, begins with its second half.
+    theft: u64,
+}
+
+impl Prices {
+    /// Those of rayon on this machine, medians.
+    fn measured() -> Self {
+        let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        let join = on(1).install(|| {
+            let thousand = || {
+                let begin = Instant::now();
+                (0..1000).for_each(|i| _ = rayon::join(|| black_box(i), || black_box(i)));
+                begin.elapsed().as_nanos() as f64 / 1000.0
+            };
+            median((0..100).map(|_| thousand()).collect())
+        });
+        let theft = on(2).install(|| {
+            let one = || {
+                let (begin, stolen) = (Instant::now(), OnceLock::new());
+                let wait = || {
+                    while stolen.get().is_none() {
+                        spin_loop();
+                    }
+                };
+                rayon::join(wait, || stolen.set(begin.elapsed()).expect("set once"));
+                stolen.get().expect("waited for").as_nanos() as f64
+            };
+            median((0..10_000).map(|_| one()).collect())
+        });
+        Self { join: join as u64, theft: theft as u64 }
     }
 }
 
-fn measure(scene: &Scene, strategy: &Strategy, level: SimdLevel, with_sums: bool, out_of_order: bool) {
+/// Some of the blocks below one: its number, and from where to where among them.
+type Siblings = (usize, usize, usize);
+
+/// What a worker is at, in the order of ends.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+enum Work {
+    /// First half of a block, down to its leaves.
+    Down(usize),
+    /// Second half.
+    Up(usize),
+    /// Fetching what it has stolen.
+    Theft(Siblings),
+}
+
+/// A pool of workers that steal: each takes the newest of what it has put off, else the oldest of
+/// another's. Who ends the last block below another goes on with that one; in rayon that is the one
+/// who began it, once it is free.
+struct Pool<'a> {
+    costs: &'a [BlockCost],
+    prices: Prices,
+    /// Blocks below each, and how many of them have not ended.
+    below: Vec<Vec<usize>>,
+    open: Vec<usize>,
+    put_off: Vec<VecDeque<Siblings>>,
+    /// By end and worker.
+    busy: BinaryHeap<Reverse<(u64, usize, Work)>>,
+}
+
+/// How long the blocks take on some workers.
+fn scheduled(costs: &[BlockCost], workers: usize, prices: Prices) -> u64 {
+    let mut below = vec![Vec::new(); costs.len()];
+    for (block, cost) in costs.iter().enumerate() {
+        cost.parent.into_iter().for_each(|parent| below[parent].push(block));
+    }
+    let open = below.iter().map(Vec::len).collect();
+    let put_off = vec![VecDeque::new(); workers];
+    let mut pool = Pool { costs, prices, below, open, put_off, busy: BinaryHeap::new() };
+    let (mut now, mut idle) = (0, (1..workers).collect::<Vec<_>>());
+    pool.begin(now, 0, Work::Down(0));
+    while let Some(Reverse((end, worker, work))) = pool.busy.pop() {
+        now = end;
+        match work {
+            Work::Theft(siblings) => pool.share(now, worker, siblings),
+            Work::Down(block) if pool.open[block] == 0 => pool.begin(now, worker, Work::Up(block)),
+            Work::Down(block) => pool.share(now, worker, (block, 0, pool.open[block])),
+            Work::Up(block) => {
+                let above = costs[block].parent.inspect(|&parent| pool.open[parent] -= 1);
+                if let Some(parent) = above.filter(|&parent| pool.open[parent] == 0) {
+                    pool.begin(now, worker, Work::Up(parent));
+                } else if let Some(siblings) = pool.put_off[worker].pop_back() {
+                    pool.share(now, worker, siblings);
+                } else {
+                    idle.push(worker);
+                }
+            }
+        }
+        idle.retain(|&thief| !pool.steals(now, thief));
+    }
+    now
+}
+
+impl Pool<'_> {
+    fn begin(&mut self, now: u64, worker: usize, work: Work) {
+        let takes = match work {
+            Work::Down(block) => self.costs[block].list + self.costs[block].leaves,
+            Work::Up(block) => self.costs[block].boxes + self.costs[block].rotations,
+            Work::Theft(..) => self.prices.theft,
+        };
+        self.busy.push(Reverse((now + takes, worker, work)));
+    }
+
+    /// Begins with the first of some blocks and puts off the others, half by half.
+    fn share(&mut self, mut now: u64, worker: usize, (parent, first, mut end): Siblings) {
+        while end - first > 1 {
+            let half = first + (end - first) / 2;
+            self.put_off[worker].push_back((parent, half, end));
+            end = half;
+            now += self.prices.join;
+        }
+        self.begin(now, worker, Work::Down(self.below[parent][first]));
+    }
+
+    /// Steals from the next in line that has put off something; whether there is one.
+    fn steals(&mut self, now: u64, thief: usize) -> bool {
+        let workers = self.put_off.len();
+        let stolen = (1..workers).find_map(|i| self.put_off[(thief + i) % workers].pop_front());
+        stolen.map(|siblings| self.begin(now, thief, Work::Theft(siblings))).is_some()
+    }
+}
+
+fn measure(
+    scene: &Scene,
+    prices: Prices,
+    strategy: &Strategy,
+    level: SimdLevel,
+    with_sums: bool,
+    out_of_order: bool,
+) {
     let indices = scene.indices();
     let count = indices.len() as f64;
     let start = scene.positions(0.0);
@@ -151,12 +249,14 @@ fn measure(scene: &Scene, strategy: &Strategy, level: SimdLevel, with_sums: bool
             continue;
         }
         let costs = updater.take_costs();
-        let all = scheduled(&costs, 1);
+        let all = costs.iter().map(|c| c.list + c.leaves + c.boxes + c.rotations).sum();
         if all < best.0 {
             best = (all, costs, moving);
         }
     }
     let (all, costs, moving) = best;
+    let free = Prices { join: 0, theft: 0 };
+    assert!(costs.is_empty() || scheduled(&costs, 1, free) == all, "one worker does all work");
     let sum = |of: fn(&BlockCost) -> u64| costs.iter().map(of).sum::<u64>() as f64 / moving;
     let [list, leaves, boxes] = [sum(|c| c.list), sum(|c| c.leaves), sum(|c| c.boxes)];
     let rotations = sum(|c| c.rotations);
@@ -171,7 +271,7 @@ fn measure(scene: &Scene, strategy: &Strategy, level: SimdLevel, with_sums: bool
     if costs.len() > 1 {
         print!(" {:7}", costs.len());
         for workers in [8, 16, 64] {
-            print!(" {:6.2}", all as f64 / (workers as f64 * scheduled(&costs, workers) as f64));
+            print!(" {:6.2}", all as f64 / (workers as f64 * scheduled(&costs, workers, prices) as f64));
         }
     }
     println!();
@@ -190,6 +290,9 @@ fn main() {
     .into_iter()
     .filter_map(|(is_out, name)| is_out.then_some(name))
     .collect();
+    let prices = Prices::measured();
+    let Prices { join, theft } = prices;
+    println!("a join: {join} ns; a theft: {theft} ns");
     println!("ns per moving triangle, threads: {threads}; without: {without:?}");
     println!(
         "{:55} {:>7} {:>7} {:>7} {:>7} {:>7} {:>9} {:>7} efficiency on 8, 16, 64 workers",
@@ -203,12 +306,12 @@ fn main() {
     {
         pool.install(|| {
             let best = SimdLevel::best();
-            measure(scene, &Strategy::Refit, best, false, false);
-            measure(scene, &Strategy::Refit, best, false, true);
+            measure(scene, prices, &Strategy::Refit, best, false, false);
+            measure(scene, prices, &Strategy::Refit, best, false, true);
             for level in SimdLevel::available() {
-                measure(scene, &rotate, level, false, false);
+                measure(scene, prices, &rotate, level, false, false);
             }
-            measure(scene, &rotate, best, true, false);
+            measure(scene, prices, &rotate, best, true, false);
         });
     }
 }
