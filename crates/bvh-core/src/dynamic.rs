@@ -101,12 +101,9 @@ impl Bvh {
         }
         dynamic.clear();
         dynamic.resize(self.len(), false);
-        // A walk: the first slot of a leaf that is not in use may be out of range.
-        self.visit(|_, node, _| {
-            if node.is_dynamic() {
-                self.primitives(node).iter().for_each(|&p| dynamic[p as usize] = true);
-            }
-        });
+        for node in self.nodes().iter().filter(|node| node.count() > 0 && node.is_dynamic()) {
+            self.primitives(node).iter().for_each(|&p| dynamic[p as usize] = true);
+        }
         true
     }
 

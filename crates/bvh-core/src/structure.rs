@@ -62,7 +62,7 @@ impl Bvh {
         Ok(self)
     }
 
-    fn check_order(&self) -> Result<(), Malformed> {
+    pub(crate) fn check_order(&self) -> Result<(), Malformed> {
         let n = self.order.len();
         if n > MAX_PRIMITIVES {
             return Err(Malformed::TooManyPrimitives(n));

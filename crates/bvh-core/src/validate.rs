@@ -77,11 +77,10 @@ impl Bvh {
         if primitives.len() != self.len() {
             return Err(Invalid::Count { tree: self.len(), given: primitives.len() });
         }
-        Self::new(self.nodes(), self.order().to_vec())?;
-        let mut is_used = vec![false; self.nodes().len()];
-        self.visit(|n, _, _| is_used[n] = true);
-        for (n, (node, is_used)) in self.nodes().iter().zip(is_used).enumerate() {
-            if !is_used {
+        self.check_order()?;
+        let (_, used) = self.check_structure()?;
+        for (n, node) in self.nodes().iter().enumerate() {
+            if n == 1 || n > 1 && !used[n / 2] {
                 if !node.is_leaf() || node.count() > 0 {
                     return Err(Invalid::Unused(n));
                 }

@@ -131,7 +131,7 @@ impl Divergent {
 
     /// Builds a new tree over clusters below the end of a path; gives how many there are.
     fn rebuild(&mut self, bvh: &mut Bvh, path: &[usize], clusters: &[usize]) -> Result<usize, BuildError> {
-        let shape = tree_over(bvh, clusters, Builder::Binned)?;
+        let shape = tree_over(bvh, clusters, Builder::BinnedParallel)?;
         // Only a tree that would be too high is refused.
         let Ok(slots) = bvh.rewire(path, &shape) else { return Ok(0) };
         for (branch, slot) in shape.iter().zip(slots) {

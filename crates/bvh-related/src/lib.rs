@@ -124,8 +124,8 @@ impl Keeper {
     }
 
     /// Brings `bvh` up to date with triangles that have moved: refits it, then does what the system
-    /// does. The refit and builds of `Decomposition` run in the current rayon pool, all else on one
-    /// thread. The tree that results does not depend on the number of threads.
+    /// does. Refits and builds run in the current rayon pool, all else on one thread. The tree that
+    /// results does not depend on the number of threads.
     ///
     /// # Errors
     /// If the number of triangles is not that of the tree.

@@ -162,7 +162,7 @@ impl Restructure {
 /// tree below the first `top` steps, which the paths have in common.
 fn shapes(bvh: &Bvh, paths: &Pair, top: usize, kept: &[usize]) -> Vec<Vec<Branch>> {
     // Fails beyond the greatest number of primitives alone.
-    let builder = if kept.len() > 8 * WIDTH { Builder::Binned } else { Builder::Sweep };
+    let builder = if kept.len() > 8 * WIDTH { Builder::BinnedParallel } else { Builder::Sweep };
     let Ok(mut both) = tree_over(bvh, kept, builder) else { return Vec::new() };
     let Some(Branch::Inner(l, r)) = both.pop() else { return Vec::new() };
     let shape = |mut ends: [usize; 2]| {

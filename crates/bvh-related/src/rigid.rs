@@ -7,7 +7,7 @@ use bvh_core::glam::{DMat3, DMat4, DQuat, DVec3, DVec4};
 pub(crate) struct Motion {
     from: DVec3,
     to: DVec3,
-    turn: DQuat,
+    turn: DMat3,
 }
 
 impl Motion {
@@ -18,11 +18,11 @@ impl Motion {
             (from, to, count) = (from + a, to + b, count + 1.0);
         }
         if count == 0.0 {
-            return Self { from, to, turn: DQuat::IDENTITY };
+            return Self { from, to, turn: DMat3::IDENTITY };
         }
         let (from, to) = (from / count, to / count);
         let products = pairs().fold(DMat3::ZERO, |sum, (a, b)| sum + outer(a - from, b - to));
-        Self { from, to, turn: rotation(products) }
+        Self { from, to, turn: DMat3::from_quat(rotation(products)) }
     }
 
     pub(crate) fn apply(&self, p: DVec3) -> DVec3 {
@@ -31,7 +31,7 @@ impl Motion {
 
     /// Where a point was before the motion.
     pub(crate) fn undo(&self, p: DVec3) -> DVec3 {
-        self.turn.conjugate() * (p - self.to) + self.from
+        self.turn.transpose() * (p - self.to) + self.from
     }
 }
 
@@ -93,7 +93,7 @@ mod tests {
             let points = [DVec3::X, DVec3::new(0.0, 2.0, 1.0), DVec3::new(-3.0, 1.0, 0.5)];
             let found = rotation(points.iter().fold(DMat3::ZERO, |sum, &p| sum + outer(p, turn * p)));
             assert!(points.iter().all(|&p| (found * p - turn * p).length() < 1e-6), "{found} for {turn}");
-            let motion = Motion { from: DVec3::ONE, to: DVec3::X, turn };
+            let motion = Motion { from: DVec3::ONE, to: DVec3::X, turn: DMat3::from_quat(turn) };
             assert!(points.iter().all(|&p| (motion.undo(motion.apply(p)) - p).length() < 1e-12));
         }
         assert_eq!(rotation(DMat3::ZERO), DQuat::IDENTITY);
