@@ -185,7 +185,7 @@ impl Bvh {
     #[must_use]
     #[inline]
     pub fn primitives(&self, leaf: &Node) -> &[u32] {
-        if leaf.is_leaf() { &self.order[leaf.first()..leaf.first() + leaf.count()] } else { &[] }
+        if leaf.count() > 0 { &self.order[leaf.first()..leaf.first() + leaf.count()] } else { &[] }
     }
 
     /// For each slot, the number of the primitive in it: a permutation.

@@ -45,6 +45,8 @@ pub(crate) struct Baseline {
     /// Half area of the dynamic leaves, of the root, and of the static leaves, when the tree was
     /// measured.
     pub(crate) sizes: [f64; 3],
+    /// By how much the first two had grown after the last update.
+    pub(crate) growth: [f64; 2],
     /// The scene's scale after the last update.
     pub(crate) scale: f64,
     /// What the scale that follows from `sizes` is multiplied by: other than 1 once `sizes` were

@@ -82,6 +82,22 @@ fn partial_rebuilds_keep_a_burst_nearly_as_good_as_new() {
     }
 }
 
+/// One box flies far off for one frame. What a tree cost with it is no measure afterwards.
+#[test]
+fn a_stray_box_does_not_end_repairs() {
+    let mut bvh = tree(&burst(0.0));
+    let mut updater = Updater::new(Strategy::PartialRebuild(PartialRebuild::default()));
+    let mut update = |boxes: &Vec<Aabb>| {
+        updater.update(&mut bvh, boxes).expect("as many");
+        over_fresh(&bvh, boxes)
+    };
+    let mut stray = burst(0.0);
+    stray[7] = Aabb::new(Vec3::splat(1e6), Vec3::splat(1e6 + 1.0));
+    update(&stray);
+    let worst = (0..=20).map(|step| update(&burst(step as f32 / 20.0))).fold(0.0, f64::max);
+    assert!(worst < 1.25, "{worst}");
+}
+
 #[test]
 fn partial_rebuilds_keep_static_primitives_static() {
     // The mask and the reported costs are checked on the way.
@@ -531,4 +547,21 @@ fn trees_from_the_background_have_the_latest_dynamic_mask() {
             std::thread::sleep(Duration::from_millis(2));
         }
     }
+}
+
+/// What moves after a build began, and rests when its tree takes over, has its box where it rests.
+#[test]
+fn trees_from_the_background_fit_what_came_to_rest_meanwhile() {
+    let mut bvh = tree(&chaos(0));
+    let mut updater = Updater::new(Strategy::Background(Background::default()));
+    for step in 0..2 {
+        updater.update(&mut bvh, &chaos(step)).expect("updated");
+    }
+    bvh.set_dynamic(|p| p == 0);
+    let start = Instant::now();
+    while updater.update(&mut bvh, &chaos(1)).expect("updated").decision != Decision::Swap {
+        assert!(start.elapsed() < PATIENCE, "no tree took over");
+    }
+    bvh.validate(&chaos(1)).expect("valid");
+    check_mask(&bvh, |p| p == 0, "a tree from the background");
 }

@@ -46,12 +46,6 @@ impl Default for Auto {
     }
 }
 
-/// A tree whose cost falls to this part of its baseline in one frame is of a scene that was
-/// scattered and is compact again, as in the jump from the last frame of a loop to its first: it
-/// may be better than its baseline and still 24 times worse than a new one
-/// (`auto_follows_boxes_that_scatter_and_meet_again` in `tests/repairs.rs` plays that).
-const COMPACT_AGAIN: f64 = 0.5;
-
 pub(crate) fn update<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
@@ -82,14 +76,13 @@ pub(crate) fn update<P: Primitives + ?Sized>(
 /// The excess is that over the baseline before: a tree that is better than any so far has one below
 /// 0.
 fn observe(bvh: &mut Bvh, tally: &Tally, queries: QueryCost) -> Observation {
-    let (before, cost, primitives) = (*State::of(bvh), cost_after(bvh, tally), bvh.len() as f64);
-    let scale = before.baseline.scale_now(bvh, tally.leaf_area);
-    let state = State::of_mut(parts(bvh).state);
-    let (baseline, ledger) = (&mut state.baseline, &mut state.ledger);
+    let (cost, primitives) = (cost_after(bvh, tally), bvh.len() as f64);
+    let root_area = bvh.root().aabb().half_area_f64();
+    let State { baseline, ledger, .. } = State::of_mut(parts(bvh).state);
+    let scale = baseline.take_growth(root_area, tally.leaf_area);
     let now = finite_or_zero(cost / scale);
-    baseline.scale = scale;
-    ledger.last_excess = before.baseline.excess(cost, scale);
-    let has_no_baseline = now > 0.0 && (baseline.cost == 0.0 || now < COMPACT_AGAIN * baseline.measured);
+    ledger.last_excess = baseline.excess(cost, scale);
+    let has_no_baseline = baseline.is_void(now);
     if now > 0.0 {
         baseline.cost = if baseline.cost == 0.0 { now } else { baseline.cost.min(now) };
     }

@@ -85,6 +85,9 @@ pub(crate) struct Builds {
 impl Builds {
     /// Starts a build over a copy of the boxes, if the system has a thread to give.
     fn start<P: Primitives + ?Sized>(&mut self, bvh: &mut Bvh, primitives: &P, builder: Builder) {
+        if cfg!(all(target_arch = "wasm32", target_os = "unknown")) {
+            return;
+        }
         static NUMBER: AtomicU64 = AtomicU64::new(1);
         let mut job = std::mem::take(&mut self.spare);
         let options = options_like(bvh);
@@ -160,23 +163,26 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     rebuild: &mut RebuildScratch,
     builds: &mut Builds,
 ) -> Update {
-    let mut decision = Decision::AsAlways;
+    let (mut decision, mut has_static) = (Decision::AsAlways, false);
     let number = State::of(bvh).background_job;
     builds.age = builds.age.saturating_add(1);
     // The memory may have served another tree in between.
     if let Some(new) = builds.take(number).filter(|new| new.len() == primitives.len()) {
-        if bvh.note_dynamic(&mut rebuild.dynamic) {
-            new.set_dynamic(|p| rebuild.dynamic[p]);
-        }
+        has_static = bvh.note_dynamic(&mut rebuild.dynamic);
         std::mem::swap(bvh, new);
-        State::note_changes(parts(bvh).state);
         decision = Decision::Swap;
         let Builds { spare, age, cost, .. } = builds;
         *cost = Some(BackgroundCost { bytes: spare.bytes(), delay: *age, build_time: spare.took });
     }
     let tally = pass(bvh, primitives, background.rotate, refit);
+    let update = Update { decision, rebuilt: decision == Decision::Swap, ..tally.report(bvh) };
+    if has_static {
+        // Not before the pass: what moved and came to rest during the build has yet to be fitted.
+        bvh.set_dynamic(|p| rebuild.dynamic[p]);
+        State::note_changes(parts(bvh).state);
+    }
     if builds.current.is_none() {
         builds.start(bvh, primitives, background.builder);
     }
-    Update { decision, rebuilt: decision == Decision::Swap, ..tally.report(bvh) }
+    update
 }

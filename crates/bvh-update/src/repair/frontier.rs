@@ -200,7 +200,7 @@ mod tests {
 
     use super::*;
     use crate::quality::take_baseline;
-    use crate::refit::{RefitScratch, pass};
+    use crate::refit::{RefitScratch, parts, pass};
     use crate::state::State;
 
     /// The excess at and below a node, by definition. O(n).
@@ -223,7 +223,9 @@ mod tests {
             bvh.set_dynamic(|p| p % 7 != 0);
             take_baseline(&mut bvh);
             let tally = pass(&mut bvh, &pose(0.1), None, &mut RefitScratch::default());
-            let scale = State::of(&bvh).baseline.scale_now(&bvh, tally.leaf_area);
+            let root_area = bvh.root().aabb().half_area_f64();
+            let state = State::of_mut(parts(&mut bvh).state);
+            let scale = state.baseline.take_growth(root_area, tally.leaf_area);
             let large = LARGE * bvh.root().aabb().half_area();
             let (mut numbers, mut scratch) = (Vec::new(), FrontierScratch::default());
             for threshold in [0.0, 0.1, 1.0, 30.0] {

@@ -16,7 +16,7 @@ use crate::quality::{cost_after, finite_or_zero, take_baseline};
 use crate::rebuild::{RebuildScratch, build_again};
 use crate::refit::{RefitScratch, Rotate, Tally, parts, pass};
 use crate::report::{Decision, Update, UpdateError};
-use crate::state::{Measure, State};
+use crate::state::{Baseline, Measure, State};
 
 mod frontier;
 mod top_tree;
@@ -78,10 +78,13 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     take_baseline(bvh);
     let mut tally = pass(bvh, primitives, options.rotate, refit);
     let cost = cost_after(bvh, &tally);
-    let scale = State::of(bvh).baseline.scale_now(bvh, tally.leaf_area);
+    let root_area = bvh.root().aabb().half_area_f64();
     let baseline = &mut State::of_mut(parts(bvh).state).baseline;
-    baseline.scale = scale;
+    let scale = baseline.take_growth(root_area, tally.leaf_area);
     let before = baseline.cost;
+    if baseline.is_void(finite_or_zero(cost / scale)) {
+        return build_again(bvh, primitives, Builder::Ploc, rebuild);
+    }
     if cost / scale <= before * (1.0 + options.growth) {
         return Ok(tally.report(bvh));
     }
@@ -111,11 +114,10 @@ pub(crate) fn open_grown(
     most: usize,
     scratch: &mut RepairScratch,
 ) -> Repaired {
-    let baseline = State::of(bvh).baseline;
-    let scale = baseline.scale_now(bvh, tally.leaf_area);
+    let Baseline { scale, sizes, .. } = State::of(bvh).baseline;
     frontier::find(bvh, scale, threshold, most, &mut scratch.walk);
     // Leaves have no references.
-    let leaves = (tally.leaf_area + baseline.sizes[2]) / scale;
+    let leaves = (tally.leaf_area + sizes[2]) / scale;
     let repaired = rebuild_top(bvh, leaves, scale, most, scratch);
     tally.has_sums &= !matches!(repaired, Repaired::Top { .. });
     repaired

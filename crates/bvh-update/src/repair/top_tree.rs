@@ -70,7 +70,6 @@ pub(super) fn rebuild_top(
     let state = State::of_mut(parts.state);
     state.baseline.cost = finite_or_zero(*references + above + leaves);
     state.baseline.measured = state.baseline.cost;
-    state.baseline.scale = scale;
     state.layout = Layout::OTHER;
     Repaired::Top { subtrees: kept.len() }
 }
