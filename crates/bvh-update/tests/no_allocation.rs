@@ -60,7 +60,12 @@ fn play(updater: &mut Updater, built: &Bvh, poses: &[Vec<Aabb>]) -> (Vec<usize>,
 fn passes_allocate_in_the_first_update_only_and_others_in_the_first_loop_only() {
     let poses: Vec<_> = (0..8).map(pose).collect();
     let built = build(&poses[0], Builder::Sweep).expect("few enough");
-    let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        // Threads allocate as they begin, and that may be later.
+        pool.broadcast(|_| ());
+        pool
+    };
     let [one, three] = [1, 3].map(on);
     for strategy in [Strategy::Refit, Strategy::RefitRotate(Rotate::default())] {
         let counts = |pool: &rayon::ThreadPool| {

@@ -227,7 +227,8 @@ mod tests {
             (0..300).map(corner).map(|c| Aabb::new(c, c + 2.0 + 0.7 * (sin + cos))).collect()
         };
         let mut bvh = build(&pose(0), Builder::Sweep).expect("few enough");
-        let mut updater = Updater::new(Strategy::PartialRebuild(PartialRebuild { rotate: None, growth: 1e9 }));
+        let mut updater =
+            Updater::new(Strategy::PartialRebuild(PartialRebuild { rotate: None, growth: 1e9 }));
         let scales: Vec<f64> = (0..=10 * LOOP)
             .map(|frame| {
                 bvh.set_dynamic(|p| p != frame % 2);

@@ -25,7 +25,7 @@ pub(super) struct Frontier {
     /// Sums of [`Node::sah_term`] and [`Node::static_term`] over the nodes above.
     pub(super) cost: f64,
     pub(super) static_cost: f64,
-    /// Sum of the references of the nodes below.
+    /// Sum of the references of the dynamic nodes below.
     pub(super) references: f64,
 }
 
@@ -61,7 +61,7 @@ pub(super) struct FrontierScratch {
 }
 
 /// Finds the subtrees whose excess is at most `threshold`. Where there are more than `most`, not
-/// all are found. O(n).
+/// all are found. O(n) for the n nodes above dynamic primitives.
 pub(super) fn find(bvh: &Bvh, scale: f64, threshold: f64, most: usize, scratch: &mut FrontierScratch) {
     let FrontierScratch { parts, found } = scratch;
     found.clear();
@@ -100,6 +100,9 @@ impl Walk<'_> {
     /// Gives the excess at and below a node: as [`below`](Self::below), by several threads.
     fn fork(&self, slot: usize, parts: &mut [Part]) -> f64 {
         let node = &self.nodes[slot];
+        if !self.is_walked(node) {
+            return 0.0;
+        }
         if parts.len() == 1 || node.height() < 2 {
             let part = &mut parts[0];
             if self.kept.load(Ordering::Relaxed) > self.most {
@@ -153,19 +156,28 @@ impl Walk<'_> {
         list.first().map_or(0.0, |root| root.excess)
     }
 
-    /// Lists a node, unless it is a leaf, and fetches its children if they are inner nodes.
+    /// Whether there may be something at or below a node. What stands still has not grown; it is
+    /// opened only where it is large.
+    fn is_walked(&self, node: &Node) -> bool {
+        !node.is_leaf() && (node.is_dynamic() || node.aabb().half_area() > self.large)
+    }
+
+    /// Lists a node, if it is to be walked, and fetches its children if they are inner nodes.
     fn push_inner(&self, slot: usize, list: &mut Vec<Listed>) {
         let node = &self.nodes[slot];
-        if node.height() > 1 {
-            prefetch(self.nodes, node.first());
-        }
-        if !node.is_leaf() {
+        if self.is_walked(node) {
+            if node.height() > 1 {
+                prefetch(self.nodes, node.first());
+            }
             list.push(Listed { slot: slot as u32, inner_children: 0, excess: 0.0 });
         }
     }
 
     /// By how much the area of an inner node exceeds its reference.
     fn own_excess(&self, node: &Node) -> f64 {
+        if !node.is_dynamic() {
+            return 0.0;
+        }
         let excess = f64::from(node.aabb().half_area()) - self.scale * f64::from(node.reference());
         if excess > 0.0 { excess } else { 0.0 }
     }
@@ -207,7 +219,8 @@ mod tests {
     fn excess(bvh: &Bvh, node: &Node, scale: f64) -> f64 {
         let Some(pair) = bvh.children(node) else { return 0.0 };
         let own = f64::from(node.aabb().half_area()) - scale * f64::from(node.reference());
-        own.max(0.0) + pair.iter().map(|child| excess(bvh, child, scale)).sum::<f64>()
+        let own = if node.is_dynamic() { own.max(0.0) } else { 0.0 };
+        own + pair.iter().map(|child| excess(bvh, child, scale)).sum::<f64>()
     }
 
     #[test]
@@ -241,7 +254,8 @@ mod tests {
                         excess(&bvh, node, scale) > threshold || is_large
                     };
                     if !is_opened(node) {
-                        references += f64::from(if node.is_leaf() { 0.0 } else { node.reference() });
+                        let has_reference = node.is_dynamic() && !node.is_leaf();
+                        references += f64::from(if has_reference { node.reference() } else { 0.0 });
                         return;
                     }
                     pairs.push(node.first() as u32);

@@ -16,7 +16,7 @@ use crate::quality::{cost_after, finite_or_zero, take_baseline};
 use crate::rebuild::{RebuildScratch, build_again};
 use crate::refit::{RefitScratch, Rotate, Tally, parts, pass};
 use crate::report::{Decision, Update, UpdateError};
-use crate::state::{Baseline, Measure, State};
+use crate::state::{Measure, State};
 
 mod frontier;
 mod top_tree;
@@ -114,11 +114,11 @@ pub(crate) fn open_grown(
     most: usize,
     scratch: &mut RepairScratch,
 ) -> Repaired {
-    let Baseline { scale, sizes, .. } = State::of(bvh).baseline;
+    let scale = State::of(bvh).baseline.scale;
     frontier::find(bvh, scale, threshold, most, &mut scratch.walk);
-    // Leaves have no references.
-    let leaves = (tally.leaf_area + sizes[2]) / scale;
-    let repaired = rebuild_top(bvh, leaves, scale, most, scratch);
+    // Leaves and what stands still below the new top have no references.
+    let others = (tally.leaf_area + bvh.static_area() - scratch.walk.found.static_cost) / scale;
+    let repaired = rebuild_top(bvh, others, scale, most, scratch);
     tally.has_sums &= !matches!(repaired, Repaired::Top { .. });
     repaired
 }

@@ -22,11 +22,11 @@ const FORKED: u32 = 8;
 const AHEAD: usize = 16;
 
 /// Builds the tree again above the frontier that was found, if there are at most `most` subtrees to
-/// keep. The baseline becomes the sum of all references and `leaves`, the cost of the leaves in
-/// units of the scale.
+/// keep. The baseline becomes the sum of all references and of `others`, the cost, in units of the
+/// scale, of what has none.
 pub(super) fn rebuild_top(
     bvh: &mut Bvh,
-    leaves: f64,
+    others: f64,
     scale: f64,
     most: usize,
     scratch: &mut RepairScratch,
@@ -68,7 +68,7 @@ pub(super) fn rebuild_top(
     graft.nodes.set(0, root);
     *parts.static_area += after - *static_cost;
     let state = State::of_mut(parts.state);
-    state.baseline.cost = finite_or_zero(*references + above + leaves);
+    state.baseline.cost = finite_or_zero(*references + above + others);
     state.baseline.measured = state.baseline.cost;
     state.layout = Layout::OTHER;
     Repaired::Top { subtrees: kept.len() }
