@@ -16,7 +16,8 @@ fn sources(folder: &Path, all: &mut Vec<PathBuf>) {
     }
 }
 
-/// Adds the names of functions that run as tests: those with the attribute, and those of `proptest!`.
+/// Adds the names of functions that run as tests: those with the attribute, and those of
+/// `proptest!`.
 fn tests(code: &str, all: &mut BTreeSet<String>) {
     let (mut is_marked, mut block) = (false, None);
     for line in code.lines() {

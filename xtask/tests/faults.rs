@@ -186,7 +186,8 @@ fn rows_survive_a_run_that_is_killed_and_killed_again() {
     is_whole(&out, &all);
 }
 
-/// A scene that is not finished is measured again. What is of finished scenes is kept, byte by byte.
+/// A scene that is not finished is measured again. What is of finished scenes is kept, byte by
+/// byte.
 #[test]
 fn points_and_peers_survive_a_run_that_is_killed_in_either_scene() {
     let (temporary, sheet) = folder();

@@ -5,9 +5,9 @@
 //! in glTF), times in seconds from the start of the animation.
 //!
 //! [`load`] takes whatever can be loaded, [`parse`] the bytes of a single file. Files are not
-//! trusted: what is malformed is a [`LoadError`] that says what, where, and what would be right, and
-//! memory stays within a multiple of the size of the file. Positions that are not finite are passed
-//! on as they are.
+//! trusted: what is malformed is a [`LoadError`] that says what, where, and what would be right,
+//! and memory stays within a multiple of the size of the file. Positions that are not finite are
+//! passed on as they are.
 #![forbid(unsafe_code)]
 
 mod aff;

@@ -33,7 +33,7 @@
 //!
 //! Every builder is deterministic: its tree depends on the boxes and the options alone, bit for
 //! bit, not on the number of threads or the machine. Primitives with an empty box (see
-//! [`bvh_core`]) lie in a subtree of their own.
+//! [`bvh_core`]) lie in a subtree of their own, unless one leaf holds everything.
 
 mod binned;
 mod hlbvh;
@@ -202,7 +202,8 @@ pub fn build_with<P: Primitives + ?Sized>(
 /// Replaces `bvh` by a new tree over `primitives`, in the same memory. The old content does not
 /// matter.
 ///
-/// O(n log n) for common scenes, O([`MAX_HEIGHT`](bvh_core::MAX_HEIGHT) n) at worst. `scratch`
+/// O(n log n) for common scenes, O([`MAX_HEIGHT`](bvh_core::MAX_HEIGHT) n) at worst; for
+/// [`Builder::Reinserted`] O(n²), where most boxes overlap. `scratch`
 /// grows to, in bytes a primitive: 64 binned (in parallel up to 96), 48 LBVH, 52 HLBVH, 128 PLOC,
 /// 32 more with long codes. A sweep takes 140 of its own.
 ///

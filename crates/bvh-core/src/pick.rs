@@ -266,15 +266,18 @@ impl<S: Simd> PairRay<S> {
 }
 
 /// The greater; `b` if `a` is NaN.
+#[doc(hidden)]
 #[inline(always)]
-fn max<S: Simd>(a: f32x8<S>, b: f32x8<S>) -> f32x8<S> {
-    // The x86 instruction gives its second operand if either is NaN.
+pub fn max<S: Simd, V: SimdFloat<S, Element = f32>>(a: V, b: V) -> V {
+    // The x86 instruction gives its second operand if either is NaN; that is one instruction in
+    // place of three.
     if cfg!(target_arch = "x86_64") { a.max(b) } else { a.max_precise(b) }
 }
 
 /// The lesser; `b` if `a` is NaN.
+#[doc(hidden)]
 #[inline(always)]
-fn min<S: Simd>(a: f32x8<S>, b: f32x8<S>) -> f32x8<S> {
+pub fn min<S: Simd, V: SimdFloat<S, Element = f32>>(a: V, b: V) -> V {
     if cfg!(target_arch = "x86_64") { a.min(b) } else { a.min_precise(b) }
 }
 

@@ -124,8 +124,8 @@ mod tests {
         bvh.validate(&[BOX; 3]).expect_err("broken")
     }
 
-    /// A box one step of `f32` too small is found at its node, a larger one at the parent, which does
-    /// not hold it.
+    /// A box one step of `f32` too small is found at its node, a larger one at the parent, which
+    /// does not hold it.
     #[test]
     fn a_box_that_is_off_by_one_bit_is_found() {
         for (n, parent) in [(0, 0), (2, 0), (3, 0), (4, 2), (5, 2)] {

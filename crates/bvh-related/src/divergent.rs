@@ -221,8 +221,8 @@ fn best_place(bvh: &Bvh, path: &[usize], moved: usize) -> Option<Vec<usize>> {
     // Beside its sibling, where it is.
     let here: f64 = shrunk.iter().skip(1).map(|&(n, aabb)| joined(n) - aabb.half_area_f64()).sum();
     let mut best = (here + joined(removed), None);
-    // Paths by what the areas of all nodes above their ends would grow by, the least first, of equal
-    // ones the first pushed. Growth is never negative, and so in the order of its bits.
+    // Paths by what the areas of all nodes above their ends would grow by, the least first, of
+    // equal ones the first pushed. Growth is never negative, and so in the order of its bits.
     let mut queue = BinaryHeap::from([Reverse((0.0_f64.to_bits(), 0, vec![0]))]);
     let mut pushed = 0;
     while let Some(Reverse((grown, _, path))) = queue.pop() {

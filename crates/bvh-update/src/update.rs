@@ -117,8 +117,9 @@ impl Updater {
     /// Runs in the current rayon pool. The tree that results is the same, bit for bit, for every
     /// number of threads and every SIMD level; only [`Strategy::Background`] depends on time.
     /// Refits, with or without rotations, take O(n) time for the n nodes above dynamic primitives,
-    /// and allocate nothing after the first call. A rebuild keeps which primitives are dynamic, and
-    /// the old tree's largest leaf size; [`Strategy::Rebuild`] takes the leaf size from its options.
+    /// and allocate nothing after the first call. A rebuild keeps which primitives are dynamic,
+    /// leaf by leaf ([`Bvh::set_dynamic`]), and the old tree's largest leaf size;
+    /// [`Strategy::Rebuild`] takes the leaf size from its options.
     ///
     /// [`Strategy::Rebuild`] and [`Strategy::Auto`] take another number of primitives than the tree
     /// holds and build a new tree, in which all primitives are dynamic.

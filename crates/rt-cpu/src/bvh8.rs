@@ -10,9 +10,9 @@
 //!
 //! Collapsing a binary tree is from Wald, Benthin and Boulos, *Getting Rid of Packets*, 2008, in
 //! the cheapest way from Ylitie, Karras and Laine, *Efficient Incoherent Ray Traversal on GPUs
-//! Through Compressed Wide BVHs*, 2017; going through eight boxes and several triangles at a time is
-//! from Wald, Woop, Benthin, Johnson and Ernst, *Embree: A Kernel Framework for Efficient CPU Ray
-//! Tracing*, 2014.
+//! Through Compressed Wide BVHs*, 2017; going through eight boxes and several triangles at a time
+//! is from Wald, Woop, Benthin, Johnson and Ernst, *Embree: A Kernel Framework for Efficient CPU
+//! Ray Tracing*, 2014.
 
 mod block;
 mod collapse;

@@ -58,26 +58,13 @@ macro_rules! dispatch {
         }
     }};
 }
+pub(crate) use bvh_core::pick::{max, min};
 pub(crate) use dispatch;
 
 /// Lanes of single precision numbers.
 pub(crate) trait Lanes<S: Simd>: SimdFloat<S, Element = f32> {}
 
 impl<S: Simd, V: SimdFloat<S, Element = f32>> Lanes<S> for V {}
-
-/// The greater; `b` if `a` is NaN.
-#[inline(always)]
-pub(crate) fn max<S: Simd, V: Lanes<S>>(a: V, b: V) -> V {
-    // The x86 instruction gives its second operand if either is NaN; that is one instruction in
-    // place of three.
-    if cfg!(target_arch = "x86_64") { a.max(b) } else { a.max_precise(b) }
-}
-
-/// The lesser; `b` if `a` is NaN.
-#[inline(always)]
-pub(crate) fn min<S: Simd, V: Lanes<S>>(a: V, b: V) -> V {
-    if cfg!(target_arch = "x86_64") { a.min(b) } else { a.min_precise(b) }
-}
 
 /// Lanes of `from` that begin at `at`.
 #[inline(always)]

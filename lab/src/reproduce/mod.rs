@@ -298,8 +298,8 @@ impl<'a> Bench<'a> {
         }
         let Settings { threads, seed, .. } = self.settings;
         let measure_every = values.interval(triangles);
-        // Where fewer frames are measured since they take long, second turns would take long, too. A
-        // limit for each picture would favour what is slower.
+        // Where fewer frames are measured since they take long, second turns would take long, too.
+        // A limit for each picture would favour what is slower.
         if measure_every > values.interval(0) {
             values.turns = 1;
         }

@@ -120,8 +120,8 @@ impl Baseline {
         self.scale
     }
 
-    /// Whether a tree that costs `now`, in units of the scale, shows that the baseline says nothing:
-    /// the tree had no cost when it was measured, or far more.
+    /// Whether a tree that costs `now`, in units of the scale, shows that the baseline says
+    /// nothing: the tree had no cost when it was measured, or far more.
     pub(crate) fn is_void(&self, now: f64) -> bool {
         now > 0.0 && (self.cost == 0.0 || now < COMPACT_AGAIN * self.measured)
     }

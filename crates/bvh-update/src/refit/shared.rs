@@ -94,8 +94,8 @@ impl<'a> SharedNodes<'a> {
         }
     }
 
-    /// The nodes in slots `n` and `n + 1`, a register each. Cast from [`pair`](Self::pair), they cost
-    /// the loop of `avx2::rotate` three instructions a node.
+    /// The nodes in slots `n` and `n + 1`, a register each. Cast from [`pair`](Self::pair), they
+    /// cost the loop of `avx2::rotate` three instructions a node.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(crate) fn pair_lanes(&self, n: usize) -> [__m256; 2] {
