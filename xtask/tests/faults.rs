@@ -221,6 +221,35 @@ fn points_and_peers_survive_a_run_that_is_killed_in_either_scene() {
     }
 }
 
+/// Loading comes first, and files cannot be interrupted while they load.
+#[test]
+fn an_interrupt_while_files_load_keeps_what_finished_scenes_have() {
+    let (temporary, sheet) = folder();
+    let out = temporary.path().join("results");
+    for i in 3..3000 {
+        symlink("sheet0.ply", sheet.join(format!("sheet{i}.ply"))).expect("a link");
+    }
+    let run = reproduce_refit(&sheet, &out);
+    succeeds(&run);
+    let scenes = || {
+        let summary = fs::read(out.join("summary.json")).expect("a summary");
+        serde_json::from_slice::<serde_json::Value>(&summary).expect("JSON")["scenes"].clone()
+    };
+    let before = scenes();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_xtask"));
+    let run = Running::new(command.args(&run).arg("--resume").stderr(Stdio::null()).spawn());
+    let status = format!("/proc/{}/status", run.id());
+    wait_for("handler", || {
+        let status = fs::read_to_string(&status).expect("a process");
+        let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:")).expect("signals");
+        // The bit of signal 2, SIGINT.
+        u64::from_str_radix(caught.trim(), 16).expect("a mask") & 2 != 0
+    });
+    interrupt(&run.id().to_string());
+    assert_eq!(run.wait_with_output().expect("a child").status.code(), Some(130));
+    assert_eq!(scenes(), before);
+}
+
 /// A new run in the folder of a finished one, killed before its first scene is through, is not
 /// taken for that one.
 #[test]

@@ -104,6 +104,10 @@ pub fn run(args: &Args) -> Result<()> {
         return Output::prepare(args.out())?.copy_from(folder)?.write(&results);
     }
     let mut entries = entries(args)?;
+    if interrupt::requested() {
+        // While files were loaded. What the folder holds stays as it is.
+        return Ok(());
+    }
     let mut results = Results {
         machine: Machine::read(),
         revision: Revision::read(),
@@ -135,12 +139,12 @@ pub fn run(args: &Args) -> Result<()> {
     let (start, count) = (Instant::now(), entries.len());
     let finished = entries.iter().filter(|entry| entry.before.facts.finished).count();
     for (i, entry) in entries.into_iter().enumerate() {
-        if interrupt::requested() {
-            break;
-        }
         if entry.before.facts.finished {
             results.scenes.push(entry.before);
             continue;
+        }
+        if interrupt::requested() {
+            break;
         }
         // Before each scene, so that a run that is killed leaves all but one of them.
         out.write_summary(&results)?;
