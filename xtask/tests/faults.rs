@@ -525,6 +525,7 @@ fn what_cannot_be_replaced_is_left_alone() {
     for name in ["frames.csv", "summary.json", "report.html", "images"] {
         let out = base.join(name.replace('.', "-"));
         fs::create_dir(&out).expect("a folder");
+        fs::write(out.join(".lock"), "").expect("a file");
         if name == "images" {
             fs::write(out.join(name), "in the way").expect("a file");
         } else {
@@ -532,6 +533,12 @@ fn what_cannot_be_replaced_is_left_alone() {
         }
         refused(&reproduce(&sheet, &out), &[name]);
     }
+    // A picture of somebody else's, by a name that a run would remove.
+    let own = base.join("own");
+    fs::create_dir_all(own.join("images")).expect("a folder");
+    fs::write(own.join("images/holiday-1234.png"), "").expect("a file");
+    refused(&reproduce(&sheet, &own), &["own", "images", "--out"]);
+    assert!(own.join("images/holiday-1234.png").exists());
     let dangling = base.join("dangling");
     symlink("nowhere/at-all", &dangling).expect("a link");
     refused(&reproduce(&sheet, &dangling), &["dangling", "folder"]);

@@ -18,9 +18,18 @@ pub(super) struct Output {
 }
 
 impl Output {
-    /// Makes the folder and those in it. What killed runs have left half-written there goes, if it
-    /// is certain that no other run is writing.
+    /// Makes the folder and those in it, but takes no folder of the user's own: its files may have
+    /// names that a run replaces or removes. What killed runs have left half-written there goes, if
+    /// it is certain that no other run is writing.
     pub(super) fn prepare(folder: PathBuf) -> Result<Self> {
+        let is_ours = [".lock", "summary.json"].iter().any(|name| folder.join(name).exists());
+        if let (false, Some(Ok(first))) = (is_ours, fs::read_dir(&folder).into_iter().flatten().next()) {
+            let (folder, first) = (folder.display(), first.file_name());
+            bail!(
+                "{folder}: holds {}, but no results; name a new or an empty folder with --out",
+                first.display()
+            );
+        }
         files::make_folder(&folder)?;
         let lock = files::lock(&folder)?;
         for folder in [folder.join("figures"), folder.join("images"), folder.clone()] {
