@@ -169,6 +169,8 @@ fn results_are_resumed_and_drawn_again() {
     killed["interrupted"] = true.into();
     fs::write(out.join("summary.json"), killed.to_string()).expect("written");
     refused(&run(sheet, path, &["--resume", "--seed", "1"]), &["other than now", "--resume", "settings"]);
+    let (_elsewhere, namesake) = folder();
+    refused(&run(str(&namesake), path, &["--resume"]), &["other than now", "scenes"]);
     succeeds(&run(sheet, path, &["--resume"]));
     let resumed = fs::read_to_string(out.join("frames.csv")).expect("rows");
     let same = resumed.lines().zip(whole.lines()).take_while(|(a, b)| a == b).count();

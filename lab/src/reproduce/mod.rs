@@ -122,7 +122,7 @@ pub fn run(args: &Args) -> Result<()> {
     let (folder, summary) = (out.file(""), out.file("summary.json"));
     if args.resume && summary.exists() {
         let saved = saved::load(&folder)?;
-        saved.ensure_same(&results, &entries, &folder)?;
+        saved.ensure_same(&results, &folder)?;
         results.accuracy = take_over(saved, &mut entries);
     } else {
         if args.resume {

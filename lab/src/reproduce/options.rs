@@ -185,6 +185,7 @@ impl Args {
         Settings {
             preset: name(&self.preset),
             experiments: all.iter().filter(|e| self.runs(**e)).map(name).collect(),
+            scenes: self.sources(),
             strategies: strategies.into_iter().map(str::to_owned).collect(),
             frames: values.frames,
             loops: values.loops,

@@ -33,6 +33,9 @@ pub(crate) struct Results {
 pub(crate) struct Settings {
     pub(crate) preset: String,
     pub(crate) experiments: Vec<String>,
+    /// As they were named: two files may have the same label.
+    #[serde(default)]
+    pub(crate) scenes: Vec<String>,
     pub(crate) strategies: Vec<String>,
     /// Frames in a loop.
     pub(crate) frames: usize,
