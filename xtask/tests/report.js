@@ -26,7 +26,11 @@ addEventListener("load", async () => {
   all("details").forEach(part => { part.open = true; });
   check("opened, nothing is wider than the screen", document.documentElement.scrollWidth <= innerWidth);
   const table = find("[data-scene] table"), head = table.querySelectorAll("thead th")[3];
-  const times = () => [...table.tBodies[0].rows].map(row => parseFloat(row.cells[3].textContent.replace(/\u202f/g, "")));
+  const rows = () => [...table.tBodies[0].rows];
+  // As cells show them: to three digits.
+  const shown = row => number(run.scenes[0].strategies.find(one => one.strategy === row.dataset.strategy).frame_ms.mean);
+  const times = () => rows().map(row => parseFloat(shown(row).replace(/\u202f/g, "")));
+  check("a cell begins with its mean, apart from deciles", rows().every(row => row.cells[3].textContent.startsWith(`${shown(row)} `)));
   for (const sign of [1, -1]) {
     head.querySelector("button").click();
     check("tables sort both ways", times().every((time, i, all) => i === 0 || sign * (time - all[i - 1]) >= 0));

@@ -109,7 +109,7 @@ const judged = html`<section><p>${tally()}. Each row says by which rule. Of time
 const ALWAYS = "as always";
 const HEADS = ["Strategy", "Update", "Trace", "Frame", "Worst frame", "SAH cost, last", "× sweep, mean", "× sweep, worst", "Rotations a frame",
   "Height", "Frames"];
-const range = ({ mean, max, p10, p90 }) => html`${number(mean)}${max > 0 && html`<br><span class="soft">${number(p10)} – ${number(p90)}</span>`}`;
+const range = ({ mean, max, p10, p90 }) => html`${number(mean)}${max > 0 && html` <br><span class="soft">${number(p10)} – ${number(p90)}</span>`}`;
 const strategyRow = row => [row.strategy, html`${row.strategy}${row.accounting && html`<div class="soft light">${row.accounting}</div>`}`,
   range(row.update_ms), range(row.trace_ms), range(row.frame_ms), number(row.frame_ms.max), number(row.last_cost),
   number(row.sah_over_sweep?.mean ?? null), number(row.sah_over_sweep?.max ?? null), number(row.rotations / row.samples), row.greatest_height, row.samples];
