@@ -51,7 +51,8 @@ const first = html`<header class="first">
   <p class="ran">${plural(main.length, "scene")}, ${settings.strategies.length} strategies, preset ${settings.preset}${settings.preset === "quick"
     && " (few frames and small pictures: hints, not results)"}, ${plural(settings.threads, "thread")} of ${machine.cpu}, ${machine.started.slice(0, 10)},
   revision ${revision.commit?.slice(0, 10) ?? "unknown"}${revision.dirty && " with uncommitted changes"}.
-  ${run.checks.differences ? checks : "All strategies gave the same pictures, and the same hits as brute force."}</p>
+  ${run.checks.differences ? checks : run.checks.pictures > 0 && run.checks.rays > 0
+    && "All strategies gave the same pictures, and the same hits as brute force."}</p>
   ${run.notice && html`<p class="notice">${run.notice}</p>`}
   <div class="verdicts"><p><b>The paper’s claims.</b> ${tally()}.</p><ol class="marks">${claims.map(mark)}</ol></div>
 </header>`;
