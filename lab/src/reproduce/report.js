@@ -188,8 +188,8 @@ const colophon = html`<section>
 document.body.insertAdjacentHTML("afterbegin", written([first, evidence, html`<main>
   ${folded("The paper’s claims", judged)}
   ${folded("What accuracy costs", run.sentences.length > 0 && html`<ul>${run.sentences.map(line => html`<li>${line}</li>`)}</ul>`)}
-  ${folded("Scenes", html`<section id="scenes"><p>Times are means over the frames measured, with the middle 80 % beside them, in milliseconds; ×
-    compares the SAH cost with that of a fresh sweep build on the same frame.</p>${main.map(described)}${supplements.map(supplement)}</section>`)}
+  ${folded("Scenes", html`<section id="scenes"><p>Times are means over all updates and over the pictures measured, in milliseconds; below them the
+    middle 80 % of the frames measured. × compares the SAH cost with that of a fresh sweep build on the same frame.</p>${main.map(described)}${supplements.map(supplement)}</section>`)}
   ${folded("Figures", figures)}
   ${folded("Beside other libraries", beside.length > 0 && html`<section id="peers"><p>The same motion and the same rays; contestants take turns frame by
     frame. An update is the time from new positions to a tree that can be traced. A frame is update and trace. “Different” counts rays whose answer
