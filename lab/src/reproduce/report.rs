@@ -85,9 +85,8 @@ fn worst(scene: &SceneRun) -> Option<usize> {
     };
     let pairs = scene.pairs("refit", "ideal");
     let excess = |frame: usize| {
-        // Not every frame that is pictured is measured.
-        let last = pairs.iter().rfind(|(row, _)| row.round == 0 && row.frame <= frame);
-        last.map_or(0.0, |(refit, fresh)| refit.sah_cost / fresh.sah_cost)
+        let pair = pairs.iter().find(|(row, _)| row.round == 0 && row.frame == frame);
+        pair.map_or(0.0, |(refit, fresh)| refit.sah_cost / fresh.sah_cost)
     };
     let frames = scene.pictures.iter().map(|picture| picture.frame);
     let both = frames.filter(|&frame| has(frame, "refit") && has(frame, "refit+rotate"));
