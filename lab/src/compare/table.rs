@@ -32,13 +32,14 @@ fn table(rows: &[Row]) -> String {
         "", "median ms", "min", "max", "mean", "its update", "SAH", "hits", "different"
     );
     for row in rows {
-        let figure = row.million_rays_per_s.unwrap_or_else(|| 1e6 * time(row) / row.triangles.max(1) as f64);
+        let per_triangle = (unit == "ns/tri").then(|| 1e6 * time(row) / row.triangles.max(1) as f64);
+        let figure = row.million_rays_per_s.or(per_triangle).map_or("-".to_owned(), |v| format!("{v:.1}"));
         let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
         let (cost, update) = (number(row.sah_over_sweep), number(row.mean_update_ms));
         let hits = if row.what == "limit" { "-".to_owned() } else { row.hits.to_string() };
         let remark = if row.agrees { "" } else { "  NOT THE SAME HITS" };
         text += &format!(
-            "  {:<30} {figure:>8.1} {:>10.3} {:>10.3} {:>10.3} {:>10.3} {update:>10} {cost:>8} {hits:>10} {:>9}{remark}\n",
+            "  {:<30} {figure:>8} {:>10.3} {:>10.3} {:>10.3} {:>10.3} {update:>10} {cost:>8} {hits:>10} {:>9}{remark}\n",
             row.contestant, row.median_ms, row.min_ms, row.max_ms, row.mean_ms, row.different
         );
     }
@@ -136,6 +137,24 @@ pub(super) fn ratios(rows: &[Row]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_row_without_a_rate_has_no_figure_among_rates() {
+        let row = |contestant: &str, million_rays_per_s| Row {
+            contestant: contestant.to_owned(),
+            triangles: 1000,
+            median_ms: 2.0,
+            million_rays_per_s,
+            ..Row::default()
+        };
+        let figure = |rows: &[Row]| {
+            let text = tables(rows);
+            let line = text.lines().find_map(|line| line.strip_prefix("  set-up")).expect("a row");
+            line.split_whitespace().next().map(str::to_owned)
+        };
+        assert_eq!(figure(&[row("pivot", Some(3.0)), row("set-up", None)]).as_deref(), Some("-"));
+        assert_eq!(figure(&[row("set-up", None)]).as_deref(), Some("2000.0"));
+    }
 
     #[test]
     fn the_best_of_the_rest_is_the_fastest_other_of_that_name() {
