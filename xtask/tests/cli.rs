@@ -372,6 +372,8 @@ fn accuracy_leaves_points_and_figures() {
         let defaults = of_knob().filter(|line| line.split(',').nth(3) == Some("true")).count();
         assert!(of_knob().count() > 1 && defaults > 0, "{knob}: {points}");
     }
+    let of_heights = || points.lines().filter(|line| line.contains(",height bound,"));
+    assert!(of_heights().all(|line| line.contains("time of the plain update")), "{points}");
     // The sweep build is as good as itself.
     let errors = |start: &str| -> Vec<f64> {
         let lines = points.lines().filter(|line| line.contains(start));

@@ -31,5 +31,5 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         Entrant::new(setting, bound == MAX_HEIGHT, first.clone(), Box::new(run))
     };
     let entrants = std::iter::once(lowest).chain(higher).map(entrant).collect();
-    play(bench, "height bound", entrants)
+    play(bench, "height bound", "the plain update", entrants)
 }

@@ -71,12 +71,12 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
     });
     let entrants = named.chain(fewer).map(|(name, strategy)| Entrant::of(strategy, name, bench));
     let entrants = entrants.collect::<Result<_>>()?;
-    play(bench, "update strategy", entrants)
+    play(bench, "update strategy", "an update", entrants)
 }
 
 /// Each entrant updates its tree frame by frame through a loop; on some frames the trees are
-/// compared with a fresh one. Nothing if nothing moves.
-pub(super) fn play(bench: &mut Bench<'_>, knob: &str, mut entrants: Vec<Entrant>) -> Result<()> {
+/// compared with a fresh one. `timed` is what the entrants do. Nothing if nothing moves.
+pub(super) fn play(bench: &mut Bench<'_>, knob: &str, timed: &str, mut entrants: Vec<Entrant>) -> Result<()> {
     if !bench.moves() {
         return Ok(());
     }
@@ -117,7 +117,7 @@ pub(super) fn play(bench: &mut Bench<'_>, knob: &str, mut entrants: Vec<Entrant>
     for entrant in entrants.into_iter().filter(|_| compared > 0) {
         let (updates, height) = (entrant.times_ms.len(), entrant.height);
         let note = format!(
-            "time of an update, mean of {updates}; errors, mean of {frames_seen}; the tree was at most {height} high"
+            "time of {timed}, mean of {updates}; errors, mean of {frames_seen}; the tree was at most {height} high"
         );
         let time_ms = entrant.times_ms.iter().sum::<f64>() / updates as f64;
         let point = Point::new(knob, entrant.setting, entrant.is_default, time_ms).noted(note);
