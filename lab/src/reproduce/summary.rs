@@ -64,7 +64,9 @@ impl SceneRun {
     pub(crate) fn summarise(&mut self, names: &[String]) {
         let summary = |name: &String| {
             let over = self.pairs(name, IDEAL).into_iter().map(|(a, b)| a.sah_cost / b.sah_cost);
-            strategy(name, &self.facts, &self.of(name), Spread::of(over), decisions(self, name))
+            // A tree whose root has no area costs nothing, and 0 / 0 is no number.
+            let over = Spread::of(over.filter(|ratio| ratio.is_finite()));
+            strategy(name, &self.facts, &self.of(name), over, decisions(self, name))
         };
         let strategies = names.iter().filter_map(summary).collect();
         let summary = |rows: &[&Row]| strategy(SPEED_STRATEGY, &self.facts, rows, None, Vec::new());
@@ -137,4 +139,24 @@ pub(crate) fn checks_in_words(checks: &Checks) -> String {
         "checked: {pictures} pairs of pictures ({pixels} pixels) bit by bit, {rays} rays ({hits} hits) against brute \
          force, {trees} trees validated: {differences} differences"
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_summary_of_trees_that_cost_nothing_can_be_read() {
+        let names = ["refit", IDEAL].map(str::to_owned);
+        let of = |cost: f64, frame| {
+            names.clone().map(|strategy| Row { strategy, frame, sah_cost: cost, ..Row::default() })
+        };
+        for (rows, mean) in [(vec![of(0.0, 0)], None), (vec![of(0.0, 0), of(2.0, 1)], Some(1.0))] {
+            let mut run = SceneRun { rows: rows.concat(), ..SceneRun::default() };
+            run.summarise(&names);
+            let read: SceneRun =
+                serde_json::from_str(&serde_json::to_string(&run).unwrap()).expect("a summary");
+            assert_eq!(read.strategies[0].sah_over_sweep.map(|spread| spread.mean), mean);
+        }
+    }
 }
