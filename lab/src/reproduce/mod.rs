@@ -287,6 +287,7 @@ impl<'a> Bench<'a> {
                 compare::beside(&label, &mut stage, plan.threads, peer_frames, size, self.embree.clone())?;
             journal.append(&run.peers)?;
         }
+        (run.facts.accuracy_rows, run.facts.peer_rows) = (points.len(), run.peers.len());
         run.facts.finished = !interrupt::requested();
         run.summarise(&self.settings.strategies);
         Ok((run, points))

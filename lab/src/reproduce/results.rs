@@ -121,6 +121,11 @@ pub(crate) struct SceneFacts {
     /// What each effect costs.
     #[serde(default)]
     pub(crate) effect_costs: Vec<effects::Cost>,
+    /// Its rows in `accuracy.csv` and in `peers.csv`; 0 also in results of older revisions.
+    #[serde(default)]
+    pub(crate) accuracy_rows: usize,
+    #[serde(default)]
+    pub(crate) peer_rows: usize,
 }
 
 /// A rendered frame, or a heat map of it.

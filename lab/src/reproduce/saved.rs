@@ -35,10 +35,11 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
     ensure!(*schema == SCHEMA, "{shown}: schema {schema}, but this program reads {SCHEMA}; measure again");
     let mut results: Results =
         serde_json::from_value(summary).with_context(|| format!("{shown}: not what schema {SCHEMA} says"))?;
-    results.accuracy = journal::read(&folder.join("accuracy.csv"))?;
-    let [frames, speeds] = ["frames.csv", "fig5.csv"].map(|name| folder.join(name));
+    let [frames, speeds, accuracy, beside] =
+        ["frames.csv", "fig5.csv", "accuracy.csv", "peers.csv"].map(|name| folder.join(name));
+    results.accuracy = journal::read(&accuracy)?;
     let mut rest = [journal::read(&frames)?, journal::read(&speeds)?];
-    let mut peers = journal::read::<Peer>(&folder.join("peers.csv"))?;
+    let mut peers = journal::read::<Peer>(&beside)?;
     for run in &mut results.scenes {
         let images = folder.join("images");
         if !images.exists() {
@@ -59,6 +60,13 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
                 // The summary has the samples of one strategy; the others have as many.
                 let found = run.speed_rows.iter().filter(|row| row.frames_per_loop == n).count();
                 ensure_rows(&speeds, label, found, samples * speed_strategies(n).len())?;
+            }
+            let points = results.accuracy.iter().filter(|point| point.scene == label).count();
+            let facts = &run.facts;
+            for (file, found, counted) in
+                [(&accuracy, points, facts.accuracy_rows), (&beside, run.peers.len(), facts.peer_rows)]
+            {
+                ensure_rows(file, label, found, if counted > 0 { counted } else { found })?;
             }
         }
         run.summarise(&results.settings.strategies);
