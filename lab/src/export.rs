@@ -15,9 +15,9 @@ pub struct Args {
     /// The binary glTF file to write
     #[arg(value_name = "FILE.glb")]
     out: PathBuf,
-    /// Seed of everything random
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
+    /// Seed of everything random in fairy-forest [default: 0]
+    #[arg(long)]
+    seed: Option<u64>,
 }
 
 /// Runs the command.
@@ -29,6 +29,9 @@ pub fn run(args: &Args) -> Result<()> {
     let out = &args.out;
     let is_glb = out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("glb"));
     ensure!(is_glb, "{}: {} is a binary glTF file, name it .glb", out.display(), args.scene);
-    let bytes = if args.scene == "toys" { scenes::toys_glb() } else { scenes::fairy_forest_glb(args.seed) };
+    let is_toys = args.scene == "toys";
+    ensure!(!is_toys || args.seed.is_none(), "--seed: nothing in toys is random; leave it out");
+    let bytes =
+        if is_toys { scenes::toys_glb() } else { scenes::fairy_forest_glb(args.seed.unwrap_or_default()) };
     files::write_and_name(out, &bytes)
 }

@@ -109,6 +109,8 @@ pub fn run(args: &Args) -> Result<()> {
     let target = Target::of(args)?;
     let pool = args.threads.pool()?;
     let &Args { seed, effects: light, local_origin, .. } = args;
+    let is_file = scenes::list().iter().all(|info| info.name != args.scene);
+    ensure!(is_file || !local_origin, "--local-origin: {} is no file, whose origin it is for", args.scene);
     let options = SceneOptions { seed, light, local_origin, ..SceneOptions::default() };
     let scene = stage::load_with(&args.scene, args.clip.as_deref(), options)?;
     let (count, label) = (scene.frames.max(1), stage::label(&args.scene));

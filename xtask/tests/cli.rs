@@ -62,6 +62,7 @@ fn bad_input_is_refused_in_one_line_that_helps() {
     refused(&["repeat"], &["repeat"]);
     refused(&["export", "lion", "lion.glb"], &["lion", "fairy-forest"]);
     refused(&["export", "fairy-forest", "forest.obj"], &["forest.obj", ".glb"]);
+    refused(&["export", "toys", "toys.glb", "--seed", "1"], &["--seed", "toys"]);
 
     let json = base.join("compare.json");
     for (more, words) in [
@@ -69,6 +70,8 @@ fn bad_input_is_refused_in_one_line_that_helps() {
         (vec!["build", "--scene", sheet, "--embree", "no/such/place"], vec!["no/such/place"]),
         (vec!["build", "--scene", sheet, "--only", "nobody"], vec!["--only nobody", "pivot lbvh"]),
         (vec!["build", "--scene", sheet, "--runs", "2"], vec!["--runs", "frame"]),
+        (vec!["build", "--scene", sheet, "--size", "9"], vec!["--size", "trace"]),
+        (vec!["update", "--scene", sheet, "--size", "9"], vec!["--size", "trace"]),
         (vec!["frame", "--scene", sheet, "--runs", "0"], vec!["0", "--runs"]),
         (vec!["hard"], vec!["--json", "hard"]),
     ] {
@@ -77,6 +80,7 @@ fn bad_input_is_refused_in_one_line_that_helps() {
         all.extend(["--json", str(&json)]);
         refused(&all, &words);
     }
+    refused(&["compare", "update", "--from", str(&json)], &["--from", "--chart"]);
     for option in ["--frames", "--threads", "--size", "--scene", "--runs", "--only"] {
         refused(&["compare", "hard", option, "3"], &[option, "hard"]);
     }
@@ -96,6 +100,7 @@ fn bad_input_is_refused_in_one_line_that_helps() {
         (vec![sheet, "--size", "-1x1"], vec!["-1", "--OPTION=VALUE"]),
         (vec![sheet, "--size=-1x1"], vec!["-1x1", "1024x1024"]),
         (vec![broken], vec!["broken.glb"]),
+        (vec!["n-body", "--local-origin"], vec!["--local-origin", "n-body"]),
     ] {
         let mut all = vec!["render"];
         all.extend(more);

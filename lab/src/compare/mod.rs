@@ -192,6 +192,10 @@ pub fn run(args: &Args) -> Result<()> {
         args.runs == 1 || args.what.contests().contains(&Contest::Frame),
         "--runs: only loops of whole frames are played more than once; leave it out, or compare frame"
     );
+    ensure!(
+        args.size.is_none() || ![What::Update, What::Build].contains(&args.what),
+        "--size: no image is timed; leave it out, or compare trace, incoherent or frame"
+    );
     let default_scenes: Vec<String> = match args.what {
         What::Frame => scenes::list().iter().map(|info| info.name.to_owned()).collect(),
         _ => SCENES.map(str::to_owned).to_vec(),
@@ -239,6 +243,10 @@ pub fn run(args: &Args) -> Result<()> {
 
 /// Prints the tables of a file of results again.
 fn print_saved(args: &Args, path: &Path) -> Result<()> {
+    ensure!(
+        args.what == What::All || args.chart.is_some(),
+        "--from prints all tables of the file; leave the measurement out, or name a --chart of it"
+    );
     let report: Report = serde_json::from_slice(&files::read(path)?)
         .with_context(|| format!("{}: not a file that `compare --json` wrote", path.display()))?;
     files::print(&format!("{}\n{}", report.heading(), table::tables(&report.rows)))?;

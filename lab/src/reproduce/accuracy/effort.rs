@@ -24,7 +24,7 @@ impl Effort {
     pub(crate) fn new(preset: Preset, values: &Values, triangles: usize, seed: u64) -> Self {
         let Values { frames, size, .. } = *values;
         let is_cut = preset != Preset::Full && triangles > MANY;
-        let size = size.min(preset.pick([128, 512, size]));
+        let size = size.min(preset.pick([512, 512, size]));
         let (repeats, rounds) = (preset.pick([1, 3, 5]), preset.pick([3, 7, 9]));
         Self { preset, frames, is_cut, size, repeats, rounds, seed }
     }
