@@ -124,7 +124,7 @@ pub(crate) fn measure(
     mut picture: impl FnMut(&mut Stage, &[Named<'_>], usize) -> Result<()>,
 ) -> Result<(Vec<Row>, Checks)> {
     let (mut rows, mut checks, mut expected) = (Vec::new(), Checks::default(), Expected::default());
-    for plan in plan.loops() {
+    for plan in plan.loops().into_iter().take_while(|_| !interrupt::requested()) {
         let is_of = |row: &mut Row| plan.contestants.iter().any(|c| c.name == row.strategy);
         let done = done.extract_if(.., is_of).collect();
         let log = Log { done, journal: &mut *journal };
@@ -133,6 +133,8 @@ pub(crate) fn measure(
         rows.extend(more);
         checks.add(&checked);
     }
+    // After an interrupt, rows of an earlier run whose strategies had no turn.
+    rows.extend(done);
     Ok((rows, checks))
 }
 
