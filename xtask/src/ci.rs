@@ -4,7 +4,7 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 
-use lab::{CheckFailed, files};
+use lab::{CheckFailed, files, interrupt};
 
 use crate::layering;
 
@@ -39,6 +39,9 @@ pub(crate) fn run() -> Result<()> {
             .current_dir(files::workspace())
             .status()
             .with_context(|| format!("{command}: cannot be started"))?;
+        if interrupt::requested() {
+            return Ok(());
+        }
         failed.extend((!status.success()).then_some(command));
     }
     if failed.is_empty() { Ok(()) } else { Err(CheckFailed(format!("failed: {}", failed.join("; "))).into()) }

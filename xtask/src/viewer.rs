@@ -11,7 +11,7 @@ use std::process::{Command, exit};
 use anyhow::{Context, Result, ensure};
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use lab::files;
+use lab::{files, interrupt};
 use scenes::SceneOptions;
 
 use crate::ci::{output, program};
@@ -42,7 +42,7 @@ pub(crate) fn view(args: &View) -> Result<()> {
         .args(&args.args)
         .status()
         .context("cargo: cannot be started")?;
-    if status.success() { Ok(()) } else { exit(status.code().unwrap_or(1)) }
+    if status.success() || interrupt::requested() { Ok(()) } else { exit(status.code().unwrap_or(1)) }
 }
 
 /// Threads and a clock in WebAssembly, in stable Rust. `worker.js` answers what such a module asks
@@ -95,7 +95,13 @@ pub(crate) fn web(args: &Web) -> Result<()> {
     let flags = flags.join(",");
     cargo.args(["--config", &format!("target.{TARGET}.rustflags=[{flags}]")]);
     let status = cargo.status().context("cargo: cannot be started")?;
-    ensure!(status.success(), "the page cannot be built; it needs `rustup target add {TARGET}`");
+    if interrupt::requested() {
+        return Ok(());
+    }
+    ensure!(
+        status.success(),
+        "the page cannot be built, as cargo says above; without the target `rustup target add {TARGET}` helps"
+    );
     let module = files::read(&target.join(TARGET).join("release/viewer_web.wasm"))?;
     let mut page = vec![("viewer.wasm.gz", pack(&module)?), (KEYS, pack(&key_frames(root)?)?)];
     for name in ["index.html", "worker.js", "isolate.js"] {
