@@ -53,9 +53,16 @@ impl Contender {
     /// Calls `test` with the number of every triangle whose leaf the ray enters before `t_max`,
     /// near children first; `test` gives the new `t_max`, negative to stop. The library's own
     /// traversals list all boxes along a ray and do not get shorter with a hit, so its tree is
-    /// walked here.
-    fn walk(&self, ray: &Ray, mut t_max: f32, mut test: impl FnMut(u32, f32) -> f32) {
-        let mut stack = vec![(0.0, 0)];
+    /// walked here, with a stack that is made once for many rays.
+    fn walk(
+        &self,
+        stack: &mut Vec<(f32, usize)>,
+        ray: &Ray,
+        mut t_max: f32,
+        mut test: impl FnMut(u32, f32) -> f32,
+    ) {
+        stack.clear();
+        stack.push((0.0, 0));
         while let Some((near, mut n)) = stack.pop() {
             if near > t_max {
                 continue;
@@ -127,11 +134,11 @@ impl Contestant for Contender {
     }
 
     fn closest(&self, rays: &Rays, hits: &mut Hits) {
-        let triangles = self.mesh.triangles();
+        let (triangles, mut stack) = (self.mesh.triangles(), Vec::with_capacity(64));
         for i in 0..rays.len() {
             let ray = rays.ray(i);
             let mut best: Option<Hit> = None;
-            self.walk(&ray, rays.t_max[i], |p, t_max| {
+            self.walk(&mut stack, &ray, rays.t_max[i], |p, t_max| {
                 let hit = intersect(triangles.corners(p as usize), ray.origin(), ray.direction(), t_max, p);
                 best = hit.or(best);
                 hit.map_or(t_max, |h| h.t)
@@ -141,11 +148,11 @@ impl Contestant for Contender {
     }
 
     fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]) {
-        let triangles = self.mesh.triangles();
+        let (triangles, mut stack) = (self.mesh.triangles(), Vec::with_capacity(64));
         for (i, blocked) in blocked[..rays.len()].iter_mut().enumerate() {
             let ray = rays.ray(i);
             *blocked = false;
-            self.walk(&ray, rays.t_max[i], |p, t_max| {
+            self.walk(&mut stack, &ray, rays.t_max[i], |p, t_max| {
                 let hit = intersect(triangles.corners(p as usize), ray.origin(), ray.direction(), t_max, p);
                 *blocked = hit.is_some();
                 hit.map_or(t_max, |_| -1.0)
