@@ -8,6 +8,7 @@ use ::obvhs::bvh2::builder::build_bvh2_from_tris;
 use ::obvhs::bvh2::leaf_collapser::collapse;
 use ::obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use ::obvhs::cwbvh::CwBvh;
+use ::obvhs::cwbvh::builder::build_cwbvh_from_tris;
 use ::obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
 use ::obvhs::ploc::PlocBuilder;
 use ::obvhs::ray::{Ray, RayHit};
@@ -75,7 +76,11 @@ impl Obvhs {
                 .map(|i| triangles.corners(i).map(Vec3A::from))
                 .map(|[v0, v1, v2]| Triangle { v0, v1, v2 })
                 .collect();
-            self.tree = build_bvh2_from_tris(&all, *params, &mut std::time::Duration::default());
+            let mut time = std::time::Duration::default();
+            match self.mode {
+                Mode::Wide => self.wide = build_cwbvh_from_tris(&all, *params, &mut time),
+                _ => self.tree = build_bvh2_from_tris(&all, *params, &mut time),
+            }
             return;
         }
         self.mesh.boxes_into(&mut self.boxes, |b, _| Aabb::new(b.min.into(), b.max.into()));
@@ -250,7 +255,7 @@ impl Contestant for Obvhs {
 /// Adds this library's contestants.
 pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
     let (fastest, fast) = (BvhBuildParams::fastest_build(), BvhBuildParams::fast_build());
-    let medium = BvhBuildParams::medium_build();
+    let (medium, slow) = (BvhBuildParams::medium_build(), BvhBuildParams::slow_build());
     let mut add = |name: &str, mode, params, gathers| {
         let keeps_tree = matches!(mode, Mode::Refit | Mode::Move);
         entries.push(Entry::new(format!("obvhs {name}"), keeps_tree, move |triangles| {
@@ -270,11 +275,13 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
             add("very fast", Mode::Rebuild, BvhBuildParams::very_fast_build(), false);
             add("fast", Mode::Rebuild, fast, false);
             add("medium", Mode::Rebuild, medium, false);
-            add("slow", Mode::Rebuild, BvhBuildParams::slow_build(), false);
+            add("slow", Mode::Rebuild, slow, false);
         }
         Contest::Trace | Contest::Incoherent => {
             add("binary", Mode::Rebuild, medium, true);
             add("cwbvh", Mode::Wide, medium, true);
+            add("binary, slow", Mode::Rebuild, slow, true);
+            add("cwbvh, slow", Mode::Wide, slow, true);
         }
         Contest::Frame => {}
     }
