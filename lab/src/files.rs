@@ -46,25 +46,11 @@ pub(crate) fn ensure_writable(path: &Path) -> Result<()> {
     ensure_replaceable(path)
 }
 
-/// How the temporary names of [`write_whole`] begin and end.
-const PARTIAL: [&str; 2] = [".pivot-", ".partial"];
-
 /// Writes a file under a short temporary name beside its final place and renames it.
 pub(crate) fn write_whole(path: &Path, content: &[u8]) -> Result<()> {
     ensure_replaceable(path)?;
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    builder.prefix(PARTIAL[0]).suffix(PARTIAL[1]);
-    let write = || {
-        let mut partial = builder.tempfile_in(folder_of(path))?;
-        partial.write_all(content)?;
-        // Some file systems report a full disk only here.
-        partial.as_file().sync_all()?;
-        partial.persist(path)?;
-        Ok::<_, std::io::Error>(())
-    };
-    write().with_context(|| format!("{}: cannot be written", path.display()))
+    let written = scenes::write_whole(folder_of(path), path, content);
+    written.with_context(|| format!("{}: cannot be written", path.display()))
 }
 
 /// Writes a file whole, and prints its name.
@@ -108,7 +94,7 @@ pub(crate) fn remove_old(path: &Path) -> Result<()> {
 
 /// Removes what killed runs have left of files in a folder that is locked for this run.
 pub(crate) fn remove_partial(folder: &Path) -> Result<()> {
-    remove_all(folder, |name| name.starts_with(PARTIAL[0]) && name.ends_with(PARTIAL[1]))
+    remove_all(folder, |name| name.starts_with(scenes::PARTIAL[0]) && name.ends_with(scenes::PARTIAL[1]))
 }
 
 /// Removes the files of a folder whose names `is_old` knows.

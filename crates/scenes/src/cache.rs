@@ -5,7 +5,7 @@
 //! every part is simulated again and overwritten.
 
 use std::fs;
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -13,11 +13,10 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::xxh3_64;
 
+use crate::whole_file::{PARTIAL, write_whole};
 use crate::{Effects, Measure, SceneOptions, SimulationStats};
 
 const SOURCE_HASH: &str = env!("SCENES_SOURCE_HASH");
-/// How names of temporary files begin and end.
-const TEMPORARY: [&str; 2] = [".pivot-", ".keys.partial"];
 
 /// What a simulation leaves behind: what its scene plays back, and its errors.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -51,7 +50,12 @@ pub(crate) fn recorded<T: Serialize + DeserializeOwned>(
     }
     let record = simulate();
     let encoded = encode(&record, parameters).map_err(io::Error::other);
-    let failed = encoded.and_then(|bytes| write_whole(dir, &path, &bytes)).err();
+    let write = |bytes: Vec<u8>| {
+        fs::create_dir_all(dir)?;
+        remove_abandoned(dir);
+        write_whole(dir, &path, &bytes)
+    };
+    let failed = encoded.and_then(write).err();
     let note = |error| format!("key frames could not be cached at {}: {error}", path.display());
     (record, failed.map(note).into_iter().collect())
 }
@@ -61,24 +65,11 @@ fn cache_path(dir: &Path, parameters: &str) -> PathBuf {
     dir.join(format!("{scene}-{:016x}.keys", xxh3_64(parameters.as_bytes())))
 }
 
-/// Writes under a temporary name and renames, so that no reader ever sees half a file, not even
-/// after a power failure.
-fn write_whole(dir: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
-    fs::create_dir_all(dir)?;
-    remove_abandoned(dir);
-    let mut file = tempfile::Builder::new().prefix(TEMPORARY[0]).suffix(TEMPORARY[1]).tempfile_in(dir)?;
-    file.write_all(bytes)?;
-    // Some file systems report a full disk only here.
-    file.as_file().sync_all()?;
-    file.persist(path)?;
-    Ok(())
-}
-
 /// Removes temporary files of processes that were killed while they wrote. No write takes a day.
 fn remove_abandoned(dir: &Path) {
     const DAY: Duration = Duration::from_secs(24 * 3600);
     for entry in fs::read_dir(dir).into_iter().flatten().flatten() {
-        let is_temporary = |name: &str| name.starts_with(TEMPORARY[0]) && name.ends_with(TEMPORARY[1]);
+        let is_temporary = |name: &str| name.starts_with(PARTIAL[0]) && name.ends_with(PARTIAL[1]);
         let modified = entry.metadata().and_then(|metadata| metadata.modified());
         let age = modified.ok().and_then(|time| time.elapsed().ok());
         if entry.file_name().to_str().is_some_and(is_temporary) && age.is_some_and(|age| age > DAY) {
@@ -155,6 +146,13 @@ mod tests {
         get();
         assert_eq!(runs.get(), 2, "the damaged file was made again, once");
         assert_eq!(fs::read_dir(&dir).unwrap().count(), 1, "no temporary files are left");
+        #[cfg(unix)]
+        {
+            // Whatever the umask: as of any other file here.
+            let mode = |path: &Path| std::os::unix::fs::MetadataExt::mode(&fs::metadata(path).unwrap());
+            fs::write(dir.path().join("other"), "").unwrap();
+            assert_eq!(mode(&path), mode(&dir.path().join("other")), "others can read it");
+        }
     }
 
     #[test]

@@ -39,6 +39,7 @@ mod shatter;
 mod simulation;
 mod statue;
 mod toys;
+mod whole_file;
 
 pub use accuracy::{Distance, distance};
 pub use effects::{Effects, LightEffects, MotionEffects};
@@ -48,3 +49,4 @@ pub use frame_stages::FrameStage;
 pub use scene::{Measure, Scene, SceneError, SceneInfo, SceneOptions, list, load};
 pub use simulation::SimulationStats;
 pub use toys::toys_glb;
+pub use whole_file::{PARTIAL, write_whole};
