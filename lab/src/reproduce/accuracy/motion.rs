@@ -4,6 +4,7 @@
 use anim::{Animation, Motion, Pose};
 use anyhow::{Context, Result};
 use bvh_core::Vec3;
+use rayon::prelude::*;
 use scenes::{SceneInfo, SceneOptions, distance};
 
 use super::bench::{Log, fastest};
@@ -59,16 +60,21 @@ fn apart(a: &[Vec3], b: &[Vec3]) -> f64 {
 /// The time step of both simulations, against a step many times finer; and what they should keep.
 pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
     let multiples = log.effort.pick([&MULTIPLES[..3], &[0.0625, 0.125, 0.25, 0.5, 1.0, 4.0], &MULTIPLES]);
-    for (name, own) in SIMULATED.into_iter().take_while(|_| !interrupt::requested()) {
-        // How many times as many steps the reference has.
-        let (keys, finer) = (info(name)?.frames, log.effort.pick([2, 64, 64]));
-        // It takes long, and its time counts for nothing.
-        let cached =
-            SceneOptions { cache_dir: Some(files::scene_cache()), ..options(log, keys, own * finer) };
-        let converged = scenes::load(name, None, &cached)?.animation;
+    // How many times as many steps the references have.
+    let finer = log.effort.pick([2, 64, 64]);
+    // They take long, and their times count for nothing, so they are made side by side.
+    let reference = |(name, own)| {
+        let options = options(log, info(name)?.frames, own * finer);
+        let cached = SceneOptions { cache_dir: Some(files::scene_cache()), ..options };
+        Ok((name, own, scenes::load(name, None, &cached)?.animation))
+    };
+    let references: Vec<_> = SIMULATED.into_par_iter().map(reference).collect::<Result<_>>()?;
+    for (name, own, converged) in references {
+        let keys = info(name)?.frames;
         let moments = COMPARED.into_iter().chain([keys - 1]);
         let exact: Vec<_> = moments.map(|key| (key, moved(&*converged, key, keys))).collect();
-        for &multiple in multiples.iter().filter(|&&multiple| multiple < 0.5 * finer as f64) {
+        let multiples = multiples.iter().filter(|&&multiple| multiple < 0.5 * finer as f64);
+        for &multiple in multiples.take_while(|_| !interrupt::requested()) {
             let steps = (multiple * own as f64).round().max(1.0) as usize;
             let (scene, time_ms) = stage::simulated(name, options(log, keys, steps))?;
             let setting = format!("{steps} steps a key frame");
@@ -97,12 +103,20 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
     for (name, _) in SIMULATED {
         let own = info(name)?.frames - 1;
         let finest = own * multiple;
-        let (fine, _) = stage::simulated(name, options(log, finest + 1, steps))?;
-        for spaces in spaces(own, finest, multiples) {
-            if interrupt::requested() {
-                return Ok(());
-            }
-            let (scene, _) = stage::simulated(name, options(log, spaces + 1, steps * finest / spaces))?;
+        // Only posing is timed.
+        let simulated = |spaces: usize| {
+            let options = options(log, spaces + 1, steps * finest / spaces);
+            Ok((spaces, stage::simulated(name, options)?.0))
+        };
+        let mut all = spaces(own, finest, multiples);
+        all.push(finest);
+        let wanted = all.into_par_iter().take_any_while(|_| !interrupt::requested());
+        let mut scenes: Vec<_> = wanted.map(simulated).collect::<Result<_>>()?;
+        if interrupt::requested() {
+            return Ok(());
+        }
+        let (_, fine) = scenes.pop().context("no reference")?;
+        for (spaces, scene) in scenes {
             let far = distance(&*scene.animation, &*fine.animation, moments).context("other vertices")?;
             let mut pose = Pose::new(Motion::ALL, &*scene.animation);
             let duration = scene.animation.duration();
