@@ -181,21 +181,17 @@ impl<L: Leaves> Binned<'_, L> {
         grid: &Grid,
         cut: Cut,
     ) {
-        if parts.len() <= 1 {
+        if parts.len() <= 1 || !self.parallel {
             return partition(prims, l, r, grid, cut);
         }
         let (parts_a, parts_b) = parts.split_at(parts.len() / 2);
         let (a, b) = prims.split_at(parts_a.len() * size);
         let left = count_before(parts_a, cut);
         let ((l_a, l_b), (r_a, r_b)) = (l.split_at_mut(left), r.split_at_mut(a.len() - left));
-        let mut run_a = || self.partition_in_parts(parts_a, size, a, [l_a, r_a], grid, cut);
-        let mut run_b = || self.partition_in_parts(parts_b, size, b, [l_b, r_b], grid, cut);
-        if self.parallel {
-            rayon::join(run_a, run_b);
-        } else {
-            run_a();
-            run_b();
-        }
+        rayon::join(
+            || self.partition_in_parts(parts_a, size, a, [l_a, r_a], grid, cut),
+            || self.partition_in_parts(parts_b, size, b, [l_b, r_b], grid, cut),
+        );
     }
 }
 

@@ -91,8 +91,7 @@ pub(crate) fn build(
     mergers.resize(n - 1, Merger { left: 0, right: 0, size: 0 });
     with_keys!(sorted, keys => gather(keys, prims, leaves, threads));
     let (mut from, mut to) = (&mut spare[..], prims);
-    let (mut count, mut merged) = (n, 0);
-    let mut slow = false;
+    let (mut count, mut merged, mut slow) = (n, 0, false);
     while count > 1 {
         let clusters = if merged == 0 { &leaves[..] } else { &from[..count] };
         let threads = if count > 2 * PART { threads } else { 1 };
@@ -110,7 +109,7 @@ pub(crate) fn build(
         std::mem::swap(&mut from, &mut to);
     }
     let root = (n + merged - 1) as u32;
-    Tree { leaves, mergers }.subtree(if n == 1 { 0 } else { root }, threads > 1, slot);
+    Tree { leaves, mergers }.subtree(root, threads > 1, slot);
 }
 
 /// Copies the primitives in the order of the curve.
@@ -242,10 +241,8 @@ impl Round<'_> {
 
 impl Kept {
     fn sum(parts: &[Self]) -> Self {
-        parts.iter().fold(Self::default(), |a, b| Self {
-            clusters: a.clusters + b.clusters,
-            mergers: a.mergers + b.mergers,
-        })
+        let sum = |of: fn(&Self) -> usize| parts.iter().map(of).sum();
+        Self { clusters: sum(|kept| kept.clusters), mergers: sum(|kept| kept.mergers) }
     }
 }
 

@@ -41,53 +41,31 @@ fn pair(a: &PrimRef, b: &PrimRef, slot: SubtreeSlot) {
     slot.fork(1, |l, r| (l.leaf(a), r.leaf(b)));
 }
 
-/// The fifteen trees over 0 1 2 3 by the two boxes that each has below its root, as indices into
-/// the list that [`best_of_four`] makes, and the order of the leaves. The first three are `(a b) (c
-/// d)`, the others `((a b) c) d`.
-const TREES: [([usize; 2], [usize; 4]); 15] = [
-    ([0, 5], [0, 1, 2, 3]),
-    ([1, 4], [0, 2, 1, 3]),
-    ([2, 3], [0, 3, 1, 2]),
-    ([0, 6], [0, 1, 2, 3]),
-    ([0, 7], [0, 1, 3, 2]),
-    ([1, 6], [0, 2, 1, 3]),
-    ([1, 8], [0, 2, 3, 1]),
-    ([2, 7], [0, 3, 1, 2]),
-    ([2, 8], [0, 3, 2, 1]),
-    ([3, 6], [1, 2, 0, 3]),
-    ([3, 9], [1, 2, 3, 0]),
-    ([4, 7], [1, 3, 0, 2]),
-    ([4, 9], [1, 3, 2, 0]),
-    ([5, 8], [2, 3, 0, 1]),
-    ([5, 9], [2, 3, 1, 0]),
-];
+/// The pairs of 0 1 2 3, each before the other two; two pairs that make up all four stand as far from
+/// the front as from the back.
+const PAIRS: [[usize; 4]; 6] =
+    [[0, 1, 2, 3], [0, 2, 1, 3], [0, 3, 1, 2], [1, 2, 0, 3], [1, 3, 0, 2], [2, 3, 0, 1]];
 
-/// Whether the best tree is `(a b) (c d)` and not `((a b) c) d`, and its leaves.
+/// Whether the best of the fifteen trees is `(a b) (c d)` and not `((a b) c) d`, and its leaves.
 fn best_of_four(prims: [&PrimRef; 4]) -> (bool, [&PrimRef; 4]) {
-    let [a, b, c, d] = prims.map(PrimRef::bounds);
-    let (ab, cd) = (a.union(b), c.union(d));
-    let boxes = [
-        ab,
-        a.union(c),
-        a.union(d),
-        b.union(c),
-        b.union(d),
-        cd,
-        ab.union(c),
-        ab.union(d),
-        cd.union(a),
-        cd.union(b),
-    ];
-    let area = boxes.map(|bounds| bounds.half_area());
-    let mut best = 0;
-    let mut least = f32::INFINITY;
-    for (i, ([x, y], _)) in TREES.iter().enumerate() {
-        let cost = area[*x] + area[*y];
+    let bounds = prims.map(PrimRef::bounds);
+    let pairs = PAIRS.map(|[a, b, ..]| bounds[a].union(bounds[b]));
+    let without = [(5, 1), (5, 0), (0, 3), (0, 2)].map(|(pair, c)| pairs[pair].union(bounds[c]).half_area());
+    let pairs = pairs.map(|pair| pair.half_area());
+    let (mut best, mut least) = ((true, PAIRS[0]), f32::INFINITY);
+    let mut offer = |cost, tree| {
         if cost < least {
-            (best, least) = (i, cost);
+            (best, least) = (tree, cost);
         }
+    };
+    for i in 0..3 {
+        offer(pairs[i] + pairs[5 - i], (true, PAIRS[i]));
     }
-    (best < 3, TREES[best].1.map(|i| prims[i]))
+    for ([a, b, c, d], area) in PAIRS.into_iter().zip(pairs) {
+        offer(area + without[d], (false, [a, b, c, d]));
+        offer(area + without[c], (false, [a, b, d, c]));
+    }
+    (best.0, best.1.map(|i| prims[i]))
 }
 
 #[cfg(test)]

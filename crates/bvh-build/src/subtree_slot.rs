@@ -53,27 +53,16 @@ impl<'a> SubtreeSlot<'a> {
     #[inline]
     pub(crate) fn fork(self, n: usize, both: impl FnOnce(SubtreeSlot<'_>, SubtreeSlot<'_>) -> ((), ())) {
         let (pair, below) = self.below.split_at_mut(2);
-        let [left_root, right_root] = pair else { unreachable!("split off as two") };
+        let [left, right] = &mut *pair else { unreachable!("split off as two") };
         let (left_below, right_below) = below.split_at_mut(2 * (n - 1));
         let (left_order, right_order) = self.order.split_at_mut(n);
-        let (first_node, first_slot, depth) = (self.first_node, self.first_slot, self.depth + 1);
-        let left = SubtreeSlot {
-            root: left_root,
-            below: left_below,
-            first_node: first_node + 2,
-            order: left_order,
-            first_slot,
-            depth,
+        let (first_node, depth) = (self.first_node, self.depth + 1);
+        // Each primitive before has one pair, the root's included.
+        let half = |root, below, order, before: u32| {
+            let (first_node, first_slot) = (first_node + 2 * before.max(1), self.first_slot + before);
+            SubtreeSlot { root, below, first_node, order, first_slot, depth }
         };
-        let right = SubtreeSlot {
-            root: right_root,
-            below: right_below,
-            first_node: first_node + 2 * n as u32,
-            order: right_order,
-            first_slot: first_slot + n as u32,
-            depth,
-        };
-        both(left, right);
+        both(half(left, left_below, left_order, 0), half(right, right_below, right_order, n as u32));
         *self.root = Node::parent(&pair[0], &pair[1], first_node);
     }
 

@@ -114,8 +114,7 @@ impl Sweep {
 /// then the first, x before y before z. None if no centres differ.
 fn best_split(lists: &mut Lists) -> Option<(usize, usize)> {
     let n = lists.costs.len();
-    let (mut best, mut unevenness) = (f32::INFINITY, n);
-    let mut split = None;
+    let (mut best, mut unevenness, mut split) = (f32::INFINITY, n, None);
     for (axis, list) in lists.sorted.iter().enumerate() {
         if spread(list, axis) <= 0.0 {
             continue;
