@@ -74,7 +74,11 @@ fn positions_and_faces(text: &str) -> String {
             }
             // A space behind the word, which may have been a tab; names may have spaces in them.
             Some(word @ ("o" | "g" | "usemtl" | "mtllib")) => {
-                push_words(&mut kept, word, [line[word.len()..].trim_start()]);
+                let name = line[word.len()..].trim_start();
+                // Blender writes an empty name for no material. `tobj` refuses it, so it becomes a
+                // name that no library has.
+                let nameless = word == "usemtl" && name.is_empty();
+                push_words(&mut kept, word, [if nameless { "\0" } else { name }]);
             }
             _ => {}
         }

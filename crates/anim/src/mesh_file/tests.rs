@@ -149,13 +149,13 @@ fn obj_materials_beside_the_file() {
     let file = folder.path().join("model.obj");
     let mtl = "newmtl broken\nKd 0.5\nnewmtl red\nKd 1 0.25 0\nKs 1\n";
     std::fs::write(folder.path().join("my colours.mtl"), mtl).unwrap();
-    let obj = "mtllib\tmy colours.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nusemtl\tred\nf 3 2 1\nusemtl broken\nf 1 2 3\n";
+    let obj = "mtllib\tmy colours.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nusemtl\tred\nf 3 2 1\nusemtl broken\nf 1 2 3\nusemtl \nf 2 3 1\n";
     std::fs::write(&file, obj).unwrap();
     let mesh = crate::load(&file, &LoadOptions::default()).unwrap();
     let topology = mesh.topology();
     let colors: Vec<_> =
         topology.parts.iter().map(|p| topology.materials[p.material as usize].base_color).collect();
-    assert_eq!(colors, [[0.8; 3], [1.0, 0.25, 0.0], [0.8; 3]]);
+    assert_eq!(colors, [[0.8; 3], [1.0, 0.25, 0.0], [0.8; 3], [0.8; 3]]);
 }
 
 #[test]
