@@ -19,13 +19,15 @@ fn corpus(target: &str) -> Vec<Vec<u8>> {
 fn loads(target: &str, bytes: &[u8]) -> bool {
     match (target, bytes.split_first()) {
         ("mesh", None) => false,
-        ("mesh", Some((kind, bytes))) => load_bytes(["input.ply", "input.obj"][usize::from(kind % 2)], bytes),
+        ("mesh", Some((kind, bytes))) => {
+            load_bytes(["input.ply", "input.obj", "input.stl"][usize::from(kind % 3)], bytes)
+        }
         ("gltf", _) => load_bytes("input.glb", bytes),
         _ => load_bytes("input.aff", bytes),
     }
 }
 
-const LOADERS: [(&str, usize); 3] = [("gltf", 1), ("mesh", 3), ("aff", 2)];
+const LOADERS: [(&str, usize); 3] = [("gltf", 1), ("mesh", 5), ("aff", 2)];
 
 #[test]
 fn recorded_update_sequences_keep_every_promise() {

@@ -1,7 +1,7 @@
-//! STL files, ascii or binary.
+//! STL files, text or binary. Our own reader: `stl_io` refuses numbers that are not finite, names
+//! that are not UTF-8, and several solids in a file.
 
-use std::borrow::Cow;
-use std::io::Cursor;
+use std::collections::HashMap;
 
 use glam::{DVec3, Vec3};
 
@@ -9,40 +9,61 @@ use super::Mesh;
 use crate::Material;
 use crate::error::Problem;
 
+/// Bytes before the first facet of a binary file, and of each facet.
+const HEADER: usize = 84;
+const FACET: usize = 50;
+
 pub(super) fn read(bytes: &[u8], origin: DVec3) -> Result<Mesh, Problem> {
-    let relative = |&vertex: &stl_io::Vertex| (Vec3::from_array(vertex.into()).as_dvec3() - origin).as_vec3();
+    let count = bytes.get(HEADER - 4..HEADER).map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+    // Binary files may begin with `solid` too. In text the four bytes would count 2^27 facets.
+    let solids = if bytes.len() >= HEADER && (bytes.len() - HEADER) / FACET >= count as usize {
+        let facets = bytes[HEADER..].chunks_exact(FACET).take(count as usize);
+        let numbers = facets.flat_map(|facet| facet[12..48].as_chunks().0).map(|&b| f32::from_le_bytes(b));
+        vec![numbers.collect::<Vec<_>>()]
+    } else if bytes.trim_ascii_start().starts_with(b"solid") {
+        text(&String::from_utf8_lossy(bytes))?
+    } else {
+        let found = format!("{count} facets in {} bytes", bytes.len());
+        return Err(Problem::new("header", found, "`solid`, or 84 bytes and 50 for each facet"));
+    };
     let mut mesh = Mesh::with_materials(vec![Material::default()]);
-    for solid in solids(bytes) {
-        let read = stl_io::read_stl(&mut Cursor::new(solid))
-            .map_err(|error| Problem::from_parser("STL", &error, "triangles, ascii or binary"))?;
-        let positions = read.vertices.iter().map(relative);
-        let triangles: Vec<[u32; 3]> =
-            read.faces.iter().map(|face| face.vertices.map(|v| v as u32)).collect();
-        mesh.add_part("mesh".to_owned(), &triangles, positions, 0)?;
+    for numbers in solids {
+        let (mut known, mut positions) = (HashMap::new(), Vec::new());
+        let mut weld = |corner: [f32; 3]| {
+            *known.entry(corner.map(f32::to_bits)).or_insert_with(|| {
+                positions.push((Vec3::from_array(corner).as_dvec3() - origin).as_vec3());
+                positions.len() as u32 - 1
+            })
+        };
+        let corners: Vec<u32> = numbers.as_chunks().0.iter().map(|&corner| weld(corner)).collect();
+        mesh.add_part("mesh".to_owned(), corners.as_chunks().0, positions.into_iter(), 0)?;
     }
     Ok(mesh)
 }
 
-/// The file in pieces that `stl_io` reads: it takes one solid, that must have a name, and takes a
-/// binary file for text if its header begins like one.
-fn solids(bytes: &[u8]) -> Vec<Cow<'_, [u8]>> {
-    let is_solid = |line: &[u8]| {
-        let rest = line.trim_ascii_start().strip_prefix(b"solid");
-        rest.is_some_and(|rest| rest.first().is_none_or(u8::is_ascii_whitespace))
-    };
-    if !is_solid(bytes) {
-        return vec![bytes.into()];
-    }
-    let count = bytes.get(80..84).and_then(|bytes| bytes.try_into().ok()).map(u32::from_le_bytes);
-    if count.is_some_and(|count| 84 + 50 * u64::from(count) == bytes.len() as u64) {
-        return vec![[&[0; 80], &bytes[80..]].concat().into()];
-    }
-    let mut solids: Vec<Vec<u8>> = Vec::new();
-    for line in bytes.trim_ascii_start().split_inclusive(|&byte| byte == b'\n') {
-        match solids.last_mut() {
-            Some(solid) if !is_solid(line) => solid.extend(line),
-            _ => solids.push(b"solid mesh\n".to_vec()),
+/// The coordinates of each solid's corners.
+fn text(text: &str) -> Result<Vec<Vec<f32>>, Problem> {
+    let mut solids: Vec<Vec<f32>> = Vec::new();
+    for (number, line) in (1..).zip(text.lines().chain(["end of file"])) {
+        let wrong = |expected| {
+            let place = format!("line {number}");
+            Err(Problem::from_parser(&place, &format!("{line:?}"), expected))
+        };
+        let mut words = line.split_whitespace();
+        match (words.next(), solids.last_mut()) {
+            (Some("vertex"), Some(solid)) => {
+                let expected = solid.len() + 3;
+                solid.extend(words.map_while(|word| word.parse::<f32>().ok()));
+                if solid.len() != expected {
+                    return wrong("3 numbers");
+                }
+            }
+            (Some(_), Some(solid)) if !solid.len().is_multiple_of(9) => {
+                return wrong("a vertex: a facet has 3");
+            }
+            (Some("solid"), _) => solids.push(Vec::new()),
+            _ => {}
         }
     }
-    solids.into_iter().map(Cow::from).collect()
+    Ok(solids)
 }

@@ -208,6 +208,7 @@ fn corrupted_files_do_not_panic() {
     for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
         files.push(("x.ply", square_ply(format, "float", "int")));
     }
+    files.extend(square_stl().map(|bytes| ("x.stl", bytes)));
     let mut rng = fastrand::Rng::with_seed(2);
     let mut random = |below: usize| rng.usize(..below);
     let mut loaded = 0;
@@ -227,10 +228,10 @@ fn corrupted_files_do_not_panic() {
     assert!(loaded > 1000, "some corruptions should leave something to load: {loaded}");
 }
 
-#[test]
-fn stl_in_both_forms_welds_corners() {
-    let ascii = "solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n\
-                 facet normal 0 0 1\nouter loop\nvertex 1 0 0\nvertex 1 1 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid s\n";
+/// A square of two facets, as text and in binary.
+fn square_stl() -> [Vec<u8>; 2] {
+    let text = "solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n\
+                facet normal 0 0 1\nouter loop\nvertex 1 0 0\nvertex 1 1 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid s\n";
     let mut binary = vec![0; 80];
     binary.extend(2_u32.to_le_bytes());
     for corners in [[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [1.0, 1.0], [0.0, 1.0_f32]]] {
@@ -238,24 +239,63 @@ fn stl_in_both_forms_welds_corners() {
         binary.extend(floats.flat_map(f32::to_le_bytes));
         binary.extend([0, 0]);
     }
-    for bytes in [ascii.as_bytes(), &binary] {
+    [text.into(), binary]
+}
+
+#[test]
+fn stl_in_both_forms_welds_corners() {
+    let [text, binary] = square_stl();
+    for bytes in [&text, &binary] {
         let mesh = parse("a.stl", bytes).unwrap();
         assert_eq!((mesh.topology().triangles.len(), mesh.topology().vertex_count), (2, 4));
     }
-    assert!(parse("a.stl", &binary[..100]).is_err());
-    // A header like that of text, solids without names, and several of them.
-    let mut header = binary.clone();
+    assert!(error("a.stl", &binary[..100]).contains("2 facets in 100 bytes"));
+    // A header like that of text, with bytes behind the facets; solids without names, and several
+    // of them; names in Latin-1.
+    let mut header = [&binary[..], b"trailing"].concat();
     header[..12].copy_from_slice(b"solid text\n ");
-    let nameless: String = ascii
+    let text = String::from_utf8(text).unwrap();
+    let nameless: String = text
         .lines()
         .map(|line| if line.starts_with("solid") { "solid\n" } else { line }.to_owned() + "\n")
         .collect();
-    for (bytes, parts) in
-        [(header, 1), (nameless.clone().into(), 1), ((format!("\r\n{nameless}") + ascii).into(), 2)]
-    {
+    let two = (format!("\r\n{nameless}") + &text).into();
+    let latin = [text.trim_end().as_bytes(), b"\xe9"].concat();
+    for (bytes, parts) in [(header, 1), (nameless.into(), 1), (two, 2), (latin, 1)] {
         let mesh = parse("a.stl", &bytes).unwrap();
         assert_eq!(mesh.topology().parts.len(), parts);
         assert_eq!(mesh.topology().triangles.len(), parts * 2);
     }
     assert!(parse("a.stl", b"solid").is_err());
+}
+
+#[test]
+fn stl_numbers_that_are_not_finite_are_passed_on() {
+    let [text, mut binary] = square_stl();
+    let text = String::from_utf8(text).unwrap();
+    let text = text.replacen("normal 0 0 1", "normal nan nan nan", 1).replacen("1 0 0", "-nan inf 0", 1);
+    binary[84 + 24..84 + 28].copy_from_slice(&f32::NAN.to_le_bytes());
+    binary[84 + 28..84 + 32].copy_from_slice(&f32::INFINITY.to_le_bytes());
+    for bytes in [text.as_bytes(), &binary] {
+        let corner = parse("nan.stl", bytes).unwrap().rest()[1];
+        assert!(corner.x.is_nan() && corner.y == f32::INFINITY, "{corner}");
+    }
+}
+
+#[test]
+fn malformed_stl_is_refused() {
+    let [text, _] = square_stl();
+    let text = String::from_utf8(text).unwrap();
+    for (from, to, expected) in [
+        ("vertex 1 0 0", "vertex 1 0 x", "line 5"),
+        ("vertex 1 0 0", "vertex 1 0", "3 numbers"),
+        ("vertex 1 0 0\n", "", "line 6: found \"endloop\""),
+        ("vertex 1 0 0\n", "vertex 1 0 0\nvertex 1 0 0\n", "line 8"),
+        ("solid s", "volume s", "header"),
+    ] {
+        let message = error("bad.stl", text.replacen(from, to, 1).as_bytes());
+        assert!(message.contains(expected), "{message}");
+    }
+    let end = text.find("endloop").unwrap() - 1;
+    assert!(error("cut.stl", &text.as_bytes()[..end - 13]).contains("end of file"));
 }
