@@ -1,135 +1,170 @@
-//! PLY through `ply-rs-bw`, the maintained fork of `ply-rs`: its allocations grow with what it
-//! reads, not with what a header promises.
+//! PLY files, text or binary. Our own reader: `ply-rs` refuses `nan`, `.5` and `1.`, names of
+//! properties with parentheses (CloudCompare writes them) and comments that are not UTF-8.
 
 use std::path::Path;
 
 use glam::DVec3;
-use ply_rs_bw::parser::{Parser, Reader};
-use ply_rs_bw::ply::{ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult};
 
 use super::Mesh;
 use crate::Material;
 use crate::error::Problem;
 
-struct Vertex(DVec3);
-
-impl PropertyAccess for Vertex {
-    fn new() -> Self {
-        Self(DVec3::ZERO)
-    }
-
-    fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
-        let slot = match name {
-            "x" => &mut self.0.x,
-            "y" => &mut self.0.y,
-            "z" => &mut self.0.z,
-            _ => return PropertyAccessResult::Ignored,
-        };
-        *slot = match value {
-            Property::Char(value) => f64::from(value),
-            Property::UChar(value) => f64::from(value),
-            Property::Short(value) => f64::from(value),
-            Property::UShort(value) => f64::from(value),
-            Property::Int(value) => f64::from(value),
-            Property::UInt(value) => f64::from(value),
-            Property::Float(value) => f64::from(value),
-            Property::Double(value) => value,
-            _ => return PropertyAccessResult::UnsupportedType,
-        };
-        PropertyAccessResult::Set
-    }
+struct Element {
+    name: String,
+    count: u64,
+    properties: Vec<Property>,
 }
 
-/// The corners of a polygon.
-#[derive(Default)]
-struct Face(Vec<u32>);
-
-impl PropertyAccess for Face {
-    fn new() -> Self {
-        Self::default()
-    }
-
-    fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
-        if !is_corner_list(name) {
-            return PropertyAccessResult::Ignored;
-        }
-        // A list of floats, or with a negative number.
-        let Some(corners) = value.to_u32_list() else { return PropertyAccessResult::UnsupportedType };
-        self.0 = corners;
-        PropertyAccessResult::Set
-    }
+struct Property {
+    name: String,
+    /// 0, 1 or 2 for x, y or z, else CORNERS or OTHER.
+    role: usize,
+    /// The type of its length, if it is a list.
+    list: Option<Kind>,
+    kind: Kind,
 }
 
-fn is_corner_list(property: &str) -> bool {
-    matches!(property, "vertex_indices" | "vertex_index")
-}
+const CORNERS: usize = 3;
+const OTHER: usize = 4;
 
-fn payload<E: PropertyAccess>(
-    reader: &mut Reader<&[u8]>,
-    element: &ElementDef,
-    header: &Header,
-) -> Result<Vec<E>, Problem> {
-    Parser::new().read_payload_for_element(reader, element, header).map_err(|error| {
-        let place = format!("element {}", element.name);
-        Problem::from_parser(&place, &error, "the elements that the header declares")
+/// A type of numbers: its size in bytes, and the number that the lowest bits stand for.
+type Kind = (usize, fn(u64) -> f64);
+
+fn kind(name: &str) -> Option<Kind> {
+    Some(match name {
+        "char" | "int8" => (1, |bits| f64::from(bits as i8)),
+        "uchar" | "uint8" => (1, |bits| f64::from(bits as u8)),
+        "short" | "int16" => (2, |bits| f64::from(bits as i16)),
+        "ushort" | "uint16" => (2, |bits| f64::from(bits as u16)),
+        "int" | "int32" => (4, |bits| f64::from(bits as i32)),
+        "uint" | "uint32" => (4, |bits| f64::from(bits as u32)),
+        "float" | "float32" => (4, |bits| f64::from(f32::from_bits(bits as u32))),
+        "double" | "float64" => (8, f64::from_bits),
+        _ => return None,
     })
 }
 
-pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Problem> {
-    let mut reader = Reader::new(bytes);
-    let header = Parser::<Vertex>::new()
-        .read_header(&mut reader)
-        .map_err(|error| Problem::from_parser("header", &error, "a PLY header"))?;
-    check_header(&header)?;
+fn property(words: &[&str]) -> Option<Property> {
+    let (list, of, name, role) = match *words {
+        ["property", "list", length, of, name @ ("vertex_indices" | "vertex_index")] => {
+            (Some(kind(length)?), of, name, CORNERS)
+        }
+        ["property", "list", length, of, name] => (Some(kind(length)?), of, name, OTHER),
+        ["property", of, name] => {
+            (None, of, name, ["x", "y", "z"].iter().position(|&axis| axis == name).unwrap_or(OTHER))
+        }
+        _ => return None,
+    };
+    Some(Property { name: name.to_owned(), role, list, kind: kind(of)? })
+}
 
-    let (mut positions, mut faces): (Vec<Vertex>, Vec<Face>) = (Vec::new(), Vec::new());
-    for (name, element) in &header.elements {
-        match name.as_str() {
-            "vertex" => positions = payload(&mut reader, element, &header)?,
-            "face" => faces = payload(&mut reader, element, &header)?,
-            // Without properties, in a binary file, it takes no bytes, and any number of them can
-            // be declared.
-            _ if element.properties.is_empty() && header.encoding != Encoding::Ascii => {}
-            // Of no interest, but it must be read to get behind it.
-            _ => drop(payload::<Vertex>(&mut reader, element, &header)?),
+/// The elements, the name of the format, and the bytes behind the header.
+fn header(bytes: &[u8]) -> Result<(Vec<Element>, String, &[u8]), Problem> {
+    let (mut elements, mut format, mut length): (Vec<Element>, _, _) = (Vec::new(), String::new(), 0);
+    for (number, line) in (1..).zip(bytes.split_inclusive(|&byte| byte == b'\n')) {
+        length += line.len();
+        let line = String::from_utf8_lossy(line);
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let is_known = match words[..] {
+            ["ply"] => number == 1,
+            _ if number == 1 => false,
+            [] | ["comment" | "obj_info", ..] => true,
+            ["format", name @ ("ascii" | "binary_little_endian" | "binary_big_endian"), "1.0"] => {
+                format = name.to_owned();
+                true
+            }
+            ["element", name, count] => {
+                let element = |count| Element { name: name.to_owned(), count, properties: Vec::new() };
+                count.parse().map(|count| elements.push(element(count))).is_ok()
+            }
+            ["end_header"] if !format.is_empty() => return Ok((elements, format, &bytes[length..])),
+            _ => elements.last_mut().zip(property(&words)).map(|(e, p)| e.properties.push(p)).is_some(),
+        };
+        if !is_known {
+            let (place, found) = (format!("header, line {number}"), format!("{:?}", line.trim()));
+            return Err(Problem::from_parser(&place, &found, "a line of a PLY header"));
         }
     }
-    let triangles = fans(&faces, positions.len())?;
+    Err(Problem::new("header", "the end of the file", "end_header"))
+}
+
+/// The number of vertices, if vertices and faces have what they need.
+fn check_header(elements: &[Element]) -> Result<u64, Problem> {
+    let check = |name: &str, role, what: &str| {
+        let missing = || Problem::new("header", format!("no element {name}"), "one");
+        let element = elements.iter().find(|element| element.name == name).ok_or_else(missing)?;
+        let missing = || Problem::new(format!("header, element {name}"), format!("no {what}"), "one");
+        element.properties.iter().find(|p| p.role == role).map(|_| element.count).ok_or_else(missing)
+    };
+    check("vertex", 0, "property x")?;
+    check("vertex", 1, "property y")?;
+    check("face", CORNERS, "list of vertices, vertex_indices or vertex_index")?;
+    check("vertex", 2, "property z")
+}
+
+pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Problem> {
+    let (elements, format, mut body) = header(bytes)?;
+    let vertex_count = check_header(&elements)?;
+    let (is_text, is_big_endian) = (format == "ascii", format == "binary_big_endian");
+    let (mut positions, mut triangles, mut corners) = (Vec::new(), Vec::new(), Vec::new());
+    for Element { name, count, properties } in &elements {
+        // Without properties an element takes no bytes, and any number of them can be declared.
+        for number in 0..if properties.is_empty() { 0 } else { *count } {
+            let wrong = |found: &str, expected: &str| {
+                Problem::from_parser(&format!("element {name} {number}"), &found, expected)
+            };
+            // Text has a line for each element.
+            let line = if is_text { body.split_inclusive(|&byte| byte == b'\n').next() } else { None };
+            let line = line.unwrap_or_default();
+            body = &body[line.len()..];
+            let line = String::from_utf8_lossy(line);
+            let mut words = line.split_ascii_whitespace();
+            let mut next = |(size, from_bits): Kind, property: &str| {
+                let expected = || format!("a number for {property}");
+                if is_text {
+                    let word = words.next().unwrap_or("the end of the line");
+                    return word.parse().map_err(|_| wrong(word, &expected()));
+                }
+                let number =
+                    body.split_off(..size).ok_or_else(|| wrong("the end of the file", &expected()))?;
+                let mut bits = [0; 8];
+                bits[..size].copy_from_slice(number);
+                if is_big_endian {
+                    bits[..size].reverse();
+                }
+                Ok(from_bits(u64::from_le_bytes(bits)))
+            };
+            let mut by_role = [0.0; OTHER + 1];
+            corners.clear();
+            for Property { name, role, list, kind } in properties {
+                let Some(length) = *list else {
+                    by_role[*role] = next(*kind, name)?;
+                    continue;
+                };
+                for _ in 0..next(length, name)? as u64 {
+                    let corner = next(*kind, name)?;
+                    corners.extend((*role == CORNERS).then_some(corner));
+                }
+            }
+            let [x, y, z, ..] = by_role;
+            if name == "vertex" {
+                positions.push((DVec3::new(x, y, z) - origin).as_vec3());
+            } else if name == "face" {
+                let is_vertex =
+                    |corner: f64| corner.fract() == 0.0 && (0.0..vertex_count as f64).contains(&corner);
+                if let Some(corner) = corners.iter().find(|&&corner| !is_vertex(corner)) {
+                    return Err(wrong(&format!("vertex {corner}"), &format!("one below {vertex_count}")));
+                } else if corners.len() < 3 {
+                    return Err(wrong(&format!("{} corners", corners.len()), "at least 3"));
+                }
+                // A fan around the first corner.
+                let fan = corners[1..].windows(2).map(|edge| [corners[0], edge[0], edge[1]]);
+                triangles.extend(fan.map(|corners| corners.map(|corner| corner as u32)));
+            }
+        }
+    }
     let name = file.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
     let mut mesh = Mesh::with_materials(vec![Material::default()]);
-    let positions = positions.iter().map(|vertex| (vertex.0 - origin).as_vec3());
-    mesh.add_part(name, &triangles, positions, 0)?;
+    mesh.add_part(name, &triangles, positions.into_iter(), 0)?;
     Ok(mesh)
-}
-
-fn check_header(header: &Header) -> Result<(), Problem> {
-    let element = |name: &str| {
-        header.elements.get(name).ok_or_else(|| Problem::new("header", format!("no element {name}"), "one"))
-    };
-    let vertex = element("vertex")?;
-    if let Some(missing) = ["x", "y", "z"].into_iter().find(|&axis| !vertex.properties.contains_key(axis)) {
-        return Err(Problem::new("header, element vertex", format!("no property {missing}"), "x, y and z"));
-    }
-    if !element("face")?.properties.keys().any(|property| is_corner_list(property)) {
-        let expected = "vertex_indices or vertex_index";
-        return Err(Problem::new("header, element face", "no list of vertices", expected));
-    }
-    Ok(())
-}
-
-/// Polygons as fans around their first corner.
-fn fans(faces: &[Face], vertex_count: usize) -> Result<Vec<[u32; 3]>, Problem> {
-    let mut triangles = Vec::with_capacity(faces.len());
-    for (number, Face(corners)) in faces.iter().enumerate() {
-        let place = || format!("face {number}");
-        if let Some(corner) = corners.iter().find(|&&corner| corner as usize >= vertex_count) {
-            let expected = format!("one below {vertex_count}");
-            return Err(Problem::new(place(), format!("vertex {corner}"), expected));
-        }
-        if corners.len() < 3 {
-            return Err(Problem::new(place(), format!("{} corners", corners.len()), "at least 3"));
-        }
-        triangles.extend(corners[1..].windows(2).map(|edge| [corners[0], edge[0], edge[1]]));
-    }
-    Ok(triangles)
 }

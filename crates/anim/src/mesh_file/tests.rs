@@ -20,7 +20,7 @@ fn error(name: &str, bytes: &[u8]) -> String {
 /// skipped.
 fn square_ply(format: &str, float: &str, index: &str) -> Vec<u8> {
     let mut bytes = format!(
-        "ply\nformat {format} 1.0\ncomment test\nelement vertex 4\nproperty {float} x\nproperty uchar red\n\
+        "ply\nformat {format} 1.0\ncomment test\nelement vertex 4\nproperty {float} x\nproperty uchar C2C_(Z)\n\
          property {float} y\nproperty {float} z\nelement edge 1\nproperty int vertex1\nelement face 1\n\
          property uchar flags\nproperty list uchar {index} vertex_index\nend_header\n"
     )
@@ -118,7 +118,24 @@ fn malformed_ply_is_refused() {
         let message = error("bad.ply", ascii.replacen(from, to, 1).as_bytes());
         assert!(message.contains(expected), "{message}");
     }
+    let message = error("bad.ply", ascii.replacen("\n1 7 0 0", "\n1 7 0 O", 1).as_bytes());
+    assert!(message.ends_with("element vertex 1: found O, expected a number for z"), "{message}");
+    let message = error("bad.ply", ascii.replacen("uchar flags", "uchar", 1).as_bytes());
+    assert!(message.contains("header, line 12: found \"property uchar\""), "{message}");
     assert!(error("empty.ply", b"").contains("empty file"));
+}
+
+#[test]
+fn ply_text_takes_every_number_and_any_comment() {
+    let ascii = String::from_utf8(square_ply("ascii", "float", "int")).unwrap();
+    // The second number is of a property that is ignored.
+    let numbers = ascii.replacen("0.1 7 0 0", "-nan nan inf .5", 1).replacen("1 7 0 0", "1. 7 0 0", 1);
+    let mut bytes = numbers.into_bytes();
+    let comment = bytes.windows(4).position(|window| window == b"test").unwrap();
+    bytes[comment] = 0xe9;
+    let rest = parse("a.ply", &bytes).unwrap().rest();
+    assert!(rest[0].x.is_nan() && rest[0].y == f32::INFINITY && rest[0].z == 0.5, "{}", rest[0]);
+    assert_eq!(rest[1], Vec3::X);
 }
 
 #[test]
