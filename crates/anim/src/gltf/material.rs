@@ -14,7 +14,7 @@ use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 
 use super::accessor::Accessors;
 use super::source::{decode_data_uri, relative_path};
-use crate::error::{LoadError, Problem, numbered, read_beside};
+use crate::error::{Problem, numbered, read_beside};
 use crate::{Filter, Image, Material, Texture, Topology, Wrap};
 
 /// Metals at least this metallic, and no rougher than that, are mirrors. Most are somewhere
@@ -93,7 +93,7 @@ fn texture_info(root: &Root, material: u32) -> Option<&Info> {
 /// off. Gives remarks on what is shown otherwise than the file says.
 ///
 /// Surfaces keep the factors of their material where the texture has no image, only one that an
-/// extension would supply, or one whose file cannot be read.
+/// extension would supply, or one whose file cannot be read or lies outside of the folder.
 pub(super) fn add_textures(
     topology: &mut Topology,
     accessors: &Accessors<'_>,
@@ -204,13 +204,10 @@ impl Textures<'_> {
                 decode(&decode_data_uri(uri, place)?, accessors, place)
             }
             (Some(uri), _) => {
-                let bytes = match read_beside(accessors.folder, &relative_path(uri, place)?) {
-                    Ok(bytes) => bytes,
-                    Err(LoadError::Io { .. }) => {
-                        self.unreadable.push(uri.clone());
-                        return Ok(None);
-                    }
-                    Err(error) => return Err(Problem::from_parser(place, &error, "a PNG or JPEG file")),
+                let path = relative_path(uri, place).ok();
+                let Some(bytes) = path.and_then(|path| read_beside(accessors.folder, &path).ok()) else {
+                    self.unreadable.push(uri.clone());
+                    return Ok(None);
                 };
                 accessors.budget.allow_for(bytes.len() as u64);
                 decode(&bytes, accessors, place)

@@ -131,10 +131,11 @@ fn what_is_wrong_with_an_image_is_said() {
     assert!(message.contains("image 0") && message.contains("PNG or JPEG"), "{message}");
     let message = error(&data_uri(b"BM not an image"));
     assert!(message.contains("image 0"), "{message}");
-    let missing = document.load(&textured("", r#""uri":"no%20such.png""#, "", ""));
-    assert_eq!(missing.topology().materials[0].texture, None);
-    assert!(missing.notes()[0].contains("no%20such.png"), "{:?}", missing.notes());
-    assert!(error(r#""uri":"../up.png""#).contains("below the folder"));
+    for uri in ["no%20such.png", "../up.png", "https://example.com/a.png"] {
+        let missing = document.load(&textured("", &format!(r#""uri":"{uri}""#), "", ""));
+        assert_eq!(missing.topology().materials[0].texture, None);
+        assert!(missing.notes()[0].contains(uri), "{:?}", missing.notes());
+    }
     assert!(error(r#""bufferView":77"#).contains("no bufferView 77"));
     assert!(error(r#""name":"nowhere""#).contains("neither a uri nor a bufferView"));
     let json = textured("", &data_uri(&png()), "", r#","sampler":3"#);
