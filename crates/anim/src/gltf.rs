@@ -122,8 +122,8 @@ struct Loader<'a> {
     animation: GltfAnimation,
     accessors: &'a Accessors<'a>,
     channels: Channels,
-    /// Primitives by mesh and number, decoded once for all nodes that show them; `None` for points
-    /// and lines, which are left out.
+    /// Primitives by mesh and number, decoded once for all nodes that show them; `None` for those
+    /// that are left out.
     decoded: HashMap<(usize, usize), Option<Arc<Geometry>>>,
     left_out: usize,
 }
@@ -165,7 +165,7 @@ impl<'a> Loader<'a> {
         animation.notes = add_textures(&mut animation.topology, accessors)?;
         for (left_out, what) in [
             (channels.left_out, "animation channels for anything but transforms and weights"),
-            (left_out, "primitives of points or lines"),
+            (left_out, "primitives of points or lines, or without positions,"),
         ] {
             if left_out > 0 {
                 animation.notes.insert(0, format!("{left_out} {what} are left out"));

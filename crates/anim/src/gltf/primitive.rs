@@ -55,7 +55,7 @@ impl Influences {
 }
 
 impl Geometry {
-    /// `None` for points and lines. `mapping` is of the material's texture, if it has one.
+    /// `None` for points and lines, and without positions. `mapping` is of the material's texture, if it has one.
     pub(super) fn read(
         primitive: &Primitive,
         mapping: Option<&Mapping>,
@@ -69,7 +69,8 @@ impl Geometry {
         };
         let mut source = Source { primitive, accessors, place, count: 0, used: Vec::new() };
         let Some((position, at)) = source.attribute(Semantic::Positions) else {
-            return Err(Problem::new(place, "no POSITION attribute", "one"));
+            // Such primitives are to be skipped (3.7.2.1).
+            return Ok(None);
         };
         let positions = accessors.floats::<3>(position, &at)?;
         source.count = positions.len();

@@ -370,10 +370,10 @@ fn strips_fans_points_and_unused_vertices() {
     document.indices(&[4, 1, 2]);
     let animation = document.load(
         r#""meshes":[{"primitives":[{"attributes":{"POSITION":0},"mode":5},{"attributes":{"POSITION":0},"mode":6},
-        {"attributes":{"POSITION":0},"mode":0},{"attributes":{"POSITION":0},"mode":3},
+        {"attributes":{"POSITION":0},"mode":0},{"attributes":{"POSITION":0},"mode":3},{"attributes":{}},
         {"attributes":{"POSITION":0},"indices":1}]}],"nodes":[{"mesh":0}]"#,
     );
-    assert_eq!(animation.notes(), ["2 primitives of points or lines are left out"]);
+    assert_eq!(animation.notes(), ["3 primitives of points or lines, or without positions, are left out"]);
     let strip = [[0, 1, 2], [1, 3, 2], [2, 3, 4]];
     let fan = [[6, 7, 5], [7, 8, 5], [8, 9, 5]];
     assert_eq!(animation.topology().triangles, [&strip[..], &fan[..], &[[12, 10, 11]]].concat());

@@ -78,7 +78,7 @@ fn numbers_out_of_range_are_errors() {
         let message = document.error(rest);
         assert!(message.contains(expected), "{expected:?} is not in: {message}");
     };
-    check(&mesh(r#""attributes":{}"#, ""), "no POSITION");
+    check(&mesh(r#""attributes":{}"#, ""), "without triangles");
     check(&mesh(&format!(r#"{good},"indices":3"#), ""), "index number 2: found 3");
     check(&mesh(&format!(r#"{good},"indices":4"#), ""), "2 vertices");
     check(&mesh(&format!(r#"{good},"indices":0"#), ""), "SCALAR");
