@@ -24,6 +24,8 @@ use std::collections::hash_map::Entry;
 use std::path::Path;
 use std::sync::Arc;
 
+use ::gltf::json::mesh::Semantic;
+use ::gltf::json::validation::Checked;
 use ::gltf::json::{Index, Mesh, Root};
 use glam::{Affine3A, DVec3, Mat3A, Vec2, Vec3};
 
@@ -126,6 +128,8 @@ struct Loader<'a> {
     /// that are left out.
     decoded: HashMap<(usize, usize), Option<Arc<Geometry>>>,
     left_out: usize,
+    /// Primitives with vertex colours, which would multiply the base colour.
+    colored: usize,
 }
 
 impl<'a> Loader<'a> {
@@ -138,12 +142,13 @@ impl<'a> Loader<'a> {
             (0..root.skins.len()).map(|skin| Skin::read(skin, accessors)).collect::<Result<Vec<_>, _>>()?;
         let topology = Topology { materials: materials(root), ..Topology::default() };
         let animation = GltfAnimation { topology, nodes, skins, ..GltfAnimation::default() };
-        let mut loader = Self { animation, accessors, channels, decoded: HashMap::new(), left_out: 0 };
+        let mut loader =
+            Self { animation, accessors, channels, decoded: HashMap::new(), left_out: 0, colored: 0 };
         for &node in &scene {
             loader.add_mesh(node)?;
         }
 
-        let Self { mut animation, channels, left_out, .. } = loader;
+        let Self { mut animation, channels, left_out, colored, .. } = loader;
         if animation.topology.triangles.is_empty() {
             let found = format!("{} nodes without triangles", scene.len());
             return Err(Problem::new("scene", found, "at least one triangle"));
@@ -164,6 +169,7 @@ impl<'a> Loader<'a> {
         }
         animation.notes = add_textures(&mut animation.topology, accessors)?;
         for (left_out, what) in [
+            (colored, "sets of vertex colours"),
             (channels.left_out, "animation channels for anything but transforms and weights"),
             (left_out, "primitives of points or lines, or without positions,"),
         ] {
@@ -211,6 +217,8 @@ impl<'a> Loader<'a> {
                 self.left_out += 1;
                 continue;
             };
+            let colors = Checked::Valid(Semantic::Colors(0));
+            self.colored += usize::from(primitive.attributes.contains_key(&colors));
             let Self { animation: GltfAnimation { nodes, skins, topology, .. }, .. } = self;
             let skin = skin.filter(|_| geometry.influences.is_some());
             let joints = skin.map_or(&[][..], |skin| &skins[skin].joints);

@@ -28,7 +28,8 @@ const BLEND_CUTOFF: f32 = 0.5;
 /// The materials of the file, and behind them the one for primitives without. They have no textures
 /// yet.
 pub(super) fn materials(root: &Root) -> Vec<Material> {
-    let fallback = Material::default();
+    // The default of the specification is white.
+    let fallback = Material { base_color: [1.0; 3], ..Material::default() };
     let component =
         |value: f32, fallback: f32| if value.is_finite() { value.clamp(0.0, 1.0) } else { fallback };
     let read = |material: &::gltf::json::Material| {

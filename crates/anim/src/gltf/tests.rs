@@ -369,11 +369,12 @@ fn strips_fans_points_and_unused_vertices() {
     document.floats("VEC3", 3, &corners);
     document.indices(&[4, 1, 2]);
     let animation = document.load(
-        r#""meshes":[{"primitives":[{"attributes":{"POSITION":0},"mode":5},{"attributes":{"POSITION":0},"mode":6},
+        r#""meshes":[{"primitives":[{"attributes":{"POSITION":0},"mode":5},{"attributes":{"POSITION":0,"COLOR_0":0},"mode":6},
         {"attributes":{"POSITION":0},"mode":0},{"attributes":{"POSITION":0},"mode":3},{"attributes":{}},
         {"attributes":{"POSITION":0},"indices":1}]}],"nodes":[{"mesh":0}]"#,
     );
-    assert_eq!(animation.notes(), ["3 primitives of points or lines, or without positions, are left out"]);
+    let notes = ["3 primitives of points or lines, or without positions,", "1 sets of vertex colours"];
+    assert_eq!(animation.notes(), notes.map(|what| format!("{what} are left out")));
     let strip = [[0, 1, 2], [1, 3, 2], [2, 3, 4]];
     let fan = [[6, 7, 5], [7, 8, 5], [8, 9, 5]];
     assert_eq!(animation.topology().triangles, [&strip[..], &fan[..], &[[12, 10, 11]]].concat());
@@ -427,10 +428,9 @@ fn materials_camera_and_lights() {
     let materials = &animation.topology().materials;
     let colors: Vec<_> =
         animation.topology().parts.iter().map(|part| materials[part.material as usize]).collect();
-    assert_eq!(
-        colors,
-        [Material { base_color: [0.5, 0.25, 1.0], ..Material::default() }, Material::default()]
-    );
+    let expected =
+        [[0.5, 0.25, 1.0], [1.0; 3]].map(|base_color| Material { base_color, ..Material::default() });
+    assert_eq!(colors, expected);
     let view = animation.view(0.0).unwrap();
     assert_eq!((view.eye, view.up, view.fov_y), (Vec3::new(0.0, 0.0, 5.0), Vec3::Y, 0.7));
     assert!((view.target - view.eye).normalize().abs_diff_eq(Vec3::NEG_Z, 1e-6));
