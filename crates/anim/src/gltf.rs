@@ -19,6 +19,7 @@ mod source;
 mod tests;
 mod track;
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::path::Path;
@@ -248,17 +249,21 @@ impl<'a> Loader<'a> {
     ) -> Result<(), Problem> {
         let animation = &mut self.animation;
         let geometry = Arc::clone(&instance.geometry);
-        let (triangles, vertices) = (&geometry.triangles, geometry.positions.len());
+        let mut triangles = Cow::Borrowed(&geometry.triangles);
+        if animation.is_mirrored(&instance) {
+            triangles.to_mut().iter_mut().for_each(|corners| corners.swap(1, 2));
+        }
+        let vertices = geometry.positions.len();
         let bytes = vertices * BYTES_PER_VERTEX + triangles.len() * BYTES_PER_TRIANGLE + name.len();
         self.accessors.budget.spend(bytes as u64, place)?;
         let (motion, vertex_moves) = animation.motion_of(&instance);
         instance.motion = motion;
         let too_large = || Problem::new(place, "too many vertices or triangles in all", NUMBERED);
         let topology = &mut animation.topology;
-        let part = topology.add_part(name, triangles, vertices, material).ok_or_else(too_large)?;
+        let part = topology.add_part(name, &triangles, vertices, material).ok_or_else(too_large)?;
         part.motion = motion;
         let first = part.triangles.start as usize;
-        for (moves, corners) in topology.moves[first..].iter_mut().zip(triangles) {
+        for (moves, corners) in topology.moves[first..].iter_mut().zip(&*triangles) {
             *moves = corners.iter().any(|&corner| vertex_moves[corner as usize]);
         }
         if let Some(texcoords) = &geometry.texcoords {
@@ -271,6 +276,13 @@ impl<'a> Loader<'a> {
 }
 
 impl GltfAnimation {
+    /// Whether the node of `instance` mirrors it at rest: its triangles are then wound the other
+    /// way (3.7.4).
+    fn is_mirrored(&self, instance: &Instance) -> bool {
+        let mirrors = |node: usize| self.nodes.global_at_rest[node].matrix3.determinant() < 0.0;
+        instance.skin.is_none() && instance.node.is_some_and(mirrors)
+    }
+
     /// What of `instance` moves, and for each of its vertices whether anything in the clip moves
     /// it.
     fn motion_of(&self, instance: &Instance) -> (Motion, Vec<bool>) {
@@ -346,6 +358,7 @@ impl GltfAnimation {
         }
         if let Some(node) = instance.node {
             let to_scene = cofactors(globals[node].matrix3);
+            let to_scene = if self.is_mirrored(instance) { -to_scene } else { to_scene };
             normals.iter_mut().for_each(|normal| *normal = to_scene * *normal);
         }
         for (out, normal) in out[instance.first_vertex..].iter_mut().zip(normals) {

@@ -20,7 +20,7 @@ pub(super) struct Nodes {
     /// All nodes, ancestors first.
     order: Vec<usize>,
     /// Node to scene at time 0.
-    global_at_rest: Vec<Affine3A>,
+    pub(super) global_at_rest: Vec<Affine3A>,
     far: Option<Far>,
 }
 

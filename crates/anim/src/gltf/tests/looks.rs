@@ -216,20 +216,23 @@ fn normals_follow_nodes_and_joints() {
     document.accessor("VEC4", U8, 3, &[0; 12], "");
     document.floats("VEC4", 4, &[1.0, 0.0, 0.0, 0.0].repeat(3));
     // Node 0 stands still, scaled along z; node 1 turns by 90 degrees about x; the skin of node 2
-    // follows node 1.
+    // follows node 1; node 4 mirrors.
     let animation = document.load(
         r#""meshes":[{"primitives":[{"attributes":{"POSITION":0,"NORMAL":1}}]},
         {"primitives":[{"attributes":{"POSITION":0,"NORMAL":1,"JOINTS_0":4,"WEIGHTS_0":5}}]},
         {"primitives":[{"attributes":{"POSITION":0}}]}],
-        "nodes":[{"mesh":0,"scale":[1,1,2]},{"mesh":0},{"mesh":1,"skin":0},{"mesh":2}],"skins":[{"joints":[1]}],
+        "nodes":[{"mesh":0,"scale":[1,1,2]},{"mesh":0},{"mesh":1,"skin":0},{"mesh":2},{"mesh":0,"scale":[-1,1,1]}],"skins":[{"joints":[1]}],
         "animations":[{"channels":[{"sampler":0,"target":{"node":1,"path":"rotation"}}],
         "samplers":[{"input":2,"output":3}]}]"#,
     );
-    let mut normals = vec![Vec3::X; 12];
+    assert_eq!(animation.topology().triangles[4], [12, 14, 13], "its front is still in front");
+    let mut normals = vec![Vec3::X; 15];
     animation.normals(1.0, &mut normals);
     let scaled = Vec3::new(0.0, 0.6, 0.4).normalize();
     let turned = Vec3::new(0.0, -0.8, 0.6);
-    for (vertex, expected) in [(0, scaled), (3, turned), (6, turned), (9, Vec3::X)] {
+    for (vertex, expected) in
+        [(0, scaled), (3, turned), (6, turned), (9, Vec3::X), (12, Vec3::new(0.0, 0.6, 0.8))]
+    {
         assert!(normals[vertex].abs_diff_eq(expected, 1e-5), "{vertex}: {}", normals[vertex]);
     }
 }
