@@ -30,7 +30,7 @@ use ::gltf::json::validation::Checked;
 use ::gltf::json::{Index, Mesh, Root};
 use glam::{Affine3A, DVec3, Mat3A, Vec2, Vec3};
 
-use self::accessor::{Accessors, BYTES_PER_TRIANGLE, BYTES_PER_VERTEX, Budget};
+use self::accessor::{ALL, Accessors, BYTES_PER_TRIANGLE, BYTES_PER_VERTEX, Budget};
 use self::material::{Mapping, add_textures, material_of, materials};
 use self::nodes::{Channels, Far, Nodes, affine, node_name, target_count};
 use self::primitive::Geometry;
@@ -455,7 +455,8 @@ impl Skin {
         let inverse_bind = match skin.inverse_bind_matrices {
             None => vec![Affine3A::IDENTITY; joints.len()],
             Some(matrices) => {
-                let matrices = accessors.floats::<16>(matrices, &format!("{place}, inverseBindMatrices"))?;
+                let matrices =
+                    accessors.floats::<16>(matrices, ALL, &format!("{place}, inverseBindMatrices"))?;
                 if matrices.len() < joints.len() {
                     let found = format!("{} inverse bind matrices", matrices.len());
                     return Err(Problem::new(place, found, format!("{}, one for each joint", joints.len())));

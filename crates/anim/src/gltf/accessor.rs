@@ -64,29 +64,44 @@ pub(super) struct Accessors<'a> {
     pub(super) textures: bool,
 }
 
+/// Those elements of an accessor that are read: all without numbers, which increase. Exporters let
+/// the primitives of a mesh share one large vertex array, of which each uses a piece.
+#[derive(Clone, Copy)]
+pub(super) struct Used<'a> {
+    pub(super) numbers: Option<&'a [u32]>,
+    /// How many elements there must be, where that is known.
+    pub(super) of: Option<u64>,
+}
+
+pub(super) const ALL: Used<'_> = Used { numbers: None, of: None };
+
 impl<'a> Accessors<'a> {
     /// Elements of `N` floats; integers are converted, and scaled to [-1, 1] or [0, 1] if declared
     /// normalised.
     pub(super) fn floats<const N: usize>(
         &self,
         index: Index<Accessor>,
+        used: Used<'_>,
         place: &str,
     ) -> Result<Vec<[f32; N]>, Problem> {
-        self.read(index, place, "numbers", |bytes, kind, normalized| Some(float(bytes, kind, normalized)))
+        let decode = |bytes: &[u8], kind, normalized| Some(float(bytes, kind, normalized));
+        self.read(index, used, place, "numbers", decode)
     }
 
     /// Elements of `N` unsigned integers of 8, 16 or 32 bits.
     pub(super) fn integers<const N: usize>(
         &self,
         index: Index<Accessor>,
+        used: Used<'_>,
         place: &str,
     ) -> Result<Vec<[u32; N]>, Problem> {
-        self.read(index, place, "unsigned integers", |bytes, kind, _| unsigned(bytes, kind))
+        self.read(index, used, place, "unsigned integers", |bytes, kind, _| unsigned(bytes, kind))
     }
 
     fn read<T: Copy + Default, const N: usize>(
         &self,
         index: Index<Accessor>,
+        used: Used<'_>,
         place: &str,
         components: &str,
         decode: impl Fn(&[u8], ComponentType, bool) -> Option<T>,
@@ -104,15 +119,22 @@ impl<'a> Accessors<'a> {
         let unfit = || Problem::new(place, format!("components of type {kind:?}"), components);
 
         let count = accessor.count.0;
-        self.budget.spend(count.saturating_mul(size_of::<[T; N]>() as u64), place)?;
+        if let Some(expected) = used.of.filter(|&of| of != count) {
+            let expected = format!("{expected}, one for each position");
+            return Err(Problem::new(place, format!("{count} elements"), expected));
+        }
+        let read_count = used.numbers.map_or(count, |numbers| numbers.len() as u64);
+        self.budget.spend(read_count.saturating_mul(size_of::<[T; N]>() as u64), place)?;
+        let read_count = read_count as usize;
         let size = kind.size() * N;
         let mut elements = match accessor.buffer_view {
             Some(view) => {
                 let offset = accessor.byte_offset.unwrap_or_default().0;
                 let bytes = self.elements(view, offset, count, size, place)?;
-                bytes.map(element).collect::<Option<Vec<_>>>().ok_or_else(unfit)?
+                let read = |at| element(bytes(used.numbers.map_or(at, |numbers| numbers[at] as usize)));
+                (0..read_count).map(read).collect::<Option<Vec<_>>>().ok_or_else(unfit)?
             }
-            None => vec![[T::default(); N]; count as usize],
+            None => vec![[T::default(); N]; read_count],
         };
         if let Some(sparse) = &accessor.sparse {
             let place = &format!("{place}, sparse");
@@ -123,13 +145,16 @@ impl<'a> Accessors<'a> {
             let (at, values, few) = (&sparse.indices, &sparse.values, sparse.count.0);
             let at = self.elements(at.buffer_view, at.byte_offset.0, few, index_kind.size(), place)?;
             let values = self.elements(values.buffer_view, values.byte_offset.0, few, size, place)?;
-            for (at, value) in at.zip(values) {
-                let at = unsigned(at, index_kind).ok_or_else(unfit)?;
-                let slot = elements.get_mut(at as usize).ok_or_else(|| {
+            for few in 0..few as usize {
+                let at = unsigned(at(few), index_kind).ok_or_else(unfit)?;
+                if u64::from(at) >= count {
                     let expected = format!("an index below the accessor's count {count}");
-                    Problem::new(place, format!("index {at}"), expected)
-                })?;
-                *slot = element(value).ok_or_else(unfit)?;
+                    return Err(Problem::new(place, format!("index {at}"), expected));
+                }
+                let slot = used.numbers.map_or(Ok(at as usize), |numbers| numbers.binary_search(&at));
+                if let Ok(slot) = slot {
+                    elements[slot] = element(values(few)).ok_or_else(unfit)?;
+                }
             }
         }
         Ok(elements)
@@ -146,7 +171,7 @@ impl<'a> Accessors<'a> {
         })
     }
 
-    /// The bytes of `count` elements of `size` bytes each.
+    /// The bytes of each of `count` elements of `size` bytes, by its number.
     fn elements(
         &self,
         view: Index<buffer::View>,
@@ -154,7 +179,7 @@ impl<'a> Accessors<'a> {
         count: u64,
         size: usize,
         place: &str,
-    ) -> Result<impl Iterator<Item = &'a [u8]> + use<'a>, Problem> {
+    ) -> Result<impl Fn(usize) -> &'a [u8] + use<'a>, Problem> {
         let place = &format!("{place}, bufferView {view}");
         let bytes = self.view(view, place)?;
         let stride = self.root.buffer_views[view.value()].byte_stride.map_or(size, |stride| stride.0);
@@ -168,7 +193,7 @@ impl<'a> Accessors<'a> {
             let found = format!("{count} elements of {size} bytes every {stride} bytes from byte {offset}");
             Problem::new(place, found, format!("at most the {} bytes of the view", bytes.len()))
         })?;
-        Ok(bytes.chunks(stride).map(move |element| &element[..size]))
+        Ok(move |number| &bytes[number * stride..][..size])
     }
 }
 

@@ -5,7 +5,7 @@ use ::gltf::json::validation::Checked;
 use ::gltf::json::{Index, Root};
 use glam::{Affine3A, DAffine3, DVec3, Mat4, Quat, Vec3};
 
-use super::accessor::Accessors;
+use super::accessor::{ALL, Accessors};
 use super::track::Track;
 use crate::error::{Problem, numbered};
 
@@ -88,17 +88,17 @@ impl Channels {
             return Err(Problem::new(place, "an unknown interpolation", "STEP, LINEAR or CUBICSPLINE"));
         };
 
-        let times = accessors.floats::<1>(sampler.input, &format!("{place}, times"))?.into_flattened();
+        let times = accessors.floats::<1>(sampler.input, ALL, &format!("{place}, times"))?.into_flattened();
         check_times(&times, place)?;
         let (place, output) = (&format!("{place}, values"), sampler.output);
-        let vectors = || Ok(accessors.floats::<3>(output, place)?.into_flattened());
+        let vectors = || Ok(accessors.floats::<3>(output, ALL, place)?.into_flattened());
         let [translation, rotation, scale] = &mut self.transforms[node];
         let (track, width, values) = match property {
             Property::Translation => (translation, 3, vectors()?),
-            Property::Rotation => (rotation, 4, accessors.floats::<4>(output, place)?.into_flattened()),
+            Property::Rotation => (rotation, 4, accessors.floats::<4>(output, ALL, place)?.into_flattened()),
             Property::Scale => (scale, 3, vectors()?),
             Property::MorphTargetWeights => {
-                let values = accessors.floats::<1>(output, place)?.into_flattened();
+                let values = accessors.floats::<1>(output, ALL, place)?.into_flattened();
                 (&mut self.weights[node], target_count(root, node), values)
             }
         };

@@ -5,7 +5,7 @@ use ::gltf::json::validation::Checked;
 use ::gltf::json::{Accessor, Index};
 use glam::{Vec2, Vec3, Vec3A};
 
-use super::accessor::Accessors;
+use super::accessor::{ALL, Accessors, Used};
 use super::material::Mapping;
 use crate::error::Problem;
 
@@ -67,14 +67,14 @@ impl Geometry {
             Checked::Valid(mode) => mode,
             Checked::Invalid => return Err(Problem::new(place, "an unknown primitive mode", "0 to 6")),
         };
-        let mut source = Source { primitive, accessors, place, count: 0, used: Vec::new() };
-        let Some((position, at)) = source.attribute(Semantic::Positions) else {
+        let mut source = Source { primitive, accessors, place, count: None, used: None };
+        let Some(position) = source.attribute(Semantic::Positions) else {
             // Such primitives are to be skipped (3.7.2.1).
             return Ok(None);
         };
-        let positions = accessors.floats::<3>(position, &at)?;
-        source.count = positions.len();
-        let triangles = source.triangles(mode)?;
+        let indices = source.indices(position.0)?;
+        let positions: Vec<Vec3> = source.vectors(position)?;
+        let triangles = source.triangles(mode, indices, positions.len())?;
         let targets = source.targets()?;
         let influences = source.influences()?;
         let normals = source.attribute(Semantic::Normals).map(|at| source.vectors(at)).transpose()?;
@@ -83,7 +83,6 @@ impl Geometry {
             Some(texcoords.map(|all| all.into_iter().map(|at| mapping.apply(at)).collect()))
         });
         let texcoords = texcoords.transpose()?;
-        let positions = source.used.iter().map(|&old| Vec3::from_array(positions[old as usize])).collect();
         Ok(Some(Self { positions, triangles, influences, targets, normals, texcoords }))
     }
 
@@ -109,9 +108,9 @@ struct Source<'a> {
     accessors: &'a Accessors<'a>,
     place: &'a str,
     /// Number of its vertices.
-    count: usize,
-    /// The numbers of those that its triangles use.
-    used: Vec<u32>,
+    count: Option<u64>,
+    /// The numbers of those that its triangles use; without indices all.
+    used: Option<Vec<u32>>,
 }
 
 impl Source<'_> {
@@ -120,13 +119,8 @@ impl Source<'_> {
         Some((*self.primitive.attributes.get(&Checked::Valid(semantic))?, place))
     }
 
-    /// Those of `all` elements that belong to used vertices.
-    fn of_used<T: Copy>(&self, all: &[T], place: &str) -> Result<Vec<T>, Problem> {
-        if all.len() != self.count {
-            let expected = format!("{}, one for each position", self.count);
-            return Err(Problem::new(place, format!("{} elements", all.len()), expected));
-        }
-        Ok(self.used.iter().map(|&old| all[old as usize]).collect())
+    fn used(&self) -> Used<'_> {
+        Used { numbers: self.used.as_deref(), of: self.count }
     }
 
     /// A vector of `N` floats for each used vertex.
@@ -134,8 +128,8 @@ impl Source<'_> {
         &self,
         (accessor, place): Attribute,
     ) -> Result<Vec<V>, Problem> {
-        let all = self.accessors.floats(accessor, &place)?;
-        Ok(self.of_used(&all, &place)?.into_iter().map(V::from).collect())
+        let vectors = self.accessors.floats(accessor, self.used(), &place)?;
+        Ok(vectors.into_iter().map(V::from).collect())
     }
 
     /// The morph targets of the used vertices.
@@ -154,39 +148,47 @@ impl Source<'_> {
         Ok(targets)
     }
 
-    /// The triangles, with used vertices numbered from 0. Sets which these are.
-    ///
-    /// Exporters let the primitives of a mesh share one large vertex array, of which each uses a
-    /// piece.
-    fn triangles(&mut self, mode: Mode) -> Result<Vec<[u32; 3]>, Problem> {
-        let (place, count) = (self.place, self.count);
-        let vertices = u32::try_from(count).map_err(|_| {
-            Problem::new(place, format!("{count} vertices"), "as many as 32-bit indices can name")
-        })?;
-        let mut indices: Vec<u32> = match self.primitive.indices {
-            Some(indices) => {
-                self.accessors.integers::<1>(indices, &format!("{place}, indices"))?.into_flattened()
-            }
-            None => (0..vertices).collect(),
-        };
-        if let Some((at, index)) = indices.iter().enumerate().find(|&(_, &index)| index >= vertices) {
+    /// The indices, if there are any, renumbered so that used vertices are counted from 0. Sets which
+    /// these are.
+    fn indices(&mut self, positions: Index<Accessor>) -> Result<Option<Vec<u32>>, Problem> {
+        let (place, accessors) = (self.place, self.accessors);
+        let count = accessors.root.accessors.get(positions.value()).map(|positions| positions.count.0);
+        self.count = count;
+        let (Some(count), Some(indices)) = (count, self.primitive.indices) else { return Ok(None) };
+        let indices = accessors.integers::<1>(indices, ALL, &format!("{place}, indices"))?;
+        let mut indices = indices.into_flattened();
+        if let Some((at, index)) = indices.iter().enumerate().find(|&(_, &index)| u64::from(index) >= count) {
             let expected = format!("an index below the number of vertices, {count}");
             return Err(Problem::new(format!("{place}, index number {at}"), index.to_string(), expected));
         }
+        let mut used = indices.clone();
+        used.sort_unstable();
+        used.dedup();
+        if (used.len() as u64) < count {
+            let new_number = |old: u32| used.partition_point(|&used| used < old) as u32;
+            indices.iter_mut().for_each(|index| *index = new_number(*index));
+        }
+        self.used = Some(used);
+        Ok(Some(indices))
+    }
+
+    /// The triangles of these vertices, or of all `count` in order.
+    fn triangles(
+        &self,
+        mode: Mode,
+        indices: Option<Vec<u32>>,
+        count: usize,
+    ) -> Result<Vec<[u32; 3]>, Problem> {
+        // More vertices than 32 bits number are refused later, with their part.
+        let indices = indices.unwrap_or_else(|| (0..count as u32).collect());
         let (fits, expected) = match mode {
             Mode::Triangles => (indices.len().is_multiple_of(3), "a multiple of 3"),
             _ => (indices.len() >= 3, "at least 3"),
         };
         if !fits {
-            return Err(Problem::new(place, format!("{} vertices for {mode:?}", indices.len()), expected));
+            let found = format!("{} vertices for {mode:?}", indices.len());
+            return Err(Problem::new(self.place, found, expected));
         }
-
-        let mut is_used = vec![false; count];
-        indices.iter().for_each(|&index| is_used[index as usize] = true);
-        self.used = (0..vertices).filter(|&old| is_used[old as usize]).collect();
-        let mut new_number = vec![0; count];
-        (0..).zip(&self.used).for_each(|(new, &old)| new_number[old as usize] = new);
-        indices.iter_mut().for_each(|index| *index = new_number[*index as usize]);
         Ok(match mode {
             Mode::TriangleStrip => {
                 // Every other triangle is turned over, so that all face the same way.
@@ -210,14 +212,14 @@ impl Source<'_> {
         for set in 0.. {
             let both = self.attribute(Semantic::Joints(set)).zip(self.attribute(Semantic::Weights(set)));
             let Some(((joints, place), weights)) = both else { break };
-            let joints = self.of_used(&self.accessors.integers::<4>(joints, &place)?, &place)?;
+            let joints = self.accessors.integers::<4>(joints, self.used(), &place)?;
             sets.push((joints, self.vectors::<4, [f32; 4]>(weights)?));
         }
         if sets.is_empty() {
             return Ok(None);
         }
         let mut influences = Influences { first: vec![0], joints: Vec::new() };
-        for vertex in 0..self.used.len() {
+        for vertex in 0..sets[0].0.len() {
             let joints =
                 sets.iter().flat_map(|(joints, weights)| joints[vertex].into_iter().zip(weights[vertex]));
             let sum: f32 = joints.clone().map(|(_, weight)| weight).sum();

@@ -297,6 +297,25 @@ fn sparse_accessors() {
 }
 
 #[test]
+fn of_a_shared_vertex_array_only_used_elements_are_decoded() {
+    let mut document = Document::default();
+    let words = |words: &[u32]| words.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<u8>>();
+    let at = document.view(&words(&[6, 7, 99_999_999]), "");
+    let values = document.view(&words(&[1.0_f32, 2.0, 3.0].map(|x| [x.to_bits(); 3]).concat()), "");
+    // 1.2 GB if they were all decoded.
+    document.raw_accessor(&format!(
+        r#"{{"componentType":{FLOAT},"count":100000000,"type":"VEC3","sparse":{{"count":3,
+        "indices":{{"bufferView":{at},"componentType":{U32}}},"values":{{"bufferView":{values}}}}}}}"#
+    ));
+    document.accessor("SCALAR", U32, 3, &words(&[99_999_999, 5, 7]), "");
+    let animation = document.load(
+        r#""meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}],"nodes":[{"mesh":0}]"#,
+    );
+    assert_eq!(animation.topology().triangles, [[2, 0, 1]]);
+    assert_close(&animation.rest(), &[[0.0; 3], [2.0; 3], [3.0; 3]]);
+}
+
+#[test]
 fn quantised_positions_with_stride_and_every_index_type() {
     for (kind, size) in [(U8, 1), (U16, 2), (U32, 4)] {
         let mut document = Document::default();
