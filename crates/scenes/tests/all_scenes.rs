@@ -92,13 +92,25 @@ fn triangle_counts_are_those_of_the_papers_scenes() {
 
 #[test]
 fn scenes_are_the_same_on_any_number_of_threads() {
-    let small = || SceneOptions { detail: Some(0.01), substeps: Some(4), key_frames: Some(20), ..reduced() };
     for info in list() {
-        let [one, two, three] = [1, 2, 3].map(|threads| {
+        // Passes are split in two by one thread and in four by three, if each part then has the least
+        // length: 4096 particles of the cloth, 512 shards. The dragon needs some steps to break.
+        let (detail, key_frames, substeps) = match info.name {
+            "cloth-ball" => (0.4, 3, 5),
+            "exploding-dragon" => (1.0, 20, 4),
+            _ => (0.01, 20, 4),
+        };
+        let options = SceneOptions {
+            detail: Some(detail),
+            substeps: Some(substeps),
+            key_frames: Some(key_frames),
+            ..SceneOptions::default()
+        };
+        let [one, three] = [1, 3].map(|threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| fingerprint(&load(info.name, None, &small()).unwrap()))
+            pool.install(|| fingerprint(&load(info.name, None, &options).unwrap()))
         });
-        assert_eq!((one, one), (two, three), "{}", info.name);
+        assert_eq!(one, three, "{}", info.name);
     }
 }
 
