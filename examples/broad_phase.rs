@@ -14,7 +14,8 @@ const RADIUS: f32 = 0.2;
 const ROOM: f32 = 30.0;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let scatter = |i: usize, k: usize| ((i * k) % 9973) as f32 / 9973.0;
+    // A prime above the number of balls, so that no two balls start in one place.
+    let scatter = |i: usize, k: usize| ((i * k) % 99_991) as f32 / 99_991.0;
     let mut centers: Vec<Vec3> =
         (0..BALLS).map(|i| Vec3::new(scatter(i, 7919), scatter(i, 5167), scatter(i, 3571)) * ROOM).collect();
     let mut speeds: Vec<Vec3> =
