@@ -68,10 +68,13 @@ pub fn read(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))
 }
 
+/// Held by the run that writes to a folder, and a sign that the folder is of runs.
+pub(crate) const LOCK: &str = ".pivot-lock";
+
 /// Locks a folder for one run at a time; the lock ends with the returned file. Nothing if the file
 /// system has no locks, which is no reason to refuse a run.
 pub(crate) fn lock(folder: &Path) -> Result<Option<File>> {
-    let path = folder.join(".lock");
+    let path = folder.join(LOCK);
     let file = File::create(&path).with_context(|| format!("{}: cannot be written", path.display()))?;
     match file.try_lock() {
         Err(fs::TryLockError::WouldBlock) => {

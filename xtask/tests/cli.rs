@@ -499,7 +499,7 @@ fn two_runs_into_one_folder_are_refused() {
     let (temporary, sheet) = folder();
     let out = temporary.path().join("results");
     fs::create_dir(&out).expect("a folder");
-    let lock = fs::File::create(out.join(".lock")).expect("a file");
+    let lock = fs::File::create(out.join(".pivot-lock")).expect("a file");
     lock.try_lock().expect("nobody else has it");
     refused(&["reproduce", "--scene", str(&sheet), "--out", str(&out)], &["another run", "--out"]);
 }

@@ -532,7 +532,7 @@ fn what_cannot_be_replaced_is_left_alone() {
     for name in ["frames.csv", "summary.json", "report.html", "images"] {
         let out = base.join(name.replace('.', "-"));
         fs::create_dir(&out).expect("a folder");
-        fs::write(out.join(".lock"), "").expect("a file");
+        fs::write(out.join(".pivot-lock"), "").expect("a file");
         if name == "images" {
             fs::write(out.join(name), "in the way").expect("a file");
         } else {
@@ -544,7 +544,10 @@ fn what_cannot_be_replaced_is_left_alone() {
     let own = base.join("own");
     fs::create_dir_all(own.join("images")).expect("a folder");
     fs::write(own.join("images/holiday-1234.png"), "").expect("a file");
-    refused(&reproduce(&sheet, &own), &["own", "images", "--out"]);
+    // As other tools leave them.
+    fs::write(own.join(".lock"), "").expect("a file");
+    fs::write(own.join("summary.json"), "{}").expect("a file");
+    refused(&reproduce(&sheet, &own), &["own", "no results", "--out"]);
     assert!(own.join("images/holiday-1234.png").exists());
     let dangling = base.join("dangling");
     symlink("nowhere/at-all", &dangling).expect("a link");

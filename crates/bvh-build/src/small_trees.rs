@@ -41,8 +41,8 @@ fn pair(a: &PrimRef, b: &PrimRef, slot: SubtreeSlot) {
     slot.fork(1, |l, r| (l.leaf(a), r.leaf(b)));
 }
 
-/// The pairs of 0 1 2 3, each before the other two; two pairs that make up all four stand as far from
-/// the front as from the back.
+/// The pairs of 0 1 2 3, each before the other two; two pairs that make up all four stand as far
+/// from the front as from the back.
 const PAIRS: [[usize; 4]; 6] =
     [[0, 1, 2, 3], [0, 2, 1, 3], [0, 3, 1, 2], [1, 2, 0, 3], [1, 3, 0, 2], [2, 3, 0, 1]];
 

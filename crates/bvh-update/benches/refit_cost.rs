@@ -10,8 +10,8 @@
 //! frame, and the stages of the least frame that it recorded, as sums over all threads.
 //!
 //! The schedule is that of a pool whose workers steal, as rayon's do, with the prices of a join and
-//! of a theft that the bench measures first. It takes memory to be as fast for many workers as for
-//! one.
+//! of a theft that the bench measures first. Workers never sleep, and memory is as fast for many of
+//! them as for one: so the efficiencies are upper bounds.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};

@@ -42,10 +42,9 @@ pub(crate) struct Baseline {
     pub(crate) cost: f64,
     /// `cost` as it was measured: `Auto` lowers `cost` where the tree gets better.
     pub(crate) measured: f64,
-    /// Half area of the dynamic leaves, of the root, and of the static leaves, when the tree was
-    /// measured.
-    pub(crate) sizes: [f64; 3],
-    /// By how much the first two had grown after the last update.
+    /// Half area of the dynamic leaves and of the root when the tree was measured.
+    pub(crate) sizes: [f64; 2],
+    /// By how much these had grown after the last update.
     pub(crate) growth: [f64; 2],
     /// The scene's scale after the last update.
     pub(crate) scale: f64,

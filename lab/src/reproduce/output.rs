@@ -22,7 +22,10 @@ impl Output {
     /// names that a run replaces or removes. What killed runs have left half-written there goes, if
     /// it is certain that no other run is writing.
     pub(super) fn prepare(folder: PathBuf) -> Result<Self> {
-        let is_ours = [".lock", "summary.json"].iter().any(|name| folder.join(name).exists());
+        // Published results have no lock.
+        let has_summary =
+            || fs::read_to_string(folder.join("summary.json")).is_ok_and(|s| s.contains("\"schema\""));
+        let is_ours = folder.join(files::LOCK).exists() || has_summary();
         if let (false, Some(Ok(first))) = (is_ours, fs::read_dir(&folder).into_iter().flatten().next()) {
             let (folder, first) = (folder.display(), first.file_name());
             bail!(

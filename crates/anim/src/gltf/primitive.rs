@@ -55,7 +55,8 @@ impl Influences {
 }
 
 impl Geometry {
-    /// `None` for points and lines, and without positions. `mapping` is of the material's texture, if it has one.
+    /// `None` for points and lines, and without positions. `mapping` is of the material's texture,
+    /// if it has one.
     pub(super) fn read(
         primitive: &Primitive,
         mapping: Option<&Mapping>,
@@ -148,8 +149,8 @@ impl Source<'_> {
         Ok(targets)
     }
 
-    /// The indices, if there are any, renumbered so that used vertices are counted from 0. Sets which
-    /// these are.
+    /// The indices, if there are any, renumbered so that used vertices are counted from 0. Sets
+    /// which these are.
     fn indices(&mut self, positions: Index<Accessor>) -> Result<Option<Vec<u32>>, Problem> {
         let (place, accessors) = (self.place, self.accessors);
         let count = accessors.root.accessors.get(positions.value()).map(|positions| positions.count.0);

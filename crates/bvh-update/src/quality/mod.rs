@@ -80,7 +80,7 @@ pub(crate) fn take_baseline(bvh: &mut Bvh) {
     let root = bvh.root().aabb().half_area_f64();
     let parts = parts(bvh);
     let baseline = &mut State::of_mut(parts.state).baseline;
-    let sizes = [dynamic_leaves, root, static_leaves];
+    let sizes = [dynamic_leaves, root];
     if cost != 0.0 {
         baseline.take_sizes(sizes);
         return;
@@ -105,15 +105,15 @@ impl Baseline {
     /// From now on the scale grows as leaves and root of these sizes do. It is what it was, so
     /// references hold, and so is the growth so far: where it began anew with each other mask, a
     /// loop of motion would not end on the scale that it began with.
-    pub(crate) fn take_sizes(&mut self, [leaves, root, fixed]: [f64; 3]) {
-        self.sizes = [leaves / or_one(self.growth[0]), root / or_one(self.growth[1]), fixed];
+    pub(crate) fn take_sizes(&mut self, [leaves, root]: [f64; 2]) {
+        self.sizes = [leaves / or_one(self.growth[0]), root / or_one(self.growth[1])];
         self.scale_factor = or_one(self.scale / common_growth(self.sizes, self.growth));
         self.has_other_dynamic = 0;
     }
 
     /// Notes how the scene has grown, given the area of its dynamic leaves now; gives its scale.
     pub(crate) fn take_growth(&mut self, root_area: f64, leaf_area: f64) -> f64 {
-        let [leaves, root, _] = self.sizes;
+        let [leaves, root] = self.sizes;
         let growth = |now: f64, first: f64| if first > 0.0 { now / first } else { 1.0 };
         self.growth = [growth(leaf_area, leaves), growth(root_area, root)];
         self.scale = or_one(common_growth(self.sizes, self.growth) * self.scale_factor);
@@ -159,7 +159,7 @@ pub(crate) fn cost_after(bvh: &Bvh, tally: &Tally) -> f64 {
 /// Half area of all dynamic leaves, as it was at first, times the growth that leaves and root have
 /// in common: that of the one that has changed less, none if one has grown and the other shrunk. 1
 /// where that is no area.
-fn common_growth([first, ..]: [f64; 3], [leaves, root]: [f64; 2]) -> f64 {
+fn common_growth([first, _]: [f64; 2], [leaves, root]: [f64; 2]) -> f64 {
     or_one(first * leaves.min(root).max(leaves.max(root).min(1.0)))
 }
 
@@ -243,7 +243,7 @@ mod tests {
 
     #[test]
     fn the_scale_follows_what_leaves_and_root_have_in_common() {
-        let first = [2.0, 100.0, 0.0];
+        let first = [2.0, 100.0];
         for (growth, expected) in [
             ([1.0, 1.0], 2.0),
             ([3.0, 3.0], 6.0),
@@ -258,7 +258,7 @@ mod tests {
         ] {
             assert_eq!(common_growth(first, growth), expected, "{growth:?}");
         }
-        assert_eq!(common_growth([0.0; 3], [1.0; 2]), 1.0);
+        assert_eq!(common_growth([0.0; 2], [1.0; 2]), 1.0);
     }
 
     #[test]

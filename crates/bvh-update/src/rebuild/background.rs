@@ -86,6 +86,7 @@ impl Builds {
     /// Starts a build over a copy of the boxes, if the system has a thread to give.
     fn start<P: Primitives + ?Sized>(&mut self, bvh: &mut Bvh, primitives: &P, builder: Builder) {
         if cfg!(all(target_arch = "wasm32", target_os = "unknown")) {
+            // No thread can be had, and each update would copy all boxes to find that out.
             return;
         }
         static NUMBER: AtomicU64 = AtomicU64::new(1);

@@ -61,7 +61,7 @@ pub(super) struct FrontierScratch {
 }
 
 /// Finds the subtrees whose excess is at most `threshold`. Where there are more than `most`, not
-/// all are found. O(n) for the n nodes above dynamic primitives.
+/// all are found. O(n) for the n nodes above dynamic primitives and the large static ones.
 pub(super) fn find(bvh: &Bvh, scale: f64, threshold: f64, most: usize, scratch: &mut FrontierScratch) {
     let FrontierScratch { parts, found } = scratch;
     found.clear();

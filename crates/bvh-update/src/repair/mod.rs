@@ -1,7 +1,7 @@
 //! Partial rebuilds: subtrees that are still good are kept, and the tree above them is built again.
 //!
 //! ```text
-//! frontier(N):  E = frontier(L) + frontier(R) + max(0, A(N) - scale * reference(N))     in post-order
+//! frontier(N):  E = frontier(L) + frontier(R) + max(0, A(N) - scale * reference(N))     in post-order, for dynamic N
 //!               if E > threshold: N is opened, and its children that are not are subtrees to keep
 //! ```
 //!
@@ -25,6 +25,9 @@ use frontier::FrontierScratch;
 use top_tree::rebuild_top;
 
 /// When to build the tree again above subtrees that are still good.
+///
+/// A tree whose cost falls below half of its baseline, as where a scattered scene is compact again,
+/// is built again as a whole, whatever `growth` is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PartialRebuild {
     /// The budget of rotations, if any are wanted.
