@@ -217,6 +217,9 @@ pub fn build_with<P: Primitives + ?Sized>(
 /// # Errors
 /// If there are more than [`MAX_PRIMITIVES`]; `bvh` is then as it was.
 ///
+/// # Panics
+/// If primitives panic; `bvh` may then be empty.
+///
 /// ```
 /// use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
 /// use bvh_core::{Aabb, Bvh, Vec3};

@@ -91,7 +91,7 @@ pub fn hill_climb(bvh: &mut Bvh, options: &HillClimb) -> Optimized {
 /// the cost as it gets colder (Kensler 2008).
 ///
 /// The result is the best tree after any pass, climbed again: never worse than by [`hill_climb`]
-/// alone. Serial and deterministic. O(n) a pass, with memory for a second tree.
+/// alone. Serial and deterministic. O(n) a pass, with memory for three copies of the nodes.
 ///
 /// ```
 /// use bvh_build::{Anneal, Builder, anneal, build};

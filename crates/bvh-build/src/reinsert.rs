@@ -12,8 +12,8 @@
 //! ```
 //!
 //! Departures: moves found in parallel are not locked against each other. They are applied one
-//! after the other and only if the tree as it is then gets cheaper. So no move makes the tree
-//! worse, and the tree does not depend on the number of threads. Any ancestor is a place, too, not
+//! after the other and only if the tree as it is then gets cheaper, by more than rounding. So no
+//! move makes the tree worse, and the tree does not depend on the number of threads. Any ancestor is a place, too, not
 //! only the nodes beside the path to the root. The search goes depth first.
 
 use bvh_core::{Bvh, COST_TRAVERSE, MAX_HEIGHT, Node, prefetch};
@@ -22,6 +22,10 @@ use rayon::prelude::*;
 use crate::options::with_methods;
 use crate::tree::{Boxes, Tree};
 use crate::{Optimized, raw};
+
+/// Part of the area that is freed which a move saves at least. Rotations compare areas rounded to
+/// `f32`: where two trees are equal but for rounding, these would take back every move.
+const LEAST_SAVED: f64 = 1e-6;
 
 /// The budget of [`reinsert`](fn@reinsert).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -246,7 +250,8 @@ fn apply<T: Tree>(tree: &mut T, parents: &mut [u32], n: usize, to: usize) -> f64
     tree.copy(sibling, parent);
     adopt(tree, parents, parent);
     let freed = taken - refit_above(tree, parents, parent);
-    let saving = COST_TRAVERSE * price(tree, parents, n, to).map_or(f64::NEG_INFINITY, |price| freed - price);
+    let saved = price(tree, parents, n, to).map(|price| freed - price);
+    let saving = COST_TRAVERSE * saved.filter(|&saved| saved > LEAST_SAVED * freed).unwrap_or(0.0);
     // Moving it back undoes everything exactly, because bounds are minima and maxima.
     let to = if saving > 0.0 { to } else { parent };
     tree.copy(to, sibling);
@@ -257,7 +262,7 @@ fn apply<T: Tree>(tree: &mut T, parents: &mut [u32], n: usize, to: usize) -> f64
     adopt(tree, parents, to);
     tree.refit(to);
     refit_above(tree, parents, to);
-    saving.max(0.0)
+    saving
 }
 
 /// Area that it costs to put the node in slot `n`, which has been taken out, beside the node in

@@ -308,7 +308,8 @@ impl Bvh {
     }
 
     /// A number that depends on every bit of the nodes and the order (64-bit FNV-1a over 32-bit
-    /// words): equal trees have equal fingerprints on every machine. O(n).
+    /// words, pairs that are not in use included): trees of equal bits have equal fingerprints on
+    /// every machine. O(n).
     #[must_use]
     pub fn fingerprint(&self) -> u64 {
         let words: &[u32] = bytemuck::cast_slice(&self.pairs);

@@ -146,7 +146,7 @@ impl<P: Primitives + ?Sized> Primitives for &P {
     forward!(self => *self);
 }
 
-impl<P: Primitives + Send + ?Sized> Primitives for Box<P> {
+impl<P: Primitives + ?Sized> Primitives for Box<P> {
     forward!(self => self.as_ref());
 }
 
@@ -317,6 +317,12 @@ mod tests {
         assert_eq!(t.aabb(0), Aabb::new(Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0)));
         assert!(t.aabb(1).is_empty() && t.aabb(2).is_empty());
         (0..10).for_each(|i| t.prefetch_data(i));
+    }
+
+    #[test]
+    fn boxed_primitives_are_primitives() {
+        let count = |primitives: Box<dyn Primitives>| Primitives::len(&primitives);
+        assert_eq!(count(Box::new([Aabb::EMPTY; 3])), 3);
     }
 
     #[test]

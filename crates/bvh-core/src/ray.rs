@@ -65,7 +65,8 @@ impl Ray {
     /// an empty box, an invalid ray, and a `t_max` that is negative or NaN.
     ///
     /// Conservative by [`WIDEN`](Self::WIDEN): rounding never turns a hit into a miss, not even one
-    /// at `t_max`.
+    /// at `t_max`, unless a component of the direction is so small, below 2.9e-39, that one over it
+    /// is infinite. The ray then counts as parallel to that axis.
     #[must_use]
     #[inline]
     pub fn enters(&self, aabb: &Aabb, t_max: f32) -> Option<f32> {

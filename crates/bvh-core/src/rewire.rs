@@ -39,7 +39,8 @@ impl Bvh {
     /// `path` lists node slots from the root, 0, to the root of the part. `shape` lists branches,
     /// each behind those it is made of, the root of the part last. The kept subtrees have to be all
     /// that lies below that root, each once. Boxes of new nodes are the unions of the boxes below
-    /// them, and the same pairs of node slots are used. O(k log k) for k branches.
+    /// them, and the same pairs of node slots are used. New nodes have the reference 0
+    /// ([`Node::reference`]). O(k log k) for k branches.
     ///
     /// # Errors
     /// If path, shape or kept subtrees do not fit the tree, or if it would become too high. The

@@ -19,7 +19,7 @@ pub struct Update {
     /// SAH cost of the tree as it is now, where the strategy needs it or
     /// [`Updater::report_cost`](crate::Updater::report_cost) asks for it:
     /// [`sah_cost`](bvh_core::sah_cost), but from `f32` areas where those are finite. `None` after
-    /// a rebuild or a partial rebuild.
+    /// a rebuild or a partial rebuild; a tree from the background is refitted, so it has one.
     pub sah_cost: Option<f64>,
     /// Height of the tree as it is now.
     pub height: u32,

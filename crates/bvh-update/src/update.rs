@@ -19,7 +19,8 @@ use crate::{leaves, repair};
 /// it.
 ///
 /// Each tree wants an updater of its own: reported loads, and a build in the background, belong to
-/// one tree.
+/// one tree. Of two trees that take turns one may never get a tree from the background. Dropping an
+/// updater waits for the build under way.
 ///
 /// ```
 /// use bvh_build::{BuildOptions, Builder, build};
@@ -75,15 +76,16 @@ impl Updater {
         self.load = load.into();
     }
 
-    /// Makes every update report the SAH cost ([`Update::sah_cost`]), where strategies that do not
-    /// need it leave it out. `docs/UPDATE_COST.md` has what the sums take.
+    /// Makes every update that keeps its tree report the SAH cost ([`Update::sah_cost`]), where
+    /// strategies that do not need it leave it out. `docs/UPDATE_COST.md` has what the sums take.
     pub fn report_cost(&mut self, report: bool) -> &mut Self {
         self.reports_cost = report;
         self
     }
 
     /// Makes refits, with and without rotations, record what each of their blocks takes, for
-    /// [`take_costs`](Self::take_costs). Sweeps over trees in built order have no blocks.
+    /// [`take_costs`](Self::take_costs). Sweeps over trees in built order have no blocks. For targets
+    /// with a clock: later updates panic on `wasm32-unknown-unknown`.
     pub fn record_costs(&mut self) {
         self.workspace.refit.costs = Some(Costs::default());
     }
@@ -127,6 +129,10 @@ impl Updater {
     /// # Errors
     /// If the number of primitives is not that of the tree and the strategy does not rebuild, or if
     /// a build fails. The tree is as it was then, or refitted if a rebuild was to follow.
+    ///
+    /// # Panics
+    /// If primitives panic. The tree is valid after that: refitted in part, or empty where it was
+    /// being built again, or with all primitives dynamic where one from the background took over.
     pub fn update<P: Primitives + ?Sized>(
         &mut self,
         bvh: &mut Bvh,

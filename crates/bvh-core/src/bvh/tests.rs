@@ -167,3 +167,14 @@ fn the_fingerprint_depends_on_nodes_and_order() {
     c.set_dynamic(|p| p == 0);
     assert!(a.fingerprint() != b.fingerprint() && a.fingerprint() != c.fingerprint());
 }
+
+/// Updates do not visit such leaves.
+#[test]
+fn a_leaf_without_primitives_has_no_box() {
+    let nodes = [Node::parent(&Node::leaf(BOX, 0, 1), &Node::leaf(BOX, 1, 0), 2), Node::NOTHING];
+    let nodes = [&nodes[..], &[Node::leaf(BOX, 0, 1), Node::leaf(BOX, 1, 0)]].concat();
+    let mut bvh = Bvh::new(&nodes, vec![0]).expect("a tree");
+    bvh.set_dynamic(|_| true);
+    assert!(bvh.nodes()[3].aabb().is_empty());
+    bvh.validate(&[BOX]).expect("tight");
+}

@@ -15,6 +15,9 @@ use crate::state::{Layout, State};
 /// Subtrees of this height or less are parts, which take turns; what is above them is walked
 /// through each time.
 const SMALL: u32 = 8;
+/// Part of its cost that a run saves at least. Rotations compare areas rounded to `f32`: where two
+/// trees are equal but for rounding, these would take back every change.
+const LEAST_SAVED: f64 = 1e-6;
 /// Parts that are looked at together, so that there is something to do while memory answers.
 const GROUP: usize = 32;
 /// Most tasks that parts are dealt out to.
@@ -206,7 +209,7 @@ impl<P: Primitives + ?Sized> View<'_, P> {
             }
             let best = OptimalTree::new(boxes);
             let cost = best.cost[0][slots.len() - 1];
-            if cost < run.cost {
+            if cost < run.cost * (1.0 - LEAST_SAVED) {
                 root.changes = true;
                 let (leaves, number) = best.add_leaves((0.0, 0), 0, slots.len());
                 let more_pairs = (number - 1).saturating_sub(root.pairs);
