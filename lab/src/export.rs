@@ -31,6 +31,7 @@ pub fn run(args: &Args) -> Result<()> {
     ensure!(is_glb, "{}: {} is a binary glTF file, name it .glb", out.display(), args.scene);
     let is_toys = args.scene == "toys";
     ensure!(!is_toys || args.seed.is_none(), "--seed: nothing in toys is random; leave it out");
+    files::ensure_writable(out)?;
     let bytes =
         if is_toys { scenes::toys_glb() } else { scenes::fairy_forest_glb(args.seed.unwrap_or_default()) };
     files::write_and_name(out, &bytes)

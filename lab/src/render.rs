@@ -306,15 +306,11 @@ impl Target {
         }
     }
 
-    /// Makes the folder, or checks that the file's is there, before anything long begins.
+    /// Makes the folder before anything long begins.
     fn prepare(&self) -> Result<()> {
         match self {
             Self::Folder(folder) => files::make_folder(folder),
-            Self::File(file) | Self::Film(file) => {
-                let folder = files::folder_of(file);
-                ensure!(folder.is_dir(), "{}: there is no folder {}", file.display(), folder.display());
-                Ok(())
-            }
+            Self::File(file) | Self::Film(file) => files::ensure_writable(file),
         }
     }
 

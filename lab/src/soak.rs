@@ -145,6 +145,9 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
             times[i] += ms(start) / tenth as f64;
         }
     }
+    if interrupt::requested() {
+        return Ok(Vec::new());
+    }
     let [first, middle, last] = windows;
     // Means: strategies that rebuild now and then have rare poor trees.
     let cost = |w: &Window| w.costs.iter().sum::<f64>() / w.costs.len().max(1) as f64;
@@ -160,9 +163,6 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
         "{who}, {done}: {:.3} {:.3} ms; {:.3} {:.3}; {:.0} {:.0}; {:.1} {:.1} MiB",
         time[0], time[1], cost[0], cost[1], height[0], height[1], memory[0], memory[1]
     ))?;
-    if interrupt::requested() {
-        return Ok(Vec::new());
-    }
     let broken = measures.into_iter().filter(|(_, [from, to], most)| *to > from * most);
     let words = broken.map(|(what, [from, to], most)| {
         format!("{who}: {what} from {from:.3} to {to:.3}, more than {most} times")

@@ -230,7 +230,9 @@ pub fn run(args: &Args) -> Result<()> {
         }
     }
     files::print(&table::ratios(&report.rows))?;
-    draw(args, &report)?;
+    if !report.rows.is_empty() {
+        draw(args, &report)?;
+    }
     let elsewhere = if args.json.is_some() { ", and another file for --json" } else { "" };
     interrupt::say_how_to_go_on(&format!("the same command for the other scenes,{rest}{elsewhere}"));
     let wrong: Vec<_> = report.rows.iter().filter(|row| !row.agrees).map(Row::place).collect();
@@ -247,6 +249,7 @@ fn print_saved(args: &Args, path: &Path) -> Result<()> {
         args.what == What::All || args.chart.is_some(),
         "--from prints all tables of the file; leave the measurement out, or name a --chart of it"
     );
+    args.chart.iter().try_for_each(|chart| files::ensure_writable(chart))?;
     let report: Report = serde_json::from_slice(&files::read(path)?)
         .with_context(|| format!("{}: not a file that `compare --json` wrote", path.display()))?;
     files::print(&format!("{}\n{}", report.heading(), table::tables(&report.rows)))?;
@@ -274,12 +277,14 @@ fn hard_cases(args: &Args) -> Result<()> {
     }
 }
 
-/// Draws the chart that was asked for: of the measurement named, or else of updates.
+/// Draws the chart that was asked for: of the measurement named, or else of the first.
 fn draw(args: &Args, report: &Report) -> Result<()> {
     let Some(path) = &args.chart else { return Ok(()) };
-    let what = args.what.to_possible_value().filter(|_| args.what != What::All);
-    let svg = report.chart(what.as_ref().map_or("update", |value| value.get_name()));
-    files::write_and_name(path, svg.as_bytes())
+    let named = args.what.to_possible_value().filter(|_| args.what != What::All);
+    let first = || report.rows.iter().map(|row| row.what.as_str()).find(|&what| what != "limit");
+    let what = named.as_ref().map(clap::builder::PossibleValue::get_name).or_else(first).unwrap_or_default();
+    ensure!(report.rows.iter().any(|row| row.what == what), "--chart: there are no rows of {what} to draw");
+    files::write_and_name(path, report.chart(what).as_bytes())
 }
 
 /// Updates and whole frames of every contestant on one scene, for those who keep the rows

@@ -46,7 +46,7 @@ pub(crate) struct Row {
     pub(crate) mean_update_ms: Option<f64>,
     /// `sah_over_sweep` in the frame where it is worst.
     pub(crate) worst_sah_over_sweep: Option<f64>,
-    /// The median over the number of triangles.
+    /// The mean of updates and whole frames, the median of all else, over the number of triangles.
     pub(crate) ns_per_triangle: f64,
     /// Of tracing: primary and shadow rays over the median time.
     pub(crate) million_rays_per_s: Option<f64>,
@@ -83,24 +83,24 @@ impl Record {
     /// The row, compared to what the reference found.
     pub(super) fn row(&self, what: &str, contestant: &str, on: &Setting, reference: &Answers) -> Row {
         let times = Spread::of(self.times_ms.iter().copied());
-        let time = |of: fn(Spread) -> f64| times.map_or(0.0, of);
+        let of_times = |of: fn(Spread) -> f64| times.map_or(0.0, of);
         let costs = Spread::of(self.costs.iter().copied());
         let Answers { rays, hits, different, shadows_different, lit, t_sum } = self.answers;
-        Row {
+        let row = Row {
             what: what.to_owned(),
             scene: on.scene.clone(),
             triangles: on.triangles,
             contestant: contestant.to_owned(),
             threads: on.threads,
             frames: self.times_ms.len(),
-            median_ms: time(|t| t.median),
-            min_ms: time(|t| t.min),
-            max_ms: time(|t| t.max),
-            mean_ms: time(|t| t.mean),
+            median_ms: of_times(|t| t.median),
+            min_ms: of_times(|t| t.min),
+            max_ms: of_times(|t| t.max),
+            mean_ms: of_times(|t| t.mean),
             mean_update_ms: Spread::of(self.updates_ms.iter().copied()).map(|t| t.mean),
             sah_over_sweep: costs.map(|c| c.mean),
             worst_sah_over_sweep: costs.map(|c| c.max),
-            ns_per_triangle: time(|t| t.median) * 1e6 / on.triangles as f64,
+            ns_per_triangle: 0.0,
             million_rays_per_s: None,
             rays,
             hits,
@@ -109,7 +109,8 @@ impl Record {
             lit,
             t_sum,
             agrees: self.answers.agrees_with(reference),
-        }
+        };
+        Row { ns_per_triangle: 1e6 * time(&row) / on.triangles.max(1) as f64, ..row }
     }
 }
 

@@ -96,7 +96,7 @@ const evidence = html`<div class="evidence">
 
 const judged = html`<section><p>${tally()}. Each row says by which rule. Of times measured the sums over the frames that both sides
   were measured on are compared; where a rule speaks of faster, slower or equal, differences of less than 5 % count as none, and where
-  the paper says how much, its words set the bound. Where a value that is 5 % more or less would alone change a verdict, the row says that
+  the paper says how much, its words set the bound. Where a value that is a tenth more or less would alone change a verdict, the row says that
   it is near the bound. SAH costs are the same in every run.</p>
   <table class="claims"><thead><tr><th>Claim</th><th>In the paper</th><th>Here</th><th>Verdict</th></tr></thead>
   <tbody>${claims.map((claim, i) => html`<tr id="claim-${i + 1}">

@@ -135,6 +135,9 @@ pub(crate) fn checks_in_words(checks: &Checks) -> String {
     let [pictures, pixels, rays, hits, trees, differences] =
         [checks.pictures, checks.pixels, checks.rays, checks.rays_hit, checks.trees, checks.differences]
             .map(count);
+    if checks.pictures + checks.rays + checks.trees == 0 {
+        return "no pictures, rays or trees were compared".to_owned();
+    }
     format!(
         "checked: {pictures} pairs of pictures ({pixels} pixels) bit by bit, {rays} rays ({hits} hits) against brute \
          force, {trees} trees validated: {differences} differences"

@@ -14,7 +14,7 @@ pub(super) struct Table {
 }
 
 /// By how much a time may differ from one run to the next on the same machine.
-pub(super) const BAND: f64 = 0.05;
+pub(super) const BAND: f64 = 0.1;
 
 impl Table {
     /// Ratios of times, where there is one.

@@ -206,7 +206,7 @@ fn what_would_change_the_verdict_is_named() {
         (2.12, Verdict::HoldsInPart, true),
         (2.5, Verdict::HoldsInPart, false),
         (2.9, Verdict::HoldsInPart, true),
-        (3.2, Verdict::DoesNotHoldHere, false),
+        (3.4, Verdict::DoesNotHoldHere, false),
     ] {
         let found = of(ms);
         assert_eq!((found.verdict, found.why.contains("near the bound: lion")), (expected, is_near), "{ms}");
