@@ -141,7 +141,7 @@ fn frames(
 ) -> Result<()> {
     let mut tree = Bvh::clone(&stage.first_tree);
     let light = stage.scene.effects.light;
-    let samples = args.samples.unwrap_or(default_samples(&light));
+    let samples = args.samples.unwrap_or(::stage::default_samples(&light));
     let (smooth, seed, traversal) = (!args.flat, args.seed, args.traversal);
     let options = RenderOptions { smooth, seed, traversal, ..stage.render_options() };
     let mut updater = Updater::default();
@@ -189,15 +189,6 @@ fn frames(
     let light = scenes::Effects { light, ..Default::default() };
     files::remark(&format!("effects: {light}; samples: {samples}; rays: {}", rays(&picture.stats)));
     Ok(())
-}
-
-/// Samples of a pixel with such effects, if none are asked for.
-pub(crate) fn default_samples(light: &LightEffects) -> u32 {
-    match light {
-        LightEffects { diffuse_bounces: true, .. } => 64,
-        LightEffects { ambient_occlusion: true, .. } => 4,
-        _ => 1,
-    }
 }
 
 /// Rays by kind, without kinds that were not cast.

@@ -173,10 +173,16 @@ impl<'a> Loader<'a> {
             (colored, "sets of vertex colours"),
             (channels.left_out, "animation channels for anything but transforms and weights"),
             (left_out, "primitives of points or lines, or without positions,"),
+            (root.materials.iter().filter(|m| m.emissive_factor.0 != [0.0; 3]).count(), "emissive colours"),
         ] {
             if left_out > 0 {
                 animation.notes.insert(0, format!("{left_out} {what} are left out"));
             }
+        }
+        let unknown = |name: &&str| !UNDERSTOOD.contains(name);
+        let unknown: Vec<_> = root.extensions_used.iter().map(String::as_str).filter(unknown).collect();
+        if !unknown.is_empty() {
+            animation.notes.push(format!("what these extensions say is left out: {}", unknown.join(", ")));
         }
         animation.camera = Camera::first(root, &scene);
         animation.light = LightSource::first(root, &scene, &animation.rest)?;
@@ -357,7 +363,12 @@ impl GltfAnimation {
             influences.skin(&mut normals, |joint, bound| matrices[joint] * bound);
         }
         if let Some(node) = instance.node {
-            let to_scene = cofactors(globals[node].matrix3);
+            let Mat3A { x_axis, y_axis, z_axis } = globals[node].matrix3;
+            let greatest = x_axis.abs().max(y_axis.abs()).max(z_axis.abs()).max_element();
+            // Squares of very small and very large scales leave the range of `f32`. By a power of
+            // two, which rounds nothing.
+            let power = f32::from_bits(greatest.max(f32::MIN_POSITIVE).to_bits() & 0x7f80_0000);
+            let to_scene = cofactors(globals[node].matrix3 * power.recip());
             let to_scene = if self.is_mirrored(instance) { -to_scene } else { to_scene };
             normals.iter_mut().for_each(|normal| *normal = to_scene * *normal);
         }
@@ -429,6 +440,10 @@ impl Animation for GltfAnimation {
         &self.clips
     }
 }
+
+/// Extensions that are understood, or change nothing that is seen.
+const UNDERSTOOD: [&str; 4] =
+    ["KHR_lights_punctual", "KHR_mesh_quantization", "KHR_texture_transform", "KHR_xmp_json_ld"];
 
 /// What transforms normals when `m` transforms points: the inverse transpose times the determinant,
 /// which exists for every matrix.

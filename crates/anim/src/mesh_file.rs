@@ -42,6 +42,8 @@ pub(crate) fn parse(file: &Path, bytes: &[u8], origin: DVec3) -> Result<KeyFrame
 
 /// Reads a mesh whose positions are relative to `origin`.
 pub(crate) fn read_mesh(file: &Path, bytes: &[u8], origin: DVec3) -> Result<Mesh, LoadError> {
+    // A byte order mark: some editors put it at the start of a text.
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let mesh = match format_of(file) {
         None => return Err(LoadError::unsupported(file, "not an .obj, .ply or .stl file")),
         Some(_) if bytes.is_empty() => Err(Problem::new("start of file", "an empty file", "a mesh")),

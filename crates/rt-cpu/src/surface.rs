@@ -17,6 +17,8 @@ pub(crate) struct Surfaces {
     pub(crate) point: Coordinates,
     /// Unit normal of the triangle's plane, on the viewer's side.
     pub(crate) face: Coordinates,
+    /// The greatest coordinate of the triangle's corners.
+    pub(crate) greatest: [f32; RAYS],
 }
 
 impl Surfaces {
@@ -30,7 +32,8 @@ impl Surfaces {
             if lanes == 0 {
                 continue;
             }
-            let [a, b, c] = edges(simd, triangles, &hits.primitive[at..at + n], lanes);
+            let ([a, b, c], greatest) = edges(simd, triangles, &hits.primitive[at..at + n], lanes);
+            greatest.store_slice(&mut self.greatest[at..at + n]);
             let (mut normal, unit) = normalize(simd, cross(b, c));
             for i in bits(lanes & !unit) {
                 // The product does not fit in single precision.
@@ -54,8 +57,8 @@ impl Surfaces {
     /// that face it, where they end at `t` = 1; surfaces that face away shadow themselves. `pixels`
     /// gets the pixel of each ray.
     ///
-    /// The ends are moved off the surfaces by 32 roundings of the coordinates and distances that
-    /// went into them: the idea of Wächter and Binder, *A Fast and Robust Method for Avoiding
+    /// The ends are moved off the surfaces by 32 roundings of the corners and distances that went
+    /// into them: the idea of Wächter and Binder, *A Fast and Robust Method for Avoiding
     /// Self-Intersection*, 2019.
     #[inline(always)]
     pub(crate) fn shadow_rays<S: Simd>(
@@ -76,7 +79,7 @@ impl Surfaces {
             let face = load3::<S, S::f32s, RAYS>(simd, &self.face, at);
             let to_light = [-point[0] + light.x, -point[1] + light.y, -point[2] + light.z];
             let size = max(
-                max(max(size(point[0]), size(point[1])), size(point[2])),
+                load(simd, &self.greatest, at),
                 max(max(size(to_light[0]), size(to_light[1])), size(to_light[2])),
             );
             let off = size * (1.0 / (1 << 19) as f32);
@@ -94,12 +97,19 @@ impl Surfaces {
     }
 }
 
-/// Corner A of the triangles that lanes hit, and the edges from there to B and C.
+/// Corner A of the triangles that lanes hit, the edges from there to B and C, and the greatest
+/// coordinates of the corners.
 ///
 /// Neighbours mostly hit the same triangle: each is read once for all lanes that hit it.
 #[inline(always)]
-fn edges<S: Simd>(simd: S, triangles: &Triangles<'_>, hit: &[u32], lanes: u64) -> [[S::f32s; 3]; 3] {
-    let mut edges = [[S::f32s::simd_from(simd, 0.0); 3]; 3];
+fn edges<S: Simd>(
+    simd: S,
+    triangles: &Triangles<'_>,
+    hit: &[u32],
+    lanes: u64,
+) -> ([[S::f32s; 3]; 3], S::f32s) {
+    let zero = S::f32s::simd_from(simd, 0.0);
+    let (mut edges, mut greatest) = ([[zero; 3]; 3], zero);
     let primitives = S::u32s::from_slice(simd, hit);
     let mut left = lanes;
     while left != 0 {
@@ -107,13 +117,15 @@ fn edges<S: Simd>(simd: S, triangles: &Triangles<'_>, hit: &[u32], lanes: u64) -
         let same = primitives.simd_eq(primitive);
         left &= !same.to_bitmask();
         let [a, b, c] = triangles.corners(primitive as usize);
+        let of_triangle = a.abs().max(b.abs()).max(c.abs()).max_element();
+        greatest = same.select(S::f32s::simd_from(simd, of_triangle), greatest);
         for (edge, of_triangle) in edges.iter_mut().zip([a, b - a, c - a]) {
             for k in 0..3 {
                 edge[k] = same.select(S::f32s::simd_from(simd, of_triangle[k]), edge[k]);
             }
         }
     }
-    edges
+    (edges, greatest)
 }
 
 #[inline(always)]

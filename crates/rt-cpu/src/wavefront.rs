@@ -196,8 +196,10 @@ impl Wavefront<'_> {
         let mut work = Work::default();
         let first = u64::from(frame.options.sample) * u64::from(samples);
         for i in 0..tile.seen.rays.count {
-            let Some(hit) = tile.seen.hits.get(i).filter(|h| !self.is_mirror(h.primitive)) else { continue };
-            let from = self.off_surface(tile, i, hit.primitive);
+            if tile.seen.hits.get(i).is_none_or(|hit| self.is_mirror(hit.primitive)) {
+                continue;
+            }
+            let from = off_surface(tile, i);
             let (face, normal) = (at(&tile.surfaces.face, i), at(&paths.looks.normal, i));
             let stream = paths.streams[usize::from(paths.whose[i])].split(wave);
             let mut hidden = 0;
@@ -269,7 +271,7 @@ impl Wavefront<'_> {
             if mirrors > MIRRORS || weight == Vec3::ZERO {
                 continue;
             }
-            let from = self.off_surface(tile, i, hit.primitive);
+            let from = off_surface(tile, i);
             set(&mut tile.seen.rays.direction, next, onto_side(direction, face));
             set(&mut paths.origin, next, from);
             set(&mut paths.weight, next, weight);
@@ -281,15 +283,13 @@ impl Wavefront<'_> {
         }
         tile.seen.rays.count = next;
     }
+}
 
-    /// The point that a ray hit, moved off the surface by 32 roundings of the greatest coordinate
-    /// of the triangle, which is what goes into both the point and the next test; as
-    /// [`Surfaces`](crate::surface::Surfaces) does for shadow rays.
-    fn off_surface(&self, tile: &Tile, i: usize, primitive: u32) -> Vec3 {
-        let [a, b, c] = self.shader.mesh.triangles.corners(primitive as usize).map(Vec3::abs);
-        let off = a.max(b).max(c).max_element() * (1.0 / (1 << 19) as f32);
-        at(&tile.surfaces.point, i) + at(&tile.surfaces.face, i) * off
-    }
+/// The point that a ray hit, moved off the surface by 32 roundings of the greatest coordinate of
+/// the triangle, which is what goes into both the point and the next test.
+fn off_surface(tile: &Tile, i: usize) -> Vec3 {
+    let off = tile.surfaces.greatest[i] * (1.0 / (1 << 19) as f32);
+    at(&tile.surfaces.point, i) + at(&tile.surfaces.face, i) * off
 }
 
 /// Directions that interpolated normals send below the surface come out of it at the same angle.

@@ -15,6 +15,16 @@ use rt_cpu::{
 };
 use scenes::{FrameStage, LightEffects, Scene};
 
+/// Samples of a pixel with such effects, if none are asked for.
+#[must_use]
+pub fn default_samples(light: &LightEffects) -> u32 {
+    match light {
+        LightEffects { diffuse_bounces: true, .. } => 64,
+        LightEffects { ambient_occlusion: true, .. } => 4,
+        _ => 1,
+    }
+}
+
 /// A scene at one moment.
 ///
 /// Triangle `i` is the primitive in leaf slot `i` of the first tree, so that updates stream through
@@ -87,8 +97,10 @@ impl Stage {
 
     /// Moves everything to `time`, in seconds; nothing if it is there already.
     pub fn pose(&mut self, time: f64) -> PoseStats {
+        let before = self.pose.time();
         let stats = self.pose.advance(&*self.scene.animation, time);
-        if stats.count() > 0 {
+        // Back at rest nothing is counted, and yet all may have moved.
+        if self.pose.time() != before && self.scene.effects.calls_for(FrameStage::Update) {
             self.normals.clear();
         }
         stats

@@ -112,6 +112,29 @@ fn effects_that_nothing_calls_for_count_nothing_and_allocate_nothing() {
     }
 }
 
+/// A vertex goes up by a morph target's weight and back: at rest no displacement is counted.
+#[test]
+fn normals_do_not_outlive_the_pose_that_they_are_of() {
+    let json = r#"{"asset":{"version":"2.0"},"nodes":[{"mesh":0}],
+        "meshes":[{"primitives":[{"attributes":{"POSITION":0},"targets":[{"POSITION":1}]}]}],
+        "accessors":[{"bufferView":0,"componentType":5126,"type":"VEC3","count":3},
+            {"bufferView":0,"byteOffset":36,"componentType":5126,"type":"VEC3","count":3},
+            {"bufferView":0,"byteOffset":72,"componentType":5126,"type":"SCALAR","count":3},
+            {"bufferView":0,"byteOffset":84,"componentType":5126,"type":"SCALAR","count":3}],
+        "animations":[{"channels":[{"sampler":0,"target":{"node":0,"path":"weights"}}],
+            "samplers":[{"input":2,"output":3}]}],
+        "bufferViews":[{"buffer":0,"byteLength":96}],
+        "buffers":[{"byteLength":96,"uri":"data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAAAAAAAAAAAAAABAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAgD8AAABAAAAAAAAAgD8AAAAA"}]}"#;
+    let path = "morph.gltf".as_ref();
+    let animation = anim::parse(path, json.as_bytes(), &Default::default()).unwrap();
+    let mut stage = Stage::new(scenes::scene_of(path, animation)).unwrap();
+    stage.pose(1.0);
+    stage.smooth();
+    assert!(stage.mesh().normals.is_some() && stage.triangles().positions[0].z == 2.0);
+    stage.pose(2.0);
+    assert!(stage.mesh().normals.is_none() && stage.triangles().positions[0].z == 0.0);
+}
+
 #[test]
 fn a_tree_is_updated_only_where_planned_motion_moves_it() {
     let dynamic = |motion: MotionEffects| {

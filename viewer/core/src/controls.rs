@@ -63,15 +63,6 @@ impl Default for Settings {
     }
 }
 
-/// Samples of a pixel with such effects, if none are asked for: as `xtask render` takes them.
-pub(crate) fn default_samples(light: &LightEffects) -> u32 {
-    match light {
-        LightEffects { diffuse_bounces: true, .. } => 64,
-        LightEffects { ambient_occlusion: true, .. } => 4,
-        _ => 1,
-    }
-}
-
 /// The controls that are sliders: what accuracy costs.
 pub(crate) const SLIDERS: [Control; 3] = [Control::Test, Control::Budget, Control::Samples];
 

@@ -6,11 +6,11 @@ use bvh_core::Aabb;
 use bvh_update::{Load, Strategy};
 use rt_cpu::{SrgbTable, StageTimes};
 use scenes::LightEffects;
-use stage::Stage;
+use stage::{Stage, default_samples};
 
 use crate::boxes::TypicalCost;
 use crate::canvas::Canvas;
-use crate::controls::{Settings, default_samples};
+use crate::controls::Settings;
 use crate::draw::Probe;
 use crate::events::{Drag, Request};
 use crate::eye::Eye;

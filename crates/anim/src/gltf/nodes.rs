@@ -102,14 +102,17 @@ impl Channels {
                 (&mut self.weights[node], target_count(root, node), values)
             }
         };
+        if width == 0 {
+            // A node without morph targets has no weights to animate.
+            return Ok(());
+        }
         let per_key = if interpolation == Interpolation::CubicSpline { 3 * width } else { width };
         if values.len() != times.len() * per_key {
             let expected = format!("{} ({} keys of {per_key})", times.len() * per_key, times.len());
             return Err(Problem::new(place, format!("{} numbers", values.len()), expected));
         }
         self.end = self.end.max(times.last().map_or(0.0, |&last| last.into()));
-        // A node without morph targets has no weights to animate.
-        *track = (width > 0).then_some(Track { times, values, width, interpolation });
+        *track = Some(Track { times, values, width, interpolation });
         Ok(())
     }
 }

@@ -100,6 +100,30 @@ impl Geometry {
     }
 }
 
+/// Numbers the vertices that these are the indices of from 0 on, in their order; gives the old
+/// number of each.
+fn renumber(indices: &mut [u32]) -> Vec<u32> {
+    let least = indices.iter().min().copied().unwrap_or_default();
+    let span = indices.iter().max().map_or(0, |&greatest| (greatest - least) as usize + 1);
+    if span > 4 * indices.len() {
+        // Few of a large array, which other primitives may share: no memory for all of it.
+        let mut used = indices.to_vec();
+        used.sort_unstable();
+        used.dedup();
+        let new_number = |old: u32| used.partition_point(|&used| used < old) as u32;
+        indices.iter_mut().for_each(|index| *index = new_number(*index));
+        return used;
+    }
+    let (mut numbers, mut used) = (vec![u32::MAX; span], Vec::new());
+    indices.iter().for_each(|&index| numbers[(index - least) as usize] = 0);
+    for (old, number) in (least..).zip(&mut numbers).filter(|(_, number)| **number == 0) {
+        *number = used.len() as u32;
+        used.push(old);
+    }
+    indices.iter_mut().for_each(|index| *index = numbers[(*index - least) as usize]);
+    used
+}
+
 /// An accessor, and how errors name it.
 type Attribute = (Index<Accessor>, String);
 
@@ -162,14 +186,7 @@ impl Source<'_> {
             let expected = format!("an index below the number of vertices, {count}");
             return Err(Problem::new(format!("{place}, index number {at}"), index.to_string(), expected));
         }
-        let mut used = indices.clone();
-        used.sort_unstable();
-        used.dedup();
-        if (used.len() as u64) < count {
-            let new_number = |old: u32| used.partition_point(|&used| used < old) as u32;
-            indices.iter_mut().for_each(|index| *index = new_number(*index));
-        }
-        self.used = Some(used);
+        self.used = Some(renumber(&mut indices));
         Ok(Some(indices))
     }
 
@@ -233,5 +250,23 @@ impl Source<'_> {
             influences.first.push(influences.joints.len());
         }
         Ok(Some(influences))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::renumber;
+
+    #[test]
+    fn used_vertices_are_numbered_in_their_order() {
+        let random = |n: usize, span: u32| (0..n as u32).map(move |i| 7 + i * 7919 % 10_007 % span);
+        for (n, span) in [(0, 1), (1, 1), (3, 4_000_000_000), (300, 100), (300, 1200), (300, 10_007)] {
+            let indices: Vec<u32> = random(n, span).collect();
+            let mut renumbered = indices.clone();
+            let used = renumber(&mut renumbered);
+            assert!(used.is_sorted_by(|a, b| a < b), "{n}, {span}");
+            let back: Vec<u32> = renumbered.iter().map(|&i| used[i as usize]).collect();
+            assert_eq!(back, indices);
+        }
     }
 }

@@ -66,7 +66,8 @@ impl LightSource {
             let (min, max) = finite()
                 .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), p| (min.min(*p), max.max(*p)));
             if min.is_finite() {
-                (0.5 * min + 0.5 * max, 100.0 * (max - min).length())
+                let extent = (max.as_dvec3() - min.as_dvec3()).length();
+                (0.5 * min + 0.5 * max, (100.0 * extent).min(f64::from(f32::MAX / 4.0)) as f32)
             } else {
                 (Vec3::ZERO, 1.0)
             }

@@ -43,7 +43,7 @@ fn document(bytes: &[u8]) -> Result<(Root, Blob<'_>), Problem> {
     let (json, blob) =
         if bytes.starts_with(b"glTF") { glb_chunks(bytes)? } else { (Cow::Borrowed(bytes), None) };
     let root = Root::from_slice(&json)
-        .or_else(|error| without_aimless_channels(&json).ok_or(error))
+        .or_else(|error| as_the_parser_wants(&json).ok_or(error))
         .map_err(|error| Problem::from_parser("JSON", &error, "a glTF 2.0 document in JSON"))?;
     if !root.asset.version.starts_with("2.") {
         return Err(Problem::new("asset.version", format!("{:?}", root.asset.version), "2.0"));
@@ -55,17 +55,23 @@ fn document(bytes: &[u8]) -> Result<(Root, Blob<'_>), Problem> {
     Ok((root, blob))
 }
 
-/// The document with a channel for an unknown property in place of each animation channel without
-/// a node. Both kinds are to be ignored (3.11), but the parser refuses channels without a node.
-/// Channels for unknown properties are counted, and a note reports them.
-fn without_aimless_channels(json: &[u8]) -> Option<Root> {
+/// The document with what the parser asks for beyond the specification: a list of nodes in each
+/// scene, and a channel for an unknown property in place of each animation channel without a node.
+/// Both kinds of channels are to be ignored (3.11). A note counts those for unknown properties.
+fn as_the_parser_wants(json: &[u8]) -> Option<Root> {
     let mut document: Value = serde_json::from_slice(json).ok()?;
-    for animation in document.get_mut("animations")?.as_array_mut()? {
-        let channels = animation.get_mut("channels")?.as_array_mut()?;
-        for channel in channels.iter_mut().filter(|channel| channel["target"].get("node").is_none()) {
-            *channel = json!({"sampler": 0, "target": {"node": 0, "path": "pointer"}});
-        }
+    let array = |value: Option<&mut Value>| value.and_then(Value::as_array_mut).map(std::mem::take);
+    let mut scenes = array(document.get_mut("scenes")).unwrap_or_default();
+    for scene in scenes.iter_mut().filter_map(Value::as_object_mut) {
+        scene.entry("nodes").or_insert_with(|| json!([]));
     }
+    let mut animations = array(document.get_mut("animations")).unwrap_or_default();
+    let channels =
+        animations.iter_mut().filter_map(|animation| animation.get_mut("channels")?.as_array_mut());
+    for channel in channels.flatten().filter(|channel| channel["target"].get("node").is_none()) {
+        *channel = json!({"sampler": 0, "target": {"node": 0, "path": "pointer"}});
+    }
+    (document["scenes"], document["animations"]) = (scenes.into(), animations.into());
     serde_json::from_value(document).ok()
 }
 
@@ -94,7 +100,7 @@ fn glb_chunks(bytes: &[u8]) -> Result<(Cow<'_, [u8]>, Blob<'_>), Problem> {
         let expected = format!("the file's {} bytes, and at least {HEADER}", bytes.len());
         return Err(Problem::new("GLB header", format!("a length of {declared} bytes"), expected));
     }
-    let glb = Glb::from_slice(bytes).map_err(|error| {
+    let glb = Glb::from_slice(&bytes[..declared as usize]).map_err(|error| {
         Problem::from_parser("GLB container", &error, "a JSON and a BIN chunk within the file")
     })?;
     Ok((glb.json, glb.bin))

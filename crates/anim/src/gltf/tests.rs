@@ -382,6 +382,43 @@ fn channels_for_something_else_are_left_out() {
 }
 
 #[test]
+fn what_the_parser_asks_for_beyond_the_specification_is_given_to_it() {
+    let mut document = Document::default();
+    document.triangle();
+    let scenes = r#""scenes":[{"nodes":[0]},{"name":"empty"}],"scene":0"#;
+    for extras in ["{}", r#""text""#, "5", "[1,2]", "null", "true"] {
+        let nodes = format!(r#""nodes":[{{"mesh":0,"extras":{extras}}}],"extras":{extras}"#);
+        let animation = document.load(&format!("{TRIANGLE_MESH},{nodes},{scenes}"));
+        assert_eq!((animation.rest().len(), animation.notes().len()), (3, 0), "{extras}");
+    }
+}
+
+#[test]
+fn weights_for_a_node_without_morph_targets_are_nothing() {
+    let mut document = Document::default();
+    document.triangle();
+    document.floats("SCALAR", 1, &[0.0, 1.0]);
+    let animation = document.load(&format!(
+        r#"{TRIANGLE_MESH},"nodes":[{{"mesh":0}}],"animations":[{{"channels":[{{"sampler":0,
+        "target":{{"node":0,"path":"weights"}}}}],"samplers":[{{"input":1,"output":1}}]}}]"#
+    ));
+    assert_eq!(at(&animation, 1.0), animation.rest());
+}
+
+#[test]
+fn what_is_not_understood_is_noted() {
+    let mut document = Document::default();
+    document.triangle();
+    let animation = document.load(
+        r#""extensionsUsed":["KHR_materials_unlit","KHR_mesh_quantization","EXT_mesh_gpu_instancing"],
+        "meshes":[{"primitives":[{"attributes":{"POSITION":0},"material":0}]}],"nodes":[{"mesh":0}],
+        "materials":[{"emissiveFactor":[1,0,0]}]"#,
+    );
+    let unknown = "what these extensions say is left out: KHR_materials_unlit, EXT_mesh_gpu_instancing";
+    assert_eq!(animation.notes(), ["1 emissive colours are left out", unknown]);
+}
+
+#[test]
 fn strips_fans_points_and_unused_vertices() {
     let mut document = Document::default();
     let corners: Vec<f32> = (0..15).map(|i| i as f32).collect();

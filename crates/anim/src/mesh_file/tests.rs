@@ -147,6 +147,16 @@ fn ply_points_that_are_not_finite_are_passed_on() {
 }
 
 #[test]
+fn a_byte_order_mark_belongs_to_no_word() {
+    let obj = "\u{feff}v 9 9 9\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    let stl = "\u{feff}solid\nvertex 9 9 9\nvertex 0 0 0\nvertex 1 0 0\n";
+    for (name, text) in [("a.obj", obj), ("a.stl", stl)] {
+        let mesh = parse(name, text.as_bytes()).unwrap();
+        assert_eq!(mesh.rest()[..2], [Vec3::splat(9.0), Vec3::ZERO], "{name}");
+    }
+}
+
+#[test]
 fn obj_faces_polygons_and_relative_indices() {
     let text = "# comment\nmtllib none.mtl\no first\nv 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\n\
                 f 1/1/1 2/1 3//1 4\nf -4/1 \\\n-3 -2\nl 1 2\np 1\no empty\no second\nv 5 5 5\nf 1 2 5\nf 1/7 5/8 3/9\n";

@@ -1,5 +1,7 @@
 //! Whole frames: the same by every way of making them, with shadows where they belong.
 
+use bvh_core::glam::Quat;
+
 use super::*;
 
 #[test]
@@ -38,6 +40,23 @@ fn a_lit_sphere_has_no_shadow_on_its_lit_side() {
         let stats = render(&bvh, &mesh, &camera, Some(&light), &options, &mut image);
         assert!(stats.rays_shadow > 5000, "{stats:?}");
         assert_eq!(stats.shadowed, 0, "scale {scale}, offset {offset}");
+    }
+}
+
+/// Points far from the corners have the rounding of the corners.
+#[test]
+fn a_large_plane_does_not_shadow_itself() {
+    for (size, tilt) in [1e2_f32, 1e4, 1e6].into_iter().flat_map(|size| [(size, 0.1_f32), (size, 0.7)]) {
+        let turn = Quat::from_rotation_x(tilt) * Quat::from_rotation_z(0.37 * tilt);
+        let corner = |x: f32, z: f32| turn * Vec3::new(x * size, 0.0, z * size);
+        let mut plane = Soup::default();
+        plane.push([corner(-1.0, -1.13), corner(0.1, 1.2), corner(1.3, -0.9)]);
+        let camera = Camera::look_at(turn * Vec3::new(0.3, 6.0, 8.0), Vec3::ZERO, Vec3::Y, 0.9, 96, 64);
+        let light = PointLight { position: turn * Vec3::new(5.0, 20.0, 3.0), color: [1.0; 3] };
+        let (mesh, mut image) = (Mesh::new(plane.triangles()), Image::new(0, 0));
+        let options = RenderOptions::default();
+        let stats = render(&tree(&plane, 1), &mesh, &camera, Some(&light), &options, &mut image);
+        assert_eq!((stats.rays_shadow, stats.shadowed), (96 * 64, 0), "size {size}, tilt {tilt}");
     }
 }
 
