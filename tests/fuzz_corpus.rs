@@ -57,7 +57,9 @@ proptest! {
 #[test]
 fn corpus_files_with_bytes_changed_load_or_are_refused() {
     let loaded = LOADERS.map(|_| Cell::new(0));
-    let changes = prop::collection::vec((any::<u16>(), any::<u8>()), 1..8);
+    // Digits, too: texts with any other byte seldom load.
+    let byte = prop_oneof![any::<u8>(), b'0'..=b'9'];
+    let changes = prop::collection::vec((any::<u16>(), byte), 1..8);
     let config = ProptestConfig { source_file: Some(file!()), ..ProptestConfig::with_cases(200) };
     let result = TestRunner::new(config).run(&changes, |changes| {
         for ((target, _), loaded) in LOADERS.iter().zip(&loaded) {

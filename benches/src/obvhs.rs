@@ -179,8 +179,8 @@ impl Contestant for Obvhs {
         self.is_built = true;
         if self.corners.is_some() {
             let triangles = self.mesh.triangles();
-            let gathered = self.numbers().iter().map(|&p| triangles.corners(p as usize)).collect();
-            self.corners = Some(gathered);
+            let corners = self.numbers().iter().map(|&p| triangles.corners(p as usize)).collect();
+            self.corners = Some(corners);
         }
         Ok(())
     }

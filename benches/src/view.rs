@@ -37,7 +37,7 @@ pub fn set_up_rays(triangles: &Triangles<'_>, view: &View, known: &[Pixel], pixe
 
 /// Reports what rays find. The rays belong to the pixels at `places` of the band that starts with
 /// pixel `band`.
-trait Teller: Sync {
+trait RayQueries: Sync {
     fn closest(&self, rays: &Rays, band: usize, places: &[u32], hits: &mut Hits);
     fn occluded(&self, rays: &Rays, band: usize, places: &[u32], blocked: &mut [bool; RAYS]);
     fn triangles(&self) -> Triangles<'_>;
@@ -48,7 +48,7 @@ trait Teller: Sync {
 /// By tracing them.
 struct Tracing<'a, C: ?Sized>(&'a C);
 
-impl<C: Contestant + ?Sized> Teller for Tracing<'_, C> {
+impl<C: Contestant + ?Sized> RayQueries for Tracing<'_, C> {
     fn closest(&self, rays: &Rays, _band: usize, _places: &[u32], hits: &mut Hits) {
         self.0.closest(rays, hits);
     }
@@ -66,13 +66,13 @@ impl<C: Contestant + ?Sized> Teller for Tracing<'_, C> {
     }
 }
 
-/// By heart.
+/// By looking them up.
 struct Known<'a> {
     triangles: Triangles<'a>,
     pixels: &'a [Pixel],
 }
 
-impl Teller for Known<'_> {
+impl RayQueries for Known<'_> {
     fn closest(&self, rays: &Rays, band: usize, places: &[u32], hits: &mut Hits) {
         // Rays that nobody looks at might not be made.
         std::hint::black_box(rays);
@@ -97,7 +97,7 @@ impl Teller for Known<'_> {
     }
 }
 
-fn in_bands(teller: &impl Teller, view: &View, pixels: &mut [Pixel]) {
+fn in_bands(queries: &impl RayQueries, view: &View, pixels: &mut [Pixel]) {
     let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
     assert_eq!(pixels.len(), width * height, "pixels of the camera");
     let level = Level::new();
@@ -108,7 +108,7 @@ fn in_bands(teller: &impl Teller, view: &View, pixels: &mut [Pixel]) {
             // compile it: the plain loops over coordinates become SIMD there.
             dispatch!(level, simd => simd.vectorize(
                 #[inline(always)]
-                || tile.cast(teller, view, band, x, row * TILE),
+                || tile.cast(queries, view, band, x, row * TILE),
             ));
         }
     });
@@ -130,22 +130,22 @@ struct Tile {
 impl Tile {
     /// The tile with its upper left corner at pixel `x`, `y`; the band starts in row `y`.
     #[inline(always)]
-    fn cast(&mut self, teller: &impl Teller, view: &View, band: &mut [Pixel], x: usize, y: usize) {
+    fn cast(&mut self, queries: &impl RayQueries, view: &View, band: &mut [Pixel], x: usize, y: usize) {
         let width = view.camera.width() as usize;
         self.primary_rays(view, band.len(), x, y);
         let band_start = y * width;
         let primary = self.rays.len();
-        teller.closest(&self.rays, band_start, &self.seen[..primary], &mut self.hits);
+        queries.closest(&self.rays, band_start, &self.seen[..primary], &mut self.hits);
         let Hits { t, u, v, primitive, .. } = &self.hits;
         for (i, &place) in self.seen[..primary].iter().enumerate() {
             let is_lit = primitive[i] != Hits::NONE && view.light.is_none();
             band[place as usize] = Pixel::packed([t[i], u[i], v[i]], Pixel::word(primitive[i], is_lit));
         }
         let Some(light) = view.light else { return };
-        if teller.gives_normals() {
+        if queries.gives_normals() {
             self.shadows.aim_by_normals(&self.hits, &self.rays, light);
         } else {
-            self.shadows.aim(&teller.triangles(), &self.hits, &self.rays.direction, primary, light);
+            self.shadows.aim(&queries.triangles(), &self.hits, &self.rays.direction, primary, light);
         }
         let mut count = 0;
         for i in 0..primary {
@@ -162,7 +162,7 @@ impl Tile {
         }
         self.rays.t_max.fill(1.0);
         self.rays.set_len(count);
-        teller.occluded(&self.rays, band_start, &self.lit[..count], &mut self.blocked);
+        queries.occluded(&self.rays, band_start, &self.lit[..count], &mut self.blocked);
         for (&place, blocked) in self.lit[..count].iter().zip(self.blocked) {
             band[place as usize].set_lit(!blocked);
         }

@@ -101,7 +101,7 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
     let progress = Progress::new(format!("{label}, {}", strategy.name()), frames as u64);
     let start = |stage: &Stage| (Bvh::clone(&stage.first_tree), Updater::new(*strategy));
     let mut old = start(stage);
-    let (mut windows, mut done) = (<[Window; 3]>::default(), 0);
+    let mut windows = <[Window; 3]>::default();
     // Whole loops, since the work depends on where in the loop a frame is.
     let tenth = frames / 10 - frames / 10 % per_loop;
     for frame in 1..=frames {
@@ -128,7 +128,6 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
                 .map_err(|e| CheckFailed(format!("{label}, {}, frame {frame}: {e}", strategy.name())))?;
         }
         progress.at(frame as u64);
-        done = frame;
     }
     drop(progress);
     // Other work on the machine slows both trees: with the first and the last tenth of the frames
@@ -160,7 +159,7 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
     let who = format!("{label}, {}", strategy.name());
     let [time, cost, height, memory] = measures.map(|(_, values, _)| values);
     files::print(&format!(
-        "{who}, {done}: {:.3} {:.3} ms; {:.3} {:.3}; {:.0} {:.0}; {:.1} {:.1} MiB",
+        "{who}, {frames}: {:.3} {:.3} ms; {:.3} {:.3}; {:.0} {:.0}; {:.1} {:.1} MiB",
         time[0], time[1], cost[0], cost[1], height[0], height[1], memory[0], memory[1]
     ))?;
     let broken = measures.into_iter().filter(|(_, [from, to], most)| *to > from * most);

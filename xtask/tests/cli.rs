@@ -108,7 +108,6 @@ fn bad_input_is_refused_in_one_line_that_helps() {
         refused(&all, &words);
     }
     refused(&["render", sheet, "--out", str(&base.join("frame.bmp"))], &[".bmp", ".png"]);
-    refused(&["render", sheet, "--out", str(&base.join("nowhere/frame.png"))], &["nowhere"]);
     refused(&["render", sheet, "--out", str(&below_file)], &["below"]);
     let mut left: Vec<_> =
         fs::read_dir(base).expect("readable").map(|e| e.expect("readable").file_name()).collect();
@@ -422,6 +421,10 @@ fn frames_are_rendered_to_png_and_exr() {
     let toys = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/toys.glb");
     succeeds(&["render", toys, "--frames", "0..3", "--size", "8x8", "--out", str(&film)]);
     assert!(fs::read(&film).expect("a film").starts_with(b"GIF89a"));
+    // The folder is made.
+    let below = temporary.path().join("new/frame.png");
+    succeeds(&["render", toys, "--frame", "0", "--size", "8x8", "--out", str(&below)]);
+    assert!(below.exists());
     let range = temporary.path().join("range");
     succeeds(&["render", str(&sheet), "--frames", "1..3", "--size", "8x8", "--out", str(&range)]);
     let mut names: Vec<_> =

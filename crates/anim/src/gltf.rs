@@ -365,8 +365,8 @@ impl GltfAnimation {
         if let Some(node) = instance.node {
             let Mat3A { x_axis, y_axis, z_axis } = globals[node].matrix3;
             let greatest = x_axis.abs().max(y_axis.abs()).max(z_axis.abs()).max_element();
-            // Squares of very small and very large scales leave the range of `f32`. By a power of
-            // two, which rounds nothing.
+            // Squares of very small and very large scales leave the range of `f32`. Divided by a
+            // power of two, the matrix keeps its digits.
             let power = f32::from_bits(greatest.max(f32::MIN_POSITIVE).to_bits() & 0x7f80_0000);
             let to_scene = cofactors(globals[node].matrix3 * power.recip());
             let to_scene = if self.is_mirrored(instance) { -to_scene } else { to_scene };

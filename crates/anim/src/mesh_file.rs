@@ -40,10 +40,13 @@ pub(crate) fn parse(file: &Path, bytes: &[u8], origin: DVec3) -> Result<KeyFrame
         .map_err(|problem| problem.in_file(file))
 }
 
+/// A text without the byte order mark that some editors put at its start.
+fn unmarked(text: &[u8]) -> &[u8] {
+    text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
+}
+
 /// Reads a mesh whose positions are relative to `origin`.
 pub(crate) fn read_mesh(file: &Path, bytes: &[u8], origin: DVec3) -> Result<Mesh, LoadError> {
-    // A byte order mark: some editors put it at the start of a text.
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let mesh = match format_of(file) {
         None => return Err(LoadError::unsupported(file, "not an .obj, .ply or .stl file")),
         Some(_) if bytes.is_empty() => Err(Problem::new("start of file", "an empty file", "a mesh")),

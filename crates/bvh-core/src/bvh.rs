@@ -94,7 +94,8 @@ impl Drop for OnPanic<'_> {
 impl Bvh {
     /// Makes a tree of the given nodes over `order.len()` primitives; see [`Bvh`] for the layout.
     ///
-    /// Boxes are [`sanitized`](crate::Aabb::sanitized) and otherwise taken as they are. Heights are
+    /// Boxes are [`sanitized`](crate::Aabb::sanitized) and otherwise taken as they are, but for
+    /// leaves without primitives, which get an empty one. Heights are
     /// computed, and so are the dynamic bits of inner nodes. Pairs that are in no subtree become
     /// [`Node::NOTHING`]. O(n) time and temporary memory.
     ///

@@ -183,8 +183,8 @@ impl Bvh {
     /// hit. Distances are in multiples of the ray's direction.
     ///
     /// An invalid ray, or a `t_max` that is negative or NaN, meets nothing. Rounding never skips a
-    /// leaf, not even one exactly at `t_max`, unless one over a component of the direction is infinite
-    /// ([`Ray::enters`]), so a few leaves just behind it may be tested. O(log n) for a ray that meets little, O(n) at worst. Allocates nothing.
+    /// leaf, not even one exactly at `t_max` ([`Ray::enters`] has one exception), so a few leaves
+    /// just behind it may be tested. O(log n) for a ray that meets little, O(n) at worst. Allocates nothing.
     ///
     /// ```
     /// use bvh_core::{Aabb, Bvh, Node, Ray, Vec3};

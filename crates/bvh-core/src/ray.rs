@@ -46,8 +46,8 @@ impl Ray {
         self.direction
     }
 
-    /// One over each component of the direction; infinite, with the sign of the zero, where it is
-    /// zero.
+    /// One over each component of the direction; infinite, with the component's sign, where it is
+    /// zero or less than 2.9e-39 in magnitude.
     #[must_use]
     #[inline]
     pub fn inverse(&self) -> Vec3 {
@@ -65,8 +65,8 @@ impl Ray {
     /// an empty box, an invalid ray, and a `t_max` that is negative or NaN.
     ///
     /// Conservative by [`WIDEN`](Self::WIDEN): rounding never turns a hit into a miss, not even one
-    /// at `t_max`, unless a component of the direction is so small, below 2.9e-39, that one over it
-    /// is infinite. The ray then counts as parallel to that axis.
+    /// at `t_max`. There is one exception: a component of the direction that is not zero, but less
+    /// than 2.9e-39 in magnitude, counts as zero, since one over it is infinite.
     #[must_use]
     #[inline]
     pub fn enters(&self, aabb: &Aabb, t_max: f32) -> Option<f32> {

@@ -48,7 +48,7 @@ impl Bvh {
         for node in self.raw_nodes_mut() {
             // Safe code can give a leaf a height, and updates know leaves by theirs.
             node.clear_leaf_height();
-            // What holds nothing is not visited by updates.
+            // A leaf without primitives has no box; updates never visit it.
             let holds_nothing = node.is_leaf() && node.count() == 0;
             node.set_aabb(if holds_nothing { Aabb::EMPTY } else { node.aabb().sanitized() });
         }

@@ -76,16 +76,16 @@ impl Updater {
         self.load = load.into();
     }
 
-    /// Makes every update that keeps its tree report the SAH cost ([`Update::sah_cost`]), where
-    /// strategies that do not need it leave it out. `docs/UPDATE_COST.md` has what the sums take.
+    /// Makes every update that refits report the SAH cost ([`Update::sah_cost`]), where strategies
+    /// that do not need it leave it out. `docs/UPDATE_COST.md` has what the sums take.
     pub fn report_cost(&mut self, report: bool) -> &mut Self {
         self.reports_cost = report;
         self
     }
 
     /// Makes refits, with and without rotations, record what each of their blocks takes, for
-    /// [`take_costs`](Self::take_costs). Sweeps over trees in built order have no blocks. For targets
-    /// with a clock: later updates panic on `wasm32-unknown-unknown`.
+    /// [`take_costs`](Self::take_costs). Sweeps over trees in built order have no blocks. Only for
+    /// targets with a clock: later updates panic on `wasm32-unknown-unknown`.
     pub fn record_costs(&mut self) {
         self.workspace.refit.costs = Some(Costs::default());
     }

@@ -86,7 +86,7 @@ pub struct Args {
     /// Measure nothing: print the tables of such a file again
     #[arg(long, value_name = "FILE", conflicts_with_all = ["scenes", "only", "threads", "embree", "json", "frames", "runs", "size"])]
     from: Option<PathBuf>,
-    /// File for a chart (SVG) of the times per triangle
+    /// File for a chart (SVG) of the times per triangle, of the first measurement if none is named
     #[arg(long, value_name = "FILE")]
     chart: Option<PathBuf>,
     /// Frames to measure, spread over a loop that is played in full [default: 20 updates, 20 whole
@@ -230,9 +230,6 @@ pub fn run(args: &Args) -> Result<()> {
         }
     }
     files::print(&table::ratios(&report.rows))?;
-    if !report.rows.is_empty() {
-        draw(args, &report)?;
-    }
     let elsewhere = if args.json.is_some() { ", and another file for --json" } else { "" };
     interrupt::say_how_to_go_on(&format!("the same command for the other scenes,{rest}{elsewhere}"));
     let wrong: Vec<_> = report.rows.iter().filter(|row| !row.agrees).map(Row::place).collect();
@@ -240,7 +237,7 @@ pub fn run(args: &Args) -> Result<()> {
         wrong.is_empty(),
         CheckFailed(format!("not the same hits as the reference: {}", wrong.join("; ")))
     );
-    Ok(())
+    if report.rows.is_empty() { Ok(()) } else { draw(args, &report) }
 }
 
 /// Prints the tables of a file of results again.
@@ -281,8 +278,10 @@ fn hard_cases(args: &Args) -> Result<()> {
 fn draw(args: &Args, report: &Report) -> Result<()> {
     let Some(path) = &args.chart else { return Ok(()) };
     let named = args.what.to_possible_value().filter(|_| args.what != What::All);
-    let first = || report.rows.iter().map(|row| row.what.as_str()).find(|&what| what != "limit");
-    let what = named.as_ref().map(clap::builder::PossibleValue::get_name).or_else(first).unwrap_or_default();
+    let first =
+        || report.rows.iter().map(|row| row.what.as_str()).find(|&what| !["limit", "view"].contains(&what));
+    let what =
+        named.as_ref().map(clap::builder::PossibleValue::get_name).or_else(first).unwrap_or("a contestant");
     ensure!(report.rows.iter().any(|row| row.what == what), "--chart: there are no rows of {what} to draw");
     files::write_and_name(path, report.chart(what).as_bytes())
 }

@@ -90,8 +90,8 @@ fn take(rows: &mut [Vec<Row>; 2], label: &str) -> [Vec<Row>; 2] {
 
 impl Saved {
     /// What was measured on a scene: all, or else rows without those of an incomplete last step,
-    /// and what was compared. A step of the strategies that take turns has as many rows as the first,
-    /// at most `strategies`; of figure 5 those of [`speed_strategies`].
+    /// and what was compared. A step of the strategies that take turns has as many rows as the
+    /// first, at most `strategies`; of figure 5 those of [`speed_strategies`].
     pub(super) fn scene(&mut self, label: &str, strategies: usize) -> SceneRun {
         let at = self.results.scenes.iter().position(|run| run.facts.label == label);
         let run = at.map(|at| self.results.scenes.remove(at)).unwrap_or_else(|| {
@@ -105,7 +105,7 @@ impl Saved {
         let rows = whole_steps(run.rows, rows_a_step);
         let rows_a_step = run.speed_rows.last().map_or(0, |row| speed_strategies(row.frames_per_loop).len());
         let speed_rows = whole_steps(run.speed_rows, rows_a_step);
-        // Trees and rays are checked again on the way to where it goes on.
+        // Trees that depend on the past are checked again on the way to where it goes on.
         let checks = Checks { rays: 0, rays_hit: 0, trees: 0, ..run.checks };
         SceneRun { checks, rows, speed_rows, ..SceneRun::default() }
     }

@@ -135,7 +135,7 @@ pub(crate) fn checks_in_words(checks: &Checks) -> String {
     let [pictures, pixels, rays, hits, trees, differences] =
         [checks.pictures, checks.pixels, checks.rays, checks.rays_hit, checks.trees, checks.differences]
             .map(count);
-    if checks.pictures + checks.rays + checks.trees == 0 {
+    if checks.pictures + checks.rays + checks.trees + checks.differences == 0 {
         return "no pictures, rays or trees were compared".to_owned();
     }
     format!(

@@ -51,7 +51,7 @@ pub(super) struct Channels {
     transforms: Vec<[Option<Track>; 3]>,
     /// Morph target weights of each node.
     pub(super) weights: Vec<Option<Track>>,
-    /// Time of the last key in seconds.
+    /// Time of the last key in seconds, of all channels that move something.
     pub(super) end: f64,
     /// Channels for something else.
     pub(super) left_out: usize,

@@ -100,27 +100,27 @@ impl Geometry {
     }
 }
 
-/// Numbers the vertices that these are the indices of from 0 on, in their order; gives the old
-/// number of each.
+/// Renumbers indices from 0 in ascending order, without gaps; gives the old index of each.
 fn renumber(indices: &mut [u32]) -> Vec<u32> {
     let least = indices.iter().min().copied().unwrap_or_default();
-    let span = indices.iter().max().map_or(0, |&greatest| (greatest - least) as usize + 1);
-    if span > 4 * indices.len() {
+    let greatest = indices.iter().max().copied().unwrap_or_default();
+    if (greatest - least) as usize >= 4 * indices.len() {
         // Few of a large array, which other primitives may share: no memory for all of it.
         let mut used = indices.to_vec();
         used.sort_unstable();
         used.dedup();
-        let new_number = |old: u32| used.partition_point(|&used| used < old) as u32;
-        indices.iter_mut().for_each(|index| *index = new_number(*index));
+        let new_index = |old: u32| used.partition_point(|&used| used < old) as u32;
+        indices.iter_mut().for_each(|index| *index = new_index(*index));
         return used;
     }
-    let (mut numbers, mut used) = (vec![u32::MAX; span], Vec::new());
-    indices.iter().for_each(|&index| numbers[(index - least) as usize] = 0);
-    for (old, number) in (least..).zip(&mut numbers).filter(|(_, number)| **number == 0) {
-        *number = used.len() as u32;
+    let mut new_indices = vec![u32::MAX; (greatest - least) as usize + 1];
+    indices.iter().for_each(|&index| new_indices[(index - least) as usize] = 0);
+    let mut used = Vec::new();
+    for (old, new) in (least..=greatest).zip(&mut new_indices).filter(|(_, new)| **new == 0) {
+        *new = used.len() as u32;
         used.push(old);
     }
-    indices.iter_mut().for_each(|index| *index = numbers[(*index - least) as usize]);
+    indices.iter_mut().for_each(|index| *index = new_indices[(*index - least) as usize]);
     used
 }
 
@@ -255,16 +255,19 @@ impl Source<'_> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::renumber;
 
     #[test]
     fn used_vertices_are_numbered_in_their_order() {
-        let random = |n: usize, span: u32| (0..n as u32).map(move |i| 7 + i * 7919 % 10_007 % span);
-        for (n, span) in [(0, 1), (1, 1), (3, 4_000_000_000), (300, 100), (300, 1200), (300, 10_007)] {
-            let indices: Vec<u32> = random(n, span).collect();
-            let mut renumbered = indices.clone();
+        let cases: [(u32, u32); 6] =
+            [(0, 1), (1, 1), (300, 100), (300, 1200), (300, 10_007), (300, u32::MAX)];
+        for (n, span) in cases {
+            let indices: Vec<u32> = (0..n).map(|i| u32::MAX - i.wrapping_mul(2_654_435_761) % span).collect();
+            let (mut renumbered, expected) = (indices.clone(), BTreeSet::from_iter(indices.clone()));
             let used = renumber(&mut renumbered);
-            assert!(used.is_sorted_by(|a, b| a < b), "{n}, {span}");
+            assert!(used.iter().eq(&expected), "{n}, {span}");
             let back: Vec<u32> = renumbered.iter().map(|&i| used[i as usize]).collect();
             assert_eq!(back, indices);
         }

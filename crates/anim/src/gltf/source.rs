@@ -60,18 +60,15 @@ fn document(bytes: &[u8]) -> Result<(Root, Blob<'_>), Problem> {
 /// Both kinds of channels are to be ignored (3.11). A note counts those for unknown properties.
 fn as_the_parser_wants(json: &[u8]) -> Option<Root> {
     let mut document: Value = serde_json::from_slice(json).ok()?;
-    let array = |value: Option<&mut Value>| value.and_then(Value::as_array_mut).map(std::mem::take);
-    let mut scenes = array(document.get_mut("scenes")).unwrap_or_default();
-    for scene in scenes.iter_mut().filter_map(Value::as_object_mut) {
+    let scenes = document.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten();
+    for scene in scenes.filter_map(Value::as_object_mut) {
         scene.entry("nodes").or_insert_with(|| json!([]));
     }
-    let mut animations = array(document.get_mut("animations")).unwrap_or_default();
-    let channels =
-        animations.iter_mut().filter_map(|animation| animation.get_mut("channels")?.as_array_mut());
+    let animations = document.get_mut("animations").and_then(Value::as_array_mut).into_iter().flatten();
+    let channels = animations.filter_map(|animation| animation.get_mut("channels")?.as_array_mut());
     for channel in channels.flatten().filter(|channel| channel["target"].get("node").is_none()) {
         *channel = json!({"sampler": 0, "target": {"node": 0, "path": "pointer"}});
     }
-    (document["scenes"], document["animations"]) = (scenes.into(), animations.into());
     serde_json::from_value(document).ok()
 }
 

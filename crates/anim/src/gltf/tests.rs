@@ -391,6 +391,14 @@ fn what_the_parser_asks_for_beyond_the_specification_is_given_to_it() {
         let animation = document.load(&format!("{TRIANGLE_MESH},{nodes},{scenes}"));
         assert_eq!((animation.rest().len(), animation.notes().len()), (3, 0), "{extras}");
     }
+    let version = r#""asset":{"version":"2.0"}"#;
+    let wrong = [r#""scenes":7"#, r#""scenes":{}"#, r#""animations":{}"#, r#""animations":[7]"#];
+    let documents = wrong.map(|member| format!("{{{version},{member}}}"));
+    for json in ["[]", "5", r#""x""#, "true", "null"].into_iter().chain(documents.iter().map(String::as_str))
+    {
+        let parsed = crate::parse(Path::new("a.gltf"), json.as_bytes(), &LoadOptions::default());
+        assert!(parsed.is_err(), "{json}");
+    }
 }
 
 #[test]

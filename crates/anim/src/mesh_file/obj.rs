@@ -4,12 +4,12 @@ use std::path::{Component, Path};
 
 use glam::DVec3;
 
-use super::Mesh;
+use super::{Mesh, unmarked};
 use crate::Material;
 use crate::error::{Problem, read_beside};
 
 pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Problem> {
-    let text = String::from_utf8_lossy(bytes);
+    let text = String::from_utf8_lossy(unmarked(bytes));
     let options = tobj::LoadOptions {
         triangulate: true,
         ignore_points: true,
@@ -24,7 +24,7 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Pro
         }
         let folder = file.parent().unwrap_or(Path::new(""));
         let bytes = read_beside(folder, name).map_err(|_| missing)?;
-        tobj::load_mtl_buf(&mut diffuse_colors(&String::from_utf8_lossy(&bytes)).as_bytes())
+        tobj::load_mtl_buf(&mut diffuse_colors(&String::from_utf8_lossy(unmarked(&bytes))).as_bytes())
     };
     let (models, materials) =
         tobj::load_obj_buf(&mut positions_and_faces(&text).as_bytes(), &options, load_mtl).map_err(

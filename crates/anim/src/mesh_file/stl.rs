@@ -5,7 +5,7 @@ use std::collections::HashMap;
 
 use glam::{DVec3, Vec3};
 
-use super::Mesh;
+use super::{Mesh, unmarked};
 use crate::Material;
 use crate::error::Problem;
 
@@ -20,8 +20,8 @@ pub(super) fn read(bytes: &[u8], origin: DVec3) -> Result<Mesh, Problem> {
         let facets = bytes[HEADER..].chunks_exact(FACET).take(count as usize);
         let numbers = facets.flat_map(|facet| facet[12..48].as_chunks().0).map(|&b| f32::from_le_bytes(b));
         vec![numbers.collect::<Vec<_>>()]
-    } else if bytes.trim_ascii_start().starts_with(b"solid") {
-        text(&String::from_utf8_lossy(bytes))?
+    } else if unmarked(bytes).trim_ascii_start().starts_with(b"solid") {
+        text(&String::from_utf8_lossy(unmarked(bytes)))?
     } else {
         let found = format!("{count} facets in {} bytes", bytes.len());
         return Err(Problem::new("header", found, "`solid`, or 84 bytes and 50 for each facet"));

@@ -15,8 +15,8 @@ use crate::state::{Layout, State};
 /// Subtrees of this height or less are parts, which take turns; what is above them is walked
 /// through each time.
 const SMALL: u32 = 8;
-/// Part of its cost that a run saves at least. Rotations compare areas rounded to `f32`: where two
-/// trees are equal but for rounding, these would take back every change.
+/// A run changes only if it saves more than this part of its cost. Rotations compare areas rounded
+/// to `f32`: where two trees are equal but for rounding, these would take back every change.
 const LEAST_SAVED: f64 = 1e-6;
 /// Parts that are looked at together, so that there is something to do while memory answers.
 const GROUP: usize = 32;

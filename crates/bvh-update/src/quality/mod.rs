@@ -103,7 +103,7 @@ pub(crate) fn take_baseline(bvh: &mut Bvh) {
 
 impl Baseline {
     /// From now on the scale grows as leaves and root of these sizes do. It is what it was, so
-    /// references hold, and so is the growth so far: where it began anew with each other mask, a
+    /// references hold, and so is the growth so far: where it began again with each other mask, a
     /// loop of motion would not end on the scale that it began with.
     pub(crate) fn take_sizes(&mut self, [leaves, root]: [f64; 2]) {
         self.sizes = [leaves / or_one(self.growth[0]), root / or_one(self.growth[1])];
