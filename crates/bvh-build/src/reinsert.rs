@@ -246,15 +246,13 @@ fn apply<T: Tree>(tree: &mut T, parents: &mut [u32], n: usize, to: usize) -> f64
     if to == n || to == sibling || to == parent {
         return 0.0;
     }
-    let reference = tree.nodes()[parent].reference();
-    let taken = tree.area_of(parent);
+    let (reference, taken) = (tree.nodes()[parent].reference(), tree.area_of(parent));
     tree.copy(sibling, parent);
     adopt(tree, parents, parent);
     let freed = taken - refit_above(tree, parents, parent);
-    let saved = price(tree, parents, n, to).map(|price| freed - price);
-    let saving = COST_TRAVERSE * saved.filter(|&saved| saved > LEAST_SAVED * freed).unwrap_or(0.0);
+    let saved = price(tree, parents, n, to).map_or(f64::NEG_INFINITY, |price| freed - price);
     // Moving it back undoes everything exactly, because bounds are minima and maxima.
-    let to = if saving > 0.0 { to } else { parent };
+    let to = if saved > LEAST_SAVED * freed { to } else { parent };
     tree.copy(to, sibling);
     adopt(tree, parents, sibling);
     let nodes = tree.nodes_mut();
@@ -263,7 +261,7 @@ fn apply<T: Tree>(tree: &mut T, parents: &mut [u32], n: usize, to: usize) -> f64
     adopt(tree, parents, to);
     tree.refit(to);
     refit_above(tree, parents, to);
-    saving
+    if to == parent { 0.0 } else { COST_TRAVERSE * saved }
 }
 
 /// Area that it costs to put the node in slot `n`, which has been taken out, beside the node in
