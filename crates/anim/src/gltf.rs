@@ -179,7 +179,7 @@ impl<'a> Loader<'a> {
                 animation.notes.insert(0, format!("{left_out} {what} are left out"));
             }
         }
-        let unknown = |name: &&str| !UNDERSTOOD.contains(name);
+        let unknown = |name: &&str| !source::UNDERSTOOD.contains(name);
         let unknown: Vec<_> = root.extensions_used.iter().map(String::as_str).filter(unknown).collect();
         if !unknown.is_empty() {
             animation.notes.push(format!("what these extensions say is left out: {}", unknown.join(", ")));
@@ -440,10 +440,6 @@ impl Animation for GltfAnimation {
         &self.clips
     }
 }
-
-/// Extensions that are understood, or change nothing that is seen.
-const UNDERSTOOD: [&str; 4] =
-    ["KHR_lights_punctual", "KHR_mesh_quantization", "KHR_texture_transform", "KHR_xmp_json_ld"];
 
 /// What transforms normals when `m` transforms points: the inverse transpose times the determinant,
 /// which exists for every matrix.

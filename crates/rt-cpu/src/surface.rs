@@ -18,7 +18,7 @@ pub(crate) struct Surfaces {
     /// Unit normal of the triangle's plane, on the viewer's side.
     pub(crate) face: Coordinates,
     /// The greatest coordinate of the triangle's corners.
-    pub(crate) greatest: [f32; RAYS],
+    pub(crate) max_coordinate: [f32; RAYS],
 }
 
 impl Surfaces {
@@ -32,8 +32,8 @@ impl Surfaces {
             if lanes == 0 {
                 continue;
             }
-            let ([a, b, c], greatest) = edges(simd, triangles, &hits.primitive[at..at + n], lanes);
-            greatest.store_slice(&mut self.greatest[at..at + n]);
+            let ([a, b, c], max_coordinate) = edges(simd, triangles, &hits.primitive[at..at + n], lanes);
+            max_coordinate.store_slice(&mut self.max_coordinate[at..at + n]);
             let (mut normal, unit) = normalize(simd, cross(b, c));
             for i in bits(lanes & !unit) {
                 // The product does not fit in single precision.
@@ -79,7 +79,7 @@ impl Surfaces {
             let face = load3::<S, S::f32s, RAYS>(simd, &self.face, at);
             let to_light = [-point[0] + light.x, -point[1] + light.y, -point[2] + light.z];
             let size = max(
-                load(simd, &self.greatest, at),
+                load(simd, &self.max_coordinate, at),
                 max(max(size(to_light[0]), size(to_light[1])), size(to_light[2])),
             );
             let off = size * (1.0 / (1 << 19) as f32);
@@ -109,7 +109,7 @@ fn edges<S: Simd>(
     lanes: u64,
 ) -> ([[S::f32s; 3]; 3], S::f32s) {
     let zero = S::f32s::simd_from(simd, 0.0);
-    let (mut edges, mut greatest) = ([[zero; 3]; 3], zero);
+    let (mut edges, mut max_coordinate) = ([[zero; 3]; 3], zero);
     let primitives = S::u32s::from_slice(simd, hit);
     let mut left = lanes;
     while left != 0 {
@@ -118,14 +118,14 @@ fn edges<S: Simd>(
         left &= !same.to_bitmask();
         let [a, b, c] = triangles.corners(primitive as usize);
         let of_triangle = a.abs().max(b.abs()).max(c.abs()).max_element();
-        greatest = same.select(S::f32s::simd_from(simd, of_triangle), greatest);
+        max_coordinate = same.select(S::f32s::simd_from(simd, of_triangle), max_coordinate);
         for (edge, of_triangle) in edges.iter_mut().zip([a, b - a, c - a]) {
             for k in 0..3 {
                 edge[k] = same.select(S::f32s::simd_from(simd, of_triangle[k]), edge[k]);
             }
         }
     }
-    (edges, greatest)
+    (edges, max_coordinate)
 }
 
 #[inline(always)]

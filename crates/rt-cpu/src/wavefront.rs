@@ -288,7 +288,7 @@ impl Wavefront<'_> {
 /// The point that a ray hit, moved off the surface by 32 roundings of the greatest coordinate of
 /// the triangle, which is what goes into both the point and the next test.
 fn off_surface(tile: &Tile, i: usize) -> Vec3 {
-    let off = tile.surfaces.greatest[i] * (1.0 / (1 << 19) as f32);
+    let off = tile.surfaces.max_coordinate[i] * (1.0 / (1 << 19) as f32);
     at(&tile.surfaces.point, i) + at(&tile.surfaces.face, i) * off
 }
 

@@ -278,11 +278,12 @@ fn hard_cases(args: &Args) -> Result<()> {
 fn draw(args: &Args, report: &Report) -> Result<()> {
     let Some(path) = &args.chart else { return Ok(()) };
     let named = args.what.to_possible_value().filter(|_| args.what != What::All);
-    let first =
-        || report.rows.iter().map(|row| row.what.as_str()).find(|&what| !["limit", "view"].contains(&what));
-    let what =
-        named.as_ref().map(clap::builder::PossibleValue::get_name).or_else(first).unwrap_or("a contestant");
-    ensure!(report.rows.iter().any(|row| row.what == what), "--chart: there are no rows of {what} to draw");
+    let is_meant = |what: &str| match &named {
+        Some(named) => what == named.get_name(),
+        None => !["limit", "view"].contains(&what),
+    };
+    let what = report.rows.iter().map(|row| row.what.as_str()).find(|what| is_meant(what));
+    let what = what.context("--chart: no rows of what it is to show")?;
     files::write_and_name(path, report.chart(what).as_bytes())
 }
 

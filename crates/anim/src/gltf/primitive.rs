@@ -105,7 +105,8 @@ fn renumber(indices: &mut [u32]) -> Vec<u32> {
     let least = indices.iter().min().copied().unwrap_or_default();
     let greatest = indices.iter().max().copied().unwrap_or_default();
     if (greatest - least) as usize >= 4 * indices.len() {
-        // Few of a large array, which other primitives may share: no memory for all of it.
+        // Few of a large array, which other primitives may share: no memory for all of it, and no
+        // more than 16 bytes an index below.
         let mut used = indices.to_vec();
         used.sort_unstable();
         used.dedup();

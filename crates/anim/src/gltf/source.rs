@@ -14,10 +14,13 @@ use serde_json::{Value, json};
 
 use crate::error::{LoadError, Problem, read_beside};
 
-/// Extensions that may be required: those that only change looks, and those that are understood
-/// here.
+/// Extensions that are understood, or change nothing that is seen.
+pub(super) const UNDERSTOOD: [&str; 4] =
+    ["KHR_lights_punctual", "KHR_mesh_quantization", "KHR_texture_transform", "KHR_xmp_json_ld"];
+
+/// Extensions that may be required: those that are understood, and those that only change looks.
 fn is_supported(extension: &str) -> bool {
-    matches!(extension, "KHR_mesh_quantization" | "KHR_lights_punctual" | "KHR_xmp_json_ld")
+    UNDERSTOOD.contains(&extension)
         || ["KHR_materials_", "KHR_texture_", "EXT_texture_"]
             .iter()
             .any(|prefix| extension.starts_with(prefix))

@@ -13,7 +13,8 @@ pub(super) struct Table {
     are_times: bool,
 }
 
-/// By how much a time may differ from one run to the next on the same machine.
+/// By how much a time may differ from one run to the next on the same machine: `docs/PAPER.md`,
+/// claims, has what pairs of runs differed by.
 pub(super) const BAND: f64 = 0.1;
 
 impl Table {
