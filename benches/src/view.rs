@@ -234,9 +234,11 @@ const fn every_other(i: usize) -> usize {
 #[repr(C, align(64))]
 #[derive(Zeroable)]
 struct Shadows {
-    /// A corner of what each ray hit, and the two edges from there.
+    /// A corner of what each ray hit, the two edges from there, and the greatest coordinate of the
+    /// corners.
     corner: [[f32; RAYS]; 3],
     edges: [[[f32; RAYS]; 3]; 2],
+    max_coordinate: [f32; RAYS],
     /// Way from the light to just before the hit, which it reaches at `t` = 1.
     way: [[f32; RAYS]; 3],
     /// Whether something is hit and faces the light.
@@ -245,7 +247,8 @@ struct Shadows {
 
 impl Shadows {
     /// From the light to what `rays` hit, by what a library says of the surface: its normal, and
-    /// the distance.
+    /// the distance. The corners are not read, so the point stands for them in how far rays end off
+    /// the surface: that costs these libraries less, and large triangles may shadow themselves.
     #[inline(always)]
     fn aim_by_normals(&mut self, hits: &Hits, rays: &Rays, light: Vec3) {
         let ([nx, ny, nz], [dx, dy, dz], [ox, oy, oz]) = (&hits.normal, &rays.direction, &rays.origin);
@@ -254,6 +257,7 @@ impl Shadows {
             let t = if is_hit { hits.t[i] } else { 0.0 };
             let point = [ox[i] + dx[i] * t, oy[i] + dy[i] * t, oz[i] + dz[i] * t];
             let (normal, seen) = ([nx[i], ny[i], nz[i]], [dx[i], dy[i], dz[i]]);
+            self.max_coordinate[i] = greatest(point);
             self.aim_at(i, is_hit, point, normal, seen, light);
         }
     }
@@ -277,6 +281,7 @@ impl Shadows {
             let primitive = hits.primitive[i];
             let [a, b, c] = triangles.corners(if primitive != Hits::NONE { primitive as usize } else { 0 });
             let (ab, ac) = (b - a, c - a);
+            self.max_coordinate[i] = a.abs().max(b.abs()).max(c.abs()).max_element();
             for axis in 0..3 {
                 self.corner[axis][i] = a[axis];
                 self.edges[0][axis][i] = ab[axis];
@@ -301,8 +306,8 @@ impl Shadows {
         }
     }
 
-    /// Ray `i`, from the light to a point. Off the surface by 32 roundings, as [`rt_cpu`] does it,
-    /// so that all contestants cast the same rays.
+    /// Ray `i`, from the light to a point. Off the surface by 32 roundings of `max_coordinate` and
+    /// of the distance, as [`rt_cpu`] does it, so that contestants cast the same rays.
     #[inline(always)]
     fn aim_at(
         &mut self,
@@ -318,15 +323,23 @@ impl Shadows {
         let scale = if nx * seen[0] + ny * seen[1] + nz * seen[2] > 0.0 { -scale } else { scale };
         let (nx, ny, nz) = (nx * scale, ny * scale, nz * scale);
         let to_light = [light.x - point[0], light.y - point[1], light.z - point[2]];
-        let greater = |a: f32, b: f32| if a > b { a } else { b };
-        let near = greater(greater(point[0].abs(), point[1].abs()), point[2].abs());
-        let far = greater(greater(to_light[0].abs(), to_light[1].abs()), to_light[2].abs());
-        let off = greater(near, far) / (1 << 19) as f32;
+        let off = greater(self.max_coordinate[i], greatest(to_light)) / (1 << 19) as f32;
         self.faces[i] = is_hit & (nx * to_light[0] + ny * to_light[1] + nz * to_light[2] > 0.0);
         self.way[0][i] = point[0] + nx * off - light.x;
         self.way[1][i] = point[1] + ny * off - light.y;
         self.way[2][i] = point[2] + nz * off - light.z;
     }
+}
+
+#[inline(always)]
+fn greater(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// The greatest coordinate, without its sign.
+#[inline(always)]
+fn greatest([x, y, z]: [f32; 3]) -> f32 {
+    greater(greater(x.abs(), y.abs()), z.abs())
 }
 
 /// What the rays of one or more views found, for comparison.

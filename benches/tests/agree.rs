@@ -3,10 +3,10 @@
 
 mod support;
 
-use bvh_core::sah_cost;
+use bvh_core::{Triangles, Vec3, sah_cost};
 use pivot_benches::embree::{Embree, NotFound};
 use pivot_benches::{Answers, Contest, Contestant, LIMIT, View, field};
-use rt_cpu::{Pixel, TriangleTest, closest_hit_brute};
+use rt_cpu::{Camera, Pixel, TriangleTest, closest_hit_brute};
 
 use support::{Brute, Soup};
 
@@ -72,6 +72,26 @@ fn all_contestants_agree_with_brute_force_before_and_after_motion() {
             }
         }
     }
+}
+
+/// As Pivot's renderer does, whoever traces its shadow rays, so that all trace the same ones.
+#[test]
+fn large_triangles_do_not_shadow_themselves() {
+    let corner = |x: f32, z: f32| Vec3::new(x, 0.3 * x - 0.2 * z, z) * 1e4;
+    let positions = [corner(-1.0, -1.13), corner(0.1, 1.2), corner(1.3, -0.9), corner(-1.0, 1.2)];
+    let plane = Triangles { positions: &positions, indices: &[[0, 1, 2], [0, 3, 1]] };
+    let camera = Camera::look_at(Vec3::new(0.3, 6.0, 8.0), Vec3::ZERO, Vec3::Y, 0.9, SIZE, SIZE);
+    let view = View { camera, light: Some(Vec3::new(5.0, 20.0, 3.0)) };
+    let mut tried = 0;
+    for entry in field(Contest::Trace, None).iter().filter(|e| e.name != LIMIT) {
+        let mut contestant = entry.make(&plane).expect("made");
+        contestant.update().expect("updated");
+        let found = pixels(&*contestant, &view);
+        let in_shadow = found.iter().filter(|p| p.hit().is_some() && !p.is_lit()).count();
+        assert_eq!(in_shadow, 0, "{}", entry.name);
+        tried += 1;
+    }
+    assert!(tried > 4);
 }
 
 #[test]
