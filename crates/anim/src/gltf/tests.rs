@@ -503,6 +503,12 @@ fn materials_camera_and_lights() {
     // Turned by -90 degrees about x it shines straight down, so it stands straight above.
     let position = document.load(&rest("directional")).light(0.0).unwrap().position;
     assert!(position.y > 100.0 && position.x.abs() < 1.0 && position.z.abs() < 1.0, "{position}");
+    for scale in ["1e25", "1e37"] {
+        let large =
+            rest("directional").replace(r#"{"mesh":0}"#, &format!(r#"{{"mesh":0,"scale":[{scale},1,1]}}"#));
+        let position = document.load(&large).light(0.0).unwrap().position;
+        assert!(position.is_finite() && position.y > 1e26, "{scale}: {position}");
+    }
 }
 
 #[test]
@@ -535,4 +541,9 @@ fn a_file_beside_and_a_binary_chunk_give_the_same() {
     let binary = parse(Path::new("model.glb"), &glb, &LoadOptions::default()).unwrap();
     assert_eq!(beside.rest(), binary.rest());
     assert_close(&binary.rest(), &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+
+    // What lies behind the declared length is nobody's.
+    glb.extend(b"more, and no chunk");
+    let longer = parse(Path::new("model.glb"), &glb, &LoadOptions::default()).unwrap();
+    assert_eq!(longer.rest(), binary.rest());
 }

@@ -238,6 +238,27 @@ fn normals_follow_nodes_and_joints() {
 }
 
 #[test]
+fn normals_survive_scales_whose_squares_are_out_of_range() {
+    let mut document = Document::default();
+    document.triangle();
+    document.floats("VEC3", 3, &[0.0, 0.6, 0.8].repeat(3));
+    for scale in [1e-38_f32, 1e-25, 1e25, 1e38] {
+        let animation = document.load(&format!(
+            r#""meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"NORMAL":1}}}}]}}],
+            "nodes":[{{"mesh":0,"scale":[{scale},{scale},{}]}}]"#,
+            2.0 * scale
+        ));
+        let mut normals = vec![Vec3::X; 3];
+        animation.normals(0.0, &mut normals);
+        assert!(
+            normals[0].abs_diff_eq(Vec3::new(0.0, 0.6, 0.4).normalize(), 1e-5),
+            "{scale}: {}",
+            normals[0]
+        );
+    }
+}
+
+#[test]
 fn lights_that_are_not_shown_as_they_are_are_noted() {
     let mut document = Document::default();
     document.triangle();
