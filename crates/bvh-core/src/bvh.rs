@@ -26,7 +26,8 @@ const _: () = assert!(size_of::<Pair>() == 64 && align_of::<Pair>() == 64);
 /// *slots*; slot `s` holds primitive `order()[s]`. A tree without primitives is a root with an
 /// empty leaf.
 ///
-/// A tree is plain data: its clone behaves as the original would. Its structure is valid at all
+/// A tree is plain data: its clone behaves as the original would, but does not get a tree that is
+/// being built for the original in the background. Its structure is valid at all
 /// times: every pair has one parent, every slot is in one leaf, every primitive in one slot, and
 /// the height is at most [`MAX_HEIGHT`]. Whether boxes fit primitives that have moved since the
 /// last update is another matter; see [`validate`](Self::validate).
@@ -155,7 +156,8 @@ impl Bvh {
     /// When the borrow ends, the structure must be valid as [`Bvh`] says, heights and dynamic bits
     /// must be right, each primitive as dynamic as before: updates that share the arena
     /// between threads rely on it. Whoever moves pairs of nodes adds one to
-    /// [`Changes::structure`](crate::Changes::structure).
+    /// [`Changes::structure`](crate::Changes::structure), unless it is who keeps the words of the
+    /// state and brings them up to date itself.
     #[doc(hidden)]
     #[must_use]
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]

@@ -7,8 +7,9 @@ use crate::{Aabb, prefetch};
 /// The primitives of a tree: their number, and the box of each.
 ///
 /// Primitives are numbered from 0. Builders and updates ask for a box whenever they need it, so an
-/// implementation can compute boxes from vertices, and nobody keeps a second array of boxes. The
-/// number of primitives must not change while a tree refers to them; boxes may.
+/// implementation can compute boxes from vertices; a build copies boxes while it runs, and nobody
+/// keeps a second array of them. Boxes may change from update to update. A tree over another number
+/// of primitives is a new tree.
 ///
 /// An implementation gives [`len`](Self::len) and [`bounds`](Self::bounds). Any box will do: the
 /// library asks through [`aabb`](Self::aabb), which drops boxes that are not finite.

@@ -12,9 +12,11 @@ pub struct Update {
     pub rebuilt: bool,
     /// What was decided, where the strategy decides.
     pub decision: Decision,
-    /// The figures that [`Auto`](crate::Auto) decided by.
+    /// The figures that [`Auto`](crate::Auto) decided by after a pass; `None` if it built a new tree
+    /// without one.
     pub reason: Option<Reason>,
-    /// Rotations applied, by kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL).
+    /// Rotations applied, by kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL); none
+    /// in a new tree.
     pub rotations: [u64; 6],
     /// SAH cost of the tree as it is now, where the strategy needs it or
     /// [`Updater::report_cost`](crate::Updater::report_cost) asks for it:
@@ -23,7 +25,8 @@ pub struct Update {
     pub sah_cost: Option<f64>,
     /// Height of the tree as it is now.
     pub height: u32,
-    /// Nodes whose boxes were recomputed.
+    /// Nodes whose boxes were recomputed. Not what queries visited, which is what
+    /// [`Load`](crate::Load) asks for.
     pub nodes_visited: u64,
     /// Primitives without finite coordinates, which are dropped at present: of those visited, or
     /// after a rebuild of all.
@@ -42,7 +45,7 @@ impl Update {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub enum Decision {
-    /// What the strategy does every time.
+    /// What the strategy does every time; of [`Auto`](crate::Auto), to refit and rotate.
     #[default]
     AsAlways,
     /// Refitted, and the tree built again above subtrees that are still good.
@@ -59,19 +62,21 @@ pub enum Decision {
     Swap,
 }
 
-/// What [`Auto`](crate::Auto) compared: it builds a new top, or a new tree where that is beyond
-/// repair, once `lost_ms` exceeds `price_ms`. A tree whose baseline says nothing is rebuilt in any
-/// case.
+/// What [`Auto`](crate::Auto) compared. Once `lost_ms` exceeds `price_ms` it tries a new top; where
+/// that turned out too large before, a new tree. An attempt that finds nothing to build anew leaves
+/// the tree as it is, or makes a new one if that is due, too. A tree whose baseline says nothing is
+/// rebuilt in any case.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Reason {
     /// Milliseconds of one core that queries have lost to the excess cost of the tree since it was
-    /// last repaired.
+    /// last repaired or built; for a new tree in the place of one by a fast builder, to that as well.
     pub lost_ms: f64,
-    /// Milliseconds of one core that the repair or the rebuild takes, times two for each that
-    /// failed before.
+    /// Milliseconds of one core that the repair or the rebuild takes, doubled for each that failed
+    /// in a row before.
     pub price_ms: f64,
-    /// By what part the tree costs more than when it was good.
+    /// How far the SAH cost is above that of the tree when it was good: 1 for twice the cost, and
+    /// more where a few large leaves hold most of the cost, which rays meet seldom.
     pub excess: f64,
 }
 
@@ -93,7 +98,7 @@ impl fmt::Display for Reason {
     }
 }
 
-/// Why a tree was not updated. It is as it was, or refitted if a rebuild was to follow.
+/// Why a tree was not updated. It is as it was, or has had its pass if a rebuild was to follow.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum UpdateError {

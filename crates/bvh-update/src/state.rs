@@ -1,7 +1,7 @@
 //! What updates keep with a tree from frame to frame, as the words that `bvh-core` stores unread.
 //!
-//! It is plain data: a tree that is cloned or saved goes on as the original would. What the parts
-//! mean is implemented where they are used: [`Baseline`] in `quality/`, [`Ledger`] in `auto/`.
+//! It is plain data, so a clone of a tree goes on as the original would. What the parts mean is
+//! implemented where they are used: [`Baseline`] in `quality/`, [`Ledger`] in `auto/`.
 
 use bvh_core::{Bvh, Changes, UpdateState};
 use bytemuck::{Pod, Zeroable};
@@ -22,9 +22,8 @@ pub(crate) struct State {
     pub(crate) measure: Measure,
     /// How the tree lies in its arena.
     pub(crate) layout: Layout,
-    /// Left node of the first of those pairs that merged leaves left over, 0 if there is none. The
-    /// left node of each is a leaf without primitives, whose first slot is the left node of the
-    /// next.
+    /// Head of a list of pairs that merged leaves have left over: the left node of the first, 0 for
+    /// none. The left node of each is a leaf without primitives, whose first slot is the next.
     pub(crate) spare_pair: u32,
     /// A new tree in the place of this one gets no larger leaves than this; 0 if no update has
     /// asked yet.

@@ -47,7 +47,9 @@ pub enum Strategy {
     /// takes. Where the system has no thread to give, as on `wasm32-unknown-unknown`, none is
     /// built, and the tree is only updated.
     Background(Background),
-    /// Choose from refitting, rotating, partial and full rebuilds what costs the least time.
+    /// Refit and rotate, and then keep the tree, build a new top, or build a new tree: what costs the
+    /// least time for the [reported](crate::Updater::report) load. Where trees are bad again at once,
+    /// build a new one without the pass.
     Auto(Auto),
 }
 

@@ -70,8 +70,9 @@ impl Updater {
         self
     }
 
-    /// Reports what is asked of the tree between two updates, for [`Strategy::Auto`]; in the place
-    /// of [`Auto::load`] until the next report. `None` takes earlier reports back.
+    /// Reports what is asked of the tree between two updates, for [`Strategy::Auto`]. It holds for
+    /// every update until the next report, in the place of [`Auto::load`], which is two million rays
+    /// in packets unless set otherwise. `None` takes earlier reports back.
     pub fn report(&mut self, load: impl Into<Option<Load>>) {
         self.load = load.into();
     }
@@ -128,11 +129,13 @@ impl Updater {
     ///
     /// # Errors
     /// If the number of primitives is not that of the tree and the strategy does not rebuild, or if
-    /// a build fails. The tree is as it was then, or refitted if a rebuild was to follow.
+    /// a build fails. The tree is as it was then, or has had its pass if a rebuild was to follow.
     ///
     /// # Panics
-    /// If primitives panic. The tree is valid after that: refitted in part, or empty where it was
-    /// being built again, or with all primitives dynamic where one from the background took over.
+    /// If primitives panic. The structure of the tree is valid after that. Boxes are refitted in part,
+    /// and all by the next update; or the tree is empty where it was being built again, and needs
+    /// [`Strategy::Rebuild`], [`Strategy::Auto`] or a build; or all primitives are dynamic where a
+    /// tree from the background took over.
     pub fn update<P: Primitives + ?Sized>(
         &mut self,
         bvh: &mut Bvh,

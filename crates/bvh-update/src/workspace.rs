@@ -8,9 +8,9 @@ use crate::rebuild::background::Builds;
 use crate::refit::RefitScratch;
 use crate::repair::RepairScratch;
 
-/// Memory that updates keep from frame to frame, without influence on results: below 1 MiB a thread
-/// for refits and rotations, whatever the size of the tree; more for rebuilds, repairs and changes
-/// of leaves, if any are made.
+/// Memory that updates keep from frame to frame: below 1 MiB a thread for refits and rotations,
+/// whatever the size of the tree; more for rebuilds, repairs and changes of leaves, if any are made.
+/// None but the build in the background has influence on results.
 #[derive(Default)]
 pub(crate) struct Workspace {
     pub(crate) refit: RefitScratch,

@@ -9,18 +9,31 @@
 //! for PLOC. By `compare frame` of that revision pictures took 3 to 7 % longer with LBVH than with
 //! PLOC, and by `--example loads` single rays no longer.
 //!
-//! `unit_costs` on a machine with slower memory (EPYC Zen 3, virtual, AVX2, 2026-11-24, two runs)
-//! printed, in the order of the constants below: 28 to 31 (of a query 20 to 112), 1 to 11, 1046 to
-//! 1691, 121 to 123, 41 to 63; 90 to 97, 1992 to 2356, 207 to 224, 222 to 356; 0.02 to 0.05 (single
-//! rays 0.08 to 0.12), 0.35 (single rays 0.86, both in a tree of 16 times the cost). Beside a pass,
-//! builds cost less there than is assumed here, a new top 1.4 to 2.1 times as much.
+//! `unit_costs` on a machine with slower memory (EPYC Zen 3, virtual, AVX2, 2026-11-24, two runs):
 //!
-//! The price of a packet's node was kept against the 60 ns that `unit_costs` printed on Zen 4: with
-//! 60 the mean frame of cloth-ball took 4 to 9 % longer, those of BrainStem and exploding-dragon as
-//! long (`compare frame --frames 24 --threads 2`, two runs each on a quiet machine, 2026-11-23).
-//! With 45 and 65 ns bart-museum took 4 to 8 % longer than LBVH in every frame, with 90 as long; no
-//! other scene differed (`reproduce fig6`, two runs each in turns, 2147e3a, 2026-11-26). A
-//! price of 700 or 1000 ns for a subtree gained nothing on lion and exploding-dragon (2026-11-25).
+//! ```text
+//! constant        here  printed
+//! NODE              15  28 to 31; of a query 20 to 112
+//! FRONTIER_NODE      9  1 to 11
+//! TOP_SUBTREE      400  1046 to 1691
+//! GOOD_BUILD        85  121 to 123
+//! FAST_BUILD        32  41 to 63
+//! PACKET_RAY        25  90 to 97
+//! SINGLE_RAY      1000  1992 to 2356
+//! PACKET_NODE       90  207 to 224
+//! PAIRS            100  222 to 356
+//! FAST_BUILD_LOSS 0.05  0.02 to 0.05; single rays 0.08 to 0.12
+//! PACKET_SLOPE     0.4  0.35 in a tree of 16 times the cost; single rays 0.86
+//! ```
+//!
+//! Beside a pass, builds cost less there than is assumed here, a new top 1.4 to 2.1 times as much.
+//!
+//! On Zen 4 `unit_costs` prints 60 ns for a packet's node. It is 90 here: with 60 the mean frame of
+//! cloth-ball took 4 to 9 % longer, those of BrainStem and exploding-dragon as long (`compare frame
+//! --frames 24 --threads 2`, two runs each on a quiet machine, 2026-11-23). With 45 and 65 ns
+//! bart-museum took 4 to 8 % longer than LBVH in every frame, with 90 as long; no other scene
+//! differed (`reproduce fig6`, two runs each in turns, 2147e3a, 2026-11-26). A price of 700 or 1000
+//! ns for a subtree gained nothing on lion and exploding-dragon (2026-11-25).
 
 use std::time::Duration;
 
@@ -55,11 +68,12 @@ const FAST_BUILD_LOSS: f64 = 0.05;
 /// it.
 const PACKET_SLOPE: f64 = 0.4;
 
-/// What will be asked of the tree before the next update. The more it is, the more a better tree is
-/// worth.
+/// What is asked of the tree between two updates. The more it is, the more a better tree is worth.
 ///
-/// A tree of twice the cost counts as a loss of at least the time of one update, so that no tree
-/// rots.
+/// Rays and pairs are what will be asked before the next update; visits and time are what the
+/// queries since the last one took, and the next are taken to ask as much. However little is
+/// reported, none at all included, a tree of twice the cost counts as a loss of at least the time of
+/// one update, so that no tree rots.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Load {
@@ -71,8 +85,8 @@ pub enum Load {
     Pairs,
     /// As many visits of nodes as the queries since the last update report.
     Nodes(u64),
-    /// As many visits of nodes as the packets of rays since the last update report, one for each
-    /// packet.
+    /// As many visits of nodes as the packets of rays since the last update report. A node that a
+    /// packet visits counts once, however many of its rays go there.
     PacketNodes(u64),
     /// As much time of one core as the queries since the last update took.
     Time(Duration),

@@ -82,7 +82,7 @@ fn observe(bvh: &mut Bvh, tally: &Tally, queries: QueryCost) -> Observation {
     let scale = baseline.take_growth(root_area, tally.leaf_area);
     let now = finite_or_zero(cost / scale);
     ledger.last_excess = baseline.excess(cost, scale);
-    let has_no_baseline = baseline.is_void(now);
+    let has_void_baseline = baseline.is_void(now);
     if now > 0.0 {
         baseline.cost = if baseline.cost == 0.0 { now } else { baseline.cost.min(now) };
     }
@@ -90,7 +90,7 @@ fn observe(bvh: &mut Bvh, tally: &Tally, queries: QueryCost) -> Observation {
         primitives,
         nodes: (tally.leaves + tally.inner) as f64,
         excess: ledger.last_excess,
-        has_no_baseline,
+        has_void_baseline,
         queries,
     }
 }

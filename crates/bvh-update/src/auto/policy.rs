@@ -31,11 +31,11 @@ pub(super) struct Observation {
     pub(super) primitives: f64,
     /// Nodes visited: the dynamic ones.
     pub(super) nodes: f64,
-    /// By what part the tree costs more than its baseline.
+    /// How far the cost is above the baseline, in its units (`quality/mod.rs`).
     pub(super) excess: f64,
     /// Whether the baseline says nothing: the tree had no cost when it was built, or far more than
     /// now.
-    pub(super) has_no_baseline: bool,
+    pub(super) has_void_baseline: bool,
     pub(super) queries: QueryCost,
 }
 
@@ -52,7 +52,8 @@ impl Observation {
 pub(super) enum Plan {
     Keep,
     /// Build the tree again above the subtrees whose excess, as part of the baseline, is at most
-    /// `threshold`; if there are more than `most`, the whole of it.
+    /// `threshold`. If there are more than `most`, or none is above it, a new tree by `or_rebuild`;
+    /// without that the tree stays, and one with too many is beyond repair until it is rebuilt.
     Repair {
         threshold: f64,
         most: usize,
@@ -104,7 +105,7 @@ pub(super) fn decide(ledger: &Ledger, seen: &Observation) -> (Plan, Reason) {
     };
     let for_rebuild = because(ledger.rebuild, price_of_rebuild);
     let rebuild = ledger.rebuild.is_due(price_of_rebuild).then_some(builder);
-    if seen.has_no_baseline {
+    if seen.has_void_baseline {
         return (Plan::Rebuild(builder), for_rebuild);
     }
     if let Some(builder) = rebuild.filter(|_| ledger.is_beyond_repair != 0 || ledger.is_fast_build != 0) {
@@ -171,7 +172,7 @@ mod tests {
 
     fn seen(excess: f64) -> Observation {
         let queries = QueryCost::new(Load::SingleRays(1000), N, 0.0);
-        Observation { primitives: N, nodes: 2.0 * N, excess, has_no_baseline: false, queries }
+        Observation { primitives: N, nodes: 2.0 * N, excess, has_void_baseline: false, queries }
     }
 
     /// A ledger that nothing is due in, after ten quiet frames.
@@ -216,7 +217,8 @@ mod tests {
     #[test]
     fn the_example_is_right() {
         let queries = QueryCost::new(Load::PacketRays(2 << 20), 1e5, 0.0);
-        let seen = Observation { primitives: 1e5, nodes: 2e5, excess: 0.09, has_no_baseline: false, queries };
+        let seen =
+            Observation { primitives: 1e5, nodes: 2e5, excess: 0.09, has_void_baseline: false, queries };
         let mut ledger = Ledger::default();
         let plans = [1, 2, 3].map(|_| {
             ledger.charge(&seen);
@@ -268,7 +270,7 @@ mod tests {
 
     #[test]
     fn a_tree_without_a_baseline_is_rebuilt_at_once() {
-        let seen = Observation { has_no_baseline: true, ..seen(0.0) };
+        let seen = Observation { has_void_baseline: true, ..seen(0.0) };
         assert!(matches!(decide(&quiet(), &seen).0, Plan::Rebuild(_)));
     }
 

@@ -167,7 +167,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let (mut decision, mut has_static) = (Decision::AsAlways, false);
     let number = State::of(bvh).background_job;
     builds.age = builds.age.saturating_add(1);
-    // The memory may have served another tree in between.
+    // `builds` is of the updater, which may have updated another tree in between.
     if let Some(new) = builds.take(number).filter(|new| new.len() == primitives.len()) {
         has_static = bvh.note_dynamic(&mut rebuild.dynamic);
         std::mem::swap(bvh, new);

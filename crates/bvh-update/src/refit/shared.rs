@@ -166,7 +166,7 @@ pub(crate) fn parts(bvh: &mut Bvh) -> Parts<'_> {
     // and refits heights and dynamic bits on the way up, as the plain pass does.
     // `repair/top_tree.rs` and `leaves/collapse.rs` put a tree over the same slots or subtrees in
     // the place of another. They use pairs that were the other's or spare, and refit heights and
-    // bits. Whoever has moved nodes sets the layout to `Other`. Others write references and the
+    // bits. Whoever has moved nodes sets the layout to `OTHER`. Others write references and the
     // state alone. Where primitives may panic in between, an `OnPanic` recomputes heights;
     // `leaves/collapse.rs` asks none while it writes.
     #[expect(unsafe_code, reason = "promises to leave a valid tree")]
