@@ -51,7 +51,7 @@ fn earth_size_coordinates_with_details_of_a_metre() {
 
 /// Coordinates in double precision, less an origin nearby, have their details in single precision.
 #[test]
-fn earth_size_coordinates_less_a_local_origin_keep_millimetres() {
+fn earth_size_coordinates_less_a_local_origin_keep_micrometres() {
     let origin = [f64::from(EARTH), -4_000_000.125, 1_234_567.875];
     let local = soup(60, 1, 3);
     let world: Vec<[f64; 3]> =

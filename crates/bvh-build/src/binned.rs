@@ -30,19 +30,19 @@ const PART: usize = 4096;
 /// Most primitives that are binned at once; more would not fit the counters.
 const MAX_PART: usize = 1 << 23;
 
-/// What the primitives that are binned stand for.
+/// What the items that are binned stand for: a primitive each, or a cluster of them.
 pub(crate) trait Leaves: Sync {
-    /// Most primitives of a prim.
+    /// Most primitives in one item.
     const MOST: usize;
 
-    /// How many primitives the primitives have together.
+    /// How many primitives are in all these items.
     fn slots(&self, prims: &[PrimRef]) -> usize;
 
-    /// Builds the subtree over one prim.
+    /// Builds the subtree over one item.
     fn subtree(&self, prim: &PrimRef, slot: SubtreeSlot);
 }
 
-/// Each prim is one primitive.
+/// Each item is one primitive.
 pub(crate) struct OnePrimitive;
 
 impl Leaves for OnePrimitive {

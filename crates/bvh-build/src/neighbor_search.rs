@@ -14,10 +14,9 @@ pub(crate) const MAX_RADIUS: usize = 32;
 // Half and double: docs/TUNING.md.
 const PART: usize = 256;
 
-/// Of a cluster's place and another's: which is the nearest is decided by area and then by this, in
-/// the lowest bits of the area. First the distance, then, as there are two at each, the parity of
-/// the lower place in units of the greatest power of two that divides the distance. The two have
-/// different ones.
+/// The bits of a key that decide between equal areas: first the distance, then a bit that tells the
+/// two clusters at that distance apart. The bit is the parity of the lower of the two places, in
+/// units of the greatest power of two that divides the distance.
 const RANK: u32 = 2 * MAX_RADIUS as u32 - 1;
 
 /// Boxes of some clusters and of those near them, coordinate by coordinate.

@@ -84,7 +84,7 @@ impl Bvh {
         dynamic
     }
 
-    /// Whether every primitive is dynamic, as is so until [`set_dynamic`](Self::set_dynamic) makes
+    /// Whether every primitive is dynamic. That is so until [`set_dynamic`](Self::set_dynamic) makes
     /// some static.
     #[must_use]
     #[inline]

@@ -13,8 +13,8 @@ use crate::{Bvh, Hit, MAX_HEIGHT, Node, Ray, TriangleTest, Triangles, Visits, pr
 /// Finds the first triangle along a ray with `0 <= t <= t_max`; of equally near ones that with the
 /// lowest number.
 ///
-/// `triangles` are the primitives of the tree, by its numbers; triangles that the tree has and
-/// `triangles` has not are never hit. `t_max` may be infinite; if it is negative or NaN there is no
+/// `triangles` are the primitives of the tree, by its numbers. If they are fewer than the tree has, the
+/// rest is never hit. `t_max` may be infinite; if it is negative or NaN there is no
 /// hit, nor for a ray that is not valid ([`Ray::is_valid`]). The tree must be up to date with
 /// `triangles`: what has left the boxes since may be missed. O(log n) for scattered triangles.
 ///

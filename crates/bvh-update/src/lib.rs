@@ -18,7 +18,7 @@
 //! ```
 //!
 //! ```
-//! use bvh_build::{BuildOptions, Builder, build};
+//! use bvh_build::{Builder, build};
 //! use bvh_core::{Aabb, Vec3};
 //! use bvh_update::Updater;
 //!

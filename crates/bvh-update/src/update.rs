@@ -23,7 +23,7 @@ use crate::{leaves, repair};
 /// updater waits for the build under way.
 ///
 /// ```
-/// use bvh_build::{BuildOptions, Builder, build};
+/// use bvh_build::{Builder, build};
 /// use bvh_core::{Aabb, Vec3};
 /// use bvh_update::{Load, Strategy, Updater};
 ///
@@ -203,7 +203,7 @@ pub fn refit<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P) -> Result<Up
 /// Refits all boxes and rotates at every node on the way up (Kopta et al. 2012), as [`refit`] does.
 ///
 /// ```
-/// use bvh_build::{BuildOptions, Builder, build};
+/// use bvh_build::{Builder, build};
 /// use bvh_core::{Aabb, Vec3};
 ///
 /// let at = |x: f32| Aabb::new(Vec3::new(x, 0.0, 0.0), Vec3::new(x + 1.0, 1.0, 1.0));
