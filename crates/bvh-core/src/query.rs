@@ -183,7 +183,7 @@ impl Bvh {
     /// hit. Distances are in multiples of the ray's direction.
     ///
     /// An invalid ray, or a `t_max` that is negative or NaN, meets nothing. Rounding never skips a
-    /// leaf, not even one exactly at `t_max` ([`Ray::enters`] has one exception), so a few leaves
+    /// leaf, not even one exactly at `t_max` (but for what [`Ray::enters`] excepts), so a few leaves
     /// just behind it may be tested. O(log n) for a ray that meets little, O(n) at worst. Allocates nothing.
     ///
     /// ```

@@ -65,8 +65,10 @@ impl Ray {
     /// an empty box, an invalid ray, and a `t_max` that is negative or NaN.
     ///
     /// Conservative by [`WIDEN`](Self::WIDEN): rounding never turns a hit into a miss, not even one
-    /// at `t_max`. There is one exception: a component of the direction that is not zero, but less
-    /// than 2.9e-39 in magnitude, counts as zero, since one over it is infinite.
+    /// at `t_max`. The exceptions lie at the ends of the range of `f32`. A component of the direction
+    /// that is not zero, but less than 2.9e-39 in magnitude, counts as zero, since one over it is
+    /// infinite. A box may be missed at a distance below 1.2e-38, or if it is so far from the origin
+    /// that the difference is infinite.
     #[must_use]
     #[inline]
     pub fn enters(&self, aabb: &Aabb, t_max: f32) -> Option<f32> {

@@ -63,7 +63,8 @@ impl Decomposition {
 
     /// Rebuilds the tree over the roots of a refitted tree; gives how many there are.
     pub(crate) fn update(&mut self, bvh: &mut Bvh) -> Result<usize, BuildError> {
-        if self.roots.len() < 2 {
+        // Another tree may have fewer nodes.
+        if self.roots.len() < 2 || self.roots.iter().any(|&root| root >= bvh.nodes().len()) {
             return Ok(0);
         }
         let shape = tree_over(bvh, &self.roots, Builder::Sweep)?;

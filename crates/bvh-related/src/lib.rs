@@ -148,7 +148,7 @@ impl Keeper {
 #[cfg(test)]
 mod tests {
     use bvh_build::{Builder, build};
-    use bvh_core::Vec3;
+    use bvh_core::{Aabb, Node, Vec3};
 
     use super::*;
 
@@ -220,6 +220,21 @@ mod tests {
     fn trees_are_valid_in_each_frame_and_the_same_for_all_numbers_of_threads() {
         for system in System::ALL {
             assert_eq!(play(system, 1), play(system, 3), "{}", system.name());
+        }
+    }
+
+    #[test]
+    fn another_tree_of_as_many_triangles_is_valid_too() {
+        let indices: Vec<[u32; 3]> = (0..TRIANGLES as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let (first, last) = (pose(0.0), pose(1.0));
+        let [first, last] = [&first, &last].map(|p| Triangles { positions: p, indices: &indices });
+        let leaf = [Node::leaf(Aabb::EMPTY, 0, TRIANGLES as u32), Node::NOTHING];
+        for system in System::ALL {
+            let mut bvh = build(&first, Builder::Sweep).expect("few");
+            let mut keeper = Keeper::new(system, &mut bvh, &[first, last]).expect("poses");
+            let mut bvh = Bvh::new(&leaf, (0..TRIANGLES as u32).collect()).expect("one leaf");
+            keeper.update(&mut bvh, &last).expect("as many");
+            bvh.validate(&last).unwrap_or_else(|e| panic!("{}: {e}", system.name()));
         }
     }
 

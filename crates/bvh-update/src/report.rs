@@ -20,12 +20,12 @@ pub struct Update {
     pub rotations: [u64; 6],
     /// SAH cost of the tree as it is now, where the strategy needs it or
     /// [`Updater::report_cost`](crate::Updater::report_cost) asks for it:
-    /// [`sah_cost`](bvh_core::sah_cost), but from `f32` areas where those are finite. `None` after
+    /// [`sah_cost`](bvh_core::sah_cost), but from `f32` areas unless they leave the range of `f32`. `None` after
     /// a rebuild or a partial rebuild; a tree from the background is refitted, so it has one.
     pub sah_cost: Option<f64>,
     /// Height of the tree as it is now.
     pub height: u32,
-    /// Nodes whose boxes were recomputed. Not what queries visited, which is what
+    /// Nodes whose boxes were recomputed; all of a new tree. Not what queries visited, which is what
     /// [`Load`](crate::Load) asks for.
     pub nodes_visited: u64,
     /// Primitives without finite coordinates, which are dropped at present: of those visited, or

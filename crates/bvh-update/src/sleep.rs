@@ -29,8 +29,6 @@ pub struct SleepDelay {
     updates: u32,
     /// For each primitive, the updates since it moved.
     rested: Vec<u32>,
-    /// Whether the tree had all leaves dynamic after it was last marked.
-    all_dynamic: bool,
 }
 
 impl SleepDelay {
@@ -38,7 +36,7 @@ impl SleepDelay {
     /// just stopped.
     #[must_use]
     pub fn new(updates: u32) -> Self {
-        Self { updates, rested: Vec::new(), all_dynamic: true }
+        Self { updates, rested: Vec::new() }
     }
 
     /// Marks primitives before an update; `moves` says which have moved since the last one. Gives
@@ -50,7 +48,7 @@ impl SleepDelay {
     /// After [`Bvh::reorder_primitives`] primitives have other numbers: take a new `SleepDelay`
     /// then, or what has just stopped may fall asleep at once.
     pub fn mark(&mut self, bvh: &mut Bvh, moves: impl Fn(usize) -> bool) -> usize {
-        let Self { updates, rested, all_dynamic } = self;
+        let Self { updates, rested } = self;
         let is_new = rested.len() != bvh.len();
         if is_new {
             rested.clear();
@@ -64,11 +62,9 @@ impl SleepDelay {
             awake += usize::from(is_awake);
             changed |= was_awake != is_awake;
         }
-        // A new tree has all primitives dynamic. So may one with sleepers, each in a leaf with one
-        // that is awake.
-        if changed || bvh.all_dynamic() != *all_dynamic {
+        // A new tree is one that nobody has marked yet.
+        if changed || (awake < rested.len() && bvh.update_state().changes.dynamic == 0) {
             bvh.set_dynamic(|primitive| rested[primitive] <= *updates);
-            *all_dynamic = bvh.all_dynamic();
         }
         awake
     }
@@ -129,6 +125,13 @@ mod tests {
         let mut bvh = build(&boxes, Builder::Sweep).expect("few enough");
         assert_eq!(delay.mark(&mut bvh, |i| i < 4), 4);
         assert!(!bvh.all_dynamic());
+        // From a tree whose only leaf is dynamic, since one of its primitives is.
+        let mut leaf =
+            Bvh::new(&[Node::leaf(boxes[0], 0, 9), Node::NOTHING], (0..9).collect()).expect("a leaf");
+        let mut delay = SleepDelay::new(0);
+        assert_eq!((delay.mark(&mut leaf, |i| i < 4), leaf.all_dynamic()), (4, true));
+        let mut bvh = build(&boxes, Builder::Sweep).expect("few enough");
+        assert_eq!((delay.mark(&mut bvh, |i| i < 4), bvh.all_dynamic()), (4, false));
         let mut smaller = build(&boxes[..5], Builder::Sweep).expect("few enough");
         assert_eq!(delay.mark(&mut smaller, |_| true), 5);
         assert!(smaller.all_dynamic());

@@ -88,7 +88,7 @@ impl Updater {
     /// [`take_costs`](Self::take_costs). Sweeps over trees in built order have no blocks. Only for
     /// targets with a clock: later updates panic on `wasm32-unknown-unknown`.
     pub fn record_costs(&mut self) {
-        self.workspace.refit.costs = Some(Costs::default());
+        self.workspace.refit.costs.get_or_insert_default();
     }
 
     /// What the blocks of all passes since the last call took.
@@ -121,7 +121,8 @@ impl Updater {
     /// number of threads and every SIMD level; only [`Strategy::Background`] depends on time.
     /// Refits, with or without rotations, take O(n) time for the n nodes above dynamic primitives,
     /// and allocate nothing after the first call. A rebuild keeps which primitives are dynamic,
-    /// leaf by leaf ([`Bvh::set_dynamic`]), and the old tree's largest leaf size;
+    /// leaf by leaf ([`Bvh::set_dynamic`]). Its leaves may be as large as those that the update
+    /// which built the old tree allowed, or as the largest of a tree that no update has built;
     /// [`Strategy::Rebuild`] takes the leaf size from its options.
     ///
     /// [`Strategy::Rebuild`] and [`Strategy::Auto`] take another number of primitives than the tree

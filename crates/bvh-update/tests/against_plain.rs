@@ -253,6 +253,18 @@ fn primitives_that_are_not_finite_are_dropped_and_come_back() {
 }
 
 #[test]
+fn costs_are_reported_where_areas_are_no_f32() {
+    for unit in [1e-18_f32, 1e-15, 1e15, 1e18] {
+        let scaled = |b: &Aabb| Aabb::new(b.min * unit, b.max * unit);
+        let small: Vec<_> = boxes(2000, 6, 0.0).iter().map(scaled).collect();
+        let mut bvh = tree(&small, 1);
+        let reported = reporting(SimdLevel::best()).set_strategy(ROTATE).update(&mut bvh, &small);
+        let (reported, cost) = (reported.expect("same count").sah_cost.expect("asked for"), sah_cost(&bvh));
+        assert!((reported - cost).abs() < 1e-4 * cost, "{unit}: {reported} for {cost}");
+    }
+}
+
+#[test]
 fn every_strategy_leaves_a_valid_tree_and_another_count_is_refused_or_rebuilt() {
     let (start, end) = (boxes(2000, 8, 0.0), boxes(2000, 8, 30.0));
     for strategy in Strategy::all() {

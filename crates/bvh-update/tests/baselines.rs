@@ -143,6 +143,21 @@ fn another_number_of_primitives_gives_a_new_tree() {
     assert!(error.to_string().contains("build a new tree"), "{error}");
 }
 
+#[test]
+fn the_builder_for_another_number_does_not_depend_on_the_old_one() {
+    let at = |i: usize| Vec3::new((i % 29) as f32, (i % 31) as f32, (i % 37) as f32);
+    let boxes: Vec<_> = (0..20_000).map(at).map(|p| Aabb::new(p, p + 0.5)).collect();
+    let [few, most] = [10, 19_999].map(|before| {
+        let (mut bvh, mut updater) = (tree(&boxes[..before]), Updater::default());
+        updater.report(Load::Pairs);
+        for _ in 0..50 {
+            updater.update(&mut bvh, &boxes[..before]).expect("updated");
+        }
+        updater.update(&mut bvh, &boxes).expect("a new tree").decision
+    });
+    assert_eq!(few, most);
+}
+
 /// Boxes with an `aabb` that forgets to sanitise.
 struct Raw(Vec<Aabb>);
 

@@ -54,10 +54,11 @@ pub(crate) fn update<P: Primitives + ?Sized>(
 ) -> Result<Update, UpdateError> {
     State::of_mut(parts(bvh).state).expect_measure(Measure::AREAS);
     workspace.refit.with_sums = true;
-    let (count, Ledger { last_excess, since_repair: frames, .. }) = (bvh.len() as f64, State::of(bvh).ledger);
+    let Ledger { last_excess, since_repair: frames, .. } = State::of(bvh).ledger;
+    let count = primitives.len() as f64;
     let queries = QueryCost::new(auto.load, count, last_excess);
     let is_another_number = primitives.len() != bvh.len();
-    let other = is_another_number.then(|| queries.builder(primitives.len() as f64, frames));
+    let other = is_another_number.then(|| queries.builder(count, frames));
     if let Some(builder) = other.or_else(|| decide_blindly(&State::of(bvh).ledger, count, queries)) {
         return rebuild(bvh, primitives, builder, None, workspace);
     }

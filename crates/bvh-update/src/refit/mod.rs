@@ -91,9 +91,10 @@ impl Tally {
     /// What the pass reports; `bvh` is the tree after it.
     pub(crate) fn report(&self, bvh: &Bvh) -> Update {
         // Static areas are among those of the tree.
-        let cost = (self.area + bvh.static_area()) / bvh.root().aabb().half_area_f64();
+        let root = bvh.root().aabb().half_area_f64();
+        let cost = (self.area + bvh.static_area()) / root;
         // Areas beyond the range of f32 on either side, or a root without area.
-        let known = || if cost.is_finite() && cost >= 0.0 { cost } else { sah_cost(bvh) };
+        let known = || if cost.is_finite() && root > 1e-28 { cost } else { sah_cost(bvh) };
         Update {
             rotations: self.rotations,
             sah_cost: self.has_sums.then(known),
