@@ -82,12 +82,13 @@ pub fn run(args: &Args) -> Result<()> {
         sources = args.scenes.iter().map(String::as_str).collect();
     }
     args.out.iter().try_for_each(|path| files::ensure_writable(path))?;
+    let scenes: Vec<_> = sources.iter().copied().zip(stage::labels(&sources)).collect();
     let mut plans = Vec::new();
-    for source in &sources {
-        plans.push(plan_row(source, args.detail)?);
+    for (source, label) in &scenes {
+        plans.push(plan_row(source, label, args.detail)?);
     }
     let threads = args.threads.count();
-    let tables = args.threads.pool()?.install(|| tables(args, &sources))?;
+    let tables = args.threads.pool()?.install(|| tables(args, &scenes))?;
     if interrupt::requested() {
         files::remark("interrupted; the tables are not complete, so nothing is written");
         return Ok(());
@@ -120,12 +121,12 @@ fn sketch(source: &str, detail: f32) -> Result<Scene> {
 }
 
 /// The row of a scene in the table of what runs.
-fn plan_row(source: &str, detail: f32) -> Result<String> {
+fn plan_row(source: &str, label: &str, detail: f32) -> Result<String> {
     let scene = sketch(source, detail)?;
     let simulated = Effects { motion: scene.effects.motion.without(PLAYBACK), ..Effects::default() };
     let reasons = scene.stage_reasons();
     let stages: Vec<_> = reasons.iter().map(|(stage, why)| format!("{} ({why})", stage.name())).collect();
-    Ok(format!("| {} | {simulated} | {} |\n", stage::label(source), stages.join(", ")))
+    Ok(format!("| {label} | {simulated} | {} |\n", stages.join(", ")))
 }
 
 /// What frames did and how long that took, on average.
@@ -298,15 +299,14 @@ fn absent(source: &str, played: Played) -> Result<String> {
 }
 
 /// The table of costs, and that of effects which are planned though nothing calls for them.
-fn tables(args: &Args, sources: &[&str]) -> Result<String> {
+fn tables(args: &Args, scenes: &[(&str, String)]) -> Result<String> {
     let (mut rows, mut absences) = (COSTS.to_owned(), ABSENT.to_owned());
     let played = Played { detail: args.detail, frames: args.frames as usize, size: args.size, seed: 0 };
-    for &source in sources {
+    for (source, label) in scenes {
         if interrupt::requested() {
             break;
         }
         files::remark(source);
-        let label = stage::label(source);
         for Cost { kind, effect, counts, ms } in measure(source, None, played)? {
             let (counts, ms) = (counts.map(|n| n.to_string()), ms.map(|ms| format!("{ms:.3}")));
             writeln!(rows, "| {label} | {kind} | {effect} | {} | {} |", counts.join(" | "), ms.join(" | "))?;
@@ -346,7 +346,7 @@ mod tests {
         let document =
             std::fs::read_to_string(files::workspace().join("docs/EFFECTS.md")).expect("a document");
         let has = |source: &str| {
-            let row = plan_row(source, DETAIL).expect("a scene");
+            let row = plan_row(source, &stage::label(source), DETAIL).expect("a scene");
             assert!(document.contains(&row), "docs/EFFECTS.md lacks: {row}");
         };
         scenes::list().iter().for_each(|info| has(info.name));

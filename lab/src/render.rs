@@ -145,7 +145,8 @@ fn frames(
     let (smooth, seed, traversal) = (!args.flat, args.seed, args.traversal);
     let options = RenderOptions { smooth, seed, traversal, ..stage.render_options() };
     let mut updater = Updater::default();
-    let mut film = Vec::new();
+    let (mut film, mut filmed) = (Vec::new(), 0);
+    let mut encoder = GifEncoder::new_with_speed(&mut film, 10);
     let image = || Image::new(args.size.0, args.size.1);
     let mut picture = Picture { image: image(), sample: image(), stats: RenderStats::default() };
     // A rebuilt tree depends on its own frame only.
@@ -172,7 +173,11 @@ fn frames(
             }
             let path = target.file(label, frame);
             if let Target::Film(_) = target {
-                film.push(film_frame(&picture.image)?);
+                if filmed == 0 {
+                    encoder.set_repeat(Repeat::Infinite)?;
+                }
+                encoder.encode_frame(film_frame(&picture.image)?)?;
+                filmed += 1;
             } else {
                 let is_exr = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
                 let file = if is_exr { picture.image.exr() } else { picture.image.png() };
@@ -182,9 +187,12 @@ fn frames(
         }
         progress.at(steps(frame + 1));
     }
-    drop(progress);
-    if let (Target::Film(path), false) = (target, interrupt::requested()) {
-        files::write_and_name(path, &gif(film)?)?;
+    drop((progress, encoder));
+    if let (Target::Film(path), 1..) = (target, filmed) {
+        if filmed < wanted.len() {
+            files::remark(&format!("interrupted: a film of the first {filmed} of {} frames", wanted.len()));
+        }
+        files::write_and_name(path, &film)?;
     }
     let light = scenes::Effects { light, ..Default::default() };
     files::remark(&format!("effects: {light}; samples: {samples}; rays: {}", rays(&picture.stats)));
@@ -250,21 +258,12 @@ impl Picture {
     }
 }
 
-/// An image of a film, shown for a 24th of a second.
+/// An image of a film, shown for 40 ms: GIFs count hundredths of a second.
 fn film_frame(image: &Image) -> Result<Frame> {
     let bytes = image.pixels().iter().flat_map(|&[r, g, b]| [srgb(r), srgb(g), srgb(b), 255]).collect();
     let frame =
         RgbaImage::from_raw(image.width(), image.height(), bytes).context("an image of another size")?;
-    Ok(Frame::from_parts(frame, 0, 0, Delay::from_numer_denom_ms(1000, 24)))
-}
-
-fn gif(film: Vec<Frame>) -> Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    let mut gif = GifEncoder::new_with_speed(&mut bytes, 10);
-    gif.set_repeat(Repeat::Infinite)?;
-    gif.encode_frames(film)?;
-    drop(gif);
-    Ok(bytes)
+    Ok(Frame::from_parts(frame, 0, 0, Delay::from_numer_denom_ms(40, 1)))
 }
 
 /// Where images go.
@@ -276,14 +275,16 @@ enum Target {
 }
 
 impl Target {
-    /// A name with a known extension is a file, without any a folder.
+    /// A name with a known extension is a file, without any, or with a slash at the end, a folder.
     fn of(args: &Args) -> Result<Self> {
         let Some(out) = &args.out else {
             return Ok(Self::Folder(files::workspace().join("target/render")));
         };
         let extension = out.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
         match extension.as_deref() {
-            _ if out.is_dir() => Ok(Self::Folder(out.clone())),
+            _ if out.is_dir() || out.as_os_str().to_string_lossy().ends_with(std::path::is_separator) => {
+                Ok(Self::Folder(out.clone()))
+            }
             None => Ok(Self::Folder(out.clone())),
             Some("gif") => Ok(Self::Film(out.clone())),
             Some("png" | "exr") if args.frames.is_some() => {

@@ -117,7 +117,7 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
         if let Some(window) = window.map(|w| &mut windows[w]) {
             window.height = window.height.max(report.height);
             // By the place in the loop, so that all have the same.
-            if (frame % per_loop).is_multiple_of(20) {
+            if (frame % per_loop).is_multiple_of((per_loop / 5).clamp(1, 20)) {
                 let fresh = build(&stage.triangles(), Builder::Sweep)?;
                 window.costs.push(sah_cost(bvh) / sah_cost(&fresh));
                 window.memory = window.memory.max(resident_mib());

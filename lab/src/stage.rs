@@ -83,8 +83,36 @@ pub(crate) fn label(name_or_path: &str) -> String {
     format!("{name}{}", if path.is_dir() { "/" } else { "" })
 }
 
+/// The [`label`] of each scene, numbered where two have the same: files may share a name, but not a
+/// row or a picture.
+pub(crate) fn labels(sources: &[impl AsRef<str>]) -> Vec<String> {
+    let mut labels: Vec<String> = Vec::new();
+    for source in sources {
+        let label = label(source.as_ref());
+        let mut names = (1..).map(|n| if n == 1 { label.clone() } else { format!("{label}-{n}") });
+        let free = names.find(|name| labels.iter().all(|taken| slug(taken) != slug(name)));
+        labels.extend(free);
+    }
+    labels
+}
+
 /// A label as part of a file's name.
 pub(crate) fn slug(label: &str) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() || "-_".contains(c) { c } else { '-' };
     label.trim_end_matches('/').chars().map(plain).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_two_scenes_have_one_label() {
+        let sources = ["n-body", "a/x.glb", "b/x.glb", "x.glb-2", "n-body", "c/x glb"];
+        assert_eq!(
+            labels(&sources),
+            ["n-body", "x.glb", "x.glb-2", "x.glb-2-2", "n-body-2", "x glb-3"],
+            "also in names of files, where a space and a point are the same"
+        );
+    }
 }

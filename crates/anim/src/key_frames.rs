@@ -33,9 +33,15 @@ pub struct KeyFrames {
     frames: Vec<Vec<Vec3>>,
     seconds_per_frame: f64,
     loop_mode: LoopMode,
+    notes: Vec<String>,
 }
 
 impl KeyFrames {
+    /// The same with notes on what of its files is not shown.
+    pub(crate) fn with_notes(self, notes: Vec<String>) -> Self {
+        Self { notes, ..self }
+    }
+
     /// An animation through `frames`, each with one position per vertex, `seconds_per_frame` apart.
     ///
     /// Which vertices move is found out here, by comparing the frames bit for bit: `moves` of
@@ -85,7 +91,7 @@ impl KeyFrames {
             let moves = moves[part.vertices.start as usize..part.vertices.end as usize].contains(&true);
             part.motion = Motion { key_frames: moves, ..Motion::STILL };
         }
-        Ok(Self { topology, rest, moving, frames, seconds_per_frame, loop_mode })
+        Ok(Self { topology, rest, moving, frames, seconds_per_frame, loop_mode, notes: Vec::new() })
     }
 
     /// Number of key frames, at least 1.
@@ -123,6 +129,10 @@ impl KeyFrames {
 impl Animation for KeyFrames {
     fn topology(&self) -> &Topology {
         &self.topology
+    }
+
+    fn notes(&self) -> Vec<String> {
+        self.notes.clone()
     }
 
     fn duration(&self) -> f64 {

@@ -18,6 +18,8 @@ use crate::{Material, Topology};
 pub(crate) struct Mesh {
     pub(crate) topology: Topology,
     pub(crate) positions: Vec<Vec3>,
+    /// What of the file is not shown.
+    pub(crate) notes: Vec<String>,
 }
 
 /// Whether [`load`](crate::load) takes a file of this name for a mesh without an animation, camera
@@ -35,8 +37,9 @@ pub(crate) fn format_of(file: &Path) -> Option<&'static str> {
 
 /// Reads a mesh that stands still, relative to `origin`.
 pub(crate) fn parse(file: &Path, bytes: &[u8], origin: DVec3) -> Result<KeyFrames, LoadError> {
-    let Mesh { topology, positions } = read_mesh(file, bytes, origin)?;
+    let Mesh { topology, positions, notes } = read_mesh(file, bytes, origin)?;
     KeyFrames::new(topology, vec![positions], DEFAULT_SECONDS_PER_FRAME, LoopMode::Restart)
+        .map(|frames| frames.with_notes(notes))
         .map_err(|problem| problem.in_file(file))
 }
 
@@ -63,7 +66,8 @@ pub(crate) fn read_mesh(file: &Path, bytes: &[u8], origin: DVec3) -> Result<Mesh
 
 impl Mesh {
     fn with_materials(materials: Vec<Material>) -> Self {
-        Self { topology: Topology { materials, ..Topology::default() }, positions: Vec::new() }
+        let topology = Topology { materials, ..Topology::default() };
+        Self { topology, positions: Vec::new(), notes: Vec::new() }
     }
 
     /// Adds a part whose `triangles` number its own `positions`.

@@ -28,6 +28,7 @@ pub(crate) fn load(directory: &Path, origin: DVec3) -> Result<KeyFrames, LoadErr
     }
     let loop_mode = if frames.len() == 2 { LoopMode::BackAndForth } else { LoopMode::Restart };
     KeyFrames::new(first.topology, frames, DEFAULT_SECONDS_PER_FRAME, loop_mode)
+        .map(|frames| frames.with_notes(first.notes))
         .map_err(|problem| problem.in_file(directory))
 }
 

@@ -203,11 +203,11 @@ pub fn run(args: &Args) -> Result<()> {
     let sources = if args.scenes.is_empty() { &default_scenes } else { &args.scenes };
     let load = |source: &str| stage::load_with(source, None, SceneOptions::default());
     let mut loaded = Vec::new();
-    for source in sources {
+    for (source, label) in sources.iter().zip(stage::labels(&sources)) {
         let scene = stage::load_first(source, || load(source))?;
         let is_empty = scene.as_ref().is_some_and(|scene| scene.animation.topology().triangles.is_empty());
         ensure!(!is_empty, "{source}: no triangles, so nothing to compare");
-        loaded.push((source, scene));
+        loaded.push((source, label, scene));
     }
     let embree = find_embree(args.embree.as_deref())?;
     let device = embree.as_ref().map(|embree| embree.device(1)).transpose()?;
@@ -218,12 +218,12 @@ pub fn run(args: &Args) -> Result<()> {
 
     let (start, count) = (Instant::now(), loaded.len());
     let mut rest = String::new();
-    for (i, (source, scene)) in loaded.into_iter().enumerate() {
+    for (i, (source, label, scene)) in loaded.into_iter().enumerate() {
         if !interrupt::requested() {
             let left = left(start.elapsed(), i as f64, count as f64);
-            files::remark(&format!("{}: scene {} of {count}{left}", stage::label(source), i + 1));
+            files::remark(&format!("{label}: scene {} of {count}{left}", i + 1));
             let stage = stage::ready(scene.map_or_else(|| load(source), Ok)?)?;
-            run_scene(args, &stage::label(source), stage, embree.as_ref(), &mut report)?;
+            run_scene(args, &label, stage, embree.as_ref(), &mut report)?;
         }
         if interrupt::requested() {
             rest += &format!(" --scene {source}");

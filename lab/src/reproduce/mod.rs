@@ -183,16 +183,12 @@ fn take_over(mut saved: Saved, entries: &mut [Entry]) -> Vec<Point> {
 /// The scenes asked for. Names are checked and files loaded before anything is measured.
 fn entries(args: &Args) -> Result<Vec<Entry>> {
     let mut entries: Vec<Entry> = Vec::new();
-    for source in args.sources() {
-        let label = stage::label(&source);
+    let sources = args.sources();
+    for (source, label) in sources.iter().cloned().zip(stage::labels(&sources)) {
         let loaded = match &args.clip {
             Some(_) => Some(args.load(&source)?),
             None => stage::load_first(&source, || args.load(&source))?,
         };
-        // Two files may share a name, but not a row or a picture.
-        let taken = |name: &str| entries.iter().any(|e| stage::slug(&e.label) == stage::slug(name));
-        let mut names = (1..).map(|n| if n == 1 { label.clone() } else { format!("{label}-{n}") });
-        let label = names.find(|name| !taken(name)).unwrap_or(label);
         entries.push(Entry { source, label, loaded, ..Entry::default() });
     }
     let chosen = args.contestants();

@@ -13,7 +13,7 @@ use glam::Vec2;
 use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 
 use super::accessor::Accessors;
-use super::source::{decode_data_uri, relative_path};
+use super::source::{decode_data_uri, is_data, relative_path, short};
 use crate::error::{Problem, numbered, read_beside};
 use crate::{Filter, Image, Material, Texture, Topology, Wrap};
 
@@ -201,13 +201,11 @@ impl Textures<'_> {
     fn image(&mut self, image: &::gltf::json::Image, place: &str) -> Result<Option<(Image, u8)>, Problem> {
         let accessors = self.accessors;
         let image = match (&image.uri, image.buffer_view) {
-            (Some(uri), _) if uri.starts_with("data:") => {
-                decode(&decode_data_uri(uri, place)?, accessors, place)
-            }
+            (Some(uri), _) if is_data(uri) => decode(&decode_data_uri(uri, place)?, accessors, place),
             (Some(uri), _) => {
                 let path = relative_path(uri, place).ok();
                 let Some(bytes) = path.and_then(|path| read_beside(accessors.folder, &path).ok()) else {
-                    self.unreadable.push(uri.clone());
+                    self.unreadable.push(short(uri));
                     return Ok(None);
                 };
                 accessors.budget.allow_for(bytes.len() as u64);

@@ -77,7 +77,8 @@ impl LightSource {
         let others = of_scene.count();
         let others = (others > 0).then(|| format!("of {} lights only the first shines", others + 1));
         let notes = spot.into_iter().chain(others).collect();
-        Ok(Some(Self { node, color: light.color, directional, notes }))
+        let color = light.color.map(|x| if x.is_finite() { x.max(0.0) } else { 1.0 });
+        Ok(Some(Self { node, color, directional, notes }))
     }
 
     /// Where it shines from when `to_scene` puts its node; a directional light from so far away,

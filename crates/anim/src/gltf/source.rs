@@ -51,6 +51,9 @@ fn document(bytes: &[u8]) -> Result<(Root, Blob<'_>), Problem> {
     if !root.asset.version.starts_with("2.") {
         return Err(Problem::new("asset.version", format!("{:?}", root.asset.version), "2.0"));
     }
+    if let Some(least) = root.asset.min_version.as_ref().filter(|least| *least != "2.0") {
+        return Err(Problem::new("asset.minVersion", format!("{least:?}"), "2.0"));
+    }
     if let Some(unknown) = root.extensions_required.iter().find(|extension| !is_supported(extension)) {
         let expected = "a file that can be read without it (no compressed meshes, no instancing extension)";
         return Err(Problem::new("extensionsRequired", format!("{unknown:?}"), expected));
@@ -120,9 +123,7 @@ fn read_buffers(root: &Root, mut blob: Blob<'_>, file: &Path) -> Result<Vec<Byte
                 let expected = "a uri (only buffer 0 can be the BIN chunk)";
                 return Err(in_file(Problem::new(place, "no uri and no BIN chunk", expected)));
             }
-            (Some(uri), _) if uri.starts_with("data:") => {
-                Arc::new(decode_data_uri(uri, &place).map_err(in_file)?)
-            }
+            (Some(uri), _) if is_data(uri) => Arc::new(decode_data_uri(uri, &place).map_err(in_file)?),
             (Some(uri), _) => {
                 let path = relative_path(uri, &place).map_err(in_file)?;
                 if !external.contains_key(&path) {
@@ -141,15 +142,31 @@ fn read_buffers(root: &Root, mut blob: Blob<'_>, file: &Path) -> Result<Vec<Byte
     Ok(buffers)
 }
 
+/// Whether a uri holds its data itself. Case does not matter in schemes (RFC 3986, 3.1).
+pub(super) fn is_data(uri: &str) -> bool {
+    uri.get(..5).is_some_and(|scheme| scheme.eq_ignore_ascii_case("data:"))
+}
+
+/// A uri for messages: what is longer than any name of a file is cut off.
+pub(super) fn short(uri: &str) -> String {
+    const MOST: usize = 256;
+    let mut start: String = uri.chars().take(MOST).collect();
+    if start.len() < uri.len() {
+        start.push('…');
+    }
+    start
+}
+
 pub(super) fn decode_data_uri(uri: &str, place: &str) -> Result<Vec<u8>, Problem> {
     const LENIENT: GeneralPurpose = GeneralPurpose::new(
         &base64::alphabet::STANDARD,
         GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent),
     );
     let expected = "data:<media type>;base64,<bytes>";
-    let Some((_, text)) = uri.split_once(";base64,") else {
+    let (media_type, text) = uri.split_once(',').unwrap_or_default();
+    if !media_type.to_ascii_lowercase().ends_with(";base64") {
         return Err(Problem::new(place, "a data uri that is not base64", expected));
-    };
+    }
     LENIENT.decode(text).map_err(|error| Problem::from_parser(place, &error, expected))
 }
 
@@ -157,18 +174,20 @@ pub(super) fn decode_data_uri(uri: &str, place: &str) -> Result<Vec<u8>, Problem
 pub(super) fn relative_path(uri: &str, place: &str) -> Result<PathBuf, Problem> {
     let wrong =
         |found: String| Problem::new(place, found, "a relative path below the folder of the glTF file");
+    let the_uri = || format!("the uri {:?}", short(uri));
     if uri.contains("://") {
-        return Err(wrong(format!("the uri {uri:?}")));
+        return Err(wrong(the_uri()));
     }
     let decoded = percent_encoding::percent_decode_str(uri)
         .decode_utf8()
-        .map_err(|_| wrong(format!("the uri {uri:?}, not UTF-8 when decoded")))?;
+        .map_err(|_| wrong(the_uri() + ", not UTF-8 when decoded"))?;
     let mut path = PathBuf::new();
     for component in Path::new(decoded.as_ref()).components() {
         match component {
             Component::Normal(part) => path.push(part),
             Component::CurDir => {}
-            _ => return Err(wrong(format!("the uri {uri:?}"))),
+            Component::ParentDir if path.pop() => {}
+            _ => return Err(wrong(the_uri())),
         }
     }
     if path.as_os_str().is_empty() {
@@ -184,7 +203,10 @@ mod tests {
     #[test]
     fn uris_are_decoded_and_kept_below_the_folder() {
         assert_eq!(relative_path("a%20b/./c.bin", "").unwrap(), PathBuf::from("a b/c.bin"));
-        for uri in ["../c.bin", "a/../../c.bin", "/etc/passwd", "http://x/y.bin", "%2e%2e/c.bin", "", "%ff"] {
+        assert_eq!(relative_path("a/../b/c.bin", "").unwrap(), PathBuf::from("b/c.bin"));
+        for uri in
+            ["../c.bin", "a/../../c.bin", "a/..", "/etc/passwd", "http://x/y.bin", "%2e%2e/c.bin", "", "%ff"]
+        {
             assert!(relative_path(uri, "").is_err(), "{uri}");
         }
     }
@@ -193,6 +215,9 @@ mod tests {
     fn data_uris() {
         assert_eq!(decode_data_uri("data:application/octet-stream;base64,AQID", "").unwrap(), [1, 2, 3]);
         assert_eq!(decode_data_uri("data:;base64,AQ", "").unwrap(), [1]);
+        assert_eq!(decode_data_uri("DATA:text/plain;BASE64,AQ", "").unwrap(), [1]);
+        assert!(is_data("Data:,") && !is_data("data") && !is_data("dáta:"));
+        assert_eq!(short(&"é".repeat(300)), "é".repeat(256) + "…");
         assert!(decode_data_uri("data:text/plain,abc", "").is_err());
         assert!(decode_data_uri("data:;base64,A~", "").is_err());
     }

@@ -1,5 +1,6 @@
 //! OBJ through `tobj`, fed with only those lines that matter here.
 
+use std::cell::Cell;
 use std::path::{Component, Path};
 
 use glam::DVec3;
@@ -16,15 +17,22 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Pro
         ignore_lines: true,
         ..Default::default()
     };
-    let load_mtl = |name: &Path| {
-        // A missing library costs the colours only.
-        let missing = tobj::LoadError::OpenFileFailed;
-        if !name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir)) {
-            return Err(missing);
-        }
+    let library = |name: &Path| {
+        let is_below = name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
         let folder = file.parent().unwrap_or(Path::new(""));
-        let bytes = read_beside(folder, name).map_err(|_| missing)?;
-        tobj::load_mtl_buf(&mut diffuse_colors(&String::from_utf8_lossy(unmarked(&bytes))).as_bytes())
+        let bytes = is_below.then(|| read_beside(folder, name).ok()).flatten()?;
+        Some(diffuse_colors(&String::from_utf8_lossy(unmarked(&bytes))))
+    };
+    let missing = Cell::new(0);
+    let load_mtl = |names: &Path| {
+        // One name with spaces, or several names. A missing library costs the colours only.
+        let colors = library(names).unwrap_or_else(|| {
+            let words = names.to_str().unwrap_or_default().split_whitespace();
+            let found: Vec<_> = words.map(|name| library(name.as_ref())).collect();
+            missing.set(missing.get() + found.iter().filter(|found| found.is_none()).count());
+            found.into_iter().flatten().collect()
+        });
+        tobj::load_mtl_buf(&mut colors.as_bytes())
     };
     let (models, materials) =
         tobj::load_obj_buf(&mut positions_and_faces(&text).as_bytes(), &options, load_mtl).map_err(
@@ -40,6 +48,9 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Pro
         })
     });
     let mut mesh = Mesh::with_materials(colors.chain([Material::default()]).collect());
+    if missing.get() > 0 {
+        mesh.notes.push(format!("{} material libraries cannot be read", missing.get()));
+    }
     for tobj::Model { mesh: model, name } in models {
         let triangles = model.indices.as_chunks().0;
         if triangles.is_empty() {
@@ -98,10 +109,13 @@ fn diffuse_colors(text: &str) -> String {
     for line in text.lines().map(str::trim) {
         match line.split_whitespace().next() {
             Some("newmtl") => push_words(&mut kept, line, []),
-            Some("Kd")
-                if numbers(line).count() >= 3 && numbers(line).all(|word| word.parse::<f32>().is_ok()) =>
-            {
-                push_words(&mut kept, "Kd", numbers(line).take(3));
+            Some("Kd") if numbers(line).all(|word| word.parse::<f32>().is_ok()) => {
+                let words: Vec<_> = numbers(line).collect();
+                match words[..] {
+                    [grey] => push_words(&mut kept, "Kd", [grey; 3]),
+                    [r, g, b, ..] => push_words(&mut kept, "Kd", [r, g, b]),
+                    _ => {}
+                }
             }
             _ => {}
         }

@@ -174,7 +174,7 @@ fn obj_faces_polygons_and_relative_indices() {
 fn obj_materials_beside_the_file() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("model.obj");
-    let mtl = "newmtl broken\nKd 0.5\nnewmtl red\nKd 1 0.25 0\nKs 1\n";
+    let mtl = "newmtl broken\nKd 0.5 1\nnewmtl red\nKd 1 0.25 0\nKs 1\n";
     std::fs::write(folder.path().join("my colours.mtl"), mtl).unwrap();
     let obj = "mtllib\tmy colours.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nusemtl\tred\nf 3 2 1\nusemtl broken\nf 1 2 3\nusemtl \nf 2 3 1\n";
     std::fs::write(&file, obj).unwrap();
@@ -183,6 +183,28 @@ fn obj_materials_beside_the_file() {
     let colors: Vec<_> =
         topology.parts.iter().map(|p| topology.materials[p.material as usize].base_color).collect();
     assert_eq!(colors, [[0.8; 3], [1.0, 0.25, 0.0], [0.8; 3], [0.8; 3]]);
+}
+
+#[test]
+fn obj_names_several_material_libraries() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("model.obj");
+    std::fs::write(folder.path().join("a.mtl"), "newmtl grey\nKd 0.5\n").unwrap();
+    std::fs::write(folder.path().join("b.mtl"), "newmtl red\nKd 1 0 0\n").unwrap();
+    for (libraries, notes) in [
+        ("mtllib a.mtl b.mtl", &[][..]),
+        ("mtllib a.mtl\nmtllib b.mtl", &[]),
+        ("mtllib a.mtl gone.mtl b.mtl\nmtllib ../c.mtl", &["2 material libraries cannot be read"]),
+    ] {
+        let faces = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl grey\nf 1 2 3\nusemtl red\nf 3 2 1\n";
+        std::fs::write(&file, format!("{libraries}\n{faces}")).unwrap();
+        let mesh = crate::load(&file, &LoadOptions::default()).unwrap();
+        let topology = mesh.topology();
+        let color = |part: &crate::Part| topology.materials[part.material as usize].base_color;
+        let colors: Vec<_> = topology.parts.iter().map(color).collect();
+        assert_eq!(colors, [[0.5; 3], [1.0, 0.0, 0.0]], "{libraries}");
+        assert_eq!(mesh.notes(), notes, "{libraries}");
+    }
 }
 
 #[test]

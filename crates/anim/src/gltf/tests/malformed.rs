@@ -130,6 +130,7 @@ fn broken_containers_and_buffers_are_errors() {
     assert!(parse(b"glTF\x02\0\0\0\x14\0\0\0\xff\xff\xff\xffJSON").contains("JSON chunk"));
     assert!(parse(b"glTF\x09\0\0\0\x0c\0\0\0").contains("version"));
     assert!(parse(br#"{"asset":{"version":"1.0"}}"#).contains("1.0"));
+    assert!(parse(br#"{"asset":{"version":"2.0","minVersion":"2.1"}}"#).contains("minVersion"));
     let draco = r#"{"asset":{"version":"2.0"},"extensionsRequired":["KHR_draco_mesh_compression"]}"#;
     assert!(parse(draco.as_bytes()).contains("KHR_draco_mesh_compression"));
     let buffer =
