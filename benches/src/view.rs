@@ -307,7 +307,8 @@ impl Shadows {
     }
 
     /// Ray `i`, from the light to a point. Off the surface by 32 roundings of `max_coordinate` and
-    /// of the distance, as [`rt_cpu`] does it, so that contestants cast the same rays.
+    /// of the distance, as [`rt_cpu`] does it, so that contestants whose corners are read cast the
+    /// same rays.
     #[inline(always)]
     fn aim_at(
         &mut self,

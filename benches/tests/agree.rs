@@ -74,7 +74,7 @@ fn all_contestants_agree_with_brute_force_before_and_after_motion() {
     }
 }
 
-/// As Pivot's renderer does, whoever traces its shadow rays, so that all trace the same ones.
+/// All libraries whose shadow rays start from corners, and so all but Embree, trace the same ones.
 #[test]
 fn large_triangles_do_not_shadow_themselves() {
     let corner = |x: f32, z: f32| Vec3::new(x, 0.3 * x - 0.2 * z, z) * 1e4;

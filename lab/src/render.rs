@@ -147,6 +147,7 @@ fn frames(
     let mut updater = Updater::default();
     let (mut film, mut filmed) = (Vec::new(), 0);
     let mut encoder = GifEncoder::new_with_speed(&mut film, 10);
+    encoder.set_repeat(Repeat::Infinite)?;
     let image = || Image::new(args.size.0, args.size.1);
     let mut picture = Picture { image: image(), sample: image(), stats: RenderStats::default() };
     // A rebuilt tree depends on its own frame only.
@@ -173,9 +174,6 @@ fn frames(
             }
             let path = target.file(label, frame);
             if let Target::Film(_) = target {
-                if filmed == 0 {
-                    encoder.set_repeat(Repeat::Infinite)?;
-                }
                 encoder.encode_frame(film_frame(&picture.image)?)?;
                 filmed += 1;
             } else {
@@ -189,10 +187,13 @@ fn frames(
     }
     drop((progress, encoder));
     if let (Target::Film(path), 1..) = (target, filmed) {
-        if filmed < wanted.len() {
+        let is_whole = filmed == wanted.len();
+        if !is_whole {
             files::remark(&format!("interrupted: a film of the first {filmed} of {} frames", wanted.len()));
         }
-        files::write_and_name(path, &film)?;
+        // Part of a film does not take the place of a whole one.
+        let part = path.with_extension("part.gif");
+        files::write_and_name(if is_whole { path } else { &part }, &film)?;
     }
     let light = scenes::Effects { light, ..Default::default() };
     files::remark(&format!("effects: {light}; samples: {samples}; rays: {}", rays(&picture.stats)));

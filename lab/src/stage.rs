@@ -90,7 +90,8 @@ pub(crate) fn labels(sources: &[impl AsRef<str>]) -> Vec<String> {
     for source in sources {
         let label = label(source.as_ref());
         let mut names = (1..).map(|n| if n == 1 { label.clone() } else { format!("{label}-{n}") });
-        let free = names.find(|name| labels.iter().all(|taken| slug(taken) != slug(name)));
+        let free =
+            names.find(|name| labels.iter().all(|taken| !slug(taken).eq_ignore_ascii_case(&slug(name))));
         labels.extend(free);
     }
     labels
@@ -108,11 +109,11 @@ mod tests {
 
     #[test]
     fn no_two_scenes_have_one_label() {
-        let sources = ["n-body", "a/x.glb", "b/x.glb", "x.glb-2", "n-body", "c/x glb"];
+        let sources = ["n-body", "a/x.glb", "b/X.glb", "x.glb-2", "n-body", "c/x glb"];
         assert_eq!(
             labels(&sources),
-            ["n-body", "x.glb", "x.glb-2", "x.glb-2-2", "n-body-2", "x glb-3"],
-            "also in names of files, where a space and a point are the same"
+            ["n-body", "x.glb", "X.glb-2", "x.glb-2-2", "n-body-2", "x glb-3"],
+            "also in names of files, where case, a space and a point make no difference"
         );
     }
 }

@@ -1,6 +1,6 @@
 //! Why a file could not be loaded: the file, the place in it, what was found and what was expected.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// Why something could not be loaded. Every message is one line.
 #[derive(Debug, thiserror::Error)]
@@ -120,6 +120,20 @@ fn one_line(message: &str) -> String {
         Some((end, _)) => format!("{} ...", &line[..end]),
         None => line,
     }
+}
+
+/// The path that a relative name stands for, if that stays below the folder it is relative to.
+pub(crate) fn below_folder(name: &str) -> Option<PathBuf> {
+    let mut path = PathBuf::new();
+    for component in Path::new(name).components() {
+        match component {
+            Component::Normal(part) => path.push(part),
+            Component::CurDir => {}
+            Component::ParentDir if path.pop() => {}
+            _ => return None,
+        }
+    }
+    (!path.as_os_str().is_empty()).then_some(path)
 }
 
 /// Reads a whole regular file below `folder`; a link that leads out of the folder is refused.

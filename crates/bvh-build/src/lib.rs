@@ -205,7 +205,8 @@ pub fn build_with<P: Primitives + ?Sized>(
 /// O(n log n) for common scenes, O([`MAX_HEIGHT`](bvh_core::MAX_HEIGHT) n) at worst; for
 /// [`Builder::Reinserted`] O(n²), where most boxes overlap. `scratch`
 /// grows to, in bytes a primitive: 64 binned (in parallel up to 96), 48 LBVH, 52 HLBVH, 128 PLOC,
-/// 32 more with long codes, and up to 64 more for each that has no box. A sweep takes 140 of its own.
+/// 32 more with long codes, and up to 64 more for each that has no box. A sweep takes 140 of its
+/// own.
 ///
 /// Where the SAH cannot choose (equal centres, a node without area) and where the tree would get
 /// too high, a node is split in the middle of its primitives. So no tree is higher than

@@ -124,7 +124,7 @@ impl Keeper {
     }
 
     /// Brings `bvh` up to date with triangles that have moved: refits it, then does what the system
-    /// does. Refits and builds run in the current rayon pool, all else on one thread. The tree that
+    /// does. It has to be the tree that this was made with: another one may only be refitted. Refits and builds run in the current rayon pool, all else on one thread. The tree that
     /// results does not depend on the number of threads.
     ///
     /// # Errors

@@ -14,7 +14,7 @@
 //! repair/     a new top above subtrees that are still good
 //! leaves/     leaves merged and split
 //! rebuild/    a new tree: now, once this one is bad, or from the background
-//! auto/       decides in each frame: the pass alone, and then a new top or a new tree, or a new tree at once
+//! auto/       decides in each frame: the pass, and perhaps a new top or tree; or a new tree at once
 //! ```
 //!
 //! ```

@@ -12,15 +12,15 @@ pub struct Update {
     pub rebuilt: bool,
     /// What was decided, where the strategy decides.
     pub decision: Decision,
-    /// The figures that [`Auto`](crate::Auto) decided by after a pass; `None` if it built a new tree
-    /// without one.
+    /// The figures that [`Auto`](crate::Auto) decided by after a pass. `None` of other strategies,
+    /// and if it built a new tree without a pass.
     pub reason: Option<Reason>,
     /// Rotations applied, by kind in the order of [`Rotation::ALL`](bvh_core::Rotation::ALL); none
     /// in a new tree.
     pub rotations: [u64; 6],
     /// SAH cost of the tree as it is now, where the strategy needs it or
     /// [`Updater::report_cost`](crate::Updater::report_cost) asks for it:
-    /// [`sah_cost`](bvh_core::sah_cost), but from `f32` areas unless they leave the range of `f32`. `None` after
+    /// [`sah_cost`](bvh_core::sah_cost), but from `f32` areas unless some may leave the range of `f32`. `None` after
     /// a rebuild or a partial rebuild; a tree from the background is refitted, so it has one.
     pub sah_cost: Option<f64>,
     /// Height of the tree as it is now.
@@ -70,7 +70,8 @@ pub enum Decision {
 #[non_exhaustive]
 pub struct Reason {
     /// Milliseconds of one core that queries have lost to the excess cost of the tree since it was
-    /// last repaired or built; for a new tree in the place of one by a fast builder, to that as well.
+    /// last repaired or built. Where a fast build is to be replaced, what queries lose to that is
+    /// included.
     pub lost_ms: f64,
     /// Milliseconds of one core that the repair or the rebuild takes, doubled for each that failed
     /// in a row before.

@@ -29,6 +29,8 @@ pub struct SleepDelay {
     updates: u32,
     /// For each primitive, the updates since it moved.
     rested: Vec<u32>,
+    /// How often the tree had been marked when it was marked here.
+    marked: u32,
 }
 
 impl SleepDelay {
@@ -36,19 +38,20 @@ impl SleepDelay {
     /// just stopped.
     #[must_use]
     pub fn new(updates: u32) -> Self {
-        Self { updates, rested: Vec::new() }
+        Self { updates, rested: Vec::new(), marked: 0 }
     }
 
     /// Marks primitives before an update; `moves` says which have moved since the last one. Gives
     /// the number of dynamic ones.
     ///
-    /// O(n). Calls [`Bvh::set_dynamic`] if some primitive falls asleep or wakes, and for a new
-    /// tree. Marks set by others are replaced then, not before.
+    /// O(n). Calls [`Bvh::set_dynamic`] if some primitive falls asleep or wakes, and, while some
+    /// sleep, where the marks are not those that this has set: of another tree, by others, or after
+    /// a rebuild.
     ///
     /// After [`Bvh::reorder_primitives`] primitives have other numbers: take a new `SleepDelay`
     /// then, or what has just stopped may fall asleep at once.
     pub fn mark(&mut self, bvh: &mut Bvh, moves: impl Fn(usize) -> bool) -> usize {
-        let Self { updates, rested } = self;
+        let Self { updates, rested, marked } = self;
         let is_new = rested.len() != bvh.len();
         if is_new {
             rested.clear();
@@ -62,9 +65,10 @@ impl SleepDelay {
             awake += usize::from(is_awake);
             changed |= was_awake != is_awake;
         }
-        // A new tree is one that nobody has marked yet.
-        if changed || (awake < rested.len() && bvh.update_state().changes.dynamic == 0) {
+        // Marks of another tree, of others, or of a rebuild, which keeps them leaf by leaf.
+        if changed || (awake < rested.len() && bvh.update_state().changes.dynamic != *marked) {
             bvh.set_dynamic(|primitive| rested[primitive] <= *updates);
+            *marked = bvh.update_state().changes.dynamic;
         }
         awake
     }

@@ -203,7 +203,7 @@ pub fn run(args: &Args) -> Result<()> {
     let sources = if args.scenes.is_empty() { &default_scenes } else { &args.scenes };
     let load = |source: &str| stage::load_with(source, None, SceneOptions::default());
     let mut loaded = Vec::new();
-    for (source, label) in sources.iter().zip(stage::labels(&sources)) {
+    for (source, label) in sources.iter().zip(stage::labels(sources)) {
         let scene = stage::load_first(source, || load(source))?;
         let is_empty = scene.as_ref().is_some_and(|scene| scene.animation.topology().triangles.is_empty());
         ensure!(!is_empty, "{source}: no triangles, so nothing to compare");

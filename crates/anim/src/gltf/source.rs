@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::HashMap;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use ::gltf::Glb;
@@ -12,7 +12,7 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use glam::DVec3;
 use serde_json::{Value, json};
 
-use crate::error::{LoadError, Problem, read_beside};
+use crate::error::{LoadError, Problem, below_folder, read_beside};
 
 /// Extensions that are understood, or change nothing that is seen.
 pub(super) const UNDERSTOOD: [&str; 4] =
@@ -181,19 +181,7 @@ pub(super) fn relative_path(uri: &str, place: &str) -> Result<PathBuf, Problem> 
     let decoded = percent_encoding::percent_decode_str(uri)
         .decode_utf8()
         .map_err(|_| wrong(the_uri() + ", not UTF-8 when decoded"))?;
-    let mut path = PathBuf::new();
-    for component in Path::new(decoded.as_ref()).components() {
-        match component {
-            Component::Normal(part) => path.push(part),
-            Component::CurDir => {}
-            Component::ParentDir if path.pop() => {}
-            _ => return Err(wrong(the_uri())),
-        }
-    }
-    if path.as_os_str().is_empty() {
-        return Err(wrong("an empty uri".into()));
-    }
-    Ok(path)
+    below_folder(&decoded).ok_or_else(|| wrong(the_uri()))
 }
 
 #[cfg(test)]

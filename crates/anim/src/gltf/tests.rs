@@ -504,7 +504,7 @@ fn materials_camera_and_lights() {
     let position = document.load(&rest("directional")).light(0.0).unwrap().position;
     assert!(position.y > 100.0 && position.x.abs() < 1.0 && position.z.abs() < 1.0, "{position}");
     let dark = document.load(&rest("point").replace("[1,0.5,0]", "[1e39,-1,0.5]")).light(0.0).unwrap();
-    assert_eq!(dark.color, [1.0, 0.0, 0.5], "what is no brightness is none");
+    assert_eq!(dark.color, [1.0, 0.0, 0.5], "infinite is full, negative none");
     for scale in ["1e25", "1e37"] {
         let large =
             rest("directional").replace(r#"{"mesh":0}"#, &format!(r#"{{"mesh":0,"scale":[{scale},1,1]}}"#));

@@ -1,13 +1,14 @@
 //! OBJ through `tobj`, fed with only those lines that matter here.
 
-use std::cell::Cell;
-use std::path::{Component, Path};
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+use std::path::Path;
 
 use glam::DVec3;
 
 use super::{Mesh, unmarked};
 use crate::Material;
-use crate::error::{Problem, read_beside};
+use crate::error::{Problem, below_folder, read_beside};
 
 pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Problem> {
     let text = String::from_utf8_lossy(unmarked(bytes));
@@ -17,19 +18,22 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Pro
         ignore_lines: true,
         ..Default::default()
     };
-    let library = |name: &Path| {
-        let is_below = name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+    let library = |name: &str| {
         let folder = file.parent().unwrap_or(Path::new(""));
-        let bytes = is_below.then(|| read_beside(folder, name).ok()).flatten()?;
+        let bytes = read_beside(folder, &below_folder(name)?).ok()?;
         Some(diffuse_colors(&String::from_utf8_lossy(unmarked(&bytes))))
     };
-    let missing = Cell::new(0);
+    let missing = RefCell::new(BTreeSet::new());
     let load_mtl = |names: &Path| {
+        let names = names.to_str().unwrap_or_default();
         // One name with spaces, or several names. A missing library costs the colours only.
         let colors = library(names).unwrap_or_else(|| {
-            let words = names.to_str().unwrap_or_default().split_whitespace();
-            let found: Vec<_> = words.map(|name| library(name.as_ref())).collect();
-            missing.set(missing.get() + found.iter().filter(|found| found.is_none()).count());
+            let each = names.split_whitespace().map(|name| library(name).ok_or(name));
+            let (found, mut lacking): (Vec<_>, Vec<_>) = each.partition(Result::is_ok);
+            if found.is_empty() {
+                lacking = vec![Err(names)];
+            }
+            missing.borrow_mut().extend(lacking.into_iter().filter_map(Result::err).map(str::to_owned));
             found.into_iter().flatten().collect()
         });
         tobj::load_mtl_buf(&mut colors.as_bytes())
@@ -48,9 +52,8 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Pro
         })
     });
     let mut mesh = Mesh::with_materials(colors.chain([Material::default()]).collect());
-    if missing.get() > 0 {
-        mesh.notes.push(format!("{} material libraries cannot be read", missing.get()));
-    }
+    let missing = missing.take().into_iter();
+    mesh.notes.extend(missing.map(|name| format!("the material library {name:?} cannot be read")));
     for tobj::Model { mesh: model, name } in models {
         let triangles = model.indices.as_chunks().0;
         if triangles.is_empty() {

@@ -12,18 +12,18 @@
 //! `unit_costs` on a machine with slower memory (EPYC Zen 3, virtual, AVX2, 2026-11-24, two runs):
 //!
 //! ```text
-//! constant        here  printed
-//! NODE              15  28 to 31; of a query 20 to 112
-//! FRONTIER_NODE      9  1 to 11
-//! TOP_SUBTREE      400  1046 to 1691
-//! GOOD_BUILD        85  121 to 123
-//! FAST_BUILD        32  41 to 63
-//! PACKET_RAY        25  90 to 97
-//! SINGLE_RAY      1000  1992 to 2356
-//! PACKET_NODE       90  207 to 224
-//! PAIRS            100  222 to 356
-//! FAST_BUILD_LOSS 0.05  0.02 to 0.05; single rays 0.08 to 0.12
-//! PACKET_SLOPE     0.4  0.35 in a tree of 16 times the cost; single rays 0.86
+//! constant         printed
+//! NODE             28 to 31; of a query 20 to 112
+//! FRONTIER_NODE    1 to 11
+//! TOP_SUBTREE      1046 to 1691
+//! GOOD_BUILD       121 to 123
+//! FAST_BUILD       41 to 63
+//! PACKET_RAY       90 to 97
+//! SINGLE_RAY       1992 to 2356
+//! PACKET_NODE      207 to 224
+//! PAIRS            222 to 356
+//! FAST_BUILD_LOSS  0.02 to 0.05; single rays 0.08 to 0.12
+//! PACKET_SLOPE     0.35; single rays 0.86; both in a tree of 16 times the cost
 //! ```
 //!
 //! Beside a pass, builds cost less there than is assumed here, a new top 1.4 to 2.1 times as much.

@@ -24,9 +24,9 @@
 //!
 //! Where a few leaves hold most of the area, as the walls of a room do, they hold most of the cost
 //! as well, while rays meet mostly what is small. *Uniformity* is the square of the mean width of
-//! leaves over the mean of the squares: 1 if all are alike. The root of it lies halfway between
-//! counting leaves by area and counting them by number. Without it updates and rays take 31 % more counted work in bart-museum and 8 % more on exploding-dragon
-//! (`docs/ABLATION.md`).
+//! leaves over the mean of the squares: 1 if all are alike. Its square root lies halfway between
+//! counting leaves by area and counting them by number. Without it updates and rays take 31 % more
+//! counted work in bart-museum and 8 % more on exploding-dragon (`docs/ABLATION.md`).
 
 use bvh_core::{Bvh, Node};
 use rayon::prelude::*;

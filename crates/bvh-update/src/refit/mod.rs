@@ -87,14 +87,17 @@ pub(crate) struct Tally {
     pub(crate) static_area: f64,
 }
 
+/// In a tree whose root has less half area, that of leaves may be below the range of `f32`.
+const LEAST_ROOT: f64 = 1e-28;
+
 impl Tally {
     /// What the pass reports; `bvh` is the tree after it.
     pub(crate) fn report(&self, bvh: &Bvh) -> Update {
         // Static areas are among those of the tree.
         let root = bvh.root().aabb().half_area_f64();
         let cost = (self.area + bvh.static_area()) / root;
-        // Areas beyond the range of f32 on either side, or a root without area.
-        let known = || if cost.is_finite() && root > 1e-28 { cost } else { sah_cost(bvh) };
+        // Not where areas are beyond the range of f32 on either side.
+        let known = || if cost.is_finite() && root > LEAST_ROOT { cost } else { sah_cost(bvh) };
         Update {
             rotations: self.rotations,
             sah_cost: self.has_sums.then(known),
