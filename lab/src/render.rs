@@ -34,8 +34,8 @@ pub struct Args {
     /// Size of the image in pixels
     #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size)]
     size: (u32, u32),
-    /// A .png or .exr file, a .gif of all frames, or a folder for PNG files [default:
-    /// target/render]
+    /// A .png or .exr file, a .gif of all frames (NAME.part.gif of those before an interrupt), or a
+    /// folder for PNG files [default: target/render]
     #[arg(long, value_name = "FILE|DIR")]
     out: Option<PathBuf>,
     /// Clip of a glTF file, by name or number [default: its first]
