@@ -116,7 +116,8 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
             [tenth, frames / 2, frames].iter().position(|&end| (end - tenth..end).contains(&(frame - 1)));
         if let Some(window) = window.map(|w| &mut windows[w]) {
             window.height = window.height.max(report.height);
-            // By the place in the loop, so that all have the same.
+            // By the place in the loop, so that all have the same; five places at least, since a
+            // refitted tree is as good as a fresh one at the first.
             if (frame % per_loop).is_multiple_of((per_loop / 5).clamp(1, 20)) {
                 let fresh = build(&stage.triangles(), Builder::Sweep)?;
                 window.costs.push(sah_cost(bvh) / sah_cost(&fresh));

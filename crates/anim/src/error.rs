@@ -80,12 +80,12 @@ impl Problem {
         found: impl Into<String>,
         expected: impl Into<String>,
     ) -> Self {
-        Self { place: place.into(), found: found.into(), expected: expected.into() }
+        Self { place: place.into(), found: one_line(&found.into()), expected: expected.into() }
     }
 
     /// The message of a parsing library in place of what was found.
     pub(crate) fn from_parser(place: &str, message: &dyn std::fmt::Display, expected: &str) -> Self {
-        Self::new(place, one_line(&message.to_string()), expected)
+        Self::new(place, message.to_string(), expected)
     }
 
     pub(crate) fn in_file(self, file: &Path) -> LoadError {
@@ -111,8 +111,9 @@ pub fn printable(text: &str) -> String {
     text.chars().map(|c| if c.is_control() && c != '\n' && c != '\t' { '\u{fffd}' } else { c }).collect()
 }
 
-/// Parsers quote what they choke on, line breaks, binary and all.
-fn one_line(message: &str) -> String {
+/// The start of a text, as one line. Parsers quote what they choke on, line breaks, binary and all,
+/// and a uri may hold megabytes.
+pub(crate) fn one_line(message: &str) -> String {
     const LONGEST: usize = 200;
     let words = message.split(|c: char| c.is_whitespace() || c.is_control()).filter(|word| !word.is_empty());
     let line = words.collect::<Vec<_>>().join(" ");

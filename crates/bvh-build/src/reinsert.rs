@@ -16,17 +16,13 @@
 //! move makes the tree worse, and the tree does not depend on the number of threads. Any ancestor
 //! is a place, too, not only the nodes beside the path to the root. The search goes depth first.
 
+use bvh_core::rotation::LEAST_SAVED;
 use bvh_core::{Bvh, COST_TRAVERSE, MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
 use crate::options::with_methods;
 use crate::tree::{Boxes, Tree};
 use crate::{Optimized, raw};
-
-/// A move counts only if it saves more than this part of the area that it frees. Rotations compare
-/// areas rounded to `f32`: where two trees are equal but for rounding, these would take back every
-/// move.
-const LEAST_SAVED: f64 = 1e-6;
 
 /// The budget of [`reinsert`](fn@reinsert).
 #[derive(Clone, Copy, Debug, PartialEq)]

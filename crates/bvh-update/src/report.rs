@@ -62,10 +62,10 @@ pub enum Decision {
     Swap,
 }
 
-/// What [`Auto`](crate::Auto) compared. Once `lost_ms` exceeds `price_ms` it tries a new top; where
-/// that turned out too large before, a new tree. An attempt that finds nothing to build anew leaves
-/// the tree as it is, or makes a new one if that is due, too. A tree whose baseline says nothing is
-/// rebuilt in any case.
+/// What [`Auto`](crate::Auto) compared. Once `lost_ms` exceeds `price_ms`, it tries a new top. If a
+/// new top was too large before, it builds a new tree instead. If no subtree is worth opening, the
+/// tree stays, unless a new tree is due as well. A tree whose baseline says nothing is rebuilt in any
+/// case.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Reason {

@@ -44,9 +44,9 @@ impl SleepDelay {
     /// Marks primitives before an update; `moves` says which have moved since the last one. Gives
     /// the number of dynamic ones.
     ///
-    /// O(n). Calls [`Bvh::set_dynamic`] if some primitive falls asleep or wakes, and, while some
-    /// sleep, where the marks are not those that this has set: of another tree, by others, or after
-    /// a rebuild.
+    /// O(n). Calls [`Bvh::set_dynamic`] if some primitive falls asleep or wakes. While some sleep, it
+    /// also does so if the tree was marked another number of times than when this marked it last:
+    /// others have marked it, it was rebuilt, or it is another tree.
     ///
     /// After [`Bvh::reorder_primitives`] primitives have other numbers: take a new `SleepDelay`
     /// then, or what has just stopped may fall asleep at once.
@@ -136,6 +136,8 @@ mod tests {
         assert_eq!((delay.mark(&mut leaf, |i| i < 4), leaf.all_dynamic()), (4, true));
         let mut bvh = build(&boxes, Builder::Sweep).expect("few enough");
         assert_eq!((delay.mark(&mut bvh, |i| i < 4), bvh.all_dynamic()), (4, false));
+        bvh.set_dynamic(|_| true);
+        assert_eq!((delay.mark(&mut bvh, |i| i < 4), bvh.all_dynamic()), (4, false), "marked by others");
         let mut smaller = build(&boxes[..5], Builder::Sweep).expect("few enough");
         assert_eq!(delay.mark(&mut smaller, |_| true), 5);
         assert!(smaller.all_dynamic());

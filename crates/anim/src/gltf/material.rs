@@ -13,8 +13,8 @@ use glam::Vec2;
 use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 
 use super::accessor::Accessors;
-use super::source::{decode_data_uri, is_data, relative_path, short};
-use crate::error::{Problem, numbered, read_beside};
+use super::source::{decode_data_uri, is_data, relative_path};
+use crate::error::{Problem, numbered, one_line, read_beside};
 use crate::{Filter, Image, Material, Texture, Topology, Wrap};
 
 /// Metals at least this metallic, and no rougher than that, are mirrors. Most are somewhere
@@ -205,7 +205,7 @@ impl Textures<'_> {
             (Some(uri), _) => {
                 let path = relative_path(uri, place).ok();
                 let Some(bytes) = path.and_then(|path| read_beside(accessors.folder, &path).ok()) else {
-                    self.unreadable.push(short(uri));
+                    self.unreadable.push(one_line(uri));
                     return Ok(None);
                 };
                 accessors.budget.allow_for(bytes.len() as u64);

@@ -147,16 +147,6 @@ pub(super) fn is_data(uri: &str) -> bool {
     uri.get(..5).is_some_and(|scheme| scheme.eq_ignore_ascii_case("data:"))
 }
 
-/// A uri for messages: what is longer than any name of a file is cut off.
-pub(super) fn short(uri: &str) -> String {
-    const MOST: usize = 256;
-    let mut start: String = uri.chars().take(MOST).collect();
-    if start.len() < uri.len() {
-        start.push('…');
-    }
-    start
-}
-
 pub(super) fn decode_data_uri(uri: &str, place: &str) -> Result<Vec<u8>, Problem> {
     const LENIENT: GeneralPurpose = GeneralPurpose::new(
         &base64::alphabet::STANDARD,
@@ -174,7 +164,7 @@ pub(super) fn decode_data_uri(uri: &str, place: &str) -> Result<Vec<u8>, Problem
 pub(super) fn relative_path(uri: &str, place: &str) -> Result<PathBuf, Problem> {
     let wrong =
         |found: String| Problem::new(place, found, "a relative path below the folder of the glTF file");
-    let the_uri = || format!("the uri {:?}", short(uri));
+    let the_uri = || format!("the uri {uri:?}");
     if uri.contains("://") {
         return Err(wrong(the_uri()));
     }
@@ -205,7 +195,8 @@ mod tests {
         assert_eq!(decode_data_uri("data:;base64,AQ", "").unwrap(), [1]);
         assert_eq!(decode_data_uri("DATA:text/plain;BASE64,AQ", "").unwrap(), [1]);
         assert!(is_data("Data:,") && !is_data("data") && !is_data("dáta:"));
-        assert_eq!(short(&"é".repeat(300)), "é".repeat(256) + "…");
+        let long = relative_path(&("../".to_owned() + &"é".repeat(3000)), "").unwrap_err();
+        assert!(long.to_string().chars().count() < 300, "{long}");
         assert!(decode_data_uri("data:text/plain,abc", "").is_err());
         assert!(decode_data_uri("data:;base64,A~", "").is_err());
     }

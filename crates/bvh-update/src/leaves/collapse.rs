@@ -5,6 +5,7 @@
 //! the other, as pairs of nodes are taken from one list. So the tree is the same for every number
 //! of threads, and as it was should the primitives panic.
 
+use bvh_core::rotation::LEAST_SAVED;
 use bvh_core::{Aabb, Bvh, MAX_HEIGHT, Node, Parts, Primitives, prefetch};
 use rayon::prelude::*;
 
@@ -15,9 +16,6 @@ use crate::state::{Layout, State};
 /// Subtrees of this height or less are parts, which take turns; what is above them is walked
 /// through each time.
 const SMALL: u32 = 8;
-/// A run changes only if it saves more than this part of its cost. Rotations compare areas rounded
-/// to `f32`: where two trees are equal but for rounding, these would take back every change.
-const LEAST_SAVED: f64 = 1e-6;
 /// Parts that are looked at together, so that there is something to do while memory answers.
 const GROUP: usize = 32;
 /// Most tasks that parts are dealt out to.
