@@ -157,7 +157,7 @@ fn whole_frames_are_compared_of_those_asked_for_and_as_often_as_asked_for() {
     let compare = |more: &[&str]| {
         let sheet = ["compare", "frame", "--scene", str(&sheet), "--size", "24", "--threads", "1"];
         let mut all = sheet.to_vec();
-        all.extend(["--only", "pivot auto", "--only", "refit+rotate+leaves", "--json", str(&json)]);
+        all.extend(["--only", "pivot auto", "--only", "refit+rotate+reinsert", "--json", str(&json)]);
         all.extend(more);
         let printed = succeeds(&all);
         let rows = fs::read(&json).expect("rows");
@@ -167,7 +167,7 @@ fn whole_frames_are_compared_of_those_asked_for_and_as_often_as_asked_for() {
     let (printed, once) = compare(&[]);
     let (_, thrice) = compare(&["--runs", "3"]);
     let names: Vec<_> = once.iter().map(|row| row["contestant"].as_str().expect("a name")).collect();
-    assert_eq!(names, ["pivot auto", "pivot refit+rotate+leaves", "ray set-up"]);
+    assert_eq!(names, ["pivot auto", "pivot refit+rotate+reinsert", "ray set-up"]);
     assert!(printed.contains("frame, pivot auto / pivot best of the rest, 1 thread"), "{printed}");
     let again = succeeds(&[
         "compare",

@@ -16,7 +16,6 @@
 //! move makes the tree worse, and the tree does not depend on the number of threads. Any ancestor
 //! is a place, too, not only the nodes beside the path to the root. The search goes depth first.
 
-use bvh_core::rotation::LEAST_SAVED;
 use bvh_core::{Bvh, COST_TRAVERSE, MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
@@ -46,6 +45,10 @@ impl Default for Reinsert {
 
 /// A pass that saves less than this fraction of the cost is the last.
 const MIN_SAVING: f64 = 1e-3;
+
+/// A move has to save more than this part of what taking the node out frees. Rotations compare areas
+/// rounded to `f32`: where two trees are equal but for rounding, they would take back every move.
+const LEAST_SAVED: f64 = 1e-6;
 
 /// Memory that [`reinsert`](fn@reinsert) keeps from one call to the next, about 50 bytes a
 /// primitive if all nodes are tried. It has no influence on results.

@@ -20,12 +20,6 @@
 
 use crate::{Aabb, MAX_HEIGHT, Node};
 
-/// Whatever else changes a tree has to save more than this part of what it changes. Rotations
-/// compare areas rounded to `f32`: where two trees are equal but for rounding, these would take back
-/// every change.
-#[doc(hidden)]
-pub const LEAST_SAVED: f64 = 1e-6;
-
 /// A rotation at a node, named by the nodes that change places.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]

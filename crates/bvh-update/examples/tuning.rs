@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use bvh_build::{Builder, build};
 use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
-use bvh_update::{Leaves, PartialRebuild, Rotate, Strategy, Updater};
+use bvh_update::{PartialRebuild, Rotate, Strategy, Updater};
 
 const TRIANGLES: [u32; 2] = [100_000, 1_000_000];
 const REPEATS: usize = 7;
@@ -50,7 +50,6 @@ fn main() {
             Strategy::Refit,
             Strategy::RefitRotate(Rotate::default()),
             Strategy::PartialRebuild(PartialRebuild::default()),
-            Strategy::Leaves(Leaves::default()),
         ] {
             let (mut least, mut least_first) = (f64::INFINITY, f64::INFINITY);
             let mut cost = 0.0;

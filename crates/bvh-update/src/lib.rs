@@ -12,7 +12,6 @@
 //! refit/      the pass: refits and rotations                 the paper
 //! quality/    how good a tree is: its cost beside a baseline
 //! repair/     a new top above subtrees that are still good
-//! leaves/     leaves merged and split
 //! rebuild/    a new tree: now, once this one is bad, or from the background
 //! auto/       decides in each frame: the pass, and perhaps a new top or tree; or a new tree at once
 //! ```
@@ -42,7 +41,6 @@
 #![deny(unsafe_code)]
 
 mod auto;
-mod leaves;
 mod quality;
 mod rebuild;
 mod refit;
@@ -57,7 +55,6 @@ mod workspace;
 
 pub use auto::{Auto, Load};
 pub use bvh_build::{BuildError, BuildOptions, Builder, UnknownName};
-pub use leaves::Leaves;
 pub use rebuild::{Background, BackgroundCost, Degraded};
 pub use refit::{BlockCost, Rotate, plain};
 pub use repair::PartialRebuild;

@@ -22,14 +22,12 @@ pub(crate) struct State {
     pub(crate) measure: Measure,
     /// How the tree lies in its arena.
     pub(crate) layout: Layout,
-    /// Head of a list of pairs that merged leaves have left over: the left node of the first, 0 for
-    /// none. The left node of each is a leaf without primitives, whose first slot is the next.
-    pub(crate) spare_pair: u32,
     /// A new tree in the place of this one gets no larger leaves than this; 0 if no update has
     /// asked yet.
     pub(crate) largest_leaf: u32,
     /// The changes by others that updates have taken note of.
     seen: Changes,
+    padding: u32,
 }
 
 /// What a tree's cost was when it was good.
@@ -106,8 +104,6 @@ impl Measure {
     pub(crate) const AREAS: Self = Self(1);
     /// The mean ratio of nodes' areas to their children's.
     pub(crate) const RATIO: Self = Self(2);
-    /// Areas of leaves.
-    pub(crate) const LEAVES: Self = Self(3);
 }
 
 impl State {
@@ -141,7 +137,6 @@ impl State {
             known.background_job = 0;
         }
         if known.seen.structure != now.structure {
-            known.spare_pair = 0;
             known.layout = Layout::UNKNOWN;
         }
         known.seen = now;

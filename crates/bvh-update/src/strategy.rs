@@ -8,7 +8,6 @@ use bvh_core::UnknownName;
 use bvh_core::named::by_name;
 
 use crate::auto::Auto;
-use crate::leaves::Leaves;
 use crate::rebuild::{Background, Degraded};
 use crate::refit::Rotate;
 use crate::repair::PartialRebuild;
@@ -39,9 +38,6 @@ pub enum Strategy {
     /// Refit, with or without rotations, and put the worst few subtrees where they cost least
     /// (Bittner et al. 2013; Meister and Bittner 2018).
     Reinsert(Reinsertion),
-    /// Refit, with or without rotations, and split and merge leaves (Kopta et al. 2012, section 2,
-    /// future work): see [`Leaves`].
-    Leaves(Leaves),
     /// Refit, with or without rotations, while new trees are built in the background, each in turn
     /// put in the place of the one before (Ize et al. 2007). The trees depend on how long that
     /// takes. Where the system has no thread to give, as on `wasm32-unknown-unknown`, none is
@@ -92,7 +88,6 @@ impl Strategy {
             Self::Background(Background::default()),
             Self::Background(Background { rotate, ..Background::default() }),
             Self::Reinsert(Reinsertion::default()),
-            Self::Leaves(Leaves::default()),
         ];
         all.extend(Builder::PER_FRAME.map(|builder| Self::Rebuild(builder, BuildOptions::default())));
         all
@@ -113,8 +108,6 @@ impl Strategy {
             Self::Auto(_) => "auto",
             Self::Reinsert(Reinsertion { rotate: None, .. }) => "refit+reinsert",
             Self::Reinsert(_) => "refit+rotate+reinsert",
-            Self::Leaves(Leaves { rotate: None, .. }) => "refit+leaves",
-            Self::Leaves(_) => "refit+rotate+leaves",
             Self::Background(Background { rotate: None, .. }) => "refit+background",
             Self::Background(_) => "refit+rotate+background",
         }

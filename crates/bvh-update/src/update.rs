@@ -9,11 +9,11 @@ use crate::auto::{self, Auto, Load};
 use crate::rebuild::background;
 use crate::rebuild::{BackgroundCost, degraded, new_tree};
 use crate::refit::{BlockCost, Costs, RefitScratch, Rotate, parts, pass};
+use crate::repair;
 use crate::report::{Update, UpdateError};
 use crate::state::State;
 use crate::strategy::Strategy;
 use crate::workspace::Workspace;
-use crate::{leaves, repair};
 
 /// Keeps a tree good while its primitives move: one strategy, its memory, and what was reported to
 /// it.
@@ -153,7 +153,7 @@ impl Updater {
         let workspace = &mut self.workspace;
         State::note_changes(parts(bvh).state);
         workspace.refit.with_sums = self.reports_cost;
-        let Workspace { refit, repair, rebuild, leaves, reinsert: reinsertion, background } = workspace;
+        let Workspace { refit, repair, rebuild, reinsert: reinsertion, background } = workspace;
         match &strategy {
             Strategy::Refit => Ok(pass(bvh, primitives, None, refit).report(bvh)),
             Strategy::RefitRotate(rotate) => Ok(pass(bvh, primitives, Some(*rotate), refit).report(bvh)),
@@ -168,7 +168,6 @@ impl Updater {
                 let done = reinsert(bvh, &options, reinsertion);
                 Ok(Update { sah_cost: Some(done.after), ..tally.report(bvh) })
             }
-            Strategy::Leaves(options) => Ok(leaves::update(bvh, primitives, options, refit, leaves)),
             Strategy::Background(options) => {
                 Ok(background::update(bvh, primitives, options, refit, rebuild, background))
             }

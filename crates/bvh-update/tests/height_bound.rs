@@ -1,7 +1,7 @@
 //! Trees at the greatest height: whatever would make them higher is left undone.
 
 use bvh_core::{Aabb, Bvh, MAX_HEIGHT, Node, SimdLevel, Vec3};
-use bvh_update::{Decision, Leaves, PartialRebuild, Rotate, Strategy, Updater, plain};
+use bvh_update::{Decision, PartialRebuild, Rotate, Strategy, Updater, plain};
 
 /// A box of side 1.
 fn at(x: f32) -> Aabb {
@@ -69,24 +69,6 @@ fn rotations_keep_to_the_bound_as_those_of_the_plain_pass() {
             bvh.validate(&boxes).expect("valid");
             assert_eq!((bvh.fingerprint(), done.rotations), (expected.fingerprint(), applied), "{level}");
         }
-    }
-}
-
-/// Four leaves at the end of a chain are cheapest as a chain themselves, one edge too high.
-#[test]
-fn leaves_are_not_changed_where_they_might_become_too_high() {
-    for (height, may_change) in [(MAX_HEIGHT, false), (MAX_HEIGHT - 1, true)] {
-        let mut nodes = Nodes::new();
-        let [a, b, c, d] = [0.0, 10.0, 100.0, 1000.0].map(|x| nodes.leaf(at(x)));
-        let [l, r] = [nodes.parent(a, b), nodes.parent(c, d)];
-        let end = nodes.parent(l, r);
-        let root = nodes.chain(end, height - 2);
-        let (mut bvh, boxes) = nodes.tree(root);
-        assert_eq!(bvh.height(), height);
-        let leaves = Leaves { rotate: None, period: 1, ..Leaves::default() };
-        Updater::new(Strategy::Leaves(leaves)).update(&mut bvh, &boxes).expect("same count");
-        bvh.validate(&boxes).expect("valid");
-        assert_eq!(bvh.height(), height + u32::from(may_change));
     }
 }
 

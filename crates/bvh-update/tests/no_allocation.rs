@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use bvh_build::{Builder, build};
 use bvh_core::{Aabb, Bvh, Vec3};
-use bvh_update::{Decision, Degraded, Leaves, PartialRebuild, Rotate, Strategy, Updater};
+use bvh_update::{Decision, Degraded, PartialRebuild, Rotate, Strategy, Updater};
 
 /// Counts what is asked of the system's allocator.
 struct Counting;
@@ -77,7 +77,6 @@ fn passes_allocate_in_the_first_update_only_and_others_in_the_first_loop_only() 
     }
     for strategy in [
         Strategy::PartialRebuild(PartialRebuild::default()),
-        Strategy::Leaves(Leaves { period: 1, ..Leaves::default() }),
         Strategy::Degraded(Degraded { threshold: f64::INFINITY, ..Degraded::default() }),
     ] {
         let mut updater = Updater::new(strategy);

@@ -5,10 +5,10 @@ mod common;
 
 use std::time::{Duration, Instant};
 
-use bvh_core::{Aabb, Bvh, Vec3, sah_cost, stats};
+use bvh_core::{Aabb, Bvh, Vec3, sah_cost};
 use bvh_update::{
-    Auto, Background, BuildOptions, Builder, Decision, Degraded, Leaves, Load, PartialRebuild, Reinsertion,
-    Rotate, Strategy, Updater,
+    Auto, Background, BuildOptions, Builder, Decision, Degraded, Load, PartialRebuild, Reinsertion, Rotate,
+    Strategy, Updater,
 };
 use common::{noise, over_fresh, tree};
 
@@ -310,8 +310,7 @@ fn decisions_and_reasons_say_what_and_why_in_one_line() {
 #[test]
 fn repairs_do_not_depend_on_threads() {
     let regrow = Strategy::PartialRebuild(PartialRebuild::default());
-    let leaves = Strategy::Leaves(Leaves { period: 1, ..Leaves::default() });
-    for strategy in [regrow, leaves, Strategy::Auto(Auto::default())] {
+    for strategy in [regrow, Strategy::Auto(Auto::default())] {
         let hashes = [1, 2, 3].map(|threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
             pool.install(|| {
@@ -373,50 +372,6 @@ fn frayed(step: usize) -> Vec<Aabb> {
         .collect()
 }
 
-#[test]
-fn leaves_merge_where_boxes_move_together_and_split_where_they_part() {
-    let singles = tree(&frayed(0));
-    for (period, rotate) in [(1, None), (1, Some(Rotate::default())), (4, Some(Rotate::default()))] {
-        let strategy = Strategy::Leaves(Leaves { rotate, period, ..Leaves::default() });
-        let other = rotate.map_or(Strategy::Refit, Strategy::RefitRotate);
-        let mut trees =
-            [(strategy, singles.clone(), Updater::default()), (other, singles.clone(), Updater::default())];
-        trees.iter_mut().for_each(|(_, _, updater)| {
-            updater.report_cost(true);
-        });
-        for step in 1..60 {
-            let boxes = frayed(step);
-            for (strategy, bvh, updater) in &mut trees {
-                let report = updater.set_strategy(*strategy).update(bvh, boxes.as_slice()).expect("updated");
-                bvh.validate(boxes.as_slice()).expect("valid");
-                let (report, real) = (report.sah_cost.expect("known"), sah_cost(bvh));
-                assert!((report - real).abs() <= 1e-5 * real, "report {report}, is {real}");
-            }
-            if step % 20 == 19 {
-                let [merged, single] = [&trees[0].1, &trees[1].1].map(stats);
-                assert_eq!((single.leaves, single.largest_leaf), (N, 1));
-                assert!(merged.largest_leaf <= 4);
-                let together = step / 20 != 1;
-                // Rotations put leaves together whose slots are far apart: these cannot merge, and
-                // what has merged cannot be rotated.
-                let (most, bound) = match (together, rotate) {
-                    (false, _) => (N, 1.05),
-                    (true, Some(_)) if step > 40 => (N * 8 / 10, 1.1),
-                    (true, _) => (N * 6 / 10, 0.95),
-                };
-                let leaves = if together { 0..most } else { N * 9 / 10..N + 1 };
-                assert!(leaves.contains(&merged.leaves), "{} leaves at {step}, {strategy:?}", merged.leaves);
-                assert!(
-                    merged.sah_cost < bound * single.sah_cost,
-                    "{} for {} at {step}",
-                    merged.sah_cost,
-                    single.sah_cost
-                );
-            }
-        }
-    }
-}
-
 /// `Auto` keeps a tree good over boxes that scatter and meet again, at once or slowly, and knows
 /// what it costs.
 #[test]
@@ -446,36 +401,6 @@ fn auto_follows_boxes_that_scatter_and_meet_again() {
             assert!(over < 1.5 || settles, "{over} at {step}, {which}");
         }
     }
-}
-
-#[test]
-fn leaves_come_to_rest_and_static_leaves_stay() {
-    let boxes = frayed(0);
-    let mut bvh = tree(&boxes);
-    bvh.set_dynamic(|i| i % 200 < 100);
-    let strategy = Strategy::Leaves(Leaves { period: 1, ..Leaves::default() });
-    let mut updater = Updater::default();
-    let mut step = || {
-        let report = updater.set_strategy(strategy).update(&mut bvh, boxes.as_slice()).expect("updated");
-        let real = sah_cost(&bvh);
-        assert!(report.sah_cost.is_some_and(|cost| (cost - real).abs() <= 1e-5 * real));
-        bvh.validate(boxes.as_slice()).expect("valid");
-        bvh.visit(|_, node, _| {
-            let moving = bvh.primitives(node).iter().filter(|&&i| i % 200 < 100).count();
-            assert!(moving == 0 || moving == bvh.primitives(node).len(), "a leaf that moves in part");
-        });
-        bvh.fingerprint()
-    };
-    let hashes: Vec<_> = (0..40).map(|_| step()).collect();
-    assert!(hashes[0] != hashes[39] && hashes[30..].iter().all(|&hash| hash == hashes[39]));
-    // A tree that has no pairs to spare is left with the leaves that it has.
-    let options = BuildOptions::default().with_max_leaf_size(4);
-    let mut coarse = bvh_build::build_with(&boxes, Builder::Sweep, &options).expect("built");
-    let before = stats(&coarse).leaves;
-    let apart = frayed(25);
-    updater.set_strategy(strategy).update(&mut coarse, apart.as_slice()).expect("updated");
-    coarse.validate(apart.as_slice()).expect("valid");
-    assert!(before < N && stats(&coarse).leaves <= before);
 }
 
 /// Built over points, a tree is any tree; once they have burst apart it must not be held for a good
@@ -554,28 +479,18 @@ fn trees_from_the_background_have_the_latest_dynamic_mask() {
 #[test]
 fn trees_that_are_equal_but_for_rounding_are_not_exchanged_for_ever() {
     let row = |corners: [[[f32; 3]; 2]; 3]| corners.map(|[min, max]| Aabb::new(min.into(), max.into()));
-    let for_leaves = row([
-        [[3.353_907_5e-7, 3.755_458e-7, 7.934_84e-7], [0.900_000_8, 0.900_000_8, 0.900_001_2]],
-        [[1.100_000_3, 1.100_000_1, 1.100_000_1], [2.000_001, 2.000_000_7, 2.000_000_7]],
-        [[2.200_000_5, 2.2, 2.200_000_5], [3.100_000_6, 3.100_000_1, 3.100_000_6]],
-    ]);
-    let for_reinsertion = row([
+    let boxes = row([
         [[1.166_276_3e-7, 3.636_046_7e-7, 8.269_298e-8], [0.900_000_9, 0.900_001_1, 0.900_000_8]],
         [[1.100_001, 1.100_000_5, 1.100_000_6], [2.000_001_2, 2.000_000_7, 2.000_000_7]],
         [[2.200_000_5, 2.200_001, 2.200_001], [3.100_001, 3.100_001_6, 3.100_001_6]],
     ]);
-    for (boxes, strategy) in [
-        (for_leaves, Strategy::Leaves(Leaves::default())),
-        (for_reinsertion, Strategy::Reinsert(Reinsertion::default())),
-    ] {
-        let mut bvh = bvh_build::build(&boxes, Builder::Ploc).expect("built");
-        let mut updater = Updater::new(strategy);
-        let hashes = [0; 200].map(|_| {
-            updater.update(&mut bvh, &boxes).expect("as many");
-            bvh.fingerprint()
-        });
-        assert!(hashes[100..].iter().all(|&hash| hash == hashes[199]), "{}", strategy.name());
-    }
+    let mut bvh = bvh_build::build(&boxes, Builder::Ploc).expect("built");
+    let mut updater = Updater::new(Strategy::Reinsert(Reinsertion::default()));
+    let hashes = [0; 200].map(|_| {
+        updater.update(&mut bvh, &boxes).expect("as many");
+        bvh.fingerprint()
+    });
+    assert!(hashes[100..].iter().all(|&hash| hash == hashes[199]));
 }
 
 /// What moves after a build began, and rests when its tree takes over, has its box where it rests.

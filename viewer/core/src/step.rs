@@ -5,8 +5,7 @@ use std::sync::Arc;
 
 use bvh_core::{Aabb, Bvh, sah_cost};
 use bvh_update::{
-    Decision, Degraded, Leaves, Load, PartialRebuild, Reinsertion, Rotate, Strategy, Update, UpdateError,
-    Updater,
+    Decision, Degraded, Load, PartialRebuild, Reinsertion, Rotate, Strategy, Update, UpdateError, Updater,
 };
 use stage::Stage;
 
@@ -28,7 +27,6 @@ fn with_budget(strategy: Strategy, period: u32) -> Strategy {
             Strategy::PartialRebuild(PartialRebuild { rotate: budget(all.rotate), ..all })
         }
         Strategy::Reinsert(all) => Strategy::Reinsert(Reinsertion { rotate: budget(all.rotate), ..all }),
-        Strategy::Leaves(all) => Strategy::Leaves(Leaves { rotate: budget(all.rotate), ..all }),
         other => other,
     }
 }

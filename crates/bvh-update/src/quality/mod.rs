@@ -180,7 +180,6 @@ mod tests {
     use super::*;
     use crate::{PartialRebuild, Strategy, Updater};
 
-    /// Where leaves merge, pairs are left over.
     #[test]
     fn sums_are_of_the_nodes_in_the_tree_and_the_same_for_any_number_of_threads() {
         let at = |i: usize, k: usize| (i.wrapping_mul(k) % 997) as f32;
@@ -189,7 +188,6 @@ mod tests {
                 |i: usize| Vec3::new(at(i / 4, 7919), at(i / 4, 31), at(i, frame) * (frame % 2) as f32);
             (0..10_000).map(corner).map(|corner| Aabb::new(corner, corner + 9.0)).collect()
         };
-        let mut unused = 0;
         for strategy in Strategy::all() {
             let mut bvh = build(&pose(0), Builder::Lbvh).expect("few enough");
             bvh.set_dynamic(|p| p % 5 != 0);
@@ -197,12 +195,10 @@ mod tests {
             for frame in 1..8 {
                 updater.update(&mut bvh, &pose(frame)).expect("same count");
             }
-            let (mut expected, mut in_use) = ([0.0; 5], 1);
+            let mut expected = [0.0; 5];
             bvh.visit(|_, node, _| {
                 expected.iter_mut().zip(terms(node)).for_each(|(sum, term)| *sum += term);
-                in_use += 1;
             });
-            unused += bvh.nodes().len() - in_use;
             let [sums, on_one] = [3, 1].map(|threads| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
                 pool.install(|| sum(bvh.nodes(), &terms))
@@ -212,7 +208,6 @@ mod tests {
             }
             assert_eq!(sums.map(f64::to_bits), on_one.map(f64::to_bits));
         }
-        assert!(unused > 1000, "{unused} nodes are not in use");
     }
 
     /// Leaves and root grow and shrink, not quite at the same time, and others are dynamic in each

@@ -164,11 +164,10 @@ pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
 pub(crate) fn parts(bvh: &mut Bvh) -> Parts<'_> {
     // SAFETY: the pass writes boxes, and structure only by `Accepted::apply`, which swaps two slots
     // and refits heights and dynamic bits on the way up, as the plain pass does.
-    // `repair/top_tree.rs` and `leaves/collapse.rs` put a tree over the same slots or subtrees in
-    // the place of another. They use pairs that were the other's or spare, and refit heights and
-    // bits. Whoever has moved nodes sets the layout to `OTHER`. Others write references and the
-    // state alone. Where primitives may panic in between, an `OnPanic` recomputes heights;
-    // `leaves/collapse.rs` asks none while it writes.
+    // `repair/top_tree.rs` puts a tree over the same subtrees in the place of another, in its pairs,
+    // and refits heights and bits. Whoever has moved nodes sets the layout to `OTHER`. Others write
+    // references and the state alone. Where primitives may panic in between, an `OnPanic`
+    // recomputes heights.
     #[expect(unsafe_code, reason = "promises to leave a valid tree")]
     unsafe {
         bvh.parts_mut()
