@@ -1,6 +1,6 @@
 //! Why a file could not be loaded: the file, the place in it, what was found and what was expected.
 
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 /// Why something could not be loaded. Every message is one line.
 #[derive(Debug, thiserror::Error)]
@@ -121,40 +121,4 @@ pub(crate) fn one_line(message: &str) -> String {
         Some((end, _)) => format!("{} ...", &line[..end]),
         None => line,
     }
-}
-
-/// The path that a relative name stands for, if that stays below the folder it is relative to.
-pub(crate) fn below_folder(name: &str) -> Option<PathBuf> {
-    let mut path = PathBuf::new();
-    for component in Path::new(name).components() {
-        match component {
-            Component::Normal(part) => path.push(part),
-            Component::CurDir => {}
-            Component::ParentDir if path.pop() => {}
-            _ => return None,
-        }
-    }
-    (!path.as_os_str().is_empty()).then_some(path)
-}
-
-/// Reads a whole regular file below `folder`; a link that leads out of the folder is refused.
-pub(crate) fn read_beside(folder: &Path, relative: &Path) -> Result<Vec<u8>, LoadError> {
-    let file = folder.join(relative);
-    let io = |source| LoadError::Io { file: file.clone(), source };
-    let home = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-    let home = home.canonicalize().map_err(io)?;
-    if !file.canonicalize().map_err(io)?.starts_with(home) {
-        let found = "a link that leads out of the folder of the file that names it";
-        return Err(LoadError::unsupported(&file, found));
-    }
-    read_file(&file)
-}
-
-/// Reads a whole regular file. (Anything else, such as a device, may never end.)
-pub(crate) fn read_file(file: &Path) -> Result<Vec<u8>, LoadError> {
-    let io = |source| LoadError::Io { file: file.to_owned(), source };
-    if !std::fs::metadata(file).map_err(io)?.is_file() {
-        return Err(LoadError::unsupported(file, "not a regular file"));
-    }
-    std::fs::read(file).map_err(io)
 }

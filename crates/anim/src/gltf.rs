@@ -107,9 +107,8 @@ pub(crate) fn parse(
         };
         chosen = found;
     }
-    let folder = file.parent().unwrap_or(Path::new(""));
     let budget = Budget::for_input(size as u64);
-    let accessors = Accessors { root: &root, buffers: &buffers, folder, budget, textures: options.textures };
+    let accessors = Accessors { root: &root, buffers: &buffers, file, budget, textures: options.textures };
     let animation = || {
         let far = match options.origin {
             DVec3::ZERO => None,

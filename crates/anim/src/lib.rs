@@ -13,6 +13,7 @@
 mod aff;
 mod animation;
 mod error;
+mod files;
 mod gltf;
 mod key_frames;
 mod load;

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use crate::error::{LoadError, read_file};
+use crate::error::LoadError;
+use crate::files::read_file;
 use crate::mesh_file::format_of;
 use crate::{Animation, aff, gltf, mesh_file, sequence};
 

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use crate::Topology;
-use crate::error::{LoadError, Problem, read_beside};
+use crate::error::{LoadError, Problem};
+use crate::files::read_beside;
 use crate::key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, LoopMode};
 use crate::mesh_file::{format_of, read_mesh};
 
@@ -14,7 +15,7 @@ pub(crate) fn load(directory: &Path, origin: DVec3) -> Result<KeyFrames, LoadErr
     let files = mesh_files(directory)?;
     let none = || LoadError::unsupported(directory, "a directory without .ply or .obj files");
     let (first_file, others) = files.split_first().ok_or_else(none)?;
-    let read = |file: &Path| read_beside(directory, file.file_name().unwrap_or_default().as_ref());
+    let read = |file: &Path| read_beside(file, file.file_name().unwrap_or_default().as_ref());
     let first = read_mesh(first_file, &read(first_file)?, origin)?;
     let mut frames = vec![first.positions];
     for file in others {

@@ -9,7 +9,8 @@ use glam::{DAffine3, DQuat, DVec3, Vec3};
 use super::geometry::{Frame, Patch, PatchKey, Shape, Source, cone, sphere};
 use super::tokens::Tokens;
 use super::track::{FEWEST_KEYS, Key, Spline, Track};
-use crate::error::{LoadError, NUMBERED, Problem, read_file};
+use crate::error::{LoadError, NUMBERED, Problem};
+use crate::files::read_file;
 use crate::rotation::about;
 use crate::{Material, Topology};
 

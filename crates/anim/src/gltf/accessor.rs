@@ -57,8 +57,8 @@ impl Budget {
 pub(super) struct Accessors<'a> {
     pub(super) root: &'a Root,
     pub(super) buffers: &'a [Bytes],
-    /// The folder of the file.
-    pub(super) folder: &'a Path,
+    /// The file, beside which images lie.
+    pub(super) file: &'a Path,
     pub(super) budget: Budget,
     /// Whether textures are read.
     pub(super) textures: bool,

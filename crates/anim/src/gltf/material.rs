@@ -14,7 +14,8 @@ use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 
 use super::accessor::Accessors;
 use super::source::{decode_data_uri, is_data, relative_path};
-use crate::error::{Problem, numbered, one_line, read_beside};
+use crate::error::{Problem, numbered, one_line};
+use crate::files::read_beside;
 use crate::{Filter, Image, Material, Texture, Topology, Wrap};
 
 /// Metals at least this metallic, and no rougher than that, are mirrors. Most are somewhere
@@ -204,7 +205,7 @@ impl Textures<'_> {
             (Some(uri), _) if is_data(uri) => decode(&decode_data_uri(uri, place)?, accessors, place),
             (Some(uri), _) => {
                 let path = relative_path(uri, place).ok();
-                let Some(bytes) = path.and_then(|path| read_beside(accessors.folder, &path).ok()) else {
+                let Some(bytes) = path.and_then(|path| read_beside(accessors.file, &path).ok()) else {
                     self.unreadable.push(one_line(uri));
                     return Ok(None);
                 };

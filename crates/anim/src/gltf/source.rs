@@ -12,7 +12,8 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use glam::DVec3;
 use serde_json::{Value, json};
 
-use crate::error::{LoadError, Problem, below_folder, read_beside};
+use crate::error::{LoadError, Problem};
+use crate::files::{below_folder, read_beside};
 
 /// Extensions that are understood, or change nothing that is seen.
 pub(super) const UNDERSTOOD: [&str; 4] =
@@ -127,8 +128,7 @@ fn read_buffers(root: &Root, mut blob: Blob<'_>, file: &Path) -> Result<Vec<Byte
             (Some(uri), _) => {
                 let path = relative_path(uri, &place).map_err(in_file)?;
                 if !external.contains_key(&path) {
-                    let folder = file.parent().unwrap_or(Path::new(""));
-                    external.insert(path.clone(), Arc::new(read_beside(folder, &path)?));
+                    external.insert(path.clone(), Arc::new(read_beside(file, &path)?));
                 }
                 Arc::clone(&external[&path])
             }

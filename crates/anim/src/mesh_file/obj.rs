@@ -8,7 +8,8 @@ use glam::DVec3;
 
 use super::{Mesh, unmarked};
 use crate::Material;
-use crate::error::{Problem, below_folder, read_beside};
+use crate::error::Problem;
+use crate::files::{below_folder, read_beside};
 
 pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Problem> {
     let text = String::from_utf8_lossy(unmarked(bytes));
@@ -19,8 +20,7 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Pro
         ..Default::default()
     };
     let library = |name: &str| {
-        let folder = file.parent().unwrap_or(Path::new(""));
-        let bytes = read_beside(folder, &below_folder(name)?).ok()?;
+        let bytes = read_beside(file, &below_folder(name)?).ok()?;
         Some(diffuse_colors(&String::from_utf8_lossy(unmarked(&bytes))))
     };
     let missing = RefCell::new(BTreeSet::new());

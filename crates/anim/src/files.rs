@@ -1,0 +1,43 @@
+//! Reading whole files, and the files that they name, which must lie below their folder.
+
+use std::path::{Component, Path, PathBuf};
+
+use crate::error::LoadError;
+
+/// The path that a relative name stands for, if that stays below the folder it is relative to.
+pub(crate) fn below_folder(name: &str) -> Option<PathBuf> {
+    let mut path = PathBuf::new();
+    for component in Path::new(name).components() {
+        match component {
+            Component::Normal(part) => path.push(part),
+            Component::CurDir => {}
+            Component::ParentDir if path.pop() => {}
+            _ => return None,
+        }
+    }
+    (!path.as_os_str().is_empty()).then_some(path)
+}
+
+/// Reads a whole regular file that `file` names `relative` to its folder; a link that leads out of
+/// that folder is refused.
+pub(crate) fn read_beside(file: &Path, relative: &Path) -> Result<Vec<u8>, LoadError> {
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let named = folder.join(relative);
+    let io = |source| LoadError::Io { file: named.clone(), source };
+    let home = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let home = home.canonicalize().map_err(io)?;
+    if !named.canonicalize().map_err(io)?.starts_with(home) {
+        let found = "a link that leads out of the folder of the file that names it";
+        return Err(LoadError::unsupported(&named, found));
+    }
+    read_file(&named)
+}
+
+/// Reads a whole regular file. (Anything else, such as a device, may never end.)
+pub(crate) fn read_file(file: &Path) -> Result<Vec<u8>, LoadError> {
+    let io = |source| LoadError::Io { file: file.to_owned(), source };
+    if !std::fs::metadata(file).map_err(io)?.is_file() {
+        return Err(LoadError::unsupported(file, "not a regular file"));
+    }
+    std::fs::read(file).map_err(io)
+}
