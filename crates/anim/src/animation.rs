@@ -208,12 +208,6 @@ pub trait Animation: Send + Sync {
         assert_eq!(normals.len(), self.topology().vertex_count, "normals are those of another animation");
     }
 
-    /// Names of the clips in the source, in order, of which one is played; empty where a clip has
-    /// none.
-    fn clips(&self) -> &[String] {
-        &[]
-    }
-
     /// What of the source is shown otherwise than it says, or not at all: remarks of one line each.
     fn notes(&self) -> Vec<String> {
         Vec::new()

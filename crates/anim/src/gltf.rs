@@ -57,7 +57,6 @@ pub(crate) struct GltfAnimation {
     camera: Option<Camera>,
     light: Option<LightSource>,
     notes: Vec<String>,
-    clips: Vec<String>,
 }
 
 /// A primitive placed in the scene.
@@ -109,14 +108,11 @@ pub(crate) fn parse(
     }
     let budget = Budget::for_input(size as u64);
     let accessors = Accessors { root: &root, buffers: &buffers, file, budget, textures: options.textures };
-    let animation = || {
-        let far = match options.origin {
-            DVec3::ZERO => None,
-            origin => Some(Far { origin, translations: source::translations(bytes)? }),
-        };
-        Ok(GltfAnimation { clips, ..Loader::load(&accessors, chosen, far)? })
+    let far = match options.origin {
+        DVec3::ZERO => Ok(None),
+        origin => source::translations(bytes).map(|translations| Some(Far { origin, translations })),
     };
-    animation().map_err(|problem: Problem| problem.in_file(file))
+    far.and_then(|far| Loader::load(&accessors, chosen, far)).map_err(|problem| problem.in_file(file))
 }
 
 /// Puts an animation together.
@@ -433,10 +429,6 @@ impl Animation for GltfAnimation {
 
     fn notes(&self) -> Vec<String> {
         self.notes.clone()
-    }
-
-    fn clips(&self) -> &[String] {
-        &self.clips
     }
 }
 

@@ -94,12 +94,6 @@ impl KeyFrames {
         Ok(Self { topology, rest, moving, frames, seconds_per_frame, loop_mode, notes: Vec::new() })
     }
 
-    /// Number of key frames, at least 1.
-    #[must_use]
-    pub fn frame_count(&self) -> usize {
-        self.frames.len()
-    }
-
     /// Number of vertices that move.
     #[must_use]
     pub fn moving_vertex_count(&self) -> usize {

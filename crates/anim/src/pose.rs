@@ -60,14 +60,6 @@ impl Work {
     }
 }
 
-impl PoseStats {
-    /// All vertices written and displacements added.
-    #[must_use]
-    pub fn count(&self) -> u64 {
-        self.key_frames.count + self.morph.count + self.skin.count + self.rigid.count
-    }
-}
-
 impl Pose {
     /// The animation at time 0, to be moved by these kinds of motion only.
     #[must_use]

@@ -469,7 +469,6 @@ fn clips_by_name_and_number() {
         [None, Some("0"), Some("Walk"), Some("1"), Some("Run")].map(duration),
         [1.0, 1.0, 1.0, 3.0, 3.0]
     );
-    assert_eq!(document.load(&rest).clips(), ["Walk", "Run"]);
     let message = document.load_clip(&rest, Some("2")).err().unwrap().to_string();
     assert_eq!(message, r#"inline.gltf: no clip "2"; there are: 0 "Walk", 1 "Run""#);
 }

@@ -33,7 +33,7 @@ fn frames_in_natural_order() {
     assert!((animation.duration() - 2.0 / 24.0).abs() < 1e-12);
     let mut positions = animation.rest();
     for (key, top) in [(0.0, 1.0), (0.5, 1.5), (1.0, 2.0), (2.0, 10.0)] {
-        let written = animation.pose(key / 24.0, &mut positions).count();
+        let written = animation.pose(key / 24.0, &mut positions).key_frames.count;
         assert_eq!((written, positions[2]), (1, Vec3::new(1.0, 1.0, top)));
     }
 }
