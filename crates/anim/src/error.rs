@@ -1,5 +1,6 @@
 //! Why a file could not be loaded: the file, the place in it, what was found and what was expected.
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 /// Why something could not be loaded. Every message is one line.
@@ -75,17 +76,9 @@ pub struct Problem {
 }
 
 impl Problem {
-    pub(crate) fn new(
-        place: impl Into<String>,
-        found: impl Into<String>,
-        expected: impl Into<String>,
-    ) -> Self {
-        Self { place: place.into(), found: one_line(&found.into()), expected: expected.into() }
-    }
-
-    /// The message of a parsing library in place of what was found.
-    pub(crate) fn from_parser(place: &str, message: &dyn std::fmt::Display, expected: &str) -> Self {
-        Self::new(place, message.to_string(), expected)
+    /// `found` may be the message of a parsing library.
+    pub(crate) fn new(place: impl Into<String>, found: impl Display, expected: impl Into<String>) -> Self {
+        Self { place: place.into(), found: one_line(&found.to_string()), expected: expected.into() }
     }
 
     pub(crate) fn in_file(self, file: &Path) -> LoadError {
@@ -98,7 +91,7 @@ pub(crate) fn numbered<'a, T>(
     list: &'a [T],
     number: usize,
     what: &str,
-    place: impl std::fmt::Display,
+    place: impl Display,
 ) -> Result<&'a T, Problem> {
     let (found, expected) = (|| format!("no {what} {number}"), || format!("a number below {}", list.len()));
     list.get(number).ok_or_else(|| Problem::new(place.to_string(), found(), expected()))

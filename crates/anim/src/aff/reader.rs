@@ -376,7 +376,7 @@ fn mesh(tokens: &mut Tokens<'_>) -> Result<Shape, Problem> {
             let expected = "the number of a vertex";
             let vertex = tokens.count(expected)?;
             if vertex >= count {
-                return Err(tokens.because(vertex.to_string(), format!("{expected} below {count}")));
+                return Err(tokens.because(vertex, format!("{expected} below {count}")));
             }
             *corner = vertex as u32;
         }
@@ -438,7 +438,7 @@ fn camera(tokens: &mut Tokens<'_>) -> Result<Camera, Problem> {
     tokens.expect("angle")?;
     let angle = tokens.number()?;
     if !(0.0 < angle && angle < 180.0) {
-        return Err(tokens.because(angle.to_string(), "an angle between 0 and 180 degrees"));
+        return Err(tokens.because(angle, "an angle between 0 and 180 degrees"));
     }
     for (word, numbers) in [("hither", 1), ("resolution", 2)] {
         tokens.expect(word)?;

@@ -56,7 +56,7 @@ impl<'a> Tokens<'a> {
     }
 
     /// That what was read last is wrong in a way its words do not show.
-    pub(super) fn because(&self, found: impl Into<String>, expected: impl Into<String>) -> Problem {
+    pub(super) fn because(&self, found: impl std::fmt::Display, expected: impl Into<String>) -> Problem {
         Problem::new(format!("line {}", self.line), found, expected)
     }
 
@@ -126,7 +126,7 @@ impl<'a> Tokens<'a> {
     pub(super) fn count_from(&mut self, fewest: usize, what: &str) -> Result<usize, Problem> {
         let expected = format!("a number of {what} from {fewest} up");
         match self.count(&expected)? {
-            count if count < fewest => Err(self.because(count.to_string(), expected)),
+            count if count < fewest => Err(self.because(count, expected)),
             count => Ok(count),
         }
     }

@@ -221,7 +221,7 @@ impl Textures<'_> {
 }
 
 fn decode(bytes: &[u8], accessors: &Accessors<'_>, place: &str) -> Result<Image, Problem> {
-    let wrong = |error: &dyn std::fmt::Display| Problem::from_parser(place, error, "a PNG or JPEG image");
+    let wrong = |error: &dyn std::fmt::Display| Problem::new(place, error, "a PNG or JPEG image");
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| wrong(&e))?;
     let mut limits = Limits::default();
     limits.max_alloc = Some(accessors.budget.left());

@@ -185,7 +185,7 @@ impl Source<'_> {
         let mut indices = indices.into_flattened();
         if let Some((at, index)) = indices.iter().enumerate().find(|&(_, &index)| u64::from(index) >= count) {
             let expected = format!("an index below the number of vertices, {count}");
-            return Err(Problem::new(format!("{place}, index number {at}"), index.to_string(), expected));
+            return Err(Problem::new(format!("{place}, index number {at}"), index, expected));
         }
         self.used = Some(renumber(&mut indices));
         Ok(Some(indices))

@@ -48,7 +48,7 @@ fn document(bytes: &[u8]) -> Result<(Root, Blob<'_>), Problem> {
         if bytes.starts_with(b"glTF") { glb_chunks(bytes)? } else { (Cow::Borrowed(bytes), None) };
     let root = Root::from_slice(&json)
         .or_else(|error| as_the_parser_wants(&json).ok_or(error))
-        .map_err(|error| Problem::from_parser("JSON", &error, "a glTF 2.0 document in JSON"))?;
+        .map_err(|error| Problem::new("JSON", error, "a glTF 2.0 document in JSON"))?;
     if !root.asset.version.starts_with("2.") {
         return Err(Problem::new("asset.version", format!("{:?}", root.asset.version), "2.0"));
     }
@@ -84,7 +84,7 @@ fn as_the_parser_wants(json: &[u8]) -> Option<Root> {
 pub(super) fn translations(bytes: &[u8]) -> Result<Vec<Option<DVec3>>, Problem> {
     let json = if bytes.starts_with(b"glTF") { glb_chunks(bytes)?.0 } else { Cow::Borrowed(bytes) };
     let document: Value = serde_json::from_slice(&json)
-        .map_err(|error| Problem::from_parser("JSON", &error, "nodes of a glTF 2.0 document"))?;
+        .map_err(|error| Problem::new("JSON", error, "nodes of a glTF 2.0 document"))?;
     let three_from = |first: usize, numbers: &Value| {
         let number = |i: usize| numbers.get(first + i)?.as_f64();
         Some(DVec3::new(number(0)?, number(1)?, number(2)?))
@@ -104,9 +104,8 @@ fn glb_chunks(bytes: &[u8]) -> Result<(Cow<'_, [u8]>, Blob<'_>), Problem> {
         let expected = format!("the file's {} bytes, and at least {HEADER}", bytes.len());
         return Err(Problem::new("GLB header", format!("a length of {declared} bytes"), expected));
     }
-    let glb = Glb::from_slice(&bytes[..declared as usize]).map_err(|error| {
-        Problem::from_parser("GLB container", &error, "a JSON and a BIN chunk within the file")
-    })?;
+    let glb = Glb::from_slice(&bytes[..declared as usize])
+        .map_err(|error| Problem::new("GLB container", error, "a JSON and a BIN chunk within the file"))?;
     Ok((glb.json, glb.bin))
 }
 
@@ -157,7 +156,7 @@ pub(super) fn decode_data_uri(uri: &str, place: &str) -> Result<Vec<u8>, Problem
     if !media_type.to_ascii_lowercase().ends_with(";base64") {
         return Err(Problem::new(place, "a data uri that is not base64", expected));
     }
-    LENIENT.decode(text).map_err(|error| Problem::from_parser(place, &error, expected))
+    LENIENT.decode(text).map_err(|error| Problem::new(place, error, expected))
 }
 
 /// The path that a relative uri stands for, which must stay below the folder of the file.

@@ -39,9 +39,8 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Pro
         tobj::load_mtl_buf(&mut colors.as_bytes())
     };
     let (models, materials) =
-        tobj::load_obj_buf(&mut positions_and_faces(&text).as_bytes(), &options, load_mtl).map_err(
-            |error| Problem::from_parser("OBJ text", &error, "faces of at least 3 vertices that exist"),
-        )?;
+        tobj::load_obj_buf(&mut positions_and_faces(&text).as_bytes(), &options, load_mtl)
+            .map_err(|error| Problem::new("OBJ text", error, "faces of at least 3 vertices that exist"))?;
 
     // Behind the materials of the library, the one for faces without.
     let materials = materials.unwrap_or_default();

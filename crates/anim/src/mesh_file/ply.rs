@@ -82,7 +82,7 @@ fn header(bytes: &[u8]) -> Result<(Vec<Element>, String, &[u8]), Problem> {
         };
         if !is_known {
             let (place, found) = (format!("header, line {number}"), format!("{:?}", line.trim()));
-            return Err(Problem::from_parser(&place, &found, "a line of a PLY header"));
+            return Err(Problem::new(place, found, "a line of a PLY header"));
         }
     }
     Err(Problem::new("header", "the end of the file", "end_header"))
@@ -111,7 +111,7 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Pro
         // Without properties an element takes no bytes, and any number of them can be declared.
         for number in 0..if properties.is_empty() { 0 } else { *count } {
             let wrong = |found: &str, expected: &str| {
-                Problem::from_parser(&format!("element {name} {number}"), &found, expected)
+                Problem::new(format!("element {name} {number}"), found, expected)
             };
             // Text has a line for each element.
             let line = if is_text { body.split_inclusive(|&byte| byte == b'\n').next() } else { None };

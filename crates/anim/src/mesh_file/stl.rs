@@ -45,10 +45,7 @@ pub(super) fn read(bytes: &[u8], origin: DVec3) -> Result<Mesh, Problem> {
 fn text(text: &str) -> Result<Vec<Vec<f32>>, Problem> {
     let mut solids: Vec<Vec<f32>> = Vec::new();
     for (number, line) in (1..).zip(text.lines().chain(["end of file"])) {
-        let wrong = |expected| {
-            let place = format!("line {number}");
-            Err(Problem::from_parser(&place, &format!("{line:?}"), expected))
-        };
+        let wrong = |expected| Err(Problem::new(format!("line {number}"), format!("{line:?}"), expected));
         let mut words = line.split_whitespace();
         match (words.next(), solids.last_mut()) {
             (Some("vertex"), Some(solid)) => {
