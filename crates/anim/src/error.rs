@@ -50,6 +50,10 @@ impl LoadError {
     pub(crate) fn unsupported(file: &Path, found: impl Into<String>) -> Self {
         Self::Unsupported { file: file.to_owned(), found: found.into() }
     }
+
+    pub(crate) fn unknown_clip(file: &Path, wanted: &str, clips: Vec<String>) -> Self {
+        Self::UnknownClip { file: file.to_owned(), wanted: wanted.to_owned(), clips }
+    }
 }
 
 fn list_clips(clips: &[String]) -> String {

@@ -6,8 +6,8 @@ use glam::DVec3;
 
 use crate::error::LoadError;
 use crate::files::read_file;
-use crate::mesh_file::format_of;
-use crate::{Animation, aff, gltf, mesh_file, sequence};
+use crate::mesh_file::{self, is_mesh_file};
+use crate::{Animation, aff, gltf, sequence};
 
 /// What of a file is loaded, and relative to which point; by default all of it, as it stands there.
 #[derive(Clone, Copy, Debug)]
@@ -69,21 +69,19 @@ pub fn load(path: &Path, options: &LoadOptions<'_>) -> Result<Box<dyn Animation>
     let unsupported = |found: &str| Err(LoadError::unsupported(path, found));
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     match &*extension {
-        _ if kind.is_dir() => {}
-        _ if !kind.is_file() => return unsupported("not a regular file"),
-        "glb" | "gltf" => return parse(path, &read_file(path)?, options),
-        "" => return unsupported("a file without extension"),
-        "aff" => {}
-        _ if format_of(path).is_some() => {}
-        _ => return unsupported(&format!("a .{extension} file")),
-    }
-    no_clip(path, options)?;
-    if kind.is_dir() {
-        Ok(Box::new(sequence::load(path, options.origin)?))
-    } else if extension == "aff" {
-        Ok(Box::new(aff::load(path, options.origin)?))
-    } else {
-        parse(path, &read_file(path)?, options)
+        _ if kind.is_dir() => {
+            no_clip(path, options)?;
+            Ok(Box::new(sequence::load(path, options.origin)?))
+        }
+        _ if !kind.is_file() => unsupported("not a regular file"),
+        "aff" => {
+            no_clip(path, options)?;
+            Ok(Box::new(aff::load(path, options.origin)?))
+        }
+        "glb" | "gltf" => parse(path, &read_file(path)?, options),
+        _ if is_mesh_file(path) => parse(path, &read_file(path)?, options),
+        "" => unsupported("a file without extension"),
+        _ => unsupported(&format!("a .{extension} file")),
     }
 }
 
@@ -103,11 +101,8 @@ pub fn parse(file: &Path, bytes: &[u8], options: &LoadOptions<'_>) -> Result<Box
 
 /// Refuses a clip of something without clips.
 fn no_clip(file: &Path, options: &LoadOptions<'_>) -> Result<(), LoadError> {
-    let unknown = |wanted: &str| {
-        let (file, wanted) = (file.to_owned(), wanted.to_owned());
-        LoadError::UnknownClip { file, wanted, clips: Vec::new() }
-    };
-    options.clip.map_or(Ok(()), |clip| Err(unknown(clip)))
+    let unknown = |wanted: &str| Err(LoadError::unknown_clip(file, wanted, Vec::new()));
+    options.clip.map_or(Ok(()), unknown)
 }
 
 /// The middle of the box around all finite positions at time 0, in whole units: an origin for
