@@ -12,7 +12,7 @@ use glam::{Vec3, vec3};
 
 use crate::rigid::{rotated, rotation};
 use crate::shape::{Assembly, Mesh, turned};
-use crate::{Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
+use crate::{Effects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
 /// Animated triangles of level 8 of the benchmark: 4 to the power of 8.
 const TRIANGLES: usize = 65_536;
@@ -34,10 +34,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     about: "a sculpture whose triangles travel between unrelated places in five shapes, in a museum",
     triangles: TRIANGLES + ROOM_TRIANGLES,
     frames: FRAMES,
-    effects: Effects {
-        motion: MotionEffects { key_frames: true, ..MotionEffects::NONE },
-        light: LightEffects::SHADOWS,
-    },
+    effects: Effects::of_scene(MotionEffects { key_frames: true, ..MotionEffects::NONE }),
     key_bytes: SHAPES * 3 * TRIANGLES * size_of::<Vec3>(),
 };
 

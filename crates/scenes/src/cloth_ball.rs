@@ -8,7 +8,7 @@ use crate::cloth::Cloth;
 use crate::rigid::rotation;
 use crate::shape::{Assembly, Mesh, grid, sphere};
 use crate::simulation::{self, Run, World};
-use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
+use crate::{Effects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
 
 const FRAMES: usize = 94;
 const SUBSTEPS: usize = 80;
@@ -32,10 +32,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     about: "a cloth falls onto a ball, which turns and winds it up",
     triangles: 2 * SIDE * SIDE + 760,
     frames: FRAMES,
-    effects: Effects {
-        motion: MotionEffects { key_frames: true, ..simulation::effects::<Winding>() },
-        light: LightEffects::SHADOWS,
-    },
+    effects: Effects::of_scene(MotionEffects { key_frames: true, ..simulation::effects::<Winding>() }),
     key_bytes: FRAMES * ((SIDE + 1) * (SIDE + 1) + 382) * size_of::<Vec3>(),
 };
 

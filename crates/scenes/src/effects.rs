@@ -137,6 +137,11 @@ impl LightEffects {
 }
 
 impl Effects {
+    /// Those of a scene of this crate: its motion, and hard shadows.
+    pub(crate) const fn of_scene(motion: MotionEffects) -> Self {
+        Self { motion, light: LightEffects::SHADOWS }
+    }
+
     /// The names of the effects called for.
     pub fn names(&self) -> impl Iterator<Item = &'static str> {
         self.motion.row().chain(self.light.row()).filter_map(|(name, on)| on.then_some(name))

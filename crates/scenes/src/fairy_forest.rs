@@ -16,9 +16,7 @@ use crate::glb::Glb;
 use crate::implicit::Solid;
 use crate::rigid::rotation;
 use crate::shape::Mesh;
-use crate::{
-    Effects, LightEffects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, fairy, meshing,
-};
+use crate::{Effects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, fairy, meshing};
 
 const TRIANGLES: usize = 174_117;
 const TREES: usize = 16;
@@ -34,10 +32,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     about: "a fairy dances, a dragonfly circles, and a caterpillar creeps in a still forest",
     triangles: TRIANGLES,
     frames: FRAMES,
-    effects: Effects {
-        motion: MotionEffects { skin: true, morph: true, rigid: true, ..MotionEffects::NONE },
-        light: LightEffects::SHADOWS,
-    },
+    effects: Effects::of_scene(MotionEffects { skin: true, morph: true, rigid: true, ..MotionEffects::NONE }),
     key_bytes: 0,
 };
 

@@ -10,7 +10,7 @@ use crate::cache::{Record, recorded};
 use crate::rigid::{Key, RigidBodies};
 use crate::shape::{Assembly, arc, sphere, turned};
 use crate::simulation::{self, Run};
-use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneInfo, SceneOptions};
+use crate::{Effects, Measure, MotionEffects, Scene, SceneInfo, SceneOptions};
 
 const BALLS: usize = 300;
 const FRAMES: usize = 100;
@@ -43,10 +43,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     about: "300 balls under mutual gravity collide among five still pillars",
     triangles: BALLS * 480 + PILLARS.len() * 496,
     frames: FRAMES,
-    effects: Effects {
-        motion: MotionEffects { rigid: true, ..simulation::effects::<World>() },
-        light: LightEffects::SHADOWS,
-    },
+    effects: Effects::of_scene(MotionEffects { rigid: true, ..simulation::effects::<World>() }),
     key_bytes: FRAMES * BALLS * size_of::<Key>(),
 };
 

@@ -15,7 +15,7 @@ use crate::rigid::{Key, RigidBodies};
 use crate::shape::{Assembly, Mesh};
 use crate::shatter::{Bodies, Body};
 use crate::simulation::{self, Run, World};
-use crate::{Effects, LightEffects, Measure, MotionEffects, Scene, SceneInfo, SceneOptions, meshing, shape};
+use crate::{Effects, Measure, MotionEffects, Scene, SceneInfo, SceneOptions, meshing, shape};
 
 /// Steps between checks for pieces that nothing holds up.
 const SUPPORT: usize = 8;
@@ -56,10 +56,8 @@ pub(crate) struct Statue {
 const GROUND: usize = 512;
 
 /// What a breaking statue calls for.
-pub(crate) const EFFECTS: Effects = Effects {
-    motion: MotionEffects { rigid: true, ..simulation::effects::<Breaking>() },
-    light: LightEffects::SHADOWS,
-};
+pub(crate) const EFFECTS: Effects =
+    Effects::of_scene(MotionEffects { rigid: true, ..simulation::effects::<Breaking>() });
 
 impl Statue {
     pub(crate) fn scene(&'static self, options: &SceneOptions<'_>) -> Scene {
