@@ -79,13 +79,9 @@ fn default_view(animation: &dyn Animation) -> (View, Light) {
     let (low, high) = bounds(animation);
     let (center, radius) = (0.5 * low + 0.5 * high, 0.5 * low.distance(high));
     if !(low.cmple(high).all() && radius.is_finite() && radius > 0.0) {
-        let view = framing(Vec3::ZERO, 1.0);
-        return (view, light_beside(&view));
+        return framing(Vec3::ZERO, 1.0);
     }
-    room::inside(animation, low, high).unwrap_or_else(|| {
-        let view = framing(center, radius);
-        (view, light_beside(&view))
-    })
+    room::inside(animation, low, high).unwrap_or_else(|| framing(center, radius))
 }
 
 /// The corners of the box around all finite positions of what moves, or of all if nothing does, at
@@ -109,17 +105,15 @@ fn bounds(animation: &dyn Animation) -> (Vec3, Vec3) {
 }
 
 /// A three-quarter view from slightly above that holds a sphere in an image at least as wide as
-/// high.
-fn framing(center: Vec3, radius: f32) -> View {
+/// high, and a light above the eye and beside it.
+fn framing(center: Vec3, radius: f32) -> (View, Light) {
     let fov_y = 40_f32.to_radians();
     let direction = vec3(0.62, 0.38, 0.69).normalize();
-    View { eye: center + direction * (radius / libm::sinf(0.5 * fov_y)), target: center, up: Vec3::Y, fov_y }
-}
-
-fn light_beside(view: &View) -> Light {
-    let back = view.eye - view.target;
-    let aside = view.up.cross(back).normalize_or_zero();
-    Light { position: view.eye + (0.6 * view.up - 0.6 * aside) * back.length(), color: [1.0; 3] }
+    let eye = center + direction * (radius / libm::sinf(0.5 * fov_y));
+    let back = eye - center;
+    let aside = Vec3::Y.cross(back).normalize_or_zero();
+    let light = eye + (0.6 * Vec3::Y - 0.6 * aside) * back.length();
+    (View { eye, target: center, up: Vec3::Y, fov_y }, Light { position: light, color: [1.0; 3] })
 }
 
 #[cfg(test)]
