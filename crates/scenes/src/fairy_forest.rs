@@ -66,7 +66,7 @@ fn with_trees(trees: usize, seed: u64) -> Vec<u8> {
     }
     if trees == TREES {
         // Blades of grass make up the number.
-        let blades = TRIANGLES.saturating_sub(glb.triangle_count());
+        let blades = TRIANGLES.saturating_sub(glb.triangles);
         let green = glb.material([0.3, 0.55, 0.15]);
         glb.mesh("grass", None, &grass(blades, &mut random), green);
     }

@@ -3,11 +3,10 @@
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 
-use anim::vertex_normals;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::shape::Mesh;
+use crate::shape::{Mesh, normals};
 
 /// Cuts a mesh into about `count` connected patches around random seeds, more of them where
 /// `density` is high.
@@ -109,7 +108,9 @@ pub(crate) fn shards(
     count: usize,
     thickness: impl Fn(Vec3, Vec3) -> f32 + Sync,
 ) -> Vec<(Mesh, Vec<u32>)> {
-    let inner = further_in(mesh, thickness);
+    let normals = normals(&mesh.triangles, &mesh.positions);
+    let further_in = |(&p, &n): (&Vec3, &Vec3)| p - n * thickness(p, n);
+    let inner: Vec<Vec3> = (&mesh.positions, &normals).into_par_iter().map(further_in).collect();
     let across = neighbours_across_edges(mesh);
     let mut by_patch: Vec<Vec<u32>> = vec![Vec::new(); count];
     for (t, &p) in patch.iter().enumerate() {
@@ -152,13 +153,6 @@ pub(crate) fn shards(
         (shard, weld)
     };
     by_patch.iter().map(shard).collect()
-}
-
-/// The vertices, each further in by the thickness of the wall there.
-fn further_in(mesh: &Mesh, thickness: impl Fn(Vec3, Vec3) -> f32 + Sync) -> Vec<Vec3> {
-    let mut normals = Vec::new();
-    vertex_normals(&mesh.triangles, &mesh.positions, &mut normals);
-    (&mesh.positions, &normals).into_par_iter().map(|(&p, &n)| p - n * thickness(p, n)).collect()
 }
 
 #[cfg(test)]

@@ -29,7 +29,8 @@ pub(crate) struct Glb {
     roots: Vec<usize>,
     /// The children of each node.
     children: Vec<Vec<usize>>,
-    triangles: usize,
+    /// Number of triangles of all meshes so far.
+    pub(crate) triangles: usize,
 }
 
 /// Joints and weights of a vertex: up to four, weights that add up to 1.
@@ -147,11 +148,6 @@ impl Glb {
         let count = values.len();
         let accessor = json!({"bufferView": view, "componentType": component, "type": kind, "count": count});
         self.push("accessors", accessor)
-    }
-
-    /// Number of triangles of all meshes so far.
-    pub(crate) fn triangle_count(&self) -> usize {
-        self.triangles
     }
 
     /// Keys of a node's translation, evenly spaced over the clip.

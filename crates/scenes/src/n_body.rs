@@ -8,7 +8,7 @@ use glam::{DVec3, Quat, Vec3};
 
 use crate::cache::{Record, recorded};
 use crate::rigid::{Key, RigidBodies};
-use crate::shape::{Assembly, arc, sphere, turned};
+use crate::shape::{Assembly, arc, normals, sphere, turned};
 use crate::simulation::{self, Run};
 use crate::{Effects, Measure, MotionEffects, Scene, SceneInfo, SceneOptions};
 
@@ -75,7 +75,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
         assembly.part("pillar", &pillar, Motion::STILL, stone);
     }
     let key_bytes = size_of_val(&keys[..]);
-    let normals = assembly.normals();
+    let normals = normals(&assembly.topology.triangles, &assembly.positions);
     let animation = RigidBodies::new(assembly, normals, keys, SECONDS);
     let seen = (Vec3::new(7.0, 10.5, 18.0), Vec3::new(0.0, 4.4, 0.0));
     let scene =

@@ -42,6 +42,13 @@ impl Mesh {
     }
 }
 
+/// A normal for each vertex; see [`vertex_normals`].
+pub(crate) fn normals(triangles: &[[u32; 3]], positions: &[Vec3]) -> Vec<Vec3> {
+    let mut normals = Vec::new();
+    vertex_normals(triangles, positions, &mut normals);
+    normals
+}
+
 /// Collects parts into one topology with positions.
 #[derive(Default)]
 pub(crate) struct Assembly {
@@ -50,13 +57,6 @@ pub(crate) struct Assembly {
 }
 
 impl Assembly {
-    /// A normal for each vertex, where every part is as it was added.
-    pub(crate) fn normals(&self) -> Vec<Vec3> {
-        let mut normals = Vec::new();
-        vertex_normals(&self.topology.triangles, &self.positions, &mut normals);
-        normals
-    }
-
     /// Adds a material and gives its number.
     pub(crate) fn material(&mut self, base_color: [f32; 3]) -> u32 {
         self.topology.materials.push(Material { base_color, ..Material::default() });
