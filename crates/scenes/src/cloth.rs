@@ -10,7 +10,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::near::Neighbours;
+use crate::near::neighbours;
 
 /// Compliances of the fabric, in length over force, for particles of mass 1.
 const STRETCH: f64 = 0.0;
@@ -35,7 +35,8 @@ pub(crate) struct Cloth {
     top_speed: f64,
     before: Vec<DVec3>,
     velocities: Vec<DVec3>,
-    neighbours: Neighbours,
+    /// For each particle, those of other folds that may touch it until the next search.
+    neighbours: Vec<Vec<u32>>,
 }
 
 impl Cloth {
@@ -50,7 +51,7 @@ impl Cloth {
             top_speed: TOP_SPEED.min(0.2 * thickness / dt),
             before: positions.clone(),
             velocities: vec![DVec3::ZERO; positions.len()],
-            neighbours: Neighbours::default(),
+            neighbours: Vec::new(),
             positions,
             thickness,
         }
@@ -67,7 +68,7 @@ impl Cloth {
         }
         let points: Vec<Vec3> = self.positions.iter().map(|p| p.as_vec3()).collect();
         // Particles within two grid steps are held apart by the constraints already.
-        self.neighbours.search(&points, 1.8 * thickness as f32, |i, j| {
+        self.neighbours = neighbours(&points, 1.8 * thickness as f32, |i, j| {
             (i / side).abs_diff(j / side) > 2 || (i % side).abs_diff(j % side) > 2
         });
     }
@@ -170,7 +171,7 @@ impl Cloth {
             .map(|i| {
                 let mut sum = DVec3::ZERO;
                 let mut count = 0.0_f64;
-                for &j in neighbours.of(i) {
+                for &j in &neighbours[i] {
                     let j = j as usize;
                     let apart = now[i] - now[j];
                     let squared = apart.length_squared();

@@ -9,7 +9,7 @@
 use glam::{DQuat, IVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
-use crate::near::Neighbours;
+use crate::near::neighbours;
 use crate::rigid::Placement;
 use crate::shape::Mesh;
 
@@ -187,7 +187,8 @@ pub(crate) struct Bodies {
     pub(crate) bodies: Vec<Body>,
     /// Seconds of a step.
     pub(crate) dt: f32,
-    neighbours: Neighbours,
+    /// For each body but the last, those that may touch it until the next search.
+    neighbours: Vec<Vec<u32>>,
 }
 
 impl Bodies {
@@ -196,15 +197,10 @@ impl Bodies {
     pub(crate) fn new(mut bodies: Vec<Body>, limit: f32, dt: f32) -> Self {
         let shards = bodies.len() - 1;
         let centers: Vec<Vec3> = bodies[..shards].iter().map(|b| b.at.position).collect();
-        let mut neighbours = Neighbours::default();
-        neighbours.search(&centers, 2.0 * limit, |_, _| true);
-        for i in 0..shards {
-            let nearest = neighbours
-                .of(i)
-                .iter()
-                .map(|&j| centers[i].distance(centers[j as usize]))
-                .fold(2.0 * limit, f32::min);
-            bodies[i].radius = 0.5 * nearest;
+        let neighbours = neighbours(&centers, 2.0 * limit, |_, _| true);
+        for ((body, center), near) in bodies.iter_mut().zip(&centers).zip(&neighbours) {
+            let distances = near.iter().map(|&j| center.distance(centers[j as usize]));
+            body.radius = 0.5 * distances.fold(2.0 * limit, f32::min);
         }
         Self { bodies, dt, neighbours }
     }
@@ -239,11 +235,11 @@ impl Bodies {
     /// number, and gives their number.
     pub(crate) fn touch(&mut self, step: usize) -> usize {
         let shards = self.bodies.len() - 1;
-        let centers: Vec<Vec3> = self.bodies[..shards].iter().map(|b| b.at.position).collect();
         if step.is_multiple_of(SEARCH) {
-            let largest = self.bodies[..shards].iter().map(|b| b.radius).fold(0.0, f32::max);
-            let bodies = &self.bodies;
-            self.neighbours.search(&centers, 2.5 * largest, |i, _| bodies[i].free);
+            let bodies = &self.bodies[..shards];
+            let centers: Vec<Vec3> = bodies.iter().map(|b| b.at.position).collect();
+            let largest = bodies.iter().map(|b| b.radius).fold(0.0, f32::max);
+            self.neighbours = neighbours(&centers, 2.5 * largest, |i, _| bodies[i].free);
         }
         let pushes: Vec<(Vec3, Vec3)> =
             (0..shards).into_par_iter().with_min_len(512).map(|i| self.pushed(i)).collect();
@@ -270,7 +266,7 @@ impl Bodies {
         }
         let last = self.bodies.len() - 1;
         let (mut push, mut shift, mut count) = (Vec3::ZERO, Vec3::ZERO, 0.0_f32);
-        for j in self.neighbours.of(i).iter().map(|&j| j as usize).chain([last]) {
+        for j in self.neighbours[i].iter().map(|&j| j as usize).chain([last]) {
             let other = &self.bodies[j];
             let apart = b.at.position - other.at.position;
             let overlap = b.radius + other.radius - apart.length();
