@@ -4,7 +4,6 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
 
 use anim::PoseStats;
 use anyhow::{Context, Result};
@@ -16,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::machine::{Machine, Revision};
 use crate::pool::Threads;
-use crate::stage::{self, ms};
+use crate::stage::{self, timed};
 use crate::{files, interrupt};
 
 /// Arguments of `effects`.
@@ -159,14 +158,15 @@ fn play(played: Played, scene: &mut Option<Scene>, effects: Effects) -> Result<F
     for _ in 0..REPEATS {
         let mut all = Frames::default();
         for frame in 0..count {
-            let start = Instant::now();
-            let posed = stage.pose(stage.time_of(frame, count));
-            stage.update(&mut tree, &mut updater)?;
-            all.motion_ms += ms(start) / count as f64;
-            all.posed = sum(all.posed, posed);
-            let start = Instant::now();
-            all.traced += stage::draw(&stage, &tree, &options, &mut image);
-            all.light_ms += ms(start) / count as f64;
+            let (moved, time_ms) = timed(|| {
+                let posed = stage.pose(stage.time_of(frame, count));
+                stage.update(&mut tree, &mut updater).map(|_| posed)
+            });
+            all.posed = sum(all.posed, moved?);
+            all.motion_ms += time_ms / count as f64;
+            let (traced, time_ms) = timed(|| stage::draw(&stage, &tree, &options, &mut image));
+            all.traced += traced;
+            all.light_ms += time_ms / count as f64;
         }
         best = all.faster(best);
     }

@@ -3,8 +3,6 @@
 //!
 //! A short form of it is a test, `hard_cases::motion::ten_thousand_frames_in_a_loop`.
 
-use std::time::Instant;
-
 use anyhow::{Result, ensure};
 use bvh_build::{Builder, build};
 use bvh_core::{Bvh, sah_cost};
@@ -14,7 +12,7 @@ use scenes::{FrameStage, SceneOptions};
 use crate::machine::resident_mib;
 use crate::pool::Threads;
 use crate::progress::Progress;
-use crate::stage::{self, Stage, ms};
+use crate::stage::{self, Stage, timed};
 use crate::{CheckFailed, files, interrupt};
 
 /// Arguments of `soak`.
@@ -140,9 +138,9 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
         stage.pose(stage.time_of(frame % per_loop, per_loop));
         for i in [frame % 2, 1 - frame % 2] {
             let (bvh, updater) = &mut trees[i];
-            let start = Instant::now();
-            stage.update(bvh, updater)?;
-            times[i] += ms(start) / tenth as f64;
+            let (updated, time_ms) = timed(|| stage.update(bvh, updater));
+            updated?;
+            times[i] += time_ms / tenth as f64;
         }
     }
     if interrupt::requested() {

@@ -46,16 +46,15 @@ pub(crate) fn load_first(source: &str, load: impl FnOnce() -> Result<Scene>) -> 
 
 /// A scene at time 0.
 pub(crate) fn ready(scene: Scene) -> Result<Stage> {
-    Ok(timed(scene)?.0)
+    Ok(ready_timed(scene)?.0)
 }
 
 /// A scene at time 0, and the milliseconds that its first tree took.
-pub(crate) fn timed(scene: Scene) -> Result<(Stage, f64)> {
+pub(crate) fn ready_timed(scene: Scene) -> Result<(Stage, f64)> {
     let (name, mut build_ms) = (scene.name.clone(), 0.0);
     let stage = Stage::with_tree(scene, |triangles| {
-        let start = Instant::now();
-        let tree = build(triangles, Builder::Sweep);
-        build_ms = ms(start);
+        let tree;
+        (tree, build_ms) = timed(|| build(triangles, Builder::Sweep));
         tree
     });
     Ok((stage.with_context(|| format!("{name}: no tree"))?, build_ms))
@@ -68,9 +67,11 @@ pub(crate) fn draw(stage: &Stage, tree: &Bvh, options: &RenderOptions, image: &m
     render(tree, &stage.mesh(), &camera, Some(&stage.light()), options, image)
 }
 
-/// Milliseconds since `start`.
-pub(crate) fn ms(start: Instant) -> f64 {
-    start.elapsed().as_secs_f64() * 1e3
+/// What `work` gives, and the milliseconds that it takes.
+pub(crate) fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
+    let start = Instant::now();
+    let result = work();
+    (result, start.elapsed().as_secs_f64() * 1e3)
 }
 
 /// A short name of a scene for tables: its own, or the file's; a folder's ends in a slash.

@@ -1,8 +1,6 @@
 //! Whole frames: an update and a picture, in measured frames of a loop at the scene's own pace,
 //! played once or more.
 
-use std::time::Instant;
-
 use anyhow::Result;
 use pivot_benches::{Answers, Contest};
 use rt_cpu::Pixel;
@@ -13,7 +11,7 @@ use super::row::{Record, Row};
 use super::trace::{SET_UP, set_up};
 use crate::interrupt;
 use crate::reproduce::median;
-use crate::stage::{Stage, ms};
+use crate::stage::{Stage, timed};
 
 /// Plays loops, everyone from a tree of its first frame on: the work is the same in each run.
 pub(super) fn measure(stage: &mut Stage, setting: &Setting) -> Result<Vec<Row>> {
@@ -47,9 +45,8 @@ pub(super) fn measure(stage: &mut Stage, setting: &Setting) -> Result<Vec<Row>> 
                     continue;
                 };
                 let update_ms = lane.update(stage)?;
-                let start = Instant::now();
-                lane.contestant.cast(&view, &mut pixels);
-                lane.record.times_ms.push(update_ms + ms(start));
+                let ((), trace_ms) = timed(|| lane.contestant.cast(&view, &mut pixels));
+                lane.record.times_ms.push(update_ms + trace_ms);
                 lane.record.updates_ms.push(update_ms);
                 lane.record.answers.add(&pixels, &expected.pixels);
                 lane.add_cost(expected);

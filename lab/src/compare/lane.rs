@@ -1,7 +1,5 @@
 //! A contestant with its record, the frame that all are compared on, and the loop that is played.
 
-use std::time::Instant;
-
 use anyhow::{Context, Result};
 use bvh_build::{Builder, build};
 use bvh_core::{Bvh, sah_cost};
@@ -13,7 +11,7 @@ use super::row::{Record, Row};
 use crate::interrupt;
 use crate::progress::Progress;
 use crate::reproduce::median;
-use crate::stage::{Stage, ms};
+use crate::stage::{Stage, timed};
 
 /// Pixels on each side of the view that answers are compared on.
 pub(super) const CHECK_SIZE: u32 = 128;
@@ -44,9 +42,9 @@ impl Lane {
     /// Takes the positions of the stage, then updates; gives the time of the latter.
     pub(super) fn update(&mut self, stage: &Stage) -> Result<f64> {
         self.contestant.pose(stage.triangles().positions);
-        let start = Instant::now();
-        self.contestant.update()?;
-        Ok(ms(start))
+        let (updated, time_ms) = timed(|| self.contestant.update());
+        updated?;
+        Ok(time_ms)
     }
 
     /// Compares what the contestant finds, and how good its tree is, to a fresh sweep build.
@@ -139,9 +137,7 @@ pub(super) fn in_rounds<T>(
     let mut times = vec![Vec::new(); lanes.len()];
     for round in 0..rounds {
         for i in turns(lanes.len(), round + turn) {
-            let start = Instant::now();
-            cast(&*lanes[i].contestant, found);
-            times[i].push(ms(start));
+            times[i].push(timed(|| cast(&*lanes[i].contestant, found)).1);
             if round == 0 {
                 lanes[i].record.answers.add(&answers(found), expected);
             }

@@ -2,8 +2,6 @@
 //! towards the point light; and rays that have little in common, one diffuse bounce from what
 //! primary rays hit, the same rays for everyone.
 
-use std::time::Instant;
-
 use anyhow::Result;
 use bvh_core::{Bvh, Ray, Triangles};
 use pivot_benches::{Answers, Contest, Hits, Rays, bounces, set_up_rays};
@@ -14,7 +12,7 @@ use super::Setting;
 use super::lane::{Frame, in_rounds, lanes, play, rows, view};
 use super::row::{Record, Row};
 use crate::reproduce::median;
-use crate::stage::{Stage, ms};
+use crate::stage::{Stage, timed};
 
 /// Times that everyone traces the rays of a frame, primary ones and bounces; the median counts.
 const ROUNDS: usize = 3;
@@ -26,11 +24,7 @@ pub(super) const SET_UP: &str = "ray set-up";
 
 /// Milliseconds of the median of `N` runs.
 fn median_of<const N: usize>(mut run: impl FnMut()) -> f64 {
-    median([0.0; N].map(|_: f64| {
-        let start = Instant::now();
-        run();
-        ms(start)
-    }))
+    median([(); N].map(|()| timed(&mut run).1))
 }
 
 /// Makes the rays of a view, and records the time.

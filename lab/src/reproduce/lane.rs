@@ -1,7 +1,5 @@
 //! A strategy at work on a scene: its tree, its twins, and what they took.
 
-use std::time::Instant;
-
 use anyhow::{Context, Result};
 use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
 use bvh_update::{Load, Update};
@@ -10,7 +8,7 @@ use rt_cpu::{Image, RenderOptions, RenderStats};
 use super::contestants::{Method, Worker};
 use super::record::{Row, rounded};
 use super::stages::primitives_refit;
-use crate::stage::{Stage, draw, ms};
+use crate::stage::{self, Stage, draw};
 
 /// A strategy at work: its tree and its memory.
 pub(super) struct Lane {
@@ -183,9 +181,7 @@ fn start(name: &str, method: Method, stage: &Stage, poses: &[Vec<Vec3>]) -> Resu
 
 /// Updates a tree, and gives the time in ms.
 fn timed(name: &str, tree: &mut Bvh, worker: &mut Worker, stage: &Stage) -> Result<(f64, Update)> {
-    let start = Instant::now();
-    let update = worker.update(tree, &stage.triangles());
-    let update_ms = ms(start);
+    let (update, update_ms) = stage::timed(|| worker.update(tree, &stage.triangles()));
     Ok((update_ms, update.with_context(|| format!("{}: {name} failed", stage.scene.name))?))
 }
 
@@ -196,7 +192,6 @@ pub(super) fn trace(
     options: &RenderOptions,
     image: &mut Image,
 ) -> (f64, RenderStats) {
-    let start = Instant::now();
-    let stats = draw(stage, tree, options, image);
-    (rounded(ms(start)), stats)
+    let (stats, trace_ms) = stage::timed(|| draw(stage, tree, options, image));
+    (rounded(trace_ms), stats)
 }

@@ -251,7 +251,7 @@ impl<'a> Bench<'a> {
         let args = self.args;
         let Entry { source, label, loaded, supplement, before } = entry;
         let is_main = supplement.is_none();
-        let (mut stage, build_ms) = stage::timed(loaded.map_or_else(|| args.load(&source), Ok)?)?;
+        let (mut stage, build_ms) = stage::ready_timed(loaded.map_or_else(|| args.load(&source), Ok)?)?;
         let plan = self.plan(stage.triangles().indices.len(), supplement);
         let facts = facts(&stage, build_ms, &plan, label.clone(), !is_main);
         let mut run = SceneRun { facts, checks: before.checks, ..SceneRun::default() };

@@ -1,8 +1,6 @@
 //! Trees that are built once, with all the time in the world: what annealing is worth with path
 //! tracing (Kensler 2008).
 
-use std::time::Instant;
-
 use anyhow::Result;
 use bvh_build::{Builder, build};
 use bvh_core::{Bvh, sah_cost};
@@ -12,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::compare::turns;
 use crate::interrupt;
-use crate::stage::{Stage, draw, ms};
+use crate::stage::{Stage, draw, timed};
 
 /// The builder that the others are compared with, and those.
 pub(crate) const BUILDERS: [Builder; 3] = [Builder::Sweep, Builder::HillClimbed, Builder::Annealed];
@@ -38,10 +36,9 @@ pub(crate) fn measure(stage: &mut Stage, size: u32) -> Result<Vec<OfflineTree>> 
         if interrupt::requested() {
             return Ok(Vec::new());
         }
-        let start = Instant::now();
-        let bvh = build(&stage.triangles(), builder)?;
-        let (build_ms, sah_cost) = (ms(start), sah_cost(&bvh));
-        let name = builder.name().to_owned();
+        let (bvh, build_ms) = timed(|| build(&stage.triangles(), builder));
+        let (bvh, name) = (bvh?, builder.name().to_owned());
+        let sah_cost = sah_cost(&bvh);
         trees.push((OfflineTree { builder: name, build_ms, sah_cost, path_ms: 0.0 }, bvh));
     }
     let light = LightEffects { diffuse_bounces: true, ..stage.scene.effects.light };
@@ -54,9 +51,8 @@ pub(crate) fn measure(stage: &mut Stage, size: u32) -> Result<Vec<OfflineTree>> 
             // again.
             let traversal = Traversal::Single;
             let options = RenderOptions { smooth: false, sample, traversal, ..stage.options_with(&light) };
-            let start = Instant::now();
-            draw(stage, bvh, &options, &mut image);
-            tree.path_ms += if sample > 0 { ms(start) / f64::from(PICTURES) } else { 0.0 };
+            let (_, time_ms) = timed(|| draw(stage, bvh, &options, &mut image));
+            tree.path_ms += if sample > 0 { time_ms / f64::from(PICTURES) } else { 0.0 };
         }
     }
     Ok(trees.into_iter().map(|(tree, _)| tree).collect())

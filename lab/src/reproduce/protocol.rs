@@ -20,7 +20,6 @@
 
 use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hasher};
-use std::time::Instant;
 
 use anyhow::Result;
 use bvh_core::{Bvh, Ray};
@@ -36,7 +35,7 @@ use super::record::{Row, rounded};
 use crate::compare::turns;
 use crate::interrupt;
 use crate::progress::Progress;
-use crate::stage::{Stage, ms};
+use crate::stage::{Stage, timed};
 
 /// What to measure.
 #[derive(Clone, Debug)]
@@ -185,9 +184,8 @@ impl<'a> Run<'a> {
         for step in (0..steps).take_while(|_| !interrupt::requested()) {
             let (round, frame) = (step / frames, step % frames);
             let time_s = stage.time_of(frame, frames);
-            let start = Instant::now();
-            let posed = stage.pose(time_s);
-            let (scene, threads, animate_ms) = (label.to_owned(), plan.threads, rounded(ms(start)));
+            let (posed, animate_ms) = timed(|| stage.pose(time_s));
+            let (scene, threads, animate_ms) = (label.to_owned(), plan.threads, rounded(animate_ms));
             let common = Row {
                 scene,
                 threads,

@@ -1,7 +1,6 @@
 //! What knobs are measured with: how much to do, where points go, and a scene.
 
 use std::iter::once;
-use std::time::Instant;
 
 use anyhow::{Context, Result};
 use bvh_build::{Builder, build};
@@ -15,7 +14,7 @@ use crate::interrupt;
 use crate::reproduce::journal::Journal;
 use crate::reproduce::record::rounded;
 use crate::reproduce::{Spread, median};
-use crate::stage::{Stage, draw, ms};
+use crate::stage::{Stage, draw, timed};
 
 /// Where points go, and how much is to be measured.
 pub(super) struct Log<'a> {
@@ -82,9 +81,7 @@ impl Bench<'_> {
     /// Renders a frame and gives the time.
     pub(super) fn trace(&self, tree: &Bvh, options: &RenderOptions) -> f64 {
         let mut image = Image::new(self.log.effort.size, self.log.effort.size);
-        let start = Instant::now();
-        draw(self.stage, tree, options, &mut image);
-        ms(start)
+        timed(|| draw(self.stage, tree, options, &mut image)).1
     }
 
     /// What the scene's camera sees of triangles, and where its light arrives.
@@ -164,9 +161,7 @@ const LONG: f64 = 300.0;
 pub(super) fn fastest(runs: usize, mut run: impl FnMut()) -> f64 {
     let mut least = f64::INFINITY;
     for _ in 0..runs.max(1) {
-        let start = Instant::now();
-        run();
-        least = least.min(ms(start));
+        least = least.min(timed(&mut run).1);
         if least > LONG {
             break;
         }

@@ -5,8 +5,6 @@
 //! (`Primitives::aabb_lanes`). [`Unguarded`] triangles report a constant, so the compiler removes
 //! the guard from the same kernels.
 
-use std::time::Instant;
-
 use anyhow::{Context, Result, ensure};
 use bvh_build::{Builder, build};
 use bvh_core::glam::Vec4;
@@ -15,7 +13,7 @@ use bvh_update::{Rotate, Strategy, Updater};
 
 use super::bench::{Bench, differing, in_turns};
 use super::point::Point;
-use crate::stage::ms;
+use crate::stage::timed;
 
 /// Triangles whose boxes are never checked.
 struct Unguarded<'a>(Triangles<'a>);
@@ -62,13 +60,12 @@ type Entrant = (bool, Bvh, Updater);
 
 /// Updates the tree; gives the milliseconds.
 fn update((guarded, tree, updater): &mut Entrant, triangles: Triangles<'_>) -> Result<f64> {
-    let start = Instant::now();
-    let done = match guarded {
+    let (done, time_ms) = timed(|| match guarded {
         true => updater.update(tree, &triangles),
         false => updater.update(tree, &Unguarded(triangles)),
-    };
+    });
     done.context("no update")?;
-    Ok(ms(start))
+    Ok(time_ms)
 }
 
 /// Refits with and without rotations, on sound triangles for the time, on broken ones for the

@@ -3,15 +3,13 @@
 //! The bound is a constant of the library. Here the plain update runs from a depth that makes the
 //! bound lower.
 
-use std::time::Instant;
-
 use anyhow::Result;
 use bvh_core::{Bvh, MAX_HEIGHT, Triangles};
 use bvh_update::{Rotate, plain};
 
 use super::bench::Bench;
 use super::trees::{Entrant, play};
-use crate::stage::ms;
+use crate::stage::timed;
 
 /// Bounds from the height of the first tree up to the library's.
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
@@ -24,9 +22,9 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
             false => format!("{bound} levels"),
         };
         let run = move |tree: &mut Bvh, triangles: &Triangles<'_>| {
-            let start = Instant::now();
-            plain::update_below(tree, triangles, Some(Rotate::default()), MAX_HEIGHT - bound);
-            Ok((ms(start), tree.height()))
+            let rotate = Some(Rotate::default());
+            let (_, time_ms) = timed(|| plain::update_below(tree, triangles, rotate, MAX_HEIGHT - bound));
+            Ok((time_ms, tree.height()))
         };
         Entrant::new(setting, bound == MAX_HEIGHT, first.clone(), Box::new(run))
     };

@@ -4,7 +4,6 @@
 //! Several seeds tell bias (the error of their mean) from noise (their standard deviation).
 
 use std::f64::consts::{PI, TAU};
-use std::time::Instant;
 
 use anyhow::{Context, Result};
 use bvh_build::{Builder, build};
@@ -18,7 +17,7 @@ use rt_cpu::{
 use super::bench::Log;
 use super::point::Point;
 use crate::interrupt;
-use crate::stage::ms;
+use crate::stage::timed;
 use scenes::LightEffects;
 
 /// A picture whose every pixel is known.
@@ -186,9 +185,8 @@ impl Case {
         let (mut means, mut time_ms) = (Vec::new(), 0.0);
         for sample in 0..most as u32 {
             let options = RenderOptions { effects: self.effects, seed, sample, ..RenderOptions::default() };
-            let start = Instant::now();
-            render(tree, &mesh, &self.camera, self.light.as_ref(), &options, &mut image);
-            time_ms += ms(start);
+            time_ms +=
+                timed(|| render(tree, &mesh, &self.camera, self.light.as_ref(), &options, &mut image)).1;
             sum.add(&image);
             let count = sample + 1;
             if count.is_power_of_two() && count.trailing_zeros().is_multiple_of(2) {

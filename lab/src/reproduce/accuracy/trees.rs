@@ -1,7 +1,5 @@
 //! Trees: update strategies with their budgets of rotations, and builders with their settings.
 
-use std::time::Instant;
-
 use anyhow::{Context, Result};
 use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
 use bvh_core::{Bvh, Triangles};
@@ -11,7 +9,7 @@ use super::bench::{Bench, Over, fastest};
 use super::point::Point;
 use crate::interrupt;
 use crate::reproduce::contestants::for_rays;
-use crate::stage::ms;
+use crate::stage::timed;
 
 /// Brings a tree up to date; gives the milliseconds of that, and the height.
 type Update = Box<dyn FnMut(&mut Bvh, &Triangles<'_>) -> Result<(f64, u32)>>;
@@ -43,9 +41,7 @@ impl Entrant {
         let rays = 2 * u64::from(bench.log.effort.size).pow(2);
         let mut updater = Updater::new(for_rays(strategy, rays));
         let mut update: Update = Box::new(move |tree, triangles| {
-            let start = Instant::now();
-            let done = updater.update(tree, triangles);
-            let time_ms = ms(start);
+            let (done, time_ms) = timed(|| updater.update(tree, triangles));
             Ok((time_ms, done.with_context(|| format!("{name} failed"))?.height))
         });
         // It finds its memory, on a tree that is thrown away.

@@ -5,7 +5,6 @@
 //! must hit. Distances are compared with where the ray meets the plane of the triangle in `f64`.
 
 use std::hint::black_box;
-use std::time::Instant;
 
 use anyhow::{Context, Result};
 use bvh_build::{Builder, build};
@@ -18,7 +17,7 @@ use rt_cpu::{Camera, Hit, Pixel, RenderOptions, TriangleTest, cast};
 use super::bench::{Log, in_a_million, in_turns};
 use super::point::Point;
 use crate::interrupt;
-use crate::stage::ms;
+use crate::stage::timed;
 
 /// How far the wall is moved along each axis, where its edges are about 1 long.
 const OFFSETS: [(&str, f64); 4] = [("the origin", 0.0), ("1e3", 1e3), ("1e5", 1e5), ("1e7", 1e7)];
@@ -122,9 +121,7 @@ impl Wall {
     fn tiles(&self, tree: &Bvh, triangle_test: TriangleTest) -> (Vec<Option<Hit>>, f64) {
         let mut pixels = vec![Pixel::default(); (self.camera.width() * self.camera.height()) as usize];
         let options = RenderOptions { triangle_test, ..RenderOptions::default() };
-        let start = Instant::now();
-        cast(tree, &self.triangles(), &self.camera, None, &options, &mut pixels);
-        let time_ms = ms(start);
+        let (_, time_ms) = timed(|| cast(tree, &self.triangles(), &self.camera, None, &options, &mut pixels));
         (pixels.iter().map(Pixel::hit).collect(), time_ms)
     }
 
@@ -132,15 +129,16 @@ impl Wall {
     fn single<T: Test>(&self, tree: &Bvh, every: usize) -> (Vec<Option<Hit>>, f64) {
         let (triangles, width) = (self.triangles(), self.camera.width());
         let mut hits = Vec::with_capacity((width * self.camera.height()) as usize);
-        let start = Instant::now();
-        for y in (0..self.camera.height()).step_by(every) {
-            for x in 0..width {
-                let ray = black_box(self.camera.ray(x, y));
-                let mut visits = Visits::default();
-                hits.push(closest_hit_by::<T>(tree, &triangles, &ray, f32::INFINITY, &mut visits));
+        timed(|| {
+            for y in (0..self.camera.height()).step_by(every) {
+                for x in 0..width {
+                    let ray = black_box(self.camera.ray(x, y));
+                    let mut visits = Visits::default();
+                    hits.push(closest_hit_by::<T>(tree, &triangles, &ray, f32::INFINITY, &mut visits));
+                }
             }
-        }
-        (hits, ms(start))
+            hits
+        })
     }
 
     /// Root mean square of the relative errors of the distances.
