@@ -10,15 +10,13 @@ use super::record::{Row, rounded};
 use super::stages::primitives_refit;
 use crate::stage::{self, Stage, draw};
 
-/// A strategy at work: its tree and its memory.
+/// A strategy at work: its trees and their memory.
 pub(super) struct Lane {
     pub(super) name: &'static str,
     pub(super) method: Method,
-    pub(super) tree: Bvh,
-    worker: Worker,
-    /// Trees of the second turn, of which the first is traced. None where trees take long to
-    /// prepare or to update: then the tree itself is traced once more.
-    pub(super) twins: Vec<(Bvh, Worker)>,
+    /// The tree, and after it its twins: trees of the later turns, of which the first is traced. None
+    /// where trees take long to prepare or to update: then the tree itself is traced once more.
+    pub(super) trees: Vec<(Bvh, Worker)>,
     /// Whether the tree fits the present frame.
     pub(super) is_current: bool,
     /// The row of the present frame; [`weigh`](Self::weigh) completes it.
@@ -54,47 +52,32 @@ impl Lane {
         stage: &Stage,
         poses: &[Vec<Vec3>],
     ) -> Result<Self> {
-        let (tree, worker) = start(name, method, stage, poses)?;
-        Ok(Self {
-            name,
-            method,
-            tree,
-            worker,
-            twins: Vec::new(),
-            is_current: false,
-            last: None,
-            updates: Vec::new(),
-            between: Between::default(),
-        })
+        let trees = vec![start(name, method, stage, poses)?];
+        let (updates, between) = (Vec::new(), Between::default());
+        Ok(Self { name, method, trees, is_current: false, last: None, updates, between })
+    }
+
+    pub(super) fn tree(&self) -> &Bvh {
+        &self.trees[0].0
     }
 
     /// Adds twins, as many as updates of this length are to have.
     pub(super) fn add_twins(&mut self, stage: &Stage, update_ms: f64) -> Result<()> {
         if update_ms <= LONG_MS {
             let twins = (SHORT_MS / update_ms).ceil().clamp(1.0, MOST_TWINS) as usize;
-            self.twins =
-                (0..twins).map(|_| start(self.name, self.method, stage, &[])).collect::<Result<_>>()?;
+            for _ in 0..twins {
+                self.trees.push(start(self.name, self.method, stage, &[])?);
+            }
         }
         Ok(())
     }
 
     /// Updates the tree in the first turn, each twin in one of the others, without rendering.
     pub(super) fn update(&mut self, turn: usize, stage: &Stage) -> Result<()> {
-        let (tree, worker) = match turn.checked_sub(1) {
-            None => (&mut self.tree, &mut self.worker),
-            Some(twin) => match self.twins.get_mut(twin) {
-                Some((tree, worker)) => (tree, worker),
-                None => return Ok(()),
-            },
-        };
-        let (update_ms, _) = timed(self.name, tree, worker, stage)?;
+        let Some(tree) = self.trees.get_mut(turn) else { return Ok(()) };
+        let (update_ms, _) = timed(self.name, tree, stage)?;
         self.between.least_ms = self.between.least_ms.min(update_ms);
         Ok(())
-    }
-
-    fn report(&mut self, load: Load) {
-        self.worker.report(load);
-        self.twins.iter_mut().for_each(|(_, worker)| worker.report(load));
     }
 
     /// Reports the rays of a frame that an earlier run has measured, so that the tree takes the
@@ -102,7 +85,8 @@ impl Lane {
     pub(super) fn recall(&mut self, rows: &[Row], round: usize, frame: usize) {
         let is_it = |row: &&Row| row.strategy == self.name && [row.round, row.frame] == [round, frame];
         if let Some(row) = rows.iter().find(is_it) {
-            self.report(Load::PacketNodes(row.nodes_opened));
+            let load = Load::PacketNodes(row.nodes_opened);
+            self.trees.iter_mut().for_each(|(_, worker)| worker.report(load));
         }
     }
 
@@ -114,9 +98,9 @@ impl Lane {
         options: &RenderOptions,
         image: &mut Image,
     ) -> Result<(Row, RenderStats)> {
-        let (update_ms, update) = timed(self.name, &mut self.tree, &mut self.worker, stage)?;
-        let (trace_ms, stats) = trace(&self.tree, stage, options, image);
-        self.worker.report(Load::PacketNodes(stats.nodes_visited));
+        let (update_ms, update) = timed(self.name, &mut self.trees[0], stage)?;
+        let (trace_ms, stats) = trace(self.tree(), stage, options, image);
+        self.trees[0].1.report(Load::PacketNodes(stats.nodes_visited));
         let row = Row {
             update_ms,
             rotations: update.rotations_applied(),
@@ -131,25 +115,25 @@ impl Lane {
         Ok((row.traced(&stats, trace_ms), stats))
     }
 
-    /// Updates a twin, and renders the first or the tree itself once more; the shorter times count.
+    /// Updates the twin of a turn from 1 on, and in turn 1 renders it, or the tree itself once more;
+    /// the shorter times count.
     pub(super) fn run_again(
         &mut self,
-        twin: usize,
+        turn: usize,
         stage: &Stage,
         options: &RenderOptions,
         image: &mut Image,
     ) -> Result<()> {
         let Some(mut row) = self.last.take() else { return Ok(()) };
-        let mut again = &self.tree;
-        if let Some((tree, worker)) = self.twins.get_mut(twin) {
-            let (update_ms, update) = timed(self.name, tree, worker, stage)?;
-            worker.report(Load::PacketNodes(row.nodes_opened));
+        if let Some(twin) = self.trees.get_mut(turn) {
+            let (update_ms, update) = timed(self.name, twin, stage)?;
+            twin.1.report(Load::PacketNodes(row.nodes_opened));
             self.updates.push(update);
             row.update_ms = row.update_ms.min(update_ms);
-            again = tree;
         }
-        if twin == 0 && row.trace_ms <= LONG_MS {
-            let (trace_ms, stats) = trace(again, stage, options, image);
+        if turn == 1 && row.trace_ms <= LONG_MS {
+            let (tree, _) = self.trees.get(1).unwrap_or(&self.trees[0]);
+            let (trace_ms, stats) = trace(tree, stage, options, image);
             if trace_ms < row.trace_ms {
                 row = row.traced(&stats, trace_ms);
             }
@@ -161,12 +145,12 @@ impl Lane {
     /// Adds to the row what takes a look at the whole tree. Gives whether the twins have the same
     /// cost.
     pub(super) fn weigh(&mut self) -> bool {
-        let (Some(row), Some(update)) = (&mut self.last, self.updates.first()) else { return true };
-        let cost = |(tree, update): (&Bvh, &Update)| update.sah_cost.unwrap_or_else(|| sah_cost(tree));
-        row.sah_cost = cost((&self.tree, update));
-        row.primitives_refit = primitives_refit(&self.tree, update);
-        let twins = self.twins.iter().map(|(tree, _)| tree);
-        twins.zip(&self.updates[1..]).all(|twin| cost(twin) == row.sah_cost)
+        let (Some(row), [update, updates @ ..]) = (&mut self.last, &self.updates[..]) else { return true };
+        let cost = |tree: &Bvh, update: &Update| update.sah_cost.unwrap_or_else(|| sah_cost(tree));
+        let (tree, _) = &self.trees[0];
+        row.sah_cost = cost(tree, update);
+        row.primitives_refit = primitives_refit(tree, update);
+        self.trees[1..].iter().zip(updates).all(|((twin, _), update)| cost(twin, update) == row.sah_cost)
     }
 }
 
@@ -180,7 +164,7 @@ fn start(name: &str, method: Method, stage: &Stage, poses: &[Vec<Vec3>]) -> Resu
 }
 
 /// Updates a tree, and gives the time in ms.
-fn timed(name: &str, tree: &mut Bvh, worker: &mut Worker, stage: &Stage) -> Result<(f64, Update)> {
+fn timed(name: &str, (tree, worker): &mut (Bvh, Worker), stage: &Stage) -> Result<(f64, Update)> {
     let (update, update_ms) = stage::timed(|| worker.update(tree, &stage.triangles()));
     Ok((update_ms, update.with_context(|| format!("{}: {name} failed", stage.scene.name))?))
 }

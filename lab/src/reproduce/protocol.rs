@@ -209,7 +209,7 @@ impl<'a> Run<'a> {
             all_rows.extend(rows);
             if round == 0 && plan.is_one_of(frame, plan.values.pictures) {
                 let current = self.lanes.iter().filter(|lane| lane.is_current);
-                let trees: Vec<_> = current.map(|lane| (lane.name, &lane.tree)).collect();
+                let trees: Vec<_> = current.map(|lane| (lane.name, lane.tree())).collect();
                 picture(stage, &trees, frame)?;
             }
             progress.at(step as u64 + 1);
@@ -228,8 +228,7 @@ impl<'a> Run<'a> {
                 lane.between.least_ms = f64::INFINITY;
             }
         }
-        let twins = self.lanes.iter().map(|lane| lane.twins.len()).max().unwrap_or(0);
-        for turn in 0..=twins {
+        for turn in 0..self.most_trees() {
             for i in turns(self.lanes.len(), frame) {
                 let lane = &mut self.lanes[i];
                 if lane.is_current {
@@ -249,7 +248,7 @@ impl<'a> Run<'a> {
                 lane.between = Between::default();
             }
             if lane.method.depends_on_time() {
-                trace(&lane.tree, stage, &self.options, &mut self.image);
+                trace(lane.tree(), stage, &self.options, &mut self.image);
             }
         }
         Ok(())
@@ -271,12 +270,11 @@ impl<'a> Run<'a> {
             }
         }
         // All second turns, then the third ones of short updates, and so on.
-        let twins = self.lanes.iter().map(|lane| lane.twins.len()).max().unwrap_or(0);
-        let again = if self.plan.values.turns > 1 { twins.max(1) } else { 0 };
-        for twin in 0..again {
+        let again = if self.plan.values.turns > 1 { self.most_trees().max(2) } else { 1 };
+        for later in 1..again {
             for i in turns(self.lanes.len(), turn) {
                 let lane = &mut self.lanes[i];
-                lane.run_again(twin, stage, &self.options, &mut self.image)?;
+                lane.run_again(later, stage, &self.options, &mut self.image)?;
             }
         }
         let same: Vec<bool> = self.lanes.par_iter_mut().map(Lane::weigh).collect();
@@ -285,6 +283,11 @@ impl<'a> Run<'a> {
                 .same_twin(&format!("{}, loop {round}, frame {frame}, {}", self.label, lane.name), same);
         }
         Ok(())
+    }
+
+    /// Trees of the strategy that has the most.
+    fn most_trees(&self) -> usize {
+        self.lanes.iter().map(|lane| lane.trees.len()).max().unwrap_or(0)
     }
 
     /// Compares what every tree finds with brute force.
@@ -296,8 +299,8 @@ impl<'a> Run<'a> {
         let label = self.label;
         let of_lane = |lane: &Lane| {
             let (place, mut checks) = (format!("{label}, frame {frame}, {}", lane.name), Checks::default());
-            checks.same_as_brute(&place, &lane.tree, &triangles, rays);
-            checks.valid(&place, &lane.tree, &triangles);
+            checks.same_as_brute(&place, lane.tree(), &triangles, rays);
+            checks.valid(&place, lane.tree(), &triangles);
             checks
         };
         let current = self.lanes.par_iter().filter(|lane| lane.is_current);
