@@ -9,13 +9,13 @@ use anim::PoseStats;
 use anyhow::{Context, Result};
 use bvh_core::Bvh;
 use bvh_update::{Rotate, Strategy, Updater};
-use rt_cpu::{Image, RenderOptions, RenderStats};
+use rt_cpu::{RenderOptions, RenderStats};
 use scenes::{Effects, LightEffects, MotionEffects, Scene, SceneOptions, SimulationStats};
 use serde::{Deserialize, Serialize};
 
 use crate::machine::{Machine, Revision};
 use crate::pool::Threads;
-use crate::stage::{self, timed};
+use crate::stage::{self, Renderer, timed};
 use crate::{files, interrupt};
 
 /// Arguments of `effects`.
@@ -152,8 +152,7 @@ fn play(played: Played, scene: &mut Option<Scene>, effects: Effects) -> Result<F
     let mut stage = stage::ready(Scene { effects, ..taken })?;
     let (Played { frames: count, size, .. }, mut tree) = (played, Bvh::clone(&stage.first_tree));
     let mut updater = Updater::new(Strategy::RefitRotate(Rotate::default()));
-    let mut image = Image::new(size, size);
-    let options = RenderOptions { smooth: false, ..stage.render_options() };
+    let mut flat = Renderer::new(RenderOptions { smooth: false, ..stage.render_options() }, size);
     let mut best = Frames { motion_ms: f64::INFINITY, light_ms: f64::INFINITY, ..Frames::default() };
     for _ in 0..REPEATS {
         let mut all = Frames::default();
@@ -164,7 +163,7 @@ fn play(played: Played, scene: &mut Option<Scene>, effects: Effects) -> Result<F
             });
             all.posed = sum(all.posed, moved?);
             all.motion_ms += time_ms / count as f64;
-            let (traced, time_ms) = timed(|| stage::draw(&stage, &tree, &options, &mut image));
+            let (traced, time_ms) = flat.draw(&stage, &tree);
             all.traced += traced;
             all.light_ms += time_ms / count as f64;
         }

@@ -60,11 +60,25 @@ pub(crate) fn ready_timed(scene: Scene) -> Result<(Stage, f64)> {
     Ok((stage.with_context(|| format!("{name}: no tree"))?, build_ms))
 }
 
-/// Renders the stage as it is, with the scene's camera and light; an image of another size shows
-/// more pixels, not more of the scene.
-pub(crate) fn draw(stage: &Stage, tree: &Bvh, options: &RenderOptions, image: &mut Image) -> RenderStats {
-    let camera = stage.camera(image.width(), image.height());
-    render(tree, &stage.mesh(), &camera, Some(&stage.light()), options, image)
+/// Rendering by one set of options, into one image.
+pub(crate) struct Renderer {
+    pub(crate) options: RenderOptions,
+    pub(crate) image: Image,
+}
+
+impl Renderer {
+    /// With `size` pixels on each side.
+    pub(crate) fn new(options: RenderOptions, size: u32) -> Self {
+        Self { options, image: Image::new(size, size) }
+    }
+
+    /// Renders the stage as it is, with the scene's camera and light, and gives the milliseconds;
+    /// an image of another size shows more pixels, not more of the scene.
+    pub(crate) fn draw(&mut self, stage: &Stage, tree: &Bvh) -> (RenderStats, f64) {
+        let Self { options, image } = self;
+        let (camera, light) = (stage.camera(image.width(), image.height()), stage.light());
+        timed(|| render(tree, &stage.mesh(), &camera, Some(&light), options, image))
+    }
 }
 
 /// What `work` gives, and the milliseconds that it takes.

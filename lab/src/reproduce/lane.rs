@@ -3,12 +3,12 @@
 use anyhow::{Context, Result};
 use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
 use bvh_update::{Load, Update};
-use rt_cpu::{Image, RenderOptions, RenderStats};
+use rt_cpu::RenderStats;
 
 use super::contestants::{Method, Worker};
-use super::record::{Row, rounded};
+use super::record::Row;
 use super::stages::primitives_refit;
-use crate::stage::{self, Stage, draw};
+use crate::stage::{self, Renderer, Stage};
 
 /// A strategy at work: its trees and their memory.
 pub(super) struct Lane {
@@ -95,11 +95,10 @@ impl Lane {
         &mut self,
         stage: &Stage,
         common: &Row,
-        options: &RenderOptions,
-        image: &mut Image,
+        renderer: &mut Renderer,
     ) -> Result<(Row, RenderStats)> {
         let (update_ms, update) = timed(self.name, &mut self.trees[0], stage)?;
-        let (trace_ms, stats) = trace(self.tree(), stage, options, image);
+        let (stats, trace_ms) = renderer.draw(stage, self.tree());
         self.trees[0].1.report(Load::PacketNodes(stats.nodes_visited));
         let row = Row {
             update_ms,
@@ -117,13 +116,7 @@ impl Lane {
 
     /// Updates the twin of a turn from 1 on, and in turn 1 renders it, or the tree itself once more;
     /// the shorter times count.
-    pub(super) fn run_again(
-        &mut self,
-        turn: usize,
-        stage: &Stage,
-        options: &RenderOptions,
-        image: &mut Image,
-    ) -> Result<()> {
+    pub(super) fn run_again(&mut self, turn: usize, stage: &Stage, renderer: &mut Renderer) -> Result<()> {
         let Some(mut row) = self.last.take() else { return Ok(()) };
         if let Some(twin) = self.trees.get_mut(turn) {
             let (update_ms, update) = timed(self.name, twin, stage)?;
@@ -133,7 +126,7 @@ impl Lane {
         }
         if turn == 1 && row.trace_ms <= LONG_MS {
             let (tree, _) = self.trees.get(1).unwrap_or(&self.trees[0]);
-            let (trace_ms, stats) = trace(tree, stage, options, image);
+            let (stats, trace_ms) = renderer.draw(stage, tree);
             if trace_ms < row.trace_ms {
                 row = row.traced(&stats, trace_ms);
             }
@@ -167,15 +160,4 @@ fn start(name: &str, method: Method, stage: &Stage, poses: &[Vec<Vec3>]) -> Resu
 fn timed(name: &str, (tree, worker): &mut (Bvh, Worker), stage: &Stage) -> Result<(f64, Update)> {
     let (update, update_ms) = stage::timed(|| worker.update(tree, &stage.triangles()));
     Ok((update_ms, update.with_context(|| format!("{}: {name} failed", stage.scene.name))?))
-}
-
-/// Renders a frame, and gives the time in ms.
-pub(super) fn trace(
-    tree: &Bvh,
-    stage: &Stage,
-    options: &RenderOptions,
-    image: &mut Image,
-) -> (f64, RenderStats) {
-    let (stats, trace_ms) = stage::timed(|| draw(stage, tree, options, image));
-    (rounded(trace_ms), stats)
 }

@@ -4,13 +4,13 @@
 use anyhow::Result;
 use bvh_build::{Builder, build};
 use bvh_core::{Bvh, sah_cost};
-use rt_cpu::{Image, RenderOptions, Traversal};
+use rt_cpu::{RenderOptions, Traversal};
 use scenes::LightEffects;
 use serde::{Deserialize, Serialize};
 
 use crate::compare::turns;
 use crate::interrupt;
-use crate::stage::{Stage, draw, timed};
+use crate::stage::{Renderer, Stage, timed};
 
 /// The builder that the others are compared with, and those.
 pub(crate) const BUILDERS: [Builder; 3] = [Builder::Sweep, Builder::HillClimbed, Builder::Annealed];
@@ -42,16 +42,16 @@ pub(crate) fn measure(stage: &mut Stage, size: u32) -> Result<Vec<OfflineTree>> 
         trees.push((OfflineTree { builder: name, build_ms, sah_cost, path_ms: 0.0 }, bvh));
     }
     let light = LightEffects { diffuse_bounces: true, ..stage.scene.effects.light };
-    let mut image = Image::new(size, size);
+    // One by one, through the tree that was annealed: a wider view of it would be optimised again.
+    let (smooth, traversal) = (false, Traversal::Single);
+    let options = RenderOptions { smooth, traversal, ..stage.options_with(&light) };
+    let mut renderer = Renderer::new(options, size);
     // The first picture through each tree warms up and does not count.
     for sample in 0..=PICTURES {
+        renderer.options.sample = sample;
         for i in turns(trees.len(), sample as usize) {
             let (tree, bvh) = &mut trees[i];
-            // One by one, through the tree that was annealed: a wider view of it would be optimised
-            // again.
-            let traversal = Traversal::Single;
-            let options = RenderOptions { smooth: false, sample, traversal, ..stage.options_with(&light) };
-            let (_, time_ms) = timed(|| draw(stage, bvh, &options, &mut image));
+            let (_, time_ms) = renderer.draw(stage, bvh);
             tree.path_ms += if sample > 0 { time_ms / f64::from(PICTURES) } else { 0.0 };
         }
     }

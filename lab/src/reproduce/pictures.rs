@@ -6,7 +6,7 @@ use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
 use rt_cpu::{Image, Output, RenderOptions, srgb};
 
-use crate::stage::{Stage, draw};
+use crate::stage::{Renderer, Stage};
 
 /// Strategies whose trees are shown as heat maps; the last is that of a fresh build.
 pub(crate) const HEAT_MAPS: [&str; 4] = ["refit", "refit+rotate", "auto", "sweep"];
@@ -18,9 +18,9 @@ const HOTTEST: u64 = 24;
 /// The stage as it is, smooth, as a PNG file.
 pub(crate) fn picture(stage: &mut Stage, tree: &Bvh, size: u32) -> Result<Vec<u8>> {
     stage.smooth();
-    let mut image = Image::new(size, size);
-    draw(stage, tree, &stage.render_options(), &mut image);
-    Ok(image.png()?)
+    let mut renderer = Renderer::new(stage.render_options(), size);
+    renderer.draw(stage, tree);
+    Ok(renderer.image.png()?)
 }
 
 /// The number of nodes that heat maps of a scene show white.
@@ -40,8 +40,8 @@ pub(crate) fn heat_map(stage: &Stage, tree: &Bvh, size: u32, most: u32) -> Resul
 }
 
 fn nodes_visited(stage: &Stage, tree: &Bvh, size: u32, most: u32) -> (Image, u64) {
-    let mut image = Image::new(size, size);
     let options = RenderOptions { output: Output::NodesVisited { most }, ..stage.render_options() };
-    let stats = draw(stage, tree, &options, &mut image);
-    (image, stats.nodes_visited)
+    let mut renderer = Renderer::new(options, size);
+    let (stats, _) = renderer.draw(stage, tree);
+    (renderer.image, stats.nodes_visited)
 }

@@ -29,13 +29,13 @@ use rt_cpu::{Hit, Image, RenderOptions, RenderStats};
 use super::check::{self, Checks};
 use super::contestants::{Contestant, Method, POSES};
 use super::journal::Journal;
-use super::lane::{Between, Lane, trace};
+use super::lane::{Between, Lane};
 use super::preset::Values;
 use super::record::{Row, rounded};
 use crate::compare::turns;
 use crate::interrupt;
 use crate::progress::Progress;
-use crate::stage::{Stage, timed};
+use crate::stage::{Renderer, Stage, timed};
 
 /// What to measure.
 #[derive(Clone, Debug)]
@@ -142,8 +142,7 @@ struct Run<'a> {
     label: &'a str,
     plan: &'a Plan,
     lanes: Vec<Lane>,
-    options: RenderOptions,
-    image: Image,
+    renderer: Renderer,
     expected: &'a mut Expected,
     checks: Checks,
 }
@@ -154,17 +153,17 @@ impl<'a> Run<'a> {
         let Values { size, traversal, .. } = plan.values;
         let options = RenderOptions { smooth: false, timed: true, traversal, ..stage.render_options() };
         let mut lanes = lanes(stage, plan)?;
-        let mut image = Image::new(size, size);
+        let mut renderer = Renderer::new(options, size);
         stage.pose(0.0);
         // A method that knows the animation refits like the others, and would be prepared again.
         for lane in lanes.iter_mut().filter(|lane| !lane.method.knows_animation()) {
             let mut warm = Lane::new(lane.name, lane.method, stage, &[])?;
-            let (row, _) = warm.run(stage, &Row::default(), &options, &mut image)?;
+            let (row, _) = warm.run(stage, &Row::default(), &mut renderer)?;
             if plan.values.turns > 1 {
                 lane.add_twins(stage, row.update_ms)?;
             }
         }
-        Ok(Self { label, plan, lanes, options, image, expected, checks: Checks::default() })
+        Ok(Self { label, plan, lanes, renderer, expected, checks: Checks::default() })
     }
 
     /// Plays all frames.
@@ -248,7 +247,7 @@ impl<'a> Run<'a> {
                 lane.between = Between::default();
             }
             if lane.method.depends_on_time() {
-                trace(lane.tree(), stage, &self.options, &mut self.image);
+                self.renderer.draw(stage, lane.tree());
             }
         }
         Ok(())
@@ -259,14 +258,14 @@ impl<'a> Run<'a> {
         let Row { round, frame, .. } = *common;
         for i in turns(self.lanes.len(), turn) {
             let lane = &mut self.lanes[i];
-            let (row, stats) = lane.run(stage, common, &self.options, &mut self.image)?;
+            let (row, stats) = lane.run(stage, common, &mut self.renderer)?;
             (lane.last, lane.is_current) = (Some(row), true);
-            let now = (lane.name, stats, hash(&self.image));
+            let now = (lane.name, stats, hash(&self.renderer.image));
             let (name, expected, picture) = self.expected.shown.entry((round, frame)).or_insert(now);
             if *name != lane.name {
                 let place = format!("{}, loop {round}, frame {frame}, {name} and {}", self.label, lane.name);
                 self.checks.same_hits(&place, expected, &stats);
-                self.checks.same_picture(&place, self.image.pixels().len(), *picture == now.2);
+                self.checks.same_picture(&place, self.renderer.image.pixels().len(), *picture == now.2);
             }
         }
         // All second turns, then the third ones of short updates, and so on.
@@ -274,7 +273,7 @@ impl<'a> Run<'a> {
         for later in 1..again {
             for i in turns(self.lanes.len(), turn) {
                 let lane = &mut self.lanes[i];
-                lane.run_again(later, stage, &self.options, &mut self.image)?;
+                lane.run_again(later, stage, &mut self.renderer)?;
             }
         }
         let same: Vec<bool> = self.lanes.par_iter_mut().map(Lane::weigh).collect();

@@ -84,14 +84,14 @@ impl Row {
         }
     }
 
-    /// The same row with what rendering its frame did in `trace_ms`. Times of stages are added up
+    /// The same row with what rendering its frame did in `trace_ms`, which is rounded. Times of stages are added up
     /// over threads; their parts of the sum are their parts of the time that passed.
     pub(crate) fn traced(self, stats: &RenderStats, trace_ms: f64) -> Self {
         let total = stats.times.total().as_secs_f64();
         let ms =
             |time: Duration| if total > 0.0 { rounded(trace_ms * time.as_secs_f64() / total) } else { 0.0 };
         Self {
-            trace_ms,
+            trace_ms: rounded(trace_ms),
             rays_primary: stats.rays_primary,
             rays_shadow: stats.rays_shadow,
             hits: stats.hits,

@@ -5,7 +5,7 @@ use std::iter::once;
 use anyhow::{Context, Result};
 use bvh_build::{Builder, build};
 use bvh_core::{Bvh, Triangles, sah_cost};
-use rt_cpu::{Image, Pixel, RenderOptions, cast};
+use rt_cpu::{Pixel, RenderOptions, cast};
 
 use super::effort::Effort;
 use super::point::Point;
@@ -14,7 +14,7 @@ use crate::interrupt;
 use crate::reproduce::journal::Journal;
 use crate::reproduce::record::rounded;
 use crate::reproduce::{Spread, median};
-use crate::stage::{Stage, draw, timed};
+use crate::stage::{Renderer, Stage, timed};
 
 /// Where points go, and how much is to be measured.
 pub(super) struct Log<'a> {
@@ -80,8 +80,7 @@ impl Bench<'_> {
 
     /// Renders a frame and gives the time.
     pub(super) fn trace(&self, tree: &Bvh, options: &RenderOptions) -> f64 {
-        let mut image = Image::new(self.log.effort.size, self.log.effort.size);
-        timed(|| draw(self.stage, tree, options, &mut image)).1
+        Renderer::new(*options, self.log.effort.size).draw(self.stage, tree).1
     }
 
     /// What the scene's camera sees of triangles, and where its light arrives.
