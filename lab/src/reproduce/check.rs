@@ -8,6 +8,9 @@ use rayon::prelude::*;
 use rt_cpu::{Camera, Hit, RenderStats, TriangleTest, closest_hit, closest_hit_brute};
 use serde::{Deserialize, Serialize};
 
+/// A ray, and what it hits by brute force.
+pub(crate) type Expected = (Ray, Option<Hit>);
+
 /// What was compared, and what differed.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Checks {
@@ -72,14 +75,8 @@ impl Checks {
         self.expect(same, place, format_args!("pixels differ"));
     }
 
-    /// Hits through a tree and by brute force.
-    pub(crate) fn same_as_brute(
-        &mut self,
-        place: &str,
-        tree: &Bvh,
-        triangles: &Triangles<'_>,
-        rays: &[(Ray, Option<Hit>)],
-    ) {
+    /// Everything a tree promises, and hits through it with those by brute force.
+    pub(crate) fn tree(&mut self, place: &str, tree: &Bvh, triangles: &Triangles<'_>, rays: &[Expected]) {
         for (ray, expected) in rays {
             self.rays += 1;
             self.rays_hit += u64::from(expected.is_some());
@@ -87,10 +84,6 @@ impl Checks {
             let what = format_args!("a ray hits {found:?}, but by brute force {expected:?}");
             self.expect(found == *expected, place, what);
         }
-    }
-
-    /// Everything a tree promises.
-    pub(crate) fn valid(&mut self, place: &str, tree: &Bvh, triangles: &Triangles<'_>) {
         self.trees += 1;
         if let Err(error) = tree.validate(triangles) {
             self.expect(false, place, format_args!("{error}"));
@@ -99,12 +92,7 @@ impl Checks {
 }
 
 /// Rays through random pixels, with what they hit if every triangle is tested.
-pub(crate) fn sample(
-    camera: &Camera,
-    triangles: &Triangles<'_>,
-    count: usize,
-    seed: u64,
-) -> Vec<(Ray, Option<Hit>)> {
+pub(crate) fn sample(camera: &Camera, triangles: &Triangles<'_>, count: usize, seed: u64) -> Vec<Expected> {
     let mut random = fastrand::Rng::with_seed(seed);
     let rays: Vec<Ray> = (0..count)
         .map(|_| camera.ray(random.u32(0..camera.width()), random.u32(0..camera.height())))

@@ -22,9 +22,9 @@ use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hasher};
 
 use anyhow::Result;
-use bvh_core::{Bvh, Ray};
+use bvh_core::Bvh;
 use rayon::prelude::*;
-use rt_cpu::{Hit, Image, RenderOptions, RenderStats};
+use rt_cpu::{Image, RenderOptions, RenderStats};
 
 use super::check::{self, Checks};
 use super::contestants::{Contestant, Method, POSES};
@@ -109,7 +109,7 @@ struct Expected {
     /// By loop and frame.
     shown: HashMap<(usize, usize), Shown>,
     /// By frame: rays, and what they hit by brute force.
-    rays: HashMap<usize, Vec<(Ray, Option<Hit>)>>,
+    rays: HashMap<usize, Vec<check::Expected>>,
 }
 
 /// Measures all frames of a scene; rows go to the log frame by frame. `picture` sees the stage,
@@ -298,8 +298,7 @@ impl<'a> Run<'a> {
         let label = self.label;
         let of_lane = |lane: &Lane| {
             let (place, mut checks) = (format!("{label}, frame {frame}, {}", lane.name), Checks::default());
-            checks.same_as_brute(&place, lane.tree(), &triangles, rays);
-            checks.valid(&place, lane.tree(), &triangles);
+            checks.tree(&place, lane.tree(), &triangles, rays);
             checks
         };
         let current = self.lanes.par_iter().filter(|lane| lane.is_current);

@@ -66,23 +66,19 @@ impl SceneRun {
             let over = self.pairs(name, IDEAL).into_iter().map(|(a, b)| a.sah_cost / b.sah_cost);
             // A tree whose root has no area costs nothing, and 0 / 0 is no number.
             let over = Spread::of(over.filter(|ratio| ratio.is_finite()));
-            strategy(name, &self.facts, &self.of(name), over, decisions(self, name))
+            let summary = strategy(name, &self.facts, &self.of(name))?;
+            Some(StrategySummary { sah_over_sweep: over, decisions: decisions(self, name), ..summary })
         };
         let strategies = names.iter().filter_map(summary).collect();
-        let summary = |rows: &[&Row]| strategy(SPEED_STRATEGY, &self.facts, rows, None, Vec::new());
-        let at = |frames| Some((frames, summary(&self.at_speed(frames, SPEED_STRATEGY))?));
+        let rows = |frames| self.at_speed(frames, SPEED_STRATEGY);
+        let at = |frames| Some((frames, strategy(SPEED_STRATEGY, &self.facts, &rows(frames))?));
         let speeds = SPEEDS.into_iter().filter_map(at).collect();
         (self.strategies, self.speed_summaries) = (strategies, speeds);
     }
 }
 
-fn strategy(
-    name: &str,
-    facts: &SceneFacts,
-    rows: &[&Row],
-    over: Option<Spread>,
-    decisions: Vec<Decided>,
-) -> Option<StrategySummary> {
+/// The summary of some rows by themselves.
+fn strategy(name: &str, facts: &SceneFacts, rows: &[&Row]) -> Option<StrategySummary> {
     let spread = |value: fn(&Row) -> f64| Spread::of(rows.iter().map(|row| value(row)));
     Some(StrategySummary {
         strategy: name.to_owned(),
@@ -94,10 +90,10 @@ fn strategy(
         frame_ms: Spread { mean: mean_frame_ms(rows), ..spread(|row| row.frame_ms)? },
         sah_cost: spread(|row| row.sah_cost)?,
         last_cost: rows.last()?.sah_cost,
-        sah_over_sweep: over,
+        sah_over_sweep: None,
         rotations: rows.iter().map(|row| row.rotations).sum(),
         greatest_height: rows.iter().map(|row| row.height).max()?,
-        decisions,
+        decisions: Vec::new(),
         stages: stages(&facts.plan, rows),
     })
 }
