@@ -9,7 +9,6 @@ mod bench;
 mod curve;
 mod effort;
 mod guards;
-mod heights;
 mod motion;
 mod point;
 mod samples;
@@ -33,7 +32,7 @@ use crate::stage::Stage;
 
 /// The knobs of a scene.
 const OF_A_SCENE: [fn(&mut Bench<'_>) -> Result<()>; 5] =
-    [trees::strategies, trees::builders, triangle_test::measure, guards::measure, heights::measure];
+    [trees::strategies, trees::builders, triangle_test::measure, guards::measure, trees::height_bounds];
 
 /// The knobs with input of their own. Their points name no scene.
 const ALONE: [fn(&mut Log<'_>) -> Result<()>; 4] =

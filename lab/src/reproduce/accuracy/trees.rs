@@ -1,9 +1,10 @@
-//! Trees: update strategies with their budgets of rotations, and builders with their settings.
+//! Trees: update strategies with their budgets of rotations, bounds on height, and builders with their
+//! settings.
 
 use anyhow::{Context, Result};
 use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
-use bvh_core::{Bvh, Triangles};
-use bvh_update::{Rotate, Strategy, Updater};
+use bvh_core::{Bvh, MAX_HEIGHT, Triangles};
+use bvh_update::{Rotate, Strategy, Updater, plain};
 
 use super::bench::{Bench, Over, fastest};
 use super::point::Point;
@@ -15,7 +16,7 @@ use crate::stage::timed;
 type Update = Box<dyn FnMut(&mut Bvh, &Triangles<'_>) -> Result<(f64, u32)>>;
 
 /// A way to update a tree, at work.
-pub(super) struct Entrant {
+struct Entrant {
     setting: String,
     is_default: bool,
     /// Whether the tree depends on the current frame only.
@@ -30,7 +31,7 @@ pub(super) struct Entrant {
 }
 
 impl Entrant {
-    pub(super) fn new(setting: String, is_default: bool, tree: Bvh, update: Update) -> Self {
+    fn new(setting: String, is_default: bool, tree: Bvh, update: Update) -> Self {
         let (times_ms, height, errors) = (Vec::new(), 0, [0.0; 2]);
         Self { setting, is_default, rebuilds: false, update, tree, times_ms, height, errors }
     }
@@ -70,9 +71,32 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
     play(bench, "update strategy", "an update", entrants)
 }
 
+/// Bounds on the height of trees, from that of the first tree up to the library's: what a lower one
+/// would keep rotations from. The bound is a constant of the library. Here the plain update runs
+/// from a depth that makes the bound lower.
+pub(super) fn height_bounds(bench: &mut Bench<'_>) -> Result<()> {
+    let first = Bvh::clone(&bench.stage.first_tree);
+    let lowest = first.height();
+    let higher = [32, 40, 48, 64, MAX_HEIGHT].into_iter().filter(|&bound| bound > lowest);
+    let entrant = |bound: u32| {
+        let setting = match bound == lowest {
+            true => "height of the first tree".to_owned(),
+            false => format!("{bound} levels"),
+        };
+        let run = move |tree: &mut Bvh, triangles: &Triangles<'_>| {
+            let rotate = Some(Rotate::default());
+            let (_, time_ms) = timed(|| plain::update_below(tree, triangles, rotate, MAX_HEIGHT - bound));
+            Ok((time_ms, tree.height()))
+        };
+        Entrant::new(setting, bound == MAX_HEIGHT, first.clone(), Box::new(run))
+    };
+    let entrants = std::iter::once(lowest).chain(higher).map(entrant).collect();
+    play(bench, "height bound", "the plain update", entrants)
+}
+
 /// Each entrant updates its tree frame by frame through a loop; on some frames the trees are
 /// compared with a fresh one. `timed` is what the entrants do. Nothing if nothing moves.
-pub(super) fn play(bench: &mut Bench<'_>, knob: &str, timed: &str, mut entrants: Vec<Entrant>) -> Result<()> {
+fn play(bench: &mut Bench<'_>, knob: &str, timed: &str, mut entrants: Vec<Entrant>) -> Result<()> {
     if !bench.moves() {
         return Ok(());
     }
