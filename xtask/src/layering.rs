@@ -130,26 +130,12 @@ fn rust_files(folder: &Path) -> Result<Vec<std::path::PathBuf>> {
 fn imports_against(text: &str, rank: usize) -> impl Iterator<Item = &'static str> {
     let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
     let lines: Vec<_> = code.lines().filter(|line| !line.trim_start().starts_with("//")).collect();
-    let nesting = |c: char| i32::from(c == '{') - i32::from(c == '}');
-    let first = |part: &str| {
-        let is_name = |c: &char| c.is_ascii_alphanumeric() || *c == '_';
-        part.trim().chars().take_while(is_name).collect::<String>()
-    };
-    // One name, or several in braces, some with names in braces behind them.
+    let is_between = |c: char| !c.is_ascii_alphanumeric() && c != '_';
+    // One name, or all of those in braces: that of an item counts, too, if it is that of a module.
     let names = |rest: &str| -> Vec<String> {
-        let Some(list) = rest.strip_prefix('{') else { return vec![first(rest)] };
-        let mut depth = 1;
-        let mut is_end = |c| {
-            depth += nesting(c);
-            depth == 0
-        };
-        let list = &list[..list.find(&mut is_end).unwrap_or(list.len())];
-        let mut depth = 0;
-        let mut is_between = |c| {
-            depth += nesting(c);
-            depth == 0 && c == ','
-        };
-        list.split(&mut is_between).map(first).collect()
+        let is_end = |c: char| if rest.starts_with('{') { c == ';' } else { is_between(c) };
+        let list = rest.split(is_end).next().unwrap_or_default();
+        list.split(is_between).map(str::to_owned).collect()
     };
     let named: Vec<String> = lines.join(" ").split("crate::").skip(1).flat_map(names).collect();
     UPDATE_MODULES[rank + 1..].iter().copied().filter(move |module| named.iter().any(|name| name == module))
