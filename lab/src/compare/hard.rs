@@ -123,21 +123,19 @@ fn in_a_process(case: &str, contestant: &str, embree: Option<&Path>) -> Result<O
     command.args(embree.iter().flat_map(|path| [Path::new("--embree"), path]));
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn()?;
     let start = Instant::now();
-    while child.try_wait()?.is_none() && !interrupt::requested() {
-        if start.elapsed() > PATIENCE {
-            child.kill()?;
-            child.wait()?;
-            return Ok(Some("hangs".to_owned()));
-        }
+    while child.try_wait()?.is_none() && !interrupt::requested() && start.elapsed() <= PATIENCE {
         std::thread::sleep(Duration::from_millis(20));
     }
-    if interrupt::requested() {
+    let hangs = child.try_wait()?.is_none();
+    if hangs {
         child.kill()?;
-        child.wait()?;
-        return Ok(None);
     }
     let output = child.wait_with_output()?;
+    if interrupt::requested() {
+        return Ok(None);
+    }
     Ok(Some(match output.status.code() {
+        _ if hangs => "hangs".to_owned(),
         Some(0) => String::from_utf8(output.stdout)?.trim().to_owned(),
         Some(101) => "panics".to_owned(),
         Some(code) => format!("fails ({code})"),
