@@ -4,7 +4,6 @@
 //! A short form of it is a test, `hard_cases::motion::ten_thousand_frames_in_a_loop`.
 
 use anyhow::{Result, ensure};
-use bvh_build::{Builder, build};
 use bvh_core::{Bvh, sah_cost};
 use bvh_update::{Strategy, Updater};
 use scenes::{FrameStage, SceneOptions};
@@ -117,7 +116,7 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
             // By the place in the loop, so that all have the same; five places at least, since a
             // refitted tree is as good as a fresh one at the first.
             if (frame % per_loop).is_multiple_of((per_loop / 5).clamp(1, 20)) {
-                let fresh = build(&stage.triangles(), Builder::Sweep)?;
+                let fresh = stage::fresh_tree(stage)?;
                 window.costs.push(sah_cost(bvh) / sah_cost(&fresh));
                 window.memory = window.memory.max(resident_mib());
             }

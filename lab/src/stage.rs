@@ -60,6 +60,11 @@ pub(crate) fn ready_timed(scene: Scene) -> Result<(Stage, f64)> {
     Ok((stage.with_context(|| format!("{name}: no tree"))?, build_ms))
 }
 
+/// A fresh tree by the sweep builder over the stage as it is.
+pub(crate) fn fresh_tree(stage: &Stage) -> Result<Bvh> {
+    build(&stage.triangles(), Builder::Sweep).with_context(|| format!("{}: no tree", stage.scene.name))
+}
+
 /// Rendering by one set of options, into one image.
 pub(crate) struct Renderer {
     pub(crate) options: RenderOptions,

@@ -2,11 +2,10 @@
 //! keep.
 
 use anyhow::Result;
-use bvh_build::{Builder, build};
 use bvh_core::{Bvh, sah_cost};
 use bvh_update::{Strategy, Updater};
 
-use crate::stage::Stage;
+use crate::stage::{Stage, fresh_tree};
 
 /// Updates after the stop.
 const UPDATES: usize = 50;
@@ -26,7 +25,7 @@ pub(super) fn measure(stage: &mut Stage, frames: usize) -> Result<([f64; 3], f64
     for _ in 0..UPDATES {
         updater.update(&mut tree, &stage.triangles())?;
     }
-    let fresh = build(&stage.triangles(), Builder::Sweep)?;
+    let fresh = fresh_tree(stage)?;
     let memory = updater.pass_memory() as f64 / tree.memory_usage() as f64;
     Ok(([stopped, sah_cost(&tree), sah_cost(&fresh)], memory))
 }

@@ -2,8 +2,7 @@
 
 use std::iter::once;
 
-use anyhow::{Context, Result};
-use bvh_build::{Builder, build};
+use anyhow::Result;
 use bvh_core::{Bvh, Triangles, sah_cost};
 use rt_cpu::{Pixel, RenderOptions, cast};
 
@@ -43,16 +42,9 @@ impl<'a> Log<'a> {
     }
 
     /// Takes a tree with its errors over a fresh one: SAH cost, which has no noise, and trace time.
-    pub(super) fn add_tree(
-        &mut self,
-        point: &Point,
-        [cost, trace_ms]: [f64; 2],
-        selves: &[f64],
-    ) -> Result<()> {
+    pub(super) fn add_tree(&mut self, point: &Point, [cost, trace_ms]: [f64; 2], noise: f64) -> Result<()> {
         self.add(point.with("SAH cost over a fresh sweep build", cost, "ratio"))?;
-        // Digits that say something.
-        let noise = Some((noise(selves) * 1e3).round() / 1e3);
-        self.add(Point { noise, ..point.with("trace time", trace_ms, "ms") })
+        self.add(Point { noise: Some(noise), ..point.with("trace time", trace_ms, "ms") })
     }
 }
 
@@ -89,12 +81,6 @@ impl Bench<'_> {
         let mut pixels = vec![Pixel::default(); (size * size) as usize];
         cast(tree, triangles, &stage.camera(size, size), Some(&stage.light()), options, &mut pixels);
         pixels
-    }
-
-    /// A fresh tree by the sweep builder over the current pose.
-    pub(super) fn sweep(&self) -> Result<Bvh> {
-        build(&self.stage.triangles(), Builder::Sweep)
-            .with_context(|| format!("{}: no tree", self.stage.scene.name))
     }
 
     /// SAH cost over that of a fresh tree, `sweep`, and trace time, of trees; nothing after an
@@ -134,9 +120,10 @@ pub(super) struct Over {
     pub(super) selves: Vec<f64>,
 }
 
-/// The factor by which times differ that should all be one.
-fn noise(selves: &[f64]) -> f64 {
-    Spread::of(selves.iter().copied()).map_or(1.0, |times| times.max / times.min)
+/// The factor by which times differ that should all be one, to the digits that say something.
+pub(super) fn noise(selves: &[f64]) -> f64 {
+    let factor = Spread::of(selves.iter().copied()).map_or(1.0, |times| times.max / times.min);
+    (factor * 1e3).round() / 1e3
 }
 
 /// Numbers in a million.

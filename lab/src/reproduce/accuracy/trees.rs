@@ -6,11 +6,11 @@ use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
 use bvh_core::{Bvh, MAX_HEIGHT, Triangles};
 use bvh_update::{Rotate, Strategy, Updater, plain};
 
-use super::bench::{Bench, Over, fastest};
+use super::bench::{Bench, Over, fastest, noise};
 use super::point::Point;
 use crate::interrupt;
 use crate::reproduce::contestants::for_rays;
-use crate::stage::timed;
+use crate::stage::{fresh_tree, timed};
 
 /// Brings a tree up to date; gives the milliseconds of that, and the height.
 type Update = Box<dyn FnMut(&mut Bvh, &Triangles<'_>) -> Result<(f64, u32)>>;
@@ -117,7 +117,7 @@ fn play(bench: &mut Bench<'_>, knob: &str, timed: &str, mut entrants: Vec<Entran
             entrant.height = entrant.height.max(height);
         }
         if compare {
-            let sweep = bench.sweep()?;
+            let sweep = fresh_tree(bench.stage)?;
             let trees: Vec<&Bvh> = entrants.iter().map(|entrant| &entrant.tree).collect();
             let Some(over) = bench.over(&sweep, &trees) else { break };
             for (entrant, errors) in entrants.iter_mut().zip(over.errors) {
@@ -129,7 +129,7 @@ fn play(bench: &mut Bench<'_>, knob: &str, timed: &str, mut entrants: Vec<Entran
         }
     }
     let mean = |sum: f64| sum / f64::from(compared);
-    let selves: Vec<f64> = selves.into_iter().map(mean).collect();
+    let noise = noise(&selves.into_iter().map(mean).collect::<Vec<_>>());
     let frames_seen = match frames - played {
         0 => format!("{compared} of {frames} frames a loop"),
         _ => format!("{compared} of the first {played} of {frames} frames a loop, and of none later"),
@@ -141,7 +141,7 @@ fn play(bench: &mut Bench<'_>, knob: &str, timed: &str, mut entrants: Vec<Entran
         );
         let time_ms = entrant.times_ms.iter().sum::<f64>() / updates as f64;
         let point = Point::new(knob, entrant.setting, entrant.is_default, time_ms).noted(note);
-        bench.log.add_tree(&point, entrant.errors.map(mean), &selves)?;
+        bench.log.add_tree(&point, entrant.errors.map(mean), noise)?;
     }
     Ok(())
 }
@@ -150,34 +150,33 @@ fn play(bench: &mut Bench<'_>, knob: &str, timed: &str, mut entrants: Vec<Entran
 /// sweep with leaves of up to 8, and annealing for more or less long, in the middle of the loop.
 pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
     let default = BuildOptions::default();
-    let of = |builder, options, name: String, is_default| (builder, options, name, is_default);
     let bins = [4, 8, 16, 32, 64, 256].map(|bins| {
         let name = format!("{bins} bins");
-        of(Builder::BinnedParallel, default.with_bins(bins), name, bins == default.bins)
+        (Builder::BinnedParallel, default.with_bins(bins), name, bins == default.bins)
     });
     let radii = [1, 2, 4, 8, 16, 32].map(|radius| {
         let options = default.with_search_radius(radius);
-        of(Builder::Ploc, options, format!("ploc radius {radius}"), radius == default.search_radius)
+        (Builder::Ploc, options, format!("ploc radius {radius}"), radius == default.search_radius)
     });
     let others = Builder::ALL
         .into_iter()
         .filter(|b| ![Builder::Binned, Builder::BinnedParallel, Builder::Ploc, Builder::Annealed].contains(b))
-        .map(|builder| of(builder, default, builder.name().to_owned(), false));
+        .map(|builder| (builder, default, builder.name().to_owned(), false));
     let passes: [&[u32]; 3] = [&[], &[25], &[25, 100, 400, 1600]];
     let passes = if bench.log.effort.is_cut { &[] } else { bench.log.effort.pick(passes) };
     let annealed = passes.iter().map(|&passes| {
         let options = default.with_anneal(default.anneal.with_passes(passes));
         let is_default = passes == default.anneal.passes;
-        of(Builder::Annealed, options, format!("annealed {passes} passes"), is_default)
+        (Builder::Annealed, options, format!("annealed {passes} passes"), is_default)
     });
     let leaves = [2, 4, 8].map(|size| {
-        of(Builder::Sweep, default.with_max_leaf_size(size), format!("sweep, leaves of up to {size}"), false)
+        (Builder::Sweep, default.with_max_leaf_size(size), format!("sweep, leaves of up to {size}"), false)
     });
     let settings: Vec<_> =
         bins.into_iter().chain(radii).chain(others).chain(leaves).chain(annealed).collect();
 
     bench.pose_in_the_middle();
-    let (sweep, repeats) = (bench.sweep()?, bench.log.effort.repeats);
+    let (sweep, repeats) = (fresh_tree(bench.stage)?, bench.log.effort.repeats);
     let mut built = Vec::new();
     for (builder, options, setting, _) in &settings {
         if interrupt::requested() {
@@ -197,7 +196,7 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
     for (((_, _, setting, is_default), (_, time_ms)), errors) in settings.iter().zip(&built).zip(errors) {
         let note = format!("time of a build, fastest of at most {repeats}; errors in the middle of the loop");
         let point = Point::new("builder", setting.as_str(), *is_default, *time_ms).noted(note);
-        bench.log.add_tree(&point, errors, &selves)?;
+        bench.log.add_tree(&point, errors, noise(&selves))?;
     }
     Ok(())
 }

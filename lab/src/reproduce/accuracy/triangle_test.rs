@@ -5,11 +5,12 @@ use rt_cpu::{RenderOptions, Traversal, TriangleTest};
 
 use super::bench::{Bench, differing, in_turns};
 use super::point::Point;
+use crate::stage::fresh_tree;
 
 /// Every test, in tiles, in packets and ray by ray: frames with shadows, against those of `f64`.
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     bench.pose_in_the_middle();
-    let tree = bench.sweep()?;
+    let tree = fresh_tree(bench.stage)?;
     for (condition, traversal, rounds) in [
         ("tiles", Traversal::Tile, 6),
         ("packets", Traversal::Packet, 3),
