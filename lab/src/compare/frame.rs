@@ -28,10 +28,10 @@ pub(super) fn measure(stage: &mut Stage, setting: &Setting) -> Result<Vec<Row>> 
         let name = format!("frame, run {run} of {}", setting.runs);
         play(&name, stage, setting, true, |stage, turn, is_measured| {
             let view = view(stage, setting.size);
-            let expected = is_measured.then(|| Frame::new(stage, &view)).transpose()?;
+            let expected = is_measured.then(|| Frame::new(stage, view)).transpose()?;
             if let Some(expected) = &expected {
                 reference.add(&expected.pixels, &expected.pixels);
-                set_up(&mut making, stage, setting.size, expected, &mut pixels);
+                set_up(&mut making, stage, expected, &mut pixels);
             }
             for i in turns(lanes.len(), turn) {
                 let lane = &mut lanes[i];

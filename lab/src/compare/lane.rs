@@ -1,7 +1,6 @@
 //! A contestant with its record, the frame that all are compared on, and the loop that is played.
 
-use anyhow::{Context, Result};
-use bvh_build::{Builder, build};
+use anyhow::Result;
 use bvh_core::{Bvh, sah_cost};
 use pivot_benches::{Answers, Contest, Contestant, Entry, LIMIT, View};
 use rt_cpu::{Pixel, PointLight, RenderOptions, RenderStats, Traversal, cast};
@@ -11,7 +10,7 @@ use super::row::{Record, Row};
 use crate::interrupt;
 use crate::progress::Progress;
 use crate::reproduce::median;
-use crate::stage::{Stage, timed};
+use crate::stage::{Stage, fresh_tree, timed};
 
 /// Pixels on each side of the view that answers are compared on.
 pub(super) const CHECK_SIZE: u32 = 128;
@@ -48,12 +47,12 @@ impl Lane {
     }
 
     /// Compares what the contestant finds, and how good its tree is, to a fresh sweep build.
-    pub(super) fn check(&mut self, frame: &Frame, view: &View) {
+    pub(super) fn check(&mut self, frame: &Frame) {
         if self.entry.name == LIMIT {
             return;
         }
         let mut pixels = vec![Pixel::default(); frame.pixels.len()];
-        self.contestant.cast(view, &mut pixels);
+        self.contestant.cast(&frame.view, &mut pixels);
         self.record.answers.add(&pixels, &frame.pixels);
         self.add_cost(frame);
     }
@@ -66,6 +65,7 @@ impl Lane {
 
 /// What everyone is compared to in one frame: a fresh sweep build, and what single rays find in it.
 pub(super) struct Frame {
+    pub(super) view: View,
     pub(super) tree: Bvh,
     pub(super) sweep_cost: f64,
     pub(super) pixels: Vec<Pixel>,
@@ -74,15 +74,13 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    pub(super) fn new(stage: &Stage, view: &View) -> Result<Self> {
-        let triangles = stage.triangles();
-        let tree =
-            build(&triangles, Builder::Sweep).with_context(|| format!("{}: no tree", stage.scene.name))?;
+    pub(super) fn new(stage: &Stage, view: View) -> Result<Self> {
+        let (triangles, tree) = (stage.triangles(), fresh_tree(stage)?);
         let mut pixels = vec![Pixel::default(); view.camera.width() as usize * view.camera.height() as usize];
         let light = view.light.map(|position| PointLight { position, color: [1.0; 3] });
         let options = RenderOptions { traversal: Traversal::Single, ..RenderOptions::default() };
         let stats = cast(&tree, &triangles, &view.camera, light.as_ref(), &options, &mut pixels);
-        Ok(Self { sweep_cost: sah_cost(&tree), tree, pixels, stats })
+        Ok(Self { view, sweep_cost: sah_cost(&tree), tree, pixels, stats })
     }
 }
 

@@ -4,7 +4,7 @@
 
 use anyhow::Result;
 use bvh_core::{Bvh, Ray, Triangles};
-use pivot_benches::{Answers, Contest, Hits, Rays, bounces, set_up_rays};
+use pivot_benches::{Answers, Contest, Contestant, Hits, Rays, bounces, set_up_rays};
 use rayon::prelude::*;
 use rt_cpu::{Bvh8, Pixel, TriangleTest, closest_hit};
 
@@ -28,9 +28,8 @@ fn median_of<const N: usize>(mut run: impl FnMut()) -> f64 {
 }
 
 /// Makes the rays of a view, and records the time.
-pub(super) fn set_up(record: &mut Record, stage: &Stage, size: u32, expected: &Frame, pixels: &mut [Pixel]) {
-    let view = view(stage, size);
-    let time = median_of::<3>(|| set_up_rays(&stage.triangles(), &view, &expected.pixels, pixels));
+pub(super) fn set_up(record: &mut Record, stage: &Stage, expected: &Frame, pixels: &mut [Pixel]) {
+    let time = median_of::<3>(|| set_up_rays(&stage.triangles(), &expected.view, &expected.pixels, pixels));
     record.times_ms.push(time);
     record.answers.add(pixels, &expected.pixels);
 }
@@ -48,17 +47,18 @@ pub(super) fn primary(stage: &mut Stage, setting: &Setting) -> Result<Vec<Row>> 
     let (mut reference, mut making, mut rays) = (Answers::default(), Record::default(), 0);
     let mut pixels = vec![Pixel::default(); setting.size as usize * setting.size as usize];
     play("trace", stage, setting, false, |stage, turn, _| {
-        let view = view(stage, setting.size);
-        let expected = Frame::new(stage, &view)?;
+        let expected = Frame::new(stage, view(stage, setting.size))?;
         reference.add(&expected.pixels, &expected.pixels);
         rays += expected.stats.rays_primary + expected.stats.rays_shadow;
         for lane in &mut lanes {
             lane.update(stage)?;
             lane.add_cost(&expected);
         }
-        set_up(&mut making, stage, setting.size, &expected, &mut pixels);
-        let turn = (ROUNDS, turn);
-        in_rounds(turn, &mut lanes, &mut pixels, &expected.pixels, |c, p| c.cast(&view, p), Vec::clone);
+        set_up(&mut making, stage, &expected, &mut pixels);
+        let cast = |contestant: &dyn Contestant, pixels: &mut Vec<Pixel>| {
+            contestant.cast(&expected.view, pixels);
+        };
+        in_rounds((ROUNDS, turn), &mut lanes, &mut pixels, &expected.pixels, cast, Vec::clone);
         Ok(())
     })?;
     let rows = rows("trace", &lanes, setting, &reference);
@@ -72,11 +72,10 @@ pub(super) fn incoherent(stage: &mut Stage, setting: &Setting) -> Result<Vec<Row
     let (mut wide, mut making) = (Bvh8::new(), Record::default());
     let (mut reference, mut count) = (Answers::default(), 0);
     play("incoherent", stage, setting, false, |stage, turn, _| {
-        let view = view(stage, setting.size);
-        let seen = Frame::new(stage, &view)?;
+        let seen = Frame::new(stage, view(stage, setting.size))?;
         let time = median_of::<BOUNCE_ROUNDS>(|| wide.update(&seen.tree, &stage.triangles()));
         making.times_ms.push(time);
-        let groups = bounces(&view.camera, &stage.triangles(), &seen.pixels, turn as u64);
+        let groups = bounces(&seen.view.camera, &stage.triangles(), &seen.pixels, turn as u64);
         count += groups.iter().map(Rays::len).sum::<usize>() as u64;
         let mut found: Vec<Hits> = groups.iter().map(|_| Hits::default()).collect();
         plain(&seen.tree, &stage.triangles(), &groups, &mut found);
@@ -86,7 +85,7 @@ pub(super) fn incoherent(stage: &mut Stage, setting: &Setting) -> Result<Vec<Row
             lane.update(stage)?;
             lane.add_cost(&seen);
         }
-        let cast = |contestant: &dyn pivot_benches::Contestant, found: &mut Vec<Hits>| {
+        let cast = |contestant: &dyn Contestant, found: &mut Vec<Hits>| {
             groups.par_iter().zip(found).for_each(|(rays, hits)| contestant.closest(rays, hits));
         };
         let turn = (BOUNCE_ROUNDS, turn);

@@ -37,10 +37,9 @@ pub(super) fn measure(contest: Contest, stage: &mut Stage, setting: &Setting) ->
             }
         }
         if is_measured {
-            let view = view(stage, CHECK_SIZE);
-            let expected = Frame::new(stage, &view)?;
+            let expected = Frame::new(stage, view(stage, CHECK_SIZE))?;
             reference.add(&expected.pixels, &expected.pixels);
-            lanes.iter_mut().for_each(|lane| lane.check(&expected, &view));
+            lanes.iter_mut().for_each(|lane| lane.check(&expected));
         }
         Ok(())
     })?;
