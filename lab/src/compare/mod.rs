@@ -108,20 +108,20 @@ pub struct Args {
 
 /// What one measurement runs on.
 #[derive(Default)]
-struct Setting {
+pub(crate) struct Setting {
     /// The scene's name in tables, and its size.
-    scene: String,
-    triangles: usize,
-    threads: usize,
-    embree: Option<Device>,
+    pub(crate) scene: String,
+    pub(crate) triangles: usize,
+    pub(crate) threads: usize,
+    pub(crate) embree: Option<Device>,
     /// Contestants whose names contain one of these; all if there are none.
-    only: Vec<String>,
+    pub(crate) only: Vec<String>,
     /// Frames to measure.
-    frames: usize,
+    pub(crate) frames: usize,
     /// How many times a loop of whole frames is played.
-    runs: u32,
+    pub(crate) runs: u32,
     /// Pixels on each side of the traced image.
-    size: u32,
+    pub(crate) size: u32,
 }
 
 impl Setting {
@@ -289,16 +289,7 @@ fn draw(args: &Args, report: &Report) -> Result<()> {
 
 /// Updates and whole frames of every contestant on one scene, for those who keep the rows
 /// themselves.
-pub(crate) fn beside(
-    label: &str,
-    stage: &mut Stage,
-    threads: usize,
-    frames: usize,
-    size: u32,
-    embree: Option<Device>,
-) -> Result<Vec<Row>> {
-    let (scene, triangles) = (label.to_owned(), stage.triangles().indices.len());
-    let setting = Setting { scene, triangles, threads, embree, only: Vec::new(), frames, runs: 1, size };
+pub(crate) fn beside(stage: &mut Stage, setting: &Setting) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
     for contest in [Contest::Update, Contest::Frame].into_iter().take_while(|_| !interrupt::requested()) {
         rows.extend(setting.measure(contest, stage)?);

@@ -40,7 +40,7 @@ use self::protocol::{Log, Named, Plan};
 use self::record::Row;
 use self::results::{Results, SceneFacts, SceneRun, Settings};
 use self::saved::Saved;
-use crate::compare::Row as Peer;
+use crate::compare::{Row as Peer, Setting};
 use crate::effects::{self, Played};
 use crate::machine::{Machine, Revision};
 use crate::progress::left;
@@ -278,9 +278,11 @@ impl<'a> Bench<'a> {
             points = accuracy::of_scene(&label, &mut stage, &args.effort(run.facts.triangles), journal)?;
         }
         if let Some(journal) = self.peers.as_mut().filter(|_| is_main && !interrupt::requested()) {
-            let Values { peer_frames, size, .. } = plan.values;
-            run.peers =
-                compare::beside(&label, &mut stage, plan.threads, peer_frames, size, self.embree.clone())?;
+            let Values { peer_frames: frames, size, .. } = plan.values;
+            let (triangles, threads, embree) = (run.facts.triangles, plan.threads, self.embree.clone());
+            let (scene, only, runs) = (label, Vec::new(), 1);
+            let setting = Setting { scene, triangles, threads, embree, only, frames, runs, size };
+            run.peers = compare::beside(&mut stage, &setting)?;
             journal.append(&run.peers)?;
         }
         (run.facts.accuracy_rows, run.facts.peer_rows) = (points.len(), run.peers.len());
