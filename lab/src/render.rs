@@ -113,10 +113,15 @@ pub fn run(args: &Args) -> Result<()> {
     ensure!(is_file || !local_origin, "--local-origin: {} is no file, whose origin it is for", args.scene);
     let options = SceneOptions { seed, light, local_origin, ..SceneOptions::default() };
     let scene = stage::load_with(&args.scene, args.clip.as_deref(), options)?;
-    let (count, label) = (scene.frames.max(1), stage::label(&args.scene));
+    let count = scene.frames.max(1);
     let frame = args.frame.unwrap_or(0);
     let last = args.frames.as_ref().map_or(frame, |frames| frames.end - 1);
-    ensure!(last < count, "{label}: no frame {last}; its frames are 0 to {}", count - 1);
+    ensure!(
+        last < count,
+        "{}: no frame {last}; its frames are 0 to {}",
+        stage::label(&args.scene),
+        count - 1
+    );
     let wanted = args.frames.clone().unwrap_or(frame..frame + 1);
     for note in &scene.notes {
         files::remark(&format!("note: {note}"));
@@ -128,17 +133,11 @@ pub fn run(args: &Args) -> Result<()> {
     }
     target.prepare()?;
     let mut stage = pool.install(|| stage::ready(scene))?;
-    pool.install(|| frames(args, &target, &mut stage, &label, wanted, count))
+    pool.install(|| frames(args, &target, &mut stage, wanted))
 }
 
-fn frames(
-    args: &Args,
-    target: &Target,
-    stage: &mut Stage,
-    label: &str,
-    wanted: Range<usize>,
-    count: usize,
-) -> Result<()> {
+fn frames(args: &Args, target: &Target, stage: &mut Stage, wanted: Range<usize>) -> Result<()> {
+    let label = &stage::label(&args.scene);
     let mut tree = Bvh::clone(&stage.first_tree);
     let light = stage.scene.effects.light;
     let samples = args.samples.unwrap_or(::stage::default_samples(&light));
@@ -149,7 +148,8 @@ fn frames(
     let mut encoder = GifEncoder::new_with_speed(&mut film, 10);
     encoder.set_repeat(Repeat::Infinite)?;
     let image = || Image::new(args.size.0, args.size.1);
-    let mut picture = Picture { image: image(), sample: image(), stats: RenderStats::default() };
+    let stats = RenderStats::default();
+    let mut picture = Picture { image: image(), sample: image(), options, samples, stats };
     // A rebuilt tree depends on its own frame only.
     let first = if matches!(args.strategy, Strategy::Rebuild(..)) { wanted.start } else { 0 };
     let steps = |frame: usize| {
@@ -160,7 +160,7 @@ fn frames(
         if interrupt::requested() {
             break;
         }
-        stage.pose(stage.time_of(frame, count));
+        stage.pose(stage.time_of(frame, stage.scene.frames));
         stage
             .update(&mut tree, updater.set_strategy(args.strategy))
             .with_context(|| format!("{label}, frame {frame}"))?;
@@ -169,7 +169,7 @@ fn frames(
                 stage.smooth();
             }
             let done = |sample: u32| progress.at(steps(frame) + u64::from(sample));
-            if !picture.take(stage, &tree, &options, samples, done) {
+            if !picture.take(stage, &tree, done) {
                 break;
             }
             let path = target.file(label, frame);
@@ -214,23 +214,20 @@ fn rays(stats: &RenderStats) -> String {
     used.map(|(n, kind)| format!("{n} {kind}")).collect::<Vec<_>>().join(", ")
 }
 
-/// An image, with room for one of its samples and the rays of all pictures taken so far.
+/// An image, with room for one of its samples, how it is taken, and the rays of all pictures taken so
+/// far.
 struct Picture {
     image: Image,
     sample: Image,
+    options: RenderOptions,
+    samples: u32,
     stats: RenderStats,
 }
 
 impl Picture {
     /// Takes the mean of the samples; false if interrupted before the last.
-    fn take(
-        &mut self,
-        stage: &Stage,
-        tree: &Bvh,
-        options: &RenderOptions,
-        samples: u32,
-        done: impl Fn(u32),
-    ) -> bool {
+    fn take(&mut self, stage: &Stage, tree: &Bvh, done: impl Fn(u32)) -> bool {
+        let (samples, options) = (self.samples, self.options);
         let (mesh, light) = (stage.mesh(), stage.light());
         let camera = stage.camera(self.image.width(), self.image.height());
         let looks = options.effects.ambient_occlusion.is_some() || options.effects.diffuse_bounces.is_some();
@@ -244,7 +241,7 @@ impl Picture {
                 return false;
             }
             done(sample);
-            let (image, options) = (&mut self.sample, RenderOptions { sample, ..*options });
+            let (image, options) = (&mut self.sample, RenderOptions { sample, ..options });
             self.stats += render_with(tree, wide.as_ref(), &mesh, &camera, Some(&light), &options, image);
             if sample == 0 {
                 std::mem::swap(&mut self.image, &mut self.sample);
@@ -281,11 +278,9 @@ impl Target {
         let Some(out) = &args.out else {
             return Ok(Self::Folder(files::workspace().join("target/render")));
         };
-        let extension = out.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-        match extension.as_deref() {
-            _ if out.is_dir() || out.as_os_str().to_string_lossy().ends_with(std::path::is_separator) => {
-                Ok(Self::Folder(out.clone()))
-            }
+        let is_folder = out.is_dir() || out.as_os_str().to_string_lossy().ends_with(std::path::is_separator);
+        let extension = out.extension().filter(|_| !is_folder);
+        match extension.map(|e| e.to_string_lossy().to_ascii_lowercase()).as_deref() {
             None => Ok(Self::Folder(out.clone())),
             Some("gif") => Ok(Self::Film(out.clone())),
             Some("png" | "exr") if args.frames.is_some() => {
