@@ -29,14 +29,9 @@ fn color(strategy: &str) -> usize {
     Contestant::all().iter().position(|contestant| contestant.name == strategy).unwrap_or(0)
 }
 
-/// A line of a strategy over rows.
-fn line<'a>(
-    name: &str,
-    color: usize,
-    rows: impl IntoIterator<Item = &'a Row>,
-    at: impl Fn(&Row) -> (f64, f64),
-) -> Series {
-    let points = rows.into_iter().map(|row| Point::at(at(row).0, at(row).1)).collect();
+/// A line through places.
+fn line(name: &str, color: usize, places: impl Iterator<Item = (f64, f64)>) -> Series {
+    let points = places.map(|(x, y)| Point::at(x, y)).collect();
     Series { name: name.to_owned(), color, kind: Kind::Line, points }
 }
 
@@ -98,7 +93,7 @@ fn over_frames(results: &Results, scene: &SceneRun) -> Option<[Chart; 2]> {
     let rules: Vec<f64> = (1..=last / frames).map(|round| (round * frames) as f64).collect();
     Some(pair(scene, "frame", &rules, |value| {
         let at = |row: &Row| ((row.round * frames + row.frame) as f64, value(row));
-        drawn().map(|name| line(name, color(name), scene.of(name), at)).collect()
+        drawn().map(|name| line(name, color(name), scene.of(name).into_iter().map(at))).collect()
     }))
 }
 
@@ -118,7 +113,7 @@ fn over_loops(scene: &SceneRun) -> Option<[Chart; 2]> {
     Some(pair(scene, "loops of the animation", &rules, |value| {
         let drawn = |(color, (name, frames, strategy)): (usize, &(String, usize, &str))| {
             let at = |row: &Row| (row.round as f64 + row.frame as f64 / *frames as f64, value(row));
-            line(name, color, scene.at_speed(*frames, strategy), at)
+            line(name, color, scene.at_speed(*frames, strategy).into_iter().map(at))
         };
         all.iter().enumerate().map(drawn).collect()
     }))
@@ -129,7 +124,9 @@ fn from_other_keys(results: &Results) -> Option<Chart> {
     let runs: Vec<_> = [MUSEUM].iter().chain(&OTHER_KEYS).filter_map(|name| results.scene(name)).collect();
     let frames = runs.first().filter(|_| runs.len() > 1)?.facts.frames;
     let at = |row: &Row| ((row.round * frames + row.frame) as f64, row.sah_cost);
-    let line = |(i, scene): (usize, &&SceneRun)| line(&scene.facts.label, i, scene.of(SPEED_STRATEGY), at);
+    let line = |(i, scene): (usize, &&SceneRun)| {
+        line(&scene.facts.label, i, scene.of(SPEED_STRATEGY).into_iter().map(at))
+    };
     Some(Chart {
         title: "bart-museum, started from each key frame".to_owned(),
         x_label: "frame".to_owned(),
