@@ -174,14 +174,10 @@ fn play(played: Played, scene: &mut Option<Scene>, effects: Effects) -> Result<F
 }
 
 fn sum(mut a: PoseStats, b: PoseStats) -> PoseStats {
-    for (a, b) in [
-        (&mut a.key_frames, b.key_frames),
-        (&mut a.morph, b.morph),
-        (&mut a.skin, b.skin),
-        (&mut a.rigid, b.rigid),
-    ] {
-        a.count += b.count;
-    }
+    a.key_frames.count += b.key_frames.count;
+    a.morph.count += b.morph.count;
+    a.skin.count += b.skin.count;
+    a.rigid.count += b.rigid.count;
     a
 }
 
