@@ -95,7 +95,8 @@ struct Window {
 
 fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Result<Vec<String>> {
     let (frames, per_loop) = (args.frames as usize, args.per_loop as usize);
-    let progress = Progress::new(format!("{label}, {}", strategy.name()), frames as u64);
+    let who = format!("{label}, {}", strategy.name());
+    let progress = Progress::new(who.as_str(), frames as u64);
     let start = |stage: &Stage| (Bvh::clone(&stage.first_tree), Updater::new(*strategy));
     let mut old = start(stage);
     let mut windows = <[Window; 3]>::default();
@@ -123,7 +124,7 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
         }
         if frame % 100 == 0 || frame == frames {
             bvh.validate(&stage.triangles())
-                .map_err(|e| CheckFailed(format!("{label}, {}, frame {frame}: {e}", strategy.name())))?;
+                .map_err(|e| CheckFailed(format!("{who}, frame {frame}: {e}")))?;
         }
         progress.at(frame as u64);
     }
@@ -154,7 +155,6 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
         ("height", [f64::from(first.height), f64::from(last.height)], HIGHER),
         ("memory", [middle.memory, last.memory], MORE_MEMORY),
     ];
-    let who = format!("{label}, {}", strategy.name());
     let [time, cost, height, memory] = measures.map(|(_, values, _)| values);
     files::print(&format!(
         "{who}, {frames}: {:.3} {:.3} ms; {:.3} {:.3}; {:.0} {:.0}; {:.1} {:.1} MiB",

@@ -66,11 +66,12 @@ type Measure = (&'static str, &'static str, fn(&Row) -> f64);
 const MEASURES: [Measure; 2] =
     [("frame time", "update + trace, ms", |row| row.frame_ms), ("SAH cost", "SAH cost", |row| row.sah_cost)];
 
-/// A chart of each measure for one scene, with the lines that `series` makes of it.
+/// A chart of each measure for one scene, with the lines that `series` makes of it; `loops` loops,
+/// each of that length, are set apart by rules.
 fn pair(
     scene: &SceneRun,
     x_label: &str,
-    rules: &[f64],
+    (loops, length): (usize, usize),
     series: impl Fn(fn(&Row) -> f64) -> Vec<Series>,
 ) -> [Chart; 2] {
     MEASURES.map(|(title, y_label, value)| Chart {
@@ -78,7 +79,7 @@ fn pair(
         x_label: x_label.to_owned(),
         y_label: y_label.to_owned(),
         series: series(value),
-        rules: rules.to_vec(),
+        rules: (1..=loops).map(|round| (round * length) as f64).collect(),
         ..Chart::default()
     })
 }
@@ -90,8 +91,7 @@ fn over_frames(results: &Results, scene: &SceneRun) -> Option<[Chart; 2]> {
     let all = &results.settings.strategies;
     let has_lines = all.iter().any(|name| LINES.contains(&name.as_str()));
     let drawn = || all.iter().filter(|name| !has_lines || LINES.contains(&name.as_str()));
-    let rules: Vec<f64> = (1..=last / frames).map(|round| (round * frames) as f64).collect();
-    Some(pair(scene, "frame", &rules, |value| {
+    Some(pair(scene, "frame", (last / frames, frames), |value| {
         let at = |row: &Row| ((row.round * frames + row.frame) as f64, value(row));
         drawn().map(|name| line(name, color(name), scene.of(name).into_iter().map(at))).collect()
     }))
@@ -101,7 +101,6 @@ fn over_frames(results: &Results, scene: &SceneRun) -> Option<[Chart; 2]> {
 /// updates at the fastest.
 fn over_loops(scene: &SceneRun) -> Option<[Chart; 2]> {
     let last = scene.speed_rows.iter().map(|row| row.round).max()?;
-    let rules: Vec<f64> = (1..=last).map(|round| round as f64).collect();
     let speeds = SPEEDS.map(|frames| (format!("{frames} frames a loop"), frames, SPEED_STRATEGY));
     // Of the fastest motion, where they ran.
     let other = |&name: &&'static str| {
@@ -110,7 +109,7 @@ fn over_loops(scene: &SceneRun) -> Option<[Chart; 2]> {
     };
     let others = SPEED_STRATEGIES[1..].iter().filter_map(other);
     let all: Vec<_> = speeds.into_iter().chain(others).collect();
-    Some(pair(scene, "loops of the animation", &rules, |value| {
+    Some(pair(scene, "loops of the animation", (last, 1), |value| {
         let drawn = |(color, (name, frames, strategy)): (usize, &(String, usize, &str))| {
             let at = |row: &Row| (row.round as f64 + row.frame as f64 / *frames as f64, value(row));
             line(name, color, scene.at_speed(*frames, strategy).into_iter().map(at))

@@ -58,11 +58,9 @@ impl<'a> Curve<'a> {
         };
         let places: Vec<_> =
             self.points.iter().filter(|p| p.error > 0.0).map(place).collect::<Option<_>>()?;
-        let count = places.len() as f64;
-        let mean = |of: fn(&(f64, f64)) -> f64| places.iter().map(of).sum::<f64>() / count;
-        let (x, y) = (mean(|p| p.0), mean(|p| p.1));
-        let of = |f: &dyn Fn(&(f64, f64)) -> f64| places.iter().map(f).sum::<f64>();
-        let slope = of(&|p| (p.0 - x) * (p.1 - y)) / of(&|p| (p.0 - x).powi(2));
+        let mean = |of: &dyn Fn(&(f64, f64)) -> f64| places.iter().map(of).sum::<f64>() / places.len() as f64;
+        let (x, y) = (mean(&|p| p.0), mean(&|p| p.1));
+        let slope = mean(&|p| (p.0 - x) * (p.1 - y)) / mean(&|p| (p.0 - x).powi(2));
         (places.len() > 2 && slope.is_finite()).then_some(-slope)
     }
 }
