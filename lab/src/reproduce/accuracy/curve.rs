@@ -173,7 +173,7 @@ mod tests {
     fn the_order_is_the_slope_of_the_logarithms() {
         let point = |n: u32| Point {
             error: 3.0 / f64::from(n * n),
-            ..Point::new("step", format!("{n} steps"), false, 0.0)
+            ..Point::new("step", &format!("{n} steps"), false, 0.0)
         };
         let points = [point(4), point(8), point(64)];
         let order = |points: &[Point]| families(points)[0].curves[0].order();

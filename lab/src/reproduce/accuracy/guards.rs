@@ -108,7 +108,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
             let (on, knob) = (entrant.0, format!("guards against NaN at {strategy}"));
             let against = format!("error with one vertex in {BROKEN} NaN, against a fresh tree");
             let note = format!("time of an update, sound; {against}");
-            let point = Point::new(knob, if on { "on" } else { "off" }, on, time_ms).noted(note);
+            let point = Point { note, ..Point::new(&knob, if on { "on" } else { "off" }, on, time_ms) };
             bench.log.add(point.with("pixels lost to broken triangles", error, "in a million"))?;
         }
     }

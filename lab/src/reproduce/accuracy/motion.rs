@@ -79,7 +79,8 @@ pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
             let (scene, time_ms) = stage::simulated(name, options(log, keys, steps))?;
             let setting = format!("{steps} steps a key frame");
             let note = format!("time of simulating a loop, with the cloth at {DETAIL} of its triangles");
-            let point = Point::new(format!("{name} step"), setting, steps == own, time_ms).noted(note);
+            let point =
+                Point { note, ..Point::new(&format!("{name} step"), &setting, steps == own, time_ms) };
             for (key, exact) in &exact {
                 let error = apart(&moved(&*scene.animation, *key, keys), exact);
                 let error_name = format!("rms distance to steps {finer} times finer");
@@ -128,8 +129,8 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
             let (keys, all) = (finest + 1, finest * steps);
             let note = format!("time of posing a frame; against {keys} key frames of the same {all} steps");
             let (knob, setting) = (format!("key frames at {name}"), format!("{spaces} a loop"));
-            let point = Point::new(knob, setting, spaces == own, time_ms).noted(note);
-            let point = Point { bytes: Some(scene.key_bytes as u64), ..point };
+            let bytes = Some(scene.key_bytes as u64);
+            let point = Point { note, bytes, ..Point::new(&knob, &setting, spaces == own, time_ms) };
             log.add(point.with("rms distance to the finely sampled motion", far.rms, "of the extent"))?;
             log.add(point.with("greatest distance to the finely sampled motion", far.max, "of the extent"))?;
         }

@@ -26,18 +26,9 @@ pub(crate) struct Point {
 
 impl Point {
     /// A setting of a knob and its time, without an error yet.
-    pub(super) fn new(
-        knob: impl Into<String>,
-        setting: impl Into<String>,
-        is_default: bool,
-        time_ms: f64,
-    ) -> Self {
-        Self { knob: knob.into(), setting: setting.into(), is_default, time_ms, ..Self::default() }
-    }
-
-    /// The same with what there is to say.
-    pub(super) fn noted(self, note: String) -> Self {
-        Self { note, ..self }
+    pub(super) fn new(knob: &str, setting: &str, is_default: bool, time_ms: f64) -> Self {
+        let (knob, setting) = (knob.to_owned(), setting.to_owned());
+        Self { knob, setting, is_default, time_ms, ..Self::default() }
     }
 
     /// The same setting with this error.

@@ -234,7 +234,7 @@ pub(super) fn measure(log: &mut Log<'_>) -> Result<()> {
             let [bias, noise] = bias_and_noise(&means, &expected);
             let (knob, setting) = (format!("samples a pixel at {}", case.name), format!("{samples} a pixel"));
             let note = format!("time of {size} x {size} pixels; {} seeds", means.len());
-            let point = Point::new(knob, setting, samples == case.default, time_ms).noted(note);
+            let point = Point { note, ..Point::new(&knob, &setting, samples == case.default, time_ms) };
             log.add(point.with("bias, rms over pixels", bias, "linear colour"))?;
             log.add(point.with("standard deviation, rms over pixels", noise, "linear colour"))?;
         }

@@ -107,7 +107,7 @@ mod tests {
     #[test]
     fn tables_hold_every_setting_and_the_order() {
         let point = |n: u32, error, at: &str| {
-            Point::new(format!("step{at}"), format!("{n} steps"), n == 8, f64::from(n))
+            Point::new(&format!("step{at}"), &format!("{n} steps"), n == 8, f64::from(n))
                 .with("distance", error, "m")
         };
         let points = [point(4, 4.0, ""), point(8, 2.0, ""), point(16, 1.0, ""), point(4, 0.0, " at rest")];

@@ -175,7 +175,7 @@ mod tests {
 
     fn of_scene(scene: &str) -> Vec<Point> {
         let test = |cond: &str, setting: &str, ms, error| {
-            let point = Point::new(format!("triangle test at {cond}"), setting, false, ms);
+            let point = Point::new(&format!("triangle test at {cond}"), setting, false, ms);
             at(scene, point.with("pixels seen or lit otherwise than with f64", error, "in a million"))
         };
         let tree = |knob: &str, setting: &str, ms, error| {

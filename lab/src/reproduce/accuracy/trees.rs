@@ -140,7 +140,7 @@ fn play(bench: &mut Bench<'_>, knob: &str, timed: &str, mut entrants: Vec<Entran
             "time of {timed}, mean of {updates}; errors, mean of {frames_seen}; the tree was at most {height} high"
         );
         let time_ms = entrant.times_ms.iter().sum::<f64>() / updates as f64;
-        let point = Point::new(knob, entrant.setting, entrant.is_default, time_ms).noted(note);
+        let point = Point { note, ..Point::new(knob, &entrant.setting, entrant.is_default, time_ms) };
         bench.log.add_tree(&point, entrant.errors.map(mean), noise)?;
     }
     Ok(())
@@ -195,7 +195,7 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
     let Some(Over { errors, selves }) = bench.over(&sweep, &trees) else { return Ok(()) };
     for (((_, _, setting, is_default), (_, time_ms)), errors) in settings.iter().zip(&built).zip(errors) {
         let note = format!("time of a build, fastest of at most {repeats}; errors in the middle of the loop");
-        let point = Point::new("builder", setting.as_str(), *is_default, *time_ms).noted(note);
+        let point = Point { note, ..Point::new("builder", setting, *is_default, *time_ms) };
         bench.log.add_tree(&point, errors, noise(&selves))?;
     }
     Ok(())

@@ -26,7 +26,8 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         for ((test, time_ms), error) in all.into_iter().zip(times).zip(errors) {
             let knob = format!("triangle test at {condition}");
             let note = "time of a frame with primary and shadow rays, in the middle of the loop".to_owned();
-            let point = Point::new(knob, test.name(), test == TriangleTest::default(), time_ms).noted(note);
+            let is_default = test == TriangleTest::default();
+            let point = Point { note, ..Point::new(&knob, test.name(), is_default, time_ms) };
             let name = "pixels seen or lit otherwise than with f64";
             bench.log.add(point.with(name, error, "in a million"))?;
         }

@@ -186,7 +186,8 @@ fn triangle_tests(log: &mut Log<'_>, wall: &Wall, tree: &Bvh, condition: &str) -
         let (hits, _) = wall.tiles(tree, test);
         let knob = format!("triangle test on a wall at {condition}");
         let note = format!("time of {} primary rays in tiles", hits.len());
-        let point = Point::new(knob, test.name(), test == TriangleTest::default(), time_ms).noted(note);
+        let is_default = test == TriangleTest::default();
+        let point = Point { note, ..Point::new(&knob, test.name(), is_default, time_ms) };
         log.add(point.with(LEAKS.0, leaks(&hits), LEAKS.1))?;
         log.add(point.with("rms distance error", wall.distance_error(&hits), "fraction"))?;
     }
@@ -209,8 +210,8 @@ fn arithmetic(log: &mut Log<'_>, wall: &Wall, tree: &Bvh, condition: &str) -> Re
             let is_default = std::ptr::eq(hits, &raw const plain);
             let rows = wall.camera.height().div_ceil(PART as u32);
             let note = format!("time of {} single rays, one thread", rows * wall.camera.width());
-            let point =
-                Point::new(format!("{knob} at {condition}"), setting, is_default, time_ms).noted(note);
+            let of = format!("{knob} at {condition}");
+            let point = Point { note, ..Point::new(&of, setting, is_default, time_ms) };
             log.add(point.with(LEAKS.0, leaks(hits), LEAKS.1))?;
             if knob == "fused multiply-add" {
                 log.add(point.with("hits with other bits than without", differ(hits), "in a million"))?;
