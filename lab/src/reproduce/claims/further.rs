@@ -100,8 +100,7 @@ pub(super) fn fast_motion(results: &Results, b: &Bounds) -> Finding {
         why += &format!("; {over:.2} of {name}");
     }
     let mean = |frames| {
-        let is_of = |row: &&Row| row.frames_per_loop == frames && row.strategy == SPEED_STRATEGY;
-        let count = scene.speed_rows.iter().filter(is_of).count();
+        let count = scene.at_speed(frames, SPEED_STRATEGY).len();
         Some(sum(scene, frames, SPEED_STRATEGY, 0)? / count as f64)
     };
     if let Some((middle, slow)) = mean(100).zip(mean(500)) {
