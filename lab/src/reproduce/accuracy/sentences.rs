@@ -11,24 +11,21 @@ const STRATEGY: &str = "refit+rotate";
 const SAME: f64 = 1.05;
 
 /// The folder of `docs/benchmarks` with the rows that `docs/ACCURACY.md` shows: date, machine and
-/// revision.
-macro_rules! published {
-    () => {
-        "2026-11-26-accuracy-epyc-zen4-874e318"
-    };
-}
+/// revision. A test compares it with the file below.
+const PUBLISHED: &str = "2026-11-26-accuracy-epyc-zen4-874e318";
+const ROWS: &str =
+    include_str!("../../../../docs/benchmarks/2026-11-26-accuracy-epyc-zen4-874e318/accuracy.csv");
 
 /// The three sentences, or, of points of named scenes alone, advice for each of these. Where
 /// nothing was measured the sentences are those of the rows that are published.
 pub(crate) fn sentences(points: &[Point]) -> Vec<String> {
-    const ROWS: &str = include_str!(concat!("../../../../docs/benchmarks/", published!(), "/accuracy.csv"));
     if points.is_empty() {
         let rows =
             csv::Reader::from_reader(ROWS.as_bytes()).into_deserialize().collect::<Result<Vec<Point>, _>>();
         // A test reads them.
         let Some(rows) = rows.ok().filter(|rows| !rows.is_empty()) else { return Vec::new() };
         let whose =
-            format!("This run did not measure what accuracy costs. In docs/ACCURACY.md ({}):", published!());
+            format!("This run did not measure what accuracy costs. In docs/ACCURACY.md ({PUBLISHED}):");
         return std::iter::once(whose).chain(sentences(&rows)).collect();
     }
     if points.iter().any(|point| point.scene.is_empty()) {
@@ -212,8 +209,10 @@ mod tests {
     fn a_run_that_did_not_measure_it_says_what_is_published() {
         let lines = sentences(&[]);
         assert_eq!(lines.len(), 4, "{lines:?}");
-        let page = std::fs::read_to_string(crate::files::workspace().join("docs/ACCURACY.md")).unwrap();
-        assert!(page.contains(concat!("benchmarks/", published!(), "/accuracy.csv")));
+        let docs = crate::files::workspace().join("docs");
+        let file = format!("benchmarks/{PUBLISHED}/accuracy.csv");
+        assert!(std::fs::read_to_string(docs.join("ACCURACY.md")).unwrap().contains(&file));
+        assert_eq!(std::fs::read_to_string(docs.join(file)).unwrap(), ROWS);
     }
 
     #[test]
