@@ -117,10 +117,10 @@ impl Contestant {
 }
 
 impl Method {
-    /// The same, with the number of rays that each tree is for.
-    pub(crate) fn for_rays(self, rays: u64) -> Self {
+    /// The same, for trees that each show one picture with `size` pixels on a side.
+    pub(crate) fn for_picture(self, size: u32) -> Self {
         match self {
-            Self::Strategy(strategy) => Self::Strategy(for_rays(strategy, rays)),
+            Self::Strategy(strategy) => Self::Strategy(for_picture(strategy, size)),
             other => other,
         }
     }
@@ -151,8 +151,10 @@ impl Method {
     }
 }
 
-/// A strategy for trees that are each for that number of rays in packets.
-pub(super) fn for_rays(strategy: Strategy, rays: u64) -> Strategy {
+/// A strategy for trees that each show one picture with `size` pixels on a side: a ray from the eye
+/// and one from the light for each, in packets.
+pub(super) fn for_picture(strategy: Strategy, size: u32) -> Strategy {
+    let rays = 2 * u64::from(size).pow(2);
     match strategy {
         Strategy::Auto(_) => Strategy::Auto(Auto { load: Load::PacketRays(rays) }),
         other => other,
@@ -234,7 +236,7 @@ mod tests {
     #[test]
     fn only_auto_takes_the_number_of_rays() {
         for contestant in Contestant::all() {
-            match (contestant.method, contestant.method.for_rays(512)) {
+            match (contestant.method, contestant.method.for_picture(16)) {
                 (Method::Strategy(Strategy::Auto(_)), Method::Strategy(Strategy::Auto(now))) => {
                     assert_eq!(now.load, Load::PacketRays(512));
                 }

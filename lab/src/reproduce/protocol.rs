@@ -55,11 +55,6 @@ impl Plan {
         ((self.values.frames as f64 * self.values.loops).round() as usize).max(1)
     }
 
-    /// Rays that a picture may take: from the eye, and from the light.
-    fn rays(&self) -> u64 {
-        2 * u64::from(self.values.size).pow(2)
-    }
-
     /// The strategies that take turns, then each that builds in the background. The first loop is
     /// shown.
     fn loops(&self) -> Vec<Self> {
@@ -339,7 +334,7 @@ fn lanes(stage: &mut Stage, plan: &Plan) -> Result<Vec<Lane>> {
     let mut methods: Vec<(&str, Method)> = Vec::new();
     for contestant in &plan.contestants {
         if methods.iter().all(|(name, _)| *name != contestant.of) {
-            methods.push((contestant.of, contestant.method.for_rays(plan.rays())));
+            methods.push((contestant.of, contestant.method.for_picture(plan.values.size)));
         }
     }
     // Side by side: methods that know the animation take long to prepare, and that is not counted.

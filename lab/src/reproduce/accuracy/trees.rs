@@ -9,7 +9,7 @@ use bvh_update::{Rotate, Strategy, Updater, plain};
 use super::bench::{Bench, Over, fastest, noise};
 use super::point::Point;
 use crate::interrupt;
-use crate::reproduce::contestants::for_rays;
+use crate::reproduce::contestants::for_picture;
 use crate::stage::{fresh_tree, timed};
 
 /// Brings a tree up to date; gives the milliseconds of that, and the height.
@@ -39,8 +39,7 @@ impl Entrant {
     fn of(strategy: Strategy, setting: String, bench: &Bench<'_>) -> Result<Self> {
         let (name, tree) = (setting.clone(), Bvh::clone(&bench.stage.first_tree));
         let is_default = name == Strategy::default().name();
-        let rays = 2 * u64::from(bench.log.effort.size).pow(2);
-        let mut updater = Updater::new(for_rays(strategy, rays));
+        let mut updater = Updater::new(for_picture(strategy, bench.log.effort.size));
         let mut update: Update = Box::new(move |tree, triangles| {
             let (done, time_ms) = timed(|| updater.update(tree, triangles));
             Ok((time_ms, done.with_context(|| format!("{name} failed"))?.height))
