@@ -22,7 +22,8 @@ const TILE: usize = 16;
 
 /// Casts primary rays and, for what they hit and what faces the light, shadow rays from the light.
 pub(crate) fn cast<C: Contestant + ?Sized>(contestant: &C, view: &View, pixels: &mut [Pixel]) {
-    in_bands(&Tracing(contestant), view, pixels);
+    let source = Source::Traced(contestant);
+    in_bands(&Picture { view, triangles: contestant.triangles(), source }, pixels);
 }
 
 /// Does all that [`Contestant::cast`] does but for tracing: what rays find is `known`. The time
@@ -32,73 +33,26 @@ pub(crate) fn cast<C: Contestant + ?Sized>(contestant: &C, view: &View, pixels: 
 /// If either number of pixels is not that of the view's camera.
 pub fn set_up_rays(triangles: &Triangles<'_>, view: &View, known: &[Pixel], pixels: &mut [Pixel]) {
     assert_eq!(known.len(), pixels.len(), "as many pixels");
-    in_bands(&Known { triangles: *triangles, pixels: known }, view, pixels);
+    let source: Source<'_, dyn Contestant> = Source::Known(known);
+    in_bands(&Picture { view, triangles: *triangles, source }, pixels);
 }
 
-/// Reports what rays find. The rays belong to the pixels at `places` of the band that starts with
-/// pixel `band`.
-trait RayQueries: Sync {
-    fn closest(&self, rays: &Rays, band: usize, places: &[u32], hits: &mut Hits);
-    fn occluded(&self, rays: &Rays, band: usize, places: &[u32], blocked: &mut [bool; RAYS]);
-    fn triangles(&self) -> Triangles<'_>;
-    /// Whether hits come with normals.
-    fn gives_normals(&self) -> bool;
+/// Where what rays find comes from: a contestant traces them, or it is known for each pixel.
+enum Source<'a, C: ?Sized> {
+    Traced(&'a C),
+    Known(&'a [Pixel]),
 }
 
-/// By tracing them.
-struct Tracing<'a, C: ?Sized>(&'a C);
-
-impl<C: Contestant + ?Sized> RayQueries for Tracing<'_, C> {
-    fn closest(&self, rays: &Rays, _band: usize, _places: &[u32], hits: &mut Hits) {
-        self.0.closest(rays, hits);
-    }
-
-    fn occluded(&self, rays: &Rays, _band: usize, _places: &[u32], blocked: &mut [bool; RAYS]) {
-        self.0.occluded(rays, blocked);
-    }
-
-    fn triangles(&self) -> Triangles<'_> {
-        self.0.triangles()
-    }
-
-    fn gives_normals(&self) -> bool {
-        self.0.gives_normals()
-    }
-}
-
-/// By looking them up.
-struct Known<'a> {
+/// A view of some triangles.
+struct Picture<'a, C: ?Sized> {
+    view: &'a View,
     triangles: Triangles<'a>,
-    pixels: &'a [Pixel],
+    source: Source<'a, C>,
 }
 
-impl RayQueries for Known<'_> {
-    fn closest(&self, rays: &Rays, band: usize, places: &[u32], hits: &mut Hits) {
-        // Rays that nobody looks at might not be made.
-        std::hint::black_box(rays);
-        for (i, &place) in places.iter().enumerate() {
-            hits.set(i, self.pixels[band + place as usize].hit());
-        }
-    }
-
-    fn occluded(&self, rays: &Rays, band: usize, places: &[u32], blocked: &mut [bool; RAYS]) {
-        std::hint::black_box(rays);
-        for (blocked, &place) in blocked.iter_mut().zip(places) {
-            *blocked = !self.pixels[band + place as usize].is_lit();
-        }
-    }
-
-    fn triangles(&self) -> Triangles<'_> {
-        self.triangles
-    }
-
-    fn gives_normals(&self) -> bool {
-        false
-    }
-}
-
-fn in_bands(queries: &impl RayQueries, view: &View, pixels: &mut [Pixel]) {
-    let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
+fn in_bands<C: Contestant + ?Sized>(picture: &Picture<'_, C>, pixels: &mut [Pixel]) {
+    let camera = &picture.view.camera;
+    let (width, height) = (camera.width() as usize, camera.height() as usize);
     assert_eq!(pixels.len(), width * height, "pixels of the camera");
     let level = Level::new();
     pixels.par_chunks_mut((width * TILE).max(1)).enumerate().for_each(|(row, band)| {
@@ -108,7 +62,7 @@ fn in_bands(queries: &impl RayQueries, view: &View, pixels: &mut [Pixel]) {
             // compile it: the plain loops over coordinates become SIMD there.
             dispatch!(level, simd => simd.vectorize(
                 #[inline(always)]
-                || tile.cast(queries, view, band, x, row * TILE),
+                || tile.cast(picture, band, x, row * TILE),
             ));
         }
     });
@@ -130,22 +84,35 @@ struct Tile {
 impl Tile {
     /// The tile with its upper left corner at pixel `x`, `y`; the band starts in row `y`.
     #[inline(always)]
-    fn cast(&mut self, queries: &impl RayQueries, view: &View, band: &mut [Pixel], x: usize, y: usize) {
+    fn cast<C>(&mut self, picture: &Picture<'_, C>, band: &mut [Pixel], x: usize, y: usize)
+    where
+        C: Contestant + ?Sized,
+    {
+        let Picture { view, triangles, source } = picture;
         let width = view.camera.width() as usize;
         self.primary_rays(view, band.len(), x, y);
         let band_start = y * width;
         let primary = self.rays.len();
-        queries.closest(&self.rays, band_start, &self.seen[..primary], &mut self.hits);
+        match source {
+            Source::Traced(contestant) => contestant.closest(&self.rays, &mut self.hits),
+            Source::Known(pixels) => {
+                // Rays that nobody looks at might not be made.
+                std::hint::black_box(&self.rays);
+                for (i, &place) in self.seen[..primary].iter().enumerate() {
+                    self.hits.set(i, pixels[band_start + place as usize].hit());
+                }
+            }
+        }
         let Hits { t, u, v, primitive, .. } = &self.hits;
         for (i, &place) in self.seen[..primary].iter().enumerate() {
             let is_lit = primitive[i] != Hits::NONE && view.light.is_none();
             band[place as usize] = Pixel::packed([t[i], u[i], v[i]], Pixel::word(primitive[i], is_lit));
         }
         let Some(light) = view.light else { return };
-        if queries.gives_normals() {
+        if matches!(source, Source::Traced(contestant) if contestant.gives_normals()) {
             self.shadows.aim_by_normals(&self.hits, &self.rays, light);
         } else {
-            self.shadows.aim(&queries.triangles(), &self.hits, &self.rays.direction, primary, light);
+            self.shadows.aim(triangles, &self.hits, &self.rays.direction, primary, light);
         }
         let mut count = 0;
         for i in 0..primary {
@@ -162,7 +129,15 @@ impl Tile {
         }
         self.rays.t_max.fill(1.0);
         self.rays.set_len(count);
-        queries.occluded(&self.rays, band_start, &self.lit[..count], &mut self.blocked);
+        match source {
+            Source::Traced(contestant) => contestant.occluded(&self.rays, &mut self.blocked),
+            Source::Known(pixels) => {
+                std::hint::black_box(&self.rays);
+                for (blocked, &place) in self.blocked.iter_mut().zip(&self.lit[..count]) {
+                    *blocked = !pixels[band_start + place as usize].is_lit();
+                }
+            }
+        }
         for (&place, blocked) in self.lit[..count].iter().zip(self.blocked) {
             band[place as usize].set_lit(!blocked);
         }
@@ -206,27 +181,22 @@ impl Tile {
     }
 }
 
-/// Columns and rows of the pixels of a tile along the curve.
+/// Columns and rows of the pixels of a tile in Morton order, so that 8 in a row are 4 x 2 pixels, 16
+/// are 4 x 4 and 64 are 8 x 8.
 static CURVE: [[u8; RAYS]; 2] = {
     let mut curve = [[0; RAYS]; 2];
     let mut i = 0;
     while i < RAYS {
-        let (x, y) = along_the_curve(i);
-        curve[0][i] = x as u8;
-        curve[1][i] = y as u8;
+        curve[0][i] = every_other(i);
+        curve[1][i] = every_other(i >> 1);
         i += 1;
     }
     curve
 };
 
-/// Pixel `i` of a tile in Morton order, so that 8 in a row are 4 x 2 pixels, 16 are 4 x 4 and 64
-/// are 8 x 8.
-const fn along_the_curve(i: usize) -> (usize, usize) {
-    (every_other(i), every_other(i >> 1))
-}
-
-const fn every_other(i: usize) -> usize {
-    (i & 1) | (i >> 1 & 2) | (i >> 2 & 4) | (i >> 3 & 8)
+/// Every other bit of `i`, side by side.
+const fn every_other(i: usize) -> u8 {
+    ((i & 1) | (i >> 1 & 2) | (i >> 2 & 4) | (i >> 3 & 8)) as u8
 }
 
 /// Shadow rays of one tile, coordinate by coordinate, so that the arithmetic is SIMD for those who
@@ -402,6 +372,7 @@ mod tests {
 
     #[test]
     fn the_curve_visits_every_pixel_in_square_blocks() {
+        let along_the_curve = |i: usize| (usize::from(CURVE[0][i]), usize::from(CURVE[1][i]));
         let mut seen = [[false; TILE]; TILE];
         for i in 0..RAYS {
             let (x, y) = along_the_curve(i);
