@@ -114,7 +114,7 @@ pub(super) struct RayHit<const N: usize> {
 
 /// Version 4: `RTCIntersectArguments` and `RTCOccludedArguments`.
 #[repr(C)]
-struct Arguments {
+pub(super) struct Arguments {
     flags: u32,
     features: u32,
     context: *mut c_void,
@@ -125,7 +125,7 @@ struct Arguments {
 
 /// Version 3: `RTCIntersectContext`.
 #[repr(C)]
-struct Context {
+pub(super) struct Context {
     flags: u32,
     filter: *mut c_void,
     instance: u32,
@@ -134,14 +134,9 @@ struct Context {
 
 /// What goes with a query, as the version wants it.
 pub(super) enum Extra {
-    V3(ContextBox),
-    V4(ArgumentsBox),
+    V3(Context),
+    V4(Arguments),
 }
-
-/// Keeps the structures private to this file.
-pub(super) struct ContextBox(Context);
-/// The same.
-pub(super) struct ArgumentsBox(Arguments);
 
 impl Extra {
     /// For rays that go much the same way, or for any.
@@ -149,16 +144,16 @@ impl Extra {
         let nothing = ptr::null_mut();
         if version < 40_000 {
             let flags = u32::from(coherent);
-            Self::V3(ContextBox(Context { flags, filter: nothing, instance: INVALID_ID, min_width: 0.0 }))
+            Self::V3(Context { flags, filter: nothing, instance: INVALID_ID, min_width: 0.0 })
         } else {
-            Self::V4(ArgumentsBox(Arguments {
+            Self::V4(Arguments {
                 flags: u32::from(coherent) << 16,
                 features: u32::MAX,
                 context: nothing,
                 filter: nothing,
                 callback: nothing,
                 min_width: 0.0,
-            }))
+            })
         }
     }
 
@@ -166,8 +161,8 @@ impl Extra {
     pub(super) fn with<T>(&mut self, rays: &mut T) -> (*mut c_void, *mut c_void) {
         let rays = ptr::from_mut(rays).cast();
         match self {
-            Self::V3(context) => (ptr::from_mut(&mut context.0).cast(), rays),
-            Self::V4(arguments) => (rays, ptr::from_mut(&mut arguments.0).cast()),
+            Self::V3(context) => (ptr::from_mut(context).cast(), rays),
+            Self::V4(arguments) => (rays, ptr::from_mut(arguments).cast()),
         }
     }
 }
