@@ -50,17 +50,11 @@ fn unboxed(b: &Aabb<f32, 3>) -> bvh_core::Aabb {
 }
 
 impl Contender {
-    /// Calls `test` with the number of every triangle whose leaf the ray enters before `t_max`,
-    /// near children first; `test` gives the new `t_max`, negative to stop. The library's own
-    /// traversals list all boxes along a ray and do not get shorter with a hit, so its tree is
+    /// The closest hit, or with `ANY` the first that is found, near children first. The library's
+    /// own traversals list all boxes along a ray and do not get shorter with a hit, so its tree is
     /// walked here, with a stack that is made once for many rays.
-    fn walk(
-        &self,
-        stack: &mut Vec<(f32, usize)>,
-        ray: &Ray,
-        mut t_max: f32,
-        mut test: impl FnMut(u32, f32) -> f32,
-    ) {
+    fn hit<const ANY: bool>(&self, stack: &mut Vec<(f32, usize)>, ray: &Ray, mut t_max: f32) -> Option<Hit> {
+        let (triangles, mut best) = (self.mesh.triangles(), None);
         stack.clear();
         stack.push((0.0, 0));
         while let Some((near, mut n)) = stack.pop() {
@@ -69,11 +63,15 @@ impl Contender {
             }
             loop {
                 match self.tree.nodes.get(n) {
-                    None => return,
-                    Some(BvhNode::Leaf { shape_index, .. }) => {
-                        t_max = test(*shape_index as u32, t_max);
-                        if t_max < 0.0 {
-                            return;
+                    None => return best,
+                    Some(BvhNode::Leaf { shape_index: p, .. }) => {
+                        let (origin, direction) = (ray.origin(), ray.direction());
+                        let hit = intersect(triangles.corners(*p), origin, direction, t_max, *p as u32);
+                        if let Some(hit) = hit {
+                            (best, t_max) = (Some(hit), hit.t);
+                            if ANY {
+                                return best;
+                            }
                         }
                         break;
                     }
@@ -99,6 +97,7 @@ impl Contender {
                 }
             }
         }
+        best
     }
 }
 
@@ -134,29 +133,16 @@ impl Contestant for Contender {
     }
 
     fn closest(&self, rays: &Rays, hits: &mut Hits) {
-        let (triangles, mut stack) = (self.mesh.triangles(), Vec::with_capacity(64));
+        let mut stack = Vec::with_capacity(64);
         for i in 0..rays.len() {
-            let ray = rays.ray(i);
-            let mut best: Option<Hit> = None;
-            self.walk(&mut stack, &ray, rays.t_max[i], |p, t_max| {
-                let hit = intersect(triangles.corners(p as usize), ray.origin(), ray.direction(), t_max, p);
-                best = hit.or(best);
-                hit.map_or(t_max, |h| h.t)
-            });
-            hits.set(i, best);
+            hits.set(i, self.hit::<false>(&mut stack, &rays.ray(i), rays.t_max[i]));
         }
     }
 
     fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]) {
-        let (triangles, mut stack) = (self.mesh.triangles(), Vec::with_capacity(64));
+        let mut stack = Vec::with_capacity(64);
         for (i, blocked) in blocked[..rays.len()].iter_mut().enumerate() {
-            let ray = rays.ray(i);
-            *blocked = false;
-            self.walk(&mut stack, &ray, rays.t_max[i], |p, t_max| {
-                let hit = intersect(triangles.corners(p as usize), ray.origin(), ray.direction(), t_max, p);
-                *blocked = hit.is_some();
-                hit.map_or(t_max, |_| -1.0)
-            });
+            *blocked = self.hit::<true>(&mut stack, &rays.ray(i), rays.t_max[i]).is_some();
         }
     }
 
