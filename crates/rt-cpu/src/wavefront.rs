@@ -60,10 +60,8 @@ pub(crate) struct Paths {
     weight: Coordinates,
     /// Diffuse bounces so far.
     bounces: [u32; RAYS],
-    /// Mirrors since the last diffuse bounce, and whether the last surface was one, or the ray
-    /// comes from the eye.
+    /// Mirrors since the last diffuse bounce.
     mirrors: [u8; RAYS],
-    specular: [bool; RAYS],
     looks: Looks,
     /// What is seen through each pixel.
     sum: Coordinates,
@@ -82,7 +80,6 @@ impl Paths {
         self.sum.as_flattened_mut().fill(0.0);
         self.bounces.fill(0);
         self.mirrors.fill(0);
-        self.specular.fill(true);
     }
 }
 
@@ -124,7 +121,7 @@ impl Wavefront<'_> {
                 let hit = self.hit::<S, T>(simd, frame, Query::Closest, &ray, f32::INFINITY, &mut work);
                 tile.seen.hits.set(i, hit);
             }
-            tally.end_reflected(paths.specular[..rays].iter().filter(|&&s| s).count(), rays);
+            tally.end_reflected(paths.mirrors[..rays].iter().filter(|&&m| m > 0).count(), rays);
             tile.seen.end();
             tile.surfaces.find(simd, frame.scene.triangles, &tile.seen);
             light_arrives::<S, T>(simd, frame, tile, tally);
@@ -222,7 +219,10 @@ impl Wavefront<'_> {
         for i in 0..tile.seen.rays.count {
             let color = match (tile.seen.hits.get(i), self.effects.diffuse_bounces) {
                 (Some(hit), _) if self.is_mirror(hit.primitive) => continue,
-                (None, Some(DiffuseBounces { sky, .. })) if !paths.specular[i] => sky.into(),
+                // From the eye and from mirrors the background is seen instead.
+                (None, Some(DiffuseBounces { sky, .. })) if paths.bounces[i] > 0 && paths.mirrors[i] == 0 => {
+                    sky.into()
+                }
                 _ => at(&tile.colors, i),
             };
             let pixel = usize::from(paths.whose[i]);
@@ -277,7 +277,6 @@ impl Wavefront<'_> {
             set(&mut paths.weight, next, weight);
             paths.whose[next] = paths.whose[i];
             (paths.mirrors[next], paths.bounces[next]) = (mirrors, bounces);
-            paths.specular[next] = specular;
             next += 1;
             *(if specular { &mut stats.rays_mirror } else { &mut stats.rays_bounce }) += 1;
         }
