@@ -83,6 +83,9 @@ struct Node8([[f32; WIDTH]; 8]);
 const CHILDREN: usize = 6;
 const LEAF: u32 = 1 << 31;
 
+/// Rays that one thread traces at least.
+const BATCH: usize = 256;
+
 impl Node8 {
     const EMPTY: Self = {
         let (min, max, none) = ([f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH], [0.0; WIDTH]);
@@ -124,24 +127,6 @@ impl Bvh8 {
         collapse(bvh, triangles, &mut self.plans, &mut self.nodes, &mut self.blocks);
     }
 
-    /// All of what rays see.
-    #[cfg(test)]
-    pub(crate) fn bytes(&self) -> Vec<u8> {
-        let nodes = self.nodes.iter().flat_map(|node| bytemuck::bytes_of(&node.0));
-        nodes.chain(self.blocks.iter().flat_map(Block::bytes)).copied().collect()
-    }
-}
-
-impl Default for Bvh8 {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-/// Rays that one thread traces at least.
-const BATCH: usize = 256;
-
-impl Bvh8 {
     /// As [`closest_hit`](crate::closest_hit) on the tree that this is a view of.
     #[must_use]
     pub fn closest_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> Option<Hit> {
@@ -170,5 +155,18 @@ impl Bvh8 {
         assert_eq!(rays.len(), hits.len(), "one hit a ray");
         let all = (rays.par_iter(), t_max.par_iter(), hits.par_iter_mut()).into_par_iter();
         all.with_min_len(BATCH).for_each(|(ray, &t_max, hit)| *hit = self.closest_hit(ray, t_max, test));
+    }
+
+    /// All of what rays see.
+    #[cfg(test)]
+    pub(crate) fn bytes(&self) -> Vec<u8> {
+        let nodes = self.nodes.iter().flat_map(|node| bytemuck::bytes_of(&node.0));
+        nodes.chain(self.blocks.iter().flat_map(Block::bytes)).copied().collect()
+    }
+}
+
+impl Default for Bvh8 {
+    fn default() -> Self {
+        Self::new()
     }
 }
