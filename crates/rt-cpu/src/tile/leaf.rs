@@ -9,7 +9,7 @@ use fearless_simd::{Simd, mask32x16};
 
 use super::packet::{GROUP, GROUP_MASK, LANES, Packet};
 use crate::scene::Scene;
-use crate::simd::{bits, load, max};
+use crate::simd::{bits, load, load3, max};
 use crate::wide::{RayOctant, Slab, V, WideTest};
 
 /// Tests the triangles of a leaf against those of the `N` rays from `at` on that are in `mask`:
@@ -69,7 +69,7 @@ fn test_group<S: Simd, T: WideTest, const ANY: bool>(
     if found.lanes == 0 {
         return;
     }
-    let best: V<S> = packet.t(simd, at);
+    let best: V<S> = load(simd, &packet.t, at);
     // In a tree that is up to date, the box of a leaf with one triangle is the triangle's.
     let alone = leaf.count() == 1;
     let (near, lanes) = match near {
@@ -85,7 +85,7 @@ fn test_group<S: Simd, T: WideTest, const ANY: bool>(
                 }
                 Slab::around(simd, &[a, b, c], octant)
             };
-            let (near, inside) = slab.enter(simd, packet.inverse(simd, at), best);
+            let (near, inside) = slab.enter(simd, load3(simd, &packet.inverse, at), best);
             (near, found.lanes & inside.to_bitmask())
         }
     };

@@ -6,7 +6,7 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
 use crate::bundle::{Bundle, Hits};
-use crate::simd::{Lanes, bits, load, load3, max, store_chosen};
+use crate::simd::{bits, load, load3, max, store_chosen};
 use crate::wide::{Rays, V};
 
 /// Rays of a packet.
@@ -41,11 +41,6 @@ pub(super) struct Packet {
 }
 
 impl Packet {
-    #[inline(always)]
-    pub(super) fn inverse<S: Simd, V: Lanes<S>>(&self, simd: S, at: usize) -> [V; 3] {
-        load3(simd, &self.inverse, at)
-    }
-
     /// Rays that are longest along `axis`.
     #[inline(always)]
     pub(super) fn rays<S: Simd>(&self, simd: S, axis: usize, at: usize) -> Rays<S> {
@@ -57,11 +52,6 @@ impl Packet {
                 load(simd, &self.inverse[axis], at),
             ],
         }
-    }
-
-    #[inline(always)]
-    pub(super) fn t<S: Simd, V: Lanes<S>>(&self, simd: S, at: usize) -> V {
-        load(simd, &self.t, at)
     }
 
     /// The rays of the group at `at` that still look for a hit, and those of the groups behind it.
@@ -142,7 +132,7 @@ impl Packet {
         let mut t = V::<S>::simd_from(simd, -1.0);
         for at in (0..PACKET).step_by(GROUP) {
             if mask >> at & GROUP_MASK != 0 {
-                t = max(t, self.t(simd, at));
+                t = max(t, load(simd, &self.t, at));
             }
         }
         t.reduce_max()

@@ -10,6 +10,7 @@ use super::Scratch;
 use super::leaf::test_leaf;
 use super::packet::{GROUP, PACKET, Packet};
 use crate::scene::{Scene, Work};
+use crate::simd::{load, load3};
 use crate::wide::{RayOctant, Slab, V, WideTest};
 
 /// Walks the subtree at `root` with the rays in `mask`.
@@ -145,7 +146,7 @@ fn enter<S: Simd>(simd: S, packet: &Packet, node: &Node, octant: &RayOctant, mas
     let slab = Slab::<S::f32s>::of(simd, node, octant);
     let mut entered = 0;
     for at in (0..PACKET).step_by(S::f32s::LEN) {
-        let (_, lanes) = slab.enter(simd, packet.inverse(simd, at), packet.t(simd, at));
+        let (_, lanes) = slab.enter(simd, load3(simd, &packet.inverse, at), load(simd, &packet.t, at));
         entered |= lanes.to_bitmask() << at;
     }
     entered & mask
@@ -165,13 +166,13 @@ fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
 ) {
     let nodes = scene.bvh.nodes();
     let packet = &mut scratch.packet;
-    let inverse = packet.inverse::<S, V<S>>(simd, at);
+    let inverse: [V<S>; 3] = load3(simd, &packet.inverse, at);
     let mut top = 0;
     let (mut n, mut mask) = (root, mask);
     loop {
         let (first, children) = open(scene, &nodes[n], work);
         let [l, r] = children;
-        let t = packet.t(simd, at);
+        let t = load(simd, &packet.t, at);
         let (tl, ml) = Slab::of(simd, l, octant).enter(simd, inverse, t);
         let (tr, mr) = Slab::of(simd, r, octant).enter(simd, inverse, t);
         let (mut ml, mut mr) = (ml.to_bitmask() & mask, mr.to_bitmask() & mask);
