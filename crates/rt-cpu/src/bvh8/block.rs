@@ -15,15 +15,11 @@ use crate::wide::{Found, weigh};
 /// (`docs/BENCHMARKS.md`, incoherent rays).
 pub(super) const SIZE: usize = if cfg!(target_arch = "x86_64") { 8 } else { 4 };
 
-/// One number for each triangle of a block.
-#[cfg(target_arch = "x86_64")]
-pub(crate) type Each<S> = fearless_simd::f32x8<S>;
+// One number for each triangle of a block.
 #[cfg(not(target_arch = "x86_64"))]
-pub(crate) type Each<S> = fearless_simd::f32x4<S>;
+pub(crate) use fearless_simd::{f32x4 as Each, u32x4 as EachPrimitive};
 #[cfg(target_arch = "x86_64")]
-type EachPrimitive<S> = fearless_simd::u32x8<S>;
-#[cfg(not(target_arch = "x86_64"))]
-type EachPrimitive<S> = fearless_simd::u32x4<S>;
+pub(crate) use fearless_simd::{f32x8 as Each, u32x8 as EachPrimitive};
 
 /// In place of a triangle's number: there is none in that lane.
 const NONE: u32 = u32::MAX;
