@@ -4,10 +4,12 @@ use bvh_core::{Ray, Vec3};
 use bytemuck::Zeroable;
 
 use crate::Hit;
-use crate::packet::SIZE;
 
 /// Rays of a tile.
 pub(crate) const RAYS: usize = 4096;
+
+/// Rays of a packet: 8 x 8.
+pub(crate) const PACKET: usize = 64;
 
 /// Three coordinates for each ray or pixel of a tile, an array for each axis.
 pub(crate) type Coordinates = [[f32; RAYS]; 3];
@@ -71,7 +73,7 @@ impl Wave {
     #[inline(always)]
     pub(crate) fn end(&mut self) {
         let count = self.rays.count;
-        self.hits.primitive[count..count.next_multiple_of(SIZE)].fill(Hits::NONE);
+        self.hits.primitive[count..count.next_multiple_of(PACKET)].fill(Hits::NONE);
     }
 }
 

@@ -19,11 +19,8 @@ use bvh_core::triangle::{Test, intersect};
 use bvh_core::{Aabb, MAX_HEIGHT, Ray, Vec3, slab};
 
 use crate::Hit;
-use crate::bundle::{Bundle, Hits};
+use crate::bundle::{Bundle, Hits, PACKET};
 use crate::scene::{Query, Scene, Work};
-
-/// Rays of a packet.
-pub(crate) const SIZE: usize = 64;
 
 /// Traces a bundle.
 pub(crate) fn trace_all<T: Test>(
@@ -33,8 +30,8 @@ pub(crate) fn trace_all<T: Test>(
     hits: &mut Hits,
     work: &mut Work,
 ) {
-    for at in (0..rays.count).step_by(SIZE) {
-        let n = SIZE.min(rays.count - at);
+    for at in (0..rays.count).step_by(PACKET) {
+        let n = PACKET.min(rays.count - at);
         let packet = std::array::from_fn(|i| rays.ray(at + i.min(n - 1)));
         let t_max = std::array::from_fn(|i| if i < n { rays.t_max } else { -1.0 });
         let found = trace::<T>(scene, &packet, t_max, query, work);
@@ -46,17 +43,17 @@ pub(crate) fn trace_all<T: Test>(
 /// [`Query::Any`] the hits are any, not the closest.
 pub(crate) fn trace<T: Test>(
     scene: Scene<'_>,
-    rays: &[Ray; SIZE],
-    mut t_max: [f32; SIZE],
+    rays: &[Ray; PACKET],
+    mut t_max: [f32; PACKET],
     query: Query,
     work: &mut Work,
-) -> [Option<Hit>; SIZE] {
-    let mut best = [None::<Hit>; SIZE];
+) -> [Option<Hit>; PACKET] {
+    let mut best = [None::<Hit>; PACKET];
     let present = |&i: &usize| rays[i].is_valid() && t_max[i] >= 0.0;
-    let Some(first) = (0..SIZE).find(present) else {
+    let Some(first) = (0..PACKET).find(present) else {
         return best;
     };
-    let beam = Beam::around(rays[first].origin(), (first..SIZE).filter(present).map(|i| rays[i].inverse()));
+    let beam = Beam::around(rays[first].origin(), (first..PACKET).filter(present).map(|i| rays[i].inverse()));
     let tests = rays.each_ref().map(T::new);
 
     let Scene { bvh, triangles, .. } = scene;
@@ -70,7 +67,7 @@ pub(crate) fn trace<T: Test>(
             if beam.misses(&aabb) {
                 continue;
             }
-            match (first + 1..SIZE).find(|&i| enters(i)) {
+            match (first + 1..PACKET).find(|&i| enters(i)) {
                 Some(i) => first = i,
                 None => continue,
             }
@@ -86,7 +83,7 @@ pub(crate) fn trace<T: Test>(
         }
         for &p in bvh.primitives(node).iter().filter(|&&p| (p as usize) < triangles.indices.len()) {
             let corners = triangles.corners(p as usize);
-            for i in (first..SIZE).filter(|&i| rays[i].is_valid()) {
+            for i in (first..PACKET).filter(|&i| rays[i].is_valid()) {
                 let hit = intersect(&rays[i], &tests[i], &corners, p, t_max[i]);
                 if let Some(hit) = hit.filter(|h| best[i].is_none_or(|b| h.is_before(b.t, b.primitive))) {
                     best[i] = Some(hit);

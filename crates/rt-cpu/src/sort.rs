@@ -8,9 +8,8 @@ use bytemuck::Zeroable;
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
-use crate::bundle::{Bundle, Coordinates, RAYS};
+use crate::bundle::{Bundle, Coordinates, PACKET, RAYS};
 use crate::frustum::Frustum;
-use crate::packet::SIZE;
 use crate::simd::load3;
 use crate::tile::{common_frame, frustum_of};
 
@@ -40,15 +39,15 @@ impl Sorter {
         pixels: &mut [u16; RAYS],
     ) {
         let count = rays.count;
-        let whole = count / SIZE * SIZE;
-        if whole <= SIZE {
+        let whole = count / PACKET * PACKET;
+        if whole <= PACKET {
             return;
         }
         let Some(frame) = common_frame(simd, rays, (0, whole)) else { return };
         let area = |f: &Frustum| (f.x[1] - f.x[0]) * (f.y[1] - f.y[0]);
         let mut all = Frustum::NONE;
         let mut sum = 0.0;
-        for at in (0..whole).step_by(SIZE) {
+        for at in (0..whole).step_by(PACKET) {
             let frustum = frustum_of(simd, &frame, rays, at);
             sum += area(&frustum);
             all = all.union(&frustum);

@@ -2,10 +2,10 @@
 
 use bvh_core::{Aabb, Bvh, Node, Primitives, Ray, Triangles, Vec3};
 
-use crate::bundle::{Hits, RAYS, Wave, set};
+use crate::bundle::{Hits, PACKET, RAYS, Wave, set};
 use crate::bvh8;
 use crate::cast::{place, trace};
-use crate::packet::{self, SIZE};
+use crate::packet;
 use crate::scene::{Query, Scene, Work, every, with_test};
 use crate::simd::{detected, dispatch};
 use crate::tile::Scratch;

@@ -27,8 +27,8 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
 use self::cut::Cut;
-use self::packet::{Kinds, PACKET, Packet};
-use crate::bundle::{self, Bundle, Hits};
+use self::packet::{Kinds, Packet};
+use crate::bundle::{self, Bundle, Hits, PACKET};
 use crate::frustum::{Frame, Frustum, FrustumPlanes};
 use crate::scene::{Query, Scene, Work};
 use crate::simd::{bits, load, load3, max, min};

@@ -85,7 +85,7 @@ fn packets_with_gaps() {
     let (t, bvh) = (soup.triangles(), tree(&soup, 2));
     let origin = Vec3::new(0.1, 0.2, 3.0);
     let mut random = Random::new(5);
-    let rays: [Ray; SIZE] = std::array::from_fn(|_| Ray::new(origin, random.vec() - origin));
+    let rays: [Ray; PACKET] = std::array::from_fn(|_| Ray::new(origin, random.vec() - origin));
     let limits = std::array::from_fn(|i| if i % 7 == 3 || i < 5 { -1.0 } else { 9.0 });
     let hits = packet::trace::<Watertight>(
         Scene::new(&bvh, &t),
@@ -94,7 +94,7 @@ fn packets_with_gaps() {
         Query::Closest,
         &mut Work::default(),
     );
-    for i in 0..SIZE {
+    for i in 0..PACKET {
         let truth = closest_hit_brute(&t, &rays[i], limits[i], TriangleTest::Watertight);
         assert_eq!(bits(hits[i]), bits(truth));
     }

@@ -5,12 +5,9 @@ use bytemuck::Zeroable;
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
-use crate::bundle::{Bundle, Hits};
+use crate::bundle::{Bundle, Hits, PACKET};
 use crate::simd::{bits, load, load3, max, store_chosen};
 use crate::wide::{Rays, V};
-
-/// Rays of a packet.
-pub(super) const PACKET: usize = 64;
 
 /// Rays in one [`V`]: once no more are left, they are walked with by themselves.
 pub(super) const GROUP: usize = 16;

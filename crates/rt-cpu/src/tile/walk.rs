@@ -8,7 +8,8 @@ use fearless_simd::prelude::*;
 
 use super::Scratch;
 use super::leaf::test_leaf;
-use super::packet::{GROUP, PACKET, Packet};
+use super::packet::{GROUP, Packet};
+use crate::bundle::PACKET;
 use crate::scene::{Scene, Work};
 use crate::simd::{load, load3};
 use crate::wide::{RayOctant, Slab, V, WideTest};
