@@ -14,10 +14,6 @@ use crate::Failure;
 /// Name in messages.
 pub(super) const WHO: &str = "embree";
 
-pub(super) const QUALITY_LOW: c_int = 0;
-pub(super) const QUALITY_MEDIUM: c_int = 1;
-pub(super) const QUALITY_HIGH: c_int = 2;
-pub(super) const QUALITY_REFIT: c_int = 3;
 pub(super) const SCENE_DYNAMIC: c_int = 1;
 pub(super) const SCENE_ROBUST: c_int = 4;
 pub(super) const GEOMETRY_TRIANGLE: c_int = 0;

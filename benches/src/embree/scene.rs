@@ -14,17 +14,17 @@ use super::api::{
 };
 use crate::{Contestant, Failure, Hits, RAYS, Rays};
 
-/// How trees are made.
+/// How trees are made, by the numbers of `RTCBuildQuality`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Quality {
-    /// Built once by SAH, then refitted.
-    Refit,
     /// In Morton order.
-    Low,
+    Low = 0,
     /// Binned SAH.
-    Medium,
+    Medium = 1,
     /// SAH with spatial splits.
-    High,
+    High = 2,
+    /// Built once by SAH, then refitted.
+    Refit = 3,
 }
 
 /// Rays at a time.
@@ -74,13 +74,9 @@ impl Scene {
         config: Config,
         triangles: &Triangles<'_>,
     ) -> Result<Self, Failure> {
-        let (scene_quality, geometry_quality) = match config.quality {
-            // Only scenes of low quality build geometry by geometry, which refitting needs.
-            Quality::Refit => (api::QUALITY_LOW, api::QUALITY_REFIT),
-            Quality::Low => (api::QUALITY_LOW, api::QUALITY_LOW),
-            Quality::Medium => (api::QUALITY_MEDIUM, api::QUALITY_MEDIUM),
-            Quality::High => (api::QUALITY_HIGH, api::QUALITY_HIGH),
-        };
+        let quality = config.quality;
+        // Only scenes of low quality build geometry by geometry, which refitting needs.
+        let scene_quality = if quality == Quality::Refit { Quality::Low } else { quality };
         let flags: c_int = if config.dynamic { api::SCENE_DYNAMIC } else { 0 }
             | if config.robust { api::SCENE_ROBUST } else { 0 };
         let mut positions = triangles.positions.to_vec();
@@ -98,8 +94,8 @@ impl Scene {
             let scene = Self { device, scene, geometry, width, coherent, positions, indices };
             scene.device.check()?;
             (api.set_scene_flags)(scene.scene, flags);
-            (api.set_scene_quality)(scene.scene, scene_quality);
-            (api.set_geometry_quality)(geometry, geometry_quality);
+            (api.set_scene_quality)(scene.scene, scene_quality as c_int);
+            (api.set_geometry_quality)(geometry, quality as c_int);
             let (vertices, triangles) = (scene.positions.as_ptr(), scene.indices.as_ptr());
             let count = scene.positions.len() - PADDING;
             (api.set_shared_buffer)(geometry, BUFFER_VERTEX, 0, FORMAT_FLOAT3, vertices.cast(), 0, 12, count);
