@@ -55,20 +55,6 @@ fn boxed(b: bvh_core::Aabb) -> Aabb {
 }
 
 impl Obvhs {
-    fn new(triangles: &Triangles<'_>, mode: Mode, params: BvhBuildParams, gathers: bool) -> Self {
-        Self {
-            mesh: Mesh::new(triangles),
-            mode,
-            params,
-            boxes: Vec::new(),
-            builder: PlocBuilder::new(),
-            reinsertion: ReinsertionOptimizer::default(),
-            tree: Bvh2::default(),
-            wide: CwBvh::default(),
-            corners: gathers.then(Vec::new),
-        }
-    }
-
     /// What the library's own `build_bvh2` does, with memory kept from build to build.
     fn build(&mut self) {
         let params = &self.params;
@@ -247,7 +233,17 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
         // Corners are gathered where tracing is what counts.
         let gathers = matches!(contest, Contest::Trace | Contest::Incoherent);
         entries.push(Entry::new(format!("obvhs {name}"), keeps_tree, move |triangles| {
-            Ok(Box::new(Obvhs::new(triangles, mode, params, gathers)))
+            Ok(Box::new(Obvhs {
+                mesh: Mesh::new(triangles),
+                mode,
+                params,
+                boxes: Vec::new(),
+                builder: PlocBuilder::new(),
+                reinsertion: ReinsertionOptimizer::default(),
+                tree: Bvh2::default(),
+                wide: CwBvh::default(),
+                corners: gathers.then(Vec::new),
+            }))
         }));
     };
     match contest {

@@ -44,18 +44,6 @@ fn boxed(b: bvh_core::Aabb) -> Aabb {
 }
 
 impl Parry {
-    fn new(triangles: &Triangles<'_>, mode: Mode) -> Self {
-        Self {
-            mesh: Mesh::new(triangles),
-            mode,
-            boxes: Vec::new(),
-            updates: Vec::new(),
-            statuses: Vec::new(),
-            workspace: BvhWorkspace::default(),
-            tree: Bvh::new(),
-        }
-    }
-
     fn build(&mut self, strategy: BvhBuildStrategy) {
         self.mesh.boxes_into(&mut self.boxes, |b, _| boxed(b));
         self.tree = Bvh::from_leaves(strategy, &self.boxes);
@@ -147,7 +135,15 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
     let mut add = |name: &str, mode: Mode| {
         let keeps_tree = !matches!(mode, Mode::Rebuild(_));
         entries.push(Entry::new(format!("parry {name}"), keeps_tree, move |triangles| {
-            Ok(Box::new(Parry::new(triangles, mode)))
+            Ok(Box::new(Parry {
+                mesh: Mesh::new(triangles),
+                mode,
+                boxes: Vec::new(),
+                updates: Vec::new(),
+                statuses: Vec::new(),
+                workspace: BvhWorkspace::default(),
+                tree: Bvh::new(),
+            }))
         }));
     };
     let (binned, ploc) = (Mode::Rebuild(BvhBuildStrategy::Binned), Mode::Rebuild(BvhBuildStrategy::Ploc));
