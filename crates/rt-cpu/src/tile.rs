@@ -28,7 +28,7 @@ use fearless_simd::prelude::*;
 
 use self::cut::Cut;
 use self::packet::{Kinds, Packet};
-use crate::bundle::{self, Bundle, Hits, PACKET};
+use crate::bundle::{Bundle, Hits, PACKET};
 use crate::frustum::{Frame, Frustum, FrustumPlanes};
 use crate::scene::{Query, Scene, Work};
 use crate::simd::{bits, load, load3, max, min};
@@ -125,13 +125,14 @@ fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
         let mut left = scratch.packet.active(0);
         while left != 0 {
             let lane = left.trailing_zeros();
-            let octant = RayOctant::new(bundle.origin, bundle::at(&bundle.direction, at + lane as usize));
-            let mut same = left & longest[octant.axes[2]];
-            for negative in negative {
-                same &= if negative >> lane & 1 == 1 { negative } else { !negative };
-            }
+            let signs = negative.map(|n| n >> lane & 1 == 1);
+            let axis = (0..2).find(|&k| longest[k] >> lane & 1 == 1).unwrap_or(2);
+            let same = left & longest[axis];
+            let same = (0..3).fold(same, |m, k| m & if signs[k] { negative[k] } else { !negative[k] });
             left &= !same;
-            trace_packet::<S, T, ANY>(simd, scene, &octant, met, same, scratch, work);
+            let along = Vec3::from([0, 1, 2].map(|k| bundle.direction[k][at + lane as usize]));
+            let octant = RayOctant::new(bundle.origin, signs, axis);
+            trace_packet::<S, T, ANY>(simd, scene, &octant, along, met, same, scratch, work);
         }
         let p = &scratch.packet;
         if !ANY {
@@ -186,6 +187,7 @@ fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
     octant: &RayOctant,
+    along: Vec3,
     met: u64,
     mask: u64,
     scratch: &mut Scratch,
@@ -199,7 +201,7 @@ fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
         let root = scratch.cut.node[i];
         simd.vectorize(
             #[inline(always)]
-            || walk::walk::<S, T, ANY>(simd, scene, octant, root, mask, scratch, work),
+            || walk::walk::<S, T, ANY>(simd, scene, octant, along, root, mask, scratch, work),
         );
         if !ANY && !scratch.packet.some_see_nothing(mask) {
             farthest = scratch.packet.farthest(simd, mask);

@@ -2,7 +2,7 @@
 //! directions and the axis along which these are longest.
 
 use bvh_core::slab::WIDEN;
-use bvh_core::triangle::{DET_RANGE, Double, MollerTrumbore, Test, Watertight, longest_axis};
+use bvh_core::triangle::{DET_RANGE, Double, MollerTrumbore, Test, Watertight};
 use bvh_core::{Node, Vec3};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f64x8};
@@ -16,8 +16,6 @@ pub(crate) type V<S> = fearless_simd::f32x16<S>;
 #[derive(Clone, Copy)]
 pub(crate) struct RayOctant {
     pub(crate) origin: Vec3,
-    /// The direction of one of them, by which children are ordered.
-    pub(crate) along: Vec3,
     /// Where in a [`Node`]'s words the planes are that the rays meet first along each axis, and
     /// those that they meet last.
     first: [usize; 3],
@@ -27,17 +25,17 @@ pub(crate) struct RayOctant {
 }
 
 impl RayOctant {
-    /// What rays from `origin` have in common with the one that goes along `along`.
+    /// `negative` says along which axes the rays go backwards, `longest` along which they are
+    /// longest.
     #[inline(always)]
-    pub(crate) fn new(origin: Vec3, along: Vec3) -> Self {
+    pub(crate) fn new(origin: Vec3, negative: [bool; 3], longest: usize) -> Self {
         let [mut first, mut last] = [[0, 1, 2], [4, 5, 6]];
-        for k in 0..3 {
-            if along[k].is_sign_negative() {
+        for (k, negative) in negative.into_iter().enumerate() {
+            if negative {
                 (first[k], last[k]) = (last[k], first[k]);
             }
         }
-        let longest = longest_axis(along);
-        Self { origin, along, first, last, axes: [(longest + 1) % 3, (longest + 2) % 3, longest] }
+        Self { origin, first, last, axes: [(longest + 1) % 3, (longest + 2) % 3, longest] }
     }
 }
 

@@ -14,12 +14,13 @@ use crate::scene::{Scene, Work};
 use crate::simd::{load, load3};
 use crate::wide::{RayOctant, Slab, V, WideTest};
 
-/// Walks the subtree at `root` with the rays in `mask`.
+/// Walks the subtree at `root` with the rays in `mask`, one of which goes along `along`.
 #[inline(always)]
 pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
     octant: &RayOctant,
+    along: Vec3,
     root: u32,
     mask: u64,
     scratch: &mut Scratch,
@@ -37,7 +38,7 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
         if mask == 0 {
             // No ray enters the root, or those that were put off have hit something since.
         } else if let Some((at, lanes)) = scratch.packet.group_of::<S, ANY>(simd, mask) {
-            walk_group::<S, T, ANY>(simd, scene, octant, n, lanes, at, scratch, work);
+            walk_group::<S, T, ANY>(simd, scene, octant, along, n, lanes, at, scratch, work);
             if at == PACKET {
                 scratch.packet.scatter::<ANY>(mask);
             }
@@ -59,7 +60,7 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
             }
             let active = scratch.packet.active(0);
             let [near, far] =
-                near_and_far(children, first, octant.along, [entered[0] & active, entered[1] & active]);
+                near_and_far(children, first, along, [entered[0] & active, entered[1] & active]);
             if far.1 != 0 {
                 scratch.stack[top] = far;
                 top += 1;
@@ -153,12 +154,14 @@ fn enter<S: Simd>(simd: S, packet: &Packet, node: &Node, octant: &RayOctant, mas
     entered & mask
 }
 
-/// Walks the subtree at an inner node with rays of the group at `at`, all of which enter it.
+/// Walks the subtree at an inner node with rays of the group at `at`, all of which enter it,
+/// children in their order along `along`.
 #[inline(always)]
 fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
     octant: &RayOctant,
+    along: Vec3,
     root: usize,
     mask: u64,
     at: usize,
@@ -190,7 +193,7 @@ fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
         if ANY {
             (ml, mr) = (ml & packet.active(at), mr & packet.active(at));
         }
-        let [near, far] = near_and_far(children, first, octant.along, [ml, mr]);
+        let [near, far] = near_and_far(children, first, along, [ml, mr]);
         if far.1 != 0 {
             scratch.group_stack[top] = far;
             top += 1;
