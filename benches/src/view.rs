@@ -181,21 +181,21 @@ impl Tile {
     }
 }
 
-/// Columns and rows of the pixels of a tile in Morton order, so that 8 in a row are 4 x 2 pixels, 16
-/// are 4 x 4 and 64 are 8 x 8.
+/// Columns and rows of the pixels of a tile in Morton order, so that 8 in a row are 4 x 2 pixels,
+/// 16 are 4 x 4 and 64 are 8 x 8.
 static CURVE: [[u8; RAYS]; 2] = {
     let mut curve = [[0; RAYS]; 2];
     let mut i = 0;
     while i < RAYS {
-        curve[0][i] = every_other(i);
-        curve[1][i] = every_other(i >> 1);
+        curve[0][i] = even_bits(i);
+        curve[1][i] = even_bits(i >> 1);
         i += 1;
     }
     curve
 };
 
-/// Every other bit of `i`, side by side.
-const fn every_other(i: usize) -> u8 {
+/// The even bits of `i`, side by side.
+const fn even_bits(i: usize) -> u8 {
     ((i & 1) | (i >> 1 & 2) | (i >> 2 & 4) | (i >> 3 & 8)) as u8
 }
 

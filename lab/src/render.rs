@@ -214,8 +214,8 @@ fn rays(stats: &RenderStats) -> String {
     used.map(|(n, kind)| format!("{n} {kind}")).collect::<Vec<_>>().join(", ")
 }
 
-/// An image, with room for one of its samples, how it is taken, and the rays of all pictures taken so
-/// far.
+/// An image, with room for one of its samples, how it is taken, and the rays of all pictures
+/// taken so far.
 struct Picture {
     image: Image,
     sample: Image,

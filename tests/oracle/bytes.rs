@@ -36,8 +36,10 @@ pub fn play_bytes(bytes: &[u8]) {
     let mut wide = Bvh8::new();
     let mut moving = vec![true; n];
     // What comes from the background comes when it likes, and could not be played again.
-    let strategies: Vec<_> =
+    let mut strategies: Vec<_> =
         Strategy::all().into_iter().filter(|s| !matches!(s, Strategy::Background(_))).collect();
+    // A strategy of before stood here: so bytes that were saved mean the others still.
+    strategies.insert(8, Strategy::default());
     while let (Some(strategy), Some(what)) = (next(), next()) {
         if what & 0x80 != 0 {
             let (period, phase) = (usize::from(what >> 4 & 7) + 1, usize::from(what & 15));

@@ -79,7 +79,10 @@ pub fn load(path: &Path, options: &LoadOptions<'_>) -> Result<Box<dyn Animation>
             Ok(Box::new(aff::load(path, options.origin)?))
         }
         "glb" | "gltf" => parse(path, &read_file(path)?, options),
-        _ if is_mesh_file(path) => parse(path, &read_file(path)?, options),
+        _ if is_mesh_file(path) => {
+            no_clip(path, options)?;
+            parse(path, &read_file(path)?, options)
+        }
         "" => unsupported("a file without extension"),
         _ => unsupported(&format!("a .{extension} file")),
     }

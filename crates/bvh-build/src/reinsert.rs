@@ -46,8 +46,9 @@ impl Default for Reinsert {
 /// A pass that saves less than this fraction of the cost is the last.
 const MIN_SAVING: f64 = 1e-3;
 
-/// A move has to save more than this part of what taking the node out frees. Rotations compare areas
-/// rounded to `f32`: where two trees are equal but for rounding, they would take back every move.
+/// A move has to save more than this part of what taking the node out frees. Rotations compare
+/// areas rounded to `f32`: where two trees are equal but for rounding, rotations would undo every
+/// move.
 const LEAST_SAVED: f64 = 1e-6;
 
 /// Memory that [`reinsert`](fn@reinsert) keeps from one call to the next, about 50 bytes a

@@ -9,7 +9,7 @@ use rt_cpu::{Camera, Hit, RenderStats, TriangleTest, closest_hit, closest_hit_br
 use serde::{Deserialize, Serialize};
 
 /// A ray, and what it hits by brute force.
-pub(crate) type Expected = (Ray, Option<Hit>);
+pub(crate) type SampleRay = (Ray, Option<Hit>);
 
 /// What was compared, and what differed.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -76,7 +76,13 @@ impl Checks {
     }
 
     /// Everything a tree promises, and hits through it with those by brute force.
-    pub(crate) fn tree(&mut self, place: &str, tree: &Bvh, triangles: &Triangles<'_>, rays: &[Expected]) {
+    pub(crate) fn check_tree(
+        &mut self,
+        place: &str,
+        tree: &Bvh,
+        triangles: &Triangles<'_>,
+        rays: &[SampleRay],
+    ) {
         for (ray, expected) in rays {
             self.rays += 1;
             self.rays_hit += u64::from(expected.is_some());
@@ -92,7 +98,7 @@ impl Checks {
 }
 
 /// Rays through random pixels, with what they hit if every triangle is tested.
-pub(crate) fn sample(camera: &Camera, triangles: &Triangles<'_>, count: usize, seed: u64) -> Vec<Expected> {
+pub(crate) fn sample(camera: &Camera, triangles: &Triangles<'_>, count: usize, seed: u64) -> Vec<SampleRay> {
     let mut random = fastrand::Rng::with_seed(seed);
     let rays: Vec<Ray> = (0..count)
         .map(|_| camera.ray(random.u32(0..camera.width()), random.u32(0..camera.height())))

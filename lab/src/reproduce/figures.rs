@@ -66,8 +66,8 @@ type Measure = (&'static str, &'static str, fn(&Row) -> f64);
 const MEASURES: [Measure; 2] =
     [("frame time", "update + trace, ms", |row| row.frame_ms), ("SAH cost", "SAH cost", |row| row.sah_cost)];
 
-/// A chart of each measure for one scene, with the lines that `series` makes of it; `loops` loops,
-/// each of that length, are set apart by rules.
+/// A chart of each measure for one scene, with the lines that `series` makes of it. A
+/// vertical rule ends each of `loops` loops, which are `length` long on the x axis.
 fn pair(
     scene: &SceneRun,
     x_label: &str,

@@ -14,8 +14,8 @@ use crate::stage::{self, Renderer, Stage};
 pub(super) struct Lane {
     pub(super) name: &'static str,
     pub(super) method: Method,
-    /// The tree, and after it its twins: trees of the later turns, of which the first is traced. None
-    /// where trees take long to prepare or to update: then the tree itself is traced once more.
+    /// The tree, and after it its twins: trees of the later turns, of which the first is traced.
+    /// None where trees take long to prepare or to update: then the tree itself is traced once more.
     pub(super) trees: Vec<(Bvh, Worker)>,
     /// Whether the tree fits the present frame.
     pub(super) is_current: bool,

@@ -104,7 +104,7 @@ struct Expected {
     /// By loop and frame.
     shown: HashMap<(usize, usize), Shown>,
     /// By frame: rays, and what they hit by brute force.
-    rays: HashMap<usize, Vec<check::Expected>>,
+    rays: HashMap<usize, Vec<check::SampleRay>>,
 }
 
 /// Measures all frames of a scene; rows go to the log frame by frame. `picture` sees the stage,
@@ -293,7 +293,7 @@ impl<'a> Run<'a> {
         let label = self.label;
         let of_lane = |lane: &Lane| {
             let (place, mut checks) = (format!("{label}, frame {frame}, {}", lane.name), Checks::default());
-            checks.tree(&place, lane.tree(), &triangles, rays);
+            checks.check_tree(&place, lane.tree(), &triangles, rays);
             checks
         };
         let current = self.lanes.par_iter().filter(|lane| lane.is_current);

@@ -84,8 +84,9 @@ impl Row {
         }
     }
 
-    /// The same row with what rendering its frame did in `trace_ms`, which is rounded. Times of stages are added up
-    /// over threads; their parts of the sum are their parts of the time that passed.
+    /// The same row with what rendering its frame did in `trace_ms`, which is rounded. Times of
+    /// stages are added up over threads; their parts of the sum are their parts of the time that
+    /// passed.
     pub(crate) fn traced(self, stats: &RenderStats, trace_ms: f64) -> Self {
         let total = stats.times.total().as_secs_f64();
         let ms =

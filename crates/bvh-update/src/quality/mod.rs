@@ -168,7 +168,7 @@ pub(crate) fn finite_or_zero(cost: f64) -> f64 {
 }
 
 /// An area to divide by: 1 in the place of one that is no positive number.
-pub(crate) fn or_one(area: f64) -> f64 {
+fn or_one(area: f64) -> f64 {
     if area > 0.0 && area.is_finite() { area } else { 1.0 }
 }
 
@@ -188,8 +188,11 @@ mod tests {
                 |i: usize| Vec3::new(at(i / 4, 7919), at(i / 4, 31), at(i, frame) * (frame % 2) as f32);
             (0..10_000).map(corner).map(|corner| Aabb::new(corner, corner + 9.0)).collect()
         };
+        let unused = [Node::leaf(pose(0)[0], 0, 1); 2000];
         for strategy in Strategy::all() {
-            let mut bvh = build(&pose(0), Builder::Lbvh).expect("few enough");
+            let built = build(&pose(0), Builder::Lbvh).expect("few enough");
+            let mut bvh =
+                Bvh::new(&[built.nodes(), &unused].concat(), built.order().to_vec()).expect("valid");
             bvh.set_dynamic(|p| p % 5 != 0);
             let mut updater = Updater::new(strategy);
             for frame in 1..8 {

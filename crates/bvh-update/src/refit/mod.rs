@@ -123,25 +123,25 @@ impl Tally {
 /// Which nodes have their turn: one in `period`, a power of two or else the next one, others in
 /// each turn.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Schedule {
+struct Schedule {
     mask: usize,
     turn: usize,
 }
 
 impl Schedule {
-    pub(crate) fn new(period: u32, turn: u32) -> Self {
+    fn new(period: u32, turn: u32) -> Self {
         let period = period.clamp(1, 1 << 31).next_power_of_two();
         Self { mask: period as usize - 1, turn: turn as usize }
     }
 
     /// Whether every node is included.
-    pub(crate) fn is_always(self) -> bool {
+    fn is_always(self) -> bool {
         self.mask == 0
     }
 
     /// Whether it is the turn of the node in this slot.
     #[inline]
-    pub(crate) fn includes(self, slot: usize) -> bool {
+    fn includes(self, slot: usize) -> bool {
         (slot / 2).wrapping_add(self.turn) & self.mask == 0
     }
 }

@@ -164,8 +164,8 @@ pub(crate) fn share(nodes: &mut [Node]) -> SharedNodes<'_> {
 pub(crate) fn parts(bvh: &mut Bvh) -> Parts<'_> {
     // SAFETY: the pass writes boxes, and structure only by `Accepted::apply`, which swaps two slots
     // and refits heights and dynamic bits on the way up, as the plain pass does.
-    // `repair/top_tree.rs` puts a tree over the same subtrees in the place of another, in its pairs,
-    // and refits heights and bits. Whoever has moved nodes sets the layout to `OTHER`. Others write
+    // `repair/top_tree.rs` builds a new top over the same subtrees in the pairs of the old top, and
+    // refits heights and bits. Whoever has moved nodes sets the layout to `OTHER`. Others write
     // references and the state alone. Where primitives may panic in between, an `OnPanic`
     // recomputes heights.
     #[expect(unsafe_code, reason = "promises to leave a valid tree")]

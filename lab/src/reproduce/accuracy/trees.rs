@@ -1,5 +1,5 @@
-//! Trees: update strategies with their budgets of rotations, bounds on height, and builders with their
-//! settings.
+//! Trees: update strategies with their budgets of rotations, bounds on height, and builders with
+//! their settings.
 
 use anyhow::{Context, Result};
 use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
@@ -94,8 +94,8 @@ pub(super) fn height_bounds(bench: &mut Bench<'_>) -> Result<()> {
 }
 
 /// Each entrant updates its tree frame by frame through a loop; on some frames the trees are
-/// compared with a fresh one. `timed` is what the entrants do. Nothing if nothing moves.
-fn play(bench: &mut Bench<'_>, knob: &str, timed: &str, mut entrants: Vec<Entrant>) -> Result<()> {
+/// compared with a fresh one. `what` is what the entrants do. Nothing if nothing moves.
+fn play(bench: &mut Bench<'_>, knob: &str, what: &str, mut entrants: Vec<Entrant>) -> Result<()> {
     if !bench.moves() {
         return Ok(());
     }
@@ -136,7 +136,7 @@ fn play(bench: &mut Bench<'_>, knob: &str, timed: &str, mut entrants: Vec<Entran
     for entrant in entrants.into_iter().filter(|_| compared > 0) {
         let (updates, height) = (entrant.times_ms.len(), entrant.height);
         let note = format!(
-            "time of {timed}, mean of {updates}; errors, mean of {frames_seen}; the tree was at most {height} high"
+            "time of {what}, mean of {updates}; errors, mean of {frames_seen}; the tree was at most {height} high"
         );
         let time_ms = entrant.times_ms.iter().sum::<f64>() / updates as f64;
         let point = Point { note, ..Point::new(knob, &entrant.setting, entrant.is_default, time_ms) };
