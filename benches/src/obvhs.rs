@@ -92,11 +92,6 @@ impl Obvhs {
         collapse(&mut self.tree, params.max_prims_per_leaf.clamp(1, 255), params.collapse_traversal_cost);
         let again = params.reinsertion_batch_ratio * params.post_collapse_reinsertion_batch_ratio_multiplier;
         self.reinsertion.run(&mut self.tree, again, None);
-        if self.mode == Mode::Refit {
-            // Refitting is then one sweep, which the library's documentation calls three times as
-            // fast.
-            self.tree.reorder_in_stack_traversal_order();
-        }
     }
 
     /// Boxes of the leaves are the user's to write; the rest is the library's.
@@ -153,7 +148,13 @@ impl Contestant for Obvhs {
         match self.mode {
             Mode::Refit if !self.tree.nodes.is_empty() => self.refit(),
             Mode::Move if !self.tree.nodes.is_empty() => self.move_all(),
-            _ => self.build(),
+            Mode::Refit => {
+                self.build();
+                // Refitting is then one sweep, which the library's documentation calls three times
+                // as fast.
+                self.tree.reorder_in_stack_traversal_order();
+            }
+            Mode::Move | Mode::Rebuild | Mode::Wide => self.build(),
         }
         if self.corners.is_some() {
             let triangles = self.mesh.triangles();
