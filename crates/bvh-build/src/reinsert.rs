@@ -375,7 +375,8 @@ mod tests {
                 let places = (0..tree.nodes.len()).filter(|&to| to != 1 && to != parent && !is_below(&bvh, to, n));
                 let least = places.map(|to| moved_by_hand(&bvh, n, to)).fold(before, f64::min);
                 prop_assert!((before - found.saving - least).abs() < 1e-9, "{found:?}: {before} to {least}");
-                if found.saving > 1e-9 {
+                // `apply` may refuse less: what it frees is below the area of 12 nodes of 3 each.
+                if found.saving > 36.0 * LEAST_SAVED {
                     let mut nodes = nodes.clone();
                     let mut tree = Boxes { nodes: &mut nodes, root: 0 };
                     let saved = apply(&mut tree, &mut parents.clone(), n, found.to as usize);
