@@ -188,20 +188,22 @@ mod tests {
                 |i: usize| Vec3::new(at(i / 4, 7919), at(i / 4, 31), at(i, frame) * (frame % 2) as f32);
             (0..10_000).map(corner).map(|corner| Aabb::new(corner, corner + 9.0)).collect()
         };
-        let unused = [Node::leaf(pose(0)[0], 0, 1); 2000];
+        let more = [Node::leaf(pose(0)[0], 0, 1); 2000];
+        let mut unused = 0;
         for strategy in Strategy::all() {
             let built = build(&pose(0), Builder::Lbvh).expect("few enough");
-            let mut bvh =
-                Bvh::new(&[built.nodes(), &unused].concat(), built.order().to_vec()).expect("valid");
+            let mut bvh = Bvh::new(&[built.nodes(), &more].concat(), built.order().to_vec()).expect("valid");
             bvh.set_dynamic(|p| p % 5 != 0);
             let mut updater = Updater::new(strategy);
             for frame in 1..8 {
                 updater.update(&mut bvh, &pose(frame)).expect("same count");
             }
-            let mut expected = [0.0; 5];
+            let (mut expected, mut in_use) = ([0.0; 5], 1);
             bvh.visit(|_, node, _| {
                 expected.iter_mut().zip(terms(node)).for_each(|(sum, term)| *sum += term);
+                in_use += 1;
             });
+            unused += bvh.nodes().len() - in_use;
             let [sums, on_one] = [3, 1].map(|threads| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
                 pool.install(|| sum(bvh.nodes(), &terms))
@@ -211,6 +213,7 @@ mod tests {
             }
             assert_eq!(sums.map(f64::to_bits), on_one.map(f64::to_bits));
         }
+        assert!(unused > 1000, "{unused} nodes are not in use");
     }
 
     /// Leaves and root grow and shrink, not quite at the same time, and others are dynamic in each
