@@ -49,6 +49,7 @@ pub struct Bvh {
     pub(crate) order: Vec<u32>,
     pub(crate) in_order: bool,
     pub(crate) all_dynamic: bool,
+    pub(crate) leaves_of_one: bool,
     pub(crate) static_area: f64,
     pub(crate) update_state: UpdateState,
 }
@@ -117,8 +118,9 @@ impl Bvh {
     /// only if the memory is too small. If `fill` panics, the tree is empty afterwards.
     ///
     /// # Safety
-    /// The used node slots and the order must form a tree as [`Bvh`] describes it, with right
-    /// heights and every node dynamic: updates that share the arena between threads rely on it.
+    /// The used node slots and the order must form a tree as [`Bvh`] describes it, without empty
+    /// leaves but where `primitives` is 0, with right heights and every node dynamic: updates that
+    /// share the arena between threads rely on it.
     #[doc(hidden)]
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
     pub unsafe fn replace_with(
@@ -135,6 +137,7 @@ impl Bvh {
         bvh.pairs.truncate(used.div_ceil(2).max(1));
         bvh.pairs[0].0[1] = Node::NOTHING;
         bvh.in_order = is_identity(&bvh.order);
+        bvh.leaves_of_one = used == 2 * primitives.max(1);
         (bvh.all_dynamic, bvh.static_area, bvh.update_state) = (true, 0.0, UpdateState::default());
         std::mem::forget(guard);
     }
@@ -224,6 +227,13 @@ impl Bvh {
     #[inline]
     pub fn is_in_order(&self) -> bool {
         self.in_order
+    }
+
+    /// Whether each primitive has a leaf of its own; updates are then faster.
+    #[must_use]
+    #[inline]
+    pub fn has_leaves_of_one(&self) -> bool {
+        self.leaves_of_one
     }
 
     /// Renumbers the primitives in the order of the leaves and gives the old numbers: primitive `s`
@@ -331,6 +341,7 @@ impl Default for Bvh {
             order: Vec::new(),
             in_order: true,
             all_dynamic: true,
+            leaves_of_one: true,
             static_area: 0.0,
             update_state: UpdateState::default(),
         }

@@ -5,7 +5,7 @@
 pub enum SimdLevel {
     /// What every target has (SSE2 on x86-64).
     Baseline,
-    /// AVX2, FMA and POPCNT (x86-64 processors since 2013).
+    /// AVX2, FMA, BMI1, BMI2 and POPCNT (x86-64 processors since 2013).
     Avx2,
     /// AVX-512 F, VL, BW and DQ.
     Avx512,
@@ -31,6 +31,8 @@ impl SimdLevel {
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2")
             && is_x86_feature_detected!("fma")
+            && is_x86_feature_detected!("bmi1")
+            && is_x86_feature_detected!("bmi2")
             && is_x86_feature_detected!("popcnt")
         {
             let has_avx512 = is_x86_feature_detected!("avx512f")

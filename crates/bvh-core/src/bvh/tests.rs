@@ -43,6 +43,19 @@ fn leaf_heights_and_unused_slots_are_reset() {
 }
 
 #[test]
+fn trees_know_whether_each_primitive_has_a_leaf_of_its_own() {
+    let tree = |nodes: &[Node], n| Bvh::new(nodes, (0..n).collect()).expect("valid");
+    let unused = [Node::leaf(BOX, 0, 1); 2];
+    assert!(Bvh::default().has_leaves_of_one() && tree(&three(), 3).has_leaves_of_one());
+    assert!(tree(&[three().as_slice(), &unused].concat(), 3).has_leaves_of_one());
+    let with_empty_leaf = [Node::inner(BOX, 2), Node::NOTHING, Node::leaf(BOX, 0, 2), Node::leaf(BOX, 2, 0)];
+    let bvh = tree(&with_empty_leaf, 2);
+    assert!(!bvh.has_leaves_of_one());
+    // Updates must not visit the empty leaf.
+    assert_eq!((bvh.nodes()[3].is_dynamic(), bvh.all_dynamic()), (false, true));
+}
+
+#[test]
 fn boxes_that_are_not_finite_are_empty() {
     let mut nodes = three();
     nodes[4].set_aabb(Aabb { min: Vec3::NAN, max: Vec3::ONE });

@@ -15,35 +15,36 @@ use super::shared::SharedNodes;
 use super::{Tally, scalar};
 
 /// See [`Block::walk`].
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 #[inline(never)]
 pub(super) fn walk(block: &mut Block, nodes: SharedNodes<'_>, roots: &[Entry], leaves: &mut Leaves) {
     scalar::walk(block, nodes, roots, leaves);
 }
 
 /// See [`scalar::sweep`].
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 #[inline(never)]
 pub(super) fn sweep(nodes: SharedNodes<'_>, pairs: Range<usize>, lister: &mut Lister<'_>) {
     scalar::sweep(nodes, pairs, lister);
 }
 
 /// See [`kernels::fit_leaves`].
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 #[inline(never)]
 pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
     leaves: &[Entry],
     fetch: impl Fn(usize),
+    of_one: bool,
     with_sums: bool,
     tally: &mut Tally,
 ) {
-    kernels::fit_leaves(nodes, primitives, leaves, fetch, with_sums, tally);
+    kernels::fit_leaves(nodes, primitives, leaves, fetch, of_one, with_sums, tally);
 }
 
 /// See [`kernels::refit_boxes`].
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 #[inline(never)]
 pub(super) fn refit_boxes(
     nodes: SharedNodes<'_>,
@@ -62,7 +63,7 @@ pub(super) fn refit_boxes(
 }
 
 /// See [`scalar::rotate`](super::scalar::rotate).
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 #[inline(never)]
 pub(super) fn rotate(
     nodes: SharedNodes<'_>,

@@ -91,10 +91,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         lister.finish();
         // There are about as many leaves as pairs.
         let fetch = |i: usize| self.nodes.prefetch(2 * (pairs.start + i).saturating_sub(STRETCH));
-        dispatch!(
-            self.scratch.level,
-            fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, self.scratch.with_sums, tally)
-        );
+        self.fit_leaves(leaves, fetch, tally);
         dispatch!(self.scratch.level, refit_boxes(self.nodes, inner.all(), self.scratch.with_sums, tally));
     }
 }

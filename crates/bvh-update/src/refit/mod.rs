@@ -17,7 +17,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use bvh_core::{Bvh, InOrder, OnPanic, Primitives, SimdLevel, sah_cost};
 
-use self::block::{Block, Entry, LISTED, Lists};
+use self::block::{Block, Entry, LISTED, Leaves, Lists};
 use self::kernels::refit_height;
 use self::shared::{Available, dispatch};
 use crate::report::Update;
@@ -212,6 +212,8 @@ pub(crate) struct Task<'a, P: ?Sized> {
     /// At which nodes rotations are tried, if at any.
     schedule: Option<Schedule>,
     is_partly_static: bool,
+    /// Whether each primitive has a leaf of its own.
+    of_one: bool,
     scratch: &'a RefitScratch,
 }
 
@@ -224,6 +226,7 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     scratch: &mut RefitScratch,
 ) -> Tally {
     let (is_in_order, is_partly_static) = (bvh.is_in_order(), !bvh.all_dynamic());
+    let of_one = bvh.has_leaves_of_one();
     // Rotations leave the heights of the nodes above them to be updated later, and primitives may
     // panic half-way.
     let unfinished = OnPanic(bvh, Bvh::recompute_metadata);
@@ -241,10 +244,10 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     }
     let (nodes, scratch) = (share(parts.nodes), &*scratch);
     let mut tally = if is_in_order {
-        Task { nodes, primitives, schedule, is_partly_static, scratch }.run(is_linear)
+        Task { nodes, primitives, schedule, is_partly_static, of_one, scratch }.run(is_linear)
     } else {
         let primitives = &InOrder { primitives, order: parts.order };
-        Task { nodes, primitives, schedule, is_partly_static, scratch }.run(is_linear)
+        Task { nodes, primitives, schedule, is_partly_static, of_one, scratch }.run(is_linear)
     };
     *parts.static_area += tally.static_area;
     tally.has_sums = scratch.with_sums;
@@ -319,10 +322,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
                     self.nodes.prefetch(root.first() + 2 * (i % LINES));
                 }
             };
-            dispatch!(
-                level,
-                fit_leaves(self.nodes, self.primitives, leaves.all(), fetch, with_sums, &mut tally)
-            );
+            self.fit_leaves(leaves, fetch, &mut tally);
             watch.lap(|cost| &mut cost.leaves);
         });
         let [(rest, rest_depth), (below, below_depth)] = block.frontier();
@@ -340,6 +340,15 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         watch.lap(|cost| &mut cost.rotations);
         self.spare().blocks.push(block);
         tally
+    }
+
+    /// Fits leaves, and calls `fetch` with the number of each.
+    fn fit_leaves(&self, leaves: &Leaves, fetch: impl Fn(usize), tally: &mut Tally) {
+        let Self { nodes, primitives, of_one, scratch, .. } = *self;
+        dispatch!(
+            scratch.level,
+            fit_leaves(nodes, primitives, leaves.all(), fetch, of_one, scratch.with_sums, tally)
+        );
     }
 
     /// Rotates at the block's inner nodes.
