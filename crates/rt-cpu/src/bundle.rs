@@ -2,6 +2,8 @@
 
 use bvh_core::{Ray, Vec3};
 use bytemuck::Zeroable;
+use fearless_simd::Simd;
+use fearless_simd::prelude::*;
 
 use crate::Hit;
 
@@ -93,10 +95,10 @@ impl Hits {
         }
     }
 
-    /// Mask of the rays that hit something among `n` from `at` on.
+    /// Mask of the rays that hit something, of a vector of them from `at` on.
     #[inline(always)]
-    pub(crate) fn lanes(&self, at: usize, n: usize) -> u64 {
-        let hit = |m, (i, &p): (usize, &u32)| m | u64::from(p != Self::NONE) << i;
-        self.primitive[at..at + n].iter().enumerate().fold(0, hit)
+    pub(crate) fn lanes<S: Simd>(&self, simd: S, at: usize) -> u64 {
+        let primitives = S::u32s::from_slice(simd, &self.primitive[at..at + S::u32s::LEN]);
+        primitives.simd_ne(Self::NONE).to_bitmask()
     }
 }

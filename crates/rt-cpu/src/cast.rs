@@ -5,7 +5,7 @@ use bvh_core::triangle::Test;
 use bytemuck::Zeroable;
 use fearless_simd::Simd;
 
-use crate::bundle::{Coordinates, Hits, PACKET, RAYS, Wave};
+use crate::bundle::{Coordinates, Hits, RAYS, Wave};
 use crate::options::{RenderOptions, Traversal};
 use crate::packet;
 use crate::scene::{Query, Scene, Work, every};
@@ -102,9 +102,8 @@ pub(crate) fn cast_tile<S: Simd, T: WideTest>(
             trace_past_holes::<S, T>(simd, frame, Query::Closest, seen, scratch, tally);
             let count = seen.rays.count;
             tally.stats.rays_primary = count as u64;
-            let hits =
-                (0..count).step_by(PACKET).map(|at| u64::from(seen.hits.lanes(at, PACKET).count_ones()));
-            tally.stats.hits = hits.sum();
+            let hits = seen.hits.primitive[..count].iter().filter(|&&p| p != Hits::NONE);
+            tally.stats.hits = hits.count() as u64;
             if tally.stats.hits > 0 && (frame.shadows.is_some() || frame.shaded) {
                 surfaces.find(simd, frame.scene.triangles, seen);
             }

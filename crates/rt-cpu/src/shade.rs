@@ -69,7 +69,7 @@ impl Shader<'_> {
     pub(crate) fn shade<S: Simd>(&self, simd: S, tile: &mut Tile, looks: Option<&Looks>) {
         let Tile { seen, surfaces, lit, colors, .. } = tile;
         for at in (0..seen.rays.count).step_by(S::f32s::LEN) {
-            let lanes = seen.hits.lanes(at, S::f32s::LEN);
+            let lanes = seen.hits.lanes(simd, at);
             let ray = load3::<S, S::f32s, RAYS>(simd, &seen.rays.direction, at);
             let mut color = Self::behind(simd, ray);
             if lanes != 0 {

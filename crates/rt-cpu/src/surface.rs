@@ -28,7 +28,7 @@ impl Surfaces {
         let Wave { rays, hits, .. } = seen;
         let n = S::f32s::LEN;
         for at in (0..rays.count).step_by(n) {
-            let lanes = hits.lanes(at, n);
+            let lanes = hits.lanes(simd, at);
             if lanes == 0 {
                 continue;
             }
@@ -71,7 +71,7 @@ impl Surfaces {
     ) {
         let light = rays.origin;
         for at in (0..count).step_by(S::f32s::LEN) {
-            let lanes = hits.lanes(at, S::f32s::LEN);
+            let lanes = hits.lanes(simd, at);
             if lanes == 0 {
                 continue;
             }

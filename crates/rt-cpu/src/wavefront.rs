@@ -162,7 +162,7 @@ impl Wavefront<'_> {
         let (mesh, textures) = (self.shader.mesh, self.effects.textures);
         let (count, hits) = (tile.seen.rays.count, &tile.seen.hits);
         for first in (0..count).step_by(S::f32s::LEN) {
-            let lanes = hits.lanes(first, S::f32s::LEN);
+            let lanes = hits.lanes(simd, first);
             if lanes != 0 {
                 let normal: [S::f32s; 3] = self.shader.normal(simd, first, lanes, hits, &tile.surfaces);
                 store3(normal, &mut paths.looks.normal, first);
