@@ -2,7 +2,7 @@
 //! scheduled on many workers.
 //!
 //! ```text
-//! cargo bench -p bvh-update --bench refit_cost -- [sheet|pieces|sixteenth|uneven|large ...] [--threads=N]
+//! cargo bench -p bvh-update --bench refit_cost -- [still|sheet|pieces|sixteenth|uneven|large ...] [--threads=N]
 //! RUSTFLAGS='--cfg refit_without="validity"' cargo bench ...      with one guard left out: validity, heights, moving
 //! ```
 //!
@@ -29,7 +29,8 @@ struct Scene {
     side: usize,
 }
 
-const SCENES: [Scene; 5] = [
+const SCENES: [Scene; 6] = [
+    Scene { name: "still", side: 215 },
     Scene { name: "sheet", side: 215 },
     Scene { name: "pieces", side: 354 },
     Scene { name: "sixteenth", side: 896 },
@@ -57,6 +58,8 @@ impl Scene {
                     Vec3::new(x, y, wave) + away * 20.0 * time
                 }
                 "sixteenth" if !self.moves(i) => Vec3::new(x, y, 0.0),
+                // Counts as moving, but stays: no rotation is left to apply.
+                "still" => Vec3::new(x, y, 9.0 * (0.11 * x).sin() * (0.07 * y).cos()),
                 // Every place is nearer to the corner by a factor: large and small side by side.
                 "uneven" => {
                     let (u, v) = (x / n as f32, y / n as f32);
@@ -232,7 +235,7 @@ fn measure(
     // Other programs interrupt blocks: of several frames the one that took least is the least
     // disturbed.
     let frames = if count > 5e6 { 5 } else { 30 };
-    let (mut alone, mut plain, mut best) = (Vec::new(), f64::INFINITY, (u64::MAX, Vec::new(), 1.0));
+    let (mut alone, mut plain, mut best) = (Vec::new(), f64::INFINITY, (u64::MAX, Vec::new(), 1.0, 0));
     for frame in 1..=2 * frames {
         let positions = scene.positions(frame as f32 * 0.05);
         let triangles = Triangles { positions: &positions, indices: &indices };
@@ -251,10 +254,10 @@ fn measure(
         let costs = updater.take_costs();
         let all = costs.iter().map(|c| c.list + c.leaves + c.boxes + c.rotations).sum();
         if all < best.0 {
-            best = (all, costs, moving);
+            best = (all, costs, moving, report.rotations.iter().sum());
         }
     }
-    let (all, costs, moving) = best;
+    let (all, costs, moving, applied) = best;
     let free = Prices { join: 0, theft: 0 };
     assert!(costs.is_empty() || scheduled(&costs, 1, free) == all, "one worker does all work");
     let sum = |of: fn(&BlockCost) -> u64| costs.iter().map(of).sum::<u64>() as f64 / moving;
@@ -262,11 +265,12 @@ fn measure(
     let rotations = sum(|c| c.rotations);
     let name = format!("{}{}", strategy.name(), if out_of_order { ", any order" } else { "" });
     print!(
-        "{:10} {name:22} {:8} {:>5} {:8.1} {plain:7.1} {list:7.1} {leaves:7.1} {boxes:7.1} {rotations:9.1}",
+        "{:10} {name:22} {:8} {:>5} {:8.1} {plain:7.1} {list:7.1} {leaves:7.1} {boxes:7.1} {rotations:9.1} {:8.4}",
         scene.name,
         level.name(),
         if with_sums { "sums" } else { "" },
         median(alone),
+        applied as f64 / moving,
     );
     if costs.len() > 1 {
         print!(" {:7}", costs.len());
@@ -295,8 +299,8 @@ fn main() {
     println!("a join: {join} ns; a theft: {theft} ns");
     println!("ns per moving triangle, threads: {threads}; without: {without:?}");
     println!(
-        "{:55} {:>7} {:>7} {:>7} {:>7} {:>7} {:>9} {:>7} efficiency on 8, 16, 64 workers",
-        "", "median", "least", "list", "leaves", "boxes", "rotations", "blocks"
+        "{:55} {:>7} {:>7} {:>7} {:>7} {:>7} {:>9} {:>8} {:>7} efficiency on 8, 16, 64 workers",
+        "", "median", "least", "list", "leaves", "boxes", "rotations", "applied", "blocks"
     );
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     let rotate = Strategy::RefitRotate(Rotate::default());

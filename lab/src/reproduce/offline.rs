@@ -12,7 +12,7 @@ use crate::compare::turns;
 use crate::interrupt;
 use crate::stage::{Renderer, Stage, timed};
 
-/// The builder that the others are compared with, and those.
+/// Builders; the others are compared with the first.
 pub(crate) const BUILDERS: [Builder; 3] = [Builder::Sweep, Builder::HillClimbed, Builder::Annealed];
 /// Pictures taken through each tree; their mean time counts.
 const PICTURES: u32 = 5;
