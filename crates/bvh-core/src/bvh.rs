@@ -229,7 +229,7 @@ impl Bvh {
         self.in_order
     }
 
-    /// Whether each primitive has a leaf of its own; updates are then faster.
+    /// Whether each leaf has one primitive, except for [`Node::NOTHING`]; updates are then faster.
     #[must_use]
     #[inline]
     pub fn has_leaves_of_one(&self) -> bool {

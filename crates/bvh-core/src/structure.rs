@@ -48,10 +48,9 @@ impl Bvh {
         for node in self.raw_nodes_mut() {
             // Safe code can give a leaf a height, and updates know leaves by theirs.
             node.clear_leaf_height();
-            // A leaf without primitives has no box; updates never visit it.
+            // A leaf without primitives has no box.
             let holds_nothing = node.is_leaf() && node.count() == 0;
             node.set_aabb(if holds_nothing { Aabb::EMPTY } else { node.aabb().sanitized() });
-            node.set_dynamic(node.is_dynamic() && !holds_nothing);
         }
         let (inner, used) = self.check_structure()?;
         self.pairs[0].0[1] = Node::NOTHING;
@@ -61,7 +60,8 @@ impl Bvh {
         self.refit_metadata(&inner);
         self.in_order = is_identity(&self.order);
         self.all_dynamic = self.nodes().iter().all(|n| n.is_dynamic() || n.count() == 0);
-        self.leaves_of_one = self.nodes().iter().filter(|n| n.count() == 1).count() == self.len();
+        self.leaves_of_one =
+            self.nodes().iter().all(|n| !n.is_leaf() || n.count() == 1 || *n == Node::NOTHING);
         self.sum_static_area();
         Ok(self)
     }

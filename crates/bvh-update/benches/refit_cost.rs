@@ -299,7 +299,7 @@ fn main() {
     println!("a join: {join} ns; a theft: {theft} ns");
     println!("ns per moving triangle, threads: {threads}; without: {without:?}");
     println!(
-        "{:55} {:>7} {:>7} {:>7} {:>7} {:>7} {:>9} {:>8} {:>7} efficiency on 8, 16, 64 workers",
+        "{:46} {:>8} {:>7} {:>7} {:>7} {:>7} {:>9} {:>8} {:>7} efficiency on 8, 16, 64 workers",
         "", "median", "least", "list", "leaves", "boxes", "rotations", "applied", "blocks"
     );
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");

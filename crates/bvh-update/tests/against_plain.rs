@@ -2,7 +2,7 @@
 //! and at every SIMD level, and the same account of what was done.
 
 use bvh_build::{BuildOptions, Builder, build_with};
-use bvh_core::{Aabb, Bvh, SimdLevel, Vec3, sah_cost, stats};
+use bvh_core::{Aabb, Bvh, Node, SimdLevel, Vec3, sah_cost, stats};
 use bvh_update::{Rotate, Strategy, UpdateError, Updater, plain};
 use proptest::prelude::*;
 
@@ -123,6 +123,36 @@ fn same_tree_with_larger_leaves() {
         check(3000, 5, 10.0, 4, max_leaf_size, |_| true);
     }
     check(3000, 5, 10.0, 4, 4, |i| i % 3 == 0);
+}
+
+#[test]
+fn same_tree_with_empty_leaves() {
+    let inner = |left| Node::inner(Aabb::EMPTY, left);
+    let leaf = |first, count| Node::leaf(Aabb::EMPTY, first, count);
+    let trees: [&[Node]; 4] = [
+        &[inner(2), Node::NOTHING, leaf(0, 2), leaf(2, 0)],
+        &[inner(2), Node::NOTHING, inner(4), leaf(2, 0), leaf(0, 1), leaf(1, 1)],
+        &[inner(2), Node::NOTHING, inner(4), Node::NOTHING, leaf(0, 1), leaf(1, 1)],
+        // An inner node over nothing.
+        &[inner(2), Node::NOTHING, inner(4), leaf(0, 2), leaf(2, 0), leaf(2, 0)],
+    ];
+    for (nodes, level) in trees.into_iter().flat_map(|nodes| SimdLevel::available().map(move |l| (nodes, l)))
+    {
+        for (strategy, rotate) in [(Strategy::Refit, None), (ROTATE, Some(Rotate::default()))] {
+            let mut bvh = Bvh::new(nodes, vec![0, 1]).expect("valid");
+            let mut expected = bvh.clone();
+            for frame in 1..4 {
+                let mut now = boxes(2, 11, frame as f32);
+                if frame == 2 {
+                    now[1].max.x = f32::NAN;
+                }
+                plain::update(&mut expected, &now, rotate);
+                reporting(level).set_strategy(strategy).update(&mut bvh, &now).expect("same count");
+                assert_eq!(bvh.fingerprint(), expected.fingerprint(), "{level:?}, frame {frame}");
+                bvh.validate(&now).expect("valid and tight");
+            }
+        }
+    }
 }
 
 #[test]

@@ -95,7 +95,8 @@ impl Hits {
         }
     }
 
-    /// Mask of the rays that hit something, of a vector of them from `at` on.
+    /// Mask of the rays that hit something, of a vector of them from `at` on; behind the last ray
+    /// there is nothing ([`Wave::end`]).
     #[inline(always)]
     pub(crate) fn lanes<S: Simd>(&self, simd: S, at: usize) -> u64 {
         let primitives = S::u32s::from_slice(simd, &self.primitive[at..at + S::u32s::LEN]);

@@ -43,16 +43,29 @@ fn leaf_heights_and_unused_slots_are_reset() {
 }
 
 #[test]
-fn trees_know_whether_each_primitive_has_a_leaf_of_its_own() {
+fn trees_know_whether_their_leaves_have_one_primitive_each() {
     let tree = |nodes: &[Node], n| Bvh::new(nodes, (0..n).collect()).expect("valid");
-    let unused = [Node::leaf(BOX, 0, 1); 2];
-    assert!(Bvh::default().has_leaves_of_one() && tree(&three(), 3).has_leaves_of_one());
-    assert!(tree(&[three().as_slice(), &unused].concat(), 3).has_leaves_of_one());
-    let with_empty_leaf = [Node::inner(BOX, 2), Node::NOTHING, Node::leaf(BOX, 0, 2), Node::leaf(BOX, 2, 0)];
-    let bvh = tree(&with_empty_leaf, 2);
-    assert!(!bvh.has_leaves_of_one());
-    // Updates must not visit the empty leaf.
-    assert_eq!((bvh.nodes()[3].is_dynamic(), bvh.all_dynamic()), (false, true));
+    let pair = |l, r| tree(&[Node::inner(BOX, 2), Node::NOTHING, l, r], 2);
+    let leaf = |first, count| Node::leaf(BOX, first, count);
+    let unused = [leaf(0, 2); 2];
+    let of_one = [
+        Bvh::default(),
+        tree(&[leaf(0, 1), Node::NOTHING], 1),
+        tree(&three(), 3),
+        tree(&[three().as_slice(), &unused].concat(), 3),
+        pair(leaf(0, 1), leaf(1, 1)),
+    ];
+    // Empty leaves move until somebody marks what does.
+    let others = [
+        tree(&[leaf(0, 2), Node::NOTHING], 2),
+        pair(leaf(0, 2), leaf(2, 0)),
+        tree(&[three()[0], Node::NOTHING, three()[2], leaf(2, 0), leaf(0, 1), leaf(1, 1)], 2),
+    ];
+    assert!(of_one.iter().all(Bvh::has_leaves_of_one) && !others.iter().any(Bvh::has_leaves_of_one));
+    let mut copy = others[0].clone();
+    assert!(!copy.has_leaves_of_one());
+    copy.clone_from(&of_one[1]);
+    assert!(copy.has_leaves_of_one());
 }
 
 #[test]

@@ -13,8 +13,7 @@ use super::block::{Entry, LISTED};
 use super::shared::SharedNodes;
 
 /// How many leaves ahead the corners of triangles are fetched, and twice as many ahead the indices.
-/// With 24 the refits of `cargo run --release -p bvh-update --example tuning` took 1.12 (100 K) and
-/// 1.22 times as long, with 6 and 16 1.15 (EPYC Zen 3).
+// Other distances: docs/TUNING.md.
 pub(crate) const AHEAD: usize = 12;
 
 /// A sum of half areas, as sums of products `xy`, `yz`, `zx`, and one without meaning.
@@ -57,8 +56,9 @@ impl AreaSum {
 /// A box in lanes, with a node's words in the fourth.
 type Corners = [Vec4; 2];
 
-/// Fits leaves to their primitives, which are numbered by slot in the tree's order. `fetch` is
-/// called with the number of each, to ask for what will be needed next.
+/// Fits leaves to their primitives, which are numbered by slot in the tree's order; `of_one` says
+/// that each has one. `fetch` is called with the number of each leaf, to ask for what will be needed
+/// next.
 #[inline(always)]
 pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
@@ -69,15 +69,14 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     with_sums: bool,
     tally: &mut Tally,
 ) {
-    // With one loop for both, refits took 1.07 times as long, with rotations 1.04 times
-    // (`cargo bench -p bvh-update --bench refit_cost -- sheet`, EPYC Zen 3).
+    // One loop for both takes longer over leaves of one: docs/UPDATE_COST.md.
     let area = if of_one {
         fit_valid::<_, true>(nodes, primitives, leaves, fetch, with_sums)
     } else {
         fit_valid::<_, false>(nodes, primitives, leaves, fetch, with_sums)
     };
     let Some(area) = area else {
-        // Some have primitives without a box.
+        // Some have primitives without a box, or none.
         leaves.iter().for_each(|entry| fit_leaf(nodes, primitives, entry.slot(), tally));
         return;
     };
@@ -108,7 +107,9 @@ fn fit_valid<P: Primitives + ?Sized, const OF_ONE: bool>(
         }
         fetch(i);
         let [own_min, own_max]: Corners = bytemuck::cast(nodes.get(entry.slot()));
-        let count = if OF_ONE { 1 } else { own_max.w.to_bits() >> 8 };
+        let count = own_max.w.to_bits() >> 8;
+        debug_assert!(!OF_ONE || count == 1, "{count} primitives in a leaf");
+        let count = if OF_ONE { 1 } else { count };
         let [min, max, next_validity] = lanes_of_several(primitives, entry.first(), count as usize);
         validity += next_validity;
         let corners: Corners = [min.with_w(own_min.w), max.with_w(own_max.w)];
@@ -124,6 +125,9 @@ fn fit_valid<P: Primitives + ?Sized, const OF_ONE: bool>(
 /// As [`Primitives::aabb_lanes`], for successive primitives.
 #[inline(always)]
 fn lanes_of_several<P: Primitives + ?Sized>(primitives: &P, first: usize, count: usize) -> [Vec4; 3] {
+    if count == 0 {
+        return [Vec4::NAN; 3];
+    }
     (first + 1..first + count).fold(primitives.aabb_lanes(first), |[min, max, validity], primitive| {
         let [next_min, next_max, next_validity] = primitives.aabb_lanes(primitive);
         [min.min(next_min), max.max(next_max), validity + next_validity]

@@ -212,7 +212,7 @@ pub(crate) struct Task<'a, P: ?Sized> {
     /// At which nodes rotations are tried, if at any.
     schedule: Option<Schedule>,
     is_partly_static: bool,
-    /// Whether each primitive has a leaf of its own.
+    /// Whether each leaf has one primitive.
     of_one: bool,
     scratch: &'a RefitScratch,
 }
@@ -477,16 +477,16 @@ mod tests {
         let place = |i: usize| i / 4 * 2 + usize::from(i.is_multiple_of(4));
         let at = |p: usize| Vec3::new((p % 61) as f32, (p % 53) as f32, (p % 47) as f32);
         let boxes: Vec<Aabb> = (0..5000).map(|i| at(place(i))).map(|p| Aabb::new(p, p + 0.5)).collect();
-        let options = BuildOptions::default().with_max_leaf_size(4);
-        let mut bvh = build_with(&boxes, Builder::Sweep, &options).expect("few enough");
-        let has_leaves_of = |several: bool| {
-            bvh.nodes().iter().any(|node| if several { node.count() > 1 } else { node.count() == 1 })
-        };
-        assert!(has_leaves_of(true) && has_leaves_of(false), "leaves of several sizes");
-        for rotate in [None, Some(Rotate::default()), None] {
-            let boxes = Counted(boxes.clone(), AtomicUsize::new(0));
-            pass(&mut bvh, &boxes, rotate, &mut RefitScratch::default());
-            assert_eq!(boxes.1.into_inner(), 5000, "{rotate:?}");
+        for max_leaf_size in [1, 4] {
+            let options = BuildOptions::default().with_max_leaf_size(max_leaf_size);
+            let mut bvh = build_with(&boxes, Builder::Sweep, &options).expect("few enough");
+            let has_of_one = bvh.nodes().iter().any(|node| node.count() == 1);
+            assert!(has_of_one && bvh.has_leaves_of_one() == (max_leaf_size == 1));
+            for rotate in [None, Some(Rotate::default()), None] {
+                let boxes = Counted(boxes.clone(), AtomicUsize::new(0));
+                pass(&mut bvh, &boxes, rotate, &mut RefitScratch::default());
+                assert_eq!(boxes.1.into_inner(), 5000, "{rotate:?}");
+            }
         }
     }
 }
