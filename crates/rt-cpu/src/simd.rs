@@ -32,15 +32,16 @@ pub(crate) fn detected(level: SimdLevel) -> Level {
 /// crate takes, once for each level.
 macro_rules! dispatch {
     ($level:expr, $simd:ident => $body:expr) => {{
-        use fearless_simd::{Level, Simd};
         match $level {
             #[cfg(target_arch = "x86_64")]
-            Level::Avx512($simd) => $simd.vectorize(
+            fearless_simd::Level::Avx512($simd) => fearless_simd::Simd::vectorize(
+                $simd,
                 #[inline(always)]
                 || $body,
             ),
             #[cfg(target_arch = "x86_64")]
-            Level::Avx2($simd) => $simd.vectorize(
+            fearless_simd::Level::Avx2($simd) => fearless_simd::Simd::vectorize(
+                $simd,
                 #[inline(always)]
                 || $body,
             ),
@@ -48,7 +49,8 @@ macro_rules! dispatch {
             level => {
                 // Always there on x86-64.
                 let $simd = level.as_sse2().expect("SSE2");
-                $simd.vectorize(
+                fearless_simd::Simd::vectorize(
+                    $simd,
                     #[inline(always)]
                     || $body,
                 )

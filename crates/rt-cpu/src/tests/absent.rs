@@ -4,7 +4,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use fearless_simd::Simd;
+use fearless_simd::{Level, Simd};
 
 use super::*;
 use crate::cast::Tile;
