@@ -149,6 +149,7 @@ impl<'a> Lister<'a> {
 
     /// Appends eight entries to each list, of which the first few count. The others among `inner`
     /// are those of the root.
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(super) fn append(
         &mut self,

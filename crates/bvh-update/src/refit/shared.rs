@@ -184,6 +184,7 @@ impl Available {
         Self(level.min(SimdLevel::best()))
     }
 
+    #[cfg(target_arch = "x86_64")]
     #[inline]
     pub(crate) fn is(self, level: SimdLevel) -> bool {
         self.0 >= level
@@ -193,17 +194,16 @@ impl Available {
 /// Calls `$name` of the module for the [`Available`] level.
 macro_rules! dispatch {
     ($level:expr, $name:ident($($argument:expr),* $(,)?)) => {{
-        let level = $level;
-        match () {
+        match $level {
             // SAFETY: an `Available` level is one that the machine has.
             #[cfg(target_arch = "x86_64")]
             #[expect(unsafe_code, reason = "calls code compiled for AVX-512")]
-            () if level.is(bvh_core::SimdLevel::Avx512) => unsafe { $crate::refit::avx512::$name($($argument),*) },
+            level if level.is(bvh_core::SimdLevel::Avx512) => unsafe { $crate::refit::avx512::$name($($argument),*) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             #[expect(unsafe_code, reason = "calls code compiled for AVX2")]
-            () if level.is(bvh_core::SimdLevel::Avx2) => unsafe { $crate::refit::avx2::$name($($argument),*) },
-            () => $crate::refit::scalar::$name($($argument),*),
+            level if level.is(bvh_core::SimdLevel::Avx2) => unsafe { $crate::refit::avx2::$name($($argument),*) },
+            _ => $crate::refit::scalar::$name($($argument),*),
         }
     }};
 }
