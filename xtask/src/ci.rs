@@ -1,5 +1,6 @@
 //! `cargo xtask ci`: what a change must pass.
 
+use std::path::Path;
 use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
@@ -19,6 +20,18 @@ const COMMANDS: [(&str, &[(&str, &str)]); 4] = [
     (TESTS, &[]),
 ];
 
+/// Lints of the libraries for targets that have other code than x86-64, where these are installed.
+const FOREIGN: [(&str, &str); 2] = [
+    (
+        "aarch64-unknown-linux-gnu",
+        "cargo clippy -p pivot-bvh -p rt-cpu --target aarch64-unknown-linux-gnu -- -D warnings",
+    ),
+    (
+        "wasm32-unknown-unknown",
+        "cargo clippy -p pivot-bvh -p rt-cpu --target wasm32-unknown-unknown -- -D warnings",
+    ),
+];
+
 /// Runs everything, and fails with all that failed.
 pub(crate) fn run() -> Result<()> {
     let mut failed = Vec::new();
@@ -30,7 +43,17 @@ pub(crate) fn run() -> Result<()> {
     }
     failed.extend((!violations.is_empty()).then_some("layering"));
     failed.extend((!readme_names(TESTS)?).then_some("README (it must name the test command)"));
-    for (command, environment) in COMMANDS {
+    let mut commands = Vec::new();
+    for (target, command) in FOREIGN {
+        let folder = output("rustc", &["--print", "target-libdir", "--target", target])?;
+        if Path::new(folder.trim()).exists() {
+            commands.push((command, &[][..]));
+        } else {
+            files::remark(&format!("skipped: lints for {target}, which is not installed"));
+        }
+    }
+    commands.extend(COMMANDS);
+    for (command, environment) in commands {
         files::remark(&format!("> {command}"));
         let mut words = command.split_whitespace();
         let status = program(words.next().unwrap_or_default())
