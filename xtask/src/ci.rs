@@ -20,17 +20,9 @@ const COMMANDS: [(&str, &[(&str, &str)]); 4] = [
     (TESTS, &[]),
 ];
 
-/// Lints of the libraries for targets that have other code than x86-64, where these are installed.
-const FOREIGN: [(&str, &str); 2] = [
-    (
-        "aarch64-unknown-linux-gnu",
-        "cargo clippy -p pivot-bvh -p rt-cpu --target aarch64-unknown-linux-gnu -- -D warnings",
-    ),
-    (
-        "wasm32-unknown-unknown",
-        "cargo clippy -p pivot-bvh -p rt-cpu --target wasm32-unknown-unknown -- -D warnings",
-    ),
-];
+/// Targets with other code than x86-64, for which the libraries are linted where they are
+/// installed.
+const TARGETS: [&str; 2] = ["aarch64-unknown-linux-gnu", "wasm32-unknown-unknown"];
 
 /// Runs everything, and fails with all that failed.
 pub(crate) fn run() -> Result<()> {
@@ -41,18 +33,19 @@ pub(crate) fn run() -> Result<()> {
     for violation in &violations {
         files::remark(&format!("layering: {violation}"));
     }
-    failed.extend((!violations.is_empty()).then_some("layering"));
-    failed.extend((!readme_names(TESTS)?).then_some("README (it must name the test command)"));
+    failed.extend((!violations.is_empty()).then(|| "layering".to_owned()));
+    failed.extend((!readme_names(TESTS)?).then(|| "README (it must name the test command)".to_owned()));
     let mut commands = Vec::new();
-    for (target, command) in FOREIGN {
+    for target in TARGETS {
         let folder = output("rustc", &["--print", "target-libdir", "--target", target])?;
         if Path::new(folder.trim()).exists() {
-            commands.push((command, &[][..]));
+            let lint = format!("cargo clippy -p pivot-bvh -p rt-cpu --target {target} -- -D warnings");
+            commands.push((lint, &[][..]));
         } else {
             files::remark(&format!("skipped: lints for {target}, which is not installed"));
         }
     }
-    commands.extend(COMMANDS);
+    commands.extend(COMMANDS.map(|(command, environment)| (command.to_owned(), environment)));
     for (command, environment) in commands {
         files::remark(&format!("> {command}"));
         let mut words = command.split_whitespace();

@@ -137,6 +137,7 @@ impl Bvh {
         bvh.pairs.truncate(used.div_ceil(2).max(1));
         bvh.pairs[0].0[1] = Node::NOTHING;
         bvh.in_order = is_identity(&bvh.order);
+        // A tree of n leaves takes 2 n slots, node 1 included.
         bvh.leaves_of_one = used == 2 * primitives.max(1);
         (bvh.all_dynamic, bvh.static_area, bvh.update_state) = (true, 0.0, UpdateState::default());
         std::mem::forget(guard);

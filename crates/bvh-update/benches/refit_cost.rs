@@ -2,7 +2,8 @@
 //! scheduled on many workers.
 //!
 //! ```text
-//! cargo bench -p bvh-update --bench refit_cost -- [still|sheet|pieces|sixteenth|uneven|large ...] [--threads=N]
+//! cargo bench -p bvh-update --bench refit_cost -- [SCENE ...] [--threads=N]
+//!     scenes: still, sheet, pieces, sixteenth, uneven, large
 //! RUSTFLAGS='--cfg refit_without="validity"' cargo bench ...      with one guard left out: validity, heights, moving
 //! ```
 //!

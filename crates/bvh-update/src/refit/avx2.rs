@@ -15,21 +15,21 @@ use super::shared::SharedNodes;
 use super::{Tally, scalar};
 
 /// See [`Block::walk`].
-#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
 #[inline(never)]
 pub(super) fn walk(block: &mut Block, nodes: SharedNodes<'_>, roots: &[Entry], leaves: &mut Leaves) {
     scalar::walk(block, nodes, roots, leaves);
 }
 
 /// See [`scalar::sweep`].
-#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
 #[inline(never)]
 pub(super) fn sweep(nodes: SharedNodes<'_>, pairs: Range<usize>, lister: &mut Lister<'_>) {
     scalar::sweep(nodes, pairs, lister);
 }
 
 /// See [`kernels::fit_leaves`].
-#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
 #[inline(never)]
 pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
@@ -44,7 +44,7 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
 }
 
 /// See [`kernels::refit_boxes`].
-#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
 #[inline(never)]
 pub(super) fn refit_boxes(
     nodes: SharedNodes<'_>,
@@ -63,7 +63,7 @@ pub(super) fn refit_boxes(
 }
 
 /// See [`scalar::rotate`](super::scalar::rotate).
-#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
 #[inline(never)]
 pub(super) fn rotate(
     nodes: SharedNodes<'_>,

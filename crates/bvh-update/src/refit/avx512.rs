@@ -12,7 +12,7 @@ use super::shared::SharedNodes;
 pub(super) use super::avx2::{fit_leaves, refit_boxes, rotate};
 
 /// See [`Block::walk`].
-#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,bmi1,bmi2,popcnt")]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,popcnt")]
 #[inline(never)]
 pub(super) fn walk(block: &mut Block, nodes: SharedNodes<'_>, roots: &[Entry], leaves: &mut Leaves) {
     block.walk(nodes, roots, leaves, |parents, count, lister| {
@@ -21,7 +21,7 @@ pub(super) fn walk(block: &mut Block, nodes: SharedNodes<'_>, roots: &[Entry], l
 }
 
 /// See [`scalar::sweep`](super::scalar::sweep).
-#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,bmi1,bmi2,popcnt")]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,popcnt")]
 #[inline(never)]
 pub(super) fn sweep(nodes: SharedNodes<'_>, pairs: Range<usize>, lister: &mut Lister<'_>) {
     for start in pairs.clone().step_by(GROUP) {
@@ -32,7 +32,7 @@ pub(super) fn sweep(nodes: SharedNodes<'_>, pairs: Range<usize>, lister: &mut Li
 }
 
 /// See [`Lister::children`].
-#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,bmi1,bmi2,popcnt")]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,popcnt")]
 #[inline]
 fn list(nodes: SharedNodes<'_>, parents: &[Entry; GROUP], count: usize, lister: &mut Lister<'_>) {
     // The links of two pairs, of four, and of all eight.

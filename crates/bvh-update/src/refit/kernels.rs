@@ -109,8 +109,9 @@ fn fit_valid<P: Primitives + ?Sized, const OF_ONE: bool>(
         let [own_min, own_max]: Corners = bytemuck::cast(nodes.get(entry.slot()));
         let count = own_max.w.to_bits() >> 8;
         debug_assert!(!OF_ONE || count == 1, "{count} primitives in a leaf");
+        // So the compiler knows it.
         let count = if OF_ONE { 1 } else { count };
-        let [min, max, next_validity] = lanes_of_several(primitives, entry.first(), count as usize);
+        let [min, max, next_validity] = lanes_of(primitives, entry.first(), count as usize);
         validity += next_validity;
         let corners: Corners = [min.with_w(own_min.w), max.with_w(own_max.w)];
         nodes.set(entry.slot(), bytemuck::cast(corners));
@@ -124,7 +125,7 @@ fn fit_valid<P: Primitives + ?Sized, const OF_ONE: bool>(
 
 /// As [`Primitives::aabb_lanes`], for successive primitives.
 #[inline(always)]
-fn lanes_of_several<P: Primitives + ?Sized>(primitives: &P, first: usize, count: usize) -> [Vec4; 3] {
+fn lanes_of<P: Primitives + ?Sized>(primitives: &P, first: usize, count: usize) -> [Vec4; 3] {
     if count == 0 {
         return [Vec4::NAN; 3];
     }
