@@ -8,7 +8,8 @@ use thiserror::Error;
 /// What an update did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Update {
-    /// Whether the whole tree is a new one.
+    /// Whether the whole tree is a new one. Data in the order of its leaves no longer is:
+    /// [`reorder_primitives`](bvh_core::Bvh::reorder_primitives).
     pub rebuilt: bool,
     /// What was decided, where the strategy decides.
     pub decision: Decision,
@@ -58,6 +59,11 @@ pub enum Decision {
         /// The builder used.
         builder: Builder,
     },
+    /// A new tree was built, and was no better: the old one stays, refitted and rotated.
+    Kept {
+        /// The builder used.
+        builder: Builder,
+    },
     /// A tree from the background took the place of this one.
     Swap,
 }
@@ -73,8 +79,8 @@ pub struct Reason {
     /// last repaired or built. Where a fast build is to be replaced, what queries lose to that is
     /// included.
     pub lost_ms: f64,
-    /// Milliseconds of one core that the repair or the rebuild takes, doubled for each that failed
-    /// in a row before.
+    /// Milliseconds of one core that the repair or the rebuild takes; that of a repair is doubled for
+    /// each that failed in a row before.
     pub price_ms: f64,
     /// How far the SAH cost is above that of the tree when it was good: 1 for twice the cost, and
     /// more where a few large leaves hold most of the cost, which rays meet seldom.
@@ -87,6 +93,7 @@ impl fmt::Display for Decision {
             Self::AsAlways => f.write_str("as always"),
             Self::PartialRebuild { subtrees } => write!(f, "built again above {subtrees} subtrees"),
             Self::Swap => f.write_str("a tree built in the background took over"),
+            Self::Kept { builder } => write!(f, "kept: a new tree by {} is no better", builder.name()),
             Self::Rebuild { builder } => write!(f, "built again by {}", builder.name()),
         }
     }

@@ -27,11 +27,6 @@ impl SkiRental {
         }
     }
 
-    /// Counts again from nothing, with as much patience.
-    pub(crate) fn restart(&mut self) {
-        self.lost = 0.0;
-    }
-
     /// What was lost.
     pub(crate) fn lost(self) -> f64 {
         self.lost

@@ -81,7 +81,7 @@ fn rebuilds_that_do_not_help_become_ever_rarer() {
             bvh.validate(&boxes).expect("valid");
             let over = over_fresh(&bvh, &boxes);
             assert!(over < 1.35, "{over} at {step}");
-            matches!(report.decision, Decision::Rebuild { .. })
+            matches!(report.decision, Decision::Rebuild { .. } | Decision::Kept { .. })
         });
         let late = rebuilds.filter(|&step| step > 100).count();
         assert!(late < 3, "{late} rebuilds of what stands still");

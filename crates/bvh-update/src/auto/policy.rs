@@ -144,22 +144,21 @@ impl Ledger {
         (self.rebuilds_in_a_row, self.is_beyond_repair, self.last_excess) = (0, 0, 0.0);
     }
 
-    /// A new tree has taken the place of one with the ledger `before`; whether it is better is
-    /// known after a pass. If it came soon, it is in a row with the rebuild before.
-    pub(super) fn rebuilt(before: &Self, builder: Builder, is_better: Option<bool>, is_soon: bool) -> Self {
-        let mut rebuild = before.rebuild;
-        match is_better {
-            Some(true) => rebuild.paid_off(),
-            Some(false) => rebuild.failed(),
-            None => rebuild.restart(),
-        }
+    /// A new tree has taken the place of one with the ledger `before`. If it came soon, it is in a
+    /// row with the rebuild before.
+    pub(super) fn rebuilt(before: &Self, builder: Builder, is_soon: bool) -> Self {
         Self {
-            rebuild,
             kept: before.kept,
             rebuilds_in_a_row: if is_soon { before.rebuilds_in_a_row.saturating_add(1) } else { 0 },
             is_fast_build: u32::from(builder == Builder::Lbvh),
             ..Self::default()
         }
+    }
+
+    /// A new tree was no better than the one with the ledger `before`, which stays, and from now on
+    /// counts as good.
+    pub(super) fn confirmed(before: &Self) -> Self {
+        Self { kept: before.kept, ..Self::default() }
     }
 }
 
@@ -269,6 +268,16 @@ mod tests {
     }
 
     #[test]
+    fn a_tree_that_a_new_one_does_not_better_counts_as_good() {
+        let mut ledger = Ledger { kept: 9, is_fast_build: 1, rebuilds_in_a_row: 1, ..quiet() };
+        ledger.rebuild.charge(1e9);
+        assert!(matches!(decide(&ledger, &seen(0.0)).0, Plan::Rebuild(_)));
+        let after = Ledger::confirmed(&ledger);
+        assert_eq!(after, Ledger { kept: 9, ..Ledger::default() });
+        assert_eq!(decide(&after, &seen(0.0)).0, Plan::Keep);
+    }
+
+    #[test]
     fn a_tree_without_a_baseline_is_rebuilt_at_once() {
         let seen = Observation { has_void_baseline: true, ..seen(0.0) };
         assert!(matches!(decide(&quiet(), &seen).0, Plan::Rebuild(_)));
@@ -291,7 +300,7 @@ mod tests {
         let blind = |row| decide_blindly(&Ledger { rebuilds_in_a_row: row, ..quiet() }, N, queries).is_some();
         assert_eq!([0, 1, 2, 15, 16, 17].map(blind), [false, false, true, true, false, true]);
         let row = Ledger { rebuilds_in_a_row: 3, ..quiet() };
-        let after = |is_soon| Ledger::rebuilt(&row, Builder::Lbvh, None, is_soon).rebuilds_in_a_row;
+        let after = |is_soon| Ledger::rebuilt(&row, Builder::Lbvh, is_soon).rebuilds_in_a_row;
         assert_eq!([true, false].map(after), [4, 0]);
     }
 

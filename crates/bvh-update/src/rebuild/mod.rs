@@ -20,6 +20,8 @@ pub(crate) struct RebuildScratch {
     build: BuildScratch,
     /// Which primitives are dynamic, while the tree that knows it is built again.
     dynamic: Vec<bool>,
+    /// The tree before, where the new one may be no better.
+    pub(crate) old: Bvh,
 }
 
 /// Options for a tree in the place of `bvh`, whose builder is not known: with leaves as large as
