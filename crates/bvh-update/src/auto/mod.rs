@@ -139,8 +139,8 @@ fn execute<P: Primitives + ?Sized>(
 }
 
 /// Builds a new tree; after a pass, what that found says whether it came soon, and whether the new
-/// tree is better. If it is not, the old one stays: on the cloth, whose triangles lie in the order
-/// of its leaves, a pass over a tree in another order takes 1.3 times as long (`docs/ABLATION.md`).
+/// tree is better. If it is not, the old one stays: its primitives may lie in the order of its
+/// leaves, where a pass takes less time (`docs/ABLATION.md` says how much that is worth).
 fn rebuild<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
