@@ -8,8 +8,8 @@ use thiserror::Error;
 /// What an update did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Update {
-    /// Whether the whole tree is a new one. Data in the order of its leaves no longer is:
-    /// [`reorder_primitives`](bvh_core::Bvh::reorder_primitives).
+    /// Whether the whole tree is a new one. Primitives sorted by the old tree's leaves are then in
+    /// another order; [`reorder_primitives`](bvh_core::Bvh::reorder_primitives) sorts them again.
     pub rebuilt: bool,
     /// What was decided, where the strategy decides.
     pub decision: Decision,
@@ -26,7 +26,7 @@ pub struct Update {
     pub sah_cost: Option<f64>,
     /// Height of the tree as it is now.
     pub height: u32,
-    /// Nodes whose boxes were recomputed; all of a new tree. Not what queries visited, which is what
+    /// Nodes whose boxes were recomputed; all of a new tree, none of one that was given up. Not what queries visited, which is what
     /// [`Load`](crate::Load) asks for.
     pub nodes_visited: u64,
     /// Primitives without finite coordinates, which are dropped at present: of those visited, or
@@ -59,7 +59,7 @@ pub enum Decision {
         /// The builder used.
         builder: Builder,
     },
-    /// A new tree was built, and was no better: the old one stays, refitted and rotated.
+    /// A new tree was built, and costs no less: the old one stays, refitted and rotated.
     Kept {
         /// The builder used.
         builder: Builder,
@@ -69,14 +69,14 @@ pub enum Decision {
 }
 
 /// What [`Auto`](crate::Auto) compared. Once `lost_ms` exceeds `price_ms`, it tries a new top. If a
-/// new top was too large before, it builds a new tree instead. If no subtree is worth opening, the
-/// tree stays, unless a new tree is due as well. A tree whose baseline says nothing is rebuilt in any
-/// case.
+/// new top was too large before, it tries a new tree instead. If no subtree is worth opening, the
+/// tree stays, unless a new tree is due as well. Where the baseline of a tree says nothing, a new
+/// tree is tried in any case. The old tree stays if the new one costs no less.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Reason {
     /// Milliseconds of one core that queries have lost to the excess cost of the tree since it was
-    /// last repaired or built. Where a fast build is to be replaced, what queries lose to that is
+    /// last repaired, built or [kept](Decision::Kept). Where a fast build is to be replaced, what queries lose to that is
     /// included.
     pub lost_ms: f64,
     /// Milliseconds of one core that the repair or the rebuild takes; that of a repair is doubled for

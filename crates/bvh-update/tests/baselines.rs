@@ -72,7 +72,7 @@ fn shaken(step: usize) -> Vec<Aabb> {
 }
 
 #[test]
-fn rebuilds_that_do_not_help_become_ever_rarer() {
+fn rebuilds_end_with_the_motion() {
     for rays in [1 << 16, 1 << 17, 1 << 18] {
         let (mut bvh, mut updater) = (tree(&shaken(0)), Updater::new(auto(rays)));
         let rebuilds = (1..300).filter(|&step| {

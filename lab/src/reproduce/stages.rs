@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use anim::PoseStats;
 use bvh_core::Bvh;
-use bvh_update::Update;
+use bvh_update::{Decision, Update};
 use rt_cpu::RenderStats;
 use scenes::FrameStage;
 use serde::{Deserialize, Serialize};
@@ -55,9 +55,10 @@ pub(crate) fn stages(planned: &[String], rows: &[&Row]) -> Vec<StageSummary> {
         .collect()
 }
 
-/// Primitives whose boxes an update asks for: those of leaves that move, or all for a new tree.
+/// Primitives whose boxes an update asks for: those of leaves that move, or all for a new tree, be
+/// it given up.
 pub(crate) fn primitives_refit(tree: &Bvh, update: &Update) -> u64 {
-    if update.rebuilt {
+    if update.rebuilt || matches!(update.decision, Decision::Kept { .. }) {
         return tree.len() as u64;
     }
     let mut count = 0;

@@ -17,7 +17,7 @@ use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
 use crate::quality::{cost_after, finite_or_zero, take_baseline};
-use crate::rebuild::build_again;
+use crate::rebuild::{build_again, build_beside};
 use crate::refit::{Rotate, Tally, parts, pass};
 use crate::repair::{Repaired, open_grown};
 use crate::report::{Decision, Update, UpdateError};
@@ -138,9 +138,9 @@ fn execute<P: Primitives + ?Sized>(
     Ok(Update { decision, ..tally.report(bvh) })
 }
 
-/// Builds a new tree; after a pass, what that found says whether it came soon, and whether the new
-/// tree is better. If it is not, the old one stays: its primitives may lie in the order of its
-/// leaves, where a pass takes less time (`docs/ABLATION.md` says how much that is worth).
+/// Builds a new tree. After a pass it is built beside the old one, which stays if it costs no more:
+/// its primitives may lie in the order of its leaves, where a pass takes less time
+/// (`docs/ABLATION.md` says how much that is worth).
 fn rebuild<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
@@ -151,21 +151,23 @@ fn rebuild<P: Primitives + ?Sized>(
     // Another number of primitives says nothing of the trees before.
     let is_same_number = primitives.len() == bvh.len();
     let before = if is_same_number { State::of(bvh).ledger } else { Ledger::default() };
-    let is_soon = after_pass.map_or(is_same_number, |(_, seen)| pays_every_frame(&before, seen));
-    if after_pass.is_some() {
-        scratch.old.clone_from(bvh);
+    let Some((tally, seen)) = after_pass else {
+        let update = build_again(bvh, primitives, builder, scratch)?;
+        State::of_mut(parts(bvh).state).ledger = Ledger::rebuilt(&before, builder, is_same_number);
+        return Ok(update);
+    };
+    let update = build_beside(bvh, primitives, builder, scratch)?;
+    let [new_cost, old_cost] = [&mut scratch.beside, &mut *bvh].map(|tree| {
+        State::of_mut(parts(tree).state).baseline = Baseline::default();
+        take_baseline(tree);
+        State::of(tree).baseline.measured_cost()
+    });
+    let is_better = new_cost < old_cost;
+    if is_better {
+        std::mem::swap(bvh, &mut scratch.beside);
     }
-    let update = build_again(bvh, primitives, builder, scratch)?;
-    if let Some((tally, _)) = after_pass {
-        take_baseline(bvh);
-        if State::of(bvh).baseline.measured_cost() >= cost_after(&scratch.old, tally) {
-            std::mem::swap(bvh, &mut scratch.old);
-            let state = State::of_mut(parts(bvh).state);
-            (state.baseline, state.ledger) = (Baseline::default(), Ledger::confirmed(&before));
-            take_baseline(bvh);
-            return Ok(Update { decision: Decision::Kept { builder }, ..tally.report(bvh) });
-        }
-    }
+    let is_soon = is_better && pays_every_frame(&before, seen);
     State::of_mut(parts(bvh).state).ledger = Ledger::rebuilt(&before, builder, is_soon);
-    Ok(update)
+    let kept = || Update { decision: Decision::Kept { builder }, ..tally.report(bvh) };
+    Ok(if is_better { update } else { kept() })
 }

@@ -144,8 +144,9 @@ impl Ledger {
         (self.rebuilds_in_a_row, self.is_beyond_repair, self.last_excess) = (0, 0, 0.0);
     }
 
-    /// A new tree has taken the place of one with the ledger `before`. If it came soon, it is in a
-    /// row with the rebuild before.
+    /// A tree by `builder` has taken the place of one with the ledger `before`, or was no better; then
+    /// the old one counts as good as by that builder. A new tree that came soon is in a row with the
+    /// rebuild before.
     pub(super) fn rebuilt(before: &Self, builder: Builder, is_soon: bool) -> Self {
         Self {
             kept: before.kept,
@@ -153,12 +154,6 @@ impl Ledger {
             is_fast_build: u32::from(builder == Builder::Lbvh),
             ..Self::default()
         }
-    }
-
-    /// A new tree was no better than the one with the ledger `before`, which stays, and from now on
-    /// counts as good.
-    pub(super) fn confirmed(before: &Self) -> Self {
-        Self { kept: before.kept, ..Self::default() }
     }
 }
 
@@ -265,16 +260,6 @@ mod tests {
             }
         });
         assert!(matches!(rebuilds, Some((_, Builder::Ploc))), "{rebuilds:?}");
-    }
-
-    #[test]
-    fn a_tree_that_a_new_one_does_not_better_counts_as_good() {
-        let mut ledger = Ledger { kept: 9, is_fast_build: 1, rebuilds_in_a_row: 1, ..quiet() };
-        ledger.rebuild.charge(1e9);
-        assert!(matches!(decide(&ledger, &seen(0.0)).0, Plan::Rebuild(_)));
-        let after = Ledger::confirmed(&ledger);
-        assert_eq!(after, Ledger { kept: 9, ..Ledger::default() });
-        assert_eq!(decide(&after, &seen(0.0)).0, Plan::Keep);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use bvh_core::{Bvh, Node, Primitives};
 
 use crate::refit::parts;
 use crate::report::{Decision, Update, UpdateError};
-use crate::state::State;
+use crate::state::{Measure, State};
 
 pub(crate) mod background;
 pub(crate) mod degraded;
@@ -20,8 +20,8 @@ pub(crate) struct RebuildScratch {
     build: BuildScratch,
     /// Which primitives are dynamic, while the tree that knows it is built again.
     dynamic: Vec<bool>,
-    /// The tree before, where the new one may be no better.
-    pub(crate) old: Bvh,
+    /// A tree that may take the place of another; after that, the other.
+    pub(crate) beside: Bvh,
 }
 
 /// Options for a tree in the place of `bvh`, whose builder is not known: with leaves as large as
@@ -43,17 +43,41 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
     options: &BuildOptions,
     scratch: &mut RebuildScratch,
 ) -> Result<Update, UpdateError> {
-    let measure = State::of(bvh).measure;
-    let has_static = bvh.note_dynamic(&mut scratch.dynamic) && primitives.len() == bvh.len();
-    rebuild(bvh, primitives, builder, options, &mut scratch.build)?;
-    if has_static {
-        bvh.set_dynamic(|p| scratch.dynamic[p]);
+    let heritage = Heritage::of(bvh, primitives.len(), &mut scratch.dynamic);
+    heritage.pass_on(bvh, primitives, builder, options, scratch)
+}
+
+/// What a new tree takes over from the one before, together with [`RebuildScratch::dynamic`].
+struct Heritage {
+    measure: Measure,
+    has_static: bool,
+}
+
+impl Heritage {
+    fn of(bvh: &Bvh, primitives: usize, dynamic: &mut Vec<bool>) -> Self {
+        let has_static = bvh.note_dynamic(dynamic) && primitives == bvh.len();
+        Self { measure: State::of(bvh).measure, has_static }
     }
-    let state = State::note_changes(parts(bvh).state);
-    state.measure = measure;
-    state.largest_leaf = options.max_leaf_size;
-    let (nodes_visited, dropped) = (bvh.nodes().len() as u64 - 1, scratch.build.dropped() as u64);
-    Ok(Update { rebuilt: true, height: bvh.height(), nodes_visited, dropped, ..Update::default() })
+
+    /// Builds the new tree in the place of `bvh`.
+    fn pass_on<P: Primitives + ?Sized>(
+        self,
+        bvh: &mut Bvh,
+        primitives: &P,
+        builder: Builder,
+        options: &BuildOptions,
+        scratch: &mut RebuildScratch,
+    ) -> Result<Update, UpdateError> {
+        rebuild(bvh, primitives, builder, options, &mut scratch.build)?;
+        if self.has_static {
+            bvh.set_dynamic(|p| scratch.dynamic[p]);
+        }
+        let state = State::note_changes(parts(bvh).state);
+        state.measure = self.measure;
+        state.largest_leaf = options.max_leaf_size;
+        let (nodes_visited, dropped) = (bvh.nodes().len() as u64 - 1, scratch.build.dropped() as u64);
+        Ok(Update { rebuilt: true, height: bvh.height(), nodes_visited, dropped, ..Update::default() })
+    }
 }
 
 /// Builds a new tree with leaves as large as the old one's; that it was built again is the
@@ -66,5 +90,20 @@ pub(crate) fn build_again<P: Primitives + ?Sized>(
 ) -> Result<Update, UpdateError> {
     let options = options_like(bvh);
     let update = new_tree(bvh, primitives, builder, &options, scratch)?;
+    Ok(Update { decision: Decision::Rebuild { builder }, ..update })
+}
+
+/// Builds the tree of [`build_again`] beside the old one, as [`RebuildScratch::beside`].
+pub(crate) fn build_beside<P: Primitives + ?Sized>(
+    bvh: &mut Bvh,
+    primitives: &P,
+    builder: Builder,
+    scratch: &mut RebuildScratch,
+) -> Result<Update, UpdateError> {
+    let options = options_like(bvh);
+    let heritage = Heritage::of(bvh, primitives.len(), &mut scratch.dynamic);
+    let mut new = std::mem::take(&mut scratch.beside);
+    let update = heritage.pass_on(&mut new, primitives, builder, &options, scratch)?;
+    scratch.beside = new;
     Ok(Update { decision: Decision::Rebuild { builder }, ..update })
 }
