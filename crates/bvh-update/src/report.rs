@@ -59,7 +59,7 @@ pub enum Decision {
         /// The builder used.
         builder: Builder,
     },
-    /// A new tree was built, and costs no less: the old one stays, refitted and rotated.
+    /// A new tree was built, and costs less by 2 % at most: the old one stays, refitted and rotated.
     Kept {
         /// The builder used.
         builder: Builder,
@@ -71,7 +71,7 @@ pub enum Decision {
 /// What [`Auto`](crate::Auto) compared. Once `lost_ms` exceeds `price_ms`, it tries a new top. If a
 /// new top was too large before, it tries a new tree instead. If no subtree is worth opening, the
 /// tree stays, unless a new tree is due as well. Where the baseline of a tree says nothing, a new
-/// tree is tried in any case. The old tree stays if the new one costs no less.
+/// tree is tried in any case. The old tree may [stay](Decision::Kept).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Reason {
@@ -79,8 +79,7 @@ pub struct Reason {
     /// last repaired, built or [kept](Decision::Kept). Where a fast build is to be replaced, what queries lose to that is
     /// included.
     pub lost_ms: f64,
-    /// Milliseconds of one core that the repair or the rebuild takes; that of a repair is doubled for
-    /// each that failed in a row before.
+    /// Milliseconds of one core that the repair or the rebuild takes, doubled after one that failed.
     pub price_ms: f64,
     /// How far the SAH cost is above that of the tree when it was good: 1 for twice the cost, and
     /// more where a few large leaves hold most of the cost, which rays meet seldom.
@@ -93,7 +92,7 @@ impl fmt::Display for Decision {
             Self::AsAlways => f.write_str("as always"),
             Self::PartialRebuild { subtrees } => write!(f, "built again above {subtrees} subtrees"),
             Self::Swap => f.write_str("a tree built in the background took over"),
-            Self::Kept { builder } => write!(f, "kept: a new tree by {} is no better", builder.name()),
+            Self::Kept { builder } => write!(f, "kept: a new tree by {} is hardly better", builder.name()),
             Self::Rebuild { builder } => write!(f, "built again by {}", builder.name()),
         }
     }

@@ -2,8 +2,7 @@
 //!
 //! The rule of the ski rental problem: rent until the rent paid has reached the price, then buy.
 //! Whatever the future, that costs at most twice as much as the best decision in hindsight. Where
-//! buying brought nothing, the next purchase waits until twice as much has been lost, so that
-//! attempts that keep failing cost ever less.
+//! buying brought nothing, the next purchase waits until twice as much has been lost.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -16,8 +15,9 @@ pub(crate) struct SkiRental {
     padding: u32,
 }
 
-/// Failures beyond this many make no wait longer: 2^16 prices.
-const MOST_FAILURES: u32 = 16;
+/// Failures beyond this many make no wait longer: after a long calm full of failures a burst has to
+/// be seen soon. `docs/ABLATION.md` has other values.
+const MOST_FAILURES: u32 = 1;
 
 impl SkiRental {
     /// Adds a loss; one that is no positive number adds nothing.

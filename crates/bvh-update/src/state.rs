@@ -62,10 +62,10 @@ pub(crate) struct Ledger {
     /// What queries lose to excess cost: for a new top, and for a new tree.
     pub(crate) repair: SkiRental,
     pub(crate) rebuild: SkiRental,
-    /// The excess of the tree that queries see; 0 for a new tree or a new top, or if a new tree was no
-    /// better.
+    /// The excess of the tree that queries see; 0 for a new tree or a new top, or if a new tree was
+    /// hardly better.
     pub(crate) last_excess: f64,
-    /// Updates since the last repair or rebuild, or the last new tree that was no better.
+    /// Updates since the last repair or rebuild, or the last new tree that was hardly better.
     pub(crate) since_repair: u32,
     /// Subtrees that the last repair kept; 0 if there was none.
     pub(crate) kept: u32,

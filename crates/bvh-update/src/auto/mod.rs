@@ -29,7 +29,7 @@ mod policy;
 
 pub use cost_model::Load;
 use cost_model::QueryCost;
-use policy::{Observation, Plan, decide, decide_blindly, pays_every_frame};
+use policy::{LEAST_GAIN, Observation, Plan, decide, decide_blindly, pays_every_frame};
 
 /// Settings of [`Strategy::Auto`](crate::Strategy::Auto).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -138,9 +138,9 @@ fn execute<P: Primitives + ?Sized>(
     Ok(Update { decision, ..tally.report(bvh) })
 }
 
-/// Builds a new tree. After a pass it is built beside the old one, which stays if it costs no more:
-/// its primitives may lie in the order of its leaves, where a pass takes less time
-/// (`docs/ABLATION.md` says how much that is worth).
+/// Builds a new tree. After a pass it is built beside the old one, which stays unless the new one
+/// costs less by [`LEAST_GAIN`]: primitives may lie in the order of the old leaves, where a pass takes
+/// less time.
 fn rebuild<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
@@ -162,12 +162,12 @@ fn rebuild<P: Primitives + ?Sized>(
         take_baseline(tree);
         State::of(tree).baseline.measured_cost()
     });
-    let is_better = new_cost < old_cost;
-    if is_better {
-        std::mem::swap(bvh, &mut scratch.beside);
+    if new_cost >= (1.0 - LEAST_GAIN) * old_cost {
+        State::of_mut(parts(bvh).state).ledger = Ledger::kept(&before, builder);
+        return Ok(Update { decision: Decision::Kept { builder }, ..tally.report(bvh) });
     }
-    let is_soon = is_better && pays_every_frame(&before, seen);
+    std::mem::swap(bvh, &mut scratch.beside);
+    let is_soon = pays_every_frame(&before, seen);
     State::of_mut(parts(bvh).state).ledger = Ledger::rebuilt(&before, builder, is_soon);
-    let kept = || Update { decision: Decision::Kept { builder }, ..tally.report(bvh) };
-    Ok(if is_better { update } else { kept() })
+    Ok(update)
 }

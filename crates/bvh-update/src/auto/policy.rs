@@ -24,6 +24,9 @@ const LOOK_AGAIN: u32 = 16;
 /// strategy on exploding-dragon, now 1.03 (`cargo xtask compare frame --scene exploding-dragon
 /// --frames 24 --threads 2`).
 const LONGEST_PAYBACK: u32 = 32;
+/// A new tree has to cost less than the old one by this part to take its place. `docs/ABLATION.md`
+/// has what other values are worth.
+pub(super) const LEAST_GAIN: f64 = 0.02;
 
 /// What a pass has seen.
 #[derive(Clone, Copy, Debug)]
@@ -144,9 +147,8 @@ impl Ledger {
         (self.rebuilds_in_a_row, self.is_beyond_repair, self.last_excess) = (0, 0, 0.0);
     }
 
-    /// A tree by `builder` has taken the place of one with the ledger `before`, or was no better; then
-    /// the old one counts as good as by that builder. A new tree that came soon is in a row with the
-    /// rebuild before.
+    /// A tree by `builder` has taken the place of one with the ledger `before`. If it came soon, it is
+    /// in a row with the rebuild before.
     pub(super) fn rebuilt(before: &Self, builder: Builder, is_soon: bool) -> Self {
         Self {
             kept: before.kept,
@@ -154,6 +156,15 @@ impl Ledger {
             is_fast_build: u32::from(builder == Builder::Lbvh),
             ..Self::default()
         }
+    }
+
+    /// A new tree by `builder` is hardly better than the one with the ledger `before`, which counts as
+    /// good as by that builder from now on. A new top would have gained as little.
+    pub(super) fn kept(before: &Self, builder: Builder) -> Self {
+        let Self { mut repair, mut rebuild, .. } = *before;
+        repair.failed();
+        rebuild.failed();
+        Self { repair, rebuild, ..Self::rebuilt(before, builder, false) }
     }
 }
 
@@ -260,6 +271,21 @@ mod tests {
             }
         });
         assert!(matches!(rebuilds, Some((_, Builder::Ploc))), "{rebuilds:?}");
+    }
+
+    #[test]
+    fn a_tree_that_was_kept_waits_longer_and_counts_as_good_as_the_new_one() {
+        let mut before = Ledger { kept: 9, is_beyond_repair: 1, rebuilds_in_a_row: 1, ..quiet() };
+        before.rebuild.charge(1e9);
+        for (builder, is_fast_build) in [(Builder::Ploc, 0), (Builder::Lbvh, 1)] {
+            let mut after = Ledger::kept(&before, builder);
+            assert_eq!([after.repair, after.rebuild].map(SkiRental::patience), [2.0; 2]);
+            assert_eq!([after.rebuild.lost(), after.last_excess], [0.0; 2]);
+            let words = [after.kept, after.is_fast_build, after.is_beyond_repair, after.rebuilds_in_a_row];
+            assert_eq!(words, [9, is_fast_build, 0, 0]);
+            after.repaired(7);
+            assert_eq!([after.repair, after.rebuild].map(SkiRental::patience), [1.0; 2]);
+        }
     }
 
     #[test]

@@ -20,7 +20,7 @@
 //! take_baseline       a tree that has none: built, given by the caller, or measured by another strategy before
 //! repair::open_grown  a new top: the references of all nodes, as if what grew below had not
 //! auto::observe       a tree that costs less than its baseline: `Auto` lowers the baseline to that
-//! auto::rebuild       a tree that costs no more than a new one: it counts as good
+//! auto::rebuild       a tree that is hardly worse than a new one: it counts as good
 //! ```
 //!
 //! Where a few leaves hold most of the area, as the walls of a room do, they hold most of the cost
