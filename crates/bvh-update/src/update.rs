@@ -134,7 +134,7 @@ impl Updater {
     ///
     /// # Panics
     /// If primitives panic. The structure of the tree is valid after that. Boxes are refitted in part,
-    /// and all by the next update; or the tree is empty where it was being built again, and needs
+    /// and all by the next update; or the tree is empty where one was being built in its place, and needs
     /// [`Strategy::Rebuild`], [`Strategy::Auto`] or a build; or all primitives are dynamic where a
     /// tree from the background took over.
     pub fn update<P: Primitives + ?Sized>(

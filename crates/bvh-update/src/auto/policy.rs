@@ -159,7 +159,7 @@ impl Ledger {
     }
 
     /// A new tree by `builder` is hardly better than the one with the ledger `before`, which counts as
-    /// good as by that builder from now on. A new top would have gained as little.
+    /// good as by that builder from now on. Both remedies wait.
     pub(super) fn kept(before: &Self, builder: Builder) -> Self {
         let Self { mut repair, mut rebuild, .. } = *before;
         repair.failed();
