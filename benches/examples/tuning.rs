@@ -1,6 +1,6 @@
 //! What the numbers in the code are judged by: builders and strategies on triangles that drift
 //! apart, in a pool of all cores. Change a number, and run this before and after:
-//! `cargo run --release -p bvh-update --example tuning`. `docs/TUNING.md` has half and double of
+//! `cargo run --release -p pivot-benches --example tuning`. `docs/TUNING.md` has half and double of
 //! each number.
 
 use std::time::Instant;

@@ -2,16 +2,16 @@
 //! scheduled on many workers.
 //!
 //! ```text
-//! cargo bench -p bvh-update --bench refit_cost -- [SCENE ...] [--threads=N]
+//! cargo run --release -p pivot-benches --example refit_cost -- [SCENE ...] [--threads=N]
 //!     scenes: still, sheet, pieces, sixteenth, uneven, large
-//! RUSTFLAGS='--cfg refit_without="validity"' cargo bench ...      with one guard left out: validity, heights, moving
+//! RUSTFLAGS='--cfg refit_without="validity"' cargo run ...      with one guard left out: validity, heights, moving
 //! ```
 //!
-//! The bench updates on one thread, or on N with `--threads=N`. It prints the median and the least
+//! The program updates on one thread, or on N with `--threads=N`. It prints the median and the least
 //! frame, and the stages of the least frame that it recorded, as sums over all threads.
 //!
 //! The schedule is that of a pool whose workers steal, as rayon's do, with the prices of a join and
-//! of a theft that the bench measures first. Workers never sleep, and memory is as fast for many of
+//! of a theft that are measured first. Workers never sleep, and memory is as fast for many of
 //! them as for one: so the efficiencies are upper bounds.
 
 use std::cmp::Reverse;
