@@ -221,32 +221,36 @@ fn best_place(bvh: &Bvh, path: &[usize], moved: usize) -> Option<Vec<usize>> {
     // Beside its sibling, where it is.
     let here: f64 = shrunk.iter().skip(1).map(|&(n, aabb)| joined(n) - aabb.half_area_f64()).sum();
     let mut best = (here + joined(removed), None);
-    // Paths by what the areas of all nodes above their ends would grow by, the least first, of
-    // equal ones the first pushed. Growth is never negative, and so in the order of its bits.
-    let mut queue = BinaryHeap::from([Reverse((0.0_f64.to_bits(), 0, vec![0]))]);
-    let mut pushed = 0;
-    while let Some(Reverse((grown, _, path))) = queue.pop() {
+    // Nodes that were found, each with the number of the one above it. Those in the queue are ordered
+    // by what the areas of all nodes above them would grow by, the least first, of equal ones the
+    // first found. Growth is never negative, and so in the order of its bits.
+    let mut found = vec![(0, 0)];
+    let mut queue = BinaryHeap::from([Reverse((0.0_f64.to_bits(), 0))]);
+    while let Some(Reverse((grown, i))) = queue.pop() {
         let grown = f64::from_bits(grown);
         if grown + aabb.half_area_f64() >= best.0 {
             break;
         }
-        let n = path[path.len() - 1];
+        let (n, _) = found[i];
         let cost = grown + joined(n);
         // The node that goes away is no place, and its other child is where `moved` is now.
         if n != removed && n != moved ^ 1 && cost < best.0 {
-            best = (cost, Some(path.clone()));
+            best = (cost, Some(i));
         }
         let node = &bvh.nodes()[n];
-        if node.is_leaf() {
+        let below = if n == removed { grown } else { cost - box_of(n).half_area_f64() };
+        if node.is_leaf() || below + aabb.half_area_f64() >= best.0 {
             continue;
         }
-        let below = if n == removed { grown } else { cost - box_of(n).half_area_f64() };
         for child in [node.first(), node.first() + 1].into_iter().filter(|&child| child != moved) {
-            pushed += 1;
-            queue.push(Reverse((below.to_bits(), pushed, step(&path, child))));
+            queue.push(Reverse((below.to_bits(), found.len())));
+            found.push((child, i));
         }
     }
-    best.1
+    let above = |&i: &usize| (i > 0).then(|| found[i].1);
+    let mut path: Vec<_> = std::iter::successors(Some(best.1?), above).map(|i| found[i].0).collect();
+    path.reverse();
+    Some(path)
 }
 
 #[cfg(test)]

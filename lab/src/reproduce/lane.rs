@@ -100,6 +100,10 @@ impl Lane {
         let (update_ms, update) = timed(self.name, &mut self.trees[0], stage)?;
         let (stats, trace_ms) = renderer.draw(stage, self.tree());
         self.trees[0].1.report(Load::PacketNodes(stats.nodes_visited));
+        // The first update may have been short.
+        if update_ms > LONG_MS {
+            self.trees.truncate(1);
+        }
         let row = Row {
             update_ms,
             rotations: update.rotations_applied(),

@@ -230,6 +230,11 @@ pub(super) fn stability(results: &Results, b: &Bounds) -> Finding {
     Ok((ours, verdict, format!("{why}; {} loops", results.settings.loops)))
 }
 
+/// Whether the claim about annealing is judged on that scene.
+pub(crate) fn judges_annealing(label: &str) -> bool {
+    [HETEROGENEOUS, SCANNED].as_flattened().contains(&label)
+}
+
 pub(super) fn annealing(results: &Results, b: &Bounds) -> Finding {
     let [swept, climbed, annealed] = offline::BUILDERS.map(Builder::name);
     let tree = |scene: &'_ SceneRun, name| scene.offline.iter().find(|t| t.builder == name).cloned();

@@ -18,6 +18,7 @@ pub(crate) mod tests;
 use serde::{Deserialize, Serialize};
 
 use self::bounds::{Both, Bounds};
+pub(crate) use self::findings::judges_annealing;
 pub(crate) use self::ratios::frame_time;
 use super::results::Results;
 
