@@ -81,7 +81,7 @@ pub use pick::{
     any_hit, any_hit_brute, any_hit_counted, closest_hit, closest_hit_brute, closest_hit_counted,
 };
 pub use prefetch::{prefetch, prefetch_at};
-pub use primitives::{InOrder, Primitives, Triangles};
+pub use primitives::{Primitives, Triangles};
 pub use query::Visits;
 pub use ray::Ray;
 pub use rewire::{Branch, NotRewired};

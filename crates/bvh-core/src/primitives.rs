@@ -260,52 +260,6 @@ impl Primitives for Triangles<'_> {
     }
 }
 
-/// Primitives in the order of a tree's slots: number `s` here is primitive `order[s]` there.
-#[doc(hidden)]
-#[derive(Clone, Copy, Debug)]
-pub struct InOrder<'a, P: ?Sized> {
-    /// The primitives, by their own numbers.
-    pub primitives: &'a P,
-    /// For each slot, a primitive's number.
-    pub order: &'a [u32],
-}
-
-impl<P: Primitives + ?Sized> Primitives for InOrder<'_, P> {
-    #[inline]
-    fn len(&self) -> usize {
-        self.order.len()
-    }
-
-    #[inline]
-    fn bounds(&self, i: usize) -> Aabb {
-        self.primitives.bounds(self.order[i] as usize)
-    }
-
-    #[inline]
-    fn aabb(&self, i: usize) -> Aabb {
-        self.primitives.aabb(self.order[i] as usize)
-    }
-
-    #[inline(always)]
-    fn aabb_lanes(&self, i: usize) -> [Vec4; 3] {
-        self.primitives.aabb_lanes(self.order[i] as usize)
-    }
-
-    #[inline]
-    fn prefetch_index(&self, i: usize) {
-        if let Some(&p) = self.order.get(i) {
-            self.primitives.prefetch_index(p as usize);
-        }
-    }
-
-    #[inline]
-    fn prefetch_data(&self, i: usize) {
-        if let Some(&p) = self.order.get(i) {
-            self.primitives.prefetch_data(p as usize);
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -352,7 +306,6 @@ mod tests {
             assert!(!Careless.aabb_lanes(i)[2].truncate().is_finite());
         }
         assert!(Careless.aabb(2).min.to_array().iter().all(|x| x.is_sign_positive()));
-        assert_eq!(InOrder { primitives: &Careless, order: &[1, 2] }.aabb(0), Aabb::EMPTY);
     }
 
     #[test]

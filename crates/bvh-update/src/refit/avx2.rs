@@ -34,13 +34,13 @@ pub(super) fn sweep(nodes: SharedNodes<'_>, pairs: Range<usize>, lister: &mut Li
 pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
+    order: &[u32],
     leaves: &[Entry],
     fetch: impl Fn(usize),
     of_one: bool,
     with_sums: bool,
-    tally: &mut Tally,
-) {
-    kernels::fit_leaves(nodes, primitives, leaves, fetch, of_one, with_sums, tally);
+) -> Option<f64> {
+    kernels::fit_leaves(nodes, primitives, order, leaves, fetch, of_one, with_sums)
 }
 
 /// See [`kernels::refit_boxes`].

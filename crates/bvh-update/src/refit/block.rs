@@ -80,6 +80,10 @@ impl<const N: usize> List<N> {
         &self.entries[..self.count]
     }
 
+    pub(super) fn all_mut(&mut self) -> &mut [Entry] {
+        &mut self.entries[..self.count]
+    }
+
     pub(crate) fn clear(&mut self) {
         self.count = 0;
     }

@@ -56,54 +56,57 @@ impl AreaSum {
 /// A box in lanes, with a node's words in the fourth.
 type Corners = [Vec4; 2];
 
-/// Fits leaves to their primitives, which are numbered by slot in the tree's order; `of_one` says
-/// that each has one. `fetch` is called with the number of each leaf, to ask for what will be needed
-/// next.
+/// The primitive in a slot of the tree's order, which is empty if each slot holds the primitive of
+/// that number.
+#[inline(always)]
+pub(super) fn primitive_in(order: &[u32], slot: usize) -> usize {
+    order.get(slot).map_or(slot, |&primitive| primitive as usize)
+}
+
+/// Fits leaves to their primitives, and gives the sum of areas; `None` if some have no primitive,
+/// or primitives without a box: then all are to be fitted again, with care. Where each has one, as
+/// `of_one` says, entries name primitives, else slots of the order. `fetch` is called with the
+/// number of each leaf, to ask for what will be needed next.
 #[inline(always)]
 pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
+    // Not in a struct: the compiler knows of parameters alone that no store changes what is behind
+    // them.
     primitives: &P,
+    order: &[u32],
     leaves: &[Entry],
     fetch: impl Fn(usize),
     of_one: bool,
     with_sums: bool,
-    tally: &mut Tally,
-) {
+) -> Option<f64> {
     // One loop for both takes longer over leaves of one: docs/UPDATE_COST.md.
-    let area = if of_one {
-        fit_valid::<_, true>(nodes, primitives, leaves, fetch, with_sums)
+    if of_one {
+        fit_valid::<_, true>(nodes, primitives, &[], leaves, fetch, with_sums)
     } else {
-        fit_valid::<_, false>(nodes, primitives, leaves, fetch, with_sums)
-    };
-    let Some(area) = area else {
-        // Some have primitives without a box, or none.
-        leaves.iter().for_each(|entry| fit_leaf(nodes, primitives, entry.slot(), tally));
-        return;
-    };
-    tally.leaves += leaves.len() as u64;
-    tally.leaf_area += area;
-    tally.area += area;
+        fit_valid::<_, false>(nodes, primitives, order, leaves, fetch, with_sums)
+    }
 }
 
-/// Fits leaves to their primitives, of which each has one if `OF_ONE`, and gives the sum of areas;
-/// `None` where the validity is not finite.
+/// As [`fit_leaves`], where each has one primitive if `OF_ONE`.
 #[inline(always)]
 fn fit_valid<P: Primitives + ?Sized, const OF_ONE: bool>(
     nodes: SharedNodes<'_>,
     primitives: &P,
+    order: &[u32],
     leaves: &[Entry],
     fetch: impl Fn(usize),
     with_sums: bool,
 ) -> Option<f64> {
     let (mut sum, mut validity) = (AreaSum::default(), Vec4::ZERO);
-    leaves.iter().take(2 * AHEAD).for_each(|entry| primitives.prefetch_index(entry.first()));
-    leaves.iter().take(AHEAD).for_each(|entry| primitives.prefetch_data(entry.first()));
+    let first = |entry: &Entry| primitive_in(order, entry.first());
+    leaves.iter().take(2 * AHEAD).for_each(|entry| primitives.prefetch_index(first(entry)));
+    leaves.iter().take(AHEAD).for_each(|entry| primitives.prefetch_data(first(entry)));
     for (i, entry) in leaves.iter().enumerate() {
         if let Some(later) = leaves.get(i + 2 * AHEAD) {
-            primitives.prefetch_index(later.first());
+            primitives.prefetch_index(first(later));
         }
         if let Some(soon) = leaves.get(i + AHEAD) {
-            primitives.prefetch_data(soon.first());
+            primitives.prefetch_data(first(soon));
         }
         fetch(i);
         let [own_min, own_max]: Corners = bytemuck::cast(nodes.get(entry.slot()));
@@ -111,7 +114,7 @@ fn fit_valid<P: Primitives + ?Sized, const OF_ONE: bool>(
         debug_assert!(!OF_ONE || count == 1, "{count} primitives in a leaf");
         // So the compiler knows it.
         let count = if OF_ONE { 1 } else { count };
-        let [min, max, next_validity] = lanes_of(primitives, entry.first(), count as usize);
+        let [min, max, next_validity] = lanes_of(primitives, order, entry.first(), count as usize);
         validity += next_validity;
         let corners: Corners = [min.with_w(own_min.w), max.with_w(own_max.w)];
         nodes.set(entry.slot(), bytemuck::cast(corners));
@@ -123,37 +126,39 @@ fn fit_valid<P: Primitives + ?Sized, const OF_ONE: bool>(
     is_finite.then(|| sum.total())
 }
 
-/// As [`Primitives::aabb_lanes`], for successive primitives.
+/// As [`Primitives::aabb_lanes`], for successive slots.
 #[inline(always)]
-fn lanes_of<P: Primitives + ?Sized>(primitives: &P, first: usize, count: usize) -> [Vec4; 3] {
+fn lanes_of<P: Primitives + ?Sized>(primitives: &P, order: &[u32], first: usize, count: usize) -> [Vec4; 3] {
     if count == 0 {
         return [Vec4::NAN; 3];
     }
-    (first + 1..first + count).fold(primitives.aabb_lanes(first), |[min, max, validity], primitive| {
-        let [next_min, next_max, next_validity] = primitives.aabb_lanes(primitive);
+    let lanes = |slot: usize| primitives.aabb_lanes(primitive_in(order, slot));
+    (first + 1..first + count).fold(lanes(first), |[min, max, validity], slot| {
+        let [next_min, next_max, next_validity] = lanes(slot);
         [min.min(next_min), max.max(next_max), validity + next_validity]
     })
 }
 
-/// Fits one leaf, whatever its primitives are.
+/// Fits the leaf in slot `n` of the arena, whatever its primitives are.
 #[cold]
 #[inline(never)]
 pub(super) fn fit_leaf<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
-    slot: usize,
+    order: &[u32],
+    n: usize,
     tally: &mut Tally,
 ) {
-    let mut node = nodes.get(slot);
+    let mut node = nodes.get(n);
     let mut aabb = Aabb::EMPTY;
-    for primitive in node.first()..node.first() + node.count() {
-        let next = primitives.aabb(primitive).sanitized();
+    for slot in node.first()..node.first() + node.count() {
+        let next = primitives.aabb(primitive_in(order, slot)).sanitized();
         // A sanitised box is empty only if it is `Aabb::EMPTY`.
         tally.dropped += u64::from(next.min.x == f32::INFINITY);
         aabb = aabb.union(next);
     }
     node.set_aabb(aabb);
-    nodes.set(slot, node);
+    nodes.set(n, node);
     tally.leaves += 1;
     tally.leaf_area += node.sah_term();
     tally.area += node.sah_term();

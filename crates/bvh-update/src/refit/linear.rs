@@ -76,7 +76,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         for (slot, node) in [(pair, l), (pair + 1, r)] {
             let entry = [Entry::new(slot, node.first() as u32)];
             if node.is_dynamic() && node.is_leaf() {
-                kernels::fit_leaf(self.nodes, self.primitives, slot, &mut tally);
+                kernels::fit_leaf(self.nodes, self.primitives, self.order, slot, &mut tally);
             } else if node.is_dynamic() {
                 kernels::refit_boxes(self.nodes, &entry, self.scratch.with_sums, &mut tally);
             }

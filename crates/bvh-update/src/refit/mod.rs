@@ -15,10 +15,10 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use bvh_core::{Bvh, InOrder, OnPanic, Primitives, SimdLevel, sah_cost};
+use bvh_core::{Bvh, OnPanic, Primitives, SimdLevel, sah_cost};
 
 use self::block::{Block, Entry, LISTED, Leaves, Lists};
-use self::kernels::refit_height;
+use self::kernels::{fit_leaf, primitive_in, refit_height};
 use self::shared::{Available, dispatch};
 use crate::report::Update;
 use crate::state::{Layout, State};
@@ -207,8 +207,9 @@ struct Around<'a> {
 /// What all parts of a pass are given.
 pub(crate) struct Task<'a, P: ?Sized> {
     nodes: SharedNodes<'a>,
-    /// Numbered by slot of the order.
     primitives: &'a P,
+    /// Of the tree; empty if each slot holds the primitive of that number.
+    order: &'a [u32],
     /// At which nodes rotations are tried, if at any.
     schedule: Option<Schedule>,
     is_partly_static: bool,
@@ -243,12 +244,9 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
         scratch.spare.push(Mutex::new(Spare::new()));
     }
     let (nodes, scratch) = (share(parts.nodes), &*scratch);
-    let mut tally = if is_in_order {
-        Task { nodes, primitives, schedule, is_partly_static, of_one, scratch }.run(is_linear)
-    } else {
-        let primitives = &InOrder { primitives, order: parts.order };
-        Task { nodes, primitives, schedule, is_partly_static, of_one, scratch }.run(is_linear)
-    };
+    let order = if is_in_order { &[] } else { parts.order };
+    let mut tally =
+        Task { nodes, primitives, order, schedule, is_partly_static, of_one, scratch }.run(is_linear);
     *parts.static_area += tally.static_area;
     tally.has_sums = scratch.with_sums;
     std::mem::forget(unfinished);
@@ -262,7 +260,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             Tally::default()
         } else if root.is_leaf() {
             let mut tally = Tally::default();
-            kernels::fit_leaf(self.nodes, self.primitives, 0, &mut tally);
+            fit_leaf(self.nodes, self.primitives, self.order, 0, &mut tally);
             tally
         } else if is_linear {
             // The slot beside the root is a static leaf without primitives, and may stand in the
@@ -343,12 +341,26 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     }
 
     /// Fits leaves, and calls `fetch` with the number of each.
-    fn fit_leaves(&self, leaves: &Leaves, fetch: impl Fn(usize), tally: &mut Tally) {
-        let Self { nodes, primitives, of_one, scratch, .. } = *self;
-        dispatch!(
+    fn fit_leaves(&self, leaves: &mut Leaves, fetch: impl Fn(usize), tally: &mut Tally) {
+        let Self { nodes, primitives, order, of_one, scratch, .. } = *self;
+        let leaves = leaves.all_mut();
+        if of_one && !order.is_empty() {
+            // Beforehand, as the loop asks three times for the primitive of a leaf.
+            for entry in &mut *leaves {
+                *entry = Entry::new(entry.slot(), primitive_in(order, entry.first()) as u32);
+            }
+        }
+        let area = dispatch!(
             scratch.level,
-            fit_leaves(nodes, primitives, leaves.all(), fetch, of_one, scratch.with_sums, tally)
+            fit_leaves(nodes, primitives, order, leaves, fetch, of_one, scratch.with_sums)
         );
+        let Some(area) = area else {
+            leaves.iter().for_each(|entry| fit_leaf(nodes, primitives, order, entry.slot(), tally));
+            return;
+        };
+        tally.leaves += leaves.len() as u64;
+        tally.leaf_area += area;
+        tally.area += area;
     }
 
     /// Rotates at the block's inner nodes.
