@@ -139,8 +139,7 @@ fn execute<P: Primitives + ?Sized>(
 }
 
 /// Builds a new tree. After a pass it is built beside the old one, which stays unless the new one
-/// costs less by [`LEAST_GAIN`]: primitives may lie in the order of the old leaves, where a pass takes
-/// less time.
+/// costs less by [`LEAST_GAIN`]: rotations have often left a tree as good as a new one.
 fn rebuild<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
