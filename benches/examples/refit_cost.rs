@@ -4,11 +4,13 @@
 //! ```text
 //! cargo run --release -p pivot-benches --example refit_cost -- [SCENE ...] [--threads=N]
 //!     scenes: still, sheet, numbers, pieces, sixteenth, uneven, large
-//! RUSTFLAGS='--cfg refit_without="validity"' cargo run ...      with one guard left out: validity, heights, moving
+//! RUSTFLAGS='--cfg refit_without="validity"' cargo run ...      without one guard of three
 //! ```
 //!
-//! The program updates on one thread, or on N with `--threads=N`. It prints the median and the least
-//! frame, and the stages of the least frame that it recorded, as sums over all threads.
+//! The other guards are `heights` and `moving`.
+//!
+//! The program updates on one thread, or on N with `--threads=N`. It prints the median and the
+//! least frame, and the stages of the least frame that it recorded, as sums over all threads.
 //!
 //! The schedule is that of a pool whose workers steal, as rayon's do, with the prices of a join and
 //! of a theft that are measured first. Workers never sleep, and memory is as fast for many of

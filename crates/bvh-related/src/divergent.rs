@@ -221,9 +221,9 @@ fn best_place(bvh: &Bvh, path: &[usize], moved: usize) -> Option<Vec<usize>> {
     // Beside its sibling, where it is.
     let here: f64 = shrunk.iter().skip(1).map(|&(n, aabb)| joined(n) - aabb.half_area_f64()).sum();
     let mut best = (here + joined(removed), None);
-    // Nodes that were found, each with the number of the one above it. Those in the queue are ordered
-    // by what the areas of all nodes above them would grow by, the least first, of equal ones the
-    // first found. Growth is never negative, and so in the order of its bits.
+    // Nodes that were found, each with the number of the one above it. The queue holds numbers of
+    // such nodes. The next is the node above which all areas together would grow least, and of
+    // equals the first found. Growth is never negative, and so in the order of its bits.
     let mut found = vec![(0, 0)];
     let mut queue = BinaryHeap::from([Reverse((0.0_f64.to_bits(), 0))]);
     while let Some(Reverse((grown, i))) = queue.pop() {

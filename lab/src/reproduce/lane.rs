@@ -100,10 +100,6 @@ impl Lane {
         let (update_ms, update) = timed(self.name, &mut self.trees[0], stage)?;
         let (stats, trace_ms) = renderer.draw(stage, self.tree());
         self.trees[0].1.report(Load::PacketNodes(stats.nodes_visited));
-        // The first update may have been short.
-        if update_ms > LONG_MS {
-            self.trees.truncate(1);
-        }
         let row = Row {
             update_ms,
             rotations: update.rotations_applied(),
@@ -134,6 +130,11 @@ impl Lane {
             if trace_ms < row.trace_ms {
                 row = row.traced(&stats, trace_ms);
             }
+        }
+        // Twins were added by the first update, which may have been shorter than later ones. Two
+        // turns in a row are seldom disturbed.
+        if turn == 1 && row.update_ms > LONG_MS {
+            self.trees.truncate(1);
         }
         self.last = Some(row);
         Ok(())

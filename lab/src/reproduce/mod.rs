@@ -317,9 +317,9 @@ impl<'a> Bench<'a> {
         let [size, map_size] = plan.values.picture_size;
         facts.hottest = pictures::hottest(stage, map_size);
         let take = |stage: &mut Stage, trees: &[Named<'_>], frame: usize| {
-            // All trees show the same picture.
-            let by_cost = |a: &&Named<'_>, b: &&Named<'_>| sah_cost(a.1).total_cmp(&sah_cost(b.1));
-            let Some((_, best)) = trees.iter().min_by(by_cost) else { return Ok(()) };
+            // All trees show the same picture, as the checks make sure.
+            let costs = trees.iter().map(|&(_, tree)| (sah_cost(tree), tree));
+            let Some((_, best)) = costs.min_by(|a, b| a.0.total_cmp(&b.0)) else { return Ok(()) };
             let png = pictures::picture(stage, best, size)?;
             taken.push(self.out.picture(&facts.label, frame, None, png)?);
             for (name, tree) in trees.iter().filter(|(name, _)| pictures::HEAT_MAPS.contains(name)) {

@@ -139,7 +139,8 @@ fn execute<P: Primitives + ?Sized>(
 }
 
 /// Builds a new tree. After a pass it is built beside the old one, which stays unless the new one
-/// costs less by [`LEAST_GAIN`]: rotations have often left a tree as good as a new one.
+/// costs less by [`LEAST_GAIN`]: on two of five inputs trees were worse without that
+/// (`docs/ABLATION.md`).
 fn rebuild<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,

@@ -44,7 +44,8 @@ impl Entry {
         (self.0 >> 32) as usize
     }
 
-    /// Inner node: slot of its left child. Leaf: its first primitive.
+    /// Inner node: slot of its left child. Leaf: its first slot of the order, or in the pass, where
+    /// each leaf has one primitive, that.
     #[inline(always)]
     pub(crate) fn first(self) -> usize {
         self.0 as usize & Node::INDEX as usize

@@ -60,18 +60,18 @@ type Corners = [Vec4; 2];
 /// that number.
 #[inline(always)]
 pub(super) fn primitive_in(order: &[u32], slot: usize) -> usize {
-    order.get(slot).map_or(slot, |&primitive| primitive as usize)
+    if order.is_empty() { slot } else { order[slot] as usize }
 }
 
 /// Fits leaves to their primitives, and gives the sum of areas; `None` if some have no primitive,
-/// or primitives without a box: then all are to be fitted again, with care. Where each has one, as
-/// `of_one` says, entries name primitives, else slots of the order. `fetch` is called with the
+/// or primitives without a box: then `fit_leaf` has to fit each of them again. Where each has one,
+/// as `of_one` says, entries name primitives, else slots of the order. `fetch` is called with the
 /// number of each leaf, to ask for what will be needed next.
 #[inline(always)]
 pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
-    // Not in a struct: the compiler knows of parameters alone that no store changes what is behind
-    // them.
+    // Parameters, not a struct of both: loops took half as long again with one
+    // (docs/UPDATE_COST.md).
     primitives: &P,
     order: &[u32],
     leaves: &[Entry],
@@ -79,9 +79,11 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     of_one: bool,
     with_sums: bool,
 ) -> Option<f64> {
-    // One loop for both takes longer over leaves of one: docs/UPDATE_COST.md.
+    // One loop for all takes longer: docs/UPDATE_COST.md.
     if of_one {
         fit_valid::<_, true>(nodes, primitives, &[], leaves, fetch, with_sums)
+    } else if order.is_empty() {
+        fit_valid::<_, false>(nodes, primitives, &[], leaves, fetch, with_sums)
     } else {
         fit_valid::<_, false>(nodes, primitives, order, leaves, fetch, with_sums)
     }

@@ -340,7 +340,8 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         tally
     }
 
-    /// Fits leaves, and calls `fetch` with the number of each.
+    /// Fits leaves, and calls `fetch` with the number of each. Entries of the list may name
+    /// primitives in the place of slots afterwards.
     fn fit_leaves(&self, leaves: &mut Leaves, fetch: impl Fn(usize), tally: &mut Tally) {
         let Self { nodes, primitives, order, of_one, scratch, .. } = *self;
         let leaves = leaves.all_mut();
