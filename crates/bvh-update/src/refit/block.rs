@@ -11,7 +11,7 @@ use std::ops::Range;
 
 use bvh_core::{MAX_HEIGHT, Node};
 
-use super::kernels::Accepted;
+use super::rotations::Accepted;
 use super::shared::SharedNodes;
 
 /// Inner nodes that one block lists, but for the last level.

@@ -1,15 +1,13 @@
-//! The loops of the pass, each over a list of nodes: leaves, boxes of inner nodes, heights,
-//! rotations.
+//! Loops of the pass, each over a list of nodes: leaves, boxes of inner nodes, heights.
 //!
 //! They are written once, in vectors of four that every target has, and compiled for each SIMD
-//! level. Boxes and the judging of rotations have versions of their own for AVX2 (`avx2.rs`).
+//! level. Boxes have a version of their own for AVX2 (`avx2.rs`). Rotations are in `rotations.rs`.
 
 use bvh_core::glam::Vec4;
-use bvh_core::rotation::Rotation;
-use bvh_core::{Aabb, COST_INTERSECT, MAX_HEIGHT, Node, Primitives};
+use bvh_core::{Aabb, COST_INTERSECT, Node, Primitives};
 
 use super::Tally;
-use super::block::{Entry, LISTED};
+use super::block::Entry;
 use super::shared::SharedNodes;
 
 /// How many leaves ahead the corners of triangles are fetched, and twice as many ahead the indices.
@@ -215,117 +213,4 @@ pub(super) fn refit_height(nodes: SharedNodes<'_>, entry: Entry) -> [u32; 2] {
         nodes.set_height(entry.slot(), height);
     }
     [link_l, link_r]
-}
-
-/// Nodes at which some rotation is a gain, and how the area would change under each, in the order
-/// of `Rotation::ALL`.
-pub(crate) struct Accepted {
-    entries: [Entry; 2 * LISTED],
-    changes: [[f32; 8]; 2 * LISTED],
-}
-
-impl Default for Accepted {
-    fn default() -> Self {
-        Self { entries: [Entry::default(); 2 * LISTED], changes: [[0.0; 8]; 2 * LISTED] }
-    }
-}
-
-impl Accepted {
-    /// Replaces number `i`. The last two changes may be others again.
-    #[inline(always)]
-    pub(super) fn set(&mut self, i: usize, entry: Entry, changes: [f32; 8]) {
-        let i = i % (2 * LISTED);
-        (self.entries[i], self.changes[i]) = (entry, changes);
-    }
-
-    /// Applies the best rotation of each of the first `count` nodes; given the nodes' depth, and
-    /// whether something is static.
-    #[inline(always)]
-    pub(super) fn apply(
-        &self,
-        count: usize,
-        nodes: SharedNodes<'_>,
-        (depth, is_partly_static): (u32, bool),
-        tally: &mut Tally,
-    ) {
-        for (&entry, &changes) in self.entries.iter().zip(&self.changes).take(count) {
-            let (rotation, pair) = (best(changes), entry.first());
-            // A rotation makes a tree higher by one at most.
-            let is_cautious = is_partly_static || nodes.get(entry.slot()).height() + depth >= MAX_HEIGHT;
-            let before = is_cautious.then(|| nodes.pair(pair));
-            swap(nodes, pair, rotation);
-            let mut static_change = 0.0;
-            if let Some(before) = before {
-                let after = nodes.pair(pair);
-                if depth + 1 + after[0].height().max(after[1].height()) > MAX_HEIGHT {
-                    // Back again. A static child may have had a box that was not tight.
-                    swap(nodes, pair, rotation);
-                    (0..2).for_each(|i| nodes.set(pair + i, before[i]));
-                    continue;
-                }
-                let [first, last] = rotation.touched();
-                let change = |i: usize| after[i].static_term() - before[i].static_term();
-                static_change = (first..=last).map(change).sum();
-            }
-            refit_height(nodes, entry);
-            let change = f64::from(changes[rotation as usize]);
-            tally.rotations[rotation as usize] += 1;
-            tally.area += change - static_change;
-            tally.static_area += static_change;
-        }
-    }
-}
-
-/// What is no gain becomes 0, NaN among it: a comparison with NaN is false on every target, while
-/// its minimum with a number is either of them.
-#[inline(always)]
-fn gain(changes: Vec4) -> Vec4 {
-    Vec4::select(changes.cmplt(Vec4::ZERO), changes, Vec4::ZERO)
-}
-
-/// As [`rotation::best`](bvh_core::rotation::best), where some change is below zero, without
-/// branches. The last two may be other changes again.
-#[inline(always)]
-fn best(changes: [f32; 8]) -> Rotation {
-    let [a, b]: [Vec4; 2] = bytemuck::cast(changes);
-    let [a, b] = [gain(a), gain(b)];
-    let least = Vec4::splat(a.min(b).min_element());
-    let is_least = a.cmpeq(least).bitmask() | b.cmpeq(least).bitmask() << 4;
-    Rotation::ALL[is_least.trailing_zeros() as usize % Rotation::ALL.len()]
-}
-
-/// Rotates at the parent of a pair: swaps two nodes and refits the children that got another child.
-#[inline(always)]
-fn swap(nodes: SharedNodes<'_>, pair: usize, rotation: Rotation) {
-    let [l, r] = nodes.pair(pair);
-    let families = [pair, l.first(), r.first()];
-    let [a, b] = rotation.places().map(|(family, side)| families[family] + side);
-    let (at_a, at_b) = (nodes.get(a), nodes.get(b));
-    nodes.set(a, at_b);
-    nodes.set(b, at_a);
-    // One child twice, where the other gets none: without a branch.
-    for child in rotation.touched() {
-        let mut node = nodes.get(pair + child);
-        let [l, r] = nodes.pair(node.first());
-        node.refit(&l, &r);
-        nodes.set(pair + child, node);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_best_rotation_is_that_of_the_definition() {
-        let values = [f32::NAN, f32::NEG_INFINITY, f32::INFINITY, -2.0, -1.0, 0.0];
-        for case in 0..6_u32.pow(6) {
-            let changes: [f32; 6] =
-                std::array::from_fn(|i| values[(case / 6_u32.pow(i as u32) % 6) as usize]);
-            let Some(expected) = bvh_core::rotation::best(changes) else { continue };
-            let [a, b, ..] = changes;
-            let lanes = std::array::from_fn(|i| changes.get(i).copied().unwrap_or([a, b][i % 2]));
-            assert_eq!(best(lanes), expected, "{changes:?}");
-        }
-    }
 }

@@ -32,6 +32,7 @@ mod cost;
 mod kernels;
 mod linear;
 pub mod plain;
+mod rotations;
 mod scalar;
 mod shared;
 

@@ -2,14 +2,13 @@
 
 use std::ops::Range;
 
-use bvh_core::Node;
-use bvh_core::rotation::{area_changes, best};
+use bvh_core::glam::{Mat4, Vec4};
 
 use super::Tally;
 use super::block::{Block, Entry, Leaves, Lister};
-use super::kernels::{Accepted, refit_height};
 pub(super) use super::kernels::{fit_leaves, refit_boxes};
-use super::shared::SharedNodes;
+use super::rotations::{self, Accepted, Boxes, Family, Judgement, define_judge};
+use super::shared::{PairAt, SharedNodes};
 
 /// See [`Block::walk`].
 #[inline(always)]
@@ -30,23 +29,68 @@ pub(super) fn sweep(nodes: SharedNodes<'_>, pairs: Range<usize>, lister: &mut Li
     }
 }
 
-/// Refits the heights of nodes, and accepts those at which some rotation is a gain.
+/// Nodes that are judged at a time.
+const WIDTH: usize = 4;
+
+/// The boxes of the left or right nodes.
+#[inline(always)]
+fn boxes(pairs: &[PairAt<'_>; WIDTH], side: usize) -> Boxes<Vec4> {
+    let half = |i: usize| {
+        let row = |j: usize| pairs[j].quarter(2 * side + i);
+        let columns = Mat4::from_cols(row(0), row(1), row(2), row(3)).transpose();
+        [columns.x_axis, columns.y_axis, columns.z_axis]
+    };
+    Boxes { min: half(0), max: half(1) }
+}
+
+/// Which nodes have a change below zero. A NaN is no gain.
+#[inline(always)]
+fn gains(changes: [Vec4; 6]) -> u32 {
+    let [a, b, c, d, e, f] = changes.map(|change| change.cmplt(Vec4::ZERO));
+    (a | b | c | d | e | f).bitmask()
+}
+
+#[inline(always)]
+fn zero() -> Vec4 {
+    Vec4::ZERO
+}
+
+#[inline(always)]
+fn min(a: Vec4, b: Vec4) -> Vec4 {
+    a.min(b)
+}
+
+#[inline(always)]
+fn max(a: Vec4, b: Vec4) -> Vec4 {
+    a.max(b)
+}
+
+#[inline(always)]
+fn add(a: Vec4, b: Vec4) -> Vec4 {
+    a + b
+}
+
+#[inline(always)]
+fn sub(a: Vec4, b: Vec4) -> Vec4 {
+    a - b
+}
+
+#[inline(always)]
+fn mul(a: Vec4, b: Vec4) -> Vec4 {
+    a * b
+}
+
+define_judge! {
+    #[inline(always)]
+}
+
+/// See [`rotations::rotate_with`]: four nodes at a time.
 pub(super) fn rotate(
     nodes: SharedNodes<'_>,
-    list: &[Entry],
+    level: &[Entry],
     at: (u32, bool),
     accepted: &mut Accepted,
     tally: &mut Tally,
 ) {
-    let mut count = 0;
-    for &entry in list {
-        refit_height(nodes, entry);
-        let [l, r] = nodes.pair(entry.first());
-        let below = |n: Node| (!n.is_leaf()).then(|| nodes.pair(n.first()).map(|child| child.aabb()));
-        let changes = area_changes(l.aabb(), r.aabb(), below(l), below(r));
-        let [c0, c1, c2, c3, c4, c5] = changes;
-        accepted.set(count, entry, [c0, c1, c2, c3, c4, c5, 0.0, 0.0]);
-        count += usize::from(best(changes).is_some());
-    }
-    accepted.apply(count, nodes, at, tally);
+    rotations::rotate_with(nodes, level, at, accepted, tally, judge);
 }

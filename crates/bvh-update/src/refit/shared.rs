@@ -5,6 +5,7 @@
 use std::arch::x86_64::__m256;
 use std::marker::PhantomData;
 
+use bvh_core::glam::Vec4;
 use bvh_core::{Bvh, Node, Parts, SimdLevel};
 
 /// The nodes of one tree, read and written by tasks that keep to disjoint sets of them.
@@ -107,26 +108,20 @@ impl<'a> SharedNodes<'a> {
         }
     }
 
-    /// The children of a node with that link word, as [`pair_lanes`](Self::pair_lanes); for a leaf,
-    /// boxes around everything.
-    #[cfg(target_arch = "x86_64")]
+    /// The pair that starts at slot `n`, to be read later.
     #[inline(always)]
-    pub(crate) fn child_lanes(&self, link: u32) -> [__m256; 2] {
+    pub(crate) fn pair_at(&self, n: usize) -> PairAt<'a> {
+        assert!(n + 1 < self.len, "pair out of range");
+        PairAt(self.start.wrapping_add(n).cast_const(), PhantomData)
+    }
+
+    /// The children of a node with that link word; for a leaf, boxes around everything.
+    #[inline(always)]
+    pub(crate) fn children_at(&self, link: u32) -> PairAt<'a> {
         let is_leaf = link & Node::LEAF != 0;
         // That of a leaf is no pair.
-        let first = if is_leaf { 0 } else { (link & Node::INDEX) as usize };
-        assert!(first + 1 < self.len, "pair out of range");
-        let children = self.start.wrapping_add(first).cast_const().cast();
-        // SAFETY: as in `pair_lanes`, for a pair that is in range or a constant.
-        #[expect(unsafe_code, reason = "reads the shared arena")]
-        unsafe {
-            std::hint::select_unpredictable::<*const [__m256; 2]>(
-                is_leaf,
-                EVERYTHING.0.as_ptr().cast(),
-                children,
-            )
-            .read()
-        }
+        let PairAt(pair, nodes) = self.pair_at(if is_leaf { 0 } else { (link & Node::INDEX) as usize });
+        PairAt(std::hint::select_unpredictable(is_leaf, EVERYTHING.0.as_ptr().cast(), pair), nodes)
     }
 
     /// Brings the pair that starts at slot `n` into the cache. Any `n` will do.
@@ -136,11 +131,37 @@ impl<'a> SharedNodes<'a> {
     }
 }
 
+/// A pair of nodes in range, or two boxes around everything.
+#[derive(Clone, Copy)]
+pub(crate) struct PairAt<'a>(*const Node, PhantomData<&'a Node>);
+
+impl PairAt<'_> {
+    /// A quarter of it: minima or maxima of a node in three lanes, and a word.
+    #[inline(always)]
+    pub(crate) fn quarter(self, i: usize) -> Vec4 {
+        // SAFETY: the pair is in range or a constant, of 64 bytes that may have any value and are
+        // aligned to 32; not written elsewhere by the promise to `SharedNodes::new`.
+        #[expect(unsafe_code, reason = "reads the shared arena")]
+        unsafe {
+            self.0.cast::<Vec4>().add(i % 4).read()
+        }
+    }
+
+    /// A node of it in one register.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub(crate) fn lanes(self, side: usize) -> __m256 {
+        // SAFETY: as in `quarter`.
+        #[expect(unsafe_code, reason = "reads the shared arena")]
+        unsafe {
+            self.0.cast::<__m256>().add(side % 2).read()
+        }
+    }
+}
+
 /// Two boxes around everything: in the place of a leaf's children they make every rotation a loss.
-#[cfg(target_arch = "x86_64")]
 static EVERYTHING: Everything = Everything([[[f32::NEG_INFINITY; 4], [f32::INFINITY; 4]]; 2]);
 
-#[cfg(target_arch = "x86_64")]
 #[repr(align(64))]
 struct Everything([[[f32; 4]; 2]; 2]);
 
