@@ -97,7 +97,7 @@ impl Updater {
     }
 
     /// Memory that refits and rotations keep from one update to the next, in bytes: some for each
-    /// thread, whatever the size of the tree. What rebuilds and repairs keep is not counted.
+    /// thread, or one thread's for a small tree. What rebuilds and repairs keep is not counted.
     #[must_use]
     pub fn pass_memory(&self) -> usize {
         self.workspace.refit.memory_usage()

@@ -1,4 +1,4 @@
-//! The kernels in AVX2: one node in one register.
+//! The kernels in AVX2: boxes with one node in one register, rotations with eight nodes in its lanes.
 //!
 //! A node's eight words are `[min.x min.y min.z link | max.x max.y max.z aux]`. Sums and products
 //! are taken in the order of `Aabb::half_area` and without fused multiply-add, so the bits are
@@ -15,7 +15,7 @@ use bvh_core::Primitives;
 
 use super::block::{Block, Entry, Leaves, Lister};
 use super::kernels;
-use super::rotations::{self, Accepted, Boxes, Family, Judgement, define_judge};
+use super::rotations::{self, Accepted, Boxes, define_judge};
 use super::shared::{PairAt, SharedNodes};
 use super::{Tally, scalar};
 
@@ -58,7 +58,8 @@ pub(super) fn refit_boxes(
     tally: &mut Tally,
 ) {
     kernels::refit_boxes_with(parents_first, with_sums, tally, |entry| {
-        let [l, r] = nodes.pair_lanes(entry.first());
+        let pair = nodes.pair_at(entry.first());
+        let (l, r) = (pair.lanes(0), pair.lanes(1));
         let own = bytemuck::cast(nodes.get(entry.slot()));
         let corners = _mm256_blend_ps::<0xf0>(_mm256_min_ps(l, r), _mm256_max_ps(l, r));
         let corners = _mm256_blend_ps::<0x88>(corners, own);
@@ -70,7 +71,7 @@ pub(super) fn refit_boxes(
 /// Nodes that are judged at a time.
 const WIDTH: usize = 8;
 
-/// The boxes of the left or right nodes.
+/// The boxes of the nodes on one side of all pairs.
 #[target_feature(enable = "avx2,bmi1,bmi2")]
 #[inline]
 fn boxes(pairs: &[PairAt<'_>; WIDTH], side: usize) -> Boxes<__m256> {
@@ -116,5 +117,5 @@ pub(super) fn rotate(
     accepted: &mut Accepted,
     tally: &mut Tally,
 ) {
-    rotations::rotate_with(nodes, level, at, accepted, tally, |family| judge(family));
+    rotations::rotate_with(nodes, level, at, accepted, tally, |families| judge(families));
 }

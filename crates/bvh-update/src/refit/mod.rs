@@ -6,7 +6,8 @@
 //!                   else a block: walk down from the roots (block.rs)
 //!                                 fit the leaves found     (kernels.rs)
 //!                                 subtrees(what is below the block), in parallel
-//!                                 refit the block's inner nodes, then rotate level by level, deepest first
+//!                                 refit the block's inner nodes    (kernels.rs)
+//!                                 rotate level by level, deepest first (rotations.rs)
 //! ```
 //!
 //! How subtrees are divided depends on the tree alone, never on threads or time: so do sums of
@@ -50,6 +51,13 @@ const TOP_LISTED: usize = 128;
 /// Inner nodes that subtrees of one block have together, as estimated by [`is_heavy`].
 // Half and double: docs/TUNING.md.
 const WEIGHT: u64 = 512;
+
+/// Nodes of a tree that is small: one block lists them all, unless it is very uneven.
+const SMALL: usize = 2 * LISTED;
+
+/// Blocks that each thread has at hand for a larger tree: more than it uses at a time, so that no
+/// update but the first allocates.
+const BLOCKS: usize = 8;
 
 /// Cache lines, of a pair each, to fetch for a subtree whose turn is next: as built they lie in one
 /// piece, and rotations leave them nearly so.
@@ -147,15 +155,14 @@ impl Schedule {
     }
 }
 
-/// Memory that passes keep from one to the next: some ten blocks a thread, whatever the size of the
-/// tree.
+/// Memory that passes keep from one to the next: some ten blocks a thread, or one for a small tree.
 pub(crate) struct RefitScratch {
     level: Available,
     /// Whether tallies have sums of areas.
     pub(crate) with_sums: bool,
     /// What blocks took, where that is recorded.
     pub(crate) costs: Option<Costs>,
-    /// One for each thread of the pool.
+    /// One for each thread of the pool, or one alone for a small tree.
     spare: Vec<Mutex<Spare>>,
 }
 
@@ -181,14 +188,17 @@ impl RefitScratch {
 /// What one thread has not in use. It uses one block for each that it is below of: also where it
 /// waits for another thread and takes up other blocks meanwhile. Primitives that start tasks of
 /// their own may make it use several lists.
+#[derive(Default)]
 struct Spare {
     blocks: Vec<Box<Block>>,
     lists: Vec<Box<Lists>>,
 }
 
 impl Spare {
-    fn new() -> Self {
-        Self { blocks: std::iter::repeat_with(Block::boxed).take(8).collect(), lists: vec![Lists::boxed()] }
+    /// Makes what a thread needs that takes part in the update of a large tree.
+    fn fill(&mut self) {
+        self.blocks.resize_with(BLOCKS.max(self.blocks.len()), Block::boxed);
+        self.lists.resize_with(1.max(self.lists.len()), Lists::boxed);
     }
 
     fn memory_usage(&self) -> usize {
@@ -216,6 +226,7 @@ pub(crate) struct Task<'a, P: ?Sized> {
     is_partly_static: bool,
     /// Whether each leaf has one primitive.
     of_one: bool,
+    is_small: bool,
     scratch: &'a RefitScratch,
 }
 
@@ -241,13 +252,18 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     }
     let schedule = rotate.map(|rotate| Schedule::new(rotate.period, state.updates));
     state.updates = state.updates.wrapping_add(1);
-    while scratch.spare.len() < rayon::current_num_threads() {
-        scratch.spare.push(Mutex::new(Spare::new()));
+    // A small tree's block is made when it is asked for: there may be thousands of such trees.
+    let is_small = parts.nodes.len() <= SMALL;
+    let threads = if is_small { 1 } else { rayon::current_num_threads() };
+    scratch.spare.resize_with(threads.max(scratch.spare.len()), Mutex::default);
+    if !is_small {
+        let spare = scratch.spare.iter_mut().map(Mutex::get_mut);
+        spare.for_each(|spare| spare.unwrap_or_else(PoisonError::into_inner).fill());
     }
     let (nodes, scratch) = (share(parts.nodes), &*scratch);
     let order = if is_in_order { &[] } else { parts.order };
-    let mut tally =
-        Task { nodes, primitives, order, schedule, is_partly_static, of_one, scratch }.run(is_linear);
+    let mut tally = Task { nodes, primitives, order, schedule, is_partly_static, of_one, is_small, scratch }
+        .run(is_linear);
     *parts.static_area += tally.static_area;
     tally.has_sums = scratch.with_sums;
     std::mem::forget(unfinished);
@@ -327,11 +343,14 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         let [(rest, rest_depth), (below, below_depth)] = block.frontier();
         let after = Around { block: watch.block, ..around };
         let next = if below.is_empty() { around.next } else { below };
-        let (rest, below) = rayon::join(
-            || self.subtrees(rest, rest_depth, Around { next, ..after }),
-            || self.subtrees(below, below_depth, after),
-        );
-        tally = tally.and(&rest).and(&below);
+        // A join that does nothing still takes microseconds outside of the pool.
+        if !rest.is_empty() || !below.is_empty() {
+            let (rest, below) = rayon::join(
+                || self.subtrees(rest, rest_depth, Around { next, ..after }),
+                || self.subtrees(below, below_depth, after),
+            );
+            tally = tally.and(&rest).and(&below);
+        }
         watch.skip();
         dispatch!(level, refit_boxes(self.nodes, block.own(), with_sums, &mut tally));
         watch.lap(|cost| &mut cost.boxes);
@@ -394,9 +413,11 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         result
     }
 
-    /// What belongs to this thread. No other thread takes it, but one outside of the pool.
+    /// What belongs to this thread, or to a small tree. No other thread takes it, but one outside of
+    /// the pool.
     fn spare(&self) -> MutexGuard<'_, Spare> {
-        locked(&self.scratch.spare[rayon::current_thread_index().unwrap_or(0)])
+        let thread = if self.is_small { None } else { rayon::current_thread_index() };
+        locked(&self.scratch.spare[thread.unwrap_or(0)])
     }
 }
 

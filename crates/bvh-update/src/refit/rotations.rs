@@ -14,7 +14,7 @@ use super::kernels::refit_height;
 use super::shared::{PairAt, SharedNodes};
 
 /// Nodes that are judged together: the pairs of their children, and those below either child.
-pub(super) struct Family<'a, const N: usize> {
+pub(super) struct Families<'a, const N: usize> {
     pub(super) children: [PairAt<'a>; N],
     pub(super) below_left: [PairAt<'a>; N],
     pub(super) below_right: [PairAt<'a>; N],
@@ -30,16 +30,22 @@ pub(super) struct Boxes<V> {
     pub(super) max: [V; 3],
 }
 
-/// Defines `judge`, which gives the [`Judgement`] of `WIDTH` nodes.
+/// Defines `judge`, which gives the [`Judgement`] of `WIDTH` nodes. A macro, as code for a SIMD level
+/// cannot be generic over its vectors without `unsafe`.
 ///
-/// The module gives the arithmetic of its vectors: `min`, `max`, `add`, `sub`, `mul`, `zero`, the
-/// `boxes` of one node of each pair, and `gains`, the bits of nodes with a change below zero. Areas
+/// The module gives `WIDTH` and the arithmetic of its vectors: `min`, `max`, `add`, `sub`, `mul`,
+/// `zero`, the `boxes` of the nodes on one side, 0 or 1, of all pairs, and `gains`, the bits of nodes
+/// with a change below zero. Areas
 /// are computed in the order of [`Aabb::half_area`](bvh_core::Aabb::half_area), and changes in that
 /// of [`area_changes`](bvh_core::rotation::area_changes), so the bits are the same everywhere.
 macro_rules! define_judge {
     ($(#[$attribute:meta])*) => {
         $(#[$attribute])*
-        fn judge(family: &Family<'_, WIDTH>) -> Judgement<WIDTH> {
+        fn judge(
+            families: &$crate::refit::rotations::Families<'_, WIDTH>,
+        ) -> $crate::refit::rotations::Judgement<WIDTH> {
+            use $crate::refit::rotations::{Boxes, Families};
+
             // An empty box has negative extents.
             let area_of = |x, y, z| {
                 let (x, y, z) = (max(x, zero()), max(y, zero()), max(z, zero()));
@@ -53,7 +59,7 @@ macro_rules! define_judge {
                 let extent = |i: usize| sub(max(a.max[i], b.max[i]), min(a.min[i], b.min[i]));
                 area_of(extent(0), extent(1), extent(2))
             };
-            let Family { children, below_left, below_right } = family;
+            let Families { children, below_left, below_right } = families;
             let (l, r) = (boxes(children, 0), boxes(children, 1));
             let (ll, lr) = (boxes(below_left, 0), boxes(below_left, 1));
             let (rl, rr) = (boxes(below_right, 0), boxes(below_right, 1));
@@ -82,27 +88,30 @@ pub(super) fn rotate_with<const N: usize>(
     at: (u32, bool),
     accepted: &mut Accepted,
     tally: &mut Tally,
-    judge: impl Fn(&Family<'_, N>) -> Judgement<N>,
+    judge: impl Fn(&Families<'_, N>) -> Judgement<N>,
 ) {
     let all = u32::MAX >> (32 - N);
     let (groups, rest) = level.as_chunks::<N>();
-    // The last node takes the place of those that are missing.
-    let mut last = [rest.last().copied().unwrap_or_default(); N];
-    last.iter_mut().zip(rest).for_each(|(to, &from)| *to = from);
-    let last = (!rest.is_empty()).then(|| (&last, all >> (N - rest.len())));
+    // The last node takes the place of those that are missing. `Entry::default` must not: it names
+    // the root, whose height would be written below while other tasks read it.
+    let mut padded = [rest.last().copied().unwrap_or_default(); N];
+    padded.iter_mut().zip(rest).for_each(|(to, &from)| *to = from);
+    let last = (!rest.is_empty()).then(|| (&padded, all >> (N - rest.len())));
     let mut count = 0;
     for (entries, included) in groups.iter().map(|group| (group, all)).chain(last) {
+        // All are replaced.
         let pairs = [nodes.pair_at(0); N];
-        let mut family = Family { children: pairs, below_left: pairs, below_right: pairs };
+        let mut families = Families { children: pairs, below_left: pairs, below_right: pairs };
         for (i, &entry) in entries.iter().enumerate() {
             let [link_l, link_r] = refit_height(nodes, entry);
-            family.children[i] = nodes.pair_at(entry.first());
-            family.below_left[i] = nodes.children_at(link_l);
-            family.below_right[i] = nodes.children_at(link_r);
+            families.children[i] = nodes.pair_at(entry.first());
+            families.below_left[i] = nodes.children_at(link_l);
+            families.below_right[i] = nodes.children_at(link_r);
         }
-        let (changes, gains) = judge(&family);
+        let (changes, gains) = judge(&families);
         let mut gains = gains & included;
         while gains != 0 {
+            // `% N` spares checks of the index.
             let i = gains.trailing_zeros() as usize % N;
             let [a, b, c, d, e, f] = &changes;
             accepted.set(count, entries[i], [a[i], b[i], c[i], d[i], e[i], f[i], 0.0, 0.0]);

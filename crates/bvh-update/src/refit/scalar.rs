@@ -7,7 +7,7 @@ use bvh_core::glam::{Mat4, Vec4};
 use super::Tally;
 use super::block::{Block, Entry, Leaves, Lister};
 pub(super) use super::kernels::{fit_leaves, refit_boxes};
-use super::rotations::{self, Accepted, Boxes, Family, Judgement, define_judge};
+use super::rotations::{self, Accepted, Boxes, define_judge};
 use super::shared::{PairAt, SharedNodes};
 
 /// See [`Block::walk`].
@@ -32,7 +32,7 @@ pub(super) fn sweep(nodes: SharedNodes<'_>, pairs: Range<usize>, lister: &mut Li
 /// Nodes that are judged at a time.
 const WIDTH: usize = 4;
 
-/// The boxes of the left or right nodes.
+/// The boxes of the nodes on one side of all pairs.
 #[inline(always)]
 fn boxes(pairs: &[PairAt<'_>; WIDTH], side: usize) -> Boxes<Vec4> {
     let half = |i: usize| {

@@ -26,7 +26,7 @@ unsafe impl Sync for SharedNodes<'_> {}
 
 impl<'a> SharedNodes<'a> {
     /// # Safety
-    /// While this and its copies live, no node may be written by one thread and read or written by
+    /// As long as `'a` lasts, no node may be written by one thread and read or written by
     /// another, unless something between orders the two.
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
     pub(crate) unsafe fn new(nodes: &'a mut [Node]) -> Self {
@@ -95,19 +95,6 @@ impl<'a> SharedNodes<'a> {
         }
     }
 
-    /// The nodes in slots `n` and `n + 1`, a register each. Cast from [`pair`](Self::pair), they
-    /// cost the loop of `avx2::rotate` three instructions a node.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    pub(crate) fn pair_lanes(&self, n: usize) -> [__m256; 2] {
-        assert!(n + 1 < self.len, "pair out of range");
-        // SAFETY: as in `pair`; a node has the size and the alignment of a register.
-        #[expect(unsafe_code, reason = "reads the shared arena")]
-        unsafe {
-            self.start.add(n).cast::<[__m256; 2]>().read()
-        }
-    }
-
     /// The pair that starts at slot `n`, to be read later.
     #[inline(always)]
     pub(crate) fn pair_at(&self, n: usize) -> PairAt<'a> {
@@ -131,7 +118,8 @@ impl<'a> SharedNodes<'a> {
     }
 }
 
-/// A pair of nodes in range, or two boxes around everything.
+/// A pair of nodes in range, or two boxes around everything: 64 bytes, aligned to 32, that can be
+/// read as long as `'a` lasts. Only this module makes one. It stays on its thread.
 #[derive(Clone, Copy)]
 pub(crate) struct PairAt<'a>(*const Node, PhantomData<&'a Node>);
 
@@ -139,8 +127,9 @@ impl PairAt<'_> {
     /// A quarter of it: minima or maxima of a node in three lanes, and a word.
     #[inline(always)]
     pub(crate) fn quarter(self, i: usize) -> Vec4 {
-        // SAFETY: the pair is in range or a constant, of 64 bytes that may have any value and are
-        // aligned to 32; not written elsewhere by the promise to `SharedNodes::new`.
+        debug_assert!(i < 4);
+        // SAFETY: within the 64 bytes, which may have any value; not written elsewhere by the promise
+        // to `SharedNodes::new`.
         #[expect(unsafe_code, reason = "reads the shared arena")]
         unsafe {
             self.0.cast::<Vec4>().add(i % 4).read()
@@ -151,6 +140,7 @@ impl PairAt<'_> {
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(crate) fn lanes(self, side: usize) -> __m256 {
+        debug_assert!(side < 2);
         // SAFETY: as in `quarter`.
         #[expect(unsafe_code, reason = "reads the shared arena")]
         unsafe {
