@@ -5,17 +5,13 @@
 //! those of the scalar kernels.
 
 use std::arch::x86_64::*;
-use std::arch::x86_64::{
-    _mm256_add_ps as add, _mm256_max_ps as max, _mm256_min_ps as min, _mm256_mul_ps as mul,
-    _mm256_setzero_ps as zero, _mm256_sub_ps as sub,
-};
 use std::ops::Range;
 
 use bvh_core::Primitives;
 
 use super::block::{Block, Entry, Leaves, Lister};
 use super::kernels;
-use super::rotations::{self, Accepted, Boxes, define_judge};
+use super::rotations::{self, Accepted, Boxes, define_rotate};
 use super::shared::{PairAt, SharedNodes};
 use super::{Tally, scalar};
 
@@ -96,26 +92,19 @@ fn boxes(pairs: &[PairAt<'_>; WIDTH], side: usize) -> Boxes<__m256> {
 /// Which nodes have a change below zero. A NaN is no gain.
 #[target_feature(enable = "avx2,bmi1,bmi2")]
 #[inline]
-fn gains([a, b, c, d, e, f]: [__m256; 6]) -> u32 {
-    // Gives its second argument if one of them is NaN.
-    let least = min(a, min(b, min(c, min(d, min(e, min(f, zero()))))));
-    _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(least, zero())) as u32
+fn gains(changes: [__m256; 6]) -> u32 {
+    let zero = _mm256_setzero_ps();
+    let mut least = zero;
+    for change in changes {
+        // The second if one of them is NaN.
+        least = _mm256_min_ps(change, least);
+    }
+    _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(least, zero)) as u32
 }
 
-define_judge! {
+define_rotate! {
     #[target_feature(enable = "avx2,bmi1,bmi2")]
-    #[inline]
-}
-
-/// See [`rotations::rotate_with`]: eight nodes at a time.
-#[target_feature(enable = "avx2,bmi1,bmi2")]
-#[inline(never)]
-pub(super) fn rotate(
-    nodes: SharedNodes<'_>,
-    level: &[Entry],
-    at: (u32, bool),
-    accepted: &mut Accepted,
-    tally: &mut Tally,
-) {
-    rotations::rotate_with(nodes, level, at, accepted, tally, |families| judge(families));
+    #[inline(never)]
+    zero: _mm256_setzero_ps(), min: _mm256_min_ps, max: _mm256_max_ps,
+    add: _mm256_add_ps, sub: _mm256_sub_ps, mul: _mm256_mul_ps
 }

@@ -13,74 +13,73 @@ use super::block::{Entry, LISTED};
 use super::kernels::refit_height;
 use super::shared::{PairAt, SharedNodes};
 
-/// Nodes that are judged together: the pairs of their children, and those below either child.
-pub(super) struct Families<'a, const N: usize> {
-    pub(super) children: [PairAt<'a>; N],
-    pub(super) below_left: [PairAt<'a>; N],
-    pub(super) below_right: [PairAt<'a>; N],
-}
-
-/// The change of area under each rotation at `N` nodes, in the order of `Rotation::ALL`, and a bit
-/// for each node at which some rotation is a gain.
-pub(super) type Judgement<const N: usize> = ([[f32; N]; 6], u32);
-
 /// Boxes of nodes that are judged together, coordinate by coordinate.
 pub(super) struct Boxes<V> {
     pub(super) min: [V; 3],
     pub(super) max: [V; 3],
 }
 
-/// Defines `judge`, which gives the [`Judgement`] of `WIDTH` nodes. A macro, as code for a SIMD level
-/// cannot be generic over its vectors without `unsafe`.
+/// Defines `rotate`, which is [`rotate_with`] for `WIDTH` nodes at a time. A macro, as code for a SIMD
+/// level cannot be generic over its vectors without `unsafe`.
 ///
-/// The module gives `WIDTH` and the arithmetic of its vectors: `min`, `max`, `add`, `sub`, `mul`,
-/// `zero`, the `boxes` of the nodes on one side, 0 or 1, of all pairs, and `gains`, the bits of nodes
-/// with a change below zero. Areas
-/// are computed in the order of [`Aabb::half_area`](bvh_core::Aabb::half_area), and changes in that
-/// of [`area_changes`](bvh_core::rotation::area_changes), so the bits are the same everywhere.
-macro_rules! define_judge {
-    ($(#[$attribute:meta])*) => {
+/// The arguments are the arithmetic of the module's vectors. The module gives their `WIDTH`, the
+/// `boxes` of the nodes on one side, 0 or 1, of all pairs, and `gains`, the bits of nodes with a
+/// change below zero. Areas are computed in the order of
+/// [`Aabb::half_area`](bvh_core::Aabb::half_area), and changes in that of
+/// [`area_changes`](bvh_core::rotation::area_changes), so the bits are the same everywhere.
+macro_rules! define_rotate {
+    (
+        $(#[$attribute:meta])*
+        zero: $zero:expr, min: $min:path, max: $max:path, add: $add:path, sub: $sub:path, mul: $mul:path
+    ) => {
         $(#[$attribute])*
-        fn judge(
-            families: &$crate::refit::rotations::Families<'_, WIDTH>,
-        ) -> $crate::refit::rotations::Judgement<WIDTH> {
-            use $crate::refit::rotations::{Boxes, Families};
-
+        pub(super) fn rotate(
+            nodes: SharedNodes<'_>,
+            level: &[Entry],
+            at: (u32, bool),
+            accepted: &mut Accepted,
+            tally: &mut Tally,
+        ) {
             // An empty box has negative extents.
             let area_of = |x, y, z| {
-                let (x, y, z) = (max(x, zero()), max(y, zero()), max(z, zero()));
-                add(add(mul(x, y), mul(y, z)), mul(z, x))
+                let (x, y, z) = ($max(x, $zero), $max(y, $zero), $max(z, $zero));
+                $add($add($mul(x, y), $mul(y, z)), $mul(z, x))
             };
             let own_area = |a: &Boxes<_>| {
-                let extent = |i: usize| sub(a.max[i], a.min[i]);
+                let extent = |i: usize| $sub(a.max[i], a.min[i]);
                 area_of(extent(0), extent(1), extent(2))
             };
             let area = |a: &Boxes<_>, b: &Boxes<_>| {
-                let extent = |i: usize| sub(max(a.max[i], b.max[i]), min(a.min[i], b.min[i]));
+                let extent = |i: usize| $sub($max(a.max[i], b.max[i]), $min(a.min[i], b.min[i]));
                 area_of(extent(0), extent(1), extent(2))
             };
-            let Families { children, below_left, below_right } = families;
-            let (l, r) = (boxes(children, 0), boxes(children, 1));
-            let (ll, lr) = (boxes(below_left, 0), boxes(below_left, 1));
-            let (rl, rr) = (boxes(below_right, 0), boxes(below_right, 1));
-            let (area_l, area_r) = (own_area(&l), own_area(&r));
-            let now = add(area_l, area_r);
-            let changes = [
-                sub(area(&l, &rr), area_r),
-                sub(area(&rl, &l), area_r),
-                sub(area(&r, &lr), area_l),
-                sub(area(&ll, &r), area_l),
-                sub(add(area(&rl, &lr), area(&ll, &rr)), now),
-                sub(add(area(&rr, &lr), area(&rl, &ll)), now),
-            ];
-            (bytemuck::cast(changes), gains(changes))
+            rotations::rotate_with(nodes, level, at, accepted, tally, |[own, below_l, below_r]| {
+                let (l, r) = (boxes(own, 0), boxes(own, 1));
+                let (ll, lr) = (boxes(below_l, 0), boxes(below_l, 1));
+                let (rl, rr) = (boxes(below_r, 0), boxes(below_r, 1));
+                let (area_l, area_r) = (own_area(&l), own_area(&r));
+                let now = $add(area_l, area_r);
+                let changes = [
+                    $sub(area(&l, &rr), area_r),
+                    $sub(area(&rl, &l), area_r),
+                    $sub(area(&r, &lr), area_l),
+                    $sub(area(&ll, &r), area_l),
+                    $sub($add(area(&rl, &lr), area(&ll, &rr)), now),
+                    $sub($add(area(&rr, &lr), area(&rl, &ll)), now),
+                ];
+                (bytemuck::cast(changes), gains(changes))
+            });
         }
     };
 }
-pub(super) use define_judge;
+pub(super) use define_rotate;
 
 /// Refits the heights of the nodes of one level, judges `N` of them at a time, and applies what is
 /// a gain. `at` is their depth, and whether something is static.
+///
+/// `judge` is given three pairs of each node, its children and those of either child. It gives the
+/// change of area under each rotation in the order of `Rotation::ALL`, and a bit for each node at
+/// which some rotation is a gain.
 #[inline(always)]
 pub(super) fn rotate_with<const N: usize>(
     nodes: SharedNodes<'_>,
@@ -88,7 +87,7 @@ pub(super) fn rotate_with<const N: usize>(
     at: (u32, bool),
     accepted: &mut Accepted,
     tally: &mut Tally,
-    judge: impl Fn(&Families<'_, N>) -> Judgement<N>,
+    judge: impl Fn(&[[PairAt<'_>; N]; 3]) -> ([[f32; N]; 6], u32),
 ) {
     let all = u32::MAX >> (32 - N);
     let (groups, rest) = level.as_chunks::<N>();
@@ -100,15 +99,14 @@ pub(super) fn rotate_with<const N: usize>(
     let mut count = 0;
     for (entries, included) in groups.iter().map(|group| (group, all)).chain(last) {
         // All are replaced.
-        let pairs = [nodes.pair_at(0); N];
-        let mut families = Families { children: pairs, below_left: pairs, below_right: pairs };
+        let mut pairs = [[nodes.pair_at(0); N]; 3];
         for (i, &entry) in entries.iter().enumerate() {
             let [link_l, link_r] = refit_height(nodes, entry);
-            families.children[i] = nodes.pair_at(entry.first());
-            families.below_left[i] = nodes.children_at(link_l);
-            families.below_right[i] = nodes.children_at(link_r);
+            pairs[0][i] = nodes.pair_at(entry.first());
+            pairs[1][i] = nodes.children_at(link_l);
+            pairs[2][i] = nodes.children_at(link_r);
         }
-        let (changes, gains) = judge(&families);
+        let (changes, gains) = judge(&pairs);
         let mut gains = gains & included;
         while gains != 0 {
             // `% N` spares checks of the index.

@@ -1,13 +1,13 @@
 //! The kernels for any processor.
 
-use std::ops::Range;
+use std::ops::{Add, Mul, Range, Sub};
 
 use bvh_core::glam::{Mat4, Vec4};
 
 use super::Tally;
 use super::block::{Block, Entry, Leaves, Lister};
 pub(super) use super::kernels::{fit_leaves, refit_boxes};
-use super::rotations::{self, Accepted, Boxes, define_judge};
+use super::rotations::{self, Accepted, Boxes, define_rotate};
 use super::shared::{PairAt, SharedNodes};
 
 /// See [`Block::walk`].
@@ -50,47 +50,6 @@ fn gains(changes: [Vec4; 6]) -> u32 {
     (a | b | c | d | e | f).bitmask()
 }
 
-#[inline(always)]
-fn zero() -> Vec4 {
-    Vec4::ZERO
-}
-
-#[inline(always)]
-fn min(a: Vec4, b: Vec4) -> Vec4 {
-    a.min(b)
-}
-
-#[inline(always)]
-fn max(a: Vec4, b: Vec4) -> Vec4 {
-    a.max(b)
-}
-
-#[inline(always)]
-fn add(a: Vec4, b: Vec4) -> Vec4 {
-    a + b
-}
-
-#[inline(always)]
-fn sub(a: Vec4, b: Vec4) -> Vec4 {
-    a - b
-}
-
-#[inline(always)]
-fn mul(a: Vec4, b: Vec4) -> Vec4 {
-    a * b
-}
-
-define_judge! {
-    #[inline(always)]
-}
-
-/// See [`rotations::rotate_with`]: four nodes at a time.
-pub(super) fn rotate(
-    nodes: SharedNodes<'_>,
-    level: &[Entry],
-    at: (u32, bool),
-    accepted: &mut Accepted,
-    tally: &mut Tally,
-) {
-    rotations::rotate_with(nodes, level, at, accepted, tally, judge);
+define_rotate! {
+    zero: Vec4::ZERO, min: Vec4::min, max: Vec4::max, add: Vec4::add, sub: Vec4::sub, mul: Vec4::mul
 }
