@@ -1,4 +1,5 @@
-//! The kernels in AVX2: boxes with one node in one register, rotations with eight nodes in its lanes.
+//! The kernels in AVX2. A register holds one node where boxes are refitted, and a coordinate of
+//! eight nodes where rotations are judged.
 //!
 //! A node's eight words are `[min.x min.y min.z link | max.x max.y max.z aux]`. Sums and products
 //! are taken in the order of `Aabb::half_area` and without fused multiply-add, so the bits are
@@ -55,7 +56,7 @@ pub(super) fn refit_boxes(
 ) {
     kernels::refit_boxes_with(parents_first, with_sums, tally, |entry| {
         let pair = nodes.pair_at(entry.first());
-        let (l, r) = (pair.lanes(0), pair.lanes(1));
+        let (l, r) = (pair.part(0), pair.part(1));
         let own = bytemuck::cast(nodes.get(entry.slot()));
         let corners = _mm256_blend_ps::<0xf0>(_mm256_min_ps(l, r), _mm256_max_ps(l, r));
         let corners = _mm256_blend_ps::<0x88>(corners, own);
@@ -73,7 +74,7 @@ const WIDTH: usize = 8;
 fn boxes(pairs: &[PairAt<'_>; WIDTH], side: usize) -> Boxes<__m256> {
     // Of four nodes: minima in the lower half, maxima in the upper.
     let four = |i: usize| {
-        let row = |j: usize| pairs[i + j].lanes(side);
+        let row = |j: usize| pairs[i + j].part(side);
         let (a, b, c, d) = (row(0), row(1), row(2), row(3));
         let (xy, xy2) = (_mm256_unpacklo_ps(a, b), _mm256_unpacklo_ps(c, d));
         let (z, z2) = (_mm256_unpackhi_ps(a, b), _mm256_unpackhi_ps(c, d));

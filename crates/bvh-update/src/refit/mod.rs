@@ -226,6 +226,7 @@ pub(crate) struct Task<'a, P: ?Sized> {
     is_partly_static: bool,
     /// Whether each leaf has one primitive.
     of_one: bool,
+    /// Whether all threads share what the first has at hand.
     is_small: bool,
     scratch: &'a RefitScratch,
 }

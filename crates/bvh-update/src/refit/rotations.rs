@@ -19,8 +19,8 @@ pub(super) struct Boxes<V> {
     pub(super) max: [V; 3],
 }
 
-/// Defines `rotate`, which is [`rotate_with`] for `WIDTH` nodes at a time. A macro, as code for a SIMD
-/// level cannot be generic over its vectors without `unsafe`.
+/// Defines `rotate`, which is [`rotate_with`] for `WIDTH` nodes at a time. A macro, as code for a
+/// SIMD level cannot be generic over its vectors without `unsafe`.
 ///
 /// The arguments are the arithmetic of the module's vectors. The module gives their `WIDTH`, the
 /// `boxes` of the nodes on one side, 0 or 1, of all pairs, and `gains`, the bits of nodes with a

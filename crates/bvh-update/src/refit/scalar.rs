@@ -36,7 +36,7 @@ const WIDTH: usize = 4;
 #[inline(always)]
 fn boxes(pairs: &[PairAt<'_>; WIDTH], side: usize) -> Boxes<Vec4> {
     let half = |i: usize| {
-        let row = |j: usize| pairs[j].quarter(2 * side + i);
+        let row = |j: usize| pairs[j].part(2 * side + i);
         let columns = Mat4::from_cols(row(0), row(1), row(2), row(3)).transpose();
         [columns.x_axis, columns.y_axis, columns.z_axis]
     };

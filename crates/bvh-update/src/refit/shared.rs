@@ -1,11 +1,8 @@
 //! The unsafe parts: a node arena that tasks on several threads share, and the calls into code for
 //! a SIMD level.
 
-#[cfg(target_arch = "x86_64")]
-use std::arch::x86_64::__m256;
 use std::marker::PhantomData;
 
-use bvh_core::glam::Vec4;
 use bvh_core::{Bvh, Node, Parts, SimdLevel};
 
 /// The nodes of one tree, read and written by tasks that keep to disjoint sets of them.
@@ -26,8 +23,8 @@ unsafe impl Sync for SharedNodes<'_> {}
 
 impl<'a> SharedNodes<'a> {
     /// # Safety
-    /// As long as `'a` lasts, no node may be written by one thread and read or written by
-    /// another, unless something between orders the two.
+    /// As long as `'a` lasts, no node may be written by one thread and read or written by another,
+    /// unless something between orders the two.
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
     pub(crate) unsafe fn new(nodes: &'a mut [Node]) -> Self {
         Self { start: nodes.as_mut_ptr(), len: nodes.len(), nodes: PhantomData }
@@ -124,27 +121,17 @@ impl<'a> SharedNodes<'a> {
 pub(crate) struct PairAt<'a>(*const Node, PhantomData<&'a Node>);
 
 impl PairAt<'_> {
-    /// A quarter of it: minima or maxima of a node in three lanes, and a word.
+    /// Part `i` of it: a node, or minima or maxima of one with a word behind them.
     #[inline(always)]
-    pub(crate) fn quarter(self, i: usize) -> Vec4 {
-        debug_assert!(i < 4);
-        // SAFETY: within the 64 bytes, which may have any value; not written elsewhere by the promise
-        // to `SharedNodes::new`.
+    pub(crate) fn part<T: bytemuck::Pod>(self, i: usize) -> T {
+        const { assert!(64 % size_of::<T>() == 0 && align_of::<T>() <= 32) }
+        let parts = const { 64 / size_of::<T>() };
+        debug_assert!(i < parts);
+        // SAFETY: within the 64 bytes, by the modulo; `T` may have any bytes; not written elsewhere
+        // by the promise to `SharedNodes::new`.
         #[expect(unsafe_code, reason = "reads the shared arena")]
         unsafe {
-            self.0.cast::<Vec4>().add(i % 4).read()
-        }
-    }
-
-    /// A node of it in one register.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    pub(crate) fn lanes(self, side: usize) -> __m256 {
-        debug_assert!(side < 2);
-        // SAFETY: as in `quarter`.
-        #[expect(unsafe_code, reason = "reads the shared arena")]
-        unsafe {
-            self.0.cast::<__m256>().add(side % 2).read()
+            self.0.cast::<T>().add(i % parts).read()
         }
     }
 }
