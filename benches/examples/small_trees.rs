@@ -1,19 +1,21 @@
-//! What an update of a small tree costs, by refit and rotations, from a thread outside of rayon's
-//! pool, as a program with many small meshes calls it: `cargo run --release -p pivot-benches
-//! --example small_trees`.
+//! What small trees take from a thread outside of rayon's pool, as a program with many small meshes
+//! calls it: `cargo run --release -p pivot-benches --example small_trees`. Updates by an
+//! [`Updater`], one by the free function, which keeps no memory, and builds.
 
+use std::error::Error;
 use std::time::Instant;
 
-use bvh_build::{Builder, build};
-use bvh_core::{Aabb, Vec3};
-use bvh_update::{Rotate, Strategy, Updater};
+use bvh_build::{BuildOptions, BuildScratch, Builder, build, rebuild};
+use bvh_core::{Aabb, Bvh, Vec3};
+use bvh_update::{Load, Rotate, Strategy, Updater, refit_and_rotate};
 
 /// Boxes updated in one measurement; the least of several counts.
 const BOXES: usize = 400_000;
 const REPEATS: usize = 9;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    println!("boxes   us an update   ns a box   KB kept");
+fn main() -> Result<(), Box<dyn Error>> {
+    println!("us     update by                                    build");
+    println!("boxes  refit+rotate  free function    auto  rays      lbvh     ploc   binned");
     for n in [16, 64, 256, 1000, 4000] {
         // Spread evenly, each with a direction of its own.
         let point = |i: usize| (Vec3::new(0.8192, 0.6710, 0.5497) * i as f32).fract();
@@ -24,20 +26,49 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             .map(|time| moving.iter().map(|&(at, step)| at + step * time).collect::<Vec<_>>())
             .map(|corners| corners.into_iter().map(|corner| Aabb::new(corner, corner + 0.3)).collect())
             .collect();
-        let mut bvh = build(&frames[0], Builder::Sweep)?;
-        let mut updater = Updater::new(Strategy::RefitRotate(Rotate::default()));
-        let updates = BOXES / n;
-        let mut least = f64::INFINITY;
-        for _ in 0..REPEATS {
-            let start = Instant::now();
-            for boxes in frames.iter().cycle().take(updates) {
-                updater.update(&mut bvh, boxes)?;
-            }
-            least = least.min(start.elapsed().as_secs_f64() / updates as f64);
+        let rotate = Updater::new(Strategy::RefitRotate(Rotate::default()));
+        let auto = Updater::default();
+        let mut few_rays = Updater::default();
+        few_rays.report(Load::SingleRays(10));
+        print!("{n:5}");
+        for (width, updater) in [(14, Some(rotate)), (15, None), (8, Some(auto)), (6, Some(few_rays))] {
+            let mut updater = updater;
+            let us = least(&frames, |bvh, boxes| {
+                match &mut updater {
+                    Some(updater) => updater.update(bvh, boxes)?,
+                    None => refit_and_rotate(bvh, boxes)?,
+                };
+                Ok(())
+            })?;
+            print!("{us:width$.2}");
         }
-        bvh.validate(&frames[(updates - 1) % frames.len()])?;
-        let kept = updater.pass_memory() / 1000;
-        println!("{n:5}   {:12.2}   {:8.1}   {kept:7}", 1e6 * least, 1e9 * least / n as f64);
+        for builder in [Builder::Lbvh, Builder::Ploc, Builder::Binned] {
+            let mut scratch = BuildScratch::default();
+            let us = least(&frames, |bvh, boxes| {
+                Ok(rebuild(bvh, boxes, builder, &BuildOptions::default(), &mut scratch)?)
+            })?;
+            print!("{us:9.2}");
+        }
+        println!();
     }
     Ok(())
+}
+
+/// Microseconds that one frame takes, the least mean of several.
+fn least(
+    frames: &[Vec<Aabb>],
+    mut update: impl FnMut(&mut Bvh, &Vec<Aabb>) -> Result<(), Box<dyn Error>>,
+) -> Result<f64, Box<dyn Error>> {
+    let mut bvh = build(&frames[0], Builder::Sweep)?;
+    let updates = BOXES / frames[0].len();
+    let mut least = f64::INFINITY;
+    for _ in 0..REPEATS {
+        let start = Instant::now();
+        for boxes in frames.iter().cycle().take(updates) {
+            update(&mut bvh, boxes)?;
+        }
+        least = least.min(start.elapsed().as_secs_f64() / updates as f64);
+    }
+    bvh.validate(&frames[(updates - 1) % frames.len()])?;
+    Ok(1e6 * least)
 }

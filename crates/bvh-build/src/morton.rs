@@ -64,22 +64,22 @@ impl Codes {
     pub(crate) fn sort(&mut self, prims: &[PrimRef], centers: &Bounds, threads: usize) -> Sorted<'_> {
         let Self { short, short_spare, long, long_spare, counts } = self;
         if prims.len() <= 1 << u64::LOW {
-            encode(prims, centers, short, threads);
+            encode(prims, centers, short);
             sort(short, short_spare, counts, threads);
-            if equal(short, threads) <= prims.len() / 2 {
+            if equal(short) <= prims.len() / 2 {
                 return Sorted::Short(short);
             }
         }
-        encode(prims, centers, long, threads);
+        encode(prims, centers, long);
         sort(long, long_spare, counts, threads);
         Sorted::Long(long)
     }
 }
 
 /// How many sorted keys share their code with the one before, but for the first of each part.
-fn equal(keys: &[u64], threads: usize) -> usize {
+fn equal(keys: &[u64]) -> usize {
     let equal = |keys: &[u64]| keys.windows(2).filter(|key| (key[0] ^ key[1]) >> u64::LOW == 0).count();
-    if threads > 1 { keys.par_chunks(GRAIN).map(equal).sum() } else { keys.chunks(GRAIN).map(equal).sum() }
+    keys.par_chunks(GRAIN).map(equal).sum()
 }
 
 /// The cells of the curve: cubes, so that equal distances count alike on all axes.
@@ -111,15 +111,11 @@ impl Grid {
 }
 
 /// The keys of all primitives: codes, and below them the places in `prims`.
-fn encode<K: Key>(prims: &[PrimRef], centers: &Bounds, keys: &mut Vec<K>, threads: usize) {
+fn encode<K: Key>(prims: &[PrimRef], centers: &Bounds, keys: &mut Vec<K>) {
     keys.resize(prims.len(), K::ZERO);
     let grid = Grid::new(centers, K::AXIS);
-    if threads > 1 {
-        let parts = prims.par_chunks(GRAIN).zip(keys.par_chunks_mut(GRAIN)).enumerate();
-        parts.for_each(|(i, (prims, keys))| grid.encode(prims, i * GRAIN, keys));
-    } else {
-        grid.encode(prims, 0, keys);
-    }
+    let parts = prims.par_chunks(GRAIN).zip(keys.par_chunks_mut(GRAIN)).enumerate();
+    parts.for_each(|(i, (prims, keys))| grid.encode(prims, i * GRAIN, keys));
 }
 
 /// The integers below numbers from 0 to 2^22, in the lowest bits of each lane.

@@ -30,6 +30,8 @@ pub(crate) struct Window {
     keys: [u32; Window::SIZE + MAX_RADIUS],
     /// The least key.
     least: [u32; Window::SIZE],
+    /// How far apart clusters may be.
+    radius: usize,
     /// Place of the first.
     start: usize,
     len: usize,
@@ -38,8 +40,10 @@ pub(crate) struct Window {
 impl Window {
     const SIZE: usize = PART + 2 * MAX_RADIUS;
 
-    pub(crate) fn new() -> Self {
+    /// For clusters at most `radius` places apart, up to [`MAX_RADIUS`].
+    pub(crate) fn new(radius: usize) -> Self {
         Self {
+            radius,
             coordinates: [[0.0; Self::SIZE]; 6],
             keys: [u32::MAX; Self::SIZE + MAX_RADIUS],
             least: [u32::MAX; Self::SIZE],
@@ -70,18 +74,17 @@ impl Window {
     }
 
     /// For the clusters from place `from` on, finds the places of those with the least keys, within
-    /// `radius` and the window. One code for all SIMD levels: loops over plain arrays, which
+    /// the radius and the window. One code for all SIMD levels: loops over plain arrays, which
     /// compilers turn into vector instructions.
     #[inline(always)]
-    pub(crate) fn search(&mut self, radius: usize, from: usize, nearest: &mut [u32]) {
-        let Self { coordinates, keys, least, start, len } = self;
-        let n = *len;
-        least[..n].fill(u32::MAX);
-        for distance in 1..=radius.min(n - 1) {
-            let m = n - distance;
+    pub(crate) fn search(&mut self, from: usize, nearest: &mut [u32]) {
+        let &mut Self { ref coordinates, ref mut keys, ref mut least, radius, start, len } = self;
+        least[..len].fill(u32::MAX);
+        for distance in 1..=radius.min(len - 1) {
+            let m = len - distance;
             let [a, b, c, d, e, f] = coordinates.each_ref().map(|b| &b[..m]);
             let [a2, b2, c2, d2, e2, f2] = coordinates.each_ref().map(|b| &b[distance..][..m]);
-            let first = *start as u32;
+            let first = start as u32;
             let shift = distance.trailing_zeros();
             let rank = 2 * (distance as u32 - 1);
             let forward = &mut keys[MAX_RADIUS..][..m];
@@ -96,14 +99,14 @@ impl Window {
             // Not in the loop above, where a vector of keys at an odd place would span two that are
             // still to be stored.
             keys[MAX_RADIUS + m..][..distance].fill(u32::MAX);
-            let forward = keys[MAX_RADIUS..][..n].iter();
-            let backward = keys[MAX_RADIUS - distance..][..n].iter();
-            for ((least, &forward), &backward) in least[..n].iter_mut().zip(forward).zip(backward) {
+            let forward = keys[MAX_RADIUS..][..len].iter();
+            let backward = keys[MAX_RADIUS - distance..][..len].iter();
+            for ((least, &forward), &backward) in least[..len].iter_mut().zip(forward).zip(backward) {
                 *least = (*least).min(forward).min(backward);
             }
         }
         let count = nearest.len();
-        let least = &least[from - *start..][..count];
+        let least = &least[from - start..][..count];
         let from = from as u32;
         for i in 0..count {
             let place = from + i as u32;
@@ -121,21 +124,21 @@ fn columns(rows: [Vec4; 4]) -> Mat4 {
     Mat4::from_cols(a, b, c, d).transpose()
 }
 
-/// Finds for each of at least two clusters the place of the one, at most `radius` places away, with
-/// which it has the smallest bounds.
-pub(crate) fn find(clusters: &[PrimRef], radius: usize, nearest: &mut [u32], threads: usize) {
+/// Finds for each of at least two clusters the place of the one, within the window's radius, with
+/// which it has the smallest bounds. One thread uses `window`; several, each its own.
+pub(crate) fn find(clusters: &[PrimRef], nearest: &mut [u32], window: &mut Window, threads: usize) {
+    let radius = window.radius;
     let find = |window: &mut Window, (part, nearest): (usize, &mut [u32])| {
         let start = part * PART;
         let first = start.saturating_sub(radius);
         let end = clusters.len().min(start + PART + radius);
         window.fill(&clusters[first..end], first);
-        raw::search(window, radius, start, nearest);
+        raw::search(window, start, nearest);
     };
     if threads > 1 {
-        nearest.par_chunks_mut(PART).enumerate().for_each_init(Window::new, find);
+        nearest.par_chunks_mut(PART).enumerate().for_each_init(|| Window::new(radius), find);
     } else {
-        let mut window = Window::new();
-        nearest.chunks_mut(PART).enumerate().for_each(|part| find(&mut window, part));
+        nearest.chunks_mut(PART).enumerate().for_each(|part| find(window, part));
     }
 }
 
@@ -153,7 +156,7 @@ mod tests {
 
     fn nearest(clusters: &[PrimRef], radius: usize, threads: usize) -> Vec<u32> {
         let mut nearest = vec![u32::MAX; clusters.len()];
-        find(clusters, radius, &mut nearest, threads);
+        find(clusters, &mut nearest, &mut Window::new(radius), threads);
         nearest
     }
 

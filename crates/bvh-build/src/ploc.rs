@@ -22,7 +22,7 @@ use rayon::prelude::*;
 
 use crate::bytes_of;
 use crate::morton::{AHEAD, Sorted, with_keys};
-use crate::neighbor_search::{self, MAX_RADIUS};
+use crate::neighbor_search::{self, MAX_RADIUS, Window};
 use crate::prim_ref::PrimRef;
 use crate::radix::Key;
 use crate::subtree_slot::SubtreeSlot;
@@ -83,13 +83,13 @@ pub(crate) fn build(
     slot: SubtreeSlot,
 ) {
     let n = prims.len();
-    let radius = radius.clamp(1, MAX_RADIUS as u32) as usize;
     let PlocMemory { leaves, spare, nearest, mergers, parts } = memory;
     leaves.resize(n, PrimRef::NOTHING);
     spare.resize(n, PrimRef::NOTHING);
     nearest.resize(n, 0);
     mergers.resize(n - 1, Merger { left: 0, right: 0, size: 0 });
-    with_keys!(sorted, keys => gather(keys, prims, leaves, threads));
+    with_keys!(sorted, keys => gather(keys, prims, leaves));
+    let mut window = Window::new(radius.clamp(1, MAX_RADIUS as u32) as usize);
     let (mut from, mut to) = (&mut spare[..], prims);
     let (mut count, mut merged, mut slow) = (n, 0, false);
     while count > 1 {
@@ -99,7 +99,7 @@ pub(crate) fn build(
         if slow {
             join_neighbours(nearest);
         } else {
-            neighbor_search::find(clusters, radius, nearest, threads);
+            neighbor_search::find(clusters, nearest, &mut window, threads);
         }
         let round = Round { clusters, nearest, is_first: merged == 0, number: (n + merged) as u32 };
         let kept = round.run(to, &mut mergers[merged..], parts, threads);
@@ -113,12 +113,8 @@ pub(crate) fn build(
 }
 
 /// Copies the primitives in the order of the curve.
-fn gather<K: Key>(keys: &[K], prims: &[PrimRef], sorted: &mut [PrimRef], threads: usize) {
-    if threads > 1 {
-        keys.par_chunks(PART).zip(sorted.par_chunks_mut(PART)).for_each(|(keys, to)| copy(keys, prims, to));
-    } else {
-        copy(keys, prims, sorted);
-    }
+fn gather<K: Key>(keys: &[K], prims: &[PrimRef], sorted: &mut [PrimRef]) {
+    keys.par_chunks(PART).zip(sorted.par_chunks_mut(PART)).for_each(|(keys, to)| copy(keys, prims, to));
 }
 
 // Not inlined into what shares it out, where the compiler keeps less of it in registers.

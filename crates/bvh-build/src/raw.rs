@@ -64,20 +64,20 @@ impl<'a, T: Copy> Scatter<'a, T> {
 }
 
 /// [`Window::search`] with the best instructions that the machine has; the results are the same.
-pub(crate) fn search(window: &mut Window, radius: usize, from: usize, nearest: &mut [u32]) {
+pub(crate) fn search(window: &mut Window, from: usize, nearest: &mut [u32]) {
     #[cfg(target_arch = "x86_64")]
     {
         #[target_feature(enable = "avx2")]
-        fn avx2(window: &mut Window, radius: usize, from: usize, nearest: &mut [u32]) {
-            window.search(radius, from, nearest);
+        fn avx2(window: &mut Window, from: usize, nearest: &mut [u32]) {
+            window.search(from, nearest);
         }
         if is_x86_feature_detected!("avx2") {
             // SAFETY: the machine has AVX2.
             #[expect(unsafe_code, reason = "calls code compiled for AVX2")]
-            return unsafe { avx2(window, radius, from, nearest) };
+            return unsafe { avx2(window, from, nearest) };
         }
     }
-    window.search(radius, from, nearest);
+    window.search(from, nearest);
 }
 
 #[cfg(test)]
@@ -93,11 +93,11 @@ mod tests {
         let upper = |p: Vec3| p + Vec3::new(0.1, 0.2, 0.3);
         let bounds = |p: Vec3| Bounds { min: p.extend(0.0), max: upper(p).extend(0.0) };
         let clusters: Vec<_> = (0..300).map(|i| PrimRef::cluster(bounds(place(i)), i, 1)).collect();
-        let mut window = Window::new();
+        let mut window = Window::new(8);
         window.fill(&clusters[..290], 1000);
         let [mut here, mut anywhere] = [[0; 250]; 2];
-        search(&mut window, 8, 1020, &mut here);
-        window.search(8, 1020, &mut anywhere);
+        search(&mut window, 1020, &mut here);
+        window.search(1020, &mut anywhere);
         assert_eq!(here, anywhere);
     }
 }

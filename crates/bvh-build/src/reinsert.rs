@@ -107,6 +107,9 @@ struct Move {
     to: u32,
 }
 
+/// Fewest nodes that a task searches places for: a search takes microseconds.
+const PART: usize = 16;
+
 pub(crate) fn optimize<T: Tree>(
     tree: &mut T,
     options: &Reinsert,
@@ -135,7 +138,8 @@ pub(crate) fn optimize<T: Tree>(
         let search = |stack: &mut Vec<(f64, u32)>, i: usize| {
             best_move(frozen, parents_now, worst[i / 2].pair as usize + i % 2, stack)
         };
-        (0..2 * worst.len()).into_par_iter().map_init(Vec::new, search).collect_into_vec(found);
+        let nodes = (0..2 * worst.len()).into_par_iter().with_min_len(PART);
+        nodes.map_init(Vec::new, search).collect_into_vec(found);
         found.retain(|one| one.saving > 0.0);
         found.sort_unstable_by(|a, b| b.saving.total_cmp(&a.saving).then(a.from.cmp(&b.from)));
         let mut saved = 0.0;

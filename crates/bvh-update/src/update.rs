@@ -8,7 +8,7 @@ use bvh_core::{Bvh, Primitives, SimdLevel};
 use crate::auto::{self, Auto, Load};
 use crate::rebuild::background;
 use crate::rebuild::{BackgroundCost, degraded, new_tree};
-use crate::refit::{BlockCost, Costs, RefitScratch, Rotate, parts, pass};
+use crate::refit::{self, BlockCost, Costs, PassOptions, Rotate, parts, pass};
 use crate::repair;
 use crate::report::{Update, UpdateError};
 use crate::state::State;
@@ -49,6 +49,10 @@ pub struct Updater {
 }
 
 impl Updater {
+    /// Memory that refits and rotations keep, in bytes for each thread that takes part: the same for
+    /// all trees that it updates, until it ends.
+    pub const THREAD_MEMORY: usize = refit::KEPT;
+
     /// An updater that uses the best SIMD level of this machine.
     #[must_use]
     pub fn new(strategy: Strategy) -> Self {
@@ -59,8 +63,8 @@ impl Updater {
     /// the same tree.
     #[must_use]
     pub fn with_level(strategy: Strategy, level: SimdLevel) -> Self {
-        let refit = RefitScratch::with_level(level);
-        let workspace = Workspace { refit, ..Workspace::default() };
+        let passes = PassOptions::with_level(level);
+        let workspace = Workspace { passes, ..Workspace::default() };
         Self { strategy, workspace, load: None, reports_cost: false }
     }
 
@@ -88,19 +92,12 @@ impl Updater {
     /// [`take_costs`](Self::take_costs). Sweeps over trees in built order have no blocks. Only for
     /// targets with a clock: later updates panic on `wasm32-unknown-unknown`.
     pub fn record_costs(&mut self) {
-        self.workspace.refit.costs.get_or_insert_default();
+        self.workspace.passes.costs.get_or_insert_default();
     }
 
     /// What the blocks of all passes since the last call took.
     pub fn take_costs(&mut self) -> Vec<BlockCost> {
-        self.workspace.refit.costs.as_mut().map(Costs::take).unwrap_or_default()
-    }
-
-    /// Memory that refits and rotations keep from one update to the next, in bytes: some for each
-    /// thread, or one thread's for a small tree. What rebuilds and repairs keep is not counted.
-    #[must_use]
-    pub fn pass_memory(&self) -> usize {
-        self.workspace.refit.memory_usage()
+        self.workspace.passes.costs.as_mut().map(Costs::take).unwrap_or_default()
     }
 
     /// What the last tree that was built in the background cost; `None` before there was one.
@@ -120,7 +117,7 @@ impl Updater {
     /// Runs in the current rayon pool. The tree that results is the same, bit for bit, for every
     /// number of threads and every SIMD level; only [`Strategy::Background`] depends on time.
     /// Refits, with or without rotations, take O(n) time for the n nodes above dynamic primitives,
-    /// and allocate nothing after the first call. A rebuild keeps which primitives are dynamic,
+    /// and allocate nothing but in the first call of each thread. A rebuild keeps which primitives are dynamic,
     /// leaf by leaf ([`Bvh::set_dynamic`]). Its leaves may be as large as those that the update
     /// which built the old tree allowed, or as the largest of a tree that no update has built;
     /// [`Strategy::Rebuild`] takes the leaf size from its options.
@@ -152,24 +149,24 @@ impl Updater {
         }
         let workspace = &mut self.workspace;
         State::note_changes(parts(bvh).state);
-        workspace.refit.with_sums = self.reports_cost;
-        let Workspace { refit, repair, rebuild, reinsert: reinsertion, background } = workspace;
+        workspace.passes.with_sums = self.reports_cost;
+        let Workspace { passes, repair, rebuild, reinsert: reinsertion, background } = workspace;
         match &strategy {
-            Strategy::Refit => Ok(pass(bvh, primitives, None, refit).report(bvh)),
-            Strategy::RefitRotate(rotate) => Ok(pass(bvh, primitives, Some(*rotate), refit).report(bvh)),
+            Strategy::Refit => Ok(pass(bvh, primitives, None, passes).report(bvh)),
+            Strategy::RefitRotate(rotate) => Ok(pass(bvh, primitives, Some(*rotate), passes).report(bvh)),
             Strategy::Rebuild(builder, options) => new_tree(bvh, primitives, *builder, options, rebuild),
-            Strategy::Degraded(options) => degraded::update(bvh, primitives, options, refit, rebuild),
+            Strategy::Degraded(options) => degraded::update(bvh, primitives, options, passes, rebuild),
             Strategy::PartialRebuild(options) => {
-                repair::update(bvh, primitives, options, refit, repair, rebuild)
+                repair::update(bvh, primitives, options, passes, repair, rebuild)
             }
             Strategy::Reinsert(options) => {
-                let tally = pass(bvh, primitives, options.rotate, refit);
+                let tally = pass(bvh, primitives, options.rotate, passes);
                 let options = Reinsert::default().with_part(options.part).with_passes(1);
                 let done = reinsert(bvh, &options, reinsertion);
                 Ok(Update { sah_cost: Some(done.after), ..tally.report(bvh) })
             }
             Strategy::Background(options) => {
-                Ok(background::update(bvh, primitives, options, refit, rebuild, background))
+                Ok(background::update(bvh, primitives, options, passes, rebuild, background))
             }
             Strategy::Auto(options) => auto::update(bvh, primitives, options, workspace),
         }
@@ -192,7 +189,6 @@ impl fmt::Debug for Updater {
 }
 
 /// Refits all boxes to the primitives' new positions, structure fixed; see [`Updater::update`].
-/// Allocates its memory in each call, less than 1 MiB a thread: an [`Updater`] keeps it.
 ///
 /// # Errors
 /// If the number of primitives is not that of the tree.

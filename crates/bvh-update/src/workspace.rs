@@ -4,15 +4,14 @@ use bvh_build::ReinsertScratch;
 
 use crate::rebuild::RebuildScratch;
 use crate::rebuild::background::Builds;
-use crate::refit::RefitScratch;
+use crate::refit::PassOptions;
 use crate::repair::RepairScratch;
 
-/// Memory that updates keep from frame to frame: below 1 MiB a thread for refits and rotations,
-/// whatever the size of the tree; more for rebuilds and repairs, if any are made.
-/// None but the build in the background has influence on results.
+/// How passes are run, and memory that rebuilds and repairs keep from frame to frame, if any are
+/// made; what passes keep belongs to threads (`refit/memory.rs`). None but the build in the background has influence on results.
 #[derive(Default)]
 pub(crate) struct Workspace {
-    pub(crate) refit: RefitScratch,
+    pub(crate) passes: PassOptions,
     pub(crate) repair: RepairScratch,
     pub(crate) rebuild: RebuildScratch,
     pub(crate) reinsert: ReinsertScratch,

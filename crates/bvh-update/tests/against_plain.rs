@@ -1,8 +1,6 @@
 //! The fast pass against the plain recursion: the same tree, bit for bit, on any number of threads
 //! and at every SIMD level, and the same account of what was done.
 
-use std::sync::Mutex;
-
 use bvh_build::{BuildOptions, Builder, build_with};
 use bvh_core::{Aabb, Bvh, Node, SimdLevel, Vec3, sah_cost, stats};
 use bvh_update::{Rotate, Strategy, UpdateError, Updater, plain};
@@ -212,32 +210,6 @@ fn a_still_scene_converges_and_stays() {
     let settled = bvh.fingerprint();
     updater.set_strategy(ROTATE).update(&mut bvh, &end).expect("same count");
     assert_eq!(bvh.fingerprint(), settled);
-}
-
-#[test]
-fn the_memory_of_passes_does_not_grow_with_the_tree() {
-    let memory = |n| {
-        let (mut bvh, mut updater) = (tree(&boxes(n, 1, 0.0), 1), Updater::new(ROTATE));
-        pool(1).install(|| updater.update(&mut bvh, &boxes(n, 1, 5.0))).expect("same count");
-        updater.pass_memory()
-    };
-    let [few, many] = [20_000, 80_000].map(memory);
-    assert!(few > 0 && few == many && many < 1 << 20, "{few}, {many} bytes");
-}
-
-#[test]
-fn a_small_tree_keeps_one_block_whichever_thread_updates_it() {
-    let (bvh, updater) = (tree(&boxes(1000, 1, 0.0), 1), Updater::new(ROTATE));
-    let both = Mutex::new((bvh, updater));
-    let memory = || {
-        let mut both = both.lock().expect("no panic");
-        let (bvh, updater) = &mut *both;
-        updater.update(bvh, &boxes(1000, 1, 5.0)).expect("same count");
-        updater.pass_memory()
-    };
-    let outside = memory();
-    assert!(outside > 0 && outside < 200_000, "{outside} bytes");
-    assert_eq!(pool(4).broadcast(|_| memory()), [outside; 4]);
 }
 
 #[test]

@@ -53,7 +53,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     workspace: &mut Workspace,
 ) -> Result<Update, UpdateError> {
     State::of_mut(parts(bvh).state).expect_measure(Measure::AREAS);
-    workspace.refit.with_sums = true;
+    workspace.passes.with_sums = true;
     let Ledger { last_excess, since_repair: frames, .. } = State::of(bvh).ledger;
     let count = primitives.len() as f64;
     let queries = QueryCost::new(auto.load, count, last_excess);
@@ -63,7 +63,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         return rebuild(bvh, primitives, builder, None, workspace);
     }
     take_baseline(bvh);
-    let mut tally = pass(bvh, primitives, Some(Rotate::default()), &mut workspace.refit);
+    let mut tally = pass(bvh, primitives, Some(Rotate::default()), &workspace.passes);
     let seen = observe(bvh, &tally, queries);
     let ledger = &mut State::of_mut(parts(bvh).state).ledger;
     ledger.charge(&seen);

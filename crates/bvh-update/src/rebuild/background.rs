@@ -16,7 +16,7 @@ use bvh_core::{Aabb, Bvh, Parts, Primitives};
 use rayon::prelude::*;
 
 use super::{RebuildScratch, options_like};
-use crate::refit::{RefitScratch, Rotate, detect_linear, parts, pass};
+use crate::refit::{PassOptions, Rotate, detect_linear, parts, pass};
 use crate::report::{Decision, Update};
 use crate::state::State;
 
@@ -160,7 +160,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     background: &Background,
-    refit: &mut RefitScratch,
+    passes: &mut PassOptions,
     rebuild: &mut RebuildScratch,
     builds: &mut Builds,
 ) -> Update {
@@ -175,7 +175,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         let Builds { spare, age, cost, .. } = builds;
         *cost = Some(BackgroundCost { bytes: spare.bytes(), delay: *age, build_time: spare.took });
     }
-    let tally = pass(bvh, primitives, background.rotate, refit);
+    let tally = pass(bvh, primitives, background.rotate, passes);
     let update = Update { decision, rebuilt: decision == Decision::Swap, ..tally.report(bvh) };
     if has_static {
         // Not before the pass: what moved and came to rest during the build has yet to be fitted.

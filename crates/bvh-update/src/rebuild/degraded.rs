@@ -10,7 +10,7 @@ use bvh_core::{Bvh, Node, Primitives};
 
 use super::{RebuildScratch, build_again};
 use crate::quality::sum;
-use crate::refit::{RefitScratch, Rotate, parts, pass};
+use crate::refit::{PassOptions, Rotate, parts, pass};
 use crate::report::{Update, UpdateError};
 use crate::state::{Measure, State};
 
@@ -39,7 +39,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     degraded: &Degraded,
-    refit: &mut RefitScratch,
+    passes: &mut PassOptions,
     scratch: &mut RebuildScratch,
 ) -> Result<Update, UpdateError> {
     State::of_mut(parts(bvh).state).expect_measure(Measure::RATIO);
@@ -47,7 +47,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         let ratio = mean_ratio(bvh);
         State::of_mut(parts(bvh).state).baseline.cost = ratio;
     }
-    let tally = pass(bvh, primitives, degraded.rotate, refit);
+    let tally = pass(bvh, primitives, degraded.rotate, passes);
     if mean_ratio(bvh) - State::of(bvh).baseline.cost <= degraded.threshold {
         return Ok(tally.report(bvh));
     }

@@ -7,9 +7,8 @@
 //! deepest first. Nodes of one level touch disjoint slots, and a rotation keeps its own node's box,
 //! so the result is bit for bit that of the recursion.
 
-use std::ops::Range;
-
 use bvh_core::{MAX_HEIGHT, Node};
+use bytemuck::Zeroable;
 
 use super::rotations::Accepted;
 use super::shared::SharedNodes;
@@ -30,7 +29,7 @@ pub(super) const GROUP: usize = 8;
 
 /// A node in a list: its slot in the upper half, its link word in the lower.
 #[repr(transparent)]
-#[derive(Clone, Copy, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[derive(Clone, Copy, Default, bytemuck::Pod, Zeroable)]
 pub(crate) struct Entry(u64);
 
 impl Entry {
@@ -53,6 +52,7 @@ impl Entry {
 }
 
 /// A list with room for `N` entries.
+#[derive(Zeroable)]
 pub(crate) struct List<const N: usize> {
     entries: [Entry; N],
     count: usize,
@@ -62,12 +62,6 @@ pub(crate) struct List<const N: usize> {
 pub(crate) type Queue = List<ROOM>;
 /// Leaves of one block or stretch: with room for two children of each listed node.
 pub(crate) type Leaves = List<{ 2 * ROOM }>;
-
-impl<const N: usize> Default for List<N> {
-    fn default() -> Self {
-        Self { entries: [Entry::default(); N], count: 0 }
-    }
-}
 
 impl<const N: usize> List<N> {
     /// Eight entries, counted or not.
@@ -183,17 +177,18 @@ impl<'a> Lister<'a> {
 }
 
 /// What a block has found on its way down.
-#[derive(Default)]
+#[derive(Zeroable)]
 pub(crate) struct Block {
     queue: Queue,
     /// Listed nodes whose children are listed, too: the block's own.
     done: usize,
-    /// Where the last level begins and ends in the queue.
-    last: Range<usize>,
+    /// Where the last level ends in the queue.
+    last: usize,
     /// The block's nodes with grandchildren, level by level.
     rotating: Queue,
-    /// Where each level ends among them.
-    levels: Vec<usize>,
+    /// Where each level ends among them, and how many levels there are.
+    ends: [usize; MAX_HEIGHT as usize + 1],
+    levels: usize,
     /// Depth of the roots.
     pub(super) depth: u32,
     /// How many nodes are listed, but for the last level.
@@ -201,13 +196,6 @@ pub(crate) struct Block {
 }
 
 impl Block {
-    // A block is large: recursive functions must not have room for one on the stack.
-    #[cold]
-    #[inline(never)]
-    pub(crate) fn boxed() -> Box<Self> {
-        Box::new(Self { levels: Vec::with_capacity(MAX_HEIGHT as usize + 1), ..Self::default() })
-    }
-
     /// Walks down from roots until [`limit`](Self::limit) nodes are listed; `list` lists the
     /// children of the first few of eight nodes.
     #[inline(always)]
@@ -218,15 +206,15 @@ impl Block {
         leaves: &mut Leaves,
         list: impl Fn(&[Entry; GROUP], usize, &mut Lister<'_>),
     ) {
-        let Self { queue, last, rotating, levels, limit, .. } = self;
-        levels.clear();
+        let Self { queue, last, rotating, ends, levels, limit, .. } = self;
         let mut done = 0;
+        *levels = 0;
         let mut lister = Lister::new(roots, queue, rotating, leaves);
         roots.iter().take(FETCHED).for_each(|root| nodes.prefetch(root.first()));
         while done < lister.counts.inner && lister.counts.inner < *limit {
-            *last = done..lister.counts.inner;
-            while done < last.end && lister.counts.inner < *limit {
-                let count = GROUP.min(last.end - done);
+            *last = lister.counts.inner;
+            while done < *last && lister.counts.inner < *limit {
+                let count = GROUP.min(*last - done);
                 let group: [Entry; GROUP] = lister.inner.group(done);
                 for entry in lister.inner.group(done + FETCHED) {
                     nodes.prefetch(entry.first());
@@ -234,7 +222,8 @@ impl Block {
                 list(&group, count, &mut lister);
                 done += count;
             }
-            levels.push(lister.counts.rotating);
+            ends[*levels] = lister.counts.rotating;
+            *levels += 1;
         }
         lister.finish();
         self.done = done;
@@ -247,22 +236,22 @@ impl Block {
 
     /// The nodes below this block, by depth: the rest of its last level, and the level below.
     pub(crate) fn frontier(&self) -> [(&[Entry], u32); 2] {
-        let depth = self.depth + self.levels.len() as u32;
-        let (rest, below) = (self.done..self.last.end, self.last.end..self.queue.count);
+        let depth = self.depth + self.levels as u32;
+        let (rest, below) = (self.done..self.last, self.last..self.queue.count);
         [(&self.queue.entries[rest], depth - 1), (&self.queue.entries[below], depth)]
     }
 
     /// The block's nodes with grandchildren by depth, deepest first.
     pub(crate) fn levels(&self) -> impl Iterator<Item = (&[Entry], u32)> {
-        (0..self.levels.len()).rev().map(|i| {
-            let start = if i == 0 { 0 } else { self.levels[i - 1] };
-            (&self.rotating.entries[start..self.levels[i]], self.depth + i as u32)
+        (0..self.levels).rev().map(|i| {
+            let start = if i == 0 { 0 } else { self.ends[i - 1] };
+            (&self.rotating.entries[start..self.ends[i]], self.depth + i as u32)
         })
     }
 }
 
 /// Lists that no block needs while another is at work.
-#[derive(Default)]
+#[derive(Zeroable)]
 pub(crate) struct Lists {
     pub(crate) leaves: Leaves,
     /// Inner nodes of a stretch.
@@ -270,13 +259,4 @@ pub(crate) struct Lists {
     /// Nodes of a level whose turn it is.
     pub(crate) included: Queue,
     pub(crate) accepted: Accepted,
-}
-
-impl Lists {
-    // As `Block::boxed`.
-    #[cold]
-    #[inline(never)]
-    pub(crate) fn boxed() -> Box<Self> {
-        Box::default()
-    }
 }

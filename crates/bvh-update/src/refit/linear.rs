@@ -11,6 +11,7 @@ use bvh_core::{MAX_HEIGHT, Node, Primitives};
 use crate::state::{Layout, State};
 
 use super::block::{Entry, Lister, Lists};
+use super::memory::{SPARE_LISTS, lend};
 use super::shared::dispatch;
 use super::{Tally, Task, kernels};
 
@@ -57,7 +58,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     pub(super) fn sweep(&self, piece: Range<usize>) -> Tally {
         if piece.len() <= PIECE {
             let mut tally = Tally::default();
-            self.with_lists(|lists| {
+            lend(&SPARE_LISTS, |lists| {
                 for start in piece.clone().step_by(STRETCH).rev() {
                     self.sweep_stretch(start..piece.end.min(start + STRETCH), lists, &mut tally);
                 }
@@ -78,7 +79,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             if node.is_dynamic() && node.is_leaf() {
                 kernels::fit_leaf(self.nodes, self.primitives, self.order, slot, &mut tally);
             } else if node.is_dynamic() {
-                kernels::refit_boxes(self.nodes, &entry, self.scratch.with_sums, &mut tally);
+                kernels::refit_boxes(self.nodes, &entry, self.options.with_sums, &mut tally);
             }
         }
         tally
@@ -87,12 +88,12 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     fn sweep_stretch(&self, pairs: Range<usize>, lists: &mut Lists, tally: &mut Tally) {
         let Lists { leaves, inner, included, .. } = lists;
         let mut lister = Lister::new(&[], inner, included, leaves);
-        dispatch!(self.scratch.level, sweep(self.nodes, pairs.clone(), &mut lister));
+        dispatch!(self.options.level, sweep(self.nodes, pairs.clone(), &mut lister));
         lister.finish();
         // There are about as many leaves as pairs.
         let fetch = |i: usize| self.nodes.prefetch(2 * (pairs.start + i).saturating_sub(STRETCH));
         self.fit_leaves(leaves, fetch, tally);
-        dispatch!(self.scratch.level, refit_boxes(self.nodes, inner.all(), self.scratch.with_sums, tally));
+        dispatch!(self.options.level, refit_boxes(self.nodes, inner.all(), self.options.with_sums, tally));
     }
 }
 

@@ -14,12 +14,11 @@
 //! floats, and so does every bit of the result. A tree in the order of its builder is refitted by a
 //! sweep instead ([`linear`]).
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
-
 use bvh_core::{Bvh, OnPanic, Primitives, SimdLevel, sah_cost};
 
 use self::block::{Block, Entry, LISTED, Leaves, Lists};
 use self::kernels::{fit_leaf, primitive_in, refit_height};
+use self::memory::{SPARE_BLOCKS, SPARE_LISTS, lend};
 use self::shared::{Available, dispatch};
 use crate::report::Update;
 use crate::state::{Layout, State};
@@ -32,12 +31,14 @@ mod block;
 mod cost;
 mod kernels;
 mod linear;
+mod memory;
 pub mod plain;
 mod rotations;
 mod scalar;
 mod shared;
 
 pub(crate) use linear::detect_linear;
+pub(crate) use memory::KEPT;
 pub(crate) use shared::{SharedNodes, parts, share};
 
 pub use self::cost::BlockCost;
@@ -51,13 +52,6 @@ const TOP_LISTED: usize = 128;
 /// Inner nodes that subtrees of one block have together, as estimated by [`is_heavy`].
 // Half and double: docs/TUNING.md.
 const WEIGHT: u64 = 512;
-
-/// Nodes of a tree that is small: one block lists them all, unless it is very uneven.
-const SMALL: usize = 2 * LISTED;
-
-/// Blocks that each thread has at hand for a larger tree: more than it uses at a time, so that no
-/// update but the first allocates.
-const BLOCKS: usize = 8;
 
 /// Cache lines, of a pair each, to fetch for a subtree whose turn is next: as built they lie in one
 /// piece, and rotations leave them nearly so.
@@ -155,54 +149,26 @@ impl Schedule {
     }
 }
 
-/// Memory that passes keep from one to the next: some ten blocks a thread, or one for a small tree.
-pub(crate) struct RefitScratch {
+/// How passes are run.
+pub(crate) struct PassOptions {
     level: Available,
     /// Whether tallies have sums of areas.
     pub(crate) with_sums: bool,
     /// What blocks took, where that is recorded.
     pub(crate) costs: Option<Costs>,
-    /// One for each thread of the pool, or one alone for a small tree.
-    spare: Vec<Mutex<Spare>>,
 }
 
-impl Default for RefitScratch {
+impl Default for PassOptions {
     /// For the best level that the machine has.
     fn default() -> Self {
         Self::with_level(SimdLevel::best())
     }
 }
 
-impl RefitScratch {
+impl PassOptions {
     /// For `level`, or the best below it that the machine has.
     pub(crate) fn with_level(level: SimdLevel) -> Self {
-        Self { level: Available::at_most(level), with_sums: true, costs: None, spare: Vec::new() }
-    }
-
-    /// Bytes kept.
-    pub(crate) fn memory_usage(&self) -> usize {
-        self.spare.iter().map(|spare| locked(spare).memory_usage()).sum()
-    }
-}
-
-/// What one thread has not in use. It uses one block for each that it is below of: also where it
-/// waits for another thread and takes up other blocks meanwhile. Primitives that start tasks of
-/// their own may make it use several lists.
-#[derive(Default)]
-struct Spare {
-    blocks: Vec<Box<Block>>,
-    lists: Vec<Box<Lists>>,
-}
-
-impl Spare {
-    /// Makes what a thread needs that takes part in the update of a large tree.
-    fn fill(&mut self) {
-        self.blocks.resize_with(BLOCKS.max(self.blocks.len()), Block::boxed);
-        self.lists.resize_with(1.max(self.lists.len()), Lists::boxed);
-    }
-
-    fn memory_usage(&self) -> usize {
-        self.blocks.len() * size_of::<Block>() + self.lists.len() * size_of::<Lists>()
+        Self { level: Available::at_most(level), with_sums: true, costs: None }
     }
 }
 
@@ -226,9 +192,7 @@ pub(crate) struct Task<'a, P: ?Sized> {
     is_partly_static: bool,
     /// Whether each leaf has one primitive.
     of_one: bool,
-    /// Whether all threads share what the first has at hand.
-    is_small: bool,
-    scratch: &'a RefitScratch,
+    options: &'a PassOptions,
 }
 
 /// Refits what moves; with `rotate`, rotates on the way up. The caller has checked that there are
@@ -237,7 +201,7 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     rotate: Option<Rotate>,
-    scratch: &mut RefitScratch,
+    options: &PassOptions,
 ) -> Tally {
     let (is_in_order, is_partly_static) = (bvh.is_in_order(), !bvh.all_dynamic());
     let of_one = bvh.has_leaves_of_one();
@@ -253,20 +217,12 @@ pub(crate) fn pass<P: Primitives + ?Sized>(
     }
     let schedule = rotate.map(|rotate| Schedule::new(rotate.period, state.updates));
     state.updates = state.updates.wrapping_add(1);
-    // A small tree's block is made when it is asked for: there may be thousands of such trees.
-    let is_small = parts.nodes.len() <= SMALL;
-    let threads = if is_small { 1 } else { rayon::current_num_threads() };
-    scratch.spare.resize_with(threads.max(scratch.spare.len()), Mutex::default);
-    if !is_small {
-        let spare = scratch.spare.iter_mut().map(Mutex::get_mut);
-        spare.for_each(|spare| spare.unwrap_or_else(PoisonError::into_inner).fill());
-    }
-    let (nodes, scratch) = (share(parts.nodes), &*scratch);
+    let nodes = share(parts.nodes);
     let order = if is_in_order { &[] } else { parts.order };
-    let mut tally = Task { nodes, primitives, order, schedule, is_partly_static, of_one, is_small, scratch }
-        .run(is_linear);
+    let mut tally =
+        Task { nodes, primitives, order, schedule, is_partly_static, of_one, options }.run(is_linear);
     *parts.static_area += tally.static_area;
-    tally.has_sums = scratch.with_sums;
+    tally.has_sums = options.with_sums;
     std::mem::forget(unfinished);
     tally
 }
@@ -295,9 +251,10 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         let is_heavy = self.is_heavy(roots);
         match roots.len() {
             0 => Tally::default(),
-            len if len == 1 || !is_heavy => {
-                self.block(roots, depth, around, if is_heavy { TOP_LISTED } else { LISTED })
-            }
+            len if len == 1 || !is_heavy => lend(&SPARE_BLOCKS, |block| {
+                (block.depth, block.limit) = (depth, if is_heavy { TOP_LISTED } else { LISTED });
+                self.block(block, roots, around)
+            }),
             len => {
                 let (a, b) = roots.split_at(len / 2);
                 let before_b = Around { next: b, ..around };
@@ -310,25 +267,25 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
 
     /// Whether subtrees are more than enough for one block.
     ///
-    /// Sizes are not known, heights are: subtrees of height h have 2^(5h/8) inner nodes or so.
+    /// Sizes are not known, heights are: subtrees of height h have 2^(5h/8) inner nodes or so. A small
+    /// tree fits into one block, however high it is.
     fn is_heavy(&self, roots: &[Entry]) -> bool {
         let mut weight = 0;
-        roots.iter().any(|root| {
-            weight += 1 << (self.nodes.get(root.slot()).height() * 5 / 8);
-            weight > WEIGHT
-        })
+        let is_small = self.nodes.pairs() <= LISTED;
+        !is_small
+            && roots.iter().any(|root| {
+                weight += 1 << (self.nodes.get(root.slot()).height() * 5 / 8);
+                weight > WEIGHT
+            })
     }
 
-    /// Updates the subtrees below a few roots of one depth: a block of about `limit` nodes, and
-    /// what is below it.
-    fn block(&self, roots: &[Entry], depth: u32, around: Around<'_>, limit: usize) -> Tally {
-        let &RefitScratch { level, with_sums, ref costs, .. } = self.scratch;
+    /// Updates the subtrees below a few roots: a block of nodes, and what is below it.
+    fn block(&self, block: &mut Block, roots: &[Entry], around: Around<'_>) -> Tally {
+        let &PassOptions { level, with_sums, ref costs } = self.options;
         let mut tally = Tally::default();
         let mut watch = Stopwatch::start(costs.as_ref(), around.block);
-        let mut block = self.spare().blocks.pop().unwrap_or_else(Block::boxed);
-        (block.depth, block.limit) = (depth, limit);
-        self.with_lists(|Lists { leaves, .. }| {
-            dispatch!(level, walk(&mut block, self.nodes, roots, leaves));
+        lend(&SPARE_LISTS, |Lists { leaves, .. }| {
+            dispatch!(level, walk(block, self.nodes, roots, leaves));
             watch.lap(|cost| &mut cost.list);
             let [(rest, _), (below, _)] = block.frontier();
             let next =
@@ -355,16 +312,15 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         watch.skip();
         dispatch!(level, refit_boxes(self.nodes, block.own(), with_sums, &mut tally));
         watch.lap(|cost| &mut cost.boxes);
-        self.with_lists(|lists| self.rotate(&block, lists, &mut tally));
+        lend(&SPARE_LISTS, |lists| self.rotate(block, lists, &mut tally));
         watch.lap(|cost| &mut cost.rotations);
-        self.spare().blocks.push(block);
         tally
     }
 
     /// Fits leaves, and calls `fetch` with the number of each. Entries of the list may name
     /// primitives in the place of slots afterwards.
     fn fit_leaves(&self, leaves: &mut Leaves, fetch: impl Fn(usize), tally: &mut Tally) {
-        let Self { nodes, primitives, order, of_one, scratch, .. } = *self;
+        let Self { nodes, primitives, order, of_one, options, .. } = *self;
         let leaves = leaves.all_mut();
         if of_one && !order.is_empty() {
             // Beforehand, as the loop asks three times for the primitive of a leaf.
@@ -373,8 +329,8 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             }
         }
         let area = dispatch!(
-            scratch.level,
-            fit_leaves(nodes, primitives, order, leaves, fetch, of_one, scratch.with_sums)
+            options.level,
+            fit_leaves(nodes, primitives, order, leaves, fetch, of_one, options.with_sums)
         );
         let Some(area) = area else {
             leaves.iter().for_each(|entry| fit_leaf(nodes, primitives, order, entry.slot(), tally));
@@ -402,28 +358,9 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
                 included.all()
             };
             let at = (depth, self.is_partly_static);
-            dispatch!(self.scratch.level, rotate(nodes, level, at, accepted, tally));
+            dispatch!(self.options.level, rotate(nodes, level, at, accepted, tally));
         }
     }
-
-    /// Lends lists to `work`, which may ask primitives: so nothing is locked meanwhile.
-    fn with_lists<T>(&self, work: impl FnOnce(&mut Lists) -> T) -> T {
-        let mut lists = self.spare().lists.pop().unwrap_or_else(Lists::boxed);
-        let result = work(&mut lists);
-        self.spare().lists.push(lists);
-        result
-    }
-
-    /// What belongs to this thread, or to a small tree. No other thread takes it, but one outside of
-    /// the pool.
-    fn spare(&self) -> MutexGuard<'_, Spare> {
-        let thread = if self.is_small { None } else { rayon::current_thread_index() };
-        locked(&self.scratch.spare[thread.unwrap_or(0)])
-    }
-}
-
-fn locked(spare: &Mutex<Spare>) -> MutexGuard<'_, Spare> {
-    spare.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
@@ -432,6 +369,7 @@ mod tests {
 
     use bvh_build::{BuildOptions, Builder, build, build_with};
     use bvh_core::{Aabb, Vec3};
+    use bytemuck::zeroed_box;
 
     use super::*;
 
@@ -468,11 +406,11 @@ mod tests {
             bvh.set_dynamic(|p| p % 5 != 0);
             // Rotations scatter nodes over the arena.
             for _ in 0..3 {
-                pass(&mut bvh, &boxes, Some(Rotate::default()), &mut RefitScratch::default());
+                pass(&mut bvh, &boxes, Some(Rotate::default()), &PassOptions::default());
             }
             let tree = bvh.clone();
             let nodes = share(parts(&mut bvh).nodes);
-            let (mut block, mut lists) = (Block::boxed(), Lists::boxed());
+            let (mut block, mut lists) = (zeroed_box::<Block>(), zeroed_box::<Lists>());
             let [[link, _], _] = nodes.pair_words(0);
             block.limit = TOP_LISTED;
             scalar::walk(&mut block, nodes, &[Entry::new(0, link)], &mut lists.leaves);
@@ -520,7 +458,7 @@ mod tests {
             assert!(has_of_one && bvh.has_leaves_of_one() == (max_leaf_size == 1));
             for rotate in [None, Some(Rotate::default()), None] {
                 let boxes = Counted(boxes.clone(), AtomicUsize::new(0));
-                pass(&mut bvh, &boxes, rotate, &mut RefitScratch::default());
+                pass(&mut bvh, &boxes, rotate, &PassOptions::default());
                 assert_eq!(boxes.1.into_inner(), 5000, "{rotate:?}");
             }
         }

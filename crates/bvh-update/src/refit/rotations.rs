@@ -7,6 +7,7 @@
 use bvh_core::MAX_HEIGHT;
 use bvh_core::glam::Vec4;
 use bvh_core::rotation::Rotation;
+use bytemuck::Zeroable;
 
 use super::Tally;
 use super::block::{Entry, LISTED};
@@ -122,15 +123,10 @@ pub(super) fn rotate_with<const N: usize>(
 
 /// Nodes at which some rotation is a gain, and how the area would change under each, in the order
 /// of `Rotation::ALL`, and two zeros.
+#[derive(Zeroable)]
 pub(crate) struct Accepted {
     entries: [Entry; 2 * LISTED],
     changes: [[f32; 8]; 2 * LISTED],
-}
-
-impl Default for Accepted {
-    fn default() -> Self {
-        Self { entries: [Entry::default(); 2 * LISTED], changes: [[0.0; 8]; 2 * LISTED] }
-    }
 }
 
 impl Accepted {

@@ -5,6 +5,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use bvh_core::{Bvh, Node, prefetch};
 
+use super::SMALL;
+
 /// Parts of the walk, for threads to share. The number is fixed, so the sums do not depend on the
 /// number of threads.
 // Half and double: docs/TUNING.md.
@@ -68,7 +70,7 @@ pub(super) fn find(bvh: &Bvh, scale: f64, threshold: f64, most: usize, scratch: 
     if bvh.root().is_leaf() {
         return;
     }
-    parts.resize_with(PARTS, Part::default);
+    parts.resize_with(if bvh.nodes().len() <= SMALL { 1 } else { PARTS }, Part::default);
     parts.iter_mut().for_each(|part| part.found.clear());
     let large = LARGE * bvh.root().aabb().half_area();
     let kept = AtomicUsize::new(0);
@@ -212,7 +214,7 @@ mod tests {
 
     use super::*;
     use crate::quality::take_baseline;
-    use crate::refit::{RefitScratch, parts, pass};
+    use crate::refit::{PassOptions, parts, pass};
     use crate::state::State;
 
     /// The excess at and below a node, by definition. O(n).
@@ -235,7 +237,7 @@ mod tests {
             let mut bvh = build(&pose(0.0), builder).expect("few enough");
             bvh.set_dynamic(|p| p % 7 != 0);
             take_baseline(&mut bvh);
-            let tally = pass(&mut bvh, &pose(0.1), None, &mut RefitScratch::default());
+            let tally = pass(&mut bvh, &pose(0.1), None, &PassOptions::default());
             let root_area = bvh.root().aabb().half_area_f64();
             let state = State::of_mut(parts(&mut bvh).state);
             let scale = state.baseline.take_growth(root_area, tally.leaf_area);
@@ -284,7 +286,7 @@ mod tests {
         };
         let mut bvh = build(&boxes(0.0), Builder::Lbvh).expect("few enough");
         take_baseline(&mut bvh);
-        pass(&mut bvh, &boxes(1.0), None, &mut RefitScratch::default());
+        pass(&mut bvh, &boxes(1.0), None, &PassOptions::default());
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
         let kept = |most| {
             let mut scratch = FrontierScratch::default();

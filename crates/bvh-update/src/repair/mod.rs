@@ -14,7 +14,7 @@ use bvh_core::{Aabb, Bvh, Node, Primitives};
 
 use crate::quality::{cost_after, finite_or_zero, take_baseline};
 use crate::rebuild::{RebuildScratch, build_again};
-use crate::refit::{RefitScratch, Rotate, Tally, parts, pass};
+use crate::refit::{PassOptions, Rotate, Tally, parts, pass};
 use crate::report::{Decision, Update, UpdateError};
 use crate::state::{Measure, State};
 
@@ -47,6 +47,10 @@ impl Default for PartialRebuild {
 // `cargo xtask compare frame`.
 const LARGEST_FRONTIER: f64 = 0.2;
 
+/// Nodes of a tree that is repaired by one thread: outside of rayon's pool it takes microseconds to
+/// share work (`cargo run --release -p pivot-benches --example small_trees`).
+const SMALL: usize = 2048;
+
 /// Memory that repairs keep.
 #[derive(Default)]
 pub(crate) struct RepairScratch {
@@ -72,14 +76,14 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     options: &PartialRebuild,
-    refit: &mut RefitScratch,
+    passes: &mut PassOptions,
     repair: &mut RepairScratch,
     rebuild: &mut RebuildScratch,
 ) -> Result<Update, UpdateError> {
     State::of_mut(parts(bvh).state).expect_measure(Measure::AREAS);
-    refit.with_sums = true;
+    passes.with_sums = true;
     take_baseline(bvh);
-    let mut tally = pass(bvh, primitives, options.rotate, refit);
+    let mut tally = pass(bvh, primitives, options.rotate, passes);
     let cost = cost_after(bvh, &tally);
     let root_area = bvh.root().aabb().half_area_f64();
     let baseline = &mut State::of_mut(parts(bvh).state).baseline;

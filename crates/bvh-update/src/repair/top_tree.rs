@@ -8,7 +8,7 @@ use bvh_core::{Bvh, MAX_HEIGHT, Node};
 use rayon::prelude::*;
 
 use super::frontier::{Frontier, FrontierScratch};
-use super::{RepairScratch, Repaired};
+use super::{RepairScratch, Repaired, SMALL};
 use crate::quality::finite_or_zero;
 use crate::refit::{SharedNodes, parts, share};
 use crate::state::{Layout, State};
@@ -43,7 +43,7 @@ pub(super) fn rebuild_top(
     frontier.par_sort_unstable();
     pairs.par_sort_unstable();
     let nodes = bvh.nodes();
-    frontier.par_iter().map(|&n| nodes[n as usize]).collect_into_vec(kept);
+    frontier.par_iter().with_min_len(SMALL).map(|&n| nodes[n as usize]).collect_into_vec(kept);
     boxes.clear();
     boxes.extend(kept.iter().map(Node::aabb));
     if rebuild(top, boxes, Builder::BinnedParallel, &BuildOptions::default(), build).is_err()
