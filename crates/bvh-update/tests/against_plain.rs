@@ -125,6 +125,41 @@ fn same_tree_with_larger_leaves() {
     check(3000, 5, 10.0, 4, 4, |i| i % 3 == 0);
 }
 
+/// Areas that vanish, overflow, or are no numbers, in every lane of a vector: levels of one node to
+/// some twenty.
+#[test]
+fn same_tree_with_boxes_of_all_sizes() {
+    let pose = |n: usize, seed: u64, frame: u64| -> Vec<Aabb> {
+        let random = |k: u64, i: usize| noise(seed + 100 * k + 10_000 * frame, i);
+        let aabb = |i: usize| {
+            let [unit, flat, _] = random(0, i).to_array().map(|x| (8.0 * x) as usize);
+            let unit = [1e-38, 1e-20, 1.0, 1.0, 1.0, 1e15, 1e19, f32::NAN][unit];
+            let thick = Vec3::from_array([0, 1, 2].map(|axis| if flat == axis { 0.0 } else { 1.0 }));
+            let center = (random(1, i) - 0.5) * unit;
+            let half = random(2, i) * thick * unit;
+            Aabb::new(center - half, center + half)
+        };
+        (0..n).map(aabb).collect()
+    };
+    let mut rotations = 0;
+    for (n, seed) in (2..40).flat_map(|n| (0..8).map(move |seed| (n, seed))).chain([(3000, 8)]) {
+        let mut expected = tree(&pose(n, seed, 0), 1);
+        let mut contestants: Vec<_> =
+            SimdLevel::available().map(|level| (level, expected.clone(), reporting(level))).collect();
+        for frame in 1..5 {
+            let now = pose(n, seed, frame);
+            let applied = plain::update(&mut expected, &now, Some(Rotate::default()));
+            rotations += applied.iter().sum::<u64>();
+            for (level, bvh, updater) in &mut contestants {
+                let done = updater.set_strategy(ROTATE).update(bvh, &now).expect("same count");
+                let (of, by_plain) = ((bvh.fingerprint(), done.rotations), (expected.fingerprint(), applied));
+                assert_eq!(of, by_plain, "{n} {seed} {level:?}, frame {frame}");
+            }
+        }
+    }
+    assert!(rotations > 1000, "{rotations}");
+}
+
 #[test]
 fn same_tree_with_empty_leaves() {
     let inner = |left| Node::inner(Aabb::EMPTY, left);
