@@ -1,6 +1,6 @@
 //! What small trees take from a thread outside of rayon's pool, as a program with many small meshes
 //! calls it: `cargo run --release -p pivot-benches --example small_trees`. Updates by an
-//! [`Updater`], one by the free function, which keeps no memory, and builds.
+//! [`Updater`], by the free function, which makes one in each call, and builds.
 
 use std::error::Error;
 use std::time::Instant;
@@ -31,8 +31,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let mut few_rays = Updater::default();
         few_rays.report(Load::SingleRays(10));
         print!("{n:5}");
-        for (width, updater) in [(14, Some(rotate)), (15, None), (8, Some(auto)), (6, Some(few_rays))] {
-            let mut updater = updater;
+        for (width, mut updater) in [(14, Some(rotate)), (15, None), (8, Some(auto)), (6, Some(few_rays))] {
             let us = least(&frames, |bvh, boxes| {
                 match &mut updater {
                     Some(updater) => updater.update(bvh, boxes)?,

@@ -64,22 +64,27 @@ impl Codes {
     pub(crate) fn sort(&mut self, prims: &[PrimRef], centers: &Bounds, threads: usize) -> Sorted<'_> {
         let Self { short, short_spare, long, long_spare, counts } = self;
         if prims.len() <= 1 << u64::LOW {
-            encode(prims, centers, short);
+            encode(prims, centers, short, threads);
             sort(short, short_spare, counts, threads);
-            if equal(short) <= prims.len() / 2 {
+            if equal(short, threads) <= prims.len() / 2 {
                 return Sorted::Short(short);
             }
         }
-        encode(prims, centers, long);
+        encode(prims, centers, long, threads);
         sort(long, long_spare, counts, threads);
         Sorted::Long(long)
     }
 }
 
+/// Items for a task: all of them where there is one thread, whom it takes microseconds to wake.
+pub(crate) fn part(items: usize, grain: usize, threads: usize) -> usize {
+    if threads > 1 { grain } else { items.max(1) }
+}
+
 /// How many sorted keys share their code with the one before, but for the first of each part.
-fn equal(keys: &[u64]) -> usize {
+fn equal(keys: &[u64], threads: usize) -> usize {
     let equal = |keys: &[u64]| keys.windows(2).filter(|key| (key[0] ^ key[1]) >> u64::LOW == 0).count();
-    keys.par_chunks(GRAIN).map(equal).sum()
+    keys.par_chunks(part(keys.len(), GRAIN, threads)).map(equal).sum()
 }
 
 /// The cells of the curve: cubes, so that equal distances count alike on all axes.
@@ -111,11 +116,12 @@ impl Grid {
 }
 
 /// The keys of all primitives: codes, and below them the places in `prims`.
-fn encode<K: Key>(prims: &[PrimRef], centers: &Bounds, keys: &mut Vec<K>) {
+fn encode<K: Key>(prims: &[PrimRef], centers: &Bounds, keys: &mut Vec<K>, threads: usize) {
     keys.resize(prims.len(), K::ZERO);
     let grid = Grid::new(centers, K::AXIS);
-    let parts = prims.par_chunks(GRAIN).zip(keys.par_chunks_mut(GRAIN)).enumerate();
-    parts.for_each(|(i, (prims, keys))| grid.encode(prims, i * GRAIN, keys));
+    let part = part(prims.len(), GRAIN, threads);
+    let parts = prims.par_chunks(part).zip(keys.par_chunks_mut(part)).enumerate();
+    parts.for_each(|(i, (prims, keys))| grid.encode(prims, i * part, keys));
 }
 
 /// The integers below numbers from 0 to 2^22, in the lowest bits of each lane.

@@ -43,10 +43,10 @@ impl Window {
     /// For clusters at most `radius` places apart, up to [`MAX_RADIUS`].
     pub(crate) fn new(radius: usize) -> Self {
         Self {
-            radius,
             coordinates: [[0.0; Self::SIZE]; 6],
             keys: [u32::MAX; Self::SIZE + MAX_RADIUS],
             least: [u32::MAX; Self::SIZE],
+            radius,
             start: 0,
             len: 0,
         }
@@ -127,16 +127,15 @@ fn columns(rows: [Vec4; 4]) -> Mat4 {
 /// Finds for each of at least two clusters the place of the one, within the window's radius, with
 /// which it has the smallest bounds. One thread uses `window`; several, each its own.
 pub(crate) fn find(clusters: &[PrimRef], nearest: &mut [u32], window: &mut Window, threads: usize) {
-    let radius = window.radius;
     let find = |window: &mut Window, (part, nearest): (usize, &mut [u32])| {
         let start = part * PART;
-        let first = start.saturating_sub(radius);
-        let end = clusters.len().min(start + PART + radius);
+        let first = start.saturating_sub(window.radius);
+        let end = clusters.len().min(start + PART + window.radius);
         window.fill(&clusters[first..end], first);
         raw::search(window, start, nearest);
     };
     if threads > 1 {
-        nearest.par_chunks_mut(PART).enumerate().for_each_init(|| Window::new(radius), find);
+        nearest.par_chunks_mut(PART).enumerate().for_each_init(|| Window::new(window.radius), find);
     } else {
         nearest.chunks_mut(PART).enumerate().for_each(|part| find(window, part));
     }

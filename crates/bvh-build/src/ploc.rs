@@ -21,7 +21,7 @@ use bvh_core::{MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
 use crate::bytes_of;
-use crate::morton::{AHEAD, Sorted, with_keys};
+use crate::morton::{AHEAD, Sorted, part, with_keys};
 use crate::neighbor_search::{self, MAX_RADIUS, Window};
 use crate::prim_ref::PrimRef;
 use crate::radix::Key;
@@ -88,7 +88,7 @@ pub(crate) fn build(
     spare.resize(n, PrimRef::NOTHING);
     nearest.resize(n, 0);
     mergers.resize(n - 1, Merger { left: 0, right: 0, size: 0 });
-    with_keys!(sorted, keys => gather(keys, prims, leaves));
+    with_keys!(sorted, keys => gather(keys, prims, leaves, threads));
     let mut window = Window::new(radius.clamp(1, MAX_RADIUS as u32) as usize);
     let (mut from, mut to) = (&mut spare[..], prims);
     let (mut count, mut merged, mut slow) = (n, 0, false);
@@ -113,8 +113,9 @@ pub(crate) fn build(
 }
 
 /// Copies the primitives in the order of the curve.
-fn gather<K: Key>(keys: &[K], prims: &[PrimRef], sorted: &mut [PrimRef]) {
-    keys.par_chunks(PART).zip(sorted.par_chunks_mut(PART)).for_each(|(keys, to)| copy(keys, prims, to));
+fn gather<K: Key>(keys: &[K], prims: &[PrimRef], sorted: &mut [PrimRef], threads: usize) {
+    let part = part(keys.len(), PART, threads);
+    keys.par_chunks(part).zip(sorted.par_chunks_mut(part)).for_each(|(keys, to)| copy(keys, prims, to));
 }
 
 // Not inlined into what shares it out, where the compiler keeps less of it in registers.

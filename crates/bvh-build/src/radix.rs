@@ -19,7 +19,8 @@ pub(crate) type Counts = [u32; 1 << DIGIT];
 const PART: usize = 8192;
 
 /// Fewer keys are sorted by comparing them: counting takes as long for ten as for a thousand
-/// (`cargo run --release -p pivot-benches --example small_trees`).
+/// (LBVH over 1000 boxes: 32 us by counting, 27 by comparing; over 16: 8.8, 0.5. `cargo run
+/// --release -p pivot-benches --example small_trees`, EPYC Zen 3, 2026-11-28).
 const FEW: usize = 1024;
 
 /// A code, and below it in the same integer the number of what has this code.

@@ -107,7 +107,7 @@ struct Move {
     to: u32,
 }
 
-/// Fewest nodes that a task searches places for: a search takes microseconds.
+/// Fewest nodes that a task searches places for; not tuned.
 const PART: usize = 16;
 
 pub(crate) fn optimize<T: Tree>(

@@ -49,8 +49,8 @@ pub struct Updater {
 }
 
 impl Updater {
-    /// Memory that refits and rotations keep, in bytes for each thread that takes part: the same for
-    /// all trees that it updates, until it ends.
+    /// Memory that refits and rotations keep, in bytes for each thread that takes part: the same
+    /// for all trees that it updates, until it ends. More, if primitives start tasks of their own.
     pub const THREAD_MEMORY: usize = refit::KEPT;
 
     /// An updater that uses the best SIMD level of this machine.
@@ -117,8 +117,9 @@ impl Updater {
     /// Runs in the current rayon pool. The tree that results is the same, bit for bit, for every
     /// number of threads and every SIMD level; only [`Strategy::Background`] depends on time.
     /// Refits, with or without rotations, take O(n) time for the n nodes above dynamic primitives,
-    /// and allocate nothing but in the first call of each thread. A rebuild keeps which primitives are dynamic,
-    /// leaf by leaf ([`Bvh::set_dynamic`]). Its leaves may be as large as those that the update
+    /// and allocate nothing but where a thread takes part for the first time, or a panic has taken
+    /// its memory ([`THREAD_MEMORY`](Self::THREAD_MEMORY)). A rebuild keeps which primitives are
+    /// dynamic, leaf by leaf ([`Bvh::set_dynamic`]). Its leaves may be as large as those that the update
     /// which built the old tree allowed, or as the largest of a tree that no update has built;
     /// [`Strategy::Rebuild`] takes the leaf size from its options.
     ///
@@ -189,6 +190,7 @@ impl fmt::Debug for Updater {
 }
 
 /// Refits all boxes to the primitives' new positions, structure fixed; see [`Updater::update`].
+/// Uses the threads' memory, as an updater does ([`Updater::THREAD_MEMORY`]).
 ///
 /// # Errors
 /// If the number of primitives is not that of the tree.

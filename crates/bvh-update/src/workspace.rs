@@ -8,7 +8,8 @@ use crate::refit::PassOptions;
 use crate::repair::RepairScratch;
 
 /// How passes are run, and memory that rebuilds and repairs keep from frame to frame, if any are
-/// made; what passes keep belongs to threads (`refit/memory.rs`). None but the build in the background has influence on results.
+/// made; what passes keep belongs to threads (`refit/memory.rs`). Only the build in the background
+/// influences results.
 #[derive(Default)]
 pub(crate) struct Workspace {
     pub(crate) passes: PassOptions,

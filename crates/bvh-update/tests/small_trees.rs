@@ -1,5 +1,6 @@
-//! Small trees are built and updated on the calling thread alone: outside of rayon's pool even a
-//! join that does nothing takes microseconds.
+//! Small trees are updated, and built for each frame, on the calling thread alone: outside of
+//! rayon's pool even a join that does nothing takes microseconds. Not so by strategies that build in the
+//! background.
 
 use std::sync::mpsc::channel;
 use std::thread;
@@ -7,18 +8,28 @@ use std::time::Duration;
 
 use bvh_build::{Builder, build};
 use bvh_core::{Aabb, Vec3};
-use bvh_update::{Strategy, Updater};
+use bvh_update::{Decision, Load, Strategy, Updater};
 
-/// Clusters that fly apart and come back, so that strategies repair and rebuild.
+const SIZES: [usize; 4] = [2, 16, 1000, 1024];
+
+/// Pieces of a sheet that fly apart, again and again.
 fn pose(n: usize, step: usize) -> Vec<Aabb> {
-    let scatter = |i: usize| Vec3::new(0.8192, 0.6710, 0.5497).map(|x| (x * i as f32).fract());
-    let corner = |i: usize| scatter(i / 10) * 9.0 + scatter(i) + scatter(7 * i) * (step % 8 * 3) as f32;
-    (0..n).map(corner).map(|corner| Aabb::new(corner, corner + 0.3)).collect()
+    let corner = |i: usize| {
+        let (x, y) = (i % 32, i / 32);
+        let piece = (x / 3 + y / 3 * 11) as f32;
+        let away = Vec3::new((piece * 1.7).sin(), (piece * 2.3).cos(), (piece * 3.1).sin());
+        Vec3::new(x as f32, y as f32, 0.0) + away * (step % 20 * 3) as f32
+    };
+    (0..n).map(corner).map(|corner| Aabb::new(corner, corner + Vec3::new(1.1, 1.1, 0.1))).collect()
 }
 
-/// All but those that build in a thread of their own.
-fn strategies() -> impl Iterator<Item = Strategy> {
-    Strategy::all().into_iter().filter(|strategy| !matches!(strategy, Strategy::Background(_)))
+/// Those that build no tree in a thread of their own, and `Auto` for single rays.
+fn updaters() -> impl Iterator<Item = (&'static str, Updater)> {
+    let strategies = Strategy::all().into_iter();
+    let here = strategies.filter(|strategy| !matches!(strategy, Strategy::Background(_)));
+    let mut few_rays = Updater::default();
+    few_rays.report(Load::SingleRays(20));
+    here.map(|strategy| (strategy.name(), Updater::new(strategy))).chain([("few rays", few_rays)])
 }
 
 /// One test, since the pool is that of the process.
@@ -31,24 +42,33 @@ fn small_trees_need_no_other_thread() {
     rayon::ThreadPoolBuilder::new().num_threads(3).start_handler(sleep).build_global().expect("the first");
     let (sender, receiver) = channel();
     thread::spawn(move || {
-        for n in [2, 16, 1000] {
+        // The last has as many nodes as small trees have at most.
+        for n in SIZES {
             for builder in Builder::PER_FRAME {
                 build(&pose(n, 0), builder).expect("few enough");
-                sender.send(format!("{} of {n}", builder.name())).expect("a receiver");
+                sender.send((0, format!("{} of {n}", builder.name()))).expect("a receiver");
             }
-            for strategy in strategies() {
+            for (name, mut updater) in updaters() {
                 let mut bvh = build(&pose(n, 0), Builder::Sweep).expect("few enough");
-                let mut updater = Updater::new(strategy);
-                for step in 0..40 {
-                    updater.update(&mut bvh, &pose(n, step)).expect("same count");
+                let mut most_subtrees = 0;
+                for step in 0..60 {
+                    bvh.set_dynamic(|p| step < 20 || p % 10 > 0);
+                    let done = updater.update(&mut bvh, &pose(n, step)).expect("same count");
+                    if let Decision::PartialRebuild { subtrees } = done.decision {
+                        most_subtrees = most_subtrees.max(subtrees);
+                    }
                 }
-                sender.send(format!("{} of {n}", strategy.name())).expect("a receiver");
+                sender.send((most_subtrees, format!("{name} of {n}"))).expect("a receiver");
             }
         }
     });
-    let mut done = String::from("nothing");
-    for _ in 0..3 * (Builder::PER_FRAME.len() + strategies().count()) {
+    let mut repaired = 0;
+    let mut last = String::from("nothing");
+    for _ in 0..SIZES.len() * (Builder::PER_FRAME.len() + updaters().count()) {
         let next = receiver.recv_timeout(Duration::from_secs(60));
-        done = next.unwrap_or_else(|error| panic!("{error} after {done}"));
+        let (subtrees, name) = next.unwrap_or_else(|error| panic!("{error} after {last}"));
+        repaired += usize::from(subtrees > 150);
+        last = name;
     }
+    assert!(repaired > 3, "{repaired} strategies have put a high top onto a tree");
 }

@@ -16,7 +16,7 @@ use bvh_core::{Aabb, Bvh, Parts, Primitives};
 use rayon::prelude::*;
 
 use super::{RebuildScratch, options_like};
-use crate::refit::{PassOptions, Rotate, detect_linear, parts, pass};
+use crate::refit::{PassOptions, Rotate, SMALL, detect_linear, parts, pass};
 use crate::report::{Decision, Update};
 use crate::state::State;
 
@@ -95,7 +95,8 @@ impl Builds {
         job.number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let number = job.number;
         // With all threads: the update that swaps trees does this, too.
-        (0..primitives.len()).into_par_iter().map(|i| primitives.aabb(i)).collect_into_vec(&mut job.boxes);
+        let numbers = (0..primitives.len()).into_par_iter().with_min_len(SMALL);
+        numbers.map(|i| primitives.aabb(i)).collect_into_vec(&mut job.boxes);
         let build = move || {
             let start = Instant::now();
             let Job { boxes, bvh, scratch, .. } = &mut job;
@@ -160,7 +161,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     background: &Background,
-    passes: &mut PassOptions,
+    passes: &PassOptions,
     rebuild: &mut RebuildScratch,
     builds: &mut Builds,
 ) -> Update {

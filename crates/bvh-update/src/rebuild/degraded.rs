@@ -39,7 +39,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
     primitives: &P,
     degraded: &Degraded,
-    passes: &mut PassOptions,
+    passes: &PassOptions,
     scratch: &mut RebuildScratch,
 ) -> Result<Update, UpdateError> {
     State::of_mut(parts(bvh).state).expect_measure(Measure::RATIO);

@@ -53,6 +53,11 @@ const TOP_LISTED: usize = 128;
 // Half and double: docs/TUNING.md.
 const WEIGHT: u64 = 512;
 
+/// Nodes of a small tree, which one thread updates, however high it is: outside of rayon's pool it
+/// takes microseconds to share work. One block lists all of it, as it has fewer inner nodes than
+/// pairs.
+pub(crate) const SMALL: usize = 2 * LISTED;
+
 /// Cache lines, of a pair each, to fetch for a subtree whose turn is next: as built they lie in one
 /// piece, and rotations leave them nearly so.
 // Half and double: docs/TUNING.md.
@@ -149,7 +154,7 @@ impl Schedule {
     }
 }
 
-/// How passes are run.
+/// How passes are run, and what their blocks took.
 pub(crate) struct PassOptions {
     level: Available,
     /// Whether tallies have sums of areas.
@@ -267,16 +272,16 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
 
     /// Whether subtrees are more than enough for one block.
     ///
-    /// Sizes are not known, heights are: subtrees of height h have 2^(5h/8) inner nodes or so. A small
-    /// tree fits into one block, however high it is.
+    /// Sizes are not known, heights are: subtrees of height h have 2^(5h/8) inner nodes or so.
     fn is_heavy(&self, roots: &[Entry]) -> bool {
+        if 2 * self.nodes.pairs() <= SMALL {
+            return false;
+        }
         let mut weight = 0;
-        let is_small = self.nodes.pairs() <= LISTED;
-        !is_small
-            && roots.iter().any(|root| {
-                weight += 1 << (self.nodes.get(root.slot()).height() * 5 / 8);
-                weight > WEIGHT
-            })
+        roots.iter().any(|root| {
+            weight += 1 << (self.nodes.get(root.slot()).height() * 5 / 8);
+            weight > WEIGHT
+        })
     }
 
     /// Updates the subtrees below a few roots: a block of nodes, and what is below it.

@@ -5,9 +5,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use bvh_core::{Bvh, Node, prefetch};
 
-use super::SMALL;
+use crate::refit::SMALL;
 
-/// Parts of the walk, for threads to share. The number is fixed, so the sums do not depend on the
+/// Parts of the walk, for threads to share; a small tree has one. The number is fixed, so the sums do not depend on the
 /// number of threads.
 // Half and double: docs/TUNING.md.
 const PARTS: usize = 512;
@@ -70,7 +70,9 @@ pub(super) fn find(bvh: &Bvh, scale: f64, threshold: f64, most: usize, scratch: 
     if bvh.root().is_leaf() {
         return;
     }
-    parts.resize_with(if bvh.nodes().len() <= SMALL { 1 } else { PARTS }, Part::default);
+    let used = if bvh.nodes().len() <= SMALL { 1 } else { PARTS };
+    parts.resize_with(used.max(parts.len()), Part::default);
+    let parts = &mut parts[..used];
     parts.iter_mut().for_each(|part| part.found.clear());
     let large = LARGE * bvh.root().aabb().half_area();
     let kept = AtomicUsize::new(0);

@@ -47,10 +47,6 @@ impl Default for PartialRebuild {
 // `cargo xtask compare frame`.
 const LARGEST_FRONTIER: f64 = 0.2;
 
-/// Nodes of a tree that is repaired by one thread: outside of rayon's pool it takes microseconds to
-/// share work (`cargo run --release -p pivot-benches --example small_trees`).
-const SMALL: usize = 2048;
-
 /// Memory that repairs keep.
 #[derive(Default)]
 pub(crate) struct RepairScratch {

@@ -8,14 +8,17 @@ use bvh_core::{Bvh, MAX_HEIGHT, Node};
 use rayon::prelude::*;
 
 use super::frontier::{Frontier, FrontierScratch};
-use super::{RepairScratch, Repaired, SMALL};
+use super::{RepairScratch, Repaired};
 use crate::quality::finite_or_zero;
-use crate::refit::{SharedNodes, parts, share};
+use crate::refit::{SMALL, SharedNodes, parts, share};
 use crate::state::{Layout, State};
 
 /// Subtrees of a new top that are higher than this are written by two tasks.
 // Half and double: docs/TUNING.md.
 const FORKED: u32 = 8;
+
+/// Fewest subtrees for a task to copy; not tuned.
+const GRAIN: usize = 1024;
 
 /// How many pairs ahead their places are fetched.
 // Half and double: docs/TUNING.md.
@@ -43,7 +46,7 @@ pub(super) fn rebuild_top(
     frontier.par_sort_unstable();
     pairs.par_sort_unstable();
     let nodes = bvh.nodes();
-    frontier.par_iter().with_min_len(SMALL).map(|&n| nodes[n as usize]).collect_into_vec(kept);
+    frontier.par_iter().with_min_len(GRAIN).map(|&n| nodes[n as usize]).collect_into_vec(kept);
     boxes.clear();
     boxes.extend(kept.iter().map(Node::aabb));
     if rebuild(top, boxes, Builder::BinnedParallel, &BuildOptions::default(), build).is_err()
@@ -105,7 +108,7 @@ impl Graft<'_> {
         if let Some(&soon) = self.pairs.get(first / 2 + AHEAD) {
             self.nodes.prefetch(soon as usize);
         }
-        let [l, r] = if node.height() > FORKED {
+        let [l, r] = if node.height() > FORKED && 2 * self.nodes.pairs() > SMALL {
             rayon::join(|| self.write(first), || self.write(first + 1)).into()
         } else {
             [self.write(first), self.write(first + 1)]
