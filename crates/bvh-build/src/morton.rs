@@ -76,15 +76,16 @@ impl Codes {
     }
 }
 
-/// Items for a task: all of them where there is one thread, whom it takes microseconds to wake.
-pub(crate) fn part(items: usize, grain: usize, threads: usize) -> usize {
-    if threads > 1 { grain } else { items.max(1) }
+/// Fewest parts for a task: all where there is one thread, which takes microseconds to wake. The
+/// parts themselves never depend on threads.
+pub(crate) fn least_parts(threads: usize) -> usize {
+    if threads > 1 { 1 } else { usize::MAX }
 }
 
 /// How many sorted keys share their code with the one before, but for the first of each part.
 fn equal(keys: &[u64], threads: usize) -> usize {
     let equal = |keys: &[u64]| keys.windows(2).filter(|key| (key[0] ^ key[1]) >> u64::LOW == 0).count();
-    keys.par_chunks(part(keys.len(), GRAIN, threads)).map(equal).sum()
+    keys.par_chunks(GRAIN).with_min_len(least_parts(threads)).map(equal).sum()
 }
 
 /// The cells of the curve: cubes, so that equal distances count alike on all axes.
@@ -119,9 +120,9 @@ impl Grid {
 fn encode<K: Key>(prims: &[PrimRef], centers: &Bounds, keys: &mut Vec<K>, threads: usize) {
     keys.resize(prims.len(), K::ZERO);
     let grid = Grid::new(centers, K::AXIS);
-    let part = part(prims.len(), GRAIN, threads);
-    let parts = prims.par_chunks(part).zip(keys.par_chunks_mut(part)).enumerate();
-    parts.for_each(|(i, (prims, keys))| grid.encode(prims, i * part, keys));
+    let parts = prims.par_chunks(GRAIN).zip(keys.par_chunks_mut(GRAIN)).enumerate();
+    let parts = parts.with_min_len(least_parts(threads));
+    parts.for_each(|(i, (prims, keys))| grid.encode(prims, i * GRAIN, keys));
 }
 
 /// The integers below numbers from 0 to 2^22, in the lowest bits of each lane.
@@ -203,4 +204,16 @@ fn emit<K: Key>(keys: &[K], prims: &[PrimRef], slot: SubtreeSlot) {
         count += 1;
     }
     *root = node;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whether codes are short or long follows from it, and so does the tree.
+    #[test]
+    fn how_many_codes_are_equal_does_not_depend_on_threads() {
+        let keys: Vec<u64> = (0..3 * GRAIN as u32).map(|i| Key::new(7, i)).collect();
+        assert_eq!([1, 2, 8].map(|threads| equal(&keys, threads)), [3 * (GRAIN - 1); 3]);
+    }
 }

@@ -21,7 +21,7 @@ use bvh_core::{MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
 use crate::bytes_of;
-use crate::morton::{AHEAD, Sorted, part, with_keys};
+use crate::morton::{AHEAD, Sorted, least_parts, with_keys};
 use crate::neighbor_search::{self, MAX_RADIUS, Window};
 use crate::prim_ref::PrimRef;
 use crate::radix::Key;
@@ -114,8 +114,8 @@ pub(crate) fn build(
 
 /// Copies the primitives in the order of the curve.
 fn gather<K: Key>(keys: &[K], prims: &[PrimRef], sorted: &mut [PrimRef], threads: usize) {
-    let part = part(keys.len(), PART, threads);
-    keys.par_chunks(part).zip(sorted.par_chunks_mut(part)).for_each(|(keys, to)| copy(keys, prims, to));
+    let parts = keys.par_chunks(PART).zip(sorted.par_chunks_mut(PART));
+    parts.with_min_len(least_parts(threads)).for_each(|(keys, to)| copy(keys, prims, to));
 }
 
 // Not inlined into what shares it out, where the compiler keeps less of it in registers.

@@ -119,9 +119,9 @@ impl Updater {
     /// Refits, with or without rotations, take O(n) time for the n nodes above dynamic primitives,
     /// and allocate nothing but where a thread takes part for the first time, or a panic has taken
     /// its memory ([`THREAD_MEMORY`](Self::THREAD_MEMORY)). A rebuild keeps which primitives are
-    /// dynamic, leaf by leaf ([`Bvh::set_dynamic`]). Its leaves may be as large as those that the update
-    /// which built the old tree allowed, or as the largest of a tree that no update has built;
-    /// [`Strategy::Rebuild`] takes the leaf size from its options.
+    /// dynamic, leaf by leaf ([`Bvh::set_dynamic`]). Its leaves may be as large as those that the
+    /// update which built the old tree allowed, or as the largest of a tree that no update has
+    /// built; [`Strategy::Rebuild`] takes the leaf size from its options.
     ///
     /// [`Strategy::Rebuild`] and [`Strategy::Auto`] take another number of primitives than the tree
     /// holds and build a new tree, in which all primitives are dynamic.

@@ -1,6 +1,6 @@
 //! Small trees are updated, and built for each frame, on the calling thread alone: outside of
-//! rayon's pool even a join that does nothing takes microseconds. Not so by strategies that build in the
-//! background.
+//! rayon's pool even a join that does nothing takes microseconds. Strategies that build in the
+//! background are left out.
 
 use std::sync::mpsc::channel;
 use std::thread;
