@@ -313,6 +313,68 @@ mod tests {
         assert_eq!(updated(&mut system, &mut bvh, &moved), 0);
     }
 
+    /// The box below `n` and the area of all inner nodes there, as they are once `moved` stands
+    /// beside `target`, or nowhere.
+    fn area_with(bvh: &Bvh, n: usize, moved: usize, target: Option<usize>) -> (Aabb, f64) {
+        let node = &bvh.nodes()[n];
+        let mut below = (node.aabb(), 0.0);
+        if !node.is_leaf() {
+            let kept = [0, 1].map(|i| node.first() + i).into_iter().filter(|&child| child != moved);
+            let kept: Vec<_> = kept.map(|child| area_with(bvh, child, moved, target)).collect();
+            below = match kept[..] {
+                [l, r] => {
+                    let aabb = l.0.union(r.0);
+                    (aabb, l.1 + r.1 + aabb.half_area_f64())
+                }
+                _ => kept[0],
+            };
+        }
+        if target == Some(n) {
+            let aabb = below.0.union(bvh.nodes()[moved].aabb());
+            below = (aabb, below.1 + aabb.half_area_f64());
+        }
+        below
+    }
+
+    #[test]
+    fn the_best_place_is_that_of_a_search_without_bounds() {
+        let (mut stayed, mut left) = (0, 0);
+        for seed in 0..20 {
+            let noise = |i: usize| (i as f32 * Vec3::new(0.618, 0.755, 0.570)).fract();
+            let boxes = |frame: usize| -> Vec<_> {
+                let place = |i| noise(37 * (seed + 1) * i) + (frame * seed) as f32 * 0.1 * noise(i + 7);
+                (0..40).map(|i| Aabb::new(place(i), place(i) + 0.3 * noise(i + 1))).collect()
+            };
+            // Trees that are as good as new, and others whose boxes have moved since.
+            let mut bvh = build(&boxes(0), Builder::Sweep).expect("few");
+            refit(&mut bvh, &boxes(1)).expect("as many");
+            let mut todo = vec![vec![0]];
+            while let Some(path) = todo.pop() {
+                let removed = path[path.len() - 1];
+                let Some(_) = bvh.children(&bvh.nodes()[removed]) else { continue };
+                let pair = bvh.nodes()[removed].first();
+                todo.extend([0, 1].map(|i| step(&path, pair + i)));
+                for moved in [pair, pair + 1].into_iter().filter(|_| removed != 0) {
+                    let cost = |target| area_with(&bvh, 0, moved, Some(target)).1;
+                    let (mut places, mut all) = (Vec::new(), vec![0]);
+                    while let Some(n) = all.pop() {
+                        places.extend(Some(n).filter(|&n| n != removed && n != moved ^ 1));
+                        let node = &bvh.nodes()[n];
+                        let below = (0..2).filter(|_| !node.is_leaf()).map(|i| node.first() + i);
+                        all.extend(below.filter(|&child| child != moved));
+                    }
+                    let least = places.into_iter().map(cost).fold(f64::INFINITY, f64::min);
+                    let here = cost(moved ^ 1);
+                    let found = best_place(&bvh, &path, moved).map(|path| cost(path[path.len() - 1]));
+                    *(if found.is_some() { &mut left } else { &mut stayed }) += 1;
+                    let (found, truth) = (found.unwrap_or(here), least.min(here));
+                    assert!((found - truth).abs() < 1e-9 * truth, "seed {seed}: {found} {truth}");
+                }
+            }
+        }
+        assert!(stayed > 100 && left > 100, "{stayed} {left}");
+    }
+
     #[test]
     fn an_exploded_cluster_is_rebuilt_and_no_other() {
         let mut boxes = groups([0.0, 20.0, 200.0]);
