@@ -15,18 +15,7 @@ pub enum LoadError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The kind of file is not one that can be loaded.
-    #[error(
-        "{}: {found}; supported are .glb and .gltf (glTF 2.0), .aff (BART), .obj, .ply, .stl, and a directory of .obj or .ply key frames",
-        file.display()
-    )]
-    Unsupported {
-        /// What was to be loaded.
-        file: PathBuf,
-        /// What it is instead.
-        found: String,
-    },
-    /// The file says something that cannot be.
+    /// The file is or says something that cannot be, or not what was asked for.
     #[error("{}: {problem}", file.display())]
     Invalid {
         /// The file.
@@ -34,34 +23,31 @@ pub enum LoadError {
         /// What it says, and where.
         problem: Problem,
     },
-    /// The clip asked for is not in the file.
-    #[error("{}: no clip {wanted:?}; {}", file.display(), list_clips(clips))]
-    UnknownClip {
-        /// The file.
-        file: PathBuf,
-        /// The name or number asked for.
-        wanted: String,
-        /// Names of the clips there are, in order.
-        clips: Vec<String>,
-    },
 }
+
+/// What can be loaded.
+const SUPPORTED: &str =
+    ".glb or .gltf (glTF 2.0), .aff (BART), .obj, .ply, .stl, or a directory of .obj or .ply key frames";
 
 impl LoadError {
-    pub(crate) fn unsupported(file: &Path, found: impl Into<String>) -> Self {
-        Self::Unsupported { file: file.to_owned(), found: found.into() }
+    /// That the system says that `file` cannot be read.
+    pub(crate) fn io(file: &Path) -> impl Fn(std::io::Error) -> Self + '_ {
+        |source| Self::Io { file: file.to_owned(), source }
     }
 
-    pub(crate) fn unknown_clip(file: &Path, wanted: &str, clips: Vec<String>) -> Self {
-        Self::UnknownClip { file: file.to_owned(), wanted: wanted.to_owned(), clips }
+    pub(crate) fn unsupported(file: &Path, found: &str) -> Self {
+        Problem::new("kind of file", found, SUPPORTED).in_file(file)
     }
-}
 
-fn list_clips(clips: &[String]) -> String {
-    if clips.is_empty() {
-        return "there are no clips to choose from".into();
+    /// That the clip `wanted` is none of `clips`.
+    pub(crate) fn unknown_clip(file: &Path, wanted: &str, clips: &[String]) -> Self {
+        let listed: Vec<String> = clips.iter().enumerate().map(|(i, name)| format!("{i} {name:?}")).collect();
+        let expected = match &listed[..] {
+            [] => "none to be chosen, as there are none".to_owned(),
+            listed => format!("one of {}", listed.join(", ")),
+        };
+        Problem::new("clips", format!("no clip {wanted:?}"), expected).in_file(file)
     }
-    let listed: Vec<String> = clips.iter().enumerate().map(|(i, name)| format!("{i} {name:?}")).collect();
-    format!("there are: {}", listed.join(", "))
 }
 
 /// How many vertices or triangles there may be.

@@ -2,7 +2,7 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use crate::error::LoadError;
+use crate::error::{LoadError, Problem};
 
 /// The path that a relative name stands for, if that stays below the folder it is relative to.
 pub(crate) fn below_folder(name: &str) -> Option<PathBuf> {
@@ -23,21 +23,19 @@ pub(crate) fn below_folder(name: &str) -> Option<PathBuf> {
 pub(crate) fn read_beside(file: &Path, relative: &Path) -> Result<Vec<u8>, LoadError> {
     let folder = file.parent().unwrap_or(Path::new(""));
     let named = folder.join(relative);
-    let io = |source| LoadError::Io { file: named.clone(), source };
     let home = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-    let home = home.canonicalize().map_err(io)?;
-    if !named.canonicalize().map_err(io)?.starts_with(home) {
+    let home = home.canonicalize().map_err(LoadError::io(&named))?;
+    if !named.canonicalize().map_err(LoadError::io(&named))?.starts_with(home) {
         let found = "a link that leads out of the folder of the file that names it";
-        return Err(LoadError::unsupported(&named, found));
+        return Err(Problem::new("path", found, "a file below that folder").in_file(&named));
     }
     read_file(&named)
 }
 
 /// Reads a whole regular file. (Anything else, such as a device, may never end.)
 pub(crate) fn read_file(file: &Path) -> Result<Vec<u8>, LoadError> {
-    let io = |source| LoadError::Io { file: file.to_owned(), source };
-    if !std::fs::metadata(file).map_err(io)?.is_file() {
+    if !std::fs::metadata(file).map_err(LoadError::io(file))?.is_file() {
         return Err(LoadError::unsupported(file, "not a regular file"));
     }
-    std::fs::read(file).map_err(io)
+    std::fs::read(file).map_err(LoadError::io(file))
 }

@@ -101,7 +101,7 @@ pub(crate) fn parse(
     if let Some(wanted) = options.clip {
         let by_number = || wanted.parse().ok().filter(|&number: &usize| number < clips.len());
         let Some(found) = clips.iter().position(|name| name == wanted).or_else(by_number) else {
-            return Err(LoadError::unknown_clip(file, wanted, clips));
+            return Err(LoadError::unknown_clip(file, wanted, &clips));
         };
         chosen = found;
     }

@@ -6,8 +6,7 @@ use glam::DVec3;
 
 use crate::error::LoadError;
 use crate::files::read_file;
-use crate::mesh_file::{self, is_mesh_file};
-use crate::{Animation, aff, gltf, sequence};
+use crate::{Animation, aff, gltf, mesh_file, sequence};
 
 /// What of a file is loaded, and relative to which point; by default all of it, as it stands there.
 #[derive(Clone, Copy, Debug)]
@@ -65,26 +64,20 @@ impl Default for LoadOptions<'_> {
 /// include each other in a circle, or so often that the scene outgrows them; if `path` is nothing
 /// of the kind, or does not have the clip.
 pub fn load(path: &Path, options: &LoadOptions<'_>) -> Result<Box<dyn Animation>, LoadError> {
-    let kind = std::fs::metadata(path).map_err(|source| LoadError::Io { file: path.to_owned(), source })?;
-    let unsupported = |found: &str| Err(LoadError::unsupported(path, found));
+    let kind = std::fs::metadata(path).map_err(LoadError::io(path))?;
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     match &*extension {
         _ if kind.is_dir() => {
             no_clip(path, options)?;
             Ok(Box::new(sequence::load(path, options.origin)?))
         }
-        _ if !kind.is_file() => unsupported("not a regular file"),
         "aff" => {
             no_clip(path, options)?;
             Ok(Box::new(aff::load(path, options.origin)?))
         }
-        "glb" | "gltf" => parse(path, &read_file(path)?, options),
-        _ if is_mesh_file(path) => {
-            no_clip(path, options)?;
-            parse(path, &read_file(path)?, options)
-        }
-        "" => unsupported("a file without extension"),
-        _ => unsupported(&format!("a .{extension} file")),
+        "glb" | "gltf" | "obj" | "ply" | "stl" => parse(path, &read_file(path)?, options),
+        "" => Err(LoadError::unsupported(path, "a file without extension")),
+        _ => Err(LoadError::unsupported(path, &format!("a .{extension} file"))),
     }
 }
 
@@ -104,8 +97,7 @@ pub fn parse(file: &Path, bytes: &[u8], options: &LoadOptions<'_>) -> Result<Box
 
 /// Refuses a clip of something without clips.
 fn no_clip(file: &Path, options: &LoadOptions<'_>) -> Result<(), LoadError> {
-    let unknown = |wanted: &str| Err(LoadError::unknown_clip(file, wanted, Vec::new()));
-    options.clip.map_or(Ok(()), unknown)
+    options.clip.map_or(Ok(()), |wanted| Err(LoadError::unknown_clip(file, wanted, &[])))
 }
 
 /// The middle of the box around all finite positions at time 0, in whole units: an origin for

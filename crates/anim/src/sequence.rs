@@ -35,10 +35,10 @@ pub(crate) fn load(directory: &Path, origin: DVec3) -> Result<KeyFrames, LoadErr
 
 /// The mesh files of `directory` in natural order.
 fn mesh_files(directory: &Path) -> Result<Vec<PathBuf>, LoadError> {
-    let io = |source| LoadError::Io { file: directory.to_owned(), source };
+    let io = LoadError::io(directory);
     let mut files = Vec::new();
-    for entry in std::fs::read_dir(directory).map_err(io)? {
-        let file = entry.map_err(io)?.path();
+    for entry in std::fs::read_dir(directory).map_err(&io)? {
+        let file = entry.map_err(&io)?.path();
         // Hidden files are what some systems leave beside the real ones.
         let hidden = file.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
         // A frame that cannot be read must not be missed out, so that what is no folder is tried.

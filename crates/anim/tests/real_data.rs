@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use anim::glam::Vec3;
-use anim::{Animation, LoadError, LoadOptions, load};
+use anim::{Animation, LoadOptions, load};
 
 fn data(path: &str) -> Option<PathBuf> {
     let Some(root) = std::env::var_os("PIVOT_DATA").filter(|d| !d.is_empty()) else {
@@ -164,8 +164,8 @@ fn every_clip_of_the_fox() {
     for clip in ["Survey", "Walk", "Run", "0", "1", "2"] {
         check(&*load(clip).unwrap(), clip);
     }
-    let Err(LoadError::UnknownClip { clips, .. }) = load("Fly") else { panic!("there is no such clip") };
-    assert_eq!(clips, ["Survey", "Walk", "Run"]);
+    let message = load("Fly").err().expect("there is no such clip").to_string();
+    assert!(message.ends_with(r#"expected one of 0 "Survey", 1 "Walk", 2 "Run""#), "{message}");
 }
 
 #[test]

@@ -69,8 +69,7 @@ pub(super) struct AffLight {
 
 /// Reads a scene relative to `origin`; only the camera is left as it stands in the file.
 pub(super) fn read(root: &Path, origin: DVec3) -> Result<Scene, LoadError> {
-    let io = |source| LoadError::Io { file: root.to_owned(), source };
-    let canonical = root.canonicalize().map_err(io)?;
+    let canonical = root.canonicalize().map_err(LoadError::io(root))?;
     let mut reader = Reader {
         folder: canonical.parent().unwrap_or(Path::new("/")).to_owned(),
         frame: Frame { node: None, fixed: DAffine3::from_translation(DVec3::ZERO - origin) },

@@ -470,7 +470,7 @@ fn clips_by_name_and_number() {
         [1.0, 1.0, 1.0, 3.0, 3.0]
     );
     let message = document.load_clip(&rest, Some("2")).err().unwrap().to_string();
-    assert_eq!(message, r#"inline.gltf: no clip "2"; there are: 0 "Walk", 1 "Run""#);
+    assert_eq!(message, r#"inline.gltf: clips: found no clip "2", expected one of 0 "Walk", 1 "Run""#);
 }
 
 #[test]
