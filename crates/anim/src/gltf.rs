@@ -30,12 +30,13 @@ use ::gltf::json::validation::Checked;
 use ::gltf::json::{Index, Mesh, Root};
 use glam::{Affine3A, DVec3, Mat3A, Vec2, Vec3};
 
-use self::accessor::{ALL, Accessors, BYTES_PER_TRIANGLE, BYTES_PER_VERTEX, Budget};
+use self::accessor::{ALL, Accessors};
 use self::material::{Mapping, add_textures, material_of, materials};
 use self::nodes::{Channels, Far, Nodes, affine, node_name, target_count};
 use self::primitive::Geometry;
 use self::seen::{Camera, LightSource};
 use self::track::Track;
+use crate::budget::Budget;
 use crate::error::{LoadError, NUMBERED, Problem, numbered};
 use crate::{Animation, Light, LoadOptions, Motion, PoseStats, Topology, View};
 
@@ -94,7 +95,9 @@ pub(crate) fn parse(
     options: &LoadOptions<'_>,
 ) -> Result<GltfAnimation, LoadError> {
     let (root, buffers) = source::open(file, bytes)?;
-    let size = buffers.iter().fold(bytes.len(), |size, buffer| size.saturating_add(buffer.len()));
+    let budget = Budget::default();
+    budget.allow_for(bytes.len());
+    buffers.iter().for_each(|buffer| budget.allow_for(buffer.len()));
     let clips: Vec<String> =
         root.animations.iter().map(|clip| clip.name.clone().unwrap_or_default()).collect();
     let mut chosen = 0;
@@ -105,7 +108,6 @@ pub(crate) fn parse(
         };
         chosen = found;
     }
-    let budget = Budget::for_input(size as u64);
     let accessors = Accessors { root: &root, buffers: &buffers, file, budget, textures: options.textures };
     let far = match options.origin {
         DVec3::ZERO => Ok(None),
@@ -254,8 +256,8 @@ impl<'a> Loader<'a> {
             triangles.to_mut().iter_mut().for_each(|corners| corners.swap(1, 2));
         }
         let vertices = geometry.positions.len();
-        let bytes = vertices * BYTES_PER_VERTEX + triangles.len() * BYTES_PER_TRIANGLE + name.len();
-        self.accessors.budget.spend(bytes as u64, place)?;
+        self.accessors.budget.spend(name.len() as u64, place)?;
+        self.accessors.budget.spend_on(vertices, triangles.len(), place)?;
         let (motion, vertex_moves) = animation.motion_of(&instance);
         instance.motion = motion;
         let too_large = || Problem::new(place, "too many vertices or triangles in all", NUMBERED);

@@ -12,6 +12,7 @@
 
 mod aff;
 mod animation;
+mod budget;
 mod error;
 mod files;
 mod gltf;

@@ -9,6 +9,7 @@ use glam::{DAffine3, DQuat, DVec3, Vec3};
 use super::geometry::{Frame, Patch, PatchKey, Shape, Source, cone, sphere};
 use super::tokens::Tokens;
 use super::track::{FEWEST_KEYS, Key, Spline, Track};
+use crate::budget::Budget;
 use crate::error::{LoadError, NUMBERED, Problem};
 use crate::files::read_file;
 use crate::rotation::about;
@@ -16,16 +17,12 @@ use crate::{Material, Topology};
 
 /// Files that may include each other in a row.
 const DEEPEST_INCLUDE: usize = 64;
-/// A scene may take this many bytes, whatever its files are like, ...
-const ALWAYS_ALLOWED: usize = 1 << 30;
-/// ... and this many times the bytes of its files, each counted once.
-const LARGEST_GROWTH: usize = 512;
-/// Bytes that a vertex or a triangle takes in a whole program: its coordinates and the tree over
-/// it.
-const BYTES_PER_ELEMENT: usize = 120;
 /// Bytes that a statement stands for, beyond the triangles it makes. Most of it is time: to find a
 /// file, say.
-const COST_OF_STATEMENT: usize = 512;
+const COST_OF_STATEMENT: u64 = 512;
+
+/// The place of what no line alone is to blame for.
+const WHOLE_SCENE: &str = "whole scene";
 
 /// The name of a track.
 pub(super) type Name = Arc<[u8]>;
@@ -87,9 +84,7 @@ struct Reader {
     texts: HashMap<PathBuf, Arc<[u8]>>,
     /// The file being read, and those that include it.
     open: Vec<PathBuf>,
-    distinct_bytes: usize,
-    /// All text read so far, repeated or not, and what its statements cost.
-    bytes: usize,
+    budget: Budget,
     detail: usize,
     /// Stays as it is set from one file to the next.
     material: u32,
@@ -104,19 +99,19 @@ impl Reader {
     fn read(&mut self, file: &Path, canonical: PathBuf) -> Result<(), LoadError> {
         if !self.texts.contains_key(&canonical) {
             let text = read_file(file)?;
-            self.distinct_bytes += text.len();
+            self.budget.allow_for(text.len());
             self.texts.insert(canonical.clone(), text.into());
         }
         let text = Arc::clone(&self.texts[&canonical]);
-        self.bytes += text.len();
         self.open.push(canonical);
         let part = file.file_stem().unwrap_or_default().to_string_lossy();
         let in_file = |problem: Problem| problem.in_file(file);
+        self.budget.spend(text.len() as u64, WHOLE_SCENE).map_err(in_file)?;
         let mut tokens = Tokens::new(&text);
         // Braces close in the file that opens them.
         let depth = self.outer.len();
         while let Some(word) = tokens.next() {
-            self.bytes += COST_OF_STATEMENT;
+            self.budget.spend(COST_OF_STATEMENT, WHOLE_SCENE).map_err(in_file)?;
             match word {
                 b"i" => {
                     if let Some((included, canonical)) = self.include(&mut tokens, file).map_err(in_file)? {
@@ -128,11 +123,6 @@ impl Reader {
                 }
                 _ => self.statement(word, &mut tokens, &part).map_err(in_file)?,
             }
-            if self.size() > ALWAYS_ALLOWED.saturating_add(LARGEST_GROWTH.saturating_mul(self.distinct_bytes))
-            {
-                let expected = format!("a scene at most {LARGEST_GROWTH} times as large as its files");
-                return Err(in_file(tokens.because("a scene that outgrows its files", expected)));
-            }
         }
         if self.outer.len() > depth {
             return Err(in_file(tokens.problem(None, "\"}\"")));
@@ -140,12 +130,6 @@ impl Reader {
         self.open.pop();
         self.scene.disordered += tokens.disordered;
         Ok(())
-    }
-
-    /// About the bytes read and made so far.
-    fn size(&self) -> usize {
-        let elements = self.scene.positions.len() + self.scene.topology.triangles.len();
-        self.bytes.saturating_add(elements.saturating_mul(BYTES_PER_ELEMENT))
     }
 
     /// `part` is the name of the parts that triangles go to.
@@ -299,6 +283,7 @@ impl Reader {
         triangles: &[[u32; 3]],
         patch: Option<Patch>,
     ) -> Result<(), Problem> {
+        self.budget.spend_on(vertices, triangles.len(), WHOLE_SCENE)?;
         let Self { scene: Scene { topology, sources, .. }, frame, material, .. } = self;
         let last = topology.parts.pop_if(|part| {
             sources.last().is_some_and(|source| {
@@ -308,7 +293,7 @@ impl Reader {
                     && source.patches.is_empty() == patch.is_none()
             })
         });
-        let too_large = || Problem::new("whole scene", "too many vertices or triangles", NUMBERED);
+        let too_large = || Problem::new(WHOLE_SCENE, "too many vertices or triangles", NUMBERED);
         let part =
             topology.add_part(name.to_owned(), triangles, vertices, *material).ok_or_else(too_large)?;
         match last {

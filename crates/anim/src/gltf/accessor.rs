@@ -1,7 +1,6 @@
 //! Checked reading of glTF accessors: strided, sparse, quantised. Nothing the file says is believed
 //! before it has been held against the bytes that are there.
 
-use std::cell::Cell;
 use std::path::Path;
 
 use ::gltf::json::accessor::{ComponentType, Type};
@@ -9,49 +8,8 @@ use ::gltf::json::validation::Checked;
 use ::gltf::json::{Accessor, Index, Root, buffer};
 
 use super::source::Bytes;
+use crate::budget::Budget;
 use crate::error::{Problem, numbered};
-
-/// Bytes that may be taken however small the file is.
-const FREE_BYTES: u64 = 1 << 30;
-/// Bytes of a vertex and of a triangle in a whole program that shows them: positions, normals and
-/// their copies; the tree, its primitives and its builder.
-pub(super) const BYTES_PER_VERTEX: usize = 100;
-pub(super) const BYTES_PER_TRIANGLE: usize = 120;
-/// Decoded bytes allowed for every byte of the file and its buffers.
-const BYTES_PER_BYTE: u64 = 256;
-
-/// How much more may be decoded. Instancing and accessors without bytes let a small file declare
-/// any amount of geometry, so memory is limited to a multiple of the size of the input.
-pub(super) struct Budget {
-    spent: Cell<u64>,
-    limit: Cell<u64>,
-}
-
-impl Budget {
-    pub(super) fn for_input(bytes: u64) -> Self {
-        let budget = Self { spent: Cell::new(0), limit: Cell::new(FREE_BYTES) };
-        budget.allow_for(bytes);
-        budget
-    }
-
-    /// Allows for more bytes of input.
-    pub(super) fn allow_for(&self, bytes: u64) {
-        self.limit.set(self.limit.get().saturating_add(bytes.saturating_mul(BYTES_PER_BYTE)));
-    }
-
-    pub(super) fn left(&self) -> u64 {
-        self.limit.get() - self.spent.get()
-    }
-
-    pub(super) fn spend(&self, bytes: u64, place: &str) -> Result<(), Problem> {
-        if bytes > self.left() {
-            let expected = format!("at most {} bytes in all for a file of this size", self.limit.get());
-            return Err(Problem::new(place, format!("{bytes} more bytes of decoded data"), expected));
-        }
-        self.spent.set(self.spent.get() + bytes);
-        Ok(())
-    }
-}
 
 /// The accessors of one document.
 pub(super) struct Accessors<'a> {

@@ -209,7 +209,7 @@ impl Textures<'_> {
                     self.unreadable.push(one_line(uri));
                     return Ok(None);
                 };
-                accessors.budget.allow_for(bytes.len() as u64);
+                accessors.budget.allow_for(bytes.len());
                 decode(&bytes, accessors, place)
             }
             (None, Some(view)) => decode(accessors.view(view, place)?, accessors, place),

@@ -1,0 +1,49 @@
+//! How much memory a file may take.
+
+use std::cell::Cell;
+
+use crate::error::Problem;
+
+/// Bytes that may be taken however small the file is.
+const FREE_BYTES: u64 = 1 << 30;
+/// Bytes allowed for every byte of the file and of those that it names, each counted once.
+const BYTES_PER_BYTE: u64 = 256;
+/// Bytes of a vertex and of a triangle in a whole program that shows them: positions, normals and
+/// their copies; the tree, its primitives and its builder.
+const BYTES_PER_VERTEX: u64 = 100;
+const BYTES_PER_TRIANGLE: u64 = 120;
+
+/// The bytes that may still be taken. Instancing, includes and accessors without bytes let a small
+/// file declare any amount of geometry, so memory is limited to a multiple of the size of the
+/// input.
+pub(crate) struct Budget(Cell<u64>);
+
+impl Default for Budget {
+    fn default() -> Self {
+        Self(Cell::new(FREE_BYTES))
+    }
+}
+
+impl Budget {
+    /// Allows for more bytes of input.
+    pub(crate) fn allow_for(&self, bytes: usize) {
+        self.0.set(self.0.get().saturating_add((bytes as u64).saturating_mul(BYTES_PER_BYTE)));
+    }
+
+    pub(crate) fn left(&self) -> u64 {
+        self.0.get()
+    }
+
+    pub(crate) fn spend(&self, bytes: u64, place: &str) -> Result<(), Problem> {
+        let left = self.left().checked_sub(bytes).ok_or_else(|| {
+            let expected = format!("at most {} more for files of this size", self.left());
+            Problem::new(place, format!("{bytes} bytes of decoded data"), expected)
+        })?;
+        self.0.set(left);
+        Ok(())
+    }
+
+    pub(crate) fn spend_on(&self, vertices: usize, triangles: usize, place: &str) -> Result<(), Problem> {
+        self.spend(vertices as u64 * BYTES_PER_VERTEX + triangles as u64 * BYTES_PER_TRIANGLE, place)
+    }
+}
