@@ -60,19 +60,16 @@ fn mesh_files(directory: &Path) -> Result<Vec<PathBuf>, LoadError> {
 /// What names are compared by: runs of digits by the number they stand for, which is greater if it
 /// is longer without leading zeros, and everything else by character.
 fn natural_order(name: &str) -> Vec<(char, usize, String)> {
-    let (mut rest, mut order) = (name, Vec::new());
-    while let Some(first) = rest.chars().next() {
-        let behind = rest.trim_start_matches(|c: char| c.is_ascii_digit());
-        if behind.len() < rest.len() {
-            let number = rest[..rest.len() - behind.len()].trim_start_matches('0');
-            order.push(('0', number.len(), number.to_owned()));
-            rest = behind;
-        } else {
-            order.push((first, 0, String::new()));
-            rest = &rest[first.len_utf8()..];
+    let chars: Vec<char> = name.chars().collect();
+    let runs = chars.chunk_by(|a, b| a.is_ascii_digit() && b.is_ascii_digit());
+    let order = runs.map(|run| match run[0] {
+        '0'..='9' => {
+            let number: String = run.iter().skip_while(|&&digit| digit == '0').collect();
+            ('0', number.len(), number)
         }
-    }
-    order
+        other => (other, 0, String::new()),
+    });
+    order.collect()
 }
 
 /// What a key frame has otherwise than the first.
