@@ -19,9 +19,7 @@ mod source;
 mod tests;
 mod track;
 
-use std::borrow::Cow;
 use std::collections::HashMap;
-use std::collections::hash_map::Entry;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -208,15 +206,13 @@ impl<'a> Loader<'a> {
             let mesh_name = mesh.name.as_deref().unwrap_or_default();
             let place = format!("mesh {mesh_number} {mesh_name:?}, primitive {number}");
             let material = material_of(primitive, root, &place)?;
-            let geometry = match self.decoded.entry((mesh_number, number)) {
-                Entry::Occupied(known) => known.get().clone(),
-                Entry::Vacant(unknown) => {
-                    let mapping = Mapping::of(root, material);
-                    let read = Geometry::read(primitive, mapping.as_ref(), self.accessors, &place)?;
-                    unknown.insert(read.map(Arc::new)).clone()
-                }
-            };
-            let Some(geometry) = geometry else {
+            let key = (mesh_number, number);
+            if !self.decoded.contains_key(&key) {
+                let mapping = Mapping::of(root, material);
+                let read = Geometry::read(primitive, mapping.as_ref(), self.accessors, &place)?;
+                self.decoded.insert(key, read.map(Arc::new));
+            }
+            let Some(geometry) = self.decoded[&key].clone() else {
                 self.left_out += 1;
                 continue;
             };
@@ -251,22 +247,22 @@ impl<'a> Loader<'a> {
     ) -> Result<(), Problem> {
         let animation = &mut self.animation;
         let geometry = Arc::clone(&instance.geometry);
-        let mut triangles = Cow::Borrowed(&geometry.triangles);
-        if animation.is_mirrored(&instance) {
-            triangles.to_mut().iter_mut().for_each(|corners| corners.swap(1, 2));
-        }
+        let is_mirrored = animation.is_mirrored(&instance);
         let vertices = geometry.positions.len();
         self.accessors.budget.spend(name.len() as u64, place)?;
-        self.accessors.budget.spend_on(vertices, triangles.len(), place)?;
+        self.accessors.budget.spend_on(vertices, geometry.triangles.len(), place)?;
         let (motion, vertex_moves) = animation.motion_of(&instance);
         instance.motion = motion;
         let too_large = || Problem::new(place, "too many vertices or triangles in all", NUMBERED);
         let topology = &mut animation.topology;
-        let part = topology.add_part(name, &triangles, vertices, material).ok_or_else(too_large)?;
+        let part = topology.add_part(name, &geometry.triangles, vertices, material).ok_or_else(too_large)?;
         part.motion = motion;
         let first = part.triangles.start as usize;
-        for (moves, corners) in topology.moves[first..].iter_mut().zip(&*triangles) {
+        for (moves, corners) in topology.moves[first..].iter_mut().zip(&geometry.triangles) {
             *moves = corners.iter().any(|&corner| vertex_moves[corner as usize]);
+        }
+        if is_mirrored {
+            topology.triangles[first..].iter_mut().for_each(|corners| corners.swap(1, 2));
         }
         if let Some(texcoords) = &geometry.texcoords {
             topology.texcoords.resize(instance.first_vertex, Vec2::ZERO);

@@ -94,12 +94,6 @@ impl KeyFrames {
         Ok(Self { topology, rest, moving, frames, seconds_per_frame, loop_mode, notes: Vec::new() })
     }
 
-    /// Number of vertices that move.
-    #[must_use]
-    pub fn moving_vertex_count(&self) -> usize {
-        self.frames[0].len()
-    }
-
     /// The key frame at or before `time`, and how far it is on the way to the next, in [0, 1).
     fn position_in_time(&self, time: f64) -> (usize, f32) {
         let last = (self.frames.len() - 1) as f64;
@@ -176,7 +170,7 @@ impl KeyFrames {
                 }
             }
         }
-        self.moving_vertex_count()
+        self.frames[frame].len()
     }
 }
 
@@ -274,7 +268,7 @@ mod tests {
         let frames = vec![frame(0.0), frame(1.0), frame(3.0)];
         let animation = KeyFrames::new(topology(), frames, 0.5, LoopMode::Restart).unwrap();
         assert_eq!(animation.duration(), 1.0);
-        assert_eq!(animation.moving_vertex_count(), 2);
+        assert_eq!(animation.frames[0].len(), 2);
         assert_eq!(animation.topology().moves, [false, true]);
         assert!(animation.topology().parts[0].motion.is_still());
         assert!(animation.topology().parts[1].motion.key_frames);
