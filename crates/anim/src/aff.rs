@@ -85,7 +85,7 @@ impl AffAnimation {
         let light = lights.into_iter().next();
         let light = light.map(|light| AffLight { frame: place(&places, light.frame), color, ..light });
         let light_track = light.as_ref().and_then(|light| tracks.get(light.track.as_ref()?).cloned());
-        let camera_track = tracks.remove(&b"camera"[..]);
+        let camera_track = tracks.remove("camera");
         let moving = moving_parts(&mut topology, &mut rest, sources, &places);
 
         // From start to end as the file says, or else as long as anything has keys.

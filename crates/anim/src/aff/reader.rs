@@ -7,7 +7,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 
 use super::geometry::{Frame, Patch, PatchKey, Shape, Source, cone, sphere};
-use super::tokens::Tokens;
+use super::tokens::{Tokens, spaced};
 use super::track::{FEWEST_KEYS, Key, Spline, Track};
 use crate::budget::Budget;
 use crate::error::{LoadError, NUMBERED, Problem};
@@ -25,7 +25,7 @@ const COST_OF_STATEMENT: u64 = 512;
 const WHOLE_SCENE: &str = "whole scene";
 
 /// The name of a track.
-pub(super) type Name = Arc<[u8]>;
+pub(super) type Name = Arc<str>;
 
 /// All that the files say, with motion still by name.
 #[derive(Default)]
@@ -81,7 +81,7 @@ pub(super) fn read(root: &Path, origin: DVec3) -> Result<Scene, LoadError> {
 struct Reader {
     /// Nothing outside is included.
     folder: PathBuf,
-    texts: HashMap<PathBuf, Arc<[u8]>>,
+    texts: HashMap<PathBuf, Arc<str>>,
     /// The file being read, and those that include it.
     open: Vec<PathBuf>,
     budget: Budget,
@@ -100,7 +100,7 @@ impl Reader {
         if !self.texts.contains_key(&canonical) {
             let text = read_file(file)?;
             self.budget.allow_for(text.len());
-            self.texts.insert(canonical.clone(), text.into());
+            self.texts.insert(canonical.clone(), spaced(&text).into());
         }
         let text = Arc::clone(&self.texts[&canonical]);
         self.open.push(canonical);
@@ -113,12 +113,12 @@ impl Reader {
         while let Some(word) = tokens.next() {
             self.budget.spend(COST_OF_STATEMENT, WHOLE_SCENE).map_err(in_file)?;
             match word {
-                b"i" => {
+                "i" => {
                     if let Some((included, canonical)) = self.include(&mut tokens, file).map_err(in_file)? {
                         self.read(&included, canonical)?;
                     }
                 }
-                b"}" if self.outer.len() == depth => {
+                "}" if self.outer.len() == depth => {
                     return Err(in_file(tokens.problem(Some(word), "a statement, as no brace is open")));
                 }
                 _ => self.statement(word, &mut tokens, &part).map_err(in_file)?,
@@ -133,51 +133,51 @@ impl Reader {
     }
 
     /// `part` is the name of the parts that triangles go to.
-    fn statement(&mut self, word: &[u8], tokens: &mut Tokens<'_>, part: &str) -> Result<(), Problem> {
+    fn statement(&mut self, word: &str, tokens: &mut Tokens<'_>, part: &str) -> Result<(), Problem> {
         match word {
-            b"xs" | b"x" => self.transform(tokens, word == b"x")?,
-            b"}" => self.frame = self.outer.pop().unwrap_or_default(),
-            b"v" => self.scene.camera = Some(camera(tokens)?),
-            b"l" => self.light(tokens, None)?,
-            b"la" => {
+            "xs" | "x" => self.transform(tokens, word == "x")?,
+            "}" => self.frame = self.outer.pop().unwrap_or_default(),
+            "v" => self.scene.camera = Some(camera(tokens)?),
+            "l" => self.light(tokens, None)?,
+            "la" => {
                 let name = tokens.word("the name of a light")?.into();
                 self.light(tokens, Some(name))?;
             }
-            b"a" => self.scene.time = Some(time_span(tokens)?),
+            "a" => self.scene.time = Some(time_span(tokens)?),
             // Colours of the background and of the light from everywhere.
-            b"b" | b"am" => tokens.skip_numbers(3)?,
-            b"f" => {
+            "b" | "am" => tokens.skip_numbers(3)?,
+            "f" => {
                 let [red, green, blue, diffuse, specular, _, _, _] = tokens.numbers()?;
                 let color = DVec3::new(red, green, blue);
                 self.set_material(color * diffuse, color * specular);
             }
-            b"fm" => {
+            "fm" => {
                 tokens.skip_numbers(3)?;
                 let (diffuse, specular) = (tokens.vector()?, tokens.vector()?);
                 tokens.skip_numbers(3)?;
                 self.set_material(diffuse, specular);
             }
-            b"d" => self.detail = tokens.count("a level of detail")?,
-            b"k" => self.track(tokens)?,
-            b"s" => {
+            "d" => self.detail = tokens.count("a level of detail")?,
+            "k" => self.track(tokens)?,
+            "s" => {
                 let (center, radius) = (tokens.vector()?, tokens.number()?);
                 self.add(sphere(center, radius.abs()), part)?;
             }
-            b"c" => {
+            "c" => {
                 let base = (tokens.vector()?, tokens.number()?.abs());
                 let apex = (tokens.vector()?, tokens.number()?.abs());
                 self.add(cone(base, apex), part)?;
             }
-            b"p" | b"pp" => {
+            "p" | "pp" => {
                 let count = tokens.count_from(3, "vertices")?;
-                self.add(fan(tokens, count, if word == b"p" { 0 } else { 3 })?, part)?;
+                self.add(fan(tokens, count, if word == "p" { 0 } else { 3 })?, part)?;
             }
-            b"tt" | b"ttp" => {
+            "tt" | "ttp" => {
                 tokens.word("the name of a texture")?;
-                self.add(fan(tokens, 3, if word == b"tt" { 2 } else { 5 })?, part)?;
+                self.add(fan(tokens, 3, if word == "tt" { 2 } else { 5 })?, part)?;
             }
-            b"tpa" => self.animated_triangle(tokens, part)?,
-            b"m" => self.add(mesh(tokens)?, part)?,
+            "tpa" => self.animated_triangle(tokens, part)?,
+            "m" => self.add(mesh(tokens)?, part)?,
             found => {
                 let known =
                     "a statement: a, am, b, c, d, f, fm, i, k, l, la, m, p, pp, s, tpa, tt, ttp, v, x or xs";
@@ -194,11 +194,8 @@ impl Reader {
         if level > self.detail {
             return Ok(None);
         }
-        let problem = |found: &str, expected: &str| {
-            tokens.because(format!("{found} {:?}", String::from_utf8_lossy(name)), expected)
-        };
-        let text = str::from_utf8(name).map_err(|_| problem("include of", "a name in UTF-8"))?;
-        let included = file.parent().unwrap_or(Path::new("")).join(text);
+        let problem = |found: &str, expected: &str| tokens.because(format!("{found} {name:?}"), expected);
+        let included = file.parent().unwrap_or(Path::new("")).join(name);
         // A file that is not there has no canonical path either.
         let canonical = included.canonicalize().map_err(|source| {
             problem(&format!("include of a file that cannot be read ({source})"), "a file")
@@ -314,11 +311,11 @@ impl Reader {
         let mut track = Track::default();
         loop {
             match tokens.next() {
-                Some(b"transl") => track.translation = Some(Spline(keys(tokens, Tokens::vector)?)),
-                Some(b"rot") => track.rotation = Some(Spline::of_rotations(keys(tokens, rotation)?)),
-                Some(b"scale") => track.scale = Some(Spline(keys(tokens, Tokens::vector)?)),
-                Some(b"visibility") => track.visibility = visibility(tokens)?,
-                Some(b"}") => break,
+                Some("transl") => track.translation = Some(Spline(keys(tokens, Tokens::vector)?)),
+                Some("rot") => track.rotation = Some(Spline::of_rotations(keys(tokens, rotation)?)),
+                Some("scale") => track.scale = Some(Spline(keys(tokens, Tokens::vector)?)),
+                Some("visibility") => track.visibility = visibility(tokens)?,
+                Some("}") => break,
                 found => {
                     return Err(tokens.problem(found, "transl, rot, scale, visibility or \"}\""));
                 }
@@ -342,7 +339,7 @@ fn mesh(tokens: &mut Tokens<'_>) -> Result<Shape, Problem> {
     // Numbers after the three vertices of each triangle.
     let mut after = 0;
     for (what, numbers) in [("normals", 3), ("texturecoords", 2)] {
-        if tokens.peek() == Some(what.as_bytes()) {
+        if tokens.peek() == Some(what) {
             tokens.expect(what)?;
             let count = tokens.count(&format!("a number of {what}"))?;
             if what == "texturecoords" {
@@ -405,7 +402,7 @@ fn visibility(tokens: &mut Tokens<'_>) -> Result<Vec<(f64, bool)>, Problem> {
     for _ in 0..tokens.count("a number of keys")? {
         let time = tokens.number()?;
         match tokens.next() {
-            Some(word @ (b"0" | b"1")) => keys.push((time, word == b"1")),
+            Some(word @ ("0" | "1")) => keys.push((time, word == "1")),
             found => return Err(tokens.problem(found, "0 (invisible) or 1 (visible)")),
         }
     }

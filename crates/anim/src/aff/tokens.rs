@@ -1,57 +1,53 @@
 //! The words of an AFF file: separated by white space, with braces on their own and comments left
 //! out.
 
+use std::str::{Split, SplitAsciiWhitespace};
+
 use glam::DVec3;
 
 use crate::error::Problem;
 
-/// What is left of a file. Copying it is looking ahead.
-#[derive(Clone, Copy)]
+/// A text with its braces between spaces, for [`Tokens`].
+pub(super) fn spaced(text: &[u8]) -> String {
+    String::from_utf8_lossy(text).replace('{', " { ").replace('}', " } ")
+}
+
+/// What is left of a file. Cloning it is looking ahead.
+#[derive(Clone)]
 pub(super) struct Tokens<'a> {
-    rest: &'a [u8],
+    lines: Split<'a, char>,
+    /// What is left of the line, which is number `line`, counted from 1.
+    words: SplitAsciiWhitespace<'a>,
     line: usize,
     /// Lists of keys that were not in the order of their times.
     pub(super) disordered: usize,
 }
 
 impl<'a> Tokens<'a> {
-    pub(super) fn new(text: &'a [u8]) -> Self {
-        Self { rest: text, line: 1, disordered: 0 }
+    /// The words of a text that is [`spaced`].
+    pub(super) fn new(text: &'a str) -> Self {
+        Self { lines: text.split('\n'), words: "".split_ascii_whitespace(), line: 0, disordered: 0 }
     }
 
-    /// The next word, `{` or `}`; comments run from `#` or `%` to the end of the line.
-    pub(super) fn next(&mut self) -> Option<&'a [u8]> {
-        while let Some(&byte) = self.rest.first() {
-            let until = |ends: fn(u8) -> bool| self.rest.iter().position(|&byte| ends(byte));
-            let length = match byte {
-                b'#' | b'%' => until(|byte| byte == b'\n'),
-                _ if ends_word(byte) => Some(1),
-                _ => until(ends_word),
-            };
-            let (token, rest) = self.rest.split_at(length.unwrap_or(self.rest.len()));
-            self.rest = rest;
-            self.line += usize::from(byte == b'\n');
-            if !is_space(byte) && !matches!(byte, b'#' | b'%') {
-                return Some(token);
+    /// The next word, `{` or `}`; comments run from a word that starts with `#` or `%` to the end
+    /// of the line.
+    pub(super) fn next(&mut self) -> Option<&'a str> {
+        loop {
+            if let Some(word) = self.words.next().filter(|word| !word.starts_with(['#', '%'])) {
+                return Some(word);
             }
+            self.words = self.lines.next()?.split_ascii_whitespace();
+            self.line += 1;
         }
-        None
     }
 
-    pub(super) fn peek(mut self) -> Option<&'a [u8]> {
-        self.next()
+    pub(super) fn peek(&self) -> Option<&'a str> {
+        self.clone().next()
     }
 
     /// That `found` stands where the last token was read, and not what was `expected`.
-    pub(super) fn problem(&self, found: Option<&[u8]>, expected: impl Into<String>) -> Problem {
-        const LONGEST: usize = 40;
-        let found = match found {
-            None => "the end of the file".into(),
-            Some(token) => {
-                let shown = String::from_utf8_lossy(&token[..token.len().min(LONGEST)]);
-                format!("{shown:?}{}", if token.len() > LONGEST { "..." } else { "" })
-            }
-        };
+    pub(super) fn problem(&self, found: Option<&str>, expected: impl Into<String>) -> Problem {
+        let found = found.map_or_else(|| "the end of the file".to_owned(), |word| format!("{word:?}"));
         self.because(found, expected)
     }
 
@@ -61,9 +57,9 @@ impl<'a> Tokens<'a> {
     }
 
     /// A word, such as a name.
-    pub(super) fn word(&mut self, expected: &str) -> Result<&'a [u8], Problem> {
+    pub(super) fn word(&mut self, expected: &str) -> Result<&'a str, Problem> {
         match self.next() {
-            Some(word) if !matches!(word, b"{" | b"}") => Ok(word),
+            Some(word) if !matches!(word, "{" | "}") => Ok(word),
             found => Err(self.problem(found, expected)),
         }
     }
@@ -71,7 +67,7 @@ impl<'a> Tokens<'a> {
     /// One particular word.
     pub(super) fn expect(&mut self, word: &str) -> Result<(), Problem> {
         match self.next() {
-            Some(found) if found == word.as_bytes() => Ok(()),
+            Some(found) if found == word => Ok(()),
             found => Err(self.problem(found, format!("{word:?}"))),
         }
     }
@@ -79,14 +75,12 @@ impl<'a> Tokens<'a> {
     /// A finite number.
     pub(super) fn number(&mut self) -> Result<f64, Problem> {
         let token = self.next();
-        token
-            .and_then(number)
-            .filter(|number| number.is_finite())
-            .ok_or_else(|| self.problem(token, "a finite number"))
+        let number = token.and_then(|token| token.parse().ok()).filter(|number: &f64| number.is_finite());
+        number.ok_or_else(|| self.problem(token, "a finite number"))
     }
 
     pub(super) fn next_is_number(&self) -> bool {
-        self.peek().and_then(number).is_some()
+        self.peek().is_some_and(|word| word.parse::<f64>().is_ok())
     }
 
     pub(super) fn numbers<const N: usize>(&mut self) -> Result<[f64; N], Problem> {
@@ -118,7 +112,7 @@ impl<'a> Tokens<'a> {
     /// A whole number that counts or numbers something.
     pub(super) fn count(&mut self, expected: &str) -> Result<usize, Problem> {
         let token = self.next();
-        let count = token.and_then(|token| str::from_utf8(token).ok()?.parse::<u32>().ok());
+        let count = token.and_then(|token| token.parse::<u32>().ok());
         count.map(|count| count as usize).ok_or_else(|| self.problem(token, expected))
     }
 
@@ -130,16 +124,4 @@ impl<'a> Tokens<'a> {
             count => Ok(count),
         }
     }
-}
-
-fn number(token: &[u8]) -> Option<f64> {
-    str::from_utf8(token).ok()?.parse().ok()
-}
-
-fn is_space(byte: u8) -> bool {
-    byte.is_ascii_whitespace() || byte == 0x0b
-}
-
-fn ends_word(byte: u8) -> bool {
-    is_space(byte) || matches!(byte, b'{' | b'}')
 }
