@@ -19,6 +19,7 @@ mod source;
 mod tests;
 mod track;
 
+use std::cell::RefCell;
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -106,7 +107,14 @@ pub(crate) fn parse(
         };
         chosen = found;
     }
-    let accessors = Accessors { root: &root, buffers: &buffers, file, budget, textures: options.textures };
+    let accessors = Accessors {
+        root: &root,
+        buffers: &buffers,
+        file,
+        budget,
+        textures: options.textures,
+        left_out: RefCell::default(),
+    };
     let far = match options.origin {
         DVec3::ZERO => Ok(None),
         origin => source::translations(bytes).map(|translations| Some(Far { origin, translations })),
@@ -122,9 +130,6 @@ struct Loader<'a> {
     /// Primitives by mesh and number, decoded once for all nodes that show them; `None` for those
     /// that are left out.
     decoded: HashMap<(usize, usize), Option<Arc<Geometry>>>,
-    left_out: usize,
-    /// Primitives with vertex colours, which would multiply the base colour.
-    colored: usize,
 }
 
 impl<'a> Loader<'a> {
@@ -137,13 +142,12 @@ impl<'a> Loader<'a> {
             (0..root.skins.len()).map(|skin| Skin::read(skin, accessors)).collect::<Result<Vec<_>, _>>()?;
         let topology = Topology { materials: materials(root), ..Topology::default() };
         let animation = GltfAnimation { topology, nodes, skins, ..GltfAnimation::default() };
-        let mut loader =
-            Self { animation, accessors, channels, decoded: HashMap::new(), left_out: 0, colored: 0 };
+        let mut loader = Self { animation, accessors, channels, decoded: HashMap::new() };
         for &node in &scene {
             loader.add_mesh(node)?;
         }
 
-        let Self { mut animation, channels, left_out, colored, .. } = loader;
+        let Self { mut animation, channels, .. } = loader;
         if animation.topology.triangles.is_empty() {
             let found = format!("{} nodes without triangles", scene.len());
             return Err(Problem::new("scene", found, "at least one triangle"));
@@ -162,17 +166,12 @@ impl<'a> Loader<'a> {
         if !animation.topology.texcoords.is_empty() {
             animation.topology.texcoords.resize(animation.topology.vertex_count, Vec2::ZERO);
         }
-        animation.notes = add_textures(&mut animation.topology, accessors)?;
-        for (left_out, what) in [
-            (colored, "sets of vertex colours"),
-            (channels.left_out, "animation channels for anything but transforms and weights"),
-            (left_out, "primitives of points or lines, or without positions,"),
-            (root.materials.iter().filter(|m| m.emissive_factor.0 != [0.0; 3]).count(), "emissive colours"),
-        ] {
-            if left_out > 0 {
-                animation.notes.insert(0, format!("{left_out} {what} are left out"));
-            }
-        }
+        let remarks = add_textures(&mut animation.topology, accessors)?;
+        let emissive = root.materials.iter().filter(|material| material.emissive_factor.0 != [0.0; 3]);
+        emissive.for_each(|_| accessors.leave_out("emissive colours"));
+        let left_out = accessors.left_out.take().into_iter();
+        let left_out = left_out.map(|(what, count)| format!("{count} {what} are left out"));
+        animation.notes = left_out.chain(remarks).collect();
         let unknown = |name: &&str| !source::UNDERSTOOD.contains(name);
         let unknown: Vec<_> = root.extensions_used.iter().map(String::as_str).filter(unknown).collect();
         if !unknown.is_empty() {
@@ -213,11 +212,13 @@ impl<'a> Loader<'a> {
                 self.decoded.insert(key, read.map(Arc::new));
             }
             let Some(geometry) = self.decoded[&key].clone() else {
-                self.left_out += 1;
+                self.accessors.leave_out("primitives of points or lines, or without positions,");
                 continue;
             };
             let colors = Checked::Valid(Semantic::Colors(0));
-            self.colored += usize::from(primitive.attributes.contains_key(&colors));
+            if primitive.attributes.contains_key(&colors) {
+                self.accessors.leave_out("sets of vertex colours");
+            }
             let Self { animation: GltfAnimation { nodes, skins, topology, .. }, .. } = self;
             let skin = skin.filter(|_| geometry.influences.is_some());
             let joints = skin.map_or(&[][..], |skin| &skins[skin].joints);

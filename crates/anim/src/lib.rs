@@ -33,4 +33,4 @@ pub use load::{LoadOptions, center, load, parse};
 pub use mesh_file::is_mesh_file;
 pub use normals::vertex_normals;
 pub use pose::{Pose, PoseStats, Work};
-pub use texture::{Filter, Image, Texture, Wrap};
+pub use texture::{Filter, Texture, Wrap};

@@ -2,24 +2,6 @@
 
 use std::sync::Arc;
 
-/// Colours and opacities in rows from the top, each row from the left. Cheap to clone.
-#[derive(Clone, PartialEq, Eq)]
-pub struct Image {
-    /// Texels in a row, at least 1.
-    pub width: u32,
-    /// Rows, at least 1.
-    pub height: u32,
-    /// Red, green and blue in sRGB, and linear opacity: `width * height` of them.
-    pub texels: Arc<[[u8; 4]]>,
-}
-
-/// Its size; the texels would fill the screen.
-impl std::fmt::Debug for Image {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Image({} x {})", self.width, self.height)
-    }
-}
-
 /// What continues an image beyond its edges.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wrap {
@@ -42,13 +24,28 @@ pub enum Filter {
     Linear,
 }
 
-/// An image and how it is continued between and beyond its texels.
-#[derive(Clone, Debug, PartialEq)]
+/// An image and how it is continued between and beyond its texels. Cheap to clone.
+#[derive(Clone, PartialEq, Eq)]
 pub struct Texture {
-    /// The image.
-    pub image: Image,
+    /// Texels in a row, at least 1.
+    pub width: u32,
+    /// Rows, at least 1.
+    pub height: u32,
+    /// Red, green and blue in sRGB, and linear opacity: `width * height` of them, in rows from the
+    /// top, each row from the left.
+    pub texels: Arc<[[u8; 4]]>,
+    /// The least opacity of a texel.
+    pub least_opacity: u8,
     /// Continuation to the left and right, and above and below.
     pub wrap: [Wrap; 2],
     /// What is seen between texels.
     pub filter: Filter,
+}
+
+/// Without its texels, which would fill the screen.
+impl std::fmt::Debug for Texture {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { width, height, wrap, filter, .. } = self;
+        write!(f, "Texture({width} x {height}, {wrap:?}, {filter:?})")
+    }
 }

@@ -282,14 +282,14 @@ fn textures_of_real_files() {
         let Some(path) = data(name) else { return };
         let animation = load(&path, &LoadOptions::default()).unwrap_or_else(|error| panic!("{error}"));
         let topology = animation.topology();
-        let found: Vec<_> = topology.textures.iter().map(|t| (t.image.width, t.image.height)).collect();
+        let found: Vec<_> = topology.textures.iter().map(|t| (t.width, t.height)).collect();
         assert_eq!(found, sizes, "{name}");
         assert_eq!(topology.texcoords.len(), topology.vertex_count, "{name}");
         assert!(topology.parts.iter().all(|part| {
             let material = topology.materials[part.material as usize];
             material.texture.is_some() && material.cutoff.is_none() && !material.mirror
         }));
-        let texel = topology.textures[0].image.texels[(y * sizes[0].0 + x) as usize];
+        let texel = topology.textures[0].texels[(y * sizes[0].0 + x) as usize];
         let near = (0..3).all(|k| texel[k].abs_diff(color[k]) <= 3);
         assert!(near && texel[3] == 255, "{name}: {texel:?}");
     }

@@ -219,7 +219,7 @@ fn material(material: &anim::Material) -> Material {
 }
 
 fn texture(texture: &anim::Texture) -> Texture {
-    let anim::Image { width, height, ref texels } = texture.image;
+    let anim::Texture { width, height, ref texels, .. } = *texture;
     let wrap = texture.wrap.map(|mode| match mode {
         anim::Wrap::Repeat => Wrap::Repeat,
         anim::Wrap::MirroredRepeat => Wrap::MirroredRepeat,

@@ -1,6 +1,8 @@
 //! Checked reading of glTF accessors: strided, sparse, quantised. Nothing the file says is believed
 //! before it has been held against the bytes that are there.
 
+use std::cell::RefCell;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use ::gltf::json::accessor::{ComponentType, Type};
@@ -20,6 +22,8 @@ pub(super) struct Accessors<'a> {
     pub(super) budget: Budget,
     /// Whether textures are read.
     pub(super) textures: bool,
+    /// How many of what are not shown.
+    pub(super) left_out: RefCell<BTreeMap<&'static str, usize>>,
 }
 
 /// Those elements of an accessor that are read: all without numbers, which increase. Exporters let
@@ -34,6 +38,11 @@ pub(super) struct Used<'a> {
 pub(super) const ALL: Used<'_> = Used { numbers: None, of: None };
 
 impl<'a> Accessors<'a> {
+    /// Counts `what` for a note.
+    pub(super) fn leave_out(&self, what: &'static str) {
+        *self.left_out.borrow_mut().entry(what).or_default() += 1;
+    }
+
     /// Elements of `N` floats; integers are converted, and scaled to [-1, 1] or [0, 1] if declared
     /// normalised.
     pub(super) fn floats<const N: usize>(

@@ -1,7 +1,8 @@
 //! Materials and their base colour textures (glTF 2.0 specification, sections 3.8 and 3.9).
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::io::Cursor;
+use std::sync::Arc;
 
 use ::gltf::json::extensions::texture::TextureTransform;
 use ::gltf::json::material::AlphaMode;
@@ -16,7 +17,7 @@ use super::accessor::Accessors;
 use super::source::{decode_data_uri, is_data, relative_path};
 use crate::error::{Problem, numbered, one_line};
 use crate::files::read_beside;
-use crate::{Filter, Image, Material, Texture, Topology, Wrap};
+use crate::{Filter, Material, Texture, Topology, Wrap};
 
 /// Metals at least this metallic, and no rougher than that, are mirrors. Most are somewhere
 /// between, and shown as diffuse.
@@ -100,32 +101,25 @@ pub(super) fn add_textures(
     topology: &mut Topology,
     accessors: &Accessors<'_>,
 ) -> Result<Vec<String>, Problem> {
-    let mut used: Vec<u32> = topology.parts.iter().map(|part| part.material).collect();
-    used.sort_unstable();
-    used.dedup();
+    let used: BTreeSet<u32> = topology.parts.iter().map(|part| part.material).collect();
     let root = accessors.root;
-    let mut textures =
-        Textures { accessors, images: HashMap::new(), unreadable: Vec::new(), without_image: 0 };
-    // Those in the topology, and their least opacities.
-    let mut known: HashMap<usize, Option<(u32, u8)>> = HashMap::new();
+    let mut textures = Textures { accessors, images: HashMap::new(), unreadable: Vec::new() };
+    // By number in the file, those in the topology.
+    let mut known: HashMap<usize, Option<u32>> = HashMap::new();
+    for &number in used.iter().filter(|_| accessors.textures) {
+        let Some(info) = texture_info(root, number) else { continue };
+        let index = info.index.value();
+        if !known.contains_key(&index) {
+            let read = textures.read(info.index, &format!("material {number}, texture {index}"))?;
+            known.insert(index, read.as_ref().map(|_| topology.textures.len() as u32));
+            topology.textures.extend(read);
+        }
+        topology.materials[number as usize].texture = known[&index];
+    }
     for &number in &used {
         let material = &mut topology.materials[number as usize];
-        let mut least = u8::MAX;
-        if let Some(info) = texture_info(root, number).filter(|_| accessors.textures) {
-            let texture = match known.get(&info.index.value()) {
-                Some(&texture) => texture,
-                None => {
-                    let place = format!("material {number}, texture {}", info.index);
-                    let texture = textures.read(info.index, &place)?.map(|(texture, least)| {
-                        topology.textures.push(texture);
-                        (topology.textures.len() as u32 - 1, least)
-                    });
-                    *known.entry(info.index.value()).or_insert(texture)
-                }
-            };
-            material.texture = texture.map(|(texture, _)| texture);
-            least = texture.map_or(u8::MAX, |(_, least)| least);
-        }
+        let texture = material.texture.map(|texture| &topology.textures[texture as usize]);
+        let least = texture.map_or(u8::MAX, |texture| texture.least_opacity);
         let opacity = material.opacity * f32::from(least) / 255.0;
         material.cutoff = material.cutoff.filter(|&cutoff| opacity < cutoff);
     }
@@ -136,13 +130,11 @@ pub(super) fn add_textures(
     let is_blended =
         |material: &::gltf::json::Material| matches!(material.alpha_mode, Checked::Valid(AlphaMode::Blend));
     let blended = used.iter().filter_map(|&number| root.materials.get(number as usize)).any(is_blended);
-    let Textures { unreadable, without_image, .. } = textures;
+    let unreadable = textures.unreadable;
     let notes = [
         blended.then(|| {
             "blended surfaces are not blended: they are there where at least half opaque".to_owned()
         }),
-        (without_image > 0)
-            .then(|| format!("{without_image} textures are neither PNG nor JPEG and left out")),
         unreadable.first().map(|first| {
             let count = unreadable.len();
             format!("{count} image files cannot be read, first {first:?}: surfaces keep their plain colours")
@@ -154,26 +146,20 @@ pub(super) fn add_textures(
 /// Reads textures, and each of their images once.
 struct Textures<'a> {
     accessors: &'a Accessors<'a>,
-    /// Images and their least opacities by number; `None` where the file cannot be read.
-    images: HashMap<usize, Option<(Image, u8)>>,
+    /// Images by number, as textures without a sampler; `None` where the file cannot be read.
+    images: HashMap<usize, Option<Texture>>,
     /// The files that cannot be read.
     unreadable: Vec<String>,
-    /// Textures that name no image.
-    without_image: usize,
 }
 
 impl Textures<'_> {
-    /// A texture and its least opacity; `None` without an image.
-    fn read(
-        &mut self,
-        index: Index<::gltf::json::Texture>,
-        place: &str,
-    ) -> Result<Option<(Texture, u8)>, Problem> {
+    /// `None` without an image.
+    fn read(&mut self, index: Index<::gltf::json::Texture>, place: &str) -> Result<Option<Texture>, Problem> {
         let root = self.accessors.root;
         let texture = numbered(&root.textures, index.value(), "texture", place)?;
         let source = texture.source.value();
         if source == u32::MAX as usize {
-            self.without_image += 1;
+            self.accessors.leave_out("textures that are neither PNG nor JPEG");
             return Ok(None);
         }
         if !self.images.contains_key(&source) {
@@ -181,27 +167,25 @@ impl Textures<'_> {
                 self.image(numbered(&root.images, source, "image", place)?, &format!("image {source}"))?;
             self.images.insert(source, image);
         }
-        let Some((image, least)) = self.images[&source].clone() else { return Ok(None) };
-        let (mut wrap, mut filter) = ([Wrap::Repeat; 2], Filter::Linear);
+        let Some(mut found) = self.images[&source].clone() else { return Ok(None) };
         if let Some(sampler) = texture.sampler {
             let sampler = numbered(&root.samplers, sampler.value(), "sampler", place)?;
-            wrap = [sampler.wrap_s, sampler.wrap_t].map(|mode| match mode {
+            found.wrap = [sampler.wrap_s, sampler.wrap_t].map(|mode| match mode {
                 Checked::Valid(WrappingMode::ClampToEdge) => Wrap::ClampToEdge,
                 Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::MirroredRepeat,
                 _ => Wrap::Repeat,
             });
             if let Some(Checked::Valid(MagFilter::Nearest)) = sampler.mag_filter {
-                filter = Filter::Nearest;
+                found.filter = Filter::Nearest;
             }
         }
-        Ok(Some((Texture { image, wrap, filter }, least)))
+        Ok(Some(found))
     }
 
-    /// An image and its least opacity; `None` if the file cannot be read, which is then
-    /// `unreadable`.
-    fn image(&mut self, image: &::gltf::json::Image, place: &str) -> Result<Option<(Image, u8)>, Problem> {
+    /// `None` if the file cannot be read, which is then `unreadable`.
+    fn image(&mut self, image: &::gltf::json::Image, place: &str) -> Result<Option<Texture>, Problem> {
         let accessors = self.accessors;
-        let image = match (&image.uri, image.buffer_view) {
+        match (&image.uri, image.buffer_view) {
             (Some(uri), _) if is_data(uri) => decode(&decode_data_uri(uri, place)?, accessors, place),
             (Some(uri), _) => {
                 let path = relative_path(uri, place).ok();
@@ -214,13 +198,12 @@ impl Textures<'_> {
             }
             (None, Some(view)) => decode(accessors.view(view, place)?, accessors, place),
             (None, None) => Err(Problem::new(place, "neither a uri nor a bufferView", "one of them")),
-        }?;
-        let least = image.texels.iter().map(|texel| texel[3]).min().unwrap_or(u8::MAX);
-        Ok(Some((image, least)))
+        }
+        .map(Some)
     }
 }
 
-fn decode(bytes: &[u8], accessors: &Accessors<'_>, place: &str) -> Result<Image, Problem> {
+fn decode(bytes: &[u8], accessors: &Accessors<'_>, place: &str) -> Result<Texture, Problem> {
     let wrong = |error: &dyn std::fmt::Display| Problem::new(place, error, "a PNG or JPEG image");
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| wrong(&e))?;
     let mut limits = Limits::default();
@@ -234,5 +217,8 @@ fn decode(bytes: &[u8], accessors: &Accessors<'_>, place: &str) -> Result<Image,
     let texels = u64::from(width) * u64::from(height);
     accessors.budget.spend(decoder.total_bytes().max(4 * texels), place)?;
     let texels = DynamicImage::from_decoder(decoder).map_err(|e| wrong(&e))?.into_rgba8().into_raw();
-    Ok(Image { width, height, texels: texels.as_chunks().0.into() })
+    let texels: Arc<[[u8; 4]]> = texels.as_chunks().0.into();
+    let least_opacity = texels.iter().map(|texel| texel[3]).min().unwrap_or(u8::MAX);
+    let (wrap, filter) = ([Wrap::Repeat; 2], Filter::Linear);
+    Ok(Texture { width, height, texels, least_opacity, wrap, filter })
 }

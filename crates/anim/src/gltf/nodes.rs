@@ -53,15 +53,13 @@ pub(super) struct Channels {
     pub(super) weights: Vec<Option<Track>>,
     /// Time of the last key in seconds, of all channels that move something.
     pub(super) end: f64,
-    /// Channels for something else.
-    pub(super) left_out: usize,
 }
 
 impl Channels {
     pub(super) fn read(clip: Option<&Animation>, accessors: &Accessors<'_>) -> Result<Self, Problem> {
         let count = accessors.root.nodes.len();
         let (transforms, weights) = (vec![[None, None, None]; count], vec![None; count]);
-        let mut channels = Self { transforms, weights, end: 0.0, left_out: 0 };
+        let mut channels = Self { transforms, weights, end: 0.0 };
         let Some(clip) = clip else { return Ok(channels) };
         for (number, channel) in clip.channels.iter().enumerate() {
             let place = format!("clip {:?}, channel {number}", clip.name.as_deref().unwrap_or_default());
@@ -80,7 +78,7 @@ impl Channels {
         let (root, node) = (accessors.root, channel.target.node.value());
         numbered(&root.nodes, node, "node", place)?;
         let Checked::Valid(property) = channel.target.path else {
-            self.left_out += 1;
+            accessors.leave_out("animation channels for anything but transforms and weights");
             return Ok(());
         };
         let sampler = numbered(&clip.samplers, channel.sampler.value(), "sampler", place)?;

@@ -53,20 +53,20 @@ fn images_from_a_data_uri_a_buffer_view_and_a_file() {
     let animation = document.load(&textured("", &image, "", ""));
     assert_eq!(animation.topology().texcoords, [Vec2::ZERO, Vec2::X, Vec2::Y]);
     let texture = only_texture(&animation);
-    assert_eq!((texture.image.width, texture.image.height), (2, 1));
-    assert_eq!(*texture.image.texels, TEXELS);
+    assert_eq!((texture.width, texture.height), (2, 1));
+    assert_eq!(*texture.texels, TEXELS);
     assert_eq!((texture.wrap, texture.filter), ([Wrap::Repeat; 2], Filter::Linear));
 
     let view = document.view(&png(), "");
     let in_view = format!(r#""bufferView":{view},"mimeType":"image/png""#);
-    assert_eq!(only_texture(&document.load(&textured("", &in_view, "", ""))).image, texture.image);
+    assert_eq!(only_texture(&document.load(&textured("", &in_view, "", ""))), texture);
 
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("a b.png"), png()).unwrap();
     let file = folder.path().join("model.gltf");
     std::fs::write(&file, document.json(&textured("", r#""uri":"a%20b.png""#, "", ""))).unwrap();
     let beside = crate::load(&file, &LoadOptions::default()).unwrap();
-    assert_eq!(only_texture(&*beside).image, texture.image);
+    assert_eq!(only_texture(&*beside), texture);
 }
 
 #[test]
@@ -93,7 +93,7 @@ fn textures_and_materials_share_the_texels_of_their_image() {
     let topology = animation.topology();
     let [a, b] = &topology.textures[..] else { panic!("{} textures", topology.textures.len()) };
     // Decoded once, so searched once for its least opacity.
-    assert!(Arc::ptr_eq(&a.image.texels, &b.image.texels));
+    assert!(Arc::ptr_eq(&a.texels, &b.texels));
     let cutoffs: Vec<_> = topology.materials.iter().filter_map(|m| m.cutoff).collect();
     assert_eq!(cutoffs, [0.5; 3], "each has a texel below it");
 }
