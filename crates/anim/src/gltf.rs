@@ -70,8 +70,8 @@ struct Instance {
     /// exist; such joints have no place in the scene of their own and are taken relative to the
     /// node that shows the mesh.
     node: Option<usize>,
-    /// Those of its node, if it has morph targets.
-    weights: Option<Arc<Weights>>,
+    /// Those of its node's morph targets, if it has any.
+    weights: Option<Arc<Track>>,
     /// What of all this changes.
     motion: Motion,
 }
@@ -79,12 +79,6 @@ struct Instance {
 struct Skin {
     joints: Vec<usize>,
     inverse_bind: Vec<Affine3A>,
-}
-
-/// Morph target weights of a node.
-struct Weights {
-    fixed: Vec<f32>,
-    track: Option<Track>,
 }
 
 /// Reads a clip from the `bytes` of a .gltf or .glb file, by `options`.
@@ -197,7 +191,7 @@ impl<'a> Loader<'a> {
         if let Some(skin) = skin {
             numbered(&self.animation.skins, skin, "skin", place)?;
         }
-        let weights = Weights::read(node, mesh, &mut self.channels, self.accessors)?.map(Arc::new);
+        let weights = morph_weights(node, mesh, &mut self.channels, self.accessors)?.map(Arc::new);
         let name = root.nodes[node].name.as_ref().or(mesh.name.as_ref());
         let name = name.cloned().unwrap_or_else(|| format!("node {node}"));
 
@@ -294,7 +288,7 @@ impl GltfAnimation {
                 *moves |= influences.of(vertex).iter().any(|&(joint, _)| node_moves[joints[joint as usize]]);
             }
         }
-        let weights_vary = instance.weights.as_ref().is_some_and(|weights| weights.track.is_some());
+        let weights_vary = instance.weights.as_ref().is_some_and(|weights| !weights.is_constant());
         let displaced = geometry.targets.iter().flatten().filter(|_| weights_vary);
         displaced.clone().for_each(|&(vertex, _)| moves[vertex as usize] = true);
         let (skin, morph) = (joints.iter().any(|&joint| node_moves[joint]), displaced.count() > 0);
@@ -324,8 +318,9 @@ impl GltfAnimation {
             let (geometry, motion) = (&*instance.geometry, instance.motion.and(kinds));
             let positions = &mut positions[instance.first_vertex..][..geometry.positions.len()];
             positions.copy_from_slice(&geometry.positions);
-            if let Some(of_node) = &instance.weights {
-                of_node.at(at(kinds.morph), &mut weights);
+            if let Some(track) = &instance.weights {
+                weights.resize(track.width, 0.0);
+                track.sample(at(kinds.morph), &mut weights);
                 stats.morph.add_if(motion.morph, || geometry.morph(&weights, positions));
             }
             if let (Some(skin), Some(influences)) = (instance.skin, &geometry.influences) {
@@ -474,40 +469,31 @@ impl Skin {
     }
 }
 
-impl Weights {
-    /// Weights of the mesh at `node`, from its channel, else from the node, else from the mesh,
-    /// else 0.
-    fn read(
-        node: usize,
-        mesh: &Mesh,
-        channels: &mut Channels,
-        accessors: &Accessors<'_>,
-    ) -> Result<Option<Self>, Problem> {
-        let count = target_count(accessors.root, node);
-        if count == 0 {
-            return Ok(None);
-        }
-        accessors.budget.spend((count * size_of::<f32>()) as u64, "morph target weights")?;
-        let given = accessors.root.nodes[node].weights.as_ref().or(mesh.weights.as_ref());
-        let mut fixed = given.cloned().unwrap_or_else(|| vec![0.0; count]);
-        if fixed.len() != count {
-            let (found, expected) =
-                (format!("{} weights", fixed.len()), format!("{count}, one for each morph target"));
-            return Err(Problem::new(node_name(accessors.root, node), found, expected));
-        }
-        let mut track = channels.weights[node].take();
-        if let Some(constant) = track.take_if(|track| track.is_constant()) {
-            constant.sample(0.0, &mut fixed);
-        }
-        Ok(Some(Self { fixed, track }))
+/// Morph target weights of the mesh at `node`, from its channel, else from the node, else from the
+/// mesh, else 0.
+fn morph_weights(
+    node: usize,
+    mesh: &Mesh,
+    channels: &mut Channels,
+    accessors: &Accessors<'_>,
+) -> Result<Option<Track>, Problem> {
+    let count = target_count(accessors.root, node);
+    if count == 0 {
+        return Ok(None);
     }
-
-    fn at(&self, time: f64, weights: &mut Vec<f32>) {
-        weights.clone_from(&self.fixed);
-        if let Some(track) = &self.track {
-            track.sample(time, weights);
-        }
+    accessors.budget.spend((count * size_of::<f32>()) as u64, "morph target weights")?;
+    let given = accessors.root.nodes[node].weights.as_ref().or(mesh.weights.as_ref());
+    let given = given.cloned().unwrap_or_else(|| vec![0.0; count]);
+    if given.len() != count {
+        let expected = format!("{count}, one for each morph target");
+        return Err(Problem::new(
+            node_name(accessors.root, node),
+            format!("{} weights", given.len()),
+            expected,
+        ));
     }
+    let track = channels.weights[node].take().unwrap_or_else(|| Track::constant(given));
+    Ok(Some(if track.is_constant() { Track::constant(track.value(0).to_vec()) } else { track }))
 }
 
 /// The nodes of the default scene, else of the first, else all; each once, parents before their

@@ -17,6 +17,11 @@ pub(super) struct Track {
 }
 
 impl Track {
+    /// The same numbers at all times.
+    pub(super) fn constant(values: Vec<f32>) -> Self {
+        Self { times: vec![0.0], width: values.len(), values, interpolation: Interpolation::Step }
+    }
+
     /// Whether the value is the same at all times.
     pub(super) fn is_constant(&self) -> bool {
         let same = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
@@ -82,7 +87,7 @@ impl Track {
         segment(&self.times, time, |&key| key.into())
     }
 
-    fn value(&self, key: usize) -> &[f32] {
+    pub(super) fn value(&self, key: usize) -> &[f32] {
         match self.interpolation {
             Interpolation::CubicSpline => self.tangent(key, 1),
             _ => &self.values[key * self.width..][..self.width],
