@@ -17,7 +17,7 @@ use self::geometry::{Frame, Patch, Source};
 use self::reader::{AffLight, Camera, Scene};
 use self::track::Track;
 use crate::error::{LoadError, Problem};
-use crate::{Animation, Light, Motion, PoseStats, Topology, View};
+use crate::{Animation, Light, Model, Motion, PoseStats, Topology, View};
 
 /// A scene of BART; from [`load`].
 ///
@@ -25,14 +25,11 @@ use crate::{Animation, Light, Motion, PoseStats, Topology, View};
 /// parts under animated transforms, and blends the triangles that have keys of their own linearly.
 /// It takes time linear in the numbers of transforms and of vertices that move.
 pub(crate) struct AffAnimation {
-    topology: Topology,
-    rest: Vec<Vec3>,
+    model: Model,
     moving: Vec<Moving>,
     /// The animated transforms that do move.
     nodes: Vec<(Arc<Track>, Frame)>,
     start: f64,
-    duration: f64,
-    frames: Option<usize>,
     /// What is subtracted from the coordinates of the file.
     origin: DVec3,
     camera: Option<Camera>,
@@ -41,8 +38,6 @@ pub(crate) struct AffAnimation {
     light: Option<AffLight>,
     /// The track of the light itself, if it moves.
     light_track: Option<Arc<Track>>,
-    /// Lists of keys that were put in order.
-    disordered: usize,
 }
 
 /// A part that moves: its triangles have keys of their own, or they all stay where `local` has them
@@ -95,29 +90,26 @@ impl AffAnimation {
         let keys = spans.reduce(|(a, b), (start, end)| (a.min(start), b.max(end)));
         let (start, end) = time.map(|(start, end, _)| (start, end)).or(keys).unwrap_or_default();
         let still = moving.is_empty() && tracks().next().is_none();
-        let mut animation = Self {
+        let lists = if scene.disordered == 1 { "list" } else { "lists" };
+        let note = || format!("{} {lists} of keys out of order: put in order of time", scene.disordered);
+        let model = Model {
             topology,
             rest: Vec::new(),
-            moving,
-            nodes,
-            start,
             duration: if still { 0.0 } else { (end - start).min(f64::MAX) },
+            // As the benchmark prescribes.
             frames: time.map(|(_, _, frames)| frames),
-            origin,
-            camera,
-            camera_track,
-            light,
-            light_track,
-            disordered: scene.disordered,
+            notes: (scene.disordered > 0).then(note).into_iter().collect(),
         };
+        let mut animation =
+            Self { model, moving, nodes, start, origin, camera, camera_track, light, light_track };
         animation.pose(0.0, &mut rest);
-        animation.rest = rest;
+        animation.model.rest = rest;
         animation
     }
 
     /// The time of the file's keys.
     fn key_time(&self, time: f64) -> f64 {
-        self.start + time.max(0.0).min(self.duration)
+        self.start + self.model.clamp(time)
     }
 
     /// From the coordinates under each node to the world.
@@ -174,31 +166,16 @@ fn resolve(to_world: &[DAffine3], frame: Frame) -> DAffine3 {
 }
 
 impl Animation for AffAnimation {
-    fn topology(&self) -> &Topology {
-        &self.topology
-    }
-
-    fn duration(&self) -> f64 {
-        self.duration
-    }
-
-    fn notes(&self) -> Vec<String> {
-        let lists = if self.disordered == 1 { "list" } else { "lists" };
-        let note = || format!("{} {lists} of keys out of order: put in order of time", self.disordered);
-        (self.disordered > 0).then(note).into_iter().collect()
-    }
-
-    /// As the benchmark prescribes.
-    fn frames(&self) -> Option<usize> {
-        self.frames
-    }
-
-    fn rest(&self) -> Vec<Vec3> {
-        self.rest.clone()
+    fn model(&self) -> &Model {
+        &self.model
     }
 
     fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
-        assert_eq!(positions.len(), self.topology.vertex_count, "positions are those of another animation");
+        assert_eq!(
+            positions.len(),
+            self.model.topology.vertex_count,
+            "positions are those of another animation"
+        );
         let mut stats = PoseStats::default();
         let at = |on: bool| self.key_time(if on { time } else { 0.0 });
         let mut moving = self.moving.iter().filter(|part| !part.motion.and(kinds).is_still()).peekable();

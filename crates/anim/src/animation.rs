@@ -148,18 +148,60 @@ pub struct Light {
     pub color: [f32; 3],
 }
 
+/// What an animation has at any time.
+#[derive(Clone, Debug, Default)]
+pub struct Model {
+    /// Triangles, parts and materials.
+    pub topology: Topology,
+    /// Positions of all vertices at time 0. Still vertices have these positions at all times.
+    pub rest: Vec<Vec3>,
+    /// Length in seconds of one loop; 0 if nothing moves.
+    pub duration: f64,
+    /// Number of frames that the source says it is to be shown in, first and last included, if it
+    /// does.
+    pub frames: Option<usize>,
+    /// What of the source is shown otherwise than it says, or not at all: remarks of one line each.
+    pub notes: Vec<String>,
+}
+
+impl Model {
+    /// The nearest time of the loop; 0 for a time that is not a number.
+    #[must_use]
+    pub fn clamp(&self, time: f64) -> f64 {
+        // In this order a time that is not a number becomes 0.
+        time.max(0.0).min(self.duration)
+    }
+}
+
 /// A triangle mesh of fixed topology whose vertices move.
 pub trait Animation: Send + Sync {
-    /// Triangles, parts and materials.
-    fn topology(&self) -> &Topology;
+    /// What it has at any time.
+    fn model(&self) -> &Model;
 
-    /// Length in seconds of one loop; 0 if nothing moves.
-    fn duration(&self) -> f64;
+    /// [`Model::topology`].
+    fn topology(&self) -> &Topology {
+        &self.model().topology
+    }
 
-    /// Positions of all vertices at time 0.
-    ///
-    /// Still vertices have these positions at all times.
-    fn rest(&self) -> Vec<Vec3>;
+    /// [`Model::rest`].
+    fn rest(&self) -> Vec<Vec3> {
+        self.model().rest.clone()
+    }
+
+    /// [`Model::duration`].
+    fn duration(&self) -> f64 {
+        self.model().duration
+    }
+
+    /// [`Model::frames`].
+    fn frames(&self) -> Option<usize> {
+        self.model().frames
+    }
+
+    /// [`Model::notes`].
+    fn notes(&self) -> Vec<String> {
+        self.model().notes.clone()
+    }
 
     /// Moves `positions`, which came from [`rest`](Self::rest), to `time` (seconds; clamped to 0
     /// ..= duration) by the given kinds of motion; by all others they stay at time 0.
@@ -181,12 +223,6 @@ pub trait Animation: Send + Sync {
         self.pose_by(Motion::ALL, time, positions)
     }
 
-    /// Number of frames that the source says it is to be shown in, first and last included, if it
-    /// does.
-    fn frames(&self) -> Option<usize> {
-        None
-    }
-
     /// The view the source suggests at `time`, if any.
     fn view(&self, _time: f64) -> Option<View> {
         None
@@ -206,11 +242,6 @@ pub trait Animation: Send + Sync {
     /// If `normals` is not as long as `topology().vertex_count`.
     fn normals(&self, _time: f64, normals: &mut [Vec3]) {
         assert_eq!(normals.len(), self.topology().vertex_count, "normals are those of another animation");
-    }
-
-    /// What of the source is shown otherwise than it says, or not at all: remarks of one line each.
-    fn notes(&self) -> Vec<String> {
-        Vec::new()
     }
 }
 

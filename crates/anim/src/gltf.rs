@@ -37,7 +37,7 @@ use self::seen::{Camera, LightSource};
 use self::track::Track;
 use crate::budget::Budget;
 use crate::error::{LoadError, NUMBERED, Problem, numbered};
-use crate::{Animation, Light, LoadOptions, Motion, PoseStats, Topology, View};
+use crate::{Animation, Light, LoadOptions, Model, Motion, PoseStats, Topology, View};
 
 /// A clip of a glTF file, ready to be posed at any time.
 ///
@@ -45,9 +45,7 @@ use crate::{Animation, Light, LoadOptions, Motion, PoseStats, Topology, View};
 /// nothing in the clip moves are transformed once, when loading.
 #[derive(Default)]
 pub(crate) struct GltfAnimation {
-    topology: Topology,
-    rest: Vec<Vec3>,
-    duration: f64,
+    model: Model,
     nodes: Nodes,
     skins: Vec<Skin>,
     /// Those that move.
@@ -56,7 +54,6 @@ pub(crate) struct GltfAnimation {
     still_normals: Vec<Vec3>,
     camera: Option<Camera>,
     light: Option<LightSource>,
-    notes: Vec<String>,
 }
 
 /// A primitive placed in the scene.
@@ -135,49 +132,53 @@ impl<'a> Loader<'a> {
         let skins =
             (0..root.skins.len()).map(|skin| Skin::read(skin, accessors)).collect::<Result<Vec<_>, _>>()?;
         let topology = Topology { materials: materials(root), ..Topology::default() };
-        let animation = GltfAnimation { topology, nodes, skins, ..GltfAnimation::default() };
+        let model = Model { topology, ..Model::default() };
+        let animation = GltfAnimation { model, nodes, skins, ..GltfAnimation::default() };
         let mut loader = Self { animation, accessors, channels, decoded: HashMap::new() };
         for &node in &scene {
             loader.add_mesh(node)?;
         }
 
         let Self { mut animation, channels, .. } = loader;
-        if animation.topology.triangles.is_empty() {
+        if animation.model.topology.triangles.is_empty() {
             let found = format!("{} nodes without triangles", scene.len());
             return Err(Problem::new("scene", found, "at least one triangle"));
         }
-        let mut rest = vec![Vec3::ZERO; animation.topology.vertex_count];
+        let mut rest = vec![Vec3::ZERO; animation.model.topology.vertex_count];
         animation.write(&animation.instances, Motion::ALL, 0.0, &mut rest);
-        animation.rest = rest;
+        animation.model.rest = rest;
         let still = animation.instances.iter().filter(|instance| instance.motion.is_still());
         if still.clone().any(|instance| instance.normals().is_some()) {
-            let mut normals = vec![Vec3::ZERO; animation.rest.len()];
+            let mut normals = vec![Vec3::ZERO; animation.model.rest.len()];
             let globals = animation.nodes.globals(0.0);
             still.for_each(|instance| animation.write_normals(instance, &globals, &mut normals));
             animation.still_normals = normals;
         }
         animation.instances.retain(|instance| !instance.motion.is_still());
-        if !animation.topology.texcoords.is_empty() {
-            animation.topology.texcoords.resize(animation.topology.vertex_count, Vec2::ZERO);
+        if !animation.model.topology.texcoords.is_empty() {
+            animation.model.topology.texcoords.resize(animation.model.topology.vertex_count, Vec2::ZERO);
         }
-        let remarks = add_textures(&mut animation.topology, accessors)?;
+        let remarks = add_textures(&mut animation.model.topology, accessors)?;
         let emissive = root.materials.iter().filter(|material| material.emissive_factor.0 != [0.0; 3]);
         emissive.for_each(|_| accessors.leave_out("emissive colours"));
         let left_out = accessors.left_out.take().into_iter();
         let left_out = left_out.map(|(what, count)| format!("{count} {what} are left out"));
-        animation.notes = left_out.chain(remarks).collect();
+        animation.model.notes = left_out.chain(remarks).collect();
         let unknown = |name: &&str| !source::UNDERSTOOD.contains(name);
         let unknown: Vec<_> = root.extensions_used.iter().map(String::as_str).filter(unknown).collect();
         if !unknown.is_empty() {
-            animation.notes.push(format!("what these extensions say is left out: {}", unknown.join(", ")));
+            animation
+                .model
+                .notes
+                .push(format!("what these extensions say is left out: {}", unknown.join(", ")));
         }
         animation.camera = Camera::first(root, &scene);
-        animation.light = LightSource::first(root, &scene, &animation.rest)?;
-        animation.notes.extend(animation.light.iter().flat_map(|light| &light.notes).cloned());
+        animation.light = LightSource::first(root, &scene, &animation.model.rest)?;
+        animation.model.notes.extend(animation.light.iter().flat_map(|light| &light.notes).cloned());
         let seen_from = [animation.camera.as_ref().map(|c| c.node), animation.light.as_ref().map(|l| l.node)];
         let any_moves = seen_from.into_iter().flatten().any(|node| animation.nodes.moves[node]);
         if any_moves || !animation.instances.is_empty() {
-            animation.duration = channels.end;
+            animation.model.duration = channels.end;
         }
         Ok(animation)
     }
@@ -213,7 +214,8 @@ impl<'a> Loader<'a> {
             if primitive.attributes.contains_key(&colors) {
                 self.accessors.leave_out("sets of vertex colours");
             }
-            let Self { animation: GltfAnimation { nodes, skins, topology, .. }, .. } = self;
+            let Self { animation: GltfAnimation { nodes, skins, model: Model { topology, .. }, .. }, .. } =
+                self;
             let skin = skin.filter(|_| geometry.influences.is_some());
             let joints = skin.map_or(&[][..], |skin| &skins[skin].joints);
             if let (Some(skin), Some(influences)) = (skin, &geometry.influences) {
@@ -249,7 +251,7 @@ impl<'a> Loader<'a> {
         let (motion, vertex_moves) = animation.motion_of(&instance);
         instance.motion = motion;
         let too_large = || Problem::new(place, "too many vertices or triangles in all", NUMBERED);
-        let topology = &mut animation.topology;
+        let topology = &mut animation.model.topology;
         let part = topology.add_part(name, &geometry.triangles, vertices, material).ok_or_else(too_large)?;
         part.motion = motion;
         let first = part.triangles.start as usize;
@@ -364,39 +366,30 @@ impl GltfAnimation {
             *out = normal.normalize_or(*out);
         }
     }
-
-    fn clamp(&self, time: f64) -> f64 {
-        // In this order a time that is not a number becomes 0.
-        time.max(0.0).min(self.duration)
-    }
 }
 
 impl Animation for GltfAnimation {
-    fn topology(&self) -> &Topology {
-        &self.topology
-    }
-
-    fn duration(&self) -> f64 {
-        self.duration
-    }
-
-    fn rest(&self) -> Vec<Vec3> {
-        self.rest.clone()
+    fn model(&self) -> &Model {
+        &self.model
     }
 
     fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
-        assert_eq!(positions.len(), self.topology.vertex_count, "positions are those of another animation");
+        assert_eq!(
+            positions.len(),
+            self.model.topology.vertex_count,
+            "positions are those of another animation"
+        );
         let mut moving = self.instances.iter().filter(|part| !part.motion.and(kinds).is_still()).peekable();
         if moving.peek().is_none() {
             return PoseStats::default();
         }
-        self.write(moving, kinds, self.clamp(time), positions)
+        self.write(moving, kinds, self.model.clamp(time), positions)
     }
 
     /// The first perspective camera of the scene.
     fn view(&self, time: f64) -> Option<View> {
         let camera = self.camera.as_ref()?;
-        camera.view(&self.nodes.globals(self.clamp(time))[camera.node])
+        camera.view(&self.nodes.globals(self.model.clamp(time))[camera.node])
     }
 
     /// The first light of the scene, with its colour but not its intensity, which would need an
@@ -405,23 +398,19 @@ impl Animation for GltfAnimation {
     /// A directional light is put far away; a spot light shines all round.
     fn light(&self, time: f64) -> Option<Light> {
         let light = self.light.as_ref()?;
-        light.at(&self.nodes.globals(self.clamp(time))[light.node])
+        light.at(&self.nodes.globals(self.model.clamp(time))[light.node])
     }
 
     /// The normals of the file, but not those of parts with morph targets.
     fn normals(&self, time: f64, normals: &mut [Vec3]) {
-        assert_eq!(normals.len(), self.topology.vertex_count, "normals are those of another animation");
+        assert_eq!(normals.len(), self.model.topology.vertex_count, "normals are those of another animation");
         for (normal, &still) in
             normals.iter_mut().zip(&self.still_normals).filter(|(_, still)| **still != Vec3::ZERO)
         {
             *normal = still;
         }
-        let globals = self.nodes.globals(self.clamp(time));
+        let globals = self.nodes.globals(self.model.clamp(time));
         self.instances.iter().for_each(|instance| self.write_normals(instance, &globals, normals));
-    }
-
-    fn notes(&self) -> Vec<String> {
-        self.notes.clone()
     }
 }
 

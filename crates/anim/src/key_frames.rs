@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use crate::{Animation, Motion, PoseStats, Problem, Topology};
+use crate::{Animation, Model, Motion, PoseStats, Problem, Topology};
 
 /// Time from one key frame to the next where nothing else is known, in seconds.
 pub const DEFAULT_SECONDS_PER_FRAME: f64 = 1.0 / 24.0;
@@ -24,22 +24,21 @@ pub enum LoopMode {
 /// Per key frame only the vertices that ever move are kept, 12 bytes each.
 #[derive(Clone, Debug)]
 pub struct KeyFrames {
-    topology: Topology,
-    /// The first key frame, all vertices.
-    rest: Vec<Vec3>,
+    /// At rest it is in the first key frame.
+    model: Model,
     /// The vertices that move, as runs of consecutive numbers.
     moving: Vec<Range<u32>>,
     /// The positions of those, run behind run, for each key frame.
     frames: Vec<Vec<Vec3>>,
     seconds_per_frame: f64,
     loop_mode: LoopMode,
-    notes: Vec<String>,
 }
 
 impl KeyFrames {
     /// The same with notes on what of its files is not shown.
-    pub(crate) fn with_notes(self, notes: Vec<String>) -> Self {
-        Self { notes, ..self }
+    pub(crate) fn with_notes(mut self, notes: Vec<String>) -> Self {
+        self.model.notes = notes;
+        self
     }
 
     /// An animation through `frames`, each with one position per vertex, `seconds_per_frame` apart.
@@ -91,14 +90,20 @@ impl KeyFrames {
             let moves = moves[part.vertices.start as usize..part.vertices.end as usize].contains(&true);
             part.motion = Motion { key_frames: moves, ..Motion::STILL };
         }
-        Ok(Self { topology, rest, moving, frames, seconds_per_frame, loop_mode, notes: Vec::new() })
+        let way = (frames.len() - 1) as f64 * seconds_per_frame;
+        let duration = match loop_mode {
+            _ if moving.is_empty() => 0.0,
+            LoopMode::Restart => way,
+            LoopMode::BackAndForth => 2.0 * way,
+        };
+        let model = Model { topology, rest, duration, ..Model::default() };
+        Ok(Self { model, moving, frames, seconds_per_frame, loop_mode })
     }
 
     /// The key frame at or before `time`, and how far it is on the way to the next, in [0, 1).
     fn position_in_time(&self, time: f64) -> (usize, f32) {
         let last = (self.frames.len() - 1) as f64;
-        // In this order a time that is not a number becomes 0.
-        let mut at = time.max(0.0).min(self.duration()) / self.seconds_per_frame;
+        let mut at = self.model.clamp(time) / self.seconds_per_frame;
         if at > last {
             at = match self.loop_mode {
                 LoopMode::Restart => last,
@@ -115,31 +120,12 @@ impl KeyFrames {
 }
 
 impl Animation for KeyFrames {
-    fn topology(&self) -> &Topology {
-        &self.topology
-    }
-
-    fn notes(&self) -> Vec<String> {
-        self.notes.clone()
-    }
-
-    fn duration(&self) -> f64 {
-        if self.moving.is_empty() {
-            return 0.0;
-        }
-        let way = (self.frames.len() - 1) as f64 * self.seconds_per_frame;
-        match self.loop_mode {
-            LoopMode::Restart => way,
-            LoopMode::BackAndForth => 2.0 * way,
-        }
-    }
-
-    fn rest(&self) -> Vec<Vec3> {
-        self.rest.clone()
+    fn model(&self) -> &Model {
+        &self.model
     }
 
     fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
-        assert_eq!(positions.len(), self.rest.len(), "positions are those of another animation");
+        assert_eq!(positions.len(), self.model.rest.len(), "positions are those of another animation");
         let mut stats = PoseStats::default();
         if kinds.key_frames {
             stats.key_frames.add(|| self.blend(time, positions));

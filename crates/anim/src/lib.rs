@@ -25,7 +25,7 @@ mod rotation;
 mod sequence;
 mod texture;
 
-pub use animation::{Animation, Light, Material, Motion, Part, Topology, View};
+pub use animation::{Animation, Light, Material, Model, Motion, Part, Topology, View};
 pub use error::{LoadError, Problem, printable};
 pub use glam;
 pub use key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, LoopMode};

@@ -90,8 +90,7 @@ impl Pose {
     pub fn advance(&mut self, animation: &dyn Animation, time: f64) -> PoseStats {
         let vertices = animation.topology().vertex_count;
         assert_eq!(self.positions.len(), vertices, "positions are those of another animation");
-        // In this order a time that is not a number becomes 0.
-        let time = time.max(0.0).min(animation.duration());
+        let time = animation.model().clamp(time);
         if time == self.time {
             return PoseStats::default();
         }

@@ -5,7 +5,7 @@
 
 use std::iter::repeat_n;
 
-use anim::{Animation, Motion, PoseStats, Topology};
+use anim::{Animation, Model, Motion, PoseStats};
 use glam::{DQuat, Mat3, Quat, Vec3};
 use rayon::prelude::*;
 
@@ -71,7 +71,7 @@ pub(crate) type Key = ([f32; 3], [f32; 4]);
 
 /// Vertices numbered per body, bodies placed per key frame.
 pub(crate) struct RigidBodies {
-    topology: Topology,
+    model: Model,
     /// Positions relative to the body's placement; of still vertices, in the world.
     local: Vec<Vec3>,
     /// Normal of each vertex, relative to its body's placement.
@@ -81,7 +81,6 @@ pub(crate) struct RigidBodies {
     bodies: usize,
     /// `bodies` for each key frame.
     pub(crate) keys: Vec<Key>,
-    seconds: f64,
 }
 
 impl RigidBodies {
@@ -91,12 +90,17 @@ impl RigidBodies {
         let moving = topology.parts.iter().filter(|part| part.motion.rigid);
         let bodies = moving.clone().count();
         let body = (0..).zip(moving).flat_map(|(i, part)| repeat_n(i, part.vertices.len())).collect();
-        Self { topology, local, normals, body, bodies, keys, seconds }
+        let mut rest = local.clone();
+        let model = Model { topology, duration: seconds, ..Model::default() };
+        let mut animation = Self { model, local, normals, body, bodies, keys };
+        animation.place(0.0, &mut rest);
+        animation.model.rest = rest;
+        animation
     }
 
     /// Where each body is.
     fn placements(&self, time: f64) -> Vec<Placement> {
-        let (frame, s) = key_at(time / self.seconds, self.keys.len() / self.bodies);
+        let (frame, s) = key_at(time / self.model.duration, self.keys.len() / self.bodies);
         let from = &self.keys[frame * self.bodies..];
         let pairs = from.iter().zip(&from[self.bodies..]).take(self.bodies);
         pairs.map(|(from, to)| Placement::of(from).blend(Placement::of(to), s)).collect()
@@ -118,22 +122,12 @@ impl RigidBodies {
 }
 
 impl Animation for RigidBodies {
-    fn topology(&self) -> &Topology {
-        &self.topology
-    }
-
-    fn duration(&self) -> f64 {
-        self.seconds
-    }
-
-    fn rest(&self) -> Vec<Vec3> {
-        let mut positions = self.local.clone();
-        self.pose(0.0, &mut positions);
-        positions
+    fn model(&self) -> &Model {
+        &self.model
     }
 
     fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
-        assert_eq!(positions.len(), self.topology.vertex_count, "one position per vertex");
+        assert_eq!(positions.len(), self.model.topology.vertex_count, "one position per vertex");
         let mut stats = PoseStats::default();
         if kinds.rigid {
             stats.rigid.add(|| self.place(time, positions));
