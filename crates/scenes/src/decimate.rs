@@ -3,9 +3,10 @@
 //! scans.
 
 use std::cmp::Reverse;
-use std::collections::{BinaryHeap, HashMap};
+use std::collections::BinaryHeap;
 
 use glam::DVec3;
+use indexmap::IndexSet;
 
 use crate::shape::Mesh;
 
@@ -39,19 +40,16 @@ struct Simplifier {
     dead: Vec<bool>,
     /// Counts the changes of a vertex; an edge queued before its ends changed is out of date.
     version: Vec<u32>,
-    /// The edges of the mesh as it was, the least error last. Sorting them once is faster than a
-    /// queue.
-    first: Vec<Candidate>,
-    /// The edges that changed since.
+    /// The edges, the least error first.
     queue: BinaryHeap<Reverse<Candidate>>,
     /// Error per length to the fourth of every edge, so that flat parts are not left with next to
     /// no triangles.
     evenness: f64,
 }
 
-/// Two pairs of 32 bits: the error (never negative, so that its bits are in the order of the
-/// numbers) and an end; the other end and the sum of their versions, which only grow.
-type Candidate = [u64; 2];
+/// Bits of an edge's error (never negative, so that they are in the order of the numbers), its two
+/// ends, and the sum of their versions, which only grow.
+type Candidate = (u32, u32, u32, u32);
 
 /// Collapses edges until at most `target` triangles are left, or no edge can go without folding the
 /// surface.
@@ -59,10 +57,9 @@ pub(crate) fn decimate(mesh: &Mesh, target: usize) -> Mesh {
     let mut s = Simplifier::new(mesh, target);
     let mut left = mesh.triangles.len();
     while left > target {
-        let Some([error_a, b_versions]) = s.next() else { break };
-        let (a, b) = (error_a as u32, (b_versions >> 32) as u32);
-        if s.versions(a, b) == b_versions as u32 {
-            left -= s.collapse(a, b);
+        let Some(Reverse((_, a, b, versions))) = s.queue.pop() else { break };
+        if s.versions(a, b) == versions && s.collapse(a, b) {
+            left -= 2;
         }
     }
     s.finish()
@@ -93,30 +90,18 @@ impl Simplifier {
             triangles: mesh.triangles.clone(),
             dead: vec![false; mesh.triangles.len()],
             version: vec![0; count],
-            first: Vec::new(),
             queue: BinaryHeap::new(),
             // Lets edges of flat parts grow to several times the length of those at curvature 1.
             evenness: 4e-5 * area / target.max(1) as f64,
         };
         let edges = mesh.triangles.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
-        s.first = edges.filter(|(a, b)| a < b).map(|(a, b)| s.candidate(a, b)).collect();
-        s.first.sort_unstable_by_key(|&candidate| Reverse(candidate));
+        s.queue = edges.filter(|(a, b)| a < b).map(|(a, b)| Reverse(s.candidate(a, b))).collect();
         s
-    }
-
-    /// The candidate of the least error.
-    fn next(&mut self) -> Option<Candidate> {
-        match (self.first.last(), self.queue.peek()) {
-            (Some(first), Some(Reverse(changed))) if first < changed => self.first.pop(),
-            (_, Some(_)) => self.queue.pop().map(|Reverse(candidate)| candidate),
-            (_, None) => self.first.pop(),
-        }
     }
 
     fn candidate(&self, a: u32, b: u32) -> Candidate {
         let error = self.placed(a, b).1 as f32;
-        let pair = |high: u32, low: u32| u64::from(high) << 32 | u64::from(low);
-        [pair(error.to_bits(), a), pair(b, self.versions(a, b))]
+        (error.to_bits(), a, b, self.versions(a, b))
     }
 
     fn versions(&self, a: u32, b: u32) -> u32 {
@@ -132,23 +117,21 @@ impl Simplifier {
         (best.0, best.1 + self.evenness * p.distance_squared(q) * p.distance_squared(q))
     }
 
-    /// Collapses an edge if the surface stays a surface; gives the number of triangles that went.
-    fn collapse(&mut self, a: u32, b: u32) -> usize {
+    /// Collapses an edge, and with it two triangles, if the surface stays a surface.
+    fn collapse(&mut self, a: u32, b: u32) -> bool {
         for v in [a, b] {
             let dead = &self.dead;
             self.around[v as usize].retain(|&t| !dead[t as usize]);
         }
         let (at, _) = self.placed(a, b);
         if !self.is_allowed(a, b, at) {
-            return 0;
+            return false;
         }
         let moved = std::mem::take(&mut self.around[b as usize]);
-        let mut gone = 0;
         for t in moved {
             let triangle = &mut self.triangles[t as usize];
             if triangle.contains(&a) {
                 self.dead[t as usize] = true;
-                gone += 1;
             } else {
                 for v in triangle.iter_mut().filter(|v| **v == b) {
                     *v = a;
@@ -166,7 +149,7 @@ impl Simplifier {
             let candidate = self.candidate(a.min(v), a.max(v));
             self.queue.push(Reverse(candidate));
         }
-        gone
+        true
     }
 
     /// Two common neighbours across two triangles (the link condition), and no triangle turned
@@ -206,17 +189,11 @@ impl Simplifier {
 
     /// The triangles left, with vertices renumbered in order of first use.
     fn finish(self) -> Mesh {
-        let mut numbers = HashMap::new();
-        let mut mesh = Mesh::default();
-        for (triangle, _) in self.triangles.iter().zip(&self.dead).filter(|(_, dead)| !**dead) {
-            mesh.triangles.push(triangle.map(|v| {
-                *numbers.entry(v).or_insert_with(|| {
-                    mesh.positions.push(self.positions[v as usize].as_vec3());
-                    mesh.positions.len() as u32 - 1
-                })
-            }));
-        }
-        mesh
+        let mut used = IndexSet::new();
+        let left = self.triangles.iter().zip(&self.dead).filter(|(_, dead)| !**dead);
+        let triangles = left.map(|(t, _)| t.map(|v| used.insert_full(v).0 as u32)).collect();
+        let positions = used.iter().map(|&v| self.positions[v as usize].as_vec3()).collect();
+        Mesh { positions, triangles }
     }
 }
 
