@@ -4,6 +4,7 @@ use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 
 use glam::Vec3;
+use indexmap::IndexSet;
 use rayon::prelude::*;
 
 use crate::shape::{Mesh, normals};
@@ -61,17 +62,10 @@ pub(crate) fn patches(
             }
         }
     }
-    renumber(patch)
-}
-
-/// Leaves out numbers of patches that got no triangle (two seeds on one).
-fn renumber(mut patch: Vec<u32>) -> (Vec<u32>, usize) {
-    let mut numbers = HashMap::new();
-    for p in &mut patch {
-        let next = numbers.len() as u32;
-        *p = *numbers.entry(*p).or_insert(next);
-    }
-    (patch, numbers.len())
+    // Leaves out numbers of patches that got no triangle (two seeds on one).
+    let mut used = IndexSet::new();
+    let patch = patch.into_iter().map(|p| used.insert_full(p).0 as u32).collect();
+    (patch, used.len())
 }
 
 /// For each triangle the triangles across its edges (0-1, 1-2, 2-0); `u32::MAX` where there is
@@ -117,13 +111,8 @@ pub(crate) fn shards(
         by_patch[p as usize].push(t as u32);
     }
     let shard = |triangles: &Vec<u32>| {
-        let (mut used, mut numbers) = (Vec::new(), HashMap::new());
-        let mut local = |v: u32| {
-            *numbers.entry(v).or_insert_with(|| {
-                used.push(v);
-                used.len() as u32 - 1
-            })
-        };
+        let mut used = IndexSet::new();
+        let mut local = |v: u32| used.insert_full(v).0 as u32;
         let outer: Vec<[u32; 3]> =
             triangles.iter().map(|&t| mesh.triangles[t as usize].map(&mut local)).collect();
         let layer = used.len() as u32;
@@ -131,23 +120,22 @@ pub(crate) fn shards(
         shard.positions.extend(used.iter().map(|&v| mesh.positions[v as usize]));
         shard.positions.extend(used.iter().map(|&v| inner[v as usize]));
         shard.triangles.extend(outer.iter().map(|&[a, b, c]| [a + layer, c + layer, b + layer]));
-        let mut rim = HashMap::new();
+        let mut rim = IndexSet::new();
         for (&t, corner) in triangles.iter().zip(&outer) {
             for k in 0..3 {
                 let next = across[t as usize][k];
                 if next == u32::MAX || patch[next as usize] != patch[t as usize] {
-                    let [a, b] = [corner[k], corner[(k + 1) % 3]].map(|c| {
-                        *rim.entry(c).or_insert_with(|| {
-                            let pair = [c, c + layer].map(|c| shard.positions[c as usize]);
-                            shard.positions.extend(pair);
-                            shard.positions.len() as u32 - 2
-                        })
-                    });
+                    // Pairs of the rim come after both layers.
+                    let [a, b] =
+                        [corner[k], corner[(k + 1) % 3]].map(|c| 2 * (layer + rim.insert_full(c).0 as u32));
                     shard.triangles.extend([[a, a + 1, b], [b, a + 1, b + 1]]);
                 }
             }
         }
         shard.triangles.extend(outer);
+        for c in rim {
+            shard.positions.extend([c, c + layer].map(|c| shard.positions[c as usize]));
+        }
         let mut weld: Vec<u32> = used.iter().map(|v| 2 * v).chain(used.iter().map(|v| 2 * v + 1)).collect();
         weld.resize(shard.positions.len(), ALONE);
         (shard, weld)
