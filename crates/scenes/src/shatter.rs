@@ -13,7 +13,7 @@ use crate::near::neighbours;
 use crate::rigid::Placement;
 use crate::shape::Mesh;
 
-const GRAVITY: f32 = 12.0;
+pub(crate) const GRAVITY: f32 = 12.0;
 const GROUND_FRICTION: f32 = 0.6;
 const BOUNCE: f32 = 0.25;
 /// Steps between searches for bodies that come close.
@@ -31,7 +31,7 @@ pub(crate) struct Body {
     pub(crate) mass: f32,
     /// Radius of the sphere about the centre that other bodies touch.
     pub(crate) radius: f32,
-    inverse_inertia: Mat3,
+    pub(crate) inverse_inertia: Mat3,
     /// Radius of the sphere about the centre that holds it.
     reach: f32,
     /// Points that touch the ground, relative to the centre.
@@ -203,18 +203,6 @@ impl Bodies {
             body.radius = 0.5 * distances.fold(2.0 * limit, f32::min);
         }
         Self { bodies, dt, neighbours }
-    }
-
-    /// Kinetic and potential energy, the second above the ground.
-    #[cfg(test)]
-    pub(crate) fn energy(&self) -> f64 {
-        let of = |b: &Body| {
-            let spin = b.at.turned_back(b.spin);
-            let kinetic =
-                0.5 * (b.mass * b.velocity.length_squared() + spin.dot(b.inverse_inertia.inverse() * spin));
-            f64::from(kinetic + b.mass * GRAVITY * b.at.position.y)
-        };
-        self.bodies.iter().map(of).sum()
     }
 
     /// Accelerates what is free, and gives its number.
