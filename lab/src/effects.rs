@@ -5,12 +5,13 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use anim::PoseStats;
+use anim::{Motion, PoseStats};
 use anyhow::{Context, Result};
+use bitflags::Flags;
 use bvh_core::Bvh;
 use bvh_update::{Rotate, Strategy, Updater};
 use rt_cpu::{RenderOptions, RenderStats};
-use scenes::{Effects, LightEffects, MotionEffects, Scene, SceneOptions, SimulationStats};
+use scenes::{Effects, FrameStage, LightEffects, Scene, SceneOptions, Simulated, SimulationStats};
 use serde::{Deserialize, Serialize};
 
 use crate::machine::{Machine, Revision};
@@ -45,30 +46,30 @@ const DETAIL: f32 = 0.05;
 /// Times that everything is measured; the fastest counts.
 const REPEATS: usize = 3;
 
-/// An effect: its name, its switch, and its counter.
-type Effect<E, S> = (&'static str, fn(&mut E) -> &mut bool, fn(&S) -> u64);
+/// An effect, and its counter.
+type Effect<E, S> = (E, fn(&S) -> u64);
 
-const SIMULATED: [Effect<MotionEffects, SimulationStats>; 4] = [
-    ("fracture", |m| &mut m.fracture, |s| s.fracture),
-    ("gravity", |m| &mut m.gravity, |s| s.gravity),
-    ("cloth", |m| &mut m.cloth, |s| s.cloth),
-    ("contact", |m| &mut m.contact, |s| s.contact),
+const SIMULATED: [Effect<Simulated, SimulationStats>; 4] = [
+    (Simulated::FRACTURE, |s| s.fracture),
+    (Simulated::GRAVITY, |s| s.gravity),
+    (Simulated::CLOTH, |s| s.cloth),
+    (Simulated::CONTACT, |s| s.contact),
 ];
-const MOTION: [Effect<MotionEffects, PoseStats>; 4] = [
-    ("key frames", |m| &mut m.key_frames, |s| s.key_frames.count),
-    ("morph", |m| &mut m.morph, |s| s.morph.count),
-    ("skin", |m| &mut m.skin, |s| s.skin.count),
-    ("rigid", |m| &mut m.rigid, |s| s.rigid.count),
+const MOTION: [Effect<Motion, PoseStats>; 4] = [
+    (Motion::KEY_FRAMES, |s| s.key_frames.count),
+    (Motion::MORPH, |s| s.morph.count),
+    (Motion::SKIN, |s| s.skin.count),
+    (Motion::RIGID, |s| s.rigid.count),
 ];
 const LIGHT: [Effect<LightEffects, RenderStats>; 4] = [
-    ("alpha", |l| &mut l.alpha, |s| s.rays_again),
-    ("textures", |l| &mut l.textures, |s| s.textured),
-    ("shadow", |l| &mut l.shadows, |s| s.rays_shadow),
-    ("mirror", |l| &mut l.mirror, |s| s.rays_mirror),
+    (LightEffects::ALPHA, |s| s.rays_again),
+    (LightEffects::TEXTURES, |s| s.textured),
+    (LightEffects::SHADOWS, |s| s.rays_shadow),
+    (LightEffects::MIRROR, |s| s.rays_mirror),
 ];
 
-/// The effects of playback.
-const PLAYBACK: MotionEffects = MotionEffects::ALL.without(MotionEffects::SIMULATED);
+/// The effects of light that materials call for.
+const LOOKS: LightEffects = LightEffects::ALPHA.union(LightEffects::TEXTURES).union(LightEffects::MIRROR);
 
 /// Runs the command.
 ///
@@ -122,7 +123,7 @@ fn sketch(source: &str, detail: f32) -> Result<Scene> {
 /// The row of a scene in the table of what runs.
 fn plan_row(source: &str, label: &str, detail: f32) -> Result<String> {
     let scene = sketch(source, detail)?;
-    let simulated = Effects { motion: scene.effects.motion.without(PLAYBACK), ..Effects::default() };
+    let simulated = Effects { simulated: scene.effects.simulated, ..Effects::default() };
     let reasons = scene.stage_reasons();
     let stages: Vec<_> = reasons.iter().map(|(stage, why)| format!("{} ({why})", stage.name())).collect();
     Ok(format!("| {label} | {simulated} | {} |\n", stages.join(", ")))
@@ -191,36 +192,28 @@ pub(crate) struct Cost {
     ms: [f64; 4],
 }
 
-/// Measures each of the scene's own effects of a kind: with all others, left out, and alone. `none`
-/// is without any of them.
-fn costs<E: Copy, S: Copy>(
+/// Measures each of the scene's own effects of a kind: with all others, left out, and alone.
+fn costs<E: Flags + Copy, S: Copy>(
     kind: &str,
     effects: &[Effect<E, S>],
-    [own, none]: [E; 2],
+    own: E,
+    name: fn(E) -> String,
     mut measure: impl FnMut(E) -> Result<(S, f64)>,
 ) -> Result<Vec<Cost>> {
-    let switched = |mut effects: E, switch: fn(&mut E) -> &mut bool, to: bool| {
-        *switch(&mut effects) = to;
-        effects
-    };
-    let is_own = |(_, switch, _): &&Effect<E, S>| {
-        let mut own = own;
-        *switch(&mut own)
-    };
-    let effects: Vec<_> = effects.iter().filter(is_own).collect();
+    let effects: Vec<_> = effects.iter().filter(|(effect, _)| own.contains(*effect)).collect();
     if effects.is_empty() {
         return Ok(Vec::new());
     }
-    let (everything, nothing) = (measure(own)?, measure(none)?);
-    let cost = |&(name, switch, count): &Effect<E, S>| {
+    let (everything, nothing) = (measure(own)?, measure(E::empty())?);
+    let cost = |&(effect, count): &Effect<E, S>| {
         // Without the only effect there is none, and alone it is everything.
         let [without, alone] = match effects.len() {
             1 => [nothing, everything],
-            _ => [measure(switched(own, switch, false))?, measure(switched(none, switch, true))?],
+            _ => [measure(own.difference(effect))?, measure(effect)?],
         };
         let counts = [everything, without, alone].map(|(stats, _)| count(&stats));
         let ms = [everything.1, without.1, alone.1, nothing.1];
-        Ok(Cost { kind: kind.to_owned(), effect: name.to_owned(), counts, ms })
+        Ok(Cost { kind: kind.to_owned(), effect: name(effect), counts, ms })
     };
     effects.iter().copied().map(cost).collect()
 }
@@ -249,17 +242,18 @@ pub(crate) fn measure(source: &str, clip: Option<&str>, played: Played) -> Resul
     let mut scene = Some(scene);
     let mut play = |effects| play(played, &mut scene, effects);
 
-    let kinds = [own.motion, own.motion.without(MotionEffects::SIMULATED)];
-    let mut found = costs("simulation", &SIMULATED, kinds, |motion| {
-        let without = MotionEffects::SIMULATED.without(motion);
+    let name = |simulated| Effects { simulated, ..Effects::default() }.to_string();
+    let mut found = costs("simulation", &SIMULATED, own.simulated, name, |simulated| {
+        let without = Simulated::all() - simulated;
         let (scene, time) = stage::simulated(source, SceneOptions { without, ..options.clone() })?;
         Ok((scene.simulated, time))
     })?;
-    let kinds = [own.motion, own.motion.without(PLAYBACK)];
-    found.extend(costs("motion", &MOTION, kinds, |motion| {
+    let name = |kind| FrameStage::Motion(kind).name();
+    found.extend(costs("motion", &MOTION, own.motion, name, |motion| {
         play(Effects { motion, ..own }).map(|f| (f.posed, f.motion_ms))
     })?);
-    found.extend(costs("light", &LIGHT, [own.light, LightEffects::NONE], |light| {
+    let name = |effect| FrameStage::Light(effect).name();
+    found.extend(costs("light", &LIGHT, own.light, name, |light| {
         play(Effects { light, ..own }).map(|f| (f.traced, f.light_ms))
     })?);
     Ok(found)
@@ -272,8 +266,7 @@ fn absent(source: &str, played: Played) -> Result<String> {
     let own = scene.effects;
     let mut scene = Some(scene);
     let mut play = |effects| play(played, &mut scene, effects);
-    let light = LightEffects { textures: true, alpha: true, mirror: true, ..own.light };
-    let planned = Effects { motion: own.motion.with(PLAYBACK), light };
+    let planned = Effects { motion: Motion::ALL, light: own.light | LOOKS, ..own };
     let choices = [own, own, planned];
     let mut runs = [play(own)?, play(own)?, play(planned)?];
     // In turn, so that other work on the machine disturbs all.
@@ -284,11 +277,12 @@ fn absent(source: &str, played: Played) -> Result<String> {
     }
     let [.., planned] = runs;
     let mut counts = Vec::new();
-    let Effects { mut motion, mut light } = own;
-    let absences = MOTION.iter().filter(|(_, switch, _)| !*switch(&mut motion));
-    counts.extend(absences.map(|(name, _, count)| format!("{name} {}", count(&planned.posed))));
-    let absences = LIGHT.iter().filter(|(name, switch, _)| *name != "shadow" && !*switch(&mut light));
-    counts.extend(absences.map(|(name, _, count)| format!("{name} {}", count(&planned.traced))));
+    for (kind, count) in MOTION.iter().filter(|(kind, _)| !own.motion.contains(*kind)) {
+        counts.push(format!("{} {}", FrameStage::Motion(*kind).name(), count(&planned.posed)));
+    }
+    for (effect, count) in LIGHT.iter().filter(|(effect, _)| (LOOKS - own.light).contains(*effect)) {
+        counts.push(format!("{} {}", FrameStage::Light(*effect).name(), count(&planned.traced)));
+    }
     let times = runs.map(|run| format!("{:.3}", run.motion_ms + run.light_ms));
     Ok(format!("{} | {}", counts.join(", "), times.join(" | ")))
 }

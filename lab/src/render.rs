@@ -81,23 +81,20 @@ fn size(text: &str) -> Result<(u32, u32), String> {
         .ok_or_else(|| "expected WxH as in 1024x1024, each 1 to 16384".to_owned())
 }
 
-/// What `--effects` knows.
-const EFFECTS: [(&str, LightEffects); 7] = [
-    ("shadows", LightEffects::SHADOWS),
-    ("textures", LightEffects { textures: true, ..LightEffects::NONE }),
-    ("alpha", LightEffects { alpha: true, ..LightEffects::NONE }),
-    ("mirror", LightEffects { mirror: true, ..LightEffects::NONE }),
-    ("ambient-occlusion", LightEffects { ambient_occlusion: true, ..LightEffects::NONE }),
-    ("diffuse-bounces", LightEffects { diffuse_bounces: true, ..LightEffects::NONE }),
-    ("none", LightEffects::NONE),
-];
-
 fn effects(list: &str) -> Result<LightEffects, String> {
-    list.split(',').map(str::trim).try_fold(LightEffects::NONE, |all, name| {
-        let found = EFFECTS.iter().find(|(known, _)| *known == name);
-        let known = || format!("no such effect as '{name}'; there are {}", EFFECTS.map(|e| e.0).join(", "));
-        Ok(all.with(found.ok_or_else(known)?.1))
-    })
+    let mut effects = LightEffects::empty();
+    for name in list.split(',').map(str::trim).filter(|name| *name != "none") {
+        let known = || LightEffects::all().iter_names().map(|(known, flag)| (option(known), flag));
+        let found = known().find(|(known, _)| known == name);
+        let names = || known().map(|(known, _)| known + ", ").collect::<String>();
+        effects |= found.ok_or_else(|| format!("no such effect as '{name}'; there are {}none", names()))?.1;
+    }
+    Ok(effects)
+}
+
+/// The name of a flag as an argument has it.
+fn option(flag: &str) -> String {
+    flag.to_lowercase().replace('_', "-")
 }
 
 /// Runs the command.
@@ -140,7 +137,7 @@ fn frames(args: &Args, target: &Target, stage: &mut Stage, wanted: Range<usize>)
     let label = &stage::label(&args.scene);
     let mut tree = Bvh::clone(&stage.first_tree);
     let light = stage.scene.effects.light;
-    let samples = args.samples.unwrap_or(::stage::default_samples(&light));
+    let samples = args.samples.unwrap_or(::stage::default_samples(light));
     let (smooth, seed, traversal) = (!args.flat, args.seed, args.traversal);
     let options = RenderOptions { smooth, seed, traversal, ..stage.render_options() };
     let mut updater = Updater::default();
@@ -320,7 +317,7 @@ mod tests {
         let light = effects(all).expect("known names");
         let named = scenes::Effects { light, ..Default::default() }.to_string().replace(", ", ",");
         assert_eq!(named.replace(' ', "-"), all);
-        assert_eq!(effects("none"), Ok(LightEffects::NONE));
+        assert_eq!(effects("none"), Ok(LightEffects::empty()));
         assert_eq!(effects("shadows"), Ok(LightEffects::SHADOWS));
         assert!(effects("caustics").expect_err("unknown").contains("diffuse-bounces"));
     }

@@ -139,13 +139,13 @@ fn moving_parts(
             rest[vertices.clone()].iter_mut().for_each(transform);
             patches.iter_mut().flat_map(Patch::corners_mut).for_each(transform);
         }
-        part.motion.rigid = node.is_some();
-        part.motion.key_frames = patches.iter().any(Patch::moves);
+        part.motion.set(Motion::RIGID, node.is_some());
+        part.motion.set(Motion::KEY_FRAMES, patches.iter().any(Patch::moves));
         if part.motion.is_still() {
             continue;
         }
         let moves = &mut topology.moves[part.triangles.start as usize..part.triangles.end as usize];
-        moves.fill(part.motion.rigid);
+        moves.fill(node.is_some());
         for (moves, patch) in moves.iter_mut().zip(&patches) {
             *moves |= patch.moves();
         }
@@ -178,27 +178,27 @@ impl Animation for AffAnimation {
         );
         let mut stats = PoseStats::default();
         let at = |on: bool| self.key_time(if on { time } else { 0.0 });
-        let mut moving = self.moving.iter().filter(|part| !part.motion.and(kinds).is_still()).peekable();
+        let mut moving = self.moving.iter().filter(|part| part.motion.intersects(kinds)).peekable();
         if moving.peek().is_none() {
             return stats;
         }
         let to_world: Vec<Affine3A> =
-            self.to_world(at(kinds.rigid)).iter().map(DAffine3::as_affine3a).collect();
+            self.to_world(at(kinds.contains(Motion::RIGID))).iter().map(DAffine3::as_affine3a).collect();
         for Moving { vertices, node, local, patches, motion } in moving {
-            let (positions, motion) = (&mut positions[vertices.clone()], motion.and(kinds));
+            let (positions, motion) = (&mut positions[vertices.clone()], *motion & kinds);
             if patches.is_empty() {
                 positions.copy_from_slice(local);
             } else {
-                stats.key_frames.add_if(motion.key_frames, || {
+                stats.key_frames.add_if(motion.contains(Motion::KEY_FRAMES), || {
                     for (corners, patch) in positions.as_chunks_mut::<3>().0.iter_mut().zip(patches) {
-                        *corners = patch.at(at(kinds.key_frames));
+                        *corners = patch.at(at(kinds.contains(Motion::KEY_FRAMES)));
                     }
                     positions.len()
                 });
             }
             if let Some(node) = *node {
                 let to_world = to_world[node as usize];
-                stats.rigid.add_if(motion.rigid, || {
+                stats.rigid.add_if(motion.contains(Motion::RIGID), || {
                     positions.iter_mut().for_each(|p| *p = to_world.transform_point3(*p));
                     positions.len()
                 });

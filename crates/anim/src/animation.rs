@@ -66,41 +66,32 @@ pub struct Part {
     pub material: u32,
 }
 
-/// The kinds of motion that a part calls for; all `false` for a part that stands still.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Motion {
-    /// Whole part moved by an animated node transform.
-    pub rigid: bool,
-    /// Linear blend skinning.
-    pub skin: bool,
-    /// Morph targets.
-    pub morph: bool,
-    /// Positions interpolated between key frames (of a sequence or of a cached simulation).
-    pub key_frames: bool,
+bitflags::bitflags! {
+    /// The kinds of motion that a part calls for; none for a part that stands still.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    pub struct Motion: u8 {
+        /// Linear blend skinning.
+        const SKIN = 1;
+        /// Morph targets.
+        const MORPH = 1 << 1;
+        /// Whole part moved by an animated node transform.
+        const RIGID = 1 << 2;
+        /// Positions interpolated between key frames (of a sequence or of a cached simulation).
+        const KEY_FRAMES = 1 << 3;
+    }
 }
 
 impl Motion {
     /// No motion at all.
-    pub const STILL: Self = Self { rigid: false, skin: false, morph: false, key_frames: false };
+    pub const STILL: Self = Self::empty();
 
     /// All kinds of motion.
-    pub const ALL: Self = Self { rigid: true, skin: true, morph: true, key_frames: true };
-
-    /// The kinds that are in both.
-    #[must_use]
-    pub fn and(self, other: Self) -> Self {
-        Self {
-            rigid: self.rigid && other.rigid,
-            skin: self.skin && other.skin,
-            morph: self.morph && other.morph,
-            key_frames: self.key_frames && other.key_frames,
-        }
-    }
+    pub const ALL: Self = Self::all();
 
     /// Whether the part never moves.
     #[must_use]
     pub fn is_still(self) -> bool {
-        self == Self::STILL
+        self.is_empty()
     }
 }
 

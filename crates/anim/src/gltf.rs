@@ -293,11 +293,13 @@ impl GltfAnimation {
         let weights_vary = instance.weights.as_ref().is_some_and(|weights| !weights.is_constant());
         let displaced = geometry.targets.iter().flatten().filter(|_| weights_vary);
         displaced.clone().for_each(|&(vertex, _)| moves[vertex as usize] = true);
-        let (skin, morph) = (joints.iter().any(|&joint| node_moves[joint]), displaced.count() > 0);
         // What no vertex notices is no motion.
         let noticed = moves.contains(&true);
-        let motion = Motion { rigid, skin, morph, key_frames: false };
-        (if noticed { motion } else { Motion::STILL }, moves)
+        let mut motion = Motion::STILL;
+        motion.set(Motion::RIGID, noticed && rigid);
+        motion.set(Motion::SKIN, noticed && joints.iter().any(|&joint| node_moves[joint]));
+        motion.set(Motion::MORPH, noticed && displaced.count() > 0);
+        (motion, moves)
     }
 
     /// Writes the positions of `instances`, where the given kinds of motion are at `time` and all
@@ -311,31 +313,32 @@ impl GltfAnimation {
     ) -> PoseStats {
         let mut stats = PoseStats::default();
         let at = |on: bool| if on { time } else { 0.0 };
-        let joint_globals = self.nodes.globals(at(kinds.skin));
-        let other_time = (kinds.rigid != kinds.skin).then(|| self.nodes.globals(at(kinds.rigid)));
+        let [skin, rigid] = [Motion::SKIN, Motion::RIGID].map(|kind| kinds.contains(kind));
+        let joint_globals = self.nodes.globals(at(skin));
+        let other_time = (rigid != skin).then(|| self.nodes.globals(at(rigid)));
         let node_globals = other_time.as_ref().unwrap_or(&joint_globals);
         let mut joint_matrices: Vec<Option<Vec<Affine3A>>> = vec![None; self.skins.len()];
         let mut weights = Vec::new();
         for instance in instances {
-            let (geometry, motion) = (&*instance.geometry, instance.motion.and(kinds));
+            let (geometry, motion) = (&*instance.geometry, instance.motion & kinds);
             let positions = &mut positions[instance.first_vertex..][..geometry.positions.len()];
             positions.copy_from_slice(&geometry.positions);
             if let Some(track) = &instance.weights {
                 weights.resize(track.width, 0.0);
-                track.sample(at(kinds.morph), &mut weights);
-                stats.morph.add_if(motion.morph, || geometry.morph(&weights, positions));
+                track.sample(at(kinds.contains(Motion::MORPH)), &mut weights);
+                stats.morph.add_if(motion.contains(Motion::MORPH), || geometry.morph(&weights, positions));
             }
             if let (Some(skin), Some(influences)) = (instance.skin, &geometry.influences) {
                 let matrices =
                     joint_matrices[skin].get_or_insert_with(|| self.skins[skin].matrices(&joint_globals));
-                stats.skin.add_if(motion.skin, || {
+                stats.skin.add_if(motion.contains(Motion::SKIN), || {
                     influences.skin(positions, |joint, bound| matrices[joint].transform_point3a(bound));
                     positions.len()
                 });
             }
             if let Some(node) = instance.node {
                 let to_scene = &node_globals[node];
-                stats.rigid.add_if(motion.rigid, || {
+                stats.rigid.add_if(motion.contains(Motion::RIGID), || {
                     positions.iter_mut().for_each(|p| *p = to_scene.transform_point3(*p));
                     positions.len()
                 });
@@ -379,7 +382,7 @@ impl Animation for GltfAnimation {
             self.model.topology.vertex_count,
             "positions are those of another animation"
         );
-        let mut moving = self.instances.iter().filter(|part| !part.motion.and(kinds).is_still()).peekable();
+        let mut moving = self.instances.iter().filter(|part| part.motion.intersects(kinds)).peekable();
         if moving.peek().is_none() {
             return PoseStats::default();
         }

@@ -88,7 +88,7 @@ impl KeyFrames {
         topology.moves = topology.triangles.iter().map(|corners| corners.iter().any(corner_moves)).collect();
         for part in &mut topology.parts {
             let moves = moves[part.vertices.start as usize..part.vertices.end as usize].contains(&true);
-            part.motion = Motion { key_frames: moves, ..Motion::STILL };
+            part.motion.set(Motion::KEY_FRAMES, moves);
         }
         let way = (frames.len() - 1) as f64 * seconds_per_frame;
         let duration = match loop_mode {
@@ -127,7 +127,7 @@ impl Animation for KeyFrames {
     fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
         assert_eq!(positions.len(), self.model.rest.len(), "positions are those of another animation");
         let mut stats = PoseStats::default();
-        if kinds.key_frames {
+        if kinds.contains(Motion::KEY_FRAMES) {
             stats.key_frames.add(|| self.blend(time, positions));
         }
         stats
@@ -257,7 +257,7 @@ mod tests {
         assert_eq!(animation.frames[0].len(), 2);
         assert_eq!(animation.topology().moves, [false, true]);
         assert!(animation.topology().parts[0].motion.is_still());
-        assert!(animation.topology().parts[1].motion.key_frames);
+        assert!(animation.topology().parts[1].motion.contains(Motion::KEY_FRAMES));
         for (time, x) in
             [(0.0, 0.0), (0.25, 0.5), (0.5, 1.0), (0.75, 2.0), (1.0, 3.0), (9.0, 3.0), (-1.0, 0.0)]
         {

@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use anim::glam::Vec3;
-use anim::{Animation, LoadOptions, load};
+use anim::{Animation, LoadOptions, Motion, load};
 
 fn data(path: &str) -> Option<PathBuf> {
     let Some(root) = std::env::var_os("PIVOT_DATA").filter(|d| !d.is_empty()) else {
@@ -199,7 +199,9 @@ fn bart_museum() {
     // 10,284 triangles in the files, and 8 cylinders of 32 each.
     assert_eq!((topology.triangles.len() - moving, moving), (10_284 + 8 * 32, 1024));
     assert_eq!((animation.duration(), animation.frames()), (6.0, Some(300)));
-    assert!(topology.parts.iter().all(|part| part.motion.is_still() != part.motion.key_frames));
+    assert!(
+        topology.parts.iter().all(|part| part.motion.is_still() != part.motion.contains(Motion::KEY_FRAMES))
+    );
 
     // The sculpture by a reader of its own: a word, the number of keys, then 19 numbers a key.
     let text = std::fs::read_to_string(path.with_file_name("animart5.aff")).unwrap();
@@ -209,7 +211,7 @@ fn bart_museum() {
         numbers[1..].chunks(19).map(<[f32]>::to_vec).collect::<Vec<_>>()
     });
     let shapes: Vec<_> = shapes.collect();
-    let part = topology.parts.iter().find(|part| part.motion.key_frames).unwrap();
+    let part = topology.parts.iter().find(|part| part.motion.contains(Motion::KEY_FRAMES)).unwrap();
     let vertices = part.vertices.start as usize..part.vertices.end as usize;
     let mut positions = animation.rest();
     for shape in 0..5 {
@@ -235,7 +237,7 @@ fn bart_kitchen() {
     assert_eq!(topology.triangles.len(), 110_561);
     assert_eq!(topology.moves.iter().filter(|&&moves| moves).count(), 7_218);
     assert_eq!((animation.duration(), animation.frames()), (20.0, Some(800)));
-    assert!(topology.parts.iter().all(|part| part.motion.is_still() || part.motion.rigid));
+    assert!(topology.parts.iter().all(|part| part.motion.is_still() || part.motion.contains(Motion::RIGID)));
     check_views(&*animation);
 
     // The car is in the room all the time, at the file's keys where they say.

@@ -12,7 +12,7 @@ use glam::{Vec3, vec3};
 
 use crate::rigid::{rotated, rotation};
 use crate::shape::{Assembly, Mesh, turned};
-use crate::{Effects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
+use crate::{Effects, Scene, SceneError, SceneInfo, SceneOptions, Simulated};
 
 /// Animated triangles of level 8 of the benchmark: 4 to the power of 8.
 const TRIANGLES: usize = 65_536;
@@ -34,7 +34,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     about: "a sculpture whose triangles travel between unrelated places in five shapes, in a museum",
     triangles: TRIANGLES + ROOM_TRIANGLES,
     frames: FRAMES,
-    effects: Effects::of_scene(MotionEffects { key_frames: true, ..MotionEffects::NONE }),
+    effects: Effects::of_scene(Simulated::empty(), Motion::KEY_FRAMES),
     key_bytes: SHAPES * 3 * TRIANGLES * size_of::<Vec3>(),
 };
 
@@ -75,7 +75,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let triangle = |k: u32| [3 * k, 3 * k + 1, 3 * k + 2];
     let sculpture =
         Mesh { positions: shapes[0].concat(), triangles: (0..count as u32).map(triangle).collect() };
-    assembly.part("sculpture", &sculpture, Motion { key_frames: true, ..Motion::STILL }, bronze);
+    assembly.part("sculpture", &sculpture, Motion::KEY_FRAMES, bronze);
     furnish(&mut assembly);
     let still = &assembly.positions[3 * count..];
     let frames: Vec<Vec<Vec3>> = shapes.iter().map(|shape| [&shape.concat()[..], still].concat()).collect();

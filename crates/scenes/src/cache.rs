@@ -36,7 +36,7 @@ pub(crate) fn recorded<T: Serialize + DeserializeOwned>(
     options: &SceneOptions<'_>,
     simulate: impl FnOnce() -> Record<T>,
 ) -> (Record<T>, Vec<String>) {
-    let without = Effects { motion: options.without, ..Effects::default() };
+    let without = Effects { simulated: options.without, ..Effects::default() };
     let parameters = &format!("{parameters} without {without}");
     if let Some(record) = options.record.and_then(|bytes| decode(bytes, parameters)) {
         return (record, Vec::new());

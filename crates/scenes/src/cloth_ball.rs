@@ -8,7 +8,7 @@ use crate::cloth::Cloth;
 use crate::rigid::rotation;
 use crate::shape::{Assembly, Mesh, grid, sphere};
 use crate::simulation::{self, Run, World};
-use crate::{Effects, Measure, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions};
+use crate::{Effects, Measure, Scene, SceneError, SceneInfo, SceneOptions, Simulated};
 
 const FRAMES: usize = 94;
 const SUBSTEPS: usize = 80;
@@ -32,7 +32,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     about: "a cloth falls onto a ball, which turns and winds it up",
     triangles: 2 * SIDE * SIDE + 760,
     frames: FRAMES,
-    effects: Effects::of_scene(MotionEffects { key_frames: true, ..simulation::effects::<Winding>() }),
+    effects: Effects::of_scene(simulation::effects::<Winding>(), Motion::KEY_FRAMES),
     key_bytes: FRAMES * ((SIDE + 1) * (SIDE + 1) + 382) * size_of::<Vec3>(),
 };
 
@@ -43,7 +43,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let (Record { data: frames, measures, stats }, notes) =
         recorded(&parameters, options, || simulate(side, keys, substeps, options));
 
-    let moving = Motion { key_frames: true, ..Motion::STILL };
+    let moving = Motion::KEY_FRAMES;
     let mut assembly = Assembly::default();
     let fabric = assembly.material([0.65, 0.2, 0.22]);
     let ball = assembly.material([0.8, 0.75, 0.6]);
@@ -83,21 +83,21 @@ struct Winding {
 }
 
 impl World for Winding {
-    const STAGES: &'static [(MotionEffects, Run<Self>)] = &[
-        (simulation::CONTACT, |w, step| {
+    const STAGES: &'static [(Simulated, Run<Self>)] = &[
+        (Simulated::CONTACT, |w, step| {
             w.cloth.find_folds(step % w.substeps);
             0
         }),
-        (simulation::GRAVITY, |w, _| w.cloth.fall()),
-        (simulation::DRIFT, |w, _| w.cloth.drift()),
-        (simulation::CLOTH, |w, _| w.cloth.hold_together()),
-        (simulation::CONTACT, |w, _| w.cloth.keep_folds_apart()),
-        (simulation::CONTACT, |w, step| {
+        (Simulated::GRAVITY, |w, _| w.cloth.fall()),
+        (Simulated::empty(), |w, _| w.cloth.drift()),
+        (Simulated::CLOTH, |w, _| w.cloth.hold_together()),
+        (Simulated::CONTACT, |w, _| w.cloth.keep_folds_apart()),
+        (Simulated::CONTACT, |w, step| {
             let [start, end] = [step, step + 1].map(|step| w.angle(step));
             let turned = rotation(Vec3::Y, end - start);
             w.cloth.touch(|before, now| contact(before, now, turned))
         }),
-        (simulation::DRIFT, |w, _| {
+        (Simulated::empty(), |w, _| {
             w.cloth.set_velocities();
             0
         }),

@@ -1,11 +1,11 @@
 //! `exploding-dragon`: a stone drops onto a hollow dragon, which bursts into thousands of pieces.
 
-use anim::{KeyFrames, LoopMode};
+use anim::{KeyFrames, LoopMode, Motion};
 use glam::{Vec3, vec3};
 
 use crate::rigid::Key;
 use crate::statue::{EFFECTS, Statue};
-use crate::{Scene, SceneError, SceneInfo, SceneOptions, dragon};
+use crate::{Effects, Scene, SceneError, SceneInfo, SceneOptions, dragon};
 
 const FRAMES: usize = 96;
 
@@ -57,8 +57,7 @@ pub(crate) fn blended(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let moving = topology.parts.iter().filter(|part| !part.motion.is_still());
     let key_bytes = BLENDED_KEYS * moving.map(|part| part.vertices.len()).sum::<usize>() * size_of::<Vec3>();
     let animation = KeyFrames::new(topology, frames, seconds, LoopMode::Restart)?;
-    let mut effects = rigid.effects;
-    (effects.motion.rigid, effects.motion.key_frames) = (false, true);
+    let effects = Effects { motion: Motion::KEY_FRAMES, ..EFFECTS };
     let name = "exploding-dragon:blended".to_owned();
     Ok(Scene { name, animation: Box::new(animation), key_bytes, effects, ..rigid })
 }

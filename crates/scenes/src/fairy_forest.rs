@@ -6,7 +6,7 @@
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use std::path::Path;
 
-use anim::LoadOptions;
+use anim::{LoadOptions, Motion};
 use glam::{DQuat, Vec3, vec3};
 
 use crate::cache::{Record, recorded};
@@ -16,7 +16,7 @@ use crate::glb::Glb;
 use crate::implicit::Solid;
 use crate::rigid::rotation;
 use crate::shape::Mesh;
-use crate::{Effects, MotionEffects, Scene, SceneError, SceneInfo, SceneOptions, fairy, meshing};
+use crate::{Effects, Scene, SceneError, SceneInfo, SceneOptions, Simulated, fairy, meshing};
 
 const TRIANGLES: usize = 174_117;
 const TREES: usize = 16;
@@ -32,7 +32,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     about: "a fairy dances, a dragonfly circles, and a caterpillar creeps in a still forest",
     triangles: TRIANGLES,
     frames: FRAMES,
-    effects: Effects::of_scene(MotionEffects { skin: true, morph: true, rigid: true, ..MotionEffects::NONE }),
+    effects: Effects::of_scene(Simulated::empty(), Motion::ALL.difference(Motion::KEY_FRAMES)),
     key_bytes: 0,
 };
 

@@ -9,7 +9,7 @@ use anim::{Animation, Light, LoadError, LoadOptions, View};
 use glam::{Vec3, vec3};
 
 use crate::room;
-use crate::{Effects, LightEffects, MotionEffects, Scene, SceneOptions, SimulationStats};
+use crate::{Effects, LightEffects, Scene, SceneOptions, Simulated, SimulationStats};
 
 /// Times at which the bounds of an animation are taken.
 const BOUND_SAMPLES: usize = 32;
@@ -19,7 +19,8 @@ const FRAME_RATE: f64 = 24.0;
 const MOST_FRAMES: usize = 1_000_000;
 
 pub(crate) fn scene(path: &Path, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, LoadError> {
-    let textures = options.light.is_none_or(|light| light.textures || light.alpha);
+    let textures =
+        options.light.is_none_or(|light| light.intersects(LightEffects::TEXTURES | LightEffects::ALPHA));
     let mut load = LoadOptions { clip, textures, ..LoadOptions::default() };
     let mut animation = anim::load(path, &load)?;
     if options.local_origin {
@@ -41,14 +42,16 @@ pub fn scene_of(path: &Path, animation: Box<dyn Animation>) -> Scene {
     let (view, light) = default_view(&*animation);
     let remark = |note: String| format!("{}: {note}", path.display());
     let mut notes: Vec<String> = animation.notes().into_iter().map(remark).collect();
-    let mut shadows = true;
+    let topology = animation.topology();
+    let mut light_effects = LightEffects::of(topology) | LightEffects::SHADOWS;
     if animation.view(0.0).is_none() {
         notes.push(format!("{} has no camera; the view is a default", path.display()));
     }
     if animation.light(0.0).is_none() {
         // Mesh files cannot say what lights there are; of what can and names none, none casts a
         // shadow.
-        shadows = path.is_dir() || anim::is_mesh_file(path);
+        let shadows = path.is_dir() || anim::is_mesh_file(path);
+        light_effects.set(LightEffects::SHADOWS, shadows);
         let cast = if shadows { "" } else { " that casts no shadow" };
         notes.push(format!("{} has no light; the light is a default{cast}", path.display()));
     }
@@ -58,8 +61,9 @@ pub fn scene_of(path: &Path, animation: Box<dyn Animation>) -> Scene {
         view,
         light,
         effects: Effects {
-            motion: MotionEffects::of(animation.topology()),
-            light: LightEffects { shadows, ..LightEffects::of(animation.topology()) },
+            simulated: Simulated::empty(),
+            motion: topology.parts.iter().map(|part| part.motion).collect(),
+            light: light_effects,
         },
         frames: animation
             .frames()

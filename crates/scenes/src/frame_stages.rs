@@ -2,64 +2,50 @@
 
 use anim::{Motion, Part};
 
+use crate::effects::names;
 use crate::{Effects, LightEffects, Scene};
 
-/// Declares the stages in the order they run: the name of each for tables, and what calls for it.
-macro_rules! stages {
-    ($($(#[$doc:meta])* $stage:ident: $name:literal, $calls:expr;)*) => {
-        /// A stage of a frame.
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-        pub enum FrameStage {
-            $($(#[$doc])* $stage,)*
-        }
-
-        impl FrameStage {
-            /// All stages, in the order they run.
-            pub const ALL: [Self; 12] = [$(Self::$stage),*];
-
-            /// A short name for tables.
-            #[must_use]
-            pub fn name(self) -> &'static str {
-                match self {
-                    $(Self::$stage => $name,)*
-                }
-            }
-
-            fn is_called_for(self, motion: Motion, light: LightEffects) -> bool {
-                let calls: fn(Motion, LightEffects) -> bool = match self {
-                    $(Self::$stage => $calls,)*
-                };
-                calls(motion, light)
-            }
-        }
-    };
+/// A stage of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum FrameStage {
+    /// Vertices are moved by one kind of motion.
+    Motion(Motion),
+    /// The tree is brought up to date.
+    Update,
+    /// Rays from the eye.
+    Primary,
+    /// What one effect of light asks for: rays, or looks at textures.
+    Light(LightEffects),
 }
 
-stages! {
-    /// Vertices are blended between key frames.
-    KeyFrames: "key frames", |motion, _| motion.key_frames;
-    /// Vertices are displaced towards morph targets.
-    Morph: "morph", |motion, _| motion.morph;
-    /// Vertices are skinned.
-    Skin: "skin", |motion, _| motion.skin;
-    /// Whole parts are moved.
-    Rigid: "rigid", |motion, _| motion.rigid;
-    /// The tree is brought up to date.
-    Update: "update", |motion, _| !motion.is_still();
-    /// Rays from the eye.
-    Primary: "primary", |_, _| true;
-    /// Hits on what is cut out by transparency are passed over.
-    Alpha: "alpha", |_, light| light.alpha;
-    /// Colours are read from textures.
-    Textures: "textures", |_, light| light.textures;
-    /// Rays between hits and lights.
-    Shadow: "shadow", |_, light| light.shadows;
-    /// Rays that mirrors send on.
-    Mirror: "mirror", |_, light| light.mirror;
-    /// Short rays that ask how open a place is.
-    AmbientOcclusion: "ambient occlusion", |_, light| light.ambient_occlusion;
-    /// Rays that gather light from other surfaces.
-    DiffuseBounces: "diffuse bounces", |_, light| light.diffuse_bounces;
+impl FrameStage {
+    /// All stages, in the order they run.
+    pub const ALL: [Self; 12] = [
+        Self::Motion(Motion::KEY_FRAMES),
+        Self::Motion(Motion::MORPH),
+        Self::Motion(Motion::SKIN),
+        Self::Motion(Motion::RIGID),
+        Self::Update,
+        Self::Primary,
+        Self::Light(LightEffects::ALPHA),
+        Self::Light(LightEffects::TEXTURES),
+        Self::Light(LightEffects::SHADOWS),
+        Self::Light(LightEffects::MIRROR),
+        Self::Light(LightEffects::AMBIENT_OCCLUSION),
+        Self::Light(LightEffects::DIFFUSE_BOUNCES),
+    ];
+
+    /// A short name for tables.
+    #[must_use]
+    pub fn name(self) -> String {
+        match self {
+            Self::Motion(kind) => names(kind).collect(),
+            Self::Update => "update".to_owned(),
+            Self::Primary => "primary".to_owned(),
+            Self::Light(LightEffects::SHADOWS) => "shadow".to_owned(),
+            Self::Light(effect) => names(effect).collect(),
+        }
+    }
 }
 
 impl Effects {
@@ -71,7 +57,12 @@ impl Effects {
     /// Whether a frame runs a stage.
     #[must_use]
     pub fn calls_for(self, stage: FrameStage) -> bool {
-        stage.is_called_for(self.motion.playback(), self.light)
+        match stage {
+            FrameStage::Motion(kind) => self.motion.contains(kind),
+            FrameStage::Update => !self.motion.is_still(),
+            FrameStage::Primary => true,
+            FrameStage::Light(effect) => self.light.contains(effect),
+        }
     }
 }
 
@@ -85,22 +76,29 @@ impl Scene {
             format!("{count} of {} parts {are}", topology.parts.len())
         };
         let material = |part: &Part| topology.materials[part.material as usize];
+        let moved = |kind, are| parts(&|part| part.motion.contains(kind), are);
         let reason = |stage| match stage {
-            FrameStage::KeyFrames => parts(&|part| part.motion.key_frames, "have key frames"),
-            FrameStage::Morph => parts(&|part| part.motion.morph, "have morph weights that vary"),
-            FrameStage::Skin => parts(&|part| part.motion.skin, "have joints that move"),
-            FrameStage::Rigid => parts(&|part| part.motion.rigid, "are moved as a whole"),
+            FrameStage::Motion(Motion::KEY_FRAMES) => moved(Motion::KEY_FRAMES, "have key frames"),
+            FrameStage::Motion(Motion::MORPH) => moved(Motion::MORPH, "have morph weights that vary"),
+            FrameStage::Motion(Motion::SKIN) => moved(Motion::SKIN, "have joints that move"),
+            FrameStage::Motion(kind) => moved(kind, "are moved as a whole"),
             FrameStage::Update => {
                 let moving = topology.moves.iter().filter(|&&moves| moves).count();
                 format!("{moving} of {} triangles move", topology.moves.len())
             }
             FrameStage::Primary => "the eye sees".to_owned(),
-            FrameStage::Alpha => parts(&|part| material(part).cutoff.is_some(), "have holes"),
-            FrameStage::Textures => parts(&|part| material(part).texture.is_some(), "have textures"),
-            FrameStage::Shadow if self.animation.light(0.0).is_some() => "the file has a light".to_owned(),
-            FrameStage::Shadow => "the scene is lit".to_owned(),
-            FrameStage::Mirror => parts(&|part| material(part).mirror, "are mirrors"),
-            FrameStage::AmbientOcclusion | FrameStage::DiffuseBounces => "asked for".to_owned(),
+            FrameStage::Light(LightEffects::ALPHA) => {
+                parts(&|part| material(part).cutoff.is_some(), "have holes")
+            }
+            FrameStage::Light(LightEffects::TEXTURES) => {
+                parts(&|part| material(part).texture.is_some(), "have textures")
+            }
+            FrameStage::Light(LightEffects::MIRROR) => parts(&|part| material(part).mirror, "are mirrors"),
+            FrameStage::Light(LightEffects::SHADOWS) if self.animation.light(0.0).is_some() => {
+                "the file has a light".to_owned()
+            }
+            FrameStage::Light(LightEffects::SHADOWS) => "the scene is lit".to_owned(),
+            FrameStage::Light(_) => "asked for".to_owned(),
         };
         self.effects.stages().map(|stage| (stage, reason(stage))).collect()
     }
@@ -109,17 +107,21 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::MotionEffects;
+    use crate::Simulated;
 
     #[test]
     fn a_frame_runs_what_is_called_for_and_nothing_else() {
-        let names = |effects: Effects| effects.stages().map(FrameStage::name).collect::<Vec<_>>().join(", ");
-        let plan = |motion, light| names(Effects { motion, light });
-        assert_eq!(plan(MotionEffects::NONE, LightEffects::NONE), "primary");
-        let all_motion = MotionEffects { skin: true, rigid: true, gravity: true, ..MotionEffects::NONE };
-        assert_eq!(plan(all_motion, LightEffects::SHADOWS), "skin, rigid, update, primary, shadow");
-        let light = LightEffects { textures: true, mirror: true, ..LightEffects::NONE };
-        let cloth = MotionEffects { cloth: true, key_frames: true, ..MotionEffects::NONE };
-        assert_eq!(plan(cloth, light), "key frames, update, primary, textures, mirror");
+        let plan = |motion, light| {
+            let effects = Effects { simulated: Simulated::all(), motion, light };
+            effects.stages().map(FrameStage::name).collect::<Vec<_>>().join(", ")
+        };
+        assert_eq!(plan(Motion::STILL, LightEffects::empty()), "primary");
+        let both = Motion::SKIN | Motion::RIGID;
+        assert_eq!(plan(both, LightEffects::SHADOWS), "skin, rigid, update, primary, shadow");
+        let light = LightEffects::TEXTURES | LightEffects::MIRROR;
+        assert_eq!(plan(Motion::KEY_FRAMES, light), "key frames, update, primary, textures, mirror");
+        let all = "key frames, morph, skin, rigid, update, primary, alpha, textures, shadow, mirror, \
+                   ambient occlusion, diffuse bounces";
+        assert_eq!(plan(Motion::ALL, LightEffects::all()), all);
     }
 }

@@ -42,7 +42,7 @@ mod toys;
 mod whole_file;
 
 pub use accuracy::{Distance, distance};
-pub use effects::{Effects, LightEffects, MotionEffects};
+pub use effects::{Effects, LightEffects, Simulated};
 pub use fairy_forest::fairy_forest_glb;
 pub use file::scene_of;
 pub use frame_stages::FrameStage;

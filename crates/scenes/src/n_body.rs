@@ -10,7 +10,7 @@ use crate::cache::{Record, recorded};
 use crate::rigid::{Key, RigidBodies};
 use crate::shape::{Assembly, arc, normals, sphere, turned};
 use crate::simulation::{self, Run};
-use crate::{Effects, Measure, MotionEffects, Scene, SceneInfo, SceneOptions};
+use crate::{Effects, Measure, Scene, SceneInfo, SceneOptions, Simulated};
 
 const BALLS: usize = 300;
 const FRAMES: usize = 100;
@@ -43,7 +43,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     about: "300 balls under mutual gravity collide among five still pillars",
     triangles: BALLS * 480 + PILLARS.len() * 496,
     frames: FRAMES,
-    effects: Effects::of_scene(MotionEffects { rigid: true, ..simulation::effects::<World>() }),
+    effects: Effects::of_scene(simulation::effects::<World>(), Motion::RIGID),
     key_bytes: FRAMES * BALLS * size_of::<Key>(),
 };
 
@@ -64,7 +64,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
     let colors = [[0.85, 0.3, 0.2], [0.9, 0.7, 0.25], [0.25, 0.5, 0.8], [0.35, 0.7, 0.4], [0.85, 0.85, 0.8]]
         .map(|color| assembly.material(color));
     let stone = assembly.material([0.55, 0.55, 0.6]);
-    let moving = Motion { rigid: true, ..Motion::STILL };
+    let moving = Motion::RIGID;
     let steps = (16.0 * options.detail.unwrap_or(1.0).sqrt()).round().max(4.0) as usize;
     for (&radius, &color) in radii.iter().zip(colors.iter().cycle()) {
         assembly.part("ball", &sphere(radius, steps, steps), moving, color);
@@ -137,17 +137,17 @@ struct World {
 }
 
 impl simulation::World for World {
-    const STAGES: &'static [(MotionEffects, Run<Self>)] = &[
-        (simulation::GRAVITY, |w, _| w.kick()),
-        (simulation::DRIFT, |w, _| {
+    const STAGES: &'static [(Simulated, Run<Self>)] = &[
+        (Simulated::GRAVITY, |w, _| w.kick()),
+        (Simulated::empty(), |w, _| {
             w.balls.iter_mut().for_each(|ball| ball.position += ball.velocity * w.dt);
             w.balls.len()
         }),
-        (simulation::GRAVITY, |w, _| {
+        (Simulated::GRAVITY, |w, _| {
             w.potential = gravity(&w.balls, &mut w.force);
             w.kick()
         }),
-        (simulation::CONTACT, |w, _| collide(&mut w.balls)),
+        (Simulated::CONTACT, |w, _| collide(&mut w.balls)),
     ];
 
     fn record(&mut self, _: usize) {

@@ -87,7 +87,7 @@ impl RigidBodies {
     /// The moving parts of `assembly`, which come before the still ones, a body each.
     pub(crate) fn new(assembly: Assembly, normals: Vec<Vec3>, keys: Vec<Key>, seconds: f64) -> Self {
         let Assembly { topology, positions: local } = assembly;
-        let moving = topology.parts.iter().filter(|part| part.motion.rigid);
+        let moving = topology.parts.iter().filter(|part| part.motion.contains(Motion::RIGID));
         let bodies = moving.clone().count();
         let body = (0..).zip(moving).flat_map(|(i, part)| repeat_n(i, part.vertices.len())).collect();
         let mut rest = local.clone();
@@ -129,7 +129,7 @@ impl Animation for RigidBodies {
     fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
         assert_eq!(positions.len(), self.model.topology.vertex_count, "one position per vertex");
         let mut stats = PoseStats::default();
-        if kinds.rigid {
+        if kinds.contains(Motion::RIGID) {
             stats.rigid.add(|| self.place(time, positions));
         }
         stats

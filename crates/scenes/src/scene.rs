@@ -7,7 +7,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Effects, LightEffects, MotionEffects, SimulationStats, bart_museum, cloth_ball, exploding_dragon,
+    Effects, LightEffects, Simulated, SimulationStats, bart_museum, cloth_ball, exploding_dragon,
     fairy_forest, file, lion, n_body,
 };
 
@@ -111,9 +111,8 @@ pub struct SceneOptions<'a> {
     /// Fraction of the triangles to make, above 0 and at most 1, as near as a scene comes to it:
     /// the museum's sculpture has 4^-n of them, and the forest fewer trees. `None` is all.
     pub detail: Option<f32>,
-    /// Effects that the scene calls for and that are left out: their stages do not run, neither in
-    /// the simulation nor in a frame.
-    pub without: MotionEffects,
+    /// Effects that the simulation leaves out: their stages do not run.
+    pub without: Simulated,
     /// What light is to do; `None` is what the scene calls for. Where this has neither textures nor
     /// alpha, the textures of a file are not read: surfaces keep the factors of their materials.
     pub light: Option<LightEffects>,
@@ -174,7 +173,7 @@ pub fn list() -> &'static [SceneInfo] {
 pub fn load(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     check(options)?;
     let mut scene = make(name_or_path, clip, options)?;
-    scene.effects.motion = scene.effects.motion.without(options.without);
+    scene.effects.simulated -= options.without;
     scene.effects.light = options.light.unwrap_or(scene.effects.light);
     Ok(scene)
 }

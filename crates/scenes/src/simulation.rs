@@ -5,22 +5,16 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{MotionEffects, SceneOptions};
-
-/// What a part of a step serves: one effect, or none where positions follow velocities.
-pub(crate) const DRIFT: MotionEffects = MotionEffects::NONE;
-pub(crate) const CLOTH: MotionEffects = MotionEffects { cloth: true, ..DRIFT };
-pub(crate) const GRAVITY: MotionEffects = MotionEffects { gravity: true, ..DRIFT };
-pub(crate) const CONTACT: MotionEffects = MotionEffects { contact: true, ..DRIFT };
-pub(crate) const FRACTURE: MotionEffects = MotionEffects { fracture: true, ..DRIFT };
+use crate::{SceneOptions, Simulated};
 
 /// A part of a step, which gets the number of the step. Gives how often it did what it does.
 pub(crate) type Run<W> = fn(&mut W, usize) -> usize;
 
 /// What is simulated.
 pub(crate) trait World: Sized + 'static {
-    /// The parts of a step, in the order they run.
-    const STAGES: &'static [(MotionEffects, Run<Self>)];
+    /// The parts of a step, in the order they run, each with the effect that it serves: none where
+    /// positions follow velocities.
+    const STAGES: &'static [(Simulated, Run<Self>)];
 
     /// Keeps a key frame.
     fn record(&mut self, key: usize);
@@ -44,10 +38,10 @@ pub struct SimulationStats {
 }
 
 /// What a world calls for: the effects of its stages.
-pub(crate) const fn effects<W: World>() -> MotionEffects {
-    let (mut effects, mut i) = (MotionEffects::NONE, 0);
+pub(crate) const fn effects<W: World>() -> Simulated {
+    let (mut effects, mut i) = (Simulated::empty(), 0);
     while i < W::STAGES.len() {
-        effects = effects.with(W::STAGES[i].0);
+        effects = effects.union(W::STAGES[i].0);
         i += 1;
     }
     effects
@@ -61,8 +55,7 @@ pub(crate) fn simulate<W: World>(
     substeps: usize,
     options: &SceneOptions<'_>,
 ) -> SimulationStats {
-    let runs = |effect: MotionEffects| effect.without(options.without) == effect;
-    let stages: Vec<_> = W::STAGES.iter().filter(|&&(effect, _)| runs(effect)).collect();
+    let stages: Vec<_> = W::STAGES.iter().filter(|stage| !stage.0.intersects(options.without)).collect();
     let mut stats = SimulationStats::default();
     for key in 0..keys {
         if let Some(progress) = options.progress {
@@ -73,10 +66,10 @@ pub(crate) fn simulate<W: World>(
         for step in (key * substeps..).take(steps) {
             for &&(effect, run) in &stages {
                 let count = match effect {
-                    MotionEffects { cloth: true, .. } => &mut stats.cloth,
-                    MotionEffects { gravity: true, .. } => &mut stats.gravity,
-                    MotionEffects { contact: true, .. } => &mut stats.contact,
-                    MotionEffects { fracture: true, .. } => &mut stats.fracture,
+                    Simulated::CLOTH => &mut stats.cloth,
+                    Simulated::GRAVITY => &mut stats.gravity,
+                    Simulated::CONTACT => &mut stats.contact,
+                    Simulated::FRACTURE => &mut stats.fracture,
                     _ => &mut stats.drift,
                 };
                 *count += run(world, step) as u64;

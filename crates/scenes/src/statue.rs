@@ -15,7 +15,7 @@ use crate::rigid::{Key, RigidBodies};
 use crate::shape::{Assembly, Mesh};
 use crate::shatter::{Bodies, Body};
 use crate::simulation::{self, Run, World};
-use crate::{Effects, Measure, MotionEffects, Scene, SceneInfo, SceneOptions, meshing, shape};
+use crate::{Effects, Measure, Scene, SceneInfo, SceneOptions, Simulated, meshing, shape};
 
 /// Steps between checks for pieces that nothing holds up.
 const SUPPORT: usize = 8;
@@ -56,8 +56,7 @@ pub(crate) struct Statue {
 const GROUND: usize = 512;
 
 /// What a breaking statue calls for.
-pub(crate) const EFFECTS: Effects =
-    Effects::of_scene(MotionEffects { rigid: true, ..simulation::effects::<Breaking>() });
+pub(crate) const EFFECTS: Effects = Effects::of_scene(simulation::effects::<Breaking>(), Motion::RIGID);
 
 impl Statue {
     pub(crate) fn scene(&'static self, options: &SceneOptions<'_>) -> Scene {
@@ -81,7 +80,7 @@ impl Statue {
     fn playback(&self, Pieces { meshes, welds, keys }: Pieces) -> RigidBodies {
         let mut assembly = Assembly::default();
         let [statue, stone, earth] = self.colors.map(|color| assembly.material(color));
-        let moving = Motion { rigid: true, ..Motion::STILL };
+        let moving = Motion::RIGID;
         let count = meshes.len();
         for (i, mesh) in meshes.iter().enumerate() {
             let (name, material) = if i + 1 < count { ("shard", statue) } else { ("stone", stone) };
@@ -124,11 +123,11 @@ struct Breaking {
 }
 
 impl World for Breaking {
-    const STAGES: &'static [(MotionEffects, Run<Self>)] = &[
-        (simulation::FRACTURE, |w, step| w.break_off(step)),
-        (simulation::GRAVITY, |w, _| w.world.fall()),
-        (simulation::DRIFT, |w, _| w.world.drift()),
-        (simulation::CONTACT, |w, step| w.world.touch(step)),
+    const STAGES: &'static [(Simulated, Run<Self>)] = &[
+        (Simulated::FRACTURE, |w, step| w.break_off(step)),
+        (Simulated::GRAVITY, |w, _| w.world.fall()),
+        (Simulated::empty(), |w, _| w.world.drift()),
+        (Simulated::CONTACT, |w, step| w.world.touch(step)),
     ];
 
     fn record(&mut self, _: usize) {
@@ -325,7 +324,7 @@ mod tests {
                     for &(effect, run) in Breaking::STAGES {
                         let before = energy(&w.world);
                         run(&mut w, step);
-                        if effect == simulation::FRACTURE {
+                        if effect == Simulated::FRACTURE {
                             put_in += energy(&w.world) - before;
                         }
                     }

@@ -92,6 +92,8 @@ fn windmill(glb: &mut Glb, place: Vec3) {
 mod tests {
     use std::path::Path;
 
+    use anim::Motion;
+
     use super::*;
 
     #[test]
@@ -102,8 +104,8 @@ mod tests {
         assert!(written == bytes, "run `cargo xtask export toys assets/toys.glb`");
         assert!(bytes.len() < 300_000, "{} bytes", bytes.len());
         let animation = anim::parse(Path::new("toys.glb"), &bytes, &Default::default()).unwrap();
-        let effects = crate::MotionEffects::of(animation.topology());
-        assert!(effects.skin && effects.morph && effects.rigid);
+        let motion: Motion = animation.topology().parts.iter().map(|part| part.motion).collect();
+        assert_eq!(motion, Motion::SKIN | Motion::MORPH | Motion::RIGID);
         assert!(animation.topology().moves.contains(&false), "the ground stands still");
     }
 }

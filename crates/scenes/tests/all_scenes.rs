@@ -4,6 +4,7 @@
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
+use anim::Motion;
 use anim::glam::Vec3;
 use scenes::{Scene, SceneError, SceneOptions, list, load};
 
@@ -222,15 +223,8 @@ fn positions_are_finite_in_500_frames_and_still_parts_stand_still() {
             }
         }
         assert_eq!(next_triangle as usize, topology.triangles.len());
-        let all = topology.parts.iter().map(|p| p.motion);
-        let any = |motion: fn(anim::Motion) -> bool| all.clone().any(motion);
-        let motion = scene.effects.motion;
-        assert_eq!(
-            (motion.skin, motion.morph, motion.rigid, motion.key_frames),
-            (any(|m| m.skin), any(|m| m.morph), any(|m| m.rigid), any(|m| m.key_frames)),
-            "{}: declared effects are those of the parts",
-            scene.name
-        );
+        let all: Motion = topology.parts.iter().map(|part| part.motion).collect();
+        assert_eq!(scene.effects.motion, all, "{}: declared effects are those of the parts", scene.name);
     }
 }
 
@@ -341,7 +335,7 @@ fn file_is_framed_from_above_with_all_that_moves_in_the_picture() {
         std::fs::write(dir.path().join(format!("frame{frame}.obj")), text).unwrap();
     }
     let scene = load(dir.path().to_str().unwrap(), None, &SceneOptions::default()).unwrap();
-    assert!(scene.effects.motion.key_frames);
+    assert_eq!(scene.effects.motion, Motion::KEY_FRAMES);
     assert_eq!(scene.notes.len(), 2, "view and light are defaults: {:?}", scene.notes);
     let view = scene.view;
     assert!(view.eye.y > view.target.y && scene.light.position.y > view.eye.y);

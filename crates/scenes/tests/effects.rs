@@ -2,17 +2,13 @@
 
 use anim::glam::Vec3;
 use anim::{Animation, Motion, PoseStats};
-use scenes::{MotionEffects, Scene, SceneOptions, SimulationStats, list, load};
+use scenes::{Scene, SceneOptions, Simulated, SimulationStats, list, load};
 
 /// The effects of simulations.
-const SIMULATED: [MotionEffects; 4] = [
-    MotionEffects { cloth: true, ..MotionEffects::NONE },
-    MotionEffects { gravity: true, ..MotionEffects::NONE },
-    MotionEffects { contact: true, ..MotionEffects::NONE },
-    MotionEffects { fracture: true, ..MotionEffects::NONE },
-];
+const SIMULATED: [Simulated; 4] =
+    [Simulated::CLOTH, Simulated::GRAVITY, Simulated::CONTACT, Simulated::FRACTURE];
 
-fn small(name: &str, without: MotionEffects) -> Scene {
+fn small(name: &str, without: Simulated) -> Scene {
     let (detail, substeps, key_frames) = (Some(0.01), Some(8), Some(40));
     let options = SceneOptions { detail, substeps, key_frames, without, ..SceneOptions::default() };
     load(name, None, &options).unwrap()
@@ -24,8 +20,8 @@ fn counters(SimulationStats { cloth, gravity, contact, fracture, .. }: Simulatio
 }
 
 /// Which of [`SIMULATED`] a scene declares.
-fn declared(motion: MotionEffects) -> [bool; 4] {
-    SIMULATED.map(|effect| motion.without(effect) != motion)
+fn declared(simulated: Simulated) -> [bool; 4] {
+    SIMULATED.map(|effect| simulated.contains(effect))
 }
 
 fn at_end(scene: &Scene) -> Vec<Vec3> {
@@ -37,9 +33,9 @@ fn at_end(scene: &Scene) -> Vec<Vec3> {
 #[test]
 fn what_a_scene_declares_is_simulated_and_nothing_else() {
     for info in list() {
-        let scene = small(info.name, MotionEffects::NONE);
+        let scene = small(info.name, Simulated::empty());
         let ran = counters(scene.simulated).map(|count| count > 0);
-        assert_eq!(ran, declared(info.effects.motion), "{}: {:?}", info.name, scene.simulated);
+        assert_eq!(ran, declared(info.effects.simulated), "{}: {:?}", info.name, scene.simulated);
         assert_eq!(scene.simulated.drift > 0, ran.contains(&true), "{}", info.name);
     }
 }
@@ -47,22 +43,20 @@ fn what_a_scene_declares_is_simulated_and_nothing_else() {
 #[test]
 fn an_effect_left_out_is_not_simulated_and_changes_the_motion() {
     for info in list() {
-        let full = small(info.name, MotionEffects::NONE);
+        let full = small(info.name, Simulated::empty());
         let ends = at_end(&full);
         for (i, &effect) in SIMULATED.iter().enumerate() {
-            if !declared(info.effects.motion)[i] {
+            if !declared(info.effects.simulated)[i] {
                 continue;
             }
             let scene = small(info.name, effect);
             assert_eq!(counters(scene.simulated)[i], 0, "{} without {effect:?}", info.name);
-            assert!(!declared(scene.effects.motion)[i], "{} without {effect:?}", info.name);
+            assert!(!declared(scene.effects.simulated)[i], "{} without {effect:?}", info.name);
             let positions = at_end(&scene);
             assert!(positions.iter().all(|p| p.is_finite()), "{} without {effect:?}", info.name);
             assert!(positions != ends, "{} without {effect:?} moves as with it", info.name);
 
-            let others = SIMULATED.iter().filter(|&&other| other != effect);
-            let others = others.fold(MotionEffects::NONE, |all, &other| all.with(other));
-            let alone = counters(small(info.name, others).simulated);
+            let alone = counters(small(info.name, Simulated::all() - effect).simulated);
             let mut rest = alone;
             rest[i] = 0;
             assert_eq!(rest, [0; 4], "{} with {effect:?} alone", info.name);
@@ -73,10 +67,10 @@ fn an_effect_left_out_is_not_simulated_and_changes_the_motion() {
 /// The kinds of playback, and the counter of each.
 type Kind = (Motion, fn(&PoseStats) -> u64);
 const KINDS: [Kind; 4] = [
-    (Motion { skin: true, ..Motion::STILL }, |stats| stats.skin.count),
-    (Motion { morph: true, ..Motion::STILL }, |stats| stats.morph.count),
-    (Motion { rigid: true, ..Motion::STILL }, |stats| stats.rigid.count),
-    (Motion { key_frames: true, ..Motion::STILL }, |stats| stats.key_frames.count),
+    (Motion::SKIN, |stats| stats.skin.count),
+    (Motion::MORPH, |stats| stats.morph.count),
+    (Motion::RIGID, |stats| stats.rigid.count),
+    (Motion::KEY_FRAMES, |stats| stats.key_frames.count),
 ];
 
 /// Of all kinds.
@@ -91,10 +85,6 @@ fn posed(animation: &dyn Animation, kinds: Motion) -> (Vec<Vec3>, PoseStats) {
     (positions, stats)
 }
 
-fn without(kind: Motion) -> Motion {
-    Motion { skin: !kind.skin, morph: !kind.morph, rigid: !kind.rigid, key_frames: !kind.key_frames }
-}
-
 fn check_playback(animation: &dyn Animation, name: &str) {
     let rest = animation.rest();
     let (full, all) = posed(animation, Motion::ALL);
@@ -102,17 +92,17 @@ fn check_playback(animation: &dyn Animation, name: &str) {
     assert!(none == rest && nothing == PoseStats::default(), "{name}: nothing moves by no kind");
     for (kind, counter) in KINDS {
         let parts = &animation.topology().parts;
-        let calls = parts.iter().any(|part| !part.motion.and(kind).is_still());
+        let calls = parts.iter().any(|part| part.motion.contains(kind));
         let (only, stats) = posed(animation, kind);
         assert_eq!((counter(&all) > 0, counter(&stats) > 0), (calls, calls), "{name}, {kind:?}");
         assert_eq!(total(&stats), counter(&stats), "{name}: {kind:?} alone");
-        let (left, stats) = posed(animation, without(kind));
+        let (left, stats) = posed(animation, Motion::ALL - kind);
         assert_eq!(counter(&stats), 0, "{name} without {kind:?}");
         assert_eq!(total(&stats), total(&all) - counter(&all), "{name} without {kind:?}");
         for part in parts {
             let vertices = part.vertices.start as usize..part.vertices.end as usize;
             let same = |a: &[Vec3], b: &[Vec3]| a[vertices.clone()] == b[vertices.clone()];
-            let called = part.motion.and(kind);
+            let called = part.motion & kind;
             assert!(!called.is_still() || same(&only, &rest), "{name}: {} by {kind:?}", part.name);
             assert!(!called.is_still() || same(&left, &full), "{name}: {} without {kind:?}", part.name);
             assert!(called != part.motion || same(&left, &rest), "{name}: {} without {kind:?}", part.name);
@@ -124,7 +114,7 @@ fn check_playback(animation: &dyn Animation, name: &str) {
 #[test]
 fn each_kind_of_motion_can_be_left_out_of_a_pose() {
     for info in list() {
-        check_playback(&*small(info.name, MotionEffects::NONE).animation, info.name);
+        check_playback(&*small(info.name, Simulated::empty()).animation, info.name);
     }
     let toys = anim::parse("toys.glb".as_ref(), &scenes::toys_glb(), &Default::default()).unwrap();
     check_playback(&*toys, "toys");

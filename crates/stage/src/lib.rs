@@ -17,11 +17,13 @@ use scenes::{FrameStage, LightEffects, Scene};
 
 /// Samples of a pixel with such effects, if none are asked for.
 #[must_use]
-pub fn default_samples(light: &LightEffects) -> u32 {
-    match light {
-        LightEffects { diffuse_bounces: true, .. } => 64,
-        LightEffects { ambient_occlusion: true, .. } => 4,
-        _ => 1,
+pub fn default_samples(light: LightEffects) -> u32 {
+    if light.contains(LightEffects::DIFFUSE_BOUNCES) {
+        64
+    } else if light.contains(LightEffects::AMBIENT_OCCLUSION) {
+        4
+    } else {
+        1
     }
 }
 
@@ -62,15 +64,14 @@ impl Stage {
         build: impl FnOnce(&Triangles<'_>) -> Result<Bvh, BuildError>,
     ) -> Result<Self, BuildError> {
         let topology = scene.animation.topology();
-        let playback = scene.effects.motion.playback();
-        let pose = Pose::new(playback, &*scene.animation);
+        let pose = Pose::new(scene.effects.motion, &*scene.animation);
         let mut first_tree = build(&Triangles { positions: pose.positions(), indices: &topology.triangles })?;
         let order = first_tree.reorder_primitives();
         let (mut moves, mut material_of) = (topology.moves.clone(), vec![0; topology.triangles.len()]);
         for part in &topology.parts {
             let triangles = part.triangles.start as usize..part.triangles.end as usize;
             material_of[triangles.clone()].fill(part.material);
-            if part.motion.and(playback).is_still() {
+            if !part.motion.intersects(scene.effects.motion) {
                 moves[triangles].fill(false);
             }
         }
@@ -141,9 +142,8 @@ impl Stage {
     /// and the effects leave out none of its motion.
     pub fn smooth(&mut self) {
         anim::vertex_normals(&self.triangles, self.pose.positions(), &mut self.normals);
-        let playback = self.scene.effects.motion.playback();
-        let is_whole = |part: &anim::Part| part.motion.and(playback) == part.motion;
-        if self.scene.animation.topology().parts.iter().all(is_whole) {
+        let motion = self.scene.effects.motion;
+        if self.scene.animation.topology().parts.iter().all(|part| motion.contains(part.motion)) {
             self.scene.animation.normals(self.pose.time(), &mut self.normals);
         }
     }
@@ -184,23 +184,25 @@ impl Stage {
     /// Rendering as the scene calls for: shadow rays only where it has shadows.
     #[must_use]
     pub fn render_options(&self) -> RenderOptions {
-        self.options_with(&self.scene.effects.light)
+        self.options_with(self.scene.effects.light)
     }
 
     /// Rendering with the effects of `light` in place of the scene's.
     #[must_use]
-    pub fn options_with(&self, light: &LightEffects) -> RenderOptions {
+    pub fn options_with(&self, light: LightEffects) -> RenderOptions {
         let distance = OCCLUSION_DISTANCE * self.first_tree.root().aabb().extent().length();
         let effects = Effects {
-            textures: light.textures,
-            alpha: light.alpha,
-            mirror: light.mirror,
+            textures: light.contains(LightEffects::TEXTURES),
+            alpha: light.contains(LightEffects::ALPHA),
+            mirror: light.contains(LightEffects::MIRROR),
             ambient_occlusion: light
-                .ambient_occlusion
+                .contains(LightEffects::AMBIENT_OCCLUSION)
                 .then_some(AmbientOcclusion { samples: OCCLUSION_RAYS, distance }),
-            diffuse_bounces: light.diffuse_bounces.then_some(DiffuseBounces { most: BOUNCES, sky: SKY }),
+            diffuse_bounces: light
+                .contains(LightEffects::DIFFUSE_BOUNCES)
+                .then_some(DiffuseBounces { most: BOUNCES, sky: SKY }),
         };
-        RenderOptions { shadows: light.shadows, effects, ..RenderOptions::default() }
+        RenderOptions { shadows: light.contains(LightEffects::SHADOWS), effects, ..RenderOptions::default() }
     }
 }
 

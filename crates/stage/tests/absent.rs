@@ -4,11 +4,11 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use anim::PoseStats;
+use anim::{Motion, PoseStats};
 use bvh_core::Bvh;
 use bvh_update::Updater;
 use rt_cpu::{Image, RenderStats, render};
-use scenes::{Effects, LightEffects, MotionEffects, Scene, SceneOptions};
+use scenes::{Effects, LightEffects, Scene, SceneOptions};
 use stage::Stage;
 
 /// Counts what a thread asks of the system's allocator.
@@ -89,10 +89,8 @@ fn effects_that_nothing_calls_for_count_nothing_and_allocate_nothing() {
     for name in names {
         pool.install(|| {
             let own = frame(name, |effects| effects);
-            let all = frame(name, |Effects { light, .. }| Effects {
-                motion: MotionEffects::ALL,
-                light: LightEffects { textures: true, alpha: true, mirror: true, ..light },
-            });
+            let looks = LightEffects::TEXTURES | LightEffects::ALPHA | LightEffects::MIRROR;
+            let all = frame(name, |own| Effects { motion: Motion::ALL, light: own.light | looks, ..own });
             assert!(counts(&own.posed).iter().any(|&count| count > 0), "{name} moves");
             assert_eq!(counts(&all.posed), counts(&own.posed), "{name}");
             assert_eq!(all.traced, own.traced, "{name}");
@@ -137,7 +135,7 @@ fn normals_do_not_outlive_the_pose_that_they_are_of() {
 
 #[test]
 fn a_tree_is_updated_only_where_planned_motion_moves_it() {
-    let dynamic = |motion: MotionEffects| {
+    let dynamic = |motion: Motion| {
         let mut scene = scene("toys");
         scene.effects.motion = motion;
         let stage = Stage::new(scene).unwrap();
@@ -145,18 +143,15 @@ fn a_tree_is_updated_only_where_planned_motion_moves_it() {
         stage.first_tree.visit(|_, node, _| count += usize::from(node.is_leaf() && node.is_dynamic()));
         count
     };
-    let [skin, rest] = [
-        MotionEffects { skin: true, ..MotionEffects::NONE },
-        MotionEffects { skin: false, ..MotionEffects::ALL },
-    ];
-    assert_eq!(dynamic(MotionEffects::NONE), 0);
+    let [skin, rest] = [Motion::SKIN, Motion::ALL - Motion::SKIN];
+    assert_eq!(dynamic(Motion::STILL), 0);
     assert!(dynamic(skin) > 0 && dynamic(rest) > 0);
-    assert_eq!(dynamic(skin) + dynamic(rest), dynamic(MotionEffects::ALL));
+    assert_eq!(dynamic(skin) + dynamic(rest), dynamic(Motion::ALL));
 }
 
 #[test]
 fn no_strategy_runs_where_nothing_moves() {
-    let built_anew = |motion: MotionEffects| {
+    let built_anew = |motion: Motion| {
         let mut scene = scene("toys");
         scene.effects.motion = motion;
         let mut stage = Stage::new(scene).unwrap();
@@ -164,5 +159,5 @@ fn no_strategy_runs_where_nothing_moves() {
         let mut tree = Bvh::clone(&stage.first_tree);
         stage.update(&mut tree, &mut Updater::new("sweep".parse().unwrap())).unwrap().rebuilt
     };
-    assert_eq!([MotionEffects::ALL, MotionEffects::NONE].map(built_anew), [true, false]);
+    assert_eq!([Motion::ALL, Motion::STILL].map(built_anew), [true, false]);
 }

@@ -4,6 +4,7 @@ use anyhow::Result;
 use bvh_core::{Bvh, sah_cost};
 use pivot_benches::{Answers, Contest, Contestant, Entry, LIMIT, View};
 use rt_cpu::{Pixel, PointLight, RenderOptions, RenderStats, Traversal, cast};
+use scenes::LightEffects;
 
 use super::Setting;
 use super::row::{Record, Row};
@@ -91,7 +92,7 @@ pub(super) fn rows(what: &str, lanes: &[Lane], setting: &Setting, all: &Answers)
 
 /// The scene's view now, with the light where the scene has shadows.
 pub(super) fn view(stage: &Stage, size: u32) -> View {
-    let light = stage.scene.effects.light.shadows.then(|| stage.light().position);
+    let light = stage.scene.effects.light.contains(LightEffects::SHADOWS).then(|| stage.light().position);
     View { camera: stage.camera(size, size), light }
 }
 

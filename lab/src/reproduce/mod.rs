@@ -29,7 +29,7 @@ use std::time::Instant;
 use anyhow::Result;
 use bvh_core::sah_cost;
 use pivot_benches::embree::Device;
-use scenes::Scene;
+use scenes::{FrameStage, Scene};
 
 use self::accuracy::Point;
 use self::contestants::plays_alone;
@@ -376,10 +376,10 @@ fn facts(stage: &Stage, build_ms: f64, plan: &Plan, label: String, supplement: b
         about: scene.about.to_owned(),
         triangles: stats.primitives,
         moving: scene.animation.topology().moves.iter().filter(|&&moves| moves).count(),
-        plan: stage.scene.effects.stages().map(|s| s.name().to_owned()).collect(),
+        plan: stage.scene.effects.stages().map(FrameStage::name).collect(),
         key_bytes: scene.key_bytes,
         measures: scene.measures.iter().map(|m| (m.name.clone(), m.value)).collect(),
-        effects: scene.effects.names().map(str::to_owned).collect(),
+        effects: scene.effects.names().collect(),
         frames: plan.values.frames,
         measure_every: plan.measure_every,
         build_ms,

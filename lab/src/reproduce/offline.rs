@@ -41,10 +41,10 @@ pub(crate) fn measure(stage: &mut Stage, size: u32) -> Result<Vec<OfflineTree>> 
         let sah_cost = sah_cost(&bvh);
         trees.push((OfflineTree { builder: name, build_ms, sah_cost, path_ms: 0.0 }, bvh));
     }
-    let light = LightEffects { diffuse_bounces: true, ..stage.scene.effects.light };
+    let light = stage.scene.effects.light | LightEffects::DIFFUSE_BOUNCES;
     // One by one, through the tree that was annealed: a wider view of it would be optimised again.
     let (smooth, traversal) = (false, Traversal::Single);
-    let options = RenderOptions { smooth, traversal, ..stage.options_with(&light) };
+    let options = RenderOptions { smooth, traversal, ..stage.options_with(light) };
     let mut renderer = Renderer::new(options, size);
     // The first picture through each tree warms up and does not count.
     for sample in 0..=PICTURES {

@@ -2,11 +2,11 @@
 
 use std::time::Duration;
 
-use anim::PoseStats;
+use anim::{Motion, PoseStats};
 use bvh_core::Bvh;
 use bvh_update::{Decision, Update};
 use rt_cpu::RenderStats;
-use scenes::FrameStage;
+use scenes::{FrameStage, LightEffects};
 use serde::{Deserialize, Serialize};
 
 use super::record::{Row, mean_update_ms, rounded};
@@ -27,31 +27,37 @@ pub(crate) struct StageSummary {
 pub(crate) fn stages(planned: &[String], rows: &[&Row]) -> Vec<StageSummary> {
     let count = |of: fn(&Row) -> u64| rows.iter().map(|row| of(row)).sum();
     let mean = |of: fn(&Row) -> f64| rows.iter().map(|row| of(row)).sum::<f64>() / rows.len().max(1) as f64;
+    let (motion, light) = (FrameStage::Motion, FrameStage::Light);
     let all = [
-        (FrameStage::KeyFrames, "vertices", count(|r| r.vertices_blended), mean(|r| r.blend_ms)),
-        (FrameStage::Morph, "displacements", count(|r| r.vertices_morphed), mean(|r| r.morph_ms)),
-        (FrameStage::Skin, "vertices", count(|r| r.vertices_skinned), mean(|r| r.skin_ms)),
-        (FrameStage::Rigid, "vertices", count(|r| r.vertices_rigid), mean(|r| r.rigid_ms)),
+        (motion(Motion::KEY_FRAMES), "vertices", count(|r| r.vertices_blended), mean(|r| r.blend_ms)),
+        (motion(Motion::MORPH), "displacements", count(|r| r.vertices_morphed), mean(|r| r.morph_ms)),
+        (motion(Motion::SKIN), "vertices", count(|r| r.vertices_skinned), mean(|r| r.skin_ms)),
+        (motion(Motion::RIGID), "vertices", count(|r| r.vertices_rigid), mean(|r| r.rigid_ms)),
         (FrameStage::Update, "primitives", count(|r| r.primitives_refit), mean_update_ms(rows)),
         (FrameStage::Primary, "rays", count(|r| r.rays_primary), mean(|r| r.primary_ms)),
-        (FrameStage::Alpha, "rays again", count(|r| r.rays_again), mean(|r| r.alpha_ms)),
-        (FrameStage::Textures, "surfaces", count(|r| r.textured), mean(|r| r.textures_ms)),
-        (FrameStage::Shadow, "rays", count(|r| r.rays_shadow), mean(|r| r.shadow_ms)),
-        (FrameStage::Mirror, "rays", count(|r| r.rays_mirror), mean(|r| r.mirror_ms)),
+        (light(LightEffects::ALPHA), "rays again", count(|r| r.rays_again), mean(|r| r.alpha_ms)),
+        (light(LightEffects::TEXTURES), "surfaces", count(|r| r.textured), mean(|r| r.textures_ms)),
+        (light(LightEffects::SHADOWS), "rays", count(|r| r.rays_shadow), mean(|r| r.shadow_ms)),
+        (light(LightEffects::MIRROR), "rays", count(|r| r.rays_mirror), mean(|r| r.mirror_ms)),
         (
-            FrameStage::AmbientOcclusion,
+            light(LightEffects::AMBIENT_OCCLUSION),
             "rays",
             count(|r| r.rays_ambient_occlusion),
             mean(|r| r.ambient_occlusion_ms),
         ),
-        (FrameStage::DiffuseBounces, "rays", count(|r| r.rays_bounce), mean(|r| r.diffuse_bounces_ms)),
+        (
+            light(LightEffects::DIFFUSE_BOUNCES),
+            "rays",
+            count(|r| r.rays_bounce),
+            mean(|r| r.diffuse_bounces_ms),
+        ),
     ];
     all.into_iter()
-        .filter(|(stage, _, count, _)| *count > 0 || planned.iter().any(|p| p == stage.name()))
         .map(|(stage, counts, count, mean_ms)| {
-            let (stage, counts) = (stage.name().to_owned(), counts.to_owned());
+            let (stage, counts) = (stage.name(), counts.to_owned());
             StageSummary { stage, counts, count, mean_ms }
         })
+        .filter(|summary| summary.count > 0 || planned.contains(&summary.stage))
         .collect()
 }
 
@@ -119,11 +125,10 @@ impl Row {
 mod tests {
     use std::sync::atomic::{AtomicU64, Ordering};
 
-    use anim::Motion;
     use bvh_core::{Aabb, Primitives, Triangles};
     use bvh_update::{Rotate, Strategy, Updater};
     use rt_cpu::{Image, StageTimes, render};
-    use scenes::{LightEffects, Scene, SceneOptions};
+    use scenes::{Scene, SceneOptions};
 
     use super::*;
     use crate::stage::{self, Stage};
@@ -164,12 +169,12 @@ mod tests {
             let mut stage = stage::ready(scene(info.name)).unwrap();
             let topology = stage.scene.animation.topology();
             let moving = topology.moves.iter().filter(|&&moves| moves).count() as u64;
-            let vertices = |calls_for: fn(Motion) -> bool| -> u64 {
-                let parts = topology.parts.iter().filter(|p| calls_for(p.motion));
+            let vertices = |kinds: Motion| -> u64 {
+                let parts = topology.parts.iter().filter(|p| p.motion.intersects(kinds));
                 parts.map(|p| p.vertices.len() as u64).sum()
             };
-            let [skinned, rigid] = [vertices(|m| m.skin), vertices(|m| m.rigid)];
-            let moving_vertices = vertices(|m| !m.is_still());
+            let [skinned, rigid] = [Motion::SKIN, Motion::RIGID].map(vertices);
+            let moving_vertices = vertices(Motion::ALL);
             // Of the cloth and its ball nothing stands still.
             let all_dynamic = moving == topology.triangles.len() as u64;
             assert_eq!(all_dynamic, info.name == "cloth-ball", "{}", info.name);
@@ -178,10 +183,10 @@ mod tests {
             let time = stage.time_of(1, 3);
             let stats = stage.pose(time);
             for (frame_stage, work) in [
-                (FrameStage::KeyFrames, stats.key_frames),
-                (FrameStage::Morph, stats.morph),
-                (FrameStage::Skin, stats.skin),
-                (FrameStage::Rigid, stats.rigid),
+                (FrameStage::Motion(Motion::KEY_FRAMES), stats.key_frames),
+                (FrameStage::Motion(Motion::MORPH), stats.morph),
+                (FrameStage::Motion(Motion::SKIN), stats.skin),
+                (FrameStage::Motion(Motion::RIGID), stats.rigid),
             ] {
                 let called_for = stage.scene.effects.calls_for(frame_stage);
                 assert_eq!(work.count > 0, called_for, "{}, {}", info.name, frame_stage.name());
@@ -211,7 +216,7 @@ mod tests {
         let mut lit = scene("n-body");
         let stats = traced(&stage::ready(scene("n-body")).unwrap());
         assert!(stats.rays_shadow > 0);
-        lit.effects.light = LightEffects::NONE;
+        lit.effects.light = LightEffects::empty();
         let dark = traced(&stage::ready(lit).unwrap());
         assert_eq!((dark.rays_shadow, dark.rays_primary), (0, stats.rays_primary));
     }

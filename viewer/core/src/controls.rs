@@ -80,7 +80,7 @@ pub(crate) enum Control {
     Test,
     Budget,
     Samples,
-    Effect(usize),
+    Effect(LightEffects),
     Fresh,
     Eye,
     Overlay,
@@ -102,12 +102,12 @@ pub(crate) const CONTROLS: [(char, &str, Control); 22] = [
     ('t', "triangle test", Control::Test),
     ('r', "rotation budget", Control::Budget),
     ('m', "samples", Control::Samples),
-    ('l', "shadows", Control::Effect(0)),
-    ('x', "textures", Control::Effect(1)),
-    ('k', "cutouts", Control::Effect(2)),
-    ('i', "mirrors", Control::Effect(3)),
-    ('o', "occlusion", Control::Effect(4)),
-    ('g', "bounces", Control::Effect(5)),
+    ('l', "shadows", Control::Effect(LightEffects::SHADOWS)),
+    ('x', "textures", Control::Effect(LightEffects::TEXTURES)),
+    ('k', "cutouts", Control::Effect(LightEffects::ALPHA)),
+    ('i', "mirrors", Control::Effect(LightEffects::MIRROR)),
+    ('o', "occlusion", Control::Effect(LightEffects::AMBIENT_OCCLUSION)),
+    ('g', "bounces", Control::Effect(LightEffects::DIFFUSE_BOUNCES)),
     ('z', "fresh trees", Control::Fresh),
     ('c', "scene's camera", Control::Eye),
     ('u', "overlay", Control::Overlay),
@@ -115,17 +115,17 @@ pub(crate) const CONTROLS: [(char, &str, Control); 22] = [
     ('y', "record", Control::Record),
 ];
 
-/// An effect of the light with the time that it took, by its number in the table.
-fn effect<'a>(light: &'a mut LightEffects, times: &StageTimes, number: usize) -> (&'a mut bool, f64) {
-    let (on, time) = match number {
-        0 => (&mut light.shadows, times.shadow),
-        1 => (&mut light.textures, times.textures),
-        2 => (&mut light.alpha, times.alpha),
-        3 => (&mut light.mirror, times.mirror),
-        4 => (&mut light.ambient_occlusion, times.ambient_occlusion),
-        _ => (&mut light.diffuse_bounces, times.diffuse_bounces),
+/// The time that an effect of the light took, in milliseconds.
+fn milliseconds(effect: LightEffects, times: &StageTimes) -> f64 {
+    let time = match effect {
+        LightEffects::SHADOWS => times.shadow,
+        LightEffects::TEXTURES => times.textures,
+        LightEffects::ALPHA => times.alpha,
+        LightEffects::MIRROR => times.mirror,
+        LightEffects::AMBIENT_OCCLUSION => times.ambient_occlusion,
+        _ => times.diffuse_bounces,
     };
-    (on, 1e3 * time.as_secs_f64())
+    1e3 * time.as_secs_f64()
 }
 
 /// The place of a value in a row of them.
@@ -158,10 +158,10 @@ impl State {
             Control::Budget if set.period == 1 => "all".to_owned(),
             Control::Budget => format!("1 in {}", set.period),
             Control::Samples => format!("{} of {}", self.samples_done(), self.samples()),
-            Control::Effect(number) => {
-                let (light, times) = (&mut self.light_effects(), self.stage_times());
-                let (is_on, ms) = effect(light, &times, number);
-                if *is_on && ms > 0.0 { format!("on {ms:.1} ms") } else { on(*is_on) }
+            Control::Effect(effect) => {
+                let is_on = self.light_effects().contains(effect);
+                let ms = milliseconds(effect, &self.stage_times());
+                if is_on && ms > 0.0 { format!("on {ms:.1} ms") } else { on(is_on) }
             }
             Control::Record => on(self.recording),
             Control::Fresh | Control::Eye | Control::Save | Control::Overlay => String::new(),
@@ -243,10 +243,8 @@ impl State {
             Control::Test => set.test = next(&TriangleTest::ALL, set.test, back),
             Control::Budget => set.period = next(&PERIODS, set.period, back),
             Control::Samples => set.samples = Some(next(&SAMPLES, samples, back)),
-            Control::Effect(number) => {
-                let mut light = self.light_effects();
-                let (on, _) = effect(&mut light, &StageTimes::default(), number);
-                *on = !*on;
+            Control::Effect(effect) => {
+                let light = self.light_effects() ^ effect;
                 (self.settings.light, self.settings.samples) = (Some(light), None);
             }
             Control::Fresh => self.restart_trees(),

@@ -58,7 +58,7 @@ impl State {
         let start = (self.clock)();
         let (light, samples, plays) = (self.light_effects(), self.samples(), self.plays());
         let mut shown = self.shown.take();
-        let did_trace = shown.as_mut().is_some_and(|shown| self.trace(shown, &light, samples, plays));
+        let did_trace = shown.as_mut().is_some_and(|shown| self.trace(shown, light, samples, plays));
         self.shown = shown;
         self.canvas.clone_from(&self.picture);
         self.draw_overlay();
@@ -79,7 +79,7 @@ impl State {
     }
 
     /// Traces a picture or another sample of it, if there is need, and returns whether there was.
-    fn trace(&mut self, shown: &mut Shown, light: &LightEffects, samples: u32, plays: bool) -> bool {
+    fn trace(&mut self, shown: &mut Shown, light: LightEffects, samples: u32, plays: bool) -> bool {
         let moves = std::mem::take(&mut self.moved);
         let frame = shown.frame;
         let there = || shown.sides.iter().filter(|side| side.frame == frame);

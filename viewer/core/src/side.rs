@@ -227,8 +227,8 @@ mod tests {
         let toys = Path::new("toys.glb");
         let animation = anim::parse(toys, &scenes::toys_glb(), &Default::default()).expect("a glTF file");
         let stage = Stage::new(scenes::scene_of(toys, animation)).expect("few triangles");
-        let light = LightEffects { ambient_occlusion: true, ..LightEffects::NONE };
-        let (camera, options) = (stage.camera(48, 36), stage.options_with(&light));
+        let light = LightEffects::AMBIENT_OCCLUSION;
+        let (camera, options) = (stage.camera(48, 36), stage.options_with(light));
         let traced = |samples: u32| {
             let mut side = Side::new(0, Arc::clone(&stage.first_tree), Strategy::default(), 1, 1.0);
             for _ in 0..samples {

@@ -378,7 +378,8 @@ impl State {
     }
 
     pub(crate) fn light_effects(&self) -> LightEffects {
-        let scenes = self.shown.as_ref().map_or(LightEffects::NONE, |shown| shown.stage.scene.effects.light);
+        let scenes =
+            self.shown.as_ref().map_or(LightEffects::empty(), |shown| shown.stage.scene.effects.light);
         self.settings.light.unwrap_or(scenes)
     }
 
@@ -387,7 +388,7 @@ impl State {
         if self.settings.heat {
             1
         } else {
-            self.settings.samples.unwrap_or(default_samples(&self.light_effects()))
+            self.settings.samples.unwrap_or(default_samples(self.light_effects()))
         }
     }
 

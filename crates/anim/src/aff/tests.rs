@@ -139,7 +139,7 @@ fn animated_transforms_move_what_they_hold() {
     let topology = animation.topology();
     assert_eq!(topology.moves, [false, true, true, false]);
     assert_eq!(
-        topology.parts.iter().map(|part| part.motion.rigid).collect::<Vec<_>>(),
+        topology.parts.iter().map(|part| part.motion.contains(Motion::RIGID)).collect::<Vec<_>>(),
         [false, true, true, false]
     );
     assert_eq!((animation.duration(), animation.frames()), (2.0, Some(41)));
@@ -188,8 +188,14 @@ fn animated_triangles_under_transforms() {
     ));
     let topology = animation.topology();
     assert_eq!(topology.moves, [true, false, true]);
-    assert!(topology.parts[0].motion.key_frames && !topology.parts[0].motion.rigid);
-    assert!(topology.parts[1].motion.key_frames && topology.parts[1].motion.rigid);
+    assert!(
+        topology.parts[0].motion.contains(Motion::KEY_FRAMES)
+            && !topology.parts[0].motion.contains(Motion::RIGID)
+    );
+    assert!(
+        topology.parts[1].motion.contains(Motion::KEY_FRAMES)
+            && topology.parts[1].motion.contains(Motion::RIGID)
+    );
     let double = |z: f32| CORNERS.map(|p| 2.0 * p + Vec3::Z * z);
     for (time, z) in [(0.0, 0.0), (1.0, 0.0), (1.5, 2.0), (2.0, 4.0), (4.0, 4.0)] {
         let positions = at(&animation, time);

@@ -134,7 +134,7 @@ fn rigid_nodes_move_and_still_ones_are_baked() {
     assert_eq!(topology.triangles, [[0, 1, 2], [3, 4, 5]]);
     assert_eq!(topology.moves, [true, false]);
     assert_eq!(topology.parts[0].name, "Mover");
-    assert_eq!(topology.parts[0].motion, Motion { rigid: true, ..Motion::STILL });
+    assert_eq!(topology.parts[0].motion, Motion::RIGID);
     assert_eq!((&topology.parts[1].triangles, &topology.parts[1].vertices), (&(1..2), &(3..6)));
     assert!(topology.parts[1].motion.is_still());
     assert_eq!(animation.duration(), 2.0);
@@ -195,7 +195,7 @@ fn skin_of_two_joints() {
     let weights = [[1.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]].concat();
     let joints = [[0, 0, 0, 0], [0, 1, 0, 0], [0, 1, 0, 0]].concat();
     let animation = two_joints(&weights, &joints, "[0,1]", r#","translation":[0,0,9]"#);
-    assert_eq!(animation.topology().parts[0].motion, Motion { skin: true, ..Motion::STILL });
+    assert_eq!(animation.topology().parts[0].motion, Motion::SKIN);
     assert_close(&animation.rest(), &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]);
     // Joint 1 turns about (1, 0, 0): the last vertex goes to (1, 1, 0).
     assert_close(&at(&animation, 1.0), &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]]);
@@ -256,7 +256,7 @@ fn morph_weights_from_mesh_node_and_channel() {
             "samplers":[{{"input":3,"output":{output},"interpolation":"{interpolation}"}}]}}]"#
             ),
         );
-        assert_eq!(animation.topology().parts[0].motion, Motion { morph: true, ..Motion::STILL });
+        assert_eq!(animation.topology().parts[0].motion, Motion::MORPH);
         animation
     };
     let linear = clip(4, "LINEAR");

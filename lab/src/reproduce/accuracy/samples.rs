@@ -103,7 +103,7 @@ fn furnace(size: u32) -> Case {
         camera: camera([0.5, 1.2, 0.5], [0.5, 0.0, 0.5], Vec3::Z, 0.7, size),
         light: None,
         effects: Effects { diffuse_bounces, ..Effects::default() },
-        default: ::stage::default_samples(&LightEffects { diffuse_bounces: true, ..LightEffects::NONE }),
+        default: ::stage::default_samples(LightEffects::DIFFUSE_BOUNCES),
         exact: |_, _| 1.0,
         places: 1,
     }
@@ -119,7 +119,7 @@ fn lit_floor(size: u32) -> Case {
         camera: camera([0.8, 2.0, 0.0], [0.8, 0.0, 0.0], Vec3::Z, 0.6, size),
         light: Some(PointLight { position: SUN.as_vec3(), color: [1.0; 3] }),
         effects: Effects { ambient_occlusion, ..Effects::default() },
-        default: ::stage::default_samples(&LightEffects { ambient_occlusion: true, ..LightEffects::NONE }),
+        default: ::stage::default_samples(LightEffects::AMBIENT_OCCLUSION),
         exact: beside_the_wall,
         places: 4,
     }
