@@ -128,23 +128,17 @@ fn round(less: u32) -> Vec<Corners> {
         let (sin, cos) = libm::sincosf(TAU * k as f32 / 8.0);
         vec3(cos, 0.0, sin)
     };
-    let mut all = Vec::new();
-    for k in 0..8 {
-        split([rim(k), Vec3::Y, rim(k + 1)], 6 - less, &mut all);
-        split([rim(k), rim(k + 1), Vec3::NEG_Y], 6 - less, &mut all);
+    let pair = |k| [[rim(k), Vec3::Y, rim(k + 1)], [rim(k), rim(k + 1), Vec3::NEG_Y]];
+    let mut all: Vec<Corners> = (0..8).flat_map(pair).collect();
+    for _ in less..6 {
+        all = all.into_iter().flat_map(split).collect();
     }
     all
 }
 
-fn split([a, b, c]: Corners, times: u32, out: &mut Vec<Corners>) {
-    if times == 0 {
-        out.push([a, b, c]);
-        return;
-    }
+fn split([a, b, c]: Corners) -> [Corners; 4] {
     let [ab, bc, ca] = [(a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0];
-    for part in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
-        split(part, times - 1, out);
-    }
+    [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
 }
 
 /// A trefoil knot, 512 steps along and 64 around at full detail.
