@@ -25,6 +25,8 @@ pub(crate) struct Element {
     shape: Shape,
     blend: f32,
     carve: bool,
+    /// Whether it is the shape's mirror image in the plane x = 0.
+    mirrored: bool,
 }
 
 /// A solid, the elements joined in order.
@@ -38,12 +40,12 @@ pub(crate) struct Solid {
 
 impl Solid {
     pub(crate) fn add(&mut self, blend: f32, shape: Shape) {
-        self.elements.push(Element { shape, blend, carve: false });
+        self.elements.push(Element { shape, blend, carve: false, mirrored: false });
     }
 
     /// Takes a shape away from the elements before it.
     pub(crate) fn carve(&mut self, blend: f32, shape: Shape) {
-        self.elements.push(Element { shape, blend, carve: true });
+        self.elements.push(Element { shape, blend, carve: true, mirrored: false });
     }
 
     pub(crate) fn ball(&mut self, blend: f32, center: Vec3, radius: f32) {
@@ -65,14 +67,14 @@ impl Solid {
     /// Adds the elements of another solid, and all of them again mirrored in the plane x = 0.
     pub(crate) fn both_sides(&mut self, half: &Self) {
         self.elements.extend(&half.elements);
-        self.elements.extend(half.elements.iter().map(|e| Element { shape: e.shape.mirrored(), ..*e }));
+        self.elements.extend(half.elements.iter().map(|e| Element { mirrored: !e.mirrored, ..*e }));
     }
 
     /// Distance to the surface, positive outside.
     pub(crate) fn distance(&self, p: Vec3) -> f32 {
         let mut d = f32::MAX;
         for e in &self.elements {
-            let s = e.shape.distance(p);
+            let s = e.distance(p);
             d = if e.carve { -smooth_min(-d, s, e.blend) } else { smooth_min(d, s, e.blend) };
         }
         d
@@ -80,7 +82,7 @@ impl Solid {
 
     /// Only the elements that can matter within `radius` of `center`.
     pub(crate) fn near(&self, center: Vec3, radius: f32) -> Self {
-        let distances: Vec<f32> = self.elements.iter().map(|e| e.shape.distance(center)).collect();
+        let distances: Vec<f32> = self.elements.iter().map(|e| e.distance(center)).collect();
         let with_distances = || self.elements.iter().zip(&distances);
         let nearest = with_distances().filter(|(e, _)| !e.carve).map(|(_, &d)| d).fold(f32::MAX, f32::min);
         // Elements farther away than the nearest can still pull at it, through those that they
@@ -100,17 +102,13 @@ impl Solid {
     }
 }
 
-impl Shape {
-    fn mirrored(self) -> Self {
-        let flip = |v: Vec3| Vec3::new(-v.x, v.y, v.z);
-        match self {
-            Self::Cone { from, to, radius } => Self::Cone { from: flip(from), to: flip(to), radius },
-            Self::Ellipsoid { center, radii } => Self::Ellipsoid { center: flip(center), radii },
-            Self::Triangle { corners, grown } => Self::Triangle { corners: corners.map(flip), grown },
-            Self::Block { center, half, grown } => Self::Block { center: flip(center), half, grown },
-        }
+impl Element {
+    fn distance(&self, p: Vec3) -> f32 {
+        self.shape.distance(if self.mirrored { p.with_x(-p.x) } else { p })
     }
+}
 
+impl Shape {
     fn distance(&self, p: Vec3) -> f32 {
         match *self {
             Self::Cone { from, to, radius } => {
