@@ -67,9 +67,7 @@ pub fn scene_of(path: &Path, animation: Box<dyn Animation>) -> Scene {
         },
         frames: animation
             .frames()
-            .unwrap_or_else(|| {
-                (animation.duration() * FRAME_RATE).round().clamp(0.0, MOST_FRAMES as f64) as usize + 1
-            })
+            .unwrap_or_else(|| ((animation.duration() * FRAME_RATE).round() as usize).saturating_add(1))
             .min(MOST_FRAMES + 1),
         measures: Vec::new(),
         simulated: SimulationStats::default(),

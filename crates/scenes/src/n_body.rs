@@ -98,11 +98,8 @@ fn first_balls(seed: u64) -> Vec<Ball> {
     while balls.len() < BALLS {
         let radius = between(0.225, 0.375);
         let [low, high] = BOX;
-        let position = DVec3::new(
-            between(low.x + radius, high.x - radius),
-            between(low.y + radius, high.y - radius),
-            between(low.z + radius, high.z - radius),
-        );
+        let inside = |axis: usize| between(low[axis] + radius, high[axis] - radius);
+        let position = DVec3::from_array([0, 1, 2].map(inside));
         // The sum of three uniform numbers is close enough to normal.
         let mut normal = || FIRST_SPEED * (between(-1.0, 1.0) + between(-1.0, 1.0) + between(-1.0, 1.0));
         let velocity = DVec3::new(normal(), normal(), normal());

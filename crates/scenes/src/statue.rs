@@ -193,12 +193,8 @@ impl Breaking {
             *hit = Some((impact, shards.iter().map(due).collect()));
         }
         let Some((impact, due)) = &*hit else { return 0 };
-        let mut loose: Vec<bool> = shards
-            .iter()
-            .zip(due)
-            .zip(&touched)
-            .map(|((b, &due), &touched)| b.free || touched || due <= time)
-            .collect();
+        let mut loose: Vec<bool> =
+            (0..shards.len()).map(|i| shards[i].free || touched[i] || due[i] <= time).collect();
         if step.is_multiple_of(SUPPORT) {
             let held = held_up(beside, rests, &loose);
             loose = held.into_iter().map(|held| !held).collect();
