@@ -16,7 +16,7 @@ use crate::{Effects, Scene, SceneError, SceneInfo, SceneOptions, Simulated};
 
 /// Animated triangles of level 8 of the benchmark: 4 to the power of 8.
 const TRIANGLES: usize = 65_536;
-pub(crate) const SHAPES: usize = 5;
+const SHAPES: usize = 5;
 /// One second from shape to shape.
 const SECONDS_PER_SHAPE: f64 = 1.0;
 const FRAMES: usize = 200;
@@ -49,7 +49,8 @@ const ROOM_TRIANGLES: usize = 4 * SIDES + 8 * 28 * STEPS + 12 * STEPS + POSTS * 
 /// A triangle's corners.
 type Corners = [Vec3; 3];
 
-pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
+/// The museum, started from one of its shapes.
+pub(crate) fn scene(options: &SceneOptions<'_>, start: usize) -> Result<Scene, SceneError> {
     let mut random = fastrand::Rng::with_seed(options.seed);
     // `less` is the number of levels of the benchmark that the sculpture is below the full one: as
     // many, up to four, as leave at least the wanted part of the triangles. One level less has a
@@ -68,7 +69,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
         // As `Rng::shuffle`, whose numbers depend on the width of `usize`.
         (1..shape.len()).for_each(|i| shape.swap(i, random.u64(..=i as u64) as usize));
     }
-    shapes.rotate_left(options.start_shape % SHAPES);
+    shapes.rotate_left(start);
 
     let mut assembly = Assembly::default();
     let bronze = assembly.material([0.75, 0.45, 0.2]);

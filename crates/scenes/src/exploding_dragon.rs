@@ -58,8 +58,7 @@ pub(crate) fn blended(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let key_bytes = BLENDED_KEYS * moving.map(|part| part.vertices.len()).sum::<usize>() * size_of::<Vec3>();
     let animation = KeyFrames::new(topology, frames, seconds, LoopMode::Restart)?;
     let effects = Effects { motion: Motion::KEY_FRAMES, ..EFFECTS };
-    let name = "exploding-dragon:blended".to_owned();
-    Ok(Scene { name, animation: Box::new(animation), key_bytes, effects, ..rigid })
+    Ok(Scene { animation: Box::new(animation), key_bytes, effects, ..rigid })
 }
 
 /// Away from the stone and up, faster where it is near, and spinning.

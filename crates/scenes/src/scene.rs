@@ -106,8 +106,6 @@ pub struct SceneOptions<'a> {
     pub substeps: Option<usize>,
     /// Key frames per loop, at least 2. `None` is the scene's default.
     pub key_frames: Option<usize>,
-    /// Of a scene that blends between shapes: the shape to start from, modulo their number.
-    pub start_shape: usize,
     /// Fraction of the triangles to make, above 0 and at most 1, as near as a scene comes to it:
     /// the museum's sculpture has 4^-n of them, and the forest fewer trees. `None` is all.
     pub detail: Option<f32>,
@@ -161,8 +159,8 @@ pub fn list() -> &'static [SceneInfo] {
 
 /// Makes the scene of a known name, or loads the file or folder of key frames at a path.
 ///
-/// `bart-museum:3` is the museum started from its fourth shape, as [`SceneOptions::start_shape`]
-/// has it. `exploding-dragon:blended` is the dragon from 16 key frames, blended linearly.
+/// `bart-museum:3` is the museum started from its fourth shape of five.
+/// `exploding-dragon:blended` is the dragon from 16 key frames, blended linearly.
 ///
 /// `clip` picks one of a file's animations by name. A simulated scene takes up to two minutes when
 /// it is not in the cache. Failing to write the cache is a note in [`Scene::notes`], not an error.
@@ -185,21 +183,12 @@ fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> R
             "scene {name_or_path} has no clips, so none named \"{clip}\"; leave the clip out"
         ))),
     };
-    if let Some(shape) =
-        name_or_path.strip_prefix("bart-museum:").filter(|_| !Path::new(name_or_path).exists())
-    {
-        let Some(start_shape) = shape.parse().ok().filter(|&shape: &usize| shape < bart_museum::SHAPES)
-        else {
-            let range = "a number from 0 to 4, as in bart-museum:3";
-            let message = format!("the shape to start from is {shape} but must be {range}");
-            return Err(SceneError::Request(message));
-        };
-        no_clips?;
-        let scene = bart_museum::scene(&SceneOptions { start_shape, ..options.clone() })?;
-        return Ok(Scene { name: name_or_path.to_owned(), ..scene });
-    }
     let make: fn(&SceneOptions<'_>) -> Result<Scene, SceneError> = match name_or_path {
-        "bart-museum" => bart_museum::scene,
+        "bart-museum" | "bart-museum:0" => |options| bart_museum::scene(options, 0),
+        "bart-museum:1" => |options| bart_museum::scene(options, 1),
+        "bart-museum:2" => |options| bart_museum::scene(options, 2),
+        "bart-museum:3" => |options| bart_museum::scene(options, 3),
+        "bart-museum:4" => |options| bart_museum::scene(options, 4),
         "cloth-ball" => cloth_ball::scene,
         "exploding-dragon" => |options| Ok(exploding_dragon::DRAGON.scene(options)),
         "exploding-dragon:blended" => exploding_dragon::blended,
@@ -211,12 +200,15 @@ fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> R
         }
         name => {
             let known = list().iter().map(|info| info.name).collect::<Vec<_>>().join(", ");
-            let message = format!("no scene or file named \"{name}\"; the scenes are {known}");
+            let mut message = format!("no scene or file named \"{name}\"; the scenes are {known}");
+            if name.starts_with("bart-museum:") {
+                message += "; bart-museum:0 to bart-museum:4 start from another shape";
+            }
             return Err(SceneError::Request(message));
         }
     };
     no_clips?;
-    make(options)
+    Ok(Scene { name: name_or_path.to_owned(), ..make(options)? })
 }
 
 fn check(options: &SceneOptions<'_>) -> Result<(), SceneError> {

@@ -248,16 +248,13 @@ fn cached_scene_is_the_scene() {
 
 #[test]
 fn museum_starts_from_any_shape() {
-    let start = |start_shape| {
-        load("bart-museum", None, &SceneOptions { start_shape, ..reduced() }).unwrap().animation
-    };
-    let first = start(0);
+    let first = load("bart-museum", None, &reduced()).unwrap().animation;
     let mut positions = first.rest();
     for shape in 0..5 {
-        first.pose(shape as f64, &mut positions);
-        assert!(start(shape).rest() == positions, "shape {shape}");
-        let named = load(&format!("bart-museum:{shape}"), None, &reduced()).unwrap();
-        assert!(named.animation.rest() == positions, "shape {shape} by name");
+        first.pose(f64::from(shape), &mut positions);
+        let name = format!("bart-museum:{shape}");
+        let started = load(&name, None, &reduced()).unwrap();
+        assert!(started.name == name && started.animation.rest() == positions, "{name}");
     }
 }
 
@@ -310,7 +307,7 @@ fn errors_say_what_would_be_right() {
         assert_eq!(message(name, Some("walk"), plain()), expected);
     }
     for name in ["bart-museum:5", "bart-museum:x", "bart-museum:"] {
-        let wanted = "must be a number from 0 to 4, as in bart-museum:3";
+        let wanted = "; bart-museum:0 to bart-museum:4 start from another shape";
         assert!(message(name, None, plain()).ends_with(wanted), "{}", message(name, None, plain()));
     }
     assert!(matches!(load("fairy-forest", Some("walk"), &plain()), Err(SceneError::Load(_))));
