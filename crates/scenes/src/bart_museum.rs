@@ -11,7 +11,7 @@ use anim::{KeyFrames, LoopMode, Motion};
 use glam::{Vec3, vec3};
 
 use crate::rigid::{rotated, rotation};
-use crate::shape::{Assembly, Mesh, turned};
+use crate::shape::{Assembly, Mesh, around, turned};
 use crate::{Effects, Scene, SceneError, SceneInfo, SceneOptions, Simulated};
 
 /// Animated triangles of level 8 of the benchmark: 4 to the power of 8.
@@ -88,10 +88,10 @@ pub(crate) fn scene(options: &SceneOptions<'_>, start: usize) -> Result<Scene, S
 /// Crumbs in a heap on the pedestal.
 fn heap(count: usize, scale: f32, random: &mut fastrand::Rng) -> Vec<Corners> {
     let mut crumb = || {
-        let (sin, cos) = libm::sincosf(TAU * random.f32());
+        let direction = around(TAU * random.f32());
         let out = 0.46 * random.f32().sqrt();
         let top = 0.14 * (1.0 - out / 0.46) + 0.02;
-        let at = vec3(out * cos, PEDESTAL + top * random.f32(), out * sin);
+        let at = (out * direction).with_y(PEDESTAL + top * random.f32());
         let mut corner =
             || at + 0.012 * scale * vec3(random.f32() - 0.5, random.f32() - 0.5, random.f32() - 0.5);
         [corner(), corner(), corner()]
@@ -125,10 +125,7 @@ fn cube(less: u32) -> Vec<Corners> {
 
 /// A double pyramid over an octagon, its 16 triangles split into four six times at full detail.
 fn round(less: u32) -> Vec<Corners> {
-    let rim = |k: usize| {
-        let (sin, cos) = libm::sincosf(TAU * k as f32 / 8.0);
-        vec3(cos, 0.0, sin)
-    };
+    let rim = |k: usize| around(TAU * k as f32 / 8.0);
     let pair = |k| [[rim(k), Vec3::Y, rim(k + 1)], [rim(k), rim(k + 1), Vec3::NEG_Y]];
     let mut all: Vec<Corners> = (0..8).flat_map(pair).collect();
     for _ in less..6 {
@@ -169,13 +166,10 @@ fn furnish(assembly: &mut Assembly) {
     let [wall, floor, stone, frame] =
         [[0.72, 0.7, 0.62], [0.45, 0.33, 0.24], [0.8, 0.8, 0.82], [0.2, 0.3, 0.5]]
             .map(|color| assembly.material(color));
-    let on_wall = |k: usize, y: f32| {
-        let (sin, cos) = libm::sincosf(TAU * k as f32 / SIDES as f32);
-        vec3(RADIUS * cos, y, RADIUS * sin)
-    };
+    let on_wall = |k: usize| RADIUS * around(TAU * k as f32 / SIDES as f32);
     let (mut walls, mut flats) = (Mesh::default(), Mesh::default());
     for k in 0..SIDES {
-        let [a, b] = [on_wall(k, 0.0), on_wall(k + 1, 0.0)];
+        let [a, b] = [on_wall(k), on_wall(k + 1)];
         let up = HEIGHT * Vec3::Y;
         walls.add(&[[a, b, b + up], [a, b + up, a + up]]);
         flats.add(&[[Vec3::ZERO, b, a], [up, a + up, b + up]]);
@@ -188,7 +182,6 @@ fn furnish(assembly: &mut Assembly) {
         [(0.0, top), (0.6, top), (0.6, 1.3), (0.45, 1.2), (0.5, foot), (0.75, foot), (0.75, 0.0), (0.0, 0.0)];
     assembly.part("pedestal", &turned(&profile, STEPS), Motion::STILL, stone);
     for k in 0..8 {
-        let (sin, cos) = libm::sincosf(TAU * (k as f32 + 0.5) / 8.0);
         // A capital, and a shaft that swells a little.
         let shaft = (0..12).map(|i| {
             let up = 1.0 - i as f32 / 11.0;
@@ -199,7 +192,8 @@ fn furnish(assembly: &mut Assembly) {
             .chain(shaft)
             .chain([(0.28, 0.0), (0.0, 0.0)])
             .collect();
-        let pillar = turned(&profile, STEPS).moved(|p| p + 0.86 * RADIUS * vec3(cos, 0.0, sin));
+        let place = 0.86 * RADIUS * around(TAU * (k as f32 + 0.5) / 8.0);
+        let pillar = turned(&profile, STEPS).moved(|p| p + place);
         assembly.part("pillar", &pillar, Motion::STILL, stone);
     }
     let post = [
@@ -213,8 +207,8 @@ fn furnish(assembly: &mut Assembly) {
         (0.0, 0.0),
     ];
     for k in 0..POSTS {
-        let (sin, cos) = libm::sincosf(TAU * k as f32 / POSTS as f32);
-        let post = turned(&post, POST_STEPS).moved(|p| p + 1.9 * vec3(cos, 0.0, sin));
+        let place = 1.9 * around(TAU * k as f32 / POSTS as f32);
+        let post = turned(&post, POST_STEPS).moved(|p| p + place);
         assembly.part("post", &post, Motion::STILL, frame);
     }
     for k in 0..6 {

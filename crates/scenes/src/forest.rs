@@ -5,7 +5,7 @@ use std::f32::consts::{FRAC_PI_2, TAU};
 use glam::{DQuat, DVec3, Vec3, vec3};
 
 use crate::rigid::rotated;
-use crate::shape::{Mesh, arc, grid, turned};
+use crate::shape::{Mesh, arc, around, grid, turned};
 
 /// Side of the square of ground, centred on the origin.
 const SIDE: f32 = 30.0;
@@ -56,9 +56,8 @@ pub(crate) fn forest(trees: usize, random: &mut fastrand::Rng, eye: Vec3) -> For
         tree(&mut forest, place, random);
     }
     for _ in 0..26 {
-        let (sin, cos) = libm::sincosf(TAU * random.f32());
-        let out = 1.3 + 4.5 * random.f32();
-        mushroom(&mut forest, out * cos, out * sin, 0.12 + 0.3 * random.f32() * random.f32(), random);
+        let place = around(TAU * random.f32()) * (1.3 + 4.5 * random.f32());
+        mushroom(&mut forest, place.x, place.z, 0.12 + 0.3 * random.f32() * random.f32(), random);
     }
     forest
 }
@@ -67,11 +66,9 @@ pub(crate) fn forest(trees: usize, random: &mut fastrand::Rng, eye: Vec3) -> For
 pub(crate) fn grass(blades: usize, random: &mut fastrand::Rng) -> Mesh {
     let mut mesh = Mesh::default();
     for _ in 0..blades {
-        let (sin, cos) = libm::sincosf(TAU * random.f32());
-        let out = 0.4 + 8.0 * random.f32();
-        let foot = vec3(out * cos, ground_at(out * cos, out * sin) - 0.03, out * sin);
-        let (s, c) = libm::sincosf(TAU * random.f32());
-        let width = 0.015 * vec3(c, 0.0, s);
+        let place = around(TAU * random.f32()) * (0.4 + 8.0 * random.f32());
+        let foot = place.with_y(ground_at(place.x, place.z) - 0.03);
+        let width = 0.015 * around(TAU * random.f32());
         let tip = vec3(0.12 * (random.f32() - 0.5), 0.1 + 0.25 * random.f32(), 0.12 * (random.f32() - 0.5));
         mesh.add(&[[foot - width, foot + width, foot + tip]]);
     }
@@ -91,9 +88,8 @@ fn tree(forest: &mut Forest, foot: Vec3, random: &mut fastrand::Rng) {
     for b in 0..BRANCHES {
         let (from, radius) = trunk[3 + b * 6 / BRANCHES];
         let turn = TAU * (0.382 * b as f32 + 0.1 * random.f32());
-        let (sin, cos) = libm::sincosf(turn);
-        let reach =
-            vec3(cos, 0.35 + 0.5 * random.f32(), sin).normalize() * (0.22 * height * (1.1 - 0.05 * b as f32));
+        let direction = around(turn).with_y(0.35 + 0.5 * random.f32()).normalize();
+        let reach = direction * (0.22 * height * (1.1 - 0.05 * b as f32));
         branch(forest, from, reach, 0.45 * radius, 2, random);
     }
     let (top, radius) = trunk[trunk.len() - 1];

@@ -1,7 +1,9 @@
 //! Whether a model is a room, and the view from inside it.
 
 use anim::{Animation, Light, View};
-use glam::{Vec3, vec3};
+use glam::Vec3;
+
+use crate::shape::around;
 
 /// Directions in which it is tried whether walls are there.
 const DIRECTIONS: usize = 64;
@@ -65,15 +67,15 @@ fn front(triangles: &[[Vec3; 3]], direction: Vec3) -> Option<f32> {
 /// Direction `i` of `count`, evenly spread over the sphere (on a Fibonacci spiral).
 fn spread(i: usize, count: usize) -> Vec3 {
     let y = 1.0 - 2.0 * (i as f32 + 0.5) / count as f32;
-    let around = i as f32 * std::f32::consts::PI * (3.0 - 5_f32.sqrt());
-    let (sin, cos) = libm::sincosf(around);
-    let out = (1.0 - y * y).sqrt();
-    vec3(out * cos, y, out * sin)
+    let turn = i as f32 * std::f32::consts::PI * (3.0 - 5_f32.sqrt());
+    (around(turn) * (1.0 - y * y).sqrt()).with_y(y)
 }
 
 #[cfg(test)]
 mod tests {
     use std::path::Path;
+
+    use glam::vec3;
 
     use super::*;
 

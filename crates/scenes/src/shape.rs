@@ -89,6 +89,12 @@ pub(crate) fn arc(end: f32, steps: usize) -> impl Iterator<Item = (f32, f32)> {
     (0..=steps).map(move |i| libm::sincosf(end * i as f32 / steps as f32))
 }
 
+/// The point of the unit circle about the y axis at an angle from the x axis towards the z axis.
+pub(crate) fn around(angle: f32) -> Vec3 {
+    let (sin, cos) = libm::sincosf(angle);
+    Vec3::new(cos, 0.0, sin)
+}
+
 /// The surface of revolution about the y axis of a profile of (distance from the axis, height), top
 /// first.
 ///
