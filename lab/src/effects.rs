@@ -2,7 +2,6 @@
 //! all others, without it, and alone.
 
 use std::fmt::Write;
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use anim::{Motion, PoseStats};
@@ -25,24 +24,12 @@ pub struct Args {
     /// A scene's name, or an animation file; repeatable [default: the six scenes]
     #[arg(long = "scene", value_name = "NAME|FILE")]
     scenes: Vec<String>,
-    /// Fraction of the triangles, where the scene can be made coarser
-    #[arg(long, value_name = "F", default_value_t = DETAIL)]
-    detail: f32,
-    /// Frames played
-    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(2..=10_000))]
-    frames: u32,
-    /// Width and height of pictures in pixels
-    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=16_384))]
-    size: u32,
     #[command(flatten)]
     threads: Threads,
-    /// Write the tables to a file instead of standard output
-    #[arg(long, value_name = "FILE")]
-    out: Option<PathBuf>,
 }
 
-/// Part of the triangles of the scenes in `docs/EFFECTS.md`.
-const DETAIL: f32 = 0.05;
+/// What `docs/EFFECTS.md` has.
+const PLAYED: Played = Played { detail: 0.05, frames: 24, size: 256, seed: 0 };
 /// Times that everything is measured; the fastest counts.
 const REPEATS: usize = 3;
 
@@ -81,14 +68,12 @@ pub fn run(args: &Args) -> Result<()> {
     if !args.scenes.is_empty() {
         sources = args.scenes.iter().map(String::as_str).collect();
     }
-    args.out.iter().try_for_each(|path| files::ensure_writable(path))?;
     let scenes: Vec<_> = sources.iter().copied().zip(stage::labels(&sources)).collect();
-    let mut plans = Vec::new();
+    let mut plans = String::new();
     for (source, label) in &scenes {
-        plans.push(plan_row(source, label, args.detail)?);
+        plans += &plan_row(source, label)?;
     }
-    let threads = args.threads.count();
-    let tables = args.threads.pool()?.install(|| tables(args, &scenes))?;
+    let (costs, absences) = args.threads.pool()?.install(|| tables(&scenes))?;
     if interrupt::requested() {
         files::remark("interrupted; the tables are not complete, so nothing is written");
         return Ok(());
@@ -96,33 +81,36 @@ pub fn run(args: &Args) -> Result<()> {
     let chosen: String =
         args.scenes.iter().map(|source| format!(" --scene {}", stage::label(source))).collect();
     let Machine { cpu, simd, started, .. } = Machine::read();
-    let text = format!(
-        "# Effects\n\nWritten by `cargo xtask effects{chosen}`: what a frame runs and why, and what each effect costs. {cpu}, {simd}, \
-         threads: {threads}, {started}, revision {}; {} % of the triangles of the six scenes, {} frames, pictures of {} x {} \
-         pixels, the fastest of {REPEATS}. Files stand in the current folder; where a format has no lights, a scene counts as lit.\n\n\
-         ## What runs\n\n| scene | simulated beforehand | a frame runs, and why |\n|---|---|---|\n{}{tables}",
-        Revision::read().short(),
-        100.0 * args.detail,
-        args.frames,
-        args.size,
-        args.size,
-        plans.concat(),
-    );
-    match &args.out {
-        Some(path) => files::write_whole(path, text.as_bytes()),
-        None => files::print(text.trim_end()),
+    let mut text = include_str!("effects.md").to_owned();
+    for (name, value) in [
+        ("{chosen}", chosen),
+        ("{cpu}", cpu),
+        ("{simd}", simd),
+        ("{threads}", args.threads.count().to_string()),
+        ("{started}", started),
+        ("{revision}", Revision::read().short()),
+        ("{percent}", (100.0 * PLAYED.detail).to_string()),
+        ("{frames}", PLAYED.frames.to_string()),
+        ("{size}", PLAYED.size.to_string()),
+        ("{repeats}", REPEATS.to_string()),
+        ("{plans}", plans),
+        ("{costs}", costs),
+        ("{absences}", absences),
+    ] {
+        text = text.replace(name, &value);
     }
+    files::print(text.trim_end())
 }
 
 /// A scene made for its effects alone: with as few steps as there can be.
-fn sketch(source: &str, detail: f32) -> Result<Scene> {
-    let (key_frames, substeps, detail) = (Some(2), Some(1), Some(detail));
+fn sketch(source: &str) -> Result<Scene> {
+    let (key_frames, substeps, detail) = (Some(2), Some(1), Some(PLAYED.detail));
     Ok(scenes::load(source, None, &SceneOptions { key_frames, substeps, detail, ..SceneOptions::default() })?)
 }
 
 /// The row of a scene in the table of what runs.
-fn plan_row(source: &str, label: &str, detail: f32) -> Result<String> {
-    let scene = sketch(source, detail)?;
+fn plan_row(source: &str, label: &str) -> Result<String> {
+    let scene = sketch(source)?;
     let simulated = Effects { simulated: scene.effects.simulated, ..Effects::default() };
     let reasons = scene.stage_reasons();
     let stages: Vec<_> = reasons.iter().map(|(stage, why)| format!("{} ({why})", stage.name())).collect();
@@ -261,11 +249,11 @@ pub(crate) fn measure(source: &str, clip: Option<&str>, played: Played) -> Resul
 
 /// The counts of effects that nothing in a scene calls for, planned all the same, and the
 /// milliseconds of a frame without them, once more without them, and with them.
-fn absent(source: &str, played: Played) -> Result<String> {
-    let scene = stage::load_with(source, None, played.options())?;
+fn absent(source: &str) -> Result<String> {
+    let scene = stage::load_with(source, None, PLAYED.options())?;
     let own = scene.effects;
     let mut scene = Some(scene);
-    let mut play = |effects| play(played, &mut scene, effects);
+    let mut play = |effects| play(PLAYED, &mut scene, effects);
     let planned = Effects { motion: Motion::ALL, light: own.light | LOOKS, ..own };
     let choices = [own, own, planned];
     let mut runs = [play(own)?, play(own)?, play(planned)?];
@@ -287,47 +275,27 @@ fn absent(source: &str, played: Played) -> Result<String> {
     Ok(format!("{} | {}", counts.join(", "), times.join(" | ")))
 }
 
-/// The table of costs, and that of effects which are planned though nothing calls for them.
-fn tables(args: &Args, scenes: &[(&str, String)]) -> Result<String> {
-    let (mut rows, mut absences) = (COSTS.to_owned(), ABSENT.to_owned());
-    let played = Played { detail: args.detail, frames: args.frames as usize, size: args.size, seed: 0 };
+/// The rows of the table of costs, and those of the table of effects which are planned though nothing calls for them.
+fn tables(scenes: &[(&str, String)]) -> Result<(String, String)> {
+    let (mut rows, mut absences) = (String::new(), String::new());
     for (source, label) in scenes {
         if interrupt::requested() {
             break;
         }
         files::remark(source);
-        for Cost { kind, effect, counts, ms } in measure(source, None, played)? {
+        for Cost { kind, effect, counts, ms } in measure(source, None, PLAYED)? {
             let (counts, ms) = (counts.map(|n| n.to_string()), ms.map(|ms| format!("{ms:.3}")));
             writeln!(rows, "| {label} | {kind} | {effect} | {} | {} |", counts.join(" | "), ms.join(" | "))?;
         }
-        writeln!(absences, "| {label} | {} |", absent(source, played)?)?;
+        writeln!(absences, "| {label} | {} |", absent(source)?)?;
     }
-    Ok(rows + &absences)
+    Ok((rows, absences))
 }
-
-const COSTS: &str = "
-## What each effect costs
-
-Simulation: milliseconds and counts of a loop. Motion: milliseconds of pose and update of a frame. Light: milliseconds of a
-picture. Counts of motion and light are those of all frames. *Without*: all effects of the kind but this one. *Alone*: this
-one and no other of the kind. *None*: none of the kind. Other work on the machine shows in the times.
-
-| scene | kind | effect | count: all | without | alone | ms: all | without | alone | none |
-|---|---|---|---|---|---|---|---|---|---|
-";
-
-const ABSENT: &str = "
-## What nothing calls for
-
-The same frames with the effects of the scene, the same again, which shows the noise, and with others planned besides that
-nothing in it calls for. Neither is anything counted, nor allocated (`effects_that_nothing_calls_for_count_nothing_and_allocate_nothing`).
-
-| scene | planned though absent, with its count | ms a frame without them | the same again | with them |
-|---|---|---|---|---|
-";
 
 #[cfg(test)]
 mod tests {
+    use std::path::PathBuf;
+
     use super::*;
 
     #[test]
@@ -335,7 +303,7 @@ mod tests {
         let document =
             std::fs::read_to_string(files::workspace().join("docs/EFFECTS.md")).expect("a document");
         let has = |source: &str| {
-            let row = plan_row(source, &stage::label(source), DETAIL).expect("a scene");
+            let row = plan_row(source, &stage::label(source)).expect("a scene");
             assert!(document.contains(&row), "docs/EFFECTS.md lacks: {row}");
         };
         scenes::list().iter().for_each(|info| has(info.name));

@@ -8,7 +8,7 @@ use bvh_core::Bvh;
 use bvh_update::{Strategy, Updater};
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbaImage};
-use rt_cpu::{Bvh8, Image, RenderOptions, RenderStats, Traversal, render_with, srgb};
+use rt_cpu::{Bvh8, Image, RenderOptions, Traversal, render_with, srgb};
 use scenes::{FrameStage, LightEffects, SceneOptions};
 
 use crate::pool::Threads;
@@ -145,8 +145,7 @@ fn frames(args: &Args, target: &Target, stage: &mut Stage, wanted: Range<usize>)
     let mut encoder = GifEncoder::new_with_speed(&mut film, 10);
     encoder.set_repeat(Repeat::Infinite)?;
     let image = || Image::new(args.size.0, args.size.1);
-    let stats = RenderStats::default();
-    let mut picture = Picture { image: image(), sample: image(), options, samples, stats };
+    let mut picture = Picture { image: image(), sample: image(), options, samples };
     // A rebuilt tree depends on its own frame only.
     let first = if matches!(args.strategy, Strategy::Rebuild(..)) { wanted.start } else { 0 };
     let steps = |frame: usize| {
@@ -193,32 +192,16 @@ fn frames(args: &Args, target: &Target, stage: &mut Stage, wanted: Range<usize>)
         files::write_and_name(if is_whole { path } else { &part }, &film)?;
     }
     let light = scenes::Effects { light, ..Default::default() };
-    files::remark(&format!("effects: {light}; samples: {samples}; rays: {}", rays(&picture.stats)));
+    files::remark(&format!("effects: {light}; samples: {samples}"));
     Ok(())
 }
 
-/// Rays by kind, without kinds that were not cast.
-fn rays(stats: &RenderStats) -> String {
-    let kinds = [
-        (stats.rays_primary, "primary"),
-        (stats.rays_shadow, "shadow"),
-        (stats.rays_mirror, "mirror"),
-        (stats.rays_ambient_occlusion, "ambient occlusion"),
-        (stats.rays_bounce, "bounce"),
-        (stats.rays_again, "again past holes"),
-    ];
-    let used = kinds.into_iter().filter(|&(n, _)| n > 0);
-    used.map(|(n, kind)| format!("{n} {kind}")).collect::<Vec<_>>().join(", ")
-}
-
-/// An image, with room for one of its samples, how it is taken, and the rays of all pictures
-/// taken so far.
+/// An image, with room for one of its samples, and how it is taken.
 struct Picture {
     image: Image,
     sample: Image,
     options: RenderOptions,
     samples: u32,
-    stats: RenderStats,
 }
 
 impl Picture {
@@ -239,7 +222,7 @@ impl Picture {
             }
             done(sample);
             let (image, options) = (&mut self.sample, RenderOptions { sample, ..options });
-            self.stats += render_with(tree, wide.as_ref(), &mesh, &camera, Some(&light), &options, image);
+            render_with(tree, wide.as_ref(), &mesh, &camera, Some(&light), &options, image);
             if sample == 0 {
                 std::mem::swap(&mut self.image, &mut self.sample);
             } else {
