@@ -59,10 +59,10 @@ pub struct Args {
     /// repeatable [default: all]
     #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
     pub(super) scenes: Vec<String>,
-    /// A strategy's name, as `list` gives them, or `all`; repeatable [default: those of the paper,
-    /// and the best]
-    #[arg(long = "strategy", value_name = "NAME", value_parser = strategy)]
-    strategies: Vec<Choice>,
+    /// A strategy's name, as `list` gives them; repeatable [default: those of the paper, and the
+    /// best]
+    #[arg(long = "strategy", value_name = "NAME", value_parser = Contestant::from_name)]
+    strategies: Vec<Contestant>,
     /// Clip of a glTF file, by name or number [default: its first]
     #[arg(long, value_name = "NAME|NUMBER")]
     pub(super) clip: Option<String>,
@@ -109,17 +109,6 @@ pub struct Args {
     embree: Option<PathBuf>,
 }
 
-/// A strategy, or all there are.
-#[derive(Clone, Debug)]
-struct Choice(Vec<Contestant>);
-
-fn strategy(name: &str) -> Result<Choice, String> {
-    match name {
-        "all" => Ok(Choice(Contestant::all())),
-        _ => Contestant::from_name(name).map(|one| Choice(vec![one])),
-    }
-}
-
 impl Args {
     /// Whether every option given is for something that is to run.
     pub(super) fn ensure_used(&self) -> Result<()> {
@@ -157,7 +146,7 @@ impl Args {
         if self.strategies.is_empty() {
             return Contestant::default_ones();
         }
-        let is_chosen = |c: &Contestant| self.strategies.iter().flat_map(|s| &s.0).any(|s| s.name == c.name);
+        let is_chosen = |c: &Contestant| self.strategies.iter().any(|s| s.name == c.name);
         Contestant::all().into_iter().filter(is_chosen).collect()
     }
 

@@ -6,14 +6,47 @@ use anyhow::Result;
 use bvh_core::{Bvh, Triangles, sah_cost};
 use rt_cpu::{Pixel, RenderOptions, cast};
 
-use super::effort::Effort;
 use super::point::Point;
 use crate::compare::turns;
 use crate::interrupt;
 use crate::reproduce::journal::Journal;
+use crate::reproduce::preset::{MANY, Preset, Values};
 use crate::reproduce::record::rounded;
 use crate::reproduce::{Spread, median};
 use crate::stage::{Renderer, Stage, timed};
+
+/// How much is measured of each knob, by preset. What one knob alone has stands with that knob.
+#[derive(Clone, Debug)]
+pub(crate) struct Effort {
+    preset: Preset,
+    /// Frames in a loop, over which strategies update their trees.
+    pub(super) frames: usize,
+    /// Whether the scene is so large that a fifth of the loop is played, and nothing annealed.
+    pub(super) is_cut: bool,
+    /// Pixels on a side of the images that are timed.
+    pub(super) size: u32,
+    /// Runs of which the fastest counts, where one run is short.
+    pub(super) repeats: usize,
+    /// Rounds in which contestants take turns.
+    pub(super) rounds: usize,
+    pub(super) seed: u64,
+}
+
+impl Effort {
+    /// For a scene of `triangles` triangles.
+    pub(crate) fn new(preset: Preset, values: &Values, triangles: usize, seed: u64) -> Self {
+        let Values { frames, size, .. } = *values;
+        let is_cut = preset != Preset::Full && triangles > MANY;
+        let size = size.min(preset.pick([512, 512, size]));
+        let (repeats, rounds) = (preset.pick([1, 3, 5]), preset.pick([3, 7, 9]));
+        Self { preset, frames, is_cut, size, repeats, rounds, seed }
+    }
+
+    /// What belongs to the preset, of three.
+    pub(super) fn pick<T>(&self, of: [T; 3]) -> T {
+        self.preset.pick(of)
+    }
+}
 
 /// Where points go, and how much is to be measured.
 pub(super) struct Log<'a> {
@@ -83,12 +116,12 @@ impl Bench<'_> {
         pixels
     }
 
-    /// SAH cost over that of a fresh tree, `sweep`, and trace time, of trees; nothing after an
-    /// interrupt.
+    /// SAH cost over that of a fresh tree, `sweep`, and trace time, of trees; and the trace times of
+    /// the fresh tree in each of its turns. Nothing after an interrupt.
     ///
     /// Trees are traced in turns, and the fresh one several times a round: its times beside one
     /// another show the noise.
-    pub(super) fn over(&self, sweep: &Bvh, trees: &[&Bvh]) -> Option<Over> {
+    pub(super) fn over(&self, sweep: &Bvh, trees: &[&Bvh]) -> Option<(Vec<[f64; 2]>, Vec<f64>)> {
         let part = trees.len().div_ceil(FRESH).max(1);
         // Nothing stands for the fresh one.
         let parts = trees.chunks(part).flat_map(|part| once(None).chain(part.iter().copied().map(Some)));
@@ -98,27 +131,19 @@ impl Bench<'_> {
         let times = in_turns(self.log.effort.rounds * more as usize, turns.len(), |turn| {
             Ok(self.trace(turns[turn].unwrap_or(sweep), &self.flat()))
         });
-        let (mut over, times) = (Over { errors: Vec::new(), selves: Vec::new() }, times.ok()?);
-        for (turn, time_ms) in turns.into_iter().zip(times) {
+        let (mut errors, mut selves) = (Vec::new(), Vec::new());
+        for (turn, time_ms) in turns.into_iter().zip(times.ok()?) {
             match turn {
-                Some(tree) => over.errors.push([sah_cost(tree) / sah_cost(sweep), time_ms]),
-                None => over.selves.push(time_ms),
+                Some(tree) => errors.push([sah_cost(tree) / sah_cost(sweep), time_ms]),
+                None => selves.push(time_ms),
             }
         }
-        (!interrupt::requested()).then_some(over)
+        (!interrupt::requested()).then_some((errors, selves))
     }
 }
 
 /// Turns of the fresh tree in a round, beside one at its end.
 const FRESH: usize = 2;
-
-/// Trees beside a fresh one.
-pub(super) struct Over {
-    /// SAH cost over the fresh tree's, and trace time, of each tree.
-    pub(super) errors: Vec<[f64; 2]>,
-    /// Trace times of the fresh tree in each of its turns.
-    pub(super) selves: Vec<f64>,
-}
 
 /// The factor by which times differ that should all be one, to the digits that say something.
 pub(super) fn noise(selves: &[f64]) -> f64 {

@@ -7,7 +7,6 @@
 
 mod bench;
 mod curve;
-mod effort;
 mod guards;
 mod motion;
 mod point;
@@ -20,8 +19,8 @@ mod wall;
 
 use anyhow::Result;
 
+pub(crate) use self::bench::Effort;
 use self::bench::{Bench, Log};
-pub(crate) use self::effort::Effort;
 pub(crate) use self::point::Point;
 pub(crate) use self::section::{LEGEND, Section, sections};
 pub(crate) use self::sentences::sentences;

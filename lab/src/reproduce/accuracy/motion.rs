@@ -19,9 +19,19 @@ const SIMULATED: [(&str, usize); 2] = [("cloth-ball", 80), ("n-body", 32)];
 /// steps of its reference take a minute. Those of the balls, 202,752, take as long.
 const DETAIL: f32 = 0.02;
 
-/// Simulation steps, and spaces between key frames, as multiples of the scene's own number. Spaces
-/// are taken near these multiples where they divide those of the reference.
+/// Simulation steps as multiples of the scene's own number.
 const MULTIPLES: [f64; 8] = [0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
+
+/// Spaces between key frames of the reference, as a multiple of the scene's own number, and
+/// simulation steps in each; by preset.
+const FINEST: [[usize; 2]; 3] = [[2, 2], [64, 1], [64, 2]];
+
+/// Spaces between key frames in each simulation; by preset. They divide those of the reference, so
+/// that all have the same steps, and lie near halves, quarters and so on of the scene's own number.
+const SPACES: [[&[usize]; 3]; 2] = [
+    [&[6, 31, 62], &[12, 24, 48, 93, 186], &[6, 12, 24, 48, 93, 186, 372]],
+    [&[11, 22, 66], &[12, 24, 48, 99, 198], &[6, 12, 24, 48, 99, 198, 396]],
+];
 
 /// Key frames at which motions are compared; the last one, too.
 const COMPARED: [usize; 2] = [2, 10];
@@ -97,11 +107,9 @@ pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
 
 /// The distance to the same simulation with many more key frames, all with the same steps.
 pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
-    // Spaces between key frames of the reference, as a multiple, and simulation steps in each.
-    let [multiple, steps] = log.effort.pick([[2, 2], [64, 1], [64, 2]]);
-    let multiples = log.effort.pick([&MULTIPLES[1..4], &MULTIPLES[1..6], &MULTIPLES[..7]]);
+    let [multiple, steps] = log.effort.pick(FINEST);
     let moments = log.effort.pick([60, 200, 500]);
-    for (name, _) in SIMULATED {
+    for ((name, _), spaces) in SIMULATED.into_iter().zip(SPACES) {
         let own = info(name)?.frames - 1;
         let finest = own * multiple;
         // Only posing is timed.
@@ -109,7 +117,7 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
             let options = options(log, spaces + 1, steps * finest / spaces);
             Ok((spaces, stage::simulated(name, options)?.0))
         };
-        let mut all = spaces(own, finest, multiples);
+        let mut all = log.effort.pick(spaces).to_vec();
         all.push(finest);
         let wanted = all.into_par_iter().take_any_while(|_| !interrupt::requested());
         let mut scenes: Vec<_> = wanted.map(simulated).collect::<Result<_>>()?;
@@ -138,33 +146,19 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Numbers of spaces near the multiples of `own` that divide `finest`, so that all can have the
-/// same steps; ascending.
-fn spaces(own: usize, finest: usize, multiples: &[f64]) -> Vec<usize> {
-    let off = |spaces: usize, wanted: f64| (spaces as f64 / wanted).ln().abs();
-    let mut all: Vec<usize> = multiples
-        .iter()
-        .filter_map(|multiple| {
-            let wanted = multiple * own as f64;
-            let divisors = (1..finest).filter(|n| finest.is_multiple_of(*n));
-            divisors.min_by(|&a, &b| off(a, wanted).total_cmp(&off(b, wanted)))
-        })
-        .collect();
-    all.sort_unstable();
-    all.dedup();
-    all
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn numbers_of_key_frames_divide_the_finest() {
-        assert_eq!(spaces(99, 792, &[0.125, 0.25, 0.5, 1.0, 2.0]), [12, 24, 44, 99, 198]);
-        for own in [93, 99, 119] {
-            let all = spaces(own, 8 * own, &[0.125, 0.5, 1.0]);
-            assert!(all.contains(&own) && all.iter().all(|n| (8 * own) % n == 0), "{all:?}");
+        for ((name, _), spaces) in SIMULATED.into_iter().zip(SPACES) {
+            let own = info(name).expect("a scene").frames - 1;
+            for (preset, (all, [multiple, _])) in spaces.into_iter().zip(FINEST).enumerate() {
+                assert!(all.iter().all(|n| (own * multiple).is_multiple_of(*n)), "{name}: {all:?}");
+                assert!(all.is_sorted_by(|a, b| a < b), "{name}: {all:?}");
+                assert_eq!(all.contains(&own), preset > 0, "{name}: the default is one of {all:?}");
+            }
         }
     }
 

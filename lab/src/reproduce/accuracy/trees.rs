@@ -6,7 +6,7 @@ use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
 use bvh_core::{Bvh, MAX_HEIGHT, Triangles};
 use bvh_update::{Rotate, Strategy, Updater, plain};
 
-use super::bench::{Bench, Over, fastest, noise};
+use super::bench::{Bench, fastest, noise};
 use super::point::Point;
 use crate::interrupt;
 use crate::reproduce::contestants::for_picture;
@@ -118,12 +118,12 @@ fn play(bench: &mut Bench<'_>, knob: &str, what: &str, mut entrants: Vec<Entrant
         if compare {
             let sweep = fresh_tree(bench.stage)?;
             let trees: Vec<&Bvh> = entrants.iter().map(|entrant| &entrant.tree).collect();
-            let Some(over) = bench.over(&sweep, &trees) else { break };
-            for (entrant, errors) in entrants.iter_mut().zip(over.errors) {
+            let Some((errors, times)) = bench.over(&sweep, &trees) else { break };
+            for (entrant, errors) in entrants.iter_mut().zip(errors) {
                 entrant.errors = [0, 1].map(|k| entrant.errors[k] + errors[k]);
             }
-            selves.resize(over.selves.len(), 0.0);
-            selves.iter_mut().zip(over.selves).for_each(|(sum, ratio)| *sum += ratio);
+            selves.resize(times.len(), 0.0);
+            selves.iter_mut().zip(times).for_each(|(sum, ratio)| *sum += ratio);
             compared += 1;
         }
     }
@@ -191,7 +191,7 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
         built.push((tree, time_ms));
     }
     let trees: Vec<&Bvh> = built.iter().map(|(tree, _)| tree).collect();
-    let Some(Over { errors, selves }) = bench.over(&sweep, &trees) else { return Ok(()) };
+    let Some((errors, selves)) = bench.over(&sweep, &trees) else { return Ok(()) };
     for (((_, _, setting, is_default), (_, time_ms)), errors) in settings.iter().zip(&built).zip(errors) {
         let note = format!("time of a build, fastest of at most {repeats}; errors in the middle of the loop");
         let point = Point { note, ..Point::new("builder", setting, *is_default, *time_ms) };
