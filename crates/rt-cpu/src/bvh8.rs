@@ -22,7 +22,7 @@ use bvh_core::{Aabb, Bvh, Ray, SimdLevel, Triangles};
 use fearless_simd::Level;
 use rayon::prelude::*;
 
-use crate::scene::{Query, Work, every, with_test};
+use crate::scene::{Work, with_test};
 use crate::simd::{detected, dispatch};
 use crate::{Hit, TriangleTest};
 
@@ -130,18 +130,18 @@ impl Bvh8 {
     /// As [`closest_hit`](crate::closest_hit) on the tree that this is a view of.
     #[must_use]
     pub fn closest_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> Option<Hit> {
-        self.hit(Query::Closest, ray, t_max, test)
+        self.hit::<false>(ray, t_max, test)
     }
 
     /// As [`any_hit`](crate::any_hit) on the tree that this is a view of.
     #[must_use]
     pub fn any_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
-        self.hit(Query::Any, ray, t_max, test).is_some()
+        self.hit::<true>(ray, t_max, test).is_some()
     }
 
-    fn hit(&self, query: Query, ray: &Ray, t_max: f32, test: TriangleTest) -> Option<Hit> {
+    fn hit<const ANY: bool>(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> Option<Hit> {
         with_test!(test, T => dispatch!(self.level, simd => {
-            hit::<_, T>(simd, self, query, ray, t_max, &mut Work::default(), every)
+            hit::<_, T, ANY>(simd, self, ray, t_max, &mut Work::default(), |_| true)
         }))
     }
 

@@ -1,20 +1,20 @@
 //! The rays of a tile of pixels: from the eye, and from the light to what these hit.
 
-use bvh_core::Vec3;
 use bvh_core::triangle::Test;
+use bvh_core::{Vec3, pick};
 use bytemuck::Zeroable;
 use fearless_simd::Simd;
 
 use crate::bundle::{Coordinates, Hits, RAYS, Wave};
 use crate::options::{RenderOptions, Traversal};
 use crate::packet;
-use crate::scene::{Query, Scene, Work, every};
+use crate::scene::{Scene, Work};
 use crate::sort::Sorter;
 use crate::surface::Surfaces;
 use crate::tile::{self, Scratch};
 use crate::times::Tally;
 use crate::wide::WideTest;
-use crate::{Camera, Mesh, random};
+use crate::{Camera, Hit, Mesh, random};
 
 /// Side of a tile in pixels: what one thread does at a time.
 pub(crate) const TILE: usize = 64;
@@ -99,7 +99,7 @@ pub(crate) fn cast_tile<S: Simd, T: WideTest>(
             seen.rays.count = size.0 * size.1;
             let inside = random::in_pixel(frame.options.sample);
             frame.camera.directions(simd, *corner, inside, (columns, rows), &mut seen.rays.direction);
-            trace_past_holes::<S, T>(simd, frame, Query::Closest, seen, scratch, tally);
+            trace_past_holes::<S, T, false>(simd, frame, seen, scratch, tally);
             let count = seen.rays.count;
             tally.stats.rays_primary = count as u64;
             let hits = seen.hits.primitive[..count].iter().filter(|&&p| p != Hits::NONE);
@@ -135,7 +135,7 @@ pub(crate) fn light_arrives<S: Simd, T: WideTest>(
             if frame.options.traversal == Traversal::Tile {
                 sorter.sort_if_scattered(simd, &mut shadow.rays, whose);
             }
-            trace_past_holes::<S, T>(simd, frame, Query::Any, shadow, scratch, tally);
+            trace_past_holes::<S, T, true>(simd, frame, shadow, scratch, tally);
             let blocked = &shadow.hits.primitive[..shadow.rays.count];
             tally.stats.rays_shadow += blocked.len() as u64;
             for (&blocked, &i) in blocked.iter().zip(&*whose) {
@@ -152,32 +152,30 @@ pub(crate) fn light_arrives<S: Simd, T: WideTest>(
 /// rays are first traced as if there were none, which gives the same result unless what they hit is
 /// a hole.
 #[inline(always)]
-fn trace_past_holes<S: Simd, T: WideTest>(
+fn trace_past_holes<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     frame: &Frame<'_>,
-    query: Query,
     wave: &mut Wave,
     scratch: &mut Scratch,
     tally: &mut Tally,
 ) {
     let (scene, mut work) = (frame.scene, Work::default());
-    trace::<S, T>(simd, scene, frame.options.traversal, query, wave, scratch, &mut work);
+    trace::<S, T, ANY>(simd, scene, frame.options.traversal, wave, scratch, &mut work);
     if let Some(mesh) = frame.alpha_cutouts {
-        tally.end(|t| if query == Query::Closest { &mut t.primary } else { &mut t.shadow });
-        tally.stats.rays_again += see_through::<S, T>(simd, scene, mesh, query, wave, &mut work);
+        tally.end(|t| if ANY { &mut t.shadow } else { &mut t.primary });
+        tally.stats.rays_again += see_through::<S, T, ANY>(simd, scene, mesh, wave, &mut work);
         tally.end(|t| &mut t.alpha);
     }
     tally.stats.nodes_visited += work.nodes;
 }
 
 /// Replaces hits of holes by what is behind them, one ray at a time; gives the number of rays
-/// traced again. For [`Query::Any`] hits in surfaces that have holes anywhere count.
+/// traced again. For `ANY` hit those in surfaces that have holes anywhere count.
 #[inline(never)]
-pub(crate) fn see_through<S: Simd, T: Test>(
+pub(crate) fn see_through<S: Simd, T: Test, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
     mesh: &Mesh<'_>,
-    query: Query,
     wave: &mut Wave,
     work: &mut Work,
 ) -> u64 {
@@ -186,14 +184,14 @@ pub(crate) fn see_through<S: Simd, T: Test>(
         || {
             let mut again = 0;
             for i in 0..wave.rays.count {
-                let stays = wave.hits.get(i).is_none_or(|hit| match query {
-                    Query::Closest => mesh.is_there(&hit),
-                    // Such a hit comes without the place.
-                    Query::Any => mesh.material(hit.primitive).cutoff.is_none(),
+                let stays = wave.hits.get(i).is_none_or(|hit| {
+                    // Any hit comes without the place.
+                    if ANY { mesh.material(hit.primitive).cutoff.is_none() } else { mesh.is_there(&hit) }
                 });
                 if !stays {
-                    let (ray, t_max) = (wave.rays.ray(i), wave.rays.t_max);
-                    let hit = scene.hit::<S, T>(simd, query, &ray, t_max, work, |hit| mesh.is_there(hit));
+                    let (Scene { bvh, triangles, .. }, t_max) = (scene, wave.rays.t_max);
+                    let (ray, counts) = (wave.rays.ray(i), |hit: &Hit| mesh.is_there(hit));
+                    let hit = pick::hit::<S, T, ANY>(simd, bvh, triangles, &ray, t_max, work, counts);
                     wave.hits.set(i, hit);
                     again += 1;
                 }
@@ -205,23 +203,24 @@ pub(crate) fn see_through<S: Simd, T: Test>(
 
 /// Traces a wave as if there were no holes.
 #[inline(always)]
-pub(crate) fn trace<S: Simd, T: WideTest>(
+pub(crate) fn trace<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
     traversal: Traversal,
-    query: Query,
     wave: &mut Wave,
     scratch: &mut Scratch,
     work: &mut Work,
 ) {
     let Wave { rays, hits, nodes } = &mut *wave;
     match traversal {
-        Traversal::Tile => tile::trace::<S, T>(simd, scene, query, rays, hits, scratch, work),
-        Traversal::Packet => packet::trace_all::<T>(scene, query, rays, hits, work),
+        Traversal::Tile => tile::trace::<S, T, ANY>(simd, scene, rays, hits, scratch, work),
+        Traversal::Packet => packet::trace_all::<T, ANY>(scene, rays, hits, work),
         Traversal::Single => {
             for (i, nodes) in nodes[..rays.count].iter_mut().enumerate() {
-                let before = work.nodes;
-                hits.set(i, scene.hit::<S, T>(simd, query, &rays.ray(i), rays.t_max, work, every));
+                let (before, ray) = (work.nodes, rays.ray(i));
+                let Scene { bvh, triangles, .. } = scene;
+                let hit = pick::hit::<S, T, ANY>(simd, bvh, triangles, &ray, rays.t_max, work, |_| true);
+                hits.set(i, hit);
                 *nodes = (work.nodes - before) as u32;
             }
         }

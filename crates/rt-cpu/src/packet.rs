@@ -20,12 +20,11 @@ use bvh_core::{Aabb, MAX_HEIGHT, Ray, Vec3, slab};
 
 use crate::Hit;
 use crate::bundle::{Bundle, Hits, PACKET};
-use crate::scene::{Query, Scene, Work};
+use crate::scene::{Scene, Work};
 
 /// Traces a bundle.
-pub(crate) fn trace_all<T: Test>(
+pub(crate) fn trace_all<T: Test, const ANY: bool>(
     scene: Scene<'_>,
-    query: Query,
     rays: &Bundle,
     hits: &mut Hits,
     work: &mut Work,
@@ -34,18 +33,17 @@ pub(crate) fn trace_all<T: Test>(
         let n = PACKET.min(rays.count - at);
         let packet = std::array::from_fn(|i| rays.ray(at + i.min(n - 1)));
         let t_max = std::array::from_fn(|i| if i < n { rays.t_max } else { -1.0 });
-        let found = trace::<T>(scene, &packet, t_max, query, work);
+        let found = trace::<T, ANY>(scene, &packet, t_max, work);
         found[..n].iter().enumerate().for_each(|(i, &hit)| hits.set(at + i, hit));
     }
 }
 
 /// Traces rays that share their origin; those with a negative `t_max` are absent. For
-/// [`Query::Any`] the hits are any, not the closest.
-pub(crate) fn trace<T: Test>(
+/// `ANY` the hits are any, not the closest.
+pub(crate) fn trace<T: Test, const ANY: bool>(
     scene: Scene<'_>,
     rays: &[Ray; PACKET],
     mut t_max: [f32; PACKET],
-    query: Query,
     work: &mut Work,
 ) -> [Option<Hit>; PACKET] {
     let mut best = [None::<Hit>; PACKET];
@@ -87,7 +85,7 @@ pub(crate) fn trace<T: Test>(
                 let hit = intersect(&rays[i], &tests[i], &corners, p, t_max[i]);
                 if let Some(hit) = hit.filter(|h| best[i].is_none_or(|b| h.is_before(b.t, b.primitive))) {
                     best[i] = Some(hit);
-                    t_max[i] = if query == Query::Any { -1.0 } else { hit.t };
+                    t_max[i] = if ANY { -1.0 } else { hit.t };
                 }
             }
         }

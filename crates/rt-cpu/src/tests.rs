@@ -6,7 +6,7 @@ use crate::bundle::{Hits, PACKET, RAYS, Wave, set};
 use crate::bvh8;
 use crate::cast::{place, trace};
 use crate::packet;
-use crate::scene::{Query, Scene, Work, every, with_test};
+use crate::scene::{Scene, Work, with_test};
 use crate::simd::{detected, dispatch};
 use crate::tile::Scratch;
 use bvh_core::triangle::Watertight;
@@ -225,8 +225,8 @@ fn wide_hits(
 ) -> (Option<Hit>, bool) {
     let work = &mut Work::default();
     with_test!(test, T => dispatch!(detected(level), simd => (
-        bvh8::hit::<_, T>(simd, wide, Query::Closest, ray, t_max, work, every),
-        bvh8::hit::<_, T>(simd, wide, Query::Any, ray, t_max, work, every).is_some(),
+        bvh8::hit::<_, T, false>(simd, wide, ray, t_max, work, |_| true),
+        bvh8::hit::<_, T, true>(simd, wide, ray, t_max, work, |_| true).is_some(),
     )))
 }
 

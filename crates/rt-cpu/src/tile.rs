@@ -30,7 +30,7 @@ use self::cut::Cut;
 use self::packet::{Kinds, Packet};
 use crate::bundle::{Bundle, Hits, PACKET};
 use crate::frustum::{Frame, Frustum, FrustumPlanes};
-use crate::scene::{Query, Scene, Work};
+use crate::scene::{Scene, Work};
 use crate::simd::{bits, load, load3, max, min};
 use crate::wide::{RayOctant, WideTest};
 
@@ -58,13 +58,11 @@ impl Scratch {
     }
 }
 
-/// Traces a bundle. For [`Query::Any`] hits are any, not the closest, and only the primitives
-/// count.
+/// Traces a bundle. For `ANY` hits are any, not the closest, and only the primitives count.
 #[inline(always)]
-pub(crate) fn trace<S: Simd, T: WideTest>(
+pub(crate) fn trace<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
-    query: Query,
     bundle: &mut Bundle,
     hits: &mut Hits,
     scratch: &mut Scratch,
@@ -80,10 +78,7 @@ pub(crate) fn trace<S: Simd, T: WideTest>(
     }
     for start in (0..end).step_by(SHARED) {
         let range = (start, end.min(start + SHARED));
-        match query {
-            Query::Closest => trace_shared::<S, T, false>(simd, scene, bundle, range, hits, scratch, work),
-            Query::Any => trace_shared::<S, T, true>(simd, scene, bundle, range, hits, scratch, work),
-        }
+        trace_shared::<S, T, ANY>(simd, scene, bundle, range, hits, scratch, work);
     }
 }
 

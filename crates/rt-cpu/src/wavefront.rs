@@ -14,7 +14,7 @@
 
 use std::cell::Cell;
 
-use bvh_core::{Ray, Vec3};
+use bvh_core::{Ray, Vec3, pick};
 use bytemuck::{Zeroable, zeroed_box};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
@@ -25,7 +25,7 @@ use crate::bvh8::{self, BlockTest, Bvh8};
 use crate::cast::{Frame, Tile, light_arrives};
 use crate::options::{AmbientOcclusion, DiffuseBounces, Effects};
 use crate::random::{Stream, cosine_direction};
-use crate::scene::{Query, Work};
+use crate::scene::{Scene, Work};
 use crate::shade::{Looks, Shader};
 use crate::simd::store3;
 use crate::times::Tally;
@@ -118,7 +118,7 @@ impl Wavefront<'_> {
             tally.end(|t| &mut t.primary);
             for i in 0..rays {
                 let ray = Ray::new(at(&paths.origin, i), at(&tile.seen.rays.direction, i));
-                let hit = self.hit::<S, T>(simd, frame, Query::Closest, &ray, f32::INFINITY, &mut work);
+                let hit = self.hit::<S, T, false>(simd, frame, &ray, f32::INFINITY, &mut work);
                 tile.seen.hits.set(i, hit);
             }
             tally.end_reflected(paths.mirrors[..rays].iter().filter(|&&m| m > 0).count(), rays);
@@ -137,21 +137,21 @@ impl Wavefront<'_> {
 
     // A call on purpose: a walk is large, and inlined it leaves no registers to what is around it.
     #[inline(never)]
-    fn hit<S: Simd, T: BlockTest>(
+    fn hit<S: Simd, T: BlockTest, const ANY: bool>(
         &self,
         simd: S,
         frame: &Frame<'_>,
-        query: Query,
         ray: &Ray,
         t_max: f32,
         work: &mut Work,
     ) -> Option<Hit> {
+        let Scene { bvh, triangles, .. } = frame.scene;
         let counts = |hit: &Hit| frame.alpha_cutouts.is_none_or(|mesh| mesh.is_there(hit));
         simd.vectorize(
             #[inline(always)]
             || match self.wide {
-                Some(wide) => bvh8::hit::<S, T>(simd, wide, query, ray, t_max, work, counts),
-                None => frame.scene.hit::<S, T>(simd, query, ray, t_max, work, counts),
+                Some(wide) => bvh8::hit::<S, T, ANY>(simd, wide, ray, t_max, work, counts),
+                None => pick::hit::<S, T, ANY>(simd, bvh, triangles, ray, t_max, work, counts),
             },
         )
     }
@@ -203,7 +203,7 @@ impl Wavefront<'_> {
             for n in 0..samples {
                 let direction = cosine_direction(normal, stream.even(first + u64::from(n)));
                 let ray = Ray::new(from, onto_side(direction, face));
-                let hit = self.hit::<S, T>(simd, frame, Query::Any, &ray, distance, &mut work);
+                let hit = self.hit::<S, T, true>(simd, frame, &ray, distance, &mut work);
                 hidden += u32::from(hit.is_some());
             }
             tally.stats.rays_ambient_occlusion += u64::from(samples);

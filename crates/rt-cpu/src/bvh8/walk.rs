@@ -8,7 +8,7 @@ use fearless_simd::{Simd, f32x8};
 
 use super::{BlockTest, Bvh8, CHILDREN, LEAF, Node8, WIDTH};
 use crate::Hit;
-use crate::scene::{Query, Work};
+use crate::scene::Work;
 use crate::simd::{load, max, min, splat3};
 
 /// Most that is put off at a time: seven children a level of the binary tree, and of what large
@@ -62,12 +62,11 @@ impl<S: Simd> Ray8<S> {
     }
 }
 
-/// What a ray hits of that which `counts` is true for.
+/// What a ray hits of that which `counts` is true for: the closest, unless `ANY` will do.
 #[inline(always)]
-pub(crate) fn hit<S: Simd, T: BlockTest>(
+pub(crate) fn hit<S: Simd, T: BlockTest, const ANY: bool>(
     simd: S,
     tree: &Bvh8,
-    query: Query,
     ray: &Ray,
     mut t_max: f32,
     work: &mut Work,
@@ -110,10 +109,11 @@ pub(crate) fn hit<S: Simd, T: BlockTest>(
             let Some(block) = tree.blocks.get((next & !LEAF) as usize) else { return best };
             let found = test.block(simd, ray, block, block.present(simd));
             best = block.closest(ray, &test, &found, t_max, best, &counts);
-            match best {
-                Some(_) if query == Query::Any => return best,
-                Some(hit) => t_max = hit.t,
-                None => {}
+            if let Some(hit) = best {
+                if ANY {
+                    return best;
+                }
+                t_max = hit.t;
             }
         }
         loop {
