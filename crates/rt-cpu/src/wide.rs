@@ -109,7 +109,8 @@ impl<V> Slab<V> {
 
 /// Rays in lanes, and what triangle tests need of them.
 #[derive(Clone, Copy)]
-pub(crate) struct Rays<S: Simd> {
+pub(crate) struct Rays<'a, S: Simd> {
+    pub(crate) octant: &'a RayOctant,
     pub(crate) direction: [V<S>; 3],
     /// Of [`Watertight`]: slopes along the two axes after the longest, and minus one over the
     /// extent along that.
@@ -120,24 +121,13 @@ pub(crate) struct Rays<S: Simd> {
 /// [`BlockTest`](crate::bvh8::BlockTest) is of one ray and several triangles.
 pub(crate) trait WideTest: Test {
     /// Tests the lanes in `active`.
-    fn wide<S: Simd>(
-        simd: S,
-        rays: &Rays<S>,
-        corners: [&Vec3; 3],
-        octant: &RayOctant,
-        active: u64,
-    ) -> Found<V<S>>;
+    fn wide<S: Simd>(simd: S, rays: &Rays<'_, S>, corners: [&Vec3; 3], active: u64) -> Found<V<S>>;
 }
 
 impl WideTest for Watertight {
     #[inline(always)]
-    fn wide<S: Simd>(
-        simd: S,
-        rays: &Rays<S>,
-        corners: [&Vec3; 3],
-        octant: &RayOctant,
-        active: u64,
-    ) -> Found<V<S>> {
+    fn wide<S: Simd>(simd: S, rays: &Rays<'_, S>, corners: [&Vec3; 3], active: u64) -> Found<V<S>> {
+        let octant = rays.octant;
         let [kx, ky, kz] = octant.axes;
         let origin: &[f32; 3] = octant.origin.as_ref();
         let zero = V::splat(simd, 0.0);
@@ -158,15 +148,9 @@ impl WideTest for Watertight {
 
 impl WideTest for MollerTrumbore {
     #[inline(always)]
-    fn wide<S: Simd>(
-        simd: S,
-        rays: &Rays<S>,
-        [&a, &b, &c]: [&Vec3; 3],
-        octant: &RayOctant,
-        active: u64,
-    ) -> Found<V<S>> {
+    fn wide<S: Simd>(simd: S, rays: &Rays<'_, S>, [&a, &b, &c]: [&Vec3; 3], active: u64) -> Found<V<S>> {
         let (e1, e2) = (b - a, c - a);
-        let s = octant.origin - a;
+        let s = rays.octant.origin - a;
         let q = s.cross(e1);
         let d = rays.direction;
         let p = [d[1] * e2.z - d[2] * e2.y, d[2] * e2.x - d[0] * e2.z, d[0] * e2.y - d[1] * e2.x];
@@ -187,15 +171,9 @@ fn dot<S: Simd>(a: [V<S>; 3], b: Vec3) -> V<S> {
 
 impl WideTest for Double {
     #[inline(always)]
-    fn wide<S: Simd>(
-        simd: S,
-        rays: &Rays<S>,
-        corners: [&Vec3; 3],
-        octant: &RayOctant,
-        active: u64,
-    ) -> Found<V<S>> {
+    fn wide<S: Simd>(simd: S, rays: &Rays<'_, S>, corners: [&Vec3; 3], active: u64) -> Found<V<S>> {
+        let &Rays { octant, direction: d, .. } = rays;
         let [kx, ky, kz] = octant.axes;
-        let d = rays.direction;
         let (x, y, z) = (simd.widen_f32x16(d[kx]), simd.widen_f32x16(d[ky]), simd.widen_f32x16(d[kz]));
         let (low, [t0, u0, v0]) = double(simd, [x.0, y.0, z.0], corners, octant);
         let (high, [t1, u1, v1]) = double(simd, [x.1, y.1, z.1], corners, octant);

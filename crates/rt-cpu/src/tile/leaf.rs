@@ -62,7 +62,7 @@ fn test_group<S: Simd, T: WideTest, const ANY: bool>(
     at: usize,
     packet: &mut Packet,
 ) {
-    let found = T::wide(simd, &packet.rays(simd, octant.axes[2], at), corners, octant, mask);
+    let found = T::wide(simd, &packet.rays(simd, octant, at), corners, mask);
     if found.unsure != 0 {
         test_each::<T, ANY>(octant.origin, corners, primitive, found.unsure, at, packet);
     }

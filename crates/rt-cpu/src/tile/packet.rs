@@ -7,7 +7,7 @@ use fearless_simd::prelude::*;
 
 use crate::bundle::{Bundle, Hits, PACKET};
 use crate::simd::{bits, load, load3, max, store_chosen};
-use crate::wide::{Rays, V};
+use crate::wide::{RayOctant, Rays, V};
 
 /// Rays in one [`V`]: once no more are left, they are walked with by themselves.
 pub(super) const GROUP: usize = 16;
@@ -38,15 +38,16 @@ pub(super) struct Packet {
 }
 
 impl Packet {
-    /// Rays that are longest along `axis`.
+    /// The rays of the group at `at`, if they are all of this octant.
     #[inline(always)]
-    pub(super) fn rays<S: Simd>(&self, simd: S, axis: usize, at: usize) -> Rays<S> {
+    pub(super) fn rays<'a, S: Simd>(&self, simd: S, octant: &'a RayOctant, at: usize) -> Rays<'a, S> {
         Rays {
+            octant,
             direction: load3(simd, &self.direction, at),
             shear: [
                 load(simd, &self.shear[0], at),
                 load(simd, &self.shear[1], at),
-                load(simd, &self.inverse[axis], at),
+                load(simd, &self.inverse[octant.axes[2]], at),
             ],
         }
     }
