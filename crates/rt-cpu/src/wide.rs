@@ -42,18 +42,16 @@ impl RayOctant {
 /// The planes of a box, in the order in which rays meet them, subtracted from the rays' origin:
 /// what is subtracted comes from memory straight into all lanes.
 #[derive(Clone, Copy)]
-pub(crate) struct Slab<V> {
+pub(crate) struct Slab<S, V> {
+    simd: S,
     first: [V; 3],
     last: [V; 3],
 }
 
-impl<V> Slab<V> {
+impl<S: Simd, V: Lanes<S>> Slab<S, V> {
     /// The box of a node.
     #[inline(always)]
-    pub(crate) fn of<S: Simd>(simd: S, node: &Node, octant: &RayOctant) -> Self
-    where
-        V: Lanes<S>,
-    {
+    pub(crate) fn of(simd: S, node: &Node, octant: &RayOctant) -> Self {
         Self::between(simd, bytemuck::cast_ref(node), octant)
     }
 
@@ -63,22 +61,17 @@ impl<V> Slab<V> {
     /// of zeros, which no comparison sees and which [`max`] does not take from where it starts, a
     /// positive zero.
     #[inline(always)]
-    pub(crate) fn around<S: Simd>(simd: S, corners: &[Vec3; 3], octant: &RayOctant) -> Self
-    where
-        V: Lanes<S>,
-    {
+    pub(crate) fn around(simd: S, corners: &[Vec3; 3], octant: &RayOctant) -> Self {
         let [a, b, c] = corners;
         let (min, max) = (a.min(*b).min(*c), a.max(*b).max(*c));
         Self::between(simd, &[min.x, min.y, min.z, 0.0, max.x, max.y, max.z, 0.0], octant)
     }
 
     #[inline(always)]
-    fn between<S: Simd>(simd: S, planes: &[f32; 8], octant: &RayOctant) -> Self
-    where
-        V: Lanes<S>,
-    {
+    fn between(simd: S, planes: &[f32; 8], octant: &RayOctant) -> Self {
         let origin = [octant.origin.x, octant.origin.y, octant.origin.z];
-        let mut slab = Self { first: [V::simd_from(simd, 0.0); 3], last: [V::simd_from(simd, 0.0); 3] };
+        let zero = V::simd_from(simd, 0.0);
+        let mut slab = Self { simd, first: [zero; 3], last: [zero; 3] };
         for k in 0..3 {
             let origin = V::simd_from(simd, origin[k]);
             // With the mask the compiler knows that the index is in range.
@@ -92,12 +85,9 @@ impl<V> Slab<V> {
     /// [`enters`](bvh_core::slab::enters). `inverse` is minus one over the direction: both signs
     /// together change nothing but those of zeros.
     #[inline(always)]
-    pub(crate) fn enter<S: Simd>(&self, simd: S, inverse: [V; 3], t_max: V) -> (V, V::Mask)
-    where
-        V: Lanes<S>,
-    {
-        let mut near = V::simd_from(simd, 0.0);
-        let mut far = V::simd_from(simd, f32::INFINITY);
+    pub(crate) fn enter(&self, inverse: [V; 3], t_max: V) -> (V, V::Mask) {
+        let mut near = V::simd_from(self.simd, 0.0);
+        let mut far = V::simd_from(self.simd, f32::INFINITY);
         for (k, inverse) in inverse.into_iter().enumerate() {
             near = max(self.first[k] * inverse, near);
             far = min(self.last[k] * inverse, far);

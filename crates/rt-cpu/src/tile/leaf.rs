@@ -85,7 +85,7 @@ fn test_group<S: Simd, T: WideTest, const ANY: bool>(
                 }
                 Slab::around(simd, &[a, b, c], octant)
             };
-            let (near, inside) = slab.enter(simd, load3(simd, &packet.inverse, at), best);
+            let (near, inside) = slab.enter(load3(simd, &packet.inverse, at), best);
             (near, found.lanes & inside.to_bitmask())
         }
     };

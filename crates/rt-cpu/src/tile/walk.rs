@@ -145,10 +145,10 @@ fn fetch_subtree(nodes: &[Node], node: &Node, mask: u64) {
 /// The rays in `mask` that enter a node's box.
 #[inline(always)]
 fn enter<S: Simd>(simd: S, packet: &Packet, node: &Node, octant: &RayOctant, mask: u64) -> u64 {
-    let slab = Slab::<S::f32s>::of(simd, node, octant);
+    let slab = Slab::<S, S::f32s>::of(simd, node, octant);
     let mut entered = 0;
     for at in (0..PACKET).step_by(S::f32s::LEN) {
-        let (_, lanes) = slab.enter(simd, load3(simd, &packet.inverse, at), load(simd, &packet.t, at));
+        let (_, lanes) = slab.enter(load3(simd, &packet.inverse, at), load(simd, &packet.t, at));
         entered |= lanes.to_bitmask() << at;
     }
     entered & mask
@@ -177,8 +177,8 @@ fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
         let (first, children) = open(scene, &nodes[n], work);
         let [l, r] = children;
         let t = load(simd, &packet.t, at);
-        let (tl, ml) = Slab::of(simd, l, octant).enter(simd, inverse, t);
-        let (tr, mr) = Slab::of(simd, r, octant).enter(simd, inverse, t);
+        let (tl, ml) = Slab::of(simd, l, octant).enter(inverse, t);
+        let (tr, mr) = Slab::of(simd, r, octant).enter(inverse, t);
         let (mut ml, mut mr) = (ml.to_bitmask() & mask, mr.to_bitmask() & mask);
         if ml != 0 && l.is_leaf() {
             test_leaf::<S, T, ANY, GROUP>(simd, scene, octant, l, Some(tl), ml, at, packet);
