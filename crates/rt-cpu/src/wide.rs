@@ -221,18 +221,6 @@ pub(crate) struct Found<V> {
     pub(crate) v: V,
 }
 
-impl<V> Found<V> {
-    /// No lane hits.
-    #[inline(always)]
-    pub(crate) fn none<S: Simd>(simd: S) -> Self
-    where
-        V: Lanes<S>,
-    {
-        let zero = V::simd_from(simd, 0.0);
-        Self { lanes: 0, unsure: 0, t: zero, u: zero, v: zero }
-    }
-}
-
 /// [`Watertight`] for corners at `x` and `y` beside the ray, `z` along its longest axis, one over
 /// which is `inverse`.
 #[inline(always)]
@@ -253,7 +241,7 @@ pub(crate) fn weigh<S: Simd, V: Lanes<S>>(
     let outside = least.simd_lt(zero) & greatest.simd_gt(zero);
     let inside = !outside.to_bitmask() & active;
     if inside == 0 {
-        return Found::none(simd);
+        return Found { lanes: 0, unsure: 0, t: zero, u: zero, v: zero };
     }
     let det = wa + wb + wc;
     let size = max(det, -det);

@@ -115,7 +115,8 @@ pub(crate) trait BlockTest: Test {
     /// [`Test::test`].
     #[inline(always)]
     fn block<S: Simd>(&self, simd: S, _: &Ray, _: &Block, active: u64) -> Found<Each<S>> {
-        Found { unsure: active, ..Found::none(simd) }
+        let zero = Each::splat(simd, 0.0);
+        Found { lanes: 0, unsure: active, t: zero, u: zero, v: zero }
     }
 }
 
