@@ -8,7 +8,7 @@ use fearless_simd::Simd;
 use crate::bundle::{Coordinates, Hits, RAYS, Wave};
 use crate::options::{RenderOptions, Traversal};
 use crate::packet;
-use crate::scene::{Scene, Work};
+use crate::scene::Scene;
 use crate::sort::Sorter;
 use crate::surface::Surfaces;
 use crate::tile::{self, Scratch};
@@ -159,17 +159,16 @@ fn trace_past_holes<S: Simd, T: WideTest, const ANY: bool>(
     scratch: &mut Scratch,
     tally: &mut Tally,
 ) {
-    let (scene, mut work) = (frame.scene, Work::default());
-    trace::<S, T, ANY>(simd, scene, frame.options.traversal, wave, scratch, &mut work);
+    let scene = frame.scene;
+    trace::<S, T, ANY>(simd, scene, frame.options.traversal, wave, scratch, tally);
     if let Some(mesh) = frame.alpha_cutouts {
         tally.end(|t| if ANY { &mut t.shadow } else { &mut t.primary });
-        tally.stats.rays_again += see_through::<S, T, ANY>(simd, scene, mesh, wave, &mut work);
+        see_through::<S, T, ANY>(simd, scene, mesh, wave, tally);
         tally.end(|t| &mut t.alpha);
     }
-    tally.stats.nodes_visited += work.nodes;
 }
 
-/// Replaces hits of holes by what is behind them, one ray at a time; gives the number of rays
+/// Replaces hits of holes by what is behind them, one ray at a time, and counts the rays
 /// traced again. For `ANY` hit those in surfaces that have holes anywhere count.
 #[inline(never)]
 pub(crate) fn see_through<S: Simd, T: Test, const ANY: bool>(
@@ -177,12 +176,11 @@ pub(crate) fn see_through<S: Simd, T: Test, const ANY: bool>(
     scene: Scene<'_>,
     mesh: &Mesh<'_>,
     wave: &mut Wave,
-    work: &mut Work,
-) -> u64 {
+    tally: &mut Tally,
+) {
     simd.vectorize(
         #[inline(always)]
         || {
-            let mut again = 0;
             for i in 0..wave.rays.count {
                 let stays = wave.hits.get(i).is_none_or(|hit| {
                     // Any hit comes without the place.
@@ -191,14 +189,14 @@ pub(crate) fn see_through<S: Simd, T: Test, const ANY: bool>(
                 if !stays {
                     let (Scene { bvh, triangles, .. }, t_max) = (scene, wave.rays.t_max);
                     let (ray, counts) = (wave.rays.ray(i), |hit: &Hit| mesh.is_there(hit));
-                    let hit = pick::hit::<S, T, ANY>(simd, bvh, triangles, &ray, t_max, work, counts);
+                    let hit =
+                        pick::hit::<S, T, ANY>(simd, bvh, triangles, &ray, t_max, &mut tally.work, counts);
                     wave.hits.set(i, hit);
-                    again += 1;
+                    tally.stats.rays_again += 1;
                 }
             }
-            again
         },
-    )
+    );
 }
 
 /// Traces a wave as if there were no holes.
@@ -209,11 +207,14 @@ pub(crate) fn trace<S: Simd, T: WideTest, const ANY: bool>(
     traversal: Traversal,
     wave: &mut Wave,
     scratch: &mut Scratch,
-    work: &mut Work,
+    tally: &mut Tally,
 ) {
-    let Wave { rays, hits, nodes } = &mut *wave;
+    let (Wave { rays, hits, nodes }, work) = (&mut *wave, &mut tally.work);
     match traversal {
-        Traversal::Tile => tile::trace::<S, T, ANY>(simd, scene, rays, hits, scratch, work),
+        Traversal::Tile => {
+            tile::trace::<S, T, ANY>(simd, scene, rays, hits, scratch);
+            work.nodes += std::mem::take(&mut scratch.nodes);
+        }
         Traversal::Packet => packet::trace_all::<T, ANY>(scene, rays, hits, work),
         Traversal::Single => {
             for (i, nodes) in nodes[..rays.count].iter_mut().enumerate() {

@@ -177,5 +177,5 @@ fn fill_tile<S: Simd, T: WideTest + BlockTest, P: TilePixel>(
     look.color::<S, T>(simd, frame, tile, &mut tally);
     P::write(simd, tile, rows);
     tally.end(|t| &mut t.primary);
-    tally.stats
+    RenderStats { nodes_visited: tally.work.nodes, ..tally.stats }
 }

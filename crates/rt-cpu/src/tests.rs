@@ -9,6 +9,7 @@ use crate::packet;
 use crate::scene::{Scene, Work, with_test};
 use crate::simd::{detected, dispatch};
 use crate::tile::Scratch;
+use crate::times::Tally;
 use bvh_core::triangle::Watertight;
 use bytemuck::zeroed_box;
 

@@ -30,7 +30,7 @@ use self::cut::Cut;
 use self::packet::{Kinds, Packet};
 use crate::bundle::{Bundle, Hits, PACKET};
 use crate::frustum::{Frame, Frustum, FrustumPlanes};
-use crate::scene::{Scene, Work};
+use crate::scene::Scene;
 use crate::simd::{bits, load, load3, max, min};
 use crate::wide::{RayOctant, WideTest};
 
@@ -45,6 +45,8 @@ pub(crate) struct Scratch {
     stack: [(u32, u64); MAX_HEIGHT as usize + 1],
     group_stack: [(u32, u64); MAX_HEIGHT as usize + 1],
     cut: Cut,
+    /// Inner nodes visited.
+    pub(crate) nodes: u64,
 }
 
 impl Scratch {
@@ -66,7 +68,6 @@ pub(crate) fn trace<S: Simd, T: WideTest, const ANY: bool>(
     bundle: &mut Bundle,
     hits: &mut Hits,
     scratch: &mut Scratch,
-    work: &mut Work,
 ) {
     let Some(last) = bundle.count.checked_sub(1) else {
         return;
@@ -78,7 +79,7 @@ pub(crate) fn trace<S: Simd, T: WideTest, const ANY: bool>(
     }
     for start in (0..end).step_by(SHARED) {
         let range = (start, end.min(start + SHARED));
-        trace_shared::<S, T, ANY>(simd, scene, bundle, range, hits, scratch, work);
+        trace_shared::<S, T, ANY>(simd, scene, bundle, range, hits, scratch);
     }
 }
 
@@ -91,7 +92,6 @@ fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
     (start, end): (usize, usize),
     hits: &mut Hits,
     scratch: &mut Scratch,
-    work: &mut Work,
 ) {
     let frame = common_frame(simd, bundle, (start, end));
     let mut frusta = [Frustum::NONE; SHARED / PACKET];
@@ -100,7 +100,7 @@ fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
             *frustum = frustum_of(simd, frame, bundle, at);
         }
         let whole = frusta.iter().fold(Frustum::NONE, |a, b| a.union(b));
-        scratch.cut.fill(simd, scene.bvh.nodes(), frame, &whole, bundle.t_max, work);
+        scratch.nodes += scratch.cut.fill(simd, scene.bvh.nodes(), frame, &whole, bundle.t_max);
     } else {
         // The tree as a whole.
         (scratch.cut.node[0], scratch.cut.near[0]) = (0, 0.0);
@@ -126,8 +126,8 @@ fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
             let same = (0..3).fold(same, |m, k| m & if signs[k] { negative[k] } else { !negative[k] });
             left &= !same;
             let along = Vec3::from([0, 1, 2].map(|k| bundle.direction[k][at + lane as usize]));
-            let octant = RayOctant::new(bundle.origin, signs, axis);
-            trace_packet::<S, T, ANY>(simd, scene, &octant, along, met, same, scratch, work);
+            let octant = RayOctant::new(bundle.origin, along, signs, axis);
+            trace_packet::<S, T, ANY>(simd, scene, &octant, met, same, scratch);
         }
         let p = &scratch.packet;
         if !ANY {
@@ -182,11 +182,9 @@ fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
     octant: &RayOctant,
-    along: Vec3,
     met: u64,
     mask: u64,
     scratch: &mut Scratch,
-    work: &mut Work,
 ) {
     let mut farthest = scratch.packet.farthest(simd, mask);
     for i in bits(met) {
@@ -196,7 +194,7 @@ fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
         let root = scratch.cut.node[i];
         simd.vectorize(
             #[inline(always)]
-            || walk::walk::<S, T, ANY>(simd, scene, octant, along, root, mask, scratch, work),
+            || walk::walk::<S, T, ANY>(simd, scene, octant, root, mask, scratch),
         );
         if !ANY && !scratch.packet.some_see_nothing(mask) {
             farthest = scratch.packet.farthest(simd, mask);

@@ -4,6 +4,7 @@ use std::ops::AddAssign;
 use std::time::{Duration, Instant};
 
 use crate::RenderStats;
+use crate::scene::Work;
 
 /// Time by what it was spent on, added up over threads: on `n` busy threads it passes `n` times as
 /// fast as on a clock. All zero unless [`RenderOptions::timed`](crate::RenderOptions::timed), and
@@ -52,6 +53,8 @@ impl AddAssign for StageTimes {
 #[derive(Default)]
 pub(crate) struct Tally {
     pub(crate) stats: RenderStats,
+    /// Of it only the nodes count.
+    pub(crate) work: Work,
     /// When the last stretch ended; `None` if nobody asked for times, or there is no clock.
     last: Option<Instant>,
 }

@@ -98,7 +98,6 @@ impl Wavefront<'_> {
         tile: &mut Tile,
         tally: &mut Tally,
     ) {
-        let mut work = Work::default();
         let mut paths = THESE_PATHS.take().unwrap_or_else(zeroed_box);
         paths.start(tile, frame.options.seed);
         paths.looks.open.fill(if self.effects.diffuse_bounces.is_some() { 0.0 } else { 1.0 });
@@ -118,7 +117,7 @@ impl Wavefront<'_> {
             tally.end(|t| &mut t.primary);
             for i in 0..rays {
                 let ray = Ray::new(at(&paths.origin, i), at(&tile.seen.rays.direction, i));
-                let hit = self.hit::<S, T, false>(simd, frame, &ray, f32::INFINITY, &mut work);
+                let hit = self.hit::<S, T, false>(simd, frame, &ray, f32::INFINITY, &mut tally.work);
                 tile.seen.hits.set(i, hit);
             }
             tally.end_reflected(paths.mirrors[..rays].iter().filter(|&&m| m > 0).count(), rays);
@@ -128,7 +127,6 @@ impl Wavefront<'_> {
         }
         tile.colors = paths.sum;
         THESE_PATHS.set(Some(paths));
-        tally.stats.nodes_visited += work.nodes;
     }
 
     fn is_mirror(&self, primitive: u32) -> bool {
@@ -190,7 +188,6 @@ impl Wavefront<'_> {
         (AmbientOcclusion { samples, distance }, wave): (AmbientOcclusion, u32),
         tally: &mut Tally,
     ) {
-        let mut work = Work::default();
         let first = u64::from(frame.options.sample) * u64::from(samples);
         for i in 0..tile.seen.rays.count {
             if tile.seen.hits.get(i).is_none_or(|hit| self.is_mirror(hit.primitive)) {
@@ -203,13 +200,12 @@ impl Wavefront<'_> {
             for n in 0..samples {
                 let direction = cosine_direction(normal, stream.even(first + u64::from(n)));
                 let ray = Ray::new(from, onto_side(direction, face));
-                let hit = self.hit::<S, T, true>(simd, frame, &ray, distance, &mut work);
+                let hit = self.hit::<S, T, true>(simd, frame, &ray, distance, &mut tally.work);
                 hidden += u32::from(hit.is_some());
             }
             tally.stats.rays_ambient_occlusion += u64::from(samples);
             paths.looks.open[i] = 1.0 - hidden as f32 / samples.max(1) as f32;
         }
-        tally.stats.nodes_visited += work.nodes;
     }
 
     /// Adds what the rays of a wave see to their pixels.

@@ -22,20 +22,22 @@ pub(crate) struct RayOctant {
     last: [usize; 3],
     /// The axis along which all directions are longest, after the two that follow it.
     pub(crate) axes: [usize; 3],
+    /// The direction of one of the rays: children are visited in their order along it.
+    pub(crate) along: Vec3,
 }
 
 impl RayOctant {
-    /// `negative` says along which axes the rays go backwards, `longest` along which they are
-    /// longest.
+    /// `along` is the direction of one of the rays, `negative` says along which axes they go
+    /// backwards, `longest` along which they are longest.
     #[inline(always)]
-    pub(crate) fn new(origin: Vec3, negative: [bool; 3], longest: usize) -> Self {
+    pub(crate) fn new(origin: Vec3, along: Vec3, negative: [bool; 3], longest: usize) -> Self {
         let [mut first, mut last] = [[0, 1, 2], [4, 5, 6]];
         for (k, negative) in negative.into_iter().enumerate() {
             if negative {
                 (first[k], last[k]) = (last[k], first[k]);
             }
         }
-        Self { origin, first, last, axes: [(longest + 1) % 3, (longest + 2) % 3, longest] }
+        Self { origin, first, last, axes: [(longest + 1) % 3, (longest + 2) % 3, longest], along }
     }
 }
 

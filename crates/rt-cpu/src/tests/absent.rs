@@ -32,7 +32,7 @@ fn see<S: Simd, T: WideTest>(
             let places = (&*columns, &*rows);
             camera.directions(simd, corner, random::in_pixel(0), places, &mut seen.rays.direction);
             let Wave { rays, hits, .. } = seen;
-            tile::trace::<S, T, false>(simd, scene, rays, hits, scratch, &mut Work::default());
+            tile::trace::<S, T, false>(simd, scene, rays, hits, scratch);
             seen.end();
             let any = seen.hits.primitive[..seen.rays.count].iter().any(|&p| p != Hits::NONE);
             if any {
@@ -52,7 +52,7 @@ fn shine<S: Simd, T: WideTest>(simd: S, tile: &mut Tile, scene: Scene<'_>, light
             shadow.rays.start(light, 1.0);
             surfaces.shadow_rays(simd, &seen.hits, seen.rays.count, &mut shadow.rays, whose);
             let Wave { rays, hits, .. } = shadow;
-            tile::trace::<S, T, true>(simd, scene, rays, hits, scratch, &mut Work::default());
+            tile::trace::<S, T, true>(simd, scene, rays, hits, scratch);
             for (&blocked, &i) in hits.primitive.iter().zip(&whose[..rays.count]) {
                 lit[i as usize] = if blocked == Hits::NONE { 1.0 } else { 0.0 };
             }

@@ -490,17 +490,17 @@ fn rays_pass_holes_as_the_rule_says() {
         for options in ways() {
             for any in [false, true] {
                 aim(&mut wave, origin, t_max, &targets);
-                let (way, work) = (options.traversal, &mut Work::default());
-                let again = with_test!(test, T => dispatch!(detected(options.simd), simd => {
+                let (way, tally) = (options.traversal, &mut Tally::default());
+                with_test!(test, T => dispatch!(detected(options.simd), simd => {
                     if any {
-                        trace::<_, T, true>(simd, scene, way, &mut wave, &mut scratch, work);
-                        see_through::<_, T, true>(simd, scene, &mesh, &mut wave, work)
+                        trace::<_, T, true>(simd, scene, way, &mut wave, &mut scratch, tally);
+                        see_through::<_, T, true>(simd, scene, &mesh, &mut wave, tally);
                     } else {
-                        trace::<_, T, false>(simd, scene, way, &mut wave, &mut scratch, work);
-                        see_through::<_, T, false>(simd, scene, &mesh, &mut wave, work)
+                        trace::<_, T, false>(simd, scene, way, &mut wave, &mut scratch, tally);
+                        see_through::<_, T, false>(simd, scene, &mesh, &mut wave, tally);
                     }
                 }));
-                assert!(again > 100);
+                assert!(tally.stats.rays_again > 100);
                 for (i, truth) in truth.iter().enumerate() {
                     if any {
                         assert_eq!(wave.hits.get(i).is_some(), truth.is_some());

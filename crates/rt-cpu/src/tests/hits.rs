@@ -58,12 +58,12 @@ fn check_packets_in(trees: &[&Bvh], soup: &Soup, origin: Vec3, targets: &[Vec3],
                 for options in ways() {
                     for any in [false, true] {
                         aim(&mut wave, origin, t_max, targets);
-                        let (way, work) = (options.traversal, &mut Work::default());
+                        let (way, tally) = (options.traversal, &mut Tally::default());
                         with_test!(test, T => dispatch!(detected(options.simd), simd => {
                             if any {
-                                trace::<_, T, true>(simd, scene, way, &mut wave, &mut scratch, work);
+                                trace::<_, T, true>(simd, scene, way, &mut wave, &mut scratch, tally);
                             } else {
-                                trace::<_, T, false>(simd, scene, way, &mut wave, &mut scratch, work);
+                                trace::<_, T, false>(simd, scene, way, &mut wave, &mut scratch, tally);
                             }
                         }));
                         for (i, truth) in truth.iter().enumerate() {

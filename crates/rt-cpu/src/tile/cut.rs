@@ -6,7 +6,6 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
 use crate::frustum::{Frame, Frustum, FrustumPlanes};
-use crate::scene::Work;
 use crate::simd::{load, max};
 use crate::wide::V;
 
@@ -26,7 +25,7 @@ pub(super) struct Cut {
 }
 
 impl Cut {
-    /// Opens the tree's top: the largest inner nodes first, by half area.
+    /// Opens the tree's top: the largest inner nodes first, by half area. Gives their number.
     #[inline(always)]
     pub(super) fn fill<S: Simd>(
         &mut self,
@@ -35,13 +34,12 @@ impl Cut {
         frame: &Frame,
         frustum: &Frustum,
         t_max: f32,
-        work: &mut Work,
-    ) {
+    ) -> u64 {
         let planes = FrustumPlanes::new(frame, frustum, t_max);
         let mut opened = [0; CUT];
         // Half areas, 0 for leaves and where they are NaN.
         let mut sizes = [0.0; CUT];
-        let mut count = 1;
+        let (mut count, mut visited) = (1, 0);
         sizes[0] = size(&nodes[0]);
         'open: loop {
             // From the last on, so that what takes the place of a node is never one still to be
@@ -59,7 +57,7 @@ impl Cut {
                 let first = nodes[opened[i] as usize].first();
                 let [l, r] = [nodes[first], nodes[first + 1]];
                 let met = planes.meets(simd, &[l, r]);
-                work.nodes += 1;
+                visited += 1;
                 count -= 1;
                 (opened[i], sizes[i]) = (opened[count], sizes[count]);
                 sizes[count] = 0.0;
@@ -91,6 +89,7 @@ impl Cut {
             (self.near[place], self.node[place]) = (near[i], opened[i]);
         }
         self.count = count;
+        visited
     }
 
     /// Bits of the subtrees that a frustum meets.

@@ -10,21 +10,19 @@ use super::Scratch;
 use super::leaf::test_leaf;
 use super::packet::{GROUP, Packet};
 use crate::bundle::PACKET;
-use crate::scene::{Scene, Work};
+use crate::scene::Scene;
 use crate::simd::{load, load3};
 use crate::wide::{RayOctant, Slab, V, WideTest};
 
-/// Walks the subtree at `root` with the rays in `mask`, one of which goes along `along`.
+/// Walks the subtree at `root` with the rays in `mask`.
 #[inline(always)]
 pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
     octant: &RayOctant,
-    along: Vec3,
     root: u32,
     mask: u64,
     scratch: &mut Scratch,
-    work: &mut Work,
 ) {
     let nodes = scene.bvh.nodes();
     let mut top = 0;
@@ -38,12 +36,13 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
         if mask == 0 {
             // No ray enters the root, or those that were put off have hit something since.
         } else if let Some((at, lanes)) = scratch.packet.group_of::<S, ANY>(simd, mask) {
-            walk_group::<S, T, ANY>(simd, scene, octant, along, n, lanes, at, scratch, work);
+            walk_group::<S, T, ANY>(simd, scene, octant, n, lanes, at, scratch);
             if at == PACKET {
                 scratch.packet.scatter::<ANY>(mask);
             }
         } else {
-            let (first, children) = open(scene, &nodes[n], work);
+            scratch.nodes += 1;
+            let (first, children) = open(scene, &nodes[n]);
             let met = scratch.planes.meets(simd, children);
             let mut entered = [0; 2];
             for (side, child) in children.iter().enumerate() {
@@ -59,8 +58,8 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
                 }
             }
             let active = scratch.packet.active(0);
-            let [near, far] =
-                near_and_far(children, first, along, [entered[0] & active, entered[1] & active]);
+            let entered = [entered[0] & active, entered[1] & active];
+            let [near, far] = near_and_far(children, first, octant.along, entered);
             if far.1 != 0 {
                 scratch.stack[top] = far;
                 top += 1;
@@ -111,8 +110,7 @@ fn near_and_far(children: &[Node; 2], first: usize, along: Vec3, [l, r]: [u64; 2
 /// The children of an inner node and the number of the first; what visiting them will need is asked
 /// for.
 #[inline(always)]
-fn open<'a>(scene: Scene<'a>, node: &Node, work: &mut Work) -> (usize, &'a [Node; 2]) {
-    work.nodes += 1;
+fn open<'a>(scene: Scene<'a>, node: &Node) -> (usize, &'a [Node; 2]) {
     let first = node.first();
     let children = scene.bvh.children(node).unwrap_or(&[Node::NOTHING; 2]);
     fetch(scene, &children[0]);
@@ -154,19 +152,16 @@ fn enter<S: Simd>(simd: S, packet: &Packet, node: &Node, octant: &RayOctant, mas
     entered & mask
 }
 
-/// Walks the subtree at an inner node with rays of the group at `at`, all of which enter it,
-/// children in their order along `along`.
+/// Walks the subtree at an inner node with rays of the group at `at`, all of which enter it.
 #[inline(always)]
 fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
     octant: &RayOctant,
-    along: Vec3,
     root: usize,
     mask: u64,
     at: usize,
     scratch: &mut Scratch,
-    work: &mut Work,
 ) {
     let nodes = scene.bvh.nodes();
     let packet = &mut scratch.packet;
@@ -174,7 +169,8 @@ fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
     let mut top = 0;
     let (mut n, mut mask) = (root, mask);
     loop {
-        let (first, children) = open(scene, &nodes[n], work);
+        scratch.nodes += 1;
+        let (first, children) = open(scene, &nodes[n]);
         let [l, r] = children;
         let t = load(simd, &packet.t, at);
         let (tl, ml) = Slab::of(simd, l, octant).enter(inverse, t);
@@ -193,7 +189,7 @@ fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
         if ANY {
             (ml, mr) = (ml & packet.active(at), mr & packet.active(at));
         }
-        let [near, far] = near_and_far(children, first, along, [ml, mr]);
+        let [near, far] = near_and_far(children, first, octant.along, [ml, mr]);
         if far.1 != 0 {
             scratch.group_stack[top] = far;
             top += 1;
