@@ -31,29 +31,24 @@ pub(crate) fn detected(level: SimdLevel) -> Level {
 /// `fearless_simd::dispatch`, but SSE4.2 counts as SSE2: kernels are most of what compiling this
 /// crate takes, once for each level.
 macro_rules! dispatch {
+    (@run $simd:ident => $body:expr) => {
+        fearless_simd::Simd::vectorize(
+            $simd,
+            #[inline(always)]
+            || $body,
+        )
+    };
     ($level:expr, $simd:ident => $body:expr) => {{
         match $level {
             #[cfg(target_arch = "x86_64")]
-            fearless_simd::Level::Avx512($simd) => fearless_simd::Simd::vectorize(
-                $simd,
-                #[inline(always)]
-                || $body,
-            ),
+            fearless_simd::Level::Avx512($simd) => $crate::simd::dispatch!(@run $simd => $body),
             #[cfg(target_arch = "x86_64")]
-            fearless_simd::Level::Avx2($simd) => fearless_simd::Simd::vectorize(
-                $simd,
-                #[inline(always)]
-                || $body,
-            ),
+            fearless_simd::Level::Avx2($simd) => $crate::simd::dispatch!(@run $simd => $body),
             #[cfg(target_arch = "x86_64")]
             level => {
                 // Always there on x86-64.
                 let $simd = level.as_sse2().expect("SSE2");
-                fearless_simd::Simd::vectorize(
-                    $simd,
-                    #[inline(always)]
-                    || $body,
-                )
+                $crate::simd::dispatch!(@run $simd => $body)
             }
             #[cfg(not(target_arch = "x86_64"))]
             level => fearless_simd::dispatch!(level, $simd => $body),
