@@ -70,9 +70,9 @@ pub struct Bvh8 {
 ///
 /// ```text
 /// row 0-2  min x, y, z
-///     3-5  max x, y, z; boxes of absent children are empty
-///     6    u32: bit 31 clear: number of the child node
+///     3    u32: bit 31 clear: number of the child node
 ///               bit 31 set:   bits 0-30 number of the block
+///     4-6  max x, y, z; boxes of absent children are empty
 ///     7    unused, so that a node is four cache lines
 /// ```
 #[repr(C, align(64))]
@@ -80,7 +80,7 @@ pub struct Bvh8 {
 struct Node8([[f32; WIDTH]; 8]);
 
 /// Row of what is in the boxes.
-const CHILDREN: usize = 6;
+const CHILDREN: usize = 3;
 const LEAF: u32 = 1 << 31;
 
 /// Rays that one thread traces at least.
@@ -89,14 +89,14 @@ const BATCH: usize = 256;
 impl Node8 {
     const EMPTY: Self = {
         let (min, max, none) = ([f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH], [0.0; WIDTH]);
-        Self([min, min, min, max, max, max, none, none])
+        Self([min, min, min, none, max, max, max, none])
     };
 
     #[inline]
     fn set(&mut self, i: usize, aabb: &Aabb, child: u32) {
         for axis in 0..3 {
             self.0[axis][i] = aabb.min[axis];
-            self.0[axis + 3][i] = aabb.max[axis];
+            self.0[axis + 4][i] = aabb.max[axis];
         }
         self.0[CHILDREN][i] = f32::from_bits(child);
     }

@@ -31,13 +31,14 @@ impl RayOctant {
     /// backwards, `longest` along which they are longest.
     #[inline(always)]
     pub(crate) fn new(origin: Vec3, along: Vec3, negative: [bool; 3], longest: usize) -> Self {
-        let [mut first, mut last] = [[0, 1, 2], [4, 5, 6]];
-        for (k, negative) in negative.into_iter().enumerate() {
-            if negative {
-                (first[k], last[k]) = (last[k], first[k]);
-            }
+        let first = [0, 1, 2].map(|k| if negative[k] { k + 4 } else { k });
+        Self {
+            origin,
+            first,
+            last: first.map(|k| k ^ 4),
+            axes: [(longest + 1) % 3, (longest + 2) % 3, longest],
+            along,
         }
-        Self { origin, first, last, axes: [(longest + 1) % 3, (longest + 2) % 3, longest], along }
     }
 }
 

@@ -19,23 +19,17 @@ const STACK: usize = (WIDTH - 1) * (MAX_HEIGHT as usize + 32) + 1;
 struct Ray8<S: Simd> {
     origin: [f32x8<S>; 3],
     inverse: [f32x8<S>; 3],
-    /// The rows of a node with the planes that the ray meets first and last.
+    /// The rows of a node with the planes that the ray meets first; four rows from them are those
+    /// that it meets last.
     first: [usize; 3],
-    last: [usize; 3],
 }
 
 impl<S: Simd> Ray8<S> {
     #[inline(always)]
     fn new(simd: S, ray: &Ray) -> Self {
         let (origin, inverse) = (ray.origin(), ray.inverse());
-        let row = |axis: usize| axis + if inverse[axis].is_sign_negative() { 3 } else { 0 };
-        let first = [row(0), row(1), row(2)];
-        Self {
-            origin: splat3(simd, origin),
-            inverse: splat3(simd, inverse),
-            first,
-            last: [3 - first[0], 5 - first[1], 7 - first[2]],
-        }
+        let row = |axis: usize| axis + if inverse[axis].is_sign_negative() { 4 } else { 0 };
+        Self { origin: splat3(simd, origin), inverse: splat3(simd, inverse), first: [row(0), row(1), row(2)] }
     }
 
     /// Tests eight boxes; see [`slab::enters`](bvh_core::slab::enters). Gives where the ray enters
@@ -49,7 +43,7 @@ impl<S: Simd> Ray8<S> {
         let mut far = f32x8::splat(simd, f32::INFINITY);
         for k in 0..3 {
             near = max((row(self.first[k]) - self.origin[k]) * self.inverse[k], near);
-            far = min((row(self.last[k]) - self.origin[k]) * self.inverse[k], far);
+            far = min((row(self.first[k] ^ 4) - self.origin[k]) * self.inverse[k], far);
         }
         // Widening the least gives the least of the widened: rounding is monotonic.
         let far = min(far * WIDEN, f32x8::splat(simd, t_max));
