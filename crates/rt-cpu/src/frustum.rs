@@ -185,7 +185,7 @@ impl FrustumPlanes {
         let a = a * lanes(simd, &self.scales[0]);
         let outside: fearless_simd::f32x16<S> =
             a + b * lanes(simd, &self.scales[1]) - lanes(simd, &self.limit);
-        let size: fearless_simd::f32x16<S> = max(a, -a) + max(b, -b) * lanes(simd, &self.weight);
+        let size: fearless_simd::f32x16<S> = a.abs() + b.abs() * lanes(simd, &self.weight);
         let missed = outside.simd_gt(size * SLACK + f32::MIN_POSITIVE).to_bitmask() as u32;
         u32::from(missed & 0xff == 0) | u32::from(missed & 0xff00 == 0) << 1
     }

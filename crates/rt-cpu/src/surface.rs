@@ -7,7 +7,7 @@ use fearless_simd::prelude::*;
 use bytemuck::Zeroable;
 
 use crate::bundle::{Bundle, Coordinates, Hits, RAYS, Wave};
-use crate::simd::{Lanes, bits, cross, dot, load, load3, max, normalize, store_chosen};
+use crate::simd::{bits, cross, dot, load, load3, max, normalize, store_chosen};
 
 /// Points seen and the planes they lie in; without meaning where nothing is hit.
 #[repr(C, align(64))]
@@ -80,7 +80,7 @@ impl Surfaces {
             let to_light = [-point[0] + light.x, -point[1] + light.y, -point[2] + light.z];
             let size = max(
                 load(simd, &self.max_coordinate, at),
-                max(max(size(to_light[0]), size(to_light[1])), size(to_light[2])),
+                max(max(to_light[0].abs(), to_light[1].abs()), to_light[2].abs()),
             );
             let off = size * (1.0 / (1 << 19) as f32);
             let facing = dot(face, to_light).simd_gt(0.0).to_bitmask() & lanes;
@@ -126,9 +126,4 @@ fn edges<S: Simd>(
         }
     }
     (edges, max_coordinate)
-}
-
-#[inline(always)]
-fn size<S: Simd, V: Lanes<S>>(a: V) -> V {
-    max(a, -a)
 }

@@ -27,7 +27,7 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
 use self::cut::Cut;
-use self::packet::{Kinds, Packet};
+use self::packet::Packet;
 use crate::bundle::{Bundle, Hits, PACKET};
 use crate::frustum::{Frame, Frustum, FrustumPlanes};
 use crate::scene::Scene;
@@ -47,17 +47,6 @@ pub(crate) struct Scratch {
     cut: Cut,
     /// Inner nodes visited.
     pub(crate) nodes: u64,
-}
-
-impl Scratch {
-    /// Once all rays of the packet have hits, boxes behind the farthest are out of the frustum.
-    #[inline(always)]
-    fn look_up_to_farthest<S: Simd>(&mut self, simd: S) {
-        if !self.packet.some_see_nothing(!0) {
-            let farthest = self.packet.farthest(simd, !0);
-            self.planes.look_up_to(farthest);
-        }
-    }
 }
 
 /// Traces a bundle. For `ANY` hits are any, not the closest, and only the primitives count.
@@ -115,7 +104,7 @@ fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
         let planes = frame.map(|frame| FrustumPlanes::new(&frame, frustum, bundle.t_max));
         scratch.planes = planes.unwrap_or_else(FrustumPlanes::zeroed);
         let present = if bundle.count - at >= PACKET { !0 } else { (1 << (bundle.count - at)) - 1 };
-        let Kinds { negative, longest } = scratch.packet.load(simd, bundle, at, present);
+        let (negative, longest) = scratch.packet.load(simd, bundle, at, present);
         // Rays of one octant that are longest along the same axis, together: mostly all of them.
         let mut left = scratch.packet.active(0);
         while left != 0 {

@@ -247,7 +247,7 @@ pub(crate) fn weigh<S: Simd, V: Lanes<S>>(
         return Found { lanes: 0, unsure: 0, t: zero, u: zero, v: zero };
     }
     let det = wa + wb + wc;
-    let size = max(det, -det);
+    let size = det.abs();
     let plain = size.simd_ge(DET_RANGE.0) & size.simd_le(DET_RANGE.1);
     // Inside, a zero is the least or the greatest.
     let plain = plain & least.simd_ne(zero) & greatest.simd_ne(zero);

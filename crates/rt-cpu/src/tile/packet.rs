@@ -76,9 +76,16 @@ impl Packet {
         self.active[0] & !self.hit[0] & mask != 0
     }
 
-    /// Loads the packet that begins with ray `at`.
+    /// Loads the packet that begins with ray `at`. Gives the masks of the rays that go backwards
+    /// along each axis, and of those that are longest along it.
     #[inline(always)]
-    pub(super) fn load<S: Simd>(&mut self, simd: S, bundle: &Bundle, at: usize, present: u64) -> Kinds {
+    pub(super) fn load<S: Simd>(
+        &mut self,
+        simd: S,
+        bundle: &Bundle,
+        at: usize,
+        present: u64,
+    ) -> ([u64; 3], [u64; 3]) {
         let zero = S::f32s::simd_from(simd, 0.0);
         let minus_one = S::f32s::simd_from(simd, -1.0);
         let n = S::f32s::LEN;
@@ -91,7 +98,7 @@ impl Packet {
             let nowhere = d[0].simd_eq(zero) & d[1].simd_eq(zero) & d[2].simd_eq(zero);
             valid |= (finite & !nowhere).to_bitmask() << i;
             // As `longest_axis` decides.
-            let [x, y, z] = [max(d[0], -d[0]), max(d[1], -d[1]), max(d[2], -d[2])];
+            let [x, y, z] = [d[0].abs(), d[1].abs(), d[2].abs()];
             let first = x.simd_ge(y) & x.simd_ge(z);
             let second = !first & y.simd_ge(z);
             let third = !first & !second;
@@ -120,7 +127,7 @@ impl Packet {
         for i in bits(!self.active[0]) {
             self.t[i] = -1.0;
         }
-        Kinds { negative, longest }
+        (negative, longest)
     }
 
     /// The greatest distance at which a ray in `mask`, or another of its group, still looks for a
@@ -202,13 +209,6 @@ impl Packet {
             hits = hits >> skipped >> 1;
         }
     }
-}
-
-/// Masks of the rays of a packet that go backwards along each axis, and of those that are longest
-/// along it.
-pub(super) struct Kinds {
-    pub(super) negative: [u64; 3],
-    pub(super) longest: [u64; 3],
 }
 
 /// Copies the chosen lanes of the vector at `at` to where `to` is, side by side.

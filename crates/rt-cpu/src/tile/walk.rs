@@ -74,8 +74,9 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
         }
         top -= 1;
         (n, mask) = (scratch.stack[top].0 as usize, scratch.stack[top].1 & scratch.packet.active(0));
-        if !ANY {
-            scratch.look_up_to_farthest(simd);
+        if !ANY && !scratch.packet.some_see_nothing(!0) {
+            // All rays have hits: boxes behind the farthest are out of the frustum.
+            scratch.planes.look_up_to(scratch.packet.farthest(simd, !0));
         }
     }
 }
