@@ -29,20 +29,12 @@ pub(crate) struct Frame {
     least_inverse: f32,
 }
 
-/// Bounds on the slopes of rays in a [`Frame`].
+/// Bounds on the slopes of rays in a [`Frame`]: the least and the greatest along x and along y.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Frustum {
-    pub(crate) x: [f32; 2],
-    pub(crate) y: [f32; 2],
-}
+pub(crate) struct Frustum(pub(crate) [[f32; 2]; 2]);
 
-/// A box in a [`Frame`], relative to its origin and widened.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Outline {
-    pub(crate) x: [f32; 2],
-    pub(crate) y: [f32; 2],
-    pub(crate) z: [f32; 2],
-}
+/// A box in a [`Frame`], relative to its origin and widened: least and greatest x, y and z.
+pub(crate) type Outline<V> = [[V; 2]; 3];
 
 const SLACK: f32 = 1.0 / (1 << 17) as f32;
 
@@ -72,7 +64,7 @@ impl Frame {
 
     /// A box in this frame, for frusta within `frustum`.
     #[inline(always)]
-    pub(crate) fn outline(&self, aabb: &Aabb, frustum: &Frustum) -> Outline {
+    pub(crate) fn outline(&self, aabb: &Aabb, &Frustum(slopes): &Frustum) -> Outline<f32> {
         let (least, greatest) = (aabb.min - self.origin, aabb.max - self.origin);
         let [x, y, z] = self.axes;
         let [x, y, z] = [[least[x], greatest[x]], [least[y], greatest[y]], [least[z], greatest[z]]];
@@ -82,33 +74,33 @@ impl Frame {
             let slack = SLACK * (z[1].abs() * steepest + (x[0].abs() + x[1].abs()));
             [x[0] - slack, x[1] + slack]
         };
-        Outline { x: widen(x, frustum.x), y: widen(y, frustum.y), z }
+        [widen(x, slopes[0]), widen(y, slopes[1]), z]
     }
 
     /// A lower bound on where rays enter the box; what they compute themselves is no less.
     #[inline(always)]
-    pub(crate) fn enters(&self, outline: &Outline) -> f32 {
+    pub(crate) fn enters(&self, &[_, _, z]: &Outline<f32>) -> f32 {
         // Zero times infinity is no bound.
-        (outline.z[0].max(0.0) * self.least_inverse).max(0.0)
+        (z[0].max(0.0) * self.least_inverse).max(0.0)
     }
 }
 
 impl Frustum {
-    pub(crate) const NONE: Self =
-        Self { x: [f32::INFINITY, f32::NEG_INFINITY], y: [f32::INFINITY, f32::NEG_INFINITY] };
+    pub(crate) const NONE: Self = Self([[f32::INFINITY, f32::NEG_INFINITY]; 2]);
 
     #[inline(always)]
     pub(crate) fn union(&self, other: &Self) -> Self {
+        let ([x, y], [other_x, other_y]) = (self.0, other.0);
         let hull = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
-        Self { x: hull(self.x, other.x), y: hull(self.y, other.y) }
+        Self([hull(x, other_x), hull(y, other_y)])
     }
 
     /// The bits of the outlines, in lanes, that may be met.
     #[inline(always)]
-    pub(crate) fn meets<S: Simd, V: Lanes<S>>(&self, simd: S, x: [V; 2], y: [V; 2], z: [V; 2]) -> u64 {
+    pub(crate) fn meets<S: Simd, V: Lanes<S>>(&self, simd: S, [x, y, z]: Outline<V>) -> u64 {
         let near = max(z[0], V::simd_from(simd, 0.0));
         let behind = z[1].simd_lt(0.0);
-        (!(behind | misses(self.x, x, near, z[1]) | misses(self.y, y, near, z[1]))).to_bitmask()
+        (!(behind | misses(self.0[0], x, near, z[1]) | misses(self.0[1], y, near, z[1]))).to_bitmask()
     }
 }
 
@@ -144,7 +136,7 @@ impl FrustumPlanes {
         let (sign, near, far) = if frame.negative { (-1.0, z + 4, z) } else { (1.0, z, z + 4) };
         let least = |s: f32| if s > 0.0 { near } else { far };
         let greatest = |s: f32| if s > 0.0 { far } else { near };
-        let [[x0, x1], [y0, y1]] = [frustum.x, frustum.y];
+        let [[x0, x1], [y0, y1]] = frustum.0;
         let lanes = [
             (x + 4, -1.0, least(x0), x0 * sign),
             (x, 1.0, greatest(x1), -x1 * sign),
@@ -217,7 +209,7 @@ mod tests {
             let least = rays.iter().fold(Vec3::INFINITY, |a, &d| a.min(d));
             let greatest = rays.iter().fold(Vec3::NEG_INFINITY, |a, &d| a.max(d));
             let frame = Frame::new(origin, least, greatest).expect("an axis");
-            let frustum = Frustum { x: [-0.4, 0.2], y: [-0.1, 0.3] };
+            let frustum = Frustum([[-0.4, 0.2], [-0.1, 0.3]]);
             let planes = FrustumPlanes::new(&frame, &frustum, 4.0);
             let (mut met, mut missed) = (0, 0);
             for n in 0..4000u32 {

@@ -44,7 +44,7 @@ impl Sorter {
             return;
         }
         let Some(frame) = common_frame(simd, rays, (0, whole)) else { return };
-        let area = |f: &Frustum| (f.x[1] - f.x[0]) * (f.y[1] - f.y[0]);
+        let area = |Frustum([x, y]): &Frustum| (x[1] - x[0]) * (y[1] - y[0]);
         let mut all = Frustum::NONE;
         let mut sum = 0.0;
         for at in (0..whole).step_by(PACKET) {
@@ -67,7 +67,7 @@ impl Sorter {
         for at in (0..count).step_by(S::f32s::LEN) {
             let [x, y] = frame.slopes::<S, S::f32s>(simd, load3(simd, &rays.direction, at));
             for i in 0..S::f32s::LEN.min(count - at) {
-                let key = cell(x[i], all.x) | cell(y[i], all.y) << 1;
+                let key = cell(x[i], all.0[0]) | cell(y[i], all.0[1]) << 1;
                 self.keys[at + i] = key as u8;
                 ends[key] += 1;
             }

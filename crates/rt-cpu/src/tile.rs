@@ -160,10 +160,10 @@ pub(crate) fn frustum_of<S: Simd>(simd: S, frame: &Frame, bundle: &Bundle, at: u
             greatest[i] = max(slopes[i], greatest[i]);
         }
     }
-    Frustum {
-        x: [least[0].reduce_min(), greatest[0].reduce_max()],
-        y: [least[1].reduce_min(), greatest[1].reduce_max()],
-    }
+    Frustum([
+        [least[0].reduce_min(), greatest[0].reduce_max()],
+        [least[1].reduce_min(), greatest[1].reduce_max()],
+    ])
 }
 
 #[inline(always)]

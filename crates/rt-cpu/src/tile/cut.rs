@@ -5,7 +5,7 @@ use bytemuck::Zeroable;
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
-use crate::frustum::{Frame, Frustum, FrustumPlanes};
+use crate::frustum::{Frame, Frustum, FrustumPlanes, Outline};
 use crate::simd::{load, max};
 use crate::wide::V;
 
@@ -16,9 +16,7 @@ const CUT: usize = 48;
 #[repr(C, align(64))]
 #[derive(Zeroable)]
 pub(super) struct Cut {
-    x: [[f32; CUT]; 2],
-    y: [[f32; CUT]; 2],
-    z: [[f32; CUT]; 2],
+    outlines: Outline<[f32; CUT]>,
     pub(super) near: [f32; CUT],
     pub(super) node: [u32; CUT],
     pub(super) count: usize,
@@ -81,10 +79,8 @@ impl Cut {
         }
         for i in 0..count {
             let place = rank(simd, &near, i);
-            for side in 0..2 {
-                self.x[side][place] = outlines[i].x[side];
-                self.y[side][place] = outlines[i].y[side];
-                self.z[side][place] = outlines[i].z[side];
+            for (to, from) in self.outlines.as_flattened_mut().iter_mut().zip(outlines[i].as_flattened()) {
+                to[place] = *from;
             }
             (self.near[place], self.node[place]) = (near[i], opened[i]);
         }
@@ -97,10 +93,11 @@ impl Cut {
     pub(super) fn met<S: Simd>(&self, simd: S, frustum: &Frustum) -> u64 {
         let mut met = 0;
         for at in (0..CUT).step_by(S::f32s::LEN) {
-            let x = [load::<S, S::f32s, CUT>(simd, &self.x[0], at), load(simd, &self.x[1], at)];
-            let y = [load(simd, &self.y[0], at), load(simd, &self.y[1], at)];
-            let z = [load(simd, &self.z[0], at), load(simd, &self.z[1], at)];
-            met |= frustum.meets(simd, x, y, z) << at;
+            let [x, y, z] = &self.outlines;
+            let x = [load::<S, S::f32s, CUT>(simd, &x[0], at), load(simd, &x[1], at)];
+            let y = [load(simd, &y[0], at), load(simd, &y[1], at)];
+            let z = [load(simd, &z[0], at), load(simd, &z[1], at)];
+            met |= frustum.meets(simd, [x, y, z]) << at;
         }
         met & ((1 << self.count) - 1)
     }
