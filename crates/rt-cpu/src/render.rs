@@ -90,7 +90,7 @@ fn frame<'a>(
     options: &'a RenderOptions,
 ) -> Frame<'a> {
     let shadows = light.filter(|_| options.shadows).map(|l| l.position);
-    let scene = Scene::new(bvh, triangles);
+    let scene = Scene { bvh, triangles };
     Frame { scene, alpha_cutouts: None, camera, shadows, options, shaded: false }
 }
 

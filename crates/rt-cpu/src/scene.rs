@@ -10,19 +10,14 @@ pub(crate) use bvh_core::with_test;
 pub(crate) struct Scene<'a> {
     pub(crate) bvh: &'a Bvh,
     pub(crate) triangles: &'a Triangles<'a>,
-    /// Whether slots of the tree are numbers of triangles: then there is no need to look up which
-    /// they are.
-    is_in_order: bool,
 }
 
-impl<'a> Scene<'a> {
-    pub(crate) fn new(bvh: &'a Bvh, triangles: &'a Triangles<'a>) -> Self {
-        Self { bvh, triangles, is_in_order: bvh.is_in_order() }
-    }
-
+impl Scene<'_> {
     /// The number of the primitive in a slot; that of none for one that is not there.
     #[inline(always)]
     pub(crate) fn primitive(&self, slot: usize) -> u32 {
-        if self.is_in_order { slot as u32 } else { self.bvh.order().get(slot).copied().unwrap_or(u32::MAX) }
+        let bvh = self.bvh;
+        // In order, slots are primitives: there is no need to look up which they are.
+        if bvh.is_in_order() { slot as u32 } else { bvh.order().get(slot).copied().unwrap_or(u32::MAX) }
     }
 }

@@ -70,7 +70,7 @@ fn by_hand<S: Simd, T: WideTest>(
     light: &PointLight,
     image: &mut Image,
 ) {
-    let scene = Scene::new(bvh, &mesh.triangles);
+    let scene = Scene { bvh, triangles: &mesh.triangles };
     let shader = Shader { mesh, light: Some(light), smooth: true };
     let (width, height) = (camera.width() as usize, camera.height() as usize);
     for y in (0..height).step_by(TILE) {

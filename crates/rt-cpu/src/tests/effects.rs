@@ -462,7 +462,7 @@ fn rays_pass_holes_as_the_rule_says() {
         ..Mesh::new(triangles)
     };
     let bvh = tree(&soup, 3);
-    let scene = Scene::new(&bvh, &triangles);
+    let scene = Scene { bvh: &bvh, triangles: &triangles };
     let targets = grid(Vec3::ZERO, Vec3::X, Vec3::Y);
     let (origin, t_max) = (Vec3::new(0.3, 0.2, 2.0), f32::INFINITY);
     let (mut wave, mut scratch): (Box<Wave>, Box<Scratch>) = (zeroed_box(), zeroed_box());

@@ -54,7 +54,7 @@ fn check_packets_in(trees: &[&Bvh], soup: &Soup, origin: Vec3, targets: &[Vec3],
                 rays.iter().map(|ray| closest_hit_brute(&triangles, ray, t_max, test)).collect();
             found += truth.iter().flatten().count();
             for bvh in trees {
-                let scene = Scene::new(bvh, &triangles);
+                let scene = Scene { bvh, triangles: &triangles };
                 for options in ways() {
                     for any in [false, true] {
                         aim(&mut wave, origin, t_max, targets);
@@ -93,7 +93,7 @@ fn packets_with_gaps() {
     let rays: [Ray; PACKET] = std::array::from_fn(|_| Ray::new(origin, random.vec() - origin));
     let limits = std::array::from_fn(|i| if i % 7 == 3 || i < 5 { -1.0 } else { 9.0 });
     let work = &mut Work::default();
-    let hits = packet::trace::<Watertight, false>(Scene::new(&bvh, &t), &rays, limits, work);
+    let hits = packet::trace::<Watertight, false>(Scene { bvh: &bvh, triangles: &t }, &rays, limits, work);
     for i in 0..PACKET {
         let truth = closest_hit_brute(&t, &rays[i], limits[i], TriangleTest::Watertight);
         assert_eq!(bits(hits[i]), bits(truth));
