@@ -72,6 +72,6 @@ pub use pixel::Pixel;
 pub use random::uniform;
 pub use render::{cast, render, render_with};
 pub use shade::PointLight;
-pub use srgb::{SrgbTable, srgb};
+pub use srgb::srgb;
 pub use texture::{Filter, Texture, Wrap};
 pub use times::StageTimes;

@@ -15,6 +15,7 @@ mod eye;
 mod overlay;
 mod ready;
 mod side;
+mod srgb;
 mod state;
 mod step;
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use bvh_core::Aabb;
 use bvh_update::{Load, Strategy};
-use rt_cpu::{SrgbTable, StageTimes};
+use rt_cpu::StageTimes;
 use scenes::LightEffects;
 use stage::{Stage, default_samples};
 
@@ -15,6 +15,7 @@ use crate::draw::Probe;
 use crate::events::{Drag, Request};
 use crate::eye::Eye;
 use crate::side::Side;
+use crate::srgb::SrgbTable;
 use crate::step::{How, Step, update};
 use crate::{Clock, Ready};
 
