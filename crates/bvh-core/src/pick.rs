@@ -58,20 +58,7 @@ pub fn closest_hit_counted(
     test: TriangleTest,
     visits: &mut Visits,
 ) -> Option<Hit> {
-    with_test!(test, T => closest_hit_by::<T>(bvh, triangles, ray, t_max, visits))
-}
-
-/// Does what [`closest_hit_counted`] does, by a triangle test that may be the caller's own.
-#[doc(hidden)]
-#[must_use]
-pub fn closest_hit_by<T: Test>(
-    bvh: &Bvh,
-    triangles: &Triangles<'_>,
-    ray: &Ray,
-    t_max: f32,
-    visits: &mut Visits,
-) -> Option<Hit> {
-    dispatch!(Level::new(), simd => hit::<_, T, false>(simd, bvh, triangles, ray, t_max, visits, every))
+    with_test!(test, T => hit_by::<T, false>(bvh, triangles, ray, t_max, visits))
 }
 
 /// Does what [`any_hit`] does and adds what the ray visited to `visits`.
@@ -84,16 +71,20 @@ pub fn any_hit_counted(
     test: TriangleTest,
     visits: &mut Visits,
 ) -> bool {
-    with_test!(test, T => dispatch!(Level::new(), simd => {
-        hit::<_, T, true>(simd, bvh, triangles, ray, t_max, visits, every).is_some()
-    }))
+    with_test!(test, T => hit_by::<T, true>(bvh, triangles, ray, t_max, visits).is_some())
 }
 
-/// All hits count.
-#[doc(hidden)]
-#[inline(always)]
-pub fn every(_: &Hit) -> bool {
-    true
+/// Finds the first hit met if `ANY`, else the closest, by a triangle test that may be the caller's
+/// own, and adds what the ray visited to `visits`.
+#[must_use]
+pub fn hit_by<T: Test, const ANY: bool>(
+    bvh: &Bvh,
+    triangles: &Triangles<'_>,
+    ray: &Ray,
+    t_max: f32,
+    visits: &mut Visits,
+) -> Option<Hit> {
+    dispatch!(Level::new(), simd => hit::<_, T, ANY>(simd, bvh, triangles, ray, t_max, visits, |_| true))
 }
 
 /// As [`closest_hit`], by testing every triangle: the oracle for everything else. O(n).
@@ -104,19 +95,12 @@ pub fn closest_hit_brute(
     t_max: f32,
     test: TriangleTest,
 ) -> Option<Hit> {
-    let mut best = None::<Hit>;
-    let n = triangles.indices.len() as u32;
+    let n = if ray.is_valid() { triangles.indices.len() as u32 } else { 0 };
     with_test!(test, T => {
         let test = T::new(ray);
-        for p in (0..n).filter(|_| ray.is_valid()) {
-            if let Some(hit) = intersect(ray, &test, &triangles.corners(p as usize), p, t_max)
-                && best.is_none_or(|b| hit.is_before(b.t, b.primitive))
-            {
-                best = Some(hit);
-            }
-        }
-    });
-    best
+        let hits = (0..n).filter_map(|p| intersect(ray, &test, &triangles.corners(p as usize), p, t_max));
+        hits.reduce(|best, hit| if hit.is_before(best.t, best.primitive) { hit } else { best })
+    })
 }
 
 /// As [`any_hit`], by testing every triangle. O(n).
@@ -126,7 +110,6 @@ pub fn any_hit_brute(triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: Tri
 }
 
 /// Finds a hit that `counts` is true for: the first one met if `ANY`, else the closest.
-#[doc(hidden)]
 #[inline(always)]
 pub fn hit<S: Simd, T: Test, const ANY: bool>(
     simd: S,
@@ -266,7 +249,6 @@ impl<S: Simd> PairRay<S> {
 }
 
 /// The greater; `b` if `a` is NaN.
-#[doc(hidden)]
 #[inline(always)]
 pub fn max<S: Simd, V: SimdFloat<S, Element = f32>>(a: V, b: V) -> V {
     // The x86 instruction gives its second operand if either is NaN; that is one instruction in
@@ -275,7 +257,6 @@ pub fn max<S: Simd, V: SimdFloat<S, Element = f32>>(a: V, b: V) -> V {
 }
 
 /// The lesser; `b` if `a` is NaN.
-#[doc(hidden)]
 #[inline(always)]
 pub fn min<S: Simd, V: SimdFloat<S, Element = f32>>(a: V, b: V) -> V {
     if cfg!(target_arch = "x86_64") { a.min(b) } else { a.min_precise(b) }

@@ -9,7 +9,7 @@ use std::hint::black_box;
 use anyhow::{Context, Result};
 use bvh_build::{Builder, build};
 use bvh_core::glam::DVec3;
-use bvh_core::pick::closest_hit_by;
+use bvh_core::pick::hit_by;
 use bvh_core::triangle::{DET_RANGE, Found, Test, Watertight};
 use bvh_core::{Bvh, Ray, Triangles, Vec3, Visits};
 use rt_cpu::{Camera, Hit, Pixel, RenderOptions, TriangleTest, cast};
@@ -134,7 +134,7 @@ impl Wall {
                 for x in 0..width {
                     let ray = black_box(self.camera.ray(x, y));
                     let mut visits = Visits::default();
-                    hits.push(closest_hit_by::<T>(tree, &triangles, &ray, f32::INFINITY, &mut visits));
+                    hits.push(hit_by::<T, false>(tree, &triangles, &ray, f32::INFINITY, &mut visits));
                 }
             }
             hits
