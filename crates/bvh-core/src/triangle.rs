@@ -94,19 +94,6 @@ impl Test for MollerTrumbore {
     }
 }
 
-/// The axis along which a direction is longest; the first of equals.
-#[inline]
-pub fn longest_axis(d: Vec3) -> usize {
-    let d = d.abs();
-    if d.x >= d.y && d.x >= d.z {
-        0
-    } else if d.y >= d.z {
-        1
-    } else {
-        2
-    }
-}
-
 /// Least and greatest magnitude of a determinant for which single precision will do: its reciprocal
 /// and the products with it stay normal.
 pub const DET_RANGE: (f32, f32) = (1.0 / (1u128 << 100) as f32, (1u128 << 100) as f32);
@@ -136,7 +123,7 @@ impl Watertight {
 impl Test for Watertight {
     fn new(ray: &Ray) -> Self {
         let d = ray.direction();
-        let kz = longest_axis(d);
+        let kz = d.abs().max_position();
         let axes = [(kz + 1) % 3, (kz + 2) % 3, kz];
         let along = |v: Vec3| Vec3::new(v[axes[0]], v[axes[1]], v[axes[2]]);
         let shear = Vec3::new(d[axes[0]] / d[kz], d[axes[1]] / d[kz], 1.0 / d[kz]);
@@ -187,7 +174,7 @@ pub struct Double {
 impl Test for Double {
     fn new(ray: &Ray) -> Self {
         let d = ray.direction().as_dvec3();
-        let kz = longest_axis(ray.direction());
+        let kz = d.abs().max_position();
         let axes = [(kz + 1) % 3, (kz + 2) % 3, kz];
         let shear = DVec3::new(d[axes[0]] / d[kz], d[axes[1]] / d[kz], 1.0 / d[kz]);
         Self { origin: ray.origin().as_dvec3(), axes, shear }

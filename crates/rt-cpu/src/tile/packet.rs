@@ -97,7 +97,7 @@ impl Packet {
             let finite = d[0].is_finite() & d[1].is_finite() & d[2].is_finite();
             let nowhere = d[0].simd_eq(zero) & d[1].simd_eq(zero) & d[2].simd_eq(zero);
             valid |= (finite & !nowhere).to_bitmask() << i;
-            // As `longest_axis` decides.
+            // As `Vec3::max_position` decides: the first of equals.
             let [x, y, z] = [d[0].abs(), d[1].abs(), d[2].abs()];
             let first = x.simd_ge(y) & x.simd_ge(z);
             let second = !first & y.simd_ge(z);
