@@ -122,7 +122,7 @@ pub fn hit<S: Simd, T: Test, const ANY: bool>(
 ) -> Option<Hit> {
     visits.queries += 1;
     let (nodes, order, indices) = (bvh.nodes(), bvh.order(), triangles.indices);
-    if !ray.is_valid() || slab::enters(ray, &bvh.root().aabb(), t_max).is_none() {
+    if !ray.is_valid() || slab::enters(ray, &bvh.root().aabb(), t_max, Ray::WIDEN).is_none() {
         return None;
     }
     let (test, pair_ray) = (T::new(ray), PairRay::new(simd, ray));
@@ -228,7 +228,7 @@ impl<S: Simd> PairRay<S> {
     }
 
     /// Where the ray enters each of two boxes, and whether it does before `t_max`; see
-    /// [`slab::enters_widened`].
+    /// [`slab::enters`].
     #[inline(always)]
     fn enter(&self, simd: S, pair: &[[f32; 4]; 4], t_max: f32, widen: f32) -> [(f32, bool); 2] {
         let (lower, upper) = (both(simd, &pair[0], &pair[2]), both(simd, &pair[1], &pair[3]));

@@ -72,7 +72,7 @@ impl Ray {
     #[must_use]
     #[inline]
     pub fn enters(&self, aabb: &Aabb, t_max: f32) -> Option<f32> {
-        slab::enters(self, aabb, t_max * Self::WIDEN).filter(|_| self.is_valid())
+        slab::enters(self, aabb, t_max * Self::WIDEN, Self::WIDEN).filter(|_| self.is_valid())
     }
 }
 

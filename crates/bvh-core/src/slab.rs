@@ -3,9 +3,6 @@
 
 use crate::{Aabb, Ray};
 
-/// See [`Ray::WIDEN`].
-pub const WIDEN: f32 = Ray::WIDEN;
-
 /// The greater; `b` if either is NaN.
 #[inline]
 pub fn max(a: f32, b: f32) -> f32 {
@@ -18,18 +15,13 @@ pub fn min(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// Where a valid ray enters a box between 0 and `t_max`, never -0; `None` if it does not.
+/// Where a valid ray enters a box between 0 and `t_max`, never -0; `None` if it does not. It leaves
+/// the box `widen` times as late as computed: [`Ray::WIDEN`] makes up for rounding.
 ///
 /// A ray in the plane of a side has 0 * inf = NaN there; `max` and `min` then ignore just that
 /// side.
 #[inline]
-pub fn enters(ray: &Ray, aabb: &Aabb, t_max: f32) -> Option<f32> {
-    enters_widened(ray, aabb, t_max, WIDEN)
-}
-
-/// The same for rays that leave a box `widen` times as late as computed.
-#[inline]
-pub fn enters_widened(ray: &Ray, aabb: &Aabb, t_max: f32, widen: f32) -> Option<f32> {
+pub fn enters(ray: &Ray, aabb: &Aabb, t_max: f32, widen: f32) -> Option<f32> {
     let (origin, inverse) = (ray.origin(), ray.inverse());
     let (mut near, mut far) = (0.0, t_max);
     for axis in 0..3 {

@@ -33,7 +33,7 @@ pub type Found = (f32, f32, f32);
 pub trait Test {
     /// How much later than computed a single ray leaves a box, so that rounding loses no hit. With
     /// 1 boxes are not conservative: `docs/ACCURACY.md` has what that saves and loses.
-    const WIDEN: f32 = slab::WIDEN;
+    const WIDEN: f32 = Ray::WIDEN;
     /// Precomputes what the test needs of a ray.
     fn new(ray: &Ray) -> Self;
     /// Where the ray meets the plane inside the triangle.
@@ -62,7 +62,7 @@ pub fn in_box(
     t_max: f32,
     widen: f32,
 ) -> Option<Hit> {
-    let near = slab::enters_widened(ray, &Aabb::around(corners), t_max, widen)?;
+    let near = slab::enters(ray, &Aabb::around(corners), t_max, widen)?;
     let t = slab::max(t, near);
     // Along a direction whose reciprocal is infinite, even a box that is near is entered at
     // infinity.

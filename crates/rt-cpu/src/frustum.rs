@@ -190,7 +190,7 @@ fn lanes<S: Simd>(simd: S, numbers: &[f32; 16]) -> fearless_simd::f32x16<S> {
 
 #[cfg(test)]
 mod tests {
-    use bvh_core::SimdLevel;
+    use bvh_core::{Ray, SimdLevel, slab};
 
     use super::*;
     use crate::simd::detected;
@@ -222,7 +222,7 @@ mod tests {
                 let entered = (0..81).any(|i| {
                     let mix = |a: f32, b: f32, i: usize| a + (b - a) * i as f32 / 8.0;
                     let d = along([mix(-0.4, 0.2, i % 9), mix(-0.1, 0.3, i / 9)]);
-                    bvh_core::slab::enters(&bvh_core::Ray::new(origin, d), &aabb, 4.0).is_some()
+                    slab::enters(&Ray::new(origin, d), &aabb, 4.0, Ray::WIDEN).is_some()
                 });
                 let pair = [Node::leaf(aabb, 0, 1), Node::leaf(Aabb::EMPTY, 1, 1)];
                 for level in SimdLevel::available() {

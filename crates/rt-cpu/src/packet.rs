@@ -60,7 +60,8 @@ pub(crate) fn trace<T: Test, const ANY: bool>(
     while let Some((n, mut first)) = stack.pop() {
         let node = &nodes[n];
         let aabb = node.aabb();
-        let enters = |i: usize| rays[i].is_valid() && slab::enters(&rays[i], &aabb, t_max[i]).is_some();
+        let enters =
+            |i: usize| rays[i].is_valid() && slab::enters(&rays[i], &aabb, t_max[i], Ray::WIDEN).is_some();
         if !enters(first) {
             if beam.misses(&aabb) {
                 continue;
@@ -124,7 +125,7 @@ impl Beam {
             let (first, last) = (first - self.origin[axis], last - self.origin[axis]);
             let (least, greatest) = (self.least[axis], self.greatest[axis]);
             near = slab::max(first * if first < 0.0 { greatest } else { least }, near);
-            far = slab::min(last * if last < 0.0 { least } else { greatest } * slab::WIDEN, far);
+            far = slab::min(last * if last < 0.0 { least } else { greatest } * Ray::WIDEN, far);
         }
         near > far
     }

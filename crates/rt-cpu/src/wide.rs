@@ -1,9 +1,8 @@
 //! Box and triangle tests of many rays at once. All rays share their origin, the signs of their
 //! directions and the axis along which these are longest.
 
-use bvh_core::slab::WIDEN;
 use bvh_core::triangle::{DET_RANGE, Double, MollerTrumbore, Test, Watertight};
-use bvh_core::{Node, Vec3};
+use bvh_core::{Node, Ray, Vec3};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f64x8};
 
@@ -96,7 +95,7 @@ impl<S: Simd, V: Lanes<S>> Slab<S, V> {
             far = min(self.last[k] * inverse, far);
         }
         // Widening the least gives the least of the widened: rounding is monotonic.
-        (near, near.simd_le(min(far * WIDEN, t_max)))
+        (near, near.simd_le(min(far * Ray::WIDEN, t_max)))
     }
 }
 

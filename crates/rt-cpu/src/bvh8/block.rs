@@ -1,6 +1,5 @@
 //! A few triangles, and one ray against all of them.
 
-use bvh_core::slab::WIDEN;
 use bvh_core::triangle::{Double, MollerTrumbore, Test, Watertight, in_box};
 use bvh_core::{Primitives, Ray, Triangles, Vec3};
 use fearless_simd::Simd;
@@ -99,7 +98,7 @@ impl Block {
             } else {
                 test.test(&corners)
             };
-            let hit = at.and_then(|at| in_box(ray, at, &corners, self.primitive[i], t_max, WIDEN));
+            let hit = at.and_then(|at| in_box(ray, at, &corners, self.primitive[i], t_max, Ray::WIDEN));
             if let Some(hit) = hit.filter(|h| best.is_none_or(|b| h.is_before(b.t, b.primitive)) && counts(h))
             {
                 (best, t_max) = (Some(hit), hit.t);

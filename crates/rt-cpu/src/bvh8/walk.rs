@@ -1,7 +1,6 @@
 //! One ray through a tree of eight children a node.
 
 use arrayvec::ArrayVec;
-use bvh_core::slab::WIDEN;
 use bvh_core::{MAX_HEIGHT, Ray};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
@@ -46,7 +45,7 @@ impl<S: Simd> Ray8<S> {
             far = min((row(self.first[k] ^ 4) - self.origin[k]) * self.inverse[k], far);
         }
         // Widening the least gives the least of the widened: rounding is monotonic.
-        let far = min(far * WIDEN, f32x8::splat(simd, t_max));
+        let far = min(far * Ray::WIDEN, f32x8::splat(simd, t_max));
         let mask = near.simd_le(far).to_bitmask();
         let (low, high) = simd.interleave_f32x8(row(CHILDREN), near);
         let mut floats = [0.0; 2 * WIDTH];
