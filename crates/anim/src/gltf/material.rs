@@ -1,5 +1,6 @@
 //! Materials and their base colour textures (glTF 2.0 specification, sections 3.8 and 3.9).
 
+use std::collections::hash_map::Entry;
 use std::collections::{BTreeSet, HashMap};
 use std::io::Cursor;
 use std::sync::Arc;
@@ -109,9 +110,9 @@ pub(super) fn add_textures(
     for &number in used.iter().filter(|_| accessors.textures) {
         let Some(info) = texture_info(root, number) else { continue };
         let index = info.index.value();
-        if !known.contains_key(&index) {
+        if let Entry::Vacant(unknown) = known.entry(index) {
             let read = textures.read(info.index, &format!("material {number}, texture {index}"))?;
-            known.insert(index, read.as_ref().map(|_| topology.textures.len() as u32));
+            unknown.insert(read.as_ref().map(|_| topology.textures.len() as u32));
             topology.textures.extend(read);
         }
         topology.materials[number as usize].texture = known[&index];
