@@ -13,11 +13,11 @@
 
 use bvh_core::{Aabb, Node, Vec3};
 use bytemuck::Zeroable;
-use fearless_simd::Simd;
 use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x8};
 
-use crate::permute::permute;
 use crate::simd::{Lanes, load, max, min};
+use crate::wide;
 
 /// The axis z that all rays of a bundle follow, and the origin.
 #[derive(Clone, Copy, Debug)]
@@ -111,51 +111,51 @@ fn misses<S: Simd, V: Lanes<S>>(slopes: [f32; 2], x: [V; 2], near: V, far: V) ->
     x[1].simd_lt(least) | x[0].simd_gt(greatest)
 }
 
-/// A [`Frustum`] as linear forms of the words of a node: a box is missed if for any lane
-/// `a * scale_a + b * scale_b - limit` exceeds the slack, where `a` and `b` are words relative to
-/// the origin. Eight lanes for each of two siblings, six of them in use. Zeroed it misses nothing.
+/// A [`Frustum`] as linear forms of the words of two siblings: a box is missed if for any of its
+/// words `a * scale + b * slope - limit` exceeds the slack. Relative to the origin, `a` is the word
+/// and `b` is where the box begins or ends along z. Zeroed it misses nothing.
+///
+/// Two words of a node are no coordinates. There the origin is infinite: the sum is NaN, which
+/// exceeds nothing.
 #[repr(C, align(64))]
 #[derive(Zeroable)]
 pub(crate) struct FrustumPlanes {
-    words: [[u32; 16]; 2],
-    origins: [[f32; 16]; 2],
-    scales: [[f32; 16]; 2],
-    /// The greater of `|scale_b|` and 1; 0 where there is no `b`.
+    origin: [f32; 16],
+    scale: [f32; 16],
+    slope: [f32; 16],
+    /// The greater of `|slope|` and 1; 0 where there is no `b`.
     weight: [f32; 16],
     limit: [f32; 16],
+    /// 1 where `b` is the end along z, 0 where it is the beginning.
+    ends: [f32; 16],
+    origin_z: f32,
+    /// The word of a node in which its box begins along z; it ends in word `near ^ 4`.
+    near: usize,
 }
-
-/// The lanes of `limit` that hold the distance.
-const FAR: [usize; 2] = [5, 13];
 
 impl FrustumPlanes {
     /// The frustum of rays that look for hits up to `t_max`.
     #[inline(always)]
     pub(crate) fn new(frame: &Frame, frustum: &Frustum, t_max: f32) -> Self {
         let [x, y, z] = frame.axes;
-        let (sign, near, far) = if frame.negative { (-1.0, z + 4, z) } else { (1.0, z, z + 4) };
-        let least = |s: f32| if s > 0.0 { near } else { far };
-        let greatest = |s: f32| if s > 0.0 { far } else { near };
+        let (sign, near) = if frame.negative { (-1.0, z + 4) } else { (1.0, z) };
         let [[x0, x1], [y0, y1]] = frustum.0;
-        let lanes = [
-            (x + 4, -1.0, least(x0), x0 * sign),
-            (x, 1.0, greatest(x1), -x1 * sign),
-            (y + 4, -1.0, least(y0), y0 * sign),
-            (y, 1.0, greatest(y1), -y1 * sign),
-            (far, -sign, far, 0.0),
-            (near, sign * frame.least_inverse, near, 0.0),
-        ];
-        let mut planes = Self::zeroed();
-        for (i, (a, scale_a, b, scale_b)) in lanes.into_iter().enumerate() {
-            for lane in [i, i + 8] {
-                let half = lane & 8;
-                planes.words[0][lane] = (half + a) as u32;
-                planes.words[1][lane] = (half + b) as u32;
-                planes.origins[0][lane] = frame.origin[a & 3];
-                planes.origins[1][lane] = frame.origin[b & 3];
-                planes.scales[0][lane] = scale_a;
-                planes.scales[1][lane] = scale_b;
-                planes.weight[lane] = if i < 4 { scale_b.abs().max(1.0) } else { 0.0 };
+        let mut planes =
+            Self { origin: [f32::INFINITY; 16], origin_z: frame.origin[z], near, ..Self::zeroed() };
+        for (word, scale, slope, ends, has_b) in [
+            (x + 4, -1.0, x0 * sign, x0 <= 0.0, true),
+            (x, 1.0, -x1 * sign, x1 > 0.0, true),
+            (y + 4, -1.0, y0 * sign, y0 <= 0.0, true),
+            (y, 1.0, -y1 * sign, y1 > 0.0, true),
+            (near ^ 4, -sign, 0.0, false, false),
+            (near, sign * frame.least_inverse, 0.0, false, false),
+        ] {
+            for lane in [word, word + 8] {
+                planes.origin[lane] = frame.origin[word & 3];
+                planes.scale[lane] = scale;
+                planes.slope[lane] = slope;
+                planes.weight[lane] = if has_b { slope.abs().max(1.0) } else { 0.0 };
+                planes.ends[lane] = if ends { 1.0 } else { 0.0 };
             }
         }
         planes.look_up_to(t_max);
@@ -165,26 +165,31 @@ impl FrustumPlanes {
     /// Rays no longer look for hits beyond `t_max`.
     #[inline(always)]
     pub(crate) fn look_up_to(&mut self, t_max: f32) {
-        FAR.into_iter().for_each(|lane| self.limit[lane] = t_max);
+        self.limit[self.near & 7] = t_max;
+        self.limit[self.near & 7 | 8] = t_max;
     }
 
     /// Which of two siblings may be met: bit 0 the left, bit 1 the right.
     #[inline(always)]
     pub(crate) fn meets<S: Simd>(&self, simd: S, pair: &[Node; 2]) -> u32 {
         let words: &[f32; 16] = bytemuck::cast_ref(pair);
-        let a = lanes(simd, &permute(simd, words, &self.words[0])) - lanes(simd, &self.origins[0]);
-        let b = lanes(simd, &permute(simd, words, &self.words[1])) - lanes(simd, &self.origins[1]);
-        let a = a * lanes(simd, &self.scales[0]);
-        let outside: fearless_simd::f32x16<S> =
-            a + b * lanes(simd, &self.scales[1]) - lanes(simd, &self.limit);
-        let size: fearless_simd::f32x16<S> = a.abs() + b.abs() * lanes(simd, &self.weight);
+        // With the mask the compiler knows that the index is in range.
+        let both = |word: usize| {
+            let [l, r] = [words[word & 7], words[word & 7 | 8]];
+            simd.combine_f32x8(f32x8::splat(simd, l), f32x8::splat(simd, r))
+        };
+        let a = (lanes(simd, words) - lanes(simd, &self.origin)) * lanes(simd, &self.scale);
+        let ends = lanes(simd, &self.ends).simd_gt(0.0);
+        let b = ends.select(both(self.near ^ 4), both(self.near)) - self.origin_z;
+        let outside = a + b * lanes(simd, &self.slope) - lanes(simd, &self.limit);
+        let size = a.abs() + b.abs() * lanes(simd, &self.weight);
         let missed = outside.simd_gt(size * SLACK + f32::MIN_POSITIVE).to_bitmask() as u32;
         u32::from(missed & 0xff == 0) | u32::from(missed & 0xff00 == 0) << 1
     }
 }
 
 #[inline(always)]
-fn lanes<S: Simd>(simd: S, numbers: &[f32; 16]) -> fearless_simd::f32x16<S> {
+fn lanes<S: Simd>(simd: S, numbers: &[f32; 16]) -> wide::V<S> {
     load(simd, numbers, 0)
 }
 
@@ -194,6 +199,27 @@ mod tests {
 
     use super::*;
     use crate::simd::detected;
+
+    /// Links that are NaN, infinite or tiny as numbers.
+    #[test]
+    fn words_that_are_no_coordinates_do_not_count() {
+        let frame = Frame::new(Vec3::ZERO, Vec3::new(-0.5, -0.5, 1.0), Vec3::new(0.5, 0.5, 1.0));
+        let planes = FrustumPlanes::new(&frame.expect("an axis"), &Frustum([[-0.5, 0.5]; 2]), 4.0);
+        for (z, expected) in [(2.0, 3), (9.0, 0), (-9.0, 0)] {
+            let aabb = Aabb::new(Vec3::new(-0.1, -0.1, z), Vec3::new(0.1, 0.1, z + 0.1));
+            for link in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, -0.0, 1e-45] {
+                let mut words: [f32; 16] = bytemuck::cast([Node::leaf(aabb, 0, 1); 2]);
+                for word in [3, 7, 11, 15] {
+                    words[word] = link;
+                }
+                let pair: [Node; 2] = bytemuck::cast(words);
+                for level in SimdLevel::available() {
+                    let meets = crate::simd::dispatch!(detected(level), simd => planes.meets(simd, &pair));
+                    assert_eq!(meets, expected, "{link} at {z}");
+                }
+            }
+        }
+    }
 
     #[test]
     fn boxes_are_missed_only_if_every_ray_misses() {

@@ -26,7 +26,7 @@
 //! and updates leave it ([`Bvh::validate`](bvh_core::Bvh::validate)): [`Traversal::Tile`] takes the
 //! box of a leaf with one triangle for the triangle's own.
 
-#![deny(unsafe_code)]
+#![forbid(unsafe_code)]
 #![expect(clippy::too_many_arguments, reason = "what is inlined into one loop has no struct for its state")]
 
 mod bundle;
@@ -38,7 +38,6 @@ mod image;
 mod mesh;
 mod options;
 mod packet;
-mod permute;
 mod pixel;
 mod random;
 mod render;
