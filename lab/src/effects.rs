@@ -275,7 +275,8 @@ fn absent(source: &str) -> Result<String> {
     Ok(format!("{} | {}", counts.join(", "), times.join(" | ")))
 }
 
-/// The rows of the table of costs, and those of the table of effects which are planned though nothing calls for them.
+/// The rows of the table of costs, and those of the table of effects which are planned though
+/// nothing calls for them.
 fn tables(scenes: &[(&str, String)]) -> Result<(String, String)> {
     let (mut rows, mut absences) = (String::new(), String::new());
     for (source, label) in scenes {

@@ -139,7 +139,7 @@ pub struct Light {
     pub color: [f32; 3],
 }
 
-/// What an animation has at any time.
+/// What of an animation does not depend on time.
 #[derive(Clone, Debug, Default)]
 pub struct Model {
     /// Triangles, parts and materials.
@@ -166,7 +166,7 @@ impl Model {
 
 /// A triangle mesh of fixed topology whose vertices move.
 pub trait Animation: Send + Sync {
-    /// What it has at any time.
+    /// What of it does not depend on time.
     fn model(&self) -> &Model;
 
     /// [`Model::topology`].

@@ -13,33 +13,38 @@ const BYTES_PER_BYTE: u64 = 256;
 const BYTES_PER_VERTEX: u64 = 100;
 const BYTES_PER_TRIANGLE: u64 = 120;
 
-/// The bytes that may still be taken. Instancing, includes and accessors without bytes let a small
-/// file declare any amount of geometry, so memory is limited to a multiple of the size of the
-/// input.
-pub(crate) struct Budget(Cell<u64>);
+/// The bytes that may be taken, and those taken so far. Instancing, includes and accessors without
+/// bytes let a small file declare any amount of geometry, so memory is limited to a multiple of the
+/// size of the input.
+pub(crate) struct Budget {
+    limit: Cell<u64>,
+    spent: Cell<u64>,
+}
 
 impl Default for Budget {
     fn default() -> Self {
-        Self(Cell::new(FREE_BYTES))
+        Self { limit: Cell::new(FREE_BYTES), spent: Cell::default() }
     }
 }
 
 impl Budget {
     /// Allows for more bytes of input.
     pub(crate) fn allow_for(&self, bytes: usize) {
-        self.0.set(self.0.get().saturating_add((bytes as u64).saturating_mul(BYTES_PER_BYTE)));
+        let more = (bytes as u64).saturating_mul(BYTES_PER_BYTE);
+        self.limit.set(self.limit.get().saturating_add(more));
     }
 
     pub(crate) fn left(&self) -> u64 {
-        self.0.get()
+        self.limit.get() - self.spent.get()
     }
 
     pub(crate) fn spend(&self, bytes: u64, place: &str) -> Result<(), Problem> {
-        let left = self.left().checked_sub(bytes).ok_or_else(|| {
-            let expected = format!("at most {} more for files of this size", self.left());
-            Problem::new(place, format!("{bytes} bytes of decoded data"), expected)
-        })?;
-        self.0.set(left);
+        let (spent, limit) = (self.spent.get().saturating_add(bytes), self.limit.get());
+        if spent > limit {
+            let expected = format!("at most {limit} for files of this size");
+            return Err(Problem::new(place, format!("{spent} bytes of decoded data in all"), expected));
+        }
+        self.spent.set(spent);
         Ok(())
     }
 

@@ -15,7 +15,7 @@ pub enum LoadError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The file is or says something that cannot be, or not what was asked for.
+    /// The file is of no supported kind, is malformed, or lacks the clip asked for.
     #[error("{}: {problem}", file.display())]
     Invalid {
         /// The file.
@@ -30,7 +30,7 @@ const SUPPORTED: &str =
     ".glb or .gltf (glTF 2.0), .aff (BART), .obj, .ply, .stl, or a directory of .obj or .ply key frames";
 
 impl LoadError {
-    /// That the system says that `file` cannot be read.
+    /// The error for a `file` that the system cannot read.
     pub(crate) fn io(file: &Path) -> impl Fn(std::io::Error) -> Self + '_ {
         |source| Self::Io { file: file.to_owned(), source }
     }
@@ -39,11 +39,11 @@ impl LoadError {
         Problem::new("kind of file", found, SUPPORTED).in_file(file)
     }
 
-    /// That the clip `wanted` is none of `clips`.
+    /// The error for a clip `wanted` that is none of `clips`.
     pub(crate) fn unknown_clip(file: &Path, wanted: &str, clips: &[String]) -> Self {
         let listed: Vec<String> = clips.iter().enumerate().map(|(i, name)| format!("{i} {name:?}")).collect();
         let expected = match &listed[..] {
-            [] => "none to be chosen, as there are none".to_owned(),
+            [] => "no clip to be asked for, as there are none".to_owned(),
             listed => format!("one of {}", listed.join(", ")),
         };
         Problem::new("clips", format!("no clip {wanted:?}"), expected).in_file(file)

@@ -32,10 +32,15 @@ pub(crate) fn read_beside(file: &Path, relative: &Path) -> Result<Vec<u8>, LoadE
     read_file(&named)
 }
 
+/// The error for what is no regular file.
+pub(crate) fn irregular(file: &Path) -> LoadError {
+    Problem::new("kind of file", "a pipe, a device or a folder", "a regular file").in_file(file)
+}
+
 /// Reads a whole regular file. (Anything else, such as a device, may never end.)
 pub(crate) fn read_file(file: &Path) -> Result<Vec<u8>, LoadError> {
     if !std::fs::metadata(file).map_err(LoadError::io(file))?.is_file() {
-        return Err(LoadError::unsupported(file, "not a regular file"));
+        return Err(irregular(file));
     }
     std::fs::read(file).map_err(LoadError::io(file))
 }

@@ -24,7 +24,7 @@ pub enum LoopMode {
 /// Per key frame only the vertices that ever move are kept, 12 bytes each.
 #[derive(Clone, Debug)]
 pub struct KeyFrames {
-    /// At rest it is in the first key frame.
+    /// Its rest positions are the first key frame.
     model: Model,
     /// The vertices that move, as runs of consecutive numbers.
     moving: Vec<Range<u32>>,

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::error::LoadError;
-use crate::files::read_file;
+use crate::files::{irregular, read_file};
 use crate::{Animation, aff, gltf, mesh_file, sequence};
 
 /// What of a file is loaded, and relative to which point; by default all of it, as it stands there.
@@ -76,6 +76,7 @@ pub fn load(path: &Path, options: &LoadOptions<'_>) -> Result<Box<dyn Animation>
             Ok(Box::new(aff::load(path, options.origin)?))
         }
         "glb" | "gltf" | "obj" | "ply" | "stl" => parse(path, &read_file(path)?, options),
+        _ if !kind.is_file() => Err(irregular(path)),
         "" => Err(LoadError::unsupported(path, "a file without extension")),
         _ => Err(LoadError::unsupported(path, &format!("a .{extension} file"))),
     }

@@ -51,7 +51,7 @@ fn unmarked(text: &[u8]) -> &[u8] {
 /// Reads a mesh whose positions are relative to `origin`.
 pub(crate) fn read_mesh(file: &Path, bytes: &[u8], origin: DVec3) -> Result<Mesh, LoadError> {
     let mesh = match format_of(file) {
-        None => return Err(LoadError::unsupported(file, "not an .obj, .ply or .stl file")),
+        None => return Err(LoadError::unsupported(file, "another kind of mesh")),
         Some(_) if bytes.is_empty() => Err(Problem::new("start of file", "an empty file", "a mesh")),
         Some("obj") => obj::read(bytes, file, origin),
         Some("ply") => ply::read(bytes, file, origin),

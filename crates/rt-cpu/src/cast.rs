@@ -168,8 +168,8 @@ fn trace_past_holes<S: Simd, T: WideTest, const ANY: bool>(
     }
 }
 
-/// Replaces hits of holes by what is behind them, one ray at a time, and counts the rays
-/// traced again. For `ANY` hit those in surfaces that have holes anywhere count.
+/// Replaces hits of holes by what is behind them, one ray at a time, and counts the rays traced
+/// again: with `ANY`, all that hit a surface which has holes anywhere.
 #[inline(never)]
 pub(crate) fn see_through<S: Simd, T: Test, const ANY: bool>(
     simd: S,
@@ -183,7 +183,7 @@ pub(crate) fn see_through<S: Simd, T: Test, const ANY: bool>(
         || {
             for i in 0..wave.rays.count {
                 let stays = wave.hits.get(i).is_none_or(|hit| {
-                    // Any hit comes without the place.
+                    // With `ANY` a hit comes without the place.
                     if ANY { mesh.material(hit.primitive).cutoff.is_none() } else { mesh.is_there(&hit) }
                 });
                 if !stays {

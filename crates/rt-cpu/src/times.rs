@@ -53,7 +53,7 @@ impl AddAssign for StageTimes {
 #[derive(Default)]
 pub(crate) struct Tally {
     pub(crate) stats: RenderStats,
-    /// Of it only the nodes count.
+    /// Only its `nodes` are read.
     pub(crate) work: Work,
     /// When the last stretch ended; `None` if nobody asked for times, or there is no clock.
     last: Option<Instant>,

@@ -14,7 +14,8 @@ pub enum FrameStage {
     Update,
     /// Rays from the eye.
     Primary,
-    /// What one effect of light asks for: rays, or looks at textures.
+    /// What one effect of light asks for: rays, or looks at textures. For alpha these are rays that
+    /// go on behind hits of what is cut out.
     Light(LightEffects),
 }
 

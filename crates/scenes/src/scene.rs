@@ -202,7 +202,7 @@ fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> R
             let known = list().iter().map(|info| info.name).collect::<Vec<_>>().join(", ");
             let mut message = format!("no scene or file named \"{name}\"; the scenes are {known}");
             if name.starts_with("bart-museum:") {
-                message += "; bart-museum:0 to bart-museum:4 start from another shape";
+                message += "; bart-museum:1 to bart-museum:4 start from another shape";
             }
             return Err(SceneError::Request(message));
         }

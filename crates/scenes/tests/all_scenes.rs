@@ -307,7 +307,7 @@ fn errors_say_what_would_be_right() {
         assert_eq!(message(name, Some("walk"), plain()), expected);
     }
     for name in ["bart-museum:5", "bart-museum:x", "bart-museum:"] {
-        let wanted = "; bart-museum:0 to bart-museum:4 start from another shape";
+        let wanted = "; bart-museum:1 to bart-museum:4 start from another shape";
         assert!(message(name, None, plain()).ends_with(wanted), "{}", message(name, None, plain()));
     }
     assert!(matches!(load("fairy-forest", Some("walk"), &plain()), Err(SceneError::Load(_))));

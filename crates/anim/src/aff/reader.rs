@@ -111,7 +111,8 @@ impl Reader {
         // Braces close in the file that opens them.
         let depth = self.outer.len();
         while let Some(word) = tokens.next() {
-            self.budget.spend(COST_OF_STATEMENT, WHOLE_SCENE).map_err(in_file)?;
+            let at_line = |problem: Problem| in_file(tokens.because(problem.found, problem.expected));
+            self.budget.spend(COST_OF_STATEMENT, WHOLE_SCENE).map_err(at_line)?;
             match word {
                 "i" => {
                     if let Some((included, canonical)) = self.include(&mut tokens, file).map_err(in_file)? {

@@ -7,9 +7,9 @@ use glam::DVec3;
 
 use crate::error::Problem;
 
-/// A text with its braces between spaces, for [`Tokens`].
+/// A text with its braces between spaces, for [`Tokens`], and without vertical tabs.
 pub(super) fn spaced(text: &[u8]) -> String {
-    String::from_utf8_lossy(text).replace('{', " { ").replace('}', " } ")
+    String::from_utf8_lossy(text).replace('{', " { ").replace('}', " } ").replace('\x0b', " ")
 }
 
 /// What is left of a file. Cloning it is looking ahead.
@@ -36,6 +36,8 @@ impl<'a> Tokens<'a> {
             if let Some(word) = self.words.next().filter(|word| !word.starts_with(['#', '%'])) {
                 return Some(word);
             }
+            // At the end, too, nothing is left of a comment.
+            self.words = "".split_ascii_whitespace();
             self.words = self.lines.next()?.split_ascii_whitespace();
             self.line += 1;
         }

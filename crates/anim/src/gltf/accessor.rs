@@ -22,7 +22,7 @@ pub(super) struct Accessors<'a> {
     pub(super) budget: Budget,
     /// Whether textures are read.
     pub(super) textures: bool,
-    /// How many of what are not shown.
+    /// How many there are of what is left out.
     pub(super) left_out: RefCell<BTreeMap<&'static str, usize>>,
 }
 

@@ -250,7 +250,7 @@ fn malformed_obj_is_refused() {
     );
     assert!(error("empty.obj", b"").contains("empty file"));
     assert!(error("no faces.obj", triangle.as_bytes()).contains("no triangles"));
-    assert!(error("model.off", b"solid").contains("found not an .obj, .ply or .stl file, expected .glb"));
+    assert!(error("model.off", b"solid").contains("found another kind of mesh, expected .glb"));
 }
 
 /// Whatever is done to a file, loading ends with a result.
