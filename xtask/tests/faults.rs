@@ -470,7 +470,7 @@ fn memory_of_a_whole_render_is_in_proportion_to_its_files() {
         assert!(output.status.success(), "{output:?}");
     }
     fails(&render("many.gltf"), &["many.gltf", "expected at most"]);
-    fails(&render("many.aff"), &["many.aff", "expected a scene at most"]);
+    fails(&render("many.aff"), &["many.aff", "expected at most"]);
 }
 
 #[test]
