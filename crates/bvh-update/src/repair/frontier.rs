@@ -7,8 +7,8 @@ use bvh_core::{Bvh, Node, prefetch};
 
 use crate::refit::SMALL;
 
-/// Parts of the walk, for threads to share; a small tree has one. The number is fixed, so the sums do not depend on the
-/// number of threads.
+/// Parts of the walk, for threads to share; a small tree has one. The number is fixed, so the sums
+/// do not depend on the number of threads.
 // Half and double: docs/TUNING.md.
 const PARTS: usize = 512;
 
