@@ -1,6 +1,6 @@
 //! How to render, and what it took.
 
-use std::ops::AddAssign;
+use derive_more::{Add, AddAssign, Sum};
 
 use crate::TriangleTest;
 use crate::times::StageTimes;
@@ -125,7 +125,7 @@ impl Default for RenderOptions {
 
 /// What rendering a frame took. Numbers of rays, except for `rays_again`, and of hits are the same
 /// for every [`Traversal`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Add, AddAssign, Sum)]
 pub struct RenderStats {
     /// Rays from the eye: one a pixel.
     pub rays_primary: u64,
@@ -158,25 +158,4 @@ impl RenderStats {
         let direct = self.rays_primary + self.rays_shadow + self.rays_again;
         direct + self.rays_mirror + self.rays_ambient_occlusion + self.rays_bounce
     }
-}
-
-impl AddAssign for RenderStats {
-    fn add_assign(&mut self, other: Self) {
-        self.rays_primary += other.rays_primary;
-        self.rays_shadow += other.rays_shadow;
-        self.rays_mirror += other.rays_mirror;
-        self.rays_ambient_occlusion += other.rays_ambient_occlusion;
-        self.rays_bounce += other.rays_bounce;
-        self.rays_again += other.rays_again;
-        self.hits += other.hits;
-        self.shadowed += other.shadowed;
-        self.nodes_visited += other.nodes_visited;
-        self.textured += other.textured;
-        self.times += other.times;
-    }
-}
-
-pub(crate) fn sum(mut a: RenderStats, b: RenderStats) -> RenderStats {
-    a += b;
-    a
 }

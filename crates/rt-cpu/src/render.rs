@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use crate::bvh8::BlockTest;
 use crate::cast::{Frame, TILE, Tile, cast_tile};
-use crate::options::{Effects, Output, RenderOptions, RenderStats, Traversal, sum};
+use crate::options::{Effects, Output, RenderOptions, RenderStats, Traversal};
 use crate::scene::{Scene, with_test};
 use crate::shade::{PointLight, Shader};
 use crate::simd::{detected, dispatch};
@@ -143,7 +143,7 @@ thread_local! {
 fn run<P: TilePixel>(frame: &Frame<'_>, look: &Look<'_>, pixels: &mut [P]) -> RenderStats {
     let width = (frame.camera.width() as usize).max(1);
     let bands = pixels.par_chunks_mut(width * TILE).enumerate();
-    let of_band = |(band, pixels): (usize, &mut [P])| {
+    let of_band = |(band, pixels): (usize, &mut [P])| -> RenderStats {
         let mut tiles: Vec<Rows<'_, P>> = Vec::new();
         tiles.resize_with(width.div_ceil(TILE), || std::array::from_fn(|_| Default::default()));
         for (y, row) in pixels.chunks_mut(width).enumerate() {
@@ -158,9 +158,9 @@ fn run<P: TilePixel>(frame: &Frame<'_>, look: &Look<'_>, pixels: &mut [P]) -> Re
                 dispatch!(detected(frame.options.simd), simd => fill_tile::<_, T, P>(simd, frame, look, tile, rows))
             }))
         });
-        stats.reduce(RenderStats::default, sum)
+        stats.sum()
     };
-    bands.map(of_band).reduce(RenderStats::default, sum)
+    bands.map(of_band).sum()
 }
 
 #[inline(always)]

@@ -1,7 +1,8 @@
 //! How long the stages of a frame took.
 
-use std::ops::AddAssign;
 use std::time::{Duration, Instant};
+
+use derive_more::{Add, AddAssign, Sum};
 
 use crate::RenderStats;
 use crate::scene::Work;
@@ -9,7 +10,7 @@ use crate::scene::Work;
 /// Time by what it was spent on, added up over threads: on `n` busy threads it passes `n` times as
 /// fast as on a clock. All zero unless [`RenderOptions::timed`](crate::RenderOptions::timed), and
 /// on `wasm32-unknown-unknown`, where the standard library has no clock.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Add, AddAssign, Sum)]
 pub struct StageTimes {
     /// Rays from the eye, finding and shading what they hit, and whatever has no stage of its own.
     pub primary: Duration,
@@ -33,18 +34,6 @@ impl StageTimes {
     pub fn total(&self) -> Duration {
         let Self { primary, alpha, textures, shadow, mirror, ambient_occlusion, diffuse_bounces } = *self;
         primary + alpha + textures + shadow + mirror + ambient_occlusion + diffuse_bounces
-    }
-}
-
-impl AddAssign for StageTimes {
-    fn add_assign(&mut self, other: Self) {
-        self.primary += other.primary;
-        self.alpha += other.alpha;
-        self.textures += other.textures;
-        self.shadow += other.shadow;
-        self.mirror += other.mirror;
-        self.ambient_occlusion += other.ambient_occlusion;
-        self.diffuse_bounces += other.diffuse_bounces;
     }
 }
 
