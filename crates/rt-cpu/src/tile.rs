@@ -49,6 +49,14 @@ pub(crate) struct Scratch {
     pub(crate) nodes: u64,
 }
 
+/// What all the way of a packet's rays through the tree has in common.
+#[derive(Clone, Copy)]
+struct Context<'a, S> {
+    simd: S,
+    scene: Scene<'a>,
+    octant: &'a RayOctant,
+}
+
 /// Traces a bundle. For `ANY` hits are any, not the closest, and only the primitives count.
 #[inline(always)]
 pub(crate) fn trace<S: Simd, T: WideTest, const ANY: bool>(
@@ -116,7 +124,7 @@ fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
             left &= !same;
             let along = Vec3::from([0, 1, 2].map(|k| bundle.direction[k][at + lane as usize]));
             let octant = RayOctant::new(bundle.origin, along, signs, axis);
-            trace_packet::<S, T, ANY>(simd, scene, &octant, met, same, scratch);
+            trace_packet::<S, T, ANY>(Context { simd, scene, octant: &octant }, met, same, scratch);
         }
         let p = &scratch.packet;
         if !ANY {
@@ -168,13 +176,12 @@ pub(crate) fn frustum_of<S: Simd>(simd: S, frame: &Frame, bundle: &Bundle, at: u
 
 #[inline(always)]
 fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
-    simd: S,
-    scene: Scene<'_>,
-    octant: &RayOctant,
+    context: Context<'_, S>,
     met: u64,
     mask: u64,
     scratch: &mut Scratch,
 ) {
+    let simd = context.simd;
     let mut farthest = scratch.packet.farthest(simd, mask);
     for i in bits(met) {
         if scratch.cut.near[i] > farthest || scratch.packet.active(0) & mask == 0 {
@@ -183,7 +190,7 @@ fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
         let root = scratch.cut.node[i];
         simd.vectorize(
             #[inline(always)]
-            || walk::walk::<S, T, ANY>(simd, scene, octant, root, mask, scratch),
+            || walk::walk::<S, T, ANY>(context, root, mask, scratch),
         );
         if !ANY && !scratch.packet.some_see_nothing(mask) {
             farthest = scratch.packet.farthest(simd, mask);

@@ -7,18 +7,16 @@ use bvh_core::{Node, Ray, Triangles, Vec3};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, mask32x16};
 
+use super::Context;
 use super::packet::{GROUP, GROUP_MASK, LANES, Packet};
-use crate::scene::Scene;
 use crate::simd::{bits, load, load3, max};
-use crate::wide::{RayOctant, Slab, V, WideTest};
+use crate::wide::{Slab, V, WideTest};
 
 /// Tests the triangles of a leaf against those of the `N` rays from `at` on that are in `mask`:
 /// they enter its box, at `near` if that is known.
 #[inline(always)]
 pub(super) fn test_leaf<S: Simd, T: WideTest, const ANY: bool, const N: usize>(
-    simd: S,
-    scene: Scene<'_>,
-    octant: &RayOctant,
+    context: Context<'_, S>,
     leaf: &Node,
     near: Option<V<S>>,
     mask: u64,
@@ -26,16 +24,16 @@ pub(super) fn test_leaf<S: Simd, T: WideTest, const ANY: bool, const N: usize>(
     packet: &mut Packet,
 ) {
     for slot in leaf.first()..leaf.first() + leaf.count() {
-        let p = scene.primitive(slot);
+        let p = context.scene.primitive(slot);
         let mask = mask & packet.active(at);
         if mask == 0 {
             return;
         }
-        let Some(corners) = corners(scene.triangles, p) else { continue };
+        let Some(corners) = corners(context.scene.triangles, p) else { continue };
         for i in (0..N).step_by(GROUP) {
             let lanes = mask >> i & GROUP_MASK;
             if lanes != 0 {
-                test_group::<S, T, ANY>(simd, octant, leaf, near, corners, p, lanes, at + i, packet);
+                test_group::<S, T, ANY>(context, leaf, near, corners, p, lanes, at + i, packet);
             }
         }
     }
@@ -52,8 +50,7 @@ fn corners<'a>(triangles: &Triangles<'a>, i: u32) -> Option<[&'a Vec3; 3]> {
 /// Tests one triangle against the lanes `mask` of the group at `at`.
 #[inline(always)]
 fn test_group<S: Simd, T: WideTest, const ANY: bool>(
-    simd: S,
-    octant: &RayOctant,
+    Context { simd, octant, .. }: Context<'_, S>,
     leaf: &Node,
     near: Option<V<S>>,
     corners: [&Vec3; 3],

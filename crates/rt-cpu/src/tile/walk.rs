@@ -6,9 +6,9 @@ use bvh_core::{Node, Primitives, Vec3, prefetch};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
-use super::Scratch;
 use super::leaf::test_leaf;
 use super::packet::{GROUP, Packet};
+use super::{Context, Scratch};
 use crate::bundle::PACKET;
 use crate::scene::Scene;
 use crate::simd::{load, load3};
@@ -17,26 +17,24 @@ use crate::wide::{RayOctant, Slab, V, WideTest};
 /// Walks the subtree at `root` with the rays in `mask`.
 #[inline(always)]
 pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
-    simd: S,
-    scene: Scene<'_>,
-    octant: &RayOctant,
+    context: Context<'_, S>,
     root: u32,
     mask: u64,
     scratch: &mut Scratch,
 ) {
+    let Context { simd, scene, octant } = context;
     let nodes = scene.bvh.nodes();
     let mut top = 0;
     let mut n = root as usize;
     let mut mask = enter(simd, &scratch.packet, &nodes[n], octant, mask & scratch.packet.active(0));
     if nodes[n].is_leaf() {
-        let packet = &mut scratch.packet;
-        return test_leaf::<S, T, ANY, PACKET>(simd, scene, octant, &nodes[n], None, mask, 0, packet);
+        return test_leaf::<S, T, ANY, PACKET>(context, &nodes[n], None, mask, 0, &mut scratch.packet);
     }
     loop {
         if mask == 0 {
             // No ray enters the root, or those that were put off have hit something since.
         } else if let Some((at, lanes)) = scratch.packet.group_of::<S, ANY>(simd, mask) {
-            walk_group::<S, T, ANY>(simd, scene, octant, n, lanes, at, scratch);
+            walk_group::<S, T, ANY>(context, n, lanes, at, scratch);
             if at == PACKET {
                 scratch.packet.scatter::<ANY>(mask);
             }
@@ -52,8 +50,7 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
             }
             for (rays, child) in entered.iter_mut().zip(children) {
                 if *rays != 0 && child.is_leaf() {
-                    let packet = &mut scratch.packet;
-                    test_leaf::<S, T, ANY, PACKET>(simd, scene, octant, child, None, *rays, 0, packet);
+                    test_leaf::<S, T, ANY, PACKET>(context, child, None, *rays, 0, &mut scratch.packet);
                     *rays = 0;
                 }
             }
@@ -156,14 +153,13 @@ fn enter<S: Simd>(simd: S, packet: &Packet, node: &Node, octant: &RayOctant, mas
 /// Walks the subtree at an inner node with rays of the group at `at`, all of which enter it.
 #[inline(always)]
 fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
-    simd: S,
-    scene: Scene<'_>,
-    octant: &RayOctant,
+    context: Context<'_, S>,
     root: usize,
     mask: u64,
     at: usize,
     scratch: &mut Scratch,
 ) {
+    let Context { simd, scene, octant } = context;
     let nodes = scene.bvh.nodes();
     let packet = &mut scratch.packet;
     let inverse: [V<S>; 3] = load3(simd, &packet.inverse, at);
@@ -178,11 +174,11 @@ fn walk_group<S: Simd, T: WideTest, const ANY: bool>(
         let (tr, mr) = Slab::of(simd, r, octant).enter(inverse, t);
         let (mut ml, mut mr) = (ml.to_bitmask() & mask, mr.to_bitmask() & mask);
         if ml != 0 && l.is_leaf() {
-            test_leaf::<S, T, ANY, GROUP>(simd, scene, octant, l, Some(tl), ml, at, packet);
+            test_leaf::<S, T, ANY, GROUP>(context, l, Some(tl), ml, at, packet);
             ml = 0;
         }
         if mr != 0 && r.is_leaf() {
-            test_leaf::<S, T, ANY, GROUP>(simd, scene, octant, r, Some(tr), mr, at, packet);
+            test_leaf::<S, T, ANY, GROUP>(context, r, Some(tr), mr, at, packet);
             mr = 0;
         }
         fetch_subtree(nodes, l, ml);
