@@ -29,7 +29,6 @@ use crate::{Hit, TriangleTest};
 use block::Block;
 use collapse::{Plan, collapse};
 
-pub(crate) use block::BlockTest;
 pub(crate) use walk::hit;
 
 /// Children of a node.

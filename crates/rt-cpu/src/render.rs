@@ -7,7 +7,6 @@ use bytemuck::zeroed_box;
 use fearless_simd::Simd;
 use rayon::prelude::*;
 
-use crate::bvh8::BlockTest;
 use crate::cast::{Frame, TILE, Tile, cast_tile};
 use crate::options::{Effects, Output, RenderOptions, RenderStats, Traversal};
 use crate::scene::{Scene, with_test};
@@ -164,7 +163,7 @@ fn run<P: TilePixel>(frame: &Frame<'_>, look: &Look<'_>, pixels: &mut [P]) -> Re
 }
 
 #[inline(always)]
-fn fill_tile<S: Simd, T: WideTest + BlockTest, P: TilePixel>(
+fn fill_tile<S: Simd, T: WideTest, P: TilePixel>(
     simd: S,
     frame: &Frame<'_>,
     look: &Look<'_>,

@@ -5,7 +5,6 @@ use fearless_simd::{Simd, f32x4};
 
 use crate::Pixel;
 use crate::bundle::{Hits, RAYS, set};
-use crate::bvh8::BlockTest;
 use crate::cast::{Frame, TILE, Tile};
 use crate::shade::Shader;
 use crate::simd::load;
@@ -28,7 +27,7 @@ pub(crate) enum Look<'a> {
 impl Look<'_> {
     /// Finds the colours of a traced tile.
     #[inline(never)]
-    pub(crate) fn color<S: Simd, T: WideTest + BlockTest>(
+    pub(crate) fn color<S: Simd, T: WideTest>(
         &self,
         simd: S,
         frame: &Frame<'_>,

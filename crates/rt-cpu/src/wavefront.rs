@@ -21,7 +21,7 @@ use fearless_simd::prelude::*;
 
 use crate::Hit;
 use crate::bundle::{Coordinates, RAYS, at, set};
-use crate::bvh8::{self, BlockTest, Bvh8};
+use crate::bvh8::{self, Bvh8};
 use crate::cast::{Frame, Tile, light_arrives};
 use crate::options::{AmbientOcclusion, DiffuseBounces, Effects};
 use crate::random::{Stream, cosine_direction};
@@ -91,7 +91,7 @@ thread_local! {
 impl Wavefront<'_> {
     /// Finds the colours of a tile's pixels.
     #[inline(always)]
-    pub(crate) fn follow<S: Simd, T: WideTest + BlockTest>(
+    pub(crate) fn follow<S: Simd, T: WideTest>(
         &self,
         simd: S,
         frame: &Frame<'_>,
@@ -135,7 +135,7 @@ impl Wavefront<'_> {
 
     // A call on purpose: a walk is large, and inlined it leaves no registers to what is around it.
     #[inline(never)]
-    fn hit<S: Simd, T: BlockTest, const ANY: bool>(
+    fn hit<S: Simd, T: WideTest, const ANY: bool>(
         &self,
         simd: S,
         frame: &Frame<'_>,
@@ -179,7 +179,7 @@ impl Wavefront<'_> {
 
     /// Finds out how much of the sky is open above what a wave hit.
     #[inline(always)]
-    fn look_around<S: Simd, T: BlockTest>(
+    fn look_around<S: Simd, T: WideTest>(
         &self,
         simd: S,
         frame: &Frame<'_>,

@@ -1,12 +1,12 @@
-//! Box and triangle tests of many rays at once. All rays share their origin, the signs of their
-//! directions and the axis along which these are longest.
+//! Box tests of many rays at once, and triangle tests of many rays or of many triangles. All rays
+//! share their origin, the signs of their directions and the axis along which these are longest.
 
 use bvh_core::triangle::{DET_RANGE, Double, MollerTrumbore, Test, Watertight};
 use bvh_core::{Node, Ray, Vec3};
+use fearless_simd::Simd;
 use fearless_simd::prelude::*;
-use fearless_simd::{Simd, f64x8};
 
-use crate::simd::{Lanes, max, min};
+use crate::simd::{Lanes, cross, dot, load3, max, min, splat3};
 
 /// Rays that are tested at once.
 pub(crate) type V<S> = fearless_simd::f32x16<S>;
@@ -101,116 +101,27 @@ impl<S: Simd, V: Lanes<S>> Slab<S, V> {
 
 /// Rays in lanes, and what triangle tests need of them.
 #[derive(Clone, Copy)]
-pub(crate) struct Rays<'a, S: Simd> {
-    pub(crate) octant: &'a RayOctant,
-    pub(crate) direction: [V<S>; 3],
-    /// Of [`Watertight`]: slopes along the two axes after the longest, and minus one over the
-    /// extent along that.
-    pub(crate) shear: [V<S>; 3],
+pub(crate) struct Rays<V> {
+    pub(crate) origin: Vec3,
+    pub(crate) direction: [V; 3],
+    /// The axis along which all directions are longest, after the two that follow it.
+    pub(crate) axes: [usize; 3],
+    /// Of [`Watertight`]: slopes along the first two of these axes, and minus one over the extent
+    /// along the last.
+    pub(crate) shear: [V; 3],
 }
 
-/// A triangle test of many rays at once, with the bits of [`Test::test`];
-/// [`BlockTest`](crate::bvh8::BlockTest) is of one ray and several triangles.
-pub(crate) trait WideTest: Test {
-    /// Tests the lanes in `active`.
-    fn wide<S: Simd>(simd: S, rays: &Rays<'_, S>, corners: [&Vec3; 3], active: u64) -> Found<V<S>>;
-}
-
-impl WideTest for Watertight {
+impl<V> Rays<V> {
+    /// The same ray in all lanes.
     #[inline(always)]
-    fn wide<S: Simd>(simd: S, rays: &Rays<'_, S>, corners: [&Vec3; 3], active: u64) -> Found<V<S>> {
-        let octant = rays.octant;
-        let [kx, ky, kz] = octant.axes;
-        let origin: &[f32; 3] = octant.origin.as_ref();
-        let zero = V::splat(simd, 0.0);
-        let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
-        // All of it negated, and the reciprocal too, which changes nothing but the signs of zeros:
-        // corners get from memory straight into all lanes to be subtracted.
-        let (ox, oy) = (V::splat(simd, origin[kx]), V::splat(simd, origin[ky]));
-        let oz = V::splat(simd, origin[kz]);
-        for (i, p) in corners.into_iter().enumerate() {
-            let p: &[f32; 3] = p.as_ref();
-            z[i] = oz - V::splat(simd, p[kz]);
-            x[i] = ox - V::splat(simd, p[kx]) - rays.shear[0] * z[i];
-            y[i] = oy - V::splat(simd, p[ky]) - rays.shear[1] * z[i];
-        }
-        weigh(simd, x, y, z, rays.shear[2], active)
+    pub(crate) fn all<S: Simd>(simd: S, ray: &Ray) -> Self
+    where
+        V: Lanes<S>,
+    {
+        let Watertight { axes, shear, .. } = Watertight::new(ray);
+        let shear = splat3(simd, Vec3::new(shear.x, shear.y, -shear.z));
+        Self { origin: ray.origin(), direction: splat3(simd, ray.direction()), axes, shear }
     }
-}
-
-impl WideTest for MollerTrumbore {
-    #[inline(always)]
-    fn wide<S: Simd>(simd: S, rays: &Rays<'_, S>, [&a, &b, &c]: [&Vec3; 3], active: u64) -> Found<V<S>> {
-        let (e1, e2) = (b - a, c - a);
-        let s = rays.octant.origin - a;
-        let q = s.cross(e1);
-        let d = rays.direction;
-        let p = [d[1] * e2.z - d[2] * e2.y, d[2] * e2.x - d[0] * e2.z, d[0] * e2.y - d[1] * e2.x];
-        let inv_det = V::splat(simd, 1.0) / dot(p, e1);
-        let u = dot(p, s) * inv_det;
-        let v = dot(d, q) * inv_det;
-        let t = inv_det * e2.dot(q);
-        let inside = u.simd_ge(0.0) & v.simd_ge(0.0) & (u + v).simd_le(1.0);
-        let ahead = t.simd_ge(0.0) & t.simd_lt(f32::INFINITY);
-        Found { lanes: (inside & ahead).to_bitmask() & active, unsure: 0, t, u, v }
-    }
-}
-
-#[inline(always)]
-fn dot<S: Simd>(a: [V<S>; 3], b: Vec3) -> V<S> {
-    a[0] * b.x + a[1] * b.y + a[2] * b.z
-}
-
-impl WideTest for Double {
-    #[inline(always)]
-    fn wide<S: Simd>(simd: S, rays: &Rays<'_, S>, corners: [&Vec3; 3], active: u64) -> Found<V<S>> {
-        let &Rays { octant, direction: d, .. } = rays;
-        let [kx, ky, kz] = octant.axes;
-        let (x, y, z) = (simd.widen_f32x16(d[kx]), simd.widen_f32x16(d[ky]), simd.widen_f32x16(d[kz]));
-        let (low, [t0, u0, v0]) = double(simd, [x.0, y.0, z.0], corners, octant);
-        let (high, [t1, u1, v1]) = double(simd, [x.1, y.1, z.1], corners, octant);
-        let t = simd.narrow_f64x8(t0, t1);
-        // Zeros without signs, whatever signs they come from.
-        let (u, v) = (simd.narrow_f64x8(u0, u1) + 0.0, simd.narrow_f64x8(v0, v1) + 0.0);
-        let near = t.simd_lt(f32::INFINITY).to_bitmask();
-        Found { lanes: (low | high << 8) & near & active, unsure: 0, t, u, v }
-    }
-}
-
-/// [`Double`] for rays along the directions `d`, the longest axis last: the lanes with t >= 0, even
-/// beyond `f32`, and t, u and v.
-#[inline(always)]
-fn double<S: Simd>(
-    simd: S,
-    d: [f64x8<S>; 3],
-    corners: [&Vec3; 3],
-    octant: &RayOctant,
-) -> (u64, [f64x8<S>; 3]) {
-    let [kx, ky, kz] = octant.axes;
-    let origin = octant.origin.as_dvec3();
-    let shear = [d[0] / d[2], d[1] / d[2]];
-    let zero = f64x8::splat(simd, 0.0);
-    let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
-    for (i, p) in corners.into_iter().enumerate() {
-        let p = p.as_dvec3() - origin;
-        z[i] = f64x8::splat(simd, p[kz]);
-        x[i] = f64x8::splat(simd, p[kx]) - shear[0] * z[i];
-        y[i] = f64x8::splat(simd, p[ky]) - shear[1] * z[i];
-    }
-    let wa = x[2] * y[1] - y[2] * x[1];
-    let wb = x[0] * y[2] - y[0] * x[2];
-    let wc = x[1] * y[0] - y[1] * x[0];
-    let left = wa.simd_ge(zero) & wb.simd_ge(zero) & wc.simd_ge(zero);
-    let right = wa.simd_le(zero) & wb.simd_le(zero) & wc.simd_le(zero);
-    let det = wa + wb + wc;
-    let inside = (left | right) & det.simd_ne(zero);
-    if !inside.any_true() {
-        return (0, [zero; 3]);
-    }
-    let inverse = f64x8::splat(simd, 1.0) / d[2];
-    let (u, v) = (wb / det, wc / det);
-    let t = wa / det * (inverse * z[0]) + u * (inverse * z[1]) + v * (inverse * z[2]);
-    ((inside & t.simd_ge(zero)).to_bitmask(), [t, u, v])
 }
 
 /// The lanes that hit, and where.
@@ -223,40 +134,151 @@ pub(crate) struct Found<V> {
     pub(crate) v: V,
 }
 
-/// [`Watertight`] for corners at `x` and `y` beside the ray, `z` along its longest axis, one over
-/// which is `inverse`.
+/// A triangle test in lanes, with the bits of [`Test::test`].
+pub(crate) trait WideTest: Test {
+    /// Tests the lanes in `active`. Coordinates of corners are one for each lane, or one for all.
+    fn wide<S: Simd, V: Lanes<S>, const N: usize>(
+        simd: S,
+        rays: &Rays<V>,
+        corners: [&[[f32; N]; 3]; 3],
+        active: u64,
+    ) -> Found<V>;
+}
+
+/// Numbers for each lane, or one for all.
 #[inline(always)]
-pub(crate) fn weigh<S: Simd, V: Lanes<S>>(
-    simd: S,
-    x: [V; 3],
-    y: [V; 3],
-    mut z: [V; 3],
-    inverse: V,
-    active: u64,
-) -> Found<V> {
-    let zero = V::simd_from(simd, 0.0);
-    let wa = x[2] * y[1] - y[2] * x[1];
-    let wb = x[0] * y[2] - y[0] * x[2];
-    let wc = x[1] * y[0] - y[1] * x[0];
-    let least = min(min(wa, wb), wc);
-    let greatest = max(max(wa, wb), wc);
-    let outside = least.simd_lt(zero) & greatest.simd_gt(zero);
-    let inside = !outside.to_bitmask() & active;
-    if inside == 0 {
-        return Found { lanes: 0, unsure: 0, t: zero, u: zero, v: zero };
+fn lanes<S: Simd, V: Lanes<S>>(simd: S, numbers: &[f32]) -> V {
+    if let &[number] = numbers { V::simd_from(simd, number) } else { V::from_slice(simd, numbers) }
+}
+
+impl WideTest for Watertight {
+    #[inline(always)]
+    fn wide<S: Simd, V: Lanes<S>, const N: usize>(
+        simd: S,
+        rays: &Rays<V>,
+        corners: [&[[f32; N]; 3]; 3],
+        active: u64,
+    ) -> Found<V> {
+        let [kx, ky, kz] = rays.axes;
+        let origin = rays.origin.to_array();
+        let zero = V::simd_from(simd, 0.0);
+        let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
+        // All of it negated, and the reciprocal too, which changes nothing but the signs of zeros:
+        // corners get from memory straight into all lanes to be subtracted.
+        let (ox, oy) = (V::simd_from(simd, origin[kx]), V::simd_from(simd, origin[ky]));
+        let oz = V::simd_from(simd, origin[kz]);
+        for (i, corner) in corners.into_iter().enumerate() {
+            z[i] = oz - lanes::<S, V>(simd, &corner[kz]);
+            x[i] = ox - lanes::<S, V>(simd, &corner[kx]) - rays.shear[0] * z[i];
+            y[i] = oy - lanes::<S, V>(simd, &corner[ky]) - rays.shear[1] * z[i];
+        }
+        let wa = x[2] * y[1] - y[2] * x[1];
+        let wb = x[0] * y[2] - y[0] * x[2];
+        let wc = x[1] * y[0] - y[1] * x[0];
+        let least = min(min(wa, wb), wc);
+        let greatest = max(max(wa, wb), wc);
+        let outside = least.simd_lt(zero) & greatest.simd_gt(zero);
+        let inside = !outside.to_bitmask() & active;
+        if inside == 0 {
+            return Found { lanes: 0, unsure: 0, t: zero, u: zero, v: zero };
+        }
+        let det = wa + wb + wc;
+        let size = det.abs();
+        let plain = size.simd_ge(DET_RANGE.0) & size.simd_le(DET_RANGE.1);
+        // Inside, a zero is the least or the greatest.
+        let plain = plain & least.simd_ne(zero) & greatest.simd_ne(zero);
+        for z in &mut z {
+            *z = rays.shear[2] * *z;
+        }
+        let inv_det = V::simd_from(simd, 1.0) / det;
+        let (u, v) = (wb * inv_det, wc * inv_det);
+        let t = wa * inv_det * z[0] + u * z[1] + v * z[2];
+        let ahead = t.simd_ge(zero) & t.simd_lt(f32::INFINITY);
+        let plain = plain.to_bitmask();
+        Found { lanes: inside & plain & ahead.to_bitmask(), unsure: inside & !plain, t, u, v }
     }
-    let det = wa + wb + wc;
-    let size = det.abs();
-    let plain = size.simd_ge(DET_RANGE.0) & size.simd_le(DET_RANGE.1);
-    // Inside, a zero is the least or the greatest.
-    let plain = plain & least.simd_ne(zero) & greatest.simd_ne(zero);
-    for z in &mut z {
-        *z = inverse * *z;
+}
+
+impl WideTest for MollerTrumbore {
+    #[inline(always)]
+    fn wide<S: Simd, V: Lanes<S>, const N: usize>(
+        simd: S,
+        rays: &Rays<V>,
+        corners: [&[[f32; N]; 3]; 3],
+        active: u64,
+    ) -> Found<V> {
+        let mut s = splat3(simd, rays.origin);
+        let (mut e1, mut e2) = (s, s);
+        for k in 0..3 {
+            let a = lanes::<S, V>(simd, &corners[0][k]);
+            e1[k] = lanes::<S, V>(simd, &corners[1][k]) - a;
+            e2[k] = lanes::<S, V>(simd, &corners[2][k]) - a;
+            s[k] = s[k] - a;
+        }
+        let (p, q) = (cross(rays.direction, e2), cross(s, e1));
+        let inv_det = V::simd_from(simd, 1.0) / dot(e1, p);
+        let (u, v, t) = (dot(s, p) * inv_det, dot(rays.direction, q) * inv_det, dot(e2, q) * inv_det);
+        let inside = u.simd_ge(0.0) & v.simd_ge(0.0) & (u + v).simd_le(1.0);
+        let ahead = t.simd_ge(0.0) & t.simd_lt(f32::INFINITY);
+        Found { lanes: (inside & ahead).to_bitmask() & active, unsure: 0, t, u, v }
     }
-    let inv_det = V::simd_from(simd, 1.0) / det;
-    let (u, v) = (wb * inv_det, wc * inv_det);
-    let t = wa * inv_det * z[0] + u * z[1] + v * z[2];
-    let ahead = t.simd_ge(zero) & t.simd_lt(f32::INFINITY);
-    let plain = plain.to_bitmask();
-    Found { lanes: inside & plain & ahead.to_bitmask(), unsure: inside & !plain, t, u, v }
+}
+
+/// [`lanes`] from `at` on, as many as there are in double precision.
+#[inline(always)]
+fn double<S: Simd>(simd: S, numbers: &[f32], at: usize) -> S::f64s {
+    let mut wide = [0.0; 8];
+    for (i, to) in wide[..S::f64s::LEN].iter_mut().enumerate() {
+        *to = f64::from(if numbers.len() == 1 { numbers[0] } else { numbers[at + i] });
+    }
+    S::f64s::from_slice(simd, &wide[..S::f64s::LEN])
+}
+
+impl WideTest for Double {
+    #[inline(always)]
+    fn wide<S: Simd, V: Lanes<S>, const N: usize>(
+        simd: S,
+        rays: &Rays<V>,
+        corners: [&[[f32; N]; 3]; 3],
+        active: u64,
+    ) -> Found<V> {
+        let ([kx, ky, kz], origin) = (rays.axes, rays.origin.as_dvec3());
+        let zero = S::f64s::simd_from(simd, 0.0);
+        let (mut hit, mut found) = (0, [[0.0; 16]; 3]);
+        for at in (0..V::LEN).step_by(S::f64s::LEN) {
+            let along = double(simd, rays.direction[kz].as_slice(), at);
+            let shear_x = double(simd, rays.direction[kx].as_slice(), at) / along;
+            let shear_y = double(simd, rays.direction[ky].as_slice(), at) / along;
+            let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
+            for (i, corner) in corners.into_iter().enumerate() {
+                z[i] = double(simd, &corner[kz], at) - origin[kz];
+                x[i] = double(simd, &corner[kx], at) - origin[kx] - shear_x * z[i];
+                y[i] = double(simd, &corner[ky], at) - origin[ky] - shear_y * z[i];
+            }
+            let wa = x[2] * y[1] - y[2] * x[1];
+            let wb = x[0] * y[2] - y[0] * x[2];
+            let wc = x[1] * y[0] - y[1] * x[0];
+            let left = wa.simd_ge(zero) & wb.simd_ge(zero) & wc.simd_ge(zero);
+            let right = wa.simd_le(zero) & wb.simd_le(zero) & wc.simd_le(zero);
+            let det = wa + wb + wc;
+            let inside = (left | right) & det.simd_ne(zero);
+            if !inside.any_true() {
+                continue;
+            }
+            let inverse = S::f64s::simd_from(simd, 1.0) / along;
+            let (u, v) = (wb / det, wc / det);
+            let t = wa / det * (inverse * z[0]) + u * (inverse * z[1]) + v * (inverse * z[2]);
+            // Even beyond `f32`.
+            hit |= (inside & t.simd_ge(zero)).to_bitmask() << at;
+            for (to, from) in found.iter_mut().zip([t, u, v]) {
+                for i in 0..S::f64s::LEN {
+                    to[at + i] = from[i] as f32;
+                }
+            }
+        }
+        let [t, u, v]: [V; 3] = load3(simd, &found, 0);
+        // Zeros without signs, whatever signs they come from.
+        let (u, v) = (u + 0.0, v + 0.0);
+        Found { lanes: hit & t.simd_lt(f32::INFINITY).to_bitmask() & active, unsure: 0, t, u, v }
+    }
 }

@@ -1,13 +1,13 @@
 //! A few triangles, and one ray against all of them.
 
-use bvh_core::triangle::{Double, MollerTrumbore, Test, Watertight, in_box};
+use bvh_core::triangle::{Test, in_box};
 use bvh_core::{Primitives, Ray, Triangles, Vec3};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
 use crate::Hit;
-use crate::simd::{bits, cross, dot, load, load3, splat3};
-use crate::wide::{Found, weigh};
+use crate::simd::bits;
+use crate::wide::{Found, Rays, WideTest};
 
 /// Triangles of a block: as many as AVX2 and AVX-512 have use for, and no more than NEON has.
 /// x86-64 processors without AVX2 take eight as well, and 1.2 to 1.38 times as long as with four
@@ -57,11 +57,12 @@ impl Block {
         self.primitive[0] == NONE
     }
 
-    /// The lanes that hold triangles.
+    /// Tests a ray, in all lanes, against the triangles.
     #[inline(always)]
-    pub(super) fn present<S: Simd>(&self, simd: S) -> u64 {
-        let primitive = EachPrimitive::from_slice(simd, &self.primitive);
-        (!primitive.simd_eq(NONE)).to_bitmask()
+    pub(super) fn test<S: Simd, T: WideTest>(&self, simd: S, rays: &Rays<Each<S>>) -> Found<Each<S>> {
+        let present = EachPrimitive::from_slice(simd, &self.primitive).simd_ne(NONE).to_bitmask();
+        let [a, b, c] = &self.corners;
+        T::wide(simd, rays, [a, b, c], present)
     }
 
     #[cfg(test)]
@@ -107,53 +108,3 @@ impl Block {
         best
     }
 }
-
-/// A triangle test of one ray against a block, with the bits of [`Test::test`].
-pub(crate) trait BlockTest: Test {
-    /// Tests the triangles in `active`. Unless there is a faster way, all are left to
-    /// [`Test::test`].
-    #[inline(always)]
-    fn block<S: Simd>(&self, simd: S, _: &Ray, _: &Block, active: u64) -> Found<Each<S>> {
-        let zero = Each::splat(simd, 0.0);
-        Found { lanes: 0, unsure: active, t: zero, u: zero, v: zero }
-    }
-}
-
-impl BlockTest for Watertight {
-    #[inline(always)]
-    fn block<S: Simd>(&self, simd: S, _: &Ray, block: &Block, active: u64) -> Found<Each<S>> {
-        let Self { origin, axes, shear } = *self;
-        let zero = Each::splat(simd, 0.0);
-        let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
-        for (i, corner) in block.corners.iter().enumerate() {
-            let along = |k: usize| load::<S, Each<S>, SIZE>(simd, &corner[axes[k]], 0) - origin[k];
-            z[i] = along(2);
-            x[i] = along(0) - z[i] * shear.x;
-            y[i] = along(1) - z[i] * shear.y;
-        }
-        weigh(simd, x, y, z, Each::splat(simd, shear.z), active)
-    }
-}
-
-#[inline(always)]
-fn minus<S: Simd>(a: [Each<S>; 3], b: [Each<S>; 3]) -> [Each<S>; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-impl BlockTest for MollerTrumbore {
-    #[inline(always)]
-    fn block<S: Simd>(&self, simd: S, ray: &Ray, block: &Block, active: u64) -> Found<Each<S>> {
-        let [a, b, c] = &block.corners;
-        let a = load3(simd, a, 0);
-        let (e1, e2) = (minus(load3(simd, b, 0), a), minus(load3(simd, c, 0), a));
-        let (direction, s) = (splat3(simd, ray.direction()), minus(splat3(simd, ray.origin()), a));
-        let (p, q) = (cross(direction, e2), cross(s, e1));
-        let inv_det = Each::splat(simd, 1.0) / dot(e1, p);
-        let (u, v, t) = (dot(s, p) * inv_det, dot(direction, q) * inv_det, dot(e2, q) * inv_det);
-        let inside = u.simd_ge(0.0) & v.simd_ge(0.0) & (u + v).simd_le(1.0);
-        let ahead = t.simd_ge(0.0) & t.simd_lt(f32::INFINITY);
-        Found { lanes: (inside & ahead).to_bitmask() & active, unsure: 0, t, u, v }
-    }
-}
-
-impl BlockTest for Double {}

@@ -5,10 +5,12 @@ use bvh_core::{MAX_HEIGHT, Ray};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
 
-use super::{BlockTest, Bvh8, CHILDREN, LEAF, Node8, WIDTH};
+use super::block::Each;
+use super::{Bvh8, CHILDREN, LEAF, Node8, WIDTH};
 use crate::Hit;
 use crate::scene::Work;
 use crate::simd::{load, max, min, splat3};
+use crate::wide::{Rays, WideTest};
 
 /// Most that is put off at a time: seven children a level of the binary tree, and of what large
 /// leaves are cut into.
@@ -57,7 +59,7 @@ impl<S: Simd> Ray8<S> {
 
 /// What a ray hits of that which `counts` is true for: the closest, unless `ANY` will do.
 #[inline(always)]
-pub(crate) fn hit<S: Simd, T: BlockTest, const ANY: bool>(
+pub(crate) fn hit<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     tree: &Bvh8,
     ray: &Ray,
@@ -69,7 +71,7 @@ pub(crate) fn hit<S: Simd, T: BlockTest, const ANY: bool>(
     if !ray.is_valid() {
         return best;
     }
-    let (test, ray8) = (T::new(ray), Ray8::new(simd, ray));
+    let (test, ray8, rays) = (T::new(ray), Ray8::new(simd, ray), Rays::<Each<S>>::all(simd, ray));
     let mut stack = ArrayVec::<u64, STACK>::new();
     let mut next = 0;
     loop {
@@ -100,7 +102,7 @@ pub(crate) fn hit<S: Simd, T: BlockTest, const ANY: bool>(
             }
         } else {
             let Some(block) = tree.blocks.get((next & !LEAF) as usize) else { return best };
-            let found = test.block(simd, ray, block, block.present(simd));
+            let found = block.test::<S, T>(simd, &rays);
             best = block.closest(ray, &test, &found, t_max, best, &counts);
             if let Some(hit) = best {
                 if ANY {

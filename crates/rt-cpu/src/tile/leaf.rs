@@ -47,6 +47,13 @@ fn corners<'a>(triangles: &Triangles<'a>, i: u32) -> Option<[&'a Vec3; 3]> {
     Some([positions.get(a as usize)?, positions.get(b as usize)?, positions.get(c as usize)?])
 }
 
+/// Coordinates that are the same in all lanes.
+#[inline(always)]
+fn single(corner: &Vec3) -> &[[f32; 1]; 3] {
+    let coordinates: &[f32; 3] = corner.as_ref();
+    bytemuck::cast_ref(coordinates)
+}
+
 /// Tests one triangle against the lanes `mask` of the group at `at`.
 #[inline(always)]
 fn test_group<S: Simd, T: WideTest, const ANY: bool>(
@@ -59,7 +66,8 @@ fn test_group<S: Simd, T: WideTest, const ANY: bool>(
     at: usize,
     packet: &mut Packet,
 ) {
-    let found = T::wide(simd, &packet.rays(simd, octant, at), corners, mask);
+    let [a, b, c] = corners;
+    let found = T::wide(simd, &packet.rays(simd, octant, at), [single(a), single(b), single(c)], mask);
     if found.unsure != 0 {
         test_each::<T, ANY>(octant.origin, corners, primitive, found.unsure, at, packet);
     }
@@ -75,12 +83,11 @@ fn test_group<S: Simd, T: WideTest, const ANY: bool>(
             let slab = if alone {
                 Slab::of(simd, leaf, octant)
             } else {
-                let [&a, &b, &c] = corners;
                 // A corner that is not finite makes the triangle's box empty.
-                if (a * 0.0 + b * 0.0) + c * 0.0 != Vec3::ZERO {
+                if (*a * 0.0 + *b * 0.0) + *c * 0.0 != Vec3::ZERO {
                     return;
                 }
-                Slab::around(simd, &[a, b, c], octant)
+                Slab::around(simd, &[*a, *b, *c], octant)
             };
             let (near, inside) = slab.enter(load3(simd, &packet.inverse, at), best);
             (near, found.lanes & inside.to_bitmask())

@@ -40,9 +40,10 @@ pub(super) struct Packet {
 impl Packet {
     /// The rays of the group at `at`, if they are all of this octant.
     #[inline(always)]
-    pub(super) fn rays<'a, S: Simd>(&self, simd: S, octant: &'a RayOctant, at: usize) -> Rays<'a, S> {
+    pub(super) fn rays<S: Simd>(&self, simd: S, octant: &RayOctant, at: usize) -> Rays<V<S>> {
         Rays {
-            octant,
+            origin: octant.origin,
+            axes: octant.axes,
             direction: load3(simd, &self.direction, at),
             shear: [
                 load(simd, &self.shear[0], at),
