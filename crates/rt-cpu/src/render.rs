@@ -63,9 +63,10 @@ pub fn render_with(
     // With bounces no light is no light, not one at the eye.
     let light = light.or(effects.diffuse_bounces.map(|_| &DARKNESS));
     let smooth = options.smooth && mesh.normals.is_some();
-    let shader = Shader { mesh, light, smooth };
+    let Effects { textures, alpha, .. } = effects;
+    let shader = Shader { mesh, light, smooth, textures };
     let mut own = Bvh8::new();
-    let direct_only = Effects { alpha: effects.alpha, ..Effects::default() };
+    let direct_only = Effects { textures, alpha, ..Effects::default() };
     let look = if effects == direct_only {
         Look::Direct(shader)
     } else {

@@ -18,7 +18,7 @@ pub(crate) enum Look<'a> {
     Hits,
     /// As the number of nodes visited; from `most` on, white.
     Nodes { most: u32 },
-    /// In the light of the light alone.
+    /// In the light of the light alone, with textures.
     Direct(Shader<'a>),
     /// With further effects.
     Effects(Wavefront<'a>),
@@ -40,7 +40,11 @@ impl Look<'_> {
             &Self::Nodes { most } => heat_map(tile, most),
             Self::Direct(shader) => simd.vectorize(
                 #[inline(always)]
-                || shader.shade(simd, tile, None),
+                || {
+                    tile.looks.open.fill(1.0);
+                    shader.look(tile, tally);
+                    shader.shade(simd, tile);
+                },
             ),
             Self::Effects(effects) => simd.vectorize(
                 #[inline(always)]

@@ -17,7 +17,6 @@ use std::cell::Cell;
 use bvh_core::{Ray, Vec3, pick};
 use bytemuck::{Zeroable, zeroed_box};
 use fearless_simd::Simd;
-use fearless_simd::prelude::*;
 
 use crate::Hit;
 use crate::bundle::{Coordinates, RAYS, at, set};
@@ -26,8 +25,7 @@ use crate::cast::{Frame, Tile, light_arrives};
 use crate::options::{AmbientOcclusion, DiffuseBounces, Effects};
 use crate::random::{Stream, cosine_direction};
 use crate::scene::{Scene, Work};
-use crate::shade::{Looks, Shader};
-use crate::simd::store3;
+use crate::shade::Shader;
 use crate::times::Tally;
 use crate::wide::WideTest;
 
@@ -62,7 +60,6 @@ pub(crate) struct Paths {
     bounces: [u32; RAYS],
     /// Mirrors since the last diffuse bounce.
     mirrors: [u8; RAYS],
-    looks: Looks,
     /// What is seen through each pixel.
     sum: Coordinates,
     streams: [Stream; RAYS],
@@ -100,12 +97,12 @@ impl Wavefront<'_> {
     ) {
         let mut paths = THESE_PATHS.take().unwrap_or_else(zeroed_box);
         paths.start(tile, frame.options.seed);
-        paths.looks.open.fill(if self.effects.diffuse_bounces.is_some() { 0.0 } else { 1.0 });
+        tile.looks.open.fill(if self.effects.diffuse_bounces.is_some() { 0.0 } else { 1.0 });
         for wave in 0.. {
-            self.surfaces(simd, tile, &mut paths, tally);
+            self.shader.look(tile, tally);
             if let Some(occlusion) = self.effects.ambient_occlusion {
                 tally.end(|t| &mut t.primary);
-                self.look_around::<S, T>(simd, frame, tile, &mut paths, (occlusion, wave), tally);
+                self.look_around::<S, T>(simd, frame, tile, &paths, (occlusion, wave), tally);
                 tally.end(|t| &mut t.ambient_occlusion);
             }
             self.see(simd, tile, &mut paths);
@@ -154,37 +151,14 @@ impl Wavefront<'_> {
         )
     }
 
-    /// Colours and normals of what a wave hit.
-    #[inline(always)]
-    fn surfaces<S: Simd>(&self, simd: S, tile: &Tile, paths: &mut Paths, tally: &mut Tally) {
-        let (mesh, textures) = (self.shader.mesh, self.effects.textures);
-        let (count, hits) = (tile.seen.rays.count, &tile.seen.hits);
-        for first in (0..count).step_by(S::f32s::LEN) {
-            let lanes = hits.lanes(simd, first);
-            if lanes != 0 {
-                let normal: [S::f32s; 3] = self.shader.normal(simd, first, lanes, hits, &tile.surfaces);
-                store3(normal, &mut paths.looks.normal, first);
-            }
-        }
-        tally.end(|t| &mut t.primary);
-        for i in 0..count {
-            let Some(hit) = hits.get(i) else { continue };
-            let material = mesh.material(hit.primitive);
-            let color = if textures { mesh.textured_color(&hit) } else { material.color };
-            set(&mut paths.looks.albedo, i, color.into());
-            tally.stats.textured += u64::from(textures && material.texture.is_some());
-        }
-        tally.end(|t| if textures { &mut t.textures } else { &mut t.primary });
-    }
-
     /// Finds out how much of the sky is open above what a wave hit.
     #[inline(always)]
     fn look_around<S: Simd, T: WideTest>(
         &self,
         simd: S,
         frame: &Frame<'_>,
-        tile: &Tile,
-        paths: &mut Paths,
+        tile: &mut Tile,
+        paths: &Paths,
         (AmbientOcclusion { samples, distance }, wave): (AmbientOcclusion, u32),
         tally: &mut Tally,
     ) {
@@ -194,7 +168,7 @@ impl Wavefront<'_> {
                 continue;
             }
             let from = off_surface(tile, i);
-            let (face, normal) = (at(&tile.surfaces.face, i), at(&paths.looks.normal, i));
+            let (face, normal) = (at(&tile.surfaces.face, i), at(&tile.looks.normal, i));
             let stream = paths.streams[usize::from(paths.whose[i])].split(wave);
             let mut hidden = 0;
             for n in 0..samples {
@@ -204,14 +178,14 @@ impl Wavefront<'_> {
                 hidden += u32::from(hit.is_some());
             }
             tally.stats.rays_ambient_occlusion += u64::from(samples);
-            paths.looks.open[i] = 1.0 - hidden as f32 / samples.max(1) as f32;
+            tile.looks.open[i] = 1.0 - hidden as f32 / samples.max(1) as f32;
         }
     }
 
     /// Adds what the rays of a wave see to their pixels.
     #[inline(always)]
     fn see<S: Simd>(&self, simd: S, tile: &mut Tile, paths: &mut Paths) {
-        self.shader.shade(simd, tile, Some(&paths.looks));
+        self.shader.shade(simd, tile);
         for i in 0..tile.seen.rays.count {
             let color = match (tile.seen.hits.get(i), self.effects.diffuse_bounces) {
                 (Some(hit), _) if self.is_mirror(hit.primitive) => continue,
@@ -232,8 +206,8 @@ impl Wavefront<'_> {
         let (mut next, sample, stats) = (0, frame.options.sample, &mut tally.stats);
         for i in 0..tile.seen.rays.count {
             let Some(hit) = tile.seen.hits.get(i) else { continue };
-            let (face, normal) = (at(&tile.surfaces.face, i), at(&paths.looks.normal, i));
-            let mut weight = at(&paths.weight, i) * at(&paths.looks.albedo, i);
+            let (face, normal) = (at(&tile.surfaces.face, i), at(&tile.looks.normal, i));
+            let mut weight = at(&paths.weight, i) * at(&tile.looks.albedo, i);
             let (mut mirrors, mut bounces) = (paths.mirrors[i], paths.bounces[i]);
             let specular = self.is_mirror(hit.primitive);
             let direction = if specular {

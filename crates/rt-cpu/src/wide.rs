@@ -213,7 +213,7 @@ impl WideTest for MollerTrumbore {
             let a = lanes::<S, V>(simd, &corners[0][k]);
             e1[k] = lanes::<S, V>(simd, &corners[1][k]) - a;
             e2[k] = lanes::<S, V>(simd, &corners[2][k]) - a;
-            s[k] = s[k] - a;
+            s[k] -= a;
         }
         let (p, q) = (cross(rays.direction, e2), cross(s, e1));
         let inv_det = V::simd_from(simd, 1.0) / dot(e1, p);
