@@ -94,7 +94,7 @@ impl AffAnimation {
         let note = || format!("{} {lists} of keys out of order: put in order of time", scene.disordered);
         let model = Model {
             topology,
-            rest: Vec::new(),
+            rest: rest.clone(),
             duration: if still { 0.0 } else { (end - start).min(f64::MAX) },
             // As the benchmark prescribes.
             frames: time.map(|(_, _, frames)| frames),
@@ -171,11 +171,7 @@ impl Animation for AffAnimation {
     }
 
     fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
-        assert_eq!(
-            positions.len(),
-            self.model.topology.vertex_count,
-            "positions are those of another animation"
-        );
+        assert_eq!(positions.len(), self.model.rest.len(), "positions are those of another animation");
         let mut stats = PoseStats::default();
         let at = |on: bool| self.key_time(if on { time } else { 0.0 });
         let mut moving = self.moving.iter().filter(|part| part.motion.intersects(kinds)).peekable();
