@@ -33,11 +33,11 @@ pub(crate) struct AffAnimation {
     /// What is subtracted from the coordinates of the file.
     origin: DVec3,
     camera: Option<Camera>,
-    /// The track of the camera, if it moves.
-    camera_track: Option<Arc<Track>>,
+    /// The track of the camera, without keys if it stands still.
+    camera_track: Arc<Track>,
     light: Option<AffLight>,
-    /// The track of the light itself, if it moves.
-    light_track: Option<Arc<Track>>,
+    /// The track of the light itself, without keys if it stands still.
+    light_track: Arc<Track>,
 }
 
 /// A part that moves: its triangles have keys of their own, or they all stay where `local` has them
@@ -80,16 +80,17 @@ impl AffAnimation {
         let light = lights.into_iter().next();
         let light = light.map(|light| AffLight { frame: place(&places, light.frame), color, ..light });
         let light_track = light.as_ref().and_then(|light| tracks.get(light.track.as_ref()?).cloned());
-        let camera_track = tracks.remove("camera");
+        let light_track = light_track.unwrap_or_default();
+        let camera_track = tracks.remove("camera").unwrap_or_default();
         let moving = moving_parts(&mut topology, &mut rest, sources, &places);
 
         // From start to end as the file says, or else as long as anything has keys.
-        let tracks = || nodes.iter().map(|(track, _)| track).chain(&camera_track).chain(&light_track);
+        let tracks = || nodes.iter().map(|(track, _)| track).chain([&camera_track, &light_track]);
         let patches = moving.iter().flat_map(|part| &part.patches);
         let spans = patches.map(Patch::span).chain(tracks().flat_map(|track| track.spans()));
         let keys = spans.reduce(|(a, b), (start, end)| (a.min(start), b.max(end)));
         let (start, end) = time.map(|(start, end, _)| (start, end)).or(keys).unwrap_or_default();
-        let still = moving.is_empty() && tracks().next().is_none();
+        let still = moving.is_empty() && tracks().all(|track| track.is_identity());
         let lists = if scene.disordered == 1 { "list" } else { "lists" };
         let note = || format!("{} {lists} of keys out of order: put in order of time", scene.disordered);
         let model = Model {
@@ -206,17 +207,12 @@ impl Animation for AffAnimation {
     /// The `v` block, moved by the track named `camera`; the camera of that track looks along its
     /// negative z axis.
     fn view(&self, time: f64) -> Option<View> {
-        let (camera, track) = (self.camera.as_ref()?, self.camera_track.as_ref());
-        let time = self.key_time(time);
-        let (mut eye, mut forward, mut up) = (camera.from, camera.at - camera.from, camera.up);
-        if let Some(translation) = track.and_then(|track| track.translation.as_ref()) {
-            eye = translation.at(time);
-        }
-        eye -= self.origin;
-        if let Some(rotation) = track.and_then(|track| track.rotation.as_ref()) {
-            let rotation = rotation.at(time);
-            (forward, up) = (rotation * DVec3::NEG_Z, rotation * DVec3::Y);
-        }
+        let (camera, track, time) = (self.camera.as_ref()?, &self.camera_track, self.key_time(time));
+        let eye = track.translation.as_ref().map_or(camera.from, |eye| eye.at(time)) - self.origin;
+        let (forward, up) = match track.rotation.as_ref().map(|rotation| rotation.at(time)) {
+            Some(rotation) => (rotation * DVec3::NEG_Z, rotation * DVec3::Y),
+            None => (camera.at - camera.from, camera.up),
+        };
         // Far enough for the sum to keep the direction, wherever the eye is.
         let target = eye + forward.try_normalize()? * eye.length().max(1.0);
         let view = View {
@@ -231,7 +227,7 @@ impl Animation for AffAnimation {
     /// One light for all: at the first one's place, with all their colours added up, to 1 at most.
     fn light(&self, time: f64) -> Option<Light> {
         let (light, time) = (self.light.as_ref()?, self.key_time(time));
-        let translation = self.light_track.as_ref().and_then(|track| track.translation.as_ref());
+        let translation = self.light_track.translation.as_ref();
         let position = translation.map_or(light.position, |translation| translation.at(time));
         let position = resolve(&self.to_world(time), light.frame).transform_point3(position).as_vec3();
         let color = light.color.as_vec3().to_array().map(|channel| channel.clamp(0.0, 1.0));
