@@ -27,11 +27,11 @@ use std::sync::Arc;
 use ::gltf::json::mesh::Semantic;
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{Index, Mesh, Root};
-use glam::{Affine3A, DVec3, Mat3A, Vec2, Vec3};
+use glam::{Affine3A, Mat3A, Vec2, Vec3};
 
 use self::accessor::{ALL, Accessors};
 use self::material::{Mapping, add_textures, material_of, materials};
-use self::nodes::{Channels, Far, Nodes, affine, node_name, target_count};
+use self::nodes::{Channels, Nodes, affine, node_name, target_count};
 use self::primitive::Geometry;
 use self::seen::{Camera, LightSource};
 use self::track::Track;
@@ -98,19 +98,9 @@ pub(crate) fn parse(
         };
         chosen = found;
     }
-    let accessors = Accessors {
-        root: &root,
-        buffers: &buffers,
-        file,
-        budget,
-        textures: options.textures,
-        left_out: RefCell::default(),
-    };
-    let far = match options.origin {
-        DVec3::ZERO => Ok(None),
-        origin => source::translations(bytes).map(|translations| Some(Far { origin, translations })),
-    };
-    far.and_then(|far| Loader::load(&accessors, chosen, far)).map_err(|problem| problem.in_file(file))
+    let accessors =
+        Accessors { root: &root, buffers: &buffers, file, budget, options, left_out: RefCell::default() };
+    Loader::load(&accessors, bytes, chosen).map_err(|problem| problem.in_file(file))
 }
 
 /// Puts an animation together.
@@ -124,11 +114,12 @@ struct Loader<'a> {
 }
 
 impl<'a> Loader<'a> {
-    fn load(accessors: &'a Accessors<'a>, clip: usize, far: Option<Far>) -> Result<GltfAnimation, Problem> {
+    /// `bytes` are those of the file that `accessors` were read from.
+    fn load(accessors: &'a Accessors<'a>, bytes: &[u8], clip: usize) -> Result<GltfAnimation, Problem> {
         let root = accessors.root;
         let mut channels = Channels::read(root.animations.get(clip), accessors)?;
         let scene = scene_nodes(root)?;
-        let nodes = Nodes::read(root, &scene, &mut channels, far)?;
+        let nodes = Nodes::read(accessors, bytes, &scene, &mut channels)?;
         let skins =
             (0..root.skins.len()).map(|skin| Skin::read(skin, accessors)).collect::<Result<Vec<_>, _>>()?;
         let topology = Topology { materials: materials(root), ..Topology::default() };

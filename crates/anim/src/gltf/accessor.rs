@@ -10,6 +10,7 @@ use ::gltf::json::validation::Checked;
 use ::gltf::json::{Accessor, Index, Root, buffer};
 
 use super::source::Bytes;
+use crate::LoadOptions;
 use crate::budget::Budget;
 use crate::error::{Problem, numbered};
 
@@ -20,8 +21,7 @@ pub(super) struct Accessors<'a> {
     /// The file, beside which images lie.
     pub(super) file: &'a Path,
     pub(super) budget: Budget,
-    /// Whether textures are read.
-    pub(super) textures: bool,
+    pub(super) options: &'a LoadOptions<'a>,
     /// How many there are of what is left out.
     pub(super) left_out: RefCell<BTreeMap<&'static str, usize>>,
 }

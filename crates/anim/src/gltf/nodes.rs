@@ -6,6 +6,7 @@ use ::gltf::json::{Index, Root};
 use glam::{Affine3A, DAffine3, DVec3, Mat4, Quat, Vec3};
 
 use super::accessor::{ALL, Accessors};
+use super::source::translations;
 use super::track::Track;
 use crate::error::{Problem, numbered};
 
@@ -21,16 +22,10 @@ pub(super) struct Nodes {
     order: Vec<usize>,
     /// Node to scene at time 0.
     pub(super) global_at_rest: Vec<Affine3A>,
-    far: Option<Far>,
-}
-
-/// An origin that lies elsewhere than the file's. Transforms are then composed in `f64`, and the
-/// origin is subtracted from those of nodes in the scene before they are rounded: close to it the
-/// scene keeps its details.
-pub(super) struct Far {
-    pub(super) origin: DVec3,
-    /// Of each node, what holds where no track says otherwise, if it has any.
-    pub(super) translations: Vec<Option<DVec3>>,
+    /// If it lies elsewhere than the file's, transforms are composed in `f64`, and the origin is
+    /// subtracted from those of nodes in the scene before they are rounded: close to it the scene
+    /// keeps its details.
+    origin: DVec3,
 }
 
 /// Transform of a node relative to its parent.
@@ -41,6 +36,8 @@ struct Local {
     translation: Vec3,
     rotation: Quat,
     scale: Vec3,
+    /// The translation with all its digits, if it has no track and they are needed.
+    exact_translation: Option<DVec3>,
     /// Of translation, rotation and scale.
     tracks: [Option<Track>; 3],
 }
@@ -146,23 +143,20 @@ pub(super) fn node_name(root: &Root, node: usize) -> String {
 
 impl Nodes {
     /// Reads the hierarchy, which must be a forest, and takes the tracks of `channels` that move
-    /// something. `far` is the origin, if it is another than the file's.
+    /// something. `bytes` are those of the file.
     pub(super) fn read(
-        root: &Root,
+        accessors: &Accessors<'_>,
+        bytes: &[u8],
         scene: &[usize],
         channels: &mut Channels,
-        mut far: Option<Far>,
     ) -> Result<Self, Problem> {
+        let (root, origin) = (accessors.root, accessors.options.origin);
         let parent = parents(root)?;
-        if let Some(far) = &mut far {
-            for (translation, tracks) in far.translations.iter_mut().zip(&channels.transforms) {
-                // What a track of the translation says, be it the same at all times, takes its
-                // place.
-                translation.take_if(|_| tracks[0].is_some());
-            }
-        }
-        let tracks = channels.transforms.drain(..);
-        let local: Vec<Local> = root.nodes.iter().zip(tracks).map(Local::read).collect();
+        let translations = if origin == DVec3::ZERO { Vec::new() } else { translations(bytes)? };
+        let translations = translations.into_iter().chain(std::iter::repeat(None));
+        let given = root.nodes.iter().zip(channels.transforms.drain(..)).zip(translations);
+        let local: Vec<Local> =
+            given.map(|((node, tracks), exact)| Local::read(node, tracks, exact)).collect();
         let count = local.len();
         let mut nodes = Self {
             moves: vec![false; count],
@@ -171,7 +165,7 @@ impl Nodes {
             global_at_rest: vec![Affine3A::IDENTITY; count],
             parent,
             local,
-            far,
+            origin,
         };
         scene.iter().for_each(|&node| nodes.in_scene[node] = true);
         for &node in &nodes.order {
@@ -185,8 +179,8 @@ impl Nodes {
 
     /// Node to scene at `time`, of every node.
     pub(super) fn globals(&self, time: f64) -> Vec<Affine3A> {
-        if let Some(far) = &self.far {
-            return self.globals_from(far, time);
+        if self.origin != DVec3::ZERO {
+            return self.globals_from_origin(time);
         }
         let mut globals = self.global_at_rest.clone();
         for &node in self.order.iter().filter(|&&node| self.moves[node]) {
@@ -196,23 +190,23 @@ impl Nodes {
         globals
     }
 
-    /// As [`globals`](Self::globals), relative to an origin.
-    fn globals_from(&self, far: &Far, time: f64) -> Vec<Affine3A> {
+    /// As [`globals`](Self::globals), relative to an origin other than the file's.
+    fn globals_from_origin(&self, time: f64) -> Vec<Affine3A> {
         let mut globals = vec![DAffine3::IDENTITY; self.local.len()];
         for &node in &self.order {
             let mut local = self.local[node].at(time).as_daffine3();
-            local.translation = far.translations[node].unwrap_or(local.translation);
+            local.translation = self.local[node].exact_translation.unwrap_or(local.translation);
             globals[node] = self.parent[node].map_or(local, |parent| globals[parent] * local);
         }
         for (global, _) in globals.iter_mut().zip(&self.in_scene).filter(|&(_, &in_scene)| in_scene) {
-            global.translation -= far.origin;
+            global.translation -= self.origin;
         }
         globals.iter().map(DAffine3::as_affine3a).collect()
     }
 }
 
 impl Local {
-    fn read((node, tracks): (&::gltf::json::Node, [Option<Track>; 3])) -> Self {
+    fn read(node: &::gltf::json::Node, tracks: [Option<Track>; 3], exact: Option<DVec3>) -> Self {
         let given = node.matrix.map(|matrix| affine(&matrix));
         let (scale, rotation, translation) = match given {
             Some(matrix) => matrix.to_scale_rotation_translation(),
@@ -222,7 +216,10 @@ impl Local {
                 Vec3::from_array(node.translation.unwrap_or_default()),
             ),
         };
-        let mut local = Self { fixed: Affine3A::IDENTITY, translation, rotation, scale, tracks };
+        // What a track of the translation says, be it the same at all times, takes its place.
+        let exact_translation = exact.filter(|_| tracks[0].is_none());
+        let fixed = Affine3A::IDENTITY;
+        let mut local = Self { fixed, translation, rotation, scale, exact_translation, tracks };
         local.fixed = given.filter(|_| !local.moves()).unwrap_or_else(|| local.composed(0.0));
         // Exporters like to write keys for everything; a value that stays the same is no motion.
         (local.scale, local.rotation, local.translation) = local.parts(0.0);
