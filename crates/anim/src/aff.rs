@@ -26,7 +26,8 @@ use crate::{Animation, Light, Model, Motion, PoseStats, Topology, View};
 /// It takes time linear in the numbers of transforms and of vertices that move.
 pub(crate) struct AffAnimation {
     model: Model,
-    moving: Vec<Moving>,
+    /// One for each part, empty for those that stand still.
+    sources: Vec<Source>,
     /// The animated transforms that do move.
     nodes: Vec<(Arc<Track>, Frame)>,
     start: f64,
@@ -40,16 +41,6 @@ pub(crate) struct AffAnimation {
     light_track: Arc<Track>,
 }
 
-/// A part that moves: its triangles have keys of their own, or they all stay where `local` has them
-/// under the node.
-struct Moving {
-    vertices: Range<usize>,
-    node: Option<u32>,
-    local: Vec<Vec3>,
-    patches: Vec<Patch>,
-    motion: Motion,
-}
-
 /// Loads the scene that `file` names, relative to `origin`.
 pub(crate) fn load(file: &Path, origin: DVec3) -> Result<AffAnimation, LoadError> {
     let scene = reader::read(file, origin)?;
@@ -61,8 +52,7 @@ pub(crate) fn load(file: &Path, origin: DVec3) -> Result<AffAnimation, LoadError
 
 impl AffAnimation {
     fn new(scene: Scene, origin: DVec3) -> Self {
-        let Scene { mut topology, positions: mut rest, sources, mut tracks, camera, lights, time, .. } =
-            scene;
+        let Scene { mut topology, mut sources, mut tracks, camera, lights, time, .. } = scene;
         tracks.retain(|_, track| !track.is_identity());
         // Transforms that do not move are folded into what is under them.
         let (mut nodes, mut places) = (Vec::new(), Vec::new());
@@ -82,15 +72,16 @@ impl AffAnimation {
         let light_track = light.as_ref().and_then(|light| tracks.get(light.track.as_ref()?).cloned());
         let light_track = light_track.unwrap_or_default();
         let camera_track = tracks.remove("camera").unwrap_or_default();
-        let moving = moving_parts(&mut topology, &mut rest, sources, &places);
+        let mut rest = place_parts(&mut topology, &mut sources, &places);
 
         // From start to end as the file says, or else as long as anything has keys.
         let tracks = || nodes.iter().map(|(track, _)| track).chain([&camera_track, &light_track]);
-        let patches = moving.iter().flat_map(|part| &part.patches);
+        let patches = sources.iter().flat_map(|part| &part.patches);
         let spans = patches.map(Patch::span).chain(tracks().flat_map(|track| track.spans()));
         let keys = spans.reduce(|(a, b), (start, end)| (a.min(start), b.max(end)));
         let (start, end) = time.map(|(start, end, _)| (start, end)).or(keys).unwrap_or_default();
-        let still = moving.is_empty() && tracks().all(|track| track.is_identity());
+        let parts_are_still = topology.parts.iter().all(|part| part.motion.is_still());
+        let still = parts_are_still && tracks().all(|track| track.is_identity());
         let lists = if scene.disordered == 1 { "list" } else { "lists" };
         let note = || format!("{} {lists} of keys out of order: put in order of time", scene.disordered);
         let model = Model {
@@ -102,7 +93,7 @@ impl AffAnimation {
             notes: (scene.disordered > 0).then(note).into_iter().collect(),
         };
         let mut animation =
-            Self { model, moving, nodes, start, origin, camera, camera_track, light, light_track };
+            Self { model, sources, nodes, start, origin, camera, camera_track, light, light_track };
         animation.pose(0.0, &mut rest);
         animation.model.rest = rest;
         animation
@@ -124,36 +115,32 @@ impl AffAnimation {
 }
 
 /// Places the parts where they are under nodes that move, or in the world, marks what moves, and
-/// gives it.
-fn moving_parts(
-    topology: &mut Topology,
-    rest: &mut [Vec3],
-    sources: Vec<Source>,
-    places: &[Frame],
-) -> Vec<Moving> {
-    let mut moving = Vec::new();
-    for (part, Source { node, mut patches }) in topology.parts.iter_mut().zip(sources) {
-        let Frame { node, fixed } = place(places, Frame { node, ..Frame::default() });
-        let vertices = part.vertices.start as usize..part.vertices.end as usize;
-        let transform = |p: &mut Vec3| *p = fixed.transform_point3(p.as_dvec3()).as_vec3();
+/// gives the positions there, those of patches at their first keys.
+fn place_parts(topology: &mut Topology, sources: &mut [Source], places: &[Frame]) -> Vec<Vec3> {
+    let mut positions = Vec::new();
+    for (part, source) in topology.parts.iter_mut().zip(sources) {
+        let Frame { node, fixed } = place(places, Frame { node: source.node, ..Frame::default() });
+        let Source { local, patches, .. } = source;
         if fixed != DAffine3::IDENTITY {
-            rest[vertices.clone()].iter_mut().for_each(transform);
-            patches.iter_mut().flat_map(Patch::corners_mut).for_each(transform);
+            let corners = local.iter_mut().chain(patches.iter_mut().flat_map(Patch::corners_mut));
+            corners.for_each(|p| *p = fixed.transform_point3(p.as_dvec3()).as_vec3());
         }
+        positions.extend_from_slice(local);
+        positions.extend(patches.iter().flat_map(|patch| patch.0[0].corners));
         part.motion.set(Motion::RIGID, node.is_some());
         part.motion.set(Motion::KEY_FRAMES, patches.iter().any(Patch::moves));
         if part.motion.is_still() {
+            *source = Source::default();
             continue;
         }
         let moves = &mut topology.moves[part.triangles.start as usize..part.triangles.end as usize];
         moves.fill(node.is_some());
-        for (moves, patch) in moves.iter_mut().zip(&patches) {
+        for (moves, patch) in moves.iter_mut().zip(patches) {
             *moves |= patch.moves();
         }
-        let local = if patches.is_empty() { rest[vertices.clone()].to_vec() } else { Vec::new() };
-        moving.push(Moving { vertices, node, local, patches, motion: part.motion });
+        source.node = node;
     }
-    moving
+    positions
 }
 
 /// A frame whose node is one of `places`, as one whose node is what that is under.
@@ -175,14 +162,16 @@ impl Animation for AffAnimation {
         assert_eq!(positions.len(), self.model.rest.len(), "positions are those of another animation");
         let mut stats = PoseStats::default();
         let at = |on: bool| self.key_time(if on { time } else { 0.0 });
-        let mut moving = self.moving.iter().filter(|part| part.motion.intersects(kinds)).peekable();
+        let parts = self.model.topology.parts.iter().zip(&self.sources);
+        let mut moving = parts.filter(|(part, _)| part.motion.intersects(kinds)).peekable();
         if moving.peek().is_none() {
             return stats;
         }
         let to_world: Vec<Affine3A> =
             self.to_world(at(kinds.contains(Motion::RIGID))).iter().map(DAffine3::as_affine3a).collect();
-        for Moving { vertices, node, local, patches, motion } in moving {
-            let (positions, motion) = (&mut positions[vertices.clone()], *motion & kinds);
+        for (part, Source { node, local, patches }) in moving {
+            let Range { start, end } = part.vertices;
+            let (positions, motion) = (&mut positions[start as usize..end as usize], part.motion & kinds);
             if patches.is_empty() {
                 positions.copy_from_slice(local);
             } else {

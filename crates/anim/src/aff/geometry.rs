@@ -54,11 +54,13 @@ impl Patch {
     }
 }
 
-/// What a part of the topology is made from.
+/// What a part of the topology is made from: its triangles have keys of their own, or they all stay
+/// where `local` has them under the node.
+#[derive(Default)]
 pub(super) struct Source {
     /// Animated transform that the part is under.
     pub(super) node: Option<u32>,
-    /// One for each triangle, or none at all.
+    pub(super) local: Vec<Vec3>,
     pub(super) patches: Vec<Patch>,
 }
 

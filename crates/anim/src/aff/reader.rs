@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::{DAffine3, DQuat, DVec3, Vec3};
+use glam::{DAffine3, DQuat, DVec3};
 
 use super::geometry::{Frame, Patch, PatchKey, Shape, Source, cone, sphere};
 use super::tokens::{Tokens, spaced};
@@ -31,8 +31,6 @@ pub(super) type Name = Arc<str>;
 #[derive(Default)]
 pub(super) struct Scene {
     pub(super) topology: Topology,
-    /// As given by the frames' nodes.
-    pub(super) positions: Vec<Vec3>,
     /// One for each part.
     pub(super) sources: Vec<Source>,
     /// Animated transforms, each after the one it is under: the track, and where its own
@@ -252,8 +250,8 @@ impl Reader {
 
     fn add(&mut self, (vertices, triangles): Shape, part: &str) -> Result<(), Problem> {
         let fixed = self.frame.fixed;
-        self.extend_part(part, vertices.len(), &triangles, None)?;
-        self.scene.positions.extend(vertices.iter().map(|vertex| fixed.transform_point3(*vertex).as_vec3()));
+        let source = self.extend_part(part, vertices.len(), &triangles, false)?;
+        source.local.extend(vertices.iter().map(|vertex| fixed.transform_point3(*vertex).as_vec3()));
         Ok(())
     }
 
@@ -266,21 +264,19 @@ impl Reader {
             keys.push(PatchKey { time, corners: [0, 1, 2].map(corner) });
         }
         put_in_order(&mut keys, |key| key.time, tokens);
-        let corners = keys[0].corners;
-        self.extend_part(part, 3, &[[0, 1, 2]], Some(Patch(keys)))?;
-        self.scene.positions.extend(corners);
+        self.extend_part(part, 3, &[[0, 1, 2]], true)?.patches.push(Patch(keys));
         Ok(())
     }
 
     /// Adds triangles that number their own `vertices` to the last part, or to a new one where that
-    /// is of another file, material, transform or kind.
+    /// is of another file, material, transform or kind. The caller adds the vertices.
     fn extend_part(
         &mut self,
         name: &str,
         vertices: usize,
         triangles: &[[u32; 3]],
-        patch: Option<Patch>,
-    ) -> Result<(), Problem> {
+        is_patch: bool,
+    ) -> Result<&mut Source, Problem> {
         self.budget.spend_on(vertices, triangles.len(), WHOLE_SCENE)?;
         let Self { scene: Scene { topology, sources, .. }, frame, material, .. } = self;
         let last = topology.parts.pop_if(|part| {
@@ -288,7 +284,7 @@ impl Reader {
                 part.name == name
                     && part.material == *material
                     && source.node == frame.node
-                    && source.patches.is_empty() == patch.is_none()
+                    && source.patches.is_empty() != is_patch
             })
         });
         let too_large = || Problem::new(WHOLE_SCENE, "too many vertices or triangles", NUMBERED);
@@ -298,12 +294,10 @@ impl Reader {
             Some(last) => {
                 (part.triangles.start, part.vertices.start) = (last.triangles.start, last.vertices.start);
             }
-            None => sources.push(Source { node: frame.node, patches: Vec::new() }),
+            None => sources.push(Source { node: frame.node, ..Source::default() }),
         }
-        if let Some(source) = sources.last_mut() {
-            source.patches.extend(patch);
-        }
-        Ok(())
+        let last = sources.len() - 1;
+        Ok(&mut sources[last])
     }
 
     fn track(&mut self, tokens: &mut Tokens<'_>) -> Result<(), Problem> {
