@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use crate::error::LoadError;
 use crate::files::{irregular, read_file};
@@ -105,8 +105,12 @@ fn no_clip(file: &Path, options: &LoadOptions<'_>) -> Result<(), LoadError> {
 /// [`load`] that keeps the details of a model far away. O(vertices).
 #[must_use]
 pub fn center(animation: &dyn Animation) -> DVec3 {
-    let rest = animation.rest();
-    let finite = || rest.iter().filter(|position| position.is_finite()).map(|p| p.as_dvec3());
-    let (low, high) = finite().fold((DVec3::MAX, DVec3::MIN), |(low, high), p| (low.min(p), high.max(p)));
-    if low.cmple(high).all() { (0.5 * (low + high)).round() } else { DVec3::ZERO }
+    let middle = |(low, high): (Vec3, Vec3)| (0.5 * (low.as_dvec3() + high.as_dvec3())).round();
+    bounds(&animation.model().rest).map_or(DVec3::ZERO, middle)
+}
+
+/// The lowest and the highest corner of the box around all finite positions, if there are any.
+pub(crate) fn bounds(positions: &[Vec3]) -> Option<(Vec3, Vec3)> {
+    let finite = positions.iter().filter(|position| position.is_finite()).map(|&p| (p, p));
+    finite.reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))
 }

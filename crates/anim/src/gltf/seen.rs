@@ -7,6 +7,7 @@ use glam::{Affine3A, Vec3};
 
 use super::nodes::node_name;
 use crate::error::{Problem, numbered};
+use crate::load::bounds;
 use crate::{Light, View};
 
 /// A perspective camera at a node.
@@ -61,17 +62,12 @@ impl LightSource {
         let lights = lights.map_or(&[][..], |lights| &lights.lights);
         let light = numbered(lights, number.value(), "light", node_name(root, node))?;
         let is = |kind| matches!(light.type_, Checked::Valid(found) if found == kind);
-        let directional = is(LightType::Directional).then(|| {
-            let finite = || rest.iter().filter(|position| position.is_finite());
-            let (min, max) = finite()
-                .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), p| (min.min(*p), max.max(*p)));
-            if min.is_finite() {
-                let extent = (max.as_dvec3() - min.as_dvec3()).length();
-                (0.5 * min + 0.5 * max, (100.0 * extent).min(f64::from(f32::MAX / 4.0)) as f32)
-            } else {
-                (Vec3::ZERO, 1.0)
-            }
-        });
+        let far_from = |(low, high): (Vec3, Vec3)| {
+            let extent = (high.as_dvec3() - low.as_dvec3()).length();
+            (0.5 * low + 0.5 * high, (100.0 * extent).min(f64::from(f32::MAX / 4.0)) as f32)
+        };
+        let directional =
+            is(LightType::Directional).then(|| bounds(rest).map_or((Vec3::ZERO, 1.0), far_from));
         let spot = || "the spot light shines all round, without its cone".to_owned();
         let spot = is(LightType::Spot).then(spot);
         let others = of_scene.count();
