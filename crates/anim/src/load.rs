@@ -66,15 +66,12 @@ impl Default for LoadOptions<'_> {
 pub fn load(path: &Path, options: &LoadOptions<'_>) -> Result<Box<dyn Animation>, LoadError> {
     let kind = std::fs::metadata(path).map_err(LoadError::io(path))?;
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    if kind.is_dir() || extension == "aff" {
+        no_clip(path, options)?;
+    }
     match &*extension {
-        _ if kind.is_dir() => {
-            no_clip(path, options)?;
-            Ok(Box::new(sequence::load(path, options.origin)?))
-        }
-        "aff" => {
-            no_clip(path, options)?;
-            Ok(Box::new(aff::load(path, options.origin)?))
-        }
+        _ if kind.is_dir() => Ok(Box::new(sequence::load(path, options.origin)?)),
+        "aff" => Ok(Box::new(aff::load(path, options.origin)?)),
         "glb" | "gltf" | "obj" | "ply" | "stl" => parse(path, &read_file(path)?, options),
         _ if !kind.is_file() => Err(irregular(path)),
         "" => Err(LoadError::unsupported(path, "a file without extension")),
