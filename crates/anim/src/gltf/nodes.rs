@@ -30,8 +30,8 @@ pub(super) struct Nodes {
 
 /// Transform of a node relative to its parent.
 struct Local {
-    /// The transform of a node that is not animated.
-    fixed: Affine3A,
+    /// That of a node given by a matrix, which may shear, and not animated.
+    matrix: Option<Affine3A>,
     /// What holds where no track says otherwise.
     translation: Vec3,
     rotation: Quat,
@@ -207,8 +207,8 @@ impl Nodes {
 
 impl Local {
     fn read(node: &::gltf::json::Node, tracks: [Option<Track>; 3], exact: Option<DVec3>) -> Self {
-        let given = node.matrix.map(|matrix| affine(&matrix));
-        let (scale, rotation, translation) = match given {
+        let matrix = node.matrix.map(|matrix| affine(&matrix));
+        let (scale, rotation, translation) = match matrix {
             Some(matrix) => matrix.to_scale_rotation_translation(),
             None => (
                 Vec3::from_array(node.scale.unwrap_or([1.0; 3])),
@@ -216,11 +216,10 @@ impl Local {
                 Vec3::from_array(node.translation.unwrap_or_default()),
             ),
         };
-        // What a track of the translation says, be it the same at all times, takes its place.
+        // What tracks say, be it the same at all times, takes the place of what the node says.
         let exact_translation = exact.filter(|_| tracks[0].is_none());
-        let fixed = Affine3A::IDENTITY;
-        let mut local = Self { fixed, translation, rotation, scale, exact_translation, tracks };
-        local.fixed = given.filter(|_| !local.moves()).unwrap_or_else(|| local.composed(0.0));
+        let matrix = matrix.filter(|_| tracks.iter().all(Option::is_none));
+        let mut local = Self { matrix, translation, rotation, scale, exact_translation, tracks };
         // Exporters like to write keys for everything; a value that stays the same is no motion.
         (local.scale, local.rotation, local.translation) = local.parts(0.0);
         for track in &mut local.tracks {
@@ -234,12 +233,9 @@ impl Local {
     }
 
     fn at(&self, time: f64) -> Affine3A {
-        if self.moves() { self.composed(time) } else { self.fixed }
-    }
-
-    fn composed(&self, time: f64) -> Affine3A {
         let (scale, rotation, translation) = self.parts(time);
-        Affine3A::from_scale_rotation_translation(scale, rotation, translation)
+        let composed = || Affine3A::from_scale_rotation_translation(scale, rotation, translation);
+        self.matrix.unwrap_or_else(composed)
     }
 
     /// Scale, rotation and translation.
