@@ -156,6 +156,11 @@ pub struct Model {
 }
 
 impl Model {
+    /// A model without triangles yet.
+    pub(crate) fn with_materials(materials: Vec<Material>) -> Self {
+        Self { topology: Topology { materials, ..Topology::default() }, ..Self::default() }
+    }
+
     /// The nearest time of the loop; 0 for a time that is not a number.
     #[must_use]
     pub fn clamp(&self, time: f64) -> f64 {

@@ -37,7 +37,7 @@ use self::seen::{Camera, LightSource};
 use self::track::Track;
 use crate::budget::Budget;
 use crate::error::{LoadError, NUMBERED, Problem, numbered};
-use crate::{Animation, Light, LoadOptions, Model, Motion, PoseStats, Topology, View};
+use crate::{Animation, Light, LoadOptions, Model, Motion, PoseStats, View};
 
 /// A clip of a glTF file, ready to be posed at any time.
 ///
@@ -122,8 +122,7 @@ impl<'a> Loader<'a> {
         let nodes = Nodes::read(accessors, bytes, &scene, &mut channels)?;
         let skins =
             (0..root.skins.len()).map(|skin| Skin::read(skin, accessors)).collect::<Result<Vec<_>, _>>()?;
-        let topology = Topology { materials: materials(root), ..Topology::default() };
-        let model = Model { topology, ..Model::default() };
+        let model = Model::with_materials(materials(root));
         let animation = GltfAnimation { model, nodes, skins, ..GltfAnimation::default() };
         let mut loader = Self { animation, accessors, channels, decoded: HashMap::new() };
         for &node in &scene {

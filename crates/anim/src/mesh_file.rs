@@ -10,17 +10,9 @@ use std::path::Path;
 
 use glam::{DVec3, Vec3};
 
+use crate::Model;
 use crate::error::{LoadError, NUMBERED, Problem};
 use crate::key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, LoopMode};
-use crate::{Material, Topology};
-
-/// A mesh as it comes from a file; its topology says nothing yet about what moves.
-pub(crate) struct Mesh {
-    pub(crate) topology: Topology,
-    pub(crate) positions: Vec<Vec3>,
-    /// What of the file is not shown.
-    pub(crate) notes: Vec<String>,
-}
 
 /// Whether [`load`](crate::load) takes a file of this name for a mesh without an animation, camera
 /// or lights: .obj, .ply or .stl, in upper or lower case.
@@ -37,8 +29,8 @@ pub(crate) fn format_of(file: &Path) -> Option<&'static str> {
 
 /// Reads a mesh that stands still, relative to `origin`.
 pub(crate) fn parse(file: &Path, bytes: &[u8], origin: DVec3) -> Result<KeyFrames, LoadError> {
-    let Mesh { topology, positions, notes } = read_mesh(file, bytes, origin)?;
-    KeyFrames::new(topology, vec![positions], DEFAULT_SECONDS_PER_FRAME, LoopMode::Restart)
+    let Model { topology, rest, notes, .. } = read_mesh(file, bytes, origin)?;
+    KeyFrames::new(topology, vec![rest], DEFAULT_SECONDS_PER_FRAME, LoopMode::Restart)
         .map(|frames| frames.with_notes(notes))
         .map_err(|problem| problem.in_file(file))
 }
@@ -48,8 +40,8 @@ fn unmarked(text: &[u8]) -> &[u8] {
     text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
 }
 
-/// Reads a mesh whose positions are relative to `origin`.
-pub(crate) fn read_mesh(file: &Path, bytes: &[u8], origin: DVec3) -> Result<Mesh, LoadError> {
+/// Reads a mesh whose positions are relative to `origin`; it says nothing yet about what moves.
+pub(crate) fn read_mesh(file: &Path, bytes: &[u8], origin: DVec3) -> Result<Model, LoadError> {
     let mesh = match format_of(file) {
         None => return Err(LoadError::unsupported(file, "another kind of mesh")),
         Some(_) if bytes.is_empty() => Err(Problem::new("start of file", "an empty file", "a mesh")),
@@ -64,12 +56,7 @@ pub(crate) fn read_mesh(file: &Path, bytes: &[u8], origin: DVec3) -> Result<Mesh
     Ok(mesh)
 }
 
-impl Mesh {
-    fn with_materials(materials: Vec<Material>) -> Self {
-        let topology = Topology { materials, ..Topology::default() };
-        Self { topology, positions: Vec::new(), notes: Vec::new() }
-    }
-
+impl Model {
     /// Adds a part whose `triangles` number its own `positions`.
     fn add_part(
         &mut self,
@@ -80,7 +67,7 @@ impl Mesh {
     ) -> Result<(), Problem> {
         let wrong = || Problem::new("whole file", "too many vertices or triangles", NUMBERED);
         self.topology.add_part(name, triangles, positions.len(), material as u32).ok_or_else(wrong)?;
-        self.positions.extend(positions);
+        self.rest.extend(positions);
         Ok(())
     }
 }

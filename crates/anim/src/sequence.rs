@@ -17,7 +17,7 @@ pub(crate) fn load(directory: &Path, origin: DVec3) -> Result<KeyFrames, LoadErr
     let (first_file, others) = files.split_first().ok_or_else(none)?;
     let read = |file: &Path| read_beside(file, file.file_name().unwrap_or_default().as_ref());
     let first = read_mesh(first_file, &read(first_file)?, origin)?;
-    let mut frames = vec![first.positions];
+    let mut frames = vec![first.rest];
     for file in others {
         let mesh = read_mesh(file, &read(file)?, origin)?;
         if let Some(difference) = difference(&mesh.topology, &first.topology) {
@@ -25,7 +25,7 @@ pub(crate) fn load(directory: &Path, origin: DVec3) -> Result<KeyFrames, LoadErr
             let expected = "the same vertices and faces in all key frames of a sequence";
             return Err(Problem::new("whole mesh", found, expected).in_file(file));
         }
-        frames.push(mesh.positions);
+        frames.push(mesh.rest);
     }
     let loop_mode = if frames.len() == 2 { LoopMode::BackAndForth } else { LoopMode::Restart };
     KeyFrames::new(first.topology, frames, DEFAULT_SECONDS_PER_FRAME, loop_mode)

@@ -6,12 +6,12 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::{Mesh, unmarked};
-use crate::Material;
+use super::unmarked;
 use crate::error::Problem;
 use crate::files::{below_folder, read_beside};
+use crate::{Material, Model};
 
-pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Problem> {
+pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Model, Problem> {
     let text = String::from_utf8_lossy(unmarked(bytes));
     let options = tobj::LoadOptions {
         triangulate: true,
@@ -50,7 +50,7 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Pro
             ..Material::default()
         })
     });
-    let mut mesh = Mesh::with_materials(colors.chain([Material::default()]).collect());
+    let mut mesh = Model::with_materials(colors.chain([Material::default()]).collect());
     let missing = missing.take().into_iter();
     mesh.notes.extend(missing.map(|name| format!("the material library {name:?} cannot be read")));
     for tobj::Model { mesh: model, name } in models {

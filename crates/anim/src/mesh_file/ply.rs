@@ -5,9 +5,8 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::Mesh;
-use crate::Material;
 use crate::error::Problem;
+use crate::{Material, Model};
 
 struct Element {
     name: String,
@@ -102,7 +101,7 @@ fn check_header(elements: &[Element]) -> Result<u64, Problem> {
     check("vertex", 2, "property z")
 }
 
-pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Problem> {
+pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Model, Problem> {
     let (elements, format, mut body) = header(bytes)?;
     let vertex_count = check_header(&elements)?;
     let (is_text, is_big_endian) = (format == "ascii", format == "binary_big_endian");
@@ -164,7 +163,7 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Mesh, Pro
         }
     }
     let name = file.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-    let mut mesh = Mesh::with_materials(vec![Material::default()]);
+    let mut mesh = Model::with_materials(vec![Material::default()]);
     mesh.add_part(name, &triangles, positions.into_iter(), 0)?;
     Ok(mesh)
 }

@@ -5,15 +5,15 @@ use std::collections::HashMap;
 
 use glam::{DVec3, Vec3};
 
-use super::{Mesh, unmarked};
-use crate::Material;
+use super::unmarked;
 use crate::error::Problem;
+use crate::{Material, Model};
 
 /// Bytes before the first facet of a binary file, and of each facet.
 const HEADER: usize = 84;
 const FACET: usize = 50;
 
-pub(super) fn read(bytes: &[u8], origin: DVec3) -> Result<Mesh, Problem> {
+pub(super) fn read(bytes: &[u8], origin: DVec3) -> Result<Model, Problem> {
     let count = bytes.get(HEADER - 4..HEADER).map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
     // Binary files may begin with `solid` too. In text the four bytes would count 2^27 facets.
     let solids = if bytes.len() >= HEADER && (bytes.len() - HEADER) / FACET >= count as usize {
@@ -26,7 +26,7 @@ pub(super) fn read(bytes: &[u8], origin: DVec3) -> Result<Mesh, Problem> {
         let found = format!("{count} facets in {} bytes", bytes.len());
         return Err(Problem::new("header", found, "`solid`, or 84 bytes and 50 for each facet"));
     };
-    let mut mesh = Mesh::with_materials(vec![Material::default()]);
+    let mut mesh = Model::with_materials(vec![Material::default()]);
     for numbers in solids {
         let (mut known, mut positions) = (HashMap::new(), Vec::new());
         let mut weld = |corner: [f32; 3]| {
