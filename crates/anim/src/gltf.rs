@@ -153,18 +153,15 @@ impl<'a> Loader<'a> {
         emissive.for_each(|_| accessors.leave_out("emissive colours"));
         let left_out = accessors.left_out.take().into_iter();
         let left_out = left_out.map(|(what, count)| format!("{count} {what} are left out"));
-        animation.model.notes = left_out.chain(remarks).collect();
+        let mut notes: Vec<String> = left_out.chain(remarks).collect();
         let unknown = |name: &&str| !source::UNDERSTOOD.contains(name);
         let unknown: Vec<_> = root.extensions_used.iter().map(String::as_str).filter(unknown).collect();
         if !unknown.is_empty() {
-            animation
-                .model
-                .notes
-                .push(format!("what these extensions say is left out: {}", unknown.join(", ")));
+            notes.push(format!("what these extensions say is left out: {}", unknown.join(", ")));
         }
         animation.camera = Camera::first(root, &scene);
-        animation.light = LightSource::first(root, &scene, &animation.model.rest)?;
-        animation.model.notes.extend(animation.light.iter().flat_map(|light| &light.notes).cloned());
+        animation.model.notes = notes;
+        animation.light = LightSource::first(root, &scene, &mut animation.model)?;
         let seen_from = [animation.camera.as_ref().map(|c| c.node), animation.light.as_ref().map(|l| l.node)];
         let any_moves = seen_from.into_iter().flatten().any(|node| animation.nodes.moves[node]);
         if any_moves || !animation.instances.is_empty() {

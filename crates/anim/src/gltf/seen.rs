@@ -8,7 +8,7 @@ use glam::{Affine3A, Vec3};
 use super::nodes::node_name;
 use crate::error::{Problem, numbered};
 use crate::load::bounds;
-use crate::{Light, View};
+use crate::{Light, Model, View};
 
 /// A perspective camera at a node.
 pub(super) struct Camera {
@@ -44,14 +44,12 @@ pub(super) struct LightSource {
     color: [f32; 3],
     /// For a directional light, from where in the scene and how far to stand back.
     directional: Option<(Vec3, f32)>,
-    /// What is not shown as the file has it.
-    pub(super) notes: Vec<String>,
 }
 
 impl LightSource {
-    /// The first light among the nodes of the scene; `rest` are the positions that a directional
-    /// one has to light.
-    pub(super) fn first(root: &Root, scene: &[usize], rest: &[Vec3]) -> Result<Option<Self>, Problem> {
+    /// The first light among the nodes of the scene, a directional one far from the rest positions
+    /// of `model`, which gets notes on what is not shown as the file has it.
+    pub(super) fn first(root: &Root, scene: &[usize], model: &mut Model) -> Result<Option<Self>, Problem> {
         let of_node =
             |node: usize| Some(root.nodes[node].extensions.as_ref()?.khr_lights_punctual.as_ref()?.light);
         let mut of_scene = scene.iter().filter_map(|&node| Some((node, of_node(node)?)));
@@ -67,14 +65,14 @@ impl LightSource {
             (0.5 * low + 0.5 * high, (100.0 * extent).min(f64::from(f32::MAX / 4.0)) as f32)
         };
         let directional =
-            is(LightType::Directional).then(|| bounds(rest).map_or((Vec3::ZERO, 1.0), far_from));
+            is(LightType::Directional).then(|| bounds(&model.rest).map_or((Vec3::ZERO, 1.0), far_from));
         let spot = || "the spot light shines all round, without its cone".to_owned();
         let spot = is(LightType::Spot).then(spot);
         let others = of_scene.count();
         let others = (others > 0).then(|| format!("of {} lights only the first shines", others + 1));
-        let notes = spot.into_iter().chain(others).collect();
+        model.notes.extend(spot.into_iter().chain(others));
         let color = light.color.map(|x| if x.is_finite() { x.max(0.0) } else { 1.0 });
-        Ok(Some(Self { node, color, directional, notes }))
+        Ok(Some(Self { node, color, directional }))
     }
 
     /// Where it shines from when `to_scene` puts its node; a directional light from so far away,
