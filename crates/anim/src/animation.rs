@@ -189,16 +189,6 @@ pub trait Animation: Send + Sync {
         self.model().duration
     }
 
-    /// [`Model::frames`].
-    fn frames(&self) -> Option<usize> {
-        self.model().frames
-    }
-
-    /// [`Model::notes`].
-    fn notes(&self) -> Vec<String> {
-        self.model().notes.clone()
-    }
-
     /// Moves `positions`, which came from [`rest`](Self::rest), to `time` (seconds; clamped to 0
     /// ..= duration) by the given kinds of motion; by all others they stay at time 0.
     ///

@@ -59,7 +59,7 @@ fn images_are_read_from_the_folder_only() {
     image::RgbaImage::new(1, 1).write_to(&mut image, image::ImageFormat::Png).unwrap();
     let found = loaded("model.gltf", &text, "image.png", &image.into_inner()).map(Result::unwrap);
     assert_eq!(found.each_ref().map(|animation| animation.topology().textures.len()), [1, 0]);
-    assert!(found[1].notes()[0].contains("image.png"), "{:?}", found[1].notes());
+    assert!(found[1].model().notes[0].contains("image.png"), "{:?}", found[1].model().notes);
 }
 
 #[test]

@@ -198,7 +198,7 @@ fn bart_museum() {
     let moving = topology.moves.iter().filter(|&&moves| moves).count();
     // 10,284 triangles in the files, and 8 cylinders of 32 each.
     assert_eq!((topology.triangles.len() - moving, moving), (10_284 + 8 * 32, 1024));
-    assert_eq!((animation.duration(), animation.frames()), (6.0, Some(300)));
+    assert_eq!((animation.duration(), animation.model().frames), (6.0, Some(300)));
     assert!(
         topology.parts.iter().all(|part| part.motion.is_still() != part.motion.contains(Motion::KEY_FRAMES))
     );
@@ -236,7 +236,7 @@ fn bart_kitchen() {
     let topology = animation.topology();
     assert_eq!(topology.triangles.len(), 110_561);
     assert_eq!(topology.moves.iter().filter(|&&moves| moves).count(), 7_218);
-    assert_eq!((animation.duration(), animation.frames()), (20.0, Some(800)));
+    assert_eq!((animation.duration(), animation.model().frames), (20.0, Some(800)));
     assert!(topology.parts.iter().all(|part| part.motion.is_still() || part.motion.contains(Motion::RIGID)));
     check_views(&*animation);
 

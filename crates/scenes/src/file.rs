@@ -40,9 +40,10 @@ pub(crate) fn scene(path: &Path, clip: Option<&str>, options: &SceneOptions<'_>)
 #[must_use]
 pub fn scene_of(path: &Path, animation: Box<dyn Animation>) -> Scene {
     let (view, light) = default_view(&*animation);
-    let remark = |note: String| format!("{}: {note}", path.display());
-    let mut notes: Vec<String> = animation.notes().into_iter().map(remark).collect();
-    let topology = animation.topology();
+    let model = animation.model();
+    let remark = |note: &String| format!("{}: {note}", path.display());
+    let mut notes: Vec<String> = model.notes.iter().map(remark).collect();
+    let topology = &model.topology;
     let mut light_effects = LightEffects::of(topology) | LightEffects::SHADOWS;
     if animation.view(0.0).is_none() {
         notes.push(format!("{} has no camera; the view is a default", path.display()));
@@ -65,9 +66,9 @@ pub fn scene_of(path: &Path, animation: Box<dyn Animation>) -> Scene {
             motion: topology.parts.iter().map(|part| part.motion).collect(),
             light: light_effects,
         },
-        frames: animation
-            .frames()
-            .unwrap_or_else(|| ((animation.duration() * FRAME_RATE).round() as usize).saturating_add(1))
+        frames: model
+            .frames
+            .unwrap_or_else(|| ((model.duration * FRAME_RATE).round() as usize).saturating_add(1))
             .min(MOST_FRAMES + 1),
         measures: Vec::new(),
         simulated: SimulationStats::default(),

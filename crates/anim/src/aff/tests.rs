@@ -142,7 +142,7 @@ fn animated_transforms_move_what_they_hold() {
         topology.parts.iter().map(|part| part.motion.contains(Motion::RIGID)).collect::<Vec<_>>(),
         [false, true, true, false]
     );
-    assert_eq!((animation.duration(), animation.frames()), (2.0, Some(41)));
+    assert_eq!((animation.duration(), animation.model().frames), (2.0, Some(41)));
     let still = CORNERS.map(|p| p + Vec3::Y * 9.0);
     let slid = |x: f32| CORNERS.map(|p| p + Vec3::X * x);
     let turned = |x: f32, cosine: f32, sine: f32| {
@@ -173,7 +173,7 @@ fn time_starts_where_the_file_says() {
     assert_close(&at(&animation, 3.0), &CORNERS);
     // Without times, those of the keys that are reached.
     let animation = load_text(&body);
-    assert_eq!((animation.duration(), animation.frames()), (6.0, None));
+    assert_eq!((animation.duration(), animation.model().frames), (6.0, None));
     assert_close(&at(&animation, 3.0), &CORNERS);
 }
 
@@ -353,8 +353,8 @@ fn keys_out_of_order_are_sorted_and_reported() {
     let sorted = scene(&[(0.0, 0.0), (0.5, 2.0), (1.0, 3.0), (2.0, 7.0)]);
     let shuffled = scene(&[(0.0, 0.0), (1.0, 3.0), (0.5, 2.0), (2.0, 7.0)]);
     assert_close(&at(&shuffled, 0.2), &at(&sorted, 0.2));
-    assert!(sorted.notes().is_empty());
-    assert!(shuffled.notes()[0].contains("1 list of keys"), "{:?}", shuffled.notes());
+    assert!(sorted.model().notes.is_empty());
+    assert!(shuffled.model().notes[0].contains("1 list of keys"), "{:?}", shuffled.model().notes);
 }
 
 #[test]

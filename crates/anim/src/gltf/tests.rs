@@ -377,7 +377,7 @@ fn channels_for_something_else_are_left_out() {
     for animation in [&aimless, &unknown] {
         assert_eq!(at(animation, 1.0)[0] - animation.rest()[0], Vec3::X * 2.0);
         let note = "1 animation channels for anything but transforms and weights are left out";
-        assert_eq!(animation.notes(), [note]);
+        assert_eq!(animation.model().notes, [note]);
     }
 }
 
@@ -389,7 +389,7 @@ fn what_the_parser_asks_for_beyond_the_specification_is_given_to_it() {
     for extras in ["{}", r#""text""#, "5", "[1,2]", "null", "true"] {
         let nodes = format!(r#""nodes":[{{"mesh":0,"extras":{extras}}}],"extras":{extras}"#);
         let animation = document.load(&format!("{TRIANGLE_MESH},{nodes},{scenes}"));
-        assert_eq!((animation.rest().len(), animation.notes().len()), (3, 0), "{extras}");
+        assert_eq!((animation.rest().len(), animation.model().notes.len()), (3, 0), "{extras}");
     }
     let version = r#""asset":{"version":"2.0"}"#;
     let wrong = [r#""scenes":7"#, r#""scenes":{}"#, r#""animations":{}"#, r#""animations":[7]"#];
@@ -423,7 +423,7 @@ fn what_is_not_understood_is_noted() {
         "materials":[{"emissiveFactor":[1,0,0]}]"#,
     );
     let unknown = "what these extensions say is left out: KHR_materials_unlit, EXT_mesh_gpu_instancing";
-    assert_eq!(animation.notes(), ["1 emissive colours are left out", unknown]);
+    assert_eq!(animation.model().notes, ["1 emissive colours are left out", unknown]);
 }
 
 #[test]
@@ -438,7 +438,7 @@ fn strips_fans_points_and_unused_vertices() {
         {"attributes":{"POSITION":0},"indices":1}]}],"nodes":[{"mesh":0}]"#,
     );
     let notes = ["3 primitives of points or lines, or without positions,", "1 sets of vertex colours"];
-    assert_eq!(animation.notes(), notes.map(|what| format!("{what} are left out")));
+    assert_eq!(animation.model().notes, notes.map(|what| format!("{what} are left out")));
     let strip = [[0, 1, 2], [1, 3, 2], [2, 3, 4]];
     let fan = [[6, 7, 5], [7, 8, 5], [8, 9, 5]];
     assert_eq!(animation.topology().triangles, [&strip[..], &fan[..], &[[12, 10, 11]]].concat());

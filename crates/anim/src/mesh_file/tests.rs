@@ -207,7 +207,7 @@ fn obj_names_several_material_libraries() {
         let colors: Vec<_> = topology.parts.iter().map(color).collect();
         assert_eq!(colors, [[0.5; 3], [1.0, 0.0, 0.0]], "{libraries}");
         let noted = |name: &&str| format!("the material library {name} cannot be read");
-        assert_eq!(mesh.notes(), notes.iter().map(noted).collect::<Vec<_>>(), "{libraries}");
+        assert_eq!(mesh.model().notes, notes.iter().map(noted).collect::<Vec<_>>(), "{libraries}");
     }
 }
 

@@ -134,7 +134,7 @@ fn what_is_wrong_with_an_image_is_said() {
     for uri in ["no%20such.png", "../up.png", "https://example.com/a.png"] {
         let missing = document.load(&textured("", &format!(r#""uri":"{uri}""#), "", ""));
         assert_eq!(missing.topology().materials[0].texture, None);
-        assert!(missing.notes()[0].contains(uri), "{:?}", missing.notes());
+        assert!(missing.model().notes[0].contains(uri), "{:?}", missing.model().notes);
     }
     assert!(error(r#""bufferView":77"#).contains("no bufferView 77"));
     assert!(error(r#""name":"nowhere""#).contains("neither a uri nor a bufferView"));
@@ -148,7 +148,7 @@ fn what_is_wrong_with_an_image_is_said() {
     let json = textured("", &data_uri(&png()), "", "").replace(r#""source":0"#, r#""name":"x""#);
     let animation = document.load(&json);
     assert_eq!(animation.topology().parts[0].material, 0);
-    assert_eq!((animation.topology().materials[0].texture, animation.notes().len()), (None, 1));
+    assert_eq!((animation.topology().materials[0].texture, animation.model().notes.len()), (None, 1));
 }
 
 /// The header of a PNG of 60,000 x 60,000 texels, in 45 bytes.
@@ -175,7 +175,7 @@ fn alpha_modes_set_the_cutoff() {
     let image = data_uri(&png());
     let cutoff = |material: &str| {
         let animation = document.load(&textured(material, &image, "", ""));
-        (animation.topology().materials[0].cutoff, animation.notes().len())
+        (animation.topology().materials[0].cutoff, animation.model().notes.len())
     };
     assert_eq!(cutoff(""), (None, 0));
     assert_eq!(cutoff(r#","alphaMode":"OPAQUE","alphaCutoff":0.9"#), (None, 0));
@@ -268,7 +268,9 @@ fn lights_that_are_not_shown_as_they_are_are_noted() {
                 r#"{TRIANGLE_MESH},"extensions":{{"KHR_lights_punctual":{{"lights":[{{"type":"{kind}","spot":{{}}}}]}}}},
                 "nodes":[{{"mesh":0}}{nodes}]"#
             ))
-            .notes()
+            .model()
+            .notes
+            .clone()
     };
     let light = r#",{"extensions":{"KHR_lights_punctual":{"light":0}}}"#;
     assert!(notes("point", light).is_empty());
