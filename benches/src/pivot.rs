@@ -13,21 +13,27 @@ use crate::{Contestant, Failure, Hits, RAYS, Rays, View, view};
 
 const WHO: &str = "pivot";
 
-/// A tree kept by one strategy.
-struct Pivot {
-    mesh: Mesh,
-    tree: Bvh,
-    is_built: bool,
+/// How a tree is kept, and rays are traced.
+#[derive(Clone, Copy)]
+struct Setting {
     strategy: Strategy,
     /// Most primitives in a leaf of a tree that is kept.
     max_leaf_size: u32,
-    updater: Updater,
-    options: RenderOptions,
+    traversal: Traversal,
+    simd: SimdLevel,
     rays: RayKind,
-    wide: Bvh8,
     /// Whether updates learn from the pictures cast.
     learns: bool,
-    /// Nodes that the packets of the last picture visited, if so.
+}
+
+/// A tree kept by one strategy.
+struct Pivot {
+    setting: Setting,
+    mesh: Mesh,
+    tree: Bvh,
+    updater: Updater,
+    wide: Bvh8,
+    /// Nodes that the packets of the last picture visited, if updates learn from it.
     visited: AtomicU64,
 }
 
@@ -43,35 +49,19 @@ enum RayKind {
 }
 
 impl Pivot {
-    fn new(triangles: &Triangles<'_>, strategy: Strategy, traversal: Traversal, simd: SimdLevel) -> Self {
-        Self {
-            mesh: Mesh::new(triangles),
-            tree: Bvh::default(),
-            is_built: false,
-            strategy,
-            max_leaf_size: 1,
-            updater: Updater::default(),
-            options: RenderOptions { traversal, simd, ..RenderOptions::default() },
-            rays: RayKind::Single,
-            wide: Bvh8::new(),
-            learns: false,
-            visited: Default::default(),
-        }
-    }
-
     /// The first tree: the strategy's own where it builds one. Refitting starts from a full sweep,
     /// with the triangles in the order of its leaves, and keeps them so.
     fn build(&mut self) -> Result<(), Failure> {
-        let (builder, options) = match &self.strategy {
-            Strategy::Rebuild(builder, options) => (*builder, *options),
-            _ => (Builder::Sweep, leaves_of(self.max_leaf_size)),
+        let strategy = self.setting.strategy;
+        let (builder, options) = match strategy {
+            Strategy::Rebuild(builder, options) => (builder, options),
+            _ => (Builder::Sweep, leaves_of(self.setting.max_leaf_size)),
         };
         self.tree = bvh_build::build_with(&self.mesh.triangles(), builder, &options).map_err(failure)?;
-        if !matches!(self.strategy, Strategy::Rebuild(..)) {
+        if !matches!(strategy, Strategy::Rebuild(..)) {
             let order = self.tree.reorder_primitives();
             self.mesh.indices = order.iter().map(|&p| self.mesh.indices[p as usize]).collect();
         }
-        self.is_built = true;
         Ok(())
     }
 }
@@ -94,20 +84,23 @@ impl Contestant for Pivot {
         if nodes > 0 {
             self.updater.report(Load::PacketNodes(nodes));
         }
-        if self.is_built {
+        if !self.tree.is_empty() {
             let triangles = self.mesh.triangles();
-            self.updater.set_strategy(self.strategy).update(&mut self.tree, &triangles).map_err(failure)?;
+            self.updater
+                .set_strategy(self.setting.strategy)
+                .update(&mut self.tree, &triangles)
+                .map_err(failure)?;
         } else {
             self.build()?;
         }
-        if self.rays != RayKind::Single {
+        if self.setting.rays != RayKind::Single {
             self.wide.update(&self.tree, &self.mesh.triangles());
         }
         Ok(())
     }
 
     fn learns(&self) -> bool {
-        self.learns
+        self.setting.learns
     }
 
     fn sah_cost(&self) -> Option<f64> {
@@ -116,7 +109,7 @@ impl Contestant for Pivot {
 
     fn closest(&self, rays: &Rays, hits: &mut Hits) {
         let (triangles, test) = (self.mesh.triangles(), TriangleTest::default());
-        match self.rays {
+        match self.setting.rays {
             RayKind::Single => {
                 for i in 0..rays.len() {
                     hits.set(i, closest_hit(&self.tree, &triangles, &rays.ray(i), rays.t_max[i], test));
@@ -140,7 +133,7 @@ impl Contestant for Pivot {
         let (triangles, test) = (self.mesh.triangles(), TriangleTest::default());
         for (i, blocked) in blocked[..rays.len()].iter_mut().enumerate() {
             let (ray, t_max) = (rays.ray(i), rays.t_max[i]);
-            *blocked = match self.rays {
+            *blocked = match self.setting.rays {
                 RayKind::Single => any_hit(&self.tree, &triangles, &ray, t_max, test),
                 RayKind::Wide | RayKind::Batch => self.wide.any_hit(&ray, t_max, test),
             };
@@ -152,13 +145,14 @@ impl Contestant for Pivot {
     }
 
     fn cast(&self, view: &View, pixels: &mut [Pixel]) {
-        if self.rays != RayKind::Single {
+        if self.setting.rays != RayKind::Single {
             return view::cast(self, view, pixels);
         }
         let light = view.light.map(|position| PointLight { position, color: [1.0; 3] });
-        let stats =
-            cast(&self.tree, &self.mesh.triangles(), &view.camera, light.as_ref(), &self.options, pixels);
-        if self.learns {
+        let Setting { traversal, simd, .. } = self.setting;
+        let options = RenderOptions { traversal, simd, ..RenderOptions::default() };
+        let stats = cast(&self.tree, &self.mesh.triangles(), &view.camera, light.as_ref(), &options, pixels);
+        if self.setting.learns {
             self.visited.store(stats.nodes_visited, Relaxed);
         }
     }
@@ -166,69 +160,72 @@ impl Contestant for Pivot {
 
 /// Adds this project's contestants.
 pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
-    match contest {
-        Contest::Incoherent => {
-            let all = [("single", RayKind::Single), ("wide", RayKind::Wide), ("wide, batch", RayKind::Batch)];
-            return all.into_iter().for_each(|(name, rays)| entries.push(of_rays(name, rays)));
-        }
-        Contest::Trace => entries.push(of_rays("wide", RayKind::Wide)),
-        _ => {}
-    }
-    let rebuild = |builder| Strategy::Rebuild(builder, BuildOptions::default());
-    let mut add = |name: &str, strategy: Strategy, traversal, simd| {
-        let keeps_tree = !matches!(strategy, Strategy::Rebuild(..));
-        // Pictures beside updates are a check, and no load.
-        let learns = contest == Contest::Frame && matches!(strategy, Strategy::Auto(_));
+    let plain = Setting {
+        strategy: Strategy::Rebuild(Builder::Sweep, leaves_of(1)),
+        max_leaf_size: 1,
+        traversal: Traversal::Tile,
+        simd: SimdLevel::best(),
+        rays: RayKind::Single,
+        learns: false,
+    };
+    let rotate = Strategy::RefitRotate(Rotate::default());
+    let mut add = |name: &str, setting: Setting| {
+        let keeps_tree = !matches!(setting.strategy, Strategy::Rebuild(..));
         entries.push(Entry::new(format!("{WHO} {name}"), keeps_tree, move |triangles| {
-            Ok(Box::new(Pivot { learns, ..Pivot::new(triangles, strategy, traversal, simd) }))
+            Ok(Box::new(Pivot {
+                setting,
+                mesh: Mesh::new(triangles),
+                tree: Bvh::default(),
+                updater: Updater::default(),
+                wide: Bvh8::new(),
+                visited: AtomicU64::default(),
+            }))
         }));
     };
-    let best = SimdLevel::best();
     if matches!(contest, Contest::Update | Contest::Frame) {
         for strategy in strategies() {
-            add(strategy.name(), strategy, Traversal::Tile, best);
+            // Pictures beside updates are a check, and no load.
+            let learns = contest == Contest::Frame && matches!(strategy, Strategy::Auto(_));
+            add(strategy.name(), Setting { strategy, learns, ..plain });
         }
     }
     match contest {
         Contest::Update => {
             for period in [2, 4, 8] {
-                let name = format!("{} every {period}", Strategy::RefitRotate(Rotate::default()).name());
-                add(&name, Strategy::RefitRotate(Rotate { period }), Traversal::Tile, best);
+                let strategy = Strategy::RefitRotate(Rotate { period });
+                add(&format!("{} every {period}", rotate.name()), Setting { strategy, ..plain });
             }
-            for strategy in [Strategy::Refit, Strategy::RefitRotate(Rotate::default())] {
-                let name = format!("{WHO} {}, leaves of 2", strategy.name());
-                entries.push(Entry::new(name, true, move |triangles| {
-                    let plain = Pivot::new(triangles, strategy, Traversal::Tile, best);
-                    Ok(Box::new(Pivot { max_leaf_size: 2, ..plain }))
-                }));
+            for strategy in [Strategy::Refit, rotate] {
+                let setting = Setting { strategy, max_leaf_size: 2, ..plain };
+                add(&format!("{}, leaves of 2", strategy.name()), setting);
             }
         }
         Contest::Build => {
             for builder in Builder::PER_FRAME {
-                add(builder.name(), rebuild(builder), Traversal::Tile, best);
+                let strategy = Strategy::Rebuild(builder, BuildOptions::default());
+                add(builder.name(), Setting { strategy, ..plain });
             }
         }
         Contest::Trace => {
-            let tree = |options| Strategy::Rebuild(Builder::Sweep, options);
+            add("wide", Setting { rays: RayKind::Wide, ..plain });
             for simd in SimdLevel::available() {
-                add(simd.name(), tree(leaves_of(1)), Traversal::Tile, simd);
+                add(simd.name(), Setting { simd, ..plain });
             }
-            add("leaves of 2", tree(leaves_of(2)), Traversal::Tile, best);
-            add("leaves of 4", tree(leaves_of(4)), Traversal::Tile, best);
-            add("published packets", tree(leaves_of(1)), Traversal::Packet, best);
-            add("single", tree(leaves_of(1)), Traversal::Single, best);
+            for leaves in [2, 4] {
+                let strategy = Strategy::Rebuild(Builder::Sweep, leaves_of(leaves));
+                add(&format!("leaves of {leaves}"), Setting { strategy, ..plain });
+            }
+            add("published packets", Setting { traversal: Traversal::Packet, ..plain });
+            add("single", Setting { traversal: Traversal::Single, ..plain });
         }
-        Contest::Incoherent | Contest::Frame => {}
+        Contest::Incoherent => {
+            let plain = Setting { traversal: Traversal::Single, ..plain };
+            add("single", plain);
+            add("wide", Setting { rays: RayKind::Wide, ..plain });
+            add("wide, batch", Setting { rays: RayKind::Batch, ..plain });
+        }
+        Contest::Frame => {}
     }
-}
-
-/// One that traces rays as they come.
-fn of_rays(name: &str, rays: RayKind) -> Entry {
-    Entry::new(format!("{WHO} {name}"), false, move |triangles| {
-        let strategy = Strategy::Rebuild(Builder::Sweep, BuildOptions::default());
-        let plain = Pivot::new(triangles, strategy, Traversal::Single, SimdLevel::best());
-        Ok(Box::new(Pivot { rays, ..plain }))
-    })
 }
 
 /// Those that updates are compared by: a sweep every frame is what all are measured by, trees from
