@@ -10,18 +10,14 @@ use std::time::Instant;
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Aabb, Bvh, Primitives, Ray, TriangleTest, Triangles, Vec3, Visits, closest_hit_counted};
 use bvh_update::{Decision, Load, PartialRebuild, Rotate, Strategy, Updater};
+use pivot_benches::measure::{noise, pool, quads};
 
 const FRAMES: usize = 120;
 const QUERIES: usize = 20_000;
 
-/// A number between -1 and 1.
-fn noise(seed: usize, i: usize) -> f32 {
-    let h = (i * 8 + seed).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    ((h ^ (h >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) as f32 / (1 << 23) as f32 - 1.0
-}
-
+/// A point of the cube from -1 to 1.
 fn random(seed: usize, i: usize) -> Vec3 {
-    Vec3::from_array([0, 1, 2].map(|axis| noise(3 * seed + axis, i)))
+    Vec3::from_array([0, 1, 2].map(|axis| 2.0 * noise(i * 8 + 3 * seed + axis) - 1.0))
 }
 
 /// A strategy with its tree, the times of its frames, and what it decided.
@@ -94,10 +90,7 @@ fn torus() {
     const ROUND: usize = 270;
     const AROUND: usize = 180;
     const PIECE: usize = 9;
-    let quads = ROUND * AROUND;
-    let indices: Vec<[u32; 3]> = (0..quads as u32)
-        .flat_map(|q| [[4 * q, 4 * q + 1, 4 * q + 2], [4 * q + 1, 4 * q + 3, 4 * q + 2]])
-        .collect();
+    let indices = quads(ROUND * AROUND);
     let positions = |frame: usize| -> Vec<Vec3> {
         let away = 0.02 * frame.saturating_sub(10) as f32;
         let corner = |i: usize| {
@@ -110,7 +103,7 @@ fn torus() {
             Vec3::new(ring * a.cos(), ring * a.sin(), b.sin())
                 + (random(1, piece) + random(0, quad) * 0.3) * away
         };
-        (0..4 * quads).map(corner).collect()
+        (0..4 * ROUND * AROUND).map(corner).collect()
     };
     let rays: Vec<Ray> = (0..QUERIES)
         .map(|i| {
@@ -162,8 +155,7 @@ fn broad_phase() {
 }
 
 fn main() {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
-    pool.install(|| {
+    pool(1).install(|| {
         torus();
         broad_phase();
     });

@@ -25,6 +25,7 @@ use std::time::Instant;
 use bvh_build::{Builder, build};
 use bvh_core::{SimdLevel, Triangles, Vec3};
 use bvh_update::{BlockCost, Rotate, Strategy, Updater, refit_and_rotate};
+use pivot_benches::measure::{median, pool, timed};
 
 /// A sheet of triangles of which some parts move.
 struct Scene {
@@ -80,11 +81,6 @@ impl Scene {
     }
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
-}
-
 /// What sharing work costs, in nanoseconds.
 #[derive(Clone, Copy)]
 struct Prices {
@@ -97,16 +93,11 @@ struct Prices {
 impl Prices {
     /// Those of rayon on this machine, medians.
     fn measured() -> Self {
-        let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-        let join = on(1).install(|| {
-            let thousand = || {
-                let begin = Instant::now();
-                (0..1000).for_each(|i| _ = rayon::join(|| black_box(i), || black_box(i)));
-                begin.elapsed().as_nanos() as f64 / 1000.0
-            };
-            median((0..100).map(|_| thousand()).collect())
+        let join = pool(1).install(|| {
+            let thousand = || (0..1000).for_each(|i| _ = rayon::join(|| black_box(i), || black_box(i)));
+            median((0..100).map(|_| timed(thousand).0 / 1000.0).collect())
         });
-        let theft = on(2).install(|| {
+        let theft = pool(2).install(|| {
             let one = || {
                 let (begin, stolen) = (Instant::now(), OnceLock::new());
                 let wait = || {
@@ -250,9 +241,8 @@ fn measure(
         if frame == frames {
             updater.record_costs();
         }
-        let begin = Instant::now();
-        let report = updater.set_strategy(*strategy).update(&mut bvh, &triangles).expect("same count");
-        let took = begin.elapsed().as_nanos() as f64;
+        updater.set_strategy(*strategy);
+        let (took, report) = timed(|| updater.update(&mut bvh, &triangles).expect("same count"));
         let moving = (report.nodes_visited as f64 + 1.0) / 2.0;
         if frame < frames {
             alone.push(took / moving);
@@ -310,7 +300,7 @@ fn main() {
         "{:46} {:>8} {:>7} {:>7} {:>7} {:>7} {:>9} {:>8} {:>7} efficiency on 8, 16, 64 workers",
         "", "median", "least", "list", "leaves", "boxes", "rotations", "applied", "blocks"
     );
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+    let pool = pool(threads);
     let rotate = Strategy::RefitRotate(Rotate::default());
     for scene in SCENES
         .iter()

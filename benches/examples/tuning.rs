@@ -3,11 +3,10 @@
 //! `cargo run --release -p pivot-benches --example tuning`. `docs/TUNING.md` has half and double of
 //! each number.
 
-use std::time::Instant;
-
 use bvh_build::{Builder, build};
 use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
 use bvh_update::{PartialRebuild, Rotate, Strategy, Updater};
+use pivot_benches::measure::timed;
 
 const TRIANGLES: [u32; 2] = [100_000, 1_000_000];
 const REPEATS: usize = 7;
@@ -24,15 +23,8 @@ fn positions(n: u32, time: f32) -> Vec<Vec3> {
     (0..3 * n).map(corner).collect()
 }
 
-/// What `work` gives, and the seconds that it takes.
-fn timed<T>(work: impl FnOnce() -> T) -> (f64, T) {
-    let start = Instant::now();
-    let result = work();
-    (start.elapsed().as_secs_f64(), result)
-}
-
-fn print(name: &str, n: u32, seconds: f64, cost: f64) {
-    println!("{name:<24} {n:>8} {:>8.2} ns a triangle, SAH cost {cost:.2}", 1e9 * seconds / f64::from(n));
+fn print(name: &str, n: u32, ns: f64, cost: f64) {
+    println!("{name:<24} {n:>8} {:>8.2} ns a triangle, SAH cost {cost:.2}", ns / f64::from(n));
 }
 
 fn main() {
@@ -62,11 +54,7 @@ fn main() {
                 cost = sah_cost(&bvh);
             }
             print(strategy.name(), n, least, cost);
-            println!(
-                "{:<24} {:>17.2} ns a triangle in the first update",
-                "",
-                1e9 * least_first / f64::from(n)
-            );
+            println!("{:<24} {:>17.2} ns a triangle in the first update", "", least_first / f64::from(n));
         }
     }
 }

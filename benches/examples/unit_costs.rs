@@ -3,23 +3,17 @@
 //! `cargo run --release -p pivot-benches --example unit_costs`.
 
 use std::ops::ControlFlow::Continue;
-use std::time::Instant;
 
 use bvh_build::{BuildOptions, BuildScratch, Builder, build, rebuild};
 use bvh_core::{Bvh, Ray, TriangleTest, Triangles, Vec3, Visits, closest_hit_counted, sah_cost};
 use bvh_update::{Decision, PartialRebuild, Rotate, Strategy, Updater, refit};
+use pivot_benches::measure::{median, noise, pool, quads, timed};
 use rt_cpu::{Camera, Pixel, RenderOptions, RenderStats, cast};
 
 /// Quads on each side of the sheet.
 const SIDE: usize = 350;
 const PIECE: usize = 10;
 const FRAMES: usize = 24;
-
-/// A number between 0 and 1.
-fn noise(i: usize) -> f32 {
-    let h = i.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    ((h ^ (h >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) as f32 / (1 << 24) as f32
-}
 
 /// A waving sheet of quads with corners of their own, which bursts into square pieces.
 fn positions(frame: usize) -> Vec<Vec3> {
@@ -35,18 +29,6 @@ fn positions(frame: usize) -> Vec<Vec3> {
     (0..4 * SIDE * SIDE).map(corner).collect()
 }
 
-/// Nanoseconds that `work` takes.
-fn ns<T>(work: impl FnOnce() -> T) -> (f64, T) {
-    let start = Instant::now();
-    let result = work();
-    (start.elapsed().as_nanos() as f64, result)
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
 fn print(name: &str, value: f64, of: &str) {
     println!("{name:<16} {value:>10.1} ns  {of}");
 }
@@ -58,17 +40,14 @@ fn play(strategy: Strategy, first: &Bvh, indices: &[[u32; 3]]) -> Vec<(f64, f64,
     let frame = |frame| {
         let now = positions(frame);
         let triangles = Triangles { positions: &now, indices };
-        let (time, done) = ns(|| updater.update(&mut bvh, &triangles).expect("same count"));
+        let (time, done) = timed(|| updater.update(&mut bvh, &triangles).expect("same count"));
         (time, done.nodes_visited as f64, done.decision)
     };
     (1..FRAMES).map(frame).collect()
 }
 
 fn measure() {
-    let indices: Vec<[u32; 3]> = (0..SIDE * SIDE)
-        .map(|quad| 4 * quad as u32)
-        .flat_map(|c| [[c, c + 1, c + 2], [c + 1, c + 3, c + 2]])
-        .collect();
+    let indices = quads(SIDE * SIDE);
     let start = positions(0);
     let triangles = Triangles { positions: &start, indices: &indices };
     let count = indices.len() as f64;
@@ -98,9 +77,8 @@ fn measure() {
     for (name, builder) in [("GOOD_BUILD", Builder::Ploc), ("FAST_BUILD", Builder::Lbvh)] {
         let (mut bvh, mut scratch) = (Bvh::default(), BuildScratch::default());
         let options = BuildOptions::default();
-        let mut once =
-            || ns(|| rebuild(&mut bvh, &triangles, builder, &options, &mut scratch).expect("few")).0;
-        print(name, median((0..9).map(|_| once()).collect()) / count, "for each primitive");
+        let mut once = || rebuild(&mut bvh, &triangles, builder, &options, &mut scratch).expect("few");
+        print(name, median_of(|| timed(&mut once)).0 / count, "for each primitive");
     }
 
     let mut pixels = vec![Pixel::default(); PIXELS];
@@ -112,7 +90,7 @@ fn measure() {
     print("NODE", time / visits.nodes as f64, "for each node of such rays");
 
     let mut pairs = 0;
-    let (time, visits) = ns(|| {
+    let (time, visits) = timed(|| {
         first.for_each_pair(&triangles, |_, _| {
             pairs += 1;
             Continue(())
@@ -167,7 +145,7 @@ fn median_of<T>(mut run: impl FnMut() -> (f64, T)) -> (f64, T) {
 fn picture(bvh: &Bvh, triangles: &Triangles<'_>, pixels: &mut [Pixel]) -> (f64, RenderStats) {
     let middle = Vec3::new(0.5, 0.5, 0.0) * SIDE as f32;
     let camera = Camera::look_at(middle + Vec3::Z * SIDE as f32, middle, Vec3::Y, 0.9, 1024, 1024);
-    ns(|| cast(bvh, triangles, &camera, None, &RenderOptions::default(), pixels))
+    timed(|| cast(bvh, triangles, &camera, None, &RenderOptions::default(), pixels))
 }
 
 /// The time of rays in no order, the nodes that they visit, and the triangles that they hit.
@@ -179,12 +157,11 @@ fn single_rays(bvh: &Bvh, triangles: &Triangles<'_>) -> (f64, (Visits, Vec<u32>)
         let (ray, test) = (Ray::new(from, target(i) - from), TriangleTest::default());
         closest_hit_counted(bvh, triangles, &ray, f32::INFINITY, test, &mut visits).map(|hit| hit.primitive)
     };
-    let (time, hits) = ns(|| (0..SINGLE_RAYS).filter_map(cast).collect::<Vec<_>>());
+    let (time, hits) = timed(|| (0..SINGLE_RAYS).filter_map(cast).collect::<Vec<_>>());
     assert!(!hits.is_empty(), "rays meet the sheet");
     (time, (visits, hits))
 }
 
 fn main() {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
-    pool.install(measure);
+    pool(1).install(measure);
 }

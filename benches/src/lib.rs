@@ -16,6 +16,7 @@ mod bvh;
 pub mod embree;
 mod field;
 mod limit;
+pub mod measure;
 mod mesh;
 mod obvhs;
 mod parry;
