@@ -46,13 +46,12 @@ pub fn fairy_forest_glb(seed: u64) -> Vec<u8> {
 
 /// The same with fewer trees, and then without grass.
 fn with_trees(trees: usize, seed: u64) -> Vec<u8> {
-    let mut random = fastrand::Rng::with_seed(seed);
     let mut glb = Glb::new(SECONDS);
     fairy::add(&mut glb, vec3(0.0, 0.35, 0.0));
     dragonfly(&mut glb);
     caterpillar(&mut glb);
 
-    let forest = forest(trees, &mut random, EYE);
+    let mut forest = forest(trees, seed, EYE);
     let still = [
         ("ground", forest.ground, [0.2, 0.24, 0.1]),
         ("bark", forest.bark, [0.33, 0.24, 0.17]),
@@ -68,7 +67,7 @@ fn with_trees(trees: usize, seed: u64) -> Vec<u8> {
         // Blades of grass make up the number.
         let blades = TRIANGLES.saturating_sub(glb.triangles);
         let green = glb.material([0.3, 0.55, 0.15]);
-        glb.mesh("grass", None, &grass(blades, &mut random), green);
+        glb.mesh("grass", None, &grass(blades, &mut forest.random), green);
     }
     glb.camera(EYE, TARGET, FOV_Y);
     glb.point_light(LIGHT);

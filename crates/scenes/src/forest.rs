@@ -17,8 +17,9 @@ const CLEARING: f32 = 3.2;
 const BRANCHES: usize = 7;
 
 /// Meshes by what they are made of.
-#[derive(Default)]
 pub(crate) struct Forest {
+    /// Where everything random comes from, one thing after the other.
+    pub(crate) random: fastrand::Rng,
     pub(crate) ground: Mesh,
     pub(crate) bark: Mesh,
     pub(crate) leaves: Mesh,
@@ -33,14 +34,13 @@ pub(crate) fn ground_at(x: f32, z: f32) -> f32 {
 }
 
 /// The forest without grass.
-pub(crate) fn forest(trees: usize, random: &mut fastrand::Rng, eye: Vec3) -> Forest {
+pub(crate) fn forest(trees: usize, seed: u64, eye: Vec3) -> Forest {
+    let mut random = fastrand::Rng::with_seed(seed);
     let ground = grid(CELLS, |row, column| {
         let [x, z] = [column, row].map(|k| SIDE * (k as f32 / CELLS as f32 - 0.5));
         let rough = 0.04 * (random.f32() - 0.5);
         vec3(x, ground_at(x, z) + rough, z)
     });
-    let mut forest = Forest { ground, ..Forest::default() };
-
     let mut places: Vec<Vec3> = Vec::new();
     while places.len() < trees {
         let (x, z) = (20.0 * (random.f32() - 0.5), 16.0 * random.f32() - 12.0);
@@ -52,13 +52,12 @@ pub(crate) fn forest(trees: usize, random: &mut fastrand::Rng, eye: Vec3) -> For
             places.push(p);
         }
     }
+    let [bark, leaves, stems, caps] = [(); 4].map(|()| Mesh::default());
+    let mut forest = Forest { random, ground, bark, leaves, stems, caps };
     for place in places {
-        tree(&mut forest, place, random);
+        forest.tree(place);
     }
-    for _ in 0..26 {
-        let place = around(TAU * random.f32()) * (1.3 + 4.5 * random.f32());
-        mushroom(&mut forest, place.x, place.z, 0.12 + 0.3 * random.f32() * random.f32(), random);
-    }
+    (0..26).for_each(|_| forest.mushroom());
     forest
 }
 
@@ -75,91 +74,93 @@ pub(crate) fn grass(blades: usize, random: &mut fastrand::Rng) -> Mesh {
     mesh
 }
 
-fn tree(forest: &mut Forest, foot: Vec3, random: &mut fastrand::Rng) {
-    let height = 6.0 + 2.5 * random.f32();
-    let thick = 0.28 + 0.14 * random.f32();
-    let mut trunk = vec![(foot - 0.3 * Vec3::Y, 1.7 * thick), (foot + 0.25 * Vec3::Y, 1.15 * thick)];
-    let mut at = foot;
-    for k in 1..=8 {
-        at += vec3(0.3 * (random.f32() - 0.5), height / 8.0, 0.3 * (random.f32() - 0.5));
-        trunk.push((at, thick * (1.0 - 0.095 * k as f32)));
+impl Forest {
+    fn tree(&mut self, foot: Vec3) {
+        let random = &mut self.random;
+        let height = 6.0 + 2.5 * random.f32();
+        let thick = 0.28 + 0.14 * random.f32();
+        let mut trunk = vec![(foot - 0.3 * Vec3::Y, 1.7 * thick), (foot + 0.25 * Vec3::Y, 1.15 * thick)];
+        let mut at = foot;
+        for k in 1..=8 {
+            at += vec3(0.3 * (random.f32() - 0.5), height / 8.0, 0.3 * (random.f32() - 0.5));
+            trunk.push((at, thick * (1.0 - 0.095 * k as f32)));
+        }
+        tube(&mut self.bark, &trunk, 12);
+        for b in 0..BRANCHES {
+            let (from, radius) = trunk[3 + b * 6 / BRANCHES];
+            let turn = TAU * (0.382 * b as f32 + 0.1 * self.random.f32());
+            let direction = around(turn).with_y(0.35 + 0.5 * self.random.f32()).normalize();
+            let reach = direction * (0.22 * height * (1.1 - 0.05 * b as f32));
+            self.branch(from, reach, 0.45 * radius, 2);
+        }
+        let (top, radius) = trunk[trunk.len() - 1];
+        self.branch(top, vec3(0.0, 1.0, 0.0), radius, 1);
     }
-    tube(&mut forest.bark, &trunk, 12);
-    for b in 0..BRANCHES {
-        let (from, radius) = trunk[3 + b * 6 / BRANCHES];
-        let turn = TAU * (0.382 * b as f32 + 0.1 * random.f32());
-        let direction = around(turn).with_y(0.35 + 0.5 * random.f32()).normalize();
-        let reach = direction * (0.22 * height * (1.1 - 0.05 * b as f32));
-        branch(forest, from, reach, 0.45 * radius, 2, random);
-    }
-    let (top, radius) = trunk[trunk.len() - 1];
-    branch(forest, top, vec3(0.0, 1.0, 0.0), radius, 1, random);
-}
 
-/// A branch, its twigs, and at the ends leaves.
-fn branch(
-    forest: &mut Forest,
-    from: Vec3,
-    reach: Vec3,
-    radius: f32,
-    order: usize,
-    random: &mut fastrand::Rng,
-) {
-    let mut path = vec![(from, radius)];
-    let steps = 4;
-    for k in 1..=steps {
-        let wander =
-            vec3(random.f32() - 0.5, random.f32() - 0.3, random.f32() - 0.5) * (0.12 * reach.length());
-        let (last, _) = path[k - 1];
-        path.push((last + reach / steps as f32 + wander, radius * (1.0 - 0.8 * k as f32 / steps as f32)));
+    /// A branch, its twigs, and at the ends leaves.
+    fn branch(&mut self, from: Vec3, reach: Vec3, radius: f32, order: usize) {
+        let mut path = vec![(from, radius)];
+        let steps = 4;
+        for k in 1..=steps {
+            let wander = self.direction(0.3) * (0.12 * reach.length());
+            let (last, _) = path[k - 1];
+            path.push((last + reach / steps as f32 + wander, radius * (1.0 - 0.8 * k as f32 / steps as f32)));
+        }
+        tube(&mut self.bark, &path, 3 + 2 * order);
+        if order == 0 {
+            return self.foliage(&path[1..]);
+        }
+        for k in 0..4 {
+            let (at, thick) = path[1 + k * steps / 4];
+            let aside = self.direction(0.4).normalize_or(Vec3::Y);
+            let reach = (reach.normalize() + 1.1 * aside).normalize() * (0.55 * reach.length());
+            self.branch(at, reach, 0.6 * thick, order - 1);
+        }
     }
-    tube(&mut forest.bark, &path, 3 + 2 * order);
-    if order == 0 {
-        return foliage(&mut forest.leaves, &path[1..], random);
-    }
-    for k in 0..4 {
-        let (at, thick) = path[1 + k * steps / 4];
-        let aside = vec3(random.f32() - 0.5, random.f32() - 0.4, random.f32() - 0.5).normalize_or(Vec3::Y);
-        let reach = (reach.normalize() + 1.1 * aside).normalize() * (0.55 * reach.length());
-        branch(forest, at, reach, 0.6 * thick, order - 1, random);
-    }
-}
 
-/// Leaves along a twig, each two triangles folded at the midrib.
-fn foliage(leaves: &mut Mesh, path: &[(Vec3, f32)], random: &mut fastrand::Rng) {
-    for &(at, _) in path {
-        for _ in 0..3 {
-            let mut number = || random.f32() - 0.5;
-            let out = vec3(number(), number(), number()).normalize_or(Vec3::X);
+    /// A vector in any direction, of no certain length: the less `down` is the more often upwards,
+    /// at 0.5 as often as downwards.
+    fn direction(&mut self, down: f32) -> Vec3 {
+        let mut less = |part: f32| self.random.f32() - part;
+        vec3(less(0.5), less(down), less(0.5))
+    }
+
+    /// Leaves along a twig, each two triangles folded at the midrib.
+    fn foliage(&mut self, path: &[(Vec3, f32)]) {
+        for (at, _) in path.iter().flat_map(|&at| [at; 3]) {
+            let out = self.direction(0.5).normalize_or(Vec3::X);
             let stalk = at + 0.1 * out;
-            let side = out.cross(vec3(number(), number(), number())).normalize_or(Vec3::Z);
-            let size = 0.16 + 0.09 * random.f32();
+            let side = out.cross(self.direction(0.5)).normalize_or(Vec3::Z);
+            let size = 0.16 + 0.09 * self.random.f32();
             let (tip, fold) = (stalk + 1.6 * size * out, 0.25 * size * out.cross(side));
             let middle = stalk + 0.7 * size * out + fold;
             let [left, right] = [middle - 0.5 * size * side, middle + 0.5 * size * side];
-            leaves.add(&[[stalk, left, tip], [stalk, tip, right]]);
+            self.leaves.add(&[[stalk, left, tip], [stalk, tip, right]]);
+        }
+    }
+
+    fn mushroom(&mut self) {
+        let random = &mut self.random;
+        let place = around(TAU * random.f32()) * (1.3 + 4.5 * random.f32());
+        let size = 0.12 + 0.3 * random.f32() * random.f32();
+        let foot = place.with_y(ground_at(place.x, place.z) - 0.03);
+        let lean = DQuat::from_rotation_arc(
+            DVec3::Y,
+            vec3(random.f32() - 0.5, 4.0, random.f32() - 0.5).as_dvec3().normalize(),
+        );
+        let stem = [(0.0, 1.0), (0.16, 1.0), (0.13, 0.6), (0.2, 0.0), (0.0, 0.0)];
+        let cap: Vec<(f32, f32)> = arc(FRAC_PI_2, 8)
+            .map(|(sin, cos)| (0.62 * sin, 0.85 + 0.5 * cos))
+            .chain([(0.55, 0.8), (0.2, 0.92), (0.0, 0.95)])
+            .collect();
+        for (mesh, profile) in [(&mut self.stems, &stem[..]), (&mut self.caps, &cap[..])] {
+            mesh.join(&turned(profile, 16).moved(|p| foot + rotated(lean, size * p)));
         }
     }
 }
 
-fn mushroom(forest: &mut Forest, x: f32, z: f32, size: f32, random: &mut fastrand::Rng) {
-    let foot = vec3(x, ground_at(x, z) - 0.03, z);
-    let lean = DQuat::from_rotation_arc(
-        DVec3::Y,
-        vec3(random.f32() - 0.5, 4.0, random.f32() - 0.5).as_dvec3().normalize(),
-    );
-    let stem = [(0.0, 1.0), (0.16, 1.0), (0.13, 0.6), (0.2, 0.0), (0.0, 0.0)];
-    let cap: Vec<(f32, f32)> = arc(FRAC_PI_2, 8)
-        .map(|(sin, cos)| (0.62 * sin, 0.85 + 0.5 * cos))
-        .chain([(0.55, 0.8), (0.2, 0.92), (0.0, 0.95)])
-        .collect();
-    for (mesh, profile) in [(&mut forest.stems, &stem[..]), (&mut forest.caps, &cap[..])] {
-        mesh.join(&turned(profile, 16).moved(|p| foot + rotated(lean, size * p)));
-    }
-}
-
 /// A tube through points with a radius at each, closed to a point at the end.
-pub(crate) fn tube(mesh: &mut Mesh, path: &[(Vec3, f32)], around: usize) {
+fn tube(mesh: &mut Mesh, path: &[(Vec3, f32)], around: usize) {
     let first = mesh.positions.len();
     let mut side = (path[1].0 - path[0].0).any_orthonormal_vector();
     for (i, &(at, radius)) in path.iter().enumerate() {
