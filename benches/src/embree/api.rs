@@ -110,6 +110,7 @@ pub(super) struct RayHit<const N: usize> {
 
 /// Version 4: `RTCIntersectArguments` and `RTCOccludedArguments`.
 #[repr(C)]
+#[derive(Zeroable)]
 pub(super) struct Arguments {
     flags: u32,
     features: u32,
@@ -121,6 +122,7 @@ pub(super) struct Arguments {
 
 /// Version 3: `RTCIntersectContext`.
 #[repr(C)]
+#[derive(Zeroable)]
 pub(super) struct Context {
     flags: u32,
     filter: *mut c_void,
@@ -137,19 +139,11 @@ pub(super) enum Extra {
 impl Extra {
     /// For rays that go much the same way, or for any.
     pub(super) fn new(version: isize, coherent: bool) -> Self {
-        let nothing = ptr::null_mut();
+        let flags = u32::from(coherent);
         if version < 40_000 {
-            let flags = u32::from(coherent);
-            Self::V3(Context { flags, filter: nothing, instance: INVALID_ID, min_width: 0.0 })
+            Self::V3(Context { flags, instance: INVALID_ID, ..Context::zeroed() })
         } else {
-            Self::V4(Arguments {
-                flags: u32::from(coherent) << 16,
-                features: u32::MAX,
-                context: nothing,
-                filter: nothing,
-                callback: nothing,
-                min_width: 0.0,
-            })
+            Self::V4(Arguments { flags: flags << 16, features: u32::MAX, ..Arguments::zeroed() })
         }
     }
 
