@@ -5,7 +5,7 @@ use std::f32::consts::{FRAC_PI_2, TAU};
 use glam::{DQuat, DVec3, Vec3, vec3};
 
 use crate::rigid::rotated;
-use crate::shape::{Mesh, arc, around, grid, turned};
+use crate::shape::{Mesh, arc, around, square, turned};
 
 /// Side of the square of ground, centred on the origin.
 const SIDE: f32 = 30.0;
@@ -36,11 +36,8 @@ pub(crate) fn ground_at(x: f32, z: f32) -> f32 {
 /// The forest without grass.
 pub(crate) fn forest(trees: usize, seed: u64, eye: Vec3) -> Forest {
     let mut random = fastrand::Rng::with_seed(seed);
-    let ground = grid(CELLS, |row, column| {
-        let [x, z] = [column, row].map(|k| SIDE * (k as f32 / CELLS as f32 - 0.5));
-        let rough = 0.04 * (random.f32() - 0.5);
-        vec3(x, ground_at(x, z) + rough, z)
-    });
+    let rough = |p: Vec3| p.with_y(ground_at(p.x, p.z) + 0.04 * (random.f32() - 0.5));
+    let ground = square(SIDE, CELLS).moved(rough);
     let mut places: Vec<Vec3> = Vec::new();
     while places.len() < trees {
         let (x, z) = (20.0 * (random.f32() - 0.5), 16.0 * random.f32() - 12.0);

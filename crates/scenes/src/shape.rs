@@ -29,7 +29,7 @@ impl Mesh {
     }
 
     /// The mesh with its vertices moved.
-    pub(crate) fn moved(mut self, to: impl Fn(Vec3) -> Vec3) -> Self {
+    pub(crate) fn moved(mut self, mut to: impl FnMut(Vec3) -> Vec3) -> Self {
         self.positions.iter_mut().for_each(|p| *p = to(*p));
         self
     }
