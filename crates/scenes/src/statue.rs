@@ -91,6 +91,38 @@ impl Statue {
         animation.normals = welded_normals(&animation.topology().triangles, &animation.rest(), &welds);
         animation
     }
+
+    /// The thickness at a point of the surface: less than half of the solid's own, so that no
+    /// inside shows.
+    fn wall(&self, solid: &Solid, p: Vec3, normal: Vec3) -> f32 {
+        let near = solid.near(p, 2.0 * self.thickness);
+        let mut depth = self.thickness;
+        while depth > 0.05 * self.thickness && near.distance(p - normal * depth) > -0.7 * depth {
+            depth *= 0.7;
+        }
+        depth
+    }
+
+    /// A lumpy stone.
+    fn stone(&self, triangles: usize, random: &mut fastrand::Rng) -> (Body, Mesh) {
+        let (center, radius, speed) = self.stone;
+        let blend = 0.3 * radius;
+        let mut solid = Solid::default();
+        solid.ball(blend, center, 0.75 * radius);
+        for _ in 0..14 {
+            let mut number = || random.f32() - 0.5;
+            let direction = Vec3::new(number(), number(), number()).normalize_or(Vec3::X);
+            solid.ball(blend, center + direction * (0.5 * radius), radius * (0.3 + 0.15 * random.f32()));
+        }
+        let half = Vec3::splat(1.2 * radius);
+        let cell = radius * (10.0 / triangles as f32).sqrt();
+        let mesh = decimate(&meshing::mesh(&solid, center - half, center + half, cell), triangles);
+        let (mut stone, mesh) = Body::new(mesh, self.stone_density);
+        stone.free = true;
+        stone.radius = radius;
+        stone.velocity = Vec3::NEG_Y * speed;
+        (stone, mesh)
+    }
 }
 
 /// What a broken statue is played back from.
@@ -108,8 +140,7 @@ struct Pieces {
 struct Breaking {
     statue: &'static Statue,
     world: Bodies,
-    meshes: Vec<Mesh>,
-    welds: Vec<u32>,
+    pieces: Pieces,
     /// For each piece, those that touch it.
     beside: Vec<BTreeSet<usize>>,
     /// Whether each piece rests on the ground at first.
@@ -117,7 +148,6 @@ struct Breaking {
     /// Where the stone hit first, and when each piece is to break off; `None` before it has hit.
     hit: Option<(Vec3, Vec<f32>)>,
     random: fastrand::Rng,
-    keys: Vec<Key>,
     /// Greatest depth of a vertex below the ground so far.
     depth: f32,
 }
@@ -131,8 +161,8 @@ impl World for Breaking {
     ];
 
     fn record(&mut self, _: usize) {
-        for (body, mesh) in self.world.bodies.iter().zip(&self.meshes) {
-            self.keys.push(body.at.key());
+        for (body, mesh) in self.world.bodies.iter().zip(&self.pieces.meshes) {
+            self.pieces.keys.push(body.at.key());
             if body.is_low() {
                 let depths = mesh.positions.iter().map(|&p| -(body.at.position.y + body.at.turned(p).y));
                 self.depth = depths.fold(self.depth, f32::max);
@@ -165,17 +195,16 @@ impl Breaking {
         bodies.push(stone);
         meshes.push(mesh);
         let world = Bodies::new(bodies, 4.0 * statue.thickness, dt);
-        let (keys, welds) = (Vec::new(), welds.concat());
-        Self { statue, world, meshes, welds, beside, rests, hit: None, random, keys, depth: 0.0 }
+        let pieces = Pieces { meshes, welds: welds.concat(), keys: Vec::new() };
+        Self { statue, world, pieces, beside, rests, hit: None, random, depth: 0.0 }
     }
 
     /// Breaks the statue.
     fn simulate(mut self, keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record<Pieces> {
         let stats = simulation::simulate(&mut self, keys, substeps, options);
-        let Self { meshes, welds, keys, depth, .. } = self;
-        let data = Pieces { meshes, welds, keys };
         let name = "greatest depth below the ground, a length".to_owned();
-        Record { data, measures: vec![Measure { name, value: depth.into() }], stats }
+        let measures = vec![Measure { name, value: self.depth.into() }];
+        Record { data: self.pieces, measures, stats }
     }
 
     /// Frees the pieces whose time has come, that the stone hits, or that nothing holds up any
@@ -212,40 +241,6 @@ impl Breaking {
             }
         }
         freed
-    }
-}
-
-impl Statue {
-    /// The thickness at a point of the surface: less than half of the solid's own, so that no
-    /// inside shows.
-    fn wall(&self, solid: &Solid, p: Vec3, normal: Vec3) -> f32 {
-        let near = solid.near(p, 2.0 * self.thickness);
-        let mut depth = self.thickness;
-        while depth > 0.05 * self.thickness && near.distance(p - normal * depth) > -0.7 * depth {
-            depth *= 0.7;
-        }
-        depth
-    }
-
-    /// A lumpy stone.
-    fn stone(&self, triangles: usize, random: &mut fastrand::Rng) -> (Body, Mesh) {
-        let (center, radius, speed) = self.stone;
-        let blend = 0.3 * radius;
-        let mut solid = Solid::default();
-        solid.ball(blend, center, 0.75 * radius);
-        for _ in 0..14 {
-            let mut number = || random.f32() - 0.5;
-            let direction = Vec3::new(number(), number(), number()).normalize_or(Vec3::X);
-            solid.ball(blend, center + direction * (0.5 * radius), radius * (0.3 + 0.15 * random.f32()));
-        }
-        let half = Vec3::splat(1.2 * radius);
-        let cell = radius * (10.0 / triangles as f32).sqrt();
-        let mesh = decimate(&meshing::mesh(&solid, center - half, center + half, cell), triangles);
-        let (mut stone, mesh) = Body::new(mesh, self.stone_density);
-        stone.free = true;
-        stone.radius = radius;
-        stone.velocity = Vec3::NEG_Y * speed;
-        (stone, mesh)
     }
 }
 
