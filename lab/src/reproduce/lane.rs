@@ -8,7 +8,7 @@ use rt_cpu::RenderStats;
 use super::contestants::{Method, Worker};
 use super::record::Row;
 use super::stages::primitives_refit;
-use crate::stage::{self, Renderer, Stage};
+use crate::stage::{Renderer, Stage, timed};
 
 /// A strategy at work: its trees and their memory.
 pub(super) struct Lane {
@@ -16,23 +16,22 @@ pub(super) struct Lane {
     pub(super) method: Method,
     /// The tree, and after it its twins: trees of the later turns, of which the first is traced.
     /// None where trees take long to prepare or to update: then the tree itself is traced once more.
-    pub(super) trees: Vec<(Bvh, Worker)>,
+    pub(super) trees: Vec<Tree>,
     /// Whether the tree fits the present frame.
     pub(super) is_current: bool,
-    /// The row of the present frame; [`weigh`](Self::weigh) completes it.
-    pub(super) last: Option<Row>,
-    /// What updated the tree in the present frame, and then each twin.
-    updates: Vec<Update>,
-    pub(super) between: Between,
+    /// Shortest time of the present frame's update.
+    pub(super) update_ms: f64,
+    /// What rendering the present frame did, and the shorter time; infinite if it is not rendered.
+    pub(super) traced: (RenderStats, f64),
+    /// Updates since the last frame that was measured, and their time.
+    pub(super) since: (u64, f64),
 }
 
-/// Updates since the last frame that was measured.
-#[derive(Clone, Copy, Default)]
-pub(super) struct Between {
-    pub(super) updates: u64,
-    pub(super) ms: f64,
-    /// Shortest time so far of the present frame's update.
-    pub(super) least_ms: f64,
+/// A copy of the first tree, what updates it, and what its last update did.
+pub(super) struct Tree {
+    bvh: Bvh,
+    worker: Worker,
+    update: Update,
 }
 
 /// Updates that are shorter than this have several twins, so that those of a frame take about as
@@ -53,12 +52,12 @@ impl Lane {
         poses: &[Vec<Vec3>],
     ) -> Result<Self> {
         let trees = vec![start(name, method, stage, poses)?];
-        let (updates, between) = (Vec::new(), Between::default());
-        Ok(Self { name, method, trees, is_current: false, last: None, updates, between })
+        let traced = (RenderStats::default(), f64::INFINITY);
+        Ok(Self { name, method, trees, is_current: false, update_ms: f64::INFINITY, traced, since: (0, 0.0) })
     }
 
     pub(super) fn tree(&self) -> &Bvh {
-        &self.trees[0].0
+        &self.trees[0].bvh
     }
 
     /// Adds twins, as many as updates of this length are to have.
@@ -72,97 +71,73 @@ impl Lane {
         Ok(())
     }
 
-    /// Updates the tree in the first turn, each twin in one of the others, without rendering.
+    /// Begins a frame.
+    pub(super) fn begin(&mut self, is_current: bool) {
+        (self.is_current, self.update_ms, self.traced.1) = (is_current, f64::INFINITY, f64::INFINITY);
+    }
+
+    /// Updates the tree in the first turn, each twin in one of the others.
     pub(super) fn update(&mut self, turn: usize, stage: &Stage) -> Result<()> {
-        let Some(tree) = self.trees.get_mut(turn) else { return Ok(()) };
-        let (update_ms, _) = timed(self.name, tree, stage)?;
-        self.between.least_ms = self.between.least_ms.min(update_ms);
+        let Some(Tree { bvh, worker, update }) = self.trees.get_mut(turn) else { return Ok(()) };
+        let (updated, update_ms) = timed(|| worker.update(bvh, &stage.triangles()));
+        *update = updated.with_context(|| format!("{}: {} failed", stage.scene.name, self.name))?;
+        self.update_ms = self.update_ms.min(update_ms);
         Ok(())
     }
 
-    /// Reports the rays of a frame that an earlier run has measured, so that the tree takes the
-    /// same course.
-    pub(super) fn recall(&mut self, rows: &[Row], round: usize, frame: usize) {
-        let is_it = |row: &&Row| row.strategy == self.name && [row.round, row.frame] == [round, frame];
-        if let Some(row) = rows.iter().find(is_it) {
-            let load = Load::PacketNodes(row.nodes_opened);
-            self.trees.iter_mut().for_each(|(_, worker)| worker.report(load));
-        }
-    }
-
-    /// Updates and renders a frame; gives the row, whose other columns are in `common`.
-    pub(super) fn run(
-        &mut self,
-        stage: &Stage,
-        common: &Row,
-        renderer: &mut Renderer,
-    ) -> Result<(Row, RenderStats)> {
-        let (update_ms, update) = timed(self.name, &mut self.trees[0], stage)?;
-        let (stats, trace_ms) = renderer.draw(stage, self.tree());
-        self.trees[0].1.report(Load::PacketNodes(stats.nodes_visited));
-        let row = Row {
-            update_ms,
-            rotations: update.rotations_applied(),
-            height: update.height,
-            nodes_visited: update.nodes_visited,
-            dropped: update.dropped,
-            // Without commas, which would part columns for a simple reader.
-            decision: update.decision.to_string().replace(',', ";"),
-            ..common.clone()
-        };
-        self.updates = vec![update];
-        Ok((row.traced(&stats, trace_ms), stats))
-    }
-
-    /// Updates the twin of a turn from 1 on, and in turn 1 renders it, or the tree itself once more;
-    /// the shorter times count.
-    pub(super) fn run_again(&mut self, turn: usize, stage: &Stage, renderer: &mut Renderer) -> Result<()> {
-        let Some(mut row) = self.last.take() else { return Ok(()) };
-        if let Some(twin) = self.trees.get_mut(turn) {
-            let (update_ms, update) = timed(self.name, twin, stage)?;
-            twin.1.report(Load::PacketNodes(row.nodes_opened));
-            self.updates.push(update);
-            row.update_ms = row.update_ms.min(update_ms);
-        }
-        if turn == 1 && row.trace_ms <= LONG_MS {
-            let (tree, _) = self.trees.get(1).unwrap_or(&self.trees[0]);
-            let (stats, trace_ms) = renderer.draw(stage, tree);
-            if trace_ms < row.trace_ms {
-                row = row.traced(&stats, trace_ms);
+    /// Renders the tree in the first turn, in the second its twin, or the tree itself once more.
+    pub(super) fn trace(&mut self, turn: usize, stage: &Stage, renderer: &mut Renderer) {
+        if turn == 0 || turn == 1 && self.traced.1 <= LONG_MS {
+            let tree = self.trees.get(turn).unwrap_or(&self.trees[0]);
+            let traced = renderer.draw(stage, &tree.bvh);
+            if traced.1 < self.traced.1 {
+                self.traced = traced;
             }
         }
         // Twins were added by the first update, which may have been shorter than later ones. Two
         // turns in a row are seldom disturbed.
-        if turn == 1 && row.update_ms > LONG_MS {
+        if turn == 1 && self.update_ms > LONG_MS {
             self.trees.truncate(1);
         }
-        self.last = Some(row);
-        Ok(())
     }
 
-    /// Adds to the row what takes a look at the whole tree. Gives whether the twins have the same
-    /// cost.
-    pub(super) fn weigh(&mut self) -> bool {
-        let (Some(row), [update, updates @ ..]) = (&mut self.last, &self.updates[..]) else { return true };
-        let cost = |tree: &Bvh, update: &Update| update.sah_cost.unwrap_or_else(|| sah_cost(tree));
-        let (tree, _) = &self.trees[0];
-        row.sah_cost = cost(tree, update);
-        row.primitives_refit = primitives_refit(tree, update);
-        self.trees[1..].iter().zip(updates).all(|((twin, _), update)| cost(twin, update) == row.sah_cost)
+    /// Ends a frame in which the trees were updated and rays opened so many nodes.
+    pub(super) fn end(&mut self, nodes_opened: Option<u64>) {
+        self.since = (self.since.0 + 1, self.since.1 + self.update_ms);
+        for worker in self.trees.iter_mut().map(|tree| &mut tree.worker) {
+            nodes_opened.into_iter().for_each(|nodes| worker.report(Load::PacketNodes(nodes)));
+        }
+    }
+
+    /// The row of a frame that was measured, whose other columns are in `common`; and whether the
+    /// twins have the same cost.
+    pub(super) fn row(&self, common: &Row) -> (Row, bool) {
+        let cost = |tree: &Tree| tree.update.sah_cost.unwrap_or_else(|| sah_cost(&tree.bvh));
+        let (Tree { bvh, update, .. }, (stats, trace_ms)) = (&self.trees[0], &self.traced);
+        let row = Row {
+            update_ms: self.update_ms,
+            sah_cost: cost(&self.trees[0]),
+            rotations: update.rotations_applied(),
+            height: update.height,
+            nodes_visited: update.nodes_visited,
+            dropped: update.dropped,
+            primitives_refit: primitives_refit(bvh, update),
+            // Without commas, which would part columns for a simple reader.
+            decision: update.decision.to_string().replace(',', ";"),
+            updates: self.since.0,
+            updates_ms: self.since.1,
+            ..common.clone()
+        };
+        let same = self.trees[1..].iter().all(|twin| cost(twin) == row.sah_cost);
+        (row.traced(stats, *trace_ms), same)
     }
 }
 
 /// A copy of the first tree, and what updates it by a method.
-fn start(name: &str, method: Method, stage: &Stage, poses: &[Vec<Vec3>]) -> Result<(Bvh, Worker)> {
+fn start(name: &str, method: Method, stage: &Stage, poses: &[Vec<Vec3>]) -> Result<Tree> {
     let indices = stage.triangles().indices;
     let poses: Vec<_> = poses.iter().map(|positions| Triangles { positions, indices }).collect();
-    let mut tree = Bvh::clone(&stage.first_tree);
-    let worker = method.start(&mut tree, &poses).with_context(|| format!("{name}: not prepared"))?;
-    Ok((tree, worker))
-}
-
-/// Updates a tree, and gives the time in ms.
-fn timed(name: &str, (tree, worker): &mut (Bvh, Worker), stage: &Stage) -> Result<(f64, Update)> {
-    let (update, update_ms) = stage::timed(|| worker.update(tree, &stage.triangles()));
-    Ok((update_ms, update.with_context(|| format!("{}: {name} failed", stage.scene.name))?))
+    let mut bvh = Bvh::clone(&stage.first_tree);
+    let worker = method.start(&mut bvh, &poses).with_context(|| format!("{name}: not prepared"))?;
+    Ok(Tree { bvh, worker, update: Update::default() })
 }

@@ -313,7 +313,7 @@ impl<'a> Bench<'a> {
 
     /// Figures 4 and 6: all strategies, side by side.
     fn frames(&mut self, run: &mut SceneRun, stage: &mut Stage, plan: &Plan, begun: Vec<Row>) -> Result<()> {
-        let SceneRun { facts, pictures: taken, .. } = run;
+        let SceneRun { facts, pictures: taken, checks, .. } = run;
         let [size, map_size] = plan.values.picture_size;
         facts.hottest = pictures::hottest(stage, map_size);
         let take = |stage: &mut Stage, trees: &[Named<'_>], frame: usize| {
@@ -333,10 +333,8 @@ impl<'a> Bench<'a> {
                 "resumed after loop {round}, frame {frame}: pictures of strategies up to there were compared in the run before"
             ));
         }
-        let log = Log { done: begun, journal: &mut self.frames };
-        let (rows, checks) = protocol::measure(&facts.label, stage, plan, log, take)?;
-        run.rows = rows;
-        run.checks.add(&checks);
+        let log = Log { done: begun, journal: &mut self.frames, checks };
+        run.rows = protocol::measure(&facts.label, stage, plan, log, take)?;
         Ok(())
     }
 
@@ -357,10 +355,9 @@ impl<'a> Bench<'a> {
             contestants.retain(|c| speed_strategies(frames).contains(&c.name));
             let plan = Plan { contestants, values, measure_every, ..*plan };
             let done = begun.extract_if(.., |row| row.frames_per_loop == frames).collect();
-            let log = Log { done, journal };
-            let (rows, checks) = protocol::measure(&run.facts.label, stage, &plan, log, |_, _, _| Ok(()))?;
+            let log = Log { done, journal, checks: &mut run.checks };
+            let rows = protocol::measure(&run.facts.label, stage, &plan, log, |_, _, _| Ok(()))?;
             run.speed_rows.extend(rows);
-            run.checks.add(&checks);
         }
         Ok(())
     }

@@ -29,7 +29,7 @@ use rt_cpu::{Image, RenderOptions, RenderStats};
 use super::check::{self, Checks};
 use super::contestants::{Contestant, Method, POSES};
 use super::journal::Journal;
-use super::lane::{Between, Lane};
+use super::lane::Lane;
 use super::preset::Values;
 use super::record::{Row, rounded};
 use crate::compare::turns;
@@ -93,6 +93,7 @@ pub(crate) struct Log<'a> {
     /// Rows of an earlier run, of whole steps from the first on; in `journal` already.
     pub(crate) done: Vec<Row>,
     pub(crate) journal: &'a mut Journal<Row>,
+    pub(crate) checks: &'a mut Checks,
 }
 
 /// What the first strategy has shown of a frame: its name, its counts, and a hash of its picture.
@@ -114,22 +115,19 @@ pub(crate) fn measure(
     label: &str,
     stage: &mut Stage,
     plan: &Plan,
-    Log { mut done, journal }: Log<'_>,
+    Log { mut done, journal, checks }: Log<'_>,
     mut picture: impl FnMut(&mut Stage, &[Named<'_>], usize) -> Result<()>,
-) -> Result<(Vec<Row>, Checks)> {
-    let (mut rows, mut checks, mut expected) = (Vec::new(), Checks::default(), Expected::default());
+) -> Result<Vec<Row>> {
+    let (mut rows, mut expected) = (Vec::new(), Expected::default());
     for plan in plan.loops().into_iter().take_while(|_| !interrupt::requested()) {
         let is_of = |row: &mut Row| plan.contestants.iter().any(|c| c.name == row.strategy);
         let done = done.extract_if(.., is_of).collect();
-        let log = Log { done, journal: &mut *journal };
-        let run = Run::new(label, stage, &plan, &mut expected)?;
-        let (more, checked) = run.measure(stage, log, &mut picture)?;
-        rows.extend(more);
-        checks.add(&checked);
+        let run = Run::new(label, stage, &plan, &mut expected, checks)?;
+        rows.extend(run.measure(stage, done, journal, &mut picture)?);
     }
     // After an interrupt, rows of an earlier run whose strategies had no turn.
     rows.extend(done);
-    Ok((rows, checks))
+    Ok(rows)
 }
 
 /// All strategies of a scene at work.
@@ -139,12 +137,18 @@ struct Run<'a> {
     lanes: Vec<Lane>,
     renderer: Renderer,
     expected: &'a mut Expected,
-    checks: Checks,
+    checks: &'a mut Checks,
 }
 
 impl<'a> Run<'a> {
     /// Makes the lanes, and runs each once on a copy of its tree.
-    fn new(label: &'a str, stage: &mut Stage, plan: &'a Plan, expected: &'a mut Expected) -> Result<Self> {
+    fn new(
+        label: &'a str,
+        stage: &mut Stage,
+        plan: &'a Plan,
+        expected: &'a mut Expected,
+        checks: &'a mut Checks,
+    ) -> Result<Self> {
         let Values { size, traversal, .. } = plan.values;
         let options = RenderOptions { smooth: false, timed: true, traversal, ..stage.render_options() };
         let mut lanes = lanes(stage, plan)?;
@@ -153,21 +157,23 @@ impl<'a> Run<'a> {
         // A method that knows the animation refits like the others, and would be prepared again.
         for lane in lanes.iter_mut().filter(|lane| !lane.method.knows_animation()) {
             let mut warm = Lane::new(lane.name, lane.method, stage, &[])?;
-            let (row, _) = warm.run(stage, &Row::default(), &mut renderer)?;
+            warm.update(0, stage)?;
+            warm.trace(0, stage, &mut renderer);
             if plan.values.turns > 1 {
-                lane.add_twins(stage, row.update_ms)?;
+                lane.add_twins(stage, warm.update_ms)?;
             }
         }
-        Ok(Self { label, plan, lanes, renderer, expected, checks: Checks::default() })
+        Ok(Self { label, plan, lanes, renderer, expected, checks })
     }
 
     /// Plays all frames.
     fn measure(
         mut self,
         stage: &mut Stage,
-        Log { done, journal }: Log<'_>,
+        done: Vec<Row>,
+        journal: &mut Journal<Row>,
         picture: &mut impl FnMut(&mut Stage, &[Named<'_>], usize) -> Result<()>,
-    ) -> Result<(Vec<Row>, Checks)> {
+    ) -> Result<Vec<Row>> {
         let (label, plan) = (self.label, self.plan);
         let (steps, frames) = (plan.steps(), plan.values.frames);
         let alone = self.lanes.first().filter(|lane| lane.method.depends_on_time());
@@ -179,109 +185,115 @@ impl<'a> Run<'a> {
             let (round, frame) = (step / frames, step % frames);
             let time_s = stage.time_of(frame, frames);
             let (posed, animate_ms) = timed(|| stage.pose(time_s));
-            let (scene, threads, animate_ms) = (label.to_owned(), plan.threads, rounded(animate_ms));
-            let common = Row {
-                scene,
-                threads,
-                round,
-                frame,
-                animate_ms,
-                frames_per_loop: frames,
-                time_s,
-                ..Row::default()
-            };
-            if step < replayed || !plan.is_measured(frame) {
-                self.replay(stage, &common, &all_rows)?;
+            let is_measured = step >= replayed && plan.is_measured(frame);
+            let is_shown = round == 0 && plan.is_one_of(frame, plan.values.pictures);
+            self.play(stage, step, is_measured, is_shown)?;
+            if is_measured {
+                let common = Row {
+                    scene: label.to_owned(),
+                    threads: plan.threads,
+                    round,
+                    frame,
+                    animate_ms: rounded(animate_ms),
+                    frames_per_loop: frames,
+                    time_s,
+                    ..Row::default()
+                };
+                let rows = self.rows(&common.posed(&posed));
+                journal.append(&rows)?;
+                all_rows.extend(rows);
             } else {
-                self.take_turns(stage, step / plan.measure_every, &common.posed(&posed))?;
+                self.recall(&all_rows, round, frame);
             }
             if round == 0 && plan.is_one_of(frame, plan.values.check_frames) {
                 self.check(stage, frame);
             }
-            let rows = self.take_rows();
-            journal.append(&rows)?;
-            all_rows.extend(rows);
-            if round == 0 && plan.is_one_of(frame, plan.values.pictures) {
+            if is_shown {
                 let current = self.lanes.iter().filter(|lane| lane.is_current);
                 let trees: Vec<_> = current.map(|lane| (lane.name, lane.tree())).collect();
                 picture(stage, &trees, frame)?;
             }
             progress.at(step as u64 + 1);
         }
-        Ok((all_rows, self.checks))
+        Ok(all_rows)
     }
 
-    /// Plays a frame that is not measured: updates trees that depend on the past, and those that
-    /// are shown. A strategy that builds in the background renders, too, so that as much time goes
-    /// by.
-    fn replay(&mut self, stage: &Stage, &Row { round, frame, .. }: &Row, rows: &[Row]) -> Result<()> {
-        let is_shown = round == 0 && self.plan.is_one_of(frame, self.plan.values.pictures);
+    /// Plays a frame. If it is measured, all strategies update and render, and their pictures are
+    /// compared with that of the first. Else they update trees that depend on the past, and those
+    /// that are shown; what builds in the background renders, too, so that as much time goes by.
+    fn play(&mut self, stage: &Stage, step: usize, is_measured: bool, is_shown: bool) -> Result<()> {
+        let Plan { values, measure_every, .. } = self.plan;
+        let (round, frame) = (step / values.frames, step % values.frames);
         for lane in &mut self.lanes {
-            (lane.last, lane.is_current) = (None, is_shown || !lane.method.rebuilds());
-            if lane.is_current {
-                lane.between.least_ms = f64::INFINITY;
-            }
+            lane.begin(is_measured || is_shown || !lane.method.rebuilds());
         }
-        for turn in 0..self.most_trees() {
-            for i in turns(self.lanes.len(), frame) {
+        let most_trees = self.lanes.iter().map(|lane| lane.trees.len()).max().unwrap_or(0);
+        let is_traced_again = is_measured && values.turns > 1;
+        let first = if is_measured { step / measure_every } else { frame };
+        // All second turns, then the third ones of short updates, and so on.
+        for turn in 0..if is_traced_again { most_trees.max(2) } else { most_trees } {
+            for i in turns(self.lanes.len(), first) {
                 let lane = &mut self.lanes[i];
                 if lane.is_current {
                     lane.update(turn, stage)?;
                 }
+                if is_measured || lane.method.depends_on_time() {
+                    lane.trace(turn, stage, &mut self.renderer);
+                }
+                if is_measured && turn == 0 {
+                    let now = (lane.name, lane.traced.0, hash(&self.renderer.image));
+                    let (name, stats, picture) = self.expected.shown.entry((round, frame)).or_insert(now);
+                    if *name != lane.name {
+                        let place =
+                            format!("{}, loop {round}, frame {frame}, {name} and {}", self.label, lane.name);
+                        self.checks.same_hits(&place, stats, &now.1);
+                        self.checks.same_picture(
+                            &place,
+                            self.renderer.image.pixels().len(),
+                            *picture == now.2,
+                        );
+                    }
+                }
             }
         }
-        let is_known = rows.iter().any(|row| [row.round, row.frame] == [round, frame]);
+        Ok(())
+    }
+
+    /// The rows of a frame that was measured, one for each contestant, with all updates since the
+    /// one before.
+    fn rows(&mut self, common: &Row) -> Vec<Row> {
+        self.lanes.iter_mut().for_each(|lane| lane.end(Some(lane.traced.0.nodes_visited)));
+        let (rows, same): (Vec<_>, Vec<_>) = self.lanes.par_iter().map(|lane| lane.row(common)).unzip();
+        for (lane, same) in self.lanes.iter_mut().zip(same) {
+            lane.since = (0, 0.0);
+            let place =
+                format!("{}, loop {}, frame {}, {}", self.label, common.round, common.frame, lane.name);
+            self.checks.same_twin(&place, same);
+        }
+        let row = |c: &Contestant| {
+            let at = self.lanes.iter().position(|lane| lane.name == c.of)?;
+            let row = rows[at].clone();
+            let [update_ms, updates_ms] = [row.update_ms, row.updates_ms].map(|ms| rounded(c.counted.of(ms)));
+            let frame_ms = rounded(update_ms + row.trace_ms);
+            Some(Row { strategy: c.name.to_owned(), update_ms, frame_ms, updates_ms, ..row })
+        };
+        self.plan.contestants.iter().filter_map(row).collect()
+    }
+
+    /// Ends a frame that is not measured. If an earlier run has measured it, its rays are reported,
+    /// so that trees take the same course.
+    fn recall(&mut self, rows: &[Row], round: usize, frame: usize) {
+        let now: Vec<_> = rows.iter().filter(|row| [row.round, row.frame] == [round, frame]).collect();
         for lane in &mut self.lanes {
+            let row = now.iter().find(|row| row.strategy == lane.name);
             if lane.is_current {
-                lane.between.updates += 1;
-                lane.between.ms += lane.between.least_ms;
-                lane.recall(rows, round, frame);
+                lane.end(row.map(|row| row.nodes_opened));
             }
-            if is_known {
+            if !now.is_empty() {
                 // Rows of an earlier run have the updates up to here.
-                lane.between = Between::default();
-            }
-            if lane.method.depends_on_time() {
-                self.renderer.draw(stage, lane.tree());
+                lane.since = (0, 0.0);
             }
         }
-        Ok(())
-    }
-
-    /// Measures a frame with all strategies, and compares their pictures with that of the first.
-    fn take_turns(&mut self, stage: &Stage, turn: usize, common: &Row) -> Result<()> {
-        let Row { round, frame, .. } = *common;
-        for i in turns(self.lanes.len(), turn) {
-            let lane = &mut self.lanes[i];
-            let (row, stats) = lane.run(stage, common, &mut self.renderer)?;
-            (lane.last, lane.is_current) = (Some(row), true);
-            let now = (lane.name, stats, hash(&self.renderer.image));
-            let (name, expected, picture) = self.expected.shown.entry((round, frame)).or_insert(now);
-            if *name != lane.name {
-                let place = format!("{}, loop {round}, frame {frame}, {name} and {}", self.label, lane.name);
-                self.checks.same_hits(&place, expected, &stats);
-                self.checks.same_picture(&place, self.renderer.image.pixels().len(), *picture == now.2);
-            }
-        }
-        // All second turns, then the third ones of short updates, and so on.
-        let again = if self.plan.values.turns > 1 { self.most_trees().max(2) } else { 1 };
-        for later in 1..again {
-            for i in turns(self.lanes.len(), turn) {
-                let lane = &mut self.lanes[i];
-                lane.run_again(later, stage, &mut self.renderer)?;
-            }
-        }
-        let same: Vec<bool> = self.lanes.par_iter_mut().map(Lane::weigh).collect();
-        for (lane, same) in self.lanes.iter().zip(same) {
-            self.checks
-                .same_twin(&format!("{}, loop {round}, frame {frame}, {}", self.label, lane.name), same);
-        }
-        Ok(())
-    }
-
-    /// Trees of the strategy that has the most.
-    fn most_trees(&self) -> usize {
-        self.lanes.iter().map(|lane| lane.trees.len()).max().unwrap_or(0)
     }
 
     /// Compares what every tree finds with brute force.
@@ -300,29 +312,10 @@ impl<'a> Run<'a> {
         let checked: Vec<_> = current.map(of_lane).collect();
         checked.iter().for_each(|checks| self.checks.add(checks));
     }
-
-    /// A row for each contestant of the frame, if it was measured, with all updates since the one
-    /// before.
-    fn take_rows(&mut self) -> Vec<Row> {
-        let row = |c: &Contestant| {
-            let lane = self.lanes.iter().find(|lane| lane.name == c.of)?;
-            let last = lane.last.clone()?;
-            let update_ms = rounded(c.counted.of(last.update_ms));
-            let updates_ms = rounded(c.counted.of(lane.between.ms + last.update_ms));
-            let frame_ms = rounded(update_ms + last.trace_ms);
-            let (strategy, updates) = (c.name.to_owned(), lane.between.updates + 1);
-            Some(Row { strategy, update_ms, frame_ms, updates, updates_ms, ..last })
-        };
-        let rows = self.plan.contestants.iter().filter_map(row).collect();
-        for lane in self.lanes.iter_mut().filter(|lane| lane.last.is_some()) {
-            lane.between = Between::default();
-        }
-        rows
-    }
 }
 
 /// Whether a frame is one of `samples` that are spread evenly over `frames`.
-pub(crate) fn is_sampled(frame: usize, frames: usize, samples: usize) -> bool {
+fn is_sampled(frame: usize, frames: usize, samples: usize) -> bool {
     let samples = samples.min(frames);
     (0..samples).any(|i| frame == if samples == 1 { 0 } else { i * (frames - 1) / (samples - 1) })
 }
