@@ -11,8 +11,7 @@ use bvh_core::glam::Vec4;
 use bvh_core::{Aabb, Bvh, Primitives, Triangles, Vec3};
 use bvh_update::{Rotate, Strategy, Updater};
 
-use super::bench::{Bench, differing, in_turns};
-use super::point::Point;
+use super::bench::{Bench, Point, differing, in_turns};
 use crate::stage::timed;
 
 /// Triangles whose boxes are never checked.

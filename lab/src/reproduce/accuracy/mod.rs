@@ -6,23 +6,19 @@
 //! `f64` arithmetic, topology, a simulation with a step many times finer, a closed form.
 
 mod bench;
-mod curve;
+mod curves;
 mod guards;
 mod motion;
-mod point;
 mod samples;
-mod section;
 mod sentences;
 mod trees;
-mod triangle_test;
-mod wall;
+mod triangle_tests;
 
 use anyhow::Result;
 
-pub(crate) use self::bench::Effort;
 use self::bench::{Bench, Log};
-pub(crate) use self::point::Point;
-pub(crate) use self::section::{LEGEND, Section, sections};
+pub(crate) use self::bench::{Effort, Point};
+pub(crate) use self::curves::{LEGEND, Section, sections};
 pub(crate) use self::sentences::sentences;
 use super::journal::Journal;
 use crate::interrupt;
@@ -31,11 +27,11 @@ use crate::stage::Stage;
 
 /// The knobs of a scene.
 const OF_A_SCENE: [fn(&mut Bench<'_>) -> Result<()>; 5] =
-    [trees::strategies, trees::builders, triangle_test::measure, guards::measure, trees::height_bounds];
+    [trees::strategies, trees::builders, triangle_tests::in_frames, guards::measure, trees::height_bounds];
 
 /// The knobs with input of their own. Their points name no scene.
 const ALONE: [fn(&mut Log<'_>) -> Result<()>; 4] =
-    [wall::measure, samples::measure, motion::steps, motion::key_frames];
+    [triangle_tests::on_a_wall, samples::measure, motion::steps, motion::key_frames];
 
 /// Measures every knob of the scene on the stage. Ends early when interrupted.
 pub(crate) fn of_scene(

@@ -14,8 +14,7 @@ use rt_cpu::{
     render,
 };
 
-use super::bench::Log;
-use super::point::Point;
+use super::bench::{Log, Point};
 use crate::interrupt;
 use crate::stage::timed;
 use scenes::LightEffects;

@@ -1,8 +1,8 @@
 //! What matters of the points, in sentences: three for a run over scenes, advice for a model of the
 //! user's.
 
-use super::curve::{Curve, families};
-use super::point::Point;
+use super::Point;
+use super::curves::{Curve, families};
 use crate::reproduce::chart::{number, precise};
 
 /// The setting that the sentences are about.

@@ -1,8 +1,10 @@
-//! Rays at edges and corners of a closed wall: which leak, and how far off distances are.
+//! Triangle tests. Rays at edges and corners of a closed wall: which leak, and how far off distances
+//! are.
 //!
 //! The wall stands all across the view, and its vertices lie on rays through the middle of pixels:
 //! most rays of the picture meet an edge or a corner, as nearly as `f32` can tell, and every ray
 //! must hit. Distances are compared with where the ray meets the plane of the triangle in `f64`.
+//! The same tests in whole frames of a scene show what users see of that.
 
 use std::hint::black_box;
 
@@ -12,12 +14,11 @@ use bvh_core::glam::DVec3;
 use bvh_core::pick::hit_by;
 use bvh_core::triangle::{DET_RANGE, Found, Test, Watertight};
 use bvh_core::{Bvh, Ray, Triangles, Vec3, Visits};
-use rt_cpu::{Camera, Hit, Pixel, RenderOptions, TriangleTest, cast};
+use rt_cpu::{Camera, Hit, Pixel, RenderOptions, Traversal, TriangleTest, cast};
 
-use super::bench::{Log, in_a_million, in_turns};
-use super::point::Point;
+use super::bench::{Bench, Log, Point, differing, in_a_million, in_turns};
 use crate::interrupt;
-use crate::stage::timed;
+use crate::stage::{fresh_tree, timed};
 
 /// How far the wall is moved along each axis, where its edges are about 1 long.
 const OFFSETS: [(&str, f64); 4] = [("the origin", 0.0), ("1e3", 1e3), ("1e5", 1e5), ("1e7", 1e7)];
@@ -167,7 +168,7 @@ fn leaks(hits: &[Option<Hit>]) -> f64 {
 }
 
 /// All triangle tests in tiles; conservative boxes and fused arithmetic with single rays.
-pub(super) fn measure(log: &mut Log<'_>) -> Result<()> {
+pub(super) fn on_a_wall(log: &mut Log<'_>) -> Result<()> {
     for (condition, offset) in OFFSETS.into_iter().take_while(|_| !interrupt::requested()) {
         let wall = Wall::new(log.effort.pick([160, 512, 1024]), offset, log.effort.seed);
         let tree = build(&wall.triangles(), Builder::Sweep).context("no tree")?;
@@ -216,6 +217,34 @@ fn arithmetic(log: &mut Log<'_>, wall: &Wall, tree: &Bvh, condition: &str) -> Re
             if knob == "fused multiply-add" {
                 log.add(point.with("hits with other bits than without", differ(hits), "in a million"))?;
             }
+        }
+    }
+    Ok(())
+}
+
+/// Every test, in tiles, in packets and ray by ray: frames with shadows, against those of `f64`.
+pub(super) fn in_frames(bench: &mut Bench<'_>) -> Result<()> {
+    bench.pose_in_the_middle();
+    let tree = fresh_tree(bench.stage)?;
+    for (condition, traversal, rounds) in [
+        ("tiles", Traversal::Tile, 6),
+        ("packets", Traversal::Packet, 3),
+        ("single rays", Traversal::Single, 2),
+    ] {
+        let with = |triangle_test| RenderOptions { triangle_test, traversal, ..bench.flat() };
+        let all = TriangleTest::ALL;
+        let times =
+            in_turns(rounds * bench.log.effort.rounds, all.len(), |i| Ok(bench.trace(&tree, &with(all[i]))))?;
+        let see = |test| bench.see(&tree, &bench.stage.triangles(), &with(test));
+        let exact = see(TriangleTest::Double);
+        let errors = all.map(|test| differing(&see(test), &exact));
+        for ((test, time_ms), error) in all.into_iter().zip(times).zip(errors) {
+            let knob = format!("triangle test at {condition}");
+            let note = "time of a frame with primary and shadow rays, in the middle of the loop".to_owned();
+            let is_default = test == TriangleTest::default();
+            let point = Point { note, ..Point::new(&knob, test.name(), is_default, time_ms) };
+            let name = "pixels seen or lit otherwise than with f64";
+            bench.log.add(point.with(name, error, "in a million"))?;
         }
     }
     Ok(())
