@@ -5,13 +5,11 @@
 //! that rotates, so that whatever else the machine does hits all of them alike. Poses are computed
 //! outside of what is timed.
 
-mod frame;
+mod contests;
 mod hard;
 mod lane;
 mod row;
 mod table;
-mod trace;
-mod update;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -139,10 +137,10 @@ impl Setting {
     /// The rows of all contestants; none of those that an interrupt has left without a frame.
     fn measure(&self, contest: Contest, stage: &mut Stage) -> Result<Vec<Row>> {
         let mut rows = match contest {
-            Contest::Update | Contest::Build => update::measure(contest, stage, self)?,
-            Contest::Trace => trace::primary(stage, self)?,
-            Contest::Incoherent => trace::incoherent(stage, self)?,
-            Contest::Frame => frame::measure(stage, self)?,
+            Contest::Update | Contest::Build => contests::updates(contest, stage, self)?,
+            Contest::Trace => contests::primary(stage, self)?,
+            Contest::Incoherent => contests::incoherent(stage, self)?,
+            Contest::Frame => contests::frames(stage, self)?,
         };
         rows.retain(|row| row.frames > 0);
         Ok(rows)
