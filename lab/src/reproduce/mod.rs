@@ -5,24 +5,19 @@ pub(crate) mod chart;
 mod check;
 mod claims;
 mod contestants;
-mod decisions;
 mod figures;
 mod journal;
 mod lane;
-mod offline;
 mod options;
 mod output;
 mod paper_binned;
-mod pictures;
 mod preset;
 mod protocol;
 mod record;
 mod report;
 mod results;
-mod saved;
-mod settle;
-mod stages;
 mod summary;
+mod trees;
 
 use std::time::Instant;
 
@@ -33,14 +28,13 @@ use scenes::{FrameStage, Scene};
 
 use self::accuracy::Point;
 use self::contestants::plays_alone;
-use self::journal::Journal;
+use self::journal::{Journal, Saved};
 use self::options::Experiment;
 use self::output::Output;
 use self::preset::Values;
 use self::protocol::{Log, Named, Plan};
 use self::record::Row;
 use self::results::{Results, SceneFacts, SceneRun, Settings};
-use self::saved::Saved;
 use crate::compare::{Row as Peer, Setting};
 use crate::effects::{self, Played};
 use crate::machine::{Machine, Revision};
@@ -101,7 +95,7 @@ struct Entry {
 pub fn run(args: &Args) -> Result<()> {
     args.ensure_used()?;
     if let Some(folder) = &args.from {
-        let results = saved::load(folder)?.results;
+        let results = journal::load(folder)?.results;
         return Output::prepare(args.out())?.copy_from(folder)?.write(&results);
     }
     let mut entries = entries(args)?;
@@ -122,7 +116,7 @@ pub fn run(args: &Args) -> Result<()> {
     let pool = pool::pool(results.settings.threads)?;
     let (folder, summary) = (out.file(""), out.file("summary.json"));
     if args.resume && summary.exists() {
-        let saved = saved::load(&folder)?;
+        let saved = journal::load(&folder)?;
         saved.ensure_same(&results, &folder)?;
         results.accuracy = take_over(saved, &mut entries);
     } else {
@@ -265,12 +259,12 @@ impl<'a> Bench<'a> {
         }
         let for_claims = args.runs(Experiment::Claims) && is_main;
         if for_claims && run.moves() && !interrupt::requested() {
-            let (settled, memory) = settle::measure(&mut stage, plan.values.frames)?;
+            let (settled, memory) = trees::settle(&mut stage, plan.values.frames)?;
             (run.facts.settled, run.facts.memory) = (Some(settled), Some(memory));
         }
         let is_small = run.facts.triangles <= plan.values.offline;
         if for_claims && is_small && claims::judges_annealing(&run.facts.label) && !interrupt::requested() {
-            run.offline = offline::measure(&mut stage, plan.values.size)?;
+            run.offline = trees::offline(&mut stage, plan.values.size)?;
         }
         if args.runs(Experiment::Effects) && is_main && !interrupt::requested() {
             let played = Played { seed: self.settings.seed, ..EFFECTS };
@@ -315,15 +309,15 @@ impl<'a> Bench<'a> {
     fn frames(&mut self, run: &mut SceneRun, stage: &mut Stage, plan: &Plan, begun: Vec<Row>) -> Result<()> {
         let SceneRun { facts, pictures: taken, checks, .. } = run;
         let [size, map_size] = plan.values.picture_size;
-        facts.hottest = pictures::hottest(stage, map_size);
+        facts.hottest = output::hottest(stage, map_size);
         let take = |stage: &mut Stage, trees: &[Named<'_>], frame: usize| {
             // All trees show the same picture, as the checks make sure.
             let costs = trees.iter().map(|&(_, tree)| (sah_cost(tree), tree));
             let Some((_, best)) = costs.min_by(|a, b| a.0.total_cmp(&b.0)) else { return Ok(()) };
-            let png = pictures::picture(stage, best, size)?;
+            let png = output::picture(stage, best, size)?;
             taken.push(self.out.picture(&facts.label, frame, None, png)?);
-            for (name, tree) in trees.iter().filter(|(name, _)| pictures::HEAT_MAPS.contains(name)) {
-                let jpeg = pictures::heat_map(stage, tree, map_size, facts.hottest)?;
+            for (name, tree) in trees.iter().filter(|(name, _)| output::HEAT_MAPS.contains(name)) {
+                let jpeg = output::heat_map(stage, tree, map_size, facts.hottest)?;
                 taken.push(self.out.picture(&facts.label, frame, Some(name), jpeg)?);
             }
             Ok(())
