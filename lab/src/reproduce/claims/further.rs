@@ -1,11 +1,11 @@
 //! Claims that the paper makes in passing: worst frames, steadiness, causes, and what it expects of
 //! combinations.
 
-use super::Finding;
-use super::bounds::Bounds;
 use super::findings::{missing, moving, without_museum};
-use super::ratios::{REFIT, ROTATE, mean_cost, update_time, worst_cost};
-use super::table::{Table, at_least, both, by_ratios, graded};
+use super::table::{
+    REFIT, ROTATE, Table, at_least, both, by_ratios, graded, mean_cost, update_time, worst_cost,
+};
+use super::{Bounds, Finding};
 use crate::reproduce::contestants::{ASYNCHRONOUS, IDEAL, IDEAL_PARALLEL_BINNED};
 use crate::reproduce::record::Row;
 use crate::reproduce::results::{Results, SceneRun, Spread};

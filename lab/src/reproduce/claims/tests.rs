@@ -537,3 +537,17 @@ fn first_verdicts_are_by_the_first_rules() {
         .for_each(|row| (row.trace_ms, row.frame_ms) = (7.0, 9.0));
     assert_eq!(both(&slow, "largest scene"), (Verdict::DoesNotHoldHere, Verdict::HoldsInPart));
 }
+
+/// Whoever changes a bound changes this number, too, and says why in docs/PAPER.md.
+#[test]
+fn bounds_are_frozen() {
+    let digest =
+        FILE.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x100_0000_01b3));
+    assert_eq!(digest, 18_186_478_218_745_304_428, "{digest}");
+    let Both { first, present } = Both::read();
+    let file: serde_json::Value = serde_json::from_str(FILE).expect("JSON");
+    let words = file["words"].as_object().expect("the paper's words");
+    let fields = |bounds: &Bounds| format!("{bounds:?}").matches(": ").count();
+    assert_eq!([fields(&first), fields(&present)], [words.len(); 2]);
+    assert!(words.values().all(serde_json::Value::is_string) && first != present);
+}
