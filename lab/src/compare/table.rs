@@ -1,6 +1,9 @@
 //! Results as text: tables, and ratios of times within one run, where the state of the machine
 //! cancels out.
 
+use std::collections::HashSet;
+use std::hash::Hash;
+
 use super::row::Row;
 
 /// What a row was measured with: rows of one table agree in it.
@@ -47,14 +50,9 @@ fn table(rows: &[Row]) -> String {
 }
 
 /// Each value once, in the order of their first appearance.
-pub(crate) fn unique<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
-    let mut all = Vec::new();
-    values.for_each(|value| {
-        if !all.contains(&value) {
-            all.push(value);
-        }
-    });
-    all
+pub(crate) fn unique<T: Copy + Eq + Hash>(values: impl Iterator<Item = T>) -> Vec<T> {
+    let mut seen = HashSet::new();
+    values.filter(|value| seen.insert(*value)).collect()
 }
 
 /// A number of threads in words.

@@ -3,6 +3,8 @@
 //! Written here, in as many lines as it took with the crate plotters: with that, nothing drawn
 //! could bear the name of its strategy, by which the page links charts and tables.
 
+use std::collections::HashSet;
+
 /// One panel.
 #[derive(Default)]
 pub(crate) struct Chart {
@@ -63,12 +65,9 @@ const LEGEND_STEP: f64 = 18.0;
 
 /// Panels in rows of `columns`, with one legend to the right for all names in them.
 pub(crate) fn figure(charts: &[Chart], columns: usize) -> String {
-    let mut legend: Vec<&Series> = Vec::new();
-    for series in charts.iter().flat_map(|chart| &chart.series) {
-        if !series.name.is_empty() && legend.iter().all(|other| other.name != series.name) {
-            legend.push(series);
-        }
-    }
+    let mut names = HashSet::new();
+    let mut legend: Vec<&Series> = charts.iter().flat_map(|chart| &chart.series).collect();
+    legend.retain(|series| !series.name.is_empty() && names.insert(&series.name));
     let side = columns as f64 * PANEL[0];
     let width = side + if legend.is_empty() { 0.0 } else { LEGEND };
     let height = charts.len().div_ceil(columns) as f64 * PANEL[1];

@@ -18,7 +18,7 @@
 //! updates are timed, too: few of many may be repairs, and the frames measured could hit or miss
 //! them.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::hash::{DefaultHasher, Hasher};
 
 use anyhow::Result;
@@ -27,7 +27,7 @@ use rayon::prelude::*;
 use rt_cpu::{Image, RenderOptions, RenderStats};
 
 use super::check::{self, Checks};
-use super::contestants::{Contestant, Method, POSES};
+use super::contestants::{Contestant, POSES};
 use super::journal::Journal;
 use super::lane::Lane;
 use super::preset::Values;
@@ -81,7 +81,10 @@ impl Plan {
     /// Whether a frame is one of some that are spread evenly over those that are measured.
     fn is_one_of(&self, frame: usize, samples: usize) -> bool {
         let every = self.measure_every;
-        self.is_measured(frame) && is_sampled(frame / every, self.values.frames.div_ceil(every), samples)
+        let measured = self.values.frames.div_ceil(every);
+        let samples = samples.min(measured);
+        let is_sample = |i| i * (measured - 1) / (samples - 1).max(1) == frame / every;
+        self.is_measured(frame) && (0..samples).any(is_sample)
     }
 }
 
@@ -314,25 +317,16 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Whether a frame is one of `samples` that are spread evenly over `frames`.
-fn is_sampled(frame: usize, frames: usize, samples: usize) -> bool {
-    let samples = samples.min(frames);
-    (0..samples).any(|i| frame == if samples == 1 { 0 } else { i * (frames - 1) / (samples - 1) })
-}
-
 /// One lane for each strategy, whatever number of contestants share it.
 fn lanes(stage: &mut Stage, plan: &Plan) -> Result<Vec<Lane>> {
     let knows = |c: &Contestant| c.method.knows_animation();
     let poses = if plan.contestants.iter().any(knows) { stage.positions(POSES) } else { Vec::new() };
-    let mut methods: Vec<(&str, Method)> = Vec::new();
-    for contestant in &plan.contestants {
-        if methods.iter().all(|(name, _)| *name != contestant.of) {
-            methods.push((contestant.of, contestant.method.for_picture(plan.values.size)));
-        }
-    }
+    let (mut names, mut contestants) = (HashSet::new(), plan.contestants.clone());
+    contestants.retain(|c| names.insert(c.of));
     // Side by side: methods that know the animation take long to prepare, and that is not counted.
     let stage = &*stage;
-    methods.into_par_iter().map(|(name, method)| Lane::new(name, method, stage, &poses)).collect()
+    let lane = |c: Contestant| Lane::new(c.of, c.method.for_picture(plan.values.size), stage, &poses);
+    contestants.into_par_iter().map(lane).collect()
 }
 
 /// Of all bits of a picture.
