@@ -7,7 +7,7 @@ use bvh_core::Vec3;
 use rayon::prelude::*;
 use scenes::{SceneInfo, SceneOptions, distance};
 
-use super::bench::{Log, Point, fastest};
+use super::{Log, Point, fastest};
 use crate::{files, interrupt, stage};
 
 /// The simulations whose step is varied, and the steps between key frames that they have of their

@@ -14,7 +14,7 @@ use rt_cpu::{
     render,
 };
 
-use super::bench::{Log, Point};
+use super::{Log, Point};
 use crate::interrupt;
 use crate::stage::timed;
 use scenes::LightEffects;
