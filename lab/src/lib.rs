@@ -15,7 +15,6 @@ pub mod reproduce;
 pub mod soak;
 
 mod machine;
-mod pool;
 mod progress;
 mod stage;
 

@@ -1,13 +1,15 @@
-//! What results were measured with: machine and revision.
+//! What results were measured with: machine, revision, and the threads that everything timed runs on.
 
 use std::process::Command;
 use std::time::SystemTime;
 
+use anyhow::{Context, Result};
 use bvh_core::SimdLevel;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::{Deserialize, Serialize};
 use sysinfo::{CpuRefreshKind, MemoryRefreshKind, RefreshKind, System};
 
-use crate::{files, pool};
+use crate::files;
 
 /// The machine and its state when the run began.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -43,7 +45,7 @@ impl Machine {
         let cpu = system.cpus().first().map(|cpu| cpu.brand().trim()).filter(|brand| !brand.is_empty());
         Self {
             cpu: cpu.unwrap_or(std::env::consts::ARCH).to_owned(),
-            cores: pool::cores(),
+            cores: cores(),
             simd: SimdLevel::best().name().to_owned(),
             memory_gib: Some(system.total_memory() as f64 / f64::from(1 << 30)).filter(|gib| *gib > 0.0),
             os: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
@@ -82,4 +84,41 @@ fn output(program: &str, arguments: &[&str]) -> Option<String> {
     let output = Command::new(program).args(arguments).current_dir(files::workspace()).output().ok()?;
     let text = String::from_utf8(output.stdout).ok()?;
     output.status.success().then(|| text.trim().to_owned())
+}
+
+/// Threads that the paper's machine ran (section 3).
+pub(crate) const PAPER_THREADS: usize = 8;
+
+/// The option `--threads`.
+#[derive(clap::Args)]
+pub(crate) struct Threads {
+    /// Threads for updates and rendering [default: the paper's 8, or the cores there are]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Option<u32>,
+}
+
+impl Threads {
+    /// How many: the paper's number, or as many as this machine has cores, unless something is
+    /// given.
+    pub(crate) fn count(&self) -> usize {
+        self.threads.map_or_else(|| cores().min(PAPER_THREADS), |n| n as usize)
+    }
+
+    /// A pool of that many threads.
+    pub(crate) fn pool(&self) -> Result<ThreadPool> {
+        pool(self.count())
+    }
+}
+
+/// Hardware threads that this process may use.
+pub(crate) fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// A pool of that many threads.
+pub(crate) fn pool(threads: usize) -> Result<ThreadPool> {
+    ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .with_context(|| format!("{threads} threads cannot be started; fewer may do"))
 }

@@ -37,10 +37,10 @@ use self::record::Row;
 use self::results::{Results, SceneFacts, SceneRun, Settings};
 use crate::compare::{Row as Peer, Setting};
 use crate::effects::{self, Played};
-use crate::machine::{Machine, Revision};
+use crate::machine::{self, Machine, Revision};
 use crate::progress::left;
 use crate::stage::{self, Stage};
-use crate::{compare, files, interrupt, pool};
+use crate::{compare, files, interrupt};
 
 pub(crate) use self::contestants::Contestant;
 pub use self::options::Args;
@@ -113,7 +113,7 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let embree = args.embree(results.settings.threads)?;
     let out = Output::prepare(args.out())?;
-    let pool = pool::pool(results.settings.threads)?;
+    let pool = machine::pool(results.settings.threads)?;
     let (folder, summary) = (out.file(""), out.file("summary.json"));
     if args.resume && summary.exists() {
         let saved = journal::load(&folder)?;

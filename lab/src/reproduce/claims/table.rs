@@ -1,7 +1,7 @@
 //! Ratios of times and costs, a figure for each scene, and verdicts from them.
 
 use super::Verdict;
-use crate::pool::PAPER_THREADS;
+use crate::machine::PAPER_THREADS;
 use crate::reproduce::contestants::{IDEAL, IDEAL_PARALLEL_BINNED, PAPER_BINNED};
 use crate::reproduce::record::Row;
 use crate::reproduce::results::{Results, SceneRun, Spread};
