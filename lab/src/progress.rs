@@ -1,6 +1,5 @@
 //! Progress of long work: a bar on a terminal, now and then a plain line otherwise.
 
-use std::io::{IsTerminal, stderr};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
@@ -14,38 +13,35 @@ const QUIET: Duration = Duration::from_secs(10);
 
 /// Work that is under way; shown on standard error, gone when dropped.
 pub(crate) struct Progress {
-    what: String,
-    total: u64,
-    bar: Option<ProgressBar>,
-    start: Instant,
+    /// Draws nothing where there is no terminal.
+    bar: ProgressBar,
+    /// The last plain line.
     last: Mutex<Instant>,
 }
 
 impl Progress {
     /// Starts work on `what`, in `total` steps.
     pub(crate) fn new(what: impl Into<String>, total: u64) -> Self {
-        let what = printable(&what.into());
-        let bar = stderr().is_terminal().then(|| {
+        let bar = ProgressBar::new(total).with_message(printable(&what.into()));
+        if !bar.is_hidden() {
             let style = ProgressStyle::with_template("{msg} {wide_bar:.blue/dim} {pos}/{len}, {eta} left");
-            let bar = ProgressBar::new(total).with_message(what.clone());
             bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
             bar.enable_steady_tick(Duration::from_millis(200));
-            bar
-        });
-        let start = Instant::now();
-        Self { what, total, bar, start, last: Mutex::new(start) }
+        }
+        Self { bar, last: Mutex::new(Instant::now()) }
     }
 
     /// Says how many steps are done.
     pub(crate) fn at(&self, done: u64) {
-        if let Some(bar) = &self.bar {
-            bar.set_position(done);
-        } else if let Ok(mut last) = self.last.lock()
+        self.bar.set_position(done);
+        if self.bar.is_hidden()
+            && let Ok(mut last) = self.last.lock()
             && last.elapsed() >= QUIET
         {
             *last = Instant::now();
-            let left = left(self.start.elapsed(), done as f64, self.total as f64);
-            files::remark(&format!("{}: {done} of {}{left}", self.what, self.total));
+            let total = self.bar.length().unwrap_or(done);
+            let left = left(self.bar.elapsed(), done as f64, total as f64);
+            files::remark(&format!("{}: {done} of {total}{left}", self.bar.message()));
         }
     }
 }
@@ -61,9 +57,7 @@ pub(crate) fn left(elapsed: Duration, done: f64, total: f64) -> String {
 
 impl Drop for Progress {
     fn drop(&mut self) {
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
-        }
+        self.bar.finish_and_clear();
     }
 }
 
