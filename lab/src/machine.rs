@@ -3,7 +3,7 @@
 use std::process::Command;
 use std::time::SystemTime;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use bvh_core::SimdLevel;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::{Deserialize, Serialize};
@@ -49,7 +49,7 @@ impl Machine {
             simd: SimdLevel::best().name().to_owned(),
             memory_gib: Some(system.total_memory() as f64 / f64::from(1 << 30)).filter(|gib| *gib > 0.0),
             os: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
-            rustc: output("rustc", &["--version"]),
+            rustc: output("rustc", &["--version"]).ok(),
             load: cfg!(unix).then(|| System::load_average().one),
             started: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
         }
@@ -66,9 +66,9 @@ pub(crate) fn resident_mib() -> f64 {
 
 impl Revision {
     pub(crate) fn read() -> Self {
-        let commit = output("git", &["rev-parse", "HEAD"]);
+        let commit = output("git", &["rev-parse", "HEAD"]).ok();
         let changes = output("git", &["status", "--porcelain", "--untracked-files=no"]);
-        Self { commit, dirty: changes.is_some_and(|c| !c.is_empty()) }
+        Self { commit, dirty: changes.is_ok_and(|c| !c.is_empty()) }
     }
 
     /// A short form: the commit's first digits, and whether there are changes on top.
@@ -79,11 +79,23 @@ impl Revision {
     }
 }
 
-/// What a program prints, run in the workspace; `None` if it fails.
-fn output(program: &str, arguments: &[&str]) -> Option<String> {
-    let output = Command::new(program).args(arguments).current_dir(files::workspace()).output().ok()?;
-    let text = String::from_utf8(output.stdout).ok()?;
-    output.status.success().then(|| text.trim().to_owned())
+/// The program of that name; for cargo the one that runs this.
+pub fn program(name: &str) -> Command {
+    let cargo = std::env::var_os("CARGO").filter(|_| name == "cargo");
+    Command::new(cargo.unwrap_or_else(|| name.into()))
+}
+
+/// What a program prints in the workspace, without spaces at its end.
+///
+/// # Errors
+///
+/// If the program fails; the message has what it says.
+pub fn output(name: &str, arguments: &[&str]) -> Result<String> {
+    let output = program(name).args(arguments).current_dir(files::workspace()).output();
+    let output = output.with_context(|| format!("{name}: cannot be started"))?;
+    let error = String::from_utf8_lossy(&output.stderr);
+    ensure!(output.status.success(), "{name} {}: {error}", arguments.join(" "));
+    Ok(String::from_utf8(output.stdout)?.trim_end().to_owned())
 }
 
 /// Threads that the paper's machine ran (section 3).

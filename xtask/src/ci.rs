@@ -1,10 +1,10 @@
 //! `cargo xtask ci`: what a change must pass.
 
 use std::path::Path;
-use std::process::Command;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 
+use lab::machine::{output, program};
 use lab::{CheckFailed, files, interrupt};
 
 use crate::layering;
@@ -38,7 +38,7 @@ pub(crate) fn run() -> Result<()> {
     let mut commands = Vec::new();
     for target in TARGETS {
         let folder = output("rustc", &["--print", "target-libdir", "--target", target])?;
-        if Path::new(folder.trim()).exists() {
+        if Path::new(&folder).exists() {
             let lint = format!("cargo clippy -p pivot-bvh -p rt-cpu --target {target} -- -D warnings");
             commands.push((lint, &[][..]));
         } else {
@@ -61,21 +61,6 @@ pub(crate) fn run() -> Result<()> {
         failed.extend((!status.success()).then_some(command));
     }
     if failed.is_empty() { Ok(()) } else { Err(CheckFailed(format!("failed: {}", failed.join("; "))).into()) }
-}
-
-/// The program of that name; for cargo the one that runs this.
-pub(crate) fn program(name: &str) -> Command {
-    let cargo = std::env::var_os("CARGO").filter(|_| name == "cargo");
-    Command::new(cargo.unwrap_or_else(|| name.into()))
-}
-
-/// What a program prints in the workspace; an error with what it says if it fails.
-pub(crate) fn output(name: &str, arguments: &[&str]) -> Result<String> {
-    let output = program(name).args(arguments).current_dir(files::workspace()).output();
-    let output = output.with_context(|| format!("{name}: cannot be started"))?;
-    let error = String::from_utf8_lossy(&output.stderr);
-    ensure!(output.status.success(), "{name} {}: {error}", arguments.join(" "));
-    Ok(String::from_utf8(output.stdout)?)
 }
 
 fn readme_names(command: &str) -> Result<bool> {
