@@ -7,10 +7,10 @@ use rt_cpu::{Pixel, PointLight, RenderOptions, RenderStats, Traversal, cast};
 use scenes::LightEffects;
 
 use super::Setting;
-use super::row::{Record, Row};
+use super::table::{Row, time};
 use crate::interrupt;
 use crate::progress::Progress;
-use crate::reproduce::median;
+use crate::reproduce::{Spread, median};
 use crate::stage::{Stage, fresh_tree, timed};
 
 /// Pixels on each side of the view that answers are compared on.
@@ -21,6 +21,53 @@ pub(super) struct Lane {
     pub(super) entry: Entry,
     pub(super) contestant: Box<dyn Contestant>,
     pub(super) record: Record,
+}
+
+/// What a contestant did on a scene.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Record {
+    /// Times of the measured frames.
+    pub(super) times_ms: Vec<f64>,
+    /// Of whole frames: the part of these that the update took.
+    pub(super) updates_ms: Vec<f64>,
+    /// Ratios of cost of the same frames.
+    pub(super) costs: Vec<f64>,
+    pub(super) answers: Answers,
+}
+
+impl Record {
+    /// The row, compared to what the reference found.
+    pub(super) fn row(&self, what: &str, contestant: &str, on: &Setting, reference: &Answers) -> Row {
+        let times = Spread::of(self.times_ms.iter().copied());
+        let of_times = |of: fn(Spread) -> f64| times.map_or(0.0, of);
+        let costs = Spread::of(self.costs.iter().copied());
+        let Answers { rays, hits, different, shadows_different, lit, t_sum } = self.answers;
+        let row = Row {
+            what: what.to_owned(),
+            scene: on.scene.clone(),
+            triangles: on.triangles,
+            contestant: contestant.to_owned(),
+            threads: on.threads,
+            frames: self.times_ms.len(),
+            median_ms: of_times(|t| t.median),
+            min_ms: of_times(|t| t.min),
+            max_ms: of_times(|t| t.max),
+            mean_ms: of_times(|t| t.mean),
+            mean_update_ms: Spread::of(self.updates_ms.iter().copied()).map(|t| t.mean),
+            sah_over_sweep: costs.map(|c| c.mean),
+            worst_sah_over_sweep: costs.map(|c| c.max),
+            rays,
+            hits,
+            different,
+            shadows_different,
+            lit,
+            t_sum,
+            agrees: self.answers.agrees_with(reference),
+            ns_per_triangle: 0.0,
+            million_rays_per_s: None,
+        };
+        Row { ns_per_triangle: 1e6 * time(&row) / on.triangles.max(1) as f64, ..row }
+    }
 }
 
 /// Everyone who takes part in a contest.

@@ -8,7 +8,6 @@
 mod contests;
 mod hard;
 mod lane;
-mod row;
 mod table;
 
 use std::collections::BTreeSet;
@@ -22,9 +21,8 @@ use pivot_benches::{Contest, Entry, field};
 use scenes::SceneOptions;
 
 pub(crate) use self::lane::turns;
-use self::row::Report;
-pub(crate) use self::row::Row;
-pub(crate) use self::table::unique;
+use self::table::Report;
+pub(crate) use self::table::{Row, unique};
 use crate::progress::left;
 use crate::stage::{self, Stage};
 use crate::{CheckFailed, files, interrupt, machine};
