@@ -38,8 +38,7 @@ pub(super) struct Record {
 impl Record {
     /// The row, compared to what the reference found.
     pub(super) fn row(&self, what: &str, contestant: &str, on: &Setting, reference: &Answers) -> Row {
-        let times = Spread::of(self.times_ms.iter().copied());
-        let of_times = |of: fn(Spread) -> f64| times.map_or(0.0, of);
+        let times = Spread::of(self.times_ms.iter().copied()).unwrap_or_default();
         let costs = Spread::of(self.costs.iter().copied());
         let Answers { rays, hits, different, shadows_different, lit, t_sum } = self.answers;
         let row = Row {
@@ -49,10 +48,10 @@ impl Record {
             contestant: contestant.to_owned(),
             threads: on.threads,
             frames: self.times_ms.len(),
-            median_ms: of_times(|t| t.median),
-            min_ms: of_times(|t| t.min),
-            max_ms: of_times(|t| t.max),
-            mean_ms: of_times(|t| t.mean),
+            median_ms: times.median,
+            min_ms: times.min,
+            max_ms: times.max,
+            mean_ms: times.mean,
             mean_update_ms: Spread::of(self.updates_ms.iter().copied()).map(|t| t.mean),
             sah_over_sweep: costs.map(|c| c.mean),
             worst_sah_over_sweep: costs.map(|c| c.max),
@@ -63,8 +62,7 @@ impl Record {
             lit,
             t_sum,
             agrees: self.answers.agrees_with(reference),
-            ns_per_triangle: 0.0,
-            million_rays_per_s: None,
+            ..Row::default()
         };
         Row { ns_per_triangle: 1e6 * time(&row) / on.triangles.max(1) as f64, ..row }
     }

@@ -142,8 +142,8 @@ pub(crate) struct Picture {
     pub(crate) bytes: Vec<u8>,
 }
 
-/// Samples in brief.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// Samples in brief; all 0 by default.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Spread {
     pub(crate) median: f64,
     /// A tenth of the samples are below.
@@ -173,7 +173,7 @@ impl Spread {
 
 /// The median of samples; 0 of none.
 pub(crate) fn median(samples: impl IntoIterator<Item = f64>) -> f64 {
-    Spread::of(samples).map_or(0.0, |spread| spread.median)
+    Spread::of(samples).unwrap_or_default().median
 }
 
 impl SceneRun {
