@@ -142,7 +142,7 @@ pub fn run(args: &Args) -> Result<()> {
             break;
         }
         // Before each scene, so that a run that is killed leaves all but one of them.
-        out.write_summary(&results)?;
+        out.write_summary(&results, &claims::judge(&results))?;
         // Those of an earlier run take no time, and come first.
         let [done, to_do] = [i, count].map(|n| n.saturating_sub(finished) as f64);
         let left = left(start.elapsed(), done, to_do);

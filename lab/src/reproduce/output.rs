@@ -90,11 +90,7 @@ impl Output {
     }
 
     /// Writes what is known so far, so that a run that is killed can be gone on with.
-    pub(super) fn write_summary(&self, results: &Results) -> Result<()> {
-        self.summarise(results, &claims::judge(results))
-    }
-
-    fn summarise(&self, results: &Results, claims: &[claims::Claim]) -> Result<()> {
+    pub(super) fn write_summary(&self, results: &Results, claims: &[claims::Claim]) -> Result<()> {
         let summary = serde_json::to_string_pretty(&Summary::new(results, claims))? + "\n";
         files::write_whole(&self.file("summary.json"), summary.as_bytes())
     }
@@ -107,7 +103,7 @@ impl Output {
         for Figure { name, svg, .. } in &figures {
             files::write_whole(&self.file("figures").join(format!("{name}.svg")), svg.as_bytes())?;
         }
-        self.summarise(results, &claims)?;
+        self.write_summary(results, &claims)?;
         files::write_whole(&self.file("tables.md"), summary::tables(results, &claims).as_bytes())?;
         let report = self.file("report.html");
         files::write_whole(&report, report::html(results, &claims, &figures)?.as_bytes())?;
