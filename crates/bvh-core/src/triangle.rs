@@ -76,6 +76,7 @@ pub struct MollerTrumbore {
 }
 
 impl Test for MollerTrumbore {
+    #[inline]
     fn new(ray: &Ray) -> Self {
         Self { origin: ray.origin(), direction: ray.direction() }
     }
@@ -121,6 +122,7 @@ impl Watertight {
 }
 
 impl Test for Watertight {
+    #[inline]
     fn new(ray: &Ray) -> Self {
         let d = ray.direction();
         let kz = d.abs().max_position();
@@ -172,6 +174,7 @@ pub struct Double {
 }
 
 impl Test for Double {
+    #[inline]
     fn new(ray: &Ray) -> Self {
         let d = ray.direction().as_dvec3();
         let kz = d.abs().max_position();

@@ -21,6 +21,8 @@ pub(crate) struct RayOctant {
     last: [usize; 3],
     /// The axis along which all directions are longest, after the two that follow it.
     pub(crate) axes: [usize; 3],
+    /// The origin along these axes.
+    pub(crate) origin_along: Vec3,
     /// The direction of one of the rays: children are visited in their order along it.
     pub(crate) along: Vec3,
 }
@@ -31,13 +33,9 @@ impl RayOctant {
     #[inline(always)]
     pub(crate) fn new(origin: Vec3, along: Vec3, negative: [bool; 3], longest: usize) -> Self {
         let first = [0, 1, 2].map(|k| if negative[k] { k + 4 } else { k });
-        Self {
-            origin,
-            first,
-            last: first.map(|k| k ^ 4),
-            axes: [(longest + 1) % 3, (longest + 2) % 3, longest],
-            along,
-        }
+        let axes = [(longest + 1) % 3, (longest + 2) % 3, longest];
+        let origin_along = Vec3::new(origin[axes[0]], origin[axes[1]], origin[axes[2]]);
+        Self { origin, first, last: first.map(|k| k ^ 4), axes, origin_along, along }
     }
 }
 
@@ -106,6 +104,8 @@ pub(crate) struct Rays<V> {
     pub(crate) direction: [V; 3],
     /// The axis along which all directions are longest, after the two that follow it.
     pub(crate) axes: [usize; 3],
+    /// The origin along these axes.
+    pub(crate) origin_along: Vec3,
     /// Of [`Watertight`]: slopes along the first two of these axes, and minus one over the extent
     /// along the last.
     pub(crate) shear: [V; 3],
@@ -118,9 +118,9 @@ impl<V> Rays<V> {
     where
         V: Lanes<S>,
     {
-        let Watertight { axes, shear, .. } = Watertight::new(ray);
+        let Watertight { axes, origin: origin_along, shear } = Watertight::new(ray);
         let shear = splat3(simd, Vec3::new(shear.x, shear.y, -shear.z));
-        Self { origin: ray.origin(), direction: splat3(simd, ray.direction()), axes, shear }
+        Self { origin: ray.origin(), direction: splat3(simd, ray.direction()), axes, origin_along, shear }
     }
 }
 
@@ -160,13 +160,11 @@ impl WideTest for Watertight {
         active: u64,
     ) -> Found<V> {
         let [kx, ky, kz] = rays.axes;
-        let origin = rays.origin.to_array();
         let zero = V::simd_from(simd, 0.0);
         let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
         // All of it negated, and the reciprocal too, which changes nothing but the signs of zeros:
         // corners get from memory straight into all lanes to be subtracted.
-        let (ox, oy) = (V::simd_from(simd, origin[kx]), V::simd_from(simd, origin[ky]));
-        let oz = V::simd_from(simd, origin[kz]);
+        let [ox, oy, oz]: [V; 3] = splat3(simd, rays.origin_along);
         for (i, corner) in corners.into_iter().enumerate() {
             z[i] = oz - lanes::<S, V>(simd, &corner[kz]);
             x[i] = ox - lanes::<S, V>(simd, &corner[kx]) - rays.shear[0] * z[i];

@@ -44,6 +44,7 @@ impl Packet {
         Rays {
             origin: octant.origin,
             axes: octant.axes,
+            origin_along: octant.origin_along,
             direction: load3(simd, &self.direction, at),
             shear: [
                 load(simd, &self.shear[0], at),
