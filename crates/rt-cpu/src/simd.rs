@@ -27,8 +27,36 @@ pub(crate) fn detected(level: SimdLevel) -> Level {
     lower.unwrap_or(best)
 }
 
+/// Runs `$body` compiled for the level, with `$simd` the token of its vector types: as
+/// `fearless_simd::dispatch`, but SSE4.2 counts as SSE2: kernels are most of what compiling this
+/// crate takes, once for each level.
+macro_rules! dispatch {
+    (@run $simd:ident => $body:expr) => {
+        fearless_simd::Simd::vectorize(
+            $simd,
+            #[inline(always)]
+            || $body,
+        )
+    };
+    ($level:expr, $simd:ident => $body:expr) => {{
+        match $level {
+            #[cfg(target_arch = "x86_64")]
+            fearless_simd::Level::Avx512($simd) => $crate::simd::dispatch!(@run $simd => $body),
+            #[cfg(target_arch = "x86_64")]
+            fearless_simd::Level::Avx2($simd) => $crate::simd::dispatch!(@run $simd => $body),
+            #[cfg(target_arch = "x86_64")]
+            level => {
+                // Always there on x86-64.
+                let $simd = level.as_sse2().expect("SSE2");
+                $crate::simd::dispatch!(@run $simd => $body)
+            }
+            #[cfg(not(target_arch = "x86_64"))]
+            level => fearless_simd::dispatch!(level, $simd => $body),
+        }
+    }};
+}
 pub(crate) use bvh_core::pick::{max, min};
-pub(crate) use fearless_simd::dispatch;
+pub(crate) use dispatch;
 
 /// Lanes of single precision numbers.
 pub(crate) trait Lanes<S: Simd>: SimdFloat<S, Element = f32> {}
