@@ -9,7 +9,7 @@ use crate::bundle::{Coordinates, Hits, RAYS, Wave};
 use crate::options::{RenderOptions, Traversal};
 use crate::packet;
 use crate::scene::Scene;
-use crate::shade::Looks;
+use crate::shade::Appearance;
 use crate::sort::Sorter;
 use crate::surface::Surfaces;
 use crate::tile::{self, Scratch};
@@ -65,7 +65,7 @@ pub(crate) struct Tile {
     pub(crate) whose: [u16; RAYS],
     /// 1 for pixels that light reaches, else 0.
     pub(crate) lit: [f32; RAYS],
-    pub(crate) looks: Looks,
+    pub(crate) appearance: Appearance,
     pub(crate) colors: Coordinates,
     pub(crate) scratch: Scratch,
 }

@@ -5,8 +5,6 @@ use std::io::Cursor;
 
 use image::{ExtendedColorType, ImageFormat, write_buffer_with_format};
 
-use crate::srgb::srgb;
-
 /// Linear colours (red, green, blue) in rows from the top, each row from the left.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
@@ -96,6 +94,16 @@ impl Image {
         write_buffer_with_format(&mut file, bytes, self.width, self.height, color, format)?;
         Ok(file.into_inner())
     }
+}
+
+/// Encodes one channel from linear to 8-bit sRGB (IEC 61966-2-1); what is below 0 or NaN becomes 0,
+/// above 1 255.
+#[must_use]
+pub fn srgb(linear: f32) -> u8 {
+    let c = linear.clamp(0.0, 1.0);
+    let encoded = if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * libm::powf(c, 1.0 / 2.4) - 0.055 };
+    // A NaN casts to 0.
+    (encoded * 255.0 + 0.5) as u8
 }
 
 #[cfg(test)]

@@ -37,7 +37,7 @@ pub(crate) struct Shader<'a> {
 
 /// What is known of a tile's surfaces before they are shaded.
 #[derive(Zeroable)]
-pub(crate) struct Looks {
+pub(crate) struct Appearance {
     pub(crate) albedo: Coordinates,
     /// Unit normals on the viewer's side.
     pub(crate) normal: Coordinates,
@@ -48,15 +48,18 @@ pub(crate) struct Looks {
 impl Shader<'_> {
     /// Finds normals and colours of what a tile's rays hit.
     #[inline(always)]
-    pub(crate) fn look(&self, tile: &mut Tile, tally: &mut Tally) {
-        let Tile { seen, surfaces, looks, .. } = tile;
-        looks.normal = surfaces.face;
-        let hits = (0..seen.rays.count).filter_map(|i| Some((i, seen.hits.get(i)?)));
+    pub(crate) fn find_appearance(&self, tile: &mut Tile, tally: &mut Tally) {
+        let Tile { seen, surfaces, appearance, .. } = tile;
+        let count = seen.rays.count;
+        for (normal, face) in appearance.normal.iter_mut().zip(&surfaces.face) {
+            normal[..count].copy_from_slice(&face[..count]);
+        }
+        let hits = (0..count).filter_map(|i| Some((i, seen.hits.get(i)?)));
         if self.smooth {
             for (i, hit) in hits.clone() {
                 if let Some(normal) = self.mesh.normal(&hit) {
                     let away = normal.dot(at(&surfaces.face, i)) < 0.0;
-                    set(&mut looks.normal, i, if away { -normal } else { normal });
+                    set(&mut appearance.normal, i, if away { -normal } else { normal });
                 }
             }
         }
@@ -64,7 +67,7 @@ impl Shader<'_> {
         for (i, hit) in hits {
             let material = self.mesh.material(hit.primitive);
             let color = if self.textures { self.mesh.textured_color(&hit) } else { material.color };
-            set(&mut looks.albedo, i, color.into());
+            set(&mut appearance.albedo, i, color.into());
             tally.stats.textured += u64::from(self.textures && material.texture.is_some());
         }
         tally.end(|t| if self.textures { &mut t.textures } else { &mut t.primary });
@@ -74,7 +77,7 @@ impl Shader<'_> {
     /// light, shading is as if there were one at the eye.
     #[inline(always)]
     pub(crate) fn shade<S: Simd>(&self, simd: S, tile: &mut Tile) {
-        let Tile { seen, surfaces, looks, lit, colors, .. } = tile;
+        let Tile { seen, surfaces, appearance, lit, colors, .. } = tile;
         let zero = S::f32s::simd_from(simd, 0.0);
         for at in (0..seen.rays.count).step_by(S::f32s::LEN) {
             let ray = load3::<S, S::f32s, RAYS>(simd, &seen.rays.direction, at);
@@ -89,12 +92,12 @@ impl Shader<'_> {
                     None => ([-ray[0], -ray[1], -ray[2]], [1.0; 3]),
                 };
                 let (unit, valid) = normalize(simd, to_light);
-                let normal = load3(simd, &looks.normal, at);
+                let normal = load3(simd, &appearance.normal, at);
                 let facing = Mask::<S>::from_bitmask(simd, valid).select(dot(unit, normal), zero);
                 let direct = max(facing, zero) * load::<S, S::f32s, RAYS>(simd, lit, at);
-                let open: S::f32s = load(simd, &looks.open, at);
+                let open: S::f32s = load(simd, &appearance.open, at);
                 let ambient = (normal[1] * (0.5 * AMBIENT) + AMBIENT) * open;
-                let albedo: [S::f32s; 3] = load3(simd, &looks.albedo, at);
+                let albedo: [S::f32s; 3] = load3(simd, &appearance.albedo, at);
                 let hit = Mask::<S>::from_bitmask(simd, lanes);
                 for k in 0..3 {
                     color[k] = hit.select(albedo[k] * (ambient + direct * light[k]), color[k]);

@@ -41,8 +41,8 @@ impl Look<'_> {
             Self::Direct(shader) => simd.vectorize(
                 #[inline(always)]
                 || {
-                    tile.looks.open.fill(1.0);
-                    shader.look(tile, tally);
+                    tile.appearance.open[..tile.seen.rays.count].fill(1.0);
+                    shader.find_appearance(tile, tally);
                     shader.shade(simd, tile);
                 },
             ),

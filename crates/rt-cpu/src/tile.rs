@@ -49,7 +49,7 @@ pub(crate) struct Scratch {
     pub(crate) nodes: u64,
 }
 
-/// What all the way of a packet's rays through the tree has in common.
+/// What all steps of a packet through the tree share.
 #[derive(Clone, Copy)]
 struct Context<'a, S> {
     simd: S,

@@ -97,9 +97,9 @@ impl Wavefront<'_> {
     ) {
         let mut paths = THESE_PATHS.take().unwrap_or_else(zeroed_box);
         paths.start(tile, frame.options.seed);
-        tile.looks.open.fill(if self.effects.diffuse_bounces.is_some() { 0.0 } else { 1.0 });
+        tile.appearance.open.fill(if self.effects.diffuse_bounces.is_some() { 0.0 } else { 1.0 });
         for wave in 0.. {
-            self.shader.look(tile, tally);
+            self.shader.find_appearance(tile, tally);
             if let Some(occlusion) = self.effects.ambient_occlusion {
                 tally.end(|t| &mut t.primary);
                 self.look_around::<S, T>(simd, frame, tile, &paths, (occlusion, wave), tally);
@@ -168,7 +168,7 @@ impl Wavefront<'_> {
                 continue;
             }
             let from = off_surface(tile, i);
-            let (face, normal) = (at(&tile.surfaces.face, i), at(&tile.looks.normal, i));
+            let (face, normal) = (at(&tile.surfaces.face, i), at(&tile.appearance.normal, i));
             let stream = paths.streams[usize::from(paths.whose[i])].split(wave);
             let mut hidden = 0;
             for n in 0..samples {
@@ -178,7 +178,7 @@ impl Wavefront<'_> {
                 hidden += u32::from(hit.is_some());
             }
             tally.stats.rays_ambient_occlusion += u64::from(samples);
-            tile.looks.open[i] = 1.0 - hidden as f32 / samples.max(1) as f32;
+            tile.appearance.open[i] = 1.0 - hidden as f32 / samples.max(1) as f32;
         }
     }
 
@@ -206,8 +206,8 @@ impl Wavefront<'_> {
         let (mut next, sample, stats) = (0, frame.options.sample, &mut tally.stats);
         for i in 0..tile.seen.rays.count {
             let Some(hit) = tile.seen.hits.get(i) else { continue };
-            let (face, normal) = (at(&tile.surfaces.face, i), at(&tile.looks.normal, i));
-            let mut weight = at(&paths.weight, i) * at(&tile.looks.albedo, i);
+            let (face, normal) = (at(&tile.surfaces.face, i), at(&tile.appearance.normal, i));
+            let mut weight = at(&paths.weight, i) * at(&tile.appearance.albedo, i);
             let (mut mirrors, mut bounces) = (paths.mirrors[i], paths.bounces[i]);
             let specular = self.is_mirror(hit.primitive);
             let direction = if specular {

@@ -1,10 +1,10 @@
-//! Box tests of many rays at once, and triangle tests of many rays or of many triangles. All rays
-//! share their origin, the signs of their directions and the axis along which these are longest.
+//! Box and triangle tests in lanes: of many rays at once, which share their origin, the signs of
+//! their directions and the axis along which these are longest, or of one ray and many triangles.
 
 use bvh_core::triangle::{DET_RANGE, Double, MollerTrumbore, Test, Watertight};
 use bvh_core::{Node, Ray, Vec3};
-use fearless_simd::Simd;
 use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f64x8};
 
 use crate::simd::{Lanes, cross, dot, load3, max, min, splat3};
 
@@ -97,31 +97,24 @@ impl<S: Simd, V: Lanes<S>> Slab<S, V> {
     }
 }
 
-/// Rays in lanes, and what triangle tests need of them.
+/// Rays in lanes, many or the same in all, and what triangle tests need of them.
 #[derive(Clone, Copy)]
 pub(crate) struct Rays<V> {
-    pub(crate) origin: Vec3,
+    pub(crate) octant: RayOctant,
     pub(crate) direction: [V; 3],
-    /// The axis along which all directions are longest, after the two that follow it.
-    pub(crate) axes: [usize; 3],
-    /// The origin along these axes.
-    pub(crate) origin_along: Vec3,
-    /// Of [`Watertight`]: slopes along the first two of these axes, and minus one over the extent
-    /// along the last.
+    /// Of [`Watertight`]: slopes along the first two of the octant's axes, and minus one over the
+    /// extent along the last.
     pub(crate) shear: [V; 3],
 }
 
-impl<V> Rays<V> {
-    /// The same ray in all lanes.
-    #[inline(always)]
-    pub(crate) fn all<S: Simd>(simd: S, ray: &Ray) -> Self
-    where
-        V: Lanes<S>,
-    {
-        let Watertight { axes, origin: origin_along, shear } = Watertight::new(ray);
-        let shear = splat3(simd, Vec3::new(shear.x, shear.y, -shear.z));
-        Self { origin: ray.origin(), direction: splat3(simd, ray.direction()), axes, origin_along, shear }
-    }
+/// A ray in all lanes.
+#[inline(always)]
+pub(crate) fn in_all_lanes<S: Simd, V: Lanes<S>>(simd: S, ray: &Ray) -> Rays<V> {
+    let (direction, Watertight { axes, shear, .. }) = (ray.direction(), Watertight::new(ray));
+    let negative = [0, 1, 2].map(|k| direction[k].is_sign_negative());
+    let octant = RayOctant::new(ray.origin(), direction, negative, axes[2]);
+    let shear = splat3(simd, Vec3::new(shear.x, shear.y, -shear.z));
+    Rays { octant, direction: splat3(simd, direction), shear }
 }
 
 /// The lanes that hit, and where.
@@ -147,7 +140,7 @@ pub(crate) trait WideTest: Test {
 
 /// Numbers for each lane, or one for all.
 #[inline(always)]
-fn lanes<S: Simd, V: Lanes<S>>(simd: S, numbers: &[f32]) -> V {
+fn load_or_splat<S: Simd, V: Lanes<S>>(simd: S, numbers: &[f32]) -> V {
     if let &[number] = numbers { V::simd_from(simd, number) } else { V::from_slice(simd, numbers) }
 }
 
@@ -159,16 +152,17 @@ impl WideTest for Watertight {
         corners: [&[[f32; N]; 3]; 3],
         active: u64,
     ) -> Found<V> {
-        let [kx, ky, kz] = rays.axes;
+        let [kx, ky, kz] = rays.octant.axes;
         let zero = V::simd_from(simd, 0.0);
         let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
         // All of it negated, and the reciprocal too, which changes nothing but the signs of zeros:
-        // corners get from memory straight into all lanes to be subtracted.
-        let [ox, oy, oz]: [V; 3] = splat3(simd, rays.origin_along);
+        // what is subtracted comes straight from memory, and a corner that is the same for all
+        // lanes straight into all of them.
+        let [ox, oy, oz]: [V; 3] = splat3(simd, rays.octant.origin_along);
         for (i, corner) in corners.into_iter().enumerate() {
-            z[i] = oz - lanes::<S, V>(simd, &corner[kz]);
-            x[i] = ox - lanes::<S, V>(simd, &corner[kx]) - rays.shear[0] * z[i];
-            y[i] = oy - lanes::<S, V>(simd, &corner[ky]) - rays.shear[1] * z[i];
+            z[i] = oz - load_or_splat::<S, V>(simd, &corner[kz]);
+            x[i] = ox - load_or_splat::<S, V>(simd, &corner[kx]) - rays.shear[0] * z[i];
+            y[i] = oy - load_or_splat::<S, V>(simd, &corner[ky]) - rays.shear[1] * z[i];
         }
         let wa = x[2] * y[1] - y[2] * x[1];
         let wb = x[0] * y[2] - y[0] * x[2];
@@ -205,12 +199,12 @@ impl WideTest for MollerTrumbore {
         corners: [&[[f32; N]; 3]; 3],
         active: u64,
     ) -> Found<V> {
-        let mut s = splat3(simd, rays.origin);
+        let mut s = splat3(simd, rays.octant.origin);
         let (mut e1, mut e2) = (s, s);
         for k in 0..3 {
-            let a = lanes::<S, V>(simd, &corners[0][k]);
-            e1[k] = lanes::<S, V>(simd, &corners[1][k]) - a;
-            e2[k] = lanes::<S, V>(simd, &corners[2][k]) - a;
+            let a = load_or_splat::<S, V>(simd, &corners[0][k]);
+            e1[k] = load_or_splat::<S, V>(simd, &corners[1][k]) - a;
+            e2[k] = load_or_splat::<S, V>(simd, &corners[2][k]) - a;
             s[k] -= a;
         }
         let (p, q) = (cross(rays.direction, e2), cross(s, e1));
@@ -222,14 +216,14 @@ impl WideTest for MollerTrumbore {
     }
 }
 
-/// [`lanes`] from `at` on, as many as there are in double precision.
+/// Eight numbers from `at` on in double precision, or the last of them where there are fewer.
 #[inline(always)]
-fn double<S: Simd>(simd: S, numbers: &[f32], at: usize) -> S::f64s {
+fn widen<S: Simd>(simd: S, numbers: &[f32], at: usize) -> f64x8<S> {
     let mut wide = [0.0; 8];
-    for (i, to) in wide[..S::f64s::LEN].iter_mut().enumerate() {
-        *to = f64::from(if numbers.len() == 1 { numbers[0] } else { numbers[at + i] });
+    for (i, to) in wide.iter_mut().enumerate() {
+        *to = f64::from(numbers[(at + i).min(numbers.len() - 1)]);
     }
-    S::f64s::from_slice(simd, &wide[..S::f64s::LEN])
+    f64x8::from_slice(simd, &wide)
 }
 
 impl WideTest for Double {
@@ -240,18 +234,19 @@ impl WideTest for Double {
         corners: [&[[f32; N]; 3]; 3],
         active: u64,
     ) -> Found<V> {
-        let ([kx, ky, kz], origin) = (rays.axes, rays.origin.as_dvec3());
-        let zero = S::f64s::simd_from(simd, 0.0);
+        let ([kx, ky, kz], origin) = (rays.octant.axes, rays.octant.origin_along.as_dvec3());
+        let zero = f64x8::splat(simd, 0.0);
+        const { assert!(V::LEN <= 16) };
         let (mut hit, mut found) = (0, [[0.0; 16]; 3]);
-        for at in (0..V::LEN).step_by(S::f64s::LEN) {
-            let along = double(simd, rays.direction[kz].as_slice(), at);
-            let shear_x = double(simd, rays.direction[kx].as_slice(), at) / along;
-            let shear_y = double(simd, rays.direction[ky].as_slice(), at) / along;
+        for at in (0..V::LEN).step_by(8) {
+            let along = widen(simd, rays.direction[kz].as_slice(), at);
+            let shear_x = widen(simd, rays.direction[kx].as_slice(), at) / along;
+            let shear_y = widen(simd, rays.direction[ky].as_slice(), at) / along;
             let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
             for (i, corner) in corners.into_iter().enumerate() {
-                z[i] = double(simd, &corner[kz], at) - origin[kz];
-                x[i] = double(simd, &corner[kx], at) - origin[kx] - shear_x * z[i];
-                y[i] = double(simd, &corner[ky], at) - origin[ky] - shear_y * z[i];
+                z[i] = widen(simd, &corner[kz], at) - origin.z;
+                x[i] = widen(simd, &corner[kx], at) - origin.x - shear_x * z[i];
+                y[i] = widen(simd, &corner[ky], at) - origin.y - shear_y * z[i];
             }
             let wa = x[2] * y[1] - y[2] * x[1];
             let wb = x[0] * y[2] - y[0] * x[2];
@@ -263,14 +258,14 @@ impl WideTest for Double {
             if !inside.any_true() {
                 continue;
             }
-            let inverse = S::f64s::simd_from(simd, 1.0) / along;
+            let inverse = f64x8::splat(simd, 1.0) / along;
             let (u, v) = (wb / det, wc / det);
             let t = wa / det * (inverse * z[0]) + u * (inverse * z[1]) + v * (inverse * z[2]);
             // Even beyond `f32`.
             hit |= (inside & t.simd_ge(zero)).to_bitmask() << at;
             for (to, from) in found.iter_mut().zip([t, u, v]) {
-                for i in 0..S::f64s::LEN {
-                    to[at + i] = from[i] as f32;
+                for (to, from) in to[at..at + 8].iter_mut().zip(*from) {
+                    *to = from as f32;
                 }
             }
         }

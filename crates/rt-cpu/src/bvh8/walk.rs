@@ -10,7 +10,7 @@ use super::{Bvh8, CHILDREN, LEAF, Node8, WIDTH};
 use crate::Hit;
 use crate::scene::Work;
 use crate::simd::{load, max, min, splat3};
-use crate::wide::{Rays, WideTest};
+use crate::wide::{WideTest, in_all_lanes};
 
 /// Most that is put off at a time: seven children a level of the binary tree, and of what large
 /// leaves are cut into.
@@ -71,7 +71,7 @@ pub(crate) fn hit<S: Simd, T: WideTest, const ANY: bool>(
     if !ray.is_valid() {
         return best;
     }
-    let (test, ray8, rays) = (T::new(ray), Ray8::new(simd, ray), Rays::<Each<S>>::all(simd, ray));
+    let (test, ray8, rays) = (T::new(ray), Ray8::new(simd, ray), in_all_lanes::<S, Each<S>>(simd, ray));
     let mut stack = ArrayVec::<u64, STACK>::new();
     let mut next = 0;
     loop {

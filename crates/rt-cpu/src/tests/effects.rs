@@ -143,6 +143,15 @@ fn effects_are_the_same_for_all_threads_traversals_and_simd_levels() {
         material_of: &material_of,
         ..Mesh::new(soup.triangles())
     };
+    let textured = |ambient_occlusion| {
+        let effects = Effects { textures: true, alpha: true, ambient_occlusion, ..Effects::default() };
+        let mut image = Image::new(0, 0);
+        let stats = render(&bvh, &mesh, &camera, Some(&light), &with(effects), &mut image);
+        assert!(stats.textured > 0);
+        (pixel_bits(&image), stats.textured)
+    };
+    let without_rays = AmbientOcclusion { samples: 0, ..OCCLUSION };
+    assert_eq!(textured(None), textured(Some(without_rays)), "direct light, and a wave of it");
     for (effects, sample) in [(everything(0), 0), (everything(5), 3)] {
         let mut images = Vec::new();
         for way in ways() {

@@ -42,9 +42,7 @@ impl Packet {
     #[inline(always)]
     pub(super) fn rays<S: Simd>(&self, simd: S, octant: &RayOctant, at: usize) -> Rays<V<S>> {
         Rays {
-            origin: octant.origin,
-            axes: octant.axes,
-            origin_along: octant.origin_along,
+            octant: *octant,
             direction: load3(simd, &self.direction, at),
             shear: [
                 load(simd, &self.shear[0], at),
