@@ -23,7 +23,7 @@ use crate::{Animation, Light, Model, Motion, PoseStats, Topology, View};
 ///
 /// Time 0 is the start that the file gives. What stands still is placed once; a pose moves the
 /// parts under animated transforms, and blends the triangles that have keys of their own linearly.
-/// It takes time linear in the numbers of transforms and of vertices that move.
+/// A pose takes time linear in the numbers of transforms, of parts and of vertices that move.
 pub(crate) struct AffAnimation {
     model: Model,
     /// One for each part, empty for those that stand still.
@@ -86,7 +86,8 @@ impl AffAnimation {
         let note = || format!("{} {lists} of keys out of order: put in order of time", scene.disordered);
         let model = Model {
             topology,
-            rest: rest.clone(),
+            // Posed below.
+            rest: Vec::new(),
             duration: if still { 0.0 } else { (end - start).min(f64::MAX) },
             // As the benchmark prescribes.
             frames: time.map(|(_, _, frames)| frames),
@@ -117,7 +118,7 @@ impl AffAnimation {
 /// Places the parts where they are under nodes that move, or in the world, marks what moves, and
 /// gives the positions there, those of patches at their first keys.
 fn place_parts(topology: &mut Topology, sources: &mut [Source], places: &[Frame]) -> Vec<Vec3> {
-    let mut positions = Vec::new();
+    let mut positions = Vec::with_capacity(topology.vertex_count);
     for (part, source) in topology.parts.iter_mut().zip(sources) {
         let Frame { node, fixed } = place(places, Frame { node: source.node, ..Frame::default() });
         let Source { local, patches, .. } = source;
@@ -159,7 +160,7 @@ impl Animation for AffAnimation {
     }
 
     fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
-        assert_eq!(positions.len(), self.model.rest.len(), "positions are those of another animation");
+        assert_eq!(positions.len(), self.topology().vertex_count, "positions are those of another animation");
         let mut stats = PoseStats::default();
         let at = |on: bool| self.key_time(if on { time } else { 0.0 });
         let parts = self.model.topology.parts.iter().zip(&self.sources);

@@ -364,7 +364,7 @@ impl Animation for GltfAnimation {
     }
 
     fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
-        assert_eq!(positions.len(), self.model.rest.len(), "positions are those of another animation");
+        assert_eq!(positions.len(), self.topology().vertex_count, "positions are those of another animation");
         let mut moving = self.instances.iter().filter(|part| part.motion.intersects(kinds)).peekable();
         if moving.peek().is_none() {
             return PoseStats::default();

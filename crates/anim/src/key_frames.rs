@@ -125,7 +125,7 @@ impl Animation for KeyFrames {
     }
 
     fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
-        assert_eq!(positions.len(), self.model.rest.len(), "positions are those of another animation");
+        assert_eq!(positions.len(), self.topology().vertex_count, "positions are those of another animation");
         let mut stats = PoseStats::default();
         if kinds.contains(Motion::KEY_FRAMES) {
             stats.key_frames.add(|| self.blend(time, positions));
