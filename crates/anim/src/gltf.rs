@@ -27,7 +27,7 @@ use std::sync::Arc;
 use ::gltf::json::mesh::Semantic;
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{Index, Mesh, Root};
-use glam::{Affine3A, Mat3A, Vec2, Vec3};
+use glam::{Affine3A, DVec3, Mat3A, Vec2, Vec3};
 
 use self::accessor::{ALL, Accessors};
 use self::material::{Mapping, add_textures, material_of, materials};
@@ -116,10 +116,11 @@ struct Loader<'a> {
 impl<'a> Loader<'a> {
     /// `bytes` are those of the file that `accessors` were read from.
     fn load(accessors: &'a Accessors<'a>, bytes: &[u8], clip: usize) -> Result<GltfAnimation, Problem> {
-        let root = accessors.root;
+        let (root, origin) = (accessors.root, accessors.options.origin);
+        let exact = if origin == DVec3::ZERO { Vec::new() } else { source::translations(bytes)? };
         let mut channels = Channels::read(root.animations.get(clip), accessors)?;
         let scene = scene_nodes(root)?;
-        let nodes = Nodes::read(accessors, bytes, &scene, &mut channels)?;
+        let nodes = Nodes::read(accessors, exact, &scene, &mut channels)?;
         let skins =
             (0..root.skins.len()).map(|skin| Skin::read(skin, accessors)).collect::<Result<Vec<_>, _>>()?;
         let model = Model::with_materials(materials(root));

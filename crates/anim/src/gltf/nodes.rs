@@ -6,7 +6,6 @@ use ::gltf::json::{Index, Root};
 use glam::{Affine3A, DAffine3, DVec3, Mat4, Quat, Vec3};
 
 use super::accessor::{ALL, Accessors};
-use super::source::translations;
 use super::track::Track;
 use crate::error::{Problem, numbered};
 
@@ -143,18 +142,18 @@ pub(super) fn node_name(root: &Root, node: usize) -> String {
 
 impl Nodes {
     /// Reads the hierarchy, which must be a forest, and takes the tracks of `channels` that move
-    /// something. `bytes` are those of the file.
+    /// something. `exact` has the translations with all their digits; it is empty if they are not
+    /// needed.
     pub(super) fn read(
         accessors: &Accessors<'_>,
-        bytes: &[u8],
+        exact: Vec<Option<DVec3>>,
         scene: &[usize],
         channels: &mut Channels,
     ) -> Result<Self, Problem> {
         let (root, origin) = (accessors.root, accessors.options.origin);
         let parent = parents(root)?;
-        let translations = if origin == DVec3::ZERO { Vec::new() } else { translations(bytes)? };
-        let translations = translations.into_iter().chain(std::iter::repeat(None));
-        let given = root.nodes.iter().zip(channels.transforms.drain(..)).zip(translations);
+        let exact = exact.into_iter().chain(std::iter::repeat(None));
+        let given = root.nodes.iter().zip(channels.transforms.drain(..)).zip(exact);
         let local: Vec<Local> =
             given.map(|((node, tracks), exact)| Local::read(node, tracks, exact)).collect();
         let count = local.len();
