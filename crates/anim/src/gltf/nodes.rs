@@ -29,8 +29,8 @@ pub(super) struct Nodes {
 
 /// Transform of a node relative to its parent.
 struct Local {
-    /// That of a node given by a matrix, which may shear, and not animated.
-    matrix: Option<Affine3A>,
+    /// That of a node without tracks. One given by a matrix may shear.
+    fixed: Option<Affine3A>,
     /// What holds where no track says otherwise.
     translation: Vec3,
     rotation: Quat,
@@ -217,13 +217,14 @@ impl Local {
         };
         // What tracks say, be it the same at all times, takes the place of what the node says.
         let exact_translation = exact.filter(|_| tracks[0].is_none());
-        let matrix = matrix.filter(|_| tracks.iter().all(Option::is_none));
-        let mut local = Self { matrix, translation, rotation, scale, exact_translation, tracks };
+        let fixed = matrix.filter(|_| tracks.iter().all(Option::is_none));
+        let mut local = Self { fixed, translation, rotation, scale, exact_translation, tracks };
         // Exporters like to write keys for everything; a value that stays the same is no motion.
         (local.scale, local.rotation, local.translation) = local.parts(0.0);
         for track in &mut local.tracks {
             track.take_if(|track| track.is_constant());
         }
+        local.fixed = (!local.moves()).then(|| local.at(0.0));
         local
     }
 
@@ -232,9 +233,10 @@ impl Local {
     }
 
     fn at(&self, time: f64) -> Affine3A {
-        let (scale, rotation, translation) = self.parts(time);
-        let composed = || Affine3A::from_scale_rotation_translation(scale, rotation, translation);
-        self.matrix.unwrap_or_else(composed)
+        self.fixed.unwrap_or_else(|| {
+            let (scale, rotation, translation) = self.parts(time);
+            Affine3A::from_scale_rotation_translation(scale, rotation, translation)
+        })
     }
 
     /// Scale, rotation and translation.
