@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use glam::{Vec2, Vec3};
 
+use crate::error::{NUMBERED, Problem};
 use crate::{PoseStats, Texture};
 
 /// The part of an animated mesh that never changes.
@@ -159,6 +160,20 @@ impl Model {
     /// A model without triangles yet.
     pub(crate) fn with_materials(materials: Vec<Material>) -> Self {
         Self { topology: Topology { materials, ..Topology::default() }, ..Self::default() }
+    }
+
+    /// Adds a part whose `triangles` number its own `positions`, of a file that is one mesh.
+    pub(crate) fn add_part(
+        &mut self,
+        name: String,
+        triangles: &[[u32; 3]],
+        positions: impl ExactSizeIterator<Item = Vec3>,
+        material: usize,
+    ) -> Result<(), Problem> {
+        let wrong = || Problem::new("whole file", "too many vertices or triangles", NUMBERED);
+        self.topology.add_part(name, triangles, positions.len(), material as u32).ok_or_else(wrong)?;
+        self.rest.extend(positions);
+        Ok(())
     }
 
     /// The nearest time of the loop; 0 for a time that is not a number.

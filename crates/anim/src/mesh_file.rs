@@ -8,10 +8,10 @@ mod tests;
 
 use std::path::Path;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 use crate::Model;
-use crate::error::{LoadError, NUMBERED, Problem};
+use crate::error::{LoadError, Problem};
 use crate::key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, LoopMode};
 
 /// Whether [`load`](crate::load) takes a file of this name for a mesh without an animation, camera
@@ -42,32 +42,16 @@ fn unmarked(text: &[u8]) -> &[u8] {
 
 /// Reads a mesh whose positions are relative to `origin`; it says nothing yet about what moves.
 pub(crate) fn read_mesh(file: &Path, bytes: &[u8], origin: DVec3) -> Result<Model, LoadError> {
-    let mesh = match format_of(file) {
+    let model = match format_of(file) {
         None => return Err(LoadError::unsupported(file, "another kind of mesh")),
         Some(_) if bytes.is_empty() => Err(Problem::new("start of file", "an empty file", "a mesh")),
         Some("obj") => obj::read(bytes, file, origin),
         Some("ply") => ply::read(bytes, file, origin),
         Some(_) => stl::read(bytes, origin),
     };
-    let mesh = mesh.map_err(|problem| problem.in_file(file))?;
-    if mesh.topology.triangles.is_empty() {
+    let model = model.map_err(|problem| problem.in_file(file))?;
+    if model.topology.triangles.is_empty() {
         return Err(Problem::new("whole file", "no triangles", "at least one").in_file(file));
     }
-    Ok(mesh)
-}
-
-impl Model {
-    /// Adds a part whose `triangles` number its own `positions`.
-    fn add_part(
-        &mut self,
-        name: String,
-        triangles: &[[u32; 3]],
-        positions: impl ExactSizeIterator<Item = Vec3>,
-        material: usize,
-    ) -> Result<(), Problem> {
-        let wrong = || Problem::new("whole file", "too many vertices or triangles", NUMBERED);
-        self.topology.add_part(name, triangles, positions.len(), material as u32).ok_or_else(wrong)?;
-        self.rest.extend(positions);
-        Ok(())
-    }
+    Ok(model)
 }

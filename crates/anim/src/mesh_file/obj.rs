@@ -38,7 +38,7 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Model, Pr
         });
         tobj::load_mtl_buf(&mut colors.as_bytes())
     };
-    let (models, materials) =
+    let (shapes, materials) =
         tobj::load_obj_buf(&mut positions_and_faces(&text).as_bytes(), &options, load_mtl)
             .map_err(|error| Problem::new("OBJ text", error, "faces of at least 3 vertices that exist"))?;
 
@@ -50,21 +50,21 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Model, Pr
             ..Material::default()
         })
     });
-    let mut mesh = Model::with_materials(colors.chain([Material::default()]).collect());
+    let mut model = Model::with_materials(colors.chain([Material::default()]).collect());
     let missing = missing.take().into_iter();
-    mesh.notes.extend(missing.map(|name| format!("the material library {name:?} cannot be read")));
-    for tobj::Model { mesh: model, name } in models {
-        let triangles = model.indices.as_chunks().0;
+    model.notes.extend(missing.map(|name| format!("the material library {name:?} cannot be read")));
+    for tobj::Model { mesh: shape, name } in shapes {
+        let triangles = shape.indices.as_chunks().0;
         if triangles.is_empty() {
             continue;
         }
-        let positions = model.positions.as_chunks().0;
+        let positions = shape.positions.as_chunks().0;
         let positions = positions.iter().map(|&p| (DVec3::from_array(p) - origin).as_vec3());
         let material =
-            model.material_id.filter(|&material| material < materials.len()).unwrap_or(materials.len());
-        mesh.add_part(name, triangles, positions, material)?;
+            shape.material_id.filter(|&material| material < materials.len()).unwrap_or(materials.len());
+        model.add_part(name, triangles, positions, material)?;
     }
-    Ok(mesh)
+    Ok(model)
 }
 
 /// The lines that say where triangles are, with nothing on them but that.

@@ -163,7 +163,7 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Model, Pr
         }
     }
     let name = file.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-    let mut mesh = Model::with_materials(vec![Material::default()]);
-    mesh.add_part(name, &triangles, positions.into_iter(), 0)?;
-    Ok(mesh)
+    let mut model = Model::with_materials(vec![Material::default()]);
+    model.add_part(name, &triangles, positions.into_iter(), 0)?;
+    Ok(model)
 }

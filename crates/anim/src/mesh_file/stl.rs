@@ -26,7 +26,7 @@ pub(super) fn read(bytes: &[u8], origin: DVec3) -> Result<Model, Problem> {
         let found = format!("{count} facets in {} bytes", bytes.len());
         return Err(Problem::new("header", found, "`solid`, or 84 bytes and 50 for each facet"));
     };
-    let mut mesh = Model::with_materials(vec![Material::default()]);
+    let mut model = Model::with_materials(vec![Material::default()]);
     for numbers in solids {
         let (mut known, mut positions) = (HashMap::new(), Vec::new());
         let mut weld = |corner: [f32; 3]| {
@@ -36,9 +36,9 @@ pub(super) fn read(bytes: &[u8], origin: DVec3) -> Result<Model, Problem> {
             })
         };
         let corners: Vec<u32> = numbers.as_chunks().0.iter().map(|&corner| weld(corner)).collect();
-        mesh.add_part("mesh".to_owned(), corners.as_chunks().0, positions.into_iter(), 0)?;
+        model.add_part("mesh".to_owned(), corners.as_chunks().0, positions.into_iter(), 0)?;
     }
-    Ok(mesh)
+    Ok(model)
 }
 
 /// The coordinates of each solid's corners.
