@@ -176,6 +176,12 @@ impl Model {
         Ok(())
     }
 
+    /// The lowest and the highest corner of the box around all finite rest positions, if there are any.
+    pub(crate) fn bounds(&self) -> Option<(Vec3, Vec3)> {
+        let finite = self.rest.iter().filter(|position| position.is_finite()).map(|&p| (p, p));
+        finite.reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))
+    }
+
     /// The nearest time of the loop; 0 for a time that is not a number.
     #[must_use]
     pub fn clamp(&self, time: f64) -> f64 {

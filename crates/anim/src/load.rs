@@ -66,12 +66,9 @@ impl Default for LoadOptions<'_> {
 pub fn load(path: &Path, options: &LoadOptions<'_>) -> Result<Box<dyn Animation>, LoadError> {
     let kind = std::fs::metadata(path).map_err(LoadError::io(path))?;
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    if kind.is_dir() || extension == "aff" {
-        no_clip(path, options)?;
-    }
     match &*extension {
-        _ if kind.is_dir() => Ok(Box::new(sequence::load(path, options.origin)?)),
-        "aff" => Ok(Box::new(aff::load(path, options.origin)?)),
+        _ if kind.is_dir() => Ok(Box::new(sequence::load(path, origin_without_clip(path, options)?)?)),
+        "aff" => Ok(Box::new(aff::load(path, origin_without_clip(path, options)?)?)),
         "glb" | "gltf" | "obj" | "ply" | "stl" => parse(path, &read_file(path)?, options),
         _ if !kind.is_file() => Err(irregular(path)),
         "" => Err(LoadError::unsupported(path, "a file without extension")),
@@ -89,13 +86,12 @@ pub fn parse(file: &Path, bytes: &[u8], options: &LoadOptions<'_>) -> Result<Box
     if extension.eq_ignore_ascii_case("glb") || extension.eq_ignore_ascii_case("gltf") {
         return Ok(Box::new(gltf::parse(file, bytes, options)?));
     }
-    no_clip(file, options)?;
-    Ok(Box::new(mesh_file::parse(file, bytes, options.origin)?))
+    Ok(Box::new(mesh_file::parse(file, bytes, origin_without_clip(file, options)?)?))
 }
 
-/// Refuses a clip of something without clips.
-fn no_clip(file: &Path, options: &LoadOptions<'_>) -> Result<(), LoadError> {
-    options.clip.map_or(Ok(()), |wanted| Err(LoadError::unknown_clip(file, wanted, &[])))
+/// The origin for something without clips; a clip of it is refused.
+fn origin_without_clip(file: &Path, options: &LoadOptions<'_>) -> Result<DVec3, LoadError> {
+    options.clip.map_or(Ok(options.origin), |wanted| Err(LoadError::unknown_clip(file, wanted, &[])))
 }
 
 /// The middle of the box around all finite positions at time 0, in whole units: an origin for
@@ -103,11 +99,5 @@ fn no_clip(file: &Path, options: &LoadOptions<'_>) -> Result<(), LoadError> {
 #[must_use]
 pub fn center(animation: &dyn Animation) -> DVec3 {
     let middle = |(low, high): (Vec3, Vec3)| (0.5 * (low.as_dvec3() + high.as_dvec3())).round();
-    bounds(&animation.model().rest).map_or(DVec3::ZERO, middle)
-}
-
-/// The lowest and the highest corner of the box around all finite positions, if there are any.
-pub(crate) fn bounds(positions: &[Vec3]) -> Option<(Vec3, Vec3)> {
-    let finite = positions.iter().filter(|position| position.is_finite()).map(|&p| (p, p));
-    finite.reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))
+    animation.model().bounds().map_or(DVec3::ZERO, middle)
 }

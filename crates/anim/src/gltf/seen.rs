@@ -7,7 +7,6 @@ use glam::{Affine3A, Vec3};
 
 use super::nodes::node_name;
 use crate::error::{Problem, numbered};
-use crate::load::bounds;
 use crate::{Light, Model, View};
 
 /// A perspective camera at a node.
@@ -65,7 +64,7 @@ impl LightSource {
             (0.5 * low + 0.5 * high, (100.0 * extent).min(f64::from(f32::MAX / 4.0)) as f32)
         };
         let directional =
-            is(LightType::Directional).then(|| bounds(&model.rest).map_or((Vec3::ZERO, 1.0), far_from));
+            is(LightType::Directional).then(|| model.bounds().map_or((Vec3::ZERO, 1.0), far_from));
         let spot = || "the spot light shines all round, without its cone".to_owned();
         let spot = is(LightType::Spot).then(spot);
         let others = of_scene.count();
