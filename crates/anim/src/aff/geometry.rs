@@ -14,7 +14,7 @@ const BANDS: u32 = 8;
 /// Where vertices are given: still, under an animated transform or the world.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Frame {
-    /// Number of the animated transform.
+    /// Number of the animated transform, counted as in [`Source::node`].
     pub(super) node: Option<u32>,
     /// From here to there.
     pub(super) fixed: DAffine3,
@@ -58,9 +58,12 @@ impl Patch {
 /// where `local` has them under the node.
 #[derive(Default)]
 pub(super) struct Source {
-    /// Animated transform that the part is under.
+    /// Number of the animated transform that the part is under. The reader counts all of them;
+    /// once the parts are placed, only those that move count.
     pub(super) node: Option<u32>,
+    /// Positions under the node, one for each vertex, or none if there are patches.
     pub(super) local: Vec<Vec3>,
+    /// One for each triangle, or none.
     pub(super) patches: Vec<Patch>,
 }
 

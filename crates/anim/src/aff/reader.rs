@@ -250,9 +250,8 @@ impl Reader {
 
     fn add(&mut self, (vertices, triangles): Shape, part: &str) -> Result<(), Problem> {
         let fixed = self.frame.fixed;
-        let source = self.extend_part(part, vertices.len(), &triangles, false)?;
-        source.local.extend(vertices.iter().map(|vertex| fixed.transform_point3(*vertex).as_vec3()));
-        Ok(())
+        let local = vertices.iter().map(|vertex| fixed.transform_point3(*vertex).as_vec3()).collect();
+        self.extend_part(part, &triangles, Source { node: self.frame.node, local, patches: Vec::new() })
     }
 
     fn animated_triangle(&mut self, tokens: &mut Tokens<'_>, part: &str) -> Result<(), Problem> {
@@ -264,40 +263,36 @@ impl Reader {
             keys.push(PatchKey { time, corners: [0, 1, 2].map(corner) });
         }
         put_in_order(&mut keys, |key| key.time, tokens);
-        self.extend_part(part, 3, &[[0, 1, 2]], true)?.patches.push(Patch(keys));
-        Ok(())
+        let patches = vec![Patch(keys)];
+        self.extend_part(part, &[[0, 1, 2]], Source { node: self.frame.node, local: Vec::new(), patches })
     }
 
-    /// Adds triangles that number their own `vertices` to the last part, or to a new one where that
-    /// is of another file, material, transform or kind. The caller adds the vertices.
-    fn extend_part(
-        &mut self,
-        name: &str,
-        vertices: usize,
-        triangles: &[[u32; 3]],
-        is_patch: bool,
-    ) -> Result<&mut Source, Problem> {
+    /// Adds `triangles`, which number the vertices of `more`, to the last part, or as a new one where
+    /// that is of another file, material, transform or kind.
+    fn extend_part(&mut self, name: &str, triangles: &[[u32; 3]], more: Source) -> Result<(), Problem> {
+        let vertices = more.local.len() + 3 * more.patches.len();
         self.budget.spend_on(vertices, triangles.len(), WHOLE_SCENE)?;
-        let Self { scene: Scene { topology, sources, .. }, frame, material, .. } = self;
+        let Self { scene: Scene { topology, sources, .. }, material, .. } = self;
         let last = topology.parts.pop_if(|part| {
             sources.last().is_some_and(|source| {
                 part.name == name
                     && part.material == *material
-                    && source.node == frame.node
-                    && source.patches.is_empty() != is_patch
+                    && source.node == more.node
+                    && source.patches.is_empty() == more.patches.is_empty()
             })
         });
         let too_large = || Problem::new(WHOLE_SCENE, "too many vertices or triangles", NUMBERED);
         let part =
             topology.add_part(name.to_owned(), triangles, vertices, *material).ok_or_else(too_large)?;
-        match last {
-            Some(last) => {
+        match (last, sources.last_mut()) {
+            (Some(last), Some(source)) => {
                 (part.triangles.start, part.vertices.start) = (last.triangles.start, last.vertices.start);
+                source.local.extend(more.local);
+                source.patches.extend(more.patches);
             }
-            None => sources.push(Source { node: frame.node, ..Source::default() }),
+            _ => sources.push(more),
         }
-        let last = sources.len() - 1;
-        Ok(&mut sources[last])
+        Ok(())
     }
 
     fn track(&mut self, tokens: &mut Tokens<'_>) -> Result<(), Problem> {
