@@ -203,15 +203,7 @@ impl Animation for AffAnimation {
             Some(rotation) => (rotation * DVec3::NEG_Z, rotation * DVec3::Y),
             None => (camera.at - camera.from, camera.up),
         };
-        // Far enough for the sum to keep the direction, wherever the eye is.
-        let target = eye + forward.try_normalize()? * eye.length().max(1.0);
-        let view = View {
-            eye: eye.as_vec3(),
-            target: target.as_vec3(),
-            up: up.try_normalize()?.as_vec3(),
-            fov_y: camera.fov_y as f32,
-        };
-        (view.eye.is_finite() && view.target.is_finite()).then_some(view)
+        View::along(eye, forward, up, camera.fov_y as f32)
     }
 
     /// One light for all: at the first one's place, with all their colours added up, to 1 at most.

@@ -27,12 +27,8 @@ impl Camera {
 
     /// What it sees where `to_scene` puts its node: it looks along its negative z axis.
     pub(super) fn view(&self, to_scene: &Affine3A) -> Option<View> {
-        let eye = Vec3::from(to_scene.translation);
-        let forward = to_scene.transform_vector3(Vec3::NEG_Z).try_normalize()?;
-        let up = to_scene.transform_vector3(Vec3::Y).try_normalize()?;
-        // Far enough for the sum to keep the direction, wherever the eye is.
-        let target = eye + forward * eye.length().max(1.0);
-        Some(View { eye, target, up, fov_y: self.fov_y })
+        let [forward, up] = [Vec3::NEG_Z, Vec3::Y].map(|axis| to_scene.transform_vector3(axis).as_dvec3());
+        View::along(Vec3::from(to_scene.translation).as_dvec3(), forward, up, self.fov_y)
     }
 }
 
@@ -83,6 +79,6 @@ impl LightSource {
                 center + to_scene.transform_vector3(Vec3::Z).try_normalize()? * distance
             }
         };
-        Some(Light { position, color: self.color })
+        position.is_finite().then_some(Light { position, color: self.color })
     }
 }

@@ -504,6 +504,14 @@ fn materials_camera_and_lights() {
     assert!(position.y > 100.0 && position.x.abs() < 1.0 && position.z.abs() < 1.0, "{position}");
     let dark = document.load(&rest("point").replace("[1,0.5,0]", "[1e39,-1,0.5]")).light(0.0).unwrap();
     assert_eq!(dark.color, [1.0, 0.0, 0.5], "infinite is full, negative none");
+    let far = |distance: &str| {
+        let rest = rest("point").replace("[0,0,5]", &format!("[0,0,{distance}]"));
+        document.load(&rest.replace("[1,2,3]", &format!("[{distance},2,3]")))
+    };
+    let (view, light) = (far("1e30").view(0.0).unwrap(), far("1e30").light(0.0).unwrap());
+    assert_eq!((view.eye.z, view.target, light.position.x), (1e30, Vec3::ZERO, 1e30));
+    // Infinite in `f32`.
+    assert_eq!((far("1e39").view(0.0), far("1e39").light(0.0)), (None, None));
     for scale in ["1e25", "1e37"] {
         let large =
             rest("directional").replace(r#"{"mesh":0}"#, &format!(r#"{{"mesh":0,"scale":[{scale},1,1]}}"#));
