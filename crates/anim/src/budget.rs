@@ -1,6 +1,8 @@
 //! How much memory a file may take.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
 
 use crate::error::Problem;
 
@@ -19,19 +21,23 @@ const BYTES_PER_TRIANGLE: u64 = 120;
 pub(crate) struct Budget {
     limit: Cell<u64>,
     spent: Cell<u64>,
+    /// Those that count for the limit.
+    files: RefCell<HashSet<PathBuf>>,
 }
 
 impl Default for Budget {
     fn default() -> Self {
-        Self { limit: Cell::new(FREE_BYTES), spent: Cell::default() }
+        Self { limit: Cell::new(FREE_BYTES), spent: Cell::default(), files: RefCell::default() }
     }
 }
 
 impl Budget {
-    /// Allows for more bytes of input.
-    pub(crate) fn allow_for(&self, bytes: usize) {
-        let more = (bytes as u64).saturating_mul(BYTES_PER_BYTE);
-        self.limit.set(self.limit.get().saturating_add(more));
+    /// Allows for the bytes of a file of the input, unless it counts already.
+    pub(crate) fn allow_for(&self, file: &Path, bytes: usize) {
+        if self.files.borrow_mut().insert(file.to_owned()) {
+            let more = (bytes as u64).saturating_mul(BYTES_PER_BYTE);
+            self.limit.set(self.limit.get().saturating_add(more));
+        }
     }
 
     pub(crate) fn left(&self) -> u64 {
@@ -50,5 +56,19 @@ impl Budget {
 
     pub(crate) fn spend_on(&self, vertices: usize, triangles: usize, place: &str) -> Result<(), Problem> {
         self.spend(vertices as u64 * BYTES_PER_VERTEX + triangles as u64 * BYTES_PER_TRIANGLE, place)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_named_twice_counts_once() {
+        let budget = Budget::default();
+        for (file, expected) in [("a", 1), ("b", 2), ("a", 2)] {
+            budget.allow_for(Path::new(file), 1);
+            assert_eq!(budget.left(), FREE_BYTES + expected * BYTES_PER_BYTE, "{file}");
+        }
     }
 }

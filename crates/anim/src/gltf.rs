@@ -84,10 +84,9 @@ pub(crate) fn parse(
     bytes: &[u8],
     options: &LoadOptions<'_>,
 ) -> Result<GltfAnimation, LoadError> {
-    let (root, buffers) = source::open(file, bytes)?;
     let budget = Budget::default();
-    budget.allow_for(bytes.len());
-    buffers.iter().for_each(|buffer| budget.allow_for(buffer.len()));
+    budget.allow_for(file, bytes.len());
+    let (root, buffers) = source::open(file, bytes, &budget)?;
     let clips: Vec<String> =
         root.animations.iter().map(|clip| clip.name.clone().unwrap_or_default()).collect();
     let mut chosen = 0;

@@ -97,7 +97,7 @@ impl Reader {
     fn read(&mut self, file: &Path, canonical: PathBuf) -> Result<(), LoadError> {
         if !self.texts.contains_key(&canonical) {
             let text = read_file(file)?;
-            self.budget.allow_for(text.len());
+            self.budget.allow_for(&canonical, text.len());
             self.texts.insert(canonical.clone(), spaced(&text).into());
         }
         let text = Arc::clone(&self.texts[&canonical]);
@@ -267,8 +267,8 @@ impl Reader {
         self.extend_part(part, &[[0, 1, 2]], Source { node: self.frame.node, local: Vec::new(), patches })
     }
 
-    /// Adds `triangles`, which number the vertices of `more`, to the last part, or as a new one where
-    /// that is of another file, material, transform or kind.
+    /// Adds `triangles`, which number the vertices of `more`, to the last part, or as a new part
+    /// where the last is of another file, material, transform or kind.
     fn extend_part(&mut self, name: &str, triangles: &[[u32; 3]], more: Source) -> Result<(), Problem> {
         let vertices = more.local.len() + 3 * more.patches.len();
         self.budget.spend_on(vertices, triangles.len(), WHOLE_SCENE)?;

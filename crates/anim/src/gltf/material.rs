@@ -190,11 +190,12 @@ impl Textures<'_> {
             (Some(uri), _) if is_data(uri) => decode(&decode_data_uri(uri, place)?, accessors, place),
             (Some(uri), _) => {
                 let path = relative_path(uri, place).ok();
-                let Some(bytes) = path.and_then(|path| read_beside(accessors.file, &path).ok()) else {
+                let read = |path| Some((path, read_beside(accessors.file, path).ok()?));
+                let Some((path, bytes)) = path.as_deref().and_then(read) else {
                     self.unreadable.push(one_line(uri));
                     return Ok(None);
                 };
-                accessors.budget.allow_for(bytes.len());
+                accessors.budget.allow_for(path, bytes.len());
                 decode(&bytes, accessors, place)
             }
             (None, Some(view)) => decode(accessors.view(view, place)?, accessors, place),

@@ -12,6 +12,7 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use glam::DVec3;
 use serde_json::{Value, json};
 
+use crate::budget::Budget;
 use crate::error::{LoadError, Problem};
 use crate::files::{below_folder, read_beside};
 
@@ -33,10 +34,11 @@ pub(super) type Bytes = Arc<Vec<u8>>;
 /// The BIN chunk of a GLB container.
 type Blob<'a> = Option<Cow<'a, [u8]>>;
 
-/// The document and the bytes of its buffers, each as long as declared.
-pub(super) fn open(file: &Path, bytes: &[u8]) -> Result<(Root, Vec<Bytes>), LoadError> {
+/// The document and the bytes of its buffers, each as long as declared. `budget` then allows for
+/// the files they are in.
+pub(super) fn open(file: &Path, bytes: &[u8], budget: &Budget) -> Result<(Root, Vec<Bytes>), LoadError> {
     let (root, blob) = document(bytes).map_err(|problem| problem.in_file(file))?;
-    let buffers = read_buffers(&root, blob, file)?;
+    let buffers = read_buffers(&root, blob, file, budget)?;
     Ok((root, buffers))
 }
 
@@ -109,7 +111,12 @@ fn glb_chunks(bytes: &[u8]) -> Result<(Cow<'_, [u8]>, Blob<'_>), Problem> {
     Ok((glb.json, glb.bin))
 }
 
-fn read_buffers(root: &Root, mut blob: Blob<'_>, file: &Path) -> Result<Vec<Bytes>, LoadError> {
+fn read_buffers(
+    root: &Root,
+    mut blob: Blob<'_>,
+    file: &Path,
+    budget: &Budget,
+) -> Result<Vec<Bytes>, LoadError> {
     // Several buffers may name one file; it is read once.
     let mut external: HashMap<PathBuf, Bytes> = HashMap::new();
     let mut buffers = Vec::with_capacity(root.buffers.len());
@@ -127,7 +134,9 @@ fn read_buffers(root: &Root, mut blob: Blob<'_>, file: &Path) -> Result<Vec<Byte
             (Some(uri), _) => {
                 let path = relative_path(uri, &place).map_err(in_file)?;
                 if !external.contains_key(&path) {
-                    external.insert(path.clone(), Arc::new(read_beside(file, &path)?));
+                    let bytes = read_beside(file, &path)?;
+                    budget.allow_for(&path, bytes.len());
+                    external.insert(path.clone(), Arc::new(bytes));
                 }
                 Arc::clone(&external[&path])
             }

@@ -152,6 +152,24 @@ fn instancing_is_held_to_a_multiple_of_the_file() {
     assert!(message.contains("decoded data"), "{message}");
 }
 
+#[test]
+fn a_file_that_many_buffers_name_counts_once() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("a.bin"), [0; 1000]).unwrap();
+    let file = folder.path().join("a.gltf");
+    // What the text itself holds counts with the text.
+    let embedded = r#"{"byteLength":4,"uri":"data:;base64,AAAAAA=="}"#;
+    let buffers = [&[embedded], &[r#"{"byteLength":4,"uri":"a.bin"}"#; 10][..]].concat().join(",");
+    let text = format!(
+        r#"{{"asset":{{"version":"2.0"}},"buffers":[{buffers}],{TRIANGLE_MESH},"nodes":[{{"mesh":0}}],
+        "accessors":[{{"componentType":5126,"count":4000000000,"type":"VEC3"}}]}}"#
+    );
+    std::fs::write(&file, &text).unwrap();
+    let message = crate::load(&file, &LoadOptions::default()).err().unwrap().to_string();
+    let limit = (1 << 30) + 256 * (text.len() + 1000);
+    assert!(message.contains(&format!("at most {limit} for files of this size")), "{message}");
+}
+
 /// Whatever is done to a file, loading ends with a result, and posing what was loaded does not
 /// panic.
 #[test]
