@@ -69,8 +69,10 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Model, Pr
 
 /// The lines that say where triangles are, with nothing on them but that.
 ///
-/// Texture coordinates and normals go because vertices would be split where they differ, and vertex
-/// colours because they would have to be complete.
+/// `tobj` numbers positions apart from texture coordinates and normals, so these split no vertices.
+/// They go because it refuses a file, or overflows, where one is malformed or does not exist.
+/// Vertex colours go because it counts them apart from positions, and refuses a face with a vertex
+/// beyond the last colour.
 fn positions_and_faces(text: &str) -> String {
     let mut kept = String::with_capacity(text.len());
     // A backslash at the end of a line continues it.
