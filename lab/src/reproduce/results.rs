@@ -211,11 +211,6 @@ impl Results {
         self.scenes.iter().filter(|s| !s.facts.supplement)
     }
 
-    /// The scenes that something moves in and that were measured.
-    pub(crate) fn moving_scenes(&self) -> impl Iterator<Item = &SceneRun> {
-        self.main_scenes().filter(|scene| scene.moves() && !scene.rows.is_empty())
-    }
-
     /// All checks together.
     pub(crate) fn checks(&self) -> Checks {
         let mut all = Checks::default();

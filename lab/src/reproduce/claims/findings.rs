@@ -25,12 +25,16 @@ pub(super) fn missing(names: &[&str]) -> String {
     format!("needs {} with the strategies it compares", names.join(" and "))
 }
 
+pub(super) fn moving(results: &Results) -> impl Iterator<Item = &SceneRun> {
+    results.main_scenes().filter(|scene| scene.moves())
+}
+
 pub(super) fn without_museum(results: &Results) -> impl Iterator<Item = &SceneRun> {
-    results.moving_scenes().filter(|scene| scene.facts.label != MUSEUM)
+    moving(results).filter(|scene| scene.facts.label != MUSEUM)
 }
 
 pub(super) fn rotation_overhead(results: &Results, b: &Bounds) -> Finding {
-    let table = Table::of(results.moving_scenes(), |s| update_time(s, ROTATE, REFIT)).compared()?;
+    let table = Table::of(moving(results), |s| update_time(s, ROTATE, REFIT)).compared()?;
     let (little, great) = (at_most(b.overhead), at_most(b.overhead_in_part));
     let (verdict, near) = by_times([&table], |[t]| graded(t.all(&little), t.most(&great)));
     let mut why = table.scenes_where(&format!("at most {}", b.overhead), &little) + &near;
@@ -46,7 +50,7 @@ pub(super) fn rotation_overhead(results: &Results, b: &Bounds) -> Finding {
 }
 
 pub(super) fn rotation_against_rebuild(results: &Results, b: &Bounds) -> Finding {
-    let over = |rebuild| Table::of(results.moving_scenes(), |s| update_time(s, rebuild, ROTATE));
+    let over = |rebuild| Table::of(moving(results), |s| update_time(s, rebuild, ROTATE));
     let table = over(IDEAL_PARALLEL_BINNED.into()).compared()?;
     let (large, cheaper) = (at_least(b.magnitude), at_least(b.equal));
     let (verdict, near) = by_times([&table], |[t]| graded(t.most(&large), t.most(&cheaper)));
@@ -57,7 +61,7 @@ pub(super) fn rotation_against_rebuild(results: &Results, b: &Bounds) -> Finding
 }
 
 pub(super) fn frames_against_refit(results: &Results, b: &Bounds) -> Finding {
-    let table = Table::of(results.moving_scenes(), |s| frame_time(s, ROTATE, REFIT)).compared()?;
+    let table = Table::of(moving(results), |s| frame_time(s, ROTATE, REFIT)).compared()?;
     let passes = at_most(b.equal);
     // The part of the scenes in the bounds is rounded.
     let almost_always = |t: &Table| t.count(&passes) as f64 >= b.refit_scenes * t.len() as f64 - 1e-3;
@@ -75,7 +79,7 @@ pub(super) fn frames_against_rebuild(results: &Results, b: &Bounds) -> Finding {
 }
 
 pub(super) fn frames_against_ideal(results: &Results, b: &Bounds) -> Finding {
-    let table = Table::of(results.moving_scenes(), |s| frame_time(s, ROTATE, IDEAL)).compared()?;
+    let table = Table::of(moving(results), |s| frame_time(s, ROTATE, IDEAL)).compared()?;
     let above = at_least(1.0 / b.equal);
     let close = |t: &Table| t.count(at_most(b.ideal_close));
     let (verdict, near) = by_times([&table], |[t]| both(t.all(&above), 2 * close(t) >= t.len()));
@@ -214,7 +218,7 @@ pub(super) fn candidates(results: &Results, b: &Bounds) -> Finding {
 }
 
 pub(super) fn stability(results: &Results, b: &Bounds) -> Finding {
-    let table = Table::of(results.moving_scenes(), |s| {
+    let table = Table::of(moving(results), |s| {
         let rows = s.of(ROTATE);
         let later: Vec<_> = rows.iter().filter(|r| r.round > 0).collect();
         let first = |frame| rows.iter().find(|r| r.round == 0 && r.frame == frame);
