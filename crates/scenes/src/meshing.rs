@@ -17,40 +17,19 @@ const BLOCK: usize = 8;
 pub(crate) fn mesh(solid: &Solid, low: Vec3, high: Vec3, cell: f32) -> Mesh {
     let size = ((high - low) / cell).ceil().as_uvec3() + 2;
     let [nx, ny, nz] = size.to_array().map(|n| n as usize);
-    let [bx, by, bz] = [nx, ny, nz].map(|n| n.div_ceil(BLOCK));
-    // Of each block beside the surface the part of the solid that matters to it, and the part that
-    // matters up to two cells around it, where vertices are looked for.
-    let near = |block: usize| {
-        let block = Vec3::new((block % bx) as f32, (block / bx % by) as f32, (block / bx / by) as f32);
-        let center = low + cell * (BLOCK as f32 * (block + 0.5));
-        let reach = 0.5 * BLOCK as f32 * cell * 3.0_f32.sqrt();
-        let is_near = solid.distance(center).abs() <= 2.0 * reach + cell;
-        is_near.then(|| [reach, reach + 2.0 * cell].map(|radius| solid.near(center, radius)))
-    };
-    let blocks: Vec<Option<[Solid; 2]>> = (0..bx * by * bz).into_par_iter().map(near).collect();
     let mut samples = vec![0.0_f32; nx * ny * nz];
     samples.par_chunks_mut(BLOCK * nx * ny).enumerate().for_each(|(slab, samples)| {
         let size = [nx, ny, samples.len() / (nx * ny)];
         let mut grid = Grid { size, first: slab * BLOCK, low, cell, samples };
-        for (i, near) in blocks[slab * bx * by..][..bx * by].iter().enumerate() {
-            let near = near.as_ref().map_or(solid, |[within, _]| within);
-            grid.sample(near, [i % bx * BLOCK, i / bx * BLOCK, 0], BLOCK);
+        for (y, x) in (0..ny).step_by(BLOCK).flat_map(|y| (0..nx).step_by(BLOCK).map(move |x| (y, x))) {
+            grid.sample(solid, [x, y, 0], BLOCK);
         }
     });
     let mut nets = SurfaceNetsBuffer::default();
     let shape = RuntimeShape::<u32, 3>::new(size.to_array());
     surface_nets(&samples, &shape, [0; 3], (size - 1).to_array(), &mut nets);
-    let onto_surface = |&vertex: &[f32; 3]| {
-        let [x, y, z] = vertex.map(|x| x as usize / BLOCK);
-        let near = blocks[(z * by + y) * bx + x].as_ref().map_or(solid, |[_, around]| around);
-        let project = |p: Vec3| {
-            let step = near.distance(p).clamp(-0.5 * cell, 0.5 * cell);
-            p - near.normal(p, 0.25 * cell) * step
-        };
-        project(project(low + cell * Vec3::from(vertex)))
-    };
     Mesh {
-        positions: nets.positions.par_iter().map(onto_surface).collect(),
+        positions: onto_surface(solid, &nets.positions, low, cell),
         triangles: nets.indices.as_chunks::<3>().0.to_vec(),
     }
 }
@@ -89,9 +68,39 @@ impl Grid<'_> {
             }
             return;
         }
+        let near = (edge == BLOCK).then(|| solid.near(center, reach));
+        let (near, half) = (near.as_ref().unwrap_or(solid), edge / 2);
         for octant in 0..8 {
-            let [dx, dy, dz] = [octant & 1, octant >> 1 & 1, octant >> 2].map(|bit| bit * (edge / 2));
-            self.sample(solid, [x + dx, y + dy, z + dz], edge / 2);
+            let [dx, dy, dz] = [octant & 1, octant >> 1 & 1, octant >> 2].map(|bit| bit * half);
+            self.sample(near, [x + dx, y + dy, z + dz], half);
         }
     }
+}
+
+/// Vertices of the nets, in cells from `low`, moved onto the surface along its normal.
+fn onto_surface(solid: &Solid, vertices: &[[f32; 3]], low: Vec3, cell: f32) -> Vec<Vec3> {
+    let mut positions: Vec<Vec3> = vertices.iter().map(|&p| low + cell * Vec3::from(p)).collect();
+    // Vertices of a block share the part of the solid that matters to them.
+    let block = |p: [f32; 3]| p.map(|x| (x / BLOCK as f32) as u32);
+    let mut order: Vec<u32> = (0..vertices.len() as u32).collect();
+    order.par_sort_unstable_by_key(|&v| (block(vertices[v as usize]), v));
+    let groups: Vec<&[u32]> =
+        order.chunk_by(|&v, &w| block(vertices[v as usize]) == block(vertices[w as usize])).collect();
+    let moved: Vec<Vec<Vec3>> = groups
+        .par_iter()
+        .map(|group| {
+            let corner = Vec3::from(block(vertices[group[0] as usize]).map(|b| b as f32)) * BLOCK as f32;
+            let center = low + cell * (corner + 0.5 * BLOCK as f32);
+            let near = solid.near(center, cell * (0.5 * BLOCK as f32 * 3.0_f32.sqrt() + 2.0));
+            let project = |p: Vec3| {
+                let step = near.distance(p).clamp(-0.5 * cell, 0.5 * cell);
+                p - near.normal(p, 0.25 * cell) * step
+            };
+            group.iter().map(|&v| project(project(positions[v as usize]))).collect()
+        })
+        .collect();
+    for (&v, p) in order.iter().zip(moved.into_iter().flatten()) {
+        positions[v as usize] = p;
+    }
+    positions
 }
