@@ -2,11 +2,11 @@
 #![expect(unsafe_code, reason = "calls of a C library")]
 
 use std::ffi::c_int;
-use std::ops::Range;
 use std::sync::Arc;
 
 use bvh_core::{Triangles, Vec3};
 use bytemuck::Zeroable;
+use rt_cpu::Hit;
 
 use super::api::{
     self, BUFFER_INDEX, BUFFER_VERTEX, DeviceHandle, Extra, FORMAT_FLOAT3, FORMAT_UINT3, Handle, INVALID_ID,
@@ -109,35 +109,18 @@ impl Scene {
         Ok(scene)
     }
 
-    /// Casts rays in packets of N, whatever is behind the last ray masked out, and gives each
-    /// packet to `take` with the numbers of its rays.
-    fn in_packets<const N: usize>(
-        &self,
-        query: Query,
-        rays: &Rays,
-        mut take: impl FnMut(Range<usize>, &RayHit<N>),
-    ) {
-        let mut extra = Extra::new(self.device.version, self.coherent && N > 1);
+    /// Packets of N; whatever is behind the last ray is masked out.
+    fn closest_packets<const N: usize>(&self, query: QueryN, rays: &Rays, hits: &mut Hits) {
+        let mut extra = Extra::new(self.device.version, self.coherent);
         let mut packet = RayHit::<N>::new();
         for first in (0..rays.len()).step_by(N) {
             let valid = packet.load(rays, first);
             packet.geometry = [INVALID_ID; N];
             let (a, b) = extra.with(&mut packet);
             // SAFETY: the scene is committed; the mask has N entries and an alignment of 64; ray
-            // and context are laid out as the headers say and in the order of the loaded version. A
-            // ray without hit is the beginning of one with.
-            unsafe {
-                match query {
-                    Query::Single(query) => query(self.scene, a, b),
-                    Query::Packet(query) => query(valid.0.as_ptr(), self.scene, a, b),
-                }
-            }
-            take(first..first + N, &packet);
-        }
-    }
-
-    fn closest_by<const N: usize>(&self, query: Query, rays: &Rays, hits: &mut Hits) {
-        self.in_packets::<N>(query, rays, |run, packet| {
+            // and context are laid out as the headers say and in the order of the loaded version.
+            unsafe { query(valid.0.as_ptr(), self.scene, a, b) }
+            let run = first..first + N;
             let missed = packet.geometry.map(|g| if g == INVALID_ID { Hits::NONE } else { 0 });
             hits.t[run.clone()].copy_from_slice(&packet.t_far);
             hits.u[run.clone()].copy_from_slice(&packet.u);
@@ -147,21 +130,50 @@ impl Scene {
             }
             let primitives = packet.primitive.iter().zip(missed).map(|(&p, missed)| p | missed);
             hits.primitive[run].iter_mut().zip(primitives).for_each(|(to, p)| *to = p);
-        });
+        }
     }
 
-    fn occluded_by<const N: usize>(&self, query: Query, rays: &Rays, blocked: &mut [bool; RAYS]) {
-        self.in_packets::<N>(query, rays, |run, packet| {
-            blocked[run].copy_from_slice(&packet.t_far.map(|t| t == f32::NEG_INFINITY));
-        });
+    fn occluded_packets<const N: usize>(&self, query: QueryN, rays: &Rays, blocked: &mut [bool; RAYS]) {
+        let mut extra = Extra::new(self.device.version, self.coherent);
+        let mut packet = RayHit::<N>::new();
+        for first in (0..rays.len()).step_by(N) {
+            let valid = packet.load(rays, first);
+            let (a, b) = extra.with(&mut packet);
+            // SAFETY: as above; a ray without hit is the beginning of one with.
+            unsafe { query(valid.0.as_ptr(), self.scene, a, b) }
+            let arrived = packet.t_far.map(|t| t == f32::NEG_INFINITY);
+            blocked[first..first + N].copy_from_slice(&arrived);
+        }
     }
-}
 
-/// A query for one ray, or for a packet.
-#[derive(Clone, Copy)]
-enum Query {
-    Single(Query1),
-    Packet(QueryN),
+    fn closest_one_by_one(&self, query: Query1, rays: &Rays, hits: &mut Hits) {
+        let mut extra = Extra::new(self.device.version, false);
+        let mut ray = RayHit::<1>::new();
+        for i in 0..rays.len() {
+            ray.load(rays, i);
+            ray.geometry = [INVALID_ID];
+            let (a, b) = extra.with(&mut ray);
+            // SAFETY: as above.
+            unsafe { query(self.scene, a, b) }
+            let hit = Hit { t: ray.t_far[0], u: ray.u[0], v: ray.v[0], primitive: ray.primitive[0] };
+            for axis in 0..3 {
+                hits.normal[axis][i] = ray.normal[axis][0];
+            }
+            hits.set(i, (ray.geometry[0] != INVALID_ID).then_some(hit));
+        }
+    }
+
+    fn occluded_one_by_one(&self, query: Query1, rays: &Rays, blocked: &mut [bool; RAYS]) {
+        let mut extra = Extra::new(self.device.version, false);
+        let mut ray = RayHit::<1>::new();
+        for (i, blocked) in blocked[..rays.len()].iter_mut().enumerate() {
+            ray.load(rays, i);
+            let (a, b) = extra.with(&mut ray);
+            // SAFETY: as above.
+            unsafe { query(self.scene, a, b) }
+            *blocked = ray.t_far[0] == f32::NEG_INFINITY;
+        }
+    }
 }
 
 /// Which rays of a packet count: -1 those that do.
@@ -214,18 +226,18 @@ impl Contestant for Scene {
     fn closest(&self, rays: &Rays, hits: &mut Hits) {
         let api = &self.device.api;
         match self.width {
-            Width::One => self.closest_by::<1>(Query::Single(api.intersect1), rays, hits),
-            Width::Eight => self.closest_by::<8>(Query::Packet(api.intersect8), rays, hits),
-            Width::Sixteen => self.closest_by::<16>(Query::Packet(api.intersect16), rays, hits),
+            Width::One => self.closest_one_by_one(api.intersect1, rays, hits),
+            Width::Eight => self.closest_packets::<8>(api.intersect8, rays, hits),
+            Width::Sixteen => self.closest_packets::<16>(api.intersect16, rays, hits),
         }
     }
 
     fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]) {
         let api = &self.device.api;
         match self.width {
-            Width::One => self.occluded_by::<1>(Query::Single(api.occluded1), rays, blocked),
-            Width::Eight => self.occluded_by::<8>(Query::Packet(api.occluded8), rays, blocked),
-            Width::Sixteen => self.occluded_by::<16>(Query::Packet(api.occluded16), rays, blocked),
+            Width::One => self.occluded_one_by_one(api.occluded1, rays, blocked),
+            Width::Eight => self.occluded_packets::<8>(api.occluded8, rays, blocked),
+            Width::Sixteen => self.occluded_packets::<16>(api.occluded16, rays, blocked),
         }
     }
 
