@@ -3,7 +3,6 @@
 use ::bvh::aabb::{Aabb, Bounded};
 use ::bvh::bounding_hierarchy::BHShape;
 use ::bvh::bvh::{Bvh, BvhNode, rayon_executor};
-use bvh_core::triangle::{MollerTrumbore, Test};
 use bvh_core::{Ray, Triangles, Vec3};
 use nalgebra::Point3;
 use rt_cpu::Hit;
@@ -55,7 +54,7 @@ impl Contender {
     /// own traversals list all boxes along a ray and do not get shorter with a hit, so its tree is
     /// walked here, with a stack that is made once for many rays.
     fn hit<const ANY: bool>(&self, stack: &mut Vec<(f32, usize)>, ray: &Ray, mut t_max: f32) -> Option<Hit> {
-        let (triangles, test, mut best) = (self.mesh.triangles(), MollerTrumbore::new(ray), None);
+        let (triangles, mut best) = (self.mesh.triangles(), None);
         stack.clear();
         stack.push((0.0, 0));
         while let Some((near, mut n)) = stack.pop() {
@@ -66,7 +65,9 @@ impl Contender {
                 match self.tree.nodes.get(n) {
                     None => return best,
                     Some(BvhNode::Leaf { shape_index: p, .. }) => {
-                        if let Some(hit) = intersect(&test, triangles.corners(*p), t_max, *p as u32) {
+                        let (origin, direction) = (ray.origin(), ray.direction());
+                        let hit = intersect(triangles.corners(*p), origin, direction, t_max, *p as u32);
+                        if let Some(hit) = hit {
                             (best, t_max) = (Some(hit), hit.t);
                             if ANY {
                                 return best;

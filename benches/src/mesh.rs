@@ -1,6 +1,5 @@
 //! A contestant's own copy of the triangles.
 
-use bvh_core::triangle::{MollerTrumbore, Test};
 use bvh_core::{Aabb, Primitives, Triangles, Vec3};
 use rayon::prelude::*;
 use rt_cpu::Hit;
@@ -40,10 +39,24 @@ impl Mesh {
     }
 }
 
-/// The triangle test of libraries that leave it to their users. `t` from 0 to `t_max`, both
-/// included.
+/// A ray against a triangle (Möller and Trumbore 1997), two-sided, for libraries that leave the
+/// test to their users. `t` from 0 to `t_max`, both included.
 #[inline]
-pub(crate) fn intersect(ray: &MollerTrumbore, corners: [Vec3; 3], t_max: f32, primitive: u32) -> Option<Hit> {
-    let (t, u, v) = ray.test(&corners)?;
-    (t <= t_max).then_some(Hit { t, u, v, primitive })
+pub(crate) fn intersect(
+    [a, b, c]: [Vec3; 3],
+    origin: Vec3,
+    direction: Vec3,
+    t_max: f32,
+    primitive: u32,
+) -> Option<Hit> {
+    let (ab, ac) = (b - a, c - a);
+    let p = direction.cross(ac);
+    let scale = 1.0 / ab.dot(p);
+    let from_a = origin - a;
+    let u = from_a.dot(p) * scale;
+    let q = from_a.cross(ab);
+    let v = direction.dot(q) * scale;
+    let t = ac.dot(q) * scale;
+    // All comparisons are false for the NaN that a triangle without area gives.
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= 0.0 && t <= t_max).then_some(Hit { t, u, v, primitive })
 }

@@ -14,7 +14,6 @@ use ::obvhs::ploc::PlocBuilder;
 use ::obvhs::ray::{Ray, RayHit};
 use ::obvhs::triangle::Triangle;
 use bvh_core::glam::Vec3A;
-use bvh_core::triangle::{MollerTrumbore, Test};
 use bvh_core::{Triangles, Vec3};
 use rayon::prelude::*;
 use rt_cpu::Hit;
@@ -180,11 +179,11 @@ impl Contestant for Obvhs {
 
     fn closest(&self, rays: &Rays, hits: &mut Hits) {
         for i in 0..rays.len() {
-            let tester = MollerTrumbore::new(&rays.ray(i));
+            let (origin, direction) = (rays.origin(i), rays.direction(i));
             let mut best: Option<Hit> = None;
             let test = |ray: &Ray, slot: usize| {
                 let (primitive, corners) = self.slot(slot);
-                let hit = intersect(&tester, corners, ray.tmax, primitive);
+                let hit = intersect(corners, origin, direction, ray.tmax, primitive);
                 if hit.is_some_and(|hit| best.is_none_or(|b| hit.t < b.t)) {
                     best = hit;
                 }
@@ -202,11 +201,11 @@ impl Contestant for Obvhs {
 
     fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]) {
         for (i, blocked) in blocked[..rays.len()].iter_mut().enumerate() {
-            let tester = MollerTrumbore::new(&rays.ray(i));
+            let (origin, direction) = (rays.origin(i), rays.direction(i));
             let test = |ray: &Ray, slot: usize| {
                 let (primitive, corners) = self.slot(slot);
                 // The library takes hits strictly before the ray's end.
-                let hit = intersect(&tester, corners, ray.tmax, primitive);
+                let hit = intersect(corners, origin, direction, ray.tmax, primitive);
                 hit.map_or(f32::INFINITY, |_| 0.0)
             };
             *blocked = !if self.mode == Mode::Wide {

@@ -1,6 +1,5 @@
 //! The crate parry3d: refitting, incremental optimisation, binned and PLOC rebuilds.
 
-use bvh_core::triangle::{MollerTrumbore, Test};
 use bvh_core::{Triangles, Vec3};
 use parry3d::bounding_volume::Aabb;
 use parry3d::math::Vector;
@@ -38,10 +37,6 @@ struct Parry {
 
 fn vector(v: Vec3) -> Vector {
     Vector::new(v.x, v.y, v.z)
-}
-
-fn ray(rays: &Rays, i: usize) -> Ray {
-    Ray::new(vector(rays.origin(i)), vector(rays.direction(i)))
 }
 
 fn boxed(b: bvh_core::Aabb) -> Aabb {
@@ -106,10 +101,12 @@ impl Contestant for Parry {
     fn closest(&self, rays: &Rays, hits: &mut Hits) {
         let triangles = self.mesh.triangles();
         for i in 0..rays.len() {
-            let tester = MollerTrumbore::new(&rays.ray(i));
-            let test = |p: u32, t_max: f32| intersect(&tester, triangles.corners(p as usize), t_max, p);
-            let t_max = rays.t_max[i].min(f32::MAX);
-            let found = self.tree.cast_ray(&ray(rays, i), t_max, |p, t| Some(test(p, t)?.t));
+            let (origin, direction) = (rays.origin(i), rays.direction(i));
+            let ray = Ray::new(vector(origin), vector(direction));
+            let test = |primitive: u32, t_max: f32| {
+                intersect(triangles.corners(primitive as usize), origin, direction, t_max, primitive)
+            };
+            let found = self.tree.cast_ray(&ray, rays.t_max[i].min(f32::MAX), |p, t| Some(test(p, t)?.t));
             // The library keeps only `t` and the number.
             hits.set(i, found.and_then(|(primitive, _)| test(primitive, rays.t_max[i])));
         }
@@ -118,10 +115,11 @@ impl Contestant for Parry {
     fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]) {
         let triangles = self.mesh.triangles();
         for (i, blocked) in blocked[..rays.len()].iter_mut().enumerate() {
-            let tester = MollerTrumbore::new(&rays.ray(i));
+            let (origin, direction) = (rays.origin(i), rays.direction(i));
+            let ray = Ray::new(vector(origin), vector(direction));
             // There is no query for any hit; a hit at 0 makes all that is left too far.
-            let hit = self.tree.cast_ray(&ray(rays, i), rays.t_max[i].min(f32::MAX), |p, t| {
-                intersect(&tester, triangles.corners(p as usize), t, p).map(|_| 0.0)
+            let hit = self.tree.cast_ray(&ray, rays.t_max[i].min(f32::MAX), |p, t| {
+                intersect(triangles.corners(p as usize), origin, direction, t, p).map(|_| 0.0)
             });
             *blocked = hit.is_some();
         }
