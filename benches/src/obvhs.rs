@@ -106,7 +106,11 @@ impl Obvhs {
                 node.set_aabb(boxed(all.fold(bvh_core::Aabb::EMPTY, bvh_core::Aabb::union)));
             }
         };
-        self.tree.nodes.par_iter_mut().with_min_len(4096).for_each(fit);
+        if rayon::current_num_threads() == 1 {
+            self.tree.nodes.iter_mut().for_each(fit);
+        } else {
+            self.tree.nodes.par_iter_mut().with_min_len(4096).for_each(fit);
+        }
         self.tree.refit_all();
     }
 
