@@ -241,8 +241,8 @@ fn measure(
         if frame == frames {
             updater.record_costs();
         }
-        updater.set_strategy(*strategy);
-        let (took, report) = timed(|| updater.update(&mut bvh, &triangles).expect("same count"));
+        let update = || updater.set_strategy(*strategy).update(&mut bvh, &triangles).expect("same count");
+        let (took, report) = timed(update);
         let moving = (report.nodes_visited as f64 + 1.0) / 2.0;
         if frame < frames {
             alone.push(took / moving);
