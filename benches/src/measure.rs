@@ -1,4 +1,4 @@
-//! What the examples share that measure unit costs: times, medians, and geometry that comes apart.
+//! What measurements have in common: times, medians, pools of threads, test geometry.
 
 use std::time::Instant;
 

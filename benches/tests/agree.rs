@@ -5,16 +5,13 @@ mod support;
 
 use bvh_core::{Triangles, Vec3, sah_cost};
 use pivot_benches::embree::{Embree, NotFound};
+use pivot_benches::measure::pool;
 use pivot_benches::{Answers, Contest, Contestant, LIMIT, View, field};
 use rt_cpu::{Camera, Pixel, TriangleTest, closest_hit_brute};
 
 use support::{Brute, Soup};
 
 const SIZE: u32 = 64;
-
-fn pool(threads: usize) -> rayon::ThreadPool {
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads")
-}
 
 fn pixels(contestant: &dyn Contestant, view: &View) -> Vec<Pixel> {
     let mut pixels = vec![Pixel::default(); (SIZE * SIZE) as usize];
