@@ -13,9 +13,9 @@ use crate::{Contestant, Failure, Hits, RAYS, Rays, View, view};
 
 const WHO: &str = "pivot";
 
-/// How a tree is kept, and rays are traced.
+/// What one contestant of this project is: how it keeps its tree, and traces rays.
 #[derive(Clone, Copy)]
-struct Setting {
+struct Variant {
     strategy: Strategy,
     /// Most primitives in a leaf of a tree that is kept.
     max_leaf_size: u32,
@@ -28,7 +28,7 @@ struct Setting {
 
 /// A tree kept by one strategy.
 struct Pivot {
-    setting: Setting,
+    variant: Variant,
     mesh: Mesh,
     tree: Bvh,
     updater: Updater,
@@ -52,10 +52,10 @@ impl Pivot {
     /// The first tree: the strategy's own where it builds one. Refitting starts from a full sweep,
     /// with the triangles in the order of its leaves, and keeps them so.
     fn build(&mut self) -> Result<(), Failure> {
-        let strategy = self.setting.strategy;
+        let strategy = self.variant.strategy;
         let (builder, options) = match strategy {
             Strategy::Rebuild(builder, options) => (builder, options),
-            _ => (Builder::Sweep, leaves_of(self.setting.max_leaf_size)),
+            _ => (Builder::Sweep, leaves_of(self.variant.max_leaf_size)),
         };
         self.tree = bvh_build::build_with(&self.mesh.triangles(), builder, &options).map_err(failure)?;
         if !matches!(strategy, Strategy::Rebuild(..)) {
@@ -87,20 +87,20 @@ impl Contestant for Pivot {
         if !self.tree.is_empty() {
             let triangles = self.mesh.triangles();
             self.updater
-                .set_strategy(self.setting.strategy)
+                .set_strategy(self.variant.strategy)
                 .update(&mut self.tree, &triangles)
                 .map_err(failure)?;
         } else {
             self.build()?;
         }
-        if self.setting.rays != RayKind::Single {
+        if self.variant.rays != RayKind::Single {
             self.wide.update(&self.tree, &self.mesh.triangles());
         }
         Ok(())
     }
 
     fn learns(&self) -> bool {
-        self.setting.learns
+        self.variant.learns
     }
 
     fn sah_cost(&self) -> Option<f64> {
@@ -109,7 +109,7 @@ impl Contestant for Pivot {
 
     fn closest(&self, rays: &Rays, hits: &mut Hits) {
         let (triangles, test) = (self.mesh.triangles(), TriangleTest::default());
-        match self.setting.rays {
+        match self.variant.rays {
             RayKind::Single => {
                 for i in 0..rays.len() {
                     hits.set(i, closest_hit(&self.tree, &triangles, &rays.ray(i), rays.t_max[i], test));
@@ -133,7 +133,7 @@ impl Contestant for Pivot {
         let (triangles, test) = (self.mesh.triangles(), TriangleTest::default());
         for (i, blocked) in blocked[..rays.len()].iter_mut().enumerate() {
             let (ray, t_max) = (rays.ray(i), rays.t_max[i]);
-            *blocked = match self.setting.rays {
+            *blocked = match self.variant.rays {
                 RayKind::Single => any_hit(&self.tree, &triangles, &ray, t_max, test),
                 RayKind::Wide | RayKind::Batch => self.wide.any_hit(&ray, t_max, test),
             };
@@ -145,14 +145,14 @@ impl Contestant for Pivot {
     }
 
     fn cast(&self, view: &View, pixels: &mut [Pixel]) {
-        if self.setting.rays != RayKind::Single {
+        if self.variant.rays != RayKind::Single {
             return view::cast(self, view, pixels);
         }
         let light = view.light.map(|position| PointLight { position, color: [1.0; 3] });
-        let Setting { traversal, simd, .. } = self.setting;
+        let Variant { traversal, simd, .. } = self.variant;
         let options = RenderOptions { traversal, simd, ..RenderOptions::default() };
         let stats = cast(&self.tree, &self.mesh.triangles(), &view.camera, light.as_ref(), &options, pixels);
-        if self.setting.learns {
+        if self.variant.learns {
             self.visited.store(stats.nodes_visited, Relaxed);
         }
     }
@@ -160,7 +160,7 @@ impl Contestant for Pivot {
 
 /// Adds this project's contestants.
 pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
-    let plain = Setting {
+    let plain = Variant {
         strategy: Strategy::Rebuild(Builder::Sweep, leaves_of(1)),
         max_leaf_size: 1,
         traversal: Traversal::Tile,
@@ -169,11 +169,11 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
         learns: false,
     };
     let rotate = Strategy::RefitRotate(Rotate::default());
-    let mut add = |name: &str, setting: Setting| {
-        let keeps_tree = !matches!(setting.strategy, Strategy::Rebuild(..));
+    let mut add = |name: &str, variant: Variant| {
+        let keeps_tree = !matches!(variant.strategy, Strategy::Rebuild(..));
         entries.push(Entry::new(format!("{WHO} {name}"), keeps_tree, move |triangles| {
             Ok(Box::new(Pivot {
-                setting,
+                variant,
                 mesh: Mesh::new(triangles),
                 tree: Bvh::default(),
                 updater: Updater::default(),
@@ -186,43 +186,43 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
         for strategy in strategies() {
             // Pictures beside updates are a check, and no load.
             let learns = contest == Contest::Frame && matches!(strategy, Strategy::Auto(_));
-            add(strategy.name(), Setting { strategy, learns, ..plain });
+            add(strategy.name(), Variant { strategy, learns, ..plain });
         }
     }
     match contest {
         Contest::Update => {
             for period in [2, 4, 8] {
                 let strategy = Strategy::RefitRotate(Rotate { period });
-                add(&format!("{} every {period}", rotate.name()), Setting { strategy, ..plain });
+                add(&format!("{} every {period}", rotate.name()), Variant { strategy, ..plain });
             }
             for strategy in [Strategy::Refit, rotate] {
-                let setting = Setting { strategy, max_leaf_size: 2, ..plain };
-                add(&format!("{}, leaves of 2", strategy.name()), setting);
+                let variant = Variant { strategy, max_leaf_size: 2, ..plain };
+                add(&format!("{}, leaves of 2", strategy.name()), variant);
             }
         }
         Contest::Build => {
             for builder in Builder::PER_FRAME {
                 let strategy = Strategy::Rebuild(builder, BuildOptions::default());
-                add(builder.name(), Setting { strategy, ..plain });
+                add(builder.name(), Variant { strategy, ..plain });
             }
         }
         Contest::Trace => {
-            add("wide", Setting { rays: RayKind::Wide, ..plain });
+            add("wide", Variant { rays: RayKind::Wide, ..plain });
             for simd in SimdLevel::available() {
-                add(simd.name(), Setting { simd, ..plain });
+                add(simd.name(), Variant { simd, ..plain });
             }
             for leaves in [2, 4] {
                 let strategy = Strategy::Rebuild(Builder::Sweep, leaves_of(leaves));
-                add(&format!("leaves of {leaves}"), Setting { strategy, ..plain });
+                add(&format!("leaves of {leaves}"), Variant { strategy, ..plain });
             }
-            add("published packets", Setting { traversal: Traversal::Packet, ..plain });
-            add("single", Setting { traversal: Traversal::Single, ..plain });
+            add("published packets", Variant { traversal: Traversal::Packet, ..plain });
+            add("single", Variant { traversal: Traversal::Single, ..plain });
         }
         Contest::Incoherent => {
-            let plain = Setting { traversal: Traversal::Single, ..plain };
+            let plain = Variant { traversal: Traversal::Single, ..plain };
             add("single", plain);
-            add("wide", Setting { rays: RayKind::Wide, ..plain });
-            add("wide, batch", Setting { rays: RayKind::Batch, ..plain });
+            add("wide", Variant { rays: RayKind::Wide, ..plain });
+            add("wide, batch", Variant { rays: RayKind::Batch, ..plain });
         }
         Contest::Frame => {}
     }
