@@ -16,9 +16,9 @@ const CLEARING: f32 = 3.2;
 /// Branches of a tree.
 const BRANCHES: usize = 7;
 
-/// Meshes by what they are made of.
+/// Meshes by what they are made of, and the generator of all that is random in them.
 pub(crate) struct Forest {
-    /// Where everything random comes from, one thing after the other.
+    /// Every part of the forest takes its numbers from here, in the order in which parts are made.
     pub(crate) random: fastrand::Rng,
     pub(crate) ground: Mesh,
     pub(crate) bark: Mesh,
@@ -99,7 +99,7 @@ impl Forest {
         let mut path = vec![(from, radius)];
         let steps = 4;
         for k in 1..=steps {
-            let wander = self.direction(0.3) * (0.12 * reach.length());
+            let wander = self.random_vector(0.3) * (0.12 * reach.length());
             let (last, _) = path[k - 1];
             path.push((last + reach / steps as f32 + wander, radius * (1.0 - 0.8 * k as f32 / steps as f32)));
         }
@@ -109,15 +109,15 @@ impl Forest {
         }
         for k in 0..4 {
             let (at, thick) = path[1 + k * steps / 4];
-            let aside = self.direction(0.4).normalize_or(Vec3::Y);
+            let aside = self.random_vector(0.4).normalize_or(Vec3::Y);
             let reach = (reach.normalize() + 1.1 * aside).normalize() * (0.55 * reach.length());
             self.branch(at, reach, 0.6 * thick, order - 1);
         }
     }
 
-    /// A vector in any direction, of no certain length: the less `down` is the more often upwards,
-    /// at 0.5 as often as downwards.
-    fn direction(&mut self, down: f32) -> Vec3 {
+    /// A random vector in a unit cube: x and z are from -0.5 to 0.5, y is from `-down` to
+    /// `1 - down`.
+    fn random_vector(&mut self, down: f32) -> Vec3 {
         let mut less = |part: f32| self.random.f32() - part;
         vec3(less(0.5), less(down), less(0.5))
     }
@@ -125,9 +125,9 @@ impl Forest {
     /// Leaves along a twig, each two triangles folded at the midrib.
     fn foliage(&mut self, path: &[(Vec3, f32)]) {
         for (at, _) in path.iter().flat_map(|&at| [at; 3]) {
-            let out = self.direction(0.5).normalize_or(Vec3::X);
+            let out = self.random_vector(0.5).normalize_or(Vec3::X);
             let stalk = at + 0.1 * out;
-            let side = out.cross(self.direction(0.5)).normalize_or(Vec3::Z);
+            let side = out.cross(self.random_vector(0.5)).normalize_or(Vec3::Z);
             let size = 0.16 + 0.09 * self.random.f32();
             let (tip, fold) = (stalk + 1.6 * size * out, 0.25 * size * out.cross(side));
             let middle = stalk + 0.7 * size * out + fold;
