@@ -13,11 +13,11 @@ use rt_cpu::{
     AmbientOcclusion, Camera, DiffuseBounces, Effects, Image, Material, Mesh, PointLight, RenderOptions,
     render,
 };
+use scenes::LightEffects;
 
 use super::{Log, Point};
 use crate::interrupt;
 use crate::stage::timed;
-use scenes::LightEffects;
 
 /// A picture whose every pixel is known.
 struct Case {
