@@ -13,7 +13,7 @@ const QUIET: Duration = Duration::from_secs(10);
 
 /// Work that is under way; shown on standard error, gone when dropped.
 pub(crate) struct Progress {
-    /// Draws nothing where there is no terminal.
+    /// Draws nothing without a terminal, or on a dumb one.
     bar: ProgressBar,
     /// The last plain line.
     last: Mutex<Instant>,
