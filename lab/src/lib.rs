@@ -10,11 +10,12 @@ pub mod export;
 pub mod files;
 pub mod interrupt;
 pub mod list;
-pub mod machine;
+pub mod process;
 pub mod render;
 pub mod reproduce;
 pub mod soak;
 
+mod machine;
 mod progress;
 mod stage;
 

@@ -1,15 +1,14 @@
 //! What results were measured with: machine, revision, and the threads that everything timed runs on.
 
-use std::process::Command;
 use std::time::SystemTime;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use bvh_core::SimdLevel;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::{Deserialize, Serialize};
 use sysinfo::{CpuRefreshKind, MemoryRefreshKind, RefreshKind, System};
 
-use crate::files;
+use crate::process::output;
 
 /// The machine and its state when the run began.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -77,25 +76,6 @@ impl Revision {
         let digits = commit.get(..10).unwrap_or(commit);
         format!("{digits}{}", if self.dirty { " with uncommitted changes" } else { "" })
     }
-}
-
-/// The program of that name; for cargo the one that runs this.
-pub fn program(name: &str) -> Command {
-    let cargo = std::env::var_os("CARGO").filter(|_| name == "cargo");
-    Command::new(cargo.unwrap_or_else(|| name.into()))
-}
-
-/// What a program prints in the workspace, without spaces at its end.
-///
-/// # Errors
-///
-/// If the program fails; the message has what it says.
-pub fn output(name: &str, arguments: &[&str]) -> Result<String> {
-    let output = program(name).args(arguments).current_dir(files::workspace()).output();
-    let output = output.with_context(|| format!("{name}: cannot be started"))?;
-    let error = String::from_utf8_lossy(&output.stderr);
-    ensure!(output.status.success(), "{name} {}: {error}", arguments.join(" "));
-    Ok(String::from_utf8(output.stdout)?.trim_end().to_owned())
 }
 
 /// Threads that the paper's machine ran (section 3).

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 
-use lab::machine::{output, program};
+use lab::process::{output, program};
 use lab::{CheckFailed, files, interrupt};
 
 use crate::layering;

@@ -11,7 +11,7 @@ use std::process::{Command, exit};
 use anyhow::{Context, Result, ensure};
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use lab::machine::{output, program};
+use lab::process::{output, program};
 use lab::{files, interrupt};
 use scenes::SceneOptions;
 
@@ -88,7 +88,7 @@ pub(crate) fn web(args: &Web) -> Result<()> {
     }
     // A library has no beginning of its own: this one sets up memory and threads once.
     let libraries = output("rustc", &["--print", "target-libdir", "--target", TARGET])?;
-    let start = format!("link-arg={}/self-contained/crt1-reactor.o", libraries);
+    let start = format!("link-arg={libraries}/self-contained/crt1-reactor.o");
     let flags: Vec<_> =
         FLAGS.into_iter().chain([start.as_str()]).map(|flag| format!("\"-C\",\"{flag}\"")).collect();
     let flags = flags.join(",");
