@@ -14,7 +14,8 @@
 //! thrown away. Checks, costs and pictures are made outside of what is timed.
 //!
 //! Frames that an earlier run has measured, and those between frames to measure, are only played:
-//! strategies whose trees depend on the frames before update them, and nothing is rendered. These
+//! strategies whose trees depend on the frames before update them. Of these strategies only those
+//! that build in the background render, so that as much time goes by as in measured frames. These
 //! updates are timed, too: few of many may be repairs, and the frames measured could hit or miss
 //! them.
 
@@ -43,7 +44,7 @@ pub(crate) struct Plan {
     pub(crate) contestants: Vec<Contestant>,
     pub(crate) values: Values,
     /// One frame of the loop in this number is measured. On the others strategies whose trees
-    /// depend on the past update them, and nothing is rendered.
+    /// depend on the past update them, and only what builds in the background renders.
     pub(crate) measure_every: usize,
     pub(crate) threads: usize,
     pub(crate) seed: u64,
@@ -191,7 +192,7 @@ impl<'a> Run<'a> {
             let is_measured = step >= replayed && plan.is_measured(frame);
             let is_shown = round == 0 && plan.is_one_of(frame, plan.values.pictures);
             self.play(stage, step, is_measured, is_shown)?;
-            if is_measured {
+            let rows = if is_measured {
                 let common = Row {
                     scene: label.to_owned(),
                     threads: plan.threads,
@@ -202,15 +203,17 @@ impl<'a> Run<'a> {
                     time_s,
                     ..Row::default()
                 };
-                let rows = self.rows(&common.posed(&posed));
-                journal.append(&rows)?;
-                all_rows.extend(rows);
+                self.rows(&common.posed(&posed))
             } else {
                 self.recall(&all_rows, round, frame);
-            }
+                Vec::new()
+            };
             if round == 0 && plan.is_one_of(frame, plan.values.check_frames) {
                 self.check(stage, frame);
             }
+            // Rows say that a frame is done. A run that is killed while it checks does it again.
+            journal.append(&rows)?;
+            all_rows.extend(rows);
             if is_shown {
                 let current = self.lanes.iter().filter(|lane| lane.is_current);
                 let trees: Vec<_> = current.map(|lane| (lane.name, lane.tree())).collect();
