@@ -20,10 +20,18 @@ pub(super) struct Lane {
     pub(super) is_current: bool,
     /// Shortest time of the present frame's update.
     pub(super) update_ms: f64,
-    /// What rendering the present frame did, and the shorter time; infinite if it is not rendered.
-    pub(super) traced: (RenderStats, f64),
-    /// Updates since the last frame that was measured, and their time.
-    pub(super) since: (u64, f64),
+    /// Shorter time of rendering the present frame; infinite if it is not rendered.
+    trace_ms: f64,
+    /// What that rendering did.
+    pub(super) stats: RenderStats,
+    pub(super) since: Since,
+}
+
+/// Updates since the last frame that was measured.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Since {
+    updates: u64,
+    ms: f64,
 }
 
 /// A copy of the first tree, what updates it, and what its last update did.
@@ -51,8 +59,16 @@ impl Lane {
         poses: &[Vec<Vec3>],
     ) -> Result<Self> {
         let trees = vec![start(name, method, stage, poses)?];
-        let traced = (RenderStats::default(), f64::INFINITY);
-        Ok(Self { name, method, trees, is_current: false, update_ms: f64::INFINITY, traced, since: (0, 0.0) })
+        Ok(Self {
+            name,
+            method,
+            trees,
+            is_current: false,
+            update_ms: f64::INFINITY,
+            trace_ms: f64::INFINITY,
+            stats: RenderStats::default(),
+            since: Since::default(),
+        })
     }
 
     pub(super) fn tree(&self) -> &Bvh {
@@ -72,7 +88,7 @@ impl Lane {
 
     /// Begins a frame.
     pub(super) fn begin(&mut self, is_current: bool) {
-        (self.is_current, self.update_ms, self.traced.1) = (is_current, f64::INFINITY, f64::INFINITY);
+        (self.is_current, self.update_ms, self.trace_ms) = (is_current, f64::INFINITY, f64::INFINITY);
     }
 
     /// Updates the tree in the first turn, each twin in one of the others.
@@ -86,23 +102,28 @@ impl Lane {
 
     /// Renders the tree in the first turn, in the second its twin, or the tree itself once more.
     pub(super) fn trace(&mut self, turn: usize, stage: &Stage, renderer: &mut Renderer) {
-        if turn == 0 || turn == 1 && self.traced.1 <= LONG_MS {
+        if turn == 0 || turn == 1 && self.trace_ms <= LONG_MS {
             let tree = self.trees.get(turn).unwrap_or(&self.trees[0]);
-            let traced = renderer.draw(stage, &tree.bvh);
-            if traced.1 < self.traced.1 {
-                self.traced = traced;
+            let (stats, trace_ms) = renderer.draw(stage, &tree.bvh);
+            if trace_ms < self.trace_ms {
+                (self.stats, self.trace_ms) = (stats, trace_ms);
             }
         }
+    }
+
+    /// Drops the twins after two turns of which both took long to update.
+    pub(super) fn drop_twins(&mut self) {
         // Twins were added by the first update, which may have been shorter than later ones. Two
         // turns in a row are seldom disturbed.
-        if turn == 1 && self.update_ms > LONG_MS {
+        if self.update_ms > LONG_MS {
             self.trees.truncate(1);
         }
     }
 
     /// Ends a frame in which the trees were updated and rays opened so many nodes.
     pub(super) fn end(&mut self, nodes_opened: Option<u64>) {
-        self.since = (self.since.0 + 1, self.since.1 + self.update_ms);
+        self.since.updates += 1;
+        self.since.ms += self.update_ms;
         for worker in self.trees.iter_mut().map(|tree| &mut tree.worker) {
             nodes_opened.into_iter().for_each(|nodes| worker.report(Load::PacketNodes(nodes)));
         }
@@ -112,7 +133,7 @@ impl Lane {
     /// twins have the same cost.
     pub(super) fn row(&self, common: &Row) -> (Row, bool) {
         let cost = |tree: &Tree| tree.update.sah_cost.unwrap_or_else(|| sah_cost(&tree.bvh));
-        let (Tree { bvh, update, .. }, (stats, trace_ms)) = (&self.trees[0], &self.traced);
+        let Tree { bvh, update, .. } = &self.trees[0];
         let row = Row {
             update_ms: self.update_ms,
             sah_cost: cost(&self.trees[0]),
@@ -123,12 +144,12 @@ impl Lane {
             primitives_refit: primitives_refit(bvh, update),
             // Without commas, which would part columns for a simple reader.
             decision: update.decision.to_string().replace(',', ";"),
-            updates: self.since.0,
-            updates_ms: self.since.1,
+            updates: self.since.updates,
+            updates_ms: self.since.ms,
             ..common.clone()
         };
         let same = self.trees[1..].iter().all(|twin| cost(twin) == row.sah_cost);
-        (row.traced(stats, *trace_ms), same)
+        (row.traced(&self.stats, self.trace_ms), same)
     }
 }
 

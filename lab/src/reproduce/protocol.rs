@@ -30,7 +30,7 @@ use rt_cpu::{Image, RenderOptions, RenderStats};
 use super::check::{self, Checks};
 use super::contestants::{Contestant, POSES};
 use super::journal::Journal;
-use super::lane::Lane;
+use super::lane::{Lane, Since};
 use super::preset::Values;
 use super::record::{Row, rounded};
 use crate::compare::turns;
@@ -246,8 +246,11 @@ impl<'a> Run<'a> {
                 if is_measured || lane.method.depends_on_time() {
                     lane.trace(turn, stage, &mut self.renderer);
                 }
+                if is_measured && turn == 1 {
+                    lane.drop_twins();
+                }
                 if is_measured && turn == 0 {
-                    let now = (lane.name, lane.traced.0, hash(&self.renderer.image));
+                    let now = (lane.name, lane.stats, hash(&self.renderer.image));
                     let (name, stats, picture) = self.expected.shown.entry((round, frame)).or_insert(now);
                     if *name != lane.name {
                         let place =
@@ -268,10 +271,10 @@ impl<'a> Run<'a> {
     /// The rows of a frame that was measured, one for each contestant, with all updates since the
     /// one before.
     fn rows(&mut self, common: &Row) -> Vec<Row> {
-        self.lanes.iter_mut().for_each(|lane| lane.end(Some(lane.traced.0.nodes_visited)));
+        self.lanes.iter_mut().for_each(|lane| lane.end(Some(lane.stats.nodes_visited)));
         let (rows, same): (Vec<_>, Vec<_>) = self.lanes.par_iter().map(|lane| lane.row(common)).unzip();
         for (lane, same) in self.lanes.iter_mut().zip(same) {
-            lane.since = (0, 0.0);
+            lane.since = Since::default();
             let place =
                 format!("{}, loop {}, frame {}, {}", self.label, common.round, common.frame, lane.name);
             self.checks.same_twin(&place, same);
@@ -297,7 +300,7 @@ impl<'a> Run<'a> {
             }
             if !now.is_empty() {
                 // Rows of an earlier run have the updates up to here.
-                lane.since = (0, 0.0);
+                lane.since = Since::default();
             }
         }
     }
