@@ -8,7 +8,7 @@ use rt_cpu::{Bvh8, Pixel, TriangleTest, closest_hit};
 
 use super::Setting;
 use super::lane::{CHECK_SIZE, Frame, Record, in_rounds, lanes, play, rows, spread, turns, view};
-use super::table::Row;
+use super::row::Row;
 use crate::interrupt;
 use crate::reproduce::median;
 use crate::stage::{Stage, timed};

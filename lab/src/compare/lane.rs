@@ -7,7 +7,8 @@ use rt_cpu::{Pixel, PointLight, RenderOptions, RenderStats, Traversal, cast};
 use scenes::LightEffects;
 
 use super::Setting;
-use super::table::{Row, time};
+use super::row::Row;
+use super::table::time;
 use crate::interrupt;
 use crate::progress::Progress;
 use crate::reproduce::{Spread, median};

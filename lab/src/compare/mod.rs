@@ -8,6 +8,7 @@
 mod contests;
 mod hard;
 mod lane;
+mod row;
 mod table;
 
 use std::collections::BTreeSet;
@@ -21,8 +22,9 @@ use pivot_benches::{Contest, Entry, field};
 use scenes::SceneOptions;
 
 pub(crate) use self::lane::turns;
-use self::table::Report;
-pub(crate) use self::table::{Row, unique};
+use self::row::Report;
+pub(crate) use self::row::Row;
+pub(crate) use self::table::unique;
 use crate::progress::left;
 use crate::stage::{self, Stage};
 use crate::{CheckFailed, files, interrupt, machine};
