@@ -11,7 +11,8 @@ use bvh_core::glam::Vec4;
 use bvh_core::{Aabb, Bvh, Primitives, Triangles, Vec3};
 use bvh_update::{Rotate, Strategy, Updater};
 
-use super::{Bench, Point, differing, in_turns};
+use super::Point;
+use super::bench::{Bench, differing, in_turns};
 use crate::stage::timed;
 
 /// Triangles whose boxes are never checked.

@@ -7,7 +7,8 @@ use bvh_core::Vec3;
 use rayon::prelude::*;
 use scenes::{SceneInfo, SceneOptions, distance};
 
-use super::{Log, Point, fastest};
+use super::Point;
+use super::bench::{Log, fastest};
 use crate::{files, interrupt, stage};
 
 /// The simulations whose step is varied, and the steps between key frames that they have of their

@@ -15,7 +15,8 @@ use rt_cpu::{
 };
 use scenes::LightEffects;
 
-use super::{Log, Point};
+use super::Point;
+use super::bench::Log;
 use crate::interrupt;
 use crate::stage::timed;
 

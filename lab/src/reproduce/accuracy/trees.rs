@@ -6,7 +6,8 @@ use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
 use bvh_core::{Bvh, MAX_HEIGHT, Triangles};
 use bvh_update::{Rotate, Strategy, Updater, plain};
 
-use super::{Bench, Point, fastest, noise};
+use super::Point;
+use super::bench::{Bench, fastest, noise};
 use crate::interrupt;
 use crate::reproduce::contestants::for_picture;
 use crate::stage::{fresh_tree, timed};

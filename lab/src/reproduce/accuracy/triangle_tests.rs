@@ -16,7 +16,8 @@ use bvh_core::triangle::{DET_RANGE, Found, Test, Watertight};
 use bvh_core::{Bvh, Ray, Triangles, Vec3, Visits};
 use rt_cpu::{Camera, Hit, Pixel, RenderOptions, Traversal, TriangleTest, cast};
 
-use super::{Bench, Log, Point, differing, in_a_million, in_turns};
+use super::Point;
+use super::bench::{Bench, Log, differing, in_a_million, in_turns};
 use crate::interrupt;
 use crate::stage::{fresh_tree, timed};
 
