@@ -6,7 +6,8 @@ use bvh_update::{Load, Update};
 use rt_cpu::RenderStats;
 
 use super::contestants::{Method, Worker};
-use super::record::{Row, primitives_refit};
+use super::record::Row;
+use super::stages::primitives_refit;
 use crate::stage::{Renderer, Stage, timed};
 
 /// A strategy at work: its trees and their memory.

@@ -16,6 +16,8 @@ mod protocol;
 mod record;
 mod report;
 mod results;
+mod saved;
+mod stages;
 mod summary;
 mod trees;
 
@@ -28,13 +30,14 @@ use scenes::{FrameStage, Scene};
 
 use self::accuracy::Point;
 use self::contestants::plays_alone;
-use self::journal::{Journal, Saved};
+use self::journal::Journal;
 use self::options::Experiment;
 use self::output::Output;
 use self::preset::Values;
 use self::protocol::{Log, Named, Plan};
 use self::record::Row;
 use self::results::{Results, SceneFacts, SceneRun, Settings};
+use self::saved::Saved;
 use crate::compare::{Row as Peer, Setting};
 use crate::effects::{self, Played};
 use crate::machine::{self, Machine, Revision};
@@ -95,7 +98,7 @@ struct Entry {
 pub fn run(args: &Args) -> Result<()> {
     args.ensure_used()?;
     if let Some(folder) = &args.from {
-        let results = journal::load(folder)?.results;
+        let results = saved::load(folder)?.results;
         return Output::prepare(args.out())?.copy_from(folder)?.write(&results);
     }
     let mut entries = entries(args)?;
@@ -116,7 +119,7 @@ pub fn run(args: &Args) -> Result<()> {
     let pool = machine::pool(results.settings.threads)?;
     let (folder, summary) = (out.file(""), out.file("summary.json"));
     if args.resume && summary.exists() {
-        let saved = journal::load(&folder)?;
+        let saved = saved::load(&folder)?;
         saved.ensure_same(&results, &folder)?;
         results.accuracy = take_over(saved, &mut entries);
     } else {

@@ -9,8 +9,9 @@ use super::chart::count;
 use super::check::Checks;
 use super::claims::Claim;
 use super::contestants::{Contestant, IDEAL};
-use super::record::{Row, StageSummary, mean_frame_ms, mean_update_ms, stages};
+use super::record::{Row, mean_frame_ms, mean_update_ms};
 use super::results::{Results, SceneFacts, SceneRun, Spread};
+use super::stages::{StageSummary, stages};
 use super::{SPEED_STRATEGY, SPEEDS, accuracy};
 
 /// Version of the schema.
