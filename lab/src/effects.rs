@@ -13,7 +13,8 @@ use rt_cpu::{RenderOptions, RenderStats};
 use scenes::{Effects, FrameStage, LightEffects, Scene, SceneOptions, Simulated, SimulationStats};
 use serde::{Deserialize, Serialize};
 
-use crate::machine::{Machine, Revision, Threads};
+use crate::machine::{Machine, Revision};
+use crate::pool::Threads;
 use crate::stage::{self, Renderer, timed};
 use crate::{files, interrupt};
 

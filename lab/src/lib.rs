@@ -16,6 +16,7 @@ pub mod reproduce;
 pub mod soak;
 
 mod machine;
+mod pool;
 mod progress;
 mod stage;
 

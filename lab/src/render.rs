@@ -11,7 +11,7 @@ use image::{Delay, Frame, RgbaImage};
 use rt_cpu::{Bvh8, Image, RenderOptions, Traversal, render_with, srgb};
 use scenes::{FrameStage, LightEffects, SceneOptions};
 
-use crate::machine::Threads;
+use crate::pool::Threads;
 use crate::progress::Progress;
 use crate::stage::{self, Stage};
 use crate::{files, interrupt};

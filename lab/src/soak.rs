@@ -8,7 +8,8 @@ use bvh_core::{Bvh, sah_cost};
 use bvh_update::{Strategy, Updater};
 use scenes::{FrameStage, SceneOptions};
 
-use crate::machine::{Threads, resident_mib};
+use crate::machine::resident_mib;
+use crate::pool::Threads;
 use crate::progress::Progress;
 use crate::stage::{self, Stage, timed};
 use crate::{CheckFailed, files, interrupt};

@@ -27,7 +27,7 @@ pub(crate) use self::row::Row;
 pub(crate) use self::table::unique;
 use crate::progress::left;
 use crate::stage::{self, Stage};
-use crate::{CheckFailed, files, interrupt, machine};
+use crate::{CheckFailed, files, interrupt, pool};
 
 /// What to compare.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -330,7 +330,7 @@ fn run_scene(
             runs: args.runs,
             size: args.size.unwrap_or(SIZE),
         };
-        let pool = machine::pool(threads)?;
+        let pool = pool::pool(threads)?;
         for &contest in args.what.contests() {
             if setting.field(contest).is_empty() || interrupt::requested() {
                 continue;
@@ -355,7 +355,7 @@ fn run_scene(
 /// The numbers of threads to run with.
 fn threads(args: &Args) -> BTreeSet<usize> {
     if args.threads.is_empty() {
-        return BTreeSet::from([1, machine::cores()]);
+        return BTreeSet::from([1, pool::cores()]);
     }
     args.threads.iter().map(|&n| n as usize).collect()
 }

@@ -10,7 +10,7 @@ use bvh_related::System;
 use bvh_update::{Auto, Background, Builder, Load, Rotate, Strategy, Update, Updater};
 
 use super::paper_binned;
-use crate::machine::PAPER_THREADS;
+use crate::pool::PAPER_THREADS;
 
 /// A way of updating, and how its time is counted.
 #[derive(Clone, Copy, Debug)]

@@ -11,6 +11,7 @@ mod lane;
 mod options;
 mod output;
 mod paper_binned;
+mod pictures;
 mod preset;
 mod protocol;
 mod record;
@@ -40,10 +41,10 @@ use self::results::{Results, SceneFacts, SceneRun, Settings};
 use self::saved::Saved;
 use crate::compare::{Row as Peer, Setting};
 use crate::effects::{self, Played};
-use crate::machine::{self, Machine, Revision};
+use crate::machine::{Machine, Revision};
 use crate::progress::left;
 use crate::stage::{self, Stage};
-use crate::{compare, files, interrupt};
+use crate::{compare, files, interrupt, pool};
 
 pub(crate) use self::contestants::Contestant;
 pub use self::options::Args;
@@ -116,7 +117,7 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let embree = args.embree(results.settings.threads)?;
     let out = Output::prepare(args.out())?;
-    let pool = machine::pool(results.settings.threads)?;
+    let pool = pool::pool(results.settings.threads)?;
     let (folder, summary) = (out.file(""), out.file("summary.json"));
     if args.resume && summary.exists() {
         let saved = saved::load(&folder)?;
@@ -312,15 +313,15 @@ impl<'a> Bench<'a> {
     fn frames(&mut self, run: &mut SceneRun, stage: &mut Stage, plan: &Plan, begun: Vec<Row>) -> Result<()> {
         let SceneRun { facts, pictures: taken, checks, .. } = run;
         let [size, map_size] = plan.values.picture_size;
-        facts.hottest = output::hottest(stage, map_size);
+        facts.hottest = pictures::hottest(stage, map_size);
         let take = |stage: &mut Stage, trees: &[Named<'_>], frame: usize| {
             // All trees show the same picture, as the checks make sure.
             let costs = trees.iter().map(|&(_, tree)| (sah_cost(tree), tree));
             let Some((_, best)) = costs.min_by(|a, b| a.0.total_cmp(&b.0)) else { return Ok(()) };
-            let png = output::picture(stage, best, size)?;
+            let png = pictures::picture(stage, best, size)?;
             taken.push(self.out.picture(&facts.label, frame, None, png)?);
-            for (name, tree) in trees.iter().filter(|(name, _)| output::HEAT_MAPS.contains(name)) {
-                let jpeg = output::heat_map(stage, tree, map_size, facts.hottest)?;
+            for (name, tree) in trees.iter().filter(|(name, _)| pictures::HEAT_MAPS.contains(name)) {
+                let jpeg = pictures::heat_map(stage, tree, map_size, facts.hottest)?;
                 taken.push(self.out.picture(&facts.label, frame, Some(name), jpeg)?);
             }
             Ok(())

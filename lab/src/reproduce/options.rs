@@ -13,7 +13,7 @@ use super::accuracy::Effort;
 use super::contestants::Contestant;
 use super::preset::{Preset, Values};
 use super::results::Settings;
-use crate::machine::Threads;
+use crate::pool::Threads;
 use crate::{compare, files, stage};
 
 /// The experiments there are.

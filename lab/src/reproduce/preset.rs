@@ -6,7 +6,7 @@ use rt_cpu::Traversal;
 
 use super::SPEED_SAMPLES;
 use super::lane::{LONG_MS, MOST_TWINS, SHORT_MS};
-use crate::machine::PAPER_THREADS;
+use crate::pool::PAPER_THREADS;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Preset {

@@ -1,7 +1,9 @@
-//! Ratios of times and costs, a figure for each scene, and verdicts from them.
+//! Ratios of two contestants on each scene.
+//!
+//! A table has such a figure for each scene, and gives verdicts on bounds.
 
 use super::Verdict;
-use crate::machine::PAPER_THREADS;
+use crate::pool::PAPER_THREADS;
 use crate::reproduce::contestants::{IDEAL, IDEAL_PARALLEL_BINNED, PAPER_BINNED};
 use crate::reproduce::record::Row;
 use crate::reproduce::results::{Results, SceneRun, Spread};
