@@ -8,6 +8,7 @@ mod contestants;
 mod figures;
 mod journal;
 mod lane;
+mod offline;
 mod options;
 mod output;
 mod paper_binned;
@@ -18,9 +19,9 @@ mod record;
 mod report;
 mod results;
 mod saved;
+mod settle;
 mod stages;
 mod summary;
-mod trees;
 
 use std::time::Instant;
 
@@ -263,12 +264,12 @@ impl<'a> Bench<'a> {
         }
         let for_claims = args.runs(Experiment::Claims) && is_main;
         if for_claims && run.moves() && !interrupt::requested() {
-            let (settled, memory) = trees::settle(&mut stage, plan.values.frames)?;
+            let (settled, memory) = settle::measure(&mut stage, plan.values.frames)?;
             (run.facts.settled, run.facts.memory) = (Some(settled), Some(memory));
         }
         let is_small = run.facts.triangles <= plan.values.offline;
         if for_claims && is_small && claims::judges_annealing(&run.facts.label) && !interrupt::requested() {
-            run.offline = trees::offline(&mut stage, plan.values.size)?;
+            run.offline = offline::measure(&mut stage, plan.values.size)?;
         }
         if args.runs(Experiment::Effects) && is_main && !interrupt::requested() {
             let played = Played { seed: self.settings.seed, ..EFFECTS };

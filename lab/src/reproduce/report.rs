@@ -1,6 +1,7 @@
 //! `report.html`: one page with everything in it, readable offline, on a phone and on paper. The
-//! page holds what was measured as data, and `report.js` draws it. It begins with two sentences:
-//! whether rotations pay, and which strategy to use.
+//! page holds what was measured as data, and `report.js` draws it.
+
+mod answer;
 
 use std::collections::BTreeMap;
 
@@ -8,12 +9,11 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
 
+use self::answer::{advice, headline, speedup};
 use super::accuracy::sentences;
-use super::claims::{Claim, frame_time};
-use super::contestants::Contestant;
+use super::claims::Claim;
 use super::figures::Figure;
-use super::record::mean_frame_ms;
-use super::results::{Results, SceneRun, Spread};
+use super::results::{Results, SceneRun};
 use super::summary::{Summary, checks_in_words};
 use crate::compare::Row as Peer;
 
@@ -92,168 +92,4 @@ fn worst(scene: &SceneRun) -> Option<usize> {
     let frames = scene.pictures.iter().map(|picture| picture.frame);
     let both = frames.filter(|&frame| has(frame, "refit") && has(frame, "refit+rotate"));
     both.max_by(|&a, &b| excess(a).total_cmp(&excess(b)))
-}
-
-/// Frame times that differ by less are equal, as in the rules of the claims.
-const NOISE: f64 = 1.05;
-/// The strategy that chooses among the others. It is advised if no other is better by more than
-/// [`NOISE`].
-const CHOOSES: &str = "auto";
-
-/// The scenes that something moves in and that were measured.
-fn moving(results: &Results) -> Vec<&SceneRun> {
-    results.main_scenes().filter(|scene| scene.moves() && !scene.rows.is_empty()).collect()
-}
-
-/// How many times as fast frames are with rotations as with refitting alone, on the frames that
-/// both were measured on.
-fn speedup(scene: &SceneRun) -> Option<f64> {
-    frame_time(scene, "refit", "refit+rotate").filter(|ratio| ratio.is_finite())
-}
-
-/// Whether rotations pay, on how many scenes, by how much.
-fn headline(results: &Results) -> String {
-    let ratios: Vec<_> =
-        moving(results).iter().filter_map(|s| Some((s.facts.label.as_str(), speedup(s)?))).collect();
-    let paid: Vec<f64> = ratios.iter().map(|(_, ratio)| *ratio).filter(|ratio| *ratio > NOISE).collect();
-    let lost: Vec<_> = ratios.iter().filter(|(_, ratio)| *ratio < 1.0 / NOISE).collect();
-    let factor = |ratio: f64| format!("{ratio:.*}", usize::from(ratio < 9.95));
-    let all = ratios.len();
-    let mut text = match Spread::of(paid.iter().copied()) {
-        None if all == 0 => return "This run does not compare rotations with refitting alone.".to_owned(),
-        None if all == 1 => "Rotations do not pay on the only scene.".to_owned(),
-        None => format!("Rotations pay on none of the {all} scenes."),
-        Some(Spread { min, max, .. }) => {
-            let on = match paid.len() {
-                1 if all == 1 => "the only scene".to_owned(),
-                n if n == all => format!("all {n} scenes"),
-                n => format!("{n} of {all} scenes"),
-            };
-            let (least, most) = (factor(min), factor(max));
-            let range = if least == most { most } else { format!("{least} to {most}") };
-            format!("Rotations pay on {on}: frames are {range} times as fast as with refitting alone.")
-        }
-    };
-    let equal = all - paid.len() - lost.len();
-    if !paid.is_empty() && equal > 0 {
-        text += &format!(" On {equal} they make no difference.");
-    }
-    for (name, ratio) in lost {
-        text += &format!(" On {name} frames take {:.2} times as long with them.", 1.0 / ratio);
-    }
-    text
-}
-
-/// How a strategy does over all scenes: frame time over that of the fastest strategy of each.
-#[derive(Debug)]
-struct Standing<'a> {
-    strategy: &'a str,
-    /// Geometric mean over the scenes.
-    mean: f64,
-    worst: (f64, &'a str),
-}
-
-/// Every strategy whose time is simply measured, on every scene that moves; the best comes first.
-fn standings<'a>(results: &'a Results) -> Vec<Standing<'a>> {
-    let scenes = moving(results);
-    let is_usable = |name: &&String| Contestant::from_name(name).is_ok_and(|c| c.accounting().is_none());
-    let usable: Vec<&String> = results.settings.strategies.iter().filter(is_usable).collect();
-    let time = |scene: &SceneRun, name: &str| mean_frame_ms(&scene.of(name));
-    let over_fastest = |scene: &SceneRun, strategy: &str| {
-        let fastest = usable.iter().map(|name| time(scene, name)).fold(f64::INFINITY, f64::min);
-        time(scene, strategy) / fastest
-    };
-    let standing = |strategy: &&'a String| {
-        let over = scenes.iter().map(|scene| (over_fastest(scene, strategy), scene.facts.label.as_str()));
-        let over: Vec<_> = over.collect();
-        let mean = (over.iter().map(|o| o.0.ln()).sum::<f64>() / over.len() as f64).exp();
-        let worst = over.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-        (mean.is_finite() && worst.0.is_finite()).then_some(Standing { strategy, mean, worst })
-    };
-    let mut all: Vec<_> = usable.iter().filter_map(standing).collect();
-    all.sort_by(|a, b| a.mean.total_cmp(&b.mean));
-    all
-}
-
-/// The strategy to use, and how it does; nothing if fewer than two can be compared.
-fn advice(results: &Results) -> Option<(&str, String)> {
-    let all = standings(results);
-    let (best, second) = (all.first()?, all.get(1)?);
-    let chooses = all.iter().find(|s| s.strategy == CHOOSES);
-    let pick = chooses.filter(|c| c.mean <= NOISE * best.mean).unwrap_or(best);
-    let other = if pick.strategy == best.strategy { second } else { best };
-    let is_one = moving(results).len() == 1;
-    let worst = |s: &Standing<'_>| {
-        if is_one { String::new() } else { format!(" (at worst {:.2}, on {})", s.worst.0, s.worst.1) }
-    };
-    let mut text = format!(
-        "its frames take {:.2} times as long as those of the fastest strategy of each scene{}. {} {}, {:.2}{}.",
-        pick.mean,
-        worst(pick),
-        if other.mean < pick.mean { "Better by less than noise:" } else { "Next best:" },
-        other.strategy,
-        other.mean,
-        worst(other),
-    );
-    if let Some(chooses) = chooses.filter(|c| c.strategy != pick.strategy && c.strategy != other.strategy) {
-        text += &format!(" What chooses by itself, {CHOOSES}: {:.2}{}.", chooses.mean, worst(chooses));
-    }
-    Some((pick.strategy, text))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::reproduce::claims::tests::{results, scene};
-
-    fn two(refit: f64, rotate: f64, auto: f64) -> [(&'static str, f64, f64, f64); 4] {
-        let ideal = ("ideal", 0.0, 1.0, 1.0);
-        [("refit", 1.0, refit, 9.0), ("refit+rotate", 1.0, rotate, 9.0), ("auto", 1.0, auto, 9.0), ideal]
-    }
-
-    #[test]
-    fn headlines_say_on_how_many_scenes_rotations_pay() {
-        let run = |scenes: &[f64]| {
-            let scenes =
-                scenes.iter().zip(["a", "b", "c"]).map(|(&rotate, name)| scene(name, &two(9.0, rotate, 3.0)));
-            headline(&results(scenes.collect()))
-        };
-        assert_eq!(
-            run(&[4.0]),
-            "Rotations pay on the only scene: frames are 2.0 times as fast as with refitting alone."
-        );
-        assert!(run(&[4.0, 1.0]).starts_with("Rotations pay on all 2 scenes: frames are 2.0 to 5.0 times"));
-        let mixed = run(&[4.0, 9.0, 19.0]);
-        assert!(mixed.starts_with("Rotations pay on 1 of 3 scenes: frames are 2.0 times"), "{mixed}");
-        assert!(
-            mixed.contains("On 1 they make no difference. On c frames take 2.00 times as long"),
-            "{mixed}"
-        );
-        assert_eq!(run(&[9.0, 9.1]), "Rotations pay on none of the 2 scenes.");
-        assert!(run(&[]).contains("does not compare"));
-    }
-
-    #[test]
-    fn advice_is_auto_unless_another_is_better_by_more_than_noise() {
-        let run = |auto: f64| {
-            let scenes = vec![scene("a", &two(9.0, 3.0, auto)), scene("b", &two(3.0, 9.0, auto))];
-            let results = results(scenes);
-            let (strategy, how) = advice(&results).unwrap();
-            (strategy.to_owned(), how)
-        };
-        let (close, how) = run(3.1);
-        assert!(
-            close == "auto" && how.contains("1.02 times") && how.contains("(at worst 1.02, on "),
-            "{how}"
-        );
-        // The two others take 1 and 10/4 of the fastest, auto 9/4 on both scenes.
-        let (far, how) = run(8.0);
-        assert!(
-            far == "refit" && how.contains("1.58 times") && how.contains("(at worst 2.50, on b)"),
-            "{how}"
-        );
-        assert!(how.contains("auto: 2.25 ("), "{how}");
-        assert!(!how.contains("ideal"), "what is not simply measured is no advice");
-        assert_eq!(advice(&results(Vec::new())), None);
-    }
 }

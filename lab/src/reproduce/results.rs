@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use super::accuracy::Point;
 use super::check::Checks;
+use super::offline::OfflineTree;
 use super::record::Row;
 use super::summary::StrategySummary;
-use super::trees::OfflineTree;
 use crate::compare::Row as Peer;
 use crate::effects;
 use crate::machine::{Machine, Revision};

@@ -10,7 +10,7 @@ use super::{Bounds, Finding, Verdict};
 use crate::reproduce::contestants::{IDEAL, IDEAL_PARALLEL_BINNED, PAPER_BINNED};
 use crate::reproduce::record::Row;
 use crate::reproduce::results::{Results, SceneRun, Spread};
-use crate::reproduce::{BLENDED, MUSEUM, OTHER_KEYS, trees};
+use crate::reproduce::{BLENDED, MUSEUM, OTHER_KEYS, offline};
 
 /// Scenes that deform extensively, by the paper (section 3); the museum, its exception, is judged
 /// apart.
@@ -236,7 +236,7 @@ pub(crate) fn judges_annealing(label: &str) -> bool {
 }
 
 pub(super) fn annealing(results: &Results, b: &Bounds) -> Finding {
-    let [swept, climbed, annealed] = trees::BUILDERS.map(Builder::name);
+    let [swept, climbed, annealed] = offline::BUILDERS.map(Builder::name);
     let tree = |scene: &'_ SceneRun, name| scene.offline.iter().find(|t| t.builder == name).cloned();
     let ratio = |scene: &SceneRun| Some(tree(scene, annealed)?.path_ms / tree(scene, swept)?.path_ms);
     let of = |names: &[&str]| Table::of(names.iter().filter_map(|name| results.scene(name)), ratio);

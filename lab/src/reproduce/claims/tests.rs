@@ -156,7 +156,7 @@ fn the_museum_is_judged_apart() {
 
 /// A path traced picture through a swept, a climbed and an annealed tree, whose cost is given, too.
 fn annealed(label: &str, path_ms: f64, sah_cost: f64) -> SceneRun {
-    use crate::reproduce::trees::OfflineTree;
+    use crate::reproduce::offline::OfflineTree;
     let tree = |builder: &str, path_ms, sah_cost| OfflineTree {
         builder: builder.to_owned(),
         build_ms: 1.0,

@@ -1,42 +1,16 @@
-//! Trees apart from the frames, for single claims: where motion has stopped, and built once with all
-//! the time in the world.
+//! Trees that are built once, with all the time in the world: what annealing is worth with path
+//! tracing (Kensler 2008).
 
 use anyhow::Result;
 use bvh_build::{Builder, build};
 use bvh_core::{Bvh, sah_cost};
-use bvh_update::{Rotate, Strategy, Updater};
 use rt_cpu::{RenderOptions, Traversal};
 use scenes::LightEffects;
 use serde::{Deserialize, Serialize};
 
 use crate::compare::turns;
 use crate::interrupt;
-use crate::stage::{Renderer, Stage, fresh_tree, timed};
-
-/// Updates after the stop.
-const UPDATES: usize = 50;
-
-/// What rotations do once motion stops (Kopta et al. 2012, section 4), and the memory that they
-/// keep. Plays half of a loop of `frames` with rotations and stops. Gives the SAH cost there, after more
-/// updates of the same geometry, and of a fresh sweep build over it; then the bytes that the
-/// threads keep over those of the tree. All that may move is still marked as dynamic, so rotations
-/// go on everywhere that they were before.
-pub(super) fn settle(stage: &mut Stage, frames: usize) -> Result<([f64; 3], f64)> {
-    let mut tree = Bvh::clone(&stage.first_tree);
-    let mut updater = Updater::new(Strategy::RefitRotate(Rotate::default()));
-    for frame in 0..=frames / 2 {
-        stage.pose(stage.time_of(frame, frames));
-        updater.update(&mut tree, &stage.triangles())?;
-    }
-    let stopped = sah_cost(&tree);
-    for _ in 0..UPDATES {
-        updater.update(&mut tree, &stage.triangles())?;
-    }
-    let fresh = fresh_tree(stage)?;
-    let kept = Updater::THREAD_MEMORY * rayon::current_num_threads();
-    let memory = kept as f64 / tree.memory_usage() as f64;
-    Ok(([stopped, sah_cost(&tree), sah_cost(&fresh)], memory))
-}
+use crate::stage::{Renderer, Stage, timed};
 
 /// Builders; the others are compared with the first.
 pub(crate) const BUILDERS: [Builder; 3] = [Builder::Sweep, Builder::HillClimbed, Builder::Annealed];
@@ -53,10 +27,9 @@ pub(crate) struct OfflineTree {
     pub(crate) path_ms: f64,
 }
 
-/// What annealing is worth with path tracing (Kensler 2008). Builds a tree by each builder, and
-/// traces paths through all of them in turn; nothing after an
+/// Builds a tree by each builder, and traces paths through all of them in turn; nothing after an
 /// interrupt.
-pub(super) fn offline(stage: &mut Stage, size: u32) -> Result<Vec<OfflineTree>> {
+pub(super) fn measure(stage: &mut Stage, size: u32) -> Result<Vec<OfflineTree>> {
     stage.pose(0.0);
     let mut trees: Vec<(OfflineTree, Bvh)> = Vec::new();
     for builder in BUILDERS {
