@@ -1,4 +1,9 @@
-//! The measurements: updates and builds, rays through fresh trees, and whole frames.
+//! The measurements that contestants are compared by.
+//!
+//! Of updates and builds it is the time from new positions to a tree that can be traced, with
+//! whatever that library wants on the way, such as boxes of all triangles. Of rays it is the time
+//! through trees that are fresh in each measured frame. Of whole frames it is an update and a
+//! picture, at the scene's own pace.
 
 use anyhow::Result;
 use bvh_core::{Bvh, Ray, Triangles};

@@ -1,4 +1,6 @@
-//! A contestant with its record, the frame that all are compared on, and the loop that is played.
+//! A contestant at work on a scene.
+//!
+//! It has a record, all are compared on one frame, and they take turns in one loop.
 
 use anyhow::Result;
 use bvh_core::{Bvh, sah_cost};

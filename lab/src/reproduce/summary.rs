@@ -1,4 +1,4 @@
-//! `summary.json`: a run in brief, for programs; and in a few lines, for the terminal.
+//! A run in brief: `summary.json` for programs, a few lines for the terminal.
 //!
 //! The schema is described in `docs/RESULTS.md`; a change that could break a reader raises
 //! [`SCHEMA`].

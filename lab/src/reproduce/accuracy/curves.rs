@@ -1,5 +1,7 @@
-//! Points as curves: one for each knob, error and condition; which of them nothing beats; and for
-//! each knob charts and tables of them.
+//! The points of each knob as curves.
+//!
+//! A curve has one error under one condition. A chart shows which of its points nothing beats, and
+//! a table lists all of them.
 
 use super::Point;
 use crate::compare::unique;
