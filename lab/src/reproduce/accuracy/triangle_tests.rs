@@ -1,10 +1,10 @@
 //! How exact the triangle tests are.
 //!
 //! A closed wall stands all across the view, and its vertices lie on rays through the middle of
-//! pixels: most rays of the picture meet an edge or a corner, as nearly as `f32` can tell, and every
-//! ray must hit. Rays that do not hit have leaked. Distances are compared with where the ray meets
-//! the plane of the triangle in `f64`. The same tests in whole frames of a scene show what users see
-//! of that.
+//! pixels: most rays of the picture meet an edge or a corner, as nearly as `f32` can tell, and
+//! every ray must hit. Rays that do not hit have leaked. Distances are compared with where the ray
+//! meets the plane of the triangle in `f64`. The same tests in whole frames of a scene show what
+//! users see of that.
 
 use std::hint::black_box;
 
