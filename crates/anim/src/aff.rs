@@ -203,7 +203,11 @@ impl Animation for AffAnimation {
             Some(rotation) => (rotation * DVec3::NEG_Z, rotation * DVec3::Y),
             None => (camera.at - camera.from, camera.up),
         };
-        View::along(eye, forward, up, camera.fov_y as f32)
+        // Far enough for the sum to keep the direction, wherever the eye is.
+        let target = eye + forward.try_normalize()? * eye.length().max(1.0);
+        let (eye, target, up) = (eye.as_vec3(), target.as_vec3(), up.try_normalize()?.as_vec3());
+        let view = View { eye, target, up, fov_y: camera.fov_y as f32 };
+        (eye.is_finite() && target.is_finite()).then_some(view)
     }
 
     /// One light for all: at the first one's place, with all their colours added up, to 1 at most.

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{Vec2, Vec3};
 
 use crate::error::{NUMBERED, Problem};
 use crate::{PoseStats, Texture};
@@ -129,17 +129,6 @@ pub struct View {
     pub up: Vec3,
     /// Full vertical opening angle in radians.
     pub fov_y: f32,
-}
-
-impl View {
-    /// From `eye` along `forward`; `None` if `forward` or `up` has no direction, or the view is not
-    /// finite in `f32`.
-    pub(crate) fn along(eye: DVec3, forward: DVec3, up: DVec3, fov_y: f32) -> Option<Self> {
-        // Far enough for the sum to keep the direction, wherever the eye is.
-        let target = eye + forward.try_normalize()? * eye.length().max(1.0);
-        let (eye, target, up) = (eye.as_vec3(), target.as_vec3(), up.try_normalize()?.as_vec3());
-        (eye.is_finite() && target.is_finite()).then_some(Self { eye, target, up, fov_y })
-    }
 }
 
 /// A point light that casts hard shadows.

@@ -27,8 +27,12 @@ impl Camera {
 
     /// What it sees where `to_scene` puts its node: it looks along its negative z axis.
     pub(super) fn view(&self, to_scene: &Affine3A) -> Option<View> {
-        let [forward, up] = [Vec3::NEG_Z, Vec3::Y].map(|axis| to_scene.transform_vector3(axis).as_dvec3());
-        View::along(Vec3::from(to_scene.translation).as_dvec3(), forward, up, self.fov_y)
+        let eye = Vec3::from(to_scene.translation);
+        let forward = to_scene.transform_vector3(Vec3::NEG_Z).try_normalize()?;
+        let up = to_scene.transform_vector3(Vec3::Y).try_normalize()?;
+        // Far enough for the sum to keep the direction, wherever the eye is.
+        let target = eye + forward * eye.length().max(1.0);
+        target.is_finite().then_some(View { eye, target, up, fov_y: self.fov_y })
     }
 }
 

@@ -508,10 +508,11 @@ fn materials_camera_and_lights() {
         let rest = rest("point").replace("[0,0,5]", &format!("[0,0,{distance}]"));
         document.load(&rest.replace("[1,2,3]", &format!("[{distance},2,3]")))
     };
-    let (view, light) = (far("1e30").view(0.0).unwrap(), far("1e30").light(0.0).unwrap());
-    assert_eq!((view.eye.z, view.target, light.position.x), (1e30, Vec3::ZERO, 1e30));
-    // Infinite in `f32`.
-    assert_eq!((far("1e39").view(0.0), far("1e39").light(0.0)), (None, None));
+    assert_eq!(far("1e19").view(0.0).unwrap().target, Vec3::ZERO);
+    // Beyond `f32`: the square of the distance, and the distance itself.
+    assert_eq!((far("1e20").view(0.0), far("1e39").view(0.0)), (None, None));
+    assert_eq!(far("1e38").light(0.0).unwrap().position.x, 1e38);
+    assert_eq!(far("1e39").light(0.0), None);
     for scale in ["1e25", "1e37"] {
         let large =
             rest("directional").replace(r#"{"mesh":0}"#, &format!(r#"{{"mesh":0,"scale":[{scale},1,1]}}"#));
