@@ -11,7 +11,7 @@ use crate::mesh::{Mesh, intersect};
 use crate::sah::{Sah, half_area};
 use crate::{Contestant, Failure, Hits, RAYS, Rays};
 
-/// What happens to the tree; all but the last one keep it.
+/// What happens to the tree; all but the last keep the tree.
 #[derive(Clone, Copy, PartialEq)]
 enum Mode {
     /// Leaves written one by one, then `refit`, which also lays out the nodes again.

@@ -21,7 +21,7 @@ const BYTES_PER_TRIANGLE: u64 = 120;
 pub(crate) struct Budget {
     limit: Cell<u64>,
     spent: Cell<u64>,
-    /// Those that count for the limit.
+    /// Files that the limit allows for.
     files: RefCell<HashSet<PathBuf>>,
 }
 

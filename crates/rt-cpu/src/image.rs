@@ -1,4 +1,4 @@
-//! Images in memory, and encoded as files. Writing them is the caller's: a file that appears whole
+//! Images in memory, and encoded as files, which PNG has in sRGB. Writing them is the caller's: a file that appears whole
 //! or not at all needs `tempfile`, which no renderer should have to depend on.
 
 use std::io::Cursor;

@@ -23,7 +23,7 @@ pub(super) struct Lane {
     pub(super) update_ms: f64,
     /// Shorter time of rendering the present frame; infinite if it is not rendered.
     trace_ms: f64,
-    /// What that rendering did.
+    /// What the last rendering did.
     pub(super) stats: RenderStats,
     pub(super) since: Since,
 }
@@ -31,7 +31,9 @@ pub(super) struct Lane {
 /// Updates since the last frame that was measured.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Since {
+    /// How many, one for each frame.
     updates: u64,
+    /// What they took together, the shortest time of each.
     ms: f64,
 }
 

@@ -211,7 +211,8 @@ impl<'a> Run<'a> {
             if round == 0 && plan.is_one_of(frame, plan.values.check_frames) {
                 self.check(stage, frame);
             }
-            // Rows say that a frame is done. A run that is killed while it checks does it again.
+            // Rows say that a frame is done: a run that is killed while it checks measures that frame
+            // again. Differences that were found earlier are known to the summary alone.
             journal.append(&rows)?;
             all_rows.extend(rows);
             if is_shown {

@@ -131,8 +131,9 @@ const VARIED: [Material; 3] = [
     Material { color: [0.9; 3], mirror: true, ..Material::DEFAULT },
 ];
 
+/// Ambient occlusion of no rays changes nothing, but takes the way of waves.
 #[test]
-fn effects_are_the_same_for_all_threads_traversals_and_simd_levels() {
+fn a_wave_is_shaded_as_direct_light_is() {
     let (soup, texcoords, material_of, camera, light) = varied();
     let bvh = tree(&soup, 2);
     let mesh = Mesh {
@@ -150,8 +151,22 @@ fn effects_are_the_same_for_all_threads_traversals_and_simd_levels() {
         assert!(stats.textured > 0);
         (pixel_bits(&image), stats.textured)
     };
-    let without_rays = AmbientOcclusion { samples: 0, ..OCCLUSION };
-    assert_eq!(textured(None), textured(Some(without_rays)), "direct light, and a wave of it");
+    let no_rays = AmbientOcclusion { samples: 0, ..OCCLUSION };
+    assert_eq!(textured(None), textured(Some(no_rays)), "direct light, and a wave of it");
+}
+
+#[test]
+fn effects_are_the_same_for_all_threads_traversals_and_simd_levels() {
+    let (soup, texcoords, material_of, camera, light) = varied();
+    let bvh = tree(&soup, 2);
+    let mesh = Mesh {
+        normals: Some(&soup.positions),
+        texcoords: &texcoords,
+        textures: &[checks()],
+        materials: &VARIED,
+        material_of: &material_of,
+        ..Mesh::new(soup.triangles())
+    };
     for (effects, sample) in [(everything(0), 0), (everything(5), 3)] {
         let mut images = Vec::new();
         for way in ways() {
