@@ -123,7 +123,8 @@ impl Lane {
         }
     }
 
-    /// Ends a frame in which the trees were updated and rays opened so many nodes.
+    /// Ends a frame: counts its update, and reports to what updates the trees how many nodes the
+    /// rays opened, if there were any.
     pub(super) fn end(&mut self, nodes_opened: Option<u64>) {
         self.since.updates += 1;
         self.since.ms += self.update_ms;

@@ -107,15 +107,38 @@ fn effects_that_nothing_calls_for_cost_nothing_and_change_nothing() {
 }
 
 /// A scene that calls for everything: a textured floor with holes, a mirror in front of it, a ball.
-fn varied() -> (Soup, Vec<Vec2>, Vec<u32>, Camera, PointLight) {
-    let (mut soup, camera, light) = scene();
-    let n = soup.indices.len();
-    let mut material_of = vec![0; n];
-    material_of[n - 2..].fill(1);
-    soup.push([Vec3::new(-3.0, -1.0, -1.5), Vec3::new(3.0, -1.0, -2.0), Vec3::new(0.0, 3.0, -2.0)]);
-    material_of.push(2);
-    let texcoords = soup.positions.iter().map(|p| Vec2::new(p.x, p.z)).collect();
-    (soup, texcoords, material_of, camera, light)
+struct Varied {
+    soup: Soup,
+    texcoords: Vec<Vec2>,
+    material_of: Vec<u32>,
+    textures: [Texture; 1],
+    camera: Camera,
+    light: PointLight,
+}
+
+impl Varied {
+    fn new() -> Self {
+        let (mut soup, camera, light) = scene();
+        let n = soup.indices.len();
+        let mut material_of = vec![0; n];
+        material_of[n - 2..].fill(1);
+        soup.push([Vec3::new(-3.0, -1.0, -1.5), Vec3::new(3.0, -1.0, -2.0), Vec3::new(0.0, 3.0, -2.0)]);
+        material_of.push(2);
+        let texcoords = soup.positions.iter().map(|p| Vec2::new(p.x, p.z)).collect();
+        Self { soup, texcoords, material_of, textures: [checks()], camera, light }
+    }
+
+    /// Smooth.
+    fn mesh(&self) -> Mesh<'_> {
+        Mesh {
+            normals: Some(&self.soup.positions),
+            texcoords: &self.texcoords,
+            textures: &self.textures,
+            materials: &VARIED,
+            material_of: &self.material_of,
+            ..Mesh::new(self.soup.triangles())
+        }
+    }
 }
 
 const TEXELS: [[u8; 4]; 4] = [[255, 80, 0, 255], [0, 200, 30, 0], [10, 20, 250, 90], [250, 250, 250, 200]];
@@ -134,16 +157,9 @@ const VARIED: [Material; 3] = [
 /// Ambient occlusion of no rays changes nothing, but takes the way of waves.
 #[test]
 fn a_wave_is_shaded_as_direct_light_is() {
-    let (soup, texcoords, material_of, camera, light) = varied();
-    let bvh = tree(&soup, 2);
-    let mesh = Mesh {
-        normals: Some(&soup.positions),
-        texcoords: &texcoords,
-        textures: &[checks()],
-        materials: &VARIED,
-        material_of: &material_of,
-        ..Mesh::new(soup.triangles())
-    };
+    let varied = Varied::new();
+    let (bvh, mesh) = (tree(&varied.soup, 2), varied.mesh());
+    let (camera, light) = (varied.camera, varied.light);
     let textured = |ambient_occlusion| {
         let effects = Effects { textures: true, alpha: true, ambient_occlusion, ..Effects::default() };
         let mut image = Image::new(0, 0);
@@ -157,16 +173,9 @@ fn a_wave_is_shaded_as_direct_light_is() {
 
 #[test]
 fn effects_are_the_same_for_all_threads_traversals_and_simd_levels() {
-    let (soup, texcoords, material_of, camera, light) = varied();
-    let bvh = tree(&soup, 2);
-    let mesh = Mesh {
-        normals: Some(&soup.positions),
-        texcoords: &texcoords,
-        textures: &[checks()],
-        materials: &VARIED,
-        material_of: &material_of,
-        ..Mesh::new(soup.triangles())
-    };
+    let varied = Varied::new();
+    let (bvh, mesh) = (tree(&varied.soup, 2), varied.mesh());
+    let (camera, light) = (varied.camera, varied.light);
     for (effects, sample) in [(everything(0), 0), (everything(5), 3)] {
         let mut images = Vec::new();
         for way in ways() {
@@ -205,15 +214,9 @@ fn effects_are_the_same_for_all_threads_traversals_and_simd_levels() {
 /// Asked for, the time of a frame is parted among the stages that it has; the picture is the same.
 #[test]
 fn times_belong_to_stages_that_ran() {
-    let (soup, texcoords, material_of, camera, light) = varied();
-    let bvh = tree(&soup, 2);
-    let mesh = Mesh {
-        texcoords: &texcoords,
-        textures: &[checks()],
-        materials: &VARIED,
-        material_of: &material_of,
-        ..Mesh::new(soup.triangles())
-    };
+    let varied = Varied::new();
+    let (bvh, mesh) = (tree(&varied.soup, 2), Mesh { normals: None, ..varied.mesh() });
+    let (camera, light) = (varied.camera, varied.light);
     let drawn = |effects, timed| {
         let mut image = Image::new(0, 0);
         let options = RenderOptions { timed, ..with(effects) };
