@@ -120,6 +120,24 @@ fn huge_boxes_leave_no_trace() {
     }
 }
 
+/// Where areas are too large or too small for `f32`, all of them or most.
+#[test]
+fn trees_are_kept_good_at_every_scale() {
+    for scale in [1e-25, 1e-23, 1e-22, 1.0, 1e17, 1e19, 1e30] {
+        let boxes = |time: f32| -> Vec<Aabb> {
+            burst(time).into_iter().map(|aabb| Aabb::new(aabb.min * scale, aabb.max * scale)).collect()
+        };
+        let (mut bvh, mut updater, mut late) = (tree(&boxes(0.0)), Updater::default(), 0);
+        for step in 1..=60 {
+            let report = updater.update(&mut bvh, &boxes(step.min(30) as f32 / 30.0)).expect("same count");
+            let is_build = matches!(report.decision, Decision::Rebuild { .. } | Decision::Kept { .. });
+            late += u32::from(is_build && step > 35);
+        }
+        let over = over_fresh(&bvh, &boxes(1.0));
+        assert!(late < 3 && over < 1.2, "{late} builds of what stands still, {over} at {scale:e}");
+    }
+}
+
 #[test]
 fn another_number_of_primitives_gives_a_new_tree() {
     let (all, some) = (burst(0.5), &burst(0.5)[..N / 3]);

@@ -18,7 +18,8 @@
 //!
 //! ```text
 //! take_baseline       a tree that has none: built, given by the caller, or measured by another strategy before
-//! repair::open_grown  a new top: the references of all nodes, as if what grew below had not
+//! repair::open_grown  a new top: the references of dynamic nodes, as if what grew below had not; leaves and
+//!                     static nodes at what they cost now
 //! auto::observe       a tree that costs less than its baseline: `Auto` lowers the baseline to that
 //! auto::rebuild       a tree that is hardly worse than a new one: it counts as good
 //! ```
@@ -32,7 +33,7 @@
 use bvh_core::{Bvh, Node};
 use rayon::prelude::*;
 
-use crate::refit::{Tally, parts};
+use crate::refit::parts;
 use crate::state::{Baseline, State};
 
 /// Nodes whose terms one task adds up. How the arena is divided depends on its length alone, so
@@ -149,11 +150,6 @@ impl Baseline {
 fn leaf_uniformity(widths: f64, leaves: f64, areas: f64) -> f64 {
     let uniformity = widths * widths / (leaves * areas);
     if uniformity > 0.0 { uniformity.min(1.0) } else { 1.0 }
-}
-
-/// The cost of a tree after a pass.
-pub(crate) fn cost_after(bvh: &Bvh, tally: &Tally) -> f64 {
-    tally.area + bvh.static_area()
 }
 
 /// Half area of all dynamic leaves, as it was at first, times the growth that leaves and root have

@@ -101,19 +101,28 @@ const LEAST_ROOT: f64 = 1e-28;
 impl Tally {
     /// What the pass reports; `bvh` is the tree after it.
     pub(crate) fn report(&self, bvh: &Bvh) -> Update {
-        // Static areas are among those of the tree.
         let root = bvh.root().aabb().half_area_f64();
-        let cost = (self.area + bvh.static_area()) / root;
-        // Not where areas are beyond the range of f32 on either side.
-        let known = || if cost.is_finite() && root > LEAST_ROOT { cost } else { sah_cost(bvh) };
+        let sah_cost = || self.cost_in_range(bvh).map_or_else(|| sah_cost(bvh), |cost| cost / root);
         Update {
             rotations: self.rotations,
-            sah_cost: self.has_sums.then(known),
+            sah_cost: self.has_sums.then(sah_cost),
             height: bvh.height(),
             nodes_visited: self.leaves + self.inner,
             dropped: self.dropped,
             ..Update::default()
         }
+    }
+
+    /// Sum of half area times weight over all nodes of `bvh`, the tree after the pass.
+    pub(crate) fn cost(&self, bvh: &Bvh) -> f64 {
+        self.cost_in_range(bvh).unwrap_or_else(|| sah_cost(bvh) * bvh.root().aabb().half_area_f64())
+    }
+
+    /// As [`cost`](Self::cost), unless areas are beyond the range of `f32` on either side.
+    fn cost_in_range(&self, bvh: &Bvh) -> Option<f64> {
+        // Static areas are among those of the tree.
+        let cost = self.area + bvh.static_area();
+        (cost.is_finite() && bvh.root().aabb().half_area_f64() > LEAST_ROOT).then_some(cost)
     }
 
     fn and(mut self, other: &Self) -> Self {
