@@ -135,6 +135,21 @@ fn directions_of_extreme_length() {
     });
 }
 
+/// Corners farther away, in lengths of the direction, than `f32` can tell, around a hit that is not.
+#[test]
+fn corners_beyond_the_range_of_distances() {
+    for (z, origin, length) in [(1e9, -1e8, 1e-30), (9.0, -1.0, 2e-38)] {
+        let positions = [Vec3::new(-1.0, -1.0, -z), Vec3::new(1.0, -1.0, -z), Vec3::new(0.0, 1.0, z)];
+        let triangles = Triangles { positions: &positions, indices: &[[0, 1, 2]] };
+        let bvh = build(&triangles, Builder::Sweep).expect("few enough");
+        let ray = Ray::new(Vec3::new(0.0, 0.0, origin), Vec3::new(0.0, 0.0, length));
+        for test in [TriangleTest::Watertight, TriangleTest::Double] {
+            let t = cast(&bvh, &triangles, &ray, f32::INFINITY, test).expect("a hit");
+            assert!((t * length + origin).abs() < 1e-6 * -origin, "{t} by {}", test.name());
+        }
+    }
+}
+
 /// Directions so short that one over them is infinite, and origins so near zero that products
 /// vanish: nothing is promised of what is hit, but that the tree hits what brute force hits, at a
 /// finite distance.

@@ -111,13 +111,16 @@ pub struct Watertight {
 
 impl Watertight {
     /// The test where single precision cannot tell: projected corners, and their distances along
-    /// the axis.
+    /// the axis, which count in `unit`s.
     ///
     /// Products of two single precision numbers are exact in double precision, so signs of edges
     /// are.
     #[cold]
-    pub fn exactly(x: [f32; 3], y: [f32; 3], z: [f32; 3]) -> Option<Found> {
-        weigh(x.map(f64::from), y.map(f64::from), z.map(f64::from))
+    pub fn exactly(x: [f32; 3], y: [f32; 3], z: [f32; 3], unit: f32) -> Option<Found> {
+        // As in single precision, where that does not overflow.
+        let scaled =
+            |z: f32| if (z * unit).is_finite() { (z * unit).into() } else { f64::from(z) * f64::from(unit) };
+        weigh(x.map(f64::from), y.map(f64::from), z.map(scaled))
     }
 }
 
@@ -152,17 +155,16 @@ impl Test for Watertight {
         if least < 0.0 && greatest > 0.0 {
             return None;
         }
-        let z = [shear.z * z[0], shear.z * z[1], shear.z * z[2]];
         let det = wa + wb + wc;
         let plain = det.abs() >= DET_RANGE.0 && det.abs() <= DET_RANGE.1;
-        // Inside, a zero is the least or the greatest.
-        if !plain || least == 0.0 || greatest == 0.0 {
-            return Self::exactly([xa, xb, xc], [ya, yb, yc], z);
-        }
         let inv_det = 1.0 / det;
         let (u, v) = (wb * inv_det, wc * inv_det);
-        let t = wa * inv_det * z[0] + u * z[1] + v * z[2];
-        (0.0..f32::INFINITY).contains(&t).then_some((t, u, v))
+        let t = wa * inv_det * (shear.z * z[0]) + u * (shear.z * z[1]) + v * (shear.z * z[2]);
+        // Inside, a zero is the least or the greatest. Corners may be too far where the hit is not.
+        if !plain || least == 0.0 || greatest == 0.0 || !t.is_finite() {
+            return Self::exactly([xa, xb, xc], [ya, yb, yc], z, shear.z);
+        }
+        (t >= 0.0).then_some((t, u, v))
     }
 }
 

@@ -185,9 +185,8 @@ impl WideTest for Watertight {
         let inv_det = V::simd_from(simd, 1.0) / det;
         let (u, v) = (wb * inv_det, wc * inv_det);
         let t = wa * inv_det * z[0] + u * z[1] + v * z[2];
-        let ahead = t.simd_ge(zero) & t.simd_lt(f32::INFINITY);
-        let plain = plain.to_bitmask();
-        Found { lanes: inside & plain & ahead.to_bitmask(), unsure: inside & !plain, t, u, v }
+        let plain = (plain & t.is_finite()).to_bitmask();
+        Found { lanes: inside & plain & t.simd_ge(zero).to_bitmask(), unsure: inside & !plain, t, u, v }
     }
 }
 

@@ -70,12 +70,12 @@ impl Test for Fused {
         if least < 0.0 && greatest > 0.0 {
             return None;
         }
-        let z = [shear.z * z[0], shear.z * z[1], shear.z * z[2]];
         let det = wa + wb + wc;
         let plain = det.abs() >= DET_RANGE.0 && det.abs() <= DET_RANGE.1;
         if !plain || least == 0.0 || greatest == 0.0 {
-            return Watertight::exactly([xa, xb, xc], [ya, yb, yc], z);
+            return Watertight::exactly([xa, xb, xc], [ya, yb, yc], z, shear.z);
         }
+        let z = [shear.z * z[0], shear.z * z[1], shear.z * z[2]];
         let inv_det = 1.0 / det;
         let (u, v) = (wb * inv_det, wc * inv_det);
         let t = (wa * inv_det).mul_add(z[0], u.mul_add(z[1], v * z[2]));
