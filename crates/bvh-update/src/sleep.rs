@@ -46,10 +46,11 @@ impl SleepDelay {
     ///
     /// O(n). Calls [`Bvh::set_dynamic`] if some primitive falls asleep or wakes. While some sleep, it
     /// also does so if the tree was marked another number of times than when this marked it last:
-    /// others have marked it, it was rebuilt, or it is another tree.
+    /// others have marked it, or an [`Updater`](crate::Updater) has rebuilt it.
     ///
-    /// After [`Bvh::reorder_primitives`] primitives have other numbers: take a new `SleepDelay`
-    /// then, or what has just stopped may fall asleep at once.
+    /// Take a new `SleepDelay` for another tree, which may have been marked as often, and after
+    /// [`Bvh::reorder_primitives`], since primitives then have other numbers: what has just stopped
+    /// may fall asleep at once.
     pub fn mark(&mut self, bvh: &mut Bvh, moves: impl Fn(usize) -> bool) -> usize {
         let Self { updates, rested, marked } = self;
         let is_new = rested.len() != bvh.len();
@@ -65,7 +66,7 @@ impl SleepDelay {
             awake += usize::from(is_awake);
             changed |= was_awake != is_awake;
         }
-        // Marks of another tree, of others, or of a rebuild, which keeps them leaf by leaf.
+        // Marks of others, or of a rebuild, which keeps them leaf by leaf.
         if changed || (awake < rested.len() && bvh.update_state().changes.dynamic != *marked) {
             bvh.set_dynamic(|primitive| rested[primitive] <= *updates);
             *marked = bvh.update_state().changes.dynamic;
@@ -76,7 +77,7 @@ impl SleepDelay {
 
 #[cfg(test)]
 mod tests {
-    use bvh_build::{Builder, build};
+    use bvh_build::{BuildOptions, Builder, build};
     use bvh_core::{Aabb, Node, Vec3, sah_cost};
 
     use super::*;
@@ -118,6 +119,24 @@ mod tests {
             assert_eq!(delay.mark(&mut bvh, |i| i == 0), 1);
         }
         assert_eq!(bvh.update_state().changes.dynamic, 1, "as one falls asleep");
+    }
+
+    /// A rebuild makes those dynamic, too, that shared a leaf with what is.
+    #[test]
+    fn a_rebuilt_tree_is_marked_again() {
+        let boxes = vec![Aabb::new(Vec3::ZERO, Vec3::ONE); 100];
+        let moves = |primitive: usize| primitive.is_multiple_of(7);
+        let mut bvh = build(&boxes, Builder::Sweep).expect("few enough");
+        let (mut updater, mut delay) = (Updater::default(), SleepDelay::new(0));
+        for max_leaf_size in [4, 3, 2, 1] {
+            let options = BuildOptions::default().with_max_leaf_size(max_leaf_size);
+            updater.set_strategy(Strategy::Rebuild(Builder::Sweep, options));
+            updater.update(&mut bvh, &boxes).expect("built");
+            delay.mark(&mut bvh, moves);
+            let mut expected = bvh.clone();
+            expected.set_dynamic(moves);
+            assert!(bvh.nodes() == expected.nodes(), "leaves of {max_leaf_size}");
+        }
     }
 
     #[test]

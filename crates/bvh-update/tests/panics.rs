@@ -5,7 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use bvh_build::{Builder, build};
-use bvh_core::{Aabb, Bvh, Primitives, Vec3};
+use bvh_core::{Aabb, Bvh, Node, Primitives, Vec3};
 use bvh_update::{Strategy, Updater, plain};
 
 const N: usize = 3000;
@@ -71,6 +71,25 @@ fn a_number_of_primitives_that_changes_leaves_a_valid_tree_which_honest_updates_
             bvh.validate(&end).unwrap_or_else(|e| panic!("{}: {e}", strategy.name()));
         }
     }
+}
+
+/// An empty leaf that moves, in a block that a panic has left unfinished, has no box, not one that
+/// is no number.
+#[test]
+fn an_empty_leaf_stays_without_a_box() {
+    let boxes = boxes(0.0)[..3].to_vec();
+    let leaf = |i: usize, count| Node::leaf(boxes[i], i as u32, count);
+    let [a, b, c, empty] = [leaf(0, 1), leaf(1, 1), leaf(2, 1), leaf(0, 0)];
+    let (l, r) = (Node::parent(&a, &empty, 4), Node::parent(&b, &c, 6));
+    let nodes = [Node::parent(&l, &r, 2), Node::NOTHING, l, r, a, empty, b, c];
+    let mut bvh = Bvh::new(&nodes, vec![0, 1, 2]).expect("valid");
+    let mut updater = Updater::new(Strategy::Refit);
+    let fragile = Fragile { boxes: boxes.clone(), left: 2.into() };
+    let result = catch_unwind(AssertUnwindSafe(|| updater.update(&mut bvh, &fragile)));
+    result.expect_err("the third box panics");
+    bvh.set_dynamic(|_| true);
+    updater.update(&mut bvh, &boxes).expect("same count");
+    bvh.validate(&boxes).expect("valid");
 }
 
 /// Heights and moving bits are those that the leaves make, and so is the sum over what stands

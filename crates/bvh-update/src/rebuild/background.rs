@@ -45,8 +45,9 @@ pub struct BackgroundCost {
     /// primitive. Where some are static, the updater has one byte a primitive more, which is not
     /// counted here.
     pub bytes: usize,
-    /// Updates from the copy of the boxes to the one that put the tree in place: how many frames
-    /// older than the primitives its structure is by then. Until the next one comes it grows older.
+    /// Updates of [`Background`] by this updater, of any tree, from the copy of the boxes to the one
+    /// that put the tree in place: with one tree, how many frames older than the primitives its
+    /// structure is by then. Until the next one comes it grows older.
     pub delay: u32,
     /// Time that its thread was busy, by the wall clock; where a core was free, this is the time
     /// taken from the cores. Of a parallel builder it is the thread's own part.
@@ -171,7 +172,10 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     // `builds` is of the updater, which may have updated another tree in between.
     if let Some(new) = builds.take(number).filter(|new| new.len() == primitives.len()) {
         has_static = bvh.note_dynamic(&mut rebuild.dynamic);
+        let marked = bvh.update_state().changes.dynamic;
         std::mem::swap(bvh, new);
+        // As after every rebuild.
+        parts(bvh).state.changes.dynamic = marked.wrapping_add(1);
         decision = Decision::Swap;
         let Builds { spare, age, cost, .. } = builds;
         *cost = Some(BackgroundCost { bytes: spare.bytes(), delay: *age, build_time: spare.took });

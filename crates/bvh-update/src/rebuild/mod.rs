@@ -51,12 +51,14 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
 struct Heritage {
     measure: Measure,
     has_static: bool,
+    /// How often it was marked what is dynamic.
+    marked: u32,
 }
 
 impl Heritage {
     fn of(bvh: &Bvh, primitives: usize, dynamic: &mut Vec<bool>) -> Self {
         let has_static = bvh.note_dynamic(dynamic) && primitives == bvh.len();
-        Self { measure: State::of(bvh).measure, has_static }
+        Self { measure: State::of(bvh).measure, has_static, marked: bvh.update_state().changes.dynamic }
     }
 
     /// Builds the new tree in the place of `bvh`.
@@ -69,6 +71,8 @@ impl Heritage {
         scratch: &mut RebuildScratch,
     ) -> Result<Update, UpdateError> {
         rebuild(bvh, primitives, builder, options, &mut scratch.build)?;
+        // Not as often as before: `SleepDelay` learns of the new tree by that.
+        parts(bvh).state.changes.dynamic = self.marked.wrapping_add(1);
         if self.has_static {
             bvh.set_dynamic(|p| scratch.dynamic[p]);
         }

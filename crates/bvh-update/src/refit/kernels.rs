@@ -128,7 +128,8 @@ fn fit_valid<P: Primitives + ?Sized, const OF_ONE: bool>(
 #[inline(always)]
 fn lanes_of<P: Primitives + ?Sized>(primitives: &P, order: &[u32], first: usize, count: usize) -> [Vec4; 3] {
     if count == 0 {
-        return [Vec4::NAN; 3];
+        // An empty box, and no finite one.
+        return [Vec4::INFINITY, Vec4::NEG_INFINITY, Vec4::NAN];
     }
     let mut lanes = primitives.aabb_lanes(primitive_in(order, first));
     // Not by `fold`: the compiler makes it a call in some loops, and such passes took up to 1.7
