@@ -37,7 +37,7 @@ use self::seen::{Camera, LightSource};
 use self::track::Track;
 use crate::budget::Budget;
 use crate::error::{LoadError, NUMBERED, Problem, numbered};
-use crate::{Animation, Light, LoadOptions, Model, Motion, PoseStats, View};
+use crate::{Animation, Light, LoadOptions, Model, Motion, Part, PoseStats, View};
 
 /// A clip of a glTF file, ready to be posed at any time.
 ///
@@ -233,7 +233,7 @@ impl<'a> Loader<'a> {
         let geometry = Arc::clone(&instance.geometry);
         let is_mirrored = animation.is_mirrored(&instance);
         let vertices = geometry.positions.len();
-        self.accessors.budget.spend(name.len() as u64, place)?;
+        self.accessors.budget.spend((name.len() + size_of::<(Part, Instance)>()) as u64, place)?;
         self.accessors.budget.spend_on(vertices, geometry.triangles.len(), place)?;
         let (motion, vertex_moves) = animation.motion_of(&instance);
         instance.motion = motion;

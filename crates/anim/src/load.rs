@@ -21,8 +21,8 @@ pub struct LoadOptions<'a> {
     /// An `f32` at the earth's radius knows half a metre. A model there keeps details of a
     /// millimetre relative to an origin nearby, such as [`center`] gives: it is subtracted from
     /// coordinates in text and in PLY files, and from composed transforms, before they are rounded
-    /// from `f64` to `f32`. Positions inside a mesh of a glTF file, and in STL files, are
-    /// read as `f32`.
+    /// from `f64` to `f32`. Positions inside a mesh of a glTF file, in STL files, and inside the
+    /// animated transforms of BART files are read as `f32`.
     pub origin: DVec3,
 }
 

@@ -217,7 +217,7 @@ fn decode(bytes: &[u8], accessors: &Accessors<'_>, place: &str) -> Result<Textur
         return Err(wrong(&format!("an image of {width} x {height} texels")));
     }
     let texels = u64::from(width) * u64::from(height);
-    accessors.budget.spend(decoder.total_bytes().max(4 * texels), place)?;
+    accessors.budget.spend(decoder.total_bytes().max(texels.saturating_mul(4)), place)?;
     let texels = DynamicImage::from_decoder(decoder).map_err(|e| wrong(&e))?.into_rgba8().into_raw();
     let texels: Arc<[[u8; 4]]> = texels.as_chunks().0.into();
     let least_opacity = texels.iter().map(|texel| texel[3]).min().unwrap_or(u8::MAX);

@@ -101,8 +101,9 @@ impl Channels {
             return Ok(());
         }
         let per_key = if interpolation == Interpolation::CubicSpline { 3 * width } else { width };
-        if values.len() != times.len() * per_key {
-            let expected = format!("{} ({} keys of {per_key})", times.len() * per_key, times.len());
+        let count = times.len().saturating_mul(per_key);
+        if values.len() != count {
+            let expected = format!("{count} ({} keys of {per_key})", times.len());
             return Err(Problem::new(place, format!("{} numbers", values.len()), expected));
         }
         self.end = self.end.max(times.last().map_or(0.0, |&last| last.into()));

@@ -19,8 +19,15 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Model, Pr
         ignore_lines: true,
         ..Default::default()
     };
+    let seen = RefCell::new(BTreeSet::new());
     let library = |name: &str| {
-        let bytes = read_beside(file, &below_folder(name)?).ok()?;
+        let path = below_folder(name)?;
+        // Named again, it adds nothing: `tobj` would add the same materials under other numbers.
+        if seen.borrow().contains(&path) {
+            return Some(String::new());
+        }
+        let bytes = read_beside(file, &path).ok()?;
+        seen.borrow_mut().insert(path);
         Some(diffuse_colors(&String::from_utf8_lossy(unmarked(&bytes))))
     };
     let missing = RefCell::new(BTreeSet::new());
@@ -84,7 +91,9 @@ fn positions_and_faces(text: &str) -> String {
                 push_words(&mut kept, "v", numbers(line).take(kept_numbers));
             }
             Some("f") => {
-                let positions = numbers(line).map(|word| word.split('/').next().unwrap_or_default());
+                let positions = numbers(line).map(|word| {
+                    word.split('/').next().filter(|position| !position.is_empty()).unwrap_or("/")
+                });
                 push_words(&mut kept, "f", positions);
             }
             // A space behind the word, which may have been a tab; names may have spaces in them.

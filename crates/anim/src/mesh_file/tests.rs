@@ -211,6 +211,17 @@ fn obj_names_several_material_libraries() {
     }
 }
 
+/// Each time that `tobj` loads a library it adds its materials again.
+#[test]
+fn obj_libraries_named_again_add_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("model.obj");
+    let (materials, libraries) = ("newmtl a\n".repeat(2000), "mtllib model.obj\n".repeat(2000));
+    std::fs::write(&file, format!("{materials}{libraries}v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")).unwrap();
+    let mesh = crate::load(&file, &LoadOptions::default()).unwrap();
+    assert_eq!(mesh.topology().materials.len(), 2001);
+}
+
 #[test]
 fn obj_comments_end_lines_of_numbers_but_not_names() {
     let folder = tempfile::tempdir().unwrap();
@@ -237,6 +248,7 @@ fn malformed_obj_is_refused() {
         "f 1 2 -4",
         "f",
         "f 1 2 x",
+        "f 1 2 3 /4",
         "f 1 2 99999999999999999999",
         "v 1 2\nf 1 2 3",
         "v a b c",

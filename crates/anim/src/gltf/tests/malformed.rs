@@ -153,6 +153,17 @@ fn instancing_is_held_to_a_multiple_of_the_file() {
 }
 
 #[test]
+fn parts_without_vertices_take_memory_too() {
+    let primitives = vec![r#"{"attributes":{"POSITION":0}}"#; 3000].join(",");
+    let nodes = vec![r#"{"mesh":0,"name":""}"#; 30_000].join(",");
+    let message = Document::default().error(&format!(
+        r#""accessors":[{{"componentType":5126,"count":0,"type":"VEC3"}}],
+        "meshes":[{{"primitives":[{primitives}]}}],"nodes":[{nodes}]"#
+    ));
+    assert!(message.contains("decoded data"), "{message}");
+}
+
+#[test]
 fn a_file_that_many_buffers_name_counts_once() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("a.bin"), [0; 1000]).unwrap();
