@@ -3,6 +3,7 @@
 
 use std::io::Cursor;
 
+use image::error::{ParameterError, ParameterErrorKind};
 use image::{ExtendedColorType, ImageFormat, write_buffer_with_format};
 
 /// Linear colours (red, green, blue) in rows from the top, each row from the left.
@@ -20,9 +21,12 @@ pub struct ImageError(#[from] image::ImageError);
 
 impl Image {
     /// A black image.
+    ///
+    /// # Panics
+    /// If its pixels, of 12 bytes each, take more bytes than `isize` can count.
     #[must_use]
     pub fn new(width: u32, height: u32) -> Self {
-        Self { width, height, pixels: vec![[0.0; 3]; width as usize * height as usize] }
+        Self { width, height, pixels: vec![[0.0; 3]; (width as usize).saturating_mul(height as usize)] }
     }
 
     /// Pixels from left to right.
@@ -90,6 +94,11 @@ impl Image {
         color: ExtendedColorType,
         format: ImageFormat,
     ) -> Result<Vec<u8>, ImageError> {
+        if self.pixels.is_empty() {
+            // The EXR encoder would write a file that is none.
+            let no_pixels = ParameterError::from_kind(ParameterErrorKind::DimensionMismatch);
+            return Err(image::ImageError::Parameter(no_pixels).into());
+        }
         let mut file = Cursor::new(Vec::new());
         write_buffer_with_format(&mut file, bytes, self.width, self.height, color, format)?;
         Ok(file.into_inner())
@@ -136,6 +145,8 @@ mod tests {
 
     #[test]
     fn images_without_pixels_are_no_files() {
-        assert!(Image::new(0, 3).png().is_err());
+        for image in [Image::new(0, 3), Image::new(3, 0), Image::new(0, 0)] {
+            assert!(image.png().is_err() && image.exr().is_err());
+        }
     }
 }

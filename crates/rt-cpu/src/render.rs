@@ -130,7 +130,11 @@ pub fn cast(
     options: &RenderOptions,
     pixels: &mut [Pixel],
 ) -> RenderStats {
-    assert_eq!(pixels.len(), camera.width() as usize * camera.height() as usize, "pixels of the camera");
+    assert_eq!(
+        pixels.len() as u64,
+        u64::from(camera.width()) * u64::from(camera.height()),
+        "pixels of the camera"
+    );
     run(&frame(bvh, triangles, camera, light, options), &Look::Hits, pixels)
 }
 
@@ -142,7 +146,7 @@ thread_local! {
 /// Fills an image, by bands of tiles.
 fn run<P: TilePixel>(frame: &Frame<'_>, look: &Look<'_>, pixels: &mut [P]) -> RenderStats {
     let width = (frame.camera.width() as usize).max(1);
-    let bands = pixels.par_chunks_mut(width * TILE).enumerate();
+    let bands = pixels.par_chunks_mut(width.saturating_mul(TILE)).enumerate();
     let of_band = |(band, pixels): (usize, &mut [P])| -> RenderStats {
         let mut tiles: Vec<Rows<'_, P>> = Vec::new();
         tiles.resize_with(width.div_ceil(TILE), || std::array::from_fn(|_| Default::default()));
