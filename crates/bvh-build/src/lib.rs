@@ -320,7 +320,7 @@ fn refit<P: Primitives + ?Sized>(nodes: &mut [Node], order: &[u32], primitives: 
     for i in (0..nodes.len()).rev().filter(|&i| i != 1) {
         let node = nodes[i];
         nodes[i].set_aabb(if node.is_leaf() {
-            primitives.aabb(order[node.first()] as usize)
+            primitives.aabb(order[node.first()] as usize).sanitized()
         } else {
             nodes[node.first()].aabb().union(nodes[node.first() + 1].aabb())
         });

@@ -112,7 +112,7 @@ impl Builder {
 #[non_exhaustive]
 pub struct BuildOptions {
     /// Largest number of primitives in one leaf, 1 to [`MAX_LEAF_SIZE`](bvh_core::MAX_LEAF_SIZE). A
-    /// leaf takes several only where that lowers the SAH cost.
+    /// leaf takes several only where that does not raise the SAH cost.
     ///
     /// The default is 1, the choice of Kopta et al. 2012 (section 2): primitives whose motion may
     /// diverge must not share a leaf.

@@ -82,7 +82,8 @@ pub(crate) fn sort<K: Key>(keys: &mut Vec<K>, spare: &mut Vec<K>, counts: &mut V
         return keys.sort_unstable();
     }
     spare.resize(keys.len(), K::ZERO);
-    let parts = (keys.len() / PART).clamp(1, threads);
+    // With more parts than that there may be fewer pieces than parts.
+    let parts = (keys.len() / PART).clamp(1, threads.min(PART));
     counts.resize(parts, [0; 1 << DIGIT]);
     let end = K::LOW + 3 * K::AXIS;
     let lowest = end.saturating_sub(DIGITS * DIGIT).max(K::LOW);

@@ -9,8 +9,9 @@ use crate::{Node, UpdateState};
 /// stack of this many entries; one that pushes both children and pops one, of one more.
 pub const MAX_HEIGHT: u32 = 96;
 
-/// Greatest number of primitives of a tree.
-pub const MAX_PRIMITIVES: usize = 1 << 29;
+/// Greatest number of primitives of a tree; on targets of 32 bits, 2^24, since more nodes would not
+/// fit into memory.
+pub const MAX_PRIMITIVES: usize = 1 << if cfg!(target_pointer_width = "32") { 24 } else { 29 };
 
 /// Siblings, side by side in one cache line.
 #[repr(C, align(64))]
@@ -26,11 +27,12 @@ const _: () = assert!(size_of::<Pair>() == 64 && align_of::<Pair>() == 64);
 /// *slots*; slot `s` holds primitive `order()[s]`. A tree without primitives is a root with an
 /// empty leaf.
 ///
-/// A tree is plain data: its clone behaves as the original would, but does not get a tree that is
-/// being built for the original in the background. Its structure is valid at all
-/// times: every pair has one parent, every slot is in one leaf, every primitive in one slot, and
-/// the height is at most [`MAX_HEIGHT`]. Whether boxes fit primitives that have moved since the
-/// last update is another matter; see [`validate`](Self::validate).
+/// A tree is plain data: its clone behaves as the original would. A tree that is being built in the
+/// background takes the place of whichever of the two is updated first when it is ready. The
+/// structure of a tree is valid at all times: every pair has one parent, every slot is in one leaf,
+/// every primitive in one slot, and the height is at most [`MAX_HEIGHT`]. Whether boxes fit
+/// primitives that have moved since the last update is another matter; see
+/// [`validate`](Self::validate).
 ///
 /// ```
 /// use bvh_core::{Aabb, Bvh, Node, Vec3};

@@ -141,12 +141,12 @@ impl Node {
         if self.is_leaf() { 0.0 } else { f32::from_bits(self.aux & !Self::HEIGHT) }
     }
 
-    /// Sets the reference area of an inner node, rounded down to 16 bits of precision. Does nothing
-    /// to a leaf.
+    /// Sets the reference area of an inner node, rounded down to 16 bits of precision; infinite for
+    /// NaN, whose bits processors do not agree on. Does nothing to a leaf.
     #[inline]
     pub fn set_reference(&mut self, area: f32) {
         if !self.is_leaf() {
-            self.aux = area.to_bits() & !Self::HEIGHT | self.aux & Self::HEIGHT;
+            self.aux = area.min(f32::INFINITY).to_bits() & !Self::HEIGHT | self.aux & Self::HEIGHT;
         }
     }
 

@@ -8,7 +8,9 @@ use glam::Vec3;
 
 use crate::slab;
 use crate::triangle::{Test, intersect};
-use crate::{Bvh, Hit, MAX_HEIGHT, Node, Ray, TriangleTest, Triangles, Visits, prefetch, with_test};
+use crate::{
+    Bvh, Hit, MAX_HEIGHT, MAX_PRIMITIVES, Node, Ray, TriangleTest, Triangles, Visits, prefetch, with_test,
+};
 
 /// Finds the first triangle along a ray with `0 <= t <= t_max`; of equally near ones that with the
 /// lowest number.
@@ -87,7 +89,8 @@ pub fn hit_by<T: Test, const ANY: bool>(
     dispatch!(Level::new(), simd => hit::<_, T, ANY>(simd, bvh, triangles, ray, t_max, visits, |_| true))
 }
 
-/// As [`closest_hit`], by testing every triangle: the oracle for everything else. O(n).
+/// As [`closest_hit`], by testing every triangle that a tree may hold, [`MAX_PRIMITIVES`] at most:
+/// the oracle for everything else. O(n).
 #[must_use]
 pub fn closest_hit_brute(
     triangles: &Triangles<'_>,
@@ -95,7 +98,7 @@ pub fn closest_hit_brute(
     t_max: f32,
     test: TriangleTest,
 ) -> Option<Hit> {
-    let n = if ray.is_valid() { triangles.indices.len() as u32 } else { 0 };
+    let n = if ray.is_valid() { triangles.indices.len().min(MAX_PRIMITIVES) as u32 } else { 0 };
     with_test!(test, T => {
         let test = T::new(ray);
         let hits = (0..n).filter_map(|p| intersect(ray, &test, &triangles.corners(p as usize), p, t_max));

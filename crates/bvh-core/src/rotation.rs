@@ -160,7 +160,7 @@ pub fn rotate(nodes: &mut [Node], pair: usize, rotation: Rotation, depth: u32) -
         static_change += child.static_term() - children[i].static_term();
     }
     let height = 1 + nodes[pair].height().max(nodes[pair + 1].height());
-    if depth + height > MAX_HEIGHT {
+    if height > MAX_HEIGHT.saturating_sub(depth) {
         for i in touched {
             nodes[pair + i] = children[i];
         }
