@@ -3,7 +3,6 @@
 
 use std::io::Cursor;
 
-use image::error::{ParameterError, ParameterErrorKind};
 use image::{ExtendedColorType, ImageFormat, write_buffer_with_format};
 
 /// Linear colours (red, green, blue) in rows from the top, each row from the left.
@@ -96,8 +95,7 @@ impl Image {
     ) -> Result<Vec<u8>, ImageError> {
         if self.pixels.is_empty() {
             // The EXR encoder would write a file that is none.
-            let no_pixels = ParameterError::from_kind(ParameterErrorKind::DimensionMismatch);
-            return Err(image::ImageError::Parameter(no_pixels).into());
+            return Err(image::ImageError::from(std::io::Error::other("no pixels")).into());
         }
         let mut file = Cursor::new(Vec::new());
         write_buffer_with_format(&mut file, bytes, self.width, self.height, color, format)?;

@@ -130,11 +130,8 @@ pub fn cast(
     options: &RenderOptions,
     pixels: &mut [Pixel],
 ) -> RenderStats {
-    assert_eq!(
-        pixels.len() as u64,
-        u64::from(camera.width()) * u64::from(camera.height()),
-        "pixels of the camera"
-    );
+    let size = u64::from(camera.width()) * u64::from(camera.height());
+    assert_eq!(pixels.len() as u64, size, "pixels of the camera");
     run(&frame(bvh, triangles, camera, light, options), &Look::Hits, pixels)
 }
 

@@ -179,12 +179,10 @@ impl WideTest for Watertight {
         let plain = size.simd_ge(DET_RANGE.0) & size.simd_le(DET_RANGE.1);
         // Inside, a zero is the least or the greatest.
         let plain = plain & least.simd_ne(zero) & greatest.simd_ne(zero);
-        for z in &mut z {
-            *z = rays.shear[2] * *z;
-        }
         let inv_det = V::simd_from(simd, 1.0) / det;
         let (u, v) = (wb * inv_det, wc * inv_det);
-        let t = wa * inv_det * z[0] + u * z[1] + v * z[2];
+        let unit = rays.shear[2];
+        let t = wa * inv_det * (unit * z[0]) + u * (unit * z[1]) + v * (unit * z[2]);
         let plain = (plain & t.is_finite()).to_bitmask();
         Found { lanes: inside & plain & t.simd_ge(zero).to_bitmask(), unsure: inside & !plain, t, u, v }
     }
