@@ -76,8 +76,8 @@ pub enum Decision {
 #[non_exhaustive]
 pub struct Reason {
     /// Milliseconds of one core that queries have lost to the excess cost of the tree since it was
-    /// last repaired, built or [kept](Decision::Kept), or a repair found nothing worth opening. Where
-    /// a fast build is to be replaced, what queries lose to that is included.
+    /// last repaired, built or [kept](Decision::Kept); for a repair, also since one that found nothing
+    /// worth opening. Where a fast build is to be replaced, what queries lose to that is included.
     pub lost_ms: f64,
     /// Milliseconds of one core that the repair or the rebuild takes, doubled after one that failed.
     pub price_ms: f64,

@@ -502,9 +502,13 @@ fn trees_from_the_background_have_the_latest_dynamic_mask() {
             let period = asked[which];
             bvh.set_dynamic(|p| p.is_multiple_of(period));
         }
+        let marked = bvh.update_state().changes.dynamic;
         let report = updater.update(bvh, &chaos(0)).expect("updated");
         bvh.validate(&chaos(0)).expect("valid");
-        swaps += usize::from(report.decision == Decision::Swap);
+        let is_swap = report.decision == Decision::Swap;
+        // `SleepDelay` learns of the swap by that.
+        assert_eq!(bvh.update_state().changes.dynamic > marked, is_swap, "step {step}");
+        swaps += usize::from(is_swap);
         assert_eq!(bvh.all_dynamic(), asked[which] == 1, "step {step}");
         check_mask(bvh, |p| p.is_multiple_of(asked[which]), "a tree from the background");
         if step >= 300 && swaps > 2 {

@@ -16,7 +16,7 @@
 use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
-use crate::quality::{finite_or_zero, take_baseline};
+use crate::quality::{cost_after, finite_or_zero, take_baseline};
 use crate::rebuild::{build_again, build_beside};
 use crate::refit::{Rotate, Tally, parts, pass};
 use crate::repair::{Repaired, open_grown};
@@ -64,7 +64,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     }
     take_baseline(bvh);
     let mut tally = pass(bvh, primitives, Some(Rotate::default()), &workspace.passes);
-    let seen = observe(bvh, &tally, queries);
+    let seen = observe(bvh, &mut tally, queries);
     let ledger = &mut State::of_mut(parts(bvh).state).ledger;
     ledger.charge(&seen);
     let (plan, reason) = decide(ledger, &seen);
@@ -76,8 +76,8 @@ pub(crate) fn update<P: Primitives + ?Sized>(
 ///
 /// The excess is that over the baseline before: a tree that is better than any so far has one below
 /// 0.
-fn observe(bvh: &mut Bvh, tally: &Tally, queries: QueryCost) -> Observation {
-    let (cost, primitives) = (tally.cost(bvh), bvh.len() as f64);
+fn observe(bvh: &mut Bvh, tally: &mut Tally, queries: QueryCost) -> Observation {
+    let (cost, primitives) = (cost_after(bvh, tally), bvh.len() as f64);
     let root_area = bvh.root().aabb().half_area_f64();
     let State { baseline, ledger, .. } = State::of_mut(parts(bvh).state);
     let scale = baseline.take_growth(root_area, tally.leaf_area);

@@ -33,7 +33,7 @@
 use bvh_core::{Bvh, Node};
 use rayon::prelude::*;
 
-use crate::refit::parts;
+use crate::refit::{Tally, parts};
 use crate::state::{Baseline, State};
 
 /// Nodes whose terms one task adds up. How the arena is divided depends on its length alone, so
@@ -150,6 +150,16 @@ impl Baseline {
 fn leaf_uniformity(widths: f64, leaves: f64, areas: f64) -> f64 {
     let uniformity = widths * widths / (leaves * areas);
     if uniformity > 0.0 { uniformity.min(1.0) } else { 1.0 }
+}
+
+/// The cost of a tree after a pass. Where areas are beyond the range of `f32`, sums of the pass are
+/// taken again.
+pub(crate) fn cost_after(bvh: &Bvh, tally: &mut Tally) -> f64 {
+    if !tally.is_in_range(bvh) {
+        let [all, leaves, ..] = sum(bvh.nodes(), &terms);
+        (tally.area, tally.leaf_area) = (all - bvh.static_area(), leaves);
+    }
+    tally.area + bvh.static_area()
 }
 
 /// Half area of all dynamic leaves, as it was at first, times the growth that leaves and root have

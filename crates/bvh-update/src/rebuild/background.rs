@@ -174,8 +174,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         has_static = bvh.note_dynamic(&mut rebuild.dynamic);
         let marked = bvh.update_state().changes.dynamic;
         std::mem::swap(bvh, new);
-        // As after every rebuild.
-        parts(bvh).state.changes.dynamic = marked.wrapping_add(1);
+        State::count_rebuild(parts(bvh).state, marked);
         decision = Decision::Swap;
         let Builds { spare, age, cost, .. } = builds;
         *cost = Some(BackgroundCost { bytes: spare.bytes(), delay: *age, build_time: spare.took });

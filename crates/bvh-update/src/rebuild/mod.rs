@@ -71,8 +71,7 @@ impl Heritage {
         scratch: &mut RebuildScratch,
     ) -> Result<Update, UpdateError> {
         rebuild(bvh, primitives, builder, options, &mut scratch.build)?;
-        // Not as often as before: `SleepDelay` learns of the new tree by that.
-        parts(bvh).state.changes.dynamic = self.marked.wrapping_add(1);
+        State::count_rebuild(parts(bvh).state, self.marked);
         if self.has_static {
             bvh.set_dynamic(|p| scratch.dynamic[p]);
         }

@@ -101,8 +101,8 @@ const LEAST_ROOT: f64 = 1e-28;
 impl Tally {
     /// What the pass reports; `bvh` is the tree after it.
     pub(crate) fn report(&self, bvh: &Bvh) -> Update {
-        let root = bvh.root().aabb().half_area_f64();
-        let sah_cost = || self.cost_in_range(bvh).map_or_else(|| sah_cost(bvh), |cost| cost / root);
+        let known = || (self.area + bvh.static_area()) / bvh.root().aabb().half_area_f64();
+        let sah_cost = || if self.is_in_range(bvh) { known() } else { sah_cost(bvh) };
         Update {
             rotations: self.rotations,
             sah_cost: self.has_sums.then(sah_cost),
@@ -113,16 +113,12 @@ impl Tally {
         }
     }
 
-    /// Sum of half area times weight over all nodes of `bvh`, the tree after the pass.
-    pub(crate) fn cost(&self, bvh: &Bvh) -> f64 {
-        self.cost_in_range(bvh).unwrap_or_else(|| sah_cost(bvh) * bvh.root().aabb().half_area_f64())
-    }
-
-    /// As [`cost`](Self::cost), unless areas are beyond the range of `f32` on either side.
-    fn cost_in_range(&self, bvh: &Bvh) -> Option<f64> {
+    /// Whether sums are those of `bvh`, the tree after the pass: not where areas are beyond the
+    /// range of `f32` on either side.
+    pub(crate) fn is_in_range(&self, bvh: &Bvh) -> bool {
         // Static areas are among those of the tree.
-        let cost = self.area + bvh.static_area();
-        (cost.is_finite() && bvh.root().aabb().half_area_f64() > LEAST_ROOT).then_some(cost)
+        let is_finite = (self.area + bvh.static_area()).is_finite();
+        is_finite && bvh.root().aabb().half_area_f64() > LEAST_ROOT
     }
 
     fn and(mut self, other: &Self) -> Self {
