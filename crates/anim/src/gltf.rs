@@ -233,7 +233,8 @@ impl<'a> Loader<'a> {
         let geometry = Arc::clone(&instance.geometry);
         let is_mirrored = animation.is_mirrored(&instance);
         let vertices = geometry.positions.len();
-        self.accessors.budget.spend((name.len() + size_of::<(Part, Instance)>()) as u64, place)?;
+        // Lists that grow have room for twice as many.
+        self.accessors.budget.spend((name.len() + 2 * size_of::<(Part, Instance)>()) as u64, place)?;
         self.accessors.budget.spend_on(vertices, geometry.triangles.len(), place)?;
         let (motion, vertex_moves) = animation.motion_of(&instance);
         instance.motion = motion;

@@ -82,7 +82,8 @@ pub(crate) fn sort<K: Key>(keys: &mut Vec<K>, spare: &mut Vec<K>, counts: &mut V
         return keys.sort_unstable();
     }
     spare.resize(keys.len(), K::ZERO);
-    // With more parts than that there may be fewer pieces than parts.
+    // With more than `PART` parts there may be fewer chunks than parts, and counts of an earlier
+    // digit would remain.
     let parts = (keys.len() / PART).clamp(1, threads.min(PART));
     counts.resize(parts, [0; 1 << DIGIT]);
     let end = K::LOW + 3 * K::AXIS;

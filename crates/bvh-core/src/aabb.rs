@@ -137,8 +137,8 @@ impl Aabb {
         point.max(self.min).min(self.max)
     }
 
-    /// Squared distance from `point` to the box: 0 inside, for a finite point infinite if it is
-    /// [`EMPTY`](Self::EMPTY). NaN for a NaN in `point`.
+    /// Squared distance from `point` to the box: 0 inside, infinite from a finite point to
+    /// [`EMPTY`](Self::EMPTY), NaN if `point` has a NaN.
     #[must_use]
     #[inline]
     pub fn distance_squared(&self, point: Vec3) -> f32 {

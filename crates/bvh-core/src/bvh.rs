@@ -9,8 +9,8 @@ use crate::{Node, UpdateState};
 /// stack of this many entries; one that pushes both children and pops one, of one more.
 pub const MAX_HEIGHT: u32 = 96;
 
-/// Greatest number of primitives of a tree; on targets of 32 bits, 2^24, since more nodes would not
-/// fit into memory.
+/// Greatest number of primitives of a tree: 2^29, on targets of 32 bits 2^24. Twice as many would
+/// take 2 GiB of nodes there, more than one allocation may have.
 pub const MAX_PRIMITIVES: usize = 1 << if cfg!(target_pointer_width = "32") { 24 } else { 29 };
 
 /// Siblings, side by side in one cache line.

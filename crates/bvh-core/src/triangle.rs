@@ -111,7 +111,7 @@ pub struct Watertight {
 
 impl Watertight {
     /// The test where single precision cannot tell: projected corners, and their distances along
-    /// the axis, which count in `unit`s.
+    /// the axis, to be multiplied by `unit`.
     ///
     /// Products of two single precision numbers are exact in double precision, so signs of edges
     /// are.

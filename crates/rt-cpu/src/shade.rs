@@ -12,8 +12,9 @@ use crate::simd::{dot, load, load3, max, normalize, store3};
 use crate::times::Tally;
 
 /// A point that shines alike in all directions and to any distance from 1e-19 to 1e19; surfaces
-/// beyond get no light. Rays come from the light and end 2^-19 of the distance before the surface
-/// (of its coordinates, if these are larger): what is nearer to it than that throws no shadow on it.
+/// nearer or farther get no light. Shadow rays come from the light and end above the surface, by
+/// 2^-19 of the distance (of its coordinates, if these are larger): what is nearer to the surface
+/// throws no shadow on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointLight {
     /// Where it is.

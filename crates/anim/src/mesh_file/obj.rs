@@ -22,7 +22,7 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Model, Pr
     let seen = RefCell::new(BTreeSet::new());
     let library = |name: &str| {
         let path = below_folder(name)?;
-        // Named again, it adds nothing: `tobj` would add the same materials under other numbers.
+        // Of several namings the first counts: for each, `tobj` would add all materials again.
         if seen.borrow().contains(&path) {
             return Some(String::new());
         }
@@ -91,6 +91,7 @@ fn positions_and_faces(text: &str) -> String {
                 push_words(&mut kept, "v", numbers(line).take(kept_numbers));
             }
             Some("f") => {
+                // `tobj` refuses a `/`, while an empty word would vanish.
                 let positions = numbers(line).map(|word| {
                     word.split('/').next().filter(|position| !position.is_empty()).unwrap_or("/")
                 });
