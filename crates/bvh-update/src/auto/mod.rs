@@ -16,7 +16,7 @@
 use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
-use crate::quality::{cost_after, finite_or_zero, take_baseline};
+use crate::quality::{finite_or_zero, take_baseline, take_cost};
 use crate::rebuild::{build_again, build_beside};
 use crate::refit::{Rotate, Tally, parts, pass};
 use crate::repair::{Repaired, open_grown};
@@ -77,7 +77,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
 /// The excess is that over the baseline before: a tree that is better than any so far has one below
 /// 0.
 fn observe(bvh: &mut Bvh, tally: &mut Tally, queries: QueryCost) -> Observation {
-    let (cost, primitives) = (cost_after(bvh, tally), bvh.len() as f64);
+    let (cost, primitives) = (take_cost(bvh, tally), bvh.len() as f64);
     let root_area = bvh.root().aabb().half_area_f64();
     let State { baseline, ledger, .. } = State::of_mut(parts(bvh).state);
     let scale = baseline.take_growth(root_area, tally.leaf_area);

@@ -152,9 +152,9 @@ fn leaf_uniformity(widths: f64, leaves: f64, areas: f64) -> f64 {
     if uniformity > 0.0 { uniformity.min(1.0) } else { 1.0 }
 }
 
-/// The cost of a tree after a pass. Where areas are beyond the range of `f32`, sums of the pass are
-/// taken again.
-pub(crate) fn cost_after(bvh: &Bvh, tally: &mut Tally) -> f64 {
+/// Gives the cost of a tree after a pass. Where areas are beyond the range of `f32`, takes the sums of
+/// the pass again.
+pub(crate) fn take_cost(bvh: &Bvh, tally: &mut Tally) -> f64 {
     if !tally.is_in_range(bvh) {
         let [all, leaves, ..] = sum(bvh.nodes(), &terms);
         (tally.area, tally.leaf_area) = (all - bvh.static_area(), leaves);

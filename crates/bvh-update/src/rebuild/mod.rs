@@ -51,7 +51,7 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
 struct Heritage {
     measure: Measure,
     has_static: bool,
-    /// How often it was marked what is dynamic.
+    /// How often primitives were marked as dynamic or static.
     marked: u32,
 }
 

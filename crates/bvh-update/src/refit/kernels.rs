@@ -128,7 +128,7 @@ fn fit_valid<P: Primitives + ?Sized, const OF_ONE: bool>(
 #[inline(always)]
 fn lanes_of<P: Primitives + ?Sized>(primitives: &P, order: &[u32], first: usize, count: usize) -> [Vec4; 3] {
     if count == 0 {
-        // An empty box, and no finite one.
+        // An empty box, which does not count as valid.
         return [Vec4::INFINITY, Vec4::NEG_INFINITY, Vec4::NAN];
     }
     let mut lanes = primitives.aabb_lanes(primitive_in(order, first));

@@ -12,7 +12,7 @@
 use bvh_build::{BuildScratch, Builder};
 use bvh_core::{Aabb, Bvh, Node, Primitives};
 
-use crate::quality::{cost_after, finite_or_zero, take_baseline};
+use crate::quality::{finite_or_zero, take_baseline, take_cost};
 use crate::rebuild::{RebuildScratch, build_again};
 use crate::refit::{PassOptions, Rotate, Tally, parts, pass};
 use crate::report::{Decision, Update, UpdateError};
@@ -80,7 +80,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     passes.with_sums = true;
     take_baseline(bvh);
     let mut tally = pass(bvh, primitives, options.rotate, passes);
-    let cost = cost_after(bvh, &mut tally);
+    let cost = take_cost(bvh, &mut tally);
     let root_area = bvh.root().aabb().half_area_f64();
     let baseline = &mut State::of_mut(parts(bvh).state).baseline;
     let scale = baseline.take_growth(root_area, tally.leaf_area);
