@@ -75,6 +75,13 @@ impl<const N: usize> List<N> {
         &self.entries[..self.count]
     }
 
+    /// All, and behind them the last one `n` times, for who looks ahead.
+    pub(super) fn padded(&mut self, n: usize) -> &[Entry] {
+        let Some(&last) = self.all().last() else { return &[] };
+        self.entries[self.count..][..n].fill(last);
+        &self.entries[..self.count + n]
+    }
+
     pub(super) fn all_mut(&mut self) -> &mut [Entry] {
         &mut self.entries[..self.count]
     }

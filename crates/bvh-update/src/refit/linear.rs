@@ -17,7 +17,7 @@ use super::{Tally, Task, kernels};
 
 /// Pairs that are looked at together: first which nodes are leaves, then these, then the others.
 // Half and double: docs/TUNING.md.
-const STRETCH: usize = 256;
+const STRETCH: usize = 512;
 
 /// Most pairs of a piece.
 // Half and double: docs/TUNING.md.
@@ -90,8 +90,9 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         let mut lister = Lister::new(&[], inner, included, leaves);
         dispatch!(self.options.level, sweep(self.nodes, pairs.clone(), &mut lister));
         lister.finish();
-        // There are about as many leaves as pairs.
-        let fetch = |i: usize| self.nodes.prefetch(2 * (pairs.start + i).saturating_sub(STRETCH));
+        // There are about as many leaves as pairs. Before the first stretch lies nothing, which does
+        // no harm.
+        let fetch = |i: usize| self.nodes.prefetch((2 * (pairs.start + i)).wrapping_sub(2 * STRETCH));
         self.fit_leaves(leaves, fetch, tally);
         dispatch!(self.options.level, refit_boxes(self.nodes, inner.all(), self.options.with_sums, tally));
     }

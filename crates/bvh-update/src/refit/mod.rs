@@ -17,7 +17,7 @@
 use bvh_core::{Bvh, OnPanic, Primitives, SimdLevel, sah_cost};
 
 use self::block::{Block, Entry, LISTED, Leaves, Lists};
-use self::kernels::{fit_leaf, primitive_in, refit_height};
+use self::kernels::{INDICES_AHEAD, fit_leaf, primitive_in, refit_height};
 use self::memory::{SPARE_BLOCKS, SPARE_LISTS, lend};
 use self::shared::{Available, dispatch};
 use crate::report::Update;
@@ -331,22 +331,22 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     /// primitives in the place of slots afterwards.
     fn fit_leaves(&self, leaves: &mut Leaves, fetch: impl Fn(usize), tally: &mut Tally) {
         let Self { nodes, primitives, order, of_one, options, .. } = *self;
-        let leaves = leaves.all_mut();
         if of_one && !order.is_empty() {
             // Beforehand, as the loop asks three times for the primitive of a leaf.
-            for entry in &mut *leaves {
+            for entry in leaves.all_mut() {
                 *entry = Entry::new(entry.slot(), primitive_in(order, entry.first()) as u32);
             }
         }
+        let padded = leaves.padded(INDICES_AHEAD);
         let area = dispatch!(
             options.level,
-            fit_leaves(nodes, primitives, order, leaves, fetch, of_one, options.with_sums)
+            fit_leaves(nodes, primitives, order, padded, fetch, of_one, options.with_sums)
         );
         let Some(area) = area else {
-            leaves.iter().for_each(|entry| fit_leaf(nodes, primitives, order, entry.slot(), tally));
+            leaves.all().iter().for_each(|entry| fit_leaf(nodes, primitives, order, entry.slot(), tally));
             return;
         };
-        tally.leaves += leaves.len() as u64;
+        tally.leaves += leaves.all().len() as u64;
         tally.leaf_area += area;
         tally.area += area;
     }

@@ -4,9 +4,8 @@
 //! Of each node six boxes are read: its children's, and those of either child. With one node in
 //! each lane of a vector, a union or an area is a few instructions for all of them.
 
-use bvh_core::MAX_HEIGHT;
-use bvh_core::glam::Vec4;
 use bvh_core::rotation::Rotation;
+use bvh_core::{MAX_HEIGHT, Node};
 use bytemuck::Zeroable;
 
 use super::Tally;
@@ -24,8 +23,7 @@ pub(super) struct Boxes<V> {
 /// SIMD level cannot be generic over its vectors without `unsafe`.
 ///
 /// The arguments are the arithmetic of the module's vectors. The module gives their `WIDTH`, the
-/// `boxes` of the nodes on one side, 0 or 1, of all pairs, and `gains`, the bits of nodes with a
-/// change below zero. Areas are computed in the order of
+/// `boxes` of the nodes on one side, 0 or 1, of all pairs, and the `best` rotation of each. Areas are computed in the order of
 /// [`Aabb::half_area`](bvh_core::Aabb::half_area), and changes in that of
 /// [`area_changes`](bvh_core::rotation::area_changes), so the bits are the same everywhere.
 macro_rules! define_rotate {
@@ -68,7 +66,7 @@ macro_rules! define_rotate {
                     $sub($add(area(&rl, &lr), area(&ll, &rr)), now),
                     $sub($add(area(&rr, &lr), area(&rl, &ll)), now),
                 ];
-                (bytemuck::cast(changes), gains(changes))
+                best(changes)
             });
         }
     };
@@ -78,9 +76,7 @@ pub(super) use define_rotate;
 /// Refits the heights of the nodes of one level, judges `N` of them at a time, and applies what is
 /// a gain. `at` is their depth, and whether something is static.
 ///
-/// `judge` is given three pairs of each node, its children and those of either child. It gives the
-/// change of area under each rotation in the order of `Rotation::ALL`, and a bit for each node at
-/// which some rotation is a gain.
+/// `judge` is given three pairs of each node, its children and those of either child.
 #[inline(always)]
 pub(super) fn rotate_with<const N: usize>(
     nodes: SharedNodes<'_>,
@@ -88,7 +84,7 @@ pub(super) fn rotate_with<const N: usize>(
     at: (u32, bool),
     accepted: &mut Accepted,
     tally: &mut Tally,
-    judge: impl Fn(&[[PairAt<'_>; N]; 3]) -> ([[f32; N]; 6], u32),
+    judge: impl Fn(&[[PairAt<'_>; N]; 3]) -> Best<N>,
 ) {
     let all = u32::MAX >> (32 - N);
     let (groups, rest) = level.as_chunks::<N>();
@@ -100,20 +96,20 @@ pub(super) fn rotate_with<const N: usize>(
     let mut count = 0;
     for (entries, included) in groups.iter().map(|group| (group, all)).chain(last) {
         // All are replaced.
-        let mut pairs = [[nodes.pair_at(0); N]; 3];
+        let (mut pairs, mut links) = ([[nodes.pair_at(0); N]; 3], [[0; 2]; N]);
         for (i, &entry) in entries.iter().enumerate() {
-            let [link_l, link_r] = refit_height(nodes, entry);
+            links[i] = refit_height(nodes, entry);
             pairs[0][i] = nodes.pair_at(entry.first());
-            pairs[1][i] = nodes.children_at(link_l);
-            pairs[2][i] = nodes.children_at(link_r);
+            pairs[1][i] = nodes.children_at(links[i][0]);
+            pairs[2][i] = nodes.children_at(links[i][1]);
         }
-        let (changes, gains) = judge(&pairs);
-        let mut gains = gains & included;
+        let best = judge(&pairs);
+        let mut gains = best.gains & included;
         while gains != 0 {
             // `% N` spares checks of the index.
             let i = gains.trailing_zeros() as usize % N;
-            let [a, b, c, d, e, f] = &changes;
-            accepted.set(count, entries[i], [a[i], b[i], c[i], d[i], e[i], f[i], 0.0, 0.0]);
+            let (change, rotation) = (best.changes[i], best.rotations[i]);
+            accepted.0[count % (2 * LISTED)] = Gain { entry: entries[i], links: links[i], rotation, change };
             count += 1;
             gains &= gains - 1;
         }
@@ -121,24 +117,35 @@ pub(super) fn rotate_with<const N: usize>(
     accepted.apply(count, nodes, at, tally);
 }
 
-/// Nodes at which some rotation is a gain, and how the area would change under each, in the order
-/// of `Rotation::ALL`, and two zeros.
-#[derive(Zeroable)]
-pub(crate) struct Accepted {
-    entries: [Entry; 2 * LISTED],
-    changes: [[f32; 8]; 2 * LISTED],
+/// The best rotations of `N` nodes.
+pub(super) struct Best<const N: usize> {
+    /// Bits of the nodes at which a rotation is a gain.
+    pub(super) gains: u32,
+    /// The change of area under the best.
+    pub(super) changes: [f32; N],
+    /// Its number in `Rotation::ALL`.
+    pub(super) rotations: [u32; N],
 }
 
-impl Accepted {
-    /// Replaces number `i`.
-    #[inline(always)]
-    fn set(&mut self, i: usize, entry: Entry, changes: [f32; 8]) {
-        let i = i % (2 * LISTED);
-        (self.entries[i], self.changes[i]) = (entry, changes);
-    }
+/// A node at which a rotation is a gain.
+#[derive(Clone, Copy, Zeroable)]
+struct Gain {
+    entry: Entry,
+    /// Link words of its children.
+    links: [u32; 2],
+    /// Number of the best in `Rotation::ALL`.
+    rotation: u32,
+    /// What that changes the area by.
+    change: f32,
+}
 
-    /// Applies the best rotation of each of the first `count` nodes; given the nodes' depth, and
-    /// whether something is static.
+/// Where rotations are gains among the nodes of one level.
+#[derive(Zeroable)]
+pub(crate) struct Accepted([Gain; 2 * LISTED]);
+
+impl Accepted {
+    /// Applies the first `count` rotations; given the nodes' depth, and whether something is
+    /// static.
     #[inline(always)]
     fn apply(
         &self,
@@ -147,83 +154,81 @@ impl Accepted {
         (depth, is_partly_static): (u32, bool),
         tally: &mut Tally,
     ) {
-        for (&entry, &changes) in self.entries.iter().zip(&self.changes).take(count) {
-            let (rotation, pair) = (best(changes), entry.first());
+        for &Gain { entry, links, rotation, change } in self.0.iter().take(count) {
+            let rotation = Rotation::ALL[rotation as usize % Rotation::ALL.len()];
+            let pair = entry.first();
             // A rotation makes a tree higher by one at most.
             let is_cautious = is_partly_static || nodes.get(entry.slot()).height() + depth >= MAX_HEIGHT;
             let before = is_cautious.then(|| nodes.pair(pair));
-            swap(nodes, pair, rotation);
+            let height = swap(nodes, pair, links, rotation);
             let mut static_change = 0.0;
             if let Some(before) = before {
-                let after = nodes.pair(pair);
-                if depth + 1 + after[0].height().max(after[1].height()) > MAX_HEIGHT {
+                if depth + height > MAX_HEIGHT {
                     // Back again. A static child may have had a box that was not tight.
-                    swap(nodes, pair, rotation);
+                    swap(nodes, pair, links, rotation);
                     (0..2).for_each(|i| nodes.set(pair + i, before[i]));
                     continue;
                 }
-                let [first, last] = rotation.touched();
+                let (after, [first, last]) = (nodes.pair(pair), rotation.touched());
                 let change = |i: usize| after[i].static_term() - before[i].static_term();
                 static_change = (first..=last).map(change).sum();
             }
-            refit_height(nodes, entry);
-            let change = f64::from(changes[rotation as usize]);
+            nodes.set_height(entry.slot(), height);
             tally.rotations[rotation as usize] += 1;
-            tally.area += change - static_change;
+            tally.area += f64::from(change) - static_change;
             tally.static_area += static_change;
         }
     }
 }
 
-/// What is no gain becomes 0, NaN among it: a comparison with NaN is false on every target, while
-/// its minimum with a number is either of them.
+/// Rotates at the parent of a pair, given the link words there: swaps two nodes and refits the
+/// children that got another child. Gives the parent's height.
+///
+/// All is read before anything is written, as what was just stored by halves is slow to read as a
+/// whole.
 #[inline(always)]
-fn gain(changes: Vec4) -> Vec4 {
-    Vec4::select(changes.cmplt(Vec4::ZERO), changes, Vec4::ZERO)
-}
-
-/// As [`rotation::best`](bvh_core::rotation::best), where some change is below zero, without
-/// branches.
-#[inline(always)]
-fn best(changes: [f32; 8]) -> Rotation {
-    let [a, b]: [Vec4; 2] = bytemuck::cast(changes);
-    let [a, b] = [gain(a), gain(b)];
-    let least = Vec4::splat(a.min(b).min_element());
-    let is_least = a.cmpeq(least).bitmask() | b.cmpeq(least).bitmask() << 4;
-    Rotation::ALL[is_least.trailing_zeros() as usize % Rotation::ALL.len()]
-}
-
-/// Rotates at the parent of a pair: swaps two nodes and refits the children that got another child.
-#[inline(always)]
-fn swap(nodes: SharedNodes<'_>, pair: usize, rotation: Rotation) {
-    let [l, r] = nodes.pair(pair);
-    let families = [pair, l.first(), r.first()];
-    let [a, b] = rotation.places().map(|(family, side)| families[family] + side);
-    let (at_a, at_b) = (nodes.get(a), nodes.get(b));
+fn swap(nodes: SharedNodes<'_>, pair: usize, links: [u32; 2], rotation: Rotation) -> u32 {
+    let [first_l, first_r] = links.map(|link| (link & Node::INDEX) as usize);
+    let firsts = [pair, first_l, first_r];
+    let [(of_a, side_a), (of_b, side_b)] = rotation.places();
+    let (a, b) = (firsts[of_a] + side_a, firsts[of_b] + side_b);
+    let (at_a, at_b, beside_b) = (nodes.get(a), nodes.get(b), nodes.get(b ^ 1));
+    // Of a child of N, given its new children.
+    let refit = |family: usize, l: Node, r: Node| {
+        let mut child = nodes.get(pair + family - 1);
+        child.refit(&l, &r);
+        nodes.set(pair + family - 1, child);
+        child.height()
+    };
+    let height_a = if of_a == 0 { at_b.height() } else { refit(of_a, at_b, nodes.get(a ^ 1)) };
+    let height_b = refit(of_b, at_a, beside_b);
     nodes.set(a, at_b);
     nodes.set(b, at_a);
-    // One child twice, where the other gets none: without a branch.
-    for child in rotation.touched() {
-        let mut node = nodes.get(pair + child);
-        let [l, r] = nodes.pair(node.first());
-        node.refit(&l, &r);
-        nodes.set(pair + child, node);
-    }
+    1 + height_a.max(height_b)
 }
 
 #[cfg(test)]
 mod tests {
+    use bvh_core::glam::Vec4;
+    use bvh_core::rotation;
+
+    use super::super::scalar;
     use super::*;
 
     #[test]
     fn the_best_rotation_is_that_of_the_definition() {
         let values = [f32::NAN, f32::NEG_INFINITY, f32::INFINITY, -2.0, -1.0, 0.0];
-        for case in 0..6_u32.pow(6) {
-            let changes: [f32; 6] =
-                std::array::from_fn(|i| values[(case / 6_u32.pow(i as u32) % 6) as usize]);
-            let Some(expected) = bvh_core::rotation::best(changes) else { continue };
-            let lanes = std::array::from_fn(|i| changes.get(i).copied().unwrap_or_default());
-            assert_eq!(best(lanes), expected, "{changes:?}");
+        let changes =
+            |case: u32| [1, 6, 36, 216, 1296, 7776].map(|place| values[(case / place % 6) as usize]);
+        for first in (0..6_u32.pow(6)).step_by(4) {
+            let cases = [0, 1, 2, 3].map(|lane| changes(first + lane));
+            let best = scalar::best(std::array::from_fn(|i| Vec4::from_array(cases.map(|case| case[i]))));
+            for (lane, case) in cases.into_iter().enumerate() {
+                let rotation = Rotation::ALL[best.rotations[lane] as usize];
+                let found = (best.gains >> lane & 1 != 0).then_some(rotation);
+                assert_eq!(found, rotation::best(case), "{case:?}");
+                assert!(found.is_none() || best.changes[lane] == case[rotation as usize], "{case:?}");
+            }
         }
     }
 }

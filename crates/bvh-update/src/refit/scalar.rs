@@ -7,7 +7,7 @@ use bvh_core::glam::{Mat4, Vec4};
 use super::Tally;
 use super::block::{Block, Entry, Leaves, Lister};
 pub(super) use super::kernels::{fit_leaves, refit_boxes};
-use super::rotations::{self, Accepted, Boxes, define_rotate};
+use super::rotations::{self, Accepted, Best, Boxes, define_rotate};
 use super::shared::{PairAt, SharedNodes};
 
 /// See [`Block::walk`].
@@ -43,11 +43,17 @@ fn boxes(pairs: &[PairAt<'_>; WIDTH], side: usize) -> Boxes<Vec4> {
     Boxes { min: half(0), max: half(1) }
 }
 
-/// Which nodes have a change below zero. A NaN is no gain.
+/// The best rotation of each node, given the changes under all. A NaN is no gain.
 #[inline(always)]
-fn gains(changes: [Vec4; 6]) -> u32 {
-    let [a, b, c, d, e, f] = changes.map(|change| change.cmplt(Vec4::ZERO));
-    (a | b | c | d | e | f).bitmask()
+pub(super) fn best(changes: [Vec4; 6]) -> Best<WIDTH> {
+    let (mut least, mut rotations) = (Vec4::ZERO, Vec4::ZERO);
+    for (i, change) in (0..).zip(changes) {
+        let is_less = change.cmplt(least);
+        least = Vec4::select(is_less, change, least);
+        rotations = Vec4::select(is_less, Vec4::splat(f32::from_bits(i)), rotations);
+    }
+    let gains = least.cmplt(Vec4::ZERO).bitmask();
+    Best { gains, changes: least.to_array(), rotations: bytemuck::cast(rotations) }
 }
 
 define_rotate! {
