@@ -58,10 +58,10 @@ const WEIGHT: u64 = 512;
 /// pairs.
 pub(crate) const SMALL: usize = 2 * LISTED;
 
-/// Cache lines, of a pair each, to fetch for a subtree whose turn is next: as built they lie in one
-/// piece, and rotations leave them nearly so.
+/// Cache lines, of a pair each, to fetch for each leaf that is fitted: as built, what comes next
+/// lies in one piece, and rotations leave it nearly so.
 // Half and double: docs/TUNING.md.
-const LINES: usize = 4;
+const LINES: usize = 2;
 
 /// The budget of rotations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -298,13 +298,10 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             dispatch!(level, walk(block, self.nodes, roots, leaves));
             watch.lap(|cost| &mut cost.list);
             let [(rest, _), (below, _)] = block.frontier();
-            let next =
-                [rest, below, around.next].into_iter().find(|roots| !roots.is_empty()).unwrap_or_default();
-            let fetch = |i: usize| {
-                if let Some(root) = next.get(i / LINES) {
-                    self.nodes.prefetch(root.first() + 2 * (i % LINES));
-                }
-            };
+            let next = [rest, below, around.next].into_iter().find_map(|roots| roots.first());
+            let next = next.map_or(0, |root| root.first());
+            let fetch =
+                |i: usize| (0..LINES).for_each(|line| self.nodes.prefetch(next + 2 * (LINES * i + line)));
             self.fit_leaves(leaves, fetch, &mut tally);
             watch.lap(|cost| &mut cost.leaves);
         });
