@@ -2,14 +2,15 @@
 //! scheduled on many workers.
 //!
 //! ```text
-//! cargo run --release -p pivot-benches --example refit_cost -- [SCENE ...] [--threads=N]
+//! cargo run --release -p pivot-benches --example refit_cost -- [SCENE ...] [--threads=N] [--cold]
 //!     scenes: still, sheet, numbers, pieces, sixteenth, uneven, large
 //! RUSTFLAGS='--cfg refit_without="validity"' cargo run ...      without one guard of three
 //! ```
 //!
 //! The other guards are `heights` and `moving`.
 //!
-//! The program updates on one thread, or on N with `--threads=N`. It prints the median and the
+//! The program updates on one thread, or on N with `--threads=N`. With `--cold` it writes 64 MB
+//! before each update, as an engine does between two frames. It prints the median and the
 //! least frame, and the stages of the least frame that it recorded, as sums over all threads.
 //!
 //! The schedule is that of a pool whose workers steal, as rayon's do, with the prices of a join and
@@ -211,6 +212,7 @@ fn measure(
     level: SimdLevel,
     with_sums: bool,
     out_of_order: bool,
+    between: &mut [u64],
 ) {
     let indices = scene.indices();
     let count = indices.len() as f64;
@@ -241,6 +243,8 @@ fn measure(
         if frame == frames {
             updater.record_costs();
         }
+        between.iter_mut().for_each(|word| *word += 1);
+        black_box(&mut *between);
         let update = || updater.set_strategy(*strategy).update(&mut bvh, &triangles).expect("same count");
         let (took, report) = timed(update);
         let moving = (report.nodes_visited as f64 + 1.0) / 2.0;
@@ -284,6 +288,8 @@ fn main() {
         std::env::args().skip(1).partition(|a| a.starts_with("--"));
     let threads = flags.iter().find_map(|f| f.strip_prefix("--threads="));
     let threads = threads.map_or(1, |n| n.parse().expect("a number of threads"));
+    let is_cold = flags.iter().any(|f| f == "--cold");
+    let between = &mut vec![0; if is_cold { 8 << 20 } else { 0 }][..];
     let without: Vec<_> = [
         (cfg!(refit_without = "validity"), "validity"),
         (cfg!(refit_without = "heights"), "heights"),
@@ -295,7 +301,7 @@ fn main() {
     let prices = Prices::measured();
     let Prices { join, theft } = prices;
     println!("a join: {join} ns; a theft: {theft} ns");
-    println!("ns per moving triangle, threads: {threads}; without: {without:?}");
+    println!("ns per moving triangle, threads: {threads}; cold: {is_cold}; without: {without:?}");
     println!(
         "{:46} {:>8} {:>7} {:>7} {:>7} {:>7} {:>9} {:>8} {:>7} efficiency on 8, 16, 64 workers",
         "", "median", "least", "list", "leaves", "boxes", "rotations", "applied", "blocks"
@@ -308,12 +314,12 @@ fn main() {
     {
         pool.install(|| {
             let best = SimdLevel::best();
-            measure(scene, prices, &Strategy::Refit, best, false, false);
-            measure(scene, prices, &Strategy::Refit, best, false, true);
+            measure(scene, prices, &Strategy::Refit, best, false, false, between);
+            measure(scene, prices, &Strategy::Refit, best, false, true, between);
             for level in SimdLevel::available() {
-                measure(scene, prices, &rotate, level, false, false);
+                measure(scene, prices, &rotate, level, false, false, between);
             }
-            measure(scene, prices, &rotate, best, true, false);
+            measure(scene, prices, &rotate, best, true, false, between);
         });
     }
 }
