@@ -9,8 +9,8 @@
 //!
 //! The other guards are `heights` and `moving`.
 //!
-//! The program updates on one thread, or on N with `--threads=N`. With `--cold` it writes 64 MB
-//! before each update, as an engine does between two frames. It prints the median and the
+//! The program updates on one thread, or on N with `--threads=N`. With `--cold` it writes 64 MiB
+//! before each update, so that the update finds nothing in the caches. It prints the median and the
 //! least frame, and the stages of the least frame that it recorded, as sums over all threads.
 //!
 //! The schedule is that of a pool whose workers steal, as rayon's do, with the prices of a join and
@@ -212,7 +212,7 @@ fn measure(
     level: SimdLevel,
     with_sums: bool,
     out_of_order: bool,
-    between: &mut [u64],
+    other_data: &mut [u64],
 ) {
     let indices = scene.indices();
     let count = indices.len() as f64;
@@ -243,8 +243,8 @@ fn measure(
         if frame == frames {
             updater.record_costs();
         }
-        between.iter_mut().for_each(|word| *word += 1);
-        black_box(&mut *between);
+        other_data.iter_mut().for_each(|word| *word += 1);
+        black_box(&mut *other_data);
         let update = || updater.set_strategy(*strategy).update(&mut bvh, &triangles).expect("same count");
         let (took, report) = timed(update);
         let moving = (report.nodes_visited as f64 + 1.0) / 2.0;
@@ -289,7 +289,7 @@ fn main() {
     let threads = flags.iter().find_map(|f| f.strip_prefix("--threads="));
     let threads = threads.map_or(1, |n| n.parse().expect("a number of threads"));
     let is_cold = flags.iter().any(|f| f == "--cold");
-    let between = &mut vec![0; if is_cold { 8 << 20 } else { 0 }][..];
+    let other_data = &mut vec![0; if is_cold { 8 << 20 } else { 0 }][..];
     let without: Vec<_> = [
         (cfg!(refit_without = "validity"), "validity"),
         (cfg!(refit_without = "heights"), "heights"),
@@ -314,12 +314,12 @@ fn main() {
     {
         pool.install(|| {
             let best = SimdLevel::best();
-            measure(scene, prices, &Strategy::Refit, best, false, false, between);
-            measure(scene, prices, &Strategy::Refit, best, false, true, between);
+            measure(scene, prices, &Strategy::Refit, best, false, false, other_data);
+            measure(scene, prices, &Strategy::Refit, best, false, true, other_data);
             for level in SimdLevel::available() {
-                measure(scene, prices, &rotate, level, false, false, between);
+                measure(scene, prices, &rotate, level, false, false, other_data);
             }
-            measure(scene, prices, &rotate, best, true, false, between);
+            measure(scene, prices, &rotate, best, true, false, other_data);
         });
     }
 }

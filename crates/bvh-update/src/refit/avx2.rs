@@ -12,7 +12,7 @@ use bvh_core::Primitives;
 
 use super::block::{Block, Entry, Leaves, Lister};
 use super::kernels;
-use super::rotations::{self, Accepted, Best, Boxes, define_rotate};
+use super::rotations::{self, Accepted, BestRotations, Boxes, define_rotate};
 use super::shared::{PairAt, SharedNodes};
 use super::{Tally, scalar};
 
@@ -37,12 +37,12 @@ pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
     order: &[u32],
-    padded: &[Entry],
+    leaves: &mut Leaves,
     fetch: impl Fn(usize),
     of_one: bool,
     with_sums: bool,
 ) -> Option<f64> {
-    kernels::fit_leaves(nodes, primitives, order, padded, fetch, of_one, with_sums)
+    kernels::fit_leaves(nodes, primitives, order, leaves, fetch, of_one, with_sums)
 }
 
 /// See [`kernels::refit_boxes`].
@@ -93,7 +93,7 @@ fn boxes(pairs: &[PairAt<'_>; WIDTH], side: usize) -> Boxes<__m256> {
 /// The best rotation of each node, given the changes under all. A NaN is no gain.
 #[target_feature(enable = "avx2,bmi1,bmi2")]
 #[inline]
-fn best(changes: [__m256; 6]) -> Best<WIDTH> {
+fn best(changes: [__m256; 6]) -> BestRotations<WIDTH> {
     let zero = _mm256_setzero_ps();
     let (mut least, mut rotations) = (zero, zero);
     for (i, change) in (0..).zip(changes) {
@@ -102,7 +102,7 @@ fn best(changes: [__m256; 6]) -> Best<WIDTH> {
         rotations = _mm256_blendv_ps(rotations, _mm256_castsi256_ps(_mm256_set1_epi32(i)), is_less);
     }
     let gains = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(least, zero)) as u32;
-    Best { gains, changes: bytemuck::cast(least), rotations: bytemuck::cast(rotations) }
+    BestRotations { gains, changes: bytemuck::cast(least), rotations: bytemuck::cast(rotations) }
 }
 
 define_rotate! {

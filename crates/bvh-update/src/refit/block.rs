@@ -75,7 +75,8 @@ impl<const N: usize> List<N> {
         &self.entries[..self.count]
     }
 
-    /// All, and behind them the last one `n` times, for who looks ahead.
+    /// All, and `n` copies of the last one, so that a loop can look `n` entries ahead. Empty if the
+    /// list is. There must be room.
     pub(super) fn padded(&mut self, n: usize) -> &[Entry] {
         let Some(&last) = self.all().last() else { return &[] };
         self.entries[self.count..][..n].fill(last);

@@ -7,16 +7,17 @@ use bvh_core::glam::Vec4;
 use bvh_core::{Aabb, COST_INTERSECT, Node, Primitives};
 
 use super::Tally;
-use super::block::Entry;
+use super::block::{Entry, Leaves};
 use super::shared::SharedNodes;
 
 /// How many leaves ahead the corners of triangles are fetched.
 // Other distances: docs/TUNING.md.
 const AHEAD: usize = 12;
 
-/// How many leaves ahead their indices are fetched.
+/// How many leaves ahead their indices are fetched: long before the corners, which cannot be asked
+/// for without them.
 // Other distances: docs/TUNING.md.
-pub(super) const INDICES_AHEAD: usize = 3 * AHEAD;
+const INDICES_AHEAD: usize = 3 * AHEAD;
 
 /// A sum of half areas, as sums of products `xy`, `yz`, `zx`, and one without meaning.
 ///
@@ -67,26 +68,25 @@ pub(super) fn primitive_in(order: &[u32], slot: usize) -> usize {
 
 /// Fits leaves to their primitives, and gives the sum of areas; `None` if some have no primitive,
 /// or primitives without a box: then `fit_leaf` has to fit each of them again. Where each has one,
-/// as `of_one` says, entries name primitives, else slots of the order. The last of `padded` are not
-/// fitted: [`INDICES_AHEAD`] entries like the last leaf. `fetch` is called with the number of each
-/// leaf, to ask for what will be needed next.
+/// as `of_one` says, entries name primitives, else slots of the order. `fetch` is called with the
+/// number of each leaf, to ask for what will be needed next.
 #[inline(always)]
 pub(super) fn fit_leaves<P: Primitives + ?Sized>(
     nodes: SharedNodes<'_>,
     primitives: &P,
     order: &[u32],
-    padded: &[Entry],
+    leaves: &mut Leaves,
     fetch: impl Fn(usize),
     of_one: bool,
     with_sums: bool,
 ) -> Option<f64> {
     // One loop for all takes longer: docs/UPDATE_COST.md.
     if of_one {
-        fit_valid::<_, true>(nodes, primitives, &[], padded, fetch, with_sums)
+        fit_valid::<_, true>(nodes, primitives, &[], leaves, fetch, with_sums)
     } else if order.is_empty() {
-        fit_valid::<_, false>(nodes, primitives, &[], padded, fetch, with_sums)
+        fit_valid::<_, false>(nodes, primitives, &[], leaves, fetch, with_sums)
     } else {
-        fit_valid::<_, false>(nodes, primitives, order, padded, fetch, with_sums)
+        fit_valid::<_, false>(nodes, primitives, order, leaves, fetch, with_sums)
     }
 }
 
@@ -96,12 +96,13 @@ fn fit_valid<P: Primitives + ?Sized, const OF_ONE: bool>(
     nodes: SharedNodes<'_>,
     primitives: &P,
     order: &[u32],
-    padded: &[Entry],
+    leaves: &mut Leaves,
     fetch: impl Fn(usize),
     with_sums: bool,
 ) -> Option<f64> {
     let (mut sum, mut validity) = (AreaSum::default(), Vec4::ZERO);
     let first = |entry: &Entry| primitive_in(order, entry.first());
+    let padded = leaves.padded(INDICES_AHEAD);
     padded.iter().take(INDICES_AHEAD).for_each(|entry| primitives.prefetch_index(first(entry)));
     padded.iter().take(AHEAD).for_each(|entry| primitives.prefetch_data(first(entry)));
     for (i, window) in padded.windows(INDICES_AHEAD + 1).enumerate() {

@@ -90,8 +90,8 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         let mut lister = Lister::new(&[], inner, included, leaves);
         dispatch!(self.options.level, sweep(self.nodes, pairs.clone(), &mut lister));
         lister.finish();
-        // There are about as many leaves as pairs. Before the first stretch lies nothing, which does
-        // no harm.
+        // There are about as many leaves as pairs. The first stretch fetches what lies before the
+        // arena, which faults nowhere.
         let fetch = |i: usize| self.nodes.prefetch((2 * (pairs.start + i)).wrapping_sub(2 * STRETCH));
         self.fit_leaves(leaves, fetch, tally);
         dispatch!(self.options.level, refit_boxes(self.nodes, inner.all(), self.options.with_sums, tally));

@@ -17,7 +17,7 @@
 use bvh_core::{Bvh, OnPanic, Primitives, SimdLevel, sah_cost};
 
 use self::block::{Block, Entry, LISTED, Leaves, Lists};
-use self::kernels::{INDICES_AHEAD, fit_leaf, primitive_in, refit_height};
+use self::kernels::{fit_leaf, primitive_in, refit_height};
 use self::memory::{SPARE_BLOCKS, SPARE_LISTS, lend};
 use self::shared::{Available, dispatch};
 use crate::report::Update;
@@ -60,7 +60,7 @@ pub(crate) const SMALL: usize = 2 * LISTED;
 
 /// Cache lines, of a pair each, to fetch for each leaf that is fitted: as built, what comes next
 /// lies in one piece, and rotations leave it nearly so.
-// Half and double: docs/TUNING.md.
+// Half and double: docs/UPDATE_COST.md.
 const LINES: usize = 2;
 
 /// The budget of rotations.
@@ -184,9 +184,9 @@ impl PassOptions {
 
 /// Where some subtrees stand among others.
 #[derive(Clone, Copy, Default)]
-struct Around<'a> {
-    /// Roots whose turn may be next.
-    next: &'a [Entry],
+struct Around {
+    /// The pair below the root whose turn is next, or 0 where none is.
+    next: usize,
     /// The block above, if they are counted.
     block: Option<usize>,
 }
@@ -257,7 +257,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     }
 
     /// Updates the subtrees below roots of one depth.
-    fn subtrees(&self, roots: &[Entry], depth: u32, around: Around<'_>) -> Tally {
+    fn subtrees(&self, roots: &[Entry], depth: u32, around: Around) -> Tally {
         let is_heavy = self.is_heavy(roots);
         match roots.len() {
             0 => Tally::default(),
@@ -267,7 +267,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             }),
             len => {
                 let (a, b) = roots.split_at(len / 2);
-                let before_b = Around { next: b, ..around };
+                let before_b = Around { next: b[0].first(), ..around };
                 let (a, b) =
                     rayon::join(|| self.subtrees(a, depth, before_b), || self.subtrees(b, depth, around));
                 a.and(&b)
@@ -290,7 +290,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
     }
 
     /// Updates the subtrees below a few roots: a block of nodes, and what is below it.
-    fn block(&self, block: &mut Block, roots: &[Entry], around: Around<'_>) -> Tally {
+    fn block(&self, block: &mut Block, roots: &[Entry], around: Around) -> Tally {
         let &PassOptions { level, with_sums, ref costs } = self.options;
         let mut tally = Tally::default();
         let mut watch = Stopwatch::start(costs.as_ref(), around.block);
@@ -298,8 +298,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
             dispatch!(level, walk(block, self.nodes, roots, leaves));
             watch.lap(|cost| &mut cost.list);
             let [(rest, _), (below, _)] = block.frontier();
-            let next = [rest, below, around.next].into_iter().find_map(|roots| roots.first());
-            let next = next.map_or(0, |root| root.first());
+            let next = rest.first().or(below.first()).map_or(around.next, |root| root.first());
             let fetch =
                 |i: usize| (0..LINES).for_each(|line| self.nodes.prefetch(next + 2 * (LINES * i + line)));
             self.fit_leaves(leaves, fetch, &mut tally);
@@ -307,7 +306,7 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
         });
         let [(rest, rest_depth), (below, below_depth)] = block.frontier();
         let after = Around { block: watch.block, ..around };
-        let next = if below.is_empty() { around.next } else { below };
+        let next = below.first().map_or(around.next, |root| root.first());
         // A join that does nothing still takes microseconds outside of the pool.
         if !rest.is_empty() || !below.is_empty() {
             let (rest, below) = rayon::join(
@@ -334,10 +333,9 @@ impl<P: Primitives + ?Sized> Task<'_, P> {
                 *entry = Entry::new(entry.slot(), primitive_in(order, entry.first()) as u32);
             }
         }
-        let padded = leaves.padded(INDICES_AHEAD);
         let area = dispatch!(
             options.level,
-            fit_leaves(nodes, primitives, order, padded, fetch, of_one, options.with_sums)
+            fit_leaves(nodes, primitives, order, leaves, fetch, of_one, options.with_sums)
         );
         let Some(area) = area else {
             leaves.all().iter().for_each(|entry| fit_leaf(nodes, primitives, order, entry.slot(), tally));

@@ -23,9 +23,10 @@ pub(super) struct Boxes<V> {
 /// SIMD level cannot be generic over its vectors without `unsafe`.
 ///
 /// The arguments are the arithmetic of the module's vectors. The module gives their `WIDTH`, the
-/// `boxes` of the nodes on one side, 0 or 1, of all pairs, and the `best` rotation of each. Areas are computed in the order of
-/// [`Aabb::half_area`](bvh_core::Aabb::half_area), and changes in that of
-/// [`area_changes`](bvh_core::rotation::area_changes), so the bits are the same everywhere.
+/// `boxes` of the nodes on one side, 0 or 1, of all pairs, and the `best` rotation of each node.
+/// Areas are computed in the order of [`Aabb::half_area`](bvh_core::Aabb::half_area), and changes
+/// in that of [`area_changes`](bvh_core::rotation::area_changes), so the bits are the same
+/// everywhere.
 macro_rules! define_rotate {
     (
         $(#[$attribute:meta])*
@@ -76,7 +77,8 @@ pub(super) use define_rotate;
 /// Refits the heights of the nodes of one level, judges `N` of them at a time, and applies what is
 /// a gain. `at` is their depth, and whether something is static.
 ///
-/// `judge` is given three pairs of each node, its children and those of either child.
+/// `judge` is given three pairs of each node, its children and those of either child, and gives the
+/// best rotation of each.
 #[inline(always)]
 pub(super) fn rotate_with<const N: usize>(
     nodes: SharedNodes<'_>,
@@ -84,7 +86,7 @@ pub(super) fn rotate_with<const N: usize>(
     at: (u32, bool),
     accepted: &mut Accepted,
     tally: &mut Tally,
-    judge: impl Fn(&[[PairAt<'_>; N]; 3]) -> Best<N>,
+    judge: impl Fn(&[[PairAt<'_>; N]; 3]) -> BestRotations<N>,
 ) {
     let all = u32::MAX >> (32 - N);
     let (groups, rest) = level.as_chunks::<N>();
@@ -118,12 +120,12 @@ pub(super) fn rotate_with<const N: usize>(
 }
 
 /// The best rotations of `N` nodes.
-pub(super) struct Best<const N: usize> {
+pub(super) struct BestRotations<const N: usize> {
     /// Bits of the nodes at which a rotation is a gain.
     pub(super) gains: u32,
     /// The change of area under the best.
     pub(super) changes: [f32; N],
-    /// Its number in `Rotation::ALL`.
+    /// The best, as an index into `Rotation::ALL`.
     pub(super) rotations: [u32; N],
 }
 
@@ -133,9 +135,9 @@ struct Gain {
     entry: Entry,
     /// Link words of its children.
     links: [u32; 2],
-    /// Number of the best in `Rotation::ALL`.
+    /// The best rotation, as an index into `Rotation::ALL`.
     rotation: u32,
-    /// What that changes the area by.
+    /// The change of area under it.
     change: f32,
 }
 
@@ -181,11 +183,11 @@ impl Accepted {
     }
 }
 
-/// Rotates at the parent of a pair, given the link words there: swaps two nodes and refits the
+/// Rotates at the parent of a pair, given the pair's link words: swaps two nodes and refits the
 /// children that got another child. Gives the parent's height.
 ///
-/// All is read before anything is written, as what was just stored by halves is slow to read as a
-/// whole.
+/// Reads nothing that it has stored: a node that was just stored by halves is slow to read as a
+/// whole. The second of a rotation's places is a grandchild.
 #[inline(always)]
 fn swap(nodes: SharedNodes<'_>, pair: usize, links: [u32; 2], rotation: Rotation) -> u32 {
     let [first_l, first_r] = links.map(|link| (link & Node::INDEX) as usize);

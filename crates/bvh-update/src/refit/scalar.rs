@@ -7,7 +7,7 @@ use bvh_core::glam::{Mat4, Vec4};
 use super::Tally;
 use super::block::{Block, Entry, Leaves, Lister};
 pub(super) use super::kernels::{fit_leaves, refit_boxes};
-use super::rotations::{self, Accepted, Best, Boxes, define_rotate};
+use super::rotations::{self, Accepted, BestRotations, Boxes, define_rotate};
 use super::shared::{PairAt, SharedNodes};
 
 /// See [`Block::walk`].
@@ -45,7 +45,7 @@ fn boxes(pairs: &[PairAt<'_>; WIDTH], side: usize) -> Boxes<Vec4> {
 
 /// The best rotation of each node, given the changes under all. A NaN is no gain.
 #[inline(always)]
-pub(super) fn best(changes: [Vec4; 6]) -> Best<WIDTH> {
+pub(super) fn best(changes: [Vec4; 6]) -> BestRotations<WIDTH> {
     let (mut least, mut rotations) = (Vec4::ZERO, Vec4::ZERO);
     for (i, change) in (0..).zip(changes) {
         let is_less = change.cmplt(least);
@@ -53,7 +53,7 @@ pub(super) fn best(changes: [Vec4; 6]) -> Best<WIDTH> {
         rotations = Vec4::select(is_less, Vec4::splat(f32::from_bits(i)), rotations);
     }
     let gains = least.cmplt(Vec4::ZERO).bitmask();
-    Best { gains, changes: least.to_array(), rotations: bytemuck::cast(rotations) }
+    BestRotations { gains, changes: least.to_array(), rotations: bytemuck::cast(rotations) }
 }
 
 define_rotate! {
