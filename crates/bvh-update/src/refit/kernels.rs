@@ -16,7 +16,7 @@ const AHEAD: usize = 12;
 
 /// How many leaves ahead their indices are fetched: long before the corners, which cannot be asked
 /// for without them.
-// Other distances: docs/TUNING.md.
+// Other distances: docs/UPDATE_COST.md.
 const INDICES_AHEAD: usize = 3 * AHEAD;
 
 /// A sum of half areas, as sums of products `xy`, `yz`, `zx`, and one without meaning.
