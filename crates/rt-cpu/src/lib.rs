@@ -27,7 +27,6 @@
 //! box of a leaf with one triangle for the triangle's own.
 
 #![forbid(unsafe_code)]
-#![expect(clippy::too_many_arguments, reason = "what is inlined into one loop has no struct for its state")]
 
 mod bundle;
 mod bvh8;

@@ -129,40 +129,66 @@ pub(crate) struct Found<V> {
 
 /// A triangle test in lanes, with the bits of [`Test::test`].
 pub(crate) trait WideTest: Test {
-    /// Tests the lanes in `active`. Coordinates of corners are one for each lane, or one for all.
-    fn wide<S: Simd, V: Lanes<S>, const N: usize>(
+    /// The axes in whose order [`wide`](Self::wide) takes coordinates of corners.
+    #[inline(always)]
+    fn axes(_: &RayOctant) -> [usize; 3] {
+        [0, 1, 2]
+    }
+
+    /// Tests the lanes in `active`. With `early` it ends once all of them have missed, which pays
+    /// where most do: elsewhere nobody can guess that branch.
+    fn wide<S: Simd, V: Lanes<S>>(
         simd: S,
         rays: &Rays<V>,
-        corners: [&[[f32; N]; 3]; 3],
+        corners: &[[V; 3]; 3],
         active: u64,
+        early: bool,
     ) -> Found<V>;
 }
 
-/// Numbers for each lane, or one for all.
+/// Corners as a test takes them. Coordinates are one for each lane, or one for all.
 #[inline(always)]
-fn load_or_splat<S: Simd, V: Lanes<S>>(simd: S, numbers: &[f32]) -> V {
-    if let &[number] = numbers { V::simd_from(simd, number) } else { V::from_slice(simd, numbers) }
+pub(crate) fn corners<S: Simd, T: WideTest, V: Lanes<S>, const N: usize>(
+    simd: S,
+    octant: &RayOctant,
+    corners: [&[[f32; N]; 3]; 3],
+) -> [[V; 3]; 3] {
+    let mut loaded = [splat3(simd, Vec3::ZERO); 3];
+    for (to, from) in loaded.iter_mut().zip(corners) {
+        for (to, axis) in to.iter_mut().zip(T::axes(octant)) {
+            *to = match from[axis][..] {
+                [number] => V::simd_from(simd, number),
+                ref numbers => V::from_slice(simd, numbers),
+            };
+        }
+    }
+    loaded
 }
 
 impl WideTest for Watertight {
     #[inline(always)]
-    fn wide<S: Simd, V: Lanes<S>, const N: usize>(
+    fn axes(octant: &RayOctant) -> [usize; 3] {
+        octant.axes
+    }
+
+    #[inline(always)]
+    fn wide<S: Simd, V: Lanes<S>>(
         simd: S,
         rays: &Rays<V>,
-        corners: [&[[f32; N]; 3]; 3],
+        corners: &[[V; 3]; 3],
         active: u64,
+        early: bool,
     ) -> Found<V> {
-        let [kx, ky, kz] = rays.octant.axes;
         let zero = V::simd_from(simd, 0.0);
         let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
         // All of it negated, and the reciprocal too, which changes nothing but the signs of zeros:
         // what is subtracted comes straight from memory, and a corner that is the same for all
         // lanes straight into all of them.
         let [ox, oy, oz]: [V; 3] = splat3(simd, rays.octant.origin_along);
-        for (i, corner) in corners.into_iter().enumerate() {
-            z[i] = oz - load_or_splat::<S, V>(simd, &corner[kz]);
-            x[i] = ox - load_or_splat::<S, V>(simd, &corner[kx]) - rays.shear[0] * z[i];
-            y[i] = oy - load_or_splat::<S, V>(simd, &corner[ky]) - rays.shear[1] * z[i];
+        for (i, corner) in corners.iter().enumerate() {
+            z[i] = oz - corner[2];
+            x[i] = ox - corner[0] - rays.shear[0] * z[i];
+            y[i] = oy - corner[1] - rays.shear[1] * z[i];
         }
         let wa = x[2] * y[1] - y[2] * x[1];
         let wb = x[0] * y[2] - y[0] * x[2];
@@ -171,7 +197,7 @@ impl WideTest for Watertight {
         let greatest = max(max(wa, wb), wc);
         let outside = least.simd_lt(zero) & greatest.simd_gt(zero);
         let inside = !outside.to_bitmask() & active;
-        if inside == 0 {
+        if early && inside == 0 {
             return Found { lanes: 0, unsure: 0, t: zero, u: zero, v: zero };
         }
         let det = wa + wb + wc;
@@ -190,18 +216,19 @@ impl WideTest for Watertight {
 
 impl WideTest for MollerTrumbore {
     #[inline(always)]
-    fn wide<S: Simd, V: Lanes<S>, const N: usize>(
+    fn wide<S: Simd, V: Lanes<S>>(
         simd: S,
         rays: &Rays<V>,
-        corners: [&[[f32; N]; 3]; 3],
+        corners: &[[V; 3]; 3],
         active: u64,
+        _: bool,
     ) -> Found<V> {
         let mut s = splat3(simd, rays.octant.origin);
         let (mut e1, mut e2) = (s, s);
         for k in 0..3 {
-            let a = load_or_splat::<S, V>(simd, &corners[0][k]);
-            e1[k] = load_or_splat::<S, V>(simd, &corners[1][k]) - a;
-            e2[k] = load_or_splat::<S, V>(simd, &corners[2][k]) - a;
+            let [a, b, c] = corners.map(|c| c[k]);
+            e1[k] = b - a;
+            e2[k] = c - a;
             s[k] -= a;
         }
         let (p, q) = (cross(rays.direction, e2), cross(s, e1));
@@ -225,11 +252,12 @@ fn widen<S: Simd>(simd: S, numbers: &[f32], at: usize) -> f64x8<S> {
 
 impl WideTest for Double {
     #[inline(always)]
-    fn wide<S: Simd, V: Lanes<S>, const N: usize>(
+    fn wide<S: Simd, V: Lanes<S>>(
         simd: S,
         rays: &Rays<V>,
-        corners: [&[[f32; N]; 3]; 3],
+        corners: &[[V; 3]; 3],
         active: u64,
+        _: bool,
     ) -> Found<V> {
         let ([kx, ky, kz], origin) = (rays.octant.axes, rays.octant.origin_along.as_dvec3());
         let zero = f64x8::splat(simd, 0.0);
@@ -240,10 +268,10 @@ impl WideTest for Double {
             let shear_x = widen(simd, rays.direction[kx].as_slice(), at) / along;
             let shear_y = widen(simd, rays.direction[ky].as_slice(), at) / along;
             let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
-            for (i, corner) in corners.into_iter().enumerate() {
-                z[i] = widen(simd, &corner[kz], at) - origin.z;
-                x[i] = widen(simd, &corner[kx], at) - origin.x - shear_x * z[i];
-                y[i] = widen(simd, &corner[ky], at) - origin.y - shear_y * z[i];
+            for (i, corner) in corners.iter().enumerate() {
+                z[i] = widen(simd, corner[kz].as_slice(), at) - origin.z;
+                x[i] = widen(simd, corner[kx].as_slice(), at) - origin.x - shear_x * z[i];
+                y[i] = widen(simd, corner[ky].as_slice(), at) - origin.y - shear_y * z[i];
             }
             let wa = x[2] * y[1] - y[2] * x[1];
             let wb = x[0] * y[2] - y[0] * x[2];
