@@ -11,13 +11,11 @@
 //! Each comparison is widened by `SLACK`, far more than the rounding of any ray's own box test,
 //! relative to the numbers compared. So no ray enters a box that is missed.
 
-use bvh_core::{Aabb, Node, Vec3};
-use bytemuck::Zeroable;
+use bvh_core::{Aabb, Vec3};
+use fearless_simd::Simd;
 use fearless_simd::prelude::*;
-use fearless_simd::{Simd, f32x8};
 
-use crate::simd::{Lanes, load, max, min};
-use crate::wide;
+use crate::simd::{Lanes, max, min};
 
 /// The axis z that all rays of a bundle follow, and the origin.
 #[derive(Clone, Copy, Debug)]
@@ -95,9 +93,19 @@ impl Frustum {
         Self([hull(x, other_x), hull(y, other_y)])
     }
 
+    /// Whether an outline may be met.
+    #[inline(always)]
+    pub(crate) fn meets(&self, &[x, y, z]: &Outline<f32>) -> bool {
+        let near = z[0].max(0.0);
+        let misses = |[s0, s1]: [f32; 2], [x0, x1]: [f32; 2]| {
+            x1 < f32::min(near * s0, z[1] * s0) || x0 > f32::max(near * s1, z[1] * s1)
+        };
+        !(z[1] < 0.0 || misses(self.0[0], x) || misses(self.0[1], y))
+    }
+
     /// The bits of the outlines, in lanes, that may be met.
     #[inline(always)]
-    pub(crate) fn meets<S: Simd, V: Lanes<S>>(&self, simd: S, [x, y, z]: Outline<V>) -> u64 {
+    pub(crate) fn meets_some<S: Simd, V: Lanes<S>>(&self, simd: S, [x, y, z]: Outline<V>) -> u64 {
         let near = max(z[0], V::simd_from(simd, 0.0));
         let behind = z[1].simd_lt(0.0);
         (!(behind | misses(self.0[0], x, near, z[1]) | misses(self.0[1], y, near, z[1]))).to_bitmask()
@@ -111,115 +119,11 @@ fn misses<S: Simd, V: Lanes<S>>(slopes: [f32; 2], x: [V; 2], near: V, far: V) ->
     x[1].simd_lt(least) | x[0].simd_gt(greatest)
 }
 
-/// A [`Frustum`] as linear forms of the words of two siblings: a box is missed if for any of its
-/// words `a * scale + b * slope - limit` exceeds the slack. Relative to the origin, `a` is the word
-/// and `b` is where the box begins or ends along z. Zeroed it misses nothing.
-///
-/// Two words of a node are no coordinates. There the origin is infinite: the sum is NaN, which
-/// exceeds nothing.
-#[repr(C, align(64))]
-#[derive(Zeroable)]
-pub(crate) struct FrustumPlanes {
-    origin: [f32; 16],
-    scale: [f32; 16],
-    slope: [f32; 16],
-    /// The greater of `|slope|` and 1; 0 where there is no `b`.
-    weight: [f32; 16],
-    limit: [f32; 16],
-    /// 1 where `b` is the end along z, 0 where it is the beginning.
-    ends: [f32; 16],
-    origin_z: f32,
-    /// The word of a node in which its box begins along z; it ends in word `near ^ 4`.
-    near: usize,
-}
-
-impl FrustumPlanes {
-    /// The frustum of rays that look for hits up to `t_max`.
-    #[inline(always)]
-    pub(crate) fn new(frame: &Frame, frustum: &Frustum, t_max: f32) -> Self {
-        let [x, y, z] = frame.axes;
-        let (sign, near) = if frame.negative { (-1.0, z + 4) } else { (1.0, z) };
-        let [[x0, x1], [y0, y1]] = frustum.0;
-        let mut planes =
-            Self { origin: [f32::INFINITY; 16], origin_z: frame.origin[z], near, ..Self::zeroed() };
-        for (word, scale, slope, ends, has_b) in [
-            (x + 4, -1.0, x0 * sign, x0 <= 0.0, true),
-            (x, 1.0, -x1 * sign, x1 > 0.0, true),
-            (y + 4, -1.0, y0 * sign, y0 <= 0.0, true),
-            (y, 1.0, -y1 * sign, y1 > 0.0, true),
-            (near ^ 4, -sign, 0.0, false, false),
-            (near, sign * frame.least_inverse, 0.0, false, false),
-        ] {
-            for lane in [word, word + 8] {
-                planes.origin[lane] = frame.origin[word & 3];
-                planes.scale[lane] = scale;
-                planes.slope[lane] = slope;
-                planes.weight[lane] = if has_b { slope.abs().max(1.0) } else { 0.0 };
-                planes.ends[lane] = if ends { 1.0 } else { 0.0 };
-            }
-        }
-        planes.look_up_to(t_max);
-        planes
-    }
-
-    /// Rays no longer look for hits beyond `t_max`.
-    #[inline(always)]
-    pub(crate) fn look_up_to(&mut self, t_max: f32) {
-        self.limit[self.near & 7] = t_max;
-        self.limit[self.near & 7 | 8] = t_max;
-    }
-
-    /// Which of two siblings may be met: bit 0 the left, bit 1 the right.
-    #[inline(always)]
-    pub(crate) fn meets<S: Simd>(&self, simd: S, pair: &[Node; 2]) -> u32 {
-        let words: &[f32; 16] = bytemuck::cast_ref(pair);
-        // With the mask the compiler knows that the index is in range.
-        let both = |word: usize| {
-            let [l, r] = [words[word & 7], words[word & 7 | 8]];
-            simd.combine_f32x8(f32x8::splat(simd, l), f32x8::splat(simd, r))
-        };
-        let a = (lanes(simd, words) - lanes(simd, &self.origin)) * lanes(simd, &self.scale);
-        let ends = lanes(simd, &self.ends).simd_gt(0.0);
-        let b = ends.select(both(self.near ^ 4), both(self.near)) - self.origin_z;
-        let outside = a + b * lanes(simd, &self.slope) - lanes(simd, &self.limit);
-        let size = a.abs() + b.abs() * lanes(simd, &self.weight);
-        let missed = outside.simd_gt(size * SLACK + f32::MIN_POSITIVE).to_bitmask() as u32;
-        u32::from(missed & 0xff == 0) | u32::from(missed & 0xff00 == 0) << 1
-    }
-}
-
-#[inline(always)]
-fn lanes<S: Simd>(simd: S, numbers: &[f32; 16]) -> wide::V<S> {
-    load(simd, numbers, 0)
-}
-
 #[cfg(test)]
 mod tests {
-    use bvh_core::{Ray, SimdLevel, slab};
+    use bvh_core::{Ray, slab};
 
     use super::*;
-    use crate::simd::detected;
-
-    /// Links that are NaN, infinite or tiny as numbers.
-    #[test]
-    fn words_that_are_no_coordinates_do_not_count() {
-        let frame = Frame::new(Vec3::ZERO, Vec3::new(-0.5, -0.5, 1.0), Vec3::new(0.5, 0.5, 1.0));
-        let planes = FrustumPlanes::new(&frame.expect("an axis"), &Frustum([[-0.5, 0.5]; 2]), 4.0);
-        for (z, expected) in [(2.0, 3), (9.0, 0), (-9.0, 0)] {
-            let aabb = Aabb::new(Vec3::new(-0.1, -0.1, z), Vec3::new(0.1, 0.1, z + 0.1));
-            for link in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, -0.0, 1e-45] {
-                let mut words: [f32; 16] = bytemuck::cast([Node::leaf(aabb, 0, 1); 2]);
-                for word in [3, 7, 11, 15] {
-                    words[word] = link;
-                }
-                let pair: [Node; 2] = bytemuck::cast(words);
-                for level in SimdLevel::available() {
-                    let meets = crate::simd::dispatch!(detected(level), simd => planes.meets(simd, &pair));
-                    assert_eq!(meets, expected, "{link} at {z}");
-                }
-            }
-        }
-    }
 
     #[test]
     fn boxes_are_missed_only_if_every_ray_misses() {
@@ -236,7 +140,6 @@ mod tests {
             let greatest = rays.iter().fold(Vec3::NEG_INFINITY, |a, &d| a.max(d));
             let frame = Frame::new(origin, least, greatest).expect("an axis");
             let frustum = Frustum([[-0.4, 0.2], [-0.1, 0.3]]);
-            let planes = FrustumPlanes::new(&frame, &frustum, 4.0);
             let (mut met, mut missed) = (0, 0);
             for n in 0..4000u32 {
                 let at = |k: u32| {
@@ -250,12 +153,10 @@ mod tests {
                     let d = along([mix(-0.4, 0.2, i % 9), mix(-0.1, 0.3, i / 9)]);
                     slab::enters(&Ray::new(origin, d), &aabb, 4.0, Ray::WIDEN).is_some()
                 });
-                let pair = [Node::leaf(aabb, 0, 1), Node::leaf(Aabb::EMPTY, 1, 1)];
-                for level in SimdLevel::available() {
-                    let meets = crate::simd::dispatch!(detected(level), simd => planes.meets(simd, &pair));
-                    assert!(meets & 1 == 1 || !entered, "{aabb:?}");
-                    (met, missed) = (met + (meets & 1), missed + (1 - (meets & 1)));
-                }
+                let outline = frame.outline(&aabb, &frustum);
+                let meets = frustum.meets(&outline) && frame.enters(&outline) <= 4.0;
+                assert!(meets || !entered, "{aabb:?}");
+                (met, missed) = (met + u32::from(meets), missed + u32::from(!meets));
             }
             assert!(met > 50 && missed > 50, "{met} {missed}");
         }

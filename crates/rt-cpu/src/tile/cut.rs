@@ -5,7 +5,7 @@ use bytemuck::Zeroable;
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
-use crate::frustum::{Frame, Frustum, FrustumPlanes, Outline};
+use crate::frustum::{Frame, Frustum, Outline};
 use crate::simd::{load, max};
 use crate::wide::V;
 
@@ -33,8 +33,8 @@ impl Cut {
         frustum: &Frustum,
         t_max: f32,
     ) -> u64 {
-        let planes = FrustumPlanes::new(frame, frustum, t_max);
         let mut opened = [0; CUT];
+        let mut outlines = [frame.outline(&nodes[0].aabb(), frustum); CUT];
         // Half areas, 0 for leaves and where they are NaN.
         let mut sizes = [0.0; CUT];
         let (mut count, mut visited) = (1, 0);
@@ -54,14 +54,15 @@ impl Cut {
                 large ^= 1 << i;
                 let first = nodes[opened[i] as usize].first();
                 let [l, r] = [nodes[first], nodes[first + 1]];
-                let met = planes.meets(simd, &[l, r]);
                 visited += 1;
                 count -= 1;
-                (opened[i], sizes[i]) = (opened[count], sizes[count]);
+                (opened[i], sizes[i], outlines[i]) = (opened[count], sizes[count], outlines[count]);
                 sizes[count] = 0.0;
                 for (side, child) in [l, r].iter().enumerate() {
-                    if met >> side & 1 != 0 {
-                        (opened[count], sizes[count]) = ((first + side) as u32, size(child));
+                    let outline = frame.outline(&child.aabb(), frustum);
+                    if frustum.meets(&outline) && frame.enters(&outline) <= t_max {
+                        opened[count] = (first + side) as u32;
+                        (sizes[count], outlines[count]) = (size(child), outline);
                         if !child.is_leaf() {
                             prefetch(nodes, child.first());
                         }
@@ -70,9 +71,6 @@ impl Cut {
                 }
             }
         }
-        let outlines: [_; CUT] = std::array::from_fn(|i| {
-            frame.outline(&nodes[if i < count { opened[i] as usize } else { 0 }].aabb(), frustum)
-        });
         let mut near = [f32::INFINITY; CUT];
         for (near, outline) in near[..count].iter_mut().zip(&outlines) {
             *near = frame.enters(outline);
@@ -97,7 +95,7 @@ impl Cut {
             let x = [load::<S, S::f32s, CUT>(simd, &x[0], at), load(simd, &x[1], at)];
             let y = [load(simd, &y[0], at), load(simd, &y[1], at)];
             let z = [load(simd, &z[0], at), load(simd, &z[1], at)];
-            met |= frustum.meets(simd, [x, y, z]) << at;
+            met |= frustum.meets_some(simd, [x, y, z]) << at;
         }
         met & ((1 << self.count) - 1)
     }

@@ -26,7 +26,8 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
     let nodes = scene.bvh.nodes();
     let mut top = 0;
     let mut n = root as usize;
-    let mut mask = enter(simd, &scratch.packet, &nodes[n], octant, mask & scratch.packet.active(0));
+    let whole = std::array::from_ref(&nodes[n]);
+    let [mut mask] = enter(simd, &scratch.packet, whole, octant, mask & scratch.packet.active(0));
     if nodes[n].is_leaf() {
         return test_leaf::<S, T, ANY, PACKET>(context, &nodes[n], None, mask, 0, &mut scratch.packet);
     }
@@ -41,13 +42,7 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
         } else {
             scratch.nodes += 1;
             let (first, children) = open(scene, &nodes[n]);
-            let met = scratch.planes.meets(simd, children);
-            let mut entered = [0; 2];
-            for (side, child) in children.iter().enumerate() {
-                if met >> side & 1 != 0 {
-                    entered[side] = enter(simd, &scratch.packet, child, octant, mask);
-                }
-            }
+            let mut entered = enter(simd, &scratch.packet, children, octant, mask);
             for (rays, child) in entered.iter_mut().zip(children) {
                 if *rays != 0 && child.is_leaf() {
                     test_leaf::<S, T, ANY, PACKET>(context, child, None, *rays, 0, &mut scratch.packet);
@@ -71,10 +66,6 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
         }
         top -= 1;
         (n, mask) = (scratch.stack[top].0 as usize, scratch.stack[top].1 & scratch.packet.active(0));
-        if !ANY && !scratch.packet.some_see_nothing(!0) {
-            // All rays have hits: boxes behind the farthest are out of the frustum.
-            scratch.planes.look_up_to(scratch.packet.farthest(simd, !0));
-        }
     }
 }
 
@@ -138,16 +129,31 @@ fn fetch_subtree(nodes: &[Node], node: &Node, mask: u64) {
     }
 }
 
-/// The rays in `mask` that enter a node's box.
+/// The rays in `mask` that enter the boxes of these nodes.
 #[inline(always)]
-fn enter<S: Simd>(simd: S, packet: &Packet, node: &Node, octant: &RayOctant, mask: u64) -> u64 {
-    let slab = Slab::<S, S::f32s>::of(simd, node, octant);
-    let mut entered = 0;
-    for at in (0..PACKET).step_by(S::f32s::LEN) {
-        let (_, lanes) = slab.enter(load3(simd, &packet.inverse, at), load(simd, &packet.t, at));
-        entered |= lanes.to_bitmask() << at;
+fn enter<S: Simd, const N: usize>(
+    simd: S,
+    packet: &Packet,
+    nodes: &[Node; N],
+    octant: &RayOctant,
+    mask: u64,
+) -> [u64; N] {
+    let mut slabs = [Slab::<S, S::f32s>::of(simd, &nodes[0], octant); N];
+    for (slab, node) in slabs.iter_mut().zip(nodes).skip(1) {
+        *slab = Slab::of(simd, node, octant);
     }
-    entered & mask
+    let mut entered = [0; N];
+    for at in (0..PACKET).step_by(S::f32s::LEN) {
+        let group = mask >> at & ((1 << S::f32s::LEN) - 1);
+        if group == 0 {
+            continue;
+        }
+        let (inverse, t) = (load3(simd, &packet.inverse, at), load(simd, &packet.t, at));
+        for (entered, slab) in entered.iter_mut().zip(&slabs) {
+            *entered |= (slab.enter(inverse, t).1.to_bitmask() & group) << at;
+        }
+    }
+    entered
 }
 
 /// Walks the subtree at an inner node with rays of the group at `at`, all of which enter it.
