@@ -135,8 +135,8 @@ pub(crate) trait WideTest: Test {
         [0, 1, 2]
     }
 
-    /// Tests the lanes in `active`. With `early` it ends once all of them have missed, which pays
-    /// where most do: elsewhere nobody can guess that branch.
+    /// Tests the lanes in `active`. With `early` it ends once all of them have missed. That pays
+    /// where they mostly do; elsewhere the processor cannot guess that branch.
     fn wide<S: Simd, V: Lanes<S>>(
         simd: S,
         rays: &Rays<V>,

@@ -62,7 +62,7 @@ impl Block {
     pub(super) fn test<S: Simd, T: WideTest>(&self, simd: S, rays: &Rays<Each<S>>) -> Found<Each<S>> {
         let present = EachPrimitive::from_slice(simd, &self.primitive).simd_ne(NONE).to_bitmask();
         let [a, b, c] = &self.corners;
-        T::wide(simd, rays, &corners::<S, T, _, _>(simd, &rays.octant, [a, b, c]), present, true)
+        T::wide(simd, rays, &corners::<S, T, _, _>(simd, &rays.octant, [a, b, c]), present, false)
     }
 
     #[cfg(test)]
