@@ -8,10 +8,12 @@
 //!   z1 < 0, or z0 lies beyond what any ray still looks for
 //! ```
 //!
-//! Each comparison is widened by `SLACK`, far more than the rounding of any ray's own box test,
-//! relative to the numbers compared. So no ray enters a box that is missed.
+//! Comparisons along x and y are widened by `SLACK`, far more than the rounding of any ray's own box
+//! test, relative to the numbers compared. Those along z need no slack: each ray computes the same
+//! differences times a reciprocal that is no less, and rounding is monotonic. So no ray enters a box
+//! that is missed.
 
-use bvh_core::{Aabb, Vec3};
+use bvh_core::{Aabb, Vec3, slab};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
@@ -20,7 +22,7 @@ use crate::simd::{Lanes, max, min};
 /// The axis z that all rays of a bundle follow, and the origin.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
-    pub(crate) origin: Vec3,
+    origin: Vec3,
     axes: [usize; 3],
     negative: bool,
     /// Reciprocal of the greatest extent of a direction along z.
@@ -31,7 +33,7 @@ pub(crate) struct Frame {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frustum(pub(crate) [[f32; 2]; 2]);
 
-/// A box in a [`Frame`], relative to its origin and widened: least and greatest x, y and z.
+/// A box in a [`Frame`], relative to its origin: least and greatest x, y and z, the first two widened.
 pub(crate) type Outline<V> = [[V; 2]; 3];
 
 const SLACK: f32 = 1.0 / (1 << 17) as f32;
@@ -69,7 +71,7 @@ impl Frame {
         let z = if self.negative { [-z[1], -z[0]] } else { z };
         let widen = |x: [f32; 2], slopes: [f32; 2]| {
             let steepest = f32::max(-slopes[0], slopes[1]).max(1.0);
-            let slack = SLACK * (z[1].abs() * steepest + (x[0].abs() + x[1].abs()));
+            let slack = SLACK * (z[1].abs() * steepest + (x[0].abs() + x[1].abs())) + f32::MIN_POSITIVE;
             [x[0] - slack, x[1] + slack]
         };
         [widen(x, slopes[0]), widen(y, slopes[1]), z]
@@ -96,16 +98,16 @@ impl Frustum {
     /// Whether an outline may be met.
     #[inline(always)]
     pub(crate) fn meets(&self, &[x, y, z]: &Outline<f32>) -> bool {
-        let near = z[0].max(0.0);
+        let near = slab::max(z[0], 0.0);
         let misses = |[s0, s1]: [f32; 2], [x0, x1]: [f32; 2]| {
-            x1 < f32::min(near * s0, z[1] * s0) || x0 > f32::max(near * s1, z[1] * s1)
+            x1 < slab::min(near * s0, z[1] * s0) || x0 > slab::max(near * s1, z[1] * s1)
         };
         !(z[1] < 0.0 || misses(self.0[0], x) || misses(self.0[1], y))
     }
 
-    /// The bits of the outlines, in lanes, that may be met.
+    /// The bits of the outlines, in lanes, that [may be met](Self::meets).
     #[inline(always)]
-    pub(crate) fn meets_some<S: Simd, V: Lanes<S>>(&self, simd: S, [x, y, z]: Outline<V>) -> u64 {
+    pub(crate) fn meets_lanes<S: Simd, V: Lanes<S>>(&self, simd: S, [x, y, z]: Outline<V>) -> u64 {
         let near = max(z[0], V::simd_from(simd, 0.0));
         let behind = z[1].simd_lt(0.0);
         (!(behind | misses(self.0[0], x, near, z[1]) | misses(self.0[1], y, near, z[1]))).to_bitmask()
@@ -121,18 +123,28 @@ fn misses<S: Simd, V: Lanes<S>>(slopes: [f32; 2], x: [V; 2], near: V, far: V) ->
 
 #[cfg(test)]
 mod tests {
-    use bvh_core::{Ray, slab};
+    use bvh_core::{Ray, SimdLevel};
 
     use super::*;
+    use crate::simd::{detected, dispatch};
+
+    /// Whether an outline in all lanes is met; all lanes have to agree.
+    fn meets_in_lanes<S: Simd>(simd: S, frustum: &Frustum, outline: &Outline<f32>) -> bool {
+        let lanes = outline.map(|ends| ends.map(|end| S::f32s::simd_from(simd, end)));
+        let met = frustum.meets_lanes(simd, lanes);
+        assert!(met == 0 || met == (1 << S::f32s::LEN) - 1, "{met:b}");
+        met != 0
+    }
 
     #[test]
     fn boxes_are_missed_only_if_every_ray_misses() {
         let origin = Vec3::new(0.3, -0.2, 0.1);
         let corners = [[-0.4, -0.1], [0.2, -0.1], [-0.4, 0.3], [0.2, 0.3]];
         for (axis, sign) in [(0, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)] {
+            let (across, up) = ((axis + 1) % 3, (axis + 2) % 3);
             let along = |[x, y]: [f32; 2]| {
                 let mut d = Vec3::ZERO;
-                (d[(axis + 1) % 3], d[(axis + 2) % 3], d[axis]) = (x, y, sign);
+                (d[across], d[up], d[axis]) = (x, y, sign);
                 d
             };
             let rays = corners.map(along);
@@ -140,25 +152,51 @@ mod tests {
             let greatest = rays.iter().fold(Vec3::NEG_INFINITY, |a, &d| a.max(d));
             let frame = Frame::new(origin, least, greatest).expect("an axis");
             let frustum = Frustum([[-0.4, 0.2], [-0.1, 0.3]]);
-            let (mut met, mut missed) = (0, 0);
-            for n in 0..4000u32 {
-                let at = |k: u32| {
-                    (n.wrapping_mul(2_654_435_761).wrapping_add(k * 40_503) % 1000) as f32 / 100.0 - 5.0
-                };
-                let center = Vec3::new(at(1), at(2 + n), at(3 + 7 * n));
-                let aabb = Aabb::new(center - 0.3, center + 0.3);
-                // Rays densely inside the frustum.
+            // Whether it is met, and whether one of many rays inside the frustum enters the box.
+            let check = |aabb: Aabb| {
                 let entered = (0..81).any(|i| {
                     let mix = |a: f32, b: f32, i: usize| a + (b - a) * i as f32 / 8.0;
                     let d = along([mix(-0.4, 0.2, i % 9), mix(-0.1, 0.3, i / 9)]);
                     slab::enters(&Ray::new(origin, d), &aabb, 4.0, Ray::WIDEN).is_some()
                 });
                 let outline = frame.outline(&aabb, &frustum);
-                let meets = frustum.meets(&outline) && frame.enters(&outline) <= 4.0;
+                let meets = frustum.meets(&outline);
+                for level in SimdLevel::available() {
+                    let in_lanes =
+                        dispatch!(detected(level), simd => meets_in_lanes(simd, &frustum, &outline));
+                    assert_eq!(in_lanes, meets, "{level:?}: {aabb:?}");
+                }
+                let meets = meets && frame.enters(&outline) <= 4.0;
                 assert!(meets || !entered, "{aabb:?}");
-                (met, missed) = (met + u32::from(meets), missed + u32::from(!meets));
+                (meets, entered)
+            };
+            let mut counts = [0; 3];
+            for n in 0..4000u32 {
+                let at = |k: u32| {
+                    (n.wrapping_mul(2_654_435_761).wrapping_add(k * 40_503) % 1000) as f32 / 100.0 - 5.0
+                };
+                let center = Vec3::new(at(1), at(2 + n), at(3 + 7 * n));
+                let (meets, _) = check(Aabb::new(center - 0.3, center + 0.3));
+                counts[usize::from(meets)] += 1;
+                // A box that begins on an edge of the frustum, or a rounding from there.
+                let corner = corners[n as usize % 4];
+                let start = origin + along(corner) * (0.1 + at(1).abs());
+                let mut out = Vec3::splat(0.3);
+                (out[across], out[up]) = (0.3 * corner[0].signum(), 0.3 * corner[1].signum());
+                let (_, entered) = check(Aabb::new(start.min(start + out), start.max(start + out)));
+                counts[2] += u32::from(entered);
             }
-            assert!(met > 50 && missed > 50, "{met} {missed}");
+            assert!(counts.iter().all(|&count| count > 50), "{counts:?}");
+            assert!(!check(Aabb::EMPTY).0);
+            for odd in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -0.0, 1e-45] {
+                for word in 0..6 {
+                    let mut planes = [-0.3, -0.3, -0.3, 0.3, 0.3, 0.3];
+                    planes[word] = odd;
+                    let middle = origin + along([-0.1, 0.1]);
+                    let [min, max] = [0, 3].map(|i| middle + Vec3::from_slice(&planes[i..i + 3]));
+                    check(Aabb::new(min, max));
+                }
+            }
         }
     }
 }

@@ -129,20 +129,23 @@ pub(crate) struct Found<V> {
 
 /// A triangle test in lanes, with the bits of [`Test::test`].
 pub(crate) trait WideTest: Test {
-    /// The axes in whose order [`wide`](Self::wide) takes coordinates of corners.
+    /// The axes in whose order [`wide`](Self::wide) takes coordinates of corners. Where a test sorts
+    /// them by octant, this happens while they are loaded: vectors by an index that is not known
+    /// before cannot stay in registers.
     #[inline(always)]
     fn axes(_: &RayOctant) -> [usize; 3] {
         [0, 1, 2]
     }
 
-    /// Tests the lanes in `active`. With `early` it ends once all of them have missed. That pays
-    /// where they mostly do; elsewhere the processor cannot guess that branch.
+    /// Tests the lanes in `active` against triangles with these [`corners`], laid out for the rays'
+    /// octant. It `may_end` once all of them have missed, or go on: the branch pays where that is
+    /// mostly so, and elsewhere the processor cannot guess it.
     fn wide<S: Simd, V: Lanes<S>>(
         simd: S,
         rays: &Rays<V>,
         corners: &[[V; 3]; 3],
         active: u64,
-        early: bool,
+        may_end: bool,
     ) -> Found<V>;
 }
 
@@ -177,13 +180,12 @@ impl WideTest for Watertight {
         rays: &Rays<V>,
         corners: &[[V; 3]; 3],
         active: u64,
-        early: bool,
+        may_end: bool,
     ) -> Found<V> {
         let zero = V::simd_from(simd, 0.0);
         let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
         // All of it negated, and the reciprocal too, which changes nothing but the signs of zeros:
-        // what is subtracted comes straight from memory, and a corner that is the same for all
-        // lanes straight into all of them.
+        // what is subtracted may come straight from memory.
         let [ox, oy, oz]: [V; 3] = splat3(simd, rays.octant.origin_along);
         for (i, corner) in corners.iter().enumerate() {
             z[i] = oz - corner[2];
@@ -197,7 +199,7 @@ impl WideTest for Watertight {
         let greatest = max(max(wa, wb), wc);
         let outside = least.simd_lt(zero) & greatest.simd_gt(zero);
         let inside = !outside.to_bitmask() & active;
-        if early && inside == 0 {
+        if may_end && inside == 0 {
             return Found { lanes: 0, unsure: 0, t: zero, u: zero, v: zero };
         }
         let det = wa + wb + wc;
@@ -226,7 +228,7 @@ impl WideTest for MollerTrumbore {
         let mut s = splat3(simd, rays.octant.origin);
         let (mut e1, mut e2) = (s, s);
         for k in 0..3 {
-            let [a, b, c] = corners.map(|c| c[k]);
+            let [a, b, c] = [corners[0][k], corners[1][k], corners[2][k]];
             e1[k] = b - a;
             e2[k] = c - a;
             s[k] -= a;
@@ -252,6 +254,11 @@ fn widen<S: Simd>(simd: S, numbers: &[f32], at: usize) -> f64x8<S> {
 
 impl WideTest for Double {
     #[inline(always)]
+    fn axes(octant: &RayOctant) -> [usize; 3] {
+        octant.axes
+    }
+
+    #[inline(always)]
     fn wide<S: Simd, V: Lanes<S>>(
         simd: S,
         rays: &Rays<V>,
@@ -269,9 +276,9 @@ impl WideTest for Double {
             let shear_y = widen(simd, rays.direction[ky].as_slice(), at) / along;
             let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
             for (i, corner) in corners.iter().enumerate() {
-                z[i] = widen(simd, corner[kz].as_slice(), at) - origin.z;
-                x[i] = widen(simd, corner[kx].as_slice(), at) - origin.x - shear_x * z[i];
-                y[i] = widen(simd, corner[ky].as_slice(), at) - origin.y - shear_y * z[i];
+                z[i] = widen(simd, corner[2].as_slice(), at) - origin.z;
+                x[i] = widen(simd, corner[0].as_slice(), at) - origin.x - shear_x * z[i];
+                y[i] = widen(simd, corner[1].as_slice(), at) - origin.y - shear_y * z[i];
             }
             let wa = x[2] * y[1] - y[2] * x[1];
             let wb = x[0] * y[2] - y[0] * x[2];

@@ -7,7 +7,7 @@ use fearless_simd::prelude::*;
 
 use crate::Hit;
 use crate::simd::bits;
-use crate::wide::{Found, Rays, WideTest, corners};
+use crate::wide::{self, Found, Rays, WideTest};
 
 /// Triangles of a block: as many as AVX2 and AVX-512 have use for, and no more than NEON has.
 /// x86-64 processors without AVX2 take eight as well, and 1.2 to 1.38 times as long as with four
@@ -62,7 +62,10 @@ impl Block {
     pub(super) fn test<S: Simd, T: WideTest>(&self, simd: S, rays: &Rays<Each<S>>) -> Found<Each<S>> {
         let present = EachPrimitive::from_slice(simd, &self.primitive).simd_ne(NONE).to_bitmask();
         let [a, b, c] = &self.corners;
-        T::wide(simd, rays, &corners::<S, T, _, _>(simd, &rays.octant, [a, b, c]), present, false)
+        // `closest` branches on a miss anyway: to do so here as well took 4 to 5 % more
+        // (docs/BENCHMARKS.md, incoherent rays).
+        let corners = wide::corners::<S, T, _, _>(simd, &rays.octant, [a, b, c]);
+        T::wide(simd, rays, &corners, present, false)
     }
 
     #[cfg(test)]

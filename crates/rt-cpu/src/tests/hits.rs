@@ -125,6 +125,19 @@ fn closed_meshes_through_vertices_and_edges() {
 }
 
 #[test]
+fn packets_look_no_farther_than_t_max() {
+    let sphere = icosphere(2);
+    let targets = grid(Vec3::ZERO, Vec3::X, Vec3::Y);
+    // The first of these are away from it, the last is on it. From there it begins at 2/3 and 0.
+    for origin in [Vec3::new(0.1, 0.2, 3.0), Vec3::Z * 3.0, Vec3::Z] {
+        for t_max in T_MAX.into_iter().chain([2.0 / 3.0, 0.5]) {
+            let found = check_packets(&sphere, origin, &targets, t_max);
+            assert!(found > 100 || t_max.is_nan() || t_max < 1.0, "{origin} up to {t_max}");
+        }
+    }
+}
+
+#[test]
 fn axes_planes_of_boxes_and_signed_zeros() {
     for soup in [cube(), icosphere(1)] {
         assert!(check_rays(&soup, &axis_rays()) > 100);

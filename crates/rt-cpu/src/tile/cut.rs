@@ -95,7 +95,7 @@ impl Cut {
             let x = [load::<S, S::f32s, CUT>(simd, &x[0], at), load(simd, &x[1], at)];
             let y = [load(simd, &y[0], at), load(simd, &y[1], at)];
             let z = [load(simd, &z[0], at), load(simd, &z[1], at)];
-            met |= frustum.meets_some(simd, [x, y, z]) << at;
+            met |= frustum.meets_lanes(simd, [x, y, z]) << at;
         }
         met & ((1 << self.count) - 1)
     }

@@ -39,14 +39,14 @@ pub(super) fn test_leaf<S: Simd, T: WideTest, const ANY: bool, const N: usize>(
 }
 
 /// A triangle to be tested.
-struct Triangle<'a, V> {
+struct Triangle<'a, S: Simd> {
     primitive: u32,
     corners: [&'a Vec3; 3],
     /// See [`wide::corners`].
-    wide: [[V; 3]; 3],
+    lanes: [[V<S>; 3]; 3],
 }
 
-impl<'a, S: Simd> Triangle<'a, V<S>> {
+impl<'a, S: Simd> Triangle<'a, S> {
     /// The triangle at a slot of a tree, unless it is not there.
     #[inline(always)]
     fn new<T: WideTest>(Context { simd, scene, octant }: Context<'a, S>, slot: usize) -> Option<Self> {
@@ -55,7 +55,7 @@ impl<'a, S: Simd> Triangle<'a, V<S>> {
         let positions = scene.triangles.positions;
         let corners = [positions.get(a as usize)?, positions.get(b as usize)?, positions.get(c as usize)?];
         let [a, b, c] = corners.map(single);
-        Some(Self { primitive, corners, wide: wide::corners::<S, T, _, _>(simd, octant, [a, b, c]) })
+        Some(Self { primitive, corners, lanes: wide::corners::<S, T, _, _>(simd, octant, [a, b, c]) })
     }
 }
 
@@ -72,18 +72,18 @@ fn test_group<S: Simd, T: WideTest, const ANY: bool>(
     Context { simd, octant, .. }: Context<'_, S>,
     leaf: &Node,
     near: Option<V<S>>,
-    &Triangle { primitive, corners, ref wide }: &Triangle<'_, V<S>>,
+    &Triangle { primitive, corners, ref lanes }: &Triangle<'_, S>,
     mask: u64,
     at: usize,
     packet: &mut Packet,
 ) {
     let alone = leaf.count() == 1;
-    // Rays that enter the box of one triangle hit it about as often as not: to guess wrong costs
-    // more than to compute what nobody needs. On Zen 4 rays took 3 to 5 % less through leaves of
-    // one without the branch (AVX-512; 0 to 2 % less with AVX2), but 1 to 6 % less through leaves
-    // of up to four with it (trial builds of 95455d4; rows `pivot` of `compare trace` show both).
+    // Of the groups that reach a leaf of one, three to seven in ten hit its triangle: to
+    // guess wrong costs more than to compute what nobody needs. On Zen 4 rays took 3 to 5 % less
+    // time through leaves of one without the branches (AVX-512; 0 to 2 % with AVX2), and 1 to 6 %
+    // less through leaves of up to four with them (trial builds of 95455d4, 2026-11-28).
     let may_end = !alone;
-    let found = T::wide(simd, &packet.rays(simd, octant, at), wide, mask, may_end);
+    let found = T::wide(simd, &packet.rays(simd, octant, at), lanes, mask, may_end);
     if found.unsure != 0 {
         test_each::<T, ANY>(octant.origin, corners, primitive, found.unsure, at, packet);
     }

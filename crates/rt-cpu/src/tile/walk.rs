@@ -138,6 +138,7 @@ fn enter<S: Simd, const N: usize>(
     octant: &RayOctant,
     mask: u64,
 ) -> [u64; N] {
+    // Kernels do without `array::map`: see `simd`.
     let mut slabs = [Slab::<S, S::f32s>::of(simd, &nodes[0], octant); N];
     for (slab, node) in slabs.iter_mut().zip(nodes).skip(1) {
         *slab = Slab::of(simd, node, octant);
