@@ -254,7 +254,7 @@ fn absent(source: &str) -> Result<String> {
     let own = scene.effects;
     let mut scene = Some(scene);
     let mut play = |effects| play(PLAYED, &mut scene, effects);
-    let planned = Effects { motion: Motion::ALL, light: own.light | LOOKS, ..own };
+    let planned = Effects { motion: Motion::all(), light: own.light | LOOKS, ..own };
     let choices = [own, own, planned];
     let mut runs = [play(own)?, play(own)?, play(planned)?];
     // In turn, so that other work on the machine disturbs all.

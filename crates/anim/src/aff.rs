@@ -80,7 +80,7 @@ impl AffAnimation {
         let spans = patches.map(Patch::span).chain(tracks().flat_map(|track| track.spans()));
         let keys = spans.reduce(|(a, b), (start, end)| (a.min(start), b.max(end)));
         let (start, end) = time.map(|(start, end, _)| (start, end)).or(keys).unwrap_or_default();
-        let parts_are_still = topology.parts.iter().all(|part| part.motion.is_still());
+        let parts_are_still = topology.parts.iter().all(|part| part.motion.is_empty());
         let still = parts_are_still && tracks().all(|track| track.is_identity());
         let lists = if scene.disordered == 1 { "list" } else { "lists" };
         let note = || format!("{} {lists} of keys out of order: put in order of time", scene.disordered);
@@ -130,7 +130,7 @@ fn place_parts(topology: &mut Topology, sources: &mut [Source], places: &[Frame]
         positions.extend(patches.iter().flat_map(|patch| patch.0[0].corners));
         part.motion.set(Motion::RIGID, node.is_some());
         part.motion.set(Motion::KEY_FRAMES, patches.iter().any(Patch::moves));
-        if part.motion.is_still() {
+        if part.motion.is_empty() {
             *source = Source::default();
             continue;
         }

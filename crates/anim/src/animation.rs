@@ -47,7 +47,7 @@ impl Topology {
         self.triangles.extend(triangles.iter().map(|corners| corners.map(|corner| vertices.start + corner)));
         self.moves.resize(self.triangles.len(), false);
         self.vertex_count = vertices.end as usize;
-        self.parts.push(Part { name, triangles: numbers, vertices, motion: Motion::STILL, material });
+        self.parts.push(Part { name, triangles: numbers, vertices, motion: Motion::empty(), material });
         self.parts.last_mut()
     }
 }
@@ -79,20 +79,6 @@ bitflags::bitflags! {
         const RIGID = 1 << 2;
         /// Positions interpolated between key frames (of a sequence or of a cached simulation).
         const KEY_FRAMES = 1 << 3;
-    }
-}
-
-impl Motion {
-    /// No motion at all.
-    pub const STILL: Self = Self::empty();
-
-    /// All kinds of motion.
-    pub const ALL: Self = Self::all();
-
-    /// Whether the part never moves.
-    #[must_use]
-    pub fn is_still(self) -> bool {
-        self.is_empty()
     }
 }
 
@@ -228,7 +214,7 @@ pub trait Animation: Send + Sync {
     /// # Panics
     /// If `positions` is not as long as `topology().vertex_count`.
     fn pose(&self, time: f64, positions: &mut [Vec3]) -> PoseStats {
-        self.pose_by(Motion::ALL, time, positions)
+        self.pose_by(Motion::all(), time, positions)
     }
 
     /// The view the source suggests at `time`, if any.
@@ -278,7 +264,7 @@ mod tests {
             }
         }
         for time in [0.0, 0.5] {
-            assert!(panics(&|| _ = Pose::new(Motion::ALL, &*mesh).advance(&*toys, time)), "at {time}");
+            assert!(panics(&|| _ = Pose::new(Motion::all(), &*mesh).advance(&*toys, time)), "at {time}");
         }
     }
 }

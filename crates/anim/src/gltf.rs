@@ -135,16 +135,16 @@ impl<'a> Loader<'a> {
             return Err(Problem::new("scene", found, "at least one triangle"));
         }
         let mut rest = vec![Vec3::ZERO; animation.model.topology.vertex_count];
-        animation.write(&animation.instances, Motion::ALL, 0.0, &mut rest);
+        animation.write(&animation.instances, Motion::all(), 0.0, &mut rest);
         animation.model.rest = rest;
-        let still = animation.instances.iter().filter(|instance| instance.motion.is_still());
+        let still = animation.instances.iter().filter(|instance| instance.motion.is_empty());
         if still.clone().any(|instance| instance.normals().is_some()) {
             let mut normals = vec![Vec3::ZERO; animation.model.rest.len()];
             let globals = animation.nodes.globals(0.0);
             still.for_each(|instance| animation.write_normals(instance, &globals, &mut normals));
             animation.still_normals = normals;
         }
-        animation.instances.retain(|instance| !instance.motion.is_still());
+        animation.instances.retain(|instance| !instance.motion.is_empty());
         if !animation.model.topology.texcoords.is_empty() {
             animation.model.topology.texcoords.resize(animation.model.topology.vertex_count, Vec2::ZERO);
         }
@@ -214,7 +214,7 @@ impl<'a> Loader<'a> {
                 skin,
                 node: (!joints.iter().any(|&joint| nodes.in_scene[joint])).then_some(node),
                 weights: weights.clone(),
-                motion: Motion::STILL,
+                motion: Motion::empty(),
             };
             self.add(instance, name.clone(), material, &place)?;
         }
@@ -283,7 +283,7 @@ impl GltfAnimation {
         displaced.clone().for_each(|&(vertex, _)| moves[vertex as usize] = true);
         // What no vertex notices is no motion.
         let noticed = moves.contains(&true);
-        let mut motion = Motion::STILL;
+        let mut motion = Motion::empty();
         motion.set(Motion::RIGID, noticed && rigid);
         motion.set(Motion::SKIN, noticed && joints.iter().any(|&joint| node_moves[joint]));
         motion.set(Motion::MORPH, noticed && displaced.count() > 0);

@@ -223,7 +223,7 @@ mod tests {
             name: name.into(),
             triangles,
             vertices,
-            motion: Motion::STILL,
+            motion: Motion::empty(),
             material: 0,
         };
         Topology {
@@ -256,7 +256,7 @@ mod tests {
         assert_eq!(animation.duration(), 1.0);
         assert_eq!(animation.frames[0].len(), 2);
         assert_eq!(animation.topology().moves, [false, true]);
-        assert!(animation.topology().parts[0].motion.is_still());
+        assert!(animation.topology().parts[0].motion.is_empty());
         assert!(animation.topology().parts[1].motion.contains(Motion::KEY_FRAMES));
         for (time, x) in
             [(0.0, 0.0), (0.25, 0.5), (0.5, 1.0), (0.75, 2.0), (1.0, 3.0), (9.0, 3.0), (-1.0, 0.0)]

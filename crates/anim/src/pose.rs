@@ -109,7 +109,7 @@ mod tests {
     fn a_mesh_that_stands_still_is_never_posed() {
         let bytes = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
         let mesh = parse(Path::new("a.obj"), bytes, &LoadOptions::default()).unwrap();
-        let mut pose = Pose::new(Motion::ALL, &*mesh);
+        let mut pose = Pose::new(Motion::all(), &*mesh);
         for time in [0.0, 1.0, f64::NAN, -1.0, f64::INFINITY] {
             assert_eq!(pose.advance(&*mesh, time), PoseStats::default());
             assert_eq!((pose.time(), pose.positions().len()), (0.0, 3));

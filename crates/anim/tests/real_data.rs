@@ -30,7 +30,7 @@ fn check(animation: &dyn Animation, name: &str) {
         for corner in topology.triangles[range.clone()].as_flattened() {
             assert!(part.vertices.contains(corner), "{name}: a part uses vertices of another");
         }
-        assert_eq!(topology.moves[range].contains(&true), !part.motion.is_still(), "{name}: {}", part.name);
+        assert_eq!(topology.moves[range].contains(&true), !part.motion.is_empty(), "{name}: {}", part.name);
     }
     assert_eq!(
         (triangle as usize, vertex as usize),
@@ -200,7 +200,7 @@ fn bart_museum() {
     assert_eq!((topology.triangles.len() - moving, moving), (10_284 + 8 * 32, 1024));
     assert_eq!((animation.duration(), animation.model().frames), (6.0, Some(300)));
     assert!(
-        topology.parts.iter().all(|part| part.motion.is_still() != part.motion.contains(Motion::KEY_FRAMES))
+        topology.parts.iter().all(|part| part.motion.is_empty() != part.motion.contains(Motion::KEY_FRAMES))
     );
 
     // The sculpture by a reader of its own: a word, the number of keys, then 19 numbers a key.
@@ -237,7 +237,7 @@ fn bart_kitchen() {
     assert_eq!(topology.triangles.len(), 110_561);
     assert_eq!(topology.moves.iter().filter(|&&moves| moves).count(), 7_218);
     assert_eq!((animation.duration(), animation.model().frames), (20.0, Some(800)));
-    assert!(topology.parts.iter().all(|part| part.motion.is_still() || part.motion.contains(Motion::RIGID)));
+    assert!(topology.parts.iter().all(|part| part.motion.is_empty() || part.motion.contains(Motion::RIGID)));
     check_views(&*animation);
 
     // The car is in the room all the time, at the file's keys where they say.

@@ -25,7 +25,7 @@ pub struct Distance {
 /// O(vertices * samples).
 #[must_use]
 pub fn distance(coarse: &dyn Animation, fine: &dyn Animation, samples: usize) -> Option<Distance> {
-    let moving = fine.topology().parts.iter().filter(|part| !part.motion.is_still());
+    let moving = fine.topology().parts.iter().filter(|part| !part.motion.is_empty());
     let vertices: Vec<usize> =
         moving.flat_map(|part| part.vertices.start as usize..part.vertices.end as usize).collect();
     if vertices.is_empty() || coarse.topology().vertex_count != fine.topology().vertex_count {

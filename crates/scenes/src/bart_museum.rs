@@ -174,13 +174,13 @@ fn furnish(assembly: &mut Assembly) {
         walls.add(&[[a, b, b + up], [a, b + up, a + up]]);
         flats.add(&[[Vec3::ZERO, b, a], [up, a + up, b + up]]);
     }
-    assembly.part("walls", &walls, Motion::STILL, wall);
-    assembly.part("floor and ceiling", &flats, Motion::STILL, floor);
+    assembly.part("walls", &walls, Motion::empty(), wall);
+    assembly.part("floor and ceiling", &flats, Motion::empty(), floor);
 
     let [top, foot] = [PEDESTAL, 0.15];
     let profile =
         [(0.0, top), (0.6, top), (0.6, 1.3), (0.45, 1.2), (0.5, foot), (0.75, foot), (0.75, 0.0), (0.0, 0.0)];
-    assembly.part("pedestal", &turned(&profile, STEPS), Motion::STILL, stone);
+    assembly.part("pedestal", &turned(&profile, STEPS), Motion::empty(), stone);
     for k in 0..8 {
         // A capital, and a shaft that swells a little.
         let shaft = (0..12).map(|i| {
@@ -194,7 +194,7 @@ fn furnish(assembly: &mut Assembly) {
             .collect();
         let place = 0.86 * RADIUS * around(TAU * (k as f32 + 0.5) / 8.0);
         let pillar = turned(&profile, STEPS).moved(|p| p + place);
-        assembly.part("pillar", &pillar, Motion::STILL, stone);
+        assembly.part("pillar", &pillar, Motion::empty(), stone);
     }
     let post = [
         (0.0, 0.8),
@@ -209,13 +209,13 @@ fn furnish(assembly: &mut Assembly) {
     for k in 0..POSTS {
         let place = 1.9 * around(TAU * k as f32 / POSTS as f32);
         let post = turned(&post, POST_STEPS).moved(|p| p + place);
-        assembly.part("post", &post, Motion::STILL, frame);
+        assembly.part("post", &post, Motion::empty(), frame);
     }
     for k in 0..6 {
         let turn = rotation(Vec3::Y, TAU * k as f32 / 6.0);
         let painting =
             cuboid(vec3(0.05, 0.6, 0.9)).moved(|p| rotated(turn, p + vec3(0.97 * RADIUS, 2.4, 0.0)));
-        assembly.part("painting", &painting, Motion::STILL, frame);
+        assembly.part("painting", &painting, Motion::empty(), frame);
     }
 }
 

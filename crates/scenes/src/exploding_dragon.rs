@@ -54,7 +54,7 @@ pub(crate) fn blended(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     };
     let frames: Vec<_> = (0..BLENDED_KEYS).map(pose).collect();
     let topology = rigid.animation.topology().clone();
-    let moving = topology.parts.iter().filter(|part| !part.motion.is_still());
+    let moving = topology.parts.iter().filter(|part| !part.motion.is_empty());
     let key_bytes = BLENDED_KEYS * moving.map(|part| part.vertices.len()).sum::<usize>() * size_of::<Vec3>();
     let animation = KeyFrames::new(topology, frames, seconds, LoopMode::Restart)?;
     let effects = Effects { motion: Motion::KEY_FRAMES, ..EFFECTS };

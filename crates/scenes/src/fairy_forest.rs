@@ -32,7 +32,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     about: "a fairy dances, a dragonfly circles, and a caterpillar creeps in a still forest",
     triangles: TRIANGLES,
     frames: FRAMES,
-    effects: Effects::of_scene(Simulated::empty(), Motion::ALL.difference(Motion::KEY_FRAMES)),
+    effects: Effects::of_scene(Simulated::empty(), Motion::all().difference(Motion::KEY_FRAMES)),
     key_bytes: 0,
 };
 

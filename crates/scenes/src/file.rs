@@ -135,7 +135,7 @@ mod tests {
                     name: String::new(),
                     triangles: 0..1,
                     vertices: 0..3,
-                    motion: anim::Motion::STILL,
+                    motion: anim::Motion::empty(),
                     material: 0,
                 }],
                 materials: vec![anim::Material::default()],

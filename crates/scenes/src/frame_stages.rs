@@ -60,7 +60,7 @@ impl Effects {
     pub fn calls_for(self, stage: FrameStage) -> bool {
         match stage {
             FrameStage::Motion(kind) => self.motion.contains(kind),
-            FrameStage::Update => !self.motion.is_still(),
+            FrameStage::Update => !self.motion.is_empty(),
             FrameStage::Primary => true,
             FrameStage::Light(effect) => self.light.contains(effect),
         }
@@ -116,13 +116,13 @@ mod tests {
             let effects = Effects { simulated: Simulated::all(), motion, light };
             effects.stages().map(FrameStage::name).collect::<Vec<_>>().join(", ")
         };
-        assert_eq!(plan(Motion::STILL, LightEffects::empty()), "primary");
+        assert_eq!(plan(Motion::empty(), LightEffects::empty()), "primary");
         let both = Motion::SKIN | Motion::RIGID;
         assert_eq!(plan(both, LightEffects::SHADOWS), "skin, rigid, update, primary, shadow");
         let light = LightEffects::TEXTURES | LightEffects::MIRROR;
         assert_eq!(plan(Motion::KEY_FRAMES, light), "key frames, update, primary, textures, mirror");
         let all = "key frames, morph, skin, rigid, update, primary, alpha, textures, shadow, mirror, \
                    ambient occlusion, diffuse bounces";
-        assert_eq!(plan(Motion::ALL, LightEffects::all()), all);
+        assert_eq!(plan(Motion::all(), LightEffects::all()), all);
     }
 }

@@ -72,7 +72,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
     for (x, z, radius, height) in PILLARS {
         let foot = Vec3::new(x as f32, 0.0, z as f32);
         let pillar = turned(&pillar_profile(radius as f32, height as f32), 31).moved(|p| p + foot);
-        assembly.part("pillar", &pillar, Motion::STILL, stone);
+        assembly.part("pillar", &pillar, Motion::empty(), stone);
     }
     let key_bytes = size_of_val(&keys[..]);
     let normals = normals(&assembly.topology.triangles, &assembly.positions);

@@ -73,7 +73,7 @@ impl Assembly {
         let part = part.expect("few triangles");
         part.motion = motion;
         let first = part.triangles.start as usize;
-        topology.moves[first..].fill(!motion.is_still());
+        topology.moves[first..].fill(!motion.is_empty());
         positions.extend(&mesh.positions);
     }
 }

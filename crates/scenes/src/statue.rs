@@ -86,7 +86,7 @@ impl Statue {
             let (name, material) = if i + 1 < count { ("shard", statue) } else { ("stone", stone) };
             assembly.part(name, mesh, moving, material);
         }
-        assembly.part("ground", &shape::square(self.ground, 16), Motion::STILL, earth);
+        assembly.part("ground", &shape::square(self.ground, 16), Motion::empty(), earth);
         let mut animation = RigidBodies::new(assembly, Vec::new(), keys, self.seconds);
         animation.normals = welded_normals(&animation.topology().triangles, &animation.rest(), &welds);
         animation

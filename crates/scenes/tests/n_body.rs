@@ -7,7 +7,7 @@ use scenes::{SceneOptions, load};
 fn balls_move_as_fast_as_in_the_original_and_stay_in_the_box() {
     let scene = load("n-body", None, &SceneOptions::default()).unwrap();
     let animation = &scene.animation;
-    let moving = animation.topology().parts.iter().filter(|p| !p.motion.is_still()).count();
+    let moving = animation.topology().parts.iter().filter(|p| !p.motion.is_empty()).count();
     assert_eq!(moving, 300);
     let (mut before, mut after) = (animation.rest(), animation.rest());
     let mut sum = 0.0;

@@ -90,7 +90,7 @@ fn effects_that_nothing_calls_for_count_nothing_and_allocate_nothing() {
         pool.install(|| {
             let own = frame(name, |effects| effects);
             let looks = LightEffects::TEXTURES | LightEffects::ALPHA | LightEffects::MIRROR;
-            let all = frame(name, |own| Effects { motion: Motion::ALL, light: own.light | looks, ..own });
+            let all = frame(name, |own| Effects { motion: Motion::all(), light: own.light | looks, ..own });
             assert!(counts(&own.posed).iter().any(|&count| count > 0), "{name} moves");
             assert_eq!(counts(&all.posed), counts(&own.posed), "{name}");
             assert_eq!(all.traced, own.traced, "{name}");
@@ -143,10 +143,10 @@ fn a_tree_is_updated_only_where_planned_motion_moves_it() {
         stage.first_tree.visit(|_, node, _| count += usize::from(node.is_leaf() && node.is_dynamic()));
         count
     };
-    let [skin, rest] = [Motion::SKIN, Motion::ALL - Motion::SKIN];
-    assert_eq!(dynamic(Motion::STILL), 0);
+    let [skin, rest] = [Motion::SKIN, Motion::all() - Motion::SKIN];
+    assert_eq!(dynamic(Motion::empty()), 0);
     assert!(dynamic(skin) > 0 && dynamic(rest) > 0);
-    assert_eq!(dynamic(skin) + dynamic(rest), dynamic(Motion::ALL));
+    assert_eq!(dynamic(skin) + dynamic(rest), dynamic(Motion::all()));
 }
 
 #[test]
@@ -159,5 +159,5 @@ fn no_strategy_runs_where_nothing_moves() {
         let mut tree = Bvh::clone(&stage.first_tree);
         stage.update(&mut tree, &mut Updater::new("sweep".parse().unwrap())).unwrap().rebuilt
     };
-    assert_eq!([Motion::ALL, Motion::STILL].map(built_anew), [true, false]);
+    assert_eq!([Motion::all(), Motion::empty()].map(built_anew), [true, false]);
 }

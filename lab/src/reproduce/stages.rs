@@ -165,7 +165,7 @@ mod tests {
                 parts.map(|p| p.vertices.len() as u64).sum()
             };
             let [skinned, rigid] = [Motion::SKIN, Motion::RIGID].map(vertices);
-            let moving_vertices = vertices(Motion::ALL);
+            let moving_vertices = vertices(Motion::all());
             // Of the cloth and its ball nothing stands still.
             let all_dynamic = moving == topology.triangles.len() as u64;
             assert_eq!(all_dynamic, info.name == "cloth-ball", "{}", info.name);

@@ -123,7 +123,7 @@ fn fixed_transforms_scale_then_rotate_then_move() {
     ));
     let moved = [vec3(10.0, 0.0, 5.0), vec3(10.0, 2.0, 5.0), vec3(9.0, 0.0, 5.0)];
     assert_close(&animation.rest(), &[moved, CORNERS].concat());
-    assert!(animation.topology().parts.iter().all(|part| part.motion.is_still()));
+    assert!(animation.topology().parts.iter().all(|part| part.motion.is_empty()));
 }
 
 #[test]

@@ -136,7 +136,7 @@ fn rigid_nodes_move_and_still_ones_are_baked() {
     assert_eq!(topology.parts[0].name, "Mover");
     assert_eq!(topology.parts[0].motion, Motion::RIGID);
     assert_eq!((&topology.parts[1].triangles, &topology.parts[1].vertices), (&(1..2), &(3..6)));
-    assert!(topology.parts[1].motion.is_still());
+    assert!(topology.parts[1].motion.is_empty());
     assert_eq!(animation.duration(), 2.0);
     let still = [[0.0, 5.0, 0.0], [1.0, 5.0, 0.0], [0.0, 6.0, 0.0]];
     assert_close(&at(&animation, 0.5)[..3], &[[1.0, 0.0, 0.0], [3.0, 0.0, 0.0], [1.0, 2.0, 0.0]]);
@@ -220,7 +220,7 @@ fn triangles_whose_joints_stand_still_do_not_move() {
     let weights = [1.0, 0.0, 0.0, 0.0].repeat(3);
     let animation = two_joints(&weights, &[0; 12], "[0,1]", "");
     assert_eq!(animation.topology().moves, [false]);
-    assert!(animation.topology().parts[0].motion.is_still());
+    assert!(animation.topology().parts[0].motion.is_empty());
 }
 
 fn morph(extra_mesh: &str, extra_node: &str, animations: &str) -> GltfAnimation {
@@ -243,7 +243,7 @@ fn morph_weights_from_mesh_node_and_channel() {
     assert_close(&still.rest(), &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
     let mesh = morph(r#","weights":[1,0.5]"#, "", "");
     assert_close(&mesh.rest(), &[[0.0, 0.0, 2.0], [1.0, 0.0, 2.0], [0.0, 1.0, 0.0]]);
-    assert!(mesh.topology().parts[0].motion.is_still());
+    assert!(mesh.topology().parts[0].motion.is_empty());
     let node = morph(r#","weights":[1,0.5]"#, r#","weights":[0.5,0]"#, "");
     assert_close(&node.rest(), &[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
 

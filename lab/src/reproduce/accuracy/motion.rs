@@ -55,7 +55,7 @@ fn options(log: &Log<'_>, key_frames: usize, steps: usize) -> SceneOptions<'stat
 fn moved(animation: &dyn Animation, key: usize, key_frames: usize) -> Vec<Vec3> {
     let mut positions = animation.rest();
     animation.pose(animation.duration() * key as f64 / (key_frames - 1) as f64, &mut positions);
-    let parts = animation.topology().parts.iter().filter(|part| !part.motion.is_still());
+    let parts = animation.topology().parts.iter().filter(|part| !part.motion.is_empty());
     let vertices = parts.flat_map(|part| part.vertices.start as usize..part.vertices.end as usize);
     vertices.map(|v| positions[v]).collect()
 }
@@ -127,7 +127,7 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
         let (_, fine) = scenes.pop().context("no reference")?;
         for (spaces, scene) in scenes {
             let far = distance(&*scene.animation, &*fine.animation, moments).context("other vertices")?;
-            let mut pose = Pose::new(Motion::ALL, &*scene.animation);
+            let mut pose = Pose::new(Motion::all(), &*scene.animation);
             let duration = scene.animation.duration();
             let mut moment = 0.0;
             let time_ms = fastest(10 * log.effort.repeats, || {
