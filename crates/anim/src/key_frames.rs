@@ -1,25 +1,19 @@
 //! Meshes whose positions are interpolated linearly between key frames.
 
 use std::ops::Range;
+use std::path::Path;
 
 use glam::Vec3;
 
-use crate::{Animation, Model, Motion, PoseStats, Problem, Topology};
+use crate::{Animation, LoadError, Model, Motion, PoseStats, Problem, Topology};
 
 /// Time from one key frame to the next where nothing else is known, in seconds.
 pub const DEFAULT_SECONDS_PER_FRAME: f64 = 1.0 / 24.0;
 
-/// What follows the last key frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LoopMode {
-    /// The loop ends there; the next begins with a jump back to the first key frame, as in the
-    /// paper (section 4).
-    Restart,
-    /// The same way back to the first key frame, as part of the loop.
-    BackAndForth,
-}
-
 /// A key-framed animation: vertices move in straight lines, at constant speed from key to key.
+///
+/// The loop ends at the last key frame; the next begins with a jump back to the first one, as in
+/// the paper (section 4).
 ///
 /// Per key frame only the vertices that ever move are kept, 12 bytes each.
 #[derive(Clone, Debug)]
@@ -31,14 +25,18 @@ pub struct KeyFrames {
     /// The positions of those, run behind run, for each key frame.
     frames: Vec<Vec<Vec3>>,
     seconds_per_frame: f64,
-    loop_mode: LoopMode,
 }
 
 impl KeyFrames {
-    /// The same with notes on what of its files is not shown.
-    pub(crate) fn with_notes(mut self, notes: Vec<String>) -> Self {
-        self.model.notes = notes;
-        self
+    /// The animation that begins with the mesh `first` and goes on through the positions of `more`
+    /// files, [`DEFAULT_SECONDS_PER_FRAME`] apart. Errors name `path`.
+    pub(crate) fn of_files(first: Model, more: Vec<Vec<Vec3>>, path: &Path) -> Result<Self, LoadError> {
+        let Model { topology, rest, notes, .. } = first;
+        let frames = std::iter::once(rest).chain(more).collect();
+        let animation = Self::new(topology, frames, DEFAULT_SECONDS_PER_FRAME);
+        let mut animation = animation.map_err(|problem| problem.in_file(path))?;
+        animation.model.notes = notes;
+        Ok(animation)
     }
 
     /// An animation through `frames`, each with one position per vertex, `seconds_per_frame` apart.
@@ -54,7 +52,6 @@ impl KeyFrames {
         mut topology: Topology,
         mut frames: Vec<Vec<Vec3>>,
         seconds_per_frame: f64,
-        loop_mode: LoopMode,
     ) -> Result<Self, Problem> {
         check_topology(&topology)?;
         if !(seconds_per_frame > 0.0 && seconds_per_frame.is_finite()) {
@@ -91,25 +88,15 @@ impl KeyFrames {
             part.motion.set(Motion::KEY_FRAMES, moves);
         }
         let way = (frames.len() - 1) as f64 * seconds_per_frame;
-        let duration = match loop_mode {
-            _ if moving.is_empty() => 0.0,
-            LoopMode::Restart => way,
-            LoopMode::BackAndForth => 2.0 * way,
-        };
+        let duration = if moving.is_empty() { 0.0 } else { way };
         let model = Model { topology, rest, duration, ..Model::default() };
-        Ok(Self { model, moving, frames, seconds_per_frame, loop_mode })
+        Ok(Self { model, moving, frames, seconds_per_frame })
     }
 
     /// The key frame at or before `time`, and how far it is on the way to the next, in [0, 1).
     fn position_in_time(&self, time: f64) -> (usize, f32) {
         let last = (self.frames.len() - 1) as f64;
-        let mut at = self.model.clamp(time) / self.seconds_per_frame;
-        if at > last {
-            at = match self.loop_mode {
-                LoopMode::Restart => last,
-                LoopMode::BackAndForth => (2.0 * last - at).max(0.0),
-            };
-        }
+        let at = (self.model.clamp(time) / self.seconds_per_frame).min(last);
         // The time of a key, computed by whoever asks, is that of the key only up to rounding.
         let nearest = at.round();
         if (at - nearest).abs() < 1e-7 {
@@ -117,24 +104,7 @@ impl KeyFrames {
         }
         (at.floor() as usize, at.fract() as f32)
     }
-}
 
-impl Animation for KeyFrames {
-    fn model(&self) -> &Model {
-        &self.model
-    }
-
-    fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
-        assert_eq!(positions.len(), self.topology().vertex_count, "positions are those of another animation");
-        let mut stats = PoseStats::default();
-        if kinds.contains(Motion::KEY_FRAMES) {
-            stats.key_frames.add(|| self.blend(time, positions));
-        }
-        stats
-    }
-}
-
-impl KeyFrames {
     /// Writes the vertices that move and gives their number.
     fn blend(&self, time: f64, positions: &mut [Vec3]) -> usize {
         let (frame, u) = self.position_in_time(time);
@@ -157,6 +127,21 @@ impl KeyFrames {
             }
         }
         self.frames[frame].len()
+    }
+}
+
+impl Animation for KeyFrames {
+    fn model(&self) -> &Model {
+        &self.model
+    }
+
+    fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
+        assert_eq!(positions.len(), self.topology().vertex_count, "positions are those of another animation");
+        let mut stats = PoseStats::default();
+        if kinds.contains(Motion::KEY_FRAMES) {
+            stats.key_frames.add(|| self.blend(time, positions));
+        }
+        stats
     }
 }
 
@@ -252,7 +237,7 @@ mod tests {
     #[test]
     fn interpolates_and_keeps_only_what_moves() {
         let frames = vec![frame(0.0), frame(1.0), frame(3.0)];
-        let animation = KeyFrames::new(topology(), frames, 0.5, LoopMode::Restart).unwrap();
+        let animation = KeyFrames::new(topology(), frames, 0.5).unwrap();
         assert_eq!(animation.duration(), 1.0);
         assert_eq!(animation.frames[0].len(), 2);
         assert_eq!(animation.topology().moves, [false, true]);
@@ -269,8 +254,7 @@ mod tests {
 
     #[test]
     fn vertices_that_stand_still_are_never_written() {
-        let animation =
-            KeyFrames::new(topology(), vec![frame(0.0), frame(1.0)], 1.0, LoopMode::Restart).unwrap();
+        let animation = KeyFrames::new(topology(), vec![frame(0.0), frame(1.0)], 1.0).unwrap();
         let mut positions = vec![Vec3::NAN; 6];
         animation.pose(0.3, &mut positions);
         assert_eq!(
@@ -281,8 +265,8 @@ mod tests {
 
     #[test]
     fn back_and_forth() {
-        let frames = vec![frame(0.0), frame(1.0), frame(3.0)];
-        let animation = KeyFrames::new(topology(), frames, 1.0, LoopMode::BackAndForth).unwrap();
+        let frames = [0.0, 1.0, 3.0, 1.0, 0.0].map(frame).to_vec();
+        let animation = KeyFrames::new(topology(), frames, 1.0).unwrap();
         assert_eq!(animation.duration(), 4.0);
         for (time, x) in [(1.5, 2.0), (2.0, 3.0), (2.5, 2.0), (3.0, 1.0), (3.5, 0.5), (4.0, 0.0)] {
             assert_eq!(at(&animation, time), frame(x), "at {time}");
@@ -291,7 +275,7 @@ mod tests {
 
     #[test]
     fn a_single_frame_stands_still() {
-        let animation = KeyFrames::new(topology(), vec![frame(2.0)], 1.0, LoopMode::BackAndForth).unwrap();
+        let animation = KeyFrames::new(topology(), vec![frame(2.0)], 1.0).unwrap();
         assert_eq!(animation.duration(), 0.0);
         assert_eq!(animation.topology().moves, [false, false]);
         assert_eq!(at(&animation, 5.0), frame(2.0));
@@ -301,8 +285,7 @@ mod tests {
     fn a_vertex_that_is_infinite_in_one_key_comes_back() {
         let mut broken = frame(1.0);
         broken[4] = Vec3::INFINITY;
-        let animation =
-            KeyFrames::new(topology(), vec![frame(0.0), broken, frame(3.0)], 1.0, LoopMode::Restart).unwrap();
+        let animation = KeyFrames::new(topology(), vec![frame(0.0), broken, frame(3.0)], 1.0).unwrap();
         assert_eq!(at(&animation, 0.0), frame(0.0));
         assert!(!at(&animation, 0.5)[4].is_finite());
         assert_eq!(at(&animation, 2.0), frame(3.0));
@@ -311,7 +294,7 @@ mod tests {
     #[test]
     fn key_times_hit_keys_exactly() {
         let frames: Vec<_> = (0..100).map(|i| frame((i as f32).sqrt())).collect();
-        let animation = KeyFrames::new(topology(), frames.clone(), 1.0 / 24.0, LoopMode::Restart).unwrap();
+        let animation = KeyFrames::new(topology(), frames.clone(), 1.0 / 24.0).unwrap();
         for (number, frame) in frames.iter().enumerate() {
             assert_eq!(&at(&animation, number as f64 / 24.0), frame);
             assert_eq!(&at(&animation, animation.duration() * number as f64 / 99.0), frame);
@@ -320,7 +303,7 @@ mod tests {
 
     #[test]
     fn misfits_are_errors() {
-        let new = |topology, frames| KeyFrames::new(topology, frames, 1.0, LoopMode::Restart).unwrap_err();
+        let new = |topology, frames| KeyFrames::new(topology, frames, 1.0).unwrap_err();
         let new = |topology, frames| new(topology, frames).to_string();
         assert_eq!(new(topology(), vec![]), "key frames: found none, expected at least one");
         let short = vec![frame(0.0), frame(0.0)[..5].to_vec()];
@@ -336,7 +319,7 @@ mod tests {
         bad.parts[0].vertices = 0..7;
         assert_eq!(new(bad, vec![frame(0.0)]), "part 0: found vertices 0..7, expected a range up to 6");
         for seconds in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            assert!(KeyFrames::new(topology(), vec![frame(0.0)], seconds, LoopMode::Restart).is_err());
+            assert!(KeyFrames::new(topology(), vec![frame(0.0)], seconds).is_err());
         }
     }
 

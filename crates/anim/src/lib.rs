@@ -28,7 +28,7 @@ mod texture;
 pub use animation::{Animation, Light, Material, Model, Motion, Part, Topology, View};
 pub use error::{LoadError, Problem, printable};
 pub use glam;
-pub use key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, LoopMode};
+pub use key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames};
 pub use load::{LoadOptions, center, load, parse};
 pub use mesh_file::is_mesh_file;
 pub use normals::vertex_normals;

@@ -12,7 +12,7 @@ use glam::DVec3;
 
 use crate::Model;
 use crate::error::{LoadError, Problem};
-use crate::key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, LoopMode};
+use crate::key_frames::KeyFrames;
 
 /// Whether [`load`](crate::load) takes a file of this name for a mesh without an animation, camera
 /// or lights: .obj, .ply or .stl, in upper or lower case.
@@ -29,10 +29,7 @@ pub(crate) fn format_of(file: &Path) -> Option<&'static str> {
 
 /// Reads a mesh that stands still, relative to `origin`.
 pub(crate) fn parse(file: &Path, bytes: &[u8], origin: DVec3) -> Result<KeyFrames, LoadError> {
-    let Model { topology, rest, notes, .. } = read_mesh(file, bytes, origin)?;
-    KeyFrames::new(topology, vec![rest], DEFAULT_SECONDS_PER_FRAME, LoopMode::Restart)
-        .map(|frames| frames.with_notes(notes))
-        .map_err(|problem| problem.in_file(file))
+    KeyFrames::of_files(read_mesh(file, bytes, origin)?, Vec::new(), file)
 }
 
 /// A text without the byte order mark that some editors put at its start.

@@ -7,7 +7,7 @@ use glam::DVec3;
 use crate::Topology;
 use crate::error::{LoadError, Problem};
 use crate::files::read_beside;
-use crate::key_frames::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, LoopMode};
+use crate::key_frames::KeyFrames;
 use crate::mesh_file::{format_of, read_mesh};
 
 /// Loads the files of a directory as key frames, relative to `origin`.
@@ -17,7 +17,7 @@ pub(crate) fn load(directory: &Path, origin: DVec3) -> Result<KeyFrames, LoadErr
     let (first_file, others) = files.split_first().ok_or_else(none)?;
     let read = |file: &Path| read_beside(file, file.file_name().unwrap_or_default().as_ref());
     let first = read_mesh(first_file, &read(first_file)?, origin)?;
-    let mut frames = vec![first.rest];
+    let mut more = Vec::new();
     for file in others {
         let mesh = read_mesh(file, &read(file)?, origin)?;
         if let Some(difference) = difference(&mesh.topology, &first.topology) {
@@ -25,12 +25,13 @@ pub(crate) fn load(directory: &Path, origin: DVec3) -> Result<KeyFrames, LoadErr
             let expected = "the same vertices and faces in all key frames of a sequence";
             return Err(Problem::new("whole mesh", found, expected).in_file(file));
         }
-        frames.push(mesh.rest);
+        more.push(mesh.rest);
     }
-    let loop_mode = if frames.len() == 2 { LoopMode::BackAndForth } else { LoopMode::Restart };
-    KeyFrames::new(first.topology, frames, DEFAULT_SECONDS_PER_FRAME, loop_mode)
-        .map(|frames| frames.with_notes(first.notes))
-        .map_err(|problem| problem.in_file(directory))
+    if more.len() == 1 {
+        // Two frames go back and forth.
+        more.push(first.rest.clone());
+    }
+    KeyFrames::of_files(first, more, directory)
 }
 
 /// The mesh files of `directory` in natural order.

@@ -7,7 +7,7 @@
 
 use std::f32::consts::{PI, TAU};
 
-use anim::{KeyFrames, LoopMode, Motion};
+use anim::{KeyFrames, Motion};
 use glam::{Vec3, vec3};
 
 use crate::rigid::{rotated, rotation};
@@ -80,7 +80,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>, start: usize) -> Result<Scene, S
     furnish(&mut assembly);
     let still = &assembly.positions[3 * count..];
     let frames: Vec<Vec<Vec3>> = shapes.iter().map(|shape| [&shape.concat()[..], still].concat()).collect();
-    let animation = KeyFrames::new(assembly.topology, frames, SECONDS_PER_SHAPE, LoopMode::Restart)?;
+    let animation = KeyFrames::new(assembly.topology, frames, SECONDS_PER_SHAPE)?;
     let seen = (vec3(0.5, 2.5, 4.9), vec3(0.0, 2.15, 0.0));
     Ok(Scene::new(&INFO, Box::new(animation), seen, 55_f32.to_radians(), vec3(-1.6, 4.7, 2.8)))
 }

@@ -1,6 +1,6 @@
 //! `cloth-ball`: a square cloth falls onto a ball, which then turns and winds it up.
 
-use anim::{KeyFrames, LoopMode, Motion};
+use anim::{KeyFrames, Motion};
 use glam::{DQuat, DVec3, Vec3};
 
 use crate::cache::{Record, recorded};
@@ -51,7 +51,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     assembly.part("ball", &sphere(RADIUS as f32, 20, 20), moving, ball);
     let seconds_per_key = SECONDS / (keys - 1) as f64;
     let key_bytes = keys * size_of::<Vec3>() * assembly.positions.len();
-    let animation = KeyFrames::new(assembly.topology, frames, seconds_per_key, LoopMode::Restart)?;
+    let animation = KeyFrames::new(assembly.topology, frames, seconds_per_key)?;
     let (eye, target) = (Vec3::new(15.0, 13.5, 41.0), Vec3::new(0.0, 6.0, 0.0));
     let (fov_y, light) = (38_f32.to_radians(), Vec3::new(-18.0, 45.0, 22.0));
     let scene = Scene::new(&INFO, Box::new(animation), (eye, target), fov_y, light);

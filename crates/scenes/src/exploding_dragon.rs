@@ -1,6 +1,6 @@
 //! `exploding-dragon`: a stone drops onto a hollow dragon, which bursts into thousands of pieces.
 
-use anim::{KeyFrames, LoopMode, Motion};
+use anim::{KeyFrames, Motion};
 use glam::{Vec3, vec3};
 
 use crate::rigid::Key;
@@ -56,7 +56,7 @@ pub(crate) fn blended(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let topology = rigid.animation.topology().clone();
     let moving = topology.parts.iter().filter(|part| !part.motion.is_empty());
     let key_bytes = BLENDED_KEYS * moving.map(|part| part.vertices.len()).sum::<usize>() * size_of::<Vec3>();
-    let animation = KeyFrames::new(topology, frames, seconds, LoopMode::Restart)?;
+    let animation = KeyFrames::new(topology, frames, seconds)?;
     let effects = Effects { motion: Motion::KEY_FRAMES, ..EFFECTS };
     Ok(Scene { animation: Box::new(animation), key_bytes, effects, ..rigid })
 }

@@ -121,7 +121,7 @@ fn framing(center: Vec3, radius: f32) -> (View, Light) {
 
 #[cfg(test)]
 mod tests {
-    use anim::{KeyFrames, LoopMode, Topology};
+    use anim::{KeyFrames, Topology};
 
     use super::*;
 
@@ -142,7 +142,7 @@ mod tests {
                 ..Topology::default()
             };
             let keys = [0.0, 1.0].map(|y| vec![Vec3::ZERO, Vec3::X, vec3(0.0, y, 1.0)]).to_vec();
-            let animation = KeyFrames::new(topology, keys, seconds, LoopMode::Restart).unwrap();
+            let animation = KeyFrames::new(topology, keys, seconds).unwrap();
             assert_eq!(scene_of(Path::new("a.glb"), Box::new(animation)).frames, frames, "{seconds} s");
         }
     }
