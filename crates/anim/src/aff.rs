@@ -127,7 +127,7 @@ fn place_parts(topology: &mut Topology, sources: &mut [Source], places: &[Frame]
             corners.for_each(|p| *p = fixed.transform_point3(p.as_dvec3()).as_vec3());
         }
         positions.extend_from_slice(local);
-        positions.extend(patches.iter().flat_map(|patch| patch.0[0].corners));
+        positions.extend(patches.iter().flat_map(|patch| patch.0[0].1));
         part.motion.set(Motion::RIGID, node.is_some());
         part.motion.set(Motion::KEY_FRAMES, patches.iter().any(Patch::moves));
         if part.motion.is_empty() {

@@ -20,13 +20,8 @@ pub(super) struct Frame {
     pub(super) fixed: DAffine3,
 }
 
-/// A triangle with keys of its own (`tpa`).
-pub(super) struct Patch(pub(super) Vec<PatchKey>);
-
-pub(super) struct PatchKey {
-    pub(super) time: f64,
-    pub(super) corners: [Vec3; 3],
-}
+/// A triangle with keys of its own (`tpa`): times, and its corners then.
+pub(super) struct Patch(pub(super) Vec<(f64, [Vec3; 3])>);
 
 impl Patch {
     pub(super) fn moves(&self) -> bool {
@@ -35,21 +30,21 @@ impl Patch {
 
     /// Times of the first and the last key.
     pub(super) fn span(&self) -> (f64, f64) {
-        (self.0[0].time, self.0[self.0.len() - 1].time)
+        (self.0[0].0, self.0[self.0.len() - 1].0)
     }
 
     pub(super) fn corners_mut(&mut self) -> impl Iterator<Item = &mut Vec3> {
-        self.0.iter_mut().flat_map(|key| &mut key.corners)
+        self.0.iter_mut().flat_map(|(_, corners)| corners)
     }
 
     /// Linear from key to key, and still before the first and after the last.
     pub(super) fn at(&self, time: f64) -> [Vec3; 3] {
-        let (first, u, _) = segment(&self.0, time, |key| key.time);
-        let corners = self.0[first].corners;
+        let (first, u, _) = segment(&self.0, time, |key| key.0);
+        let corners = self.0[first].1;
         if u == 0.0 {
             return corners;
         }
-        let next = self.0[first + 1].corners;
+        let next = self.0[first + 1].1;
         [0, 1, 2].map(|corner| corners[corner].lerp(next[corner], u))
     }
 }
@@ -154,7 +149,7 @@ mod tests {
 
     #[test]
     fn patches_blend_between_their_own_keys() {
-        let key = |time, x| PatchKey { time, corners: [Vec3::splat(x); 3] };
+        let key = |time, x| (time, [Vec3::splat(x); 3]);
         let patch = Patch(vec![key(1.0, 0.0), key(2.0, 4.0), key(2.0, 6.0), key(4.0, 8.0)]);
         for (time, x) in [(0.0, 0.0), (1.0, 0.0), (1.25, 1.0), (2.0, 6.0), (3.0, 7.0), (4.0, 8.0), (9.0, 8.0)]
         {

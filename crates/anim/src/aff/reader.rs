@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3};
 
-use super::geometry::{Frame, Patch, PatchKey, Shape, Source, cone, sphere};
+use super::geometry::{Frame, Patch, Shape, Source, cone, sphere};
 use super::tokens::{Tokens, spaced};
 use super::track::{FEWEST_KEYS, Key, Spline, Track};
 use crate::budget::Budget;
@@ -127,7 +127,6 @@ impl Reader {
             return Err(in_file(tokens.problem(None, "\"}\"")));
         }
         self.open.pop();
-        self.scene.disordered += tokens.disordered;
         Ok(())
     }
 
@@ -137,10 +136,13 @@ impl Reader {
             "xs" | "x" => self.transform(tokens, word == "x")?,
             "}" => self.frame = self.outer.pop().unwrap_or_default(),
             "v" => self.scene.camera = Some(camera(tokens)?),
-            "l" => self.light(tokens, None)?,
-            "la" => {
-                let name = tokens.word("the name of a light")?.into();
-                self.light(tokens, Some(name))?;
+            "l" | "la" => {
+                let name = (word == "la").then(|| tokens.word("the name of a light")).transpose()?;
+                let position = tokens.vector()?;
+                let has_color = tokens.peek().is_some_and(|word| word.parse::<f64>().is_ok());
+                let color = if has_color { tokens.vector()? } else { DVec3::ONE };
+                let light = AffLight { track: name.map(Name::from), frame: self.frame, position, color };
+                self.scene.lights.push(light);
             }
             "a" => self.scene.time = Some(time_span(tokens)?),
             // Colours of the background and of the light from everywhere.
@@ -228,13 +230,6 @@ impl Reader {
         Ok(())
     }
 
-    fn light(&mut self, tokens: &mut Tokens<'_>, track: Option<Name>) -> Result<(), Problem> {
-        let position = tokens.vector()?;
-        let color = if tokens.next_is_number() { tokens.vector()? } else { DVec3::ONE };
-        self.scene.lights.push(AffLight { track, frame: self.frame, position, color });
-        Ok(())
-    }
-
     /// What has no diffuse colour is a mirror of its specular one; all else is diffuse.
     fn set_material(&mut self, diffuse: DVec3, specular: DVec3) {
         let mirror = diffuse == DVec3::ZERO && specular != DVec3::ZERO;
@@ -255,14 +250,11 @@ impl Reader {
     }
 
     fn animated_triangle(&mut self, tokens: &mut Tokens<'_>, part: &str) -> Result<(), Problem> {
-        let mut keys: Vec<PatchKey> = Vec::new();
-        for _ in 0..tokens.count_from(1, "keys")? {
-            let time = tokens.number()?;
+        let fixed = self.frame.fixed;
+        let keys = self.keys(tokens, 1, |tokens| {
             let vertices = tokens.vectors(3, 3)?;
-            let corner = |i: usize| self.frame.fixed.transform_point3(vertices[i]).as_vec3();
-            keys.push(PatchKey { time, corners: [0, 1, 2].map(corner) });
-        }
-        put_in_order(&mut keys, |key| key.time, tokens);
+            Ok([0, 1, 2].map(|corner| fixed.transform_point3(vertices[corner]).as_vec3()))
+        })?;
         let patches = vec![Patch(keys)];
         self.extend_part(part, &[[0, 1, 2]], Source { node: self.frame.node, local: Vec::new(), patches })
     }
@@ -301,10 +293,10 @@ impl Reader {
         let mut track = Track::default();
         loop {
             match tokens.next() {
-                Some("transl") => track.translation = Some(Spline(keys(tokens, Tokens::vector)?)),
-                Some("rot") => track.rotation = Some(Spline::of_rotations(keys(tokens, rotation)?)),
-                Some("scale") => track.scale = Some(Spline(keys(tokens, Tokens::vector)?)),
-                Some("visibility") => track.visibility = visibility(tokens)?,
+                Some("transl") => track.translation = Some(Spline(self.spline(tokens, Tokens::vector)?)),
+                Some("rot") => track.rotation = Some(Spline::of_rotations(self.spline(tokens, rotation)?)),
+                Some("scale") => track.scale = Some(Spline(self.spline(tokens, Tokens::vector)?)),
+                Some("visibility") => track.visibility = self.keys(tokens, 0, visibility)?,
                 Some("}") => break,
                 found => {
                     return Err(tokens.problem(found, "transl, rot, scale, visibility or \"}\""));
@@ -313,6 +305,36 @@ impl Reader {
         }
         self.scene.tracks.insert(name.into(), Arc::new(track));
         Ok(())
+    }
+
+    /// The keys of a spline, as many as it needs.
+    fn spline<'a, T>(
+        &mut self,
+        tokens: &mut Tokens<'a>,
+        value: fn(&mut Tokens<'a>) -> Result<T, Problem>,
+    ) -> Result<Vec<Key<T>>, Problem> {
+        let keys = self.keys(tokens, FEWEST_KEYS, |tokens| Ok((value(tokens)?, tokens.numbers()?)))?;
+        let key = |(time, (value, shape))| Key { time, value, shape };
+        Ok(keys.into_iter().map(key).collect())
+    }
+
+    /// At least `fewest` keys, each its time and what `value` reads behind it, in order of time.
+    /// Counts the lists that were not sorted: scenes of BART itself have such lists.
+    fn keys<'a, T>(
+        &mut self,
+        tokens: &mut Tokens<'a>,
+        fewest: usize,
+        value: impl Fn(&mut Tokens<'a>) -> Result<T, Problem>,
+    ) -> Result<Vec<(f64, T)>, Problem> {
+        let mut keys = Vec::new();
+        for _ in 0..tokens.count_from(fewest, "keys")? {
+            keys.push((tokens.number()?, value(tokens)?));
+        }
+        if !keys.is_sorted_by(|a, b| a.0 <= b.0) {
+            keys.sort_by(|a, b| a.0.total_cmp(&b.0));
+            self.scene.disordered += 1;
+        }
+        Ok(keys)
     }
 }
 
@@ -363,41 +385,11 @@ fn rotation(tokens: &mut Tokens<'_>) -> Result<DQuat, Problem> {
     Ok(axis.try_normalize().map_or(DQuat::IDENTITY, |axis| about(axis, angle)))
 }
 
-/// The keys of a spline, as many as it needs and in order of time.
-fn keys<'a, T>(
-    tokens: &mut Tokens<'a>,
-    value: fn(&mut Tokens<'a>) -> Result<T, Problem>,
-) -> Result<Vec<Key<T>>, Problem> {
-    let mut keys = Vec::new();
-    for _ in 0..tokens.count_from(FEWEST_KEYS, "keys")? {
-        let (time, value) = (tokens.number()?, value(tokens)?);
-        let [tension, continuity, bias] = tokens.numbers()?;
-        keys.push(Key { time, value, tension, continuity, bias });
+fn visibility(tokens: &mut Tokens<'_>) -> Result<bool, Problem> {
+    match tokens.next() {
+        Some(word @ ("0" | "1")) => Ok(word == "1"),
+        found => Err(tokens.problem(found, "0 (invisible) or 1 (visible)")),
     }
-    put_in_order(&mut keys, |key| key.time, tokens);
-    Ok(keys)
-}
-
-/// Sorts keys by time, and counts the lists that were not sorted. Scenes of BART itself have such
-/// lists.
-fn put_in_order<T>(keys: &mut [T], time: impl Fn(&T) -> f64, tokens: &mut Tokens<'_>) {
-    if !keys.is_sorted_by(|a, b| time(a) <= time(b)) {
-        keys.sort_by(|a, b| time(a).total_cmp(&time(b)));
-        tokens.disordered += 1;
-    }
-}
-
-fn visibility(tokens: &mut Tokens<'_>) -> Result<Vec<(f64, bool)>, Problem> {
-    let mut keys: Vec<(f64, bool)> = Vec::new();
-    for _ in 0..tokens.count("a number of keys")? {
-        let time = tokens.number()?;
-        match tokens.next() {
-            Some(word @ ("0" | "1")) => keys.push((time, word == "1")),
-            found => return Err(tokens.problem(found, "0 (invisible) or 1 (visible)")),
-        }
-    }
-    put_in_order(&mut keys, |key| key.0, tokens);
-    Ok(keys)
 }
 
 fn camera(tokens: &mut Tokens<'_>) -> Result<Camera, Problem> {

@@ -19,14 +19,12 @@ pub(super) struct Tokens<'a> {
     /// What is left of the line, which is number `line`, counted from 1.
     words: SplitAsciiWhitespace<'a>,
     line: usize,
-    /// Lists of keys that were not in the order of their times.
-    pub(super) disordered: usize,
 }
 
 impl<'a> Tokens<'a> {
     /// The words of a text that is [`spaced`].
     pub(super) fn new(text: &'a str) -> Self {
-        Self { lines: text.split('\n'), words: "".split_ascii_whitespace(), line: 0, disordered: 0 }
+        Self { lines: text.split('\n'), words: "".split_ascii_whitespace(), line: 0 }
     }
 
     /// The next word, `{` or `}`; comments run from a word that starts with `#` or `%` to the end
@@ -81,10 +79,6 @@ impl<'a> Tokens<'a> {
         number.ok_or_else(|| self.problem(token, "a finite number"))
     }
 
-    pub(super) fn next_is_number(&self) -> bool {
-        self.peek().is_some_and(|word| word.parse::<f64>().is_ok())
-    }
-
     pub(super) fn numbers<const N: usize>(&mut self) -> Result<[f64; N], Problem> {
         let mut numbers = [0.0; N];
         numbers.iter_mut().try_for_each(|number| self.number().map(|read| *number = read))?;
@@ -120,7 +114,10 @@ impl<'a> Tokens<'a> {
 
     /// A whole number, at least `fewest`, that counts `what`.
     pub(super) fn count_from(&mut self, fewest: usize, what: &str) -> Result<usize, Problem> {
-        let expected = format!("a number of {what} from {fewest} up");
+        let expected = match fewest {
+            0 => format!("a number of {what}"),
+            _ => format!("a number of {what} from {fewest} up"),
+        };
         match self.count(&expected)? {
             count if count < fewest => Err(self.because(count, expected)),
             count => Ok(count),

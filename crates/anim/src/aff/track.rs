@@ -50,15 +50,13 @@ impl Track {
     }
 }
 
-/// A value to be at `time`, and how to pass through it: all three parameters 0 for a Catmull-Rom
-/// spline.
+/// A value to be at `time`, and how to pass through it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Key<T> {
     pub(super) time: f64,
     pub(super) value: T,
-    pub(super) tension: f64,
-    pub(super) continuity: f64,
-    pub(super) bias: f64,
+    /// Tension, continuity and bias: all three 0 for a Catmull-Rom spline.
+    pub(super) shape: [f64; 3],
 }
 
 /// At least [`FEWEST_KEYS`] keys in order of time.
@@ -143,10 +141,10 @@ impl<T: Value> Spline<T> {
     fn tangents(&self, i: usize) -> (DVec3, DVec3) {
         let [previous, key, next] = [&self.0[i - 1], &self.0[i], &self.0[i + 1]];
         let (way_in, way_out) = (previous.value.step(key.value), key.value.step(next.value));
-        let (tension, continuity, bias) = (1.0 - key.tension, key.continuity, key.bias);
+        let [tension, continuity, bias] = key.shape;
         let tangent = |continuity: f64| {
-            let before = 0.5 * tension * (1.0 + continuity) * (1.0 + bias);
-            let after = 0.5 * tension * (1.0 - continuity) * (1.0 - bias);
+            let before = 0.5 * (1.0 - tension) * (1.0 + continuity) * (1.0 + bias);
+            let after = 0.5 * (1.0 - tension) * (1.0 - continuity) * (1.0 - bias);
             before * way_in + after * way_out
         };
         let (before, after) = (key.time - previous.time, next.time - key.time);
@@ -164,7 +162,7 @@ mod tests {
     use super::*;
 
     fn key<T>(time: f64, value: T) -> Key<T> {
-        Key { time, value, tension: 0.0, continuity: 0.0, bias: 0.0 }
+        Key { time, value, shape: [0.0; 3] }
     }
 
     fn spline(values: &[(f64, f64)]) -> Spline<DVec3> {
@@ -195,7 +193,7 @@ mod tests {
         // Tension 0.5, continuity 0.5, bias 0.5 at the second key; ways 1 and 2. By the paper's
         // equations: arriving 0.5 * (0.5 * 0.5 * 1.5 * 1 + 0.5 * 1.5 * 0.5 * 2) = 0.5625, leaving
         // 0.5 * (0.5 * 1.5 * 1.5 * 1 + 0.5 * 0.5 * 0.5 * 2) = 0.6875.
-        catmull_rom.0[1] = Key { tension: 0.5, continuity: 0.5, bias: 0.5, ..catmull_rom.0[1] };
+        catmull_rom.0[1] = Key { shape: [0.5; 3], ..catmull_rom.0[1] };
         let (arriving, leaving) = catmull_rom.tangents(1);
         assert!(close(arriving.x, 0.5625) && close(leaving.x, 0.6875));
         // Uneven: 1 before and 3 after the key, ways 1 and 2. The plain tangent 1.5 is shared out 1
@@ -208,7 +206,7 @@ mod tests {
     fn full_tension_has_no_tangents() {
         let mut tight = spline(&[(0.0, 0.0), (1.0, 1.0), (2.0, 3.0), (3.0, 7.0)]);
         for key in &mut tight.0 {
-            key.tension = 1.0;
+            key.shape[0] = 1.0;
         }
         assert_eq!(tight.tangents(1), (DVec3::ZERO, DVec3::ZERO));
         assert!(close(tight.at(1.5).x, 2.0));
