@@ -426,8 +426,7 @@ impl Skin {
         let inverse_bind = match skin.inverse_bind_matrices {
             None => vec![Affine3A::IDENTITY; joints.len()],
             Some(matrices) => {
-                let matrices =
-                    accessors.floats::<16>(matrices, ALL, &format!("{place}, inverseBindMatrices"))?;
+                let matrices = accessors.read(matrices, ALL, &format!("{place}, inverseBindMatrices"))?;
                 if matrices.len() < joints.len() {
                     let found = format!("{} inverse bind matrices", matrices.len());
                     return Err(Problem::new(place, found, format!("{}, one for each joint", joints.len())));
@@ -462,11 +461,8 @@ fn morph_weights(
     let given = given.cloned().unwrap_or_else(|| vec![0.0; count]);
     if given.len() != count {
         let expected = format!("{count}, one for each morph target");
-        return Err(Problem::new(
-            node_name(accessors.root, node),
-            format!("{} weights", given.len()),
-            expected,
-        ));
+        let place = node_name(accessors.root, node);
+        return Err(Problem::new(place, format!("{} weights", given.len()), expected));
     }
     let track = channels.weights[node].take().unwrap_or_else(|| Track::constant(given));
     Ok(Some(if track.is_constant() { Track::constant(track.value(0).to_vec()) } else { track }))

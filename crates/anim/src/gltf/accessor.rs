@@ -28,14 +28,13 @@ pub(super) struct Accessors<'a> {
 
 /// Those elements of an accessor that are read: all without numbers, which increase. Exporters let
 /// the primitives of a mesh share one large vertex array, of which each uses a piece.
-#[derive(Clone, Copy)]
-pub(super) struct Used<'a> {
-    pub(super) numbers: Option<&'a [u32]>,
+pub(super) struct Used {
+    pub(super) numbers: Option<Vec<u32>>,
     /// How many elements there must be, where that is known.
     pub(super) of: Option<u64>,
 }
 
-pub(super) const ALL: Used<'_> = Used { numbers: None, of: None };
+pub(super) const ALL: &Used = &Used { numbers: None, of: None };
 
 impl<'a> Accessors<'a> {
     /// Counts `what` for a note.
@@ -43,54 +42,31 @@ impl<'a> Accessors<'a> {
         *self.left_out.borrow_mut().entry(what).or_default() += 1;
     }
 
-    /// Elements of `N` floats; integers are converted, and scaled to [-1, 1] or [0, 1] if declared
-    /// normalised.
-    pub(super) fn floats<const N: usize>(
+    /// Elements of `N` components.
+    pub(super) fn read<T: Component, const N: usize>(
         &self,
         index: Index<Accessor>,
-        used: Used<'_>,
+        used: &Used,
         place: &str,
-    ) -> Result<Vec<[f32; N]>, Problem> {
-        let decode = |bytes: &[u8], kind, normalized| Some(float(bytes, kind, normalized));
-        self.read(index, used, place, "numbers", decode)
-    }
-
-    /// Elements of `N` unsigned integers of 8, 16 or 32 bits.
-    pub(super) fn integers<const N: usize>(
-        &self,
-        index: Index<Accessor>,
-        used: Used<'_>,
-        place: &str,
-    ) -> Result<Vec<[u32; N]>, Problem> {
-        self.read(index, used, place, "unsigned integers", |bytes, kind, _| unsigned(bytes, kind))
-    }
-
-    fn read<T: Copy + Default, const N: usize>(
-        &self,
-        index: Index<Accessor>,
-        used: Used<'_>,
-        place: &str,
-        components: &str,
-        decode: impl Fn(&[u8], ComponentType, bool) -> Option<T>,
     ) -> Result<Vec<[T; N]>, Problem> {
         let place = &format!("{place}, accessor {index}");
         let accessor = numbered(&self.root.accessors, index.value(), "accessor", place)?;
-        let kind = component_type::<N>(accessor, components, place)?;
+        let kind = component_type::<T, N>(accessor, place)?;
         let element = |bytes: &[u8]| {
             let mut element = [T::default(); N];
             for (value, bytes) in element.iter_mut().zip(bytes.chunks_exact(kind.size())) {
-                *value = decode(bytes, kind, accessor.normalized)?;
+                *value = T::decode(bytes, kind, accessor.normalized)?;
             }
             Some(element)
         };
-        let unfit = || Problem::new(place, format!("components of type {kind:?}"), components);
+        let unfit = || Problem::new(place, format!("components of type {kind:?}"), T::NAME);
 
-        let count = accessor.count.0;
+        let (numbers, count) = (used.numbers.as_deref(), accessor.count.0);
         if let Some(expected) = used.of.filter(|&of| of != count) {
             let expected = format!("{expected}, one for each position");
             return Err(Problem::new(place, format!("{count} elements"), expected));
         }
-        let read_count = used.numbers.map_or(count, |numbers| numbers.len() as u64);
+        let read_count = numbers.map_or(count, |numbers| numbers.len() as u64);
         self.budget.spend(read_count.saturating_mul(size_of::<[T; N]>() as u64), place)?;
         let read_count = read_count as usize;
         let size = kind.size() * N;
@@ -98,7 +74,7 @@ impl<'a> Accessors<'a> {
             Some(view) => {
                 let offset = accessor.byte_offset.unwrap_or_default().0;
                 let bytes = self.elements(view, offset, count, size, place)?;
-                let read = |at| element(bytes(used.numbers.map_or(at, |numbers| numbers[at] as usize)));
+                let read = |at| element(bytes(numbers.map_or(at, |numbers| numbers[at] as usize)));
                 (0..read_count).map(read).collect::<Option<Vec<_>>>().ok_or_else(unfit)?
             }
             None => vec![[T::default(); N]; read_count],
@@ -113,12 +89,12 @@ impl<'a> Accessors<'a> {
             let at = self.elements(at.buffer_view, at.byte_offset.0, few, index_kind.size(), place)?;
             let values = self.elements(values.buffer_view, values.byte_offset.0, few, size, place)?;
             for few in 0..few as usize {
-                let at = unsigned(at(few), index_kind).ok_or_else(unfit)?;
+                let at = u32::decode(at(few), index_kind, false).ok_or_else(unfit)?;
                 if u64::from(at) >= count {
                     let expected = format!("an index below the accessor's count {count}");
                     return Err(Problem::new(place, format!("index {at}"), expected));
                 }
-                let slot = used.numbers.map_or(Ok(at as usize), |numbers| numbers.binary_search(&at));
+                let slot = numbers.map_or(Ok(at as usize), |numbers| numbers.binary_search(&at));
                 if let Ok(slot) = slot {
                     elements[slot] = element(values(few)).ok_or_else(unfit)?;
                 }
@@ -165,9 +141,8 @@ impl<'a> Accessors<'a> {
 }
 
 /// The type of an accessor's components, of which each element must have `N`.
-fn component_type<const N: usize>(
+fn component_type<T: Component, const N: usize>(
     accessor: &Accessor,
-    components: &str,
     place: &str,
 ) -> Result<ComponentType, Problem> {
     // Of the two shapes with four components, MAT2 is never called for.
@@ -180,7 +155,7 @@ fn component_type<const N: usize>(
         (Checked::Valid(_), _) => "an unknown component type".to_owned(),
         (Checked::Invalid, _) => "an unknown element type".to_owned(),
     };
-    let expected = format!("{components} in elements of {}", shape.map_or_else(String::new, name));
+    let expected = format!("{} in elements of {}", T::NAME, shape.map_or_else(String::new, name));
     Err(Problem::new(place, found, expected))
 }
 
@@ -189,25 +164,44 @@ fn slice(bytes: &[u8], begin: u64, length: u64) -> Option<&[u8]> {
     bytes.get(begin..begin.checked_add(usize::try_from(length).ok()?)?)
 }
 
-/// glTF 2.0 specification, section 3.11 (equations for normalised integers).
-fn float(bytes: &[u8], kind: ComponentType, normalized: bool) -> f32 {
-    let (value, largest) = match (kind, bytes) {
-        (ComponentType::I8, &[a]) => (f32::from(a as i8), 127.0),
-        (ComponentType::U8, &[a]) => (f32::from(a), 255.0),
-        (ComponentType::I16, &[a, b]) => (f32::from(i16::from_le_bytes([a, b])), 32767.0),
-        (ComponentType::U16, &[a, b]) => (f32::from(u16::from_le_bytes([a, b])), 65535.0),
-        (ComponentType::U32, &[a, b, c, d]) => (u32::from_le_bytes([a, b, c, d]) as f32, u32::MAX as f32),
-        (ComponentType::F32, &[a, b, c, d]) => return f32::from_le_bytes([a, b, c, d]),
-        _ => return f32::NAN,
-    };
-    if normalized { (value / largest).max(-1.0) } else { value }
+/// What the components of elements are read as.
+pub(super) trait Component: Copy + Default {
+    /// How errors name them.
+    const NAME: &'static str;
+
+    /// `None` where components of this type cannot be read so.
+    fn decode(bytes: &[u8], kind: ComponentType, normalized: bool) -> Option<Self>;
 }
 
-fn unsigned(bytes: &[u8], kind: ComponentType) -> Option<u32> {
-    match (kind, bytes) {
-        (ComponentType::U8, &[a]) => Some(u32::from(a)),
-        (ComponentType::U16, &[a, b]) => Some(u32::from(u16::from_le_bytes([a, b]))),
-        (ComponentType::U32, &[a, b, c, d]) => Some(u32::from_le_bytes([a, b, c, d])),
-        _ => None,
+/// Integers are converted, and scaled to [-1, 1] or [0, 1] if declared normalised (glTF 2.0
+/// specification, section 3.11).
+impl Component for f32 {
+    const NAME: &'static str = "numbers";
+
+    fn decode(bytes: &[u8], kind: ComponentType, normalized: bool) -> Option<Self> {
+        let (value, largest) = match (kind, bytes) {
+            (ComponentType::I8, &[a]) => (f32::from(a as i8), 127.0),
+            (ComponentType::U8, &[a]) => (f32::from(a), 255.0),
+            (ComponentType::I16, &[a, b]) => (f32::from(i16::from_le_bytes([a, b])), 32767.0),
+            (ComponentType::U16, &[a, b]) => (f32::from(u16::from_le_bytes([a, b])), 65535.0),
+            (ComponentType::U32, &[a, b, c, d]) => (u32::from_le_bytes([a, b, c, d]) as f32, u32::MAX as f32),
+            (ComponentType::F32, &[a, b, c, d]) => return Some(f32::from_le_bytes([a, b, c, d])),
+            _ => return None,
+        };
+        Some(if normalized { (value / largest).max(-1.0) } else { value })
+    }
+}
+
+/// Unsigned integers of 8, 16 or 32 bits.
+impl Component for u32 {
+    const NAME: &'static str = "unsigned integers";
+
+    fn decode(bytes: &[u8], kind: ComponentType, _: bool) -> Option<Self> {
+        match (kind, bytes) {
+            (ComponentType::U8, &[a]) => Some(u32::from(a)),
+            (ComponentType::U16, &[a, b]) => Some(u32::from(u16::from_le_bytes([a, b]))),
+            (ComponentType::U32, &[a, b, c, d]) => Some(u32::from_le_bytes([a, b, c, d])),
+            _ => None,
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! The node hierarchy: which nodes move in the clip, and where each is at a time.
 
-use ::gltf::json::animation::{Animation, Channel, Interpolation, Property};
+use ::gltf::json::animation::{Animation, Interpolation, Property};
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{Index, Root};
 use glam::{Affine3A, DAffine3, DVec3, Mat4, Quat, Vec3};
@@ -12,13 +12,12 @@ use crate::error::{Problem, numbered};
 /// All nodes of the document, in the scene or not: a skin's joints may lie outside of it.
 #[derive(Default)]
 pub(super) struct Nodes {
-    parent: Vec<Option<usize>>,
     local: Vec<Local>,
     /// Whether the node or an ancestor is animated.
     pub(super) moves: Vec<bool>,
     pub(super) in_scene: Vec<bool>,
-    /// All nodes, ancestors first.
-    order: Vec<usize>,
+    /// All nodes and their parents, ancestors first.
+    order: Vec<(usize, Option<usize>)>,
     /// Node to scene at time 0.
     pub(super) global_at_rest: Vec<Affine3A>,
     /// If it lies elsewhere than the file's, transforms are composed in `f64`, and the origin is
@@ -31,10 +30,8 @@ pub(super) struct Nodes {
 struct Local {
     /// That of a node without tracks. One given by a matrix may shear.
     fixed: Option<Affine3A>,
-    /// What holds where no track says otherwise.
-    translation: Vec3,
-    rotation: Quat,
-    scale: Vec3,
+    /// Scale, rotation and translation where no track says otherwise.
+    rest: (Vec3, Quat, Vec3),
     /// The translation with all its digits, if it has no track and they are needed.
     exact_translation: Option<DVec3>,
     /// Of translation, rotation and scale.
@@ -53,62 +50,53 @@ pub(super) struct Channels {
 
 impl Channels {
     pub(super) fn read(clip: Option<&Animation>, accessors: &Accessors<'_>) -> Result<Self, Problem> {
-        let count = accessors.root.nodes.len();
+        let (root, count) = (accessors.root, accessors.root.nodes.len());
         let (transforms, weights) = (vec![[None, None, None]; count], vec![None; count]);
         let mut channels = Self { transforms, weights, end: 0.0 };
         let Some(clip) = clip else { return Ok(channels) };
         for (number, channel) in clip.channels.iter().enumerate() {
             let place = format!("clip {:?}, channel {number}", clip.name.as_deref().unwrap_or_default());
-            channels.add(clip, channel, accessors, &place)?;
+            let node = channel.target.node.value();
+            numbered(&root.nodes, node, "node", &place)?;
+            let Checked::Valid(property) = channel.target.path else {
+                accessors.leave_out("animation channels for anything but transforms and weights");
+                continue;
+            };
+            let sampler = numbered(&clip.samplers, channel.sampler.value(), "sampler", &place)?;
+            let Checked::Valid(interpolation) = sampler.interpolation else {
+                return Err(Problem::new(place, "an unknown interpolation", "STEP, LINEAR or CUBICSPLINE"));
+            };
+            let times = accessors.read::<f32, 1>(sampler.input, ALL, &format!("{place}, times"))?;
+            let times = times.into_flattened();
+            check_times(&times, &place)?;
+            let (place, output) = (&format!("{place}, values"), sampler.output);
+            let vectors = || Ok(accessors.read::<f32, 3>(output, ALL, place)?.into_flattened());
+            let [translation, rotation, scale] = &mut channels.transforms[node];
+            let (track, width, values) = match property {
+                Property::Translation => (translation, 3, vectors()?),
+                Property::Scale => (scale, 3, vectors()?),
+                Property::Rotation => {
+                    (rotation, 4, accessors.read::<f32, 4>(output, ALL, place)?.into_flattened())
+                }
+                Property::MorphTargetWeights => {
+                    let values = accessors.read::<f32, 1>(output, ALL, place)?.into_flattened();
+                    (&mut channels.weights[node], target_count(root, node), values)
+                }
+            };
+            if width == 0 {
+                // A node without morph targets has no weights to animate.
+                continue;
+            }
+            let per_key = if interpolation == Interpolation::CubicSpline { 3 * width } else { width };
+            let count = times.len().saturating_mul(per_key);
+            if values.len() != count {
+                let expected = format!("{count} ({} keys of {per_key})", times.len());
+                return Err(Problem::new(place, format!("{} numbers", values.len()), expected));
+            }
+            channels.end = channels.end.max(times.last().map_or(0.0, |&last| last.into()));
+            *track = Some(Track { times, values, width, interpolation });
         }
         Ok(channels)
-    }
-
-    fn add(
-        &mut self,
-        clip: &Animation,
-        channel: &Channel,
-        accessors: &Accessors<'_>,
-        place: &str,
-    ) -> Result<(), Problem> {
-        let (root, node) = (accessors.root, channel.target.node.value());
-        numbered(&root.nodes, node, "node", place)?;
-        let Checked::Valid(property) = channel.target.path else {
-            accessors.leave_out("animation channels for anything but transforms and weights");
-            return Ok(());
-        };
-        let sampler = numbered(&clip.samplers, channel.sampler.value(), "sampler", place)?;
-        let Checked::Valid(interpolation) = sampler.interpolation else {
-            return Err(Problem::new(place, "an unknown interpolation", "STEP, LINEAR or CUBICSPLINE"));
-        };
-
-        let times = accessors.floats::<1>(sampler.input, ALL, &format!("{place}, times"))?.into_flattened();
-        check_times(&times, place)?;
-        let (place, output) = (&format!("{place}, values"), sampler.output);
-        let vectors = || Ok(accessors.floats::<3>(output, ALL, place)?.into_flattened());
-        let [translation, rotation, scale] = &mut self.transforms[node];
-        let (track, width, values) = match property {
-            Property::Translation => (translation, 3, vectors()?),
-            Property::Rotation => (rotation, 4, accessors.floats::<4>(output, ALL, place)?.into_flattened()),
-            Property::Scale => (scale, 3, vectors()?),
-            Property::MorphTargetWeights => {
-                let values = accessors.floats::<1>(output, ALL, place)?.into_flattened();
-                (&mut self.weights[node], target_count(root, node), values)
-            }
-        };
-        if width == 0 {
-            // A node without morph targets has no weights to animate.
-            return Ok(());
-        }
-        let per_key = if interpolation == Interpolation::CubicSpline { 3 * width } else { width };
-        let count = times.len().saturating_mul(per_key);
-        if values.len() != count {
-            let expected = format!("{count} ({} keys of {per_key})", times.len());
-            return Err(Problem::new(place, format!("{} numbers", values.len()), expected));
-        }
-        self.end = self.end.max(times.last().map_or(0.0, |&last| last.into()));
-        *track = Some(Track { times, values, width, interpolation });
-        Ok(())
     }
 }
 
@@ -152,7 +140,7 @@ impl Nodes {
         channels: &mut Channels,
     ) -> Result<Self, Problem> {
         let (root, origin) = (accessors.root, accessors.options.origin);
-        let parent = parents(root)?;
+        let order = ancestors_first(root)?;
         let exact = exact.into_iter().chain(std::iter::repeat(None));
         let given = root.nodes.iter().zip(channels.transforms.drain(..)).zip(exact);
         let local: Vec<Local> =
@@ -161,15 +149,14 @@ impl Nodes {
         let mut nodes = Self {
             moves: vec![false; count],
             in_scene: vec![false; count],
-            order: ancestors_first(root, &parent)?,
+            order,
             global_at_rest: vec![Affine3A::IDENTITY; count],
-            parent,
             local,
             origin,
         };
         scene.iter().for_each(|&node| nodes.in_scene[node] = true);
-        for &node in &nodes.order {
-            let (parent, local) = (nodes.parent[node], &nodes.local[node]);
+        for &(node, parent) in &nodes.order {
+            let local = &nodes.local[node];
             nodes.moves[node] = local.moves() || parent.is_some_and(|parent| nodes.moves[parent]);
             let local = local.at(0.0);
             nodes.global_at_rest[node] = parent.map_or(local, |parent| nodes.global_at_rest[parent] * local);
@@ -183,9 +170,9 @@ impl Nodes {
             return self.globals_from_origin(time);
         }
         let mut globals = self.global_at_rest.clone();
-        for &node in self.order.iter().filter(|&&node| self.moves[node]) {
+        for &(node, parent) in self.order.iter().filter(|&&(node, _)| self.moves[node]) {
             let local = self.local[node].at(time);
-            globals[node] = self.parent[node].map_or(local, |parent| globals[parent] * local);
+            globals[node] = parent.map_or(local, |parent| globals[parent] * local);
         }
         globals
     }
@@ -193,10 +180,10 @@ impl Nodes {
     /// As [`globals`](Self::globals), relative to an origin other than the file's.
     fn globals_from_origin(&self, time: f64) -> Vec<Affine3A> {
         let mut globals = vec![DAffine3::IDENTITY; self.local.len()];
-        for &node in &self.order {
+        for &(node, parent) in &self.order {
             let mut local = self.local[node].at(time).as_daffine3();
             local.translation = self.local[node].exact_translation.unwrap_or(local.translation);
-            globals[node] = self.parent[node].map_or(local, |parent| globals[parent] * local);
+            globals[node] = parent.map_or(local, |parent| globals[parent] * local);
         }
         for (global, _) in globals.iter_mut().zip(&self.in_scene).filter(|&(_, &in_scene)| in_scene) {
             global.translation -= self.origin;
@@ -208,7 +195,7 @@ impl Nodes {
 impl Local {
     fn read(node: &::gltf::json::Node, tracks: [Option<Track>; 3], exact: Option<DVec3>) -> Self {
         let matrix = node.matrix.map(|matrix| affine(&matrix));
-        let (scale, rotation, translation) = match matrix {
+        let rest = match matrix {
             Some(matrix) => matrix.to_scale_rotation_translation(),
             None => (
                 Vec3::from_array(node.scale.unwrap_or([1.0; 3])),
@@ -219,9 +206,9 @@ impl Local {
         // What tracks say, be it the same at all times, takes the place of what the node says.
         let exact_translation = exact.filter(|_| tracks[0].is_none());
         let fixed = matrix.filter(|_| tracks.iter().all(Option::is_none));
-        let mut local = Self { fixed, translation, rotation, scale, exact_translation, tracks };
+        let mut local = Self { fixed, rest, exact_translation, tracks };
         // Exporters like to write keys for everything; a value that stays the same is no motion.
-        (local.scale, local.rotation, local.translation) = local.parts(0.0);
+        local.rest = local.parts(0.0);
         for track in &mut local.tracks {
             track.take_if(|track| track.is_constant());
         }
@@ -244,9 +231,9 @@ impl Local {
     fn parts(&self, time: f64) -> (Vec3, Quat, Vec3) {
         let [translation, rotation, scale] = self.tracks.each_ref().map(Option::as_ref);
         (
-            scale.map_or(self.scale, |track| track.vec3(time)),
-            rotation.map_or(self.rotation, |track| track.rotation(time)),
-            translation.map_or(self.translation, |track| track.vec3(time)),
+            scale.map_or(self.rest.0, |track| track.vec3(time)),
+            rotation.map_or(self.rest.1, |track| track.rotation(time)),
+            translation.map_or(self.rest.2, |track| track.vec3(time)),
         )
     }
 }
@@ -256,7 +243,9 @@ pub(super) fn affine(matrix: &[f32; 16]) -> Affine3A {
     Affine3A::from_mat4(Mat4::from_cols_array(matrix))
 }
 
-fn parents(root: &Root) -> Result<Vec<Option<usize>>, Problem> {
+/// All nodes with their parents, each behind its parent. What cannot be reached from a node without
+/// a parent lies on a cycle.
+fn ancestors_first(root: &Root) -> Result<Vec<(usize, Option<usize>)>, Problem> {
     let mut parent = vec![None; root.nodes.len()];
     for (number, node) in root.nodes.iter().enumerate() {
         let name = node_name(root, number);
@@ -268,23 +257,15 @@ fn parents(root: &Root) -> Result<Vec<Option<usize>>, Problem> {
             }
         }
     }
-    Ok(parent)
-}
-
-/// All nodes, each behind its parent. What cannot be reached from a node without a parent lies on a
-/// cycle.
-fn ancestors_first(root: &Root, parent: &[Option<usize>]) -> Result<Vec<usize>, Problem> {
-    let mut order: Vec<usize> = (0..parent.len()).filter(|&node| parent[node].is_none()).collect();
+    let mut order: Vec<_> = (0..).zip(parent).filter(|(_, parent)| parent.is_none()).collect();
+    let mut lost = vec![true; root.nodes.len()];
     let mut next = 0;
-    while let Some(&node) = order.get(next) {
-        order.extend(root.nodes[node].children.iter().flatten().map(Index::value));
+    while let Some(&(node, _)) = order.get(next) {
+        let children = root.nodes[node].children.iter().flatten().map(Index::value);
+        order.extend(children.map(|child| (child, Some(node))));
+        lost[node] = false;
         next += 1;
     }
-    if order.len() == parent.len() {
-        return Ok(order);
-    }
-    let mut reached = vec![false; parent.len()];
-    order.iter().for_each(|&node| reached[node] = true);
-    let lost = reached.iter().position(|&reached| !reached).unwrap_or_default();
+    let Some(lost) = lost.iter().position(|&lost| lost) else { return Ok(order) };
     Err(Problem::new(node_name(root, lost), "a node that is its own ancestor", "a hierarchy without cycles"))
 }

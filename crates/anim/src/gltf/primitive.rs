@@ -68,14 +68,17 @@ impl Geometry {
             Checked::Valid(mode) => mode,
             Checked::Invalid => return Err(Problem::new(place, "an unknown primitive mode", "0 to 6")),
         };
-        let mut source = Source { primitive, accessors, place, count: None, used: None };
+        let used = Used { numbers: None, of: None };
+        let mut source = Source { primitive, accessors, place, used };
         let Some(position) = source.attribute(Semantic::Positions) else {
             // Such primitives are to be skipped (3.7.2.1).
             return Ok(None);
         };
         let indices = source.indices(position.0)?;
         let positions: Vec<Vec3> = source.vectors(position)?;
-        let triangles = source.triangles(mode, indices, positions.len())?;
+        // More vertices than 32 bits number are refused later, with their part.
+        let indices = indices.unwrap_or_else(|| (0..positions.len() as u32).collect());
+        let triangles = triangles(mode, &indices, place)?;
         let targets = source.targets()?;
         let influences = source.influences()?;
         let normals = source.attribute(Semantic::Normals).map(|at| source.vectors(at)).transpose()?;
@@ -133,10 +136,8 @@ struct Source<'a> {
     primitive: &'a Primitive,
     accessors: &'a Accessors<'a>,
     place: &'a str,
-    /// Number of its vertices.
-    count: Option<u64>,
-    /// The numbers of those that its triangles use; without indices all.
-    used: Option<Vec<u32>>,
+    /// The vertices that its triangles use.
+    used: Used,
 }
 
 impl Source<'_> {
@@ -145,16 +146,12 @@ impl Source<'_> {
         Some((*self.primitive.attributes.get(&Checked::Valid(semantic))?, place))
     }
 
-    fn used(&self) -> Used<'_> {
-        Used { numbers: self.used.as_deref(), of: self.count }
-    }
-
     /// A vector of `N` floats for each used vertex.
     fn vectors<const N: usize, V: From<[f32; N]>>(
         &self,
         (accessor, place): Attribute,
     ) -> Result<Vec<V>, Problem> {
-        let vectors = self.accessors.floats(accessor, self.used(), &place)?;
+        let vectors = self.accessors.read::<f32, N>(accessor, &self.used, &place)?;
         Ok(vectors.into_iter().map(V::from).collect())
     }
 
@@ -178,47 +175,16 @@ impl Source<'_> {
     /// which these are.
     fn indices(&mut self, positions: Index<Accessor>) -> Result<Option<Vec<u32>>, Problem> {
         let (place, accessors) = (self.place, self.accessors);
-        let count = accessors.root.accessors.get(positions.value()).map(|positions| positions.count.0);
-        self.count = count;
-        let (Some(count), Some(indices)) = (count, self.primitive.indices) else { return Ok(None) };
-        let indices = accessors.integers::<1>(indices, ALL, &format!("{place}, indices"))?;
+        self.used.of = accessors.root.accessors.get(positions.value()).map(|positions| positions.count.0);
+        let (Some(count), Some(indices)) = (self.used.of, self.primitive.indices) else { return Ok(None) };
+        let indices = accessors.read::<u32, 1>(indices, ALL, &format!("{place}, indices"))?;
         let mut indices = indices.into_flattened();
         if let Some((at, index)) = indices.iter().enumerate().find(|&(_, &index)| u64::from(index) >= count) {
             let expected = format!("an index below the number of vertices, {count}");
             return Err(Problem::new(format!("{place}, index number {at}"), index, expected));
         }
-        self.used = Some(renumber(&mut indices));
+        self.used.numbers = Some(renumber(&mut indices));
         Ok(Some(indices))
-    }
-
-    /// The triangles of these vertices, or of all `count` in order.
-    fn triangles(
-        &self,
-        mode: Mode,
-        indices: Option<Vec<u32>>,
-        count: usize,
-    ) -> Result<Vec<[u32; 3]>, Problem> {
-        // More vertices than 32 bits number are refused later, with their part.
-        let indices = indices.unwrap_or_else(|| (0..count as u32).collect());
-        let (fits, expected) = match mode {
-            Mode::Triangles => (indices.len().is_multiple_of(3), "a multiple of 3"),
-            _ => (indices.len() >= 3, "at least 3"),
-        };
-        if !fits {
-            let found = format!("{} vertices for {mode:?}", indices.len());
-            return Err(Problem::new(self.place, found, expected));
-        }
-        Ok(match mode {
-            Mode::TriangleStrip => {
-                // Every other triangle is turned over, so that all face the same way.
-                let corners = |(i, w): (usize, &[u32])| {
-                    if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] }
-                };
-                indices.windows(3).enumerate().map(corners).collect()
-            }
-            Mode::TriangleFan => indices[1..].windows(2).map(|pair| [pair[0], pair[1], indices[0]]).collect(),
-            _ => indices.as_chunks().0.to_vec(),
-        })
     }
 
     /// Gathers the joints of the used vertices from all sets, of which a mesh may have several,
@@ -231,7 +197,7 @@ impl Source<'_> {
         for set in 0.. {
             let both = self.attribute(Semantic::Joints(set)).zip(self.attribute(Semantic::Weights(set)));
             let Some(((joints, place), weights)) = both else { break };
-            let joints = self.accessors.integers::<4>(joints, self.used(), &place)?;
+            let joints = self.accessors.read::<u32, 4>(joints, &self.used, &place)?;
             sets.push((joints, self.vectors::<4, [f32; 4]>(weights)?));
         }
         if sets.is_empty() {
@@ -252,6 +218,29 @@ impl Source<'_> {
         }
         Ok(Some(influences))
     }
+}
+
+/// The triangles of vertices in this order.
+fn triangles(mode: Mode, vertices: &[u32], place: &str) -> Result<Vec<[u32; 3]>, Problem> {
+    let (fits, expected) = match mode {
+        Mode::Triangles => (vertices.len().is_multiple_of(3), "a multiple of 3"),
+        _ => (vertices.len() >= 3, "at least 3"),
+    };
+    if !fits {
+        let found = format!("{} vertices for {mode:?}", vertices.len());
+        return Err(Problem::new(place, found, expected));
+    }
+    Ok(match mode {
+        Mode::TriangleStrip => {
+            // Every other triangle is turned over, so that all face the same way.
+            let corners = |(i, w): (usize, &[u32])| {
+                if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] }
+            };
+            vertices.windows(3).enumerate().map(corners).collect()
+        }
+        Mode::TriangleFan => vertices[1..].windows(2).map(|pair| [pair[0], pair[1], vertices[0]]).collect(),
+        _ => vertices.as_chunks().0.to_vec(),
+    })
 }
 
 #[cfg(test)]
