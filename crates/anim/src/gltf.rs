@@ -86,7 +86,9 @@ pub(crate) fn parse(
 ) -> Result<GltfAnimation, LoadError> {
     let budget = Budget::default();
     budget.allow_for(file, bytes.len());
-    let (root, buffers) = source::open(file, bytes, &budget)?;
+    let in_file = |problem: Problem| problem.in_file(file);
+    let (root, blob) = source::document(bytes).map_err(in_file)?;
+    let buffers = source::read_buffers(&root, blob, file, &budget)?;
     let clips: Vec<String> =
         root.animations.iter().map(|clip| clip.name.clone().unwrap_or_default()).collect();
     let mut chosen = 0;
@@ -99,7 +101,7 @@ pub(crate) fn parse(
     }
     let accessors =
         Accessors { root: &root, buffers: &buffers, file, budget, options, left_out: RefCell::default() };
-    Loader::load(&accessors, bytes, chosen).map_err(|problem| problem.in_file(file))
+    Loader::load(&accessors, bytes, chosen).map_err(in_file)
 }
 
 /// Puts an animation together.
@@ -135,7 +137,8 @@ impl<'a> Loader<'a> {
             return Err(Problem::new("scene", found, "at least one triangle"));
         }
         let mut rest = vec![Vec3::ZERO; animation.model.topology.vertex_count];
-        animation.write(&animation.instances, Motion::all(), 0.0, &mut rest);
+        let all: Vec<_> = animation.instances.iter().collect();
+        animation.write(&all, Motion::all(), 0.0, &mut rest);
         animation.model.rest = rest;
         let still = animation.instances.iter().filter(|instance| instance.motion.is_empty());
         if still.clone().any(|instance| instance.normals().is_some()) {
@@ -179,7 +182,7 @@ impl<'a> Loader<'a> {
         if let Some(skin) = skin {
             numbered(&self.animation.skins, skin, "skin", place)?;
         }
-        let weights = morph_weights(node, mesh, &mut self.channels, self.accessors)?.map(Arc::new);
+        let weights = self.morph_weights(node, mesh)?;
         let name = root.nodes[node].name.as_ref().or(mesh.name.as_ref());
         let name = name.cloned().unwrap_or_else(|| format!("node {node}"));
 
@@ -201,8 +204,7 @@ impl<'a> Loader<'a> {
             if primitive.attributes.contains_key(&colors) {
                 self.accessors.leave_out("sets of vertex colours");
             }
-            let Self { animation: GltfAnimation { nodes, skins, model: Model { topology, .. }, .. }, .. } =
-                self;
+            let GltfAnimation { nodes, skins, model, .. } = &self.animation;
             let skin = skin.filter(|_| geometry.influences.is_some());
             let joints = skin.map_or(&[][..], |skin| &skins[skin].joints);
             if let (Some(skin), Some(influences)) = (skin, &geometry.influences) {
@@ -210,25 +212,39 @@ impl<'a> Loader<'a> {
             }
             let instance = Instance {
                 geometry,
-                first_vertex: topology.vertex_count,
+                first_vertex: model.topology.vertex_count,
                 skin,
                 node: (!joints.iter().any(|&joint| nodes.in_scene[joint])).then_some(node),
                 weights: weights.clone(),
                 motion: Motion::empty(),
             };
-            self.add(instance, name.clone(), material, &place)?;
+            self.add(instance, &name, material, &place)?;
         }
         Ok(())
     }
 
+    /// Morph target weights of the `mesh` at `node`, from its channel, else from the node, else from
+    /// the mesh, else 0.
+    fn morph_weights(&mut self, node: usize, mesh: &Mesh) -> Result<Option<Arc<Track>>, Problem> {
+        let Accessors { root, budget, .. } = self.accessors;
+        let count = target_count(root, node);
+        if count == 0 {
+            return Ok(None);
+        }
+        budget.spend((count * size_of::<f32>()) as u64, "morph target weights")?;
+        let given = root.nodes[node].weights.as_ref().or(mesh.weights.as_ref());
+        let given = given.cloned().unwrap_or_else(|| vec![0.0; count]);
+        if given.len() != count {
+            let (found, expected) = (given.len(), format!("{count}, one for each morph target"));
+            return Err(Problem::new(node_name(root, node), format!("{found} weights"), expected));
+        }
+        let track = self.channels.weights[node].take().unwrap_or_else(|| Track::constant(given));
+        let track = if track.is_constant() { Track::constant(track.value(0).to_vec()) } else { track };
+        Ok(Some(Arc::new(track)))
+    }
+
     /// Adds an instance and its part of the topology, and finds out how it moves.
-    fn add(
-        &mut self,
-        mut instance: Instance,
-        name: String,
-        material: u32,
-        place: &str,
-    ) -> Result<(), Problem> {
+    fn add(&mut self, mut instance: Instance, name: &str, material: u32, place: &str) -> Result<(), Problem> {
         let animation = &mut self.animation;
         let geometry = Arc::clone(&instance.geometry);
         let is_mirrored = animation.is_mirrored(&instance);
@@ -240,6 +256,7 @@ impl<'a> Loader<'a> {
         instance.motion = motion;
         let too_large = || Problem::new(place, "too many vertices or triangles in all", NUMBERED);
         let topology = &mut animation.model.topology;
+        let name = name.to_owned();
         let part = topology.add_part(name, &geometry.triangles, vertices, material).ok_or_else(too_large)?;
         part.motion = motion;
         let first = part.triangles.start as usize;
@@ -292,13 +309,7 @@ impl GltfAnimation {
 
     /// Writes the positions of `instances`, where the given kinds of motion are at `time` and all
     /// others at 0.
-    fn write<'a>(
-        &self,
-        instances: impl IntoIterator<Item = &'a Instance>,
-        kinds: Motion,
-        time: f64,
-        positions: &mut [Vec3],
-    ) -> PoseStats {
+    fn write(&self, instances: &[&Instance], kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
         let mut stats = PoseStats::default();
         let at = |on: bool| if on { time } else { 0.0 };
         let [skin, rigid] = [Motion::SKIN, Motion::RIGID].map(|kind| kinds.contains(kind));
@@ -366,11 +377,12 @@ impl Animation for GltfAnimation {
 
     fn pose_by(&self, kinds: Motion, time: f64, positions: &mut [Vec3]) -> PoseStats {
         assert_eq!(positions.len(), self.topology().vertex_count, "positions are those of another animation");
-        let mut moving = self.instances.iter().filter(|part| part.motion.intersects(kinds)).peekable();
-        if moving.peek().is_none() {
+        let moving = self.instances.iter().filter(|part| part.motion.intersects(kinds));
+        let moving: Vec<_> = moving.collect();
+        if moving.is_empty() {
             return PoseStats::default();
         }
-        self.write(moving, kinds, self.model.clamp(time), positions)
+        self.write(&moving, kinds, self.model.clamp(time), positions)
     }
 
     /// The first perspective camera of the scene.
@@ -442,30 +454,6 @@ impl Skin {
         let joints = self.joints.iter().zip(&self.inverse_bind);
         joints.map(|(&joint, inverse_bind)| globals[joint] * *inverse_bind).collect()
     }
-}
-
-/// Morph target weights of the mesh at `node`, from its channel, else from the node, else from the
-/// mesh, else 0.
-fn morph_weights(
-    node: usize,
-    mesh: &Mesh,
-    channels: &mut Channels,
-    accessors: &Accessors<'_>,
-) -> Result<Option<Track>, Problem> {
-    let count = target_count(accessors.root, node);
-    if count == 0 {
-        return Ok(None);
-    }
-    accessors.budget.spend((count * size_of::<f32>()) as u64, "morph target weights")?;
-    let given = accessors.root.nodes[node].weights.as_ref().or(mesh.weights.as_ref());
-    let given = given.cloned().unwrap_or_else(|| vec![0.0; count]);
-    if given.len() != count {
-        let expected = format!("{count}, one for each morph target");
-        let place = node_name(accessors.root, node);
-        return Err(Problem::new(place, format!("{} weights", given.len()), expected));
-    }
-    let track = channels.weights[node].take().unwrap_or_else(|| Track::constant(given));
-    Ok(Some(if track.is_constant() { Track::constant(track.value(0).to_vec()) } else { track }))
 }
 
 /// The nodes of the default scene, else of the first, else all; each once, parents before their

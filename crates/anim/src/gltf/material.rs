@@ -131,17 +131,15 @@ pub(super) fn add_textures(
     let is_blended =
         |material: &::gltf::json::Material| matches!(material.alpha_mode, Checked::Valid(AlphaMode::Blend));
     let blended = used.iter().filter_map(|&number| root.materials.get(number as usize)).any(is_blended);
-    let unreadable = textures.unreadable;
-    let notes = [
-        blended.then(|| {
-            "blended surfaces are not blended: they are there where at least half opaque".to_owned()
-        }),
-        unreadable.first().map(|first| {
-            let count = unreadable.len();
-            format!("{count} image files cannot be read, first {first:?}: surfaces keep their plain colours")
-        }),
-    ];
-    Ok(notes.into_iter().flatten().collect())
+    let mut notes = Vec::new();
+    if blended {
+        notes.push("blended surfaces are not blended: they are there where at least half opaque".to_owned());
+    }
+    if let [first, ..] = &textures.unreadable[..] {
+        let found = format!("{} image files cannot be read, first {first:?}", textures.unreadable.len());
+        notes.push(found + ": surfaces keep their plain colours");
+    }
+    Ok(notes)
 }
 
 /// Reads textures, and each of their images once.

@@ -34,15 +34,8 @@ pub(super) type Bytes = Arc<Vec<u8>>;
 /// The BIN chunk of a GLB container.
 type Blob<'a> = Option<Cow<'a, [u8]>>;
 
-/// The document and the bytes of its buffers, each as long as declared. `budget` then allows for
-/// the files they are in.
-pub(super) fn open(file: &Path, bytes: &[u8], budget: &Budget) -> Result<(Root, Vec<Bytes>), LoadError> {
-    let (root, blob) = document(bytes).map_err(|problem| problem.in_file(file))?;
-    let buffers = read_buffers(&root, blob, file, budget)?;
-    Ok((root, buffers))
-}
-
-fn document(bytes: &[u8]) -> Result<(Root, Blob<'_>), Problem> {
+/// The document, and the BIN chunk if there is one.
+pub(super) fn document(bytes: &[u8]) -> Result<(Root, Blob<'_>), Problem> {
     if bytes.is_empty() {
         return Err(Problem::new("start of file", "an empty file", "glTF 2.0"));
     }
@@ -99,19 +92,20 @@ pub(super) fn translations(bytes: &[u8]) -> Result<Vec<Option<DVec3>>, Problem> 
 fn glb_chunks(bytes: &[u8]) -> Result<(Cow<'_, [u8]>, Blob<'_>), Problem> {
     const HEADER: usize = 12;
     // The parser subtracts the header's length from the declared one without looking.
-    let declared = bytes
-        .get(8..HEADER)
-        .map_or(0, |length| u32::from_le_bytes([length[0], length[1], length[2], length[3]]));
-    if (declared as usize) < HEADER || declared as usize > bytes.len() {
+    let declared =
+        bytes.get(8..).and_then(<[u8]>::first_chunk).map_or(0, |&b| u32::from_le_bytes(b)) as usize;
+    if !(HEADER..=bytes.len()).contains(&declared) {
         let expected = format!("the file's {} bytes, and at least {HEADER}", bytes.len());
         return Err(Problem::new("GLB header", format!("a length of {declared} bytes"), expected));
     }
-    let glb = Glb::from_slice(&bytes[..declared as usize])
+    let glb = Glb::from_slice(&bytes[..declared])
         .map_err(|error| Problem::new("GLB container", error, "a JSON and a BIN chunk within the file"))?;
     Ok((glb.json, glb.bin))
 }
 
-fn read_buffers(
+/// The bytes of all buffers, each as long as declared. `budget` then allows for the files they are
+/// in.
+pub(super) fn read_buffers(
     root: &Root,
     mut blob: Blob<'_>,
     file: &Path,
