@@ -52,7 +52,7 @@ pub(crate) fn load(file: &Path, origin: DVec3) -> Result<AffAnimation, LoadError
 
 impl AffAnimation {
     fn new(scene: Scene, origin: DVec3) -> Self {
-        let Scene { mut topology, mut sources, mut tracks, camera, lights, time, .. } = scene;
+        let Scene { mut topology, mut sources, mut tracks, camera, light, time, .. } = scene;
         tracks.retain(|_, track| !track.is_identity());
         // Transforms that do not move are folded into what is under them.
         let (mut nodes, mut places) = (Vec::new(), Vec::new());
@@ -66,9 +66,7 @@ impl AffAnimation {
                 }
             });
         }
-        let color = lights.iter().map(|light| light.color).sum();
-        let light = lights.into_iter().next();
-        let light = light.map(|light| AffLight { frame: place(&places, light.frame), color, ..light });
+        let light = light.map(|light| AffLight { frame: place(&places, light.frame), ..light });
         let light_track = light.as_ref().and_then(|light| tracks.get(light.track.as_ref()?).cloned());
         let light_track = light_track.unwrap_or_default();
         let camera_track = tracks.remove("camera").unwrap_or_default();

@@ -91,17 +91,15 @@ pub(crate) fn parse(
     let buffers = source::read_buffers(&root, blob, file, &budget)?;
     let clips: Vec<String> =
         root.animations.iter().map(|clip| clip.name.clone().unwrap_or_default()).collect();
-    let mut chosen = 0;
-    if let Some(wanted) = options.clip {
+    let number_of = |wanted: &str| {
         let by_number = || wanted.parse().ok().filter(|&number: &usize| number < clips.len());
-        let Some(found) = clips.iter().position(|name| name == wanted).or_else(by_number) else {
-            return Err(LoadError::unknown_clip(file, wanted, &clips));
-        };
-        chosen = found;
-    }
+        let found = clips.iter().position(|name| name == wanted).or_else(by_number);
+        found.ok_or_else(|| LoadError::unknown_clip(file, wanted, &clips))
+    };
+    let clip = options.clip.map_or(Ok(0), number_of)?;
     let accessors =
         Accessors { root: &root, buffers: &buffers, file, budget, options, left_out: RefCell::default() };
-    Loader::load(&accessors, bytes, chosen).map_err(in_file)
+    Loader::load(&accessors, bytes, clip).map_err(in_file)
 }
 
 /// Puts an animation together.

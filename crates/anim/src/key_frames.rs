@@ -21,7 +21,7 @@ pub struct KeyFrames {
     /// Its rest positions are the first key frame.
     model: Model,
     /// The vertices that move, as runs of consecutive numbers.
-    moving: Vec<Range<u32>>,
+    moving: Vec<Range<usize>>,
     /// The positions of those, run behind run, for each key frame.
     frames: Vec<Vec<Vec3>>,
     seconds_per_frame: f64,
@@ -76,8 +76,7 @@ impl KeyFrames {
         let moving = runs(&moves);
         for frame in &mut frames {
             // One after the other, so that never more than one frame is held twice.
-            let kept: Vec<&[Vec3]> =
-                moving.iter().map(|run| &frame[run.start as usize..run.end as usize]).collect();
+            let kept: Vec<&[Vec3]> = moving.iter().map(|run| &frame[run.clone()]).collect();
             *frame = kept.concat();
         }
 
@@ -111,7 +110,7 @@ impl KeyFrames {
         let mut from = &self.frames[frame][..];
         let mut to = self.frames.get(frame + 1).map_or(from, Vec::as_slice);
         for run in &self.moving {
-            let out = &mut positions[run.start as usize..run.end as usize];
+            let out = &mut positions[run.clone()];
             let (a, b);
             (a, from) = from.split_at(out.len());
             (b, to) = to.split_at(out.len());
@@ -188,11 +187,11 @@ pub(crate) fn segment<K>(keys: &[K], time: f64, time_of: impl Fn(&K) -> f64) -> 
 }
 
 /// The numbers of the `true` elements as ranges.
-fn runs(flags: &[bool]) -> Vec<Range<u32>> {
+fn runs(flags: &[bool]) -> Vec<Range<usize>> {
     let mut end = 0;
     let runs = flags.chunk_by(|a, b| a == b).filter_map(|run| {
-        end += run.len() as u32;
-        run[0].then(|| end - run.len() as u32..end)
+        end += run.len();
+        run[0].then(|| end - run.len()..end)
     });
     runs.collect()
 }

@@ -38,7 +38,8 @@ pub(super) struct Scene {
     pub(super) nodes: Vec<(Name, Frame)>,
     pub(super) tracks: HashMap<Name, Arc<Track>>,
     pub(super) camera: Option<Camera>,
-    pub(super) lights: Vec<AffLight>,
+    /// The first light, with the colours of all added up.
+    pub(super) light: Option<AffLight>,
     /// The `a` statement: first time, last time, number of frames.
     pub(super) time: Option<(f64, f64, usize)>,
     /// Lists of keys that were put in order.
@@ -141,8 +142,9 @@ impl Reader {
                 let position = tokens.vector()?;
                 let has_color = tokens.peek().is_some_and(|word| word.parse::<f64>().is_ok());
                 let color = if has_color { tokens.vector()? } else { DVec3::ONE };
-                let light = AffLight { track: name.map(Name::from), frame: self.frame, position, color };
-                self.scene.lights.push(light);
+                let (track, frame) = (name.map(Name::from), self.frame);
+                let first = AffLight { track, frame, position, color: DVec3::ZERO };
+                self.scene.light.get_or_insert(first).color += color;
             }
             "a" => self.scene.time = Some(time_span(tokens)?),
             // Colours of the background and of the light from everywhere.

@@ -51,7 +51,7 @@ impl<'a> Accessors<'a> {
     ) -> Result<Vec<[T; N]>, Problem> {
         let place = &format!("{place}, accessor {index}");
         let accessor = numbered(&self.root.accessors, index.value(), "accessor", place)?;
-        let kind = component_type::<T, N>(accessor, place)?;
+        let kind = type_of::<T, N>(accessor, place)?;
         let element = |bytes: &[u8]| {
             let mut element = [T::default(); N];
             for (value, bytes) in element.iter_mut().zip(bytes.chunks_exact(kind.size())) {
@@ -141,10 +141,7 @@ impl<'a> Accessors<'a> {
 }
 
 /// The type of an accessor's components, of which each element must have `N`.
-fn component_type<T: Component, const N: usize>(
-    accessor: &Accessor,
-    place: &str,
-) -> Result<ComponentType, Problem> {
+fn type_of<T: Component, const N: usize>(accessor: &Accessor, place: &str) -> Result<ComponentType, Problem> {
     // Of the two shapes with four components, MAT2 is never called for.
     let shapes = [Type::Scalar, Type::Vec2, Type::Vec3, Type::Vec4, Type::Mat4];
     let shape = shapes.into_iter().find(|shape| shape.multiplicity() == N);

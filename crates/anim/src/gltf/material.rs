@@ -58,10 +58,8 @@ pub(super) fn materials(root: &Root) -> Vec<Material> {
 
 /// The number of a primitive's material among [`materials`].
 pub(super) fn material_of(primitive: &Primitive, root: &Root, place: &str) -> Result<u32, Problem> {
-    let Some(number) = primitive.material.map(|material| material.value()) else {
-        return Ok(root.materials.len() as u32);
-    };
-    numbered(&root.materials, number, "material", place).map(|_| number as u32)
+    let Some(material) = primitive.material else { return Ok(root.materials.len() as u32) };
+    numbered(&root.materials, material.value(), "material", place).map(|_| material.value() as u32)
 }
 
 /// Which set of a primitive's texture coordinates its base colour texture takes, and what becomes

@@ -147,10 +147,8 @@ impl Source<'_> {
     }
 
     /// A vector of `N` floats for each used vertex.
-    fn vectors<const N: usize, V: From<[f32; N]>>(
-        &self,
-        (accessor, place): Attribute,
-    ) -> Result<Vec<V>, Problem> {
+    fn vectors<const N: usize, V: From<[f32; N]>>(&self, of: Attribute) -> Result<Vec<V>, Problem> {
+        let (accessor, place) = of;
         let vectors = self.accessors.read::<f32, N>(accessor, &self.used, &place)?;
         Ok(vectors.into_iter().map(V::from).collect())
     }

@@ -52,9 +52,7 @@ impl LightSource {
         let of_node =
             |node: usize| Some(root.nodes[node].extensions.as_ref()?.khr_lights_punctual.as_ref()?.light);
         let mut of_scene = scene.iter().filter_map(|&node| Some((node, of_node(node)?)));
-        let Some((node, number)) = of_scene.next() else {
-            return Ok(None);
-        };
+        let Some((node, number)) = of_scene.next() else { return Ok(None) };
         let lights = root.extensions.as_ref().and_then(|extensions| extensions.khr_lights_punctual.as_ref());
         let lights = lights.map_or(&[][..], |lights| &lights.lights);
         let light = numbered(lights, number.value(), "light", node_name(root, node))?;
