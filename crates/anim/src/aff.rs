@@ -43,61 +43,54 @@ pub(crate) struct AffAnimation {
 
 /// Loads the scene that `file` names, relative to `origin`.
 pub(crate) fn load(file: &Path, origin: DVec3) -> Result<AffAnimation, LoadError> {
-    let scene = reader::read(file, origin)?;
-    if scene.topology.triangles.is_empty() {
+    let Scene { mut topology, mut sources, nodes: transforms, mut tracks, camera, light, time, disordered } =
+        reader::read(file, origin)?;
+    if topology.triangles.is_empty() {
         return Err(Problem::new("whole scene", "no triangles", "at least one").in_file(file));
     }
-    Ok(AffAnimation::new(scene, origin))
+    tracks.retain(|_, track| !track.is_identity());
+    // Transforms that do not move are folded into what is under them.
+    let (mut nodes, mut places) = (Vec::new(), Vec::new());
+    for (track, frame) in transforms {
+        let frame = place(&places, frame);
+        places.push(match tracks.get(&track) {
+            None => frame,
+            Some(track) => {
+                nodes.push((Arc::clone(track), frame));
+                Frame { node: Some(nodes.len() as u32 - 1), ..Frame::default() }
+            }
+        });
+    }
+    let light = light.map(|light| AffLight { frame: place(&places, light.frame), ..light });
+    let light_track = light.as_ref().and_then(|light| tracks.get(light.track.as_ref()?).cloned());
+    let light_track = light_track.unwrap_or_default();
+    let camera_track = tracks.remove("camera").unwrap_or_default();
+    let mut rest = place_parts(&mut topology, &mut sources, &places);
+
+    // From start to end as the file says, or else as long as anything has keys.
+    let tracks = || nodes.iter().map(|(track, _)| track).chain([&camera_track, &light_track]);
+    let patches = sources.iter().flat_map(|part| &part.patches);
+    let spans = patches.map(Patch::span).chain(tracks().flat_map(|track| track.spans()));
+    let keys = spans.reduce(|(a, b), (start, end)| (a.min(start), b.max(end)));
+    let (start, end) = time.map(|(start, end, _)| (start, end)).or(keys).unwrap_or_default();
+    let parts_are_still = topology.parts.iter().all(|part| part.motion.is_empty());
+    let still = parts_are_still && tracks().all(|track| track.is_identity());
+    let lists = if disordered == 1 { "list" } else { "lists" };
+    let note = || format!("{disordered} {lists} of keys out of order: put in order of time");
+    let notes = (disordered > 0).then(note).into_iter().collect();
+    let duration = if still { 0.0 } else { (end - start).min(f64::MAX) };
+    // As the benchmark prescribes.
+    let frames = time.map(|(_, _, frames)| frames);
+    // At rest it is as posed below.
+    let model = Model { topology, duration, frames, notes, ..Model::default() };
+    let mut animation =
+        AffAnimation { model, sources, nodes, start, origin, camera, camera_track, light, light_track };
+    animation.pose(0.0, &mut rest);
+    animation.model.rest = rest;
+    Ok(animation)
 }
 
 impl AffAnimation {
-    fn new(scene: Scene, origin: DVec3) -> Self {
-        let Scene { mut topology, mut sources, mut tracks, camera, light, time, .. } = scene;
-        tracks.retain(|_, track| !track.is_identity());
-        // Transforms that do not move are folded into what is under them.
-        let (mut nodes, mut places) = (Vec::new(), Vec::new());
-        for (track, frame) in scene.nodes {
-            let frame = place(&places, frame);
-            places.push(match tracks.get(&track) {
-                None => frame,
-                Some(track) => {
-                    nodes.push((Arc::clone(track), frame));
-                    Frame { node: Some(nodes.len() as u32 - 1), ..Frame::default() }
-                }
-            });
-        }
-        let light = light.map(|light| AffLight { frame: place(&places, light.frame), ..light });
-        let light_track = light.as_ref().and_then(|light| tracks.get(light.track.as_ref()?).cloned());
-        let light_track = light_track.unwrap_or_default();
-        let camera_track = tracks.remove("camera").unwrap_or_default();
-        let mut rest = place_parts(&mut topology, &mut sources, &places);
-
-        // From start to end as the file says, or else as long as anything has keys.
-        let tracks = || nodes.iter().map(|(track, _)| track).chain([&camera_track, &light_track]);
-        let patches = sources.iter().flat_map(|part| &part.patches);
-        let spans = patches.map(Patch::span).chain(tracks().flat_map(|track| track.spans()));
-        let keys = spans.reduce(|(a, b), (start, end)| (a.min(start), b.max(end)));
-        let (start, end) = time.map(|(start, end, _)| (start, end)).or(keys).unwrap_or_default();
-        let parts_are_still = topology.parts.iter().all(|part| part.motion.is_empty());
-        let still = parts_are_still && tracks().all(|track| track.is_identity());
-        let lists = if scene.disordered == 1 { "list" } else { "lists" };
-        let note = || format!("{} {lists} of keys out of order: put in order of time", scene.disordered);
-        let model = Model {
-            topology,
-            // Posed below.
-            rest: Vec::new(),
-            duration: if still { 0.0 } else { (end - start).min(f64::MAX) },
-            // As the benchmark prescribes.
-            frames: time.map(|(_, _, frames)| frames),
-            notes: (scene.disordered > 0).then(note).into_iter().collect(),
-        };
-        let mut animation =
-            Self { model, sources, nodes, start, origin, camera, camera_track, light, light_track };
-        animation.pose(0.0, &mut rest);
-        animation.model.rest = rest;
-        animation
-    }
-
     /// The time of the file's keys.
     fn key_time(&self, time: f64) -> f64 {
         self.start + self.model.clamp(time)

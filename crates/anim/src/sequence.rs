@@ -75,24 +75,21 @@ fn natural_order(name: &str) -> Vec<(char, usize, String)> {
 
 /// What a key frame has otherwise than the first.
 fn difference(found: &Topology, first: &Topology) -> Option<String> {
-    let count = |what: &str, found: usize, first: usize| {
-        (found != first).then(|| format!("{found} {what}, not {first}"))
-    };
-    let triangle = || {
-        let mut pairs = found.triangles.iter().zip(&first.triangles).enumerate();
-        let (number, (a, b)) = pairs.find(|(_, (a, b))| a != b)?;
-        Some(format!("triangle {number} joins vertices {a:?}, not {b:?}"))
-    };
-    let part = || {
-        let mut pairs = found.parts.iter().zip(&first.parts);
-        let number = pairs.position(|(a, b)| (&a.triangles, &a.vertices) != (&b.triangles, &b.vertices))?;
-        Some(format!("part {number} does not have the same range of triangles and vertices"))
-    };
-    count("vertices", found.vertex_count, first.vertex_count)
-        .or_else(|| count("triangles", found.triangles.len(), first.triangles.len()))
-        .or_else(|| count("parts", found.parts.len(), first.parts.len()))
-        .or_else(triangle)
-        .or_else(part)
+    let counts = [
+        ("vertices", found.vertex_count, first.vertex_count),
+        ("triangles", found.triangles.len(), first.triangles.len()),
+        ("parts", found.parts.len(), first.parts.len()),
+    ];
+    if let Some((what, found, first)) = counts.into_iter().find(|(_, found, first)| found != first) {
+        return Some(format!("{found} {what}, not {first}"));
+    }
+    let mut triangles = found.triangles.iter().zip(&first.triangles).enumerate();
+    if let Some((number, (a, b))) = triangles.find(|(_, (a, b))| a != b) {
+        return Some(format!("triangle {number} joins vertices {a:?}, not {b:?}"));
+    }
+    let mut parts = found.parts.iter().zip(&first.parts);
+    let number = parts.position(|(a, b)| (&a.triangles, &a.vertices) != (&b.triangles, &b.vertices))?;
+    Some(format!("part {number} does not have the same range of triangles and vertices"))
 }
 
 #[cfg(test)]

@@ -20,13 +20,8 @@ use crate::files::{below_folder, read_beside};
 pub(super) const UNDERSTOOD: [&str; 4] =
     ["KHR_lights_punctual", "KHR_mesh_quantization", "KHR_texture_transform", "KHR_xmp_json_ld"];
 
-/// Extensions that may be required: those that are understood, and those that only change looks.
-fn is_supported(extension: &str) -> bool {
-    UNDERSTOOD.contains(&extension)
-        || ["KHR_materials_", "KHR_texture_", "EXT_texture_"]
-            .iter()
-            .any(|prefix| extension.starts_with(prefix))
-}
+/// How extensions begin that only change looks: they, too, may be required.
+const LOOKS: [&str; 3] = ["KHR_materials_", "KHR_texture_", "EXT_texture_"];
 
 /// The content of a buffer.
 pub(super) type Bytes = Arc<Vec<u8>>;
@@ -50,6 +45,8 @@ pub(super) fn document(bytes: &[u8]) -> Result<(Root, Blob<'_>), Problem> {
     if let Some(least) = root.asset.min_version.as_ref().filter(|least| *least != "2.0") {
         return Err(Problem::new("asset.minVersion", format!("{least:?}"), "2.0"));
     }
+    let is_supported =
+        |name: &str| UNDERSTOOD.contains(&name) || LOOKS.iter().any(|prefix| name.starts_with(prefix));
     if let Some(unknown) = root.extensions_required.iter().find(|extension| !is_supported(extension)) {
         let expected = "a file that can be read without it (no compressed meshes, no instancing extension)";
         return Err(Problem::new("extensionsRequired", format!("{unknown:?}"), expected));
@@ -164,16 +161,15 @@ pub(super) fn decode_data_uri(uri: &str, place: &str) -> Result<Vec<u8>, Problem
 
 /// The path that a relative uri stands for, which must stay below the folder of the file.
 pub(super) fn relative_path(uri: &str, place: &str) -> Result<PathBuf, Problem> {
-    let wrong =
-        |found: String| Problem::new(place, found, "a relative path below the folder of the glTF file");
-    let the_uri = || format!("the uri {uri:?}");
+    let wrong = |why: &str| {
+        let expected = "a relative path below the folder of the glTF file";
+        Problem::new(place, format!("the uri {uri:?}{why}"), expected)
+    };
     if uri.contains("://") {
-        return Err(wrong(the_uri()));
+        return Err(wrong(""));
     }
-    let decoded = percent_encoding::percent_decode_str(uri)
-        .decode_utf8()
-        .map_err(|_| wrong(the_uri() + ", not UTF-8 when decoded"))?;
-    below_folder(&decoded).ok_or_else(|| wrong(the_uri()))
+    let decoded = percent_encoding::percent_decode_str(uri).decode_utf8();
+    below_folder(&decoded.map_err(|_| wrong(", not UTF-8 when decoded"))?).ok_or_else(|| wrong(""))
 }
 
 #[cfg(test)]
