@@ -114,7 +114,8 @@ fn place_parts(topology: &mut Topology, sources: &mut [Source], places: &[Frame]
         let Frame { node, fixed } = place(places, Frame { node: source.node, ..Frame::default() });
         let Source { local, patches, .. } = source;
         if fixed != DAffine3::IDENTITY {
-            let corners = local.iter_mut().chain(patches.iter_mut().flat_map(Patch::corners_mut));
+            let keys = patches.iter_mut().flat_map(|patch| &mut patch.0);
+            let corners = local.iter_mut().chain(keys.flat_map(|(_, corners)| corners));
             corners.for_each(|p| *p = fixed.transform_point3(p.as_dvec3()).as_vec3());
         }
         positions.extend_from_slice(local);

@@ -23,8 +23,7 @@ pub(crate) fn below_folder(name: &str) -> Option<PathBuf> {
 pub(crate) fn read_beside(file: &Path, relative: &Path) -> Result<Vec<u8>, LoadError> {
     let folder = file.parent().unwrap_or(Path::new(""));
     let named = folder.join(relative);
-    let home = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-    let home = home.canonicalize().map_err(LoadError::io(&named))?;
+    let home = Path::new(".").join(folder).canonicalize().map_err(LoadError::io(&named))?;
     if !named.canonicalize().map_err(LoadError::io(&named))?.starts_with(home) {
         let found = "a link that leads out of the folder of the file that names it";
         return Err(Problem::new("path", found, "a file below that folder").in_file(&named));

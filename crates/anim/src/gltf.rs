@@ -121,7 +121,7 @@ impl<'a> Loader<'a> {
         let scene = scene_nodes(root)?;
         let nodes = Nodes::read(accessors, exact, &scene, &mut channels)?;
         let skins =
-            (0..root.skins.len()).map(|skin| Skin::read(skin, accessors)).collect::<Result<Vec<_>, _>>()?;
+            (0..root.skins.len()).map(|skin| Skin::read(skin, accessors)).collect::<Result<_, _>>()?;
         let model = Model::with_materials(materials(root));
         let animation = GltfAnimation { model, nodes, skins, ..GltfAnimation::default() };
         let mut loader = Self { animation, accessors, channels, decoded: HashMap::new() };

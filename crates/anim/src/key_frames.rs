@@ -146,11 +146,10 @@ impl Animation for KeyFrames {
 
 fn check_topology(topology: &Topology) -> Result<(), Problem> {
     let vertex_count = topology.vertex_count;
-    for (triangle, corners) in topology.triangles.iter().enumerate() {
-        if let Some(&vertex) = corners.iter().find(|&&corner| corner as usize >= vertex_count) {
-            let expected = format!("one below {vertex_count}");
-            return Err(Problem::new(format!("triangle {triangle}"), format!("vertex {vertex}"), expected));
-        }
+    let corners = topology.triangles.as_flattened();
+    if let Some(wrong) = corners.iter().position(|&corner| corner as usize >= vertex_count) {
+        let (place, found) = (format!("triangle {}", wrong / 3), format!("vertex {}", corners[wrong]));
+        return Err(Problem::new(place, found, format!("one below {vertex_count}")));
     }
     let mut covered = 0;
     for (number, part) in topology.parts.iter().enumerate() {

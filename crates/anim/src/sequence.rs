@@ -48,9 +48,7 @@ fn mesh_files(directory: &Path) -> Result<Vec<PathBuf>, LoadError> {
             files.push(file);
         }
     }
-    files.sort_by_cached_key(|file| {
-        (natural_order(&file.file_name().unwrap_or_default().to_string_lossy()), file.clone())
-    });
+    files.sort_by_cached_key(|file| (natural_order(&file.to_string_lossy()), file.clone()));
     if files.windows(2).any(|pair| format_of(&pair[0]) != format_of(&pair[1])) {
         let problem = Problem::new("files", "both .ply and .obj", "one kind in one sequence");
         return Err(problem.in_file(directory));

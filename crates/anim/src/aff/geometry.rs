@@ -33,10 +33,6 @@ impl Patch {
         (self.0[0].0, self.0[self.0.len() - 1].0)
     }
 
-    pub(super) fn corners_mut(&mut self) -> impl Iterator<Item = &mut Vec3> {
-        self.0.iter_mut().flat_map(|(_, corners)| corners)
-    }
-
     /// Linear from key to key, and still before the first and after the last.
     pub(super) fn at(&self, time: f64) -> [Vec3; 3] {
         let (first, u, _) = segment(&self.0, time, |key| key.0);

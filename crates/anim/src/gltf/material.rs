@@ -126,11 +126,9 @@ pub(super) fn add_textures(
         topology.texcoords = Vec::new();
     }
 
-    let is_blended =
-        |material: &::gltf::json::Material| matches!(material.alpha_mode, Checked::Valid(AlphaMode::Blend));
-    let blended = used.iter().filter_map(|&number| root.materials.get(number as usize)).any(is_blended);
     let mut notes = Vec::new();
-    if blended {
+    let mut materials = used.iter().filter_map(|&number| root.materials.get(number as usize));
+    if materials.any(|material| material.alpha_mode == Checked::Valid(AlphaMode::Blend)) {
         notes.push("blended surfaces are not blended: they are there where at least half opaque".to_owned());
     }
     if let [first, ..] = &textures.unreadable[..] {

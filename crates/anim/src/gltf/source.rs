@@ -147,16 +147,14 @@ pub(super) fn is_data(uri: &str) -> bool {
 }
 
 pub(super) fn decode_data_uri(uri: &str, place: &str) -> Result<Vec<u8>, Problem> {
-    const LENIENT: GeneralPurpose = GeneralPurpose::new(
-        &base64::alphabet::STANDARD,
-        GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent),
-    );
+    let lenient = GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent);
+    let engine = GeneralPurpose::new(&base64::alphabet::STANDARD, lenient);
     let expected = "data:<media type>;base64,<bytes>";
     let (media_type, text) = uri.split_once(',').unwrap_or_default();
     if !media_type.to_ascii_lowercase().ends_with(";base64") {
         return Err(Problem::new(place, "a data uri that is not base64", expected));
     }
-    LENIENT.decode(text).map_err(|error| Problem::new(place, error, expected))
+    engine.decode(text).map_err(|error| Problem::new(place, error, expected))
 }
 
 /// The path that a relative uri stands for, which must stay below the folder of the file.

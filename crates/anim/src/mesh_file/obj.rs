@@ -13,12 +13,7 @@ use crate::{Material, Model};
 
 pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Model, Problem> {
     let text = String::from_utf8_lossy(unmarked(bytes));
-    let options = tobj::LoadOptions {
-        triangulate: true,
-        ignore_points: true,
-        ignore_lines: true,
-        ..Default::default()
-    };
+    let options = tobj::LoadOptions { single_index: false, ..tobj::GPU_LOAD_OPTIONS };
     let seen = RefCell::new(BTreeSet::new());
     let library = |name: &str| {
         let path = below_folder(name)?;
@@ -52,10 +47,9 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Model, Pr
     // Behind the materials of the library, the one for faces without.
     let materials = materials.unwrap_or_default();
     let colors = materials.iter().map(|material| {
-        material.diffuse.map_or_else(Material::default, |diffuse| Material {
-            base_color: diffuse.map(|x| if x.is_finite() { x.clamp(0.0, 1.0) as f32 } else { 0.8 }),
-            ..Material::default()
-        })
+        let channel = |x: f64| if x.is_finite() { x.clamp(0.0, 1.0) as f32 } else { 0.8 };
+        let base_color = material.diffuse.unwrap_or([0.8; 3]).map(channel);
+        Material { base_color, ..Material::default() }
     });
     let mut model = Model::with_materials(colors.chain([Material::default()]).collect());
     let missing = missing.take().into_iter();
