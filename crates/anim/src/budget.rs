@@ -18,34 +18,32 @@ const BYTES_PER_TRIANGLE: u64 = 120;
 /// The bytes that may be taken, and those taken so far. Instancing, includes and accessors without
 /// bytes let a small file declare any amount of geometry, so memory is limited to a multiple of the
 /// size of the input.
+#[derive(Default)]
 pub(crate) struct Budget {
-    limit: Cell<u64>,
     spent: Cell<u64>,
-    /// Files that the limit allows for.
+    /// The files of the input, and the sum of their bytes.
     files: RefCell<HashSet<PathBuf>>,
-}
-
-impl Default for Budget {
-    fn default() -> Self {
-        Self { limit: Cell::new(FREE_BYTES), spent: Cell::default(), files: RefCell::default() }
-    }
+    input: Cell<u64>,
 }
 
 impl Budget {
     /// Allows for the bytes of a file of the input, unless it counts already.
     pub(crate) fn allow_for(&self, file: &Path, bytes: usize) {
         if self.files.borrow_mut().insert(file.to_owned()) {
-            let more = (bytes as u64).saturating_mul(BYTES_PER_BYTE);
-            self.limit.set(self.limit.get().saturating_add(more));
+            self.input.set(self.input.get().saturating_add(bytes as u64));
         }
     }
 
+    fn limit(&self) -> u64 {
+        self.input.get().saturating_mul(BYTES_PER_BYTE).saturating_add(FREE_BYTES)
+    }
+
     pub(crate) fn left(&self) -> u64 {
-        self.limit.get() - self.spent.get()
+        self.limit() - self.spent.get()
     }
 
     pub(crate) fn spend(&self, bytes: u64, place: &str) -> Result<(), Problem> {
-        let (spent, limit) = (self.spent.get().saturating_add(bytes), self.limit.get());
+        let (spent, limit) = (self.spent.get().saturating_add(bytes), self.limit());
         if spent > limit {
             let expected = format!("at most {limit} for files of this size");
             return Err(Problem::new(place, format!("{spent} bytes of decoded data in all"), expected));
