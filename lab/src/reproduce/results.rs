@@ -211,6 +211,11 @@ impl Results {
         self.scenes.iter().filter(|s| !s.facts.supplement)
     }
 
+    /// Those of them that something moves in and that were measured.
+    pub(crate) fn moving(&self) -> impl Iterator<Item = &SceneRun> {
+        self.main_scenes().filter(|s| s.moves() && !s.rows.is_empty())
+    }
+
     /// All checks together.
     pub(crate) fn checks(&self) -> Checks {
         let mut all = Checks::default();

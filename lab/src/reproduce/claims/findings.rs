@@ -25,16 +25,12 @@ pub(super) fn missing(names: &[&str]) -> String {
     format!("needs {} with the strategies it compares", names.join(" and "))
 }
 
-pub(super) fn moving(results: &Results) -> impl Iterator<Item = &SceneRun> {
-    results.main_scenes().filter(|scene| scene.moves())
-}
-
 pub(super) fn without_museum(results: &Results) -> impl Iterator<Item = &SceneRun> {
-    moving(results).filter(|scene| scene.facts.label != MUSEUM)
+    results.moving().filter(|scene| scene.facts.label != MUSEUM)
 }
 
 pub(super) fn rotation_overhead(results: &Results, b: &Bounds) -> Finding {
-    let table = Table::of(moving(results), |s| update_time(s, ROTATE, REFIT)).compared()?;
+    let table = Table::of(results.moving(), |s| update_time(s, ROTATE, REFIT)).compared()?;
     let (little, great) = (at_most(b.overhead), at_most(b.overhead_in_part));
     let (verdict, near) = by_times([&table], |[t]| graded(t.all(&little), t.most(&great)));
     let mut why = table.scenes_where(&format!("at most {}", b.overhead), &little) + &near;
@@ -50,7 +46,7 @@ pub(super) fn rotation_overhead(results: &Results, b: &Bounds) -> Finding {
 }
 
 pub(super) fn rotation_against_rebuild(results: &Results, b: &Bounds) -> Finding {
-    let over = |rebuild| Table::of(moving(results), |s| update_time(s, rebuild, ROTATE));
+    let over = |rebuild| Table::of(results.moving(), |s| update_time(s, rebuild, ROTATE));
     let table = over(IDEAL_PARALLEL_BINNED.into()).compared()?;
     let (large, cheaper) = (at_least(b.magnitude), at_least(b.equal));
     let (verdict, near) = by_times([&table], |[t]| graded(t.most(&large), t.most(&cheaper)));
@@ -61,7 +57,7 @@ pub(super) fn rotation_against_rebuild(results: &Results, b: &Bounds) -> Finding
 }
 
 pub(super) fn frames_against_refit(results: &Results, b: &Bounds) -> Finding {
-    let table = Table::of(moving(results), |s| frame_time(s, ROTATE, REFIT)).compared()?;
+    let table = Table::of(results.moving(), |s| frame_time(s, ROTATE, REFIT)).compared()?;
     let passes = at_most(b.equal);
     // The part of the scenes in the bounds is rounded.
     let almost_always = |t: &Table| t.count(&passes) as f64 >= b.refit_scenes * t.len() as f64 - 1e-3;
@@ -79,7 +75,7 @@ pub(super) fn frames_against_rebuild(results: &Results, b: &Bounds) -> Finding {
 }
 
 pub(super) fn frames_against_ideal(results: &Results, b: &Bounds) -> Finding {
-    let table = Table::of(moving(results), |s| frame_time(s, ROTATE, IDEAL)).compared()?;
+    let table = Table::of(results.moving(), |s| frame_time(s, ROTATE, IDEAL)).compared()?;
     let above = at_least(1.0 / b.equal);
     let close = |t: &Table| t.count(at_most(b.ideal_close));
     let (verdict, near) = by_times([&table], |[t]| both(t.all(&above), 2 * close(t) >= t.len()));
@@ -95,11 +91,9 @@ pub(super) fn frames_against_ideal(results: &Results, b: &Bounds) -> Finding {
 fn run_of<'a>(results: &'a Results, named: &[&str]) -> (Vec<&'a SceneRun>, String) {
     let run: Vec<_> = named.iter().filter_map(|name| results.scene(name)).collect();
     let names: Vec<_> = run.iter().map(|s| s.facts.label.as_str()).collect();
-    let only = match run.len() == named.len() {
-        true => String::new(),
-        false => format!("; of the scenes named only {} was run", names.join(", ")),
-    };
-    (run, only)
+    let only = format!("; of the scenes named only {} was run", names.join(", "));
+    let are_all = run.len() == named.len();
+    (run, if are_all { String::new() } else { only })
 }
 
 pub(super) fn gentle_scenes(results: &Results, b: &Bounds) -> Finding {
@@ -126,9 +120,8 @@ pub(super) fn deforming_scenes(results: &Results, b: &Bounds) -> Finding {
     if refit.len() == 0 || refit.len() != rotate.len() {
         return Err(missing(&DEFORMING));
     }
-    let explodes = |row: &(String, f64)| row.1 >= b.explodes;
-    let pairs = refit.rows.iter().zip(&rotate.rows);
-    let held = pairs.filter(|(refit, rotate)| explodes(refit) && !explodes(rotate)).count();
+    let pairs: Vec<_> = refit.rows.iter().zip(&rotate.rows).map(|(a, b)| (a.1, b.1)).collect();
+    let held = pairs.iter().filter(|(refit, rotate)| *refit >= b.explodes && *rotate < b.explodes).count();
     let ours = format!("refit: {}; with rotations: {}", refit.text(), rotate.text());
     let mut why = format!("so in {held} of {} scenes", refit.len());
     if let Some(blended) = results.scene(BLENDED)
@@ -138,9 +131,8 @@ pub(super) fn deforming_scenes(results: &Results, b: &Bounds) -> Finding {
             "; {refit:.2} and {rotate:.2} where the dragon's pieces shear and shrink between 16 key frames"
         );
     }
-    let mut pairs = refit.rows.iter().zip(&rotate.rows);
-    let in_part =
-        if b.first_rules { pairs.all(|(refit, rotate)| rotate.1 <= 0.5 * refit.1) } else { held > 0 };
+    let halves = || pairs.iter().all(|(refit, rotate)| *rotate <= 0.5 * refit);
+    let in_part = if b.first_rules { halves() } else { held > 0 };
     Ok((ours, graded(held == refit.len(), in_part), why + &only))
 }
 
@@ -218,7 +210,7 @@ pub(super) fn candidates(results: &Results, b: &Bounds) -> Finding {
 }
 
 pub(super) fn stability(results: &Results, b: &Bounds) -> Finding {
-    let table = Table::of(moving(results), |s| {
+    let table = Table::of(results.moving(), |s| {
         let rows = s.of(ROTATE);
         let later: Vec<_> = rows.iter().filter(|r| r.round > 0).collect();
         let first = |frame| rows.iter().find(|r| r.round == 0 && r.frame == frame);

@@ -1,7 +1,7 @@
 //! Claims that the paper makes in passing: worst frames, steadiness, causes, and what it expects of
 //! combinations.
 
-use super::findings::{missing, moving, without_museum};
+use super::findings::{missing, without_museum};
 use super::table::{
     REFIT, ROTATE, Table, at_least, both, by_ratios, graded, mean_cost, update_time, worst_cost,
 };
@@ -25,7 +25,7 @@ pub(super) fn worst_frame(results: &Results, b: &Bounds) -> Finding {
 }
 
 pub(super) fn insensitive(results: &Results, b: &Bounds) -> Finding {
-    let table = Table::of(moving(results), |s| {
+    let table = Table::of(results.moving(), |s| {
         let ratio = |name| spread(s, name, |row| row.update_ms).map(|times| times.p90 / times.p10);
         [REFIT, ROTATE, "binned"].into_iter().map(ratio).try_fold(0.0, |most, ratio| Some(ratio?.max(most)))
     });
@@ -47,7 +47,7 @@ const NOT_STOPPED: &str = "no scene was stopped";
 
 pub(super) fn settling(results: &Results, b: &Bounds) -> Finding {
     let of = |ratio: fn([f64; 3]) -> f64| {
-        Table::of(moving(results), move |s| s.facts.settled.map(ratio)).exact(3).or(NOT_STOPPED)
+        Table::of(results.moving(), move |s| s.facts.settled.map(ratio)).exact(3).or(NOT_STOPPED)
     };
     let table = of(|[stopped, after, _]| after / stopped)?;
     let (ours, verdict, why) = table.everywhere(&format!("below {}", b.settles), |ratio| ratio < b.settles);
@@ -56,13 +56,13 @@ pub(super) fn settling(results: &Results, b: &Bounds) -> Finding {
 }
 
 pub(super) fn memory(results: &Results, b: &Bounds) -> Finding {
-    Ok(Table::of(moving(results), |s| s.facts.memory).exact(3).or(NOT_STOPPED)?.at_most(b.memory))
+    Ok(Table::of(results.moving(), |s| s.facts.memory).exact(3).or(NOT_STOPPED)?.at_most(b.memory))
 }
 
 pub(super) fn fewer_cores(results: &Results, b: &Bounds) -> Finding {
     const ONE_CORE: &str = "refit+rotate+background";
     let mean = |s: &SceneRun, name| Some(spread(s, name, |row| row.sah_cost)?.mean);
-    let table = Table::of(moving(results), |s| Some(mean(s, ONE_CORE)? / mean(s, ASYNCHRONOUS)?));
+    let table = Table::of(results.moving(), |s| Some(mean(s, ONE_CORE)? / mean(s, ASYNCHRONOUS)?));
     let (ours, verdict, why) = table.compared()?.at_most(b.fewer_cores);
     Ok((ours, verdict, format!("{why}; all cores were {}", results.settings.threads)))
 }

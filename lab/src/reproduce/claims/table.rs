@@ -183,32 +183,24 @@ impl From<&'static str> for Timed {
     }
 }
 
-impl Timed {
-    fn update(self, row: &Row) -> f64 {
-        self.factor * row.update_ms
-    }
-
-    fn frame(self, row: &Row) -> f64 {
-        self.update(row) + row.trace_ms
-    }
-}
-
-/// Sum over sum, on the frames that both were measured on.
-fn over(scene: &SceneRun, a: Timed, b: Timed, time: fn(Timed, &Row) -> f64) -> Option<f64> {
+/// Sum over sum, on the frames that both were measured on: the time of updates and what a row has
+/// `besides`.
+fn over(scene: &SceneRun, a: Timed, b: Timed, besides: fn(&Row) -> f64) -> Option<f64> {
     let pairs = scene.pairs(a.strategy, b.strategy);
-    let sums =
-        pairs.iter().fold((0.0, 0.0), |sums, rows| (sums.0 + time(a, rows.0), sums.1 + time(b, rows.1)));
-    (!pairs.is_empty()).then(|| sums.0 / sums.1)
+    let ms = |of: Timed, row: &Row| of.factor * row.update_ms + besides(row);
+    let sum_a: f64 = pairs.iter().map(|(row, _)| ms(a, row)).sum();
+    let sum_b: f64 = pairs.iter().map(|(_, row)| ms(b, row)).sum();
+    (!pairs.is_empty()).then(|| sum_a / sum_b)
 }
 
 /// Time of updates and rendering of `a` over that of `b`.
 pub(crate) fn frame_time(scene: &SceneRun, a: impl Into<Timed>, b: impl Into<Timed>) -> Option<f64> {
-    over(scene, a.into(), b.into(), Timed::frame)
+    over(scene, a.into(), b.into(), |row| row.trace_ms)
 }
 
 /// Time of updates of `a` over that of `b`.
 pub(super) fn update_time(scene: &SceneRun, a: impl Into<Timed>, b: impl Into<Timed>) -> Option<f64> {
-    over(scene, a.into(), b.into(), Timed::update)
+    over(scene, a.into(), b.into(), |_| 0.0)
 }
 
 /// The frame time of `a` over that of `b`, on the median frame.

@@ -11,11 +11,6 @@ const NOISE: f64 = 1.05;
 /// [`NOISE`].
 const CHOOSES: &str = "auto";
 
-/// The scenes that something moves in and that were measured.
-fn moving(results: &Results) -> Vec<&SceneRun> {
-    results.main_scenes().filter(|scene| scene.moves() && !scene.rows.is_empty()).collect()
-}
-
 /// How many times as fast frames are with rotations as with refitting alone, on the frames that
 /// both were measured on.
 pub(super) fn speedup(scene: &SceneRun) -> Option<f64> {
@@ -25,7 +20,7 @@ pub(super) fn speedup(scene: &SceneRun) -> Option<f64> {
 /// Whether rotations pay, on how many scenes, by how much.
 pub(super) fn headline(results: &Results) -> String {
     let ratios: Vec<_> =
-        moving(results).iter().filter_map(|s| Some((s.facts.label.as_str(), speedup(s)?))).collect();
+        results.moving().filter_map(|s| Some((s.facts.label.as_str(), speedup(s)?))).collect();
     let paid: Vec<f64> = ratios.iter().map(|(_, ratio)| *ratio).filter(|ratio| *ratio > NOISE).collect();
     let lost: Vec<_> = ratios.iter().filter(|(_, ratio)| *ratio < 1.0 / NOISE).collect();
     let factor = |ratio: f64| format!("{ratio:.*}", usize::from(ratio < 9.95));
@@ -66,7 +61,7 @@ struct Standing<'a> {
 
 /// Every strategy whose time is simply measured, on every scene that moves; the best comes first.
 fn standings<'a>(results: &'a Results) -> Vec<Standing<'a>> {
-    let scenes = moving(results);
+    let scenes: Vec<_> = results.moving().collect();
     let is_usable = |name: &&String| Contestant::from_name(name).is_ok_and(|c| c.accounting().is_none());
     let usable: Vec<&String> = results.settings.strategies.iter().filter(is_usable).collect();
     let time = |scene: &SceneRun, name: &str| mean_frame_ms(&scene.of(name));
@@ -93,7 +88,7 @@ pub(super) fn advice(results: &Results) -> Option<(&str, String)> {
     let chooses = all.iter().find(|s| s.strategy == CHOOSES);
     let pick = chooses.filter(|c| c.mean <= NOISE * best.mean).unwrap_or(best);
     let other = if pick.strategy == best.strategy { second } else { best };
-    let is_one = moving(results).len() == 1;
+    let is_one = results.moving().count() == 1;
     let worst = |s: &Standing<'_>| {
         if is_one { String::new() } else { format!(" (at worst {:.2}, on {})", s.worst.0, s.worst.1) }
     };
